@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/base/error.h"
+
+namespace redrive {
+namespace {
+
+std::string input_message(const std::filesystem::path& file, std::string_view field, std::string_view value,
+                          std::string_view rule) {
+  std::string message = file.string();
+  if (!field.empty()) message += ": " + std::string(field);
+  if (!value.empty()) message += " = " + std::string(value);
+  return message + ": " + std::string(rule);
+}
+
+}  // namespace
+
+InputError::InputError(const std::filesystem::path& file, std::string_view field, std::string_view value,
+                       std::string_view rule)
+    : std::runtime_error(input_message(file, field, value, rule)) {}
+
+UsageError::UsageError(std::string_view option, std::string_view value, std::string_view rule)
+    : std::runtime_error(std::string(option) + (value.empty() ? "" : " " + std::string(value)) + ": " +
+                         std::string(rule)) {}
+
+IoError::IoError(const std::filesystem::path& file, std::string_view what)
+    : std::runtime_error(file.string() + ": " + std::string(what)) {}
+
+void check_failed(const char* file, int line, const char* expression, const std::string& values) {
+  throw std::logic_error(std::string(file) + ":" + std::to_string(line) + ": check failed: " + expression +
+                         (values.empty() ? "" : " (" + values + ")"));
+}
+
+}  // namespace redrive

@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: Apache-2.0
+// Random numbers without state: a value is a function of (seed, stream, counter), so every backend draws
+// the same ones in any order, and a resumed run needs nothing but its step number.
+// Mixer: the finaliser of SplitMix64 (Steele, Lea, Flood, "Fast splittable pseudorandom number generators", 2014).
+#pragma once
+
+#include <cstdint>
+
+namespace redrive {
+
+constexpr std::uint64_t mix64(std::uint64_t x) {
+  x += 0x9E3779B97F4A7C15ull;
+  x = (x ^ (x >> 30)) * 0xBF58476D1CE4E5B9ull;
+  x = (x ^ (x >> 27)) * 0x94D049BB133111EBull;
+  return x ^ (x >> 31);
+}
+
+/// The key of one stream, e.g. random_key(seed, kStreamJitter, step).
+constexpr std::uint64_t random_key(std::uint64_t seed, std::uint64_t stream, std::uint64_t counter = 0) {
+  return mix64(mix64(mix64(seed) ^ stream) ^ counter);
+}
+
+/// 64 random bits: the `index`-th of the stream.
+constexpr std::uint64_t random_bits(std::uint64_t key, std::uint64_t index) { return mix64(key + index * 0xD1342543DE82EF95ull); }
+
+/// Uniform in [0, 1), a multiple of 2^-24 (exact in float).
+constexpr float random_unit(std::uint64_t key, std::uint64_t index) {
+  return static_cast<float>(random_bits(key, index) >> 40) * 0x1p-24f;
+}
+
+/// What a stream is for; one number each, never reused.
+enum RandomStream : std::uint64_t {
+  kStreamInit = 1,          ///< network initialisation
+  kStreamPixels = 2,        ///< order of training pixels; counter = epoch
+  kStreamSamples = 3,       ///< stratified sample jitter; counter = step
+  kStreamFineSamples = 4,   ///< hierarchical sampling; counter = step
+  kStreamFigures = 5,       ///< which training image a figure shows
+  kStreamTest = 99
+};
+
+/// The image of `index` in a pseudo-random permutation of [0, size): a 4-round Feistel network on the
+/// enclosing power of four with cycle walking, so that an epoch over 10^8 pixels needs no table.
+/// Requires index < size, size <= 2^62.
+constexpr std::uint64_t permute_index(std::uint64_t key, std::uint64_t index, std::uint64_t size) {
+  int half_bits = 1;
+  while ((1ull << (2 * half_bits)) < size) ++half_bits;
+  const std::uint64_t mask = (1ull << half_bits) - 1;
+  do {
+    std::uint64_t left = index >> half_bits, right = index & mask;
+    for (std::uint64_t round = 0; round < 4; ++round) {
+      const std::uint64_t next = left ^ (random_bits(key ^ round, right) & mask);
+      left = right;
+      right = next;
+    }
+    index = (left << half_bits) | right;
+  } while (index >= size);
+  return index;
+}
+
+}  // namespace redrive

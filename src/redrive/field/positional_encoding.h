@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: Apache-2.0
+// gamma of NeRF section 5.1, scalar; the kernels' oracle.
+#pragma once
+
+#include <cmath>
+
+namespace redrive {
+
+/// out[0..3+6*octaves): x y z, then per coordinate sin(2^l pi p), cos(2^l pi p) for l = 0..octaves-1. p in [-1, 1] (any finite
+/// value is allowed; the period is 2).
+template <class T>
+void positional_encoding(const T point[3], int octaves, T* out) {
+  using std::cos;
+  using std::sin;
+  for (int d = 0; d < 3; ++d) {
+    out[d] = point[d];
+    for (int l = 0; l < octaves; ++l) {
+      const T angle = point[d] * T(std::ldexp(3.14159265358979323846, l));
+      out[3 + 2 * (d * octaves + l)] = sin(angle);
+      out[3 + 2 * (d * octaves + l) + 1] = cos(angle);
+    }
+  }
+}
+
+}  // namespace redrive

@@ -1,0 +1,117 @@
+// SPDX-License-Identifier: Apache-2.0
+// THE SEAM between what is computed and how. `what` is the scalar functions of field/, volume/, loss/, optim/ and
+// sampling/; `how` is a Backend: batched stages over 10^4..10^6 samples, the same signature on every backend.
+// Spans and sizes only. Sizes are checked (REDRIVE_CHECK); non-finite results are the caller's to look for.
+// The fused stages at the end are optional extras: their default is the composition of the plain ones.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+
+#include "redrive/base/cpu_features.h"
+#include "redrive/field/nerf_field.h"
+#include "redrive/optim/adam.h"
+#include "redrive/scene/scene.h"
+
+namespace redrive::kernels {
+
+/// Rays in world metres, structure of arrays: origin [3, n], direction [3, n] (unit length).
+struct Rays {
+  int n = 0;
+  std::span<const float> origin, direction;
+};
+
+/// Samples along rays: t [n_rays, per_ray] ascending, metres from the origin; dt [n_rays, per_ray] >= 0, the last of
+/// a ray may be +infinity (volume/composite.h).
+struct Samples {
+  int per_ray = 0;
+  std::span<const float> t, dt;
+};
+
+/// A field with its parameters (field/nerf_field.h) in the world of the scene.
+struct NerfField {
+  NerfConfig config;
+  UnitFromWorld unit_from_world;
+  std::span<const float> parameters;
+};
+
+/// Per ray: rgb [3, n_rays], depth [n_rays] (metres, sum of w t), opacity [n_rays]; per sample: weights
+/// [n_rays, per_ray], may be empty (not wanted).
+struct CompositeOut {
+  std::span<float> rgb, depth, opacity, weights;
+};
+
+/// How samples are drawn: per_ray bins of equal length in [near_m, far_m], one sample in each (NeRF eq. 2), uniform
+/// random by random_unit(key, ray * per_ray + i), or the middle of the bin when `jitter` is off (rendering).
+/// dt_i = t_{i+1} - t_i, the last +infinity.
+struct StratifiedSampling {
+  int per_ray = 0;
+  float near_m = 0, far_m = 0;
+  bool jitter = true;
+  std::uint64_t key = 0;
+};
+
+class Backend {
+ public:
+  virtual ~Backend() = default;
+
+  virtual std::string name() const = 0;           ///< "ref", "cpu"
+  virtual std::optional<Isa> isa() const = 0;     ///< cpu only
+  virtual int threads() const = 0;
+
+  // ---- sampling/
+  virtual void sample_stratified(int n_rays, const StratifiedSampling& how, std::span<float> t, std::span<float> dt) = 0;
+  /// Hierarchical sampling (NeRF section 5.2): `extra` further samples per ray from the piecewise-constant density that
+  /// `weights` of `coarse` describe (sampling/hierarchical.h), merged with the coarse ones, ascending. jitter/key as above
+  /// (key index ray * extra + i). t, dt: [n_rays, coarse.per_ray + extra].
+  virtual void sample_hierarchical(const Samples& coarse, std::span<const float> weights, int extra, bool jitter,
+                                   std::uint64_t key, std::span<float> t, std::span<float> dt) = 0;
+
+  // ---- field/
+  /// raw [4, n_rays * per_ray]: r, g, b before the sigmoid, density before the ReLU.
+  virtual void nerf_forward(const NerfField& field, const Rays& rays, const Samples& samples, std::span<float> raw) = 0;
+  /// Adds d loss / d parameters to `gradients` [n_parameters] given d_raw (same shape as raw). Recomputes the forward pass.
+  virtual void nerf_backward(const NerfField& field, const Rays& rays, const Samples& samples,
+                             std::span<const float> d_raw, std::span<float> gradients) = 0;
+
+  // ---- volume/
+  virtual void composite_forward(int n_rays, const Samples& samples, std::span<const float> raw, const CompositeOut& out) = 0;
+  virtual void composite_backward(int n_rays, const Samples& samples, std::span<const float> raw,
+                                  std::span<const float> d_rgb, std::span<float> d_raw) = 0;
+
+  // ---- loss/
+  /// Mean squared error over n_rays x 3 (loss/photometric.h); d_rgb [3, n_rays]. Summed in double, in a fixed order.
+  virtual double photometric_loss(std::span<const float> rgb, std::span<const float> target, std::span<float> d_rgb) = 0;
+
+  // ---- optim/
+  /// One Adam step (optim/adam.h) over all parameters.
+  virtual void adam(const AdamStep& step, std::span<const float> gradients, std::span<float> parameters,
+                    std::span<float> first_moment, std::span<float> second_moment) = 0;
+
+  // ---- fused extras
+  /// Forward, compositing, loss and backward of a batch: adds to `gradients`, fills `out` (weights only if wanted),
+  /// returns the loss. target [3, n_rays].
+  virtual double train_rays(const NerfField& field, const Rays& rays, const Samples& samples, std::span<const float> target,
+                            const CompositeOut& out, std::span<float> gradients);
+  /// Forward and compositing, without keeping anything for a backward pass.
+  virtual void render_rays(const NerfField& field, const Rays& rays, const Samples& samples, const CompositeOut& out);
+};
+
+/// --backend and --isa. `name` "auto": cpu where the processor has AVX2, else ref. UsageError says why a choice is impossible.
+struct BackendChoice {
+  std::string name = "auto";   ///< auto, ref, cpu, cuda
+  std::string isa = "auto";    ///< auto, avx2, avx512, avx512-bf16, amx-bf16
+  int threads = 0;             ///< 0: all that the process may use
+};
+std::unique_ptr<Backend> make_backend(const BackendChoice& choice);
+
+std::unique_ptr<Backend> make_ref_backend();
+std::unique_ptr<Backend> make_cpu_backend(Isa isa, int threads);
+
+/// "backend=cpu isa=amx-bf16 threads=2": printed at start-up.
+std::string describe(const Backend& backend);
+
+}  // namespace redrive::kernels

@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: Apache-2.0
+// Rigid transforms are Eigen::Isometry3d, named a_from_b: x_in_a = a_from_b * x_in_b. Always double:
+// ECEF coordinates are 4e6 m, where a float steps by 0.25 m.
+#pragma once
+
+#include <string>
+
+#include <Eigen/Geometry>
+
+#include "redrive/base/json_field.h"
+
+namespace redrive {
+
+using Rigid3d = Eigen::Isometry3d;
+
+/// Why `matrix` is not a rigid transform ("det = -1: a reflection", "rows not orthonormal by 0.02", ...), or empty.
+/// Tolerance: 1e-3 on R R^T - I (files carry 6 to 16 digits), last row 0 0 0 1 to 1e-9.
+std::string rigid_obstacle(const Eigen::Matrix4d& matrix);
+
+/// Reads a row-major 4x4 and checks it; its rotation is re-orthonormalised (nearest rotation by SVD).
+Rigid3d rigid_from_json(const JsonField& field);
+
+}  // namespace redrive

@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: Apache-2.0
+// Rays of pixels. An exact direction for every pixel of a camera, computed once; a batch is a gather and a rotation.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "redrive/camera/camera.h"
+#include "redrive/scene/image_set.h"
+#include "redrive/scene/scene.h"
+
+namespace redrive {
+
+/// Directions (unit, camera axes) of the pixels that the camera's model reaches.
+struct RayTable {
+  int width = 0, height = 0;
+  std::vector<std::uint32_t> pixel;   ///< y * width + x, ascending
+  std::vector<float> direction;       ///< [pixel.size(), 3]
+};
+RayTable make_ray_table(const Camera& camera);
+
+/// A batch in world metres, structure of arrays [3, n] (kernels::Rays), and the colours to meet, [3, n] in [0, 1].
+struct RayBatch {
+  int n = 0;
+  std::vector<float> origin, direction, target;
+};
+
+/// All rays of one view (rows [first_row, last_row)) for rendering: ray k belongs to pixel table.pixel[first + k].
+void view_rays(const RayTable& table, const Rigid3d& world_from_camera, std::size_t first, std::size_t count, RayBatch* batch);
+
+/// The training pixels of a scene: every valid pixel of every view that is not held out, in an order shuffled anew each
+/// epoch (base/rng.h permute_index: no table, any position reachable at once, so resuming needs only the step).
+class PixelSampler {
+ public:
+  PixelSampler(const Scene& scene, const std::vector<Image8>& images, std::uint64_t seed);
+
+  std::uint64_t pixels() const { return offsets_.back(); }  ///< of one epoch
+  std::int64_t steps_per_epoch(int batch_rays) const;       ///< the last batch of an epoch may be smaller
+
+  /// Batch `step` (from 0, counted through all epochs): batch->n = batch_rays, fewer at the end of an epoch.
+  void gather(std::int64_t step, int batch_rays, RayBatch* batch) const;
+
+ private:
+  const Scene& scene_;
+  const std::vector<Image8>& images_;
+  std::uint64_t seed_;
+  std::vector<RayTable> tables_;         ///< by camera of the rig
+  std::vector<int> views_;               ///< training views
+  std::vector<Rigid3d> world_from_camera_;
+  std::vector<std::uint64_t> offsets_;   ///< [views_.size() + 1]: first pixel of each view
+};
+
+}  // namespace redrive

@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: Apache-2.0
+// The aiMotive layout (Matuszka et al., arXiv:2211.09445): sensor/calibration/calibration.json,
+// sensor/gnssins/egomotion2.json (or egomotion.json), sensor/camera/<CAM>/<CAM>_<7-digit id>.jpg,
+// dynamic/box/3d_body, dynamic/raw-revolutions.
+#pragma once
+
+#include <filesystem>
+#include <string_view>
+#include <vector>
+
+#include "redrive/recording/recording.h"
+
+namespace redrive::aimotive {
+
+bool looks_like(const std::filesystem::path& root);
+Recording open(const std::filesystem::path& root);
+
+/// Cameras of a calibration.json; sensors that are none are named in `other_sensors`. `file` is for messages.
+/// Refuses (InputError): unknown model, wrong shapes, NaN, focal length <= 0, an extrinsic that is no rotation
+/// or mirrors (det < 0), and one that is inverted: it disagrees with RT_sensor_from_body or pos_meter, or the
+/// camera's y axis does not point down while that of the inverse does.
+std::vector<CameraCalibration> parse_calibration(std::string_view text, const std::filesystem::path& file,
+                                                 std::vector<std::string>* other_sensors);
+
+/// Poses of an egomotion file, keyed by id without leading zeros; RT_ECEF_body or ECEF_RT_body; by id.
+std::vector<FramePose> parse_egomotion(std::string_view text, const std::filesystem::path& file);
+
+}  // namespace redrive::aimotive

@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: Apache-2.0
+// POSES.json: views to render.
+//   {"calibration": {as calibration.json, optional}, "images": [{"file", "camera", "frame_id",
+//    "RT_ECEF_body" and/or "shift_body_m": [x, y, z]}]}
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "redrive/recording/recording.h"
+
+namespace redrive {
+
+struct RequestedView {
+  std::string file;                                   ///< output name, relative, no "..", ends in .png or .jpg
+  std::string camera;
+  std::int64_t frame_id = 0;
+  std::optional<Rigid3d> ecef_from_body;              ///< places the body absolutely
+  std::optional<Eigen::Vector3d> shift_body_m;        ///< moves the run's own pose of frame_id
+};
+
+struct PosesFile {
+  std::vector<CameraCalibration> cameras;  ///< empty: the run's own
+  std::vector<RequestedView> views;        ///< every one has a pose, a shift or both
+};
+
+PosesFile parse_poses(std::string_view text, const std::filesystem::path& file);
+PosesFile read_poses(const std::filesystem::path& file);
+
+}  // namespace redrive

@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a drive is, whatever format it came in: cameras with their calibration, the body's pose per frame,
+// image files, and what was odd about them. Nothing is decoded here but the metadata.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "redrive/math/rigid3.h"
+
+namespace redrive {
+
+/// Calibration of one camera as the file gives it; camera/camera.h makes the model out of it.
+struct CameraCalibration {
+  std::string name;
+  std::string model;                    ///< "opencv_pinhole" or "mei"
+  double fx = 0, fy = 0, cx = 0, cy = 0;  ///< pixels; integer coordinates are pixel centres (OpenCV)
+  std::array<double, 5> distortion{};   ///< k1 k2 p1 p2 k3
+  double xi = 0;                        ///< mei only: distance of the projection centre from the sphere's
+  int width = 0, height = 0;            ///< pixels
+  Rigid3d body_from_sensor;             ///< camera axes x right, y down, z forward; body x forward, y left, z up
+};
+
+/// The body's pose at one frame.
+struct FramePose {
+  std::int64_t id = 0;
+  std::int64_t t_ns = 0;   ///< host clock
+  Rigid3d ecef_from_body;  ///< metres; ECEF magnitudes (6.4e6) are normal
+};
+
+struct ImageFile {
+  std::int64_t frame_id = 0;
+  std::filesystem::path path;
+};
+
+/// Something worth telling the user that does not stop the work.
+struct Finding {
+  std::string subject;  ///< camera, sensor or file
+  std::string what;     ///< what is missing or odd, and what is done about it
+};
+
+struct RecordedCamera {
+  CameraCalibration calibration;
+  std::vector<ImageFile> images;  ///< by frame id; only frames that have a pose
+};
+
+/// Truth or request for views that were never driven: novel/<name>/poses.json.
+struct NovelSet {
+  std::string name;
+  std::filesystem::path poses_file;
+};
+
+struct Recording {
+  std::filesystem::path root;
+  std::string format;                  ///< "aimotive"
+  std::vector<RecordedCamera> cameras; ///< by name; only those with images
+  std::vector<FramePose> frames;       ///< by id
+  std::vector<std::string> other_sensors;
+  std::vector<NovelSet> novel;         ///< by name
+  int lidar_files = 0, box_files = 0;
+  std::vector<Finding> findings;       ///< frames dropped for want of a pose, images missing, ...
+
+  const RecordedCamera* find_camera(const std::string& name) const;
+};
+
+/// Opens a recording of any known format (recording/registry.cc: one line per format). InputError otherwise.
+Recording open_recording(const std::filesystem::path& root);
+
+}  // namespace redrive

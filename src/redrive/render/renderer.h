@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: Apache-2.0
+// Pictures of a model from any camera at any pose, tile by tile through the same kernels as training.
+#pragma once
+
+#include <vector>
+
+#include "redrive/camera/camera.h"
+#include "redrive/rays/ray_table.h"
+#include "redrive/scene/image_set.h"
+#include "redrive/train/model.h"
+
+namespace redrive {
+
+/// Pixels that the camera model does not reach are black with depth 0, opacity 0 and valid 0.
+struct RenderedImage {
+  int width = 0, height = 0;
+  std::vector<float> rgb;           ///< [height, width, 3] in [0, 1]
+  std::vector<float> depth;         ///< [height, width] metres along the ray, sum of w t (the ray's length, not z)
+  std::vector<float> opacity;       ///< [height, width]
+  std::vector<std::uint8_t> valid;  ///< [height, width]
+};
+
+RenderedImage render_image(kernels::Backend& backend, const NerfModel& model, const Camera& camera, const Rigid3d& world_from_camera);
+RenderedImage render_image(kernels::Backend& backend, const NerfModel& model, const RayTable& table, const Rigid3d& world_from_camera);
+
+Image8 to_image8(const RenderedImage& image);                       ///< round(255 x), clamped
+std::vector<std::uint16_t> depth_mm(const RenderedImage& image);    ///< clamped to 65535
+
+}  // namespace redrive

@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: Apache-2.0
+// The pictures of a scene in memory, 8 bits a channel: 3 bytes a pixel and nothing more.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <vector>
+
+#include "redrive/base/parallel.h"
+#include "redrive/scene/scene.h"
+
+namespace redrive {
+
+/// RGB, row-major, [height, width, 3].
+struct Image8 {
+  int width = 0, height = 0;
+  std::vector<std::uint8_t> rgb;
+};
+
+/// Decodes a JPEG or PNG. InputError if it is missing, no image, truncated or damaged (a decoder's warning is an error here).
+Image8 read_image(const std::filesystem::path& path);
+
+/// PNG or JPEG by extension, atomically. JPEG quality 92.
+void write_image(const std::filesystem::path& path, const Image8& image);
+/// 16-bit single-channel PNG, e.g. depth in millimetres, atomically. values [height, width].
+void write_png16(const std::filesystem::path& path, int width, int height, const std::vector<std::uint16_t>& values);
+std::vector<std::uint16_t> read_png16(const std::filesystem::path& path, int* width, int* height);
+
+/// The image of `view` as it is trained on: size checked against the calibration (InputError), undistorted if the
+/// scene says so, area-averaged by the downscale factor.
+Image8 load_view(const Scene& scene, const View& view);
+
+/// All views, decoded in parallel; images[i] belongs to scene.views[i].
+std::vector<Image8> load_views(const Scene& scene, ThreadPool& pool);
+
+}  // namespace redrive

@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+// What is trained on: the rig, its trajectory in the world of the first frame, which image is for training and
+// which is held out, and the map from the world into the unit cube.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "redrive/camera/camera.h"
+#include "redrive/recording/recording.h"
+
+namespace redrive {
+
+struct RigCamera {
+  std::string name;
+  Camera camera;            ///< at the training resolution (undistorted and downscaled as the options say)
+  Camera recorded;          ///< as recorded; the image file must have its size
+  Rigid3d body_from_sensor;
+};
+
+struct Frame {
+  std::int64_t id = 0;
+  std::int64_t t_ns = 0;
+  Rigid3d world_from_body;  ///< world = the body axes of the first frame of the recording: E_P,0^-1 E_P,n, metres
+};
+
+/// One image: a camera of the rig at a frame.
+struct View {
+  int camera = 0;  ///< index into Scene::rig
+  int frame = 0;   ///< index into Scene::frames
+  std::filesystem::path image;
+  bool held_out = false;
+};
+
+/// World (metres) to unit cube: x_unit = (x_world - center) * scale. The only place where metres end.
+struct UnitFromWorld {
+  std::array<float, 3> center{};
+  float scale = 1;
+};
+
+/// Which part of a recording a run uses. Defaults: all cameras, all frames, full size, nothing held out.
+struct SceneOptions {
+  std::vector<std::string> cameras;       ///< empty: all with images
+  std::int64_t first_frame = -1, last_frame = -1;  ///< ids, inclusive; -1: open
+  int frame_step = 1;                     ///< every n-th frame that is there, >= 1
+  int downscale = 1;                      ///< 1..64
+  int holdout_every = 0;                  ///< 0: none; n >= 2: every n-th frame (the first one included), all cameras
+  bool undistort = false;                 ///< the report's way: opencv_pinhole only
+  double near_m = 1, far_m = 10;          ///< 0 < near < far
+};
+
+struct Scene {
+  std::vector<RigCamera> rig;
+  std::vector<Frame> frames;
+  std::vector<View> views;          ///< by camera, then frame
+  Rigid3d ecef_from_world;          ///< the first pose of the recording (E_P,0)
+  UnitFromWorld unit_from_world;    ///< [-1, 1]^3 holds every point within far_m of a camera centre
+  double near_m = 1, far_m = 10;
+  int downscale = 1;                ///< applied by load_view to each image
+  bool undistort = false;           ///< likewise
+
+  int camera_index(const std::string& name) const;      ///< -1 if there is none
+  int frame_index(std::int64_t id) const;               ///< -1 if there is none
+  Rigid3d world_from_camera(const View& view) const;    ///< E_P,0^-1 E_P,n E_C of the report's equation (2)
+};
+
+/// InputError/UsageError for an unknown camera (the known ones are listed), no frames left, --undistort of a fisheye.
+Scene make_scene(const Recording& recording, const SceneOptions& options);
+
+}  // namespace redrive

@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: Apache-2.0
+// Everything a training run depends on. One field list (train_fields) feeds the command line, the help text, the
+// resolved config in the run folder and its reading back. Order of flags never matters: a preset fills what was not given.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <nlohmann/json_fwd.hpp>
+
+#include "redrive/scene/scene.h"
+
+namespace redrive {
+
+struct TrainOptions {
+  std::string recording;              ///< folder
+  std::string method = "nerf";
+  std::string preset;                 ///< "", "report-1", "report-2"
+  // scene/scene.h SceneOptions
+  std::vector<std::string> cameras;
+  std::string frames;                 ///< "FIRST:LAST[:STEP]", ids inclusive, either may be empty
+  int downscale = 1;
+  int holdout_every = 0;
+  bool undistort = false;
+  double near_m = 1, far_m = 10;
+  // field and sampling
+  int width = 256;                    ///< hidden units, a multiple of 32 in 32..512
+  int samples = 96;                   ///< per ray, 3..1024
+  int fine_samples = 0;               ///< per ray, 0..1024: hierarchical sampling with a second network
+  // optimisation
+  int batch_rays = 1024;              ///< 1..65536
+  double learning_rate = 5e-4;        ///< (0, 1]
+  double lr_gamma = 0.5;              ///< (0, 1]
+  std::vector<std::int64_t> lr_milestones;  ///< steps; empty: at 1/2, 3/4 and 7/8 of all steps (the default)
+  int epochs = 4;                     ///< 1..10000
+  std::int64_t max_steps = 0;         ///< 0: no limit
+  double max_seconds = 0;             ///< of training alone; 0: no limit
+  std::uint64_t seed = 1;
+  int checkpoint_every = 1000;        ///< steps; also at the end and on Ctrl-C
+  // how
+  int threads = 0;                    ///< 0: all
+  std::string backend = "auto", isa = "auto";
+};
+
+/// One option: its flag without dashes ("near"), JSON key, help with unit, range and default; parse throws UsageError.
+struct TrainField {
+  std::string name, help;
+  bool is_flag = false;                                             ///< a switch without a value
+  std::function<void(TrainOptions&, const std::string&)> parse;     ///< from the command line
+  std::function<void(const TrainOptions&, nlohmann::json&)> save;   ///< into json[name]
+  std::function<void(TrainOptions&, const nlohmann::json&)> load;   ///< from json[name]
+};
+const std::vector<TrainField>& train_fields();
+
+/// Sets what the preset says except the fields named in `given`. UsageError for an unknown preset. Recording-dependent parts
+/// (setup 2's second camera) are resolved by resolve_cameras.
+void apply_preset(TrainOptions* options, const std::vector<std::string>& given);
+/// report-1: F_MIDLONGRANGECAM_CL. report-2: that and F_MIDRANGECAM_C, or B_MIDRANGECAM_C where the recording lacks it.
+void resolve_cameras(TrainOptions* options, const Recording& recording);
+
+/// UsageError naming option, value and rule for the first field out of range.
+void validate(const TrainOptions& options);
+SceneOptions scene_options(const TrainOptions& options);
+
+nlohmann::json options_to_json(const TrainOptions& options);
+TrainOptions options_from_json(const nlohmann::json& json, const std::filesystem::path& file);
+
+}  // namespace redrive

@@ -1,0 +1,17 @@
+// SPDX-License-Identifier: Apache-2.0
+// The loop: batches, schedule, watch for dead or diverging starts, progress, metrics, checkpoints, Ctrl-C.
+#pragma once
+
+#include <atomic>
+
+#include "redrive/train/run.h"
+
+namespace redrive {
+
+enum class TrainEnd { kFinished, kInterrupted };
+
+/// Trains `run->state` on to its end (or until *stop). Starts from state.step, so that it also resumes: a resumed run ends
+/// with the same weights as an uninterrupted one (max_seconds apart), metrics.jsonl is cut back to the checkpoint first.
+TrainEnd train(Run* run, kernels::Backend& backend, const std::atomic<bool>& stop);
+
+}  // namespace redrive
