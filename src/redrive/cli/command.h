@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: Apache-2.0
+// A command of the program: registers its options on its subcommand and returns what to run once they are parsed.
+// The action returns an exit code (base/error.h) or throws InputError, UsageError, IoError.
+#pragma once
+
+#include <functional>
+
+#include <CLI/App.hpp>
+
+namespace redrive {
+
+using Action = std::function<int()>;
+
+struct Command {
+  const char* name;
+  const char* summary;
+  Action (*configure)(CLI::App& command);
+};
+
+Action configure_inspect(CLI::App& command);
+Action configure_train(CLI::App& command);
+Action configure_resume(CLI::App& command);
+Action configure_eval(CLI::App& command);
+Action configure_render(CLI::App& command);
+Action configure_figures(CLI::App& command);
+Action configure_bench(CLI::App& command);
+Action configure_doctor(CLI::App& command);
+
+}  // namespace redrive

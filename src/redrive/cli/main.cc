@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: Apache-2.0
+// The table of commands, and the one place where errors become exit codes.
+#include <cstdio>
+#include <exception>
+#include <map>
+
+#include <CLI/App.hpp>
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+
+#include "redrive/base/error.h"
+#include "redrive/cli/command.h"
+
+namespace {
+
+constexpr redrive::Command kCommands[] = {
+    {"inspect", "what a recording holds, what is missing or odd, and why", redrive::configure_inspect},
+    {"train", "train a field on a recording", redrive::configure_train},
+    {"resume", "go on with an interrupted run", redrive::configure_resume},
+    {"eval", "PSNR and SSIM of a run, per camera and in all", redrive::configure_eval},
+    {"render", "pictures that were never taken", redrive::configure_render},
+    {"figures", "the run's figures as PNG and one report.html", redrive::configure_figures},
+    {"bench", "time kernels and whole training steps on this machine", redrive::configure_bench},
+    {"doctor", "what this machine offers, and what redrive chooses", redrive::configure_doctor},
+};
+
+int run(int argc, char** argv) {
+  CLI::App app("redrive: from the recording of a sensor car to a radiance field and its pictures", "redrive");
+  app.require_subcommand(1);
+  app.set_version_flag("--version", "redrive " REDRIVE_VERSION);
+  std::map<const CLI::App*, redrive::Action> actions;
+  for (const redrive::Command& command : kCommands) {
+    CLI::App* sub = app.add_subcommand(command.name, command.summary);
+    actions[sub] = command.configure(*sub);
+  }
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? redrive::kExitOk : redrive::kExitUsage;
+  }
+  return actions.at(app.get_subcommands().front())();
+}
+
+int complain(const std::exception& error, redrive::ExitCode code) {
+  std::fprintf(stderr, "redrive: %s\n", error.what());
+  return code;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  try {
+    return run(argc, argv);
+  } catch (const redrive::UsageError& error) {
+    return complain(error, redrive::kExitUsage);
+  } catch (const redrive::InputError& error) {
+    return complain(error, redrive::kExitBadInput);
+  } catch (const redrive::IoError& error) {
+    return complain(error, redrive::kExitIo);
+  } catch (const std::bad_alloc&) {
+    std::fprintf(stderr, "redrive: out of memory\n");
+    return redrive::kExitInternal;
+  } catch (const std::exception& error) {
+    return complain(error, redrive::kExitInternal);
+  }
+}
