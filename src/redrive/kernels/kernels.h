@@ -14,7 +14,7 @@
 #include "redrive/base/cpu_features.h"
 #include "redrive/field/nerf_field.h"
 #include "redrive/optim/adam.h"
-#include "redrive/scene/scene.h"
+#include "redrive/scene/unit_from_world.h"
 
 namespace redrive::kernels {
 

@@ -3,7 +3,6 @@
 // which is held out, and the map from the world into the unit cube.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <string>
@@ -11,6 +10,7 @@
 
 #include "redrive/camera/camera.h"
 #include "redrive/recording/recording.h"
+#include "redrive/scene/unit_from_world.h"
 
 namespace redrive {
 
@@ -33,12 +33,6 @@ struct View {
   int frame = 0;   ///< index into Scene::frames
   std::filesystem::path image;
   bool held_out = false;
-};
-
-/// World (metres) to unit cube: x_unit = (x_world - center) * scale. The only place where metres end.
-struct UnitFromWorld {
-  std::array<float, 3> center{};
-  float scale = 1;
 };
 
 /// Which part of a recording a run uses. Defaults: all cameras, all frames, full size, nothing held out.
