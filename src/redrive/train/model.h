@@ -6,6 +6,8 @@
 #include <cstdint>
 #include <filesystem>
 #include <span>
+#include <string>
+#include <string_view>
 
 #include "redrive/base/buffer.h"
 #include "redrive/field/nerf_field.h"
@@ -25,6 +27,25 @@ struct NerfModel {
   kernels::NerfField field(int index) const { return {config, unit_from_world, network(index)}; }
 };
 
+/// What the watch over the start of training has seen (train/start_watch.h).
+struct StartWatch {
+  int dead_steps = 0;       ///< in a row
+  double first_mse = 0;     ///< sum over the first steps
+  double late_mse = 0;      ///< sum over the steps that are compared with them
+  double late_variance = 0; ///< of the colours of those steps: what a constant colour would be worth
+
+  bool operator==(const StartWatch&) const = default;
+};
+
+/// Sums since the last row of metrics.jsonl.
+struct LossWindow {
+  int steps = 0;            ///< applied ones
+  std::int64_t rays = 0;
+  double loss = 0, mse = 0, seconds = 0;
+
+  bool operator==(const LossWindow&) const = default;
+};
+
 struct TrainState {
   NerfModel model;
   Buffer<float> first_moment, second_moment;  ///< as model.parameters
@@ -32,6 +53,10 @@ struct TrainState {
   double seconds = 0;                         ///< spent in training, resumed runs added up
   std::uint64_t seed = 0;                     ///< in use; differs from the option after a restart
   int restarts = 0;
+  int bad_steps = 0;                          ///< non-finite ones in a row
+  std::int64_t skipped_steps = 0;             ///< non-finite ones in all
+  StartWatch watch;
+  LossWindow window;
 };
 
 /// safetensors (so that Python reads it): "coarse.trunk.0.weight", "fine....", "adam.first_moment", "adam.second_moment";
@@ -39,6 +64,10 @@ struct TrainState {
 void save_checkpoint(const std::filesystem::path& file, const TrainState& state);
 /// InputError names file and field: truncated, wrong header, shape that disagrees with its config, non-finite values.
 TrainState load_checkpoint(const std::filesystem::path& file);
+
+/// The same on bytes; `file` is for messages.
+std::string checkpoint_bytes(const TrainState& state);
+TrainState parse_checkpoint(std::string_view bytes, const std::filesystem::path& file);
 
 /// A fresh network for these settings.
 TrainState initial_state(const NerfConfig& config, int samples, int fine_samples, const Scene& scene, std::uint64_t seed);

@@ -52,7 +52,8 @@ struct TrainField {
   bool is_flag = false;                                             ///< a switch without a value
   std::function<void(TrainOptions&, const std::string&)> parse;     ///< from the command line
   std::function<void(const TrainOptions&, nlohmann::json&)> save;   ///< into json[name]
-  std::function<void(TrainOptions&, const nlohmann::json&)> load;   ///< from json[name]
+  std::function<void(TrainOptions&, const nlohmann::json&)> load;   ///< from json[name]; UsageError if it is of another type
+  std::function<void(const TrainOptions&)> check;                   ///< UsageError if out of range
 };
 const std::vector<TrainField>& train_fields();
 
@@ -66,7 +67,14 @@ void resolve_cameras(TrainOptions* options, const Recording& recording);
 void validate(const TrainOptions& options);
 SceneOptions scene_options(const TrainOptions& options);
 
+/// Steps of the whole run: epochs, or max_steps if that is less.
+std::int64_t total_steps(const TrainOptions& options, std::int64_t steps_per_epoch);
+/// lr_milestones, or the default: 1/2, 3/4 and 7/8 of all steps. A function of steps alone, so that max_seconds, which no two
+/// runs meet at the same step, leaves the schedule as it is.
+std::vector<std::int64_t> milestones(const TrainOptions& options, std::int64_t steps_per_epoch);
+
 nlohmann::json options_to_json(const TrainOptions& options);
+/// InputError for an unknown or missing key, a value of another type or out of range.
 TrainOptions options_from_json(const nlohmann::json& json, const std::filesystem::path& file);
 
 }  // namespace redrive
