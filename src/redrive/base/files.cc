@@ -1,0 +1,98 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/base/files.h"
+
+#include <cerrno>
+#include <cstring>
+#include <utility>
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <nlohmann/json.hpp>
+
+#include "redrive/base/error.h"
+
+namespace redrive {
+namespace {
+
+/// A file descriptor that closes itself.
+class Descriptor {
+ public:
+  Descriptor(const std::filesystem::path& path, int flags) : fd_(::open(path.c_str(), flags | O_CLOEXEC, 0666)) {}
+  ~Descriptor() {
+    if (fd_ >= 0) ::close(fd_);
+  }
+  Descriptor(const Descriptor&) = delete;
+  Descriptor& operator=(const Descriptor&) = delete;
+  int get() const { return fd_; }
+  bool ok() const { return fd_ >= 0; }
+  bool close() { return ::close(std::exchange(fd_, -1)) == 0; }
+
+ private:
+  int fd_;
+};
+
+bool write_all(int fd, std::string_view bytes) {
+  while (!bytes.empty()) {
+    const ssize_t n = ::write(fd, bytes.data(), bytes.size());
+    if (n < 0 && errno == EINTR) continue;
+    if (n < 0) return false;
+    bytes.remove_prefix(static_cast<std::size_t>(n));
+  }
+  return true;
+}
+
+}  // namespace
+
+std::string read_file(const std::filesystem::path& path) {
+  const Descriptor file(path, O_RDONLY);
+  struct stat status {};
+  if (!file.ok() || ::fstat(file.get(), &status) != 0) throw InputError(path, "", "", std::strerror(errno));
+  if (S_ISDIR(status.st_mode)) throw InputError(path, "", "", "is a folder, a file was expected");
+  std::string bytes;
+  bytes.reserve(static_cast<std::size_t>(status.st_size));
+  char block[1 << 16];
+  while (true) {
+    const ssize_t n = ::read(file.get(), block, sizeof(block));
+    if (n < 0 && errno == EINTR) continue;
+    if (n < 0) throw InputError(path, "", "", std::strerror(errno));
+    if (n == 0) return bytes;
+    bytes.append(block, static_cast<std::size_t>(n));
+  }
+}
+
+void write_file(const std::filesystem::path& path, std::string_view bytes) {
+  // A fixed name: what a killed process left behind is overwritten by the next write, not piled up.
+  std::filesystem::path temporary = path;
+  temporary += ".tmp";
+  const auto fail = [&](const char* what) {
+    const int error = errno;
+    ::unlink(temporary.c_str());
+    throw IoError(path, std::string("cannot ") + what + ": " + std::strerror(error));
+  };
+  Descriptor file(temporary, O_WRONLY | O_CREAT | O_TRUNC);
+  if (!file.ok()) fail("create");
+  if (!write_all(file.get(), bytes)) fail("write");
+  if (::fsync(file.get()) != 0) fail("write to disk");
+  if (!file.close()) fail("close");
+  if (::rename(temporary.c_str(), path.c_str()) != 0) fail("replace");
+  // The new name lasts only once the folder is on disk too. Some file systems refuse to sync folders; the data is whole anyway.
+  const Descriptor folder(path.has_parent_path() ? path.parent_path() : ".", O_RDONLY | O_DIRECTORY);
+  if (folder.ok()) ::fsync(folder.get());
+}
+
+nlohmann::json parse_json(std::string_view text, const std::filesystem::path& path) {
+  try {
+    return nlohmann::json::parse(text);
+  } catch (const nlohmann::json::exception& error) {
+    // "[json.exception.parse_error.101] parse error at line 1, column 5: ..." without the library's own name.
+    std::string_view what = error.what();
+    if (const std::size_t end = what.find("] "); what.starts_with("[") && end != what.npos) what.remove_prefix(end + 2);
+    throw InputError(path, "", "", "not valid JSON: " + std::string(what));
+  }
+}
+
+nlohmann::json read_json(const std::filesystem::path& path) { return parse_json(read_file(path), path); }
+
+}  // namespace redrive

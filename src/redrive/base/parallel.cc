@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/base/parallel.h"
+
+#include <algorithm>
+#include <atomic>
+#include <exception>
+#include <limits>
+#include <mutex>
+
+#include "redrive/base/cpu_features.h"
+#include "redrive/base/error.h"
+#include "redrive/base/parallel_tbb.h"
+
+namespace redrive {
+namespace {
+
+/// One call of ThreadPool::run. The two atomics repeat, in code that ThreadSanitizer sees, the ordering
+/// that oneTBB (not instrumented) guarantees anyway: what the caller wrote before is visible to every lane,
+/// what the lanes wrote is visible to the caller. Lanes are not ordered with each other: a race stays a race.
+struct Job {
+  const std::function<void(int)>* body;
+  std::atomic<bool> started{false};
+  std::atomic<int> done{0};
+  std::mutex mutex;
+  int failed_lane = std::numeric_limits<int>::max();  ///< the lowest one, so that the error does not depend on timing
+  std::exception_ptr error;
+};
+
+void run_lane(void* context, int lane) {
+  Job& job = *static_cast<Job*>(context);
+  (void)job.started.load(std::memory_order_acquire);
+  try {
+    (*job.body)(lane);
+  } catch (...) {
+    const std::lock_guard lock(job.mutex);
+    if (lane < job.failed_lane) {
+      job.failed_lane = lane;
+      job.error = std::current_exception();
+    }
+  }
+  job.done.fetch_add(1, std::memory_order_release);
+}
+
+}  // namespace
+
+struct ThreadPool::Impl {
+  int threads;
+  TbbArena arena;  ///< null: everything runs in the caller
+};
+
+ThreadPool::ThreadPool(int threads) {
+  REDRIVE_CHECK_OP(threads, >=, 1);
+  // More workers than processors would only take turns (and oneTBB complains); results depend on lanes, not on this.
+  const int concurrency = std::min(threads, hardware_threads());
+  impl_ = std::make_unique<Impl>(Impl{threads, concurrency > 1 ? make_tbb_arena(concurrency) : nullptr});
+}
+
+ThreadPool::~ThreadPool() = default;
+
+int ThreadPool::threads() const { return impl_->threads; }
+
+void ThreadPool::run(int lanes, const std::function<void(int lane)>& body) {
+  Job job{&body};
+  job.started.store(true, std::memory_order_release);
+  if (!impl_->arena || lanes == 1) {
+    for (int lane = 0; lane < lanes; ++lane) run_lane(&job, lane);
+  } else if (lanes > 1) {
+    tbb_run(*impl_->arena, lanes, run_lane, &job);
+  }
+  REDRIVE_CHECK_OP(job.done.load(std::memory_order_acquire), ==, std::max(lanes, 0));
+  if (job.error) std::rethrow_exception(job.error);
+}
+
+void ThreadPool::run_ranges(std::size_t size, std::size_t grain,
+                            const std::function<void(std::size_t begin, std::size_t end)>& body) {
+  REDRIVE_CHECK_OP(grain, >=, std::size_t{1});
+  const std::size_t ranges = size / grain + (size % grain != 0);
+  REDRIVE_CHECK_OP(ranges, <=, std::size_t{std::numeric_limits<int>::max()});
+  run(static_cast<int>(ranges), [&](int range) {
+    const std::size_t begin = static_cast<std::size_t>(range) * grain;
+    body(begin, begin + std::min(grain, size - begin));
+  });
+}
+
+}  // namespace redrive

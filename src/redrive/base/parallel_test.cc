@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/base/parallel.h"
+
+#include <atomic>
+#include <stdexcept>
+#include <thread>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+namespace redrive {
+namespace {
+
+TEST(ThreadPool, EveryLaneOnce) {
+  for (const int threads : {1, 2, 4}) {
+    ThreadPool pool(threads);
+    EXPECT_EQ(pool.threads(), threads);
+    for (const int lanes : {0, 1, 2, 7, 1000}) {
+      // Plain ints on purpose: ThreadSanitizer sees whether the caller may read what the lanes wrote.
+      std::vector<int> count(lanes, 0);
+      pool.run(lanes, [&](int lane) { ++count[lane]; });
+      EXPECT_EQ(count, std::vector<int>(lanes, 1));
+    }
+  }
+}
+
+TEST(ThreadPool, SuccessiveRunsSeeEachOthersWork) {
+  ThreadPool pool(2);
+  std::vector<long> value(64, 0);
+  for (int round = 1; round <= 200; ++round) {
+    pool.run(64, [&](int lane) { value[lane] += round; });
+    // Another mapping of lanes to data: lane i reads and writes what lane 63 - i wrote.
+    pool.run(64, [&](int lane) { value[63 - lane] += round; });
+  }
+  EXPECT_EQ(value, std::vector<long>(64, 2 * 200 * 201 / 2));
+}
+
+TEST(ThreadPool, OneThreadMeansTheCallersInOrder) {
+  ThreadPool pool(1);
+  std::vector<int> order;
+  const std::thread::id caller = std::this_thread::get_id();
+  pool.run(5, [&](int lane) {
+    EXPECT_EQ(std::this_thread::get_id(), caller);
+    order.push_back(lane);
+  });
+  EXPECT_EQ(order, (std::vector<int>{0, 1, 2, 3, 4}));
+}
+
+TEST(ThreadPool, RethrowsTheLowestLanesExceptionAfterAllHaveEnded) {
+  for (const int threads : {1, 2}) {
+    ThreadPool pool(threads);
+    std::atomic<int> ended = 0;
+    try {
+      pool.run(100, [&](int lane) {
+        ++ended;
+        if (lane % 10 == 3) throw std::runtime_error(std::to_string(lane));
+      });
+      FAIL() << "no exception";
+    } catch (const std::runtime_error& error) {
+      EXPECT_STREQ(error.what(), "3");
+    }
+    EXPECT_EQ(ended, 100);
+    pool.run(1, [&](int) { ++ended; });  // and the pool still works
+    EXPECT_EQ(ended, 101);
+  }
+}
+
+TEST(ThreadPool, RangesCoverEverythingOnce) {
+  ThreadPool pool(2);
+  for (const std::size_t size : {0u, 1u, 63u, 64u, 65u, 1000u}) {
+    std::vector<int> count(size, 0);
+    pool.run_ranges(size, 64, [&](std::size_t begin, std::size_t end) {
+      EXPECT_EQ(begin % 64, 0u);
+      EXPECT_LE(end - begin, 64u);
+      for (std::size_t i = begin; i < end; ++i) ++count[i];
+    });
+    EXPECT_EQ(count, std::vector<int>(size, 1));
+  }
+}
+
+TEST(ThreadPool, RefusesZeroThreads) { EXPECT_THROW(ThreadPool(0), std::logic_error); }
+
+}  // namespace
+}  // namespace redrive

@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/math/rigid3.h"
+
+#include <sstream>
+
+#include <Eigen/SVD>
+
+namespace redrive {
+
+std::string rigid_obstacle(const Eigen::Matrix4d& matrix) {
+  constexpr double kOrthonormal = 1e-3, kLastRow = 1e-9;
+  std::ostringstream why;
+  if (!matrix.allFinite()) return "not finite";
+  if ((matrix.row(3) - Eigen::RowVector4d(0, 0, 0, 1)).cwiseAbs().maxCoeff() > kLastRow) {
+    why << "last row is " << matrix.row(3) << ", not 0 0 0 1";
+    return why.str();
+  }
+  const Eigen::Matrix3d rotation = matrix.topLeftCorner<3, 3>();
+  const double deviation = (rotation * rotation.transpose() - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();
+  if (deviation > kOrthonormal) {
+    why << "not a rotation: rows not orthonormal by " << deviation;
+  } else if (const double det = rotation.determinant(); det < 0) {
+    why << "not a rotation: det = " << det << ", a reflection";
+  }
+  return why.str();
+}
+
+Rigid3d rigid_from_json(const JsonField& field) {
+  const Eigen::Matrix4d matrix = field.matrix4();
+  if (const std::string why = rigid_obstacle(matrix); !why.empty()) field.fail(why);
+  // Nearest rotation in the Frobenius norm (Schoenemann 1966): R = U V^T; det > 0 is checked above.
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(matrix.topLeftCorner<3, 3>(), Eigen::ComputeFullU | Eigen::ComputeFullV);
+  Rigid3d transform = Rigid3d::Identity();
+  transform.linear() = svd.matrixU() * svd.matrixV().transpose();
+  transform.translation() = matrix.topRightCorner<3, 1>();
+  return transform;
+}
+
+}  // namespace redrive
