@@ -1,0 +1,159 @@
+// SPDX-License-Identifier: Apache-2.0
+// Evaluation of a run whose picture is a formula: the scores follow by hand.
+#include "redrive/eval/evaluate.h"
+
+#include <cmath>
+#include <fstream>
+
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+
+#include "redrive/base/error.h"
+#include "redrive/render/paint_backend.h"
+
+namespace redrive {
+namespace {
+
+TEST(EvenlySpaced, TakesTheMiddlesOfEqualParts) {
+  EXPECT_EQ(evenly_spaced(5, 0), (std::vector<std::size_t>{0, 1, 2, 3, 4}));
+  EXPECT_EQ(evenly_spaced(5, 9), (std::vector<std::size_t>{0, 1, 2, 3, 4}));
+  EXPECT_EQ(evenly_spaced(9, 3), (std::vector<std::size_t>{1, 4, 7}));
+  EXPECT_EQ(evenly_spaced(50, 1), (std::vector<std::size_t>{25}));
+  EXPECT_TRUE(evenly_spaced(0, 3).empty());
+}
+
+constexpr int kWidth = 24, kHeight = 16;
+
+/// Two pinhole cameras, four frames 1 m apart, images of one grey each: 51 * frame (0.2 steps) in camera A, 255 in B.
+class EvaluateTest : public testing::Test {
+ protected:
+  EvaluateTest() {
+    folder_ = std::filesystem::temp_directory_path() /
+              ("redrive_eval_" + std::string(testing::UnitTest::GetInstance()->current_test_info()->name()));
+    std::filesystem::remove_all(folder_);
+    std::filesystem::create_directories(folder_ / "novel" / "aside");
+    CameraCalibration calibration;
+    calibration.model = "opencv_pinhole";
+    calibration.fx = calibration.fy = 20;
+    calibration.cx = 11.5;
+    calibration.cy = 7.5;
+    calibration.width = kWidth;
+    calibration.height = kHeight;
+    calibration.body_from_sensor = Rigid3d::Identity();
+    Scene& scene = run_.scene;
+    scene.ecef_from_world = Rigid3d::Identity();
+    for (const char* name : {"A", "B"})
+      scene.rig.push_back({name, make_camera(calibration), make_camera(calibration), calibration.body_from_sensor});
+    for (int f = 0; f < 4; ++f) {
+      Rigid3d pose = Rigid3d::Identity();
+      pose.translation().x() = f;
+      scene.frames.push_back({100 + f, f, pose});
+      run_.recording.frames.push_back({100 + f, f, pose});
+    }
+    for (int c = 0; c < 2; ++c)
+      for (int f = 0; f < 4; ++f)
+        scene.views.push_back({c, f, grey(scene.rig[c].name + std::to_string(f) + ".png", c == 0 ? 51 * f : 255), false});
+    NerfModel& model = run_.state.model;
+    model.config.width = 32;
+    model.samples = 4;
+    model.near_m = 1;
+    model.far_m = 10;
+    model.parameters = Buffer<float>(nerf_parameter_count(model.config));
+  }
+  ~EvaluateTest() override { std::filesystem::remove_all(folder_); }
+
+  std::filesystem::path grey(const std::string& name, int value, int width = kWidth, int height = kHeight) {
+    const std::filesystem::path path = folder_ / name;
+    write_image(path, {width, height, std::vector<std::uint8_t>(3 * width * height, static_cast<std::uint8_t>(value))});
+    return path;
+  }
+  void poses(const std::string& text) {
+    run_.recording.novel = {{"aside", folder_ / "novel" / "aside" / "poses.json"}};
+    std::ofstream(folder_ / "novel" / "aside" / "poses.json") << text;
+  }
+
+  std::filesystem::path folder_;
+  redrive::Run run_;
+  PaintBackend black_{[](const auto&, const auto&) { return std::array<float, 3>{0, 0, 0}; }};
+};
+
+double psnr_of(double error) { return -20 * std::log10(error); }
+
+// Greys come from bytes as float: 51 / 255 is 0.2 within 1e-8, that is 4e-7 dB of its PSNR.
+constexpr double kTolerance = 1e-6;
+
+TEST_F(EvaluateTest, HeldOutViewsAloneAndMeansOverImages) {
+  for (View& view : run_.scene.views) view.held_out = view.frame == 1 || view.frame == 3;
+  int calls = 0;
+  EvalOptions options;
+  options.progress = [&](int done, int total) {
+    EXPECT_EQ(done, ++calls);
+    EXPECT_EQ(total, 4);
+  };
+  const Evaluation result = evaluate(run_, black_, options);
+  EXPECT_TRUE(result.held_out);
+  EXPECT_EQ(calls, 4);
+  EXPECT_EQ(result.cameras.at("A").images, 2);
+  EXPECT_NEAR(result.cameras.at("A").psnr_db, (psnr_of(0.2) + psnr_of(0.6)) / 2, kTolerance);
+  EXPECT_NEAR(result.cameras.at("B").psnr_db, 0, kTolerance);
+  EXPECT_EQ(result.overall.images, 4);
+  EXPECT_NEAR(result.overall.psnr_db, (psnr_of(0.2) + psnr_of(0.6)) / 4, kTolerance);
+  // Constant images of 0 and m: C1 / (m^2 + C1).
+  EXPECT_NEAR(result.cameras.at("A").ssim, (1e-4 / (0.04 + 1e-4) + 1e-4 / (0.36 + 1e-4)) / 2, 1e-9);
+  EXPECT_TRUE(result.novel.empty());
+}
+
+TEST_F(EvaluateTest, TrainingViewsWhereNoneIsHeldOut) {
+  EvalOptions options;
+  options.max_images = 1;  // the middle one: frame 2
+  const Evaluation result = evaluate(run_, black_, options);
+  EXPECT_FALSE(result.held_out);
+  EXPECT_EQ(result.cameras.at("A").images, 1);
+  EXPECT_NEAR(result.cameras.at("A").psnr_db, psnr_of(0.4), kTolerance);
+  options.all = true;
+  const Evaluation all = evaluate(run_, black_, options);
+  EXPECT_EQ(all.overall.images, 8);
+  // Frame 0 of camera A is black: equal, so infinite, so capped.
+  EXPECT_NEAR(all.cameras.at("A").psnr_db, (kPsnrCapDb + psnr_of(0.2) + psnr_of(0.4) + psnr_of(0.6)) / 4, kTolerance);
+}
+
+TEST_F(EvaluateTest, NovelViewsAreScoredAtTheirPoseWhereTruthIs) {
+  // Frame 102 (x = 2) shifted by 0.5: a backend that paints the origin's x / 5 shows 0.5 there.
+  PaintBackend place([](const auto& origin, const auto&) { return std::array<float, 3>{origin[0] / 5, origin[0] / 5, origin[0] / 5}; });
+  poses(R"({"images": [{"file": "a.png", "camera": "A", "frame_id": 102, "shift_body_m": [0.5, 0, 0]},
+                       {"file": "none.png", "camera": "A", "frame_id": 101, "shift_body_m": [0, 0, 0]},
+                       {"file": "other.png", "camera": "UNTRAINED", "frame_id": 101, "shift_body_m": [0, 0, 0]}]})");
+  grey("novel/aside/a.png", 51);  // 0.2: off by 0.3
+  grey("novel/aside/other.png", 51);
+  EvalOptions options;
+  options.max_images = 1;
+  const Evaluation result = evaluate(run_, place, options);
+  ASSERT_EQ(result.novel.count("aside"), 1u);
+  EXPECT_EQ(result.novel.at("aside").images, 1);
+  EXPECT_NEAR(result.novel.at("aside").psnr_db, psnr_of(0.3), kTolerance);
+  EXPECT_EQ(result.overall.images, 2) << "novel views stand apart";
+}
+
+TEST_F(EvaluateTest, NovelTruthOfAnotherSizeIsRefused) {
+  poses(R"({"images": [{"file": "a.png", "camera": "A", "frame_id": 102, "shift_body_m": [0, 0, 0]}]})");
+  grey("novel/aside/a.png", 51, kWidth + 1, kHeight);
+  EXPECT_THROW(evaluate(run_, black_), InputError);
+}
+
+TEST_F(EvaluateTest, MissingImageIsRefused) {
+  std::filesystem::remove(folder_ / "A1.png");
+  EXPECT_THROW(evaluate(run_, black_), InputError);
+}
+
+TEST(EvaluationJson, HasTheNamesThatScriptsRead) {
+  Evaluation evaluation;
+  evaluation.held_out = false;
+  evaluation.overall = {20.5, 0.5, 3};
+  evaluation.cameras["F_CAM"] = {20.5, std::nan(""), 3};
+  const auto json = nlohmann::json::parse(evaluation_to_json(evaluation).dump());
+  EXPECT_EQ(json, nlohmann::json::parse(R"({"overall": {"psnr_db": 20.5, "ssim": 0.5, "images": 3},
+    "cameras": {"F_CAM": {"psnr_db": 20.5, "ssim": null, "images": 3}}, "novel": {}, "held_out": false})"));
+}
+
+}  // namespace
+}  // namespace redrive

@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: Apache-2.0
+// For tests: a backend without a network, whose picture is a formula of the ray.
+#pragma once
+
+#include <array>
+#include <functional>
+
+#include <gtest/gtest.h>
+
+#include "redrive/kernels/kernels.h"
+
+namespace redrive {
+
+/// render_rays gives rgb = paint(origin, direction) [world], depth 2 m, opacity 1. Training stages fail the test.
+class PaintBackend : public kernels::Backend {
+ public:
+  using Paint = std::function<std::array<float, 3>(const std::array<float, 3>& origin, const std::array<float, 3>& direction)>;
+  explicit PaintBackend(Paint paint) : paint_(std::move(paint)) {}
+
+  std::string name() const override { return "paint"; }
+  std::optional<Isa> isa() const override { return std::nullopt; }
+  int threads() const override { return 1; }
+  void sample_stratified(int, const kernels::StratifiedSampling&, std::span<float>, std::span<float>) override {}
+  void sample_hierarchical(const kernels::Samples&, std::span<const float>, int, bool, std::uint64_t, std::span<float>,
+                           std::span<float>) override {}
+  void render_rays(const kernels::NerfField&, const kernels::Rays& rays, const kernels::Samples&,
+                   const kernels::CompositeOut& out) override {
+    const int n = rays.n;
+    for (int i = 0; i < n; ++i) {
+      const auto of = [&](std::span<const float> v) { return std::array<float, 3>{v[i], v[n + i], v[2 * n + i]}; };
+      const std::array<float, 3> rgb = paint_(of(rays.origin), of(rays.direction));
+      for (int c = 0; c < 3; ++c) out.rgb[c * n + i] = rgb[c];
+      out.depth[i] = 2;
+      out.opacity[i] = 1;
+    }
+  }
+
+  void nerf_forward(const kernels::NerfField&, const kernels::Rays&, const kernels::Samples&, std::span<float>) override {
+    unexpected();
+  }
+  void nerf_backward(const kernels::NerfField&, const kernels::Rays&, const kernels::Samples&, std::span<const float>,
+                     std::span<float>) override {
+    unexpected();
+  }
+  void composite_forward(int, const kernels::Samples&, std::span<const float>, const kernels::CompositeOut&) override {
+    unexpected();
+  }
+  void composite_backward(int, const kernels::Samples&, std::span<const float>, std::span<const float>,
+                          std::span<float>) override {
+    unexpected();
+  }
+  double photometric_loss(std::span<const float>, std::span<const float>, std::span<float>) override {
+    unexpected();
+    return 0;
+  }
+  void adam(const AdamStep&, std::span<const float>, std::span<float>, std::span<float>, std::span<float>) override {
+    unexpected();
+  }
+
+ private:
+  static void unexpected() { ADD_FAILURE() << "rendering called a training stage"; }
+  Paint paint_;
+};
+
+}  // namespace redrive

@@ -1,0 +1,103 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/render/view_pose.h"
+
+#include <algorithm>
+#include <string>
+
+#include "redrive/base/error.h"
+
+namespace redrive {
+namespace {
+
+constexpr double kWgs84SemiMajorM = 6378137.0;        // defining constant a of WGS84
+constexpr double kWgs84SemiMinorM = 6356752.314245;   // b = a (1 - f), f = 1 / 298.257223563
+
+std::string view_field(std::size_t index, const char* key) { return "images[" + std::to_string(index) + "]." + key; }
+
+}  // namespace
+
+std::optional<ShiftAxes> shift_axes_from_name(std::string_view name) {
+  if (name == "body") return ShiftAxes::kBody;
+  if (name == "camera") return ShiftAxes::kCamera;
+  if (name == "local") return ShiftAxes::kLocal;
+  return std::nullopt;
+}
+
+std::optional<Rigid3d> world_from_body(const Recording& recording, const Scene& scene, std::int64_t frame_id) {
+  const auto frame = std::find_if(recording.frames.begin(), recording.frames.end(),
+                                  [frame_id](const FramePose& pose) { return pose.id == frame_id; });
+  if (frame == recording.frames.end()) return std::nullopt;
+  return scene.ecef_from_world.inverse(Eigen::Isometry) * frame->ecef_from_body;
+}
+
+std::optional<Eigen::Matrix3d> world_from_local_axes(const Rigid3d& ecef_from_world, const Rigid3d& world_from_body) {
+  const Rigid3d ecef_from_body = ecef_from_world * world_from_body;
+  const Eigen::Vector3d place = ecef_from_body.translation();
+  if (place.norm() < 6.2e6 || place.norm() > 6.6e6) return std::nullopt;
+  constexpr double a2 = kWgs84SemiMajorM * kWgs84SemiMajorM, b2 = kWgs84SemiMinorM * kWgs84SemiMinorM;
+  const Eigen::Vector3d up = Eigen::Vector3d(place.x() / a2, place.y() / a2, place.z() / b2).normalized();
+  const Eigen::Vector3d heading = ecef_from_body.linear().col(0);
+  const Eigen::Vector3d level = heading - heading.dot(up) * up;
+  if (level.norm() < 1e-6) return std::nullopt;
+  Eigen::Matrix3d ecef_from_local;
+  ecef_from_local.col(0) = level.normalized();
+  ecef_from_local.col(1) = up.cross(ecef_from_local.col(0));
+  ecef_from_local.col(2) = up;
+  return ecef_from_world.linear().transpose() * ecef_from_local;
+}
+
+Rigid3d shifted_camera(const Rigid3d& ecef_from_world, const Rigid3d& world_from_body, const Rigid3d& body_from_sensor,
+                       ShiftAxes axes, const Eigen::Vector3d& shift_m) {
+  Rigid3d world_from_camera = world_from_body * body_from_sensor;
+  Eigen::Matrix3d world_from_axes;
+  switch (axes) {
+    case ShiftAxes::kBody: world_from_axes = world_from_body.linear(); break;
+    case ShiftAxes::kCamera: world_from_axes = world_from_camera.linear(); break;
+    case ShiftAxes::kLocal: {
+      const auto local = world_from_local_axes(ecef_from_world, world_from_body);
+      if (!local)
+        throw UsageError("--axes", "local", "the poses of this recording are not near the Earth's surface or head "
+                         "straight up, so there is no level frame; use body or camera");
+      world_from_axes = *local;
+    }
+  }
+  world_from_camera.pretranslate(world_from_axes * shift_m);
+  return world_from_camera;
+}
+
+Rigid3d requested_world_from_body(const PosesFile& poses, std::size_t index, const std::filesystem::path& file,
+                                  const Recording& recording, const Scene& scene, bool prefer_shift) {
+  const RequestedView& view = poses.views[index];
+  if (view.ecef_from_body && !(prefer_shift && view.shift_body_m))
+    return scene.ecef_from_world.inverse(Eigen::Isometry) * *view.ecef_from_body;
+  REDRIVE_CHECK(view.shift_body_m.has_value());
+  const auto pose = world_from_body(recording, scene, view.frame_id);
+  if (!pose)
+    throw InputError(file, view_field(index, "frame_id"), std::to_string(view.frame_id),
+                     "shift_body_m moves a frame of the recording, and it has no such frame with a pose");
+  return *pose * Eigen::Translation3d(*view.shift_body_m);
+}
+
+const RigCamera& requested_camera(const PosesFile& poses, std::size_t index, const std::filesystem::path& file,
+                                  const std::vector<RigCamera>& cameras) {
+  const std::string& name = poses.views[index].camera;
+  std::string known;
+  for (const RigCamera& camera : cameras) {
+    if (camera.name == name) return camera;
+    known += (known.empty() ? "" : ", ") + camera.name;
+  }
+  throw InputError(file, view_field(index, "camera"), name, "no such camera; there are: " + known);
+}
+
+std::vector<RigCamera> poses_rig(const PosesFile& poses, const Scene& scene, bool like_run) {
+  std::vector<RigCamera> rig;
+  for (const CameraCalibration& calibration : poses.cameras) {
+    RigCamera camera{calibration.name, make_camera(calibration), make_camera(calibration), calibration.body_from_sensor};
+    if (like_run && scene.undistort) camera.camera = camera.camera.undistorted();
+    if (like_run) camera.camera = camera.camera.downscaled(scene.downscale);
+    rig.push_back(std::move(camera));
+  }
+  return rig;
+}
+
+}  // namespace redrive

@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: Apache-2.0
+// Where the camera of a picture that was never taken stands: a frame's own pose, shifted in axes by name, or a pose
+// that a POSES.json gives.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string_view>
+#include <vector>
+
+#include "redrive/recording/poses_file.h"
+#include "redrive/scene/scene.h"
+
+namespace redrive {
+
+/// The axes in which a camera is moved.
+enum class ShiftAxes {
+  kBody,    ///< the car's: x forward, y left, z up
+  kCamera,  ///< the camera's: x right, y down, z forward
+  kLocal    ///< level at the car's place: z up (normal of the WGS84 ellipsoid), x the heading's horizontal part, y left
+};
+std::optional<ShiftAxes> shift_axes_from_name(std::string_view name);  ///< "body", "camera", "local"
+
+/// world_from_body of a frame of the recording, also of one that the run left out; nothing if it has no such pose.
+std::optional<Rigid3d> world_from_body(const Recording& recording, const Scene& scene, std::int64_t frame_id);
+
+/// The level axes at the body's place, in the world: columns x, y, z as ShiftAxes::kLocal says. Nothing where the pose
+/// is not on the Earth (6.2e6 to 6.6e6 m from its centre) or the heading is vertical. The normal is taken as that of the
+/// ellipsoid through the point, within 1e-6 rad of the geodetic one for heights up to 1 km.
+std::optional<Eigen::Matrix3d> world_from_local_axes(const Rigid3d& ecef_from_world, const Rigid3d& world_from_body);
+
+/// world_from_camera of a camera on the body, moved by shift_m along `axes`; its orientation stays. UsageError where the
+/// local axes do not exist.
+Rigid3d shifted_camera(const Rigid3d& ecef_from_world, const Rigid3d& world_from_body, const Rigid3d& body_from_sensor,
+                       ShiftAxes axes, const Eigen::Vector3d& shift_m);
+
+/// world_from_body of view `index` of a poses file: absolute where it says RT_ECEF_body (unless `prefer_shift` and it
+/// says shift_body_m too), else the frame's own pose shifted in body axes. InputError: no such frame.
+Rigid3d requested_world_from_body(const PosesFile& poses, std::size_t index, const std::filesystem::path& file,
+                                  const Recording& recording, const Scene& scene, bool prefer_shift);
+
+/// The camera of view `index` among `cameras`. InputError: no such camera; the known ones are listed.
+const RigCamera& requested_camera(const PosesFile& poses, std::size_t index, const std::filesystem::path& file,
+                                  const std::vector<RigCamera>& cameras);
+
+/// The cameras of a poses file as recorded; with `like_run` undistorted and downscaled as the run's. Empty if it has none.
+std::vector<RigCamera> poses_rig(const PosesFile& poses, const Scene& scene, bool like_run);
+
+}  // namespace redrive

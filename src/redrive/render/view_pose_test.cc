@@ -1,0 +1,140 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/render/view_pose.h"
+
+#include <cmath>
+
+#include <gtest/gtest.h>
+
+#include "redrive/base/error.h"
+
+namespace redrive {
+namespace {
+
+// On the equator at longitude 0: up is ECEF x, east is y, north is z. The body heads east.
+Rigid3d heading_east(double pitch_rad) {
+  Rigid3d ecef_from_body = Rigid3d::Identity();
+  Eigen::Matrix3d axes;  // columns: body x (east), y (left: north), z (up)
+  axes.col(0) = Eigen::Vector3d::UnitY();
+  axes.col(1) = Eigen::Vector3d::UnitZ();
+  axes.col(2) = Eigen::Vector3d::UnitX();
+  ecef_from_body.linear() = axes * Eigen::AngleAxisd(pitch_rad, Eigen::Vector3d::UnitY());
+  ecef_from_body.translation() = Eigen::Vector3d(6378137.0, 0, 0);
+  return ecef_from_body;
+}
+
+// The camera looks along body x: x right = -y, y down = -z, z forward = x; 2 m ahead, 1.5 m up.
+Rigid3d front_camera() {
+  Rigid3d body_from_sensor = Rigid3d::Identity();
+  Eigen::Matrix3d axes;
+  axes.col(0) = -Eigen::Vector3d::UnitY();
+  axes.col(1) = -Eigen::Vector3d::UnitZ();
+  axes.col(2) = Eigen::Vector3d::UnitX();
+  body_from_sensor.linear() = axes;
+  body_from_sensor.translation() = Eigen::Vector3d(2, 0, 1.5);
+  return body_from_sensor;
+}
+
+Eigen::Vector3d moved(const Rigid3d& ecef_from_world, const Rigid3d& world_from_body, ShiftAxes axes,
+                      const Eigen::Vector3d& shift) {
+  const Rigid3d from = world_from_body * front_camera();
+  const Rigid3d to = shifted_camera(ecef_from_world, world_from_body, front_camera(), axes, shift);
+  EXPECT_TRUE(to.linear().isApprox(from.linear(), 1e-15)) << "the orientation stays";
+  return to.translation() - from.translation();
+}
+
+constexpr double kTolerance = 1e-8;  // 6.4e6 m in double: one ulp is 9e-10 m
+
+TEST(ViewPose, ShiftsAlongTheAxesItNames) {
+  const Rigid3d level = heading_east(0), identity = Rigid3d::Identity();  // world = body of the first frame
+  const Eigen::Vector3d shift(0.5, 0.25, -1);
+  EXPECT_NEAR((moved(level, identity, ShiftAxes::kBody, shift) - shift).norm(), 0, kTolerance);
+  // camera x right, y down, z forward, in body axes:
+  EXPECT_NEAR((moved(level, identity, ShiftAxes::kCamera, shift) - Eigen::Vector3d(-1, -0.5, -0.25)).norm(), 0, kTolerance);
+  EXPECT_NEAR((moved(level, identity, ShiftAxes::kLocal, shift) - shift).norm(), 0, kTolerance);
+}
+
+TEST(ViewPose, LocalAxesAreLevelWhereTheCarIsNot) {
+  const double pitch = 0.1;  // a turn about y (left) by +0.1 rad lowers the nose
+  const Rigid3d ecef_from_world = heading_east(pitch);
+  const Eigen::Vector3d up = moved(ecef_from_world, Rigid3d::Identity(), ShiftAxes::kLocal, Eigen::Vector3d::UnitZ());
+  EXPECT_NEAR((up - Eigen::Vector3d(-std::sin(pitch), 0, std::cos(pitch))).norm(), 0, kTolerance);
+  const Eigen::Vector3d ahead = moved(ecef_from_world, Rigid3d::Identity(), ShiftAxes::kLocal, Eigen::Vector3d::UnitX());
+  EXPECT_NEAR((ahead - Eigen::Vector3d(std::cos(pitch), 0, std::sin(pitch))).norm(), 0, kTolerance);
+  const Eigen::Vector3d left = moved(ecef_from_world, Rigid3d::Identity(), ShiftAxes::kLocal, Eigen::Vector3d::UnitY());
+  EXPECT_NEAR((left - Eigen::Vector3d::UnitY()).norm(), 0, kTolerance);
+}
+
+TEST(ViewPose, UpIsTheEllipsoidsNormalNotTheRadius) {
+  // Geodetic latitude phi, longitude 0, height 0: the normal is (cos phi, 0, sin phi), the point
+  // N (cos phi, 0, (1 - e^2) sin phi) with N = a / sqrt(1 - e^2 sin^2 phi) (WGS84).
+  const double a = 6378137.0, f = 1 / 298.257223563, e2 = f * (2 - f), phi = 0.8;
+  const double n = a / std::sqrt(1 - e2 * std::sin(phi) * std::sin(phi));
+  Rigid3d ecef_from_body = Rigid3d::Identity();
+  ecef_from_body.linear().col(0) = Eigen::Vector3d::UnitY();  // east
+  ecef_from_body.linear().col(1) = Eigen::Vector3d(-std::sin(phi), 0, std::cos(phi));
+  ecef_from_body.linear().col(2) = Eigen::Vector3d(std::cos(phi), 0, std::sin(phi));
+  ecef_from_body.translation() = Eigen::Vector3d(n * std::cos(phi), 0, n * (1 - e2) * std::sin(phi));
+  const auto axes = world_from_local_axes(ecef_from_body, Rigid3d::Identity());
+  ASSERT_TRUE(axes);
+  EXPECT_NEAR((*axes - Eigen::Matrix3d::Identity()).norm(), 0, 1e-11);  // b is rounded to 1e-6 m of 6.4e6 m
+}
+
+TEST(ViewPose, NoLevelFrameOffTheEarth) {
+  EXPECT_FALSE(world_from_local_axes(Rigid3d::Identity(), Rigid3d::Identity()));
+  EXPECT_FALSE(world_from_local_axes(heading_east(std::acos(-1.0) / 2), Rigid3d::Identity())) << "heading straight down";
+  EXPECT_THROW(shifted_camera(Rigid3d::Identity(), Rigid3d::Identity(), front_camera(), ShiftAxes::kLocal, {0, 0, 0}),
+               UsageError);
+}
+
+class Requested : public testing::Test {
+ protected:
+  Requested() {
+    scene.ecef_from_world = heading_east(0);
+    Rigid3d second = scene.ecef_from_world;
+    second.translate(Eigen::Vector3d(3, 0, 0));
+    recording.frames = {{10, 0, scene.ecef_from_world}, {11, 100, second}};
+  }
+  Eigen::Vector3d place(RequestedView view, bool prefer_shift = false) {
+    PosesFile poses;
+    poses.views = {std::move(view)};
+    return requested_world_from_body(poses, 0, "poses.json", recording, scene, prefer_shift).translation();
+  }
+  Scene scene;
+  Recording recording;
+};
+
+TEST_F(Requested, AbsoluteOrShiftedAndPreferenceDecidesBetweenThem) {
+  RequestedView shift{"a.png", "CAM", 11, std::nullopt, Eigen::Vector3d(0, 1, 0)};
+  EXPECT_NEAR((place(shift) - Eigen::Vector3d(3, 1, 0)).norm(), 0, kTolerance);
+  RequestedView both = shift;
+  both.ecef_from_body = scene.ecef_from_world * Eigen::Translation3d(7, 0, 0);
+  EXPECT_NEAR((place(both) - Eigen::Vector3d(7, 0, 0)).norm(), 0, kTolerance);
+  EXPECT_NEAR((place(both, true) - Eigen::Vector3d(3, 1, 0)).norm(), 0, kTolerance);
+  RequestedView absolute = both;
+  absolute.shift_body_m.reset();
+  EXPECT_NEAR((place(absolute, true) - Eigen::Vector3d(7, 0, 0)).norm(), 0, kTolerance);
+  absolute.frame_id = 99;  // an absolute pose needs no frame
+  EXPECT_NEAR((place(absolute) - Eigen::Vector3d(7, 0, 0)).norm(), 0, kTolerance);
+}
+
+TEST_F(Requested, ComplaintsNameFileFieldAndValue) {
+  try {
+    place({"a.png", "CAM", 12, std::nullopt, Eigen::Vector3d::Zero()});
+    FAIL() << "an unknown frame was taken";
+  } catch (const InputError& error) {
+    EXPECT_NE(std::string(error.what()).find("poses.json: images[0].frame_id = 12"), std::string::npos) << error.what();
+  }
+  PosesFile poses;
+  poses.views = {{"a.png", "NO_CAM", 10, std::nullopt, Eigen::Vector3d::Zero()}};
+  const std::vector<RigCamera> rig = {{"F_CAM", {}, {}, front_camera()}, {"B_CAM", {}, {}, front_camera()}};
+  try {
+    requested_camera(poses, 0, "poses.json", rig);
+    FAIL() << "an unknown camera was taken";
+  } catch (const InputError& error) {
+    EXPECT_NE(std::string(error.what()).find("images[0].camera = NO_CAM"), std::string::npos) << error.what();
+    EXPECT_NE(std::string(error.what()).find("F_CAM, B_CAM"), std::string::npos) << error.what();
+  }
+}
+
+}  // namespace
+}  // namespace redrive
