@@ -1,8 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // A camera: one model, exact in both directions for every pixel of the image as it was recorded.
-// Each model is a plain struct templated on the scalar (camera/<model>.h):
-//   template <class T> std::optional<...> — see pinhole.h for the two functions a model has to have.
-// To add one: its header, a line in CameraModel below, a line in make_camera, and camera_test walks it.
+//
+// How to add a model:
+// 1. camera/<model>.h: a plain struct on normalised coordinates (no focal lengths) with kName (its name in calibration
+//    files), `template <class T> std::optional<std::array<T, 2>> project(const std::array<T, 3>& point) const`, which
+//    also works on dual numbers (math/dual.h), and `std::optional<Eigen::Vector3d> unproject(const Eigen::Vector2d&) const`.
+//    Both say nothing beyond the region where the model is one-to-one.
+// 2. Its type in CameraModel below, a line in make_camera, and its fields in the recording's parser.
+// 3. An example in camera_test.cc: every test there walks the list.
 #pragma once
 
 #include <optional>

@@ -1,0 +1,118 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/camera/brown_conrady.h"
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include <Eigen/LU>
+
+namespace redrive {
+namespace {
+
+/// Radii above this are 1e-6 rad from 90 degrees: no image has them, and powers of them lose meaning.
+constexpr double kFarRadius = 1e6;
+
+double horner(const std::vector<double>& polynomial, double x) {
+  double sum = 0;
+  for (std::size_t i = polynomial.size(); i-- > 0;) sum = sum * x + polynomial[i];
+  return sum;
+}
+
+/// Where the polynomial (ascending coefficients) changes sign in (0, kFarRadius), ascending: between neighbouring extrema,
+/// which are the derivative's sign changes, it is monotone, so bisection finds every one.
+std::vector<double> sign_changes(const std::vector<double>& polynomial) {
+  if (polynomial.size() < 2) return {};
+  std::vector<double> derivative(polynomial.size() - 1);
+  for (std::size_t i = 0; i < derivative.size(); ++i) derivative[i] = polynomial[i + 1] * static_cast<double>(i + 1);
+  std::vector<double> ends = sign_changes(derivative);
+  ends.push_back(kFarRadius);
+
+  std::vector<double> roots;
+  double begin = 0;
+  for (const double end : ends) {
+    const bool positive = horner(polynomial, begin) > 0;
+    if (positive != (horner(polynomial, end) > 0)) {
+      double low = begin, high = end;
+      for (int i = 0; i < 200 && low < high; ++i) {
+        const double middle = 0.5 * (low + high);
+        if (middle == low || middle == high) break;
+        ((horner(polynomial, middle) > 0) == positive ? low : high) = middle;
+      }
+      roots.push_back(low);
+    }
+    begin = end;
+  }
+  return roots;
+}
+
+/// r in [0, max_radius] with r g(r^2) = distorted_radius, else about the edge: Newton kept inside a bracket.
+double undistorted_radius(const BrownConrady& lens, double distorted_radius) {
+  const auto g = [&](double s) { return 1 + s * (lens.k1 + s * (lens.k2 + s * lens.k3)); };
+  const auto slope = [&](double s) { return 1 + s * (3 * lens.k1 + s * (5 * lens.k2 + s * 7 * lens.k3)); };
+  const double edge = std::min(lens.max_radius, kFarRadius);
+  double low = 0, high = std::min(edge, distorted_radius);
+  while (high < edge && high * g(high * high) < distorted_radius) high = std::min(2 * high, edge);
+  double r = high;
+  for (int i = 0; i < 100; ++i) {
+    const double excess = r * g(r * r) - distorted_radius;
+    (excess > 0 ? high : low) = r;
+    double next = r - excess / slope(r * r);
+    if (!(next > low && next < high)) next = 0.5 * (low + high);
+    if (std::abs(next - r) <= 1e-12 * r) return next;
+    r = next;
+  }
+  return r;
+}
+
+}  // namespace
+
+BrownConrady::BrownConrady(const std::array<double, 5>& c) : k1(c[0]), k2(c[1]), p1(c[2]), p2(c[3]), k3(c[4]) {
+  const double p = std::hypot(p1, p2);
+  const std::vector<double> folds = sign_changes({1, -20.0 / 3 * p, 3 * k1, 0, 5 * k2, 0, 7 * k3});
+  if (!folds.empty()) max_radius = folds.front();
+}
+
+std::optional<Eigen::Vector2d> BrownConrady::undistort(const Eigen::Vector2d& distorted) const {
+  const double distorted_radius = distorted.norm();
+  if (!std::isfinite(distorted_radius)) return std::nullopt;
+  if (distorted_radius == 0) return distorted;
+  if (std::isfinite(max_radius)) {
+    // No point of the disc gets further out than its edge: |x_d| <= r g + 3 |p| r^2.
+    const double s = max_radius * max_radius;
+    const double reach = max_radius * (1 + s * (k1 + s * (k2 + s * k3))) + 3 * std::hypot(p1, p2) * s;
+    if (distorted_radius > reach) return std::nullopt;
+  }
+
+  const auto residual = [&](const Eigen::Vector2d& x) -> Eigen::Vector2d {
+    const std::array<double, 2> d = distort<double>({x.x(), x.y()});
+    return Eigen::Vector2d(d[0], d[1]) - distorted;
+  };
+  Eigen::Vector2d x = distorted * (undistorted_radius(*this, distorted_radius) / distorted_radius);
+  Eigen::Vector2d error = residual(x);
+  for (int iteration = 0; iteration < 60 && error.norm() > 1e-15 * (1 + distorted_radius); ++iteration) {
+    const double s = x.squaredNorm(), a = x.x(), b = x.y();
+    const double g = 1 + s * (k1 + s * (k2 + s * k3)), dg = k1 + s * (2 * k2 + s * 3 * k3);
+    Eigen::Matrix2d jacobian;
+    jacobian(0, 0) = g + 2 * a * a * dg + 2 * p1 * b + 6 * p2 * a;
+    jacobian(1, 1) = g + 2 * b * b * dg + 6 * p1 * b + 2 * p2 * a;
+    jacobian(0, 1) = jacobian(1, 0) = 2 * a * b * dg + 2 * p1 * a + 2 * p2 * b;
+    // Solving in the disc is minimising a convex function there: a step that leaves it or gains nothing is halved.
+    Eigen::Vector2d step = jacobian.inverse() * error, next = x - step;
+    Eigen::Vector2d next_error = residual(next);
+    int halvings = 0;
+    while ((!(next.norm() <= max_radius) || !(next_error.norm() < error.norm())) && halvings < 30) {
+      step *= 0.5;
+      next = x - step;
+      next_error = residual(next);
+      ++halvings;
+    }
+    if (halvings == 30) break;  // at rounding, or at the edge of the disc
+    x = next;
+    error = next_error;
+  }
+  if (!(error.norm() <= 1e-12 * (1 + distorted_radius)) || !(x.norm() <= max_radius)) return std::nullopt;
+  return x;
+}
+
+}  // namespace redrive

@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+// The cameras of a real car, where its recording is at hand.
+#include <gtest/gtest.h>
+
+#include "redrive/base/files.h"
+#include "redrive/camera/camera.h"
+#include "redrive/recording/aimotive.h"
+
+namespace redrive {
+namespace {
+
+TEST(RealCameras, RoundTripOverTheWholeImage) {
+  const std::filesystem::path file = REDRIVE_SHARED "/data/aimotive_night/sensor/calibration/calibration.json";
+  if (!std::filesystem::exists(file)) GTEST_SKIP() << file << " is not here";
+  std::vector<std::string> other_sensors;
+  const auto cameras = aimotive::parse_calibration(read_file(file), file, &other_sensors);
+  ASSERT_EQ(cameras.size(), 4u);
+  for (const CameraCalibration& calibration : cameras) {
+    SCOPED_TRACE(calibration.name);
+    const Camera camera = make_camera(calibration);
+    std::size_t seen = 0;
+    for (int v = 0; v < camera.height; ++v)
+      for (int u = 0; u < camera.width; ++u) {
+        const auto direction = camera.unproject({double(u), double(v)});
+        if (!direction) continue;
+        ++seen;
+        const auto back = camera.project(*direction);
+        ASSERT_TRUE(back) << u << ' ' << v;
+        ASSERT_LT((*back - Eigen::Vector2d(u, v)).norm(), 1e-6) << u << ' ' << v;
+      }
+    // Both pinholes are one-to-one everywhere (9 k1^2 < 20 k2); the fisheyes' corners lie beyond their fold.
+    const std::size_t pixels = std::size_t(camera.width) * camera.height;
+    if (calibration.model == "mei") {
+      EXPECT_GT(seen, pixels * 7 / 10);
+      EXPECT_LT(seen, pixels);
+    } else {
+      EXPECT_EQ(seen, pixels);
+    }
+  }
+}
+
+}  // namespace
+}  // namespace redrive

@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+// Cameras that the tests walk: at least one of every model, of every character.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "redrive/camera/camera.h"
+
+namespace redrive {
+
+struct ExampleCamera {
+  std::string name;
+  Camera camera;
+};
+
+inline std::vector<ExampleCamera> example_cameras() {
+  const auto make = [](const char* name, const char* model, std::array<double, 5> distortion, double xi, double fx, double fy) {
+    CameraCalibration c;
+    c.name = name;
+    c.model = model;
+    c.distortion = distortion;
+    c.xi = xi;
+    c.fx = fx;
+    c.fy = fy;
+    c.cx = 163.25;
+    c.cy = 98.5;
+    c.width = 320;
+    c.height = 200;
+    return ExampleCamera{name, make_camera(c)};
+  };
+  return {
+      make("plain pinhole", "opencv_pinhole", {0, 0, 0, 0, 0}, 0, 300, 260),
+      make("barrel", "opencv_pinhole", {-0.3, 0.08, 0.002, 0.0006, 0}, 0, 293, 250),
+      make("wide barrel", "opencv_pinhole", {-0.33, 0.1, -0.001, 0.0013, 0}, 0, 161, 162),
+      make("barrel that folds in the image", "opencv_pinhole", {-0.4, 0, 0, 0, 0}, 0, 180, 190),
+      make("tangential fold in the image", "opencv_pinhole", {-0.4, 0.01, 0.004, -0.003, 0}, 0, 180, 190),
+      make("sixth order", "opencv_pinhole", {0.1, -0.05, 0.001, 0.001, -0.04}, 0, 130, 140),
+      make("fisheye", "mei", {0.03, -0.08, 0, 0, 0}, 1.02, 144, 126),
+      make("fisheye with tangential terms", "mei", {-0.05, 0.01, 0.001, -0.002, 0}, 0.8, 110, 120),
+      make("fisheye beyond its sphere", "mei", {0, 0, 0, 0, 0}, 1.5, 120, 120),
+      make("parabolic mirror", "mei", {0, 0, 0, 0, 0}, 1, 60, 60),
+      make("mei as a pinhole", "mei", {-0.2, 0.05, 0, 0, 0.001}, 0, 250, 250),
+  };
+}
+
+inline const BrownConrady& distortion_of(const Camera& camera) {
+  return std::visit([](const auto& m) -> const BrownConrady& { return m.distortion; }, camera.model);
+}
+
+}  // namespace redrive
