@@ -12,6 +12,7 @@
 #include "redrive/base/buffer.h"
 #include "redrive/field/nerf_field.h"
 #include "redrive/kernels/kernels.h"
+#include "redrive/scene/scene.h"
 
 namespace redrive {
 

@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+// redrive resume RUN: goes on where the last checkpoint stands. Further epochs, steps or seconds may be asked for; they go into
+// the run's config.json. (More steps move the default milestones of the learning rate, which are fractions of all steps.)
+#include <map>
+#include <memory>
+
+#include "redrive/base/error.h"
+#include "redrive/cli/command.h"
+#include "redrive/cli/training.h"
+
+namespace redrive {
+namespace {
+
+constexpr const char* kChangeable[] = {"epochs", "max-steps", "max-seconds", "backend", "isa", "threads"};
+
+struct Arguments {
+  std::string run;
+  std::map<std::string, std::string> given;
+};
+
+const TrainField& field_named(const std::string& name) {
+  for (const TrainField& field : train_fields())
+    if (field.name == name) return field;
+  throw std::logic_error("no training option " + name);
+}
+
+int run_resume(const Arguments& arguments) {
+  Run run = open_run(arguments.run, /*fresh_if_untrained=*/true);
+  for (const auto& [name, value] : arguments.given) field_named(name).parse(run.options, value);
+  validate(run.options);
+  const auto backend = kernels::make_backend({run.options.backend, run.options.isa, run.options.threads});
+  const std::atomic<bool>& stop = stop_on_signal();
+  std::vector<Image8> images;
+  {
+    ThreadPool pool(backend->threads());
+    images = load_views(run.scene, pool);
+  }
+  if (!arguments.given.empty()) write_config(run.paths, run.options);
+  print_summary(run, images, *backend);
+  std::printf("resuming at step %lld\n", static_cast<long long>(run.state.step));
+  return report_end(run, train(&run, images, *backend, stop));
+}
+
+}  // namespace
+
+Action configure_resume(CLI::App& command) {
+  auto arguments = std::make_shared<Arguments>();
+  command.add_option("RUN", arguments->run, "folder that train made")->required();
+  for (const char* name : kChangeable)
+    command.add_option_function<std::string>(
+        std::string("--") + name, [arguments, name](const std::string& value) { arguments->given[name] = value; },
+        field_named(name).help);
+  return [arguments] { return run_resume(*arguments); };
+}
+
+}  // namespace redrive

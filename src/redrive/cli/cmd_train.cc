@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: Apache-2.0
+// redrive train RECORDING --out RUN [options]: every option comes from train_fields().
+#include <filesystem>
+#include <map>
+#include <memory>
+
+#include "redrive/cli/command.h"
+#include "redrive/cli/training.h"
+
+namespace redrive {
+namespace {
+
+struct Arguments {
+  std::map<std::string, std::string> given;  ///< by field name; a flag has an empty value
+  std::string out;
+};
+
+TrainOptions parse_options(const Arguments& arguments) {
+  TrainOptions options;
+  std::vector<std::string> names;
+  for (const TrainField& field : train_fields())
+    if (const auto found = arguments.given.find(field.name); found != arguments.given.end()) {
+      field.parse(options, found->second);
+      names.push_back(field.name);
+    }
+  apply_preset(&options, names);
+  validate(options);
+  return options;
+}
+
+int run_train(const Arguments& arguments) {
+  Run run;
+  run.options = parse_options(arguments);
+  run.options.recording = std::filesystem::absolute(run.options.recording).lexically_normal().string();
+  refuse_existing_run(arguments.out);
+  const auto backend = kernels::make_backend({run.options.backend, run.options.isa, run.options.threads});
+  run.recording = open_recording(run.options.recording);
+  resolve_cameras(&run.options, run.recording);
+  run.scene = make_scene(run.recording, scene_options(run.options));
+  run.state = first_state(run.options, run.scene);
+  const std::atomic<bool>& stop = stop_on_signal();
+  std::vector<Image8> images;
+  {
+    ThreadPool pool(backend->threads());
+    images = load_views(run.scene, pool);
+  }
+  // Only now, when nothing about the input can be wrong any more, is something written.
+  run.paths = create_run(arguments.out, run.options);
+  print_summary(run, images, *backend);
+  return report_end(run, train(&run, images, *backend, stop));
+}
+
+}  // namespace
+
+Action configure_train(CLI::App& command) {
+  auto arguments = std::make_shared<Arguments>();
+  for (const TrainField& field : train_fields()) {
+    const auto take = [arguments, name = field.name](const std::string& value) { arguments->given[name] = value; };
+    if (field.name == "recording")
+      command.add_option_function<std::string>("RECORDING", take, field.help)->required();
+    else if (field.is_flag)
+      command.add_flag_callback("--" + field.name, [take] { take(""); }, field.help);
+    else
+      command.add_option_function<std::string>("--" + field.name, take, field.help);
+  }
+  command.add_option("--out", arguments->out, "folder of the run; must not exist")->required();
+  return [arguments] { return run_train(*arguments); };
+}
+
+}  // namespace redrive

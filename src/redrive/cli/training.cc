@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/cli/training.h"
+
+#include <signal.h>
+
+#include <cstdio>
+
+#include "redrive/base/error.h"
+
+namespace redrive {
+namespace {
+
+std::atomic<bool> stop_flag{false};
+static_assert(std::atomic<bool>::is_always_lock_free);
+
+}  // namespace
+
+const std::atomic<bool>& stop_on_signal() {
+  struct sigaction action {};
+  action.sa_handler = [](int) { stop_flag = true; };
+  action.sa_flags = SA_RESTART | static_cast<int>(SA_RESETHAND);
+  sigaction(SIGINT, &action, nullptr);
+  sigaction(SIGTERM, &action, nullptr);
+  return stop_flag;
+}
+
+void print_summary(const Run& run, const std::vector<Image8>& images, const kernels::Backend& backend) {
+  std::printf("%s\n", kernels::describe(backend).c_str());
+  for (const Finding& finding : run.recording.findings)
+    std::printf("note: %s: %s\n", finding.subject.c_str(), finding.what.c_str());
+  std::size_t held_out = 0, bytes = 0;
+  for (const View& view : run.scene.views) held_out += view.held_out;
+  for (const Image8& image : images) bytes += image.rgb.size();
+  for (const RigCamera& camera : run.scene.rig)
+    std::printf("camera %s: %s, %d x %d\n", camera.name.c_str(), camera.camera.model_name(), camera.camera.width,
+                camera.camera.height);
+  std::printf("%zu frames, %zu images for training, %zu held out, %.1f MB of pixels; near %g m, far %g m\n",
+              run.scene.frames.size(), run.scene.views.size() - held_out, held_out, static_cast<double>(bytes) / 1e6,
+              run.scene.near_m, run.scene.far_m);
+  std::fflush(stdout);
+}
+
+int report_end(const Run& run, TrainEnd end) {
+  const std::string root = run.paths.root.string();
+  if (end == TrainEnd::kInterrupted) {
+    std::fprintf(stderr, "redrive: stopped at step %lld, saved; resume with: redrive resume %s\n",
+                 static_cast<long long>(run.state.step), root.c_str());
+    return kExitInterrupted;
+  }
+  std::printf("finished: step %lld after %.1f s of training; %s\n", static_cast<long long>(run.state.step), run.state.seconds,
+              run.paths.checkpoint().c_str());
+  return kExitOk;
+}
+
+}  // namespace redrive

@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: Apache-2.0
+// What train and resume share: Ctrl-C, what is printed before and after.
+#pragma once
+
+#include <atomic>
+
+#include "redrive/kernels/kernels.h"
+#include "redrive/train/trainer.h"
+
+namespace redrive {
+
+/// Ctrl-C or SIGTERM sets the flag; the second one ends the program at once.
+const std::atomic<bool>& stop_on_signal();
+
+/// Backend, cameras, frames, pixels, training and held-out views, steps.
+void print_summary(const Run& run, const std::vector<Image8>& images, const kernels::Backend& backend);
+
+/// Says how it ended and how to go on; the exit code.
+int report_end(const Run& run, TrainEnd end);
+
+}  // namespace redrive

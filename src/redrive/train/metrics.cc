@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: Apache-2.0
+// metrics.jsonl: one object a line, appended with one write each, so that a kill cuts at most the last line short.
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <functional>
+
+#include "redrive/base/error.h"
+#include "redrive/base/files.h"
+#include "redrive/base/json_field.h"
+#include "redrive/train/run.h"
+
+namespace redrive {
+namespace {
+
+void append_line(const std::filesystem::path& path, const nlohmann::json& json) {
+  const std::string line = json.dump() + "\n";
+  const int file = ::open(path.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0644);
+  if (file < 0) throw IoError(path, std::strerror(errno));
+  errno = ENOSPC;  // what a write that stops halfway means
+  const bool written = ::write(file, line.data(), line.size()) == static_cast<ssize_t>(line.size());
+  const int why = errno;
+  ::close(file);
+  if (!written) throw IoError(path, std::strerror(why));
+}
+
+struct Line {
+  std::string_view text;
+  std::int64_t step = 0;
+  int restarts = 0;       ///< the start it belongs to
+  bool is_event = false;
+  MetricsRow row;
+};
+
+/// Calls `take` for each whole line.
+void for_lines(const std::filesystem::path& path, std::string_view bytes, const std::function<void(const Line&)>& take) {
+  int restarts = 0;
+  std::int64_t number = 0;
+  for (std::size_t begin = 0, end; (end = bytes.find('\n', begin)) != std::string_view::npos; begin = end + 1) {
+    Line line;
+    line.text = bytes.substr(begin, end + 1 - begin);
+    const std::filesystem::path where = path.string() + ":" + std::to_string(++number);
+    const nlohmann::json json = parse_json(line.text, where);
+    const JsonField field(json, where);
+    line.step = field.at("step").integer();
+    if (field.has("event")) {
+      line.is_event = true;
+      if (field.at("event").string() == "restart") restarts = static_cast<int>(field.at("restarts").integer());
+    } else {
+      line.row = {line.step,
+                  field.at("seconds").number(),
+                  field.at("loss").number(),
+                  field.at("psnr_db").number(),
+                  field.at("learning_rate").number(),
+                  field.at("rays_per_s").number(),
+                  static_cast<int>(field.at("epoch").integer())};
+    }
+    line.restarts = restarts;
+    take(line);
+  }
+}
+
+std::string bytes_or_nothing(const std::filesystem::path& path) {
+  return std::filesystem::exists(path) ? read_file(path) : std::string();
+}
+
+}  // namespace
+
+void append_metrics(const RunPaths& paths, const MetricsRow& row) {
+  append_line(paths.metrics(), {{"step", row.step},
+                                {"epoch", row.epoch},
+                                {"seconds", row.seconds},
+                                {"loss", row.loss},
+                                {"psnr_db", row.psnr_db},
+                                {"learning_rate", row.learning_rate},
+                                {"rays_per_s", row.rays_per_s}});
+}
+
+void append_restart(const RunPaths& paths, std::int64_t step, int restarts, std::uint64_t seed, const std::string& reason) {
+  append_line(paths.metrics(),
+              {{"event", "restart"}, {"step", step}, {"restarts", restarts}, {"seed", seed}, {"reason", reason}});
+}
+
+std::vector<MetricsRow> read_metrics(const RunPaths& paths) {
+  const std::string bytes = bytes_or_nothing(paths.metrics());
+  std::vector<MetricsRow> rows;
+  for_lines(paths.metrics(), bytes, [&, current = 0](const Line& line) mutable {
+    if (line.restarts != current) rows.clear();
+    current = line.restarts;
+    if (!line.is_event) rows.push_back(line.row);
+  });
+  return rows;
+}
+
+void cut_metrics(const RunPaths& paths, std::int64_t step, int restarts) {
+  const std::string bytes = bytes_or_nothing(paths.metrics());
+  std::string kept;
+  for_lines(paths.metrics(), bytes, [&](const Line& line) {
+    if (line.restarts < restarts || (line.restarts == restarts && (line.is_event || line.step <= step))) kept += line.text;
+  });
+  if (kept != bytes) write_file(paths.metrics(), kept);
+}
+
+}  // namespace redrive

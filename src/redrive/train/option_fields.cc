@@ -1,0 +1,197 @@
+// SPDX-License-Identifier: Apache-2.0
+// The one list of training options: name, help, range; default values come from TrainOptions itself.
+#include <charconv>
+#include <cmath>
+#include <limits>
+
+#include <nlohmann/json.hpp>
+
+#include "redrive/base/error.h"
+#include "redrive/train/options.h"
+
+namespace redrive {
+namespace {
+
+template <class T>
+std::string text_of(T value) {
+  char buffer[64];
+  const auto result = std::to_chars(buffer, buffer + sizeof buffer, value);
+  return {buffer, result.ptr};
+}
+
+template <class T>
+T number_of(const std::string& flag, const std::string& text) {
+  T value{};
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (error != std::errc() || end != text.data() + text.size())
+    throw UsageError(flag, text, std::is_floating_point_v<T> ? "must be a number" : "must be a whole number in range");
+  return value;
+}
+
+template <class T>
+T number_of(const std::string& flag, const nlohmann::json& json) {
+  if constexpr (std::is_floating_point_v<T>) {
+    if (json.is_number()) return json.get<T>();
+  } else if constexpr (std::is_unsigned_v<T>) {
+    if (json.is_number_unsigned()) return json.get<T>();
+  } else {
+    const bool fits = json.is_number_unsigned()
+                          ? json.get<std::uint64_t>() <= static_cast<std::uint64_t>(std::numeric_limits<T>::max())
+                          : json.is_number_integer() && json.get<std::int64_t>() >= std::numeric_limits<T>::min();
+    if (fits) return json.get<T>();
+  }
+  throw UsageError(flag, json.dump().substr(0, 80), "must be a number in range");
+}
+
+/// low <= value <= high, or low < value with `above`; whole multiples of `multiple`.
+template <class T>
+struct Range {
+  T low, high;
+  bool above = false;
+  int multiple = 1;
+
+  std::string rule() const {
+    if (low == std::numeric_limits<T>::lowest() && high == std::numeric_limits<T>::max()) return "any whole number";
+    const std::string from = above ? "above " + text_of(low) + ", at most " + text_of(high) : text_of(low) + ".." + text_of(high);
+    return multiple > 1 ? "a multiple of " + std::to_string(multiple) + " in " + from : from;
+  }
+  bool holds(T value) const {
+    if constexpr (std::is_integral_v<T>)
+      if (value % static_cast<T>(multiple) != 0) return false;
+    return (above ? value > low : value >= low) && value <= high;  // false for NaN
+  }
+};
+
+template <class T>
+TrainField number(const std::string& name, T TrainOptions::*member, const Range<T>& range, const std::string& help) {
+  const std::string flag = "--" + name;
+  TrainField field;
+  field.name = name;
+  field.help = help + " (" + range.rule() + "; default: " + text_of(TrainOptions{}.*member) + ")";
+  field.parse = [=](TrainOptions& o, const std::string& text) { o.*member = number_of<T>(flag, text); };
+  field.save = [=](const TrainOptions& o, nlohmann::json& json) { json[name] = o.*member; };
+  field.load = [=](TrainOptions& o, const nlohmann::json& json) { o.*member = number_of<T>(flag, json.at(name)); };
+  field.check = [=](const TrainOptions& o) {
+    if (!range.holds(o.*member)) throw UsageError(flag, text_of(o.*member), "must be " + range.rule());
+  };
+  return field;
+}
+
+TrainField text(const std::string& name, std::string TrainOptions::*member, const std::vector<std::string>& choices,
+                const std::string& help) {
+  TrainField field;
+  field.name = name;
+  std::string rule;
+  for (const std::string& choice : choices)
+    if (!choice.empty()) rule += (rule.empty() ? "" : ", ") + choice;
+  const std::string standard = TrainOptions{}.*member;
+  field.help = help + (rule.empty() ? "" : ": " + rule) + (standard.empty() ? "" : " (default: " + standard + ")");
+  field.parse = [=](TrainOptions& o, const std::string& value) { o.*member = value; };
+  field.save = [=](const TrainOptions& o, nlohmann::json& json) { json[name] = o.*member; };
+  field.load = [=](TrainOptions& o, const nlohmann::json& json) {
+    if (!json.at(name).is_string()) throw UsageError("--" + name, json.at(name).dump().substr(0, 80), "must be a text");
+    o.*member = json.at(name).get<std::string>();
+  };
+  field.check = [=](const TrainOptions& o) {
+    for (const std::string& choice : choices)
+      if (o.*member == choice) return;
+    if (!choices.empty()) throw UsageError("--" + name, o.*member, "unknown; known are " + rule);
+  };
+  return field;
+}
+
+TrainField flag(const std::string& name, bool TrainOptions::*member, const std::string& help) {
+  TrainField field;
+  field.name = name;
+  field.help = help;
+  field.is_flag = true;
+  field.parse = [=](TrainOptions& o, const std::string&) { o.*member = true; };
+  field.save = [=](const TrainOptions& o, nlohmann::json& json) { json[name] = o.*member; };
+  field.load = [=](TrainOptions& o, const nlohmann::json& json) {
+    if (!json.at(name).is_boolean())
+      throw UsageError("--" + name, json.at(name).dump().substr(0, 80), "must be true or false");
+    o.*member = json.at(name).get<bool>();
+  };
+  field.check = [](const TrainOptions&) {};
+  return field;
+}
+
+std::string element_of(const std::string&, const std::string& part, std::string) { return part; }
+std::int64_t element_of(const std::string& flag, const std::string& part, std::int64_t) {
+  return number_of<std::int64_t>(flag, part);
+}
+std::string element_of(const std::string& flag, const nlohmann::json& json, std::string) {
+  if (!json.is_string()) throw UsageError(flag, json.dump().substr(0, 80), "must be a list of texts");
+  return json.get<std::string>();
+}
+std::int64_t element_of(const std::string& flag, const nlohmann::json& json, std::int64_t) {
+  return number_of<std::int64_t>(flag, json);
+}
+
+/// A,B,C on the command line, an array in JSON; validate() checks what the elements have to be.
+template <class T>
+TrainField list(const std::string& name, std::vector<T> TrainOptions::*member, const std::string& help) {
+  const std::string flag = "--" + name;
+  TrainField field;
+  field.name = name;
+  field.help = help;
+  field.parse = [=](TrainOptions& o, const std::string& value) {
+    (o.*member).clear();
+    for (std::size_t begin = 0; begin <= value.size();) {
+      const std::size_t end = std::min(value.find(',', begin), value.size());
+      (o.*member).push_back(element_of(flag, value.substr(begin, end - begin), T{}));
+      begin = end + 1;
+    }
+  };
+  field.save = [=](const TrainOptions& o, nlohmann::json& json) { json[name] = o.*member; };
+  field.load = [=](TrainOptions& o, const nlohmann::json& json) {
+    if (!json.at(name).is_array()) throw UsageError(flag, json.at(name).dump().substr(0, 80), "must be a list");
+    (o.*member).clear();
+    for (const nlohmann::json& element : json.at(name)) (o.*member).push_back(element_of(flag, element, T{}));
+  };
+  field.check = [](const TrainOptions&) {};
+  return field;
+}
+
+std::vector<TrainField> make_fields() {
+  using O = TrainOptions;
+  constexpr double kInfinite = 1e9;  // seconds and metres that no run reaches
+  return {
+      text("recording", &O::recording, {}, "folder of the recording"),
+      text("method", &O::method, {"nerf"}, "what is trained"),
+      text("preset", &O::preset, {"", "report-1", "report-2"}, "the report's setups, for what is not given"),
+      list("cameras", &O::cameras, "A,B: the cameras to train on (default: all that have images)"),
+      text("frames", &O::frames, {}, "FIRST:LAST[:STEP]: frame ids, both included, either may be empty (default: all)"),
+      number("downscale", &O::downscale, Range<int>{1, 64}, "train on images this many times smaller"),
+      number("holdout-every", &O::holdout_every, Range<int>{0, 1'000'000}, "keep every n-th frame for eval; 0: none, not 1"),
+      flag("undistort", &O::undistort, "resample the images without distortion first, as the report did (pinhole cameras)"),
+      number("near", &O::near_m, Range<double>{0, kInfinite, true}, "first sample of a ray, metres"),
+      number("far", &O::far_m, Range<double>{0, kInfinite, true}, "last sample of a ray, metres"),
+      number("width", &O::width, Range<int>{32, 512, false, 32}, "hidden units of the network"),
+      number("samples", &O::samples, Range<int>{3, 1024}, "samples of a ray"),
+      number("fine-samples", &O::fine_samples, Range<int>{0, 1024}, "further samples where the first network found matter"),
+      number("batch", &O::batch_rays, Range<int>{1, 65536}, "rays of a step"),
+      number("learning-rate", &O::learning_rate, Range<double>{0, 1, true}, "of Adam, at the start"),
+      number("lr-gamma", &O::lr_gamma, Range<double>{0, 1, true}, "factor of the learning rate at each milestone"),
+      list("lr-milestones", &O::lr_milestones,
+           "A,B,C: steps (default: 1/2, 3/4 and 7/8 of all steps, which are epochs x steps of an epoch, or --max-steps)"),
+      number("epochs", &O::epochs, Range<int>{1, 10000}, "times that every pixel is seen"),
+      number("max-steps", &O::max_steps, Range<std::int64_t>{0, 1'000'000'000'000}, "stop after so many steps; 0: no limit"),
+      number("max-seconds", &O::max_seconds, Range<double>{0, kInfinite},
+             "stop after so many seconds of training alone; 0: no limit; the learning rate goes by steps all the same"),
+      number("seed", &O::seed, Range<std::uint64_t>{0, std::numeric_limits<std::uint64_t>::max()}, "of all random numbers"),
+      number("checkpoint-every", &O::checkpoint_every, Range<int>{1, 1'000'000'000}, "steps between checkpoints"),
+      number("threads", &O::threads, Range<int>{0, 1024}, "0: all that this process may use"),
+      text("backend", &O::backend, {"auto", "ref", "cpu", "cuda"}, "what computes"),
+      text("isa", &O::isa, {"auto", "avx2", "avx512", "avx512-bf16", "amx-bf16"}, "instruction set of the cpu backend"),
+  };
+}
+
+}  // namespace
+
+const std::vector<TrainField>& train_fields() {
+  static const std::vector<TrainField> fields = make_fields();
+  return fields;
+}
+
+}  // namespace redrive

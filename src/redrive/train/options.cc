@@ -1,0 +1,157 @@
+// SPDX-License-Identifier: Apache-2.0
+// Presets and the rules that tie options together; the options themselves stand in option_fields.cc.
+#include "redrive/train/options.h"
+
+#include <algorithm>
+#include <charconv>
+#include <optional>
+#include <set>
+
+#include <nlohmann/json.hpp>
+
+#include "redrive/base/error.h"
+
+namespace redrive {
+namespace {
+
+constexpr const char* kFrontCamera = "F_MIDLONGRANGECAM_CL";
+constexpr const char* kSecondCamera = "F_MIDRANGECAM_C";
+constexpr const char* kSecondCameraInstead = "B_MIDRANGECAM_C";
+
+/// Samples of a batch: the step keeps about 60 bytes for each (t, dt, weights, raw outputs and their derivatives, twice with
+/// a fine network), so 2^22 of them stay within a quarter of a gigabyte.
+constexpr std::int64_t kMaxBatchSamples = std::int64_t{1} << 22;
+
+struct FrameRange {
+  std::int64_t first = -1, last = -1;
+  int step = 1;
+};
+
+FrameRange parse_frames(const std::string& text) {
+  FrameRange range;
+  if (text.empty()) return range;
+  const auto fail = [&](const char* rule) { throw UsageError("--frames", text, rule); };
+  const auto number = [&](std::string_view part, std::int64_t low) {
+    std::int64_t value = 0;
+    const auto [end, error] = std::from_chars(part.data(), part.data() + part.size(), value);
+    if (error != std::errc() || end != part.data() + part.size() || value < low || value > 1'000'000'000'000)
+      fail("must be FIRST:LAST[:STEP], frame ids (either may be empty) and a step of 1 or more");
+    return value;
+  };
+  std::vector<std::string_view> parts;
+  for (std::size_t begin = 0; begin <= text.size();) {
+    const std::size_t end = std::min(text.find(':', begin), text.size());
+    parts.push_back(std::string_view(text).substr(begin, end - begin));
+    begin = end + 1;
+  }
+  if (parts.size() < 2 || parts.size() > 3) fail("must be FIRST:LAST[:STEP]");
+  if (!parts[0].empty()) range.first = number(parts[0], 0);
+  if (!parts[1].empty()) range.last = number(parts[1], 0);
+  if (parts.size() == 3) range.step = static_cast<int>(std::min<std::int64_t>(number(parts[2], 1), 1'000'000'000));
+  if (range.first >= 0 && range.last >= 0 && range.last < range.first) fail("LAST must not be before FIRST");
+  return range;
+}
+
+}  // namespace
+
+void apply_preset(TrainOptions* options, const std::vector<std::string>& given) {
+  if (options->preset.empty()) return;
+  const auto set = [&](const char* name, auto& field, auto value) {
+    if (std::find(given.begin(), given.end(), name) == given.end()) field = value;
+  };
+  const bool first = options->preset == "report-1";
+  if (!first && options->preset != "report-2")
+    throw UsageError("--preset", options->preset, "unknown; known are report-1 and report-2");
+  set("width", options->width, first ? 256 : 128);
+  set("samples", options->samples, first ? 96 : 48);
+  set("epochs", options->epochs, first ? 4 : 2);
+  set("fine-samples", options->fine_samples, 0);
+  set("near", options->near_m, 1.0);
+  set("far", options->far_m, 10.0);
+  set("batch", options->batch_rays, 1024);
+  set("learning-rate", options->learning_rate, 5e-4);
+  set("lr-gamma", options->lr_gamma, 0.5);
+}
+
+void resolve_cameras(TrainOptions* options, const Recording& recording) {
+  if (!options->cameras.empty() || options->preset.empty()) return;
+  options->cameras = {kFrontCamera};
+  if (options->preset == "report-2")
+    options->cameras.push_back(recording.find_camera(kSecondCamera) ? kSecondCamera : kSecondCameraInstead);
+}
+
+void validate(const TrainOptions& options) {
+  for (const TrainField& field : train_fields()) field.check(options);
+  if (options.far_m <= options.near_m)
+    throw UsageError("--far", std::to_string(options.far_m), "must be greater than --near " + std::to_string(options.near_m));
+  if (options.holdout_every == 1) throw UsageError("--holdout-every", "1", "would leave nothing to train on; 0 or 2 and more");
+  parse_frames(options.frames);
+  const std::set<std::string> distinct(options.cameras.begin(), options.cameras.end());
+  if (distinct.size() != options.cameras.size() || distinct.count(""))
+    throw UsageError("--cameras", "", "must be names of cameras, each once, separated by commas");
+  for (std::size_t i = 0; i < options.lr_milestones.size(); ++i)
+    if (options.lr_milestones[i] < 1 || (i > 0 && options.lr_milestones[i] <= options.lr_milestones[i - 1]))
+      throw UsageError("--lr-milestones", std::to_string(options.lr_milestones[i]), "must be steps of 1 or more, ascending");
+  const std::int64_t samples = std::int64_t{options.batch_rays} * (options.samples + options.fine_samples);
+  if (samples > kMaxBatchSamples)
+    throw UsageError("--batch", std::to_string(options.batch_rays),
+                     "times samples a ray is " + std::to_string(samples) + ", must be " + std::to_string(kMaxBatchSamples) +
+                         " or less (memory)");
+}
+
+SceneOptions scene_options(const TrainOptions& options) {
+  const FrameRange frames = parse_frames(options.frames);
+  SceneOptions scene;
+  scene.cameras = options.cameras;
+  scene.first_frame = frames.first;
+  scene.last_frame = frames.last;
+  scene.frame_step = frames.step;
+  scene.downscale = options.downscale;
+  scene.holdout_every = options.holdout_every;
+  scene.undistort = options.undistort;
+  scene.near_m = options.near_m;
+  scene.far_m = options.far_m;
+  return scene;
+}
+
+std::int64_t total_steps(const TrainOptions& options, std::int64_t steps_per_epoch) {
+  const std::int64_t steps = options.epochs * steps_per_epoch;
+  return options.max_steps > 0 ? std::min(steps, options.max_steps) : steps;
+}
+
+std::vector<std::int64_t> milestones(const TrainOptions& options, std::int64_t steps_per_epoch) {
+  if (!options.lr_milestones.empty()) return options.lr_milestones;
+  const std::int64_t steps = total_steps(options, steps_per_epoch);
+  return {steps / 2, steps * 3 / 4, steps * 7 / 8};
+}
+
+nlohmann::json options_to_json(const TrainOptions& options) {
+  nlohmann::json json = nlohmann::json::object();
+  for (const TrainField& field : train_fields()) field.save(options, json);
+  return json;
+}
+
+TrainOptions options_from_json(const nlohmann::json& json, const std::filesystem::path& file) {
+  if (!json.is_object()) throw InputError(file, "", json.type_name(), "must be an object with the options of a run");
+  const std::vector<TrainField>& fields = train_fields();
+  for (const auto& [key, value] : json.items())
+    if (std::none_of(fields.begin(), fields.end(), [&](const TrainField& field) { return field.name == key; }))
+      throw InputError(file, key, value.dump().substr(0, 80), "unknown option");
+  TrainOptions options;
+  for (const TrainField& field : fields) {
+    if (!json.contains(field.name)) throw InputError(file, field.name, "", "missing");
+    try {
+      field.load(options, json);
+    } catch (const UsageError& error) {
+      throw InputError(file, field.name, "", error.what());
+    }
+  }
+  try {
+    validate(options);
+  } catch (const UsageError& error) {
+    throw InputError(file, "", "", error.what());
+  }
+  return options;
+}
+
+}  // namespace redrive

@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the user sees of training: one live line on a terminal, a plain line every few seconds where the output is piped.
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <string>
+
+namespace redrive {
+
+struct ProgressState {
+  std::int64_t step = 0, steps = 0;
+  double loss = 0, psnr_db = 0, rays_per_s = 0, seconds_left = 0;
+};
+
+/// "step 1200/5000  loss 0.0123  21.2 dB  35400 rays/s  ETA 1:02:03".
+std::string progress_line(const ProgressState& state);
+
+class Progress {
+ public:
+  Progress();
+  ~Progress() { finish(); }
+
+  bool due() const;                       ///< it is time for the next line (0.2 s on a terminal, 5 s elsewhere)
+  void show(const ProgressState& state);  ///< now
+  void finish();                          ///< ends the live line, so that other output begins on its own
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  bool terminal_ = false, open_line_ = false;
+  Clock::time_point next_;
+};
+
+}  // namespace redrive

@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+// The safetensors container: 8 bytes length of the header (little endian), the header as JSON, the raw data. Float32 only.
+//   {"__metadata__": {name: text, ...}, tensor: {"dtype": "F32", "shape": [...], "data_offsets": [begin, end]}, ...}
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace redrive {
+
+struct SafetensorsEntry {
+  std::string name;
+  std::vector<std::int64_t> shape;
+  std::span<const float> values;  ///< row-major
+};
+
+/// `entries` in the order of their data; the header is padded with spaces so that the data is aligned to 8 bytes.
+std::string safetensors_bytes(const std::map<std::string, std::string>& metadata, const std::vector<SafetensorsEntry>& entries);
+
+struct Safetensors {
+  struct Tensor {
+    std::vector<std::int64_t> shape;
+    std::vector<float> values;
+  };
+  std::map<std::string, std::string> metadata;
+  std::map<std::string, Tensor> tensors;
+};
+
+/// InputError naming the field: a header that does not fit or is no JSON, a type other than F32, a shape that does not
+/// match its offsets, data that overlaps, has holes or is missing, a value that is not finite.
+Safetensors parse_safetensors(std::string_view bytes, const std::filesystem::path& file);
+
+}  // namespace redrive

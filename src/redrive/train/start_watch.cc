@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/train/start_watch.h"
+
+#include <algorithm>
+#include <cstdio>
+
+namespace redrive {
+namespace {
+
+constexpr double kDeadOpacity = 1e-4, kExplainedMse = 1e-4;
+constexpr int kDeadSteps = 20;
+constexpr std::int64_t kFirstSteps = 20, kLateBegin = 400, kLateEnd = 500;
+/// A batch's own variance stands for that of all pixels; over 100 batches of 1024 rays it is known to about 1 %, and the
+/// error of a constant colour scatters about it as much. 1.1 is ten times that.
+constexpr double kVarianceMargin = 1.1;
+
+std::string format(const char* text, double a, double b) {
+  char buffer[200];
+  std::snprintf(buffer, sizeof buffer, text, a, b);
+  return buffer;
+}
+
+}  // namespace
+
+double colour_variance(const RayBatch& batch) {
+  double sum_of_channels = 0;
+  for (int k = 0; k < 3; ++k) {
+    double sum = 0, squares = 0;
+    for (int i = 0; i < batch.n; ++i) {
+      const double value = batch.target[static_cast<std::size_t>(k) * batch.n + i];
+      sum += value;
+      squares += value * value;
+    }
+    sum_of_channels += std::max(0.0, squares / batch.n - (sum / batch.n) * (sum / batch.n));
+  }
+  return sum_of_channels / 3;
+}
+
+std::optional<std::string> watch_start(const StepResult& result, const RayBatch& batch, std::int64_t step, StartWatch* watch) {
+  if (step >= kStartSteps) return std::nullopt;
+  if (!result.finite) return "diverging: loss or gradients are not finite";
+
+  const bool dead = result.opacity < kDeadOpacity && result.rgb_mse > kExplainedMse;
+  watch->dead_steps = dead ? watch->dead_steps + 1 : 0;
+  if (watch->dead_steps >= kDeadSteps)
+    return format("dead: mean opacity %.1e for %.0f steps on end, no gradient is left", result.opacity, watch->dead_steps);
+
+  if (step < kFirstSteps) watch->first_mse += result.rgb_mse;
+  if (step >= kLateBegin && step < kLateEnd) {
+    watch->late_mse += result.rgb_mse;
+    watch->late_variance += colour_variance(batch);
+  }
+  if (step == kLateEnd - 1) {
+    const double first = watch->first_mse / kFirstSteps, late = watch->late_mse / (kLateEnd - kLateBegin);
+    const double constant_colour = watch->late_variance / (kLateEnd - kLateBegin);
+    if (late >= first && late > kExplainedMse && late > kVarianceMargin * constant_colour)
+      return format("diverging: mean squared error %.3g over steps 400 to 499, no less than the %.3g it began with", late, first);
+  }
+  return std::nullopt;
+}
+
+}  // namespace redrive

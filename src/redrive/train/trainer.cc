@@ -1,0 +1,157 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/train/trainer.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <limits>
+
+#include "redrive/base/error.h"
+#include "redrive/base/rng.h"
+#include "redrive/train/progress.h"
+#include "redrive/train/start_watch.h"
+#include "redrive/train/step.h"
+
+namespace redrive {
+namespace {
+
+constexpr int kStepsPerRow = 25;    // a row of metrics.jsonl: 1024 rays x 25 average the noise of a batch away
+constexpr int kMaxBadSteps = 50;    // non-finite ones on end: it will not heal
+
+double decibels(double mse) { return -10 * std::log10(std::max(mse, 1e-10)); }
+
+/// One call of train(): the run, what is constant in it, and what the loop's parts share.
+class Trainer {
+ public:
+  Trainer(Run* run, const std::vector<Image8>& images, kernels::Backend& backend)
+      : run_(*run), state_(run->state), options_(run->options), backend_(backend),
+        sampler_(run->scene, images, run->options.seed) {
+    const std::int64_t per_epoch = sampler_.steps_per_epoch(options_.batch_rays);
+    steps_ = total_steps(options_, per_epoch);
+    milestones_ = milestones(options_, per_epoch);
+    steps_per_epoch_ = per_epoch;
+  }
+
+  TrainEnd run(const std::atomic<bool>& stop) {
+    cut_metrics(run_.paths, state_.step, state_.restarts);
+    if (state_.step == 0) save_checkpoint(run_.paths.checkpoint(), state_);
+    while (state_.step < steps_ && (options_.max_seconds == 0 || state_.seconds < options_.max_seconds)) {
+      if (stop) return end(TrainEnd::kInterrupted);
+      step();
+    }
+    if (state_.window.steps > 0) close_window();
+    return end(TrainEnd::kFinished);
+  }
+
+ private:
+  double learning_rate(std::int64_t step) const {
+    return multi_step_rate(options_.learning_rate, options_.lr_gamma, milestones_, step);
+  }
+
+  void step() {
+    const auto begin = std::chrono::steady_clock::now();
+    const std::int64_t number = state_.step;
+    sampler_.gather(number, options_.batch_rays, &batch_);
+    const StepResult result = train_step(backend_, batch_, learning_rate(number), &state_, &buffers_);
+    const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+    state_.seconds += seconds;
+
+    if (const auto reason = watch_start(result, batch_, number, &state_.watch)) return restart(*reason);
+    if (!result.finite) return skip();
+    state_.bad_steps = 0;
+    LossWindow& window = state_.window;
+    ++window.steps;
+    window.rays += batch_.n;
+    window.loss += result.loss;
+    window.mse += result.rgb_mse;
+    window.seconds += seconds;
+    if (progress_.due()) show_progress();
+    if (state_.step % kStepsPerRow == 0) close_window();
+    if (state_.step % options_.checkpoint_every == 0) save_checkpoint(run_.paths.checkpoint(), state_);
+  }
+
+  /// A start that failed: the same run once more from another seed.
+  void restart(const std::string& reason) {
+    progress_.finish();
+    if (state_.restarts == kMaxRestarts)
+      throw UsageError("--learning-rate", std::to_string(options_.learning_rate),
+                       "no start out of " + std::to_string(kMaxRestarts + 1) + " converged (" + reason + "); try a lower rate");
+    const int restarts = state_.restarts + 1;
+    TrainState fresh = initial_state(state_.model.config, state_.model.samples, state_.model.fine_samples, run_.scene,
+                                     mix64(options_.seed + static_cast<std::uint64_t>(restarts)));
+    fresh.restarts = restarts;
+    fresh.seconds = state_.seconds;
+    std::fprintf(stderr, "redrive: step %lld: %s; restarting from another seed (%d of at most %d)\n",
+                 static_cast<long long>(state_.step), reason.c_str(), restarts, kMaxRestarts);
+    append_restart(run_.paths, state_.step, restarts, fresh.seed, reason);
+    state_ = std::move(fresh);
+    save_checkpoint(run_.paths.checkpoint(), state_);
+  }
+
+  /// A later step that was not finite: the parameters stayed as they were.
+  void skip() {
+    ++state_.skipped_steps;
+    ++state_.bad_steps;
+    progress_.finish();
+    std::fprintf(stderr, "redrive: step %lld: loss or gradients are not finite; skipped (%lld so far)\n",
+                 static_cast<long long>(state_.step), static_cast<long long>(state_.skipped_steps));
+    if (state_.bad_steps >= kMaxBadSteps)
+      throw UsageError("--learning-rate", std::to_string(options_.learning_rate),
+                       std::to_string(kMaxBadSteps) + " steps on end were not finite; the last good state is " +
+                           run_.paths.checkpoint().string() + "; try a lower rate");
+  }
+
+  void close_window() {
+    const LossWindow& window = state_.window;
+    if (window.steps > 0)
+      append_metrics(run_.paths, {state_.step, state_.seconds, window.loss / window.steps, decibels(window.mse / window.steps),
+                                  learning_rate(state_.step - 1), rays_per_second(),
+                                  static_cast<int>((state_.step - 1) / steps_per_epoch_)});
+    state_.window = {};
+  }
+
+  double rays_per_second() const { return state_.window.seconds > 0 ? state_.window.rays / state_.window.seconds : 0; }
+
+  void show_progress() {
+    const LossWindow& window = state_.window;
+    double left = static_cast<double>(steps_ - state_.step) * window.seconds / window.steps;
+    if (options_.max_seconds > 0) left = std::min(left, options_.max_seconds - state_.seconds);
+    progress_.show({state_.step, steps_, window.loss / window.steps, decibels(window.mse / window.steps), rays_per_second(), left});
+  }
+
+  TrainEnd end(TrainEnd how) {
+    if (state_.window.steps > 0) show_progress();
+    progress_.finish();
+    save_checkpoint(run_.paths.checkpoint(), state_);
+    return how;
+  }
+
+  Run& run_;
+  TrainState& state_;
+  const TrainOptions& options_;
+  kernels::Backend& backend_;
+  PixelSampler sampler_;
+  std::vector<std::int64_t> milestones_;
+  std::int64_t steps_ = 0, steps_per_epoch_ = 0;
+  RayBatch batch_;
+  StepBuffers buffers_;
+  Progress progress_;
+};
+
+}  // namespace
+
+TrainEnd train(Run* run, const std::vector<Image8>& images, kernels::Backend& backend, const std::atomic<bool>& stop) {
+  return Trainer(run, images, backend).run(stop);
+}
+
+TrainEnd train(Run* run, kernels::Backend& backend, const std::atomic<bool>& stop) {
+  std::vector<Image8> images;
+  {
+    ThreadPool pool(backend.threads());
+    images = load_views(run->scene, pool);
+  }
+  return train(run, images, backend, stop);
+}
+
+}  // namespace redrive
