@@ -5,9 +5,12 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
+#include <string>
 #include <string_view>
 #include <vector>
 
+#include "redrive/base/json_field.h"
 #include "redrive/recording/recording.h"
 
 namespace redrive::aimotive {
@@ -24,5 +27,11 @@ std::vector<CameraCalibration> parse_calibration(std::string_view text, const st
 
 /// Poses of an egomotion file, keyed by id without leading zeros; RT_ECEF_body or ECEF_RT_body; by id.
 std::vector<FramePose> parse_egomotion(std::string_view text, const std::filesystem::path& file);
+
+/// What POSES.json shares with the two files above. The cameras by name; none is no error here.
+std::vector<CameraCalibration> cameras_from_json(const JsonField& sensors, std::vector<std::string>* other_sensors);
+
+/// RT_ECEF_body or ECEF_RT_body of an entry, at most 1e7 m from the origin; nothing if it has neither.
+std::optional<Rigid3d> ecef_from_body_in(const JsonField& entry);
 
 }  // namespace redrive::aimotive

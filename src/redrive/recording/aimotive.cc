@@ -1,0 +1,196 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/recording/aimotive.h"
+
+#include <algorithm>
+#include <charconv>
+#include <cctype>
+#include <set>
+
+#include "redrive/base/error.h"
+#include "redrive/base/files.h"
+
+namespace redrive::aimotive {
+namespace {
+
+namespace fs = std::filesystem;
+
+// The forms that throw would turn a folder without permission into a bug of ours.
+bool is_there(const fs::path& path) {
+  std::error_code error;
+  return fs::exists(path, error);
+}
+bool is_folder(const fs::path& path) {
+  std::error_code error;
+  return fs::is_directory(path, error);
+}
+
+/// Entries of a folder by name, hidden ones left out; none if there is no such folder.
+std::vector<fs::path> list_folder(const fs::path& folder) {
+  std::vector<fs::path> entries;
+  std::error_code error;
+  if (!fs::exists(folder, error) && !error) return entries;
+  fs::directory_iterator it(folder, error);
+  for (const fs::directory_iterator end; !error && it != end; it.increment(error)) {
+    if (it->path().filename().string().front() != '.') entries.push_back(it->path());
+  }
+  if (error) throw InputError(folder, "", error.message(), "the folder cannot be listed");
+  std::sort(entries.begin(), entries.end());
+  return entries;
+}
+
+std::string lower_extension(const fs::path& path) {
+  std::string extension = path.extension().string();
+  for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  return extension;
+}
+
+int count_files(const fs::path& folder, const std::vector<std::string>& extensions) {
+  int count = 0;
+  for (const fs::path& path : list_folder(folder)) {
+    count += std::count(extensions.begin(), extensions.end(), lower_extension(path)) > 0;
+  }
+  return count;
+}
+
+/// "33643, 33644, 33645, ... (12 in all)"
+template <class T>
+std::string first_few(const std::vector<T>& items) {
+  constexpr std::size_t kShown = 5;
+  std::string list;
+  for (std::size_t i = 0; i < std::min(items.size(), kShown); ++i) {
+    if (i) list += ", ";
+    if constexpr (std::is_arithmetic_v<T>) {
+      list += std::to_string(items[i]);
+    } else {
+      list += items[i];
+    }
+  }
+  return items.size() <= kShown ? list : list + ", ... (" + std::to_string(items.size()) + " in all)";
+}
+
+std::string counted(std::size_t n, const std::string& noun) { return std::to_string(n) + " " + noun + (n == 1 ? "" : "s"); }
+
+/// The id of <CAM>_<id>.jpg|jpeg|png, or -1.
+std::int64_t frame_id_from_name(const fs::path& path, const std::string& camera) {
+  const std::string extension = lower_extension(path), stem = path.stem().string(), prefix = camera + "_";
+  if ((extension != ".jpg" && extension != ".jpeg" && extension != ".png") || !stem.starts_with(prefix)) return -1;
+  const char *const begin = stem.data() + prefix.size(), *const end = stem.data() + stem.size();
+  if (begin == end || !std::all_of(begin, end, [](unsigned char c) { return std::isdigit(c); })) return -1;
+  std::int64_t id = -1;
+  const auto [last, error] = std::from_chars(begin, end, id);
+  return error == std::errc() && last == end ? id : -1;
+}
+
+/// The camera's images of frames with a pose; what is dropped or missing goes into `findings`.
+std::vector<ImageFile> collect_images(const fs::path& folder, const std::string& camera,
+                                      const std::vector<FramePose>& frames, std::vector<Finding>* findings) {
+  std::vector<ImageFile> images;
+  std::vector<std::string> strangers;
+  for (const fs::path& path : list_folder(folder)) {
+    const std::int64_t id = frame_id_from_name(path, camera);
+    if (id < 0) {
+      strangers.push_back(path.filename().string());
+    } else {
+      images.push_back({id, path});
+    }
+  }
+  std::sort(images.begin(), images.end(), [](const auto& a, const auto& b) { return a.frame_id < b.frame_id; });
+  for (std::size_t i = 1; i < images.size(); ++i) {
+    if (images[i].frame_id == images[i - 1].frame_id) {
+      throw InputError(images[i].path, "frame id", std::to_string(images[i].frame_id),
+                       "a second image of this frame, beside " + images[i - 1].path.filename().string());
+    }
+  }
+  if (!strangers.empty()) {
+    findings->push_back({camera, counted(strangers.size(), "file") + " not named " + camera +
+                                     "_<id>.jpg, .jpeg or .png ignored: " + first_few(strangers)});
+  }
+  if (images.empty()) return images;
+
+  std::set<std::int64_t> posed, seen;
+  for (const FramePose& frame : frames) posed.insert(frame.id);
+  std::vector<std::int64_t> without_pose, without_image;
+  std::vector<ImageFile> kept;
+  for (ImageFile& image : images) {
+    seen.insert(image.frame_id);
+    if (posed.contains(image.frame_id)) {
+      kept.push_back(std::move(image));
+    } else {
+      without_pose.push_back(image.frame_id);
+    }
+  }
+  for (const FramePose& frame : frames) {
+    if (!seen.contains(frame.id)) without_image.push_back(frame.id);
+  }
+  if (!without_pose.empty()) {
+    findings->push_back({camera, counted(without_pose.size(), "image") + " dropped, the egomotion has no pose for frame " +
+                                     first_few(without_pose)});
+  }
+  if (!without_image.empty()) {
+    findings->push_back({camera, "no image for " + counted(without_image.size(), "frame") + " that " +
+                                     (without_image.size() == 1 ? "has" : "have") + " a pose: " + first_few(without_image)});
+  }
+  return kept;
+}
+
+fs::path egomotion_file(const fs::path& root) {
+  const fs::path folder = root / "sensor/gnssins";
+  for (const char* name : {"egomotion2.json", "egomotion.json"}) {
+    if (is_there(folder / name)) return folder / name;
+  }
+  throw InputError(folder / "egomotion2.json", "", "", "missing, and so is egomotion.json: there are no poses");
+}
+
+}  // namespace
+
+bool looks_like(const fs::path& root) {
+  return is_folder(root / "sensor/calibration") || is_folder(root / "sensor/camera") || is_folder(root / "sensor/gnssins");
+}
+
+Recording open(const fs::path& root) {
+  Recording recording;
+  recording.root = root;
+  const fs::path calibration_file = root / "sensor/calibration/calibration.json", image_root = root / "sensor/camera";
+  const std::vector<CameraCalibration> calibrations =
+      parse_calibration(read_file(calibration_file), calibration_file, &recording.other_sensors);
+  const fs::path poses_file = egomotion_file(root);
+  recording.frames = parse_egomotion(read_file(poses_file), poses_file);
+
+  std::set<std::string> calibrated;
+  for (const CameraCalibration& calibration : calibrations) {
+    calibrated.insert(calibration.name);
+    const fs::path folder = image_root / calibration.name;
+    std::vector<ImageFile> images = collect_images(folder, calibration.name, recording.frames, &recording.findings);
+    if (!images.empty()) {
+      recording.cameras.push_back({calibration, std::move(images)});
+    } else {
+      recording.findings.push_back({calibration.name, is_there(folder) ? "calibrated, but no image to use; left out"
+                                                                         : "calibrated, but there is no folder of its images; left out"});
+    }
+  }
+  for (const fs::path& folder : list_folder(image_root)) {
+    if (is_folder(folder) && !calibrated.contains(folder.filename().string())) {
+      recording.findings.push_back({folder.filename().string(), "images of a camera that calibration.json does not have; left out"});
+    }
+  }
+  if (recording.cameras.empty()) {
+    std::string why;
+    for (const Finding& finding : recording.findings) why += "; " + finding.subject + ": " + finding.what;
+    throw InputError(image_root, "", "", "empty recording: no image of a calibrated camera with a pose" + why);
+  }
+
+  recording.lidar_files = count_files(root / "dynamic/raw-revolutions", {".laz", ".las"});
+  recording.box_files = count_files(root / "dynamic/box/3d_body", {".json"});
+  for (const fs::path& folder : list_folder(root / "novel")) {
+    if (!is_folder(folder)) continue;
+    const std::string name = folder.filename().string();
+    if (is_there(folder / "poses.json")) {
+      recording.novel.push_back({name, folder / "poses.json"});
+    } else {
+      recording.findings.push_back({"novel/" + name, "no poses.json in it; left out"});
+    }
+  }
+  return recording;
+}
+
+}  // namespace redrive::aimotive

@@ -1,0 +1,160 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+
+#include "redrive/base/error.h"
+#include "redrive/base/files.h"
+#include "redrive/recording/aimotive.h"
+
+namespace redrive::aimotive {
+namespace {
+
+constexpr double kMaxImageSize_px = 65536;
+constexpr double kMaxFocalLength_px = 1e6;  // 65536 px across 4 degrees
+constexpr double kMaxDistortion = 1e6;      // beyond: r^6 terms leave the range of float at 45 degrees
+constexpr double kMaxXi = 10;               // Mei: 0 pinhole, 1 parabolic mirror, fisheyes 1..3
+constexpr double kMaxMount_m = 50;          // a sensor further from the body's origin was not given in metres
+constexpr double kMountTolerance_m = 0.01;  // pos_meter and RT agree to the digits they are written with
+
+bool usable_name(const std::string& name) {
+  const auto plain = [](unsigned char c) { return std::isalnum(c) || c == '_' || c == '-' || c == '.'; };
+  return !name.empty() && name.size() <= 128 && name[0] != '.' && std::all_of(name.begin(), name.end(), plain);
+}
+
+bool is_camera(const JsonField& sensor) {
+  if (sensor.has("sensor_type") && sensor.at("sensor_type").json().is_string()) {
+    return sensor.at("sensor_type").string() == "camera";
+  }
+  return sensor.has("model") && sensor.has("focal_length_px");
+}
+
+[[noreturn]] void refuse(const JsonField& field, const std::string& value, const std::string& rule) {
+  throw InputError(field.file(), field.field(), value, rule);
+}
+
+std::string text(const Eigen::Vector3d& v) {
+  char buffer[96];
+  std::snprintf(buffer, sizeof buffer, "(%.3f, %.3f, %.3f)", v.x(), v.y(), v.z());
+  return buffer;
+}
+
+int image_size_from_json(const JsonField& field) {
+  const double size = field.number();
+  if (size < 1 || size > kMaxImageSize_px || size != std::floor(size)) field.fail("expected whole pixels, 1 to 65536");
+  return static_cast<int>(size);
+}
+
+double focal_length_from_json(const JsonField& field) {
+  const double focal_length = field.number();
+  if (!(focal_length > 0 && focal_length <= kMaxFocalLength_px)) field.fail("expected a focal length in pixels, > 0 and <= 1e6");
+  return focal_length;
+}
+
+double principal_point_from_json(const JsonField& field, int size) {
+  const double c = field.number();
+  if (c < -size || c > 2.0 * size) {
+    field.fail("the principal point lies more than one image size (" + std::to_string(size) + " px) outside the image");
+  }
+  return c;
+}
+
+// Where the body stands in the camera instead of the reverse. The file itself often says: the inverse and the
+// mounting position are given, too. Where they are not, a camera is mounted with its y axis pointing down, within 60
+// degrees; if it does not and the y axis of the inverse does, the file holds the inverse.
+void check_direction(const JsonField& sensor, const Rigid3d& body_from_sensor) {
+  const JsonField field = sensor.at("RT_body_from_sensor");
+  const Rigid3d inverse = body_from_sensor.inverse();
+  bool position_decides = false;
+  if (sensor.has("pos_meter")) {
+    const std::vector<double> values = sensor.at("pos_meter").numbers(3);
+    const Eigen::Vector3d position(values[0], values[1], values[2]);
+    const auto agrees = [&](const Rigid3d& pose) { return (pose.translation() - position).norm() <= kMountTolerance_m; };
+    if (!agrees(body_from_sensor)) {
+      const std::string value = "translation " + text(body_from_sensor.translation());
+      if (agrees(inverse)) refuse(field, value, "inverted: not this, but its inverse places the camera at pos_meter " + text(position));
+      refuse(field, value, "disagrees with pos_meter " + text(position) + " by more than 0.01 m");
+    }
+    position_decides = !agrees(inverse);
+  }
+  if (sensor.has("RT_sensor_from_body")) {
+    const Rigid3d sensor_from_body = rigid_from_json(sensor.at("RT_sensor_from_body"));
+    const Rigid3d rest = sensor_from_body * body_from_sensor;
+    const double turn = (rest.linear() - Eigen::Matrix3d::Identity()).norm();
+    const double shift_m = rest.translation().norm();
+    if (turn > 2e-3 || shift_m > kMountTolerance_m) {
+      char value[96];
+      std::snprintf(value, sizeof value, "off by %.3g in rotation, %.3g m in position", turn, shift_m);
+      refuse(field, value, "disagrees with RT_sensor_from_body, which has to be its inverse (is one of them inverted?)");
+    }
+  }
+  const double y_down = -body_from_sensor.linear()(2, 1), y_down_of_inverse = -inverse.linear()(2, 1);
+  if (!position_decides && y_down < 0.5 && y_down_of_inverse >= 0.5) {
+    refuse(field, "y axis " + text(body_from_sensor.linear().col(1)) + " in body axes",
+           "inverted: the y axis of a camera points down (body z = -1), that of the inverse does");
+  }
+}
+
+CameraCalibration camera_from_json(const JsonField& sensor, const std::string& name) {
+  if (!usable_name(name)) sensor.fail("the name of a camera is made of letters, digits, '_', '-' and '.'");
+  CameraCalibration camera;
+  camera.name = name;
+  camera.model = sensor.at("model").string();
+  if (camera.model != "opencv_pinhole" && camera.model != "mei") {
+    sensor.at("model").fail("unknown camera model; known are opencv_pinhole and mei");
+  }
+  const JsonField resolution = sensor.at("image_resolution_px"), focal = sensor.at("focal_length_px"),
+                  center = sensor.at("principal_point_px"), distortion = sensor.at("distortion_coeffs");
+  resolution.numbers(2), focal.numbers(2), center.numbers(2);  // shapes, before the elements
+  camera.width = image_size_from_json(resolution.at(std::size_t{0}));
+  camera.height = image_size_from_json(resolution.at(std::size_t{1}));
+  camera.fx = focal_length_from_json(focal.at(std::size_t{0}));
+  camera.fy = focal_length_from_json(focal.at(std::size_t{1}));
+  camera.cx = principal_point_from_json(center.at(std::size_t{0}), camera.width);
+  camera.cy = principal_point_from_json(center.at(std::size_t{1}), camera.height);
+  const std::vector<double> coefficients = distortion.numbers(5);
+  for (std::size_t i = 0; i < 5; ++i) {
+    if (std::abs(coefficients[i]) > kMaxDistortion) distortion.at(i).fail("expected a coefficient between -1e6 and 1e6");
+    camera.distortion[i] = coefficients[i];
+  }
+  if (camera.model == "mei") {
+    camera.xi = sensor.at("xi").number();
+    if (camera.xi < 0 || camera.xi > kMaxXi) sensor.at("xi").fail("expected 0 <= xi <= 10");
+  }
+  camera.body_from_sensor = rigid_from_json(sensor.at("RT_body_from_sensor"));
+  if (camera.body_from_sensor.translation().norm() > kMaxMount_m) {
+    refuse(sensor.at("RT_body_from_sensor"), "translation " + text(camera.body_from_sensor.translation()),
+           "the camera is more than 50 m from the body's origin; metres are expected");
+  }
+  check_direction(sensor, camera.body_from_sensor);
+  return camera;
+}
+
+}  // namespace
+
+std::vector<CameraCalibration> cameras_from_json(const JsonField& sensors, std::vector<std::string>* other_sensors) {
+  std::vector<CameraCalibration> cameras;
+  for (const std::string& name : sensors.keys()) {
+    const JsonField sensor = sensors.at(name);
+    if (!sensor.json().is_object()) sensor.fail("expected an object for each sensor");
+    if (is_camera(sensor)) {
+      cameras.push_back(camera_from_json(sensor, name));
+    } else if (other_sensors) {
+      other_sensors->push_back(name);
+    }
+  }
+  std::sort(cameras.begin(), cameras.end(), [](const auto& a, const auto& b) { return a.name < b.name; });
+  return cameras;
+}
+
+std::vector<CameraCalibration> parse_calibration(std::string_view text, const std::filesystem::path& file,
+                                                 std::vector<std::string>* other_sensors) {
+  const nlohmann::json root = parse_json(text, file);
+  std::vector<CameraCalibration> cameras = cameras_from_json(JsonField(root, file), other_sensors);
+  if (cameras.empty()) {
+    throw InputError(file, "", "", "holds no camera: no entry with sensor_type \"camera\", or with model and focal_length_px");
+  }
+  return cameras;
+}
+
+}  // namespace redrive::aimotive

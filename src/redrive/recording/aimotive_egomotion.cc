@@ -1,0 +1,88 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <cstdio>
+
+#include "redrive/base/error.h"
+#include "redrive/base/files.h"
+#include "redrive/recording/aimotive.h"
+
+namespace redrive::aimotive {
+namespace {
+
+constexpr double kMaxRadius_m = 1e7;      // the Earth's surface is at 6.4e6
+constexpr double kMaxTime_s = 9e9;        // int64 nanoseconds end at 9.22e9 s
+constexpr double kMaxStep_m = 100;        // between consecutive poses; a car does 5 m at 10 Hz
+constexpr double kMaxSpeed_m_per_s = 150;
+
+std::int64_t frame_id_from_key(const JsonField& entry, const std::string& key) {
+  std::int64_t id = -1;
+  const auto [end, error] = std::from_chars(key.data(), key.data() + key.size(), id);
+  // One spelling per id, or "7" and "007" would be two poses of one frame.
+  if (error != std::errc() || end != key.data() + key.size() || id < 0 || std::to_string(id) != key) {
+    throw InputError(entry.file(), "key", "\"" + key + "\"", "expected a frame id: a whole number without leading zeros");
+  }
+  return id;
+}
+
+std::int64_t t_ns_from_json(const JsonField& entry) {
+  if (!entry.has("time_host") && !entry.has("time")) entry.fail("has neither time_host nor time (seconds)");
+  const JsonField time = entry.at(entry.has("time_host") ? "time_host" : "time");
+  const double t_s = time.number();
+  if (std::abs(t_s) > kMaxTime_s) time.fail("expected a time in seconds between -9e9 and 9e9");
+  return std::llround(t_s * 1e9);
+}
+
+void check_step(const FramePose& a, const FramePose& b, const std::filesystem::path& file) {
+  const std::string id = std::to_string(b.id), before = std::to_string(a.id);
+  const double dt_s = static_cast<double>(b.t_ns - a.t_ns) * 1e-9;
+  if (b.t_ns <= a.t_ns) {
+    char value[64];
+    std::snprintf(value, sizeof value, "%.9f s", static_cast<double>(b.t_ns) * 1e-9);
+    throw InputError(file, id + ".time", value, "times have to increase with the frame id, but this is not after frame " + before);
+  }
+  const double step_m = (b.ecef_from_body.translation() - a.ecef_from_body.translation()).norm();
+  if (step_m > kMaxStep_m || step_m > kMaxSpeed_m_per_s * dt_s) {
+    char value[96];
+    std::snprintf(value, sizeof value, "%.2f m away from frame %s, %.3f s later", step_m, before.c_str(), dt_s);
+    throw InputError(file, id + ".RT_ECEF_body", value, "no car moves so: at most 100 m from pose to pose and 150 m/s are accepted");
+  }
+}
+
+}  // namespace
+
+std::optional<Rigid3d> ecef_from_body_in(const JsonField& entry) {
+  const char* const key = entry.has("RT_ECEF_body") ? "RT_ECEF_body" : "ECEF_RT_body";
+  if (!entry.has(key)) return std::nullopt;
+  const JsonField field = entry.at(key);
+  const Rigid3d pose = rigid_from_json(field);
+  if (pose.translation().norm() > kMaxRadius_m) {
+    char value[64];
+    std::snprintf(value, sizeof value, "translation of %.6g m", pose.translation().norm());
+    throw InputError(field.file(), field.field(), value, "further than 1e7 m from the Earth's centre; metres are expected");
+  }
+  return pose;
+}
+
+std::vector<FramePose> parse_egomotion(std::string_view text, const std::filesystem::path& file) {
+  const nlohmann::json document = parse_json(text, file);
+  const JsonField root(document, file);
+  std::vector<FramePose> frames;
+  for (const std::string& key : root.keys()) {
+    const JsonField entry = root.at(key);
+    FramePose frame;
+    frame.id = frame_id_from_key(entry, key);
+    const std::optional<Rigid3d> pose = ecef_from_body_in(entry);
+    if (!pose) entry.fail("has neither RT_ECEF_body nor ECEF_RT_body");
+    frame.ecef_from_body = *pose;
+    frame.t_ns = t_ns_from_json(entry);
+    frames.push_back(frame);
+  }
+  if (frames.empty()) throw InputError(file, "", "", "holds no pose");
+  std::sort(frames.begin(), frames.end(), [](const auto& a, const auto& b) { return a.id < b.id; });
+  for (std::size_t i = 1; i < frames.size(); ++i) check_step(frames[i - 1], frames[i], file);
+  return frames;
+}
+
+}  // namespace redrive::aimotive

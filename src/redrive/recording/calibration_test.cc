@@ -1,0 +1,160 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/recording/aimotive.h"
+#include "redrive/recording/test_recording.h"
+
+namespace redrive {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using nlohmann::json;
+using testing::calibration;
+using testing::input_error;
+
+std::vector<CameraCalibration> parse(const json& document, std::vector<std::string>* others = nullptr) {
+  return aimotive::parse_calibration(document.dump(), "dir/calibration.json", others);
+}
+
+/// The message for a calibration whose F_CAM has `value` in `field` (a JSON pointer).
+std::string message_for(const std::string& field, const json& value) {
+  json document = calibration();
+  document["F_CAM"][json::json_pointer(field)] = value;
+  const std::string message = input_error([&] { parse(document); });
+  EXPECT_THAT(message, HasSubstr("dir/calibration.json")) << field;
+  return message;
+}
+
+TEST(Calibration, ReadsEveryField) {
+  std::vector<std::string> others;
+  const auto cameras = parse(calibration(), &others);
+  ASSERT_EQ(cameras.size(), 2u);
+  EXPECT_THAT(others, ElementsAre("Imu0", "M_LIDAR"));
+  const CameraCalibration& camera = cameras[0];
+  EXPECT_EQ(camera.name, "F_CAM");
+  EXPECT_EQ(camera.model, "opencv_pinhole");
+  EXPECT_EQ(camera.fx, 1171.5);
+  EXPECT_EQ(camera.fy, 1001.25);
+  EXPECT_EQ(camera.cx, 640);
+  EXPECT_EQ(camera.cy, 352.5);
+  EXPECT_THAT(camera.distortion, ElementsAre(-0.3, 0.08, 0.002, 0.0006, 0));
+  EXPECT_EQ(camera.xi, 0);
+  EXPECT_EQ(camera.width, 1280);
+  EXPECT_EQ(camera.height, 704);
+  // The camera's z axis is the body's x axis: a point 1 m ahead of the lens is 3 m ahead of the body's origin.
+  EXPECT_TRUE((camera.body_from_sensor * Eigen::Vector3d(0, 0, 1)).isApprox(Eigen::Vector3d(3, 0.5, 1.5), 1e-15));
+  EXPECT_EQ(cameras[1].model, "mei");
+  EXPECT_EQ(cameras[1].xi, 1.02);
+}
+
+TEST(Calibration, OptionalFields) {
+  json document = calibration();
+  for (const char* key : {"RT_sensor_from_body", "pos_meter", "sensor_type"}) document["F_CAM"].erase(key);
+  EXPECT_EQ(parse(document).size(), 2u) << "a model and a focal length make a camera";
+  document["F_CAM"]["sensor_type"] = "radar";
+  EXPECT_EQ(parse(document).size(), 1u);
+}
+
+TEST(Calibration, OtherSensorsAreNotChecked) {
+  json document = calibration();
+  document["M_LIDAR"]["RT_body_from_sensor"] = "nan";
+  EXPECT_EQ(parse(document).size(), 2u);
+}
+
+TEST(Calibration, Missing) {
+  for (const char* key : {"model", "RT_body_from_sensor", "focal_length_px", "principal_point_px", "distortion_coeffs",
+                          "image_resolution_px"}) {
+    json document = calibration();
+    document["F_CAM"].erase(key);
+    EXPECT_THAT(input_error([&] { parse(document); }),
+                AllOf(HasSubstr("dir/calibration.json"), HasSubstr("F_CAM." + std::string(key)), HasSubstr("missing")));
+  }
+  json document = calibration();
+  document["L_FISH"].erase("xi");
+  EXPECT_THAT(input_error([&] { parse(document); }), HasSubstr("L_FISH.xi"));
+  EXPECT_THAT(input_error([&] { parse(json::object()); }), HasSubstr("holds no camera"));
+}
+
+TEST(Calibration, NotJson) {
+  const auto message = [](const std::string& text) { return input_error([&] { aimotive::parse_calibration(text, "c.json", nullptr); }); };
+  EXPECT_THAT(message(""), HasSubstr("c.json"));
+  EXPECT_THAT(message("{\"F_CAM\": {\"focal_length_px\": [NaN, 1]}}"), AllOf(HasSubstr("c.json"), HasSubstr("line 1")));
+  EXPECT_THAT(message("{\"F_CAM\": {\"focal_length_px\": [1e999, 1]}}"), HasSubstr("c.json"));
+  EXPECT_THAT(message("[1, 2]"), HasSubstr("c.json"));
+  EXPECT_THAT(message("{\"F_CAM\": 7}"), AllOf(HasSubstr("F_CAM"), HasSubstr("7")));
+}
+
+TEST(Calibration, NotANumber) {
+  EXPECT_THAT(message_for("/focal_length_px/0", "nan"), AllOf(HasSubstr("F_CAM.focal_length_px[0]"), HasSubstr("\"nan\"")));
+  EXPECT_THAT(message_for("/focal_length_px/1", nullptr), AllOf(HasSubstr("F_CAM.focal_length_px[1]"), HasSubstr("null")));
+  EXPECT_THAT(message_for("/distortion_coeffs/4", "nan"), AllOf(HasSubstr("F_CAM.distortion_coeffs[4]"), HasSubstr("\"nan\"")));
+  EXPECT_THAT(message_for("/RT_body_from_sensor/1/2", "nan"), AllOf(HasSubstr("F_CAM.RT_body_from_sensor"), HasSubstr("\"nan\"")));
+  EXPECT_THAT(message_for("/distortion_coeffs/0", 1e300), AllOf(HasSubstr("F_CAM.distortion_coeffs[0]"), HasSubstr("1e+300")));
+}
+
+TEST(Calibration, WrongShape) {
+  EXPECT_THAT(message_for("/focal_length_px", {1171}), AllOf(HasSubstr("F_CAM.focal_length_px"), HasSubstr("[1171]")));
+  EXPECT_THAT(message_for("/distortion_coeffs", {0, 0, 0, 0}), AllOf(HasSubstr("F_CAM.distortion_coeffs"), HasSubstr("5")));
+  EXPECT_THAT(message_for("/RT_body_from_sensor", {{1, 0}, {0, 1}}), HasSubstr("F_CAM.RT_body_from_sensor"));
+  EXPECT_THAT(message_for("/RT_body_from_sensor/2", {0, -1, 0}), HasSubstr("F_CAM.RT_body_from_sensor[2]"));
+  EXPECT_THAT(message_for("/pos_meter", {1, 2}), HasSubstr("F_CAM.pos_meter"));
+}
+
+TEST(Calibration, OutOfRange) {
+  EXPECT_THAT(message_for("/model", "kannala_brandt"), AllOf(HasSubstr("F_CAM.model"), HasSubstr("kannala_brandt"), HasSubstr("mei")));
+  EXPECT_THAT(message_for("/focal_length_px/0", 0), AllOf(HasSubstr("F_CAM.focal_length_px[0]"), HasSubstr("= 0")));
+  EXPECT_THAT(message_for("/focal_length_px/1", -1001), AllOf(HasSubstr("F_CAM.focal_length_px[1]"), HasSubstr("-1001")));
+  EXPECT_THAT(message_for("/image_resolution_px/0", 0), AllOf(HasSubstr("F_CAM.image_resolution_px[0]"), HasSubstr("= 0")));
+  EXPECT_THAT(message_for("/image_resolution_px/1", 65537), HasSubstr("65537"));
+  EXPECT_THAT(message_for("/image_resolution_px/1", 704.5), HasSubstr("704.5"));
+  EXPECT_THAT(message_for("/principal_point_px/0", -1281), AllOf(HasSubstr("F_CAM.principal_point_px[0]"), HasSubstr("-1281")));
+  EXPECT_THAT(message_for("/principal_point_px/1", 1409), AllOf(HasSubstr("F_CAM.principal_point_px[1]"), HasSubstr("1409")));
+  for (const double xi : {-0.1, 10.5}) {
+    json document = calibration();
+    document["L_FISH"]["xi"] = xi;
+    EXPECT_THAT(input_error([&] { parse(document); }), HasSubstr("L_FISH.xi"));
+  }
+  json document = calibration();
+  document["../F_CAM"] = testing::front_camera();
+  EXPECT_THAT(input_error([&] { parse(document); }), HasSubstr("../F_CAM"));
+}
+
+TEST(Calibration, NotARotation) {
+  EXPECT_THAT(message_for("/RT_body_from_sensor/0/2", 1.1), AllOf(HasSubstr("F_CAM.RT_body_from_sensor"), HasSubstr("orthonormal")));
+  EXPECT_THAT(message_for("/RT_body_from_sensor/0/2", -1), AllOf(HasSubstr("F_CAM.RT_body_from_sensor"), HasSubstr("det = -1")));
+  EXPECT_THAT(message_for("/RT_body_from_sensor/3/3", 0.5), HasSubstr("F_CAM.RT_body_from_sensor"));
+  EXPECT_THAT(message_for("/RT_sensor_from_body/0/1", 1), HasSubstr("F_CAM.RT_sensor_from_body"));
+}
+
+TEST(Calibration, Inverted) {
+  const json camera = testing::front_camera();
+  const json inverse = camera["RT_sensor_from_body"];
+  // Recognised by pos_meter, by RT_sensor_from_body, by both having been exchanged, and by the axes alone.
+  EXPECT_THAT(message_for("/RT_body_from_sensor", inverse),
+              AllOf(HasSubstr("F_CAM.RT_body_from_sensor"), HasSubstr("inverted"), HasSubstr("(0.500, 1.500, -2.000)")));
+  json document = calibration();
+  document["F_CAM"]["RT_body_from_sensor"] = inverse;
+  document["F_CAM"].erase("pos_meter");
+  EXPECT_THAT(input_error([&] { parse(document); }), AllOf(HasSubstr("RT_sensor_from_body"), HasSubstr("inverted")));
+  document["F_CAM"]["RT_sensor_from_body"] = camera["RT_body_from_sensor"];
+  EXPECT_THAT(input_error([&] { parse(document); }), AllOf(HasSubstr("inverted"), HasSubstr("y axis")));
+  document["F_CAM"].erase("RT_sensor_from_body");
+  EXPECT_THAT(input_error([&] { parse(document); }), AllOf(HasSubstr("inverted"), HasSubstr("y axis")));
+}
+
+TEST(Calibration, ContradictoryExtrinsic) {
+  EXPECT_THAT(message_for("/RT_body_from_sensor/0/3", 2.1), AllOf(HasSubstr("disagrees with pos_meter"), HasSubstr("2.100")));
+  EXPECT_THAT(message_for("/RT_sensor_from_body/0/3", 0.6), AllOf(HasSubstr("disagrees with RT_sensor_from_body"), HasSubstr("0.1 m")));
+  EXPECT_THAT(message_for("/RT_body_from_sensor/0/3", 2000), HasSubstr("metres"));
+}
+
+// A camera on its side that looks right has the inverse's y axis pointing down; pos_meter vouches for it.
+TEST(Calibration, UnusualMountIsTakenWhenThePositionAgrees) {
+  json document = calibration();
+  document["F_CAM"]["RT_body_from_sensor"] = {{0, 1, 0, 2}, {0, 0, -1, 0.5}, {-1, 0, 0, 1.5}, {0, 0, 0, 1}};
+  document["F_CAM"].erase("RT_sensor_from_body");
+  EXPECT_EQ(parse(document).size(), 2u);
+}
+
+}  // namespace
+}  // namespace redrive

@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/recording/aimotive.h"
+#include "redrive/recording/test_recording.h"
+
+namespace redrive {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+using nlohmann::json;
+using testing::egomotion;
+using testing::input_error;
+using testing::pose_at;
+
+std::vector<FramePose> parse(const json& document) { return aimotive::parse_egomotion(document.dump(), "dir/egomotion2.json"); }
+
+std::string message_for(const std::string& field, const json& value) {
+  json document = egomotion();
+  document[json::json_pointer(field)] = value;
+  const std::string message = input_error([&] { parse(document); });
+  EXPECT_THAT(message, HasSubstr("dir/egomotion2.json")) << field;
+  return message;
+}
+
+TEST(Egomotion, ReadsPosesInTheOrderOfTheirIds) {
+  const auto frames = parse(egomotion());
+  ASSERT_EQ(frames.size(), 3u);
+  EXPECT_EQ(frames[0].id, 9);
+  EXPECT_EQ(frames[1].id, 10);
+  EXPECT_EQ(frames[2].id, 11);
+  EXPECT_EQ(frames[1].t_ns, 50100000000);
+  EXPECT_EQ(frames[2].ecef_from_body.translation(), Eigen::Vector3d(4e6 + 4, 1.4e6, 4.6e6));
+}
+
+TEST(Egomotion, BothSpellings) {
+  json document = egomotion();
+  document["10"]["ECEF_RT_body"] = document["10"]["RT_ECEF_body"];
+  document["10"].erase("RT_ECEF_body");
+  document["10"]["time"] = document["10"]["time_host"];
+  document["10"].erase("time_host");
+  const auto frames = parse(document);
+  EXPECT_EQ(frames[1].t_ns, 50100000000);
+  EXPECT_EQ(frames[1].ecef_from_body.translation().x(), 4e6 + 2);
+}
+
+TEST(Egomotion, HostTimeIsPreferred) {
+  json document = egomotion();
+  document["10"]["time"] = 7;
+  EXPECT_EQ(parse(document)[1].t_ns, 50100000000);
+}
+
+TEST(Egomotion, BadKeys) {
+  for (const char* key : {"frame_12", "0012", "+12", "-12", "12.0", "", "99999999999999999999"}) {
+    json document = egomotion();
+    document[key] = pose_at(6, 50.3);
+    EXPECT_THAT(input_error([&] { parse(document); }), AllOf(HasSubstr("\"" + std::string(key) + "\""), HasSubstr("frame id")));
+  }
+}
+
+TEST(Egomotion, MissingAndMalformed) {
+  for (const char* key : {"RT_ECEF_body", "time_host"}) {
+    json document = egomotion();
+    document["10"].erase(key);
+    EXPECT_THAT(input_error([&] { parse(document); }), AllOf(HasSubstr("egomotion2.json: 10 "), HasSubstr(key)));
+  }
+  EXPECT_THAT(input_error([] { parse(json::object()); }), HasSubstr("no pose"));
+  EXPECT_THAT(input_error([] { parse(json::array()); }), HasSubstr("egomotion2.json"));
+  EXPECT_THAT(input_error([] { aimotive::parse_egomotion("{\"9\": {", "e.json"); }), AllOf(HasSubstr("e.json"), HasSubstr("line 1")));
+  EXPECT_THAT(message_for("/10/RT_ECEF_body/0/3", "nan"), AllOf(HasSubstr("10.RT_ECEF_body"), HasSubstr("\"nan\"")));
+  EXPECT_THAT(message_for("/10/RT_ECEF_body", {1, 2, 3}), HasSubstr("10.RT_ECEF_body"));
+  EXPECT_THAT(message_for("/10/RT_ECEF_body/0/0", 1.2), AllOf(HasSubstr("10.RT_ECEF_body"), HasSubstr("orthonormal")));
+  EXPECT_THAT(message_for("/10/RT_ECEF_body/0/0", -1), AllOf(HasSubstr("10.RT_ECEF_body"), HasSubstr("det = -1")));
+  EXPECT_THAT(message_for("/10/RT_ECEF_body/0/3", 4e9), AllOf(HasSubstr("10.RT_ECEF_body"), HasSubstr("4e+09")));
+  EXPECT_THAT(message_for("/10/time_host", "noon"), AllOf(HasSubstr("10.time_host"), HasSubstr("noon")));
+  EXPECT_THAT(message_for("/10/time_host", 1.6e18), AllOf(HasSubstr("10.time_host"), HasSubstr("1.6e+18"), HasSubstr("seconds")));
+}
+
+TEST(Egomotion, TimesIncrease) {
+  EXPECT_THAT(message_for("/10/time_host", 50.0), AllOf(HasSubstr("10.time"), HasSubstr("50.000"), HasSubstr("frame 9")));
+  EXPECT_THAT(message_for("/11/time_host", 49.9), AllOf(HasSubstr("11.time"), HasSubstr("49.900"), HasSubstr("frame 10")));
+}
+
+TEST(Egomotion, Teleport) {
+  // 100 m in a long time are allowed, 101 m are not; 16 m in 0.1 s are 160 m/s.
+  json document = {{"1", pose_at(0, 0)}, {"2", pose_at(100, 10)}};
+  EXPECT_EQ(parse(document).size(), 2u);
+  document["2"] = pose_at(101, 10);
+  EXPECT_THAT(input_error([&] { parse(document); }), AllOf(HasSubstr("2.RT_ECEF_body"), HasSubstr("101.00 m"), HasSubstr("frame 1")));
+  document["2"] = pose_at(14, 0.1);
+  EXPECT_EQ(parse(document).size(), 2u);
+  document["2"] = pose_at(16, 0.1);
+  EXPECT_THAT(input_error([&] { parse(document); }), AllOf(HasSubstr("2.RT_ECEF_body"), HasSubstr("16.00 m")));
+}
+
+}  // namespace
+}  // namespace redrive

@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: Apache-2.0
+// The formats that recordings come in.
+#include "redrive/base/error.h"
+#include "redrive/recording/aimotive.h"
+#include "redrive/recording/recording.h"
+
+namespace redrive {
+namespace {
+
+struct Format {
+  const char* name;
+  const char* looks_for;  ///< what the error for an unknown folder lists
+  bool (*looks_like)(const std::filesystem::path& root);
+  Recording (*open)(const std::filesystem::path& root);
+};
+
+// To add one: its parser in a file of its own, and a line here.
+constexpr Format kFormats[] = {
+    {"aimotive", "sensor/calibration, sensor/camera or sensor/gnssins", aimotive::looks_like, aimotive::open},
+};
+
+}  // namespace
+
+const RecordedCamera* Recording::find_camera(const std::string& name) const {
+  for (const RecordedCamera& camera : cameras) {
+    if (camera.calibration.name == name) return &camera;
+  }
+  return nullptr;
+}
+
+Recording open_recording(const std::filesystem::path& root) {
+  std::error_code error;
+  if (!std::filesystem::exists(root, error)) throw InputError(root, "", "", "no such folder");
+  if (!std::filesystem::is_directory(root, error)) throw InputError(root, "", "", "a recording is a folder, this is none");
+  std::string sought;
+  for (const Format& format : kFormats) {
+    if (format.looks_like(root)) {
+      Recording recording = format.open(root);
+      recording.format = format.name;
+      return recording;
+    }
+    sought += (sought.empty() ? "" : "; ") + std::string(format.name) + ": " + format.looks_for;
+  }
+  throw InputError(root, "", "", "not a recording of a known format; looked for " + sought);
+}
+
+}  // namespace redrive

@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a trajectory amounts to: how far, how fast, how often.
+#pragma once
+
+#include <vector>
+
+#include "redrive/recording/recording.h"
+
+namespace redrive {
+
+struct DriveSummary {
+  double duration_s = 0;          ///< last minus first time
+  double rate_hz = 0;             ///< 1 / median interval; 0 with fewer than two frames
+  double driven_m = 0;            ///< sum of the distances between consecutive poses
+  double mean_speed_m_per_s = 0;  ///< driven_m / duration_s
+  double max_speed_m_per_s = 0;   ///< largest distance / interval of two consecutive poses
+  std::vector<Finding> findings;  ///< gaps in the ids and in time
+};
+
+/// `frames` by id with increasing times, as a Recording holds them. All zero with fewer than two.
+DriveSummary summarize_drive(const std::vector<FramePose>& frames);
+
+}  // namespace redrive
