@@ -23,8 +23,9 @@ inline void stratified_ray(int n, float near_m, float far_m, bool jitter, std::u
 
 /// Draws `extra` t from the piecewise-constant density over the intervals between the midpoints of coarse t, interval i
 /// (1 <= i <= n-2) having mass weights[i] + 1e-5 (the paper's code), and merges them with the coarse t into
-/// t[0 .. n + extra), ascending; dt as above. u_k = (k + r) / extra with r = random_unit or 1/2: stratified, so the
-/// inverse walks forward once. n >= 3.
+/// t[0 .. n + extra), ascending; dt as above. t must not overlap coarse_t. u_k = (k + r) / extra with r = random_unit or 1/2: stratified, so the
+/// inverse walks forward once; in double, as sums of small masses lose digits in float. n >= 3. Non-finite weights give
+/// non-finite t.
 void hierarchical_ray(const float* coarse_t, const float* weights, int n, int extra, bool jitter, std::uint64_t key,
                       std::uint64_t first_index, float* t, float* dt);
 

@@ -7,6 +7,9 @@
 #pragma once
 
 #include <cmath>
+#include <cstddef>
+
+#include "redrive/field/activation.h"
 
 namespace redrive {
 
@@ -16,17 +19,24 @@ struct RayComposite {
   T rgb[3]{}, depth{}, opacity{};
 };
 
+/// What an interval takes and what it lets through; each to its own relative precision (1 - alpha would lose the digits of
+/// a dense interval, 1 - transparency those of a thin one).
 template <class T>
-T composite_alpha(T sigma, float dt) {
-  using std::exp;
-  if (std::isinf(dt)) return sigma > T(0) ? T(1) : T(0);
-  return T(1) - exp(-sigma * T(dt));
-}
+struct Absorption {
+  T alpha, transparency;
+};
 
 template <class T>
-T sigmoid(T x) {
+Absorption<T> absorption(T raw_density, float dt) {
   using std::exp;
-  return T(1) / (T(1) + exp(-x));
+  using std::expm1;
+  const T sigma = relu(raw_density);
+  if (std::isinf(dt)) {
+    if (sigma <= T(0)) return {T(0), T(1)};
+    return {T(1) + T(0) * sigma, T(0)};  // 1 with derivative 0; NaN stays NaN
+  }
+  const T depth = sigma * T(dt);
+  return {-expm1(-depth), exp(-depth)};
 }
 
 /// `weights` may be null; else [n].
@@ -35,14 +45,13 @@ RayComposite<T> composite_ray(const T* raw, std::size_t stride, const float* t, 
   RayComposite<T> out;
   T transmittance(1);
   for (int i = 0; i < n; ++i) {
-    const T density = raw[3 * stride + i];
-    const T alpha = composite_alpha(density > T(0) ? density : T(0), dt[i]);
-    const T w = transmittance * alpha;
+    const Absorption<T> interval = absorption(raw[3 * stride + i], dt[i]);
+    const T w = transmittance * interval.alpha;
     for (int k = 0; k < 3; ++k) out.rgb[k] += w * sigmoid(raw[k * stride + i]);
     out.depth += w * T(t[i]);
     out.opacity += w;
     if (weights) weights[i] = w;
-    transmittance = transmittance * (T(1) - alpha);
+    transmittance = transmittance * interval.transparency;
   }
   return out;
 }
@@ -52,18 +61,16 @@ RayComposite<T> composite_ray(const T* raw, std::size_t stride, const float* t, 
 ///   d sigma_i = dt_i (T_{i+1} c_i - R_i) . d_rgb,   d raw_rgb = w_i c_i (1 - c_i) d_rgb.
 template <class T>
 void composite_ray_adjoint(const T* raw, std::size_t stride, const float* dt, int n, const T d_rgb[3], T* d_raw) {
-  // Forward once more for T and w; kept in d_raw's density channel (T_{i+1}) until it is overwritten.
+  // Forward once more for T_i; kept in d_raw's density channel until it is overwritten.
   T transmittance(1);
   for (int i = 0; i < n; ++i) {
-    const T density = raw[3 * stride + i];
-    transmittance = transmittance * (T(1) - composite_alpha(density > T(0) ? density : T(0), dt[i]));
     d_raw[3 * stride + i] = transmittance;
+    transmittance = transmittance * absorption(raw[3 * stride + i], dt[i]).transparency;
   }
   T behind[3]{};
   for (int i = n - 1; i >= 0; --i) {
-    const T after = d_raw[3 * stride + i];
-    const T before = i > 0 ? d_raw[3 * stride + i - 1] : T(1);
-    const T w = before - after;
+    const Absorption<T> interval = absorption(raw[3 * stride + i], dt[i]);
+    const T w = d_raw[3 * stride + i] * interval.alpha, after = d_raw[3 * stride + i] * interval.transparency;
     T d_sigma(0);
     for (int k = 0; k < 3; ++k) {
       const T c = sigmoid(raw[k * stride + i]);
@@ -71,8 +78,8 @@ void composite_ray_adjoint(const T* raw, std::size_t stride, const float* dt, in
       d_raw[k * stride + i] = w * c * (T(1) - c) * d_rgb[k];
       behind[k] += w * c;
     }
-    const bool active = raw[3 * stride + i] > T(0) && !std::isinf(dt[i]);
-    d_raw[3 * stride + i] = active ? d_sigma * T(dt[i]) : T(0);
+    const bool flat = raw[3 * stride + i] <= T(0) || std::isinf(dt[i]);
+    d_raw[3 * stride + i] = flat ? T(0) : d_sigma * T(dt[i]);
   }
 }
 

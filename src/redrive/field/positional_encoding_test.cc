@@ -1,0 +1,76 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/field/positional_encoding.h"
+
+#include <numbers>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "redrive/field/nerf_field.h"
+#include "redrive/math/dual.h"
+
+namespace redrive {
+namespace {
+
+constexpr double kPi = std::numbers::pi;
+// sin and cos of an angle a rounded once: |error| <= |a| 2^-53, and a <= 2^9 pi here.
+constexpr double kAngleError = 512 * kPi * 0x1p-52;
+
+int sine(int coordinate, int octave, int octaves) { return 3 + 2 * (coordinate * octaves + octave); }
+
+TEST(PositionalEncoding, HandComputedValues) {
+  const double p[3] = {0.5, -1.0 / 3, 0};
+  std::vector<double> e(encoded_size(2));
+  positional_encoding(p, 2, e.data());
+  const double root = std::sqrt(3.0) / 2;
+  const std::vector<double> expected = {0.5, -1.0 / 3, 0,      // x y z
+                                        1, 0, 0, -1,           // x: sin cos of pi/2, pi
+                                        -root, 0.5, -root, -0.5,  // y: of -pi/3, -2pi/3
+                                        0, 1, 0, 1};           // z
+  ASSERT_EQ(e.size(), expected.size());
+  for (std::size_t i = 0; i < e.size(); ++i) EXPECT_NEAR(e[i], expected[i], 1e-15) << i;
+}
+
+TEST(PositionalEncoding, OctavesDoubleTheAngle) {
+  constexpr int kOctaves = 10;
+  for (double x = -1; x <= 1; x += 0.0371) {
+    const double p[3] = {x, 0.3 * x, -x};
+    std::vector<double> e(encoded_size(kOctaves));
+    positional_encoding(p, kOctaves, e.data());
+    for (int d = 0; d < 3; ++d)
+      for (int l = 0; l < kOctaves; ++l) {
+        const double s = e[sine(d, l, kOctaves)], c = e[sine(d, l, kOctaves) + 1];
+        EXPECT_NEAR(s * s + c * c, 1, 4 * 0x1p-53);
+        if (l + 1 == kOctaves) continue;
+        EXPECT_NEAR(e[sine(d, l + 1, kOctaves)], 2 * s * c, 4 * kAngleError);
+        EXPECT_NEAR(e[sine(d, l + 1, kOctaves) + 1], c * c - s * s, 4 * kAngleError);
+      }
+  }
+}
+
+TEST(PositionalEncoding, HasPeriodTwo) {
+  const double p[3] = {0.125, -0.375, 0.75}, shifted[3] = {2.125, 1.625, -1.25};
+  std::vector<double> a(encoded_size(10)), b(a.size());
+  positional_encoding(p, 10, a.data());
+  positional_encoding(shifted, 10, b.data());
+  for (std::size_t i = 3; i < a.size(); ++i) EXPECT_NEAR(a[i], b[i], 4 * kAngleError);
+}
+
+TEST(PositionalEncoding, DerivativeIsTheOtherHalfTimesTheFrequency) {
+  using D = Dual<double, 3>;
+  constexpr int kOctaves = 4;
+  const D p[3] = {D::variable(0.21, 0), D::variable(-0.83, 1), D::variable(0.5, 2)};
+  std::vector<D> e(encoded_size(kOctaves));
+  positional_encoding(p, kOctaves, e.data());
+  for (int d = 0; d < 3; ++d)
+    for (int l = 0; l < kOctaves; ++l)
+      for (int i = 0; i < 3; ++i) {
+        const D s = e[sine(d, l, kOctaves)], c = e[sine(d, l, kOctaves) + 1];
+        const double frequency = i == d ? kPi * (1 << l) : 0;
+        EXPECT_NEAR(s.d[i], frequency * c.value, 1e-13);
+        EXPECT_NEAR(c.d[i], -frequency * s.value, 1e-13);
+      }
+}
+
+}  // namespace
+}  // namespace redrive

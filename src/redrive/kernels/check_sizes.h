@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: Apache-2.0
+// The size checks that every backend makes at the head of its stages (kernels.h says the shapes).
+#pragma once
+
+#include "redrive/base/error.h"
+#include "redrive/kernels/kernels.h"
+
+namespace redrive::kernels {
+
+inline std::size_t sample_count(int n_rays, const Samples& samples) {
+  return static_cast<std::size_t>(n_rays) * static_cast<std::size_t>(samples.per_ray);
+}
+
+inline void check_samples(int n_rays, const Samples& samples) {
+  REDRIVE_CHECK_OP(n_rays, >=, 1);
+  REDRIVE_CHECK_OP(samples.per_ray, >=, 1);
+  REDRIVE_CHECK_OP(samples.t.size(), ==, sample_count(n_rays, samples));
+  REDRIVE_CHECK_OP(samples.dt.size(), ==, sample_count(n_rays, samples));
+}
+
+inline void check_field(const NerfField& field, const Rays& rays, const Samples& samples) {
+  check_samples(rays.n, samples);
+  REDRIVE_CHECK_OP(rays.origin.size(), ==, 3 * static_cast<std::size_t>(rays.n));
+  REDRIVE_CHECK_OP(rays.direction.size(), ==, 3 * static_cast<std::size_t>(rays.n));
+  REDRIVE_CHECK_OP(field.parameters.size(), ==, nerf_parameter_count(field.config));
+}
+
+inline void check_raw(int n_rays, const Samples& samples, std::size_t raw_size) {
+  REDRIVE_CHECK_OP(raw_size, ==, 4 * sample_count(n_rays, samples));
+}
+
+inline void check_composite(int n_rays, const Samples& samples, const CompositeOut& out) {
+  REDRIVE_CHECK_OP(out.rgb.size(), ==, 3 * static_cast<std::size_t>(n_rays));
+  REDRIVE_CHECK_OP(out.depth.size(), ==, static_cast<std::size_t>(n_rays));
+  REDRIVE_CHECK_OP(out.opacity.size(), ==, static_cast<std::size_t>(n_rays));
+  if (!out.weights.empty()) REDRIVE_CHECK_OP(out.weights.size(), ==, sample_count(n_rays, samples));
+}
+
+inline void check_stratified(int n_rays, const StratifiedSampling& how, std::size_t t_size, std::size_t dt_size) {
+  REDRIVE_CHECK_OP(n_rays, >=, 1);
+  REDRIVE_CHECK_OP(how.per_ray, >=, 1);
+  REDRIVE_CHECK_OP(how.near_m, <, how.far_m);
+  REDRIVE_CHECK_OP(t_size, ==, static_cast<std::size_t>(n_rays) * how.per_ray);
+  REDRIVE_CHECK_OP(dt_size, ==, t_size);
+}
+
+/// Returns the number of rays.
+inline int check_hierarchical(const Samples& coarse, std::size_t weights_size, int extra, std::size_t t_size,
+                              std::size_t dt_size) {
+  REDRIVE_CHECK_OP(coarse.per_ray, >=, 3);
+  REDRIVE_CHECK_OP(extra, >=, 1);
+  const int n_rays = static_cast<int>(coarse.t.size() / coarse.per_ray);
+  check_samples(n_rays, coarse);
+  REDRIVE_CHECK_OP(weights_size, ==, coarse.t.size());
+  REDRIVE_CHECK_OP(t_size, ==, static_cast<std::size_t>(n_rays) * (coarse.per_ray + extra));
+  REDRIVE_CHECK_OP(dt_size, ==, t_size);
+  return n_rays;
+}
+
+/// Returns the number of rays.
+inline int check_photometric(std::size_t rgb_size, std::size_t target_size, std::size_t d_rgb_size) {
+  REDRIVE_CHECK_OP(rgb_size % 3, ==, 0u);
+  REDRIVE_CHECK_OP(rgb_size, >, 0u);
+  REDRIVE_CHECK_OP(target_size, ==, rgb_size);
+  REDRIVE_CHECK_OP(d_rgb_size, ==, rgb_size);
+  return static_cast<int>(rgb_size / 3);
+}
+
+inline void check_adam(std::size_t gradients, std::size_t parameters, std::size_t first_moment, std::size_t second_moment) {
+  REDRIVE_CHECK_OP(gradients, ==, parameters);
+  REDRIVE_CHECK_OP(first_moment, ==, parameters);
+  REDRIVE_CHECK_OP(second_moment, ==, parameters);
+}
+
+}  // namespace redrive::kernels

@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/loss/photometric.h"
+
+#include <gtest/gtest.h>
+
+#include "redrive/math/dual.h"
+
+namespace redrive {
+namespace {
+
+TEST(Photometric, IsTheMeanSquaredErrorOfTheBatch) {
+  // Two rays: errors 1, 0, 0, 0.5, -0.5, 0: (1 + 0.25 + 0.25) / 6 = 0.25, exact in binary up to the sixth.
+  const double rendered[6] = {1, 0.25, 0.5, 1, 0, 0.75}, target[6] = {0, 0.25, 0.5, 0.5, 0.5, 0.75};
+  double loss = 0;
+  for (int i = 0; i < 6; ++i) loss += photometric_term(rendered[i], target[i], 2).value;
+  EXPECT_DOUBLE_EQ(loss, 0.25);
+}
+
+TEST(Photometric, DerivativeAgreesWithDualNumbers) {
+  using D = Dual<double, 1>;
+  for (const double rendered : {-0.2, 0.0, 0.4, 1.0})
+    for (const double target : {0.0, 0.4, 1.0}) {
+      const auto term = photometric_term(D::variable(rendered, 0), D(target), 7);
+      EXPECT_NEAR(term.derivative.value, term.value.d[0], 4 * 0x1p-53);
+    }
+}
+
+}  // namespace
+}  // namespace redrive
