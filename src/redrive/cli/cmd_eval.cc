@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: Apache-2.0
+// redrive eval: PSNR and SSIM of a run.
+#include <cstdio>
+#include <memory>
+#include <string>
+
+#include <nlohmann/json.hpp>
+#include <unistd.h>
+
+#include "redrive/base/error.h"
+#include "redrive/cli/backend_options.h"
+#include "redrive/cli/command.h"
+#include "redrive/eval/evaluate.h"
+
+namespace redrive {
+namespace {
+
+struct EvalCommandOptions {
+  std::string run;
+  bool json = false;
+  EvalOptions eval;
+  kernels::BackendChoice backend;
+};
+
+void print_row(const std::string& name, const Score& score) {
+  std::printf("%-28s %6d %8.2f %8.4f\n", name.c_str(), score.images, score.psnr_db, score.ssim);
+}
+
+void print_table(const Evaluation& evaluation) {
+  std::printf("%s\n", evaluation.held_out ? "held-out frames" : "training frames (no frame was held out)");
+  std::printf("%-28s %6s %8s %8s\n", "camera", "images", "PSNR dB", "SSIM");
+  for (const auto& [name, score] : evaluation.cameras) print_row(name, score);
+  print_row("all", evaluation.overall);
+  if (evaluation.novel.empty()) return;
+  std::printf("novel views with truth\n");
+  for (const auto& [name, score] : evaluation.novel) print_row(name, score);
+}
+
+int run_eval(EvalCommandOptions options) {
+  const Run run = open_run(options.run);
+  const auto backend = make_checked_backend(options.backend);
+  if (!options.json) std::printf("%s\n", kernels::describe(*backend).c_str());
+  if (isatty(STDERR_FILENO))
+    options.eval.progress = [](int done, int total) { std::fprintf(stderr, "\r%d/%d images%s", done, total, done == total ? "\n" : ""); };
+  const Evaluation evaluation = evaluate(run, *backend, options.eval);
+  if (options.json)
+    std::printf("%s\n", evaluation_to_json(evaluation).dump(2).c_str());
+  else
+    print_table(evaluation);
+  return kExitOk;
+}
+
+}  // namespace
+
+Action configure_eval(CLI::App& command) {
+  auto options = std::make_shared<EvalCommandOptions>();
+  command.add_option("run", options->run, "run folder")->required();
+  command.add_flag("--json", options->json, "JSON on standard output instead of the table");
+  auto* limit = command.add_option("--max-images", options->eval.max_images,
+      "at most so many images per camera and per novel set, evenly spaced (default: every held-out image; " +
+      std::to_string(kTrainingImagesPerCamera) + " training images per camera where none is held out)")
+      ->check(CLI::Range(1, 1000000));
+  command.add_flag("--all", options->eval.all, "every image, also of the training frames where none is held out")->excludes(limit);
+  add_backend_options(command, &options->backend);
+  return [options] { return run_eval(*options); };
+}
+
+}  // namespace redrive

@@ -1,0 +1,164 @@
+// SPDX-License-Identifier: Apache-2.0
+// redrive render: one picture of a frame's camera, shifted; or all pictures of a POSES.json.
+#include <charconv>
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <string>
+
+#include "redrive/base/error.h"
+#include "redrive/cli/backend_options.h"
+#include "redrive/cli/command.h"
+#include "redrive/render/renderer.h"
+#include "redrive/render/view_pose.h"
+#include "redrive/train/run.h"
+
+namespace redrive {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct RenderOptions {
+  std::string run, camera, frame, translate = "0,0,0", axes = "body", out, depth, poses;
+  bool relative = false, force = false;
+  kernels::BackendChoice backend;
+};
+
+/// Frame ids are decimal, with or without leading zeros.
+std::int64_t parse_frame(const std::string& text) {
+  std::int64_t id = -1;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), id);
+  if (error != std::errc{} || end != text.data() + text.size() || id < 0)
+    throw UsageError("--frame", text, "must be a frame id, a whole number from 0");
+  return id;
+}
+
+Eigen::Vector3d parse_translation(const std::string& text) {
+  const char* rule = "must be three finite numbers X,Y,Z in metres, e.g. 0.5,0,0";
+  Eigen::Vector3d shift_m;
+  const char *at = text.data(), *end = text.data() + text.size();
+  for (int i = 0; i < 3; ++i) {
+    const auto [next, error] = std::from_chars(at, end, shift_m[i]);
+    const bool comma = next != end && *next == ',';
+    if (error != std::errc{} || !std::isfinite(shift_m[i]) || (i < 2 ? !comma : next != end))
+      throw UsageError("--translate", text, rule);
+    at = next + (i < 2);
+  }
+  return shift_m;
+}
+
+/// Before anything is rendered: the name says an image format, its folder is there, and nothing is overwritten.
+void check_output(const char* option, const fs::path& file, bool force, bool jpeg_too) {
+  const std::string extension = file.extension().string();
+  if (extension != ".png" && !(jpeg_too && (extension == ".jpg" || extension == ".jpeg")))
+    throw UsageError(option, file.string(), jpeg_too ? "must end in .png or .jpg" : "must end in .png");
+  if (const fs::path folder = file.parent_path(); !folder.empty() && !fs::is_directory(folder))
+    throw UsageError(option, file.string(), "its folder does not exist");
+  if (fs::exists(file) && !force) throw UsageError(option, file.string(), "exists already; --force overwrites it");
+}
+
+const RigCamera& find_camera(const Scene& scene, const std::string& name) {
+  const int index = scene.camera_index(name);
+  if (index >= 0) return scene.rig[index];
+  std::string known;
+  for (const RigCamera& camera : scene.rig) known += (known.empty() ? "" : ", ") + camera.name;
+  throw UsageError("--camera", name, "the run has no such camera; it has: " + known);
+}
+
+int render_one(const RenderOptions& options) {
+  const std::int64_t frame = parse_frame(options.frame);
+  const Eigen::Vector3d shift_m = parse_translation(options.translate);
+  check_output("--out", options.out, options.force, true);
+  if (!options.depth.empty()) check_output("--depth", options.depth, options.force, false);
+  if (options.depth == options.out) throw UsageError("--depth", options.depth, "must differ from --out");
+
+  const Run run = open_run(options.run);
+  const RigCamera& camera = find_camera(run.scene, options.camera);
+  const auto pose = world_from_body(run.recording, run.scene, frame);
+  if (!pose)
+    throw UsageError("--frame", options.frame, "the recording has no such frame with a pose; it has ids from " +
+                     std::to_string(run.recording.frames.front().id) + " to " + std::to_string(run.recording.frames.back().id));
+  const Rigid3d world_from_camera = shifted_camera(run.scene.ecef_from_world, *pose, camera.body_from_sensor,
+                                                   *shift_axes_from_name(options.axes), shift_m);
+  const auto backend = make_checked_backend(options.backend);
+  std::printf("%s\n", kernels::describe(*backend).c_str());
+  const RenderedImage image = render_image(*backend, run.state.model, camera.camera, world_from_camera);
+  write_image(options.out, to_image8(image));
+  std::printf("%s: %d x %d\n", options.out.c_str(), image.width, image.height);
+  if (!options.depth.empty()) {
+    write_png16(options.depth, image.width, image.height, depth_mm(image));
+    std::printf("%s: depth along the ray in mm, 16 bit\n", options.depth.c_str());
+  }
+  return kExitOk;
+}
+
+int render_poses(const RenderOptions& options) {
+  const PosesFile poses = read_poses(options.poses);
+  const fs::path out = options.out;
+  if (fs::exists(out) && !fs::is_directory(out)) throw UsageError("--out", options.out, "is a file; --poses writes into a folder");
+  for (const RequestedView& view : poses.views)
+    if (fs::exists(out / view.file) && !options.force)
+      throw UsageError("--out", (out / view.file).string(), "exists already; --force overwrites it");
+
+  const Run run = open_run(options.run);
+  // A file's own cameras are rendered at their full size; the run's as they were trained on.
+  const std::vector<RigCamera> own = poses_rig(poses, run.scene, /*like_run=*/false);
+  const std::vector<RigCamera>& rig = own.empty() ? run.scene.rig : own;
+  std::vector<Rigid3d> world_from_camera;
+  std::vector<const RigCamera*> cameras;
+  for (std::size_t i = 0; i < poses.views.size(); ++i) {  // all of them, before the first is rendered
+    cameras.push_back(&requested_camera(poses, i, options.poses, rig));
+    world_from_camera.push_back(requested_world_from_body(poses, i, options.poses, run.recording, run.scene, options.relative) *
+                                cameras.back()->body_from_sensor);
+  }
+
+  const auto backend = make_checked_backend(options.backend);
+  std::printf("%s\n", kernels::describe(*backend).c_str());
+  for (std::size_t i = 0; i < poses.views.size(); ++i) {
+    const fs::path file = out / poses.views[i].file;
+    const RenderedImage image = render_image(*backend, run.state.model, cameras[i]->camera, world_from_camera[i]);
+    std::error_code error;
+    fs::create_directories(file.parent_path(), error);
+    if (error) throw IoError(file.parent_path(), error.message());
+    write_image(file, to_image8(image));
+    std::printf("%zu/%zu %s: %d x %d\n", i + 1, poses.views.size(), file.c_str(), image.width, image.height);
+    std::fflush(stdout);
+  }
+  return kExitOk;
+}
+
+int render(const RenderOptions& options) {
+  if (!options.poses.empty()) return render_poses(options);
+  if (options.camera.empty() || options.frame.empty())
+    throw UsageError("render", "", "needs --camera and --frame, or --poses");
+  return render_one(options);
+}
+
+}  // namespace
+
+Action configure_render(CLI::App& command) {
+  auto options = std::make_shared<RenderOptions>();
+  command.add_option("run", options->run, "run folder")->required();
+  CLI::Option* poses = command.add_option("--poses", options->poses,
+      "POSES.json: every view of it, each under its own file name in the folder --out. RT_ECEF_body places the body "
+      "absolutely, shift_body_m moves the recording's pose of frame_id in body axes");
+  command.add_flag("--relative", options->relative, "with --poses: where a view has both, use shift_body_m")->needs(poses);
+  for (CLI::Option* option : {
+           command.add_option("--camera", options->camera, "camera of the run"),
+           command.add_option("--frame", options->frame, "frame id of the recording; its pose is where the car stands"),
+           command.add_option("--translate", options->translate, "moves the camera by X,Y,Z metres along --axes")
+               ->capture_default_str(),
+           command.add_option("--axes", options->axes,
+               "what --translate is measured along: body (x forward, y left, z up, of the car), camera (x right, y down, "
+               "z forward, of the camera) or local (level at the car's place: z straight up, x the heading's horizontal "
+               "part, y left)")->check(CLI::IsMember({"body", "camera", "local"}))->capture_default_str(),
+           command.add_option("--depth", options->depth, "also writes depth along the ray in mm as a 16-bit PNG")})
+    option->excludes(poses);
+  command.add_option("--out", options->out, "image to write, .png or .jpg; with --poses the folder")->required();
+  command.add_flag("--force", options->force, "overwrite images that exist");
+  add_backend_options(command, &options->backend);
+  return [options] { return render(*options); };
+}
+
+}  // namespace redrive

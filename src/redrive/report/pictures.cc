@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/report/pictures.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+
+#include <opencv2/imgproc.hpp>
+
+#include "redrive/base/error.h"
+#include "redrive/base/rng.h"
+#include "redrive/render/view_pose.h"
+
+namespace redrive {
+namespace {
+
+std::string scored(const std::string& what, const RenderedImage& rendered, const Image8& truth) {
+  char text[64];
+  const Score score = score_image(rendered, truth);
+  std::snprintf(text, sizeof text, " (PSNR %.1f dB, SSIM %.3f)", score.psnr_db, score.ssim);
+  return what + text;
+}
+
+std::string metres(double value) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%g m", value);
+  return text;
+}
+
+}  // namespace
+
+const View& figure_view(const Run& run, int camera) {
+  std::vector<const View*> views;
+  for (const View& view : run.scene.views)
+    if (view.camera == camera && !view.held_out) views.push_back(&view);
+  if (views.empty())  // a camera of a single, held-out frame
+    for (const View& view : run.scene.views)
+      if (view.camera == camera) views.push_back(&view);
+  REDRIVE_CHECK(!views.empty());
+  return *views[random_bits(random_key(run.state.seed, kStreamFigures, camera), 0) % views.size()];
+}
+
+PictureRow camera_pictures(const Run& run, kernels::Backend& backend, int camera) {
+  const RigCamera& rig = run.scene.rig[camera];
+  const View& view = figure_view(run, camera);
+  const Frame& frame = run.scene.frames[view.frame];
+  const Image8 original = load_view(run.scene, view);
+  const RayTable table = make_ray_table(rig.camera);
+  const auto render_shifted = [&](ShiftAxes axes, double x_m) {
+    return render_image(backend, run.state.model, table,
+                        shifted_camera(run.scene.ecef_from_world, frame.world_from_body, rig.body_from_sensor, axes,
+                                       Eigen::Vector3d(x_m, 0, 0)));
+  };
+  const RenderedImage reproduced = render_shifted(ShiftAxes::kBody, 0);
+
+  PictureRow row;
+  row.title = rig.name + ", frame " + std::to_string(frame.id);
+  row.pictures.push_back({rig.name + "_original", "original", original});
+  row.pictures.push_back({rig.name + "_reproduced", scored("reproduced", reproduced, original), to_image8(reproduced)});
+  row.pictures.push_back({rig.name + "_perturbed", "camera moved " + metres(kPerturbationM) + " along x of the body (forward)",
+                          to_image8(render_shifted(ShiftAxes::kBody, kPerturbationM))});
+  row.pictures.push_back({rig.name + "_perturbed_camera_axes",
+                          "camera moved " + metres(kPerturbationM) + " along x of the camera (to the right of its image)",
+                          to_image8(render_shifted(ShiftAxes::kCamera, kPerturbationM))});
+  row.pictures.push_back({rig.name + "_depth",
+                          "depth, " + metres(run.scene.near_m) + " (blue) to " + metres(run.scene.far_m) + " (red)",
+                          depth_colours(reproduced, run.scene.near_m, run.scene.far_m)});
+  return row;
+}
+
+PictureRow novel_pictures(const Run& run, kernels::Backend& backend, const NovelSet& set) {
+  PictureRow row;
+  const std::vector<std::size_t> views = novel_views_with_truth(run, set);
+  if (views.empty()) return row;
+  const TruthView view = load_novel_view(run, set, views[evenly_spaced(views.size(), 1)[0]]);
+  const RenderedImage rendered = render_image(backend, run.state.model, view.camera, view.world_from_camera);
+  const Image8 image = to_image8(rendered);
+  row.title = set.name + ": " + view.name;
+  row.pictures.push_back({set.name + "_truth", "truth", view.truth});
+  row.pictures.push_back({set.name + "_render", scored("rendered", rendered, view.truth), image});
+  row.pictures.push_back({set.name + "_difference", "difference, " + std::to_string(kDifferenceGain) + " times",
+                          difference(image, view.truth)});
+  return row;
+}
+
+Image8 depth_colours(const RenderedImage& image, double near_m, double far_m) {
+  cv::Mat levels(image.height, image.width, CV_8UC1), colours;
+  for (std::size_t i = 0; i < image.depth.size(); ++i) {
+    const double unit = std::clamp((image.depth[i] - near_m) / (far_m - near_m), 0.0, 1.0);
+    levels.data[i] = static_cast<std::uint8_t>(std::lround(255 * unit));
+  }
+  cv::applyColorMap(levels, colours, cv::COLORMAP_TURBO);  // BGR
+  Image8 out{image.width, image.height, std::vector<std::uint8_t>(3 * image.depth.size())};
+  for (std::size_t i = 0; i < image.depth.size(); ++i)
+    for (int c = 0; c < 3; ++c) out.rgb[3 * i + c] = image.valid[i] ? colours.data[3 * i + 2 - c] : 40;
+  return out;
+}
+
+Image8 difference(const Image8& a, const Image8& b) {
+  REDRIVE_CHECK_OP(a.rgb.size(), ==, b.rgb.size());
+  Image8 out{a.width, a.height, std::vector<std::uint8_t>(a.rgb.size())};
+  for (std::size_t i = 0; i < a.rgb.size(); ++i)
+    out.rgb[i] = static_cast<std::uint8_t>(std::min(255, kDifferenceGain * std::abs(a.rgb[i] - b.rgb[i])));
+  return out;
+}
+
+}  // namespace redrive

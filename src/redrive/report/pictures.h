@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: Apache-2.0
+// The pictures of a report: what a camera saw, what the run makes of it, and what it would have seen from elsewhere.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "redrive/eval/evaluate.h"
+#include "redrive/train/run.h"
+
+namespace redrive {
+
+struct Picture {
+  std::string name;      ///< file name without extension: "F_CAM_original"
+  std::string caption;
+  Image8 image;
+};
+
+struct PictureRow {
+  std::string title;     ///< "F_CAM, frame 33650", "aside: A_0001.png"
+  std::vector<Picture> pictures;
+};
+
+constexpr double kPerturbationM = 0.5;   ///< the report's shift of the extrinsic, along x
+constexpr int kDifferenceGain = 4;       ///< of difference pictures
+
+/// The training view that the figures show for a camera of the rig: random, but the same for the same seed.
+const View& figure_view(const Run& run, int camera);
+
+/// Original, reproduced, perturbed along x of the body and of the camera, and depth.
+PictureRow camera_pictures(const Run& run, kernels::Backend& backend, int camera);
+
+/// Truth, render and difference of the middle view with truth of a novel set; no pictures if it has none.
+PictureRow novel_pictures(const Run& run, kernels::Backend& backend, const NovelSet& set);
+
+/// Depth in the colours of the Turbo map, near_m the first and far_m the last; pixels that are not valid are dark grey.
+Image8 depth_colours(const RenderedImage& image, double near_m, double far_m);
+
+/// kDifferenceGain * |a - b| per channel, clamped.
+Image8 difference(const Image8& a, const Image8& b);
+
+}  // namespace redrive

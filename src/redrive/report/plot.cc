@@ -1,0 +1,109 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/report/plot.h"
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <sstream>
+
+#include <spawn.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "redrive/base/error.h"
+#include "redrive/base/files.h"
+
+namespace redrive {
+namespace {
+
+constexpr std::size_t kMeanParts = 60;   // the running mean looks at 1/60 of the run to either side
+constexpr int kLabelledEpochs = 12;      // more labels than that would run into each other
+
+/// Text of a gnuplot string in single quotes.
+std::string quoted(const std::string& text) {
+  std::string out = "'";
+  for (const char c : text) out += c == '\'' ? std::string("''") : std::string(1, c);
+  return out + "'";
+}
+
+std::string history_script(const std::vector<MetricsRow>& rows, const std::string& title, const char* name,
+                           const char* axis, const char* scale, double MetricsRow::*member) {
+  std::ostringstream out;
+  out.precision(8);
+  out << "set terminal pngcairo size 1200,560 font 'DejaVu Sans,12' background '#ffffff' enhanced\n"
+      << "set output '" << name << ".png.part'\n"
+      << "set title " << quoted(title) << " noenhanced\n"
+      << "set xlabel 'step'\nset ylabel '" << axis << "'\n" << scale
+      << "set grid ytics lc rgb '#dddddd' lt 1\nset border 3 lc rgb '#666666'\nset tics nomirror\n"
+      << "set key at graph 0.99, graph 0.9 noautotitle\n"
+      << "set xrange [0:" << (rows.empty() ? 1 : rows.back().step) << "]\n";
+  const int epochs = rows.empty() ? 0 : rows.back().epoch + 1;
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    if (i > 0 && rows[i].epoch == rows[i - 1].epoch) continue;
+    const std::int64_t step = i == 0 ? 0 : rows[i - 1].step;
+    if (i > 0) out << "set arrow from " << step << ", graph 0 to " << step << ", graph 1 nohead dt 3 lc rgb '#aaaaaa'\n";
+    if (epochs <= kLabelledEpochs)
+      out << "set label 'epoch " << rows[i].epoch + 1 << "' at " << step << ", graph 0.97 offset 0.5,0 tc rgb '#888888'\n";
+  }
+  std::vector<double> values;
+  for (const MetricsRow& row : rows) values.push_back(row.*member);
+  const std::vector<double> means = running_mean(values, static_cast<int>(rows.size() / kMeanParts));
+  out << "$history << end\n";
+  for (std::size_t i = 0; i < rows.size(); ++i) out << rows[i].step << ' ' << values[i] << ' ' << means[i] << '\n';
+  out << "end\n"
+      << "plot $history using 1:2 with lines lw 1 lc rgb '#a9c4e6' title 'mean of the steps of a row',"
+      << " $history using 1:3 with lines lw 2.5 lc rgb '#1f4e8c' title 'running mean'\n";
+  return out.str();
+}
+
+}  // namespace
+
+std::vector<double> running_mean(const std::vector<double>& values, int radius) {
+  std::vector<double> means(values.size());
+  const int size = static_cast<int>(values.size());
+  for (int i = 0; i < size; ++i) {
+    const int first = std::max(0, i - radius), last = std::min(size - 1, i + radius);
+    double sum = 0;
+    for (int k = first; k <= last; ++k) sum += values[k];
+    means[i] = sum / (last - first + 1);
+  }
+  return means;
+}
+
+std::string loss_script(const std::vector<MetricsRow>& rows, const std::string& title) {
+  return history_script(rows, title, "loss", "training loss (squared error)", "set logscale y\nset format y '%.0e'\n",
+                        &MetricsRow::loss);
+}
+
+std::string psnr_script(const std::vector<MetricsRow>& rows, const std::string& title) {
+  return history_script(rows, title, "psnr", "PSNR of training batches (dB)", "", &MetricsRow::psnr_db);
+}
+
+void draw_plot(const std::filesystem::path& folder, const std::string& name, const std::string& script) {
+  const std::filesystem::path script_file = folder / (name + ".gnuplot"), image = folder / (name + ".png"),
+                              part = folder / (name + ".png.part");
+  write_file(script_file, script);
+
+  const std::string argument = name + ".gnuplot";
+  char* const arguments[] = {const_cast<char*>("gnuplot"), const_cast<char*>(argument.c_str()), nullptr};
+  posix_spawn_file_actions_t actions;
+  posix_spawn_file_actions_init(&actions);
+  posix_spawn_file_actions_addchdir_np(&actions, folder.c_str());
+  pid_t child = 0;
+  const int failed = posix_spawnp(&child, "gnuplot", &actions, nullptr, arguments, environ);
+  posix_spawn_file_actions_destroy(&actions);
+  if (failed == ENOENT) throw IoError(image, "gnuplot is not installed (Debian package gnuplot-nox)");
+  if (failed) throw IoError(image, std::string("gnuplot could not be started: ") + std::strerror(failed));
+  int status = 0;
+  while (waitpid(child, &status, 0) < 0 && errno == EINTR) {
+  }
+  std::error_code error;
+  if (!WIFEXITED(status) || WEXITSTATUS(status) != 0) {
+    std::filesystem::remove(part, error);
+    throw IoError(image, "gnuplot failed on " + script_file.string());
+  }
+  std::filesystem::rename(part, image, error);
+  if (error) throw IoError(image, "gnuplot left no picture: " + error.message());
+}
+
+}  // namespace redrive

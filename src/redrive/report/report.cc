@@ -1,0 +1,126 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/report/report.h"
+
+#include <cmath>
+#include <cstdio>
+
+#include <nlohmann/json.hpp>
+
+#include "redrive/base/error.h"
+#include "redrive/base/files.h"
+#include "redrive/report/html.h"
+#include "redrive/report/pictures.h"
+#include "redrive/report/plot.h"
+
+namespace redrive {
+namespace {
+
+std::string fixed(double value, int digits) {
+  if (std::isnan(value)) return "-";
+  char text[64];
+  std::snprintf(text, sizeof text, "%.*f", digits, value);
+  return text;
+}
+
+std::string duration(double seconds) {
+  if (seconds < 60) return fixed(seconds, 1) + " s";
+  if (seconds < 3600) return fixed(seconds / 60, 1) + " min";
+  return fixed(seconds / 3600, 2) + " h";
+}
+
+std::string starts(const TrainState& state) {
+  if (state.restarts == 0) return "";
+  return "; " + std::to_string(state.restarts) + (state.restarts == 1 ? " start before it" : " starts before it") +
+         " did not converge and gave way to another seed";
+}
+
+std::string recording_name(const Run& run) {
+  const auto path = run.recording.root.lexically_normal();
+  return (path.has_filename() ? path.filename() : path.parent_path().filename()).string();
+}
+
+std::string heading(const Run& run, const kernels::Backend& backend) {
+  std::string cameras;
+  for (const RigCamera& camera : run.scene.rig) cameras += (cameras.empty() ? "" : ", ") + camera.name;
+  const NerfModel& model = run.state.model;
+  std::string out = "<h1>" + html_escape(recording_name(run)) + "</h1>\n";
+  out += "<p>" + html_escape(cameras) + "; " + std::to_string(run.scene.frames.size()) + " frames; method " +
+         html_escape(run.options.method) + ", width " + std::to_string(model.config.width) + ", " +
+         std::to_string(model.samples) + (model.fine_samples > 0 ? " + " + std::to_string(model.fine_samples) : "") +
+         " samples per ray</p>\n";
+  out += "<p>" + std::to_string(run.state.step) + " steps in " + duration(run.state.seconds) + " of training" +
+         starts(run.state) + "; pictures rendered with " + html_escape(kernels::describe(backend)) + "</p>\n";
+  return out;
+}
+
+std::string training(const Run& run) {
+  std::string out = "<h2>Training</h2>\n";
+  const std::vector<MetricsRow> rows = read_metrics(run.paths);
+  if (rows.empty()) return out + "<p>No metrics yet.</p>\n";
+  const std::string title = recording_name(run) + ", " + run.options.method + starts(run.state);
+  draw_plot(run.paths.figures(), "loss", loss_script(rows, title));
+  draw_plot(run.paths.figures(), "psnr", psnr_script(rows, title));
+  return out + "<div class=\"row\">\n" +
+         html_figure(png_address(read_file(run.paths.figures() / "loss.png")), "training loss") +
+         html_figure(png_address(read_file(run.paths.figures() / "psnr.png")), "PSNR of the training batches") + "</div>\n";
+}
+
+std::vector<std::string> score_row(const std::string& name, const Score& score) {
+  return {name, std::to_string(score.images), fixed(score.psnr_db, 2), fixed(score.ssim, 4)};
+}
+
+std::string scores(const Evaluation& evaluation) {
+  std::string out = "<h2>Scores</h2>\n<p>" +
+                    std::string(evaluation.held_out ? "Images of held-out frames, which training never saw."
+                                                    : "Images of training frames: no frame was held out.") +
+                    " Means over images.</p>\n";
+  std::vector<std::vector<std::string>> rows = {{"camera", "images", "PSNR (dB)", "SSIM"}};
+  for (const auto& [name, score] : evaluation.cameras) rows.push_back(score_row(name, score));
+  rows.push_back(score_row("all", evaluation.overall));
+  out += html_table(rows, true);
+  if (evaluation.novel.empty()) return out;
+  rows = {{"novel views with truth", "images", "PSNR (dB)", "SSIM"}};
+  for (const auto& [name, score] : evaluation.novel) rows.push_back(score_row(name, score));
+  return out + "<h3>Views that were never driven</h3>\n" + html_table(rows, true);
+}
+
+std::string pictures(const std::filesystem::path& folder, const PictureRow& row) {
+  if (row.pictures.empty()) return "";
+  std::string out = "<h3>" + html_escape(row.title) + "</h3>\n<div class=\"row\">\n";
+  for (const Picture& picture : row.pictures) {
+    write_image(folder / (picture.name + ".png"), picture.image);
+    out += html_figure(jpeg_address(picture.image), picture.caption);
+  }
+  return out + "</div>\n";
+}
+
+std::string options_table(const TrainOptions& options) {
+  std::vector<std::vector<std::string>> rows = {{"option", "value"}};
+  const nlohmann::json json = options_to_json(options);
+  for (const auto& [key, value] : json.items())
+    rows.push_back({key, value.is_string() ? value.get<std::string>() : value.dump()});
+  return "<h2>Options</h2>\n" + html_table(rows, false);
+}
+
+}  // namespace
+
+void write_figures(const Run& run, kernels::Backend& backend, const EvalOptions& options) {
+  const std::filesystem::path folder = run.paths.figures();
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);
+  if (error) throw IoError(folder, error.message());
+
+  std::string body = heading(run, backend);
+  body += training(run);  // first: it says at once if gnuplot is missing
+  std::string seen = "<h2>Pictures</h2>\n<p>A training image of each camera, chosen at random.</p>\n";
+  for (int camera = 0; camera < static_cast<int>(run.scene.rig.size()); ++camera)
+    seen += pictures(folder, camera_pictures(run, backend, camera));
+  std::string novel;
+  for (const NovelSet& set : run.recording.novel) novel += pictures(folder, novel_pictures(run, backend, set));
+  if (!novel.empty()) novel = "<h2>Views that were never driven</h2>\n" + novel;
+  body += scores(evaluate(run, backend, options));
+  body += seen + novel + options_table(run.options);
+  write_file(run.paths.report(), html_page("redrive: " + recording_name(run), body));
+}
+
+}  // namespace redrive

@@ -1,0 +1,113 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <cstdlib>
+#include <filesystem>
+
+#include <gtest/gtest.h>
+
+#include "redrive/base/error.h"
+#include "redrive/base/files.h"
+#include "redrive/report/html.h"
+#include "redrive/report/pictures.h"
+#include "redrive/report/plot.h"
+
+namespace redrive {
+namespace {
+
+TEST(Html, Base64OfTheStandardsExamples) {  // RFC 4648, section 10
+  EXPECT_EQ(base64(""), "");
+  EXPECT_EQ(base64("f"), "Zg==");
+  EXPECT_EQ(base64("fo"), "Zm8=");
+  EXPECT_EQ(base64("foo"), "Zm9v");
+  EXPECT_EQ(base64("foobar"), "Zm9vYmFy");
+  EXPECT_EQ(base64("\xff\xfe\xfd"), "//79");
+}
+
+TEST(Html, TextCannotBecomeMarkup) {
+  EXPECT_EQ(html_escape("<a href=\"x\">'&'"), "&lt;a href=&quot;x&quot;&gt;&#39;&amp;&#39;");
+  EXPECT_EQ(html_table({{"<b>"}}, false).find("<b>"), std::string::npos);
+  EXPECT_EQ(html_figure("data:,", "\"><script>").find("<script>"), std::string::npos);
+}
+
+TEST(Pictures, DifferenceIsAmplifiedAndClamped) {
+  const Image8 a{1, 2, {10, 20, 30, 255, 0, 7}}, b{1, 2, {12, 20, 25, 0, 255, 8}};
+  EXPECT_EQ(difference(a, b).rgb, (std::vector<std::uint8_t>{8, 0, 20, 255, 255, 4}));
+}
+
+TEST(Pictures, DepthGoesFromBlueToRedAndMasksInGrey) {
+  RenderedImage image;
+  image.width = 3;
+  image.height = 1;
+  image.depth = {2, 9, 5};  // an eighth and most of the way: the ends of Turbo itself are nearly black
+  image.valid = {1, 1, 0};
+  const Image8 colours = depth_colours(image, 1, 10);
+  EXPECT_GT(colours.rgb[2], colours.rgb[0] + 60) << "near is blue";
+  EXPECT_GT(colours.rgb[3], colours.rgb[5] + 60) << "far is red";
+  EXPECT_EQ((std::vector<std::uint8_t>(colours.rgb.begin() + 6, colours.rgb.end())), (std::vector<std::uint8_t>{40, 40, 40}));
+}
+
+TEST(Plot, RunningMeanShrinksAtTheEnds) {
+  EXPECT_EQ(running_mean({1, 2, 6, 3, 8}, 1), (std::vector<double>{1.5, 3, 11.0 / 3, 17.0 / 3, 5.5}));
+  EXPECT_EQ(running_mean({4, 5}, 0), (std::vector<double>{4, 5}));
+}
+
+class PlotFolder : public testing::Test {
+ protected:
+  PlotFolder() {
+    folder = std::filesystem::temp_directory_path() /
+             ("redrive plot's " + std::string(testing::UnitTest::GetInstance()->current_test_info()->name()));
+    std::filesystem::remove_all(folder);
+    std::filesystem::create_directories(folder);
+    for (int i = 0; i < 200; ++i) {
+      MetricsRow row;
+      row.step = 25 * (i + 1);
+      row.loss = 0.1 / (i + 1);
+      row.psnr_db = 10 + i * 0.1;
+      row.epoch = i / 50;
+      rows.push_back(row);
+    }
+  }
+  ~PlotFolder() override { std::filesystem::remove_all(folder); }
+  std::filesystem::path folder;
+  std::vector<MetricsRow> rows;
+};
+
+TEST_F(PlotFolder, DrawsAPngOfTheHistory) {
+  draw_plot(folder, "loss", loss_script(rows, "a recording's title"));
+  draw_plot(folder, "psnr", psnr_script(rows, "x"));
+  const Image8 image = read_image(folder / "loss.png");
+  EXPECT_EQ(image.width, 1200);
+  EXPECT_EQ(image.height, 560);
+  EXPECT_TRUE(std::filesystem::exists(folder / "psnr.png"));
+  EXPECT_FALSE(std::filesystem::exists(folder / "loss.png.part"));
+}
+
+TEST_F(PlotFolder, MarksEachEpochWhereItBegins) {
+  const std::string script = loss_script(rows, "x");
+  EXPECT_NE(script.find("set arrow from 1250, graph 0"), std::string::npos);
+  EXPECT_NE(script.find("set label 'epoch 4' at 3750"), std::string::npos);
+  EXPECT_EQ(script.find("epoch 5"), std::string::npos);
+}
+
+TEST_F(PlotFolder, AFailingPlotIsAnErrorAndLeavesTheOldOne) {
+  draw_plot(folder, "loss", loss_script(rows, "x"));
+  const std::string before = read_file(folder / "loss.png");
+  EXPECT_THROW(draw_plot(folder, "loss", "set output 'loss.png.part'\nthis is no gnuplot\n"), IoError);
+  EXPECT_EQ(read_file(folder / "loss.png"), before);
+  EXPECT_FALSE(std::filesystem::exists(folder / "loss.png.part"));
+}
+
+TEST_F(PlotFolder, SaysWhichPackageIsMissing) {
+  const std::string path = std::getenv("PATH");
+  setenv("PATH", folder.c_str(), 1);  // a folder without gnuplot
+  std::string what;
+  try {
+    draw_plot(folder, "loss", loss_script(rows, "x"));
+  } catch (const IoError& error) {
+    what = error.what();
+  }
+  setenv("PATH", path.c_str(), 1);
+  EXPECT_NE(what.find("gnuplot-nox"), std::string::npos) << what;
+}
+
+}  // namespace
+}  // namespace redrive
