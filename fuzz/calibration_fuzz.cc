@@ -1,0 +1,20 @@
+// SPDX-License-Identifier: Apache-2.0
+// calibration.json: any bytes are read or refused with an InputError, nothing else.
+#include <cstddef>
+#include <cstdint>
+#include <string_view>
+
+#include "redrive/base/error.h"
+#include "redrive/recording/aimotive.h"
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  const std::string_view text(reinterpret_cast<const char*>(data), size);
+  try {
+    std::vector<std::string> others;
+    for (const redrive::CameraCalibration& camera : redrive::aimotive::parse_calibration(text, "calibration.json", &others)) {
+      if (!camera.body_from_sensor.matrix().allFinite()) __builtin_trap();
+    }
+  } catch (const redrive::InputError&) {
+  }
+  return 0;
+}

@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: Apache-2.0
+// egomotion2.json: any bytes are read or refused with an InputError, nothing else.
+#include <cstddef>
+#include <cstdint>
+#include <string_view>
+
+#include "redrive/base/error.h"
+#include "redrive/recording/aimotive.h"
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  const std::string_view text(reinterpret_cast<const char*>(data), size);
+  try {
+    for (const redrive::FramePose& frame : redrive::aimotive::parse_egomotion(text, "egomotion2.json")) {
+      if (!frame.ecef_from_body.matrix().allFinite()) __builtin_trap();
+    }
+  } catch (const redrive::InputError&) {
+  }
+  return 0;
+}

@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: Apache-2.0
+// POSES.json: any bytes are read or refused with an InputError, nothing else.
+#include <cstddef>
+#include <cstdint>
+#include <string_view>
+
+#include "redrive/base/error.h"
+#include "redrive/recording/poses_file.h"
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  const std::string_view text(reinterpret_cast<const char*>(data), size);
+  try {
+    for (const redrive::RequestedView& view : redrive::parse_poses(text, "poses.json").views) {
+      if (view.file.empty() || view.file.front() == '/' || (!view.ecef_from_body && !view.shift_body_m)) __builtin_trap();
+    }
+  } catch (const redrive::InputError&) {
+  }
+  return 0;
+}
