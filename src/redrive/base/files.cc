@@ -83,8 +83,13 @@ void write_file(const std::filesystem::path& path, std::string_view bytes) {
 }
 
 nlohmann::json parse_json(std::string_view text, const std::filesystem::path& path) {
+  // Writing a value out, as messages do, recurses once per level: without a limit a file of brackets ends the stack.
+  const auto shallow = [&](int depth, nlohmann::json::parse_event_t, nlohmann::json&) {
+    if (depth > 64) throw InputError(path, "", "", "not usable JSON: nested deeper than 64 levels");
+    return true;
+  };
   try {
-    return nlohmann::json::parse(text);
+    return nlohmann::json::parse(text, shallow);
   } catch (const nlohmann::json::exception& error) {
     // "[json.exception.parse_error.101] parse error at line 1, column 5: ..." without the library's own name.
     std::string_view what = error.what();

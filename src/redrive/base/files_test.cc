@@ -105,5 +105,18 @@ TEST_F(Files, JsonErrorsNameFileAndPlace) {
   EXPECT_EQ(parse_json("[1, 2]", "a.json").size(), 2u);
 }
 
+TEST(ParseJson, NestingIsLimited) {
+  const auto nested = [](std::size_t depth) { return std::string(depth, '[') + std::string(depth, ']'); };
+  EXPECT_EQ(parse_json(nested(64), "a.json").dump(), nested(64));  // the limit spares what is within it
+  for (const std::size_t depth : {std::size_t{66}, std::size_t{1000000}}) {
+    try {
+      parse_json(nested(depth), "a.json");
+      FAIL() << depth;
+    } catch (const InputError& error) {
+      EXPECT_THAT(error.what(), HasSubstr("deeper than 64"));
+    }
+  }
+}
+
 }  // namespace
 }  // namespace redrive

@@ -17,7 +17,7 @@ std::string rigid_obstacle(const Eigen::Matrix4d& matrix) {
   }
   const Eigen::Matrix3d rotation = matrix.topLeftCorner<3, 3>();
   const double deviation = (rotation * rotation.transpose() - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();
-  if (deviation > kOrthonormal) {
+  if (!(deviation <= kOrthonormal)) {  // so that inf - inf of huge entries is refused, too
     why << "not a rotation: rows not orthonormal by " << deviation;
   } else if (const double det = rotation.determinant(); det < 0) {
     why << "not a rotation: det = " << det << ", a reflection";
