@@ -54,7 +54,7 @@ int run_eval(EvalCommandOptions options) {
 
 Action configure_eval(CLI::App& command) {
   auto options = std::make_shared<EvalCommandOptions>();
-  command.add_option("run", options->run, "run folder")->required();
+  command.add_option("RUN", options->run, "folder that train made")->required();
   command.add_flag("--json", options->json, "JSON on standard output instead of the table");
   auto* limit = command.add_option("--max-images", options->eval.max_images,
       "at most so many images per camera and per novel set, evenly spaced (default: every held-out image; " +

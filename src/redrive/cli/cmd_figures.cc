@@ -31,7 +31,7 @@ int run_figures(const FiguresOptions& options) {
 
 Action configure_figures(CLI::App& command) {
   auto options = std::make_shared<FiguresOptions>();
-  command.add_option("run", options->run, "run folder")->required();
+  command.add_option("RUN", options->run, "folder that train made")->required();
   command.add_option("--max-images", options->eval.max_images,
       "images scored for the report, per camera and per novel set, evenly spaced (default: as eval)")
       ->check(CLI::Range(1, 1000000));

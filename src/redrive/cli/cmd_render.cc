@@ -139,7 +139,7 @@ int render(const RenderOptions& options) {
 
 Action configure_render(CLI::App& command) {
   auto options = std::make_shared<RenderOptions>();
-  command.add_option("run", options->run, "run folder")->required();
+  command.add_option("RUN", options->run, "folder that train made")->required();
   CLI::Option* poses = command.add_option("--poses", options->poses,
       "POSES.json: every view of it, each under its own file name in the folder --out. RT_ECEF_body places the body "
       "absolutely, shift_body_m moves the recording's pose of frame_id in body axes");
