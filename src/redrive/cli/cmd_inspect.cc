@@ -1,0 +1,190 @@
+// SPDX-License-Identifier: Apache-2.0
+// redrive inspect: what a recording holds, what is missing or odd, and why.
+#include <cmath>
+#include <cstdio>
+#include <memory>
+#include <numbers>
+#include <string>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "redrive/base/error.h"
+#include "redrive/camera/camera.h"
+#include "redrive/cli/command.h"
+#include "redrive/recording/recording.h"
+#include "redrive/recording/summary.h"
+#include "redrive/scene/image_set.h"
+
+namespace redrive {
+namespace {
+
+struct CameraReport {
+  const RecordedCamera* recorded = nullptr;
+  double horizontal_fov_deg = 0;
+  double percent_without_ray = 0;  ///< pixels that the model does not reach
+};
+
+struct Inspection {
+  Recording recording;
+  DriveSummary drive;
+  std::vector<CameraReport> cameras;
+  std::vector<Finding> findings;  ///< odd, but the recording can be used
+  std::vector<Finding> problems;  ///< training would refuse it
+};
+
+/// Angle between the optical axis and what is seen at column u of the principal row; walks towards the principal
+/// point where the model does not reach that far.
+double angle_at_column(const Camera& camera, double u) {
+  const double step = u < camera.cx ? 0.5 : -0.5;
+  for (; (camera.cx - u) * step > 0; u += step) {
+    if (const auto direction = camera.unproject({u, camera.cy})) return std::atan2(direction->head<2>().norm(), direction->z());
+  }
+  return 0;
+}
+
+/// The two sides are added up, so that more than 180 degrees come out right.
+double horizontal_fov_deg(const Camera& camera) {
+  const double left = angle_at_column(camera, -0.5), right = angle_at_column(camera, camera.width - 0.5);
+  // A principal point beside the image: both edges lie on the same side of the axis.
+  const bool same_side = camera.cx < -0.5 || camera.cx > camera.width - 0.5;
+  return (same_side ? std::abs(left - right) : left + right) * 180 / std::numbers::pi;
+}
+
+double percent_without_ray(const Camera& camera) {
+  const int step = std::max(1, camera.width / 160);  // some 10^4 pixels
+  int all = 0, without = 0;
+  for (int v = 0; v < camera.height; v += step) {
+    for (int u = 0; u < camera.width; u += step, ++all) without += !camera.unproject({double(u), double(v)});
+  }
+  return 100.0 * without / all;
+}
+
+/// Decodes the first and the last image; the others are read in training.
+void check_images(const RecordedCamera& camera, std::vector<Finding>* problems) {
+  const CameraCalibration& calibration = camera.calibration;
+  std::vector<std::filesystem::path> paths = {camera.images.front().path};
+  if (camera.images.size() > 1) paths.push_back(camera.images.back().path);
+  for (const std::filesystem::path& path : paths) {
+    try {
+      const Image8 image = read_image(path);
+      if (image.width == calibration.width && image.height == calibration.height) continue;
+      problems->push_back({calibration.name, path.filename().string() + " has " + std::to_string(image.width) + "x" +
+                                                 std::to_string(image.height) + " pixels, the calibration says " +
+                                                 std::to_string(calibration.width) + "x" + std::to_string(calibration.height)});
+    } catch (const InputError& error) {
+      problems->push_back({calibration.name, error.what()});
+    }
+  }
+}
+
+Inspection inspect(const std::string& root) {
+  Inspection result;
+  result.recording = open_recording(root);
+  result.drive = summarize_drive(result.recording.frames);
+  result.findings = result.recording.findings;
+  result.findings.insert(result.findings.end(), result.drive.findings.begin(), result.drive.findings.end());
+  for (const RecordedCamera& recorded : result.recording.cameras) {
+    const Camera camera = make_camera(recorded.calibration);
+    CameraReport report{&recorded, horizontal_fov_deg(camera), percent_without_ray(camera)};
+    if (report.percent_without_ray > 0) {
+      char what[160];
+      std::snprintf(what, sizeof what, "%.1f %% of the pixels lie outside the radius where the distortion is one-to-one; they are not used",
+                    report.percent_without_ray);
+      result.findings.push_back({recorded.calibration.name, what});
+    }
+    check_images(recorded, &result.problems);
+    result.cameras.push_back(report);
+  }
+  return result;
+}
+
+nlohmann::json findings_to_json(const std::vector<Finding>& findings) {
+  nlohmann::json list = nlohmann::json::array();
+  for (const Finding& finding : findings) list.push_back({{"subject", finding.subject}, {"what", finding.what}});
+  return list;
+}
+
+nlohmann::ordered_json to_json(const Inspection& result) {
+  const Recording& recording = result.recording;
+  nlohmann::ordered_json cameras = nlohmann::ordered_json::array();
+  for (const CameraReport& report : result.cameras) {
+    const CameraCalibration& c = report.recorded->calibration;
+    const auto mount_m = c.body_from_sensor.translation();
+    nlohmann::ordered_json camera = {{"name", c.name}, {"model", c.model}, {"width", c.width}, {"height", c.height},
+        {"focal_length_px", {c.fx, c.fy}}, {"principal_point_px", {c.cx, c.cy}}, {"distortion_coeffs", c.distortion},
+        {"horizontal_fov_deg", report.horizontal_fov_deg}, {"percent_without_ray", report.percent_without_ray},
+        {"position_in_body_m", {mount_m.x(), mount_m.y(), mount_m.z()}}, {"images", report.recorded->images.size()},
+        {"first_id", report.recorded->images.front().frame_id}, {"last_id", report.recorded->images.back().frame_id}};
+    if (c.model == "mei") camera["xi"] = c.xi;
+    cameras.push_back(camera);
+  }
+  nlohmann::json novel = nlohmann::json::array();
+  for (const NovelSet& set : recording.novel) novel.push_back({{"name", set.name}, {"poses_file", set.poses_file.string()}});
+  return {{"recording", recording.root.string()}, {"format", recording.format}, {"usable", result.problems.empty()},
+      {"cameras", cameras},
+      {"frames", {{"count", recording.frames.size()}, {"first_id", recording.frames.front().id},
+                  {"last_id", recording.frames.back().id}, {"rate_hz", result.drive.rate_hz}, {"duration_s", result.drive.duration_s}}},
+      {"drive", {{"length_m", result.drive.driven_m}, {"mean_speed_m_per_s", result.drive.mean_speed_m_per_s},
+                 {"max_speed_m_per_s", result.drive.max_speed_m_per_s}}},
+      {"lidar_files", recording.lidar_files}, {"box_files", recording.box_files}, {"other_sensors", recording.other_sensors},
+      {"novel", novel}, {"findings", findings_to_json(result.findings)}, {"problems", findings_to_json(result.problems)}};
+}
+
+void print_findings(const char* title, const std::vector<Finding>& findings) {
+  std::printf("%s\n", title);
+  for (const Finding& finding : findings) std::printf("  %s: %s\n", finding.subject.c_str(), finding.what.c_str());
+}
+
+void print_table(const Inspection& result) {
+  const Recording& recording = result.recording;
+  const DriveSummary& drive = result.drive;
+  std::printf("%s (%s)\n\n", recording.root.c_str(), recording.format.c_str());
+  std::printf("%-24s %-14s %11s %8s %8s %9s %6s  %s\n", "camera", "model", "pixels", "fx px", "fy px", "h-fov deg", "images",
+              "position in body m");
+  for (const CameraReport& report : result.cameras) {
+    const CameraCalibration& c = report.recorded->calibration;
+    const auto mount_m = c.body_from_sensor.translation();
+    const std::string size = std::to_string(c.width) + "x" + std::to_string(c.height);
+    std::printf("%-24s %-14s %11s %8.1f %8.1f %9.1f %6zu  %.2f %.2f %.2f\n", c.name.c_str(), c.model.c_str(), size.c_str(), c.fx,
+                c.fy, report.horizontal_fov_deg, report.recorded->images.size(), mount_m.x(), mount_m.y(), mount_m.z());
+  }
+  std::printf("\nframes         %zu, ids %lld to %lld, %.2f Hz, %.2f s\n", recording.frames.size(),
+              static_cast<long long>(recording.frames.front().id), static_cast<long long>(recording.frames.back().id),
+              drive.rate_hz, drive.duration_s);
+  std::printf("driven         %.1f m, mean %.2f m/s, at most %.2f m/s\n", drive.driven_m, drive.mean_speed_m_per_s, drive.max_speed_m_per_s);
+  std::printf("lidar          %d files\nboxes          %d files\n", recording.lidar_files, recording.box_files);
+  std::string others, novel;
+  for (const std::string& sensor : recording.other_sensors) others += (others.empty() ? "" : ", ") + sensor;
+  for (const NovelSet& set : recording.novel) novel += (novel.empty() ? "" : ", ") + set.name;
+  std::printf("other sensors  %s\n", others.empty() ? "none" : others.c_str());
+  std::printf("novel views    %s\n\n", novel.empty() ? "none" : novel.c_str());
+  if (!result.findings.empty()) print_findings("findings", result.findings);
+  if (!result.problems.empty()) print_findings("NOT USABLE", result.problems);
+  if (result.findings.empty() && result.problems.empty()) std::printf("nothing missing, nothing odd\n");
+}
+
+int run_inspect(const std::string& root, bool json) {
+  const Inspection result = inspect(root);
+  if (json) {
+    std::printf("%s\n", to_json(result).dump(2).c_str());
+  } else {
+    print_table(result);
+  }
+  return result.problems.empty() ? kExitOk : kExitBadInput;
+}
+
+}  // namespace
+
+Action configure_inspect(CLI::App& command) {
+  struct Options {
+    std::string recording;
+    bool json = false;
+  };
+  auto options = std::make_shared<Options>();
+  command.add_option("recording", options->recording, "recording folder")->required();
+  command.add_flag("--json", options->json, "JSON on standard output instead of the table");
+  return [options] { return run_inspect(options->recording, options->json); };
+}
+
+}  // namespace redrive
