@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/rays/ray_table.h"
+
+#include <algorithm>
+
+#include "redrive/base/error.h"
+#include "redrive/base/rng.h"
+
+namespace redrive {
+namespace {
+
+void resize(RayBatch* batch, int n, bool with_target) {
+  batch->n = n;
+  batch->origin.resize(3 * std::size_t(n));
+  batch->direction.resize(3 * std::size_t(n));
+  batch->target.resize(with_target ? 3 * std::size_t(n) : 0);
+}
+
+/// Ray `i` of the batch: entry `k` of the table, turned in double so that its length stays 1 to float's rounding.
+void set_ray(const RayTable& table, std::size_t k, const Rigid3d& world_from_camera, int i, RayBatch* batch) {
+  const Eigen::Vector3d in_camera(table.direction[3 * k], table.direction[3 * k + 1], table.direction[3 * k + 2]);
+  const Eigen::Vector3d in_world = world_from_camera.linear() * in_camera;
+  for (int d = 0; d < 3; ++d) {
+    batch->origin[std::size_t(d) * batch->n + i] = static_cast<float>(world_from_camera.translation()[d]);
+    batch->direction[std::size_t(d) * batch->n + i] = static_cast<float>(in_world[d]);
+  }
+}
+
+}  // namespace
+
+RayTable make_ray_table(const Camera& camera) {
+  RayTable table{camera.width, camera.height, {}, {}};
+  table.pixel.reserve(std::size_t(camera.width) * camera.height);
+  table.direction.reserve(3 * std::size_t(camera.width) * camera.height);
+  for (int y = 0; y < camera.height; ++y)
+    for (int x = 0; x < camera.width; ++x) {
+      const auto direction = camera.unproject({x, y});
+      if (!direction) continue;
+      table.pixel.push_back(static_cast<std::uint32_t>(y) * camera.width + x);
+      for (int d = 0; d < 3; ++d) table.direction.push_back(static_cast<float>((*direction)[d]));
+    }
+  return table;
+}
+
+void view_rays(const RayTable& table, const Rigid3d& world_from_camera, std::size_t first, std::size_t count, RayBatch* batch) {
+  REDRIVE_CHECK_OP(first + count, <=, table.pixel.size());
+  resize(batch, static_cast<int>(count), false);
+  for (std::size_t i = 0; i < count; ++i) set_ray(table, first + i, world_from_camera, static_cast<int>(i), batch);
+}
+
+PixelSampler::PixelSampler(const Scene& scene, const std::vector<Image8>& images, std::uint64_t seed)
+    : scene_(scene), images_(images), seed_(seed) {
+  REDRIVE_CHECK_OP(images.size(), ==, scene.views.size());
+  for (const RigCamera& camera : scene.rig) tables_.push_back(make_ray_table(camera.camera));
+  offsets_.push_back(0);
+  for (std::size_t i = 0; i < scene.views.size(); ++i) {
+    const View& view = scene.views[i];
+    if (view.held_out) continue;
+    const RayTable& table = tables_[view.camera];
+    REDRIVE_CHECK_OP(images[i].width, ==, table.width);
+    REDRIVE_CHECK_OP(images[i].height, ==, table.height);
+    views_.push_back(static_cast<int>(i));
+    world_from_camera_.push_back(scene.world_from_camera(view));
+    offsets_.push_back(offsets_.back() + table.pixel.size());
+  }
+  REDRIVE_CHECK(pixels() > 0);
+}
+
+std::int64_t PixelSampler::steps_per_epoch(int batch_rays) const {
+  REDRIVE_CHECK_OP(batch_rays, >=, 1);
+  return static_cast<std::int64_t>((pixels() + batch_rays - 1) / batch_rays);
+}
+
+void PixelSampler::gather(std::int64_t step, int batch_rays, RayBatch* batch) const {
+  REDRIVE_CHECK_OP(step, >=, 0);
+  const std::int64_t steps = steps_per_epoch(batch_rays), epoch = step / steps;
+  const std::uint64_t first = static_cast<std::uint64_t>(step % steps) * batch_rays;
+  const std::uint64_t key = random_key(seed_, kStreamPixels, static_cast<std::uint64_t>(epoch));
+  resize(batch, static_cast<int>(std::min<std::uint64_t>(batch_rays, pixels() - first)), true);
+  for (int i = 0; i < batch->n; ++i) {
+    const std::uint64_t drawn = permute_index(key, first + i, pixels());
+    const std::size_t v = std::upper_bound(offsets_.begin(), offsets_.end(), drawn) - offsets_.begin() - 1;
+    const RayTable& table = tables_[scene_.views[views_[v]].camera];
+    const std::size_t k = drawn - offsets_[v];
+    set_ray(table, k, world_from_camera_[v], i, batch);
+    const std::uint8_t* rgb = &images_[views_[v]].rgb[3 * std::size_t(table.pixel[k])];
+    for (int c = 0; c < 3; ++c) batch->target[std::size_t(c) * batch->n + i] = rgb[c] / 255.0f;
+  }
+}
+
+}  // namespace redrive

@@ -1,0 +1,168 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/scene/image_set.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <opencv2/calib3d.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "redrive/base/error.h"
+#include "redrive/base/files.h"
+#include "redrive/scene/test_recording.h"
+
+namespace redrive {
+namespace {
+
+using testing::HasSubstr;
+
+class ImageSetTest : public testing::Test {
+ protected:
+  TemporaryFolder folder_;
+  const std::filesystem::path& root_ = folder_.path;
+
+  /// Smooth, so that JPEG keeps it.
+  static Image8 gradient(int width, int height) {
+    Image8 image{width, height, {}};
+    for (int y = 0; y < height; ++y)
+      for (int x = 0; x < width; ++x)
+        for (const int value : {200 * x / width, 200 * y / height, 80}) image.rgb.push_back(static_cast<std::uint8_t>(value));
+    return image;
+  }
+  std::string complaint(const std::filesystem::path& path) {
+    try {
+      read_image(path);
+    } catch (const InputError& error) {
+      EXPECT_THAT(error.what(), HasSubstr(path.filename().string()));
+      return error.what();
+    }
+    ADD_FAILURE() << path << " was read";
+    return "";
+  }
+};
+
+TEST_F(ImageSetTest, PngComesBackExactly) {
+  const Image8 image = gradient(37, 21);
+  write_image(root_ / "a.png", image);
+  const Image8 back = read_image(root_ / "a.png");
+  EXPECT_EQ(back.width, 37);
+  EXPECT_EQ(back.height, 21);
+  EXPECT_EQ(back.rgb, image.rgb);
+}
+
+TEST_F(ImageSetTest, JpegComesBackAlmost) {
+  const Image8 image = gradient(64, 48);
+  write_image(root_ / "a.jpg", image);
+  const Image8 back = read_image(root_ / "a.jpg");
+  ASSERT_EQ(back.rgb.size(), image.rgb.size());
+  // Red, green and blue in their places: the channels differ by up to 200, quality 92 moves a smooth picture by a few levels.
+  for (std::size_t i = 0; i < image.rgb.size(); ++i) ASSERT_NEAR(back.rgb[i], image.rgb[i], 8) << i;
+}
+
+TEST_F(ImageSetTest, DepthComesBackExactly) {
+  std::vector<std::uint16_t> values;
+  for (int i = 0; i < 12; ++i) values.push_back(static_cast<std::uint16_t>(5957 * i));
+  write_png16(root_ / "d.png", 4, 3, values);
+  int width = 0, height = 0;
+  EXPECT_EQ(read_png16(root_ / "d.png", &width, &height), values);
+  EXPECT_EQ(width, 4);
+  EXPECT_EQ(height, 3);
+  write_image(root_ / "a.png", gradient(4, 3));
+  EXPECT_THROW(read_png16(root_ / "a.png", &width, &height), InputError);
+}
+
+// Whatever byte a file ends at, it is an error, never a picture with a grey rest.
+TEST_F(ImageSetTest, TruncatedFilesAreRefused) {
+  for (const char* name : {"whole.jpg", "whole.png"}) {
+    write_image(root_ / name, gradient(64, 48));
+    const std::string bytes = read_file(root_ / name);
+    const auto cut = root_ / (std::string("cut") + std::filesystem::path(name).extension().string());
+    for (std::size_t size = 0; size < bytes.size(); size += 1 + bytes.size() / 60) {
+      write_file(cut, std::string_view(bytes).substr(0, size));
+      complaint(cut);
+    }
+    write_file(cut, std::string_view(bytes).substr(0, bytes.size() - (name[6] == 'p' ? 13 : 3)));
+    complaint(cut);
+  }
+}
+
+TEST_F(ImageSetTest, DamagedFilesAreRefused) {
+  write_image(root_ / "a.jpg", gradient(64, 48));
+  std::string bytes = read_file(root_ / "a.jpg");
+  bytes.replace(bytes.size() - 100, 2, "\xff\xd3", 2);  // a restart marker where none belongs
+  write_file(root_ / "damaged.jpg", bytes);
+  EXPECT_THAT(complaint(root_ / "damaged.jpg"), HasSubstr("damaged"));
+
+  write_image(root_ / "a.png", gradient(64, 48));
+  bytes = read_file(root_ / "a.png");
+  bytes[bytes.size() - 30] ^= 0x55;  // the checksum of the pixels no longer holds
+  write_file(root_ / "damaged.png", bytes);
+  EXPECT_THAT(complaint(root_ / "damaged.png"), HasSubstr("damaged"));
+}
+
+TEST_F(ImageSetTest, OtherFilesAreRefused) {
+  EXPECT_THROW(read_image(root_ / "missing.jpg"), InputError);
+  write_file(root_ / "text.jpg", "this is no picture");
+  EXPECT_THAT(complaint(root_ / "text.jpg"), HasSubstr("neither"));
+  write_file(root_ / "empty.png", "");
+  EXPECT_THAT(complaint(root_ / "empty.png"), HasSubstr("empty"));
+  EXPECT_THROW(write_image(root_ / "a.bmp", gradient(4, 4)), UsageError);
+  EXPECT_THROW(write_image(root_ / "no/such/folder/a.png", gradient(4, 4)), IoError);
+}
+
+TEST_F(ImageSetTest, SizeMustAgreeWithTheCalibration) {
+  const Recording recording = make_test_recording(root_, 1);
+  write_image(recording.cameras[1].images[0].path, gradient(23, 16));
+  const Scene scene = make_scene(recording, {});
+  try {
+    load_view(scene, scene.views[1]);
+    FAIL();
+  } catch (const InputError& error) {
+    EXPECT_THAT(error.what(), testing::AllOf(HasSubstr("23 x 16"), HasSubstr("24 x 16"), HasSubstr("FRONT")));
+  }
+}
+
+TEST_F(ImageSetTest, ViewIsTheFileAsItIs) {
+  const Scene scene = make_scene(make_test_recording(root_, 2), {});
+  const Image8 image = load_view(scene, scene.views[3]);
+  for (int y = 0; y < 16; ++y)
+    for (int x = 0; x < 24; ++x) {
+      const auto colour = test_colour(1, 1, x, y);
+      for (int k = 0; k < 3; ++k) ASSERT_EQ(image.rgb[3 * (24 * y + x) + k], colour[k]);
+    }
+}
+
+TEST_F(ImageSetTest, DownscaledPixelsAreMeansOfBlocks) {
+  SceneOptions options;
+  options.downscale = 3;
+  const Scene scene = make_scene(make_test_recording(root_, 1), options);
+  const Image8 image = load_view(scene, scene.views[1]);
+  ASSERT_EQ(image.width, 8);
+  ASSERT_EQ(image.height, 5);  // the sixteenth row is left out
+  for (int y = 0; y < 5; ++y)
+    for (int x = 0; x < 8; ++x) {  // linear in x and y: the mean is the middle one
+      const auto colour = test_colour(1, 0, 3 * x + 1, 3 * y + 1);
+      for (int k = 0; k < 3; ++k) ASSERT_EQ(image.rgb[3 * (8 * y + x) + k], colour[k]) << x << ' ' << y;
+    }
+}
+
+TEST_F(ImageSetTest, UndistortsAsOpenCvDoes) {
+  SceneOptions options;
+  options.undistort = true;
+  options.cameras = {"FRONT"};
+  const Scene scene = make_scene(make_test_recording(root_, 1), options);
+  const Image8 ours = load_view(scene, scene.views[0]);
+  Image8 recorded = read_image(scene.views[0].image);
+  const cv::Mat distorted(16, 24, CV_8UC3, recorded.rgb.data());
+  cv::Mat theirs;
+  cv::undistort(distorted, theirs, cv::Matx33d(22, 0, 11.5, 0, 20, 7.5, 0, 0, 1), cv::Vec<double, 5>(-0.3, 0.08, 0.002, 0.0006, 0));
+  int moved = 0;
+  for (std::size_t i = 0; i < ours.rgb.size(); ++i) {
+    // Maps in 1/32 pixel on both sides, rounded once more here: neighbours differ by at most 7 levels, so one level.
+    ASSERT_NEAR(ours.rgb[i], theirs.data[i], 1) << i;
+    moved += ours.rgb[i] != recorded.rgb[i];
+  }
+  EXPECT_GT(moved, 100);
+}
+
+}  // namespace
+}  // namespace redrive

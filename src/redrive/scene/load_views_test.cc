@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <gtest/gtest.h>
+
+#include "redrive/base/error.h"
+#include "redrive/base/files.h"
+#include "redrive/scene/image_set.h"
+#include "redrive/scene/test_recording.h"
+
+namespace redrive {
+namespace {
+
+TEST(LoadViews, InParallelAsOneByOne) {
+  const TemporaryFolder folder;
+  const Recording recording = make_test_recording(folder.path, 8);
+  SceneOptions plain, undistorted;
+  plain.downscale = 2;
+  undistorted.undistort = true;
+  undistorted.cameras = {"FRONT"};
+  ThreadPool pool(4);
+  for (const SceneOptions& options : {plain, undistorted}) {
+    const Scene scene = make_scene(recording, options);
+    const std::vector<Image8> images = load_views(scene, pool);
+    ASSERT_EQ(images.size(), scene.views.size());
+    for (std::size_t i = 0; i < images.size(); ++i) EXPECT_EQ(images[i].rgb, load_view(scene, scene.views[i]).rgb) << i;
+  }
+}
+
+TEST(LoadViews, ADamagedImageIsNamed) {
+  const TemporaryFolder folder;
+  const Recording recording = make_test_recording(folder.path, 8);
+  write_file(recording.cameras[1].images[5].path, "no image");
+  ThreadPool pool(4);
+  const Scene scene = make_scene(recording, {});
+  try {
+    load_views(scene, pool);
+    FAIL();
+  } catch (const InputError& error) {
+    EXPECT_NE(std::string(error.what()).find("FRONT_15.png"), std::string::npos) << error.what();
+  }
+}
+
+}  // namespace
+}  // namespace redrive

@@ -1,0 +1,143 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/scene/scene.h"
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+
+#include "redrive/base/error.h"
+
+namespace redrive {
+namespace {
+
+std::string joined_names(const std::vector<RecordedCamera>& cameras) {
+  std::string names;
+  for (const RecordedCamera& camera : cameras) names += (names.empty() ? "" : ", ") + camera.calibration.name;
+  return names;
+}
+
+void check_ranges(const SceneOptions& options) {
+  const auto require = [](bool good, const char* option, auto value, const char* rule) {
+    if (!good) throw UsageError(option, std::to_string(value), rule);
+  };
+  require(options.frame_step >= 1, "--frames step", options.frame_step, "must be at least 1");
+  require(options.downscale >= 1 && options.downscale <= 64, "--downscale", options.downscale, "must be in 1..64");
+  require(options.holdout_every == 0 || options.holdout_every >= 2, "--holdout-every", options.holdout_every,
+          "must be 0 (none) or at least 2");
+  require(options.near_m > 0 && std::isfinite(options.near_m), "--near", options.near_m, "must be a distance above 0 m");
+  require(options.far_m > options.near_m && std::isfinite(options.far_m), "--far", options.far_m, "must lie beyond --near");
+}
+
+/// The chosen cameras, in the order of the option; all of them by name where it is empty.
+std::vector<const RecordedCamera*> choose_cameras(const Recording& recording, const SceneOptions& options) {
+  std::vector<const RecordedCamera*> chosen;
+  for (const RecordedCamera& camera : recording.cameras)
+    if (options.cameras.empty()) chosen.push_back(&camera);
+  std::set<std::string> seen;
+  for (const std::string& name : options.cameras) {
+    const RecordedCamera* camera = recording.find_camera(name);
+    if (!camera) throw UsageError("--cameras", name, "no such camera with images; there are " + joined_names(recording.cameras));
+    if (!seen.insert(name).second) throw UsageError("--cameras", name, "is named twice");
+    chosen.push_back(camera);
+  }
+  return chosen;
+}
+
+std::vector<FramePose> choose_frames(const Recording& recording, const SceneOptions& options) {
+  std::vector<FramePose> chosen;
+  int index = 0;
+  for (const FramePose& frame : recording.frames) {
+    if (options.first_frame >= 0 && frame.id < options.first_frame) continue;
+    if (options.last_frame >= 0 && frame.id > options.last_frame) continue;
+    if (index++ % options.frame_step == 0) chosen.push_back(frame);
+  }
+  if (chosen.empty()) {
+    const auto bound = [](std::int64_t id) { return id < 0 ? std::string() : std::to_string(id); };
+    throw UsageError("--frames", bound(options.first_frame) + ":" + bound(options.last_frame),
+                     "selects nothing; the recording has frames " + std::to_string(recording.frames.front().id) + ":" +
+                         std::to_string(recording.frames.back().id));
+  }
+  return chosen;
+}
+
+RigCamera make_rig_camera(const CameraCalibration& calibration, const SceneOptions& options) {
+  RigCamera camera{calibration.name, {}, make_camera(calibration), calibration.body_from_sensor};
+  if (options.undistort && !std::holds_alternative<OpenCvPinhole>(camera.recorded.model))
+    throw UsageError("--undistort", calibration.name,
+                     "is a fisheye (" + calibration.model + "), which no pinhole image can hold; leave --undistort out, rays are "
+                     "exact from the recorded image, or choose --cameras without it");
+  camera.camera = (options.undistort ? camera.recorded.undistorted() : camera.recorded).downscaled(options.downscale);
+  if (camera.camera.width < 1 || camera.camera.height < 1)
+    throw UsageError("--downscale", std::to_string(options.downscale),
+                     "leaves no pixel of " + calibration.name + ", which has " + std::to_string(calibration.width) + " x " +
+                         std::to_string(calibration.height));
+  return camera;
+}
+
+/// The cube around all camera centres, far_m wider on every side. 1e-6: room for rounding to float.
+UnitFromWorld enclosing_cube(const Scene& scene) {
+  Eigen::AlignedBox3d box;
+  for (const View& view : scene.views) box.extend(scene.world_from_camera(view).translation());
+  const Eigen::Vector3d center = box.center();
+  const double half_side_m = (box.sizes().maxCoeff() / 2 + scene.far_m) * (1 + 1e-6);
+  UnitFromWorld unit;
+  for (int d = 0; d < 3; ++d) unit.center[d] = static_cast<float>(center[d]);
+  unit.scale = static_cast<float>(1 / half_side_m);
+  return unit;
+}
+
+}  // namespace
+
+int Scene::camera_index(const std::string& name) const {
+  const auto found = std::find_if(rig.begin(), rig.end(), [&](const RigCamera& camera) { return camera.name == name; });
+  return found == rig.end() ? -1 : static_cast<int>(found - rig.begin());
+}
+
+int Scene::frame_index(std::int64_t id) const {
+  const auto found = std::lower_bound(frames.begin(), frames.end(), id, [](const Frame& f, std::int64_t i) { return f.id < i; });
+  return found == frames.end() || found->id != id ? -1 : static_cast<int>(found - frames.begin());
+}
+
+Rigid3d Scene::world_from_camera(const View& view) const {
+  return frames[view.frame].world_from_body * rig[view.camera].body_from_sensor;
+}
+
+Scene make_scene(const Recording& recording, const SceneOptions& options) {
+  check_ranges(options);
+  if (recording.frames.empty()) throw InputError(recording.root, "", "", "the recording has no frame with a pose");
+  if (recording.cameras.empty()) throw InputError(recording.root, "", "", "the recording has no camera with images");
+
+  Scene scene;
+  scene.near_m = options.near_m;
+  scene.far_m = options.far_m;
+  scene.downscale = options.downscale;
+  scene.undistort = options.undistort;
+  scene.ecef_from_world = recording.frames.front().ecef_from_body;
+  const Rigid3d world_from_ecef = scene.ecef_from_world.inverse();
+  for (const FramePose& frame : choose_frames(recording, options))
+    scene.frames.push_back({frame.id, frame.t_ns, world_from_ecef * frame.ecef_from_body});
+
+  for (const RecordedCamera* recorded : choose_cameras(recording, options)) {
+    std::vector<View> views;
+    for (const ImageFile& image : recorded->images) {
+      const int frame = scene.frame_index(image.frame_id);
+      if (frame < 0) continue;
+      const bool held_out = options.holdout_every > 0 && frame % options.holdout_every == 0;
+      views.push_back({static_cast<int>(scene.rig.size()), frame, image.path, held_out});
+    }
+    if (views.empty()) {
+      if (options.cameras.empty()) continue;
+      throw UsageError("--cameras", recorded->calibration.name, "has no image in the chosen frames");
+    }
+    scene.rig.push_back(make_rig_camera(recorded->calibration, options));
+    scene.views.insert(scene.views.end(), views.begin(), views.end());
+  }
+  if (scene.views.empty()) throw UsageError("--frames", "", "no camera has an image in the chosen frames");
+  if (std::all_of(scene.views.begin(), scene.views.end(), [](const View& view) { return view.held_out; }))
+    throw UsageError("--holdout-every", std::to_string(options.holdout_every),
+                     "leaves no image for training: only " + std::to_string(scene.frames.size()) + " frame(s) are chosen");
+  scene.unit_from_world = enclosing_cube(scene);
+  return scene;
+}
+
+}  // namespace redrive
