@@ -14,7 +14,8 @@ namespace redrive {
 namespace {
 
 TEST(Error, MessagesNameEverything) {
-  EXPECT_STREQ(InputError("a.json", "CAM.fx", "-1", "must be positive").what(), "a.json: CAM.fx = -1: must be positive");
+  EXPECT_STREQ(InputError("a.json", "CAM.fx", "-1", "must be positive").what(),
+               "a.json: CAM.fx = -1: must be positive");
   EXPECT_STREQ(InputError("a.json", "", "", "missing").what(), "a.json: missing");
   EXPECT_STREQ(UsageError("--near", "0", "must be positive").what(), "--near 0: must be positive");
   EXPECT_STREQ(IoError("a.png", "disk full").what(), "a.png: disk full");

@@ -35,8 +35,10 @@ bool has(const Feature& f) { return (cpuid(f.leaf, f.subleaf)[f.reg] >> f.bit) &
 // Intel SDM volume 2, CPUID. Each ISA needs those of the slower ones too.
 constexpr Feature kAvx2Features[] = {
     {"osxsave", 1, 0, kEcx, 27}, {"fma", 1, 0, kEcx, 12}, {"f16c", 1, 0, kEcx, 29}, {"avx2", 7, 0, kEbx, 5}};
-constexpr Feature kAvx512Features[] = {
-    {"avx512f", 7, 0, kEbx, 16}, {"avx512dq", 7, 0, kEbx, 17}, {"avx512bw", 7, 0, kEbx, 30}, {"avx512vl", 7, 0, kEbx, 31}};
+constexpr Feature kAvx512Features[] = {{"avx512f", 7, 0, kEbx, 16},
+                                       {"avx512dq", 7, 0, kEbx, 17},
+                                       {"avx512bw", 7, 0, kEbx, 30},
+                                       {"avx512vl", 7, 0, kEbx, 31}};
 // The bf16 kernels transpose ReLU bits with GFNI and move bytes with VBMI and VBMI2.
 constexpr Feature kAvx512Bf16Features[] = {{"avx512_bf16", 7, 1, kEax, 5},
                                            {"avx512_vbmi", 7, 0, kEcx, 1},

@@ -17,7 +17,7 @@ enum class Isa {
   kAmxBf16      ///< bf16 products, fp32 sums by AMX tiles (Sapphire Rapids and later)
 };
 
-std::string_view isa_name(Isa isa);                          ///< "avx2" "avx512" "avx512-bf16" "amx-bf16"
+std::string_view isa_name(Isa isa);  ///< "avx2" "avx512" "avx512-bf16" "amx-bf16"
 std::optional<Isa> isa_from_name(std::string_view name);
 const std::vector<Isa>& all_isas();
 

@@ -59,7 +59,8 @@ std::string JsonField::string() const {
 }
 
 std::vector<double> JsonField::numbers(std::size_t size) const {
-  if (!value_->is_array() || value_->size() != size) fail("an array of " + std::to_string(size) + " numbers was expected");
+  if (!value_->is_array() || value_->size() != size)
+    fail("an array of " + std::to_string(size) + " numbers was expected");
   std::vector<double> numbers(size);
   for (std::size_t i = 0; i < size; ++i) numbers[i] = at(i).number();
   return numbers;

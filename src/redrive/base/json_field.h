@@ -18,17 +18,17 @@ class JsonField {
  public:
   JsonField(const nlohmann::json& root, std::filesystem::path file) : value_(&root), file_(std::move(file)) {}
 
-  bool has(std::string_view key) const;               ///< object with that key
-  JsonField at(std::string_view key) const;           ///< required member
-  JsonField at(std::size_t index) const;              ///< required element
-  std::size_t size() const;                           ///< of an array or object
-  std::vector<std::string> keys() const;              ///< of an object, in file order as nlohmann keeps it
+  bool has(std::string_view key) const;      ///< object with that key
+  JsonField at(std::string_view key) const;  ///< required member
+  JsonField at(std::size_t index) const;     ///< required element
+  std::size_t size() const;                  ///< of an array or object
+  std::vector<std::string> keys() const;     ///< of an object, in file order as nlohmann keeps it
 
-  double number() const;                              ///< finite; an integer counts as one
+  double number() const;  ///< finite; an integer counts as one
   std::int64_t integer() const;
   std::string string() const;
   std::vector<double> numbers(std::size_t size) const;  ///< array of exactly `size` finite numbers
-  Eigen::Matrix4d matrix4() const;                    ///< row-major 4x4, finite
+  Eigen::Matrix4d matrix4() const;                      ///< row-major 4x4, finite
 
   [[noreturn]] void fail(std::string_view rule) const;  ///< InputError about this field with its value
   const std::filesystem::path& file() const { return file_; }

@@ -23,7 +23,8 @@ class ThreadPool {
   void run(int lanes, const std::function<void(int lane)>& body);
 
   /// Cuts [0, size) into ranges of `grain` and runs body(begin, end) on each.
-  void run_ranges(std::size_t size, std::size_t grain, const std::function<void(std::size_t begin, std::size_t end)>& body);
+  void run_ranges(std::size_t size, std::size_t grain,
+                  const std::function<void(std::size_t begin, std::size_t end)>& body);
 
  private:
   struct Impl;

@@ -18,7 +18,7 @@ struct Dual {
 
   constexpr Dual() = default;
   template <class U>
-    requires std::convertible_to<U, T>
+  requires std::convertible_to<U, T>
   constexpr Dual(U constant) : value(static_cast<T>(constant)) {}  // NOLINT: a constant is a Dual without derivatives
 
   /// The i-th independent variable at `value`.

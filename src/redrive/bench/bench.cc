@@ -1,0 +1,166 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/bench/bench.h"
+
+#include <algorithm>
+#include <chrono>
+
+#include <nlohmann/json.hpp>
+
+#include "redrive/base/error.h"
+#include "redrive/bench/commit.h"
+#include "redrive/bench/peak.h"
+#include "redrive/bench/workload.h"
+#include "redrive/render/renderer.h"
+#include "redrive/train/step.h"
+
+namespace redrive::bench {
+namespace {
+
+// Arithmetic of the scalar formulas, per sample (Adam: per parameter), counted from the files named.
+constexpr double kStratifiedFlops = 4;         // sampling/hierarchical.h: two for t, one for u, one for dt
+constexpr double kCompositeFlops = 24;         // volume/composite.h: alpha 3, w 1, three colours of 6, T 2
+constexpr double kCompositeAdjointFlops = 44;  // volume/composite.h: T and w 6, three colours of 12, sigma 2
+constexpr double kAdamFlops = 14;              // optim/adam.h: m 3, v 4, parameter 7
+
+class Runner {
+ public:
+  Runner(const Options& options, Report* report, const std::function<void(const Result&)>& on_result)
+      : options_(options), report_(report), on_result_(on_result) {}
+
+  bool wanted(const std::string& name) const { return name.find(options_.filter) != std::string::npos; }
+
+  /// Times `work`, which treats `samples` points with `flops` operations each.
+  void time(const std::string& name, double samples, double flops, const std::function<void()>& work) {
+    if (!wanted(name)) return;
+    const std::vector<double> seconds = measure(work);
+    Result result;
+    result.name = name;
+    const double median = seconds[seconds.size() / 2];
+    result.median_ms = 1e3 * median;
+    result.min_ms = 1e3 * seconds.front();
+    result.samples_per_s = samples / median;
+    result.gflops = 1e-9 * samples * flops / median;
+    result.percent_of_peak = 100 * result.gflops / report_->peak_gflops;
+    report_->results.push_back(result);
+    on_result_(result);
+  }
+
+ private:
+  /// Seconds of each repetition, ascending.
+  std::vector<double> measure(const std::function<void()>& work) const {
+    constexpr double kLong = 20, kEnough = 3;
+    constexpr std::size_t kAtLeast = 5;
+    const auto run = [&] {
+      const auto start = std::chrono::steady_clock::now();
+      work();
+      return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    };
+    std::vector<double> seconds;
+    const double warm_up = run();
+    if (warm_up > kLong && options_.repetitions <= 1) return {warm_up};
+    for (double sum = 0; options_.repetitions > 0 ? seconds.size() < static_cast<std::size_t>(options_.repetitions)
+                                                  : seconds.size() < kAtLeast || sum < kEnough;
+         sum += seconds.back())
+      seconds.push_back(run());
+    std::sort(seconds.begin(), seconds.end());
+    return seconds;
+  }
+
+  const Options& options_;
+  Report* report_;
+  const std::function<void(const Result&)>& on_result_;
+};
+
+/// From pixels to Adam.
+void time_step(Runner& runner, kernels::Backend& backend, const SyntheticDrive& drive, int width, int samples) {
+  const std::string name = "step/nerf-" + std::to_string(width) + "x" + std::to_string(samples);
+  if (!runner.wanted(name)) return;
+  const PixelSampler sampler(drive.scene, drive.images, 1);
+  const NerfConfig config{width};
+  TrainState state = initial_state(config, samples, 0, drive.scene, 1);
+  RayBatch batch;
+  StepBuffers buffers;
+  const double forward_flops = 2 * nerf_macs_per_sample(config);
+  runner.time(name, 1.0 * kBatchRays * samples, 3 * forward_flops, [&] {
+    sampler.gather(state.step, kBatchRays, &batch);
+    train_step(backend, batch, 5e-4, &state, &buffers);
+  });
+}
+
+void time_render(Runner& runner, kernels::Backend& backend, const SyntheticDrive& drive, const std::string& filter) {
+  const std::string name = "render/nerf-256x96-1280x704";
+  if (!runner.wanted(name)) return;
+  // The oracle would take hours; a filter that names the picture gets it all the same.
+  if (backend.name() == "ref" && filter.empty()) return;
+  constexpr int kSamples = 96;
+  const NerfConfig config;
+  const TrainState state = initial_state(config, kSamples, 0, drive.scene, 1);
+  const Camera& camera = drive.scene.rig[0].camera;
+  runner.time(name, 1.0 * camera.width * camera.height * kSamples, 2 * nerf_macs_per_sample(config),
+              [&] { render_image(backend, state.model, camera, drive.scene.world_from_camera(drive.scene.views[0])); });
+}
+
+void time_kernels(Runner& runner, kernels::Backend& backend, const SyntheticDrive& drive) {
+  const NerfConfig config;
+  KernelBatch b(drive, config, 96);
+  const double samples = static_cast<double>(b.t.size()), forward_flops = 2 * nerf_macs_per_sample(config);
+  const auto field = b.state.model.field(0);
+  runner.time("kernel/sample_stratified", samples, kStratifiedFlops,
+              [&] { backend.sample_stratified(b.rays.n, b.sampling(), b.t, b.dt); });
+  runner.time("kernel/nerf_forward-256", samples, forward_flops,
+              [&] { backend.nerf_forward(field, b.ray_spans(), b.sample_spans(), b.raw); });
+  // Includes the forward pass that it does over.
+  runner.time("kernel/nerf_backward-256", samples, 3 * forward_flops,
+              [&] { backend.nerf_backward(field, b.ray_spans(), b.sample_spans(), b.d_raw, b.gradients); });
+  runner.time("kernel/composite_forward", samples, kCompositeFlops, [&] {
+    backend.composite_forward(b.rays.n, b.sample_spans(), b.raw, {b.rgb, b.depth, b.opacity, b.weights});
+  });
+  runner.time("kernel/composite_backward", samples, kCompositeAdjointFlops,
+              [&] { backend.composite_backward(b.rays.n, b.sample_spans(), b.raw, b.d_rgb, b.d_raw); });
+  runner.time("kernel/adam", static_cast<double>(b.gradients.size()), kAdamFlops, [&] {
+    backend.adam(adam_step(5e-4, 1), b.gradients, b.state.model.parameters, b.state.first_moment,
+                 b.state.second_moment);
+  });
+}
+
+}  // namespace
+
+Report run(kernels::Backend& backend, const Options& options, const std::function<void(const Result&)>& on_result) {
+  Report report;
+  report.cpu = cpu_model_name();
+  report.backend = backend.name();
+  report.isa = backend.isa() ? std::string(isa_name(*backend.isa())) : "none";
+  report.threads = backend.threads();
+  report.commit = kCommit;
+  ThreadPool pool(backend.threads());
+  report.peak_gflops = measure_peak_gflops(backend.isa(), pool);
+
+  Runner runner(options, &report, on_result);
+  const SyntheticDrive drive = make_drive();
+  time_step(runner, backend, drive, 256, 96);
+  time_step(runner, backend, drive, 128, 48);
+  time_kernels(runner, backend, drive);
+  time_render(runner, backend, drive, options.filter);
+  if (report.results.empty()) throw UsageError("--filter", options.filter, "no benchmark's name contains it");
+  return report;
+}
+
+nlohmann::json to_json(const Report& report) {
+  nlohmann::json machine = {{"cpu", report.cpu},
+                            {"isa", report.isa},
+                            {"backend", report.backend},
+                            {"threads", report.threads},
+                            {"peak_gflops", report.peak_gflops}};
+  if (!report.commit.empty()) machine["commit"] = report.commit;
+  nlohmann::json results = nlohmann::json::array();
+  for (const Result& r : report.results)
+    results.push_back({{"name", r.name},
+                       {"median_ms", r.median_ms},
+                       {"min_ms", r.min_ms},
+                       {"samples_per_s", r.samples_per_s},
+                       {"gflops", r.gflops},
+                       {"percent_of_peak", r.percent_of_peak}});
+  return {{"machine", machine}, {"results", results}};
+}
+
+}  // namespace redrive::bench

@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/bench/bench.h"
+
+#include <cmath>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+
+#include "redrive/base/error.h"
+#include "redrive/bench/peak.h"
+
+namespace redrive::bench {
+namespace {
+
+TEST(Peak, IsMeasuredForEveryUsableIsa) {
+  ThreadPool pool(1);
+  // A gigaflop a second is less than one operation a cycle; 100 TFLOP/s is beyond any core.
+  const double portable = measure_peak_gflops(std::nullopt, pool);
+  EXPECT_GT(portable, 1);
+  for (const Isa isa : all_isas()) {
+    if (const auto why = isa_obstacle(isa)) {
+      std::printf("%s: %s\n", std::string(isa_name(isa)).c_str(), why->c_str());
+      continue;
+    }
+    const double gflops = measure_peak_gflops(isa, pool);
+    EXPECT_GT(gflops, 1) << isa_name(isa);
+    EXPECT_LT(gflops, 1e5) << isa_name(isa);
+  }
+}
+
+TEST(Bench, ReportsWhatWasAskedFor) {
+  const auto backend = kernels::make_ref_backend();
+  int seen = 0;
+  const Report report = run(*backend, {"kernel/adam", 2}, [&](const Result& result) {
+    ++seen;
+    EXPECT_EQ(result.name, "kernel/adam");
+  });
+  ASSERT_EQ(report.results.size(), 1u);
+  EXPECT_EQ(seen, 1);
+  const Result& r = report.results[0];
+  EXPECT_GT(r.min_ms, 0);
+  EXPECT_GE(r.median_ms, r.min_ms);
+  // The figures belong together: 14 operations a parameter.
+  EXPECT_NEAR(r.gflops, 14e-9 * r.samples_per_s, 1e-12 * r.gflops);
+  EXPECT_NEAR(r.percent_of_peak, 100 * r.gflops / report.peak_gflops, 1e-9 * r.percent_of_peak);
+
+  const nlohmann::json json = to_json(report);
+  for (const char* key : {"cpu", "isa", "backend", "threads", "peak_gflops"})
+    EXPECT_TRUE(json["machine"].contains(key)) << key;
+  for (const char* key : {"name", "median_ms", "min_ms", "samples_per_s", "gflops", "percent_of_peak"})
+    EXPECT_TRUE(json["results"][0].contains(key)) << key;
+  EXPECT_EQ(json["machine"]["backend"], "ref");
+}
+
+TEST(Bench, UnknownNameIsRefused) {
+  const auto backend = kernels::make_ref_backend();
+  EXPECT_THROW(run(*backend, {"no such kernel", 1}, [](const Result&) {}), UsageError);
+}
+
+}  // namespace
+}  // namespace redrive::bench

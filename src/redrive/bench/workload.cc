@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/bench/workload.h"
+
+#include <cmath>
+
+#include "redrive/base/rng.h"
+#include "redrive/sampling/hierarchical.h"
+
+namespace redrive::bench {
+
+SyntheticDrive make_drive() {
+  constexpr int kWidth = 1280, kHeight = 704, kViews = 4;
+  SyntheticDrive drive;
+  Camera camera;
+  camera.model = OpenCvPinhole{};
+  camera.fx = camera.fy = 1000;
+  camera.cx = (kWidth - 1) / 2.0;
+  camera.cy = (kHeight - 1) / 2.0;
+  camera.width = kWidth;
+  camera.height = kHeight;
+  // Body axes x forward, y left, z up; camera axes x right, y down, z forward.
+  Rigid3d body_from_sensor = Rigid3d::Identity();
+  body_from_sensor.linear() << 0, 0, 1, -1, 0, 0, 0, -1, 0;
+  drive.scene.rig.push_back({"SYNTHETIC", camera, camera, body_from_sensor});
+  drive.scene.ecef_from_world = Rigid3d::Identity();
+  drive.scene.unit_from_world = {{1, 0, 0}, 1.0f / 12};
+  for (int i = 0; i < kViews; ++i) {
+    Frame frame;
+    frame.id = i;
+    frame.t_ns = i * 100'000'000;
+    frame.world_from_body = Rigid3d::Identity();
+    frame.world_from_body.translation().x() = 0.5 * i;
+    drive.scene.frames.push_back(frame);
+    drive.scene.views.push_back({0, i, "", false});
+    Image8 image{kWidth, kHeight, {}};
+    image.rgb.reserve(3 * kWidth * kHeight);
+    for (int y = 0; y < kHeight; ++y)
+      for (int x = 0; x < kWidth; ++x)
+        for (int k = 0; k < 3; ++k)
+          image.rgb.push_back(static_cast<std::uint8_t>(127.5 + 127 * std::sin(0.02 * x + 0.03 * y * k + i)));
+    drive.images.push_back(std::move(image));
+  }
+  return drive;
+}
+
+KernelBatch::KernelBatch(const SyntheticDrive& drive, const NerfConfig& config, int samples)
+    : state(initial_state(config, samples, 0, drive.scene, 1)) {
+  PixelSampler(drive.scene, drive.images, 1).gather(0, kBatchRays, &rays);
+  const std::size_t n = static_cast<std::size_t>(rays.n) * samples;
+  t.resize(n);
+  dt.resize(n);
+  for (int ray = 0; ray < rays.n; ++ray) {
+    const auto how = sampling();
+    const std::size_t first = static_cast<std::size_t>(ray) * samples;
+    stratified_ray(samples, how.near_m, how.far_m, how.jitter, how.key, first, &t[first], &dt[first]);
+  }
+  // Linear outputs of order 1, half of the densities active; gradients of a mean over the batch.
+  const auto fill = [](std::vector<float>* values, std::size_t size, float scale) {
+    values->resize(size);
+    for (std::size_t i = 0; i < size; ++i) (*values)[i] = scale * (random_unit(random_key(1, kStreamTest), i) - 0.5f);
+  };
+  fill(&raw, 4 * n, 4);
+  fill(&d_rgb, 3 * rays.n, 1.0f / rays.n);
+  fill(&d_raw, 4 * n, 1.0f / n);
+  fill(&gradients, state.model.parameters.size(), 1e-3f);
+  rgb.resize(3 * rays.n);
+  depth.resize(rays.n);
+  opacity.resize(rays.n);
+}
+
+kernels::StratifiedSampling KernelBatch::sampling() const {
+  return {state.model.samples, state.model.near_m, state.model.far_m, true, random_key(1, kStreamSamples)};
+}
+
+}  // namespace redrive::bench
