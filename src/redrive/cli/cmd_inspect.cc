@@ -167,7 +167,8 @@ void print_table(const Inspection& result) {
 int run_inspect(const std::string& root, bool json) {
   const Inspection result = inspect(root);
   if (json) {
-    std::printf("%s\n", to_json(result).dump(2).c_str());
+    // File names need not be UTF-8, JSON has to be.
+    std::printf("%s\n", to_json(result).dump(2, ' ', false, nlohmann::json::error_handler_t::replace).c_str());
   } else {
     print_table(result);
   }
