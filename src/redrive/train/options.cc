@@ -4,7 +4,7 @@
 
 #include <algorithm>
 #include <charconv>
-#include <optional>
+#include <functional>
 #include <set>
 
 #include <nlohmann/json.hpp>
@@ -89,9 +89,12 @@ void validate(const TrainOptions& options) {
   const std::set<std::string> distinct(options.cameras.begin(), options.cameras.end());
   if (distinct.size() != options.cameras.size() || distinct.count(""))
     throw UsageError("--cameras", "", "must be names of cameras, each once, separated by commas");
-  for (std::size_t i = 0; i < options.lr_milestones.size(); ++i)
-    if (options.lr_milestones[i] < 1 || (i > 0 && options.lr_milestones[i] <= options.lr_milestones[i - 1]))
-      throw UsageError("--lr-milestones", std::to_string(options.lr_milestones[i]), "must be steps of 1 or more, ascending");
+  const std::vector<std::int64_t>& steps = options.lr_milestones;
+  if (std::ranges::adjacent_find(steps, std::greater_equal<>()) != steps.end() || (!steps.empty() && steps.front() < 1)) {
+    std::string list;
+    for (const std::int64_t step : steps) list += (list.empty() ? "" : ",") + std::to_string(step);
+    throw UsageError("--lr-milestones", list, "must be steps of 1 or more, ascending");
+  }
   const std::int64_t samples = std::int64_t{options.batch_rays} * (options.samples + options.fine_samples);
   if (samples > kMaxBatchSamples)
     throw UsageError("--batch", std::to_string(options.batch_rays),

@@ -1,0 +1,204 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <cstring>
+#include <functional>
+#include <limits>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+
+#include "redrive/base/error.h"
+#include "redrive/base/rng.h"
+#include "redrive/train/model.h"
+#include "redrive/train/safetensors.h"
+
+namespace redrive {
+namespace {
+
+using ::testing::HasSubstr;
+
+TrainState example_state(int fine_samples = 8) {
+  Scene scene;
+  scene.near_m = 0.5;
+  scene.far_m = 12;
+  scene.unit_from_world = {{1.5f, -0.1f, 1e-3f}, 0.07f};
+  NerfConfig config;
+  config.width = 32;
+  TrainState state = initial_state(config, 16, fine_samples, scene, 3);
+  for (std::size_t i = 0; i < state.first_moment.size(); ++i) {
+    state.first_moment[i] = random_unit(1, i) - 0.5f;
+    state.second_moment[i] = random_unit(2, i) * 1e-30f;
+  }
+  state.step = 123456789012;
+  state.seconds = 0.1 + 0.2;
+  state.seed = 18446744073709551615ull;
+  state.restarts = 2;
+  state.bad_steps = 1;
+  state.skipped_steps = 4;
+  state.watch = {3, 0.1, 0.2, 1.0 / 3};
+  state.window = {7, 7168, 0.7, 0.6, 1e-9};
+  return state;
+}
+
+void expect_equal(std::span<const float> a, std::span<const float> b) {
+  ASSERT_EQ(a.size(), b.size());
+  EXPECT_EQ(std::memcmp(a.data(), b.data(), a.size_bytes()), 0);
+}
+
+TEST(Checkpoint, RoundTripIsBitExact) {
+  for (const int fine_samples : {0, 8}) {
+    const TrainState state = example_state(fine_samples);
+    const TrainState back = parse_checkpoint(checkpoint_bytes(state), "c");
+    expect_equal(back.model.parameters, state.model.parameters);
+    expect_equal(back.first_moment, state.first_moment);
+    expect_equal(back.second_moment, state.second_moment);
+    EXPECT_EQ(back.model.config, state.model.config);
+    EXPECT_EQ(back.model.samples, 16);
+    EXPECT_EQ(back.model.fine_samples, fine_samples);
+    EXPECT_EQ(back.model.near_m, state.model.near_m);
+    EXPECT_EQ(back.model.far_m, state.model.far_m);
+    EXPECT_EQ(back.model.unit_from_world.center, state.model.unit_from_world.center);
+    EXPECT_EQ(back.model.unit_from_world.scale, state.model.unit_from_world.scale);
+    EXPECT_EQ(back.step, state.step);
+    EXPECT_EQ(back.seconds, state.seconds);
+    EXPECT_EQ(back.seed, state.seed);
+    EXPECT_EQ(back.restarts, state.restarts);
+    EXPECT_EQ(back.bad_steps, state.bad_steps);
+    EXPECT_EQ(back.skipped_steps, state.skipped_steps);
+    EXPECT_EQ(back.watch, state.watch);
+    EXPECT_EQ(back.window, state.window);
+  }
+}
+
+/// A file taken apart: header as JSON, and the data.
+struct Parts {
+  nlohmann::json header;
+  std::string data;
+
+  explicit Parts(const std::string& bytes) {
+    std::uint64_t length = 0;
+    std::memcpy(&length, bytes.data(), 8);
+    header = nlohmann::json::parse(bytes.substr(8, length));
+    data = bytes.substr(8 + length);
+  }
+  std::string bytes() const {
+    std::string text = header.dump();
+    text.resize((text.size() + 7) / 8 * 8, ' ');
+    const std::uint64_t length = text.size();
+    return std::string(reinterpret_cast<const char*>(&length), 8) + text + data;
+  }
+};
+
+TEST(Checkpoint, LaysTensorsOutAsSafetensorsSays) {
+  const TrainState state = example_state();
+  const std::string bytes = checkpoint_bytes(state);
+  const Parts parts(bytes);
+  EXPECT_EQ((bytes.size() - parts.data.size()) % 8, 0u);
+  const nlohmann::json& weight = parts.header.at("fine.trunk.0.weight");
+  EXPECT_EQ(weight.at("dtype"), "F32");
+  EXPECT_EQ(weight.at("shape"), (std::vector<int>{32, 63}));
+  float first = 0;
+  std::memcpy(&first, parts.data.data() + weight.at("data_offsets")[0].get<std::size_t>(), 4);
+  EXPECT_EQ(first, state.model.network(1)[nerf_layer(state.model.config, 0).weight]);
+  EXPECT_EQ(parts.header.at("coarse.trunk.0.bias").at("shape"), (std::vector<int>{32}));
+  EXPECT_EQ(parts.header.at("__metadata__").at("step"), "123456789012");
+}
+
+std::string complaint(const std::string& bytes) {
+  try {
+    parse_checkpoint(bytes, "run/checkpoint.safetensors");
+  } catch (const InputError& error) {
+    return error.what();
+  }
+  return "";
+}
+
+struct Damage {
+  const char* name;
+  std::function<void(Parts&)> apply;
+  const char* message;  ///< part of the complaint
+};
+
+TEST(Checkpoint, DamageIsRefusedAndNamed) {
+  const std::string good = checkpoint_bytes(example_state());
+  ASSERT_EQ(complaint(good), "");
+  ASSERT_EQ(complaint(Parts(good).bytes()), "") << "taking apart and putting together must not be what is refused";
+  const auto metadata = [](const char* key, const char* value) {
+    return [=](Parts& p) { p.header["__metadata__"][key] = value; };
+  };
+  const Damage table[] = {
+      {"other dtype", [](Parts& p) { p.header["coarse.rgb.bias"]["dtype"] = "BF16"; }, "coarse.rgb.bias.dtype"},
+      {"no dtype", [](Parts& p) { p.header["coarse.rgb.bias"].erase("dtype"); }, "coarse.rgb.bias"},
+      {"shape of another size", [](Parts& p) { p.header["coarse.rgb.bias"]["shape"] = {4}; }, "coarse.rgb.bias.shape"},
+      {"shape turned", [](Parts& p) { p.header["coarse.trunk.0.weight"]["shape"] = {63, 32}; }, "coarse.trunk.0.weight.shape"},
+      {"shape overflows", [](Parts& p) { p.header["coarse.rgb.bias"]["shape"] = {4294967296, 4294967296, 3}; }, "shape"},
+      {"negative shape", [](Parts& p) { p.header["coarse.rgb.bias"]["shape"] = {-3}; }, "shape"},
+      {"shape no list", [](Parts& p) { p.header["coarse.rgb.bias"]["shape"] = 3; }, "shape"},
+      {"offsets swapped", [](Parts& p) { std::swap(p.header["coarse.rgb.bias"]["data_offsets"][0], p.header["coarse.rgb.bias"]["data_offsets"][1]); }, "data_offsets"},
+      {"offsets past the end", [](Parts& p) { p.header["coarse.rgb.bias"]["data_offsets"] = {1e9, 1e9 + 12}; }, "data_offsets"},
+      {"one offset", [](Parts& p) { p.header["coarse.rgb.bias"]["data_offsets"] = {0}; }, "data_offsets"},
+      {"overlap", [](Parts& p) { p.header["coarse.rgb.bias"]["data_offsets"] = {0, 12}; }, "overlaps"},
+      {"tensor missing", [](Parts& p) { p.header.erase("adam.second_moment"); }, "bytes of data"},
+      {"tensor renamed", [](Parts& p) { p.header["x"] = p.header["fine.rgb.bias"]; p.header.erase("fine.rgb.bias"); }, "fine.rgb.bias"},
+      {"data cut off", [](Parts& p) { p.data.resize(p.data.size() - 4); }, ""},
+      {"data too long", [](Parts& p) { p.data += "more"; }, "bytes of data"},
+      {"no metadata", [](Parts& p) { p.header.erase("__metadata__"); }, "__metadata__.format"},
+      {"metadata no object", [](Parts& p) { p.header["__metadata__"] = 7; }, "__metadata__"},
+      {"metadata no text", [](Parts& p) { p.header["__metadata__"]["step"] = 7; }, "__metadata__.step"},
+      {"step missing", [](Parts& p) { p.header["__metadata__"].erase("step"); }, "__metadata__.step"},
+      {"step no number", metadata("step", "12x"), "__metadata__.step"},
+      {"step negative", metadata("step", "-1"), "__metadata__.step"},
+      {"seconds not finite", metadata("seconds", "nan"), "__metadata__.seconds"},
+      {"width of another network", metadata("width", "64"), "adam.first_moment.shape"},
+      {"width out of range", metadata("width", "1000000"), "__metadata__.width"},
+      {"width no multiple", metadata("width", "33"), "__metadata__.width"},
+      {"octaves", metadata("position_octaves", "11"), "__metadata__.position_octaves"},
+      {"samples", metadata("samples", "0"), "__metadata__.samples"},
+      {"fine network left out", metadata("fine_samples", "0"), "adam.first_moment.shape"},
+      {"far before near", metadata("far_m", "0.25"), "__metadata__.far_m"},
+      {"scale", metadata("unit_from_world.scale", "0"), "__metadata__.unit_from_world.scale"},
+      {"another format", metadata("format", "torch"), "__metadata__.format"},
+  };
+  for (const Damage& damage : table) {
+    Parts parts(good);
+    damage.apply(parts);
+    const std::string what = complaint(parts.bytes());
+    EXPECT_THAT(what, HasSubstr("run/checkpoint.safetensors")) << damage.name;
+    EXPECT_THAT(what, HasSubstr(damage.message)) << damage.name;
+  }
+}
+
+TEST(Checkpoint, NonFiniteAndNegativeValuesAreRefused) {
+  const std::string good = checkpoint_bytes(example_state());
+  for (const char* tensor : {"coarse.trunk.5.weight", "fine.density.bias", "adam.first_moment", "adam.second_moment"})
+    for (const float value : {std::numeric_limits<float>::quiet_NaN(), -std::numeric_limits<float>::infinity()}) {
+      Parts parts(good);
+      std::memcpy(parts.data.data() + parts.header[tensor]["data_offsets"][0].get<std::size_t>(), &value, 4);
+      EXPECT_THAT(complaint(parts.bytes()), HasSubstr(std::string(tensor) + "[0]"));
+    }
+  Parts parts(good);
+  const float negative = -1e-20f;
+  std::memcpy(parts.data.data() + parts.header["adam.second_moment"]["data_offsets"][0].get<std::size_t>() + 8, &negative, 4);
+  EXPECT_THAT(complaint(parts.bytes()), HasSubstr("adam.second_moment[2]"));
+}
+
+TEST(Checkpoint, EveryTruncationIsRefused) {
+  const std::string good = checkpoint_bytes(example_state(0));
+  const std::size_t header = good.size() - Parts(good).data.size();
+  for (std::size_t size = 0; size < header + 64; ++size) EXPECT_NE(complaint(good.substr(0, size)), "") << size;
+  for (std::size_t size = header; size < good.size(); size += 4093) EXPECT_NE(complaint(good.substr(0, size)), "") << size;
+  EXPECT_NE(complaint(good.substr(0, good.size() - 1)), "");
+}
+
+TEST(Checkpoint, AHeaderLengthThatCannotBeIsRefused) {
+  const std::string good = checkpoint_bytes(example_state(0));
+  for (const std::uint64_t length : {std::uint64_t{0}, std::uint64_t{1}, std::uint64_t{good.size()},
+                                     std::numeric_limits<std::uint64_t>::max(), std::numeric_limits<std::uint64_t>::max() - 7}) {
+    std::string bytes = good;
+    std::memcpy(bytes.data(), &length, 8);
+    EXPECT_THAT(complaint(bytes), HasSubstr("header length")) << length;
+  }
+}
+
+}  // namespace
+}  // namespace redrive

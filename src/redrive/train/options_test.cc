@@ -1,0 +1,197 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/train/options.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+
+#include "redrive/base/error.h"
+
+namespace redrive {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+
+const TrainField& field(const std::string& name) {
+  for (const TrainField& candidate : train_fields())
+    if (candidate.name == name) return candidate;
+  throw std::logic_error("no field " + name);
+}
+
+std::string complaint(const std::string& name, const std::string& value) {
+  try {
+    TrainOptions options;
+    options.recording = "drive";
+    field(name).parse(options, value);
+    validate(options);
+  } catch (const UsageError& error) {
+    return error.what();
+  }
+  return "";
+}
+
+struct Case {
+  const char *option, *value;
+};
+void PrintTo(const Case& c, std::ostream* out) { *out << "--" << c.option << " " << c.value; }
+
+class OutOfRange : public ::testing::TestWithParam<Case> {};
+
+TEST_P(OutOfRange, IsRefusedNamingOptionAndValue) {
+  const auto [option, value] = GetParam();
+  const std::string what = complaint(option, value);
+  EXPECT_THAT(what, HasSubstr(std::string("--") + option)) << value;
+  EXPECT_THAT(what, HasSubstr(std::string(value).substr(0, 3)));  // shown as the number that it is, so not every digit
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Options, OutOfRange,
+    ::testing::Values(
+        Case{"method", "gaussians"}, Case{"frames", "7"}, Case{"frames", "9:7"}, Case{"frames", "1:2:0"}, Case{"frames", "1:2:3:4"},
+        Case{"frames", "a:b"}, Case{"frames", "-4:7"}, Case{"downscale", "0"}, Case{"downscale", "65"}, Case{"downscale", "2.5"},
+        Case{"downscale", ""}, Case{"holdout-every", "-1"}, Case{"holdout-every", "1"}, Case{"near", "0"}, Case{"near", "-1"},
+        Case{"near", "nan"}, Case{"near", "1m"}, Case{"far", "inf"}, Case{"far", "0"}, Case{"far", "0.5"}, Case{"width", "0"},
+        Case{"width", "16"}, Case{"width", "100"}, Case{"width", "544"}, Case{"samples", "2"}, Case{"samples", "1025"},
+        Case{"fine-samples", "-1"}, Case{"fine-samples", "1025"}, Case{"batch", "0"}, Case{"batch", "65537"}, Case{"batch", "65536"},
+        Case{"learning-rate", "0"}, Case{"learning-rate", "1.5"}, Case{"learning-rate", "nan"}, Case{"lr-gamma", "0"},
+        Case{"lr-gamma", "2"}, Case{"lr-milestones", "0"}, Case{"lr-milestones", "20,10"}, Case{"lr-milestones", "x"},
+        Case{"epochs", "0"}, Case{"epochs", "10001"}, Case{"epochs", "99999999999999999999"}, Case{"max-steps", "-5"},
+        Case{"max-seconds", "-0.5"}, Case{"max-seconds", "inf"}, Case{"max-seconds", "nan"}, Case{"seed", "-1"},
+        Case{"seed", "18446744073709551616"}, Case{"checkpoint-every", "0"}, Case{"threads", "-2"}, Case{"threads", "1025"},
+        Case{"backend", "tpu"}, Case{"isa", "sse2"}, Case{"preset", "report-3"}));
+
+TEST(TrainOptions, RefusesCamerasThatAreNamedTwiceOrNot) {
+  EXPECT_THAT(complaint("cameras", "A,A"), HasSubstr("--cameras"));
+  EXPECT_THAT(complaint("cameras", "A,"), HasSubstr("--cameras"));
+}
+
+TEST(TrainOptions, TakesWhatIsAtTheEdgeOfTheRange) {
+  for (const auto& [option, value] : {Case{"downscale", "64"}, Case{"width", "32"}, Case{"width", "512"}, Case{"samples", "3"},
+                                      Case{"fine-samples", "1024"}, Case{"learning-rate", "1"}, Case{"frames", ":"},
+                                      Case{"frames", "5:"}, Case{"frames", "5:5:9"}, Case{"seed", "18446744073709551615"}})
+    EXPECT_THAT(complaint(option, value), IsEmpty()) << option << " " << value;
+}
+
+TEST(TrainOptions, EveryHelpSaysItsDefaultOrIsATextOrSwitch) {
+  for (const TrainField& candidate : train_fields()) EXPECT_FALSE(candidate.help.empty()) << candidate.name;
+  EXPECT_THAT(field("near").help, HasSubstr("default: 1"));
+  EXPECT_THAT(field("learning-rate").help, HasSubstr("default: 5e-04"));
+}
+
+TEST(TrainOptions, FramesBecomeARangeOfTheScene) {
+  TrainOptions options;
+  options.frames = "33643::2";
+  const SceneOptions scene = scene_options(options);
+  EXPECT_EQ(scene.first_frame, 33643);
+  EXPECT_EQ(scene.last_frame, -1);
+  EXPECT_EQ(scene.frame_step, 2);
+}
+
+TEST(TrainOptions, PresetFillsOnlyWhatWasNotGiven) {
+  TrainOptions options;
+  options.preset = "report-2";
+  options.samples = 64;
+  apply_preset(&options, {"samples"});
+  EXPECT_EQ(options.width, 128);
+  EXPECT_EQ(options.samples, 64);
+  EXPECT_EQ(options.epochs, 2);
+  EXPECT_FALSE(options.undistort);
+}
+
+TEST(TrainOptions, SecondSetupTakesTheRearCameraWhereTheMiddleOneIsMissing) {
+  Recording recording;
+  recording.cameras.resize(2);
+  recording.cameras[0].calibration.name = "B_MIDRANGECAM_C";
+  recording.cameras[1].calibration.name = "F_MIDLONGRANGECAM_CL";
+  TrainOptions options;
+  options.preset = "report-2";
+  resolve_cameras(&options, recording);
+  EXPECT_THAT(options.cameras, ElementsAre("F_MIDLONGRANGECAM_CL", "B_MIDRANGECAM_C"));
+
+  recording.cameras[0].calibration.name = "F_MIDRANGECAM_C";
+  options.cameras.clear();
+  resolve_cameras(&options, recording);
+  EXPECT_THAT(options.cameras, ElementsAre("F_MIDLONGRANGECAM_CL", "F_MIDRANGECAM_C"));
+
+  options.cameras = {"M_FISHEYE_L"};
+  resolve_cameras(&options, recording);
+  EXPECT_THAT(options.cameras, ElementsAre("M_FISHEYE_L"));
+}
+
+TEST(TrainOptions, DefaultMilestonesAreFractionsOfAllSteps) {
+  TrainOptions options;
+  options.epochs = 4;
+  EXPECT_EQ(total_steps(options, 1000), 4000);
+  EXPECT_THAT(milestones(options, 1000), ElementsAre(2000, 3000, 3500));
+  options.max_steps = 800;
+  EXPECT_THAT(milestones(options, 1000), ElementsAre(400, 600, 700));
+  options.max_seconds = 5;
+  EXPECT_THAT(milestones(options, 1000), ElementsAre(400, 600, 700));
+  options.lr_milestones = {7};
+  EXPECT_THAT(milestones(options, 1000), ElementsAre(7));
+}
+
+TrainOptions unusual() {
+  TrainOptions options;
+  options.recording = "/drives/a b";
+  options.preset = "report-1";
+  options.cameras = {"A", "B"};
+  options.frames = "3:9";
+  options.downscale = 4;
+  options.holdout_every = 8;
+  options.undistort = true;
+  options.near_m = 0.1;
+  options.far_m = 123.456789012345;
+  options.width = 64;
+  options.fine_samples = 128;
+  options.learning_rate = 1e-3;
+  options.lr_milestones = {10, 20};
+  options.max_steps = 1234567890123 / 10;
+  options.seed = 18446744073709551615ull;
+  options.backend = "ref";
+  return options;
+}
+
+TEST(TrainOptions, JsonRoundTripKeepsEveryField) {
+  const nlohmann::json json = options_to_json(unusual());
+  EXPECT_EQ(json.size(), train_fields().size());
+  const TrainOptions back = options_from_json(nlohmann::json::parse(json.dump()), "config.json");
+  EXPECT_EQ(options_to_json(back), json);
+  EXPECT_EQ(back.seed, 18446744073709551615ull);
+  EXPECT_EQ(back.far_m, 123.456789012345);
+  EXPECT_THAT(back.cameras, ElementsAre("A", "B"));
+}
+
+TEST(TrainOptions, JsonThatDoesNotFitIsRefused) {
+  const auto what = [](const nlohmann::json& json) -> std::string {
+    try {
+      options_from_json(json, "config.json");
+    } catch (const InputError& error) {
+      return error.what();
+    }
+    return "";
+  };
+  nlohmann::json json = options_to_json(unusual());
+  json["colour"] = 1;
+  EXPECT_THAT(what(json), HasSubstr("colour"));
+  for (const TrainField& candidate : train_fields()) {
+    json = options_to_json(unusual());
+    json.erase(candidate.name);
+    EXPECT_THAT(what(json), HasSubstr(candidate.name)) << "missing";
+    json[candidate.name] = nlohmann::json::object();
+    EXPECT_THAT(what(json), HasSubstr(candidate.name)) << "an object";
+    json[candidate.name] = nullptr;
+    EXPECT_THAT(what(json), HasSubstr(candidate.name)) << "null";
+  }
+  json = options_to_json(unusual());
+  json["width"] = 3'000'000'000ull;  // does not fit an int, and must not be cut to one that does
+  EXPECT_THAT(what(json), HasSubstr("width"));
+  json["width"] = 100;
+  EXPECT_THAT(what(json), HasSubstr("--width 100"));
+  EXPECT_THAT(what(nlohmann::json::array()), HasSubstr("config.json"));
+}
+
+}  // namespace
+}  // namespace redrive

@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/train/start_watch.h"
+
+#include <functional>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+namespace redrive {
+namespace {
+
+using ::testing::HasSubstr;
+
+/// Half of the pixels `low`, half `high`, on all channels: variance ((high - low) / 2)^2.
+RayBatch two_colours(float low, float high) {
+  RayBatch batch;
+  batch.n = 4;
+  batch.target = {low, high, low, high, high, high, low, low, high, low, low, high};
+  return batch;
+}
+
+struct Verdict {
+  std::int64_t step = -1;
+  std::string reason;
+};
+
+Verdict watch(const RayBatch& batch, const std::function<StepResult(std::int64_t)>& result_of, std::int64_t steps = 2000) {
+  StartWatch state;
+  for (std::int64_t step = 0; step < steps; ++step)
+    if (const auto reason = watch_start(result_of(step), batch, step, &state)) return {step, *reason};
+  return {};
+}
+
+StepResult result(double mse, double opacity = 0.5, bool finite = true) { return {mse, mse, opacity, finite}; }
+
+TEST(StartWatch, VarianceOfTwoColours) { EXPECT_NEAR(colour_variance(two_colours(0.25f, 0.75f)), 0.0625, 1e-12); }
+
+TEST(StartWatch, DeadFieldIsRecognisedAfterTwentySteps) {
+  const Verdict verdict = watch(two_colours(0, 1), [](auto) { return result(0.5, 0); });
+  EXPECT_EQ(verdict.step, 19);
+  EXPECT_THAT(verdict.reason, HasSubstr("dead"));
+}
+
+TEST(StartWatch, OpacityThatComesBackIsNotDead) {
+  EXPECT_EQ(watch(two_colours(0, 1), [](auto step) { return result(0.1 / (1 + step), step % 20 == 19 ? 1e-3 : 0); }).step, -1);
+}
+
+TEST(StartWatch, EmptySpaceInBlackPicturesIsNotDead) {
+  EXPECT_EQ(watch(two_colours(0, 0), [](auto) { return result(0, 0); }).step, -1);
+}
+
+TEST(StartWatch, NotFiniteIsDivergingOnlyInTheStart) {
+  const auto bad_at = [](std::int64_t bad) {
+    return watch(two_colours(0, 1), [=](auto step) { return result(0.1 / (1 + step), 0.5, step != bad); });
+  };
+  EXPECT_EQ(bad_at(7).step, 7);
+  EXPECT_THAT(bad_at(7).reason, HasSubstr("diverging"));
+  EXPECT_EQ(bad_at(999).step, 999);
+  EXPECT_EQ(bad_at(1000).step, -1);
+}
+
+TEST(StartWatch, LossThatDoesNotFallIsDiverging) {
+  // Half black, half white, and the field says one of them everywhere: error 1/2, a constant grey would have 1/4.
+  const Verdict verdict = watch(two_colours(0, 1), [](auto step) { return result(step < 20 ? 0.4 : 0.5); });
+  EXPECT_EQ(verdict.step, 499);
+  EXPECT_THAT(verdict.reason, HasSubstr("diverging"));
+}
+
+TEST(StartWatch, LossThatFallsIsNot) {
+  EXPECT_EQ(watch(two_colours(0, 1), [](auto step) { return result(step < 20 ? 0.5 : 0.45); }).step, -1);
+}
+
+TEST(StartWatch, OneConstantColourIsNot) {  // right from the first step on: nothing to fall
+  EXPECT_EQ(watch(two_colours(0.5f, 0.5f), [](auto step) { return result(step < 20 ? 1e-7 : 2e-6); }).step, -1);
+}
+
+TEST(StartWatch, NoiseIsNot) {  // the mean colour from the start, and nothing better to be had
+  EXPECT_EQ(watch(two_colours(0.25f, 0.75f), [](auto step) { return result(step < 20 ? 0.0624 : 0.0626); }).step, -1);
+}
+
+}  // namespace
+}  // namespace redrive

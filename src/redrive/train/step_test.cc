@@ -1,0 +1,120 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/train/step.h"
+
+#include <gtest/gtest.h>
+
+#include "redrive/base/rng.h"
+#include "redrive/train/test_support.h"
+
+namespace redrive {
+namespace {
+
+RayBatch example_batch(int n) {
+  RayBatch batch;
+  batch.n = n;
+  batch.origin.assign(3 * n, 0.0f);
+  batch.direction.resize(3 * n);
+  batch.target.resize(3 * n);
+  for (int i = 0; i < n; ++i) {
+    const float angle = 0.2f * (random_unit(kStreamTest, i) - 0.5f);
+    batch.direction[i] = std::cos(angle);
+    batch.direction[n + i] = std::sin(angle);
+    batch.direction[2 * n + i] = 0;
+    for (int k = 0; k < 3; ++k) batch.target[k * n + i] = random_unit(kStreamTest + 1, 3 * i + k);
+  }
+  return batch;
+}
+
+TrainState example_state(int fine_samples) {
+  Scene scene;
+  scene.near_m = 1;
+  scene.far_m = 5;
+  scene.unit_from_world = {{0, 0, 0}, 0.2f};
+  NerfConfig config;
+  config.width = 32;
+  return initial_state(config, 8, fine_samples, scene, 5);
+}
+
+TEST(TrainStep, IsTheCompositionOfThePlainStages) {
+  const auto backend = kernels::make_ref_backend();
+  const RayBatch batch = example_batch(16);
+  TrainState state = example_state(0);
+  const TrainState before = parse_checkpoint(checkpoint_bytes(state), "");
+  StepBuffers buffers;
+  const StepResult result = train_step(*backend, batch, 1e-3, &state, &buffers);
+
+  // By hand: sample, render, squared error; then Adam's first step, which moves each weight by lr g / (|g| + eps).
+  std::vector<float> t(16 * 8), dt(16 * 8), rgb(48), depth(16), opacity(16);
+  backend->sample_stratified(16, {8, 1, 5, true, random_key(5, kStreamSamples, 0)}, t, dt);
+  backend->render_rays(before.model.field(0), {16, batch.origin, batch.direction}, {8, t, dt}, {rgb, depth, opacity, {}});
+  double loss = 0, mean_opacity = 0;
+  for (int i = 0; i < 48; ++i) loss += std::pow(double(rgb[i]) - batch.target[i], 2) / 48;
+  for (const float value : opacity) mean_opacity += value / 16.0;
+  EXPECT_NEAR(result.loss, loss, 48 * 1.2e-7 * loss);
+  EXPECT_EQ(result.rgb_mse, result.loss);
+  EXPECT_NEAR(result.opacity, mean_opacity, 1e-6);
+  EXPECT_TRUE(result.finite);
+  EXPECT_EQ(state.step, 1);
+  int moved = 0;
+  for (std::size_t i = 0; i < state.model.parameters.size(); ++i) {
+    const double gradient = buffers.gradients[i], step = state.model.parameters[i] - before.model.parameters[i];
+    // One rounding of the parameter (|p| < 1) and a few of the quotient.
+    EXPECT_NEAR(step, -1e-3 * gradient / (std::abs(gradient) + 1e-8), 1.2e-7 + 1e-3 * 1e-4) << i;
+    moved += step != 0;
+  }
+  EXPECT_GT(moved, static_cast<int>(state.model.parameters.size() / 4));
+}
+
+TEST(TrainStep, HierarchicalAddsTheLossesAndTrainsBothNetworks) {
+  const auto backend = kernels::make_ref_backend();
+  const RayBatch batch = example_batch(8);
+  TrainState state = example_state(12);
+  const TrainState before = parse_checkpoint(checkpoint_bytes(state), "");
+  StepBuffers buffers;
+  const StepResult result = train_step(*backend, batch, 1e-3, &state, &buffers);
+  TrainState coarse_only = example_state(0);
+  StepBuffers other;
+  const StepResult coarse = train_step(*backend, batch, 1e-3, &coarse_only, &other);
+  EXPECT_NEAR(result.loss, coarse.loss + result.rgb_mse, 1e-6 * result.loss);
+  EXPECT_TRUE(bit_equal(state.model.network(0), coarse_only.model.network(0))) << "the fine samples carry no gradient back";
+  EXPECT_FALSE(bit_equal(state.model.network(1), before.model.network(1)));
+}
+
+TEST(TrainStep, BatchesOfAnySizeShareTheBuffers) {  // the last batch of an epoch is smaller
+  const auto backend = kernels::make_ref_backend();
+  TrainState shared = example_state(4), fresh = example_state(4);
+  StepBuffers buffers;
+  for (const int n : {16, 3, 16}) {
+    StepBuffers own;
+    const StepResult a = train_step(*backend, example_batch(n), 1e-3, &shared, &buffers);
+    const StepResult b = train_step(*backend, example_batch(n), 1e-3, &fresh, &own);
+    EXPECT_EQ(a.loss, b.loss) << n;
+  }
+  EXPECT_TRUE(same_weights(shared, fresh));
+}
+
+TEST(TrainStep, WhatIsNotFiniteIsNotApplied) {
+  const auto backend = kernels::make_ref_backend();
+  RayBatch batch = example_batch(4);
+  batch.target[5] = std::numeric_limits<float>::quiet_NaN();
+  TrainState state = example_state(0);
+  const TrainState before = parse_checkpoint(checkpoint_bytes(state), "");
+  StepBuffers buffers;
+  EXPECT_FALSE(train_step(*backend, batch, 1e-3, &state, &buffers).finite);
+  EXPECT_TRUE(same_weights(state, before));
+  EXPECT_EQ(state.step, 1);
+}
+
+TEST(TrainStep, DeadFieldHasNoOpacityAndNoGradient) {
+  const auto backend = kernels::make_ref_backend();
+  TrainState state = example_state(0);
+  state.model.parameters[nerf_layer(state.model.config, kNerfDensity).bias] = -1e3f;
+  const TrainState before = parse_checkpoint(checkpoint_bytes(state), "");
+  StepBuffers buffers;
+  const StepResult result = train_step(*backend, example_batch(8), 1e-3, &state, &buffers);
+  EXPECT_EQ(result.opacity, 0);
+  EXPECT_TRUE(bit_equal(state.model.parameters, before.model.parameters));
+}
+
+}  // namespace
+}  // namespace redrive

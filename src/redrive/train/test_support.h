@@ -1,0 +1,127 @@
+// SPDX-License-Identifier: Apache-2.0
+// For tests of training: a run on a tiny drive, and a backend that interrupts, kills or spoils a given step.
+#pragma once
+
+#include <atomic>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <stdexcept>
+
+#include "redrive/scene/test_recording.h"
+#include "redrive/train/run.h"
+#include "redrive/train/trainer.h"
+
+namespace redrive {
+
+/// What happens to the n-th step (from 0) that a backend computes.
+struct Interference {
+  std::int64_t stop_after = -1;                     ///< sets `stop`, as Ctrl-C would
+  std::int64_t kill_at = -1;                        ///< throws Killed in the middle of it, as nothing would survive kill -9
+  std::int64_t nan_from = -1, nan_to = -1;          ///< [from, to): the loss is not a number
+  std::atomic<bool> stop{false};
+};
+
+struct Killed : std::runtime_error {
+  Killed() : std::runtime_error("killed") {}
+};
+
+/// Hands everything on to `inner`; a step is what is between two calls of sample_stratified.
+class InterferingBackend : public kernels::Backend {
+ public:
+  InterferingBackend(kernels::Backend& inner, Interference* what) : inner_(inner), what_(*what) {}
+
+  std::string name() const override { return inner_.name(); }
+  std::optional<Isa> isa() const override { return inner_.isa(); }
+  int threads() const override { return inner_.threads(); }
+  void sample_stratified(int n_rays, const kernels::StratifiedSampling& how, std::span<float> t, std::span<float> dt) override {
+    ++step_;
+    if (step_ == what_.stop_after) what_.stop = true;
+    inner_.sample_stratified(n_rays, how, t, dt);
+  }
+  void sample_hierarchical(const kernels::Samples& coarse, std::span<const float> weights, int extra, bool jitter,
+                           std::uint64_t key, std::span<float> t, std::span<float> dt) override {
+    inner_.sample_hierarchical(coarse, weights, extra, jitter, key, t, dt);
+  }
+  void nerf_forward(const kernels::NerfField& f, const kernels::Rays& r, const kernels::Samples& s, std::span<float> raw) override {
+    inner_.nerf_forward(f, r, s, raw);
+  }
+  void nerf_backward(const kernels::NerfField& f, const kernels::Rays& r, const kernels::Samples& s,
+                     std::span<const float> d_raw, std::span<float> gradients) override {
+    inner_.nerf_backward(f, r, s, d_raw, gradients);
+  }
+  void composite_forward(int n, const kernels::Samples& s, std::span<const float> raw, const kernels::CompositeOut& out) override {
+    inner_.composite_forward(n, s, raw, out);
+  }
+  void composite_backward(int n, const kernels::Samples& s, std::span<const float> raw, std::span<const float> d_rgb,
+                          std::span<float> d_raw) override {
+    inner_.composite_backward(n, s, raw, d_rgb, d_raw);
+  }
+  double photometric_loss(std::span<const float> rgb, std::span<const float> target, std::span<float> d_rgb) override {
+    return inner_.photometric_loss(rgb, target, d_rgb);
+  }
+  double train_rays(const kernels::NerfField& f, const kernels::Rays& r, const kernels::Samples& s, std::span<const float> target,
+                    const kernels::CompositeOut& out, std::span<float> gradients) override {
+    if (step_ == what_.kill_at) throw Killed();
+    const double loss = inner_.train_rays(f, r, s, target, out, gradients);
+    return step_ >= what_.nan_from && step_ < what_.nan_to ? std::numeric_limits<double>::quiet_NaN() : loss;
+  }
+  void adam(const AdamStep& step, std::span<const float> gradients, std::span<float> parameters, std::span<float> first,
+            std::span<float> second) override {
+    inner_.adam(step, gradients, parameters, first, second);
+  }
+
+ private:
+  kernels::Backend& inner_;
+  Interference& what_;
+  std::int64_t step_ = -1;
+};
+
+/// Options of a run that takes milliseconds: width 32, 64 rays of 12 samples.
+inline TrainOptions tiny_options(std::int64_t max_steps) {
+  TrainOptions options;
+  options.recording = "in memory";
+  options.cameras = {"FRONT"};
+  options.width = 32;
+  options.samples = 12;
+  options.batch_rays = 64;
+  options.epochs = 10000;
+  options.max_steps = max_steps;
+  options.checkpoint_every = 40;
+  options.far_m = 6;
+  options.learning_rate = 2e-3;
+  return options;
+}
+
+/// A fresh run in `root` on the first two frames of a drive whose images stand in `images`.
+inline Run tiny_run(const std::filesystem::path& root, const std::filesystem::path& images, const TrainOptions& options) {
+  Run run;
+  run.options = options;
+  run.recording = make_test_recording(images, 2);
+  run.scene = make_scene(run.recording, scene_options(options));
+  run.state = first_state(options, run.scene);
+  run.paths = create_run(root, options);
+  return run;
+}
+
+/// What resume does, the recording being in memory: options and scene as they were, the state from the checkpoint.
+inline Run reopened(const Run& run) {
+  Run again;
+  again.paths = run.paths;
+  again.options = run.options;
+  again.recording = run.recording;
+  again.scene = run.scene;
+  again.state = load_checkpoint(run.paths.checkpoint());
+  return again;
+}
+
+inline bool bit_equal(std::span<const float> a, std::span<const float> b) {
+  return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size_bytes()) == 0;
+}
+
+inline bool same_weights(const TrainState& a, const TrainState& b) {
+  return bit_equal(a.model.parameters, b.model.parameters) && bit_equal(a.first_moment, b.first_moment) &&
+         bit_equal(a.second_moment, b.second_moment);
+}
+
+}  // namespace redrive

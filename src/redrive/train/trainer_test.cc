@@ -1,0 +1,225 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/train/trainer.h"
+
+#include <fstream>
+#include <sstream>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "redrive/base/error.h"
+#include "redrive/base/files.h"
+#include "redrive/train/test_support.h"
+
+namespace redrive {
+namespace {
+
+using ::testing::HasSubstr;
+
+/// Every density far below the ReLU's kink: the start that never moves.
+void kill_density(Run* run) {
+  run->state.model.parameters[nerf_layer(run->state.model.config, kNerfDensity).bias] = -1e3f;
+}
+
+class TrainerTest : public ::testing::Test {
+ protected:
+  redrive::Run run_named(const std::string& name, const TrainOptions& options) {
+    return tiny_run(folder_.path / name, folder_.path, options);
+  }
+  /// Loss, PSNR and learning rate of every row: what has to be equal, the clock apart.
+  static std::string curve(const redrive::Run& run) {
+    std::ostringstream text;
+    text.precision(17);
+    for (const MetricsRow& row : read_metrics(run.paths))
+      text << row.step << " " << row.epoch << " " << row.loss << " " << row.psnr_db << " " << row.learning_rate << "\n";
+    return text.str();
+  }
+
+  TemporaryFolder folder_;
+  std::unique_ptr<kernels::Backend> backend_ = kernels::make_backend({"auto", "auto", 2});
+  const std::atomic<bool> never_{false};
+};
+
+TEST_F(TrainerTest, LossFallsAndTheRunFolderIsComplete) {
+  redrive::Run run = run_named("run", tiny_options(600));
+  EXPECT_EQ(train(&run, *backend_, never_), TrainEnd::kFinished);
+  const std::vector<MetricsRow> rows = read_metrics(run.paths);
+  ASSERT_EQ(rows.size(), 24u);
+  EXPECT_EQ(rows.back().step, 600);
+  EXPECT_LT(rows.back().loss, rows.front().loss / 10);
+  EXPECT_NEAR(rows.back().psnr_db, -10 * std::log10(rows.back().loss), 1e-9);
+  EXPECT_EQ(rows.front().learning_rate, 2e-3);
+  EXPECT_EQ(rows.back().learning_rate, 2e-3 / 8);  // behind the milestones 300, 450 and 525
+  EXPECT_TRUE(same_weights(load_checkpoint(run.paths.checkpoint()), run.state));
+  EXPECT_EQ(run.state.restarts, 0);
+}
+
+TEST_F(TrainerTest, SameSeedGivesTheSameCurveAndWeightsBitForBit) {
+  redrive::Run a = run_named("a", tiny_options(120)), b = run_named("b", tiny_options(120));
+  train(&a, *backend_, never_);
+  const auto another = kernels::make_backend({"auto", "auto", 2});
+  train(&b, *another, never_);
+  EXPECT_EQ(curve(a), curve(b));
+  EXPECT_TRUE(same_weights(a.state, b.state));
+
+  TrainOptions other_seed = tiny_options(120);
+  other_seed.seed = 2;
+  redrive::Run c = run_named("c", other_seed);
+  train(&c, *backend_, never_);
+  EXPECT_FALSE(same_weights(a.state, c.state));
+}
+
+TEST_F(TrainerTest, InterruptedAndResumedEndsAsUninterrupted) {
+  for (const int fine_samples : {0, 6}) {
+    TrainOptions options = tiny_options(130);
+    options.fine_samples = fine_samples;
+    const std::string suffix = std::to_string(fine_samples);
+    redrive::Run whole = run_named("whole" + suffix, options), parts = run_named("parts" + suffix, options);
+    train(&whole, *backend_, never_);
+
+    for (const std::int64_t steps : {0, 12, 50}) {  // stops after 1, 14 and 65 steps: between rows and checkpoints
+      Interference interference;
+      interference.stop_after = steps;
+      InterferingBackend backend(*backend_, &interference);
+      EXPECT_EQ(train(&parts, backend, interference.stop), TrainEnd::kInterrupted);
+      parts = reopened(parts);
+    }
+    EXPECT_EQ(parts.state.step, 65);
+    EXPECT_EQ(train(&parts, *backend_, never_), TrainEnd::kFinished);
+    EXPECT_EQ(curve(parts), curve(whole));
+    EXPECT_TRUE(same_weights(parts.state, whole.state));
+  }
+}
+
+TEST_F(TrainerTest, KilledAndResumedEndsAsUninterrupted) {
+  const TrainOptions options = tiny_options(130);
+  redrive::Run whole = run_named("whole", options), parts = run_named("parts", options);
+  train(&whole, *backend_, never_);
+  for (const std::int64_t at : {30, 77, 20}) {  // the last checkpoints are at 0, 40 (77 + 0 -> 40) and 40
+    Interference interference;
+    interference.kill_at = at;
+    InterferingBackend backend(*backend_, &interference);
+    EXPECT_THROW(train(&parts, backend, never_), Killed);
+    std::ofstream(parts.paths.metrics(), std::ios::app) << "{\"step\": 9";  // a line that the kill cut short
+    parts = reopened(parts);
+  }
+  EXPECT_EQ(parts.state.step, 40);
+  train(&parts, *backend_, never_);
+  EXPECT_EQ(curve(parts), curve(whole));
+  EXPECT_TRUE(same_weights(parts.state, whole.state));
+}
+
+TEST_F(TrainerTest, DeadStartIsRestartedFromAnotherSeed) {
+  redrive::Run run = run_named("run", tiny_options(60));
+  kill_density(&run);
+  EXPECT_EQ(train(&run, *backend_, never_), TrainEnd::kFinished);
+  EXPECT_EQ(run.state.restarts, 1);
+  EXPECT_NE(run.state.seed, run.options.seed);
+  EXPECT_EQ(run.state.step, 60);
+  const std::string metrics = read_file(run.paths.metrics());
+  EXPECT_THAT(metrics, HasSubstr("\"event\":\"restart\""));
+  EXPECT_THAT(metrics, HasSubstr("dead"));
+  ASSERT_EQ(read_metrics(run.paths).size(), 3u);  // steps 25, 50 and 60 of the second start alone
+  EXPECT_EQ(read_metrics(run.paths).front().step, 25);
+}
+
+TEST_F(TrainerTest, KilledAroundARestartEndsAsUninterrupted) {
+  const TrainOptions options = tiny_options(60);
+  redrive::Run whole = run_named("whole", options), parts = run_named("parts", options);
+  kill_density(&whole);
+  kill_density(&parts);
+  train(&whole, *backend_, never_);
+  for (const std::int64_t at : {10, 30}) {  // before the restart after step 20, and behind it
+    Interference interference;
+    interference.kill_at = at;
+    InterferingBackend backend(*backend_, &interference);
+    EXPECT_THROW(train(&parts, backend, never_), Killed);
+    parts = reopened(parts);
+  }
+  EXPECT_EQ(parts.state.restarts, 1);
+  train(&parts, *backend_, never_);
+  EXPECT_EQ(curve(parts), curve(whole));
+  EXPECT_TRUE(same_weights(parts.state, whole.state));
+}
+
+TEST_F(TrainerTest, StartThatIsNeverFiniteGivesUpAfterFiveRestarts) {
+  redrive::Run run = run_named("run", tiny_options(60));
+  Interference interference;
+  interference.nan_from = 0;
+  interference.nan_to = 1000;
+  InterferingBackend backend(*backend_, &interference);
+  try {
+    train(&run, backend, never_);
+    ADD_FAILURE() << "no UsageError";
+  } catch (const UsageError& error) {
+    EXPECT_THAT(error.what(), HasSubstr("no start out of 6 converged"));
+  }
+  EXPECT_EQ(run.state.restarts, 5);
+}
+
+TEST_F(TrainerTest, LaterStepsThatAreNotFiniteAreSkippedAndCounted) {
+  TrainOptions options = tiny_options(1100);
+  options.batch_rays = 16;
+  redrive::Run run = run_named("run", options);
+  Interference interference;
+  interference.nan_from = 1050;
+  interference.nan_to = 1057;
+  InterferingBackend backend(*backend_, &interference);
+  EXPECT_EQ(train(&run, backend, never_), TrainEnd::kFinished);
+  EXPECT_EQ(run.state.skipped_steps, 7);
+  EXPECT_EQ(run.state.bad_steps, 0);
+  EXPECT_EQ(run.state.step, 1100);
+  EXPECT_EQ(run.state.restarts, 0);
+}
+
+TEST_F(TrainerTest, FiftyOnEndStopWithTheLastGoodCheckpoint) {
+  TrainOptions options = tiny_options(2000);
+  options.batch_rays = 16;
+  redrive::Run run = run_named("run", options);
+  Interference interference;
+  interference.nan_from = 1050;
+  interference.nan_to = 5000;
+  InterferingBackend backend(*backend_, &interference);
+  EXPECT_THROW(train(&run, backend, never_), UsageError);
+  EXPECT_EQ(run.state.skipped_steps, 50);
+  EXPECT_EQ(load_checkpoint(run.paths.checkpoint()).step, 1040);
+}
+
+TEST_F(TrainerTest, MaxSecondsCountsOnOverResumedRuns) {
+  TrainOptions options = tiny_options(0);
+  options.max_seconds = 0.05;
+  redrive::Run run = run_named("run", options);
+  EXPECT_EQ(train(&run, *backend_, never_), TrainEnd::kFinished);
+  EXPECT_GE(run.state.seconds, 0.05);
+  EXPECT_GT(run.state.step, 0);
+  redrive::Run again = reopened(run);
+  train(&again, *backend_, never_);
+  EXPECT_EQ(again.state.step, run.state.step) << "its time was up already";
+}
+
+TEST(Metrics, ALineThatIsNoneIsRefusedByNumber) {
+  TemporaryFolder folder;
+  const RunPaths paths{folder.path};
+  append_metrics(paths, {25, 1, 0.5, 3, 5e-4, 100, 0});
+  std::ofstream(paths.metrics(), std::ios::app) << "{\"step\": 50}\n";
+  try {
+    read_metrics(paths);
+    ADD_FAILURE() << "no InputError";
+  } catch (const InputError& error) {
+    EXPECT_THAT(error.what(), HasSubstr("metrics.jsonl:2"));
+  }
+}
+
+TEST(Run, AFolderThatExistsIsRefusedAndLeftAlone) {
+  TemporaryFolder folder;
+  TrainOptions options = tiny_options(1);
+  EXPECT_THROW(create_run(folder.path, options), UsageError);
+  EXPECT_TRUE(std::filesystem::is_empty(folder.path));
+  std::ofstream(folder.path / "file") << "mine";
+  EXPECT_THROW(create_run(folder.path / "file", options), UsageError);
+  EXPECT_EQ(read_file(folder.path / "file"), "mine");
+  EXPECT_THROW(create_run(folder.path / "file" / "below", options), IoError);
+}
+
+}  // namespace
+}  // namespace redrive
