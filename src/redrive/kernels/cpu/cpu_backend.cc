@@ -1,0 +1,304 @@
+// SPDX-License-Identifier: Apache-2.0
+// The cpu backend: cuts batches into tiles and lanes, and calls an instruction set's network and stages on them.
+// The number of lanes is fixed and each has a fixed list of tiles; sums are kept per lane and added in lane order. So the
+// result does not depend on the number of threads.
+#include <algorithm>
+#include <vector>
+
+#include "redrive/base/buffer.h"
+#include "redrive/kernels/check_sizes.h"
+#include "redrive/kernels/cpu/cpu_kernels.h"
+#include "redrive/kernels/cpu/nerf_tile.h"
+#include "redrive/loss/photometric.h"
+#include "redrive/sampling/hierarchical.h"
+
+namespace redrive::kernels {
+namespace {
+
+/// Lanes of a batch: enough for a queue of two to eight threads to end together, few enough for their gradients (2.4 MB each
+/// at width 256) to be added up quickly.
+constexpr int kLanesOfBatch = 8;
+
+std::unique_ptr<NerfNetwork> make_network(Isa isa, const NerfConfig& config) {
+  switch (isa) {
+    case Isa::kAvx2: return make_nerf_avx2(config);
+    case Isa::kAvx512: return make_nerf_avx512(config);
+#ifdef REDRIVE_HAVE_BF16
+    case Isa::kAvx512Bf16: return make_nerf_avx512_bf16(config);
+    case Isa::kAmxBf16: return make_nerf_amx_bf16(config);
+#endif
+    default: throw UsageError("--isa", isa_name(isa), "not in this build");
+  }
+}
+
+/// Rays [first, first + n) of a batch.
+struct RayRange {
+  int first = 0, n = 0;
+};
+
+/// What a lane needs for one tile.
+struct LaneMemory {
+  Buffer<float> position, direction, raw, d_raw, d_rgb, composite;
+
+  LaneMemory(int max_rays, int per_ray)
+      : position(3 * static_cast<std::size_t>(max_rays) * per_ray),
+        direction(3 * static_cast<std::size_t>(max_rays)),
+        raw(4 * static_cast<std::size_t>(max_rays) * per_ray),
+        d_raw(raw.size()),
+        d_rgb(direction.size()),
+        composite(composite_scratch(per_ray)) {}
+};
+
+/// A network for batches of one shape, with its lanes; packed anew for every batch.
+struct Engine {
+  NerfConfig config;
+  int per_ray = 0, rays_per_tile = 0;
+  std::unique_ptr<NerfNetwork> network;
+  std::vector<std::unique_ptr<NerfLane>> lanes;
+  std::vector<LaneMemory> memory;
+};
+
+class CpuBackend final : public Backend {
+ public:
+  CpuBackend(Isa isa, int threads)
+      : isa_(isa), kernels_(isa == Isa::kAvx2 ? avx2::kCpuKernels : avx512::kCpuKernels), pool_(threads) {}
+
+  std::string name() const override { return "cpu"; }
+  std::optional<Isa> isa() const override { return isa_; }
+  int threads() const override { return pool_.threads(); }
+
+  void sample_stratified(int n_rays, const StratifiedSampling& how, std::span<float> t, std::span<float> dt) override {
+    check_stratified(n_rays, how, t.size(), dt.size());
+    pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
+      const std::size_t first = begin * how.per_ray;
+      kernels_.sample_stratified({.first_ray = begin, .n_rays = end - begin, .per_ray = how.per_ray, .near_m = how.near_m,
+                                  .far_m = how.far_m, .jitter = how.jitter, .key = how.key},
+                                 t.data() + first, dt.data() + first);
+    });
+  }
+
+  void sample_hierarchical(const Samples& coarse, std::span<const float> weights, int extra, bool jitter,
+                           std::uint64_t key, std::span<float> t, std::span<float> dt) override {
+    const int n_rays = check_hierarchical(coarse, weights.size(), extra, t.size(), dt.size());
+    pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t ray = begin; ray < end; ++ray) {
+        const std::size_t from = ray * coarse.per_ray, to = ray * (coarse.per_ray + extra);
+        hierarchical_ray(&coarse.t[from], &weights[from], coarse.per_ray, extra, jitter, key, ray * extra, &t[to], &dt[to]);
+      }
+    });
+  }
+
+  void nerf_forward(const NerfField& field, const Rays& rays, const Samples& samples, std::span<float> raw) override {
+    check_field(field, rays, samples);
+    check_raw(rays.n, samples, raw.size());
+    Engine& engine = prepare(field, samples.per_ray);
+    const int stride = static_cast<int>(sample_count(rays.n, samples));
+    for_each_tile(engine, rays.n, [&](int lane, RayRange tile) {
+      forward_tile(engine, lane, field, rays, samples, tile, false, raw.data() + first_sample(tile, samples), stride);
+    });
+  }
+
+  void nerf_backward(const NerfField& field, const Rays& rays, const Samples& samples, std::span<const float> d_raw,
+                     std::span<float> gradients) override {
+    check_field(field, rays, samples);
+    check_raw(rays.n, samples, d_raw.size());
+    REDRIVE_CHECK_OP(gradients.size(), ==, field.parameters.size());
+    Engine& engine = prepare(field, samples.per_ray);
+    const int stride = static_cast<int>(sample_count(rays.n, samples));
+    pool_.run(kLanesOfBatch, [&](int lane) { engine.lanes[lane]->clear_gradients(); });
+    for_each_tile(engine, rays.n, [&](int lane, RayRange tile) {
+      forward_tile(engine, lane, field, rays, samples, tile, true, engine.memory[lane].raw.data(), tile.n * samples.per_ray);
+      engine.lanes[lane]->backward(d_raw.data() + first_sample(tile, samples), stride);
+    });
+    engine.network->reduce(engine.lanes, gradients, pool_);
+  }
+
+  void composite_forward(int n_rays, const Samples& samples, std::span<const float> raw, const CompositeOut& out) override {
+    check_samples(n_rays, samples);
+    check_raw(n_rays, samples, raw.size());
+    check_composite(n_rays, samples, out);
+    pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
+      const RayRange range{static_cast<int>(begin), static_cast<int>(end - begin)};
+      Buffer<float> scratch(composite_scratch(samples.per_ray));
+      kernels_.composite_forward(
+          composite_rays(range, samples, raw.data() + first_sample(range, samples), sample_count(n_rays, samples)),
+          composite_result(range, n_rays, samples, out), scratch.data());
+    });
+  }
+
+  void composite_backward(int n_rays, const Samples& samples, std::span<const float> raw, std::span<const float> d_rgb,
+                          std::span<float> d_raw) override {
+    check_samples(n_rays, samples);
+    check_raw(n_rays, samples, raw.size());
+    check_raw(n_rays, samples, d_raw.size());
+    REDRIVE_CHECK_OP(d_rgb.size(), ==, 3 * static_cast<std::size_t>(n_rays));
+    const std::size_t stride = sample_count(n_rays, samples);
+    pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
+      const RayRange range{static_cast<int>(begin), static_cast<int>(end - begin)};
+      Buffer<float> scratch(composite_scratch(samples.per_ray));
+      const std::size_t first = first_sample(range, samples);
+      kernels_.composite_backward(composite_rays(range, samples, raw.data() + first, stride),
+                                  {.d_rgb = d_rgb.data() + begin, .d_rgb_stride = static_cast<std::size_t>(n_rays),
+                                   .d_raw = d_raw.data() + first, .d_raw_stride = stride},
+                                  scratch.data());
+    });
+  }
+
+  double photometric_loss(std::span<const float> rgb, std::span<const float> target, std::span<float> d_rgb) override {
+    const int n_rays = check_photometric(rgb.size(), target.size(), d_rgb.size());
+    double loss = 0;
+    for (std::size_t i = 0; i < rgb.size(); ++i) {
+      const auto term = photometric_term<double>(rgb[i], target[i], n_rays);
+      loss += term.value;
+      d_rgb[i] = static_cast<float>(term.derivative);
+    }
+    return loss;
+  }
+
+  void adam(const AdamStep& step, std::span<const float> gradients, std::span<float> parameters,
+            std::span<float> first_moment, std::span<float> second_moment) override {
+    check_adam(gradients.size(), parameters.size(), first_moment.size(), second_moment.size());
+    pool_.run_ranges(parameters.size(), 1 << 15, [&](std::size_t begin, std::size_t end) {
+      kernels_.adam({.learning_rate = step.learning_rate, .beta1 = step.beta1, .beta2 = step.beta2, .epsilon = step.epsilon,
+                     .bias1 = step.bias1, .bias2 = step.bias2, .gradients = gradients.data() + begin,
+                     .parameters = parameters.data() + begin, .first_moment = first_moment.data() + begin,
+                     .second_moment = second_moment.data() + begin, .n = end - begin});
+    });
+  }
+
+  double train_rays(const NerfField& field, const Rays& rays, const Samples& samples, std::span<const float> target,
+                    const CompositeOut& out, std::span<float> gradients) override {
+    check_field(field, rays, samples);
+    check_composite(rays.n, samples, out);
+    check_photometric(out.rgb.size(), target.size(), out.rgb.size());
+    REDRIVE_CHECK_OP(gradients.size(), ==, field.parameters.size());
+    Engine& engine = prepare(field, samples.per_ray);
+    double lane_loss[kLanesOfBatch]{};
+    pool_.run(kLanesOfBatch, [&](int lane) { engine.lanes[lane]->clear_gradients(); });
+    for_each_tile(engine, rays.n, [&](int lane, RayRange tile) {
+      LaneMemory& memory = engine.memory[lane];
+      const int stride = tile.n * samples.per_ray;
+      forward_tile(engine, lane, field, rays, samples, tile, true, memory.raw.data(), stride);
+      const CompositeRays composite = composite_rays(tile, samples, memory.raw.data(), stride);
+      kernels_.composite_forward(composite, composite_result(tile, rays.n, samples, out), memory.composite.data());
+      for (int k = 0; k < 3; ++k)
+        for (int ray = 0; ray < tile.n; ++ray) {
+          const std::size_t at = static_cast<std::size_t>(k) * rays.n + tile.first + ray;
+          const auto term = photometric_term<double>(out.rgb[at], target[at], rays.n);
+          lane_loss[lane] += term.value;
+          memory.d_rgb[static_cast<std::size_t>(k) * tile.n + ray] = static_cast<float>(term.derivative);
+        }
+      kernels_.composite_backward(composite,
+                                  {.d_rgb = memory.d_rgb.data(), .d_rgb_stride = static_cast<std::size_t>(tile.n),
+                                   .d_raw = memory.d_raw.data(), .d_raw_stride = static_cast<std::size_t>(stride)},
+                                  memory.composite.data());
+      engine.lanes[lane]->backward(memory.d_raw.data(), stride);
+    });
+    engine.network->reduce(engine.lanes, gradients, pool_);
+    double loss = 0;
+    for (const double part : lane_loss) loss += part;
+    return loss;
+  }
+
+  void render_rays(const NerfField& field, const Rays& rays, const Samples& samples, const CompositeOut& out) override {
+    check_field(field, rays, samples);
+    check_composite(rays.n, samples, out);
+    Engine& engine = prepare(field, samples.per_ray);
+    for_each_tile(engine, rays.n, [&](int lane, RayRange tile) {
+      LaneMemory& memory = engine.memory[lane];
+      const int stride = tile.n * samples.per_ray;
+      forward_tile(engine, lane, field, rays, samples, tile, false, memory.raw.data(), stride);
+      kernels_.composite_forward(composite_rays(tile, samples, memory.raw.data(), stride),
+                                 composite_result(tile, rays.n, samples, out), memory.composite.data());
+    });
+  }
+
+ private:
+  static constexpr std::size_t kRaysOfRange = 64;  // some thousand samples: well above the cost of a queue entry
+
+  static std::size_t first_sample(RayRange range, const Samples& samples) {
+    return static_cast<std::size_t>(range.first) * samples.per_ray;
+  }
+
+  static CompositeRays composite_rays(RayRange range, const Samples& samples, const float* raw, std::size_t raw_stride) {
+    const std::size_t first = first_sample(range, samples);
+    return {.n_rays = range.n, .per_ray = samples.per_ray, .raw = raw, .raw_stride = raw_stride,
+            .t = samples.t.data() + first, .dt = samples.dt.data() + first};
+  }
+
+  static CompositeResult composite_result(RayRange range, int n_rays, const Samples& samples, const CompositeOut& out) {
+    return {.rgb = out.rgb.data() + range.first, .rgb_stride = static_cast<std::size_t>(n_rays),
+            .depth = out.depth.data() + range.first, .opacity = out.opacity.data() + range.first,
+            .weights = out.weights.empty() ? nullptr : out.weights.data() + first_sample(range, samples)};
+  }
+
+  /// The engine of this shape, made on first use, with the field's parameters.
+  Engine& prepare(const NerfField& field, int per_ray) {
+    auto found = std::find_if(engines_.begin(), engines_.end(), [&](const std::unique_ptr<Engine>& engine) {
+      return engine->config == field.config && engine->per_ray == per_ray;
+    });
+    if (found == engines_.end()) {
+      if (engines_.size() == kMaxEngines) engines_.erase(engines_.begin());
+      auto engine = std::make_unique<Engine>();
+      engine->config = field.config;
+      engine->per_ray = per_ray;
+      engine->network = make_network(isa_, field.config);
+      engine->rays_per_tile = std::max(1, engine->network->tile_samples() / per_ray);
+      for (int lane = 0; lane < kLanesOfBatch; ++lane) {
+        engine->lanes.push_back(engine->network->make_lane(engine->rays_per_tile * per_ray));
+        engine->memory.emplace_back(engine->rays_per_tile, per_ray);
+      }
+      engines_.push_back(std::move(engine));
+      found = engines_.end() - 1;
+    }
+    (*found)->network->pack(field.parameters, pool_);
+    return **found;
+  }
+
+  /// Calls visit(lane, tile) for every tile; those of a lane are consecutive and in order, on one thread.
+  template <class Visit>
+  void for_each_tile(Engine& engine, int n_rays, const Visit& visit) {
+    const std::int64_t tiles = (n_rays + engine.rays_per_tile - 1) / engine.rays_per_tile;
+    pool_.run(kLanesOfBatch, [&](int lane) {
+      const std::int64_t begin = tiles * lane / kLanesOfBatch, end = tiles * (lane + 1) / kLanesOfBatch;
+      if (begin == end) return;
+      engine.lanes[lane]->begin();
+      for (std::int64_t tile = begin; tile < end; ++tile) {
+        const int first = static_cast<int>(tile) * engine.rays_per_tile;
+        visit(lane, RayRange{first, std::min(engine.rays_per_tile, n_rays - first)});
+      }
+      engine.lanes[lane]->end();
+    });
+  }
+
+  void forward_tile(Engine& engine, int lane, const NerfField& field, const Rays& rays, const Samples& samples, RayRange tile,
+                    bool keep, float* raw, int stride) {
+    LaneMemory& memory = engine.memory[lane];
+    kernels_.points({.n_rays = tile.n, .per_ray = samples.per_ray, .origin = rays.origin.data() + tile.first,
+                     .direction = rays.direction.data() + tile.first, .ray_stride = static_cast<std::size_t>(rays.n),
+                     .t = samples.t.data() + first_sample(tile, samples), .center = field.unit_from_world.center.data(),
+                     .scale = field.unit_from_world.scale, .position = memory.position.data(),
+                     .stride = static_cast<std::size_t>(tile.n) * samples.per_ray});
+    for (int d = 0; d < 3; ++d)
+      std::copy_n(rays.direction.data() + static_cast<std::size_t>(d) * rays.n + tile.first, tile.n,
+                  memory.direction.data() + static_cast<std::size_t>(d) * tile.n);
+    engine.lanes[lane]->forward({.n_rays = tile.n, .per_ray = samples.per_ray, .position = memory.position.data(),
+                                 .direction = memory.direction.data()},
+                                keep, raw, stride);
+  }
+
+  static constexpr std::size_t kMaxEngines = 4;  // coarse and fine, each for training and rendering
+  const Isa isa_;
+  const CpuKernels& kernels_;
+  ThreadPool pool_;
+  std::vector<std::unique_ptr<Engine>> engines_;
+};
+
+}  // namespace
+
+std::unique_ptr<Backend> make_cpu_backend(Isa isa, int threads) {
+  if (const auto obstacle = isa_obstacle(isa)) throw UsageError("--isa", isa_name(isa), *obstacle);
+  return std::make_unique<CpuBackend>(isa, threads);
+}
+
+}  // namespace redrive::kernels

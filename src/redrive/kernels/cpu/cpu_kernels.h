@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: Apache-2.0
+// The stages around the network, once per vector width, as a table of plain functions over ranges; the backend cuts the
+// work and owns the memory. The formulas are those of volume/composite.h, optim/adam.h and sampling/hierarchical.h.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+namespace redrive::kernels {
+
+/// Rays with their samples: channel k of sample i = ray * per_ray + s is raw[k * raw_stride + i].
+struct CompositeRays {
+  int n_rays = 0, per_ray = 0;
+  const float* raw = nullptr;
+  std::size_t raw_stride = 0;
+  const float *t = nullptr, *dt = nullptr;
+};
+
+/// Channel k of a ray's colour is rgb[k * rgb_stride + ray]; weights may be null.
+struct CompositeResult {
+  float* rgb = nullptr;
+  std::size_t rgb_stride = 0;
+  float *depth = nullptr, *opacity = nullptr, *weights = nullptr;
+};
+
+/// Channel k of a ray: d_rgb[k * d_rgb_stride + ray]; of a sample: d_raw[k * d_raw_stride + i].
+struct CompositeAdjoint {
+  const float* d_rgb = nullptr;
+  std::size_t d_rgb_stride = 0;
+  float* d_raw = nullptr;
+  std::size_t d_raw_stride = 0;
+};
+
+/// Floats of working memory the composite stages need: three rows of whole vectors.
+static constexpr std::size_t composite_scratch(int per_ray) { return 3 * (static_cast<std::size_t>(per_ray) + 16); }
+
+/// Rays [first_ray, first_ray + n_rays) of a batch; t and dt start at the first of them.
+struct StratifiedRays {
+  std::size_t first_ray = 0, n_rays = 0;
+  int per_ray = 0;
+  float near_m = 0, far_m = 0;
+  bool jitter = true;
+  std::uint64_t key = 0;
+};
+
+/// AdamStep's constants (optim/adam.h), and arrays [n].
+struct AdamRange {
+  float learning_rate, beta1, beta2, epsilon, bias1, bias2;
+  const float* gradients;
+  float *parameters, *first_moment, *second_moment;
+  std::size_t n;
+};
+
+/// position[d * stride + ray * per_ray + s] = (origin + t direction - center) * scale.
+struct RayPoints {
+  int n_rays = 0, per_ray = 0;
+  const float *origin = nullptr, *direction = nullptr;  ///< coordinate d of a ray at [d * ray_stride + ray]
+  std::size_t ray_stride = 0;
+  const float* t = nullptr;
+  const float* center = nullptr;
+  float scale = 1;
+  float* position = nullptr;
+  std::size_t stride = 0;
+};
+
+struct CpuKernels {
+  void (*composite_forward)(const CompositeRays& rays, const CompositeResult& out, float* scratch);
+  void (*composite_backward)(const CompositeRays& rays, const CompositeAdjoint& adjoint, float* scratch);
+  void (*sample_stratified)(const StratifiedRays& rays, float* t, float* dt);  ///< bit-equal to stratified_ray
+  void (*adam)(const AdamRange& range);
+  void (*points)(const RayPoints& rays);
+};
+
+namespace avx2 {
+extern const CpuKernels kCpuKernels;
+}
+namespace avx512 {
+extern const CpuKernels kCpuKernels;
+}
+
+}  // namespace redrive::kernels

@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: Apache-2.0
+// The NeRF network in fp32 on the inner loops of one instruction set. Compiled without ISA flags.
+//
+// The feature layer is linear and only the colour layer reads it, so the two are one matrix here:
+//   colour([Wf h + bf, gamma(d)]) = ReLU((Wc Wf) h + Wd gamma(d) + (bc + Wc bf)),  Wc and Wd the two parts of colour.weight.
+// The product costs width^3 / 2 multiply-adds a batch and saves width^2 a sample and pass: 11 % of all at width 256. Its
+// gradient G (and g of the bias) gives those of the factors exactly:
+//   dWf = Wc^T G,  dbf = Wc^T g,  dWc = G Wf^T + g bf^T.
+#pragma once
+
+#include <array>
+#include <memory>
+
+#include "redrive/base/buffer.h"
+#include "redrive/kernels/cpu/fp32/fp32_kernels.h"
+#include "redrive/kernels/cpu/nerf_tile.h"
+
+namespace redrive::kernels {
+
+/// Layers of the computation: 0..7 trunk, then these. Inputs and outputs are padded with zero weights to what the
+/// inner loops need.
+enum Fp32Layer { kFp32Colour = 8, kFp32Density = 9, kFp32Rgb = 10, kFp32Layers = 11 };
+
+struct PackedLayer {
+  int k1 = 0, k2 = 0;             ///< padded inputs: of the layer before (or gamma(x)), of the concatenated encoding
+  int outputs = 0;                ///< padded
+  std::size_t gradient = 0;       ///< offset of the weight's gradient [outputs, k1 + k2] in a lane's buffer
+  std::size_t bias_gradient = 0;  ///< of the bias's [outputs, lanes]
+  Buffer<float> plain;            ///< [outputs, k1 + k2] row-major
+  Buffer<float> forward;          ///< plain, packed for DenseLayer
+  Buffer<float> bias;             ///< [outputs]
+};
+
+class Fp32Network final : public NerfNetwork {
+ public:
+  Fp32Network(const NerfConfig& config, const Fp32Kernels& kernels);
+
+  int tile_samples() const override;
+  void pack(std::span<const float> parameters, ThreadPool& pool) override;
+  std::unique_ptr<NerfLane> make_lane(int max_samples) override;
+  void reduce(std::span<const std::unique_ptr<NerfLane>> lanes, std::span<float> gradients, ThreadPool& pool) override;
+
+ private:
+  friend class Fp32Lane;
+  void multiply_rows(MatrixProduct product, ThreadPool& pool) const;
+
+  NerfConfig config_;
+  const Fp32Kernels& kernels_;
+  int position_rows_, direction_rows_;  ///< of the encodings, padded
+  std::array<PackedLayer, kFp32Layers> layers_;
+  /// The transposes for d_in = W^T d_out, packed for DenseLayer: of trunk 1..7 (index as layers_; the skip layer's part for h
+  /// only), of [colour; density] towards h (kFp32Colour) and of rgb (kFp32Rgb).
+  std::array<Buffer<float>, kFp32Layers> backward_;
+  std::size_t gradient_size_ = 0;       ///< floats of a lane's buffer
+  Buffer<float> feature_, feature_transposed_, feature_bias_;  ///< Wf [width, width], its transpose, bf
+  Buffer<float> colour_;                                       ///< Wc [width / 2, width]
+};
+
+}  // namespace redrive::kernels

@@ -1,0 +1,144 @@
+// SPDX-License-Identifier: Apache-2.0
+// Compiled once per instruction set: REDRIVE_ISA names the namespace. -ffp-contract=off, so that t is bit-equal to the scalar
+// function's; -fno-math-errno for a vector square root.
+#include "redrive/kernels/cpu/cpu_kernels.h"
+
+#include "redrive/kernels/cpu/simd/vector.h"
+
+namespace redrive::kernels::REDRIVE_ISA {
+namespace {
+
+REDRIVE_INLINE bool is_infinite(float x) { return x == __builtin_inff(); }
+
+REDRIVE_INLINE Vf sigmoid(Vf x) { return splat(1.0f) / (splat(1.0f) + exponential(-x).value); }
+
+/// alpha and 1 - alpha of every sample of a ray (volume/composite.h, absorption), in whole vectors: beyond n sigma is 0.
+REDRIVE_INLINE void absorb(const float* density, const float* dt, int n, float* alpha, float* transparency) {
+  const Vf zero{}, one = splat(1.0f);
+  for (int i = 0; i < n; i += kLanes) {
+    const Vf raw = load_first(density + i, n - i), length = load_first(dt + i, n - i);
+    const Vf sigma = raw <= zero ? zero : raw;
+    const Vi infinite = length == splat(__builtin_inff());
+    const Exponential e = exponential(-sigma * (infinite ? zero : length));
+    const Vf step_alpha = sigma <= zero ? zero : one + zero * sigma, step_rest = sigma <= zero ? one : zero;
+    store(alpha + i, infinite ? step_alpha : -e.minus_one);
+    store(transparency + i, infinite ? step_rest : e.value);
+  }
+}
+
+void composite_forward(const CompositeRays& rays, const CompositeResult& out, float* scratch) {
+  const int n = rays.per_ray, padded = (n + kLanes - 1) / kLanes * kLanes;
+  float *weight = scratch, *transparency = scratch + padded;
+  for (int ray = 0; ray < rays.n_rays; ++ray) {
+    const std::size_t first = static_cast<std::size_t>(ray) * n;
+    const float* raw = rays.raw + first;
+    absorb(raw + 3 * rays.raw_stride, rays.dt + first, n, weight, transparency);
+    float transmittance = 1;
+    for (int i = 0; i < n; ++i) {
+      weight[i] *= transmittance;
+      transmittance *= transparency[i];
+    }
+    Vf depth{}, opacity{}, rgb[3]{};
+    for (int i = 0; i < n; i += kLanes) {
+      const Vf w = load_first(weight + i, n - i);
+      for (int k = 0; k < 3; ++k) rgb[k] += w * sigmoid(load_first(raw + k * rays.raw_stride + i, n - i));
+      depth += w * load_first(rays.t + first + i, n - i);
+      opacity += w;
+    }
+    for (int k = 0; k < 3; ++k) out.rgb[k * out.rgb_stride + ray] = sum(rgb[k]);
+    out.depth[ray] = sum(depth);
+    out.opacity[ray] = sum(opacity);
+    if (out.weights)
+      for (int i = 0; i < n; i += kLanes) store_first(out.weights + first + i, load(weight + i), n - i);
+  }
+}
+
+void composite_backward(const CompositeRays& rays, const CompositeAdjoint& adjoint, float* scratch) {
+  const int n = rays.per_ray, padded = (n + kLanes - 1) / kLanes * kLanes;
+  float *weight = scratch, *after = scratch + padded, *colour = scratch + 2 * padded;
+  for (int ray = 0; ray < rays.n_rays; ++ray) {
+    const std::size_t first = static_cast<std::size_t>(ray) * n;
+    const float* raw = rays.raw + first;
+    float* d_raw = adjoint.d_raw + first;
+    absorb(raw + 3 * rays.raw_stride, rays.dt + first, n, weight, after);
+    float transmittance = 1;
+    for (int i = 0; i < n; ++i) {
+      weight[i] *= transmittance;
+      transmittance *= after[i];
+      after[i] = transmittance;
+    }
+    Vf d_rgb[3];
+    for (int k = 0; k < 3; ++k) d_rgb[k] = splat(adjoint.d_rgb[k * adjoint.d_rgb_stride + ray]);
+    for (int i = 0; i < n; i += kLanes) {
+      Vf dot{};  // c . d_rgb: the three channels' suffix sums are one
+      const Vf w = load_first(weight + i, n - i);
+      for (int k = 0; k < 3; ++k) {
+        const Vf c = sigmoid(load_first(raw + k * rays.raw_stride + i, n - i));
+        dot += c * d_rgb[k];
+        store_first(d_raw + k * adjoint.d_raw_stride + i, w * c * (splat(1.0f) - c) * d_rgb[k], n - i);
+      }
+      store(colour + i, dot);
+    }
+    float behind = 0;
+    for (int i = n - 1; i >= 0; --i) {
+      const float d_sigma = after[i] * colour[i] - behind;
+      behind += weight[i] * colour[i];
+      const float dt = rays.dt[first + i];
+      const bool flat = raw[3 * rays.raw_stride + i] <= 0 || is_infinite(dt);
+      d_raw[3 * adjoint.d_raw_stride + i] = flat ? 0.0f : d_sigma * dt;
+    }
+  }
+}
+
+/// base/rng.h, as a loop the compiler turns into 64-bit vectors: bits of random_unit, 24 of them.
+REDRIVE_INLINE std::int32_t random_bits24(std::uint64_t key, std::uint64_t index) {
+  std::uint64_t x = key + index * 0xD1342543DE82EF95ull + 0x9E3779B97F4A7C15ull;
+  x = (x ^ (x >> 30)) * 0xBF58476D1CE4E5B9ull;
+  x = (x ^ (x >> 27)) * 0x94D049BB133111EBull;
+  return static_cast<std::int32_t>((x ^ (x >> 31)) >> 40);
+}
+
+void sample_stratified(const StratifiedRays& rays, float* __restrict t, float* __restrict dt) {
+  const float near_m = rays.near_m, bin = (rays.far_m - rays.near_m) / static_cast<float>(rays.per_ray);
+  for (std::size_t ray = 0; ray < rays.n_rays; ++ray, t += rays.per_ray, dt += rays.per_ray) {
+    const std::uint64_t key = rays.key, first = (rays.first_ray + ray) * static_cast<std::uint64_t>(rays.per_ray);
+    if (rays.jitter) {
+      for (int i = 0; i < rays.per_ray; ++i)
+        t[i] = near_m + bin * (static_cast<float>(i) + static_cast<float>(random_bits24(key, first + i)) * 0x1p-24f);
+    } else {
+      for (int i = 0; i < rays.per_ray; ++i) t[i] = near_m + bin * (static_cast<float>(i) + 0.5f);
+    }
+    for (int i = 0; i + 1 < rays.per_ray; ++i) dt[i] = t[i + 1] - t[i];
+    dt[rays.per_ray - 1] = __builtin_inff();
+  }
+}
+
+void adam(const AdamRange& range) {
+  const AdamRange r = range;
+  const float* __restrict gradient = r.gradients;
+  float *__restrict parameter = r.parameters, *__restrict m = r.first_moment, *__restrict v = r.second_moment;
+  for (std::size_t i = 0; i < r.n; ++i) {
+    m[i] = r.beta1 * m[i] + (1 - r.beta1) * gradient[i];
+    v[i] = r.beta2 * v[i] + (1 - r.beta2) * gradient[i] * gradient[i];
+    parameter[i] -= r.learning_rate * (m[i] * r.bias1) / (__builtin_sqrtf(v[i] * r.bias2) + r.epsilon);
+  }
+}
+
+void points(const RayPoints& rays) {
+  for (int ray = 0; ray < rays.n_rays; ++ray) {
+    const std::size_t first = static_cast<std::size_t>(ray) * rays.per_ray;
+    for (int d = 0; d < 3; ++d) {
+      const float origin = rays.origin[d * rays.ray_stride + ray] - rays.center[d];
+      const float direction = rays.direction[d * rays.ray_stride + ray], scale = rays.scale;
+      const float* __restrict t = rays.t + first;
+      float* __restrict out = rays.position + d * rays.stride + first;
+      for (int i = 0; i < rays.per_ray; ++i) out[i] = (origin + t[i] * direction) * scale;
+    }
+  }
+}
+
+}  // namespace
+
+extern const CpuKernels kCpuKernels = {composite_forward, composite_backward, sample_stratified, adam, points};
+
+}  // namespace redrive::kernels::REDRIVE_ISA
