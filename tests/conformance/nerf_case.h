@@ -1,0 +1,303 @@
+// SPDX-License-Identifier: Apache-2.0
+// A batch for the network whose answer, and whose allowed deviation from it, are computed in double.
+//
+// Sixteen points. All samples of a batch, whatever its size, lie at one of 4 x 4 points (4 rays, 4 depths), in an order
+// that differs from ray to ray. So the oracle costs sixteen evaluations, and biases can be chosen so that no ReLU of any
+// point is near its kink (kinks are avoided, tolerances are not loosened): for each neuron, in the middle of the widest gap
+// that its sixteen pre-activations leave among the middle ones. The neuron is then open at some points and closed at others.
+//
+// Rounding model (Higham and Mary, "A new approach to probabilistic rounding error analysis", 2019: roundings are
+// independent, of mean zero): a rounding to unit roundoff u has relative standard deviation at most u / sqrt(3). With
+// r = u / sqrt(3) of the operands (bf16: u = 2^-8, fp32: 2^-24) and s = 2^-24 / sqrt(3) of the fp32 sums, a layer z = W x + b
+// with n inputs carries the variance
+//   v_z = sum W^2 v_x   (what came in)   + 2 r^2 sum W^2 x^2   (W and x are rounded)   + s^2 (n + 1) (sum W^2 x^2 + b^2),
+// because each of its n partial sums is about as large as the root of sum W^2 x^2. The adjoint goes through the same
+// recursion with W^T, and a weight's gradient sum_s d x carries sum_s (d^2 v_x + x^2 v_d + 2 r^2 d^2 x^2) + s^2 N sum d^2 x^2.
+// Tolerance: kDeviations standard deviations; each test asserts that this is small against what a misplaced sample would do.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <vector>
+
+#include "redrive/base/rng.h"
+#include "redrive/kernels/kernels.h"
+#include "redrive/kernels/ref/nerf.h"
+
+namespace redrive::kernels::conformance {
+
+constexpr double kDeviations = 8;
+constexpr double kFp32Roundoff = 0x1p-24, kBf16Roundoff = 0x1p-8;
+/// Angle doubling over five octaves from sin and cos good to 2e-7: 16 x 2e-7, rounded up.
+constexpr double kEncodingError = 4e-6;
+
+inline double uniform(std::uint64_t stream, std::uint64_t i) {  // [-1, 1)
+  return 2.0 * random_unit(random_key(31, kStreamTest, stream), i) - 1;
+}
+
+struct Point {
+  double position[3], direction[3];
+  double position_error[3];  ///< standard deviation of the kernel's unit position
+};
+
+/// Of a backend's or network's arithmetic.
+struct Rounding {
+  double operand;  ///< unit roundoff of weights and activations
+};
+
+class NerfCase {
+ public:
+  static constexpr int kRayKinds = 4, kDepths = 4, kPoints = kRayKinds * kDepths;
+
+  explicit NerfCase(const NerfConfig& config) : config(config), parameters(nerf_parameter_count(config)) {
+    // Lattice of rays and depths whose points fill [-1, 1]^3 of the unit cube, generic so that no angle is special.
+    const float directions[kRayKinds][3] = {{0.6f, 0, 0.8f}, {-0.48f, 0.6f, 0.64f}, {0.36f, -0.8f, 0.48f}, {0, -0.28f, 0.96f}};
+    for (int kind = 0; kind < kRayKinds; ++kind)
+      for (int k = 0; k < 3; ++k) {
+        direction_of[kind][k] = directions[kind][k];
+        origin_of[kind][k] = static_cast<float>(3 * uniform(1, 3 * kind + k));
+      }
+    for (int i = 0; i < kDepths; ++i) depth_of[i] = static_cast<float>(1 + 2 * i + 0.7 * uniform(2, i));
+    for (int kind = 0; kind < kRayKinds; ++kind)
+      for (int i = 0; i < kDepths; ++i) points.push_back(point(kind, depth_of[i]));
+    choose_parameters();
+  }
+
+  NerfConfig config;
+  UnitFromWorld unit_from_world{{0.375f, -0.5f, 3.0f}, 0.1f};
+  std::vector<float> parameters;
+  std::vector<Point> points;
+  float origin_of[kRayKinds][3], direction_of[kRayKinds][3], depth_of[kDepths];
+
+  NerfField field() const { return {config, unit_from_world, parameters}; }
+  std::vector<double> exact_parameters() const { return {parameters.begin(), parameters.end()}; }
+
+ private:
+  Point point(int kind, float t) const {
+    Point p;
+    for (int k = 0; k < 3; ++k) {
+      const double o = origin_of[kind][k], d = direction_of[kind][k], c = unit_from_world.center[k], s = unit_from_world.scale;
+      const double x = o + t * d;
+      p.direction[k] = d;
+      p.position[k] = (x - c) * s;
+      // float: the product, the sum, the difference and the scaling round, in any grouping of these terms
+      p.position_error[k] = s * kFp32Roundoff / std::sqrt(3.0) * std::sqrt(t * d * t * d + x * x + 2 * (x - c) * (x - c) + c * c);
+    }
+    return p;
+  }
+
+  /// Weights U(-a, a) with a = 3 / sqrt(inputs): variance 3 / inputs, which keeps the spread of centred pre-activations from
+  /// layer to layer (the variance of a normal variable's ReLU is 0.34 of its own).
+  void choose_parameters() {
+    for (int layer = 0; layer < kNerfLayers; ++layer) {
+      const NerfLayerShape shape = nerf_layer(config, layer);
+      const double bound = 3 / std::sqrt(shape.inputs);
+      for (std::size_t i = shape.weight; i < shape.bias; ++i) parameters[i] = static_cast<float>(bound * uniform(3, i));
+      for (int o = 0; o < shape.outputs; ++o) parameters[shape.bias + o] = static_cast<float>(0.5 * uniform(3, shape.bias + o));
+    }
+    for (int layer = 0; layer < kNerfLayers; ++layer)
+      if (ref::nerf_layer_has_relu(layer) || layer == kNerfDensity) centre_gaps(layer);  // density: ReLU in compositing
+  }
+
+  void centre_gaps(int layer) {
+    const NerfLayerShape shape = nerf_layer(config, layer);
+    std::vector<double> p = exact_parameters();
+    constexpr double kLift = 1000;  // holds every ReLU of the layer open, so that its output shows the pre-activation
+    for (int o = 0; o < shape.outputs; ++o) p[shape.bias + o] = kLift;
+    std::vector<std::vector<double>> z(shape.outputs);
+    for (const Point& at : points) {
+      ref::NerfActivations<double> a;
+      double raw[4];
+      ref::nerf_sample_forward(config, p.data(), at.position, at.direction, &a, raw);
+      for (int o = 0; o < shape.outputs; ++o) z[o].push_back(a.output[layer][o] - kLift);
+    }
+    for (int o = 0; o < shape.outputs; ++o) {
+      std::sort(z[o].begin(), z[o].end());
+      int widest = 3;
+      for (int k = 3; k < kPoints - 4; ++k)
+        if (z[o][k + 1] - z[o][k] > z[o][widest + 1] - z[o][widest]) widest = k;
+      parameters[shape.bias + o] = static_cast<float>(-0.5 * (z[o][widest] + z[o][widest + 1]));
+    }
+  }
+};
+
+/// Which point each sample of a batch is, and the batch itself.
+struct NerfBatch {
+  int n_rays, per_ray;
+  std::vector<float> origin, direction, t, dt;
+  std::vector<int> point;  ///< [n_rays * per_ray] index into NerfCase::points
+
+  NerfBatch(const NerfCase& nerf, int n_rays, int per_ray) : n_rays(n_rays), per_ray(per_ray) {
+    std::vector<int> kind(n_rays);
+    for (int ray = 0; ray < n_rays; ++ray) kind[ray] = static_cast<int>(2 * (1 + uniform(4, ray)));
+    for (int k = 0; k < 3; ++k)
+      for (int ray = 0; ray < n_rays; ++ray) {
+        origin.push_back(nerf.origin_of[kind[ray]][k]);
+        direction.push_back(nerf.direction_of[kind[ray]][k]);
+      }
+    for (int ray = 0; ray < n_rays; ++ray) {
+      const double shift = 0.5 * (1 + uniform(5, ray));
+      for (int s = 0; s < per_ray; ++s) {
+        const int depth = std::min(NerfCase::kDepths - 1, static_cast<int>(NerfCase::kDepths * (s + shift) / per_ray));
+        point.push_back(kind[ray] * NerfCase::kDepths + depth);
+        t.push_back(nerf.depth_of[depth]);
+        // Four optical metres a ray, independent of t; every other ray ends in an infinite interval.
+        dt.push_back(static_cast<float>((1 + 0.5 * uniform(6, point.size())) * 4 / per_ray));
+      }
+      if (ray % 2 == 0) dt.back() = INFINITY;
+    }
+  }
+  int samples() const { return n_rays * per_ray; }
+  Rays rays() const { return {n_rays, origin, direction}; }
+  Samples sampling() const { return {per_ray, t, dt}; }
+};
+
+/// Values and standard deviations: [4] per point, [n_parameters].
+struct Expected {
+  std::vector<std::array<double, 4>> raw, raw_deviation;
+  std::vector<double> gradient, gradient_deviation;
+  double smallest_margin = INFINITY;  ///< over all ReLUs and points: |pre-activation| / its standard deviation
+};
+
+/// Values with variances, element by element.
+struct Uncertain {
+  std::vector<double> value, variance;
+};
+
+class NerfOracle {
+ public:
+  NerfOracle(const NerfCase& nerf, Rounding rounding)
+      : nerf_(nerf),
+        parameters_(nerf.exact_parameters()),
+        r2_(rounding.operand * rounding.operand / 3),
+        s2_(kFp32Roundoff * kFp32Roundoff / 3) {}
+
+  /// The forward pass at every point and, if `d_raw` [4, samples] is given, the gradient that the batch adds up to.
+  /// d_raw of a sample must be its own factor times its point's vector: factor[s] * vector[point[s]].
+  Expected compute(const NerfBatch* batch, const std::vector<double>& factor,
+                   const std::vector<std::array<double, 4>>& vector) {
+    Expected out;
+    out.gradient.assign(parameters_.size(), 0);
+    out.gradient_deviation.assign(parameters_.size(), 0);  // variances, until the end
+    for (std::size_t p = 0; p < nerf_.points.size(); ++p) {
+      forward(nerf_.points[p], &out);
+      if (!batch) continue;
+      // Equal points make equal errors: they add up like the factors. Sums of N terms round with their root.
+      double sum = 0, squares = 0;
+      for (int s = 0; s < batch->samples(); ++s)
+        if (batch->point[s] == static_cast<int>(p)) {
+          sum += factor[s];
+          squares += factor[s] * factor[s];
+        }
+      double d_raw[4];
+      for (int k = 0; k < 4; ++k) d_raw[k] = sum * vector[p][k];
+      ref::nerf_sample_adjoint(nerf_.config, parameters_.data(), a_, d_raw, out.gradient.data());
+      backward_variance(vector[p], sum * sum, squares * batch->samples(), &out);
+    }
+    for (double& v : out.gradient_deviation) v = std::sqrt(v);
+    return out;
+  }
+
+ private:
+  void forward(const Point& at, Expected* out) {
+    double raw[4];
+    ref::nerf_sample_forward(nerf_.config, parameters_.data(), at.position, at.direction, &a_, raw);
+    const std::vector<double> of_position = encoding_variance(at.position_error, nerf_.config.position_octaves);
+    const std::vector<double> of_direction = encoding_variance(nullptr, nerf_.config.direction_octaves);
+    for (int layer = 0; layer < kNerfLayers; ++layer) {
+      std::vector<double>& v = input_variance_[layer];
+      if (layer == 0) v = of_position;
+      else if (layer == kNerfDensity || layer == kNerfFeature) v = output_variance_[kNerfHidden - 1];
+      else v = output_variance_[layer - 1];
+      if (layer == kNerfSkip) v.insert(v.end(), of_position.begin(), of_position.end());
+      if (layer == kNerfColour) v.insert(v.end(), of_direction.begin(), of_direction.end());
+      layer_variance(layer, out);
+    }
+    std::array<double, 4> value, deviation;
+    for (int k = 0; k < 4; ++k) {
+      value[k] = raw[k];
+      deviation[k] = std::sqrt(k < 3 ? output_variance_[kNerfRgb][k] : output_variance_[kNerfDensity][0]);
+    }
+    out->raw.push_back(value);
+    out->raw_deviation.push_back(deviation);
+  }
+
+  static std::vector<double> encoding_variance(const double* position_error, int octaves) {
+    std::vector<double> v(encoded_size(octaves));
+    for (int d = 0; d < 3; ++d) {
+      const double error = position_error ? position_error[d] : 0;
+      v[d] = error * error;
+      for (int l = 0; l < octaves; ++l) {
+        const double angle_error = std::ldexp(std::numbers::pi, l) * error;
+        v[3 + 2 * (d * octaves + l)] = v[3 + 2 * (d * octaves + l) + 1] =
+            angle_error * angle_error + kEncodingError * kEncodingError / 3;
+      }
+    }
+    return v;
+  }
+
+  void layer_variance(int layer, Expected* out) {
+    const NerfLayerShape shape = nerf_layer(nerf_.config, layer);
+    output_variance_[layer].assign(shape.outputs, 0);
+    for (int o = 0; o < shape.outputs; ++o) {
+      const double* row = &parameters_[shape.weight + std::size_t(o) * shape.inputs];
+      const double bias = parameters_[shape.bias + o];
+      double incoming = 0, squares = 0, z = bias;
+      for (int i = 0; i < shape.inputs; ++i) {
+        incoming += row[i] * row[i] * input_variance_[layer][i];
+        squares += row[i] * row[i] * a_.input[layer][i] * a_.input[layer][i];
+        z += row[i] * a_.input[layer][i];
+      }
+      const double variance = incoming + 2 * r2_ * squares + s2_ * (shape.inputs + 1) * (squares + bias * bias);
+      const bool gated = ref::nerf_layer_has_relu(layer) || layer == kNerfDensity;
+      if (gated) out->smallest_margin = std::min(out->smallest_margin, std::abs(z) / std::sqrt(variance));
+      output_variance_[layer][o] = ref::nerf_layer_has_relu(layer) && z <= 0 ? 0 : variance;
+    }
+  }
+
+  /// Adds the variances of the gradient of one sample with d_raw = vector: `coherent` = (sum of factors)^2 times those of
+  /// its own error, `repeated` = N * sum of factor^2 times those of the sums.
+  void backward_variance(const std::array<double, 4>& vector, double coherent, double repeated, Expected* out) {
+    const auto adjoint = [&](int layer, Uncertain d) { return layer_adjoint(layer, d, coherent, repeated, out); };
+    Uncertain d = adjoint(kNerfRgb, {{vector[0], vector[1], vector[2]}, {0, 0, 0}});
+    d = adjoint(kNerfColour, d);
+    d = adjoint(kNerfFeature, d);
+    const Uncertain of_density = adjoint(kNerfDensity, {{vector[3]}, {0}});
+    for (int i = 0; i < nerf_.config.width; ++i) {
+      d.value[i] += of_density.value[i];
+      d.variance[i] += of_density.variance[i];
+    }
+    for (int layer = kNerfHidden - 1; layer >= 0; --layer) d = adjoint(layer, d);
+  }
+
+  Uncertain layer_adjoint(int layer, const Uncertain& d, double coherent, double repeated, Expected* out) {
+    const NerfLayerShape shape = nerf_layer(nerf_.config, layer);
+    const std::vector<double>& x = a_.input[layer];
+    const std::vector<double>& v_x = input_variance_[layer];
+    Uncertain d_input{std::vector<double>(shape.inputs), std::vector<double>(shape.inputs)};
+    for (int o = 0; o < shape.outputs; ++o) {
+      if (ref::nerf_layer_has_relu(layer) && a_.output[layer][o] <= 0) continue;
+      const double value = d.value[o], square = value * value, rounded = d.variance[o] + r2_ * square;
+      out->gradient_deviation[shape.bias + o] += coherent * rounded + s2_ * repeated * square;
+      const std::size_t row = shape.weight + std::size_t(o) * shape.inputs;
+      for (int i = 0; i < shape.inputs; ++i) {
+        const double w = parameters_[row + i], x2 = x[i] * x[i];
+        out->gradient_deviation[row + i] +=
+            coherent * (square * (v_x[i] + r2_ * x2) + x2 * rounded) + s2_ * repeated * square * x2;
+        d_input.value[i] += w * value;
+        d_input.variance[i] += w * w * (rounded + r2_ * square + s2_ * (shape.outputs + 1) * square);
+      }
+    }
+    return d_input;
+  }
+
+  const NerfCase& nerf_;
+  std::vector<double> parameters_;
+  double r2_, s2_;
+  ref::NerfActivations<double> a_;
+  std::array<std::vector<double>, kNerfLayers> input_variance_, output_variance_;
+};
+
+}  // namespace redrive::kernels::conformance
