@@ -1,0 +1,89 @@
+// SPDX-License-Identifier: Apache-2.0
+// Block products against a double loop. The entries are small whole numbers, so every sum is exact in fp32 whatever its
+// order: |sum| <= 320 * 15 * 15 < 2^24.
+#include <gtest/gtest.h>
+
+#include "redrive/base/buffer.h"
+#include "redrive/base/rng.h"
+#include "redrive/kernels/cpu/bf16/test_support.h"
+
+namespace redrive::kernels::bf16 {
+namespace {
+
+class EngineTest : public testing::TestWithParam<EngineCase> {
+ protected:
+  void SetUp() override {
+    SKIP_WITHOUT(GetParam().isa);
+    GetParam().stages().begin();
+  }
+  void TearDown() override {
+    if (!IsSkipped()) GetParam().stages().end();
+  }
+
+  /// Fills the operands for k_blocks blocks and `expected` [32][32] with their product.
+  void make_operands(int k_blocks, std::uint64_t key) {
+    a_ = Buffer<Bf16>(static_cast<std::size_t>(k_blocks) * kBlockSize);
+    b_ = Buffer<Bf16>(static_cast<std::size_t>(k_blocks) * kBlockSize);
+    const auto whole = [&](int k, int side, int index) {
+      return static_cast<int>(random_bits(random_key(key, kStreamTest, side), k * 32 + index) % 31) - 15;
+    };
+    for (double& x : expected_) x = 0;
+    for (int k = 0; k < 32 * k_blocks; ++k) {
+      for (int i = 0; i < 32; ++i) {
+        a_[k / 32 * kBlockSize + row_form(i, k % 32)] = to_bf16(static_cast<float>(whole(k, 0, i)));
+        b_[k / 32 * kBlockSize + pair_form(k % 32, i)] = to_bf16(static_cast<float>(whole(k, 1, i)));
+        for (int j = 0; j < 32; ++j) expected_[i * 32 + j] += whole(k, 0, i) * whole(k, 1, j);
+      }
+    }
+  }
+
+  Buffer<Bf16> a_, b_;
+  double expected_[32 * 32];
+  Buffer<float> c_{kBlockSize};
+};
+
+TEST_P(EngineTest, ProductIsExactOnWholeNumbers) {
+  for (const int k_blocks : {1, 2, 3, 4, 8, 10}) {
+    make_operands(k_blocks, 7);
+    GetParam().stages().product(a_.data(), b_.data(), k_blocks, nullptr, c_.data());
+    for (int i = 0; i < 32; ++i) {
+      for (int j = 0; j < 32; ++j) ASSERT_EQ(c_[c_form(i, j)], expected_[i * 32 + j]) << k_blocks << ' ' << i << ' ' << j;
+    }
+  }
+}
+
+TEST_P(EngineTest, BiasStartsTheSum) {
+  make_operands(2, 8);
+  Buffer<float> bias(kBiasTile);
+  for (int i = 0; i < 32; ++i) {
+    for (int j = 0; j < 16; ++j) bias[i * 16 + j] = static_cast<float>(1000 * i);
+  }
+  GetParam().stages().product(a_.data(), b_.data(), 2, bias.data(), c_.data());
+  for (int i = 0; i < 32; ++i) {
+    for (int j = 0; j < 32; ++j) ASSERT_EQ(c_[c_form(i, j)], expected_[i * 32 + j] + 1000 * i) << i << ' ' << j;
+  }
+}
+
+TEST_P(EngineTest, AccumulateAddsOrOverwrites) {
+  make_operands(3, 9);
+  for (std::size_t i = 0; i < c_.size(); ++i) c_[i] = 12345;
+  GetParam().stages().accumulate(a_.data(), b_.data(), 3, true, c_.data());
+  GetParam().stages().accumulate(a_.data(), b_.data(), 3, false, c_.data());
+  for (int i = 0; i < 32; ++i) {
+    for (int j = 0; j < 32; ++j) ASSERT_EQ(c_[c_form(i, j)], 2 * expected_[i * 32 + j]) << i << ' ' << j;
+  }
+}
+
+TEST_P(EngineTest, DenormalsCountAsZero) {
+  make_operands(1, 10);
+  for (std::size_t i = 0; i < a_.size(); ++i) a_[i] = 0x0040;           // 2^-127
+  for (std::size_t i = 0; i < b_.size(); ++i) b_[i] = to_bf16(0x1p127f);
+  GetParam().stages().product(a_.data(), b_.data(), 1, nullptr, c_.data());
+  for (std::size_t i = 0; i < c_.size(); ++i) ASSERT_EQ(c_[i], 0.0f);
+}
+
+INSTANTIATE_TEST_SUITE_P(Engines, EngineTest, testing::ValuesIn(engine_cases()),
+                         [](const auto& test) { return std::string(test.param.name); });
+
+}  // namespace
+}  // namespace redrive::kernels::bf16

@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: Apache-2.0
+// The bf16 network behind nerf_tile.h, for any engine.
+#pragma once
+
+#include <cstddef>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "redrive/base/buffer.h"
+#include "redrive/kernels/cpu/bf16/plan.h"
+#include "redrive/kernels/cpu/nerf_tile.h"
+
+namespace redrive::kernels::bf16 {
+
+Plan make_plan(const NerfConfig& config);
+std::vector<BlockRow> make_block_rows(const NerfConfig& config, const Plan& plan);
+
+class Network final : public NerfNetwork {
+ public:
+  Network(const NerfConfig& config, const Stages& stages);
+
+  int tile_samples() const override { return kPreferredSamples; }
+  void pack(std::span<const float> parameters, ThreadPool& pool) override;
+  std::unique_ptr<NerfLane> make_lane(int max_samples) override;
+  void reduce(std::span<const std::unique_ptr<NerfLane>> lanes, std::span<float> gradients, ThreadPool& pool) override;
+
+  const Plan& plan() const { return plan_; }
+  const Stages& stages() const { return stages_; }
+  const Weights& weights() const { return weights_; }
+
+ private:
+  NerfConfig config_;
+  Plan plan_;
+  std::vector<BlockRow> rows_;
+  const Stages& stages_;
+  Buffer<Bf16> packed_;
+  Buffer<float> bias_;
+  Weights weights_;
+};
+
+/// `network` must outlive the lane.
+class Lane final : public NerfLane {
+ public:
+  Lane(const Network& network, int max_samples);
+
+  void begin() override;
+  void end() override;
+  void clear_gradients() override;
+  void forward(const NerfTile& tile, bool keep, float* raw, int stride) override;
+  void backward(const float* d_raw, int stride) override;
+
+  const LaneMemory& memory() const { return memory_; }
+
+ private:
+  const Network& network_;
+  int max_samples_;
+  int kept_samples_ = 0;  ///< of the last forward pass, 0 if it kept nothing
+  Buffer<std::byte> storage_;
+  LaneMemory memory_;
+};
+
+}  // namespace redrive::kernels::bf16

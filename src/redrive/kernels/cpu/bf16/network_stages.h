@@ -1,0 +1,182 @@
+// SPDX-License-Identifier: Apache-2.0
+// The NeRF network (field/nerf_field.h) on a tile of samples, forward then backward, for any engine. How data lies: layout.h.
+#pragma once
+
+#include "redrive/kernels/cpu/bf16/encode.h"
+#include "redrive/kernels/cpu/bf16/head_gradient.h"
+#include "redrive/kernels/cpu/bf16/pack.h"
+#include "redrive/kernels/cpu/bf16/pass.h"
+
+namespace redrive::kernels::bf16 {
+namespace {
+
+template <class Engine>
+struct NetworkStages {
+  static void encode(const Plan& plan, const LaneMemory& memory, const TileInput& tile, bool keep) {
+    encode_positions(plan, memory, tile.position, tile.n_rays * tile.per_ray, keep);
+    encode_directions(plan, memory, tile, keep);
+  }
+
+  static void forward(const Plan& plan, const Weights& weights, const LaneMemory& memory, const TileInput& tile, bool keep,
+                      float* raw, int stride) {
+    encode(plan, memory, tile, keep);
+    if (keep) {
+      forward<Epilogue::kReluKeep, Epilogue::kLinearKeep>(plan, weights, memory, tile, raw, stride);
+    } else {
+      forward<Epilogue::kRelu, Epilogue::kLinear>(plan, weights, memory, tile, raw, stride);
+    }
+  }
+
+  static void backward(const Plan& plan, const Weights& weights, const LaneMemory& memory, int samples, const float* d_raw,
+                       int stride) {
+    const int n = (samples + kBlock - 1) / kBlock, width = plan.width_blocks;
+    const Layer* layers = plan.layers;
+    float* d_bias = memory.d_bias;
+
+    const HeadGradient rgb{d_raw, stride, 3, samples, memory.d_rgb_next, 1, memory.d_rgb_keep, d_bias + layers[kRgb].d_bias};
+    write_head_gradient(rgb);
+    // The feature's gradient is written to d_next[0] by the colour layer below; density's stands behind it.
+    Bf16* density_next = memory.d_next[0] + std::ptrdiff_t(width) * kBlockSize;
+    Bf16* density_keep = memory.d_keep[0] + std::ptrdiff_t(width) * n * kBlockSize;
+    const HeadGradient density{d_raw + 3 * std::ptrdiff_t(stride), stride, 1, samples, density_next, width + 1, density_keep,
+                               d_bias + layers[kFeature].d_bias + width * kBlock};
+    write_head_gradient(density);
+
+    const Gradient d_rgb{memory.d_rgb_next, memory.d_rgb_keep};
+    const Gradient even{memory.d_next[0], memory.d_keep[0]}, odd{memory.d_next[1], memory.d_keep[1]};
+    const Step step{plan, weights, memory, n};
+    step.weight_gradient(kRgb, d_rgb);
+    step.template input_gradient<Epilogue::kMaskedGradient>(kRgb, d_rgb, odd, plan.colour_blocks);
+    step.weight_gradient(kColour, odd);
+    step.template input_gradient<Epilogue::kLinearGradient>(kColour, odd, even, width + 1);
+    for (int layer = kFeature; layer > 0; --layer) {
+      const bool is_even = layer % 2 == kFeature % 2;
+      step.weight_gradient(layer, is_even ? even : odd);
+      step.template input_gradient<Epilogue::kMaskedGradient>(layer, is_even ? even : odd, is_even ? odd : even, width);
+    }
+    static_assert(kFeature % 2 == 0);
+    step.weight_gradient(0, even);
+  }
+
+  static void product(const Bf16* a, const Bf16* b, int k_blocks, const float* bias, float* c) {
+    PassOutput nowhere;
+    Pending<Epilogue::kLinear> nothing(nowhere, 1, c);
+    Prefetch prefetch;
+    Engine::product(Product{a, b, k_blocks, nullptr, nullptr, 0}, bias, c, nothing, prefetch);
+  }
+
+  static void accumulate(const Bf16* a, const Bf16* b, int k_blocks, bool clear, float* c) {
+    Engine::accumulate(a, b, k_blocks, clear, c, PanelPrefetch{reinterpret_cast<const char*>(c), nullptr});
+  }
+
+  static constexpr Stages kStages{Engine::begin, Engine::end, encode,  forward,   backward,
+                                  pack_row,      reduce_row,  product, accumulate};
+
+ private:
+  template <Epilogue hidden, Epilogue linear>
+  static void forward(const Plan& plan, const Weights& weights, const LaneMemory& memory, const TileInput& tile, float* raw,
+                      int stride) {
+    const int samples = tile.n_rays * tile.per_ray, n = (samples + kBlock - 1) / kBlock, width = plan.width_blocks;
+    const Operand position{memory.position_next, plan.position_blocks, plan.position_blocks};
+    const Operand direction{memory.direction_next, plan.direction_blocks, plan.direction_blocks};
+
+    const auto pass_of = [&](int index, const Operand& in, const Operand& extra) {
+      const Layer& layer = plan.layers[index];
+      Pass pass;
+      pass.weights = weights.packed + layer.forward;
+      pass.weight_stride = layer.k_blocks;
+      pass.in = in;
+      pass.extra = extra;
+      pass.extra.blocks = layer.extra_blocks;
+      pass.out_blocks = layer.out_blocks;
+      pass.n_blocks = n;
+      pass.bias = weights.bias + layer.bias_tile;
+      if (index < kRgb) {
+        pass.output.next = memory.next[index % 2];
+        pass.output.next_stride = layer.out_blocks;
+        pass.output.keep = memory.keep[index];
+        pass.output.mask = memory.mask[index];
+        const Layer& following = plan.layers[index + 1];
+        pass.prefetch.stream = reinterpret_cast<const char*>(weights.packed + following.forward);
+        pass.prefetch.stream_left = std::ptrdiff_t(following.k_blocks) * following.out_blocks * kBlockSize * 2;
+      }
+      return pass;
+    };
+    const auto to_raw = [&](Pass pass, int first, int rows) {
+      pass.output = PassOutput{};
+      pass.output.head = raw + std::ptrdiff_t(first) * stride;
+      pass.output.head_stride = stride;
+      pass.output.head_rows = rows;
+      pass.output.head_samples = samples;
+      run_pass<Engine, Epilogue::kHead>(pass);
+    };
+
+    Operand h = position;
+    for (int layer = 0; layer < kTrunkLayers; ++layer) {
+      run_pass<Engine, hidden>(pass_of(layer, h, position));
+      h = Operand{memory.next[layer % 2], width, width};
+    }
+    Pass feature = pass_of(kFeature, h, Operand{});
+    feature.output.next_stride = width;
+    Pass density = feature;  // the last block of outputs
+    feature.out_blocks = width;
+    density.out_blocks = 1;
+    density.weights += std::ptrdiff_t(width) * density.weight_stride * kBlockSize;
+    density.bias += width * kBiasTile;
+    run_pass<Engine, linear>(feature);
+    to_raw(density, 3, 1);
+    h = Operand{memory.next[kFeature % 2], width, width};
+    run_pass<Engine, hidden>(pass_of(kColour, h, direction));
+    h = Operand{memory.next[kColour % 2], plan.colour_blocks, plan.colour_blocks};
+    to_raw(pass_of(kRgb, h, Operand{}), 0, 3);
+  }
+
+  struct Gradient {
+    Bf16 *next = nullptr, *keep = nullptr;
+  };
+
+  /// The two halves of a layer's adjoint, d = the gradient of its outputs before the activation.
+  struct Step {
+    const Plan& plan;
+    const Weights& weights;
+    const LaneMemory& memory;
+    int n = 0;
+
+    void weight_gradient(int index, const Gradient& d) const {
+      const Layer& layer = plan.layers[index];
+      WeightGradient g;
+      g.x = index == 0 ? memory.position_keep : memory.keep[index - 1];
+      g.x_blocks = layer.in_blocks;
+      g.extra = index == kColour ? memory.direction_keep : memory.position_keep;
+      g.extra_blocks = layer.extra_blocks;
+      g.d = d.keep;
+      g.out_blocks = layer.out_blocks;
+      g.n_blocks = n;
+      g.clear = memory.fresh;
+      g.d_weight = memory.d_weight + layer.d_weight;
+      add_weight_gradient<Engine>(g);
+    }
+
+    template <Epilogue kind>
+    void input_gradient(int index, const Gradient& d, const Gradient& out, int out_stride) const {
+      const Layer &layer = plan.layers[index], &before = plan.layers[index - 1];
+      Pass pass;
+      pass.weights = weights.packed + layer.backward;
+      pass.weight_stride = layer.out_blocks;
+      pass.in = Operand{d.next, layer.out_blocks, layer.out_blocks};
+      pass.out_blocks = layer.in_blocks;
+      pass.n_blocks = n;
+      pass.output.next = out.next;
+      pass.output.next_stride = out_stride;
+      pass.output.keep = out.keep;
+      pass.output.mask = memory.mask[index - 1];
+      pass.output.d_bias = memory.d_bias + before.d_bias;
+      pass.prefetch.stream = reinterpret_cast<const char*>(memory.d_weight + before.d_weight);
+      pass.prefetch.stream_left = std::ptrdiff_t(before.k_blocks) * before.out_blocks * kBlockSize * 4;
+      run_pass<Engine, kind>(pass);
+    }
+  };
+};
+
+}  // namespace
+}  // namespace redrive::kernels::bf16
