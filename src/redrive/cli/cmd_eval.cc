@@ -5,11 +5,11 @@
 #include <string>
 
 #include <nlohmann/json.hpp>
-#include <unistd.h>
 
 #include "redrive/base/error.h"
 #include "redrive/cli/backend_options.h"
 #include "redrive/cli/command.h"
+#include "redrive/cli/image_progress.h"
 #include "redrive/eval/evaluate.h"
 
 namespace redrive {
@@ -40,8 +40,7 @@ int run_eval(EvalCommandOptions options) {
   const Run run = open_run(options.run);
   const auto backend = make_checked_backend(options.backend);
   if (!options.json) std::printf("%s\n", kernels::describe(*backend).c_str());
-  if (isatty(STDERR_FILENO))
-    options.eval.progress = [](int done, int total) { std::fprintf(stderr, "\r%d/%d images%s", done, total, done == total ? "\n" : ""); };
+  options.eval.progress = image_progress();
   const Evaluation evaluation = evaluate(run, *backend, options.eval);
   if (options.json)
     std::printf("%s\n", evaluation_to_json(evaluation).dump(2).c_str());

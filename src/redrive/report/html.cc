@@ -19,6 +19,7 @@ h2 { font-size: 19px; margin: 36px 0 10px; padding-bottom: 4px; border-bottom: 1
 h3 { font-size: 15px; margin: 18px 0 8px; }
 p { margin: 4px 0; color: var(--faint); }
 .row { display: grid; grid-template-columns: repeat(auto-fit, minmax(360px, 1fr)); gap: 14px; }
+.wide-row { grid-template-columns: repeat(auto-fit, minmax(520px, 1fr)); }
 figure { margin: 0; }
 figure img { display: block; width: 100%; height: auto; border-radius: 3px; }
 figcaption { font-size: 13px; color: var(--faint); padding: 3px 0 0; }

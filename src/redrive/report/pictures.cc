@@ -58,10 +58,10 @@ PictureRow camera_pictures(const Run& run, kernels::Backend& backend, int camera
   row.title = rig.name + ", frame " + std::to_string(frame.id);
   row.pictures.push_back({rig.name + "_original", "original", original});
   row.pictures.push_back({rig.name + "_reproduced", scored("reproduced", reproduced, original), to_image8(reproduced)});
-  row.pictures.push_back({rig.name + "_perturbed", "camera moved " + metres(kPerturbationM) + " along x of the body (forward)",
+  row.pictures.push_back({rig.name + "_perturbed", "moved " + metres(kPerturbationM) + " along x of the body (forward)",
                           to_image8(render_shifted(ShiftAxes::kBody, kPerturbationM))});
   row.pictures.push_back({rig.name + "_perturbed_camera_axes",
-                          "camera moved " + metres(kPerturbationM) + " along x of the camera (to the right of its image)",
+                          "moved " + metres(kPerturbationM) + " along x of the camera (to its right)",
                           to_image8(render_shifted(ShiftAxes::kCamera, kPerturbationM))});
   row.pictures.push_back({rig.name + "_depth",
                           "depth, " + metres(run.scene.near_m) + " (blue) to " + metres(run.scene.far_m) + " (red)",

@@ -27,7 +27,7 @@ std::string quoted(const std::string& text) {
 }
 
 std::string history_script(const std::vector<MetricsRow>& rows, const std::string& title, const char* name,
-                           const char* axis, const char* scale, double MetricsRow::*member) {
+                           const char* axis, const std::string& scale, double MetricsRow::*member) {
   std::ostringstream out;
   out.precision(8);
   out << "set terminal pngcairo size 1200,560 font 'DejaVu Sans,12' background '#ffffff' enhanced\n"
@@ -51,7 +51,7 @@ std::string history_script(const std::vector<MetricsRow>& rows, const std::strin
   out << "$history << end\n";
   for (std::size_t i = 0; i < rows.size(); ++i) out << rows[i].step << ' ' << values[i] << ' ' << means[i] << '\n';
   out << "end\n"
-      << "plot $history using 1:2 with lines lw 1 lc rgb '#a9c4e6' title 'mean of the steps of a row',"
+      << "plot $history using 1:2 with lines lw 1 lc rgb '#a9c4e6' title 'as logged',"
       << " $history using 1:3 with lines lw 2.5 lc rgb '#1f4e8c' title 'running mean'\n";
   return out.str();
 }
@@ -71,8 +71,13 @@ std::vector<double> running_mean(const std::vector<double>& values, int radius) 
 }
 
 std::string loss_script(const std::vector<MetricsRow>& rows, const std::string& title) {
-  return history_script(rows, title, "loss", "training loss (squared error)", "set logscale y\nset format y '%.0e'\n",
-                        &MetricsRow::loss);
+  // Labels at 1, 2 and 5 of each decade: a whole run often stays within one.
+  std::ostringstream scale;
+  scale << "set logscale y\nset ytics (";
+  for (int decade = -8; decade <= 1; ++decade)
+    for (const int digit : {1, 2, 5}) scale << (decade == -8 && digit == 1 ? "" : ", ") << digit << "e" << decade;
+  scale << ")\nset format y '%g'\n";
+  return history_script(rows, title, "loss", "training loss (squared error)", scale.str(), &MetricsRow::loss);
 }
 
 std::string psnr_script(const std::vector<MetricsRow>& rows, const std::string& title) {

@@ -53,16 +53,20 @@ std::string heading(const Run& run, const kernels::Backend& backend) {
   return out;
 }
 
-std::string training(const Run& run) {
+using Written = std::function<void(const std::filesystem::path&)>;
+
+std::string training(const Run& run, const Written& written) {
   std::string out = "<h2>Training</h2>\n";
   const std::vector<MetricsRow> rows = read_metrics(run.paths);
   if (rows.empty()) return out + "<p>No metrics yet.</p>\n";
   const std::string title = recording_name(run) + ", " + run.options.method + starts(run.state);
-  draw_plot(run.paths.figures(), "loss", loss_script(rows, title));
-  draw_plot(run.paths.figures(), "psnr", psnr_script(rows, title));
-  return out + "<div class=\"row\">\n" +
-         html_figure(png_address(read_file(run.paths.figures() / "loss.png")), "training loss") +
-         html_figure(png_address(read_file(run.paths.figures() / "psnr.png")), "PSNR of the training batches") + "</div>\n";
+  const std::filesystem::path folder = run.paths.figures(), loss = folder / "loss.png", psnr = folder / "psnr.png";
+  draw_plot(folder, "loss", loss_script(rows, title));
+  written(loss);
+  draw_plot(folder, "psnr", psnr_script(rows, title));
+  written(psnr);
+  return out + "<div class=\"row wide-row\">\n" + html_figure(png_address(read_file(loss)), "training loss") +
+         html_figure(png_address(read_file(psnr)), "PSNR of the training batches") + "</div>\n";
 }
 
 std::vector<std::string> score_row(const std::string& name, const Score& score) {
@@ -84,43 +88,63 @@ std::string scores(const Evaluation& evaluation) {
   return out + "<h3>Views that were never driven</h3>\n" + html_table(rows, true);
 }
 
-std::string pictures(const std::filesystem::path& folder, const PictureRow& row) {
+std::string pictures(const std::filesystem::path& folder, const PictureRow& row, const Written& written) {
   if (row.pictures.empty()) return "";
   std::string out = "<h3>" + html_escape(row.title) + "</h3>\n<div class=\"row\">\n";
   for (const Picture& picture : row.pictures) {
-    write_image(folder / (picture.name + ".png"), picture.image);
+    const std::filesystem::path file = folder / (picture.name + ".png");
+    write_image(file, picture.image);
+    written(file);
     out += html_figure(jpeg_address(picture.image), picture.caption);
   }
   return out + "</div>\n";
 }
 
+std::string option_text(const nlohmann::json& value) {
+  if (value.is_string()) return value.get<std::string>();
+  if (!value.is_array()) return value.dump();
+  std::string text;
+  for (const nlohmann::json& element : value) text += (text.empty() ? "" : ", ") + option_text(element);
+  return text;
+}
+
 std::string options_table(const TrainOptions& options) {
-  std::vector<std::vector<std::string>> rows = {{"option", "value"}};
+  constexpr std::size_t kPairs = 3;  // options beside each other
+  std::vector<std::vector<std::string>> rows(1);
+  for (std::size_t i = 0; i < kPairs; ++i) rows[0].insert(rows[0].end(), {"option", "value"});
   const nlohmann::json json = options_to_json(options);
-  for (const auto& [key, value] : json.items())
-    rows.push_back({key, value.is_string() ? value.get<std::string>() : value.dump()});
+  const std::size_t height = (json.size() + kPairs - 1) / kPairs;
+  rows.resize(1 + height);
+  std::size_t i = 0;
+  for (const auto& [key, value] : json.items()) {
+    const std::string text = option_text(value);
+    auto& row = rows[1 + i++ % height];
+    row.insert(row.end(), {key, text.empty() ? "-" : text});
+  }
   return "<h2>Options</h2>\n" + html_table(rows, false);
 }
 
 }  // namespace
 
-void write_figures(const Run& run, kernels::Backend& backend, const EvalOptions& options) {
+void write_figures(const Run& run, kernels::Backend& backend, const FigureOptions& options) {
+  const Written written = options.written ? options.written : [](const std::filesystem::path&) {};
   const std::filesystem::path folder = run.paths.figures();
   std::error_code error;
   std::filesystem::create_directories(folder, error);
   if (error) throw IoError(folder, error.message());
 
   std::string body = heading(run, backend);
-  body += training(run);  // first: it says at once if gnuplot is missing
+  body += training(run, written);  // first: it says at once if gnuplot is missing
   std::string seen = "<h2>Pictures</h2>\n<p>A training image of each camera, chosen at random.</p>\n";
   for (int camera = 0; camera < static_cast<int>(run.scene.rig.size()); ++camera)
-    seen += pictures(folder, camera_pictures(run, backend, camera));
+    seen += pictures(folder, camera_pictures(run, backend, camera), written);
   std::string novel;
-  for (const NovelSet& set : run.recording.novel) novel += pictures(folder, novel_pictures(run, backend, set));
+  for (const NovelSet& set : run.recording.novel) novel += pictures(folder, novel_pictures(run, backend, set), written);
   if (!novel.empty()) novel = "<h2>Views that were never driven</h2>\n" + novel;
-  body += scores(evaluate(run, backend, options));
+  body += scores(evaluate(run, backend, options.eval));
   body += seen + novel + options_table(run.options);
   write_file(run.paths.report(), html_page("redrive: " + recording_name(run), body));
+  written(run.paths.report());
 }
 
 }  // namespace redrive

@@ -2,16 +2,24 @@
 // The report's figures from a run, as PNG, and one self-contained HTML page (images inside, no network).
 #pragma once
 
+#include <filesystem>
+#include <functional>
+
 #include "redrive/eval/evaluate.h"
 #include "redrive/train/run.h"
 
 namespace redrive {
 
+struct FigureOptions {
+  EvalOptions eval;                                          ///< of the scores
+  std::function<void(const std::filesystem::path&)> written; ///< called with each file once it is there; may be empty
+};
+
 /// figures/loss.png and psnr.png (history of training; their gnuplot scripts stay beside them), and per camera CAM of a
 /// randomly chosen (seeded) training image: figures/CAM_original.png, CAM_reproduced.png, CAM_perturbed.png (extrinsic
 /// translated by 0.5 m along x, body axes), CAM_perturbed_camera_axes.png, CAM_depth.png (false colours); of each novel set
 /// NAME with truth: NAME_truth.png, NAME_render.png, NAME_difference.png; then report.html with all of them, the options
-/// and the scores (`options` as for evaluate). IoError where gnuplot is missing.
-void write_figures(const Run& run, kernels::Backend& backend, const EvalOptions& options = {});
+/// and the scores. IoError where gnuplot is missing.
+void write_figures(const Run& run, kernels::Backend& backend, const FigureOptions& options = {});
 
 }  // namespace redrive
