@@ -27,6 +27,9 @@ function(redrive_test name)
   target_compile_definitions(test_${name} PRIVATE
     REDRIVE_SAMPLES="${CMAKE_SOURCE_DIR}/samples" REDRIVE_SHARED="${CMAKE_SOURCE_DIR}/../shared"
     REDRIVE_SOURCE="${CMAKE_SOURCE_DIR}" REDRIVE_BINARY="${CMAKE_BINARY_DIR}/redrive")
+  if(REDRIVE_SANITIZE MATCHES "thread")
+    target_sources(test_${name} PRIVATE ${CMAKE_SOURCE_DIR}/cmake/tsan_suppressions.cc)
+  endif()
   foreach(label ${ARG_LABELS})  # target tests_threads: builds the tests labelled `threads`, nothing else
     if(NOT TARGET tests_${label})
       add_custom_target(tests_${label})
