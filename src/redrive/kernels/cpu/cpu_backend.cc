@@ -8,6 +8,7 @@
 #include "redrive/base/buffer.h"
 #include "redrive/kernels/check_sizes.h"
 #include "redrive/kernels/cpu/cpu_kernels.h"
+#include "redrive/kernels/cpu/front_to_back.h"
 #include "redrive/kernels/cpu/nerf_tile.h"
 #include "redrive/loss/photometric.h"
 #include "redrive/sampling/hierarchical.h"
@@ -31,11 +32,6 @@ std::unique_ptr<NerfNetwork> make_network(Isa isa, const NerfConfig& config) {
   }
 }
 
-/// Rays [first, first + n) of a batch.
-struct RayRange {
-  int first = 0, n = 0;
-};
-
 /// What a lane needs for one tile.
 struct LaneMemory {
   Buffer<float> position, direction, raw, d_raw, d_rgb, composite;
@@ -56,6 +52,7 @@ struct Engine {
   std::unique_ptr<NerfNetwork> network;
   std::vector<std::unique_ptr<NerfLane>> lanes;
   std::vector<LaneMemory> memory;
+  std::vector<std::unique_ptr<FrontToBack>> front_to_back;  ///< by lane; made when first rendering
 };
 
 class CpuBackend final : public Backend {
@@ -204,12 +201,13 @@ class CpuBackend final : public Backend {
     check_field(field, rays, samples);
     check_composite(rays.n, samples, out);
     Engine& engine = prepare(field, samples.per_ray);
-    for_each_tile(engine, rays.n, [&](int lane, RayRange tile) {
-      LaneMemory& memory = engine.memory[lane];
-      const int stride = tile.n * samples.per_ray;
-      forward_tile(engine, lane, field, rays, samples, tile, false, memory.raw.data(), stride);
-      kernels_.composite_forward(composite_rays(tile, samples, memory.raw.data(), stride),
-                                 composite_result(tile, rays.n, samples, out), memory.composite.data());
+    while (engine.front_to_back.size() < kLanesOfBatch)
+      engine.front_to_back.push_back(std::make_unique<FrontToBack>(samples.per_ray, engine.rays_per_tile * samples.per_ray));
+    for_each_block(engine, rays.n, engine.front_to_back.front()->block_rays(), [&](int lane, RayRange block) {
+      FrontToBack& front_to_back = *engine.front_to_back[lane];
+      const float* raw = front_to_back.run(*engine.lanes[lane], kernels_, field, rays, samples, block);
+      kernels_.composite_forward(composite_rays(block, samples, raw, front_to_back.raw_stride()),
+                                 composite_result(block, rays.n, samples, out), engine.memory[lane].composite.data());
     });
   }
 
@@ -255,18 +253,22 @@ class CpuBackend final : public Backend {
     return **found;
   }
 
-  /// Calls visit(lane, tile) for every tile; those of a lane are consecutive and in order, on one thread.
   template <class Visit>
   void for_each_tile(Engine& engine, int n_rays, const Visit& visit) {
+    for_each_block(engine, n_rays, engine.rays_per_tile, visit);
+  }
+
+  /// Shares whole tiles out among the lanes, evenly, and calls visit(lane, range) for blocks of at most block_rays of them;
+  /// those of a lane are consecutive and in order, on one thread.
+  template <class Visit>
+  void for_each_block(Engine& engine, int n_rays, int block_rays, const Visit& visit) {
     const std::int64_t tiles = (n_rays + engine.rays_per_tile - 1) / engine.rays_per_tile;
     pool_.run(kLanesOfBatch, [&](int lane) {
-      const std::int64_t begin = tiles * lane / kLanesOfBatch, end = tiles * (lane + 1) / kLanesOfBatch;
-      if (begin == end) return;
+      const int begin = static_cast<int>(tiles * lane / kLanesOfBatch) * engine.rays_per_tile;
+      const int end = std::min(n_rays, static_cast<int>(tiles * (lane + 1) / kLanesOfBatch) * engine.rays_per_tile);
+      if (begin >= end) return;
       engine.lanes[lane]->begin();
-      for (std::int64_t tile = begin; tile < end; ++tile) {
-        const int first = static_cast<int>(tile) * engine.rays_per_tile;
-        visit(lane, RayRange{first, std::min(engine.rays_per_tile, n_rays - first)});
-      }
+      for (int first = begin; first < end; first += block_rays) visit(lane, RayRange{first, std::min(block_rays, end - first)});
       engine.lanes[lane]->end();
     });
   }

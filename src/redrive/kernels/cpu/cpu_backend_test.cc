@@ -72,7 +72,7 @@ TEST_P(CpuBackendTest, SameBitsWhateverTheThreads) {
 TEST_P(CpuBackendTest, FusedStagesAreTheCompositionOfThePlainOnes) {
   const auto backend = make_cpu_backend(GetParam(), 2);
   // Fewer tiles than lanes; a last tile with fewer rays; a ray longer than a tile.
-  for (const auto [n_rays, per_ray] : {std::pair{1, 3}, {37, 48}, {2, 1100}}) {
+  for (const auto& [n_rays, per_ray] : {std::pair{1, 3}, {37, 48}, {2, 1100}}) {
     SCOPED_TRACE(testing::Message() << n_rays << " x " << per_ray);
     const Batch batch(n_rays, per_ray, *backend);
     Result fused(batch), plain(batch), rendered(batch);
@@ -87,6 +87,34 @@ TEST_P(CpuBackendTest, FusedStagesAreTheCompositionOfThePlainOnes) {
     EXPECT_EQ(rendered.rgb, plain.rgb);
     EXPECT_EQ(rendered.depth, plain.depth);
     EXPECT_EQ(rendered.opacity, plain.opacity);
+  }
+}
+
+// Where it is opaque the rest is left out: no more than 1e-4 of the light, and exactly nothing where it is not.
+TEST_P(CpuBackendTest, RenderingStopsBehindWhatIsOpaque) {
+  const auto backend = make_cpu_backend(GetParam(), 2);
+  for (const int per_ray : {40, 300}) {
+    Batch batch(61, per_ray, *backend);
+    // sigma dt of the mean interval (5 m / per_ray): 1/2 on average, so that light ends after some 18 samples.
+    batch.parameters[nerf_layer(batch.config, kNerfDensity).bias] = 0.5f * static_cast<float>(per_ray) / 5;
+    Result exact(batch), rendered(batch);
+    std::vector<float> raw(4 * batch.t.size());
+    backend->nerf_forward(batch.field(), batch.rays(), batch.samples(), raw);
+    backend->composite_forward(batch.n_rays, batch.samples(), raw, exact.out());
+    backend->render_rays(batch.field(), batch.rays(), batch.samples(), rendered.out());
+    int left_out = 0;
+    for (std::size_t i = 0; i < batch.t.size(); ++i) {
+      left_out += rendered.weights[i] == 0 && exact.weights[i] > 0;
+      EXPECT_LE(std::abs(rendered.weights[i] - exact.weights[i]), 1e-4f);
+    }
+    EXPECT_GT(left_out, batch.n_rays);
+    for (int ray = 0; ray < batch.n_rays; ++ray) {
+      // The bound, and the roundings of the sums.
+      EXPECT_NEAR(rendered.opacity[ray], exact.opacity[ray], 1e-4 + per_ray * 0x1p-24);
+      EXPECT_NEAR(rendered.depth[ray], exact.depth[ray], 6 * (1e-4 + per_ray * 0x1p-24));
+      for (int k = 0; k < 3; ++k)
+        EXPECT_NEAR(rendered.rgb[k * batch.n_rays + ray], exact.rgb[k * batch.n_rays + ray], 1e-4 + per_ray * 0x1p-24);
+    }
   }
 }
 
