@@ -73,7 +73,7 @@ Safetensors parse_safetensors(std::string_view bytes, const std::filesystem::pat
     if (!entry.is_object() || !entry.contains("dtype") || !entry.contains("shape") || !entry.contains("data_offsets"))
       throw InputError(file, name, shown(entry), "must have dtype, shape and data_offsets");
     if (entry["dtype"] != "F32") throw InputError(file, name + ".dtype", shown(entry["dtype"]), "must be F32");
-    const auto whole = [&](const nlohmann::json& list, const char* field) {
+    const auto whole = [&, &name = name](const nlohmann::json& list, const char* field) {
       std::vector<std::int64_t> numbers;
       if (!list.is_array() || list.size() > 8) throw InputError(file, name + "." + field, shown(list), "must be a short list");
       for (const nlohmann::json& number : list) {
