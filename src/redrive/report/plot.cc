@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
+#include <limits>
 #include <sstream>
 
 #include <spawn.h>
@@ -26,16 +27,24 @@ std::string quoted(const std::string& text) {
   return out + "'";
 }
 
-std::string history_script(const std::vector<MetricsRow>& rows, const std::string& title, const char* name,
-                           const char* axis, const std::string& scale, double MetricsRow::*member) {
+/// What differs between the two plots.
+struct Axis {
+  const char* name;          ///< of the files
+  const char* label;
+  std::string setup;         ///< gnuplot lines
+  const char* key_position;  ///< where the curve is not
+  double MetricsRow::*value;
+};
+
+std::string history_script(const std::vector<MetricsRow>& rows, const std::string& title, const Axis& axis) {
   std::ostringstream out;
   out.precision(8);
-  out << "set terminal pngcairo size 1200,560 font 'DejaVu Sans,12' background '#ffffff' enhanced\n"
-      << "set output '" << name << ".png.part'\n"
+  out << "set terminal pngcairo size 1200,560 font 'DejaVu Sans,14' background '#ffffff' enhanced\n"
+      << "set output '" << axis.name << ".png.part'\n"
       << "set title " << quoted(title) << " noenhanced\n"
-      << "set xlabel 'step'\nset ylabel '" << axis << "'\n" << scale
+      << "set xlabel 'step'\nset ylabel '" << axis.label << "'\n" << axis.setup
       << "set grid ytics lc rgb '#dddddd' lt 1\nset border 3 lc rgb '#666666'\nset tics nomirror\n"
-      << "set key at graph 0.99, graph 0.9 noautotitle\n"
+      << "set key " << axis.key_position << " noautotitle\n"
       << "set xrange [0:" << (rows.empty() ? 1 : rows.back().step) << "]\n";
   const int epochs = rows.empty() ? 0 : rows.back().epoch + 1;
   for (std::size_t i = 0; i < rows.size(); ++i) {
@@ -46,13 +55,14 @@ std::string history_script(const std::vector<MetricsRow>& rows, const std::strin
       out << "set label 'epoch " << rows[i].epoch + 1 << "' at " << step << ", graph 0.97 offset 0.5,0 tc rgb '#888888'\n";
   }
   std::vector<double> values;
-  for (const MetricsRow& row : rows) values.push_back(row.*member);
-  const std::vector<double> means = running_mean(values, static_cast<int>(rows.size() / kMeanParts));
+  for (const MetricsRow& row : rows) values.push_back(row.*axis.value);
+  const int radius = static_cast<int>(rows.size() / kMeanParts);
+  const std::vector<double> means = running_mean(values, radius);
   out << "$history << end\n";
   for (std::size_t i = 0; i < rows.size(); ++i) out << rows[i].step << ' ' << values[i] << ' ' << means[i] << '\n';
-  out << "end\n"
-      << "plot $history using 1:2 with lines lw 1 lc rgb '#a9c4e6' title 'as logged',"
-      << " $history using 1:3 with lines lw 2.5 lc rgb '#1f4e8c' title 'running mean'\n";
+  out << "end\nplot ";
+  if (radius > 0) out << "$history using 1:2 with lines lw 1 lc rgb '#a9c4e6' title 'as logged', ";
+  out << "$history using 1:3 with lines lw 2.5 lc rgb '#1f4e8c' title '" << (radius > 0 ? "running mean" : "as logged") << "'\n";
   return out.str();
 }
 
@@ -71,17 +81,22 @@ std::vector<double> running_mean(const std::vector<double>& values, int radius) 
 }
 
 std::string loss_script(const std::vector<MetricsRow>& rows, const std::string& title) {
-  // Labels at 1, 2 and 5 of each decade: a whole run often stays within one.
-  std::ostringstream scale;
-  scale << "set logscale y\nset ytics (";
+  // Labels at 1, 2 and 5 of each decade, and a range with a tenth of a decade to spare: a whole run often stays within one.
+  std::ostringstream setup;
+  setup << "set logscale y\nset format y '%g'\nset ytics (";
   for (int decade = -8; decade <= 1; ++decade)
-    for (const int digit : {1, 2, 5}) scale << (decade == -8 && digit == 1 ? "" : ", ") << digit << "e" << decade;
-  scale << ")\nset format y '%g'\n";
-  return history_script(rows, title, "loss", "training loss (squared error)", scale.str(), &MetricsRow::loss);
+    for (const int digit : {1, 2, 5}) setup << (decade == -8 && digit == 1 ? "" : ", ") << digit << "e" << decade;
+  setup << ")\n";
+  double low = std::numeric_limits<double>::infinity(), high = 0;
+  for (const MetricsRow& row : rows)
+    if (row.loss > 0) low = std::min(low, row.loss), high = std::max(high, row.loss);
+  if (high > 0) setup << "set yrange [" << 0.8 * low << ":" << 1.25 * high << "]\n";
+  return history_script(rows, title, {"loss", "training loss (squared error)", setup.str(), "top right at graph 0.99, graph 0.9",
+                                      &MetricsRow::loss});
 }
 
 std::string psnr_script(const std::vector<MetricsRow>& rows, const std::string& title) {
-  return history_script(rows, title, "psnr", "PSNR of training batches (dB)", "", &MetricsRow::psnr_db);
+  return history_script(rows, title, {"psnr", "PSNR of training batches (dB)", "", "bottom right", &MetricsRow::psnr_db});
 }
 
 void draw_plot(const std::filesystem::path& folder, const std::string& name, const std::string& script) {
