@@ -37,7 +37,6 @@ int run_resume(const Arguments& arguments) {
   }
   if (!arguments.given.empty()) write_config(run.paths, run.options);
   print_summary(run, images, *backend);
-  std::printf("resuming at step %lld\n", static_cast<long long>(run.state.step));
   return report_end(run, train(&run, images, *backend, stop));
 }
 

@@ -180,7 +180,7 @@ std::vector<TrainField> make_fields() {
       number("max-seconds", &O::max_seconds, Range<double>{0, kInfinite},
              "stop after so many seconds of training alone; 0: no limit; the learning rate goes by steps all the same"),
       number("seed", &O::seed, Range<std::uint64_t>{0, std::numeric_limits<std::uint64_t>::max()}, "of all random numbers"),
-      number("checkpoint-every", &O::checkpoint_every, Range<int>{1, 1'000'000'000}, "steps between checkpoints"),
+      number("checkpoint-every", &O::checkpoint_every, Range<int>{1, 1'000'000'000}, "steps between checkpoints; one a minute at least"),
       number("threads", &O::threads, Range<int>{0, 1024}, "0: all that this process may use"),
       text("backend", &O::backend, {"auto", "ref", "cpu", "cuda"}, "what computes"),
       text("isa", &O::isa, {"auto", "avx2", "avx512", "avx512-bf16", "amx-bf16"}, "instruction set of the cpu backend"),

@@ -3,7 +3,7 @@
 //   not finite:  a step within the first 1000 gives no finite loss or gradients;
 //   dead:        mean opacity below 1e-4 in 20 steps on end within the first 1000: every density is at or below its ReLU's
 //                kink, all gradients are zero, nothing will ever move again;
-//   diverging:   the mean squared error over steps 400..499 is not below that of steps 0..19.
+//   diverging:   the mean squared error over steps 400..499 is not 10 % below that of steps 0..19.
 // None of the three is said of a field that explains its pictures: not dead or diverging below an error of 1e-4 (40 dB:
 // black pictures, one constant colour), and not diverging while it is no worse than the best constant colour (noise).
 #pragma once

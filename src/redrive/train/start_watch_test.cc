@@ -61,13 +61,13 @@ TEST(StartWatch, NotFiniteIsDivergingOnlyInTheStart) {
 
 TEST(StartWatch, LossThatDoesNotFallIsDiverging) {
   // Half black, half white, and the field says one of them everywhere: error 1/2, a constant grey would have 1/4.
-  const Verdict verdict = watch(two_colours(0, 1), [](auto step) { return result(step < 20 ? 0.4 : 0.5); });
+  const Verdict verdict = watch(two_colours(0, 1), [](auto step) { return result(step < 20 ? 0.52 : 0.5); });
   EXPECT_EQ(verdict.step, 499);
   EXPECT_THAT(verdict.reason, HasSubstr("diverging"));
 }
 
 TEST(StartWatch, LossThatFallsIsNot) {
-  EXPECT_EQ(watch(two_colours(0, 1), [](auto step) { return result(step < 20 ? 0.5 : 0.45); }).step, -1);
+  EXPECT_EQ(watch(two_colours(0, 1), [](auto step) { return result(step < 20 ? 0.5 : 0.44); }).step, -1);
 }
 
 TEST(StartWatch, OneConstantColourIsNot) {  // right from the first step on: nothing to fall

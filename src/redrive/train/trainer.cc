@@ -18,6 +18,7 @@ namespace {
 
 constexpr int kStepsPerRow = 25;    // a row of metrics.jsonl: 1024 rays x 25 average the noise of a batch away
 constexpr int kMaxBadSteps = 50;    // non-finite ones on end: it will not heal
+constexpr double kSecondsPerCheckpoint = 60;  // of training: what a kill costs at most, however slow the machine
 
 double decibels(double mse) { return -10 * std::log10(std::max(mse, 1e-10)); }
 
@@ -26,7 +27,7 @@ class Trainer {
  public:
   Trainer(Run* run, const std::vector<Image8>& images, kernels::Backend& backend)
       : run_(*run), state_(run->state), options_(run->options), backend_(backend),
-        sampler_(run->scene, images, run->options.seed) {
+        sampler_(run->scene, images, run->options.seed), saved_seconds_(run->state.seconds) {
     const std::int64_t per_epoch = sampler_.steps_per_epoch(options_.batch_rays);
     steps_ = total_steps(options_, per_epoch);
     milestones_ = milestones(options_, per_epoch);
@@ -35,7 +36,8 @@ class Trainer {
 
   TrainEnd run(const std::atomic<bool>& stop) {
     cut_metrics(run_.paths, state_.step, state_.restarts);
-    if (state_.step == 0) save_checkpoint(run_.paths.checkpoint(), state_);
+    print_schedule();
+    if (state_.step == 0) save();
     while (state_.step < steps_ && (options_.max_seconds == 0 || state_.seconds < options_.max_seconds)) {
       if (stop) return end(TrainEnd::kInterrupted);
       step();
@@ -68,7 +70,12 @@ class Trainer {
     window.seconds += seconds;
     if (progress_.due()) show_progress();
     if (state_.step % kStepsPerRow == 0) close_window();
-    if (state_.step % options_.checkpoint_every == 0) save_checkpoint(run_.paths.checkpoint(), state_);
+    if (state_.step % options_.checkpoint_every == 0 || state_.seconds - saved_seconds_ >= kSecondsPerCheckpoint) save();
+  }
+
+  void save() {
+    save_checkpoint(run_.paths.checkpoint(), state_);
+    saved_seconds_ = state_.seconds;
   }
 
   /// A start that failed: the same run once more from another seed.
@@ -86,7 +93,7 @@ class Trainer {
                  static_cast<long long>(state_.step), reason.c_str(), restarts, kMaxRestarts);
     append_restart(run_.paths, state_.step, restarts, fresh.seed, reason);
     state_ = std::move(fresh);
-    save_checkpoint(run_.paths.checkpoint(), state_);
+    save();
   }
 
   /// A later step that was not finite: the parameters stayed as they were.
@@ -111,6 +118,16 @@ class Trainer {
     state_.window = {};
   }
 
+  void print_schedule() const {
+    std::printf("%llu training pixels, %lld steps an epoch, %lld steps in all; learning rate %g, times %g at",
+                static_cast<unsigned long long>(sampler_.pixels()), static_cast<long long>(steps_per_epoch_),
+                static_cast<long long>(steps_), options_.learning_rate, options_.lr_gamma);
+    for (const std::int64_t milestone : milestones_) std::printf(" %lld", static_cast<long long>(milestone));
+    std::printf("\n");
+    if (state_.step > 0) std::printf("going on from step %lld\n", static_cast<long long>(state_.step));
+    std::fflush(stdout);
+  }
+
   double rays_per_second() const { return state_.window.seconds > 0 ? state_.window.rays / state_.window.seconds : 0; }
 
   void show_progress() {
@@ -123,7 +140,7 @@ class Trainer {
   TrainEnd end(TrainEnd how) {
     if (state_.window.steps > 0) show_progress();
     progress_.finish();
-    save_checkpoint(run_.paths.checkpoint(), state_);
+    save();
     return how;
   }
 
@@ -132,6 +149,7 @@ class Trainer {
   const TrainOptions& options_;
   kernels::Backend& backend_;
   PixelSampler sampler_;
+  double saved_seconds_;  // state_.seconds at the last checkpoint
   std::vector<std::int64_t> milestones_;
   std::int64_t steps_ = 0, steps_per_epoch_ = 0;
   RayBatch batch_;
