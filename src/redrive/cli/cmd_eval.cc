@@ -55,11 +55,15 @@ Action configure_eval(CLI::App& command) {
   auto options = std::make_shared<EvalCommandOptions>();
   command.add_option("RUN", options->run, "folder that train made")->required();
   command.add_flag("--json", options->json, "JSON on standard output instead of the table");
-  auto* limit = command.add_option("--max-images", options->eval.max_images,
-      "at most so many images per camera and per novel set, evenly spaced (default: every held-out image; " +
-      std::to_string(kTrainingImagesPerCamera) + " training images per camera where none is held out)")
-      ->check(CLI::Range(1, 1000000));
-  command.add_flag("--all", options->eval.all, "every image, also of the training frames where none is held out")->excludes(limit);
+  auto* limit =
+      command
+          .add_option(
+              "--max-images", options->eval.max_images,
+              "at most so many images per camera and per novel set, evenly spaced (default: every held-out image; " +
+                  std::to_string(kTrainingImagesPerCamera) + " training images per camera where none is held out)")
+          ->check(CLI::Range(1, 1000000));
+  command.add_flag("--all", options->eval.all, "every image, also of the training frames where none is held out")
+      ->excludes(limit);
   add_backend_options(command, &options->backend);
   return [options] { return run_eval(*options); };
 }

@@ -37,8 +37,9 @@ int run_figures(FiguresCommandOptions options) {
 Action configure_figures(CLI::App& command) {
   auto options = std::make_shared<FiguresCommandOptions>();
   command.add_option("RUN", options->run, "folder that train made")->required();
-  command.add_option("--max-images", options->figures.eval.max_images,
-      "images scored for the report, per camera and per novel set, evenly spaced (default: as eval)")
+  command
+      .add_option("--max-images", options->figures.eval.max_images,
+                  "images scored for the report, per camera and per novel set, evenly spaced (default: as eval)")
       ->check(CLI::Range(1, 1000000));
   add_backend_options(command, &options->backend);
   return [options] { return run_figures(*options); };

@@ -77,8 +77,10 @@ int render_one(const RenderOptions& options) {
   const RigCamera& camera = find_camera(run.scene, options.camera);
   const auto pose = world_from_body(run.recording, run.scene, frame);
   if (!pose)
-    throw UsageError("--frame", options.frame, "the recording has no such frame with a pose; it has ids from " +
-                     std::to_string(run.recording.frames.front().id) + " to " + std::to_string(run.recording.frames.back().id));
+    throw UsageError("--frame", options.frame,
+                     "the recording has no such frame with a pose; it has ids from " +
+                         std::to_string(run.recording.frames.front().id) + " to " +
+                         std::to_string(run.recording.frames.back().id));
   const Rigid3d world_from_camera = shifted_camera(run.scene.ecef_from_world, *pose, camera.body_from_sensor,
                                                    *shift_axes_from_name(options.axes), shift_m);
   const auto backend = make_checked_backend(options.backend);
@@ -96,7 +98,8 @@ int render_one(const RenderOptions& options) {
 int render_poses(const RenderOptions& options) {
   const PosesFile poses = read_poses(options.poses);
   const fs::path out = options.out;
-  if (fs::exists(out) && !fs::is_directory(out)) throw UsageError("--out", options.out, "is a file; --poses writes into a folder");
+  if (fs::exists(out) && !fs::is_directory(out))
+    throw UsageError("--out", options.out, "is a file; --poses writes into a folder");
   for (const RequestedView& view : poses.views)
     if (fs::exists(out / view.file) && !options.force)
       throw UsageError("--out", (out / view.file).string(), "exists already; --force overwrites it");
@@ -109,8 +112,9 @@ int render_poses(const RenderOptions& options) {
   std::vector<const RigCamera*> cameras;
   for (std::size_t i = 0; i < poses.views.size(); ++i) {  // all of them, before the first is rendered
     cameras.push_back(&requested_camera(poses, i, options.poses, rig));
-    world_from_camera.push_back(requested_world_from_body(poses, i, options.poses, run.recording, run.scene, options.relative) *
-                                cameras.back()->body_from_sensor);
+    world_from_camera.push_back(
+        requested_world_from_body(poses, i, options.poses, run.recording, run.scene, options.relative) *
+        cameras.back()->body_from_sensor);
   }
 
   const auto backend = make_checked_backend(options.backend);
@@ -140,20 +144,27 @@ int render(const RenderOptions& options) {
 Action configure_render(CLI::App& command) {
   auto options = std::make_shared<RenderOptions>();
   command.add_option("RUN", options->run, "folder that train made")->required();
-  CLI::Option* poses = command.add_option("--poses", options->poses,
+  CLI::Option* poses = command.add_option(
+      "--poses", options->poses,
       "POSES.json: every view of it, each under its own file name in the folder --out. RT_ECEF_body places the body "
       "absolutely, shift_body_m moves the recording's pose of frame_id in body axes");
-  command.add_flag("--relative", options->relative, "with --poses: where a view has both, use shift_body_m")->needs(poses);
-  for (CLI::Option* option : {
-           command.add_option("--camera", options->camera, "camera of the run"),
-           command.add_option("--frame", options->frame, "frame id of the recording; its pose is where the car stands"),
-           command.add_option("--translate", options->translate, "moves the camera by X,Y,Z metres along --axes")
-               ->capture_default_str(),
-           command.add_option("--axes", options->axes,
-               "what --translate is measured along: body (x forward, y left, z up, of the car), camera (x right, y down, "
-               "z forward, of the camera) or local (level at the car's place: z straight up, x the heading's horizontal "
-               "part, y left)")->check(CLI::IsMember({"body", "camera", "local"}))->capture_default_str(),
-           command.add_option("--depth", options->depth, "also writes depth along the ray in mm as a 16-bit PNG")})
+  command.add_flag("--relative", options->relative, "with --poses: where a view has both, use shift_body_m")
+      ->needs(poses);
+  for (CLI::Option* option :
+       {command.add_option("--camera", options->camera, "camera of the run"),
+        command.add_option("--frame", options->frame, "frame id of the recording; its pose is where the car stands"),
+        command.add_option("--translate", options->translate, "moves the camera by X,Y,Z metres along --axes")
+            ->capture_default_str(),
+        command
+            .add_option("--axes", options->axes,
+                        "what --translate is measured along: body (x forward, y left, z up, of the car), camera (x "
+                        "right, y down, "
+                        "z forward, of the camera) or local (level at the car's place: z straight up, x the heading's "
+                        "horizontal "
+                        "part, y left)")
+            ->check(CLI::IsMember({"body", "camera", "local"}))
+            ->capture_default_str(),
+        command.add_option("--depth", options->depth, "also writes depth along the ray in mm as a 16-bit PNG")})
     option->excludes(poses);
   command.add_option("--out", options->out, "image to write, .png or .jpg; with --poses the folder")->required();
   command.add_flag("--force", options->force, "overwrite images that exist");

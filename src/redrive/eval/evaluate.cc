@@ -101,8 +101,8 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
     ScoreMean mean;
     for (const View* view : by_camera[c]) {
       const Image8 truth = load_view(run.scene, *view);  // first: a broken file must not cost a rendering
-      const Score score = score_image(
-          render_image(backend, run.state.model, table, run.scene.world_from_camera(*view)), truth);
+      const Score score =
+          score_image(render_image(backend, run.state.model, table, run.scene.world_from_camera(*view)), truth);
       mean.add(score);
       overall.add(score);
       tell();

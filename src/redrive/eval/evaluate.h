@@ -22,8 +22,9 @@ constexpr double kPsnrCapDb = 100;
 constexpr int kTrainingImagesPerCamera = 8;
 
 struct EvalOptions {
-  int max_images = 0;   ///< per camera and per novel set, evenly spaced; 0: all held-out ones, or kTrainingImagesPerCamera
-  bool all = false;     ///< every one, also of the training frames
+  int max_images =
+      0;             ///< per camera and per novel set, evenly spaced; 0: all held-out ones, or kTrainingImagesPerCamera
+  bool all = false;  ///< every one, also of the training frames
   std::function<void(int done, int total)> progress;  ///< after each image; may be empty
 };
 
@@ -33,15 +34,15 @@ struct Score {
 };
 
 struct Evaluation {
-  bool held_out = true;                  ///< false: no frame was held out, training frames were scored
+  bool held_out = true;  ///< false: no frame was held out, training frames were scored
   Score overall;
   std::map<std::string, Score> cameras;
-  std::map<std::string, Score> novel;    ///< by novel/<name>; empty where there is no truth
+  std::map<std::string, Score> novel;  ///< by novel/<name>; empty where there is no truth
 };
 
 /// A picture to score: truth as a run trains on it (undistorted, downscaled) and where it was taken from.
 struct TruthView {
-  std::string name;               ///< camera, or file of a novel set
+  std::string name;  ///< camera, or file of a novel set
   Camera camera;
   Rigid3d world_from_camera;
   Image8 truth;

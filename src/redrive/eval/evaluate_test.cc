@@ -52,7 +52,8 @@ class EvaluateTest : public testing::Test {
     }
     for (int c = 0; c < 2; ++c)
       for (int f = 0; f < 4; ++f)
-        scene.views.push_back({c, f, grey(scene.rig[c].name + std::to_string(f) + ".png", c == 0 ? 51 * f : 255), false});
+        scene.views.push_back(
+            {c, f, grey(scene.rig[c].name + std::to_string(f) + ".png", c == 0 ? 51 * f : 255), false});
     NerfModel& model = run_.state.model;
     model.config.width = 32;
     model.samples = 4;
@@ -119,7 +120,9 @@ TEST_F(EvaluateTest, TrainingViewsWhereNoneIsHeldOut) {
 
 TEST_F(EvaluateTest, NovelViewsAreScoredAtTheirPoseWhereTruthIs) {
   // Frame 102 (x = 2) shifted by 0.5: a backend that paints the origin's x / 5 shows 0.5 there.
-  PaintBackend place([](const auto& origin, const auto&) { return std::array<float, 3>{origin[0] / 5, origin[0] / 5, origin[0] / 5}; });
+  PaintBackend place([](const auto& origin, const auto&) {
+    return std::array<float, 3>{origin[0] / 5, origin[0] / 5, origin[0] / 5};
+  });
   poses(R"({"images": [{"file": "a.png", "camera": "A", "frame_id": 102, "shift_body_m": [0.5, 0, 0]},
                        {"file": "none.png", "camera": "A", "frame_id": 101, "shift_body_m": [0, 0, 0]},
                        {"file": "other.png", "camera": "UNTRAINED", "frame_id": 101, "shift_body_m": [0, 0, 0]}]})");

@@ -12,10 +12,10 @@
 namespace redrive {
 namespace {
 
-constexpr int kRadius = 5;             // truncate 3.5: int(3.5 * 1.5 + 0.5)
+constexpr int kRadius = 5;  // truncate 3.5: int(3.5 * 1.5 + 0.5)
 constexpr int kTaps = 2 * kRadius + 1;
 constexpr double kSigma = 1.5;
-constexpr double kC1 = 0.01 * 0.01;    // (K1 data_range)^2
+constexpr double kC1 = 0.01 * 0.01;  // (K1 data_range)^2
 constexpr double kC2 = 0.03 * 0.03;
 
 std::array<double, kTaps> gaussian() {
@@ -26,8 +26,8 @@ std::array<double, kTaps> gaussian() {
   return taps;
 }
 
-void check_sizes(std::span<const float> rgb, std::span<const float> truth, std::span<const std::uint8_t> mask, int width,
-                 int height) {
+void check_sizes(std::span<const float> rgb, std::span<const float> truth, std::span<const std::uint8_t> mask,
+                 int width, int height) {
   const std::size_t pixels = static_cast<std::size_t>(width) * height;
   REDRIVE_CHECK_OP(rgb.size(), ==, 3 * pixels);
   REDRIVE_CHECK_OP(truth.size(), ==, 3 * pixels);

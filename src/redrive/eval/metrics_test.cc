@@ -12,7 +12,9 @@
 namespace redrive {
 namespace {
 
-std::vector<float> constant(int width, int height, float value) { return std::vector<float>(3 * width * height, value); }
+std::vector<float> constant(int width, int height, float value) {
+  return std::vector<float>(3 * width * height, value);
+}
 
 std::vector<float> noise(int width, int height, std::uint64_t stream) {
   std::vector<float> image(3 * width * height);
@@ -53,7 +55,8 @@ TEST(Ssim, ConstantImagesFollowTheClosedForm) {
 }
 
 TEST(Ssim, IsSymmetric) {
-  EXPECT_DOUBLE_EQ(ssim(noise(19, 21, 0), noise(19, 21, 1), {}, 19, 21), ssim(noise(19, 21, 1), noise(19, 21, 0), {}, 19, 21));
+  EXPECT_DOUBLE_EQ(ssim(noise(19, 21, 0), noise(19, 21, 1), {}, 19, 21),
+                   ssim(noise(19, 21, 1), noise(19, 21, 0), {}, 19, 21));
 }
 
 /// Straight from the definition: every window on its own, variances as means of squared deviations.

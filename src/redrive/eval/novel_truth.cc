@@ -33,10 +33,12 @@ TruthView load_novel_view(const Run& run, const NovelSet& set, std::size_t index
 
   // load_view knows how a run sees an image (size check, undistortion, downscaling): a scene of one picture.
   Scene scene;
-  scene.rig = {requested_camera(poses, index, set.poses_file,
-                                poses.cameras.empty() ? run.scene.rig : poses_rig(poses, run.scene, /*like_run=*/true))};
-  scene.frames.push_back({view.frame_id, 0, requested_world_from_body(poses, index, set.poses_file, run.recording,
-                                                                       run.scene, /*prefer_shift=*/false)});
+  scene.rig = {
+      requested_camera(poses, index, set.poses_file,
+                       poses.cameras.empty() ? run.scene.rig : poses_rig(poses, run.scene, /*like_run=*/true))};
+  scene.frames.push_back(
+      {view.frame_id, 0,
+       requested_world_from_body(poses, index, set.poses_file, run.recording, run.scene, /*prefer_shift=*/false)});
   scene.views.push_back({0, 0, truth_path(set, view)});
   scene.downscale = run.scene.downscale;
   scene.undistort = run.scene.undistort;

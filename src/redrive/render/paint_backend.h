@@ -14,7 +14,8 @@ namespace redrive {
 /// render_rays gives rgb = paint(origin, direction) [world], depth 2 m, opacity 1. Training stages fail the test.
 class PaintBackend : public kernels::Backend {
  public:
-  using Paint = std::function<std::array<float, 3>(const std::array<float, 3>& origin, const std::array<float, 3>& direction)>;
+  using Paint =
+      std::function<std::array<float, 3>(const std::array<float, 3>& origin, const std::array<float, 3>& direction)>;
   explicit PaintBackend(Paint paint) : paint_(std::move(paint)) {}
 
   std::string name() const override { return "paint"; }
@@ -35,7 +36,8 @@ class PaintBackend : public kernels::Backend {
     }
   }
 
-  void nerf_forward(const kernels::NerfField&, const kernels::Rays&, const kernels::Samples&, std::span<float>) override {
+  void nerf_forward(const kernels::NerfField&, const kernels::Rays&, const kernels::Samples&,
+                    std::span<float>) override {
     unexpected();
   }
   void nerf_backward(const kernels::NerfField&, const kernels::Rays&, const kernels::Samples&, std::span<const float>,

@@ -38,7 +38,8 @@ void render_tile(kernels::Backend& backend, const NerfModel& model, Tile* tile) 
 
   const kernels::Rays rays{n, tile->batch.origin, tile->batch.direction};
   const kernels::CompositeOut out{tile->rgb, tile->depth, tile->opacity, tile->weights};
-  backend.sample_stratified(n, {model.samples, model.near_m, model.far_m, /*jitter=*/false, /*key=*/0}, tile->t, tile->dt);
+  backend.sample_stratified(n, {model.samples, model.near_m, model.far_m, /*jitter=*/false, /*key=*/0}, tile->t,
+                            tile->dt);
   const kernels::Samples coarse{model.samples, tile->t, tile->dt};
   backend.render_rays(model.field(0), rays, coarse, out);
   if (model.fine_samples == 0) return;
@@ -90,9 +91,8 @@ RenderedImage render_image(kernels::Backend& backend, const NerfModel& model, co
 
 Image8 to_image8(const RenderedImage& image) {
   Image8 out{image.width, image.height, std::vector<std::uint8_t>(image.rgb.size())};
-  std::transform(image.rgb.begin(), image.rgb.end(), out.rgb.begin(), [](float x) {
-    return static_cast<std::uint8_t>(std::lround(255.0f * std::clamp(x, 0.0f, 1.0f)));
-  });
+  std::transform(image.rgb.begin(), image.rgb.end(), out.rgb.begin(),
+                 [](float x) { return static_cast<std::uint8_t>(std::lround(255.0f * std::clamp(x, 0.0f, 1.0f))); });
   return out;
 }
 

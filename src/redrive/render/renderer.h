@@ -20,10 +20,12 @@ struct RenderedImage {
   std::vector<std::uint8_t> valid;  ///< [height, width]
 };
 
-RenderedImage render_image(kernels::Backend& backend, const NerfModel& model, const Camera& camera, const Rigid3d& world_from_camera);
-RenderedImage render_image(kernels::Backend& backend, const NerfModel& model, const RayTable& table, const Rigid3d& world_from_camera);
+RenderedImage render_image(kernels::Backend& backend, const NerfModel& model, const Camera& camera,
+                           const Rigid3d& world_from_camera);
+RenderedImage render_image(kernels::Backend& backend, const NerfModel& model, const RayTable& table,
+                           const Rigid3d& world_from_camera);
 
-Image8 to_image8(const RenderedImage& image);                       ///< round(255 x), clamped
-std::vector<std::uint16_t> depth_mm(const RenderedImage& image);    ///< clamped to 65535
+Image8 to_image8(const RenderedImage& image);                     ///< round(255 x), clamped
+std::vector<std::uint16_t> depth_mm(const RenderedImage& image);  ///< clamped to 65535
 
 }  // namespace redrive

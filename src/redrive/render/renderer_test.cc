@@ -64,8 +64,8 @@ NerfModel make_model(int fine_samples) {
   model.far_m = 10;
   const std::size_t size = nerf_parameter_count(model.config);
   model.parameters = Buffer<float>(size * model.networks());
-  model.parameters[0] = 100;                            // coarse
-  if (fine_samples > 0) model.parameters[size] = 200;   // fine
+  model.parameters[0] = 100;                           // coarse
+  if (fine_samples > 0) model.parameters[size] = 200;  // fine
   return model;
 }
 
@@ -97,7 +97,8 @@ Rigid3d tilted() {
 // within half an ulp of 1 (6e-8).
 constexpr float kTolerance = 6 * 6e-8f;
 
-void expect_directions(const RenderedImage& image, const RayTable& table, const Rigid3d& world_from_camera, float depth) {
+void expect_directions(const RenderedImage& image, const RayTable& table, const Rigid3d& world_from_camera,
+                       float depth) {
   std::size_t k = 0;
   for (std::size_t pixel = 0; pixel < image.valid.size(); ++pixel) {
     const bool valid = k < table.pixel.size() && table.pixel[k] == pixel;

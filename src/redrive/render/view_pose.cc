@@ -9,8 +9,8 @@
 namespace redrive {
 namespace {
 
-constexpr double kWgs84SemiMajorM = 6378137.0;        // defining constant a of WGS84
-constexpr double kWgs84SemiMinorM = 6356752.314245;   // b = a (1 - f), f = 1 / 298.257223563
+constexpr double kWgs84SemiMajorM = 6378137.0;       // defining constant a of WGS84
+constexpr double kWgs84SemiMinorM = 6356752.314245;  // b = a (1 - f), f = 1 / 298.257223563
 
 std::string view_field(std::size_t index, const char* key) { return "images[" + std::to_string(index) + "]." + key; }
 
@@ -56,7 +56,8 @@ Rigid3d shifted_camera(const Rigid3d& ecef_from_world, const Rigid3d& world_from
     case ShiftAxes::kLocal: {
       const auto local = world_from_local_axes(ecef_from_world, world_from_body);
       if (!local)
-        throw UsageError("--axes", "local", "the poses of this recording are not near the Earth's surface or head "
+        throw UsageError("--axes", "local",
+                         "the poses of this recording are not near the Earth's surface or head "
                          "straight up, so there is no level frame; use body or camera");
       world_from_axes = *local;
     }
@@ -92,7 +93,8 @@ const RigCamera& requested_camera(const PosesFile& poses, std::size_t index, con
 std::vector<RigCamera> poses_rig(const PosesFile& poses, const Scene& scene, bool like_run) {
   std::vector<RigCamera> rig;
   for (const CameraCalibration& calibration : poses.cameras) {
-    RigCamera camera{calibration.name, make_camera(calibration), make_camera(calibration), calibration.body_from_sensor};
+    RigCamera camera{calibration.name, make_camera(calibration), make_camera(calibration),
+                     calibration.body_from_sensor};
     if (like_run && scene.undistort) camera.camera = camera.camera.undistorted();
     if (like_run) camera.camera = camera.camera.downscaled(scene.downscale);
     rig.push_back(std::move(camera));

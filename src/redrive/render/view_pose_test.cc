@@ -49,7 +49,8 @@ TEST(ViewPose, ShiftsAlongTheAxesItNames) {
   const Eigen::Vector3d shift(0.5, 0.25, -1);
   EXPECT_NEAR((moved(level, identity, ShiftAxes::kBody, shift) - shift).norm(), 0, kTolerance);
   // camera x right, y down, z forward, in body axes:
-  EXPECT_NEAR((moved(level, identity, ShiftAxes::kCamera, shift) - Eigen::Vector3d(-1, -0.5, -0.25)).norm(), 0, kTolerance);
+  EXPECT_NEAR((moved(level, identity, ShiftAxes::kCamera, shift) - Eigen::Vector3d(-1, -0.5, -0.25)).norm(), 0,
+              kTolerance);
   EXPECT_NEAR((moved(level, identity, ShiftAxes::kLocal, shift) - shift).norm(), 0, kTolerance);
 }
 
@@ -58,7 +59,8 @@ TEST(ViewPose, LocalAxesAreLevelWhereTheCarIsNot) {
   const Rigid3d ecef_from_world = heading_east(pitch);
   const Eigen::Vector3d up = moved(ecef_from_world, Rigid3d::Identity(), ShiftAxes::kLocal, Eigen::Vector3d::UnitZ());
   EXPECT_NEAR((up - Eigen::Vector3d(-std::sin(pitch), 0, std::cos(pitch))).norm(), 0, kTolerance);
-  const Eigen::Vector3d ahead = moved(ecef_from_world, Rigid3d::Identity(), ShiftAxes::kLocal, Eigen::Vector3d::UnitX());
+  const Eigen::Vector3d ahead =
+      moved(ecef_from_world, Rigid3d::Identity(), ShiftAxes::kLocal, Eigen::Vector3d::UnitX());
   EXPECT_NEAR((ahead - Eigen::Vector3d(std::cos(pitch), 0, std::sin(pitch))).norm(), 0, kTolerance);
   const Eigen::Vector3d left = moved(ecef_from_world, Rigid3d::Identity(), ShiftAxes::kLocal, Eigen::Vector3d::UnitY());
   EXPECT_NEAR((left - Eigen::Vector3d::UnitY()).norm(), 0, kTolerance);
@@ -81,7 +83,8 @@ TEST(ViewPose, UpIsTheEllipsoidsNormalNotTheRadius) {
 
 TEST(ViewPose, NoLevelFrameOffTheEarth) {
   EXPECT_FALSE(world_from_local_axes(Rigid3d::Identity(), Rigid3d::Identity()));
-  EXPECT_FALSE(world_from_local_axes(heading_east(std::acos(-1.0) / 2), Rigid3d::Identity())) << "heading straight down";
+  EXPECT_FALSE(world_from_local_axes(heading_east(std::acos(-1.0) / 2), Rigid3d::Identity()))
+      << "heading straight down";
   EXPECT_THROW(shifted_camera(Rigid3d::Identity(), Rigid3d::Identity(), front_camera(), ShiftAxes::kLocal, {0, 0, 0}),
                UsageError);
 }

@@ -11,18 +11,18 @@
 namespace redrive {
 
 struct Picture {
-  std::string name;      ///< file name without extension: "F_CAM_original"
+  std::string name;  ///< file name without extension: "F_CAM_original"
   std::string caption;
   Image8 image;
 };
 
 struct PictureRow {
-  std::string title;     ///< "F_CAM, frame 33650", "aside: A_0001.png"
+  std::string title;  ///< "F_CAM, frame 33650", "aside: A_0001.png"
   std::vector<Picture> pictures;
 };
 
-constexpr double kPerturbationM = 0.5;   ///< the report's shift of the extrinsic, along x
-constexpr int kDifferenceGain = 4;       ///< of difference pictures
+constexpr double kPerturbationM = 0.5;  ///< the report's shift of the extrinsic, along x
+constexpr int kDifferenceGain = 4;      ///< of difference pictures
 
 /// The training view that the figures show for a camera of the rig: random, but the same for the same seed.
 const View& figure_view(const Run& run, int camera);

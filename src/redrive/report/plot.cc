@@ -17,8 +17,8 @@
 namespace redrive {
 namespace {
 
-constexpr std::size_t kMeanParts = 60;   // the running mean looks at 1/60 of the run to either side
-constexpr int kLabelledEpochs = 12;      // more labels than that would run into each other
+constexpr std::size_t kMeanParts = 60;  // the running mean looks at 1/60 of the run to either side
+constexpr int kLabelledEpochs = 12;     // more labels than that would run into each other
 
 /// Text of a gnuplot string in single quotes.
 std::string quoted(const std::string& text) {
@@ -29,7 +29,7 @@ std::string quoted(const std::string& text) {
 
 /// What differs between the two plots.
 struct Axis {
-  const char* name;          ///< of the files
+  const char* name;  ///< of the files
   const char* label;
   std::string setup;         ///< gnuplot lines
   const char* key_position;  ///< where the curve is not
@@ -42,17 +42,19 @@ std::string history_script(const std::vector<MetricsRow>& rows, const std::strin
   out << "set terminal pngcairo size 1200,560 font 'DejaVu Sans,14' background '#ffffff' enhanced\n"
       << "set output '" << axis.name << ".png.part'\n"
       << "set title " << quoted(title) << " noenhanced\n"
-      << "set xlabel 'step'\nset ylabel '" << axis.label << "'\n" << axis.setup
-      << "set grid ytics lc rgb '#dddddd' lt 1\nset border 3 lc rgb '#666666'\nset tics nomirror\n"
+      << "set xlabel 'step'\nset ylabel '" << axis.label << "'\n"
+      << axis.setup << "set grid ytics lc rgb '#dddddd' lt 1\nset border 3 lc rgb '#666666'\nset tics nomirror\n"
       << "set key " << axis.key_position << " noautotitle\n"
       << "set xrange [0:" << (rows.empty() ? 1 : rows.back().step) << "]\n";
   const int epochs = rows.empty() ? 0 : rows.back().epoch + 1;
   for (std::size_t i = 0; i < rows.size(); ++i) {
     if (i > 0 && rows[i].epoch == rows[i - 1].epoch) continue;
     const std::int64_t step = i == 0 ? 0 : rows[i - 1].step;
-    if (i > 0) out << "set arrow from " << step << ", graph 0 to " << step << ", graph 1 nohead dt 3 lc rgb '#aaaaaa'\n";
+    if (i > 0)
+      out << "set arrow from " << step << ", graph 0 to " << step << ", graph 1 nohead dt 3 lc rgb '#aaaaaa'\n";
     if (epochs <= kLabelledEpochs)
-      out << "set label 'epoch " << rows[i].epoch + 1 << "' at " << step << ", graph 0.97 offset 0.5,0 tc rgb '#888888'\n";
+      out << "set label 'epoch " << rows[i].epoch + 1 << "' at " << step
+          << ", graph 0.97 offset 0.5,0 tc rgb '#888888'\n";
   }
   std::vector<double> values;
   for (const MetricsRow& row : rows) values.push_back(row.*axis.value);
@@ -62,7 +64,8 @@ std::string history_script(const std::vector<MetricsRow>& rows, const std::strin
   for (std::size_t i = 0; i < rows.size(); ++i) out << rows[i].step << ' ' << values[i] << ' ' << means[i] << '\n';
   out << "end\nplot ";
   if (radius > 0) out << "$history using 1:2 with lines lw 1 lc rgb '#a9c4e6' title 'as logged', ";
-  out << "$history using 1:3 with lines lw 2.5 lc rgb '#1f4e8c' title '" << (radius > 0 ? "running mean" : "as logged") << "'\n";
+  out << "$history using 1:3 with lines lw 2.5 lc rgb '#1f4e8c' title '" << (radius > 0 ? "running mean" : "as logged")
+      << "'\n";
   return out.str();
 }
 
@@ -91,12 +94,14 @@ std::string loss_script(const std::vector<MetricsRow>& rows, const std::string& 
   for (const MetricsRow& row : rows)
     if (row.loss > 0) low = std::min(low, row.loss), high = std::max(high, row.loss);
   if (high > 0) setup << "set yrange [" << 0.8 * low << ":" << 1.25 * high << "]\n";
-  return history_script(rows, title, {"loss", "training loss (squared error)", setup.str(), "top right at graph 0.99, graph 0.9",
-                                      &MetricsRow::loss});
+  return history_script(
+      rows, title,
+      {"loss", "training loss (squared error)", setup.str(), "top right at graph 0.99, graph 0.9", &MetricsRow::loss});
 }
 
 std::string psnr_script(const std::vector<MetricsRow>& rows, const std::string& title) {
-  return history_script(rows, title, {"psnr", "PSNR of training batches (dB)", "", "bottom right", &MetricsRow::psnr_db});
+  return history_script(rows, title,
+                        {"psnr", "PSNR of training batches (dB)", "", "bottom right", &MetricsRow::psnr_db});
 }
 
 void draw_plot(const std::filesystem::path& folder, const std::string& name, const std::string& script) {

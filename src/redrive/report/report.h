@@ -11,8 +11,8 @@
 namespace redrive {
 
 struct FigureOptions {
-  EvalOptions eval;                                          ///< of the scores
-  std::function<void(const std::filesystem::path&)> written; ///< called with each file once it is there; may be empty
+  EvalOptions eval;                                           ///< of the scores
+  std::function<void(const std::filesystem::path&)> written;  ///< called with each file once it is there; may be empty
 };
 
 /// figures/loss.png and psnr.png (history of training; their gnuplot scripts stay beside them), and per camera CAM of a

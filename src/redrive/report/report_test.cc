@@ -42,7 +42,8 @@ TEST(Pictures, DepthGoesFromBlueToRedAndMasksInGrey) {
   const Image8 colours = depth_colours(image, 1, 10);
   EXPECT_GT(colours.rgb[2], colours.rgb[0] + 60) << "near is blue";
   EXPECT_GT(colours.rgb[3], colours.rgb[5] + 60) << "far is red";
-  EXPECT_EQ((std::vector<std::uint8_t>(colours.rgb.begin() + 6, colours.rgb.end())), (std::vector<std::uint8_t>{40, 40, 40}));
+  EXPECT_EQ((std::vector<std::uint8_t>(colours.rgb.begin() + 6, colours.rgb.end())),
+            (std::vector<std::uint8_t>{40, 40, 40}));
 }
 
 TEST(Plot, RunningMeanShrinksAtTheEnds) {
