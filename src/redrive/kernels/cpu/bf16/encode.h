@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // gamma(x) and gamma(d) (field/positional_encoding.h) of a tile, in the layouts the first products read.
 //
-// sin(2^l pi p), cos(2^l pi p) by doubling the angle, sin 2a = 2 sin a cos a, cos 2a = 1 - 2 sin^2 a, from l = 0 and again from
-// l = 5: four doublings multiply the 1e-7 of the start by at most 2^4 (measured 4e-6; a bf16 near 1 is 2e-3 off). 32 p is exact.
+// sin(2^l pi p), cos(2^l pi p) by doubling the angle, sin 2a = 2 sin a cos a, cos 2a = 1 - 2 sin^2 a, from l = 0 and
+// again from l = 5: four doublings multiply the 1e-7 of the start by at most 2^4 (measured 4e-6; a bf16 near 1 is 2e-3
+// off). 32 p is exact.
 #pragma once
 
 #include "redrive/kernels/cpu/bf16/plan.h"
@@ -30,7 +31,8 @@ REDRIVE_INLINE void sin_cos_pi(__m512 p, __m512& sine, __m512& cosine) {
   c = _mm512_fmadd_ps(c, a2, _mm512_set1_ps(1.0f / 24));
   c = _mm512_fmadd_ps(c, a2, _mm512_set1_ps(-0.5f));
   c = _mm512_fmadd_ps(c, a2, _mm512_set1_ps(1.0f));
-  const __m512i quadrant = _mm512_cvtps_epi32(q);  // |q| >= 2^31 gives 0x80000000: quadrant 0, as for every float so large
+  const __m512i quadrant =
+      _mm512_cvtps_epi32(q);  // |q| >= 2^31 gives 0x80000000: quadrant 0, as for every float so large
   const __mmask16 swap = _mm512_test_epi32_mask(quadrant, _mm512_set1_epi32(1));
   const __m512i two = _mm512_set1_epi32(2);
   const __m512i sine_sign = _mm512_slli_epi32(_mm512_and_si512(quadrant, two), 30);
@@ -59,7 +61,8 @@ REDRIVE_INLINE void encode_16(const __m512 point[3], int octaves, float* out, in
 }
 
 /// gamma(x) of every sample; n = samples rounded up to blocks of 32, points past the tile's are the origin.
-inline void encode_positions(const Plan& plan, const LaneMemory& memory, const float* position, int samples, bool keep) {
+inline void encode_positions(const Plan& plan, const LaneMemory& memory, const float* position, int samples,
+                             bool keep) {
   constexpr int kMaxRows = 64;  // 3 + 6 * 10, rounded up to blocks
   alignas(64) float code[kMaxRows * kBlock];
   const int blocks = plan.position_blocks, rows = 3 + 6 * plan.position_octaves, n = (samples + kBlock - 1) / kBlock;
@@ -69,13 +72,15 @@ inline void encode_positions(const Plan& plan, const LaneMemory& memory, const f
       const int first = b * kBlock + 16 * half;
       const __mmask16 valid = first_lanes(samples - first);
       __m512 point[3];
-      for (int d = 0; d < 3; ++d) point[d] = _mm512_maskz_loadu_ps(valid, position + std::ptrdiff_t(d) * samples + first);
+      for (int d = 0; d < 3; ++d)
+        point[d] = _mm512_maskz_loadu_ps(valid, position + std::ptrdiff_t(d) * samples + first);
       encode_16(point, plan.position_octaves, code + 16 * half, kBlock);
     }
     for (int row = 0; row < blocks * kBlock; row += 2) {
       const int block = row / kBlock, r = row % kBlock;
       const __m512 even0 = _mm512_load_ps(code + row * kBlock), even1 = _mm512_load_ps(code + row * kBlock + 16);
-      const __m512 odd0 = _mm512_load_ps(code + (row + 1) * kBlock), odd1 = _mm512_load_ps(code + (row + 1) * kBlock + 16);
+      const __m512 odd0 = _mm512_load_ps(code + (row + 1) * kBlock),
+                   odd1 = _mm512_load_ps(code + (row + 1) * kBlock + 16);
       Bf16* next = memory.position_next + std::ptrdiff_t(b * blocks + block) * kBlockSize + r / 2 * kBlock;
       store(next, to_bf16_pairs(even0, odd0));
       store(next + kTileSize, to_bf16_pairs(even1, odd1));

@@ -53,14 +53,19 @@ TEST_P(EncodeTest, AgreesWithTheFormulaInBothForms) {
       }
     };
     check(memory.position_next, memory.position_keep, plan.position_blocks, config.position_octaves,
-          [&](int i, double* p) { for (int d = 0; d < 3; ++d) p[d] = position[d * samples + i]; });
+          [&](int i, double* p) {
+            for (int d = 0; d < 3; ++d) p[d] = position[d * samples + i];
+          });
     check(memory.direction_next, memory.direction_keep, plan.direction_blocks, config.direction_octaves,
-          [&](int i, double* p) { for (int d = 0; d < 3; ++d) p[d] = direction[d * n_rays + i / per_ray]; });
+          [&](int i, double* p) {
+            for (int d = 0; d < 3; ++d) p[d] = direction[d * n_rays + i / per_ray];
+          });
   }
 }
 
 INSTANTIATE_TEST_SUITE_P(Octaves, EncodeTest,
-                         testing::Values(NerfConfig{.width = 32}, NerfConfig{.width = 32, .position_octaves = 4, .direction_octaves = 1}),
+                         testing::Values(NerfConfig{.width = 32},
+                                         NerfConfig{.width = 32, .position_octaves = 4, .direction_octaves = 1}),
                          [](const auto& test) { return "position" + std::to_string(test.param.position_octaves); });
 
 }  // namespace

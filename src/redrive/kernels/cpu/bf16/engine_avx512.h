@@ -11,15 +11,21 @@ namespace redrive::kernels::bf16 {
 namespace {
 
 struct Avx512Engine {
+  /// 192 samples x 256 neurons x 11 layers of kept activations are 1 MiB, Zen 5's L2; 2 x 96 or 4 x 48, whole blocks.
+  /// Forward and backward of 98,304 samples at width 256 on one thread: 192: 710 ms, 288: 709, 384: 731, 480: 758,
+  /// 960: 769.
+  static constexpr int kTileSamples = 192;
+
   static void begin() {}
   static void end() {}
 
   /// c = (bias ? its columns repeated : 0) + products. Runs the pending epilogue (which reads c) first.
   template <class PendingBlock>
   REDRIVE_INLINE static void product(const Product& p, const float* bias, float* c, PendingBlock& pending,
-                                     Prefetch&) {
+                                     Prefetch& prefetch) {
     if (pending.exists()) pending.rows(0, kBlock);
     for (int strip = 0; strip < 4; ++strip) {
+      prefetch.prepare_write(strip * 8, 8);
       const int i = strip / 2, r0 = strip % 2 * 8;
       __m512 acc[8][2];
 #pragma GCC unroll 8
@@ -33,9 +39,16 @@ struct Avx512Engine {
   }
 
   REDRIVE_INLINE static void accumulate(const Bf16* a, const Bf16* b, int k_blocks, bool clear, float* c,
-                                        const PanelPrefetch&) {
+                                        const PanelPrefetch& prefetch) {
     for (int strip = 0; strip < 4; ++strip) {
-      float* c_strip = c + strip / 2 * 2 * kTileFloats + strip % 2 * 8 * 16;
+      const int offset = strip / 2 * 2 * kTileFloats + strip % 2 * 8 * 16;
+      float* c_strip = c + offset;
+#pragma GCC unroll 8
+      for (int r = 0; r < 8; ++r) {  // the same rows of the next block
+        const char* next = prefetch.next_c + (offset + r * 16) * sizeof(float);
+        _mm_prefetch(next, _MM_HINT_T0);
+        _mm_prefetch(next + kTileFloats * sizeof(float), _MM_HINT_T0);
+      }
       __m512 acc[8][2];
 #pragma GCC unroll 8
       for (int r = 0; r < 8; ++r) {
@@ -58,7 +71,8 @@ struct Avx512Engine {
         const __m512bh b1 = (__m512bh)_mm512_load_si512(b + kTileSize + pair * kBlock);
 #pragma GCC unroll 8
         for (int r = 0; r < 8; ++r) {
-          const auto a_pair = (__m512bh)_mm512_set1_epi32(*reinterpret_cast<const Pair*>(a_strip + r * kBlock + 2 * pair));
+          const auto a_pair =
+              (__m512bh)_mm512_set1_epi32(*reinterpret_cast<const Pair*>(a_strip + r * kBlock + 2 * pair));
           acc[r][0] = _mm512_dpbf16_ps(acc[r][0], a_pair, b0);
           acc[r][1] = _mm512_dpbf16_ps(acc[r][1], a_pair, b1);
         }

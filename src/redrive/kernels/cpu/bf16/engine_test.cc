@@ -47,7 +47,8 @@ TEST_P(EngineTest, ProductIsExactOnWholeNumbers) {
     make_operands(k_blocks, 7);
     GetParam().stages().product(a_.data(), b_.data(), k_blocks, nullptr, c_.data());
     for (int i = 0; i < 32; ++i) {
-      for (int j = 0; j < 32; ++j) ASSERT_EQ(c_[c_form(i, j)], expected_[i * 32 + j]) << k_blocks << ' ' << i << ' ' << j;
+      for (int j = 0; j < 32; ++j)
+        ASSERT_EQ(c_[c_form(i, j)], expected_[i * 32 + j]) << k_blocks << ' ' << i << ' ' << j;
     }
   }
 }
@@ -76,7 +77,7 @@ TEST_P(EngineTest, AccumulateAddsOrOverwrites) {
 
 TEST_P(EngineTest, DenormalsCountAsZero) {
   make_operands(1, 10);
-  for (std::size_t i = 0; i < a_.size(); ++i) a_[i] = 0x0040;           // 2^-127
+  for (std::size_t i = 0; i < a_.size(); ++i) a_[i] = 0x0040;  // 2^-127
   for (std::size_t i = 0; i < b_.size(); ++i) b_[i] = to_bf16(0x1p127f);
   GetParam().stages().product(a_.data(), b_.data(), 1, nullptr, c_.data());
   for (std::size_t i = 0; i < c_.size(); ++i) ASSERT_EQ(c_[i], 0.0f);

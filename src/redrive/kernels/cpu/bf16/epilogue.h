@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // What happens to a finished fp32 block C between two products: activation, mask, bias gradient, packing to bf16.
-// Rows can be asked for a few at a time, so that an engine can run them between the products of the following block: on AMX
-// the vector units would otherwise wait for the tiles and the other way round (390 -> 277 ns a block of k = 256).
+// Rows can be asked for a few at a time, so that an engine can run them between the products of the following block:
+// on AMX the vector units would otherwise wait for the tiles and the other way round (390 -> 277 ns a block of k =
+// 256).
 #pragma once
 
 #include "redrive/kernels/cpu/bf16/plan.h"
@@ -11,9 +12,9 @@ namespace redrive::kernels::bf16 {
 namespace {
 
 enum class Epilogue {
-  kReluKeep,        ///< forward, hidden layer: next, keep, mask
-  kLinearKeep,      ///< forward, feature: next, keep
-  kRelu,            ///< forward without a backward pass to follow: next only
+  kReluKeep,    ///< forward, hidden layer: next, keep, mask
+  kLinearKeep,  ///< forward, feature: next, keep
+  kRelu,        ///< forward without a backward pass to follow: next only
   kLinear,
   kMaskedGradient,  ///< backward into a ReLU layer: next, keep, d_bias
   kLinearGradient,  ///< backward into the feature

@@ -16,8 +16,8 @@ struct HeadGradient {
   int outputs = 0, samples = 0;  ///< outputs <= 4; samples past these get 0
   Bf16* next = nullptr;          ///< block of sample block n at next + n * next_stride blocks
   int next_stride = 0;
-  Bf16* keep = nullptr;          ///< [n]
-  float* d_bias = nullptr;       ///< [32], the sums are added
+  Bf16* keep = nullptr;     ///< [n]
+  float* d_bias = nullptr;  ///< [32], the sums are added
 };
 
 /// D in row form (sample s: outputs in columns 0..3) to `next`, in pair form (samples 2 p, 2 p + 1) to `keep`.

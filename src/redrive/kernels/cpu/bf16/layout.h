@@ -9,8 +9,8 @@
 //   (left operand   offset 512 t + 32 r + c                             t = 1: | rows 16..31, all 32 columns |
 //    A, k = columns)
 //
-//   pair form       tile t, row p, pair c   = M[2 p][16 t + c],         t = 0: | columns  0..15 | of rows (0,1), (2,3), ...
-//   (right operand  offset 512 t + 32 p +     M[2 p + 1][16 t + c]      t = 1: | columns 16..31 |
+//   pair form       tile t, row p, pair c   = M[2 p][16 t + c],         t = 0: | columns  0..15 | of rows (0, 1),
+//   (right operand  offset 512 t + 32 p +     M[2 p + 1][16 t + c]      t = 1: | columns 16..31 | (2, 3), ...
 //    B, k = rows)   2 c + (row & 1)         side by side
 //
 //   fp32 block C    tile (i, j), row r, column c = C[16 i + r][16 j + c], offset 512 i + 256 j + 16 r + c
@@ -22,7 +22,7 @@
 //                        neighbouring column tiles.
 //   backward C = D W     rows = samples, columns = the layer's inputs. D in row form (k = outputs), W in pair form.
 //                        A finished C is packed into row form ("next") and pair form (k = samples: "keep").
-//   weights  dW^T += X D rows = inputs, columns = outputs, k = samples: "keep" of the forward times "keep" of the backward pass.
+//   weights  dW^T += X D rows = inputs, columns = outputs, k = samples: the two "keep"s.
 //
 // Arrays of blocks: next [n][blocks], keep [blocks][n], n = 32 samples each: contiguous along k for their reader.
 #pragma once
@@ -34,18 +34,14 @@ namespace redrive::kernels::bf16 {
 
 using Bf16 = std::uint16_t;
 
-constexpr int kBlock = 32;               ///< rows and columns of a block
-constexpr int kTileSize = 512;           ///< bf16 of a tile
-constexpr int kBlockSize = 2 * kTileSize;  ///< bf16 of a block in either form; also the floats of a C block
-constexpr int kTileFloats = 256;         ///< floats of a quarter of a C block
-constexpr int kBiasTile = 2 * kTileFloats;  ///< floats of 32 biases, each repeated over 16 columns: the left half of a C block
+constexpr int kBlock = 32;                  ///< rows and columns of a block
+constexpr int kTileSize = 512;              ///< bf16 of a tile
+constexpr int kBlockSize = 2 * kTileSize;   ///< bf16 of a block in either form; also the floats of a C block
+constexpr int kTileFloats = 256;            ///< floats of a quarter of a C block
+constexpr int kBiasTile = 2 * kTileFloats;  ///< floats of 32 biases, each over 16 columns: the left half of a C block
 
-/// Samples summed in one visit of a dW block: 8 blocks of k = 256. A visit moves the block's 4 KiB of fp32 in and out and
-/// reads 2 x 16 KiB of operands; longer panels would no longer stand in a 48 KiB L1 together.
+/// Samples summed in one visit of a dW block: 8 blocks of k = 256. A visit moves the block's 4 KiB of fp32 in and out
+/// and reads 2 x 16 KiB of operands; longer panels would no longer stand in a 48 KiB L1 together.
 constexpr int kWeightGradientBlocks = 8;
-
-/// Samples a tile of work: 512 x 256 activations of 11 layers in bf16 and the gradients in flight are 3.5 MiB, near the
-/// L2; 256 to 1024 are within 10 % of each other, 128 is a third slower (weights are re-read for every tile).
-constexpr int kPreferredSamples = 512;
 
 }  // namespace redrive::kernels::bf16

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The portable half of the bf16 network: sizes, memory and threads. What is computed stands in network_stages.h, compiled
-// once per ISA behind the table of functions of plan.h.
+// The portable half of the bf16 network: sizes, memory and threads. What is computed stands in network_stages.h,
+// compiled once per ISA behind the table of functions of plan.h.
 #include "redrive/kernels/cpu/bf16/network.h"
 
 #include <algorithm>
@@ -48,11 +48,13 @@ LaneMemory carve(const Plan& plan, int n, Carver& carver) {
   }
   for (int layer = 0; layer < kRgb; ++layer) {
     memory.keep[layer] = carver.take<Bf16>(block * plan.layers[layer].out_blocks);
-    memory.mask[layer] = carver.take<std::uint32_t>(static_cast<std::size_t>(n) * kBlock * plan.layers[layer].out_blocks);
+    memory.mask[layer] =
+        carver.take<std::uint32_t>(static_cast<std::size_t>(n) * kBlock * plan.layers[layer].out_blocks);
   }
   memory.d_rgb_next = carver.take<Bf16>(block);
   memory.d_rgb_keep = carver.take<Bf16>(block);
-  memory.d_weight = carver.take<float>(plan.d_weight_size + kBlockSize);  // the prefetch of "the next block" stays inside
+  memory.d_weight =
+      carver.take<float>(plan.d_weight_size + kBlockSize);  // the prefetch of "the next block" stays inside
   memory.d_bias = carver.take<float>(plan.d_bias_size);
   return memory;
 }
@@ -159,8 +161,13 @@ void Lane::backward(const float* d_raw, int stride) {
 }
 
 Network::Network(const NerfConfig& config, const Stages& stages)
-    : config_(config), plan_(make_plan(config)), rows_(make_block_rows(config, plan_)), stages_(stages),
-      packed_(plan_.packed_size), bias_(plan_.bias_size), weights_{packed_.data(), bias_.data()} {}
+    : config_(config),
+      plan_(make_plan(config)),
+      rows_(make_block_rows(config, plan_)),
+      stages_(stages),
+      packed_(plan_.packed_size),
+      bias_(plan_.bias_size),
+      weights_{packed_.data(), bias_.data()} {}
 
 void Network::pack(std::span<const float> parameters, ThreadPool& pool) {
   REDRIVE_CHECK_OP(parameters.size(), ==, nerf_parameter_count(config_));

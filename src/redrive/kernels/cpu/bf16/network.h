@@ -20,7 +20,7 @@ class Network final : public NerfNetwork {
  public:
   Network(const NerfConfig& config, const Stages& stages);
 
-  int tile_samples() const override { return kPreferredSamples; }
+  int tile_samples() const override { return stages_.tile_samples; }
   void pack(std::span<const float> parameters, ThreadPool& pool) override;
   std::unique_ptr<NerfLane> make_lane(int max_samples) override;
   void reduce(std::span<const std::unique_ptr<NerfLane>> lanes, std::span<float> gradients, ThreadPool& pool) override;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The NeRF network (field/nerf_field.h) on a tile of samples, forward then backward, for any engine. How data lies: layout.h.
+// The NeRF network (field/nerf_field.h) on a tile of samples, forward then backward, for any engine. How data lies:
+// layout.h.
 #pragma once
 
 #include "redrive/kernels/cpu/bf16/encode.h"
@@ -17,8 +18,8 @@ struct NetworkStages {
     encode_directions(plan, memory, tile, keep);
   }
 
-  static void forward(const Plan& plan, const Weights& weights, const LaneMemory& memory, const TileInput& tile, bool keep,
-                      float* raw, int stride) {
+  static void forward(const Plan& plan, const Weights& weights, const LaneMemory& memory, const TileInput& tile,
+                      bool keep, float* raw, int stride) {
     encode(plan, memory, tile, keep);
     if (keep) {
       forward<Epilogue::kReluKeep, Epilogue::kLinearKeep>(plan, weights, memory, tile, raw, stride);
@@ -27,18 +28,25 @@ struct NetworkStages {
     }
   }
 
-  static void backward(const Plan& plan, const Weights& weights, const LaneMemory& memory, int samples, const float* d_raw,
-                       int stride) {
+  static void backward(const Plan& plan, const Weights& weights, const LaneMemory& memory, int samples,
+                       const float* d_raw, int stride) {
     const int n = (samples + kBlock - 1) / kBlock, width = plan.width_blocks;
     const Layer* layers = plan.layers;
     float* d_bias = memory.d_bias;
 
-    const HeadGradient rgb{d_raw, stride, 3, samples, memory.d_rgb_next, 1, memory.d_rgb_keep, d_bias + layers[kRgb].d_bias};
+    const HeadGradient rgb{
+        d_raw, stride, 3, samples, memory.d_rgb_next, 1, memory.d_rgb_keep, d_bias + layers[kRgb].d_bias};
     write_head_gradient(rgb);
     // The feature's gradient is written to d_next[0] by the colour layer below; density's stands behind it.
     Bf16* density_next = memory.d_next[0] + std::ptrdiff_t(width) * kBlockSize;
     Bf16* density_keep = memory.d_keep[0] + std::ptrdiff_t(width) * n * kBlockSize;
-    const HeadGradient density{d_raw + 3 * std::ptrdiff_t(stride), stride, 1, samples, density_next, width + 1, density_keep,
+    const HeadGradient density{d_raw + 3 * std::ptrdiff_t(stride),
+                               stride,
+                               1,
+                               samples,
+                               density_next,
+                               width + 1,
+                               density_keep,
                                d_bias + layers[kFeature].d_bias + width * kBlock};
     write_head_gradient(density);
 
@@ -69,13 +77,13 @@ struct NetworkStages {
     Engine::accumulate(a, b, k_blocks, clear, c, PanelPrefetch{reinterpret_cast<const char*>(c), nullptr});
   }
 
-  static constexpr Stages kStages{Engine::begin, Engine::end, encode,  forward,   backward,
-                                  pack_row,      reduce_row,  product, accumulate};
+  static constexpr Stages kStages{Engine::kTileSamples, Engine::begin, Engine::end, encode, forward, backward, pack_row,
+                                  reduce_row,           product,       accumulate};
 
  private:
   template <Epilogue hidden, Epilogue linear>
-  static void forward(const Plan& plan, const Weights& weights, const LaneMemory& memory, const TileInput& tile, float* raw,
-                      int stride) {
+  static void forward(const Plan& plan, const Weights& weights, const LaneMemory& memory, const TileInput& tile,
+                      float* raw, int stride) {
     const int samples = tile.n_rays * tile.per_ray, n = (samples + kBlock - 1) / kBlock, width = plan.width_blocks;
     const Operand position{memory.position_next, plan.position_blocks, plan.position_blocks};
     const Operand direction{memory.direction_next, plan.direction_blocks, plan.direction_blocks};

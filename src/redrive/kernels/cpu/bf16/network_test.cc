@@ -13,12 +13,12 @@
 namespace redrive::kernels::bf16 {
 namespace {
 
-/// Norm of the error of n-term sums in fp32 relative to their norm: every addition rounds a partial sum of about sqrt(k) terms
-/// by 2^-25 of it, together sqrt(n) 2^-24 / 2.4 for terms of random sign; ten times that.
+/// Norm of the error of n-term sums in fp32 relative to their norm: every addition rounds a partial sum of about
+/// sqrt(k) terms by 2^-25 of it, together sqrt(n) 2^-24 / 2.4 for terms of random sign; ten times that.
 double sum_tolerance(int n) { return 4 * std::sqrt(n) * 0x1p-24; }
 
-/// Real AMX may order its sums otherwise than the manual: then some roundings fall the other way, and differences grow to
-/// bf16's own noise, 2^-8 per layer over 11 layers forward and 11 back, sqrt(22) 2^-8 = 0.02, plus switched ReLUs.
+/// Real AMX may order its sums otherwise than the manual: then some roundings fall the other way, and differences grow
+/// to bf16's own noise, 2^-8 per layer over 11 layers forward and 11 back, sqrt(22) 2^-8 = 0.02, plus switched ReLUs.
 constexpr double kNoise = 0.1;
 
 struct Tile {
@@ -32,7 +32,8 @@ std::vector<float> random_parameters(const NerfConfig& config) {
   std::vector<float> parameters(nerf_parameter_count(config));
   for (int i = 0; i < kNerfLayers; ++i) {
     const NerfLayerShape shape = nerf_layer(config, i);
-    const float scale = std::sqrt(6.0f / static_cast<float>(shape.inputs));  // uniform, variance 2 / inputs: He et al. 2015
+    const float scale =
+        std::sqrt(6.0f / static_cast<float>(shape.inputs));  // uniform, variance 2 / inputs: He et al. 2015
     for (int k = 0; k < shape.outputs * shape.inputs; ++k) {
       parameters[shape.weight + k] = scale * (2 * random_unit(random_key(3, kStreamTest, i), k) - 1);
     }
@@ -45,9 +46,11 @@ std::vector<float> random_parameters(const NerfConfig& config) {
 
 Tile random_tile(int n_rays, int per_ray, std::uint64_t seed) {
   const int samples = n_rays * per_ray;
-  Tile tile{n_rays, per_ray, std::vector<float>(3 * samples), std::vector<float>(3 * n_rays), std::vector<float>(4 * samples)};
+  Tile tile{n_rays, per_ray, std::vector<float>(3 * samples), std::vector<float>(3 * n_rays),
+            std::vector<float>(4 * samples)};
   for (std::size_t i = 0; i < tile.position.size(); ++i) tile.position[i] = 2 * random_unit(random_key(seed, 1), i) - 1;
-  for (std::size_t i = 0; i < tile.direction.size(); ++i) tile.direction[i] = 2 * random_unit(random_key(seed, 2), i) - 1;
+  for (std::size_t i = 0; i < tile.direction.size(); ++i)
+    tile.direction[i] = 2 * random_unit(random_key(seed, 2), i) - 1;
   for (std::size_t i = 0; i < tile.d_raw.size(); ++i) tile.d_raw[i] = 2 * random_unit(random_key(seed, 3), i) - 1;
   return tile;
 }
@@ -70,7 +73,8 @@ std::vector<float> run_reference(const ReferenceNetwork& reference, const NerfCo
   for (int i = 0; i < samples; ++i) {
     std::vector<float> gamma_x, gamma_d;
     for (int f = 0; f < encoded_size(config.position_octaves); ++f) {
-      gamma_x.push_back(from_bf16(memory.position_next[(i / 32 * blocks + f / 32) * kBlockSize + pair_form(f % 32, i % 32)]));
+      gamma_x.push_back(
+          from_bf16(memory.position_next[(i / 32 * blocks + f / 32) * kBlockSize + pair_form(f % 32, i % 32)]));
     }
     for (int f = 0; f < encoded_size(config.direction_octaves); ++f) {
       gamma_d.push_back(from_bf16(memory.direction_next[i / 32 * kBlockSize + pair_form(f, i % 32)]));
@@ -126,7 +130,8 @@ TEST_P(NetworkTest, ForwardAndBackwardAgreeWithPlainLoops) {
     if (real_amx) {
       EXPECT_LT(relative_error(std::vector<double>(expected_raw.begin(), expected_raw.end()), raw), kNoise);
     } else {
-      for (int i = 0; i < 4 * tile.samples(); ++i) ASSERT_EQ(raw[i], expected_raw[i]) << "tile " << t << ", number " << i;
+      for (int i = 0; i < 4 * tile.samples(); ++i)
+        ASSERT_EQ(raw[i], expected_raw[i]) << "tile " << t << ", number " << i;
     }
     n_samples += tile.samples();
   }
@@ -180,7 +185,7 @@ TEST_P(NetworkTest, EqualRunsAreBitEqual) {
 std::vector<NetworkCase> network_cases() {
   std::vector<NetworkCase> cases;
   for (const EngineCase& engine : engine_cases()) {
-    cases.push_back({engine, {.width = 32}, 7, 77});   // colour width 16; 539 samples: three chunks of dW
+    cases.push_back({engine, {.width = 32}, 7, 77});  // colour width 16; 539 samples: three chunks of dW
     cases.push_back({engine, {.width = 64}, 1, 1});
     cases.push_back({engine, {.width = 96, .position_octaves = 5, .direction_octaves = 2}, 5, 19});  // colour width 48
     cases.push_back({engine, {.width = 128}, 13, 11});

@@ -26,7 +26,8 @@ inline void pack_row(const BlockRow& row, const float* parameters, const Weights
       store(forward, to_bf16(even0, even1));
       store(forward + kBlock, to_bf16(odd0, odd1));
       if (kb >= row.backward_blocks) continue;
-      Bf16* backward = weights.packed + row.backward + std::ptrdiff_t(kb) * row.backward_stride * kBlockSize + o / 2 * kBlock;
+      Bf16* backward =
+          weights.packed + row.backward + std::ptrdiff_t(kb) * row.backward_stride * kBlockSize + o / 2 * kBlock;
       store(backward, to_bf16_pairs(even0, odd0));
       store(backward + kTileSize, to_bf16_pairs(even1, odd1));
     }

@@ -18,14 +18,15 @@ struct Operand {
 struct Pass {
   const Bf16* weights = nullptr;  ///< [out_blocks][weight_stride] blocks
   int weight_stride = 0;
-  Operand in, extra;              ///< extra: behind `in` along k; 0 blocks if there is none
+  Operand in, extra;  ///< extra: behind `in` along k; 0 blocks if there is none
   int out_blocks = 0, n_blocks = 0;
-  const float* bias = nullptr;    ///< [out_blocks][kBiasTile], or null
+  const float* bias = nullptr;  ///< [out_blocks][kBiasTile], or null
   PassOutput output;
   Prefetch prefetch;
 };
 
-/// forward: C[neurons, samples] = W X; backward: C[samples, inputs] = D W. `out_blocks` blocks for each block of samples.
+/// forward: C[neurons, samples] = W X; backward: C[samples, inputs] = D W. `out_blocks` blocks for each block of
+/// samples.
 template <class Engine, Epilogue kind>
 void run_pass(const Pass& pass) {
   alignas(64) float c[kBlockSize];
@@ -37,7 +38,8 @@ void run_pass(const Pass& pass) {
     const float* bias = pass.bias ? pass.bias + std::ptrdiff_t(ob) * kBiasTile : nullptr;
     for (int n = 0; n < pass.n_blocks; ++n) {
       const Bf16* x0 = pass.in.data + std::ptrdiff_t(n) * pass.in.stride * kBlockSize;
-      const Bf16* x1 = pass.extra.blocks ? pass.extra.data + std::ptrdiff_t(n) * pass.extra.stride * kBlockSize : nullptr;
+      const Bf16* x1 =
+          pass.extra.blocks ? pass.extra.data + std::ptrdiff_t(n) * pass.extra.stride * kBlockSize : nullptr;
       const Product product = Pending<kind>::kBackward ? Product{x0, w0, pass.in.blocks, x1, w1, pass.extra.blocks}
                                                        : Product{w0, x0, pass.in.blocks, w1, x1, pass.extra.blocks};
       prefetch.written = reinterpret_cast<const char*>(pending.keep_of(ob, n));
@@ -48,13 +50,14 @@ void run_pass(const Pass& pass) {
   pending.rows(0, kBlock);
 }
 
-/// dW^T of a layer: [out_blocks][x blocks] C blocks += keep of the inputs times keep of the gradients, in chunks of samples.
+/// dW^T of a layer: [out_blocks][x blocks] C blocks += keep of the inputs times keep of the gradients, in chunks of
+/// samples.
 struct WeightGradient {
   const Bf16 *x = nullptr, *extra = nullptr;  ///< [blocks][n_blocks]
   int x_blocks = 0, extra_blocks = 0;
-  const Bf16* d = nullptr;                    ///< [out_blocks][n_blocks]
+  const Bf16* d = nullptr;  ///< [out_blocks][n_blocks]
   int out_blocks = 0, n_blocks = 0;
-  bool clear = false;                         ///< overwrite instead of adding
+  bool clear = false;  ///< overwrite instead of adding
   float* d_weight = nullptr;
 };
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the ISA-specific files and the portable network.cc tell each other: plain structs of sizes, offsets and pointers,
-// and a table of functions. The ISA-specific files see nothing else of the project and keep all they define in unnamed
-// namespaces, so that no inline function compiled with AVX-512 can be linked into code that runs anywhere.
+// What the ISA-specific files and the portable network.cc tell each other: plain structs of sizes, offsets and
+// pointers, and a table of functions. The ISA-specific files see nothing else of the project and keep all they define
+// in unnamed namespaces, so that no inline function compiled with AVX-512 can be linked into code that runs anywhere.
 #pragma once
 
 #include <cstddef>
@@ -11,7 +11,8 @@
 
 namespace redrive::kernels::bf16 {
 
-/// Layers as they are computed: 0..7 trunk, then these. Density is the last block of outputs of the feature layer (row 0).
+/// Layers as they are computed: 0..7 trunk, then these. Density is the last block of outputs of the feature layer (row
+/// 0).
 enum PlanLayer { kTrunkLayers = 8, kFeature = 8, kColour = 9, kRgb = 10, kPlanLayers = 11 };
 
 struct Layer {
@@ -71,9 +72,11 @@ struct TileInput {
 
 /// What one ISA provides.
 struct Stages {
+  int tile_samples = 0;  ///< preferred (nerf_tile.h)
   void (*begin)();
   void (*end)();
-  /// gamma(x) and gamma(d) of a tile into position_* and direction_*; samples past the tile's are zero (keep: *_keep too).
+  /// gamma(x) and gamma(d) of a tile into position_* and direction_*; samples past the tile's are zero (keep: *_keep
+  /// too).
   void (*encode)(const Plan& plan, const LaneMemory& memory, const TileInput& tile, bool keep);
   /// encode, then the network. raw [4, stride].
   void (*forward)(const Plan& plan, const Weights& weights, const LaneMemory& memory, const TileInput& tile, bool keep,

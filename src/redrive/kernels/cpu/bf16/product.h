@@ -18,8 +18,8 @@ struct Product {
 
 constexpr int kLine = 64;
 
-/// While a pass over blocks runs: the weights or gradients the next pass needs go towards L2 a few lines per product, and
-/// the "keep" block that this product's epilogue will write comes into L1 for writing.
+/// While a pass over blocks runs: the weights or gradients the next pass needs go towards L2 a few lines per product,
+/// and the "keep" block that this product's epilogue will write comes into L1 for writing.
 struct Prefetch {
   const char* stream = nullptr;
   std::ptrdiff_t stream_left = 0;
@@ -38,7 +38,8 @@ struct Prefetch {
   }
 };
 
-/// For sums of weight gradients: the next C block (4 KiB, to L1) and the next left panel (k_blocks x 2 KiB, to L2; or null).
+/// For sums of weight gradients: the next C block (4 KiB, to L1) and the next left panel (k_blocks x 2 KiB, to L2; or
+/// null).
 struct PanelPrefetch {
   const char* next_c = nullptr;
   const char* next_a = nullptr;

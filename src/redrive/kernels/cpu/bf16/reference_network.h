@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// For the tests: one sample through the network of field/nerf_field.h in plain loops over plain matrices, rounded to bf16 where
-// the kernels round: weights, the activations between layers, the gradients between layers. Biases and their gradients are not.
+// For the tests: one sample through the network of field/nerf_field.h in plain loops over plain matrices, rounded to
+// bf16 where the kernels round: weights, the activations between layers, the gradients between layers. Biases and
+// their gradients are not.
 //
 // The sums that decide about a rounding are done in the order the instructions document, so that the results are
 // equal bit for bit. With another order a few activations would round the other way, and from there differences grow
@@ -85,8 +86,8 @@ class ReferenceNetwork {
     trace.input[layer] = input;
     for (int o = 0; o < shape.outputs; ++o) {
       const float* w = &rounded_[shape.weight + static_cast<std::size_t>(o) * shape.inputs];
-      trace.output[layer].push_back(dot(exact_[shape.bias + o], shape.inputs, [&](int k) { return w[k]; },
-                                        [&](int k) { return input[k]; }));
+      trace.output[layer].push_back(dot(
+          exact_[shape.bias + o], shape.inputs, [&](int k) { return w[k]; }, [&](int k) { return input[k]; }));
     }
     return trace.output[layer];
   }
@@ -102,8 +103,8 @@ class ReferenceNetwork {
     return d;
   }
 
-  /// d: gradients of the outputs of `layers`, which share their input, one behind the other. Adds the gradients of their
-  /// weights and biases; returns that of the input.
+  /// d: gradients of the outputs of `layers`, which share their input, one behind the other. Adds the gradients of
+  /// their weights and biases; returns that of the input.
   std::vector<float> adjoint(const Trace& trace, const std::vector<int>& layers, const std::vector<float>& d,
                              std::span<double> gradients) const {
     std::vector<float> d_rounded;
@@ -121,7 +122,8 @@ class ReferenceNetwork {
     }
     std::vector<float> d_input(input.size());
     for (std::size_t i = 0; i < input.size(); ++i) {
-      d_input[i] = dot(0, static_cast<int>(d.size()), [&](int o) { return d_rounded[o]; }, [&](int o) { return rows[o][i]; });
+      d_input[i] = dot(
+          0, static_cast<int>(d.size()), [&](int o) { return d_rounded[o]; }, [&](int o) { return rows[o][i]; });
     }
     return d_input;
   }

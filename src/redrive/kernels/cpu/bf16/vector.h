@@ -32,8 +32,8 @@ REDRIVE_INLINE __m512i to_bf16_pairs(__m512 first, __m512 second) {
 
 REDRIVE_INLINE void store(Bf16* p, __m512i v) { _mm512_store_si512(p, v); }
 
-/// Indices for transposing 32 x 32 bits held as 32 dwords. Bytes are gathered into 8 x 8 bit matrices (four row groups x
-/// four byte columns, rows reversed because gf2p8affineqb counts them from the top), GFNI turns each, and the
+/// Indices for transposing 32 x 32 bits held as 32 dwords. Bytes are gathered into 8 x 8 bit matrices (four row groups
+/// x four byte columns, rows reversed because gf2p8affineqb counts them from the top), GFNI turns each, and the
 /// bytes are put back as rows of the result.
 struct BitTransposeIndex {
   alignas(64) std::uint8_t gather[64];
