@@ -68,8 +68,13 @@ class CpuBackend final : public Backend {
     check_stratified(n_rays, how, t.size(), dt.size());
     pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
       const std::size_t first = begin * how.per_ray;
-      kernels_.sample_stratified({.first_ray = begin, .n_rays = end - begin, .per_ray = how.per_ray, .near_m = how.near_m,
-                                  .far_m = how.far_m, .jitter = how.jitter, .key = how.key},
+      kernels_.sample_stratified({.first_ray = begin,
+                                  .n_rays = end - begin,
+                                  .per_ray = how.per_ray,
+                                  .near_m = how.near_m,
+                                  .far_m = how.far_m,
+                                  .jitter = how.jitter,
+                                  .key = how.key},
                                  t.data() + first, dt.data() + first);
     });
   }
@@ -80,7 +85,8 @@ class CpuBackend final : public Backend {
     pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
       for (std::size_t ray = begin; ray < end; ++ray) {
         const std::size_t from = ray * coarse.per_ray, to = ray * (coarse.per_ray + extra);
-        hierarchical_ray(&coarse.t[from], &weights[from], coarse.per_ray, extra, jitter, key, ray * extra, &t[to], &dt[to]);
+        hierarchical_ray(&coarse.t[from], &weights[from], coarse.per_ray, extra, jitter, key, ray * extra, &t[to],
+                         &dt[to]);
       }
     });
   }
@@ -104,13 +110,15 @@ class CpuBackend final : public Backend {
     const int stride = static_cast<int>(sample_count(rays.n, samples));
     pool_.run(kLanesOfBatch, [&](int lane) { engine.lanes[lane]->clear_gradients(); });
     for_each_tile(engine, rays.n, [&](int lane, RayRange tile) {
-      forward_tile(engine, lane, field, rays, samples, tile, true, engine.memory[lane].raw.data(), tile.n * samples.per_ray);
+      forward_tile(engine, lane, field, rays, samples, tile, true, engine.memory[lane].raw.data(),
+                   tile.n * samples.per_ray);
       engine.lanes[lane]->backward(d_raw.data() + first_sample(tile, samples), stride);
     });
     engine.network->reduce(engine.lanes, gradients, pool_);
   }
 
-  void composite_forward(int n_rays, const Samples& samples, std::span<const float> raw, const CompositeOut& out) override {
+  void composite_forward(int n_rays, const Samples& samples, std::span<const float> raw,
+                         const CompositeOut& out) override {
     check_samples(n_rays, samples);
     check_raw(n_rays, samples, raw.size());
     check_composite(n_rays, samples, out);
@@ -135,8 +143,10 @@ class CpuBackend final : public Backend {
       Buffer<float> scratch(composite_scratch(samples.per_ray));
       const std::size_t first = first_sample(range, samples);
       kernels_.composite_backward(composite_rays(range, samples, raw.data() + first, stride),
-                                  {.d_rgb = d_rgb.data() + begin, .d_rgb_stride = static_cast<std::size_t>(n_rays),
-                                   .d_raw = d_raw.data() + first, .d_raw_stride = stride},
+                                  {.d_rgb = d_rgb.data() + begin,
+                                   .d_rgb_stride = static_cast<std::size_t>(n_rays),
+                                   .d_raw = d_raw.data() + first,
+                                   .d_raw_stride = stride},
                                   scratch.data());
     });
   }
@@ -156,10 +166,17 @@ class CpuBackend final : public Backend {
             std::span<float> first_moment, std::span<float> second_moment) override {
     check_adam(gradients.size(), parameters.size(), first_moment.size(), second_moment.size());
     pool_.run_ranges(parameters.size(), 1 << 15, [&](std::size_t begin, std::size_t end) {
-      kernels_.adam({.learning_rate = step.learning_rate, .beta1 = step.beta1, .beta2 = step.beta2, .epsilon = step.epsilon,
-                     .bias1 = step.bias1, .bias2 = step.bias2, .gradients = gradients.data() + begin,
-                     .parameters = parameters.data() + begin, .first_moment = first_moment.data() + begin,
-                     .second_moment = second_moment.data() + begin, .n = end - begin});
+      kernels_.adam({.learning_rate = step.learning_rate,
+                     .beta1 = step.beta1,
+                     .beta2 = step.beta2,
+                     .epsilon = step.epsilon,
+                     .bias1 = step.bias1,
+                     .bias2 = step.bias2,
+                     .gradients = gradients.data() + begin,
+                     .parameters = parameters.data() + begin,
+                     .first_moment = first_moment.data() + begin,
+                     .second_moment = second_moment.data() + begin,
+                     .n = end - begin});
     });
   }
 
@@ -186,8 +203,10 @@ class CpuBackend final : public Backend {
           memory.d_rgb[static_cast<std::size_t>(k) * tile.n + ray] = static_cast<float>(term.derivative);
         }
       kernels_.composite_backward(composite,
-                                  {.d_rgb = memory.d_rgb.data(), .d_rgb_stride = static_cast<std::size_t>(tile.n),
-                                   .d_raw = memory.d_raw.data(), .d_raw_stride = static_cast<std::size_t>(stride)},
+                                  {.d_rgb = memory.d_rgb.data(),
+                                   .d_rgb_stride = static_cast<std::size_t>(tile.n),
+                                   .d_raw = memory.d_raw.data(),
+                                   .d_raw_stride = static_cast<std::size_t>(stride)},
                                   memory.composite.data());
       engine.lanes[lane]->backward(memory.d_raw.data(), stride);
     });
@@ -202,7 +221,8 @@ class CpuBackend final : public Backend {
     check_composite(rays.n, samples, out);
     Engine& engine = prepare(field, samples.per_ray);
     while (engine.front_to_back.size() < kLanesOfBatch)
-      engine.front_to_back.push_back(std::make_unique<FrontToBack>(samples.per_ray, engine.rays_per_tile * samples.per_ray));
+      engine.front_to_back.push_back(
+          std::make_unique<FrontToBack>(samples.per_ray, engine.rays_per_tile * samples.per_ray));
     for_each_block(engine, rays.n, engine.front_to_back.front()->block_rays(), [&](int lane, RayRange block) {
       FrontToBack& front_to_back = *engine.front_to_back[lane];
       const float* raw = front_to_back.run(*engine.lanes[lane], kernels_, field, rays, samples, block);
@@ -218,15 +238,22 @@ class CpuBackend final : public Backend {
     return static_cast<std::size_t>(range.first) * samples.per_ray;
   }
 
-  static CompositeRays composite_rays(RayRange range, const Samples& samples, const float* raw, std::size_t raw_stride) {
+  static CompositeRays composite_rays(RayRange range, const Samples& samples, const float* raw,
+                                      std::size_t raw_stride) {
     const std::size_t first = first_sample(range, samples);
-    return {.n_rays = range.n, .per_ray = samples.per_ray, .raw = raw, .raw_stride = raw_stride,
-            .t = samples.t.data() + first, .dt = samples.dt.data() + first};
+    return {.n_rays = range.n,
+            .per_ray = samples.per_ray,
+            .raw = raw,
+            .raw_stride = raw_stride,
+            .t = samples.t.data() + first,
+            .dt = samples.dt.data() + first};
   }
 
   static CompositeResult composite_result(RayRange range, int n_rays, const Samples& samples, const CompositeOut& out) {
-    return {.rgb = out.rgb.data() + range.first, .rgb_stride = static_cast<std::size_t>(n_rays),
-            .depth = out.depth.data() + range.first, .opacity = out.opacity.data() + range.first,
+    return {.rgb = out.rgb.data() + range.first,
+            .rgb_stride = static_cast<std::size_t>(n_rays),
+            .depth = out.depth.data() + range.first,
+            .opacity = out.opacity.data() + range.first,
             .weights = out.weights.empty() ? nullptr : out.weights.data() + first_sample(range, samples)};
   }
 
@@ -268,23 +295,31 @@ class CpuBackend final : public Backend {
       const int end = std::min(n_rays, static_cast<int>(tiles * (lane + 1) / kLanesOfBatch) * engine.rays_per_tile);
       if (begin >= end) return;
       engine.lanes[lane]->begin();
-      for (int first = begin; first < end; first += block_rays) visit(lane, RayRange{first, std::min(block_rays, end - first)});
+      for (int first = begin; first < end; first += block_rays)
+        visit(lane, RayRange{first, std::min(block_rays, end - first)});
       engine.lanes[lane]->end();
     });
   }
 
-  void forward_tile(Engine& engine, int lane, const NerfField& field, const Rays& rays, const Samples& samples, RayRange tile,
-                    bool keep, float* raw, int stride) {
+  void forward_tile(Engine& engine, int lane, const NerfField& field, const Rays& rays, const Samples& samples,
+                    RayRange tile, bool keep, float* raw, int stride) {
     LaneMemory& memory = engine.memory[lane];
-    kernels_.points({.n_rays = tile.n, .per_ray = samples.per_ray, .origin = rays.origin.data() + tile.first,
-                     .direction = rays.direction.data() + tile.first, .ray_stride = static_cast<std::size_t>(rays.n),
-                     .t = samples.t.data() + first_sample(tile, samples), .center = field.unit_from_world.center.data(),
-                     .scale = field.unit_from_world.scale, .position = memory.position.data(),
+    kernels_.points({.n_rays = tile.n,
+                     .per_ray = samples.per_ray,
+                     .origin = rays.origin.data() + tile.first,
+                     .direction = rays.direction.data() + tile.first,
+                     .ray_stride = static_cast<std::size_t>(rays.n),
+                     .t = samples.t.data() + first_sample(tile, samples),
+                     .center = field.unit_from_world.center.data(),
+                     .scale = field.unit_from_world.scale,
+                     .position = memory.position.data(),
                      .stride = static_cast<std::size_t>(tile.n) * samples.per_ray});
     for (int d = 0; d < 3; ++d)
       std::copy_n(rays.direction.data() + static_cast<std::size_t>(d) * rays.n + tile.first, tile.n,
                   memory.direction.data() + static_cast<std::size_t>(d) * tile.n);
-    engine.lanes[lane]->forward({.n_rays = tile.n, .per_ray = samples.per_ray, .position = memory.position.data(),
+    engine.lanes[lane]->forward({.n_rays = tile.n,
+                                 .per_ray = samples.per_ray,
+                                 .position = memory.position.data(),
                                  .direction = memory.direction.data()},
                                 keep, raw, stride);
   }

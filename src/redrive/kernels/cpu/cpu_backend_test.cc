@@ -12,7 +12,9 @@
 namespace redrive::kernels {
 namespace {
 
-double uniform(std::uint64_t stream, std::uint64_t i) { return 2.0 * random_unit(random_key(51, kStreamTest, stream), i) - 1; }
+double uniform(std::uint64_t stream, std::uint64_t i) {
+  return 2.0 * random_unit(random_key(51, kStreamTest, stream), i) - 1;
+}
 
 struct Batch {
   int n_rays, per_ray;
@@ -20,7 +22,11 @@ struct Batch {
   std::vector<float> origin, direction, target, t, dt, parameters;
 
   Batch(int rays, int samples, Backend& backend)
-      : n_rays(rays), per_ray(samples), t(static_cast<std::size_t>(rays) * samples), dt(t.size()), parameters(nerf_parameter_count(config)) {
+      : n_rays(rays),
+        per_ray(samples),
+        t(static_cast<std::size_t>(rays) * samples),
+        dt(t.size()),
+        parameters(nerf_parameter_count(config)) {
     for (int i = 0; i < 3 * rays; ++i) {
       origin.push_back(static_cast<float>(uniform(1, i)));
       direction.push_back(static_cast<float>(0.5 * uniform(2, i)));
@@ -54,12 +60,14 @@ TEST_P(CpuBackendTest, SameBitsWhateverTheThreads) {
   const auto one = make_cpu_backend(GetParam(), 1);
   const Batch batch(101, 24, *one);
   Result expected(batch);
-  expected.loss = one->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, expected.out(), expected.gradients);
+  expected.loss =
+      one->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, expected.out(), expected.gradients);
   for (const int threads : {1, 2, 5}) {
     const auto backend = make_cpu_backend(GetParam(), threads);
     for (int repeat = 0; repeat < 2; ++repeat) {
       Result result(batch);
-      result.loss = backend->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, result.out(), result.gradients);
+      result.loss = backend->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, result.out(),
+                                        result.gradients);
       EXPECT_EQ(result.loss, expected.loss);
       EXPECT_EQ(result.rgb, expected.rgb);
       EXPECT_EQ(result.depth, expected.depth);
@@ -76,8 +84,10 @@ TEST_P(CpuBackendTest, FusedStagesAreTheCompositionOfThePlainOnes) {
     SCOPED_TRACE(testing::Message() << n_rays << " x " << per_ray);
     const Batch batch(n_rays, per_ray, *backend);
     Result fused(batch), plain(batch), rendered(batch);
-    fused.loss = backend->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, fused.out(), fused.gradients);
-    plain.loss = backend->Backend::train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, plain.out(), plain.gradients);
+    fused.loss =
+        backend->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, fused.out(), fused.gradients);
+    plain.loss = backend->Backend::train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, plain.out(),
+                                              plain.gradients);
     // The same kernels on the same tiles: only the loss is summed in another order.
     EXPECT_NEAR(fused.loss, plain.loss, 3 * n_rays * 0x1p-52 * plain.loss);
     EXPECT_EQ(fused.rgb, plain.rgb);
@@ -142,7 +152,8 @@ TEST_P(CpuBackendTest, UnequalShapesAreRefused) {
   EXPECT_THROW(backend->render_rays(batch.field(), batch.rays(), batch.samples(), result.out()), std::logic_error);
 }
 
-INSTANTIATE_TEST_SUITE_P(Isa, CpuBackendTest, testing::Values(Isa::kAvx2, Isa::kAvx512, Isa::kAvx512Bf16, Isa::kAmxBf16),
+INSTANTIATE_TEST_SUITE_P(Isa, CpuBackendTest,
+                         testing::Values(Isa::kAvx2, Isa::kAvx512, Isa::kAvx512Bf16, Isa::kAmxBf16),
                          [](const auto& info) {
                            std::string name(isa_name(info.param));
                            for (char& c : name)

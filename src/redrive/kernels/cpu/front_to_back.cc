@@ -48,10 +48,16 @@ const float* FrontToBack::run(NerfLane& lane, const CpuKernels& kernels, const N
       const int n = static_cast<int>(std::min(tile_rays, open_.size() - first)), stride = n * count;
       for (int i = 0; i < n; ++i) {
         const std::size_t ray = block.first + open_[first + i];
-        kernels.points({.n_rays = 1, .per_ray = count, .origin = rays.origin.data() + ray, .direction = rays.direction.data() + ray,
-                        .ray_stride = static_cast<std::size_t>(rays.n), .t = samples.t.data() + ray * per_ray_ + from,
-                        .center = field.unit_from_world.center.data(), .scale = field.unit_from_world.scale,
-                        .position = position_.data() + i * count, .stride = static_cast<std::size_t>(stride)});
+        kernels.points({.n_rays = 1,
+                        .per_ray = count,
+                        .origin = rays.origin.data() + ray,
+                        .direction = rays.direction.data() + ray,
+                        .ray_stride = static_cast<std::size_t>(rays.n),
+                        .t = samples.t.data() + ray * per_ray_ + from,
+                        .center = field.unit_from_world.center.data(),
+                        .scale = field.unit_from_world.scale,
+                        .position = position_.data() + i * count,
+                        .stride = static_cast<std::size_t>(stride)});
         for (int d = 0; d < 3; ++d) direction_[d * n + i] = rays.direction[static_cast<std::size_t>(d) * rays.n + ray];
       }
       lane.forward({.n_rays = n, .per_ray = count, .position = position_.data(), .direction = direction_.data()}, false,
@@ -59,7 +65,8 @@ const float* FrontToBack::run(NerfLane& lane, const CpuKernels& kernels, const N
       for (int i = 0; i < n; ++i) {
         const int ray = open_[first + i];
         float* raw = raw_.data() + static_cast<std::size_t>(ray) * per_ray_ + from;
-        for (int k = 0; k < 4; ++k) std::copy_n(tile_raw_.data() + k * stride + i * count, count, raw + k * raw_stride());
+        for (int k = 0; k < 4; ++k)
+          std::copy_n(tile_raw_.data() + k * stride + i * count, count, raw + k * raw_stride());
         const float* dt = samples.dt.data() + static_cast<std::size_t>(block.first + ray) * per_ray_ + from;
         optical_depth_[ray] += optical_depth(raw + 3 * raw_stride(), dt, count);
         if (optical_depth_[ray] > opaque_depth) {

@@ -28,8 +28,8 @@ class FrontToBack {
   FrontToBack(int per_ray, int tile_samples);
 
   /// raw [4, n * per_ray] of the block's rays, those left out with density -1 (no absorption). Valid until the next call.
-  const float* run(NerfLane& lane, const CpuKernels& kernels, const NerfField& field, const Rays& rays, const Samples& samples,
-                   RayRange block);
+  const float* run(NerfLane& lane, const CpuKernels& kernels, const NerfField& field, const Rays& rays,
+                   const Samples& samples, RayRange block);
   std::size_t raw_stride() const { return static_cast<std::size_t>(block_rays_) * per_ray_; }
   int block_rays() const { return block_rays_; }  ///< the most rays of a block
 

@@ -38,12 +38,13 @@ class NerfLane {
 class NerfNetwork {
  public:
   virtual ~NerfNetwork() = default;
-  virtual int tile_samples() const = 0;   ///< preferred samples a tile; a ray that is longer makes a tile of its own
+  virtual int tile_samples() const = 0;  ///< preferred samples a tile; a ray that is longer makes a tile of its own
   /// Takes the parameters (field/nerf_field.h layout) into this ISA's layout; every batch, in parallel.
   virtual void pack(std::span<const float> parameters, ThreadPool& pool) = 0;
   virtual std::unique_ptr<NerfLane> make_lane(int max_samples) = 0;
   /// Adds the gradients of the lanes, in their order, to `gradients` (field/nerf_field.h layout).
-  virtual void reduce(std::span<const std::unique_ptr<NerfLane>> lanes, std::span<float> gradients, ThreadPool& pool) = 0;
+  virtual void reduce(std::span<const std::unique_ptr<NerfLane>> lanes, std::span<float> gradients,
+                      ThreadPool& pool) = 0;
 };
 
 // One per ISA; call only where isa_obstacle(isa) is empty.

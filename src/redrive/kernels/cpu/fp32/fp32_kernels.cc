@@ -37,9 +37,12 @@ template <class Visit>
 REDRIVE_INLINE void for_each_panel(int samples, Visit&& visit) {
   for (int first = 0; first < samples;) {
     const int vectors = panel_vectors((samples - first) / kLanes);
-    if (vectors == 3) visit(first, Panel<3>{});
-    else if (vectors == 2) visit(first, Panel<2>{});
-    else visit(first, Panel<1>{});
+    if (vectors == 3)
+      visit(first, Panel<3>{});
+    else if (vectors == 2)
+      visit(first, Panel<2>{});
+    else
+      visit(first, Panel<1>{});
     first += vectors * kLanes;
   }
 }
@@ -127,7 +130,8 @@ void weight_gradient_panel(const WeightGradient& p, int first_input, int samples
 }
 
 void weight_gradient(const WeightGradient& product, int samples) {
-  for_each_panel(product.inputs, [&](int first, auto panel) { weight_gradient_panel<panel.vectors>(product, first, samples); });
+  for_each_panel(product.inputs,
+                 [&](int first, auto panel) { weight_gradient_panel<panel.vectors>(product, first, samples); });
 }
 
 void bias_gradient(const float* d_out, int outputs, int samples, float* gradient) {
@@ -184,6 +188,7 @@ void encode(const float* point, std::size_t stride, int count, int octaves, int 
 
 }  // namespace
 
-extern const Fp32Kernels kFp32Kernels = {kLanes, kRows, dense, transpose, weight_gradient, bias_gradient, matrix_product, encode};
+extern const Fp32Kernels kFp32Kernels = {kLanes,          kRows,         dense,          transpose,
+                                         weight_gradient, bias_gradient, matrix_product, encode};
 
 }  // namespace redrive::kernels::REDRIVE_ISA

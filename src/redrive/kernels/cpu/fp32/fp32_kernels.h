@@ -19,12 +19,12 @@ static constexpr int panel_vectors(int left) { return left == 4 ? 2 : left < 3 ?
 /// weights packed [outputs / rows][k1 + k2][rows]. All matrices in panels.
 struct DenseLayer {
   const float* weights = nullptr;
-  const float* bias = nullptr;   ///< [outputs], null: 0
+  const float* bias = nullptr;  ///< [outputs], null: 0
   const float* in1 = nullptr;
-  const float* in2 = nullptr;    ///< null if k2 == 0
+  const float* in2 = nullptr;  ///< null if k2 == 0
   int k1 = 0, k2 = 0, outputs = 0;
-  bool relu = false;             ///< out = max(out, 0); NaN stays NaN
-  const float* mask = nullptr;   ///< [outputs, samples]: out = 0 where mask <= 0 (the ReLU's adjoint), null: none
+  bool relu = false;            ///< out = max(out, 0); NaN stays NaN
+  const float* mask = nullptr;  ///< [outputs, samples]: out = 0 where mask <= 0 (the ReLU's adjoint), null: none
   float* out = nullptr;
 };
 

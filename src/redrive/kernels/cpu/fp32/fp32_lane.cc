@@ -44,11 +44,13 @@ void Fp32Lane::clear_gradients() {
 
 void Fp32Lane::encode(const NerfTile& tile) {
   const NerfConfig& config = network_.config_;
-  kernels_.encode(tile.position, count_, count_, config.position_octaves, network_.position_rows_, samples_, position_.data());
+  kernels_.encode(tile.position, count_, count_, config.position_octaves, network_.position_rows_, samples_,
+                  position_.data());
   // gamma(d) once a ray, then to all its samples (the padding repeats the last ray's).
   const int lanes = kernels_.lanes, rows = network_.direction_rows_;
   const int rays = (tile.n_rays + lanes - 1) / lanes * lanes;
-  kernels_.encode(tile.direction, tile.n_rays, tile.n_rays, config.direction_octaves, rows, rays, ray_direction_.data());
+  kernels_.encode(tile.direction, tile.n_rays, tile.n_rays, config.direction_octaves, rows, rays,
+                  ray_direction_.data());
   int ray = 0, ray_end = tile.per_ray;
   int ray_panel = 0, ray_panel_width = panel_vectors(rays / lanes) * lanes;
   for_each_panel(samples_, lanes, [&](int first, int width) {
@@ -72,8 +74,16 @@ void Fp32Lane::encode(const NerfTile& tile) {
 
 void Fp32Lane::dense(int layer, const float* in1, const float* in2, float* out, bool relu) {
   const PackedLayer& l = network_.layers_[layer];
-  kernels_.dense({.weights = l.forward.data(), .bias = l.bias.data(), .in1 = in1, .in2 = in2, .k1 = l.k1, .k2 = l.k2,
-                  .outputs = l.outputs, .relu = relu, .mask = nullptr, .out = out},
+  kernels_.dense({.weights = l.forward.data(),
+                  .bias = l.bias.data(),
+                  .in1 = in1,
+                  .in2 = in2,
+                  .k1 = l.k1,
+                  .k2 = l.k2,
+                  .outputs = l.outputs,
+                  .relu = relu,
+                  .mask = nullptr,
+                  .out = out},
                  samples_);
 }
 
@@ -107,15 +117,26 @@ void Fp32Lane::forward(const NerfTile& tile, bool keep, float* raw, int stride) 
 
 void Fp32Lane::dense_adjoint(int layer, const float* d_out1, const float* d_out2, const float* mask, float* d_in) {
   const PackedLayer& l = network_.layers_[layer];
-  kernels_.dense({.weights = network_.backward_[layer].data(), .bias = nullptr, .in1 = d_out1, .in2 = d_out2, .k1 = l.outputs,
-                  .k2 = d_out2 ? kernels_.rows : 0, .outputs = l.k1, .relu = false, .mask = mask, .out = d_in},
+  kernels_.dense({.weights = network_.backward_[layer].data(),
+                  .bias = nullptr,
+                  .in1 = d_out1,
+                  .in2 = d_out2,
+                  .k1 = l.outputs,
+                  .k2 = d_out2 ? kernels_.rows : 0,
+                  .outputs = l.k1,
+                  .relu = false,
+                  .mask = mask,
+                  .out = d_in},
                  samples_);
 }
 
 void Fp32Lane::accumulate_part(int layer, const float* d_out, const float* in, int inputs, int first_column) {
   const PackedLayer& l = network_.layers_[layer];
   kernels_.transpose(in, inputs, samples_, transposed_.data());
-  kernels_.weight_gradient({.d_out = d_out, .in_transposed = transposed_.data(), .outputs = l.outputs, .inputs = inputs,
+  kernels_.weight_gradient({.d_out = d_out,
+                            .in_transposed = transposed_.data(),
+                            .outputs = l.outputs,
+                            .inputs = inputs,
                             .gradient = gradients_.data() + l.gradient + first_column,
                             .stride = static_cast<std::size_t>(l.k1 + l.k2)},
                            samples_);
@@ -159,7 +180,8 @@ void Fp32Lane::backward(const float* d_raw, int stride) {
   dense_adjoint(kFp32Colour, d_out, d_density_.data(), last, d_in);
   for (int l = kNerfHidden - 1; l >= 0; --l) {
     std::swap(d_out, d_in);
-    accumulate(l, d_out, l == 0 ? position_.data() : hidden_[l - 1].data(), l == kNerfSkip ? position_.data() : nullptr);
+    accumulate(l, d_out, l == 0 ? position_.data() : hidden_[l - 1].data(),
+               l == kNerfSkip ? position_.data() : nullptr);
     if (l > 0) dense_adjoint(l, d_out, nullptr, hidden_[l - 1].data(), d_in);
   }
 }

@@ -42,7 +42,9 @@ Fp32Network::Fp32Network(const NerfConfig& config, const Fp32Kernels& kernels)
     PackedLayer& layer = layers_[l];
     layer.k1 = l == 0 ? position_rows_ : l == kFp32Rgb ? width / 2 : width;
     layer.k2 = l == kNerfSkip ? position_rows_ : l == kFp32Colour ? direction_rows_ : 0;
-    layer.outputs = l < kNerfHidden ? width : l == kFp32Colour ? width / 2 : rows;  // rgb and density: one block of rows
+    layer.outputs = l < kNerfHidden    ? width
+                    : l == kFp32Colour ? width / 2
+                                       : rows;  // rgb and density: one block of rows
     const std::size_t size = static_cast<std::size_t>(layer.outputs) * (layer.k1 + layer.k2);
     layer.plain = Buffer<float>(size);
     layer.forward = Buffer<float>(size);
@@ -86,10 +88,12 @@ void Fp32Network::pack(std::span<const float> parameters, ThreadPool& pool) {
   std::copy_n(p + feature.weight, feature_.size(), feature_.data());
   std::copy_n(p + feature.bias, width, feature_bias_.data());
   for (int o = 0; o < width / 2; ++o)
-    std::copy_n(p + colour.weight + static_cast<std::size_t>(o) * colour.inputs, width, colour_.data() + static_cast<std::size_t>(o) * width);
+    std::copy_n(p + colour.weight + static_cast<std::size_t>(o) * colour.inputs, width,
+                colour_.data() + static_cast<std::size_t>(o) * width);
   pool.run_ranges(width, 32, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i)
-      for (int k = 0; k < width; ++k) feature_transposed_[i * width + k] = feature_[static_cast<std::size_t>(k) * width + i];
+      for (int k = 0; k < width; ++k)
+        feature_transposed_[i * width + k] = feature_[static_cast<std::size_t>(k) * width + i];
   });
 
   pool.run(kFp32Layers, [&](int l) {
@@ -120,7 +124,8 @@ void Fp32Network::pack(std::span<const float> parameters, ThreadPool& pool) {
     PackedLayer& layer = layers_[l];
     const int inputs = layer.k1 + layer.k2;
     const float* plain = layer.plain.data();
-    pack_rows(layer.outputs, inputs, rows, layer.forward.data(), [&](int o, int k) { return plain[static_cast<std::size_t>(o) * inputs + k]; });
+    pack_rows(layer.outputs, inputs, rows, layer.forward.data(),
+              [&](int o, int k) { return plain[static_cast<std::size_t>(o) * inputs + k]; });
     if (l == 0 || l == kFp32Density) return;
     const float* density = layers_[kFp32Density].plain.data();
     const int d_outputs = l == kFp32Colour ? layer.outputs + rows : layer.outputs;
@@ -131,9 +136,12 @@ void Fp32Network::pack(std::span<const float> parameters, ThreadPool& pool) {
   });
 }
 
-std::unique_ptr<NerfLane> Fp32Network::make_lane(int max_samples) { return std::make_unique<Fp32Lane>(*this, max_samples); }
+std::unique_ptr<NerfLane> Fp32Network::make_lane(int max_samples) {
+  return std::make_unique<Fp32Lane>(*this, max_samples);
+}
 
-void Fp32Network::reduce(std::span<const std::unique_ptr<NerfLane>> lanes, std::span<float> gradients, ThreadPool& pool) {
+void Fp32Network::reduce(std::span<const std::unique_ptr<NerfLane>> lanes, std::span<float> gradients,
+                         ThreadPool& pool) {
   REDRIVE_CHECK_OP(gradients.size(), ==, nerf_parameter_count(config_));
   const int width = config_.width, vector = kernels_.lanes;
   // All lanes into the first, in their order; its buffer is then the batch's.
@@ -189,7 +197,11 @@ void Fp32Network::reduce(std::span<const std::unique_ptr<NerfLane>> lanes, std::
   }
 }
 
-std::unique_ptr<NerfNetwork> make_nerf_avx2(const NerfConfig& config) { return std::make_unique<Fp32Network>(config, avx2::kFp32Kernels); }
-std::unique_ptr<NerfNetwork> make_nerf_avx512(const NerfConfig& config) { return std::make_unique<Fp32Network>(config, avx512::kFp32Kernels); }
+std::unique_ptr<NerfNetwork> make_nerf_avx2(const NerfConfig& config) {
+  return std::make_unique<Fp32Network>(config, avx2::kFp32Kernels);
+}
+std::unique_ptr<NerfNetwork> make_nerf_avx512(const NerfConfig& config) {
+  return std::make_unique<Fp32Network>(config, avx512::kFp32Kernels);
+}
 
 }  // namespace redrive::kernels

@@ -51,7 +51,7 @@ class Fp32Network final : public NerfNetwork {
   /// The transposes for d_in = W^T d_out, packed for DenseLayer: of trunk 1..7 (index as layers_; the skip layer's part for h
   /// only), of [colour; density] towards h (kFp32Colour) and of rgb (kFp32Rgb).
   std::array<Buffer<float>, kFp32Layers> backward_;
-  std::size_t gradient_size_ = 0;       ///< floats of a lane's buffer
+  std::size_t gradient_size_ = 0;                              ///< floats of a lane's buffer
   Buffer<float> feature_, feature_transposed_, feature_bias_;  ///< Wf [width, width], its transpose, bf
   Buffer<float> colour_;                                       ///< Wc [width / 2, width]
 };

@@ -14,7 +14,9 @@
 namespace redrive::kernels {
 namespace {
 
-double uniform(std::uint64_t stream, std::uint64_t i) { return 2.0 * random_unit(random_key(31, kStreamTest, stream), i) - 1; }
+double uniform(std::uint64_t stream, std::uint64_t i) {
+  return 2.0 * random_unit(random_key(31, kStreamTest, stream), i) - 1;
+}
 
 struct Case {
   NerfConfig config;
@@ -28,7 +30,8 @@ struct Problem {
   std::vector<float> position, direction, parameters, d_raw;
   std::vector<double> raw, gradients;
 
-  explicit Problem(const Case& c) : shape(c), samples(c.n_rays * c.per_ray), parameters(nerf_parameter_count(c.config)) {
+  explicit Problem(const Case& c)
+      : shape(c), samples(c.n_rays * c.per_ray), parameters(nerf_parameter_count(c.config)) {
     for (int i = 0; i < 3 * samples; ++i) position.push_back(static_cast<float>(uniform(1, i)));
     for (int i = 0; i < 3 * c.n_rays; ++i) direction.push_back(static_cast<float>(uniform(2, i)));
     for (int i = 0; i < 4 * samples; ++i) d_raw.push_back(static_cast<float>(uniform(3, i)));
@@ -59,9 +62,11 @@ struct Problem {
     const int begin = first * shape.per_ray, count = n * shape.per_ray;
     for (int k = 0; k < 3; ++k) {
       p.position.insert(p.position.end(), &position[k * samples + begin], &position[k * samples + begin] + count);
-      p.direction.insert(p.direction.end(), &direction[k * shape.n_rays + first], &direction[k * shape.n_rays + first] + n);
+      p.direction.insert(p.direction.end(), &direction[k * shape.n_rays + first],
+                         &direction[k * shape.n_rays + first] + n);
     }
-    for (int k = 0; k < 4; ++k) p.d_raw.insert(p.d_raw.end(), &d_raw[k * samples + begin], &d_raw[k * samples + begin] + count);
+    for (int k = 0; k < 4; ++k)
+      p.d_raw.insert(p.d_raw.end(), &d_raw[k * samples + begin], &d_raw[k * samples + begin] + count);
     p.tile = {n, shape.per_ray, p.position.data(), p.direction.data()};
     return p;
   }
@@ -91,12 +96,12 @@ class Fp32NetworkTest : public testing::TestWithParam<std::pair<Isa, Maker>> {
 
 TEST_P(Fp32NetworkTest, MatchesTheOracle) {
   // Tiles that fill whole panels, parts of vectors, one sample; rays that end inside a vector; every padding.
-  const Case cases[] = {{{32, 10, 4}, 6, 48}, {{64, 3, 2}, 7, 13}, {{96, 10, 4}, 41, 1}, {{160, 6, 1}, 1, 1},
+  const Case cases[] = {{{32, 10, 4}, 6, 48},  {{64, 3, 2}, 7, 13}, {{96, 10, 4}, 41, 1}, {{160, 6, 1}, 1, 1},
                         {{256, 10, 4}, 2, 40}, {{32, 1, 1}, 3, 70}, {{512, 10, 4}, 1, 21}};
   ThreadPool pool(2);
   for (const Case& c : cases) {
-    SCOPED_TRACE(testing::Message() << "width " << c.config.width << " octaves " << c.config.position_octaves << " rays "
-                                    << c.n_rays << " x " << c.per_ray);
+    SCOPED_TRACE(testing::Message() << "width " << c.config.width << " octaves " << c.config.position_octaves
+                                    << " rays " << c.n_rays << " x " << c.per_ray);
     const Problem problem(c);
     const auto network = GetParam().second(c.config);
     network->pack(problem.parameters, pool);
@@ -171,7 +176,8 @@ TEST_P(Fp32NetworkTest, NanReachesTheOutput) {
 // gamma(p) from exact arguments: the error is that of the doubling alone, far outside the unit cube too.
 TEST_P(Fp32NetworkTest, EncodingIsExactFarOutside) {
   const Fp32Kernels& kernels = GetParam().first == Isa::kAvx2 ? avx2::kFp32Kernels : avx512::kFp32Kernels;
-  const float values[] = {0.0f, -0.0f, 1.0f, -1.0f, 0.25f, 0.3f, -0.77f, 1e-20f, 3.1f, -1e3f, 123456.7f, 5e6f, 8388609.0f, 3e7f, -1e30f};
+  const float values[] = {0.0f, -0.0f, 1.0f,      -1.0f, 0.25f,      0.3f, -0.77f, 1e-20f,
+                          3.1f, -1e3f, 123456.7f, 5e6f,  8388609.0f, 3e7f, -1e30f};
   constexpr int kCount = 15, kOctaves = 10, kRows = 64, kSamples = 16;
   std::vector<float> point(3 * kCount), out(kRows * kSamples);
   for (int d = 0; d < 3; ++d)
@@ -185,7 +191,8 @@ TEST_P(Fp32NetworkTest, EncodingIsExactFarOutside) {
         const double turn = std::fmod(std::ldexp(static_cast<double>(point[d * kCount + i]), l), 2.0);
         const int row = 3 + 2 * (d * kOctaves + l);
         EXPECT_NEAR(out[row * kSamples + i], std::sin(pi * turn), 4e-6) << point[d * kCount + i] << " octave " << l;
-        EXPECT_NEAR(out[(row + 1) * kSamples + i], std::cos(pi * turn), 4e-6) << point[d * kCount + i] << " octave " << l;
+        EXPECT_NEAR(out[(row + 1) * kSamples + i], std::cos(pi * turn), 4e-6)
+            << point[d * kCount + i] << " octave " << l;
       }
   for (int i = 0; i < kSamples; ++i) EXPECT_EQ(out[63 * kSamples + i], 0.0f);
 }

@@ -116,7 +116,7 @@ void sample_stratified(const StratifiedRays& rays, float* __restrict t, float* _
 void adam(const AdamRange& range) {
   const AdamRange r = range;
   const float* __restrict gradient = r.gradients;
-  float *__restrict parameter = r.parameters, *__restrict m = r.first_moment, *__restrict v = r.second_moment;
+  float* __restrict parameter = r.parameters, * __restrict m = r.first_moment, * __restrict v = r.second_moment;
   for (std::size_t i = 0; i < r.n; ++i) {
     m[i] = r.beta1 * m[i] + (1 - r.beta1) * gradient[i];
     v[i] = r.beta2 * v[i] + (1 - r.beta2) * gradient[i] * gradient[i];

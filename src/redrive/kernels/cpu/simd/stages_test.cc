@@ -19,7 +19,9 @@ namespace {
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 constexpr double kEpsilon = 0x1p-24;
 
-double uniform(std::uint64_t stream, std::uint64_t i) { return 2.0 * random_unit(random_key(41, kStreamTest, stream), i) - 1; }
+double uniform(std::uint64_t stream, std::uint64_t i) {
+  return 2.0 * random_unit(random_key(41, kStreamTest, stream), i) - 1;
+}
 
 class CpuStagesTest : public testing::TestWithParam<Isa> {
  protected:
@@ -41,7 +43,9 @@ struct Volume {
       t.push_back(i % samples == 0 ? 1.0f : t.back() + dt[i - 1]);
     }
   }
-  CompositeRays rays() const { return {n_rays, per_ray, raw.data(), static_cast<std::size_t>(n_rays) * per_ray, t.data(), dt.data()}; }
+  CompositeRays rays() const {
+    return {n_rays, per_ray, raw.data(), static_cast<std::size_t>(n_rays) * per_ray, t.data(), dt.data()};
+  }
 };
 
 TEST_P(CpuStagesTest, CompositingMatchesTheScalarFunctions) {
@@ -54,14 +58,16 @@ TEST_P(CpuStagesTest, CompositingMatchesTheScalarFunctions) {
       std::vector<float> rgb(3 * kRays), depth(kRays), opacity(kRays), weights(n), d_raw(4 * n, NAN), d_rgb(3 * kRays);
       for (std::size_t i = 0; i < d_rgb.size(); ++i) d_rgb[i] = static_cast<float>(uniform(3, i));
       std::vector<float> scratch(composite_scratch(per_ray));
-      kernels().composite_forward(volume.rays(), {rgb.data(), kRays, depth.data(), opacity.data(), weights.data()}, scratch.data());
+      kernels().composite_forward(volume.rays(), {rgb.data(), kRays, depth.data(), opacity.data(), weights.data()},
+                                  scratch.data());
       kernels().composite_backward(volume.rays(), {d_rgb.data(), kRays, d_raw.data(), n}, scratch.data());
       for (int ray = 0; ray < kRays; ++ray) {
         const std::size_t first = static_cast<std::size_t>(ray) * per_ray;
         std::vector<double> raw(4 * per_ray), w(per_ray), d(4 * per_ray);
         for (int k = 0; k < 4; ++k)
           for (int i = 0; i < per_ray; ++i) raw[k * per_ray + i] = volume.raw[k * n + first + i];
-        const auto expected = composite_ray<double>(raw.data(), per_ray, &volume.t[first], &volume.dt[first], per_ray, w.data());
+        const auto expected =
+            composite_ray<double>(raw.data(), per_ray, &volume.t[first], &volume.dt[first], per_ray, w.data());
         // A weight is a product of up to per_ray factors, each with some 8 roundings (exponential and its argument, whose
         // relative error enters times the argument, at most 87 + 8); the sums add per_ray roundings.
         const double tolerance = (9.0 * per_ray + 100) * kEpsilon;
@@ -107,10 +113,11 @@ TEST_P(CpuStagesTest, StratifiedSamplesAreBitEqualToTheScalarOnes) {
     for (const bool jitter : {true, false}) {
       constexpr std::size_t kFirst = 11, kRays = 9;
       std::vector<float> t(kRays * per_ray), dt(t.size()), expected_t(t), expected_dt(t);
-      kernels().sample_stratified({kFirst, kRays, per_ray, 0.7f, 9.3f, jitter, 0xFEDCBA9876543210ull}, t.data(), dt.data());
+      kernels().sample_stratified({kFirst, kRays, per_ray, 0.7f, 9.3f, jitter, 0xFEDCBA9876543210ull}, t.data(),
+                                  dt.data());
       for (std::size_t ray = 0; ray < kRays; ++ray)
-        stratified_ray(per_ray, 0.7f, 9.3f, jitter, 0xFEDCBA9876543210ull, (kFirst + ray) * per_ray, &expected_t[ray * per_ray],
-                       &expected_dt[ray * per_ray]);
+        stratified_ray(per_ray, 0.7f, 9.3f, jitter, 0xFEDCBA9876543210ull, (kFirst + ray) * per_ray,
+                       &expected_t[ray * per_ray], &expected_dt[ray * per_ray]);
       EXPECT_EQ(t, expected_t);
       EXPECT_EQ(dt, expected_dt);
     }
@@ -127,7 +134,8 @@ TEST_P(CpuStagesTest, AdamIsBitEqualToTheScalarFunction) {
       g[i] = i == 0 ? 0.0f : static_cast<float>(std::pow(10.0, 6 * uniform(6, i)) * uniform(7, i + kSize * step));
       adam_update<float>(s, g[i], expected_p[i], expected_m[i], expected_v[i]);
     }
-    kernels().adam({s.learning_rate, s.beta1, s.beta2, s.epsilon, s.bias1, s.bias2, g.data(), p.data(), m.data(), v.data(), kSize});
+    kernels().adam({s.learning_rate, s.beta1, s.beta2, s.epsilon, s.bias1, s.bias2, g.data(), p.data(), m.data(),
+                    v.data(), kSize});
     EXPECT_EQ(p, expected_p);
     EXPECT_EQ(m, expected_m);
     EXPECT_EQ(v, expected_v);

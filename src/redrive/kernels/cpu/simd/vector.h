@@ -79,8 +79,9 @@ REDRIVE_INLINE void sincos_pi(Vf x, Vf* sine, Vf* cosine) {
   // Whole turns first: beyond 2^23 every float is an integer, beyond 2^24 an even one.
   const Vf magnitude = x < Vf{} ? -x : x;
   x = magnitude >= splat(16777216.0f) ? Vf{} : x;
-  const Vf turns = magnitude < splat(4194304.0f) ? round_small(x * splat(0.5f))
-                                                 : __builtin_convertvector(__builtin_convertvector(x * splat(0.5f), Vi), Vf);
+  const Vf turns = magnitude < splat(4194304.0f)
+                       ? round_small(x * splat(0.5f))
+                       : __builtin_convertvector(__builtin_convertvector(x * splat(0.5f), Vi), Vf);
   x -= turns + turns;
   const Vf quarter = round_small(x + x);
   const Vf a = (x - quarter * splat(0.5f)) * splat(3.14159265358979323846f);  // |a| <= pi/4
