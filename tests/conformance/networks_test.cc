@@ -77,6 +77,9 @@ struct TileData {
 
 TEST_P(EveryNetwork, TwoLanesOfTiles) {
   for (const NerfConfig& config : {NerfConfig{32, 4, 2}, NerfConfig{64, 10, 4}, NerfConfig{96, 1, 1}, NerfConfig{256, 10, 4}}) {
+#if defined(__SANITIZE_THREAD__)
+    if (config.width > 64) continue;  // the oracle's loops take too long; races show at any width
+#endif
     SCOPED_TRACE("width " + std::to_string(config.width));
     const NerfCase nerf = tile_case(config);
     const auto network = GetParam().make(config);

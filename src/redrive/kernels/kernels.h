@@ -96,7 +96,8 @@ class Backend {
   /// returns the loss. target [3, n_rays].
   virtual double train_rays(const NerfField& field, const Rays& rays, const Samples& samples, std::span<const float> target,
                             const CompositeOut& out, std::span<float> gradients);
-  /// Forward and compositing, without keeping anything for a backward pass.
+  /// Forward and compositing, without keeping anything for a backward pass. May leave out what stands behind a transmittance
+  /// below 1e-4, which changes colour, opacity and the sum of the weights by less than that.
   virtual void render_rays(const NerfField& field, const Rays& rays, const Samples& samples, const CompositeOut& out);
 };
 
