@@ -9,7 +9,8 @@
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   try {
-    const redrive::TrainState state = redrive::parse_checkpoint({reinterpret_cast<const char*>(data), size}, "checkpoint.safetensors");
+    const redrive::TrainState state =
+        redrive::parse_checkpoint({reinterpret_cast<const char*>(data), size}, "checkpoint.safetensors");
     const std::string bytes = redrive::checkpoint_bytes(state);
     if (redrive::checkpoint_bytes(redrive::parse_checkpoint(bytes, "again")) != bytes) __builtin_trap();
   } catch (const redrive::InputError&) {

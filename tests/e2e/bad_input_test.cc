@@ -9,8 +9,8 @@
 namespace redrive::testing {
 namespace {
 
-using ::testing::HasSubstr;
 using nlohmann::json;
+using ::testing::HasSubstr;
 
 struct BadDrive {
   const char* name;
@@ -34,33 +34,94 @@ const json kSheared = {{0, 0.3, 1, 2}, {-1, 0, 0, 0.1}, {0, -1, 0, 1.5}, {0, 0, 
 std::vector<BadDrive> bad_drives() {
   return {
       {"no recording", [](const fs::path& d) { fs::remove_all(d); }, {"no such folder"}},
-      {"empty recording", [](const fs::path& d) { fs::remove_all(d); fs::create_directory(d); }, {"drive"}},
+      {"empty recording",
+       [](const fs::path& d) {
+         fs::remove_all(d);
+         fs::create_directory(d);
+       },
+       {"drive"}},
       {"no image", [](const fs::path& d) { fs::remove_all(d / "sensor/camera"); }, {"drive"}},
       {"calibration missing", [](const fs::path& d) { fs::remove(tiny_calibration(d)); }, {"calibration"}},
-      {"calibration no JSON", [](const fs::path& d) { overwrite(tiny_calibration(d), "{\"a\": "); }, {"calibration.json"}},
+      {"calibration no JSON",
+       [](const fs::path& d) { overwrite(tiny_calibration(d), "{\"a\": "); },
+       {"calibration.json"}},
       {"calibration a list", [](const fs::path& d) { overwrite(tiny_calibration(d), "[1]"); }, {"calibration.json"}},
-      {"NaN", [](const fs::path& d) { front(d, "focal_length_px", {nullptr, 38}); }, {"calibration.json", "focal_length_px", "null"}},
-      {"NaN by name", [](const fs::path& d) { overwrite(tiny_calibration(d), "{\"F\": {\"xi\": NaN}}"); }, {"calibration.json"}},
-      {"focal length 0", [](const fs::path& d) { front(d, "focal_length_px", {0, 38}); }, {kTinyFront, "focal_length_px[0]", "0"}},
-      {"distortion too short", [](const fs::path& d) { front(d, "distortion_coeffs", {0.1, 0}); }, {kTinyFront, "distortion_coeffs"}},
-      {"extrinsic too small", [](const fs::path& d) { front(d, "RT_body_from_sensor", {{1, 0}, {0, 1}}); }, {kTinyFront, "RT_body_from_sensor"}},
-      {"extrinsic no rotation", [](const fs::path& d) { front(d, "RT_body_from_sensor", kSheared); }, {kTinyFront, "RT_body_from_sensor"}},
-      {"extrinsic mirrors", [](const fs::path& d) { front(d, "RT_body_from_sensor", kMirror); }, {kTinyFront, "RT_body_from_sensor", "det"}},
-      {"extrinsic inverted", [](const fs::path& d) { edit_json(tiny_calibration(d), [](json& c) {
-         std::swap(c[kTinyFront]["RT_body_from_sensor"], c[kTinyFront]["RT_sensor_from_body"]); }); }, {kTinyFront, "RT_body_from_sensor", "invert"}},
+      {"NaN",
+       [](const fs::path& d) {
+         front(d, "focal_length_px", {nullptr, 38});
+       },
+       {"calibration.json", "focal_length_px", "null"}},
+      {"NaN by name",
+       [](const fs::path& d) { overwrite(tiny_calibration(d), "{\"F\": {\"xi\": NaN}}"); },
+       {"calibration.json"}},
+      {"focal length 0",
+       [](const fs::path& d) {
+         front(d, "focal_length_px", {0, 38});
+       },
+       {kTinyFront, "focal_length_px[0]", "0"}},
+      {"distortion too short",
+       [](const fs::path& d) {
+         front(d, "distortion_coeffs", {0.1, 0});
+       },
+       {kTinyFront, "distortion_coeffs"}},
+      {"extrinsic too small",
+       [](const fs::path& d) {
+         front(d, "RT_body_from_sensor", {{1, 0}, {0, 1}});
+       },
+       {kTinyFront, "RT_body_from_sensor"}},
+      {"extrinsic no rotation",
+       [](const fs::path& d) { front(d, "RT_body_from_sensor", kSheared); },
+       {kTinyFront, "RT_body_from_sensor"}},
+      {"extrinsic mirrors",
+       [](const fs::path& d) { front(d, "RT_body_from_sensor", kMirror); },
+       {kTinyFront, "RT_body_from_sensor", "det"}},
+      {"extrinsic inverted",
+       [](const fs::path& d) {
+         edit_json(tiny_calibration(d), [](json& c) {
+           std::swap(c[kTinyFront]["RT_body_from_sensor"], c[kTinyFront]["RT_sensor_from_body"]);
+         });
+       },
+       {kTinyFront, "RT_body_from_sensor", "invert"}},
       {"unknown model", [](const fs::path& d) { front(d, "model", "kannala"); }, {kTinyFront, "model", "kannala"}},
       {"egomotion missing", [](const fs::path& d) { fs::remove(tiny_egomotion(d)); }, {"egomotion"}},
       {"egomotion no JSON", [](const fs::path& d) { overwrite(tiny_egomotion(d), "not json"); }, {"egomotion2.json"}},
-      {"pose too small", [](const fs::path& d) { pose(d, {1, 2, 3}); }, {"egomotion2.json", "101", "RT_ECEF_body"}},
-      {"pose not a number", [](const fs::path& d) { pose(d, {{1, 0, 0, nullptr}, {0, 1, 0, 0}, {0, 0, 1, 0}, {0, 0, 0, 1}}); }, {"101", "RT_ECEF_body", "null"}},
-      {"pose no rotation", [](const fs::path& d) { pose(d, {{2, 0, 0, 4e6}, {0, 1, 0, 1e6}, {0, 0, 1, 4e6}, {0, 0, 0, 1}}); }, {"101", "RT_ECEF_body"}},
-      {"pose mirrors", [](const fs::path& d) { pose(d, {{-1, 0, 0, 4e6}, {0, 1, 0, 1e6}, {0, 0, 1, 4e6}, {0, 0, 0, 1}}); }, {"101", "RT_ECEF_body", "det"}},
-      {"JPEG truncated", [](const fs::path& d) { const fs::path file = tiny_image(d, kTinyRear, 102); const std::string bytes = read_file(file);
-         overwrite(file, bytes.substr(0, bytes.size() * 3 / 4)); }, {std::string(kTinyRear) + "_0000102.jpg"}},
+      {"pose too small",
+       [](const fs::path& d) {
+         pose(d, {1, 2, 3});
+       },
+       {"egomotion2.json", "101", "RT_ECEF_body"}},
+      {"pose not a number",
+       [](const fs::path& d) {
+         pose(d, {{1, 0, 0, nullptr}, {0, 1, 0, 0}, {0, 0, 1, 0}, {0, 0, 0, 1}});
+       },
+       {"101", "RT_ECEF_body", "null"}},
+      {"pose no rotation",
+       [](const fs::path& d) {
+         pose(d, {{2, 0, 0, 4e6}, {0, 1, 0, 1e6}, {0, 0, 1, 4e6}, {0, 0, 0, 1}});
+       },
+       {"101", "RT_ECEF_body"}},
+      {"pose mirrors",
+       [](const fs::path& d) {
+         pose(d, {{-1, 0, 0, 4e6}, {0, 1, 0, 1e6}, {0, 0, 1, 4e6}, {0, 0, 0, 1}});
+       },
+       {"101", "RT_ECEF_body", "det"}},
+      {"JPEG truncated",
+       [](const fs::path& d) {
+         const fs::path file = tiny_image(d, kTinyRear, 102);
+         const std::string bytes = read_file(file);
+         overwrite(file, bytes.substr(0, bytes.size() * 3 / 4));
+       },
+       {std::string(kTinyRear) + "_0000102.jpg"}},
       {"JPEG empty", [](const fs::path& d) { overwrite(tiny_image(d, kTinyRear, 102), ""); }, {"_0000102.jpg"}},
-      {"JPEG no image", [](const fs::path& d) { overwrite(tiny_image(d, kTinyRear, 102), "<html>"); }, {"_0000102.jpg"}},
-      {"JPEG of another size", [](const fs::path& d) { fs::copy_file(tiny_image(d, kTinyRear, 100), tiny_image(d, kTinyFront, 101),
-         fs::copy_options::overwrite_existing); }, {std::string(kTinyFront) + "_0000101.jpg", "40", "48"}},
+      {"JPEG no image",
+       [](const fs::path& d) { overwrite(tiny_image(d, kTinyRear, 102), "<html>"); },
+       {"_0000102.jpg"}},
+      {"JPEG of another size",
+       [](const fs::path& d) {
+         fs::copy_file(tiny_image(d, kTinyRear, 100), tiny_image(d, kTinyFront, 101),
+                       fs::copy_options::overwrite_existing);
+       },
+       {std::string(kTinyFront) + "_0000101.jpg", "40", "48"}},
   };
 }
 
@@ -80,7 +141,8 @@ TEST_F(EndToEnd, BadDrivesAreRefusedAndNothingIsWritten) {
 
 TEST_F(EndToEnd, FrameWithoutPoseIsDroppedAndListed) {
   edit_json(tiny_egomotion(drive_), [](json& egomotion) { egomotion.erase("102"); });
-  for (const Ended& ended : {redrive({"inspect", drive_.string()}), redrive(train_arguments(folder_ / "run", {"--max-steps", "2"}))}) {
+  for (const Ended& ended :
+       {redrive({"inspect", drive_.string()}), redrive(train_arguments(folder_ / "run", {"--max-steps", "2"}))}) {
     EXPECT_EQ(ended.exit_code, kExitOk) << ended.err;
     EXPECT_THAT(ended.out + ended.err, HasSubstr("102"));
   }
@@ -88,20 +150,44 @@ TEST_F(EndToEnd, FrameWithoutPoseIsDroppedAndListed) {
 
 TEST_F(EndToEnd, MissingImageIsListed) {
   fs::remove(tiny_image(drive_, kTinyRear, 102));
-  for (const Ended& ended : {redrive({"inspect", drive_.string()}), redrive(train_arguments(folder_ / "run", {"--max-steps", "2"}))}) {
+  for (const Ended& ended :
+       {redrive({"inspect", drive_.string()}), redrive(train_arguments(folder_ / "run", {"--max-steps", "2"}))}) {
     EXPECT_EQ(ended.exit_code, kExitOk) << ended.err;
     EXPECT_THAT(ended.out + ended.err, HasSubstr("102"));
   }
 }
 
 TEST_F(EndToEnd, OptionsThatCannotBeUsedAreRefusedAndNothingIsWritten) {
-  const std::vector<std::vector<std::string>> table = {
-      {"--cameras", "NO_SUCH_CAMERA"}, {"--cameras", "Imu0"}, {"--frames", "500:600"}, {"--frames", "7"}, {"--downscale", "0"},
-      {"--downscale", "64"}, {"--holdout-every", "1"}, {"--near", "-1"}, {"--near", "0"}, {"--far", "0.5"}, {"--width", "48"},
-      {"--samples", "1"}, {"--fine-samples", "-2"}, {"--batch", "0"}, {"--learning-rate", "0"}, {"--lr-gamma", "1.5"},
-      {"--lr-milestones", "5,5"}, {"--epochs", "0"}, {"--max-steps", "-1"}, {"--max-seconds", "-1"}, {"--seed", "x"},
-      {"--checkpoint-every", "0"}, {"--threads", "-1"}, {"--backend", "tpu"}, {"--isa", "sse"}, {"--method", "splat"},
-      {"--preset", "report-9"}, {"--undistort"}, {"--no-such-option"}, {"--holdout-every", "2", "--frames", "100:100"}};
+  const std::vector<std::vector<std::string>> table = {{"--cameras", "NO_SUCH_CAMERA"},
+                                                       {"--cameras", "Imu0"},
+                                                       {"--frames", "500:600"},
+                                                       {"--frames", "7"},
+                                                       {"--downscale", "0"},
+                                                       {"--downscale", "64"},
+                                                       {"--holdout-every", "1"},
+                                                       {"--near", "-1"},
+                                                       {"--near", "0"},
+                                                       {"--far", "0.5"},
+                                                       {"--width", "48"},
+                                                       {"--samples", "1"},
+                                                       {"--fine-samples", "-2"},
+                                                       {"--batch", "0"},
+                                                       {"--learning-rate", "0"},
+                                                       {"--lr-gamma", "1.5"},
+                                                       {"--lr-milestones", "5,5"},
+                                                       {"--epochs", "0"},
+                                                       {"--max-steps", "-1"},
+                                                       {"--max-seconds", "-1"},
+                                                       {"--seed", "x"},
+                                                       {"--checkpoint-every", "0"},
+                                                       {"--threads", "-1"},
+                                                       {"--backend", "tpu"},
+                                                       {"--isa", "sse"},
+                                                       {"--method", "splat"},
+                                                       {"--preset", "report-9"},
+                                                       {"--undistort"},
+                                                       {"--no-such-option"},
+                                                       {"--holdout-every", "2", "--frames", "100:100"}};
   const auto before = contents(folder_);
   for (const std::vector<std::string>& more : table) {
     const Ended ended = redrive(train_arguments(folder_ / "run", more));
@@ -157,7 +243,8 @@ TEST_F(EndToEnd, RunsThatCannotBeUsedAreRefused) {
   refused("recording gone", "gone");
   fs::remove(run / "config.json");
   refused("config missing", "config.json");
-  edit_json(tiny_egomotion(drive_), [](json& e) { e["103"]["RT_ECEF_body"][0][3] = e["103"]["RT_ECEF_body"][0][3].get<double>() + 3; });
+  edit_json(tiny_egomotion(drive_),
+            [](json& e) { e["103"]["RT_ECEF_body"][0][3] = e["103"]["RT_ECEF_body"][0][3].get<double>() + 3; });
   refused("another recording in its place", "no longer the recording");
   for (const char* command : {"resume", "eval", "figures"})
     EXPECT_EQ(redrive({command, (folder_ / "no-run").string()}).exit_code, kExitBadInput) << command;
@@ -184,7 +271,9 @@ TEST_F(EndToEnd, RendersThatCannotBeMadeAreRefused) {
   EXPECT_EQ(render({"--poses", poses.string(), "--out", out}), kExitBadInput) << "missing";
   overwrite(poses, "[]");
   EXPECT_EQ(render({"--poses", poses.string(), "--out", out}), kExitBadInput);
-  overwrite(poses, R"({"images": [{"file": "../up.png", "camera": "F_MIDLONGRANGECAM_CL", "frame_id": 100, "shift_body_m": [0, 0, 0]}]})");
+  overwrite(
+      poses,
+      R"({"images": [{"file": "../up.png", "camera": "F_MIDLONGRANGECAM_CL", "frame_id": 100, "shift_body_m": [0, 0, 0]}]})");
   EXPECT_EQ(render({"--poses", poses.string(), "--out", out}), kExitBadInput);
   overwrite(poses, R"({"images": [{"file": "a.png", "camera": "NO", "frame_id": 100, "shift_body_m": [0, 0, 0]}]})");
   EXPECT_EQ(render({"--poses", poses.string(), "--out", out}), kExitBadInput);

@@ -39,8 +39,14 @@ TEST_F(EndToEnd, TrainLeavesACompleteRunAndSaysWhatItDoes) {
 
 TEST_F(EndToEnd, OrderOfFlagsDoesNotMatter) {
   const std::string drive = drive_.string(), a = (folder_ / "a").string(), b = (folder_ / "b").string();
-  ASSERT_EQ(redrive({"train", drive, "--out", a, "--preset", "report-2", "--width", "32", "--batch", "32", "--max-steps", "2"}).exit_code, 0);
-  ASSERT_EQ(redrive({"train", "--max-steps", "2", "--batch", "32", "--width", "32", "--preset", "report-2", "--out", b, drive}).exit_code, 0);
+  ASSERT_EQ(redrive({"train", drive, "--out", a, "--preset", "report-2", "--width", "32", "--batch", "32",
+                     "--max-steps", "2"})
+                .exit_code,
+            0);
+  ASSERT_EQ(redrive({"train", "--max-steps", "2", "--batch", "32", "--width", "32", "--preset", "report-2", "--out", b,
+                     drive})
+                .exit_code,
+            0);
   EXPECT_EQ(read_file(folder_ / "a/config.json"), read_file(folder_ / "b/config.json"));
   const nlohmann::json config = read_json(folder_ / "a/config.json");
   EXPECT_EQ(config.at("cameras"), (std::vector<std::string>{kTinyFront, kTinyRear}));
@@ -60,15 +66,17 @@ TEST_F(EndToEnd, EvalSaysMoreOfALongerRun) {
   for (const char* camera : {kTinyFront, kTinyRear, kTinyLeft}) {
     EXPECT_EQ(after.at("cameras").at(camera).at("images"), 1);
     // A tenfold smaller squared error is 10 dB; half of that is asked of each camera.
-    EXPECT_GT(after["cameras"][camera]["psnr_db"].get<double>(), before["cameras"][camera]["psnr_db"].get<double>() + 5) << camera;
-    EXPECT_GT(after["cameras"][camera]["ssim"].get<double>(), before["cameras"][camera]["ssim"].get<double>()) << camera;
+    EXPECT_GT(after["cameras"][camera]["psnr_db"].get<double>(), before["cameras"][camera]["psnr_db"].get<double>() + 5)
+        << camera;
+    EXPECT_GT(after["cameras"][camera]["ssim"].get<double>(), before["cameras"][camera]["ssim"].get<double>())
+        << camera;
   }
 }
 
 TEST_F(EndToEnd, RendersOneViewWithDepth) {
   const fs::path run = trained("run", 20), image = folder_ / "a.png", depth = folder_ / "d.png";
-  const Ended ended = redrive({"render", run.string(), "--camera", kTinyLeft, "--frame", "101", "--translate", "0,-0.5,0",
-                               "--axes", "local", "--out", image.string(), "--depth", depth.string()});
+  const Ended ended = redrive({"render", run.string(), "--camera", kTinyLeft, "--frame", "101", "--translate",
+                               "0,-0.5,0", "--axes", "local", "--out", image.string(), "--depth", depth.string()});
   ASSERT_EQ(ended.exit_code, kExitOk) << ended.err;
   const Image8 picture = read_image(image);
   EXPECT_EQ(picture.width, 44);
@@ -81,11 +89,13 @@ TEST_F(EndToEnd, RendersOneViewWithDepth) {
 TEST_F(EndToEnd, RendersAPosesFileUnderItsOwnNames) {
   const fs::path run = trained("run", 20), poses = folder_ / "poses.json", out = folder_ / "novel";
   const nlohmann::json pose = read_json(tiny_egomotion(drive_)).at("102").at("RT_ECEF_body");
-  write_file(poses, nlohmann::json{{"images",
-                                    {{{"file", "x/absolute.png"}, {"camera", kTinyFront}, {"frame_id", 100}, {"RT_ECEF_body", pose}},
-                                     {{"file", "frame.png"}, {"camera", kTinyFront}, {"frame_id", 102}, {"shift_body_m", {0, 0, 0}}},
-                                     {{"file", "shifted.jpg"}, {"camera", kTinyRear}, {"frame_id", 100}, {"shift_body_m", {0, 1, 0}}}}}}
-                        .dump());
+  write_file(poses,
+             nlohmann::json{
+                 {"images",
+                  {{{"file", "x/absolute.png"}, {"camera", kTinyFront}, {"frame_id", 100}, {"RT_ECEF_body", pose}},
+                   {{"file", "frame.png"}, {"camera", kTinyFront}, {"frame_id", 102}, {"shift_body_m", {0, 0, 0}}},
+                   {{"file", "shifted.jpg"}, {"camera", kTinyRear}, {"frame_id", 100}, {"shift_body_m", {0, 1, 0}}}}}}
+                 .dump());
   const Ended ended = redrive({"render", run.string(), "--poses", poses.string(), "--out", out.string()});
   ASSERT_EQ(ended.exit_code, kExitOk) << ended.err;
   // The absolute pose is that of frame 102: the same picture as frame 102 shifted by nothing.
@@ -98,7 +108,8 @@ TEST_F(EndToEnd, FiguresAndReport) {
   const Ended ended = redrive({"figures", run.string()});
   ASSERT_EQ(ended.exit_code, kExitOk) << ended.err;
   for (const std::string camera : {kTinyFront, kTinyRear, kTinyLeft})
-    for (const char* figure : {"_original.png", "_reproduced.png", "_perturbed.png", "_perturbed_camera_axes.png", "_depth.png"})
+    for (const char* figure :
+         {"_original.png", "_reproduced.png", "_perturbed.png", "_perturbed_camera_axes.png", "_depth.png"})
       EXPECT_GT(read_image(run / "figures" / (camera + figure)).width, 0);
   EXPECT_GT(read_image(run / "figures/loss.png").width, 0);
   const std::string html = read_file(run / "report.html");

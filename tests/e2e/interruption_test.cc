@@ -94,7 +94,8 @@ TEST_F(EndToEnd, FullDiskIsSaidAndLeavesTheLastCheckpoint) {
   EXPECT_THAT(ended.err, HasSubstr("checkpoint.safetensors"));
   EXPECT_EQ(read_file(run / "checkpoint.safetensors"), checkpoint);
   for (const auto& entry : fs::directory_iterator(run))
-    EXPECT_THAT(entry.path().filename().string(), ::testing::AnyOf("config.json", "metrics.jsonl", "checkpoint.safetensors"));
+    EXPECT_THAT(entry.path().filename().string(),
+                ::testing::AnyOf("config.json", "metrics.jsonl", "checkpoint.safetensors"));
   EXPECT_EQ(redrive({"resume", run.string()}).exit_code, kExitOk) << "and goes on once there is room";
   EXPECT_EQ(load_checkpoint(run / "checkpoint.safetensors").step, 60);
 }

@@ -12,7 +12,7 @@
 namespace redrive::testing {
 
 struct Ended {
-  int exit_code = -1;    ///< -1: ended by a signal
+  int exit_code = -1;  ///< -1: ended by a signal
   int signal = 0;
   std::string out, err;  ///< what it printed
 };

@@ -32,9 +32,30 @@ Rigid3d mounted(const Eigen::Vector3d& forward, const Eigen::Vector3d& position)
 }
 
 std::vector<CameraCalibration> cameras() {
-  return {{kTinyRear, "opencv_pinhole", 30, 28, 19.5, 11.5, {-0.05, 0.01, 0, 0, 0}, 0, 40, 24, mounted({-1, 0, 0}, {-1, 0, 1.5})},
-          {kTinyFront, "opencv_pinhole", 44, 38, 24, 15, {-0.2, 0.05, 0.001, 0.0005, 0}, 0, 48, 32, mounted({1, 0, 0}, {2, 0.1, 1.5})},
-          {kTinyLeft, "mei", 20, 18, 21.5, 17, {0.03, -0.08, 0, 0, 0}, 1.02, 44, 36, mounted({0, 1, 0}, {1, 0.6, 1.5})}};
+  return {
+      {kTinyRear,
+       "opencv_pinhole",
+       30,
+       28,
+       19.5,
+       11.5,
+       {-0.05, 0.01, 0, 0, 0},
+       0,
+       40,
+       24,
+       mounted({-1, 0, 0}, {-1, 0, 1.5})},
+      {kTinyFront,
+       "opencv_pinhole",
+       44,
+       38,
+       24,
+       15,
+       {-0.2, 0.05, 0.001, 0.0005, 0},
+       0,
+       48,
+       32,
+       mounted({1, 0, 0}, {2, 0.1, 1.5})},
+      {kTinyLeft, "mei", 20, 18, 21.5, 17, {0.03, -0.08, 0, 0, 0}, 1.02, 44, 36, mounted({0, 1, 0}, {1, 0.6, 1.5})}};
 }
 
 Rigid3d ecef_from_body(int frame) {

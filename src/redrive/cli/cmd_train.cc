@@ -59,7 +59,8 @@ Action configure_train(CLI::App& command) {
     if (field.name == "recording")
       command.add_option_function<std::string>("RECORDING", take, field.help)->required();
     else if (field.is_flag)
-      command.add_flag_callback("--" + field.name, [take] { take(""); }, field.help);
+      command.add_flag_callback(
+          "--" + field.name, [take] { take(""); }, field.help);
     else
       command.add_option_function<std::string>("--" + field.name, take, field.help);
   }

@@ -47,8 +47,8 @@ int report_end(const Run& run, TrainEnd end) {
                  static_cast<long long>(run.state.step), root.c_str());
     return kExitInterrupted;
   }
-  std::printf("finished: step %lld after %.1f s of training; %s\n", static_cast<long long>(run.state.step), run.state.seconds,
-              run.paths.checkpoint().c_str());
+  std::printf("finished: step %lld after %.1f s of training; %s\n", static_cast<long long>(run.state.step),
+              run.state.seconds, run.paths.checkpoint().c_str());
   return kExitOk;
 }
 

@@ -59,10 +59,13 @@ void check_model(const TrainState& state, const std::filesystem::path& file) {
   const NerfConfig& config = model.config;
   require(config.width >= 32 && config.width <= 512 && config.width % 32 == 0, "width", config.width,
           "must be a multiple of 32 in 32..512");
-  require(config.position_octaves >= 1 && config.position_octaves <= 10, "position_octaves", config.position_octaves, "must be in 1..10");
-  require(config.direction_octaves >= 1 && config.direction_octaves <= 4, "direction_octaves", config.direction_octaves, "must be in 1..4");
+  require(config.position_octaves >= 1 && config.position_octaves <= 10, "position_octaves", config.position_octaves,
+          "must be in 1..10");
+  require(config.direction_octaves >= 1 && config.direction_octaves <= 4, "direction_octaves", config.direction_octaves,
+          "must be in 1..4");
   require(model.samples >= 3 && model.samples <= 1024, "samples", model.samples, "must be in 3..1024");
-  require(model.fine_samples >= 0 && model.fine_samples <= 1024, "fine_samples", model.fine_samples, "must be in 0..1024");
+  require(model.fine_samples >= 0 && model.fine_samples <= 1024, "fine_samples", model.fine_samples,
+          "must be in 0..1024");
   require(model.near_m > 0, "near_m", model.near_m, "must be above 0");
   require(model.far_m > model.near_m, "far_m", model.far_m, "must be above near_m");
   require(model.unit_from_world.scale > 0, "unit_from_world.scale", model.unit_from_world.scale, "must be above 0");
@@ -72,8 +75,8 @@ void check_model(const TrainState& state, const std::filesystem::path& file) {
   require(state.window.steps >= 0, "window.steps", state.window.steps, "must not be negative");
 }
 
-const Safetensors::Tensor& take(const Safetensors& parsed, const std::string& name, const std::vector<std::int64_t>& shape,
-                                const std::filesystem::path& file) {
+const Safetensors::Tensor& take(const Safetensors& parsed, const std::string& name,
+                                const std::vector<std::int64_t>& shape, const std::filesystem::path& file) {
   const auto found = parsed.tensors.find(name);
   if (found == parsed.tensors.end()) throw InputError(file, name, "", "missing");
   if (found->second.shape != shape) {
@@ -96,8 +99,9 @@ std::string checkpoint_bytes(const TrainState& state) {
   std::vector<SafetensorsEntry> entries;
   for (int network = 0; network < state.model.networks(); ++network)
     for (const NerfTensor& tensor : tensors)
-      entries.push_back({network_prefix(network) + tensor.name, tensor_shape(tensor),
-                         state.model.network(network).subspan(tensor.offset, std::size_t(tensor.rows) * tensor.columns)});
+      entries.push_back(
+          {network_prefix(network) + tensor.name, tensor_shape(tensor),
+           state.model.network(network).subspan(tensor.offset, std::size_t(tensor.rows) * tensor.columns)});
   const std::vector<std::int64_t> all = {static_cast<std::int64_t>(state.model.parameters.size())};
   entries.push_back({"adam.first_moment", all, state.first_moment.span()});
   entries.push_back({"adam.second_moment", all, state.second_moment.span()});
@@ -111,13 +115,15 @@ TrainState parse_checkpoint(std::string_view bytes, const std::filesystem::path&
     if (found == parsed.metadata.end()) throw InputError(file, "__metadata__." + name, "", "missing");
     return found->second;
   };
-  if (text_of("format") != kFormat) throw InputError(file, "__metadata__.format", text_of("format"), std::string("must be ") + kFormat);
+  if (text_of("format") != kFormat)
+    throw InputError(file, "__metadata__.format", text_of("format"), std::string("must be ") + kFormat);
   TrainState state;
   visit_numbers(state, [&](const char* name, auto& value) {
     const std::string text = text_of(name);
     const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
     if (error != std::errc() || end != text.data() + text.size() || !std::isfinite(static_cast<double>(value)))
-      throw InputError(file, std::string("__metadata__.") + name, text.substr(0, 80), "must be a finite number in range");
+      throw InputError(file, std::string("__metadata__.") + name, text.substr(0, 80),
+                       "must be a finite number in range");
   });
   check_model(state, file);
 
@@ -125,7 +131,9 @@ TrainState parse_checkpoint(std::string_view bytes, const std::filesystem::path&
   const std::size_t per_network = nerf_parameter_count(state.model.config);
   const std::size_t total = state.model.networks() * per_network;
   const std::vector<std::int64_t> all = {static_cast<std::int64_t>(total)};
-  const auto copy = [](const Safetensors::Tensor& from, float* to) { std::copy(from.values.begin(), from.values.end(), to); };
+  const auto copy = [](const Safetensors::Tensor& from, float* to) {
+    std::copy(from.values.begin(), from.values.end(), to);
+  };
   // The largest tensor is looked at first: nothing is allocated for a width that the file does not back.
   const Safetensors::Tensor& first = take(parsed, "adam.first_moment", all, file);
   const Safetensors::Tensor& second = take(parsed, "adam.second_moment", all, file);
@@ -136,18 +144,22 @@ TrainState parse_checkpoint(std::string_view bytes, const std::filesystem::path&
   copy(second, state.second_moment.data());
   for (std::size_t i = 0; i < total; ++i)
     if (state.second_moment[i] < 0)
-      throw InputError(file, "adam.second_moment[" + std::to_string(i) + "]", std::to_string(state.second_moment[i]), "must not be negative");
+      throw InputError(file, "adam.second_moment[" + std::to_string(i) + "]", std::to_string(state.second_moment[i]),
+                       "must not be negative");
   for (int network = 0; network < state.model.networks(); ++network)
     for (const NerfTensor& tensor : tensors)
       copy(take(parsed, network_prefix(network) + tensor.name, tensor_shape(tensor), file),
            state.model.parameters.data() + network * per_network + tensor.offset);
   const std::size_t expected = state.model.networks() * tensors.size() + 2;
   if (parsed.tensors.size() != expected)
-    throw InputError(file, "", std::to_string(parsed.tensors.size()) + " tensors", "must be " + std::to_string(expected));
+    throw InputError(file, "", std::to_string(parsed.tensors.size()) + " tensors",
+                     "must be " + std::to_string(expected));
   return state;
 }
 
-void save_checkpoint(const std::filesystem::path& file, const TrainState& state) { write_file(file, checkpoint_bytes(state)); }
+void save_checkpoint(const std::filesystem::path& file, const TrainState& state) {
+  write_file(file, checkpoint_bytes(state));
+}
 
 TrainState load_checkpoint(const std::filesystem::path& file) { return parse_checkpoint(read_file(file), file); }
 

@@ -130,16 +130,41 @@ TEST(Checkpoint, DamageIsRefusedAndNamed) {
       {"other dtype", [](Parts& p) { p.header["coarse.rgb.bias"]["dtype"] = "BF16"; }, "coarse.rgb.bias.dtype"},
       {"no dtype", [](Parts& p) { p.header["coarse.rgb.bias"].erase("dtype"); }, "coarse.rgb.bias"},
       {"shape of another size", [](Parts& p) { p.header["coarse.rgb.bias"]["shape"] = {4}; }, "coarse.rgb.bias.shape"},
-      {"shape turned", [](Parts& p) { p.header["coarse.trunk.0.weight"]["shape"] = {63, 32}; }, "coarse.trunk.0.weight.shape"},
-      {"shape overflows", [](Parts& p) { p.header["coarse.rgb.bias"]["shape"] = {4294967296, 4294967296, 3}; }, "shape"},
+      {"shape turned",
+       [](Parts& p) {
+         p.header["coarse.trunk.0.weight"]["shape"] = {63, 32};
+       },
+       "coarse.trunk.0.weight.shape"},
+      {"shape overflows",
+       [](Parts& p) {
+         p.header["coarse.rgb.bias"]["shape"] = {4294967296, 4294967296, 3};
+       },
+       "shape"},
       {"negative shape", [](Parts& p) { p.header["coarse.rgb.bias"]["shape"] = {-3}; }, "shape"},
       {"shape no list", [](Parts& p) { p.header["coarse.rgb.bias"]["shape"] = 3; }, "shape"},
-      {"offsets swapped", [](Parts& p) { std::swap(p.header["coarse.rgb.bias"]["data_offsets"][0], p.header["coarse.rgb.bias"]["data_offsets"][1]); }, "data_offsets"},
-      {"offsets past the end", [](Parts& p) { p.header["coarse.rgb.bias"]["data_offsets"] = {1e9, 1e9 + 12}; }, "data_offsets"},
+      {"offsets swapped",
+       [](Parts& p) {
+         std::swap(p.header["coarse.rgb.bias"]["data_offsets"][0], p.header["coarse.rgb.bias"]["data_offsets"][1]);
+       },
+       "data_offsets"},
+      {"offsets past the end",
+       [](Parts& p) {
+         p.header["coarse.rgb.bias"]["data_offsets"] = {1e9, 1e9 + 12};
+       },
+       "data_offsets"},
       {"one offset", [](Parts& p) { p.header["coarse.rgb.bias"]["data_offsets"] = {0}; }, "data_offsets"},
-      {"overlap", [](Parts& p) { p.header["coarse.rgb.bias"]["data_offsets"] = {0, 12}; }, "overlaps"},
+      {"overlap",
+       [](Parts& p) {
+         p.header["coarse.rgb.bias"]["data_offsets"] = {0, 12};
+       },
+       "overlaps"},
       {"tensor missing", [](Parts& p) { p.header.erase("adam.second_moment"); }, "bytes of data"},
-      {"tensor renamed", [](Parts& p) { p.header["x"] = p.header["fine.rgb.bias"]; p.header.erase("fine.rgb.bias"); }, "fine.rgb.bias"},
+      {"tensor renamed",
+       [](Parts& p) {
+         p.header["x"] = p.header["fine.rgb.bias"];
+         p.header.erase("fine.rgb.bias");
+       },
+       "fine.rgb.bias"},
       {"data cut off", [](Parts& p) { p.data.resize(p.data.size() - 4); }, ""},
       {"data too long", [](Parts& p) { p.data += "more"; }, "bytes of data"},
       {"no metadata", [](Parts& p) { p.header.erase("__metadata__"); }, "__metadata__.format"},
@@ -178,7 +203,8 @@ TEST(Checkpoint, NonFiniteAndNegativeValuesAreRefused) {
     }
   Parts parts(good);
   const float negative = -1e-20f;
-  std::memcpy(parts.data.data() + parts.header["adam.second_moment"]["data_offsets"][0].get<std::size_t>() + 8, &negative, 4);
+  std::memcpy(parts.data.data() + parts.header["adam.second_moment"]["data_offsets"][0].get<std::size_t>() + 8,
+              &negative, 4);
   EXPECT_THAT(complaint(parts.bytes()), HasSubstr("adam.second_moment[2]"));
 }
 
@@ -186,14 +212,16 @@ TEST(Checkpoint, EveryTruncationIsRefused) {
   const std::string good = checkpoint_bytes(example_state(0));
   const std::size_t header = good.size() - Parts(good).data.size();
   for (std::size_t size = 0; size < header + 64; ++size) EXPECT_NE(complaint(good.substr(0, size)), "") << size;
-  for (std::size_t size = header; size < good.size(); size += 4093) EXPECT_NE(complaint(good.substr(0, size)), "") << size;
+  for (std::size_t size = header; size < good.size(); size += 4093)
+    EXPECT_NE(complaint(good.substr(0, size)), "") << size;
   EXPECT_NE(complaint(good.substr(0, good.size() - 1)), "");
 }
 
 TEST(Checkpoint, AHeaderLengthThatCannotBeIsRefused) {
   const std::string good = checkpoint_bytes(example_state(0));
-  for (const std::uint64_t length : {std::uint64_t{0}, std::uint64_t{1}, std::uint64_t{good.size()},
-                                     std::numeric_limits<std::uint64_t>::max(), std::numeric_limits<std::uint64_t>::max() - 7}) {
+  for (const std::uint64_t length :
+       {std::uint64_t{0}, std::uint64_t{1}, std::uint64_t{good.size()}, std::numeric_limits<std::uint64_t>::max(),
+        std::numeric_limits<std::uint64_t>::max() - 7}) {
     std::string bytes = good;
     std::memcpy(bytes.data(), &length, 8);
     EXPECT_THAT(complaint(bytes), HasSubstr("header length")) << length;

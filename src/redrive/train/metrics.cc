@@ -29,13 +29,14 @@ void append_line(const std::filesystem::path& path, const nlohmann::json& json) 
 struct Line {
   std::string_view text;
   std::int64_t step = 0;
-  int restarts = 0;       ///< the start it belongs to
+  int restarts = 0;  ///< the start it belongs to
   bool is_event = false;
   MetricsRow row;
 };
 
 /// Calls `take` for each whole line.
-void for_lines(const std::filesystem::path& path, std::string_view bytes, const std::function<void(const Line&)>& take) {
+void for_lines(const std::filesystem::path& path, std::string_view bytes,
+               const std::function<void(const Line&)>& take) {
   int restarts = 0;
   std::int64_t number = 0;
   for (std::size_t begin = 0, end; (end = bytes.find('\n', begin)) != std::string_view::npos; begin = end + 1) {
@@ -78,7 +79,8 @@ void append_metrics(const RunPaths& paths, const MetricsRow& row) {
                                 {"rays_per_s", row.rays_per_s}});
 }
 
-void append_restart(const RunPaths& paths, std::int64_t step, int restarts, std::uint64_t seed, const std::string& reason) {
+void append_restart(const RunPaths& paths, std::int64_t step, int restarts, std::uint64_t seed,
+                    const std::string& reason) {
   append_line(paths.metrics(),
               {{"event", "restart"}, {"step", step}, {"restarts", restarts}, {"seed", seed}, {"reason", reason}});
 }
@@ -98,7 +100,8 @@ void cut_metrics(const RunPaths& paths, std::int64_t step, int restarts) {
   const std::string bytes = bytes_or_nothing(paths.metrics());
   std::string kept;
   for_lines(paths.metrics(), bytes, [&](const Line& line) {
-    if (line.restarts < restarts || (line.restarts == restarts && (line.is_event || line.step <= step))) kept += line.text;
+    if (line.restarts < restarts || (line.restarts == restarts && (line.is_event || line.step <= step)))
+      kept += line.text;
   });
   if (kept != bytes) write_file(paths.metrics(), kept);
 }

@@ -13,7 +13,8 @@ std::span<const float> NerfModel::network(int index) const {
   return parameters.span().subspan(count * index, count);
 }
 
-TrainState initial_state(const NerfConfig& config, int samples, int fine_samples, const Scene& scene, std::uint64_t seed) {
+TrainState initial_state(const NerfConfig& config, int samples, int fine_samples, const Scene& scene,
+                         std::uint64_t seed) {
   TrainState state;
   state.model.config = config;
   state.model.samples = samples;
@@ -28,7 +29,8 @@ TrainState initial_state(const NerfConfig& config, int samples, int fine_samples
   state.second_moment = Buffer<float>(total);
   state.seed = seed;
   for (int network = 0; network < state.model.networks(); ++network)
-    nerf_initialize(config, random_key(seed, kStreamInit, network), state.model.parameters.span().subspan(count * network, count));
+    nerf_initialize(config, random_key(seed, kStreamInit, network),
+                    state.model.parameters.span().subspan(count * network, count));
   return state;
 }
 

@@ -52,7 +52,8 @@ struct Range {
 
   std::string rule() const {
     if (low == std::numeric_limits<T>::lowest() && high == std::numeric_limits<T>::max()) return "any whole number";
-    const std::string from = above ? "above " + text_of(low) + ", at most " + text_of(high) : text_of(low) + ".." + text_of(high);
+    const std::string from =
+        above ? "above " + text_of(low) + ", at most " + text_of(high) : text_of(low) + ".." + text_of(high);
     return multiple > 1 ? "a multiple of " + std::to_string(multiple) + " in " + from : from;
   }
   bool holds(T value) const {
@@ -163,24 +164,31 @@ std::vector<TrainField> make_fields() {
       list("cameras", &O::cameras, "A,B: the cameras to train on (default: all that have images)"),
       text("frames", &O::frames, {}, "FIRST:LAST[:STEP]: frame ids, both included, either may be empty (default: all)"),
       number("downscale", &O::downscale, Range<int>{1, 64}, "train on images this many times smaller"),
-      number("holdout-every", &O::holdout_every, Range<int>{0, 1'000'000}, "keep every n-th frame for eval; 0: none, not 1"),
-      flag("undistort", &O::undistort, "resample the images without distortion first, as the report did (pinhole cameras)"),
+      number("holdout-every", &O::holdout_every, Range<int>{0, 1'000'000},
+             "keep every n-th frame for eval; 0: none, not 1"),
+      flag("undistort", &O::undistort,
+           "resample the images without distortion first, as the report did (pinhole cameras)"),
       number("near", &O::near_m, Range<double>{0, kInfinite, true}, "first sample of a ray, metres"),
       number("far", &O::far_m, Range<double>{0, kInfinite, true}, "last sample of a ray, metres"),
       number("width", &O::width, Range<int>{32, 512, false, 32}, "hidden units of the network"),
       number("samples", &O::samples, Range<int>{3, 1024}, "samples of a ray"),
-      number("fine-samples", &O::fine_samples, Range<int>{0, 1024}, "further samples where the first network found matter"),
+      number("fine-samples", &O::fine_samples, Range<int>{0, 1024},
+             "further samples where the first network found matter"),
       number("batch", &O::batch_rays, Range<int>{1, 65536}, "rays of a step"),
       number("learning-rate", &O::learning_rate, Range<double>{0, 1, true}, "of Adam, at the start"),
       number("lr-gamma", &O::lr_gamma, Range<double>{0, 1, true}, "factor of the learning rate at each milestone"),
       list("lr-milestones", &O::lr_milestones,
-           "A,B,C: steps (default: 1/2, 3/4 and 7/8 of all steps, which are epochs x steps of an epoch, or --max-steps)"),
+           "A,B,C: steps (default: 1/2, 3/4 and 7/8 of all steps, which are epochs x steps of an epoch, or "
+           "--max-steps)"),
       number("epochs", &O::epochs, Range<int>{1, 10000}, "times that every pixel is seen"),
-      number("max-steps", &O::max_steps, Range<std::int64_t>{0, 1'000'000'000'000}, "stop after so many steps; 0: no limit"),
+      number("max-steps", &O::max_steps, Range<std::int64_t>{0, 1'000'000'000'000},
+             "stop after so many steps; 0: no limit"),
       number("max-seconds", &O::max_seconds, Range<double>{0, kInfinite},
              "stop after so many seconds of training alone; 0: no limit; the learning rate goes by steps all the same"),
-      number("seed", &O::seed, Range<std::uint64_t>{0, std::numeric_limits<std::uint64_t>::max()}, "of all random numbers"),
-      number("checkpoint-every", &O::checkpoint_every, Range<int>{1, 1'000'000'000}, "steps between checkpoints; one a minute at least"),
+      number("seed", &O::seed, Range<std::uint64_t>{0, std::numeric_limits<std::uint64_t>::max()},
+             "of all random numbers"),
+      number("checkpoint-every", &O::checkpoint_every, Range<int>{1, 1'000'000'000},
+             "steps between checkpoints; one a minute at least"),
       number("threads", &O::threads, Range<int>{0, 1024}, "0: all that this process may use"),
       text("backend", &O::backend, {"auto", "ref", "cpu", "cuda"}, "what computes"),
       text("isa", &O::isa, {"auto", "avx2", "avx512", "avx512-bf16", "amx-bf16"}, "instruction set of the cpu backend"),

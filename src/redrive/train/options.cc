@@ -83,14 +83,17 @@ void resolve_cameras(TrainOptions* options, const Recording& recording) {
 void validate(const TrainOptions& options) {
   for (const TrainField& field : train_fields()) field.check(options);
   if (options.far_m <= options.near_m)
-    throw UsageError("--far", std::to_string(options.far_m), "must be greater than --near " + std::to_string(options.near_m));
-  if (options.holdout_every == 1) throw UsageError("--holdout-every", "1", "would leave nothing to train on; 0 or 2 and more");
+    throw UsageError("--far", std::to_string(options.far_m),
+                     "must be greater than --near " + std::to_string(options.near_m));
+  if (options.holdout_every == 1)
+    throw UsageError("--holdout-every", "1", "would leave nothing to train on; 0 or 2 and more");
   parse_frames(options.frames);
   const std::set<std::string> distinct(options.cameras.begin(), options.cameras.end());
   if (distinct.size() != options.cameras.size() || distinct.count(""))
     throw UsageError("--cameras", "", "must be names of cameras, each once, separated by commas");
   const std::vector<std::int64_t>& steps = options.lr_milestones;
-  if (std::ranges::adjacent_find(steps, std::greater_equal<>()) != steps.end() || (!steps.empty() && steps.front() < 1)) {
+  if (std::ranges::adjacent_find(steps, std::greater_equal<>()) != steps.end() ||
+      (!steps.empty() && steps.front() < 1)) {
     std::string list;
     for (const std::int64_t step : steps) list += (list.empty() ? "" : ",") + std::to_string(step);
     throw UsageError("--lr-milestones", list, "must be steps of 1 or more, ascending");
@@ -98,8 +101,8 @@ void validate(const TrainOptions& options) {
   const std::int64_t samples = std::int64_t{options.batch_rays} * (options.samples + options.fine_samples);
   if (samples > kMaxBatchSamples)
     throw UsageError("--batch", std::to_string(options.batch_rays),
-                     "times samples a ray is " + std::to_string(samples) + ", must be " + std::to_string(kMaxBatchSamples) +
-                         " or less (memory)");
+                     "times samples a ray is " + std::to_string(samples) + ", must be " +
+                         std::to_string(kMaxBatchSamples) + " or less (memory)");
 }
 
 SceneOptions scene_options(const TrainOptions& options) {

@@ -17,43 +17,44 @@
 namespace redrive {
 
 struct TrainOptions {
-  std::string recording;              ///< folder
+  std::string recording;  ///< folder
   std::string method = "nerf";
-  std::string preset;                 ///< "", "report-1", "report-2"
+  std::string preset;  ///< "", "report-1", "report-2"
   // scene/scene.h SceneOptions
   std::vector<std::string> cameras;
-  std::string frames;                 ///< "FIRST:LAST[:STEP]", ids inclusive, either may be empty
+  std::string frames;  ///< "FIRST:LAST[:STEP]", ids inclusive, either may be empty
   int downscale = 1;
   int holdout_every = 0;
   bool undistort = false;
   double near_m = 1, far_m = 10;
   // field and sampling
-  int width = 256;                    ///< hidden units, a multiple of 32 in 32..512
-  int samples = 96;                   ///< per ray, 3..1024
-  int fine_samples = 0;               ///< per ray, 0..1024: hierarchical sampling with a second network
+  int width = 256;       ///< hidden units, a multiple of 32 in 32..512
+  int samples = 96;      ///< per ray, 3..1024
+  int fine_samples = 0;  ///< per ray, 0..1024: hierarchical sampling with a second network
   // optimisation
-  int batch_rays = 1024;              ///< 1..65536
-  double learning_rate = 5e-4;        ///< (0, 1]
-  double lr_gamma = 0.5;              ///< (0, 1]
+  int batch_rays = 1024;                    ///< 1..65536
+  double learning_rate = 5e-4;              ///< (0, 1]
+  double lr_gamma = 0.5;                    ///< (0, 1]
   std::vector<std::int64_t> lr_milestones;  ///< steps; empty: at 1/2, 3/4 and 7/8 of all steps (the default)
-  int epochs = 4;                     ///< 1..10000
-  std::int64_t max_steps = 0;         ///< 0: no limit
-  double max_seconds = 0;             ///< of training alone; 0: no limit
+  int epochs = 4;                           ///< 1..10000
+  std::int64_t max_steps = 0;               ///< 0: no limit
+  double max_seconds = 0;                   ///< of training alone; 0: no limit
   std::uint64_t seed = 1;
-  int checkpoint_every = 1000;        ///< steps; also at the end and on Ctrl-C
+  int checkpoint_every = 1000;  ///< steps; also at the end and on Ctrl-C
   // how
-  int threads = 0;                    ///< 0: all
+  int threads = 0;  ///< 0: all
   std::string backend = "auto", isa = "auto";
 };
 
 /// One option: its flag without dashes ("near"), JSON key, help with unit, range and default; parse throws UsageError.
 struct TrainField {
   std::string name, help;
-  bool is_flag = false;                                             ///< a switch without a value
-  std::function<void(TrainOptions&, const std::string&)> parse;     ///< from the command line
-  std::function<void(const TrainOptions&, nlohmann::json&)> save;   ///< into json[name]
-  std::function<void(TrainOptions&, const nlohmann::json&)> load;   ///< from json[name]; UsageError if it is of another type
-  std::function<void(const TrainOptions&)> check;                   ///< UsageError if out of range
+  bool is_flag = false;                                            ///< a switch without a value
+  std::function<void(TrainOptions&, const std::string&)> parse;    ///< from the command line
+  std::function<void(const TrainOptions&, nlohmann::json&)> save;  ///< into json[name]
+  std::function<void(TrainOptions&, const nlohmann::json&)>
+      load;                                        ///< from json[name]; UsageError if it is of another type
+  std::function<void(const TrainOptions&)> check;  ///< UsageError if out of range
 };
 const std::vector<TrainField>& train_fields();
 

@@ -48,19 +48,22 @@ TEST_P(OutOfRange, IsRefusedNamingOptionAndValue) {
 
 INSTANTIATE_TEST_SUITE_P(
     Options, OutOfRange,
-    ::testing::Values(
-        Case{"method", "gaussians"}, Case{"frames", "7"}, Case{"frames", "9:7"}, Case{"frames", "1:2:0"}, Case{"frames", "1:2:3:4"},
-        Case{"frames", "a:b"}, Case{"frames", "-4:7"}, Case{"downscale", "0"}, Case{"downscale", "65"}, Case{"downscale", "2.5"},
-        Case{"downscale", ""}, Case{"holdout-every", "-1"}, Case{"holdout-every", "1"}, Case{"near", "0"}, Case{"near", "-1"},
-        Case{"near", "nan"}, Case{"near", "1m"}, Case{"far", "inf"}, Case{"far", "0"}, Case{"far", "0.5"}, Case{"width", "0"},
-        Case{"width", "16"}, Case{"width", "100"}, Case{"width", "544"}, Case{"samples", "2"}, Case{"samples", "1025"},
-        Case{"fine-samples", "-1"}, Case{"fine-samples", "1025"}, Case{"batch", "0"}, Case{"batch", "65537"}, Case{"batch", "65536"},
-        Case{"learning-rate", "0"}, Case{"learning-rate", "1.5"}, Case{"learning-rate", "nan"}, Case{"lr-gamma", "0"},
-        Case{"lr-gamma", "2"}, Case{"lr-milestones", "0"}, Case{"lr-milestones", "20,10"}, Case{"lr-milestones", "x"},
-        Case{"epochs", "0"}, Case{"epochs", "10001"}, Case{"epochs", "99999999999999999999"}, Case{"max-steps", "-5"},
-        Case{"max-seconds", "-0.5"}, Case{"max-seconds", "inf"}, Case{"max-seconds", "nan"}, Case{"seed", "-1"},
-        Case{"seed", "18446744073709551616"}, Case{"checkpoint-every", "0"}, Case{"threads", "-2"}, Case{"threads", "1025"},
-        Case{"backend", "tpu"}, Case{"isa", "sse2"}, Case{"preset", "report-3"}));
+    ::testing::Values(Case{"method", "gaussians"}, Case{"frames", "7"}, Case{"frames", "9:7"}, Case{"frames", "1:2:0"},
+                      Case{"frames", "1:2:3:4"}, Case{"frames", "a:b"}, Case{"frames", "-4:7"}, Case{"downscale", "0"},
+                      Case{"downscale", "65"}, Case{"downscale", "2.5"}, Case{"downscale", ""},
+                      Case{"holdout-every", "-1"}, Case{"holdout-every", "1"}, Case{"near", "0"}, Case{"near", "-1"},
+                      Case{"near", "nan"}, Case{"near", "1m"}, Case{"far", "inf"}, Case{"far", "0"}, Case{"far", "0.5"},
+                      Case{"width", "0"}, Case{"width", "16"}, Case{"width", "100"}, Case{"width", "544"},
+                      Case{"samples", "2"}, Case{"samples", "1025"}, Case{"fine-samples", "-1"},
+                      Case{"fine-samples", "1025"}, Case{"batch", "0"}, Case{"batch", "65537"}, Case{"batch", "65536"},
+                      Case{"learning-rate", "0"}, Case{"learning-rate", "1.5"}, Case{"learning-rate", "nan"},
+                      Case{"lr-gamma", "0"}, Case{"lr-gamma", "2"}, Case{"lr-milestones", "0"},
+                      Case{"lr-milestones", "20,10"}, Case{"lr-milestones", "x"}, Case{"epochs", "0"},
+                      Case{"epochs", "10001"}, Case{"epochs", "99999999999999999999"}, Case{"max-steps", "-5"},
+                      Case{"max-seconds", "-0.5"}, Case{"max-seconds", "inf"}, Case{"max-seconds", "nan"},
+                      Case{"seed", "-1"}, Case{"seed", "18446744073709551616"}, Case{"checkpoint-every", "0"},
+                      Case{"threads", "-2"}, Case{"threads", "1025"}, Case{"backend", "tpu"}, Case{"isa", "sse2"},
+                      Case{"preset", "report-3"}));
 
 TEST(TrainOptions, RefusesCamerasThatAreNamedTwiceOrNot) {
   EXPECT_THAT(complaint("cameras", "A,A"), HasSubstr("--cameras"));
@@ -68,9 +71,10 @@ TEST(TrainOptions, RefusesCamerasThatAreNamedTwiceOrNot) {
 }
 
 TEST(TrainOptions, TakesWhatIsAtTheEdgeOfTheRange) {
-  for (const auto& [option, value] : {Case{"downscale", "64"}, Case{"width", "32"}, Case{"width", "512"}, Case{"samples", "3"},
-                                      Case{"fine-samples", "1024"}, Case{"learning-rate", "1"}, Case{"frames", ":"},
-                                      Case{"frames", "5:"}, Case{"frames", "5:5:9"}, Case{"seed", "18446744073709551615"}})
+  for (const auto& [option, value] :
+       {Case{"downscale", "64"}, Case{"width", "32"}, Case{"width", "512"}, Case{"samples", "3"},
+        Case{"fine-samples", "1024"}, Case{"learning-rate", "1"}, Case{"frames", ":"}, Case{"frames", "5:"},
+        Case{"frames", "5:5:9"}, Case{"seed", "18446744073709551615"}})
     EXPECT_THAT(complaint(option, value), IsEmpty()) << option << " " << value;
 }
 

@@ -49,7 +49,8 @@ RunPaths create_run(const std::filesystem::path& root, const TrainOptions& optio
   refuse_existing_run(root);
   std::error_code error;
   if (root.has_parent_path()) std::filesystem::create_directories(root.parent_path(), error);
-  if (error || !std::filesystem::create_directory(root, error)) throw IoError(root, error ? error.message() : "exists already");
+  if (error || !std::filesystem::create_directory(root, error))
+    throw IoError(root, error ? error.message() : "exists already");
   const RunPaths paths{root};
   try {
     write_config(paths, options);

@@ -53,7 +53,8 @@ std::vector<MetricsRow> read_metrics(const RunPaths& paths);
 
 void append_metrics(const RunPaths& paths, const MetricsRow& row);
 /// {"event": "restart", ...}: from here on the rows are of start number `restarts`.
-void append_restart(const RunPaths& paths, std::int64_t step, int restarts, std::uint64_t seed, const std::string& reason);
+void append_restart(const RunPaths& paths, std::int64_t step, int restarts, std::uint64_t seed,
+                    const std::string& reason);
 /// Drops what was written after the checkpoint that is resumed from.
 void cut_metrics(const RunPaths& paths, std::int64_t step, int restarts);
 

@@ -14,11 +14,14 @@
 namespace redrive {
 namespace {
 
-static_assert(std::endian::native == std::endian::little, "safetensors is little endian, and so is all that redrive runs on");
+static_assert(std::endian::native == std::endian::little,
+              "safetensors is little endian, and so is all that redrive runs on");
 
 constexpr std::size_t kMaxHeader = 100'000'000;  // the format's own limit
 
-std::string shown(const nlohmann::json& json) { return json.dump(-1, ' ', true, nlohmann::json::error_handler_t::replace).substr(0, 80); }
+std::string shown(const nlohmann::json& json) {
+  return json.dump(-1, ' ', true, nlohmann::json::error_handler_t::replace).substr(0, 80);
+}
 
 struct Extent {
   std::size_t begin = 0, end = 0;
@@ -27,7 +30,8 @@ struct Extent {
 
 }  // namespace
 
-std::string safetensors_bytes(const std::map<std::string, std::string>& metadata, const std::vector<SafetensorsEntry>& entries) {
+std::string safetensors_bytes(const std::map<std::string, std::string>& metadata,
+                              const std::vector<SafetensorsEntry>& entries) {
   nlohmann::json header = nlohmann::json::object();
   header["__metadata__"] = metadata;
   std::size_t offset = 0;
@@ -54,7 +58,8 @@ Safetensors parse_safetensors(std::string_view bytes, const std::filesystem::pat
   std::memcpy(&length, bytes.data(), sizeof length);
   const std::size_t rest = bytes.size() - sizeof length;
   if (length < 2 || length > rest || length > kMaxHeader)
-    throw InputError(file, "header length", std::to_string(length), "must fit in the file's " + std::to_string(rest) + " bytes");
+    throw InputError(file, "header length", std::to_string(length),
+                     "must fit in the file's " + std::to_string(rest) + " bytes");
   const nlohmann::json header = parse_json(bytes.substr(sizeof length, length), file);
   const std::string_view data = bytes.substr(sizeof length + length);
   if (!header.is_object()) throw InputError(file, "header", shown(header), "must be an object");
@@ -75,7 +80,8 @@ Safetensors parse_safetensors(std::string_view bytes, const std::filesystem::pat
     if (entry["dtype"] != "F32") throw InputError(file, name + ".dtype", shown(entry["dtype"]), "must be F32");
     const auto whole = [&, &name = name](const nlohmann::json& list, const char* field) {
       std::vector<std::int64_t> numbers;
-      if (!list.is_array() || list.size() > 8) throw InputError(file, name + "." + field, shown(list), "must be a short list");
+      if (!list.is_array() || list.size() > 8)
+        throw InputError(file, name + "." + field, shown(list), "must be a short list");
       for (const nlohmann::json& number : list) {
         if (!number.is_number_unsigned() || number.get<std::uint64_t>() > data.size())
           throw InputError(file, name + "." + field, shown(list), "must be whole numbers that fit in the file's data");
@@ -87,20 +93,24 @@ Safetensors parse_safetensors(std::string_view bytes, const std::filesystem::pat
     tensor.shape = whole(entry["shape"], "shape");
     const std::vector<std::int64_t> offsets = whole(entry["data_offsets"], "data_offsets");
     if (offsets.size() != 2 || offsets[0] > offsets[1])
-      throw InputError(file, name + ".data_offsets", shown(entry["data_offsets"]), "must be begin and end within the data");
+      throw InputError(file, name + ".data_offsets", shown(entry["data_offsets"]),
+                       "must be begin and end within the data");
     const std::size_t begin = static_cast<std::size_t>(offsets[0]), end = static_cast<std::size_t>(offsets[1]);
-    std::size_t count = 1;  // each factor is at most the size of the data, so that one check a factor rules out overflow
+    std::size_t count =
+        1;  // each factor is at most the size of the data, so that one check a factor rules out overflow
     for (const std::int64_t size : tensor.shape) {
       count *= static_cast<std::size_t>(size);
       if (count > data.size()) break;
     }
     if (count > data.size() || count * sizeof(float) != end - begin)
-      throw InputError(file, name + ".shape", shown(entry["shape"]), "does not match its data of " + std::to_string(end - begin) + " bytes");
+      throw InputError(file, name + ".shape", shown(entry["shape"]),
+                       "does not match its data of " + std::to_string(end - begin) + " bytes");
     tensor.values.resize(count);
     if (count > 0) std::memcpy(tensor.values.data(), data.data() + begin, count * sizeof(float));
     for (std::size_t i = 0; i < count; ++i)
       if (!std::isfinite(tensor.values[i]))
-        throw InputError(file, name + "[" + std::to_string(i) + "]", std::to_string(tensor.values[i]), "must be finite");
+        throw InputError(file, name + "[" + std::to_string(i) + "]", std::to_string(tensor.values[i]),
+                         "must be finite");
     extents.push_back({begin, end, name});
     result.tensors.emplace(name, std::move(tensor));
   }

@@ -20,7 +20,8 @@ struct SafetensorsEntry {
 };
 
 /// `entries` in the order of their data; the header is padded with spaces so that the data is aligned to 8 bytes.
-std::string safetensors_bytes(const std::map<std::string, std::string>& metadata, const std::vector<SafetensorsEntry>& entries);
+std::string safetensors_bytes(const std::map<std::string, std::string>& metadata,
+                              const std::vector<SafetensorsEntry>& entries);
 
 struct Safetensors {
   struct Tensor {

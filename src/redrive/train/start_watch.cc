@@ -38,14 +38,16 @@ double colour_variance(const RayBatch& batch) {
   return sum_of_channels / 3;
 }
 
-std::optional<std::string> watch_start(const StepResult& result, const RayBatch& batch, std::int64_t step, StartWatch* watch) {
+std::optional<std::string> watch_start(const StepResult& result, const RayBatch& batch, std::int64_t step,
+                                       StartWatch* watch) {
   if (step >= kStartSteps) return std::nullopt;
   if (!result.finite) return "diverging: loss or gradients are not finite";
 
   const bool dead = result.opacity < kDeadOpacity && result.rgb_mse > kExplainedMse;
   watch->dead_steps = dead ? watch->dead_steps + 1 : 0;
   if (watch->dead_steps >= kDeadSteps)
-    return format("dead: mean opacity %.1e for %.0f steps on end, no gradient is left", result.opacity, watch->dead_steps);
+    return format("dead: mean opacity %.1e for %.0f steps on end, no gradient is left", result.opacity,
+                  watch->dead_steps);
 
   if (step < kFirstSteps) watch->first_mse += result.rgb_mse;
   if (step >= kLateBegin && step < kLateEnd) {
@@ -56,7 +58,8 @@ std::optional<std::string> watch_start(const StepResult& result, const RayBatch&
     const double first = watch->first_mse / kFirstSteps, late = watch->late_mse / (kLateEnd - kLateBegin);
     const double constant_colour = watch->late_variance / (kLateEnd - kLateBegin);
     if (late >= kProgress * first && late > kExplainedMse && late > kVarianceMargin * constant_colour)
-      return format("diverging: mean squared error %.3g over steps 400 to 499, hardly below the %.3g it began with", late, first);
+      return format("diverging: mean squared error %.3g over steps 400 to 499, hardly below the %.3g it began with",
+                    late, first);
   }
   return std::nullopt;
 }

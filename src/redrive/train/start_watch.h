@@ -21,7 +21,8 @@ constexpr std::int64_t kStartSteps = 1000;  ///< what counts as the start; later
 constexpr int kMaxRestarts = 5;
 
 /// Looks at step number `step` (from 0) of this start; the reason to begin anew from another seed, or nothing.
-std::optional<std::string> watch_start(const StepResult& result, const RayBatch& batch, std::int64_t step, StartWatch* watch);
+std::optional<std::string> watch_start(const StepResult& result, const RayBatch& batch, std::int64_t step,
+                                       StartWatch* watch);
 
 /// Variance of a batch's colours about their mean, averaged over the three channels.
 double colour_variance(const RayBatch& batch);

@@ -24,7 +24,8 @@ struct Verdict {
   std::string reason;
 };
 
-Verdict watch(const RayBatch& batch, const std::function<StepResult(std::int64_t)>& result_of, std::int64_t steps = 2000) {
+Verdict watch(const RayBatch& batch, const std::function<StepResult(std::int64_t)>& result_of,
+              std::int64_t steps = 2000) {
   StartWatch state;
   for (std::int64_t step = 0; step < steps; ++step)
     if (const auto reason = watch_start(result_of(step), batch, step, &state)) return {step, *reason};
@@ -42,7 +43,9 @@ TEST(StartWatch, DeadFieldIsRecognisedAfterTwentySteps) {
 }
 
 TEST(StartWatch, OpacityThatComesBackIsNotDead) {
-  EXPECT_EQ(watch(two_colours(0, 1), [](auto step) { return result(0.1 / (1 + step), step % 20 == 19 ? 1e-3 : 0); }).step, -1);
+  EXPECT_EQ(
+      watch(two_colours(0, 1), [](auto step) { return result(0.1 / (1 + step), step % 20 == 19 ? 1e-3 : 0); }).step,
+      -1);
 }
 
 TEST(StartWatch, EmptySpaceInBlackPicturesIsNotDead) {

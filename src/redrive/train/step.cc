@@ -38,12 +38,14 @@ StepResult train_step(kernels::Backend& backend, const RayBatch& batch, double l
   // Section 4: stratified samples, the field at each, the colour of the ray (eq. 3), its squared error, and back.
   const auto t = sized(&buffers->t, coarse), dt = sized(&buffers->dt, coarse);
   const auto weights = sized(&buffers->weights, model.fine_samples > 0 ? coarse : 0);
-  backend.sample_stratified(batch.n, {model.samples, model.near_m, model.far_m, true,
-                                      random_key(state->seed, kStreamSamples, state->step)}, t, dt);
+  backend.sample_stratified(
+      batch.n, {model.samples, model.near_m, model.far_m, true, random_key(state->seed, kStreamSamples, state->step)},
+      t, dt);
   const kernels::Samples samples{model.samples, t, dt};
   StepResult result;
-  result.rgb_mse = backend.train_rays(model.field(0), rays, samples, target,
-                                      {sized(&buffers->rgb, 3 * n), depth, opacity, weights}, gradients.first(parameters));
+  result.rgb_mse =
+      backend.train_rays(model.field(0), rays, samples, target, {sized(&buffers->rgb, 3 * n), depth, opacity, weights},
+                         gradients.first(parameters));
   result.loss = result.rgb_mse;
 
   // Section 5.2: further samples where the coarse network found matter, seen by the fine network.
@@ -51,8 +53,9 @@ StepResult train_step(kernels::Backend& backend, const RayBatch& batch, double l
     const auto fine_t = sized(&buffers->fine_t, fine), fine_dt = sized(&buffers->fine_dt, fine);
     backend.sample_hierarchical(samples, weights, model.fine_samples, true,
                                 random_key(state->seed, kStreamFineSamples, state->step), fine_t, fine_dt);
-    result.rgb_mse = backend.train_rays(model.field(1), rays, {model.samples + model.fine_samples, fine_t, fine_dt}, target,
-                                        {sized(&buffers->fine_rgb, 3 * n), depth, opacity, {}}, gradients.last(parameters));
+    result.rgb_mse =
+        backend.train_rays(model.field(1), rays, {model.samples + model.fine_samples, fine_t, fine_dt}, target,
+                           {sized(&buffers->fine_rgb, 3 * n), depth, opacity, {}}, gradients.last(parameters));
     result.loss += result.rgb_mse;
   }
   for (const float value : opacity) result.opacity += value / static_cast<double>(n);
@@ -60,7 +63,8 @@ StepResult train_step(kernels::Backend& backend, const RayBatch& batch, double l
   ++state->step;
   result.finite = std::isfinite(result.loss) && all_finite(gradients);
   if (result.finite)
-    backend.adam(adam_step(learning_rate, state->step), gradients, state->model.parameters, state->first_moment, state->second_moment);
+    backend.adam(adam_step(learning_rate, state->step), gradients, state->model.parameters, state->first_moment,
+                 state->second_moment);
   return result;
 }
 

@@ -15,10 +15,10 @@ struct StepBuffers {
 };
 
 struct StepResult {
-  double loss = 0;       ///< what is optimised: coarse + fine photometric loss
-  double rgb_mse = 0;    ///< of the finest network: what PSNR is said of
-  double opacity = 0;    ///< mean over the batch, finest network: 0 means a dead field
-  bool finite = true;    ///< false: the step was not applied
+  double loss = 0;     ///< what is optimised: coarse + fine photometric loss
+  double rgb_mse = 0;  ///< of the finest network: what PSNR is said of
+  double opacity = 0;  ///< mean over the batch, finest network: 0 means a dead field
+  bool finite = true;  ///< false: the step was not applied
 };
 
 /// `state->step` counts on by one. Non-finite loss or gradients: parameters stay as they were.

@@ -46,7 +46,8 @@ TEST(TrainStep, IsTheCompositionOfThePlainStages) {
   // By hand: sample, render, squared error; then Adam's first step, which moves each weight by lr g / (|g| + eps).
   std::vector<float> t(16 * 8), dt(16 * 8), rgb(48), depth(16), opacity(16);
   backend->sample_stratified(16, {8, 1, 5, true, random_key(5, kStreamSamples, 0)}, t, dt);
-  backend->render_rays(before.model.field(0), {16, batch.origin, batch.direction}, {8, t, dt}, {rgb, depth, opacity, {}});
+  backend->render_rays(before.model.field(0), {16, batch.origin, batch.direction}, {8, t, dt},
+                       {rgb, depth, opacity, {}});
   double loss = 0, mean_opacity = 0;
   for (int i = 0; i < 48; ++i) loss += std::pow(double(rgb[i]) - batch.target[i], 2) / 48;
   for (const float value : opacity) mean_opacity += value / 16.0;
@@ -76,7 +77,8 @@ TEST(TrainStep, HierarchicalAddsTheLossesAndTrainsBothNetworks) {
   StepBuffers other;
   const StepResult coarse = train_step(*backend, batch, 1e-3, &coarse_only, &other);
   EXPECT_NEAR(result.loss, coarse.loss + result.rgb_mse, 1e-6 * result.loss);
-  EXPECT_TRUE(bit_equal(state.model.network(0), coarse_only.model.network(0))) << "the fine samples carry no gradient back";
+  EXPECT_TRUE(bit_equal(state.model.network(0), coarse_only.model.network(0)))
+      << "the fine samples carry no gradient back";
   EXPECT_FALSE(bit_equal(state.model.network(1), before.model.network(1)));
 }
 

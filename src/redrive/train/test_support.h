@@ -16,9 +16,9 @@ namespace redrive {
 
 /// What happens to the n-th step (from 0) that a backend computes.
 struct Interference {
-  std::int64_t stop_after = -1;                     ///< sets `stop`, as Ctrl-C would
-  std::int64_t kill_at = -1;                        ///< throws Killed in the middle of it, as nothing would survive kill -9
-  std::int64_t nan_from = -1, nan_to = -1;          ///< [from, to): the loss is not a number
+  std::int64_t stop_after = -1;             ///< sets `stop`, as Ctrl-C would
+  std::int64_t kill_at = -1;                ///< throws Killed in the middle of it, as nothing would survive kill -9
+  std::int64_t nan_from = -1, nan_to = -1;  ///< [from, to): the loss is not a number
   std::atomic<bool> stop{false};
 };
 
@@ -34,7 +34,8 @@ class InterferingBackend : public kernels::Backend {
   std::string name() const override { return inner_.name(); }
   std::optional<Isa> isa() const override { return inner_.isa(); }
   int threads() const override { return inner_.threads(); }
-  void sample_stratified(int n_rays, const kernels::StratifiedSampling& how, std::span<float> t, std::span<float> dt) override {
+  void sample_stratified(int n_rays, const kernels::StratifiedSampling& how, std::span<float> t,
+                         std::span<float> dt) override {
     ++step_;
     if (step_ == what_.stop_after) what_.stop = true;
     inner_.sample_stratified(n_rays, how, t, dt);
@@ -43,14 +44,16 @@ class InterferingBackend : public kernels::Backend {
                            std::uint64_t key, std::span<float> t, std::span<float> dt) override {
     inner_.sample_hierarchical(coarse, weights, extra, jitter, key, t, dt);
   }
-  void nerf_forward(const kernels::NerfField& f, const kernels::Rays& r, const kernels::Samples& s, std::span<float> raw) override {
+  void nerf_forward(const kernels::NerfField& f, const kernels::Rays& r, const kernels::Samples& s,
+                    std::span<float> raw) override {
     inner_.nerf_forward(f, r, s, raw);
   }
   void nerf_backward(const kernels::NerfField& f, const kernels::Rays& r, const kernels::Samples& s,
                      std::span<const float> d_raw, std::span<float> gradients) override {
     inner_.nerf_backward(f, r, s, d_raw, gradients);
   }
-  void composite_forward(int n, const kernels::Samples& s, std::span<const float> raw, const kernels::CompositeOut& out) override {
+  void composite_forward(int n, const kernels::Samples& s, std::span<const float> raw,
+                         const kernels::CompositeOut& out) override {
     inner_.composite_forward(n, s, raw, out);
   }
   void composite_backward(int n, const kernels::Samples& s, std::span<const float> raw, std::span<const float> d_rgb,
@@ -60,8 +63,9 @@ class InterferingBackend : public kernels::Backend {
   double photometric_loss(std::span<const float> rgb, std::span<const float> target, std::span<float> d_rgb) override {
     return inner_.photometric_loss(rgb, target, d_rgb);
   }
-  double train_rays(const kernels::NerfField& f, const kernels::Rays& r, const kernels::Samples& s, std::span<const float> target,
-                    const kernels::CompositeOut& out, std::span<float> gradients) override {
+  double train_rays(const kernels::NerfField& f, const kernels::Rays& r, const kernels::Samples& s,
+                    std::span<const float> target, const kernels::CompositeOut& out,
+                    std::span<float> gradients) override {
     if (step_ == what_.kill_at) throw Killed();
     const double loss = inner_.train_rays(f, r, s, target, out, gradients);
     return step_ >= what_.nan_from && step_ < what_.nan_to ? std::numeric_limits<double>::quiet_NaN() : loss;
@@ -94,7 +98,8 @@ inline TrainOptions tiny_options(std::int64_t max_steps) {
 }
 
 /// A fresh run in `root` on the first two frames of a drive whose images stand in `images`.
-inline Run tiny_run(const std::filesystem::path& root, const std::filesystem::path& images, const TrainOptions& options) {
+inline Run tiny_run(const std::filesystem::path& root, const std::filesystem::path& images,
+                    const TrainOptions& options) {
   Run run;
   run.options = options;
   run.recording = make_test_recording(images, 2);

@@ -16,8 +16,8 @@
 namespace redrive {
 namespace {
 
-constexpr int kStepsPerRow = 25;    // a row of metrics.jsonl: 1024 rays x 25 average the noise of a batch away
-constexpr int kMaxBadSteps = 50;    // non-finite ones on end: it will not heal
+constexpr int kStepsPerRow = 25;  // a row of metrics.jsonl: 1024 rays x 25 average the noise of a batch away
+constexpr int kMaxBadSteps = 50;  // non-finite ones on end: it will not heal
 constexpr double kSecondsPerCheckpoint = 60;  // of training: what a kill costs at most, however slow the machine
 
 double decibels(double mse) { return -10 * std::log10(std::max(mse, 1e-10)); }
@@ -26,8 +26,12 @@ double decibels(double mse) { return -10 * std::log10(std::max(mse, 1e-10)); }
 class Trainer {
  public:
   Trainer(Run* run, const std::vector<Image8>& images, kernels::Backend& backend)
-      : run_(*run), state_(run->state), options_(run->options), backend_(backend),
-        sampler_(run->scene, images, run->options.seed), saved_seconds_(run->state.seconds) {
+      : run_(*run),
+        state_(run->state),
+        options_(run->options),
+        backend_(backend),
+        sampler_(run->scene, images, run->options.seed),
+        saved_seconds_(run->state.seconds) {
     const std::int64_t per_epoch = sampler_.steps_per_epoch(options_.batch_rays);
     steps_ = total_steps(options_, per_epoch);
     milestones_ = milestones(options_, per_epoch);
@@ -70,7 +74,8 @@ class Trainer {
     window.seconds += seconds;
     if (progress_.due()) show_progress();
     if (state_.step % kStepsPerRow == 0) close_window();
-    if (state_.step % options_.checkpoint_every == 0 || state_.seconds - saved_seconds_ >= kSecondsPerCheckpoint) save();
+    if (state_.step % options_.checkpoint_every == 0 || state_.seconds - saved_seconds_ >= kSecondsPerCheckpoint)
+      save();
   }
 
   void save() {
@@ -82,8 +87,9 @@ class Trainer {
   void restart(const std::string& reason) {
     progress_.finish();
     if (state_.restarts == kMaxRestarts)
-      throw UsageError("--learning-rate", std::to_string(options_.learning_rate),
-                       "no start out of " + std::to_string(kMaxRestarts + 1) + " converged (" + reason + "); try a lower rate");
+      throw UsageError(
+          "--learning-rate", std::to_string(options_.learning_rate),
+          "no start out of " + std::to_string(kMaxRestarts + 1) + " converged (" + reason + "); try a lower rate");
     const int restarts = state_.restarts + 1;
     TrainState fresh = initial_state(state_.model.config, state_.model.samples, state_.model.fine_samples, run_.scene,
                                      mix64(options_.seed + static_cast<std::uint64_t>(restarts)));
@@ -112,9 +118,9 @@ class Trainer {
   void close_window() {
     const LossWindow& window = state_.window;
     if (window.steps > 0)
-      append_metrics(run_.paths, {state_.step, state_.seconds, window.loss / window.steps, decibels(window.mse / window.steps),
-                                  learning_rate(state_.step - 1), rays_per_second(),
-                                  static_cast<int>((state_.step - 1) / steps_per_epoch_)});
+      append_metrics(run_.paths, {state_.step, state_.seconds, window.loss / window.steps,
+                                  decibels(window.mse / window.steps), learning_rate(state_.step - 1),
+                                  rays_per_second(), static_cast<int>((state_.step - 1) / steps_per_epoch_)});
     state_.window = {};
   }
 
@@ -134,7 +140,8 @@ class Trainer {
     const LossWindow& window = state_.window;
     double left = static_cast<double>(steps_ - state_.step) * window.seconds / window.steps;
     if (options_.max_seconds > 0) left = std::min(left, options_.max_seconds - state_.seconds);
-    progress_.show({state_.step, steps_, window.loss / window.steps, decibels(window.mse / window.steps), rays_per_second(), left});
+    progress_.show({state_.step, steps_, window.loss / window.steps, decibels(window.mse / window.steps),
+                    rays_per_second(), left});
   }
 
   TrainEnd end(TrainEnd how) {
