@@ -1,11 +1,36 @@
 # SPDX-License-Identifier: Apache-2.0
 # One folder is one library: redrive_library(camera SOURCES pinhole.cc DEPENDS redrive::math)
+#
+# Parsing Eigen, JSON and GoogleTest takes most of a file's compile time: precompiled once for the libraries and once for
+# the tests. Kernels have ISA flags of their own and stay without.
+file(WRITE ${CMAKE_BINARY_DIR}/pch.cc.new "")
+file(COPY_FILE ${CMAKE_BINARY_DIR}/pch.cc.new ${CMAKE_BINARY_DIR}/pch.cc ONLY_IF_DIFFERENT)
+set(redrive_headers <algorithm> <array> <cmath> <cstdint> <filesystem> <fstream> <functional> <memory> <optional> <span>
+  <string> <vector> <Eigen/Geometry> <nlohmann/json.hpp>)
+add_library(redrive_pch OBJECT ${CMAKE_BINARY_DIR}/pch.cc)
+target_link_libraries(redrive_pch PRIVATE Eigen3::Eigen nlohmann_json::nlohmann_json)
+target_precompile_headers(redrive_pch PRIVATE ${redrive_headers})
+if(REDRIVE_TESTS)
+  # Tests are compiled once for every run: no time for optimisation, and of UBSan what ASan does not see anyway.
+  set(redrive_test_options $<$<CONFIG:Release>:-O1>)
+  if(REDRIVE_SANITIZE MATCHES "undefined")
+    list(APPEND redrive_test_options -fno-sanitize=null,alignment,vptr,object-size,returns-nonnull-attribute,nonnull-attribute)
+  endif()
+  add_library(redrive_test_pch OBJECT ${CMAKE_BINARY_DIR}/pch.cc)
+  target_link_libraries(redrive_test_pch PRIVATE Eigen3::Eigen nlohmann_json::nlohmann_json GTest::gtest GTest::gmock)
+  target_compile_options(redrive_test_pch PRIVATE ${redrive_test_options})
+  target_precompile_headers(redrive_test_pch PRIVATE ${redrive_headers} <gmock/gmock.h> <gtest/gtest.h>)
+endif()
+
 function(redrive_library name)
   cmake_parse_arguments(ARG "" "" "SOURCES;DEPENDS" ${ARGN})
   if(ARG_SOURCES)
     add_library(redrive_${name} STATIC ${ARG_SOURCES})
     target_include_directories(redrive_${name} PUBLIC ${CMAKE_SOURCE_DIR}/src)
     target_link_libraries(redrive_${name} PUBLIC ${ARG_DEPENDS})
+    if(NOT name MATCHES "^kernels" AND NOT REDRIVE_FUZZ)
+      target_precompile_headers(redrive_${name} REUSE_FROM redrive_pch)
+    endif()
   else()
     add_library(redrive_${name} INTERFACE)
     target_include_directories(redrive_${name} INTERFACE ${CMAKE_SOURCE_DIR}/src)
@@ -24,6 +49,8 @@ function(redrive_test name)
   endif()
   add_executable(test_${name} ${ARG_SOURCES})
   target_link_libraries(test_${name} PRIVATE ${ARG_DEPENDS} GTest::gtest GTest::gmock GTest::gtest_main)
+  target_compile_options(test_${name} PRIVATE ${redrive_test_options})
+  target_precompile_headers(test_${name} REUSE_FROM redrive_test_pch)
   target_compile_definitions(test_${name} PRIVATE
     REDRIVE_SAMPLES="${CMAKE_SOURCE_DIR}/samples" REDRIVE_SHARED="${CMAKE_SOURCE_DIR}/../shared"
     REDRIVE_SOURCE="${CMAKE_SOURCE_DIR}" REDRIVE_BINARY="${CMAKE_BINARY_DIR}/redrive")

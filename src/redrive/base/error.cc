@@ -12,6 +12,12 @@ std::string input_message(const std::filesystem::path& file, std::string_view fi
   return message + ": " + std::string(rule);
 }
 
+std::string usage_message(std::string_view option, std::string_view value, std::string_view rule) {
+  std::string message(option);
+  if (!value.empty()) message.append(" ").append(value);
+  return message.append(": ").append(rule);
+}
+
 }  // namespace
 
 InputError::InputError(const std::filesystem::path& file, std::string_view field, std::string_view value,
@@ -19,8 +25,7 @@ InputError::InputError(const std::filesystem::path& file, std::string_view field
     : std::runtime_error(input_message(file, field, value, rule)) {}
 
 UsageError::UsageError(std::string_view option, std::string_view value, std::string_view rule)
-    : std::runtime_error(std::string(option) + (value.empty() ? "" : " " + std::string(value)) + ": " +
-                         std::string(rule)) {}
+    : std::runtime_error(usage_message(option, value, rule)) {}
 
 IoError::IoError(const std::filesystem::path& file, std::string_view what)
     : std::runtime_error(file.string() + ": " + std::string(what)) {}
