@@ -1,6 +1,4 @@
 # SPDX-License-Identifier: Apache-2.0
-# One folder is one library: redrive_library(camera SOURCES pinhole.cc DEPENDS redrive::math)
-#
 # Parsing Eigen, JSON and GoogleTest takes most of a file's compile time: precompiled once for the libraries and once for
 # the tests. Kernels have ISA flags of their own and stay without.
 file(WRITE ${CMAKE_BINARY_DIR}/pch.cc.new "")
@@ -22,14 +20,22 @@ if(REDRIVE_TESTS)
   target_precompile_headers(redrive_test_pch PRIVATE ${redrive_headers} <gmock/gmock.h> <gtest/gtest.h>)
 endif()
 
+# Done by redrive_library; a program with heavy headers asks for it.
+function(redrive_precompile target)
+  if(NOT REDRIVE_FUZZ)
+    target_precompile_headers(${target} REUSE_FROM redrive_pch)
+  endif()
+endfunction()
+
+# One folder is one library: redrive_library(camera SOURCES pinhole.cc DEPENDS redrive::math)
 function(redrive_library name)
   cmake_parse_arguments(ARG "" "" "SOURCES;DEPENDS" ${ARGN})
   if(ARG_SOURCES)
     add_library(redrive_${name} STATIC ${ARG_SOURCES})
     target_include_directories(redrive_${name} PUBLIC ${CMAKE_SOURCE_DIR}/src)
     target_link_libraries(redrive_${name} PUBLIC ${ARG_DEPENDS})
-    if(NOT name MATCHES "^kernels" AND NOT REDRIVE_FUZZ)
-      target_precompile_headers(redrive_${name} REUSE_FROM redrive_pch)
+    if(NOT name MATCHES "^kernels")
+      redrive_precompile(redrive_${name})
     endif()
   else()
     add_library(redrive_${name} INTERFACE)
