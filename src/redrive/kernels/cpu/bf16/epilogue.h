@@ -12,12 +12,9 @@ namespace redrive::kernels::bf16 {
 namespace {
 
 enum class Epilogue {
-  kReluKeep,    ///< forward, hidden layer: next, keep, mask
-  kLinearKeep,  ///< forward, feature: next, keep
-  kRelu,        ///< forward without a backward pass to follow: next only
-  kLinear,
+  kReluKeep,        ///< forward, hidden layer: next, keep, mask
+  kRelu,            ///< forward without a backward pass to follow: next only
   kMaskedGradient,  ///< backward into a ReLU layer: next, keep, d_bias
-  kLinearGradient,  ///< backward into the feature
   kHead             ///< forward, fp32 outputs: rgb and density
 };
 
@@ -38,8 +35,8 @@ template <Epilogue kind>
 class Pending {
  public:
   static constexpr bool kActivates = kind == Epilogue::kReluKeep || kind == Epilogue::kRelu;
-  static constexpr bool kBackward = kind == Epilogue::kMaskedGradient || kind == Epilogue::kLinearGradient;
-  static constexpr bool kKeeps = kBackward || kind == Epilogue::kReluKeep || kind == Epilogue::kLinearKeep;
+  static constexpr bool kBackward = kind == Epilogue::kMaskedGradient;
+  static constexpr bool kKeeps = kBackward || kind == Epilogue::kReluKeep;
 
   Pending(const PassOutput& output, int n_blocks, const float* c) : output_(output), n_blocks_(n_blocks), c_(c) {}
 

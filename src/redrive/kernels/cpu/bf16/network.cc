@@ -34,7 +34,7 @@ class Carver {
 /// With base = null only the size is counted. n: blocks of 32 samples.
 LaneMemory carve(const Plan& plan, int n, Carver& carver) {
   const std::size_t block = static_cast<std::size_t>(n) * kBlockSize;
-  const std::size_t widest = block * static_cast<std::size_t>(plan.width_blocks + 1);
+  const std::size_t widest = block * static_cast<std::size_t>(std::max(plan.width_blocks, plan.colour_blocks + 1));
   LaneMemory memory;
   memory.position_next = carver.take<Bf16>(block * plan.position_blocks);
   memory.position_keep = carver.take<Bf16>(block * plan.position_blocks);
@@ -78,7 +78,7 @@ Plan make_plan(const NerfConfig& config) {
     layer.in_blocks = i == 0 ? plan.position_blocks : i == kRgb ? plan.colour_blocks : plan.width_blocks;
     layer.extra_blocks = i == kNerfSkip ? plan.position_blocks : i == kColour ? plan.direction_blocks : 0;
     layer.k_blocks = layer.in_blocks + layer.extra_blocks;
-    layer.out_blocks = i == kRgb ? 1 : i == kColour ? plan.colour_blocks : plan.width_blocks + (i == kFeature ? 1 : 0);
+    layer.out_blocks = i == kRgb ? 1 : i == kColour ? plan.colour_blocks + 1 : plan.width_blocks;
     layer.forward = plan.packed_size;
     plan.packed_size += static_cast<std::size_t>(layer.out_blocks) * layer.k_blocks * kBlockSize;
     layer.d_weight = plan.d_weight_size;
@@ -95,20 +95,19 @@ Plan make_plan(const NerfConfig& config) {
   return plan;
 }
 
-std::vector<BlockRow> make_block_rows(const NerfConfig& config, const Plan& plan) {
+std::vector<BlockRow> make_block_rows(const NerfConfig& config, const Plan& plan, const NerfLayerShape& folded) {
   std::vector<BlockRow> rows;
   for (int i = 0; i < kPlanLayers; ++i) {
     const Layer& layer = plan.layers[i];
     for (int ob = 0; ob < layer.out_blocks; ++ob) {
-      const bool density = i == kFeature && ob == plan.width_blocks;
-      const int flat = density         ? static_cast<int>(kNerfDensity)
-                       : i == kFeature ? static_cast<int>(kNerfFeature)
-                       : i == kColour  ? static_cast<int>(kNerfColour)
-                       : i == kRgb     ? static_cast<int>(kNerfRgb)
-                                       : i;
-      const NerfLayerShape shape = nerf_layer(config, flat);
-      const int first = density ? 0 : ob * kBlock;
+      const bool density = i == kColour && ob == plan.colour_blocks;
       BlockRow row;
+      row.folded = i == kColour && !density;
+      const NerfLayerShape shape = row.folded  ? folded
+                                   : density   ? nerf_layer(config, kNerfDensity)
+                                   : i == kRgb ? nerf_layer(config, kNerfRgb)
+                                               : nerf_layer(config, i);
+      const int first = density ? 0 : ob * kBlock;
       row.weight = shape.weight + static_cast<std::size_t>(first) * shape.inputs;
       row.bias = shape.bias + static_cast<std::size_t>(first);
       row.rows = std::min(kBlock, shape.outputs - first);
@@ -163,7 +162,8 @@ void Lane::backward(const float* d_raw, int stride) {
 Network::Network(const NerfConfig& config, const Stages& stages)
     : config_(config),
       plan_(make_plan(config)),
-      rows_(make_block_rows(config, plan_)),
+      folded_(config),
+      rows_(make_block_rows(config, plan_, folded_.shape())),
       stages_(stages),
       packed_(plan_.packed_size),
       bias_(plan_.bias_size),
@@ -171,8 +171,11 @@ Network::Network(const NerfConfig& config, const Stages& stages)
 
 void Network::pack(std::span<const float> parameters, ThreadPool& pool) {
   REDRIVE_CHECK_OP(parameters.size(), ==, nerf_parameter_count(config_));
+  folded_.fold(parameters, pool);
   pool.run_ranges(rows_.size(), 2, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) stages_.pack(rows_[i], parameters.data(), weights_);
+    for (std::size_t i = begin; i < end; ++i) {
+      stages_.pack(rows_[i], rows_[i].folded ? folded_.parameters().data() : parameters.data(), weights_);
+    }
   });
 }
 
@@ -188,9 +191,11 @@ void Network::reduce(std::span<const std::unique_ptr<NerfLane>> lanes, std::span
   if (used.empty()) return;
   pool.run_ranges(rows_.size(), 2, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      stages_.reduce(rows_[i], used.data(), static_cast<int>(used.size()), gradients.data());
+      float* sums = rows_[i].folded ? folded_.gradients().data() : gradients.data();
+      stages_.reduce(rows_[i], used.data(), static_cast<int>(used.size()), sums);
     }
   });
+  folded_.unfold(gradients, pool);
 }
 
 }  // namespace redrive::kernels::bf16

@@ -9,12 +9,14 @@
 
 #include "redrive/base/buffer.h"
 #include "redrive/kernels/cpu/bf16/plan.h"
+#include "redrive/kernels/cpu/folded_colour.h"
 #include "redrive/kernels/cpu/nerf_tile.h"
 
 namespace redrive::kernels::bf16 {
 
 Plan make_plan(const NerfConfig& config);
-std::vector<BlockRow> make_block_rows(const NerfConfig& config, const Plan& plan);
+/// folded: FoldedColour::shape().
+std::vector<BlockRow> make_block_rows(const NerfConfig& config, const Plan& plan, const NerfLayerShape& folded);
 
 class Network final : public NerfNetwork {
  public:
@@ -32,6 +34,7 @@ class Network final : public NerfNetwork {
  private:
   NerfConfig config_;
   Plan plan_;
+  FoldedColour folded_;
   std::vector<BlockRow> rows_;
   const Stages& stages_;
   Buffer<Bf16> packed_;

@@ -22,53 +22,51 @@ struct NetworkStages {
                       bool keep, float* raw, int stride) {
     encode(plan, memory, tile, keep);
     if (keep) {
-      forward<Epilogue::kReluKeep, Epilogue::kLinearKeep>(plan, weights, memory, tile, raw, stride);
+      forward<Epilogue::kReluKeep>(plan, weights, memory, tile, raw, stride);
     } else {
-      forward<Epilogue::kRelu, Epilogue::kLinear>(plan, weights, memory, tile, raw, stride);
+      forward<Epilogue::kRelu>(plan, weights, memory, tile, raw, stride);
     }
   }
 
   static void backward(const Plan& plan, const Weights& weights, const LaneMemory& memory, int samples,
                        const float* d_raw, int stride) {
-    const int n = (samples + kBlock - 1) / kBlock, width = plan.width_blocks;
+    const int n = (samples + kBlock - 1) / kBlock, width = plan.width_blocks, colour = plan.colour_blocks;
     const Layer* layers = plan.layers;
     float* d_bias = memory.d_bias;
 
     const HeadGradient rgb{
         d_raw, stride, 3, samples, memory.d_rgb_next, 1, memory.d_rgb_keep, d_bias + layers[kRgb].d_bias};
     write_head_gradient(rgb);
-    // The feature's gradient is written to d_next[0] by the colour layer below; density's stands behind it.
-    Bf16* density_next = memory.d_next[0] + std::ptrdiff_t(width) * kBlockSize;
-    Bf16* density_keep = memory.d_keep[0] + std::ptrdiff_t(width) * n * kBlockSize;
+    // The colour's gradient is written to d_next[0] by the rgb layer below; density's stands behind it.
+    Bf16* density_next = memory.d_next[0] + std::ptrdiff_t(colour) * kBlockSize;
+    Bf16* density_keep = memory.d_keep[0] + std::ptrdiff_t(colour) * n * kBlockSize;
     const HeadGradient density{d_raw + 3 * std::ptrdiff_t(stride),
                                stride,
                                1,
                                samples,
                                density_next,
-                               width + 1,
+                               colour + 1,
                                density_keep,
-                               d_bias + layers[kFeature].d_bias + width * kBlock};
+                               d_bias + layers[kColour].d_bias + colour * kBlock};
     write_head_gradient(density);
 
     const Gradient d_rgb{memory.d_rgb_next, memory.d_rgb_keep};
     const Gradient even{memory.d_next[0], memory.d_keep[0]}, odd{memory.d_next[1], memory.d_keep[1]};
     const Step step{plan, weights, memory, n};
     step.weight_gradient(kRgb, d_rgb);
-    step.template input_gradient<Epilogue::kMaskedGradient>(kRgb, d_rgb, odd, plan.colour_blocks);
-    step.weight_gradient(kColour, odd);
-    step.template input_gradient<Epilogue::kLinearGradient>(kColour, odd, even, width + 1);
-    for (int layer = kFeature; layer > 0; --layer) {
-      const bool is_even = layer % 2 == kFeature % 2;
+    step.input_gradient(kRgb, d_rgb, even, colour + 1);
+    for (int layer = kColour; layer > 0; --layer) {
+      const bool is_even = layer % 2 == 0;
       step.weight_gradient(layer, is_even ? even : odd);
-      step.template input_gradient<Epilogue::kMaskedGradient>(layer, is_even ? even : odd, is_even ? odd : even, width);
+      step.input_gradient(layer, is_even ? even : odd, is_even ? odd : even, width);
     }
-    static_assert(kFeature % 2 == 0);
+    static_assert(kColour % 2 == 0);
     step.weight_gradient(0, even);
   }
 
   static void product(const Bf16* a, const Bf16* b, int k_blocks, const float* bias, float* c) {
     PassOutput nowhere;
-    Pending<Epilogue::kLinear> nothing(nowhere, 1, c);
+    Pending<Epilogue::kRelu> nothing(nowhere, 1, c);
     Prefetch prefetch;
     Engine::product(Product{a, b, k_blocks, nullptr, nullptr, 0}, bias, c, nothing, prefetch);
   }
@@ -81,7 +79,7 @@ struct NetworkStages {
                                   reduce_row,           product,       accumulate};
 
  private:
-  template <Epilogue hidden, Epilogue linear>
+  template <Epilogue hidden>
   static void forward(const Plan& plan, const Weights& weights, const LaneMemory& memory, const TileInput& tile,
                       float* raw, int stride) {
     const int samples = tile.n_rays * tile.per_ray, n = (samples + kBlock - 1) / kBlock, width = plan.width_blocks;
@@ -124,17 +122,16 @@ struct NetworkStages {
       run_pass<Engine, hidden>(pass_of(layer, h, position));
       h = Operand{memory.next[layer % 2], width, width};
     }
-    Pass feature = pass_of(kFeature, h, Operand{});
-    feature.output.next_stride = width;
-    Pass density = feature;  // the last block of outputs
-    feature.out_blocks = width;
+    Pass colour = pass_of(kColour, h, direction);
+    colour.out_blocks = plan.colour_blocks;
+    colour.output.next_stride = plan.colour_blocks;
+    Pass density = colour;  // the last block of outputs, without gamma(d)
+    density.extra.blocks = 0;
     density.out_blocks = 1;
-    density.weights += std::ptrdiff_t(width) * density.weight_stride * kBlockSize;
-    density.bias += width * kBiasTile;
-    run_pass<Engine, linear>(feature);
+    density.weights += std::ptrdiff_t(plan.colour_blocks) * density.weight_stride * kBlockSize;
+    density.bias += plan.colour_blocks * kBiasTile;
+    run_pass<Engine, hidden>(colour);
     to_raw(density, 3, 1);
-    h = Operand{memory.next[kFeature % 2], width, width};
-    run_pass<Engine, hidden>(pass_of(kColour, h, direction));
     h = Operand{memory.next[kColour % 2], plan.colour_blocks, plan.colour_blocks};
     to_raw(pass_of(kRgb, h, Operand{}), 0, 3);
   }
@@ -165,7 +162,6 @@ struct NetworkStages {
       add_weight_gradient<Engine>(g);
     }
 
-    template <Epilogue kind>
     void input_gradient(int index, const Gradient& d, const Gradient& out, int out_stride) const {
       const Layer &layer = plan.layers[index], &before = plan.layers[index - 1];
       Pass pass;
@@ -181,7 +177,7 @@ struct NetworkStages {
       pass.output.d_bias = memory.d_bias + before.d_bias;
       pass.prefetch.stream = reinterpret_cast<const char*>(memory.d_weight + before.d_weight);
       pass.prefetch.stream_left = std::ptrdiff_t(before.k_blocks) * before.out_blocks * kBlockSize * 4;
-      run_pass<Engine, kind>(pass);
+      run_pass<Engine, Epilogue::kMaskedGradient>(pass);
     }
   };
 };

@@ -11,9 +11,9 @@
 
 namespace redrive::kernels::bf16 {
 
-/// Layers as they are computed: 0..7 trunk, then these. Density is the last block of outputs of the feature layer (row
-/// 0).
-enum PlanLayer { kTrunkLayers = 8, kFeature = 8, kColour = 9, kRgb = 10, kPlanLayers = 11 };
+/// Layers as they are computed: 0..7 trunk, then these. Colour is feature and colour in one (folded_colour.h). Density is
+/// its last block of outputs (row 0), with zero weights for gamma(d).
+enum PlanLayer { kTrunkLayers = 8, kColour = 8, kRgb = 9, kPlanLayers = 10 };
 
 struct Layer {
   int in_blocks = 0;     ///< inputs that come from the layer before (layer 0: from gamma(x))
@@ -35,8 +35,9 @@ struct Plan {
 };
 
 /// Up to 32 outputs of a layer: the unit of packing and of reduction. In the flat parameters: row o at
-/// weight + o * columns, bias at bias + o. The rest as in Layer, for this block of outputs.
+/// weight + o * columns, bias at bias + o, or so in FoldedColour's if `folded`. The rest as in Layer, for this block of outputs.
 struct BlockRow {
+  bool folded = false;
   std::size_t weight = 0, bias = 0;
   int rows = 0, columns = 0;
   int k_blocks = 0, backward_blocks = 0, backward_stride = 0;

@@ -145,20 +145,6 @@ void bias_gradient(const float* d_out, int outputs, int samples, float* gradient
   });
 }
 
-void matrix_product(const MatrixProduct& p) {
-  for_each_panel(p.columns, [&](std::ptrdiff_t first, auto panel) {
-    for (int m = 0; m < p.rows; m += kRows) {
-      float* out = p.out + m * p.out_stride + first;
-      Vf sum[kRows][panel.vectors];
-      for (int r = 0; r < kRows; ++r)
-        for (int v = 0; v < panel.vectors; ++v) sum[r][v] = load(out + r * p.out_stride + v * kLanes);
-      multiply_add<panel.vectors>(p.a + m * p.a_row, p.a_row, p.a_step, p.b + first, p.b_step, p.steps, sum);
-      for (int r = 0; r < kRows; ++r)
-        for (int v = 0; v < panel.vectors; ++v) store(out + r * p.out_stride + v * kLanes, sum[r][v]);
-    }
-  });
-}
-
 void encode(const float* point, std::size_t stride, int count, int octaves, int out_rows, int samples, float* out) {
   for_each_panel(samples, [&](std::ptrdiff_t first, auto panel) {
     for (int v = 0; v < panel.vectors; ++v) {
@@ -188,7 +174,7 @@ void encode(const float* point, std::size_t stride, int count, int octaves, int 
 
 }  // namespace
 
-extern const Fp32Kernels kFp32Kernels = {kLanes,          kRows,         dense,          transpose,
-                                         weight_gradient, bias_gradient, matrix_product, encode};
+extern const Fp32Kernels kFp32Kernels = {kLanes,          kRows,         dense, transpose,
+                                         weight_gradient, bias_gradient, encode};
 
 }  // namespace redrive::kernels::REDRIVE_ISA

@@ -37,18 +37,6 @@ struct WeightGradient {
   std::size_t stride = 0;
 };
 
-/// out[m][n] += sum_k a[m * a_row + k * a_step] b[k * b_step + n]; row-major out. rows a multiple of the table's
-/// `rows`, columns of `lanes`. Any alignment.
-struct MatrixProduct {
-  const float* a = nullptr;
-  std::ptrdiff_t a_row = 0, a_step = 0;
-  const float* b = nullptr;
-  std::ptrdiff_t b_step = 0;
-  int rows = 0, columns = 0, steps = 0;
-  float* out = nullptr;
-  std::ptrdiff_t out_stride = 0;
-};
-
 struct Fp32Kernels {
   int lanes;  ///< floats a vector
   int rows;   ///< outputs a register block: every `outputs` above is a multiple
@@ -58,7 +46,6 @@ struct Fp32Kernels {
   void (*weight_gradient)(const WeightGradient& product, int samples);
   /// gradient[o][lane] += sums of d_out[o] over the vectors of samples.
   void (*bias_gradient)(const float* d_out, int outputs, int samples, float* gradient);
-  void (*matrix_product)(const MatrixProduct& product);
   /// gamma of `count` points, point[d * stride + n], into rows 0 .. 3+6 octaves of out [out_rows, samples] in panels; the other
   /// rows, and the points from `count` on, are 0 (gamma of the origin, for the latter). sin and cos of octave l+1 come
   /// from those of l (angle doubling), anew from the point at octave 5, where the error has grown to 4e-6.

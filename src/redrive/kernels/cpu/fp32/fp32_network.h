@@ -1,17 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // The NeRF network in fp32 on the inner loops of one instruction set. Compiled without ISA flags.
-//
-// The feature layer is linear and only the colour layer reads it, so the two are one matrix here:
-//   colour([Wf h + bf, gamma(d)]) = ReLU((Wc Wf) h + Wd gamma(d) + (bc + Wc bf)),  Wc and Wd the two parts of colour.weight.
-// The product costs width^3 / 2 multiply-adds a batch and saves width^2 a sample and pass: 11 % of all at width 256. Its
-// gradient G (and g of the bias) gives those of the factors exactly:
-//   dWf = Wc^T G,  dbf = Wc^T g,  dWc = G Wf^T + g bf^T.
+// Feature and colour are one layer: folded_colour.h.
 #pragma once
 
 #include <array>
 #include <memory>
 
 #include "redrive/base/buffer.h"
+#include "redrive/kernels/cpu/folded_colour.h"
 #include "redrive/kernels/cpu/fp32/fp32_kernels.h"
 #include "redrive/kernels/cpu/nerf_tile.h"
 
@@ -42,7 +38,8 @@ class Fp32Network final : public NerfNetwork {
 
  private:
   friend class Fp32Lane;
-  void multiply_rows(MatrixProduct product, ThreadPool& pool) const;
+  /// Where the layer stands in the parameters, colour in folded_'s.
+  NerfLayerShape shape_of(int layer) const;
 
   NerfConfig config_;
   const Fp32Kernels& kernels_;
@@ -51,9 +48,8 @@ class Fp32Network final : public NerfNetwork {
   /// The transposes for d_in = W^T d_out, packed for DenseLayer: of trunk 1..7 (index as layers_; the skip layer's part for h
   /// only), of [colour; density] towards h (kFp32Colour) and of rgb (kFp32Rgb).
   std::array<Buffer<float>, kFp32Layers> backward_;
-  std::size_t gradient_size_ = 0;                              ///< floats of a lane's buffer
-  Buffer<float> feature_, feature_transposed_, feature_bias_;  ///< Wf [width, width], its transpose, bf
-  Buffer<float> colour_;                                       ///< Wc [width / 2, width]
+  std::size_t gradient_size_ = 0;  ///< floats of a lane's buffer
+  FoldedColour folded_;
 };
 
 }  // namespace redrive::kernels
