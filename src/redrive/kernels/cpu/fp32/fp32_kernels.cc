@@ -174,7 +174,6 @@ void encode(const float* point, std::size_t stride, int count, int octaves, int 
 
 }  // namespace
 
-extern const Fp32Kernels kFp32Kernels = {kLanes,          kRows,         dense, transpose,
-                                         weight_gradient, bias_gradient, encode};
+extern const Fp32Kernels kFp32Kernels = {kLanes, kRows, dense, transpose, weight_gradient, bias_gradient, encode};
 
 }  // namespace redrive::kernels::REDRIVE_ISA
