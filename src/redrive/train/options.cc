@@ -81,7 +81,17 @@ void resolve_cameras(TrainOptions* options, const Recording& recording) {
 }
 
 void validate(const TrainOptions& options) {
-  for (const TrainField& field : train_fields()) field.check(options);
+  for (const TrainField& field : train_fields()) {
+    field.check(options);
+    nlohmann::json json;
+    field.save(options, json);
+    try {
+      json.dump();  // as config.json will need it
+    } catch (const nlohmann::json::type_error&) {
+      const std::string flag = std::string("--").append(field.name);
+      throw UsageError(field.name == "recording" ? "RECORDING" : flag, "", "must be UTF-8 text, as config.json is");
+    }
+  }
   if (options.far_m <= options.near_m)
     throw UsageError("--far", std::to_string(options.far_m),
                      "must be greater than --near " + std::to_string(options.near_m));
@@ -95,7 +105,7 @@ void validate(const TrainOptions& options) {
   if (std::ranges::adjacent_find(steps, std::greater_equal<>()) != steps.end() ||
       (!steps.empty() && steps.front() < 1)) {
     std::string list;
-    for (const std::int64_t step : steps) list += (list.empty() ? "" : ",") + std::to_string(step);
+    for (const std::int64_t step : steps) list.append(list.empty() ? "" : ",").append(std::to_string(step));
     throw UsageError("--lr-milestones", list, "must be steps of 1 or more, ascending");
   }
   const std::int64_t samples = std::int64_t{options.batch_rays} * (options.samples + options.fine_samples);
@@ -128,6 +138,7 @@ std::int64_t total_steps(const TrainOptions& options, std::int64_t steps_per_epo
 std::vector<std::int64_t> milestones(const TrainOptions& options, std::int64_t steps_per_epoch) {
   if (!options.lr_milestones.empty()) return options.lr_milestones;
   const std::int64_t steps = total_steps(options, steps_per_epoch);
+  if (steps < 8) return {};  // the fractions would fall together, or on step 0
   return {steps / 2, steps * 3 / 4, steps * 7 / 8};
 }
 
@@ -141,7 +152,7 @@ TrainOptions options_from_json(const nlohmann::json& json, const std::filesystem
   if (!json.is_object()) throw InputError(file, "", json.type_name(), "must be an object with the options of a run");
   const std::vector<TrainField>& fields = train_fields();
   for (const auto& [key, value] : json.items())
-    if (std::none_of(fields.begin(), fields.end(), [&](const TrainField& field) { return field.name == key; }))
+    if (std::none_of(fields.begin(), fields.end(), [&key = key](const TrainField& field) { return field.name == key; }))
       throw InputError(file, key, value.dump().substr(0, 80), "unknown option");
   TrainOptions options;
   for (const TrainField& field : fields) {

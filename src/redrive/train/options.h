@@ -35,7 +35,7 @@ struct TrainOptions {
   int batch_rays = 1024;                    ///< 1..65536
   double learning_rate = 5e-4;              ///< (0, 1]
   double lr_gamma = 0.5;                    ///< (0, 1]
-  std::vector<std::int64_t> lr_milestones;  ///< steps; empty: at 1/2, 3/4 and 7/8 of all steps (the default)
+  std::vector<std::int64_t> lr_milestones;  ///< steps; empty: as milestones() says
   int epochs = 4;                           ///< 1..10000
   std::int64_t max_steps = 0;               ///< 0: no limit
   double max_seconds = 0;                   ///< of training alone; 0: no limit
@@ -70,7 +70,7 @@ SceneOptions scene_options(const TrainOptions& options);
 
 /// Steps of the whole run: epochs, or max_steps if that is less.
 std::int64_t total_steps(const TrainOptions& options, std::int64_t steps_per_epoch);
-/// lr_milestones, or the default: 1/2, 3/4 and 7/8 of all steps. A function of steps alone, so that max_seconds, which no two
+/// lr_milestones, or the default: 1/2, 3/4 and 7/8 of all steps, none if those are fewer than 8. A function of steps alone, so that max_seconds, which no two
 /// runs meet at the same step, leaves the schedule as it is.
 std::vector<std::int64_t> milestones(const TrainOptions& options, std::int64_t steps_per_epoch);
 

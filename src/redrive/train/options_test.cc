@@ -135,6 +135,10 @@ TEST(TrainOptions, DefaultMilestonesAreFractionsOfAllSteps) {
   EXPECT_THAT(milestones(options, 1000), ElementsAre(400, 600, 700));
   options.lr_milestones = {7};
   EXPECT_THAT(milestones(options, 1000), ElementsAre(7));
+  options.lr_milestones.clear();
+  for (options.max_steps = 1; options.max_steps < 8; ++options.max_steps)
+    EXPECT_THAT(milestones(options, 1000), ElementsAre()) << options.max_steps;
+  EXPECT_THAT(milestones(options, 1000), ElementsAre(4, 6, 7));
 }
 
 TrainOptions unusual() {
@@ -156,6 +160,25 @@ TrainOptions unusual() {
   options.seed = 18446744073709551615ull;
   options.backend = "ref";
   return options;
+}
+
+TEST(TrainOptions, TextThatIsNotUtf8IsRefusedByName) {
+  const auto what = [](const TrainOptions& options) -> std::string {
+    try {
+      validate(options);
+    } catch (const UsageError& error) {
+      return error.what();
+    }
+    return "";
+  };
+  TrainOptions options;
+  options.recording = "/drives/k\xc3\xb6ln";
+  EXPECT_EQ(what(options), "");
+  options.recording = "/drives/k\xf6ln";
+  EXPECT_THAT(what(options), HasSubstr("RECORDING: must be UTF-8"));
+  options = {};
+  options.cameras = {"A", "\xff"};
+  EXPECT_THAT(what(options), HasSubstr("--cameras: must be UTF-8"));
 }
 
 TEST(TrainOptions, JsonRoundTripKeepsEveryField) {
