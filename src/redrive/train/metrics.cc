@@ -64,7 +64,9 @@ void for_lines(const std::filesystem::path& path, std::string_view bytes,
 }
 
 std::string bytes_or_nothing(const std::filesystem::path& path) {
-  return std::filesystem::exists(path) ? read_file(path) : std::string();
+  std::error_code error;
+  const bool missing = std::filesystem::status(path, error).type() == std::filesystem::file_type::not_found;
+  return missing ? std::string() : read_file(path);
 }
 
 }  // namespace
@@ -86,9 +88,12 @@ void append_restart(const RunPaths& paths, std::int64_t step, int restarts, std:
 }
 
 std::vector<MetricsRow> read_metrics(const RunPaths& paths) {
-  const std::string bytes = bytes_or_nothing(paths.metrics());
+  return parse_metrics(bytes_or_nothing(paths.metrics()), paths.metrics());
+}
+
+std::vector<MetricsRow> parse_metrics(std::string_view bytes, const std::filesystem::path& file) {
   std::vector<MetricsRow> rows;
-  for_lines(paths.metrics(), bytes, [&, current = 0](const Line& line) mutable {
+  for_lines(file, bytes, [&, current = 0](const Line& line) mutable {
     if (line.restarts != current) rows.clear();
     current = line.restarts;
     if (!line.is_event) rows.push_back(line.row);
@@ -96,14 +101,31 @@ std::vector<MetricsRow> read_metrics(const RunPaths& paths) {
   return rows;
 }
 
-void cut_metrics(const RunPaths& paths, std::int64_t step, int restarts) {
-  const std::string bytes = bytes_or_nothing(paths.metrics());
+std::string kept_metrics(std::string_view bytes, std::int64_t step, int restarts) {
   std::string kept;
-  for_lines(paths.metrics(), bytes, [&](const Line& line) {
-    if (line.restarts < restarts || (line.restarts == restarts && (line.is_event || line.step <= step)))
-      kept += line.text;
-  });
+  try {
+    for_lines("metrics.jsonl", bytes, [&](const Line& line) {
+      if (line.restarts < restarts || (line.restarts == restarts && (line.is_event || line.step <= step)))
+        kept += line.text;
+    });
+  } catch (const InputError&) {
+    // The end of what a power cut spared; the steps behind the checkpoint are computed and written again anyway.
+  }
+  return kept;
+}
+
+void cut_metrics(const RunPaths& paths, std::int64_t step, int restarts) {
+  const std::string bytes = bytes_or_nothing(paths.metrics()), kept = kept_metrics(bytes, step, restarts);
   if (kept != bytes) write_file(paths.metrics(), kept);
+}
+
+void sync_metrics(const RunPaths& paths) {
+  const int file = ::open(paths.metrics().c_str(), O_RDONLY | O_CLOEXEC);
+  if (file < 0 && errno == ENOENT) return;  // no row yet
+  const bool synced = file >= 0 && ::fsync(file) == 0;
+  const int why = errno;
+  if (file >= 0) ::close(file);
+  if (!synced) throw IoError(paths.metrics(), std::strerror(why));
 }
 
 }  // namespace redrive

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/train/run.h"
 
+#include <unistd.h>
+
 #include <cmath>
 
 #include <nlohmann/json.hpp>
@@ -41,24 +43,33 @@ void check_belongs(const Run& run) {
 void refuse_existing_run(const std::filesystem::path& root) {
   if (root.empty()) throw UsageError("--out", "", "must name a folder");
   std::error_code error;
-  if (std::filesystem::exists(std::filesystem::symlink_status(root, error)))
+  const std::filesystem::file_status status = std::filesystem::symlink_status(root, error);
+  if (error && status.type() == std::filesystem::file_type::none)
+    throw UsageError("--out", root.string(), error.message());
+  if (std::filesystem::exists(status))
     throw UsageError("--out", root.string(), "exists already; nothing is overwritten, choose another name");
 }
 
-RunPaths create_run(const std::filesystem::path& root, const TrainOptions& options) {
-  refuse_existing_run(root);
+RunPaths create_run(const std::filesystem::path& out, const TrainOptions& options) {
+  refuse_existing_run(out);
+  const std::filesystem::path root = out.has_filename() ? out : out.parent_path();  // "run/" is run
   std::error_code error;
   if (root.has_parent_path()) std::filesystem::create_directories(root.parent_path(), error);
-  if (error || !std::filesystem::create_directory(root, error))
-    throw IoError(root, error ? error.message() : "exists already");
-  const RunPaths paths{root};
+  // Made beside it under another name and then renamed: a kill in between must not leave a folder that train refuses
+  // because it exists and resume because it holds no run.
+  std::filesystem::path temporary = root;
+  temporary += ".tmp-" + std::to_string(::getpid());
+  if (error || !std::filesystem::create_directory(temporary, error))
+    throw IoError(temporary, error ? error.message() : "exists already");
   try {
-    write_config(paths, options);
+    write_config({temporary}, options);
+    std::filesystem::rename(temporary, root, error);
+    if (error) throw IoError(root, error.message());
   } catch (...) {
-    std::filesystem::remove(root, error);  // empty: the next try must not meet it
+    std::filesystem::remove_all(temporary, error);
     throw;
   }
-  return paths;
+  return {root};
 }
 
 void write_config(const RunPaths& paths, const TrainOptions& options) {
@@ -74,11 +85,13 @@ TrainState first_state(const TrainOptions& options, const Scene& scene) {
 Run open_run(const std::filesystem::path& root, bool fresh_if_untrained) {
   Run run;
   run.paths.root = root;
-  if (!std::filesystem::is_directory(root)) throw InputError(root, "", "", "no such run folder");
+  std::error_code error;
+  if (!std::filesystem::is_directory(root, error)) throw InputError(root, "", "", "no such run folder");
   run.options = options_from_json(read_json(run.paths.config()), run.paths.config());
   run.recording = open_recording(run.options.recording);
   run.scene = make_scene(run.recording, scene_options(run.options));
-  if (fresh_if_untrained && !std::filesystem::exists(run.paths.checkpoint())) {
+  const auto there = std::filesystem::status(run.paths.checkpoint(), error).type();
+  if (fresh_if_untrained && there == std::filesystem::file_type::not_found) {
     run.state = first_state(run.options, run.scene);
   } else {
     run.state = load_checkpoint(run.paths.checkpoint());

@@ -5,6 +5,7 @@
 
 #include <filesystem>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "redrive/train/model.h"
@@ -21,9 +22,9 @@ struct RunPaths {
   std::filesystem::path report() const { return root / "report.html"; }
 };
 
-/// UsageError if `root` exists, whatever is in it.
+/// UsageError if `root` is empty or exists, whatever is in it.
 void refuse_existing_run(const std::filesystem::path& root);
-/// Makes the folder and writes config.json; refuses an existing one.
+/// Makes the folder with config.json in it, both or neither; refuses an existing one.
 RunPaths create_run(const std::filesystem::path& root, const TrainOptions& options);
 void write_config(const RunPaths& paths, const TrainOptions& options);
 
@@ -50,12 +51,19 @@ struct MetricsRow {
 /// The rows of the start that is in use: what came before a restart is left out. A last line that a kill cut short is
 /// ignored; empty if there is no file yet. InputError names the line that cannot be read.
 std::vector<MetricsRow> read_metrics(const RunPaths& paths);
+/// The same from the bytes of `file`.
+std::vector<MetricsRow> parse_metrics(std::string_view bytes, const std::filesystem::path& file);
 
 void append_metrics(const RunPaths& paths, const MetricsRow& row);
 /// {"event": "restart", ...}: from here on the rows are of start number `restarts`.
 void append_restart(const RunPaths& paths, std::int64_t step, int restarts, std::uint64_t seed,
                     const std::string& reason);
-/// Drops what was written after the checkpoint that is resumed from.
+/// Drops what was written after the checkpoint that is resumed from, and everything from the first line on that cannot be
+/// read: a power cut may leave zeros or half a line at the end.
 void cut_metrics(const RunPaths& paths, std::int64_t step, int restarts);
+/// What cut_metrics leaves of `bytes`.
+std::string kept_metrics(std::string_view bytes, std::int64_t step, int restarts);
+/// Puts the rows on disk. Before each checkpoint, so that none is ahead of its rows after a power cut.
+void sync_metrics(const RunPaths& paths);
 
 }  // namespace redrive

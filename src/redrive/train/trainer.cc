@@ -79,6 +79,7 @@ class Trainer {
   }
 
   void save() {
+    sync_metrics(run_.paths);
     save_checkpoint(run_.paths.checkpoint(), state_);
     saved_seconds_ = state_.seconds;
   }
@@ -125,9 +126,10 @@ class Trainer {
   }
 
   void print_schedule() const {
-    std::printf("%llu training pixels, %lld steps an epoch, %lld steps in all; learning rate %g, times %g at",
+    std::printf("%llu training pixels, %lld steps an epoch, %lld steps in all; learning rate %g",
                 static_cast<unsigned long long>(sampler_.pixels()), static_cast<long long>(steps_per_epoch_),
-                static_cast<long long>(steps_), options_.learning_rate, options_.lr_gamma);
+                static_cast<long long>(steps_), options_.learning_rate);
+    if (!milestones_.empty()) std::printf(", times %g at", options_.lr_gamma);
     for (const std::int64_t milestone : milestones_) std::printf(" %lld", static_cast<long long>(milestone));
     std::printf("\n");
     if (state_.step > 0) std::printf("going on from step %lld\n", static_cast<long long>(state_.step));

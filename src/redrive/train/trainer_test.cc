@@ -9,6 +9,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/train/run_lock.h"
 #include "redrive/train/test_support.h"
 
 namespace redrive {
@@ -208,6 +209,47 @@ TEST(Metrics, ALineThatIsNoneIsRefusedByNumber) {
   } catch (const InputError& error) {
     EXPECT_THAT(error.what(), HasSubstr("metrics.jsonl:2"));
   }
+}
+
+TEST(Metrics, CutEndsAtTheFirstLineThatCannotBeRead) {
+  TemporaryFolder folder;
+  const RunPaths paths{folder.path};
+  for (const int step : {25, 50, 75}) append_metrics(paths, {step, 1, 0.5, 3, 5e-4, 100, 0});
+  const std::string whole = read_file(paths.metrics()), zeros(100, '\0');
+  const std::size_t line = whole.find('\n') + 1;
+  for (const std::string& tail : {zeros, zeros + "\n", std::string("{\"step\": 1"), "{\"step\": 1\n" + whole}) {
+    write_file(paths.metrics(), whole + tail);
+    cut_metrics(paths, 100, 0);
+    EXPECT_EQ(read_file(paths.metrics()), whole);
+    write_file(paths.metrics(), whole.substr(0, line) + tail);
+    cut_metrics(paths, 100, 0);
+    EXPECT_EQ(read_file(paths.metrics()), whole.substr(0, line));
+  }
+}
+
+TEST(Run, OneProcessAtATime) {
+  TemporaryFolder folder;
+  {
+    const RunLock lock(folder.path);
+    try {
+      const RunLock second(folder.path);
+      ADD_FAILURE() << "no UsageError";
+    } catch (const UsageError& error) {
+      EXPECT_THAT(error.what(), HasSubstr("is being trained by another process"));
+    }
+  }
+  const RunLock again(folder.path);
+  EXPECT_TRUE(std::filesystem::is_empty(folder.path));
+  EXPECT_THROW(RunLock(folder.path / "none"), InputError);
+}
+
+TEST(Run, IsMadeWholeUnderItsNameWithoutASlash) {
+  TemporaryFolder folder;
+  const RunPaths paths = create_run(folder.path / "below" / "run" / "", tiny_options(1));
+  EXPECT_EQ(paths.root, folder.path / "below" / "run");
+  EXPECT_TRUE(std::filesystem::exists(paths.config()));
+  const std::filesystem::directory_iterator entries(folder.path / "below");
+  EXPECT_EQ(std::distance(begin(entries), end(entries)), 1) << "no temporary is left";
 }
 
 TEST(Run, AFolderThatExistsIsRefusedAndLeftAlone) {
