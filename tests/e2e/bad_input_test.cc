@@ -196,6 +196,9 @@ TEST_F(EndToEnd, OptionsThatCannotBeUsedAreRefusedAndNothingIsWritten) {
     EXPECT_FALSE(fs::exists(folder_ / "run")) << more[0];
   }
   EXPECT_EQ(redrive({"train", drive_.string()}).exit_code, kExitUsage) << "--out is missing";
+  EXPECT_EQ(redrive({"train", "", "--out", (folder_ / "run").string()}).exit_code, kExitUsage);
+  EXPECT_EQ(redrive({"train", drive_.string(), "--out", ""}).exit_code, kExitUsage);
+  EXPECT_EQ(redrive({"train", "k\xf6ln", "--out", (folder_ / "run").string()}).exit_code, kExitUsage) << "not UTF-8";
   EXPECT_EQ(redrive({}).exit_code, kExitUsage);
   EXPECT_EQ(redrive({"fly"}).exit_code, kExitUsage);
   EXPECT_EQ(contents(folder_), before);

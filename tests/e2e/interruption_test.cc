@@ -77,6 +77,35 @@ TEST_F(EndToEnd, CtrlCSavesAndSaysHowToResume) {
   expect_same_end(whole, parts);
 }
 
+TEST_F(EndToEnd, AHangUpSavesAsCtrlCDoes) {
+  const fs::path run = folder_ / "run";
+  Program program(REDRIVE_BINARY, train_arguments(run, kLong));
+  ASSERT_TRUE(wait_for_rows(run, 2));
+  program.send(SIGHUP);
+  EXPECT_EQ(program.wait().exit_code, kExitInterrupted);
+  EXPECT_GE(load_checkpoint(run / "checkpoint.safetensors").step, 50);
+}
+
+TEST_F(EndToEnd, AReaderThatGoesAwayDoesNotEndTraining) {
+  const fs::path run = folder_ / "run";
+  std::string command = "(sleep 0.2; '" REDRIVE_BINARY "'";
+  for (const std::string& argument : train_arguments(run, {"--max-steps", "30", "--epochs", "1000"}))
+    command += " '" + argument + "'";
+  command += "; echo $? > '" + (folder_ / "code").string() + "') | true";
+  Program("/bin/sh", {"-c", command}).wait();
+  EXPECT_EQ(read_file(folder_ / "code"), "0\n");
+  EXPECT_EQ(load_checkpoint(run / "checkpoint.safetensors").step, 30);
+}
+
+TEST_F(EndToEnd, ARunInTrainingIsNotResumed) {
+  const fs::path run = folder_ / "run";
+  Program program(REDRIVE_BINARY, train_arguments(run, kLong));
+  ASSERT_TRUE(wait_for_rows(run, 2));
+  const Ended ended = redrive({"resume", run.string()});
+  EXPECT_EQ(ended.exit_code, kExitUsage);
+  EXPECT_THAT(ended.err, HasSubstr(run.string() + ": is being trained by another process"));
+}
+
 TEST_F(EndToEnd, ResumeGoesOnFurtherWhenAsked) {
   const fs::path run = trained("run", 30);
   const Ended ended = redrive({"resume", run.string(), "--max-steps", "50"});
@@ -103,7 +132,7 @@ TEST_F(EndToEnd, FullDiskIsSaidAndLeavesTheLastCheckpoint) {
 TEST_F(EndToEnd, FullDiskAtTheVeryStartLeavesNoRun) {
   const Ended ended = redrive(train_arguments(folder_ / "run", kLong), 10);
   EXPECT_EQ(ended.exit_code, kExitIo) << ended.err;
-  EXPECT_FALSE(fs::exists(folder_ / "run"));
+  for (const auto& entry : fs::directory_iterator(folder_)) EXPECT_EQ(entry.path(), drive_);
 }
 
 }  // namespace

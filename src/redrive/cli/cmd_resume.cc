@@ -7,6 +7,7 @@
 #include "redrive/base/error.h"
 #include "redrive/cli/command.h"
 #include "redrive/cli/training.h"
+#include "redrive/train/run_lock.h"
 
 namespace redrive {
 namespace {
@@ -25,6 +26,7 @@ const TrainField& field_named(const std::string& name) {
 }
 
 int run_resume(const Arguments& arguments) {
+  const RunLock lock(arguments.run);
   Run run = open_run(arguments.run, /*fresh_if_untrained=*/true);
   for (const auto& [name, value] : arguments.given) field_named(name).parse(run.options, value);
   validate(run.options);

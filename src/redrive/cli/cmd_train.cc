@@ -4,8 +4,10 @@
 #include <map>
 #include <memory>
 
+#include "redrive/base/error.h"
 #include "redrive/cli/command.h"
 #include "redrive/cli/training.h"
+#include "redrive/train/run_lock.h"
 
 namespace redrive {
 namespace {
@@ -24,6 +26,11 @@ TrainOptions parse_options(const Arguments& arguments) {
       names.push_back(field.name);
     }
   apply_preset(&options, names);
+  if (options.recording.empty()) throw UsageError("RECORDING", "", "must name a folder");
+  std::error_code error;
+  const std::filesystem::path recording = std::filesystem::absolute(options.recording, error);
+  if (error) throw UsageError("RECORDING", options.recording, error.message());
+  options.recording = recording.lexically_normal().string();
   validate(options);
   return options;
 }
@@ -31,7 +38,6 @@ TrainOptions parse_options(const Arguments& arguments) {
 int run_train(const Arguments& arguments) {
   Run run;
   run.options = parse_options(arguments);
-  run.options.recording = std::filesystem::absolute(run.options.recording).lexically_normal().string();
   refuse_existing_run(arguments.out);
   const auto backend = kernels::make_backend({run.options.backend, run.options.isa, run.options.threads});
   run.recording = open_recording(run.options.recording);
@@ -46,6 +52,7 @@ int run_train(const Arguments& arguments) {
   }
   // Only now, when nothing about the input can be wrong any more, is something written.
   run.paths = create_run(arguments.out, run.options);
+  const RunLock lock(run.paths.root);
   print_summary(run, images, *backend);
   return report_end(run, train(&run, images, *backend, stop));
 }

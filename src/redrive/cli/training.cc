@@ -21,6 +21,12 @@ const std::atomic<bool>& stop_on_signal() {
   action.sa_flags = SA_RESTART | static_cast<int>(SA_RESETHAND);
   sigaction(SIGINT, &action, nullptr);
   sigaction(SIGTERM, &action, nullptr);
+  action.sa_flags = SA_RESTART;  // a closed terminal sends it twice, by the shell and by the kernel
+  struct sigaction before {};
+  sigaction(SIGHUP, nullptr, &before);
+  if (before.sa_handler != SIG_IGN) sigaction(SIGHUP, &action, nullptr);  // not under nohup
+  // `train | head` is to lose what is printed, not what is trained.
+  signal(SIGPIPE, SIG_IGN);
   return stop_flag;
 }
 

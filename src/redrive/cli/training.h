@@ -9,7 +9,8 @@
 
 namespace redrive {
 
-/// Ctrl-C or SIGTERM sets the flag; the second one ends the program at once.
+/// Ctrl-C, SIGTERM or SIGHUP sets the flag; a second Ctrl-C or SIGTERM ends the program at once. A reader of the output that goes away
+/// (SIGPIPE) ends nothing.
 const std::atomic<bool>& stop_on_signal();
 
 /// Backend, cameras, frames, pixels, training and held-out views, steps.
