@@ -1,0 +1,20 @@
+// SPDX-License-Identifier: Apache-2.0
+// metrics.jsonl: any bytes are read or refused with an InputError, nothing else; what resume keeps of them is readable.
+#include <cstddef>
+#include <cstdint>
+#include <string_view>
+
+#include "redrive/base/error.h"
+#include "redrive/train/run.h"
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  const std::string_view bytes(reinterpret_cast<const char*>(data), size);
+  const std::string kept = redrive::kept_metrics(bytes, 50, 1);
+  redrive::parse_metrics(kept, "kept");
+  if (redrive::kept_metrics(kept, 50, 1) != kept) __builtin_trap();
+  try {
+    redrive::parse_metrics(bytes, "metrics.jsonl");
+  } catch (const redrive::InputError&) {
+  }
+  return 0;
+}
