@@ -49,7 +49,7 @@ std::optional<Eigen::Matrix3d> world_from_local_axes(const Rigid3d& ecef_from_wo
 Rigid3d shifted_camera(const Rigid3d& ecef_from_world, const Rigid3d& world_from_body, const Rigid3d& body_from_sensor,
                        ShiftAxes axes, const Eigen::Vector3d& shift_m) {
   Rigid3d world_from_camera = world_from_body * body_from_sensor;
-  Eigen::Matrix3d world_from_axes;
+  Eigen::Matrix3d world_from_axes = Eigen::Matrix3d::Identity();
   switch (axes) {
     case ShiftAxes::kBody: world_from_axes = world_from_body.linear(); break;
     case ShiftAxes::kCamera: world_from_axes = world_from_camera.linear(); break;
