@@ -52,7 +52,7 @@ TEST_F(Files, NewFileHasTheUsersPermissions) {
 }
 
 TEST_F(Files, LeftoverOfAKilledProcessIsReplaced) {
-  std::ofstream(folder_ / "a.tmp") << "half a check";
+  std::ofstream(folder_ / ".a.redrive-tmp") << "half a check";
   write_file(folder_ / "a", "whole");
   EXPECT_EQ(read_file(folder_ / "a"), "whole");
   EXPECT_EQ(entries(), 1u);

@@ -35,13 +35,13 @@ std::int64_t parse_frame(const std::string& text) {
 }
 
 Eigen::Vector3d parse_translation(const std::string& text) {
-  const char* rule = "must be three finite numbers X,Y,Z in metres, e.g. 0.5,0,0";
+  const char* rule = "must be three numbers X,Y,Z in metres, at most 1e4 each, e.g. 0.5,0,0";
   Eigen::Vector3d shift_m;
   const char *at = text.data(), *end = text.data() + text.size();
   for (int i = 0; i < 3; ++i) {
     const auto [next, error] = std::from_chars(at, end, shift_m[i]);
     const bool comma = next != end && *next == ',';
-    if (error != std::errc{} || !std::isfinite(shift_m[i]) || (i < 2 ? !comma : next != end))
+    if (error != std::errc{} || !(std::abs(shift_m[i]) <= kMaxShift_m) || (i < 2 ? !comma : next != end))
       throw UsageError("--translate", text, rule);
     at = next + (i < 2);
   }
@@ -71,7 +71,8 @@ int render_one(const RenderOptions& options) {
   const Eigen::Vector3d shift_m = parse_translation(options.translate);
   check_output("--out", options.out, options.force, true);
   if (!options.depth.empty()) check_output("--depth", options.depth, options.force, false);
-  if (options.depth == options.out) throw UsageError("--depth", options.depth, "must differ from --out");
+  if (!options.depth.empty() && fs::weakly_canonical(fs::absolute(options.depth)) == fs::weakly_canonical(fs::absolute(options.out)))
+    throw UsageError("--depth", options.depth, "must differ from --out");
 
   const Run run = open_run(options.run);
   const RigCamera& camera = find_camera(run.scene, options.camera);

@@ -2,6 +2,7 @@
 // The table of commands, and the one place where errors become exit codes.
 #include <cstdio>
 #include <exception>
+#include <filesystem>
 #include <map>
 
 #include <CLI/App.hpp>
@@ -38,7 +39,9 @@ int run(int argc, char** argv) {
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? redrive::kExitOk : redrive::kExitUsage;
   }
-  return actions.at(app.get_subcommands().front())();
+  const int code = actions.at(app.get_subcommands().front())();
+  if (std::fflush(stdout) != 0 || std::ferror(stdout)) throw redrive::IoError("standard output", "cannot be written");
+  return code;
 }
 
 int complain(const std::exception& error, redrive::ExitCode code) {
@@ -57,6 +60,8 @@ int main(int argc, char** argv) {
     return complain(error, redrive::kExitBadInput);
   } catch (const redrive::IoError& error) {
     return complain(error, redrive::kExitIo);
+  } catch (const std::filesystem::filesystem_error& error) {  // a name too long, a loop of links
+    return complain(error, redrive::kExitBadInput);
   } catch (const std::bad_alloc&) {
     std::fprintf(stderr, "redrive: out of memory\n");
     return redrive::kExitInternal;

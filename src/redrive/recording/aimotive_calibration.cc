@@ -10,6 +10,7 @@
 namespace redrive::aimotive {
 namespace {
 
+constexpr std::int64_t kMaxPixels = 1 << 28;  // sixteen times the largest sensors on cars
 constexpr double kMaxImageSize_px = 65536;
 constexpr double kMaxFocalLength_px = 1e6;  // 65536 px across 4 degrees
 constexpr double kMaxDistortion = 1e6;      // beyond: r^6 terms leave the range of float at 45 degrees
@@ -108,6 +109,7 @@ CameraCalibration camera_from_json(const JsonField& sensor, const std::string& n
   resolution.numbers(2), focal.numbers(2), center.numbers(2);  // shapes, before the elements
   camera.width = image_size_from_json(resolution.at(std::size_t{0}));
   camera.height = image_size_from_json(resolution.at(std::size_t{1}));
+  if (std::int64_t{camera.width} * camera.height > kMaxPixels) resolution.fail("expected at most 2^28 pixels");
   camera.fx = focal_length_from_json(focal.at(std::size_t{0}));
   camera.fy = focal_length_from_json(focal.at(std::size_t{1}));
   camera.cx = principal_point_from_json(center.at(std::size_t{0}), camera.width);

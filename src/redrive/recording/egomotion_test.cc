@@ -81,15 +81,13 @@ TEST(Egomotion, TimesIncrease) {
 }
 
 TEST(Egomotion, Teleport) {
-  // 100 m in a long time are allowed, 101 m are not; 16 m in 0.1 s are 160 m/s.
-  json document = {{"1", pose_at(0, 0)}, {"2", pose_at(100, 10)}};
+  // A gap in the recording may be long; 16 m in 0.1 s are 160 m/s.
+  json document = {{"1", pose_at(0, 0)}, {"2", pose_at(400, 20)}};
   EXPECT_EQ(parse(document).size(), 2u);
-  document["2"] = pose_at(101, 10);
-  EXPECT_THAT(input_error([&] { parse(document); }), AllOf(HasSubstr("2.RT_ECEF_body"), HasSubstr("101.00 m"), HasSubstr("frame 1")));
   document["2"] = pose_at(14, 0.1);
   EXPECT_EQ(parse(document).size(), 2u);
   document["2"] = pose_at(16, 0.1);
-  EXPECT_THAT(input_error([&] { parse(document); }), AllOf(HasSubstr("2.RT_ECEF_body"), HasSubstr("16.00 m")));
+  EXPECT_THAT(input_error([&] { parse(document); }), AllOf(HasSubstr("2.RT_ECEF_body"), HasSubstr("16.00 m"), HasSubstr("frame 1")));
 }
 
 }  // namespace

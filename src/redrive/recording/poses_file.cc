@@ -11,7 +11,6 @@
 namespace redrive {
 namespace {
 
-constexpr double kMaxShift_m = 1e4;
 
 // The name comes from a file that may not be ours and is written to: it must stay inside the output folder, and be
 // spelled in one way only, so that equal files have equal names.

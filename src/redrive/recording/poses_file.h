@@ -16,6 +16,9 @@
 
 namespace redrive {
 
+/// Shifts are metres; more along an axis is a mistake (and floats would lose millimetres).
+constexpr double kMaxShift_m = 1e4;
+
 struct RequestedView {
   std::string file;                                   ///< output name, relative, no "..", ends in .png or .jpg
   std::string camera;
