@@ -268,6 +268,9 @@ TEST_F(EndToEnd, RendersThatCannotBeMadeAreRefused) {
   EXPECT_EQ(render({"--camera", front, "--frame", "999", "--out", out}), kExitUsage);
   EXPECT_EQ(render({"--camera", front, "--frame", "x", "--out", out}), kExitUsage);
   EXPECT_EQ(render({"--camera", front, "--frame", "100", "--translate", "1,2", "--out", out}), kExitUsage);
+  EXPECT_EQ(render({"--camera", front, "--frame", "100", "--translate", "1e300,0,0", "--out", out}), kExitUsage);
+  EXPECT_EQ(render({"--camera", front, "--frame", "100", "--out", out, "--depth",
+                    (folder_ / "." / fs::path(out).filename()).string()}), kExitUsage) << "the same file by another name";
   EXPECT_EQ(render({"--camera", front, "--frame", "100", "--axes", "up", "--out", out}), kExitUsage);
   EXPECT_EQ(render({"--camera", front, "--frame", "100", "--out", (folder_ / "out.gif").string()}), kExitUsage);
   EXPECT_EQ(render({"--camera", front, "--frame", "100", "--out", (folder_ / "taken.png").string()}), kExitUsage);
@@ -280,6 +283,11 @@ TEST_F(EndToEnd, RendersThatCannotBeMadeAreRefused) {
   EXPECT_EQ(render({"--poses", poses.string(), "--out", out}), kExitBadInput);
   overwrite(poses, R"({"images": [{"file": "a.png", "camera": "NO", "frame_id": 100, "shift_body_m": [0, 0, 0]}]})");
   EXPECT_EQ(render({"--poses", poses.string(), "--out", out}), kExitBadInput);
+}
+
+TEST_F(EndToEnd, AFullStandardOutputIsNotSuccess) {
+  const std::string command = std::string(REDRIVE_BINARY) + " inspect " + drive_.string() + " > /dev/full";
+  EXPECT_EQ(Program("/bin/sh", {"-c", command}).wait().exit_code, kExitIo);
 }
 
 }  // namespace
