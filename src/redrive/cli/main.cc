@@ -1,5 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The table of commands, and the one place where errors become exit codes.
+#include <sys/stat.h>
+#include <unistd.h>
+
 #include <cstdio>
 #include <exception>
 #include <filesystem>
@@ -40,7 +43,11 @@ int run(int argc, char** argv) {
     return app.exit(error) == 0 ? redrive::kExitOk : redrive::kExitUsage;
   }
   const int code = actions.at(app.get_subcommands().front())();
-  if (std::fflush(stdout) != 0 || std::ferror(stdout)) throw redrive::IoError("standard output", "cannot be written");
+  // A reader that went away (| head) had enough; a file that could not be written is an error.
+  struct stat out {};
+  const bool pipe = fstat(STDOUT_FILENO, &out) == 0 && (S_ISFIFO(out.st_mode) || S_ISSOCK(out.st_mode));
+  if ((std::fflush(stdout) != 0 || std::ferror(stdout)) && !pipe)
+    throw redrive::IoError("standard output", "cannot be written");
   return code;
 }
 
