@@ -21,9 +21,11 @@ struct Options {
 struct Result {
   std::string name;
   double median_ms = 0, min_ms = 0;
-  double samples_per_s = 0;    ///< points along rays (kernel/adam: parameters) by the median
-  double gflops = 0;           ///< the formula's arithmetic by the median; exp, division and square root count as one
-  double percent_of_peak = 0;  ///< of Report::peak_gflops
+  double samples_per_s = 0;  ///< points along rays (kernel/adam: parameters) by the median
+  /// Arithmetic of the formula as the paper writes it, by the median; exp, division and square root count as one, a training step as
+  /// three forward passes. Not what a kernel makes of it: kernels/cpu/folded_colour.h saves a tenth of it.
+  double gflops = 0;
+  double percent_of_peak = 0;  ///< of Report::peak_gflops; may pass 100 for that reason
 };
 
 struct Report {
