@@ -46,13 +46,12 @@ class IoError : public std::runtime_error {
 }  // namespace redrive
 
 /// Broken invariant: prints the expression and both values, then throws std::logic_error.
-#define REDRIVE_CHECK_OP(a, op, b)                                                                        \
-  do {                                                                                                    \
-    if (!((a)op(b)))                                                                                      \
-      ::redrive::check_failed(__FILE__, __LINE__, #a " " #op " " #b,                                      \
-                              std::to_string(a) + " vs " + std::to_string(b));                            \
+#define REDRIVE_CHECK_OP(a, op, b)                                                                                    \
+  do {                                                                                                                \
+    if (!((a)op(b)))                                                                                                  \
+      ::redrive::check_failed(__FILE__, __LINE__, #a " " #op " " #b, std::to_string(a) + " vs " + std::to_string(b)); \
   } while (false)
-#define REDRIVE_CHECK(condition)                                                     \
-  do {                                                                               \
-    if (!(condition)) ::redrive::check_failed(__FILE__, __LINE__, #condition, "");   \
+#define REDRIVE_CHECK(condition)                                                   \
+  do {                                                                             \
+    if (!(condition)) ::redrive::check_failed(__FILE__, __LINE__, #condition, ""); \
   } while (false)

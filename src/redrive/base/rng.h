@@ -21,7 +21,9 @@ constexpr std::uint64_t random_key(std::uint64_t seed, std::uint64_t stream, std
 }
 
 /// 64 random bits: the `index`-th of the stream.
-constexpr std::uint64_t random_bits(std::uint64_t key, std::uint64_t index) { return mix64(key + index * 0xD1342543DE82EF95ull); }
+constexpr std::uint64_t random_bits(std::uint64_t key, std::uint64_t index) {
+  return mix64(key + index * 0xD1342543DE82EF95ull);
+}
 
 /// Uniform in [0, 1), a multiple of 2^-24 (exact in float).
 constexpr float random_unit(std::uint64_t key, std::uint64_t index) {
@@ -30,11 +32,11 @@ constexpr float random_unit(std::uint64_t key, std::uint64_t index) {
 
 /// What a stream is for; one number each, never reused.
 enum RandomStream : std::uint64_t {
-  kStreamInit = 1,          ///< network initialisation
-  kStreamPixels = 2,        ///< order of training pixels; counter = epoch
-  kStreamSamples = 3,       ///< stratified sample jitter; counter = step
-  kStreamFineSamples = 4,   ///< hierarchical sampling; counter = step
-  kStreamFigures = 5,       ///< which training image a figure shows
+  kStreamInit = 1,         ///< network initialisation
+  kStreamPixels = 2,       ///< order of training pixels; counter = epoch
+  kStreamSamples = 3,      ///< stratified sample jitter; counter = step
+  kStreamFineSamples = 4,  ///< hierarchical sampling; counter = step
+  kStreamFigures = 5,      ///< which training image a figure shows
   kStreamTest = 99
 };
 
