@@ -23,9 +23,7 @@ struct Candidate {
   std::string name;
   std::optional<Isa> isa;  ///< none: ref
 
-  double roundoff() const {
-    return isa == Isa::kAmxBf16 || isa == Isa::kAvx512Bf16 ? kBf16Roundoff : kFp32Roundoff;
-  }
+  double roundoff() const { return isa == Isa::kAmxBf16 || isa == Isa::kAvx512Bf16 ? kBf16Roundoff : kFp32Roundoff; }
 };
 void PrintTo(const Candidate& candidate, std::ostream* out) { *out << candidate.name; }
 
@@ -68,7 +66,8 @@ std::string trace(const BatchSize& size) { return std::to_string(size.n_rays) + 
 const std::vector<NerfCase>& cases() {
   static const std::vector<NerfCase> all = [] {
     std::vector<NerfCase> made;
-    for (const NerfConfig& config : {NerfConfig{32, 4, 2}, NerfConfig{64, 10, 4}, NerfConfig{128, 6, 1}, NerfConfig{256, 10, 4}})
+    for (const NerfConfig& config :
+         {NerfConfig{32, 4, 2}, NerfConfig{64, 10, 4}, NerfConfig{128, 6, 1}, NerfConfig{256, 10, 4}})
       if (config.width <= kWidest) made.emplace_back(config);
     return made;
   }();
@@ -94,7 +93,8 @@ struct Upstream {
 
 std::vector<float> random_floats(std::size_t size, std::uint64_t stream, double low, double high) {
   std::vector<float> out(size);
-  for (std::size_t i = 0; i < size; ++i) out[i] = static_cast<float>(low + (high - low) * 0.5 * (1 + uniform(stream, i)));
+  for (std::size_t i = 0; i < size; ++i)
+    out[i] = static_cast<float>(low + (high - low) * 0.5 * (1 + uniform(stream, i)));
   return out;
 }
 
@@ -156,7 +156,8 @@ TEST_P(EveryBackend, SamplesStratified) {
       backend->sample_stratified(size.n_rays, how, t, dt);
       ref->sample_stratified(size.n_rays, how, expected, expected_dt);
       // A fused multiply-add may round once where the oracle rounds twice.
-      EXPECT_TRUE(all_near(t, [&](auto i) { return expected[i]; }, [&](auto i) { return kUlp * expected[i]; }));
+      EXPECT_TRUE(all_near(
+          t, [&](auto i) { return expected[i]; }, [&](auto i) { return kUlp * expected[i]; }));
       for (std::size_t i = 0; i < t.size(); ++i) {
         const bool last = i % size.per_ray == static_cast<std::size_t>(size.per_ray) - 1;
         ASSERT_EQ(dt[i], last ? std::numeric_limits<float>::infinity() : t[i + 1] - t[i]) << i;
@@ -174,7 +175,8 @@ TEST_P(EveryBackend, SamplesHierarchical) {
         SCOPED_TRACE(trace(size));
         const Volume volume(size);
         const std::vector<float> weights = random_floats(volume.t.size(), 60, 0, 2.0 / size.per_ray);
-        std::vector<float> t(size.n_rays * (size.per_ray + extra)), dt(t.size()), expected(t.size()), expected_dt(t.size());
+        std::vector<float> t(size.n_rays * (size.per_ray + extra)), dt(t.size()), expected(t.size()),
+            expected_dt(t.size());
         backend->sample_hierarchical(volume.samples(), weights, extra, jitter, 7, t, dt);
         ref->sample_hierarchical(volume.samples(), weights, extra, jitter, 7, expected, expected_dt);
         ASSERT_TRUE(bit_equal(t, expected));
@@ -219,7 +221,8 @@ TEST_P(EveryBackend, NerfBackward) {
       SCOPED_TRACE(trace(size));
       const NerfBatch batch(nerf, size.n_rays, size.per_ray);
       const Upstream upstream(batch);
-      const Expected expected = NerfOracle(nerf, {GetParam().roundoff()}).compute(&batch, upstream.factor, upstream.vector);
+      const Expected expected =
+          NerfOracle(nerf, {GetParam().roundoff()}).compute(&batch, upstream.factor, upstream.vector);
       ASSERT_GT(expected.smallest_margin, kDeviations / 2) << "a ReLU stands at its kink: choose other points";
       const float before = 0x1p-12f;  // gradients are added to
       std::vector<float> gradients(nerf.parameters.size(), before);
@@ -270,10 +273,14 @@ TEST_P(EveryBackend, CompositeForward) {
     ref->composite_forward(size.n_rays, volume.samples(), volume.raw, expected.out());
     const double tolerance = composite_tolerance(size.per_ray);
     const auto unit = [&](std::size_t) { return tolerance; };
-    ASSERT_TRUE(all_near(got.rgb, [&](auto i) { return expected.rgb[i]; }, unit));
-    ASSERT_TRUE(all_near(got.opacity, [&](auto i) { return expected.opacity[i]; }, unit));
-    ASSERT_TRUE(all_near(got.weights, [&](auto i) { return expected.weights[i]; }, unit));
-    ASSERT_TRUE(all_near(got.depth, [&](auto i) { return expected.depth[i]; }, [&](auto) { return 10 * tolerance; }));
+    ASSERT_TRUE(all_near(
+        got.rgb, [&](auto i) { return expected.rgb[i]; }, unit));
+    ASSERT_TRUE(all_near(
+        got.opacity, [&](auto i) { return expected.opacity[i]; }, unit));
+    ASSERT_TRUE(all_near(
+        got.weights, [&](auto i) { return expected.weights[i]; }, unit));
+    ASSERT_TRUE(all_near(
+        got.depth, [&](auto i) { return expected.depth[i]; }, [&](auto) { return 10 * tolerance; }));
     Composited again(size.n_rays, size.per_ray);
     backend->composite_forward(size.n_rays, volume.samples(), volume.raw, again.without_weights());
     ASSERT_TRUE(bit_equal(again.rgb, got.rgb));
@@ -308,7 +315,8 @@ TEST_P(EveryBackend, PhotometricLoss) {
     const double loss = backend->photometric_loss(rgb, target, d_rgb);
     // The error rounds, is squared and scaled in float; the sum is double.
     EXPECT_NEAR(loss, ref->photometric_loss(rgb, target, expected), 3 * kUlp * loss);
-    EXPECT_TRUE(all_near(d_rgb, [&](auto i) { return expected[i]; }, [&](auto i) { return 3 * kUlp * std::abs(expected[i]); }));
+    EXPECT_TRUE(all_near(
+        d_rgb, [&](auto i) { return expected[i]; }, [&](auto i) { return 3 * kUlp * std::abs(expected[i]); }));
   }
 }
 
@@ -330,8 +338,10 @@ TEST_P(EveryBackend, Adam) {
       }
       // m: two products and a sum of terms that may cancel; v: all terms positive; p: the quotient's eight roundings.
       const auto m_tolerance = [&](std::size_t i) { return 2 * kUlp * (std::abs(m0[i]) + std::abs(gradients[i])); };
-      ASSERT_TRUE(all_near(m, [&](auto i) { return first[i]; }, m_tolerance));
-      ASSERT_TRUE(all_near(v, [&](auto i) { return second[i]; }, [&](auto i) { return 3 * kUlp * second[i]; }));
+      ASSERT_TRUE(all_near(
+          m, [&](auto i) { return first[i]; }, m_tolerance));
+      ASSERT_TRUE(all_near(
+          v, [&](auto i) { return second[i]; }, [&](auto i) { return 3 * kUlp * second[i]; }));
       ASSERT_TRUE(all_near(
           p, [&](auto i) { return expected[i]; },
           [&](std::size_t i) {
@@ -384,8 +394,8 @@ TEST_P(EveryBackend, RendersAndTrainsRays) {
       backend->render_rays(nerf.field(), batch.rays(), batch.sampling(), rendered.out());
       ASSERT_TRUE(all_near(rendered.rgb, value, allowed));
       std::vector<float> gradients(nerf.parameters.size()), composed_gradients(gradients.size());
-      const double loss =
-          backend->train_rays(nerf.field(), batch.rays(), batch.sampling(), target, trained.without_weights(), gradients);
+      const double loss = backend->train_rays(nerf.field(), batch.rays(), batch.sampling(), target,
+                                              trained.without_weights(), gradients);
       ASSERT_TRUE(all_near(trained.rgb, value, allowed));
 
       // The fused stages against the composition of this backend's own plain stages, which the tests above hold.
@@ -394,11 +404,15 @@ TEST_P(EveryBackend, RendersAndTrainsRays) {
       const double order = composite_tolerance(size.per_ray);
       const auto same = [&](std::size_t) { return order; };
       ASSERT_NEAR(loss, composed_loss, 4 * order * std::sqrt(composed_loss) + order * order);
-      ASSERT_TRUE(all_near(rendered.weights, [&](auto i) { return composed.weights[i]; }, same));
+      ASSERT_TRUE(all_near(
+          rendered.weights, [&](auto i) { return composed.weights[i]; }, same));
       for (const Composited* one : {&rendered, &trained}) {
-        ASSERT_TRUE(all_near(one->rgb, [&](auto i) { return composed.rgb[i]; }, same));
-        ASSERT_TRUE(all_near(one->opacity, [&](auto i) { return composed.opacity[i]; }, same));
-        ASSERT_TRUE(all_near(one->depth, [&](auto i) { return composed.depth[i]; }, [&](auto) { return 10 * order; }));
+        ASSERT_TRUE(all_near(
+            one->rgb, [&](auto i) { return composed.rgb[i]; }, same));
+        ASSERT_TRUE(all_near(
+            one->opacity, [&](auto i) { return composed.opacity[i]; }, same));
+        ASSERT_TRUE(all_near(
+            one->depth, [&](auto i) { return composed.depth[i]; }, [&](auto) { return 10 * order; }));
       }
       // What may differ: the order of sums, and operands that an fp32 ulp moves across a rounding boundary of bf16, which
       // is rare: a quarter of one bf16 rounding over a tensor, or of a hundred fp32 ones per sum.
@@ -430,10 +444,14 @@ TEST_P(EveryBackend, RendersOpaqueRays) {
     backend->Backend::render_rays(nerf.field(), batch.rays(), batch.sampling(), all.out());
     const double unit = kLeftOut + composite_tolerance(batch.per_ray);
     const auto allowed = [&](std::size_t) { return unit; };
-    ASSERT_TRUE(all_near(rendered.rgb, [&](auto i) { return all.rgb[i]; }, allowed));
-    ASSERT_TRUE(all_near(rendered.opacity, [&](auto i) { return all.opacity[i]; }, allowed));
-    ASSERT_TRUE(all_near(rendered.weights, [&](auto i) { return all.weights[i]; }, allowed));
-    ASSERT_TRUE(all_near(rendered.depth, [&](auto i) { return all.depth[i]; }, [&](auto) { return 10 * unit; }));
+    ASSERT_TRUE(all_near(
+        rendered.rgb, [&](auto i) { return all.rgb[i]; }, allowed));
+    ASSERT_TRUE(all_near(
+        rendered.opacity, [&](auto i) { return all.opacity[i]; }, allowed));
+    ASSERT_TRUE(all_near(
+        rendered.weights, [&](auto i) { return all.weights[i]; }, allowed));
+    ASSERT_TRUE(all_near(
+        rendered.depth, [&](auto i) { return all.depth[i]; }, [&](auto) { return 10 * unit; }));
   }
 }
 

@@ -27,8 +27,8 @@ inline testing::AssertionResult all_near(std::span<const float> got, const std::
     }
   }
   if (failures == 0) return testing::AssertionSuccess();
-  return testing::AssertionFailure() << failures << " of " << got.size() << " elements are off, the worst at " << where << ": "
-                                     << got[where] << " instead of " << expected(where) << ", allowed "
+  return testing::AssertionFailure() << failures << " of " << got.size() << " elements are off, the worst at " << where
+                                     << ": " << got[where] << " instead of " << expected(where) << ", allowed "
                                      << tolerance(where) << " (" << worst << " times)";
 }
 

@@ -54,7 +54,8 @@ class NerfCase {
 
   explicit NerfCase(const NerfConfig& config) : config(config), parameters(nerf_parameter_count(config)) {
     // Lattice of rays and depths whose points fill [-1, 1]^3 of the unit cube, generic so that no angle is special.
-    const float directions[kRayKinds][3] = {{0.6f, 0, 0.8f}, {-0.48f, 0.6f, 0.64f}, {0.36f, -0.8f, 0.48f}, {0, -0.28f, 0.96f}};
+    const float directions[kRayKinds][3] = {
+        {0.6f, 0, 0.8f}, {-0.48f, 0.6f, 0.64f}, {0.36f, -0.8f, 0.48f}, {0, -0.28f, 0.96f}};
     for (int kind = 0; kind < kRayKinds; ++kind)
       for (int k = 0; k < 3; ++k) {
         direction_of[kind][k] = directions[kind][k];
@@ -79,12 +80,14 @@ class NerfCase {
   Point point(int kind, float t) const {
     Point p;
     for (int k = 0; k < 3; ++k) {
-      const double o = origin_of[kind][k], d = direction_of[kind][k], c = unit_from_world.center[k], s = unit_from_world.scale;
+      const double o = origin_of[kind][k], d = direction_of[kind][k], c = unit_from_world.center[k],
+                   s = unit_from_world.scale;
       const double x = o + t * d;
       p.direction[k] = d;
       p.position[k] = (x - c) * s;
       // float: the product, the sum, the difference and the scaling round, in any grouping of these terms
-      p.position_error[k] = s * kFp32Roundoff / std::sqrt(3.0) * std::sqrt(t * d * t * d + x * x + 2 * (x - c) * (x - c) + c * c);
+      p.position_error[k] =
+          s * kFp32Roundoff / std::sqrt(3.0) * std::sqrt(t * d * t * d + x * x + 2 * (x - c) * (x - c) + c * c);
     }
     return p;
   }
@@ -102,7 +105,8 @@ class NerfCase {
         ref::nerf_sample_forward(config, p.data(), at.position, at.direction, &a, raw);
         inputs.push_back(a.input[layer]);
       }
-      const bool gated = ref::nerf_layer_has_relu(layer) || layer == kNerfDensity;  // density: its ReLU is in compositing
+      const bool gated =
+          ref::nerf_layer_has_relu(layer) || layer == kNerfDensity;  // density: its ReLU is in compositing
       for (int o = 0; o < nerf_layer(config, layer).outputs; ++o) choose_neuron(layer, o, inputs, gated);
     }
   }
@@ -119,7 +123,8 @@ class NerfCase {
       if (!gated) return;
 
       std::vector<double> z;
-      for (const std::vector<double>& input : inputs) z.push_back(std::inner_product(input.begin(), input.end(), row, 0.0));
+      for (const std::vector<double>& input : inputs)
+        z.push_back(std::inner_product(input.begin(), input.end(), row, 0.0));
       std::sort(z.begin(), z.end());
       int widest = 3;
       for (int k = 3; k < kPoints - 4; ++k)
@@ -215,9 +220,12 @@ class NerfOracle {
     const std::vector<double> of_direction = encoding_variance(nullptr, nerf_.config.direction_octaves);
     for (int layer = 0; layer < kNerfLayers; ++layer) {
       std::vector<double>& v = input_variance_[layer];
-      if (layer == 0) v = of_position;
-      else if (layer == kNerfDensity || layer == kNerfFeature) v = output_variance_[kNerfHidden - 1];
-      else v = output_variance_[layer - 1];
+      if (layer == 0)
+        v = of_position;
+      else if (layer == kNerfDensity || layer == kNerfFeature)
+        v = output_variance_[kNerfHidden - 1];
+      else
+        v = output_variance_[layer - 1];
       if (layer == kNerfSkip) v.insert(v.end(), of_position.begin(), of_position.end());
       if (layer == kNerfColour) v.insert(v.end(), of_direction.begin(), of_direction.end());
       layer_variance(layer, out);

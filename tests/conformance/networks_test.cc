@@ -35,7 +35,8 @@ INSTANTIATE_TEST_SUITE_P(Networks, EveryNetwork,
                                          Network{"avx512", Isa::kAvx512, kFp32Roundoff, make_nerf_avx512},
                                          Network{"avx512_bf16", Isa::kAvx512Bf16, kBf16Roundoff, make_nerf_avx512_bf16},
                                          Network{"amx_bf16", Isa::kAmxBf16, kBf16Roundoff, make_nerf_amx_bf16},
-                                         Network{"amx_emulated", Isa::kAvx512Bf16, kBf16Roundoff, make_nerf_amx_emulated}),
+                                         Network{"amx_emulated", Isa::kAvx512Bf16, kBf16Roundoff,
+                                                 make_nerf_amx_emulated}),
                          [](const auto& info) { return info.param.name; });
 
 /// A case whose points are exact as floats in the unit cube, as tiles hold them: multiples of 2^-20 below 2. (Not by a cast to
@@ -76,7 +77,8 @@ struct TileData {
 };
 
 TEST_P(EveryNetwork, TwoLanesOfTiles) {
-  for (const NerfConfig& config : {NerfConfig{32, 4, 2}, NerfConfig{64, 10, 4}, NerfConfig{96, 1, 1}, NerfConfig{256, 10, 4}}) {
+  for (const NerfConfig& config :
+       {NerfConfig{32, 4, 2}, NerfConfig{64, 10, 4}, NerfConfig{96, 1, 1}, NerfConfig{256, 10, 4}}) {
 #if defined(__SANITIZE_THREAD__)
     if (config.width > 64) continue;  // the oracle's loops take too long; races show at any width
 #endif
@@ -126,7 +128,9 @@ TEST_P(EveryNetwork, TwoLanesOfTiles) {
               << "channel " << k;
       ASSERT_TRUE(all_near(
           gradients, [&](std::size_t i) { return expected.gradient[i]; },
-          [&](std::size_t i) { return kDeviations * expected.gradient_deviation[i] + 0x1p-23 * std::abs(expected.gradient[i]); }));
+          [&](std::size_t i) {
+            return kDeviations * expected.gradient_deviation[i] + 0x1p-23 * std::abs(expected.gradient[i]);
+          }));
 
       // Without keeping anything for a backward pass: the same.
       TileData again = tiles[2];

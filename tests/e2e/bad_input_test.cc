@@ -270,7 +270,9 @@ TEST_F(EndToEnd, RendersThatCannotBeMadeAreRefused) {
   EXPECT_EQ(render({"--camera", front, "--frame", "100", "--translate", "1,2", "--out", out}), kExitUsage);
   EXPECT_EQ(render({"--camera", front, "--frame", "100", "--translate", "1e300,0,0", "--out", out}), kExitUsage);
   EXPECT_EQ(render({"--camera", front, "--frame", "100", "--out", out, "--depth",
-                    (folder_ / "." / fs::path(out).filename()).string()}), kExitUsage) << "the same file by another name";
+                    (folder_ / "." / fs::path(out).filename()).string()}),
+            kExitUsage)
+      << "the same file by another name";
   EXPECT_EQ(render({"--camera", front, "--frame", "100", "--axes", "up", "--out", out}), kExitUsage);
   EXPECT_EQ(render({"--camera", front, "--frame", "100", "--out", (folder_ / "out.gif").string()}), kExitUsage);
   EXPECT_EQ(render({"--camera", front, "--frame", "100", "--out", (folder_ / "taken.png").string()}), kExitUsage);

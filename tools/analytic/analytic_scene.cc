@@ -71,10 +71,8 @@ Vector3d wall_colour(const Hit& hit, double u, double v) {
     case Texture::kChecker:
       return (static_cast<int>(std::floor(u / 0.25)) + static_cast<int>(std::floor(v / 0.25))) % 2 ? hit.colour
                                                                                                    : hit.second_colour;
-    case Texture::kStripes:
-      return fraction((u + v) / 0.5) < 0.5 ? hit.colour : hit.second_colour;
-    default:
-      return hit.colour * (0.9 + 0.2 * noise(4 * u, 4 * v));
+    case Texture::kStripes: return fraction((u + v) / 0.5) < 0.5 ? hit.colour : hit.second_colour;
+    default: return hit.colour * (0.9 + 0.2 * noise(4 * u, 4 * v));
   }
 }
 
@@ -87,7 +85,8 @@ Vector3d albedo(const Hit& hit, const Vector3d& point, bool is_ground, bool is_s
     return belt ? Vector3d(0.8, 0.8, 0.8) : fraction(8 * longitude) < 0.5 ? hit.colour : hit.second_colour;
   }
   if (std::abs(hit.normal.z()) > 0.5) return wall_colour(hit, point.x(), point.y());
-  return std::abs(hit.normal.x()) > 0.5 ? wall_colour(hit, point.y(), point.z()) : wall_colour(hit, point.x(), point.z());
+  return std::abs(hit.normal.x()) > 0.5 ? wall_colour(hit, point.y(), point.z())
+                                        : wall_colour(hit, point.x(), point.z());
 }
 
 void hit_box(const Box& box, const Vector3d& origin, const Vector3d& direction, Hit* best) {
@@ -172,20 +171,28 @@ Courtyard make_courtyard(unsigned seed) {
   // A portal over the road, lamp posts along it.
   scene.boxes.push_back({{17.0, 3.6, 0}, {17.6, 4.2, 4.2}, Texture::kStripes, {0.7, 0.08, 0.06}, {0.75, 0.75, 0.72}});
   scene.boxes.push_back({{17.0, -4.2, 0}, {17.6, -3.6, 4.2}, Texture::kStripes, {0.7, 0.08, 0.06}, {0.75, 0.75, 0.72}});
-  scene.boxes.push_back({{17.0, -3.6, 3.5}, {17.6, 3.6, 4.2}, Texture::kChecker, {0.72, 0.6, 0.08}, {0.08, 0.08, 0.08}});
+  scene.boxes.push_back(
+      {{17.0, -3.6, 3.5}, {17.6, 3.6, 4.2}, Texture::kChecker, {0.72, 0.6, 0.08}, {0.08, 0.08, 0.08}});
   for (const double x : {-6.0, 1.0, 8.0, 15.0})
     scene.boxes.push_back({{x, 5.2, 0}, {x + 0.14, 5.34, 4.6}, Texture::kMetal, dark_stone, dark_stone});
   // Crates and balls on both sides.
-  const Vector3d palette[] = {{0.62, 0.12, 0.08}, {0.08, 0.3, 0.55}, {0.68, 0.52, 0.06}, {0.1, 0.42, 0.2}, {0.55, 0.3, 0.1}};
+  const Vector3d palette[] = {
+      {0.62, 0.12, 0.08}, {0.08, 0.3, 0.55}, {0.68, 0.52, 0.06}, {0.1, 0.42, 0.2}, {0.55, 0.3, 0.1}};
   for (int i = 0; i < 10; ++i) {
     const double x = -9 + 2.9 * i + uniform(-0.5, 0.5), side = i % 2 ? 1 : -1;
     const double y = side * uniform(4.9, 6.2), size = uniform(0.7, 1.5), height = uniform(0.6, 1.7);
-    scene.boxes.push_back({{x - size / 2, y - size / 2, 0}, {x + size / 2, y + size / 2, height},
-                           i % 3 ? Texture::kChecker : Texture::kStripes, palette[i % 5], Vector3d(0.66, 0.64, 0.58)});
+    scene.boxes.push_back({{x - size / 2, y - size / 2, 0},
+                           {x + size / 2, y + size / 2, height},
+                           i % 3 ? Texture::kChecker : Texture::kStripes,
+                           palette[i % 5],
+                           Vector3d(0.66, 0.64, 0.58)});
   }
   for (int i = 0; i < 9; ++i) {
     const double x = -8 + 3.1 * i + uniform(-0.6, 0.6), side = i % 2 ? -1 : 1, radius = uniform(0.35, 0.8);
-    scene.spheres.push_back({{x, side * uniform(3.0, 4.2), radius}, radius, Texture::kStripes, palette[(i + 2) % 5],
+    scene.spheres.push_back({{x, side * uniform(3.0, 4.2), radius},
+                             radius,
+                             Texture::kStripes,
+                             palette[(i + 2) % 5],
                              Vector3d(0.7, 0.68, 0.62)});
   }
   return scene;

@@ -88,11 +88,13 @@ TEST(Sample, ShippedPictureIsWhatTheGeneratorMakes) {
   ThreadPool pool(hardware_threads());
   const CameraCalibration calibration = rig_calibration()[2];
   const int index = 9;
-  const Picture made = take_picture(make_courtyard(1), make_camera(calibration), world_from_body(index) * calibration.body_from_sensor, pool);
+  const Picture made = take_picture(make_courtyard(1), make_camera(calibration),
+                                    world_from_body(index) * calibration.body_from_sensor, pool);
   const Image8 shipped = read_image(root / "sensor/camera/M_FISHEYE_L/M_FISHEYE_L_0001209.jpg");
   ASSERT_EQ(shipped.rgb.size(), made.image.rgb.size());
   double squared = 0;
-  for (std::size_t i = 0; i < shipped.rgb.size(); ++i) squared += std::pow(double(shipped.rgb[i]) - made.image.rgb[i], 2);
+  for (std::size_t i = 0; i < shipped.rgb.size(); ++i)
+    squared += std::pow(double(shipped.rgb[i]) - made.image.rgb[i], 2);
   // JPEG at quality 92 leaves a few levels; another scene or pose leaves tens.
   EXPECT_LT(std::sqrt(squared / shipped.rgb.size()), 6.0);
 }

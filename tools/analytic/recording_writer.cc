@@ -91,7 +91,8 @@ void write_novel(const std::filesystem::path& folder, const NovelShift& novel, c
       const std::int64_t id = options.first_id + index;
       Rigid3d shifted = world_from_body(index);
       shifted.translate(novel.shift_body_m);
-      const Picture picture = take_picture(scene, make_camera(calibration), shifted * calibration.body_from_sensor, pool);
+      const Picture picture =
+          take_picture(scene, make_camera(calibration), shifted * calibration.body_from_sensor, pool);
       const std::string file = image_name(calibration.name, id, ".jpg");
       write_image(folder / file, picture.image);
       write_png16(folder / image_name(calibration.name, id, "_depth.png"), calibration.width, calibration.height,
@@ -110,14 +111,50 @@ void write_novel(const std::filesystem::path& folder, const NovelShift& novel, c
 
 std::vector<CameraCalibration> rig_calibration() {
   std::vector<CameraCalibration> rig(4);
-  rig[0] = {"F_MIDLONGRANGECAM_CL", "opencv_pinhole", 438, 376, 240.5, 131, {-0.30, 0.084, 0.002, 0.0006, 0}, 0,
-            480, 264, mount({1.9, 0.1, 1.25}, 0.4, 2.0, 0.2)};
-  rig[1] = {"B_MIDRANGECAM_C", "opencv_pinhole", 242, 243.5, 240, 152, {-0.33, 0.10, -0.001, 0.0013, 0}, 0,
-            480, 304, mount({0.05, 0, 1.37}, 179.2, 1.0, -0.3)};
-  rig[2] = {"M_FISHEYE_L", "mei", 216, 188, 240.7, 129.3, {0.034, -0.084, 0, 0, 0}, 1.02,
-            480, 264, mount({1.05, 0.64, 1.41}, 91.0, 18.0, 0.5)};
-  rig[3] = {"M_FISHEYE_R", "mei", 216.5, 188.6, 241.4, 129.4, {0.027, -0.081, 0, 0, 0}, 1.017,
-            480, 264, mount({1.05, -0.64, 1.41}, -89.5, 18.5, -0.4)};
+  rig[0] = {"F_MIDLONGRANGECAM_CL",
+            "opencv_pinhole",
+            438,
+            376,
+            240.5,
+            131,
+            {-0.30, 0.084, 0.002, 0.0006, 0},
+            0,
+            480,
+            264,
+            mount({1.9, 0.1, 1.25}, 0.4, 2.0, 0.2)};
+  rig[1] = {"B_MIDRANGECAM_C",
+            "opencv_pinhole",
+            242,
+            243.5,
+            240,
+            152,
+            {-0.33, 0.10, -0.001, 0.0013, 0},
+            0,
+            480,
+            304,
+            mount({0.05, 0, 1.37}, 179.2, 1.0, -0.3)};
+  rig[2] = {"M_FISHEYE_L",
+            "mei",
+            216,
+            188,
+            240.7,
+            129.3,
+            {0.034, -0.084, 0, 0, 0},
+            1.02,
+            480,
+            264,
+            mount({1.05, 0.64, 1.41}, 91.0, 18.0, 0.5)};
+  rig[3] = {"M_FISHEYE_R",
+            "mei",
+            216.5,
+            188.6,
+            241.4,
+            129.4,
+            {0.027, -0.081, 0, 0, 0},
+            1.017,
+            480,
+            264,
+            mount({1.05, -0.64, 1.41}, -89.5, 18.5, -0.4)};
   return rig;
 }
 
@@ -144,7 +181,8 @@ Rigid3d ecef_from_world() {
   const double a = 6378137.0, e2 = 6.69437999014e-3;  // WGS84
   const double normal_radius = a / std::sqrt(1 - e2 * std::sin(latitude) * std::sin(latitude));
   const Vector3d east(-std::sin(longitude), std::cos(longitude), 0);
-  const Vector3d up(std::cos(latitude) * std::cos(longitude), std::cos(latitude) * std::sin(longitude), std::sin(latitude));
+  const Vector3d up(std::cos(latitude) * std::cos(longitude), std::cos(latitude) * std::sin(longitude),
+                    std::sin(latitude));
   const Vector3d north = up.cross(east);
   Rigid3d pose = Rigid3d::Identity();
   pose.linear().col(0) = std::cos(heading) * north + std::sin(heading) * east;
@@ -168,15 +206,18 @@ Picture take_picture(const Courtyard& scene, const Camera& camera, const Rigid3d
       const std::size_t pixel = std::size_t(y) * camera.width + x;
       const auto center = see(x, y);
       if (!center) continue;
-      picture.depth_mm[pixel] = static_cast<std::uint16_t>(std::clamp(std::lround(1000 * center->distance_m), 0l, 65535l));
+      picture.depth_mm[pixel] =
+          static_cast<std::uint16_t>(std::clamp(std::lround(1000 * center->distance_m), 0l, 65535l));
       Vector3d sum = Vector3d::Zero();
       int seen = 0;
       for (int i = 0; i < kSupersampling * kSupersampling; ++i) {
-        const double dx = (i % kSupersampling + 0.5) / kSupersampling - 0.5, dy = (i / kSupersampling + 0.5) / kSupersampling - 0.5;
+        const double dx = (i % kSupersampling + 0.5) / kSupersampling - 0.5,
+                     dy = (i / kSupersampling + 0.5) / kSupersampling - 0.5;
         if (const auto sample = see(x + dx, y + dy)) sum += sample->colour, ++seen;
       }
       for (int k = 0; k < 3; ++k)
-        picture.image.rgb[3 * pixel + k] = static_cast<std::uint8_t>(std::lround(255 * (seen ? sum[k] / seen : center->colour[k])));
+        picture.image.rgb[3 * pixel + k] =
+            static_cast<std::uint8_t>(std::lround(255 * (seen ? sum[k] / seen : center->colour[k])));
     }
   });
   return picture;
@@ -200,14 +241,17 @@ void write_recording(const std::filesystem::path& root, const DriveOptions& opti
     const std::int64_t id = options.first_id + index;
     const double time_s = kFirstTime_s + kFrameInterval_s * index;
     egomotion[std::to_string(id)] = {{"RT_ECEF_body", matrix_json(ecef_from_world() * world_from_body(index))},
-                                     {"time", time_s}, {"time_host", time_s}};
+                                     {"time", time_s},
+                                     {"time_host", time_s}};
     for (const CameraCalibration& camera : rig) {
-      const Picture picture = take_picture(scene, make_camera(camera), world_from_body(index) * camera.body_from_sensor, pool);
+      const Picture picture =
+          take_picture(scene, make_camera(camera), world_from_body(index) * camera.body_from_sensor, pool);
       write_image(root / "sensor/camera" / camera.name / image_name(camera.name, id, ".jpg"), picture.image);
     }
   }
   write_file(root / "sensor/gnssins/egomotion2.json", egomotion.dump(1));
-  for (const NovelShift& novel : kNovelShifts) write_novel(root / "novel" / novel.name, novel, scene, rig, options, pool);
+  for (const NovelShift& novel : kNovelShifts)
+    write_novel(root / "novel" / novel.name, novel, scene, rig, options, pool);
 }
 
 }  // namespace redrive::analytic

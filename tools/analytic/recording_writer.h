@@ -15,7 +15,7 @@ namespace redrive::analytic {
 
 struct DriveOptions {
   unsigned seed = 1;
-  int frames = 24;             ///< at 15 Hz
+  int frames = 24;  ///< at 15 Hz
   std::int64_t first_id = 1200;
 };
 

@@ -4,8 +4,8 @@
 #include <cmath>
 #include <numbers>
 
-#include <Eigen/LU>
 #include <gtest/gtest.h>
+#include <Eigen/LU>
 #include <opencv2/calib3d.hpp>
 
 #include "redrive/base/error.h"
@@ -52,8 +52,9 @@ TEST(Camera, RoundTripsOverTheWholeImage) {
         ASSERT_LT((*back - pixel).norm(), 1e-6) << u << ' ' << v;
       }
     EXPECT_GT(seen, 0);
-    const bool folds = example.name.find("fold") != std::string::npos || example.name.find("sphere") != std::string::npos ||
-                       example.name == "sixth order" || example.name == "fisheye";
+    const bool folds = example.name.find("fold") != std::string::npos ||
+                       example.name.find("sphere") != std::string::npos || example.name == "sixth order" ||
+                       example.name == "fisheye";
     EXPECT_EQ(refused > 0, folds) << refused;
   }
 }
@@ -169,7 +170,8 @@ TEST(Camera, GradientByDualNumbersMeetsDifferences) {
         [&](const auto& model) {
           for (const Eigen::Vector3d& direction : directions(400)) {
             const double angle = std::acos(direction.z());
-            if (angle > 1 || !model.template project<double>({1.1 * direction.x(), 1.1 * direction.y(), direction.z()})) continue;
+            if (angle > 1 || !model.template project<double>({1.1 * direction.x(), 1.1 * direction.y(), direction.z()}))
+              continue;
             ++tested;
             const auto gradient = model.template project<D>(
                 {D::variable(direction.x(), 0), D::variable(direction.y(), 1), D::variable(direction.z(), 2)});
@@ -206,7 +208,8 @@ TEST(Camera, PinholeAgreesWithOpenCv) {
     ASSERT_GT(points.size(), 200u);
     const cv::Matx33d k(camera.fx, 0, camera.cx, 0, camera.fy, camera.cy, 0, 0, 1);
     std::vector<cv::Point2d> theirs;
-    cv::projectPoints(points, cv::Vec3d(), cv::Vec3d(), k, cv::Vec<double, 5>(lens.k1, lens.k2, lens.p1, lens.p2, lens.k3), theirs);
+    cv::projectPoints(points, cv::Vec3d(), cv::Vec3d(), k,
+                      cv::Vec<double, 5>(lens.k1, lens.k2, lens.p1, lens.p2, lens.k3), theirs);
     for (std::size_t i = 0; i < points.size(); ++i)
       ASSERT_LT(std::hypot(ours[i].x() - theirs[i].x, ours[i].y() - theirs[i].y), 1e-6) << points[i];
   }

@@ -15,7 +15,8 @@ struct ExampleCamera {
 };
 
 inline std::vector<ExampleCamera> example_cameras() {
-  const auto make = [](const char* name, const char* model, std::array<double, 5> distortion, double xi, double fx, double fy) {
+  const auto make = [](const char* name, const char* model, std::array<double, 5> distortion, double xi, double fx,
+                       double fy) {
     CameraCalibration c;
     c.name = name;
     c.model = model;

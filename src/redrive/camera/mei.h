@@ -36,7 +36,8 @@ struct Mei {
     if (!(length > T(0)) || !(point[2] > length * T(xi > 1 ? -1 / xi : -xi))) return std::nullopt;
     const T w = point[2] + T(xi) * length;
     const std::array<T, 2> m{point[0] / w, point[1] / w};
-    if (!(m[0] * m[0] + m[1] * m[1] <= T(distortion.max_radius * distortion.max_radius * (1 + 1e-12)))) return std::nullopt;
+    if (!(m[0] * m[0] + m[1] * m[1] <= T(distortion.max_radius * distortion.max_radius * (1 + 1e-12))))
+      return std::nullopt;
     return distortion.distort(m);
   }
 

@@ -38,7 +38,8 @@ struct Inspection {
 double angle_at_column(const Camera& camera, double u) {
   const double step = u < camera.cx ? 0.5 : -0.5;
   for (; (camera.cx - u) * step > 0; u += step) {
-    if (const auto direction = camera.unproject({u, camera.cy})) return std::atan2(direction->head<2>().norm(), direction->z());
+    if (const auto direction = camera.unproject({u, camera.cy}))
+      return std::atan2(direction->head<2>().norm(), direction->z());
   }
   return 0;
 }
@@ -71,7 +72,8 @@ void check_images(const RecordedCamera& camera, std::vector<Finding>* problems) 
       if (image.width == calibration.width && image.height == calibration.height) continue;
       problems->push_back({calibration.name, path.filename().string() + " has " + std::to_string(image.width) + "x" +
                                                  std::to_string(image.height) + " pixels, the calibration says " +
-                                                 std::to_string(calibration.width) + "x" + std::to_string(calibration.height)});
+                                                 std::to_string(calibration.width) + "x" +
+                                                 std::to_string(calibration.height)});
     } catch (const InputError& error) {
       problems->push_back({calibration.name, error.what()});
     }
@@ -89,8 +91,10 @@ Inspection inspect(const std::string& root) {
     CameraReport report{&recorded, horizontal_fov_deg(camera), percent_without_ray(camera)};
     if (report.percent_without_ray > 0) {
       char what[160];
-      std::snprintf(what, sizeof what, "%.1f %% of the pixels lie outside the radius where the distortion is one-to-one; they are not used",
-                    report.percent_without_ray);
+      std::snprintf(
+          what, sizeof what,
+          "%.1f %% of the pixels lie outside the radius where the distortion is one-to-one; they are not used",
+          report.percent_without_ray);
       result.findings.push_back({recorded.calibration.name, what});
     }
     check_images(recorded, &result.problems);
@@ -111,24 +115,45 @@ nlohmann::ordered_json to_json(const Inspection& result) {
   for (const CameraReport& report : result.cameras) {
     const CameraCalibration& c = report.recorded->calibration;
     const auto mount_m = c.body_from_sensor.translation();
-    nlohmann::ordered_json camera = {{"name", c.name}, {"model", c.model}, {"width", c.width}, {"height", c.height},
-        {"focal_length_px", {c.fx, c.fy}}, {"principal_point_px", {c.cx, c.cy}}, {"distortion_coeffs", c.distortion},
-        {"horizontal_fov_deg", report.horizontal_fov_deg}, {"percent_without_ray", report.percent_without_ray},
-        {"position_in_body_m", {mount_m.x(), mount_m.y(), mount_m.z()}}, {"images", report.recorded->images.size()},
-        {"first_id", report.recorded->images.front().frame_id}, {"last_id", report.recorded->images.back().frame_id}};
+    nlohmann::ordered_json camera = {{"name", c.name},
+                                     {"model", c.model},
+                                     {"width", c.width},
+                                     {"height", c.height},
+                                     {"focal_length_px", {c.fx, c.fy}},
+                                     {"principal_point_px", {c.cx, c.cy}},
+                                     {"distortion_coeffs", c.distortion},
+                                     {"horizontal_fov_deg", report.horizontal_fov_deg},
+                                     {"percent_without_ray", report.percent_without_ray},
+                                     {"position_in_body_m", {mount_m.x(), mount_m.y(), mount_m.z()}},
+                                     {"images", report.recorded->images.size()},
+                                     {"first_id", report.recorded->images.front().frame_id},
+                                     {"last_id", report.recorded->images.back().frame_id}};
     if (c.model == "mei") camera["xi"] = c.xi;
     cameras.push_back(camera);
   }
   nlohmann::json novel = nlohmann::json::array();
-  for (const NovelSet& set : recording.novel) novel.push_back({{"name", set.name}, {"poses_file", set.poses_file.string()}});
-  return {{"recording", recording.root.string()}, {"format", recording.format}, {"usable", result.problems.empty()},
-      {"cameras", cameras},
-      {"frames", {{"count", recording.frames.size()}, {"first_id", recording.frames.front().id},
-                  {"last_id", recording.frames.back().id}, {"rate_hz", result.drive.rate_hz}, {"duration_s", result.drive.duration_s}}},
-      {"drive", {{"length_m", result.drive.driven_m}, {"mean_speed_m_per_s", result.drive.mean_speed_m_per_s},
-                 {"max_speed_m_per_s", result.drive.max_speed_m_per_s}}},
-      {"lidar_files", recording.lidar_files}, {"box_files", recording.box_files}, {"other_sensors", recording.other_sensors},
-      {"novel", novel}, {"findings", findings_to_json(result.findings)}, {"problems", findings_to_json(result.problems)}};
+  for (const NovelSet& set : recording.novel)
+    novel.push_back({{"name", set.name}, {"poses_file", set.poses_file.string()}});
+  return {{"recording", recording.root.string()},
+          {"format", recording.format},
+          {"usable", result.problems.empty()},
+          {"cameras", cameras},
+          {"frames",
+           {{"count", recording.frames.size()},
+            {"first_id", recording.frames.front().id},
+            {"last_id", recording.frames.back().id},
+            {"rate_hz", result.drive.rate_hz},
+            {"duration_s", result.drive.duration_s}}},
+          {"drive",
+           {{"length_m", result.drive.driven_m},
+            {"mean_speed_m_per_s", result.drive.mean_speed_m_per_s},
+            {"max_speed_m_per_s", result.drive.max_speed_m_per_s}}},
+          {"lidar_files", recording.lidar_files},
+          {"box_files", recording.box_files},
+          {"other_sensors", recording.other_sensors},
+          {"novel", novel},
+          {"findings", findings_to_json(result.findings)},
+          {"problems", findings_to_json(result.problems)}};
 }
 
 void print_findings(const char* title, const std::vector<Finding>& findings) {
@@ -140,19 +165,21 @@ void print_table(const Inspection& result) {
   const Recording& recording = result.recording;
   const DriveSummary& drive = result.drive;
   std::printf("%s (%s)\n\n", recording.root.c_str(), recording.format.c_str());
-  std::printf("%-24s %-14s %11s %8s %8s %9s %6s  %s\n", "camera", "model", "pixels", "fx px", "fy px", "h-fov deg", "images",
-              "position in body m");
+  std::printf("%-24s %-14s %11s %8s %8s %9s %6s  %s\n", "camera", "model", "pixels", "fx px", "fy px", "h-fov deg",
+              "images", "position in body m");
   for (const CameraReport& report : result.cameras) {
     const CameraCalibration& c = report.recorded->calibration;
     const auto mount_m = c.body_from_sensor.translation();
     const std::string size = std::to_string(c.width) + "x" + std::to_string(c.height);
-    std::printf("%-24s %-14s %11s %8.1f %8.1f %9.1f %6zu  %.2f %.2f %.2f\n", c.name.c_str(), c.model.c_str(), size.c_str(), c.fx,
-                c.fy, report.horizontal_fov_deg, report.recorded->images.size(), mount_m.x(), mount_m.y(), mount_m.z());
+    std::printf("%-24s %-14s %11s %8.1f %8.1f %9.1f %6zu  %.2f %.2f %.2f\n", c.name.c_str(), c.model.c_str(),
+                size.c_str(), c.fx, c.fy, report.horizontal_fov_deg, report.recorded->images.size(), mount_m.x(),
+                mount_m.y(), mount_m.z());
   }
   std::printf("\nframes         %zu, ids %lld to %lld, %.2f Hz, %.2f s\n", recording.frames.size(),
               static_cast<long long>(recording.frames.front().id), static_cast<long long>(recording.frames.back().id),
               drive.rate_hz, drive.duration_s);
-  std::printf("driven         %.1f m, mean %.2f m/s, at most %.2f m/s\n", drive.driven_m, drive.mean_speed_m_per_s, drive.max_speed_m_per_s);
+  std::printf("driven         %.1f m, mean %.2f m/s, at most %.2f m/s\n", drive.driven_m, drive.mean_speed_m_per_s,
+              drive.max_speed_m_per_s);
   std::printf("lidar          %d files\nboxes          %d files\n", recording.lidar_files, recording.box_files);
   std::string others, novel;
   for (const std::string& sensor : recording.other_sensors) others += (others.empty() ? "" : ", ") + sensor;

@@ -71,7 +71,8 @@ int render_one(const RenderOptions& options) {
   const Eigen::Vector3d shift_m = parse_translation(options.translate);
   check_output("--out", options.out, options.force, true);
   if (!options.depth.empty()) check_output("--depth", options.depth, options.force, false);
-  if (!options.depth.empty() && fs::weakly_canonical(fs::absolute(options.depth)) == fs::weakly_canonical(fs::absolute(options.out)))
+  if (!options.depth.empty() &&
+      fs::weakly_canonical(fs::absolute(options.depth)) == fs::weakly_canonical(fs::absolute(options.out)))
     throw UsageError("--depth", options.depth, "must differ from --out");
 
   const Run run = open_run(options.run);

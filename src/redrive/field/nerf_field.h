@@ -16,9 +16,9 @@
 namespace redrive {
 
 struct NerfConfig {
-  int width = 256;           ///< hidden units; a multiple of 32, 32..512
-  int position_octaves = 10; ///< L of gamma(x); 1..10
-  int direction_octaves = 4; ///< L of gamma(d); 1..4
+  int width = 256;            ///< hidden units; a multiple of 32, 32..512
+  int position_octaves = 10;  ///< L of gamma(x); 1..10
+  int direction_octaves = 4;  ///< L of gamma(d); 1..4
 
   bool operator==(const NerfConfig&) const = default;
 };
@@ -30,7 +30,7 @@ constexpr int encoded_size(int octaves) { return 3 + 6 * octaves; }
 
 /// One tensor in the flat buffer: row-major [rows, columns] = [outputs, inputs] for weights, [rows, 1] for biases.
 struct NerfTensor {
-  std::string name;    ///< "trunk.0.weight" ... "trunk.7.bias", "density.*", "feature.*", "colour.*", "rgb.*"
+  std::string name;  ///< "trunk.0.weight" ... "trunk.7.bias", "density.*", "feature.*", "colour.*", "rgb.*"
   int rows = 0, columns = 0;
   std::size_t offset = 0;
 };

@@ -23,10 +23,10 @@ TEST(PositionalEncoding, HandComputedValues) {
   std::vector<double> e(encoded_size(2));
   positional_encoding(p, 2, e.data());
   const double root = std::sqrt(3.0) / 2;
-  const std::vector<double> expected = {0.5, -1.0 / 3, 0,      // x y z
-                                        1, 0, 0, -1,           // x: sin cos of pi/2, pi
-                                        -root, 0.5, -root, -0.5,  // y: of -pi/3, -2pi/3
-                                        0, 1, 0, 1};           // z
+  const std::vector<double> expected = {0.5,   -1.0 / 3, 0,            // x y z
+                                        1,     0,        0,     -1,    // x: sin cos of pi/2, pi
+                                        -root, 0.5,      -root, -0.5,  // y: of -pi/3, -2pi/3
+                                        0,     1,        0,     1};    // z
   ASSERT_EQ(e.size(), expected.size());
   for (std::size_t i = 0; i < e.size(); ++i) EXPECT_NEAR(e[i], expected[i], 1e-15) << i;
 }

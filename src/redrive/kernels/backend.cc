@@ -7,10 +7,11 @@
 
 namespace redrive::kernels {
 
-double Backend::train_rays(const NerfField& field, const Rays& rays, const Samples& samples, std::span<const float> target,
-                           const CompositeOut& out, std::span<float> gradients) {
+double Backend::train_rays(const NerfField& field, const Rays& rays, const Samples& samples,
+                           std::span<const float> target, const CompositeOut& out, std::span<float> gradients) {
   check_field(field, rays, samples);
-  std::vector<float> raw(4 * sample_count(rays.n, samples)), d_raw(raw.size()), d_rgb(3 * static_cast<std::size_t>(rays.n));
+  std::vector<float> raw(4 * sample_count(rays.n, samples)), d_raw(raw.size()),
+      d_rgb(3 * static_cast<std::size_t>(rays.n));
   nerf_forward(field, rays, samples, raw);
   composite_forward(rays.n, samples, raw, out);
   const double loss = photometric_loss(out.rgb, target, d_rgb);

@@ -66,7 +66,8 @@ inline int check_photometric(std::size_t rgb_size, std::size_t target_size, std:
   return static_cast<int>(rgb_size / 3);
 }
 
-inline void check_adam(std::size_t gradients, std::size_t parameters, std::size_t first_moment, std::size_t second_moment) {
+inline void check_adam(std::size_t gradients, std::size_t parameters, std::size_t first_moment,
+                       std::size_t second_moment) {
   REDRIVE_CHECK_OP(gradients, ==, parameters);
   REDRIVE_CHECK_OP(first_moment, ==, parameters);
   REDRIVE_CHECK_OP(second_moment, ==, parameters);

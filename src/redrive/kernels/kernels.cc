@@ -47,7 +47,8 @@ std::unique_ptr<Backend> make_backend(const BackendChoice& choice) {
   if (choice.name != "auto" && choice.name != "ref" && choice.name != "cpu")
     throw UsageError("--backend", choice.name, "must be one of auto, ref, cpu, cuda");
   if (choice.name == "ref" && choice.isa != "auto")
-    throw UsageError("--isa", choice.isa, "the ref backend has no instruction sets; leave it out or take --backend cpu");
+    throw UsageError("--isa", choice.isa,
+                     "the ref backend has no instruction sets; leave it out or take --backend cpu");
 
   const std::optional<Isa> isa = choice.name == "ref" ? std::nullopt : choose_isa(choice.isa);
   if (choice.name == "cpu" && !isa)

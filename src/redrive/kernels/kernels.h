@@ -58,12 +58,13 @@ class Backend {
  public:
   virtual ~Backend() = default;
 
-  virtual std::string name() const = 0;           ///< "ref", "cpu"
-  virtual std::optional<Isa> isa() const = 0;     ///< cpu only
+  virtual std::string name() const = 0;        ///< "ref", "cpu"
+  virtual std::optional<Isa> isa() const = 0;  ///< cpu only
   virtual int threads() const = 0;
 
   // ---- sampling/
-  virtual void sample_stratified(int n_rays, const StratifiedSampling& how, std::span<float> t, std::span<float> dt) = 0;
+  virtual void sample_stratified(int n_rays, const StratifiedSampling& how, std::span<float> t,
+                                 std::span<float> dt) = 0;
   /// Hierarchical sampling (NeRF section 5.2): `extra` further samples per ray from the piecewise-constant density that
   /// `weights` of `coarse` describe (sampling/hierarchical.h), merged with the coarse ones, ascending. jitter/key as above
   /// (key index ray * extra + i). t, dt: [n_rays, coarse.per_ray + extra].
@@ -78,13 +79,15 @@ class Backend {
                              std::span<const float> d_raw, std::span<float> gradients) = 0;
 
   // ---- volume/
-  virtual void composite_forward(int n_rays, const Samples& samples, std::span<const float> raw, const CompositeOut& out) = 0;
+  virtual void composite_forward(int n_rays, const Samples& samples, std::span<const float> raw,
+                                 const CompositeOut& out) = 0;
   virtual void composite_backward(int n_rays, const Samples& samples, std::span<const float> raw,
                                   std::span<const float> d_rgb, std::span<float> d_raw) = 0;
 
   // ---- loss/
   /// Mean squared error over n_rays x 3 (loss/photometric.h); d_rgb [3, n_rays]. Summed in double, in a fixed order.
-  virtual double photometric_loss(std::span<const float> rgb, std::span<const float> target, std::span<float> d_rgb) = 0;
+  virtual double photometric_loss(std::span<const float> rgb, std::span<const float> target,
+                                  std::span<float> d_rgb) = 0;
 
   // ---- optim/
   /// One Adam step (optim/adam.h) over all parameters.
@@ -94,8 +97,8 @@ class Backend {
   // ---- fused extras
   /// Forward, compositing, loss and backward of a batch: adds to `gradients`, fills `out` (weights only if wanted),
   /// returns the loss. target [3, n_rays].
-  virtual double train_rays(const NerfField& field, const Rays& rays, const Samples& samples, std::span<const float> target,
-                            const CompositeOut& out, std::span<float> gradients);
+  virtual double train_rays(const NerfField& field, const Rays& rays, const Samples& samples,
+                            std::span<const float> target, const CompositeOut& out, std::span<float> gradients);
   /// Forward and compositing, without keeping anything for a backward pass. May leave out what stands behind a transmittance
   /// below 1e-4, which changes colour, opacity and the sum of the weights by less than that.
   virtual void render_rays(const NerfField& field, const Rays& rays, const Samples& samples, const CompositeOut& out);
@@ -103,9 +106,9 @@ class Backend {
 
 /// --backend and --isa. `name` "auto": cpu where the processor has AVX2, else ref. UsageError says why a choice is impossible.
 struct BackendChoice {
-  std::string name = "auto";   ///< auto, ref, cpu, cuda
-  std::string isa = "auto";    ///< auto, avx2, avx512, avx512-bf16, amx-bf16
-  int threads = 0;             ///< 0: all that the process may use
+  std::string name = "auto";  ///< auto, ref, cpu, cuda
+  std::string isa = "auto";   ///< auto, avx2, avx512, avx512-bf16, amx-bf16
+  int threads = 0;            ///< 0: all that the process may use
 };
 std::unique_ptr<Backend> make_backend(const BackendChoice& choice);
 

@@ -32,7 +32,8 @@ void adam_update(const AdamStep& s, T gradient, T& parameter, T& m, T& v) {
 }
 
 /// Learning rate of step `step` (from 0): initial * gamma^(number of milestones <= step).
-inline double multi_step_rate(double initial, double gamma, std::span<const std::int64_t> milestones, std::int64_t step) {
+inline double multi_step_rate(double initial, double gamma, std::span<const std::int64_t> milestones,
+                              std::int64_t step) {
   double rate = initial;
   for (const std::int64_t milestone : milestones)
     if (step >= milestone) rate *= gamma;

@@ -42,7 +42,8 @@ RayTable make_ray_table(const Camera& camera) {
   return table;
 }
 
-void view_rays(const RayTable& table, const Rigid3d& world_from_camera, std::size_t first, std::size_t count, RayBatch* batch) {
+void view_rays(const RayTable& table, const Rigid3d& world_from_camera, std::size_t first, std::size_t count,
+               RayBatch* batch) {
   REDRIVE_CHECK_OP(first + count, <=, table.pixel.size());
   resize(batch, static_cast<int>(count), false);
   for (std::size_t i = 0; i < count; ++i) set_ray(table, first + i, world_from_camera, static_cast<int>(i), batch);

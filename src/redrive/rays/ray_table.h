@@ -15,8 +15,8 @@ namespace redrive {
 /// Directions (unit, camera axes) of the pixels that the camera's model reaches.
 struct RayTable {
   int width = 0, height = 0;
-  std::vector<std::uint32_t> pixel;   ///< y * width + x, ascending
-  std::vector<float> direction;       ///< [pixel.size(), 3]
+  std::vector<std::uint32_t> pixel;  ///< y * width + x, ascending
+  std::vector<float> direction;      ///< [pixel.size(), 3]
 };
 RayTable make_ray_table(const Camera& camera);
 
@@ -27,7 +27,8 @@ struct RayBatch {
 };
 
 /// All rays of one view (rows [first_row, last_row)) for rendering: ray k belongs to pixel table.pixel[first + k].
-void view_rays(const RayTable& table, const Rigid3d& world_from_camera, std::size_t first, std::size_t count, RayBatch* batch);
+void view_rays(const RayTable& table, const Rigid3d& world_from_camera, std::size_t first, std::size_t count,
+               RayBatch* batch);
 
 /// The training pixels of a scene: every valid pixel of every view that is not held out, in an order shuffled anew each
 /// epoch (base/rng.h permute_index: no table, any position reachable at once, so resuming needs only the step).
@@ -45,10 +46,10 @@ class PixelSampler {
   const Scene& scene_;
   const std::vector<Image8>& images_;
   std::uint64_t seed_;
-  std::vector<RayTable> tables_;         ///< by camera of the rig
-  std::vector<int> views_;               ///< training views
+  std::vector<RayTable> tables_;  ///< by camera of the rig
+  std::vector<int> views_;        ///< training views
   std::vector<Rigid3d> world_from_camera_;
-  std::vector<std::uint64_t> offsets_;   ///< [views_.size() + 1]: first pixel of each view
+  std::vector<std::uint64_t> offsets_;  ///< [views_.size() + 1]: first pixel of each view
 };
 
 }  // namespace redrive

@@ -83,7 +83,8 @@ class SamplerTest : public RaysTest {
 
 using Ray = std::array<float, 9>;
 
-std::map<Ray, int> count_rays(const PixelSampler& sampler, std::int64_t first_step, std::int64_t steps, int batch_rays) {
+std::map<Ray, int> count_rays(const PixelSampler& sampler, std::int64_t first_step, std::int64_t steps,
+                              int batch_rays) {
   std::map<Ray, int> counts;
   RayBatch batch;
   for (std::int64_t step = first_step; step < first_step + steps; ++step) {

@@ -2,8 +2,8 @@
 #include "redrive/recording/aimotive.h"
 
 #include <algorithm>
-#include <charconv>
 #include <cctype>
+#include <charconv>
 #include <set>
 
 #include "redrive/base/error.h"
@@ -68,7 +68,9 @@ std::string first_few(const std::vector<T>& items) {
   return items.size() <= kShown ? list : list + ", ... (" + std::to_string(items.size()) + " in all)";
 }
 
-std::string counted(std::size_t n, const std::string& noun) { return std::to_string(n) + " " + noun + (n == 1 ? "" : "s"); }
+std::string counted(std::size_t n, const std::string& noun) {
+  return std::to_string(n) + " " + noun + (n == 1 ? "" : "s");
+}
 
 /// The id of <CAM>_<id>.jpg|jpeg|png, or -1.
 std::int64_t frame_id_from_name(const fs::path& path, const std::string& camera) {
@@ -123,12 +125,13 @@ std::vector<ImageFile> collect_images(const fs::path& folder, const std::string&
     if (!seen.contains(frame.id)) without_image.push_back(frame.id);
   }
   if (!without_pose.empty()) {
-    findings->push_back({camera, counted(without_pose.size(), "image") + " dropped, the egomotion has no pose for frame " +
-                                     first_few(without_pose)});
+    findings->push_back({camera, counted(without_pose.size(), "image") +
+                                     " dropped, the egomotion has no pose for frame " + first_few(without_pose)});
   }
   if (!without_image.empty()) {
     findings->push_back({camera, "no image for " + counted(without_image.size(), "frame") + " that " +
-                                     (without_image.size() == 1 ? "has" : "have") + " a pose: " + first_few(without_image)});
+                                     (without_image.size() == 1 ? "has" : "have") +
+                                     " a pose: " + first_few(without_image)});
   }
   return kept;
 }
@@ -144,7 +147,8 @@ fs::path egomotion_file(const fs::path& root) {
 }  // namespace
 
 bool looks_like(const fs::path& root) {
-  return is_folder(root / "sensor/calibration") || is_folder(root / "sensor/camera") || is_folder(root / "sensor/gnssins");
+  return is_folder(root / "sensor/calibration") || is_folder(root / "sensor/camera") ||
+         is_folder(root / "sensor/gnssins");
 }
 
 Recording open(const fs::path& root) {
@@ -164,13 +168,15 @@ Recording open(const fs::path& root) {
     if (!images.empty()) {
       recording.cameras.push_back({calibration, std::move(images)});
     } else {
-      recording.findings.push_back({calibration.name, is_there(folder) ? "calibrated, but no image to use; left out"
-                                                                         : "calibrated, but there is no folder of its images; left out"});
+      recording.findings.push_back(
+          {calibration.name, is_there(folder) ? "calibrated, but no image to use; left out"
+                                              : "calibrated, but there is no folder of its images; left out"});
     }
   }
   for (const fs::path& folder : list_folder(image_root)) {
     if (is_folder(folder) && !calibrated.contains(folder.filename().string())) {
-      recording.findings.push_back({folder.filename().string(), "images of a camera that calibration.json does not have; left out"});
+      recording.findings.push_back(
+          {folder.filename().string(), "images of a camera that calibration.json does not have; left out"});
     }
   }
   if (recording.cameras.empty()) {

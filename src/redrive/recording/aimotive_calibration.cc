@@ -48,7 +48,8 @@ int image_size_from_json(const JsonField& field) {
 
 double focal_length_from_json(const JsonField& field) {
   const double focal_length = field.number();
-  if (!(focal_length > 0 && focal_length <= kMaxFocalLength_px)) field.fail("expected a focal length in pixels, > 0 and <= 1e6");
+  if (!(focal_length > 0 && focal_length <= kMaxFocalLength_px))
+    field.fail("expected a focal length in pixels, > 0 and <= 1e6");
   return focal_length;
 }
 
@@ -70,10 +71,13 @@ void check_direction(const JsonField& sensor, const Rigid3d& body_from_sensor) {
   if (sensor.has("pos_meter")) {
     const std::vector<double> values = sensor.at("pos_meter").numbers(3);
     const Eigen::Vector3d position(values[0], values[1], values[2]);
-    const auto agrees = [&](const Rigid3d& pose) { return (pose.translation() - position).norm() <= kMountTolerance_m; };
+    const auto agrees = [&](const Rigid3d& pose) {
+      return (pose.translation() - position).norm() <= kMountTolerance_m;
+    };
     if (!agrees(body_from_sensor)) {
       const std::string value = "translation " + text(body_from_sensor.translation());
-      if (agrees(inverse)) refuse(field, value, "inverted: not this, but its inverse places the camera at pos_meter " + text(position));
+      if (agrees(inverse))
+        refuse(field, value, "inverted: not this, but its inverse places the camera at pos_meter " + text(position));
       refuse(field, value, "disagrees with pos_meter " + text(position) + " by more than 0.01 m");
     }
     position_decides = !agrees(inverse);
@@ -86,7 +90,8 @@ void check_direction(const JsonField& sensor, const Rigid3d& body_from_sensor) {
     if (turn > 2e-3 || shift_m > kMountTolerance_m) {
       char value[96];
       std::snprintf(value, sizeof value, "off by %.3g in rotation, %.3g m in position", turn, shift_m);
-      refuse(field, value, "disagrees with RT_sensor_from_body, which has to be its inverse (is one of them inverted?)");
+      refuse(field, value,
+             "disagrees with RT_sensor_from_body, which has to be its inverse (is one of them inverted?)");
     }
   }
   const double y_down = -body_from_sensor.linear()(2, 1), y_down_of_inverse = -inverse.linear()(2, 1);
@@ -116,7 +121,8 @@ CameraCalibration camera_from_json(const JsonField& sensor, const std::string& n
   camera.cy = principal_point_from_json(center.at(std::size_t{1}), camera.height);
   const std::vector<double> coefficients = distortion.numbers(5);
   for (std::size_t i = 0; i < 5; ++i) {
-    if (std::abs(coefficients[i]) > kMaxDistortion) distortion.at(i).fail("expected a coefficient between -1e6 and 1e6");
+    if (std::abs(coefficients[i]) > kMaxDistortion)
+      distortion.at(i).fail("expected a coefficient between -1e6 and 1e6");
     camera.distortion[i] = coefficients[i];
   }
   if (camera.model == "mei") {
@@ -154,7 +160,8 @@ std::vector<CameraCalibration> parse_calibration(std::string_view text, const st
   const nlohmann::json root = parse_json(text, file);
   std::vector<CameraCalibration> cameras = cameras_from_json(JsonField(root, file), other_sensors);
   if (cameras.empty()) {
-    throw InputError(file, "", "", "holds no camera: no entry with sensor_type \"camera\", or with model and focal_length_px");
+    throw InputError(file, "", "",
+                     "holds no camera: no entry with sensor_type \"camera\", or with model and focal_length_px");
   }
   return cameras;
 }

@@ -11,8 +11,8 @@
 namespace redrive::aimotive {
 namespace {
 
-constexpr double kMaxRadius_m = 1e7;      // the Earth's surface is at 6.4e6
-constexpr double kMaxTime_s = 9e9;        // int64 nanoseconds end at 9.22e9 s
+constexpr double kMaxRadius_m = 1e7;  // the Earth's surface is at 6.4e6
+constexpr double kMaxTime_s = 9e9;    // int64 nanoseconds end at 9.22e9 s
 constexpr double kMaxSpeed_m_per_s = 150;
 
 std::int64_t frame_id_from_key(const JsonField& entry, const std::string& key) {
@@ -20,7 +20,8 @@ std::int64_t frame_id_from_key(const JsonField& entry, const std::string& key) {
   const auto [end, error] = std::from_chars(key.data(), key.data() + key.size(), id);
   // One spelling per id, or "7" and "007" would be two poses of one frame.
   if (error != std::errc() || end != key.data() + key.size() || id < 0 || std::to_string(id) != key) {
-    throw InputError(entry.file(), "key", "\"" + key + "\"", "expected a frame id: a whole number without leading zeros");
+    throw InputError(entry.file(), "key", "\"" + key + "\"",
+                     "expected a frame id: a whole number without leading zeros");
   }
   return id;
 }
@@ -39,7 +40,8 @@ void check_step(const FramePose& a, const FramePose& b, const std::filesystem::p
   if (b.t_ns <= a.t_ns) {
     char value[64];
     std::snprintf(value, sizeof value, "%.9f s", static_cast<double>(b.t_ns) * 1e-9);
-    throw InputError(file, id + ".time", value, "times have to increase with the frame id, but this is not after frame " + before);
+    throw InputError(file, id + ".time", value,
+                     "times have to increase with the frame id, but this is not after frame " + before);
   }
   const double step_m = (b.ecef_from_body.translation() - a.ecef_from_body.translation()).norm();
   if (step_m > kMaxSpeed_m_per_s * dt_s) {
@@ -59,7 +61,8 @@ std::optional<Rigid3d> ecef_from_body_in(const JsonField& entry) {
   if (pose.translation().norm() > kMaxRadius_m) {
     char value[64];
     std::snprintf(value, sizeof value, "translation of %.6g m", pose.translation().norm());
-    throw InputError(field.file(), field.field(), value, "further than 1e7 m from the Earth's centre; metres are expected");
+    throw InputError(field.file(), field.field(), value,
+                     "further than 1e7 m from the Earth's centre; metres are expected");
   }
   return pose;
 }

@@ -54,14 +54,16 @@ TEST(Aimotive, OpensARecording) {
 TEST(Aimotive, ImagesAndPosesThatLackEachOther) {
   TemporaryFolder folder;
   testing::write_recording(folder);
-  for (int id = 12; id < 20; ++id) folder.write("sensor/camera/F_CAM/F_CAM_00000" + std::to_string(id) + ".png", std::string());
+  for (int id = 12; id < 20; ++id)
+    folder.write("sensor/camera/F_CAM/F_CAM_00000" + std::to_string(id) + ".png", std::string());
   folder.write("sensor/camera/F_CAM/thumbnail.jpg", std::string());
   folder.write("sensor/camera/F_CAM/F_CAM_.jpg", std::string());
   fs::remove(folder.path() / "sensor/camera/L_FISH/L_FISH_0000010.jpg");
   const Recording recording = open_recording(folder.path());
   EXPECT_EQ(recording.cameras[0].images.size(), 3u);
-  EXPECT_THAT(finding_about(recording, "F_CAM"), AllOf(HasSubstr("8 images dropped"), HasSubstr("12, 13, 14, 15, 16, ... (8 in all)"),
-                                                       HasSubstr("2 files not named"), HasSubstr("thumbnail.jpg")));
+  EXPECT_THAT(finding_about(recording, "F_CAM"),
+              AllOf(HasSubstr("8 images dropped"), HasSubstr("12, 13, 14, 15, 16, ... (8 in all)"),
+                    HasSubstr("2 files not named"), HasSubstr("thumbnail.jpg")));
   ASSERT_EQ(recording.cameras[1].images.size(), 2u);
   EXPECT_EQ(recording.cameras[1].images[1].frame_id, 11);
   EXPECT_THAT(finding_about(recording, "L_FISH"), AllOf(HasSubstr("no image for 1 frame "), HasSubstr(": 10")));
@@ -82,21 +84,24 @@ TEST(Aimotive, TwoImagesOfOneFrame) {
   TemporaryFolder folder;
   testing::write_recording(folder);
   folder.write("sensor/camera/F_CAM/F_CAM_10.jpeg", std::string());
-  EXPECT_THAT(input_error([&] { open_recording(folder.path()); }), AllOf(HasSubstr("F_CAM_10.jpeg"), HasSubstr("F_CAM_0000010.jpg")));
+  EXPECT_THAT(input_error([&] { open_recording(folder.path()); }),
+              AllOf(HasSubstr("F_CAM_10.jpeg"), HasSubstr("F_CAM_0000010.jpg")));
 }
 
 TEST(Aimotive, EmptyRecording) {
   TemporaryFolder folder;
   testing::write_recording(folder);
   fs::remove_all(folder.path() / "sensor/camera");
-  EXPECT_THAT(input_error([&] { open_recording(folder.path()); }), AllOf(HasSubstr("sensor/camera"), HasSubstr("empty recording"), HasSubstr("F_CAM")));
+  EXPECT_THAT(input_error([&] { open_recording(folder.path()); }),
+              AllOf(HasSubstr("sensor/camera"), HasSubstr("empty recording"), HasSubstr("F_CAM")));
 }
 
 TEST(Aimotive, NoImageHasAPose) {
   TemporaryFolder folder;
   testing::write_recording(folder);
   folder.write("sensor/gnssins/egomotion2.json", nlohmann::json{{"7", testing::pose_at(0, 0)}});
-  EXPECT_THAT(input_error([&] { open_recording(folder.path()); }), AllOf(HasSubstr("empty recording"), HasSubstr("no pose for frame 9, 10, 11")));
+  EXPECT_THAT(input_error([&] { open_recording(folder.path()); }),
+              AllOf(HasSubstr("empty recording"), HasSubstr("no pose for frame 9, 10, 11")));
 }
 
 TEST(Aimotive, MissingFiles) {
@@ -105,14 +110,16 @@ TEST(Aimotive, MissingFiles) {
   fs::rename(folder.path() / "sensor/gnssins/egomotion2.json", folder.path() / "sensor/gnssins/egomotion.json");
   EXPECT_EQ(open_recording(folder.path()).frames.size(), 3u);
   fs::remove(folder.path() / "sensor/gnssins/egomotion.json");
-  EXPECT_THAT(input_error([&] { open_recording(folder.path()); }), AllOf(HasSubstr("egomotion2.json"), HasSubstr("egomotion.json")));
+  EXPECT_THAT(input_error([&] { open_recording(folder.path()); }),
+              AllOf(HasSubstr("egomotion2.json"), HasSubstr("egomotion.json")));
   fs::remove(folder.path() / "sensor/calibration/calibration.json");
   EXPECT_THAT(input_error([&] { open_recording(folder.path()); }), HasSubstr("calibration.json"));
 }
 
 TEST(Registry, FoldersThatAreNone) {
   TemporaryFolder folder;
-  EXPECT_THAT(input_error([&] { open_recording(folder.path()); }), AllOf(HasSubstr(folder.path().string()), HasSubstr("sensor/calibration")));
+  EXPECT_THAT(input_error([&] { open_recording(folder.path()); }),
+              AllOf(HasSubstr(folder.path().string()), HasSubstr("sensor/calibration")));
   EXPECT_THAT(input_error([&] { open_recording(folder.path() / "nothing"); }), HasSubstr("no such folder"));
   folder.write("file", std::string());
   EXPECT_THAT(input_error([&] { open_recording(folder.path() / "file"); }), HasSubstr("folder"));
@@ -129,9 +136,11 @@ TEST(Aimotive, RealRecording) {
   EXPECT_EQ(recording.frames.front().id, 33643);
   EXPECT_EQ(recording.frames.back().id, 33692);
   EXPECT_EQ(recording.frames[1].t_ns, 4833238566000);
-  EXPECT_EQ(recording.frames[0].ecef_from_body.translation(), Eigen::Vector3d(4081775.097907977, 1405467.8774478436, 4679608.337586997));
+  EXPECT_EQ(recording.frames[0].ecef_from_body.translation(),
+            Eigen::Vector3d(4081775.097907977, 1405467.8774478436, 4679608.337586997));
   EXPECT_NEAR(recording.frames[0].ecef_from_body.linear()(0, 1), 0.7577768261156472, 1e-12);
-  for (const RecordedCamera& camera : recording.cameras) EXPECT_EQ(camera.images.size(), 50u) << camera.calibration.name;
+  for (const RecordedCamera& camera : recording.cameras)
+    EXPECT_EQ(camera.images.size(), 50u) << camera.calibration.name;
   EXPECT_TRUE(recording.findings.empty());
   EXPECT_EQ(recording.lidar_files, 50);
   EXPECT_EQ(recording.box_files, 50);

@@ -5,11 +5,11 @@
 namespace redrive {
 namespace {
 
+using nlohmann::json;
 using ::testing::AllOf;
+using testing::calibration;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
-using nlohmann::json;
-using testing::calibration;
 using testing::input_error;
 
 std::vector<CameraCalibration> parse(const json& document, std::vector<std::string>* others = nullptr) {
@@ -76,7 +76,9 @@ TEST(Calibration, Missing) {
 }
 
 TEST(Calibration, NotJson) {
-  const auto message = [](const std::string& text) { return input_error([&] { aimotive::parse_calibration(text, "c.json", nullptr); }); };
+  const auto message = [](const std::string& text) {
+    return input_error([&] { aimotive::parse_calibration(text, "c.json", nullptr); });
+  };
   EXPECT_THAT(message(""), HasSubstr("c.json"));
   EXPECT_THAT(message("{\"F_CAM\": {\"focal_length_px\": [NaN, 1]}}"), AllOf(HasSubstr("c.json"), HasSubstr("line 1")));
   EXPECT_THAT(message("{\"F_CAM\": {\"focal_length_px\": [1e999, 1]}}"), HasSubstr("c.json"));
@@ -85,30 +87,41 @@ TEST(Calibration, NotJson) {
 }
 
 TEST(Calibration, NotANumber) {
-  EXPECT_THAT(message_for("/focal_length_px/0", "nan"), AllOf(HasSubstr("F_CAM.focal_length_px[0]"), HasSubstr("\"nan\"")));
-  EXPECT_THAT(message_for("/focal_length_px/1", nullptr), AllOf(HasSubstr("F_CAM.focal_length_px[1]"), HasSubstr("null")));
-  EXPECT_THAT(message_for("/distortion_coeffs/4", "nan"), AllOf(HasSubstr("F_CAM.distortion_coeffs[4]"), HasSubstr("\"nan\"")));
-  EXPECT_THAT(message_for("/RT_body_from_sensor/1/2", "nan"), AllOf(HasSubstr("F_CAM.RT_body_from_sensor"), HasSubstr("\"nan\"")));
-  EXPECT_THAT(message_for("/distortion_coeffs/0", 1e300), AllOf(HasSubstr("F_CAM.distortion_coeffs[0]"), HasSubstr("1e+300")));
+  EXPECT_THAT(message_for("/focal_length_px/0", "nan"),
+              AllOf(HasSubstr("F_CAM.focal_length_px[0]"), HasSubstr("\"nan\"")));
+  EXPECT_THAT(message_for("/focal_length_px/1", nullptr),
+              AllOf(HasSubstr("F_CAM.focal_length_px[1]"), HasSubstr("null")));
+  EXPECT_THAT(message_for("/distortion_coeffs/4", "nan"),
+              AllOf(HasSubstr("F_CAM.distortion_coeffs[4]"), HasSubstr("\"nan\"")));
+  EXPECT_THAT(message_for("/RT_body_from_sensor/1/2", "nan"),
+              AllOf(HasSubstr("F_CAM.RT_body_from_sensor"), HasSubstr("\"nan\"")));
+  EXPECT_THAT(message_for("/distortion_coeffs/0", 1e300),
+              AllOf(HasSubstr("F_CAM.distortion_coeffs[0]"), HasSubstr("1e+300")));
 }
 
 TEST(Calibration, WrongShape) {
   EXPECT_THAT(message_for("/focal_length_px", {1171}), AllOf(HasSubstr("F_CAM.focal_length_px"), HasSubstr("[1171]")));
-  EXPECT_THAT(message_for("/distortion_coeffs", {0, 0, 0, 0}), AllOf(HasSubstr("F_CAM.distortion_coeffs"), HasSubstr("5")));
+  EXPECT_THAT(message_for("/distortion_coeffs", {0, 0, 0, 0}),
+              AllOf(HasSubstr("F_CAM.distortion_coeffs"), HasSubstr("5")));
   EXPECT_THAT(message_for("/RT_body_from_sensor", {{1, 0}, {0, 1}}), HasSubstr("F_CAM.RT_body_from_sensor"));
   EXPECT_THAT(message_for("/RT_body_from_sensor/2", {0, -1, 0}), HasSubstr("F_CAM.RT_body_from_sensor[2]"));
   EXPECT_THAT(message_for("/pos_meter", {1, 2}), HasSubstr("F_CAM.pos_meter"));
 }
 
 TEST(Calibration, OutOfRange) {
-  EXPECT_THAT(message_for("/model", "kannala_brandt"), AllOf(HasSubstr("F_CAM.model"), HasSubstr("kannala_brandt"), HasSubstr("mei")));
+  EXPECT_THAT(message_for("/model", "kannala_brandt"),
+              AllOf(HasSubstr("F_CAM.model"), HasSubstr("kannala_brandt"), HasSubstr("mei")));
   EXPECT_THAT(message_for("/focal_length_px/0", 0), AllOf(HasSubstr("F_CAM.focal_length_px[0]"), HasSubstr("= 0")));
-  EXPECT_THAT(message_for("/focal_length_px/1", -1001), AllOf(HasSubstr("F_CAM.focal_length_px[1]"), HasSubstr("-1001")));
-  EXPECT_THAT(message_for("/image_resolution_px/0", 0), AllOf(HasSubstr("F_CAM.image_resolution_px[0]"), HasSubstr("= 0")));
+  EXPECT_THAT(message_for("/focal_length_px/1", -1001),
+              AllOf(HasSubstr("F_CAM.focal_length_px[1]"), HasSubstr("-1001")));
+  EXPECT_THAT(message_for("/image_resolution_px/0", 0),
+              AllOf(HasSubstr("F_CAM.image_resolution_px[0]"), HasSubstr("= 0")));
   EXPECT_THAT(message_for("/image_resolution_px/1", 65537), HasSubstr("65537"));
   EXPECT_THAT(message_for("/image_resolution_px/1", 704.5), HasSubstr("704.5"));
-  EXPECT_THAT(message_for("/principal_point_px/0", -1281), AllOf(HasSubstr("F_CAM.principal_point_px[0]"), HasSubstr("-1281")));
-  EXPECT_THAT(message_for("/principal_point_px/1", 1409), AllOf(HasSubstr("F_CAM.principal_point_px[1]"), HasSubstr("1409")));
+  EXPECT_THAT(message_for("/principal_point_px/0", -1281),
+              AllOf(HasSubstr("F_CAM.principal_point_px[0]"), HasSubstr("-1281")));
+  EXPECT_THAT(message_for("/principal_point_px/1", 1409),
+              AllOf(HasSubstr("F_CAM.principal_point_px[1]"), HasSubstr("1409")));
   for (const double xi : {-0.1, 10.5}) {
     json document = calibration();
     document["L_FISH"]["xi"] = xi;
@@ -120,8 +133,10 @@ TEST(Calibration, OutOfRange) {
 }
 
 TEST(Calibration, NotARotation) {
-  EXPECT_THAT(message_for("/RT_body_from_sensor/0/2", 1.1), AllOf(HasSubstr("F_CAM.RT_body_from_sensor"), HasSubstr("orthonormal")));
-  EXPECT_THAT(message_for("/RT_body_from_sensor/0/2", -1), AllOf(HasSubstr("F_CAM.RT_body_from_sensor"), HasSubstr("det = -1")));
+  EXPECT_THAT(message_for("/RT_body_from_sensor/0/2", 1.1),
+              AllOf(HasSubstr("F_CAM.RT_body_from_sensor"), HasSubstr("orthonormal")));
+  EXPECT_THAT(message_for("/RT_body_from_sensor/0/2", -1),
+              AllOf(HasSubstr("F_CAM.RT_body_from_sensor"), HasSubstr("det = -1")));
   EXPECT_THAT(message_for("/RT_body_from_sensor/3/3", 0.5), HasSubstr("F_CAM.RT_body_from_sensor"));
   EXPECT_THAT(message_for("/RT_sensor_from_body/0/1", 1), HasSubstr("F_CAM.RT_sensor_from_body"));
 }
@@ -130,8 +145,9 @@ TEST(Calibration, Inverted) {
   const json camera = testing::front_camera();
   const json inverse = camera["RT_sensor_from_body"];
   // Recognised by pos_meter, by RT_sensor_from_body, by both having been exchanged, and by the axes alone.
-  EXPECT_THAT(message_for("/RT_body_from_sensor", inverse),
-              AllOf(HasSubstr("F_CAM.RT_body_from_sensor"), HasSubstr("inverted"), HasSubstr("(0.500, 1.500, -2.000)")));
+  EXPECT_THAT(
+      message_for("/RT_body_from_sensor", inverse),
+      AllOf(HasSubstr("F_CAM.RT_body_from_sensor"), HasSubstr("inverted"), HasSubstr("(0.500, 1.500, -2.000)")));
   json document = calibration();
   document["F_CAM"]["RT_body_from_sensor"] = inverse;
   document["F_CAM"].erase("pos_meter");
@@ -143,8 +159,10 @@ TEST(Calibration, Inverted) {
 }
 
 TEST(Calibration, ContradictoryExtrinsic) {
-  EXPECT_THAT(message_for("/RT_body_from_sensor/0/3", 2.1), AllOf(HasSubstr("disagrees with pos_meter"), HasSubstr("2.100")));
-  EXPECT_THAT(message_for("/RT_sensor_from_body/0/3", 0.6), AllOf(HasSubstr("disagrees with RT_sensor_from_body"), HasSubstr("0.1 m")));
+  EXPECT_THAT(message_for("/RT_body_from_sensor/0/3", 2.1),
+              AllOf(HasSubstr("disagrees with pos_meter"), HasSubstr("2.100")));
+  EXPECT_THAT(message_for("/RT_sensor_from_body/0/3", 0.6),
+              AllOf(HasSubstr("disagrees with RT_sensor_from_body"), HasSubstr("0.1 m")));
   EXPECT_THAT(message_for("/RT_body_from_sensor/0/3", 2000), HasSubstr("metres"));
 }
 

@@ -5,14 +5,16 @@
 namespace redrive {
 namespace {
 
-using ::testing::AllOf;
-using ::testing::HasSubstr;
 using nlohmann::json;
+using ::testing::AllOf;
 using testing::egomotion;
+using ::testing::HasSubstr;
 using testing::input_error;
 using testing::pose_at;
 
-std::vector<FramePose> parse(const json& document) { return aimotive::parse_egomotion(document.dump(), "dir/egomotion2.json"); }
+std::vector<FramePose> parse(const json& document) {
+  return aimotive::parse_egomotion(document.dump(), "dir/egomotion2.json");
+}
 
 std::string message_for(const std::string& field, const json& value) {
   json document = egomotion();
@@ -53,7 +55,8 @@ TEST(Egomotion, BadKeys) {
   for (const char* key : {"frame_12", "0012", "+12", "-12", "12.0", "", "99999999999999999999"}) {
     json document = egomotion();
     document[key] = pose_at(6, 50.3);
-    EXPECT_THAT(input_error([&] { parse(document); }), AllOf(HasSubstr("\"" + std::string(key) + "\""), HasSubstr("frame id")));
+    EXPECT_THAT(input_error([&] { parse(document); }),
+                AllOf(HasSubstr("\"" + std::string(key) + "\""), HasSubstr("frame id")));
   }
 }
 
@@ -65,19 +68,23 @@ TEST(Egomotion, MissingAndMalformed) {
   }
   EXPECT_THAT(input_error([] { parse(json::object()); }), HasSubstr("no pose"));
   EXPECT_THAT(input_error([] { parse(json::array()); }), HasSubstr("egomotion2.json"));
-  EXPECT_THAT(input_error([] { aimotive::parse_egomotion("{\"9\": {", "e.json"); }), AllOf(HasSubstr("e.json"), HasSubstr("line 1")));
+  EXPECT_THAT(input_error([] { aimotive::parse_egomotion("{\"9\": {", "e.json"); }),
+              AllOf(HasSubstr("e.json"), HasSubstr("line 1")));
   EXPECT_THAT(message_for("/10/RT_ECEF_body/0/3", "nan"), AllOf(HasSubstr("10.RT_ECEF_body"), HasSubstr("\"nan\"")));
   EXPECT_THAT(message_for("/10/RT_ECEF_body", {1, 2, 3}), HasSubstr("10.RT_ECEF_body"));
   EXPECT_THAT(message_for("/10/RT_ECEF_body/0/0", 1.2), AllOf(HasSubstr("10.RT_ECEF_body"), HasSubstr("orthonormal")));
   EXPECT_THAT(message_for("/10/RT_ECEF_body/0/0", -1), AllOf(HasSubstr("10.RT_ECEF_body"), HasSubstr("det = -1")));
   EXPECT_THAT(message_for("/10/RT_ECEF_body/0/3", 4e9), AllOf(HasSubstr("10.RT_ECEF_body"), HasSubstr("4e+09")));
   EXPECT_THAT(message_for("/10/time_host", "noon"), AllOf(HasSubstr("10.time_host"), HasSubstr("noon")));
-  EXPECT_THAT(message_for("/10/time_host", 1.6e18), AllOf(HasSubstr("10.time_host"), HasSubstr("1.6e+18"), HasSubstr("seconds")));
+  EXPECT_THAT(message_for("/10/time_host", 1.6e18),
+              AllOf(HasSubstr("10.time_host"), HasSubstr("1.6e+18"), HasSubstr("seconds")));
 }
 
 TEST(Egomotion, TimesIncrease) {
-  EXPECT_THAT(message_for("/10/time_host", 50.0), AllOf(HasSubstr("10.time"), HasSubstr("50.000"), HasSubstr("frame 9")));
-  EXPECT_THAT(message_for("/11/time_host", 49.9), AllOf(HasSubstr("11.time"), HasSubstr("49.900"), HasSubstr("frame 10")));
+  EXPECT_THAT(message_for("/10/time_host", 50.0),
+              AllOf(HasSubstr("10.time"), HasSubstr("50.000"), HasSubstr("frame 9")));
+  EXPECT_THAT(message_for("/11/time_host", 49.9),
+              AllOf(HasSubstr("11.time"), HasSubstr("49.900"), HasSubstr("frame 10")));
 }
 
 TEST(Egomotion, Teleport) {
@@ -87,7 +94,8 @@ TEST(Egomotion, Teleport) {
   document["2"] = pose_at(14, 0.1);
   EXPECT_EQ(parse(document).size(), 2u);
   document["2"] = pose_at(16, 0.1);
-  EXPECT_THAT(input_error([&] { parse(document); }), AllOf(HasSubstr("2.RT_ECEF_body"), HasSubstr("16.00 m"), HasSubstr("frame 1")));
+  EXPECT_THAT(input_error([&] { parse(document); }),
+              AllOf(HasSubstr("2.RT_ECEF_body"), HasSubstr("16.00 m"), HasSubstr("frame 1")));
 }
 
 }  // namespace

@@ -11,7 +11,6 @@
 namespace redrive {
 namespace {
 
-
 // The name comes from a file that may not be ours and is written to: it must stay inside the output folder, and be
 // spelled in one way only, so that equal files have equal names.
 std::string output_name_from_json(const JsonField& field) {
@@ -21,8 +20,10 @@ std::string output_name_from_json(const JsonField& field) {
   if (name.empty() || path.is_absolute() || std::any_of(name.begin(), name.end(), odd)) {
     field.fail("expected a relative file name");
   }
-  const bool detour = std::any_of(path.begin(), path.end(), [](const auto& part) { return part == ".." || part == "."; });
-  if (detour || name.find("//") != name.npos) field.fail("expected a relative file name without \"..\", \".\" or \"//\"");
+  const bool detour =
+      std::any_of(path.begin(), path.end(), [](const auto& part) { return part == ".." || part == "."; });
+  if (detour || name.find("//") != name.npos)
+    field.fail("expected a relative file name without \"..\", \".\" or \"//\"");
   const std::string extension = path.extension().string();
   if (extension != ".png" && extension != ".jpg") field.fail("expected a file name that ends in .png or .jpg");
   return name;

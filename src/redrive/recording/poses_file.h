@@ -20,11 +20,11 @@ namespace redrive {
 constexpr double kMaxShift_m = 1e4;
 
 struct RequestedView {
-  std::string file;                                   ///< output name, relative, no "..", ends in .png or .jpg
+  std::string file;  ///< output name, relative, no "..", ends in .png or .jpg
   std::string camera;
   std::int64_t frame_id = 0;
-  std::optional<Rigid3d> ecef_from_body;              ///< places the body absolutely
-  std::optional<Eigen::Vector3d> shift_body_m;        ///< moves the run's own pose of frame_id
+  std::optional<Rigid3d> ecef_from_body;        ///< places the body absolutely
+  std::optional<Eigen::Vector3d> shift_body_m;  ///< moves the run's own pose of frame_id
 };
 
 struct PosesFile {

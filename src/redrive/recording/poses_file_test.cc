@@ -5,12 +5,14 @@
 namespace redrive {
 namespace {
 
+using nlohmann::json;
 using ::testing::AllOf;
 using ::testing::HasSubstr;
-using nlohmann::json;
 using testing::input_error;
 
-json view(const std::string& file) { return {{"file", file}, {"camera", "F_CAM"}, {"frame_id", 33650}, {"shift_body_m", {0, 0.5, 0}}}; }
+json view(const std::string& file) {
+  return {{"file", file}, {"camera", "F_CAM"}, {"frame_id", 33650}, {"shift_body_m", {0, 0.5, 0}}};
+}
 PosesFile parse(const json& document) { return parse_poses(document.dump(), "dir/poses.json"); }
 
 std::string message_for(const std::string& field, const json& value) {
@@ -22,7 +24,8 @@ std::string message_for(const std::string& field, const json& value) {
 }
 
 TEST(PosesFile, ReadsEveryForm) {
-  json document = {{"calibration", testing::calibration()}, {"images", {view("a.png"), view("sub/b.jpg"), view("c.png")}}};
+  json document = {{"calibration", testing::calibration()},
+                   {"images", {view("a.png"), view("sub/b.jpg"), view("c.png")}}};
   document["images"][1]["RT_ECEF_body"] = testing::pose_at(7, 0)["RT_ECEF_body"];
   document["images"][1].erase("shift_body_m");
   document["images"][2]["ECEF_RT_body"] = testing::pose_at(8, 0)["RT_ECEF_body"];
@@ -41,7 +44,8 @@ TEST(PosesFile, ReadsEveryForm) {
 }
 
 TEST(PosesFile, FileNamesStayInTheOutputFolder) {
-  for (const char* name : {"", "/tmp/a.png", "../a.png", "a/../b.png", "./a.png", "a//b.png", "a/", "a.bmp", "a", ".png", "a\n.png"}) {
+  for (const char* name :
+       {"", "/tmp/a.png", "../a.png", "a/../b.png", "./a.png", "a//b.png", "a/", "a.bmp", "a", ".png", "a\n.png"}) {
     EXPECT_THAT(message_for("/file", name), HasSubstr("images[1].file")) << name;
   }
   EXPECT_THAT(message_for("/file", "a.png"), HasSubstr("overwrite"));

@@ -16,12 +16,12 @@ namespace redrive {
 /// Calibration of one camera as the file gives it; camera/camera.h makes the model out of it.
 struct CameraCalibration {
   std::string name;
-  std::string model;                    ///< "opencv_pinhole" or "mei"
+  std::string model;                      ///< "opencv_pinhole" or "mei"
   double fx = 0, fy = 0, cx = 0, cy = 0;  ///< pixels; integer coordinates are pixel centres (OpenCV)
-  std::array<double, 5> distortion{};   ///< k1 k2 p1 p2 k3
-  double xi = 0;                        ///< mei only: distance of the projection centre from the sphere's
-  int width = 0, height = 0;            ///< pixels
-  Rigid3d body_from_sensor;             ///< camera axes x right, y down, z forward; body x forward, y left, z up
+  std::array<double, 5> distortion{};     ///< k1 k2 p1 p2 k3
+  double xi = 0;                          ///< mei only: distance of the projection centre from the sphere's
+  int width = 0, height = 0;              ///< pixels
+  Rigid3d body_from_sensor;               ///< camera axes x right, y down, z forward; body x forward, y left, z up
 };
 
 /// The body's pose at one frame.
@@ -55,13 +55,13 @@ struct NovelSet {
 
 struct Recording {
   std::filesystem::path root;
-  std::string format;                  ///< "aimotive"
-  std::vector<RecordedCamera> cameras; ///< by name; only those with images
-  std::vector<FramePose> frames;       ///< by id
+  std::string format;                   ///< "aimotive"
+  std::vector<RecordedCamera> cameras;  ///< by name; only those with images
+  std::vector<FramePose> frames;        ///< by id
   std::vector<std::string> other_sensors;
-  std::vector<NovelSet> novel;         ///< by name
+  std::vector<NovelSet> novel;  ///< by name
   int lidar_files = 0, box_files = 0;
-  std::vector<Finding> findings;       ///< frames dropped for want of a pose, images missing, ...
+  std::vector<Finding> findings;  ///< frames dropped for want of a pose, images missing, ...
 
   const RecordedCamera* find_camera(const std::string& name) const;
 };

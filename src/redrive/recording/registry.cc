@@ -31,7 +31,8 @@ const RecordedCamera* Recording::find_camera(const std::string& name) const {
 Recording open_recording(const std::filesystem::path& root) {
   std::error_code error;
   if (!std::filesystem::exists(root, error)) throw InputError(root, "", "", "no such folder");
-  if (!std::filesystem::is_directory(root, error)) throw InputError(root, "", "", "a recording is a folder, this is none");
+  if (!std::filesystem::is_directory(root, error))
+    throw InputError(root, "", "", "a recording is a folder, this is none");
   std::string sought;
   for (const Format& format : kFormats) {
     if (format.looks_like(root)) {

@@ -9,7 +9,8 @@ namespace redrive {
 DriveSummary summarize_drive(const std::vector<FramePose>& frames) {
   DriveSummary summary;
   if (frames.size() < 2) {
-    summary.findings.push_back({"egomotion", "a single pose: the car does not move, so depth cannot be seen from one camera"});
+    summary.findings.push_back(
+        {"egomotion", "a single pose: the car does not move, so depth cannot be seen from one camera"});
     return summary;
   }
   std::vector<double> intervals_s;
@@ -34,8 +35,9 @@ DriveSummary summarize_drive(const std::vector<FramePose>& frames) {
     if (intervals_s[i - 1] <= 1.5 * median_s) continue;
     if (++gaps > kShown) continue;
     char what[160];
-    std::snprintf(what, sizeof what, "a gap of %.3f s between frames %lld and %lld, where %.3f s is usual", intervals_s[i - 1],
-                  static_cast<long long>(frames[i - 1].id), static_cast<long long>(frames[i].id), median_s);
+    std::snprintf(what, sizeof what, "a gap of %.3f s between frames %lld and %lld, where %.3f s is usual",
+                  intervals_s[i - 1], static_cast<long long>(frames[i - 1].id), static_cast<long long>(frames[i].id),
+                  median_s);
     summary.findings.push_back({"egomotion", what});
   }
   if (gaps > kShown) summary.findings.push_back({"egomotion", std::to_string(gaps - kShown) + " more gaps"});

@@ -24,10 +24,12 @@ TEST(DriveSummary, AddsUpTheDrive) {
 }
 
 TEST(DriveSummary, SaysWhereTimeIsMissing) {
-  const DriveSummary summary = summarize_drive({frame(1, 0, 0), frame(2, 1, 100), frame(5, 2, 400), frame(6, 3, 500), frame(7, 4, 600)});
+  const DriveSummary summary =
+      summarize_drive({frame(1, 0, 0), frame(2, 1, 100), frame(5, 2, 400), frame(6, 3, 500), frame(7, 4, 600)});
   EXPECT_DOUBLE_EQ(summary.rate_hz, 10);
   ASSERT_EQ(summary.findings.size(), 1u);
-  EXPECT_THAT(summary.findings[0].what, ::testing::AllOf(::testing::HasSubstr("0.300 s"), ::testing::HasSubstr("2 and 5")));
+  EXPECT_THAT(summary.findings[0].what,
+              ::testing::AllOf(::testing::HasSubstr("0.300 s"), ::testing::HasSubstr("2 and 5")));
 }
 
 TEST(DriveSummary, OneFrame) {

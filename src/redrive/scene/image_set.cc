@@ -4,9 +4,9 @@
 #include <algorithm>
 #include <string>
 
+#include <turbojpeg.h>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
-#include <turbojpeg.h>
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
@@ -45,7 +45,8 @@ Image8 decode_jpeg(const std::filesystem::path& path, const std::string& bytes) 
     fail("no readable JPEG");
   if (std::int64_t{width} * height > kMaxPixels) throw InputError(path, "size", size_text(width, height), "too large");
   Image8 image{width, height, std::vector<std::uint8_t>(std::size_t(3) * width * height)};
-  if (tjDecompress2(decoder.handle, data, bytes.size(), image.rgb.data(), width, 0, height, TJPF_RGB, TJFLAG_STOPONWARNING) != 0)
+  if (tjDecompress2(decoder.handle, data, bytes.size(), image.rgb.data(), width, 0, height, TJPF_RGB,
+                    TJFLAG_STOPONWARNING) != 0)
     fail("the JPEG is truncated or damaged");
   return image;
 }
@@ -66,7 +67,8 @@ bool is_jpeg(const std::string& bytes) { return bytes.starts_with("\xff\xd8\xff"
 
 void encode_to_file(const std::filesystem::path& path, const cv::Mat& mat, const std::vector<int>& parameters) {
   std::string extension = path.extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(), [](unsigned char c) { return std::tolower(c); });
+  std::transform(extension.begin(), extension.end(), extension.begin(),
+                 [](unsigned char c) { return std::tolower(c); });
   if (extension != ".png" && extension != ".jpg" && extension != ".jpeg")
     throw UsageError("image file", path.string(), "must end in .png, .jpg or .jpeg");
   std::vector<unsigned char> bytes;
@@ -82,7 +84,8 @@ struct UndistortMap {
 
 UndistortMap make_undistort_map(const RigCamera& rig) {
   const Camera plain = rig.recorded.undistorted();
-  UndistortMap map{cv::Mat(plain.height, plain.width, CV_32F, -1.0f), cv::Mat(plain.height, plain.width, CV_32F, -1.0f)};
+  UndistortMap map{cv::Mat(plain.height, plain.width, CV_32F, -1.0f),
+                   cv::Mat(plain.height, plain.width, CV_32F, -1.0f)};
   for (int y = 0; y < plain.height; ++y)
     for (int x = 0; x < plain.width; ++x) {
       const auto direction = plain.unproject({x, y});
@@ -121,7 +124,8 @@ Image8 load_with_map(const Scene& scene, const View& view, const UndistortMap* m
 Image8 read_image(const std::filesystem::path& path) {
   const std::string bytes = read_file(path);
   if (is_jpeg(bytes)) return decode_jpeg(path, bytes);
-  if (!is_png(bytes)) throw InputError(path, "", "", bytes.empty() ? "the file is empty" : "neither a JPEG nor a PNG image");
+  if (!is_png(bytes))
+    throw InputError(path, "", "", bytes.empty() ? "the file is empty" : "neither a JPEG nor a PNG image");
   cv::Mat rgb;
   cv::cvtColor(decode_png(path, bytes, cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION), rgb, cv::COLOR_BGR2RGB);
   return from_mat(rgb);
@@ -136,7 +140,8 @@ void write_image(const std::filesystem::path& path, const Image8& image) {
 
 void write_png16(const std::filesystem::path& path, int width, int height, const std::vector<std::uint16_t>& values) {
   REDRIVE_CHECK_OP(values.size(), ==, std::size_t(width) * height);
-  if (path.extension() != ".png") throw UsageError("image file", path.string(), "must end in .png: JPEG has no 16 bits");
+  if (path.extension() != ".png")
+    throw UsageError("image file", path.string(), "must end in .png: JPEG has no 16 bits");
   encode_to_file(path, cv::Mat(height, width, CV_16UC1, const_cast<std::uint16_t*>(values.data())), {});
 }
 

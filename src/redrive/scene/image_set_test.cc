@@ -25,7 +25,8 @@ class ImageSetTest : public testing::Test {
     Image8 image{width, height, {}};
     for (int y = 0; y < height; ++y)
       for (int x = 0; x < width; ++x)
-        for (const int value : {200 * x / width, 200 * y / height, 80}) image.rgb.push_back(static_cast<std::uint8_t>(value));
+        for (const int value : {200 * x / width, 200 * y / height, 80})
+          image.rgb.push_back(static_cast<std::uint8_t>(value));
     return image;
   }
   std::string complaint(const std::filesystem::path& path) {
@@ -154,7 +155,8 @@ TEST_F(ImageSetTest, UndistortsAsOpenCvDoes) {
   Image8 recorded = read_image(scene.views[0].image);
   const cv::Mat distorted(16, 24, CV_8UC3, recorded.rgb.data());
   cv::Mat theirs;
-  cv::undistort(distorted, theirs, cv::Matx33d(22, 0, 11.5, 0, 20, 7.5, 0, 0, 1), cv::Vec<double, 5>(-0.3, 0.08, 0.002, 0.0006, 0));
+  cv::undistort(distorted, theirs, cv::Matx33d(22, 0, 11.5, 0, 20, 7.5, 0, 0, 1),
+                cv::Vec<double, 5>(-0.3, 0.08, 0.002, 0.0006, 0));
   int moved = 0;
   for (std::size_t i = 0; i < ours.rgb.size(); ++i) {
     // Maps in 1/32 pixel on both sides, rounded once more here: neighbours differ by at most 7 levels, so one level.

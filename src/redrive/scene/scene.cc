@@ -24,8 +24,10 @@ void check_ranges(const SceneOptions& options) {
   require(options.downscale >= 1 && options.downscale <= 64, "--downscale", options.downscale, "must be in 1..64");
   require(options.holdout_every == 0 || options.holdout_every >= 2, "--holdout-every", options.holdout_every,
           "must be 0 (none) or at least 2");
-  require(options.near_m > 0 && std::isfinite(options.near_m), "--near", options.near_m, "must be a distance above 0 m");
-  require(options.far_m > options.near_m && std::isfinite(options.far_m), "--far", options.far_m, "must lie beyond --near");
+  require(options.near_m > 0 && std::isfinite(options.near_m), "--near", options.near_m,
+          "must be a distance above 0 m");
+  require(options.far_m > options.near_m && std::isfinite(options.far_m), "--far", options.far_m,
+          "must lie beyond --near");
 }
 
 /// The chosen cameras, in the order of the option; all of them by name where it is empty.
@@ -36,7 +38,8 @@ std::vector<const RecordedCamera*> choose_cameras(const Recording& recording, co
   std::set<std::string> seen;
   for (const std::string& name : options.cameras) {
     const RecordedCamera* camera = recording.find_camera(name);
-    if (!camera) throw UsageError("--cameras", name, "no such camera with images; there are " + joined_names(recording.cameras));
+    if (!camera)
+      throw UsageError("--cameras", name, "no such camera with images; there are " + joined_names(recording.cameras));
     if (!seen.insert(name).second) throw UsageError("--cameras", name, "is named twice");
     chosen.push_back(camera);
   }
@@ -64,13 +67,14 @@ RigCamera make_rig_camera(const CameraCalibration& calibration, const SceneOptio
   RigCamera camera{calibration.name, {}, make_camera(calibration), calibration.body_from_sensor};
   if (options.undistort && !std::holds_alternative<OpenCvPinhole>(camera.recorded.model))
     throw UsageError("--undistort", calibration.name,
-                     "is a fisheye (" + calibration.model + "), which no pinhole image can hold; leave --undistort out, rays are "
-                     "exact from the recorded image, or choose --cameras without it");
+                     "is a fisheye (" + calibration.model +
+                         "), which no pinhole image can hold; leave --undistort out, rays are "
+                         "exact from the recorded image, or choose --cameras without it");
   camera.camera = (options.undistort ? camera.recorded.undistorted() : camera.recorded).downscaled(options.downscale);
   if (camera.camera.width < 1 || camera.camera.height < 1)
     throw UsageError("--downscale", std::to_string(options.downscale),
-                     "leaves no pixel of " + calibration.name + ", which has " + std::to_string(calibration.width) + " x " +
-                         std::to_string(calibration.height));
+                     "leaves no pixel of " + calibration.name + ", which has " + std::to_string(calibration.width) +
+                         " x " + std::to_string(calibration.height));
   return camera;
 }
 
@@ -94,7 +98,8 @@ int Scene::camera_index(const std::string& name) const {
 }
 
 int Scene::frame_index(std::int64_t id) const {
-  const auto found = std::lower_bound(frames.begin(), frames.end(), id, [](const Frame& f, std::int64_t i) { return f.id < i; });
+  const auto found =
+      std::lower_bound(frames.begin(), frames.end(), id, [](const Frame& f, std::int64_t i) { return f.id < i; });
   return found == frames.end() || found->id != id ? -1 : static_cast<int>(found - frames.begin());
 }
 
@@ -134,8 +139,9 @@ Scene make_scene(const Recording& recording, const SceneOptions& options) {
   }
   if (scene.views.empty()) throw UsageError("--frames", "", "no camera has an image in the chosen frames");
   if (std::all_of(scene.views.begin(), scene.views.end(), [](const View& view) { return view.held_out; }))
-    throw UsageError("--holdout-every", std::to_string(options.holdout_every),
-                     "leaves no image for training: only " + std::to_string(scene.frames.size()) + " frame(s) are chosen");
+    throw UsageError(
+        "--holdout-every", std::to_string(options.holdout_every),
+        "leaves no image for training: only " + std::to_string(scene.frames.size()) + " frame(s) are chosen");
   scene.unit_from_world = enclosing_cube(scene);
   return scene;
 }

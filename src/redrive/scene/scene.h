@@ -16,8 +16,8 @@ namespace redrive {
 
 struct RigCamera {
   std::string name;
-  Camera camera;            ///< at the training resolution (undistorted and downscaled as the options say)
-  Camera recorded;          ///< as recorded; the image file must have its size
+  Camera camera;    ///< at the training resolution (undistorted and downscaled as the options say)
+  Camera recorded;  ///< as recorded; the image file must have its size
   Rigid3d body_from_sensor;
 };
 
@@ -37,28 +37,28 @@ struct View {
 
 /// Which part of a recording a run uses. Defaults: all cameras, all frames, full size, nothing held out.
 struct SceneOptions {
-  std::vector<std::string> cameras;       ///< empty: all with images
+  std::vector<std::string> cameras;                ///< empty: all with images
   std::int64_t first_frame = -1, last_frame = -1;  ///< ids, inclusive; -1: open
-  int frame_step = 1;                     ///< every n-th frame that is there, >= 1
-  int downscale = 1;                      ///< 1..64
-  int holdout_every = 0;                  ///< 0: none; n >= 2: every n-th frame (the first one included), all cameras
-  bool undistort = false;                 ///< the report's way: opencv_pinhole only
-  double near_m = 1, far_m = 10;          ///< 0 < near < far
+  int frame_step = 1;                              ///< every n-th frame that is there, >= 1
+  int downscale = 1;                               ///< 1..64
+  int holdout_every = 0;          ///< 0: none; n >= 2: every n-th frame (the first one included), all cameras
+  bool undistort = false;         ///< the report's way: opencv_pinhole only
+  double near_m = 1, far_m = 10;  ///< 0 < near < far
 };
 
 struct Scene {
   std::vector<RigCamera> rig;
   std::vector<Frame> frames;
-  std::vector<View> views;          ///< by camera, then frame
-  Rigid3d ecef_from_world;          ///< the first pose of the recording (E_P,0)
-  UnitFromWorld unit_from_world;    ///< [-1, 1]^3 holds every point within far_m of a camera centre
+  std::vector<View> views;        ///< by camera, then frame
+  Rigid3d ecef_from_world;        ///< the first pose of the recording (E_P,0)
+  UnitFromWorld unit_from_world;  ///< [-1, 1]^3 holds every point within far_m of a camera centre
   double near_m = 1, far_m = 10;
-  int downscale = 1;                ///< applied by load_view to each image
-  bool undistort = false;           ///< likewise
+  int downscale = 1;       ///< applied by load_view to each image
+  bool undistort = false;  ///< likewise
 
-  int camera_index(const std::string& name) const;      ///< -1 if there is none
-  int frame_index(std::int64_t id) const;               ///< -1 if there is none
-  Rigid3d world_from_camera(const View& view) const;    ///< E_P,0^-1 E_P,n E_C of the report's equation (2)
+  int camera_index(const std::string& name) const;    ///< -1 if there is none
+  int frame_index(std::int64_t id) const;             ///< -1 if there is none
+  Rigid3d world_from_camera(const View& view) const;  ///< E_P,0^-1 E_P,n E_C of the report's equation (2)
 };
 
 /// InputError/UsageError for an unknown camera (the known ones are listed), no frames left, --undistort of a fisheye.

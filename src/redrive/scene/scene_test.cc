@@ -58,7 +58,8 @@ TEST_F(SceneTest, WorldIsTheBodyOfTheFirstFrame) {
   for (int n = 0; n < 6; ++n) {
     const Rigid3d& pose = scene.frames[n].world_from_body;
     EXPECT_LT((pose.translation() - position).norm(), kEcefRounding_m) << n;
-    EXPECT_LT((pose.linear() * Vector3d::UnitX() - Vector3d(std::cos(0.1 * n), std::sin(0.1 * n), 0)).norm(), 1e-14) << n;
+    EXPECT_LT((pose.linear() * Vector3d::UnitX() - Vector3d(std::cos(0.1 * n), std::sin(0.1 * n), 0)).norm(), 1e-14)
+        << n;
     EXPECT_LT((pose.linear() * Vector3d::UnitZ() - Vector3d::UnitZ()).norm(), 1e-14) << n;
     position += Vector3d(std::cos(0.1 * n), std::sin(0.1 * n), 0);
   }
@@ -141,7 +142,8 @@ TEST_F(SceneTest, UnitCubeHoldsWhatTheCamerasSee) {
 TEST_F(SceneTest, RefusesWhatIsNotThere) {
   SceneOptions options;
   options.cameras = {"REAR"};
-  EXPECT_THAT(refusal(options), testing::AllOf(testing::HasSubstr("--cameras REAR"), testing::HasSubstr("FISHEYE, FRONT")));
+  EXPECT_THAT(refusal(options),
+              testing::AllOf(testing::HasSubstr("--cameras REAR"), testing::HasSubstr("FISHEYE, FRONT")));
   options.cameras = {"FRONT", "FRONT"};
   EXPECT_THAT(refusal(options), testing::HasSubstr("twice"));
 

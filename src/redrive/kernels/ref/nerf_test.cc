@@ -16,7 +16,9 @@ const NerfConfig kConfig{32, 3, 2};
 constexpr double kPosition[3] = {0.31, -0.62, 0.17}, kDirection[3] = {0.48, 0.6, 0.64};
 constexpr double kWeights[4] = {0.7, -1.1, 0.4, 0.9};  // L = sum kWeights . raw
 
-double uniform(std::uint64_t stream, std::uint64_t i) { return 2.0 * random_unit(random_key(11, kStreamTest, stream), i) - 1; }
+double uniform(std::uint64_t stream, std::uint64_t i) {
+  return 2.0 * random_unit(random_key(11, kStreamTest, stream), i) - 1;
+}
 
 /// Glorot weights and biases that are not 0.
 std::vector<double> random_parameters(std::uint64_t seed) {

@@ -19,7 +19,8 @@ struct FieldPoint {
   FieldPoint(const UnitFromWorld& unit_from_world, const Rays& rays, int ray, float t) {
     for (int k = 0; k < 3; ++k) {
       direction[k] = rays.direction[k * rays.n + ray];
-      position[k] = (rays.origin[k * rays.n + ray] + t * direction[k] - unit_from_world.center[k]) * unit_from_world.scale;
+      position[k] =
+          (rays.origin[k * rays.n + ray] + t * direction[k] - unit_from_world.center[k]) * unit_from_world.scale;
     }
   }
 };
@@ -52,7 +53,8 @@ class RefBackend final : public Backend {
     const int n_rays = check_hierarchical(coarse, weights.size(), extra, t.size(), dt.size());
     for (std::size_t ray = 0; ray < static_cast<std::size_t>(n_rays); ++ray) {
       const std::size_t from = ray * coarse.per_ray, to = ray * (coarse.per_ray + extra);
-      hierarchical_ray(&coarse.t[from], &weights[from], coarse.per_ray, extra, jitter, key, ray * extra, &t[to], &dt[to]);
+      hierarchical_ray(&coarse.t[from], &weights[from], coarse.per_ray, extra, jitter, key, ray * extra, &t[to],
+                       &dt[to]);
     }
   }
 
@@ -89,7 +91,8 @@ class RefBackend final : public Backend {
     for (std::size_t i = 0; i < sums.size(); ++i) gradients[i] = static_cast<float>(gradients[i] + sums[i]);
   }
 
-  void composite_forward(int n_rays, const Samples& samples, std::span<const float> raw, const CompositeOut& out) override {
+  void composite_forward(int n_rays, const Samples& samples, std::span<const float> raw,
+                         const CompositeOut& out) override {
     check_samples(n_rays, samples);
     check_raw(n_rays, samples, raw.size());
     check_composite(n_rays, samples, out);
@@ -123,7 +126,8 @@ class RefBackend final : public Backend {
       const double d[3] = {d_rgb[ray], d_rgb[n_rays + ray], d_rgb[2 * n_rays + ray]};
       composite_ray_adjoint(of_ray.data(), per_ray, &samples.dt[first], per_ray, d, d_of_ray.data());
       for (int k = 0; k < 4; ++k)
-        for (int s = 0; s < per_ray; ++s) d_raw[k * n_samples + first + s] = static_cast<float>(d_of_ray[k * per_ray + s]);
+        for (int s = 0; s < per_ray; ++s)
+          d_raw[k * n_samples + first + s] = static_cast<float>(d_of_ray[k * per_ray + s]);
     }
   }
 

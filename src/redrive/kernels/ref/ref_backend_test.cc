@@ -15,7 +15,9 @@
 namespace redrive::kernels {
 namespace {
 
-double uniform(std::uint64_t stream, std::uint64_t i) { return 2.0 * random_unit(random_key(21, kStreamTest, stream), i) - 1; }
+double uniform(std::uint64_t stream, std::uint64_t i) {
+  return 2.0 * random_unit(random_key(21, kStreamTest, stream), i) - 1;
+}
 
 /// A small batch with everything that a stage takes.
 struct Batch {
@@ -64,7 +66,8 @@ struct Batch {
         for (int k = 0; k < 3; ++k) {
           const double along = direction[k * kRays + ray];
           d[k] = along;
-          x[k] = (origin[k * kRays + ray] + t[ray * kPerRay + s] * along - unit_from_world.center[k]) * unit_from_world.scale;
+          x[k] = (origin[k * kRays + ray] + t[ray * kPerRay + s] * along - unit_from_world.center[k]) *
+                 unit_from_world.scale;
         }
         ref::nerf_sample_forward(config, p.data(), x, d, &activations, out);
         for (int k = 0; k < 4; ++k) raw[k * kPerRay + s] = out[k];
@@ -142,7 +145,8 @@ TEST(RefBackend, AddsToTheGradients) {
   std::vector<float> once(batch.parameters.size()), on_top(batch.parameters.size(), 1.0f);
   batch.train(&once);
   batch.train(&on_top);
-  for (std::size_t i = 0; i < once.size(); ++i) EXPECT_NEAR(on_top[i], 1.0 + once[i], 2 * 0x1p-24 * (1 + std::abs(once[i])));
+  for (std::size_t i = 0; i < once.size(); ++i)
+    EXPECT_NEAR(on_top[i], 1.0 + once[i], 2 * 0x1p-24 * (1 + std::abs(once[i])));
 }
 
 TEST(RefBackend, RenderingShowsWhatTrainingSaw) {
