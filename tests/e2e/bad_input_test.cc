@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Input that cannot be used: the exit code, a message that names it, and nothing written or overwritten.
+#include <algorithm>
 #include <functional>
 
 #include <nlohmann/json.hpp>
@@ -200,7 +201,30 @@ TEST_F(EndToEnd, OptionsThatCannotBeUsedAreRefusedAndNothingIsWritten) {
   EXPECT_EQ(redrive({"train", drive_.string(), "--out", ""}).exit_code, kExitUsage);
   EXPECT_EQ(redrive({"train", "k\xf6ln", "--out", (folder_ / "run").string()}).exit_code, kExitUsage) << "not UTF-8";
   EXPECT_EQ(redrive({}).exit_code, kExitUsage);
-  EXPECT_EQ(redrive({"fly"}).exit_code, kExitUsage);
+  const Ended unknown = redrive({"fly"});
+  EXPECT_EQ(unknown.exit_code, kExitUsage);
+  EXPECT_THAT(unknown.err, AllOf(HasSubstr("fly"), HasSubstr("inspect, train"))) << "names the word and what there is";
+  EXPECT_EQ(contents(folder_), before);
+}
+
+TEST_F(EndToEnd, OptionsOfTheOtherCommandsAreRefusedOutOfRange) {
+  const std::string run = trained("run", 3).string();
+  const std::vector<std::vector<std::string>> table = {
+      {"eval", run, "--max-images", "0"},    {"eval", run, "--max-images", "3", "--all"},
+      {"eval", run, "--threads", "-1"},      {"eval", run, "--isa", "sse"},
+      {"figures", run, "--max-images", "0"}, {"resume", run, "--epochs", "0"},
+      {"resume", run, "--max-steps", "-1"},  {"resume", run, "--max-seconds", "x"},
+      {"resume", run, "--threads", "5000"},  {"bench", "--repetitions", "-1"},
+      {"bench", "--threads", "-1"},          {"bench", "--filter", "no-such-benchmark"},
+      {"bench", "--backend", "tpu"}};
+  const auto before = contents(folder_);
+  for (const std::vector<std::string>& arguments : table) {
+    const Ended ended = redrive(arguments);
+    const std::string& option = *std::find_if(arguments.begin(), arguments.end(),
+                                              [](const std::string& word) { return word.starts_with("--"); });
+    EXPECT_EQ(ended.exit_code, kExitUsage) << arguments[0] << " " << option << "\n" << ended.out << ended.err;
+    EXPECT_THAT(ended.err, HasSubstr(option)) << arguments[0];
+  }
   EXPECT_EQ(contents(folder_), before);
 }
 

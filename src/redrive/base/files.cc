@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/base/files.h"
 
+#include <algorithm>
+#include <cctype>
 #include <cerrno>
 #include <cstring>
 #include <utility>
@@ -80,6 +82,12 @@ void write_file(const std::filesystem::path& path, std::string_view bytes) {
   // The new name lasts only once the folder is on disk too. Some file systems refuse to sync folders; the data is whole anyway.
   const Descriptor folder(path.has_parent_path() ? path.parent_path() : ".", O_RDONLY | O_DIRECTORY);
   if (folder.ok()) ::fsync(folder.get());
+}
+
+bool has_extension(const std::filesystem::path& path, std::initializer_list<std::string_view> extensions) {
+  std::string own = path.extension().string();
+  std::transform(own.begin(), own.end(), own.begin(), [](unsigned char c) { return std::tolower(c); });
+  return std::find(extensions.begin(), extensions.end(), own) != extensions.end();
 }
 
 nlohmann::json parse_json(std::string_view text, const std::filesystem::path& path) {

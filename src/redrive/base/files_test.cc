@@ -118,5 +118,12 @@ TEST(ParseJson, NestingIsLimited) {
   }
 }
 
+TEST_F(Files, ExtensionsAreComparedWithoutCase) {
+  EXPECT_TRUE(has_extension("a/B.JPG", {".png", ".jpg"}));
+  EXPECT_TRUE(has_extension("x.png", {".png", ".jpg"}));
+  EXPECT_FALSE(has_extension("x.png.part", {".png", ".jpg"}));
+  EXPECT_FALSE(has_extension("png", {".png"}));
+}
+
 }  // namespace
 }  // namespace redrive

@@ -8,6 +8,7 @@
 #include <string>
 
 #include "redrive/base/error.h"
+#include "redrive/base/files.h"
 #include "redrive/cli/backend_options.h"
 #include "redrive/cli/command.h"
 #include "redrive/render/renderer.h"
@@ -50,9 +51,8 @@ Eigen::Vector3d parse_translation(const std::string& text) {
 
 /// Before anything is rendered: the name says an image format, its folder is there, and nothing is overwritten.
 void check_output(const char* option, const fs::path& file, bool force, bool jpeg_too) {
-  const std::string extension = file.extension().string();
-  if (extension != ".png" && !(jpeg_too && (extension == ".jpg" || extension == ".jpeg")))
-    throw UsageError(option, file.string(), jpeg_too ? "must end in .png or .jpg" : "must end in .png");
+  if (!has_extension(file, {".png"}) && !(jpeg_too && has_extension(file, {".jpg", ".jpeg"})))
+    throw UsageError(option, file.string(), jpeg_too ? "must end in .png, .jpg or .jpeg" : "must end in .png");
   if (const fs::path folder = file.parent_path(); !folder.empty() && !fs::is_directory(folder))
     throw UsageError(option, file.string(), "its folder does not exist");
   if (fs::exists(file) && !force) throw UsageError(option, file.string(), "exists already; --force overwrites it");
@@ -92,7 +92,7 @@ int render_one(const RenderOptions& options) {
   std::printf("%s: %d x %d\n", options.out.c_str(), image.width, image.height);
   if (!options.depth.empty()) {
     write_png16(options.depth, image.width, image.height, depth_mm(image));
-    std::printf("%s: depth along the ray in mm, 16 bit\n", options.depth.c_str());
+    std::printf("%s: depth along the ray in mm, 16 bit, 65535: 65.535 m and more\n", options.depth.c_str());
   }
   return kExitOk;
 }
@@ -166,7 +166,9 @@ Action configure_render(CLI::App& command) {
                         "part, y left)")
             ->check(CLI::IsMember({"body", "camera", "local"}))
             ->capture_default_str(),
-        command.add_option("--depth", options->depth, "also writes depth along the ray in mm as a 16-bit PNG")})
+        command.add_option(
+            "--depth", options->depth,
+            "also writes depth along the ray in mm as a 16-bit PNG; 65535 stands for 65.535 m and more")})
     option->excludes(poses);
   command.add_option("--out", options->out, "image to write, .png or .jpg; with --poses the folder")->required();
   command.add_flag("--force", options->force, "overwrite images that exist");

@@ -7,6 +7,7 @@
 #include <exception>
 #include <filesystem>
 #include <map>
+#include <string>
 
 #include <CLI/App.hpp>
 #include <CLI/Config.hpp>
@@ -28,6 +29,13 @@ constexpr redrive::Command kCommands[] = {
     {"doctor", "what this machine offers, and what redrive chooses", redrive::configure_doctor},
 };
 
+std::string known_commands() {
+  std::string names;
+  for (const redrive::Command& command : kCommands)
+    names += (names.empty() ? "there are " : ", ") + std::string(command.name);
+  return names;
+}
+
 int run(int argc, char** argv) {
   CLI::App app("redrive: from the recording of a sensor car to a radiance field and its pictures", "redrive");
   app.require_subcommand(1);
@@ -40,6 +48,8 @@ int run(int argc, char** argv) {
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
+    if (const auto words = app.remaining(); app.get_subcommands().empty() && !words.empty())
+      throw redrive::UsageError("redrive", words.front(), "is not a command; " + known_commands());
     return app.exit(error) == 0 ? redrive::kExitOk : redrive::kExitUsage;
   }
   const int code = actions.at(app.get_subcommands().front())();

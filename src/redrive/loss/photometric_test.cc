@@ -16,6 +16,13 @@ TEST(Photometric, IsTheMeanSquaredErrorOfTheBatch) {
   EXPECT_DOUBLE_EQ(loss, 0.25);
 }
 
+TEST(Photometric, BatchIsTheSumOfItsTerms) {
+  const float rendered[6] = {1, 0.25, 0.5, 1, 0, 0.75}, target[6] = {0, 0.25, 0.5, 0.5, 0.5, 0.75};
+  float d_rgb[6];
+  EXPECT_DOUBLE_EQ(photometric_batch(rendered, target, 2, d_rgb), 0.25);
+  for (int i = 0; i < 6; ++i) EXPECT_FLOAT_EQ(d_rgb[i], photometric_term(rendered[i], target[i], 2).derivative);
+}
+
 TEST(Photometric, DerivativeAgreesWithDualNumbers) {
   using D = Dual<double, 1>;
   for (const double rendered : {-0.2, 0.0, 0.4, 1.0})

@@ -26,11 +26,16 @@ std::int64_t frame_id_from_key(const JsonField& entry, const std::string& key) {
   return id;
 }
 
-std::int64_t t_ns_from_json(const JsonField& entry) {
-  if (!entry.has("time_host") && !entry.has("time")) entry.fail("has neither time_host nor time (seconds)");
-  const JsonField time = entry.at(entry.has("time_host") ? "time_host" : "time");
+/// The field that holds the time: one for the whole file, since the two may be of different clocks.
+const char* time_field(const JsonField& first_entry) {
+  for (const char* name : {"time_host", "time"})
+    if (first_entry.has(name)) return name;
+  first_entry.fail("has neither time_host nor time (seconds)");
+}
+
+std::int64_t t_ns_from_json(const JsonField& time) {
   const double t_s = time.number();
-  if (std::abs(t_s) > kMaxTime_s) time.fail("expected a time in seconds between -9e9 and 9e9");
+  if (!(t_s >= 0 && t_s <= kMaxTime_s)) time.fail("expected a time in seconds from 0 to 9e9");
   return std::llround(t_s * 1e9);
 }
 
@@ -71,14 +76,16 @@ std::vector<FramePose> parse_egomotion(std::string_view text, const std::filesys
   const nlohmann::json document = parse_json(text, file);
   const JsonField root(document, file);
   std::vector<FramePose> frames;
+  const char* time = nullptr;
   for (const std::string& key : root.keys()) {
     const JsonField entry = root.at(key);
+    if (!time) time = time_field(entry);
     FramePose frame;
     frame.id = frame_id_from_key(entry, key);
     const std::optional<Rigid3d> pose = ecef_from_body_in(entry);
     if (!pose) entry.fail("has neither RT_ECEF_body nor ECEF_RT_body");
     frame.ecef_from_body = *pose;
-    frame.t_ns = t_ns_from_json(entry);
+    frame.t_ns = t_ns_from_json(entry.at(time));
     frames.push_back(frame);
   }
   if (frames.empty()) throw InputError(file, "", "", "holds no pose");

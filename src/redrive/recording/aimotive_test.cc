@@ -12,7 +12,6 @@ using ::testing::AllOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using testing::input_error;
-using testing::TemporaryFolder;
 
 std::string finding_about(const Recording& recording, const std::string& subject) {
   std::string all;
@@ -25,19 +24,19 @@ std::string finding_about(const Recording& recording, const std::string& subject
 TEST(Aimotive, OpensARecording) {
   TemporaryFolder folder;
   testing::write_recording(folder);
-  folder.write("dynamic/raw-revolutions/frame_0000009.laz", std::string());
-  folder.write("dynamic/raw-revolutions/notes.txt", std::string());
-  folder.write("dynamic/box/3d_body/frame_0000009.json", std::string("{}"));
-  folder.write("dynamic/box/3d_body/frame_0000010.json", std::string("{}"));
-  folder.write("novel/left_1m/poses.json", std::string("{}"));
-  fs::create_directories(folder.path() / "novel/empty");
-  const Recording recording = open_recording(folder.path());
+  folder.write("dynamic/raw-revolutions/frame_0000009.laz", "");
+  folder.write("dynamic/raw-revolutions/notes.txt", "");
+  folder.write("dynamic/box/3d_body/frame_0000009.json", "{}");
+  folder.write("dynamic/box/3d_body/frame_0000010.json", "{}");
+  folder.write("novel/left_1m/poses.json", "{}");
+  fs::create_directories(folder.path / "novel/empty");
+  const Recording recording = open_recording(folder.path);
   EXPECT_EQ(recording.format, "aimotive");
-  EXPECT_EQ(recording.root, folder.path());
+  EXPECT_EQ(recording.root, folder.path);
   ASSERT_EQ(recording.cameras.size(), 2u);
   ASSERT_EQ(recording.cameras[0].images.size(), 3u);
   EXPECT_EQ(recording.cameras[0].images[2].frame_id, 11);
-  EXPECT_EQ(recording.cameras[0].images[2].path, folder.path() / "sensor/camera/F_CAM/F_CAM_0000011.jpg");
+  EXPECT_EQ(recording.cameras[0].images[2].path, folder.path / "sensor/camera/F_CAM/F_CAM_0000011.jpg");
   EXPECT_EQ(recording.frames.size(), 3u);
   EXPECT_THAT(recording.other_sensors, ElementsAre("Imu0", "M_LIDAR"));
   EXPECT_EQ(recording.lidar_files, 1);
@@ -54,12 +53,11 @@ TEST(Aimotive, OpensARecording) {
 TEST(Aimotive, ImagesAndPosesThatLackEachOther) {
   TemporaryFolder folder;
   testing::write_recording(folder);
-  for (int id = 12; id < 20; ++id)
-    folder.write("sensor/camera/F_CAM/F_CAM_00000" + std::to_string(id) + ".png", std::string());
-  folder.write("sensor/camera/F_CAM/thumbnail.jpg", std::string());
-  folder.write("sensor/camera/F_CAM/F_CAM_.jpg", std::string());
-  fs::remove(folder.path() / "sensor/camera/L_FISH/L_FISH_0000010.jpg");
-  const Recording recording = open_recording(folder.path());
+  for (int id = 12; id < 20; ++id) folder.write("sensor/camera/F_CAM/F_CAM_00000" + std::to_string(id) + ".png", "");
+  folder.write("sensor/camera/F_CAM/thumbnail.jpg", "");
+  folder.write("sensor/camera/F_CAM/F_CAM_.jpg", "");
+  fs::remove(folder.path / "sensor/camera/L_FISH/L_FISH_0000010.jpg");
+  const Recording recording = open_recording(folder.path);
   EXPECT_EQ(recording.cameras[0].images.size(), 3u);
   EXPECT_THAT(finding_about(recording, "F_CAM"),
               AllOf(HasSubstr("8 images dropped"), HasSubstr("12, 13, 14, 15, 16, ... (8 in all)"),
@@ -72,9 +70,9 @@ TEST(Aimotive, ImagesAndPosesThatLackEachOther) {
 TEST(Aimotive, CamerasWithoutImagesOrCalibration) {
   TemporaryFolder folder;
   testing::write_recording(folder);
-  fs::remove_all(folder.path() / "sensor/camera/L_FISH");
-  folder.write("sensor/camera/R_FISH/R_FISH_0000009.jpg", std::string());
-  const Recording recording = open_recording(folder.path());
+  fs::remove_all(folder.path / "sensor/camera/L_FISH");
+  folder.write("sensor/camera/R_FISH/R_FISH_0000009.jpg", "");
+  const Recording recording = open_recording(folder.path);
   EXPECT_EQ(recording.cameras.size(), 1u);
   EXPECT_THAT(finding_about(recording, "L_FISH"), HasSubstr("no folder"));
   EXPECT_THAT(finding_about(recording, "R_FISH"), HasSubstr("calibration.json does not have"));
@@ -83,46 +81,46 @@ TEST(Aimotive, CamerasWithoutImagesOrCalibration) {
 TEST(Aimotive, TwoImagesOfOneFrame) {
   TemporaryFolder folder;
   testing::write_recording(folder);
-  folder.write("sensor/camera/F_CAM/F_CAM_10.jpeg", std::string());
-  EXPECT_THAT(input_error([&] { open_recording(folder.path()); }),
+  folder.write("sensor/camera/F_CAM/F_CAM_10.jpeg", "");
+  EXPECT_THAT(input_error([&] { open_recording(folder.path); }),
               AllOf(HasSubstr("F_CAM_10.jpeg"), HasSubstr("F_CAM_0000010.jpg")));
 }
 
 TEST(Aimotive, EmptyRecording) {
   TemporaryFolder folder;
   testing::write_recording(folder);
-  fs::remove_all(folder.path() / "sensor/camera");
-  EXPECT_THAT(input_error([&] { open_recording(folder.path()); }),
+  fs::remove_all(folder.path / "sensor/camera");
+  EXPECT_THAT(input_error([&] { open_recording(folder.path); }),
               AllOf(HasSubstr("sensor/camera"), HasSubstr("empty recording"), HasSubstr("F_CAM")));
 }
 
 TEST(Aimotive, NoImageHasAPose) {
   TemporaryFolder folder;
   testing::write_recording(folder);
-  folder.write("sensor/gnssins/egomotion2.json", nlohmann::json{{"7", testing::pose_at(0, 0)}});
-  EXPECT_THAT(input_error([&] { open_recording(folder.path()); }),
+  folder.write("sensor/gnssins/egomotion2.json", nlohmann::json{{"7", testing::pose_at(0, 0)}}.dump());
+  EXPECT_THAT(input_error([&] { open_recording(folder.path); }),
               AllOf(HasSubstr("empty recording"), HasSubstr("no pose for frame 9, 10, 11")));
 }
 
 TEST(Aimotive, MissingFiles) {
   TemporaryFolder folder;
   testing::write_recording(folder);
-  fs::rename(folder.path() / "sensor/gnssins/egomotion2.json", folder.path() / "sensor/gnssins/egomotion.json");
-  EXPECT_EQ(open_recording(folder.path()).frames.size(), 3u);
-  fs::remove(folder.path() / "sensor/gnssins/egomotion.json");
-  EXPECT_THAT(input_error([&] { open_recording(folder.path()); }),
+  fs::rename(folder.path / "sensor/gnssins/egomotion2.json", folder.path / "sensor/gnssins/egomotion.json");
+  EXPECT_EQ(open_recording(folder.path).frames.size(), 3u);
+  fs::remove(folder.path / "sensor/gnssins/egomotion.json");
+  EXPECT_THAT(input_error([&] { open_recording(folder.path); }),
               AllOf(HasSubstr("egomotion2.json"), HasSubstr("egomotion.json")));
-  fs::remove(folder.path() / "sensor/calibration/calibration.json");
-  EXPECT_THAT(input_error([&] { open_recording(folder.path()); }), HasSubstr("calibration.json"));
+  fs::remove(folder.path / "sensor/calibration/calibration.json");
+  EXPECT_THAT(input_error([&] { open_recording(folder.path); }), HasSubstr("calibration.json"));
 }
 
 TEST(Registry, FoldersThatAreNone) {
   TemporaryFolder folder;
-  EXPECT_THAT(input_error([&] { open_recording(folder.path()); }),
-              AllOf(HasSubstr(folder.path().string()), HasSubstr("sensor/calibration")));
-  EXPECT_THAT(input_error([&] { open_recording(folder.path() / "nothing"); }), HasSubstr("no such folder"));
-  folder.write("file", std::string());
-  EXPECT_THAT(input_error([&] { open_recording(folder.path() / "file"); }), HasSubstr("folder"));
+  EXPECT_THAT(input_error([&] { open_recording(folder.path); }),
+              AllOf(HasSubstr(folder.path.string()), HasSubstr("sensor/calibration")));
+  EXPECT_THAT(input_error([&] { open_recording(folder.path / "nothing"); }), HasSubstr("no such folder"));
+  folder.write("file", "");
+  EXPECT_THAT(input_error([&] { open_recording(folder.path / "file"); }), HasSubstr("folder"));
 }
 
 // The real recording; the expected values were read off its files by eye.

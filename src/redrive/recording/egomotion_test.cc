@@ -38,8 +38,10 @@ TEST(Egomotion, BothSpellings) {
   json document = egomotion();
   document["10"]["ECEF_RT_body"] = document["10"]["RT_ECEF_body"];
   document["10"].erase("RT_ECEF_body");
-  document["10"]["time"] = document["10"]["time_host"];
-  document["10"].erase("time_host");
+  for (const char* id : {"9", "10", "11"}) {
+    document[id]["time"] = document[id]["time_host"];
+    document[id].erase("time_host");
+  }
   const auto frames = parse(document);
   EXPECT_EQ(frames[1].t_ns, 50100000000);
   EXPECT_EQ(frames[1].ecef_from_body.translation().x(), 4e6 + 2);
@@ -49,6 +51,14 @@ TEST(Egomotion, HostTimeIsPreferred) {
   json document = egomotion();
   document["10"]["time"] = 7;
   EXPECT_EQ(parse(document)[1].t_ns, 50100000000);
+}
+
+// `time` and `time_host` may be of different clocks: a file that changes from one to the other is refused.
+TEST(Egomotion, OneClock) {
+  json document = egomotion();
+  document["11"]["time"] = document["11"]["time_host"];
+  document["11"].erase("time_host");
+  EXPECT_THAT(input_error([&] { parse(document); }), AllOf(HasSubstr("egomotion2.json: 11"), HasSubstr("time_host")));
 }
 
 TEST(Egomotion, BadKeys) {
@@ -78,6 +88,7 @@ TEST(Egomotion, MissingAndMalformed) {
   EXPECT_THAT(message_for("/10/time_host", "noon"), AllOf(HasSubstr("10.time_host"), HasSubstr("noon")));
   EXPECT_THAT(message_for("/10/time_host", 1.6e18),
               AllOf(HasSubstr("10.time_host"), HasSubstr("1.6e+18"), HasSubstr("seconds")));
+  EXPECT_THAT(message_for("/10/time_host", -1), AllOf(HasSubstr("10.time_host"), HasSubstr("from 0")));
 }
 
 TEST(Egomotion, TimesIncrease) {

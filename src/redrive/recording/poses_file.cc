@@ -24,8 +24,8 @@ std::string output_name_from_json(const JsonField& field) {
       std::any_of(path.begin(), path.end(), [](const auto& part) { return part == ".." || part == "."; });
   if (detour || name.find("//") != name.npos)
     field.fail("expected a relative file name without \"..\", \".\" or \"//\"");
-  const std::string extension = path.extension().string();
-  if (extension != ".png" && extension != ".jpg") field.fail("expected a file name that ends in .png or .jpg");
+  if (!has_extension(path, {".png", ".jpg", ".jpeg"}))
+    field.fail("expected a file name that ends in .png, .jpg or .jpeg");
   return name;
 }
 

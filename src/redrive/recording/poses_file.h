@@ -20,7 +20,7 @@ namespace redrive {
 constexpr double kMaxShift_m = 1e4;
 
 struct RequestedView {
-  std::string file;  ///< output name, relative, no "..", ends in .png or .jpg
+  std::string file;  ///< output name, relative, no "..", ends in .png, .jpg or .jpeg
   std::string camera;
   std::int64_t frame_id = 0;
   std::optional<Rigid3d> ecef_from_body;        ///< places the body absolutely

@@ -2,16 +2,14 @@
 // Small recordings for the tests of this folder: valid ones, to be spoilt in one place.
 #pragma once
 
-#include <filesystem>
-#include <fstream>
 #include <string>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <unistd.h>
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
+#include "redrive/base/temporary_folder.h"
 
 namespace redrive::testing {
 
@@ -26,28 +24,6 @@ std::string input_error(F&& action) {
   ADD_FAILURE() << "no InputError";
   return "";
 }
-
-/// A folder that is gone when the test is over.
-class TemporaryFolder {
- public:
-  TemporaryFolder() {
-    std::string pattern = (std::filesystem::temp_directory_path() / "redrive-test-XXXXXX").string();
-    if (!mkdtemp(pattern.data())) throw std::runtime_error("mkdtemp");
-    path_ = pattern;
-  }
-  ~TemporaryFolder() { std::filesystem::remove_all(path_); }
-  TemporaryFolder(const TemporaryFolder&) = delete;
-  const std::filesystem::path& path() const { return path_; }
-
-  void write(const std::filesystem::path& file, const std::string& text) const {
-    std::filesystem::create_directories((path_ / file).parent_path());
-    std::ofstream(path_ / file) << text;
-  }
-  void write(const std::filesystem::path& file, const nlohmann::json& json) const { write(file, json.dump()); }
-
- private:
-  std::filesystem::path path_;
-};
 
 /// A camera 2 m ahead and 1.5 m above the body's origin that looks forward; its extrinsics are exact.
 inline nlohmann::json front_camera() {
@@ -88,11 +64,11 @@ inline nlohmann::json egomotion() {
 
 /// A recording of two cameras and three frames; the images are empty files, as nothing here decodes them.
 inline void write_recording(const TemporaryFolder& folder) {
-  folder.write("sensor/calibration/calibration.json", calibration());
-  folder.write("sensor/gnssins/egomotion2.json", egomotion());
+  folder.write("sensor/calibration/calibration.json", calibration().dump());
+  folder.write("sensor/gnssins/egomotion2.json", egomotion().dump());
   for (const std::string camera : {"F_CAM", "L_FISH"}) {
     for (const std::string id : {"0000009", "0000010", "0000011"}) {
-      folder.write("sensor/camera/" + camera + "/" + camera + "_" + id + ".jpg", std::string());
+      folder.write("sensor/camera/" + camera + "/" + camera + "_" + id + ".jpg", "");
     }
   }
 }

@@ -26,6 +26,6 @@ RenderedImage render_image(kernels::Backend& backend, const NerfModel& model, co
                            const Rigid3d& world_from_camera);
 
 Image8 to_image8(const RenderedImage& image);                     ///< round(255 x), clamped
-std::vector<std::uint16_t> depth_mm(const RenderedImage& image);  ///< clamped to 65535
+std::vector<std::uint16_t> depth_mm(const RenderedImage& image);  ///< 65535: 65.535 m and more
 
 }  // namespace redrive

@@ -13,6 +13,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/scene/image_set.h"
 
 namespace redrive {
 namespace {
@@ -127,8 +128,14 @@ void draw_plot(const std::filesystem::path& folder, const std::string& name, con
     std::filesystem::remove(part, error);
     throw IoError(image, "gnuplot failed on " + script_file.string());
   }
+  try {
+    read_image(part);  // gnuplot's exit code says nothing of a disk that filled up under its picture
+  } catch (const InputError& broken) {
+    std::filesystem::remove(part, error);
+    throw IoError(image, std::string("gnuplot left no whole picture: ") + broken.what());
+  }
   std::filesystem::rename(part, image, error);
-  if (error) throw IoError(image, "gnuplot left no picture: " + error.message());
+  if (error) throw IoError(image, error.message());
 }
 
 }  // namespace redrive

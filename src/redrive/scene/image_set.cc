@@ -66,13 +66,11 @@ bool is_png(const std::string& bytes) { return bytes.starts_with("\x89PNG\r\n\x1
 bool is_jpeg(const std::string& bytes) { return bytes.starts_with("\xff\xd8\xff"); }
 
 void encode_to_file(const std::filesystem::path& path, const cv::Mat& mat, const std::vector<int>& parameters) {
-  std::string extension = path.extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return std::tolower(c); });
-  if (extension != ".png" && extension != ".jpg" && extension != ".jpeg")
+  const bool png = has_extension(path, {".png"});
+  if (!png && !has_extension(path, {".jpg", ".jpeg"}))
     throw UsageError("image file", path.string(), "must end in .png, .jpg or .jpeg");
   std::vector<unsigned char> bytes;
-  REDRIVE_CHECK(cv::imencode(extension, mat, bytes, parameters));
+  REDRIVE_CHECK(cv::imencode(png ? ".png" : ".jpg", mat, bytes, parameters));
   write_file(path, std::string_view(reinterpret_cast<const char*>(bytes.data()), bytes.size()));
 }
 
@@ -140,7 +138,7 @@ void write_image(const std::filesystem::path& path, const Image8& image) {
 
 void write_png16(const std::filesystem::path& path, int width, int height, const std::vector<std::uint16_t>& values) {
   REDRIVE_CHECK_OP(values.size(), ==, std::size_t(width) * height);
-  if (path.extension() != ".png")
+  if (!has_extension(path, {".png"}))
     throw UsageError("image file", path.string(), "must end in .png: JPEG has no 16 bits");
   encode_to_file(path, cv::Mat(height, width, CV_16UC1, const_cast<std::uint16_t*>(values.data())), {});
 }

@@ -2,26 +2,14 @@
 // For tests: a small drive with image files in a folder of its own, which goes away again.
 #pragma once
 
-#include <unistd.h>
-
 #include <cmath>
 #include <string>
 
+#include "redrive/base/temporary_folder.h"
 #include "redrive/recording/recording.h"
 #include "redrive/scene/image_set.h"
 
 namespace redrive {
-
-struct TemporaryFolder {
-  std::filesystem::path path;
-  TemporaryFolder() {
-    std::string name = (std::filesystem::temp_directory_path() / "redrive-test-XXXXXX").string();
-    path = mkdtemp(name.data());
-  }
-  ~TemporaryFolder() { std::filesystem::remove_all(path); }
-  TemporaryFolder(const TemporaryFolder&) = delete;
-  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
-};
 
 /// The colour of pixel (x, y) in camera `camera` (0 FISHEYE, 1 FRONT) at frame `frame`: says whence it comes.
 inline std::array<std::uint8_t, 3> test_colour(int camera, int frame, int x, int y) {

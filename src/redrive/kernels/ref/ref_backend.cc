@@ -132,14 +132,7 @@ class RefBackend final : public Backend {
   }
 
   double photometric_loss(std::span<const float> rgb, std::span<const float> target, std::span<float> d_rgb) override {
-    const int n_rays = check_photometric(rgb.size(), target.size(), d_rgb.size());
-    double loss = 0;
-    for (std::size_t i = 0; i < rgb.size(); ++i) {
-      const auto term = photometric_term<double>(rgb[i], target[i], n_rays);
-      loss += term.value;
-      d_rgb[i] = static_cast<float>(term.derivative);
-    }
-    return loss;
+    return photometric_batch(rgb, target, check_photometric(rgb.size(), target.size(), d_rgb.size()), d_rgb);
   }
 
   void adam(const AdamStep& step, std::span<const float> gradients, std::span<float> parameters,
