@@ -148,8 +148,8 @@ nlohmann::ordered_json to_json(const Inspection& result) {
            {{"length_m", result.drive.driven_m},
             {"mean_speed_m_per_s", result.drive.mean_speed_m_per_s},
             {"max_speed_m_per_s", result.drive.max_speed_m_per_s}}},
-          {"lidar_files", recording.lidar_files},
-          {"box_files", recording.box_files},
+          {"lidar_files", recording.lidar_files.size()},
+          {"box_files", recording.box_files.size()},
           {"other_sensors", recording.other_sensors},
           {"novel", novel},
           {"findings", findings_to_json(result.findings)},
@@ -180,7 +180,8 @@ void print_table(const Inspection& result) {
               drive.rate_hz, drive.duration_s);
   std::printf("driven         %.1f m, mean %.2f m/s, at most %.2f m/s\n", drive.driven_m, drive.mean_speed_m_per_s,
               drive.max_speed_m_per_s);
-  std::printf("lidar          %d files\nboxes          %d files\n", recording.lidar_files, recording.box_files);
+  std::printf("lidar          %zu files\nboxes          %zu files\n", recording.lidar_files.size(),
+              recording.box_files.size());
   std::string others, novel;
   for (const std::string& sensor : recording.other_sensors) others += (others.empty() ? "" : ", ") + sensor;
   for (const NovelSet& set : recording.novel) novel += (novel.empty() ? "" : ", ") + set.name;

@@ -44,14 +44,6 @@ std::string lower_extension(const fs::path& path) {
   return extension;
 }
 
-int count_files(const fs::path& folder, const std::vector<std::string>& extensions) {
-  int count = 0;
-  for (const fs::path& path : list_folder(folder)) {
-    count += std::count(extensions.begin(), extensions.end(), lower_extension(path)) > 0;
-  }
-  return count;
-}
-
 /// "33643, 33644, 33645, ... (12 in all)"
 template <class T>
 std::string first_few(const std::vector<T>& items) {
@@ -72,10 +64,11 @@ std::string counted(std::size_t n, const std::string& noun) {
   return std::to_string(n) + " " + noun + (n == 1 ? "" : "s");
 }
 
-/// The id of <CAM>_<id>.jpg|jpeg|png, or -1.
-std::int64_t frame_id_from_name(const fs::path& path, const std::string& camera) {
-  const std::string extension = lower_extension(path), stem = path.stem().string(), prefix = camera + "_";
-  if ((extension != ".jpg" && extension != ".jpeg" && extension != ".png") || !stem.starts_with(prefix)) return -1;
+/// The id of <prefix><id><extension>, or -1.
+std::int64_t frame_id_from_name(const fs::path& path, const std::string& prefix,
+                                const std::vector<std::string>& extensions) {
+  const std::string extension = lower_extension(path), stem = path.stem().string();
+  if (std::count(extensions.begin(), extensions.end(), extension) == 0 || !stem.starts_with(prefix)) return -1;
   const char *const begin = stem.data() + prefix.size(), *const end = stem.data() + stem.size();
   if (begin == end || !std::all_of(begin, end, [](unsigned char c) { return std::isdigit(c); })) return -1;
   std::int64_t id = -1;
@@ -83,37 +76,48 @@ std::int64_t frame_id_from_name(const fs::path& path, const std::string& camera)
   return error == std::errc() && last == end ? id : -1;
 }
 
-/// The camera's images of frames with a pose; what is dropped or missing goes into `findings`.
-std::vector<ImageFile> collect_images(const fs::path& folder, const std::string& camera,
-                                      const std::vector<FramePose>& frames, std::vector<Finding>* findings) {
-  std::vector<ImageFile> images;
+/// The files <prefix><id><extension> of a folder by id, one a frame; a finding about `subject` names what else lies there.
+std::vector<FrameFile> list_frame_files(const fs::path& folder, const std::string& prefix,
+                                        const std::vector<std::string>& extensions, const std::string& subject,
+                                        std::vector<Finding>* findings) {
+  std::vector<FrameFile> files;
   std::vector<std::string> strangers;
   for (const fs::path& path : list_folder(folder)) {
-    const std::int64_t id = frame_id_from_name(path, camera);
+    const std::int64_t id = frame_id_from_name(path, prefix, extensions);
     if (id < 0) {
       strangers.push_back(path.filename().string());
     } else {
-      images.push_back({id, path});
+      files.push_back({id, path});
     }
   }
-  std::sort(images.begin(), images.end(), [](const auto& a, const auto& b) { return a.frame_id < b.frame_id; });
-  for (std::size_t i = 1; i < images.size(); ++i) {
-    if (images[i].frame_id == images[i - 1].frame_id) {
-      throw InputError(images[i].path, "frame id", std::to_string(images[i].frame_id),
-                       "a second image of this frame, beside " + images[i - 1].path.filename().string());
+  std::sort(files.begin(), files.end(), [](const auto& a, const auto& b) { return a.frame_id < b.frame_id; });
+  for (std::size_t i = 1; i < files.size(); ++i) {
+    if (files[i].frame_id == files[i - 1].frame_id) {
+      throw InputError(files[i].path, "frame id", std::to_string(files[i].frame_id),
+                       "a second file of this frame, beside " + files[i - 1].path.filename().string());
     }
   }
   if (!strangers.empty()) {
-    findings->push_back({camera, counted(strangers.size(), "file") + " not named " + camera +
-                                     "_<id>.jpg, .jpeg or .png ignored: " + first_few(strangers)});
+    std::string expected = prefix + "<id>";
+    for (std::size_t i = 0; i < extensions.size(); ++i)
+      expected += (i == 0 ? "" : i + 1 < extensions.size() ? ", " : " or ") + extensions[i];
+    findings->push_back(
+        {subject, counted(strangers.size(), "file") + " not named " + expected + " ignored: " + first_few(strangers)});
   }
+  return files;
+}
+
+/// The camera's images of frames with a pose; what is dropped or missing goes into `findings`.
+std::vector<FrameFile> collect_images(const fs::path& folder, const std::string& camera,
+                                      const std::vector<FramePose>& frames, std::vector<Finding>* findings) {
+  std::vector<FrameFile> images = list_frame_files(folder, camera + "_", {".jpg", ".jpeg", ".png"}, camera, findings);
   if (images.empty()) return images;
 
   std::set<std::int64_t> posed, seen;
   for (const FramePose& frame : frames) posed.insert(frame.id);
   std::vector<std::int64_t> without_pose, without_image;
-  std::vector<ImageFile> kept;
-  for (ImageFile& image : images) {
+  std::vector<FrameFile> kept;
+  for (FrameFile& image : images) {
     seen.insert(image.frame_id);
     if (posed.contains(image.frame_id)) {
       kept.push_back(std::move(image));
@@ -164,7 +168,7 @@ Recording open(const fs::path& root) {
   for (const CameraCalibration& calibration : calibrations) {
     calibrated.insert(calibration.name);
     const fs::path folder = image_root / calibration.name;
-    std::vector<ImageFile> images = collect_images(folder, calibration.name, recording.frames, &recording.findings);
+    std::vector<FrameFile> images = collect_images(folder, calibration.name, recording.frames, &recording.findings);
     if (!images.empty()) {
       recording.cameras.push_back({calibration, std::move(images)});
     } else {
@@ -185,8 +189,10 @@ Recording open(const fs::path& root) {
     throw InputError(image_root, "", "", "empty recording: no image of a calibrated camera with a pose" + why);
   }
 
-  recording.lidar_files = count_files(root / "dynamic/raw-revolutions", {".laz", ".las"});
-  recording.box_files = count_files(root / "dynamic/box/3d_body", {".json"});
+  recording.lidar_files = list_frame_files(root / "dynamic/raw-revolutions", "frame_", {".laz", ".las"},
+                                           "dynamic/raw-revolutions", &recording.findings);
+  recording.box_files =
+      list_frame_files(root / "dynamic/box/3d_body", "frame_", {".json"}, "dynamic/box/3d_body", &recording.findings);
   for (const fs::path& folder : list_folder(root / "novel")) {
     if (!is_folder(folder)) continue;
     const std::string name = folder.filename().string();

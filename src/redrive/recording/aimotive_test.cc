@@ -25,6 +25,7 @@ TEST(Aimotive, OpensARecording) {
   TemporaryFolder folder;
   testing::write_recording(folder);
   folder.write("dynamic/raw-revolutions/frame_0000009.laz", "");
+  folder.write("dynamic/raw-revolutions/frame_10.LAS", "");
   folder.write("dynamic/raw-revolutions/notes.txt", "");
   folder.write("dynamic/box/3d_body/frame_0000009.json", "{}");
   folder.write("dynamic/box/3d_body/frame_0000010.json", "{}");
@@ -39,12 +40,18 @@ TEST(Aimotive, OpensARecording) {
   EXPECT_EQ(recording.cameras[0].images[2].path, folder.path / "sensor/camera/F_CAM/F_CAM_0000011.jpg");
   EXPECT_EQ(recording.frames.size(), 3u);
   EXPECT_THAT(recording.other_sensors, ElementsAre("Imu0", "M_LIDAR"));
-  EXPECT_EQ(recording.lidar_files, 1);
-  EXPECT_EQ(recording.box_files, 2);
+  ASSERT_EQ(recording.lidar_files.size(), 2u);
+  EXPECT_EQ(recording.lidar_files[0].frame_id, 9);
+  EXPECT_EQ(recording.lidar_files[0].path, folder.path / "dynamic/raw-revolutions/frame_0000009.laz");
+  EXPECT_EQ(recording.lidar_files[1].frame_id, 10);
+  ASSERT_EQ(recording.box_files.size(), 2u);
+  EXPECT_EQ(recording.box_files[1].path, folder.path / "dynamic/box/3d_body/frame_0000010.json");
+  EXPECT_THAT(finding_about(recording, "dynamic/raw-revolutions"),
+              AllOf(HasSubstr("frame_<id>.laz or .las"), HasSubstr("notes.txt")));
   ASSERT_EQ(recording.novel.size(), 1u);
   EXPECT_EQ(recording.novel[0].name, "left_1m");
   EXPECT_THAT(finding_about(recording, "novel/empty"), HasSubstr("no poses.json"));
-  EXPECT_EQ(recording.findings.size(), 1u);
+  EXPECT_EQ(recording.findings.size(), 2u);
   ASSERT_TRUE(recording.find_camera("L_FISH"));
   EXPECT_EQ(recording.find_camera("L_FISH")->calibration.model, "mei");
   EXPECT_FALSE(recording.find_camera("R_FISH"));
@@ -84,6 +91,15 @@ TEST(Aimotive, TwoImagesOfOneFrame) {
   folder.write("sensor/camera/F_CAM/F_CAM_10.jpeg", "");
   EXPECT_THAT(input_error([&] { open_recording(folder.path); }),
               AllOf(HasSubstr("F_CAM_10.jpeg"), HasSubstr("F_CAM_0000010.jpg")));
+}
+
+TEST(Aimotive, TwoRevolutionsOfOneFrame) {
+  TemporaryFolder folder;
+  testing::write_recording(folder);
+  folder.write("dynamic/raw-revolutions/frame_0000009.laz", "");
+  folder.write("dynamic/raw-revolutions/frame_0000009.las", "");
+  EXPECT_THAT(input_error([&] { open_recording(folder.path); }),
+              AllOf(HasSubstr("frame_0000009.laz"), HasSubstr("frame_0000009.las")));
 }
 
 TEST(Aimotive, EmptyRecording) {
@@ -140,8 +156,8 @@ TEST(Aimotive, RealRecording) {
   for (const RecordedCamera& camera : recording.cameras)
     EXPECT_EQ(camera.images.size(), 50u) << camera.calibration.name;
   EXPECT_TRUE(recording.findings.empty());
-  EXPECT_EQ(recording.lidar_files, 50);
-  EXPECT_EQ(recording.box_files, 50);
+  EXPECT_EQ(recording.lidar_files.size(), 50u);
+  EXPECT_EQ(recording.box_files.size(), 50u);
 
   const CameraCalibration& front = recording.find_camera("F_MIDLONGRANGECAM_CL")->calibration;
   EXPECT_EQ(front.fx, 1170.7994384765625);

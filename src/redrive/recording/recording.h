@@ -31,7 +31,8 @@ struct FramePose {
   Rigid3d ecef_from_body;  ///< metres; ECEF magnitudes (6.4e6) are normal
 };
 
-struct ImageFile {
+/// What a sensor recorded of one frame.
+struct FrameFile {
   std::int64_t frame_id = 0;
   std::filesystem::path path;
 };
@@ -44,7 +45,7 @@ struct Finding {
 
 struct RecordedCamera {
   CameraCalibration calibration;
-  std::vector<ImageFile> images;  ///< by frame id; only frames that have a pose
+  std::vector<FrameFile> images;  ///< by frame id; only frames that have a pose
 };
 
 /// Truth or request for views that were never driven: novel/<name>/poses.json.
@@ -59,9 +60,10 @@ struct Recording {
   std::vector<RecordedCamera> cameras;  ///< by name; only those with images
   std::vector<FramePose> frames;        ///< by id
   std::vector<std::string> other_sensors;
-  std::vector<NovelSet> novel;  ///< by name
-  int lidar_files = 0, box_files = 0;
-  std::vector<Finding> findings;  ///< frames dropped for want of a pose, images missing, ...
+  std::vector<NovelSet> novel;         ///< by name
+  std::vector<FrameFile> lidar_files;  ///< by frame id, with or without a pose: las.h reads them
+  std::vector<FrameFile> box_files;    ///< by frame id, with or without a pose: boxes.h reads them
+  std::vector<Finding> findings;       ///< frames dropped for want of a pose, images missing, ...
 
   const RecordedCamera* find_camera(const std::string& name) const;
 };

@@ -124,7 +124,7 @@ Scene make_scene(const Recording& recording, const SceneOptions& options) {
 
   for (const RecordedCamera* recorded : choose_cameras(recording, options)) {
     std::vector<View> views;
-    for (const ImageFile& image : recorded->images) {
+    for (const FrameFile& image : recorded->images) {
       const int frame = scene.frame_index(image.frame_id);
       if (frame < 0) continue;
       const bool held_out = options.holdout_every > 0 && frame % options.holdout_every == 0;

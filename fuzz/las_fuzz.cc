@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: Apache-2.0
+// LAS and LAZ: any bytes are read or refused with an InputError, nothing else.
+#include <cstddef>
+#include <cstdint>
+#include <string_view>
+
+#include "redrive/base/error.h"
+#include "redrive/recording/las.h"
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  const std::string_view bytes(reinterpret_cast<const char*>(data), size);
+  try {
+    for (const redrive::LidarPoint& point : redrive::parse_las(bytes, "frame.laz")) {
+      if (!(point.in_body_m.cwiseAbs().maxCoeff() <= 1e4f)) __builtin_trap();
+    }
+  } catch (const redrive::InputError&) {
+  }
+  return 0;
+}

@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: Apache-2.0
+// The adaptive arithmetic code of LASzip: A. Said, "Introduction to Arithmetic Coding", HP Labs 2004 (the coder), M. Isenburg,
+// "LASzip: lossless compression of LiDAR data", PE&RS 79(2), 2013 (its use). Every constant here is part of the format.
+//
+// The coder keeps an interval of `length` in 2^24..2^32-1; a model cuts it in proportion to how often each symbol came
+// so far, the next symbol's part becomes the interval, and bytes are shifted in until it has its 24 bits again.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <string_view>
+#include <vector>
+
+namespace redrive {
+
+/// How often a bit was 0. Shares are of 2^13.
+class BitModel {
+ public:
+  static constexpr int kShareBits = 13;
+  std::uint32_t zero_share() const { return zero_share_; }
+  void count(bool bit) {
+    zeros_ += !bit;
+    if (--until_update_ == 0) update();
+  }
+
+ private:
+  void update();
+  std::uint32_t zeros_ = 1, total_ = 2, zero_share_ = 1u << (kShareBits - 1), cycle_ = 4, until_update_ = 4;
+};
+
+/// How often each of `size` symbols came. Shares are of 2^15.
+class SymbolModel {
+ public:
+  static constexpr int kShareBits = 15;
+  explicit SymbolModel(std::uint32_t size);
+
+  std::uint32_t size() const { return static_cast<std::uint32_t>(counts_.size()); }
+  /// Share of all symbols below `symbol` (< size()); rises strictly with it.
+  std::uint32_t share_below(std::uint32_t symbol) const { return shares_below_[symbol]; }
+  void count(std::uint32_t symbol) {
+    ++counts_[symbol];
+    if (--until_update_ == 0) update();
+  }
+
+ private:
+  void update();
+  std::vector<std::uint16_t>
+      counts_;  ///< halved when they exceed 2^15 in all; at most 4176 more come before that is seen
+  std::vector<std::uint16_t> shares_below_;  ///< as of the last update
+  std::uint32_t total_ = 0, cycle_ = 0, until_update_ = 0;
+};
+
+/// Reads symbols from `bytes` (which must outlive it). Any bytes can be decoded without harm; whether they meant anything
+/// is what broken() says.
+class ArithmeticDecoder {
+ public:
+  explicit ArithmeticDecoder(std::string_view bytes);
+
+  bool bit(BitModel& model);
+  std::uint32_t symbol(SymbolModel& model);
+  std::uint32_t bits(int n);  ///< n equally likely bits, 1..32
+
+  /// The bytes ended too early, or hold what no encoder writes; the symbols since then are meaningless.
+  bool broken() const { return broken_; }
+  void refuse() { broken_ = true; }  ///< the symbols say what no encoder writes
+  std::size_t bytes_read() const { return position_; }
+
+ private:
+  std::uint32_t next_byte();
+  void refill();
+  std::string_view bytes_;
+  std::size_t position_ = 0;
+  std::uint32_t value_ = 0;  ///< where in the interval the code points
+  std::uint32_t length_ = UINT32_MAX;
+  bool broken_ = false;
+};
+
+}  // namespace redrive

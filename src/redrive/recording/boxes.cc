@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/recording/boxes.h"
+
+#include <charconv>
+#include <cmath>
+#include <set>
+
+#include "redrive/base/error.h"
+#include "redrive/base/files.h"
+
+namespace redrive {
+namespace {
+
+constexpr double kMinSize_m = 0.01, kMaxSize_m = 100;  // road trains have 50
+constexpr double kMaxDistance_m = 1e4;
+constexpr double kMaxSpeed_m_per_s = 300;  // two cars in opposite directions
+constexpr double kUnitNorm = 1e-3;
+
+/// "<name> X", "<name> Y" and "<name> Z".
+Eigen::Vector3d vector_from_json(const JsonField& object, const std::string& name, double least, double most) {
+  Eigen::Vector3d vector;
+  for (int axis = 0; axis < 3; ++axis) {
+    const JsonField field = object.at(name + " " + "XYZ"[axis]);
+    vector[axis] = field.number();
+    if (!(vector[axis] >= least && vector[axis] <= most)) {
+      char rule[64];
+      std::snprintf(rule, sizeof rule, "must be between %g and %g", least, most);
+      field.fail(rule);
+    }
+  }
+  return vector;
+}
+
+Eigen::Quaterniond rotation_from_json(const JsonField& object) {
+  const std::string name = "BoundingBox3D Orientation Quat";
+  const Eigen::Vector3d xyz = vector_from_json(object, name, -2, 2);
+  const JsonField w = object.at(name + " W");
+  const Eigen::Quaterniond rotation(w.number(), xyz.x(), xyz.y(), xyz.z());
+  if (!(std::abs(rotation.norm() - 1) <= kUnitNorm))
+    throw InputError(object.file(), object.field() + "." + name, "norm " + std::to_string(rotation.norm()),
+                     "must be 1 to 0.001: a rotation");
+  return rotation.normalized();
+}
+
+std::int64_t t_ns_from_json(const JsonField& field) {
+  const std::string digits = field.string();
+  std::int64_t t_ns = 0;
+  const auto [end, error] = std::from_chars(digits.data(), digits.data() + digits.size(), t_ns);
+  if (error != std::errc() || end != digits.data() + digits.size())
+    field.fail("a text of whole nanoseconds was expected");
+  return t_ns;
+}
+
+}  // namespace
+
+std::vector<Box> parse_boxes(std::string_view text, const std::filesystem::path& file) {
+  const nlohmann::json document = parse_json(text, file);
+  const JsonField root(document, file);
+  const std::int64_t t_ns = t_ns_from_json(root.at("Timestamp"));
+  const JsonField objects = root.at("CapturedObjects");
+  if (!objects.json().is_array()) objects.fail("an array was expected");
+  std::vector<Box> boxes;
+  std::set<std::int64_t> ids;
+  for (std::size_t i = 0; i < objects.size(); ++i) {
+    const JsonField object = objects.at(i);
+    Box box;
+    box.object_id = object.at("ObjectId").integer();
+    if (!ids.insert(box.object_id).second) object.at("ObjectId").fail("a second box of this object");
+    box.type = object.at("ObjectType").string();
+    box.actor_name = object.at("ActorName").string();
+    box.t_ns = t_ns;
+    box.body_from_box = Rigid3d::Identity();
+    box.body_from_box.linear() = rotation_from_json(object).toRotationMatrix();
+    box.body_from_box.translation() = vector_from_json(object, "BoundingBox3D Origin", -kMaxDistance_m, kMaxDistance_m);
+    box.size_m = vector_from_json(object, "BoundingBox3D Extent", kMinSize_m, kMaxSize_m);
+    box.velocity_in_body_m_per_s = vector_from_json(object, "Relative Velocity", -kMaxSpeed_m_per_s, kMaxSpeed_m_per_s);
+    boxes.push_back(std::move(box));
+  }
+  return boxes;
+}
+
+std::vector<Box> read_boxes(const std::filesystem::path& file) { return parse_boxes(read_file(file), file); }
+
+}  // namespace redrive

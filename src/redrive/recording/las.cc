@@ -1,0 +1,171 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/recording/las.h"
+
+#include <bit>
+#include <cmath>
+#include <cstdio>
+#include <string>
+
+#include "redrive/base/error.h"
+#include "redrive/base/files.h"
+#include "redrive/recording/laz_decoder.h"
+#include "redrive/recording/little_endian.h"
+
+namespace redrive {
+namespace {
+
+constexpr std::size_t kHeaderBytes = 227, kVariableHeaderBytes = 54;
+constexpr std::uint32_t kMaxPoints = 4'000'000;  // a revolution of 128 beams at 0.1 degrees has 0.46 million
+constexpr double kMaxCoordinate_m = 1e4;
+constexpr double kMaxTime_ns = 9e18;  // int64 ends at 9.22e18
+
+std::string text(double value) {
+  char buffer[32];
+  std::snprintf(buffer, sizeof buffer, "%.17g", value);
+  return buffer;
+}
+
+/// The parts of a LAS file, checked against its size.
+class LasFile {
+ public:
+  LasFile(std::string_view bytes, const std::filesystem::path& file) : bytes_(bytes), file_(file) {
+    if (!bytes.starts_with("LASF")) refuse("signature", "", "is not LASF: no LAS or LAZ file");
+    if (bytes.size() < kHeaderBytes)
+      refuse("", std::to_string(bytes.size()) + " bytes", "truncated: a LAS header has 227");
+    const int major = at<std::uint8_t>(24), minor = at<std::uint8_t>(25);
+    if (major != 1 || minor != 2) refuse("version", std::to_string(major) + "." + std::to_string(minor), "must be 1.2");
+    const auto header_bytes = at<std::uint16_t>(94);
+    if (header_bytes < kHeaderBytes || header_bytes > bytes.size())
+      refuse("header size", header_bytes, "must be at least 227 and fit in the file's " + size() + " bytes");
+    points_begin_ = at<std::uint32_t>(96);
+    if (points_begin_ < header_bytes || points_begin_ > bytes.size())
+      refuse("offset to point data", points_begin_,
+             "must lie behind the header and in the file's " + size() + " bytes");
+    const auto format = at<std::uint8_t>(104);
+    compressed_ = format & 0x80;
+    if ((format & 0x7f) != 1) refuse("point data format", format, "must be 1, or 129 where compressed");
+    const auto record_bytes = at<std::uint16_t>(105);
+    if (record_bytes != kLasRecordBytes) refuse("point data record length", record_bytes, "must be 28, as in format 1");
+    points_ = at<std::uint32_t>(107);
+    if (points_ > kMaxPoints)
+      refuse("number of points", points_, "at most 4 million are accepted: a revolution has fewer");
+    for (int axis = 0; axis < 3; ++axis) {
+      const std::string name(1, "xyz"[axis]);
+      scale_[axis] = at<double>(131 + 8 * static_cast<std::size_t>(axis));
+      offset_[axis] = at<double>(155 + 8 * static_cast<std::size_t>(axis));
+      if (!(scale_[axis] > 0 && std::isfinite(scale_[axis])))
+        refuse(name + " scale factor", text(scale_[axis]), "must be > 0 and finite");
+      if (!std::isfinite(offset_[axis])) refuse(name + " offset", text(offset_[axis]), "must be finite");
+    }
+    read_variable_records(header_bytes);
+  }
+
+  std::vector<LasRecord> records() const {
+    if (compressed_)
+      return decode_laz(bytes_, {.begin = points_begin_, .points = points_, .points_per_chunk = points_per_chunk_},
+                        file_);
+    const std::size_t stored = bytes_.size() - points_begin_;
+    if (stored != std::size_t{points_} * kLasRecordBytes)
+      refuse("number of points", points_,
+             "of 28 bytes each do not make up the " + std::to_string(stored) + " bytes that follow (truncated?)");
+    std::vector<LasRecord> records(points_);
+    for (std::size_t i = 0; i < records.size(); ++i)
+      records[i] = las_record(bytes_.substr(points_begin_ + i * kLasRecordBytes));
+    return records;
+  }
+
+  LidarPoint point(const LasRecord& record, std::size_t index) const {
+    const Eigen::Vector3d in_body_m = Eigen::Vector3d(record.x, record.y, record.z).cwiseProduct(scale_) + offset_;
+    for (int axis = 0; axis < 3; ++axis) {
+      if (!(std::abs(in_body_m[axis]) <= kMaxCoordinate_m))
+        refuse("point " + std::to_string(index) + " " + "xyz"[axis], text(in_body_m[axis]),
+               "no LiDAR sees further than 1e4 m; metres from the body's origin are expected");
+    }
+    const double time_ns = std::bit_cast<double>(record.gps_time_bits);
+    if (!(std::abs(time_ns) <= kMaxTime_ns))
+      refuse("point " + std::to_string(index) + " gps_time", text(time_ns),
+             "must be nanoseconds between -9e18 and 9e18");
+    return {.in_body_m = in_body_m.cast<float>(), .intensity = record.intensity, .t_ns = std::llround(time_ns)};
+  }
+
+ private:
+  template <class T>
+  T at(std::size_t offset) const {
+    return little_endian<T>(bytes_, offset);
+  }
+  std::string size() const { return std::to_string(bytes_.size()); }
+  [[noreturn]] void refuse(const std::string& field, const std::string& value, const std::string& rule) const {
+    throw InputError(file_, field, value, rule);
+  }
+  [[noreturn]] void refuse(const std::string& field, std::uint32_t value, const std::string& rule) const {
+    refuse(field, std::to_string(value), rule);
+  }
+
+  // LASzip's record says how the points are compressed; the others do not matter here.
+  void read_variable_records(std::size_t begin) {
+    const auto count = at<std::uint32_t>(100);
+    for (std::uint32_t i = 0; i < count; ++i) {
+      const std::string name = "variable length record " + std::to_string(i);
+      if (points_begin_ - begin < kVariableHeaderBytes)
+        refuse(name, "",
+               "must lie before the points, but only " + std::to_string(points_begin_ - begin) + " bytes are left");
+      const std::string_view user = bytes_.substr(begin + 2, 16);
+      const auto id = at<std::uint16_t>(begin + 18);
+      const std::size_t size = at<std::uint16_t>(begin + 20);
+      begin += kVariableHeaderBytes;
+      if (points_begin_ - begin < size)
+        refuse(name + " length", static_cast<std::uint32_t>(size),
+               "must end before the points, " + std::to_string(points_begin_ - begin) + " bytes on");
+      if (user.starts_with("laszip encoded") && id == 22204) read_laszip_record(bytes_.substr(begin, size));
+      begin += size;
+    }
+    if (compressed_ && points_per_chunk_ == 0)
+      refuse("variable length records", count, "of which none is LASzip's, though the points are compressed");
+  }
+
+  void read_laszip_record(std::string_view record) {
+    if (!compressed_) refuse("point data format", 1, "must be 129: there is a LASzip record");
+    constexpr std::size_t kFixedBytes = 34, kItemBytes = 6;
+    if (record.size() != kFixedBytes + 2 * kItemBytes)
+      refuse("LASzip record length", static_cast<std::uint32_t>(record.size()), "must be 46, with two items");
+    const auto expect = [&](const char* field, std::size_t offset, std::uint16_t expected, const char* meaning) {
+      const auto value = little_endian<std::uint16_t>(record, offset);
+      if (value != expected)
+        refuse(std::string("LASzip ") + field, value, "must be " + std::to_string(expected) + ": " + meaning);
+    };
+    expect("compressor", 0, 2, "pointwise, in chunks");
+    expect("coder", 2, 0, "arithmetic");
+    points_per_chunk_ = little_endian<std::uint32_t>(record, 12);
+    if (points_per_chunk_ == 0 || points_per_chunk_ == UINT32_MAX)
+      refuse("LASzip chunk size", points_per_chunk_, "must be a fixed number of points");
+    expect("number of items", 32, 2, "POINT10 and GPSTIME11");
+    expect("item 0 type", 34, 6, "POINT10");
+    expect("item 0 size", 36, 20, "bytes");
+    expect("item 0 version", 38, 2, "no other is known here");
+    expect("item 1 type", 40, 7, "GPSTIME11");
+    expect("item 1 size", 42, 8, "bytes");
+    expect("item 1 version", 44, 2, "no other is known here");
+  }
+
+  std::string_view bytes_;
+  std::filesystem::path file_;
+  bool compressed_ = false;
+  std::size_t points_begin_ = 0;
+  std::uint32_t points_ = 0, points_per_chunk_ = 0;
+  Eigen::Vector3d scale_, offset_;
+};
+
+}  // namespace
+
+std::vector<LidarPoint> parse_las(std::string_view bytes, const std::filesystem::path& file) {
+  const LasFile las(bytes, file);
+  const std::vector<LasRecord> records = las.records();
+  std::vector<LidarPoint> points;
+  points.reserve(records.size());
+  for (const LasRecord& record : records) points.push_back(las.point(record, points.size()));
+  return points;
+}
+
+std::vector<LidarPoint> read_las(const std::filesystem::path& file) { return parse_las(read_file(file), file); }
+
+}  // namespace redrive

@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/recording/laz_decoder.h"
+
+#include <algorithm>
+#include <string>
+
+#include "redrive/base/error.h"
+#include "redrive/recording/little_endian.h"
+
+namespace redrive {
+namespace {
+
+constexpr std::size_t kTablePositionBytes = 8, kTableHeaderBytes = 8;
+constexpr std::size_t kLeastChunkBytes = kLasRecordBytes + 4;  // its first point and what fills the decoder
+
+struct Table {
+  std::size_t begin = 0;  ///< in the file: where the last chunk ends
+  std::vector<std::size_t> chunk_bytes;
+};
+
+Table read_table(std::string_view bytes, const LazLayout& layout, const std::filesystem::path& file) {
+  const auto fail = [&](const std::string& field, auto value, const std::string& rule) {
+    throw InputError(file, field, std::to_string(value), rule);
+  };
+  const std::size_t first_chunk = layout.begin + kTablePositionBytes;
+  if (first_chunk + kTableHeaderBytes > bytes.size())
+    fail("points", bytes.size() - layout.begin, "bytes are left for them: no room for the chunk table (truncated)");
+  const auto position = little_endian<std::int64_t>(bytes, layout.begin);
+  if (position < static_cast<std::int64_t>(first_chunk) ||
+      position > static_cast<std::int64_t>(bytes.size() - kTableHeaderBytes))
+    fail("chunk table position", position,
+         "must lie between the points and the end of the file's " + std::to_string(bytes.size()) +
+             " bytes (truncated, or never finished)");
+  Table table;
+  table.begin = static_cast<std::size_t>(position);
+  const auto version = little_endian<std::uint32_t>(bytes, table.begin);
+  if (version != 0) fail("chunk table version", version, "must be 0");
+  const auto chunks = little_endian<std::uint32_t>(bytes, table.begin + 4);
+  const std::uint64_t expected = (std::uint64_t{layout.points} + layout.points_per_chunk - 1) / layout.points_per_chunk;
+  if (chunks != expected)
+    fail("number of chunks", chunks,
+         "must be " + std::to_string(expected) + ": " + std::to_string(layout.points) + " points in chunks of " +
+             std::to_string(layout.points_per_chunk));
+  // Each chunk takes room in the file, so a number that cannot be is found before its table is decoded.
+  if (chunks > (table.begin - first_chunk) / kLeastChunkBytes)
+    fail("number of chunks", chunks, "do not fit in the file");
+
+  ArithmeticDecoder decoder(bytes.substr(table.begin + kTableHeaderBytes));
+  IntegerDecoder sizes(32, 2);
+  std::uint32_t size = 0;
+  std::size_t room = table.begin - first_chunk;
+  for (std::uint32_t chunk = 0; chunk < chunks; ++chunk) {
+    size = static_cast<std::uint32_t>(sizes.decode(decoder, size, 1));
+    if (decoder.broken())
+      fail("chunk table", chunk, "the size of this chunk is not to be had: the table is damaged or truncated");
+    if (size < kLeastChunkBytes || size > room)
+      fail("chunk " + std::to_string(chunk) + " size", size,
+           "bytes: must be at least " + std::to_string(kLeastChunkBytes) + " and fit in the " + std::to_string(room) +
+               " before the chunk table");
+    room -= size;
+    table.chunk_bytes.push_back(size);
+  }
+  if (room != 0) fail("chunk table", room, "bytes lie between the last chunk and the table");
+  return table;
+}
+
+}  // namespace
+
+LasRecord las_record(std::string_view bytes) {
+  return {.x = little_endian<std::int32_t>(bytes, 0),
+          .y = little_endian<std::int32_t>(bytes, 4),
+          .z = little_endian<std::int32_t>(bytes, 8),
+          .intensity = little_endian<std::uint16_t>(bytes, 12),
+          .returns = little_endian<std::uint8_t>(bytes, 14),
+          .classification = little_endian<std::uint8_t>(bytes, 15),
+          .scan_angle = little_endian<std::uint8_t>(bytes, 16),
+          .user_data = little_endian<std::uint8_t>(bytes, 17),
+          .source_id = little_endian<std::uint16_t>(bytes, 18),
+          .gps_time_bits = little_endian<std::uint64_t>(bytes, 20)};
+}
+
+std::vector<LasRecord> decode_laz(std::string_view bytes, const LazLayout& layout, const std::filesystem::path& file) {
+  const Table table = read_table(bytes, layout, file);
+  std::vector<LasRecord> records;
+  std::size_t begin = layout.begin + kTablePositionBytes;
+  for (std::size_t chunk = 0; chunk < table.chunk_bytes.size(); ++chunk) {
+    const std::string_view code = bytes.substr(begin, table.chunk_bytes[chunk]);
+    begin += code.size();
+    const LasRecord first = las_record(code);
+    records.push_back(first);
+    ArithmeticDecoder decoder(code.substr(kLasRecordBytes));
+    Point10Decoder fields(first);
+    GpsTimeDecoder times(first.gps_time_bits);
+    const std::size_t end = std::min<std::size_t>(layout.points, records.size() - 1 + layout.points_per_chunk);
+    while (records.size() < end && !decoder.broken()) {
+      LasRecord record = fields.decode(decoder);
+      record.gps_time_bits = times.decode(decoder);
+      records.push_back(record);
+    }
+    const std::string where = "chunk " + std::to_string(chunk);
+    if (decoder.broken())
+      throw InputError(file, where, "point " + std::to_string(records.size() - 1),
+                       "the compressed data are damaged or truncated");
+    // The encoder writes exactly what its decoder reads; only so is damage in the middle of a chunk noticed.
+    if (const std::size_t rest = code.size() - kLasRecordBytes - decoder.bytes_read(); rest != 0)
+      throw InputError(file, where, std::to_string(rest) + " bytes",
+                       "are left after its last point: the compressed data are damaged");
+  }
+  return records;
+}
+
+}  // namespace redrive

@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: Apache-2.0
+// How LASzip predicts the fields of a LAS point from the points before it and decodes what the prediction missed: items
+// POINT10 version 2 and GPSTIME11 version 2 (M. Isenburg, "LASzip: lossless compression of LiDAR data", PE&RS 79(2), 2013).
+// Integers wrap around as in two's complement. The state lasts for one chunk.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "redrive/recording/arithmetic_decoder.h"
+
+namespace redrive {
+
+/// Point format 1 as the file stores it.
+struct LasRecord {
+  std::int32_t x = 0, y = 0, z = 0;  ///< times scale plus offset: metres
+  std::uint16_t intensity = 0;
+  std::uint8_t returns = 0;  ///< bits 0-2 number of this return, 3-5 returns of the pulse, 6 scan direction, 7 edge
+  std::uint8_t classification = 0, scan_angle = 0, user_data = 0;
+  std::uint16_t source_id = 0;
+  std::uint64_t gps_time_bits = 0;  ///< of the double
+
+  bool operator==(const LasRecord&) const = default;
+};
+
+/// LASzip's order-0 coder of integers: how many bits the error of a prediction has, in one of `contexts`, then the error.
+class IntegerDecoder {
+ public:
+  IntegerDecoder(int bits, int contexts);  ///< bits 16 (results in 0..2^16 - 1) or 32 (signed)
+  std::int32_t decode(ArithmeticDecoder& decoder, std::uint32_t predicted, int context);
+  int error_bits() const { return error_bits_; }  ///< of the last error: |error| <= 2^error_bits
+
+ private:
+  std::uint32_t mask_;
+  int error_bits_ = 0;
+  std::vector<SymbolModel> bit_counts_;  ///< [contexts]
+  BitModel zero_or_one_;
+  std::vector<SymbolModel> errors_;  ///< [bits]: the upper 8 bits of errors of 1..bits bits
+};
+
+/// One model of bytes for each value that the byte had before, made when first used.
+class ByteModels {
+ public:
+  SymbolModel& after(std::uint8_t before) {
+    if (!models_[before]) models_[before] = std::make_unique<SymbolModel>(256);
+    return *models_[before];
+  }
+
+ private:
+  std::array<std::unique_ptr<SymbolModel>, 256> models_;
+};
+
+/// Roughly the median of the last few values: each new one pushes out the largest or the smallest of five, in turns.
+class StreamingMedian {
+ public:
+  std::int32_t get() const { return sorted_[2]; }
+  void add(std::int32_t value);
+
+ private:
+  std::array<std::int32_t, 5> sorted_{};
+  bool drop_largest_ = true;
+};
+
+/// Which model of 16 a return uses: [returns of the pulse][number of the return].
+int return_context(std::uint8_t returns);
+
+/// Everything of a point but its time.
+class Point10Decoder {
+ public:
+  explicit Point10Decoder(const LasRecord& first) : last_(first) {}
+  LasRecord decode(ArithmeticDecoder& decoder);
+
+ private:
+  void decode_changed_fields(ArithmeticDecoder& decoder);
+
+  LasRecord last_;
+  std::array<StreamingMedian, 16> dx_, dy_;         ///< by return_context
+  std::array<std::uint16_t, 16> last_intensity_{};  ///< by return_context
+  std::array<std::int32_t, 8> last_z_{};            ///< by |returns of the pulse - number of the return|
+  SymbolModel changed_{64};
+  ByteModels returns_, classification_, user_data_;
+  std::array<SymbolModel, 2> scan_angle_{SymbolModel(256), SymbolModel(256)};  ///< by scan direction
+  IntegerDecoder intensity_coder_{16, 4}, source_id_coder_{16, 1}, dx_coder_{32, 2}, dy_coder_{32, 22},
+      z_coder_{32, 20};
+};
+
+/// Times of up to four interleaved sequences, each with a usual step; the bits of the doubles are treated as integers.
+class GpsTimeDecoder {
+ public:
+  explicit GpsTimeDecoder(std::uint64_t first) { sequences_[0].time = first; }
+  std::uint64_t decode(ArithmeticDecoder& decoder);  ///< the bits of the double
+
+ private:
+  struct Sequence {
+    std::uint64_t time = 0;
+    std::int32_t step = 0;
+    int odd_steps = 0;  ///< since the last usual one: those that fit no multiple of it
+  };
+  void decode_step(ArithmeticDecoder& decoder, Sequence& sequence, int multiple);
+  void start_sequence(ArithmeticDecoder& decoder);
+
+  std::array<Sequence, 4> sequences_;
+  std::size_t current_ = 0, newest_ = 0;
+  SymbolModel multiple_{516}, first_step_{6};
+  IntegerDecoder coder_{32, 9};
+};
+
+}  // namespace redrive

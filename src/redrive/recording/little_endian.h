@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: Apache-2.0
+// Numbers out of bytes.
+#pragma once
+
+#include <bit>
+#include <cstddef>
+#include <cstring>
+#include <string_view>
+
+namespace redrive {
+
+static_assert(std::endian::native == std::endian::little, "so is all that redrive runs on");
+
+/// The T that stands at `offset`, which must be at most bytes.size() - sizeof(T).
+template <class T>
+T little_endian(std::string_view bytes, std::size_t offset) {
+  T value;
+  std::memcpy(&value, bytes.data() + offset, sizeof value);
+  return value;
+}
+
+}  // namespace redrive
