@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From Blender's linear picture to the camera's: exact resampling and one fixed tone curve."""
+import functools
+import os
+
+os.environ["OPENCV_IO_ENABLE_OPENEXR"] = "1"      # before the import below
+import cv2  # noqa: E402
+import numpy as np  # noqa: E402
+
+import cameras  # noqa: E402
+
+EXPOSURE = 1.08
+SHOULDER = 0.6          # linear up to here, then an exponential roll-off to 1
+BRIGHTEST = 2.0         # radiance at which highlights are cut, so that the cubic filter cannot ring around them
+JPEG_QUALITY = 90
+
+
+def read_exr(path):
+    """[h, w, 3] float32, BGR."""
+    picture = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if picture is None:
+        raise OSError(f"{path}: not readable as EXR")
+    return np.ascontiguousarray(picture[..., :3], np.float32)
+
+
+@functools.lru_cache(maxsize=8)
+def _maps(camera):
+    """For 3 x 3 points of every pixel: column, row in the render and a weight, 0 where the lens does not reach."""
+    plan = cameras.render_plan(camera)
+    v, u = np.mgrid[0:camera.size_px[1], 0:camera.size_px[0]].astype(float)
+    maps = []
+    for dv in (-1 / 3, 0, 1 / 3):
+        for du in (-1 / 3, 0, 1 / 3):
+            rays, inside = cameras.unproject(camera, u + du, v + dv)
+            x, y = cameras.to_render(plan, rays)
+            maps.append((x.astype(np.float32), y.astype(np.float32), inside.astype(np.float32)))
+    return maps
+
+
+def resample(camera, render):
+    """Mean of 3 x 3 points a pixel, cubic, linear light. Pixels whose centre the lens does not reach are black."""
+    maps = _maps(camera)
+    source = np.minimum(render, BRIGHTEST)
+    total = np.zeros((*maps[0][0].shape, 3), np.float32)
+    for x, y, weight in maps:
+        total += weight[..., None] * cv2.remap(source, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    reached = sum(w for _, _, w in maps)
+    return np.maximum(total, 0) / np.maximum(reached, 1)[..., None] * maps[4][2][..., None]
+
+
+def tone(radiance):
+    """Linear radiance -> 8 bit: exposure, shoulder, sRGB transfer (IEC 61966-2-1)."""
+    x = EXPOSURE * radiance
+    x = np.where(x < SHOULDER, x, SHOULDER + (1 - SHOULDER) * (1 - np.exp(-(x - SHOULDER) / (1 - SHOULDER))))
+    encoded = np.where(x < 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 1e-9) ** (1 / 2.4) - 0.055)
+    return np.clip(np.round(255 * encoded), 0, 255).astype(np.uint8)
+
+
+def develop(camera, exr, jpeg):
+    picture = tone(resample(camera, read_exr(exr)))
+    jpeg.parent.mkdir(parents=True, exist_ok=True)
+    cv2.imwrite(str(jpeg), picture, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])

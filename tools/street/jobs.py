@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The list of pictures, in the order in which an interrupted run is most useful."""
+from dataclasses import dataclass
+from pathlib import Path
+
+import cameras
+import trajectory
+from settings import FIRST_ID, NOVEL_PLACES, NOVEL_VIEWS, ROLLING_READOUT_S, frame_time_s
+
+
+@dataclass(frozen=True)
+class Job:
+    variant: str
+    camera: str
+    index: int               # frame
+    novel: str = ""          # key of NOVEL_VIEWS
+
+    @property
+    def frame_id(self):
+        return FIRST_ID + self.index
+
+    @property
+    def name(self):
+        return f"{self.camera}_{self.frame_id:07d}"
+
+    @property
+    def key(self):
+        return "+".join(p for p in (self.variant, self.novel, self.name) if p)
+
+    @property
+    def readout_s(self):
+        return ROLLING_READOUT_S if self.variant == "rolling" else 0.0
+
+    @property
+    def exposure_s(self):
+        """Seconds after the first frame; the middle row's, where rows are exposed one after the other."""
+        offset = 0.0 if self.novel else trajectory.TIME_OFFSET_S.get(self.camera, 0.0)
+        return frame_time_s(self.index) + offset
+
+    def world_from_body(self, time_s):
+        return trajectory.shifted(trajectory.world_from_body(time_s), *NOVEL_VIEWS.get(self.novel, ((0, 0, 0), 0.0)))
+
+    def picture(self, settings):
+        folder = settings.folder(self.variant)
+        folder = folder / "novel" / self.novel if self.novel else folder / "sensor" / "camera" / self.camera
+        return folder / f"{self.name}.jpg"
+
+    def depth(self, settings):
+        return self.picture(settings).with_name(f"{self.name}_depth.png")
+
+    def render(self, settings):
+        return Path(settings.work) / "exr" / f"{self.key}.exr"
+
+
+def novel_indices(settings):
+    places = min(NOVEL_PLACES, settings.frames)
+    return [(2 * k + 1) * settings.frames // (2 * places) for k in range(places)]
+
+
+def cameras_of(variant):
+    return list(cameras.rig(1)) if variant == "street" else list(cameras.FRONT_CAMERAS)
+
+
+def all_jobs(settings):
+    jobs = []
+    if "street" in settings.variants:
+        first, *others = cameras_of("street")
+        jobs += [Job("street", first, i) for i in range(settings.frames)]
+        jobs += [Job("street", cameras.NOVEL_CAMERA, i, n) for n in settings.novel for i in novel_indices(settings)]
+        jobs += [Job("street", c, i) for i in range(settings.frames) for c in others]
+    for variant in ("traffic", "rolling"):
+        if variant in settings.variants:
+            jobs += [Job(variant, c, i) for i in range(settings.frames_of(variant)) for c in cameras_of(variant)]
+    return jobs

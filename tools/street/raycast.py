@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rays against the scene's polygons, inside Blender: the LiDAR's revolutions, and depth of the new views."""
+import cv2
+import bpy
+import numpy as np
+from mathutils import Vector
+from mathutils.bvhtree import BVHTree
+
+import cameras
+import jobs as job_list
+import las
+import trajectory
+from lidar import ELEVATIONS_DEG, NEAR_M, POSITION_M, RANGE_M, RANGE_NOISE_M, REVOLUTION_S, STEPS
+from settings import FIRST_ID, FIRST_TIME_S, frame_time_s
+from traffic import TRAFFIC
+
+DEPTH_RANGE_M = 65.535                           # of 16 bits of millimetres
+
+
+class Caster:
+    """Polygons of some objects in the frame of `origin` (the world by default)."""
+
+    def __init__(self, items, origin=None):
+        graph = bpy.context.evaluated_depsgraph_get()
+        vertices, faces, self.intensity = [], [], []
+        for item in items:
+            evaluated = item.evaluated_get(graph)
+            mesh = evaluated.to_mesh()
+            if mesh is None or not mesh.vertices:
+                continue
+            m = np.array(item.matrix_world)
+            if origin is not None:
+                m = np.linalg.inv(origin) @ m
+            points = np.empty(3 * len(mesh.vertices), np.float32)
+            mesh.vertices.foreach_get("co", points)
+            first = len(vertices)
+            vertices += (points.reshape(-1, 3) @ m[:3, :3].T + m[:3, 3]).tolist()
+            shades = [int(255 * np.clip(np.mean(s.diffuse_color[:3]), 0, 1)) if s else 60 for s in mesh.materials] or [60]
+            for polygon in mesh.polygons:
+                faces.append([v + first for v in polygon.vertices])
+                self.intensity.append(shades[polygon.material_index])
+            evaluated.to_mesh_clear()
+        self.tree = BVHTree.FromPolygons(vertices, faces)
+
+    def cast(self, origin, directions, limit):
+        """Distance [n] (inf: nothing) and intensity [n] along unit directions [n, 3] from one origin."""
+        hit, at, cast = Vector(origin), [], self.tree.ray_cast
+        for d in directions.tolist():
+            _, _, face, distance = cast(hit, Vector(d), limit)
+            at.append((np.inf, 0) if face is None else (distance, self.intensity[face]))
+        distance, intensity = np.array(at).T
+        return distance, intensity
+
+
+def _static():
+    moving = lambda name: name.startswith("traffic_") or name == "ego bonnet"
+    return [o for o in bpy.data.objects if o.type in ("MESH", "FONT") and not moving(o.name)]
+
+
+def _packets(settings, variant, static, moving):
+    """All packets of a drive: {packet number: (time_s, points in the body at that time, intensity)}."""
+    frames = settings.frames_of(variant)
+    step = REVOLUTION_S / STEPS
+    packets = {}
+    elevation = np.radians(ELEVATIONS_DEG)
+    for number in range(-STEPS // 2, round(frame_time_s(frames - 1) / step) + STEPS // 2 + 1):
+        t = number * step
+        azimuth = -2 * np.pi * number / STEPS
+        rays = np.stack([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], 1)
+        pose = trajectory.world_from_body(t)
+        origin = pose[:3, :3] @ POSITION_M + pose[:3, 3]
+        world_rays = rays @ pose[:3, :3].T
+        distance, intensity = static.cast(origin, world_rays, RANGE_M)
+        for vehicle, caster in moving:
+            world_from_car = vehicle.world_from_car(t)
+            turn = world_from_car[:3, :3]
+            near, shade = caster.cast(turn.T @ (origin - world_from_car[:3, 3]), world_rays @ turn, RANGE_M)
+            distance, intensity = np.minimum(distance, near), np.where(near < distance, shade, intensity)
+        seen = np.isfinite(distance) & (distance > NEAR_M)
+        noise = settings.np_rng("lidar", variant, number).normal(0, RANGE_NOISE_M, len(distance))
+        points = rays[seen] * (distance + noise)[seen, None] + POSITION_M
+        packets[number] = (t, points, intensity[seen])
+    return packets
+
+
+def _revolutions(settings, variant, packets):
+    """File i holds the revolution around frame i's time; frames are 2/3 of a revolution apart."""
+    folder = settings.folder(variant) / "dynamic" / "raw-revolutions"
+    folder.mkdir(parents=True, exist_ok=True)
+    counts = []
+    for i in range(settings.frames_of(variant)):
+        middle = round(frame_time_s(i) * STEPS / REVOLUTION_S)
+        own = [packets[n] for n in range(middle - STEPS // 2, middle + STEPS // 2)]
+        time_ns = np.concatenate([np.full(len(p), round((FIRST_TIME_S + t) * 1e9), float) for t, p, _ in own])
+        las.write(folder / f"frame_{FIRST_ID + i:07d}.las", np.concatenate([p for _, p, _ in own]),
+                  np.concatenate([v for _, _, v in own]), time_ns)
+        counts.append(len(time_ns))
+    print(f"lidar: {variant}, {min(counts)} to {max(counts)} points a revolution")
+
+
+def _depths(settings, static):
+    """Millimetres along the ray through each pixel's centre; 0: sky, more than 65.535 m is 65535."""
+    rig = cameras.rig(settings.size)
+    for job in job_list.all_jobs(settings):
+        target = job.depth(settings)
+        if not job.novel or target.exists():
+            continue
+        camera = rig[job.camera]
+        width, height = camera.size_px
+        v, u = np.mgrid[0:height, 0:width].astype(float)
+        rays, inside = cameras.unproject(camera, u, v)
+        pose = job.world_from_body(job.exposure_s) @ camera.body_from_camera()
+        distance, _ = static.cast(pose[:3, 3], rays.reshape(-1, 3) @ pose[:3, :3].T, 2000.0)
+        distance = np.where(np.isfinite(distance) & inside.ravel(), np.minimum(distance, DEPTH_RANGE_M), 0)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        cv2.imwrite(str(target), np.round(1000 * distance).astype(np.uint16).reshape(height, width),
+                    [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    print("depth of the new views: done")
+
+
+def raycast(settings):
+    bpy.ops.wm.open_mainfile(filepath=f"{settings.work}/street.blend")
+    static = Caster(_static())
+    for variant in settings.variants:
+        if variant == "rolling":
+            continue          # cameras only
+        moving = []
+        if variant == "traffic":
+            moving = [(v, Caster([bpy.data.objects[f"traffic_{v.object_id}"]], v.world_from_car(0.0))) for v in TRAFFIC]
+        _revolutions(settings, variant, _packets(settings, variant, static, moving))
+    _depths(settings, static)

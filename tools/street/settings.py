@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is generated: the options of one street, and the constants that all its parts share."""
+import json
+import random
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+FIRST_ID = 1000          # frame ids are FIRST_ID, FIRST_ID + 1, ...
+FRAME_RATE_HZ = 15.0
+FIRST_TIME_S = 5000.0    # host clock of the first frame
+SHORT_FRAMES = 24        # length of the traffic and rolling variants at most
+NOVEL_PLACES = 6
+ROLLING_READOUT_S = 0.030
+
+VARIANTS = {"street": "", "traffic": "_traffic", "rolling": "_rolling"}  # -> suffix of the recording's folder
+
+# name -> (forward, left, up) in metres and yaw to the left in degrees, in body axes
+NOVEL_VIEWS = {
+    **{f"left_{d:g}": ((0.0, d, 0.0), 0.0) for d in (0.5, 1, 2, 3)},
+    **{f"right_{d:g}": ((0.0, -d, 0.0), 0.0) for d in (0.5, 1, 2, 3)},
+    "forward_0.5": ((0.5, 0.0, 0.0), 0.0),
+    "up_0.3": ((0.0, 0.0, 0.3), 0.0),
+    "yaw_15": ((0.0, 0.0, 0.0), 15.0),
+}
+
+
+@dataclass(frozen=True)
+class Settings:
+    out: str                   # folder of the recording; the other variants get a suffix
+    work: str                  # scratch: scene, raw renders
+    seed: int = 7
+    size: float = 1.0          # factor on all image sizes
+    frames: int = 48
+    samples: int = 16          # light paths a rendered pixel
+    variants: list = field(default_factory=lambda: list(VARIANTS))
+    novel: list = field(default_factory=lambda: list(NOVEL_VIEWS))
+
+    def save(self):
+        Path(self.work).mkdir(parents=True, exist_ok=True)
+        (Path(self.work) / "settings.json").write_text(json.dumps(asdict(self), indent=1))
+
+    @staticmethod
+    def load(work):
+        return Settings(**json.loads((Path(work) / "settings.json").read_text()))
+
+    def frames_of(self, variant):
+        return self.frames if variant == "street" else min(self.frames, SHORT_FRAMES)
+
+    def folder(self, variant):
+        return Path(self.out + VARIANTS[variant])
+
+    def rng(self, *part):
+        """random.Random of its own for each part, so that a change in one part leaves the others as they are."""
+        return random.Random("/".join(map(str, (self.seed, *part))))
+
+    def np_rng(self, *part):
+        return np.random.default_rng(self.rng(*part).getrandbits(63))
+
+
+def frame_time_s(index):
+    """Seconds since the first frame."""
+    return index / FRAME_RATE_HZ
