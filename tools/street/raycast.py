@@ -14,7 +14,8 @@ from lidar import ELEVATIONS_DEG, NEAR_M, POSITION_M, RANGE_M, RANGE_NOISE_M, RE
 from settings import FIRST_ID, FIRST_TIME_S, frame_time_s
 from traffic import TRAFFIC
 
-DEPTH_RANGE_M = 65.535                           # of 16 bits of millimetres
+DEPTH_LIMIT_MM = 65535                           # what 16 bits hold
+DEPTH_STEP_MM = 10                               # a third of the size of files that are exact to the millimetre
 
 
 class Caster:
@@ -99,7 +100,7 @@ def _revolutions(settings, variant, packets):
 
 
 def _depths(settings, static):
-    """Millimetres along the ray through each pixel's centre; 0: sky, more than 65.535 m is 65535."""
+    """Millimetres along the ray through each pixel's centre, in steps of 10; 0: sky, more than 65.535 m is 65535."""
     rig = cameras.rig(settings.size)
     for job in job_list.all_jobs(settings):
         target = job.depth(settings)
@@ -111,9 +112,10 @@ def _depths(settings, static):
         rays, inside = cameras.unproject(camera, u, v)
         pose = job.world_from_body(job.exposure_s) @ camera.body_from_camera()
         distance, _ = static.cast(pose[:3, 3], rays.reshape(-1, 3) @ pose[:3, :3].T, 2000.0)
-        distance = np.where(np.isfinite(distance) & inside.ravel(), np.minimum(distance, DEPTH_RANGE_M), 0)
+        stepped = DEPTH_STEP_MM * np.round(1000 * distance / DEPTH_STEP_MM)
+        depth_mm = np.where(np.isfinite(distance) & inside.ravel(), np.minimum(stepped, DEPTH_LIMIT_MM), 0)
         target.parent.mkdir(parents=True, exist_ok=True)
-        cv2.imwrite(str(target), np.round(1000 * distance).astype(np.uint16).reshape(height, width),
+        cv2.imwrite(str(target), depth_mm.astype(np.uint16).reshape(height, width),
                     [cv2.IMWRITE_PNG_COMPRESSION, 9])
     print("depth of the new views: done")
 

@@ -33,7 +33,7 @@ class Settings:
     seed: int = 7
     size: float = 1.0          # factor on all image sizes
     frames: int = 48
-    samples: int = 16          # light paths a rendered pixel
+    samples: int = 32          # light paths a rendered pixel
     variants: list = field(default_factory=lambda: list(VARIANTS))
     novel: list = field(default_factory=lambda: list(NOVEL_VIEWS))
 

@@ -52,7 +52,7 @@ def main():
     p.add_argument("--seed", type=int, default=7)
     p.add_argument("--size", type=float, default=1.0, help="factor on the image sizes")
     p.add_argument("--frames", type=int, default=48)
-    p.add_argument("--samples", type=int, default=16, help="light paths a rendered pixel")
+    p.add_argument("--samples", type=int, default=32, help="light paths a rendered pixel")
     p.add_argument("--processes", type=int, default=2, help="Blender processes that render, one core each")
     p.add_argument("--self-test", action="store_true", help="checks the camera models, without Blender")
     args = p.parse_args()
