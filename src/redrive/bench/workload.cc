@@ -31,7 +31,7 @@ SyntheticDrive make_drive() {
     frame.world_from_body = Rigid3d::Identity();
     frame.world_from_body.translation().x() = 0.5 * i;
     drive.scene.frames.push_back(frame);
-    drive.scene.views.push_back({0, i, "", false});
+    drive.scene.views.push_back({0, i, "", false, frame.world_from_body});
     Image8 image{kWidth, kHeight, {}};
     image.rgb.reserve(3 * kWidth * kHeight);
     for (int y = 0; y < kHeight; ++y)

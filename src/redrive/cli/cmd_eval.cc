@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// redrive eval: PSNR and SSIM of a run.
+// redrive eval: PSNR, SSIM, FLIP and depth error of a run.
+#include <cmath>
 #include <cstdio>
 #include <memory>
 #include <string>
@@ -23,16 +24,23 @@ struct EvalCommandOptions {
 };
 
 void print_row(const std::string& name, const Score& score) {
-  std::printf("%-28s %6d %8.2f %8.4f\n", name.c_str(), score.images, score.psnr_db, score.ssim);
+  std::printf("%-28s %6d %8.2f %8.4f %8.4f", name.c_str(), score.images, score.psnr_db, score.ssim, score.flip);
+  if (!std::isnan(score.depth_error)) std::printf(" %14.2f", 100 * score.depth_error);
+  std::printf("\n");
 }
 
 void print_table(const Evaluation& evaluation) {
   std::printf("%s\n", evaluation.held_out ? "held-out frames" : "training frames (no frame was held out)");
-  std::printf("%-28s %6s %8s %8s\n", "camera", "images", "PSNR dB", "SSIM");
+  std::printf("%-28s %6s %8s %8s %8s\n", "camera", "images", "PSNR dB", "SSIM", "FLIP");
   for (const auto& [name, score] : evaluation.cameras) print_row(name, score);
   print_row("all", evaluation.overall);
   if (evaluation.novel.empty()) return;
-  std::printf("novel views with truth\n");
+  if (const auto& alignment = evaluation.alignment)
+    std::printf(
+        "the run's trajectory laid over the true one: moved %.1f cm, turned %.3f deg; rest %.1f cm, %.3f deg RMS\n",
+        100 * alignment->moved_m, alignment->turned_deg, 100 * alignment->rest_m, alignment->rest_deg);
+  std::printf("%-28s %6s %8s %8s %8s %14s\n", "novel views with truth", "images", "PSNR dB", "SSIM", "FLIP",
+              "depth error %");
   for (const auto& [name, score] : evaluation.novel) print_row(name, score);
 }
 

@@ -77,7 +77,7 @@ int render_one(const RenderOptions& options) {
 
   const Run run = open_run(options.run);
   const RigCamera& camera = find_camera(run.scene, options.camera);
-  const auto pose = world_from_body(run.recording, run.scene, frame);
+  const auto pose = world_from_body(run.recording, run.scene, frame, options.camera);
   if (!pose)
     throw UsageError("--frame", options.frame,
                      "the recording has no such frame with a pose; it has ids from " +

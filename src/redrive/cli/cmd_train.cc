@@ -40,7 +40,7 @@ int run_train(const Arguments& arguments) {
   run.options = parse_options(arguments);
   refuse_existing_run(arguments.out);
   const auto backend = kernels::make_backend({run.options.backend, run.options.isa, run.options.threads});
-  run.recording = open_recording(run.options.recording);
+  run.recording = open_recording(run.options);
   resolve_cameras(&run.options, run.recording);
   run.scene = make_scene(run.recording, scene_options(run.options));
   run.state = first_state(run.options, run.scene);

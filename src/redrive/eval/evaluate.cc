@@ -8,31 +8,50 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
+#include "redrive/eval/flip.h"
 #include "redrive/eval/metrics.h"
 
 namespace redrive {
 namespace {
 
-/// Means over images, those without an SSIM (too small) left out of its mean.
+/// Means over images of each measure, images that it says nothing about left out.
 class ScoreMean {
  public:
   void add(const Score& score) {
-    psnr_db_ += score.psnr_db;
+    psnr_db_.add(score.psnr_db);
+    ssim_.add(score.ssim);
+    flip_.add(score.flip);
+    depth_error_.add(score.depth_error);
     ++images_;
-    if (std::isnan(score.ssim)) return;
-    ssim_ += score.ssim;
-    ++ssim_images_;
   }
   Score mean() const {
     if (images_ == 0) return {};
-    const double ssim = ssim_images_ > 0 ? ssim_ / ssim_images_ : std::numeric_limits<double>::quiet_NaN();
-    return {psnr_db_ / images_, ssim, images_};
+    return {psnr_db_.mean(), ssim_.mean(), flip_.mean(), depth_error_.mean(), images_};
   }
 
  private:
-  double psnr_db_ = 0, ssim_ = 0;
-  int images_ = 0, ssim_images_ = 0;
+  struct Mean {
+    double sum = 0;
+    int count = 0;
+    void add(double value) {
+      if (!std::isnan(value)) sum += value, ++count;
+    }
+    double mean() const { return count > 0 ? sum / count : std::numeric_limits<double>::quiet_NaN(); }
+  };
+  Mean psnr_db_, ssim_, flip_, depth_error_;
+  int images_ = 0;
 };
+
+/// Median of |depth - truth| / truth where both are known; NaN if that is nowhere.
+double median_depth_error(const RenderedImage& rendered, std::span<const float> truth_m) {
+  std::vector<double> errors;
+  for (std::size_t i = 0; i < truth_m.size(); ++i)
+    if (rendered.valid[i] && truth_m[i] > 0) errors.push_back(std::abs(rendered.depth[i] - truth_m[i]) / truth_m[i]);
+  if (errors.empty()) return std::numeric_limits<double>::quiet_NaN();
+  const auto middle = errors.begin() + static_cast<std::ptrdiff_t>(errors.size() / 2);
+  std::nth_element(errors.begin(), middle, errors.end());
+  return *middle;
+}
 
 /// Views to score, by camera of the rig.
 std::vector<std::vector<const View*>> views_to_score(const Scene& scene, bool held_out, const EvalOptions& options) {
@@ -51,7 +70,11 @@ std::vector<std::vector<const View*>> views_to_score(const Scene& scene, bool he
 }
 
 nlohmann::json score_to_json(const Score& score) {
-  return {{"psnr_db", score.psnr_db}, {"ssim", score.ssim}, {"images", score.images}};
+  return {{"psnr_db", score.psnr_db},
+          {"ssim", score.ssim},
+          {"flip", score.flip},
+          {"depth_error", score.depth_error},
+          {"images", score.images}};
 }
 
 }  // namespace
@@ -63,13 +86,23 @@ std::vector<std::size_t> evenly_spaced(std::size_t size, std::size_t limit) {
   return chosen;
 }
 
-Score score_image(const RenderedImage& rendered, const Image8& truth) {
+Score score_image(const RenderedImage& rendered, const Image8& truth, std::span<const float> depth_m) {
   REDRIVE_CHECK_OP(rendered.width, ==, truth.width);
   REDRIVE_CHECK_OP(rendered.height, ==, truth.height);
   std::vector<float> unit(truth.rgb.size());
   std::transform(truth.rgb.begin(), truth.rgb.end(), unit.begin(), [](std::uint8_t v) { return v / 255.0f; });
   const double psnr = psnr_db(rendered.rgb, unit, rendered.valid, rendered.width, rendered.height);
-  return {std::min(psnr, kPsnrCapDb), ssim(rendered.rgb, unit, rendered.valid, rendered.width, rendered.height), 1};
+  return {std::min(psnr, kPsnrCapDb), ssim(rendered.rgb, unit, rendered.valid, rendered.width, rendered.height),
+          flip(rendered.rgb, unit, rendered.valid, rendered.width, rendered.height),
+          median_depth_error(rendered, depth_m), 1};
+}
+
+std::optional<Alignment> align_run(const Run& run) {
+  if (run.recording.true_frames.empty()) return std::nullopt;
+  std::vector<FramePose> used;
+  for (const FramePose& frame : run.recording.frames)
+    if (run.scene.frame_index(frame.id) >= 0) used.push_back(frame);
+  return align_trajectories(used, run.recording.true_frames, run.recording.root);
 }
 
 Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions& options) {
@@ -77,17 +110,16 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
   const auto& views = run.scene.views;
   evaluation.held_out = std::any_of(views.begin(), views.end(), [](const View& view) { return view.held_out; });
 
+  evaluation.alignment = align_run(run);
   const auto by_camera = views_to_score(run.scene, evaluation.held_out, options);
-  std::vector<std::vector<std::size_t>> by_set;
+  std::vector<std::pair<NovelTruth, std::vector<std::size_t>>> by_set;
   std::size_t total = 0, done = 0;
   for (const auto& chosen : by_camera) total += chosen.size();
   for (const NovelSet& set : run.recording.novel) {
-    const auto with_truth = novel_views_with_truth(run, set);
-    std::vector<std::size_t> chosen;
-    for (const std::size_t i : evenly_spaced(with_truth.size(), options.all ? 0 : options.max_images))
-      chosen.push_back(with_truth[i]);
+    NovelTruth truth(run, set, evaluation.alignment.value_or(Alignment{}));
+    auto chosen = evenly_spaced(truth.size(), options.all ? 0 : options.max_images);
     total += chosen.size();
-    by_set.push_back(std::move(chosen));
+    by_set.emplace_back(std::move(truth), std::move(chosen));
   }
   const auto tell = [&] {
     ++done;
@@ -112,11 +144,13 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
   evaluation.overall = overall.mean();
 
   for (std::size_t s = 0; s < by_set.size(); ++s) {
-    if (by_set[s].empty()) continue;
+    const auto& [truth, chosen] = by_set[s];
+    if (chosen.empty()) continue;
     ScoreMean mean;
-    for (const std::size_t i : by_set[s]) {
-      const TruthView view = load_novel_view(run, run.recording.novel[s], i);
-      mean.add(score_image(render_image(backend, run.state.model, view.camera, view.world_from_camera), view.truth));
+    for (const std::size_t i : chosen) {
+      const TruthView view = truth.load(i);
+      mean.add(score_image(render_image(backend, run.state.model, view.camera, view.world_from_camera), view.truth,
+                           view.depth_m));
       tell();
     }
     evaluation.novel[run.recording.novel[s].name] = mean.mean();
@@ -128,7 +162,14 @@ nlohmann::json evaluation_to_json(const Evaluation& evaluation) {
   nlohmann::json json = {{"overall", score_to_json(evaluation.overall)},
                          {"cameras", nlohmann::json::object()},
                          {"novel", nlohmann::json::object()},
-                         {"held_out", evaluation.held_out}};
+                         {"held_out", evaluation.held_out},
+                         {"alignment", nullptr}};
+  if (const auto& alignment = evaluation.alignment)
+    json["alignment"] = {{"moved_m", alignment->moved_m},
+                         {"turned_deg", alignment->turned_deg},
+                         {"rest_m", alignment->rest_m},
+                         {"rest_deg", alignment->rest_deg},
+                         {"frames", alignment->frames}};
   for (const auto& [name, score] : evaluation.cameras) json["cameras"][name] = score_to_json(score);
   for (const auto& [name, score] : evaluation.novel) json["novel"][name] = score_to_json(score);
   return json;

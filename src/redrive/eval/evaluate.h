@@ -5,11 +5,14 @@
 
 #include <functional>
 #include <map>
+#include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
 #include <nlohmann/json_fwd.hpp>
 
+#include "redrive/eval/novel_truth.h"
 #include "redrive/render/renderer.h"
 #include "redrive/train/run.h"
 
@@ -28,8 +31,12 @@ struct EvalOptions {
   std::function<void(int done, int total)> progress;  ///< after each image; may be empty
 };
 
+/// Means over images. NaN where there is nothing to say: ssim of images smaller than its 11 x 11 window, depth_error
+/// where no true depth ships.
 struct Score {
-  double psnr_db = 0, ssim = 0;  ///< means over images; ssim is NaN if the images are smaller than its 11 x 11 window
+  double psnr_db = 0, ssim = 0;
+  double flip = 0;         ///< eval/flip.h, 0..1, less is better
+  double depth_error = 0;  ///< median over an image's pixels of |depth - truth| / truth, along the ray
   int images = 0;
 };
 
@@ -38,30 +45,23 @@ struct Evaluation {
   Score overall;
   std::map<std::string, Score> cameras;
   std::map<std::string, Score> novel;  ///< by novel/<name>; empty where there is no truth
+  std::optional<Alignment> alignment;  ///< of the run's trajectory with the true one, where that ships
 };
 
-/// A picture to score: truth as a run trains on it (undistorted, downscaled) and where it was taken from.
-struct TruthView {
-  std::string name;  ///< camera, or file of a novel set
-  Camera camera;
-  Rigid3d world_from_camera;
-  Image8 truth;
-};
+/// Score of one picture over the pixels that the camera model reaches. `depth_m`: as in TruthView.
+Score score_image(const RenderedImage& rendered, const Image8& truth, std::span<const float> depth_m = {});
 
-/// The views of a novel set (indices into its poses.json) whose truth stands beside that file, of cameras that
-/// the run trained; and one of them, loaded. InputError: the truth has not the size that its calibration says.
-std::vector<std::size_t> novel_views_with_truth(const Run& run, const NovelSet& set);
-TruthView load_novel_view(const Run& run, const NovelSet& set, std::size_t view);
-
-/// Score of one picture over the pixels that the camera model reaches.
-Score score_image(const RenderedImage& rendered, const Image8& truth);
+/// The alignment of a run's poses with the true ones; nothing where the recording ships none.
+std::optional<Alignment> align_run(const Run& run);
 
 /// `limit` of `size` indices, evenly spaced over all of them; all where limit is 0 or at least size.
 std::vector<std::size_t> evenly_spaced(std::size_t size, std::size_t limit);
 
 Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions& options = {});
 
-/// {"overall": {"psnr_db", "ssim", "images"}, "cameras": {CAM: ...}, "novel": {NAME: ...}, "held_out": bool}.
+/// {"overall": SCORE, "cameras": {CAM: SCORE}, "novel": {NAME: SCORE}, "held_out": bool, "alignment": {"moved_m",
+/// "turned_deg", "rest_m", "rest_deg", "frames"} or null}, SCORE = {"psnr_db", "ssim", "flip", "depth_error", "images"},
+/// null for NaN.
 nlohmann::json evaluation_to_json(const Evaluation& evaluation);
 
 }  // namespace redrive

@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
+#include "redrive/base/temporary_folder.h"
 #include "redrive/render/paint_backend.h"
 
 namespace redrive {
@@ -28,9 +29,6 @@ constexpr int kWidth = 24, kHeight = 16;
 class EvaluateTest : public testing::Test {
  protected:
   EvaluateTest() {
-    folder_ = std::filesystem::temp_directory_path() /
-              ("redrive_eval_" + std::string(testing::UnitTest::GetInstance()->current_test_info()->name()));
-    std::filesystem::remove_all(folder_);
     std::filesystem::create_directories(folder_ / "novel" / "aside");
     CameraCalibration calibration;
     calibration.model = "opencv_pinhole";
@@ -52,8 +50,8 @@ class EvaluateTest : public testing::Test {
     }
     for (int c = 0; c < 2; ++c)
       for (int f = 0; f < 4; ++f)
-        scene.views.push_back(
-            {c, f, grey(scene.rig[c].name + std::to_string(f) + ".png", c == 0 ? 51 * f : 255), false});
+        scene.views.push_back({c, f, grey(scene.rig[c].name + std::to_string(f) + ".png", c == 0 ? 51 * f : 255), false,
+                               scene.frames[f].world_from_body});
     NerfModel& model = run_.state.model;
     model.config.width = 32;
     model.samples = 4;
@@ -61,7 +59,6 @@ class EvaluateTest : public testing::Test {
     model.far_m = 10;
     model.parameters = Buffer<float>(nerf_parameter_count(model.config));
   }
-  ~EvaluateTest() override { std::filesystem::remove_all(folder_); }
 
   std::filesystem::path grey(const std::string& name, int value, int width = kWidth, int height = kHeight) {
     const std::filesystem::path path = folder_ / name;
@@ -73,7 +70,8 @@ class EvaluateTest : public testing::Test {
     std::ofstream(folder_ / "novel" / "aside" / "poses.json") << text;
   }
 
-  std::filesystem::path folder_;
+  const TemporaryFolder temporary_;
+  const std::filesystem::path folder_ = temporary_.path;
   redrive::Run run_;
   PaintBackend black_{[](const auto&, const auto&) { return std::array<float, 3>{0, 0, 0}; }};
 };
@@ -148,14 +146,59 @@ TEST_F(EvaluateTest, MissingImageIsRefused) {
   EXPECT_THROW(evaluate(run_, black_), InputError);
 }
 
+// The backend shows everything 2 m away. Of the pixels whose depth is known, two thirds lie at 2.5 m: the median error
+// is 0.5 / 2.5. Millimetres 0 and 65535 say nothing.
+TEST_F(EvaluateTest, DepthErrorIsTheMedianWhereTruthIsKnown) {
+  poses(R"({"images": [{"file": "a.png", "camera": "A", "frame_id": 102, "shift_body_m": [0, 0, 0]},
+                       {"file": "b.png", "camera": "A", "frame_id": 102, "shift_body_m": [0, 0, 0]}]})");
+  grey("novel/aside/a.png", 0);
+  grey("novel/aside/b.png", 0);
+  std::vector<std::uint16_t> depth_mm(kWidth * kHeight);
+  for (int i = 0; i < kWidth * kHeight; ++i) {
+    constexpr std::uint16_t kValues[] = {0, 65535, 2500, 2500, 1000};
+    depth_mm[i] = kValues[i % 5];
+  }
+  write_png16(folder_ / "novel/aside/a_depth.png", kWidth, kHeight, depth_mm);
+  const Evaluation result = evaluate(run_, black_);
+  EXPECT_NEAR(result.novel.at("aside").depth_error, 0.2, 1e-6) << "b.png has no depth: a.png's counts alone";
+  EXPECT_TRUE(std::isnan(result.overall.depth_error));
+  write_png16(folder_ / "novel/aside/b_depth.png", 1, 1, {7});
+  EXPECT_THROW(evaluate(run_, black_), InputError) << "of another size";
+}
+
+// The run's poses are the true ones turned by a quarter about z and moved: a true place is looked up where the run has it.
+TEST_F(EvaluateTest, TruePosesGoThroughTheAlignment) {
+  Rigid3d true_from_run = Rigid3d::Identity();
+  true_from_run.translation() = Eigen::Vector3d(7, 8, 9);
+  true_from_run.linear() << 0, -1, 0, 1, 0, 0, 0, 0, 1;
+  for (const FramePose& frame : run_.recording.frames)
+    run_.recording.true_frames.push_back({frame.id, frame.t_ns, true_from_run * frame.ecef_from_body});
+  // The true place of x = 2.5 in the run: (7, 8 + 2.5, 9), turned.
+  poses(R"({"images": [{"file": "a.png", "camera": "A", "frame_id": 102,
+                        "RT_ECEF_body": [[0, -1, 0, 7], [1, 0, 0, 10.5], [0, 0, 1, 9], [0, 0, 0, 1]]}]})");
+  grey("novel/aside/a.png", 51);  // 0.2
+  PaintBackend place([](const auto& origin, const auto&) {
+    return std::array<float, 3>{origin[0] / 5, origin[0] / 5, origin[0] / 5};
+  });
+  const Evaluation result = evaluate(run_, place);
+  EXPECT_NEAR(result.novel.at("aside").psnr_db, psnr_of(0.3), 1e-4);
+  ASSERT_TRUE(result.alignment.has_value());
+  EXPECT_NEAR(result.alignment->turned_deg, 90, 1e-6);
+  EXPECT_LT(result.alignment->rest_m, 1e-6);
+}
+
 TEST(EvaluationJson, HasTheNamesThatScriptsRead) {
   Evaluation evaluation;
   evaluation.held_out = false;
-  evaluation.overall = {20.5, 0.5, 3};
-  evaluation.cameras["F_CAM"] = {20.5, std::nan(""), 3};
+  evaluation.overall = {20.5, 0.5, 0.25, std::nan(""), 3};
+  evaluation.cameras["F_CAM"] = {20.5, std::nan(""), 0.25, 0.125, 3};
+  evaluation.alignment = Alignment{Rigid3d::Identity(), 5, 0.5, 0.25, 0.125, 1};
   const auto json = nlohmann::json::parse(evaluation_to_json(evaluation).dump());
-  EXPECT_EQ(json, nlohmann::json::parse(R"({"overall": {"psnr_db": 20.5, "ssim": 0.5, "images": 3},
-    "cameras": {"F_CAM": {"psnr_db": 20.5, "ssim": null, "images": 3}}, "novel": {}, "held_out": false})"));
+  EXPECT_EQ(json, nlohmann::json::parse(R"({
+    "overall": {"psnr_db": 20.5, "ssim": 0.5, "flip": 0.25, "depth_error": null, "images": 3},
+    "cameras": {"F_CAM": {"psnr_db": 20.5, "ssim": null, "flip": 0.25, "depth_error": 0.125, "images": 3}},
+    "novel": {}, "held_out": false,
+    "alignment": {"moved_m": 0.5, "turned_deg": 0.25, "rest_m": 0.125, "rest_deg": 1, "frames": 5}})"));
 }
 
 }  // namespace

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The ray of a pixel, E_P,0^-1 E_P,n E_C applied to ((u - cx)/fx, (v - cy)/fy, 1), against values worked out from a real
 // car's calibration and egomotion files apart from this program, with 50 digits.
+#include <algorithm>
+
 #include <gtest/gtest.h>
 
 #include "redrive/rays/ray_table.h"
@@ -42,9 +44,12 @@ TEST(Equation2, RaysOfARealRecording) {
     const int camera = scene.camera_index(known.camera);
     const RayTable table = make_ray_table(scene.rig[camera].camera);
     ASSERT_EQ(table.pixel.size(), std::size_t(table.width) * table.height);
-    const View view{camera, scene.frame_index(known.frame_id), {}, false};
+    const auto view = std::find_if(scene.views.begin(), scene.views.end(), [&](const View& v) {
+      return v.camera == camera && scene.frames[v.frame].id == known.frame_id;
+    });
+    ASSERT_NE(view, scene.views.end());
     RayBatch rays;
-    view_rays(table, scene.world_from_camera(view), std::size_t(known.v) * table.width + known.u, 1, &rays);
+    view_rays(table, scene.world_from_camera(*view), std::size_t(known.v) * table.width + known.u, 1, &rays);
     for (int d = 0; d < 3; ++d) {
       // Half a float step at 98 m is 3.8e-6; the files' rotations are orthonormal to 1e-7 and are made exactly so.
       EXPECT_NEAR(rays.origin[d], known.origin_m[d], 5e-6) << d;

@@ -155,14 +155,23 @@ bool looks_like(const fs::path& root) {
          is_folder(root / "sensor/gnssins");
 }
 
-Recording open(const fs::path& root) {
+Recording open(const fs::path& root, PoseSource source) {
   Recording recording;
   recording.root = root;
-  const fs::path calibration_file = root / "sensor/calibration/calibration.json", image_root = root / "sensor/camera";
+  const bool truth = source == PoseSource::kTruth;
+  const fs::path calibration_file =
+      root / "sensor/calibration" / (truth ? "calibration_true.json" : "calibration.json");
+  const fs::path image_root = root / "sensor/camera", true_poses_file = root / "sensor/gnssins/egomotion2_true.json";
   const std::vector<CameraCalibration> calibrations =
       parse_calibration(read_file(calibration_file), calibration_file, &recording.other_sensors);
-  const fs::path poses_file = egomotion_file(root);
-  recording.frames = parse_egomotion(read_file(poses_file), poses_file);
+  if (truth || is_there(true_poses_file))
+    recording.true_frames = parse_egomotion(read_file(true_poses_file), true_poses_file);
+  if (truth) {
+    recording.frames = recording.true_frames;
+  } else {
+    const fs::path poses_file = egomotion_file(root);
+    recording.frames = parse_egomotion(read_file(poses_file), poses_file);
+  }
 
   std::set<std::string> calibrated;
   for (const CameraCalibration& calibration : calibrations) {

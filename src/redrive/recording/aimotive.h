@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The aiMotive layout (Matuszka et al., arXiv:2211.09445): sensor/calibration/calibration.json,
 // sensor/gnssins/egomotion2.json (or egomotion.json), sensor/camera/<CAM>/<CAM>_<7-digit id>.jpg,
-// dynamic/box/3d_body, dynamic/raw-revolutions.
+// dynamic/box/3d_body, dynamic/raw-revolutions. Made recordings also have sensor/calibration/calibration_true.json and
+// sensor/gnssins/egomotion2_true.json: the same files without errors.
 #pragma once
 
 #include <filesystem>
@@ -16,7 +17,7 @@
 namespace redrive::aimotive {
 
 bool looks_like(const std::filesystem::path& root);
-Recording open(const std::filesystem::path& root);
+Recording open(const std::filesystem::path& root, PoseSource source);
 
 /// Cameras of a calibration.json; sensors that are none are named in `other_sensors`. `file` is for messages.
 /// Refuses (InputError): unknown model, wrong shapes, NaN, focal length <= 0, an extrinsic that is no rotation

@@ -16,6 +16,7 @@ constexpr double kMaxFocalLength_px = 1e6;  // 65536 px across 4 degrees
 constexpr double kMaxDistortion = 1e6;      // beyond: r^6 terms leave the range of float at 45 degrees
 constexpr double kMaxXi = 10;               // Mei: 0 pinhole, 1 parabolic mirror, fisheyes 1..3
 constexpr double kMaxMount_m = 50;          // a sensor further from the body's origin was not given in metres
+constexpr double kMaxTimeOffset_s = 1;      // beyond that it is another frame's image
 constexpr double kMountTolerance_m = 0.01;  // pos_meter and RT agree to the digits they are written with
 
 bool usable_name(const std::string& name) {
@@ -135,6 +136,12 @@ CameraCalibration camera_from_json(const JsonField& sensor, const std::string& n
            "the camera is more than 50 m from the body's origin; metres are expected");
   }
   check_direction(sensor, camera.body_from_sensor);
+  if (sensor.has("time_offset_s")) {
+    const JsonField offset = sensor.at("time_offset_s");
+    const double offset_s = offset.number();
+    if (std::abs(offset_s) > kMaxTimeOffset_s) offset.fail("expected seconds between -1 and 1");
+    camera.time_offset_ns = std::llround(offset_s * 1e9);
+  }
   return camera;
 }
 

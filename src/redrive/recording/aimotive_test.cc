@@ -102,6 +102,26 @@ TEST(Aimotive, TwoRevolutionsOfOneFrame) {
               AllOf(HasSubstr("frame_0000009.laz"), HasSubstr("frame_0000009.las")));
 }
 
+// What a program is given carries errors; the truth beside it is read where it is, and used where it is asked for.
+TEST(Aimotive, TruthBesideWhatIsGiven) {
+  TemporaryFolder folder;
+  testing::write_recording(folder);
+  EXPECT_TRUE(open_recording(folder.path).true_frames.empty());
+  EXPECT_THAT(input_error([&] { open_recording(folder.path, PoseSource::kTruth); }), HasSubstr("_true.json"));
+  nlohmann::json poses = testing::egomotion(), cameras = testing::calibration();
+  poses["9"] = testing::pose_at(0.06, 50.0);
+  cameras["F_CAM"]["time_offset_s"] = 0.01;
+  folder.write("sensor/gnssins/egomotion2_true.json", poses.dump());
+  folder.write("sensor/calibration/calibration_true.json", cameras.dump());
+  const Recording given = open_recording(folder.path), truth = open_recording(folder.path, PoseSource::kTruth);
+  EXPECT_EQ(given.frames[0].ecef_from_body.translation().x(), 4e6);
+  EXPECT_EQ(given.true_frames[0].ecef_from_body.translation().x(), 4e6 + 0.06);
+  EXPECT_EQ(truth.frames[0].ecef_from_body.translation().x(), 4e6 + 0.06);
+  EXPECT_EQ(given.cameras[0].calibration.time_offset_ns, 0);
+  EXPECT_EQ(truth.cameras[0].calibration.time_offset_ns, 10'000'000);
+  EXPECT_EQ(given.findings.size(), truth.findings.size());
+}
+
 TEST(Aimotive, EmptyRecording) {
   TemporaryFolder folder;
   testing::write_recording(folder);

@@ -55,6 +55,16 @@ TEST(Calibration, OptionalFields) {
   EXPECT_EQ(parse(document).size(), 1u);
 }
 
+TEST(Calibration, TimeOffsetInSeconds) {
+  json document = calibration();
+  document["F_CAM"]["time_offset_s"] = -0.0125;
+  const auto cameras = parse(document);
+  EXPECT_EQ(cameras[0].time_offset_ns, -12'500'000);
+  EXPECT_EQ(cameras[1].time_offset_ns, 0);
+  EXPECT_THAT(message_for("/time_offset_s", 8), AllOf(HasSubstr("F_CAM.time_offset_s"), HasSubstr("8")));
+  EXPECT_THAT(message_for("/time_offset_s", "late"), AllOf(HasSubstr("F_CAM.time_offset_s"), HasSubstr("late")));
+}
+
 TEST(Calibration, OtherSensorsAreNotChecked) {
   json document = calibration();
   document["M_LIDAR"]["RT_body_from_sensor"] = "nan";

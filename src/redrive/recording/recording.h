@@ -22,6 +22,7 @@ struct CameraCalibration {
   double xi = 0;                          ///< mei only: distance of the projection centre from the sphere's
   int width = 0, height = 0;              ///< pixels
   Rigid3d body_from_sensor;               ///< camera axes x right, y down, z forward; body x forward, y left, z up
+  std::int64_t time_offset_ns = 0;        ///< its images are exposed this long after their frame's pose
 };
 
 /// The body's pose at one frame.
@@ -60,7 +61,9 @@ struct Recording {
   std::vector<RecordedCamera> cameras;  ///< by name; only those with images
   std::vector<FramePose> frames;        ///< by id
   std::vector<std::string> other_sensors;
-  std::vector<NovelSet> novel;         ///< by name
+  std::vector<NovelSet> novel;  ///< by name
+  std::vector<FramePose>
+      true_frames;  ///< exact poses by id, where a made recording ships them; `frames` may carry errors
   std::vector<FrameFile> lidar_files;  ///< by frame id, with or without a pose: las.h reads them
   std::vector<FrameFile> box_files;    ///< by frame id, with or without a pose: boxes.h reads them
   std::vector<Finding> findings;       ///< frames dropped for want of a pose, images missing, ...
@@ -68,7 +71,11 @@ struct Recording {
   const RecordedCamera* find_camera(const std::string& name) const;
 };
 
-/// Opens a recording of any known format (recording/registry.cc: one line per format). InputError otherwise.
-Recording open_recording(const std::filesystem::path& root);
+/// What a made recording ships twice: as a program is given it, with realistic errors, and exact.
+enum class PoseSource { kGiven, kTruth };
+
+/// Opens a recording of any known format (recording/registry.cc: one line per format). InputError otherwise, and where
+/// the truth is asked for that it does not ship.
+Recording open_recording(const std::filesystem::path& root, PoseSource source = PoseSource::kGiven);
 
 }  // namespace redrive

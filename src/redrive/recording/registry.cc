@@ -11,7 +11,7 @@ struct Format {
   const char* name;
   const char* looks_for;  ///< what the error for an unknown folder lists
   bool (*looks_like)(const std::filesystem::path& root);
-  Recording (*open)(const std::filesystem::path& root);
+  Recording (*open)(const std::filesystem::path& root, PoseSource source);
 };
 
 // To add one: its parser in a file of its own, and a line here.
@@ -28,7 +28,7 @@ const RecordedCamera* Recording::find_camera(const std::string& name) const {
   return nullptr;
 }
 
-Recording open_recording(const std::filesystem::path& root) {
+Recording open_recording(const std::filesystem::path& root, PoseSource source) {
   std::error_code error;
   if (!std::filesystem::exists(root, error)) throw InputError(root, "", "", "no such folder");
   if (!std::filesystem::is_directory(root, error))
@@ -36,7 +36,7 @@ Recording open_recording(const std::filesystem::path& root) {
   std::string sought;
   for (const Format& format : kFormats) {
     if (format.looks_like(root)) {
-      Recording recording = format.open(root);
+      Recording recording = format.open(root, source);
       recording.format = format.name;
       return recording;
     }

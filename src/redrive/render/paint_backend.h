@@ -11,12 +11,13 @@
 
 namespace redrive {
 
-/// render_rays gives rgb = paint(origin, direction) [world], depth 2 m, opacity 1. Training stages fail the test.
+/// render_rays gives rgb = paint(origin, direction) [world], depth = `range` of the same, else 2 m, opacity 1. Training stages fail the test.
 class PaintBackend : public kernels::Backend {
  public:
   using Paint =
       std::function<std::array<float, 3>(const std::array<float, 3>& origin, const std::array<float, 3>& direction)>;
-  explicit PaintBackend(Paint paint) : paint_(std::move(paint)) {}
+  using Range = std::function<float(const std::array<float, 3>& origin, const std::array<float, 3>& direction)>;
+  explicit PaintBackend(Paint paint, Range range = {}) : paint_(std::move(paint)), range_(std::move(range)) {}
 
   std::string name() const override { return "paint"; }
   std::optional<Isa> isa() const override { return std::nullopt; }
@@ -29,9 +30,10 @@ class PaintBackend : public kernels::Backend {
     const int n = rays.n;
     for (int i = 0; i < n; ++i) {
       const auto of = [&](std::span<const float> v) { return std::array<float, 3>{v[i], v[n + i], v[2 * n + i]}; };
-      const std::array<float, 3> rgb = paint_(of(rays.origin), of(rays.direction));
+      const auto origin = of(rays.origin), direction = of(rays.direction);
+      const std::array<float, 3> rgb = paint_(origin, direction);
       for (int c = 0; c < 3; ++c) out.rgb[c * n + i] = rgb[c];
-      out.depth[i] = 2;
+      out.depth[i] = range_ ? range_(origin, direction) : 2.0f;
       out.opacity[i] = 1;
     }
   }
@@ -62,6 +64,7 @@ class PaintBackend : public kernels::Backend {
  private:
   static void unexpected() { ADD_FAILURE() << "rendering called a training stage"; }
   Paint paint_;
+  Range range_;
 };
 
 }  // namespace redrive

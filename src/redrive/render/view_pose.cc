@@ -5,6 +5,7 @@
 #include <string>
 
 #include "redrive/base/error.h"
+#include "redrive/recording/trajectory.h"
 
 namespace redrive {
 namespace {
@@ -23,11 +24,14 @@ std::optional<ShiftAxes> shift_axes_from_name(std::string_view name) {
   return std::nullopt;
 }
 
-std::optional<Rigid3d> world_from_body(const Recording& recording, const Scene& scene, std::int64_t frame_id) {
+std::optional<Rigid3d> world_from_body(const Recording& recording, const Scene& scene, std::int64_t frame_id,
+                                       const std::string& camera) {
   const auto frame = std::find_if(recording.frames.begin(), recording.frames.end(),
                                   [frame_id](const FramePose& pose) { return pose.id == frame_id; });
   if (frame == recording.frames.end()) return std::nullopt;
-  return scene.ecef_from_world.inverse(Eigen::Isometry) * frame->ecef_from_body;
+  const int index = scene.camera_index(camera);
+  const std::int64_t offset_ns = index < 0 ? 0 : scene.rig[index].time_offset_ns;
+  return scene.ecef_from_world.inverse(Eigen::Isometry) * pose_at(recording.frames, frame->t_ns + offset_ns);
 }
 
 std::optional<Eigen::Matrix3d> world_from_local_axes(const Rigid3d& ecef_from_world, const Rigid3d& world_from_body) {
@@ -72,7 +76,7 @@ Rigid3d requested_world_from_body(const PosesFile& poses, std::size_t index, con
   if (view.ecef_from_body && !(prefer_shift && view.shift_body_m))
     return scene.ecef_from_world.inverse(Eigen::Isometry) * *view.ecef_from_body;
   REDRIVE_CHECK(view.shift_body_m.has_value());
-  const auto pose = world_from_body(recording, scene, view.frame_id);
+  const auto pose = world_from_body(recording, scene, view.frame_id, view.camera);
   if (!pose)
     throw InputError(file, view_field(index, "frame_id"), std::to_string(view.frame_id),
                      "shift_body_m moves a frame of the recording, and it has no such frame with a pose");

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <optional>
+#include <string>
 #include <string_view>
 #include <vector>
 
@@ -22,8 +23,10 @@ enum class ShiftAxes {
 };
 std::optional<ShiftAxes> shift_axes_from_name(std::string_view name);  ///< "body", "camera", "local"
 
-/// world_from_body of a frame of the recording, also of one that the run left out; nothing if it has no such pose.
-std::optional<Rigid3d> world_from_body(const Recording& recording, const Scene& scene, std::int64_t frame_id);
+/// world_from_body when a camera exposes its image of a frame of the recording, also of one that the run left out;
+/// nothing if it has no such pose. `camera`: by its name among the scene's; another one exposes with the frame.
+std::optional<Rigid3d> world_from_body(const Recording& recording, const Scene& scene, std::int64_t frame_id,
+                                       const std::string& camera);
 
 /// The level axes at the body's place, in the world: columns x, y, z as ShiftAxes::kLocal says. Nothing where the pose
 /// is not on the Earth (6.2e6 to 6.6e6 m from its centre) or the heading is vertical. The normal is taken as that of the

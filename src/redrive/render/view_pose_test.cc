@@ -120,6 +120,15 @@ TEST_F(Requested, AbsoluteOrShiftedAndPreferenceDecidesBetweenThem) {
   EXPECT_NEAR((place(absolute) - Eigen::Vector3d(7, 0, 0)).norm(), 0, kTolerance);
 }
 
+// A camera of the run that exposes a quarter of a frame late sees from there; an absolute place stays.
+TEST_F(Requested, AShiftMovesThePoseOfTheCamerasOwnExposure) {
+  scene.rig = {{"CAM", {}, {}, Rigid3d::Identity(), 25}};
+  RequestedView view{"a.png", "CAM", 10, std::nullopt, Eigen::Vector3d(0, 1, 0)};
+  EXPECT_NEAR((place(view) - Eigen::Vector3d(0.75, 1, 0)).norm(), 0, kTolerance);
+  view.ecef_from_body = scene.ecef_from_world;
+  EXPECT_NEAR(place(view).norm(), 0, kTolerance);
+}
+
 TEST_F(Requested, ComplaintsNameFileFieldAndValue) {
   try {
     place({"a.png", "CAM", 12, std::nullopt, Eigen::Vector3d::Zero()});

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <span>
 
 #include <opencv2/imgproc.hpp>
 
@@ -15,11 +16,14 @@
 namespace redrive {
 namespace {
 
-std::string scored(const std::string& what, const RenderedImage& rendered, const Image8& truth) {
-  char text[64];
-  const Score score = score_image(rendered, truth);
-  std::snprintf(text, sizeof text, " (PSNR %.1f dB, SSIM %.3f)", score.psnr_db, score.ssim);
-  return what + text;
+std::string scored(const std::string& what, const RenderedImage& rendered, const Image8& truth,
+                   std::span<const float> depth_m = {}) {
+  char text[96], depth[48] = "";
+  const Score score = score_image(rendered, truth, depth_m);
+  if (!std::isnan(score.depth_error))
+    std::snprintf(depth, sizeof depth, ", depth off by %.1f %%", 100 * score.depth_error);
+  std::snprintf(text, sizeof text, " (PSNR %.1f dB, SSIM %.3f, FLIP %.3f", score.psnr_db, score.ssim, score.flip);
+  return what + text + depth + ")";
 }
 
 std::string metres(double value) {
@@ -49,7 +53,7 @@ PictureRow camera_pictures(const Run& run, kernels::Backend& backend, int camera
   const RayTable table = make_ray_table(rig.camera);
   const auto render_shifted = [&](ShiftAxes axes, double x_m) {
     return render_image(backend, run.state.model, table,
-                        shifted_camera(run.scene.ecef_from_world, frame.world_from_body, rig.body_from_sensor, axes,
+                        shifted_camera(run.scene.ecef_from_world, view.world_from_body, rig.body_from_sensor, axes,
                                        Eigen::Vector3d(x_m, 0, 0)));
   };
   const RenderedImage reproduced = render_shifted(ShiftAxes::kBody, 0);
@@ -69,19 +73,38 @@ PictureRow camera_pictures(const Run& run, kernels::Backend& backend, int camera
   return row;
 }
 
-PictureRow novel_pictures(const Run& run, kernels::Backend& backend, const NovelSet& set) {
+PictureRow novel_pictures(const Run& run, kernels::Backend& backend, const std::string& set, const NovelTruth& truth,
+                          const Coverage& coverage) {
   PictureRow row;
-  const std::vector<std::size_t> views = novel_views_with_truth(run, set);
-  if (views.empty()) return row;
-  const TruthView view = load_novel_view(run, set, views[evenly_spaced(views.size(), 1)[0]]);
+  if (truth.size() == 0) return row;
+  const TruthView view = truth.load(evenly_spaced(truth.size(), 1)[0]);
   const RenderedImage rendered = render_image(backend, run.state.model, view.camera, view.world_from_camera);
   const Image8 image = to_image8(rendered);
-  row.title = set.name + ": " + view.name;
-  row.pictures.push_back({set.name + "_truth", "truth", view.truth});
-  row.pictures.push_back({set.name + "_render", scored("rendered", rendered, view.truth), image});
-  row.pictures.push_back({set.name + "_difference", "difference, " + std::to_string(kDifferenceGain) + " times",
+  const std::vector<std::uint8_t> seen = coverage.seen(view.camera, view.world_from_camera, rendered);
+  const auto valid = std::count(rendered.valid.begin(), rendered.valid.end(), 1);
+  char share[96];
+  std::snprintf(share, sizeof share, "coverage: %.0f %% was in a training image, red was not",
+                100.0 * static_cast<double>(std::count(seen.begin(), seen.end(), 1)) / static_cast<double>(valid));
+  row.title = set + ": " + view.name;
+  row.pictures.push_back({set + "_truth", "truth", view.truth});
+  row.pictures.push_back({set + "_render", scored("rendered", rendered, view.truth, view.depth_m), image});
+  row.pictures.push_back({set + "_difference", "difference, " + std::to_string(kDifferenceGain) + " times",
                           difference(image, view.truth)});
+  row.pictures.push_back({set + "_coverage", share, coverage_colours(rendered, seen)});
   return row;
+}
+
+Image8 coverage_colours(const RenderedImage& image, const std::vector<std::uint8_t>& seen) {
+  REDRIVE_CHECK_OP(image.valid.size(), ==, seen.size());
+  Image8 out = to_image8(image);
+  for (std::size_t i = 0; i < seen.size(); ++i) {
+    if (!image.valid[i]) continue;
+    std::uint8_t* const rgb = &out.rgb[3 * i];
+    const int grey = (rgb[0] + 2 * rgb[1] + rgb[2]) / 4;
+    rgb[0] = static_cast<std::uint8_t>(seen[i] ? grey : 128 + grey / 2);
+    rgb[1] = rgb[2] = static_cast<std::uint8_t>(seen[i] ? grey : grey / 2);
+  }
+  return out;
 }
 
 Image8 depth_colours(const RenderedImage& image, double near_m, double far_m) {

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "redrive/eval/coverage.h"
 #include "redrive/eval/evaluate.h"
 #include "redrive/train/run.h"
 
@@ -30,11 +31,15 @@ const View& figure_view(const Run& run, int camera);
 /// Original, reproduced, perturbed along x of the body and of the camera, and depth.
 PictureRow camera_pictures(const Run& run, kernels::Backend& backend, int camera);
 
-/// Truth, render and difference of the middle view with truth of a novel set; no pictures if it has none.
-PictureRow novel_pictures(const Run& run, kernels::Backend& backend, const NovelSet& set);
+/// Truth, render, difference and coverage of the middle view of a novel set; no pictures if it has none.
+PictureRow novel_pictures(const Run& run, kernels::Backend& backend, const std::string& set, const NovelTruth& truth,
+                          const Coverage& coverage);
 
 /// Depth in the colours of the Turbo map, near_m the first and far_m the last; pixels that are not valid are dark grey.
 Image8 depth_colours(const RenderedImage& image, double near_m, double far_m);
+
+/// The image in grey, with what is not `seen` (eval/coverage.h) in red; pixels that are not valid stay black.
+Image8 coverage_colours(const RenderedImage& image, const std::vector<std::uint8_t>& seen);
 
 /// kDifferenceGain * |a - b| per channel, clamped.
 Image8 difference(const Image8& a, const Image8& b);

@@ -70,22 +70,34 @@ std::string training(const Run& run, const Written& written) {
 }
 
 std::vector<std::string> score_row(const std::string& name, const Score& score) {
-  return {name, std::to_string(score.images), fixed(score.psnr_db, 2), fixed(score.ssim, 4)};
+  return {name, std::to_string(score.images), fixed(score.psnr_db, 2), fixed(score.ssim, 4), fixed(score.flip, 4)};
+}
+
+std::string alignment_text(const Alignment& alignment) {
+  return "<p>The run's trajectory is laid over the true one first: " + fixed(100 * alignment.moved_m, 1) + " cm and " +
+         fixed(alignment.turned_deg, 3) + "&deg;. What remains is " + fixed(100 * alignment.rest_m, 1) + " cm and " +
+         fixed(alignment.rest_deg, 3) + "&deg; RMS over " + std::to_string(alignment.frames) + " frames.</p>\n";
 }
 
 std::string scores(const Evaluation& evaluation) {
   std::string out = "<h2>Scores</h2>\n<p>" +
                     std::string(evaluation.held_out ? "Images of held-out frames, which training never saw."
                                                     : "Images of training frames: no frame was held out.") +
-                    " Means over images.</p>\n";
-  std::vector<std::vector<std::string>> rows = {{"camera", "images", "PSNR (dB)", "SSIM"}};
+                    " Means over images; FLIP is 0 for equal pictures.</p>\n";
+  std::vector<std::vector<std::string>> rows = {{"camera", "images", "PSNR (dB)", "SSIM", "FLIP"}};
   for (const auto& [name, score] : evaluation.cameras) rows.push_back(score_row(name, score));
   rows.push_back(score_row("all", evaluation.overall));
   out += html_table(rows, true);
   if (evaluation.novel.empty()) return out;
-  rows = {{"novel views with truth", "images", "PSNR (dB)", "SSIM"}};
-  for (const auto& [name, score] : evaluation.novel) rows.push_back(score_row(name, score));
-  return out + "<h3>Views that were never driven</h3>\n" + html_table(rows, true);
+  rows = {{"novel views with truth", "images", "PSNR (dB)", "SSIM", "FLIP", "depth error (%)"}};
+  for (const auto& [name, score] : evaluation.novel) {
+    rows.push_back(score_row(name, score));
+    rows.back().push_back(fixed(100 * score.depth_error, 1));
+  }
+  out += "<h3>Views that were never driven</h3>\n";
+  if (evaluation.alignment) out += alignment_text(*evaluation.alignment);
+  return out + html_table(rows, true) +
+         "<p>Depth error: median over an image's pixels of |depth - truth| / truth, along the ray.</p>\n";
 }
 
 std::string pictures(const std::filesystem::path& folder, const PictureRow& row, const Written& written) {
@@ -98,6 +110,24 @@ std::string pictures(const std::filesystem::path& folder, const PictureRow& row,
     out += html_figure(jpeg_address(picture.image), picture.caption);
   }
   return out + "</div>\n";
+}
+
+/// Truth beside render for each novel set; empty if there is none.
+std::string novel_views(const Run& run, kernels::Backend& backend, const Written& written) {
+  const Alignment alignment = align_run(run).value_or(Alignment{});
+  std::vector<std::pair<std::string, NovelTruth>> sets;
+  for (const NovelSet& set : run.recording.novel) {
+    NovelTruth truth(run, set, alignment);
+    if (truth.size() > 0) sets.emplace_back(set.name, std::move(truth));
+  }
+  if (sets.empty()) return "";
+  const Coverage coverage(run, backend);
+  std::string out =
+      "<h2>Views that were never driven</h2>\n<p>Coverage goes by the run's own depth: a surface counts as "
+      "seen where it lies inside a training image with nothing in front of it.</p>\n";
+  for (const auto& [name, truth] : sets)
+    out += pictures(run.paths.figures(), novel_pictures(run, backend, name, truth, coverage), written);
+  return out;
 }
 
 std::string option_text(const nlohmann::json& value) {
@@ -138,9 +168,7 @@ void write_figures(const Run& run, kernels::Backend& backend, const FigureOption
   std::string seen = "<h2>Pictures</h2>\n<p>A training image of each camera, chosen at random.</p>\n";
   for (int camera = 0; camera < static_cast<int>(run.scene.rig.size()); ++camera)
     seen += pictures(folder, camera_pictures(run, backend, camera), written);
-  std::string novel;
-  for (const NovelSet& set : run.recording.novel) novel += pictures(folder, novel_pictures(run, backend, set), written);
-  if (!novel.empty()) novel = "<h2>Views that were never driven</h2>\n" + novel;
+  const std::string novel = novel_views(run, backend, written);
   body += scores(evaluate(run, backend, options.eval));
   body += seen + novel + options_table(run.options);
   write_file(run.paths.report(), html_page("redrive: " + recording_name(run), body));

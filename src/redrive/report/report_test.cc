@@ -6,6 +6,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/base/temporary_folder.h"
 #include "redrive/report/html.h"
 #include "redrive/report/pictures.h"
 #include "redrive/report/plot.h"
@@ -33,6 +34,16 @@ TEST(Pictures, DifferenceIsAmplifiedAndClamped) {
   EXPECT_EQ(difference(a, b).rgb, (std::vector<std::uint8_t>{8, 0, 20, 255, 255, 4}));
 }
 
+TEST(Pictures, CoverageMarksWhatWasNotSeen) {
+  RenderedImage image;
+  image.width = 3;
+  image.height = 1;
+  image.rgb = {0.2f, 0.2f, 0.2f, 0.2f, 0.2f, 0.2f, 0, 0, 0};  // 51
+  image.valid = {1, 1, 0};
+  const Image8 colours = coverage_colours(image, {1, 0, 0});
+  EXPECT_EQ(colours.rgb, (std::vector<std::uint8_t>{51, 51, 51, 153, 25, 25, 0, 0, 0}));
+}
+
 TEST(Pictures, DepthGoesFromBlueToRedAndMasksInGrey) {
   RenderedImage image;
   image.width = 3;
@@ -54,10 +65,7 @@ TEST(Plot, RunningMeanShrinksAtTheEnds) {
 class PlotFolder : public testing::Test {
  protected:
   PlotFolder() {
-    folder = std::filesystem::temp_directory_path() /
-             ("redrive plot's " + std::string(testing::UnitTest::GetInstance()->current_test_info()->name()));
-    std::filesystem::remove_all(folder);
-    std::filesystem::create_directories(folder);
+    std::filesystem::create_directory(folder);
     for (int i = 0; i < 200; ++i) {
       MetricsRow row;
       row.step = 25 * (i + 1);
@@ -67,8 +75,8 @@ class PlotFolder : public testing::Test {
       rows.push_back(row);
     }
   }
-  ~PlotFolder() override { std::filesystem::remove_all(folder); }
-  std::filesystem::path folder;
+  const TemporaryFolder above;
+  const std::filesystem::path folder = above.path / "plot's folder";  // a name that has to be quoted
   std::vector<MetricsRow> rows;
 };
 
@@ -93,6 +101,16 @@ TEST_F(PlotFolder, AFailingPlotIsAnErrorAndLeavesTheOldOne) {
   draw_plot(folder, "loss", loss_script(rows, "x"));
   const std::string before = read_file(folder / "loss.png");
   EXPECT_THROW(draw_plot(folder, "loss", "set output 'loss.png.part'\nthis is no gnuplot\n"), IoError);
+  EXPECT_EQ(read_file(folder / "loss.png"), before);
+  EXPECT_FALSE(std::filesystem::exists(folder / "loss.png.part"));
+}
+
+// gnuplot ends well although what it wrote is cut short, as on a disk that filled up under it.
+TEST_F(PlotFolder, APictureThatIsNotWholeIsAnErrorAndLeavesTheOldOne) {
+  draw_plot(folder, "loss", loss_script(rows, "x"));
+  const std::string before = read_file(folder / "loss.png");
+  const std::string cut = loss_script(rows, "x") + "unset output\nsystem 'truncate -s 2000 loss.png.part'\n";
+  EXPECT_THROW(draw_plot(folder, "loss", cut), IoError);
   EXPECT_EQ(read_file(folder / "loss.png"), before);
   EXPECT_FALSE(std::filesystem::exists(folder / "loss.png.part"));
 }

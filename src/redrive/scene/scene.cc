@@ -6,6 +6,7 @@
 #include <set>
 
 #include "redrive/base/error.h"
+#include "redrive/recording/trajectory.h"
 
 namespace redrive {
 namespace {
@@ -64,7 +65,8 @@ std::vector<FramePose> choose_frames(const Recording& recording, const SceneOpti
 }
 
 RigCamera make_rig_camera(const CameraCalibration& calibration, const SceneOptions& options) {
-  RigCamera camera{calibration.name, {}, make_camera(calibration), calibration.body_from_sensor};
+  RigCamera camera{
+      calibration.name, {}, make_camera(calibration), calibration.body_from_sensor, calibration.time_offset_ns};
   if (options.undistort && !std::holds_alternative<OpenCvPinhole>(camera.recorded.model))
     throw UsageError("--undistort", calibration.name,
                      "is a fisheye (" + calibration.model +
@@ -104,7 +106,7 @@ int Scene::frame_index(std::int64_t id) const {
 }
 
 Rigid3d Scene::world_from_camera(const View& view) const {
-  return frames[view.frame].world_from_body * rig[view.camera].body_from_sensor;
+  return view.world_from_body * rig[view.camera].body_from_sensor;
 }
 
 Scene make_scene(const Recording& recording, const SceneOptions& options) {
@@ -128,7 +130,9 @@ Scene make_scene(const Recording& recording, const SceneOptions& options) {
       const int frame = scene.frame_index(image.frame_id);
       if (frame < 0) continue;
       const bool held_out = options.holdout_every > 0 && frame % options.holdout_every == 0;
-      views.push_back({static_cast<int>(scene.rig.size()), frame, image.path, held_out});
+      const std::int64_t t_ns = scene.frames[frame].t_ns + recorded->calibration.time_offset_ns;
+      views.push_back({static_cast<int>(scene.rig.size()), frame, image.path, held_out,
+                       world_from_ecef * pose_at(recording.frames, t_ns)});
     }
     if (views.empty()) {
       if (options.cameras.empty()) continue;

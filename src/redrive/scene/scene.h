@@ -19,6 +19,7 @@ struct RigCamera {
   Camera camera;    ///< at the training resolution (undistorted and downscaled as the options say)
   Camera recorded;  ///< as recorded; the image file must have its size
   Rigid3d body_from_sensor;
+  std::int64_t time_offset_ns = 0;  ///< exposure minus the time of the frame's pose
 };
 
 struct Frame {
@@ -33,6 +34,8 @@ struct View {
   int frame = 0;   ///< index into Scene::frames
   std::filesystem::path image;
   bool held_out = false;
+  Rigid3d world_from_body =
+      Rigid3d::Identity();  ///< when the image was exposed: the frame's unless the camera has an offset
 };
 
 /// Which part of a recording a run uses. Defaults: all cameras, all frames, full size, nothing held out.

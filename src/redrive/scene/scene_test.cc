@@ -86,6 +86,24 @@ TEST_F(SceneTest, WorldDoesNotDependOnTheSelection) {
   EXPECT_EQ(part.ecef_from_world.matrix(), recording_.frames[0].ecef_from_body.matrix());
 }
 
+// Half a frame late at 1 m and 0.1 rad a frame: half way along, and on beyond the last frame.
+TEST_F(SceneTest, ACameraWithATimeOffsetStandsWhereItsImageWasExposed) {
+  const Scene plain = make_scene(recording_, {});
+  const std::int64_t interval_ns = recording_.frames[1].t_ns - recording_.frames[0].t_ns;
+  recording_.cameras[1].calibration.time_offset_ns = interval_ns / 2;
+  const Scene scene = make_scene(recording_, {});
+  for (int n = 0; n < 6; ++n) {
+    EXPECT_EQ(scene.views[n].world_from_body.matrix(), plain.frames[n].world_from_body.matrix()) << "the other camera";
+    const Rigid3d& late = scene.views[6 + n].world_from_body;
+    const Eigen::AngleAxisd turn(0.1 * (n + 0.5), Vector3d::UnitZ());
+    EXPECT_LT((late.linear() - turn.toRotationMatrix()).norm(), 1e-7) << n;  // interval_ns / 2 is rounded
+    const Vector3d step = plain.frames[std::min(n + 1, 5)].world_from_body.translation() -
+                          plain.frames[std::min(n, 4)].world_from_body.translation();
+    const Vector3d expected = plain.frames[n].world_from_body.translation() + 0.5 * step;
+    EXPECT_LT((late.translation() - expected).norm(), 1e-7) << n;
+  }
+}
+
 TEST_F(SceneTest, CamerasComeInTheOrderAskedFor) {
   SceneOptions options;
   options.cameras = {"FRONT", "FISHEYE"};

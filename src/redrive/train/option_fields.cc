@@ -168,6 +168,10 @@ std::vector<TrainField> make_fields() {
              "keep every n-th frame for eval; 0: none, not 1"),
       flag("undistort", &O::undistort,
            "resample the images without distortion first, as the report did (pinhole cameras)"),
+      flag(
+          "truth-poses", &O::truth_poses,
+          "use the exact poses and calibration that a made recording ships (*_true.json), to tell what poses cost from "
+          "what the field costs"),
       number("near", &O::near_m, Range<double>{0, kInfinite, true}, "first sample of a ray, metres"),
       number("far", &O::far_m, Range<double>{0, kInfinite, true}, "last sample of a ray, metres"),
       number("width", &O::width, Range<int>{32, 512, false, 32}, "hidden units of the network"),

@@ -115,6 +115,10 @@ void validate(const TrainOptions& options) {
                          std::to_string(kMaxBatchSamples) + " or less (memory)");
 }
 
+Recording open_recording(const TrainOptions& options) {
+  return open_recording(options.recording, options.truth_poses ? PoseSource::kTruth : PoseSource::kGiven);
+}
+
 SceneOptions scene_options(const TrainOptions& options) {
   const FrameRange frames = parse_frames(options.frames);
   SceneOptions scene;

@@ -26,6 +26,7 @@ struct TrainOptions {
   int downscale = 1;
   int holdout_every = 0;
   bool undistort = false;
+  bool truth_poses = false;  ///< the exact poses and calibration that a made recording ships
   double near_m = 1, far_m = 10;
   // field and sampling
   int width = 256;       ///< hidden units, a multiple of 32 in 32..512
@@ -67,6 +68,8 @@ void resolve_cameras(TrainOptions* options, const Recording& recording);
 /// UsageError naming option, value and rule for the first field out of range.
 void validate(const TrainOptions& options);
 SceneOptions scene_options(const TrainOptions& options);
+/// The recording, with the poses that the options say. InputError as redrive::open_recording.
+Recording open_recording(const TrainOptions& options);
 
 /// Steps of the whole run: epochs, or max_steps if that is less.
 std::int64_t total_steps(const TrainOptions& options, std::int64_t steps_per_epoch);

@@ -88,7 +88,7 @@ Run open_run(const std::filesystem::path& root, bool fresh_if_untrained) {
   std::error_code error;
   if (!std::filesystem::is_directory(root, error)) throw InputError(root, "", "", "no such run folder");
   run.options = options_from_json(read_json(run.paths.config()), run.paths.config());
-  run.recording = open_recording(run.options.recording);
+  run.recording = open_recording(run.options);
   run.scene = make_scene(run.recording, scene_options(run.options));
   const auto there = std::filesystem::status(run.paths.checkpoint(), error).type();
   if (fresh_if_untrained && there == std::filesystem::file_type::not_found) {

@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+// Coverage in a scene of two parallel walls, whose geometry follows by hand.
+#include "redrive/eval/coverage.h"
+
+#include <gtest/gtest.h>
+
+#include "redrive/render/paint_backend.h"
+
+namespace redrive {
+namespace {
+
+constexpr int kWidth = 41, kHeight = 11;
+
+/// Looks along z; columns -20..20 see x / z from -1 to 1.
+Camera front_camera() {
+  CameraCalibration calibration;
+  calibration.model = "opencv_pinhole";
+  calibration.fx = calibration.fy = 20;
+  calibration.cx = 20;
+  calibration.cy = 5;
+  calibration.width = kWidth;
+  calibration.height = kHeight;
+  return make_camera(calibration);
+}
+
+/// A wall at z = 10; before it, at z = 5, a board over x in [-1, 1].
+float range_to_walls(const std::array<float, 3>& origin, const std::array<float, 3>& direction) {
+  const float to_board = (5 - origin[2]) / direction[2], to_wall = (10 - origin[2]) / direction[2];
+  return std::abs(origin[0] + to_board * direction[0]) <= 1 ? to_board : to_wall;
+}
+
+class CoverageTest : public testing::Test {
+ protected:
+  CoverageTest() {
+    run_.scene.rig = {{"A", front_camera(), front_camera(), Rigid3d::Identity()}};
+    run_.scene.views = {{0, 0, "", false}};  // at the origin
+    run_.scene.far_m = 100;
+    NerfModel& model = run_.state.model;
+    model.config.width = 32;
+    model.samples = 4;
+    model.near_m = 1;
+    model.far_m = 100;
+    model.parameters = Buffer<float>(nerf_parameter_count(model.config));
+  }
+
+  /// Middle row of what the training view saw, from x_m aside.
+  std::vector<std::uint8_t> seen_from(double x_m) {
+    const Rigid3d pose(Eigen::Translation3d(x_m, 0, 0));
+    const RenderedImage image = render_image(walls_, run_.state.model, front_camera(), pose);
+    const auto seen = Coverage(run_, walls_).seen(front_camera(), pose, image);
+    return {seen.begin() + 5 * kWidth, seen.begin() + 6 * kWidth};
+  }
+
+  redrive::Run run_;
+  PaintBackend walls_{[](const auto&, const auto&) { return std::array<float, 3>{}; }, range_to_walls};
+};
+
+TEST_F(CoverageTest, AViewSeesItself) { EXPECT_EQ(seen_from(0), std::vector<std::uint8_t>(kWidth, 1)); }
+
+// From 2 m to the right, column c (x / z = (c - 20) / 20) meets the board (x in [-1, 1] at 5 m) in columns 8 to 16. The wall
+// is seen at x = 2 + (c - 20) / 2: what the board hides from the origin, x in [-2, 2], is columns 17 to 20 (12 to 16 lie
+// behind the board here, too), and what lies beside the training image, x > 10, columns 37 to 40.
+TEST_F(CoverageTest, HiddenAndOutsideAreNotSeen) {
+  const std::vector<std::uint8_t> seen = seen_from(2);
+  for (int c = 0; c < kWidth; ++c) {
+    if (c == 20 || c == 36) continue;  // on the edge of a pixel
+    const bool hidden = c >= 17 && c<20, outside = c> 36;
+    EXPECT_EQ(seen[c], hidden || outside ? 0 : 1) << c;
+  }
+}
+
+}  // namespace
+}  // namespace redrive

@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+// Truth of views that were never driven: pictures that a recording ships beside novel/<name>/poses.json, FILE.jpg and, where it
+// is known, FILE_depth.png (16 bit, mm along the ray; 0 and 65535 say nothing).
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "redrive/eval/align.h"
+#include "redrive/recording/poses_file.h"
+#include "redrive/scene/image_set.h"
+#include "redrive/train/run.h"
+
+namespace redrive {
+
+/// A picture to score: truth as a run trains on it (undistorted, downscaled) and where it was taken from.
+struct TruthView {
+  std::string name;  ///< file of the novel set
+  Camera camera;
+  Rigid3d world_from_camera;
+  Image8 truth;
+  std::vector<float> depth_m;  ///< [height, width] along the ray, 0 where it is not known; empty if no depth ships
+};
+
+/// The views of one novel set whose truth is there, of cameras that the run trained.
+class NovelTruth {
+ public:
+  /// InputError: poses.json cannot be used.
+  NovelTruth(const Run& run, const NovelSet& set, const Alignment& alignment);
+
+  std::size_t size() const { return views_.size(); }
+  /// Places that the set gives in ECEF are the true ones and go through the alignment; those it gives as a shift move the
+  /// run's own pose. InputError: truth that has not the size that its calibration says.
+  TruthView load(std::size_t index) const;
+
+ private:
+  const Run& run_;
+  std::filesystem::path file_;
+  PosesFile poses_;
+  Rigid3d true_ecef_from_world_;
+  std::vector<std::size_t> views_;  ///< indices into poses_.views
+};
+
+}  // namespace redrive

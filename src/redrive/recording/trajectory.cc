@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/recording/trajectory.h"
+
+#include <algorithm>
+
+#include "redrive/base/error.h"
+
+namespace redrive {
+
+Rigid3d pose_at(const std::vector<FramePose>& frames, std::int64_t t_ns) {
+  REDRIVE_CHECK(!frames.empty());
+  auto after = std::lower_bound(frames.begin(), frames.end(), t_ns,
+                                [](const FramePose& frame, std::int64_t t) { return frame.t_ns < t; });
+  if (after != frames.end() && after->t_ns == t_ns) return after->ecef_from_body;
+  if (frames.size() == 1) return frames.front().ecef_from_body;
+  after = std::clamp(after, frames.begin() + 1, frames.end() - 1);
+  const FramePose &b = *after, &a = *(after - 1);
+  const double u = static_cast<double>(t_ns - a.t_ns) / static_cast<double>(b.t_ns - a.t_ns);
+  const Eigen::Quaterniond from(a.ecef_from_body.linear()), to(b.ecef_from_body.linear());
+  Rigid3d pose = Rigid3d::Identity();
+  pose.linear() = from.slerp(u, to).normalized().toRotationMatrix();
+  pose.translation() =
+      a.ecef_from_body.translation() + u * (b.ecef_from_body.translation() - a.ecef_from_body.translation());
+  return pose;
+}
+
+}  // namespace redrive
