@@ -2,8 +2,8 @@
 """The rig, its exact camera models, and how pictures get from Blender's lens to theirs.
 
 Blender renders through its polynomial fisheye lens, angle(radius), fitted to the camera's own angle(distorted radius):
-the render is the distorted picture but for a scale and fractions of a pixel, which `to_render` states exactly. Its rows are
-rows of the picture (within the tangential distortion), which is what a rolling shutter needs.
+the render is the distorted picture but for a scale and fractions of a pixel, which `to_render` states exactly. Its
+rows are rows of the picture (within the tangential distortion), which is what a rolling shutter needs.
 
 Pixels: integer coordinates are pixel centres. Camera axes: x right, y down, z ahead.
 """
@@ -16,19 +16,23 @@ import numpy as np
 @dataclass(frozen=True)
 class Camera:
     name: str
-    model: str                      # opencv_pinhole | mei
-    size_px: tuple                  # width, height
-    focal_px: tuple                 # fx, fy
-    center_px: tuple                # cx, cy
-    distortion: tuple               # k1 k2 p1 p2 k3
-    position_m: tuple               # in the body
-    yaw_pitch_roll_deg: tuple       # aiMotive: yaw > 0 right, pitch > 0 up, roll > 0 lifts the right-hand side
-    xi: float = 0.0                 # mei
+    model: str  # opencv_pinhole | mei
+    size_px: tuple  # width, height
+    focal_px: tuple  # fx, fy
+    center_px: tuple  # cx, cy
+    distortion: tuple  # k1 k2 p1 p2 k3
+    position_m: tuple  # in the body
+    yaw_pitch_roll_deg: tuple  # aiMotive: yaw > 0 right, pitch > 0 up, roll > 0 lifts the right-hand side
+    xi: float = 0.0  # mei
 
     def scaled(self, factor):
         grow = lambda c: (c + 0.5) * factor - 0.5
-        return replace(self, size_px=tuple(round(v * factor) for v in self.size_px),
-                       focal_px=tuple(v * factor for v in self.focal_px), center_px=tuple(map(grow, self.center_px)))
+        return replace(
+            self,
+            size_px=tuple(round(v * factor) for v in self.size_px),
+            focal_px=tuple(v * factor for v in self.focal_px),
+            center_px=tuple(map(grow, self.center_px)),
+        )
 
     def body_from_camera(self):
         yaw, pitch, roll = np.radians(self.yaw_pitch_roll_deg)
@@ -43,22 +47,53 @@ class Camera:
 
 # Proportions of the dataset's cameras (focal lengths, distortion, mounting), other sizes.
 RIG = (
-    Camera("F_MIDLONGRANGECAM_CL", "opencv_pinhole", (480, 264), (439.1, 375.4), (240.2, 131.3),
-           (-0.30073606967926025, 0.08419033139944077, 0.002034867648035288, 0.0006097130244597793, 0.0),
-           (1.9311, 0.1072, 1.2488), (1.278, 0.491, -0.416)),
-    Camera("F_MIDRANGECAM_C", "opencv_pinhole", (416, 256), (220.0, 221.1), (208.3, 127.2),
-           (-0.2, 0.03, -0.0005, 0.0008, 0.0), (1.9, -0.1, 1.3), (-0.8, -1.1, 0.25)),
-    Camera("M_FISHEYE_L", "mei", (400, 220), (179.8, 156.6), (200.6, 107.7),
-           (0.03364013761086061, -0.08420780755924384, 0.0, 0.0, 0.0), (1.0572, 0.6379, 1.4145),
-           (-92.198, -23.491, -0.96), 1.0222136193840399),
-    Camera("M_FISHEYE_R", "mei", (400, 220), (180.0, 157.2), (201.1, 107.8),
-           (0.02733074511706634, -0.0807192774510606, 0.0, 0.0, 0.0), (1.0563, -0.6378, 1.4145),
-           (93.297, -23.618, -0.2), 1.017479743852224),
+    Camera(
+        "F_MIDLONGRANGECAM_CL",
+        "opencv_pinhole",
+        (480, 264),
+        (439.1, 375.4),
+        (240.2, 131.3),
+        (-0.30073606967926025, 0.08419033139944077, 0.002034867648035288, 0.0006097130244597793, 0.0),
+        (1.9311, 0.1072, 1.2488),
+        (1.278, 0.491, -0.416),
+    ),
+    Camera(
+        "F_MIDRANGECAM_C",
+        "opencv_pinhole",
+        (416, 256),
+        (220.0, 221.1),
+        (208.3, 127.2),
+        (-0.2, 0.03, -0.0005, 0.0008, 0.0),
+        (1.9, -0.1, 1.3),
+        (-0.8, -1.1, 0.25),
+    ),
+    Camera(
+        "M_FISHEYE_L",
+        "mei",
+        (400, 220),
+        (179.8, 156.6),
+        (200.6, 107.7),
+        (0.03364013761086061, -0.08420780755924384, 0.0, 0.0, 0.0),
+        (1.0572, 0.6379, 1.4145),
+        (-92.198, -23.491, -0.96),
+        1.0222136193840399,
+    ),
+    Camera(
+        "M_FISHEYE_R",
+        "mei",
+        (400, 220),
+        (180.0, 157.2),
+        (201.1, 107.8),
+        (0.02733074511706634, -0.0807192774510606, 0.0, 0.0, 0.0),
+        (1.0563, -0.6378, 1.4145),
+        (93.297, -23.618, -0.2),
+        1.017479743852224,
+    ),
 )
 FRONT_CAMERAS = ("F_MIDLONGRANGECAM_CL", "F_MIDRANGECAM_C")
 NOVEL_CAMERA = "F_MIDLONGRANGECAM_CL"
-SUPERSAMPLING = 1.25                   # rendered pixels a pixel, each way
-BONNET_CAMERA = "F_MIDRANGECAM_C"      # the one camera that sees the ego vehicle
+SUPERSAMPLING = 1.25  # rendered pixels a pixel, each way
+BONNET_CAMERA = "F_MIDRANGECAM_C"  # the one camera that sees the ego vehicle
 
 
 def rig(size):
@@ -135,22 +170,23 @@ def unproject(camera, u, v):
 @dataclass(frozen=True)
 class RenderPlan:
     """Blender's fisheye picture for a camera: angle = sum_k polynomial[k] radius^(k+1), radius in its own pixels."""
+
     size_px: tuple
     polynomial: tuple
-    scale: float                    # its pixels a unit of normalised distorted radius
+    scale: float  # its pixels a unit of normalised distorted radius
     max_radius_px: float
 
 
 def render_plan(camera, supersampling=SUPERSAMPLING):
     width, height = camera.size_px
-    v, u = np.mgrid[-0.5:height - 0.5:61j, -0.5:width - 0.5:81j]
+    v, u = np.mgrid[-0.5 : height - 0.5 : 61j, -0.5 : width - 0.5 : 81j]
     rays, inside = unproject(camera, u, v)
     angle = np.arctan2(np.hypot(rays[..., 0], rays[..., 1]), rays[..., 2])[inside]
     scale = supersampling * math.sqrt(camera.focal_px[0] * camera.focal_px[1])
     xd, yd = (u - camera.center_px[0]) / camera.focal_px[0], (v - camera.center_px[1]) / camera.focal_px[1]
     radius = (scale * np.hypot(xd, yd))[inside]
     reach = radius.max()
-    near = radius < (0.97 if camera.model == "mei" else 1.0) * reach   # at the fold the slope is infinite
+    near = radius < (0.97 if camera.model == "mei" else 1.0) * reach  # at the fold the slope is infinite
     basis = np.stack([(radius[near] / reach) ** k for k in (1, 2, 3, 4)], 1)
     fit = np.linalg.lstsq(basis, angle[near], rcond=None)[0]
     polynomial = tuple(fit / reach ** np.arange(1, 5))
@@ -178,7 +214,7 @@ def to_render(plan, rays):
 def self_test():
     """Round trips: pixel -> ray -> pixel within 1e-6 px wherever the model reaches."""
     for camera in RIG:
-        v, u = np.mgrid[0:camera.size_px[1]:7, 0:camera.size_px[0]:7].astype(float)
+        v, u = np.mgrid[0 : camera.size_px[1] : 7, 0 : camera.size_px[0] : 7].astype(float)
         rays, inside = unproject(camera, u, v)
         back = project(camera, rays[inside])
         error = np.hypot(back[:, 0] - u[inside], back[:, 1] - v[inside])
@@ -188,5 +224,7 @@ def self_test():
         plan = render_plan(camera)
         x, y = to_render(plan, rays[inside])
         assert x.min() > 0 and y.min() > 0 and x.max() < plan.size_px[0] - 1 and y.max() < plan.size_px[1] - 1
-        print(f"{camera.name:22} reaches {100 * inside.mean():.1f} % of its pixels, round trip {error.max():.1e} px, "
-              f"render {plan.size_px[0]}x{plan.size_px[1]}")
+        print(
+            f"{camera.name:22} reaches {100 * inside.mean():.1f} % of its pixels, round trip {error.max():.1e} px, "
+            f"render {plan.size_px[0]}x{plan.size_px[1]}"
+        )

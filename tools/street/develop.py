@@ -3,15 +3,15 @@
 import functools
 import os
 
-os.environ["OPENCV_IO_ENABLE_OPENEXR"] = "1"      # before the import below
+os.environ["OPENCV_IO_ENABLE_OPENEXR"] = "1"  # before the import below
 import cv2  # noqa: E402
 import numpy as np  # noqa: E402
 
 import cameras  # noqa: E402
 
 EXPOSURE = 1.08
-SHOULDER = 0.6          # linear up to here, then an exponential roll-off to 1
-BRIGHTEST = 2.0         # radiance at which highlights are cut, so that the cubic filter cannot ring around them
+SHOULDER = 0.6  # linear up to here, then an exponential roll-off to 1
+BRIGHTEST = 2.0  # radiance at which highlights are cut, so that the cubic filter cannot ring around them
 JPEG_QUALITY = 90
 
 
@@ -27,7 +27,7 @@ def read_exr(path):
 def _maps(camera):
     """For 3 x 3 points of every pixel: column, row in the render and a weight, 0 where the lens does not reach."""
     plan = cameras.render_plan(camera)
-    v, u = np.mgrid[0:camera.size_px[1], 0:camera.size_px[0]].astype(float)
+    v, u = np.mgrid[0 : camera.size_px[1], 0 : camera.size_px[0]].astype(float)
     maps = []
     for dv in (-1 / 3, 0, 1 / 3):
         for du in (-1 / 3, 0, 1 / 3):

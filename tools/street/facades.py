@@ -6,20 +6,35 @@ Local frame of a house: x along the front, y towards the street, z up, front at 
 import numpy as np
 
 import road
+from front import Front
 from materials import GLASS, WALLS
 from mesh import UNIT_UV, Mesh
 from textures import POSTERS
 
-SHOPS = ("PEKSEG", "BAKERY", "CAFE LUNA", "PHOTO STUDIO", "BOOKS & MAPS", "PHARMACY", "OPTIKA", "FLOWERS", "CYCLES 1931",
-         "HARDWARE", "ANTIK", "BISTRO 24", "TAILOR", "RECORDS", "GALERIA")
+SHOPS = (
+    "PEKSEG",
+    "BAKERY",
+    "CAFE LUNA",
+    "PHOTO STUDIO",
+    "BOOKS & MAPS",
+    "PHARMACY",
+    "OPTIKA",
+    "FLOWERS",
+    "CYCLES 1931",
+    "HARDWARE",
+    "ANTIK",
+    "BISTRO 24",
+    "TAILOR",
+    "RECORDS",
+    "GALERIA",
+)
 DEPTH_M = 9.0
 BASE_Z = -0.5
 
 
-class House:
+class House(Front):
     def __init__(self, rng, width, style):
-        self.rng, self.mesh, self.texts = rng, Mesh(), []
-        self.x0, self.x1, self.width = -width / 2, width / 2, width
+        super().__init__(rng, width)
         self.wall = WALLS[style % len(WALLS)]
         self.base = rng.choice(["stone_block", "stone_dark", self.wall])
         self.trim = rng.choice(["trim_white", "trim_stone", "trim_stone"])
@@ -32,45 +47,6 @@ class House:
         self.axes = [self.x0 + self.pitch * (k + 0.5) for k in range(count)]
         self.window_w = min(rng.uniform(0.95, 1.35), self.pitch * 0.62)
         self.bars = rng.choice([(1, 1), (1, 0), (1, 2), (2, 2)])
-
-    def plane(self, xa, xb, za, zb, material, y=0.0, uvs=None):
-        if xb - xa > 1e-3 and zb - za > 1e-3:
-            self.mesh.quad((xb, y, za), (xa, y, za), (xa, y, zb), (xb, y, zb), material,
-                           uvs or [(xb, za), (xa, za), (xa, zb), (xb, zb)])
-
-    def bar(self, xa, xb, ya, yb, za, zb, material):
-        """Box against the wall: nobody sees its back."""
-        self.mesh.box(xa, xb, ya, yb, za, zb, material, back=False)
-
-    def window(self, x, width, za, zb, recess, glass, bars, frame, rim=0.055):
-        a, c, q = x - width / 2, x + width / 2, self.mesh.quad
-        for side in (a, c):
-            q((side, 0, za), (side, -recess, za), (side, -recess, zb), (side, 0, zb), self.trim)
-        for z in (za, zb):
-            q((a, 0, z), (c, 0, z), (c, -recess, z), (a, -recess, z), self.trim)
-        self.plane(a, c, za, zb, glass, -recess)
-        piece = lambda xa, xb, z0, z1: self.bar(xa, xb, -recess, -recess + 0.05, z0, z1, frame)
-        piece(a, a + rim, za, zb)
-        piece(c - rim, c, za, zb)
-        piece(a, c, za, za + rim)
-        piece(a, c, zb - rim, zb)
-        for k in range(bars[0]):
-            m = a + width * (k + 1) / (bars[0] + 1)
-            piece(m - 0.025, m + 0.025, za, zb)
-        for k in range(bars[1]):
-            m = za + (zb - za) * (0.68 if bars[1] == 1 else (k + 1) / (bars[1] + 1))
-            piece(a, c, m - 0.025, m + 0.025)
-
-    def pierced(self, z0, z1, openings, za, zb, material):
-        """Wall band from z0 to z1 with openings [(xa, xb)] from za to zb."""
-        self.plane(self.x0, self.x1, z0, za, material)
-        self.plane(self.x0, self.x1, zb, z1, material)
-        edges = [self.x0, *[x for o in openings for x in o], self.x1]
-        for k in range(0, len(edges), 2):
-            self.plane(edges[k], edges[k + 1], za, zb, material)
-
-    def opening(self, x, width):
-        return x - width / 2, x + width / 2
 
     def upper_floors(self):
         rng, ww = self.rng, self.window_w
@@ -94,31 +70,6 @@ class House:
                     self.balcony(x, z0)
             self.bar(self.x0, self.x1, -0.01, 0.07, z0 - 0.12, z0 + 0.10, self.trim)
 
-    def shutters(self, x, za, zb):
-        leaf = "wood_brown" if self.frame == "wood_brown" else "wood_green"
-        for side in (-1, 1):
-            m = x + side * (self.window_w / 2 + 0.37)
-            self.bar(m - 0.2, m + 0.2, 0.0, 0.05, za, zb, leaf)
-            for k in range(11):
-                z = za + 0.07 + k * (zb - za - 0.14) / 11
-                self.bar(m - 0.16, m + 0.16, 0.05, 0.065, z, z + 0.05, "trim_dark" if k % 2 else self.frame)
-
-    def balcony(self, x, z0):
-        rng, box = self.rng, self.mesh.box
-        self.bar(x - self.window_w / 2 - 0.3, x + self.window_w / 2 + 0.3, 0, 0.8, z0 + 0.18, z0 + 0.32, self.trim)
-        xa, xb = x - self.window_w / 2 - 0.26, x + self.window_w / 2 + 0.26
-        box(xa, xb, 0.72, 0.76, z0 + 1.18, z0 + 1.23, "metal_dark")
-        rails = int((xb - xa) / 0.11)
-        for k in range(rails + 1):
-            m = xa + (xb - xa) * k / rails
-            box(m - 0.011, m + 0.011, 0.73, 0.752, z0 + 0.32, z0 + 1.18, "metal_dark")
-        for m in (xa, xb):
-            box(m - 0.02, m + 0.02, 0, 0.74, z0 + 1.18, z0 + 1.22, "metal_dark")
-        if rng.random() < 0.6:
-            for _ in range(70):
-                at = np.array([rng.uniform(xa, xb), 0.78 + rng.gauss(0, 0.07), z0 + 1.05 + rng.gauss(0, 0.16)])
-                self.mesh.leaf(at, 0.06, 0.04, rng, rng.choice(["leaf_a", "leaf_b", "leaf_b", "sign_red"]))
-
     def shop(self):
         rng, top = self.rng, self.ground_h - 0.95
         count = max(2, int(self.width / 2.6))
@@ -128,42 +79,77 @@ class House:
         self.pierced(BASE_Z, self.ground_h, [self.opening(x, width) for x in axes], 0.45, top, self.base)
         front = rng.choice(["wood_green", "wood_red", "trim_dark", "wood_brown"])
         for k, x in enumerate(axes):
-            self.window(x, width, 0.45, top, 0.22, rng.choice(["glass_a", "glass_b", "glass_c"]),
-                        (1, 2 if k == door else 1), front, 0.08)
+            self.window(
+                x,
+                width,
+                0.45,
+                top,
+                0.22,
+                rng.choice(["glass_a", "glass_b", "glass_c"]),
+                (1, 2 if k == door else 1),
+                front,
+                0.08,
+            )
             if k == door:
                 self.bar(x - 0.55, x + 0.55, -0.2, -0.1, -0.3, 2.3, front)
                 self.plane(x - 0.4, x + 0.4, 1.0, 2.15, "glass_b", -0.098)
                 self.bar(x + 0.35, x + 0.40, -0.1, -0.04, 1.0, 1.3, "alloy")
             elif rng.random() < 0.55:
-                for n in range(rng.randrange(1, 4)):      # prints in the shop window
+                for n in range(rng.randrange(1, 4)):  # prints in the shop window
                     h, z = rng.uniform(0.5, 0.95), 0.6 + rng.uniform(0, 0.5)
                     xa = x - width / 2 + 0.15 + n * width / 3.2
                     self.plane(xa, xa + 0.66 * h, z, z + h, f"poster{rng.randrange(POSTERS)}", -0.215, UNIT_UV)
         sign = rng.choice(["sign_red", "sign_blue", "sign_green", "sign_black", "sign_yellow"])
         self.bar(self.x0 + 0.3, self.x1 - 0.3, 0, 0.12, self.ground_h - 0.85, self.ground_h - 0.2, sign)
-        self.texts.append((rng.choice(SHOPS), 0.46, "sign_black" if sign == "sign_yellow" else "sign_white", 0, 0.125,
-                           self.ground_h - 0.52))
-        if rng.random() < 0.55:                            # awning
+        self.texts.append(
+            (
+                rng.choice(SHOPS),
+                0.46,
+                "sign_black" if sign == "sign_yellow" else "sign_white",
+                0,
+                0.125,
+                self.ground_h - 0.52,
+            )
+        )
+        if rng.random() < 0.55:  # awning
             xa, xb = self.x0 + 0.4, self.x1 - 0.4
             uvs = [(xb, 0), (xa, 0), (xa, 1), (xb, 1)]
-            self.mesh.polygon([(xb, 0.02, top), (xa, 0.02, top), (xa, 1.25, top - 0.55), (xb, 1.25, top - 0.55)], "awning", uvs)
-            self.mesh.polygon([(xb, 1.25, top - 0.55), (xa, 1.25, top - 0.55), (xa, 1.25, top - 0.8), (xb, 1.25, top - 0.8)],
-                              "awning", uvs)
+            self.mesh.polygon(
+                [(xb, 0.02, top), (xa, 0.02, top), (xa, 1.25, top - 0.55), (xb, 1.25, top - 0.55)], "awning", uvs
+            )
+            self.mesh.polygon(
+                [(xb, 1.25, top - 0.55), (xa, 1.25, top - 0.55), (xa, 1.25, top - 0.8), (xb, 1.25, top - 0.8)],
+                "awning",
+                uvs,
+            )
         if rng.random() < 0.7:
             self.projecting_sign()
 
     def projecting_sign(self):
         rng, q = self.rng, self.mesh.quad
         x, z = self.x0 + rng.uniform(0.8, self.width - 0.8), self.ground_h + 0.55
-        self.mesh.box(x - 0.03, x + 0.03, 0.1, 0.95, z - 0.35, z + 0.35,
-                      rng.choice(["sign_blue", "sign_red", "sign_green", "sign_yellow"]))
+        self.mesh.box(
+            x - 0.03,
+            x + 0.03,
+            0.1,
+            0.95,
+            z - 0.35,
+            z + 0.35,
+            rng.choice(["sign_blue", "sign_red", "sign_green", "sign_yellow"]),
+        )
         self.mesh.cylinder((x, 0, z + 0.45), (x, 1.0, z + 0.45), 0.02, 0.02, "metal_dark", 6)
         for side in (-1, 1):
             for i in range(4):
                 for j in range(4):
                     if (i + j) % 2:
                         y, low, at = 0.14 + 0.2 * i, z - 0.32 + 0.16 * j, x + side * 0.033
-                        q((at, y, low), (at, y + 0.2, low), (at, y + 0.2, low + 0.16), (at, y, low + 0.16), "sign_white")
+                        q(
+                            (at, y, low),
+                            (at, y + 0.2, low),
+                            (at, y + 0.2, low + 0.16),
+                            (at, y, low + 0.16),
+                            "sign_white",
+                        )
 
     def dwelling(self):
         """Ground floor with a door, barred windows and posters."""
@@ -203,8 +189,15 @@ class House:
             self.mesh.quad((m, 0, BASE_Z), (m, -0.25, BASE_Z), (m, -0.25, 2.75), (m, 0, 2.75), self.trim)
             self.bar(x + side * 0.72 - 0.1, x + side * 0.72 + 0.1, -0.01, 0.08, -0.3, 2.75, self.trim)
             for z in (0.2, 0.95, 1.55):
-                self.bar(x + side * 0.30 - 0.2, x + side * 0.30 + 0.2, -0.25, -0.225, z, z + 0.5,
-                         "trim_dark" if leaf == "wood_brown" else leaf)
+                self.bar(
+                    x + side * 0.30 - 0.2,
+                    x + side * 0.30 + 0.2,
+                    -0.25,
+                    -0.225,
+                    z,
+                    z + 0.5,
+                    "trim_dark" if leaf == "wood_brown" else leaf,
+                )
         self.bar(x - 0.95, x + 0.95, -0.01, 0.25, 2.75, 2.95, self.trim)
         self.mesh.box(x - 0.7, x + 0.7, -0.3, 0.35, -0.4, 0.10, "trim_stone")
         self.bar(x + 0.97, x + 1.33, -0.01, 0.01, 1.95, 2.25, "sign_white")
@@ -223,12 +216,21 @@ class House:
         if rng.random() < 0.6:
             ridge_y, ridge_z = -DEPTH_M / 2, top + rng.uniform(1.8, 3.0)
             for eave_y in (0.3, -DEPTH_M - 0.2):
-                mesh.quad((x1, eave_y, top + 0.03), (x0, eave_y, top + 0.03), (x0, ridge_y, ridge_z), (x1, ridge_y, ridge_z),
-                          "roof_tile", [(x1, 0), (x0, 0), (x0, 5.5), (x1, 5.5)])
+                mesh.quad(
+                    (x1, eave_y, top + 0.03),
+                    (x0, eave_y, top + 0.03),
+                    (x0, ridge_y, ridge_z),
+                    (x1, ridge_y, ridge_z),
+                    "roof_tile",
+                    [(x1, 0), (x0, 0), (x0, 5.5), (x1, 5.5)],
+                )
             for x in (x0, x1):
-                mesh.polygon([(x, 0, top), (x, -DEPTH_M, top), (x, ridge_y, ridge_z)], self.wall,
-                             [(0, top), (DEPTH_M, top), (-ridge_y, ridge_z)])
-            for _ in range(rng.randrange(0, 3)):          # dormers
+                mesh.polygon(
+                    [(x, 0, top), (x, -DEPTH_M, top), (x, ridge_y, ridge_z)],
+                    self.wall,
+                    [(0, top), (DEPTH_M, top), (-ridge_y, ridge_z)],
+                )
+            for _ in range(rng.randrange(0, 3)):  # dormers
                 x = rng.uniform(x0 + 1, x1 - 1)
                 mesh.box(x - 0.5, x + 0.5, -2.4, -0.7, top + 0.3, top + 1.6, self.wall)
                 self.plane(x - 0.35, x + 0.35, top + 0.6, top + 1.4, "glass_a", -0.695)
@@ -253,8 +255,13 @@ def _end_block(stage, rng, s, turn):
             for k in range(2):
                 a = x + 0.6 + 2.4 * k
                 mesh.box(a, a + 1.3, -0.1, 0.04, z + 0.9, z + 2.5, "trim_white", back=False)
-                mesh.quad((a + 1.2, 0.045, z + 1), (a + 0.1, 0.045, z + 1), (a + 0.1, 0.045, z + 2.4), (a + 1.2, 0.045, z + 2.4),
-                          rng.choice(["glass_a", "curtain", "blinds"]))
+                mesh.quad(
+                    (a + 1.2, 0.045, z + 1),
+                    (a + 0.1, 0.045, z + 1),
+                    (a + 0.1, 0.045, z + 2.4),
+                    (a + 1.2, 0.045, z + 2.4),
+                    rng.choice(["glass_a", "curtain", "blinds"]),
+                )
     mesh.box(-28, 33, -8, 0.3, 16, 16.6, "trim_stone")
     stage.add("end", mesh, road.frame(s, 0, 0, turn))
 
@@ -278,6 +285,6 @@ def build(stage, settings, end):
             style += 1
             s += width / share + 0.06
             if rng.random() < 0.16:
-                s += rng.uniform(2.5, 4.0)      # a lane between the houses
+                s += rng.uniform(2.5, 4.0)  # a lane between the houses
     _end_block(stage, rng, end - 25, np.pi / 2)
     _end_block(stage, rng, road.START_S + 8, -np.pi / 2)

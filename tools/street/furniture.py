@@ -10,10 +10,23 @@ from mesh import UNIT_UV, Mesh
 from road import KERB_T
 from textures import POSTERS
 
-SIGNS = ((19, -1, "round", "30"), (33, -1, "square", "P"), (44, -1, "triangle", "!"), (53, -1, "square", "A"),
-         (62, 1, "round", "40"), (70, -1, "check", None), (27, 1, "square", "P"), (39, 1, "check", None),
-         (50, 1, "triangle", "!"), (84, -1, "round", "50"), (96, -1, "square", "P"), (4, -1, "check", None),
-         (8, 1, "round", "30"), (-8, -1, "square", "P"), (110, 1, "check", None))
+SIGNS = (
+    (19, -1, "round", "30"),
+    (33, -1, "square", "P"),
+    (44, -1, "triangle", "!"),
+    (53, -1, "square", "A"),
+    (62, 1, "round", "40"),
+    (70, -1, "check", None),
+    (27, 1, "square", "P"),
+    (39, 1, "check", None),
+    (50, 1, "triangle", "!"),
+    (84, -1, "round", "50"),
+    (96, -1, "square", "P"),
+    (4, -1, "check", None),
+    (8, 1, "round", "30"),
+    (-8, -1, "square", "P"),
+    (110, 1, "check", None),
+)
 COLUMNS = ((28.0, -1), (41.5, 1), (74.0, -1), (57.0, 1))
 WIRES_S = (17, 31.5, 47, 66, 88, 112)
 
@@ -48,8 +61,15 @@ def _sign(stage, s, side, kind, words):
     else:
         for i in range(6):
             for j in range(6):
-                mesh.box(-0.36 + 0.12 * i, -0.24 + 0.12 * i, 0.03, 0.05, 2.0 + 0.12 * j, 2.12 + 0.12 * j,
-                         "sign_white" if (i + j) % 2 else "sign_black")
+                mesh.box(
+                    -0.36 + 0.12 * i,
+                    -0.24 + 0.12 * i,
+                    0.03,
+                    0.05,
+                    2.0 + 0.12 * j,
+                    2.12 + 0.12 * j,
+                    "sign_white" if (i + j) % 2 else "sign_black",
+                )
     stage.add("sign", mesh, place)
     if words:
         size, height = (0.22, 2.34) if kind == "triangle" else (0.30, z)
@@ -87,7 +107,11 @@ def _pavement_things(stage, rng, end):
                 mesh.cylinder(foot, foot + (0, 0, 0.55), 0.42, 0.55, "concrete", 18)
                 for k in range(260):
                     at = foot + (rng.gauss(0, 0.25), rng.gauss(0, 0.25), 0.55 + abs(rng.gauss(0, 0.28)))
-                    blossom = rng.choice(["sign_yellow", "sign_red"]) if k % 9 == 0 else rng.choice(["leaf_a", "leaf_b", "leaf_c"])
+                    blossom = (
+                        rng.choice(["sign_yellow", "sign_red"])
+                        if k % 9 == 0
+                        else rng.choice(["leaf_a", "leaf_b", "leaf_c"])
+                    )
                     mesh.leaf(at, 0.09, 0.05, rng, blossom)
             else:
                 stage.place("bench", bench, road.side_frame(side, s, KERB_T + 2.2))
@@ -133,8 +157,12 @@ def _column(rng):
         a, b = (2 * math.pi * (k + e) / sides for e in (0, 1))
         u0, u1 = k % 6 / 6, (k % 6 + 1) / 6
         around = [(radius * math.cos(w), radius * math.sin(w)) for w in (a, b)]
-        mesh.polygon([(*around[0], 0.45), (*around[1], 0.45), (*around[1], 2.75), (*around[0], 2.75)],
-                     f"poster{posters[k // 6]}", [(u0, 0), (u1, 0), (u1, 1), (u0, 1)], smooth=True)
+        mesh.polygon(
+            [(*around[0], 0.45), (*around[1], 0.45), (*around[1], 2.75), (*around[0], 2.75)],
+            f"poster{posters[k // 6]}",
+            [(u0, 0), (u1, 0), (u1, 1), (u0, 1)],
+            smooth=True,
+        )
     return mesh
 
 

@@ -12,8 +12,8 @@ from settings import FIRST_ID, NOVEL_PLACES, NOVEL_VIEWS, ROLLING_READOUT_S, fra
 class Job:
     variant: str
     camera: str
-    index: int               # frame
-    novel: str = ""          # key of NOVEL_VIEWS
+    index: int  # frame
+    novel: str = ""  # key of NOVEL_VIEWS
 
     @property
     def frame_id(self):

@@ -55,8 +55,9 @@ class Mesh:
         for k in range(sides):
             n = (k + 1) % sides
             u0, u1 = angles[k] * r0, (angles[k] + 2 * math.pi / sides) * r0
-            self.polygon([low[k], low[n], high[n], high[k]], material, [(u0, 0), (u1, 0), (u1, length), (u0, length)],
-                         smooth)
+            self.polygon(
+                [low[k], low[n], high[n], high[k]], material, [(u0, 0), (u1, 0), (u1, length), (u0, length)], smooth
+            )
         if caps:
             self.polygon(high, material, [(p[0], p[1]) for p in high])
             self.polygon(low[::-1], material, [(p[0], p[1]) for p in low[::-1]])
@@ -71,8 +72,10 @@ class Mesh:
         d1 /= np.linalg.norm(d1)
         d2 = np.cross(d1, [rng.gauss(0, 1) for _ in range(3)])
         d2 /= np.linalg.norm(d2) + 1e-9
-        self.polygon([center - half_length * d1, center + half_width * d2, center + half_length * d1,
-                      center - half_width * d2], material)
+        self.polygon(
+            [center - half_length * d1, center + half_width * d2, center + half_length * d1, center - half_width * d2],
+            material,
+        )
 
     def data(self, name, materials, weld=False):
         """Blender mesh; weld joins coincident vertices, for smooth shading across faces."""

@@ -14,8 +14,8 @@ from lidar import ELEVATIONS_DEG, NEAR_M, POSITION_M, RANGE_M, RANGE_NOISE_M, RE
 from settings import FIRST_ID, FIRST_TIME_S, frame_time_s
 from traffic import TRAFFIC
 
-DEPTH_LIMIT_MM = 65535                           # what 16 bits hold
-DEPTH_STEP_MM = 10                               # a third of the size of files that are exact to the millimetre
+DEPTH_LIMIT_MM = 65535  # what 16 bits hold
+DEPTH_STEP_MM = 10  # a third of the size of files that are exact to the millimetre
 
 
 class Caster:
@@ -36,7 +36,9 @@ class Caster:
             mesh.vertices.foreach_get("co", points)
             first = len(vertices)
             vertices += (points.reshape(-1, 3) @ m[:3, :3].T + m[:3, 3]).tolist()
-            shades = [int(255 * np.clip(np.mean(s.diffuse_color[:3]), 0, 1)) if s else 60 for s in mesh.materials] or [60]
+            shades = [int(255 * np.clip(np.mean(s.diffuse_color[:3]), 0, 1)) if s else 60 for s in mesh.materials] or [
+                60
+            ]
             for polygon in mesh.polygons:
                 faces.append([v + first for v in polygon.vertices])
                 self.intensity.append(shades[polygon.material_index])
@@ -67,7 +69,9 @@ def _packets(settings, variant, static, moving):
     for number in range(-STEPS // 2, round(frame_time_s(frames - 1) / step) + STEPS // 2 + 1):
         t = number * step
         azimuth = -2 * np.pi * number / STEPS
-        rays = np.stack([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], 1)
+        rays = np.stack(
+            [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], 1
+        )
         pose = trajectory.world_from_body(t)
         origin = pose[:3, :3] @ POSITION_M + pose[:3, 3]
         world_rays = rays @ pose[:3, :3].T
@@ -93,8 +97,12 @@ def _revolutions(settings, variant, packets):
         middle = round(frame_time_s(i) * STEPS / REVOLUTION_S)
         own = [packets[n] for n in range(middle - STEPS // 2, middle + STEPS // 2)]
         time_ns = np.concatenate([np.full(len(p), round((FIRST_TIME_S + t) * 1e9), float) for t, p, _ in own])
-        las.write(folder / f"frame_{FIRST_ID + i:07d}.las", np.concatenate([p for _, p, _ in own]),
-                  np.concatenate([v for _, _, v in own]), time_ns)
+        las.write(
+            folder / f"frame_{FIRST_ID + i:07d}.las",
+            np.concatenate([p for _, p, _ in own]),
+            np.concatenate([v for _, _, v in own]),
+            time_ns,
+        )
         counts.append(len(time_ns))
     print(f"lidar: {variant}, {min(counts)} to {max(counts)} points a revolution")
 
@@ -115,8 +123,7 @@ def _depths(settings, static):
         stepped = DEPTH_STEP_MM * np.round(1000 * distance / DEPTH_STEP_MM)
         depth_mm = np.where(np.isfinite(distance) & inside.ravel(), np.minimum(stepped, DEPTH_LIMIT_MM), 0)
         target.parent.mkdir(parents=True, exist_ok=True)
-        cv2.imwrite(str(target), depth_mm.astype(np.uint16).reshape(height, width),
-                    [cv2.IMWRITE_PNG_COMPRESSION, 9])
+        cv2.imwrite(str(target), depth_mm.astype(np.uint16).reshape(height, width), [cv2.IMWRITE_PNG_COMPRESSION, 9])
     print("depth of the new views: done")
 
 
@@ -125,7 +132,7 @@ def raycast(settings):
     static = Caster(_static())
     for variant in settings.variants:
         if variant == "rolling":
-            continue          # cameras only
+            continue  # cameras only
         moving = []
         if variant == "traffic":
             moving = [(v, Caster([bpy.data.objects[f"traffic_{v.object_id}"]], v.world_from_car(0.0))) for v in TRAFFIC]

@@ -15,7 +15,7 @@ from mesh import to_matrix
 from traffic import TRAFFIC
 
 OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
-ROLLING_KEYS = 5             # camera poses a rolling picture, interpolated linearly: 7.5 ms apart
+ROLLING_KEYS = 5  # camera poses a rolling picture, interpolated linearly: 7.5 ms apart
 
 
 def cycles_settings(samples, threads=1):
@@ -59,7 +59,7 @@ class Lens:
         d.sensor_height = 36.0 * plan.size_px[1] / plan.size_px[0]
         d.cycles.panorama_type, d.cycles.fisheye_fov = "FISHEYE_LENS_POLYNOMIAL", 2 * np.pi
         d.cycles.fisheye_polynomial_k0 = 0.0
-        px_of_mm = plan.size_px[0] / 36.0        # Blender's radius is in millimetres, its angle negative
+        px_of_mm = plan.size_px[0] / 36.0  # Blender's radius is in millimetres, its angle negative
         for k, c in enumerate(plan.polynomial):
             setattr(d.cycles, f"fisheye_polynomial_k{k + 1}", -c * px_of_mm ** (k + 1))
         self.body_from_lens = camera.body_from_camera() @ OPENGL_FROM_OPENCV
@@ -73,8 +73,8 @@ class Lens:
         self.place(world_from_body)
 
     def roll(self, camera, plan, world_from_body_at, exposure_s, readout_s):
-        """Cycles exposes row j of n (from the top) at (j + 1) / n of the shutter. The poses there are those of the time at
-        which that row's pixels are read: exposure + ((row + 0.5) / height - 0.5) readout."""
+        """Cycles exposes row j of n (from the top) at (j + 1) / n of the shutter. The poses there are those of the time
+        at which that row's pixels are read: exposure + ((row + 0.5) / height - 0.5) readout."""
         scene = bpy.context.scene
         scene.render.use_motion_blur, scene.render.motion_blur_shutter = True, 1.0
         scene.cycles.motion_blur_position = "START"
@@ -131,8 +131,8 @@ def render_job(job, settings, lens, rig, target, seed_of=""):
         lens.still(job.world_from_body(job.exposure_s))
     start, cpu = time.time(), time.process_time()
     expose(target, job.key + seed_of)
-    print(f"JOB {job.key} {plan.size_px[0]}x{plan.size_px[1]} {time.time() - start:.1f} s, {time.process_time() - cpu:.1f} CPU s",
-          flush=True)
+    seconds = f"{time.time() - start:.1f} s, {time.process_time() - cpu:.1f} CPU s"
+    print(f"JOB {job.key} {plan.size_px[0]}x{plan.size_px[1]} {seconds}", flush=True)
 
 
 def open_scene(settings):
@@ -152,6 +152,6 @@ def render(settings):
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
-                continue          # another process is at it
+                continue  # another process is at it
             if not target.exists():
                 render_job(job, settings, lens, rig, target)

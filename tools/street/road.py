@@ -6,12 +6,12 @@ kerbs; pavements lead from there to the facades.
 """
 import numpy as np
 
-KERB_T = 5.45        # |t| of the kerb's face
-FACADE_T = 8.25      # |t| of the house fronts
-LANE_T = 1.65        # |t| of a lane's middle
-LANE_EDGE_T = 3.3    # lane | parking
+KERB_T = 5.45  # |t| of the kerb's face
+FACADE_T = 8.25  # |t| of the house fronts
+LANE_T = 1.65  # |t| of a lane's middle
+LANE_EDGE_T = 3.3  # lane | parking
 START_S = -60
-RADIUS_M = 170.0     # of the bends
+RADIUS_M = 170.0  # of the bends
 BEND_PERIOD_M = 140.0
 
 _STEP = 0.05
@@ -66,7 +66,7 @@ def profile_z(s):
 
 
 def cross_z(t):
-    """Height of the surface above the centre line: cambered carriageway, 13 cm of kerb, pavement falling to the kerb."""
+    """Height of the surface above the centre line: cambered carriageway, kerb of 13 cm, pavement that falls to it."""
     a = abs(t)
     if a <= KERB_T + 1e-6:
         return -0.02 * a

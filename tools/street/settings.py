@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-FIRST_ID = 1000          # frame ids are FIRST_ID, FIRST_ID + 1, ...
+FIRST_ID = 1000  # frame ids are FIRST_ID, FIRST_ID + 1, ...
 FRAME_RATE_HZ = 15.0
-FIRST_TIME_S = 5000.0    # host clock of the first frame
-SHORT_FRAMES = 24        # length of the traffic and rolling variants at most
+FIRST_TIME_S = 5000.0  # host clock of the first frame
+SHORT_FRAMES = 24  # length of the traffic and rolling variants at most
 NOVEL_PLACES = 6
 ROLLING_READOUT_S = 0.030
 
@@ -28,18 +28,28 @@ NOVEL_VIEWS = {
 
 @dataclass(frozen=True)
 class Settings:
-    out: str                   # folder of the recording; the other variants get a suffix
-    work: str                  # scratch: scene, raw renders
+    out: str  # folder of the recording; the other variants get a suffix
+    work: str  # scratch: scene, raw renders
     seed: int = 7
-    size: float = 1.0          # factor on all image sizes
+    size: float = 1.0  # factor on all image sizes
     frames: int = 48
-    samples: int = 32          # light paths a rendered pixel
+    samples: int = 32  # light paths a rendered pixel
     variants: list = field(default_factory=lambda: list(VARIANTS))
     novel: list = field(default_factory=lambda: list(NOVEL_VIEWS))
 
     def save(self):
-        Path(self.work).mkdir(parents=True, exist_ok=True)
-        (Path(self.work) / "settings.json").write_text(json.dumps(asdict(self), indent=1))
+        """Into the scratch folder, which must not hold renders of another street."""
+        file = Path(self.work) / "settings.json"
+        if file.exists():
+            before = Settings.load(self.work)
+            for name in ("seed", "size", "frames", "samples"):
+                if getattr(before, name) != getattr(self, name):
+                    raise SystemExit(
+                        f"{file}: {name} {getattr(before, name)}: the folder holds renders of that; expected "
+                        f"{getattr(self, name)}, or another --work"
+                    )
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(json.dumps(asdict(self), indent=1))
 
     @staticmethod
     def load(work):

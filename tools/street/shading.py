@@ -12,7 +12,7 @@ class Shader:
         self.tree = self.material.node_tree
         self.tree.nodes.clear()
         self.flat = flat
-        self.material.diffuse_color = (*flat, 1)      # what the LiDAR's intensity is taken from
+        self.material.diffuse_color = (*flat, 1)  # what the LiDAR's intensity is taken from
 
     def node(self, kind, inputs=None, **properties):
         node = self.tree.nodes.new("ShaderNode" + kind)
@@ -35,7 +35,9 @@ class Shader:
         return at if scale == (1, 1, 1) else self.node("Mapping", {"Vector": at, "Scale": scale}).outputs["Vector"]
 
     def noise(self, at, scale, detail=2, roughness=0.55):
-        return self.node("TexNoise", {"Vector": at, "Scale": scale, "Detail": detail, "Roughness": roughness}).outputs["Fac"]
+        return self.node("TexNoise", {"Vector": at, "Scale": scale, "Detail": detail, "Roughness": roughness}).outputs[
+            "Fac"
+        ]
 
     def warped(self, at, scale, detail):
         """at + noise, for irregular cracks."""
@@ -46,13 +48,27 @@ class Shader:
         return self.node("TexVoronoi", {"Vector": at, "Scale": scale}, feature=feature)
 
     def brick(self, at, color1, color2, mortar, width, height, joint):
-        return self.node("TexBrick", {"Vector": at, "Color1": color1, "Color2": color2, "Mortar": mortar, "Scale": 1.0,
-                                      "Brick Width": width, "Row Height": height, "Mortar Size": joint,
-                                      "Mortar Smooth": 0.1}).outputs["Color"]
+        return self.node(
+            "TexBrick",
+            {
+                "Vector": at,
+                "Color1": color1,
+                "Color2": color2,
+                "Mortar": mortar,
+                "Scale": 1.0,
+                "Brick Width": width,
+                "Row Height": height,
+                "Mortar Size": joint,
+                "Mortar Smooth": 0.1,
+            },
+        ).outputs["Color"]
 
     def ramp(self, value, to_low, to_high, low=0.3, high=0.7):
-        return self.node("MapRange", {"Value": value, "From Min": low, "From Max": high, "To Min": to_low,
-                                      "To Max": to_high}, clamp=True).outputs["Result"]
+        return self.node(
+            "MapRange",
+            {"Value": value, "From Min": low, "From Max": high, "To Min": to_low, "To Max": to_high},
+            clamp=True,
+        ).outputs["Result"]
 
     def maximum(self, a, b):
         return self.node("Math", {0: a, 1: b}, operation="MAXIMUM").outputs[0]
@@ -86,4 +102,6 @@ class Shader:
 
     def leaf(self, color, through=0.3):
         front = self.node("BsdfDiffuse", {"Color": color}).outputs[0]
-        return self._finish(self._mix_shaders(through, front, self.node("BsdfTranslucent", {"Color": color}).outputs[0]))
+        return self._finish(
+            self._mix_shaders(through, front, self.node("BsdfTranslucent", {"Color": color}).outputs[0])
+        )

@@ -12,6 +12,7 @@ import sys
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
+sys.dont_write_bytecode = True
 
 import settings as s  # noqa: E402
 
@@ -23,15 +24,19 @@ def in_blender(stage, work):
     chosen = s.Settings.load(work)
     if stage == "build":
         import scene
+
         scene.build(chosen)
     elif stage == "render":
         import render
+
         render.render(chosen)
     elif stage == "raycast":
         import raycast
+
         raycast.raycast(chosen)
     else:
         import verify
+
         getattr(verify, f"render_{stage}")(chosen)
 
 
@@ -58,22 +63,35 @@ def main():
     args = p.parse_args()
     if args.self_test:
         import cameras
+
         return cameras.self_test()
     if not args.out:
         p.error("OUT is missing")
-    names = lambda text, known: [n for n in text.split(",") if n in known or n == "none" or p.error(f"unknown: {n!r}")]
-    novel = [n for n in names(args.novel, s.NOVEL_VIEWS) if n != "none"]
-    chosen = s.Settings(args.out.rstrip("/"), args.work, args.seed, args.size, args.frames, args.samples,
-                        names(args.variants, s.VARIANTS), novel)
+    names = lambda text, known: [
+        n for n in text.split(",") if n in known or p.error(f"{n!r}: known are {', '.join(known)}")
+    ]
+    novel = [] if args.novel == "none" else names(args.novel, s.NOVEL_VIEWS)
+    chosen = s.Settings(
+        args.out.rstrip("/"),
+        args.work,
+        args.seed,
+        args.size,
+        args.frames,
+        args.samples,
+        names(args.variants, s.VARIANTS),
+        novel,
+    )
     chosen.save()
     for stage in names(args.stages, (*STAGES, "verify")):
         if stage == "verify":
             import verify
+
             run_blender("markers", args.work)
             run_blender("noise", args.work)
             verify.report(chosen)
         elif stage == "write":
             import write
+
             write.write(chosen)
         else:
             run_blender(stage, args.work, args.processes if stage == "render" else 1)
@@ -81,6 +99,6 @@ def main():
 
 if __name__ == "__main__":
     if "--" in sys.argv:
-        in_blender(*sys.argv[sys.argv.index("--") + 1:])
+        in_blender(*sys.argv[sys.argv.index("--") + 1 :])
     else:
         main()

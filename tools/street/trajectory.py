@@ -9,11 +9,11 @@ from settings import FRAME_RATE_HZ, Settings, frame_time_s
 
 SPEED_M_S = 8.0
 START_S = 12.0
-POSE_NOISE_M = (0.06, 0.06, 0.03)      # along, left, up: RMS
-POSE_NOISE_DEG = 0.12                  # about each axis: RMS
+POSE_NOISE_M = (0.06, 0.06, 0.03)  # along, left, up: RMS
+POSE_NOISE_DEG = 0.12  # about each axis: RMS
 NOISE_CORRELATION_S = 0.7
-YAW_ERROR_DEG = {"F_MIDRANGECAM_C": 0.15}      # in calibration.json, not in calibration_true.json
-TIME_OFFSET_S = {"M_FISHEYE_L": -0.012}        # exposed so much after the pose's time (negative: before)
+YAW_ERROR_DEG = {"F_MIDRANGECAM_C": 0.15}  # in calibration.json, not in calibration_true.json
+TIME_OFFSET_S = {"M_FISHEYE_L": -0.012}  # exposed so much after the pose's time (negative: before)
 
 
 def _s(t):
@@ -41,8 +41,11 @@ def world_from_body(t):
     s = _s(t)
     slope = float(road.profile_z(s + 1.4) - road.profile_z(s - 1.4)) / 2.8
     m = np.eye(4)
-    m[:3, :3] = rotation(math.atan2(ahead[1], ahead[0]), slope + math.radians(wave(0.22, 0.9, 1.0) + wave(0.10, 0.37)),
-                         math.radians(wave(0.30, 1.25, 0.3) + 0.25))
+    m[:3, :3] = rotation(
+        math.atan2(ahead[1], ahead[0]),
+        slope + math.radians(wave(0.22, 0.9, 1.0) + wave(0.10, 0.37)),
+        math.radians(wave(0.30, 1.25, 0.3) + 0.25),
+    )
     m[:2, 3] = here
     m[2, 3] = float(road.profile_z(s)) + road.cross_z(_t(t)) + wave(0.008, 0.8)
     return m
@@ -81,9 +84,9 @@ def pose_noise(settings: Settings, frames):
     covariance = np.exp(-0.5 * ((t[:, None] - t[None]) / NOISE_CORRELATION_S) ** 2) + 1e-9 * np.eye(frames)
     noise = np.linalg.cholesky(covariance) @ settings.np_rng("pose noise").normal(size=(frames, 6))
     rms = np.array([*POSE_NOISE_M, *[math.radians(POSE_NOISE_DEG)] * 3])
-    if frames >= FRAME_RATE_HZ:      # a shorter piece is too smooth to be centred
+    if frames >= FRAME_RATE_HZ:  # a shorter piece is too smooth to be centred
         noise -= noise.mean(0)
-        return noise / np.sqrt((noise ** 2).mean(0)) * rms
+        return noise / np.sqrt((noise**2).mean(0)) * rms
     return noise * rms
 
 

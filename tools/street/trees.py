@@ -15,7 +15,9 @@ PIT_T = road.KERB_T + 0.85
 def _tree(rng, numbers, leaf):
     mesh = Mesh()
     top = 3.0 + 0.4 * rng.random()
-    trunk = [np.array([0, 0, -0.1])] + [np.array([rng.gauss(0, 0.05), rng.gauss(0, 0.05), (k + 1) * top / 5]) for k in range(5)]
+    trunk = [np.array([0, 0, -0.1])] + [
+        np.array([rng.gauss(0, 0.05), rng.gauss(0, 0.05), (k + 1) * top / 5]) for k in range(5)
+    ]
     radii = (0.20, 0.16, 0.145, 0.135, 0.12, 0.10)
     for k in range(5):
         mesh.cylinder(trunk[k], trunk[k + 1], radii[k], radii[k + 1], "bark", 12, caps=False)
@@ -44,15 +46,24 @@ def _tree(rng, numbers, leaf):
 def _pit():
     mesh = Mesh()
     mesh.box(-0.55, 0.55, -0.45, 0.45, -0.05, 0.015, "soil")
-    for x0, x1, y0, y1 in ((-0.6, 0.6, -0.5, -0.45), (-0.6, 0.6, 0.45, 0.5), (-0.6, -0.55, -0.5, 0.5), (0.55, 0.6, -0.5, 0.5)):
+    for x0, x1, y0, y1 in (
+        (-0.6, 0.6, -0.5, -0.45),
+        (-0.6, 0.6, 0.45, 0.5),
+        (-0.6, -0.55, -0.5, 0.5),
+        (0.55, 0.6, -0.5, 0.5),
+    ):
         mesh.box(x0, x1, y0, y1, -0.05, 0.07, "kerb_base")
     return mesh
 
 
 def build(stage, settings, end):
     rng = settings.rng("trees")
-    kinds = [_tree(settings.rng("tree", k), settings.np_rng("leaves", k), ("leaf_a", "leaf_b", "leaf_c")[k % 3])
-             .data(f"tree{k}", stage.materials, weld=False) for k in range(KINDS)]
+    kinds = [
+        _tree(settings.rng("tree", k), settings.np_rng("leaves", k), ("leaf_a", "leaf_b", "leaf_c")[k % 3]).data(
+            f"tree{k}", stage.materials, weld=False
+        )
+        for k in range(KINDS)
+    ]
     pit = _pit()
     pebbles(pit, rng, 420, 0.53, 0.43, 0.015)
     pit = pit.data("pit", stage.materials)
@@ -65,7 +76,7 @@ def build(stage, settings, end):
             place[:3, :3] *= rng.uniform(0.85, 1.12)
             stage.place("tree", rng.choice(kinds), place)
             stage.place("pit", pit, road.frame(at, side * PIT_T))
-    for _ in range(16):      # crowns behind the houses
+    for _ in range(16):  # crowns behind the houses
         place = road.frame(rng.uniform(-40, end - 50), rng.choice([-1, 1]) * rng.uniform(19, 26), 0)
         place[:3, :3] *= rng.uniform(1.5, 2.2)
         stage.place("tree", rng.choice(kinds), place)

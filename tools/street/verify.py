@@ -15,7 +15,7 @@ from settings import ROLLING_READOUT_S
 
 MARKER_FRAMES = (0, 31)
 ROLLING_FRAME = 12
-SPIN_DEG_S = 150.0        # of the body, added for the rolling marker pictures: 0.2 ms are 0.3 px then
+SPIN_DEG_S = 150.0  # of the body, added for the rolling marker pictures: 0.2 ms are 0.3 px then
 NOISE_FRAME = 20
 
 
@@ -38,10 +38,10 @@ def _markers(settings, case, camera, t, pose_at):
     """World points [n, 3] in view, 3 to 25 m away, on a jittered grid of pixels; their distances."""
     rng = settings.np_rng("markers", case)
     width, height = camera.size_px
-    v, u = np.mgrid[14:height - 15:9j, 14:width - 15:13j]
+    v, u = np.mgrid[14 : height - 15 : 9j, 14 : width - 15 : 13j]
     u, v = u + rng.uniform(-5, 5, u.shape), v + rng.uniform(-5, 5, v.shape)
     rays, inside = cameras.unproject(camera, u, v)
-    if camera.model == "mei":      # where a marker is still a spot
+    if camera.model == "mei":  # where a marker is still a spot
         inside &= np.degrees(np.arccos(rays[..., 2])) < 92
     distance = rng.uniform(3, 25, u.shape)[inside]
     world_from_camera = pose_at(t) @ camera.body_from_camera()
@@ -49,13 +49,15 @@ def _markers(settings, case, camera, t, pose_at):
 
 
 def _seen_at(camera, points, t, pose_at, readout_s):
-    """Pixels [n, 2] of world points under a rolling shutter (fixed point of row -> time -> row), and their speed px/s."""
+    """Pixels [n, 2] of world points under a rolling shutter (fixed point of row -> time -> row); their speed, px/s."""
+
     def at(times):
         out = np.empty((len(points), 2))
         for k, (p, time) in enumerate(zip(points, times)):
             m = np.linalg.inv(pose_at(time) @ camera.body_from_camera())
             out[k] = cameras.project(camera, (m[:3, :3] @ p + m[:3, 3])[None])[0]
         return out
+
     times = np.full(len(points), t)
     for _ in range(8 if readout_s else 1):
         pixels = at(times)
@@ -67,6 +69,7 @@ def render_markers(settings):
     import bpy
     from mesh import Mesh
     from render import Lens, cycles_settings, expose
+
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     cycles_settings(32)
@@ -77,7 +80,7 @@ def render_markers(settings):
     output, emission = (glow.node_tree.nodes.new(f"ShaderNode{k}") for k in ("OutputMaterial", "Emission"))
     glow.node_tree.links.new(emission.outputs[0], output.inputs[0])
     ball = Mesh()
-    for low, high in zip(np.linspace(-90, 80, 18), np.linspace(-80, 90, 18)):      # bands of latitude
+    for low, high in zip(np.linspace(-90, 80, 18), np.linspace(-80, 90, 18)):  # bands of latitude
         (z0, r0), (z1, r1) = ((math.sin(a), math.cos(a)) for a in np.radians([low, high]))
         ball.cylinder((0, 0, z0), (0, 0, z1), r0, r1, "glow", 24, caps=False)
     ball = ball.data("ball", {"glow": glow})
@@ -104,6 +107,7 @@ def render_markers(settings):
 
 def render_noise(settings):
     from render import Lens, open_scene, render_job
+
     open_scene(settings)
     lens, rig = Lens(), cameras.rig(settings.size)
     folder = Path(settings.work) / "noise"
@@ -118,6 +122,7 @@ def render_noise(settings):
 def _spots(picture):
     """Centroids [n, 2] of the bright spots, weighted by radiance."""
     import cv2
+
     count, labels = cv2.connectedComponents((picture > 0.02 * picture.max()).astype(np.uint8))
     labels, weight = labels.ravel(), picture.ravel()
     v, u = np.indices(picture.shape).reshape(2, -1)
@@ -128,12 +133,16 @@ def _spots(picture):
 def _projection(settings):
     rig, figures, groups = cameras.rig(settings.size), {}, {}
     for case, name, t, pose_at, readout_s in _cases():
-        groups.setdefault(f"{name} {'rolling' if readout_s else 'still'}", []).append((case, name, t, pose_at, readout_s))
+        groups.setdefault(f"{name} {'rolling' if readout_s else 'still'}", []).append(
+            (case, name, t, pose_at, readout_s)
+        )
     for group, cases in groups.items():
         errors, row_times, missing = [], [], 0
         for case, name, t, pose_at, readout_s in cases:
             camera = rig[name]
-            picture = develop.resample(camera, develop.read_exr(Path(settings.work) / "markers" / f"{case}.exr")).mean(-1)
+            picture = develop.resample(camera, develop.read_exr(Path(settings.work) / "markers" / f"{case}.exr")).mean(
+                -1
+            )
             found = _spots(picture)
             points, _ = _markers(settings, case, camera, t, pose_at)
             pixels, speed = _seen_at(camera, points, t, pose_at, readout_s)
@@ -149,20 +158,31 @@ def _projection(settings):
                 row_times.append(error @ flow / (flow @ flow))
         errors = np.array(errors)
         length = np.hypot(*errors.T)
-        figures[group] = {"markers": len(errors), "missing": missing, "mean_px": errors.mean(0).round(4).tolist(),
-                          "rms_px": round(float(np.sqrt((length ** 2).mean())), 4), "max_px": round(float(length.max()), 4)}
+        figures[group] = {
+            "markers": len(errors),
+            "missing": missing,
+            "mean_px": errors.mean(0).round(4).tolist(),
+            "rms_px": round(float(np.sqrt((length**2).mean())), 4),
+            "max_px": round(float(length.max()), 4),
+        }
         if cases[0][4]:
-            figures[group]["row_time_ms"] = {"rms": round(1e3 * float(np.sqrt(np.mean(np.square(row_times)))), 4),
-                                             "max": round(1e3 * float(np.abs(row_times).max()), 4)}
+            figures[group]["row_time_ms"] = {
+                "rms": round(1e3 * float(np.sqrt(np.mean(np.square(row_times)))), 4),
+                "max": round(1e3 * float(np.abs(row_times).max()), 4),
+            }
     return figures
 
 
 def _noise(settings):
     figures = {}
     for name, camera in cameras.rig(settings.size).items():
-        a, b = (develop.tone(develop.resample(camera, develop.read_exr(Path(settings.work) / "noise" / f"{name}_{s}.exr")))
-                .astype(float) for s in "ab")
-        figures[name] = round(10 * math.log10(255 ** 2 / np.mean((a - b) ** 2)), 2)
+        a, b = (
+            develop.tone(
+                develop.resample(camera, develop.read_exr(Path(settings.work) / "noise" / f"{name}_{s}.exr"))
+            ).astype(float)
+            for s in "ab"
+        )
+        figures[name] = round(10 * math.log10(255**2 / np.mean((a - b) ** 2)), 2)
     return figures
 
 

@@ -15,8 +15,8 @@ from traffic import TRAFFIC, TYPE_NAMES
 
 LICENSE = """Made by tools/street of this repository; nothing in it comes from elsewhere.
 
-CC0 1.0 Universal (public domain dedication): to the extent possible under law, the authors have waived all copyright and
-related or neighbouring rights to this recording.
+CC0 1.0 Universal (public domain dedication): to the extent possible under law, the authors have waived all copyright
+and related or neighbouring rights to this recording.
 https://creativecommons.org/publicdomain/zero/1.0/legalcode
 """
 
@@ -27,28 +27,49 @@ def _dump(value, path):
 
 
 def _mounting(body_from_sensor, position_m, angles_deg):
-    return {"RT_body_from_sensor": body_from_sensor.tolist(), "RT_sensor_from_body": np.linalg.inv(body_from_sensor).tolist(),
-            "custom_vars": {}, "device_id": "synthetic", "extrinsic_error": -1, "pos_meter": list(position_m),
-            "yaw_pitch_roll_deg": list(angles_deg)}
+    return {
+        "RT_body_from_sensor": body_from_sensor.tolist(),
+        "RT_sensor_from_body": np.linalg.inv(body_from_sensor).tolist(),
+        "custom_vars": {},
+        "device_id": "synthetic",
+        "extrinsic_error": -1,
+        "pos_meter": list(position_m),
+        "yaw_pitch_roll_deg": list(angles_deg),
+    }
 
 
 def _camera_entry(camera, yaw_error_deg):
     yaw, pitch, roll = camera.yaw_pitch_roll_deg
     camera = replace(camera, yaw_pitch_roll_deg=(yaw + yaw_error_deg, pitch, roll))
-    distortion = [0 if c == 0 else c for c in camera.distortion]      # integer zeros, as in the dataset
-    entry = {**_mounting(camera.body_from_camera(), camera.position_m, camera.yaw_pitch_roll_deg),
-             "distortion_coeffs": distortion, "focal_length_px": list(camera.focal_px),
-             "image_resolution_px": list(camera.size_px), "label": camera.name, "model": camera.model,
-             "principal_point_px": list(camera.center_px), "reprojection_error": -1, "sensor_type": "camera",
-             "transform": "none", "uri": f"synthetic:{camera.name}"}
+    distortion = [0 if c == 0 else c for c in camera.distortion]  # integer zeros, as in the dataset
+    entry = {
+        **_mounting(camera.body_from_camera(), camera.position_m, camera.yaw_pitch_roll_deg),
+        "distortion_coeffs": distortion,
+        "focal_length_px": list(camera.focal_px),
+        "image_resolution_px": list(camera.size_px),
+        "label": camera.name,
+        "model": camera.model,
+        "principal_point_px": list(camera.center_px),
+        "reprojection_error": -1,
+        "sensor_type": "camera",
+        "transform": "none",
+        "uri": f"synthetic:{camera.name}",
+    }
     return {**entry, "xi": camera.xi} if camera.model == "mei" else entry
 
 
 def calibration(settings, variant, exact):
     """calibration.json; if exact, calibration_true.json, which also says when the rows are exposed."""
     rig = cameras.rig(settings.size)
-    sensors = {"Imu0": {"label": "Imu0", "pos_meter": [0, 0, 0], "sensor_type": "imu_ins", "uri": "synthetic:Imu0",
-                        "yaw_pitch_roll_deg": [0, 0, 0]}}
+    sensors = {
+        "Imu0": {
+            "label": "Imu0",
+            "pos_meter": [0, 0, 0],
+            "sensor_type": "imu_ins",
+            "uri": "synthetic:Imu0",
+            "yaw_pitch_roll_deg": [0, 0, 0],
+        }
+    }
     for name in job_list.cameras_of(variant):
         sensors[name] = _camera_entry(rig[name], 0.0 if exact else trajectory.YAW_ERROR_DEG.get(name, 0.0))
         if exact:
@@ -57,8 +78,13 @@ def calibration(settings, variant, exact):
     if variant != "rolling":
         mount = np.eye(4)
         mount[:3, 3] = lidar.POSITION_M
-        sensors["M_LIDAR_M"] = {**_mounting(mount, lidar.POSITION_M, (0, 0, 0)), "label": "M_LIDAR_M", "sensor_type": "lidar",
-                                "laser_count": len(lidar.ELEVATIONS_DEG), "uri": "synthetic:M_LIDAR_M"}
+        sensors["M_LIDAR_M"] = {
+            **_mounting(mount, lidar.POSITION_M, (0, 0, 0)),
+            "label": "M_LIDAR_M",
+            "sensor_type": "lidar",
+            "laser_count": len(lidar.ELEVATIONS_DEG),
+            "uri": "synthetic:M_LIDAR_M",
+        }
     return dict(sorted(sensors.items()))
 
 
@@ -97,7 +123,9 @@ def _boxes(settings, index):
         relative = body[:3, :3].T @ (velocity(vehicle.world_from_car) - velocity(trajectory.world_from_body))
         entry = {"ActorName": f"{TYPE_NAMES[vehicle.kind]} {vehicle.object_id:02d}"}
         entry |= {f"BoundingBox3D Extent {a}": float(v) for a, v in zip("XYZ", high - low)}
-        entry |= {f"BoundingBox3D Orientation Quat {a}": float(v) for a, v in zip("WXYZ", _quaternion(body_from_car[:3, :3]))}
+        entry |= {
+            f"BoundingBox3D Orientation Quat {a}": float(v) for a, v in zip("WXYZ", _quaternion(body_from_car[:3, :3]))
+        }
         entry |= {f"BoundingBox3D Origin {a}": float(v) for a, v in zip("XYZ", center)}
         entry |= {"ObjectId": vehicle.object_id, "ObjectType": TYPE_NAMES[vehicle.kind], "Occluded": 0}
         entry |= {f"Relative Velocity {a}": float(v) for a, v in zip("XYZ", relative)}
@@ -110,8 +138,12 @@ def _novel_poses(settings, name):
     images = []
     for i in job_list.novel_indices(settings):
         job = job_list.Job("street", cameras.NOVEL_CAMERA, i, name)
-        view = {"file": f"{job.name}.jpg", "camera": job.camera, "frame_id": job.frame_id,
-                "RT_ECEF_body": (place @ job.world_from_body(job.exposure_s)).tolist()}
+        view = {
+            "file": f"{job.name}.jpg",
+            "camera": job.camera,
+            "frame_id": job.frame_id,
+            "RT_ECEF_body": (place @ job.world_from_body(job.exposure_s)).tolist(),
+        }
         shift, yaw = NOVEL_VIEWS[name]
         if yaw == 0:
             view["shift_body_m"] = list(shift)
