@@ -12,7 +12,7 @@ import cameras  # noqa: E402
 EXPOSURE = 1.08
 SHOULDER = 0.6  # linear up to here, then an exponential roll-off to 1
 BRIGHTEST = 2.0  # radiance at which highlights are cut, so that the cubic filter cannot ring around them
-JPEG_QUALITY = 90
+JPEG_QUALITY = 88
 
 
 def read_exr(path):
@@ -56,7 +56,13 @@ def tone(radiance):
     return np.clip(np.round(255 * encoded), 0, 255).astype(np.uint8)
 
 
+def write_image(path, picture, *options):
+    """As cv2.imwrite; the file appears whole."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(path.name + ".part")
+    temporary.write_bytes(cv2.imencode(path.suffix, picture, options)[1])
+    temporary.replace(path)
+
+
 def develop(camera, exr, jpeg):
-    picture = tone(resample(camera, read_exr(exr)))
-    jpeg.parent.mkdir(parents=True, exist_ok=True)
-    cv2.imwrite(str(jpeg), picture, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    write_image(jpeg, tone(resample(camera, read_exr(exr))), cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY)
