@@ -14,7 +14,8 @@
 namespace redrive {
 namespace {
 
-constexpr double kArm_m = 10;  // a turn counts as what it moves at this distance, about that of a facade
+// A turn counts as what it moves at this distance: the ratio of an egomotion's usual errors, 6 cm and 0.12 degrees.
+constexpr double kArm_m = 30;
 
 }  // namespace
 

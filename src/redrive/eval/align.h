@@ -16,7 +16,7 @@ struct Alignment {
   double rest_m = 0, rest_deg = 0;              ///< RMS of position and rotation that no rigid motion explains
 };
 
-/// Least squares (Umeyama 1991, no scale) over the bodies' origins and points 10 m from them along each axis, so that the
+/// Least squares (Umeyama 1991, no scale) over the bodies' origins and points 30 m from them along each axis, so that the
 /// rotation is held on a straight road, too. Frames are paired by id; InputError (`file` is the true trajectory's) if
 /// there is no pair.
 Alignment align_trajectories(std::span<const FramePose> run, std::span<const FramePose> truth,
