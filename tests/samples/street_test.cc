@@ -140,7 +140,6 @@ TEST(Street, RevolutionsOverlapByAThird) {
 // One of the three stands still, seen from a car that moves: its relative velocity is the ego vehicle's, reversed. Points of the
 // LiDAR lie inside its box.
 TEST(StreetTraffic, BoxesHoldTheirVehicles) {
-  if (!std::filesystem::exists(kTraffic)) GTEST_SKIP() << kTraffic << " is not rendered yet";
   const Recording traffic = open_recording(kTraffic, PoseSource::kTruth);
   EXPECT_EQ(traffic.cameras.size(), 2u);
   EXPECT_EQ(traffic.frames.size(), 24u);
