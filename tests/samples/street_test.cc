@@ -18,7 +18,8 @@
 namespace redrive {
 namespace {
 
-const std::filesystem::path kStreet = REDRIVE_SAMPLES "/street", kTraffic = REDRIVE_SAMPLES "/street_traffic";
+const std::filesystem::path kStreet = REDRIVE_SAMPLES "/street", kTraffic = REDRIVE_SAMPLES "/street_traffic",
+                            kRolling = REDRIVE_SAMPLES "/street_rolling";
 constexpr double kDegrees = 180 / std::numbers::pi;
 
 TEST(Street, IsComplete) {
@@ -135,6 +136,17 @@ TEST(Street, RevolutionsOverlapByAThird) {
     }
     before = points;
   }
+}
+
+TEST(StreetRolling, IsTheFirstHalfOfTheStreetFromTheFrontCameras) {
+  const Recording rolling = open_recording(kRolling, PoseSource::kTruth),
+                  street = open_recording(kStreet, PoseSource::kTruth);
+  EXPECT_TRUE(rolling.findings.empty());
+  ASSERT_EQ(rolling.frames.size(), 24u);
+  ASSERT_EQ(rolling.cameras.size(), 2u);
+  for (const RecordedCamera& camera : rolling.cameras) EXPECT_EQ(camera.images.size(), 24u);
+  for (std::size_t i = 0; i < rolling.frames.size(); ++i)
+    EXPECT_EQ(rolling.frames[i].ecef_from_body.matrix(), street.frames[i].ecef_from_body.matrix()) << i;
 }
 
 // One of the three stands still, seen from a car that moves: its relative velocity is the ego vehicle's, reversed. Points of the
