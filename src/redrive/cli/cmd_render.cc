@@ -77,7 +77,7 @@ int render_one(const RenderOptions& options) {
 
   const Run run = open_run(options.run);
   const RigCamera& camera = find_camera(run.scene, options.camera);
-  const auto pose = world_from_body(run.recording, run.scene, frame, options.camera);
+  const auto pose = world_from_body(run.recording, run.scene, frame, camera);
   if (!pose)
     throw UsageError("--frame", options.frame,
                      "the recording has no such frame with a pose; it has ids from " +
@@ -108,15 +108,15 @@ int render_poses(const RenderOptions& options) {
 
   const Run run = open_run(options.run);
   // A file's own cameras are rendered at their full size; the run's as they were trained on.
-  const std::vector<RigCamera> own = poses_rig(poses, run.scene, /*like_run=*/false);
-  const std::vector<RigCamera>& rig = own.empty() ? run.scene.rig : own;
+  const std::vector<RigCamera> rig = poses_rig(poses, run.scene, /*like_run=*/false);
   std::vector<Rigid3d> world_from_camera;
   std::vector<const RigCamera*> cameras;
   for (std::size_t i = 0; i < poses.views.size(); ++i) {  // all of them, before the first is rendered
-    cameras.push_back(&requested_camera(poses, i, options.poses, rig));
+    const RigCamera& camera = requested_camera(poses, i, rig);
+    cameras.push_back(&camera);
     world_from_camera.push_back(
-        requested_world_from_body(poses, i, options.poses, run.recording, run.scene, options.relative) *
-        cameras.back()->body_from_sensor);
+        requested_world_from_body(poses, i, camera, run.recording, run.scene, options.relative) *
+        camera.body_from_sensor);
   }
 
   const auto backend = make_checked_backend(options.backend);

@@ -97,14 +97,6 @@ Score score_image(const RenderedImage& rendered, const Image8& truth, std::span<
           median_depth_error(rendered, depth_m), 1};
 }
 
-std::optional<Alignment> align_run(const Run& run) {
-  if (run.recording.true_frames.empty()) return std::nullopt;
-  std::vector<FramePose> used;
-  for (const FramePose& frame : run.recording.frames)
-    if (run.scene.frame_index(frame.id) >= 0) used.push_back(frame);
-  return align_trajectories(used, run.recording.true_frames, run.recording.root);
-}
-
 Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions& options) {
   Evaluation evaluation;
   const auto& views = run.scene.views;
@@ -112,15 +104,13 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
 
   evaluation.alignment = align_run(run);
   const auto by_camera = views_to_score(run.scene, evaluation.held_out, options);
-  std::vector<std::pair<NovelTruth, std::vector<std::size_t>>> by_set;
+  const std::vector<NovelTruth> truths = novel_truths(run);
+  const auto chosen_of = [&](const NovelTruth& truth) {
+    return evenly_spaced(truth.size(), options.all ? 0 : options.max_images);
+  };
   std::size_t total = 0, done = 0;
   for (const auto& chosen : by_camera) total += chosen.size();
-  for (const NovelSet& set : run.recording.novel) {
-    NovelTruth truth(run, set, evaluation.alignment.value_or(Alignment{}));
-    auto chosen = evenly_spaced(truth.size(), options.all ? 0 : options.max_images);
-    total += chosen.size();
-    by_set.emplace_back(std::move(truth), std::move(chosen));
-  }
+  for (const NovelTruth& truth : truths) total += chosen_of(truth).size();
   const auto tell = [&] {
     ++done;
     if (options.progress) options.progress(static_cast<int>(done), static_cast<int>(total));
@@ -143,17 +133,15 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
   }
   evaluation.overall = overall.mean();
 
-  for (std::size_t s = 0; s < by_set.size(); ++s) {
-    const auto& [truth, chosen] = by_set[s];
-    if (chosen.empty()) continue;
+  for (const NovelTruth& truth : truths) {
     ScoreMean mean;
-    for (const std::size_t i : chosen) {
+    for (const std::size_t i : chosen_of(truth)) {
       const TruthView view = truth.load(i);
       mean.add(score_image(render_image(backend, run.state.model, view.camera, view.world_from_camera), view.truth,
                            view.depth_m));
       tell();
     }
-    evaluation.novel[run.recording.novel[s].name] = mean.mean();
+    evaluation.novel[truth.name()] = mean.mean();
   }
   return evaluation;
 }

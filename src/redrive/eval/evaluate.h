@@ -51,9 +51,6 @@ struct Evaluation {
 /// Score of one picture over the pixels that the camera model reaches. `depth_m`: as in TruthView.
 Score score_image(const RenderedImage& rendered, const Image8& truth, std::span<const float> depth_m = {});
 
-/// The alignment of a run's poses with the true ones; nothing where the recording ships none.
-std::optional<Alignment> align_run(const Run& run);
-
 /// `limit` of `size` indices, evenly spaced over all of them; all where limit is 0 or at least size.
 std::vector<std::size_t> evenly_spaced(std::size_t size, std::size_t limit);
 

@@ -141,6 +141,19 @@ TEST_F(EvaluateTest, NovelTruthOfAnotherSizeIsRefused) {
   EXPECT_THROW(evaluate(run_, black_), InputError);
 }
 
+// A run that undistorts has pinhole cameras alone; a set's calibration may still hold a fisheye.
+TEST_F(EvaluateTest, AFisheyeOfTheSetIsNoMatterForARunThatUndistorts) {
+  const std::string rest = R"("focal_length_px": [20, 20], "principal_point_px": [11.5, 7.5],
+      "image_resolution_px": [24, 16], "distortion_coeffs": [0, 0, 0, 0, 0],
+      "RT_body_from_sensor": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]})";
+  poses(R"({"calibration": {"A": {"model": "opencv_pinhole", )" + rest + R"(, "FISH": {"model": "mei", "xi": 1, )" +
+        rest + R"(},
+            "images": [{"file": "a.png", "camera": "A", "frame_id": 102, "shift_body_m": [0, 0, 0]}]})");
+  grey("novel/aside/a.png", 51);
+  run_.scene.undistort = true;
+  EXPECT_NEAR(evaluate(run_, black_).novel.at("aside").psnr_db, psnr_of(0.2), kTolerance);
+}
+
 TEST_F(EvaluateTest, MissingImageIsRefused) {
   std::filesystem::remove(folder_ / "A1.png");
   EXPECT_THROW(evaluate(run_, black_), InputError);

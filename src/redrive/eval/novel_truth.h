@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Truth of views that were never driven: pictures that a recording ships beside novel/<name>/poses.json, FILE.jpg and, where it
-// is known, FILE_depth.png (16 bit, mm along the ray; 0 and 65535 say nothing).
+// is known, FILE_depth.png (scene/image_set.h: load_depth).
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -28,6 +29,7 @@ class NovelTruth {
   /// InputError: poses.json cannot be used.
   NovelTruth(const Run& run, const NovelSet& set, const Alignment& alignment);
 
+  const std::string& name() const { return name_; }  ///< of the set
   std::size_t size() const { return views_.size(); }
   /// Places that the set gives in ECEF are the true ones and go through the alignment; those it gives as a shift move the
   /// run's own pose. InputError: truth that has not the size that its calibration says.
@@ -35,10 +37,17 @@ class NovelTruth {
 
  private:
   const Run& run_;
-  std::filesystem::path file_;
+  std::string name_;
   PosesFile poses_;
+  std::vector<RigCamera> rig_;  ///< of poses_
   Rigid3d true_ecef_from_world_;
   std::vector<std::size_t> views_;  ///< indices into poses_.views
 };
+
+/// The alignment of a run's poses with the true ones; nothing where the recording ships none.
+std::optional<Alignment> align_run(const Run& run);
+
+/// The novel sets of the run's recording that have truth (size() > 0), laid over the run by align_run.
+std::vector<NovelTruth> novel_truths(const Run& run);
 
 }  // namespace redrive

@@ -38,12 +38,6 @@ std::vector<fs::path> list_folder(const fs::path& folder) {
   return entries;
 }
 
-std::string lower_extension(const fs::path& path) {
-  std::string extension = path.extension().string();
-  for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-  return extension;
-}
-
 /// "33643, 33644, 33645, ... (12 in all)"
 template <class T>
 std::string first_few(const std::vector<T>& items) {
@@ -66,9 +60,9 @@ std::string counted(std::size_t n, const std::string& noun) {
 
 /// The id of <prefix><id><extension>, or -1.
 std::int64_t frame_id_from_name(const fs::path& path, const std::string& prefix,
-                                const std::vector<std::string>& extensions) {
-  const std::string extension = lower_extension(path), stem = path.stem().string();
-  if (std::count(extensions.begin(), extensions.end(), extension) == 0 || !stem.starts_with(prefix)) return -1;
+                                std::initializer_list<std::string_view> extensions) {
+  const std::string stem = path.stem().string();
+  if (!has_extension(path, extensions) || !stem.starts_with(prefix)) return -1;
   const char *const begin = stem.data() + prefix.size(), *const end = stem.data() + stem.size();
   if (begin == end || !std::all_of(begin, end, [](unsigned char c) { return std::isdigit(c); })) return -1;
   std::int64_t id = -1;
@@ -78,7 +72,7 @@ std::int64_t frame_id_from_name(const fs::path& path, const std::string& prefix,
 
 /// The files <prefix><id><extension> of a folder by id, one a frame; a finding about `subject` names what else lies there.
 std::vector<FrameFile> list_frame_files(const fs::path& folder, const std::string& prefix,
-                                        const std::vector<std::string>& extensions, const std::string& subject,
+                                        std::initializer_list<std::string_view> extensions, const std::string& subject,
                                         std::vector<Finding>* findings) {
   std::vector<FrameFile> files;
   std::vector<std::string> strangers;
@@ -99,8 +93,10 @@ std::vector<FrameFile> list_frame_files(const fs::path& folder, const std::strin
   }
   if (!strangers.empty()) {
     std::string expected = prefix + "<id>";
-    for (std::size_t i = 0; i < extensions.size(); ++i)
-      expected += (i == 0 ? "" : i + 1 < extensions.size() ? ", " : " or ") + extensions[i];
+    for (const std::string_view& extension : extensions) {
+      if (&extension != extensions.begin()) expected += &extension + 1 == extensions.end() ? " or " : ", ";
+      expected += extension;
+    }
     findings->push_back(
         {subject, counted(strangers.size(), "file") + " not named " + expected + " ignored: " + first_few(strangers)});
   }

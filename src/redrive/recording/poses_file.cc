@@ -53,6 +53,7 @@ PosesFile parse_poses(std::string_view text, const std::filesystem::path& file) 
   const nlohmann::json document = parse_json(text, file);
   const JsonField root(document, file);
   PosesFile poses;
+  poses.path = file;
   if (root.has("calibration")) poses.cameras = aimotive::cameras_from_json(root.at("calibration"), nullptr);
   const JsonField images = root.at("images");
   if (!images.json().is_array() || images.size() == 0) images.fail("expected a list of at least one image");

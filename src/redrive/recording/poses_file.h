@@ -28,6 +28,7 @@ struct RequestedView {
 };
 
 struct PosesFile {
+  std::filesystem::path path;
   std::vector<CameraCalibration> cameras;  ///< empty: the run's own
   std::vector<RequestedView> views;        ///< every one has a pose, a shift or both
 };

@@ -25,13 +25,12 @@ std::optional<ShiftAxes> shift_axes_from_name(std::string_view name) {
 }
 
 std::optional<Rigid3d> world_from_body(const Recording& recording, const Scene& scene, std::int64_t frame_id,
-                                       const std::string& camera) {
+                                       const RigCamera& camera) {
   const auto frame = std::find_if(recording.frames.begin(), recording.frames.end(),
                                   [frame_id](const FramePose& pose) { return pose.id == frame_id; });
   if (frame == recording.frames.end()) return std::nullopt;
-  const int index = scene.camera_index(camera);
-  const std::int64_t offset_ns = index < 0 ? 0 : scene.rig[index].time_offset_ns;
-  return scene.ecef_from_world.inverse(Eigen::Isometry) * pose_at(recording.frames, frame->t_ns + offset_ns);
+  return scene.ecef_from_world.inverse(Eigen::Isometry) *
+         pose_at(recording.frames, frame->t_ns + camera.time_offset_ns);
 }
 
 std::optional<Eigen::Matrix3d> world_from_local_axes(const Rigid3d& ecef_from_world, const Rigid3d& world_from_body) {
@@ -70,40 +69,41 @@ Rigid3d shifted_camera(const Rigid3d& ecef_from_world, const Rigid3d& world_from
   return world_from_camera;
 }
 
-Rigid3d requested_world_from_body(const PosesFile& poses, std::size_t index, const std::filesystem::path& file,
+std::vector<RigCamera> poses_rig(const PosesFile& poses, const Scene& scene, bool like_run) {
+  if (poses.cameras.empty()) return scene.rig;
+  std::vector<RigCamera> rig;
+  for (const CameraCalibration& calibration : poses.cameras) {
+    RigCamera camera{calibration.name, make_camera(calibration), make_camera(calibration), calibration.body_from_sensor,
+                     calibration.time_offset_ns};
+    if (like_run && scene.undistort && std::holds_alternative<OpenCvPinhole>(camera.camera.model))
+      camera.camera = camera.camera.undistorted();
+    if (like_run) camera.camera = camera.camera.downscaled(scene.downscale);
+    rig.push_back(std::move(camera));
+  }
+  return rig;
+}
+
+const RigCamera& requested_camera(const PosesFile& poses, std::size_t index, const std::vector<RigCamera>& rig) {
+  const std::string& name = poses.views[index].camera;
+  std::string known;
+  for (const RigCamera& camera : rig) {
+    if (camera.name == name) return camera;
+    known += (known.empty() ? "" : ", ") + camera.name;
+  }
+  throw InputError(poses.path, view_field(index, "camera"), name, "no such camera; there are: " + known);
+}
+
+Rigid3d requested_world_from_body(const PosesFile& poses, std::size_t index, const RigCamera& camera,
                                   const Recording& recording, const Scene& scene, bool prefer_shift) {
   const RequestedView& view = poses.views[index];
   if (view.ecef_from_body && !(prefer_shift && view.shift_body_m))
     return scene.ecef_from_world.inverse(Eigen::Isometry) * *view.ecef_from_body;
   REDRIVE_CHECK(view.shift_body_m.has_value());
-  const auto pose = world_from_body(recording, scene, view.frame_id, view.camera);
+  const auto pose = world_from_body(recording, scene, view.frame_id, camera);
   if (!pose)
-    throw InputError(file, view_field(index, "frame_id"), std::to_string(view.frame_id),
+    throw InputError(poses.path, view_field(index, "frame_id"), std::to_string(view.frame_id),
                      "shift_body_m moves a frame of the recording, and it has no such frame with a pose");
   return *pose * Eigen::Translation3d(*view.shift_body_m);
-}
-
-const RigCamera& requested_camera(const PosesFile& poses, std::size_t index, const std::filesystem::path& file,
-                                  const std::vector<RigCamera>& cameras) {
-  const std::string& name = poses.views[index].camera;
-  std::string known;
-  for (const RigCamera& camera : cameras) {
-    if (camera.name == name) return camera;
-    known += (known.empty() ? "" : ", ") + camera.name;
-  }
-  throw InputError(file, view_field(index, "camera"), name, "no such camera; there are: " + known);
-}
-
-std::vector<RigCamera> poses_rig(const PosesFile& poses, const Scene& scene, bool like_run) {
-  std::vector<RigCamera> rig;
-  for (const CameraCalibration& calibration : poses.cameras) {
-    RigCamera camera{calibration.name, make_camera(calibration), make_camera(calibration),
-                     calibration.body_from_sensor};
-    if (like_run && scene.undistort) camera.camera = camera.camera.undistorted();
-    if (like_run) camera.camera = camera.camera.downscaled(scene.downscale);
-    rig.push_back(std::move(camera));
-  }
-  return rig;
 }
 
 }  // namespace redrive

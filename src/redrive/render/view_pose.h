@@ -4,7 +4,6 @@
 #pragma once
 
 #include <cstdint>
-#include <filesystem>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -23,10 +22,10 @@ enum class ShiftAxes {
 };
 std::optional<ShiftAxes> shift_axes_from_name(std::string_view name);  ///< "body", "camera", "local"
 
-/// world_from_body when a camera exposes its image of a frame of the recording, also of one that the run left out;
-/// nothing if it has no such pose. `camera`: by its name among the scene's; another one exposes with the frame.
+/// world_from_body when `camera` exposes its image of a frame of the recording (RigCamera::time_offset_ns after the frame's
+/// time), also of a frame that the run left out; nothing if there is no such pose.
 std::optional<Rigid3d> world_from_body(const Recording& recording, const Scene& scene, std::int64_t frame_id,
-                                       const std::string& camera);
+                                       const RigCamera& camera);
 
 /// The level axes at the body's place, in the world: columns x, y, z as ShiftAxes::kLocal says. Nothing where the pose
 /// is not on the Earth (6.2e6 to 6.6e6 m from its centre) or the heading is vertical. The normal is taken as that of the
@@ -38,16 +37,17 @@ std::optional<Eigen::Matrix3d> world_from_local_axes(const Rigid3d& ecef_from_wo
 Rigid3d shifted_camera(const Rigid3d& ecef_from_world, const Rigid3d& world_from_body, const Rigid3d& body_from_sensor,
                        ShiftAxes axes, const Eigen::Vector3d& shift_m);
 
-/// world_from_body of view `index` of a poses file: absolute where it says RT_ECEF_body (unless `prefer_shift` and it
-/// says shift_body_m too), else the frame's own pose shifted in body axes. InputError: no such frame.
-Rigid3d requested_world_from_body(const PosesFile& poses, std::size_t index, const std::filesystem::path& file,
-                                  const Recording& recording, const Scene& scene, bool prefer_shift);
-
-/// The camera of view `index` among `cameras`. InputError: no such camera; the known ones are listed.
-const RigCamera& requested_camera(const PosesFile& poses, std::size_t index, const std::filesystem::path& file,
-                                  const std::vector<RigCamera>& cameras);
-
-/// The cameras of a poses file as recorded; with `like_run` undistorted and downscaled as the run's. Empty if it has none.
+/// The cameras that a poses file's views are of: its own as recorded, with `like_run` undistorted (no fisheye is)
+/// and downscaled as the run's; the run's where it has none.
 std::vector<RigCamera> poses_rig(const PosesFile& poses, const Scene& scene, bool like_run);
+
+/// The camera of view `index` among `rig`. InputError: no such camera; the known ones are listed.
+const RigCamera& requested_camera(const PosesFile& poses, std::size_t index, const std::vector<RigCamera>& rig);
+
+/// world_from_body of view `index` of a poses file, taken by `camera`: absolute where it says RT_ECEF_body (unless
+/// `prefer_shift` and it says shift_body_m too), else the pose of the camera's exposure of frame_id, shifted in body axes.
+/// InputError: no such frame.
+Rigid3d requested_world_from_body(const PosesFile& poses, std::size_t index, const RigCamera& camera,
+                                  const Recording& recording, const Scene& scene, bool prefer_shift);
 
 }  // namespace redrive

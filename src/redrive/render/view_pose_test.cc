@@ -95,15 +95,21 @@ class Requested : public testing::Test {
     scene.ecef_from_world = heading_east(0);
     Rigid3d second = scene.ecef_from_world;
     second.translate(Eigen::Vector3d(3, 0, 0));
+    scene.rig = {{"CAM", {}, {}, Rigid3d::Identity()}};
     recording.frames = {{10, 0, scene.ecef_from_world}, {11, 100, second}};
   }
   Eigen::Vector3d place(RequestedView view, bool prefer_shift = false) {
     PosesFile poses;
+    poses.path = "poses.json";
+    poses.cameras = cameras;
     poses.views = {std::move(view)};
-    return requested_world_from_body(poses, 0, "poses.json", recording, scene, prefer_shift).translation();
+    const std::vector<RigCamera> rig = poses_rig(poses, scene, false);
+    return requested_world_from_body(poses, 0, requested_camera(poses, 0, rig), recording, scene, prefer_shift)
+        .translation();
   }
   Scene scene;
   Recording recording;
+  std::vector<CameraCalibration> cameras;  // of the poses file
 };
 
 TEST_F(Requested, AbsoluteOrShiftedAndPreferenceDecidesBetweenThem) {
@@ -122,11 +128,25 @@ TEST_F(Requested, AbsoluteOrShiftedAndPreferenceDecidesBetweenThem) {
 
 // A camera of the run that exposes a quarter of a frame late sees from there; an absolute place stays.
 TEST_F(Requested, AShiftMovesThePoseOfTheCamerasOwnExposure) {
-  scene.rig = {{"CAM", {}, {}, Rigid3d::Identity(), 25}};
+  scene.rig[0].time_offset_ns = 25;
   RequestedView view{"a.png", "CAM", 10, std::nullopt, Eigen::Vector3d(0, 1, 0)};
   EXPECT_NEAR((place(view) - Eigen::Vector3d(0.75, 1, 0)).norm(), 0, kTolerance);
   view.ecef_from_body = scene.ecef_from_world;
   EXPECT_NEAR(place(view).norm(), 0, kTolerance);
+}
+
+// The file's calibration takes the place of the run's whole: its offset counts, not that of the run's camera of this name.
+TEST_F(Requested, ACameraOfThePosesFileHasItsOwnOffset) {
+  scene.rig[0].time_offset_ns = 25;
+  cameras.emplace_back();
+  cameras[0].name = "CAM";
+  cameras[0].model = "opencv_pinhole";
+  cameras[0].fx = cameras[0].fy = cameras[0].width = cameras[0].height = 8;
+  cameras[0].body_from_sensor = Rigid3d::Identity();
+  const RequestedView view{"a.png", "CAM", 10, std::nullopt, Eigen::Vector3d(0, 1, 0)};
+  EXPECT_NEAR((place(view) - Eigen::Vector3d(0, 1, 0)).norm(), 0, kTolerance) << "it says none";
+  cameras[0].time_offset_ns = 50;
+  EXPECT_NEAR((place(view) - Eigen::Vector3d(1.5, 1, 0)).norm(), 0, kTolerance);
 }
 
 TEST_F(Requested, ComplaintsNameFileFieldAndValue) {
@@ -137,10 +157,11 @@ TEST_F(Requested, ComplaintsNameFileFieldAndValue) {
     EXPECT_NE(std::string(error.what()).find("poses.json: images[0].frame_id = 12"), std::string::npos) << error.what();
   }
   PosesFile poses;
+  poses.path = "poses.json";
   poses.views = {{"a.png", "NO_CAM", 10, std::nullopt, Eigen::Vector3d::Zero()}};
   const std::vector<RigCamera> rig = {{"F_CAM", {}, {}, front_camera()}, {"B_CAM", {}, {}, front_camera()}};
   try {
-    requested_camera(poses, 0, "poses.json", rig);
+    requested_camera(poses, 0, rig);
     FAIL() << "an unknown camera was taken";
   } catch (const InputError& error) {
     EXPECT_NE(std::string(error.what()).find("images[0].camera = NO_CAM"), std::string::npos) << error.what();

@@ -73,10 +73,9 @@ PictureRow camera_pictures(const Run& run, kernels::Backend& backend, int camera
   return row;
 }
 
-PictureRow novel_pictures(const Run& run, kernels::Backend& backend, const std::string& set, const NovelTruth& truth,
+PictureRow novel_pictures(const Run& run, kernels::Backend& backend, const NovelTruth& truth,
                           const Coverage& coverage) {
-  PictureRow row;
-  if (truth.size() == 0) return row;
+  REDRIVE_CHECK_OP(truth.size(), >, 0u);
   const TruthView view = truth.load(evenly_spaced(truth.size(), 1)[0]);
   const RenderedImage rendered = render_image(backend, run.state.model, view.camera, view.world_from_camera);
   const Image8 image = to_image8(rendered);
@@ -85,6 +84,8 @@ PictureRow novel_pictures(const Run& run, kernels::Backend& backend, const std::
   char share[96];
   std::snprintf(share, sizeof share, "coverage: %.0f %% was in a training image, red was not",
                 100.0 * static_cast<double>(std::count(seen.begin(), seen.end(), 1)) / static_cast<double>(valid));
+  const std::string& set = truth.name();
+  PictureRow row;
   row.title = set + ": " + view.name;
   row.pictures.push_back({set + "_truth", "truth", view.truth});
   row.pictures.push_back({set + "_render", scored("rendered", rendered, view.truth, view.depth_m), image});

@@ -31,9 +31,8 @@ const View& figure_view(const Run& run, int camera);
 /// Original, reproduced, perturbed along x of the body and of the camera, and depth.
 PictureRow camera_pictures(const Run& run, kernels::Backend& backend, int camera);
 
-/// Truth, render, difference and coverage of the middle view of a novel set; no pictures if it has none.
-PictureRow novel_pictures(const Run& run, kernels::Backend& backend, const std::string& set, const NovelTruth& truth,
-                          const Coverage& coverage);
+/// Truth, render, difference and coverage of the middle view of a novel set, which has at least one.
+PictureRow novel_pictures(const Run& run, kernels::Backend& backend, const NovelTruth& truth, const Coverage& coverage);
 
 /// Depth in the colours of the Turbo map, near_m the first and far_m the last; pixels that are not valid are dark grey.
 Image8 depth_colours(const RenderedImage& image, double near_m, double far_m);

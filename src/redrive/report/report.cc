@@ -101,7 +101,6 @@ std::string scores(const Evaluation& evaluation) {
 }
 
 std::string pictures(const std::filesystem::path& folder, const PictureRow& row, const Written& written) {
-  if (row.pictures.empty()) return "";
   std::string out = "<h3>" + html_escape(row.title) + "</h3>\n<div class=\"row\">\n";
   for (const Picture& picture : row.pictures) {
     const std::filesystem::path file = folder / (picture.name + ".png");
@@ -114,19 +113,14 @@ std::string pictures(const std::filesystem::path& folder, const PictureRow& row,
 
 /// Truth beside render for each novel set; empty if there is none.
 std::string novel_views(const Run& run, kernels::Backend& backend, const Written& written) {
-  const Alignment alignment = align_run(run).value_or(Alignment{});
-  std::vector<std::pair<std::string, NovelTruth>> sets;
-  for (const NovelSet& set : run.recording.novel) {
-    NovelTruth truth(run, set, alignment);
-    if (truth.size() > 0) sets.emplace_back(set.name, std::move(truth));
-  }
-  if (sets.empty()) return "";
+  const std::vector<NovelTruth> truths = novel_truths(run);
+  if (truths.empty()) return "";
   const Coverage coverage(run, backend);
   std::string out =
       "<h2>Views that were never driven</h2>\n<p>Coverage goes by the run's own depth: a surface counts as "
       "seen where it lies inside a training image with nothing in front of it.</p>\n";
-  for (const auto& [name, truth] : sets)
-    out += pictures(run.paths.figures(), novel_pictures(run, backend, name, truth, coverage), written);
+  for (const NovelTruth& truth : truths)
+    out += pictures(run.paths.figures(), novel_pictures(run, backend, truth, coverage), written);
   return out;
 }
 

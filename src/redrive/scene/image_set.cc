@@ -2,6 +2,7 @@
 #include "redrive/scene/image_set.h"
 
 #include <algorithm>
+#include <cmath>
 #include <string>
 
 #include <turbojpeg.h>
@@ -74,6 +75,12 @@ void encode_to_file(const std::filesystem::path& path, const cv::Mat& mat, const
   write_file(path, std::string_view(reinterpret_cast<const char*>(bytes.data()), bytes.size()));
 }
 
+void check_recorded_size(const std::filesystem::path& path, int width, int height, const RigCamera& rig) {
+  if (width != rig.recorded.width || height != rig.recorded.height)
+    throw InputError(path, "size", size_text(width, height),
+                     "the calibration of " + rig.name + " says " + size_text(rig.recorded.width, rig.recorded.height));
+}
+
 /// Where each pixel of the undistorted picture lies in the recorded one; (-1, -1), which is black, where the camera
 /// has not looked.
 struct UndistortMap {
@@ -99,9 +106,7 @@ UndistortMap make_undistort_map(const RigCamera& rig) {
 Image8 load_with_map(const Scene& scene, const View& view, const UndistortMap* map) {
   const RigCamera& rig = scene.rig[view.camera];
   Image8 image = read_image(view.image);
-  if (image.width != rig.recorded.width || image.height != rig.recorded.height)
-    throw InputError(view.image, "size", size_text(image.width, image.height),
-                     "the calibration of " + rig.name + " says " + size_text(rig.recorded.width, rig.recorded.height));
+  check_recorded_size(view.image, image.width, image.height, rig);
   cv::Mat mat = as_mat(image);
   if (map) {
     cv::Mat undistorted;
@@ -157,6 +162,27 @@ Image8 load_view(const Scene& scene, const View& view) {
   if (!scene.undistort) return load_with_map(scene, view, nullptr);
   const UndistortMap map = make_undistort_map(scene.rig[view.camera]);
   return load_with_map(scene, view, &map);
+}
+
+std::vector<float> load_depth(const std::filesystem::path& path, const RigCamera& rig) {
+  constexpr std::uint16_t kUnknown = 0, kBeyond = 65535;
+  int width = 0, height = 0;
+  const std::vector<std::uint16_t> depth_mm = read_png16(path, &width, &height);
+  check_recorded_size(path, width, height, rig);
+  const Camera& camera = rig.camera;
+  std::vector<float> depth_m(static_cast<std::size_t>(camera.width) * camera.height, 0.0f);
+  for (int y = 0; y < camera.height; ++y)
+    for (int x = 0; x < camera.width; ++x) {
+      const auto direction = camera.unproject({x, y});
+      const auto recorded = direction ? rig.recorded.project(*direction) : std::nullopt;
+      if (!recorded) continue;
+      const long u = std::lround(recorded->x()), v = std::lround(recorded->y());
+      if (u < 0 || v < 0 || u >= width || v >= height) continue;
+      const std::uint16_t value = depth_mm[static_cast<std::size_t>(v) * width + u];
+      if (value != kUnknown && value != kBeyond)
+        depth_m[static_cast<std::size_t>(y) * camera.width + x] = 0.001f * value;
+    }
+  return depth_m;
 }
 
 std::vector<Image8> load_views(const Scene& scene, ThreadPool& pool) {

@@ -30,6 +30,10 @@ std::vector<std::uint16_t> read_png16(const std::filesystem::path& path, int* wi
 /// scene says so, area-averaged by the downscale factor.
 Image8 load_view(const Scene& scene, const View& view);
 
+/// The true depth of a recorded image (16-bit PNG, mm along the ray, 0 and 65535 say nothing) as `rig.camera` sees it: [height,
+/// width] metres, the nearest pixel's, since depths do not mix; 0 where it is not known. InputError as for images.
+std::vector<float> load_depth(const std::filesystem::path& path, const RigCamera& rig);
+
 /// All views, decoded in parallel; images[i] belongs to scene.views[i].
 std::vector<Image8> load_views(const Scene& scene, ThreadPool& pool);
 
