@@ -4,11 +4,11 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <set>
 #include <vector>
 
 #include <gtest/gtest.h>
 
-#include "redrive/eval/align.h"
 #include "redrive/eval/novel_truth.h"
 #include "redrive/recording/boxes.h"
 #include "redrive/recording/las.h"
@@ -38,16 +38,20 @@ TEST(Street, IsComplete) {
   EXPECT_NEAR(street.frames[1].t_ns - street.frames[0].t_ns, 1e9 / 15, 1000);
 }
 
-// Smooth noise of 6, 6 and 3 cm along the axes is 9 cm RMS, that of 0.12 degrees about each 0.21; over 3.2 s it need not
-// come out exactly.
+// The noise is scaled to its RMS over all frames: 1e-6 is for ECEF in double (1e-9 m) and a turn's logarithm.
 TEST(Street, WhatAProgramIsGivenIsWrongAsStated) {
   const Recording given = open_recording(kStreet), truth = open_recording(kStreet, PoseSource::kTruth);
-  const Alignment rest = align_trajectories(given.frames, given.true_frames, kStreet);
-  EXPECT_EQ(rest.frames, 48);
-  EXPECT_GT(rest.rest_m, 0.04);
-  EXPECT_LT(rest.rest_m, 0.12);
-  EXPECT_GT(rest.rest_deg, 0.08);
-  EXPECT_LT(rest.rest_deg, 0.3);
+  ASSERT_EQ(given.frames.size(), truth.frames.size());
+  Eigen::Array3d squares_m = Eigen::Array3d::Zero(), squares_deg = Eigen::Array3d::Zero();
+  for (std::size_t i = 0; i < given.frames.size(); ++i) {
+    const Rigid3d error = truth.frames[i].ecef_from_body.inverse(Eigen::Isometry) * given.frames[i].ecef_from_body;
+    const Eigen::AngleAxisd turn(error.linear());
+    squares_m += error.translation().array().square();
+    squares_deg += (turn.axis().array() * turn.angle() * kDegrees).square();
+  }
+  const double frames = static_cast<double>(given.frames.size());
+  EXPECT_TRUE((squares_m / frames).sqrt().isApprox(Eigen::Array3d(0.06, 0.06, 0.03), 1e-6));
+  EXPECT_TRUE((squares_deg / frames).sqrt().isApprox(Eigen::Array3d::Constant(0.12), 1e-6));
   for (std::size_t c = 0; c < given.cameras.size(); ++c) {
     const CameraCalibration &a = given.cameras[c].calibration, &b = truth.cameras[c].calibration;
     const Eigen::Matrix3d turn = a.body_from_sensor.linear() * b.body_from_sensor.linear().transpose();
@@ -89,7 +93,8 @@ TEST(Street, ShiftsOfTheTruePosesAreWhereTheirPosesSay) {
 }
 
 // A LiDAR point at its own time, in a picture from half a metre aside: the picture's depth there is the point's distance, but for
-// 2 cm of noise, pixels that hold an edge, and what one of the two does not see. Half of all points is far from any doubt.
+// edges, what one of the two does not see, 2 cm of noise and half a pixel. The latter is most on the road, where a pixel
+// spans distance / (camera height * focal length) of the distance: 10 m / (1.25 m * 375) = 2 %, half of it to either side.
 TEST(Street, LidarAndDepthAreOfOneWorld) {
   const redrive::Run run = true_run(kStreet);
   const auto set = std::find_if(run.recording.novel.begin(), run.recording.novel.end(),
@@ -116,25 +121,25 @@ TEST(Street, LidarAndDepthAreOfOneWorld) {
       const float depth_m = view.depth_m[static_cast<std::size_t>(y) * view.camera.width + x];
       if (depth_m > 0) errors.push_back(std::abs(in_camera.norm() - depth_m) / depth_m);
     }
-    ASSERT_GT(errors.size(), 100u) << view.name;
+    // 20 packets in view, of each the 10 beams that meet the road at the latest
+    ASSERT_GE(errors.size(), 200u) << view.name;
     std::nth_element(errors.begin(), errors.begin() + errors.size() / 2, errors.end());
     EXPECT_LT(errors[errors.size() / 2], 0.01) << view.name;
   }
 }
 
+// 120 packets in 0.1 s, files 1/15 s apart. Every packet has points: its lowest beams meet the road.
 TEST(Street, RevolutionsOverlapByAThird) {
   const Recording street = open_recording(kStreet);
-  std::vector<LidarPoint> before;
+  std::set<std::int64_t> before;
   for (const FrameFile& file : street.lidar_files) {
-    const std::vector<LidarPoint> points = read_las(file.path);
-    ASSERT_FALSE(points.empty());
-    EXPECT_LE(points.back().t_ns - points.front().t_ns, 100'000'000) << file.path;
-    if (!before.empty()) {
-      const auto shared = std::count_if(points.begin(), points.end(),
-                                        [&](const LidarPoint& p) { return p.t_ns <= before.back().t_ns; });
-      EXPECT_NEAR(static_cast<double>(shared) / static_cast<double>(points.size()), 1.0 / 3, 0.08) << file.path;
-    }
-    before = points;
+    std::set<std::int64_t> packets;
+    for (const LidarPoint& point : read_las(file.path)) packets.insert(point.t_ns);
+    EXPECT_EQ(packets.size(), 120u) << file.path;
+    const auto shared =
+        std::count_if(packets.begin(), packets.end(), [&](std::int64_t t_ns) { return before.contains(t_ns); });
+    EXPECT_EQ(shared, before.empty() ? 0 : 40) << file.path;
+    before = std::move(packets);
   }
 }
 
@@ -149,14 +154,15 @@ TEST(StreetRolling, IsTheFirstHalfOfTheStreetFromTheFrontCameras) {
     EXPECT_EQ(rolling.frames[i].ecef_from_body.matrix(), street.frames[i].ecef_from_body.matrix()) << i;
 }
 
-// One of the three stands still, seen from a car that moves: its relative velocity is the ego vehicle's, reversed. Points of the
-// LiDAR lie inside its box.
+// One of the three stands still, seen from a car that moves: its relative velocity is the ego vehicle's, reversed; that of
+// poses 1/15 s apart differs from the one at the first of them by at most half of 2.1 m/s^2 / 15 (tools/street/trajectory.py).
+// The LiDAR meets every vehicle (5 cm: its range noise, 2.5 sigma), and nothing in the air above it.
 TEST(StreetTraffic, BoxesHoldTheirVehicles) {
   const Recording traffic = open_recording(kTraffic, PoseSource::kTruth);
   EXPECT_EQ(traffic.cameras.size(), 2u);
   EXPECT_EQ(traffic.frames.size(), 24u);
   ASSERT_EQ(traffic.box_files.size(), 24u);
-  int parked = 0, inside = 0;
+  int parked = 0;
   for (const FrameFile& file : traffic.box_files) {
     const std::vector<Box> boxes = read_boxes(file.path);
     ASSERT_EQ(boxes.size(), 3u);
@@ -170,18 +176,22 @@ TEST(StreetTraffic, BoxesHoldTheirVehicles) {
     const std::vector<LidarPoint> points = read_las(cloud->path);
     for (const Box& box : boxes) {
       EXPECT_EQ(box.t_ns, frame->t_ns);
-      parked += (box.velocity_in_body_m_per_s + later.translation() / 1e-3).norm() < 0.5;
+      parked += (box.velocity_in_body_m_per_s + later.translation() / 1e-3).norm() < 0.07;
       const Rigid3d box_from_body = box.body_from_box.inverse(Eigen::Isometry);
+      int inside = 0, above = 0;
       for (const LidarPoint& point : points) {
         const Eigen::Vector3d at_box_time =
             point.in_body_m.cast<double>() +
             1e-9 * static_cast<double>(box.t_ns - point.t_ns) * box.velocity_in_body_m_per_s;
-        inside += ((box_from_body * at_box_time).cwiseAbs().array() <= box.size_m.array() / 2 + 0.05).all();
+        const Eigen::Array3d in_box = box_from_body * at_box_time, half = box.size_m.array() / 2 + 0.05;
+        inside += (in_box.abs() <= half).all();
+        above += ((in_box - Eigen::Array3d(0, 0, 2 * half.z())).abs() <= half).all();
       }
+      EXPECT_GE(inside, 1) << file.path;
+      EXPECT_EQ(above, 0) << file.path;
     }
   }
   EXPECT_EQ(parked, 24);
-  EXPECT_GT(inside, 24 * 10);
 }
 
 }  // namespace
