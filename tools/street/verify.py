@@ -182,7 +182,9 @@ def _noise(settings):
             ).astype(float)
             for s in "ab"
         )
-        figures[name] = round(10 * math.log10(255**2 / np.mean((a - b) ** 2)), 2)
+        width, height = camera.size_px
+        _, inside = cameras.unproject(camera, *np.meshgrid(np.arange(width), np.arange(height)))
+        figures[name] = round(10 * math.log10(255**2 / np.mean((a - b)[inside] ** 2)), 2)
     return figures
 
 
