@@ -82,7 +82,7 @@ PictureRow novel_pictures(const Run& run, kernels::Backend& backend, const Novel
   const std::vector<std::uint8_t> seen = coverage.seen(view.camera, view.world_from_camera, rendered);
   const auto valid = std::count(rendered.valid.begin(), rendered.valid.end(), 1);
   char share[96];
-  std::snprintf(share, sizeof share, "coverage: %.0f %% was in a training image, red was not",
+  std::snprintf(share, sizeof share, "coverage: %.1f %% was in a training image, red was not",
                 100.0 * static_cast<double>(std::count(seen.begin(), seen.end(), 1)) / static_cast<double>(valid));
   const std::string& set = truth.name();
   PictureRow row;

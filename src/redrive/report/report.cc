@@ -65,7 +65,7 @@ std::string training(const Run& run, const Written& written) {
   written(loss);
   draw_plot(folder, "psnr", psnr_script(rows, title));
   written(psnr);
-  return out + "<div class=\"row wide-row\">\n" + html_figure(png_address(read_file(loss)), "training loss") +
+  return out + "<div class=\"row\">\n" + html_figure(png_address(read_file(loss)), "training loss") +
          html_figure(png_address(read_file(psnr)), "PSNR of the training batches") + "</div>\n";
 }
 
