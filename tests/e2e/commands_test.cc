@@ -2,6 +2,7 @@
 // Every command on a small run, and what it leaves behind.
 #include <nlohmann/json.hpp>
 
+#include "redrive/model/nerf_model.h"
 #include "redrive/scene/image_set.h"
 #include "redrive/train/run.h"
 #include "tests/e2e/e2e.h"
@@ -129,7 +130,7 @@ TEST_F(EndToEnd, InspectNamesWhatIsThere) {
 
 TEST_F(EndToEnd, FineSamplesTrainASecondNetwork) {
   const TrainState state = load_checkpoint(trained("run", 3, {"--fine-samples", "8"}) / "checkpoint.safetensors");
-  EXPECT_EQ(state.model.networks(), 2);
+  EXPECT_EQ(dynamic_cast<const NerfModel&>(*state.model).networks(), 2);
 }
 
 TEST_F(EndToEnd, UndistortedPinholesTrainToo) {

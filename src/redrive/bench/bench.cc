@@ -72,39 +72,36 @@ class Runner {
 };
 
 /// From pixels to Adam.
-void time_step(Runner& runner, kernels::Backend& backend, const SyntheticDrive& drive, int width, int samples) {
-  const std::string name = "step/nerf-" + std::to_string(width) + "x" + std::to_string(samples);
+void time_step(Runner& runner, kernels::Backend& backend, const SyntheticDrive& drive, const std::string& name,
+               const TrainOptions& options, double forward_macs) {
   if (!runner.wanted(name)) return;
   const PixelSampler sampler(drive.scene, drive.images, 1);
-  const NerfConfig config{width};
-  TrainState state = initial_state(config, samples, 0, drive.scene, 1);
+  TrainState state = first_state(options, drive.scene);
   RayBatch batch;
   StepBuffers buffers;
-  const double forward_flops = 2 * nerf_macs_per_sample(config);
-  runner.time(name, 1.0 * kBatchRays * samples, 3 * forward_flops, [&] {
-    sampler.gather(state.step, kBatchRays, &batch);
-    train_step(backend, batch, 5e-4, &state, &buffers);
+  runner.time(name, 1.0 * options.batch_rays * options.samples, 3 * 2 * forward_macs, [&] {
+    sampler.gather(state.step, options.batch_rays, &batch);
+    train_step(backend, batch, options.learning_rate, &state, &buffers);
   });
 }
 
-void time_render(Runner& runner, kernels::Backend& backend, const SyntheticDrive& drive, const std::string& filter) {
-  const std::string name = "render/nerf-256x96-1280x704";
+void time_render(Runner& runner, kernels::Backend& backend, const SyntheticDrive& drive, const std::string& name,
+                 const TrainOptions& options, double forward_macs, const std::string& filter) {
   if (!runner.wanted(name)) return;
   // The oracle would take hours; a filter that names the picture gets it all the same.
   if (backend.name() == "ref" && filter.empty()) return;
-  constexpr int kSamples = 96;
-  const NerfConfig config;
-  const TrainState state = initial_state(config, kSamples, 0, drive.scene, 1);
+  const TrainState state = first_state(options, drive.scene);
   const Camera& camera = drive.scene.rig[0].camera;
-  runner.time(name, 1.0 * camera.width * camera.height * kSamples, 2 * nerf_macs_per_sample(config),
-              [&] { render_image(backend, state.model, camera, drive.scene.world_from_camera(drive.scene.views[0])); });
+  runner.time(name, 1.0 * camera.width * camera.height * options.samples, 2 * forward_macs, [&] {
+    render_image(backend, *state.model, camera, drive.scene.world_from_camera(drive.scene.views[0]));
+  });
 }
 
 void time_kernels(Runner& runner, kernels::Backend& backend, const SyntheticDrive& drive) {
   const NerfConfig config;
   KernelBatch b(drive, config, 96);
   const double samples = static_cast<double>(b.t.size()), forward_flops = 2 * nerf_macs_per_sample(config);
-  const auto field = b.state.model.field(0);
+  const auto field = b.model().field(0);
   runner.time("kernel/sample_stratified", samples, kStratifiedFlops,
               [&] { backend.sample_stratified(b.rays.n, b.sampling(), b.t, b.dt); });
   runner.time("kernel/nerf_forward-256", samples, forward_flops,
@@ -113,13 +110,33 @@ void time_kernels(Runner& runner, kernels::Backend& backend, const SyntheticDriv
   runner.time("kernel/nerf_backward-256", samples, 3 * forward_flops,
               [&] { backend.nerf_backward(field, b.ray_spans(), b.sample_spans(), b.d_raw, b.gradients); });
   runner.time("kernel/composite_forward", samples, kCompositeFlops, [&] {
-    backend.composite_forward(b.rays.n, b.sample_spans(), b.raw, {b.rgb, b.depth, b.opacity, b.weights});
+    backend.composite_forward(b.rays.n, b.sample_spans(), b.raw, {}, {b.rgb, b.depth, b.opacity, b.weights});
   });
-  runner.time("kernel/composite_backward", samples, kCompositeAdjointFlops,
-              [&] { backend.composite_backward(b.rays.n, b.sample_spans(), b.raw, b.d_rgb, b.d_raw); });
+  runner.time("kernel/composite_backward", samples, kCompositeAdjointFlops, [&] {
+    backend.composite_backward(b.rays.n, b.sample_spans(), b.raw, {}, {b.d_rgb, {}}, b.d_raw);
+  });
   runner.time("kernel/adam", static_cast<double>(b.gradients.size()), kAdamFlops, [&] {
-    backend.adam(adam_step(5e-4, 1), b.gradients, b.state.model.parameters, b.state.first_moment,
+    backend.adam(adam_step(5e-4, 1), b.gradients, b.state.model->parameters, b.state.first_moment,
                  b.state.second_moment);
+  });
+}
+
+void time_grid_kernels(Runner& runner, kernels::Backend& backend, const SyntheticDrive& drive) {
+  GridBatch b(drive, backend.grid());
+  kernels::GridStages& stages = backend.grid();
+  const int n = b.rays.n;
+  const double samples = static_cast<double>(b.points.n), levels = b.model().field.grid.levels,
+               features = b.model().field.grid.features, macs = grid_macs_per_sample(b.model().field);
+  // A level: three coordinates of 3, eight weights of 2, eight rows of 2 operations a feature; twice of that for the adjoint.
+  const double encode_flops = levels * (25 + 16 * features);
+  runner.time("kernel/grid_encode", samples, encode_flops, [&] { stages.encode(b.grid(), b.points, b.features); });
+  runner.time("kernel/grid_encode_backward", samples, 2 * encode_flops,
+              [&] { stages.encode_backward(b.grid(), b.points, b.features, b.d_table, {}); });
+  runner.time("kernel/grid_network_forward", samples, 2 * macs,
+              [&] { stages.network_forward(b.network(), n, b.per_ray, b.features, b.harmonics, b.raw); });
+  // Includes the forward pass that it does over.
+  runner.time("kernel/grid_network_backward", samples, 6 * macs, [&] {
+    stages.network_backward(b.network(), n, b.per_ray, b.features, b.harmonics, b.raw, b.d_weights, b.d_features);
   });
 }
 
@@ -137,10 +154,17 @@ Report run(kernels::Backend& backend, const Options& options, const std::functio
 
   Runner runner(options, &report, on_result);
   const SyntheticDrive drive = make_drive();
-  time_step(runner, backend, drive, 256, 96);
-  time_step(runner, backend, drive, 128, 48);
+  const TrainOptions wide = options_of("nerf", 256, 96), narrow = options_of("nerf", 128, 48),
+                     grid = options_of("grid", 32, 24);
+  const double wide_macs = nerf_macs_per_sample({wide.width}), narrow_macs = nerf_macs_per_sample({narrow.width}),
+               grid_macs = grid_macs_per_sample(GridModel{}.field);
+  time_step(runner, backend, drive, "step/nerf-256x96", wide, wide_macs);
+  time_step(runner, backend, drive, "step/nerf-128x48", narrow, narrow_macs);
+  time_step(runner, backend, drive, "step/grid-32x24", grid, grid_macs);
   time_kernels(runner, backend, drive);
-  time_render(runner, backend, drive, options.filter);
+  time_grid_kernels(runner, backend, drive);
+  time_render(runner, backend, drive, "render/nerf-256x96-1280x704", wide, wide_macs, options.filter);
+  time_render(runner, backend, drive, "render/grid-32x24-1280x704", grid, grid_macs, options.filter);
   if (report.results.empty()) throw UsageError("--filter", options.filter, "no benchmark's name contains it");
   return report;
 }

@@ -5,6 +5,7 @@
 
 #include "redrive/base/rng.h"
 #include "redrive/sampling/hierarchical.h"
+#include "redrive/train/run.h"
 
 namespace redrive::bench {
 
@@ -43,8 +44,17 @@ SyntheticDrive make_drive() {
   return drive;
 }
 
+TrainOptions options_of(const std::string& method, int width, int samples) {
+  TrainOptions options;
+  options.method = method;
+  options.width = width;
+  options.samples = samples;
+  apply_preset(&options, {"width", "samples"});
+  return options;
+}
+
 KernelBatch::KernelBatch(const SyntheticDrive& drive, const NerfConfig& config, int samples)
-    : state(initial_state(config, samples, 0, drive.scene, 1)) {
+    : state(first_state(options_of("nerf", config.width, samples), drive.scene)) {
   PixelSampler(drive.scene, drive.images, 1).gather(0, kBatchRays, &rays);
   const std::size_t n = static_cast<std::size_t>(rays.n) * samples;
   t.resize(n);
@@ -62,14 +72,34 @@ KernelBatch::KernelBatch(const SyntheticDrive& drive, const NerfConfig& config, 
   fill(&raw, 4 * n, 4);
   fill(&d_rgb, 3 * rays.n, 1.0f / rays.n);
   fill(&d_raw, 4 * n, 1.0f / n);
-  fill(&gradients, state.model.parameters.size(), 1e-3f);
+  fill(&gradients, state.model->parameters.size(), 1e-3f);
   rgb.resize(3 * rays.n);
   depth.resize(rays.n);
   opacity.resize(rays.n);
 }
 
 kernels::StratifiedSampling KernelBatch::sampling() const {
-  return {state.model.samples, state.model.near_m, state.model.far_m, true, random_key(1, kStreamSamples)};
+  return {model().samples, model().near_m, model().far_m, true, random_key(1, kStreamSamples)};
+}
+
+GridBatch::GridBatch(const SyntheticDrive& drive, kernels::GridStages& stages)
+    : state(first_state(options_of("grid", 32, per_ray), drive.scene)) {
+  constexpr int kRays = 2048;
+  PixelSampler(drive.scene, drive.images, 1).gather(0, kRays, &rays);
+  const std::size_t n = static_cast<std::size_t>(rays.n) * per_ray;
+  edges.resize(n + rays.n);
+  position.resize(3 * n);
+  footprint.resize(n);
+  stages.spaced(rays.n, per_ray, model().spacing, true, random_key(1, kStreamSamples), edges);
+  stages.contract(model().contraction, rays_of(rays), rays.pixel_angle, {per_ray, edges}, position, footprint);
+  points = {n, position, footprint};
+  features.resize(n * model().field.grid.outputs());
+  d_features.resize(features.size());
+  harmonics.assign(static_cast<std::size_t>(rays.n) * kHarmonics, 0.3f);
+  raw.assign(4 * n, 1e-3f);
+  d_table.resize(grid().table.size());
+  d_weights.resize(network().weights.size());
+  stages.encode(grid(), points, features);
 }
 
 }  // namespace redrive::bench

@@ -4,10 +4,12 @@
 
 #include <vector>
 
+#include "redrive/model/grid_model.h"
+#include "redrive/model/nerf_model.h"
 #include "redrive/rays/ray_table.h"
 #include "redrive/scene/image_set.h"
 #include "redrive/scene/scene.h"
-#include "redrive/train/model.h"
+#include "redrive/train/run.h"
 
 namespace redrive::bench {
 
@@ -20,6 +22,9 @@ struct SyntheticDrive {
 };
 SyntheticDrive make_drive();
 
+/// What a fresh run of the method would take, at this width and these samples a ray.
+TrainOptions options_of(const std::string& method, int width, int samples);
+
 /// Everything a kernel of one batch reads or writes, filled with numbers like a real step's.
 struct KernelBatch {
   TrainState state;
@@ -28,8 +33,23 @@ struct KernelBatch {
 
   KernelBatch(const SyntheticDrive& drive, const NerfConfig& config, int samples);
   kernels::Rays ray_spans() const { return {rays.n, rays.origin, rays.direction}; }
-  kernels::Samples sample_spans() const { return {state.model.samples, t, dt}; }
+  const NerfModel& model() const { return static_cast<const NerfModel&>(*state.model); }
+  kernels::Samples sample_spans() const { return {model().samples, t, dt}; }
   kernels::StratifiedSampling sampling() const;
+};
+
+/// The same for the stages of --method grid: rays of the drive, their samples spread over all distances.
+struct GridBatch {
+  static constexpr int per_ray = 24;
+  TrainState state;
+  RayBatch rays;
+  std::vector<float> edges, position, footprint, features, d_features, harmonics, raw, d_table, d_weights;
+  kernels::UnitPoints points;
+
+  GridBatch(const SyntheticDrive& drive, kernels::GridStages& stages);
+  const GridModel& model() const { return static_cast<const GridModel&>(*state.model); }
+  kernels::HashGrid grid() const { return model().grid(GridModel::kFieldGrid); }
+  kernels::GridNetwork network() const { return model().network(); }
 };
 
 }  // namespace redrive::bench

@@ -87,7 +87,7 @@ int render_one(const RenderOptions& options) {
                                                    *shift_axes_from_name(options.axes), shift_m);
   const auto backend = make_checked_backend(options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
-  const RenderedImage image = render_image(*backend, run.state.model, camera.camera, world_from_camera);
+  const RenderedImage image = render_image(*backend, *run.state.model, camera.camera, world_from_camera);
   write_image(options.out, to_image8(image));
   std::printf("%s: %d x %d\n", options.out.c_str(), image.width, image.height);
   if (!options.depth.empty()) {
@@ -123,7 +123,7 @@ int render_poses(const RenderOptions& options) {
   std::printf("%s\n", kernels::describe(*backend).c_str());
   for (std::size_t i = 0; i < poses.views.size(); ++i) {
     const fs::path file = out / poses.views[i].file;
-    const RenderedImage image = render_image(*backend, run.state.model, cameras[i]->camera, world_from_camera[i]);
+    const RenderedImage image = render_image(*backend, *run.state.model, cameras[i]->camera, world_from_camera[i]);
     std::error_code error;
     fs::create_directories(file.parent_path(), error);
     if (error) throw IoError(file.parent_path(), error.message());

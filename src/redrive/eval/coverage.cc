@@ -30,7 +30,7 @@ Coverage::Coverage(const Run& run, kernels::Backend& backend) : far_m_(run.scene
     const RayTable table = make_ray_table(small);
     for (const std::size_t i : evenly_spaced(training.size(), std::max<std::size_t>(1, kMaxViews / scene.rig.size()))) {
       const Rigid3d world_from_camera = scene.world_from_camera(*training[i]);
-      const RenderedImage image = render_image(backend, run.state.model, table, world_from_camera);
+      const RenderedImage image = render_image(backend, *run.state.model, table, world_from_camera);
       TrainingView view{small, world_from_camera.inverse(Eigen::Isometry), std::vector<float>(image.depth.size())};
       for (std::size_t k = 0; k < view.range_m.size(); ++k)
         if (image.valid[k]) view.range_m[k] = static_cast<float>(range_of(image, k, far_m_));

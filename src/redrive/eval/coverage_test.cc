@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include "redrive/model/nerf_model.h"
 #include "redrive/render/paint_backend.h"
 
 namespace redrive {
@@ -35,7 +36,9 @@ class CoverageTest : public testing::Test {
     run_.scene.rig = {{"A", front_camera(), front_camera(), Rigid3d::Identity()}};
     run_.scene.views = {{0, 0, "", false}};  // at the origin
     run_.scene.far_m = 100;
-    NerfModel& model = run_.state.model;
+    auto own = std::make_unique<NerfModel>();
+    NerfModel& model = *own;
+    run_.state.model = std::move(own);
     model.config.width = 32;
     model.samples = 4;
     model.near_m = 1;
@@ -46,7 +49,7 @@ class CoverageTest : public testing::Test {
   /// Middle row of what the training view saw, from x_m aside.
   std::vector<std::uint8_t> seen_from(double x_m) {
     const Rigid3d pose(Eigen::Translation3d(x_m, 0, 0));
-    const RenderedImage image = render_image(walls_, run_.state.model, front_camera(), pose);
+    const RenderedImage image = render_image(walls_, *run_.state.model, front_camera(), pose);
     const auto seen = Coverage(run_, walls_).seen(front_camera(), pose, image);
     return {seen.begin() + 5 * kWidth, seen.begin() + 6 * kWidth};
   }

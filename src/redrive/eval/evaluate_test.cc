@@ -10,6 +10,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/temporary_folder.h"
+#include "redrive/model/nerf_model.h"
 #include "redrive/render/paint_backend.h"
 
 namespace redrive {
@@ -52,7 +53,9 @@ class EvaluateTest : public testing::Test {
       for (int f = 0; f < 4; ++f)
         scene.views.push_back({c, f, grey(scene.rig[c].name + std::to_string(f) + ".png", c == 0 ? 51 * f : 255), false,
                                scene.frames[f].world_from_body});
-    NerfModel& model = run_.state.model;
+    auto own = std::make_unique<NerfModel>();
+    NerfModel& model = *own;
+    run_.state.model = std::move(own);
     model.config.width = 32;
     model.samples = 4;
     model.near_m = 1;

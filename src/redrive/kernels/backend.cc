@@ -13,9 +13,9 @@ double Backend::train_rays(const NerfField& field, const Rays& rays, const Sampl
   std::vector<float> raw(4 * sample_count(rays.n, samples)), d_raw(raw.size()),
       d_rgb(3 * static_cast<std::size_t>(rays.n));
   nerf_forward(field, rays, samples, raw);
-  composite_forward(rays.n, samples, raw, out);
+  composite_forward(rays.n, samples, raw, {}, out);
   const double loss = photometric_loss(out.rgb, target, d_rgb);
-  composite_backward(rays.n, samples, raw, d_rgb, d_raw);
+  composite_backward(rays.n, samples, raw, {}, {d_rgb, {}}, d_raw);
   nerf_backward(field, rays, samples, d_raw, gradients);
   return loss;
 }
@@ -24,7 +24,7 @@ void Backend::render_rays(const NerfField& field, const Rays& rays, const Sample
   check_field(field, rays, samples);
   std::vector<float> raw(4 * sample_count(rays.n, samples));
   nerf_forward(field, rays, samples, raw);
-  composite_forward(rays.n, samples, raw, out);
+  composite_forward(rays.n, samples, raw, {}, out);
 }
 
 }  // namespace redrive::kernels

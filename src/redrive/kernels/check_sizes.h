@@ -36,6 +36,15 @@ inline void check_composite(int n_rays, const Samples& samples, const CompositeO
   if (!out.weights.empty()) REDRIVE_CHECK_OP(out.weights.size(), ==, sample_count(n_rays, samples));
 }
 
+inline void check_background(int n_rays, std::span<const float> background) {
+  if (!background.empty()) REDRIVE_CHECK_OP(background.size(), ==, 3 * static_cast<std::size_t>(n_rays));
+}
+
+inline void check_composite_adjoint(int n_rays, const Samples& samples, const CompositeAdjoint& adjoint) {
+  REDRIVE_CHECK_OP(adjoint.d_rgb.size(), ==, 3 * static_cast<std::size_t>(n_rays));
+  if (!adjoint.d_weights.empty()) REDRIVE_CHECK_OP(adjoint.d_weights.size(), ==, sample_count(n_rays, samples));
+}
+
 inline void check_stratified(int n_rays, const StratifiedSampling& how, std::size_t t_size, std::size_t dt_size) {
   REDRIVE_CHECK_OP(n_rays, >=, 1);
   REDRIVE_CHECK_OP(how.per_ray, >=, 1);

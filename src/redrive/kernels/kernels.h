@@ -13,6 +13,7 @@
 
 #include "redrive/base/cpu_features.h"
 #include "redrive/field/nerf_field.h"
+#include "redrive/kernels/grid_stages.h"
 #include "redrive/optim/adam.h"
 #include "redrive/scene/unit_from_world.h"
 
@@ -42,6 +43,12 @@ struct NerfField {
 /// [n_rays, per_ray], may be empty (not wanted).
 struct CompositeOut {
   std::span<float> rgb, depth, opacity, weights;
+};
+
+/// What the colours of a batch are worth to the loss: d_rgb [3, n_rays], and d_weights [n_rays, per_ray] of losses on the
+/// weights themselves; may be empty.
+struct CompositeAdjoint {
+  std::span<const float> d_rgb, d_weights;
 };
 
 /// How samples are drawn: per_ray bins of equal length in [near_m, far_m], one sample in each (NeRF eq. 2), uniform
@@ -79,10 +86,12 @@ class Backend {
                              std::span<const float> d_raw, std::span<float> gradients) = 0;
 
   // ---- volume/
+  /// background [3, n_rays], or empty: black.
   virtual void composite_forward(int n_rays, const Samples& samples, std::span<const float> raw,
-                                 const CompositeOut& out) = 0;
+                                 std::span<const float> background, const CompositeOut& out) = 0;
   virtual void composite_backward(int n_rays, const Samples& samples, std::span<const float> raw,
-                                  std::span<const float> d_rgb, std::span<float> d_raw) = 0;
+                                  std::span<const float> background, const CompositeAdjoint& adjoint,
+                                  std::span<float> d_raw) = 0;
 
   // ---- loss/
   /// Mean squared error over n_rays x 3 (loss/photometric.h); d_rgb [3, n_rays]. Summed in double, in a fixed order.
@@ -90,9 +99,12 @@ class Backend {
                                   std::span<float> d_rgb) = 0;
 
   // ---- optim/
-  /// One Adam step (optim/adam.h) over all parameters.
-  virtual void adam(const AdamStep& step, std::span<const float> gradients, std::span<float> parameters,
+  /// One Adam step (optim/adam.h) over all parameters. Leaves gradients 0, for the next step to add to.
+  virtual void adam(const AdamStep& step, std::span<float> gradients, std::span<float> parameters,
                     std::span<float> first_moment, std::span<float> second_moment) = 0;
+
+  // ---- the stages of --method grid
+  virtual GridStages& grid() = 0;
 
   // ---- fused extras
   /// Forward, compositing, loss and backward of a batch: adds to `gradients`, fills `out` (weights only if wanted),

@@ -12,6 +12,7 @@ namespace redrive {
 struct AdamStep {
   float learning_rate = 5e-4f, beta1 = 0.9f, beta2 = 0.999f, epsilon = 1e-8f;
   float bias1 = 1, bias2 = 1;
+  bool lazy = false;  ///< leaves a parameter alone, moments and all, in steps that say nothing of it (gradient 0)
 };
 
 inline AdamStep adam_step(double learning_rate, std::int64_t step) {
@@ -26,6 +27,7 @@ inline AdamStep adam_step(double learning_rate, std::int64_t step) {
 template <class T>
 void adam_update(const AdamStep& s, T gradient, T& parameter, T& m, T& v) {
   using std::sqrt;
+  if (s.lazy && gradient == T(0)) return;
   m = T(s.beta1) * m + T(1 - s.beta1) * gradient;
   v = T(s.beta2) * v + T(1 - s.beta2) * gradient * gradient;
   parameter -= T(s.learning_rate) * (m * T(s.bias1)) / (sqrt(v * T(s.bias2)) + T(s.epsilon));
@@ -38,6 +40,14 @@ inline double multi_step_rate(double initial, double gamma, std::span<const std:
   for (const std::int64_t milestone : milestones)
     if (step >= milestone) rate *= gamma;
   return rate;
+}
+
+/// Exponential decay with a warm-up: initial * last_factor^progress, progress 0..1 through the run; the first kWarmUpSteps rise
+/// linearly, since Adam's first moments are of few steps.
+constexpr std::int64_t kWarmUpSteps = 100;
+inline double decayed_rate(double initial, double last_factor, double progress, std::int64_t step) {
+  const double warm = step < kWarmUpSteps ? static_cast<double>(step + 1) / kWarmUpSteps : 1.0;
+  return initial * std::pow(last_factor, progress) * warm;
 }
 
 }  // namespace redrive

@@ -52,6 +52,32 @@ TEST(Adam, VanishingGradientStaysFinite) {
   EXPECT_NEAR(p, 0.25f, 1e-20f);
 }
 
+TEST(Adam, LazyStepForgetsNothingOfWhatItIsNotTold) {
+  AdamStep how = adam_step(5e-4, 7);
+  double p = 0.25, m = 1e-3, v = 1e-6, plain_p = p, plain_m = m, plain_v = v;
+  adam_update(how, 0.0, plain_p, plain_m, plain_v);
+  EXPECT_NE(plain_p, 0.25);  // momentum goes on
+  how.lazy = true;
+  adam_update(how, 0.0, p, m, v);
+  EXPECT_EQ(p, 0.25);
+  EXPECT_EQ(m, 1e-3);
+  EXPECT_EQ(v, 1e-6);
+  double lazy_p = 0.25, lazy_m = 1e-3, lazy_v = 1e-6;
+  plain_p = 0.25, plain_m = 1e-3, plain_v = 1e-6;
+  adam_update(how, 2e-3, lazy_p, lazy_m, lazy_v);
+  adam_update(adam_step(5e-4, 7), 2e-3, plain_p, plain_m, plain_v);
+  EXPECT_EQ(lazy_p, plain_p);
+}
+
+TEST(DecayedRate, RisesThenDecaysToTheLastFactor) {
+  EXPECT_DOUBLE_EQ(decayed_rate(0.02, 0.1, 0, 0), 0.02 / kWarmUpSteps);
+  EXPECT_DOUBLE_EQ(decayed_rate(0.02, 0.1, 0, kWarmUpSteps / 2 - 1), 0.01);
+  EXPECT_DOUBLE_EQ(decayed_rate(0.02, 0.1, 0, kWarmUpSteps - 1), 0.02);
+  EXPECT_DOUBLE_EQ(decayed_rate(0.02, 0.1, 0, kWarmUpSteps), 0.02);
+  EXPECT_DOUBLE_EQ(decayed_rate(0.02, 0.01, 0.5, 1000000), 0.002);
+  EXPECT_DOUBLE_EQ(decayed_rate(0.02, 0.1, 1, 1000000), 0.002);
+}
+
 TEST(MultiStepRate, HalvesAtEachMilestone) {
   const std::array<std::int64_t, 2> milestones = {10, 20};
   EXPECT_EQ(multi_step_rate(8, 0.5, milestones, 0), 8);

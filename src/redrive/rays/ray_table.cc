@@ -2,6 +2,8 @@
 #include "redrive/rays/ray_table.h"
 
 #include <algorithm>
+#include <cmath>
+#include <limits>
 
 #include "redrive/base/error.h"
 #include "redrive/base/rng.h"
@@ -14,6 +16,7 @@ void resize(RayBatch* batch, int n, bool with_target) {
   batch->origin.resize(3 * std::size_t(n));
   batch->direction.resize(3 * std::size_t(n));
   batch->target.resize(with_target ? 3 * std::size_t(n) : 0);
+  batch->pixel_angle.resize(n);
 }
 
 /// Ray `i` of the batch: entry `k` of the table, turned in double so that its length stays 1 to float's rounding.
@@ -24,12 +27,31 @@ void set_ray(const RayTable& table, std::size_t k, const Rigid3d& world_from_cam
     batch->origin[std::size_t(d) * batch->n + i] = static_cast<float>(world_from_camera.translation()[d]);
     batch->direction[std::size_t(d) * batch->n + i] = static_cast<float>(in_world[d]);
   }
+  batch->pixel_angle[i] = table.pixel_angle;
+}
+
+/// Mean over a coarse lattice of pixels; the smallest positive float of a camera that sees nothing.
+float mean_pixel_angle(const Camera& camera) {
+  constexpr int kLattice = 32;
+  double sum = 0;
+  int count = 0;
+  for (int j = 0; j < kLattice; ++j)
+    for (int i = 0; i < kLattice; ++i) {
+      const Eigen::Vector2d pixel((i + 0.5) / kLattice * camera.width - 0.5,
+                                  (j + 0.5) / kLattice * camera.height - 0.5);
+      const auto here = camera.unproject(pixel), right = camera.unproject(pixel + Eigen::Vector2d(0.5, 0)),
+                 below = camera.unproject(pixel + Eigen::Vector2d(0, 0.5));
+      if (!here || !right || !below) continue;
+      sum += 4 * (*right - *here).cross(*below - *here).norm();
+      ++count;
+    }
+  return count > 0 ? static_cast<float>(std::sqrt(sum / count)) : std::numeric_limits<float>::min();
 }
 
 }  // namespace
 
 RayTable make_ray_table(const Camera& camera) {
-  RayTable table{camera.width, camera.height, {}, {}};
+  RayTable table{camera.width, camera.height, {}, {}, mean_pixel_angle(camera)};
   table.pixel.reserve(std::size_t(camera.width) * camera.height);
   table.direction.reserve(3 * std::size_t(camera.width) * camera.height);
   for (int y = 0; y < camera.height; ++y)

@@ -17,6 +17,7 @@ struct RayTable {
   int width = 0, height = 0;
   std::vector<std::uint32_t> pixel;  ///< y * width + x, ascending
   std::vector<float> direction;      ///< [pixel.size(), 3]
+  float pixel_angle = 0;  ///< side of a pixel as the camera's centre sees it, rad: root of the mean solid angle
 };
 RayTable make_ray_table(const Camera& camera);
 
@@ -24,6 +25,7 @@ RayTable make_ray_table(const Camera& camera);
 struct RayBatch {
   int n = 0;
   std::vector<float> origin, direction, target;
+  std::vector<float> pixel_angle;  ///< [n], rad: of the ray's camera
 };
 
 /// All rays of one view (rows [first_row, last_row)) for rendering: ray k belongs to pixel table.pixel[first + k].

@@ -46,18 +46,20 @@ class PaintBackend : public kernels::Backend {
                      std::span<float>) override {
     unexpected();
   }
-  void composite_forward(int, const kernels::Samples&, std::span<const float>, const kernels::CompositeOut&) override {
+  void composite_forward(int, const kernels::Samples&, std::span<const float>, std::span<const float>,
+                         const kernels::CompositeOut&) override {
     unexpected();
   }
   void composite_backward(int, const kernels::Samples&, std::span<const float>, std::span<const float>,
-                          std::span<float>) override {
+                          const kernels::CompositeAdjoint&, std::span<float>) override {
     unexpected();
   }
+  kernels::GridStages& grid() override { throw std::logic_error("no test paints a grid field"); }
   double photometric_loss(std::span<const float>, std::span<const float>, std::span<float>) override {
     unexpected();
     return 0;
   }
-  void adam(const AdamStep&, std::span<const float>, std::span<float>, std::span<float>, std::span<float>) override {
+  void adam(const AdamStep&, std::span<float>, std::span<float>, std::span<float>, std::span<float>) override {
     unexpected();
   }
 

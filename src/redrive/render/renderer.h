@@ -5,9 +5,9 @@
 #include <vector>
 
 #include "redrive/camera/camera.h"
+#include "redrive/model/model.h"
 #include "redrive/rays/ray_table.h"
 #include "redrive/scene/image_set.h"
-#include "redrive/train/model.h"
 
 namespace redrive {
 
@@ -20,9 +20,9 @@ struct RenderedImage {
   std::vector<std::uint8_t> valid;  ///< [height, width]
 };
 
-RenderedImage render_image(kernels::Backend& backend, const NerfModel& model, const Camera& camera,
+RenderedImage render_image(kernels::Backend& backend, const Model& model, const Camera& camera,
                            const Rigid3d& world_from_camera);
-RenderedImage render_image(kernels::Backend& backend, const NerfModel& model, const RayTable& table,
+RenderedImage render_image(kernels::Backend& backend, const Model& model, const RayTable& table,
                            const Rigid3d& world_from_camera);
 
 Image8 to_image8(const RenderedImage& image);                     ///< round(255 x), clamped

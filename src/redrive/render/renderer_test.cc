@@ -6,6 +6,8 @@
 
 #include <gtest/gtest.h>
 
+#include "redrive/model/nerf_model.h"
+
 #include "redrive/render/paint_backend.h"
 
 namespace redrive {
@@ -55,18 +57,19 @@ class DirectionBackend final : public PaintBackend {
   int hierarchical = 0;
 };
 
-NerfModel make_model(int fine_samples) {
-  NerfModel model;
+std::unique_ptr<NerfModel> nerf_model(int fine_samples) {
+  auto made = std::make_unique<NerfModel>();
+  NerfModel& model = *made;
   model.config.width = 32;
   model.samples = kSamples;
   model.fine_samples = fine_samples;
   model.near_m = 1;
   model.far_m = 10;
   const std::size_t size = nerf_parameter_count(model.config);
-  model.parameters = Buffer<float>(size * model.networks());
+  model.parameters = Buffer<float>(model.size());
   model.parameters[0] = 100;                           // coarse
   if (fine_samples > 0) model.parameters[size] = 200;  // fine
-  return model;
+  return made;
 }
 
 /// Every pixel but those of column 7 has a direction of its own.
@@ -119,7 +122,7 @@ void expect_directions(const RenderedImage& image, const RayTable& table, const 
 TEST(Renderer, PutsEachRayAtItsPixelAcrossTiles) {
   const RayTable table = make_table(180, 100);  // 17,900 rays: two tiles of 8192 and a rest
   DirectionBackend backend;
-  const RenderedImage image = render_image(backend, make_model(0), table, tilted());
+  const RenderedImage image = render_image(backend, *nerf_model(0), table, tilted());
   EXPECT_EQ(image.width, 180);
   EXPECT_EQ(image.height, 100);
   expect_directions(image, table, tilted(), 103.5f);
@@ -130,14 +133,14 @@ TEST(Renderer, PutsEachRayAtItsPixelAcrossTiles) {
 TEST(Renderer, TileThatFitsExactlyLeavesNoEmptyOne) {
   const RayTable table = make_table(129, 64);  // 128 * 64 = 8192 rays
   DirectionBackend backend;
-  expect_directions(render_image(backend, make_model(0), table, tilted()), table, tilted(), 103.5f);
+  expect_directions(render_image(backend, *nerf_model(0), table, tilted()), table, tilted(), 103.5f);
   EXPECT_EQ(backend.tiles, std::vector<int>{8192});
 }
 
 TEST(Renderer, FineNetworkPaintsWhereThereIsOne) {
   const RayTable table = make_table(30, 20);
   DirectionBackend backend;
-  expect_directions(render_image(backend, make_model(kFineSamples), table, tilted()), table, tilted(), 203.5f);
+  expect_directions(render_image(backend, *nerf_model(kFineSamples), table, tilted()), table, tilted(), 203.5f);
   EXPECT_EQ(backend.hierarchical, 1);
 }
 
@@ -146,7 +149,7 @@ TEST(Renderer, NoReachablePixelIsABlackImage) {
   table.width = 4;
   table.height = 3;
   DirectionBackend backend;
-  const RenderedImage image = render_image(backend, make_model(0), table, Rigid3d::Identity());
+  const RenderedImage image = render_image(backend, *nerf_model(0), table, Rigid3d::Identity());
   EXPECT_EQ(image.rgb, std::vector<float>(36, 0.0f));
   EXPECT_EQ(image.valid, std::vector<std::uint8_t>(12, 0));
   EXPECT_TRUE(backend.tiles.empty());

@@ -42,12 +42,9 @@ std::string recording_name(const Run& run) {
 std::string heading(const Run& run, const kernels::Backend& backend) {
   std::string cameras;
   for (const RigCamera& camera : run.scene.rig) cameras += (cameras.empty() ? "" : ", ") + camera.name;
-  const NerfModel& model = run.state.model;
   std::string out = "<h1>" + html_escape(recording_name(run)) + "</h1>\n";
   out += "<p>" + html_escape(cameras) + "; " + std::to_string(run.scene.frames.size()) + " frames; method " +
-         html_escape(run.options.method) + ", width " + std::to_string(model.config.width) + ", " +
-         std::to_string(model.samples) + (model.fine_samples > 0 ? " + " + std::to_string(model.fine_samples) : "") +
-         " samples per ray</p>\n";
+         run.state.model->method() + ", " + run.state.model->describe() + "</p>\n";
   out += "<p>" + std::to_string(run.state.step) + " steps in " + duration(run.state.seconds) + " of training" +
          starts(run.state) + "; pictures rendered with " + html_escape(kernels::describe(backend)) + "</p>\n";
   return out;

@@ -9,22 +9,17 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/rng.h"
-#include "redrive/train/model.h"
+#include "redrive/model/grid_model.h"
 #include "redrive/train/safetensors.h"
+#include "redrive/train/test_support.h"
 
 namespace redrive {
 namespace {
 
 using ::testing::HasSubstr;
 
-TrainState example_state(int fine_samples = 8) {
-  Scene scene;
-  scene.near_m = 0.5;
-  scene.far_m = 12;
-  scene.unit_from_world = {{1.5f, -0.1f, 1e-3f}, 0.07f};
-  NerfConfig config;
-  config.width = 32;
-  TrainState state = initial_state(config, 16, fine_samples, scene, 3);
+/// Every number of it other than at the start.
+TrainState midway(TrainState state) {
   for (std::size_t i = 0; i < state.first_moment.size(); ++i) {
     state.first_moment[i] = random_unit(1, i) - 0.5f;
     state.second_moment[i] = random_unit(2, i) * 1e-30f;
@@ -40,6 +35,32 @@ TrainState example_state(int fine_samples = 8) {
   return state;
 }
 
+TrainState example_state(int fine_samples = 8) {
+  Scene scene;
+  scene.near_m = 0.5;
+  scene.far_m = 12;
+  scene.unit_from_world = {{1.5f, -0.1f, 1e-3f}, 0.07f};
+  TrainOptions options;
+  options.method = "nerf";
+  options.width = 32;
+  options.samples = 16;
+  options.fine_samples = fine_samples;
+  return midway(first_state(options, scene));
+}
+
+/// The smallest tables there are.
+TrainState example_grid_state(int colour_layers = 1) {
+  auto model = std::make_unique<GridModel>();
+  model->field = {{2, 8, 2, 8, 4}, 16, colour_layers};
+  model->proposal = {1, 1, 2, 2, 6};
+  model->sky = {1, 4, 2, 2, 6};
+  model->contraction = {{1.5f, -0.1f, 1e-3f}, 33, false};
+  model->spacing = {0.25f, 321, 7};
+  model->proposal_samples = {11, 7};
+  model->samples = 5;
+  return midway(initial_state(std::move(model), 3));
+}
+
 void expect_equal(std::span<const float> a, std::span<const float> b) {
   ASSERT_EQ(a.size(), b.size());
   EXPECT_EQ(std::memcmp(a.data(), b.data(), a.size_bytes()), 0);
@@ -49,16 +70,16 @@ TEST(Checkpoint, RoundTripIsBitExact) {
   for (const int fine_samples : {0, 8}) {
     const TrainState state = example_state(fine_samples);
     const TrainState back = parse_checkpoint(checkpoint_bytes(state), "c");
-    expect_equal(back.model.parameters, state.model.parameters);
+    expect_equal(back.model->parameters, state.model->parameters);
     expect_equal(back.first_moment, state.first_moment);
     expect_equal(back.second_moment, state.second_moment);
-    EXPECT_EQ(back.model.config, state.model.config);
-    EXPECT_EQ(back.model.samples, 16);
-    EXPECT_EQ(back.model.fine_samples, fine_samples);
-    EXPECT_EQ(back.model.near_m, state.model.near_m);
-    EXPECT_EQ(back.model.far_m, state.model.far_m);
-    EXPECT_EQ(back.model.unit_from_world.center, state.model.unit_from_world.center);
-    EXPECT_EQ(back.model.unit_from_world.scale, state.model.unit_from_world.scale);
+    EXPECT_EQ(nerf(back).config, nerf(state).config);
+    EXPECT_EQ(nerf(back).samples, 16);
+    EXPECT_EQ(nerf(back).fine_samples, fine_samples);
+    EXPECT_EQ(nerf(back).near_m, nerf(state).near_m);
+    EXPECT_EQ(nerf(back).far_m, nerf(state).far_m);
+    EXPECT_EQ(nerf(back).unit_from_world.center, nerf(state).unit_from_world.center);
+    EXPECT_EQ(nerf(back).unit_from_world.scale, nerf(state).unit_from_world.scale);
     EXPECT_EQ(back.step, state.step);
     EXPECT_EQ(back.seconds, state.seconds);
     EXPECT_EQ(back.seed, state.seed);
@@ -67,6 +88,31 @@ TEST(Checkpoint, RoundTripIsBitExact) {
     EXPECT_EQ(back.skipped_steps, state.skipped_steps);
     EXPECT_EQ(back.watch, state.watch);
     EXPECT_EQ(back.window, state.window);
+  }
+}
+
+TEST(Checkpoint, GridRoundTripIsBitExact) {
+  for (const int colour_layers : {1, 2}) {
+    const TrainState state = example_grid_state(colour_layers);
+    const std::string bytes = checkpoint_bytes(state);
+    const TrainState back = parse_checkpoint(bytes, "c");
+    ASSERT_STREQ(back.model->method(), "grid");
+    const auto &a = dynamic_cast<const GridModel&>(*state.model), &b = dynamic_cast<const GridModel&>(*back.model);
+    expect_equal(b.parameters, a.parameters);
+    expect_equal(back.first_moment, state.first_moment);
+    expect_equal(back.second_moment, state.second_moment);
+    EXPECT_EQ(b.field, a.field);
+    EXPECT_EQ(b.proposal, a.proposal);
+    EXPECT_EQ(b.sky, a.sky);
+    EXPECT_EQ(b.contraction, a.contraction);
+    EXPECT_EQ(b.spacing.near_m, a.spacing.near_m);
+    EXPECT_EQ(b.spacing.far_m, a.spacing.far_m);
+    EXPECT_EQ(b.spacing.half_m, a.spacing.half_m);
+    EXPECT_EQ(b.proposal_samples, a.proposal_samples);
+    EXPECT_EQ(b.samples, a.samples);
+    EXPECT_EQ(back.step, state.step);
+    EXPECT_EQ(back.window, state.window);
+    EXPECT_EQ(checkpoint_bytes(back), bytes);
   }
 }
 
@@ -99,7 +145,7 @@ TEST(Checkpoint, LaysTensorsOutAsSafetensorsSays) {
   EXPECT_EQ(weight.at("shape"), (std::vector<int>{32, 63}));
   float first = 0;
   std::memcpy(&first, parts.data.data() + weight.at("data_offsets")[0].get<std::size_t>(), 4);
-  EXPECT_EQ(first, state.model.network(1)[nerf_layer(state.model.config, 0).weight]);
+  EXPECT_EQ(first, nerf(state).network(1)[nerf_layer(nerf(state).config, 0).weight]);
   EXPECT_EQ(parts.header.at("coarse.trunk.0.bias").at("shape"), (std::vector<int>{32}));
   EXPECT_EQ(parts.header.at("__metadata__").at("step"), "123456789012");
 }
@@ -183,6 +229,51 @@ TEST(Checkpoint, DamageIsRefusedAndNamed) {
       {"far before near", metadata("far_m", "0.25"), "__metadata__.far_m"},
       {"scale", metadata("unit_from_world.scale", "0"), "__metadata__.unit_from_world.scale"},
       {"another format", metadata("format", "torch"), "__metadata__.format"},
+  };
+  for (const Damage& damage : table) {
+    Parts parts(good);
+    damage.apply(parts);
+    const std::string what = complaint(parts.bytes());
+    EXPECT_THAT(what, HasSubstr("run/checkpoint.safetensors")) << damage.name;
+    EXPECT_THAT(what, HasSubstr(damage.message)) << damage.name;
+  }
+}
+
+TEST(Checkpoint, DamageToAGridIsRefusedAndNamed) {
+  const std::string good = checkpoint_bytes(example_grid_state());
+  ASSERT_EQ(complaint(good), "");
+  const auto metadata = [](const char* key, const char* value) {
+    return [=](Parts& p) { p.header["__metadata__"][key] = value; };
+  };
+  const Damage table[] = {
+      {"another method's numbers", metadata("method", "nerf"), "__metadata__.position_octaves"},
+      {"unknown method", metadata("method", "splats"), "__metadata__.method"},
+      {"method missing", [](Parts& p) { p.header["__metadata__"].erase("method"); }, "__metadata__.method"},
+      {"number missing", [](Parts& p) { p.header["__metadata__"].erase("sky.levels"); }, "__metadata__.sky.levels"},
+      {"levels", metadata("grid.levels", "0"), "__metadata__.grid.levels"},
+      {"levels no multiple", metadata("grid.levels", "3"), "__metadata__.grid.levels"},
+      {"rows beyond all memory", metadata("grid.log2_rows", "63"), "__metadata__.grid.log2_rows"},
+      {"rows that the file does not hold", metadata("grid.log2_rows", "8"), "adam.first_moment.shape"},
+      {"features of a sky", metadata("sky.features", "1"), "__metadata__.sky.features"},
+      {"width", metadata("width", "17"), "__metadata__.width"},
+      {"width of another network", metadata("width", "32"), "adam.first_moment.shape"},
+      {"colour layers", metadata("colour_layers", "3"), "__metadata__.colour_layers"},
+      {"near region of no size", metadata("contraction.half_m", "0"), "__metadata__.contraction.half_m"},
+      {"centre not finite", metadata("contraction.center_x", "nan"), "__metadata__.contraction.center_x"},
+      {"far before near", metadata("far_m", "0.125"), "__metadata__.far_m"},
+      {"no samples", metadata("samples", "0"), "__metadata__.samples"},
+      {"no proposals", metadata("first_proposals", "-1"), "__metadata__.samples"},
+      {"tensor renamed",
+       [](Parts& p) {
+         p.header["x"] = p.header["proposal"];
+         p.header.erase("proposal");
+       },
+       "proposal"},
+      {"matrix turned",
+       [](Parts& p) {
+         p.header["colour.0.weight"]["shape"] = {32, 16};
+       },
+       "colour.0.weight.shape"},
   };
   for (const Damage& damage : table) {
     Parts parts(good);

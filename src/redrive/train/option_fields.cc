@@ -159,8 +159,9 @@ std::vector<TrainField> make_fields() {
   constexpr double kInfinite = 1e9;  // seconds and metres that no run reaches
   return {
       text("recording", &O::recording, {}, "folder of the recording"),
-      text("method", &O::method, {"nerf"}, "what is trained"),
-      text("preset", &O::preset, {"", "report-1", "report-2"}, "the report's setups, for what is not given"),
+      text("method", &O::method, {"nerf", "grid"}, "what is trained"),
+      text("preset", &O::preset, {"", "report-1", "report-2", "fast", "best"},
+           "for what is not given: the report's setups of nerf; 1 and 20 minutes of grid, which trains 5 otherwise"),
       list("cameras", &O::cameras, "A,B: the cameras to train on (default: all that have images)"),
       text("frames", &O::frames, {}, "FIRST:LAST[:STEP]: frame ids, both included, either may be empty (default: all)"),
       number("downscale", &O::downscale, Range<int>{1, 64}, "train on images this many times smaller"),

@@ -10,6 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
+#include "redrive/field/grid_field.h"
 
 namespace redrive {
 namespace {
@@ -55,13 +56,32 @@ FrameRange parse_frames(const std::string& text) {
 }  // namespace
 
 void apply_preset(TrainOptions* options, const std::vector<std::string>& given) {
-  if (options->preset.empty()) return;
+  const auto is_given = [&](const char* name) { return std::find(given.begin(), given.end(), name) != given.end(); };
   const auto set = [&](const char* name, auto& field, auto value) {
-    if (std::find(given.begin(), given.end(), name) == given.end()) field = value;
+    if (!is_given(name)) field = value;
   };
-  const bool first = options->preset == "report-1";
-  if (!first && options->preset != "report-2")
-    throw UsageError("--preset", options->preset, "unknown; known are report-1 and report-2");
+  const std::string& preset = options->preset;
+  const bool report = preset == "report-1" || preset == "report-2", timed = preset == "fast" || preset == "best";
+  if (!preset.empty() && !report && !timed)
+    throw UsageError("--preset", preset, "unknown; known are report-1, report-2, fast and best");
+  if (report) set("method", options->method, "nerf");
+  if (timed) set("method", options->method, "grid");
+  if (options->method != (report ? "nerf" : timed ? "grid" : options->method))
+    throw UsageError("--preset", preset, "is not one of --method " + options->method);
+  if (options->method == "grid") {
+    set("near", options->near_m, 0.5);
+    set("far", options->far_m, 1000.0);
+    set("width", options->width, 32);
+    set("samples", options->samples, 24);
+    set("batch", options->batch_rays, 2048);
+    set("learning-rate", options->learning_rate, 2e-2);
+    set("lr-gamma", options->lr_gamma, 0.1);
+    set("epochs", options->epochs, 10000);
+    if (!is_given("epochs") && !is_given("max-steps"))
+      set("max-seconds", options->max_seconds, preset == "fast" ? 60.0 : preset == "best" ? 1200.0 : 300.0);
+  }
+  if (!report) return;
+  const bool first = preset == "report-1";
   set("width", options->width, first ? 256 : 128);
   set("samples", options->samples, first ? 96 : 48);
   set("epochs", options->epochs, first ? 4 : 2);
@@ -74,10 +94,10 @@ void apply_preset(TrainOptions* options, const std::vector<std::string>& given) 
 }
 
 void resolve_cameras(TrainOptions* options, const Recording& recording) {
-  if (!options->cameras.empty() || options->preset.empty()) return;
+  const bool second = options->preset == "report-2";
+  if (!options->cameras.empty() || (options->preset != "report-1" && !second)) return;
   options->cameras = {kFrontCamera};
-  if (options->preset == "report-2")
-    options->cameras.push_back(recording.find_camera(kSecondCamera) ? kSecondCamera : kSecondCameraInstead);
+  if (second) options->cameras.push_back(recording.find_camera(kSecondCamera) ? kSecondCamera : kSecondCameraInstead);
 }
 
 void validate(const TrainOptions& options) {
@@ -95,6 +115,15 @@ void validate(const TrainOptions& options) {
   if (options.far_m <= options.near_m)
     throw UsageError("--far", std::to_string(options.far_m),
                      "must be greater than --near " + std::to_string(options.near_m));
+  if (options.method == "grid") {
+    if (options.fine_samples > 0)
+      throw UsageError("--fine-samples", std::to_string(options.fine_samples), "belongs to --method nerf");
+    if (options.width > kMaxGridWidth)
+      throw UsageError("--width", std::to_string(options.width),
+                       "must be " + std::to_string(kMaxGridWidth) + " or less with --method grid");
+    if (!options.lr_milestones.empty())
+      throw UsageError("--lr-milestones", "", "belong to --method nerf; --lr-gamma says what the rate ends at");
+  }
   if (options.holdout_every == 1)
     throw UsageError("--holdout-every", "1", "would leave nothing to train on; 0 or 2 and more");
   parse_frames(options.frames);

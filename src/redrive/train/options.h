@@ -19,7 +19,7 @@ namespace redrive {
 struct TrainOptions {
   std::string recording;  ///< folder
   std::string method = "nerf";
-  std::string preset;  ///< "", "report-1", "report-2"
+  std::string preset;  ///< "", nerf: "report-1", "report-2"; grid: "fast", "best"
   // scene/scene.h SceneOptions
   std::vector<std::string> cameras;
   std::string frames;  ///< "FIRST:LAST[:STEP]", ids inclusive, either may be empty
@@ -35,7 +35,7 @@ struct TrainOptions {
   // optimisation
   int batch_rays = 1024;                    ///< 1..65536
   double learning_rate = 5e-4;              ///< (0, 1]
-  double lr_gamma = 0.5;                    ///< (0, 1]
+  double lr_gamma = 0.5;                    ///< (0, 1]: nerf: at each milestone; grid: at the end of the run
   std::vector<std::int64_t> lr_milestones;  ///< steps; empty: as milestones() says
   int epochs = 4;                           ///< 1..10000
   std::int64_t max_steps = 0;               ///< 0: no limit
@@ -59,8 +59,8 @@ struct TrainField {
 };
 const std::vector<TrainField>& train_fields();
 
-/// Sets what the preset says except the fields named in `given`. UsageError for an unknown preset. Recording-dependent parts
-/// (setup 2's second camera) are resolved by resolve_cameras.
+/// Sets what the method's defaults and the preset say except the fields named in `given`. UsageError for an unknown preset, or one
+/// of another method. Recording-dependent parts (setup 2's second camera) are resolved by resolve_cameras.
 void apply_preset(TrainOptions* options, const std::vector<std::string>& given);
 /// report-1: F_MIDLONGRANGECAM_CL. report-2: that and F_MIDRANGECAM_C, or B_MIDRANGECAM_C where the recording lacks it.
 void resolve_cameras(TrainOptions* options, const Recording& recording);

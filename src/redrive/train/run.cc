@@ -3,39 +3,47 @@
 
 #include <unistd.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/model/grid_model.h"
+#include "redrive/model/nerf_model.h"
 
 namespace redrive {
 namespace {
 
+/// Names and values of a model's numbers.
+class Numbers final : public NumberVisitor {
+ public:
+  explicit Numbers(Model& model) { model.visit_numbers(*this); }
+  void operator()(const std::string& name, int& value) override { values.emplace_back(name, value); }
+  void operator()(const std::string& name, float& value) override { values.emplace_back(name, value); }
+
+  std::vector<std::pair<std::string, double>> values;
+};
+
 /// The checkpoint belongs to these options and this recording, or InputError.
 void check_belongs(const Run& run) {
   const std::filesystem::path file = run.paths.checkpoint();
-  const NerfModel& model = run.state.model;
-  const auto same = [&](const char* field, auto in_checkpoint, auto expected) {
-    if (in_checkpoint != expected)
-      throw InputError(file, field, std::to_string(in_checkpoint),
-                       "is " + std::to_string(expected) + " in " + run.paths.config().string());
-  };
-  same("width", model.config.width, run.options.width);
-  same("samples", model.samples, run.options.samples);
-  same("fine_samples", model.fine_samples, run.options.fine_samples);
-  same("near_m", model.near_m, static_cast<float>(run.options.near_m));
-  same("far_m", model.far_m, static_cast<float>(run.options.far_m));
-  // Another compiler may round the last bit otherwise; another trajectory differs by far more.
-  const UnitFromWorld &there = model.unit_from_world, &here = run.scene.unit_from_world;
-  const double tolerance_m = 1e-5 / here.scale;
-  bool equal = std::abs(there.scale / here.scale - 1) < 1e-5;
-  for (int k = 0; k < 3; ++k) equal = equal && std::abs(there.center[k] - here.center[k]) < tolerance_m;
-  if (!equal)
-    throw InputError(file, "unit_from_world", std::to_string(there.scale),
-                     "is " + std::to_string(here.scale) + " now: " + run.recording.root.string() +
-                         " is no longer the recording that was trained on");
+  const std::unique_ptr<Model> expected = model_of(run.options, run.scene);
+  if (std::string(run.state.model->method()) != expected->method())
+    throw InputError(file, "method", run.state.model->method(),
+                     std::string("is ") + expected->method() + " in " + run.paths.config().string());
+  const Numbers there(*run.state.model), here(*expected);
+  for (std::size_t i = 0; i < here.values.size(); ++i) {
+    const auto& [name, value] = there.values[i];
+    const double wanted = here.values[i].second;
+    // Another compiler may round the last bit otherwise; another trajectory or option differs by far more.
+    if (std::abs(value - wanted) > 1e-5 * std::max({0.1, std::abs(value), std::abs(wanted)}))
+      throw InputError(file, name, std::to_string(value),
+                       "is " + std::to_string(wanted) + " now: " + run.recording.root.string() +
+                           " is no longer the recording that was trained on, or " + run.paths.config().string() +
+                           " of another run");
+  }
 }
 
 }  // namespace
@@ -76,10 +84,41 @@ void write_config(const RunPaths& paths, const TrainOptions& options) {
   write_file(paths.config(), options_to_json(options).dump(2) + "\n");
 }
 
+namespace {
+
+/// The near region reaches kNearPadding beyond all cameras: what is further than that from every one of them has its pixels
+/// several centimetres wide (a pixel of 1/500 rad), which the contraction's coarser cells still resolve.
+constexpr double kNearPaddingM = 25;
+
+std::unique_ptr<Model> grid_model_of(const TrainOptions& options, const Scene& scene) {
+  auto model = std::make_unique<GridModel>();
+  Eigen::AlignedBox3d cameras;
+  for (const View& view : scene.views) cameras.extend(scene.world_from_camera(view).translation());
+  for (int k = 0; k < 3; ++k) model->contraction.center[k] = static_cast<float>(cameras.center()[k]);
+  model->contraction.half_m = static_cast<float>(cameras.sizes().maxCoeff() / 2 + kNearPaddingM);
+  model->field.width = options.width;
+  model->samples = options.samples;
+  model->spacing.near_m = static_cast<float>(options.near_m);
+  model->spacing.far_m = static_cast<float>(options.far_m);
+  return model;
+}
+
+}  // namespace
+
+std::unique_ptr<Model> model_of(const TrainOptions& options, const Scene& scene) {
+  if (options.method == "grid") return grid_model_of(options, scene);
+  auto model = std::make_unique<NerfModel>();
+  model->config.width = options.width;
+  model->samples = options.samples;
+  model->fine_samples = options.fine_samples;
+  model->near_m = static_cast<float>(scene.near_m);
+  model->far_m = static_cast<float>(scene.far_m);
+  model->unit_from_world = scene.unit_from_world;
+  return model;
+}
+
 TrainState first_state(const TrainOptions& options, const Scene& scene) {
-  NerfConfig config;
-  config.width = options.width;
-  return initial_state(config, options.samples, options.fine_samples, scene, options.seed);
+  return initial_state(model_of(options, scene), options.seed);
 }
 
 Run open_run(const std::filesystem::path& root, bool fresh_if_untrained) {

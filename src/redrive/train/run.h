@@ -8,8 +8,8 @@
 #include <string_view>
 #include <vector>
 
-#include "redrive/train/model.h"
 #include "redrive/train/options.h"
+#include "redrive/train/state.h"
 
 namespace redrive {
 
@@ -39,6 +39,8 @@ struct Run {
 /// InputError if a file is missing or they do not belong together. `fresh_if_untrained`: a run that was killed before its
 /// first checkpoint opens with the state it would have started from (for resume), else that is an error.
 Run open_run(const std::filesystem::path& root, bool fresh_if_untrained = false);
+/// The model that options and scene ask for, without parameters.
+std::unique_ptr<Model> model_of(const TrainOptions& options, const Scene& scene);
 /// The state a run starts from.
 TrainState first_state(const TrainOptions& options, const Scene& scene);
 

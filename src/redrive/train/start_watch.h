@@ -12,7 +12,7 @@
 #include <string>
 
 #include "redrive/rays/ray_table.h"
-#include "redrive/train/model.h"
+#include "redrive/train/state.h"
 #include "redrive/train/step.h"
 
 namespace redrive {

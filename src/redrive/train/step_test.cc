@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/rng.h"
+#include "redrive/model/grid_model.h"
 #include "redrive/train/test_support.h"
 
 namespace redrive {
@@ -30,9 +31,11 @@ TrainState example_state(int fine_samples) {
   scene.near_m = 1;
   scene.far_m = 5;
   scene.unit_from_world = {{0, 0, 0}, 0.2f};
-  NerfConfig config;
-  config.width = 32;
-  return initial_state(config, 8, fine_samples, scene, 5);
+  TrainOptions options = tiny_options(1);
+  options.samples = 8;
+  options.fine_samples = fine_samples;
+  options.seed = 5;
+  return first_state(options, scene);
 }
 
 TEST(TrainStep, IsTheCompositionOfThePlainStages) {
@@ -42,11 +45,15 @@ TEST(TrainStep, IsTheCompositionOfThePlainStages) {
   const TrainState before = parse_checkpoint(checkpoint_bytes(state), "");
   StepBuffers buffers;
   const StepResult result = train_step(*backend, batch, 1e-3, &state, &buffers);
+  for (const float left : buffers.gradients.span()) ASSERT_EQ(left, 0);  // the next step adds to them
+  std::vector<float> gradients(before.model->size());
+  Workspace workspace;
+  before.model->gradients(*backend, batch, before.seed, 0, gradients, &workspace);
 
   // By hand: sample, render, squared error; then Adam's first step, which moves each weight by lr g / (|g| + eps).
   std::vector<float> t(16 * 8), dt(16 * 8), rgb(48), depth(16), opacity(16);
   backend->sample_stratified(16, {8, 1, 5, true, random_key(5, kStreamSamples, 0)}, t, dt);
-  backend->render_rays(before.model.field(0), {16, batch.origin, batch.direction}, {8, t, dt},
+  backend->render_rays(nerf(before).field(0), {16, batch.origin, batch.direction}, {8, t, dt},
                        {rgb, depth, opacity, {}});
   double loss = 0, mean_opacity = 0;
   for (int i = 0; i < 48; ++i) loss += std::pow(double(rgb[i]) - batch.target[i], 2) / 48;
@@ -57,13 +64,13 @@ TEST(TrainStep, IsTheCompositionOfThePlainStages) {
   EXPECT_TRUE(result.finite);
   EXPECT_EQ(state.step, 1);
   int moved = 0;
-  for (std::size_t i = 0; i < state.model.parameters.size(); ++i) {
-    const double gradient = buffers.gradients[i], step = state.model.parameters[i] - before.model.parameters[i];
+  for (std::size_t i = 0; i < state.model->parameters.size(); ++i) {
+    const double gradient = gradients[i], step = state.model->parameters[i] - before.model->parameters[i];
     // One rounding of the parameter (|p| < 1) and a few of the quotient.
     EXPECT_NEAR(step, -1e-3 * gradient / (std::abs(gradient) + 1e-8), 1.2e-7 + 1e-3 * 1e-4) << i;
     moved += step != 0;
   }
-  EXPECT_GT(moved, static_cast<int>(state.model.parameters.size() / 4));
+  EXPECT_GT(moved, static_cast<int>(state.model->parameters.size() / 4));
 }
 
 TEST(TrainStep, HierarchicalAddsTheLossesAndTrainsBothNetworks) {
@@ -77,9 +84,9 @@ TEST(TrainStep, HierarchicalAddsTheLossesAndTrainsBothNetworks) {
   StepBuffers other;
   const StepResult coarse = train_step(*backend, batch, 1e-3, &coarse_only, &other);
   EXPECT_NEAR(result.loss, coarse.loss + result.rgb_mse, 1e-6 * result.loss);
-  EXPECT_TRUE(bit_equal(state.model.network(0), coarse_only.model.network(0)))
+  EXPECT_TRUE(bit_equal(nerf(state).network(0), nerf(coarse_only).network(0)))
       << "the fine samples carry no gradient back";
-  EXPECT_FALSE(bit_equal(state.model.network(1), before.model.network(1)));
+  EXPECT_FALSE(bit_equal(nerf(state).network(1), nerf(before).network(1)));
 }
 
 TEST(TrainStep, BatchesOfAnySizeShareTheBuffers) {  // the last batch of an epoch is smaller
@@ -107,15 +114,43 @@ TEST(TrainStep, WhatIsNotFiniteIsNotApplied) {
   EXPECT_EQ(state.step, 1);
 }
 
+TEST(TrainStep, OfAGridIsNotAppliedWhicheverPartIsBroken) {
+  const auto backend = kernels::make_ref_backend();
+  RayBatch batch = example_batch(8);
+  batch.pixel_angle.assign(8, 0.01f);
+  const auto fresh = [] {
+    auto model = std::make_unique<GridModel>();
+    model->field = {{2, 8, 2, 8, 6}, 16, 2};
+    model->proposal = {1, 1, 4, 4, 8};
+    model->sky = {1, 4, 2, 2, 6};
+    return initial_state(std::move(model), 3);
+  };
+  TrainState good = fresh();
+  StepBuffers buffers;
+  EXPECT_TRUE(train_step(*backend, batch, 1e-2, &good, &buffers).finite);
+  EXPECT_FALSE(same_weights(good, fresh()));
+  for (const ModelTensor& tensor : good.model->tensors()) {
+    std::size_t size = 1;
+    for (const std::int64_t n : tensor.shape) size *= static_cast<std::size_t>(n);
+    TrainState state = fresh();
+    std::fill_n(&state.model->parameters[tensor.offset], size, std::numeric_limits<float>::quiet_NaN());
+    const std::string before = checkpoint_bytes(state);
+    EXPECT_FALSE(train_step(*backend, batch, 1e-2, &state, &buffers).finite) << tensor.name;
+    state.step = 0;
+    EXPECT_EQ(checkpoint_bytes(state), before) << tensor.name;
+    for (const float left : buffers.gradients.span()) ASSERT_EQ(left, 0) << tensor.name;
+  }
+}
+
 TEST(TrainStep, DeadFieldHasNoOpacityAndNoGradient) {
   const auto backend = kernels::make_ref_backend();
   TrainState state = example_state(0);
-  state.model.parameters[nerf_layer(state.model.config, kNerfDensity).bias] = -1e3f;
+  state.model->parameters[nerf_layer(nerf(state).config, kNerfDensity).bias] = -1e3f;
   const TrainState before = parse_checkpoint(checkpoint_bytes(state), "");
   StepBuffers buffers;
   const StepResult result = train_step(*backend, example_batch(8), 1e-3, &state, &buffers);
   EXPECT_EQ(result.opacity, 0);
-  EXPECT_TRUE(bit_equal(state.model.parameters, before.model.parameters));
+  EXPECT_TRUE(bit_equal(state.model->parameters, before.model->parameters));
 }
 
 }  // namespace

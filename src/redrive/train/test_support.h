@@ -8,6 +8,7 @@
 #include <limits>
 #include <stdexcept>
 
+#include "redrive/model/nerf_model.h"
 #include "redrive/scene/test_recording.h"
 #include "redrive/train/run.h"
 #include "redrive/train/trainer.h"
@@ -53,13 +54,15 @@ class InterferingBackend : public kernels::Backend {
     inner_.nerf_backward(f, r, s, d_raw, gradients);
   }
   void composite_forward(int n, const kernels::Samples& s, std::span<const float> raw,
-                         const kernels::CompositeOut& out) override {
-    inner_.composite_forward(n, s, raw, out);
+                         std::span<const float> background, const kernels::CompositeOut& out) override {
+    inner_.composite_forward(n, s, raw, background, out);
   }
-  void composite_backward(int n, const kernels::Samples& s, std::span<const float> raw, std::span<const float> d_rgb,
+  void composite_backward(int n, const kernels::Samples& s, std::span<const float> raw,
+                          std::span<const float> background, const kernels::CompositeAdjoint& adjoint,
                           std::span<float> d_raw) override {
-    inner_.composite_backward(n, s, raw, d_rgb, d_raw);
+    inner_.composite_backward(n, s, raw, background, adjoint, d_raw);
   }
+  kernels::GridStages& grid() override { return inner_.grid(); }
   double photometric_loss(std::span<const float> rgb, std::span<const float> target, std::span<float> d_rgb) override {
     return inner_.photometric_loss(rgb, target, d_rgb);
   }
@@ -70,7 +73,7 @@ class InterferingBackend : public kernels::Backend {
     const double loss = inner_.train_rays(f, r, s, target, out, gradients);
     return step_ >= what_.nan_from && step_ < what_.nan_to ? std::numeric_limits<double>::quiet_NaN() : loss;
   }
-  void adam(const AdamStep& step, std::span<const float> gradients, std::span<float> parameters, std::span<float> first,
+  void adam(const AdamStep& step, std::span<float> gradients, std::span<float> parameters, std::span<float> first,
             std::span<float> second) override {
     inner_.adam(step, gradients, parameters, first, second);
   }
@@ -85,6 +88,7 @@ class InterferingBackend : public kernels::Backend {
 inline TrainOptions tiny_options(std::int64_t max_steps) {
   TrainOptions options;
   options.recording = "in memory";
+  options.method = "nerf";
   options.cameras = {"FRONT"};
   options.width = 32;
   options.samples = 12;
@@ -120,12 +124,16 @@ inline Run reopened(const Run& run) {
   return again;
 }
 
+/// The state's model, which is of --method nerf.
+inline NerfModel& nerf(TrainState& state) { return dynamic_cast<NerfModel&>(*state.model); }
+inline const NerfModel& nerf(const TrainState& state) { return dynamic_cast<const NerfModel&>(*state.model); }
+
 inline bool bit_equal(std::span<const float> a, std::span<const float> b) {
   return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size_bytes()) == 0;
 }
 
 inline bool same_weights(const TrainState& a, const TrainState& b) {
-  return bit_equal(a.model.parameters, b.model.parameters) && bit_equal(a.first_moment, b.first_moment) &&
+  return bit_equal(a.model->parameters, b.model->parameters) && bit_equal(a.first_moment, b.first_moment) &&
          bit_equal(a.second_moment, b.second_moment);
 }
 

@@ -52,7 +52,10 @@ class Trainer {
 
  private:
   double learning_rate(std::int64_t step) const {
-    return multi_step_rate(options_.learning_rate, options_.lr_gamma, milestones_, step);
+    if (options_.method == "nerf") return multi_step_rate(options_.learning_rate, options_.lr_gamma, milestones_, step);
+    double progress = static_cast<double>(step) / static_cast<double>(steps_);
+    if (options_.max_seconds > 0) progress = std::max(progress, state_.seconds / options_.max_seconds);
+    return decayed_rate(options_.learning_rate, options_.lr_gamma, std::min(progress, 1.0), step);
   }
 
   void step() {
@@ -92,8 +95,8 @@ class Trainer {
           "--learning-rate", std::to_string(options_.learning_rate),
           "no start out of " + std::to_string(kMaxRestarts + 1) + " converged (" + reason + "); try a lower rate");
     const int restarts = state_.restarts + 1;
-    TrainState fresh = initial_state(state_.model.config, state_.model.samples, state_.model.fine_samples, run_.scene,
-                                     mix64(options_.seed + static_cast<std::uint64_t>(restarts)));
+    TrainState fresh =
+        initial_state(std::move(state_.model), mix64(options_.seed + static_cast<std::uint64_t>(restarts)));
     fresh.restarts = restarts;
     fresh.seconds = state_.seconds;
     std::fprintf(stderr, "redrive: step %lld: %s; restarting from another seed (%d of at most %d)\n",
@@ -129,8 +132,12 @@ class Trainer {
     std::printf("%llu training pixels, %lld steps an epoch, %lld steps in all; learning rate %g",
                 static_cast<unsigned long long>(sampler_.pixels()), static_cast<long long>(steps_per_epoch_),
                 static_cast<long long>(steps_), options_.learning_rate);
-    if (!milestones_.empty()) std::printf(", times %g at", options_.lr_gamma);
-    for (const std::int64_t milestone : milestones_) std::printf(" %lld", static_cast<long long>(milestone));
+    if (options_.method != "nerf") {
+      std::printf(", in the end times %g", options_.lr_gamma);
+    } else if (!milestones_.empty()) {
+      std::printf(", times %g at", options_.lr_gamma);
+      for (const std::int64_t milestone : milestones_) std::printf(" %lld", static_cast<long long>(milestone));
+    }
     std::printf("\n");
     if (state_.step > 0) std::printf("going on from step %lld\n", static_cast<long long>(state_.step));
     std::fflush(stdout);

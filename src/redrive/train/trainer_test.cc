@@ -19,7 +19,7 @@ using ::testing::HasSubstr;
 
 /// Every density far below the ReLU's kink: the start that never moves.
 void kill_density(Run* run) {
-  run->state.model.parameters[nerf_layer(run->state.model.config, kNerfDensity).bias] = -1e3f;
+  run->state.model->parameters[nerf_layer(nerf(run->state).config, kNerfDensity).bias] = -1e3f;
 }
 
 class TrainerTest : public ::testing::Test {

@@ -163,16 +163,20 @@ TEST(Composite, NotANumberIsNotEmptySpace) {
   }
 }
 
-/// d_raw of d_rgb . rgb by dual numbers, [4 n].
+/// d_raw of d_rgb . rgb + d_weights . weights by dual numbers, [4 n].
 template <int kSamples>
-std::vector<double> gradient_by_duals(const Ray& ray, const std::vector<double>& raw, const double d_rgb[3]) {
+std::vector<double> gradient_by_duals(const Ray& ray, const std::vector<double>& raw, const double d_rgb[3],
+                                      const std::vector<double>& d_weights, const double background[3]) {
   using D = Dual<double, 4 * kSamples>;
-  std::vector<D> x(raw.size());
+  std::vector<D> x(raw.size()), weights(kSamples);
   for (std::size_t i = 0; i < raw.size(); ++i) x[i] = D::variable(raw[i], i);
-  const auto sum = composite_ray<D>(x.data(), kSamples, ray.t.data(), ray.dt.data(), kSamples, nullptr);
+  const D behind[3] = {background[0], background[1], background[2]};
+  const auto sum = composite_ray<D>(x.data(), kSamples, ray.t.data(), ray.dt.data(), kSamples, weights.data(), behind);
   std::vector<double> gradient(raw.size());
-  for (std::size_t i = 0; i < raw.size(); ++i)
+  for (std::size_t i = 0; i < raw.size(); ++i) {
     for (int k = 0; k < 3; ++k) gradient[i] += d_rgb[k] * sum.rgb[k].d[i];
+    for (int s = 0; s < kSamples; ++s) gradient[i] += d_weights[s] * weights[s].d[i];
+  }
   return gradient;
 }
 
@@ -187,10 +191,14 @@ TEST(CompositeAdjoint, AgreesWithDualNumbers) {
         for (int i = 0; i < 3 * kSamples; ++i) raw[i] = 6 * uniform(200 + seed, i) - 3;
         for (int i = 0; i < kSamples; ++i) raw[3 * kSamples + i] = density_scale * (uniform(300 + seed, i) - 0.3);
         const double d_rgb[3] = {0.7, -1.3, 0.2};
-        composite_ray_adjoint(raw.data(), kSamples, ray.dt.data(), kSamples, d_rgb, d_raw.data());
-        const auto expected = gradient_by_duals<kSamples>(ray, raw, d_rgb);
-        // Sums of 3 x kSamples terms, each at most dt |d_rgb|; every term a product of at most kSamples + 4 factors.
-        const double scale = 9 * 2.2;
+        std::vector<double> d_weights(kSamples);
+        for (int i = 0; i < kSamples; ++i) d_weights[i] = 2 * uniform(400 + seed, i) - 1;
+        const double background[3] = {0.2, 0.9, 0.5};
+        composite_ray_adjoint(raw.data(), kSamples, ray.dt.data(), kSamples, d_rgb, d_raw.data(), d_weights.data(),
+                              background);
+        const auto expected = gradient_by_duals<kSamples>(ray, raw, d_rgb, d_weights, background);
+        // Sums of 3 x kSamples terms, each at most dt (|d_rgb| + 1); every term a product of at most kSamples + 4 factors.
+        const double scale = 9 * 3.2;
         for (std::size_t i = 0; i < raw.size(); ++i)
           EXPECT_NEAR(d_raw[i], expected[i], scale * 3 * kSamples * (kSamples + 4) * 0x1p-53) << i;
       }

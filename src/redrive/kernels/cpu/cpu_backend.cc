@@ -9,6 +9,7 @@
 #include "redrive/kernels/check_sizes.h"
 #include "redrive/kernels/cpu/cpu_kernels.h"
 #include "redrive/kernels/cpu/front_to_back.h"
+#include "redrive/kernels/cpu/grid/cpu_grid_stages.h"
 #include "redrive/kernels/cpu/nerf_tile.h"
 #include "redrive/loss/photometric.h"
 #include "redrive/sampling/hierarchical.h"
@@ -118,35 +119,42 @@ class CpuBackend final : public Backend {
   }
 
   void composite_forward(int n_rays, const Samples& samples, std::span<const float> raw,
-                         const CompositeOut& out) override {
+                         std::span<const float> background, const CompositeOut& out) override {
     check_samples(n_rays, samples);
     check_raw(n_rays, samples, raw.size());
+    check_background(n_rays, background);
     check_composite(n_rays, samples, out);
     pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
       const RayRange range{static_cast<int>(begin), static_cast<int>(end - begin)};
       Buffer<float> scratch(composite_scratch(samples.per_ray));
-      kernels_.composite_forward(
-          composite_rays(range, samples, raw.data() + first_sample(range, samples), sample_count(n_rays, samples)),
-          composite_result(range, n_rays, samples, out), scratch.data());
+      CompositeRays composite =
+          composite_rays(range, samples, raw.data() + first_sample(range, samples), sample_count(n_rays, samples));
+      set_background(&composite, background, n_rays, begin);
+      kernels_.composite_forward(composite, composite_result(range, n_rays, samples, out), scratch.data());
     });
   }
 
-  void composite_backward(int n_rays, const Samples& samples, std::span<const float> raw, std::span<const float> d_rgb,
+  void composite_backward(int n_rays, const Samples& samples, std::span<const float> raw,
+                          std::span<const float> background, const CompositeAdjoint& adjoint,
                           std::span<float> d_raw) override {
     check_samples(n_rays, samples);
     check_raw(n_rays, samples, raw.size());
     check_raw(n_rays, samples, d_raw.size());
-    REDRIVE_CHECK_OP(d_rgb.size(), ==, 3 * static_cast<std::size_t>(n_rays));
+    check_background(n_rays, background);
+    check_composite_adjoint(n_rays, samples, adjoint);
     const std::size_t stride = sample_count(n_rays, samples);
     pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
       const RayRange range{static_cast<int>(begin), static_cast<int>(end - begin)};
       Buffer<float> scratch(composite_scratch(samples.per_ray));
       const std::size_t first = first_sample(range, samples);
-      kernels_.composite_backward(composite_rays(range, samples, raw.data() + first, stride),
-                                  {.d_rgb = d_rgb.data() + begin,
+      CompositeRays composite = composite_rays(range, samples, raw.data() + first, stride);
+      set_background(&composite, background, n_rays, begin);
+      kernels_.composite_backward(composite,
+                                  {.d_rgb = adjoint.d_rgb.data() + begin,
                                    .d_rgb_stride = static_cast<std::size_t>(n_rays),
                                    .d_raw = d_raw.data() + first,
-                                   .d_raw_stride = stride},
+                                   .d_raw_stride = stride,
+                                   .d_weights = adjoint.d_weights.empty() ? nullptr : adjoint.d_weights.data() + first},
                                   scratch.data());
     });
   }
@@ -155,7 +163,7 @@ class CpuBackend final : public Backend {
     return photometric_batch(rgb, target, check_photometric(rgb.size(), target.size(), d_rgb.size()), d_rgb);
   }
 
-  void adam(const AdamStep& step, std::span<const float> gradients, std::span<float> parameters,
+  void adam(const AdamStep& step, std::span<float> gradients, std::span<float> parameters,
             std::span<float> first_moment, std::span<float> second_moment) override {
     check_adam(gradients.size(), parameters.size(), first_moment.size(), second_moment.size());
     pool_.run_ranges(parameters.size(), 1 << 15, [&](std::size_t begin, std::size_t end) {
@@ -165,6 +173,7 @@ class CpuBackend final : public Backend {
                      .epsilon = step.epsilon,
                      .bias1 = step.bias1,
                      .bias2 = step.bias2,
+                     .lazy = step.lazy,
                      .gradients = gradients.data() + begin,
                      .parameters = parameters.data() + begin,
                      .first_moment = first_moment.data() + begin,
@@ -172,6 +181,8 @@ class CpuBackend final : public Backend {
                      .n = end - begin});
     });
   }
+
+  GridStages& grid() override { return *grid_; }
 
   double train_rays(const NerfField& field, const Rays& rays, const Samples& samples, std::span<const float> target,
                     const CompositeOut& out, std::span<float> gradients) override {
@@ -240,6 +251,12 @@ class CpuBackend final : public Backend {
             .raw_stride = raw_stride,
             .t = samples.t.data() + first,
             .dt = samples.dt.data() + first};
+  }
+
+  static void set_background(CompositeRays* rays, std::span<const float> background, int n_rays,
+                             std::size_t first_ray) {
+    rays->background = background.empty() ? nullptr : background.data() + first_ray;
+    rays->background_stride = n_rays;
   }
 
   static CompositeResult composite_result(RayRange range, int n_rays, const Samples& samples, const CompositeOut& out) {
@@ -321,6 +338,7 @@ class CpuBackend final : public Backend {
   const Isa isa_;
   const CpuKernels& kernels_;
   ThreadPool pool_;
+  std::unique_ptr<GridStages> grid_ = make_cpu_grid_stages(isa_, &pool_);
   std::vector<std::unique_ptr<Engine>> engines_;
 };
 

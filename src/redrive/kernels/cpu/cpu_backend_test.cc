@@ -110,7 +110,7 @@ TEST_P(CpuBackendTest, RenderingStopsBehindWhatIsOpaque) {
     Result exact(batch), rendered(batch);
     std::vector<float> raw(4 * batch.t.size());
     backend->nerf_forward(batch.field(), batch.rays(), batch.samples(), raw);
-    backend->composite_forward(batch.n_rays, batch.samples(), raw, exact.out());
+    backend->composite_forward(batch.n_rays, batch.samples(), raw, {}, exact.out());
     backend->render_rays(batch.field(), batch.rays(), batch.samples(), rendered.out());
     int left_out = 0;
     for (std::size_t i = 0; i < batch.t.size(); ++i) {

@@ -14,6 +14,8 @@ struct CompositeRays {
   const float* raw = nullptr;
   std::size_t raw_stride = 0;
   const float *t = nullptr, *dt = nullptr;
+  const float* background = nullptr;  ///< channel k of a ray: background[k * background_stride + ray]; may be null
+  std::size_t background_stride = 0;
 };
 
 /// Channel k of a ray's colour is rgb[k * rgb_stride + ray]; weights may be null.
@@ -23,12 +25,13 @@ struct CompositeResult {
   float *depth = nullptr, *opacity = nullptr, *weights = nullptr;
 };
 
-/// Channel k of a ray: d_rgb[k * d_rgb_stride + ray]; of a sample: d_raw[k * d_raw_stride + i].
-struct CompositeAdjoint {
+/// Channel k of a ray: d_rgb[k * d_rgb_stride + ray]; of a sample: d_raw[k * d_raw_stride + i]; d_weights as weights, may be null.
+struct CompositeGradient {
   const float* d_rgb = nullptr;
   std::size_t d_rgb_stride = 0;
   float* d_raw = nullptr;
   std::size_t d_raw_stride = 0;
+  const float* d_weights = nullptr;
 };
 
 /// Floats of working memory the composite stages need: three rows of whole vectors.
@@ -46,8 +49,8 @@ struct StratifiedRays {
 /// AdamStep's constants (optim/adam.h), and arrays [n].
 struct AdamRange {
   float learning_rate, beta1, beta2, epsilon, bias1, bias2;
-  const float* gradients;
-  float *parameters, *first_moment, *second_moment;
+  bool lazy;
+  float *gradients, *parameters, *first_moment, *second_moment;
   std::size_t n;
 };
 
@@ -65,7 +68,7 @@ struct RayPoints {
 
 struct CpuKernels {
   void (*composite_forward)(const CompositeRays& rays, const CompositeResult& out, float* scratch);
-  void (*composite_backward)(const CompositeRays& rays, const CompositeAdjoint& adjoint, float* scratch);
+  void (*composite_backward)(const CompositeRays& rays, const CompositeGradient& adjoint, float* scratch);
   void (*sample_stratified)(const StratifiedRays& rays, float* t, float* dt);  ///< bit-equal to stratified_ray
   void (*adam)(const AdamRange& range);
   void (*points)(const RayPoints& rays);

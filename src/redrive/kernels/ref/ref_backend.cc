@@ -5,6 +5,7 @@
 
 #include "redrive/kernels/check_sizes.h"
 #include "redrive/kernels/ref/nerf.h"
+#include "redrive/kernels/ref/ref_grid_stages.h"
 #include "redrive/loss/photometric.h"
 #include "redrive/sampling/hierarchical.h"
 #include "redrive/volume/composite.h"
@@ -33,6 +34,19 @@ std::vector<double> raw_of_ray(std::span<const float> raw, std::size_t n_samples
     for (int s = 0; s < per_ray; ++s) out.push_back(raw[k * n_samples + static_cast<std::size_t>(ray) * per_ray + s]);
   return out;
 }
+
+/// A ray's three channels of [3, n_rays]; null for an empty span.
+class Colour {
+ public:
+  Colour(std::span<const float> rgb, int n_rays, int ray) : given_(!rgb.empty()) {
+    for (int k = 0; given_ && k < 3; ++k) value_[k] = rgb[k * n_rays + ray];
+  }
+  const double* data() const { return given_ ? value_ : nullptr; }
+
+ private:
+  bool given_;
+  double value_[3]{};
+};
 
 class RefBackend final : public Backend {
  public:
@@ -92,17 +106,18 @@ class RefBackend final : public Backend {
   }
 
   void composite_forward(int n_rays, const Samples& samples, std::span<const float> raw,
-                         const CompositeOut& out) override {
+                         std::span<const float> background, const CompositeOut& out) override {
     check_samples(n_rays, samples);
     check_raw(n_rays, samples, raw.size());
+    check_background(n_rays, background);
     check_composite(n_rays, samples, out);
     const int per_ray = samples.per_ray;
     std::vector<double> weights(per_ray);
     for (int ray = 0; ray < n_rays; ++ray) {
       const std::size_t first = static_cast<std::size_t>(ray) * per_ray;
       const std::vector<double> of_ray = raw_of_ray(raw, sample_count(n_rays, samples), ray, per_ray);
-      const RayComposite<double> sum =
-          composite_ray(of_ray.data(), per_ray, &samples.t[first], &samples.dt[first], per_ray, weights.data());
+      const RayComposite<double> sum = composite_ray(of_ray.data(), per_ray, &samples.t[first], &samples.dt[first],
+                                                     per_ray, weights.data(), Colour(background, n_rays, ray).data());
       for (int k = 0; k < 3; ++k) out.rgb[k * n_rays + ray] = static_cast<float>(sum.rgb[k]);
       out.depth[ray] = static_cast<float>(sum.depth);
       out.opacity[ray] = static_cast<float>(sum.opacity);
@@ -111,20 +126,25 @@ class RefBackend final : public Backend {
     }
   }
 
-  void composite_backward(int n_rays, const Samples& samples, std::span<const float> raw, std::span<const float> d_rgb,
+  void composite_backward(int n_rays, const Samples& samples, std::span<const float> raw,
+                          std::span<const float> background, const CompositeAdjoint& adjoint,
                           std::span<float> d_raw) override {
     check_samples(n_rays, samples);
     check_raw(n_rays, samples, raw.size());
     check_raw(n_rays, samples, d_raw.size());
-    REDRIVE_CHECK_OP(d_rgb.size(), ==, 3 * static_cast<std::size_t>(n_rays));
+    check_background(n_rays, background);
+    check_composite_adjoint(n_rays, samples, adjoint);
     const int per_ray = samples.per_ray;
     const std::size_t n_samples = sample_count(n_rays, samples);
     std::vector<double> d_of_ray(4 * static_cast<std::size_t>(per_ray));
     for (int ray = 0; ray < n_rays; ++ray) {
       const std::size_t first = static_cast<std::size_t>(ray) * per_ray;
       const std::vector<double> of_ray = raw_of_ray(raw, n_samples, ray, per_ray);
-      const double d[3] = {d_rgb[ray], d_rgb[n_rays + ray], d_rgb[2 * n_rays + ray]};
-      composite_ray_adjoint(of_ray.data(), per_ray, &samples.dt[first], per_ray, d, d_of_ray.data());
+      std::vector<double> d_weights;
+      if (!adjoint.d_weights.empty()) d_weights.assign(&adjoint.d_weights[first], &adjoint.d_weights[first] + per_ray);
+      composite_ray_adjoint(of_ray.data(), per_ray, &samples.dt[first], per_ray,
+                            Colour(adjoint.d_rgb, n_rays, ray).data(), d_of_ray.data(),
+                            d_weights.empty() ? nullptr : d_weights.data(), Colour(background, n_rays, ray).data());
       for (int k = 0; k < 4; ++k)
         for (int s = 0; s < per_ray; ++s)
           d_raw[k * n_samples + first + s] = static_cast<float>(d_of_ray[k * per_ray + s]);
@@ -135,17 +155,23 @@ class RefBackend final : public Backend {
     return photometric_batch(rgb, target, check_photometric(rgb.size(), target.size(), d_rgb.size()), d_rgb);
   }
 
-  void adam(const AdamStep& step, std::span<const float> gradients, std::span<float> parameters,
+  void adam(const AdamStep& step, std::span<float> gradients, std::span<float> parameters,
             std::span<float> first_moment, std::span<float> second_moment) override {
     check_adam(gradients.size(), parameters.size(), first_moment.size(), second_moment.size());
     for (std::size_t i = 0; i < parameters.size(); ++i) {
       double p = parameters[i], m = first_moment[i], v = second_moment[i];
       adam_update<double>(step, gradients[i], p, m, v);
+      gradients[i] = 0;
       parameters[i] = static_cast<float>(p);
       first_moment[i] = static_cast<float>(m);
       second_moment[i] = static_cast<float>(v);
     }
   }
+
+  GridStages& grid() override { return *grid_; }
+
+ private:
+  std::unique_ptr<GridStages> grid_ = make_ref_grid_stages();
 };
 
 }  // namespace

@@ -172,7 +172,8 @@ TEST(RefBackend, SizesAreChecked) {
   NerfField field = batch.field();
   field.parameters = few;
   EXPECT_THROW(backend->nerf_forward(field, batch.rays(), batch.samples(), raw), std::logic_error);
-  EXPECT_THROW(backend->composite_forward(Batch::kRays, batch.samples(), raw, {few, few, few, {}}), std::logic_error);
+  EXPECT_THROW(backend->composite_forward(Batch::kRays, batch.samples(), raw, {}, {few, few, few, {}}),
+               std::logic_error);
   EXPECT_THROW(backend->photometric_loss(few, few, few), std::logic_error);
   EXPECT_THROW(backend->adam({}, gradients, gradients, gradients, few), std::logic_error);
   EXPECT_THROW(backend->sample_stratified(2, {5, 3, 3, false, 0}, raw, raw), std::logic_error);

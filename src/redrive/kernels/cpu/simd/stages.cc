@@ -45,7 +45,10 @@ void composite_forward(const CompositeRays& rays, const CompositeResult& out, fl
       depth += w * load_first(rays.t + first + i, n - i);
       opacity += w;
     }
-    for (int k = 0; k < 3; ++k) out.rgb[k * out.rgb_stride + ray] = sum(rgb[k]);
+    for (int k = 0; k < 3; ++k) {
+      const float behind = rays.background ? transmittance * rays.background[k * rays.background_stride + ray] : 0.0f;
+      out.rgb[k * out.rgb_stride + ray] = sum(rgb[k]) + behind;
+    }
     out.depth[ray] = sum(depth);
     out.opacity[ray] = sum(opacity);
     if (out.weights)
@@ -53,7 +56,7 @@ void composite_forward(const CompositeRays& rays, const CompositeResult& out, fl
   }
 }
 
-void composite_backward(const CompositeRays& rays, const CompositeAdjoint& adjoint, float* scratch) {
+void composite_backward(const CompositeRays& rays, const CompositeGradient& adjoint, float* scratch) {
   const int n = rays.per_ray, padded = (n + kLanes - 1) / kLanes * kLanes;
   float *weight = scratch, *after = scratch + padded, *colour = scratch + 2 * padded;
   for (int ray = 0; ray < rays.n_rays; ++ray) {
@@ -70,7 +73,8 @@ void composite_backward(const CompositeRays& rays, const CompositeAdjoint& adjoi
     Vf d_rgb[3];
     for (int k = 0; k < 3; ++k) d_rgb[k] = splat(adjoint.d_rgb[k * adjoint.d_rgb_stride + ray]);
     for (int i = 0; i < n; i += kLanes) {
-      Vf dot{};  // c . d_rgb: the three channels' suffix sums are one
+      // c . d_rgb: the three channels' suffix sums are one
+      Vf dot = adjoint.d_weights ? load_first(adjoint.d_weights + first + i, n - i) : Vf{};
       const Vf w = load_first(weight + i, n - i);
       for (int k = 0; k < 3; ++k) {
         const Vf c = sigmoid(load_first(raw + k * rays.raw_stride + i, n - i));
@@ -80,6 +84,10 @@ void composite_backward(const CompositeRays& rays, const CompositeAdjoint& adjoi
       store(colour + i, dot);
     }
     float behind = 0;
+    if (rays.background)
+      for (int k = 0; k < 3; ++k)
+        behind += transmittance * rays.background[k * rays.background_stride + ray] *
+                  adjoint.d_rgb[k * adjoint.d_rgb_stride + ray];
     for (int i = n - 1; i >= 0; --i) {
       const float d_sigma = after[i] * colour[i] - behind;
       behind += weight[i] * colour[i];
@@ -115,12 +123,26 @@ void sample_stratified(const StratifiedRays& rays, float* __restrict t, float* _
 
 void adam(const AdamRange& range) {
   const AdamRange r = range;
-  const float* __restrict gradient = r.gradients;
-  float* __restrict parameter = r.parameters, * __restrict m = r.first_moment, * __restrict v = r.second_moment;
-  for (std::size_t i = 0; i < r.n; ++i) {
-    m[i] = r.beta1 * m[i] + (1 - r.beta1) * gradient[i];
-    v[i] = r.beta2 * v[i] + (1 - r.beta2) * gradient[i] * gradient[i];
-    parameter[i] -= r.learning_rate * (m[i] * r.bias1) / (__builtin_sqrtf(v[i] * r.bias2) + r.epsilon);
+  const Vf zero{}, beta1 = splat(r.beta1), beta2 = splat(r.beta2), rest1 = splat(1 - r.beta1),
+                   rest2 = splat(1 - r.beta2);
+  for (std::size_t i = 0; i < r.n; i += kLanes) {
+    const int count = r.n - i < kLanes ? static_cast<int>(r.n - i) : kLanes;
+    const Vf gradient = load_first(r.gradients + i, count);
+    const Vi says_nothing = gradient == zero;
+    if (r.lazy && all_lanes(says_nothing)) continue;
+    const Vf m0 = load_first(r.first_moment + i, count), v0 = load_first(r.second_moment + i, count),
+             p0 = load_first(r.parameters + i, count);
+    Vf m = beta1 * m0 + rest1 * gradient, v = beta2 * v0 + rest2 * gradient * gradient;
+    Vf p = p0 - splat(r.learning_rate) * (m * splat(r.bias1)) / (square_root(v * splat(r.bias2)) + splat(r.epsilon));
+    if (r.lazy) {
+      m = says_nothing ? m0 : m;
+      v = says_nothing ? v0 : v;
+      p = says_nothing ? p0 : p;
+    }
+    store_first(r.first_moment + i, m, count);
+    store_first(r.second_moment + i, v, count);
+    store_first(r.parameters + i, p, count);
+    store_first(r.gradients + i, zero, count);
   }
 }
 

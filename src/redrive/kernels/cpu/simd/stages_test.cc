@@ -123,22 +123,38 @@ TEST_P(CpuStagesTest, StratifiedSamplesAreBitEqualToTheScalarOnes) {
     }
 }
 
-TEST_P(CpuStagesTest, AdamIsBitEqualToTheScalarFunction) {
+TEST_P(CpuStagesTest, AdamIsBitEqualToTheScalarFunctionAndLeavesGradientsZero) {
   constexpr std::size_t kSize = 101;
-  std::vector<float> p(kSize), m(kSize, 0.0f), v(kSize, 0.0f), g(kSize);
-  for (std::size_t i = 0; i < kSize; ++i) p[i] = static_cast<float>(uniform(5, i));
-  std::vector<float> expected_p = p, expected_m = m, expected_v = v;
-  for (int step = 1; step <= 3; ++step) {
-    const AdamStep s = adam_step(5e-4, step);
-    for (std::size_t i = 0; i < kSize; ++i) {
-      g[i] = i == 0 ? 0.0f : static_cast<float>(std::pow(10.0, 6 * uniform(6, i)) * uniform(7, i + kSize * step));
-      adam_update<float>(s, g[i], expected_p[i], expected_m[i], expected_v[i]);
+  for (const bool lazy : {false, true}) {
+    std::vector<float> p(kSize), m(kSize, 0.0f), v(kSize, 0.0f), g(kSize);
+    for (std::size_t i = 0; i < kSize; ++i) p[i] = static_cast<float>(uniform(5, i));
+    std::vector<float> expected_p = p, expected_m = m, expected_v = v;
+    for (int step = 1; step <= 3; ++step) {
+      AdamStep s = adam_step(5e-4, step);
+      s.lazy = lazy;
+      for (std::size_t i = 0; i < kSize; ++i) {
+        // From the second step on a whole vector says nothing, and every third number.
+        const bool nothing = i == 0 || (step > 1 && (i / 16 == 2 || i % 3 == 0));
+        g[i] = nothing ? 0.0f : static_cast<float>(std::pow(10.0, 6 * uniform(6, i)) * uniform(7, i + kSize * step));
+        adam_update<float>(s, g[i], expected_p[i], expected_m[i], expected_v[i]);
+      }
+      kernels().adam({.learning_rate = s.learning_rate,
+                      .beta1 = s.beta1,
+                      .beta2 = s.beta2,
+                      .epsilon = s.epsilon,
+                      .bias1 = s.bias1,
+                      .bias2 = s.bias2,
+                      .lazy = lazy,
+                      .gradients = g.data(),
+                      .parameters = p.data(),
+                      .first_moment = m.data(),
+                      .second_moment = v.data(),
+                      .n = kSize});
+      EXPECT_EQ(p, expected_p);
+      EXPECT_EQ(m, expected_m);
+      EXPECT_EQ(v, expected_v);
+      EXPECT_EQ(g, std::vector<float>(kSize, 0.0f));
     }
-    kernels().adam({s.learning_rate, s.beta1, s.beta2, s.epsilon, s.bias1, s.bias2, g.data(), p.data(), m.data(),
-                    v.data(), kSize});
-    EXPECT_EQ(p, expected_p);
-    EXPECT_EQ(m, expected_m);
-    EXPECT_EQ(v, expected_v);
   }
 }
 

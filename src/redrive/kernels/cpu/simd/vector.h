@@ -5,6 +5,8 @@
 // and it must not be the one that needs AVX-512.
 #pragma once
 
+#include <immintrin.h>
+
 #include <cstdint>
 #include <cstring>
 
@@ -43,6 +45,32 @@ REDRIVE_INLINE float sum(Vf v) {
   float s = 0;
   for (int i = 0; i < kLanes; ++i) s += v[i];
   return s;
+}
+
+/// Of a comparison's result: whether it holds everywhere.
+REDRIVE_INLINE bool all_lanes(Vi holds) {
+#ifdef __AVX512F__
+  return _mm512_movepi32_mask(reinterpret_cast<__m512i>(holds)) == 0xffff;
+#else
+  return _mm256_movemask_ps(reinterpret_cast<__m256>(holds)) == 0xff;
+#endif
+}
+
+REDRIVE_INLINE Vf square_root(Vf x) {
+#ifdef __AVX512F__
+  return reinterpret_cast<Vf>(_mm512_sqrt_ps(reinterpret_cast<__m512>(x)));
+#else
+  return reinterpret_cast<Vf>(_mm256_sqrt_ps(reinterpret_cast<__m256>(x)));
+#endif
+}
+
+/// from[index], lane by lane.
+REDRIVE_INLINE Vf gather(const float* from, Vi index) {
+#ifdef __AVX512F__
+  return reinterpret_cast<Vf>(_mm512_i32gather_ps(reinterpret_cast<__m512i>(index), from, 4));
+#else
+  return reinterpret_cast<Vf>(_mm256_i32gather_ps(from, reinterpret_cast<__m256i>(index), 4));
+#endif
 }
 
 /// Nearest integer, ties to even, |x| < 2^22: adding 1.5 * 2^23 leaves no bits for the fraction.

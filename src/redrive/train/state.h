@@ -1,32 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-// What training changes: the parameters of the coarse and, with hierarchical sampling, the fine network, their Adam
-// moments, and how far it came. A checkpoint holds exactly this.
+// What training changes: a model's parameters, their Adam moments, and how far it came. A checkpoint holds exactly this.
 #pragma once
 
 #include <cstdint>
 #include <filesystem>
-#include <span>
+#include <memory>
 #include <string>
 #include <string_view>
 
 #include "redrive/base/buffer.h"
-#include "redrive/field/nerf_field.h"
-#include "redrive/kernels/kernels.h"
-#include "redrive/scene/scene.h"
+#include "redrive/model/model.h"
 
 namespace redrive {
-
-struct NerfModel {
-  NerfConfig config;
-  int samples = 0, fine_samples = 0;  ///< per ray
-  float near_m = 0, far_m = 0;
-  UnitFromWorld unit_from_world;
-  Buffer<float> parameters;  ///< [networks * nerf_parameter_count]: coarse, then fine
-
-  int networks() const { return fine_samples > 0 ? 2 : 1; }
-  std::span<const float> network(int index) const;  ///< 0 coarse, 1 fine
-  kernels::NerfField field(int index) const { return {config, unit_from_world, network(index)}; }
-};
 
 /// What the watch over the start of training has seen (train/start_watch.h).
 struct StartWatch {
@@ -48,8 +33,8 @@ struct LossWindow {
 };
 
 struct TrainState {
-  NerfModel model;
-  Buffer<float> first_moment, second_moment;  ///< as model.parameters
+  std::unique_ptr<Model> model;
+  Buffer<float> first_moment, second_moment;  ///< as model->parameters
   std::int64_t step = 0;                      ///< steps done
   double seconds = 0;                         ///< spent in training, resumed runs added up
   std::uint64_t seed = 0;                     ///< in use; differs from the option after a restart
@@ -60,8 +45,8 @@ struct TrainState {
   LossWindow window;
 };
 
-/// safetensors (so that Python reads it): "coarse.trunk.0.weight", "fine....", "adam.first_moment", "adam.second_moment";
-/// step, seconds, seed and shape in __metadata__ (strings). Written atomically (base/files.h).
+/// safetensors (so that Python reads it): the model's tensors by name, "adam.first_moment", "adam.second_moment"; method, step,
+/// seconds, seed and the model's numbers in __metadata__ (strings). Written atomically (base/files.h).
 void save_checkpoint(const std::filesystem::path& file, const TrainState& state);
 /// InputError names file and field: truncated, wrong header, shape that disagrees with its config, non-finite values.
 TrainState load_checkpoint(const std::filesystem::path& file);
@@ -70,8 +55,7 @@ TrainState load_checkpoint(const std::filesystem::path& file);
 std::string checkpoint_bytes(const TrainState& state);
 TrainState parse_checkpoint(std::string_view bytes, const std::filesystem::path& file);
 
-/// A fresh network for these settings.
-TrainState initial_state(const NerfConfig& config, int samples, int fine_samples, const Scene& scene,
-                         std::uint64_t seed);
+/// A fresh start of a model whose numbers are set.
+TrainState initial_state(std::unique_ptr<Model> model, std::uint64_t seed);
 
 }  // namespace redrive

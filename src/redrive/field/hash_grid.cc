@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/field/hash_grid.h"
+
+#include <algorithm>
+
+#include "redrive/base/error.h"
+#include "redrive/base/rng.h"
+
+namespace redrive {
+
+std::vector<HashGridLevel> hash_grid_levels(const HashGridConfig& config) {
+  REDRIVE_CHECK(config.levels >= 1 && config.levels <= 16);
+  REDRIVE_CHECK(config.features == 1 || config.features == 2 || config.features == 4 || config.features == 8);
+  REDRIVE_CHECK(config.log2_rows >= 4 && config.log2_rows <= 24);
+  REDRIVE_CHECK(config.base_cells >= 1 && config.base_cells <= config.max_cells && config.max_cells <= 1 << 20);
+  const double growth =
+      config.levels > 1 ? std::pow(double(config.max_cells) / config.base_cells, 1.0 / (config.levels - 1)) : 1;
+  std::vector<HashGridLevel> levels;
+  std::size_t offset = 0;
+  for (int l = 0; l < config.levels; ++l) {
+    HashGridLevel level;
+    level.cells = static_cast<int>(std::lround(config.base_cells * std::pow(growth, l)));
+    const double vertices = std::pow(level.cells + 2.0, 3);
+    level.dense = vertices <= double(1u << config.log2_rows);
+    level.rows = level.dense ? static_cast<std::uint32_t>(vertices) : 1u << config.log2_rows;
+    level.offset = offset;
+    offset += std::size_t(level.rows) * config.features;
+    offset = (offset + 15) / 16 * 16;  // levels begin at a cache line
+    levels.push_back(level);
+  }
+  return levels;
+}
+
+std::size_t hash_grid_size(const HashGridConfig& config) {
+  const HashGridLevel last = hash_grid_levels(config).back();
+  return (last.offset + std::size_t(last.rows) * config.features + 15) / 16 * 16;
+}
+
+void hash_grid_initialize(const HashGridConfig& config, std::uint64_t seed, std::span<float> table) {
+  REDRIVE_CHECK_OP(table.size(), ==, hash_grid_size(config));
+  const std::uint64_t key = random_key(seed, kStreamInit, 1);
+  for (std::size_t i = 0; i < table.size(); ++i) table[i] = 1e-4f * (2 * random_unit(key, i) - 1);
+}
+
+}  // namespace redrive

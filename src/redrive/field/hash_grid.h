@@ -1,0 +1,129 @@
+// SPDX-License-Identifier: Apache-2.0
+// Multiresolution hash encoding of a position (Mueller et al., "Instant Neural Graphics Primitives with a Multiresolution Hash
+// Encoding", 2022, section 3), scalar, on any scalar type, with its adjoint.
+//
+// A level is a grid of `cells` cells a side over the unit cube, with a row of `features` numbers at each vertex; the feature of a
+// point is the trilinear mean of its cell's eight rows. Levels grow geometrically from base_cells to max_cells. Where a level has
+// more vertices than 2^log2_rows, they share that many rows by a hash. Grids are shifted by half a cell, so that no two
+// levels have their kinks in the same place.
+#pragma once
+
+#include <cmath>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace redrive {
+
+struct HashGridConfig {
+  int levels = 8;        ///< 1..16
+  int features = 4;      ///< of a level: 1, 2, 4 or 8
+  int base_cells = 16;   ///< a side, of the coarsest level
+  int max_cells = 2048;  ///< of the finest, up to 2^20
+  int log2_rows = 17;    ///< at most this many rows a level, 4..24
+
+  int outputs() const { return levels * features; }
+  bool operator==(const HashGridConfig&) const = default;
+};
+
+struct HashGridLevel {
+  int cells = 0;
+  std::uint32_t rows = 0;  ///< a power of two where hashed
+  bool dense = true;       ///< every vertex has a row of its own
+  std::size_t offset = 0;  ///< of its first row, in numbers of the table
+};
+
+/// Coarsest first.
+std::vector<HashGridLevel> hash_grid_levels(const HashGridConfig& config);
+std::size_t hash_grid_size(const HashGridConfig& config);  ///< numbers of the table
+
+/// U(-1e-4, 1e-4), as the paper. Deterministic in seed.
+void hash_grid_initialize(const HashGridConfig& config, std::uint64_t seed, std::span<float> table);
+
+constexpr std::uint32_t kHashPrimeY = 2654435761u, kHashPrimeZ = 805459861u;
+
+/// The row of a vertex, counted within its level; coordinates in 0..cells + 1.
+inline std::uint32_t hash_grid_row(const HashGridLevel& level, std::uint32_t x, std::uint32_t y, std::uint32_t z) {
+  const std::uint32_t side = static_cast<std::uint32_t>(level.cells) + 2;
+  if (level.dense) return x + side * (y + side * z);
+  return (x ^ (y * kHashPrimeY) ^ (z * kHashPrimeZ)) & (level.rows - 1);
+}
+
+/// What a level finer than the sample is long counts for: 1 / max(1, 2 cells footprint) (Tonderski et al., "NeuRAD", 2024,
+/// section 3.1). `footprint`: standard deviation of the sample's volume in the unit cube.
+template <class T>
+T hash_grid_level_weight(const HashGridLevel& level, T footprint) {
+  const T widths = T(2.0 * level.cells) * footprint;
+  return widths > T(1) ? T(1) / widths : T(1);
+}
+
+/// Vertex coordinates of the cell that holds a point, and where in it the point lies.
+template <class T>
+struct HashGridCell {
+  std::uint32_t corner[3];
+  T fraction[3];
+
+  /// Coordinates outside the unit cube count as on its face; NaN as 0.
+  HashGridCell(const HashGridLevel& level, const T position[3]) {
+    for (int k = 0; k < 3; ++k) {
+      const T inside = position[k] > T(0) ? (position[k] < T(1) ? position[k] : T(1)) : T(0);
+      const T scaled = inside * T(level.cells) + T(0.5);
+      std::uint32_t below = 0;
+      if constexpr (requires { scaled.value; })
+        below = static_cast<std::uint32_t>(scaled.value);
+      else
+        below = static_cast<std::uint32_t>(scaled);
+      corner[k] = below;
+      fraction[k] = scaled - T(below);
+    }
+  }
+
+  /// Row of vertex `c` (bit k: the far one along axis k), and its share of the mean.
+  std::uint32_t row(const HashGridLevel& level, int c) const {
+    return hash_grid_row(level, corner[0] + (c & 1), corner[1] + (c >> 1 & 1), corner[2] + (c >> 2 & 1));
+  }
+  T share(int c, int axis) const { return (c >> axis & 1) ? fraction[axis] : T(1) - fraction[axis]; }
+  T weight(int c) const { return share(c, 0) * share(c, 1) * share(c, 2); }
+};
+
+/// features[level * config.features + f]. `levels`: of the config. Table and position may be of different types.
+template <class Table, class T, class Out>
+void hash_grid_encode(const HashGridConfig& config, std::span<const HashGridLevel> levels, const Table* table,
+                      const T position[3], T footprint, Out* features) {
+  for (std::size_t l = 0; l < levels.size(); ++l) {
+    const HashGridCell<T> cell(levels[l], position);
+    Out* const out = features + l * config.features;
+    for (int f = 0; f < config.features; ++f) out[f] = Out(0);
+    for (int c = 0; c < 8; ++c) {
+      const Table* const row = table + levels[l].offset + std::size_t(cell.row(levels[l], c)) * config.features;
+      for (int f = 0; f < config.features; ++f) out[f] += Out(cell.weight(c)) * Out(row[f]);
+    }
+    const T weight = hash_grid_level_weight(levels[l], footprint);
+    for (int f = 0; f < config.features; ++f) out[f] *= Out(weight);
+  }
+}
+
+/// Adds to d_table, and to d_position[3] unless that is null. The footprint is taken for constant.
+template <class T>
+void hash_grid_adjoint(const HashGridConfig& config, std::span<const HashGridLevel> levels, const T* table,
+                       const T position[3], T footprint, const T* d_features, T* d_table, T* d_position) {
+  for (std::size_t l = 0; l < levels.size(); ++l) {
+    const HashGridCell<T> cell(levels[l], position);
+    const T* const d = d_features + l * config.features;
+    const T level_weight = hash_grid_level_weight(levels[l], footprint);
+    for (int c = 0; c < 8; ++c) {
+      const std::size_t row = levels[l].offset + std::size_t(cell.row(levels[l], c)) * config.features;
+      T dot(0);
+      for (int f = 0; f < config.features; ++f) {
+        d_table[row + f] += cell.weight(c) * level_weight * d[f];
+        dot += table[row + f] * d[f];
+      }
+      if (!d_position) continue;
+      const T slope = dot * level_weight * T(levels[l].cells);
+      for (int k = 0; k < 3; ++k)
+        d_position[k] += ((c >> k & 1) ? slope : -slope) * cell.share(c, (k + 1) % 3) * cell.share(c, (k + 2) % 3);
+    }
+  }
+}
+
+}  // namespace redrive

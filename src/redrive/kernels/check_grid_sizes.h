@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+// The size checks that every backend makes at the head of the stages of grid_stages.h.
+#pragma once
+
+#include "redrive/base/error.h"
+#include "redrive/kernels/kernels.h"
+
+namespace redrive::kernels {
+
+inline std::size_t interval_count(int n_rays, int per_ray) {
+  return static_cast<std::size_t>(n_rays) * static_cast<std::size_t>(per_ray);
+}
+
+inline void check_edges(int n_rays, int per_ray, std::size_t edges) {
+  REDRIVE_CHECK_OP(n_rays, >=, 1);
+  REDRIVE_CHECK_OP(per_ray, >=, 1);
+  REDRIVE_CHECK_OP(edges, ==, interval_count(n_rays, per_ray + 1));
+}
+
+inline void check_points(const UnitPoints& points) {
+  REDRIVE_CHECK_OP(points.position.size(), ==, 3 * (points.stride > 0 ? points.stride : points.n));
+  REDRIVE_CHECK(points.stride == 0 || points.stride >= points.n);
+  REDRIVE_CHECK_OP(points.footprint.size(), ==, points.n);
+}
+
+inline void check_encode(const HashGrid& grid, const UnitPoints& points, std::size_t features) {
+  check_points(points);
+  REDRIVE_CHECK_OP(grid.table.size(), ==, hash_grid_size(grid.config));
+  REDRIVE_CHECK_OP(features, ==, points.n * static_cast<std::size_t>(grid.config.outputs()));
+}
+
+inline void check_network(const GridNetwork& network, int n_rays, int per_ray, std::size_t features,
+                          std::size_t harmonics, std::size_t raw) {
+  const std::size_t n = interval_count(n_rays, per_ray);
+  REDRIVE_CHECK_OP(network.config.grid.features, >=, 2);
+  REDRIVE_CHECK_OP(network.weights.size(), ==, grid_network_size(network.config));
+  REDRIVE_CHECK_OP(features, ==, n * static_cast<std::size_t>(network.config.grid.outputs()));
+  REDRIVE_CHECK_OP(harmonics, ==, static_cast<std::size_t>(n_rays) * kHarmonics);
+  REDRIVE_CHECK_OP(raw, ==, 4 * n);
+}
+
+inline void check_proposal(const HashGrid& grid, const UnitPoints& points, std::size_t density) {
+  REDRIVE_CHECK_OP(grid.config.features, ==, 1);
+  check_points(points);
+  REDRIVE_CHECK_OP(grid.table.size(), ==, hash_grid_size(grid.config));
+  REDRIVE_CHECK_OP(density, ==, points.n);
+}
+
+}  // namespace redrive::kernels

@@ -1,0 +1,330 @@
+// SPDX-License-Identifier: Apache-2.0
+// Cuts the stages of --method grid into ranges and lanes. As in cpu_backend.cc, what is added up is added up per lane of a fixed
+// list and then in lane order: the thread count changes nothing. A grid's gradients are parallel over its levels.
+#include "redrive/kernels/cpu/grid/cpu_grid_stages.h"
+
+#include <algorithm>
+#include <cstring>
+#include <vector>
+
+#include "redrive/base/buffer.h"
+#include "redrive/kernels/check_grid_sizes.h"
+#include "redrive/kernels/cpu/grid/grid_kernels.h"
+#include "redrive/loss/proposal.h"
+
+namespace redrive::kernels {
+namespace {
+
+constexpr std::size_t kRaysOfRange = 64;
+constexpr std::size_t kPointsOfRange = 8192;  // a level's table is walked once for so many points
+constexpr int kTileSamples = 512;             // a network's activations stay in the second-level cache
+constexpr int kLanesOfBatch = 8;
+
+std::vector<GridLevel> levels_of(const HashGrid& grid) {
+  std::vector<GridLevel> levels;
+  for (const HashGridLevel& level : hash_grid_levels(grid.config))
+    levels.push_back({level.cells, level.rows - 1, level.dense, grid.table.data() + level.offset});
+  return levels;
+}
+
+/// Points [begin, end).
+GridPoints range_of(const UnitPoints& points, std::size_t begin, std::size_t end) {
+  return {end - begin, points.position.data() + begin, points.stride > 0 ? points.stride : points.n,
+          points.footprint.data() + begin};
+}
+
+/// [rows, columns] from `from` [columns, row stride] or the other way round.
+void transpose(const float* from, std::size_t from_row, int rows, int columns, float* to, std::size_t to_row) {
+  for (int r = 0; r < rows; ++r)
+    for (int c = 0; c < columns; ++c) to[c * to_row + r] = from[r * from_row + c];
+}
+
+/// A network's weights in both orders.
+class PackedNetwork {
+ public:
+  explicit PackedNetwork(const GridNetwork& network) : memory_(network.weights.size() + 16 * kMaxGridWidth) {
+    const GridFieldConfig& config = network.config;
+    const int width = config.width;
+    weights_ = {.width = width,
+                .inputs = config.grid.outputs(),
+                .colour_layers = config.colour_layers,
+                .density_scale = network.density_scale};
+    const auto at = [&](int layer) { return network.weights.data() + grid_layer(config, layer).offset; };
+    weights_.density0 = at(kGridDensity0);
+    weights_.density1 = at(kGridDensity1);
+    weights_.colour0 = at(kGridColour0);
+    weights_.colour1 = at(kGridColour1);
+    weights_.colour_out = at(kGridColourOut);
+    weights_.density0_in = pack(weights_.density0, weights_.inputs, width, weights_.inputs, width);
+    weights_.density1_in = pack(weights_.density1, width, kGeometry, width, kGeometry);
+    constexpr int kInputs = kGeometry + kHarmonics;
+    weights_.geometry_in = pack(weights_.colour0, kInputs, width, kGeometry, width);
+    weights_.harmonics_in = pack(weights_.colour0 + kGeometry, kInputs, width, kHarmonics, width);
+    if (config.colour_layers == 2) weights_.colour1_in = pack(weights_.colour1, width, width, width, width);
+    weights_.colour_out_in = pack(weights_.colour_out, width, 3, width, 16);
+  }
+
+  const GridNetworkWeights& weights() const { return weights_; }
+
+ private:
+  /// [columns, to_row] of a matrix [rows, from_row], its first `columns` numbers of each row.
+  const float* pack(const float* from, int from_row, int rows, int columns, int to_row) {
+    float* const to = memory_.data() + used_;
+    transpose(from, from_row, rows, columns, to, to_row);
+    used_ += static_cast<std::size_t>(columns) * to_row;
+    REDRIVE_CHECK_OP(used_, <=, memory_.size());
+    return to;
+  }
+
+  Buffer<float> memory_;
+  std::size_t used_ = 0;
+  GridNetworkWeights weights_;
+};
+
+class CpuGridStages final : public GridStages {
+ public:
+  CpuGridStages(Isa isa, ThreadPool* pool)
+      : kernels_(isa == Isa::kAvx2 ? avx2::kGridKernels : avx512::kGridKernels), pool_(*pool) {}
+
+  void spaced(int n_rays, int per_ray, const RaySpacing& spacing, bool jitter, std::uint64_t key,
+              std::span<float> edges) override {
+    check_edges(n_rays, per_ray, edges.size());
+    pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t ray = begin; ray < end; ++ray)
+        spaced_edges(spacing, per_ray, jitter, key, ray, &edges[ray * (per_ray + 1)]);
+    });
+  }
+
+  void proposed(int n_rays, const Intervals& from, std::span<const float> weights, int per_ray, bool jitter,
+                std::uint64_t key, std::span<float> edges) override {
+    check_edges(n_rays, from.per_ray, from.edges.size());
+    check_edges(n_rays, per_ray, edges.size());
+    REDRIVE_CHECK_OP(weights.size(), ==, interval_count(n_rays, from.per_ray));
+    pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t ray = begin; ray < end; ++ray)
+        proposed_edges(&from.edges[ray * (from.per_ray + 1)], &weights[ray * from.per_ray], from.per_ray, per_ray,
+                       jitter, key, ray, &edges[ray * (per_ray + 1)]);
+    });
+  }
+
+  void contract(const Contraction& contraction, const Rays& rays, std::span<const float> pixel_angle,
+                const Intervals& intervals, std::span<float> position, std::span<float> footprint) override {
+    const int per_ray = intervals.per_ray;
+    check_edges(rays.n, per_ray, intervals.edges.size());
+    const std::size_t n = interval_count(rays.n, per_ray);
+    REDRIVE_CHECK_OP(pixel_angle.size(), ==, static_cast<std::size_t>(rays.n));
+    REDRIVE_CHECK_OP(position.size(), ==, 3 * n);
+    REDRIVE_CHECK_OP(footprint.size(), ==, n);
+    pool_.run_ranges(rays.n, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
+      kernels_.contract({.n_rays = static_cast<int>(end - begin),
+                         .per_ray = per_ray,
+                         .origin = rays.origin.data() + begin,
+                         .direction = rays.direction.data() + begin,
+                         .ray_stride = static_cast<std::size_t>(rays.n),
+                         .pixel_angle = pixel_angle.data() + begin,
+                         .edges = intervals.edges.data() + begin * (per_ray + 1),
+                         .center = contraction.center.data(),
+                         .half_m = contraction.half_m,
+                         .unbounded = contraction.unbounded,
+                         .position = position.data() + begin * per_ray,
+                         .footprint = footprint.data() + begin * per_ray,
+                         .stride = n});
+    });
+  }
+
+  void encode(const HashGrid& grid, const UnitPoints& points, std::span<float> features) override {
+    check_encode(grid, points, features.size());
+    for_each_level_range(grid, points, [&](const GridLevel& level, std::size_t first_feature, const GridPoints& range) {
+      kernels_.encode(grid.config.features, level, range, features.data() + first_feature);
+    });
+  }
+
+  void encode_backward(const HashGrid& grid, const UnitPoints& points, std::span<const float> d_features,
+                       std::span<float> d_table, std::span<float> d_position) override {
+    check_encode(grid, points, d_features.size());
+    REDRIVE_CHECK_OP(d_table.size(), ==, grid.table.size());
+    backward_of_levels(grid, points, d_features.data(), points.n * grid.config.features, d_table);
+    if (d_position.empty()) return;
+    REDRIVE_CHECK_OP(d_position.size(), ==, 3 * points.n);
+    std::ranges::fill(d_position, 0.0f);
+    const auto levels = levels_of(grid);
+    pool_.run_ranges(points.n, kPointsOfRange, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t l = 0; l < levels.size(); ++l)
+        kernels_.encode_backward(grid.config.features, levels[l], range_of(points, begin, end),
+                                 d_features.data() + (l * points.n + begin) * grid.config.features, nullptr,
+                                 d_position.data() + begin);
+    });
+  }
+
+  void network_forward(const GridNetwork& network, int n_rays, int per_ray, std::span<const float> features,
+                       std::span<const float> harmonics, std::span<float> raw) override {
+    check_network(network, n_rays, per_ray, features.size(), harmonics.size(), raw.size());
+    const PackedNetwork packed(network);
+    for_each_tile(network, n_rays, per_ray, [&](int, int first, int count, float* scratch) {
+      const std::size_t sample = interval_count(first, per_ray);
+      kernels_.network_forward(packed.weights(), tile_of(network, n_rays, per_ray, first, count, features, harmonics),
+                               raw.data() + sample, scratch);
+    });
+  }
+
+  void network_backward(const GridNetwork& network, int n_rays, int per_ray, std::span<const float> features,
+                        std::span<const float> harmonics, std::span<const float> d_raw, std::span<float> d_weights,
+                        std::span<float> d_features) override {
+    check_network(network, n_rays, per_ray, features.size(), harmonics.size(), d_raw.size());
+    REDRIVE_CHECK_OP(d_weights.size(), ==, network.weights.size());
+    REDRIVE_CHECK_OP(d_features.size(), ==, features.size());
+    const PackedNetwork packed(network);
+    const std::size_t size = network.weights.size();
+    std::vector<Buffer<float>> sums(kLanesOfBatch);
+    for (Buffer<float>& sum : sums) sum = Buffer<float>(size);
+    for_each_tile(network, n_rays, per_ray, [&](int lane, int first, int count, float* scratch) {
+      const std::size_t sample = interval_count(first, per_ray);
+      const auto at = [&](int layer) { return sums[lane].data() + grid_layer(network.config, layer).offset; };
+      kernels_.network_backward(
+          packed.weights(), tile_of(network, n_rays, per_ray, first, count, features, harmonics), d_raw.data() + sample,
+          {at(kGridDensity0), at(kGridDensity1), at(kGridColour0), at(kGridColour1), at(kGridColourOut)},
+          d_features.data() + sample * network.config.grid.features, scratch);
+    });
+    for (const Buffer<float>& sum : sums)
+      for (std::size_t i = 0; i < size; ++i) d_weights[i] += sum[i];
+  }
+
+  void proposal_density(const HashGrid& grid, float density_scale, const UnitPoints& points,
+                        std::span<float> density) override {
+    check_proposal(grid, points, density.size());
+    const auto levels = levels_of(grid);
+    pool_.run_ranges(points.n, kPointsOfRange, [&](std::size_t begin, std::size_t end) {
+      kernels_.density(levels.data(), static_cast<int>(levels.size()), density_scale, range_of(points, begin, end),
+                       density.data() + begin);
+    });
+  }
+
+  void proposal_density_backward(const HashGrid& grid, const UnitPoints& points, std::span<const float> density,
+                                 std::span<const float> d_density, std::span<float> d_table) override {
+    check_proposal(grid, points, density.size());
+    REDRIVE_CHECK_OP(d_density.size(), ==, points.n);
+    REDRIVE_CHECK_OP(d_table.size(), ==, grid.table.size());
+    std::vector<float> d_sum(points.n);
+    pool_.run_ranges(points.n, kPointsOfRange, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t i = begin; i < end; ++i) d_sum[i] = density[i] * d_density[i];
+    });
+    backward_of_levels(grid, points, d_sum.data(), 0, d_table);
+  }
+
+  void weights(int n_rays, const Intervals& intervals, std::span<const float> density,
+               std::span<float> weights) override {
+    const int per_ray = intervals.per_ray;
+    check_edges(n_rays, per_ray, intervals.edges.size());
+    REDRIVE_CHECK_OP(density.size(), ==, interval_count(n_rays, per_ray));
+    REDRIVE_CHECK_OP(weights.size(), ==, density.size());
+    pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
+      Buffer<float> scratch(per_ray + 16);
+      kernels_.weights(static_cast<int>(end - begin), per_ray, &intervals.edges[begin * (per_ray + 1)],
+                       &density[begin * per_ray], &weights[begin * per_ray], scratch.data());
+    });
+  }
+
+  void weights_backward(int n_rays, const Intervals& intervals, std::span<const float> density,
+                        std::span<const float> weights, std::span<const float> d_weights,
+                        std::span<float> d_density) override {
+    const int per_ray = intervals.per_ray;
+    check_edges(n_rays, per_ray, intervals.edges.size());
+    REDRIVE_CHECK_OP(density.size(), ==, interval_count(n_rays, per_ray));
+    REDRIVE_CHECK_OP(weights.size(), ==, density.size());
+    REDRIVE_CHECK_OP(d_weights.size(), ==, density.size());
+    REDRIVE_CHECK_OP(d_density.size(), ==, density.size());
+    pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
+      Buffer<float> scratch(per_ray + 16);
+      const std::size_t first = begin * per_ray;
+      kernels_.weights_backward(static_cast<int>(end - begin), per_ray, &intervals.edges[begin * (per_ray + 1)],
+                                &density[first], &weights[first], &d_weights[first], &d_density[first], scratch.data());
+    });
+  }
+
+  double interlevel(int n_rays, const Intervals& intervals, std::span<const float> weights, const Intervals& proposal,
+                    std::span<const float> proposal_weights, std::span<float> d_proposal) override {
+    const int n = intervals.per_ray, m = proposal.per_ray;
+    check_edges(n_rays, n, intervals.edges.size());
+    check_edges(n_rays, m, proposal.edges.size());
+    REDRIVE_CHECK_OP(weights.size(), ==, interval_count(n_rays, n));
+    REDRIVE_CHECK_OP(proposal_weights.size(), ==, interval_count(n_rays, m));
+    REDRIVE_CHECK_OP(d_proposal.size(), ==, proposal_weights.size());
+    std::vector<double> loss((n_rays + kRaysOfRange - 1) / kRaysOfRange);
+    pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t ray = begin; ray < end; ++ray) {
+        std::fill_n(&d_proposal[ray * m], m, 0.0f);
+        loss[begin / kRaysOfRange] += interlevel_loss<float>(
+            &intervals.edges[ray * (n + 1)], &weights[ray * n], n, &proposal.edges[ray * (m + 1)],
+            &proposal_weights[ray * m], m, 1.0f / static_cast<float>(n_rays), &d_proposal[ray * m]);
+      }
+    });
+    double sum = 0;
+    for (const double part : loss) sum += part;
+    return sum / n_rays;
+  }
+
+ private:
+  /// visit(level, first feature, points) for all points, the coarsest level first: one table at a time is in the caches.
+  template <class Visit>
+  void for_each_level_range(const HashGrid& grid, const UnitPoints& points, const Visit& visit) {
+    const auto levels = levels_of(grid);
+    const std::size_t ranges = (points.n + kPointsOfRange - 1) / kPointsOfRange;
+    pool_.run(static_cast<int>(levels.size() * ranges), [&](int lane) {
+      const std::size_t l = lane / ranges, begin = lane % ranges * kPointsOfRange;
+      visit(levels[l], (l * points.n + begin) * grid.config.features,
+            range_of(points, begin, std::min(points.n, begin + kPointsOfRange)));
+    });
+  }
+
+  /// Level l takes d[l * step ...], [n, features]. The finest, which has the most to do, begins.
+  void backward_of_levels(const HashGrid& grid, const UnitPoints& points, const float* d, std::size_t step,
+                          std::span<float> d_table) {
+    const auto levels = levels_of(grid);
+    pool_.run(static_cast<int>(levels.size()), [&](int lane) {
+      const std::size_t l = levels.size() - 1 - lane;
+      kernels_.encode_backward(grid.config.features, levels[l], range_of(points, 0, points.n), d + l * step,
+                               d_table.data() + (levels[l].rows - grid.table.data()), nullptr);
+    });
+  }
+
+  static GridNetworkTile tile_of(const GridNetwork& network, int n_rays, int per_ray, int first, int count,
+                                 std::span<const float> features, std::span<const float> harmonics) {
+    return {.n_rays = count,
+            .per_ray = per_ray,
+            .features = features.data() + interval_count(first, per_ray) * network.config.grid.features,
+            .harmonics = harmonics.data() + static_cast<std::size_t>(first) * kHarmonics,
+            .levels = network.config.grid.levels,
+            .of_level = network.config.grid.features,
+            .level_stride = interval_count(n_rays, per_ray) * network.config.grid.features,
+            .raw_stride = interval_count(n_rays, per_ray)};
+  }
+
+  /// visit(lane, first ray, rays, scratch) for tiles of whole rays; those of a lane are consecutive and in order.
+  template <class Visit>
+  void for_each_tile(const GridNetwork& network, int n_rays, int per_ray, const Visit& visit) {
+    const int rays = std::max(1, kTileSamples / per_ray), tiles = (n_rays + rays - 1) / rays;
+    pool_.run(kLanesOfBatch, [&](int lane) {
+      const int begin = static_cast<int>(std::int64_t{tiles} * lane / kLanesOfBatch),
+                end = static_cast<int>(std::int64_t{tiles} * (lane + 1) / kLanesOfBatch);
+      if (begin == end) return;
+      Buffer<float>& scratch = scratch_[lane];
+      const std::size_t size = grid_network_scratch(interval_count(rays, per_ray), rays, network.config.width,
+                                                    network.config.grid.outputs());
+      if (scratch.size() < size) scratch = Buffer<float>(size);
+      for (int tile = begin; tile < end; ++tile)
+        visit(lane, tile * rays, std::min(rays, n_rays - tile * rays), scratch.data());
+    });
+  }
+
+  const GridKernels& kernels_;
+  ThreadPool& pool_;
+  Buffer<float> scratch_[kLanesOfBatch];  ///< of the networks, by lane; kept from call to call
+};
+
+}  // namespace
+
+std::unique_ptr<GridStages> make_cpu_grid_stages(Isa isa, ThreadPool* pool) {
+  return std::make_unique<CpuGridStages>(isa, pool);
+}
+
+}  // namespace redrive::kernels

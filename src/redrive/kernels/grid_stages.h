@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: Apache-2.0
+// The seam's second half: the stages of --method grid (Backend::grid). As kernels.h: spans and sizes, sizes are checked,
+// non-finite results are the caller's to look for. A ray is tiled by intervals, edges [n_rays, per_ray + 1] ascending, metres;
+// a sample is an interval's middle.
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include "redrive/field/contraction.h"
+#include "redrive/field/grid_field.h"
+#include "redrive/sampling/proposal.h"
+
+namespace redrive::kernels {
+
+struct Rays;
+
+/// Intervals of each ray of a batch.
+struct Intervals {
+  int per_ray = 0;
+  std::span<const float> edges;  ///< [n_rays, per_ray + 1]
+};
+
+/// A hash grid with its numbers (field/hash_grid.h).
+struct HashGrid {
+  HashGridConfig config;
+  std::span<const float> table;
+};
+
+/// Points of the unit cube: position [3, n]; footprint [n], standard deviation of a sample's volume there.
+struct UnitPoints {
+  std::size_t n = 0;
+  std::span<const float> position, footprint;
+  std::size_t stride = 0;  ///< from coordinate to coordinate, where these are the first n of more points; 0: n
+
+  float coordinate(int k, std::size_t i) const { return position[k * (stride > 0 ? stride : n) + i]; }
+  UnitPoints first(std::size_t count) const {
+    return {count, position, footprint.first(count), stride > 0 ? stride : n};
+  }
+};
+
+/// Both networks of a grid field (field/grid_field.h).
+struct GridNetwork {
+  GridFieldConfig config;
+  float density_scale = 1;  ///< 1/m
+  std::span<const float> weights;
+};
+
+class GridStages {
+ public:
+  virtual ~GridStages() = default;
+
+  // ---- sampling/
+  /// sampling/proposal.h spaced_edges, ray by ray.
+  virtual void spaced(int n_rays, int per_ray, const RaySpacing& spacing, bool jitter, std::uint64_t key,
+                      std::span<float> edges) = 0;
+  /// proposed_edges: `per_ray` new intervals from those of `from` and their weights [n_rays, from.per_ray].
+  virtual void proposed(int n_rays, const Intervals& from, std::span<const float> weights, int per_ray, bool jitter,
+                        std::uint64_t key, std::span<float> edges) = 0;
+
+  // ---- field/
+  /// Middles of all intervals in the unit cube. pixel_angle [n_rays]: side of a pixel, rad. A sample's volume is a box of
+  /// pixel_angle t squared times its length (NeuRAD); footprint = cbrt(volume) * contract's factor.
+  virtual void contract(const Contraction& contraction, const Rays& rays, std::span<const float> pixel_angle,
+                        const Intervals& intervals, std::span<float> position, std::span<float> footprint) = 0;
+  /// features [levels, n, features]: level by level, because each level's table is walked through at once.
+  virtual void encode(const HashGrid& grid, const UnitPoints& points, std::span<float> features) = 0;
+  /// Adds to d_table; writes d_position [3, n] unless it is empty.
+  virtual void encode_backward(const HashGrid& grid, const UnitPoints& points, std::span<const float> d_features,
+                               std::span<float> d_table, std::span<float> d_position) = 0;
+  /// features as from encode, harmonics [n_rays, 16], n = n_rays * per_ray -> raw [4, n] as the scalar function says.
+  virtual void network_forward(const GridNetwork& network, int n_rays, int per_ray, std::span<const float> features,
+                               std::span<const float> harmonics, std::span<float> raw) = 0;
+  /// Adds to d_weights, writes d_features (as features). Recomputes the forward pass.
+  virtual void network_backward(const GridNetwork& network, int n_rays, int per_ray, std::span<const float> features,
+                                std::span<const float> harmonics, std::span<const float> d_raw,
+                                std::span<float> d_weights, std::span<float> d_features) = 0;
+  /// A proposal field: density_scale exp(sum of the levels), grid.config.features = 1. density [n].
+  virtual void proposal_density(const HashGrid& grid, float density_scale, const UnitPoints& points,
+                                std::span<float> density) = 0;
+  /// Adds to d_table, from density as proposal_density gave it.
+  virtual void proposal_density_backward(const HashGrid& grid, const UnitPoints& points, std::span<const float> density,
+                                         std::span<const float> d_density, std::span<float> d_table) = 0;
+
+  // ---- volume/
+  /// volume/ray_weights.h: density, weights [n_rays, per_ray].
+  virtual void weights(int n_rays, const Intervals& intervals, std::span<const float> density,
+                       std::span<float> weights) = 0;
+  virtual void weights_backward(int n_rays, const Intervals& intervals, std::span<const float> density,
+                                std::span<const float> weights, std::span<const float> d_weights,
+                                std::span<float> d_density) = 0;
+
+  // ---- loss/
+  /// loss/proposal.h interlevel_loss, mean over rays; writes d_proposal [n_rays, proposal.per_ray].
+  virtual double interlevel(int n_rays, const Intervals& intervals, std::span<const float> weights,
+                            const Intervals& proposal, std::span<const float> proposal_weights,
+                            std::span<float> d_proposal) = 0;
+};
+
+}  // namespace redrive::kernels

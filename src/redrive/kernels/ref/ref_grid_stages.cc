@@ -1,0 +1,246 @@
+// SPDX-License-Identifier: Apache-2.0
+// As ref_backend.cc: plain loops over the scalar functions, double between the spans.
+#include "redrive/kernels/ref/ref_grid_stages.h"
+
+#include <array>
+#include <vector>
+
+#include "redrive/kernels/check_grid_sizes.h"
+#include "redrive/loss/proposal.h"
+#include "redrive/volume/ray_weights.h"
+
+namespace redrive::kernels {
+namespace {
+
+std::vector<double> as_double(std::span<const float> values) { return {values.begin(), values.end()}; }
+
+void add_to(std::span<float> sums, const std::vector<double>& addend) {
+  for (std::size_t i = 0; i < sums.size(); ++i) sums[i] = static_cast<float>(sums[i] + addend[i]);
+}
+
+std::array<double, 3> position_of(const UnitPoints& points, std::size_t i) {
+  return {points.coordinate(0, i), points.coordinate(1, i), points.coordinate(2, i)};
+}
+
+/// Features of point `i` in [levels, n, features] and its place among them.
+class FeaturesOf {
+ public:
+  FeaturesOf(const HashGridConfig& config, std::size_t n, std::size_t i) : config_(config), n_(n), i_(i) {}
+
+  std::vector<double> get(std::span<const float> features) const {
+    std::vector<double> out(config_.outputs());
+    for (std::size_t k = 0; k < out.size(); ++k) out[k] = features[at(k)];
+    return out;
+  }
+  void set(const std::vector<double>& values, std::span<float> features) const {
+    for (std::size_t k = 0; k < values.size(); ++k) features[at(k)] = static_cast<float>(values[k]);
+  }
+
+ private:
+  std::size_t at(std::size_t k) const {
+    return (k / config_.features * n_ + i_) * config_.features + k % config_.features;
+  }
+  const HashGridConfig& config_;
+  std::size_t n_, i_;
+};
+
+class RefGridStages final : public GridStages {
+ public:
+  void spaced(int n_rays, int per_ray, const RaySpacing& spacing, bool jitter, std::uint64_t key,
+              std::span<float> edges) override {
+    check_edges(n_rays, per_ray, edges.size());
+    for (int ray = 0; ray < n_rays; ++ray)
+      spaced_edges(spacing, per_ray, jitter, key, ray, &edges[interval_count(ray, per_ray + 1)]);
+  }
+
+  void proposed(int n_rays, const Intervals& from, std::span<const float> weights, int per_ray, bool jitter,
+                std::uint64_t key, std::span<float> edges) override {
+    check_edges(n_rays, from.per_ray, from.edges.size());
+    check_edges(n_rays, per_ray, edges.size());
+    REDRIVE_CHECK_OP(weights.size(), ==, interval_count(n_rays, from.per_ray));
+    for (int ray = 0; ray < n_rays; ++ray)
+      proposed_edges(&from.edges[interval_count(ray, from.per_ray + 1)], &weights[interval_count(ray, from.per_ray)],
+                     from.per_ray, per_ray, jitter, key, ray, &edges[interval_count(ray, per_ray + 1)]);
+  }
+
+  void contract(const Contraction& contraction, const Rays& rays, std::span<const float> pixel_angle,
+                const Intervals& intervals, std::span<float> position, std::span<float> footprint) override {
+    check_edges(rays.n, intervals.per_ray, intervals.edges.size());
+    const std::size_t n = interval_count(rays.n, intervals.per_ray);
+    REDRIVE_CHECK_OP(pixel_angle.size(), ==, static_cast<std::size_t>(rays.n));
+    REDRIVE_CHECK_OP(position.size(), ==, 3 * n);
+    REDRIVE_CHECK_OP(footprint.size(), ==, n);
+    for (int ray = 0; ray < rays.n; ++ray)
+      for (int s = 0; s < intervals.per_ray; ++s) {
+        const std::size_t edge = interval_count(ray, intervals.per_ray + 1) + s,
+                          i = interval_count(ray, intervals.per_ray) + s;
+        const double begin = intervals.edges[edge], end = intervals.edges[edge + 1], t = 0.5 * (begin + end);
+        double world[3], unit[3];
+        for (int k = 0; k < 3; ++k) world[k] = rays.origin[k * rays.n + ray] + t * rays.direction[k * rays.n + ray];
+        const double factor = redrive::contract(contraction, world, unit), side = pixel_angle[ray] * t;
+        for (int k = 0; k < 3; ++k) position[k * n + i] = static_cast<float>(unit[k]);
+        footprint[i] = static_cast<float>(factor * std::cbrt(side * side * (end - begin)));
+      }
+  }
+
+  void encode(const HashGrid& grid, const UnitPoints& points, std::span<float> features) override {
+    check_encode(grid, points, features.size());
+    const auto levels = hash_grid_levels(grid.config);
+    std::vector<double> out(grid.config.outputs());
+    for (std::size_t i = 0; i < points.n; ++i) {
+      hash_grid_encode<float, double, double>(grid.config, levels, grid.table.data(), position_of(points, i).data(),
+                                              points.footprint[i], out.data());
+      FeaturesOf(grid.config, points.n, i).set(out, features);
+    }
+  }
+
+  void encode_backward(const HashGrid& grid, const UnitPoints& points, std::span<const float> d_features,
+                       std::span<float> d_table, std::span<float> d_position) override {
+    check_encode(grid, points, d_features.size());
+    REDRIVE_CHECK_OP(d_table.size(), ==, grid.table.size());
+    if (!d_position.empty()) REDRIVE_CHECK_OP(d_position.size(), ==, 3 * points.n);
+    const auto levels = hash_grid_levels(grid.config);
+    const std::vector<double> table = as_double(grid.table);
+    std::vector<double> sums(table.size());
+    for (std::size_t i = 0; i < points.n; ++i) {
+      const std::vector<double> d = FeaturesOf(grid.config, points.n, i).get(d_features);
+      double d_point[3]{};
+      hash_grid_adjoint<double>(grid.config, levels, table.data(), position_of(points, i).data(), points.footprint[i],
+                                d.data(), sums.data(), d_point);
+      for (int k = 0; !d_position.empty() && k < 3; ++k) d_position[k * points.n + i] = static_cast<float>(d_point[k]);
+    }
+    add_to(d_table, sums);
+  }
+
+  void network_forward(const GridNetwork& network, int n_rays, int per_ray, std::span<const float> features,
+                       std::span<const float> harmonics, std::span<float> raw) override {
+    check_network(network, n_rays, per_ray, features.size(), harmonics.size(), raw.size());
+    const std::size_t n = interval_count(n_rays, per_ray);
+    const std::vector<double> weights = as_double(network.weights);
+    for (std::size_t i = 0; i < n; ++i) {
+      GridActivations<double> a;
+      double out[4];
+      forward_sample(network, weights, n, i, i / per_ray, features, harmonics, &a, out);
+      for (int k = 0; k < 4; ++k) raw[k * n + i] = static_cast<float>(out[k]);
+    }
+  }
+
+  void network_backward(const GridNetwork& network, int n_rays, int per_ray, std::span<const float> features,
+                        std::span<const float> harmonics, std::span<const float> d_raw, std::span<float> d_weights,
+                        std::span<float> d_features) override {
+    check_network(network, n_rays, per_ray, features.size(), harmonics.size(), d_raw.size());
+    REDRIVE_CHECK_OP(d_weights.size(), ==, network.weights.size());
+    REDRIVE_CHECK_OP(d_features.size(), ==, features.size());
+    const std::size_t n = interval_count(n_rays, per_ray);
+    const std::vector<double> weights = as_double(network.weights);
+    std::vector<double> sums(weights.size());
+    for (std::size_t i = 0; i < n; ++i) {
+      GridActivations<double> a;
+      double raw[4], d[4];
+      forward_sample(network, weights, n, i, i / per_ray, features, harmonics, &a, raw);
+      for (int k = 0; k < 4; ++k) d[k] = d_raw[k * n + i];
+      std::vector<double> d_of_sample(network.config.grid.outputs());
+      grid_network_adjoint(network.config, weights.data(), a, d, sums.data(), d_of_sample.data());
+      FeaturesOf(network.config.grid, n, i).set(d_of_sample, d_features);
+    }
+    add_to(d_weights, sums);
+  }
+
+  void proposal_density(const HashGrid& grid, float density_scale, const UnitPoints& points,
+                        std::span<float> density) override {
+    check_proposal(grid, points, density.size());
+    const auto levels = hash_grid_levels(grid.config);
+    std::vector<double> features(grid.config.outputs());
+    for (std::size_t i = 0; i < points.n; ++i) {
+      hash_grid_encode<float, double, double>(grid.config, levels, grid.table.data(), position_of(points, i).data(),
+                                              points.footprint[i], features.data());
+      double sum = 0;
+      for (const double feature : features) sum += feature;
+      density[i] = static_cast<float>(density_scale * std::exp(std::min<double>(sum, kMaxLogDensity)));
+    }
+  }
+
+  void proposal_density_backward(const HashGrid& grid, const UnitPoints& points, std::span<const float> density,
+                                 std::span<const float> d_density, std::span<float> d_table) override {
+    check_proposal(grid, points, density.size());
+    REDRIVE_CHECK_OP(d_density.size(), ==, points.n);
+    REDRIVE_CHECK_OP(d_table.size(), ==, grid.table.size());
+    const auto levels = hash_grid_levels(grid.config);
+    const std::vector<double> table = as_double(grid.table);
+    std::vector<double> sums(table.size());
+    for (std::size_t i = 0; i < points.n; ++i) {
+      const std::vector<double> d(grid.config.outputs(), static_cast<double>(density[i]) * d_density[i]);
+      hash_grid_adjoint<double>(grid.config, levels, table.data(), position_of(points, i).data(), points.footprint[i],
+                                d.data(), sums.data(), nullptr);
+    }
+    add_to(d_table, sums);
+  }
+
+  void weights(int n_rays, const Intervals& intervals, std::span<const float> density,
+               std::span<float> weights) override {
+    check_edges(n_rays, intervals.per_ray, intervals.edges.size());
+    REDRIVE_CHECK_OP(density.size(), ==, interval_count(n_rays, intervals.per_ray));
+    REDRIVE_CHECK_OP(weights.size(), ==, density.size());
+    std::vector<double> out(intervals.per_ray);
+    for (int ray = 0; ray < n_rays; ++ray) {
+      const std::size_t first = interval_count(ray, intervals.per_ray);
+      const std::vector<double> of_ray = as_double(density.subspan(first, intervals.per_ray));
+      ray_weights(&intervals.edges[first + ray], of_ray.data(), intervals.per_ray, out.data());
+      std::copy(out.begin(), out.end(), &weights[first]);
+    }
+  }
+
+  void weights_backward(int n_rays, const Intervals& intervals, std::span<const float> density,
+                        std::span<const float> weights, std::span<const float> d_weights,
+                        std::span<float> d_density) override {
+    check_edges(n_rays, intervals.per_ray, intervals.edges.size());
+    REDRIVE_CHECK_OP(density.size(), ==, interval_count(n_rays, intervals.per_ray));
+    REDRIVE_CHECK_OP(weights.size(), ==, density.size());
+    REDRIVE_CHECK_OP(d_weights.size(), ==, density.size());
+    REDRIVE_CHECK_OP(d_density.size(), ==, density.size());
+    const std::size_t n = intervals.per_ray;
+    std::vector<double> out(n);
+    for (int ray = 0; ray < n_rays; ++ray) {
+      const std::size_t first = interval_count(ray, intervals.per_ray);
+      ray_weights_adjoint(&intervals.edges[first + ray], as_double(density.subspan(first, n)).data(), intervals.per_ray,
+                          as_double(weights.subspan(first, n)).data(), as_double(d_weights.subspan(first, n)).data(),
+                          out.data());
+      std::copy(out.begin(), out.end(), &d_density[first]);
+    }
+  }
+
+  double interlevel(int n_rays, const Intervals& intervals, std::span<const float> weights, const Intervals& proposal,
+                    std::span<const float> proposal_weights, std::span<float> d_proposal) override {
+    check_edges(n_rays, intervals.per_ray, intervals.edges.size());
+    check_edges(n_rays, proposal.per_ray, proposal.edges.size());
+    REDRIVE_CHECK_OP(weights.size(), ==, interval_count(n_rays, intervals.per_ray));
+    REDRIVE_CHECK_OP(proposal_weights.size(), ==, interval_count(n_rays, proposal.per_ray));
+    REDRIVE_CHECK_OP(d_proposal.size(), ==, proposal_weights.size());
+    double loss = 0;
+    for (int ray = 0; ray < n_rays; ++ray) {
+      const std::size_t first = interval_count(ray, intervals.per_ray), p = interval_count(ray, proposal.per_ray);
+      std::vector<double> d(proposal.per_ray);
+      loss += interlevel_loss<double>(
+          &intervals.edges[first + ray], as_double(weights.subspan(first, intervals.per_ray)).data(), intervals.per_ray,
+          &proposal.edges[p + ray], as_double(proposal_weights.subspan(p, proposal.per_ray)).data(), proposal.per_ray,
+          1.0 / n_rays, d.data());
+      std::copy(d.begin(), d.end(), &d_proposal[p]);
+    }
+    return loss / n_rays;
+  }
+
+ private:
+  static void forward_sample(const GridNetwork& network, const std::vector<double>& weights, std::size_t n,
+                             std::size_t sample, std::size_t ray, std::span<const float> features,
+                             std::span<const float> harmonics, GridActivations<double>* activations, double raw[4]) {
+    grid_network_forward<double>(
+        network.config, weights.data(), FeaturesOf(network.config.grid, n, sample).get(features).data(),
+        as_double(harmonics.subspan(ray * kHarmonics, kHarmonics)).data(), network.density_scale, activations, raw);
+  }
+};
+
+}  // namespace
+
+std::unique_ptr<GridStages> make_ref_grid_stages() { return std::make_unique<RefGridStages>(); }
+
+}  // namespace redrive::kernels

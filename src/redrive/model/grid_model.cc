@@ -1,0 +1,319 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/model/grid_model.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "redrive/base/error.h"
+#include "redrive/field/activation.h"
+
+namespace redrive {
+
+namespace {
+
+constexpr int kRaysPerTaughtRay = 4;
+
+/// Where half of what a ray meets lies before: unlike the mean it does not care how far behind it the rest is.
+float median_distance(const float* edges, const float* weights, int n, float total) {
+  float before = 0;
+  for (int i = 0; i < n; ++i) {
+    if (before + weights[i] >= 0.5f * total && weights[i] > 0)
+      return edges[i] + (0.5f * total - before) / weights[i] * (edges[i + 1] - edges[i]);
+    before += weights[i];
+  }
+  return edges[n];
+}
+
+}  // namespace
+
+/// Intervals of one round with their points.
+struct GridModel::Round {
+  kernels::Intervals intervals;
+  kernels::UnitPoints points;
+  std::span<float> density, weights;
+};
+
+struct GridModel::Pass {
+  Round proposal[2], field;
+  kernels::Samples samples;
+  std::span<float> features, harmonics, raw, background, sky_features;
+  kernels::UnitPoints sky_points;
+};
+
+std::size_t GridModel::part_size(int part) const {
+  switch (part) {
+    case kFieldGrid: return hash_grid_size(field.grid);
+    case kNetwork: return grid_network_size(field);
+    case kProposalGrid: return hash_grid_size(proposal);
+    default: return hash_grid_size(sky);
+  }
+}
+
+std::size_t GridModel::offset(int part) const {
+  std::size_t sum = 0;
+  for (int i = 0; i < part; ++i) sum += part_size(i);
+  return sum;
+}
+
+kernels::HashGrid GridModel::grid(Part which) const {
+  return {which == kFieldGrid ? field.grid : which == kProposalGrid ? proposal : sky, part(which)};
+}
+
+std::string GridModel::describe() const {
+  return std::to_string(field.grid.levels) + " levels x " + std::to_string(field.grid.features) + " of 2^" +
+         std::to_string(field.grid.log2_rows) + " rows, width " + std::to_string(field.width) + ", " +
+         std::to_string(proposal_samples[0]) + " + " + std::to_string(proposal_samples[1]) + " + " +
+         std::to_string(samples) + " samples per ray";
+}
+
+void GridModel::visit_numbers(NumberVisitor& visit) {
+  const auto visit_grid = [&](const std::string& name, HashGridConfig& grid) {
+    visit(name + ".levels", grid.levels);
+    visit(name + ".features", grid.features);
+    visit(name + ".base_cells", grid.base_cells);
+    visit(name + ".max_cells", grid.max_cells);
+    visit(name + ".log2_rows", grid.log2_rows);
+  };
+  visit_grid("grid", field.grid);
+  visit("width", field.width);
+  visit("colour_layers", field.colour_layers);
+  visit_grid("proposal", proposal);
+  visit_grid("sky", sky);
+  visit("contraction.center_x", contraction.center[0]);
+  visit("contraction.center_y", contraction.center[1]);
+  visit("contraction.center_z", contraction.center[2]);
+  visit("contraction.half_m", contraction.half_m);
+  int unbounded = contraction.unbounded;
+  visit("contraction.unbounded", unbounded);
+  contraction.unbounded = unbounded != 0;
+  visit("near_m", spacing.near_m);
+  visit("far_m", spacing.far_m);
+  visit("spacing.half_m", spacing.half_m);
+  visit("first_proposals", proposal_samples[0]);
+  visit("second_proposals", proposal_samples[1]);
+  visit("samples", samples);
+}
+
+void GridModel::check(const std::filesystem::path& file) const {
+  const auto require = [&](bool holds, const std::string& field_name, auto value, const char* rule) {
+    if (!holds) throw InputError(file, "__metadata__." + field_name, std::to_string(value), rule);
+  };
+  const auto check_grid = [&](const std::string& name, const HashGridConfig& grid, int features) {
+    require(grid.levels >= 1 && grid.levels <= 16, name + ".levels", grid.levels, "must be in 1..16");
+    if (features > 0)
+      require(grid.features == features, name + ".features", grid.features, "is another in this method");
+    else
+      require(grid.features == 2 || grid.features == 4 || grid.features == 8, name + ".features", grid.features,
+              "must be 2, 4 or 8");
+    require(grid.base_cells >= 1 && grid.base_cells <= 1 << 20, name + ".base_cells", grid.base_cells,
+            "must be in 1..2^20");
+    require(grid.max_cells >= grid.base_cells && grid.max_cells <= 1 << 20, name + ".max_cells", grid.max_cells,
+            "must be in base_cells..2^20");
+    require(grid.log2_rows >= 4 && grid.log2_rows <= 24, name + ".log2_rows", grid.log2_rows, "must be in 4..24");
+  };
+  check_grid("grid", field.grid, 0);
+  require(field.grid.outputs() % 16 == 0, "grid.levels", field.grid.levels, "times features must be a multiple of 16");
+  require(field.width >= 16 && field.width <= kMaxGridWidth && field.width % 16 == 0, "width", field.width,
+          "must be a multiple of 16 in 16..128");
+  require(field.colour_layers == 1 || field.colour_layers == 2, "colour_layers", field.colour_layers, "must be 1 or 2");
+  check_grid("proposal", proposal, 1);
+  check_grid("sky", sky, 4);
+  require(contraction.half_m > 0, "contraction.half_m", contraction.half_m, "must be above 0");
+  require(spacing.near_m > 0, "near_m", spacing.near_m, "must be above 0");
+  require(spacing.far_m > spacing.near_m, "far_m", spacing.far_m, "must be above near_m");
+  require(spacing.half_m > 0, "spacing.half_m", spacing.half_m, "must be above 0");
+  for (const int count : {proposal_samples[0], proposal_samples[1], samples})
+    require(count >= 1 && count <= 1024, "samples", count, "must be in 1..1024");
+}
+
+std::vector<ModelTensor> GridModel::tensors() const {
+  const auto numbers = [&](Part which) {
+    return std::vector<std::int64_t>{static_cast<std::int64_t>(part_size(which))};
+  };
+  std::vector<ModelTensor> out = {{"grid", numbers(kFieldGrid), offset(kFieldGrid)}};
+  for (int layer = 0; layer < kGridLayers; ++layer) {
+    const GridLayerShape shape = grid_layer(field, layer);
+    if (shape.outputs > 0) out.push_back({shape.name, {shape.outputs, shape.inputs}, offset(kNetwork) + shape.offset});
+  }
+  out.push_back({"proposal", numbers(kProposalGrid), offset(kProposalGrid)});
+  out.push_back({"sky", numbers(kSkyGrid), offset(kSkyGrid)});
+  return out;
+}
+
+void GridModel::initialize(std::uint64_t seed) {
+  parameters = Buffer<float>(size());
+  hash_grid_initialize(field.grid, seed, part_of(parameters, kFieldGrid));
+  grid_network_initialize(field, seed, part_of(parameters, kNetwork));
+}
+
+AdamStep GridModel::adam(double learning_rate, std::int64_t step) const {
+  constexpr float kBeta2 = 0.99f, kEpsilon = 1e-15f;
+  AdamStep how = adam_step(learning_rate, step);
+  how.beta2 = kBeta2;
+  how.epsilon = kEpsilon;
+  how.lazy = true;  // a table's rows that no sample came near
+  how.bias2 = static_cast<float>(1 / (1 - std::pow(double(kBeta2), static_cast<double>(step))));
+  return how;
+}
+
+GridModel::Round GridModel::place(kernels::Backend& backend, const RayBatch& batch, int per_ray,
+                                  std::span<const float> edges, Workspace* workspace) const {
+  const std::size_t count = static_cast<std::size_t>(batch.n) * per_ray;
+  const auto position = workspace->take(3 * count), footprint = workspace->take(count);
+  Round round;
+  round.intervals = {per_ray, edges};
+  backend.grid().contract(contraction, rays_of(batch), std::span(batch.pixel_angle).first(batch.n), round.intervals,
+                          position, footprint);
+  round.points = {count, position, footprint};
+  return round;
+}
+
+void GridModel::look_at_sky(kernels::Backend& backend, const RayBatch& batch, Pass* pass, Workspace* workspace) const {
+  const std::size_t rays = batch.n;
+  const auto position = workspace->take(3 * rays), footprint = workspace->take(rays);
+  pass->harmonics = workspace->take(rays * kHarmonics);
+  for (std::size_t ray = 0; ray < rays; ++ray) {
+    float d[3];
+    for (int k = 0; k < 3; ++k) {
+      d[k] = batch.direction[k * rays + ray];
+      position[k * rays + ray] = 0.5f * (d[k] + 1);  // the unit sphere within the unit cube
+    }
+    spherical_harmonics(d, &pass->harmonics[ray * kHarmonics]);
+    footprint[ray] = 0.25f * batch.pixel_angle[ray];  // half a pixel, in a cube of half the sphere's size
+  }
+  pass->sky_points = {rays, position, footprint};
+  pass->sky_features = workspace->take(rays * sky.outputs());
+  backend.grid().encode(grid(kSkyGrid), pass->sky_points, pass->sky_features);
+  pass->background = workspace->take(3 * rays);
+  for (std::size_t ray = 0; ray < rays; ++ray)
+    for (int k = 0; k < 3; ++k) {
+      float sum = 0;
+      for (int l = 0; l < sky.levels; ++l) sum += pass->sky_features[(l * rays + ray) * sky.features + k];
+      pass->background[k * rays + ray] = sigmoid(sum);
+    }
+}
+
+/// Two rounds of proposals, the field where the second one found something, and what it is seen before.
+GridModel::Pass GridModel::forward(kernels::Backend& backend, const RayBatch& batch, bool jitter, std::uint64_t seed,
+                                   std::int64_t step, const kernels::CompositeOut& out, Workspace* workspace) const {
+  kernels::GridStages& stages = backend.grid();
+  const int n = batch.n;
+  const std::size_t rays = n;
+  const auto key = [&](int round) {
+    return random_key(seed, kStreamSamples, 4 * static_cast<std::uint64_t>(step) + round);
+  };
+  Pass pass;
+  for (int i = 0; i < 2; ++i) {
+    const int per_ray = proposal_samples[i];
+    const auto edges = workspace->take(rays * (per_ray + 1));
+    if (i == 0)
+      stages.spaced(n, per_ray, spacing, jitter, key(0), edges);
+    else
+      stages.proposed(n, pass.proposal[0].intervals, pass.proposal[0].weights, per_ray, jitter, key(1), edges);
+    Round& round = pass.proposal[i];
+    round = place(backend, batch, per_ray, edges, workspace);
+    round.density = workspace->take(round.points.n);
+    round.weights = workspace->take(round.points.n);
+    stages.proposal_density(grid(kProposalGrid), density_scale(), round.points, round.density);
+    stages.weights(n, round.intervals, round.density, round.weights);
+  }
+  const auto edges = workspace->take(rays * (samples + 1));
+  stages.proposed(n, pass.proposal[1].intervals, pass.proposal[1].weights, samples, jitter, key(2), edges);
+  pass.field = place(backend, batch, samples, edges, workspace);
+
+  const std::size_t count = pass.field.points.n;
+  const auto t = workspace->take(count), dt = workspace->take(count);
+  for (std::size_t ray = 0, i = 0; ray < rays; ++ray)
+    for (int s = 0; s < samples; ++s, ++i) {
+      const float begin = edges[i + ray], end = edges[i + ray + 1];
+      t[i] = 0.5f * (begin + end);
+      dt[i] = end - begin;
+    }
+  pass.samples = {samples, t, dt};
+
+  look_at_sky(backend, batch, &pass, workspace);
+  pass.features = workspace->take(count * field.grid.outputs());
+  stages.encode(grid(kFieldGrid), pass.field.points, pass.features);
+  pass.raw = workspace->take(4 * count);
+  stages.network_forward(network(), n, samples, pass.features, pass.harmonics, pass.raw);
+  backend.composite_forward(n, pass.samples, pass.raw, pass.background, out);
+  return pass;
+}
+
+void GridModel::render(kernels::Backend& backend, const RayBatch& batch, const kernels::CompositeOut& out,
+                       Workspace* workspace) const {
+  workspace->begin();
+  const auto weights = workspace->take(static_cast<std::size_t>(batch.n) * samples);
+  const Pass pass = forward(backend, batch, false, 0, 0, {out.rgb, out.depth, out.opacity, weights}, workspace);
+  for (int ray = 0; ray < batch.n; ++ray)
+    out.depth[ray] = median_distance(&pass.field.intervals.edges[static_cast<std::size_t>(ray) * (samples + 1)],
+                                     &weights[static_cast<std::size_t>(ray) * samples], samples, out.opacity[ray]);
+}
+
+StepLosses GridModel::gradients(kernels::Backend& backend, const RayBatch& batch, std::uint64_t seed, std::int64_t step,
+                                std::span<float> gradients, Workspace* workspace) const {
+  const std::size_t rays = batch.n;
+  workspace->begin();
+  const auto rgb = workspace->take(3 * rays), depth = workspace->take(rays), opacity = workspace->take(rays),
+             weights = workspace->take(rays * samples), d_rgb = workspace->take(3 * rays);
+  const kernels::CompositeOut out{rgb, depth, opacity, weights};
+  const Pass pass = forward(backend, batch, true, seed, step, out, workspace);
+
+  StepLosses losses;
+  losses.rgb_mse = backend.photometric_loss(rgb, std::span(batch.target).first(3 * rays), d_rgb);
+  losses.loss = losses.rgb_mse;
+  for (const float value : opacity) losses.opacity += value / static_cast<double>(rays);
+
+  backward_field(backend, batch.n, pass, out, {d_rgb, {}}, gradients, workspace);
+  losses.loss += backward_proposals(backend, batch.n, pass, weights, gradients, workspace);
+  return losses;
+}
+
+void GridModel::backward_field(kernels::Backend& backend, int n, const Pass& pass, const kernels::CompositeOut& out,
+                               const kernels::CompositeAdjoint& adjoint, std::span<float> gradients,
+                               Workspace* workspace) const {
+  kernels::GridStages& stages = backend.grid();
+  const std::size_t rays = n;
+  const auto d_raw = workspace->take(pass.raw.size()), d_features = workspace->take(pass.features.size());
+  backend.composite_backward(n, pass.samples, pass.raw, pass.background, adjoint, d_raw);
+  stages.network_backward(network(), n, samples, pass.features, pass.harmonics, d_raw, part_of(gradients, kNetwork),
+                          d_features);
+  stages.encode_backward(grid(kFieldGrid), pass.field.points, d_features, part_of(gradients, kFieldGrid), {});
+
+  const auto d_sky = workspace->take(pass.sky_features.size());
+  std::ranges::fill(d_sky, 0.0f);
+  for (std::size_t ray = 0; ray < rays; ++ray)
+    for (int k = 0; k < 3; ++k) {
+      const float c = pass.background[k * rays + ray];
+      const float d = (1 - out.opacity[ray]) * adjoint.d_rgb[k * rays + ray] * c * (1 - c);
+      for (int l = 0; l < sky.levels; ++l) d_sky[(l * rays + ray) * sky.features + k] = d;
+    }
+  stages.encode_backward(grid(kSkyGrid), pass.sky_points, d_sky, part_of(gradients, kSkyGrid), {});
+}
+
+/// The proposals learn from a part of the rays, which is any part, as the batch is shuffled: they are fewer numbers than the field
+/// and need not see each ray.
+double GridModel::backward_proposals(kernels::Backend& backend, int n, const Pass& pass, std::span<const float> weights,
+                                     std::span<float> gradients, Workspace* workspace) const {
+  kernels::GridStages& stages = backend.grid();
+  const int taught = std::max(1, n / kRaysPerTaughtRay);
+  const auto first_rays = [&](const Round& round) {
+    return kernels::Intervals{round.intervals.per_ray, round.intervals.edges.first(static_cast<std::size_t>(taught) *
+                                                                                   (round.intervals.per_ray + 1))};
+  };
+  double loss = 0;
+  for (const Round& round : pass.proposal) {
+    const std::size_t count = static_cast<std::size_t>(taught) * round.intervals.per_ray;
+    const kernels::Intervals intervals = first_rays(round);
+    const auto density = round.density.first(count), found = round.weights.first(count),
+               d_found = workspace->take(count), d_density = workspace->take(count);
+    loss += stages.interlevel(taught, first_rays(pass.field), weights.first(static_cast<std::size_t>(taught) * samples),
+                              intervals, found, d_found);
+    stages.weights_backward(taught, intervals, density, found, d_found, d_density);
+    stages.proposal_density_backward(grid(kProposalGrid), round.points.first(count), density, d_density,
+                                     part_of(gradients, kProposalGrid));
+  }
+  return loss;
+}
+
+}  // namespace redrive

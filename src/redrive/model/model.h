@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a method is: how rays become colours, with which parameters, and what a picture's error says of them. One file a method
+// (nerf_model.h, grid_model.h); all beyond this header treats them alike.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "redrive/base/buffer.h"
+#include "redrive/kernels/kernels.h"
+#include "redrive/model/workspace.h"
+#include "redrive/optim/adam.h"
+#include "redrive/rays/ray_table.h"
+
+namespace redrive {
+
+/// Means over a batch.
+struct StepLosses {
+  double loss = 0;     ///< what is optimised
+  double rgb_mse = 0;  ///< squared error of the colours: what PSNR is said of
+  double opacity = 0;  ///< 0 means a dead field
+};
+
+/// A tensor in the flat buffer of parameters, as a checkpoint shows it.
+struct ModelTensor {
+  std::string name;
+  std::vector<std::int64_t> shape;
+  std::size_t offset = 0;
+};
+
+/// Is shown each number that a model is made of, under its name; may read or write it.
+class NumberVisitor {
+ public:
+  virtual ~NumberVisitor() = default;
+  virtual void operator()(const std::string& name, int& value) = 0;
+  virtual void operator()(const std::string& name, float& value) = 0;
+};
+
+class Model {
+ public:
+  virtual ~Model() = default;
+
+  virtual const char* method() const = 0;    ///< "nerf", "grid"
+  virtual std::string describe() const = 0;  ///< for people: sizes and samples
+  virtual int samples_per_ray() const = 0;   ///< that a batch keeps in memory
+  virtual void visit_numbers(NumberVisitor& visit) = 0;
+  /// InputError naming `file` and the number that is out of range; what follows needs numbers in range.
+  virtual void check(const std::filesystem::path& file) const = 0;
+  virtual std::size_t size() const = 0;                  ///< of `parameters`
+  virtual std::vector<ModelTensor> tensors() const = 0;  ///< all of `parameters`, in order
+  virtual void initialize(std::uint64_t seed) = 0;       ///< makes and fills `parameters`; deterministic in seed
+  /// The part of gradients [size()] that is not finite whenever a finite loss left any of them not finite.
+  virtual std::span<const float> sentinels(std::span<const float> gradients) const { return gradients; }
+  virtual AdamStep adam(double learning_rate, std::int64_t step) const = 0;  ///< step from 1
+
+  /// Losses of the batch; adds their derivatives to gradients [size()]. Random numbers are those of (seed, step).
+  virtual StepLosses gradients(kernels::Backend& backend, const RayBatch& batch, std::uint64_t seed, std::int64_t step,
+                               std::span<float> gradients, Workspace* workspace) const = 0;
+  /// rgb, depth (metres along the ray) and opacity of the batch's rays, without any chance; out.weights stay as they are.
+  virtual void render(kernels::Backend& backend, const RayBatch& batch, const kernels::CompositeOut& out,
+                      Workspace* workspace) const = 0;
+
+  Buffer<float> parameters;
+};
+
+/// A model of a method by name, its numbers at their defaults, without parameters. Null for an unknown name.
+std::unique_ptr<Model> make_model(std::string_view method);
+
+/// The batch's rays as kernels see them.
+inline kernels::Rays rays_of(const RayBatch& batch) {
+  const std::size_t n = batch.n;
+  return {batch.n, std::span(batch.origin).first(3 * n), std::span(batch.direction).first(3 * n)};
+}
+
+}  // namespace redrive

@@ -1,0 +1,94 @@
+// SPDX-License-Identifier: Apache-2.0
+// A run folder opens only where its checkpoint is of its options and its recording.
+#include "redrive/train/run.h"
+
+#include <functional>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "redrive/base/error.h"
+#include "redrive/base/temporary_folder.h"
+#include "redrive/model/grid_model.h"
+#include "redrive/model/nerf_model.h"
+
+namespace redrive {
+namespace {
+
+using ::testing::HasSubstr;
+
+TrainOptions options_of(const std::string& method) {
+  TrainOptions options;
+  options.recording = REDRIVE_SAMPLES "/analytic";
+  options.method = method;
+  apply_preset(&options, {});
+  options.width = 32;
+  options.samples = 12;
+  return options;
+}
+
+/// A run folder of `method` whose checkpoint is the one that a run of `options` starts with, changed by `change`; what opening it
+/// complains about, "" if nothing.
+std::string complaint(const std::string& method, const TrainOptions& options,
+                      const std::function<void(Model&)>& change = {}) {
+  const TemporaryFolder folder;
+  const RunPaths paths = create_run(folder.path / "run", options_of(method));
+  const Scene scene = make_scene(open_recording(options), scene_options(options));
+  std::unique_ptr<Model> model = model_of(options, scene);
+  if (change) change(*model);
+  save_checkpoint(paths.checkpoint(), initial_state(std::move(model), 1));
+  try {
+    open_run(paths.root);
+  } catch (const InputError& error) {
+    EXPECT_THAT(error.what(), HasSubstr(paths.checkpoint().string()));
+    return error.what();
+  }
+  return "";
+}
+
+TEST(RunFolder, OpensWithACheckpointOfItsOptions) { EXPECT_EQ(complaint("nerf", options_of("nerf")), ""); }
+
+TEST(RunFolder, IsRefusedWithACheckpointOfOtherOptions) {
+  TrainOptions options = options_of("nerf");
+  EXPECT_THAT(complaint("grid", options), HasSubstr("method = nerf"));
+  options.width = 64;
+  EXPECT_THAT(complaint("nerf", options), HasSubstr("width = 64"));
+  options = options_of("nerf");
+  options.samples = 13;
+  EXPECT_THAT(complaint("nerf", options), HasSubstr("samples = 13"));
+  options = options_of("nerf");
+  options.far_m *= 1.001;
+  EXPECT_THAT(complaint("nerf", options), HasSubstr("far_m"));
+}
+
+TEST(RunFolder, IsRefusedWithACheckpointOfAnotherTrajectory) {
+  const auto moved_by = [](float metres) {
+    return [=](Model& model) { dynamic_cast<NerfModel&>(model).unit_from_world.center[1] += metres; };
+  };
+  EXPECT_THAT(complaint("nerf", options_of("nerf"), moved_by(0.01f)), HasSubstr("center_y"));
+  EXPECT_EQ(complaint("nerf", options_of("nerf"), moved_by(1e-7f)), "") << "another compiler's rounding";
+}
+
+TEST(RunFolder, OfAGridIsNoOther) {  // its checkpoint is large: all of it in a few
+  TrainOptions options = options_of("grid");
+  EXPECT_EQ(complaint("grid", options, [](Model& m) { dynamic_cast<GridModel&>(m).contraction.center[1] += 1e-7f; }),
+            "");
+  EXPECT_THAT(complaint("grid", options, [](Model& m) { dynamic_cast<GridModel&>(m).contraction.center[1] += 0.01f; }),
+              HasSubstr("contraction.center_y"));
+  const auto small = [](Model& m) { dynamic_cast<GridModel&>(m).field.grid.log2_rows = 4; };
+  EXPECT_THAT(complaint("grid", options, small), HasSubstr("grid.log2_rows = 4"));
+  EXPECT_THAT(complaint("nerf", options, small), HasSubstr("method = grid"));
+}
+
+TEST(RunFolder, WithoutACheckpointMayBeginAnew) {
+  const TemporaryFolder folder;
+  create_run(folder.path / "run", options_of("nerf"));
+  EXPECT_THROW(open_run(folder.path / "run"), std::runtime_error);
+  const redrive::Run run = open_run(folder.path / "run", /*fresh_if_untrained=*/true);
+  EXPECT_EQ(run.state.step, 0);
+  EXPECT_EQ(run.state.first_moment.size(), run.state.model->size());
+  EXPECT_THROW(open_run(folder.path / "nowhere"), InputError);
+}
+
+}  // namespace
+}  // namespace redrive

@@ -1,0 +1,16 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/train/state.h"
+
+namespace redrive {
+
+TrainState initial_state(std::unique_ptr<Model> model, std::uint64_t seed) {
+  TrainState state;
+  state.model = std::move(model);
+  state.model->initialize(seed);
+  state.first_moment = Buffer<float>(state.model->size());
+  state.second_moment = Buffer<float>(state.model->size());
+  state.seed = seed;
+  return state;
+}
+
+}  // namespace redrive
