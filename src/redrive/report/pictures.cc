@@ -68,7 +68,8 @@ PictureRow camera_pictures(const Run& run, kernels::Backend& backend, int camera
                           "moved " + metres(kPerturbationM) + " along x of the camera (to its right)",
                           to_image8(render_shifted(ShiftAxes::kCamera, kPerturbationM))});
   row.pictures.push_back({rig.name + "_depth",
-                          "depth, " + metres(run.scene.near_m) + " (blue) to " + metres(run.scene.far_m) + " (red)",
+                          "depth, " + metres(run.scene.near_m) + " (blue) to " + metres(run.scene.far_m) +
+                              " (red), equal ratios equally far apart",
                           depth_colours(reproduced, run.scene.near_m, run.scene.far_m)});
   return row;
 }
@@ -111,7 +112,8 @@ Image8 coverage_colours(const RenderedImage& image, const std::vector<std::uint8
 Image8 depth_colours(const RenderedImage& image, double near_m, double far_m) {
   cv::Mat levels(image.height, image.width, CV_8UC1), colours;
   for (std::size_t i = 0; i < image.depth.size(); ++i) {
-    const double unit = std::clamp((image.depth[i] - near_m) / (far_m - near_m), 0.0, 1.0);
+    const double depth_m = std::clamp<double>(image.depth[i], near_m, far_m);
+    const double unit = std::log(depth_m / near_m) / std::log(far_m / near_m);
     levels.data[i] = static_cast<std::uint8_t>(std::lround(255 * unit));
   }
   cv::applyColorMap(levels, colours, cv::COLORMAP_TURBO);  // BGR
