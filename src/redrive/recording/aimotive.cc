@@ -201,6 +201,7 @@ Recording open(const fs::path& root, PoseSource source) {
                                            "dynamic/raw-revolutions", &recording.findings);
   recording.box_files =
       list_frame_files(root / "dynamic/box/3d_body", "frame_", {".json"}, "dynamic/box/3d_body", &recording.findings);
+  if (is_there(root / "points.ply")) recording.points_file = root / "points.ply";
   if (!recording.lidar_files.empty() && !recording.body_from_lidar)
     recording.findings.push_back({"lidar",
                                   "not used: calibration.json says of no sensor, or of several, that it is a lidar and "

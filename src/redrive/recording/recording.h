@@ -68,6 +68,7 @@ struct Recording {
       true_frames;  ///< exact poses by id, where a made recording ships them; `frames` may carry errors
   std::vector<FrameFile> lidar_files;  ///< by frame id, with or without a pose: las.h reads them
   std::vector<FrameFile> box_files;    ///< by frame id, with or without a pose: boxes.h reads them
+  std::filesystem::path points_file;   ///< static point cloud, ply.h reads it; empty if there is none
   std::vector<Finding> findings;       ///< frames dropped for want of a pose, images missing, ...
 
   const RecordedCamera* find_camera(const std::string& name) const;
