@@ -128,6 +128,18 @@ TEST_F(EndToEnd, InspectNamesWhatIsThere) {
   EXPECT_TRUE(nlohmann::json::accept(json.out));
 }
 
+TEST_F(EndToEnd, InspectWritesMasks) {
+  const std::filesystem::path masks = folder_ / "masks";
+  const Ended ended = redrive({"inspect", drive_.string(), "--masks", masks.string()});
+  ASSERT_EQ(ended.exit_code, kExitOk) << ended.err;
+  EXPECT_THAT(ended.out, HasSubstr("mask of " + std::string(kTinyLeft)));
+  EXPECT_EQ(read_image(masks / (std::string(kTinyFront) + ".png")).width, 48);
+  EXPECT_EQ(read_image(masks / (std::string(kTinyFront) + "_overlay.png")).height, 32);
+  const Ended again = redrive({"inspect", drive_.string(), "--masks", masks.string()});
+  EXPECT_EQ(again.exit_code, kExitUsage);
+  EXPECT_THAT(again.err, HasSubstr("exists"));
+}
+
 TEST_F(EndToEnd, FineSamplesTrainASecondNetwork) {
   const TrainState state = load_checkpoint(trained("run", 3, {"--fine-samples", "8"}) / "checkpoint.safetensors");
   EXPECT_EQ(dynamic_cast<const NerfModel&>(*state.model).networks(), 2);

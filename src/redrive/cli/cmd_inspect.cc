@@ -4,7 +4,9 @@
 #include <cstdio>
 #include <memory>
 #include <numbers>
+#include <optional>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include <nlohmann/json.hpp>
@@ -15,6 +17,7 @@
 #include "redrive/recording/recording.h"
 #include "redrive/recording/summary.h"
 #include "redrive/scene/image_set.h"
+#include "redrive/scene/masks.h"
 
 namespace redrive {
 namespace {
@@ -22,7 +25,8 @@ namespace {
 struct CameraReport {
   const RecordedCamera* recorded = nullptr;
   double horizontal_fov_deg = 0;
-  double percent_without_ray = 0;  ///< pixels that the model does not reach
+  double percent_without_ray = 0;        ///< pixels that the model does not reach
+  std::optional<double> percent_masked;  ///< with --masks
 };
 
 struct Inspection {
@@ -103,6 +107,30 @@ Inspection inspect(const std::string& root) {
   return result;
 }
 
+/// <CAM>.png, to be edited, and <CAM>_overlay.png, to be looked at: the middle picture with all that is left out of it in red.
+void write_masks(const std::filesystem::path& folder, Inspection* result) {
+  std::error_code error;
+  if (!std::filesystem::create_directory(folder, error)) {
+    if (error) throw IoError(folder, error.message());
+    throw UsageError("--masks", folder.string(), "exists already; nothing is overwritten, choose another name");
+  }
+  ThreadPool pool(static_cast<int>(std::max(1u, std::thread::hardware_concurrency())));
+  for (CameraReport& report : result->cameras) {  // one after the other: so much memory is there
+    const CameraCalibration& calibration = report.recorded->calibration;
+    SceneOptions options;
+    options.cameras = {calibration.name};
+    options.downscale = std::max(1, calibration.width / 640);
+    const Scene scene = make_scene(result->recording, options);
+    const std::vector<Image8> images = load_views(scene, pool);
+    const Mask mask = find_static_mask(scene, 0, images, result->recording.format == "aimotive");
+    report.percent_masked = 100.0 * static_cast<double>(mask.left_out()) / static_cast<double>(mask.used.size());
+    write_mask(folder / (calibration.name + ".png"), mask, scene.rig[0], options.downscale);
+    const std::vector<Mask> of_views = view_masks(scene, {mask}, read_moving_objects(result->recording, scene), pool);
+    const std::size_t middle = images.size() / 2;
+    write_image(folder / (calibration.name + "_overlay.png"), overlay(images[middle], of_views[middle]));
+  }
+}
+
 nlohmann::json findings_to_json(const std::vector<Finding>& findings) {
   nlohmann::json list = nlohmann::json::array();
   for (const Finding& finding : findings) list.push_back({{"subject", finding.subject}, {"what", finding.what}});
@@ -129,6 +157,7 @@ nlohmann::ordered_json to_json(const Inspection& result) {
                                      {"first_id", report.recorded->images.front().frame_id},
                                      {"last_id", report.recorded->images.back().frame_id}};
     if (c.model == "mei") camera["xi"] = c.xi;
+    if (report.percent_masked) camera["percent_masked"] = *report.percent_masked;
     cameras.push_back(camera);
   }
   nlohmann::json novel = nlohmann::json::array();
@@ -175,6 +204,10 @@ void print_table(const Inspection& result) {
                 size.c_str(), c.fx, c.fy, report.horizontal_fov_deg, report.recorded->images.size(), mount_m.x(),
                 mount_m.y(), mount_m.z());
   }
+  for (const CameraReport& report : result.cameras)
+    if (report.percent_masked)
+      std::printf("%smask of %s: %.1f %% of the pixels are left out\n", &report == &result.cameras[0] ? "\n" : "",
+                  report.recorded->calibration.name.c_str(), *report.percent_masked);
   std::printf("\nframes         %zu, ids %lld to %lld, %.2f Hz, %.2f s\n", recording.frames.size(),
               static_cast<long long>(recording.frames.front().id), static_cast<long long>(recording.frames.back().id),
               drive.rate_hz, drive.duration_s);
@@ -192,8 +225,9 @@ void print_table(const Inspection& result) {
   if (result.findings.empty() && result.problems.empty()) std::printf("nothing missing, nothing odd\n");
 }
 
-int run_inspect(const std::string& root, bool json) {
-  const Inspection result = inspect(root);
+int run_inspect(const std::string& root, bool json, const std::string& masks) {
+  Inspection result = inspect(root);
+  if (!masks.empty() && result.problems.empty()) write_masks(masks, &result);
   if (json) {
     // File names need not be UTF-8, JSON has to be.
     std::printf("%s\n", to_json(result).dump(2, ' ', false, nlohmann::json::error_handler_t::replace).c_str());
@@ -207,13 +241,15 @@ int run_inspect(const std::string& root, bool json) {
 
 Action configure_inspect(CLI::App& command) {
   struct Options {
-    std::string recording;
+    std::string recording, masks;
     bool json = false;
   };
   auto options = std::make_shared<Options>();
   command.add_option("recording", options->recording, "recording folder")->required();
   command.add_flag("--json", options->json, "JSON on standard output instead of the table");
-  return [options] { return run_inspect(options->recording, options->json); };
+  command.add_option("--masks", options->masks,
+                     "new folder for what training leaves out: CAM.png, to be edited, and CAM_overlay.png, to look at");
+  return [options] { return run_inspect(options->recording, options->json, options->masks); };
 }
 
 }  // namespace redrive

@@ -142,21 +142,28 @@ Mask full_mask(int width, int height) {
   return {width, height, std::vector<std::uint8_t>(std::size_t(width) * height, 1)};
 }
 
-Mask read_mask(const std::filesystem::path& file, int width, int height) {
+Mask read_mask(const std::filesystem::path& file, const RigCamera& camera, int downscale) {
   const Image8 image = read_image(file);
-  if (image.width != width || image.height != height)
-    throw InputError(
-        file, "size", std::to_string(image.width) + " x " + std::to_string(image.height),
-        "must be that of the pictures it belongs to, " + std::to_string(width) + " x " + std::to_string(height));
-  Mask mask = full_mask(width, height);
-  for (std::size_t i = 0; i < mask.used.size(); ++i) mask.used[i] = image.rgb[3 * i + 1] >= 128;
+  if (image.width != camera.recorded.width || image.height != camera.recorded.height)
+    throw InputError(file, "size", std::to_string(image.width) + " x " + std::to_string(image.height),
+                     "must be that of the pictures of " + camera.name + ", " + std::to_string(camera.recorded.width) +
+                         " x " + std::to_string(camera.recorded.height));
+  Mask mask = full_mask(camera.camera.width, camera.camera.height);
+  for (int y = 0; y < mask.height * downscale; ++y)
+    for (int x = 0; x < mask.width * downscale; ++x)
+      if (image.rgb[3 * (std::size_t(y) * image.width + x) + 1] < 128)
+        mask.used[std::size_t(y / downscale) * mask.width + x / downscale] = 0;
   return mask;
 }
 
-void write_mask(const std::filesystem::path& file, const Mask& mask) {
-  Image8 image{mask.width, mask.height, {}};
-  image.rgb.reserve(3 * mask.used.size());
-  for (const std::uint8_t used : mask.used) image.rgb.insert(image.rgb.end(), 3, used ? 255 : 0);
+void write_mask(const std::filesystem::path& file, const Mask& mask, const RigCamera& camera, int downscale) {
+  Image8 image{camera.recorded.width, camera.recorded.height, {}};
+  image.rgb.reserve(std::size_t(3) * image.width * image.height);
+  for (int y = 0; y < image.height; ++y)
+    for (int x = 0; x < image.width; ++x) {  // rows and columns that downscaling cuts off: as their neighbours
+      const int row = std::min(y / downscale, mask.height - 1), column = std::min(x / downscale, mask.width - 1);
+      image.rgb.insert(image.rgb.end(), 3, mask.used[std::size_t(row) * mask.width + column] ? 255 : 0);
+    }
   write_image(file, image);
 }
 
@@ -184,10 +191,10 @@ std::vector<Mask> static_masks(const Scene& scene, const std::vector<Image8>& im
     const RigCamera& rig = scene.rig[c];
     const std::filesystem::path file = folder / (rig.name + ".png");
     if (!folder.empty() && std::filesystem::exists(file)) {
-      masks[c] = read_mask(file, rig.camera.width, rig.camera.height);
+      masks[c] = read_mask(file, rig, scene.downscale);
     } else {
       masks[c] = find_static_mask(scene, c, images, on_car);
-      if (!folder.empty()) write_mask(file, masks[c]);
+      if (!folder.empty()) write_mask(file, masks[c], rig, scene.downscale);
     }
   });
   return masks;

@@ -24,9 +24,11 @@ struct Mask {
 
 Mask full_mask(int width, int height);  ///< all used
 
-/// 8-bit PNG, white (128 and more) used, black left out. InputError if it is no PNG or not width x height.
-Mask read_mask(const std::filesystem::path& file, int width, int height);
-void write_mask(const std::filesystem::path& file, const Mask& mask);
+/// The mask of `camera` at the size it is trained on, from an 8-bit PNG of the size it was recorded at, so that one file serves
+/// runs of any --downscale: white (128 and more) used, black left out; a pixel is used if all that it is the average of are.
+/// With --undistort it belongs to the undistorted pictures, which have the same size. InputError for another size.
+Mask read_mask(const std::filesystem::path& file, const RigCamera& camera, int downscale);
+void write_mask(const std::filesystem::path& file, const Mask& mask, const RigCamera& camera, int downscale);
 
 /// What is the same in all pictures of one camera of the rig, from those of its views that are not held out, at the size
 /// they are trained on. images[i] belongs to scene.views[i]. See ego_outline.h; with too few views or too little driving only

@@ -46,20 +46,37 @@ TEST_F(MasksTest, AnEditedOneIsPickedUp) {
   ASSERT_TRUE(std::filesystem::exists(folder_.path / "FRONT.png"));
   Mask edited = found[1];
   edited.used[3 * 24 + 5] = 0;
-  write_mask(folder_.path / "FRONT.png", edited);
+  write_mask(folder_.path / "FRONT.png", edited, scene_.rig[1], 1);
   const std::vector<Mask> again = static_masks(scene_, images_, folder_.path, pool_, true);
   EXPECT_EQ(again[0].used, found[0].used);
   EXPECT_EQ(again[1].used, edited.used);
 }
 
-TEST_F(MasksTest, OneOfAnotherSizeIsRefused) {
-  write_mask(folder_.path / "FRONT.png", full_mask(24, 15));
+TEST_F(MasksTest, OneFileServesEverySize) {
   load();
+  Mask mask = full_mask(24, 16);
+  mask.used[7 * 24 + 5] = 0;  // in the block (1, 1) of 5 x 5
+  const std::filesystem::path file = folder_.path / "FRONT.png";
+  write_mask(file, mask, scene_.rig[1], 1);
+  options_.downscale = 5;
+  load();
+  const Mask small = read_mask(file, scene_.rig[1], 5);
+  EXPECT_EQ(small.width, 4);
+  EXPECT_EQ(small.height, 3);
+  EXPECT_EQ(small.left_out(), 1u);
+  EXPECT_EQ(used(small, 1, 1), 0);
+  write_mask(file, small, scene_.rig[1], 5);
+  EXPECT_EQ(read_mask(file, scene_.rig[1], 5).used, small.used);
+}
+
+TEST_F(MasksTest, OneOfAnotherSizeIsRefused) {
+  load();
+  write_mask(folder_.path / "FRONT.png", full_mask(20, 14), scene_.rig[0], 1);
   try {
     static_masks(scene_, images_, folder_.path, pool_, true);
     FAIL() << "not refused";
   } catch (const InputError& error) {
-    EXPECT_THAT(error.what(), AllOf(HasSubstr("FRONT.png"), HasSubstr("24 x 15"), HasSubstr("24 x 16")));
+    EXPECT_THAT(error.what(), AllOf(HasSubstr("FRONT.png"), HasSubstr("20 x 14"), HasSubstr("24 x 16")));
   }
 }
 
