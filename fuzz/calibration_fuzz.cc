@@ -10,11 +10,12 @@
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const std::string_view text(reinterpret_cast<const char*>(data), size);
   try {
-    std::vector<std::string> others;
+    redrive::aimotive::OtherSensors others;
     for (const redrive::CameraCalibration& camera :
          redrive::aimotive::parse_calibration(text, "calibration.json", &others)) {
       if (!camera.body_from_sensor.matrix().allFinite()) __builtin_trap();
     }
+    if (others.body_from_lidar && !others.body_from_lidar->matrix().allFinite()) __builtin_trap();
   } catch (const redrive::InputError&) {
   }
   return 0;

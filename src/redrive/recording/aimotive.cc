@@ -139,8 +139,11 @@ Recording open(const fs::path& root, PoseSource source) {
   const fs::path calibration_file =
       root / "sensor/calibration" / (truth ? "calibration_true.json" : "calibration.json");
   const fs::path image_root = root / "sensor/camera", true_poses_file = root / "sensor/gnssins/egomotion2_true.json";
+  OtherSensors others;
   const std::vector<CameraCalibration> calibrations =
-      parse_calibration(read_file(calibration_file), calibration_file, &recording.other_sensors);
+      parse_calibration(read_file(calibration_file), calibration_file, &others);
+  recording.other_sensors = others.names;
+  recording.body_from_lidar = others.body_from_lidar;
   if (truth || is_there(true_poses_file))
     recording.true_frames = parse_egomotion(read_file(true_poses_file), true_poses_file);
   if (truth) {
@@ -179,6 +182,10 @@ Recording open(const fs::path& root, PoseSource source) {
                                            "dynamic/raw-revolutions", &recording.findings);
   recording.box_files =
       list_frame_files(root / "dynamic/box/3d_body", "frame_", {".json"}, "dynamic/box/3d_body", &recording.findings);
+  if (!recording.lidar_files.empty() && !recording.body_from_lidar)
+    recording.findings.push_back({"lidar",
+                                  "not used: calibration.json says of no sensor, or of several, that it is a lidar and "
+                                  "where it stands (RT_body_from_sensor)"});
   for (const fs::path& folder : list_folder(root / "novel")) {
     if (!is_folder(folder)) continue;
     const std::string name = folder.filename().string();

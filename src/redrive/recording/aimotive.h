@@ -19,18 +19,25 @@ namespace redrive::aimotive {
 bool looks_like(const std::filesystem::path& root);
 Recording open(const std::filesystem::path& root, PoseSource source);
 
-/// Cameras of a calibration.json; sensors that are none are named in `other_sensors`. `file` is for messages.
+/// Sensors of a calibration.json that are no cameras.
+struct OtherSensors {
+  std::vector<std::string> names;
+  std::optional<Rigid3d>
+      body_from_lidar;  ///< nothing unless exactly one sensor of type "lidar" has an RT_body_from_sensor
+};
+
+/// Cameras of a calibration.json; what else is in it goes into `others`, which may be null. `file` is for messages.
 /// Refuses (InputError): unknown model, wrong shapes, NaN, focal length <= 0, an extrinsic that is no rotation
 /// or mirrors (det < 0), and one that is inverted: it disagrees with RT_sensor_from_body or pos_meter, or the
 /// camera's y axis does not point down while that of the inverse does.
 std::vector<CameraCalibration> parse_calibration(std::string_view text, const std::filesystem::path& file,
-                                                 std::vector<std::string>* other_sensors);
+                                                 OtherSensors* others);
 
 /// Poses of an egomotion file, keyed by id without leading zeros; RT_ECEF_body or ECEF_RT_body; by id.
 std::vector<FramePose> parse_egomotion(std::string_view text, const std::filesystem::path& file);
 
 /// What POSES.json shares with the two files above. The cameras by name; none is no error here.
-std::vector<CameraCalibration> cameras_from_json(const JsonField& sensors, std::vector<std::string>* other_sensors);
+std::vector<CameraCalibration> cameras_from_json(const JsonField& sensors, OtherSensors* others);
 
 /// RT_ECEF_body or ECEF_RT_body of an entry, at most 1e7 m from the origin; nothing if it has neither.
 std::optional<Rigid3d> ecef_from_body_in(const JsonField& entry);

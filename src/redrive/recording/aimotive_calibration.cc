@@ -21,10 +21,15 @@ bool usable_name(const std::string& name) {
   return !name.empty() && name.size() <= 128 && name[0] != '.' && std::all_of(name.begin(), name.end(), plain);
 }
 
+bool has_text_type(const JsonField& sensor) {
+  return sensor.has("sensor_type") && sensor.at("sensor_type").json().is_string();
+}
+bool has_type(const JsonField& sensor, const char* type) {
+  return has_text_type(sensor) && sensor.at("sensor_type").string() == type;
+}
+
 bool is_camera(const JsonField& sensor) {
-  if (sensor.has("sensor_type") && sensor.at("sensor_type").json().is_string()) {
-    return sensor.at("sensor_type").string() == "camera";
-  }
+  if (has_text_type(sensor)) return has_type(sensor, "camera");
   return sensor.has("model") && sensor.has("focal_length_px");
 }
 
@@ -36,6 +41,15 @@ std::string text(const Eigen::Vector3d& v) {
   char buffer[96];
   std::snprintf(buffer, sizeof buffer, "(%.3f, %.3f, %.3f)", v.x(), v.y(), v.z());
   return buffer;
+}
+
+Rigid3d mount_from_json(const JsonField& sensor) {
+  const Rigid3d body_from_sensor = rigid_from_json(sensor.at("RT_body_from_sensor"));
+  if (body_from_sensor.translation().norm() > kMaxMount_m) {
+    refuse(sensor.at("RT_body_from_sensor"), "translation " + text(body_from_sensor.translation()),
+           "the sensor is more than 50 m from the body's origin; metres are expected");
+  }
+  return body_from_sensor;
 }
 
 // Where the body stands in the camera instead of the reverse. The file itself often says: the inverse and the
@@ -100,11 +114,7 @@ CameraCalibration camera_from_json(const JsonField& sensor, const std::string& n
     camera.xi = sensor.at("xi").number();
     if (camera.xi < 0 || camera.xi > kMaxXi) sensor.at("xi").fail("expected 0 <= xi <= 10");
   }
-  camera.body_from_sensor = rigid_from_json(sensor.at("RT_body_from_sensor"));
-  if (camera.body_from_sensor.translation().norm() > kMaxMount_m) {
-    refuse(sensor.at("RT_body_from_sensor"), "translation " + text(camera.body_from_sensor.translation()),
-           "the camera is more than 50 m from the body's origin; metres are expected");
-  }
+  camera.body_from_sensor = mount_from_json(sensor);
   check_direction(sensor, camera.body_from_sensor);
   if (sensor.has("time_offset_s")) {
     const JsonField offset = sensor.at("time_offset_s");
@@ -117,25 +127,31 @@ CameraCalibration camera_from_json(const JsonField& sensor, const std::string& n
 
 }  // namespace
 
-std::vector<CameraCalibration> cameras_from_json(const JsonField& sensors, std::vector<std::string>* other_sensors) {
+std::vector<CameraCalibration> cameras_from_json(const JsonField& sensors, OtherSensors* others) {
   std::vector<CameraCalibration> cameras;
+  int lidars = 0;
   for (const std::string& name : sensors.keys()) {
     const JsonField sensor = sensors.at(name);
     if (!sensor.json().is_object()) sensor.fail("expected an object for each sensor");
     if (is_camera(sensor)) {
       cameras.push_back(camera_from_json(sensor, name));
-    } else if (other_sensors) {
-      other_sensors->push_back(name);
+    } else if (others) {
+      others->names.push_back(name);
+      if (has_type(sensor, "lidar") && sensor.has("RT_body_from_sensor")) {
+        others->body_from_lidar = mount_from_json(sensor);
+        ++lidars;
+      }
     }
   }
+  if (lidars > 1) others->body_from_lidar.reset();  // the revolutions do not say whose they are
   std::sort(cameras.begin(), cameras.end(), [](const auto& a, const auto& b) { return a.name < b.name; });
   return cameras;
 }
 
 std::vector<CameraCalibration> parse_calibration(std::string_view text, const std::filesystem::path& file,
-                                                 std::vector<std::string>* other_sensors) {
+                                                 OtherSensors* others) {
   const nlohmann::json root = parse_json(text, file);
-  std::vector<CameraCalibration> cameras = cameras_from_json(JsonField(root, file), other_sensors);
+  std::vector<CameraCalibration> cameras = cameras_from_json(JsonField(root, file), others);
   if (cameras.empty()) {
     throw InputError(file, "", "",
                      "holds no camera: no entry with sensor_type \"camera\", or with model and focal_length_px");

@@ -51,7 +51,9 @@ TEST(Aimotive, OpensARecording) {
   ASSERT_EQ(recording.novel.size(), 1u);
   EXPECT_EQ(recording.novel[0].name, "left_1m");
   EXPECT_THAT(finding_about(recording, "novel/empty"), HasSubstr("no poses.json"));
-  EXPECT_EQ(recording.findings.size(), 2u);
+  EXPECT_FALSE(recording.body_from_lidar.has_value());
+  EXPECT_THAT(finding_about(recording, "lidar"), HasSubstr("RT_body_from_sensor"));
+  EXPECT_EQ(recording.findings.size(), 3u);
   ASSERT_TRUE(recording.find_camera("L_FISH"));
   EXPECT_EQ(recording.find_camera("L_FISH")->calibration.model, "mei");
   EXPECT_FALSE(recording.find_camera("R_FISH"));
@@ -166,6 +168,8 @@ TEST(Aimotive, RealRecording) {
   const Recording recording = open_recording(root);
   ASSERT_EQ(recording.cameras.size(), 4u);
   EXPECT_THAT(recording.other_sensors, ElementsAre("B_LRR_C", "F_LRR_C", "Imu0", "M_LIDAR_M", "novatel", "ublox_gps"));
+  ASSERT_TRUE(recording.body_from_lidar.has_value());
+  EXPECT_NEAR(recording.body_from_lidar->translation().z(), 1.6823, 1e-4);
   ASSERT_EQ(recording.frames.size(), 50u);
   EXPECT_EQ(recording.frames.front().id, 33643);
   EXPECT_EQ(recording.frames.back().id, 33692);

@@ -22,7 +22,7 @@ struct Box {
   std::int64_t t_ns = 0;   ///< host clock: when the box holds
   Rigid3d body_from_box;   ///< box axes x along the object's length, forward, y left, z up; the origin is its centre
   Eigen::Vector3d size_m;  ///< full, along the box's axes: the box reaches size_m / 2 from its origin
-  Eigen::Vector3d velocity_in_body_m_per_s;  ///< relative: how the box's centre moves in body coordinates
+  Eigen::Vector3d velocity_in_body_m_per_s;  ///< the object's minus the ego vehicle's, in body axes
 };
 
 /// The boxes in the order of the file; an object once. InputError for what is missing, not finite or no box: quaternions whose

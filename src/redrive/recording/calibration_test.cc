@@ -12,7 +12,7 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using testing::input_error;
 
-std::vector<CameraCalibration> parse(const json& document, std::vector<std::string>* others = nullptr) {
+std::vector<CameraCalibration> parse(const json& document, aimotive::OtherSensors* others = nullptr) {
   return aimotive::parse_calibration(document.dump(), "dir/calibration.json", others);
 }
 
@@ -25,11 +25,31 @@ std::string message_for(const std::string& field, const json& value) {
   return message;
 }
 
+TEST(Calibration, TheOneLidarWithAPlace) {
+  json document = calibration();
+  document["M_LIDAR"]["RT_body_from_sensor"] = {{0, -1, 0, 1.2}, {1, 0, 0, 0}, {0, 0, 1, 1.7}, {0, 0, 0, 1}};
+  document["F_RADAR"] = {{"sensor_type", "radar"}, {"RT_body_from_sensor", "not read"}};
+  aimotive::OtherSensors others;
+  parse(document, &others);
+  ASSERT_TRUE(others.body_from_lidar.has_value());
+  EXPECT_EQ(others.body_from_lidar->translation(), Eigen::Vector3d(1.2, 0, 1.7));
+  EXPECT_EQ(others.body_from_lidar->linear().col(0), Eigen::Vector3d(0, 1, 0));
+
+  json broken = document;
+  broken["M_LIDAR"]["RT_body_from_sensor"][0][3] = 1200;
+  EXPECT_THAT(input_error([&] { parse(broken, &others); }), AllOf(HasSubstr("M_LIDAR"), HasSubstr("50 m")));
+
+  document["R_LIDAR"] = document["M_LIDAR"];
+  parse(document, &others);
+  EXPECT_FALSE(others.body_from_lidar.has_value());
+}
+
 TEST(Calibration, ReadsEveryField) {
-  std::vector<std::string> others;
+  aimotive::OtherSensors others;
   const auto cameras = parse(calibration(), &others);
   ASSERT_EQ(cameras.size(), 2u);
-  EXPECT_THAT(others, ElementsAre("Imu0", "M_LIDAR"));
+  EXPECT_THAT(others.names, ElementsAre("Imu0", "M_LIDAR"));
+  EXPECT_FALSE(others.body_from_lidar.has_value());  // M_LIDAR has no place
   const CameraCalibration& camera = cameras[0];
   EXPECT_EQ(camera.name, "F_CAM");
   EXPECT_EQ(camera.model, "opencv_pinhole");

@@ -81,7 +81,8 @@ struct Recording {
   std::vector<RecordedCamera> cameras;  ///< by name; only those with images
   std::vector<FramePose> frames;        ///< by id
   std::vector<std::string> other_sensors;
-  std::vector<NovelSet> novel;  ///< by name
+  std::optional<Rigid3d> body_from_lidar;  ///< of the sensor that lidar_files come from
+  std::vector<NovelSet> novel;             ///< by name
   std::vector<FramePose>
       true_frames;  ///< exact poses by id, where a made recording ships them; `frames` may carry errors
   std::vector<FrameFile> lidar_files;  ///< by frame id, with or without a pose: las.h reads them

@@ -1,0 +1,130 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/scene/lidar_returns.h"
+
+#include <algorithm>
+#include <tuple>
+
+#include "redrive/recording/las.h"
+#include "redrive/recording/trajectory.h"
+
+namespace redrive {
+namespace {
+
+constexpr std::int64_t kMaxBeyond_ns =
+    60'000'000;  // half a revolution at 10 Hz, and the frame's distance from its middle
+
+// The space that the vehicle takes up, body axes (origin on the ground under the rear axle).
+const Eigen::AlignedBox3d kEgo_m(Eigen::Vector3d(-1.5, -1.15, 0.2), Eigen::Vector3d(4.2, 1.15, 2.2));
+
+auto identity(const LidarPoint& p) { return std::tuple(p.t_ns, p.in_body_m.x(), p.in_body_m.y(), p.in_body_m.z()); }
+
+/// Marks the points of `points` that are in `before`, too, bit for bit.
+std::vector<std::uint8_t> mark_repeated(const std::vector<LidarPoint>& points, const std::vector<LidarPoint>& before) {
+  std::vector<decltype(identity(points[0]))> known;
+  known.reserve(before.size());
+  for (const LidarPoint& point : before) known.push_back(identity(point));
+  std::sort(known.begin(), known.end());
+  std::vector<std::uint8_t> repeated;
+  repeated.reserve(points.size());
+  for (const LidarPoint& point : points)
+    repeated.push_back(std::binary_search(known.begin(), known.end(), identity(point)));
+  return repeated;
+}
+
+struct Ray {
+  Eigen::Vector3f origin, direction;
+  float range_m;
+  std::int64_t t_ns;
+};
+
+/// The rays of one revolution; counts what is left out in `counts`.
+std::vector<Ray> rays_of(const std::vector<LidarPoint>& points, const std::vector<LidarPoint>& before,
+                         const Recording& recording, const Rigid3d& world_from_ecef, const MovingObjects& moving,
+                         LidarReturns* counts) {
+  const std::vector<std::uint8_t> repeated = mark_repeated(points, before);
+  const std::int64_t first_ns = recording.frames.front().t_ns - kMaxBeyond_ns,
+                     last_ns = recording.frames.back().t_ns + kMaxBeyond_ns;
+  const Eigen::Vector3d sensor_in_body = recording.body_from_lidar->translation();
+  std::vector<Ray> rays;
+  rays.reserve(points.size());
+  Rigid3d world_from_body = Rigid3d::Identity();
+  std::vector<PlacedBox> boxes;
+  std::int64_t placed_ns = points.empty() ? 0 : points[0].t_ns - 1;  // a packet's points share their time
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const LidarPoint& point = points[i];
+    const Eigen::Vector3d in_body = point.in_body_m.cast<double>();
+    if (repeated[i]) {
+      ++counts->repeated;
+      continue;
+    }
+    if (point.t_ns < first_ns || point.t_ns > last_ns) {
+      ++counts->beyond_trajectory;
+      continue;
+    }
+    if (kEgo_m.contains(in_body)) {
+      ++counts->on_ego;
+      continue;
+    }
+    if (placed_ns != point.t_ns) {
+      placed_ns = point.t_ns;
+      world_from_body = world_from_ecef * pose_at(recording.frames, placed_ns);
+      boxes = moving.at(placed_ns);
+    }
+    const Eigen::Vector3d in_world = world_from_body * in_body, origin = world_from_body * sensor_in_body;
+    if (std::any_of(boxes.begin(), boxes.end(), [&](const PlacedBox& box) { return box.contains(in_world); })) {
+      ++counts->on_moving;
+      continue;
+    }
+    const double range_m = (in_world - origin).norm();
+    rays.push_back(
+        {origin.cast<float>(), ((in_world - origin) / range_m).cast<float>(), static_cast<float>(range_m), point.t_ns});
+  }
+  return rays;
+}
+
+}  // namespace
+
+LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene, const MovingObjects& moving,
+                                ThreadPool& pool) {
+  LidarReturns returns;
+  if (!recording.body_from_lidar) return returns;
+  std::vector<const FrameFile*> files;
+  for (const FrameFile& file : recording.lidar_files)
+    if (file.frame_id >= scene.frames.front().id && file.frame_id <= scene.frames.back().id) files.push_back(&file);
+  const int count = static_cast<int>(files.size());
+  std::vector<std::vector<LidarPoint>> points(files.size());
+  pool.run(count, [&](int f) { points[f] = read_las(files[f]->path); });
+
+  const Rigid3d world_from_ecef = scene.ecef_from_world.inverse();
+  std::vector<std::vector<Ray>> rays(files.size());
+  std::vector<LidarReturns> counts(files.size());
+  const std::vector<LidarPoint> none;
+  pool.run(count, [&](int f) {
+    rays[f] = rays_of(points[f], f > 0 ? points[f - 1] : none, recording, world_from_ecef, moving, &counts[f]);
+  });
+
+  for (int f = 0; f < count; ++f) {
+    returns.n += rays[f].size();
+    returns.repeated += counts[f].repeated;
+    returns.beyond_trajectory += counts[f].beyond_trajectory;
+    returns.on_ego += counts[f].on_ego;
+    returns.on_moving += counts[f].on_moving;
+  }
+  returns.origin.resize(3 * returns.n);
+  returns.direction.resize(3 * returns.n);
+  returns.range_m.reserve(returns.n);
+  returns.t_ns.reserve(returns.n);
+  for (const std::vector<Ray>& of_file : rays)
+    for (const Ray& ray : of_file) {
+      const std::size_t i = returns.range_m.size();
+      for (int d = 0; d < 3; ++d) {
+        returns.origin[std::size_t(d) * returns.n + i] = ray.origin[d];
+        returns.direction[std::size_t(d) * returns.n + i] = ray.direction[d];
+      }
+      returns.range_m.push_back(ray.range_m);
+      returns.t_ns.push_back(ray.t_ns);
+    }
+  return returns;
+}
+
+}  // namespace redrive

@@ -1,0 +1,151 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/scene/lidar_returns.h"
+
+#include <gtest/gtest.h>
+
+#include "redrive/recording/test_las.h"
+#include "redrive/recording/trajectory.h"
+#include "redrive/scene/test_recording.h"
+
+namespace redrive {
+namespace {
+
+using Eigen::Vector3d;
+
+constexpr double kMillimetre_m = 1e-3;  // what the files are rounded to
+
+class LidarReturnsTest : public ::testing::Test {
+ protected:
+  LidarReturnsTest() {
+    recording_.body_from_lidar = Rigid3d(Eigen::Translation3d(kSensor));
+    recording_.body_from_lidar->rotate(Eigen::AngleAxisd(1.5, Vector3d::UnitZ()));
+  }
+
+  /// A return from `in_world` at t_ns, as the recording's files have it.
+  LasRecord seen(const Vector3d& in_world, std::int64_t t_ns) {
+    const Vector3d in_body = world_from_body(t_ns).inverse() * in_world;
+    LasRecord record;
+    record.x = static_cast<std::int32_t>(std::lround(in_body.x() * 1000));
+    record.y = static_cast<std::int32_t>(std::lround(in_body.y() * 1000));
+    record.z = static_cast<std::int32_t>(std::lround(in_body.z() * 1000));
+    record.gps_time_bits = std::bit_cast<std::uint64_t>(static_cast<double>(t_ns));
+    return record;
+  }
+  Rigid3d world_from_body(std::int64_t t_ns) const {
+    return recording_.frames[0].ecef_from_body.inverse() * pose_at(recording_.frames, t_ns);
+  }
+  void add_file(std::int64_t frame, const std::vector<LasRecord>& points) {
+    const std::string name = "frame_" + std::to_string(frame) + ".las";
+    folder_.write(name, testing::las_file(points));
+    recording_.lidar_files.push_back({frame, folder_.path / name});
+  }
+  LidarReturns load(const SceneOptions& options = {}, const std::vector<Box>& boxes = {}) {
+    const Scene scene = make_scene(recording_, options);
+    ThreadPool pool(3);
+    return load_lidar_returns(recording_, scene, MovingObjects(boxes, recording_.frames, scene.ecef_from_world), pool);
+  }
+  static Vector3d at(const std::vector<float>& values, std::size_t n, std::size_t i) {
+    return {values[i], values[n + i], values[2 * n + i]};
+  }
+
+  static inline const Vector3d kSensor{1.2, 0.1, 1.7};
+  TemporaryFolder folder_;
+  Recording recording_ = make_test_recording(folder_.path);  // frames 10..15, 1/15 s apart from 1 s on
+};
+
+// A wall is seen from six places between the frames: one place in the world, and rays that come from where the sensor was.
+TEST_F(LidarReturnsTest, WhatStandsStaysPut) {
+  const Vector3d wall(20, -4, 2);
+  std::vector<std::int64_t> times;
+  for (const FramePose& frame : recording_.frames) {
+    times.push_back(frame.t_ns + 11'000'000);
+    add_file(frame.id, {seen(wall, times.back())});
+  }
+  const LidarReturns returns = load();
+  ASSERT_EQ(returns.n, 6u);
+  ASSERT_EQ(returns.origin.size(), 18u);
+  EXPECT_EQ(returns.t_ns, times);
+  for (std::size_t i = 0; i < returns.n; ++i) {
+    const Vector3d origin = at(returns.origin, 6, i), direction = at(returns.direction, 6, i);
+    EXPECT_LT((origin - world_from_body(times[i]) * kSensor).norm(), 1e-5) << i;
+    EXPECT_NEAR(direction.norm(), 1, 1e-6);
+    EXPECT_LT((origin + returns.range_m[i] * direction - wall).norm(), kMillimetre_m) << i;
+  }
+}
+
+TEST_F(LidarReturnsTest, PointsOfTheFileBeforeComeOnce) {
+  const std::int64_t t_ns = recording_.frames[1].t_ns;
+  const auto a = seen({20, 1, 1}, t_ns), b = seen({20, 2, 1}, t_ns), c = seen({20, 3, 1}, t_ns);
+  const auto later = seen({20, 2, 1}, t_ns + 1000);
+  add_file(10, {a, b});
+  add_file(11, {b, c, later});
+  const LidarReturns returns = load();
+  EXPECT_EQ(returns.n, 4u);
+  EXPECT_EQ(returns.repeated, 1u);
+}
+
+TEST_F(LidarReturnsTest, PointsThatHaveNoPoseAreLeftOut) {
+  const std::int64_t first_ns = recording_.frames.front().t_ns, last_ns = recording_.frames.back().t_ns;
+  add_file(10, {seen({20, 1, 1}, first_ns - 61'000'000), seen({20, 1, 1}, first_ns - 59'000'000),
+                seen({20, 1, 1}, last_ns + 59'000'000), seen({20, 1, 1}, last_ns + 61'000'000)});
+  const LidarReturns returns = load();
+  EXPECT_EQ(returns.n, 2u);
+  EXPECT_EQ(returns.beyond_trajectory, 2u);
+}
+
+TEST_F(LidarReturnsTest, TheVehicleItselfIsLeftOut) {
+  const std::int64_t t_ns = recording_.frames[2].t_ns;
+  const Rigid3d here = world_from_body(t_ns);
+  std::vector<LasRecord> points;
+  for (const Vector3d& on_it : {Vector3d(3, 0.5, 0.9), Vector3d(1.7, -0.6, 1.5), kSensor, Vector3d(-1, 0.9, 1.2)})
+    points.push_back(seen(here * on_it, t_ns));
+  for (const Vector3d& beside : {Vector3d(3, 1.5, 0.9), Vector3d(5, 0, 0.9), Vector3d(-2, 0, 0.5), Vector3d(2, 0, 0)})
+    points.push_back(seen(here * beside, t_ns));
+  add_file(12, points);
+  const LidarReturns returns = load();
+  EXPECT_EQ(returns.on_ego, 4u);
+  EXPECT_EQ(returns.n, 4u);
+}
+
+// Two cars side by side, one parked; the points on both are measured 40 ms after the boxes hold.
+TEST_F(LidarReturnsTest, OnlyWhatMovesIsLeftOut) {
+  const FramePose& frame = recording_.frames[2];
+  const Rigid3d here = world_from_body(frame.t_ns);
+  const Vector3d ego_m_per_s = (world_from_body(frame.t_ns + 100'000'000).translation() -
+                                world_from_body(frame.t_ns - 100'000'000).translation()) /
+                               0.2;
+  const Vector3d parked(25, 2, 0.8), moving(25, -2, 0.8), velocity(-30, 0, 0);
+  std::vector<Box> boxes(2);
+  for (int i = 0; i < 2; ++i) {
+    boxes[i].object_id = i;
+    boxes[i].t_ns = frame.t_ns;
+    boxes[i].body_from_box = here.inverse() * Eigen::Translation3d(i ? moving : parked);
+    boxes[i].size_m = Vector3d(4, 2, 1.6);
+    boxes[i].velocity_in_body_m_per_s = here.linear().transpose() * ((i ? velocity : Vector3d(0, 0, 0)) - ego_m_per_s);
+  }
+  const std::int64_t t_ns = frame.t_ns + 40'000'000;
+  const Vector3d rear(1.9, 0, 0);
+  add_file(12, {seen(parked + rear, t_ns), seen(moving + 0.04 * velocity + rear, t_ns), seen(moving + rear, t_ns)});
+  const LidarReturns returns = load({}, boxes);
+  EXPECT_EQ(returns.on_moving, 1u);
+  EXPECT_EQ(returns.n, 2u);
+}
+
+TEST_F(LidarReturnsTest, RevolutionsOfHeldOutFramesAreUsedButNoneOutsideTheScene) {
+  for (const FramePose& frame : recording_.frames) add_file(frame.id, {seen({20, 1, 1}, frame.t_ns)});
+  SceneOptions options;
+  options.first_frame = 11;
+  options.last_frame = 14;
+  options.frame_step = 3;
+  options.holdout_every = 2;
+  EXPECT_EQ(load(options).n, 4u);
+}
+
+TEST_F(LidarReturnsTest, NoneWithoutAPlaceOfTheSensor) {
+  add_file(10, {seen({20, 1, 1}, recording_.frames[0].t_ns)});
+  recording_.body_from_lidar.reset();
+  EXPECT_EQ(load().n, 0u);
+}
+
+}  // namespace
+}  // namespace redrive

@@ -1,0 +1,224 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/scene/masks.h"
+
+#include <opencv2/imgproc.hpp>
+
+#include "redrive/base/error.h"
+#include "redrive/scene/ego_outline.h"
+
+namespace redrive {
+namespace {
+
+constexpr int kWorkingWidth = 320;      // of the pictures that the vehicle's outline is looked for in
+constexpr std::size_t kMostViews = 50;  // more say little that is new
+constexpr int kRowMargin = 2;           // rows above broken ones: theirs are dark, and JPEG smears
+constexpr std::uint8_t kBlack = 8, kBright = 50;
+
+/// Training views of a camera; of many, pairs of neighbours spread over the drive.
+std::vector<std::size_t> choose_views(const Scene& scene, int camera) {
+  std::vector<std::size_t> all;
+  for (std::size_t i = 0; i < scene.views.size(); ++i)
+    if (scene.views[i].camera == camera && !scene.views[i].held_out) all.push_back(i);
+  if (all.size() <= kMostViews) return all;
+  std::vector<std::size_t> chosen;
+  constexpr std::size_t kPairs = kMostViews / 2;
+  for (std::size_t p = 0; p < kPairs; ++p)
+    for (const std::size_t next : {0, 1}) chosen.push_back(all[p * (all.size() - 2) / (kPairs - 1) + next]);
+  return chosen;
+}
+
+/// How many rows at the bottom are broken: bright, even, and the same in all pictures, which nothing is that a camera sees.
+int broken_rows(const std::vector<const Image8*>& images) {
+  const int width = images[0]->width, height = images[0]->height;
+  const double n = static_cast<double>(images.size());
+  int broken = 0;
+  for (; broken < height; ++broken) {
+    const std::size_t row = std::size_t(3) * width * (height - 1 - broken);
+    double sum = 0, squares_of_means = 0, variances = 0;
+    for (std::size_t i = row; i < row + std::size_t(3) * width; ++i) {
+      double values = 0, squares = 0;
+      for (const Image8* image : images) {
+        values += image->rgb[i];
+        squares += double(image->rgb[i]) * image->rgb[i];
+      }
+      const double mean = values / n;
+      sum += mean;
+      squares_of_means += mean * mean;
+      variances += std::max(0.0, squares / n - mean * mean);
+    }
+    const double count = 3.0 * width, mean = sum / count;
+    const bool even = squares_of_means / count - mean * mean < 12 * 12, same = variances / count < 2 * 2;
+    if (!(mean > kBright && even && same)) break;
+  }
+  return broken == 0 || broken == height ? 0 : std::min(broken + kRowMargin, height);
+}
+
+/// Sets to 0 what is black in all pictures and hangs together with a corner, and a pixel more, where JPEG smears.
+void leave_out_black_corners(const std::vector<const Image8*>& images, Mask* mask) {
+  cv::Mat black(mask->height, mask->width, CV_8U, cv::Scalar(255));
+  for (const Image8* image : images)
+    for (std::size_t i = 0; i < black.total(); ++i)
+      if (*std::max_element(&image->rgb[3 * i], &image->rgb[3 * i] + 3) > kBlack) black.data[i] = 0;
+  for (const int y : {0, mask->height - 1})
+    for (const int x : {0, mask->width - 1})
+      if (black.at<std::uint8_t>(y, x) == 255) cv::floodFill(black, {x, y}, 1);
+  cv::Mat outside = black == 1;
+  cv::dilate(outside, outside, cv::Mat::ones(3, 3, CV_8U));
+  for (std::size_t i = 0; i < outside.total(); ++i)
+    if (outside.data[i]) mask->used[i] = 0;
+}
+
+/// The first `rows` rows, averaged to `size`.
+cv::Mat grey_of(const Image8& image, int rows, cv::Size size) {
+  const cv::Mat rgb(rows, image.width, CV_8UC3, const_cast<std::uint8_t*>(image.rgb.data()));
+  cv::Mat grey, small;
+  cv::transform(rgb, grey, cv::Matx13f(1 / 3.0f, 1 / 3.0f, 1 / 3.0f));
+  grey.convertTo(grey, CV_32F);
+  cv::resize(grey, small, size, 0, 0, cv::INTER_AREA);
+  return small;
+}
+
+/// Sets to 0 what find_ego_outline says, and a working pixel more above it.
+void leave_out_vehicle(const Scene& scene, int camera, const std::vector<std::size_t>& views,
+                       const std::vector<Image8>& images, int rows, Mask* mask) {
+  const RigCamera& rig = scene.rig[camera];
+  const int width = std::min(mask->width, kWorkingWidth);
+  const cv::Size size(width, std::max(1, static_cast<int>(std::lround(double(rows) * width / mask->width))));
+  const double x_scale = double(width) / mask->width, y_scale = double(size.height) / rows;
+  Camera small = rig.camera;  // as Camera::downscaled
+  small.fx *= x_scale;
+  small.fy *= y_scale;
+  small.cx = (small.cx + 0.5) * x_scale - 0.5;
+  small.cy = (small.cy + 0.5) * y_scale - 0.5;
+  small.width = size.width;
+  small.height = size.height;
+  std::vector<GreyView> grey;
+  for (const std::size_t i : views) {
+    const View& view = scene.views[i];
+    grey.push_back(
+        {grey_of(images[i], rows, size), view.world_from_body, scene.frames[view.frame].t_ns + rig.time_offset_ns});
+  }
+  const std::vector<int> outline = find_ego_outline(small, rig.body_from_sensor, grey);
+  for (int x = 0; x < mask->width; ++x) {
+    const int first = outline[static_cast<std::size_t>((x + 0.5) * x_scale)];
+    if (first == small.height) continue;
+    for (int y = std::max(0, static_cast<int>((first - 1) / y_scale)); y < mask->height; ++y)
+      mask->used[std::size_t(y) * mask->width + x] = 0;
+  }
+}
+
+/// Directions of all pixels in camera axes, [height, width], zero where there is no ray.
+std::vector<Eigen::Vector3f> directions_of(const Camera& camera) {
+  std::vector<Eigen::Vector3f> directions(std::size_t(camera.width) * camera.height, Eigen::Vector3f::Zero());
+  for (int y = 0; y < camera.height; ++y)
+    for (int x = 0; x < camera.width; ++x)
+      if (const auto direction = camera.unproject({x, y}))
+        directions[std::size_t(y) * camera.width + x] = direction->cast<float>();
+  return directions;
+}
+
+/// Sets to 0 the pixels whose rays meet the box. Most are sorted out by their angle to the box's centre.
+void leave_out_box(const PlacedBox& box, const Rigid3d& world_from_camera,
+                   const std::vector<Eigen::Vector3f>& directions, Mask* mask) {
+  const Eigen::Vector3d centre = world_from_camera.inverse() * box.box_from_world.inverse().translation();
+  const double distance_m = centre.norm(), radius_m = box.half_size_m.norm();
+  // cos of the angle under which the sphere around the box is seen; from inside it, all directions.
+  const double least_cos =
+      distance_m > radius_m ? std::sqrt(1 - radius_m * radius_m / (distance_m * distance_m)) - 1e-6 : -2;
+  const Eigen::Vector3f towards =
+      distance_m > 0 ? Eigen::Vector3f((centre / distance_m).cast<float>()) : Eigen::Vector3f::UnitZ();
+  for (std::size_t i = 0; i < directions.size(); ++i) {
+    if (mask->used[i] == 0 || directions[i].isZero() || directions[i].dot(towards) < least_cos) continue;
+    if (box.meets(world_from_camera.translation(), world_from_camera.linear() * directions[i].cast<double>()))
+      mask->used[i] = 0;
+  }
+}
+
+}  // namespace
+
+std::size_t Mask::left_out() const { return static_cast<std::size_t>(std::count(used.begin(), used.end(), 0)); }
+
+Mask full_mask(int width, int height) {
+  return {width, height, std::vector<std::uint8_t>(std::size_t(width) * height, 1)};
+}
+
+Mask read_mask(const std::filesystem::path& file, int width, int height) {
+  const Image8 image = read_image(file);
+  if (image.width != width || image.height != height)
+    throw InputError(
+        file, "size", std::to_string(image.width) + " x " + std::to_string(image.height),
+        "must be that of the pictures it belongs to, " + std::to_string(width) + " x " + std::to_string(height));
+  Mask mask = full_mask(width, height);
+  for (std::size_t i = 0; i < mask.used.size(); ++i) mask.used[i] = image.rgb[3 * i + 1] >= 128;
+  return mask;
+}
+
+void write_mask(const std::filesystem::path& file, const Mask& mask) {
+  Image8 image{mask.width, mask.height, {}};
+  image.rgb.reserve(3 * mask.used.size());
+  for (const std::uint8_t used : mask.used) image.rgb.insert(image.rgb.end(), 3, used ? 255 : 0);
+  write_image(file, image);
+}
+
+Mask find_static_mask(const Scene& scene, int camera, const std::vector<Image8>& images, bool on_car) {
+  REDRIVE_CHECK_OP(images.size(), ==, scene.views.size());
+  const RigCamera& rig = scene.rig[camera];
+  Mask mask = full_mask(rig.camera.width, rig.camera.height);
+  const std::vector<std::size_t> views = choose_views(scene, camera);
+  if (views.size() < 2) return mask;  // nothing can be told to stay the same
+  std::vector<const Image8*> pictures;
+  for (const std::size_t i : views) pictures.push_back(&images[i]);
+
+  const int rows = mask.height - (on_car ? broken_rows(pictures) : 0);
+  std::fill(mask.used.begin() + static_cast<std::ptrdiff_t>(rows) * mask.width, mask.used.end(), 0);
+  if (std::holds_alternative<Mei>(rig.camera.model)) leave_out_black_corners(pictures, &mask);
+  if (on_car) leave_out_vehicle(scene, camera, views, images, rows, &mask);
+  return mask;
+}
+
+std::vector<Mask> static_masks(const Scene& scene, const std::vector<Image8>& images,
+                               const std::filesystem::path& folder, ThreadPool& pool, bool on_car) {
+  cv::setNumThreads(1);  // the cameras are what is done in parallel
+  std::vector<Mask> masks(scene.rig.size());
+  pool.run(static_cast<int>(masks.size()), [&](int c) {
+    const RigCamera& rig = scene.rig[c];
+    const std::filesystem::path file = folder / (rig.name + ".png");
+    if (!folder.empty() && std::filesystem::exists(file)) {
+      masks[c] = read_mask(file, rig.camera.width, rig.camera.height);
+    } else {
+      masks[c] = find_static_mask(scene, c, images, on_car);
+      if (!folder.empty()) write_mask(file, masks[c]);
+    }
+  });
+  return masks;
+}
+
+std::vector<Mask> view_masks(const Scene& scene, const std::vector<Mask>& of_cameras, const MovingObjects& moving,
+                             ThreadPool& pool) {
+  REDRIVE_CHECK_OP(of_cameras.size(), ==, scene.rig.size());
+  std::vector<std::vector<Eigen::Vector3f>> directions(scene.rig.size());
+  if (moving.objects() > 0)
+    pool.run(static_cast<int>(directions.size()), [&](int c) { directions[c] = directions_of(scene.rig[c].camera); });
+  std::vector<Mask> masks(scene.views.size());
+  pool.run(static_cast<int>(masks.size()), [&](int i) {
+    const View& view = scene.views[i];
+    masks[i] = of_cameras[view.camera];
+    for (const PlacedBox& box : moving.at(scene.frames[view.frame].t_ns + scene.rig[view.camera].time_offset_ns))
+      leave_out_box(box, scene.world_from_camera(view), directions[view.camera], &masks[i]);
+  });
+  return masks;
+}
+
+Image8 overlay(const Image8& image, const Mask& mask) {
+  REDRIVE_CHECK_OP(image.rgb.size(), ==, 3 * mask.used.size());
+  Image8 tinted = image;
+  for (std::size_t i = 0; i < mask.used.size(); ++i) {
+    if (mask.used[i]) continue;
+    tinted.rgb[3 * i] = static_cast<std::uint8_t>((image.rgb[3 * i] + 255) / 2);
+    tinted.rgb[3 * i + 1] = image.rgb[3 * i + 1] / 2;
+    tinted.rgb[3 * i + 2] = image.rgb[3 * i + 2] / 2;
+  }
+  return tinted;
+}
+
+}  // namespace redrive

@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+// Which pixels of the pictures show the static world. What is left out is of two kinds: what is the same in all pictures of a camera
+// (the vehicle that carries it, broken rows, the black around a fisheye's image circle), kept as one editable PNG a camera, and
+// annotated objects that move, which each picture has elsewhere.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <vector>
+
+#include "redrive/scene/image_set.h"
+#include "redrive/scene/moving_objects.h"
+#include "redrive/scene/scene.h"
+
+namespace redrive {
+
+/// [height, width]: 1 used, 0 left out.
+struct Mask {
+  int width = 0, height = 0;
+  std::vector<std::uint8_t> used;
+
+  std::size_t left_out() const;
+};
+
+Mask full_mask(int width, int height);  ///< all used
+
+/// 8-bit PNG, white (128 and more) used, black left out. InputError if it is no PNG or not width x height.
+Mask read_mask(const std::filesystem::path& file, int width, int height);
+void write_mask(const std::filesystem::path& file, const Mask& mask);
+
+/// What is the same in all pictures of one camera of the rig, from those of its views that are not held out, at the size
+/// they are trained on. images[i] belongs to scene.views[i]. See ego_outline.h; with too few views or too little driving only
+/// the image circle and broken rows are looked for. `on_car`: the body is that of a car that drives on its x-y plane; what
+/// is no car (a hand-held camera, an object on a table) has neither vehicle nor broken rows.
+Mask find_static_mask(const Scene& scene, int camera, const std::vector<Image8>& images, bool on_car);
+
+/// By camera of the rig: FOLDER/<CAM>.png where that exists, which is how an edited mask is picked up, else found and, where
+/// `folder` is not empty, written there (the folder must exist). InputError as read_mask.
+std::vector<Mask> static_masks(const Scene& scene, const std::vector<Image8>& images,
+                               const std::filesystem::path& folder, ThreadPool& pool, bool on_car);
+
+/// By view: its camera's mask without the pixels whose rays meet an annotated moving object when the picture was exposed.
+std::vector<Mask> view_masks(const Scene& scene, const std::vector<Mask>& of_cameras, const MovingObjects& moving,
+                             ThreadPool& pool);
+
+/// The picture with what is left out tinted red, to look at.
+Image8 overlay(const Image8& image, const Mask& mask);
+
+}  // namespace redrive

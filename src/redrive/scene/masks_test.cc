@@ -1,0 +1,149 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/scene/masks.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "redrive/base/error.h"
+#include "redrive/scene/test_recording.h"
+
+namespace redrive {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+
+class MasksTest : public testing::Test {
+ protected:
+  void load() {
+    scene_ = make_scene(recording_, options_);
+    images_ = load_views(scene_, pool_);
+  }
+  /// The same in all pictures of a camera.
+  void paint(int camera, int x0, int y0, int width, int height, std::uint8_t value) {
+    for (std::size_t i = 0; i < images_.size(); ++i) {
+      if (scene_.views[i].camera != camera) continue;
+      Image8& image = images_[i];
+      for (int y = y0; y < y0 + height; ++y)
+        std::fill_n(image.rgb.begin() + 3 * (y * image.width + x0), 3 * width, value);
+    }
+  }
+  static int used(const Mask& mask, int x, int y) { return mask.used[std::size_t(y) * mask.width + x]; }
+
+  TemporaryFolder folder_;
+  Recording recording_ = make_test_recording(folder_.path);  // FISHEYE 20 x 14, FRONT 24 x 16
+  SceneOptions options_;
+  Scene scene_;
+  std::vector<Image8> images_;
+  ThreadPool pool_{2};
+};
+
+TEST_F(MasksTest, AnEditedOneIsPickedUp) {
+  load();
+  const std::vector<Mask> found = static_masks(scene_, images_, folder_.path, pool_, true);
+  ASSERT_EQ(found.size(), 2u);
+  EXPECT_EQ(found[1].left_out(), 0u);
+  ASSERT_TRUE(std::filesystem::exists(folder_.path / "FRONT.png"));
+  Mask edited = found[1];
+  edited.used[3 * 24 + 5] = 0;
+  write_mask(folder_.path / "FRONT.png", edited);
+  const std::vector<Mask> again = static_masks(scene_, images_, folder_.path, pool_, true);
+  EXPECT_EQ(again[0].used, found[0].used);
+  EXPECT_EQ(again[1].used, edited.used);
+}
+
+TEST_F(MasksTest, OneOfAnotherSizeIsRefused) {
+  write_mask(folder_.path / "FRONT.png", full_mask(24, 15));
+  load();
+  try {
+    static_masks(scene_, images_, folder_.path, pool_, true);
+    FAIL() << "not refused";
+  } catch (const InputError& error) {
+    EXPECT_THAT(error.what(), AllOf(HasSubstr("FRONT.png"), HasSubstr("24 x 15"), HasSubstr("24 x 16")));
+  }
+}
+
+TEST_F(MasksTest, BrokenRowsAndAMarginAboveThem) {
+  load();
+  paint(1, 0, 13, 24, 1, 0);
+  paint(1, 0, 14, 24, 2, 253);
+  const Mask mask = find_static_mask(scene_, 1, images_, true);
+  for (int y = 0; y < 16; ++y) EXPECT_EQ(used(mask, 7, y), y < 12) << y;
+  EXPECT_EQ(find_static_mask(scene_, 1, images_, false).left_out(), 0u);
+}
+
+TEST_F(MasksTest, BlackCornersOfAFisheyeAlone) {
+  load();
+  for (const int camera : {0, 1}) {
+    paint(camera, 0, 0, 4, 3, 5);
+    paint(camera, 9, 6, 2, 2, 5);  // black, too, but in the middle
+  }
+  const Mask fisheye = find_static_mask(scene_, 0, images_, true);
+  EXPECT_EQ(fisheye.left_out(), 5u * 4u);  // and a pixel around it
+  EXPECT_EQ(used(fisheye, 0, 0), 0);
+  EXPECT_EQ(used(fisheye, 9, 6), 1);
+  EXPECT_EQ(find_static_mask(scene_, 1, images_, true).left_out(), 0u);
+}
+
+// The box's pixels against the projections of points all over it; both cameras, one of them exposed 20 ms early.
+TEST_F(MasksTest, MovingObjectsWhereEachPictureHasThem) {
+  recording_.cameras[0].calibration.time_offset_ns = -20'000'000;
+  load();
+  std::vector<Box> boxes;
+  for (const FramePose& frame : recording_.frames) {
+    Box box;
+    box.t_ns = frame.t_ns;
+    box.body_from_box = Rigid3d(Eigen::Translation3d(7, 3.5, 0.8));
+    box.size_m = Eigen::Vector3d(4, 2, 1.6);
+    box.velocity_in_body_m_per_s = Eigen::Vector3d(0.5, 0, 0);  // so it turns and drives as the ego vehicle does
+    boxes.push_back(box);
+  }
+  const MovingObjects moving(boxes, recording_.frames, scene_.ecef_from_world);
+  ASSERT_EQ(moving.objects(), 1u);
+  const std::vector<Mask> whole = {full_mask(20, 14), full_mask(24, 16)};
+  const std::vector<Mask> masks = view_masks(scene_, whole, moving, pool_);
+  ASSERT_EQ(masks.size(), 12u);
+  for (std::size_t i = 0; i < masks.size(); ++i) {
+    const View& view = scene_.views[i];
+    const RigCamera& rig = scene_.rig[view.camera];
+    const Rigid3d camera_from_world = scene_.world_from_camera(view).inverse();
+    const PlacedBox box = moving.at(scene_.frames[view.frame].t_ns + rig.time_offset_ns)[0];
+    Mask expected = whole[view.camera];
+    constexpr int kSteps = 60;
+    for (int a = 0; a <= kSteps; ++a)
+      for (int b = 0; b <= kSteps; ++b)
+        for (int face = 0; face < 6; ++face) {
+          Eigen::Vector3d p(2.0 * a / kSteps - 1, 2.0 * b / kSteps - 1, face % 2 ? 1 : -1);
+          p = Eigen::Vector3d(p[face / 2], p[(face / 2 + 1) % 3], p[(face / 2 + 2) % 3]).cwiseProduct(box.half_size_m);
+          const auto at = rig.camera.project(camera_from_world * (box.box_from_world.inverse() * p));
+          // A pixel is left out if its centre is in the box: only points next to one say so.
+          if (!at || (*at - at->array().round().matrix()).norm() > 0.1) continue;
+          const int x = static_cast<int>(std::lround(at->x())), y = static_cast<int>(std::lround(at->y()));
+          if (x >= 0 && y >= 0 && x < expected.width && y < expected.height)
+            expected.used[std::size_t(y) * expected.width + x] = 0;
+        }
+    EXPECT_GT(masks[i].left_out(), 3u) << i;
+    EXPECT_LT(masks[i].left_out(), masks[i].used.size() * 3 / 4) << i;
+    // Points near a centre may lie just outside the outline; everything else has to agree.
+    std::size_t differ = 0;
+    for (std::size_t k = 0; k < expected.used.size(); ++k) differ += expected.used[k] != masks[i].used[k];
+    EXPECT_LE(differ, 2u) << i;
+  }
+}
+
+TEST_F(MasksTest, ParkedObjectsStay) {
+  load();
+  const std::vector<Mask> whole = {full_mask(20, 14), full_mask(24, 16)};
+  const MovingObjects moving({}, recording_.frames, scene_.ecef_from_world);
+  for (const Mask& mask : view_masks(scene_, whole, moving, pool_)) EXPECT_EQ(mask.left_out(), 0u);
+}
+
+TEST_F(MasksTest, AnOverlayTintsWhatIsLeftOut) {
+  Image8 image{2, 1, {10, 20, 30, 10, 20, 30}};
+  Mask mask = full_mask(2, 1);
+  mask.used[1] = 0;
+  EXPECT_EQ(overlay(image, mask).rgb, (std::vector<std::uint8_t>{10, 20, 30, 132, 10, 15}));
+}
+
+}  // namespace
+}  // namespace redrive

@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/scene/moving_objects.h"
+
+#include <algorithm>
+#include <map>
+
+#include "redrive/recording/trajectory.h"
+
+namespace redrive {
+namespace {
+
+constexpr std::int64_t kMaxAway_ns = 100'000'000;       // a revolution or a frame missing; then the object has left
+constexpr std::int64_t kVelocityOver_ns = 100'000'000;  // either side: errors of single poses average out
+
+}  // namespace
+
+bool PlacedBox::meets(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) const {
+  const Eigen::Vector3d o = box_from_world * origin, d = box_from_world.linear() * direction;
+  double enter = 0, leave = std::numeric_limits<double>::infinity();
+  for (int k = 0; k < 3; ++k) {
+    if (d[k] == 0) {
+      if (std::abs(o[k]) > half_size_m[k]) return false;
+      continue;
+    }
+    const double a = (-half_size_m[k] - o[k]) / d[k], b = (half_size_m[k] - o[k]) / d[k];
+    enter = std::max(enter, std::min(a, b));
+    leave = std::min(leave, std::max(a, b));
+  }
+  return enter <= leave;
+}
+
+MovingObjects::MovingObjects(const std::vector<Box>& boxes, const std::vector<FramePose>& frames,
+                             const Rigid3d& ecef_from_world) {
+  const Rigid3d world_from_ecef = ecef_from_world.inverse();
+  const auto world_from_body = [&](std::int64_t t_ns) { return world_from_ecef * pose_at(frames, t_ns); };
+  std::map<std::int64_t, std::vector<Sighting>> by_id;
+  for (const Box& box : boxes) {
+    const Rigid3d here = world_from_body(box.t_ns);
+    const Eigen::Vector3d ego_m_per_s = (world_from_body(box.t_ns + kVelocityOver_ns).translation() -
+                                         world_from_body(box.t_ns - kVelocityOver_ns).translation()) /
+                                        (2e-9 * static_cast<double>(kVelocityOver_ns));
+    by_id[box.object_id].push_back(
+        {box.t_ns, here * box.body_from_box, box.size_m, here.linear() * box.velocity_in_body_m_per_s + ego_m_per_s});
+  }
+  for (auto& [id, sightings] : by_id) {
+    if (std::none_of(sightings.begin(), sightings.end(),
+                     [](const Sighting& s) { return s.velocity_in_world_m_per_s.norm() > kMovingSpeed_m_per_s; })) {
+      ++parked_;
+      continue;
+    }
+    std::sort(sightings.begin(), sightings.end(), [](const auto& a, const auto& b) { return a.t_ns < b.t_ns; });
+    objects_.push_back(std::move(sightings));
+  }
+}
+
+std::vector<PlacedBox> MovingObjects::at(std::int64_t t_ns) const {
+  std::vector<PlacedBox> boxes;
+  for (const std::vector<Sighting>& sightings : objects_) {
+    auto nearest = std::lower_bound(sightings.begin(), sightings.end(), t_ns,
+                                    [](const Sighting& s, std::int64_t t) { return s.t_ns < t; });
+    if (nearest == sightings.end() ||
+        (nearest != sightings.begin() && t_ns - (nearest - 1)->t_ns < nearest->t_ns - t_ns))
+      --nearest;
+    const std::int64_t later_ns = t_ns - nearest->t_ns;
+    if (std::abs(later_ns) > kMaxAway_ns) continue;
+    Rigid3d world_from_box = nearest->world_from_box;
+    world_from_box.translation() += 1e-9 * static_cast<double>(later_ns) * nearest->velocity_in_world_m_per_s;
+    boxes.push_back({world_from_box.inverse(), nearest->size_m / 2 + Eigen::Vector3d::Constant(kBoxMargin_m)});
+  }
+  return boxes;
+}
+
+MovingObjects read_moving_objects(const Recording& recording, const Scene& scene) {
+  std::vector<Box> boxes;
+  for (const FrameFile& file : recording.box_files) {
+    const std::vector<Box> of_frame = read_boxes(file.path);
+    boxes.insert(boxes.end(), of_frame.begin(), of_frame.end());
+  }
+  return {boxes, recording.frames, scene.ecef_from_world};
+}
+
+}  // namespace redrive

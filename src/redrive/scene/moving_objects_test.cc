@@ -1,0 +1,99 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/scene/moving_objects.h"
+
+#include <gtest/gtest.h>
+
+namespace redrive {
+namespace {
+
+using Eigen::Vector3d;
+
+/// 10 m/s along x of the world, turning left by 0.2 rad/s; frames 0.1 s apart from 1 s on.
+std::vector<FramePose> turning_drive() {
+  std::vector<FramePose> frames;
+  Rigid3d pose = Rigid3d::Identity();
+  for (int n = 0; n < 20; ++n) {
+    frames.push_back({n, 1'000'000'000 + n * 100'000'000ll, pose});
+    pose.translate(Vector3d(1, 0, 0));
+    pose.rotate(Eigen::AngleAxisd(0.02, Vector3d::UnitZ()));
+  }
+  return frames;
+}
+
+/// Boxes of one object that is at `start_m` at 1 s and moves at `velocity_m_per_s`, both in the world.
+std::vector<Box> sightings(const std::vector<FramePose>& frames, std::int64_t id, const Vector3d& start_m,
+                           const Vector3d& velocity_m_per_s) {
+  std::vector<Box> boxes;
+  for (std::size_t n = 1; n + 1 < frames.size(); ++n) {
+    const Rigid3d& here = frames[n].ecef_from_body;
+    const Vector3d ego_m_per_s =
+        (frames[n + 1].ecef_from_body.translation() - frames[n - 1].ecef_from_body.translation()) / 0.2;
+    Box box;
+    box.object_id = id;
+    box.t_ns = frames[n].t_ns;
+    box.body_from_box = here.inverse() * Eigen::Translation3d(start_m + 0.1 * double(n) * velocity_m_per_s);
+    box.size_m = Vector3d(4, 2, 1.6);
+    box.velocity_in_body_m_per_s = here.linear().transpose() * (velocity_m_per_s - ego_m_per_s);
+    boxes.push_back(box);
+  }
+  return boxes;
+}
+
+TEST(PlacedBox, MeetsWhatSomePointOfTheHalfLineIsIn) {
+  PlacedBox box{Rigid3d::Identity(), Vector3d(2, 1, 0.5)};
+  box.box_from_world =
+      (Eigen::Translation3d(5, 3, 1) * Eigen::AngleAxisd(0.7, Vector3d(1, 2, 3).normalized())).inverse();
+  int met = 0;
+  for (int i = 0; i < 500; ++i) {
+    const Vector3d origin(0.01 * i, 1, 0);
+    const Vector3d direction = Vector3d(1, 0.5 - 0.002 * i, 0.3 * std::sin(0.1 * i)).normalized();
+    bool inside = false;
+    double closest = 1e9;  // how far outside the nearest face, so that grazing rays do not count
+    for (double t = 0; t < 20; t += 0.002) {
+      const Vector3d p = box.box_from_world * (origin + t * direction);
+      closest = std::min(closest, (p.cwiseAbs() - box.half_size_m).maxCoeff());
+      inside = inside || box.contains(origin + t * direction);
+    }
+    if (std::abs(closest) < 0.01) continue;
+    EXPECT_EQ(box.meets(origin, direction), inside) << i;
+    EXPECT_FALSE(inside && box.meets(origin - 30 * direction, -direction)) << i;  // behind
+    met += inside;
+  }
+  EXPECT_GT(met, 50);
+  EXPECT_LT(met, 450);
+  EXPECT_TRUE(box.meets({5, 3, 1}, {0, 0, 1}));  // from inside, along an axis
+}
+
+TEST(MovingObjects, AParkedCarBesideATurningOneStays) {
+  const auto frames = turning_drive();
+  const MovingObjects objects(sightings(frames, 7, {30, 8, 0.8}, Vector3d::Zero()), frames, Rigid3d::Identity());
+  EXPECT_EQ(objects.objects(), 0u);
+  EXPECT_EQ(objects.parked(), 1u);
+  EXPECT_TRUE(objects.at(frames[5].t_ns).empty());
+}
+
+TEST(MovingObjects, AMovingOneIsFollowedBetweenItsBoxes) {
+  const auto frames = turning_drive();
+  const Vector3d start(30, 8, 0.8), velocity(-3, 1, 0);
+  const MovingObjects objects(sightings(frames, 7, start, velocity), frames, Rigid3d::Identity());
+  EXPECT_EQ(objects.parked(), 0u);
+  for (const double t_s : {1.1, 1.43, 2.0, 2.849}) {
+    const auto boxes = objects.at(std::llround(t_s * 1e9));
+    ASSERT_EQ(boxes.size(), 1u) << t_s;
+    const Vector3d centre = boxes[0].box_from_world.inverse().translation();
+    EXPECT_LT((centre - start - (t_s - 1) * velocity).norm(), 1e-3) << t_s;
+    EXPECT_EQ(boxes[0].half_size_m, Vector3d(2.3, 1.3, 1.1));
+  }
+  EXPECT_TRUE(objects.at(frames.back().t_ns + 50'000'000).empty());  // 0.15 s after its last box
+}
+
+// It waits, then drives off: where it waited is empty later on.
+TEST(MovingObjects, OneThatDrivesOffIsLeftOutBeforeThat) {
+  const auto frames = turning_drive();
+  std::vector<Box> boxes = sightings(frames, 7, {30, 8, 0.8}, Vector3d::Zero());
+  boxes.back().velocity_in_body_m_per_s += Vector3d(1.5, 0, 0);
+  EXPECT_EQ(MovingObjects(boxes, frames, Rigid3d::Identity()).at(frames[3].t_ns).size(), 1u);
+}
+
+}  // namespace
+}  // namespace redrive
