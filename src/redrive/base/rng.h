@@ -37,6 +37,7 @@ enum RandomStream : std::uint64_t {
   kStreamSamples = 3,      ///< stratified sample jitter; counter = step
   kStreamFineSamples = 4,  ///< hierarchical sampling; counter = step
   kStreamFigures = 5,      ///< which training image a figure shows
+  kStreamBackground = 6,   ///< behind transparent pixels; counter = step
   kStreamTest = 99
 };
 

@@ -7,69 +7,32 @@
 
 #include <Eigen/LU>
 
+#include "redrive/camera/roots.h"
+
 namespace redrive {
 namespace {
 
 /// Radii above this are 1e-6 rad from 90 degrees: no image has them, and powers of them lose meaning.
 constexpr double kFarRadius = 1e6;
 
-double horner(const std::vector<double>& polynomial, double x) {
-  double sum = 0;
-  for (std::size_t i = polynomial.size(); i-- > 0;) sum = sum * x + polynomial[i];
-  return sum;
-}
-
-/// Where the polynomial (ascending coefficients) changes sign in (0, kFarRadius), ascending: between neighbouring extrema,
-/// which are the derivative's sign changes, it is monotone, so bisection finds every one.
-std::vector<double> sign_changes(const std::vector<double>& polynomial) {
-  if (polynomial.size() < 2) return {};
-  std::vector<double> derivative(polynomial.size() - 1);
-  for (std::size_t i = 0; i < derivative.size(); ++i) derivative[i] = polynomial[i + 1] * static_cast<double>(i + 1);
-  std::vector<double> ends = sign_changes(derivative);
-  ends.push_back(kFarRadius);
-
-  std::vector<double> roots;
-  double begin = 0;
-  for (const double end : ends) {
-    const bool positive = horner(polynomial, begin) > 0;
-    if (positive != (horner(polynomial, end) > 0)) {
-      double low = begin, high = end;
-      for (int i = 0; i < 200 && low < high; ++i) {
-        const double middle = 0.5 * (low + high);
-        if (middle == low || middle == high) break;
-        ((horner(polynomial, middle) > 0) == positive ? low : high) = middle;
-      }
-      roots.push_back(low);
-    }
-    begin = end;
-  }
-  return roots;
-}
-
-/// r in [0, max_radius] with r g(r^2) = distorted_radius, else about the edge: Newton kept inside a bracket.
+/// r in [0, max_radius] with r g(r^2) = distorted_radius, else about the edge.
 double undistorted_radius(const BrownConrady& lens, double distorted_radius) {
-  const auto g = [&](double s) { return 1 + s * (lens.k1 + s * (lens.k2 + s * lens.k3)); };
-  const auto slope = [&](double s) { return 1 + s * (3 * lens.k1 + s * (5 * lens.k2 + s * 7 * lens.k3)); };
-  const double edge = std::min(lens.max_radius, kFarRadius);
-  double low = 0, high = std::min(edge, distorted_radius);
-  while (high < edge && high * g(high * high) < distorted_radius) high = std::min(2 * high, edge);
-  double r = high;
-  for (int i = 0; i < 100; ++i) {
-    const double excess = r * g(r * r) - distorted_radius;
-    (excess > 0 ? high : low) = r;
-    double next = r - excess / slope(r * r);
-    if (!(next > low && next < high)) next = 0.5 * (low + high);
-    if (std::abs(next - r) <= 1e-12 * r) return next;
-    r = next;
-  }
-  return r;
+  const auto distorted = [&](double r) {
+    const double s = r * r;
+    return r * (1 + s * (lens.k1 + s * (lens.k2 + s * lens.k3)));
+  };
+  const auto slope = [&](double r) {
+    const double s = r * r;
+    return 1 + s * (3 * lens.k1 + s * (5 * lens.k2 + s * 7 * lens.k3));
+  };
+  return increasing_root(distorted, slope, distorted_radius, distorted_radius, std::min(lens.max_radius, kFarRadius));
 }
 
 }  // namespace
 
 BrownConrady::BrownConrady(const std::array<double, 5>& c) : k1(c[0]), k2(c[1]), p1(c[2]), p2(c[3]), k3(c[4]) {
   const double p = std::hypot(p1, p2);
-  const std::vector<double> folds = sign_changes({1, -20.0 / 3 * p, 3 * k1, 0, 5 * k2, 0, 7 * k3});
+  const std::vector<double> folds = sign_changes({1, -20.0 / 3 * p, 3 * k1, 0, 5 * k2, 0, 7 * k3}, kFarRadius);
   if (!folds.empty()) max_radius = folds.front();
 }
 

@@ -51,8 +51,11 @@ Camera make_camera(const CameraCalibration& calibration) {
     camera.model = OpenCvPinhole{BrownConrady(calibration.distortion)};
   else if (calibration.model == Mei::kName)
     camera.model = Mei(calibration.distortion, calibration.xi);
+  else if (calibration.model == OpenCvFisheye::kName)
+    camera.model = OpenCvFisheye(calibration.distortion);
   else
-    throw InputError("calibration", calibration.name + ".model", calibration.model, "known are opencv_pinhole and mei");
+    throw InputError("calibration", calibration.name + ".model", calibration.model,
+                     "known are opencv_pinhole, mei and opencv_fisheye");
   camera.fx = calibration.fx;
   camera.fy = calibration.fy;
   camera.cx = calibration.cx;

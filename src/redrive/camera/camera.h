@@ -17,12 +17,13 @@
 #include <Eigen/Core>
 
 #include "redrive/camera/mei.h"
+#include "redrive/camera/opencv_fisheye.h"
 #include "redrive/camera/opencv_pinhole.h"
 #include "redrive/recording/recording.h"
 
 namespace redrive {
 
-using CameraModel = std::variant<OpenCvPinhole, Mei>;
+using CameraModel = std::variant<OpenCvPinhole, Mei, OpenCvFisheye>;
 
 /// Intrinsics: model, focal lengths, principal point and image size, in pixels. Integer coordinates are centres.
 struct Camera {
@@ -46,7 +47,7 @@ struct Camera {
   /// The pinhole without distortion that the image belongs to once undistorted (the report's way): same f and c.
   Camera undistorted() const;
 
-  const char* model_name() const;  ///< "opencv_pinhole", "mei"
+  const char* model_name() const;  ///< "opencv_pinhole", "mei", "opencv_fisheye"
 };
 
 Camera make_camera(const CameraCalibration& calibration);

@@ -27,11 +27,13 @@ struct CameraReport {
   double horizontal_fov_deg = 0;
   double percent_without_ray = 0;        ///< pixels that the model does not reach
   std::optional<double> percent_masked;  ///< with --masks
+  bool alpha = false;                    ///< of an image that was looked at
+  std::size_t held_out = 0, masks = 0;
 };
 
 struct Inspection {
   Recording recording;
-  DriveSummary drive;
+  std::optional<DriveSummary> drive;  ///< nothing where places are not in metres and times not of a clock
   std::vector<CameraReport> cameras;
   std::vector<Finding> findings;  ///< odd, but the recording can be used
   std::vector<Finding> problems;  ///< training would refuse it
@@ -65,31 +67,38 @@ double percent_without_ray(const Camera& camera) {
   return 100.0 * without / all;
 }
 
-/// Decodes the first and the last image; the others are read in training.
-void check_images(const RecordedCamera& camera, std::vector<Finding>* problems) {
+/// Decodes the first and the last image with their masks; the others are read in training.
+void check_images(const RecordedCamera& camera, CameraReport* report, std::vector<Finding>* problems) {
   const CameraCalibration& calibration = camera.calibration;
-  std::vector<std::filesystem::path> paths = {camera.images.front().path};
-  if (camera.images.size() > 1) paths.push_back(camera.images.back().path);
-  for (const std::filesystem::path& path : paths) {
+  const auto size = [](const auto& of) { return std::to_string(of.width) + "x" + std::to_string(of.height); };
+  const auto check = [&](const std::filesystem::path& path) {
     try {
       const Image8 image = read_image(path);
-      if (image.width == calibration.width && image.height == calibration.height) continue;
-      problems->push_back({calibration.name, path.filename().string() + " has " + std::to_string(image.width) + "x" +
-                                                 std::to_string(image.height) + " pixels, the calibration says " +
-                                                 std::to_string(calibration.width) + "x" +
-                                                 std::to_string(calibration.height)});
+      if (image.width != calibration.width || image.height != calibration.height)
+        problems->push_back({calibration.name, path.filename().string() + " has " + size(image) +
+                                                   " pixels, the calibration says " + size(calibration)});
+      return !image.alpha.empty();
     } catch (const InputError& error) {
       problems->push_back({calibration.name, error.what()});
+      return false;
     }
+  };
+  std::vector<ImageFile> images = {camera.images.front()};
+  if (camera.images.size() > 1) images.push_back(camera.images.back());
+  for (const ImageFile& image : images) {
+    report->alpha |= check(image.path);
+    if (!image.mask.path.empty()) check(image.mask.path);
   }
 }
 
 Inspection inspect(const std::string& root) {
   Inspection result;
   result.recording = open_recording(root);
-  result.drive = summarize_drive(result.recording.frames);
   result.findings = result.recording.findings;
-  result.findings.insert(result.findings.end(), result.drive.findings.begin(), result.drive.findings.end());
+  if (result.recording.metric) {
+    result.drive = summarize_drive(result.recording.frames);
+    result.findings.insert(result.findings.end(), result.drive->findings.begin(), result.drive->findings.end());
+  }
   for (const RecordedCamera& recorded : result.recording.cameras) {
     const Camera camera = make_camera(recorded.calibration);
     CameraReport report{&recorded, horizontal_fov_deg(camera), percent_without_ray(camera)};
@@ -101,7 +110,11 @@ Inspection inspect(const std::string& root) {
           report.percent_without_ray);
       result.findings.push_back({recorded.calibration.name, what});
     }
-    check_images(recorded, &result.problems);
+    check_images(recorded, &report, &result.problems);
+    for (const ImageFile& image : recorded.images) {
+      report.held_out += image.held_out;
+      report.masks += !image.mask.path.empty();
+    }
     result.cameras.push_back(report);
   }
   return result;
@@ -154,6 +167,9 @@ nlohmann::ordered_json to_json(const Inspection& result) {
                                      {"percent_without_ray", report.percent_without_ray},
                                      {"position_in_body_m", {mount_m.x(), mount_m.y(), mount_m.z()}},
                                      {"images", report.recorded->images.size()},
+                                     {"held_out", report.held_out},
+                                     {"masks", report.masks},
+                                     {"alpha", report.alpha},
                                      {"first_id", report.recorded->images.front().frame_id},
                                      {"last_id", report.recorded->images.back().frame_id}};
     if (c.model == "mei") camera["xi"] = c.xi;
@@ -163,20 +179,31 @@ nlohmann::ordered_json to_json(const Inspection& result) {
   nlohmann::json novel = nlohmann::json::array();
   for (const NovelSet& set : recording.novel)
     novel.push_back({{"name", set.name}, {"poses_file", set.poses_file.string()}});
+  nlohmann::json bounds, drive, rate_hz, duration_s;  // null where they say nothing
+  if (recording.bounds) {
+    const Eigen::Vector3d& center = recording.bounds->center;
+    bounds = {{"center", {center.x(), center.y(), center.z()}}, {"half_side", recording.bounds->half_side}};
+  }
+  if (result.drive) {
+    rate_hz = result.drive->rate_hz;
+    duration_s = result.drive->duration_s;
+    drive = {{"length_m", result.drive->driven_m},
+             {"mean_speed_m_per_s", result.drive->mean_speed_m_per_s},
+             {"max_speed_m_per_s", result.drive->max_speed_m_per_s}};
+  }
   return {{"recording", recording.root.string()},
           {"format", recording.format},
+          {"metric", recording.metric},
           {"usable", result.problems.empty()},
           {"cameras", cameras},
           {"frames",
            {{"count", recording.frames.size()},
             {"first_id", recording.frames.front().id},
             {"last_id", recording.frames.back().id},
-            {"rate_hz", result.drive.rate_hz},
-            {"duration_s", result.drive.duration_s}}},
-          {"drive",
-           {{"length_m", result.drive.driven_m},
-            {"mean_speed_m_per_s", result.drive.mean_speed_m_per_s},
-            {"max_speed_m_per_s", result.drive.max_speed_m_per_s}}},
+            {"rate_hz", rate_hz},
+            {"duration_s", duration_s}}},
+          {"drive", drive},
+          {"bounds", bounds},
           {"lidar_files", recording.lidar_files.size()},
           {"box_files", recording.box_files.size()},
           {"other_sensors", recording.other_sensors},
@@ -192,7 +219,6 @@ void print_findings(const char* title, const std::vector<Finding>& findings) {
 
 void print_table(const Inspection& result) {
   const Recording& recording = result.recording;
-  const DriveSummary& drive = result.drive;
   std::printf("%s (%s)\n\n", recording.root.c_str(), recording.format.c_str());
   std::printf("%-24s %-14s %11s %8s %8s %9s %6s  %s\n", "camera", "model", "pixels", "fx px", "fy px", "h-fov deg",
               "images", "position in body m");
@@ -208,11 +234,27 @@ void print_table(const Inspection& result) {
     if (report.percent_masked)
       std::printf("%smask of %s: %.1f %% of the pixels are left out\n", &report == &result.cameras[0] ? "\n" : "",
                   report.recorded->calibration.name.c_str(), *report.percent_masked);
-  std::printf("\nframes         %zu, ids %lld to %lld, %.2f Hz, %.2f s\n", recording.frames.size(),
-              static_cast<long long>(recording.frames.front().id), static_cast<long long>(recording.frames.back().id),
-              drive.rate_hz, drive.duration_s);
-  std::printf("driven         %.1f m, mean %.2f m/s, at most %.2f m/s\n", drive.driven_m, drive.mean_speed_m_per_s,
-              drive.max_speed_m_per_s);
+  std::printf("\nframes         %zu, ids %lld to %lld", recording.frames.size(),
+              static_cast<long long>(recording.frames.front().id), static_cast<long long>(recording.frames.back().id));
+  if (const auto& drive = result.drive) {
+    std::printf(", %.2f Hz, %.2f s\ndriven         %.1f m, mean %.2f m/s, at most %.2f m/s\n", drive->rate_hz,
+                drive->duration_s, drive->driven_m, drive->mean_speed_m_per_s, drive->max_speed_m_per_s);
+  } else {
+    std::printf(" in file-name order; no metres, no clock\n");
+  }
+  if (const auto& bounds = recording.bounds)
+    std::printf("bounds         %g around %g %g %g along each axis\n", bounds->half_side, bounds->center.x(),
+                bounds->center.y(), bounds->center.z());
+  std::size_t held_out = 0, masks = 0;
+  bool alpha = false;
+  for (const CameraReport& report : result.cameras) {
+    held_out += report.held_out;
+    masks += report.masks;
+    alpha |= report.alpha;
+  }
+  if (held_out > 0) std::printf("held out       %zu images by the recording's own split\n", held_out);
+  if (masks > 0) std::printf("masks          %zu\n", masks);
+  if (alpha) std::printf("alpha          yes: train takes --background white, black or random\n");
   std::printf("lidar          %zu files\nboxes          %zu files\n", recording.lidar_files.size(),
               recording.box_files.size());
   std::string others, novel;

@@ -17,15 +17,18 @@ struct Arguments {
   std::string out;
 };
 
+std::vector<std::string> given_names(const Arguments& arguments) {
+  std::vector<std::string> names;
+  for (const auto& [name, value] : arguments.given) names.push_back(name);
+  return names;
+}
+
 TrainOptions parse_options(const Arguments& arguments) {
   TrainOptions options;
-  std::vector<std::string> names;
   for (const TrainField& field : train_fields())
-    if (const auto found = arguments.given.find(field.name); found != arguments.given.end()) {
+    if (const auto found = arguments.given.find(field.name); found != arguments.given.end())
       field.parse(options, found->second);
-      names.push_back(field.name);
-    }
-  apply_preset(&options, names);
+  apply_preset(&options, given_names(arguments));
   if (options.recording.empty()) throw UsageError("RECORDING", "", "must name a folder");
   std::error_code error;
   const std::filesystem::path recording = std::filesystem::absolute(options.recording, error);
@@ -42,6 +45,7 @@ int run_train(const Arguments& arguments) {
   const auto backend = kernels::make_backend({run.options.backend, run.options.isa, run.options.threads});
   run.recording = open_recording(run.options);
   resolve_cameras(&run.options, run.recording);
+  resolve_range(&run.options, given_names(arguments), run.recording);
   run.scene = make_scene(run.recording, scene_options(run.options));
   run.state = first_state(run.options, run.scene);
   const std::atomic<bool>& stop = stop_on_signal();

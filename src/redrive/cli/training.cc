@@ -3,7 +3,9 @@
 
 #include <signal.h>
 
+#include <algorithm>
 #include <cstdio>
+#include <span>
 
 #include "redrive/base/error.h"
 
@@ -34,15 +36,18 @@ void print_summary(const Run& run, const std::vector<Image8>& images, const kern
   std::printf("%s\n", kernels::describe(backend).c_str());
   for (const Finding& finding : run.recording.findings)
     std::printf("note: %s: %s\n", finding.subject.c_str(), finding.what.c_str());
+  const char* unit = run.recording.metric ? " m" : "";
   std::size_t held_out = 0, bytes = 0;
   for (const View& view : run.scene.views) held_out += view.held_out;
-  for (const Image8& image : images) bytes += image.rgb.size();
-  for (const RigCamera& camera : run.scene.rig)
+  for (const Image8& image : images) bytes += image.rgb.size() + image.alpha.size() + image.used.size();
+  constexpr std::size_t kCamerasShown = 8;  // a set of photographs may have one each
+  for (const RigCamera& camera : std::span(run.scene.rig).first(std::min(run.scene.rig.size(), kCamerasShown)))
     std::printf("camera %s: %s, %d x %d\n", camera.name.c_str(), camera.camera.model_name(), camera.camera.width,
                 camera.camera.height);
-  std::printf("%zu frames, %zu images for training, %zu held out, %.1f MB of pixels; near %g m, far %g m\n",
+  if (run.scene.rig.size() > kCamerasShown) std::printf("%zu cameras in all\n", run.scene.rig.size());
+  std::printf("%zu frames, %zu images for training, %zu held out, %.1f MB of pixels; near %g%s, far %g%s\n",
               run.scene.frames.size(), run.scene.views.size() - held_out, held_out, static_cast<double>(bytes) / 1e6,
-              run.scene.near_m, run.scene.far_m);
+              run.scene.near_m, unit, run.scene.far_m, unit);
   std::fflush(stdout);
 }
 

@@ -91,10 +91,11 @@ Score score_image(const RenderedImage& rendered, const Image8& truth, std::span<
   REDRIVE_CHECK_OP(rendered.height, ==, truth.height);
   std::vector<float> unit(truth.rgb.size());
   std::transform(truth.rgb.begin(), truth.rgb.end(), unit.begin(), [](std::uint8_t v) { return v / 255.0f; });
-  const double psnr = psnr_db(rendered.rgb, unit, rendered.valid, rendered.width, rendered.height);
-  return {std::min(psnr, kPsnrCapDb), ssim(rendered.rgb, unit, rendered.valid, rendered.width, rendered.height),
-          flip(rendered.rgb, unit, rendered.valid, rendered.width, rendered.height),
-          median_depth_error(rendered, depth_m), 1};
+  std::vector<std::uint8_t> mask = rendered.valid;
+  for (std::size_t i = 0; i < truth.used.size(); ++i) mask[i] = mask[i] != 0 && truth.used[i] != 0;
+  const double psnr = psnr_db(rendered.rgb, unit, mask, rendered.width, rendered.height);
+  return {std::min(psnr, kPsnrCapDb), ssim(rendered.rgb, unit, mask, rendered.width, rendered.height),
+          flip(rendered.rgb, unit, mask, rendered.width, rendered.height), median_depth_error(rendered, depth_m), 1};
 }
 
 Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions& options) {

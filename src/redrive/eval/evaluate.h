@@ -48,7 +48,7 @@ struct Evaluation {
   std::optional<Alignment> alignment;  ///< of the run's trajectory with the true one, where that ships
 };
 
-/// Score of one picture over the pixels that the camera model reaches. `depth_m`: as in TruthView.
+/// Score of one picture over the pixels that the camera model reaches and the truth's mask uses. `depth_m`: as in TruthView.
 Score score_image(const RenderedImage& rendered, const Image8& truth, std::span<const float> depth_m = {});
 
 /// `limit` of `size` indices, evenly spaced over all of them; all where limit is 0 or at least size.

@@ -144,6 +144,23 @@ TEST_F(EvaluateTest, NovelTruthOfAnotherSizeIsRefused) {
   EXPECT_THROW(evaluate(run_, black_), InputError);
 }
 
+// Camera A at frame 2 is 0.4 grey; its left half is painted black by the backend and left out by the mask.
+TEST_F(EvaluateTest, MaskedPixelsDoNotCount) {
+  Image8 mask{kWidth, kHeight, std::vector<std::uint8_t>(3 * kWidth * kHeight, 0)};
+  for (int i = 0; i < kWidth * kHeight; ++i)
+    if (i % kWidth >= kWidth / 2) mask.rgb[3 * i] = 255;
+  write_image(folder_ / "mask.png", mask);
+  for (View& view : run_.scene.views) {
+    view.held_out = view.camera == 0 && view.frame == 2;
+    view.mask = {folder_ / "mask.png", true};
+  }
+  PaintBackend half([](const auto&, const auto& direction) {
+    const float value = direction[0] > 0 ? 0.3f : 0.0f;
+    return std::array<float, 3>{value, value, value};
+  });
+  EXPECT_NEAR(evaluate(run_, half).overall.psnr_db, psnr_of(0.1), 1e-4);
+}
+
 // A run that undistorts has pinhole cameras alone; a set's calibration may still hold a fisheye.
 TEST_F(EvaluateTest, AFisheyeOfTheSetIsNoMatterForARunThatUndistorts) {
   const std::string rest = R"("focal_length_px": [20, 20], "principal_point_px": [11.5, 7.5],

@@ -30,6 +30,7 @@ TruthView NovelTruth::load(std::size_t index) const {
   scene.rig = {camera};
   scene.downscale = run_.scene.downscale;
   scene.undistort = run_.scene.undistort && std::holds_alternative<OpenCvPinhole>(camera.recorded.model);
+  scene.background = run_.scene.background;
   scene.views = {{0, 0, image, false,
                   view.ecef_from_body
                       ? true_ecef_from_world_.inverse(Eigen::Isometry) * *view.ecef_from_body

@@ -2,6 +2,7 @@
 #include "redrive/rays/ray_table.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <limits>
 
@@ -17,6 +18,7 @@ void resize(RayBatch* batch, int n, bool with_target) {
   batch->direction.resize(3 * std::size_t(n));
   batch->target.resize(with_target ? 3 * std::size_t(n) : 0);
   batch->pixel_angle.resize(n);
+  batch->background.clear();
 }
 
 /// Ray `i` of the batch: entry `k` of the table, turned in double so that its length stays 1 to float's rounding.
@@ -71,6 +73,22 @@ void view_rays(const RayTable& table, const Rigid3d& world_from_camera, std::siz
   for (std::size_t i = 0; i < count; ++i) set_ray(table, first + i, world_from_camera, static_cast<int>(i), batch);
 }
 
+UsedPixels::UsedPixels(const RayTable& table, const std::vector<std::uint8_t>& used)
+    : bits_((table.pixel.size() + 63) / 64), before_(bits_.size() + 1) {
+  REDRIVE_CHECK_OP(used.size(), ==, std::size_t(table.width) * table.height);
+  for (std::size_t k = 0; k < table.pixel.size(); ++k)
+    if (used[table.pixel[k]] != 0) bits_[k / 64] |= std::uint64_t{1} << (k % 64);
+  for (std::size_t word = 0; word < bits_.size(); ++word)
+    before_[word + 1] = before_[word] + std::popcount(bits_[word]);
+}
+
+std::size_t UsedPixels::entry(std::size_t k) const {
+  const std::size_t word = std::upper_bound(before_.begin(), before_.end(), k) - before_.begin() - 1;
+  std::uint64_t bits = bits_[word];
+  for (std::size_t skip = k - before_[word]; skip > 0; --skip) bits &= bits - 1;
+  return 64 * word + std::countr_zero(bits);
+}
+
 PixelSampler::PixelSampler(const Scene& scene, const std::vector<Image8>& images, std::uint64_t seed)
     : scene_(scene), images_(images), seed_(seed) {
   REDRIVE_CHECK_OP(images.size(), ==, scene.views.size());
@@ -84,9 +102,13 @@ PixelSampler::PixelSampler(const Scene& scene, const std::vector<Image8>& images
     REDRIVE_CHECK_OP(images[i].height, ==, table.height);
     views_.push_back(static_cast<int>(i));
     world_from_camera_.push_back(scene.world_from_camera(view));
-    offsets_.push_back(offsets_.back() + table.pixel.size());
+    used_.push_back(images[i].used.empty() ? UsedPixels() : UsedPixels(table, images[i].used));
+    offsets_.push_back(offsets_.back() + (images[i].used.empty() ? table.pixel.size() : used_.back().size()));
   }
-  REDRIVE_CHECK(pixels() > 0);
+  REDRIVE_CHECK(!views_.empty());
+  if (pixels() == 0)
+    throw InputError(scene.views[views_.front()].image, "", "",
+                     "masks and camera models leave no pixel of this and all other training images");
 }
 
 std::int64_t PixelSampler::steps_per_epoch(int batch_rays) const {
@@ -100,14 +122,25 @@ void PixelSampler::gather(std::int64_t step, int batch_rays, RayBatch* batch) co
   const std::uint64_t first = static_cast<std::uint64_t>(step % steps) * batch_rays;
   const std::uint64_t key = random_key(seed_, kStreamPixels, static_cast<std::uint64_t>(epoch));
   resize(batch, static_cast<int>(std::min<std::uint64_t>(batch_rays, pixels() - first)), true);
+  const bool random_background = scene_.background == Background::kRandom;
+  const std::uint64_t background_key = random_key(seed_, kStreamBackground, static_cast<std::uint64_t>(step));
+  if (scene_.background != Background::kNone)
+    batch->background.assign(3 * std::size_t(batch->n), rendered_background(scene_.background)[0]);
   for (int i = 0; i < batch->n; ++i) {
     const std::uint64_t drawn = permute_index(key, first + i, pixels());
     const std::size_t v = std::upper_bound(offsets_.begin(), offsets_.end(), drawn) - offsets_.begin() - 1;
     const RayTable& table = tables_[scene_.views[views_[v]].camera];
-    const std::size_t k = drawn - offsets_[v];
+    const Image8& image = images_[views_[v]];
+    const std::size_t k = image.used.empty() ? drawn - offsets_[v] : used_[v].entry(drawn - offsets_[v]);
     set_ray(table, k, world_from_camera_[v], i, batch);
-    const std::uint8_t* rgb = &images_[views_[v]].rgb[3 * std::size_t(table.pixel[k])];
-    for (int c = 0; c < 3; ++c) batch->target[std::size_t(c) * batch->n + i] = rgb[c] / 255.0f;
+    const std::size_t pixel = table.pixel[k];
+    for (int c = 0; c < 3; ++c) {
+      const std::size_t at = std::size_t(c) * batch->n + i;
+      batch->target[at] = image.rgb[3 * pixel + c] / 255.0f;
+      if (!random_background) continue;
+      batch->background[at] = random_unit(background_key, 3 * std::uint64_t(i) + c);
+      batch->target[at] += (1 - image.alpha[pixel] / 255.0f) * batch->background[at];
+    }
   }
 }
 

@@ -21,10 +21,11 @@ struct RayTable {
 };
 RayTable make_ray_table(const Camera& camera);
 
-/// A batch in world metres, structure of arrays [3, n] (kernels::Rays), and the colours to meet, [3, n] in [0, 1].
+/// A batch in world metres, structure of arrays [3, n] (kernels::Rays), and the colours to meet, [3, n] in [0, 1], which a ray
+/// of opacity o shows as its colour + (1 - o) background. Without one (Background::kNone) background is empty.
 struct RayBatch {
   int n = 0;
-  std::vector<float> origin, direction, target;
+  std::vector<float> origin, direction, target, background;
   std::vector<float> pixel_angle;  ///< [n], rad: of the ray's camera
 };
 
@@ -32,10 +33,26 @@ struct RayBatch {
 void view_rays(const RayTable& table, const Rigid3d& world_from_camera, std::size_t first, std::size_t count,
                RayBatch* batch);
 
-/// The training pixels of a scene: every valid pixel of every view that is not held out, in an order shuffled anew each
-/// epoch (base/rng.h permute_index: no table, any position reachable at once, so resuming needs only the step).
+/// Which entries of a ray table a mask leaves in use: a bit each and a count every 64.
+class UsedPixels {
+ public:
+  UsedPixels() = default;
+  /// used [height, width] as in Image8, not empty.
+  UsedPixels(const RayTable& table, const std::vector<std::uint8_t>& used);
+
+  std::size_t size() const { return before_.empty() ? 0 : before_.back(); }
+  std::size_t entry(std::size_t k) const;  ///< the table's entry that is the k-th in use, k < size()
+
+ private:
+  std::vector<std::uint64_t> bits_;
+  std::vector<std::uint32_t> before_;  ///< [bits_.size() + 1]: entries in use before each word
+};
+
+/// The training pixels of a scene: every valid pixel of every view that is not held out and that no mask leaves out, in an
+/// order shuffled anew each epoch (base/rng.h permute_index: no table, any position reachable at once, so resuming needs only the step).
 class PixelSampler {
  public:
+  /// InputError: no pixel is left.
   PixelSampler(const Scene& scene, const std::vector<Image8>& images, std::uint64_t seed);
 
   std::uint64_t pixels() const { return offsets_.back(); }  ///< of one epoch
@@ -51,6 +68,7 @@ class PixelSampler {
   std::vector<RayTable> tables_;  ///< by camera of the rig
   std::vector<int> views_;        ///< training views
   std::vector<Rigid3d> world_from_camera_;
+  std::vector<UsedPixels> used_;        ///< of each training view with a mask
   std::vector<std::uint64_t> offsets_;  ///< [views_.size() + 1]: first pixel of each view
 };
 

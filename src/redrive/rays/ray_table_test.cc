@@ -6,6 +6,7 @@
 
 #include <gtest/gtest.h>
 
+#include "redrive/base/error.h"
 #include "redrive/scene/test_recording.h"
 
 namespace redrive {
@@ -131,6 +132,95 @@ TEST_F(SamplerTest, AnEpochVisitsEveryTrainingPixelOnce) {
   EXPECT_EQ(steps, std::int64_t(sampler.pixels() / batch_rays + 1));
   for (std::int64_t epoch = 0; epoch < 2; ++epoch)
     EXPECT_EQ(count_rays(sampler, epoch * steps, steps, batch_rays), expected) << epoch;
+}
+
+TEST(UsedPixels, FindsTheKthPixelInUse) {
+  RayTable table{50, 7, {}, {}};
+  std::vector<std::uint8_t> used(350, 0);
+  for (std::uint32_t pixel = 0; pixel < 350; ++pixel)
+    if (pixel % 5 != 0) table.pixel.push_back(pixel);  // 280: not a multiple of 64
+  std::vector<std::size_t> expected;
+  for (std::size_t k = 0; k < table.pixel.size(); ++k) {
+    if (k / 64 == 2 || k % 3 == 1) continue;  // the third word is empty
+    used[table.pixel[k]] = 255;
+    expected.push_back(k);
+  }
+  used[0] = 255;  // no ray
+  const UsedPixels pixels(table, used);
+  ASSERT_EQ(pixels.size(), expected.size());
+  for (std::size_t k = 0; k < expected.size(); ++k) EXPECT_EQ(pixels.entry(k), expected[k]) << k;
+  EXPECT_EQ(UsedPixels(table, std::vector<std::uint8_t>(350, 0)).size(), 0u);
+}
+
+// Two training views have masks, one of them leaves nothing.
+TEST_F(SamplerTest, MaskedPixelsAreNotDrawn) {
+  const PixelSampler whole(scene_, images_, 5);
+  std::size_t expected = whole.pixels();
+  std::vector<std::size_t> training;
+  for (std::size_t v = 0; v < scene_.views.size(); ++v)
+    if (!scene_.views[v].held_out) training.push_back(v);
+  for (const std::size_t v : {training[1], training[6]}) {
+    const RayTable table = make_ray_table(scene_.rig[scene_.views[v].camera].camera);
+    images_[v].used.assign(std::size_t(table.width) * table.height, 0);
+    for (const std::uint32_t pixel : table.pixel) {
+      if (v == training[6] && pixel % 24 >= 10) {
+        images_[v].used[pixel] = 255;
+      } else {
+        --expected;
+      }
+    }
+  }
+  const PixelSampler sampler(scene_, images_, 5);
+  ASSERT_EQ(sampler.pixels(), expected);
+  const auto counts = count_rays(sampler, 0, sampler.steps_per_epoch(100), 100);
+  const View& masked = scene_.views[training[6]];
+  const Eigen::Vector3d origin = scene_.world_from_camera(masked).translation();
+  const Eigen::Vector3d nowhere = scene_.world_from_camera(scene_.views[training[1]]).translation();
+  std::size_t rays = 0;
+  for (const auto& [ray, count] : counts) {
+    EXPECT_EQ(count, 1);
+    const Eigen::Vector3d at(ray[0], ray[1], ray[2]);
+    EXPECT_GT((at - nowhere).norm(), 1e-3);
+    if ((at - origin).norm() > 1e-3) continue;
+    ++rays;
+    EXPECT_GE(std::lround(ray[6] * 255), test_colour(masked.camera, masked.frame, 10, 0)[0])
+        << "column 10 or right of it";
+  }
+  EXPECT_EQ(rays, 14u * 16) << "columns 10 to 23 of the front camera";
+  for (Image8& image : images_) image.used.assign(image.rgb.size() / 3, 0);
+  EXPECT_THROW(PixelSampler(scene_, images_, 5), InputError);
+}
+
+TEST_F(SamplerTest, BackgroundsOfABatch) {
+  RayBatch plain, batch;
+  PixelSampler(scene_, images_, 5).gather(3, 64, &plain);
+  EXPECT_TRUE(plain.background.empty());
+  const auto expect_all = [&](Background background, float value) {
+    scene_.background = background;
+    PixelSampler(scene_, images_, 5).gather(3, 64, &batch);
+    EXPECT_EQ(batch.background, std::vector<float>(3 * 64, value));
+    EXPECT_EQ(batch.target, plain.target) << "laid over it when it was loaded";
+  };
+  expect_all(Background::kWhite, 1);
+  expect_all(Background::kBlack, 0);
+
+  scene_.background = Background::kRandom;
+  for (Image8& image : images_) image.alpha.assign(image.rgb.size() / 3, 204);  // 0.8
+  const PixelSampler sampler(scene_, images_, 5);
+  sampler.gather(3, 64, &batch);
+  ASSERT_EQ(batch.background.size(), 3u * 64);
+  double sum = 0;
+  for (std::size_t i = 0; i < batch.target.size(); ++i) {
+    EXPECT_NEAR(batch.target[i], plain.target[i] + 0.2 * batch.background[i], 1e-6);
+    EXPECT_TRUE(batch.background[i] >= 0 && batch.background[i] < 1);
+    sum += batch.background[i];
+  }
+  EXPECT_NEAR(sum / 192, 0.5, 5 * std::sqrt(1.0 / 12 / 192));  // five standard deviations of the mean
+  const std::vector<float> before = batch.background;
+  sampler.gather(4, 64, &batch);
+  EXPECT_NE(batch.background, before);
+  sampler.gather(3, 64, &batch);
+  EXPECT_EQ(batch.background, before) << "a function of seed and step";
 }
 
 TEST_F(SamplerTest, TheLastBatchOfAnEpochIsSmaller) {

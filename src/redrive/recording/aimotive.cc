@@ -8,6 +8,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/recording/wording.h"
 
 namespace redrive::aimotive {
 namespace {
@@ -36,26 +37,6 @@ std::vector<fs::path> list_folder(const fs::path& folder) {
   if (error) throw InputError(folder, "", error.message(), "the folder cannot be listed");
   std::sort(entries.begin(), entries.end());
   return entries;
-}
-
-/// "33643, 33644, 33645, ... (12 in all)"
-template <class T>
-std::string first_few(const std::vector<T>& items) {
-  constexpr std::size_t kShown = 5;
-  std::string list;
-  for (std::size_t i = 0; i < std::min(items.size(), kShown); ++i) {
-    if (i) list += ", ";
-    if constexpr (std::is_arithmetic_v<T>) {
-      list += std::to_string(items[i]);
-    } else {
-      list += items[i];
-    }
-  }
-  return items.size() <= kShown ? list : list + ", ... (" + std::to_string(items.size()) + " in all)";
-}
-
-std::string counted(std::size_t n, const std::string& noun) {
-  return std::to_string(n) + " " + noun + (n == 1 ? "" : "s");
 }
 
 /// The id of <prefix><id><extension>, or -1.
@@ -104,19 +85,19 @@ std::vector<FrameFile> list_frame_files(const fs::path& folder, const std::strin
 }
 
 /// The camera's images of frames with a pose; what is dropped or missing goes into `findings`.
-std::vector<FrameFile> collect_images(const fs::path& folder, const std::string& camera,
+std::vector<ImageFile> collect_images(const fs::path& folder, const std::string& camera,
                                       const std::vector<FramePose>& frames, std::vector<Finding>* findings) {
   std::vector<FrameFile> images = list_frame_files(folder, camera + "_", {".jpg", ".jpeg", ".png"}, camera, findings);
-  if (images.empty()) return images;
+  if (images.empty()) return {};
 
   std::set<std::int64_t> posed, seen;
   for (const FramePose& frame : frames) posed.insert(frame.id);
   std::vector<std::int64_t> without_pose, without_image;
-  std::vector<FrameFile> kept;
+  std::vector<ImageFile> kept;
   for (FrameFile& image : images) {
     seen.insert(image.frame_id);
     if (posed.contains(image.frame_id)) {
-      kept.push_back(std::move(image));
+      kept.push_back({std::move(image)});
     } else {
       without_pose.push_back(image.frame_id);
     }
@@ -176,7 +157,7 @@ Recording open(const fs::path& root, PoseSource source) {
   for (const CameraCalibration& calibration : calibrations) {
     calibrated.insert(calibration.name);
     const fs::path folder = image_root / calibration.name;
-    std::vector<FrameFile> images = collect_images(folder, calibration.name, recording.frames, &recording.findings);
+    std::vector<ImageFile> images = collect_images(folder, calibration.name, recording.frames, &recording.findings);
     if (!images.empty()) {
       recording.cameras.push_back({calibration, std::move(images)});
     } else {

@@ -6,14 +6,11 @@
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
 #include "redrive/recording/aimotive.h"
+#include "redrive/recording/calibration_fields.h"
 
 namespace redrive::aimotive {
 namespace {
 
-constexpr std::int64_t kMaxPixels = 1 << 28;  // sixteen times the largest sensors on cars
-constexpr double kMaxImageSize_px = 65536;
-constexpr double kMaxFocalLength_px = 1e6;  // 65536 px across 4 degrees
-constexpr double kMaxDistortion = 1e6;      // beyond: r^6 terms leave the range of float at 45 degrees
 constexpr double kMaxXi = 10;               // Mei: 0 pinhole, 1 parabolic mirror, fisheyes 1..3
 constexpr double kMaxMount_m = 50;          // a sensor further from the body's origin was not given in metres
 constexpr double kMaxTimeOffset_s = 1;      // beyond that it is another frame's image
@@ -53,27 +50,6 @@ Rigid3d mount_from_json(const JsonField& sensor) {
            "the sensor is more than 50 m from the body's origin; metres are expected");
   }
   return body_from_sensor;
-}
-
-int image_size_from_json(const JsonField& field) {
-  const double size = field.number();
-  if (size < 1 || size > kMaxImageSize_px || size != std::floor(size)) field.fail("expected whole pixels, 1 to 65536");
-  return static_cast<int>(size);
-}
-
-double focal_length_from_json(const JsonField& field) {
-  const double focal_length = field.number();
-  if (!(focal_length > 0 && focal_length <= kMaxFocalLength_px))
-    field.fail("expected a focal length in pixels, > 0 and <= 1e6");
-  return focal_length;
-}
-
-double principal_point_from_json(const JsonField& field, int size) {
-  const double c = field.number();
-  if (c < -size || c > 2.0 * size) {
-    field.fail("the principal point lies more than one image size (" + std::to_string(size) + " px) outside the image");
-  }
-  return c;
 }
 
 // Where the body stands in the camera instead of the reverse. The file itself often says: the inverse and the
@@ -127,19 +103,13 @@ CameraCalibration camera_from_json(const JsonField& sensor, const std::string& n
   const JsonField resolution = sensor.at("image_resolution_px"), focal = sensor.at("focal_length_px"),
                   center = sensor.at("principal_point_px"), distortion = sensor.at("distortion_coeffs");
   resolution.numbers(2), focal.numbers(2), center.numbers(2);  // shapes, before the elements
-  camera.width = image_size_from_json(resolution.at(std::size_t{0}));
-  camera.height = image_size_from_json(resolution.at(std::size_t{1}));
-  if (std::int64_t{camera.width} * camera.height > kMaxPixels) resolution.fail("expected at most 2^28 pixels");
+  image_size_from_json(resolution.at(std::size_t{0}), resolution.at(std::size_t{1}), &camera);
   camera.fx = focal_length_from_json(focal.at(std::size_t{0}));
   camera.fy = focal_length_from_json(focal.at(std::size_t{1}));
   camera.cx = principal_point_from_json(center.at(std::size_t{0}), camera.width);
   camera.cy = principal_point_from_json(center.at(std::size_t{1}), camera.height);
-  const std::vector<double> coefficients = distortion.numbers(5);
-  for (std::size_t i = 0; i < 5; ++i) {
-    if (std::abs(coefficients[i]) > kMaxDistortion)
-      distortion.at(i).fail("expected a coefficient between -1e6 and 1e6");
-    camera.distortion[i] = coefficients[i];
-  }
+  distortion.numbers(5);
+  for (std::size_t i = 0; i < 5; ++i) camera.distortion[i] = distortion_from_json(distortion.at(i));
   if (camera.model == "mei") {
     camera.xi = sensor.at("xi").number();
     if (camera.xi < 0 || camera.xi > kMaxXi) sensor.at("xi").fail("expected 0 <= xi <= 10");

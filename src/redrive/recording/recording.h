@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What a drive is, whatever format it came in: cameras with their calibration, the body's pose per frame,
-// image files, and what was odd about them. Nothing is decoded here but the metadata.
+// image files, and what was odd about them. Nothing is decoded here but the metadata. A set of photographs is one, too: its
+// body is the camera.
 #pragma once
 
 #include <array>
@@ -17,9 +18,9 @@ namespace redrive {
 /// Calibration of one camera as the file gives it; camera/camera.h makes the model out of it.
 struct CameraCalibration {
   std::string name;
-  std::string model;                      ///< "opencv_pinhole" or "mei"
+  std::string model;                      ///< "opencv_pinhole", "mei" or "opencv_fisheye"
   double fx = 0, fy = 0, cx = 0, cy = 0;  ///< pixels; integer coordinates are pixel centres (OpenCV)
-  std::array<double, 5> distortion{};     ///< k1 k2 p1 p2 k3
+  std::array<double, 5> distortion{};     ///< k1 k2 p1 p2 k3; of opencv_fisheye k1 k2 k3 k4 0
   double xi = 0;                          ///< mei only: distance of the projection centre from the sphere's
   int width = 0, height = 0;              ///< pixels
   Rigid3d body_from_sensor;               ///< camera axes x right, y down, z forward; body x forward, y left, z up
@@ -30,13 +31,31 @@ struct CameraCalibration {
 struct FramePose {
   std::int64_t id = 0;
   std::int64_t t_ns = 0;   ///< host clock
-  Rigid3d ecef_from_body;  ///< metres; ECEF magnitudes (6.4e6) are normal
+  Rigid3d ecef_from_body;  ///< metres; ECEF magnitudes (6.4e6) are normal. Recording::metric says where it is otherwise
 };
 
 /// What a sensor recorded of one frame.
 struct FrameFile {
   std::int64_t frame_id = 0;
   std::filesystem::path path;
+};
+
+/// A picture as large as an image that says which of its pixels are left out.
+struct MaskFile {
+  std::filesystem::path path;  ///< empty: there is none
+  bool black_left_out = true;  ///< false: black is used and all the rest is left out
+};
+
+/// What a camera recorded of one frame.
+struct ImageFile : FrameFile {
+  MaskFile mask;
+  bool held_out = false;  ///< by the recording's own split: not for training
+};
+
+/// Where the scene of a bounded recording is: |x - center| <= half_side along each axis.
+struct BoundingCube {
+  Eigen::Vector3d center;
+  double half_side = 0;
 };
 
 /// Something worth telling the user that does not stop the work.
@@ -47,7 +66,7 @@ struct Finding {
 
 struct RecordedCamera {
   CameraCalibration calibration;
-  std::vector<FrameFile> images;  ///< by frame id; only frames that have a pose
+  std::vector<ImageFile> images;  ///< by frame id; only frames that have a pose
 };
 
 /// Truth or request for views that were never driven: novel/<name>/poses.json.
@@ -58,7 +77,7 @@ struct NovelSet {
 
 struct Recording {
   std::filesystem::path root;
-  std::string format;                   ///< "aimotive"
+  std::string format;                   ///< "aimotive", "blender", "transforms"
   std::vector<RecordedCamera> cameras;  ///< by name; only those with images
   std::vector<FramePose> frames;        ///< by id
   std::vector<std::string> other_sensors;
@@ -69,6 +88,10 @@ struct Recording {
   std::vector<FrameFile> lidar_files;  ///< by frame id, with or without a pose: las.h reads them
   std::vector<FrameFile> box_files;    ///< by frame id, with or without a pose: boxes.h reads them
   std::filesystem::path points_file;   ///< static point cloud, ply.h reads it; empty if there is none
+  /// True: a drive, in metres and ECEF, by a clock. False: pictures in a frame and unit of their own, which take the place
+  /// of ECEF and metre everywhere; the body's axes are those of a camera that looks along body x, and t_ns only counts, 1 s a frame.
+  bool metric = true;
+  std::optional<BoundingCube> bounds;  ///< in the frame of the poses (ECEF's place); nothing: unbounded
   std::vector<Finding> findings;       ///< frames dropped for want of a pose, images missing, ...
 
   const RecordedCamera* find_camera(const std::string& name) const;

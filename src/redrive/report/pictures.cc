@@ -26,9 +26,10 @@ std::string scored(const std::string& what, const RenderedImage& rendered, const
   return what + text + depth + ")";
 }
 
-std::string metres(double value) {
+/// "0.5 m", and "0.5" where a recording has no metres.
+std::string length_text(const Run& run, double value) {
   char text[32];
-  std::snprintf(text, sizeof text, "%g m", value);
+  std::snprintf(text, sizeof text, run.recording.metric ? "%g m" : "%g", value);
   return text;
 }
 
@@ -49,7 +50,8 @@ PictureRow camera_pictures(const Run& run, kernels::Backend& backend, int camera
   const RigCamera& rig = run.scene.rig[camera];
   const View& view = figure_view(run, camera);
   const Frame& frame = run.scene.frames[view.frame];
-  const Image8 original = load_view(run.scene, view);
+  Image8 original = load_view(run.scene, view);
+  original.alpha.clear();  // as it is scored: on what pictures are rendered on
   const RayTable table = make_ray_table(rig.camera);
   const auto render_shifted = [&](ShiftAxes axes, double x_m) {
     return render_image(backend, *run.state.model, table,
@@ -62,14 +64,15 @@ PictureRow camera_pictures(const Run& run, kernels::Backend& backend, int camera
   row.title = rig.name + ", frame " + std::to_string(frame.id);
   row.pictures.push_back({rig.name + "_original", "original", original});
   row.pictures.push_back({rig.name + "_reproduced", scored("reproduced", reproduced, original), to_image8(reproduced)});
-  row.pictures.push_back({rig.name + "_perturbed", "moved " + metres(kPerturbationM) + " along x of the body (forward)",
+  row.pictures.push_back({rig.name + "_perturbed",
+                          "moved " + length_text(run, kPerturbationM) + " along x of the body (forward)",
                           to_image8(render_shifted(ShiftAxes::kBody, kPerturbationM))});
   row.pictures.push_back({rig.name + "_perturbed_camera_axes",
-                          "moved " + metres(kPerturbationM) + " along x of the camera (to its right)",
+                          "moved " + length_text(run, kPerturbationM) + " along x of the camera (to its right)",
                           to_image8(render_shifted(ShiftAxes::kCamera, kPerturbationM))});
   row.pictures.push_back({rig.name + "_depth",
-                          "depth, " + metres(run.scene.near_m) + " (blue) to " + metres(run.scene.far_m) +
-                              " (red), equal ratios equally far apart",
+                          "depth, " + length_text(run, run.scene.near_m) + " (blue) to " +
+                              length_text(run, run.scene.far_m) + " (red), equal ratios equally far apart",
                           depth_colours(reproduced, run.scene.near_m, run.scene.far_m)});
   return row;
 }

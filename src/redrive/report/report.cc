@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/report/report.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 
@@ -14,6 +15,8 @@
 
 namespace redrive {
 namespace {
+
+constexpr std::size_t kCamerasShown = 8;  // with pictures: photographs may have a camera each
 
 std::string fixed(double value, int digits) {
   if (std::isnan(value)) return "-";
@@ -156,8 +159,11 @@ void write_figures(const Run& run, kernels::Backend& backend, const FigureOption
 
   std::string body = heading(run, backend);
   body += training(run, written);  // first: it says at once if gnuplot is missing
-  std::string seen = "<h2>Pictures</h2>\n<p>A training image of each camera, chosen at random.</p>\n";
-  for (int camera = 0; camera < static_cast<int>(run.scene.rig.size()); ++camera)
+  const int cameras = static_cast<int>(std::min(run.scene.rig.size(), kCamerasShown));
+  std::string seen = "<h2>Pictures</h2>\n<p>A training image of each camera" +
+                     std::string(run.scene.rig.size() > kCamerasShown ? " (the first ones alone)" : "") +
+                     ", chosen at random.</p>\n";
+  for (int camera = 0; camera < cameras; ++camera)
     seen += pictures(folder, camera_pictures(run, backend, camera), written);
   const std::string novel = novel_views(run, backend, written);
   body += scores(evaluate(run, backend, options.eval));

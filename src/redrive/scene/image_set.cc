@@ -24,6 +24,11 @@ std::string size_text(int width, int height) { return std::to_string(width) + " 
 cv::Mat as_mat(Image8& image) { return {image.height, image.width, CV_8UC3, image.rgb.data()}; }
 cv::Mat as_mat(const Image8& image) { return as_mat(const_cast<Image8&>(image)); }
 
+/// Plane of the image's size that shares its memory.
+cv::Mat plane(const Image8& image, std::vector<std::uint8_t>& values) {
+  return {image.height, image.width, CV_8UC1, values.data()};
+}
+
 Image8 from_mat(const cv::Mat& rgb) {
   Image8 image{rgb.cols, rgb.rows, std::vector<std::uint8_t>(3 * rgb.total())};
   rgb.copyTo(as_mat(image));
@@ -61,6 +66,20 @@ cv::Mat decode_png(const std::filesystem::path& path, const std::string& bytes, 
   }
   if (decoded.empty()) throw InputError(path, "", "", "the PNG is truncated or damaged");
   return decoded;
+}
+
+/// One to four channels of 8 or 16 bits.
+Image8 from_png(const cv::Mat& decoded) {
+  cv::Mat mat = decoded, rgb;
+  if (mat.depth() == CV_16U) mat.convertTo(mat, CV_8U, 1.0 / 257);
+  const int channels = mat.channels();
+  cv::cvtColor(mat, rgb, channels == 1 ? cv::COLOR_GRAY2RGB : channels == 4 ? cv::COLOR_BGRA2RGB : cv::COLOR_BGR2RGB);
+  Image8 image = from_mat(rgb);
+  if (channels == 4) {
+    image.alpha.resize(rgb.total());
+    cv::extractChannel(mat, plane(image, image.alpha), 3);
+  }
+  return image;
 }
 
 bool is_png(const std::string& bytes) { return bytes.starts_with("\x89PNG\r\n\x1a\n"); }
@@ -102,24 +121,75 @@ UndistortMap make_undistort_map(const RigCamera& rig) {
   return map;
 }
 
+/// `used` of the image from its mask.
+void load_mask(const MaskFile& mask, Image8* image) {
+  if (mask.path.empty()) return;
+  const Image8 picture = read_image(mask.path);
+  if (picture.width != image->width || picture.height != image->height)
+    throw InputError(mask.path, "size", size_text(picture.width, picture.height),
+                     "the image that it masks has " + size_text(image->width, image->height));
+  image->used.resize(std::size_t(image->width) * image->height);
+  for (std::size_t i = 0; i < image->used.size(); ++i) {
+    const std::uint8_t* rgb = &picture.rgb[3 * i];
+    const bool black = rgb[0] == 0 && rgb[1] == 0 && rgb[2] == 0;
+    image->used[i] = black == mask.black_left_out ? 0 : 255;
+  }
+}
+
+/// Lays the picture over the background; for a random one over black, and alpha stays.
+void composite(const std::filesystem::path& path, Background background, Image8* image) {
+  if (background == Background::kNone) {
+    if (std::any_of(image->alpha.begin(), image->alpha.end(), [](std::uint8_t alpha) { return alpha != 255; }))
+      throw UsageError("--background", "",
+                       "must be white, black or random: " + path.string() + " has transparent pixels");
+    image->alpha.clear();
+    return;
+  }
+  if (image->alpha.empty())
+    throw UsageError("--background", "", "is for images with alpha, and " + path.string() + " has none");
+  const auto behind = static_cast<int>(255 * rendered_background(background)[0]);
+  for (std::size_t i = 0; i < image->rgb.size(); ++i) {
+    const int alpha = image->alpha[i / 3];
+    image->rgb[i] = static_cast<std::uint8_t>((alpha * image->rgb[i] + (255 - alpha) * behind + 127) / 255);
+  }
+  if (background != Background::kRandom) image->alpha.clear();
+}
+
 /// `map` is null unless the scene undistorts.
 Image8 load_with_map(const Scene& scene, const View& view, const UndistortMap* map) {
   const RigCamera& rig = scene.rig[view.camera];
   Image8 image = read_image(view.image);
   check_recorded_size(view.image, image.width, image.height, rig);
-  cv::Mat mat = as_mat(image);
-  if (map) {
-    cv::Mat undistorted;
-    cv::remap(mat, undistorted, map->u, map->v, cv::INTER_LINEAR, cv::BORDER_CONSTANT, cv::Scalar());
-    mat = undistorted;
+  composite(view.image, scene.background, &image);
+  load_mask(view.mask, &image);
+  if (!map && scene.downscale == 1) return image;
+
+  const int width = rig.camera.width, height = rig.camera.height, factor = scene.downscale;
+  const auto resample = [&](const cv::Mat& recorded, int border) {
+    cv::Mat mat = recorded;
+    if (map) {
+      cv::Mat undistorted;
+      cv::remap(mat, undistorted, map->u, map->v, cv::INTER_LINEAR, cv::BORDER_CONSTANT, cv::Scalar::all(border));
+      mat = undistorted;
+    }
+    if (factor > 1) {
+      cv::Mat small;
+      cv::resize(mat(cv::Rect(0, 0, width * factor, height * factor)), small, {width, height}, 0, 0, cv::INTER_AREA);
+      mat = small;
+    }
+    return mat;
+  };
+  const auto resample_plane = [&](std::vector<std::uint8_t>& values, int border) {
+    const cv::Mat mat = resample(plane(image, values), border);
+    return std::vector<std::uint8_t>(mat.begin<std::uint8_t>(), mat.end<std::uint8_t>());
+  };
+  Image8 result = from_mat(resample(as_mat(image), 0));
+  if (!image.alpha.empty()) result.alpha = resample_plane(image.alpha, 0);
+  if (!image.used.empty()) {
+    result.used = resample_plane(image.used, 255);
+    for (std::uint8_t& used : result.used) used = used == 255 ? 255 : 0;
   }
-  if (scene.downscale > 1) {
-    const int width = rig.camera.width, height = rig.camera.height, factor = scene.downscale;
-    cv::Mat small;
-    cv::resize(mat(cv::Rect(0, 0, width * factor, height * factor)), small, {width, height}, 0, 0, cv::INTER_AREA);
-    mat = small;
-  }
-  return mat.data == image.rgb.data() ? std::move(image) : from_mat(mat);
+  return result;
 }
 
 }  // namespace
@@ -129,15 +199,15 @@ Image8 read_image(const std::filesystem::path& path) {
   if (is_jpeg(bytes)) return decode_jpeg(path, bytes);
   if (!is_png(bytes))
     throw InputError(path, "", "", bytes.empty() ? "the file is empty" : "neither a JPEG nor a PNG image");
-  cv::Mat rgb;
-  cv::cvtColor(decode_png(path, bytes, cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION), rgb, cv::COLOR_BGR2RGB);
-  return from_mat(rgb);
+  return from_png(decode_png(path, bytes, cv::IMREAD_UNCHANGED));
 }
 
 void write_image(const std::filesystem::path& path, const Image8& image) {
   REDRIVE_CHECK_OP(image.rgb.size(), ==, std::size_t(3) * image.width * image.height);
   cv::Mat bgr;
-  cv::cvtColor(as_mat(image), bgr, cv::COLOR_RGB2BGR);
+  cv::cvtColor(as_mat(image), bgr, image.alpha.empty() ? cv::COLOR_RGB2BGR : cv::COLOR_RGB2BGRA);
+  if (!image.alpha.empty())
+    cv::insertChannel(plane(image, const_cast<std::vector<std::uint8_t>&>(image.alpha)), bgr, 3);
   encode_to_file(path, bgr, {cv::IMWRITE_JPEG_QUALITY, kJpegQuality});
 }
 
@@ -192,7 +262,8 @@ std::vector<Image8> load_views(const Scene& scene, ThreadPool& pool) {
   std::vector<Image8> images(scene.views.size());
   pool.run(static_cast<int>(images.size()), [&](int i) {
     const View& view = scene.views[i];
-    images[i] = load_with_map(scene, view, scene.undistort ? &maps[view.camera] : nullptr);
+    Image8 image = load_with_map(scene, view, scene.undistort ? &maps[view.camera] : nullptr);
+    if (!view.held_out) images[i] = std::move(image);
   });
   return images;
 }

@@ -50,6 +50,21 @@ TEST_F(ImageSetTest, PngComesBackExactly) {
   EXPECT_EQ(back.rgb, image.rgb);
 }
 
+TEST_F(ImageSetTest, PngKeepsAlpha) {
+  Image8 image = gradient(37, 21);
+  for (int i = 0; i < 37 * 21; ++i) image.alpha.push_back(static_cast<std::uint8_t>(3 * i));
+  write_image(root_ / "a.png", image);
+  const Image8 back = read_image(root_ / "a.png");
+  EXPECT_EQ(back.rgb, image.rgb) << "not multiplied";
+  EXPECT_EQ(back.alpha, image.alpha);
+}
+
+TEST_F(ImageSetTest, PngOfOneChannelAndOfSixteenBits) {
+  write_png16(root_ / "grey.png", 2, 1, {257 * 7, 65535});
+  EXPECT_EQ(read_image(root_ / "grey.png").rgb, (std::vector<std::uint8_t>{7, 7, 7, 255, 255, 255}));
+  EXPECT_TRUE(read_image(root_ / "grey.png").alpha.empty());
+}
+
 TEST_F(ImageSetTest, JpegComesBackAlmost) {
   const Image8 image = gradient(64, 48);
   write_image(root_ / "a.jpg", image);
@@ -120,6 +135,103 @@ TEST_F(ImageSetTest, SizeMustAgreeWithTheCalibration) {
   } catch (const InputError& error) {
     EXPECT_THAT(error.what(), testing::AllOf(HasSubstr("23 x 16"), HasSubstr("24 x 16"), HasSubstr("FRONT")));
   }
+}
+
+/// A scene of one 4 x 2 pinhole image.
+class OneView : public ImageSetTest {
+ protected:
+  OneView() {
+    CameraCalibration calibration{"CAM", "opencv_pinhole", 4, 4, 1.5, 0.5};
+    calibration.width = 4;
+    calibration.height = 2;
+    scene_.rig = {{"CAM", make_camera(calibration), make_camera(calibration), Rigid3d::Identity()}};
+    scene_.views = {{0, 0, root_ / "image.png"}};
+    image_ = {4, 2, std::vector<std::uint8_t>(24, 200)};
+  }
+  Image8 load() {
+    write_image(root_ / "image.png", image_);
+    return load_view(scene_, scene_.views[0]);
+  }
+  template <class Error>
+  std::string complaint() {
+    try {
+      load();
+    } catch (const Error& error) {
+      return error.what();
+    }
+    ADD_FAILURE() << "not refused";
+    return "";
+  }
+  void halve() {
+    scene_.downscale = 2;
+    scene_.rig[0].camera = scene_.rig[0].recorded.downscaled(2);
+  }
+  static std::vector<std::uint8_t> reds(const Image8& image) {
+    std::vector<std::uint8_t> reds;
+    for (std::size_t i = 0; i < image.rgb.size(); i += 3) reds.push_back(image.rgb[i]);
+    return reds;
+  }
+  Scene scene_;
+  Image8 image_;
+};
+
+// 200 at opacities 255, 0, 51 (a fifth) and 102 (two fifths).
+TEST_F(OneView, IsLaidOverTheBackground) {
+  image_.alpha = {255, 0, 51, 102, 255, 0, 51, 102};
+  scene_.background = Background::kWhite;
+  Image8 image = load();
+  EXPECT_EQ(reds(image), (std::vector<std::uint8_t>{200, 255, 244, 233, 200, 255, 244, 233}));
+  EXPECT_TRUE(image.alpha.empty());
+  scene_.background = Background::kBlack;
+  image = load();
+  EXPECT_EQ(reds(image), (std::vector<std::uint8_t>{200, 0, 40, 80, 200, 0, 40, 80}));
+  EXPECT_TRUE(image.alpha.empty());
+  scene_.background = Background::kRandom;
+  image = load();
+  EXPECT_EQ(reds(image), (std::vector<std::uint8_t>{200, 0, 40, 80, 200, 0, 40, 80})) << "on black";
+  EXPECT_EQ(image.alpha, image_.alpha);
+}
+
+// Means of what is seen: a transparent pixel's own colour does not count.
+TEST_F(OneView, AlphaIsScaledWithTheColours) {
+  image_.alpha = {255, 0, 51, 102, 255, 0, 51, 102};
+  for (const int i : {1, 5}) image_.rgb[3 * i] = 10;
+  halve();
+  scene_.background = Background::kWhite;
+  EXPECT_EQ(reds(load()), (std::vector<std::uint8_t>{228, 239}));  // 227.5, 238.5
+  scene_.background = Background::kRandom;
+  const Image8 image = load();
+  EXPECT_EQ(reds(image), (std::vector<std::uint8_t>{100, 60}));
+  EXPECT_EQ(image.alpha, (std::vector<std::uint8_t>{128, 77}));  // 127.5, 76.5
+}
+
+TEST_F(OneView, TransparencyAndBackgroundBelongTogether) {
+  image_.alpha.assign(8, 255);
+  EXPECT_TRUE(load().alpha.empty()) << "opaque: alpha says nothing";
+  image_.alpha[5] = 254;
+  EXPECT_THAT(complaint<UsageError>(), testing::AllOf(HasSubstr("--background"), HasSubstr("image.png")));
+  image_.alpha.clear();
+  scene_.background = Background::kBlack;
+  EXPECT_THAT(complaint<UsageError>(), testing::AllOf(HasSubstr("--background"), HasSubstr("alpha")));
+}
+
+TEST_F(OneView, MasksOfBothKinds) {
+  EXPECT_TRUE(load().used.empty());
+  Image8 mask{4, 2, std::vector<std::uint8_t>(24, 0)};
+  for (const int i : {1, 4}) mask.rgb[3 * i + 2] = 1;  // barely not black
+  write_image(root_ / "mask.png", mask);
+  scene_.views[0].mask = {root_ / "mask.png", true};
+  EXPECT_EQ(load().used, (std::vector<std::uint8_t>{0, 255, 0, 0, 255, 0, 0, 0}));
+  scene_.views[0].mask.black_left_out = false;
+  EXPECT_EQ(load().used, (std::vector<std::uint8_t>{255, 0, 255, 255, 0, 255, 255, 255}));
+  halve();
+  EXPECT_EQ(load().used, (std::vector<std::uint8_t>{0, 255})) << "what is left out in part is left out";
+}
+
+TEST_F(OneView, AMaskHasTheSizeOfItsImage) {
+  write_image(root_ / "mask.png", Image8{4, 3, std::vector<std::uint8_t>(36, 255)});
+  scene_.views[0].mask = {root_ / "mask.png", true};
+  EXPECT_THAT(complaint<InputError>(), testing::AllOf(HasSubstr("mask.png"), HasSubstr("4 x 3"), HasSubstr("4 x 2")));
 }
 
 TEST_F(ImageSetTest, ViewIsTheFileAsItIs) {

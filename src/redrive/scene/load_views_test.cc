@@ -25,6 +25,19 @@ TEST(LoadViews, InParallelAsOneByOne) {
   }
 }
 
+TEST(LoadViews, HeldOutImagesAreLookedAtAndNotKept) {
+  const TemporaryFolder folder;
+  const Recording recording = make_test_recording(folder.path, 4);
+  SceneOptions options;
+  options.holdout_every = 2;
+  const Scene scene = make_scene(recording, options);
+  ThreadPool pool(2);
+  const std::vector<Image8> images = load_views(scene, pool);
+  for (std::size_t i = 0; i < images.size(); ++i) EXPECT_EQ(images[i].rgb.empty(), scene.views[i].held_out) << i;
+  write_file(scene.views[0].image, "no image");
+  EXPECT_THROW(load_views(scene, pool), InputError);
+}
+
 TEST(LoadViews, ADamagedImageIsNamed) {
   const TemporaryFolder folder;
   const Recording recording = make_test_recording(folder.path, 8);

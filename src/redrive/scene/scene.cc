@@ -31,6 +31,14 @@ void check_ranges(const SceneOptions& options) {
           "must lie beyond --near");
 }
 
+/// Whether the recording itself holds images out.
+bool has_split(const Recording& recording) {
+  return std::any_of(recording.cameras.begin(), recording.cameras.end(), [](const RecordedCamera& camera) {
+    return std::any_of(camera.images.begin(), camera.images.end(),
+                       [](const ImageFile& image) { return image.held_out; });
+  });
+}
+
 /// The chosen cameras, in the order of the option; all of them by name where it is empty.
 std::vector<const RecordedCamera*> choose_cameras(const Recording& recording, const SceneOptions& options) {
   std::vector<const RecordedCamera*> chosen;
@@ -109,6 +117,11 @@ Rigid3d Scene::world_from_camera(const View& view) const {
   return view.world_from_body * rig[view.camera].body_from_sensor;
 }
 
+std::array<float, 3> rendered_background(Background background) {
+  const float value = background == Background::kWhite ? 1.0f : 0.0f;
+  return {value, value, value};
+}
+
 Scene make_scene(const Recording& recording, const SceneOptions& options) {
   check_ranges(options);
   if (recording.frames.empty()) throw InputError(recording.root, "", "", "the recording has no frame with a pose");
@@ -119,20 +132,29 @@ Scene make_scene(const Recording& recording, const SceneOptions& options) {
   scene.far_m = options.far_m;
   scene.downscale = options.downscale;
   scene.undistort = options.undistort;
+  scene.background = options.background;
   scene.ecef_from_world = recording.frames.front().ecef_from_body;
+  if (recording.bounds) {
+    scene.ecef_from_world = Eigen::Translation3d(recording.bounds->center);
+    scene.half_side = recording.bounds->half_side;
+  }
+  const bool own_split = has_split(recording);
+  if (own_split && options.holdout_every > 0)
+    throw UsageError("--holdout-every", std::to_string(options.holdout_every),
+                     "this recording says itself which images are held out; leave the option out");
   const Rigid3d world_from_ecef = scene.ecef_from_world.inverse();
   for (const FramePose& frame : choose_frames(recording, options))
     scene.frames.push_back({frame.id, frame.t_ns, world_from_ecef * frame.ecef_from_body});
 
   for (const RecordedCamera* recorded : choose_cameras(recording, options)) {
     std::vector<View> views;
-    for (const FrameFile& image : recorded->images) {
+    for (const ImageFile& image : recorded->images) {
       const int frame = scene.frame_index(image.frame_id);
       if (frame < 0) continue;
-      const bool held_out = options.holdout_every > 0 && frame % options.holdout_every == 0;
+      const bool held_out = image.held_out || (options.holdout_every > 0 && frame % options.holdout_every == 0);
       const std::int64_t t_ns = scene.frames[frame].t_ns + recorded->calibration.time_offset_ns;
       views.push_back({static_cast<int>(scene.rig.size()), frame, image.path, held_out,
-                       world_from_ecef * pose_at(recording.frames, t_ns)});
+                       world_from_ecef * pose_at(recording.frames, t_ns), image.mask});
     }
     if (views.empty()) {
       if (options.cameras.empty()) continue;
@@ -144,7 +166,7 @@ Scene make_scene(const Recording& recording, const SceneOptions& options) {
   if (scene.views.empty()) throw UsageError("--frames", "", "no camera has an image in the chosen frames");
   if (std::all_of(scene.views.begin(), scene.views.end(), [](const View& view) { return view.held_out; }))
     throw UsageError(
-        "--holdout-every", std::to_string(options.holdout_every),
+        own_split ? "--frames" : "--holdout-every", own_split ? "" : std::to_string(options.holdout_every),
         "leaves no image for training: only " + std::to_string(scene.frames.size()) + " frame(s) are chosen");
   scene.unit_from_world = enclosing_cube(scene);
   return scene;

@@ -3,8 +3,10 @@
 // which is held out, and the map from the world into the unit cube.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -25,7 +27,7 @@ struct RigCamera {
 struct Frame {
   std::int64_t id = 0;
   std::int64_t t_ns = 0;
-  Rigid3d world_from_body;  ///< world = the body axes of the first frame of the recording: E_P,0^-1 E_P,n, metres
+  Rigid3d world_from_body;  ///< metres; Scene::ecef_from_world says what the world is
 };
 
 /// One image: a camera of the rig at a frame.
@@ -36,6 +38,15 @@ struct View {
   bool held_out = false;
   Rigid3d world_from_body =
       Rigid3d::Identity();  ///< when the image was exposed: the frame's unless the camera has an offset
+  MaskFile mask;
+};
+
+/// What shows through where an image is transparent, in training, rendering and evaluation.
+enum class Background {
+  kNone,  ///< images have to be opaque
+  kWhite,
+  kBlack,
+  kRandom  ///< another colour for every ray of every step; pictures are rendered and scored on black
 };
 
 /// Which part of a recording a run uses. Defaults: all cameras, all frames, full size, nothing held out.
@@ -44,25 +55,34 @@ struct SceneOptions {
   std::int64_t first_frame = -1, last_frame = -1;  ///< ids, inclusive; -1: open
   int frame_step = 1;                              ///< every n-th frame that is there, >= 1
   int downscale = 1;                               ///< 1..64
-  int holdout_every = 0;          ///< 0: none; n >= 2: every n-th frame (the first one included), all cameras
+  int holdout_every = 0;          ///< 0: none; n >= 2: every n-th frame (the first one included), all cameras;
+                                  ///< only of recordings without a split of their own
   bool undistort = false;         ///< the report's way: opencv_pinhole only
   double near_m = 1, far_m = 10;  ///< 0 < near < far
+  Background background = Background::kNone;
 };
 
 struct Scene {
   std::vector<RigCamera> rig;
   std::vector<Frame> frames;
-  std::vector<View> views;        ///< by camera, then frame
-  Rigid3d ecef_from_world;        ///< the first pose of the recording (E_P,0)
-  UnitFromWorld unit_from_world;  ///< [-1, 1]^3 holds every point within far_m of a camera centre
+  std::vector<View> views;  ///< by camera, then frame
+  /// The first pose of the recording (E_P,0): the world's axes are the body's there. Of a bounded recording the axes stay
+  /// those of its poses, and the origin is its cube's center.
+  Rigid3d ecef_from_world;
+  std::optional<double> half_side;  ///< of the cube around the world's origin that holds a bounded scene
+  UnitFromWorld unit_from_world;    ///< [-1, 1]^3 holds every point within far_m of a camera centre
   double near_m = 1, far_m = 10;
   int downscale = 1;       ///< applied by load_view to each image
   bool undistort = false;  ///< likewise
+  Background background = Background::kNone;
 
   int camera_index(const std::string& name) const;    ///< -1 if there is none
   int frame_index(std::int64_t id) const;             ///< -1 if there is none
   Rigid3d world_from_camera(const View& view) const;  ///< E_P,0^-1 E_P,n E_C of the report's equation (2)
 };
+
+/// What pictures are rendered and scored on, rgb in [0, 1].
+std::array<float, 3> rendered_background(Background background);
 
 /// InputError/UsageError for an unknown camera (the known ones are listed), no frames left, --undistort of a fisheye.
 Scene make_scene(const Recording& recording, const SceneOptions& options);

@@ -121,6 +121,38 @@ TEST_F(SceneTest, HoldsOutEveryNthFrameOfAllCameras) {
   for (const View& view : scene.views) EXPECT_EQ(view.held_out, scene.frames[view.frame].id % 2 == 1);
 }
 
+TEST_F(SceneTest, TheRecordingsOwnSplitHoldsOut) {
+  recording_.cameras[0].images[2].held_out = true;
+  const Scene scene = make_scene(recording_, {});
+  for (int i = 0; i < 12; ++i) EXPECT_EQ(scene.views[i].held_out, i == 2);
+  SceneOptions options;
+  options.holdout_every = 3;
+  EXPECT_THAT(refusal(options), testing::HasSubstr("--holdout-every 3"));
+  options = {};
+  options.cameras = {"FISHEYE"};
+  options.first_frame = options.last_frame = 12;
+  EXPECT_THAT(refusal(options), testing::HasSubstr("leaves no image for training"));
+}
+
+TEST_F(SceneTest, MasksComeWithTheirImages) {
+  recording_.cameras[1].images[4].mask = {"mask.png", false};
+  const Scene scene = make_scene(recording_, {});
+  EXPECT_EQ(scene.views[10].mask.path, "mask.png");
+  EXPECT_FALSE(scene.views[10].mask.black_left_out);
+  EXPECT_TRUE(scene.views[9].mask.path.empty());
+}
+
+// The world keeps the axes of the poses and has its origin in the middle of the cube.
+TEST_F(SceneTest, ABoundedWorldIsThatOfItsCube) {
+  EXPECT_FALSE(make_scene(recording_, {}).half_side);
+  recording_.bounds = BoundingCube{{4081000, 1405000, 4679000}, 2000};
+  const Scene scene = make_scene(recording_, {});
+  EXPECT_EQ(scene.half_side, 2000);
+  const Rigid3d& pose = scene.frames[0].world_from_body;
+  EXPECT_EQ(pose.linear(), recording_.frames[0].ecef_from_body.linear());
+  EXPECT_LT((pose.translation() - Vector3d(775.25, 467.5, 608.75)).norm(), kEcefRounding_m);
+}
+
 TEST_F(SceneTest, MissingImagesAreNoViews) {
   recording_.cameras[0].images.erase(recording_.cameras[0].images.begin() + 1);
   const Scene scene = make_scene(recording_, {});

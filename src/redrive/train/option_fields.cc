@@ -175,6 +175,9 @@ std::vector<TrainField> make_fields() {
           "what the field costs"),
       number("near", &O::near_m, Range<double>{0, kInfinite, true}, "first sample of a ray, metres"),
       number("far", &O::far_m, Range<double>{0, kInfinite, true}, "last sample of a ray, metres"),
+      text("background", &O::background, {"", "white", "black", "random"},
+           "behind transparent pixels, which need one; pictures of a run on random ones are rendered and scored on "
+           "black"),
       number("width", &O::width, Range<int>{32, 512, false, 32}, "hidden units of the network"),
       number("samples", &O::samples, Range<int>{3, 1024}, "samples of a ray"),
       number("fine-samples", &O::fine_samples, Range<int>{0, 1024},

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <charconv>
 #include <functional>
+#include <limits>
 #include <set>
 
 #include <nlohmann/json.hpp>
@@ -100,6 +101,21 @@ void resolve_cameras(TrainOptions* options, const Recording& recording) {
   if (second) options->cameras.push_back(recording.find_camera(kSecondCamera) ? kSecondCamera : kSecondCameraInstead);
 }
 
+void resolve_range(TrainOptions* options, const std::vector<std::string>& given, const Recording& recording) {
+  const auto is_given = [&](const char* name) { return std::find(given.begin(), given.end(), name) != given.end(); };
+  if (!recording.bounds || !options->preset.empty() || is_given("near") || is_given("far")) return;
+  constexpr double kLeast = 0.02;  // of the half side: cameras inside the cube have it all around them
+  const auto& [center, half_side] = *recording.bounds;
+  double nearest = std::numeric_limits<double>::infinity(), furthest = 0;
+  for (const FramePose& frame : recording.frames) {
+    const Eigen::Vector3d place = (frame.ecef_from_body.translation() - center).cwiseAbs();
+    nearest = std::min(nearest, (place.array() - half_side).max(0).matrix().norm());
+    furthest = std::max(furthest, (place.array() + half_side).matrix().norm());
+  }
+  options->near_m = std::max(nearest, kLeast * half_side);
+  options->far_m = furthest;
+}
+
 void validate(const TrainOptions& options) {
   for (const TrainField& field : train_fields()) {
     field.check(options);
@@ -124,6 +140,11 @@ void validate(const TrainOptions& options) {
     if (!options.lr_milestones.empty())
       throw UsageError("--lr-milestones", "", "belong to --method nerf; --lr-gamma says what the rate ends at");
   }
+  if (options.method == "nerf" && options.background == "random")
+    throw UsageError("--background", "random", "is not for --method nerf, which knows no background; white or black");
+  if (options.method == "grid" && !options.background.empty())
+    throw UsageError("--background", options.background,
+                     "is not for --method grid yet, which learns a sky; --method nerf");
   if (options.holdout_every == 1)
     throw UsageError("--holdout-every", "1", "would leave nothing to train on; 0 or 2 and more");
   parse_frames(options.frames);
@@ -160,6 +181,9 @@ SceneOptions scene_options(const TrainOptions& options) {
   scene.undistort = options.undistort;
   scene.near_m = options.near_m;
   scene.far_m = options.far_m;
+  if (options.background == "white") scene.background = Background::kWhite;
+  if (options.background == "black") scene.background = Background::kBlack;
+  if (options.background == "random") scene.background = Background::kRandom;
   return scene;
 }
 

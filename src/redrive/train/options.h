@@ -28,6 +28,7 @@ struct TrainOptions {
   bool undistort = false;
   bool truth_poses = false;  ///< the exact poses and calibration that a made recording ships
   double near_m = 1, far_m = 10;
+  std::string background;  ///< "", "white", "black", "random": behind transparent pixels
   // field and sampling
   int width = 256;       ///< hidden units, a multiple of 32 in 32..512
   int samples = 96;      ///< per ray, 3..1024
@@ -64,6 +65,9 @@ const std::vector<TrainField>& train_fields();
 void apply_preset(TrainOptions* options, const std::vector<std::string>& given);
 /// report-1: F_MIDLONGRANGECAM_CL. report-2: that and F_MIDRANGECAM_C, or B_MIDRANGECAM_C where the recording lacks it.
 void resolve_cameras(TrainOptions* options, const Recording& recording);
+
+/// Where neither a preset nor --near and --far are `given`: of a bounded recording, what holds its cube seen from every frame.
+void resolve_range(TrainOptions* options, const std::vector<std::string>& given, const Recording& recording);
 
 /// UsageError naming option, value and rule for the first field out of range.
 void validate(const TrainOptions& options);

@@ -63,7 +63,7 @@ INSTANTIATE_TEST_SUITE_P(
                       Case{"max-seconds", "-0.5"}, Case{"max-seconds", "inf"}, Case{"max-seconds", "nan"},
                       Case{"seed", "-1"}, Case{"seed", "18446744073709551616"}, Case{"checkpoint-every", "0"},
                       Case{"threads", "-2"}, Case{"threads", "1025"}, Case{"backend", "tpu"}, Case{"isa", "sse2"},
-                      Case{"preset", "report-3"}));
+                      Case{"preset", "report-3"}, Case{"background", "grey"}, Case{"background", "random"}));
 
 TEST(TrainOptions, RefusesCamerasThatAreNamedTwiceOrNot) {
   EXPECT_THAT(complaint("cameras", "A,A"), HasSubstr("--cameras"));
@@ -91,6 +91,42 @@ TEST(TrainOptions, FramesBecomeARangeOfTheScene) {
   EXPECT_EQ(scene.first_frame, 33643);
   EXPECT_EQ(scene.last_frame, -1);
   EXPECT_EQ(scene.frame_step, 2);
+}
+
+TEST(TrainOptions, BackgroundIsTheScenes) {
+  TrainOptions options;
+  EXPECT_EQ(scene_options(options).background, Background::kNone);
+  for (const auto& [name, background] : {std::pair{"white", Background::kWhite}, std::pair{"black", Background::kBlack},
+                                         std::pair{"random", Background::kRandom}}) {
+    options.background = name;
+    EXPECT_EQ(scene_options(options).background, background);
+  }
+}
+
+// A cube from -1 to 1 around (10, 0, 0). From 4 ahead of it: 3 to its face, to its far corners (5, 1, 1); from its inside:
+// all around.
+TEST(TrainOptions, RangeHoldsTheCubeOfABoundedRecording) {
+  Recording recording;
+  recording.frames = {{0, 0, Rigid3d(Eigen::Translation3d(6, 0, 0))}};
+  TrainOptions options;
+  resolve_range(&options, {}, recording);
+  EXPECT_EQ(options.near_m, 1) << "no bounds";
+  EXPECT_EQ(options.far_m, 10);
+  recording.bounds = BoundingCube{{10, 0, 0}, 1};
+  for (const char* given : {"near", "far"}) {
+    resolve_range(&options, {"width", given}, recording);
+    EXPECT_EQ(options.far_m, 10) << given;
+  }
+  resolve_range(&options, {"width"}, recording);
+  EXPECT_NEAR(options.near_m, 3, 1e-12);
+  EXPECT_NEAR(options.far_m, std::sqrt(27.0), 1e-12);
+  recording.frames.push_back({1, 1, Rigid3d(Eigen::Translation3d(10, 0.5, 0))});
+  resolve_range(&options, {}, recording);
+  EXPECT_NEAR(options.near_m, 0.02, 1e-12);
+  options = {};
+  options.preset = "report-1";
+  resolve_range(&options, {}, recording);
+  EXPECT_EQ(options.far_m, 10);
 }
 
 TEST(TrainOptions, PresetFillsOnlyWhatWasNotGiven) {

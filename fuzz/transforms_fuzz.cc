@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: Apache-2.0
+// transforms.json: any bytes are read or refused with an InputError, nothing else.
+#include <cstddef>
+#include <cstdint>
+#include <string_view>
+
+#include "redrive/base/error.h"
+#include "redrive/recording/transforms.h"
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  const std::string_view text(reinterpret_cast<const char*>(data), size);
+  const auto size_of = [](const std::string& file) -> std::optional<redrive::transforms::ImageSize> {
+    if (file.size() % 2 == 0) return std::nullopt;
+    return redrive::transforms::ImageSize{800, 600};
+  };
+  try {
+    const auto transforms = redrive::transforms::parse(text, "transforms.json", size_of);
+    if (transforms.pictures.empty()) __builtin_trap();
+    for (const redrive::transforms::Picture& picture : transforms.pictures) {
+      if (!picture.world_from_body.matrix().allFinite()) __builtin_trap();
+      if (picture.camera && !(picture.camera->fx > 0 && picture.camera->fy > 0 && picture.camera->width > 0))
+        __builtin_trap();
+    }
+    if (transforms.bounds && !(transforms.bounds->half_side > 0 && transforms.bounds->center.allFinite()))
+      __builtin_trap();
+  } catch (const redrive::InputError&) {
+  }
+  return 0;
+}

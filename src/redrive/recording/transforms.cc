@@ -1,0 +1,181 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/recording/transforms.h"
+
+#include <algorithm>
+#include <array>
+#include <cstring>
+#include <fstream>
+#include <map>
+#include <set>
+#include <tuple>
+
+#include "redrive/base/error.h"
+#include "redrive/base/files.h"
+#include "redrive/recording/wording.h"
+
+namespace redrive::transforms {
+namespace {
+
+namespace fs = std::filesystem;
+
+bool is_there(const fs::path& path) {
+  std::error_code error;
+  return fs::is_regular_file(path, error);
+}
+
+/// The image that file_path means, with or without its extension; empty if there is none.
+fs::path find_image(const fs::path& folder, const std::string& file_path) {
+  const fs::path path = folder / file_path;
+  for (const char* extension : {"", ".png", ".jpg", ".jpeg"})
+    if (const fs::path candidate = path.string() + extension; is_there(candidate)) return candidate;
+  return {};
+}
+
+/// Of a PNG, from its first chunk.
+ImageSize png_size(const fs::path& path) {
+  unsigned char head[24] = {};
+  std::ifstream(path, std::ios::binary).read(reinterpret_cast<char*>(head), sizeof head);
+  const auto big_endian = [&](int at) {
+    return head[at] << 24 | head[at + 1] << 16 | head[at + 2] << 8 | head[at + 3];
+  };
+  const ImageSize size{big_endian(16), big_endian(20)};
+  if (std::memcmp(head, "\x89PNG\r\n\x1a\n", 8) != 0)
+    throw InputError(path, "", "", "no PNG image, and w and h are missing where the focal length stands");
+  constexpr int kMaxSide = 65536;
+  if (size.width < 1 || size.height < 1 || size.width > kMaxSide || size.height > kMaxSide)
+    throw InputError(path, "size", std::to_string(size.width) + " x " + std::to_string(size.height),
+                     "expected 1 to 65536 pixels a side");
+  return size;
+}
+
+/// nerfstudio's mask of the frame, or instant-ngp's beside the image; they mean the opposite.
+MaskFile find_mask(const fs::path& file, const Picture& picture, const fs::path& image) {
+  const fs::path dynamic = image.parent_path() / ("dynamic_mask_" + image.stem().string() + ".png");
+  if (picture.mask.empty()) return is_there(dynamic) ? MaskFile{dynamic, false} : MaskFile{};
+  if (is_there(dynamic))
+    throw InputError(file, "mask_path", picture.mask,
+                     "there is " + dynamic.string() +
+                         ", too; the one leaves out what is black, the other what is white: remove one of them");
+  const fs::path mask = file.parent_path() / picture.mask;
+  if (!is_there(mask)) throw InputError(mask, "", "", "missing; " + file.string() + " has it as mask_path");
+  return {mask, true};
+}
+
+TransformsFile read(const fs::path& file) {
+  const auto size_of = [&](const std::string& file_path) -> std::optional<ImageSize> {
+    const fs::path image = find_image(file.parent_path(), file_path);
+    if (image.empty()) return std::nullopt;
+    return png_size(image);
+  };
+  return parse(read_file(file), file, size_of);
+}
+
+/// Collects frames and images; cameras are told apart by their intrinsics.
+class Collector {
+ public:
+  explicit Collector(const fs::path& root) {
+    recording_.root = root;
+    recording_.metric = false;
+  }
+
+  void add(const fs::path& file, const Picture& picture, bool held_out) {
+    const fs::path image = find_image(file.parent_path(), picture.file);
+    if (image.empty()) {
+      missing_.push_back(picture.file);
+      return;
+    }
+    const auto id = static_cast<std::int64_t>(recording_.frames.size());
+    recording_.frames.push_back({id, id * 1'000'000'000, picture.world_from_body});
+    if (!images_.insert(image).second)
+      throw InputError(file, "file_path", picture.file, "a second frame with the image " + image.string());
+    const CameraCalibration& c = *picture.camera;
+    const auto key = std::tuple(c.model, c.fx, c.fy, c.cx, c.cy, c.distortion, c.width, c.height);
+    const auto [found, is_new] = cameras_.try_emplace(key, recording_.cameras.size());
+    if (is_new) recording_.cameras.push_back({c, {}});
+    recording_.cameras[found->second].images.push_back({{id, image}, find_mask(file, picture, image), held_out});
+  }
+
+  Recording finish(std::optional<BoundingCube> bounds) {
+    std::vector<RecordedCamera>& cameras = recording_.cameras;
+    if (!missing_.empty())
+      recording_.findings.push_back(
+          {"frames", counted(missing_.size(), "image") + " listed, but not there, left out: " + first_few(missing_)});
+    if (cameras.empty()) throw InputError(recording_.root, "", "", "empty recording: no listed image is there");
+    // As many digits as the largest number has, so that they stand in their order by name.
+    const std::size_t digits = std::to_string(cameras.size()).size();
+    for (std::size_t i = 0; i < cameras.size(); ++i) {
+      std::string number = std::to_string(i + 1);
+      number.insert(0, digits - number.size(), '0');
+      cameras[i].calibration.name = cameras.size() == 1 ? "camera" : "camera_" + number;
+    }
+    recording_.bounds = bounds;
+    return std::move(recording_);
+  }
+
+  std::vector<Finding>& findings() { return recording_.findings; }
+
+ private:
+  Recording recording_;
+  std::set<fs::path> images_;
+  std::vector<std::string> missing_;
+  std::map<std::tuple<std::string, double, double, double, double, std::array<double, 5>, int, int>, std::size_t>
+      cameras_;
+};
+
+/// Numbers in names count as numbers, so that r_10 follows r_9.
+std::vector<Picture> in_file_name_order(std::vector<Picture> pictures) {
+  std::sort(pictures.begin(), pictures.end(),
+            [](const Picture& a, const Picture& b) { return strverscmp(a.file.c_str(), b.file.c_str()) < 0; });
+  return pictures;
+}
+
+void refuse_truth(const fs::path& root, PoseSource source) {
+  if (source == PoseSource::kTruth) throw InputError(root, "", "", "this format ships no other, exact poses");
+}
+
+}  // namespace
+
+bool looks_like(const fs::path& root) { return is_there(root / "transforms.json"); }
+bool looks_like_blender(const fs::path& root) { return is_there(root / "transforms_train.json"); }
+
+Recording open(const fs::path& root, PoseSource source) {
+  refuse_truth(root, source);
+  const fs::path file = root / "transforms.json";
+  const TransformsFile transforms = read(file);
+  const auto set_of = [](const std::optional<std::vector<std::string>>& names) {
+    return names ? std::set<std::string>(names->begin(), names->end()) : std::set<std::string>();
+  };
+  const std::set<std::string> train = set_of(transforms.train),
+                              held_out = set_of(transforms.test ? transforms.test : transforms.val);
+  Collector collector(root);
+  std::vector<std::string> neither;
+  for (const Picture& picture : in_file_name_order(transforms.pictures)) {
+    const bool held = held_out.contains(picture.file), trains = train.contains(picture.file);
+    if (held && trains)
+      throw InputError(file, "train_filenames", picture.file, "is to be trained on and held out at the same time");
+    if (transforms.train && !held && !trains) {
+      neither.push_back(picture.file);
+    } else {
+      collector.add(file, picture, held);
+    }
+  }
+  if (!neither.empty())
+    collector.findings().push_back(
+        {"frames", counted(neither.size(), "image") +
+                       " in neither train_filenames nor the held-out list, left out: " + first_few(neither)});
+  return collector.finish(transforms.bounds);
+}
+
+Recording open_blender(const fs::path& root, PoseSource source) {
+  refuse_truth(root, source);
+  const fs::path train = root / "transforms_train.json", test = root / "transforms_test.json",
+                 val = root / "transforms_val.json";
+  Collector collector(root);
+  const TransformsFile training = read(train);
+  for (const Picture& picture : in_file_name_order(training.pictures)) collector.add(train, picture, false);
+  if (const fs::path held_out = is_there(test) ? test : val; is_there(held_out))
+    for (const Picture& picture : in_file_name_order(read(held_out).pictures)) collector.add(held_out, picture, true);
+  return collector.finish(training.bounds ? training.bounds : instant_ngp_cube(1));
+}
+
+}  // namespace redrive::transforms

@@ -1,0 +1,220 @@
+// SPDX-License-Identifier: Apache-2.0
+// transforms.json from bytes; transforms.cc finds the files.
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <set>
+#include <span>
+
+#include "redrive/base/error.h"
+#include "redrive/base/files.h"
+#include "redrive/recording/calibration_fields.h"
+#include "redrive/recording/transforms.h"
+
+namespace redrive::transforms {
+namespace {
+
+constexpr double kMaxPosition = 1e7;  // as for ECEF: beyond it a float of the field's frame says nothing
+constexpr double kMaxScale = 1e6;
+
+/// A frame's own fields before those that all share.
+struct Intrinsics {
+  JsonField frame, all;
+
+  std::optional<JsonField> find(std::string_view key) const {
+    if (frame.has(key)) return frame.at(key);
+    if (all.has(key)) return all.at(key);
+    return std::nullopt;
+  }
+};
+
+std::string path_from_json(const JsonField& field) {
+  std::string path = field.string();
+  std::replace(path.begin(), path.end(), '\\', '/');
+  if (path.empty() || path.find('\0') != std::string::npos) field.fail("expected the name of a file");
+  return std::filesystem::path(path).lexically_normal().string();
+}
+
+/// What would change the pictures' geometry or colours and is not supported here.
+void refuse_unsupported(const JsonField& object) {
+  for (const char* key : {"rolling_shutter", "ftheta_p0", "latlong", "equirectangular", "fisheye_crop_radius",
+                          "white_transparent", "black_transparent", "transform_matrix_start", "normal_mts_args"}) {
+    if (!object.has(key)) continue;
+    const auto says_nothing = [](const nlohmann::json& value) {
+      return value.is_null() || value == false || value == 0;
+    };
+    const nlohmann::json& value = object.at(key).json();
+    const bool nothing = value.is_array() ? std::all_of(value.begin(), value.end(), says_nothing) : says_nothing(value);
+    if (!nothing) object.at(key).fail("is not supported");
+  }
+}
+
+bool is_fisheye(const Intrinsics& intrinsics) {
+  bool fisheye = false;
+  if (const auto flag = intrinsics.find("is_fisheye")) {
+    if (!flag->json().is_boolean()) flag->fail("true or false was expected");
+    fisheye = flag->json().get<bool>();
+  }
+  const auto model = intrinsics.find("camera_model");
+  if (!model) return fisheye;
+  const std::string name = model->string();
+  if (name == "OPENCV_FISHEYE") return true;
+  for (const char* pinhole : {"OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "RADIAL", "SIMPLE_RADIAL"})
+    if (name == pinhole) return false;
+  model->fail("unknown camera model; known are OPENCV, OPENCV_FISHEYE, PINHOLE, SIMPLE_PINHOLE, RADIAL, SIMPLE_RADIAL");
+}
+
+/// 0 where the field is not there.
+double coefficient(const Intrinsics& intrinsics, const char* key) {
+  const auto field = intrinsics.find(key);
+  return field ? distortion_from_json(*field) : 0;
+}
+
+void read_distortion(const Intrinsics& intrinsics, CameraCalibration* camera) {
+  const bool fisheye = is_fisheye(intrinsics);
+  camera->model = fisheye ? "opencv_fisheye" : "opencv_pinhole";
+  constexpr const char* kFisheye[] = {"k1", "k2", "k3", "k4"};
+  constexpr const char* kPinhole[] = {"k1", "k2", "p1", "p2", "k3"};
+  int i = 0;
+  for (const char* key : fisheye ? std::span<const char* const>(kFisheye) : kPinhole)
+    camera->distortion[i++] = coefficient(intrinsics, key);
+  // Programs disagree about what k4 of a pinhole is.
+  constexpr const char* kNotFisheye[] = {"p1", "p2", "k5", "k6"};
+  constexpr const char* kNotPinhole[] = {"k4", "k5", "k6"};
+  for (const char* key : fisheye ? std::span<const char* const>(kNotFisheye) : kNotPinhole)
+    if (coefficient(intrinsics, key) != 0)
+      intrinsics.find(key)->fail("must be 0, the model " + camera->model + " has no such coefficient");
+}
+
+/// Along one axis ("x" or "y") of `object`; nothing if it does not say.
+std::optional<double> focal_length(const JsonField& object, const std::string& axis, int size) {
+  if (object.has("fl_" + axis)) return focal_length_from_json(object.at("fl_" + axis));
+  const bool degrees = object.has(axis + "_fov");
+  if (!degrees && !object.has("camera_angle_" + axis)) return std::nullopt;
+  const JsonField field = object.at(degrees ? axis + "_fov" : "camera_angle_" + axis);
+  const double angle_rad = field.number() * (degrees ? std::numbers::pi / 180 : 1);
+  if (!(angle_rad > 1e-3 && angle_rad < std::numbers::pi - 1e-3))
+    field.fail(degrees ? "expected degrees between 0.06 and 179.94" : "expected radians between 0.001 and 3.14");
+  return 0.5 * size / std::tan(0.5 * angle_rad);
+}
+
+CameraCalibration camera_from_json(const Intrinsics& intrinsics, const ImageSize& size) {
+  CameraCalibration camera;
+  camera.width = size.width;
+  camera.height = size.height;
+  for (const JsonField& object : {intrinsics.frame, intrinsics.all}) {
+    const auto x = focal_length(object, "x", size.width), y = focal_length(object, "y", size.height);
+    if (!x && !y) continue;
+    camera.fx = x ? *x : *y;
+    camera.fy = y ? *y : *x;
+    break;
+  }
+  if (camera.fx == 0) intrinsics.frame.fail("no focal length: neither fl_x nor camera_angle_x, here or for all frames");
+  read_distortion(intrinsics, &camera);
+  if (camera.model == "opencv_fisheye" && !intrinsics.find("fl_x"))
+    intrinsics.frame.fail("a fisheye needs fl_x: programs disagree about its angle of view");
+  const auto cx = intrinsics.find("cx"), cy = intrinsics.find("cy");
+  camera.cx = (cx ? principal_point_from_json(*cx, size.width) : 0.5 * size.width) - 0.5;
+  camera.cy = (cy ? principal_point_from_json(*cy, size.height) : 0.5 * size.height) - 0.5;
+  // Columns: the camera's x (right), y (down) and z (forward) in body axes x forward, y left, z up.
+  camera.body_from_sensor = Rigid3d::Identity();
+  camera.body_from_sensor.linear() << 0, 0, 1, -1, 0, 0, 0, -1, 0;
+  return camera;
+}
+
+Rigid3d world_from_body_from_json(const JsonField& field) {
+  Rigid3d world_from_body = rigid_from_json(field);
+  if (world_from_body.translation().norm() > kMaxPosition) field.fail("expected a position within 1e7 of the origin");
+  // Columns: the body's x (forward), y (left) and z (up) in OpenGL's camera axes x right, y up, z backward.
+  Eigen::Matrix3d opengl_from_body;
+  opengl_from_body << 0, -1, 0, 0, 0, 1, -1, 0, 0;
+  world_from_body.linear() = world_from_body.linear() * opengl_from_body;
+  return world_from_body;
+}
+
+std::optional<BoundingCube> bounds_from_json(const JsonField& root) {
+  if (!root.has("aabb_scale") && !root.has("aabb")) return std::nullopt;
+  const auto positive = [](const JsonField& field) {
+    const double value = field.number();
+    if (!(value > 1 / kMaxScale && value <= kMaxScale)) field.fail("expected a number above 1e-6, at most 1e6");
+    return value;
+  };
+  const double aabb_scale = root.has("aabb_scale") ? positive(root.at("aabb_scale")) : 1;
+  if (root.has("aabb")) {
+    const JsonField aabb = root.at("aabb");
+    const std::vector<double> low = aabb.at(std::size_t{0}).numbers(3), high = aabb.at(std::size_t{1}).numbers(3);
+    const Eigen::Vector3d a(low[0], low[1], low[2]), b(high[0], high[1], high[2]);
+    const double side = (b - a).cwiseAbs().maxCoeff();
+    if (!(side > 1 / kMaxScale && a.norm() <= kMaxPosition && b.norm() <= kMaxPosition))
+      aabb.fail("expected two corners of a box, within 1e7 of the origin");
+    return BoundingCube{0.5 * (a + b), 0.5 * aabb_scale * side};
+  }
+  const double scale = root.has("scale") ? positive(root.at("scale")) : 0.33;
+  Eigen::Vector3d offset = Eigen::Vector3d::Constant(0.5);
+  if (root.has("offset")) {
+    const JsonField field = root.at("offset");
+    if (field.json().is_array()) {
+      const std::vector<double> values = field.numbers(3);
+      offset = Eigen::Vector3d(values[0], values[1], values[2]);
+    } else {
+      offset.setConstant(field.number());
+    }
+    if (!(offset.norm() <= kMaxScale)) field.fail("expected at most 1e6");
+  }
+  return instant_ngp_cube(aabb_scale, scale, offset);
+}
+
+std::optional<std::vector<std::string>> names_from_json(const JsonField& root, const char* key,
+                                                        const std::set<std::string>& known) {
+  if (!root.has(key)) return std::nullopt;
+  const JsonField list = root.at(key);
+  if (!list.json().is_array()) list.fail("a list of file names was expected");
+  std::vector<std::string> names;
+  for (std::size_t i = 0; i < list.size(); ++i) {
+    names.push_back(path_from_json(list.at(i)));
+    if (!known.contains(names.back())) list.at(i).fail("is the file_path of no frame");
+  }
+  return names;
+}
+
+}  // namespace
+
+BoundingCube instant_ngp_cube(double aabb_scale, double scale, const Eigen::Vector3d& offset) {
+  return {(Eigen::Vector3d::Constant(0.5) - offset) / scale, 0.5 * aabb_scale / scale};
+}
+
+TransformsFile parse(std::string_view text, const std::filesystem::path& file,
+                     const std::function<std::optional<ImageSize>(const std::string&)>& size_of) {
+  const nlohmann::json document = parse_json(text, file);
+  const JsonField root(document, file), frames = root.at("frames");
+  if (!frames.json().is_array() || frames.size() == 0) frames.fail("expected a list of at least one frame");
+  refuse_unsupported(root);
+  TransformsFile result;
+  std::set<std::string> names;
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    const JsonField frame = frames.at(i);
+    refuse_unsupported(frame);
+    const Intrinsics intrinsics{frame, root};
+    Picture picture;
+    picture.file = path_from_json(frame.at("file_path"));
+    if (!names.insert(picture.file).second) frame.at("file_path").fail("is listed twice");
+    if (frame.has("mask_path")) picture.mask = path_from_json(frame.at("mask_path"));
+    picture.world_from_body = world_from_body_from_json(frame.at("transform_matrix"));
+    const auto width = intrinsics.find("w"), height = intrinsics.find("h");
+    if (width.has_value() != height.has_value())
+      (width ? *width : *height).fail("w and h are given together or not at all");
+    CameraCalibration size;
+    if (width) image_size_from_json(*width, *height, &size);
+    const std::optional<ImageSize> known = width ? ImageSize{size.width, size.height} : size_of(picture.file);
+    if (known) picture.camera = camera_from_json(intrinsics, *known);
+    result.pictures.push_back(std::move(picture));
+  }
+  result.bounds = bounds_from_json(root);
+  result.train = names_from_json(root, "train_filenames", names);
+  result.val = names_from_json(root, "val_filenames", names);
+  result.test = names_from_json(root, "test_filenames", names);
+  return result;
+}
+
+}  // namespace redrive::transforms

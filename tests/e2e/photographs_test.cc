@@ -1,0 +1,129 @@
+// SPDX-License-Identifier: Apache-2.0
+// A Blender set and a transforms.json from inspect to render, and what is refused about them.
+#include <nlohmann/json.hpp>
+
+#include "redrive/scene/image_set.h"
+#include "tests/e2e/e2e.h"
+
+namespace redrive::testing {
+namespace {
+
+using nlohmann::json;
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+
+constexpr int kSize = 20;
+
+/// A red disc on nothing, seen from four units away: opaque in the middle, its edge half, 20 x 20 pixels.
+Image8 disc() {
+  Image8 image{kSize, kSize, {}};
+  for (int i = 0; i < kSize * kSize; ++i) {
+    const double r = std::hypot(i % kSize - 9.5, i / kSize - 9.5);
+    image.rgb.insert(image.rgb.end(), {200, 20, 10});
+    image.alpha.push_back(r < 5 ? 255 : r < 6 ? 128 : 0);
+  }
+  return image;
+}
+
+class Photographs : public EndToEnd {
+ protected:
+  Photographs() {
+    for (const auto& [split, count] : {std::pair{"train", 4}, std::pair{"test", 2}}) {
+      json frames = json::array();
+      fs::create_directories(set_ / split);
+      for (int i = 0; i < count; ++i) {
+        const double a = 1.3 * i + (split[1] == 'e' ? 0.5 : 0), c = std::cos(a), s = std::sin(a);
+        const std::string name = std::string(split) + "/r_" + std::to_string(i);
+        // Right, up and backward of a camera on a circle that looks at its middle.
+        frames.push_back({{"file_path", "./" + name},
+                          {"transform_matrix", {{-s, 0, c, 4 * c}, {c, 0, s, 4 * s}, {0, 1, 0, 0}, {0, 0, 0, 1}}}});
+        write_image(set_ / (name + ".png"), disc());
+      }
+      write_file(set_ / ("transforms_" + std::string(split) + ".json"),
+                 json{{"camera_angle_x", 0.7}, {"frames", frames}}.dump());
+    }
+  }
+  Ended train(const std::vector<std::string>& more) const {
+    std::vector<std::string> arguments = {"train",   set_.string(), "--out",       (folder_ / "run").string(),
+                                          "--width", "32",          "--samples",   "12",
+                                          "--batch", "128",         "--max-steps", "20"};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return redrive(arguments);
+  }
+  const fs::path set_ = folder_ / "set";
+};
+
+TEST_F(Photographs, FromInspectToRender) {
+  const Ended table = redrive({"inspect", set_.string()});
+  EXPECT_EQ(table.exit_code, kExitOk) << table.err;
+  EXPECT_THAT(table.out,
+              AllOf(HasSubstr("(blender)"), HasSubstr("6, ids 0 to 5 in file-name order; no metres, no clock"),
+                    HasSubstr("1.51515 around 0 0 0"), HasSubstr("2 images by the recording's own split"),
+                    HasSubstr("--background")));
+  EXPECT_THAT(table.out, ::testing::Not(HasSubstr("driven")));
+  const Ended inspected = redrive({"inspect", set_.string(), "--json"});
+  const json report = json::parse(inspected.out);
+  EXPECT_EQ(report.at("metric"), false);
+  EXPECT_EQ(report.at("drive"), nullptr);
+  EXPECT_EQ(report.at("cameras").at(0).at("held_out"), 2);
+  EXPECT_EQ(report.at("cameras").at(0).at("alpha"), true);
+
+  const Ended trained = train({"--background", "white"});
+  ASSERT_EQ(trained.exit_code, kExitOk) << trained.err;
+  EXPECT_THAT(trained.out, HasSubstr("6 frames, 4 images for training, 2 held out"));
+  const json config = read_json(folder_ / "run/config.json");
+  EXPECT_EQ(config.at("background"), "white");
+  EXPECT_GT(config.at("near"), 1) << "cameras stand 4 from the middle of a cube of +-1.5";
+  EXPECT_LT(config.at("far"), 8);
+  const Ended scored = redrive({"eval", (folder_ / "run").string(), "--json"});
+  EXPECT_EQ(scored.exit_code, kExitOk) << scored.err;
+  EXPECT_EQ(json::parse(scored.out).at("overall").at("images"), 2);
+  const std::string run = (folder_ / "run").string(), picture = (folder_ / "a.png").string();
+  const std::vector<std::string> render = {"render", run, "--camera", "camera", "--frame", "5", "--out", picture};
+  EXPECT_EQ(redrive(render).exit_code, kExitOk);
+  EXPECT_EQ(read_image(picture).width, kSize);
+  std::vector<std::string> level = render;
+  level.insert(level.end(), {"--force", "--axes", "local"});
+  const Ended refused = redrive(level);
+  EXPECT_EQ(refused.exit_code, kExitUsage);
+  EXPECT_THAT(refused.err, HasSubstr("--axes local"));
+}
+
+TEST_F(Photographs, TransparencyNeedsABackground) {
+  Ended ended = train({});
+  EXPECT_EQ(ended.exit_code, kExitUsage);
+  EXPECT_THAT(ended.err, AllOf(HasSubstr("--background"), HasSubstr("r_0.png"), HasSubstr("transparent")));
+  ended = train({"--background", "random"});
+  EXPECT_EQ(ended.exit_code, kExitUsage);
+  EXPECT_THAT(ended.err, HasSubstr("--background random"));
+  Image8 opaque = disc();
+  opaque.alpha.clear();
+  write_image(set_ / "test/r_1.png", opaque);
+  ended = train({"--background", "white"});
+  EXPECT_EQ(ended.exit_code, kExitUsage) << "a held-out image, before the first step";
+  EXPECT_THAT(ended.err, AllOf(HasSubstr("--background"), HasSubstr("r_1.png"), HasSubstr("alpha")));
+  EXPECT_FALSE(fs::exists(folder_ / "run"));
+}
+
+TEST_F(Photographs, RefusesWhatDoesNotFit) {
+  Ended ended = train({"--background", "white", "--holdout-every", "2"});
+  EXPECT_EQ(ended.exit_code, kExitUsage);
+  EXPECT_THAT(ended.err, HasSubstr("--holdout-every 2"));
+  ended = train({"--background", "white", "--truth-poses"});
+  EXPECT_EQ(ended.exit_code, kExitBadInput);
+  write_image(set_ / "mask.png", Image8{kSize, kSize + 1, std::vector<std::uint8_t>(3 * kSize * (kSize + 1), 255)});
+  edit_json(set_ / "transforms_train.json", [](json& file) { file["frames"][3]["mask_path"] = "mask.png"; });
+  ended = train({"--background", "white"});
+  EXPECT_EQ(ended.exit_code, kExitBadInput);
+  EXPECT_THAT(ended.err, AllOf(HasSubstr("mask.png"), HasSubstr("20 x 21"), HasSubstr("20 x 20")));
+  const Ended inspected = redrive({"inspect", set_.string()});
+  EXPECT_EQ(inspected.exit_code, kExitOk) << "it looks at the first and the last image alone";
+  edit_json(set_ / "transforms_train.json", [](json& file) {
+    file["frames"][3].erase("mask_path");
+    file["frames"][0]["mask_path"] = "mask.png";
+  });
+  EXPECT_EQ(redrive({"inspect", set_.string()}).exit_code, kExitBadInput);
+}
+
+}  // namespace
+}  // namespace redrive::testing
