@@ -96,8 +96,8 @@ std::unique_ptr<Model> grid_model_of(const TrainOptions& options, const Scene& s
   for (const View& view : scene.views) cameras.extend(scene.world_from_camera(view).translation());
   for (int k = 0; k < 3; ++k) model->contraction.center[k] = static_cast<float>(cameras.center()[k]);
   model->contraction.half_m = static_cast<float>(cameras.sizes().maxCoeff() / 2 + kNearPaddingM);
-  if (scene.half_side > 0) {  // its centre is the world's
-    model->contraction = {{0, 0, 0}, static_cast<float>(scene.half_side), /*unbounded=*/false};
+  if (scene.half_side) {  // its centre is the world's
+    model->contraction = {{0, 0, 0}, static_cast<float>(*scene.half_side), /*unbounded=*/false};
     model->spacing.half_m = static_cast<float>(options.far_m);
   }
   model->field.width = options.width;
