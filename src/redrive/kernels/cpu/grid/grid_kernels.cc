@@ -80,22 +80,26 @@ REDRIVE_INLINE void find_corners(const GridLevel& level, const GridPoints& point
     out->fraction[k] = scaled - __builtin_convertvector(corner[k], Vf);
     std::memcpy(out->cell[k], &corner[k], sizeof corner[k]);
   }
-  Vi y[2], z[2];
-  const int side = level.cells + 2;
-  const std::int32_t step_y = level.dense ? side : static_cast<std::int32_t>(2654435761u),
-                     step_z = level.dense ? side * side : static_cast<std::int32_t>(805459861u);
-  y[0] = corner[1] * splat_int(step_y);
-  y[1] = y[0] + splat_int(step_y);
-  z[0] = corner[2] * splat_int(step_z);
-  z[1] = z[0] + splat_int(step_z);
-  const Vi mask = splat_int(static_cast<std::int32_t>(level.mask)), x1 = corner[0] + splat_int(1);
+  // Unsigned: a hash may wrap around.
+  const auto as_unsigned = [](Vi v) __attribute__((always_inline)) { return reinterpret_cast<Vu>(v); };
+  const auto splat_unsigned = [](std::uint32_t v) __attribute__((always_inline)) { return v - Vu{}; };
+  const std::uint32_t side = static_cast<std::uint32_t>(level.cells) + 2;
+  const Vu step_y = splat_unsigned(level.dense ? side : 2654435761u),
+           step_z = splat_unsigned(level.dense ? side * side : 805459861u);
+  Vu x[2], y[2], z[2];
+  x[0] = as_unsigned(corner[0]);
+  x[1] = x[0] + splat_unsigned(1);
+  y[0] = as_unsigned(corner[1]) * step_y;
+  y[1] = y[0] + step_y;
+  z[0] = as_unsigned(corner[2]) * step_z;
+  z[1] = z[0] + step_z;
+  const Vu mask = splat_unsigned(level.mask);
   const Vf widths = splat(2.0f) * cells * load_first(points.footprint + i, count);
   out->level_weight = one / maximum(widths, one);
   const Vf fx[2] = {one - out->fraction[0], out->fraction[0]}, fy[2] = {one - out->fraction[1], out->fraction[1]},
            fz[2] = {(one - out->fraction[2]) * out->level_weight, out->fraction[2] * out->level_weight};
   for (int c = 0; c < 8; ++c) {
-    const Vi x = (c & 1) ? x1 : corner[0];
-    const Vi row = level.dense ? x + y[c >> 1 & 1] + z[c >> 2] : (x ^ y[c >> 1 & 1] ^ z[c >> 2]) & mask;
+    const Vu row = level.dense ? x[c & 1] + y[c >> 1 & 1] + z[c >> 2] : (x[c & 1] ^ y[c >> 1 & 1] ^ z[c >> 2]) & mask;
     const Vf weight = fx[c & 1] * (fy[c >> 1 & 1] * fz[c >> 2]);
     std::memcpy(out->row[c], &row, sizeof row);
     std::memcpy(out->weight[c], &weight, sizeof weight);

@@ -22,6 +22,7 @@ constexpr int kLanes = 8;
 
 typedef float Vf __attribute__((vector_size(kLanes * 4)));
 typedef std::int32_t Vi __attribute__((vector_size(kLanes * 4)));
+typedef std::uint32_t Vu __attribute__((vector_size(kLanes * 4)));
 typedef float UnalignedVf __attribute__((vector_size(kLanes * 4), aligned(4), may_alias));
 
 REDRIVE_INLINE Vf splat(float x) { return x - Vf{}; }
