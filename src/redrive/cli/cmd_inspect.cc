@@ -135,7 +135,7 @@ void write_masks(const std::filesystem::path& folder, Inspection* result) {
     options.downscale = std::max(1, calibration.width / 640);
     const Scene scene = make_scene(result->recording, options);
     const std::vector<Image8> images = load_views(scene, pool);
-    const Mask mask = find_static_mask(scene, 0, images, result->recording.format == "aimotive");
+    const Mask mask = find_static_mask(scene, 0, images, result->recording.metric);
     report.percent_masked = 100.0 * static_cast<double>(mask.left_out()) / static_cast<double>(mask.used.size());
     write_mask(folder / (calibration.name + ".png"), mask, scene.rig[0], options.downscale);
     const std::vector<Mask> of_views = view_masks(scene, {mask}, read_moving_objects(result->recording, scene), pool);

@@ -27,30 +27,45 @@ std::vector<std::size_t> choose_views(const Scene& scene, int camera) {
   return chosen;
 }
 
-/// How many rows at the bottom are broken: bright, even, and the same in all pictures, which nothing is that a camera sees.
-int broken_rows(const std::vector<const Image8*>& images) {
-  const int width = images[0]->width, height = images[0]->height;
-  const double n = static_cast<double>(images.size());
-  int broken = 0;
-  for (; broken < height; ++broken) {
-    const std::size_t row = std::size_t(3) * width * (height - 1 - broken);
-    double sum = 0, squares_of_means = 0, variances = 0;
-    for (std::size_t i = row; i < row + std::size_t(3) * width; ++i) {
-      double values = 0, squares = 0;
-      for (const Image8* image : images) {
-        values += image->rgb[i];
-        squares += double(image->rgb[i]) * image->rgb[i];
-      }
-      const double mean = values / n;
-      sum += mean;
-      squares_of_means += mean * mean;
-      variances += std::max(0.0, squares / n - mean * mean);
+/// Brightness of one row in several pictures.
+struct RowStatistics {
+  double mean = 0;
+  double over_columns = 0;   ///< standard deviation of the pixels' means
+  double over_pictures = 0;  ///< RMS of the pixels' standard deviations
+};
+
+RowStatistics row_statistics(const std::vector<const Image8*>& images, int y) {
+  const int width = images[0]->width;
+  const double n = static_cast<double>(images.size()), count = 3.0 * width;
+  const std::size_t row = std::size_t(3) * width * y;
+  double sum = 0, squares_of_means = 0, variances = 0;
+  for (std::size_t i = row; i < row + std::size_t(3) * width; ++i) {
+    double values = 0, squares = 0;
+    for (const Image8* image : images) {
+      values += image->rgb[i];
+      squares += double(image->rgb[i]) * image->rgb[i];
     }
-    const double count = 3.0 * width, mean = sum / count;
-    const bool even = squares_of_means / count - mean * mean < 12 * 12, same = variances / count < 2 * 2;
-    if (!(mean > kBright && even && same)) break;
+    const double mean = values / n;
+    sum += mean;
+    squares_of_means += mean * mean;
+    variances += std::max(0.0, squares / n - mean * mean);
   }
-  return broken == 0 || broken == height ? 0 : std::min(broken + kRowMargin, height);
+  const double mean = sum / count;
+  return {mean, std::sqrt(std::max(0.0, squares_of_means / count - mean * mean)), std::sqrt(variances / count)};
+}
+
+/// How many rows at the bottom are broken: bright, even, and the same in pictures that differ elsewhere.
+int broken_rows(const std::vector<const Image8*>& images) {
+  const int height = images[0]->height;
+  double change = 0;
+  for (const int y : {height / 4, height / 2, height * 3 / 4})
+    change = std::max(change, row_statistics(images, y).over_pictures);
+  int broken = 0;
+  for (; broken < height / 4; ++broken) {
+    const RowStatistics row = row_statistics(images, height - 1 - broken);
+    if (row.mean < kBright || row.over_columns > 12 || row.over_pictures >= std::min(2.0, change / 2)) break;
+  }
+  return broken == 0 ? 0 : std::min(broken + kRowMargin, height);
 }
 
 /// Sets to 0 what is black in all pictures and hangs together with a corner, and a pixel more, where JPEG smears.
@@ -134,6 +149,14 @@ void leave_out_box(const PlacedBox& box, const Rigid3d& world_from_camera,
   }
 }
 
+Mask without_moving(const Scene& scene, const View& view, const Mask& of_camera, const MovingObjects& moving,
+                    const std::vector<Eigen::Vector3f>& directions) {
+  Mask mask = of_camera;
+  for (const PlacedBox& box : moving.at(scene.frames[view.frame].t_ns + scene.rig[view.camera].time_offset_ns))
+    leave_out_box(box, scene.world_from_camera(view), directions, &mask);
+  return mask;
+}
+
 }  // namespace
 
 std::size_t Mask::left_out() const { return static_cast<std::size_t>(std::count(used.begin(), used.end(), 0)); }
@@ -200,6 +223,10 @@ std::vector<Mask> static_masks(const Scene& scene, const std::vector<Image8>& im
   return masks;
 }
 
+Mask view_mask(const Scene& scene, const View& view, const Mask& of_camera, const MovingObjects& moving) {
+  return without_moving(scene, view, of_camera, moving, directions_of(scene.rig[view.camera].camera));
+}
+
 std::vector<Mask> view_masks(const Scene& scene, const std::vector<Mask>& of_cameras, const MovingObjects& moving,
                              ThreadPool& pool) {
   REDRIVE_CHECK_OP(of_cameras.size(), ==, scene.rig.size());
@@ -209,11 +236,18 @@ std::vector<Mask> view_masks(const Scene& scene, const std::vector<Mask>& of_cam
   std::vector<Mask> masks(scene.views.size());
   pool.run(static_cast<int>(masks.size()), [&](int i) {
     const View& view = scene.views[i];
-    masks[i] = of_cameras[view.camera];
-    for (const PlacedBox& box : moving.at(scene.frames[view.frame].t_ns + scene.rig[view.camera].time_offset_ns))
-      leave_out_box(box, scene.world_from_camera(view), directions[view.camera], &masks[i]);
+    masks[i] = without_moving(scene, view, of_cameras[view.camera], moving, directions[view.camera]);
   });
   return masks;
+}
+
+void leave_out(const Mask& mask, Image8* image) {
+  REDRIVE_CHECK_OP(image->width, ==, mask.width);
+  REDRIVE_CHECK_OP(image->height, ==, mask.height);
+  if (mask.left_out() == 0) return;
+  if (image->used.empty()) image->used.assign(mask.used.size(), 255);
+  for (std::size_t i = 0; i < mask.used.size(); ++i)
+    if (!mask.used[i]) image->used[i] = 0;
 }
 
 Image8 overlay(const Image8& image, const Mask& mask) {

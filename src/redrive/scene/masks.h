@@ -41,9 +41,14 @@ Mask find_static_mask(const Scene& scene, int camera, const std::vector<Image8>&
 std::vector<Mask> static_masks(const Scene& scene, const std::vector<Image8>& images,
                                const std::filesystem::path& folder, ThreadPool& pool, bool on_car);
 
-/// By view: its camera's mask without the pixels whose rays meet an annotated moving object when the picture was exposed.
+/// A camera's mask without the pixels whose rays meet an annotated moving object when the picture of `view` was exposed.
+Mask view_mask(const Scene& scene, const View& view, const Mask& of_camera, const MovingObjects& moving);
+/// The same of all views of the scene.
 std::vector<Mask> view_masks(const Scene& scene, const std::vector<Mask>& of_cameras, const MovingObjects& moving,
                              ThreadPool& pool);
+
+/// Adds what the mask leaves out to what the picture's own mask does (Image8::used): it is neither trained on nor scored.
+void leave_out(const Mask& mask, Image8* image);
 
 /// The picture with what is left out tinted red, to look at.
 Image8 overlay(const Image8& image, const Mask& mask);

@@ -89,6 +89,13 @@ TEST_F(MasksTest, BrokenRowsAndAMarginAboveThem) {
   EXPECT_EQ(find_static_mask(scene_, 1, images_, false).left_out(), 0u);
 }
 
+// A car that stands, or a picture of even colour: all rows are the same, none is broken.
+TEST_F(MasksTest, NoRowIsBrokenWhereNothingChanges) {
+  load();
+  paint(1, 0, 0, 24, 16, 200);
+  EXPECT_EQ(find_static_mask(scene_, 1, images_, true).left_out(), 0u);
+}
+
 TEST_F(MasksTest, BlackCornersOfAFisheyeAlone) {
   load();
   for (const int camera : {0, 1}) {
@@ -153,6 +160,19 @@ TEST_F(MasksTest, ParkedObjectsStay) {
   const std::vector<Mask> whole = {full_mask(20, 14), full_mask(24, 16)};
   const MovingObjects moving({}, recording_.frames, scene_.ecef_from_world);
   for (const Mask& mask : view_masks(scene_, whole, moving, pool_)) EXPECT_EQ(mask.left_out(), 0u);
+}
+
+TEST_F(MasksTest, LeavesOutWhatEitherMaskDoes) {
+  Image8 image{3, 1, std::vector<std::uint8_t>(9, 7)};
+  leave_out(full_mask(3, 1), &image);
+  EXPECT_TRUE(image.used.empty());
+  Mask mask = full_mask(3, 1);
+  mask.used[1] = 0;
+  leave_out(mask, &image);
+  EXPECT_EQ(image.used, (std::vector<std::uint8_t>{255, 0, 255}));
+  image.used[0] = 0;
+  leave_out(mask, &image);
+  EXPECT_EQ(image.used, (std::vector<std::uint8_t>{0, 0, 255}));
 }
 
 TEST_F(MasksTest, AnOverlayTintsWhatIsLeftOut) {
