@@ -467,6 +467,27 @@ TEST_P(EveryGridBackend, WeightsBackward) {
   }
 }
 
+TEST_P(EveryGridBackend, Range) {
+  const auto backend = make(), ref = make_ref_backend();
+  for (const BatchSize& size : batch_sizes()) {
+    SCOPED_TRACE(trace(size));
+    const Rows rows(size);
+    const std::vector<float> weights = random_floats(rows.count(), 275, 0, 1.9 / size.per_ray),
+                             range_m = random_floats(size.n_rays, 276, 1, 30);
+    for (const float spread_m : {0.05f, 2.0f}) {
+      std::vector<float> d(rows.count(), NAN), expected(rows.count());
+      const double loss = backend->grid().range(size.n_rays, rows.intervals(), weights, range_m, spread_m, 5, d);
+      const double expected_loss =
+          ref->grid().range(size.n_rays, rows.intervals(), weights, range_m, spread_m, 5, expected);
+      // w - g with g from two values of one function in [0, 1] that both sides round alike: one rounding in the difference, two in
+      // the products. Squares of at most 1 summed over a ray, in double over rays.
+      EXPECT_NEAR(loss, expected_loss, 2 * size.per_ray * u * expected_loss + 4 * u);
+      for (std::size_t i = 0; i < d.size(); ++i)
+        ASSERT_NEAR(d[i], expected[i], 2 * 5.0 / size.n_rays * 3 * u * (1 + std::abs(weights[i]))) << i;
+    }
+  }
+}
+
 TEST_P(EveryGridBackend, Interlevel) {
   const auto backend = make(), ref = make_ref_backend();
   int lacking_in_all = 0;
@@ -588,6 +609,9 @@ TEST_P(EveryGridBackend, SizesAreChecked) {
   EXPECT_THROW(stages.weights(3, rows.intervals(), few, n), std::logic_error);
   EXPECT_THROW(stages.weights_backward(3, rows.intervals(), n, n, n, few), std::logic_error);
   EXPECT_THROW(stages.interlevel(3, rows.intervals(), n, rows.intervals(), n, few), std::logic_error);
+  EXPECT_THROW(stages.range(3, rows.intervals(), n, few, 0.1f, 1, n), std::logic_error);
+  EXPECT_THROW(stages.range(3, rows.intervals(), n, std::vector<float>(3), 0.1f, 1, few), std::logic_error);
+  EXPECT_THROW(stages.range(3, rows.intervals(), n, std::vector<float>(3), 0, 1, n), std::logic_error);
 }
 
 /// Everything that the stages compute for one batch, end to end.
@@ -637,6 +661,8 @@ std::map<std::string, std::vector<float>> all_stages(GridStages& stages, const G
   stages.encode_backward({field, field_table}, points, d_features, d_table, d_position);
   auto& field_weights = made("field weights", n);
   stages.weights(n_rays, intervals, std::span(raw).subspan(3 * n), field_weights);
+  out["range loss"] = {static_cast<float>(stages.range(
+      n_rays, intervals, field_weights, random_floats(n_rays, 284, 1, 30), 0.5f, 2, made("range d_weights", n)))};
   auto& d_weights = made("d_weights", weights.size());
   const double loss = stages.interlevel(n_rays, intervals, field_weights, proposal, weights, d_weights);
   out["loss"] = {static_cast<float>(loss), static_cast<float>(loss * 0x1p30 - std::floor(loss * 0x1p30))};

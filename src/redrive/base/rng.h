@@ -32,12 +32,14 @@ constexpr float random_unit(std::uint64_t key, std::uint64_t index) {
 
 /// What a stream is for; one number each, never reused.
 enum RandomStream : std::uint64_t {
-  kStreamInit = 1,         ///< network initialisation
-  kStreamPixels = 2,       ///< order of training pixels; counter = epoch
-  kStreamSamples = 3,      ///< stratified sample jitter; counter = step
-  kStreamFineSamples = 4,  ///< hierarchical sampling; counter = step
-  kStreamFigures = 5,      ///< which training image a figure shows
-  kStreamBackground = 6,   ///< behind transparent pixels; counter = step
+  kStreamInit = 1,          ///< network initialisation
+  kStreamPixels = 2,        ///< order of training pixels; counter = epoch
+  kStreamSamples = 3,       ///< stratified sample jitter; counter = step
+  kStreamFineSamples = 4,   ///< hierarchical sampling; counter = step
+  kStreamFigures = 5,       ///< which training image a figure shows
+  kStreamBackground = 6,    ///< behind transparent pixels; counter = step
+  kStreamLidar = 7,         ///< order of LiDAR returns; counter = times that all were seen
+  kStreamLidarSamples = 8,  ///< jitter of samples on their rays; counter = step
   kStreamTest = 99
 };
 

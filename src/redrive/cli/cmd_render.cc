@@ -21,17 +21,17 @@ namespace {
 namespace fs = std::filesystem;
 
 struct RenderOptions {
-  std::string run, camera, frame, translate = "0,0,0", axes = "body", out, depth, poses;
+  std::string run, camera, frame, translate = "0,0,0", axes = "body", exposure = "own", out, depth, poses;
   bool relative = false, force = false;
   kernels::BackendChoice backend;
 };
 
 /// Frame ids are decimal, with or without leading zeros.
-std::int64_t parse_frame(const std::string& text) {
+std::int64_t parse_frame(const char* option, const std::string& text) {
   std::int64_t id = -1;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), id);
   if (error != std::errc{} || end != text.data() + text.size() || id < 0)
-    throw UsageError("--frame", text, "must be a frame id, a whole number from 0");
+    throw UsageError(option, text, "must be a frame id, a whole number from 0");
   return id;
 }
 
@@ -66,8 +66,22 @@ const RigCamera& find_camera(const Scene& scene, const std::string& name) {
   throw UsageError("--camera", name, "the run has no such camera; it has: " + known);
 }
 
+/// --exposure, for a view of `camera` at `frame`.
+Exposure exposure_of(const RenderOptions& options, const Run& run, const std::string& camera, std::int64_t frame) {
+  if (options.exposure == "own") return exposure_at(run.recording, run.scene, camera, frame);
+  if (options.exposure == "none") return {};
+  const std::size_t colon = options.exposure.find(':');
+  const auto fail = [&](const std::string& rule) -> void { throw UsageError("--exposure", options.exposure, rule); };
+  if (colon == std::string::npos) fail("must be own, none or CAMERA:FRAME");
+  const std::string of = options.exposure.substr(0, colon);
+  const Exposure exposure =
+      exposure_at(run.recording, run.scene, of, parse_frame("--exposure", options.exposure.substr(colon + 1)));
+  if (exposure.camera < 0) fail("the run has no such camera or the recording no such frame");
+  return exposure;
+}
+
 int render_one(const RenderOptions& options) {
-  const std::int64_t frame = parse_frame(options.frame);
+  const std::int64_t frame = parse_frame("--frame", options.frame);
   const Eigen::Vector3d shift_m = parse_translation(options.translate);
   check_output("--out", options.out, options.force, true);
   if (!options.depth.empty()) check_output("--depth", options.depth, options.force, false);
@@ -87,7 +101,8 @@ int render_one(const RenderOptions& options) {
                                                    *shift_axes_from_name(options.axes), shift_m);
   const auto backend = make_checked_backend(options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
-  const RenderedImage image = render_image(*backend, *run.state.model, camera.camera, world_from_camera);
+  const RenderedImage image = render_image(*backend, *run.state.model, camera.camera, world_from_camera,
+                                           exposure_of(options, run, camera.name, frame));
   write_image(options.out, to_image8(image));
   std::printf("%s: %d x %d\n", options.out.c_str(), image.width, image.height);
   if (!options.depth.empty()) {
@@ -111,19 +126,22 @@ int render_poses(const RenderOptions& options) {
   const std::vector<RigCamera> rig = poses_rig(poses, run.scene, /*like_run=*/false);
   std::vector<Rigid3d> world_from_camera;
   std::vector<const RigCamera*> cameras;
+  std::vector<Exposure> exposures;
   for (std::size_t i = 0; i < poses.views.size(); ++i) {  // all of them, before the first is rendered
     const RigCamera& camera = requested_camera(poses, i, rig);
     cameras.push_back(&camera);
     world_from_camera.push_back(
         requested_world_from_body(poses, i, camera, run.recording, run.scene, options.relative) *
         camera.body_from_sensor);
+    exposures.push_back(exposure_of(options, run, camera.name, poses.views[i].frame_id));
   }
 
   const auto backend = make_checked_backend(options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
   for (std::size_t i = 0; i < poses.views.size(); ++i) {
     const fs::path file = out / poses.views[i].file;
-    const RenderedImage image = render_image(*backend, *run.state.model, cameras[i]->camera, world_from_camera[i]);
+    const RenderedImage image =
+        render_image(*backend, *run.state.model, cameras[i]->camera, world_from_camera[i], exposures[i]);
     std::error_code error;
     fs::create_directories(file.parent_path(), error);
     if (error) throw IoError(file.parent_path(), error.message());
@@ -170,6 +188,12 @@ Action configure_render(CLI::App& command) {
             "--depth", options->depth,
             "also writes depth along the ray in mm as a 16-bit PNG; 65535 stands for 65.535 m and more")})
     option->excludes(poses);
+  command
+      .add_option(
+          "--exposure", options->exposure,
+          "whose exposure and white balance the picture has: own (the view's camera at its frame), none (the field's "
+          "own colours) or those of CAMERA:FRAME")
+      ->capture_default_str();
   command.add_option("--out", options->out, "image to write, .png or .jpg; with --poses the folder")->required();
   command.add_flag("--force", options->force, "overwrite images that exist");
   add_backend_options(command, &options->backend);

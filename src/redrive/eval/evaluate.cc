@@ -124,8 +124,9 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
     ScoreMean mean;
     for (const View* view : by_camera[c]) {
       const Image8 truth = load_view(run.scene, *view);  // first: a broken file must not cost a rendering
-      const Score score =
-          score_image(render_image(backend, *run.state.model, table, run.scene.world_from_camera(*view)), truth);
+      const Score score = score_image(
+          render_image(backend, *run.state.model, table, run.scene.world_from_camera(*view), run.scene.exposure(*view)),
+          truth);
       mean.add(score);
       overall.add(score);
       tell();
@@ -138,8 +139,8 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
     ScoreMean mean;
     for (const std::size_t i : chosen_of(truth)) {
       const TruthView view = truth.load(i);
-      mean.add(score_image(render_image(backend, *run.state.model, view.camera, view.world_from_camera), view.truth,
-                           view.depth_m));
+      mean.add(score_image(render_image(backend, *run.state.model, view.camera, view.world_from_camera, view.exposure),
+                           view.truth, view.depth_m));
       tell();
     }
     evaluation.novel[truth.name()] = mean.mean();

@@ -35,8 +35,12 @@ TruthView NovelTruth::load(std::size_t index) const {
                   view.ecef_from_body
                       ? true_ecef_from_world_.inverse(Eigen::Isometry) * *view.ecef_from_body
                       : requested_world_from_body(poses_, views_[index], camera, run_.recording, run_.scene, false)}};
-  TruthView truth{
-      view.file, camera.camera, scene.world_from_camera(scene.views[0]), load_view(scene, scene.views[0]), {}};
+  TruthView truth{view.file,
+                  camera.camera,
+                  scene.world_from_camera(scene.views[0]),
+                  exposure_at(run_.recording, run_.scene, camera.name, view.frame_id),
+                  load_view(scene, scene.views[0]),
+                  {}};
   const std::filesystem::path depth = image.parent_path() / (image.stem().string() + "_depth.png");
   if (std::filesystem::exists(depth)) truth.depth_m = load_depth(depth, camera);
   return truth;

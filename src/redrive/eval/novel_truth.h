@@ -19,6 +19,7 @@ struct TruthView {
   std::string name;  ///< file of the novel set
   Camera camera;
   Rigid3d world_from_camera;
+  Exposure exposure;
   Image8 truth;
   std::vector<float> depth_m;  ///< [height, width] along the ray, 0 where it is not known; empty if no depth ships
 };

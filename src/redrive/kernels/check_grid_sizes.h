@@ -46,4 +46,13 @@ inline void check_proposal(const HashGrid& grid, const UnitPoints& points, std::
   REDRIVE_CHECK_OP(density, ==, points.n);
 }
 
+inline void check_range(int n_rays, const Intervals& intervals, std::size_t weights, std::size_t range_m,
+                        float spread_m, std::size_t d_weights) {
+  check_edges(n_rays, intervals.per_ray, intervals.edges.size());
+  REDRIVE_CHECK_OP(weights, ==, interval_count(n_rays, intervals.per_ray));
+  REDRIVE_CHECK_OP(range_m, ==, static_cast<std::size_t>(n_rays));
+  REDRIVE_CHECK_OP(spread_m, >, 0);
+  REDRIVE_CHECK_OP(d_weights, ==, weights);
+}
+
 }  // namespace redrive::kernels

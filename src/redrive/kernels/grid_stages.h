@@ -95,6 +95,9 @@ class GridStages {
   virtual double interlevel(int n_rays, const Intervals& intervals, std::span<const float> weights,
                             const Intervals& proposal, std::span<const float> proposal_weights,
                             std::span<float> d_proposal) = 0;
+  /// loss/range.h range_loss of returns at range_m [n_rays], mean over rays; writes d_weights [n_rays, per_ray], `factor` times.
+  virtual double range(int n_rays, const Intervals& intervals, std::span<const float> weights,
+                       std::span<const float> range_m, float spread_m, float factor, std::span<float> d_weights) = 0;
 };
 
 }  // namespace redrive::kernels

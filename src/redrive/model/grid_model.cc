@@ -13,6 +13,21 @@ namespace {
 
 constexpr int kRaysPerTaughtRay = 4;
 
+// A surface may first be found anywhere near a return, in the end within what the range and the
+// time of a point leave uncertain.
+constexpr float kFirstSpread_m = 1, kLastSpread_m = 0.1f, kSpreadHalvesIn = 300;  // m, m, steps
+
+/// Of the mean square of all log gains against the colours' loss: a hundredth of what a camera's pictures say of one.
+constexpr float kGainWeight = 5e-4f;
+
+/// Of the chances in three rounds of sampling.
+std::array<std::uint64_t, 3> sample_keys(std::uint64_t seed, std::uint64_t stream, std::int64_t step) {
+  std::array<std::uint64_t, 3> keys;
+  for (int round = 0; round < 3; ++round)
+    keys[round] = random_key(seed, stream, 3 * static_cast<std::uint64_t>(step) + round);
+  return keys;
+}
+
 /// Where half of what a ray meets lies before: unlike the mean it does not care how far behind it the rest is.
 float median_distance(const float* edges, const float* weights, int n, float total) {
   float before = 0;
@@ -36,7 +51,7 @@ struct GridModel::Round {
 struct GridModel::Pass {
   Round proposal[2], field;
   kernels::Samples samples;
-  std::span<float> features, harmonics, raw, background, sky_features;
+  std::span<float> features, harmonics, raw, background, sky_features, gains;
   kernels::UnitPoints sky_points;
 };
 
@@ -45,7 +60,8 @@ std::size_t GridModel::part_size(int part) const {
     case kFieldGrid: return hash_grid_size(field.grid);
     case kNetwork: return grid_network_size(field);
     case kProposalGrid: return hash_grid_size(proposal);
-    default: return hash_grid_size(sky);
+    case kSkyGrid: return hash_grid_size(sky);
+    default: return appearance.size();
   }
 }
 
@@ -79,6 +95,8 @@ void GridModel::visit_numbers(NumberVisitor& visit) {
   visit("colour_layers", field.colour_layers);
   visit_grid("proposal", proposal);
   visit_grid("sky", sky);
+  visit("appearance.cameras", appearance.cameras);
+  visit("appearance.knots", appearance.knots);
   visit("contraction.center_x", contraction.center[0]);
   visit("contraction.center_y", contraction.center[1]);
   visit("contraction.center_z", contraction.center[2]);
@@ -118,6 +136,10 @@ void GridModel::check(const std::filesystem::path& file) const {
   require(field.colour_layers == 1 || field.colour_layers == 2, "colour_layers", field.colour_layers, "must be 1 or 2");
   check_grid("proposal", proposal, 1);
   check_grid("sky", sky, 4);
+  require(appearance.cameras >= 0 && appearance.cameras <= 1024, "appearance.cameras", appearance.cameras,
+          "must be in 0..1024");
+  require(appearance.knots >= 0 && appearance.knots <= 100'000, "appearance.knots", appearance.knots,
+          "must be in 0..100000");
   require(contraction.half_m > 0, "contraction.half_m", contraction.half_m, "must be above 0");
   require(spacing.near_m > 0, "near_m", spacing.near_m, "must be above 0");
   require(spacing.far_m > spacing.near_m, "far_m", spacing.far_m, "must be above near_m");
@@ -137,6 +159,8 @@ std::vector<ModelTensor> GridModel::tensors() const {
   }
   out.push_back({"proposal", numbers(kProposalGrid), offset(kProposalGrid)});
   out.push_back({"sky", numbers(kSkyGrid), offset(kSkyGrid)});
+  if (appearance.size() > 0)
+    out.push_back({"appearance", {appearance.cameras, appearance.knots, 3}, offset(kAppearance)});
   return out;
 }
 
@@ -193,15 +217,13 @@ void GridModel::look_at_sky(kernels::Backend& backend, const RayBatch& batch, Pa
     }
 }
 
-/// Two rounds of proposals, the field where the second one found something, and what it is seen before.
-GridModel::Pass GridModel::forward(kernels::Backend& backend, const RayBatch& batch, bool jitter, std::uint64_t seed,
-                                   std::int64_t step, const kernels::CompositeOut& out, Workspace* workspace) const {
+GridModel::Pass GridModel::sample(kernels::Backend& backend, const RayBatch& batch,
+                                  const std::array<std::uint64_t, 3>* keys, Workspace* workspace) const {
   kernels::GridStages& stages = backend.grid();
   const int n = batch.n;
   const std::size_t rays = n;
-  const auto key = [&](int round) {
-    return random_key(seed, kStreamSamples, 4 * static_cast<std::uint64_t>(step) + round);
-  };
+  const bool jitter = keys != nullptr;
+  const auto key = [&](int round) { return keys ? (*keys)[round] : 0; };
   Pass pass;
   for (int i = 0; i < 2; ++i) {
     const int per_ray = proposal_samples[i];
@@ -230,13 +252,21 @@ GridModel::Pass GridModel::forward(kernels::Backend& backend, const RayBatch& ba
       dt[i] = end - begin;
     }
   pass.samples = {samples, t, dt};
-
-  look_at_sky(backend, batch, &pass, workspace);
   pass.features = workspace->take(count * field.grid.outputs());
   stages.encode(grid(kFieldGrid), pass.field.points, pass.features);
   pass.raw = workspace->take(4 * count);
-  stages.network_forward(network(), n, samples, pass.features, pass.harmonics, pass.raw);
-  backend.composite_forward(n, pass.samples, pass.raw, pass.background, out);
+  return pass;
+}
+
+GridModel::Pass GridModel::forward(kernels::Backend& backend, const RayBatch& batch,
+                                   const std::array<std::uint64_t, 3>* keys, const kernels::CompositeOut& out,
+                                   Workspace* workspace) const {
+  Pass pass = sample(backend, batch, keys, workspace);
+  look_at_sky(backend, batch, &pass, workspace);
+  backend.grid().network_forward(network(), batch.n, samples, pass.features, pass.harmonics, pass.raw);
+  backend.composite_forward(batch.n, pass.samples, pass.raw, pass.background, out);
+  pass.gains = workspace->take(out.rgb.size());
+  expose(batch, out.rgb, pass.gains);
   return pass;
 }
 
@@ -244,7 +274,7 @@ void GridModel::render(kernels::Backend& backend, const RayBatch& batch, const k
                        Workspace* workspace) const {
   workspace->begin();
   const auto weights = workspace->take(static_cast<std::size_t>(batch.n) * samples);
-  const Pass pass = forward(backend, batch, false, 0, 0, {out.rgb, out.depth, out.opacity, weights}, workspace);
+  const Pass pass = forward(backend, batch, nullptr, {out.rgb, out.depth, out.opacity, weights}, workspace);
   for (int ray = 0; ray < batch.n; ++ray)
     out.depth[ray] = median_distance(&pass.field.intervals.edges[static_cast<std::size_t>(ray) * (samples + 1)],
                                      &weights[static_cast<std::size_t>(ray) * samples], samples, out.opacity[ray]);
@@ -257,38 +287,104 @@ StepLosses GridModel::gradients(kernels::Backend& backend, const RayBatch& batch
   const auto rgb = workspace->take(3 * rays), depth = workspace->take(rays), opacity = workspace->take(rays),
              weights = workspace->take(rays * samples), d_rgb = workspace->take(3 * rays);
   const kernels::CompositeOut out{rgb, depth, opacity, weights};
-  const Pass pass = forward(backend, batch, true, seed, step, out, workspace);
+  const auto keys = sample_keys(seed, kStreamSamples, step);
+  const Pass pass = forward(backend, batch, &keys, out, workspace);
 
   StepLosses losses;
   losses.rgb_mse = backend.photometric_loss(rgb, std::span(batch.target).first(3 * rays), d_rgb);
-  losses.loss = losses.rgb_mse;
+  losses.loss = losses.rgb_mse + unexpose(batch, rgb, pass.gains, d_rgb, gradients);
   for (const float value : opacity) losses.opacity += value / static_cast<double>(rays);
 
-  backward_field(backend, batch.n, pass, out, {d_rgb, {}}, gradients, workspace);
+  const auto d_raw = workspace->take(pass.raw.size());
+  backend.composite_backward(batch.n, pass.samples, pass.raw, pass.background, {d_rgb, {}}, d_raw);
+  backward_field(backend, batch.n, pass, d_raw, gradients, workspace);
+  backward_sky(backend, batch.n, pass, opacity, d_rgb, gradients, workspace);
   losses.loss += backward_proposals(backend, batch.n, pass, weights, gradients, workspace);
   return losses;
 }
 
-void GridModel::backward_field(kernels::Backend& backend, int n, const Pass& pass, const kernels::CompositeOut& out,
-                               const kernels::CompositeAdjoint& adjoint, std::span<float> gradients,
-                               Workspace* workspace) const {
+double GridModel::range_gradients(kernels::Backend& backend, const RayBatch& batch, std::uint64_t seed,
+                                  std::int64_t step, std::span<float> gradients, Workspace* workspace) const {
   kernels::GridStages& stages = backend.grid();
-  const std::size_t rays = n;
-  const auto d_raw = workspace->take(pass.raw.size()), d_features = workspace->take(pass.features.size());
-  backend.composite_backward(n, pass.samples, pass.raw, pass.background, adjoint, d_raw);
+  const std::size_t rays = batch.n, count = rays * samples;
+  workspace->begin();
+  const auto keys = sample_keys(seed, kStreamLidarSamples, step);
+  Pass pass = sample(backend, batch, &keys, workspace);
+  pass.harmonics = workspace->take(rays * kHarmonics);
+  std::ranges::fill(pass.harmonics, 0.0f);  // nobody asks for the colour
+  stages.network_forward(network(), batch.n, samples, pass.features, pass.harmonics, pass.raw);
+  const auto density = pass.raw.subspan(3 * count), weights = workspace->take(count),
+             d_weights = workspace->take(count), d_raw = workspace->take(4 * count);
+  stages.weights(batch.n, pass.field.intervals, density, weights);
+  const float spread_m =
+      std::max(kLastSpread_m, kFirstSpread_m * std::exp2(-static_cast<float>(step) / kSpreadHalvesIn));
+  const double loss =
+      stages.range(batch.n, pass.field.intervals, weights, batch.range_m, spread_m, kRangeWeight, d_weights);
+  std::ranges::fill(d_raw.first(3 * count), 0.0f);
+  stages.weights_backward(batch.n, pass.field.intervals, density, weights, d_weights, d_raw.subspan(3 * count));
+  backward_field(backend, batch.n, pass, d_raw, gradients, workspace);
+  backward_proposals(backend, batch.n, pass, weights, gradients, workspace);
+  return loss;
+}
+
+void GridModel::backward_field(kernels::Backend& backend, int n, const Pass& pass, std::span<const float> d_raw,
+                               std::span<float> gradients, Workspace* workspace) const {
+  kernels::GridStages& stages = backend.grid();
+  const auto d_features = workspace->take(pass.features.size());
   stages.network_backward(network(), n, samples, pass.features, pass.harmonics, d_raw, part_of(gradients, kNetwork),
                           d_features);
   stages.encode_backward(grid(kFieldGrid), pass.field.points, d_features, part_of(gradients, kFieldGrid), {});
+}
 
+void GridModel::backward_sky(kernels::Backend& backend, int n, const Pass& pass, std::span<const float> opacity,
+                             std::span<const float> d_rgb, std::span<float> gradients, Workspace* workspace) const {
+  const std::size_t rays = n;
   const auto d_sky = workspace->take(pass.sky_features.size());
   std::ranges::fill(d_sky, 0.0f);
   for (std::size_t ray = 0; ray < rays; ++ray)
     for (int k = 0; k < 3; ++k) {
       const float c = pass.background[k * rays + ray];
-      const float d = (1 - out.opacity[ray]) * adjoint.d_rgb[k * rays + ray] * c * (1 - c);
+      const float d = (1 - opacity[ray]) * d_rgb[k * rays + ray] * c * (1 - c);
       for (int l = 0; l < sky.levels; ++l) d_sky[(l * rays + ray) * sky.features + k] = d;
     }
-  stages.encode_backward(grid(kSkyGrid), pass.sky_points, d_sky, part_of(gradients, kSkyGrid), {});
+  backend.grid().encode_backward(grid(kSkyGrid), pass.sky_points, d_sky, part_of(gradients, kSkyGrid), {});
+}
+
+void GridModel::expose(const RayBatch& batch, std::span<float> rgb, std::span<float> gains) const {
+  const std::size_t rays = batch.n;
+  for (std::size_t ray = 0; ray < rays; ++ray) {
+    const auto of_ray =
+        colour_gains(appearance, part(kAppearance).data(), batch.exposure.empty() ? Exposure{} : batch.exposure[ray]);
+    for (int k = 0; k < 3; ++k) {
+      gains[k * rays + ray] = of_ray[k];
+      rgb[k * rays + ray] *= of_ray[k];
+    }
+  }
+}
+
+double GridModel::unexpose(const RayBatch& batch, std::span<const float> rgb, std::span<const float> gains,
+                           std::span<float> d_rgb, std::span<float> gradients) const {
+  if (appearance.size() == 0 || batch.exposure.empty()) return 0;
+  const std::size_t rays = batch.n;
+  const std::span<const float> parameters = part(kAppearance);
+  const std::span<float> d_parameters = part_of(gradients, kAppearance);
+  for (std::size_t ray = 0; ray < rays; ++ray) {
+    std::array<float, 3> of_ray, d_gains;
+    for (int k = 0; k < 3; ++k) {
+      const std::size_t at = k * rays + ray;
+      of_ray[k] = gains[at];
+      d_gains[k] = d_rgb[at] * rgb[at] / gains[at];
+      d_rgb[at] *= gains[at];
+    }
+    colour_gains_adjoint(appearance, batch.exposure[ray], of_ray, d_gains, d_parameters.data());
+  }
+  const float factor = kGainWeight * kGainOfParameter * kGainOfParameter / static_cast<float>(parameters.size());
+  double loss = 0;
+  for (std::size_t i = 0; i < parameters.size(); ++i) {
+    loss += factor * parameters[i] * parameters[i];
+    d_parameters[i] += 2 * factor * parameters[i];
+  }
+  return loss;
 }
 
 /// The proposals learn from a part of the rays, which is any part, as the batch is shuffled: they are fewer numbers than the field

@@ -5,6 +5,7 @@
 
 #include <array>
 
+#include "redrive/field/appearance.h"
 #include "redrive/field/contraction.h"
 #include "redrive/field/grid_field.h"
 #include "redrive/model/model.h"
@@ -12,10 +13,14 @@
 
 namespace redrive {
 
+/// The LiDAR's loss against the colours'.
+constexpr float kRangeWeight = 0.03f;
+
 struct GridModel final : Model {
   GridFieldConfig field{{8, 4, 16, 4096, 18}, 32, 1};
   HashGridConfig proposal{5, 1, 16, 512, 17};
   HashGridConfig sky{4, 4, 8, 256, 15};  ///< over directions; three features are colours, the sum of the levels counts
+  AppearanceConfig appearance;           ///< of no camera unless somebody says how many there are
   Contraction contraction;
   RaySpacing spacing{0.5f, 1000.0f, 20.0f};
   std::array<int, 2> proposal_samples{64, 32};  ///< per ray, first and second round
@@ -37,11 +42,13 @@ struct GridModel final : Model {
   AdamStep adam(double learning_rate, std::int64_t step) const override;
   StepLosses gradients(kernels::Backend& backend, const RayBatch& batch, std::uint64_t seed, std::int64_t step,
                        std::span<float> gradients, Workspace* workspace) const override;
+  double range_gradients(kernels::Backend& backend, const RayBatch& batch, std::uint64_t seed, std::int64_t step,
+                         std::span<float> gradients, Workspace* workspace) const override;
   void render(kernels::Backend& backend, const RayBatch& batch, const kernels::CompositeOut& out,
               Workspace* workspace) const override;
 
-  enum Part { kFieldGrid, kNetwork, kProposalGrid, kSkyGrid, kParts };
-  kernels::HashGrid grid(Part which) const;  ///< of `parameters`, any but kNetwork
+  enum Part { kFieldGrid, kNetwork, kProposalGrid, kSkyGrid, kAppearance, kParts };
+  kernels::HashGrid grid(Part which) const;  ///< of `parameters`: kFieldGrid, kProposalGrid or kSkyGrid
   kernels::GridNetwork network() const { return {field, density_scale(), part(kNetwork)}; }
 
  private:
@@ -53,13 +60,24 @@ struct GridModel final : Model {
               Workspace* workspace) const;
   /// Harmonics and background.
   void look_at_sky(kernels::Backend& backend, const RayBatch& batch, Pass* pass, Workspace* workspace) const;
-  Pass forward(kernels::Backend& backend, const RayBatch& batch, bool jitter, std::uint64_t seed, std::int64_t step,
+  /// Two rounds of proposals and the field's features where the second one found something. keys: of the three rounds' chances;
+  /// null: none.
+  Pass sample(kernels::Backend& backend, const RayBatch& batch, const std::array<std::uint64_t, 3>* keys,
+              Workspace* workspace) const;
+  Pass forward(kernels::Backend& backend, const RayBatch& batch, const std::array<std::uint64_t, 3>* keys,
                const kernels::CompositeOut& out, Workspace* workspace) const;
-  void backward_field(kernels::Backend& backend, int n, const Pass& pass, const kernels::CompositeOut& out,
-                      const kernels::CompositeAdjoint& adjoint, std::span<float> gradients, Workspace* workspace) const;
+  void backward_field(kernels::Backend& backend, int n, const Pass& pass, std::span<const float> d_raw,
+                      std::span<float> gradients, Workspace* workspace) const;
+  void backward_sky(kernels::Backend& backend, int n, const Pass& pass, std::span<const float> opacity,
+                    std::span<const float> d_rgb, std::span<float> gradients, Workspace* workspace) const;
   /// Returns the proposals' loss.
   double backward_proposals(kernels::Backend& backend, int n, const Pass& pass, std::span<const float> weights,
                             std::span<float> gradients, Workspace* workspace) const;
+  /// Colours as the batch's cameras show them; d_rgb back to what the field shows, with the gains' own gradients and the loss that
+  /// keeps them near 1.
+  void expose(const RayBatch& batch, std::span<float> rgb, std::span<float> gains) const;
+  double unexpose(const RayBatch& batch, std::span<const float> rgb, std::span<const float> gains,
+                  std::span<float> d_rgb, std::span<float> gradients) const;
   std::size_t part_size(int part) const;
   std::size_t offset(int part) const;  ///< of its first number in `parameters`
   std::span<const float> part(Part part) const { return parameters.span().subspan(offset(part), part_size(part)); }

@@ -36,10 +36,11 @@ void make_tiny(GridModel& model, int colour_layers = 1) {
   model.spacing = {0.5f, 20, 4};
   model.proposal_samples = {8, 6};
   model.samples = 5;
+  model.appearance = {2, 3};
   model.initialize(4);
   // The networks' weights stay as they begin; tables would be far too small to matter.
   for (const ModelTensor& tensor : model.tensors())
-    if (tensor.shape.size() == 1)
+    if (tensor.shape.size() != 2)
       for (std::int64_t i = 0; i < tensor.shape[0]; ++i)
         model.parameters[tensor.offset + i] = static_cast<float>(uniform(1, tensor.offset + i));
 }
@@ -60,6 +61,7 @@ RayBatch tiny_batch(int n) {
     }
     for (int k = 0; k < 3; ++k) batch.direction[k * n + ray] = static_cast<float>(d[k] / std::sqrt(square));
     batch.pixel_angle.push_back(0.02f);
+    batch.exposure.push_back({ray % 3 - 1, 0.15f * static_cast<float>(ray)});
   }
   return batch;
 }
@@ -74,6 +76,7 @@ RayBatch ray_of(const RayBatch& batch, int which) {
     one.target.push_back(batch.target[k * batch.n + which]);
   }
   one.pixel_angle = {batch.pixel_angle[which]};
+  one.exposure = {batch.exposure[which]};
   return one;
 }
 
@@ -164,6 +167,7 @@ TEST(GridModel, NumbersAreAllThatItIsMadeOf) {
   model.spacing = {0.75f, 500, 8};
   model.proposal_samples = {40, 20};
   model.samples = 10;
+  model.appearance = {5, 20};
   const Numbers numbers(model);
   EXPECT_EQ(numbers.visited, static_cast<int>(numbers.values.size())) << "two of one name";
   GridModel copy;
@@ -178,6 +182,7 @@ TEST(GridModel, NumbersAreAllThatItIsMadeOf) {
   EXPECT_EQ(copy.spacing.half_m, model.spacing.half_m);
   EXPECT_EQ(copy.proposal_samples, model.proposal_samples);
   EXPECT_EQ(copy.samples, model.samples);
+  EXPECT_EQ(copy.appearance.size(), 3u * 5 * 20);
   EXPECT_EQ(copy.size(), model.size());
   EXPECT_EQ(copy.samples_per_ray(), 40 + 20 + 10);
 }
@@ -196,6 +201,8 @@ TEST(GridModel, NumbersOutOfRangeAreRefusedByName) {
       {"proposal.levels", {0, 17}},
       {"sky.features", {1, 8}},
       {"sky.log2_rows", {3, 25}},
+      {"appearance.cameras", {-1, 1025}},
+      {"appearance.knots", {-1, 1e6}},
       {"contraction.half_m", {0, -1, kNan}},
       {"near_m", {0, -1, kNan}},
       {"far_m", {0.5, kNan}},
@@ -358,13 +365,14 @@ double difference(GridModel& model, const ModelTensor& tensor, const std::vector
 /// The gradient of one tensor against differences of the loss along its own signs and along random ones. A kink of a ReLU that h
 /// crosses costs its share, so h is small where there are any. The loss is good to half an ulp of its colours: 2^-25 / h.
 void expect_derivative(GridModel& model, const ModelTensor& tensor, const std::vector<float>& gradients,
-                       const std::function<double()>& loss) {
-  const bool rectified = tensor.name != "sky" && tensor.name != "proposal" && tensor.name != "colour.out.weight";
+                       const std::function<double()>& loss, double factor = 1) {
+  const bool rectified = tensor.name != "sky" && tensor.name != "appearance" && tensor.name != "proposal" &&
+                         tensor.name != "colour.out.weight";
   const float h = rectified ? 0x1p-14f : 0x1p-8f;
   double sum = 0, squares = 0, along = 0;
   std::vector<float> steepest, random;
   for (std::size_t i = 0; i < size_of(tensor); ++i) {
-    const float g = gradients[tensor.offset + i];
+    const float g = static_cast<float>(factor * gradients[tensor.offset + i]);
     sum += std::abs(g);
     squares += double(g) * g;
     steepest.push_back(g > 0 ? 1.0f : -1.0f);
@@ -389,6 +397,34 @@ TEST(GridModelGradients, OfFieldAndSkyAreThoseOfTheColours) {
       if (tensor.name != "proposal")
         expect_derivative(model, tensor, gradients,
                           [&] { return losses_of(model, batch, &ignored, *backend).rgb_mse; });
+  }
+}
+
+TEST(GridModelGradients, OfRangesAreThoseOfTheirLoss) {
+  const auto backend = kernels::make_ref_backend();
+  GridModel model;
+  make_tiny(model);
+  model.proposal_samples = {8, 1};  // as below
+  RayBatch batch = tiny_batch(8);
+  for (int ray = 0; ray < batch.n; ++ray) batch.range_m.push_back(1 + 2.1f * static_cast<float>(ray));
+  batch.target.clear();
+  batch.exposure.clear();
+  Workspace workspace;
+  constexpr std::int64_t kLate = 10'000;  // the last spread
+  for (const std::int64_t step : {std::int64_t{0}, kLate}) {
+    std::vector<float> gradients(model.size()), ignored(model.size());
+    const double loss = model.range_gradients(*backend, batch, kSeed, step, gradients, &workspace);
+    EXPECT_GT(loss, 0.1);
+    double of_colour = 0;
+    for (const ModelTensor& tensor : model.tensors()) {
+      if (tensor.name == "grid" || tensor.name.starts_with("density"))
+        expect_derivative(
+            model, tensor, gradients,
+            [&] { return model.range_gradients(*backend, batch, kSeed, step, ignored, &workspace); }, 1 / kRangeWeight);
+      if (tensor.name.starts_with("colour") || tensor.name == "sky" || tensor.name == "appearance")
+        for (std::size_t i = 0; i < size_of(tensor); ++i) of_colour += std::abs(gradients[tensor.offset + i]);
+    }
+    EXPECT_EQ(of_colour, 0);
   }
 }
 

@@ -21,9 +21,10 @@ namespace redrive {
 
 /// Means over a batch.
 struct StepLosses {
-  double loss = 0;     ///< what is optimised
+  double loss = 0;     ///< what is optimised, but for the LiDAR's part
   double rgb_mse = 0;  ///< squared error of the colours: what PSNR is said of
   double opacity = 0;  ///< 0 means a dead field
+  double range = 0;    ///< the LiDAR's part, if any
 };
 
 /// A tensor in the flat buffer of parameters, as a checkpoint shows it.
@@ -61,6 +62,11 @@ class Model {
   /// Losses of the batch; adds their derivatives to gradients [size()]. Random numbers are those of (seed, step).
   virtual StepLosses gradients(kernels::Backend& backend, const RayBatch& batch, std::uint64_t seed, std::int64_t step,
                                std::span<float> gradients, Workspace* workspace) const = 0;
+  /// The same of rays that end at batch.range_m: returns their loss, adds its derivatives. 0 in a method that does not use LiDAR.
+  virtual double range_gradients(kernels::Backend&, const RayBatch&, std::uint64_t, std::int64_t, std::span<float>,
+                                 Workspace*) const {
+    return 0;
+  }
   /// rgb, depth (metres along the ray) and opacity of the batch's rays, without any chance; out.weights stay as they are.
   virtual void render(kernels::Backend& backend, const RayBatch& batch, const kernels::CompositeOut& out,
                       Workspace* workspace) const = 0;

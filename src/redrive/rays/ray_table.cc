@@ -126,6 +126,7 @@ void PixelSampler::gather(std::int64_t step, int batch_rays, RayBatch* batch) co
   const std::uint64_t background_key = random_key(seed_, kStreamBackground, static_cast<std::uint64_t>(step));
   if (scene_.background != Background::kNone)
     batch->background.assign(3 * std::size_t(batch->n), rendered_background(scene_.background)[0]);
+  batch->exposure.resize(batch->n);
   for (int i = 0; i < batch->n; ++i) {
     const std::uint64_t drawn = permute_index(key, first + i, pixels());
     const std::size_t v = std::upper_bound(offsets_.begin(), offsets_.end(), drawn) - offsets_.begin() - 1;
@@ -133,6 +134,7 @@ void PixelSampler::gather(std::int64_t step, int batch_rays, RayBatch* batch) co
     const Image8& image = images_[views_[v]];
     const std::size_t k = image.used.empty() ? drawn - offsets_[v] : used_[v].entry(drawn - offsets_[v]);
     set_ray(table, k, world_from_camera_[v], i, batch);
+    batch->exposure[i] = scene_.exposure(scene_.views[views_[v]]);
     const std::size_t pixel = table.pixel[k];
     for (int c = 0; c < 3; ++c) {
       const std::size_t at = std::size_t(c) * batch->n + i;

@@ -27,6 +27,9 @@ struct RayBatch {
   int n = 0;
   std::vector<float> origin, direction, target, background;
   std::vector<float> pixel_angle;  ///< [n], rad: of the ray's camera
+  std::vector<Exposure> exposure;  ///< [n], empty: none
+  std::vector<float>
+      range_m;  ///< [n]: where a LiDAR's ray ends; empty for those of cameras, as target is for a LiDAR's
 };
 
 /// All rays of one view (rows [first_row, last_row)) for rendering: ray k belongs to pixel table.pixel[first + k].

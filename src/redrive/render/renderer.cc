@@ -17,12 +17,12 @@ constexpr int kMaxTileSamples = 1 << 20;
 }  // namespace
 
 RenderedImage render_image(kernels::Backend& backend, const Model& model, const Camera& camera,
-                           const Rigid3d& world_from_camera) {
-  return render_image(backend, model, make_ray_table(camera), world_from_camera);
+                           const Rigid3d& world_from_camera, const Exposure& exposure) {
+  return render_image(backend, model, make_ray_table(camera), world_from_camera, exposure);
 }
 
 RenderedImage render_image(kernels::Backend& backend, const Model& model, const RayTable& table,
-                           const Rigid3d& world_from_camera) {
+                           const Rigid3d& world_from_camera, const Exposure& exposure) {
   RenderedImage image;
   image.width = table.width;
   image.height = table.height;
@@ -39,6 +39,7 @@ RenderedImage render_image(kernels::Backend& backend, const Model& model, const 
   for (std::size_t first = 0; first < table.pixel.size(); first += step) {
     const std::size_t count = std::min(step, table.pixel.size() - first);
     view_rays(table, world_from_camera, first, count, &batch);
+    batch.exposure.assign(count, exposure);
     REDRIVE_CHECK_OP(static_cast<std::size_t>(batch.n), ==, count);
     rgb.resize(3 * count);
     depth.resize(count);

@@ -24,11 +24,26 @@ std::optional<ShiftAxes> shift_axes_from_name(std::string_view name) {
   return std::nullopt;
 }
 
+namespace {
+
+const FramePose* find_frame(const Recording& recording, std::int64_t id) {
+  const auto frame = std::find_if(recording.frames.begin(), recording.frames.end(),
+                                  [id](const FramePose& pose) { return pose.id == id; });
+  return frame == recording.frames.end() ? nullptr : &*frame;
+}
+
+}  // namespace
+
+Exposure exposure_at(const Recording& recording, const Scene& scene, const std::string& camera, std::int64_t frame_id) {
+  const int index = scene.camera_index(camera);
+  const FramePose* const frame = find_frame(recording, frame_id);
+  return index >= 0 && frame ? scene.exposure(index, frame->t_ns) : Exposure{};
+}
+
 std::optional<Rigid3d> world_from_body(const Recording& recording, const Scene& scene, std::int64_t frame_id,
                                        const RigCamera& camera) {
-  const auto frame = std::find_if(recording.frames.begin(), recording.frames.end(),
-                                  [frame_id](const FramePose& pose) { return pose.id == frame_id; });
-  if (frame == recording.frames.end()) return std::nullopt;
+  const FramePose* const frame = find_frame(recording, frame_id);
+  if (!frame) return std::nullopt;
   return scene.ecef_from_world.inverse(Eigen::Isometry) *
          pose_at(recording.frames, frame->t_ns + camera.time_offset_ns);
 }

@@ -27,6 +27,9 @@ std::optional<ShiftAxes> shift_axes_from_name(std::string_view name);  ///< "bod
 std::optional<Rigid3d> world_from_body(const Recording& recording, const Scene& scene, std::int64_t frame_id,
                                        const RigCamera& camera);
 
+/// Of the run's camera of that name at a frame; none where the run has no such camera or the recording no such frame.
+Exposure exposure_at(const Recording& recording, const Scene& scene, const std::string& camera, std::int64_t frame_id);
+
 /// The level axes at the body's place, in the world: columns x, y, z as ShiftAxes::kLocal says. Nothing where the pose
 /// is not on the Earth (6.2e6 to 6.6e6 m from its centre) or the heading is vertical. The normal is taken as that of the
 /// ellipsoid through the point, within 1e-6 rad of the geodetic one for heights up to 1 km.

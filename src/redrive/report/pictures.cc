@@ -56,7 +56,8 @@ PictureRow camera_pictures(const Run& run, kernels::Backend& backend, int camera
   const auto render_shifted = [&](ShiftAxes axes, double x_m) {
     return render_image(backend, *run.state.model, table,
                         shifted_camera(run.scene.ecef_from_world, view.world_from_body, rig.body_from_sensor, axes,
-                                       Eigen::Vector3d(x_m, 0, 0)));
+                                       Eigen::Vector3d(x_m, 0, 0)),
+                        run.scene.exposure(view));
   };
   const RenderedImage reproduced = render_shifted(ShiftAxes::kBody, 0);
 
@@ -81,7 +82,8 @@ PictureRow novel_pictures(const Run& run, kernels::Backend& backend, const Novel
                           const Coverage& coverage) {
   REDRIVE_CHECK_OP(truth.size(), >, 0u);
   const TruthView view = truth.load(evenly_spaced(truth.size(), 1)[0]);
-  const RenderedImage rendered = render_image(backend, *run.state.model, view.camera, view.world_from_camera);
+  const RenderedImage rendered =
+      render_image(backend, *run.state.model, view.camera, view.world_from_camera, view.exposure);
   const Image8 image = to_image8(rendered);
   const std::vector<std::uint8_t> seen = coverage.seen(view.camera, view.world_from_camera, rendered);
   const auto valid = std::count(rendered.valid.begin(), rendered.valid.end(), 1);

@@ -113,6 +113,10 @@ int Scene::frame_index(std::int64_t id) const {
   return found == frames.end() || found->id != id ? -1 : static_cast<int>(found - frames.begin());
 }
 
+Exposure Scene::exposure(int camera, std::int64_t t_ns) const {
+  return {camera, static_cast<float>(1e-9 * static_cast<double>(t_ns - frames.front().t_ns))};
+}
+
 Rigid3d Scene::world_from_camera(const View& view) const {
   return view.world_from_body * rig[view.camera].body_from_sensor;
 }
@@ -133,6 +137,7 @@ Scene make_scene(const Recording& recording, const SceneOptions& options) {
   scene.downscale = options.downscale;
   scene.undistort = options.undistort;
   scene.background = options.background;
+  scene.metric = recording.metric;
   scene.ecef_from_world = recording.frames.front().ecef_from_body;
   if (recording.bounds) {
     scene.ecef_from_world = Eigen::Translation3d(recording.bounds->center);

@@ -12,6 +12,7 @@
 
 #include "redrive/camera/camera.h"
 #include "redrive/recording/recording.h"
+#include "redrive/scene/exposure.h"
 #include "redrive/scene/unit_from_world.h"
 
 namespace redrive {
@@ -75,10 +76,13 @@ struct Scene {
   int downscale = 1;       ///< applied by load_view to each image
   bool undistort = false;  ///< likewise
   Background background = Background::kNone;
+  bool metric = true;  ///< Recording::metric: metres and a clock
 
   int camera_index(const std::string& name) const;    ///< -1 if there is none
   int frame_index(std::int64_t id) const;             ///< -1 if there is none
   Rigid3d world_from_camera(const View& view) const;  ///< E_P,0^-1 E_P,n E_C of the report's equation (2)
+  Exposure exposure(int camera, std::int64_t t_ns) const;
+  Exposure exposure(const View& view) const { return exposure(view.camera, frames[view.frame].t_ns); }
 };
 
 /// What pictures are rendered and scored on, rgb in [0, 1].

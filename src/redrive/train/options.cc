@@ -75,6 +75,7 @@ void apply_preset(TrainOptions* options, const std::vector<std::string>& given) 
     set("width", options->width, 32);
     set("samples", options->samples, 24);
     set("batch", options->batch_rays, 2048);
+    set("lidar-rays", options->lidar_rays, 512);
     set("learning-rate", options->learning_rate, 2e-2);
     set("lr-gamma", options->lr_gamma, 0.1);
     set("epochs", options->epochs, 10000);

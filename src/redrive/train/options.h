@@ -35,6 +35,7 @@ struct TrainOptions {
   int fine_samples = 0;  ///< per ray, 0..1024: hierarchical sampling with a second network
   // optimisation
   int batch_rays = 1024;                    ///< 1..65536
+  int lidar_rays = 0;                       ///< of a step, besides; 0..65536
   double learning_rate = 5e-4;              ///< (0, 1]
   double lr_gamma = 0.5;                    ///< (0, 1]: nerf: at each milestone; grid: at the end of the run
   std::vector<std::int64_t> lr_milestones;  ///< steps; empty: as milestones() says

@@ -100,6 +100,10 @@ std::unique_ptr<Model> grid_model_of(const TrainOptions& options, const Scene& s
     model->contraction = {{0, 0, 0}, static_cast<float>(*scene.half_side), /*unbounded=*/false};
     model->spacing.half_m = static_cast<float>(options.far_m);
   }
+  if (scene.metric) {
+    const double seconds = scene.exposure(0, scene.frames.back().t_ns).t_s;
+    model->appearance = {static_cast<int>(scene.rig.size()), static_cast<int>(std::ceil(seconds / kKnot_s)) + 1};
+  }
   model->field.width = options.width;
   model->samples = options.samples;
   model->spacing.near_m = static_cast<float>(options.near_m);

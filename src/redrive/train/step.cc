@@ -20,15 +20,17 @@ bool all_finite(std::span<const float> values) {
 }  // namespace
 
 StepResult train_step(kernels::Backend& backend, const RayBatch& batch, double learning_rate, TrainState* state,
-                      StepBuffers* buffers) {
+                      StepBuffers* buffers, const RayBatch* lidar) {
   Model& model = *state->model;
   if (buffers->gradients.size() != model.size()) buffers->gradients = Buffer<float>(model.size());  // zeros
   const std::span<float> gradients = buffers->gradients;
   StepResult result;
   static_cast<StepLosses&>(result) =
       model.gradients(backend, batch, state->seed, state->step, gradients, &buffers->workspace);
+  if (lidar && lidar->n > 0)
+    result.range = model.range_gradients(backend, *lidar, state->seed, state->step, gradients, &buffers->workspace);
   ++state->step;
-  result.finite = std::isfinite(result.loss) && all_finite(model.sentinels(gradients));
+  result.finite = std::isfinite(result.loss + result.range) && all_finite(model.sentinels(gradients));
   if (result.finite)
     backend.adam(model.adam(learning_rate, state->step), gradients, model.parameters, state->first_moment,
                  state->second_moment);

@@ -9,6 +9,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/rng.h"
+#include "redrive/rays/lidar_sampler.h"
 #include "redrive/train/progress.h"
 #include "redrive/train/start_watch.h"
 #include "redrive/train/step.h"
@@ -31,11 +32,16 @@ class Trainer {
         options_(run->options),
         backend_(backend),
         sampler_(run->scene, images, run->options.seed),
+        lidar_sampler_(lidar_, run->options.seed),
         saved_seconds_(run->state.seconds) {
     const std::int64_t per_epoch = sampler_.steps_per_epoch(options_.batch_rays);
     steps_ = total_steps(options_, per_epoch);
     milestones_ = milestones(options_, per_epoch);
     steps_per_epoch_ = per_epoch;
+    if (options_.lidar_rays > 0) {
+      ThreadPool pool(backend.threads());
+      lidar_ = load_lidar_returns(run->recording, run->scene, read_moving_objects(run->recording, run->scene), pool);
+    }
   }
 
   TrainEnd run(const std::atomic<bool>& stop) {
@@ -62,7 +68,8 @@ class Trainer {
     const auto begin = std::chrono::steady_clock::now();
     const std::int64_t number = state_.step;
     sampler_.gather(number, options_.batch_rays, &batch_);
-    const StepResult result = train_step(backend_, batch_, learning_rate(number), &state_, &buffers_);
+    if (lidar_.n > 0) lidar_sampler_.gather(number, options_.lidar_rays, &lidar_batch_);
+    const StepResult result = train_step(backend_, batch_, learning_rate(number), &state_, &buffers_, &lidar_batch_);
     const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     state_.seconds += seconds;
 
@@ -165,10 +172,12 @@ class Trainer {
   const TrainOptions& options_;
   kernels::Backend& backend_;
   PixelSampler sampler_;
+  LidarReturns lidar_;
+  LidarSampler lidar_sampler_;
   double saved_seconds_;  // state_.seconds at the last checkpoint
   std::vector<std::int64_t> milestones_;
   std::int64_t steps_ = 0, steps_per_epoch_ = 0;
-  RayBatch batch_;
+  RayBatch batch_, lidar_batch_;
   StepBuffers buffers_;
   Progress progress_;
 };

@@ -7,6 +7,7 @@
 
 #include "redrive/kernels/check_grid_sizes.h"
 #include "redrive/loss/proposal.h"
+#include "redrive/loss/range.h"
 #include "redrive/volume/ray_weights.h"
 
 namespace redrive::kernels {
@@ -225,6 +226,22 @@ class RefGridStages final : public GridStages {
           &proposal.edges[p + ray], as_double(proposal_weights.subspan(p, proposal.per_ray)).data(), proposal.per_ray,
           1.0 / n_rays, d.data());
       std::copy(d.begin(), d.end(), &d_proposal[p]);
+    }
+    return loss / n_rays;
+  }
+
+  double range(int n_rays, const Intervals& intervals, std::span<const float> weights, std::span<const float> range_m,
+               float spread_m, float factor, std::span<float> d_weights) override {
+    check_range(n_rays, intervals, weights.size(), range_m.size(), spread_m, d_weights.size());
+    const std::size_t n = intervals.per_ray;
+    std::vector<double> d(n);
+    double loss = 0;
+    for (int ray = 0; ray < n_rays; ++ray) {
+      const std::size_t first = interval_count(ray, intervals.per_ray);
+      loss +=
+          range_loss<double>(&intervals.edges[first + ray], as_double(weights.subspan(first, n)).data(),
+                             intervals.per_ray, range_m[ray], spread_m, static_cast<double>(factor) / n_rays, d.data());
+      std::copy(d.begin(), d.end(), &d_weights[first]);
     }
     return loss / n_rays;
   }

@@ -5,12 +5,14 @@
 
 #include <algorithm>
 #include <cstring>
+#include <numeric>
 #include <vector>
 
 #include "redrive/base/buffer.h"
 #include "redrive/kernels/check_grid_sizes.h"
 #include "redrive/kernels/cpu/grid/grid_kernels.h"
 #include "redrive/loss/proposal.h"
+#include "redrive/loss/range.h"
 
 namespace redrive::kernels {
 namespace {
@@ -258,9 +260,21 @@ class CpuGridStages final : public GridStages {
             &proposal_weights[ray * m], m, 1.0f / static_cast<float>(n_rays), &d_proposal[ray * m]);
       }
     });
-    double sum = 0;
-    for (const double part : loss) sum += part;
-    return sum / n_rays;
+    return std::accumulate(loss.begin(), loss.end(), 0.0) / n_rays;
+  }
+
+  double range(int n_rays, const Intervals& intervals, std::span<const float> weights, std::span<const float> range_m,
+               float spread_m, float factor, std::span<float> d_weights) override {
+    check_range(n_rays, intervals, weights.size(), range_m.size(), spread_m, d_weights.size());
+    const int n = intervals.per_ray;
+    std::vector<double> loss((n_rays + kRaysOfRange - 1) / kRaysOfRange);
+    pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t ray = begin; ray < end; ++ray)
+        loss[begin / kRaysOfRange] +=
+            range_loss<float>(&intervals.edges[ray * (n + 1)], &weights[ray * n], n, range_m[ray], spread_m,
+                              factor / static_cast<float>(n_rays), &d_weights[ray * n]);
+    });
+    return std::accumulate(loss.begin(), loss.end(), 0.0) / n_rays;
   }
 
  private:

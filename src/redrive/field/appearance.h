@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a camera makes of light over time: gains of the three colours, for exposure and white balance, learned with the field so that
+// it need not explain them by places. Scalar, one ray, and the adjoint.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+
+#include "redrive/scene/exposure.h"
+
+namespace redrive {
+
+/// Log gains stand every kKnot_s of each camera's drive, linear between them: exposure control takes about as long, and what lies
+/// between training pictures has its gains, too.
+constexpr float kKnot_s = 0.5f;
+/// A log gain is so many times its parameter, which slows it down against the field's.
+constexpr float kGainOfParameter = 0.05f;
+
+struct AppearanceConfig {
+  int cameras = 0, knots = 0;  ///< 0: none
+
+  std::size_t size() const { return 3 * static_cast<std::size_t>(cameras) * knots; }
+};
+
+/// The two knots around a time, and the second one's share.
+struct KnotShare {
+  std::size_t first, second;  ///< of their red in [cameras, knots, 3]
+  float of_second;
+};
+inline KnotShare knots_at(const AppearanceConfig& config, const Exposure& exposure) {
+  const float at = std::clamp(exposure.t_s / kKnot_s, 0.0f, static_cast<float>(config.knots - 1));
+  const int first = static_cast<int>(at), second = std::min(first + 1, config.knots - 1);
+  const std::size_t row = static_cast<std::size_t>(exposure.camera) * config.knots;
+  return {3 * (row + first), 3 * (row + second), at - static_cast<float>(first)};
+}
+
+/// Factors of r, g, b; 1 where exposure.camera is -1 or there is no appearance.
+template <class T>
+std::array<T, 3> colour_gains(const AppearanceConfig& config, const T* parameters, const Exposure& exposure) {
+  using std::exp;
+  if (exposure.camera < 0 || config.size() == 0) return {T(1), T(1), T(1)};
+  const KnotShare at = knots_at(config, exposure);
+  std::array<T, 3> gains;
+  for (int k = 0; k < 3; ++k)
+    gains[k] = exp(T(kGainOfParameter) *
+                   (parameters[at.first + k] * T(1 - at.of_second) + parameters[at.second + k] * T(at.of_second)));
+  return gains;
+}
+
+/// Adds to d_parameters, from gains as colour_gains gave them.
+template <class T>
+void colour_gains_adjoint(const AppearanceConfig& config, const Exposure& exposure, const std::array<T, 3>& gains,
+                          const std::array<T, 3>& d_gains, T* d_parameters) {
+  if (exposure.camera < 0 || config.size() == 0) return;
+  const KnotShare at = knots_at(config, exposure);
+  for (int k = 0; k < 3; ++k) {
+    const T d = T(kGainOfParameter) * gains[k] * d_gains[k];
+    d_parameters[at.first + k] += T(1 - at.of_second) * d;
+    d_parameters[at.second + k] += T(at.of_second) * d;
+  }
+}
+
+}  // namespace redrive
