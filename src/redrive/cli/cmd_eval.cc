@@ -24,14 +24,15 @@ struct EvalCommandOptions {
 };
 
 void print_row(const std::string& name, const Score& score) {
-  std::printf("%-28s %6d %8.2f %8.4f %8.4f", name.c_str(), score.images, score.psnr_db, score.ssim, score.flip);
+  std::printf("%-28s %6d %8.2f %8.4f %8.4f %10lld", name.c_str(), score.images, score.psnr_db, score.ssim, score.flip,
+              static_cast<long long>(score.left_out));
   if (!std::isnan(score.depth_error)) std::printf(" %14.2f", 100 * score.depth_error);
   std::printf("\n");
 }
 
 void print_table(const Evaluation& evaluation) {
   std::printf("%s\n", evaluation.held_out ? "held-out frames" : "training frames (no frame was held out)");
-  std::printf("%-28s %6s %8s %8s %8s\n", "camera", "images", "PSNR dB", "SSIM", "FLIP");
+  std::printf("%-28s %6s %8s %8s %8s %10s\n", "camera", "images", "PSNR dB", "SSIM", "FLIP", "px masked");
   for (const auto& [name, score] : evaluation.cameras) print_row(name, score);
   print_row("all", evaluation.overall);
   if (evaluation.novel.empty()) return;
@@ -39,8 +40,8 @@ void print_table(const Evaluation& evaluation) {
     std::printf(
         "the run's trajectory laid over the true one: moved %.1f cm, turned %.3f deg; rest %.1f cm, %.3f deg RMS\n",
         100 * alignment->moved_m, alignment->turned_deg, 100 * alignment->rest_m, alignment->rest_deg);
-  std::printf("%-28s %6s %8s %8s %8s %14s\n", "novel views with truth", "images", "PSNR dB", "SSIM", "FLIP",
-              "depth error %");
+  std::printf("%-28s %6s %8s %8s %8s %10s %14s\n", "novel views with truth", "images", "PSNR dB", "SSIM", "FLIP",
+              "px masked", "depth error %");
   for (const auto& [name, score] : evaluation.novel) print_row(name, score);
 }
 

@@ -137,10 +137,10 @@ void write_masks(const std::filesystem::path& folder, Inspection* result) {
     const std::vector<Image8> images = load_views(scene, pool);
     const Mask mask = find_static_mask(scene, 0, images, result->recording.metric);
     report.percent_masked = 100.0 * static_cast<double>(mask.left_out()) / static_cast<double>(mask.used.size());
-    write_mask(folder / (calibration.name + ".png"), mask, scene.rig[0], options.downscale);
-    const std::vector<Mask> of_views = view_masks(scene, {mask}, read_moving_objects(result->recording, scene), pool);
+    write_mask(mask_file(folder, scene.rig[0]), mask, scene.rig[0], options.downscale);
     const std::size_t middle = images.size() / 2;
-    write_image(folder / (calibration.name + "_overlay.png"), overlay(images[middle], of_views[middle]));
+    const Mask of_view = view_mask(scene, scene.views[middle], mask, read_moving_objects(result->recording, scene));
+    write_image(folder / (calibration.name + "_overlay.png"), overlay(images[middle], of_view));
   }
 }
 

@@ -32,14 +32,13 @@ int run_resume(const Arguments& arguments) {
   validate(run.options);
   const auto backend = kernels::make_backend({run.options.backend, run.options.isa, run.options.threads});
   const std::atomic<bool>& stop = stop_on_signal();
-  std::vector<Image8> images;
-  {
+  const TrainingImages training = [&] {
     ThreadPool pool(backend->threads());
-    images = load_views(run.scene, pool);
-  }
+    return load_training_images(run, pool);
+  }();
   if (!arguments.given.empty()) write_config(run.paths, run.options);
-  print_summary(run, images, *backend);
-  return report_end(run, train(&run, images, *backend, stop));
+  print_summary(run, training, *backend);
+  return report_end(run, train(&run, training.images, *backend, stop));
 }
 
 }  // namespace

@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <cstdio>
-#include <span>
 
 #include "redrive/base/error.h"
 
@@ -32,18 +31,27 @@ const std::atomic<bool>& stop_on_signal() {
   return stop_flag;
 }
 
-void print_summary(const Run& run, const std::vector<Image8>& images, const kernels::Backend& backend) {
+void print_summary(const Run& run, const TrainingImages& training, const kernels::Backend& backend) {
   std::printf("%s\n", kernels::describe(backend).c_str());
   for (const Finding& finding : run.recording.findings)
     std::printf("note: %s: %s\n", finding.subject.c_str(), finding.what.c_str());
   const char* unit = run.recording.metric ? " m" : "";
   std::size_t held_out = 0, bytes = 0;
   for (const View& view : run.scene.views) held_out += view.held_out;
-  for (const Image8& image : images) bytes += image.rgb.size() + image.alpha.size() + image.used.size();
+  for (const Image8& image : training.images) bytes += image.rgb.size() + image.alpha.size() + image.used.size();
   constexpr std::size_t kCamerasShown = 8;  // a set of photographs may have one each
-  for (const RigCamera& camera : std::span(run.scene.rig).first(std::min(run.scene.rig.size(), kCamerasShown)))
-    std::printf("camera %s: %s, %d x %d\n", camera.name.c_str(), camera.camera.model_name(), camera.camera.width,
+  for (std::size_t c = 0; c < std::min(run.scene.rig.size(), kCamerasShown); ++c) {
+    const RigCamera& camera = run.scene.rig[c];
+    const Mask& mask = training.left_out.masks[c];
+    std::printf("camera %s: %s, %d x %d", camera.name.c_str(), camera.camera.model_name(), camera.camera.width,
                 camera.camera.height);
+    if (mask.left_out() > 0)
+      std::printf(", %.1f %% masked",
+                  100.0 * static_cast<double>(mask.left_out()) / static_cast<double>(mask.used.size()));
+    std::printf("\n");
+  }
+  if (const std::size_t moving = training.left_out.moving.objects(); moving > 0)
+    std::printf("moving objects left out of the pictures: %zu\n", moving);
   if (run.scene.rig.size() > kCamerasShown) std::printf("%zu cameras in all\n", run.scene.rig.size());
   std::printf("%zu frames, %zu images for training, %zu held out, %.1f MB of pixels; near %g%s, far %g%s\n",
               run.scene.frames.size(), run.scene.views.size() - held_out, held_out, static_cast<double>(bytes) / 1e6,

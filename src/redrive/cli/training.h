@@ -6,6 +6,7 @@
 
 #include "redrive/kernels/kernels.h"
 #include "redrive/train/trainer.h"
+#include "redrive/train/training_images.h"
 
 namespace redrive {
 
@@ -13,8 +14,8 @@ namespace redrive {
 /// (SIGPIPE) ends nothing.
 const std::atomic<bool>& stop_on_signal();
 
-/// Backend, cameras, frames, pixels, training and held-out views, steps.
-void print_summary(const Run& run, const std::vector<Image8>& images, const kernels::Backend& backend);
+/// Backend, cameras and what is left out of their pictures, frames, pixels, training and held-out views, steps.
+void print_summary(const Run& run, const TrainingImages& training, const kernels::Backend& backend);
 
 /// Says how it ended and how to go on; the exit code.
 int report_end(const Run& run, TrainEnd end);

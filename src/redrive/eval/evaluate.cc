@@ -10,6 +10,7 @@
 #include "redrive/base/error.h"
 #include "redrive/eval/flip.h"
 #include "redrive/eval/metrics.h"
+#include "redrive/train/training_images.h"
 
 namespace redrive {
 namespace {
@@ -23,10 +24,11 @@ class ScoreMean {
     flip_.add(score.flip);
     depth_error_.add(score.depth_error);
     ++images_;
+    left_out_ += score.left_out;
   }
   Score mean() const {
     if (images_ == 0) return {};
-    return {psnr_db_.mean(), ssim_.mean(), flip_.mean(), depth_error_.mean(), images_};
+    return {psnr_db_.mean(), ssim_.mean(), flip_.mean(), depth_error_.mean(), images_, left_out_};
   }
 
  private:
@@ -40,13 +42,15 @@ class ScoreMean {
   };
   Mean psnr_db_, ssim_, flip_, depth_error_;
   int images_ = 0;
+  std::int64_t left_out_ = 0;
 };
 
-/// Median of |depth - truth| / truth where both are known; NaN if that is nowhere.
-double median_depth_error(const RenderedImage& rendered, std::span<const float> truth_m) {
+/// Median of |depth - truth| / truth where the mask is set and the truth known; NaN if that is nowhere.
+double median_depth_error(const RenderedImage& rendered, std::span<const std::uint8_t> mask,
+                          std::span<const float> truth_m) {
   std::vector<double> errors;
   for (std::size_t i = 0; i < truth_m.size(); ++i)
-    if (rendered.valid[i] && truth_m[i] > 0) errors.push_back(std::abs(rendered.depth[i] - truth_m[i]) / truth_m[i]);
+    if (mask[i] && truth_m[i] > 0) errors.push_back(std::abs(rendered.depth[i] - truth_m[i]) / truth_m[i]);
   if (errors.empty()) return std::numeric_limits<double>::quiet_NaN();
   const auto middle = errors.begin() + static_cast<std::ptrdiff_t>(errors.size() / 2);
   std::nth_element(errors.begin(), middle, errors.end());
@@ -70,11 +74,8 @@ std::vector<std::vector<const View*>> views_to_score(const Scene& scene, bool he
 }
 
 nlohmann::json score_to_json(const Score& score) {
-  return {{"psnr_db", score.psnr_db},
-          {"ssim", score.ssim},
-          {"flip", score.flip},
-          {"depth_error", score.depth_error},
-          {"images", score.images}};
+  return {{"psnr_db", score.psnr_db},         {"ssim", score.ssim},     {"flip", score.flip},
+          {"depth_error", score.depth_error}, {"images", score.images}, {"left_out_pixels", score.left_out}};
 }
 
 }  // namespace
@@ -92,10 +93,19 @@ Score score_image(const RenderedImage& rendered, const Image8& truth, std::span<
   std::vector<float> unit(truth.rgb.size());
   std::transform(truth.rgb.begin(), truth.rgb.end(), unit.begin(), [](std::uint8_t v) { return v / 255.0f; });
   std::vector<std::uint8_t> mask = rendered.valid;
-  for (std::size_t i = 0; i < truth.used.size(); ++i) mask[i] = mask[i] != 0 && truth.used[i] != 0;
+  std::int64_t left_out = 0;
+  for (std::size_t i = 0; i < truth.used.size(); ++i) {
+    if (truth.used[i] != 0 || mask[i] == 0) continue;
+    mask[i] = 0;
+    ++left_out;
+  }
   const double psnr = psnr_db(rendered.rgb, unit, mask, rendered.width, rendered.height);
-  return {std::min(psnr, kPsnrCapDb), ssim(rendered.rgb, unit, mask, rendered.width, rendered.height),
-          flip(rendered.rgb, unit, mask, rendered.width, rendered.height), median_depth_error(rendered, depth_m), 1};
+  return {std::min(psnr, kPsnrCapDb),
+          ssim(rendered.rgb, unit, mask, rendered.width, rendered.height),
+          flip(rendered.rgb, unit, mask, rendered.width, rendered.height),
+          median_depth_error(rendered, mask, depth_m),
+          1,
+          left_out};
 }
 
 Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions& options) {
@@ -103,6 +113,7 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
   const auto& views = run.scene.views;
   evaluation.held_out = std::any_of(views.begin(), views.end(), [](const View& view) { return view.held_out; });
 
+  const LeftOut left_out = read_left_out(run);
   evaluation.alignment = align_run(run);
   const auto by_camera = views_to_score(run.scene, evaluation.held_out, options);
   const std::vector<NovelTruth> truths = novel_truths(run);
@@ -123,7 +134,8 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
     const RayTable table = make_ray_table(run.scene.rig[c].camera);
     ScoreMean mean;
     for (const View* view : by_camera[c]) {
-      const Image8 truth = load_view(run.scene, *view);  // first: a broken file must not cost a rendering
+      Image8 truth = load_view(run.scene, *view);  // first: a broken file must not cost a rendering
+      leave_out(view_mask(run.scene, *view, left_out.masks[c], left_out.moving), &truth);
       const Score score = score_image(
           render_image(backend, *run.state.model, table, run.scene.world_from_camera(*view), run.scene.exposure(*view)),
           truth);

@@ -38,6 +38,7 @@ struct Score {
   double flip = 0;         ///< eval/flip.h, 0..1, less is better
   double depth_error = 0;  ///< median over an image's pixels of |depth - truth| / truth, along the ray
   int images = 0;
+  std::int64_t left_out = 0;  ///< pixels of these images that the camera model reaches and masks leave out of all this
 };
 
 struct Evaluation {
@@ -57,7 +58,8 @@ std::vector<std::size_t> evenly_spaced(std::size_t size, std::size_t limit);
 Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions& options = {});
 
 /// {"overall": SCORE, "cameras": {CAM: SCORE}, "novel": {NAME: SCORE}, "held_out": bool, "alignment": {"moved_m",
-/// "turned_deg", "rest_m", "rest_deg", "frames"} or null}, SCORE = {"psnr_db", "ssim", "flip", "depth_error", "images"},
+/// "turned_deg", "rest_m", "rest_deg", "frames"} or null}, SCORE = {"psnr_db", "ssim", "flip", "depth_error", "images",
+/// "left_out_pixels"},
 /// null for NaN.
 nlohmann::json evaluation_to_json(const Evaluation& evaluation);
 

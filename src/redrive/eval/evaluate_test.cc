@@ -12,6 +12,7 @@
 #include "redrive/base/temporary_folder.h"
 #include "redrive/model/nerf_model.h"
 #include "redrive/render/paint_backend.h"
+#include "redrive/scene/masks.h"
 
 namespace redrive {
 namespace {
@@ -161,6 +162,38 @@ TEST_F(EvaluateTest, MaskedPixelsDoNotCount) {
   EXPECT_NEAR(evaluate(run_, half).overall.psnr_db, psnr_of(0.1), 1e-4);
 }
 
+// The pictures are 0.4 grey, and what the run leaves out of camera A is white: neither PSNR nor a window at its edge sees it.
+TEST_F(EvaluateTest, WhatTheRunLeavesOutDoesNotCount) {
+  run_.paths.root = folder_;
+  std::filesystem::create_directory(run_.paths.masks());
+  Image8 image{kWidth, kHeight, std::vector<std::uint8_t>(3 * kWidth * kHeight, 102)};
+  Mask mask = full_mask(kWidth, kHeight);
+  for (int i = 0; i < kWidth * kHeight; ++i)
+    if (i % kWidth >= 16) std::fill_n(&image.rgb[3 * i], 3, std::uint8_t(255)), mask.used[i] = 0;
+  write_image(folder_ / "A2.png", image);
+  for (View& view : run_.scene.views) view.held_out = view.frame == 2;
+  PaintBackend left_part([](const auto&, const auto& direction) {
+    const float value = direction[0] > (15.5f - 11.5f) / 20 * direction[2] ? 0.0f : 0.4f;
+    return std::array<float, 3>{value, value, value};
+  });
+  const Score seen = evaluate(run_, left_part).cameras.at("A");
+  EXPECT_EQ(seen.left_out, 0);
+  EXPECT_NEAR(seen.psnr_db, -10 * std::log10(1.0 / 3), 1e-4);
+  EXPECT_LT(seen.ssim, 0.9);
+
+  write_mask(mask_file(run_.paths.masks(), run_.scene.rig[0]), mask, run_.scene.rig[0], 1);
+  const Evaluation masked = evaluate(run_, left_part);
+  EXPECT_EQ(masked.cameras.at("A").left_out, 8 * kHeight);
+  EXPECT_EQ(masked.cameras.at("B").left_out, 0);
+  EXPECT_EQ(masked.overall.left_out, 8 * kHeight);
+  EXPECT_GT(masked.cameras.at("A").psnr_db, 90);
+  EXPECT_NEAR(masked.cameras.at("A").ssim, 1, 1e-6);
+  EXPECT_NEAR(masked.cameras.at("A").flip, 0, 1e-3);
+
+  run_.options.masks = "none";
+  EXPECT_EQ(evaluate(run_, left_part).cameras.at("A").psnr_db, seen.psnr_db);
+}
+
 // A run that undistorts has pinhole cameras alone; a set's calibration may still hold a fisheye.
 TEST_F(EvaluateTest, AFisheyeOfTheSetIsNoMatterForARunThatUndistorts) {
   const std::string rest = R"("focal_length_px": [20, 20], "principal_point_px": [11.5, 7.5],
@@ -224,12 +257,12 @@ TEST(EvaluationJson, HasTheNamesThatScriptsRead) {
   Evaluation evaluation;
   evaluation.held_out = false;
   evaluation.overall = {20.5, 0.5, 0.25, std::nan(""), 3};
-  evaluation.cameras["F_CAM"] = {20.5, std::nan(""), 0.25, 0.125, 3};
+  evaluation.cameras["F_CAM"] = {20.5, std::nan(""), 0.25, 0.125, 3, 7};
   evaluation.alignment = Alignment{Rigid3d::Identity(), 5, 0.5, 0.25, 0.125, 1};
   const auto json = nlohmann::json::parse(evaluation_to_json(evaluation).dump());
   EXPECT_EQ(json, nlohmann::json::parse(R"({
-    "overall": {"psnr_db": 20.5, "ssim": 0.5, "flip": 0.25, "depth_error": null, "images": 3},
-    "cameras": {"F_CAM": {"psnr_db": 20.5, "ssim": null, "flip": 0.25, "depth_error": 0.125, "images": 3}},
+    "overall": {"psnr_db": 20.5, "ssim": 0.5, "flip": 0.25, "depth_error": null, "images": 3, "left_out_pixels": 0},
+    "cameras": {"F_CAM": {"psnr_db": 20.5, "ssim": null, "flip": 0.25, "depth_error": 0.125, "images": 3, "left_out_pixels": 7}},
     "novel": {}, "held_out": false,
     "alignment": {"moved_m": 0.5, "turned_deg": 0.25, "rest_m": 0.125, "rest_deg": 1, "frames": 5}})"));
 }

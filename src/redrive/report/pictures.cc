@@ -12,6 +12,7 @@
 #include "redrive/base/error.h"
 #include "redrive/base/rng.h"
 #include "redrive/render/view_pose.h"
+#include "redrive/train/training_images.h"
 
 namespace redrive {
 namespace {
@@ -51,6 +52,8 @@ PictureRow camera_pictures(const Run& run, kernels::Backend& backend, int camera
   const View& view = figure_view(run, camera);
   const Frame& frame = run.scene.frames[view.frame];
   Image8 original = load_view(run.scene, view);
+  const LeftOut left_out = read_left_out(run);
+  leave_out(view_mask(run.scene, view, left_out.masks[camera], left_out.moving), &original);
   original.alpha.clear();  // as it is scored: on what pictures are rendered on
   const RayTable table = make_ray_table(rig.camera);
   const auto render_shifted = [&](ShiftAxes axes, double x_m) {

@@ -70,7 +70,12 @@ std::string training(const Run& run, const Written& written) {
 }
 
 std::vector<std::string> score_row(const std::string& name, const Score& score) {
-  return {name, std::to_string(score.images), fixed(score.psnr_db, 2), fixed(score.ssim, 4), fixed(score.flip, 4)};
+  return {name,
+          std::to_string(score.images),
+          fixed(score.psnr_db, 2),
+          fixed(score.ssim, 4),
+          fixed(score.flip, 4),
+          std::to_string(score.left_out)};
 }
 
 std::string alignment_text(const Alignment& alignment) {
@@ -84,12 +89,12 @@ std::string scores(const Evaluation& evaluation) {
                     std::string(evaluation.held_out ? "Images of held-out frames, which training never saw."
                                                     : "Images of training frames: no frame was held out.") +
                     " Means over images; FLIP is 0 for equal pictures.</p>\n";
-  std::vector<std::vector<std::string>> rows = {{"camera", "images", "PSNR (dB)", "SSIM", "FLIP"}};
+  std::vector<std::vector<std::string>> rows = {{"camera", "images", "PSNR (dB)", "SSIM", "FLIP", "pixels masked"}};
   for (const auto& [name, score] : evaluation.cameras) rows.push_back(score_row(name, score));
   rows.push_back(score_row("all", evaluation.overall));
   out += html_table(rows, true);
   if (evaluation.novel.empty()) return out;
-  rows = {{"novel views with truth", "images", "PSNR (dB)", "SSIM", "FLIP", "depth error (%)"}};
+  rows = {{"novel views with truth", "images", "PSNR (dB)", "SSIM", "FLIP", "pixels masked", "depth error (%)"}};
   for (const auto& [name, score] : evaluation.novel) {
     rows.push_back(score_row(name, score));
     rows.back().push_back(fixed(100 * score.depth_error, 1));

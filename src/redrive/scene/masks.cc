@@ -212,33 +212,36 @@ std::vector<Mask> static_masks(const Scene& scene, const std::vector<Image8>& im
   std::vector<Mask> masks(scene.rig.size());
   pool.run(static_cast<int>(masks.size()), [&](int c) {
     const RigCamera& rig = scene.rig[c];
-    const std::filesystem::path file = folder / (rig.name + ".png");
-    if (!folder.empty() && std::filesystem::exists(file)) {
-      masks[c] = read_mask(file, rig, scene.downscale);
-    } else {
-      masks[c] = find_static_mask(scene, c, images, on_car);
-      if (!folder.empty()) write_mask(file, masks[c], rig, scene.downscale);
-    }
+    const std::filesystem::path file = mask_file(folder, rig);
+    const bool given = !folder.empty() && std::filesystem::exists(file);
+    masks[c] = given ? read_mask(file, rig, scene.downscale) : find_static_mask(scene, c, images, on_car);
   });
+  return masks;
+}
+
+std::filesystem::path mask_file(const std::filesystem::path& folder, const RigCamera& camera) {
+  return folder / (camera.name + ".png");
+}
+
+void write_masks(const std::filesystem::path& folder, const std::vector<Mask>& masks, const Scene& scene) {
+  REDRIVE_CHECK_OP(masks.size(), ==, scene.rig.size());
+  for (std::size_t c = 0; c < masks.size(); ++c)
+    if (masks[c].left_out() > 0) write_mask(mask_file(folder, scene.rig[c]), masks[c], scene.rig[c], scene.downscale);
+}
+
+std::vector<Mask> read_masks(const std::filesystem::path& folder, const Scene& scene) {
+  std::vector<Mask> masks;
+  for (const RigCamera& rig : scene.rig) {
+    const std::filesystem::path file = mask_file(folder, rig);
+    masks.push_back(std::filesystem::exists(file) ? read_mask(file, rig, scene.downscale)
+                                                  : full_mask(rig.camera.width, rig.camera.height));
+  }
   return masks;
 }
 
 Mask view_mask(const Scene& scene, const View& view, const Mask& of_camera, const MovingObjects& moving) {
+  if (moving.objects() == 0) return of_camera;
   return without_moving(scene, view, of_camera, moving, directions_of(scene.rig[view.camera].camera));
-}
-
-std::vector<Mask> view_masks(const Scene& scene, const std::vector<Mask>& of_cameras, const MovingObjects& moving,
-                             ThreadPool& pool) {
-  REDRIVE_CHECK_OP(of_cameras.size(), ==, scene.rig.size());
-  std::vector<std::vector<Eigen::Vector3f>> directions(scene.rig.size());
-  if (moving.objects() > 0)
-    pool.run(static_cast<int>(directions.size()), [&](int c) { directions[c] = directions_of(scene.rig[c].camera); });
-  std::vector<Mask> masks(scene.views.size());
-  pool.run(static_cast<int>(masks.size()), [&](int i) {
-    const View& view = scene.views[i];
-    masks[i] = without_moving(scene, view, of_cameras[view.camera], moving, directions[view.camera]);
-  });
-  return masks;
 }
 
 void leave_out(const Mask& mask, Image8* image) {
@@ -248,6 +251,20 @@ void leave_out(const Mask& mask, Image8* image) {
   if (image->used.empty()) image->used.assign(mask.used.size(), 255);
   for (std::size_t i = 0; i < mask.used.size(); ++i)
     if (!mask.used[i]) image->used[i] = 0;
+}
+
+void leave_out_of_views(const Scene& scene, const std::vector<Mask>& of_cameras, const MovingObjects& moving,
+                        ThreadPool& pool, std::vector<Image8>* images) {
+  REDRIVE_CHECK_OP(of_cameras.size(), ==, scene.rig.size());
+  REDRIVE_CHECK_OP(images->size(), ==, scene.views.size());
+  std::vector<std::vector<Eigen::Vector3f>> directions(scene.rig.size());
+  if (moving.objects() > 0)
+    pool.run(static_cast<int>(directions.size()), [&](int c) { directions[c] = directions_of(scene.rig[c].camera); });
+  pool.run(static_cast<int>(images->size()), [&](int i) {
+    const View& view = scene.views[i];
+    if (!view.held_out)
+      leave_out(without_moving(scene, view, of_cameras[view.camera], moving, directions[view.camera]), &(*images)[i]);
+  });
 }
 
 Image8 overlay(const Image8& image, const Mask& mask) {

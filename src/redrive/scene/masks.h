@@ -36,19 +36,27 @@ void write_mask(const std::filesystem::path& file, const Mask& mask, const RigCa
 /// is no car (a hand-held camera, an object on a table) has neither vehicle nor broken rows.
 Mask find_static_mask(const Scene& scene, int camera, const std::vector<Image8>& images, bool on_car);
 
-/// By camera of the rig: FOLDER/<CAM>.png where that exists, which is how an edited mask is picked up, else found and, where
-/// `folder` is not empty, written there (the folder must exist). InputError as read_mask.
+/// FOLDER/<CAM>.png.
+std::filesystem::path mask_file(const std::filesystem::path& folder, const RigCamera& camera);
+
+/// By camera of the rig: FOLDER/<CAM>.png where that exists, else found. `folder` may be empty. InputError as read_mask.
 std::vector<Mask> static_masks(const Scene& scene, const std::vector<Image8>& images,
                                const std::filesystem::path& folder, ThreadPool& pool, bool on_car);
 
+/// Masks by camera of the rig: the mask_file of each that leaves something out. It must exist; a camera without a file
+/// has a full mask.
+void write_masks(const std::filesystem::path& folder, const std::vector<Mask>& masks, const Scene& scene);
+/// InputError as read_mask.
+std::vector<Mask> read_masks(const std::filesystem::path& folder, const Scene& scene);
+
 /// A camera's mask without the pixels whose rays meet an annotated moving object when the picture of `view` was exposed.
 Mask view_mask(const Scene& scene, const View& view, const Mask& of_camera, const MovingObjects& moving);
-/// The same of all views of the scene.
-std::vector<Mask> view_masks(const Scene& scene, const std::vector<Mask>& of_cameras, const MovingObjects& moving,
-                             ThreadPool& pool);
 
 /// Adds what the mask leaves out to what the picture's own mask does (Image8::used): it is neither trained on nor scored.
 void leave_out(const Mask& mask, Image8* image);
+/// The same for the pictures of all views that are not held out, each with its view_mask; images[i] belongs to scene.views[i].
+void leave_out_of_views(const Scene& scene, const std::vector<Mask>& of_cameras, const MovingObjects& moving,
+                        ThreadPool& pool, std::vector<Image8>* images);
 
 /// The picture with what is left out tinted red, to look at.
 Image8 overlay(const Image8& image, const Mask& mask);

@@ -40,16 +40,28 @@ class MasksTest : public testing::Test {
 
 TEST_F(MasksTest, AnEditedOneIsPickedUp) {
   load();
-  const std::vector<Mask> found = static_masks(scene_, images_, folder_.path, pool_, true);
-  ASSERT_EQ(found.size(), 2u);
-  EXPECT_EQ(found[1].left_out(), 0u);
-  ASSERT_TRUE(std::filesystem::exists(folder_.path / "FRONT.png"));
-  Mask edited = found[1];
-  edited.used[3 * 24 + 5] = 0;
-  write_mask(folder_.path / "FRONT.png", edited, scene_.rig[1], 1);
+  std::vector<Mask> masks = static_masks(scene_, images_, folder_.path, pool_, true);
+  ASSERT_EQ(masks.size(), 2u);
+  EXPECT_EQ(masks[1].left_out(), 0u);
+  masks[1].used[3 * 24 + 5] = 0;
+  write_mask(folder_.path / "FRONT.png", masks[1], scene_.rig[1], 1);
   const std::vector<Mask> again = static_masks(scene_, images_, folder_.path, pool_, true);
-  EXPECT_EQ(again[0].used, found[0].used);
-  EXPECT_EQ(again[1].used, edited.used);
+  EXPECT_EQ(again[0].used, masks[0].used);
+  EXPECT_EQ(again[1].used, masks[1].used);
+}
+
+TEST_F(MasksTest, AFolderHoldsThoseThatLeaveSomethingOut) {
+  load();
+  std::vector<Mask> masks = {full_mask(20, 14), full_mask(24, 16)};
+  masks[0].used[2 * 20 + 7] = 0;
+  const std::filesystem::path folder = folder_.path / "masks";
+  std::filesystem::create_directory(folder);
+  write_masks(folder, masks, scene_);
+  EXPECT_TRUE(std::filesystem::exists(folder / "FISHEYE.png"));
+  EXPECT_FALSE(std::filesystem::exists(folder / "FRONT.png"));
+  const std::vector<Mask> again = read_masks(folder, scene_);
+  for (int c = 0; c < 2; ++c) EXPECT_EQ(again[c].used, masks[c].used) << c;
+  EXPECT_EQ(read_masks(folder_.path / "none", scene_)[0].left_out(), 0u);
 }
 
 TEST_F(MasksTest, OneFileServesEverySize) {
@@ -125,10 +137,14 @@ TEST_F(MasksTest, MovingObjectsWhereEachPictureHasThem) {
   const MovingObjects moving(boxes, recording_.frames, scene_.ecef_from_world);
   ASSERT_EQ(moving.objects(), 1u);
   const std::vector<Mask> whole = {full_mask(20, 14), full_mask(24, 16)};
-  const std::vector<Mask> masks = view_masks(scene_, whole, moving, pool_);
-  ASSERT_EQ(masks.size(), 12u);
-  for (std::size_t i = 0; i < masks.size(); ++i) {
+  scene_.views[5].held_out = true;
+  leave_out_of_views(scene_, whole, moving, pool_, &images_);
+  ASSERT_EQ(scene_.views.size(), 12u);
+  for (std::size_t i = 0; i < scene_.views.size(); ++i) {
     const View& view = scene_.views[i];
+    const Mask mask = view_mask(scene_, view, whole[view.camera], moving);
+    for (std::size_t k = 0; k < mask.used.size() && !view.held_out; ++k)
+      ASSERT_EQ(images_[i].used[k] != 0, mask.used[k] != 0) << i;
     const RigCamera& rig = scene_.rig[view.camera];
     const Rigid3d camera_from_world = scene_.world_from_camera(view).inverse();
     const PlacedBox box = moving.at(scene_.frames[view.frame].t_ns + rig.time_offset_ns)[0];
@@ -146,11 +162,11 @@ TEST_F(MasksTest, MovingObjectsWhereEachPictureHasThem) {
           if (x >= 0 && y >= 0 && x < expected.width && y < expected.height)
             expected.used[std::size_t(y) * expected.width + x] = 0;
         }
-    EXPECT_GT(masks[i].left_out(), 3u) << i;
-    EXPECT_LT(masks[i].left_out(), masks[i].used.size() * 3 / 4) << i;
+    EXPECT_GT(mask.left_out(), 3u) << i;
+    EXPECT_LT(mask.left_out(), mask.used.size() * 3 / 4) << i;
     // Points near a centre may lie just outside the outline; everything else has to agree.
     std::size_t differ = 0;
-    for (std::size_t k = 0; k < expected.used.size(); ++k) differ += expected.used[k] != masks[i].used[k];
+    for (std::size_t k = 0; k < expected.used.size(); ++k) differ += expected.used[k] != mask.used[k];
     EXPECT_LE(differ, 2u) << i;
   }
 }
@@ -159,7 +175,9 @@ TEST_F(MasksTest, ParkedObjectsStay) {
   load();
   const std::vector<Mask> whole = {full_mask(20, 14), full_mask(24, 16)};
   const MovingObjects moving({}, recording_.frames, scene_.ecef_from_world);
-  for (const Mask& mask : view_masks(scene_, whole, moving, pool_)) EXPECT_EQ(mask.left_out(), 0u);
+  for (const View& view : scene_.views) EXPECT_EQ(view_mask(scene_, view, whole[view.camera], moving).left_out(), 0u);
+  leave_out_of_views(scene_, whole, moving, pool_, &images_);
+  for (const Image8& image : images_) EXPECT_TRUE(image.used.empty());
 }
 
 TEST_F(MasksTest, LeavesOutWhatEitherMaskDoes) {

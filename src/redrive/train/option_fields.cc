@@ -178,6 +178,12 @@ std::vector<TrainField> make_fields() {
       text("background", &O::background, {"", "white", "black", "random"},
            "behind transparent pixels, which need one; pictures of a run on random ones are rendered and scored on "
            "black"),
+      text("masks", &O::masks, {},
+           "auto finds what is not the static world (the ego vehicle, broken rows, annotated objects that move) and "
+           "leaves "
+           "it out, none leaves nothing out, or a folder with CAM.png as RUN/masks has them, which counts instead of "
+           "what "
+           "is found"),
       number("width", &O::width, Range<int>{32, 512, false, 32}, "hidden units of the network"),
       number("samples", &O::samples, Range<int>{3, 1024}, "samples of a ray"),
       number("fine-samples", &O::fine_samples, Range<int>{0, 1024},

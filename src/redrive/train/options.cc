@@ -93,6 +93,7 @@ void apply_preset(TrainOptions* options, const std::vector<std::string>& given) 
   set("batch", options->batch_rays, 1024);
   set("learning-rate", options->learning_rate, 5e-4);
   set("lr-gamma", options->lr_gamma, 0.5);
+  set("masks", options->masks, "none");
 }
 
 void resolve_cameras(TrainOptions* options, const Recording& recording) {

@@ -29,6 +29,8 @@ struct TrainOptions {
   bool truth_poses = false;  ///< the exact poses and calibration that a made recording ships
   double near_m = 1, far_m = 10;
   std::string background;  ///< "", "white", "black", "random": behind transparent pixels
+  std::string masks =
+      "auto";  ///< what is not the static world: "auto" finds it, "none" trains on it, or a folder of CAM.png
   // field and sampling
   int width = 256;       ///< hidden units, a multiple of 32 in 32..512
   int samples = 96;      ///< per ray, 3..1024

@@ -138,6 +138,8 @@ TEST(TrainOptions, PresetFillsOnlyWhatWasNotGiven) {
   EXPECT_EQ(options.samples, 64);
   EXPECT_EQ(options.epochs, 2);
   EXPECT_FALSE(options.undistort);
+  EXPECT_EQ(options.masks, "none");
+  EXPECT_EQ(TrainOptions{}.masks, "auto");
 }
 
 TEST(TrainOptions, SecondSetupTakesTheRearCameraWhereTheMiddleOneIsMissing) {

@@ -58,7 +58,8 @@ void refuse_existing_run(const std::filesystem::path& root) {
     throw UsageError("--out", root.string(), "exists already; nothing is overwritten, choose another name");
 }
 
-RunPaths create_run(const std::filesystem::path& out, const TrainOptions& options) {
+RunPaths create_run(const std::filesystem::path& out, const TrainOptions& options,
+                    const std::function<void(const RunPaths&)>& fill) {
   refuse_existing_run(out);
   const std::filesystem::path root = out.has_filename() ? out : out.parent_path();  // "run/" is run
   std::error_code error;
@@ -71,6 +72,7 @@ RunPaths create_run(const std::filesystem::path& out, const TrainOptions& option
     throw IoError(temporary, error ? error.message() : "exists already");
   try {
     write_config({temporary}, options);
+    if (fill) fill({temporary});
     std::filesystem::rename(temporary, root, error);
     if (error) throw IoError(root, error.message());
   } catch (...) {

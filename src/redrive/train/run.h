@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// A run folder: config.json (resolved options), metrics.jsonl, checkpoint.safetensors, figures/, report.html.
+// A run folder: config.json (resolved options), masks/, metrics.jsonl, checkpoint.safetensors, figures/, report.html.
 // Nothing is written outside it.
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -16,6 +17,7 @@ namespace redrive {
 struct RunPaths {
   std::filesystem::path root;
   std::filesystem::path config() const { return root / "config.json"; }
+  std::filesystem::path masks() const { return root / "masks"; }  ///< scene/masks.h write_masks
   std::filesystem::path metrics() const { return root / "metrics.jsonl"; }
   std::filesystem::path checkpoint() const { return root / "checkpoint.safetensors"; }
   std::filesystem::path figures() const { return root / "figures"; }
@@ -24,8 +26,9 @@ struct RunPaths {
 
 /// UsageError if `root` is empty or exists, whatever is in it.
 void refuse_existing_run(const std::filesystem::path& root);
-/// Makes the folder with config.json in it, both or neither; refuses an existing one.
-RunPaths create_run(const std::filesystem::path& root, const TrainOptions& options);
+/// Makes the folder with config.json and what `fill` puts into it, all or nothing; refuses an existing one.
+RunPaths create_run(const std::filesystem::path& root, const TrainOptions& options,
+                    const std::function<void(const RunPaths&)>& fill = {});
 void write_config(const RunPaths& paths, const TrainOptions& options);
 
 /// A trained run, opened for eval, render, figures or resume: options, recording, scene and state belong together.

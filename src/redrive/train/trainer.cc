@@ -13,6 +13,7 @@
 #include "redrive/train/progress.h"
 #include "redrive/train/start_watch.h"
 #include "redrive/train/step.h"
+#include "redrive/train/training_images.h"
 
 namespace redrive {
 namespace {
@@ -192,7 +193,7 @@ TrainEnd train(Run* run, kernels::Backend& backend, const std::atomic<bool>& sto
   std::vector<Image8> images;
   {
     ThreadPool pool(backend.threads());
-    images = load_views(run->scene, pool);
+    images = load_training_images(*run, pool).images;
   }
   return train(run, images, backend, stop);
 }

@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/train/training_images.h"
+
+#include <algorithm>
+
+#include "redrive/base/error.h"
+
+namespace redrive {
+namespace {
+
+/// `masks`, with what the recording knows to move; nothing at all with --masks none.
+LeftOut with_moving(const Run& run, const std::function<std::vector<Mask>()>& masks) {
+  if (run.options.masks != "none") return {masks(), read_moving_objects(run.recording, run.scene)};
+  std::vector<Mask> full;
+  for (const RigCamera& rig : run.scene.rig) full.push_back(full_mask(rig.camera.width, rig.camera.height));
+  return {full, MovingObjects({}, run.recording.frames, run.scene.ecef_from_world)};
+}
+
+/// The folder that --masks names, empty if none is.
+std::filesystem::path mask_folder(const Run& run) {
+  const std::string& given = run.options.masks;
+  if (given == "auto" || given == "none") return {};
+  if (!std::filesystem::is_directory(given)) throw UsageError("--masks", given, "must be auto, none or a folder");
+  if (std::ranges::none_of(run.scene.rig,
+                           [&](const RigCamera& rig) { return std::filesystem::exists(mask_file(given, rig)); }))
+    throw UsageError(
+        "--masks", given,
+        "holds no mask of a camera that is trained on, such as " + mask_file("", run.scene.rig[0]).string());
+  return given;
+}
+
+TrainingImages applied(const Run& run, ThreadPool& pool, LeftOut left_out, std::vector<Image8> images) {
+  leave_out_of_views(run.scene, left_out.masks, left_out.moving, pool, &images);
+  return {std::move(images), std::move(left_out)};
+}
+
+}  // namespace
+
+LeftOut read_left_out(const Run& run) {
+  return with_moving(run, [&] { return read_masks(run.paths.masks(), run.scene); });
+}
+
+TrainingImages load_training_images(const Run& run, ThreadPool& pool) {
+  return applied(run, pool, read_left_out(run), load_views(run.scene, pool));
+}
+
+TrainingImages find_training_images(const Run& run, ThreadPool& pool) {
+  const std::filesystem::path folder = mask_folder(run);  // first: it is said at once if it is wrong
+  std::vector<Image8> images = load_views(run.scene, pool);
+  LeftOut left_out =
+      with_moving(run, [&] { return static_masks(run.scene, images, folder, pool, run.recording.metric); });
+  return applied(run, pool, std::move(left_out), std::move(images));
+}
+
+void keep_masks(const RunPaths& paths, const TrainingImages& training, const Scene& scene) {
+  std::error_code error;
+  std::filesystem::create_directory(paths.masks(), error);
+  if (error) throw IoError(paths.masks(), error.message());
+  write_masks(paths.masks(), training.left_out.masks, scene);
+}
+
+}  // namespace redrive

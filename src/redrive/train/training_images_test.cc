@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/train/training_images.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "redrive/base/error.h"
+#include "redrive/train/test_support.h"
+
+namespace redrive {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+
+class TrainingImagesTest : public testing::Test {
+ protected:
+  TrainingImagesTest() {
+    run_.options = tiny_options(1);
+    run_.recording = make_test_recording(folder_.path, 4);  // FRONT 24 x 16
+    std::filesystem::create_directory(masks_);
+  }
+  void prepare() { run_.scene = make_scene(run_.recording, scene_options(run_.options)); }
+  /// All but the pixel (5, 3).
+  void write(const std::filesystem::path& folder) {
+    Mask mask = full_mask(24, 16);
+    mask.used[3 * 24 + 5] = 0;
+    write_mask(mask_file(folder, run_.scene.rig[0]), mask, run_.scene.rig[0], 1);
+  }
+  std::string refused() {
+    try {
+      find_training_images(run_, pool_);
+    } catch (const UsageError& error) {
+      return error.what();
+    }
+    return "not refused";
+  }
+
+  TemporaryFolder folder_;
+  const std::filesystem::path masks_ = folder_.path / "given";
+  redrive::Run run_;
+  ThreadPool pool_{2};
+};
+
+// A run has to see the same pixels whenever it is resumed.
+TEST_F(TrainingImagesTest, WhatIsFoundIsWhatTheRunKeeps) {
+  run_.options.downscale = 3;
+  run_.options.masks = masks_;
+  run_.options.holdout_every = 3;
+  prepare();
+  write(masks_);
+  const TrainingImages found = find_training_images(run_, pool_);
+  ASSERT_EQ(found.images.size(), 4u);
+  EXPECT_TRUE(found.images[0].rgb.empty()) << "held out";
+  ASSERT_EQ(found.images[1].used.size(), 8u * 5);
+  EXPECT_EQ(std::ranges::count(found.images[1].used, 0), 1);
+  EXPECT_EQ(found.images[1].used[1 * 8 + 1], 0);
+
+  run_.paths = create_run(folder_.path / "run", run_.options,
+                          [&](const RunPaths& paths) { keep_masks(paths, found, run_.scene); });
+  std::filesystem::remove_all(masks_);
+  const TrainingImages loaded = load_training_images(run_, pool_);
+  for (std::size_t i = 0; i < loaded.images.size(); ++i) {
+    EXPECT_EQ(loaded.images[i].rgb, found.images[i].rgb) << i;
+    EXPECT_EQ(loaded.images[i].used, found.images[i].used) << i;
+  }
+}
+
+TEST_F(TrainingImagesTest, AMaskThatIsTakenAwayLeavesNothingOut) {
+  run_.options.masks = masks_;
+  prepare();
+  write(masks_);
+  const TrainingImages found = find_training_images(run_, pool_);
+  run_.paths = create_run(folder_.path / "run", run_.options,
+                          [&](const RunPaths& paths) { keep_masks(paths, found, run_.scene); });
+  ASSERT_TRUE(std::filesystem::remove(run_.paths.masks() / "FRONT.png"));
+  EXPECT_TRUE(load_training_images(run_, pool_).images[0].used.empty());
+}
+
+TEST_F(TrainingImagesTest, NoneLooksForNothing) {
+  run_.options.masks = "none";
+  prepare();
+  run_.paths.root = folder_.path;
+  std::filesystem::create_directory(run_.paths.masks());
+  write(run_.paths.masks());
+  run_.recording.box_files = {{10, folder_.path / "missing.json"}};
+  EXPECT_TRUE(load_training_images(run_, pool_).images[0].used.empty());
+  EXPECT_TRUE(find_training_images(run_, pool_).images[0].used.empty());
+}
+
+TEST_F(TrainingImagesTest, AFolderWithoutAMaskIsAMistake) {
+  prepare();
+  run_.options.masks = masks_;
+  EXPECT_THAT(refused(), AllOf(HasSubstr("--masks"), HasSubstr("FRONT.png"), HasSubstr(masks_.string())));
+  run_.options.masks = "nowhere";
+  EXPECT_THAT(refused(), AllOf(HasSubstr("--masks"), HasSubstr("nowhere"), HasSubstr("auto, none or a folder")));
+}
+
+}  // namespace
+}  // namespace redrive

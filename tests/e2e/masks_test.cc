@@ -1,0 +1,88 @@
+// SPDX-License-Identifier: Apache-2.0
+// What is left out of the pictures: given, kept in the run, edited, and not scored.
+#include <nlohmann/json.hpp>
+
+#include "redrive/scene/image_set.h"
+#include "tests/e2e/e2e.h"
+
+namespace redrive::testing {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+class EndToEndMasks : public EndToEnd {
+ protected:
+  EndToEndMasks() { fs::create_directory(given_); }
+  /// White, but for columns [x0, x1).
+  static void write(const fs::path& file, int width, int height, int x0, int x1) {
+    Image8 image{width, height, std::vector<std::uint8_t>(3 * width * height, 255)};
+    for (int i = 0; i < 3 * width * height; ++i)
+      if (i / 3 % width >= x0 && i / 3 % width < x1) image.rgb[i] = 0;
+    write_image(file, image);
+  }
+  Ended train(const std::vector<std::string>& more) const {
+    std::vector<std::string> arguments = {"--cameras", kTinyFront, "--epochs", "1000", "--max-steps", "3"};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return redrive(train_arguments(folder_ / "run", arguments));
+  }
+  nlohmann::json score() const {
+    const Ended ended = redrive({"eval", (folder_ / "run").string(), "--json"});
+    EXPECT_EQ(ended.exit_code, kExitOk) << ended.err;
+    return nlohmann::json::parse(ended.out).at("cameras").at(kTinyFront);
+  }
+
+  const fs::path given_ = folder_ / "given", of_front_ = given_ / (std::string(kTinyFront) + ".png"),
+                 kept_ = folder_ / "run" / "masks" / (std::string(kTinyFront) + ".png");
+};
+
+// 4 frames of 48 x 32 pixels.
+TEST_F(EndToEndMasks, AreKeptEditedAndNotScored) {
+  write(of_front_, 48, 32, 24, 48);
+  const Ended trained = train({"--masks", given_.string()});
+  ASSERT_EQ(trained.exit_code, kExitOk) << trained.err;
+  EXPECT_THAT(trained.out, AllOf(HasSubstr("48 x 32, 50.0 % masked"), HasSubstr("3072 training pixels")));
+  EXPECT_EQ(read_image(kept_).rgb, read_image(of_front_).rgb);
+  EXPECT_EQ(score().at("left_out_pixels"), 4 * 24 * 32);
+
+  write(kept_, 48, 32, 0, 12);
+  const Ended resumed = redrive({"resume", (folder_ / "run").string(), "--max-steps", "6"});
+  ASSERT_EQ(resumed.exit_code, kExitOk) << resumed.err;
+  EXPECT_THAT(resumed.out, AllOf(HasSubstr("25.0 % masked"), HasSubstr("4608 training pixels")));
+  const nlohmann::json masked = score();
+  EXPECT_EQ(masked.at("left_out_pixels"), 4 * 12 * 32);
+  fs::remove(kept_);
+  EXPECT_EQ(score().at("left_out_pixels"), 0);
+  EXPECT_NE(score().at("psnr_db"), masked.at("psnr_db"));
+}
+
+TEST_F(EndToEndMasks, OneOfAnotherSizeIsRefusedBeforeAnythingIsWritten) {
+  write(of_front_, 40, 32, 0, 1);
+  const auto message =
+      AllOf(HasSubstr(std::string(kTinyFront) + ".png"), HasSubstr("size"), HasSubstr("40 x 32"), HasSubstr("48 x 32"));
+  const Ended refused = train({"--masks", given_.string()});
+  EXPECT_EQ(refused.exit_code, kExitBadInput);
+  EXPECT_THAT(refused.err, message);
+  EXPECT_FALSE(fs::exists(folder_ / "run"));
+
+  ASSERT_EQ(train({}).exit_code, kExitOk);
+  fs::copy_file(of_front_, kept_);
+  for (const char* command : {"resume", "eval"}) {
+    const Ended ended = redrive({command, (folder_ / "run").string()});
+    EXPECT_EQ(ended.exit_code, kExitBadInput) << command;
+    EXPECT_THAT(ended.err, message) << command;
+  }
+}
+
+// 0.6 m of driving say nothing about a vehicle.
+TEST_F(EndToEndMasks, ADriveTooShortKeepsAllPixels) {
+  const Ended trained = train({});
+  ASSERT_EQ(trained.exit_code, kExitOk) << trained.err;
+  EXPECT_THAT(trained.out, Not(HasSubstr("masked")));
+  EXPECT_TRUE(fs::is_empty(folder_ / "run" / "masks"));
+  EXPECT_EQ(score().at("left_out_pixels"), 0);
+}
+
+}  // namespace
+}  // namespace redrive::testing
