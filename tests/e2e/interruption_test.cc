@@ -124,7 +124,7 @@ TEST_F(EndToEnd, FullDiskIsSaidAndLeavesTheLastCheckpoint) {
   EXPECT_EQ(read_file(run / "checkpoint.safetensors"), checkpoint);
   for (const auto& entry : fs::directory_iterator(run))
     EXPECT_THAT(entry.path().filename().string(),
-                ::testing::AnyOf("config.json", "metrics.jsonl", "checkpoint.safetensors"));
+                ::testing::AnyOf("config.json", "masks", "metrics.jsonl", "checkpoint.safetensors"));
   EXPECT_EQ(redrive({"resume", run.string()}).exit_code, kExitOk) << "and goes on once there is room";
   EXPECT_EQ(load_checkpoint(run / "checkpoint.safetensors").step, 60);
 }

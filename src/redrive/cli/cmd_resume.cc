@@ -32,13 +32,13 @@ int run_resume(const Arguments& arguments) {
   validate(run.options);
   const auto backend = kernels::make_backend({run.options.backend, run.options.isa, run.options.threads});
   const std::atomic<bool>& stop = stop_on_signal();
-  const TrainingImages training = [&] {
+  const TrainingData training = [&] {
     ThreadPool pool(backend->threads());
-    return load_training_images(run, pool);
+    return load_training_data(run, pool);
   }();
   if (!arguments.given.empty()) write_config(run.paths, run.options);
   print_summary(run, training, *backend);
-  return report_end(run, train(&run, training.images, *backend, stop));
+  return report_end(run, train(&run, training, *backend, stop));
 }
 
 }  // namespace

@@ -49,16 +49,16 @@ int run_train(const Arguments& arguments) {
   run.scene = make_scene(run.recording, scene_options(run.options));
   run.state = first_state(run.options, run.scene);
   const std::atomic<bool>& stop = stop_on_signal();
-  const TrainingImages training = [&] {
+  const TrainingData training = [&] {
     ThreadPool pool(backend->threads());
-    return find_training_images(run, pool);
+    return find_training_data(run, pool);
   }();
   // Only now, when nothing about the input can be wrong any more, is something written.
   run.paths =
       create_run(arguments.out, run.options, [&](const RunPaths& paths) { keep_masks(paths, training, run.scene); });
   const RunLock lock(run.paths.root);
   print_summary(run, training, *backend);
-  return report_end(run, train(&run, training.images, *backend, stop));
+  return report_end(run, train(&run, training, *backend, stop));
 }
 
 }  // namespace

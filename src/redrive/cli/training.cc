@@ -31,7 +31,7 @@ const std::atomic<bool>& stop_on_signal() {
   return stop_flag;
 }
 
-void print_summary(const Run& run, const TrainingImages& training, const kernels::Backend& backend) {
+void print_summary(const Run& run, const TrainingData& training, const kernels::Backend& backend) {
   std::printf("%s\n", kernels::describe(backend).c_str());
   for (const Finding& finding : run.recording.findings)
     std::printf("note: %s: %s\n", finding.subject.c_str(), finding.what.c_str());
@@ -51,7 +51,12 @@ void print_summary(const Run& run, const TrainingImages& training, const kernels
     std::printf("\n");
   }
   if (const std::size_t moving = training.left_out.moving.objects(); moving > 0)
-    std::printf("moving objects left out of the pictures: %zu\n", moving);
+    std::printf("moving objects left out: %zu\n", moving);
+  if (const LidarReturns& lidar = training.lidar; lidar.n > 0)
+    std::printf(
+        "%zu LiDAR returns; left out: %zu repeated, %zu beyond the trajectory, %zu on the vehicle, %zu on moving "
+        "objects\n",
+        lidar.n, lidar.repeated, lidar.beyond_trajectory, lidar.on_ego, lidar.on_moving);
   if (run.scene.rig.size() > kCamerasShown) std::printf("%zu cameras in all\n", run.scene.rig.size());
   std::printf("%zu frames, %zu images for training, %zu held out, %.1f MB of pixels; near %g%s, far %g%s\n",
               run.scene.frames.size(), run.scene.views.size() - held_out, held_out, static_cast<double>(bytes) / 1e6,

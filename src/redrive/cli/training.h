@@ -6,7 +6,7 @@
 
 #include "redrive/kernels/kernels.h"
 #include "redrive/train/trainer.h"
-#include "redrive/train/training_images.h"
+#include "redrive/train/training_data.h"
 
 namespace redrive {
 
@@ -15,7 +15,7 @@ namespace redrive {
 const std::atomic<bool>& stop_on_signal();
 
 /// Backend, cameras and what is left out of their pictures, frames, pixels, training and held-out views, steps.
-void print_summary(const Run& run, const TrainingImages& training, const kernels::Backend& backend);
+void print_summary(const Run& run, const TrainingData& training, const kernels::Backend& backend);
 
 /// Says how it ended and how to go on; the exit code.
 int report_end(const Run& run, TrainEnd end);

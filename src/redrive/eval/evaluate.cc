@@ -10,7 +10,7 @@
 #include "redrive/base/error.h"
 #include "redrive/eval/flip.h"
 #include "redrive/eval/metrics.h"
-#include "redrive/train/training_images.h"
+#include "redrive/train/training_data.h"
 
 namespace redrive {
 namespace {

@@ -12,7 +12,7 @@
 #include "redrive/base/error.h"
 #include "redrive/base/rng.h"
 #include "redrive/render/view_pose.h"
-#include "redrive/train/training_images.h"
+#include "redrive/train/training_data.h"
 
 namespace redrive {
 namespace {

@@ -13,7 +13,7 @@
 #include "redrive/train/progress.h"
 #include "redrive/train/start_watch.h"
 #include "redrive/train/step.h"
-#include "redrive/train/training_images.h"
+#include "redrive/train/training_data.h"
 
 namespace redrive {
 namespace {
@@ -27,22 +27,19 @@ double decibels(double mse) { return -10 * std::log10(std::max(mse, 1e-10)); }
 /// One call of train(): the run, what is constant in it, and what the loop's parts share.
 class Trainer {
  public:
-  Trainer(Run* run, const std::vector<Image8>& images, kernels::Backend& backend)
+  Trainer(Run* run, const TrainingData& data, kernels::Backend& backend)
       : run_(*run),
         state_(run->state),
         options_(run->options),
         backend_(backend),
-        sampler_(run->scene, images, run->options.seed),
-        lidar_sampler_(lidar_, run->options.seed),
+        sampler_(run->scene, data.images, run->options.seed),
+        lidar_sampler_(data.lidar, run->options.seed),
+        use_lidar_(options_.lidar_rays > 0 && data.lidar.n > 0),
         saved_seconds_(run->state.seconds) {
     const std::int64_t per_epoch = sampler_.steps_per_epoch(options_.batch_rays);
     steps_ = total_steps(options_, per_epoch);
     milestones_ = milestones(options_, per_epoch);
     steps_per_epoch_ = per_epoch;
-    if (options_.lidar_rays > 0) {
-      ThreadPool pool(backend.threads());
-      lidar_ = load_lidar_returns(run->recording, run->scene, read_moving_objects(run->recording, run->scene), pool);
-    }
   }
 
   TrainEnd run(const std::atomic<bool>& stop) {
@@ -69,7 +66,7 @@ class Trainer {
     const auto begin = std::chrono::steady_clock::now();
     const std::int64_t number = state_.step;
     sampler_.gather(number, options_.batch_rays, &batch_);
-    if (lidar_.n > 0) lidar_sampler_.gather(number, options_.lidar_rays, &lidar_batch_);
+    if (use_lidar_) lidar_sampler_.gather(number, options_.lidar_rays, &lidar_batch_);
     const StepResult result = train_step(backend_, batch_, learning_rate(number), &state_, &buffers_, &lidar_batch_);
     const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     state_.seconds += seconds;
@@ -173,8 +170,8 @@ class Trainer {
   const TrainOptions& options_;
   kernels::Backend& backend_;
   PixelSampler sampler_;
-  LidarReturns lidar_;
   LidarSampler lidar_sampler_;
+  bool use_lidar_;
   double saved_seconds_;  // state_.seconds at the last checkpoint
   std::vector<std::int64_t> milestones_;
   std::int64_t steps_ = 0, steps_per_epoch_ = 0;
@@ -185,17 +182,16 @@ class Trainer {
 
 }  // namespace
 
-TrainEnd train(Run* run, const std::vector<Image8>& images, kernels::Backend& backend, const std::atomic<bool>& stop) {
-  return Trainer(run, images, backend).run(stop);
+TrainEnd train(Run* run, const TrainingData& data, kernels::Backend& backend, const std::atomic<bool>& stop) {
+  return Trainer(run, data, backend).run(stop);
 }
 
 TrainEnd train(Run* run, kernels::Backend& backend, const std::atomic<bool>& stop) {
-  std::vector<Image8> images;
-  {
+  const TrainingData data = [&] {
     ThreadPool pool(backend.threads());
-    images = load_training_images(*run, pool).images;
-  }
-  return train(run, images, backend, stop);
+    return load_training_data(*run, pool);
+  }();
+  return train(run, data, backend, stop);
 }
 
 }  // namespace redrive

@@ -4,8 +4,8 @@
 
 #include <atomic>
 
-#include "redrive/scene/image_set.h"
 #include "redrive/train/run.h"
+#include "redrive/train/training_data.h"
 
 namespace redrive {
 
@@ -14,7 +14,7 @@ enum class TrainEnd { kFinished, kInterrupted };
 /// Trains `run->state` on to its end (or until *stop). Starts from state.step, so that it also resumes: a resumed run ends
 /// with the same weights as an uninterrupted one (max_seconds apart), metrics.jsonl is cut back to the checkpoint first.
 TrainEnd train(Run* run, kernels::Backend& backend, const std::atomic<bool>& stop);
-/// The same with the pictures of run->scene.views already loaded (train/training_images.h).
-TrainEnd train(Run* run, const std::vector<Image8>& images, kernels::Backend& backend, const std::atomic<bool>& stop);
+/// The same with the pictures of run->scene.views already loaded (train/training_data.h).
+TrainEnd train(Run* run, const TrainingData& data, kernels::Backend& backend, const std::atomic<bool>& stop);
 
 }  // namespace redrive

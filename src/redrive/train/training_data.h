@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a run trains on and is scored on: its pictures without what options.masks leaves out of them.
+// What a run trains on and is scored on: its pictures without what options.masks leaves out of them, and its LiDAR returns.
 #pragma once
 
+#include "redrive/scene/lidar_returns.h"
 #include "redrive/scene/masks.h"
 #include "redrive/train/run.h"
 
@@ -17,17 +18,18 @@ struct LeftOut {
 /// read_mask, read_boxes.
 LeftOut read_left_out(const Run& run);
 
-struct TrainingImages {
+struct TrainingData {
   std::vector<Image8> images;  ///< of scene.views, held-out ones empty
   LeftOut left_out;            ///< of them
+  LidarReturns lidar;          ///< none if options.lidar_rays is 0
 };
 
-/// The pictures of an existing run.
-TrainingImages load_training_images(const Run& run, ThreadPool& pool);
+/// Of an existing run.
+TrainingData load_training_data(const Run& run, ThreadPool& pool);
 /// Those of a run to be, whose masks are found, or read from the folder that options.masks names. UsageError if no camera has
 /// a mask there.
-TrainingImages find_training_images(const Run& run, ThreadPool& pool);
-/// Makes paths.masks() with what find_training_images found: for create_run.
-void keep_masks(const RunPaths& paths, const TrainingImages& training, const Scene& scene);
+TrainingData find_training_data(const Run& run, ThreadPool& pool);
+/// Makes paths.masks() with what find_training_data found: for create_run.
+void keep_masks(const RunPaths& paths, const TrainingData& training, const Scene& scene);
 
 }  // namespace redrive

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/train/training_images.h"
+#include "redrive/train/training_data.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -29,7 +29,7 @@ class TrainingImagesTest : public testing::Test {
   }
   std::string refused() {
     try {
-      find_training_images(run_, pool_);
+      find_training_data(run_, pool_);
     } catch (const UsageError& error) {
       return error.what();
     }
@@ -49,7 +49,7 @@ TEST_F(TrainingImagesTest, WhatIsFoundIsWhatTheRunKeeps) {
   run_.options.holdout_every = 3;
   prepare();
   write(masks_);
-  const TrainingImages found = find_training_images(run_, pool_);
+  const TrainingData found = find_training_data(run_, pool_);
   ASSERT_EQ(found.images.size(), 4u);
   EXPECT_TRUE(found.images[0].rgb.empty()) << "held out";
   ASSERT_EQ(found.images[1].used.size(), 8u * 5);
@@ -59,7 +59,7 @@ TEST_F(TrainingImagesTest, WhatIsFoundIsWhatTheRunKeeps) {
   run_.paths = create_run(folder_.path / "run", run_.options,
                           [&](const RunPaths& paths) { keep_masks(paths, found, run_.scene); });
   std::filesystem::remove_all(masks_);
-  const TrainingImages loaded = load_training_images(run_, pool_);
+  const TrainingData loaded = load_training_data(run_, pool_);
   for (std::size_t i = 0; i < loaded.images.size(); ++i) {
     EXPECT_EQ(loaded.images[i].rgb, found.images[i].rgb) << i;
     EXPECT_EQ(loaded.images[i].used, found.images[i].used) << i;
@@ -70,11 +70,11 @@ TEST_F(TrainingImagesTest, AMaskThatIsTakenAwayLeavesNothingOut) {
   run_.options.masks = masks_;
   prepare();
   write(masks_);
-  const TrainingImages found = find_training_images(run_, pool_);
+  const TrainingData found = find_training_data(run_, pool_);
   run_.paths = create_run(folder_.path / "run", run_.options,
                           [&](const RunPaths& paths) { keep_masks(paths, found, run_.scene); });
   ASSERT_TRUE(std::filesystem::remove(run_.paths.masks() / "FRONT.png"));
-  EXPECT_TRUE(load_training_images(run_, pool_).images[0].used.empty());
+  EXPECT_TRUE(load_training_data(run_, pool_).images[0].used.empty());
 }
 
 TEST_F(TrainingImagesTest, NoneLooksForNothing) {
@@ -84,8 +84,8 @@ TEST_F(TrainingImagesTest, NoneLooksForNothing) {
   std::filesystem::create_directory(run_.paths.masks());
   write(run_.paths.masks());
   run_.recording.box_files = {{10, folder_.path / "missing.json"}};
-  EXPECT_TRUE(load_training_images(run_, pool_).images[0].used.empty());
-  EXPECT_TRUE(find_training_images(run_, pool_).images[0].used.empty());
+  EXPECT_TRUE(load_training_data(run_, pool_).images[0].used.empty());
+  EXPECT_TRUE(find_training_data(run_, pool_).images[0].used.empty());
 }
 
 TEST_F(TrainingImagesTest, AFolderWithoutAMaskIsAMistake) {

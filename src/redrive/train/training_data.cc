@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/train/training_images.h"
+#include "redrive/train/training_data.h"
 
 #include <algorithm>
 
@@ -29,9 +29,11 @@ std::filesystem::path mask_folder(const Run& run) {
   return given;
 }
 
-TrainingImages applied(const Run& run, ThreadPool& pool, LeftOut left_out, std::vector<Image8> images) {
+TrainingData applied(const Run& run, ThreadPool& pool, LeftOut left_out, std::vector<Image8> images) {
   leave_out_of_views(run.scene, left_out.masks, left_out.moving, pool, &images);
-  return {std::move(images), std::move(left_out)};
+  LidarReturns lidar;
+  if (run.options.lidar_rays > 0) lidar = load_lidar_returns(run.recording, run.scene, left_out.moving, pool);
+  return {std::move(images), std::move(left_out), std::move(lidar)};
 }
 
 }  // namespace
@@ -40,11 +42,11 @@ LeftOut read_left_out(const Run& run) {
   return with_moving(run, [&] { return read_masks(run.paths.masks(), run.scene); });
 }
 
-TrainingImages load_training_images(const Run& run, ThreadPool& pool) {
+TrainingData load_training_data(const Run& run, ThreadPool& pool) {
   return applied(run, pool, read_left_out(run), load_views(run.scene, pool));
 }
 
-TrainingImages find_training_images(const Run& run, ThreadPool& pool) {
+TrainingData find_training_data(const Run& run, ThreadPool& pool) {
   const std::filesystem::path folder = mask_folder(run);  // first: it is said at once if it is wrong
   std::vector<Image8> images = load_views(run.scene, pool);
   LeftOut left_out =
@@ -52,7 +54,7 @@ TrainingImages find_training_images(const Run& run, ThreadPool& pool) {
   return applied(run, pool, std::move(left_out), std::move(images));
 }
 
-void keep_masks(const RunPaths& paths, const TrainingImages& training, const Scene& scene) {
+void keep_masks(const RunPaths& paths, const TrainingData& training, const Scene& scene) {
   std::error_code error;
   std::filesystem::create_directory(paths.masks(), error);
   if (error) throw IoError(paths.masks(), error.message());
