@@ -2,6 +2,7 @@
 // Compiled once per instruction set: REDRIVE_ISA names the namespace.
 #include "redrive/kernels/cpu/grid/grid_kernels.h"
 
+#include "redrive/kernels/cpu/grid/hash_kernels.h"
 #include "redrive/kernels/cpu/grid/small_product.h"
 
 namespace redrive::kernels::REDRIVE_ISA {
@@ -10,9 +11,6 @@ namespace {
 constexpr int kGeometry = 16, kHarmonics = 16, kColours = 16;  // the last: three of them used
 constexpr float kMaxLogDensity = 15;
 
-/// NaN in b stays NaN.
-REDRIVE_INLINE Vf minimum(Vf a, Vf b) { return a < b ? a : b; }
-REDRIVE_INLINE Vf maximum(Vf a, Vf b) { return a > b ? a : b; }
 REDRIVE_INLINE Vf magnitude(Vf a) { return a < Vf{} ? -a : a; }
 REDRIVE_INLINE void clear(float* p, std::size_t n) { std::memset(p, 0, n * sizeof(float)); }
 
@@ -57,158 +55,6 @@ void contract(const GridRays& rays) {
       for (int k = 0; k < 3; ++k) store_first(rays.position + k * rays.stride + first + i, u[k] * scale + shift, count);
       store_first(rays.footprint + first + i, factor, count);
     }
-  }
-}
-
-/// The eight rows of kLanes points, and their shares of the mean, times the level's weight.
-struct Corners {
-  alignas(64) std::int32_t row[8][kLanes];
-  alignas(64) float weight[8][kLanes];
-  alignas(64) std::int32_t cell[3][kLanes];
-  Vf fraction[3], level_weight;
-};
-
-REDRIVE_INLINE void find_corners(const GridLevel& level, const GridPoints& points, std::size_t i, Corners* out) {
-  const int count = points.n - i < kLanes ? static_cast<int>(points.n - i) : kLanes;
-  const Vf one = splat(1.0f), cells = splat(static_cast<float>(level.cells));
-  Vi corner[3];
-  for (int k = 0; k < 3; ++k) {
-    Vf x = load_first(points.position + k * points.stride + i, count);
-    x = x > Vf{} ? minimum(x, one) : Vf{};
-    const Vf scaled = x * cells + splat(0.5f);
-    corner[k] = __builtin_convertvector(scaled, Vi);
-    out->fraction[k] = scaled - __builtin_convertvector(corner[k], Vf);
-    std::memcpy(out->cell[k], &corner[k], sizeof corner[k]);
-  }
-  // Unsigned: a hash may wrap around.
-  const auto as_unsigned = [](Vi v) __attribute__((always_inline)) { return reinterpret_cast<Vu>(v); };
-  const auto splat_unsigned = [](std::uint32_t v) __attribute__((always_inline)) { return v - Vu{}; };
-  const std::uint32_t side = static_cast<std::uint32_t>(level.cells) + 2;
-  const Vu step_y = splat_unsigned(level.dense ? side : 2654435761u),
-           step_z = splat_unsigned(level.dense ? side * side : 805459861u);
-  Vu x[2], y[2], z[2];
-  x[0] = as_unsigned(corner[0]);
-  x[1] = x[0] + splat_unsigned(1);
-  y[0] = as_unsigned(corner[1]) * step_y;
-  y[1] = y[0] + step_y;
-  z[0] = as_unsigned(corner[2]) * step_z;
-  z[1] = z[0] + step_z;
-  const Vu mask = splat_unsigned(level.mask);
-  const Vf widths = splat(2.0f) * cells * load_first(points.footprint + i, count);
-  out->level_weight = one / maximum(widths, one);
-  const Vf fx[2] = {one - out->fraction[0], out->fraction[0]}, fy[2] = {one - out->fraction[1], out->fraction[1]},
-           fz[2] = {(one - out->fraction[2]) * out->level_weight, out->fraction[2] * out->level_weight};
-  for (int c = 0; c < 8; ++c) {
-    const Vu row = level.dense ? x[c & 1] + y[c >> 1 & 1] + z[c >> 2] : (x[c & 1] ^ y[c >> 1 & 1] ^ z[c >> 2]) & mask;
-    const Vf weight = fx[c & 1] * (fy[c >> 1 & 1] * fz[c >> 2]);
-    std::memcpy(out->row[c], &row, sizeof row);
-    std::memcpy(out->weight[c], &weight, sizeof weight);
-  }
-}
-
-/// A row of kFeatures numbers.
-template <int kFeatures>
-struct RowOf {
-  typedef float Type __attribute__((vector_size(kFeatures * 4), aligned(4), may_alias));
-};
-
-template <int kFeatures>
-void encode_rows(const GridLevel& level, const GridPoints& points, float* out) {
-  typedef typename RowOf<kFeatures>::Type Row;
-  Corners corners;
-  for (std::size_t i = 0; i < points.n; i += kLanes) {
-    find_corners(level, points, i, &corners);
-    const int count = points.n - i < kLanes ? static_cast<int>(points.n - i) : kLanes;
-    for (int j = 0; j < count; ++j) {
-      Row even{}, odd{};
-      for (int c = 0; c < 8; c += 2) {
-        even += corners.weight[c][j] *
-                *reinterpret_cast<const Row*>(level.rows + static_cast<std::size_t>(corners.row[c][j]) * kFeatures);
-        odd += corners.weight[c + 1][j] *
-               *reinterpret_cast<const Row*>(level.rows + static_cast<std::size_t>(corners.row[c + 1][j]) * kFeatures);
-      }
-      *reinterpret_cast<Row*>(out + (i + j) * kFeatures) = even + odd;
-    }
-  }
-}
-
-/// Consecutive points in one cell are summed up before they are added to its rows: along a ray they are many.
-template <int kFeatures>
-void encode_rows_backward(const GridLevel& level, const GridPoints& points, const float* d_out, float* d_rows,
-                          float* d_position) {
-  typedef typename RowOf<kFeatures>::Type Row;
-  Corners corners;
-  Row sum[8]{};
-  std::int32_t row[8]{}, cell[3] = {-1, -1, -1};
-  for (std::size_t i = 0; i < points.n; i += kLanes) {
-    find_corners(level, points, i, &corners);
-    const int count = points.n - i < kLanes ? static_cast<int>(points.n - i) : kLanes;
-    for (int j = 0; j < count; ++j) {
-      const Row d = *reinterpret_cast<const Row*>(d_out + (i + j) * kFeatures);
-      if (!d_rows) {
-      } else if (corners.cell[0][j] != cell[0] || corners.cell[1][j] != cell[1] || corners.cell[2][j] != cell[2]) {
-        if (cell[0] >= 0)
-          for (int c = 0; c < 8; ++c)
-            *reinterpret_cast<Row*>(d_rows + static_cast<std::size_t>(row[c]) * kFeatures) += sum[c];
-        for (int k = 0; k < 3; ++k) cell[k] = corners.cell[k][j];
-        for (int c = 0; c < 8; ++c) {
-          row[c] = corners.row[c][j];
-          sum[c] = corners.weight[c][j] * d;
-        }
-      } else {
-        for (int c = 0; c < 8; ++c) sum[c] += corners.weight[c][j] * d;
-      }
-      if (!d_position) continue;
-      const float scale = corners.level_weight[j] * static_cast<float>(level.cells);
-      for (int c = 0; c < 8; ++c) {
-        const Row product =
-            d * *reinterpret_cast<const Row*>(level.rows + static_cast<std::size_t>(corners.row[c][j]) * kFeatures);
-        float slope = 0;
-        for (int f = 0; f < kFeatures; ++f) slope += product[f];
-        slope *= scale;
-        float share[3];
-        for (int k = 0; k < 3; ++k) share[k] = (c >> k & 1) ? corners.fraction[k][j] : 1.0f - corners.fraction[k][j];
-        for (int k = 0; k < 3; ++k)
-          d_position[k * points.stride + i + j] +=
-              ((c >> k & 1) ? slope : -slope) * share[(k + 1) % 3] * share[(k + 2) % 3];
-      }
-    }
-  }
-  if (cell[0] >= 0)
-    for (int c = 0; c < 8; ++c)
-      *reinterpret_cast<Row*>(d_rows + static_cast<std::size_t>(row[c]) * kFeatures) += sum[c];
-}
-
-void encode(int features, const GridLevel& level, const GridPoints& points, float* out) {
-  switch (features) {
-    case 1: return encode_rows<1>(level, points, out);
-    case 2: return encode_rows<2>(level, points, out);
-    case 4: return encode_rows<4>(level, points, out);
-    default: return encode_rows<8>(level, points, out);
-  }
-}
-
-void encode_backward(int features, const GridLevel& level, const GridPoints& points, const float* d_out, float* d_rows,
-                     float* d_position) {
-  switch (features) {
-    case 1: return encode_rows_backward<1>(level, points, d_out, d_rows, d_position);
-    case 2: return encode_rows_backward<2>(level, points, d_out, d_rows, d_position);
-    case 4: return encode_rows_backward<4>(level, points, d_out, d_rows, d_position);
-    default: return encode_rows_backward<8>(level, points, d_out, d_rows, d_position);
-  }
-}
-
-void density(const GridLevel* levels, int n_levels, float scale, const GridPoints& points, float* density) {
-  Corners corners;
-  for (std::size_t i = 0; i < points.n; i += kLanes) {
-    Vf sum{};
-    for (int l = 0; l < n_levels; ++l) {
-      find_corners(levels[l], points, i, &corners);
-      for (int c = 0; c < 8; ++c)
-        sum += load(corners.weight[c]) * gather(levels[l].rows, *reinterpret_cast<const Vi*>(corners.row[c]));
-    }
-    const Vf result = splat(scale) * exponential(minimum(splat(kMaxLogDensity), sum)).value;
-    store_first(density + i, result, points.n - i < kLanes ? static_cast<int>(points.n - i) : kLanes);
   }
 }
 
