@@ -12,7 +12,6 @@ constexpr int kGeometry = 16, kHarmonics = 16, kColours = 16;  // the last: thre
 constexpr float kMaxLogDensity = 15;
 
 REDRIVE_INLINE Vf magnitude(Vf a) { return a < Vf{} ? -a : a; }
-REDRIVE_INLINE void clear(float* p, std::size_t n) { std::memset(p, 0, n * sizeof(float)); }
 
 /// x^(1/3), x >= 0, relative error below 1e-5: a third of the exponent, then Newton's steps. A footprint needs no more.
 REDRIVE_INLINE Vf cube_root(Vf x) {
@@ -94,23 +93,30 @@ void weights_backward(int n_rays, int per_ray, const float* edges, const float* 
   }
 }
 
-/// n: 2, 4 or 8, the features of a level.
-REDRIVE_INLINE void copy_row(const float* from, float* to, int n) {
-  if (n == 4)
-    std::memcpy(to, from, 4 * sizeof(float));
-  else if (n == 8)
-    std::memcpy(to, from, 8 * sizeof(float));
-  else
-    std::memcpy(to, from, 2 * sizeof(float));
+/// Features of a tile, kOfLevel of each level: [levels, all samples, kOfLevel] to [samples, inputs], or back.
+template <int kOfLevel, bool kBack>
+REDRIVE_INLINE void regroup(const GridNetworkTile& tile, const float* from, float* to) {
+  const int samples = tile.n_rays * tile.per_ray, levels = tile.levels;
+  const std::size_t inputs = static_cast<std::size_t>(levels) * kOfLevel;
+  for (int l = 0; l < levels; ++l) {
+    const std::size_t by_level = l * tile.level_stride, by_sample = static_cast<std::size_t>(l) * kOfLevel;
+    const float* source = from + (kBack ? by_sample : by_level);
+    float* target = to + (kBack ? by_level : by_sample);
+    for (int i = 0; i < samples; ++i) {
+      if (!kBack) __builtin_prefetch(source + samples * kOfLevel);  // the next tile's
+      std::memcpy(target, source, kOfLevel * sizeof(float));
+      source += kBack ? inputs : kOfLevel;
+      target += kBack ? kOfLevel : inputs;
+    }
+  }
 }
-
-/// NaN stays NaN.
-REDRIVE_INLINE void rectify(float* x, std::size_t n) {
-  for (std::size_t i = 0; i < n; i += kLanes) store(x + i, load(x + i) < Vf{} ? Vf{} : load(x + i));
-}
-/// d where the rectified x is open, else 0.
-REDRIVE_INLINE void rectify_backward(const float* x, float* d, std::size_t n) {
-  for (std::size_t i = 0; i < n; i += kLanes) store(d + i, load(x + i) > Vf{} ? load(d + i) : Vf{});
+template <bool kBack>
+void regroup(const GridNetworkTile& tile, const float* from, float* to) {
+  switch (tile.of_level) {
+    case 2: return regroup<2, kBack>(tile, from, to);
+    case 4: return regroup<4, kBack>(tile, from, to);
+    default: return regroup<8, kBack>(tile, from, to);
+  }
 }
 
 /// Rows [samples, columns] one after the other.
@@ -154,18 +160,15 @@ REDRIVE_INLINE Activations activations_in(float* scratch, std::size_t samples, s
   return a;
 }
 
+/// Up to the last hidden layer.
 void run_forward(const GridNetworkWeights& w, const GridNetworkTile& tile, const Activations& a) {
   const int width = w.width, samples = tile.n_rays * tile.per_ray;
-  const std::size_t wide = static_cast<std::size_t>(samples) * width;
-  for (int l = 0; l < tile.levels; ++l)
-    for (int i = 0; i < samples; ++i)
-      copy_row(tile.features + l * tile.level_stride + static_cast<std::size_t>(i) * tile.of_level,
-               a.features + static_cast<std::size_t>(i) * w.inputs + l * tile.of_level, tile.of_level);
-  clear(a.hidden, wide);
-  add_product(samples, width, w.inputs, rows_of(a.features, w.inputs), w.density0_in, width, a.hidden, width);
-  rectify(a.hidden, wide);
-  clear(a.geometry, static_cast<std::size_t>(samples) * kGeometry);
-  add_product(samples, kGeometry, width, rows_of(a.hidden, width), w.density1_in, kGeometry, a.geometry, kGeometry);
+  const std::size_t row = width;
+  regroup<false>(tile, tile.features, a.features);
+  product<Start::kZero, Finish::kRectify>(
+      {samples, width, w.inputs, rows_of(a.features, w.inputs), w.density0_in, row, a.hidden, row});
+  product<Start::kZero, Finish::kPlain>(
+      {samples, kGeometry, width, rows_of(a.hidden, width), w.density1_in, kGeometry, a.geometry, kGeometry});
   for (int i = 0; i < samples; i += kLanes) {
     alignas(64) float log_density[kLanes]{};
     for (int j = 0; j < kLanes && i + j < samples; ++j)
@@ -173,29 +176,31 @@ void run_forward(const GridNetworkWeights& w, const GridNetworkTile& tile, const
     store(a.density + i, splat(w.density_scale) * exponential(minimum(splat(kMaxLogDensity), load(log_density))).value);
   }
   // What the direction adds is the same for all samples of a ray.
-  clear(a.of_ray, static_cast<std::size_t>(tile.n_rays) * width);
-  add_product(tile.n_rays, width, kHarmonics, rows_of(tile.harmonics, kHarmonics), w.harmonics_in, width, a.of_ray,
-              width);
-  for (int ray = 0; ray < tile.n_rays; ++ray)
-    for (int s = 0; s < tile.per_ray; ++s)
-      std::memcpy(a.colour[0] + (static_cast<std::size_t>(ray) * tile.per_ray + s) * width,
-                  a.of_ray + static_cast<std::size_t>(ray) * width, width * sizeof(float));
-  add_product(samples, width, kGeometry, rows_of(a.geometry, kGeometry), w.geometry_in, width, a.colour[0], width);
-  rectify(a.colour[0], wide);
-  if (w.colour_layers == 2) {
-    clear(a.colour[1], wide);
-    add_product(samples, width, width, rows_of(a.colour[0], width), w.colour1_in, width, a.colour[1], width);
-    rectify(a.colour[1], wide);
+  product<Start::kZero, Finish::kPlain>(
+      {tile.n_rays, width, kHarmonics, rows_of(tile.harmonics, kHarmonics), w.harmonics_in, row, a.of_ray, row});
+  for (int ray = 0; ray < tile.n_rays; ++ray) {
+    const std::size_t first = static_cast<std::size_t>(ray) * tile.per_ray;
+    product<Start::kRow, Finish::kRectify>({.rows = tile.per_ray,
+                                            .columns = width,
+                                            .depth = kGeometry,
+                                            .a = rows_of(a.geometry + first * kGeometry, kGeometry),
+                                            .b = w.geometry_in,
+                                            .b_row = row,
+                                            .c = a.colour[0] + first * row,
+                                            .c_row = row,
+                                            .start = a.of_ray + ray * row});
   }
-  clear(a.out, static_cast<std::size_t>(samples) * kColours);
-  add_product(samples, kColours, width, rows_of(a.colour[w.colour_layers - 1], width), w.colour_out_in, kColours, a.out,
-              kColours);
+  if (w.colour_layers == 2)
+    product<Start::kZero, Finish::kRectify>(
+        {samples, width, width, rows_of(a.colour[0], width), w.colour1_in, row, a.colour[1], row});
 }
 
 void network_forward(const GridNetworkWeights& w, const GridNetworkTile& tile, float* raw, float* scratch) {
-  const int samples = tile.n_rays * tile.per_ray;
+  const int samples = tile.n_rays * tile.per_ray, width = w.width;
   const Activations a = activations_in(scratch, samples, tile.n_rays, w.width, w.inputs);
   run_forward(w, tile, a);
+  product<Start::kZero, Finish::kPlain>({samples, kColours, width, rows_of(a.colour[w.colour_layers - 1], width),
+                                         w.colour_out_in, kColours, a.out, kColours});
   for (int i = 0; i < samples; ++i)
     for (int k = 0; k < 3; ++k) raw[k * tile.raw_stride + i] = a.out[static_cast<std::size_t>(i) * kColours + k];
   std::memcpy(raw + 3 * tile.raw_stride, a.density, samples * sizeof(float));
@@ -204,29 +209,32 @@ void network_forward(const GridNetworkWeights& w, const GridNetworkTile& tile, f
 void network_backward(const GridNetworkWeights& w, const GridNetworkTile& tile, const float* d_raw,
                       const GridNetworkGradients& gradients, float* d_features, float* scratch) {
   const int width = w.width, samples = tile.n_rays * tile.per_ray, last = w.colour_layers - 1;
-  const std::size_t wide = static_cast<std::size_t>(samples) * width;
+  const std::size_t row = width, inputs = w.inputs;
   const Activations a = activations_in(scratch, samples, tile.n_rays, width, w.inputs);
   run_forward(w, tile, a);
   for (int i = 0; i < samples; ++i)
     for (int k = 0; k < 3; ++k) a.d_out[static_cast<std::size_t>(i) * kColours + k] = d_raw[k * tile.raw_stride + i];
+  /// Of the layer `gradient` [outputs, inputs], from d [samples, outputs] and x [samples, inputs].
+  const auto add_gradient = [&](int outputs, int columns, const float* d, int d_row, const float* x, float* gradient,
+                                std::size_t gradient_row) __attribute__((always_inline)) {
+    product<Start::kSum, Finish::kPlain>({outputs, columns, samples, columns_of(d, d_row), x,
+                                          static_cast<std::size_t>(columns), gradient, gradient_row});
+  };
 
   float* d_colour = a.d_wide;
-  clear(d_colour, wide);
-  add_product(samples, width, 3, rows_of(a.d_out, kColours), w.colour_out, width, d_colour, width);
-  add_product(3, width, samples, columns_of(a.d_out, kColours), a.colour[last], width, gradients.colour_out, width);
-  rectify_backward(a.colour[last], d_colour, wide);
+  product<Start::kZero, Finish::kGate>(
+      {samples, width, 3, rows_of(a.d_out, kColours), w.colour_out, row, d_colour, row, nullptr, a.colour[last]});
+  add_gradient(3, width, a.d_out, kColours, a.colour[last], gradients.colour_out, row);
   if (last == 1) {
-    clear(a.d_wider, wide);
-    add_product(samples, width, width, rows_of(d_colour, width), w.colour1, width, a.d_wider, width);
-    add_product(width, width, samples, columns_of(d_colour, width), a.colour[0], width, gradients.colour1, width);
+    product<Start::kZero, Finish::kGate>(
+        {samples, width, width, rows_of(d_colour, width), w.colour1, row, a.d_wider, row, nullptr, a.colour[0]});
+    add_gradient(width, width, d_colour, width, a.colour[0], gradients.colour1, row);
     d_colour = a.d_wider;
-    rectify_backward(a.colour[0], d_colour, wide);
   }
   constexpr int kInputs = kGeometry + kHarmonics;
-  clear(a.d_geometry, static_cast<std::size_t>(samples) * kGeometry);
-  add_product(samples, kGeometry, width, rows_of(d_colour, width), w.colour0, kInputs, a.d_geometry, kGeometry);
-  add_product(width, kGeometry, samples, columns_of(d_colour, width), a.geometry, kGeometry, gradients.colour0,
-              kInputs);
+  product<Start::kZero, Finish::kPlain>(
+      {samples, kGeometry, width, rows_of(d_colour, width), w.colour0, kInputs, a.d_geometry, kGeometry});
+  add_gradient(width, kGeometry, d_colour, width, a.geometry, gradients.colour0, kInputs);
   for (int ray = 0; ray < tile.n_rays; ++ray)
     for (int c = 0; c < width; c += kLanes) {
       Vf sum{};
@@ -234,25 +242,19 @@ void network_backward(const GridNetworkWeights& w, const GridNetworkTile& tile, 
         sum += load(d_colour + (static_cast<std::size_t>(ray) * tile.per_ray + s) * width + c);
       store(a.d_of_ray + static_cast<std::size_t>(ray) * width + c, sum);
     }
-  add_product(width, kHarmonics, tile.n_rays, columns_of(a.d_of_ray, width), tile.harmonics, kHarmonics,
-              gradients.colour0 + kGeometry, kInputs);
+  product<Start::kSum, Finish::kPlain>({width, kHarmonics, tile.n_rays, columns_of(a.d_of_ray, width), tile.harmonics,
+                                        kHarmonics, gradients.colour0 + kGeometry, kInputs});
   for (int i = 0; i < samples; ++i)
     a.d_geometry[static_cast<std::size_t>(i) * kGeometry] += d_raw[3 * tile.raw_stride + i] * a.density[i];
 
   float* const d_hidden = a.d_wide;
-  clear(d_hidden, wide);
-  add_product(samples, width, kGeometry, rows_of(a.d_geometry, kGeometry), w.density1, width, d_hidden, width);
-  add_product(kGeometry, width, samples, columns_of(a.d_geometry, kGeometry), a.hidden, width, gradients.density1,
-              width);
-  rectify_backward(a.hidden, d_hidden, wide);
-  clear(a.d_features, static_cast<std::size_t>(samples) * w.inputs);
-  add_product(samples, w.inputs, width, rows_of(d_hidden, width), w.density0, w.inputs, a.d_features, w.inputs);
-  add_product(width, w.inputs, samples, columns_of(d_hidden, width), a.features, w.inputs, gradients.density0,
-              w.inputs);
-  for (int l = 0; l < tile.levels; ++l)
-    for (int i = 0; i < samples; ++i)
-      copy_row(a.d_features + static_cast<std::size_t>(i) * w.inputs + l * tile.of_level,
-               d_features + l * tile.level_stride + static_cast<std::size_t>(i) * tile.of_level, tile.of_level);
+  product<Start::kZero, Finish::kGate>(
+      {samples, width, kGeometry, rows_of(a.d_geometry, kGeometry), w.density1, row, d_hidden, row, nullptr, a.hidden});
+  add_gradient(kGeometry, width, a.d_geometry, kGeometry, a.hidden, gradients.density1, row);
+  product<Start::kZero, Finish::kPlain>(
+      {samples, w.inputs, width, rows_of(d_hidden, width), w.density0, inputs, a.d_features, inputs});
+  add_gradient(width, w.inputs, d_hidden, width, a.features, gradients.density0, inputs);
+  regroup<true>(tile, a.d_features, d_features);
 }
 
 }  // namespace
