@@ -42,11 +42,12 @@ void hash_grid_initialize(const HashGridConfig& config, std::uint64_t seed, std:
 
 constexpr std::uint32_t kHashPrimeY = 2654435761u, kHashPrimeZ = 805459861u;
 
-/// The row of a vertex, counted within its level; coordinates in 0..cells + 1.
+/// The row of a vertex, counted within its level; coordinates in 0..cells + 1. The paper's hash with x added instead of xored: the
+/// rows of neighbours along x follow each other, hashed or not, up to the level's end.
 inline std::uint32_t hash_grid_row(const HashGridLevel& level, std::uint32_t x, std::uint32_t y, std::uint32_t z) {
   const std::uint32_t side = static_cast<std::uint32_t>(level.cells) + 2;
   if (level.dense) return x + side * (y + side * z);
-  return (x ^ (y * kHashPrimeY) ^ (z * kHashPrimeZ)) & (level.rows - 1);
+  return (x + ((y * kHashPrimeY) ^ (z * kHashPrimeZ))) & (level.rows - 1);
 }
 
 /// What a level finer than the sample is long counts for: 1 / max(1, 2 cells footprint) (Tonderski et al., "NeuRAD", 2024,

@@ -118,9 +118,20 @@ TEST(HashGridRow, SpreadsAHashedLevelOverAllItsRows) {
       }
       EXPECT_EQ(line.size(), 64u);  // x is not multiplied: neighbours along it never meet
     }
-  // 2^18 vertices on 2^12 rows, 64 each. Lines fall into 64 blocks of 64 rows, 64 of 4096 lines each: were these random, a block's
-  // count would have a deviation of 8; seven of them over the 64 blocks.
+  // 2^18 vertices on 2^12 rows, 64 each. 4096 lines of 64 rows, each row in 64 of them: were their beginnings random, its count would
+  // have a deviation of 8; seven of them over the 4096 rows.
   for (const int n : count) EXPECT_NEAR(n, 64, 7 * 8);
+}
+
+TEST(HashGridRow, FollowsItsNeighboursAlongX) {
+  for (const int cells : {14, 62}) {  // dense and hashed
+    const HashGridLevel level = hash_grid_levels({1, 1, cells, cells, 12})[0];
+    ASSERT_EQ(level.dense, cells == 14);
+    for (std::uint32_t z = 0; z < 16; ++z)
+      for (std::uint32_t y = 0; y < 16; ++y)
+        for (std::uint32_t x = 0; x < 15; ++x)
+          ASSERT_EQ(hash_grid_row(level, x + 1, y, z), (hash_grid_row(level, x, y, z) + 1) % level.rows);
+  }
 }
 
 TEST(HashGrid, EncodesALinearFunctionExactly) {

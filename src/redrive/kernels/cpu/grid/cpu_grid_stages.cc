@@ -19,7 +19,7 @@ namespace {
 
 constexpr std::size_t kRaysOfRange = 64;
 constexpr std::size_t kPointsOfRange = 8192;  // a level's table is walked once for so many points
-constexpr int kTileSamples = 512;             // a network's activations stay in the second-level cache
+constexpr int kTileSamples = 256;             // a network's activations stay in the second-level cache
 constexpr int kLanesOfBatch = 8;
 
 std::vector<GridLevel> levels_of(const HashGrid& grid) {

@@ -2,6 +2,7 @@
 // Compiled once per instruction set: REDRIVE_ISA names the namespace.
 #include "redrive/kernels/cpu/grid/grid_kernels.h"
 
+#include "redrive/kernels/cpu/grid/hash_kernels.h"
 #include "redrive/kernels/cpu/grid/small_product.h"
 
 namespace redrive::kernels::REDRIVE_ISA {
@@ -10,11 +11,7 @@ namespace {
 constexpr int kGeometry = 16, kHarmonics = 16, kColours = 16;  // the last: three of them used
 constexpr float kMaxLogDensity = 15;
 
-/// NaN in b stays NaN.
-REDRIVE_INLINE Vf minimum(Vf a, Vf b) { return a < b ? a : b; }
-REDRIVE_INLINE Vf maximum(Vf a, Vf b) { return a > b ? a : b; }
 REDRIVE_INLINE Vf magnitude(Vf a) { return a < Vf{} ? -a : a; }
-REDRIVE_INLINE void clear(float* p, std::size_t n) { std::memset(p, 0, n * sizeof(float)); }
 
 /// x^(1/3), x >= 0, relative error below 1e-5: a third of the exponent, then Newton's steps. A footprint needs no more.
 REDRIVE_INLINE Vf cube_root(Vf x) {
@@ -60,158 +57,6 @@ void contract(const GridRays& rays) {
   }
 }
 
-/// The eight rows of kLanes points, and their shares of the mean, times the level's weight.
-struct Corners {
-  alignas(64) std::int32_t row[8][kLanes];
-  alignas(64) float weight[8][kLanes];
-  alignas(64) std::int32_t cell[3][kLanes];
-  Vf fraction[3], level_weight;
-};
-
-REDRIVE_INLINE void find_corners(const GridLevel& level, const GridPoints& points, std::size_t i, Corners* out) {
-  const int count = points.n - i < kLanes ? static_cast<int>(points.n - i) : kLanes;
-  const Vf one = splat(1.0f), cells = splat(static_cast<float>(level.cells));
-  Vi corner[3];
-  for (int k = 0; k < 3; ++k) {
-    Vf x = load_first(points.position + k * points.stride + i, count);
-    x = x > Vf{} ? minimum(x, one) : Vf{};
-    const Vf scaled = x * cells + splat(0.5f);
-    corner[k] = __builtin_convertvector(scaled, Vi);
-    out->fraction[k] = scaled - __builtin_convertvector(corner[k], Vf);
-    std::memcpy(out->cell[k], &corner[k], sizeof corner[k]);
-  }
-  // Unsigned: a hash may wrap around.
-  const auto as_unsigned = [](Vi v) __attribute__((always_inline)) { return reinterpret_cast<Vu>(v); };
-  const auto splat_unsigned = [](std::uint32_t v) __attribute__((always_inline)) { return v - Vu{}; };
-  const std::uint32_t side = static_cast<std::uint32_t>(level.cells) + 2;
-  const Vu step_y = splat_unsigned(level.dense ? side : 2654435761u),
-           step_z = splat_unsigned(level.dense ? side * side : 805459861u);
-  Vu x[2], y[2], z[2];
-  x[0] = as_unsigned(corner[0]);
-  x[1] = x[0] + splat_unsigned(1);
-  y[0] = as_unsigned(corner[1]) * step_y;
-  y[1] = y[0] + step_y;
-  z[0] = as_unsigned(corner[2]) * step_z;
-  z[1] = z[0] + step_z;
-  const Vu mask = splat_unsigned(level.mask);
-  const Vf widths = splat(2.0f) * cells * load_first(points.footprint + i, count);
-  out->level_weight = one / maximum(widths, one);
-  const Vf fx[2] = {one - out->fraction[0], out->fraction[0]}, fy[2] = {one - out->fraction[1], out->fraction[1]},
-           fz[2] = {(one - out->fraction[2]) * out->level_weight, out->fraction[2] * out->level_weight};
-  for (int c = 0; c < 8; ++c) {
-    const Vu row = level.dense ? x[c & 1] + y[c >> 1 & 1] + z[c >> 2] : (x[c & 1] ^ y[c >> 1 & 1] ^ z[c >> 2]) & mask;
-    const Vf weight = fx[c & 1] * (fy[c >> 1 & 1] * fz[c >> 2]);
-    std::memcpy(out->row[c], &row, sizeof row);
-    std::memcpy(out->weight[c], &weight, sizeof weight);
-  }
-}
-
-/// A row of kFeatures numbers.
-template <int kFeatures>
-struct RowOf {
-  typedef float Type __attribute__((vector_size(kFeatures * 4), aligned(4), may_alias));
-};
-
-template <int kFeatures>
-void encode_rows(const GridLevel& level, const GridPoints& points, float* out) {
-  typedef typename RowOf<kFeatures>::Type Row;
-  Corners corners;
-  for (std::size_t i = 0; i < points.n; i += kLanes) {
-    find_corners(level, points, i, &corners);
-    const int count = points.n - i < kLanes ? static_cast<int>(points.n - i) : kLanes;
-    for (int j = 0; j < count; ++j) {
-      Row even{}, odd{};
-      for (int c = 0; c < 8; c += 2) {
-        even += corners.weight[c][j] *
-                *reinterpret_cast<const Row*>(level.rows + static_cast<std::size_t>(corners.row[c][j]) * kFeatures);
-        odd += corners.weight[c + 1][j] *
-               *reinterpret_cast<const Row*>(level.rows + static_cast<std::size_t>(corners.row[c + 1][j]) * kFeatures);
-      }
-      *reinterpret_cast<Row*>(out + (i + j) * kFeatures) = even + odd;
-    }
-  }
-}
-
-/// Consecutive points in one cell are summed up before they are added to its rows: along a ray they are many.
-template <int kFeatures>
-void encode_rows_backward(const GridLevel& level, const GridPoints& points, const float* d_out, float* d_rows,
-                          float* d_position) {
-  typedef typename RowOf<kFeatures>::Type Row;
-  Corners corners;
-  Row sum[8]{};
-  std::int32_t row[8]{}, cell[3] = {-1, -1, -1};
-  for (std::size_t i = 0; i < points.n; i += kLanes) {
-    find_corners(level, points, i, &corners);
-    const int count = points.n - i < kLanes ? static_cast<int>(points.n - i) : kLanes;
-    for (int j = 0; j < count; ++j) {
-      const Row d = *reinterpret_cast<const Row*>(d_out + (i + j) * kFeatures);
-      if (!d_rows) {
-      } else if (corners.cell[0][j] != cell[0] || corners.cell[1][j] != cell[1] || corners.cell[2][j] != cell[2]) {
-        if (cell[0] >= 0)
-          for (int c = 0; c < 8; ++c)
-            *reinterpret_cast<Row*>(d_rows + static_cast<std::size_t>(row[c]) * kFeatures) += sum[c];
-        for (int k = 0; k < 3; ++k) cell[k] = corners.cell[k][j];
-        for (int c = 0; c < 8; ++c) {
-          row[c] = corners.row[c][j];
-          sum[c] = corners.weight[c][j] * d;
-        }
-      } else {
-        for (int c = 0; c < 8; ++c) sum[c] += corners.weight[c][j] * d;
-      }
-      if (!d_position) continue;
-      const float scale = corners.level_weight[j] * static_cast<float>(level.cells);
-      for (int c = 0; c < 8; ++c) {
-        const Row product =
-            d * *reinterpret_cast<const Row*>(level.rows + static_cast<std::size_t>(corners.row[c][j]) * kFeatures);
-        float slope = 0;
-        for (int f = 0; f < kFeatures; ++f) slope += product[f];
-        slope *= scale;
-        float share[3];
-        for (int k = 0; k < 3; ++k) share[k] = (c >> k & 1) ? corners.fraction[k][j] : 1.0f - corners.fraction[k][j];
-        for (int k = 0; k < 3; ++k)
-          d_position[k * points.stride + i + j] +=
-              ((c >> k & 1) ? slope : -slope) * share[(k + 1) % 3] * share[(k + 2) % 3];
-      }
-    }
-  }
-  if (cell[0] >= 0)
-    for (int c = 0; c < 8; ++c)
-      *reinterpret_cast<Row*>(d_rows + static_cast<std::size_t>(row[c]) * kFeatures) += sum[c];
-}
-
-void encode(int features, const GridLevel& level, const GridPoints& points, float* out) {
-  switch (features) {
-    case 1: return encode_rows<1>(level, points, out);
-    case 2: return encode_rows<2>(level, points, out);
-    case 4: return encode_rows<4>(level, points, out);
-    default: return encode_rows<8>(level, points, out);
-  }
-}
-
-void encode_backward(int features, const GridLevel& level, const GridPoints& points, const float* d_out, float* d_rows,
-                     float* d_position) {
-  switch (features) {
-    case 1: return encode_rows_backward<1>(level, points, d_out, d_rows, d_position);
-    case 2: return encode_rows_backward<2>(level, points, d_out, d_rows, d_position);
-    case 4: return encode_rows_backward<4>(level, points, d_out, d_rows, d_position);
-    default: return encode_rows_backward<8>(level, points, d_out, d_rows, d_position);
-  }
-}
-
-void density(const GridLevel* levels, int n_levels, float scale, const GridPoints& points, float* density) {
-  Corners corners;
-  for (std::size_t i = 0; i < points.n; i += kLanes) {
-    Vf sum{};
-    for (int l = 0; l < n_levels; ++l) {
-      find_corners(levels[l], points, i, &corners);
-      for (int c = 0; c < 8; ++c)
-        sum += load(corners.weight[c]) * gather(levels[l].rows, *reinterpret_cast<const Vi*>(corners.row[c]));
-    }
-    const Vf result = splat(scale) * exponential(minimum(splat(kMaxLogDensity), sum)).value;
-    store_first(density + i, result, points.n - i < kLanes ? static_cast<int>(points.n - i) : kLanes);
-  }
-}
-
 /// 1 - exp(-density dt) and exp(-density dt) of an interval; alpha or transparency may be null.
 REDRIVE_INLINE void absorb(const float* edges, const float* density, int n, float* alpha, float* transparency) {
   for (int i = 0; i < n; i += kLanes) {
@@ -248,23 +93,30 @@ void weights_backward(int n_rays, int per_ray, const float* edges, const float* 
   }
 }
 
-/// n: 2, 4 or 8, the features of a level.
-REDRIVE_INLINE void copy_row(const float* from, float* to, int n) {
-  if (n == 4)
-    std::memcpy(to, from, 4 * sizeof(float));
-  else if (n == 8)
-    std::memcpy(to, from, 8 * sizeof(float));
-  else
-    std::memcpy(to, from, 2 * sizeof(float));
+/// Features of a tile, kOfLevel of each level: [levels, all samples, kOfLevel] to [samples, inputs], or back.
+template <int kOfLevel, bool kBack>
+REDRIVE_INLINE void regroup(const GridNetworkTile& tile, const float* from, float* to) {
+  const int samples = tile.n_rays * tile.per_ray, levels = tile.levels;
+  const std::size_t inputs = static_cast<std::size_t>(levels) * kOfLevel;
+  for (int l = 0; l < levels; ++l) {
+    const std::size_t by_level = l * tile.level_stride, by_sample = static_cast<std::size_t>(l) * kOfLevel;
+    const float* source = from + (kBack ? by_sample : by_level);
+    float* target = to + (kBack ? by_level : by_sample);
+    for (int i = 0; i < samples; ++i) {
+      if (!kBack) __builtin_prefetch(source + samples * kOfLevel);  // the next tile's
+      std::memcpy(target, source, kOfLevel * sizeof(float));
+      source += kBack ? inputs : kOfLevel;
+      target += kBack ? kOfLevel : inputs;
+    }
+  }
 }
-
-/// NaN stays NaN.
-REDRIVE_INLINE void rectify(float* x, std::size_t n) {
-  for (std::size_t i = 0; i < n; i += kLanes) store(x + i, load(x + i) < Vf{} ? Vf{} : load(x + i));
-}
-/// d where the rectified x is open, else 0.
-REDRIVE_INLINE void rectify_backward(const float* x, float* d, std::size_t n) {
-  for (std::size_t i = 0; i < n; i += kLanes) store(d + i, load(x + i) > Vf{} ? load(d + i) : Vf{});
+template <bool kBack>
+void regroup(const GridNetworkTile& tile, const float* from, float* to) {
+  switch (tile.of_level) {
+    case 2: return regroup<2, kBack>(tile, from, to);
+    case 4: return regroup<4, kBack>(tile, from, to);
+    default: return regroup<8, kBack>(tile, from, to);
+  }
 }
 
 /// Rows [samples, columns] one after the other.
@@ -308,18 +160,15 @@ REDRIVE_INLINE Activations activations_in(float* scratch, std::size_t samples, s
   return a;
 }
 
+/// Up to the last hidden layer.
 void run_forward(const GridNetworkWeights& w, const GridNetworkTile& tile, const Activations& a) {
   const int width = w.width, samples = tile.n_rays * tile.per_ray;
-  const std::size_t wide = static_cast<std::size_t>(samples) * width;
-  for (int l = 0; l < tile.levels; ++l)
-    for (int i = 0; i < samples; ++i)
-      copy_row(tile.features + l * tile.level_stride + static_cast<std::size_t>(i) * tile.of_level,
-               a.features + static_cast<std::size_t>(i) * w.inputs + l * tile.of_level, tile.of_level);
-  clear(a.hidden, wide);
-  add_product(samples, width, w.inputs, rows_of(a.features, w.inputs), w.density0_in, width, a.hidden, width);
-  rectify(a.hidden, wide);
-  clear(a.geometry, static_cast<std::size_t>(samples) * kGeometry);
-  add_product(samples, kGeometry, width, rows_of(a.hidden, width), w.density1_in, kGeometry, a.geometry, kGeometry);
+  const std::size_t row = width;
+  regroup<false>(tile, tile.features, a.features);
+  product<Start::kZero, Finish::kRectify>(
+      {samples, width, w.inputs, rows_of(a.features, w.inputs), w.density0_in, row, a.hidden, row});
+  product<Start::kZero, Finish::kPlain>(
+      {samples, kGeometry, width, rows_of(a.hidden, width), w.density1_in, kGeometry, a.geometry, kGeometry});
   for (int i = 0; i < samples; i += kLanes) {
     alignas(64) float log_density[kLanes]{};
     for (int j = 0; j < kLanes && i + j < samples; ++j)
@@ -327,29 +176,31 @@ void run_forward(const GridNetworkWeights& w, const GridNetworkTile& tile, const
     store(a.density + i, splat(w.density_scale) * exponential(minimum(splat(kMaxLogDensity), load(log_density))).value);
   }
   // What the direction adds is the same for all samples of a ray.
-  clear(a.of_ray, static_cast<std::size_t>(tile.n_rays) * width);
-  add_product(tile.n_rays, width, kHarmonics, rows_of(tile.harmonics, kHarmonics), w.harmonics_in, width, a.of_ray,
-              width);
-  for (int ray = 0; ray < tile.n_rays; ++ray)
-    for (int s = 0; s < tile.per_ray; ++s)
-      std::memcpy(a.colour[0] + (static_cast<std::size_t>(ray) * tile.per_ray + s) * width,
-                  a.of_ray + static_cast<std::size_t>(ray) * width, width * sizeof(float));
-  add_product(samples, width, kGeometry, rows_of(a.geometry, kGeometry), w.geometry_in, width, a.colour[0], width);
-  rectify(a.colour[0], wide);
-  if (w.colour_layers == 2) {
-    clear(a.colour[1], wide);
-    add_product(samples, width, width, rows_of(a.colour[0], width), w.colour1_in, width, a.colour[1], width);
-    rectify(a.colour[1], wide);
+  product<Start::kZero, Finish::kPlain>(
+      {tile.n_rays, width, kHarmonics, rows_of(tile.harmonics, kHarmonics), w.harmonics_in, row, a.of_ray, row});
+  for (int ray = 0; ray < tile.n_rays; ++ray) {
+    const std::size_t first = static_cast<std::size_t>(ray) * tile.per_ray;
+    product<Start::kRow, Finish::kRectify>({.rows = tile.per_ray,
+                                            .columns = width,
+                                            .depth = kGeometry,
+                                            .a = rows_of(a.geometry + first * kGeometry, kGeometry),
+                                            .b = w.geometry_in,
+                                            .b_row = row,
+                                            .c = a.colour[0] + first * row,
+                                            .c_row = row,
+                                            .start = a.of_ray + ray * row});
   }
-  clear(a.out, static_cast<std::size_t>(samples) * kColours);
-  add_product(samples, kColours, width, rows_of(a.colour[w.colour_layers - 1], width), w.colour_out_in, kColours, a.out,
-              kColours);
+  if (w.colour_layers == 2)
+    product<Start::kZero, Finish::kRectify>(
+        {samples, width, width, rows_of(a.colour[0], width), w.colour1_in, row, a.colour[1], row});
 }
 
 void network_forward(const GridNetworkWeights& w, const GridNetworkTile& tile, float* raw, float* scratch) {
-  const int samples = tile.n_rays * tile.per_ray;
+  const int samples = tile.n_rays * tile.per_ray, width = w.width;
   const Activations a = activations_in(scratch, samples, tile.n_rays, w.width, w.inputs);
   run_forward(w, tile, a);
+  product<Start::kZero, Finish::kPlain>({samples, kColours, width, rows_of(a.colour[w.colour_layers - 1], width),
+                                         w.colour_out_in, kColours, a.out, kColours});
   for (int i = 0; i < samples; ++i)
     for (int k = 0; k < 3; ++k) raw[k * tile.raw_stride + i] = a.out[static_cast<std::size_t>(i) * kColours + k];
   std::memcpy(raw + 3 * tile.raw_stride, a.density, samples * sizeof(float));
@@ -358,29 +209,32 @@ void network_forward(const GridNetworkWeights& w, const GridNetworkTile& tile, f
 void network_backward(const GridNetworkWeights& w, const GridNetworkTile& tile, const float* d_raw,
                       const GridNetworkGradients& gradients, float* d_features, float* scratch) {
   const int width = w.width, samples = tile.n_rays * tile.per_ray, last = w.colour_layers - 1;
-  const std::size_t wide = static_cast<std::size_t>(samples) * width;
+  const std::size_t row = width, inputs = w.inputs;
   const Activations a = activations_in(scratch, samples, tile.n_rays, width, w.inputs);
   run_forward(w, tile, a);
   for (int i = 0; i < samples; ++i)
     for (int k = 0; k < 3; ++k) a.d_out[static_cast<std::size_t>(i) * kColours + k] = d_raw[k * tile.raw_stride + i];
+  /// Of the layer `gradient` [outputs, inputs], from d [samples, outputs] and x [samples, inputs].
+  const auto add_gradient = [&](int outputs, int columns, const float* d, int d_row, const float* x, float* gradient,
+                                std::size_t gradient_row) __attribute__((always_inline)) {
+    product<Start::kSum, Finish::kPlain>({outputs, columns, samples, columns_of(d, d_row), x,
+                                          static_cast<std::size_t>(columns), gradient, gradient_row});
+  };
 
   float* d_colour = a.d_wide;
-  clear(d_colour, wide);
-  add_product(samples, width, 3, rows_of(a.d_out, kColours), w.colour_out, width, d_colour, width);
-  add_product(3, width, samples, columns_of(a.d_out, kColours), a.colour[last], width, gradients.colour_out, width);
-  rectify_backward(a.colour[last], d_colour, wide);
+  product<Start::kZero, Finish::kGate>(
+      {samples, width, 3, rows_of(a.d_out, kColours), w.colour_out, row, d_colour, row, nullptr, a.colour[last]});
+  add_gradient(3, width, a.d_out, kColours, a.colour[last], gradients.colour_out, row);
   if (last == 1) {
-    clear(a.d_wider, wide);
-    add_product(samples, width, width, rows_of(d_colour, width), w.colour1, width, a.d_wider, width);
-    add_product(width, width, samples, columns_of(d_colour, width), a.colour[0], width, gradients.colour1, width);
+    product<Start::kZero, Finish::kGate>(
+        {samples, width, width, rows_of(d_colour, width), w.colour1, row, a.d_wider, row, nullptr, a.colour[0]});
+    add_gradient(width, width, d_colour, width, a.colour[0], gradients.colour1, row);
     d_colour = a.d_wider;
-    rectify_backward(a.colour[0], d_colour, wide);
   }
   constexpr int kInputs = kGeometry + kHarmonics;
-  clear(a.d_geometry, static_cast<std::size_t>(samples) * kGeometry);
-  add_product(samples, kGeometry, width, rows_of(d_colour, width), w.colour0, kInputs, a.d_geometry, kGeometry);
-  add_product(width, kGeometry, samples, columns_of(d_colour, width), a.geometry, kGeometry, gradients.colour0,
-              kInputs);
+  product<Start::kZero, Finish::kPlain>(
+      {samples, kGeometry, width, rows_of(d_colour, width), w.colour0, kInputs, a.d_geometry, kGeometry});
+  add_gradient(width, kGeometry, d_colour, width, a.geometry, gradients.colour0, kInputs);
   for (int ray = 0; ray < tile.n_rays; ++ray)
     for (int c = 0; c < width; c += kLanes) {
       Vf sum{};
@@ -388,25 +242,19 @@ void network_backward(const GridNetworkWeights& w, const GridNetworkTile& tile, 
         sum += load(d_colour + (static_cast<std::size_t>(ray) * tile.per_ray + s) * width + c);
       store(a.d_of_ray + static_cast<std::size_t>(ray) * width + c, sum);
     }
-  add_product(width, kHarmonics, tile.n_rays, columns_of(a.d_of_ray, width), tile.harmonics, kHarmonics,
-              gradients.colour0 + kGeometry, kInputs);
+  product<Start::kSum, Finish::kPlain>({width, kHarmonics, tile.n_rays, columns_of(a.d_of_ray, width), tile.harmonics,
+                                        kHarmonics, gradients.colour0 + kGeometry, kInputs});
   for (int i = 0; i < samples; ++i)
     a.d_geometry[static_cast<std::size_t>(i) * kGeometry] += d_raw[3 * tile.raw_stride + i] * a.density[i];
 
   float* const d_hidden = a.d_wide;
-  clear(d_hidden, wide);
-  add_product(samples, width, kGeometry, rows_of(a.d_geometry, kGeometry), w.density1, width, d_hidden, width);
-  add_product(kGeometry, width, samples, columns_of(a.d_geometry, kGeometry), a.hidden, width, gradients.density1,
-              width);
-  rectify_backward(a.hidden, d_hidden, wide);
-  clear(a.d_features, static_cast<std::size_t>(samples) * w.inputs);
-  add_product(samples, w.inputs, width, rows_of(d_hidden, width), w.density0, w.inputs, a.d_features, w.inputs);
-  add_product(width, w.inputs, samples, columns_of(d_hidden, width), a.features, w.inputs, gradients.density0,
-              w.inputs);
-  for (int l = 0; l < tile.levels; ++l)
-    for (int i = 0; i < samples; ++i)
-      copy_row(a.d_features + static_cast<std::size_t>(i) * w.inputs + l * tile.of_level,
-               d_features + l * tile.level_stride + static_cast<std::size_t>(i) * tile.of_level, tile.of_level);
+  product<Start::kZero, Finish::kGate>(
+      {samples, width, kGeometry, rows_of(a.d_geometry, kGeometry), w.density1, row, d_hidden, row, nullptr, a.hidden});
+  add_gradient(kGeometry, width, a.d_geometry, kGeometry, a.hidden, gradients.density1, row);
+  product<Start::kZero, Finish::kPlain>(
+      {samples, w.inputs, width, rows_of(d_hidden, width), w.density0, inputs, a.d_features, inputs});
+  add_gradient(width, w.inputs, d_hidden, width, a.features, gradients.density0, inputs);
+  regroup<true>(tile, a.d_features, d_features);
 }
 
 }  // namespace

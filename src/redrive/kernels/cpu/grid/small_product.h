@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Matrix products of a few dozen columns: c[m, n] += sum_k a[m, k] b[k, n]. a is read number by number (any strides), b and c in
-// whole vectors of a row; blocks of rows x columns of c stay in registers. Only for files with ISA flags (simd/vector.h).
+// Matrix products of a few dozen columns: c[m, n] = start + sum_k a[m, k] b[k, n]. a is read number by number (any strides), b and c
+// in whole vectors of a row; blocks of rows x columns of c stay in registers, and what a layer does to its sums is done there.
+// Only for files with ISA flags (simd/vector.h).
 #pragma once
 
 #include "redrive/kernels/cpu/simd/vector.h"
@@ -12,58 +13,78 @@ struct ProductInput {
   std::size_t row = 0, column = 0;  ///< strides in numbers
 };
 
-template <int kRows, int kVectors>
-REDRIVE_INLINE void product_block(int depth, const ProductInput& a, const float* b, std::size_t b_row, float* c,
-                                  std::size_t c_row) {
+enum class Start { kZero, kSum, kRow };         ///< c as it is, Product::start
+enum class Finish { kPlain, kRectify, kGate };  ///< max(0, c); 0 where Product::gate is not above 0
+
+struct Product {
+  int rows = 0, columns = 0, depth = 0;  ///< columns: a multiple of 16
+  ProductInput a;
+  const float* b = nullptr;
+  std::size_t b_row = 0;
+  float* c = nullptr;
+  std::size_t c_row = 0;
+  const float* start = nullptr;  ///< a row
+  const float* gate = nullptr;   ///< in rows as c's
+};
+
+template <int kRows, int kVectors, Start kStart, Finish kFinish>
+REDRIVE_INLINE void product_block(const Product& p, int row, int column) {
+  float* const c = p.c + row * p.c_row + column;
   Vf sum[kRows][kVectors];
 #pragma GCC unroll 16
   for (int m = 0; m < kRows; ++m)
 #pragma GCC unroll 4
-    for (int v = 0; v < kVectors; ++v) sum[m][v] = load(c + m * c_row + v * kLanes);
-  for (int k = 0; k < depth; ++k) {
+    for (int v = 0; v < kVectors; ++v)
+      sum[m][v] = kStart == Start::kSum   ? load(c + m * p.c_row + v * kLanes)
+                  : kStart == Start::kRow ? load(p.start + column + v * kLanes)
+                                          : Vf{};
+  const float* const a = p.a.data + row * p.a.row;
+  const float* const b = p.b + column;
+  const std::size_t a_row = p.a.row, a_column = p.a.column, b_row = p.b_row;
+  for (int k = 0; k < p.depth; ++k) {
     Vf right[kVectors];
 #pragma GCC unroll 4
     for (int v = 0; v < kVectors; ++v) right[v] = load(b + k * b_row + v * kLanes);
 #pragma GCC unroll 16
     for (int m = 0; m < kRows; ++m) {
-      const Vf left = splat(a.data[m * a.row + k * a.column]);
+      const Vf left = splat(a[m * a_row + k * a_column]);
 #pragma GCC unroll 4
       for (int v = 0; v < kVectors; ++v) sum[m][v] += left * right[v];
     }
   }
+  const float* const gate = kFinish == Finish::kGate ? p.gate + row * p.c_row + column : nullptr;
 #pragma GCC unroll 16
   for (int m = 0; m < kRows; ++m)
 #pragma GCC unroll 4
-    for (int v = 0; v < kVectors; ++v) store(c + m * c_row + v * kLanes, sum[m][v]);
+    for (int v = 0; v < kVectors; ++v) {
+      Vf out = sum[m][v];
+      if constexpr (kFinish == Finish::kRectify) out = out < Vf{} ? Vf{} : out;  // NaN stays NaN
+      if constexpr (kFinish == Finish::kGate) out = load(gate + m * p.c_row + v * kLanes) > Vf{} ? out : Vf{};
+      store(c + m * p.c_row + v * kLanes, out);
+    }
 }
 
 /// Registers: 32 with AVX-512, 16 with AVX2.
 constexpr int kProductRows = kLanes == 16 ? 12 : 6;
 
-template <int kVectors>
-static __attribute__((noinline)) void product_columns(int rows, int depth, ProductInput a, const float* b,
-                                                      std::size_t b_row, float* c, std::size_t c_row) {
+template <int kVectors, Start kStart, Finish kFinish>
+static __attribute__((noinline)) void product_columns(const Product& p, int column) {
   int m = 0;
-  for (; m + kProductRows <= rows; m += kProductRows) {
-    product_block<kProductRows, kVectors>(depth, a, b, b_row, c + m * c_row, c_row);
-    a.data += kProductRows * a.row;
-  }
-  for (; m + 4 <= rows; m += 4) {
-    product_block<4, kVectors>(depth, a, b, b_row, c + m * c_row, c_row);
-    a.data += 4 * a.row;
-  }
-  for (; m < rows; ++m) {
-    product_block<1, kVectors>(depth, a, b, b_row, c + m * c_row, c_row);
-    a.data += a.row;
+  for (; m + kProductRows <= p.rows; m += kProductRows)
+    product_block<kProductRows, kVectors, kStart, kFinish>(p, m, column);
+  for (; m + 4 <= p.rows; m += 4) product_block<4, kVectors, kStart, kFinish>(p, m, column);
+  switch (p.rows - m) {
+    case 3: return product_block<3, kVectors, kStart, kFinish>(p, m, column);
+    case 2: return product_block<2, kVectors, kStart, kFinish>(p, m, column);
+    case 1: return product_block<1, kVectors, kStart, kFinish>(p, m, column);
   }
 }
 
-/// columns: a multiple of 16.
-REDRIVE_INLINE void add_product(int rows, int columns, int depth, ProductInput a, const float* b, std::size_t b_row,
-                                float* c, std::size_t c_row) {
+template <Start kStart, Finish kFinish>
+REDRIVE_INLINE void product(const Product& p) {
   int n = 0;
-  for (; n + 2 * kLanes <= columns; n += 2 * kLanes) product_columns<2>(rows, depth, a, b + n, b_row, c + n, c_row);
-  for (; n < columns; n += kLanes) product_columns<1>(rows, depth, a, b + n, b_row, c + n, c_row);
+  for (; n + 2 * kLanes <= p.columns; n += 2 * kLanes) product_columns<2, kStart, kFinish>(p, n);
+  for (; n < p.columns; n += kLanes) product_columns<1, kStart, kFinish>(p, n);
 }
 
 }  // namespace redrive::kernels::REDRIVE_ISA

@@ -27,6 +27,7 @@ typedef float UnalignedVf __attribute__((vector_size(kLanes * 4), aligned(4), ma
 
 REDRIVE_INLINE Vf splat(float x) { return x - Vf{}; }
 REDRIVE_INLINE Vi splat_int(std::int32_t x) { return x - Vi{}; }
+REDRIVE_INLINE Vu splat_unsigned(std::uint32_t x) { return x - Vu{}; }
 REDRIVE_INLINE Vf load(const float* p) { return *reinterpret_cast<const UnalignedVf*>(p); }
 REDRIVE_INLINE void store(float* p, Vf v) { *reinterpret_cast<UnalignedVf*>(p) = v; }
 
@@ -48,29 +49,25 @@ REDRIVE_INLINE float sum(Vf v) {
   return s;
 }
 
-/// Of a comparison's result: whether it holds everywhere.
-REDRIVE_INLINE bool all_lanes(Vi holds) {
+/// Of a comparison's result: bit i is lane i's.
+REDRIVE_INLINE unsigned lane_bits(Vi holds) {
 #ifdef __AVX512F__
-  return _mm512_movepi32_mask(reinterpret_cast<__m512i>(holds)) == 0xffff;
+  return _mm512_movepi32_mask(reinterpret_cast<__m512i>(holds));
 #else
-  return _mm256_movemask_ps(reinterpret_cast<__m256>(holds)) == 0xff;
+  return _mm256_movemask_ps(reinterpret_cast<__m256>(holds));
 #endif
 }
+REDRIVE_INLINE bool all_lanes(Vi holds) { return lane_bits(holds) == (1u << kLanes) - 1; }
+
+/// NaN in b stays NaN.
+REDRIVE_INLINE Vf minimum(Vf a, Vf b) { return a < b ? a : b; }
+REDRIVE_INLINE Vf maximum(Vf a, Vf b) { return a > b ? a : b; }
 
 REDRIVE_INLINE Vf square_root(Vf x) {
 #ifdef __AVX512F__
   return reinterpret_cast<Vf>(_mm512_sqrt_ps(reinterpret_cast<__m512>(x)));
 #else
   return reinterpret_cast<Vf>(_mm256_sqrt_ps(reinterpret_cast<__m256>(x)));
-#endif
-}
-
-/// from[index], lane by lane.
-REDRIVE_INLINE Vf gather(const float* from, Vi index) {
-#ifdef __AVX512F__
-  return reinterpret_cast<Vf>(_mm512_i32gather_ps(reinterpret_cast<__m512i>(index), from, 4));
-#else
-  return reinterpret_cast<Vf>(_mm256_i32gather_ps(from, reinterpret_cast<__m256i>(index), 4));
 #endif
 }
 
