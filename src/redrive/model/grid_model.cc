@@ -352,9 +352,10 @@ void GridModel::backward_sky(kernels::Backend& backend, int n, const Pass& pass,
 
 void GridModel::expose(const RayBatch& batch, std::span<float> rgb, std::span<float> gains) const {
   const std::size_t rays = batch.n;
+  const std::span<const float> parameters = part(kAppearance);  // not ray by ray: finding a part costs a microsecond
   for (std::size_t ray = 0; ray < rays; ++ray) {
     const auto of_ray =
-        colour_gains(appearance, part(kAppearance).data(), batch.exposure.empty() ? Exposure{} : batch.exposure[ray]);
+        colour_gains(appearance, parameters.data(), batch.exposure.empty() ? Exposure{} : batch.exposure[ray]);
     for (int k = 0; k < 3; ++k) {
       gains[k * rays + ray] = of_ray[k];
       rgb[k * rays + ray] *= of_ray[k];

@@ -92,8 +92,12 @@ class CpuGridStages final : public GridStages {
               std::span<float> edges) override {
     check_edges(n_rays, per_ray, edges.size());
     pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
+      const std::size_t count = per_ray + 1;
       for (std::size_t ray = begin; ray < end; ++ray)
-        spaced_edges(spacing, per_ray, jitter, key, ray, &edges[ray * (per_ray + 1)]);
+        if (jitter || ray == begin)
+          spaced_edges(spacing, per_ray, jitter, key, ray, &edges[ray * count]);
+        else  // all alike
+          std::copy_n(&edges[begin * count], count, &edges[ray * count]);
     });
   }
 
