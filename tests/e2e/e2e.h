@@ -34,8 +34,8 @@ class EndToEnd : public ::testing::Test {
   /// train with options that take milliseconds a step, and `more` behind them.
   std::vector<std::string> train_arguments(const fs::path& run, const std::vector<std::string>& more = {}) const {
     std::vector<std::string> arguments = {
-        "train", drive_.string(), "--out", run.string(),      "--width", "32",        "--samples",
-        "12",    "--batch",       "128",   "--learning-rate", "2e-3",    "--threads", "2"};
+        "train", drive_.string(), "--out", run.string(),      "--method", "nerf",      "--width", "32", "--samples",
+        "12",    "--batch",       "128",   "--learning-rate", "2e-3",     "--threads", "2"};
     arguments.insert(arguments.end(), more.begin(), more.end());
     return arguments;
   }

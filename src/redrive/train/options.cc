@@ -66,34 +66,26 @@ void apply_preset(TrainOptions* options, const std::vector<std::string>& given) 
   if (!preset.empty() && !report && !timed)
     throw UsageError("--preset", preset, "unknown; known are report-1, report-2, fast and best");
   if (report) set("method", options->method, "nerf");
-  if (timed) set("method", options->method, "grid");
   if (options->method != (report ? "nerf" : timed ? "grid" : options->method))
     throw UsageError("--preset", preset, "is not one of --method " + options->method);
   if (options->method == "grid") {
-    set("near", options->near_m, 0.5);
-    set("far", options->far_m, 1000.0);
-    set("width", options->width, 32);
-    set("samples", options->samples, 24);
-    set("batch", options->batch_rays, 2048);
-    set("lidar-rays", options->lidar_rays, 512);
-    set("learning-rate", options->learning_rate, 2e-2);
-    set("lr-gamma", options->lr_gamma, 0.1);
-    set("epochs", options->epochs, 10000);
-    if (!is_given("epochs") && !is_given("max-steps"))
-      set("max-seconds", options->max_seconds, preset == "fast" ? 60.0 : preset == "best" ? 1200.0 : 300.0);
+    if (preset == "fast") set("max-seconds", options->max_seconds, 60.0);
+    if (preset == "best") set("max-seconds", options->max_seconds, 1200.0);
+    if (is_given("epochs") || is_given("max-steps")) set("max-seconds", options->max_seconds, 0.0);
+    return;
   }
-  if (!report) return;
-  const bool first = preset == "report-1";
-  set("width", options->width, first ? 256 : 128);
-  set("samples", options->samples, first ? 96 : 48);
-  set("epochs", options->epochs, first ? 4 : 2);
-  set("fine-samples", options->fine_samples, 0);
+  const bool second = preset == "report-2";
   set("near", options->near_m, 1.0);
   set("far", options->far_m, 10.0);
+  set("width", options->width, second ? 128 : 256);
+  set("samples", options->samples, second ? 48 : 96);
   set("batch", options->batch_rays, 1024);
+  set("lidar-rays", options->lidar_rays, 0);
   set("learning-rate", options->learning_rate, 5e-4);
   set("lr-gamma", options->lr_gamma, 0.5);
-  set("masks", options->masks, "none");
+  set("epochs", options->epochs, second ? 2 : 4);
+  set("max-seconds", options->max_seconds, 0.0);
+  if (report) set("masks", options->masks, "none");
 }
 
 void resolve_cameras(TrainOptions* options, const Recording& recording) {
@@ -105,7 +97,7 @@ void resolve_cameras(TrainOptions* options, const Recording& recording) {
 
 void resolve_range(TrainOptions* options, const std::vector<std::string>& given, const Recording& recording) {
   const auto is_given = [&](const char* name) { return std::find(given.begin(), given.end(), name) != given.end(); };
-  if (!recording.bounds || !options->preset.empty() || is_given("near") || is_given("far")) return;
+  if (!recording.bounds || options->preset.starts_with("report") || is_given("near") || is_given("far")) return;
   constexpr double kLeast = 0.02;  // of the half side: cameras inside the cube have it all around them
   const auto& [center, half_side] = *recording.bounds;
   double nearest = std::numeric_limits<double>::infinity(), furthest = 0;

@@ -18,7 +18,7 @@ namespace redrive {
 
 struct TrainOptions {
   std::string recording;  ///< folder
-  std::string method = "nerf";
+  std::string method = "grid";
   std::string preset;  ///< "", nerf: "report-1", "report-2"; grid: "fast", "best"
   // scene/scene.h SceneOptions
   std::vector<std::string> cameras;
@@ -27,23 +27,23 @@ struct TrainOptions {
   int holdout_every = 0;
   bool undistort = false;
   bool truth_poses = false;  ///< the exact poses and calibration that a made recording ships
-  double near_m = 1, far_m = 10;
+  double near_m = 0.5, far_m = 1000;
   std::string background;  ///< "", "white", "black", "random": behind transparent pixels
   std::string masks =
       "auto";  ///< what is not the static world: "auto" finds it, "none" trains on it, or a folder of CAM.png
   // field and sampling
-  int width = 256;       ///< hidden units, a multiple of 32 in 32..512
-  int samples = 96;      ///< per ray, 3..1024
+  int width = 32;        ///< hidden units, a multiple of 32 in 32..512
+  int samples = 24;      ///< per ray, 3..1024
   int fine_samples = 0;  ///< per ray, 0..1024: hierarchical sampling with a second network
   // optimisation
-  int batch_rays = 1024;                    ///< 1..65536
-  int lidar_rays = 0;                       ///< of a step, besides; 0..65536
-  double learning_rate = 5e-4;              ///< (0, 1]
-  double lr_gamma = 0.5;                    ///< (0, 1]: nerf: at each milestone; grid: at the end of the run
+  int batch_rays = 2048;                    ///< 1..65536
+  int lidar_rays = 512;                     ///< of a step, besides; 0..65536
+  double learning_rate = 2e-2;              ///< (0, 1]
+  double lr_gamma = 0.1;                    ///< (0, 1]: nerf: at each milestone; grid: at the end of the run
   std::vector<std::int64_t> lr_milestones;  ///< steps; empty: as milestones() says
-  int epochs = 4;                           ///< 1..10000
+  int epochs = 10000;                       ///< 1..10000
   std::int64_t max_steps = 0;               ///< 0: no limit
-  double max_seconds = 0;                   ///< of training alone; 0: no limit
+  double max_seconds = 300;                 ///< of training alone; 0: no limit
   std::uint64_t seed = 1;
   int checkpoint_every = 1000;  ///< steps; also at the end and on Ctrl-C
   // how
@@ -63,7 +63,8 @@ struct TrainField {
 };
 const std::vector<TrainField>& train_fields();
 
-/// Sets what the method's defaults and the preset say except the fields named in `given`. UsageError for an unknown preset, or one
+/// TrainOptions{} are the defaults of grid. Sets those of nerf for it, and what the preset says, except the fields named in `given`; a run
+/// whose epochs or max-steps are given has no other limit. UsageError for an unknown preset, or one
 /// of another method. Recording-dependent parts (setup 2's second camera) are resolved by resolve_cameras.
 void apply_preset(TrainOptions* options, const std::vector<std::string>& given);
 /// report-1: F_MIDLONGRANGECAM_CL. report-2: that and F_MIDRANGECAM_C, or B_MIDRANGECAM_C where the recording lacks it.

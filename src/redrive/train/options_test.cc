@@ -20,9 +20,16 @@ const TrainField& field(const std::string& name) {
   throw std::logic_error("no field " + name);
 }
 
+TrainOptions nerf_options() {
+  TrainOptions options;
+  options.method = "nerf";
+  apply_preset(&options, {});
+  return options;
+}
+
 std::string complaint(const std::string& name, const std::string& value) {
   try {
-    TrainOptions options;
+    TrainOptions options = nerf_options();
     options.recording = "drive";
     field(name).parse(options, value);
     validate(options);
@@ -80,8 +87,8 @@ TEST(TrainOptions, TakesWhatIsAtTheEdgeOfTheRange) {
 
 TEST(TrainOptions, EveryHelpSaysItsDefaultOrIsATextOrSwitch) {
   for (const TrainField& candidate : train_fields()) EXPECT_FALSE(candidate.help.empty()) << candidate.name;
-  EXPECT_THAT(field("near").help, HasSubstr("default: 1"));
-  EXPECT_THAT(field("learning-rate").help, HasSubstr("default: 5e-04"));
+  EXPECT_THAT(field("near").help, HasSubstr("default: 0.5"));
+  EXPECT_THAT(field("learning-rate").help, HasSubstr("default: 0.02"));
 }
 
 TEST(TrainOptions, FramesBecomeARangeOfTheScene) {
@@ -108,7 +115,7 @@ TEST(TrainOptions, BackgroundIsTheScenes) {
 TEST(TrainOptions, RangeHoldsTheCubeOfABoundedRecording) {
   Recording recording;
   recording.frames = {{0, 0, Rigid3d(Eigen::Translation3d(6, 0, 0))}};
-  TrainOptions options;
+  TrainOptions options = nerf_options();
   resolve_range(&options, {}, recording);
   EXPECT_EQ(options.near_m, 1) << "no bounds";
   EXPECT_EQ(options.far_m, 10);
@@ -123,7 +130,7 @@ TEST(TrainOptions, RangeHoldsTheCubeOfABoundedRecording) {
   recording.frames.push_back({1, 1, Rigid3d(Eigen::Translation3d(10, 0.5, 0))});
   resolve_range(&options, {}, recording);
   EXPECT_NEAR(options.near_m, 0.02, 1e-12);
-  options = {};
+  options = nerf_options();
   options.preset = "report-1";
   resolve_range(&options, {}, recording);
   EXPECT_EQ(options.far_m, 10);
@@ -140,6 +147,34 @@ TEST(TrainOptions, PresetFillsOnlyWhatWasNotGiven) {
   EXPECT_FALSE(options.undistort);
   EXPECT_EQ(options.masks, "none");
   EXPECT_EQ(TrainOptions{}.masks, "auto");
+}
+
+TEST(TrainOptions, DefaultsAreThoseOfTheMethod) {
+  TrainOptions options;
+  apply_preset(&options, {});
+  EXPECT_EQ(options.method, "grid");
+  EXPECT_EQ(options.max_seconds, 300);
+  EXPECT_EQ(options.width, 32);
+  options = {};
+  options.preset = "fast";
+  apply_preset(&options, {});
+  EXPECT_EQ(options.max_seconds, 60);
+  options = {};
+  options.max_steps = 7;
+  apply_preset(&options, {"max-steps"});
+  EXPECT_EQ(options.max_seconds, 0);
+  options = {};
+  options.preset = "report-1";
+  apply_preset(&options, {});
+  EXPECT_EQ(options.method, "nerf");
+  EXPECT_EQ(options.lidar_rays, 0);
+  EXPECT_EQ(options.width, 256);
+  EXPECT_EQ(options.samples, 96);
+  EXPECT_EQ(options.max_seconds, 0);
+  options = {};
+  options.method = "grid";
+  options.preset = "report-1";
+  EXPECT_THROW(apply_preset(&options, {"method"}), UsageError);
 }
 
 TEST(TrainOptions, SecondSetupTakesTheRearCameraWhereTheMiddleOneIsMissing) {
@@ -163,7 +198,7 @@ TEST(TrainOptions, SecondSetupTakesTheRearCameraWhereTheMiddleOneIsMissing) {
 }
 
 TEST(TrainOptions, DefaultMilestonesAreFractionsOfAllSteps) {
-  TrainOptions options;
+  TrainOptions options = nerf_options();
   options.epochs = 4;
   EXPECT_EQ(total_steps(options, 1000), 4000);
   EXPECT_THAT(milestones(options, 1000), ElementsAre(2000, 3000, 3500));
@@ -180,8 +215,9 @@ TEST(TrainOptions, DefaultMilestonesAreFractionsOfAllSteps) {
 }
 
 TrainOptions unusual() {
-  TrainOptions options;
+  TrainOptions options = nerf_options();
   options.recording = "/drives/a b";
+  options.method = "nerf";
   options.preset = "report-1";
   options.cameras = {"A", "B"};
   options.frames = "3:9";

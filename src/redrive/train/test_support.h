@@ -89,6 +89,7 @@ inline TrainOptions tiny_options(std::int64_t max_steps) {
   TrainOptions options;
   options.recording = "in memory";
   options.method = "nerf";
+  apply_preset(&options, {});
   options.cameras = {"FRONT"};
   options.width = 32;
   options.samples = 12;
