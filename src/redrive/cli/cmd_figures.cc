@@ -2,6 +2,7 @@
 // redrive figures: the run's figures as PNG, and report.html.
 #include <cstdio>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "redrive/base/error.h"
@@ -14,13 +15,22 @@ namespace redrive {
 namespace {
 
 struct FiguresCommandOptions {
-  std::string run;
+  std::string run, beside;
   FigureOptions figures;
   kernels::BackendChoice backend;
 };
 
 int run_figures(FiguresCommandOptions options) {
   const Run run = open_run(options.run);
+  std::optional<Run> beside;
+  if (!options.beside.empty()) {
+    beside = open_run(options.beside);
+    if (!std::filesystem::equivalent(beside->recording.root, run.recording.root))
+      throw UsageError(
+          "--beside", options.beside,
+          "is of another recording: " + beside->recording.root.string() + ", not " + run.recording.root.string());
+    options.figures.beside = &*beside;
+  }
   const auto backend = make_checked_backend(options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
   options.figures.eval.progress = image_progress();
@@ -37,6 +47,9 @@ int run_figures(FiguresCommandOptions options) {
 Action configure_figures(CLI::App& command) {
   auto options = std::make_shared<FiguresCommandOptions>();
   command.add_option("RUN", options->run, "folder that train made")->required();
+  command.add_option(
+      "--beside", options->beside,
+      "another run of the same recording, e.g. of --method nerf: its pictures and scores are shown beside");
   command
       .add_option("--max-images", options->figures.eval.max_images,
                   "images scored for the report, per camera and per novel set, evenly spaced (default: as eval)")

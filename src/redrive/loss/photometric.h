@@ -2,6 +2,7 @@
 // Mean squared error of a batch of n_rays colours: L = 1 / (3 n) sum (c - target)^2, dL/dc = 2 (c - target) / (3 n).
 #pragma once
 
+#include <cmath>
 #include <cstddef>
 #include <span>
 
@@ -29,6 +30,21 @@ inline double photometric_batch(std::span<const float> rgb, std::span<const floa
     d_rgb[i] = static_cast<float>(term.derivative);
   }
   return loss;
+}
+
+/// A ray's colour that is further off than `edge` counts by its distance and no longer by its square (Huber 1964), so that what moved
+/// through a few pictures does not pull the place behind it to its own colour.
+template <class T>
+struct HuberTerm {
+  T value;   ///< instead of the ray's squared error, the sum over its channels
+  T factor;  ///< of that squared error's derivative
+};
+template <class T>
+HuberTerm<T> huber_term(T squared_error, T edge) {
+  using std::sqrt;
+  if (!(squared_error > edge * edge)) return {squared_error, T(1)};  // NaN goes on into the loss
+  const T distance = sqrt(squared_error);
+  return {edge * (T(2) * distance - edge), edge / distance};
 }
 
 }  // namespace redrive

@@ -32,5 +32,21 @@ TEST(Photometric, DerivativeAgreesWithDualNumbers) {
     }
 }
 
+TEST(Huber, IsTheSquareUpToItsEdgeAndALineBeyond) {
+  EXPECT_EQ(huber_term(0.0625, 0.5).value, 0.0625);
+  EXPECT_EQ(huber_term(0.0625, 0.5).factor, 1);
+  EXPECT_DOUBLE_EQ(huber_term(0.25, 0.5).value, 0.25);
+  EXPECT_DOUBLE_EQ(huber_term(2.25, 0.5).value, 1.25) << "a distance of 1.5: 0.25 + 2 x 0.5 x 1";
+  EXPECT_TRUE(std::isnan(huber_term(std::nan(""), 0.5).value));
+}
+
+TEST(Huber, FactorIsThatOfTheDerivative) {
+  using D = Dual<double, 1>;
+  for (const double square : {0.01, 0.2, 0.3, 2.0}) {
+    const auto term = huber_term(D::variable(square, 0), D(0.5));
+    EXPECT_NEAR(term.factor.value, term.value.d[0], 4 * 0x1p-53);
+  }
+}
+
 }  // namespace
 }  // namespace redrive

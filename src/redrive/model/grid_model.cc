@@ -6,6 +6,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/field/activation.h"
+#include "redrive/loss/photometric.h"
 
 namespace redrive {
 
@@ -16,6 +17,8 @@ constexpr int kRaysPerTaughtRay = 4;
 // A surface may first be found anywhere near a return, in the end within what the range and the
 // time of a point leave uncertain.
 constexpr float kFirstSpread_m = 1, kLastSpread_m = 0.1f, kSpreadHalvesIn = 300;  // m, m, steps
+
+constexpr float kHuberEdge = 0.2f;  // of colours in [0, 1]
 
 /// Of the mean square of all log gains against the colours' loss: a hundredth of what a camera's pictures say of one.
 constexpr float kGainWeight = 5e-4f;
@@ -292,14 +295,15 @@ StepLosses GridModel::gradients(kernels::Backend& backend, const RayBatch& batch
 
   StepLosses losses;
   losses.rgb_mse = backend.photometric_loss(rgb, std::span(batch.target).first(3 * rays), d_rgb);
-  losses.loss = losses.rgb_mse + unexpose(batch, rgb, pass.gains, d_rgb, gradients);
+  losses.colours = robust(batch, rgb, d_rgb);
+  losses.colours += unexpose(batch, rgb, pass.gains, d_rgb, gradients);
   for (const float value : opacity) losses.opacity += value / static_cast<double>(rays);
 
   const auto d_raw = workspace->take(pass.raw.size());
   backend.composite_backward(batch.n, pass.samples, pass.raw, pass.background, {d_rgb, {}}, d_raw);
   backward_field(backend, batch.n, pass, d_raw, gradients, workspace);
   backward_sky(backend, batch.n, pass, opacity, d_rgb, gradients, workspace);
-  losses.loss += backward_proposals(backend, batch.n, pass, weights, gradients, workspace);
+  losses.loss = losses.colours + backward_proposals(backend, batch.n, pass, weights, gradients, workspace);
   return losses;
 }
 
@@ -348,6 +352,20 @@ void GridModel::backward_sky(kernels::Backend& backend, int n, const Pass& pass,
       for (int l = 0; l < sky.levels; ++l) d_sky[(l * rays + ray) * sky.features + k] = d;
     }
   backend.grid().encode_backward(grid(kSkyGrid), pass.sky_points, d_sky, part_of(gradients, kSkyGrid), {});
+}
+
+double GridModel::robust(const RayBatch& batch, std::span<const float> rgb, std::span<float> d_rgb) const {
+  const std::size_t rays = batch.n;
+  double loss = 0;
+  for (std::size_t ray = 0; ray < rays; ++ray) {
+    float square = 0;
+    for (std::size_t at = ray; at < 3 * rays; at += rays)
+      square += (rgb[at] - batch.target[at]) * (rgb[at] - batch.target[at]);
+    const auto huber = huber_term(square, kHuberEdge);
+    loss += huber.value;
+    for (std::size_t at = ray; at < 3 * rays; at += rays) d_rgb[at] *= huber.factor;
+  }
+  return loss / (3.0 * static_cast<double>(rays));
 }
 
 void GridModel::expose(const RayBatch& batch, std::span<float> rgb, std::span<float> gains) const {

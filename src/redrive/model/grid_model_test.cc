@@ -396,7 +396,7 @@ TEST(GridModelGradients, OfFieldAndSkyAreThoseOfTheColours) {
     for (const ModelTensor& tensor : model.tensors())
       if (tensor.name != "proposal")
         expect_derivative(model, tensor, gradients,
-                          [&] { return losses_of(model, batch, &ignored, *backend).rgb_mse; });
+                          [&] { return losses_of(model, batch, &ignored, *backend).colours; });
   }
 }
 
@@ -437,7 +437,7 @@ TEST(GridModelGradients, OfTheProposalsAreThoseOfTheirLoss) {
   const RayBatch batch = tiny_batch(8);
   std::vector<float> gradients(model.size()), ignored(model.size());
   const StepLosses losses = losses_of(model, batch, &gradients, *backend);
-  EXPECT_GT(losses.loss, losses.rgb_mse);
+  EXPECT_GT(losses.loss, losses.colours);
   for (const ModelTensor& tensor : model.tensors())
     if (tensor.name == "proposal")
       expect_derivative(model, tensor, gradients, [&] { return losses_of(model, batch, &ignored, *backend).loss; });

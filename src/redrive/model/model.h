@@ -25,6 +25,7 @@ struct StepLosses {
   double rgb_mse = 0;  ///< squared error of the colours: what PSNR is said of
   double opacity = 0;  ///< 0 means a dead field
   double range = 0;    ///< the LiDAR's part, if any
+  double colours = 0;  ///< grid: the part of `loss` that is the colours' and the gains'
 };
 
 /// A tensor in the flat buffer of parameters, as a checkpoint shows it.

@@ -27,6 +27,13 @@ std::string scored(const std::string& what, const RenderedImage& rendered, const
   return what + text + depth + ")";
 }
 
+/// The view of another run that a camera took at a frame; null if it has none.
+const View* same_view(const Run& run, const std::string& camera, std::int64_t frame_id) {
+  for (const View& view : run.scene.views)
+    if (run.scene.rig[view.camera].name == camera && run.scene.frames[view.frame].id == frame_id) return &view;
+  return nullptr;
+}
+
 /// "0.5 m", and "0.5" where a recording has no metres.
 std::string length_text(const Run& run, double value) {
   char text[32];
@@ -35,6 +42,12 @@ std::string length_text(const Run& run, double value) {
 }
 
 }  // namespace
+
+std::string method_text(const Run& run) {
+  char text[64];
+  std::snprintf(text, sizeof text, "%s, %.1f min", run.state.model->method(), run.state.seconds / 60);
+  return text;
+}
 
 const View& figure_view(const Run& run, int camera) {
   std::vector<const View*> views;
@@ -47,7 +60,7 @@ const View& figure_view(const Run& run, int camera) {
   return *views[random_bits(random_key(run.state.seed, kStreamFigures, camera), 0) % views.size()];
 }
 
-PictureRow camera_pictures(const Run& run, kernels::Backend& backend, int camera) {
+PictureRow camera_pictures(const Run& run, kernels::Backend& backend, int camera, const Run* beside) {
   const RigCamera& rig = run.scene.rig[camera];
   const View& view = figure_view(run, camera);
   const Frame& frame = run.scene.frames[view.frame];
@@ -68,6 +81,12 @@ PictureRow camera_pictures(const Run& run, kernels::Backend& backend, int camera
   row.title = rig.name + ", frame " + std::to_string(frame.id);
   row.pictures.push_back({rig.name + "_original", "original", original});
   row.pictures.push_back({rig.name + "_reproduced", scored("reproduced", reproduced, original), to_image8(reproduced)});
+  if (const View* const same = beside ? same_view(*beside, rig.name, frame.id) : nullptr) {
+    const RenderedImage other = render_image(backend, *beside->state.model, beside->scene.rig[same->camera].camera,
+                                             beside->scene.world_from_camera(*same), beside->scene.exposure(*same));
+    if (other.width == original.width && other.height == original.height)
+      row.pictures.push_back({rig.name + "_beside", scored(method_text(*beside), other, original), to_image8(other)});
+  }
   row.pictures.push_back({rig.name + "_perturbed",
                           "moved " + length_text(run, kPerturbationM) + " along x of the body (forward)",
                           to_image8(render_shifted(ShiftAxes::kBody, kPerturbationM))});
@@ -81,8 +100,8 @@ PictureRow camera_pictures(const Run& run, kernels::Backend& backend, int camera
   return row;
 }
 
-PictureRow novel_pictures(const Run& run, kernels::Backend& backend, const NovelTruth& truth,
-                          const Coverage& coverage) {
+PictureRow novel_pictures(const Run& run, kernels::Backend& backend, const NovelTruth& truth, const Coverage& coverage,
+                          const Run* beside) {
   REDRIVE_CHECK_OP(truth.size(), >, 0u);
   const TruthView view = truth.load(evenly_spaced(truth.size(), 1)[0]);
   const RenderedImage rendered =
@@ -98,6 +117,15 @@ PictureRow novel_pictures(const Run& run, kernels::Backend& backend, const Novel
   row.title = set + ": " + view.name;
   row.pictures.push_back({set + "_truth", "truth", view.truth});
   row.pictures.push_back({set + "_render", scored("rendered", rendered, view.truth, view.depth_m), image});
+  if (beside)
+    for (const NovelTruth& same : novel_truths(*beside)) {
+      if (same.name() != set || same.size() != truth.size()) continue;
+      const TruthView there = same.load(evenly_spaced(same.size(), 1)[0]);
+      const RenderedImage other =
+          render_image(backend, *beside->state.model, there.camera, there.world_from_camera, there.exposure);
+      row.pictures.push_back(
+          {set + "_beside", scored(method_text(*beside), other, there.truth, there.depth_m), to_image8(other)});
+    }
   row.pictures.push_back({set + "_difference", "difference, " + std::to_string(kDifferenceGain) + " times",
                           difference(image, view.truth)});
   row.pictures.push_back({set + "_coverage", share, coverage_colours(rendered, seen)});

@@ -28,11 +28,15 @@ constexpr int kDifferenceGain = 4;      ///< of difference pictures
 /// The training view that the figures show for a camera of the rig: random, but the same for the same seed.
 const View& figure_view(const Run& run, int camera);
 
-/// Original, reproduced, perturbed along x of the body and of the camera, and depth.
-PictureRow camera_pictures(const Run& run, kernels::Backend& backend, int camera);
+/// "nerf, 5.0 min": a run's method and training time.
+std::string method_text(const Run& run);
 
-/// Truth, render, difference and coverage of the middle view of a novel set, which has at least one.
-PictureRow novel_pictures(const Run& run, kernels::Backend& backend, const NovelTruth& truth, const Coverage& coverage);
+/// Original, reproduced (by `beside`, too, where it has the view), perturbed along x of the body and of the camera, and depth.
+PictureRow camera_pictures(const Run& run, kernels::Backend& backend, int camera, const Run* beside = nullptr);
+
+/// Truth, render (of `beside`, too, where it has the view), difference and coverage of the middle view of a novel set, which has at least one.
+PictureRow novel_pictures(const Run& run, kernels::Backend& backend, const NovelTruth& truth, const Coverage& coverage,
+                          const Run* beside = nullptr);
 
 /// Depth in the colours of the Turbo map, near_m the first and far_m the last; pixels that are not valid are dark grey.
 Image8 depth_colours(const RenderedImage& image, double near_m, double far_m);

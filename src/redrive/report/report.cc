@@ -78,26 +78,44 @@ std::vector<std::string> score_row(const std::string& name, const Score& score) 
           std::to_string(score.left_out)};
 }
 
+/// PSNR and SSIM that another run has in the same row; dashes where it has none.
+void add_beside(const std::map<std::string, Score>& scores, const std::string& name, std::vector<std::string>* row) {
+  const auto found = scores.find(name);
+  row->push_back(found == scores.end() ? "-" : fixed(found->second.psnr_db, 2));
+  row->push_back(found == scores.end() ? "-" : fixed(found->second.ssim, 4));
+}
+
 std::string alignment_text(const Alignment& alignment) {
   return "<p>The run's trajectory is laid over the true one first: " + fixed(100 * alignment.moved_m, 1) + " cm and " +
          fixed(alignment.turned_deg, 3) + "&deg;. What remains is " + fixed(100 * alignment.rest_m, 1) + " cm and " +
          fixed(alignment.rest_deg, 3) + "&deg; RMS over " + std::to_string(alignment.frames) + " frames.</p>\n";
 }
 
-std::string scores(const Evaluation& evaluation) {
+/// `other`: of the run beside it, which `name` describes; null: none.
+std::string scores(const Evaluation& evaluation, const Evaluation* other, const std::string& name_of_other) {
   std::string out = "<h2>Scores</h2>\n<p>" +
                     std::string(evaluation.held_out ? "Images of held-out frames, which training never saw."
                                                     : "Images of training frames: no frame was held out.") +
                     " Means over images; FLIP is 0 for equal pictures.</p>\n";
   std::vector<std::vector<std::string>> rows = {{"camera", "images", "PSNR (dB)", "SSIM", "FLIP", "pixels masked"}};
-  for (const auto& [name, score] : evaluation.cameras) rows.push_back(score_row(name, score));
+  const auto add_heads = [&] {
+    if (other) rows[0].insert(rows[0].end(), {"PSNR of " + name_of_other, "SSIM of " + name_of_other});
+  };
+  add_heads();
+  for (const auto& [name, score] : evaluation.cameras) {
+    rows.push_back(score_row(name, score));
+    if (other) add_beside(other->cameras, name, &rows.back());
+  }
   rows.push_back(score_row("all", evaluation.overall));
+  if (other) add_beside({{"all", other->overall}}, "all", &rows.back());
   out += html_table(rows, true);
   if (evaluation.novel.empty()) return out;
   rows = {{"novel views with truth", "images", "PSNR (dB)", "SSIM", "FLIP", "pixels masked", "depth error (%)"}};
+  add_heads();
   for (const auto& [name, score] : evaluation.novel) {
     rows.push_back(score_row(name, score));
     rows.back().push_back(fixed(100 * score.depth_error, 1));
+    if (other) add_beside(other->novel, name, &rows.back());
   }
   out += "<h3>Views that were never driven</h3>\n";
   if (evaluation.alignment) out += alignment_text(*evaluation.alignment);
@@ -117,7 +135,7 @@ std::string pictures(const std::filesystem::path& folder, const PictureRow& row,
 }
 
 /// Truth beside render for each novel set; empty if there is none.
-std::string novel_views(const Run& run, kernels::Backend& backend, const Written& written) {
+std::string novel_views(const Run& run, kernels::Backend& backend, const Run* beside, const Written& written) {
   const std::vector<NovelTruth> truths = novel_truths(run);
   if (truths.empty()) return "";
   const Coverage coverage(run, backend);
@@ -125,7 +143,7 @@ std::string novel_views(const Run& run, kernels::Backend& backend, const Written
       "<h2>Views that were never driven</h2>\n<p>Coverage goes by the run's own depth: a surface counts as "
       "seen where it lies inside a training image with nothing in front of it.</p>\n";
   for (const NovelTruth& truth : truths)
-    out += pictures(run.paths.figures(), novel_pictures(run, backend, truth, coverage), written);
+    out += pictures(run.paths.figures(), novel_pictures(run, backend, truth, coverage, beside), written);
   return out;
 }
 
@@ -169,9 +187,15 @@ void write_figures(const Run& run, kernels::Backend& backend, const FigureOption
                      std::string(run.scene.rig.size() > kCamerasShown ? " (the first ones alone)" : "") +
                      ", chosen at random.</p>\n";
   for (int camera = 0; camera < cameras; ++camera)
-    seen += pictures(folder, camera_pictures(run, backend, camera), written);
-  const std::string novel = novel_views(run, backend, written);
-  body += scores(evaluate(run, backend, options.eval));
+    seen += pictures(folder, camera_pictures(run, backend, camera, options.beside), written);
+  const std::string novel = novel_views(run, backend, options.beside, written);
+  const Evaluation own = evaluate(run, backend, options.eval);
+  if (options.beside) {
+    const Evaluation other = evaluate(*options.beside, backend, options.eval);
+    body += scores(own, &other, method_text(*options.beside));
+  } else {
+    body += scores(own, nullptr, "");
+  }
   body += seen + novel + options_table(run.options);
   write_file(run.paths.report(), html_page("redrive: " + recording_name(run), body));
   written(run.paths.report());

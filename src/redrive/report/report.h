@@ -11,14 +11,15 @@
 namespace redrive {
 
 struct FigureOptions {
-  EvalOptions eval;                                           ///< of the scores
+  const Run* beside = nullptr;  ///< another run of the recording, to compare with; null: none
+  EvalOptions eval;             ///< of the scores
   std::function<void(const std::filesystem::path&)> written;  ///< called with each file once it is there; may be empty
 };
 
 /// figures/loss.png and psnr.png (history of training; their gnuplot scripts stay beside them), and per camera CAM of a
 /// randomly chosen (seeded) training image: figures/CAM_original.png, CAM_reproduced.png, CAM_perturbed.png (extrinsic
 /// translated by 0.5 m along x, body axes), CAM_perturbed_camera_axes.png, CAM_depth.png (false colours); of each novel set
-/// NAME with truth: NAME_truth.png, NAME_render.png, NAME_difference.png, NAME_coverage.png; then report.html with all of
+/// NAME with truth: NAME_truth.png, NAME_render.png, NAME_difference.png, NAME_coverage.png; of options.beside CAM_beside.png and NAME_beside.png; then report.html with all of
 /// them, the options and the scores. IoError where gnuplot is missing.
 void write_figures(const Run& run, kernels::Backend& backend, const FigureOptions& options = {});
 
