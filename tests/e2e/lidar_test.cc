@@ -1,0 +1,74 @@
+// SPDX-License-Identifier: Apache-2.0
+// The grid method with a LiDAR and annotated vehicles, as a user runs it.
+#include <fstream>
+
+#include "redrive/base/files.h"
+#include "redrive/train/run.h"
+#include "tests/e2e/e2e.h"
+
+namespace redrive::testing {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+
+class EndToEndLidar : public EndToEnd {
+ protected:
+  EndToEndLidar() { fs::copy(fs::path(REDRIVE_SAMPLES) / "street_traffic", street_, fs::copy_options::recursive); }
+  Ended train(const std::string& name, int steps = 3, const std::vector<std::string>& more = {}) const {
+    std::vector<std::string> arguments = {"train",       street_.string(),
+                                          "--out",       (folder_ / name).string(),
+                                          "--downscale", "8",
+                                          "--frames",    "1000:1003",
+                                          "--batch",     "64",
+                                          "--max-steps", std::to_string(steps),
+                                          "--threads",   "2"};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return redrive(arguments);
+  }
+  fs::path revolution() const { return street_ / "dynamic" / "raw-revolutions" / "frame_0001001.las"; }
+  fs::path boxes() const { return street_ / "dynamic" / "box" / "3d_body" / "frame_0001001.json"; }
+
+  const fs::path street_ = folder_ / "street";
+};
+
+TEST_F(EndToEndLidar, TeachesTheFieldAndIsResumed) {
+  const Ended once = train("once", 6);
+  ASSERT_EQ(once.exit_code, kExitOk) << once.err;
+  EXPECT_THAT(once.out, AllOf(HasSubstr("LiDAR returns"), HasSubstr("moving objects left out")));
+  ASSERT_EQ(train("again", 6).exit_code, kExitOk);
+  const auto parameters = [&](const char* name) {
+    const TrainState state = load_checkpoint(folder_ / name / "checkpoint.safetensors");
+    const std::span<const float> all = state.model->parameters.span();
+    return std::vector<float>(all.begin(), all.end());
+  };
+  EXPECT_EQ(parameters("once"), parameters("again"));
+  ASSERT_EQ(train("without", 6, {"--lidar-rays", "0"}).exit_code, kExitOk);
+  EXPECT_NE(parameters("once"), parameters("without"));
+  const Ended resumed = redrive({"resume", (folder_ / "once").string(), "--max-steps", "8"});
+  EXPECT_EQ(resumed.exit_code, kExitOk) << resumed.err;
+  EXPECT_NE(parameters("once"), parameters("again"));
+}
+
+TEST_F(EndToEndLidar, ATruncatedRevolutionIsNamedBeforeAnythingIsWritten) {
+  fs::resize_file(revolution(), fs::file_size(revolution()) / 2);
+  const Ended ended = train("run");
+  EXPECT_EQ(ended.exit_code, kExitBadInput);
+  EXPECT_THAT(ended.err, HasSubstr("frame_0001001.las"));
+  EXPECT_FALSE(fs::exists(folder_ / "run"));
+}
+
+TEST_F(EndToEndLidar, BoxesWithoutATimeAreNamedBeforeAnythingIsWritten) {
+  std::string text = read_file(boxes());
+  const std::size_t at = text.find("\"Timestamp\"");
+  ASSERT_NE(at, std::string::npos);
+  text.replace(at, 11, "\"Timestomp\"");
+  std::ofstream(boxes()) << text;
+  const Ended ended = train("run");
+  EXPECT_EQ(ended.exit_code, kExitBadInput);
+  EXPECT_THAT(ended.err, AllOf(HasSubstr("frame_0001001.json"), HasSubstr("Timestamp")));
+  EXPECT_FALSE(fs::exists(folder_ / "run"));
+}
+
+}  // namespace
+}  // namespace redrive::testing
