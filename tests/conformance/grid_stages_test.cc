@@ -39,7 +39,8 @@ struct Rows {
   std::vector<float> edges;
 
   explicit Rows(BatchSize size, std::uint64_t key = 5) : size(size), edges(size.n_rays * (size.per_ray + 1)) {
-    make_ref_backend()->grid().spaced(size.n_rays, size.per_ray, kSpacing, true, key, edges);
+    const std::vector<float> unused(3 * size.n_rays);
+    make_ref_backend()->grid().spaced({size.n_rays, unused, unused}, {size.per_ray, kSpacing, {}, true, key}, edges);
     for (int ray = 0; ray < size.n_rays; ++ray)
       for (int i = 1; i < size.per_ray; ++i) {
         float* const edge = &edges[ray * (size.per_ray + 1) + i];
@@ -55,13 +56,18 @@ TEST_P(EveryGridBackend, Spaced) {
   // The scalar function is the definition, bit by bit.
   const auto backend = make(), ref = make_ref_backend();
   for (const BatchSize& size : batch_sizes())
-    for (const bool jitter : {false, true}) {
-      SCOPED_TRACE(trace(size));
-      std::vector<float> edges(size.n_rays * (size.per_ray + 1), NAN), expected(edges.size());
-      backend->grid().spaced(size.n_rays, size.per_ray, kSpacing, jitter, 77, edges);
-      ref->grid().spaced(size.n_rays, size.per_ray, kSpacing, jitter, 77, expected);
-      ASSERT_TRUE(bit_equal(edges, expected));
-    }
+    for (const bool jitter : {false, true})
+      for (const bool unbounded : {false, true}) {
+        SCOPED_TRACE(trace(size));
+        // From outside a cube as well as from within, towards it and not.
+        const std::vector<float> origin = random_floats(3 * size.n_rays, 227, -20, 20),
+                                 direction = random_floats(3 * size.n_rays, 228, -1, 1);
+        const SpacedIntervals how{size.per_ray, kSpacing, {{1, 2, 3}, 12, unbounded}, jitter, 77};
+        std::vector<float> edges(size.n_rays * (size.per_ray + 1), NAN), expected(edges.size());
+        backend->grid().spaced({size.n_rays, origin, direction}, how, edges);
+        ref->grid().spaced({size.n_rays, origin, direction}, how, expected);
+        ASSERT_TRUE(bit_equal(edges, expected));
+      }
 }
 
 TEST_P(EveryGridBackend, Proposed) {
@@ -584,7 +590,8 @@ TEST_P(EveryGridBackend, SizesAreChecked) {
   std::vector<float> few(7), n(15), n4(60), n3(45), d_table(table.size()), d_weights(grid.weights.size()),
       d_features(batch.features.size()), encoded(5 * 15);
   const Intervals short_edges{5, few};
-  EXPECT_THROW(stages.spaced(3, 5, kSpacing, false, 0, few), std::logic_error);
+  EXPECT_THROW(stages.spaced({3, origin, direction}, {5, kSpacing}, few), std::logic_error);
+  EXPECT_THROW(stages.spaced({3, few, direction}, {5, kSpacing}, encoded), std::logic_error);
   EXPECT_THROW(stages.proposed(3, rows.intervals(), few, 1, false, 0, few), std::logic_error);
   EXPECT_THROW(stages.proposed(3, short_edges, n, 1, false, 0, few), std::logic_error);
   EXPECT_THROW(stages.contract({}, {3, origin, direction}, angle, rows.intervals(), few, n), std::logic_error);
@@ -636,7 +643,7 @@ std::map<std::string, std::vector<float>> all_stages(GridStages& stages, const G
     return UnitPoints{count, position, footprint};
   };
   auto& edges = made("edges", n_rays * (first + 1));
-  stages.spaced(n_rays, first, kSpacing, true, 1, edges);
+  stages.spaced({n_rays, origin, direction}, {first, kSpacing, contraction, true, 1}, edges);
   const Intervals proposal{first, edges};
   const UnitPoints proposal_points = points_of("proposal", proposal);
   auto& density = made("density", proposal_points.n);

@@ -44,9 +44,10 @@ class Photographs : public EndToEnd {
     }
   }
   Ended train(const std::vector<std::string>& more) const {
-    std::vector<std::string> arguments = {"train",   set_.string(), "--out",       (folder_ / "run").string(),
-                                          "--width", "32",          "--samples",   "12",
-                                          "--batch", "128",         "--max-steps", "20"};
+    std::vector<std::string> arguments = {"train",   set_.string(), "--out",     (folder_ / "run").string(),
+                                          "--width", "32",          "--samples", "12",
+                                          "--batch", "128"};
+    if (std::ranges::find(more, "--max-steps") == more.end()) arguments.insert(arguments.end(), {"--max-steps", "20"});
     arguments.insert(arguments.end(), more.begin(), more.end());
     return redrive(arguments);
   }
@@ -89,11 +90,32 @@ TEST_F(Photographs, FromInspectToRender) {
   EXPECT_THAT(refused.err, HasSubstr("--axes local"));
 }
 
+TEST_F(Photographs, GridOnABackgroundOfItsOwn) {
+  // Against the loss of its start, and a picture: red in the middle, and the corner is what pictures of this run stand on.
+  const Ended trained = train({"--background", "random", "--max-steps", "150"});
+  ASSERT_EQ(trained.exit_code, kExitOk) << trained.err;
+  const std::string run = (folder_ / "run").string(), picture = (folder_ / "a.png").string();
+  ASSERT_EQ(redrive({"render", run, "--camera", "camera", "--frame", "0", "--out", picture}).exit_code, kExitOk);
+  const Image8 image = read_image(picture);
+  const auto at = [&](int x, int y) { return &image.rgb[3 * (y * kSize + x)]; };
+  EXPECT_NEAR(at(10, 10)[0], 200, 30);
+  EXPECT_LT(at(10, 10)[1], 60);
+  for (int k = 0; k < 3; ++k) EXPECT_LT(at(0, 0)[k], 25);
+  // A run's background is the run's.
+  edit_json(folder_ / "run/config.json", [](json& config) { config["background"] = "white"; });
+  const Ended other = redrive({"eval", run});
+  EXPECT_EQ(other.exit_code, kExitBadInput);
+  EXPECT_THAT(other.err, HasSubstr("background"));
+}
+
 TEST_F(Photographs, TransparencyNeedsABackground) {
   Ended ended = train({});
   EXPECT_EQ(ended.exit_code, kExitUsage);
   EXPECT_THAT(ended.err, AllOf(HasSubstr("--background"), HasSubstr("r_0.png"), HasSubstr("transparent")));
-  ended = train({"--background", "random"});
+  ended = train({"--method", "nerf"});
+  EXPECT_EQ(ended.exit_code, kExitUsage);
+  EXPECT_THAT(ended.err, HasSubstr("transparent"));
+  ended = train({"--method", "nerf", "--background", "random"});
   EXPECT_EQ(ended.exit_code, kExitUsage);
   EXPECT_THAT(ended.err, HasSubstr("--background random"));
   Image8 opaque = disc();

@@ -90,7 +90,8 @@ GridBatch::GridBatch(const SyntheticDrive& drive, kernels::GridStages& stages)
   edges.resize(n + rays.n);
   position.resize(3 * n);
   footprint.resize(n);
-  stages.spaced(rays.n, per_ray, model().spacing, true, random_key(1, kStreamSamples), edges);
+  stages.spaced(rays_of(rays), {per_ray, model().spacing, model().contraction, true, random_key(1, kStreamSamples)},
+                edges);
   stages.contract(model().contraction, rays_of(rays), rays.pixel_angle, {per_ray, edges}, position, footprint);
   points = {n, position, footprint};
   features.resize(n * model().field.grid.outputs());

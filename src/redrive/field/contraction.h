@@ -4,8 +4,12 @@
 // infinity lies at |y| = 2;  unit = (y + 2) / 4. A bounded scene (objects, rooms) has its near region alone: unit = (u + 1) / 2.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
+
+#include "redrive/sampling/proposal.h"
 
 namespace redrive {
 
@@ -47,6 +51,27 @@ T contract(const Contraction& contraction, const T world[3], T unit[3]) {
     factor = std::cbrt(across * across / (along * along));
   }
   return T(0.25 / contraction.half_m * factor);
+}
+
+/// Where a ray is sampled: as `spacing` says, but of a bounded scene only within its cube, evenly. A ray that misses the cube gets
+/// no length, at near_m.
+inline RaySpacing spacing_of_ray(const RaySpacing& spacing, const Contraction& contraction, const float origin[3],
+                                 const float direction[3]) {
+  if (contraction.unbounded) return spacing;
+  float enter = spacing.near_m, leave = spacing.far_m;
+  for (int k = 0; k < 3; ++k) {
+    const float low = contraction.center[k] - contraction.half_m - origin[k],
+                high = contraction.center[k] + contraction.half_m - origin[k];
+    if (direction[k] == 0) {  // along the slab: inside or outside all the way
+      if (low > 0 || high < 0) leave = -1;
+      continue;
+    }
+    const float a = low / direction[k], b = high / direction[k];
+    enter = std::max(enter, std::min(a, b));
+    leave = std::min(leave, std::max(a, b));
+  }
+  if (!(enter < leave)) enter = leave = spacing.near_m;
+  return {enter, leave, std::numeric_limits<float>::infinity()};
 }
 
 }  // namespace redrive

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The size checks that every backend makes at the head of the stages of grid_stages.h.
+// The size checks that every backend makes at the head of the stages of grid_stages.h, and what they have in common of a ray.
 #pragma once
 
 #include "redrive/base/error.h"
@@ -15,6 +15,23 @@ inline void check_edges(int n_rays, int per_ray, std::size_t edges) {
   REDRIVE_CHECK_OP(n_rays, >=, 1);
   REDRIVE_CHECK_OP(per_ray, >=, 1);
   REDRIVE_CHECK_OP(edges, ==, interval_count(n_rays, per_ray + 1));
+}
+
+inline void check_spaced(const Rays& rays, int per_ray, std::size_t edges) {
+  check_edges(rays.n, per_ray, edges);
+  REDRIVE_CHECK_OP(rays.origin.size(), ==, 3 * static_cast<std::size_t>(rays.n));
+  REDRIVE_CHECK_OP(rays.direction.size(), ==, 3 * static_cast<std::size_t>(rays.n));
+}
+
+/// Stage `spaced` of one ray.
+inline void spaced_edges_of(const Rays& rays, const SpacedIntervals& how, std::size_t ray, std::span<float> edges) {
+  float origin[3], direction[3];
+  for (int k = 0; k < 3; ++k) {
+    origin[k] = rays.origin[k * rays.n + ray];
+    direction[k] = rays.direction[k * rays.n + ray];
+  }
+  spaced_edges(spacing_of_ray(how.spacing, how.contraction, origin, direction), how.per_ray, how.jitter, how.key, ray,
+               &edges[ray * (how.per_ray + 1)]);
 }
 
 inline void check_points(const UnitPoints& points) {

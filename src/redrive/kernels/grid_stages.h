@@ -46,14 +46,21 @@ struct GridNetwork {
   std::span<const float> weights;
 };
 
+/// How the first intervals of rays are laid: field/contraction.h spacing_of_ray, sampling/proposal.h spaced_edges.
+struct SpacedIntervals {
+  int per_ray = 0;
+  RaySpacing spacing;
+  Contraction contraction;
+  bool jitter = true;
+  std::uint64_t key = 0;
+};
+
 class GridStages {
  public:
   virtual ~GridStages() = default;
 
   // ---- sampling/
-  /// sampling/proposal.h spaced_edges, ray by ray.
-  virtual void spaced(int n_rays, int per_ray, const RaySpacing& spacing, bool jitter, std::uint64_t key,
-                      std::span<float> edges) = 0;
+  virtual void spaced(const Rays& rays, const SpacedIntervals& how, std::span<float> edges) = 0;
   /// proposed_edges: `per_ray` new intervals from those of `from` and their weights [n_rays, from.per_ray].
   virtual void proposed(int n_rays, const Intervals& from, std::span<const float> weights, int per_ray, bool jitter,
                         std::uint64_t key, std::span<float> edges) = 0;

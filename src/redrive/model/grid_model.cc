@@ -63,7 +63,7 @@ std::size_t GridModel::part_size(int part) const {
     case kFieldGrid: return hash_grid_size(field.grid);
     case kNetwork: return grid_network_size(field);
     case kProposalGrid: return hash_grid_size(proposal);
-    case kSkyGrid: return hash_grid_size(sky);
+    case kSkyGrid: return sky.levels > 0 ? hash_grid_size(sky) : 0;
     default: return appearance.size();
   }
 }
@@ -98,6 +98,7 @@ void GridModel::visit_numbers(NumberVisitor& visit) {
   visit("colour_layers", field.colour_layers);
   visit_grid("proposal", proposal);
   visit_grid("sky", sky);
+  visit("background", background);
   visit("appearance.cameras", appearance.cameras);
   visit("appearance.knots", appearance.knots);
   visit("contraction.center_x", contraction.center[0]);
@@ -138,7 +139,8 @@ void GridModel::check(const std::filesystem::path& file) const {
           "must be a multiple of 16 in 16..128");
   require(field.colour_layers == 1 || field.colour_layers == 2, "colour_layers", field.colour_layers, "must be 1 or 2");
   check_grid("proposal", proposal, 1);
-  check_grid("sky", sky, 4);
+  if (sky.levels != 0) check_grid("sky", sky, 4);
+  require(background >= 0 && background <= 1, "background", background, "must be in 0..1");
   require(appearance.cameras >= 0 && appearance.cameras <= 1024, "appearance.cameras", appearance.cameras,
           "must be in 0..1024");
   require(appearance.knots >= 0 && appearance.knots <= 100'000, "appearance.knots", appearance.knots,
@@ -161,7 +163,7 @@ std::vector<ModelTensor> GridModel::tensors() const {
     if (shape.outputs > 0) out.push_back({shape.name, {shape.outputs, shape.inputs}, offset(kNetwork) + shape.offset});
   }
   out.push_back({"proposal", numbers(kProposalGrid), offset(kProposalGrid)});
-  out.push_back({"sky", numbers(kSkyGrid), offset(kSkyGrid)});
+  if (sky.levels > 0) out.push_back({"sky", numbers(kSkyGrid), offset(kSkyGrid)});
   if (appearance.size() > 0)
     out.push_back({"appearance", {appearance.cameras, appearance.knots, 3}, offset(kAppearance)});
   return out;
@@ -208,10 +210,17 @@ void GridModel::look_at_sky(kernels::Backend& backend, const RayBatch& batch, Pa
     spherical_harmonics(d, &pass->harmonics[ray * kHarmonics]);
     footprint[ray] = 0.25f * batch.pixel_angle[ray];  // half a pixel, in a cube of half the sphere's size
   }
+  pass->background = workspace->take(3 * rays);
+  if (sky.levels == 0) {
+    if (batch.background.empty())
+      std::ranges::fill(pass->background, background);
+    else
+      std::ranges::copy(batch.background, pass->background.begin());
+    return;
+  }
   pass->sky_points = {rays, position, footprint};
   pass->sky_features = workspace->take(rays * sky.outputs());
   backend.grid().encode(grid(kSkyGrid), pass->sky_points, pass->sky_features);
-  pass->background = workspace->take(3 * rays);
   for (std::size_t ray = 0; ray < rays; ++ray)
     for (int k = 0; k < 3; ++k) {
       float sum = 0;
@@ -232,7 +241,7 @@ GridModel::Pass GridModel::sample(kernels::Backend& backend, const RayBatch& bat
     const int per_ray = proposal_samples[i];
     const auto edges = workspace->take(rays * (per_ray + 1));
     if (i == 0)
-      stages.spaced(n, per_ray, spacing, jitter, key(0), edges);
+      stages.spaced(rays_of(batch), {per_ray, spacing, contraction, jitter, key(0)}, edges);
     else
       stages.proposed(n, pass.proposal[0].intervals, pass.proposal[0].weights, per_ray, jitter, key(1), edges);
     Round& round = pass.proposal[i];
@@ -343,6 +352,7 @@ void GridModel::backward_field(kernels::Backend& backend, int n, const Pass& pas
 void GridModel::backward_sky(kernels::Backend& backend, int n, const Pass& pass, std::span<const float> opacity,
                              std::span<const float> d_rgb, std::span<float> gradients, Workspace* workspace) const {
   const std::size_t rays = n;
+  if (sky.levels == 0) return;
   const auto d_sky = workspace->take(pass.sky_features.size());
   std::ranges::fill(d_sky, 0.0f);
   for (std::size_t ray = 0; ray < rays; ++ray)

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // --method grid: a hash-grid field for unbounded scenes, sampled where a proposal field found something, before a sky that depends on
-// direction alone.
+// direction alone. Pictures with a background of their own have no sky.
 #pragma once
 
 #include <array>
@@ -21,6 +21,7 @@ struct GridModel final : Model {
   HashGridConfig proposal{5, 1, 16, 512, 17};
   HashGridConfig sky{4, 4, 8, 256, 15};  ///< over directions; three features are colours, the sum of the levels counts
   AppearanceConfig appearance;           ///< of no camera unless somebody says how many there are
+  float background = 0;  ///< where sky.levels is 0: grey behind rays whose batch names no colour, as in rendering
   Contraction contraction;
   RaySpacing spacing{0.5f, 1000.0f, 20.0f};
   std::array<int, 2> proposal_samples{64, 32};  ///< per ray, first and second round

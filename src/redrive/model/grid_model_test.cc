@@ -163,6 +163,7 @@ TEST(GridModel, NumbersAreAllThatItIsMadeOf) {
   model.field = {{4, 8, 5, 900, 13}, 48, 2};
   model.proposal = {3, 1, 7, 300, 12};
   model.sky = {2, 4, 9, 100, 11};
+  model.background = 0.75f;
   model.contraction = {{1, -2, 3}, 12, false};
   model.spacing = {0.75f, 500, 8};
   model.proposal_samples = {40, 20};
@@ -176,6 +177,7 @@ TEST(GridModel, NumbersAreAllThatItIsMadeOf) {
   EXPECT_EQ(copy.field, model.field);
   EXPECT_EQ(copy.proposal, model.proposal);
   EXPECT_EQ(copy.sky, model.sky);
+  EXPECT_EQ(copy.background, model.background);
   EXPECT_EQ(copy.contraction, model.contraction);
   EXPECT_EQ(copy.spacing.near_m, model.spacing.near_m);
   EXPECT_EQ(copy.spacing.far_m, model.spacing.far_m);
@@ -203,6 +205,8 @@ TEST(GridModel, NumbersOutOfRangeAreRefusedByName) {
       {"sky.log2_rows", {3, 25}},
       {"appearance.cameras", {-1, 1025}},
       {"appearance.knots", {-1, 1e6}},
+      {"sky.levels", {-1, 17}},
+      {"background", {-0.5, 1.5, kNan}},
       {"contraction.half_m", {0, -1, kNan}},
       {"near_m", {0, -1, kNan}},
       {"far_m", {0.5, kNan}},
@@ -283,9 +287,8 @@ TEST(GridModel, HomogeneousMediumInFrontOfAGreySky) {
   }
 }
 
-TEST(GridModel, SkyIsWhatStandsBehindAnEmptyField) {
-  GridModel model;
-  make_tiny(model);
+/// A field that is empty, whatever it stands before.
+void make_empty(GridModel& model) {
   std::ranges::fill(model.parameters.span(), 0.0f);
   const auto at = [&](const char* name) {
     for (const ModelTensor& tensor : model.tensors())
@@ -297,14 +300,90 @@ TEST(GridModel, SkyIsWhatStandsBehindAnEmptyField) {
   std::fill_n(at("grid"), hash_grid_size(model.field.grid), 1.0f);
   at("density.0.weight")[0] = 1;
   at("density.1.weight")[0] = -1e5f;
+}
+
+/// Without a sky, on grey.
+void make_tiny_on_background(GridModel& model) {
+  make_tiny(model);
+  model.sky.levels = 0;
+  model.appearance = {};
+  model.background = 0.75f;
+  Buffer<float> parameters(model.size());
+  std::ranges::copy(model.parameters.span().first(model.size()), parameters.data());
+  model.parameters = std::move(parameters);
+}
+
+TEST(GridModel, SkyIsWhatStandsBehindAnEmptyField) {
+  GridModel model;
+  make_tiny(model);
+  make_empty(model);
+  float* const sky = &model.parameters[model.size() - hash_grid_size(model.sky) - model.appearance.size()];
   const float colour[4] = {0.5f, -1, 2, 1000};  // a level's; the fourth is no colour
-  for (std::size_t i = 0; i < hash_grid_size(model.sky); ++i) at("sky")[i] = colour[i % 4];
+  for (std::size_t i = 0; i < hash_grid_size(model.sky); ++i) sky[i] = colour[i % 4];
   const RayBatch batch = tiny_batch(5);
   const Picture picture(model, batch);
   for (int ray = 0; ray < batch.n; ++ray) {
     EXPECT_EQ(picture.opacity[ray], 0);
     for (int k = 0; k < 3; ++k) EXPECT_NEAR(picture.rgb[k * batch.n + ray], sigmoid(2.0 * colour[k]), 1e-6);
   }
+}
+
+TEST(GridModel, BackgroundStandsBehindAnEmptyFieldInsteadOfASky) {
+  GridModel model;
+  make_tiny_on_background(model);
+  EXPECT_EQ(model.tensors().back().name, "proposal");
+  EXPECT_NO_THROW(model.check("c"));
+  make_empty(model);
+  RayBatch batch = tiny_batch(5);
+  const Picture rendered(model, batch);
+  batch.background = tiny_batch(5).target;
+  const Picture of_batch(model, batch);
+  for (int i = 0; i < 15; ++i) {
+    EXPECT_EQ(rendered.rgb[i], 0.75f);
+    EXPECT_EQ(of_batch.rgb[i], batch.background[i]);
+  }
+}
+
+TEST(GridModel, BackgroundShowsAsFarAsTheFieldLetsIt) {
+  GridModel model;
+  make_tiny_on_background(model);
+  RayBatch batch = tiny_batch(6);
+  batch.background.assign(18, 0.0f);
+  const Picture black(model, batch);
+  batch.background = tiny_batch(6).target;
+  const Picture coloured(model, batch);
+  for (int i = 0; i < 18; ++i) {
+    EXPECT_NEAR(coloured.rgb[i] - black.rgb[i], (1 - black.opacity[i % 6]) * batch.background[i], 1e-6);
+    EXPECT_GT(black.opacity[i % 6], 0);
+    EXPECT_LT(black.opacity[i % 6], 1);
+  }
+}
+
+TEST(GridModel, RaysThatMissTheCubeShowTheirBackground) {
+  GridModel model;
+  make_tiny_on_background(model);
+  model.contraction = {{1.5f, 0, 0}, 0.8f, false};
+  const RayBatch batch = tiny_batch(40);
+  const Picture picture(model, batch);
+  int missed = 0;
+  for (int ray = 0; ray < batch.n; ++ray) {
+    float origin[3], direction[3];
+    for (int k = 0; k < 3; ++k) {
+      origin[k] = batch.origin[k * batch.n + ray];
+      direction[k] = batch.direction[k * batch.n + ray];
+    }
+    const RaySpacing within = spacing_of_ray(model.spacing, model.contraction, origin, direction);
+    const bool misses = within.near_m == within.far_m;
+    missed += misses;
+    EXPECT_EQ(picture.opacity[ray] == 0, misses);
+    EXPECT_TRUE(std::isfinite(picture.depth[ray]));
+    for (int k = 0; misses && k < 3; ++k) EXPECT_EQ(picture.rgb[k * batch.n + ray], 0.75f);
+  }
+  EXPECT_GT(missed, 5);
+  EXPECT_LT(missed, 38);
+  std::vector<float> gradients(model.size());
+  EXPECT_TRUE(std::isfinite(losses_of(model, batch, &gradients, *kernels::make_ref_backend()).loss));
+  for (const float g : gradients) ASSERT_TRUE(std::isfinite(g));
 }
 
 TEST(GridModel, GradientsAreAddedToWhatIsThere) {
@@ -426,6 +505,19 @@ TEST(GridModelGradients, OfRangesAreThoseOfTheirLoss) {
     }
     EXPECT_EQ(of_colour, 0);
   }
+}
+
+TEST(GridModelGradients, OnABackgroundAreThoseOfTheColours) {
+  const auto backend = kernels::make_ref_backend();
+  GridModel model;
+  make_tiny_on_background(model);
+  RayBatch batch = tiny_batch(8);
+  for (int i = 0; i < 24; ++i) batch.background.push_back(static_cast<float>(0.5 + 0.5 * uniform(9, i)));
+  std::vector<float> gradients(model.size()), ignored(model.size());
+  losses_of(model, batch, &gradients, *backend);
+  for (const ModelTensor& tensor : model.tensors())
+    if (tensor.name != "proposal")
+      expect_derivative(model, tensor, gradients, [&] { return losses_of(model, batch, &ignored, *backend).rgb_mse; });
 }
 
 TEST(GridModelGradients, OfTheProposalsAreThoseOfTheirLoss) {

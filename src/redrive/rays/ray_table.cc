@@ -12,6 +12,9 @@
 namespace redrive {
 namespace {
 
+/// How rarely a pixel that is wholly transparent is drawn.
+constexpr int kEpochsPerEmptyPixel = 4;
+
 void resize(RayBatch* batch, int n, bool with_target) {
   batch->n = n;
   batch->origin.resize(3 * std::size_t(n));
@@ -98,17 +101,36 @@ PixelSampler::PixelSampler(const Scene& scene, const std::vector<Image8>& images
     const View& view = scene.views[i];
     if (view.held_out) continue;
     const RayTable& table = tables_[view.camera];
-    REDRIVE_CHECK_OP(images[i].width, ==, table.width);
-    REDRIVE_CHECK_OP(images[i].height, ==, table.height);
-    views_.push_back(static_cast<int>(i));
-    world_from_camera_.push_back(scene.world_from_camera(view));
-    used_.push_back(images[i].used.empty() ? UsedPixels() : UsedPixels(table, images[i].used));
-    offsets_.push_back(offsets_.back() + (images[i].used.empty() ? table.pixel.size() : used_.back().size()));
+    const Image8& image = images[i];
+    REDRIVE_CHECK_OP(image.width, ==, table.width);
+    REDRIVE_CHECK_OP(image.height, ==, table.height);
+    const Pool all{static_cast<int>(i), scene.world_from_camera(view), std::nullopt, 1};
+    if (image.used.empty() && image.alpha.empty()) {
+      add(all, table.pixel.size());
+      continue;
+    }
+    std::vector<std::uint8_t> used[2];  // what there is to see, and what is wholly transparent
+    for (auto& part : used) part.resize(image.rgb.size() / 3);
+    for (std::size_t k = 0; k < used[0].size(); ++k)
+      used[!image.alpha.empty() && image.alpha[k] == 0][k] = image.used.empty() || image.used[k] != 0;
+    for (const int empty : {0, 1}) {
+      Pool pool = all;
+      pool.used.emplace(table, used[empty]);
+      if (empty) pool.every = kEpochsPerEmptyPixel;
+      const std::size_t size = pool.used->size();
+      if (size > 0) add(std::move(pool), size);
+    }
   }
-  REDRIVE_CHECK(!views_.empty());
+  const auto first = std::ranges::find(scene.views, false, &View::held_out);
+  REDRIVE_CHECK(first != scene.views.end());
   if (pixels() == 0)
-    throw InputError(scene.views[views_.front()].image, "", "",
+    throw InputError(first->image, "", "",
                      "masks and camera models leave no pixel of this and all other training images");
+}
+
+void PixelSampler::add(Pool pool, std::size_t size) {
+  offsets_.push_back(offsets_.back() + (size + pool.every - 1) / pool.every);
+  pools_.push_back(std::move(pool));
 }
 
 std::int64_t PixelSampler::steps_per_epoch(int batch_rays) const {
@@ -129,12 +151,14 @@ void PixelSampler::gather(std::int64_t step, int batch_rays, RayBatch* batch) co
   batch->exposure.resize(batch->n);
   for (int i = 0; i < batch->n; ++i) {
     const std::uint64_t drawn = permute_index(key, first + i, pixels());
-    const std::size_t v = std::upper_bound(offsets_.begin(), offsets_.end(), drawn) - offsets_.begin() - 1;
-    const RayTable& table = tables_[scene_.views[views_[v]].camera];
-    const Image8& image = images_[views_[v]];
-    const std::size_t k = image.used.empty() ? drawn - offsets_[v] : used_[v].entry(drawn - offsets_[v]);
-    set_ray(table, k, world_from_camera_[v], i, batch);
-    batch->exposure[i] = scene_.exposure(scene_.views[views_[v]]);
+    const std::size_t p = std::upper_bound(offsets_.begin(), offsets_.end(), drawn) - offsets_.begin() - 1;
+    const Pool& pool = pools_[p];
+    const RayTable& table = tables_[scene_.views[pool.view].camera];
+    const Image8& image = images_[pool.view];
+    std::size_t k = (drawn - offsets_[p]) * pool.every + epoch % pool.every;
+    if (pool.used) k = pool.used->entry(std::min(k, pool.used->size() - 1));  // the last of them may be drawn twice
+    set_ray(table, k, pool.world_from_camera, i, batch);
+    batch->exposure[i] = scene_.exposure(scene_.views[pool.view]);
     const std::size_t pixel = table.pixel[k];
     for (int c = 0; c < 3; ++c) {
       const std::size_t at = std::size_t(c) * batch->n + i;

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -51,8 +52,8 @@ class UsedPixels {
   std::vector<std::uint32_t> before_;  ///< [bits_.size() + 1]: entries in use before each word
 };
 
-/// The training pixels of a scene: every valid pixel of every view that is not held out and that no mask leaves out, in an
-/// order shuffled anew each epoch (base/rng.h permute_index: no table, any position reachable at once, so resuming needs only the step).
+/// The training pixels of a scene: every valid pixel of every view that is not held out and that no mask leaves out, but of those
+/// that are transparent altogether, which have little to say, another fourth each epoch; in an order shuffled anew each epoch (base/rng.h permute_index: no table, any position reachable at once, so resuming needs only the step).
 class PixelSampler {
  public:
   /// InputError: no pixel is left.
@@ -69,10 +70,17 @@ class PixelSampler {
   const std::vector<Image8>& images_;
   std::uint64_t seed_;
   std::vector<RayTable> tables_;  ///< by camera of the rig
-  std::vector<int> views_;        ///< training views
-  std::vector<Rigid3d> world_from_camera_;
-  std::vector<UsedPixels> used_;        ///< of each training view with a mask
-  std::vector<std::uint64_t> offsets_;  ///< [views_.size() + 1]: first pixel of each view
+  /// Pixels of a training view: all of its table, or those in `used`; of those one in `every` an epoch.
+  struct Pool {
+    int view = 0;
+    Rigid3d world_from_camera;
+    std::optional<UsedPixels> used;
+    int every = 1;
+  };
+  void add(Pool pool, std::size_t size);
+
+  std::vector<Pool> pools_;
+  std::vector<std::uint64_t> offsets_;  ///< [pools_.size() + 1]: first pixel of each
 };
 
 }  // namespace redrive

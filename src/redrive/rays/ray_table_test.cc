@@ -191,6 +191,44 @@ TEST_F(SamplerTest, MaskedPixelsAreNotDrawn) {
   EXPECT_THROW(PixelSampler(scene_, images_, 5), InputError);
 }
 
+TEST_F(SamplerTest, EmptyPixelsAreDrawnEveryFourthEpoch) {
+  // Of every image but the first the left ten columns are transparent; in the second one a mask leaves half of each part.
+  const PixelSampler whole(scene_, images_, 5);
+  std::vector<std::size_t> training;
+  for (std::size_t v = 0; v < scene_.views.size(); ++v)
+    if (!scene_.views[v].held_out) training.push_back(v);
+  std::size_t solid = 0, empty_an_epoch = 0, empty = 0;
+  for (const std::size_t v : training) {
+    const RayTable table = make_ray_table(scene_.rig[scene_.views[v].camera].camera);
+    Image8& image = images_[v];
+    if (v != training[0]) image.alpha.assign(image.rgb.size() / 3, 255);
+    if (v == training[1]) image.used.assign(image.rgb.size() / 3, 255);
+    std::size_t empty_here = 0;
+    for (const std::uint32_t pixel : table.pixel) {
+      if (v == training[1] && pixel / table.width % 2 == 0) {
+        image.used[pixel] = 0;
+      } else if (v != training[0] && static_cast<int>(pixel) % table.width < 10) {
+        image.alpha[pixel] = 0;
+        ++empty_here;
+      } else {
+        ++solid;
+      }
+    }
+    empty_an_epoch += (empty_here + 3) / 4;
+    empty += empty_here;
+  }
+  const PixelSampler sampler(scene_, images_, 5);
+  ASSERT_EQ(sampler.pixels(), solid + empty_an_epoch);
+  const std::int64_t steps = sampler.steps_per_epoch(100);
+  EXPECT_EQ(count_rays(sampler, 0, steps, 100).size(), sampler.pixels())
+      << "each once, another fourth of the empty ones";
+  const auto four_epochs = count_rays(sampler, 0, 4 * steps, 100);
+  EXPECT_EQ(four_epochs.size(), solid + empty);
+  std::size_t often = 0;
+  for (const auto& [ray, count] : four_epochs) often += count == 4;
+  EXPECT_NEAR(often, solid, training.size()) << "and the last empty one of an image";
+}
+
 TEST_F(SamplerTest, BackgroundsOfABatch) {
   RayBatch plain, batch;
   PixelSampler(scene_, images_, 5).gather(3, 64, &plain);

@@ -136,7 +136,7 @@ void load_mask(const MaskFile& mask, Image8* image) {
   }
 }
 
-/// Lays the picture over the background; for a random one over black, and alpha stays.
+/// Lays the picture over the background; for a random one over black. Alpha stays.
 void composite(const std::filesystem::path& path, Background background, Image8* image) {
   if (background == Background::kNone) {
     if (std::any_of(image->alpha.begin(), image->alpha.end(), [](std::uint8_t alpha) { return alpha != 255; }))
@@ -152,7 +152,6 @@ void composite(const std::filesystem::path& path, Background background, Image8*
     const int alpha = image->alpha[i / 3];
     image->rgb[i] = static_cast<std::uint8_t>((alpha * image->rgb[i] + (255 - alpha) * behind + 127) / 255);
   }
-  if (background != Background::kRandom) image->alpha.clear();
 }
 
 /// `map` is null unless the scene undistorts.

@@ -98,7 +98,8 @@ void resolve_cameras(TrainOptions* options, const Recording& recording) {
 void resolve_range(TrainOptions* options, const std::vector<std::string>& given, const Recording& recording) {
   const auto is_given = [&](const char* name) { return std::find(given.begin(), given.end(), name) != given.end(); };
   if (!recording.bounds || options->preset.starts_with("report") || is_given("near") || is_given("far")) return;
-  constexpr double kLeast = 0.02;  // of the half side: cameras inside the cube have it all around them
+  // Of the half side: cameras inside the cube have it all around them; a pixel is the same a hundred cubes away and further.
+  constexpr double kLeast = 0.02, kFurthest = 100;
   const auto& [center, half_side] = *recording.bounds;
   double nearest = std::numeric_limits<double>::infinity(), furthest = 0;
   for (const FramePose& frame : recording.frames) {
@@ -107,7 +108,9 @@ void resolve_range(TrainOptions* options, const std::vector<std::string>& given,
     furthest = std::max(furthest, (place.array() + half_side).matrix().norm());
   }
   options->near_m = std::max(nearest, kLeast * half_side);
-  options->far_m = furthest;
+  // The grid contracts what is beyond the cube, where cameras within it see that.
+  const bool unbounded = nearest == 0 && options->method == "grid" && options->background.empty();
+  options->far_m = unbounded ? kFurthest * half_side : furthest;
 }
 
 void validate(const TrainOptions& options) {
@@ -136,9 +139,6 @@ void validate(const TrainOptions& options) {
   }
   if (options.method == "nerf" && options.background == "random")
     throw UsageError("--background", "random", "is not for --method nerf, which knows no background; white or black");
-  if (options.method == "grid" && !options.background.empty())
-    throw UsageError("--background", options.background,
-                     "is not for --method grid yet, which learns a sky; --method nerf");
   if (options.holdout_every == 1)
     throw UsageError("--holdout-every", "1", "would leave nothing to train on; 0 or 2 and more");
   parse_frames(options.frames);

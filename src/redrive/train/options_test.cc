@@ -130,6 +130,13 @@ TEST(TrainOptions, RangeHoldsTheCubeOfABoundedRecording) {
   recording.frames.push_back({1, 1, Rigid3d(Eigen::Translation3d(10, 0.5, 0))});
   resolve_range(&options, {}, recording);
   EXPECT_NEAR(options.near_m, 0.02, 1e-12);
+  EXPECT_NEAR(options.far_m, std::sqrt(27.0), 1e-12);
+  options.method = "grid";  // it sees beyond the cube from within, unless that is a background
+  resolve_range(&options, {}, recording);
+  EXPECT_NEAR(options.far_m, 100, 1e-12);
+  options.background = "white";
+  resolve_range(&options, {}, recording);
+  EXPECT_NEAR(options.far_m, std::sqrt(27.0), 1e-12);
   options = nerf_options();
   options.preset = "report-1";
   resolve_range(&options, {}, recording);

@@ -92,6 +92,9 @@ namespace {
 /// several centimetres wide (a pixel of 1/500 rad), which the contraction's coarser cells still resolve.
 constexpr double kNearPaddingM = 25;
 
+/// Half of an unbounded ray's first samples lie within so many half sides of the near region, as on the road.
+constexpr float kHalfSpacing = 3;
+
 std::unique_ptr<Model> grid_model_of(const TrainOptions& options, const Scene& scene) {
   auto model = std::make_unique<GridModel>();
   Eigen::AlignedBox3d cameras;
@@ -99,8 +102,20 @@ std::unique_ptr<Model> grid_model_of(const TrainOptions& options, const Scene& s
   for (int k = 0; k < 3; ++k) model->contraction.center[k] = static_cast<float>(cameras.center()[k]);
   model->contraction.half_m = static_cast<float>(cameras.sizes().maxCoeff() / 2 + kNearPaddingM);
   if (scene.half_side) {  // its centre is the world's
-    model->contraction = {{0, 0, 0}, static_cast<float>(*scene.half_side), /*unbounded=*/false};
-    model->spacing.half_m = static_cast<float>(options.far_m);
+    const auto half = static_cast<float>(*scene.half_side);
+    const bool from_within = std::ranges::any_of(scene.views, [&](const View& view) {
+      return scene.world_from_camera(view).translation().cwiseAbs().maxCoeff() < half;
+    });
+    // Photographs from within see further than their cube, too.
+    const bool unbounded = from_within && scene.background == Background::kNone;
+    model->contraction = {{0, 0, 0}, half, unbounded};
+    model->spacing.half_m = kHalfSpacing * half;
+    // From outside a picture's thousand pixels span the cube.
+    if (!unbounded) model->field.grid.max_cells = 1024;
+  }
+  if (scene.background != Background::kNone) {  // nothing to learn of it
+    model->sky.levels = 0;
+    model->background = rendered_background(scene.background)[0];
   }
   if (scene.metric) {
     const double seconds = scene.exposure(0, scene.frames.back().t_ns).t_s;

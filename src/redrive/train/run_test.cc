@@ -80,6 +80,30 @@ TEST(RunFolder, OfAGridIsNoOther) {  // its checkpoint is large: all of it in a 
   EXPECT_THAT(complaint("nerf", options, small), HasSubstr("method = grid"));
 }
 
+TEST(ModelOf, ACubeIsAllThereIsSeenFromOutsideOrOnABackground) {
+  const TrainOptions options = options_of("grid");
+  Scene scene;
+  scene.metric = false;
+  scene.half_side = 2;
+  scene.rig.resize(1);
+  scene.rig[0].body_from_sensor = Rigid3d::Identity();
+  scene.frames.resize(1);
+  const auto grid = [&](double x) {
+    View view;
+    view.world_from_body = Eigen::Translation3d(x, 0, 0);
+    scene.views = {view};
+    const auto model = model_of(options, scene);
+    const auto& grid = dynamic_cast<const GridModel&>(*model);
+    EXPECT_EQ(grid.contraction.half_m, 2);
+    return std::pair(grid.contraction.unbounded, grid.sky.levels > 0);
+  };
+  EXPECT_EQ(grid(5), std::pair(false, true));
+  EXPECT_EQ(grid(1), std::pair(true, true));
+  scene.background = Background::kWhite;
+  EXPECT_EQ(grid(5), std::pair(false, false));
+  EXPECT_EQ(grid(1), std::pair(false, false));
+}
+
 TEST(RunFolder, WithoutACheckpointMayBeginAnew) {
   const TemporaryFolder folder;
   create_run(folder.path / "run", options_of("nerf"));

@@ -47,11 +47,9 @@ class FeaturesOf {
 
 class RefGridStages final : public GridStages {
  public:
-  void spaced(int n_rays, int per_ray, const RaySpacing& spacing, bool jitter, std::uint64_t key,
-              std::span<float> edges) override {
-    check_edges(n_rays, per_ray, edges.size());
-    for (int ray = 0; ray < n_rays; ++ray)
-      spaced_edges(spacing, per_ray, jitter, key, ray, &edges[interval_count(ray, per_ray + 1)]);
+  void spaced(const Rays& rays, const SpacedIntervals& how, std::span<float> edges) override {
+    check_spaced(rays, how.per_ray, edges.size());
+    for (int ray = 0; ray < rays.n; ++ray) spaced_edges_of(rays, how, ray, edges);
   }
 
   void proposed(int n_rays, const Intervals& from, std::span<const float> weights, int per_ray, bool jitter,

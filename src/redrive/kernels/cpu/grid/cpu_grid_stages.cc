@@ -88,14 +88,13 @@ class CpuGridStages final : public GridStages {
   CpuGridStages(Isa isa, ThreadPool* pool)
       : kernels_(isa == Isa::kAvx2 ? avx2::kGridKernels : avx512::kGridKernels), pool_(*pool) {}
 
-  void spaced(int n_rays, int per_ray, const RaySpacing& spacing, bool jitter, std::uint64_t key,
-              std::span<float> edges) override {
-    check_edges(n_rays, per_ray, edges.size());
-    pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
-      const std::size_t count = per_ray + 1;
+  void spaced(const Rays& rays, const SpacedIntervals& how, std::span<float> edges) override {
+    check_spaced(rays, how.per_ray, edges.size());
+    pool_.run_ranges(rays.n, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
+      const std::size_t count = how.per_ray + 1;
       for (std::size_t ray = begin; ray < end; ++ray)
-        if (jitter || ray == begin)
-          spaced_edges(spacing, per_ray, jitter, key, ray, &edges[ray * count]);
+        if (how.jitter || !how.contraction.unbounded || ray == begin)
+          spaced_edges_of(rays, how, ray, edges);
         else  // all alike
           std::copy_n(&edges[begin * count], count, &edges[ray * count]);
     });
