@@ -517,7 +517,7 @@ TEST(GridModelGradients, OnABackgroundAreThoseOfTheColours) {
   losses_of(model, batch, &gradients, *backend);
   for (const ModelTensor& tensor : model.tensors())
     if (tensor.name != "proposal")
-      expect_derivative(model, tensor, gradients, [&] { return losses_of(model, batch, &ignored, *backend).rgb_mse; });
+      expect_derivative(model, tensor, gradients, [&] { return losses_of(model, batch, &ignored, *backend).colours; });
 }
 
 TEST(GridModelGradients, OfTheProposalsAreThoseOfTheirLoss) {
