@@ -12,7 +12,7 @@
 namespace redrive {
 namespace {
 
-constexpr const char* kChangeable[] = {"epochs", "max-steps", "max-seconds", "backend", "isa", "threads"};
+constexpr const char* kChangeable[] = {"epochs", "max-steps", "max-seconds", "memory", "backend", "isa", "threads"};
 
 struct Arguments {
   std::string run;
@@ -32,6 +32,7 @@ int run_resume(const Arguments& arguments) {
   validate(run.options);
   const auto backend = kernels::make_backend({run.options.backend, run.options.isa, run.options.threads});
   const std::atomic<bool>& stop = stop_on_signal();
+  announce_memory(run, *backend);
   const TrainingData training = [&] {
     ThreadPool pool(backend->threads());
     return load_training_data(run, pool);

@@ -49,6 +49,7 @@ int run_train(const Arguments& arguments) {
   run.scene = make_scene(run.recording, scene_options(run.options));
   run.state = first_state(run.options, run.scene);
   const std::atomic<bool>& stop = stop_on_signal();
+  announce_memory(run, *backend);
   const TrainingData training = [&] {
     ThreadPool pool(backend->threads());
     return find_training_data(run, pool);

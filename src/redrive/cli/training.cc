@@ -7,6 +7,8 @@
 #include <cstdio>
 
 #include "redrive/base/error.h"
+#include "redrive/base/memory_limit.h"
+#include "redrive/train/memory.h"
 
 namespace redrive {
 namespace {
@@ -29,6 +31,14 @@ const std::atomic<bool>& stop_on_signal() {
   // `train | head` is to lose what is printed, not what is trained.
   signal(SIGPIPE, SIG_IGN);
   return stop_flag;
+}
+
+void announce_memory(const Run& run, const kernels::Backend& backend) {
+  const MemoryNeed need = estimate_memory(run, backend.threads());
+  const std::uint64_t allowed = allowed_memory(run.options, memory_bytes());
+  std::printf("%s\n", memory_text(need, allowed).c_str());
+  std::fflush(stdout);
+  check_memory(need, allowed, run.options);
 }
 
 void print_summary(const Run& run, const TrainingData& training, const kernels::Backend& backend) {

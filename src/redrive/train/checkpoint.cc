@@ -11,7 +11,7 @@
 namespace redrive {
 namespace {
 
-constexpr const char* kFormat = "redrive-2";
+constexpr const char* kFormat = "redrive-3";
 
 /// The numbers of a state beside its model's by name, each visited once: the one list that writing and reading share.
 template <class State, class Visit>
@@ -20,12 +20,19 @@ void visit_numbers(State& state, const Visit& visit) {
   visit("seconds", state.seconds);
   visit("seed", state.seed);
   visit("restarts", state.restarts);
+  visit("rollbacks", state.rollbacks);
+  visit("rate_factor", state.rate_factor);
   visit("bad_steps", state.bad_steps);
   visit("skipped_steps", state.skipped_steps);
   visit("watch.dead_steps", state.watch.dead_steps);
   visit("watch.first_mse", state.watch.first_mse);
   visit("watch.late_mse", state.watch.late_mse);
   visit("watch.late_variance", state.watch.late_variance);
+  visit("loss_watch.pixels", state.loss_watch.pixels);
+  visit("loss_watch.rays", state.loss_watch.rays);
+  visit("loss_watch.smoothed", state.loss_watch.smoothed);
+  visit("loss_watch.best", state.loss_watch.best);
+  visit("loss_watch.high", state.loss_watch.high);
   visit("window.steps", state.window.steps);
   visit("window.rays", state.window.rays);
   visit("window.loss", state.window.loss);
@@ -57,6 +64,9 @@ void check_state(const TrainState& state, const std::filesystem::path& file) {
   require(state.step >= 0, "step", state.step, "must not be negative");
   require(state.seconds >= 0, "seconds", state.seconds, "must not be negative");
   require(state.restarts >= 0, "restarts", state.restarts, "must not be negative");
+  require(state.rollbacks >= 0, "rollbacks", state.rollbacks, "must not be negative");
+  require(state.rate_factor > 0 && state.rate_factor <= 1, "rate_factor", state.rate_factor,
+          "must be above 0, at most 1");
   require(state.window.steps >= 0, "window.steps", state.window.steps, "must not be negative");
 }
 
@@ -66,8 +76,8 @@ std::size_t product(const std::vector<std::int64_t>& shape) {
   return size;
 }
 
-const Safetensors::Tensor& take(const Safetensors& parsed, const std::string& name,
-                                const std::vector<std::int64_t>& shape, const std::filesystem::path& file) {
+Safetensors::Tensor& take(Safetensors& parsed, const std::string& name, const std::vector<std::int64_t>& shape,
+                          const std::filesystem::path& file) {
   const auto found = parsed.tensors.find(name);
   if (found == parsed.tensors.end()) throw InputError(file, name, "", "missing");
   if (found->second.shape != shape) {
@@ -100,7 +110,7 @@ std::string checkpoint_bytes(const TrainState& state) {
 }
 
 TrainState parse_checkpoint(std::string_view bytes, const std::filesystem::path& file) {
-  const Safetensors parsed = parse_safetensors(bytes, file);
+  Safetensors parsed = parse_safetensors(bytes, file);
   const auto text_of = [&](const std::string& name) {
     const auto found = parsed.metadata.find(name);
     if (found == parsed.metadata.end()) throw InputError(file, "__metadata__." + name, "", "missing");
@@ -125,24 +135,25 @@ TrainState parse_checkpoint(std::string_view bytes, const std::filesystem::path&
 
   const std::size_t total = model.size();
   const std::vector<std::int64_t> all = {static_cast<std::int64_t>(total)};
-  const auto copy = [](const Safetensors::Tensor& from, float* to) {
+  const auto hand_over = [](Safetensors::Tensor& from, float* to) {
     std::copy(from.values.begin(), from.values.end(), to);
+    std::vector<float>().swap(from.values);  // so that nothing large is there three times
   };
   // The largest tensor is looked at first: nothing is allocated for a size that the file does not back.
-  const Safetensors::Tensor& first = take(parsed, "adam.first_moment", all, file);
-  const Safetensors::Tensor& second = take(parsed, "adam.second_moment", all, file);
+  Safetensors::Tensor& first = take(parsed, "adam.first_moment", all, file);
+  Safetensors::Tensor& second = take(parsed, "adam.second_moment", all, file);
   state.first_moment = Buffer<float>(total);
+  hand_over(first, state.first_moment.data());
   state.second_moment = Buffer<float>(total);
+  hand_over(second, state.second_moment.data());
   model.parameters = Buffer<float>(total);
-  copy(first, state.first_moment.data());
-  copy(second, state.second_moment.data());
   for (std::size_t i = 0; i < total; ++i)
     if (state.second_moment[i] < 0)
       throw InputError(file, "adam.second_moment[" + std::to_string(i) + "]", std::to_string(state.second_moment[i]),
                        "must not be negative");
   const std::vector<ModelTensor> tensors = model.tensors();
   for (const ModelTensor& tensor : tensors)
-    copy(take(parsed, tensor.name, tensor.shape, file), model.parameters.data() + tensor.offset);
+    hand_over(take(parsed, tensor.name, tensor.shape, file), model.parameters.data() + tensor.offset);
   const std::size_t expected = tensors.size() + 2;
   if (parsed.tensors.size() != expected)
     throw InputError(file, "", std::to_string(parsed.tensors.size()) + " tensors",

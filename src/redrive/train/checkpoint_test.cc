@@ -31,6 +31,9 @@ TrainState midway(TrainState state) {
   state.bad_steps = 1;
   state.skipped_steps = 4;
   state.watch = {3, 0.1, 0.2, 1.0 / 3};
+  state.rollbacks = 3;
+  state.rate_factor = 0.125;
+  state.loss_watch = {1ull << 60, 99999.5, 0.1, 1.0 / 7, 2};
   state.window = {7, 7168, 0.7, 0.6, 1e-9};
   return state;
 }
@@ -87,6 +90,9 @@ TEST(Checkpoint, RoundTripIsBitExact) {
     EXPECT_EQ(back.bad_steps, state.bad_steps);
     EXPECT_EQ(back.skipped_steps, state.skipped_steps);
     EXPECT_EQ(back.watch, state.watch);
+    EXPECT_EQ(back.rollbacks, state.rollbacks);
+    EXPECT_EQ(back.rate_factor, state.rate_factor);
+    EXPECT_EQ(back.loss_watch, state.loss_watch);
     EXPECT_EQ(back.window, state.window);
   }
 }

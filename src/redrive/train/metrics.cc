@@ -6,6 +6,8 @@
 #include <cerrno>
 #include <cstring>
 #include <functional>
+#include <limits>
+#include <tuple>
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
@@ -28,16 +30,16 @@ void append_line(const std::filesystem::path& path, const nlohmann::json& json) 
 
 struct Line {
   std::string_view text;
-  std::int64_t step = 0;
-  int restarts = 0;  ///< the start it belongs to
+  Place place;
   bool is_event = false;
+  std::int64_t undone_to = std::numeric_limits<std::int64_t>::max();  ///< of a roll-back
   MetricsRow row;
 };
 
 /// Calls `take` for each whole line.
 void for_lines(const std::filesystem::path& path, std::string_view bytes,
                const std::function<void(const Line&)>& take) {
-  int restarts = 0;
+  Place place;
   std::int64_t number = 0;
   for (std::size_t begin = 0, end; (end = bytes.find('\n', begin)) != std::string_view::npos; begin = end + 1) {
     Line line;
@@ -45,12 +47,19 @@ void for_lines(const std::filesystem::path& path, std::string_view bytes,
     const std::filesystem::path where = path.string() + ":" + std::to_string(++number);
     const nlohmann::json json = parse_json(line.text, where);
     const JsonField field(json, where);
-    line.step = field.at("step").integer();
+    place.step = field.at("step").integer();
     if (field.has("event")) {
       line.is_event = true;
-      if (field.at("event").string() == "restart") restarts = static_cast<int>(field.at("restarts").integer());
+      const std::string event = field.at("event").string();
+      if (event == "restart") {
+        place.restarts = static_cast<int>(field.at("restarts").integer());
+        place.rollbacks = 0;
+      } else if (event == "rollback") {
+        place.rollbacks = static_cast<int>(field.at("rollbacks").integer());
+        line.undone_to = field.at("to_step").integer();
+      }
     } else {
-      line.row = {line.step,
+      line.row = {place.step,
                   field.at("seconds").number(),
                   field.at("loss").number(),
                   field.at("psnr_db").number(),
@@ -58,7 +67,7 @@ void for_lines(const std::filesystem::path& path, std::string_view bytes,
                   field.at("rays_per_s").number(),
                   static_cast<int>(field.at("epoch").integer())};
     }
-    line.restarts = restarts;
+    line.place = place;
     take(line);
   }
 }
@@ -87,6 +96,16 @@ void append_restart(const RunPaths& paths, std::int64_t step, int restarts, std:
               {{"event", "restart"}, {"step", step}, {"restarts", restarts}, {"seed", seed}, {"reason", reason}});
 }
 
+void append_rollback(const RunPaths& paths, std::int64_t step, std::int64_t to_step, int rollbacks, double rate_factor,
+                     const std::string& reason) {
+  append_line(paths.metrics(), {{"event", "rollback"},
+                                {"step", step},
+                                {"to_step", to_step},
+                                {"rollbacks", rollbacks},
+                                {"rate_factor", rate_factor},
+                                {"reason", reason}});
+}
+
 std::vector<MetricsRow> read_metrics(const RunPaths& paths) {
   return parse_metrics(bytes_or_nothing(paths.metrics()), paths.metrics());
 }
@@ -94,19 +113,21 @@ std::vector<MetricsRow> read_metrics(const RunPaths& paths) {
 std::vector<MetricsRow> parse_metrics(std::string_view bytes, const std::filesystem::path& file) {
   std::vector<MetricsRow> rows;
   for_lines(file, bytes, [&, current = 0](const Line& line) mutable {
-    if (line.restarts != current) rows.clear();
-    current = line.restarts;
+    if (line.place.restarts != current) rows.clear();
+    current = line.place.restarts;
+    std::erase_if(rows, [&](const MetricsRow& row) { return row.step > line.undone_to; });
     if (!line.is_event) rows.push_back(line.row);
   });
   return rows;
 }
 
-std::string kept_metrics(std::string_view bytes, std::int64_t step, int restarts) {
+std::string kept_metrics(std::string_view bytes, const Place& place) {
   std::string kept;
   try {
     for_lines("metrics.jsonl", bytes, [&](const Line& line) {
-      if (line.restarts < restarts || (line.restarts == restarts && (line.is_event || line.step <= step)))
-        kept += line.text;
+      const auto here = std::tie(line.place.restarts, line.place.rollbacks),
+                 there = std::tie(place.restarts, place.rollbacks);
+      if (here < there || (here == there && (line.is_event || line.place.step <= place.step))) kept += line.text;
     });
   } catch (const InputError&) {
     // The end of what a power cut spared; the steps behind the checkpoint are computed and written again anyway.
@@ -114,8 +135,8 @@ std::string kept_metrics(std::string_view bytes, std::int64_t step, int restarts
   return kept;
 }
 
-void cut_metrics(const RunPaths& paths, std::int64_t step, int restarts) {
-  const std::string bytes = bytes_or_nothing(paths.metrics()), kept = kept_metrics(bytes, step, restarts);
+void cut_metrics(const RunPaths& paths, const Place& place) {
+  const std::string bytes = bytes_or_nothing(paths.metrics()), kept = kept_metrics(bytes, place);
   if (kept != bytes) write_file(paths.metrics(), kept);
 }
 

@@ -206,6 +206,10 @@ std::vector<TrainField> make_fields() {
       number("checkpoint-every", &O::checkpoint_every, Range<int>{1, 1'000'000'000},
              "steps between checkpoints; one a minute at least"),
       number("threads", &O::threads, Range<int>{0, 1024}, "0: all that this process may use"),
+      text("memory", &O::memory, {},
+           "that training may take; more is refused before it begins: bytes, a number of GiB such as 6GiB, or a share "
+           "of the "
+           "machine's, which a control group may limit"),
       text("backend", &O::backend, {"auto", "ref", "cpu", "cuda"}, "what computes"),
       text("isa", &O::isa, {"auto", "avx2", "avx512", "avx512-bf16", "amx-bf16"}, "instruction set of the cpu backend"),
   };

@@ -47,7 +47,8 @@ struct TrainOptions {
   std::uint64_t seed = 1;
   int checkpoint_every = 1000;  ///< steps; also at the end and on Ctrl-C
   // how
-  int threads = 0;  ///< 0: all
+  int threads = 0;             ///< 0: all
+  std::string memory = "70%";  ///< that training may take: bytes, or with GiB or % behind it
   std::string backend = "auto", isa = "auto";
 };
 
@@ -79,6 +80,9 @@ void validate(const TrainOptions& options);
 SceneOptions scene_options(const TrainOptions& options);
 /// The recording, with the poses that the options say. InputError as redrive::open_recording.
 Recording open_recording(const TrainOptions& options);
+
+/// What --memory allows on a machine of so many bytes: bytes ("6000000000"), "6GiB", or a share ("70%"). UsageError.
+std::uint64_t allowed_memory(const TrainOptions& options, std::uint64_t machine);
 
 /// Steps of the whole run: epochs, or max_steps if that is less.
 std::int64_t total_steps(const TrainOptions& options, std::int64_t steps_per_epoch);

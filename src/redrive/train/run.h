@@ -53,7 +53,7 @@ struct MetricsRow {
   double seconds = 0, loss = 0, psnr_db = 0, learning_rate = 0, rays_per_s = 0;
   int epoch = 0;
 };
-/// The rows of the start that is in use: what came before a restart is left out. A last line that a kill cut short is
+/// The rows of the start that is in use: what came before a restart is left out, and what a roll-back undid. A last line that a kill cut short is
 /// ignored; empty if there is no file yet. InputError names the line that cannot be read.
 std::vector<MetricsRow> read_metrics(const RunPaths& paths);
 /// The same from the bytes of `file`.
@@ -63,11 +63,19 @@ void append_metrics(const RunPaths& paths, const MetricsRow& row);
 /// {"event": "restart", ...}: from here on the rows are of start number `restarts`.
 void append_restart(const RunPaths& paths, std::int64_t step, int restarts, std::uint64_t seed,
                     const std::string& reason);
+/// {"event": "rollback", ...}: from here on the rows go on from `to_step`, after `rollbacks` of them in this start.
+void append_rollback(const RunPaths& paths, std::int64_t step, std::int64_t to_step, int rollbacks, double rate_factor,
+                     const std::string& reason);
+/// Where in a run a state stands: its rows come behind those of earlier starts, and of a start behind those before a roll-back.
+struct Place {
+  int restarts = 0, rollbacks = 0;
+  std::int64_t step = 0;
+};
 /// Drops what was written after the checkpoint that is resumed from, and everything from the first line on that cannot be
 /// read: a power cut may leave zeros or half a line at the end.
-void cut_metrics(const RunPaths& paths, std::int64_t step, int restarts);
+void cut_metrics(const RunPaths& paths, const Place& place);
 /// What cut_metrics leaves of `bytes`.
-std::string kept_metrics(std::string_view bytes, std::int64_t step, int restarts);
+std::string kept_metrics(std::string_view bytes, const Place& place);
 /// Puts the rows on disk. Before each checkpoint, so that none is ahead of its rows after a power cut.
 void sync_metrics(const RunPaths& paths);
 

@@ -23,6 +23,17 @@ struct StartWatch {
   bool operator==(const StartWatch&) const = default;
 };
 
+/// What the watch for a loss that rises has seen (train/loss_watch.h).
+struct LossWatch {
+  std::uint64_t pixels = 0;  ///< of an epoch: with others, as of edited masks, the loss is another
+  double rays = 0;           ///< that `smoothed` speaks of
+  double smoothed = 0;       ///< mean squared error of the last windows
+  double best = 0;           ///< the least that was; 0 until there are enough rays
+  int high = 0;              ///< windows on end that were far above it
+
+  bool operator==(const LossWatch&) const = default;
+};
+
 /// Sums since the last row of metrics.jsonl.
 struct LossWindow {
   int steps = 0;  ///< applied ones
@@ -39,9 +50,12 @@ struct TrainState {
   double seconds = 0;                         ///< spent in training, resumed runs added up
   std::uint64_t seed = 0;                     ///< in use; differs from the option after a restart
   int restarts = 0;
+  int rollbacks = 0;               ///< of this start
+  double rate_factor = 1;          ///< what they left of the learning rate
   int bad_steps = 0;               ///< non-finite ones in a row
   std::int64_t skipped_steps = 0;  ///< non-finite ones in all
   StartWatch watch;
+  LossWatch loss_watch;
   LossWindow window;
 };
 

@@ -20,6 +20,7 @@ struct Interference {
   std::int64_t stop_after = -1;             ///< sets `stop`, as Ctrl-C would
   std::int64_t kill_at = -1;                ///< throws Killed in the middle of it, as nothing would survive kill -9
   std::int64_t nan_from = -1, nan_to = -1;  ///< [from, to): the loss is not a number
+  std::int64_t spoil_at = -1;               ///< its parameters are set to what learns no more
   std::atomic<bool> stop{false};
 };
 
@@ -76,6 +77,7 @@ class InterferingBackend : public kernels::Backend {
   void adam(const AdamStep& step, std::span<float> gradients, std::span<float> parameters, std::span<float> first,
             std::span<float> second) override {
     inner_.adam(step, gradients, parameters, first, second);
+    if (step_ == what_.spoil_at) std::ranges::fill(parameters, -1.0f);  // no ReLU is above its kink
   }
 
  private:

@@ -10,6 +10,7 @@
 #include "redrive/base/error.h"
 #include "redrive/base/rng.h"
 #include "redrive/rays/lidar_sampler.h"
+#include "redrive/train/loss_watch.h"
 #include "redrive/train/progress.h"
 #include "redrive/train/start_watch.h"
 #include "redrive/train/step.h"
@@ -40,26 +41,31 @@ class Trainer {
     steps_ = total_steps(options_, per_epoch);
     milestones_ = milestones(options_, per_epoch);
     steps_per_epoch_ = per_epoch;
+    if (state_.loss_watch.pixels != sampler_.pixels()) state_.loss_watch = {sampler_.pixels()};
   }
 
   TrainEnd run(const std::atomic<bool>& stop) {
-    cut_metrics(run_.paths, state_.step, state_.restarts);
+    cut_metrics(run_.paths, {state_.restarts, state_.rollbacks, state_.step});
     print_schedule();
     if (state_.step == 0) save();
-    while (state_.step < steps_ && (options_.max_seconds == 0 || state_.seconds < options_.max_seconds)) {
-      if (stop) return end(TrainEnd::kInterrupted);
-      step();
+    while (true) {
+      while (state_.step < steps_ && (options_.max_seconds == 0 || state_.seconds < options_.max_seconds)) {
+        if (stop) return end(TrainEnd::kInterrupted);
+        step();
+      }
+      if (state_.window.steps > 0) close_window();
+      if (!loss_rose()) return end(TrainEnd::kFinished);
+      roll_back(high_loss());
     }
-    if (state_.window.steps > 0) close_window();
-    return end(TrainEnd::kFinished);
   }
 
  private:
   double learning_rate(std::int64_t step) const {
-    if (options_.method == "nerf") return multi_step_rate(options_.learning_rate, options_.lr_gamma, milestones_, step);
+    const double rate = state_.rate_factor * options_.learning_rate;
+    if (options_.method == "nerf") return multi_step_rate(rate, options_.lr_gamma, milestones_, step);
     double progress = static_cast<double>(step) / static_cast<double>(steps_);
     if (options_.max_seconds > 0) progress = std::max(progress, state_.seconds / options_.max_seconds);
-    return decayed_rate(options_.learning_rate, options_.lr_gamma, std::min(progress, 1.0), step);
+    return decayed_rate(rate, options_.lr_gamma, std::min(progress, 1.0), step);
   }
 
   void step() {
@@ -82,15 +88,20 @@ class Trainer {
     window.seconds += seconds;
     if (progress_.due()) show_progress();
     if (state_.step % kStepsPerRow == 0) close_window();
-    if (state_.step % options_.checkpoint_every == 0 || state_.seconds - saved_seconds_ >= kSecondsPerCheckpoint)
-      save();
+    if (has_diverged(state_.loss_watch)) return roll_back(high_loss());
+    save_due_ |=
+        state_.step % options_.checkpoint_every == 0 || state_.seconds - saved_seconds_ >= kSecondsPerCheckpoint;
+    if (save_due_ && !loss_rose()) save();  // the checkpoint has to stay one to go back to
   }
 
   void save() {
     sync_metrics(run_.paths);
     save_checkpoint(run_.paths.checkpoint(), state_);
     saved_seconds_ = state_.seconds;
+    save_due_ = false;
   }
+
+  bool loss_rose() const { return last_was_high_ || is_high(state_.window, state_.step, state_.loss_watch); }
 
   /// A start that failed: the same run once more from another seed.
   void restart(const std::string& reason) {
@@ -104,10 +115,12 @@ class Trainer {
         initial_state(std::move(state_.model), mix64(options_.seed + static_cast<std::uint64_t>(restarts)));
     fresh.restarts = restarts;
     fresh.seconds = state_.seconds;
+    fresh.loss_watch.pixels = sampler_.pixels();
     std::fprintf(stderr, "redrive: step %lld: %s; restarting from another seed (%d of at most %d)\n",
                  static_cast<long long>(state_.step), reason.c_str(), restarts, kMaxRestarts);
     append_restart(run_.paths, state_.step, restarts, fresh.seed, reason);
     state_ = std::move(fresh);
+    last_was_high_ = false;
     save();
   }
 
@@ -118,10 +131,40 @@ class Trainer {
     progress_.finish();
     std::fprintf(stderr, "redrive: step %lld: loss or gradients are not finite; skipped (%lld so far)\n",
                  static_cast<long long>(state_.step), static_cast<long long>(state_.skipped_steps));
-    if (state_.bad_steps >= kMaxBadSteps)
+    if (state_.bad_steps >= kMaxBadSteps) roll_back(std::to_string(kMaxBadSteps) + " steps on end were not finite");
+  }
+
+  std::string high_loss() const {
+    char text[120];
+    std::snprintf(text, sizeof text, "diverging: mean squared error %.3g, it was %.3g before",
+                  state_.loss_watch.smoothed, state_.loss_watch.best);
+    return text;
+  }
+
+  /// Back to the last checkpoint, at a lower rate.
+  void roll_back(const std::string& reason) {
+    progress_.finish();
+    if (state_.rollbacks == kMaxRollbacks)
       throw UsageError("--learning-rate", std::to_string(options_.learning_rate),
-                       std::to_string(kMaxBadSteps) + " steps on end were not finite; the last good state is " +
+                       reason + ", as " + std::to_string(kMaxRollbacks) + " times before at higher rates than " +
+                           std::to_string(state_.rate_factor) + " of it; the last good state is " +
                            run_.paths.checkpoint().string() + "; try a lower rate");
+    state_.model->parameters = {};  // room for the other
+    state_.first_moment = {};
+    state_.second_moment = {};
+    TrainState good = load_checkpoint(run_.paths.checkpoint());
+    good.seconds = state_.seconds;
+    good.skipped_steps = state_.skipped_steps;
+    good.rollbacks = state_.rollbacks + 1;
+    good.rate_factor = kRollbackRate * state_.rate_factor;
+    std::fprintf(stderr,
+                 "redrive: step %lld: %s; back to step %lld at %g of the learning rate (%d of at most %d times)\n",
+                 static_cast<long long>(state_.step), reason.c_str(), static_cast<long long>(good.step),
+                 good.rate_factor, good.rollbacks, kMaxRollbacks);
+    append_rollback(run_.paths, state_.step, good.step, good.rollbacks, good.rate_factor, reason);
+    state_ = std::move(good);
+    last_was_high_ = false;
+    save();
   }
 
   void close_window() {
@@ -130,6 +173,8 @@ class Trainer {
       append_metrics(run_.paths, {state_.step, state_.seconds, window.loss / window.steps,
                                   decibels(window.mse / window.steps), learning_rate(state_.step - 1),
                                   rays_per_second(), static_cast<int>((state_.step - 1) / steps_per_epoch_)});
+    last_was_high_ = is_high(window, state_.step, state_.loss_watch);
+    watch_loss(window, state_.step, &state_.loss_watch);
     state_.window = {};
   }
 
@@ -143,6 +188,7 @@ class Trainer {
       std::printf(", times %g at", options_.lr_gamma);
       for (const std::int64_t milestone : milestones_) std::printf(" %lld", static_cast<long long>(milestone));
     }
+    if (state_.rate_factor != 1) std::printf("; all of it times %g since it diverged", state_.rate_factor);
     std::printf("\n");
     if (state_.step > 0) std::printf("going on from step %lld\n", static_cast<long long>(state_.step));
     std::fflush(stdout);
@@ -161,7 +207,13 @@ class Trainer {
   TrainEnd end(TrainEnd how) {
     if (state_.window.steps > 0) show_progress();
     progress_.finish();
-    save();
+    if (loss_rose()) {
+      std::fprintf(stderr, "redrive: step %lld: %s; the checkpoint before that stands\n",
+                   static_cast<long long>(state_.step), high_loss().c_str());
+      state_ = load_checkpoint(run_.paths.checkpoint());
+    } else {
+      save();
+    }
     return how;
   }
 
@@ -172,7 +224,9 @@ class Trainer {
   PixelSampler sampler_;
   LidarSampler lidar_sampler_;
   bool use_lidar_;
-  double saved_seconds_;  // state_.seconds at the last checkpoint
+  double saved_seconds_;        // state_.seconds at the last checkpoint
+  bool save_due_ = false;       // since then
+  bool last_was_high_ = false;  // the last whole window; false at every checkpoint
   std::vector<std::int64_t> milestones_;
   std::int64_t steps_ = 0, steps_per_epoch_ = 0;
   RayBatch batch_, lidar_batch_;

@@ -13,9 +13,9 @@ namespace {
 using ::testing::AllOf;
 using ::testing::HasSubstr;
 
-class TrainingImagesTest : public testing::Test {
+class TrainingDataTest : public testing::Test {
  protected:
-  TrainingImagesTest() {
+  TrainingDataTest() {
     run_.options = tiny_options(1);
     run_.recording = make_test_recording(folder_.path, 4);  // FRONT 24 x 16
     std::filesystem::create_directory(masks_);
@@ -43,7 +43,7 @@ class TrainingImagesTest : public testing::Test {
 };
 
 // A run has to see the same pixels whenever it is resumed.
-TEST_F(TrainingImagesTest, WhatIsFoundIsWhatTheRunKeeps) {
+TEST_F(TrainingDataTest, WhatIsFoundIsWhatTheRunKeeps) {
   run_.options.downscale = 3;
   run_.options.masks = masks_;
   run_.options.holdout_every = 3;
@@ -66,7 +66,7 @@ TEST_F(TrainingImagesTest, WhatIsFoundIsWhatTheRunKeeps) {
   }
 }
 
-TEST_F(TrainingImagesTest, AMaskThatIsTakenAwayLeavesNothingOut) {
+TEST_F(TrainingDataTest, AMaskThatIsTakenAwayLeavesNothingOut) {
   run_.options.masks = masks_;
   prepare();
   write(masks_);
@@ -77,7 +77,7 @@ TEST_F(TrainingImagesTest, AMaskThatIsTakenAwayLeavesNothingOut) {
   EXPECT_TRUE(load_training_data(run_, pool_).images[0].used.empty());
 }
 
-TEST_F(TrainingImagesTest, NoneLooksForNothing) {
+TEST_F(TrainingDataTest, NoneLooksForNothing) {
   run_.options.masks = "none";
   prepare();
   run_.paths.root = folder_.path;
@@ -88,7 +88,7 @@ TEST_F(TrainingImagesTest, NoneLooksForNothing) {
   EXPECT_TRUE(find_training_data(run_, pool_).images[0].used.empty());
 }
 
-TEST_F(TrainingImagesTest, AFolderWithoutAMaskIsAMistake) {
+TEST_F(TrainingDataTest, AFolderWithoutAMaskIsAMistake) {
   prepare();
   run_.options.masks = masks_;
   EXPECT_THAT(refused(), AllOf(HasSubstr("--masks"), HasSubstr("FRONT.png"), HasSubstr(masks_.string())));

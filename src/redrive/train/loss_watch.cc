@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/train/loss_watch.h"
+
+#include <algorithm>
+
+#include "redrive/train/start_watch.h"
+
+namespace redrive {
+namespace {
+
+constexpr double kSmoothingRays = 1e5;
+constexpr double kExplainedMse = 1e-4;
+constexpr std::int64_t kRaysOfWindow = 1000;  // known to 10 %
+
+bool is_high(double mse, std::int64_t step, const LossWatch& watch) {
+  return step > kStartSteps && watch.best > 0 && mse > std::max(kHighLoss * watch.best, kExplainedMse);
+}
+
+}  // namespace
+
+bool is_high(const LossWindow& window, std::int64_t step, const LossWatch& watch) {
+  return watch.high > 0 || (window.rays >= kRaysOfWindow && is_high(window.mse / window.steps, step, watch));
+}
+
+void watch_loss(const LossWindow& window, std::int64_t step, LossWatch* watch) {
+  if (window.steps == 0) return;
+  const auto rays = static_cast<double>(window.rays);
+  watch->rays = std::min(watch->rays + rays, kSmoothingRays);
+  // The plain mean until there are enough rays, from then on one that forgets.
+  watch->smoothed += rays / std::max(watch->rays, rays) * (window.mse / window.steps - watch->smoothed);
+  if (watch->rays < kSmoothingRays) return;
+  if (watch->best == 0 || watch->smoothed < watch->best) watch->best = watch->smoothed;
+  watch->high = is_high(watch->smoothed, step, *watch) ? watch->high + 1 : 0;
+}
+
+}  // namespace redrive

@@ -1,0 +1,103 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/train/memory.h"
+
+#include <algorithm>
+#include <cstdio>
+#include <cstring>
+#include <fstream>
+
+#include "redrive/base/error.h"
+#include "redrive/recording/las.h"
+
+namespace redrive {
+namespace {
+
+// Measured with runs of next to nothing.
+constexpr std::uint64_t kProgram = std::uint64_t{56} << 20, kThread = std::uint64_t{4} << 20;
+constexpr std::uint64_t kReturn = 7 * sizeof(float) + sizeof(std::int64_t);  // scene/lidar_returns.h
+constexpr std::uint64_t kSortedRay = 40;
+constexpr std::uint64_t kSample = 128;  // of a batch: places, densities, weights, features and their derivatives
+/// The lanes of kernels/cpu/cpu_backend.cc: gradients of a whole network each, and sixteen floats a neuron and sample of a tile.
+constexpr std::uint64_t kLanes = 8, kTileSamples = 192, kTileNeuron = 16 * sizeof(float);
+
+std::uint64_t pixels(const Camera& camera) { return std::uint64_t(camera.width) * camera.height; }
+
+std::string gib(double bytes) {
+  constexpr double kGiB = 1024.0 * 1024 * 1024;
+  char text[32];
+  std::snprintf(text, sizeof text, bytes < 0.995 * kGiB ? "%.2f GiB" : "%.1f GiB", bytes / kGiB);
+  return text;
+}
+
+/// What a LAS header says; 0 for what is none, which its reader will complain about.
+std::uint64_t lidar_points(const std::filesystem::path& file) {
+  constexpr std::size_t kCountAt = 107;
+  char header[kCountAt + 4]{};
+  std::ifstream(file, std::ios::binary).read(header, sizeof header);
+  if (std::memcmp(header, "LASF", 4) != 0) return 0;
+  std::uint32_t count = 0;  // little endian, as this machine
+  std::memcpy(&count, header + kCountAt, sizeof count);
+  return count;
+}
+
+}  // namespace
+
+MemoryNeed estimate_memory(const Run& run, int threads) {
+  const Scene& scene = run.scene;
+  const std::uint64_t parameters = sizeof(float) * run.state.model->size();
+  MemoryNeed need;
+  need.program = kProgram + std::uint64_t(threads) * kThread;
+  need.state = need.saving = 3 * parameters;
+
+  // Image8 and, where a mask leaves something out, UsedPixels: a bit a pixel and a count every 64.
+  const bool masked = run.options.masks != "none" && run.recording.metric;
+  std::uint64_t largest = 0;
+  for (const View& view : scene.views) {
+    const RigCamera& rig = scene.rig[view.camera];
+    largest = std::max(largest, pixels(rig.recorded));
+    if (view.held_out) continue;
+    const bool used = masked || !view.mask.path.empty();
+    const std::uint64_t bytes = 3 + (scene.background == Background::kRandom) + used;
+    need.pictures += pixels(rig.camera) * bytes + (used ? pixels(rig.camera) * 3 / 16 : 0);
+  }
+  // A thread's picture as recorded, the same undistorted, and the bytes of its file.
+  need.decoding = std::uint64_t(threads) * 8 * largest;
+  if (scene.undistort)
+    for (const RigCamera& rig : scene.rig) need.decoding += 2 * sizeof(float) * pixels(rig.recorded);
+  for (const RigCamera& rig : scene.rig) need.rays += (sizeof(std::uint32_t) + 3 * sizeof(float)) * pixels(rig.camera);
+
+  if (run.options.lidar_rays > 0 && run.recording.body_from_lidar) {
+    std::uint64_t points = 0;
+    for (const FrameFile& file : run.recording.lidar_files)
+      if (file.frame_id >= scene.frames.front().id && file.frame_id <= scene.frames.back().id)
+        points += lidar_points(file.path);
+    need.lidar = points * kReturn * 2 / 3;  // of overlapping revolutions a third is there twice
+    need.sorting = points * (sizeof(LidarPoint) + kSortedRay * 2 / 3);
+  }
+  need.step = parameters + std::uint64_t(run.options.batch_rays + run.options.lidar_rays) *
+                               run.state.model->samples_per_ray() * kSample;
+  if (run.options.method == "nerf")
+    need.step += kLanes * (parameters + kTileSamples * kTileNeuron * static_cast<std::uint64_t>(run.options.width));
+  return need;
+}
+
+std::string memory_text(const MemoryNeed& need, std::uint64_t allowed) {
+  return "needs about " + gib(static_cast<double>(need.total())) + " of " + gib(static_cast<double>(allowed)) +
+         " allowed";
+}
+
+void check_memory(const MemoryNeed& need, std::uint64_t allowed, const TrainOptions& options) {
+  if (need.total() <= allowed) return;
+  const auto text = [](std::uint64_t bytes) { return gib(static_cast<double>(bytes)); };
+  std::vector<std::pair<std::uint64_t, std::string>> parts = {
+      {need.pictures + need.rays, "--downscale, --frames or --cameras (pictures and their rays: "},
+      {need.lidar + need.sorting, "--frames or --lidar-rays 0 (LiDAR: "},
+      {need.step, "--batch (" + std::to_string(options.batch_rays) + " rays: "}};
+  std::ranges::sort(parts, std::greater<>());
+  std::string lower;
+  for (const auto& [bytes, what] : parts)
+    if (bytes > 0) lower += (lower.empty() ? "" : ", ") + what + text(bytes) + ")";
+  throw UsageError("--memory", options.memory, memory_text(need, allowed) + "; lower " + lower);
+}
+
+}  // namespace redrive

@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: Apache-2.0
+// How much memory training will take, before any picture is loaded.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <string>
+
+#include "redrive/train/run.h"
+
+namespace redrive {
+
+/// Bytes, from the sizes of what is allocated.
+struct MemoryNeed {
+  std::uint64_t program = 0;   ///< code, libraries, threads
+  std::uint64_t state = 0;     ///< parameters and moments
+  std::uint64_t pictures = 0;  ///< of all training views with what is masked of them
+  std::uint64_t lidar = 0;     ///< all returns
+  // First there is more of what is read, then what training works with.
+  std::uint64_t decoding = 0;  ///< pictures as recorded
+  std::uint64_t sorting = 0;   ///< LiDAR points as recorded, and their rays, before they are returns
+  std::uint64_t rays = 0;      ///< directions of all pixels of all cameras
+  std::uint64_t step = 0;      ///< gradients and a batch's working memory
+  std::uint64_t saving = 0;    ///< a checkpoint before it is written
+
+  std::uint64_t total() const {  ///< at the peak
+    return program + state + pictures + std::max({decoding, lidar + sorting, lidar + rays + step + saving});
+  }
+};
+MemoryNeed estimate_memory(const Run& run, int threads);
+
+/// "needs about 1.3 GiB of 16.8 GiB allowed".
+std::string memory_text(const MemoryNeed& need, std::uint64_t allowed);
+/// UsageError saying what is lowered best, if more is needed than allowed.
+void check_memory(const MemoryNeed& need, std::uint64_t allowed, const TrainOptions& options);
+
+}  // namespace redrive
