@@ -179,9 +179,11 @@ class Trainer {
   }
 
   void print_schedule() const {
-    std::printf("%llu training pixels, %lld steps an epoch, %lld steps in all; learning rate %g",
+    std::printf("%llu training pixels, %lld steps an epoch, %lld steps at most",
                 static_cast<unsigned long long>(sampler_.pixels()), static_cast<long long>(steps_per_epoch_),
-                static_cast<long long>(steps_), options_.learning_rate);
+                static_cast<long long>(steps_));
+    if (options_.max_seconds > 0) std::printf(" in %g s", options_.max_seconds);
+    std::printf("; learning rate %g", options_.learning_rate);
     if (options_.method != "nerf") {
       std::printf(", in the end times %g", options_.lr_gamma);
     } else if (!milestones_.empty()) {
@@ -199,8 +201,10 @@ class Trainer {
   void show_progress() {
     const LossWindow& window = state_.window;
     double left = static_cast<double>(steps_ - state_.step) * window.seconds / window.steps;
-    if (options_.max_seconds > 0) left = std::min(left, options_.max_seconds - state_.seconds);
-    progress_.show({state_.step, steps_, window.loss / window.steps, decibels(window.mse / window.steps),
+    const double time_left = options_.max_seconds - state_.seconds;
+    const bool time_ends_it = options_.max_seconds > 0 && time_left < left;
+    if (time_ends_it) left = time_left;
+    progress_.show({state_.step, time_ends_it ? 0 : steps_, window.loss / window.steps, decibels(window.mse / window.steps),
                     rays_per_second(), left});
   }
 
