@@ -24,7 +24,9 @@ struct MemoryNeed {
   std::uint64_t saving = 0;    ///< a checkpoint before it is written
 
   std::uint64_t total() const {  ///< at the peak
-    return program + state + pictures + std::max({decoding, lidar + sorting, lidar + rays + step + saving});
+    const std::uint64_t sum =
+        program + state + pictures + std::max({decoding, lidar + sorting, lidar + rays + step + saving});
+    return sum + sum / 20;  // what is too small to count, and gaps between blocks
   }
 };
 MemoryNeed estimate_memory(const Run& run, int threads);
