@@ -18,8 +18,6 @@ constexpr int kRaysPerTaughtRay = 4;
 // time of a point leave uncertain.
 constexpr float kFirstSpread_m = 1, kLastSpread_m = 0.1f, kSpreadHalvesIn = 300;  // m, m, steps
 
-constexpr float kHuberEdge = 0.2f;  // of colours in [0, 1]
-
 /// Of the mean square of all log gains against the colours' loss: a hundredth of what a camera's pictures say of one.
 constexpr float kGainWeight = 5e-4f;
 
@@ -99,6 +97,7 @@ void GridModel::visit_numbers(NumberVisitor& visit) {
   visit_grid("proposal", proposal);
   visit_grid("sky", sky);
   visit("background", background);
+  visit("huber_edge", huber_edge);
   visit("appearance.cameras", appearance.cameras);
   visit("appearance.knots", appearance.knots);
   visit("contraction.center_x", contraction.center[0]);
@@ -141,6 +140,7 @@ void GridModel::check(const std::filesystem::path& file) const {
   check_grid("proposal", proposal, 1);
   if (sky.levels != 0) check_grid("sky", sky, 4);
   require(background >= 0 && background <= 1, "background", background, "must be in 0..1");
+  require(huber_edge > 0, "huber_edge", huber_edge, "must be above 0");
   require(appearance.cameras >= 0 && appearance.cameras <= 1024, "appearance.cameras", appearance.cameras,
           "must be in 0..1024");
   require(appearance.knots >= 0 && appearance.knots <= 100'000, "appearance.knots", appearance.knots,
@@ -371,7 +371,7 @@ double GridModel::robust(const RayBatch& batch, std::span<const float> rgb, std:
     float square = 0;
     for (std::size_t at = ray; at < 3 * rays; at += rays)
       square += (rgb[at] - batch.target[at]) * (rgb[at] - batch.target[at]);
-    const auto huber = huber_term(square, kHuberEdge);
+    const auto huber = huber_term(square, huber_edge);
     loss += huber.value;
     for (std::size_t at = ray; at < 3 * rays; at += rays) d_rgb[at] *= huber.factor;
   }

@@ -20,7 +20,8 @@ struct GridModel final : Model {
   GridFieldConfig field{{8, 4, 16, 4096, 18}, 32, 1};
   HashGridConfig proposal{5, 1, 16, 512, 17};
   HashGridConfig sky{4, 4, 8, 256, 15};  ///< over directions; three features are colours, the sum of the levels counts
-  AppearanceConfig appearance;           ///< of no camera unless somebody says how many there are
+  float huber_edge = 0.2f;      ///< of colours in [0, 1], loss/photometric.h; 2 and more: none, no two differ by more
+  AppearanceConfig appearance;  ///< of no camera unless somebody says how many there are
   float background = 0;  ///< where sky.levels is 0: grey behind rays whose batch names no colour, as in rendering
   Contraction contraction;
   RaySpacing spacing{0.5f, 1000.0f, 20.0f};

@@ -169,6 +169,7 @@ TEST(GridModel, NumbersAreAllThatItIsMadeOf) {
   model.proposal_samples = {40, 20};
   model.samples = 10;
   model.appearance = {5, 20};
+  model.huber_edge = 0.75f;
   const Numbers numbers(model);
   EXPECT_EQ(numbers.visited, static_cast<int>(numbers.values.size())) << "two of one name";
   GridModel copy;
@@ -185,6 +186,7 @@ TEST(GridModel, NumbersAreAllThatItIsMadeOf) {
   EXPECT_EQ(copy.proposal_samples, model.proposal_samples);
   EXPECT_EQ(copy.samples, model.samples);
   EXPECT_EQ(copy.appearance.size(), 3u * 5 * 20);
+  EXPECT_EQ(copy.huber_edge, 0.75f);
   EXPECT_EQ(copy.size(), model.size());
   EXPECT_EQ(copy.samples_per_ray(), 40 + 20 + 10);
 }
@@ -193,27 +195,17 @@ TEST(GridModel, NumbersOutOfRangeAreRefusedByName) {
   constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
   const std::pair<const char*, std::vector<double>> table[] = {
       {"grid.levels", {0, 17, 7}},  // 7 x 4 is no multiple of 16
-      {"grid.features", {1, 3, 16, -4}},
-      {"grid.base_cells", {0, -16, 2e6}},
-      {"grid.max_cells", {15, 2e6}},
-      {"grid.log2_rows", {3, 25}},
-      {"width", {0, 24, 144, -16}},
-      {"colour_layers", {0, 3}},
-      {"proposal.features", {2}},
-      {"proposal.levels", {0, 17}},
-      {"sky.features", {1, 8}},
-      {"sky.log2_rows", {3, 25}},
-      {"appearance.cameras", {-1, 1025}},
-      {"appearance.knots", {-1, 1e6}},
-      {"sky.levels", {-1, 17}},
-      {"background", {-0.5, 1.5, kNan}},
-      {"contraction.half_m", {0, -1, kNan}},
-      {"near_m", {0, -1, kNan}},
-      {"far_m", {0.5, kNan}},
-      {"spacing.half_m", {0, -1, kNan}},
-      {"first_proposals", {0, 1025}},
-      {"second_proposals", {0, 1025}},
-      {"samples", {0, 1025}},
+      {"grid.features", {1, 3, 16, -4}}, {"grid.base_cells", {0, -16, 2e6}},
+      {"grid.max_cells", {15, 2e6}},     {"grid.log2_rows", {3, 25}},
+      {"width", {0, 24, 144, -16}},      {"colour_layers", {0, 3}},
+      {"proposal.features", {2}},        {"proposal.levels", {0, 17}},
+      {"sky.features", {1, 8}},          {"sky.log2_rows", {3, 25}},
+      {"huber_edge", {0, -1, kNan}},     {"appearance.cameras", {-1, 1025}},
+      {"appearance.knots", {-1, 1e6}},   {"sky.levels", {-1, 17}},
+      {"background", {-0.5, 1.5, kNan}}, {"contraction.half_m", {0, -1, kNan}},
+      {"near_m", {0, -1, kNan}},         {"far_m", {0.5, kNan}},
+      {"spacing.half_m", {0, -1, kNan}}, {"first_proposals", {0, 1025}},
+      {"second_proposals", {0, 1025}},   {"samples", {0, 1025}},
   };
   GridModel tiny;
   make_tiny(tiny);

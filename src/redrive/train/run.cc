@@ -117,6 +117,7 @@ std::unique_ptr<Model> grid_model_of(const TrainOptions& options, const Scene& s
     model->sky.levels = 0;
     model->background = rendered_background(scene.background)[0];
   }
+  if (!scene.metric) model->huber_edge = 2;  // photographs of what stands still: the mean is asked for
   if (scene.metric) {
     const double seconds = scene.exposure(0, scene.frames.back().t_ns).t_s;
     model->appearance = {static_cast<int>(scene.rig.size()), static_cast<int>(std::ceil(seconds / kKnot_s)) + 1};
