@@ -6,7 +6,10 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <sstream>
 #include <stdexcept>
+
+#include <gtest/gtest.h>
 
 #include "redrive/model/nerf_model.h"
 #include "redrive/scene/test_recording.h"
@@ -139,5 +142,25 @@ inline bool same_weights(const TrainState& a, const TrainState& b) {
   return bit_equal(a.model->parameters, b.model->parameters) && bit_equal(a.first_moment, b.first_moment) &&
          bit_equal(a.second_moment, b.second_moment);
 }
+
+/// Runs in a folder of their own.
+class TrainingTest : public ::testing::Test {
+ protected:
+  redrive::Run run_named(const std::string& name, const TrainOptions& options) {
+    return tiny_run(folder_.path / name, folder_.path, options);
+  }
+  /// Loss, PSNR and learning rate of every row: what has to be equal, the clock apart.
+  static std::string curve(const redrive::Run& run) {
+    std::ostringstream text;
+    text.precision(17);
+    for (const MetricsRow& row : read_metrics(run.paths))
+      text << row.step << " " << row.epoch << " " << row.loss << " " << row.psnr_db << " " << row.learning_rate << "\n";
+    return text.str();
+  }
+
+  TemporaryFolder folder_;
+  std::unique_ptr<kernels::Backend> backend_ = kernels::make_backend({"auto", "auto", 2});
+  const std::atomic<bool> never_{false};
+};
 
 }  // namespace redrive

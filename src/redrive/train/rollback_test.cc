@@ -1,0 +1,129 @@
+// SPDX-License-Identifier: Apache-2.0
+// What training does when it diverges. Apart from trainer_test.cc, whose tests run under ThreadSanitizer, too: these take thousands of steps.
+#include "redrive/train/loss_watch.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "redrive/base/error.h"
+#include "redrive/base/files.h"
+#include "redrive/train/test_support.h"
+
+namespace redrive {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+
+using RollbackTest = TrainingTest;
+
+TEST_F(RollbackTest, FiftyOnEndGoBackToTheLastCheckpointAtHalfTheRate) {
+  TrainOptions options = tiny_options(1200);
+  options.batch_rays = 16;
+  redrive::Run run = run_named("run", options);
+  Interference interference;
+  interference.nan_from = 1060;
+  interference.nan_to = 1110;
+  InterferingBackend backend(*backend_, &interference);
+  EXPECT_EQ(train(&run, backend, never_), TrainEnd::kFinished);
+  EXPECT_EQ(run.state.rollbacks, 1);
+  EXPECT_EQ(run.state.rate_factor, 0.5);
+  EXPECT_EQ(run.state.skipped_steps, 50);
+  EXPECT_EQ(run.state.step, 1200);
+  EXPECT_THAT(read_file(run.paths.metrics()), AllOf(HasSubstr("\"event\":\"rollback\""), HasSubstr("\"to_step\":1040"),
+                                                    HasSubstr("50 steps on end were not finite")));
+  std::int64_t before = 0;
+  for (const MetricsRow& row : read_metrics(run.paths)) {
+    EXPECT_GT(row.step, before) << "what was undone is not read";
+    before = row.step;
+    EXPECT_DOUBLE_EQ(row.learning_rate, options.learning_rate * (row.step > 1040 ? 0.5 : 1) *
+                                            std::pow(0.5, (row.step > 600) + (row.step > 900) + (row.step > 1050)));
+  }
+  EXPECT_EQ(before, 1200);
+}
+
+TEST_F(RollbackTest, FourRollBacksAreEnough) {
+  TrainOptions options = tiny_options(2000);
+  options.batch_rays = 16;
+  redrive::Run run = run_named("run", options);
+  Interference interference;
+  interference.nan_from = 1050;
+  interference.nan_to = 5000;
+  InterferingBackend backend(*backend_, &interference);
+  try {
+    train(&run, backend, never_);
+    ADD_FAILURE() << "no UsageError";
+  } catch (const UsageError& error) {
+    EXPECT_THAT(error.what(),
+                AllOf(HasSubstr("--learning-rate"), HasSubstr("50 steps on end were not finite, as 4 times"),
+                      HasSubstr("checkpoint.safetensors")));
+  }
+  EXPECT_EQ(run.state.skipped_steps, 250);
+  const TrainState left = load_checkpoint(run.paths.checkpoint());
+  EXPECT_EQ(left.step, 1040);
+  EXPECT_EQ(left.rollbacks, 4);
+  EXPECT_EQ(left.rate_factor, 1 / 16.0);
+}
+
+/// 512 rays: eight windows of 25 steps are 10^5 rays. Tiny networks learn the two pictures in them.
+TrainOptions watched_options(std::int64_t max_steps) {
+  TrainOptions options = tiny_options(max_steps);
+  options.batch_rays = 512;
+  options.samples = 4;
+  return options;
+}
+
+// Parameters are spoilt in the middle of a run that went well: the error rises tenfold and stays there, as nothing is left that learns.
+TEST_F(RollbackTest, ADivergenceIsUndoneAndAResumedRunUndoesTheSame) {
+  redrive::Run whole = run_named("whole", watched_options(1700));
+  Interference interference;
+  interference.spoil_at = 1210;
+  InterferingBackend backend(*backend_, &interference);
+  EXPECT_EQ(train(&whole, backend, never_), TrainEnd::kFinished);
+  EXPECT_EQ(whole.state.rollbacks, 1);
+  EXPECT_EQ(whole.state.rate_factor, 0.5);
+  EXPECT_EQ(whole.state.step, 1700);
+  const std::string metrics = read_file(whole.paths.metrics());
+  EXPECT_THAT(metrics, HasSubstr("diverging: mean squared error"));
+  EXPECT_THAT(metrics, HasSubstr("\"to_step\":1200"))
+      << "the checkpoint before the first high window, which ends at 1225";
+
+  redrive::Run parts = run_named("parts", watched_options(1700));
+  {
+    Interference killed;
+    killed.spoil_at = 1210;
+    killed.kill_at = 1400;
+    InterferingBackend killer(*backend_, &killed);
+    EXPECT_THROW(train(&parts, killer, never_), Killed);
+  }
+  parts = reopened(parts);
+  ASSERT_EQ(parts.state.step, 1200) << "no checkpoint of a loss that is high";
+  interference.spoil_at = 10;
+  InterferingBackend again(*backend_, &interference);
+  EXPECT_EQ(train(&parts, again, never_), TrainEnd::kFinished);
+  EXPECT_EQ(parts.state.rollbacks, 1);
+  EXPECT_EQ(curve(parts), curve(whole));
+  EXPECT_TRUE(same_weights(parts.state, whole.state));
+}
+
+// What was high at the end, or when Ctrl-C came, is not what is kept.
+TEST_F(RollbackTest, ARunDoesNotEndWithALossThatRose) {
+  for (const bool ctrl_c : {false, true}) {
+    redrive::Run run = run_named(ctrl_c ? "stopped" : "finished", watched_options(ctrl_c ? 2000 : 1300));
+    Interference interference;
+    interference.spoil_at = 1210;
+    if (ctrl_c) interference.stop_after = 1300;
+    InterferingBackend backend(*backend_, &interference);
+    EXPECT_EQ(train(&run, backend, interference.stop), ctrl_c ? TrainEnd::kInterrupted : TrainEnd::kFinished);
+    EXPECT_EQ(run.state.rollbacks, ctrl_c ? 0 : 1);
+    EXPECT_EQ(run.state.step, load_checkpoint(run.paths.checkpoint()).step);
+    if (ctrl_c)
+      EXPECT_EQ(run.state.step, 1200);
+    else
+      EXPECT_EQ(run.state.step, 1300);
+    EXPECT_EQ(run.state.loss_watch.high, 0);
+  }
+}
+
+}  // namespace
+}  // namespace redrive
