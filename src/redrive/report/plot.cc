@@ -97,7 +97,7 @@ std::string loss_script(const std::vector<MetricsRow>& rows, const std::string& 
   if (high > 0) setup << "set yrange [" << 0.8 * low << ":" << 1.25 * high << "]\n";
   return history_script(
       rows, title,
-      {"loss", "training loss (squared error)", setup.str(), "top right at graph 0.99, graph 0.9", &MetricsRow::loss});
+      {"loss", "training loss", setup.str(), "top right at graph 0.99, graph 0.9", &MetricsRow::loss});
 }
 
 std::string psnr_script(const std::vector<MetricsRow>& rows, const std::string& title) {
