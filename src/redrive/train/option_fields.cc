@@ -192,7 +192,8 @@ std::vector<TrainField> make_fields() {
       number("lidar-rays", &O::lidar_rays, Range<int>{0, 65536},
              "LiDAR rays of a step besides, where there are any; 0: none"),
       number("learning-rate", &O::learning_rate, Range<double>{0, 1, true}, "of Adam, at the start"),
-      number("lr-gamma", &O::lr_gamma, Range<double>{0, 1, true}, "factor of the learning rate at each milestone"),
+      number("lr-gamma", &O::lr_gamma, Range<double>{0, 1, true},
+             "of the learning rate: nerf: factor at each milestone; grid: what is left at the end"),
       list("lr-milestones", &O::lr_milestones,
            "A,B,C: steps (default: 1/2, 3/4 and 7/8 of all steps, which are epochs x steps of an epoch, or "
            "--max-steps)"),
@@ -200,7 +201,8 @@ std::vector<TrainField> make_fields() {
       number("max-steps", &O::max_steps, Range<std::int64_t>{0, 1'000'000'000'000},
              "stop after so many steps; 0: no limit"),
       number("max-seconds", &O::max_seconds, Range<double>{0, kInfinite},
-             "stop after so many seconds of training alone; 0: no limit; the learning rate goes by steps all the same"),
+             "stop after so many seconds of training alone; 0: no limit; the learning rate of grid follows, that of "
+             "nerf goes by steps all the same"),
       number("seed", &O::seed, Range<std::uint64_t>{0, std::numeric_limits<std::uint64_t>::max()},
              "of all random numbers"),
       number("checkpoint-every", &O::checkpoint_every, Range<int>{1, 1'000'000'000},
