@@ -101,7 +101,7 @@ class Trainer {
     save_due_ = false;
   }
 
-  bool loss_rose() const { return last_was_high_ || is_high(state_.window, state_.step, state_.loss_watch); }
+  bool loss_rose() const { return last_was_high_ || is_high(state_.window, state_.loss_watch); }
 
   /// A start that failed: the same run once more from another seed.
   void restart(const std::string& reason) {
@@ -173,8 +173,8 @@ class Trainer {
       append_metrics(run_.paths, {state_.step, state_.seconds, window.loss / window.steps,
                                   decibels(window.mse / window.steps), learning_rate(state_.step - 1),
                                   rays_per_second(), static_cast<int>((state_.step - 1) / steps_per_epoch_)});
-    last_was_high_ = is_high(window, state_.step, state_.loss_watch);
-    watch_loss(window, state_.step, &state_.loss_watch);
+    last_was_high_ = is_high(window, state_.loss_watch);
+    watch_loss(window, &state_.loss_watch);
     state_.window = {};
   }
 
@@ -204,8 +204,8 @@ class Trainer {
     const double time_left = options_.max_seconds - state_.seconds;
     const bool time_ends_it = options_.max_seconds > 0 && time_left < left;
     if (time_ends_it) left = time_left;
-    progress_.show({state_.step, time_ends_it ? 0 : steps_, window.loss / window.steps, decibels(window.mse / window.steps),
-                    rays_per_second(), left});
+    progress_.show({state_.step, time_ends_it ? 0 : steps_, window.loss / window.steps,
+                    decibels(window.mse / window.steps), rays_per_second(), left});
   }
 
   TrainEnd end(TrainEnd how) {
