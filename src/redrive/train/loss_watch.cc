@@ -3,11 +3,12 @@
 
 #include <algorithm>
 
+#include "redrive/train/start_watch.h"
+
 namespace redrive {
 namespace {
 
 constexpr double kSmoothingRays = 1e4;
-constexpr double kExplainedMse = 1e-4;
 constexpr std::int64_t kRaysOfWindow = 1000;  // known to 10 %
 
 bool is_high(double mse, const LossWatch& watch) {
