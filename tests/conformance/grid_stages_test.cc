@@ -171,12 +171,13 @@ std::vector<std::size_t> point_counts() {
 
 std::vector<float> table_of(const HashGridConfig& config) { return random_floats(hash_grid_size(config), 245, -1, 1); }
 
-/// [n][levels]: what each level counts for at a point.
+/// [n][levels]: what each level's roundings count for at a point: more than the level itself, as its floor is taken away.
 std::vector<std::vector<double>> level_weights(const HashGridConfig& config, const Points& at) {
   const auto levels = hash_grid_levels(config);
   std::vector<std::vector<double>> out(at.footprint.size());
   for (std::size_t i = 0; i < out.size(); ++i)
-    for (const HashGridLevel& level : levels) out[i].push_back(hash_grid_level_weight<double>(level, at.footprint[i]));
+    for (const HashGridLevel& level : levels)
+      out[i].push_back(hash_grid_level_weight<double>(level, at.footprint[i]) + kLevelFloor / (1 - kLevelFloor));
   return out;
 }
 
@@ -241,11 +242,13 @@ TEST_P(EveryGridBackend, EncodeBackward) {
         ref->grid().encode_backward({config, table}, at.points(), d, expected, expected_position);
         // Shares are not negative, so this is what the absolute terms add up to.
         ref->grid().encode_backward({config, table}, at.points(), magnitude, sums, {});
-        // A term rounds six times, then sums of up to n of them.
+        // A term rounds six times, and its level's weight by 3 of what that may be; then sums of up to n of them.
         const double terms = static_cast<double>(n) + 8;
         ASSERT_TRUE(all_near(
             d_table, [&](auto i) { return double(before) + expected[i]; },
-            [&](std::size_t i) { return terms * u * (sums[i] + (sums[i] > 0 ? before : 0)); }));
+            [&](std::size_t i) {
+              return terms * u * (sums[i] + (sums[i] > 0 ? before : 0)) + 3 * u * static_cast<double>(n);
+            }));
         if (!with_position) continue;
         // Of numbers up to 1, a level adds up to 2 features cells weight along an axis: products and the sum over features, a
         // few roundings of shares, the sum over corners and levels.
@@ -385,7 +388,10 @@ TEST_P(EveryGridBackend, ProposalDensity) {
       ref->grid().proposal_density_backward({config, table}, at.points(), expected, magnitude, sums);
       ASSERT_TRUE(all_near(
           d_table, [&](auto i) { return 0.5 + expected_table[i]; },
-          [&](std::size_t i) { return (static_cast<double>(n) + 9) * u * (sums[i] + (sums[i] > 0 ? 0.5 : 0)); }));
+          [&](std::size_t i) {
+            return (static_cast<double>(n) + 9) * u * (sums[i] + (sums[i] > 0 ? 0.5 : 0)) +
+                   3 * u * static_cast<double>(n);
+          }));
     }
 }
 
