@@ -30,12 +30,15 @@ StepResult train_step(kernels::Backend& backend, const RayBatch& batch, double l
   if (lidar && lidar->n > 0)
     result.range = model.range_gradients(backend, *lidar, state->seed, state->step, gradients, &buffers->workspace);
   ++state->step;
+  state->rays_drawn += static_cast<std::uint64_t>(batch.n - batch.by_error);
   result.finite = std::isfinite(result.loss + result.range) && all_finite(model.sentinels(gradients));
-  if (result.finite)
+  if (result.finite) {
     backend.adam(model.adam(learning_rate, state->step), gradients, model.parameters, state->first_moment,
                  state->second_moment);
-  else
+    if (!batch.cell.empty()) smooth_errors(batch.cell, result.squares, state->cell_errors);
+  } else {
     std::ranges::fill(gradients, 0.0f);
+  }
   return result;
 }
 
