@@ -379,8 +379,9 @@ double GridModel::robust(const RayBatch& batch, std::span<const float> rgb, std:
       square += (rgb[at] - batch.target[at]) * (rgb[at] - batch.target[at]);
     (*squares)[ray] = square / 3;
     const auto huber = huber_term(square, huber_edge);
-    loss += huber.value;
-    for (std::size_t at = ray; at < 3 * rays; at += rays) d_rgb[at] *= huber.factor;
+    const float weight = batch.weight.empty() ? 1 : batch.weight[ray];
+    loss += weight * huber.value;
+    for (std::size_t at = ray; at < 3 * rays; at += rays) d_rgb[at] *= weight * huber.factor;
   }
   return loss / (3.0 * static_cast<double>(rays));
 }

@@ -80,7 +80,7 @@ struct GridModel final : Model {
   void expose(const RayBatch& batch, std::span<float> rgb, std::span<float> gains) const;
   double unexpose(const RayBatch& batch, std::span<const float> rgb, std::span<const float> gains,
                   std::span<float> d_rgb, std::span<float> gradients) const;
-  /// The squared error's d_rgb as Huber's loss has it; returns that loss, mean over rays and channels, and each ray's squared error.
+  /// The squared error's d_rgb as Huber's loss has it, weighted by ray; returns that loss, mean over rays and channels, and each ray's squared error.
   double robust(const RayBatch& batch, std::span<const float> rgb, std::span<float> d_rgb,
                 std::vector<float>* squares) const;
   std::size_t part_size(int part) const;

@@ -44,17 +44,26 @@ PixelCells::Rect PixelCells::rect(std::size_t cell) const {
           std::min(p.side, p.height - y)};
 }
 
-std::uint32_t PixelCells::draw(std::span<const float> errors, std::uint64_t key) const {
+std::uint32_t PixelCells::draw(std::span<const float> errors, std::uint64_t key, Candidates* candidates) const {
   std::uint32_t drawn = 0;
-  float total = 0;
+  float total = 0, pixels = 0;
   for (int i = 0; i < kCellCandidates || total == 0; ++i) {
     const std::uint64_t bits = random_bits(key, i);
     const auto cell = static_cast<std::uint32_t>((bits >> 32) * size() >> 32);
     const float weight = pixels_[cell] * (errors[cell] + kLeastError);
     total += weight;
+    pixels += pixels_[cell];
     if (total == weight || static_cast<float>(bits & 0xffffff) * 0x1p-24f * total < weight) drawn = cell;
   }
+  candidates->pixels += pixels;
+  candidates->error += total;
   return drawn;
+}
+
+float ray_weight(float error, float mean_error, float share) {
+  const float relative = (error + kLeastError) / mean_error;
+  const float as_often = kCellCandidates * relative / (relative + kCellCandidates - 1);
+  return 1 / (1 - share + share * as_often);
 }
 
 void smooth_errors(std::span<const std::uint32_t> cells, std::span<const float> squares, std::span<float> errors) {

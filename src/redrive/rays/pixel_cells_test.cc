@@ -39,7 +39,11 @@ TEST(PixelCells, TileThePicturesInOrder) {
 /// How often cell 7 of `draws` is drawn.
 double rate(const PixelCells& cells, const std::vector<float>& errors, int draws) {
   int drawn = 0;
-  for (int i = 0; i < draws; ++i) drawn += cells.draw(errors, random_bits(kStreamTest, i)) == 7;
+  PixelCells::Candidates candidates;
+  for (int i = 0; i < draws; ++i) drawn += cells.draw(errors, random_bits(kStreamTest, i), &candidates) == 7;
+  double mean = 0;  // cells of whole pixels
+  for (const float error : errors) mean += error / errors.size();
+  EXPECT_NEAR(candidates.mean_error(), mean + 1e-5, 0.05 * mean);
   return static_cast<double>(drawn) / draws;
 }
 
@@ -92,7 +96,23 @@ TEST(PixelCells, TheOnlyOneWithAPixelIsFound) {
   shares[15] = 0.25f;
   PixelCells cells;
   cells.add(64, 32, shares);
-  for (int i = 0; i < 1000; ++i) ASSERT_EQ(cells.draw(std::vector<float>(512, 0.0f), i), 7u);
+  PixelCells::Candidates candidates;
+  for (int i = 0; i < 1000; ++i) ASSERT_EQ(cells.draw(std::vector<float>(512, 0.0f), i, &candidates), 7u);
+  EXPECT_EQ(candidates.mean_error(), 1e-5f);
+}
+
+// Two kinds of cells, many of each error: the weighted mean over rays of both ways of any quantity is its mean over all pixels.
+TEST(PixelCells, WeightsUndoWhatTheErrorsDrawMoreOften) {
+  constexpr float kHigh = 3, kShare = 0.5f;
+  constexpr double kCells = 512,
+                   kHighCells = 8;  // few, so that the other candidates are as good as all of the mean error
+  const double mean = (kHighCells * kHigh + kCells - kHighCells) / kCells;
+  const double often = expected_rate(kHigh, kCells) * kCells;
+  const double density = 1 - kShare + kShare * often;  // over the even one
+  EXPECT_NEAR(ray_weight(kHigh, static_cast<float>(mean), kShare) * density, 1, 0.05);
+  EXPECT_EQ(ray_weight(0.5f, 0.5f + 1e-5f, kShare), 1);
+  EXPECT_NEAR(ray_weight(1, 1e-9f, 0.75f), 1 / (0.25 + 0.75 * kCellCandidates), 1e-6);
+  EXPECT_NEAR(ray_weight(0, 1, 0.75f), 4, 1e-3);
 }
 
 TEST(PixelCells, ErrorsBeginWithTheFirstRayAndAreSmoothedFromThenOn) {

@@ -15,6 +15,13 @@ namespace {
 /// How rarely a pixel that is wholly transparent is drawn.
 constexpr int kEpochsPerEmptyPixel = 4;
 
+std::optional<std::size_t> entry_of(const RayTable& table, std::uint32_t pixel) {
+  if (table.pixel.size() == std::size_t(table.width) * table.height) return pixel;  // the camera reaches all
+  const auto found = std::ranges::lower_bound(table.pixel, pixel);
+  if (found == table.pixel.end() || *found != pixel) return std::nullopt;
+  return found - table.pixel.begin();
+}
+
 /// Of a pixel that the camera reaches, by its mask and alpha.
 float share_of(const Image8& image, std::size_t pixel) {
   if (!image.used.empty() && image.used[pixel] == 0) return 0;
@@ -28,6 +35,7 @@ void resize(RayBatch* batch, int n, bool with_target) {
   batch->target.resize(with_target ? 3 * std::size_t(n) : 0);
   batch->pixel_angle.resize(n);
   batch->background.clear();
+  batch->weight.clear();
   batch->cell.clear();
   batch->by_error = 0;
 }
@@ -157,8 +165,9 @@ PixelSampler::Drawn PixelSampler::of_epoch(std::uint64_t epoch, std::uint64_t ke
 
 /// A pixel of the cell by its share: pixels are drawn evenly until one is taken. Where few can be, that takes long, but such cells are
 /// drawn as rarely.
-PixelSampler::Drawn PixelSampler::by_error(std::span<const float> errors, std::uint64_t key) const {
-  const PixelCells::Rect rect = cells_.rect(cells_.draw(errors, key));
+PixelSampler::Drawn PixelSampler::by_error(std::span<const float> errors, std::uint64_t key,
+                                           PixelCells::Candidates* candidates) const {
+  const PixelCells::Rect rect = cells_.rect(cells_.draw(errors, key, candidates));
   const TrainingView& from = training_views_[rect.picture];
   const RayTable& table = tables_[scene_.views[from.view].camera];
   const Image8& image = images_[from.view];
@@ -169,9 +178,7 @@ PixelSampler::Drawn PixelSampler::by_error(std::span<const float> errors, std::u
                y = rect.y + static_cast<int>((bits >> 24 & 0xfffff) * rect.height >> 20);
     const auto pixel = static_cast<std::uint32_t>(y) * table.width + x;
     if (static_cast<float>(bits & 0xffffff) * 0x1p-24f >= share_of(image, pixel)) continue;
-    const auto entry = std::ranges::lower_bound(table.pixel, pixel);
-    if (entry != table.pixel.end() && *entry == pixel)
-      return {rect.picture, static_cast<std::size_t>(entry - table.pixel.begin())};
+    if (const auto entry = entry_of(table, pixel)) return {rect.picture, *entry};
   }
 }
 
@@ -209,7 +216,12 @@ void PixelSampler::gather(std::uint64_t first, int even, RayBatch* batch, const 
   const std::uint64_t epoch_key = random_key(seed_, kStreamPixels, epoch),
                       error_key = random_key(seed_, kStreamErrorRays, first);
   for (int i = 0; i < even; ++i) set(of_epoch(epoch, epoch_key, begin + i), i, batch);
-  for (int i = 0; i < more.n; ++i) set(by_error(more.errors, random_bits(error_key, i)), even + i, batch);
+  PixelCells::Candidates candidates;
+  for (int i = 0; i < more.n; ++i) set(by_error(more.errors, random_bits(error_key, i), &candidates), even + i, batch);
+  const float share = static_cast<float>(more.n) / static_cast<float>(batch->n);
+  batch->weight.resize(batch->cell.size());
+  for (std::size_t i = 0; i < batch->weight.size(); ++i)
+    batch->weight[i] = ray_weight(more.errors[batch->cell[i]], candidates.mean_error(), share);
 }
 
 }  // namespace redrive

@@ -31,6 +31,7 @@ struct RayBatch {
   std::vector<float> origin, direction, target, background;
   std::vector<float> pixel_angle;   ///< [n], rad: of the ray's camera
   std::vector<Exposure> exposure;   ///< [n], empty: none
+  std::vector<float> weight;        ///< [n]: what a ray's colour counts in the loss; empty: all 1
   std::vector<std::uint32_t> cell;  ///< [n]: of the pixel (PixelSampler::cells); empty where none are drawn by error
   std::vector<float>
       range_m;  ///< [n]: where a LiDAR's ray ends; empty for those of cameras, as target is for a LiDAR's
@@ -74,7 +75,8 @@ class PixelSampler {
   std::int64_t steps_per_epoch(int rays) const;             ///< of so many even rays; the last may have fewer
 
   /// The `even` pixels from the `first`-th on, counted from 0 through all epochs, fewer at the end of an epoch; then those by error,
-  /// transparent ones a fourth as often as others, too. A function of the seed, `first` and the errors.
+  /// transparent ones a fourth as often as others, too. Where a pixel is drawn more often its rays weigh less (ray_weight). A function of
+  /// the seed, `first` and the errors.
   void gather(std::uint64_t first, int even, RayBatch* batch, const RaysByError& more = {}) const;
 
  private:
@@ -95,7 +97,7 @@ class PixelSampler {
   };
   void add(Pool pool, std::size_t size);
   Drawn of_epoch(std::uint64_t epoch, std::uint64_t key, std::uint64_t k) const;
-  Drawn by_error(std::span<const float> errors, std::uint64_t key) const;
+  Drawn by_error(std::span<const float> errors, std::uint64_t key, PixelCells::Candidates* candidates) const;
   void set(const Drawn& drawn, int i, RayBatch* batch) const;
 
   const Scene& scene_;

@@ -377,6 +377,13 @@ TEST_F(SamplerTest, RaysByErrorFollowTheEvenOnesAndSayTheirCells) {
     EXPECT_EQ(std::lround(ray[7] * 255), 7 * rect.y);
     EXPECT_EQ(rect.width * rect.height, 1);
   }
+  EXPECT_TRUE(plain.weight.empty());
+  for (const float weight : batch.weight) EXPECT_NEAR(weight, 1, 1e-5) << "the errors are all the same";
+  errors[batch.cell[3]] = 1;
+  sampler.gather(320, 64, &batch, {32, errors});
+  EXPECT_NEAR(batch.weight[3], 1 / (2 / 3.0 + 8 / 3.0), 0.1) << "drawn about 8 times as often by a third of the rays";
+  EXPECT_EQ(batch.weight.size(), 96u);
+  errors[batch.cell[3]] = 0.01f;
   sampler.gather(sampler.pixels() - 5, 64, &batch, {32, errors});
   EXPECT_EQ(batch.n, 5 + 32) << "the end of an epoch";
 }

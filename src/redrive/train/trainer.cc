@@ -181,6 +181,7 @@ class Trainer {
                  good.rate_factor, good.rollbacks, kMaxRollbacks);
     append_rollback(run_.paths, state_.step, good.step, good.rollbacks, good.rate_factor, reason);
     state_ = std::move(good);
+    suit_state();
     last_was_high_ = false;
     save();
   }
