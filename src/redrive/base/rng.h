@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Random numbers without state: a value is a function of (seed, stream, counter), so every backend draws
-// the same ones in any order, and a resumed run needs nothing but its step number.
+// the same ones in any order, and a resumed run needs nothing but how far it came.
 // Mixer: the finaliser of SplitMix64 (Steele, Lea, Flood, "Fast splittable pseudorandom number generators", 2014).
 #pragma once
 
@@ -37,9 +37,10 @@ enum RandomStream : std::uint64_t {
   kStreamSamples = 3,       ///< stratified sample jitter; counter = step
   kStreamFineSamples = 4,   ///< hierarchical sampling; counter = step
   kStreamFigures = 5,       ///< which training image a figure shows
-  kStreamBackground = 6,    ///< behind transparent pixels; counter = step
+  kStreamBackground = 6,    ///< behind transparent pixels; counter = pixels drawn before
   kStreamLidar = 7,         ///< order of LiDAR returns; counter = times that all were seen
   kStreamLidarSamples = 8,  ///< jitter of samples on their rays; counter = step
+  kStreamErrorRays = 9,     ///< pixels drawn by their error; counter = pixels drawn by the epochs' order before
   kStreamTest = 99
 };
 

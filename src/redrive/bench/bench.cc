@@ -80,7 +80,7 @@ void time_step(Runner& runner, kernels::Backend& backend, const SyntheticDrive& 
   RayBatch batch;
   StepBuffers buffers;
   runner.time(name, 1.0 * options.batch_rays * options.samples, 3 * 2 * forward_macs, [&] {
-    sampler.gather(state.step, options.batch_rays, &batch);
+    sampler.gather(state.rays_drawn, options.batch_rays, &batch);
     train_step(backend, batch, options.learning_rate, &state, &buffers);
   });
 }

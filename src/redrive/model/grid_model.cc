@@ -402,7 +402,10 @@ StepLosses GridModel::gradients(kernels::Backend& backend, const RayBatch& batch
   StepLosses losses;
   losses.field_rays = static_cast<int>(pass.live.size());
   losses.rgb_mse = backend.photometric_loss(rgb, std::span(batch.target).first(3 * rays), d_rgb);
-  losses.colours = robust(batch, rgb, d_rgb);
+  losses.colours = robust(batch, rgb, d_rgb, &losses.squares);
+  if (batch.by_error > 0)
+    losses.rgb_mse = std::accumulate(losses.squares.begin(), losses.squares.end() - batch.by_error, 0.0) /
+                     (batch.n - batch.by_error);
   losses.colours += unexpose(batch, rgb, pass.gains, d_rgb, gradients);
   for (const float value : opacity) losses.opacity += value / static_cast<double>(rays);
 
@@ -465,16 +468,20 @@ void GridModel::backward_sky(kernels::Backend& backend, int n, const Pass& pass,
   backend.grid().encode_backward(grid(kSkyGrid), pass.sky_points, d_sky, part_of(gradients, kSkyGrid), {});
 }
 
-double GridModel::robust(const RayBatch& batch, std::span<const float> rgb, std::span<float> d_rgb) const {
+double GridModel::robust(const RayBatch& batch, std::span<const float> rgb, std::span<float> d_rgb,
+                         std::vector<float>* squares) const {
   const std::size_t rays = batch.n;
+  squares->resize(rays);
   double loss = 0;
   for (std::size_t ray = 0; ray < rays; ++ray) {
     float square = 0;
     for (std::size_t at = ray; at < 3 * rays; at += rays)
       square += (rgb[at] - batch.target[at]) * (rgb[at] - batch.target[at]);
+    (*squares)[ray] = square / 3;
     const auto huber = huber_term(square, huber_edge);
-    loss += huber.value;
-    for (std::size_t at = ray; at < 3 * rays; at += rays) d_rgb[at] *= huber.factor;
+    const float weight = batch.weight.empty() ? 1 : batch.weight[ray];
+    loss += weight * huber.value;
+    for (std::size_t at = ray; at < 3 * rays; at += rays) d_rgb[at] *= weight * huber.factor;
   }
   return loss / (3.0 * static_cast<double>(rays));
 }

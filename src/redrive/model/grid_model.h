@@ -87,8 +87,9 @@ struct GridModel final : Model {
   void expose(const RayBatch& batch, std::span<float> rgb, std::span<float> gains) const;
   double unexpose(const RayBatch& batch, std::span<const float> rgb, std::span<const float> gains,
                   std::span<float> d_rgb, std::span<float> gradients) const;
-  /// The squared error's d_rgb as Huber's loss has it; returns that loss, mean over rays and channels.
-  double robust(const RayBatch& batch, std::span<const float> rgb, std::span<float> d_rgb) const;
+  /// The squared error's d_rgb as Huber's loss has it, weighted by ray; returns that loss, mean over rays and channels, and each ray's squared error.
+  double robust(const RayBatch& batch, std::span<const float> rgb, std::span<float> d_rgb,
+                std::vector<float>* squares) const;
   std::size_t part_size(int part) const;
   std::size_t offset(int part) const;  ///< of its first number in `parameters`
   std::span<const float> part(Part part) const { return parameters.span().subspan(offset(part), part_size(part)); }

@@ -401,6 +401,35 @@ TEST(GridModel, LossOfATargetThatIsNoNumberIsNone) {
   EXPECT_TRUE(std::isnan(losses_of(model, batch, &gradients, *kernels::make_ref_backend()).loss));
 }
 
+TEST(GridModel, RaysAreWeightedAndTheirErrorsHandedOut) {
+  GridModel model;
+  make_tiny(model);
+  RayBatch batch = tiny_batch(8);
+  const auto backend = kernels::make_ref_backend();
+  std::vector<float> ignored(model.size());
+  const StepLosses plain = losses_of(model, batch, &ignored, *backend);
+  ASSERT_EQ(plain.squares.size(), 8u);
+  double mean = 0;
+  for (const float square : plain.squares) mean += square / 8.0;
+  EXPECT_NEAR(plain.rgb_mse, mean, 1e-6 * mean);
+  batch.weight.assign(8, 0);
+  const double gains = losses_of(model, batch, &ignored, *backend).colours;  // what keeps them near 1
+  double sum = 0;
+  for (int ray = 0; ray < 8; ++ray) {
+    batch.weight[ray] = 2;
+    const StepLosses one = losses_of(model, batch, &ignored, *backend);
+    EXPECT_EQ(one.squares, plain.squares);
+    EXPECT_EQ(one.rgb_mse, plain.rgb_mse);
+    sum += one.colours - gains;
+    batch.weight[ray] = 0;
+  }
+  EXPECT_NEAR(sum, 2 * (plain.colours - gains), 1e-6 * sum);
+  batch.by_error = 5;
+  EXPECT_NEAR(losses_of(model, batch, &ignored, *backend).rgb_mse,
+              (plain.squares[0] + plain.squares[1] + plain.squares[2]) / 3, 1e-6)
+      << "of the even ones";
+}
+
 TEST(GridModel, SamplesFollowSeedAndStep) {
   GridModel model;
   make_tiny(model);
@@ -460,10 +489,12 @@ void expect_derivative(GridModel& model, const ModelTensor& tensor, const std::v
 
 TEST(GridModelGradients, OfFieldAndSkyAreThoseOfTheColours) {
   const auto backend = kernels::make_ref_backend();
-  for (const int colour_layers : {1, 2}) {
+  for (const auto& [colour_layers, weighted] : {std::pair{1, false}, {2, false}, {1, true}}) {
     GridModel model;
     make_tiny(model, colour_layers);
-    const RayBatch batch = tiny_batch(8);
+    RayBatch batch = tiny_batch(8);
+    if (weighted)
+      for (int ray = 0; ray < 8; ++ray) batch.weight.push_back(static_cast<float>(1 + 0.75 * uniform(10, ray)));
     std::vector<float> gradients(model.size()), ignored(model.size());
     losses_of(model, batch, &gradients, *backend);
     for (const ModelTensor& tensor : model.tensors())

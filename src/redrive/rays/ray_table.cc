@@ -15,6 +15,19 @@ namespace {
 /// How rarely a pixel that is wholly transparent is drawn.
 constexpr int kEpochsPerEmptyPixel = 4;
 
+std::optional<std::size_t> entry_of(const RayTable& table, std::uint32_t pixel) {
+  if (table.pixel.size() == std::size_t(table.width) * table.height) return pixel;  // the camera reaches all
+  const auto found = std::ranges::lower_bound(table.pixel, pixel);
+  if (found == table.pixel.end() || *found != pixel) return std::nullopt;
+  return found - table.pixel.begin();
+}
+
+/// Of a pixel that the camera reaches, by its mask and alpha.
+float share_of(const Image8& image, std::size_t pixel) {
+  if (!image.used.empty() && image.used[pixel] == 0) return 0;
+  return !image.alpha.empty() && image.alpha[pixel] == 0 ? 1.0f / kEpochsPerEmptyPixel : 1;
+}
+
 void resize(RayBatch* batch, int n, bool with_target) {
   batch->n = n;
   batch->origin.resize(3 * std::size_t(n));
@@ -22,6 +35,9 @@ void resize(RayBatch* batch, int n, bool with_target) {
   batch->target.resize(with_target ? 3 * std::size_t(n) : 0);
   batch->pixel_angle.resize(n);
   batch->background.clear();
+  batch->weight.clear();
+  batch->cell.clear();
+  batch->by_error = 0;
 }
 
 /// Ray `i` of the batch: entry `k` of the table, turned in double so that its length stays 1 to float's rounding.
@@ -104,19 +120,19 @@ PixelSampler::PixelSampler(const Scene& scene, const std::vector<Image8>& images
     const Image8& image = images[i];
     REDRIVE_CHECK_OP(image.width, ==, table.width);
     REDRIVE_CHECK_OP(image.height, ==, table.height);
-    const Pool all{static_cast<int>(i), scene.world_from_camera(view), std::nullopt, 1};
+    training_views_.push_back({static_cast<int>(i), scene.world_from_camera(view)});
+    const int training_view = static_cast<int>(training_views_.size()) - 1;
+    std::vector<float> share(image.rgb.size() / 3);
+    for (const std::uint32_t pixel : table.pixel) share[pixel] = share_of(image, pixel);
+    cells_.add(image.width, image.height, share);
     if (image.used.empty() && image.alpha.empty()) {
-      add(all, table.pixel.size());
+      add({training_view, std::nullopt, 1}, table.pixel.size());
       continue;
     }
-    std::vector<std::uint8_t> used[2];  // what there is to see, and what is wholly transparent
-    for (auto& part : used) part.resize(image.rgb.size() / 3);
-    for (std::size_t k = 0; k < used[0].size(); ++k)
-      used[!image.alpha.empty() && image.alpha[k] == 0][k] = image.used.empty() || image.used[k] != 0;
-    for (const int empty : {0, 1}) {
-      Pool pool = all;
-      pool.used.emplace(table, used[empty]);
-      if (empty) pool.every = kEpochsPerEmptyPixel;
+    for (const int every : {1, kEpochsPerEmptyPixel}) {  // what there is to see, and what is wholly transparent
+      std::vector<std::uint8_t> used(share.size());
+      for (std::size_t pixel = 0; pixel < used.size(); ++pixel) used[pixel] = share[pixel] == 1.0f / every;
+      Pool pool{training_view, UsedPixels(table, used), every};
       const std::size_t size = pool.used->size();
       if (size > 0) add(std::move(pool), size);
     }
@@ -133,41 +149,79 @@ void PixelSampler::add(Pool pool, std::size_t size) {
   pools_.push_back(std::move(pool));
 }
 
-std::int64_t PixelSampler::steps_per_epoch(int batch_rays) const {
-  REDRIVE_CHECK_OP(batch_rays, >=, 1);
-  return static_cast<std::int64_t>((pixels() + batch_rays - 1) / batch_rays);
+std::int64_t PixelSampler::steps_per_epoch(int rays) const {
+  REDRIVE_CHECK_OP(rays, >=, 1);
+  return static_cast<std::int64_t>((pixels() + rays - 1) / rays);
 }
 
-void PixelSampler::gather(std::int64_t step, int batch_rays, RayBatch* batch) const {
-  REDRIVE_CHECK_OP(step, >=, 0);
-  const std::int64_t steps = steps_per_epoch(batch_rays), epoch = step / steps;
-  const std::uint64_t first = static_cast<std::uint64_t>(step % steps) * batch_rays;
-  const std::uint64_t key = random_key(seed_, kStreamPixels, static_cast<std::uint64_t>(epoch));
-  resize(batch, static_cast<int>(std::min<std::uint64_t>(batch_rays, pixels() - first)), true);
-  const bool random_background = scene_.background == Background::kRandom;
-  const std::uint64_t background_key = random_key(seed_, kStreamBackground, static_cast<std::uint64_t>(step));
+PixelSampler::Drawn PixelSampler::of_epoch(std::uint64_t epoch, std::uint64_t key, std::uint64_t k) const {
+  const std::uint64_t drawn = permute_index(key, k, pixels());
+  const std::size_t p = std::upper_bound(offsets_.begin(), offsets_.end(), drawn) - offsets_.begin() - 1;
+  const Pool& pool = pools_[p];
+  std::size_t entry = (drawn - offsets_[p]) * pool.every + epoch % pool.every;
+  if (pool.used) entry = pool.used->entry(std::min(entry, pool.used->size() - 1));  // the last may be drawn twice
+  return {pool.training_view, entry};
+}
+
+/// A pixel of the cell by its share: pixels are drawn evenly until one is taken. Where few can be, that takes long, but such cells are
+/// drawn as rarely.
+PixelSampler::Drawn PixelSampler::by_error(std::span<const float> errors, std::uint64_t key,
+                                           PixelCells::Candidates* candidates) const {
+  const PixelCells::Rect rect = cells_.rect(cells_.draw(errors, key, candidates));
+  const TrainingView& from = training_views_[rect.picture];
+  const RayTable& table = tables_[scene_.views[from.view].camera];
+  const Image8& image = images_[from.view];
+  const std::uint64_t pixel_key = mix64(key);
+  for (std::uint64_t i = 0;; ++i) {
+    const std::uint64_t bits = random_bits(pixel_key, i);
+    const auto x = rect.x + static_cast<int>((bits >> 44) * rect.width >> 20),
+               y = rect.y + static_cast<int>((bits >> 24 & 0xfffff) * rect.height >> 20);
+    const auto pixel = static_cast<std::uint32_t>(y) * table.width + x;
+    if (static_cast<float>(bits & 0xffffff) * 0x1p-24f >= share_of(image, pixel)) continue;
+    if (const auto entry = entry_of(table, pixel)) return {rect.picture, *entry};
+  }
+}
+
+void PixelSampler::set(const Drawn& drawn, int i, RayBatch* batch) const {
+  const TrainingView& from = training_views_[drawn.training_view];
+  const View& view = scene_.views[from.view];
+  const RayTable& table = tables_[view.camera];
+  const Image8& image = images_[from.view];
+  set_ray(table, drawn.entry, from.world_from_camera, i, batch);
+  batch->exposure[i] = scene_.exposure(view);
+  const std::size_t pixel = table.pixel[drawn.entry];
+  for (int c = 0; c < 3; ++c) {
+    const std::size_t at = std::size_t(c) * batch->n + i;
+    batch->target[at] = image.rgb[3 * pixel + c] / 255.0f;
+    if (scene_.background == Background::kRandom)
+      batch->target[at] += (1 - image.alpha[pixel] / 255.0f) * batch->background[at];
+  }
+  if (!batch->cell.empty()) batch->cell[i] = cells_.at(drawn.training_view, static_cast<std::uint32_t>(pixel));
+}
+
+void PixelSampler::gather(std::uint64_t first, int even, RayBatch* batch, const RaysByError& more) const {
+  REDRIVE_CHECK_OP(even, >=, 1);
+  REDRIVE_CHECK(more.n == 0 || more.errors.size() == cells_.size());
+  const std::uint64_t epoch = first / pixels(), begin = first % pixels();
+  even = static_cast<int>(std::min<std::uint64_t>(even, pixels() - begin));
+  resize(batch, even + more.n, true);
+  batch->by_error = more.n;
+  batch->exposure.resize(batch->n);
+  batch->cell.resize(more.n > 0 ? batch->n : 0);
   if (scene_.background != Background::kNone)
     batch->background.assign(3 * std::size_t(batch->n), rendered_background(scene_.background)[0]);
-  batch->exposure.resize(batch->n);
-  for (int i = 0; i < batch->n; ++i) {
-    const std::uint64_t drawn = permute_index(key, first + i, pixels());
-    const std::size_t p = std::upper_bound(offsets_.begin(), offsets_.end(), drawn) - offsets_.begin() - 1;
-    const Pool& pool = pools_[p];
-    const RayTable& table = tables_[scene_.views[pool.view].camera];
-    const Image8& image = images_[pool.view];
-    std::size_t k = (drawn - offsets_[p]) * pool.every + epoch % pool.every;
-    if (pool.used) k = pool.used->entry(std::min(k, pool.used->size() - 1));  // the last of them may be drawn twice
-    set_ray(table, k, pool.world_from_camera, i, batch);
-    batch->exposure[i] = scene_.exposure(scene_.views[pool.view]);
-    const std::size_t pixel = table.pixel[k];
-    for (int c = 0; c < 3; ++c) {
-      const std::size_t at = std::size_t(c) * batch->n + i;
-      batch->target[at] = image.rgb[3 * pixel + c] / 255.0f;
-      if (!random_background) continue;
-      batch->background[at] = random_unit(background_key, 3 * std::uint64_t(i) + c);
-      batch->target[at] += (1 - image.alpha[pixel] / 255.0f) * batch->background[at];
-    }
-  }
+  const std::uint64_t background_key = random_key(seed_, kStreamBackground, first);
+  if (scene_.background == Background::kRandom)
+    for (std::size_t i = 0; i < batch->background.size(); ++i) batch->background[i] = random_unit(background_key, i);
+  const std::uint64_t epoch_key = random_key(seed_, kStreamPixels, epoch),
+                      error_key = random_key(seed_, kStreamErrorRays, first);
+  for (int i = 0; i < even; ++i) set(of_epoch(epoch, epoch_key, begin + i), i, batch);
+  PixelCells::Candidates candidates;
+  for (int i = 0; i < more.n; ++i) set(by_error(more.errors, random_bits(error_key, i), &candidates), even + i, batch);
+  const float share = static_cast<float>(more.n) / static_cast<float>(batch->n);
+  batch->weight.resize(batch->cell.size());
+  for (std::size_t i = 0; i < batch->weight.size(); ++i)
+    batch->weight[i] = ray_weight(more.errors[batch->cell[i]], candidates.mean_error(), share);
 }
 
 }  // namespace redrive

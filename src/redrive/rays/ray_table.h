@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "redrive/camera/camera.h"
+#include "redrive/rays/pixel_cells.h"
 #include "redrive/scene/image_set.h"
 #include "redrive/scene/scene.h"
 
@@ -26,9 +27,12 @@ RayTable make_ray_table(const Camera& camera);
 /// of opacity o shows as its colour + (1 - o) background. Without one (Background::kNone) background is empty.
 struct RayBatch {
   int n = 0;
+  int by_error = 0;  ///< of them the last, which PixelSampler drew by error, the others evenly
   std::vector<float> origin, direction, target, background;
-  std::vector<float> pixel_angle;  ///< [n], rad: of the ray's camera
-  std::vector<Exposure> exposure;  ///< [n], empty: none
+  std::vector<float> pixel_angle;   ///< [n], rad: of the ray's camera
+  std::vector<Exposure> exposure;   ///< [n], empty: none
+  std::vector<float> weight;        ///< [n]: what a ray's colour counts in the loss; empty: all 1
+  std::vector<std::uint32_t> cell;  ///< [n]: of the pixel (PixelSampler::cells); empty where none are drawn by error
   std::vector<float>
       range_m;  ///< [n]: where a LiDAR's ray ends; empty for those of cameras, as target is for a LiDAR's
 };
@@ -52,35 +56,58 @@ class UsedPixels {
   std::vector<std::uint32_t> before_;  ///< [bits_.size() + 1]: entries in use before each word
 };
 
+/// Rays of a batch beside the even ones, drawn by what the rays of each of PixelSampler::cells lately missed.
+struct RaysByError {
+  int n = 0;
+  std::span<const float> errors;  ///< [cells().size()], as smooth_errors keeps them; may be empty if n is 0
+};
+
 /// The training pixels of a scene: every valid pixel of every view that is not held out and that no mask leaves out, but of those
-/// that are transparent altogether, which have little to say, another fourth each epoch; in an order shuffled anew each epoch (base/rng.h permute_index: no table, any position reachable at once, so resuming needs only the step).
+/// that are transparent altogether, which have little to say, another fourth each epoch; in an order shuffled anew each epoch
+/// (base/rng.h permute_index: no table, any position reachable at once, so resuming needs only the count of pixels drawn so far).
 class PixelSampler {
  public:
   /// InputError: no pixel is left.
   PixelSampler(const Scene& scene, const std::vector<Image8>& images, std::uint64_t seed);
 
   std::uint64_t pixels() const { return offsets_.back(); }  ///< of one epoch
-  std::int64_t steps_per_epoch(int batch_rays) const;       ///< the last batch of an epoch may be smaller
+  const PixelCells& cells() const { return cells_; }        ///< of the training views
+  std::int64_t steps_per_epoch(int rays) const;             ///< of so many even rays; the last may have fewer
 
-  /// Batch `step` (from 0, counted through all epochs): batch->n = batch_rays, fewer at the end of an epoch.
-  void gather(std::int64_t step, int batch_rays, RayBatch* batch) const;
+  /// The `even` pixels from the `first`-th on, counted from 0 through all epochs, fewer at the end of an epoch; then those by error,
+  /// transparent ones a fourth as often as others, too. Where a pixel is drawn more often its rays weigh less (ray_weight). A function of
+  /// the seed, `first` and the errors.
+  void gather(std::uint64_t first, int even, RayBatch* batch, const RaysByError& more = {}) const;
 
  private:
+  struct TrainingView {
+    int view = 0;  ///< of the scene
+    Rigid3d world_from_camera;
+  };
+  /// Pixels of a training view: all of its table, or those in `used`; of those one in `every` an epoch.
+  struct Pool {
+    int training_view = 0;
+    std::optional<UsedPixels> used;
+    int every = 1;
+  };
+  /// A training view's ray.
+  struct Drawn {
+    int training_view = 0;
+    std::size_t entry = 0;  ///< of its camera's table
+  };
+  void add(Pool pool, std::size_t size);
+  Drawn of_epoch(std::uint64_t epoch, std::uint64_t key, std::uint64_t k) const;
+  Drawn by_error(std::span<const float> errors, std::uint64_t key, PixelCells::Candidates* candidates) const;
+  void set(const Drawn& drawn, int i, RayBatch* batch) const;
+
   const Scene& scene_;
   const std::vector<Image8>& images_;
   std::uint64_t seed_;
   std::vector<RayTable> tables_;  ///< by camera of the rig
-  /// Pixels of a training view: all of its table, or those in `used`; of those one in `every` an epoch.
-  struct Pool {
-    int view = 0;
-    Rigid3d world_from_camera;
-    std::optional<UsedPixels> used;
-    int every = 1;
-  };
-  void add(Pool pool, std::size_t size);
-
+  std::vector<TrainingView> training_views_;
   std::vector<Pool> pools_;
   std::vector<std::uint64_t> offsets_;  ///< [pools_.size() + 1]: first pixel of each
+  PixelCells cells_;                    ///< a picture a training view
 };
 
 }  // namespace redrive

@@ -84,21 +84,26 @@ class SamplerTest : public RaysTest {
 
 using Ray = std::array<float, 9>;
 
-std::map<Ray, int> count_rays(const PixelSampler& sampler, std::int64_t first_step, std::int64_t steps,
-                              int batch_rays) {
+Ray ray_of(const RayBatch& batch, int i) {
+  Ray ray;
+  for (int d = 0; d < 3; ++d) {
+    ray[d] = batch.origin[d * batch.n + i];
+    ray[3 + d] = batch.direction[d * batch.n + i];
+    ray[6 + d] = batch.target[d * batch.n + i];
+  }
+  return ray;
+}
+
+/// Of some epochs in batches of 100, the first of them 37 and 63 alone.
+std::map<Ray, int> count_rays(const PixelSampler& sampler, std::uint64_t first_epoch, std::uint64_t epochs) {
   std::map<Ray, int> counts;
   RayBatch batch;
-  for (std::int64_t step = first_step; step < first_step + steps; ++step) {
-    sampler.gather(step, batch_rays, &batch);
-    for (int i = 0; i < batch.n; ++i) {
-      Ray ray;
-      for (int d = 0; d < 3; ++d) {
-        ray[d] = batch.origin[d * batch.n + i];
-        ray[3 + d] = batch.direction[d * batch.n + i];
-        ray[6 + d] = batch.target[d * batch.n + i];
-      }
-      ++counts[ray];
-    }
+  const std::uint64_t begin = first_epoch * sampler.pixels(), end = begin + epochs * sampler.pixels();
+  int rays = 37;
+  for (std::uint64_t drawn = begin; drawn < end; drawn += batch.n) {
+    sampler.gather(drawn, rays, &batch);
+    for (int i = 0; i < batch.n; ++i) ++counts[ray_of(batch, i)];
+    rays = rays == 37 ? 63 : 100;
   }
   return counts;
 }
@@ -126,12 +131,9 @@ TEST_F(SamplerTest, AnEpochVisitsEveryTrainingPixelOnce) {
       ++expected[ray];
     }
   }
-  const int batch_rays = 100;
-  ASSERT_NE(sampler.pixels() % batch_rays, 0u);
-  const std::int64_t steps = sampler.steps_per_epoch(batch_rays);
-  EXPECT_EQ(steps, std::int64_t(sampler.pixels() / batch_rays + 1));
-  for (std::int64_t epoch = 0; epoch < 2; ++epoch)
-    EXPECT_EQ(count_rays(sampler, epoch * steps, steps, batch_rays), expected) << epoch;
+  ASSERT_NE(sampler.pixels() % 100, 0u);
+  EXPECT_EQ(sampler.steps_per_epoch(100), std::int64_t(sampler.pixels() / 100 + 1));
+  for (std::uint64_t epoch = 0; epoch < 2; ++epoch) EXPECT_EQ(count_rays(sampler, epoch, 1), expected) << epoch;
 }
 
 TEST(UsedPixels, FindsTheKthPixelInUse) {
@@ -172,7 +174,7 @@ TEST_F(SamplerTest, MaskedPixelsAreNotDrawn) {
   }
   const PixelSampler sampler(scene_, images_, 5);
   ASSERT_EQ(sampler.pixels(), expected);
-  const auto counts = count_rays(sampler, 0, sampler.steps_per_epoch(100), 100);
+  const auto counts = count_rays(sampler, 0, 1);
   const View& masked = scene_.views[training[6]];
   const Eigen::Vector3d origin = scene_.world_from_camera(masked).translation();
   const Eigen::Vector3d nowhere = scene_.world_from_camera(scene_.views[training[1]]).translation();
@@ -219,10 +221,8 @@ TEST_F(SamplerTest, EmptyPixelsAreDrawnEveryFourthEpoch) {
   }
   const PixelSampler sampler(scene_, images_, 5);
   ASSERT_EQ(sampler.pixels(), solid + empty_an_epoch);
-  const std::int64_t steps = sampler.steps_per_epoch(100);
-  EXPECT_EQ(count_rays(sampler, 0, steps, 100).size(), sampler.pixels())
-      << "each once, another fourth of the empty ones";
-  const auto four_epochs = count_rays(sampler, 0, 4 * steps, 100);
+  EXPECT_EQ(count_rays(sampler, 0, 1).size(), sampler.pixels()) << "each once, another fourth of the empty ones";
+  const auto four_epochs = count_rays(sampler, 0, 4);
   EXPECT_EQ(four_epochs.size(), solid + empty);
   std::size_t often = 0;
   for (const auto& [ray, count] : four_epochs) often += count == 4;
@@ -231,11 +231,11 @@ TEST_F(SamplerTest, EmptyPixelsAreDrawnEveryFourthEpoch) {
 
 TEST_F(SamplerTest, BackgroundsOfABatch) {
   RayBatch plain, batch;
-  PixelSampler(scene_, images_, 5).gather(3, 64, &plain);
+  PixelSampler(scene_, images_, 5).gather(3 * 64, 64, &plain);
   EXPECT_TRUE(plain.background.empty());
   const auto expect_all = [&](Background background, float value) {
     scene_.background = background;
-    PixelSampler(scene_, images_, 5).gather(3, 64, &batch);
+    PixelSampler(scene_, images_, 5).gather(3 * 64, 64, &batch);
     EXPECT_EQ(batch.background, std::vector<float>(3 * 64, value));
     EXPECT_EQ(batch.target, plain.target) << "laid over it when it was loaded";
   };
@@ -245,7 +245,7 @@ TEST_F(SamplerTest, BackgroundsOfABatch) {
   scene_.background = Background::kRandom;
   for (Image8& image : images_) image.alpha.assign(image.rgb.size() / 3, 204);  // 0.8
   const PixelSampler sampler(scene_, images_, 5);
-  sampler.gather(3, 64, &batch);
+  sampler.gather(3 * 64, 64, &batch);
   ASSERT_EQ(batch.background.size(), 3u * 64);
   double sum = 0;
   for (std::size_t i = 0; i < batch.target.size(); ++i) {
@@ -255,36 +255,137 @@ TEST_F(SamplerTest, BackgroundsOfABatch) {
   }
   EXPECT_NEAR(sum / 192, 0.5, 5 * std::sqrt(1.0 / 12 / 192));  // five standard deviations of the mean
   const std::vector<float> before = batch.background;
-  sampler.gather(4, 64, &batch);
+  sampler.gather(4 * 64, 64, &batch);
   EXPECT_NE(batch.background, before);
-  sampler.gather(3, 64, &batch);
-  EXPECT_EQ(batch.background, before) << "a function of seed and step";
+  sampler.gather(3 * 64, 64, &batch);
+  EXPECT_EQ(batch.background, before) << "a function of seed and place";
 }
 
 TEST_F(SamplerTest, TheLastBatchOfAnEpochIsSmaller) {
   const PixelSampler sampler(scene_, images_, 5);
   RayBatch batch;
-  const std::int64_t steps = sampler.steps_per_epoch(64);
-  sampler.gather(steps - 1, 64, &batch);
-  EXPECT_EQ(batch.n, int(sampler.pixels() - (steps - 1) * 64));
-  sampler.gather(steps, 64, &batch);
+  sampler.gather(sampler.pixels() - 10, 64, &batch);
+  EXPECT_EQ(batch.n, 10);
+  sampler.gather(sampler.pixels(), 64, &batch);
   EXPECT_EQ(batch.n, 64);
 }
 
-TEST_F(SamplerTest, AStepIsAFunctionOfSeedAndNumber) {
+TEST_F(SamplerTest, ABatchIsAFunctionOfSeedAndPlace) {
   const PixelSampler a(scene_, images_, 5), b(scene_, images_, 5), other(scene_, images_, 6);
   RayBatch one, two;
-  b.gather(3, 50, &two);  // in another order of steps
-  b.gather(40, 50, &two);
-  a.gather(40, 50, &one);
+  b.gather(150, 50, &two);  // in another order
+  b.gather(2000, 50, &two);
+  a.gather(2000, 50, &one);
   EXPECT_EQ(one.origin, two.origin);
   EXPECT_EQ(one.direction, two.direction);
   EXPECT_EQ(one.target, two.target);
-  other.gather(40, 50, &two);
+  other.gather(2000, 50, &two);
   EXPECT_NE(one.direction, two.direction);
   // The next epoch is shuffled anew.
-  a.gather(40 + a.steps_per_epoch(50), 50, &two);
+  a.gather(2000 + a.pixels(), 50, &two);
   EXPECT_NE(one.direction, two.direction);
+}
+
+// Masks leave out half of a picture, another is transparent in one half, cameras do not reach every pixel, frames are held out.
+TEST_F(SamplerTest, RaysByErrorAreTrainingPixelsByShareAndError) {
+  std::vector<std::size_t> training;
+  for (std::size_t v = 0; v < scene_.views.size(); ++v)
+    if (!scene_.views[v].held_out) training.push_back(v);
+  Image8 &masked = images_[training[0]], &transparent = images_[training[1]];
+  masked.used.assign(masked.rgb.size() / 3, 255);
+  for (std::size_t pixel = 0; pixel < masked.used.size(); ++pixel)
+    if (static_cast<int>(pixel) % masked.width < 10) masked.used[pixel] = 0;
+  transparent.alpha.assign(transparent.rgb.size() / 3, 255);
+  for (std::size_t pixel = 0; pixel < transparent.alpha.size(); ++pixel)
+    if (static_cast<int>(pixel) % transparent.width < 10) transparent.alpha[pixel] = 0;
+  const PixelSampler sampler(scene_, images_, 5);
+  const auto allowed = count_rays(sampler, 0, 4);  // 4 times what is solid, once what is transparent, but for the last
+  ASSERT_GT(allowed.size(), sampler.pixels());
+
+  constexpr int kBatches = 100, kByError = 2000;
+  const auto draw = [&](const std::vector<float>& errors) {
+    std::map<Ray, int> counts;
+    RayBatch batch;
+    for (int i = 0; i < kBatches; ++i) {
+      sampler.gather(3 * i, 3, &batch, {kByError, errors});
+      EXPECT_EQ(batch.n, 3 + kByError);
+      EXPECT_EQ(batch.by_error, kByError);
+      EXPECT_EQ(batch.cell.size(), 3u + kByError);
+      for (int k = 3; k < batch.n; ++k) ++counts[ray_of(batch, k)];
+    }
+    return counts;
+  };
+  const auto chances = [&](const std::map<Ray, int>& counts, const auto& wanted) {
+    double sum = 0;
+    for (const auto& [ray, count] : counts) {
+      EXPECT_TRUE(allowed.contains(ray));
+      if (wanted(ray)) sum += count;
+    }
+    return sum / (kBatches * kByError);
+  };
+  const auto at = [&](std::size_t v) {
+    const Eigen::Vector3f origin = scene_.world_from_camera(scene_.views[v]).translation().cast<float>();
+    return [=](const Ray& ray) { return ray[0] == origin.x() && ray[1] == origin.y() && ray[2] == origin.z(); };
+  };
+  // Pictures of at most 32 pixels across have a cell a pixel. Where all have the same error, a pixel is drawn by its share.
+  std::vector<float> errors(sampler.cells().size(), 0.01f);
+  const auto even = draw(errors);
+  double shares = 0;  // in quarters
+  for (const auto& [ray, count] : allowed) shares += count;
+  for (const std::size_t v : training) {
+    double of_view = 0;
+    for (const auto& [ray, count] : allowed)
+      if (at(v)(ray)) of_view += count;
+    const double expected = of_view / shares;
+    EXPECT_NEAR(chances(even, at(v)), expected, 5 * std::sqrt(expected / (kBatches * kByError)) + 2 / shares) << v;
+  }
+  // A picture whose error is nine times the others' is drawn more often, and so rarely are they.
+  const int picture = 3;
+  std::size_t cells = 0;
+  for (std::size_t cell = 0; cell < errors.size(); ++cell)
+    if (sampler.cells().rect(cell).picture == picture) {
+      errors[cell] *= 9;
+      ++cells;
+    }
+  ASSERT_GT(cells, 0u);
+  const double before = chances(even, at(training[picture])), after = chances(draw(errors), at(training[picture]));
+  EXPECT_GT(after / before, 3);
+  EXPECT_LT(after / before, kCellCandidates);
+}
+
+TEST_F(SamplerTest, RaysByErrorFollowTheEvenOnesAndSayTheirCells) {
+  const PixelSampler sampler(scene_, images_, 5);
+  std::vector<float> errors(sampler.cells().size(), 0.01f);
+  RayBatch plain, batch, again, elsewhere;
+  sampler.gather(320, 64, &plain);
+  EXPECT_TRUE(plain.cell.empty());
+  EXPECT_EQ(plain.by_error, 0);
+  sampler.gather(320, 64, &batch, {32, errors});
+  ASSERT_EQ(batch.n, 96);
+  for (int i = 0; i < 64; ++i) EXPECT_EQ(ray_of(batch, i), ray_of(plain, i));
+  PixelSampler(scene_, images_, 5).gather(320, 64, &again, {32, errors});
+  EXPECT_EQ(again.direction, batch.direction);
+  EXPECT_EQ(again.cell, batch.cell);
+  sampler.gather(384, 64, &elsewhere, {32, errors});
+  int same = 0;
+  for (int i = 64; i < 96; ++i) same += ray_of(batch, i) == ray_of(elsewhere, i);
+  EXPECT_LT(same, 8);
+  for (int i = 0; i < 96; ++i) {  // the colour says the pixel, and a cell is one
+    const Ray ray = ray_of(batch, i);
+    const PixelCells::Rect rect = sampler.cells().rect(batch.cell[i]);
+    EXPECT_EQ(std::lround(ray[6] * 255), 5 * rect.x);
+    EXPECT_EQ(std::lround(ray[7] * 255), 7 * rect.y);
+    EXPECT_EQ(rect.width * rect.height, 1);
+  }
+  EXPECT_TRUE(plain.weight.empty());
+  for (const float weight : batch.weight) EXPECT_NEAR(weight, 1, 1e-5) << "the errors are all the same";
+  errors[batch.cell[3]] = 1;
+  sampler.gather(320, 64, &batch, {32, errors});
+  EXPECT_NEAR(batch.weight[3], 1 / (2 / 3.0 + 8 / 3.0), 0.1) << "drawn about 8 times as often by a third of the rays";
+  EXPECT_EQ(batch.weight.size(), 96u);
+  errors[batch.cell[3]] = 0.01f;
+  sampler.gather(sampler.pixels() - 5, 64, &batch, {32, errors});
+  EXPECT_EQ(batch.n, 5 + 32) << "the end of an epoch";
 }
 
 // A batch is drawn from everywhere: of all pixels of both cameras and all training frames a batch of 400 gets its share.

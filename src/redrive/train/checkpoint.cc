@@ -11,12 +11,15 @@
 namespace redrive {
 namespace {
 
-constexpr const char* kFormat = "redrive-3";
+constexpr const char* kCellErrors = "cell_errors";
+constexpr const char* kFormat = "redrive-4";
 
 /// The numbers of a state beside its model's by name, each visited once: the one list that writing and reading share.
 template <class State, class Visit>
 void visit_numbers(State& state, const Visit& visit) {
   visit("step", state.step);
+  visit("rays_drawn", state.rays_drawn);
+  visit("field_share", state.field_share);
   visit("seconds", state.seconds);
   visit("seed", state.seed);
   visit("restarts", state.restarts);
@@ -63,6 +66,7 @@ void check_state(const TrainState& state, const std::filesystem::path& file) {
   };
   require(state.step >= 0, "step", state.step, "must not be negative");
   require(state.seconds >= 0, "seconds", state.seconds, "must not be negative");
+  require(state.field_share >= 0 && state.field_share <= 1, "field_share", state.field_share, "must be in 0..1");
   require(state.restarts >= 0, "restarts", state.restarts, "must not be negative");
   require(state.rollbacks >= 0, "rollbacks", state.rollbacks, "must not be negative");
   require(state.rate_factor > 0 && state.rate_factor <= 1, "rate_factor", state.rate_factor,
@@ -106,6 +110,8 @@ std::string checkpoint_bytes(const TrainState& state) {
   const std::vector<std::int64_t> all = {static_cast<std::int64_t>(model.parameters.size())};
   entries.push_back({"adam.first_moment", all, state.first_moment.span()});
   entries.push_back({"adam.second_moment", all, state.second_moment.span()});
+  if (!state.cell_errors.empty())
+    entries.push_back({kCellErrors, {static_cast<std::int64_t>(state.cell_errors.size())}, state.cell_errors});
   return safetensors_bytes(metadata, entries);
 }
 
@@ -154,7 +160,17 @@ TrainState parse_checkpoint(std::string_view bytes, const std::filesystem::path&
   const std::vector<ModelTensor> tensors = model.tensors();
   for (const ModelTensor& tensor : tensors)
     hand_over(take(parsed, tensor.name, tensor.shape, file), model.parameters.data() + tensor.offset);
-  const std::size_t expected = tensors.size() + 2;
+  const auto cells = parsed.tensors.find(kCellErrors);
+  const bool with_errors = cells != parsed.tensors.end();
+  if (with_errors) {
+    const auto count = static_cast<std::int64_t>(cells->second.values.size());
+    state.cell_errors = std::move(take(parsed, kCellErrors, {count}, file).values);
+  }
+  for (std::size_t i = 0; i < state.cell_errors.size(); ++i)
+    if (state.cell_errors[i] < 0 || state.cell_errors[i] > kUnseenError)
+      throw InputError(file, kCellErrors + ("[" + std::to_string(i) + "]"), std::to_string(state.cell_errors[i]),
+                       "must be in 0..1");
+  const std::size_t expected = tensors.size() + 2 + with_errors;
   if (parsed.tensors.size() != expected)
     throw InputError(file, "", std::to_string(parsed.tensors.size()) + " tensors",
                      "must be " + std::to_string(expected));

@@ -25,6 +25,8 @@ TrainState midway(TrainState state) {
     state.second_moment[i] = random_unit(2, i) * 1e-30f;
   }
   state.step = 123456789012;
+  state.rays_drawn = 9876543210987;
+  state.field_share = 0.625;
   state.seconds = 0.1 + 0.2;
   state.seed = 18446744073709551615ull;
   state.restarts = 2;
@@ -61,7 +63,9 @@ TrainState example_grid_state(int colour_layers = 1) {
   model->spacing = {0.25f, 321, 7};
   model->proposal_samples = {11, 7};
   model->samples = 5;
-  return midway(initial_state(std::move(model), 3));
+  TrainState state = midway(initial_state(std::move(model), 3));
+  state.cell_errors = {kUnseenError, 1.0f / 3, 0};
+  return state;
 }
 
 void expect_equal(std::span<const float> a, std::span<const float> b) {
@@ -84,6 +88,8 @@ TEST(Checkpoint, RoundTripIsBitExact) {
     EXPECT_EQ(nerf(back).unit_from_world.center, nerf(state).unit_from_world.center);
     EXPECT_EQ(nerf(back).unit_from_world.scale, nerf(state).unit_from_world.scale);
     EXPECT_EQ(back.step, state.step);
+    EXPECT_EQ(back.rays_drawn, state.rays_drawn);
+    EXPECT_EQ(back.field_share, state.field_share);
     EXPECT_EQ(back.seconds, state.seconds);
     EXPECT_EQ(back.seed, state.seed);
     EXPECT_EQ(back.restarts, state.restarts);
@@ -116,6 +122,7 @@ TEST(Checkpoint, GridRoundTripIsBitExact) {
     EXPECT_EQ(b.spacing.half_m, a.spacing.half_m);
     EXPECT_EQ(b.proposal_samples, a.proposal_samples);
     EXPECT_EQ(b.samples, a.samples);
+    EXPECT_EQ(back.cell_errors, state.cell_errors);
     EXPECT_EQ(back.step, state.step);
     EXPECT_EQ(back.window, state.window);
     EXPECT_EQ(checkpoint_bytes(back), bytes);
@@ -280,6 +287,26 @@ TEST(Checkpoint, DamageToAGridIsRefusedAndNamed) {
          p.header["colour.0.weight"]["shape"] = {32, 16};
        },
        "colour.0.weight.shape"},
+      {"errors that are no list",
+       [](Parts& p) {
+         p.header["cell_errors"]["shape"] = {1, 3};
+       },
+       "cell_errors.shape"},
+      {"an error beyond what can be",
+       [](Parts& p) {
+         const float beyond = 1.5f;
+         std::memcpy(p.data.data() + p.header["cell_errors"]["data_offsets"][0].get<std::size_t>() + 4, &beyond, 4);
+       },
+       "cell_errors[1]"},
+      {"an error below",
+       [](Parts& p) {
+         const float below = -0.5f;
+         std::memcpy(p.data.data() + p.header["cell_errors"]["data_offsets"][0].get<std::size_t>() + 8, &below, 4);
+       },
+       "cell_errors[2]"},
+      {"rays drawn", metadata("rays_drawn", "-1"), "__metadata__.rays_drawn"},
+      {"field share", metadata("field_share", "1.5"), "__metadata__.field_share"},
+      {"the format before", metadata("format", "redrive-3"), "__metadata__.format"},
   };
   for (const Damage& damage : table) {
     Parts parts(good);

@@ -189,6 +189,10 @@ std::vector<TrainField> make_fields() {
       number("fine-samples", &O::fine_samples, Range<int>{0, 1024},
              "further samples where the first network found matter"),
       number("batch", &O::batch_rays, Range<int>{1, 65536}, "rays of a step"),
+      number(
+          "error-rays", &O::error_rays, Range<double>{0, 0.9},
+          "share of them that grid draws where the error is, up to 8 times as often as elsewhere; the others see every "
+          "pixel once an epoch"),
       number("lidar-rays", &O::lidar_rays, Range<int>{0, 65536},
              "LiDAR rays of a step besides, where there are any; 0: none"),
       number("learning-rate", &O::learning_rate, Range<double>{0, 1, true}, "of Adam, at the start"),

@@ -80,6 +80,7 @@ void apply_preset(TrainOptions* options, const std::vector<std::string>& given) 
   set("width", options->width, second ? 128 : 256);
   set("samples", options->samples, second ? 48 : 96);
   set("batch", options->batch_rays, 1024);
+  set("error-rays", options->error_rays, 0.0);
   set("lidar-rays", options->lidar_rays, 0);
   set("learning-rate", options->learning_rate, 5e-4);
   set("lr-gamma", options->lr_gamma, 0.5);
@@ -137,6 +138,8 @@ void validate(const TrainOptions& options) {
     if (!options.lr_milestones.empty())
       throw UsageError("--lr-milestones", "", "belong to --method nerf; --lr-gamma says what the rate ends at");
   }
+  if (options.method == "nerf" && options.error_rays > 0)
+    throw UsageError("--error-rays", std::to_string(options.error_rays), "belong to --method grid");
   if (options.method == "nerf" && options.background == "random")
     throw UsageError("--background", "random", "is not for --method nerf, which knows no background; white or black");
   if (options.holdout_every == 1)

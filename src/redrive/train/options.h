@@ -37,6 +37,7 @@ struct TrainOptions {
   int fine_samples = 0;  ///< per ray, 0..1024: hierarchical sampling with a second network
   // optimisation
   int batch_rays = 2048;                    ///< 1..65536
+  double error_rays = 0.5;                  ///< share of batch_rays, 0..0.9; grid
   int lidar_rays = 512;                     ///< of a step, besides; 0..65536
   double learning_rate = 2e-2;              ///< (0, 1]
   double lr_gamma = 0.1;                    ///< (0, 1]: nerf: at each milestone; grid: at the end of the run

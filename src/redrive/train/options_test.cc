@@ -63,14 +63,16 @@ INSTANTIATE_TEST_SUITE_P(
                       Case{"width", "0"}, Case{"width", "16"}, Case{"width", "100"}, Case{"width", "544"},
                       Case{"samples", "2"}, Case{"samples", "1025"}, Case{"fine-samples", "-1"},
                       Case{"fine-samples", "1025"}, Case{"batch", "0"}, Case{"batch", "65537"}, Case{"batch", "65536"},
-                      Case{"learning-rate", "0"}, Case{"learning-rate", "1.5"}, Case{"learning-rate", "nan"},
-                      Case{"lr-gamma", "0"}, Case{"lr-gamma", "2"}, Case{"lr-milestones", "0"},
-                      Case{"lr-milestones", "20,10"}, Case{"lr-milestones", "x"}, Case{"epochs", "0"},
-                      Case{"epochs", "10001"}, Case{"epochs", "99999999999999999999"}, Case{"max-steps", "-5"},
-                      Case{"max-seconds", "-0.5"}, Case{"max-seconds", "inf"}, Case{"max-seconds", "nan"},
-                      Case{"seed", "-1"}, Case{"seed", "18446744073709551616"}, Case{"checkpoint-every", "0"},
-                      Case{"threads", "-2"}, Case{"threads", "1025"}, Case{"backend", "tpu"}, Case{"isa", "sse2"},
-                      Case{"preset", "report-3"}, Case{"background", "grey"}, Case{"background", "random"}));
+                      Case{"error-rays", "-0.1"}, Case{"error-rays", "0.95"}, Case{"error-rays", "0.5"},
+                      Case{"error-rays", "half"}, Case{"learning-rate", "0"}, Case{"learning-rate", "1.5"},
+                      Case{"learning-rate", "nan"}, Case{"lr-gamma", "0"}, Case{"lr-gamma", "2"},
+                      Case{"lr-milestones", "0"}, Case{"lr-milestones", "20,10"}, Case{"lr-milestones", "x"},
+                      Case{"epochs", "0"}, Case{"epochs", "10001"}, Case{"epochs", "99999999999999999999"},
+                      Case{"max-steps", "-5"}, Case{"max-seconds", "-0.5"}, Case{"max-seconds", "inf"},
+                      Case{"max-seconds", "nan"}, Case{"seed", "-1"}, Case{"seed", "18446744073709551616"},
+                      Case{"checkpoint-every", "0"}, Case{"threads", "-2"}, Case{"threads", "1025"},
+                      Case{"backend", "tpu"}, Case{"isa", "sse2"}, Case{"preset", "report-3"},
+                      Case{"background", "grey"}, Case{"background", "random"}));
 
 TEST(TrainOptions, RefusesCamerasThatAreNamedTwiceOrNot) {
   EXPECT_THAT(complaint("cameras", "A,A"), HasSubstr("--cameras"));
@@ -202,6 +204,17 @@ TEST(TrainOptions, SecondSetupTakesTheRearCameraWhereTheMiddleOneIsMissing) {
   options.cameras = {"M_FISHEYE_L"};
   resolve_cameras(&options, recording);
   EXPECT_THAT(options.cameras, ElementsAre("M_FISHEYE_L"));
+}
+
+TEST(TrainOptions, RaysByErrorBelongToTheGrid) {
+  EXPECT_EQ(nerf_options().error_rays, 0);
+  TrainOptions options;
+  options.recording = "drive";
+  for (options.error_rays = 0; options.error_rays < 0.95; options.error_rays += 0.3) EXPECT_NO_THROW(validate(options));
+  options.method = "nerf";
+  apply_preset(&options, {"error-rays"});
+  options.error_rays = 0.25;
+  EXPECT_THROW(validate(options), UsageError) << "given by its user";
 }
 
 TEST(TrainOptions, DefaultMilestonesAreFractionsOfAllSteps) {

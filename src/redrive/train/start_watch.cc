@@ -26,14 +26,15 @@ std::string format(const char* text, double a, double b) {
 
 double colour_variance(const RayBatch& batch) {
   double sum_of_channels = 0;
+  const int n = batch.n - batch.by_error;
   for (int k = 0; k < 3; ++k) {
     double sum = 0, squares = 0;
-    for (int i = 0; i < batch.n; ++i) {
+    for (int i = 0; i < n; ++i) {
       const double value = batch.target[static_cast<std::size_t>(k) * batch.n + i];
       sum += value;
       squares += value * value;
     }
-    sum_of_channels += std::max(0.0, squares / batch.n - (sum / batch.n) * (sum / batch.n));
+    sum_of_channels += std::max(0.0, squares / n - (sum / n) * (sum / n));
   }
   return sum_of_channels / 3;
 }

@@ -25,7 +25,7 @@ constexpr double kExplainedMse = 1e-4;  ///< 40 dB: the field explains its pictu
 std::optional<std::string> watch_start(const StepResult& result, const RayBatch& batch, std::int64_t step,
                                        StartWatch* watch);
 
-/// Variance of a batch's colours about their mean, averaged over the three channels.
+/// Variance of the colours of a batch's even rays about their mean, averaged over the three channels.
 double colour_variance(const RayBatch& batch);
 
 }  // namespace redrive

@@ -47,6 +47,9 @@ struct TrainState {
   std::unique_ptr<Model> model;
   Buffer<float> first_moment, second_moment;  ///< as model->parameters
   std::int64_t step = 0;                      ///< steps done
+  std::uint64_t rays_drawn = 0;               ///< in the epochs' order; those by error do not count
+  std::vector<float> cell_errors;             ///< of PixelSampler::cells; empty: nothing is drawn by error
+  double field_share = 1;                     ///< of the last steps' rays, those that the field was asked about
   double seconds = 0;                         ///< spent in training, resumed runs added up
   std::uint64_t seed = 0;                     ///< in use; differs from the option after a restart
   int restarts = 0;
@@ -59,7 +62,7 @@ struct TrainState {
   LossWindow window;
 };
 
-/// safetensors (so that Python reads it): the model's tensors by name, "adam.first_moment", "adam.second_moment"; method, step,
+/// safetensors (so that Python reads it): the model's tensors by name, "adam.first_moment", "adam.second_moment" and, if any, "cell_errors"; method, step,
 /// seconds, seed and the model's numbers in __metadata__ (strings). Written atomically (base/files.h).
 void save_checkpoint(const std::filesystem::path& file, const TrainState& state);
 /// InputError names file and field: truncated, wrong header, shape that disagrees with its config, non-finite values.

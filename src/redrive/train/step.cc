@@ -10,6 +10,8 @@
 namespace redrive {
 namespace {
 
+constexpr double kShareSmoothing = 1.0 / 32;  // per step
+
 bool all_finite(std::span<const float> values) {
   constexpr std::uint32_t kExponent = 0x7f800000;  // all ones: infinity or NaN
   std::uint32_t bad = 0;
@@ -30,12 +32,17 @@ StepResult train_step(kernels::Backend& backend, const RayBatch& batch, double l
   if (lidar && lidar->n > 0)
     result.range = model.range_gradients(backend, *lidar, state->seed, state->step, gradients, &buffers->workspace);
   ++state->step;
+  state->rays_drawn += static_cast<std::uint64_t>(batch.n - batch.by_error);
   result.finite = std::isfinite(result.loss + result.range) && all_finite(model.sentinels(gradients));
-  if (result.finite)
+  if (result.finite) {
     backend.adam(model.adam(learning_rate, state->step), gradients, model.parameters, state->first_moment,
                  state->second_moment);
-  else
+    if (!batch.cell.empty()) smooth_errors(batch.cell, result.squares, state->cell_errors);
+    if (result.field_rays > 0)
+      state->field_share += kShareSmoothing * (static_cast<double>(result.field_rays) / batch.n - state->field_share);
+  } else {
     std::ranges::fill(gradients, 0.0f);
+  }
   return result;
 }
 

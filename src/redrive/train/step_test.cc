@@ -137,9 +137,67 @@ TEST(TrainStep, OfAGridIsNotAppliedWhicheverPartIsBroken) {
     const std::string before = checkpoint_bytes(state);
     EXPECT_FALSE(train_step(*backend, batch, 1e-2, &state, &buffers).finite) << tensor.name;
     state.step = 0;
+    state.rays_drawn = 0;
     EXPECT_EQ(checkpoint_bytes(state), before) << tensor.name;
     for (const float left : buffers.gradients.span()) ASSERT_EQ(left, 0) << tensor.name;
   }
+}
+
+TEST(TrainStep, TakesInWhatItsRaysMissed) {
+  const auto backend = kernels::make_ref_backend();
+  RayBatch batch = example_batch(8);
+  batch.pixel_angle.assign(8, 0.01f);
+  batch.by_error = 3;
+  batch.cell = {0, 1, 2, 3, 4, 5, 6, 6};
+  auto model = std::make_unique<GridModel>();
+  model->field = {{2, 8, 2, 8, 6}, 16, 2};
+  model->proposal = {1, 1, 4, 4, 8};
+  model->sky = {1, 4, 2, 2, 6};
+  TrainState state = initial_state(std::move(model), 3);
+  state.cell_errors.assign(9, kUnseenError);
+  StepBuffers buffers;
+  const StepResult result = train_step(*backend, batch, 0, &state, &buffers);
+  EXPECT_EQ(state.rays_drawn, 5u);
+  ASSERT_EQ(result.squares.size(), 8u);
+  double even = 0;
+  for (int i = 0; i < 5; ++i) even += result.squares[i] / 5.0;
+  EXPECT_NEAR(result.rgb_mse, even, 1e-6 * even);
+  std::vector<float> expected(9, kUnseenError);
+  smooth_errors(batch.cell, result.squares, expected);
+  EXPECT_EQ(state.cell_errors, expected);
+  EXPECT_LT(expected[6], kUnseenError);
+  EXPECT_EQ(expected[7], kUnseenError);
+
+  batch.target[5] = std::numeric_limits<float>::quiet_NaN();
+  EXPECT_FALSE(train_step(*backend, batch, 1e-2, &state, &buffers).finite);
+  EXPECT_EQ(state.cell_errors, expected);
+  EXPECT_EQ(state.rays_drawn, 10u);
+}
+
+TEST(RaysOfStep, AreMoreWhereManyAreEmpty) {
+  EXPECT_EQ(rays_of_step(2048, 1), 2048);
+  EXPECT_EQ(rays_of_step(2048, 0.8), 2560);
+  EXPECT_EQ(rays_of_step(2048, 0.5), 4096);
+  EXPECT_EQ(rays_of_step(2048, 0), 4096);
+}
+
+TEST(TrainStep, CountsTheRaysThatTheFieldWasAskedAbout) {
+  const auto backend = kernels::make_ref_backend();
+  RayBatch batch = example_batch(64);
+  batch.pixel_angle.assign(64, 0.01f);
+  auto model = std::make_unique<GridModel>();
+  model->field = {{2, 8, 2, 8, 6}, 16, 2};
+  model->proposal = {1, 1, 4, 4, 8};
+  model->sky = {1, 4, 2, 2, 6};
+  TrainState state = initial_state(std::move(model), 3);
+  StepBuffers buffers;
+  EXPECT_EQ(train_step(*backend, batch, 0, &state, &buffers).field_rays, 64);
+  EXPECT_EQ(state.field_share, 1);
+  for (const ModelTensor& tensor : state.model->tensors())
+    if (tensor.name == "proposal") std::fill_n(&state.model->parameters[tensor.offset], tensor.shape[0], -30.0f);
+  const int asked = train_step(*backend, batch, 0, &state, &buffers).field_rays;  // one in 16
+  EXPECT_LT(asked, 16);
+  EXPECT_DOUBLE_EQ(state.field_share, 1 + (asked / 64.0 - 1) / 32);
 }
 
 TEST(TrainStep, DeadFieldHasNoOpacityAndNoGradient) {

@@ -11,6 +11,7 @@
 
 #include <gtest/gtest.h>
 
+#include "redrive/model/grid_model.h"
 #include "redrive/model/nerf_model.h"
 #include "redrive/scene/test_recording.h"
 #include "redrive/train/run.h"
@@ -31,7 +32,7 @@ struct Killed : std::runtime_error {
   Killed() : std::runtime_error("killed") {}
 };
 
-/// Hands everything on to `inner`; a step is what is between two calls of sample_stratified.
+/// Hands everything on to `inner`; a step begins with sample_stratified, in --method grid with its rays' losses.
 class InterferingBackend : public kernels::Backend {
  public:
   InterferingBackend(kernels::Backend& inner, Interference* what) : inner_(inner), what_(*what) {}
@@ -68,7 +69,12 @@ class InterferingBackend : public kernels::Backend {
   }
   kernels::GridStages& grid() override { return inner_.grid(); }
   double photometric_loss(std::span<const float> rgb, std::span<const float> target, std::span<float> d_rgb) override {
-    return inner_.photometric_loss(rgb, target, d_rgb);
+    ++step_;
+    if (step_ == what_.stop_after) what_.stop = true;
+    if (step_ == what_.kill_at) throw Killed();
+    const double loss = inner_.photometric_loss(rgb, target, d_rgb);
+    if (step_ >= what_.nan_from && step_ < what_.nan_to) d_rgb[0] = std::numeric_limits<float>::quiet_NaN();
+    return loss;
   }
   double train_rays(const kernels::NerfField& f, const kernels::Rays& r, const kernels::Samples& s,
                     std::span<const float> target, const kernels::CompositeOut& out,
@@ -131,6 +137,21 @@ inline Run reopened(const Run& run) {
   return again;
 }
 
+/// A fresh run of --method grid with rays by error on the same drive, its tables made small enough for tests.
+inline Run tiny_grid_run(const std::filesystem::path& root, const std::filesystem::path& images, TrainOptions options) {
+  options.method = "grid";
+  options.error_rays = 0.5;
+  Run run = tiny_run(root, images, options);
+  auto& model = dynamic_cast<GridModel&>(*run.state.model);
+  model.field = {{4, 4, 4, 64, 8}, 16, 1};
+  model.proposal.log2_rows = 8;
+  model.sky.log2_rows = 6;
+  model.proposal_samples = {12, 8};
+  model.samples = 6;
+  run.state = initial_state(std::move(run.state.model), options.seed);
+  return run;
+}
+
 /// The state's model, which is of --method nerf.
 inline NerfModel& nerf(TrainState& state) { return dynamic_cast<NerfModel&>(*state.model); }
 inline const NerfModel& nerf(const TrainState& state) { return dynamic_cast<const NerfModel&>(*state.model); }
@@ -141,7 +162,7 @@ inline bool bit_equal(std::span<const float> a, std::span<const float> b) {
 
 inline bool same_weights(const TrainState& a, const TrainState& b) {
   return bit_equal(a.model->parameters, b.model->parameters) && bit_equal(a.first_moment, b.first_moment) &&
-         bit_equal(a.second_moment, b.second_moment);
+         bit_equal(a.second_moment, b.second_moment) && bit_equal(a.cell_errors, b.cell_errors);
 }
 
 /// Runs in a folder of their own.

@@ -37,11 +37,11 @@ class Trainer {
         lidar_sampler_(data.lidar, run->options.seed),
         use_lidar_(options_.lidar_rays > 0 && data.lidar.n > 0),
         saved_seconds_(run->state.seconds) {
-    const std::int64_t per_epoch = sampler_.steps_per_epoch(options_.batch_rays);
+    const std::int64_t per_epoch = sampler_.steps_per_epoch(rays() - rays_by_error());
     steps_ = total_steps(options_, per_epoch);
     milestones_ = milestones(options_, per_epoch);
     steps_per_epoch_ = per_epoch;
-    if (state_.loss_watch.pixels != sampler_.pixels()) state_.loss_watch = {sampler_.pixels()};
+    suit_state();
   }
 
   TrainEnd run(const std::atomic<bool>& stop) {
@@ -49,7 +49,7 @@ class Trainer {
     print_schedule();
     if (state_.step == 0) save();
     while (true) {
-      while (state_.step < steps_ && (options_.max_seconds == 0 || state_.seconds < options_.max_seconds)) {
+      while (progress() < 1) {
         if (stop) return end(TrainEnd::kInterrupted);
         step();
       }
@@ -63,15 +63,33 @@ class Trainer {
   double learning_rate(std::int64_t step) const {
     const double rate = state_.rate_factor * options_.learning_rate;
     if (options_.method == "nerf") return multi_step_rate(rate, options_.lr_gamma, milestones_, step);
-    double progress = static_cast<double>(step) / static_cast<double>(steps_);
+    return decayed_rate(rate, options_.lr_gamma, std::min(progress(), 1.0), step);
+  }
+
+  int rays() const { return rays_of_step(options_.batch_rays, state_.field_share); }
+  int rays_by_error() const { return static_cast<int>(options_.error_rays * rays()); }
+
+  /// Of the run, by the limit that is nearest: 1 is its end.
+  double progress() const {
+    const auto pixels = static_cast<double>(options_.epochs) * static_cast<double>(sampler_.pixels());
+    double progress = static_cast<double>(state_.rays_drawn) / pixels;
+    if (options_.max_steps > 0)
+      progress = std::max(progress, static_cast<double>(state_.step) / static_cast<double>(options_.max_steps));
     if (options_.max_seconds > 0) progress = std::max(progress, state_.seconds / options_.max_seconds);
-    return decayed_rate(rate, options_.lr_gamma, std::min(progress, 1.0), step);
+    return progress;
+  }
+
+  /// What the state knows of the pixels, where they are others than before, as after masks were edited, or it is fresh.
+  void suit_state() {
+    if (state_.loss_watch.pixels != sampler_.pixels()) state_.loss_watch = {sampler_.pixels()};
+    const std::size_t cells = rays_by_error() > 0 ? sampler_.cells().size() : 0;
+    if (state_.cell_errors.size() != cells) state_.cell_errors.assign(cells, kUnseenError);
   }
 
   void step() {
     const auto begin = std::chrono::steady_clock::now();
     const std::int64_t number = state_.step;
-    sampler_.gather(number, options_.batch_rays, &batch_);
+    sampler_.gather(state_.rays_drawn, rays() - rays_by_error(), &batch_, {rays_by_error(), state_.cell_errors});
     if (use_lidar_) lidar_sampler_.gather(number, options_.lidar_rays, &lidar_batch_);
     const StepResult result = train_step(backend_, batch_, learning_rate(number), &state_, &buffers_, &lidar_batch_);
     const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
@@ -115,11 +133,11 @@ class Trainer {
         initial_state(std::move(state_.model), mix64(options_.seed + static_cast<std::uint64_t>(restarts)));
     fresh.restarts = restarts;
     fresh.seconds = state_.seconds;
-    fresh.loss_watch.pixels = sampler_.pixels();
     std::fprintf(stderr, "redrive: step %lld: %s; restarting from another seed (%d of at most %d)\n",
                  static_cast<long long>(state_.step), reason.c_str(), restarts, kMaxRestarts);
     append_restart(run_.paths, state_.step, restarts, fresh.seed, reason);
     state_ = std::move(fresh);
+    suit_state();
     last_was_high_ = false;
     save();
   }
@@ -163,6 +181,7 @@ class Trainer {
                  good.rate_factor, good.rollbacks, kMaxRollbacks);
     append_rollback(run_.paths, state_.step, good.step, good.rollbacks, good.rate_factor, reason);
     state_ = std::move(good);
+    suit_state();
     last_was_high_ = false;
     save();
   }
@@ -172,7 +191,7 @@ class Trainer {
     if (window.steps > 0)
       append_metrics(run_.paths, {state_.step, state_.seconds, window.loss / window.steps,
                                   decibels(window.mse / window.steps), learning_rate(state_.step - 1),
-                                  rays_per_second(), static_cast<int>((state_.step - 1) / steps_per_epoch_)});
+                                  rays_per_second(), static_cast<int>((state_.rays_drawn - 1) / sampler_.pixels())});
     last_was_high_ = is_high(window, state_.loss_watch);
     watch_loss(window, &state_.loss_watch);
     state_.window = {};

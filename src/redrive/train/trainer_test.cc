@@ -94,6 +94,69 @@ TEST_F(TrainerTest, KilledAndResumedEndsAsUninterrupted) {
   EXPECT_TRUE(same_weights(parts.state, whole.state));
 }
 
+// Rays by error follow what the rays before missed: neither threads nor interruptions may change any.
+TEST_F(TrainerTest, AGridWithRaysByErrorEndsTheSameOnAnyThreadsAndWhenKilled) {
+  TrainOptions options = tiny_options(130);
+  options.checkpoint_every = 30;
+  const auto grid_run = [&](const char* name) { return tiny_grid_run(folder_.path / name, folder_.path, options); };
+  redrive::Run whole = grid_run("whole"), single = grid_run("single"), parts = grid_run("parts");
+  train(&whole, *backend_, never_);
+  EXPECT_EQ(whole.state.rays_drawn, 130u * 32);
+  const auto best = std::ranges::min_element(whole.state.cell_errors);
+  EXPECT_LT(*best, 0.1f * kUnseenError);
+  EXPECT_GE(*best, 0);
+  train(&single, *kernels::make_backend({"auto", "auto", 1}), never_);
+  EXPECT_EQ(curve(single), curve(whole));
+  EXPECT_TRUE(same_weights(single.state, whole.state));
+  for (const std::int64_t at : {37, 20}) {
+    Interference interference;
+    interference.kill_at = at;
+    InterferingBackend backend(*backend_, &interference);
+    EXPECT_THROW(train(&parts, backend, never_), Killed);
+    parts = reopened(parts);
+  }
+  Interference interference;
+  interference.stop_after = 12;  // between checkpoints
+  InterferingBackend backend(*backend_, &interference);
+  EXPECT_EQ(train(&parts, backend, interference.stop), TrainEnd::kInterrupted);
+  parts = reopened(parts);
+  EXPECT_EQ(parts.state.step, 43);
+  train(&parts, *backend_, never_);
+  EXPECT_EQ(curve(parts), curve(whole));
+  EXPECT_TRUE(same_weights(parts.state, whole.state));
+}
+
+TEST_F(TrainerTest, ARestartForgetsTheErrors) {
+  const TrainOptions options = tiny_options(40);
+  redrive::Run restarted = tiny_grid_run(folder_.path / "restarted", folder_.path, options);
+  Interference interference;
+  interference.nan_from = 20;
+  interference.nan_to = 21;
+  InterferingBackend backend(*backend_, &interference);
+  train(&restarted, backend, never_);
+  EXPECT_EQ(restarted.state.restarts, 1);
+  EXPECT_EQ(restarted.state.step, 40);
+  redrive::Run fresh = tiny_grid_run(folder_.path / "fresh", folder_.path, options);
+  fresh.state = initial_state(std::move(fresh.state.model), restarted.state.seed);
+  train(&fresh, *backend_, never_);
+  EXPECT_TRUE(same_weights(restarted.state, fresh.state));
+  EXPECT_EQ(restarted.state.rays_drawn, fresh.state.rays_drawn);
+}
+
+TEST_F(TrainerTest, EpochsAreTimesThatEveryPixelIsSeen) {
+  TrainOptions options = tiny_options(0);  // two pictures of 24 x 16
+  options.epochs = 3;
+  redrive::Run nerf = run_named("nerf", options);
+  train(&nerf, *backend_, never_);
+  EXPECT_EQ(nerf.state.rays_drawn, 3u * 768);
+  EXPECT_EQ(nerf.state.step, 3 * 12);
+  options.batch_rays = 100;  // 50 and 50, 18 at the end of an epoch
+  redrive::Run grid = tiny_grid_run(folder_.path / "grid", folder_.path, options);
+  train(&grid, *backend_, never_);
+  EXPECT_EQ(grid.state.rays_drawn, 3u * 768);
+  EXPECT_EQ(grid.state.step, 3 * 16);
+}
+
 TEST_F(TrainerTest, DeadStartIsRestartedFromAnotherSeed) {
   redrive::Run run = run_named("run", tiny_options(60));
   kill_density(&run);
