@@ -20,6 +20,13 @@ if(REDRIVE_TESTS)
   target_precompile_headers(redrive_test_pch PRIVATE ${redrive_headers} <gmock/gmock.h> <gtest/gtest.h>)
 endif()
 
+# Compiles a target's files together: what they share, templates above all, is compiled once. For what is built whole; a change of one
+# file compiles all. Names in a folder's anonymous namespaces must differ.
+set(REDRIVE_UNITY "" CACHE STRING "What is compiled together: nothing, `tests` (those marked TOGETHER), or `all` (libraries, too)")
+function(redrive_compile_together target)
+  set_target_properties(${target} PROPERTIES UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE 8)
+endfunction()
+
 # Done by redrive_library; a program with heavy headers asks for it.
 function(redrive_precompile target)
   if(NOT REDRIVE_FUZZ)
@@ -36,6 +43,9 @@ function(redrive_library name)
     target_link_libraries(redrive_${name} PUBLIC ${ARG_DEPENDS})
     if(NOT name MATCHES "^kernels")
       redrive_precompile(redrive_${name})
+      if(REDRIVE_UNITY STREQUAL "all")
+        redrive_compile_together(redrive_${name})
+      endif()
     endif()
   else()
     add_library(redrive_${name} INTERFACE)
@@ -45,11 +55,11 @@ function(redrive_library name)
   add_library(redrive::${name} ALIAS redrive_${name})
 endfunction()
 
-# Unit tests sit beside the source: redrive_test(camera SOURCES mei_test.cc DEPENDS redrive::camera [LABELS threads])
+# Unit tests sit beside the source: redrive_test(camera SOURCES mei_test.cc DEPENDS redrive::camera [LABELS threads] [TOGETHER])
 # makes the program test_camera. The paths of the shipped samples and of the optional private
 # recordings are compiled in; a test that needs the latter skips visibly where they are not.
 function(redrive_test name)
-  cmake_parse_arguments(ARG "" "" "SOURCES;DEPENDS;LABELS" ${ARGN})
+  cmake_parse_arguments(ARG "TOGETHER" "" "SOURCES;DEPENDS;LABELS" ${ARGN})
   if(NOT REDRIVE_TESTS)
     return()
   endif()
@@ -57,6 +67,9 @@ function(redrive_test name)
   target_link_libraries(test_${name} PRIVATE ${ARG_DEPENDS} GTest::gtest GTest::gmock GTest::gtest_main)
   target_compile_options(test_${name} PRIVATE ${redrive_test_options})
   target_precompile_headers(test_${name} REUSE_FROM redrive_test_pch)
+  if(ARG_TOGETHER AND REDRIVE_UNITY MATCHES "^(tests|all)$")
+    redrive_compile_together(test_${name})
+  endif()
   target_compile_definitions(test_${name} PRIVATE
     REDRIVE_SAMPLES="${CMAKE_SOURCE_DIR}/samples" REDRIVE_SHARED="${CMAKE_SOURCE_DIR}/../shared"
     REDRIVE_SOURCE="${CMAKE_SOURCE_DIR}" REDRIVE_BINARY="${CMAKE_BINARY_DIR}/redrive")

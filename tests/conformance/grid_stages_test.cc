@@ -13,6 +13,7 @@
 #include "candidates.h"
 #include "compare.h"
 #include "grid_case.h"
+#include "redrive/loss/proposal.h"
 
 namespace redrive::kernels::conformance {
 namespace {
@@ -81,8 +82,8 @@ TEST_P(EveryGridBackend, Proposed) {
       for (float& w : weights) w = std::max(w, 0.0f);
       std::fill_n(weights.begin(), size.per_ray, 0.0f);  // the first ray met nothing
       std::vector<float> edges(size.n_rays * (to + 1), NAN), expected(edges.size());
-      backend->grid().proposed(size.n_rays, from.intervals(), weights, to, true, 78, edges);
-      ref->grid().proposed(size.n_rays, from.intervals(), weights, to, true, 78, expected);
+      backend->grid().proposed(size.n_rays, from.intervals(), weights, {to, 0.05f, true, 78}, edges);
+      ref->grid().proposed(size.n_rays, from.intervals(), weights, {to, 0.05f, true, 78}, expected);
       ASSERT_TRUE(bit_equal(edges, expected));
     }
 }
@@ -170,12 +171,13 @@ std::vector<std::size_t> point_counts() {
 
 std::vector<float> table_of(const HashGridConfig& config) { return random_floats(hash_grid_size(config), 245, -1, 1); }
 
-/// [n][levels]: what each level counts for at a point.
+/// [n][levels]: what each level's roundings count for at a point: more than the level itself, as its floor is taken away.
 std::vector<std::vector<double>> level_weights(const HashGridConfig& config, const Points& at) {
   const auto levels = hash_grid_levels(config);
   std::vector<std::vector<double>> out(at.footprint.size());
   for (std::size_t i = 0; i < out.size(); ++i)
-    for (const HashGridLevel& level : levels) out[i].push_back(hash_grid_level_weight<double>(level, at.footprint[i]));
+    for (const HashGridLevel& level : levels)
+      out[i].push_back(hash_grid_level_weight<double>(level, at.footprint[i]) + kLevelFloor / (1 - kLevelFloor));
   return out;
 }
 
@@ -240,11 +242,13 @@ TEST_P(EveryGridBackend, EncodeBackward) {
         ref->grid().encode_backward({config, table}, at.points(), d, expected, expected_position);
         // Shares are not negative, so this is what the absolute terms add up to.
         ref->grid().encode_backward({config, table}, at.points(), magnitude, sums, {});
-        // A term rounds six times, then sums of up to n of them.
+        // A term rounds six times, and its level's weight by 3 of what that may be; then sums of up to n of them.
         const double terms = static_cast<double>(n) + 8;
         ASSERT_TRUE(all_near(
             d_table, [&](auto i) { return double(before) + expected[i]; },
-            [&](std::size_t i) { return terms * u * (sums[i] + (sums[i] > 0 ? before : 0)); }));
+            [&](std::size_t i) {
+              return terms * u * (sums[i] + (sums[i] > 0 ? before : 0)) + 3 * u * static_cast<double>(n);
+            }));
         if (!with_position) continue;
         // Of numbers up to 1, a level adds up to 2 features cells weight along an axis: products and the sum over features, a
         // few roundings of shares, the sum over corners and levels.
@@ -384,7 +388,10 @@ TEST_P(EveryGridBackend, ProposalDensity) {
       ref->grid().proposal_density_backward({config, table}, at.points(), expected, magnitude, sums);
       ASSERT_TRUE(all_near(
           d_table, [&](auto i) { return 0.5 + expected_table[i]; },
-          [&](std::size_t i) { return (static_cast<double>(n) + 9) * u * (sums[i] + (sums[i] > 0 ? 0.5 : 0)); }));
+          [&](std::size_t i) {
+            return (static_cast<double>(n) + 9) * u * (sums[i] + (sums[i] > 0 ? 0.5 : 0)) +
+                   3 * u * static_cast<double>(n);
+          }));
     }
 }
 
@@ -494,7 +501,7 @@ TEST_P(EveryGridBackend, Range) {
   }
 }
 
-TEST_P(EveryGridBackend, Interlevel) {
+TEST_P(EveryGridBackend, Proposal) {
   const auto backend = make(), ref = make_ref_backend();
   int lacking_in_all = 0;
   for (const BatchSize& size : batch_sizes())
@@ -507,17 +514,22 @@ TEST_P(EveryGridBackend, Interlevel) {
         if (const float* edge = &rows.edges[i + i / size.per_ray]; edge[0] == edge[1]) weights[i] = 0;
       std::vector<float> d(proposal.count(), NAN), expected(proposal.count());
       const double loss =
-          backend->grid().interlevel(size.n_rays, rows.intervals(), weights, proposal.intervals(), bounds, d);
+          backend->grid().proposal(size.n_rays, rows.intervals(), weights, proposal.intervals(), bounds, d);
       const double expected_loss =
-          ref->grid().interlevel(size.n_rays, rows.intervals(), weights, proposal.intervals(), bounds, expected);
+          ref->grid().proposal(size.n_rays, rows.intervals(), weights, proposal.intervals(), bounds, expected);
       // In a bound up to m sums round; what is lacking is off by that, its share by two more roundings, and their sum over n
-      // intervals (the loss's, weighted) n times.
+      // intervals (the loss's, weighted) n times. Of the opacities m + n sums round.
       double loss_error = 0;
       for (int ray = 0; ray < size.n_rays; ++ray) {
         std::vector<double> error(m), sum(m);
         const float *const edges = rows.of(ray), *const p = proposal.of(ray);
+        double more = 0, all = 0;
+        for (int j = 0; j < m; ++j) all += bounds[std::size_t(ray) * m + j];
+        more = all;
         for (int i = 0; i < size.per_ray; ++i) {
           const double w = weights[std::size_t(ray) * size.per_ray + i];
+          more -= w;
+          all += w;
           double bound = 0;
           std::set<int> over;
           for (int j = 0; j < m; ++j)
@@ -532,11 +544,14 @@ TEST_P(EveryGridBackend, Interlevel) {
           }
           loss_error += 2 * share * off + off * off / (w + 1e-7) + (size.per_ray + 3) * u * lacking * share;
         }
+        const double off_more = (m + size.per_ray + 4) * u * all, of_opacity = 2 * kOpacityWeight * more;
+        loss_error += kOpacityWeight * (2 * std::abs(more) * off_more + off_more * off_more);
         for (int j = 0; j < m; ++j) {
           const std::size_t at = std::size_t(ray) * m + j;
-          ASSERT_NEAR(d[at], expected[at], (error[j] + (size.per_ray + 2) * u * sum[j]) / size.n_rays)
-              << "ray " << ray << ", " << j;
-          ASSERT_NEAR(d[at], -sum[j] / size.n_rays, (error[j] + (size.per_ray + 2) * u * sum[j]) / size.n_rays);
+          const double off =
+              error[j] + (size.per_ray + 4) * u * (sum[j] + std::abs(of_opacity)) + 2 * kOpacityWeight * off_more;
+          ASSERT_NEAR(d[at], expected[at], off / size.n_rays) << "ray " << ray << ", " << j;
+          ASSERT_NEAR(d[at], (of_opacity - sum[j]) / size.n_rays, off / size.n_rays);
         }
       }
       ASSERT_NEAR(loss, expected_loss, loss_error / size.n_rays + 1e-15 * expected_loss);
@@ -592,8 +607,8 @@ TEST_P(EveryGridBackend, SizesAreChecked) {
   const Intervals short_edges{5, few};
   EXPECT_THROW(stages.spaced({3, origin, direction}, {5, kSpacing}, few), std::logic_error);
   EXPECT_THROW(stages.spaced({3, few, direction}, {5, kSpacing}, encoded), std::logic_error);
-  EXPECT_THROW(stages.proposed(3, rows.intervals(), few, 1, false, 0, few), std::logic_error);
-  EXPECT_THROW(stages.proposed(3, short_edges, n, 1, false, 0, few), std::logic_error);
+  EXPECT_THROW(stages.proposed(3, rows.intervals(), few, {1}, few), std::logic_error);
+  EXPECT_THROW(stages.proposed(3, short_edges, n, {1}, few), std::logic_error);
   EXPECT_THROW(stages.contract({}, {3, origin, direction}, angle, rows.intervals(), few, n), std::logic_error);
   EXPECT_THROW(stages.contract({}, {3, origin, direction}, few, rows.intervals(), n3, n), std::logic_error);
   EXPECT_THROW(stages.encode({config, few}, at.points(), encoded), std::logic_error);
@@ -615,7 +630,7 @@ TEST_P(EveryGridBackend, SizesAreChecked) {
   EXPECT_THROW(stages.proposal_density_backward({config, table}, at.points(), n, few, d_table), std::logic_error);
   EXPECT_THROW(stages.weights(3, rows.intervals(), few, n), std::logic_error);
   EXPECT_THROW(stages.weights_backward(3, rows.intervals(), n, n, n, few), std::logic_error);
-  EXPECT_THROW(stages.interlevel(3, rows.intervals(), n, rows.intervals(), n, few), std::logic_error);
+  EXPECT_THROW(stages.proposal(3, rows.intervals(), n, rows.intervals(), n, few), std::logic_error);
   EXPECT_THROW(stages.range(3, rows.intervals(), n, few, 0.1f, 1, n), std::logic_error);
   EXPECT_THROW(stages.range(3, rows.intervals(), n, std::vector<float>(3), 0.1f, 1, few), std::logic_error);
   EXPECT_THROW(stages.range(3, rows.intervals(), n, std::vector<float>(3), 0, 1, n), std::logic_error);
@@ -651,7 +666,7 @@ std::map<std::string, std::vector<float>> all_stages(GridStages& stages, const G
   auto& weights = made("weights", density.size());
   stages.weights(n_rays, proposal, density, weights);
   auto& field_edges = made("field edges", n_rays * (per_ray + 1));
-  stages.proposed(n_rays, proposal, weights, per_ray, true, 2, field_edges);
+  stages.proposed(n_rays, proposal, weights, {per_ray, 0.1f, true, 2}, field_edges);
   const Intervals intervals{per_ray, field_edges};
   const UnitPoints points = points_of("field", intervals);
   auto& features = made("features", n * field.outputs());
@@ -671,7 +686,7 @@ std::map<std::string, std::vector<float>> all_stages(GridStages& stages, const G
   out["range loss"] = {static_cast<float>(stages.range(
       n_rays, intervals, field_weights, random_floats(n_rays, 284, 1, 30), 0.5f, 2, made("range d_weights", n)))};
   auto& d_weights = made("d_weights", weights.size());
-  const double loss = stages.interlevel(n_rays, intervals, field_weights, proposal, weights, d_weights);
+  const double loss = stages.proposal(n_rays, intervals, field_weights, proposal, weights, d_weights);
   out["loss"] = {static_cast<float>(loss), static_cast<float>(loss * 0x1p30 - std::floor(loss * 0x1p30))};
   auto& d_density = made("d_density", density.size());
   stages.weights_backward(n_rays, proposal, density, weights, d_weights, d_density);

@@ -207,6 +207,33 @@ TEST_F(EndToEnd, OptionsThatCannotBeUsedAreRefusedAndNothingIsWritten) {
   EXPECT_EQ(contents(folder_), before);
 }
 
+// The program and its threads alone take more than 50 MiB; what is needed is said, and that much is enough.
+TEST_F(EndToEnd, MoreThanTheMemoryAllowedIsRefusedWithItsEstimateAndNothingIsWritten) {
+  const fs::path run = folder_ / "run";
+  const auto with_memory = [&](const std::string& memory) {
+    return redrive(train_arguments(run, {"--memory", memory, "--max-steps", "2"}));
+  };
+  const auto before = contents(folder_);
+  const Ended refused = with_memory(std::to_string(50 << 20));
+  EXPECT_EQ(refused.exit_code, kExitUsage) << refused.out << refused.err;
+  EXPECT_THAT(refused.err, AllOf(HasSubstr("--memory"), HasSubstr("of 0.05 GiB allowed"), HasSubstr("lower ")));
+  EXPECT_FALSE(fs::exists(run));
+  EXPECT_EQ(contents(folder_), before);
+
+  const std::string needs = "needs about ";  // 0.08 GiB, say
+  const std::size_t at = refused.err.find(needs);
+  ASSERT_NE(at, std::string::npos) << refused.err;
+  const double needed_gib = std::stod(refused.err.substr(at + needs.size()));
+  EXPECT_EQ(with_memory(std::to_string(needed_gib - 0.006) + "GiB").exit_code, kExitUsage);
+  EXPECT_EQ(contents(folder_), before);
+  const Ended enough = with_memory(std::to_string(needed_gib + 0.006) + "GiB");
+  EXPECT_EQ(enough.exit_code, kExitOk) << enough.err;
+
+  const auto trained = contents(run);
+  EXPECT_EQ(redrive({"resume", run.string(), "--max-steps", "4", "--memory", "0.05GiB"}).exit_code, kExitUsage);
+  EXPECT_EQ(contents(run), trained);
+}
+
 TEST_F(EndToEnd, OptionsOfTheOtherCommandsAreRefusedOutOfRange) {
   const std::string run = trained("run", 3).string();
   const std::vector<std::vector<std::string>> table = {

@@ -42,14 +42,14 @@ bool wait_for_rows(const fs::path& run, std::size_t rows) {
   return false;
 }
 
-/// Seconds of training, of which the first tenths are waited for: no program is done before it is killed.
-const std::vector<std::string> kLong = {"--epochs", "1000", "--max-steps", "1500", "--checkpoint-every", "70"};
+/// A second of training, of which the first quarter is waited for: no program is done before it is killed.
+const std::vector<std::string> kLong = {"--epochs", "1000", "--max-steps", "700", "--checkpoint-every", "70"};
 
 TEST_F(EndToEnd, KilledAndResumedEndsAsUninterrupted) {
   const fs::path whole = folder_ / "whole", parts = folder_ / "parts";
   ASSERT_EQ(redrive(train_arguments(whole, kLong)).exit_code, kExitOk);
 
-  for (const std::size_t rows : {0u, 5u, 12u}) {  // 0: at once, when the first checkpoint may not yet be there
+  for (const std::size_t rows : {0u, 3u, 7u}) {  // 0: at once, when the first checkpoint may not yet be there
     Program program(REDRIVE_BINARY, fs::exists(parts) ? std::vector<std::string>{"resume", parts.string()}
                                                       : train_arguments(parts, kLong));
     ASSERT_TRUE(wait_for_rows(parts, rows));

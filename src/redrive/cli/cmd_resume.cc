@@ -14,7 +14,7 @@ namespace {
 
 constexpr const char* kChangeable[] = {"epochs", "max-steps", "max-seconds", "memory", "backend", "isa", "threads"};
 
-struct Arguments {
+struct ResumeArguments {
   std::string run;
   std::map<std::string, std::string> given;
 };
@@ -25,7 +25,7 @@ const TrainField& field_named(const std::string& name) {
   throw std::logic_error("no training option " + name);
 }
 
-int run_resume(const Arguments& arguments) {
+int run_resume(const ResumeArguments& arguments) {
   const RunLock lock(arguments.run);
   Run run = open_run(arguments.run, /*fresh_if_untrained=*/true);
   for (const auto& [name, value] : arguments.given) field_named(name).parse(run.options, value);
@@ -45,7 +45,7 @@ int run_resume(const Arguments& arguments) {
 }  // namespace
 
 Action configure_resume(CLI::App& command) {
-  auto arguments = std::make_shared<Arguments>();
+  auto arguments = std::make_shared<ResumeArguments>();
   command.add_option("RUN", arguments->run, "folder that train made")->required();
   for (const char* name : kChangeable)
     command.add_option_function<std::string>(

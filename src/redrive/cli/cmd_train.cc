@@ -12,18 +12,18 @@
 namespace redrive {
 namespace {
 
-struct Arguments {
+struct TrainArguments {
   std::map<std::string, std::string> given;  ///< by field name; a flag has an empty value
   std::string out;
 };
 
-std::vector<std::string> given_names(const Arguments& arguments) {
+std::vector<std::string> given_names(const TrainArguments& arguments) {
   std::vector<std::string> names;
   for (const auto& [name, value] : arguments.given) names.push_back(name);
   return names;
 }
 
-TrainOptions parse_options(const Arguments& arguments) {
+TrainOptions parse_options(const TrainArguments& arguments) {
   TrainOptions options;
   for (const TrainField& field : train_fields())
     if (const auto found = arguments.given.find(field.name); found != arguments.given.end())
@@ -38,7 +38,7 @@ TrainOptions parse_options(const Arguments& arguments) {
   return options;
 }
 
-int run_train(const Arguments& arguments) {
+int run_train(const TrainArguments& arguments) {
   Run run;
   run.options = parse_options(arguments);
   refuse_existing_run(arguments.out);
@@ -65,7 +65,7 @@ int run_train(const Arguments& arguments) {
 }  // namespace
 
 Action configure_train(CLI::App& command) {
-  auto arguments = std::make_shared<Arguments>();
+  auto arguments = std::make_shared<TrainArguments>();
   for (const TrainField& field : train_fields()) {
     const auto take = [arguments, name = field.name](const std::string& value) { arguments->given[name] = value; };
     if (field.name == "recording")

@@ -6,6 +6,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/eval/evaluate.h"
+#include "redrive/train/training_data.h"
 
 namespace redrive {
 namespace {
@@ -17,23 +18,33 @@ double range_of(const RenderedImage& image, std::size_t pixel, double far_m) {
   return image.opacity[pixel] < 0.5f ? far_m : image.depth[pixel];
 }
 
+/// The pixel of the full image in the middle of a small one, along either axis.
+std::size_t centre(int small, int factor) { return static_cast<std::size_t>(small) * factor + factor / 2; }
+
 }  // namespace
 
 Coverage::Coverage(const Run& run, kernels::Backend& backend) : far_m_(run.scene.far_m) {
   const Scene& scene = run.scene;
+  const LeftOut left_out = read_left_out(run);
   for (int c = 0; c < static_cast<int>(scene.rig.size()); ++c) {
     std::vector<const View*> training;
     for (const View& view : scene.views)
       if (view.camera == c && !view.held_out) training.push_back(&view);
     const Camera& full = scene.rig[c].camera;
-    const Camera small = full.downscaled(std::clamp(full.width / kSmallWidth, 1, full.height));
+    const int factor = std::clamp(full.width / kSmallWidth, 1, full.height);
+    const Camera small = full.downscaled(factor);
     const RayTable table = make_ray_table(small);
     for (const std::size_t i : evenly_spaced(training.size(), std::max<std::size_t>(1, kMaxViews / scene.rig.size()))) {
       const Rigid3d world_from_camera = scene.world_from_camera(*training[i]);
       const RenderedImage image = render_image(backend, *run.state.model, table, world_from_camera);
+      const Mask mask = view_mask(scene, *training[i], left_out.masks[c], left_out.moving);
       TrainingView view{small, world_from_camera.inverse(Eigen::Isometry), std::vector<float>(image.depth.size())};
-      for (std::size_t k = 0; k < view.range_m.size(); ++k)
-        if (image.valid[k]) view.range_m[k] = static_cast<float>(range_of(image, k, far_m_));
+      for (int y = 0; y < small.height; ++y)
+        for (int x = 0; x < small.width; ++x) {
+          const std::size_t k = static_cast<std::size_t>(y) * small.width + x;
+          if (image.valid[k] && mask.used[centre(y, factor) * full.width + centre(x, factor)])
+            view.range_m[k] = static_cast<float>(range_of(image, k, far_m_));
+        }
       views_.push_back(std::move(view));
     }
   }

@@ -4,23 +4,25 @@
 
 #include <gtest/gtest.h>
 
+#include "redrive/base/temporary_folder.h"
 #include "redrive/model/nerf_model.h"
 #include "redrive/render/paint_backend.h"
+#include "redrive/scene/masks.h"
 
 namespace redrive {
 namespace {
 
-constexpr int kWidth = 41, kHeight = 11;
+constexpr int kColumns = 41, kRows = 11;
 
-/// Looks along z; columns -20..20 see x / z from -1 to 1.
-Camera front_camera() {
+/// Looks along z; columns -20..20 see x / z from -1 to 1. `finer`: so many pixels for each of these along either axis.
+Camera front_camera(int finer = 1) {
   CameraCalibration calibration;
   calibration.model = "opencv_pinhole";
-  calibration.fx = calibration.fy = 20;
-  calibration.cx = 20;
-  calibration.cy = 5;
-  calibration.width = kWidth;
-  calibration.height = kHeight;
+  calibration.fx = calibration.fy = 20 * finer;
+  calibration.cx = 20.5 * finer - 0.5;
+  calibration.cy = 5.5 * finer - 0.5;
+  calibration.width = kColumns * finer;
+  calibration.height = kRows * finer;
   return make_camera(calibration);
 }
 
@@ -51,25 +53,62 @@ class CoverageTest : public testing::Test {
     const Rigid3d pose(Eigen::Translation3d(x_m, 0, 0));
     const RenderedImage image = render_image(walls_, *run_.state.model, front_camera(), pose);
     const auto seen = Coverage(run_, walls_).seen(front_camera(), pose, image);
-    return {seen.begin() + 5 * kWidth, seen.begin() + 6 * kWidth};
+    return {seen.begin() + 5 * kColumns, seen.begin() + 6 * kColumns};
   }
 
+  /// The run's mask of its camera leaves out the columns below `first`.
+  void mask_below(int first) {
+    const RigCamera& rig = run_.scene.rig[0];
+    Mask mask = full_mask(rig.camera.width, rig.camera.height);
+    for (std::size_t i = 0; i < mask.used.size(); ++i) mask.used[i] = static_cast<int>(i) % mask.width >= first;
+    run_.paths.root = folder_.path;
+    std::filesystem::create_directory(run_.paths.masks());
+    write_mask(mask_file(run_.paths.masks(), rig), mask, rig, 1);
+  }
+
+  TemporaryFolder folder_;
   redrive::Run run_;
   PaintBackend walls_{[](const auto&, const auto&) { return std::array<float, 3>{}; }, range_to_walls};
 };
 
-TEST_F(CoverageTest, AViewSeesItself) { EXPECT_EQ(seen_from(0), std::vector<std::uint8_t>(kWidth, 1)); }
+TEST_F(CoverageTest, AViewSeesItself) { EXPECT_EQ(seen_from(0), std::vector<std::uint8_t>(kColumns, 1)); }
 
 // From 2 m to the right, column c (x / z = (c - 20) / 20) meets the board (x in [-1, 1] at 5 m) in columns 8 to 16. The wall
 // is seen at x = 2 + (c - 20) / 2: what the board hides from the origin, x in [-2, 2], is columns 17 to 20 (12 to 16 lie
 // behind the board here, too), and what lies beside the training image, x > 10, columns 37 to 40.
 TEST_F(CoverageTest, HiddenAndOutsideAreNotSeen) {
   const std::vector<std::uint8_t> seen = seen_from(2);
-  for (int c = 0; c < kWidth; ++c) {
+  for (int c = 0; c < kColumns; ++c) {
     if (c == 20 || c == 36) continue;  // on the edge of a pixel
     const bool hidden = c >= 17 && c<20, outside = c> 36;
     EXPECT_EQ(seen[c], hidden || outside ? 0 : 1) << c;
   }
+}
+
+TEST_F(CoverageTest, WhatTheRunLeavesOutIsNotSeen) {
+  mask_below(10);
+  std::vector<std::uint8_t> right(kColumns, 1);
+  std::fill_n(right.begin(), 10, 0);
+  EXPECT_EQ(seen_from(0), right);
+
+  run_.options.masks = "none";
+  EXPECT_EQ(seen_from(0), std::vector<std::uint8_t>(kColumns, 1));
+}
+
+// From 5 m to the left the same points of the wall lie ten columns further right.
+TEST_F(CoverageTest, WhatOneViewLeavesOutAnotherMaySee) {
+  mask_below(10);
+  run_.scene.views.push_back({0, 0, "", false, Rigid3d(Eigen::Translation3d(-5, 0, 0))});
+  EXPECT_EQ(seen_from(0), std::vector<std::uint8_t>(kColumns, 1));
+}
+
+// 164 columns, of which depth is rendered at every other one: each of these stands for two columns of the mask.
+TEST_F(CoverageTest, MasksAreOfTheFullPicture) {
+  run_.scene.rig[0].camera = run_.scene.rig[0].recorded = front_camera(4);
+  mask_below(40);
+  std::vector<std::uint8_t> right(kColumns, 1);
+  std::fill_n(right.begin(), 10, 0);
+  EXPECT_EQ(seen_from(0), right);
 }
 
 }  // namespace

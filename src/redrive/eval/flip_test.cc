@@ -9,16 +9,16 @@
 namespace redrive {
 namespace {
 
-constexpr int kWidth = 48, kHeight = 32;
+constexpr int kFlipWidth = 48, kFlipHeight = 32;
 
 std::vector<float> uniform(float r, float g, float b) {
   std::vector<float> image;
-  for (int i = 0; i < kWidth * kHeight; ++i) image.insert(image.end(), {r, g, b});
+  for (int i = 0; i < kFlipWidth * kFlipHeight; ++i) image.insert(image.end(), {r, g, b});
   return image;
 }
 
 double flip_of(const std::vector<float>& a, const std::vector<float>& b, std::span<const std::uint8_t> mask = {}) {
-  return flip(a, b, mask, kWidth, kHeight);
+  return flip(a, b, mask, kFlipWidth, kFlipHeight);
 }
 
 TEST(Flip, EqualPicturesDoNotDiffer) { EXPECT_EQ(flip_of(uniform(0.3f, 0.5f, 0.7f), uniform(0.3f, 0.5f, 0.7f)), 0); }
@@ -47,8 +47,8 @@ TEST(Flip, IsSymmetricAndBounded) {
 /// Squares of `size` pixels, black and white.
 std::vector<float> checkerboard(int size) {
   std::vector<float> image;
-  for (int y = 0; y < kHeight; ++y)
-    for (int x = 0; x < kWidth; ++x) image.insert(image.end(), 3, static_cast<float>((x / size + y / size) % 2));
+  for (int y = 0; y < kFlipHeight; ++y)
+    for (int x = 0; x < kFlipWidth; ++x) image.insert(image.end(), 3, static_cast<float>((x / size + y / size) % 2));
   return image;
 }
 
@@ -62,14 +62,14 @@ TEST(Flip, WhatTheEyeCannotResolveHardlyCounts) {
 
 TEST(Flip, MaskedPixelsDoNotCount) {
   std::vector<float> a = uniform(0.2f, 0.4f, 0.6f), b = a;
-  std::vector<std::uint8_t> mask(kWidth * kHeight, 1);
-  for (int x = 0; x < kWidth; ++x) {
+  std::vector<std::uint8_t> mask(kFlipWidth * kFlipHeight, 1);
+  for (int x = 0; x < kFlipWidth; ++x) {
     mask[x] = 0;
     for (int c = 0; c < 3; ++c) b[3 * x + c] = 1;
   }
   EXPECT_GT(flip_of(a, b), 0);
   EXPECT_EQ(flip_of(a, b, mask), 0);
-  EXPECT_TRUE(std::isnan(flip_of(a, b, std::vector<std::uint8_t>(kWidth * kHeight, 0))));
+  EXPECT_TRUE(std::isnan(flip_of(a, b, std::vector<std::uint8_t>(kFlipWidth * kFlipHeight, 0))));
 }
 
 }  // namespace

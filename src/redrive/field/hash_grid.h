@@ -50,12 +50,18 @@ inline std::uint32_t hash_grid_row(const HashGridLevel& level, std::uint32_t x, 
   return (x + ((y * kHashPrimeY) ^ (z * kHashPrimeZ))) & (level.rows - 1);
 }
 
-/// What a level finer than the sample is long counts for: 1 / max(1, 2 cells footprint) (Tonderski et al., "NeuRAD", 2024,
-/// section 3.1). `footprint`: standard deviation of the sample's volume in the unit cube.
+/// A level that would count for less than this counts for nothing, so that it need not be looked up; those above are stretched to
+/// 0..1. Chosen by measurement among 0, 0.1, 0.2 and 0.3 (docs/benchmarks.md).
+constexpr float kLevelFloor = 0.2f;
+
+/// What a level finer than the sample is long counts for: w = 1 / max(1, 2 cells footprint) (Tonderski et al., "NeuRAD", 2024,
+/// section 3.1), of which what is above the floor. `footprint`: standard deviation of the sample's volume in the unit cube.
 template <class T>
 T hash_grid_level_weight(const HashGridLevel& level, T footprint) {
   const T widths = T(2.0 * level.cells) * footprint;
-  return widths > T(1) ? T(1) / widths : T(1);
+  if (!(widths > T(1))) return T(1);
+  const T above = T(1) / widths - T(kLevelFloor);
+  return above > T(0) ? above / (T(1) - T(kLevelFloor)) : T(0);
 }
 
 /// Vertex coordinates of the cell that holds a point, and where in it the point lies.

@@ -183,7 +183,9 @@ TEST(HashGrid, LevelsFinerThanTheFootprintCountForLess) {
   EXPECT_EQ(hash_grid_level_weight(level, 0.0), 1);
   EXPECT_EQ(hash_grid_level_weight(level, 1.0 / 128), 1);
   EXPECT_NEAR(hash_grid_level_weight(level, (1 + 1e-12) / 128), 1, 2e-12);
-  EXPECT_EQ(hash_grid_level_weight(level, 1.0 / 32), 0.25);
+  EXPECT_NEAR(hash_grid_level_weight(level, 1.0 / 32), 0.05 / 0.8, 1e-7);
+  EXPECT_NEAR(hash_grid_level_weight(level, 1.0 / 64), 0.3 / 0.8, 1e-7);
+  EXPECT_EQ(hash_grid_level_weight(level, 1.0 / 25), 0);
   EXPECT_EQ(hash_grid_level_weight(level, std::numeric_limits<double>::infinity()), 0);
   // The whole encoding: level by level the plain one times this.
   const HashGridConfig config{4, 2, 4, 32, 8};

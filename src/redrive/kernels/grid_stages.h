@@ -55,15 +55,23 @@ struct SpacedIntervals {
   std::uint64_t key = 0;
 };
 
+/// How further intervals are drawn: sampling/proposal.h proposed_edges.
+struct ProposedIntervals {
+  int per_ray = 0;
+  float padding = 0.01f;
+  bool jitter = true;
+  std::uint64_t key = 0;
+};
+
 class GridStages {
  public:
   virtual ~GridStages() = default;
 
   // ---- sampling/
   virtual void spaced(const Rays& rays, const SpacedIntervals& how, std::span<float> edges) = 0;
-  /// proposed_edges: `per_ray` new intervals from those of `from` and their weights [n_rays, from.per_ray].
-  virtual void proposed(int n_rays, const Intervals& from, std::span<const float> weights, int per_ray, bool jitter,
-                        std::uint64_t key, std::span<float> edges) = 0;
+  /// New intervals from those of `from` and their weights [n_rays, from.per_ray].
+  virtual void proposed(int n_rays, const Intervals& from, std::span<const float> weights, const ProposedIntervals& how,
+                        std::span<float> edges) = 0;
 
   // ---- field/
   /// Middles of all intervals in the unit cube. pixel_angle [n_rays]: side of a pixel, rad. A sample's volume is a box of
@@ -98,10 +106,10 @@ class GridStages {
                                 std::span<float> d_density) = 0;
 
   // ---- loss/
-  /// loss/proposal.h interlevel_loss, mean over rays; writes d_proposal [n_rays, proposal.per_ray].
-  virtual double interlevel(int n_rays, const Intervals& intervals, std::span<const float> weights,
-                            const Intervals& proposal, std::span<const float> proposal_weights,
-                            std::span<float> d_proposal) = 0;
+  /// loss/proposal.h proposal_loss, mean over rays; writes d_proposal [n_rays, proposal.per_ray].
+  virtual double proposal(int n_rays, const Intervals& intervals, std::span<const float> weights,
+                          const Intervals& proposal, std::span<const float> proposal_weights,
+                          std::span<float> d_proposal) = 0;
   /// loss/range.h range_loss of returns at range_m [n_rays], mean over rays; writes d_weights [n_rays, per_ray], `factor` times.
   virtual double range(int n_rays, const Intervals& intervals, std::span<const float> weights,
                        std::span<const float> range_m, float spread_m, float factor, std::span<float> d_weights) = 0;

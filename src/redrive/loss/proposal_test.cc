@@ -28,12 +28,10 @@ struct Histogram {
   int n() const { return static_cast<int>(weights.size()); }
 };
 
-template <class T>
-T loss_of(const Histogram& field, const Histogram& proposal, const std::vector<T>& proposal_weights, T scale,
-          std::vector<T>* d_proposal) {
-  const std::vector<T> weights(field.weights.begin(), field.weights.end());
-  return interlevel_loss(field.edges.data(), weights.data(), field.n(), proposal.edges.data(), proposal_weights.data(),
-                         proposal.n(), scale, d_proposal->data());
+double loss_of(const Histogram& field, const Histogram& proposal, const std::vector<double>& proposal_weights,
+               double scale, std::vector<double>* d_proposal) {
+  return interlevel_loss(field.edges.data(), field.weights.data(), field.n(), proposal.edges.data(),
+                         proposal_weights.data(), proposal.n(), scale, d_proposal->data());
 }
 
 TEST(InterlevelLoss, IsZeroForAnEnvelope) {
@@ -84,20 +82,44 @@ TEST(InterlevelLoss, BoundIsTheSumOverIntervalsThatOverlap) {
   EXPECT_GT(lacking, 100);
 }
 
-TEST(InterlevelLoss, DerivativeAgreesWithDualNumbers) {
+TEST(OpacityLoss, IsTheSquareOfTheDifference) {
+  const double weights[] = {0.5, 0.25}, proposal[] = {0.25, 0.25, 0.5};
+  double d[3] = {0, 0, 7};
+  EXPECT_EQ(opacity_loss(weights, 2, proposal, 3, 10.0, d), 0.0625);
+  EXPECT_EQ(d[0], 5);
+  EXPECT_EQ(d[1], 5);
+  EXPECT_EQ(d[2], 12);
+}
+
+TEST(ProposalLoss, EnvelopesGoDownWhereTheFieldIsEmpty) {
+  const Histogram field(24, 0, 1), proposal(16, 0.5, 2);
+  double sum = 0;
+  for (const double w : proposal.weights) sum += w;
+  std::vector<double> d(16);
+  const double loss = proposal_loss(field.edges.data(), field.weights.data(), 24, proposal.edges.data(),
+                                    proposal.weights.data(), 16, 1.0, d.data());
+  EXPECT_GT(loss, 1e-3);
+  EXPECT_NEAR(loss, kOpacityWeight * sum * sum, 1e-15);
+  for (const double of_weight : d) EXPECT_NEAR(of_weight, 2 * kOpacityWeight * sum, 1e-15);
+}
+
+TEST(ProposalLoss, DerivativeAgreesWithDualNumbers) {
   constexpr int kProposal = 16;
   using D = Dual<double, kProposal>;
   for (std::uint64_t seed = 0; seed < 10; ++seed) {
     const Histogram field(24, 0.9, 400 + seed), proposal(kProposal, 0.6, 600 + seed);
     const double scale = 3;
     std::vector<double> d(kProposal, 0.25);
-    loss_of(field, proposal, proposal.weights, scale, &d);
+    proposal_loss(field.edges.data(), field.weights.data(), field.n(), proposal.edges.data(), proposal.weights.data(),
+                  kProposal, scale, d.data());
     std::vector<D> weights(kProposal), ignored(kProposal);
     for (int j = 0; j < kProposal; ++j) weights[j] = D::variable(proposal.weights[j], j);
-    const D loss = loss_of(field, proposal, weights, D(1), &ignored);
+    const std::vector<D> of_field(field.weights.begin(), field.weights.end());
+    const D loss = proposal_loss(field.edges.data(), of_field.data(), field.n(), proposal.edges.data(), weights.data(),
+                                 kProposal, D(1), ignored.data());
     EXPECT_GT(loss.value, 1e-3);
-    // At most 24 terms of at most 2 scale.
-    for (int j = 0; j < kProposal; ++j) EXPECT_NEAR(d[j], 0.25 + scale * loss.d[j], 24 * 8 * 2 * scale * 0x1p-53) << j;
+    // At most 25 terms of at most 2 scale.
+    for (int j = 0; j < kProposal; ++j) EXPECT_NEAR(d[j], 0.25 + scale * loss.d[j], 25 * 8 * 2 * scale * 0x1p-53) << j;
   }
 }
 

@@ -22,12 +22,26 @@ constexpr float kFirstSpread_m = 1, kLastSpread_m = 0.1f, kSpreadHalvesIn = 300;
 /// Of the mean square of all log gains against the colours' loss: a hundredth of what a camera's pictures say of one.
 constexpr float kGainWeight = 5e-4f;
 
-/// Of the chances in three rounds of sampling.
-std::array<std::uint64_t, 3> sample_keys(std::uint64_t seed, std::uint64_t stream, std::int64_t step) {
-  std::array<std::uint64_t, 3> keys;
-  for (int round = 0; round < 3; ++round)
-    keys[round] = random_key(seed, stream, 3 * static_cast<std::uint64_t>(step) + round);
-  return keys;
+/// A ray on which the proposals see less than this is taken for empty: at most two and a half steps of 255.
+constexpr float kEmptyOpacity = 0.01f;
+/// Of those in training, so that what grows there is seen.
+constexpr float kEmptyRaysKept = 1 / 16.0f;
+
+/// The rows of `live` rays, `width` numbers each.
+std::span<float> pick_rows(std::span<const float> from, int width, std::span<const int> live, Workspace* workspace) {
+  const std::span<float> out = workspace->take(live.size() * width);
+  for (std::size_t i = 0; i < live.size(); ++i)
+    std::copy_n(&from[static_cast<std::size_t>(live[i]) * width], width, &out[i * width]);
+  return out;
+}
+
+/// The same of [rows, rays].
+std::span<float> pick_columns(std::span<const float> from, int rows, std::span<const int> live, Workspace* workspace) {
+  const std::span<float> out = workspace->take(live.size() * rows);
+  const std::size_t rays = from.size() / rows;
+  for (int row = 0; row < rows; ++row)
+    for (std::size_t i = 0; i < live.size(); ++i) out[row * live.size() + i] = from[row * rays + live[i]];
+  return out;
 }
 
 /// Where half of what a ray meets lies before: unlike the mean it does not care how far behind it the rest is.
@@ -43,6 +57,18 @@ float median_distance(const float* edges, const float* weights, int n, float tot
 
 }  // namespace
 
+/// Of a step: of the three rounds of sampling, and of which empty rays are looked at all the same.
+struct GridModel::Chance {
+  std::array<std::uint64_t, 3> of_round;
+  std::uint64_t of_empty;
+
+  Chance(std::uint64_t seed, std::uint64_t stream, std::int64_t step) {
+    const auto first = 4 * static_cast<std::uint64_t>(step);
+    for (int round = 0; round < 3; ++round) of_round[round] = random_key(seed, stream, first + round);
+    of_empty = random_key(seed, stream, first + 3);
+  }
+};
+
 /// Intervals of one round with their points.
 struct GridModel::Round {
   kernels::Intervals intervals;
@@ -50,11 +76,18 @@ struct GridModel::Round {
   std::span<float> density, weights;
 };
 
+/// Of all rays, but for what the field is asked for: of the live ones, those that are not empty.
 struct GridModel::Pass {
-  Round proposal[2], field;
-  kernels::Samples samples;
-  std::span<float> features, harmonics, raw, background, sky_features, gains;
+  Round proposal[2];
+  kernels::Intervals intervals;  ///< the field's
+  std::span<float> background, sky_features, gains;
   kernels::UnitPoints sky_points;
+
+  std::vector<int> live;  ///< ascending
+  bool some_are_empty = false;
+  Round field;
+  kernels::Samples samples;
+  std::span<float> features, harmonics, raw, background_of_live;
 };
 
 std::size_t GridModel::part_size(int part) const {
@@ -114,6 +147,7 @@ void GridModel::visit_numbers(NumberVisitor& visit) {
   visit("first_proposals", proposal_samples[0]);
   visit("second_proposals", proposal_samples[1]);
   visit("samples", samples);
+  visit("proposal_padding", proposal_padding);
 }
 
 void GridModel::check(const std::filesystem::path& file) const {
@@ -152,6 +186,8 @@ void GridModel::check(const std::filesystem::path& file) const {
   require(spacing.half_m > 0, "spacing.half_m", spacing.half_m, "must be above 0");
   for (const int count : {proposal_samples[0], proposal_samples[1], samples})
     require(count >= 1 && count <= 1024, "samples", count, "must be in 1..1024");
+  require(proposal_padding > 0 && proposal_padding <= 1000, "proposal_padding", proposal_padding,
+          "must be above 0, up to 1000");
 }
 
 std::vector<ModelTensor> GridModel::tensors() const {
@@ -230,21 +266,28 @@ void GridModel::look_at_sky(kernels::Backend& backend, const RayBatch& batch, Pa
     }
 }
 
-GridModel::Pass GridModel::sample(kernels::Backend& backend, const RayBatch& batch,
-                                  const std::array<std::uint64_t, 3>* keys, Workspace* workspace) const {
+GridModel::Pass GridModel::propose(kernels::Backend& backend, const RayBatch& batch, const Chance* chance,
+                                   Workspace* workspace) const {
   kernels::GridStages& stages = backend.grid();
   const int n = batch.n;
-  const std::size_t rays = n;
-  const bool jitter = keys != nullptr;
-  const auto key = [&](int round) { return keys ? (*keys)[round] : 0; };
+  const bool jitter = chance != nullptr;
+  const auto key = [&](int round) { return chance ? chance->of_round[round] : 0; };
+  const auto edges_for = [&](int per_ray) { return workspace->take(static_cast<std::size_t>(n) * (per_ray + 1)); };
+  const auto draw = [&](const Round& from, int per_ray, int round) {
+    const auto edges = edges_for(per_ray);
+    stages.proposed(n, from.intervals, from.weights, {per_ray, proposal_padding, jitter, key(round)}, edges);
+    return edges;
+  };
   Pass pass;
   for (int i = 0; i < 2; ++i) {
     const int per_ray = proposal_samples[i];
-    const auto edges = workspace->take(rays * (per_ray + 1));
-    if (i == 0)
+    std::span<float> edges;
+    if (i == 0) {
+      edges = edges_for(per_ray);
       stages.spaced(rays_of(batch), {per_ray, spacing, contraction, jitter, key(0)}, edges);
-    else
-      stages.proposed(n, pass.proposal[0].intervals, pass.proposal[0].weights, per_ray, jitter, key(1), edges);
+    } else {
+      edges = draw(pass.proposal[0], per_ray, 1);
+    }
     Round& round = pass.proposal[i];
     round = place(backend, batch, per_ray, edges, workspace);
     round.density = workspace->take(round.points.n);
@@ -252,11 +295,31 @@ GridModel::Pass GridModel::sample(kernels::Backend& backend, const RayBatch& bat
     stages.proposal_density(grid(kProposalGrid), density_scale(), round.points, round.density);
     stages.weights(n, round.intervals, round.density, round.weights);
   }
-  const auto edges = workspace->take(rays * (samples + 1));
-  stages.proposed(n, pass.proposal[1].intervals, pass.proposal[1].weights, samples, jitter, key(2), edges);
-  pass.field = place(backend, batch, samples, edges, workspace);
+  pass.intervals = {samples, draw(pass.proposal[1], samples, 2)};
+  return pass;
+}
 
-  const std::size_t count = pass.field.points.n;
+std::vector<int> GridModel::live_rays(const Pass& pass, int n, const Chance* chance) const {
+  const Round& round = pass.proposal[1];
+  std::vector<int> live;
+  live.reserve(n);
+  for (int ray = 0; ray < n; ++ray) {
+    const auto found = round.weights.subspan(static_cast<std::size_t>(ray) * round.intervals.per_ray,
+                                             static_cast<std::size_t>(round.intervals.per_ray));
+    // Not "below": what is not a number goes on into the loss.
+    if (!(std::accumulate(found.begin(), found.end(), 0.0f) < kEmptyOpacity) ||
+        (chance && random_unit(chance->of_empty, static_cast<std::uint64_t>(ray)) < kEmptyRaysKept))
+      live.push_back(ray);
+  }
+  if (live.empty()) live.push_back(0);  // stages are for at least one
+  return live;
+}
+
+void GridModel::sample(kernels::Backend& backend, const RayBatch& batch, Pass* pass, Workspace* workspace) const {
+  const std::size_t rays = pass->live.size(), count = rays * samples;
+  auto edges = pass->intervals.edges;
+  if (pass->some_are_empty) edges = pick_rows(edges, samples + 1, pass->live, workspace);
+  pass->field = place(backend, batch, samples, edges, workspace);
   const auto t = workspace->take(count), dt = workspace->take(count);
   for (std::size_t ray = 0, i = 0; ray < rays; ++ray)
     for (int s = 0; s < samples; ++s, ++i) {
@@ -264,20 +327,53 @@ GridModel::Pass GridModel::sample(kernels::Backend& backend, const RayBatch& bat
       t[i] = 0.5f * (begin + end);
       dt[i] = end - begin;
     }
-  pass.samples = {samples, t, dt};
-  pass.features = workspace->take(count * field.grid.outputs());
-  stages.encode(grid(kFieldGrid), pass.field.points, pass.features);
-  pass.raw = workspace->take(4 * count);
-  return pass;
+  pass->samples = {samples, t, dt};
+  pass->features = workspace->take(count * field.grid.outputs());
+  backend.grid().encode(grid(kFieldGrid), pass->field.points, pass->features);
+  pass->raw = workspace->take(4 * count);
 }
 
-GridModel::Pass GridModel::forward(kernels::Backend& backend, const RayBatch& batch,
-                                   const std::array<std::uint64_t, 3>* keys, const kernels::CompositeOut& out,
-                                   Workspace* workspace) const {
-  Pass pass = sample(backend, batch, keys, workspace);
+GridModel::Pass GridModel::forward(kernels::Backend& backend, const RayBatch& batch, const Chance* chance,
+                                   const kernels::CompositeOut& out, Workspace* workspace) const {
+  const int n = batch.n;
+  Pass pass = propose(backend, batch, chance, workspace);
+  pass.live = live_rays(pass, n, chance);
+  const int live = static_cast<int>(pass.live.size());
+  pass.some_are_empty = live < n;
   look_at_sky(backend, batch, &pass, workspace);
-  backend.grid().network_forward(network(), batch.n, samples, pass.features, pass.harmonics, pass.raw);
-  backend.composite_forward(batch.n, pass.samples, pass.raw, pass.background, out);
+  pass.background_of_live = pass.background;
+  kernels::CompositeOut seen = out;
+  if (pass.some_are_empty) {
+    RayBatch of_live;
+    of_live.n = live;
+    for (const int ray : pass.live) of_live.pixel_angle.push_back(batch.pixel_angle[ray]);
+    for (int k = 0; k < 3; ++k)
+      for (const int ray : pass.live) {
+        of_live.origin.push_back(batch.origin[k * n + ray]);
+        of_live.direction.push_back(batch.direction[k * n + ray]);
+      }
+    sample(backend, of_live, &pass, workspace);
+    pass.harmonics = pick_rows(pass.harmonics, kHarmonics, pass.live, workspace);
+    pass.background_of_live = pick_columns(pass.background, 3, pass.live, workspace);
+    seen = {workspace->take(3 * pass.live.size()), workspace->take(live), workspace->take(live),
+            workspace->take(static_cast<std::size_t>(live) * samples)};
+  } else {
+    sample(backend, batch, &pass, workspace);
+  }
+  backend.grid().network_forward(network(), live, samples, pass.features, pass.harmonics, pass.raw);
+  backend.composite_forward(live, pass.samples, pass.raw, pass.background_of_live, seen);
+  if (pass.some_are_empty) {
+    std::ranges::copy(pass.background, out.rgb.begin());
+    for (const std::span<float> rest : {out.depth, out.opacity, out.weights}) std::ranges::fill(rest, 0.0f);
+    for (int i = 0; i < live; ++i) {
+      const std::size_t ray = pass.live[i];
+      for (int k = 0; k < 3; ++k) out.rgb[k * n + ray] = seen.rgb[k * live + i];
+      out.depth[ray] = seen.depth[i];
+      out.opacity[ray] = seen.opacity[i];
+      std::ranges::copy(seen.weights.subspan(static_cast<std::size_t>(i) * samples, samples),
+                        out.weights.begin() + static_cast<std::ptrdiff_t>(ray * samples));
+    }
+  }
   pass.gains = workspace->take(out.rgb.size());
   expose(batch, out.rgb, pass.gains);
   return pass;
@@ -289,7 +385,7 @@ void GridModel::render(kernels::Backend& backend, const RayBatch& batch, const k
   const auto weights = workspace->take(static_cast<std::size_t>(batch.n) * samples);
   const Pass pass = forward(backend, batch, nullptr, {out.rgb, out.depth, out.opacity, weights}, workspace);
   for (int ray = 0; ray < batch.n; ++ray)
-    out.depth[ray] = median_distance(&pass.field.intervals.edges[static_cast<std::size_t>(ray) * (samples + 1)],
+    out.depth[ray] = median_distance(&pass.intervals.edges[static_cast<std::size_t>(ray) * (samples + 1)],
                                      &weights[static_cast<std::size_t>(ray) * samples], samples, out.opacity[ray]);
 }
 
@@ -300,10 +396,11 @@ StepLosses GridModel::gradients(kernels::Backend& backend, const RayBatch& batch
   const auto rgb = workspace->take(3 * rays), depth = workspace->take(rays), opacity = workspace->take(rays),
              weights = workspace->take(rays * samples), d_rgb = workspace->take(3 * rays);
   const kernels::CompositeOut out{rgb, depth, opacity, weights};
-  const auto keys = sample_keys(seed, kStreamSamples, step);
-  const Pass pass = forward(backend, batch, &keys, out, workspace);
+  const Chance chance(seed, kStreamSamples, step);
+  const Pass pass = forward(backend, batch, &chance, out, workspace);
 
   StepLosses losses;
+  losses.field_rays = static_cast<int>(pass.live.size());
   losses.rgb_mse = backend.photometric_loss(rgb, std::span(batch.target).first(3 * rays), d_rgb);
   losses.colours = robust(batch, rgb, d_rgb, &losses.squares);
   if (batch.by_error > 0)
@@ -313,8 +410,9 @@ StepLosses GridModel::gradients(kernels::Backend& backend, const RayBatch& batch
   for (const float value : opacity) losses.opacity += value / static_cast<double>(rays);
 
   const auto d_raw = workspace->take(pass.raw.size());
-  backend.composite_backward(batch.n, pass.samples, pass.raw, pass.background, {d_rgb, {}}, d_raw);
-  backward_field(backend, batch.n, pass, d_raw, gradients, workspace);
+  const auto d_seen = pass.some_are_empty ? pick_columns(d_rgb, 3, pass.live, workspace) : d_rgb;
+  backend.composite_backward(losses.field_rays, pass.samples, pass.raw, pass.background_of_live, {d_seen, {}}, d_raw);
+  backward_field(backend, pass, d_raw, gradients, workspace);
   backward_sky(backend, batch.n, pass, opacity, d_rgb, gradients, workspace);
   losses.loss = losses.colours + backward_proposals(backend, batch.n, pass, weights, gradients, workspace);
   return losses;
@@ -325,31 +423,33 @@ double GridModel::range_gradients(kernels::Backend& backend, const RayBatch& bat
   kernels::GridStages& stages = backend.grid();
   const std::size_t rays = batch.n, count = rays * samples;
   workspace->begin();
-  const auto keys = sample_keys(seed, kStreamLidarSamples, step);
-  Pass pass = sample(backend, batch, &keys, workspace);
+  const Chance chance(seed, kStreamLidarSamples, step);
+  Pass pass = propose(backend, batch, &chance, workspace);
+  pass.live.resize(rays);  // none is empty: each has met something
+  std::iota(pass.live.begin(), pass.live.end(), 0);
+  sample(backend, batch, &pass, workspace);
   pass.harmonics = workspace->take(rays * kHarmonics);
   std::ranges::fill(pass.harmonics, 0.0f);  // nobody asks for the colour
   stages.network_forward(network(), batch.n, samples, pass.features, pass.harmonics, pass.raw);
   const auto density = pass.raw.subspan(3 * count), weights = workspace->take(count),
              d_weights = workspace->take(count), d_raw = workspace->take(4 * count);
-  stages.weights(batch.n, pass.field.intervals, density, weights);
+  stages.weights(batch.n, pass.intervals, density, weights);
   const float spread_m =
       std::max(kLastSpread_m, kFirstSpread_m * std::exp2(-static_cast<float>(step) / kSpreadHalvesIn));
-  const double loss =
-      stages.range(batch.n, pass.field.intervals, weights, batch.range_m, spread_m, kRangeWeight, d_weights);
+  const double loss = stages.range(batch.n, pass.intervals, weights, batch.range_m, spread_m, kRangeWeight, d_weights);
   std::ranges::fill(d_raw.first(3 * count), 0.0f);
-  stages.weights_backward(batch.n, pass.field.intervals, density, weights, d_weights, d_raw.subspan(3 * count));
-  backward_field(backend, batch.n, pass, d_raw, gradients, workspace);
+  stages.weights_backward(batch.n, pass.intervals, density, weights, d_weights, d_raw.subspan(3 * count));
+  backward_field(backend, pass, d_raw, gradients, workspace);
   backward_proposals(backend, batch.n, pass, weights, gradients, workspace);
   return loss;
 }
 
-void GridModel::backward_field(kernels::Backend& backend, int n, const Pass& pass, std::span<const float> d_raw,
+void GridModel::backward_field(kernels::Backend& backend, const Pass& pass, std::span<const float> d_raw,
                                std::span<float> gradients, Workspace* workspace) const {
   kernels::GridStages& stages = backend.grid();
   const auto d_features = workspace->take(pass.features.size());
-  stages.network_backward(network(), n, samples, pass.features, pass.harmonics, d_raw, part_of(gradients, kNetwork),
-                          d_features);
+  stages.network_backward(network(), static_cast<int>(pass.live.size()), samples, pass.features, pass.harmonics, d_raw,
+                          part_of(gradients, kNetwork), d_features);
   stages.encode_backward(grid(kFieldGrid), pass.field.points, d_features, part_of(gradients, kFieldGrid), {});
 }
 
@@ -424,24 +524,23 @@ double GridModel::unexpose(const RayBatch& batch, std::span<const float> rgb, st
   return loss;
 }
 
-/// The proposals learn from a part of the rays, which is any part, as the batch is shuffled: they are fewer numbers than the field
-/// and need not see each ray.
+/// The proposals learn from the first part of the rays, which stand for all, drawn evenly as they are: they are fewer numbers than the
+/// field and need not see each ray.
 double GridModel::backward_proposals(kernels::Backend& backend, int n, const Pass& pass, std::span<const float> weights,
                                      std::span<float> gradients, Workspace* workspace) const {
   kernels::GridStages& stages = backend.grid();
   const int taught = std::max(1, n / kRaysPerTaughtRay);
-  const auto first_rays = [&](const Round& round) {
-    return kernels::Intervals{round.intervals.per_ray, round.intervals.edges.first(static_cast<std::size_t>(taught) *
-                                                                                   (round.intervals.per_ray + 1))};
+  const auto of_taught = [&](const kernels::Intervals& all) {
+    return kernels::Intervals{all.per_ray, all.edges.first(static_cast<std::size_t>(taught) * (all.per_ray + 1))};
   };
   double loss = 0;
   for (const Round& round : pass.proposal) {
     const std::size_t count = static_cast<std::size_t>(taught) * round.intervals.per_ray;
-    const kernels::Intervals intervals = first_rays(round);
+    const kernels::Intervals intervals = of_taught(round.intervals);
     const auto density = round.density.first(count), found = round.weights.first(count),
                d_found = workspace->take(count), d_density = workspace->take(count);
-    loss += stages.interlevel(taught, first_rays(pass.field), weights.first(static_cast<std::size_t>(taught) * samples),
-                              intervals, found, d_found);
+    loss += stages.proposal(taught, of_taught(pass.intervals),
+                            weights.first(static_cast<std::size_t>(taught) * samples), intervals, found, d_found);
     stages.weights_backward(taught, intervals, density, found, d_found, d_density);
     stages.proposal_density_backward(grid(kProposalGrid), round.points.first(count), density, d_density,
                                      part_of(gradients, kProposalGrid));

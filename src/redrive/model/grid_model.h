@@ -4,6 +4,7 @@
 #pragma once
 
 #include <array>
+#include <vector>
 
 #include "redrive/field/appearance.h"
 #include "redrive/field/contraction.h"
@@ -27,6 +28,8 @@ struct GridModel final : Model {
   RaySpacing spacing{0.5f, 1000.0f, 20.0f};
   std::array<int, 2> proposal_samples{64, 32};  ///< per ray, first and second round
   int samples = 24;                             ///< per ray, of the field
+  float proposal_padding =
+      0.1f;  ///< sampling/proposal.h; chosen by measurement, as that of bounded scenes (train/run.cc)
 
   const char* method() const override { return "grid"; }
   std::string describe() const override;
@@ -54,6 +57,7 @@ struct GridModel final : Model {
   kernels::GridNetwork network() const { return {field, density_scale(), part(kNetwork)}; }
 
  private:
+  struct Chance;
   struct Round;
   struct Pass;
 
@@ -62,13 +66,16 @@ struct GridModel final : Model {
               Workspace* workspace) const;
   /// Harmonics and background.
   void look_at_sky(kernels::Backend& backend, const RayBatch& batch, Pass* pass, Workspace* workspace) const;
-  /// Two rounds of proposals and the field's features where the second one found something. keys: of the three rounds' chances;
-  /// null: none.
-  Pass sample(kernels::Backend& backend, const RayBatch& batch, const std::array<std::uint64_t, 3>* keys,
-              Workspace* workspace) const;
-  Pass forward(kernels::Backend& backend, const RayBatch& batch, const std::array<std::uint64_t, 3>* keys,
-               const kernels::CompositeOut& out, Workspace* workspace) const;
-  void backward_field(kernels::Backend& backend, int n, const Pass& pass, std::span<const float> d_raw,
+  /// Two rounds of proposals and the edges of the field's intervals where the second one found something. Null: without any chance.
+  Pass propose(kernels::Backend& backend, const RayBatch& batch, const Chance* chance, Workspace* workspace) const;
+  /// The field's features at the samples of pass->live, which are rays of the batch.
+  void sample(kernels::Backend& backend, const RayBatch& batch, Pass* pass, Workspace* workspace) const;
+  /// Those of the batch's rays that the proposals see something on.
+  std::vector<int> live_rays(const Pass& pass, int n, const Chance* chance) const;
+  Pass forward(kernels::Backend& backend, const RayBatch& batch, const Chance* chance, const kernels::CompositeOut& out,
+               Workspace* workspace) const;
+  /// From d_raw of the live rays.
+  void backward_field(kernels::Backend& backend, const Pass& pass, std::span<const float> d_raw,
                       std::span<float> gradients, Workspace* workspace) const;
   void backward_sky(kernels::Backend& backend, int n, const Pass& pass, std::span<const float> opacity,
                     std::span<const float> d_rgb, std::span<float> gradients, Workspace* workspace) const;

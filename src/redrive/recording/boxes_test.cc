@@ -36,12 +36,12 @@ json object(int id) {
 
 json frame() { return {{"CapturedObjects", {object(4), object(7)}}, {"Timestamp", "4833189570000"}}; }
 
-std::vector<Box> parse(const json& document) { return parse_boxes(document.dump(), "dir/frame_0000001.json"); }
+std::vector<Box> parsed_boxes(const json& document) { return parse_boxes(document.dump(), "dir/frame_0000001.json"); }
 
-std::string message_for(const std::string& pointer, const json& value) {
+std::string boxes_message(const std::string& pointer, const json& value) {
   json document = frame();
   document[json::json_pointer(pointer)] = value;
-  const std::string message = input_error([&] { parse(document); });
+  const std::string message = input_error([&] { parsed_boxes(document); });
   EXPECT_THAT(message, HasSubstr("dir/frame_0000001.json: ")) << pointer;
   return message;
 }
@@ -52,7 +52,7 @@ TEST(Boxes, KnownValues) {
   const double half = std::numbers::pi / 4;
   document["CapturedObjects"][1]["BoundingBox3D Orientation Quat W"] = std::cos(half);
   document["CapturedObjects"][1]["BoundingBox3D Orientation Quat Z"] = std::sin(half);
-  const std::vector<Box> boxes = parse(document);
+  const std::vector<Box> boxes = parsed_boxes(document);
   ASSERT_EQ(boxes.size(), 2u);
   EXPECT_EQ(boxes[0].object_id, 4);
   EXPECT_EQ(boxes[0].type, "CAR");
@@ -64,43 +64,45 @@ TEST(Boxes, KnownValues) {
   EXPECT_EQ(boxes[1].object_id, 7);
   EXPECT_TRUE((boxes[1].body_from_box * Eigen::Vector3d(2, 1, 0.5)).isApprox(Eigen::Vector3d(9, -18, 1.25), 1e-15));
   document["CapturedObjects"] = json::array();
-  EXPECT_TRUE(parse(document).empty());
+  EXPECT_TRUE(parsed_boxes(document).empty());
 }
 
 TEST(Boxes, Rotations) {
   json document = frame();
   json& quaternion_w = document["CapturedObjects"][0]["BoundingBox3D Orientation Quat W"];
   quaternion_w = 1.0005;  // written with few digits: normalised
-  EXPECT_NEAR((parse(document)[0].body_from_box.linear() - Eigen::Matrix3d::Identity()).norm(), 0, 1e-15);
+  EXPECT_NEAR((parsed_boxes(document)[0].body_from_box.linear() - Eigen::Matrix3d::Identity()).norm(), 0, 1e-15);
   quaternion_w = 0;
-  EXPECT_THAT(input_error([&] { parse(document); }),
+  EXPECT_THAT(input_error([&] { parsed_boxes(document); }),
               AllOf(HasSubstr("CapturedObjects[0].BoundingBox3D Orientation Quat = norm 0"), HasSubstr("rotation")));
-  EXPECT_THAT(message_for("/CapturedObjects/1/BoundingBox3D Orientation Quat W", 1.002), HasSubstr("norm 1.002"));
-  EXPECT_THAT(message_for("/CapturedObjects/1/BoundingBox3D Orientation Quat Z", 0.1), HasSubstr("norm 1.00"));
-  EXPECT_THAT(message_for("/CapturedObjects/1/BoundingBox3D Orientation Quat X", 1e300), HasSubstr("Quat X = 1e+300"));
-  EXPECT_THAT(message_for("/CapturedObjects/1/BoundingBox3D Orientation Quat W", 1e300), HasSubstr("norm inf"));
+  EXPECT_THAT(boxes_message("/CapturedObjects/1/BoundingBox3D Orientation Quat W", 1.002), HasSubstr("norm 1.002"));
+  EXPECT_THAT(boxes_message("/CapturedObjects/1/BoundingBox3D Orientation Quat Z", 0.1), HasSubstr("norm 1.00"));
+  EXPECT_THAT(boxes_message("/CapturedObjects/1/BoundingBox3D Orientation Quat X", 1e300),
+              HasSubstr("Quat X = 1e+300"));
+  EXPECT_THAT(boxes_message("/CapturedObjects/1/BoundingBox3D Orientation Quat W", 1e300), HasSubstr("norm inf"));
 }
 
 TEST(Boxes, ValuesThatAreNone) {
   const std::string first = "/CapturedObjects/0/";
-  EXPECT_THAT(message_for(first + "BoundingBox3D Extent Y", 0),
+  EXPECT_THAT(boxes_message(first + "BoundingBox3D Extent Y", 0),
               AllOf(HasSubstr("CapturedObjects[0].BoundingBox3D Extent Y = 0"), HasSubstr("0.01")));
-  EXPECT_THAT(message_for(first + "BoundingBox3D Extent Y", -2), HasSubstr("Extent Y = -2"));
-  EXPECT_THAT(message_for(first + "BoundingBox3D Extent Z", 101), AllOf(HasSubstr("Extent Z = 101"), HasSubstr("100")));
-  EXPECT_THAT(message_for(first + "BoundingBox3D Origin X", 4e6),
+  EXPECT_THAT(boxes_message(first + "BoundingBox3D Extent Y", -2), HasSubstr("Extent Y = -2"));
+  EXPECT_THAT(boxes_message(first + "BoundingBox3D Extent Z", 101),
+              AllOf(HasSubstr("Extent Z = 101"), HasSubstr("100")));
+  EXPECT_THAT(boxes_message(first + "BoundingBox3D Origin X", 4e6),
               HasSubstr("CapturedObjects[0].BoundingBox3D Origin X = 4000000"));
-  EXPECT_THAT(message_for(first + "Relative Velocity Z", -301),
+  EXPECT_THAT(boxes_message(first + "Relative Velocity Z", -301),
               HasSubstr("CapturedObjects[0].Relative Velocity Z = -301"));
-  EXPECT_THAT(message_for(first + "Relative Velocity Z", "nan"), HasSubstr("a number"));
-  EXPECT_THAT(message_for(first + "ObjectId", 1.5), HasSubstr("CapturedObjects[0].ObjectId = 1.5"));
-  EXPECT_THAT(message_for(first + "ObjectType", 3), HasSubstr("CapturedObjects[0].ObjectType = 3"));
-  EXPECT_THAT(message_for(first + "ActorName", nullptr), HasSubstr("CapturedObjects[0].ActorName = null"));
-  EXPECT_THAT(message_for("/CapturedObjects/1/ObjectId", 4),
+  EXPECT_THAT(boxes_message(first + "Relative Velocity Z", "nan"), HasSubstr("a number"));
+  EXPECT_THAT(boxes_message(first + "ObjectId", 1.5), HasSubstr("CapturedObjects[0].ObjectId = 1.5"));
+  EXPECT_THAT(boxes_message(first + "ObjectType", 3), HasSubstr("CapturedObjects[0].ObjectType = 3"));
+  EXPECT_THAT(boxes_message(first + "ActorName", nullptr), HasSubstr("CapturedObjects[0].ActorName = null"));
+  EXPECT_THAT(boxes_message("/CapturedObjects/1/ObjectId", 4),
               AllOf(HasSubstr("CapturedObjects[1].ObjectId = 4"), HasSubstr("second")));
-  EXPECT_THAT(message_for("/CapturedObjects", {{"a", 1}}), HasSubstr("an array"));
-  EXPECT_THAT(message_for("/CapturedObjects/0", 5), HasSubstr("CapturedObjects[0] = 5"));
+  EXPECT_THAT(boxes_message("/CapturedObjects", {{"a", 1}}), HasSubstr("an array"));
+  EXPECT_THAT(boxes_message("/CapturedObjects/0", 5), HasSubstr("CapturedObjects[0] = 5"));
   for (const json& time : {json(4833189570000), json(""), json("12.5"), json("noon"), json("99999999999999999999")})
-    EXPECT_THAT(message_for("/Timestamp", time), HasSubstr("Timestamp = " + time.dump()));
+    EXPECT_THAT(boxes_message("/Timestamp", time), HasSubstr("Timestamp = " + time.dump()));
 }
 
 TEST(Boxes, Missing) {
@@ -109,15 +111,15 @@ TEST(Boxes, Missing) {
     json document = frame();
     document["CapturedObjects"][1].erase(key);
     if (key == "Occluded" || key == "Truncated") {
-      EXPECT_EQ(parse(document).size(), 2u);
+      EXPECT_EQ(parsed_boxes(document).size(), 2u);
     } else {
-      EXPECT_THAT(input_error([&] { parse(document); }), HasSubstr("CapturedObjects[1]." + key + ": missing"));
+      EXPECT_THAT(input_error([&] { parsed_boxes(document); }), HasSubstr("CapturedObjects[1]." + key + ": missing"));
     }
   }
   for (const char* key : {"CapturedObjects", "Timestamp"}) {
     json document = frame();
     document.erase(key);
-    EXPECT_THAT(input_error([&] { parse(document); }), HasSubstr(std::string(key) + ": missing"));
+    EXPECT_THAT(input_error([&] { parsed_boxes(document); }), HasSubstr(std::string(key) + ": missing"));
   }
   EXPECT_THAT(input_error([] { parse_boxes("[", "dir/frame_0000001.json"); }), HasSubstr("dir/frame_0000001.json"));
 }

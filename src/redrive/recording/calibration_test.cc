@@ -12,15 +12,15 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using testing::input_error;
 
-std::vector<CameraCalibration> parse(const json& document, aimotive::OtherSensors* others = nullptr) {
+std::vector<CameraCalibration> parsed_calibration(const json& document, aimotive::OtherSensors* others = nullptr) {
   return aimotive::parse_calibration(document.dump(), "dir/calibration.json", others);
 }
 
 /// The message for a calibration whose F_CAM has `value` in `field` (a JSON pointer).
-std::string message_for(const std::string& field, const json& value) {
+std::string calibration_message(const std::string& field, const json& value) {
   json document = calibration();
   document["F_CAM"][json::json_pointer(field)] = value;
-  const std::string message = input_error([&] { parse(document); });
+  const std::string message = input_error([&] { parsed_calibration(document); });
   EXPECT_THAT(message, HasSubstr("dir/calibration.json")) << field;
   return message;
 }
@@ -30,23 +30,24 @@ TEST(Calibration, TheOneLidarWithAPlace) {
   document["M_LIDAR"]["RT_body_from_sensor"] = {{0, -1, 0, 1.2}, {1, 0, 0, 0}, {0, 0, 1, 1.7}, {0, 0, 0, 1}};
   document["F_RADAR"] = {{"sensor_type", "radar"}, {"RT_body_from_sensor", "not read"}};
   aimotive::OtherSensors others;
-  parse(document, &others);
+  parsed_calibration(document, &others);
   ASSERT_TRUE(others.body_from_lidar.has_value());
   EXPECT_EQ(others.body_from_lidar->translation(), Eigen::Vector3d(1.2, 0, 1.7));
   EXPECT_EQ(others.body_from_lidar->linear().col(0), Eigen::Vector3d(0, 1, 0));
 
   json broken = document;
   broken["M_LIDAR"]["RT_body_from_sensor"][0][3] = 1200;
-  EXPECT_THAT(input_error([&] { parse(broken, &others); }), AllOf(HasSubstr("M_LIDAR"), HasSubstr("50 m")));
+  EXPECT_THAT(input_error([&] { parsed_calibration(broken, &others); }),
+              AllOf(HasSubstr("M_LIDAR"), HasSubstr("50 m")));
 
   document["R_LIDAR"] = document["M_LIDAR"];
-  parse(document, &others);
+  parsed_calibration(document, &others);
   EXPECT_FALSE(others.body_from_lidar.has_value());
 }
 
 TEST(Calibration, ReadsEveryField) {
   aimotive::OtherSensors others;
-  const auto cameras = parse(calibration(), &others);
+  const auto cameras = parsed_calibration(calibration(), &others);
   ASSERT_EQ(cameras.size(), 2u);
   EXPECT_THAT(others.names, ElementsAre("Imu0", "M_LIDAR"));
   EXPECT_FALSE(others.body_from_lidar.has_value());  // M_LIDAR has no place
@@ -70,25 +71,26 @@ TEST(Calibration, ReadsEveryField) {
 TEST(Calibration, OptionalFields) {
   json document = calibration();
   for (const char* key : {"RT_sensor_from_body", "pos_meter", "sensor_type"}) document["F_CAM"].erase(key);
-  EXPECT_EQ(parse(document).size(), 2u) << "a model and a focal length make a camera";
+  EXPECT_EQ(parsed_calibration(document).size(), 2u) << "a model and a focal length make a camera";
   document["F_CAM"]["sensor_type"] = "radar";
-  EXPECT_EQ(parse(document).size(), 1u);
+  EXPECT_EQ(parsed_calibration(document).size(), 1u);
 }
 
 TEST(Calibration, TimeOffsetInSeconds) {
   json document = calibration();
   document["F_CAM"]["time_offset_s"] = -0.0125;
-  const auto cameras = parse(document);
+  const auto cameras = parsed_calibration(document);
   EXPECT_EQ(cameras[0].time_offset_ns, -12'500'000);
   EXPECT_EQ(cameras[1].time_offset_ns, 0);
-  EXPECT_THAT(message_for("/time_offset_s", 8), AllOf(HasSubstr("F_CAM.time_offset_s"), HasSubstr("8")));
-  EXPECT_THAT(message_for("/time_offset_s", "late"), AllOf(HasSubstr("F_CAM.time_offset_s"), HasSubstr("late")));
+  EXPECT_THAT(calibration_message("/time_offset_s", 8), AllOf(HasSubstr("F_CAM.time_offset_s"), HasSubstr("8")));
+  EXPECT_THAT(calibration_message("/time_offset_s", "late"),
+              AllOf(HasSubstr("F_CAM.time_offset_s"), HasSubstr("late")));
 }
 
 TEST(Calibration, OtherSensorsAreNotChecked) {
   json document = calibration();
   document["M_LIDAR"]["RT_body_from_sensor"] = "nan";
-  EXPECT_EQ(parse(document).size(), 2u);
+  EXPECT_EQ(parsed_calibration(document).size(), 2u);
 }
 
 TEST(Calibration, Missing) {
@@ -96,13 +98,13 @@ TEST(Calibration, Missing) {
                           "image_resolution_px"}) {
     json document = calibration();
     document["F_CAM"].erase(key);
-    EXPECT_THAT(input_error([&] { parse(document); }),
+    EXPECT_THAT(input_error([&] { parsed_calibration(document); }),
                 AllOf(HasSubstr("dir/calibration.json"), HasSubstr("F_CAM." + std::string(key)), HasSubstr("missing")));
   }
   json document = calibration();
   document["L_FISH"].erase("xi");
-  EXPECT_THAT(input_error([&] { parse(document); }), HasSubstr("L_FISH.xi"));
-  EXPECT_THAT(input_error([&] { parse(json::object()); }), HasSubstr("holds no camera"));
+  EXPECT_THAT(input_error([&] { parsed_calibration(document); }), HasSubstr("L_FISH.xi"));
+  EXPECT_THAT(input_error([&] { parsed_calibration(json::object()); }), HasSubstr("holds no camera"));
 }
 
 TEST(Calibration, NotJson) {
@@ -117,58 +119,60 @@ TEST(Calibration, NotJson) {
 }
 
 TEST(Calibration, NotANumber) {
-  EXPECT_THAT(message_for("/focal_length_px/0", "nan"),
+  EXPECT_THAT(calibration_message("/focal_length_px/0", "nan"),
               AllOf(HasSubstr("F_CAM.focal_length_px[0]"), HasSubstr("\"nan\"")));
-  EXPECT_THAT(message_for("/focal_length_px/1", nullptr),
+  EXPECT_THAT(calibration_message("/focal_length_px/1", nullptr),
               AllOf(HasSubstr("F_CAM.focal_length_px[1]"), HasSubstr("null")));
-  EXPECT_THAT(message_for("/distortion_coeffs/4", "nan"),
+  EXPECT_THAT(calibration_message("/distortion_coeffs/4", "nan"),
               AllOf(HasSubstr("F_CAM.distortion_coeffs[4]"), HasSubstr("\"nan\"")));
-  EXPECT_THAT(message_for("/RT_body_from_sensor/1/2", "nan"),
+  EXPECT_THAT(calibration_message("/RT_body_from_sensor/1/2", "nan"),
               AllOf(HasSubstr("F_CAM.RT_body_from_sensor"), HasSubstr("\"nan\"")));
-  EXPECT_THAT(message_for("/distortion_coeffs/0", 1e300),
+  EXPECT_THAT(calibration_message("/distortion_coeffs/0", 1e300),
               AllOf(HasSubstr("F_CAM.distortion_coeffs[0]"), HasSubstr("1e+300")));
 }
 
 TEST(Calibration, WrongShape) {
-  EXPECT_THAT(message_for("/focal_length_px", {1171}), AllOf(HasSubstr("F_CAM.focal_length_px"), HasSubstr("[1171]")));
-  EXPECT_THAT(message_for("/distortion_coeffs", {0, 0, 0, 0}),
+  EXPECT_THAT(calibration_message("/focal_length_px", {1171}),
+              AllOf(HasSubstr("F_CAM.focal_length_px"), HasSubstr("[1171]")));
+  EXPECT_THAT(calibration_message("/distortion_coeffs", {0, 0, 0, 0}),
               AllOf(HasSubstr("F_CAM.distortion_coeffs"), HasSubstr("5")));
-  EXPECT_THAT(message_for("/RT_body_from_sensor", {{1, 0}, {0, 1}}), HasSubstr("F_CAM.RT_body_from_sensor"));
-  EXPECT_THAT(message_for("/RT_body_from_sensor/2", {0, -1, 0}), HasSubstr("F_CAM.RT_body_from_sensor[2]"));
-  EXPECT_THAT(message_for("/pos_meter", {1, 2}), HasSubstr("F_CAM.pos_meter"));
+  EXPECT_THAT(calibration_message("/RT_body_from_sensor", {{1, 0}, {0, 1}}), HasSubstr("F_CAM.RT_body_from_sensor"));
+  EXPECT_THAT(calibration_message("/RT_body_from_sensor/2", {0, -1, 0}), HasSubstr("F_CAM.RT_body_from_sensor[2]"));
+  EXPECT_THAT(calibration_message("/pos_meter", {1, 2}), HasSubstr("F_CAM.pos_meter"));
 }
 
 TEST(Calibration, OutOfRange) {
-  EXPECT_THAT(message_for("/model", "kannala_brandt"),
+  EXPECT_THAT(calibration_message("/model", "kannala_brandt"),
               AllOf(HasSubstr("F_CAM.model"), HasSubstr("kannala_brandt"), HasSubstr("mei")));
-  EXPECT_THAT(message_for("/focal_length_px/0", 0), AllOf(HasSubstr("F_CAM.focal_length_px[0]"), HasSubstr("= 0")));
-  EXPECT_THAT(message_for("/focal_length_px/1", -1001),
+  EXPECT_THAT(calibration_message("/focal_length_px/0", 0),
+              AllOf(HasSubstr("F_CAM.focal_length_px[0]"), HasSubstr("= 0")));
+  EXPECT_THAT(calibration_message("/focal_length_px/1", -1001),
               AllOf(HasSubstr("F_CAM.focal_length_px[1]"), HasSubstr("-1001")));
-  EXPECT_THAT(message_for("/image_resolution_px/0", 0),
+  EXPECT_THAT(calibration_message("/image_resolution_px/0", 0),
               AllOf(HasSubstr("F_CAM.image_resolution_px[0]"), HasSubstr("= 0")));
-  EXPECT_THAT(message_for("/image_resolution_px/1", 65537), HasSubstr("65537"));
-  EXPECT_THAT(message_for("/image_resolution_px/1", 704.5), HasSubstr("704.5"));
-  EXPECT_THAT(message_for("/principal_point_px/0", -1281),
+  EXPECT_THAT(calibration_message("/image_resolution_px/1", 65537), HasSubstr("65537"));
+  EXPECT_THAT(calibration_message("/image_resolution_px/1", 704.5), HasSubstr("704.5"));
+  EXPECT_THAT(calibration_message("/principal_point_px/0", -1281),
               AllOf(HasSubstr("F_CAM.principal_point_px[0]"), HasSubstr("-1281")));
-  EXPECT_THAT(message_for("/principal_point_px/1", 1409),
+  EXPECT_THAT(calibration_message("/principal_point_px/1", 1409),
               AllOf(HasSubstr("F_CAM.principal_point_px[1]"), HasSubstr("1409")));
   for (const double xi : {-0.1, 10.5}) {
     json document = calibration();
     document["L_FISH"]["xi"] = xi;
-    EXPECT_THAT(input_error([&] { parse(document); }), HasSubstr("L_FISH.xi"));
+    EXPECT_THAT(input_error([&] { parsed_calibration(document); }), HasSubstr("L_FISH.xi"));
   }
   json document = calibration();
   document["../F_CAM"] = testing::front_camera();
-  EXPECT_THAT(input_error([&] { parse(document); }), HasSubstr("../F_CAM"));
+  EXPECT_THAT(input_error([&] { parsed_calibration(document); }), HasSubstr("../F_CAM"));
 }
 
 TEST(Calibration, NotARotation) {
-  EXPECT_THAT(message_for("/RT_body_from_sensor/0/2", 1.1),
+  EXPECT_THAT(calibration_message("/RT_body_from_sensor/0/2", 1.1),
               AllOf(HasSubstr("F_CAM.RT_body_from_sensor"), HasSubstr("orthonormal")));
-  EXPECT_THAT(message_for("/RT_body_from_sensor/0/2", -1),
+  EXPECT_THAT(calibration_message("/RT_body_from_sensor/0/2", -1),
               AllOf(HasSubstr("F_CAM.RT_body_from_sensor"), HasSubstr("det = -1")));
-  EXPECT_THAT(message_for("/RT_body_from_sensor/3/3", 0.5), HasSubstr("F_CAM.RT_body_from_sensor"));
-  EXPECT_THAT(message_for("/RT_sensor_from_body/0/1", 1), HasSubstr("F_CAM.RT_sensor_from_body"));
+  EXPECT_THAT(calibration_message("/RT_body_from_sensor/3/3", 0.5), HasSubstr("F_CAM.RT_body_from_sensor"));
+  EXPECT_THAT(calibration_message("/RT_sensor_from_body/0/1", 1), HasSubstr("F_CAM.RT_sensor_from_body"));
 }
 
 TEST(Calibration, Inverted) {
@@ -176,24 +180,25 @@ TEST(Calibration, Inverted) {
   const json inverse = camera["RT_sensor_from_body"];
   // Recognised by pos_meter, by RT_sensor_from_body, by both having been exchanged, and by the axes alone.
   EXPECT_THAT(
-      message_for("/RT_body_from_sensor", inverse),
+      calibration_message("/RT_body_from_sensor", inverse),
       AllOf(HasSubstr("F_CAM.RT_body_from_sensor"), HasSubstr("inverted"), HasSubstr("(0.500, 1.500, -2.000)")));
   json document = calibration();
   document["F_CAM"]["RT_body_from_sensor"] = inverse;
   document["F_CAM"].erase("pos_meter");
-  EXPECT_THAT(input_error([&] { parse(document); }), AllOf(HasSubstr("RT_sensor_from_body"), HasSubstr("inverted")));
+  EXPECT_THAT(input_error([&] { parsed_calibration(document); }),
+              AllOf(HasSubstr("RT_sensor_from_body"), HasSubstr("inverted")));
   document["F_CAM"]["RT_sensor_from_body"] = camera["RT_body_from_sensor"];
-  EXPECT_THAT(input_error([&] { parse(document); }), AllOf(HasSubstr("inverted"), HasSubstr("y axis")));
+  EXPECT_THAT(input_error([&] { parsed_calibration(document); }), AllOf(HasSubstr("inverted"), HasSubstr("y axis")));
   document["F_CAM"].erase("RT_sensor_from_body");
-  EXPECT_THAT(input_error([&] { parse(document); }), AllOf(HasSubstr("inverted"), HasSubstr("y axis")));
+  EXPECT_THAT(input_error([&] { parsed_calibration(document); }), AllOf(HasSubstr("inverted"), HasSubstr("y axis")));
 }
 
 TEST(Calibration, ContradictoryExtrinsic) {
-  EXPECT_THAT(message_for("/RT_body_from_sensor/0/3", 2.1),
+  EXPECT_THAT(calibration_message("/RT_body_from_sensor/0/3", 2.1),
               AllOf(HasSubstr("disagrees with pos_meter"), HasSubstr("2.100")));
-  EXPECT_THAT(message_for("/RT_sensor_from_body/0/3", 0.6),
+  EXPECT_THAT(calibration_message("/RT_sensor_from_body/0/3", 0.6),
               AllOf(HasSubstr("disagrees with RT_sensor_from_body"), HasSubstr("0.1 m")));
-  EXPECT_THAT(message_for("/RT_body_from_sensor/0/3", 2000), HasSubstr("metres"));
+  EXPECT_THAT(calibration_message("/RT_body_from_sensor/0/3", 2000), HasSubstr("metres"));
 }
 
 // A camera on its side that looks right has the inverse's y axis pointing down; pos_meter vouches for it.
@@ -201,7 +206,7 @@ TEST(Calibration, UnusualMountIsTakenWhenThePositionAgrees) {
   json document = calibration();
   document["F_CAM"]["RT_body_from_sensor"] = {{0, 1, 0, 2}, {0, 0, -1, 0.5}, {-1, 0, 0, 1.5}, {0, 0, 0, 1}};
   document["F_CAM"].erase("RT_sensor_from_body");
-  EXPECT_EQ(parse(document).size(), 2u);
+  EXPECT_EQ(parsed_calibration(document).size(), 2u);
 }
 
 }  // namespace

@@ -12,20 +12,20 @@ using ::testing::HasSubstr;
 using testing::input_error;
 using testing::pose_at;
 
-std::vector<FramePose> parse(const json& document) {
+std::vector<FramePose> parsed_egomotion(const json& document) {
   return aimotive::parse_egomotion(document.dump(), "dir/egomotion2.json");
 }
 
-std::string message_for(const std::string& field, const json& value) {
+std::string egomotion_message(const std::string& field, const json& value) {
   json document = egomotion();
   document[json::json_pointer(field)] = value;
-  const std::string message = input_error([&] { parse(document); });
+  const std::string message = input_error([&] { parsed_egomotion(document); });
   EXPECT_THAT(message, HasSubstr("dir/egomotion2.json")) << field;
   return message;
 }
 
 TEST(Egomotion, ReadsPosesInTheOrderOfTheirIds) {
-  const auto frames = parse(egomotion());
+  const auto frames = parsed_egomotion(egomotion());
   ASSERT_EQ(frames.size(), 3u);
   EXPECT_EQ(frames[0].id, 9);
   EXPECT_EQ(frames[1].id, 10);
@@ -42,7 +42,7 @@ TEST(Egomotion, BothSpellings) {
     document[id]["time"] = document[id]["time_host"];
     document[id].erase("time_host");
   }
-  const auto frames = parse(document);
+  const auto frames = parsed_egomotion(document);
   EXPECT_EQ(frames[1].t_ns, 50100000000);
   EXPECT_EQ(frames[1].ecef_from_body.translation().x(), 4e6 + 2);
 }
@@ -50,7 +50,7 @@ TEST(Egomotion, BothSpellings) {
 TEST(Egomotion, HostTimeIsPreferred) {
   json document = egomotion();
   document["10"]["time"] = 7;
-  EXPECT_EQ(parse(document)[1].t_ns, 50100000000);
+  EXPECT_EQ(parsed_egomotion(document)[1].t_ns, 50100000000);
 }
 
 // `time` and `time_host` may be of different clocks: a file that changes from one to the other is refused.
@@ -58,14 +58,15 @@ TEST(Egomotion, OneClock) {
   json document = egomotion();
   document["11"]["time"] = document["11"]["time_host"];
   document["11"].erase("time_host");
-  EXPECT_THAT(input_error([&] { parse(document); }), AllOf(HasSubstr("egomotion2.json: 11"), HasSubstr("time_host")));
+  EXPECT_THAT(input_error([&] { parsed_egomotion(document); }),
+              AllOf(HasSubstr("egomotion2.json: 11"), HasSubstr("time_host")));
 }
 
 TEST(Egomotion, BadKeys) {
   for (const char* key : {"frame_12", "0012", "+12", "-12", "12.0", "", "99999999999999999999"}) {
     json document = egomotion();
     document[key] = pose_at(6, 50.3);
-    EXPECT_THAT(input_error([&] { parse(document); }),
+    EXPECT_THAT(input_error([&] { parsed_egomotion(document); }),
                 AllOf(HasSubstr("\"" + std::string(key) + "\""), HasSubstr("frame id")));
   }
 }
@@ -74,38 +75,42 @@ TEST(Egomotion, MissingAndMalformed) {
   for (const char* key : {"RT_ECEF_body", "time_host"}) {
     json document = egomotion();
     document["10"].erase(key);
-    EXPECT_THAT(input_error([&] { parse(document); }), AllOf(HasSubstr("egomotion2.json: 10 "), HasSubstr(key)));
+    EXPECT_THAT(input_error([&] { parsed_egomotion(document); }),
+                AllOf(HasSubstr("egomotion2.json: 10 "), HasSubstr(key)));
   }
-  EXPECT_THAT(input_error([] { parse(json::object()); }), HasSubstr("no pose"));
-  EXPECT_THAT(input_error([] { parse(json::array()); }), HasSubstr("egomotion2.json"));
+  EXPECT_THAT(input_error([] { parsed_egomotion(json::object()); }), HasSubstr("no pose"));
+  EXPECT_THAT(input_error([] { parsed_egomotion(json::array()); }), HasSubstr("egomotion2.json"));
   EXPECT_THAT(input_error([] { aimotive::parse_egomotion("{\"9\": {", "e.json"); }),
               AllOf(HasSubstr("e.json"), HasSubstr("line 1")));
-  EXPECT_THAT(message_for("/10/RT_ECEF_body/0/3", "nan"), AllOf(HasSubstr("10.RT_ECEF_body"), HasSubstr("\"nan\"")));
-  EXPECT_THAT(message_for("/10/RT_ECEF_body", {1, 2, 3}), HasSubstr("10.RT_ECEF_body"));
-  EXPECT_THAT(message_for("/10/RT_ECEF_body/0/0", 1.2), AllOf(HasSubstr("10.RT_ECEF_body"), HasSubstr("orthonormal")));
-  EXPECT_THAT(message_for("/10/RT_ECEF_body/0/0", -1), AllOf(HasSubstr("10.RT_ECEF_body"), HasSubstr("det = -1")));
-  EXPECT_THAT(message_for("/10/RT_ECEF_body/0/3", 4e9), AllOf(HasSubstr("10.RT_ECEF_body"), HasSubstr("4e+09")));
-  EXPECT_THAT(message_for("/10/time_host", "noon"), AllOf(HasSubstr("10.time_host"), HasSubstr("noon")));
-  EXPECT_THAT(message_for("/10/time_host", 1.6e18),
+  EXPECT_THAT(egomotion_message("/10/RT_ECEF_body/0/3", "nan"),
+              AllOf(HasSubstr("10.RT_ECEF_body"), HasSubstr("\"nan\"")));
+  EXPECT_THAT(egomotion_message("/10/RT_ECEF_body", {1, 2, 3}), HasSubstr("10.RT_ECEF_body"));
+  EXPECT_THAT(egomotion_message("/10/RT_ECEF_body/0/0", 1.2),
+              AllOf(HasSubstr("10.RT_ECEF_body"), HasSubstr("orthonormal")));
+  EXPECT_THAT(egomotion_message("/10/RT_ECEF_body/0/0", -1),
+              AllOf(HasSubstr("10.RT_ECEF_body"), HasSubstr("det = -1")));
+  EXPECT_THAT(egomotion_message("/10/RT_ECEF_body/0/3", 4e9), AllOf(HasSubstr("10.RT_ECEF_body"), HasSubstr("4e+09")));
+  EXPECT_THAT(egomotion_message("/10/time_host", "noon"), AllOf(HasSubstr("10.time_host"), HasSubstr("noon")));
+  EXPECT_THAT(egomotion_message("/10/time_host", 1.6e18),
               AllOf(HasSubstr("10.time_host"), HasSubstr("1.6e+18"), HasSubstr("seconds")));
-  EXPECT_THAT(message_for("/10/time_host", -1), AllOf(HasSubstr("10.time_host"), HasSubstr("from 0")));
+  EXPECT_THAT(egomotion_message("/10/time_host", -1), AllOf(HasSubstr("10.time_host"), HasSubstr("from 0")));
 }
 
 TEST(Egomotion, TimesIncrease) {
-  EXPECT_THAT(message_for("/10/time_host", 50.0),
+  EXPECT_THAT(egomotion_message("/10/time_host", 50.0),
               AllOf(HasSubstr("10.time"), HasSubstr("50.000"), HasSubstr("frame 9")));
-  EXPECT_THAT(message_for("/11/time_host", 49.9),
+  EXPECT_THAT(egomotion_message("/11/time_host", 49.9),
               AllOf(HasSubstr("11.time"), HasSubstr("49.900"), HasSubstr("frame 10")));
 }
 
 TEST(Egomotion, Teleport) {
   // A gap in the recording may be long; 16 m in 0.1 s are 160 m/s.
   json document = {{"1", pose_at(0, 0)}, {"2", pose_at(400, 20)}};
-  EXPECT_EQ(parse(document).size(), 2u);
+  EXPECT_EQ(parsed_egomotion(document).size(), 2u);
   document["2"] = pose_at(14, 0.1);
-  EXPECT_EQ(parse(document).size(), 2u);
+  EXPECT_EQ(parsed_egomotion(document).size(), 2u);
   document["2"] = pose_at(16, 0.1);
-  EXPECT_THAT(input_error([&] { parse(document); }),
+  EXPECT_THAT(input_error([&] { parsed_egomotion(document); }),
               AllOf(HasSubstr("2.RT_ECEF_body"), HasSubstr("16.00 m"), HasSubstr("frame 1")));
 }
 

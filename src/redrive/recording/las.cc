@@ -15,8 +15,8 @@ namespace redrive {
 namespace {
 
 constexpr std::size_t kHeaderBytes = 227, kVariableHeaderBytes = 54;
-constexpr std::uint32_t kMaxPoints = 4'000'000;  // a revolution of 128 beams at 0.1 degrees has 0.46 million
-constexpr double kMaxCoordinate_m = 1e4;
+constexpr std::uint32_t kMaxLasPoints = 4'000'000;  // a revolution of 128 beams at 0.1 degrees has 0.46 million
+constexpr double kMaxLasCoordinate_m = 1e4;
 constexpr double kMaxTime_ns = 9e18;  // int64 ends at 9.22e18
 
 std::string text(double value) {
@@ -47,7 +47,7 @@ class LasFile {
     const auto record_bytes = at<std::uint16_t>(105);
     if (record_bytes != kLasRecordBytes) refuse("point data record length", record_bytes, "must be 28, as in format 1");
     points_ = at<std::uint32_t>(107);
-    if (points_ > kMaxPoints)
+    if (points_ > kMaxLasPoints)
       refuse("number of points", points_, "at most 4 million are accepted: a revolution has fewer");
     for (int axis = 0; axis < 3; ++axis) {
       const std::string name(1, "xyz"[axis]);
@@ -77,7 +77,7 @@ class LasFile {
   LidarPoint point(const LasRecord& record, std::size_t index) const {
     const Eigen::Vector3d in_body_m = Eigen::Vector3d(record.x, record.y, record.z).cwiseProduct(scale_) + offset_;
     for (int axis = 0; axis < 3; ++axis) {
-      if (!(std::abs(in_body_m[axis]) <= kMaxCoordinate_m))
+      if (!(std::abs(in_body_m[axis]) <= kMaxLasCoordinate_m))
         refuse("point " + std::to_string(index) + " " + "xyz"[axis], text(in_body_m[axis]),
                "no LiDAR sees further than 1e4 m; metres from the body's origin are expected");
     }

@@ -129,7 +129,7 @@ TEST(Laz, WritesWhatOthersRead) {
 }
 
 template <class T>
-std::string message_for(std::string file, std::size_t offset, T value) {
+std::string las_message(std::string file, std::size_t offset, T value) {
   overwrite(&file, offset, value);
   const std::string message = input_error([&] { parse_las(file, "dir/points.las"); });
   EXPECT_THAT(message, HasSubstr("dir/points.las: "));
@@ -138,23 +138,23 @@ std::string message_for(std::string file, std::size_t offset, T value) {
 
 TEST(Las, Header) {
   const std::string file = las_file(few_points());
-  EXPECT_THAT(message_for(file, 3, 'X'), HasSubstr("signature"));
+  EXPECT_THAT(las_message(file, 3, 'X'), HasSubstr("signature"));
   EXPECT_THAT(input_error([&] { parse_las("", "dir/points.las"); }), HasSubstr("signature"));
   EXPECT_THAT(input_error([&] { parse_las(file.substr(0, 226), "dir/points.las"); }),
               AllOf(HasSubstr("226"), HasSubstr("227")));
-  EXPECT_THAT(message_for(file, 24, '\2'), HasSubstr("version = 2.2"));
-  EXPECT_THAT(message_for(file, 25, '\4'), HasSubstr("version = 1.4"));
-  EXPECT_THAT(message_for(file, 94, std::uint16_t{226}), HasSubstr("header size = 226"));
-  EXPECT_THAT(message_for(file, 94, std::uint16_t{60000}), HasSubstr("header size = 60000"));
-  EXPECT_THAT(message_for(file, 96, std::uint32_t{226}), HasSubstr("offset to point data = 226"));
-  EXPECT_THAT(message_for(file, 96, std::uint32_t{4000000000}), HasSubstr("offset to point data = 4000000000"));
-  EXPECT_THAT(message_for(file, 104, '\3'), HasSubstr("point data format = 3"));
-  EXPECT_THAT(message_for(file, 104, '\x83'), HasSubstr("point data format = 131"));
-  EXPECT_THAT(message_for(file, 105, std::uint16_t{34}), HasSubstr("point data record length = 34"));
-  EXPECT_THAT(message_for(file, 107, std::uint32_t{11}),
+  EXPECT_THAT(las_message(file, 24, '\2'), HasSubstr("version = 2.2"));
+  EXPECT_THAT(las_message(file, 25, '\4'), HasSubstr("version = 1.4"));
+  EXPECT_THAT(las_message(file, 94, std::uint16_t{226}), HasSubstr("header size = 226"));
+  EXPECT_THAT(las_message(file, 94, std::uint16_t{60000}), HasSubstr("header size = 60000"));
+  EXPECT_THAT(las_message(file, 96, std::uint32_t{226}), HasSubstr("offset to point data = 226"));
+  EXPECT_THAT(las_message(file, 96, std::uint32_t{4000000000}), HasSubstr("offset to point data = 4000000000"));
+  EXPECT_THAT(las_message(file, 104, '\3'), HasSubstr("point data format = 3"));
+  EXPECT_THAT(las_message(file, 104, '\x83'), HasSubstr("point data format = 131"));
+  EXPECT_THAT(las_message(file, 105, std::uint16_t{34}), HasSubstr("point data record length = 34"));
+  EXPECT_THAT(las_message(file, 107, std::uint32_t{11}),
               AllOf(HasSubstr("number of points = 11"), HasSubstr("280 bytes")));
-  EXPECT_THAT(message_for(file, 107, std::uint32_t{9}), HasSubstr("number of points = 9"));
-  EXPECT_THAT(message_for(file, 107, UINT32_MAX), HasSubstr("number of points = 4294967295"));
+  EXPECT_THAT(las_message(file, 107, std::uint32_t{9}), HasSubstr("number of points = 9"));
+  EXPECT_THAT(las_message(file, 107, UINT32_MAX), HasSubstr("number of points = 4294967295"));
   EXPECT_THAT(input_error([&] { parse_las(file.substr(0, file.size() - 1), "dir/points.las"); }),
               AllOf(HasSubstr("number of points = 10"), HasSubstr("279 bytes")));
 }
@@ -162,16 +162,16 @@ TEST(Las, Header) {
 TEST(Las, Numbers) {
   constexpr double kNan = std::numeric_limits<double>::quiet_NaN(), kInfinity = std::numeric_limits<double>::infinity();
   const std::string file = las_file(few_points());
-  EXPECT_THAT(message_for(file, 131, 0.0), HasSubstr("x scale factor = 0"));
-  EXPECT_THAT(message_for(file, 139, -0.001), HasSubstr("y scale factor = -0.001"));
-  EXPECT_THAT(message_for(file, 147, kNan), HasSubstr("z scale factor = nan"));
-  EXPECT_THAT(message_for(file, 147, kInfinity), HasSubstr("z scale factor = inf"));
-  EXPECT_THAT(message_for(file, 155, kNan), HasSubstr("x offset = nan"));
-  EXPECT_THAT(message_for(file, 171, kInfinity), HasSubstr("z offset = inf"));
-  EXPECT_THAT(message_for(file, 163, 500000.0), AllOf(HasSubstr("point 0 y = 500000"), HasSubstr("1e4 m")));
-  EXPECT_THAT(message_for(file, 131, 1e308), HasSubstr("point 1 x = inf"));
+  EXPECT_THAT(las_message(file, 131, 0.0), HasSubstr("x scale factor = 0"));
+  EXPECT_THAT(las_message(file, 139, -0.001), HasSubstr("y scale factor = -0.001"));
+  EXPECT_THAT(las_message(file, 147, kNan), HasSubstr("z scale factor = nan"));
+  EXPECT_THAT(las_message(file, 147, kInfinity), HasSubstr("z scale factor = inf"));
+  EXPECT_THAT(las_message(file, 155, kNan), HasSubstr("x offset = nan"));
+  EXPECT_THAT(las_message(file, 171, kInfinity), HasSubstr("z offset = inf"));
+  EXPECT_THAT(las_message(file, 163, 500000.0), AllOf(HasSubstr("point 0 y = 500000"), HasSubstr("1e4 m")));
+  EXPECT_THAT(las_message(file, 131, 1e308), HasSubstr("point 1 x = inf"));
   for (const double time : {kNan, kInfinity, -1e19})
-    EXPECT_THAT(message_for(file, 227 + 3 * 28 + 20, time),
+    EXPECT_THAT(las_message(file, 227 + 3 * 28 + 20, time),
                 AllOf(HasSubstr("point 3 gps_time"), HasSubstr("nanoseconds")));
 }
 
@@ -180,30 +180,30 @@ TEST(Las, VariableLengthRecords) {
   const std::string file =
       testing::las_header(0, {testing::variable_record("a", 1, content), testing::variable_record("b", 2, content)});
   EXPECT_TRUE(parse_las(file, "points.las").empty());
-  EXPECT_THAT(message_for(file, 100, std::uint32_t{3}), HasSubstr("variable length record 2"));
-  EXPECT_THAT(message_for(file, 100, UINT32_MAX), HasSubstr("variable length record 2"));
-  EXPECT_THAT(message_for(file, 227 + 20, std::uint16_t{65535}), HasSubstr("variable length record 0 length = 65535"));
-  EXPECT_THAT(message_for(file, 227 + 94 + 20, std::uint16_t{41}), HasSubstr("variable length record 1 length = 41"));
+  EXPECT_THAT(las_message(file, 100, std::uint32_t{3}), HasSubstr("variable length record 2"));
+  EXPECT_THAT(las_message(file, 100, UINT32_MAX), HasSubstr("variable length record 2"));
+  EXPECT_THAT(las_message(file, 227 + 20, std::uint16_t{65535}), HasSubstr("variable length record 0 length = 65535"));
+  EXPECT_THAT(las_message(file, 227 + 94 + 20, std::uint16_t{41}), HasSubstr("variable length record 1 length = 41"));
 }
 
 TEST(Laz, LaszipRecord) {
   const std::string file = laz_file(few_points(), 4);
   const std::size_t record = 227 + 54 + 4 + 54;
-  EXPECT_THAT(message_for(las_file(few_points()), 104, '\x81'), HasSubstr("none is LASzip's"));
-  EXPECT_THAT(message_for(file, record - 54 + 2, 'L'), HasSubstr("none is LASzip's"));
-  EXPECT_THAT(message_for(file, 104, '\1'), AllOf(HasSubstr("point data format = 1"), HasSubstr("129")));
-  EXPECT_THAT(message_for(file, record - 54 + 20, std::uint16_t{40}), HasSubstr("LASzip record length = 40"));
-  EXPECT_THAT(message_for(file, record, std::uint16_t{3}), HasSubstr("LASzip compressor = 3"));
-  EXPECT_THAT(message_for(file, record + 2, std::uint16_t{1}), HasSubstr("LASzip coder = 1"));
-  EXPECT_THAT(message_for(file, record + 12, std::uint32_t{0}), HasSubstr("LASzip chunk size = 0"));
-  EXPECT_THAT(message_for(file, record + 12, UINT32_MAX), HasSubstr("LASzip chunk size = 4294967295"));
-  EXPECT_THAT(message_for(file, record + 32, std::uint16_t{3}), HasSubstr("LASzip number of items = 3"));
-  EXPECT_THAT(message_for(file, record + 34, std::uint16_t{10}), HasSubstr("LASzip item 0 type = 10"));
-  EXPECT_THAT(message_for(file, record + 36, std::uint16_t{30}), HasSubstr("LASzip item 0 size = 30"));
-  EXPECT_THAT(message_for(file, record + 38, std::uint16_t{1}), HasSubstr("LASzip item 0 version = 1"));
-  EXPECT_THAT(message_for(file, record + 40, std::uint16_t{8}), HasSubstr("LASzip item 1 type = 8"));
-  EXPECT_THAT(message_for(file, record + 42, std::uint16_t{6}), HasSubstr("LASzip item 1 size = 6"));
-  EXPECT_THAT(message_for(file, record + 44, std::uint16_t{1}), HasSubstr("LASzip item 1 version = 1"));
+  EXPECT_THAT(las_message(las_file(few_points()), 104, '\x81'), HasSubstr("none is LASzip's"));
+  EXPECT_THAT(las_message(file, record - 54 + 2, 'L'), HasSubstr("none is LASzip's"));
+  EXPECT_THAT(las_message(file, 104, '\1'), AllOf(HasSubstr("point data format = 1"), HasSubstr("129")));
+  EXPECT_THAT(las_message(file, record - 54 + 20, std::uint16_t{40}), HasSubstr("LASzip record length = 40"));
+  EXPECT_THAT(las_message(file, record, std::uint16_t{3}), HasSubstr("LASzip compressor = 3"));
+  EXPECT_THAT(las_message(file, record + 2, std::uint16_t{1}), HasSubstr("LASzip coder = 1"));
+  EXPECT_THAT(las_message(file, record + 12, std::uint32_t{0}), HasSubstr("LASzip chunk size = 0"));
+  EXPECT_THAT(las_message(file, record + 12, UINT32_MAX), HasSubstr("LASzip chunk size = 4294967295"));
+  EXPECT_THAT(las_message(file, record + 32, std::uint16_t{3}), HasSubstr("LASzip number of items = 3"));
+  EXPECT_THAT(las_message(file, record + 34, std::uint16_t{10}), HasSubstr("LASzip item 0 type = 10"));
+  EXPECT_THAT(las_message(file, record + 36, std::uint16_t{30}), HasSubstr("LASzip item 0 size = 30"));
+  EXPECT_THAT(las_message(file, record + 38, std::uint16_t{1}), HasSubstr("LASzip item 0 version = 1"));
+  EXPECT_THAT(las_message(file, record + 40, std::uint16_t{8}), HasSubstr("LASzip item 1 type = 8"));
+  EXPECT_THAT(las_message(file, record + 42, std::uint16_t{6}), HasSubstr("LASzip item 1 size = 6"));
+  EXPECT_THAT(las_message(file, record + 44, std::uint16_t{1}), HasSubstr("LASzip item 1 version = 1"));
 }
 
 TEST(Laz, ChunkTable) {
@@ -212,24 +212,24 @@ TEST(Laz, ChunkTable) {
   const auto table = static_cast<std::size_t>(little_endian<std::int64_t>(file, begin));
   for (const std::int64_t position : {std::int64_t{-1}, std::int64_t{0}, static_cast<std::int64_t>(begin + 7),
                                       static_cast<std::int64_t>(file.size() - 7), INT64_MAX, INT64_MIN})
-    EXPECT_THAT(message_for(file, begin, position), HasSubstr("chunk table position = " + std::to_string(position)));
-  EXPECT_THAT(message_for(file, table, std::uint32_t{1}), HasSubstr("chunk table version = 1"));
-  EXPECT_THAT(message_for(file, table + 4, std::uint32_t{2}),
+    EXPECT_THAT(las_message(file, begin, position), HasSubstr("chunk table position = " + std::to_string(position)));
+  EXPECT_THAT(las_message(file, table, std::uint32_t{1}), HasSubstr("chunk table version = 1"));
+  EXPECT_THAT(las_message(file, table + 4, std::uint32_t{2}),
               AllOf(HasSubstr("number of chunks = 2"), HasSubstr("must be 3")));
-  EXPECT_THAT(message_for(file, 107, std::uint32_t{13}),
+  EXPECT_THAT(las_message(file, 107, std::uint32_t{13}),
               AllOf(HasSubstr("number of chunks = 3"), HasSubstr("must be 4")));
-  EXPECT_THAT(message_for(file, table + 9, '\x7f'), HasSubstr("chunk"));
+  EXPECT_THAT(las_message(file, table + 9, '\x7f'), HasSubstr("chunk"));
   // The last chunk is to hold two points and would hold three, or one.
-  EXPECT_THAT(message_for(file, 107, std::uint32_t{11}), HasSubstr("chunk 2 = point 10"));
-  EXPECT_THAT(message_for(file, 107, std::uint32_t{9}), AllOf(HasSubstr("chunk 2"), HasSubstr("are left")));
+  EXPECT_THAT(las_message(file, 107, std::uint32_t{11}), HasSubstr("chunk 2 = point 10"));
+  EXPECT_THAT(las_message(file, 107, std::uint32_t{9}), AllOf(HasSubstr("chunk 2"), HasSubstr("are left")));
   std::string many = laz_file(few_points(), 4);
   overwrite(&many, 107, std::uint32_t{4'000'000});
   overwrite(&many, record + 12, std::uint32_t{1});
-  EXPECT_THAT(message_for(many, table + 4, std::uint32_t{4'000'000}),
+  EXPECT_THAT(las_message(many, table + 4, std::uint32_t{4'000'000}),
               AllOf(HasSubstr("number of chunks = 4000000"), HasSubstr("do not fit")));
   std::string gap = file;  // one byte more between the last chunk and the table
   gap.insert(table, 1, '\0');
-  EXPECT_THAT(message_for(gap, begin, static_cast<std::int64_t>(table + 1)),
+  EXPECT_THAT(las_message(gap, begin, static_cast<std::int64_t>(table + 1)),
               AllOf(HasSubstr("chunk table = 1"), HasSubstr("between")));
 }
 

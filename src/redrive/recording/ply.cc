@@ -12,8 +12,8 @@
 namespace redrive {
 namespace {
 
-constexpr std::size_t kMaxPoints = 100'000'000;
-constexpr double kMaxCoordinate_m = 1e6;
+constexpr std::size_t kMaxPlyPoints = 100'000'000;
+constexpr double kMaxPlyCoordinate_m = 1e6;
 
 /// Bytes of the scalar types, under both of their names.
 const std::map<std::string_view, std::size_t> kSizes = {{"char", 1},  {"int8", 1},    {"uchar", 1},  {"uint8", 1},
@@ -86,7 +86,7 @@ class PlyFile {
         if (element == "vertex") {
           const std::string_view digits = next_word(&line);
           const auto [end, error] = std::from_chars(digits.data(), digits.data() + digits.size(), count_);
-          if (error != std::errc() || end != digits.data() + digits.size() || count_ > kMaxPoints ||
+          if (error != std::errc() || end != digits.data() + digits.size() || count_ > kMaxPlyPoints ||
               !properties_.empty())
             refuse("element", whole, "must give a number of points up to 1e8, once");
         }
@@ -147,7 +147,7 @@ class PlyFile {
 
   Eigen::Vector3d checked(const Eigen::Vector3d& point, std::size_t index) const {
     for (int axis = 0; axis < 3; ++axis)
-      if (!(std::abs(point[axis]) <= kMaxCoordinate_m))
+      if (!(std::abs(point[axis]) <= kMaxPlyCoordinate_m))
         refuse("vertex " + std::to_string(index) + " " + "xyz"[axis], std::to_string(point[axis]),
                "must be metres, at most 1e6");
     return point;

@@ -13,12 +13,12 @@ using testing::input_error;
 json view(const std::string& file) {
   return {{"file", file}, {"camera", "F_CAM"}, {"frame_id", 33650}, {"shift_body_m", {0, 0.5, 0}}};
 }
-PosesFile parse(const json& document) { return parse_poses(document.dump(), "dir/poses.json"); }
+PosesFile parsed_poses(const json& document) { return parse_poses(document.dump(), "dir/poses.json"); }
 
-std::string message_for(const std::string& field, const json& value) {
+std::string poses_message(const std::string& field, const json& value) {
   json document = {{"images", {view("a.png"), view("b.png")}}};
   document["images"][1][json::json_pointer(field)] = value;
-  const std::string message = input_error([&] { parse(document); });
+  const std::string message = input_error([&] { parsed_poses(document); });
   EXPECT_THAT(message, AllOf(HasSubstr("dir/poses.json"), HasSubstr("images[1]"))) << field;
   return message;
 }
@@ -29,7 +29,7 @@ TEST(PosesFile, ReadsEveryForm) {
   document["images"][1]["RT_ECEF_body"] = testing::pose_at(7, 0)["RT_ECEF_body"];
   document["images"][1].erase("shift_body_m");
   document["images"][2]["ECEF_RT_body"] = testing::pose_at(8, 0)["RT_ECEF_body"];
-  const PosesFile poses = parse(document);
+  const PosesFile poses = parsed_poses(document);
   EXPECT_EQ(poses.cameras.size(), 2u);
   ASSERT_EQ(poses.views.size(), 3u);
   EXPECT_EQ(poses.views[0].file, "a.png");
@@ -46,36 +46,37 @@ TEST(PosesFile, ReadsEveryForm) {
 TEST(PosesFile, FileNamesStayInTheOutputFolder) {
   for (const char* name :
        {"", "/tmp/a.png", "../a.png", "a/../b.png", "./a.png", "a//b.png", "a/", "a.bmp", "a", ".png", "a\n.png"}) {
-    EXPECT_THAT(message_for("/file", name), HasSubstr("images[1].file")) << name;
+    EXPECT_THAT(poses_message("/file", name), HasSubstr("images[1].file")) << name;
   }
-  EXPECT_THAT(message_for("/file", "a.png"), HasSubstr("overwrite"));
-  EXPECT_THAT(message_for("/file", "a.png/b.png"), HasSubstr("folder"));
-  EXPECT_THAT(message_for("/file", 7), HasSubstr("images[1].file = 7"));
+  EXPECT_THAT(poses_message("/file", "a.png"), HasSubstr("overwrite"));
+  EXPECT_THAT(poses_message("/file", "a.png/b.png"), HasSubstr("folder"));
+  EXPECT_THAT(poses_message("/file", 7), HasSubstr("images[1].file = 7"));
 }
 
 TEST(PosesFile, BadFields) {
-  EXPECT_THAT(message_for("/camera", 3), HasSubstr("images[1].camera = 3"));
-  EXPECT_THAT(message_for("/frame_id", "33650"), HasSubstr("images[1].frame_id = \"33650\""));
-  EXPECT_THAT(message_for("/frame_id", -1), HasSubstr("images[1].frame_id = -1"));
-  EXPECT_THAT(message_for("/frame_id", 1.5), HasSubstr("images[1].frame_id = 1.5"));
-  EXPECT_THAT(message_for("/shift_body_m", {1, 2}), HasSubstr("images[1].shift_body_m = [1,2]"));
-  EXPECT_THAT(message_for("/shift_body_m/1", "nan"), HasSubstr("images[1].shift_body_m[1] = \"nan\""));
-  EXPECT_THAT(message_for("/shift_body_m/1", 1e5), HasSubstr("images[1].shift_body_m"));
-  EXPECT_THAT(message_for("/RT_ECEF_body", {{1, 0}, {0, 1}}), HasSubstr("images[1].RT_ECEF_body"));
+  EXPECT_THAT(poses_message("/camera", 3), HasSubstr("images[1].camera = 3"));
+  EXPECT_THAT(poses_message("/frame_id", "33650"), HasSubstr("images[1].frame_id = \"33650\""));
+  EXPECT_THAT(poses_message("/frame_id", -1), HasSubstr("images[1].frame_id = -1"));
+  EXPECT_THAT(poses_message("/frame_id", 1.5), HasSubstr("images[1].frame_id = 1.5"));
+  EXPECT_THAT(poses_message("/shift_body_m", {1, 2}), HasSubstr("images[1].shift_body_m = [1,2]"));
+  EXPECT_THAT(poses_message("/shift_body_m/1", "nan"), HasSubstr("images[1].shift_body_m[1] = \"nan\""));
+  EXPECT_THAT(poses_message("/shift_body_m/1", 1e5), HasSubstr("images[1].shift_body_m"));
+  EXPECT_THAT(poses_message("/RT_ECEF_body", {{1, 0}, {0, 1}}), HasSubstr("images[1].RT_ECEF_body"));
   for (const char* key : {"file", "camera", "frame_id", "shift_body_m"}) {
     json document = {{"images", {view("a.png")}}};
     document["images"][0].erase(key);
-    EXPECT_THAT(input_error([&] { parse(document); }), AllOf(HasSubstr("images[0]"), HasSubstr(key)));
+    EXPECT_THAT(input_error([&] { parsed_poses(document); }), AllOf(HasSubstr("images[0]"), HasSubstr(key)));
   }
 }
 
 TEST(PosesFile, BadDocuments) {
-  EXPECT_THAT(input_error([] { parse(json::object()); }), AllOf(HasSubstr("images"), HasSubstr("missing")));
-  EXPECT_THAT(input_error([] { parse({{"images", json::array()}}); }), HasSubstr("at least one"));
-  EXPECT_THAT(input_error([] { parse({{"images", {{"a", view("a.png")}}}}); }), HasSubstr("images"));
+  EXPECT_THAT(input_error([] { parsed_poses(json::object()); }), AllOf(HasSubstr("images"), HasSubstr("missing")));
+  EXPECT_THAT(input_error([] { parsed_poses({{"images", json::array()}}); }), HasSubstr("at least one"));
+  EXPECT_THAT(input_error([] { parsed_poses({{"images", {{"a", view("a.png")}}}}); }), HasSubstr("images"));
   json document = {{"calibration", testing::calibration()}, {"images", {view("a.png")}}};
   document["calibration"]["F_CAM"]["model"] = "f_theta";
-  EXPECT_THAT(input_error([&] { parse(document); }), AllOf(HasSubstr("calibration.F_CAM.model"), HasSubstr("f_theta")));
+  EXPECT_THAT(input_error([&] { parsed_poses(document); }),
+              AllOf(HasSubstr("calibration.F_CAM.model"), HasSubstr("f_theta")));
   EXPECT_THAT(input_error([] { read_poses("/nowhere/poses.json"); }), HasSubstr("/nowhere/poses.json"));
 }
 

@@ -30,19 +30,19 @@ json document() {
           {"k4", 0},       {"frames", {frame("images/1.png"), frame("images/2.png")}}};
 }
 
-transforms::TransformsFile parse(const json& text) {
+transforms::TransformsFile parsed_transforms(const json& text) {
   return transforms::parse(text.dump(), "dir/transforms.json", [](const std::string&) {
     return transforms::ImageSize{800, 600};
   });
 }
 
-CameraCalibration first_camera(const json& text) { return *parse(text).pictures.at(0).camera; }
+CameraCalibration first_camera(const json& text) { return *parsed_transforms(text).pictures.at(0).camera; }
 
 /// The complaint about a document with `value` at a JSON pointer.
 std::string complaint(const std::string& pointer, const json& value) {
   json text = document();
   text[json::json_pointer(pointer)] = value;
-  const std::string message = input_error([&] { parse(text); });
+  const std::string message = input_error([&] { parsed_transforms(text); });
   EXPECT_THAT(message, HasSubstr("dir/transforms.json")) << pointer;
   return message;
 }
@@ -50,7 +50,7 @@ std::string complaint(const std::string& pointer, const json& value) {
 TEST(Transforms, ReadsEveryField) {
   json text = document();
   text["frames"][1]["mask_path"] = "masks\\2.png";
-  const transforms::TransformsFile file = parse(text);
+  const transforms::TransformsFile file = parsed_transforms(text);
   ASSERT_EQ(file.pictures.size(), 2u);
   EXPECT_EQ(file.pictures[0].file, "images/1.png");
   EXPECT_EQ(file.pictures[0].mask, "");
@@ -78,7 +78,7 @@ TEST(Transforms, PrincipalPointCountsFromTheCorner) {
 }
 
 TEST(Transforms, CameraLooksWhereTheMatrixSays) {
-  const transforms::Picture picture = parse(document()).pictures[0];
+  const transforms::Picture picture = parsed_transforms(document()).pictures[0];
   EXPECT_TRUE(picture.world_from_body.linear().isApprox(Eigen::Matrix3d::Identity(), 1e-15)) << "x forward, z up";
   const Rigid3d world_from_camera = picture.world_from_body * picture.camera->body_from_sensor;
   // 5 ahead, 2 to the right, 1 down.
@@ -89,7 +89,7 @@ TEST(Transforms, CameraLooksWhereTheMatrixSays) {
 TEST(Transforms, AFramesOwnIntrinsicsCount) {
   json text = document();
   text["frames"][1].update({{"fl_x", 200}, {"cx", 10.5}, {"w", 50}, {"h", 40}, {"k1", 0}});
-  const auto pictures = parse(text).pictures;
+  const auto pictures = parsed_transforms(text).pictures;
   EXPECT_EQ(pictures[0].camera->fx, 100.5);
   const CameraCalibration& own = *pictures[1].camera;
   EXPECT_EQ(own.fx, 200);
@@ -130,10 +130,10 @@ TEST(Transforms, FisheyesOfBothDialects) {
     EXPECT_THAT(camera.distortion, ElementsAre(0.1, -0.02, 4e-3, 5e-4, 0));
   }
   nerfstudio["p1"] = 0.01;
-  EXPECT_THAT(input_error([&] { parse(nerfstudio); }), HasSubstr("p1 = 0.01"));
+  EXPECT_THAT(input_error([&] { parsed_transforms(nerfstudio); }), HasSubstr("p1 = 0.01"));
   ngp.erase("fl_x");
   ngp["camera_angle_x"] = 2;
-  EXPECT_THAT(input_error([&] { parse(ngp); }), HasSubstr("fl_x"));
+  EXPECT_THAT(input_error([&] { parsed_transforms(ngp); }), HasSubstr("fl_x"));
 }
 
 TEST(Transforms, ModelsThatArePinholes) {
@@ -147,21 +147,21 @@ TEST(Transforms, ModelsThatArePinholes) {
 TEST(Transforms, BoundsAreInstantNgpsCube) {
   json text = document();
   text["aabb_scale"] = 4;
-  transforms::TransformsFile file = parse(text);
+  transforms::TransformsFile file = parsed_transforms(text);
   ASSERT_TRUE(file.bounds);
   EXPECT_EQ(file.bounds->center, Eigen::Vector3d::Zero());
   EXPECT_DOUBLE_EQ(file.bounds->half_side, 2 / 0.33);
   // scale x + offset is 0.5 at the middle and 0.5 + 2 at the far side.
   text["scale"] = 0.25;
   text["offset"] = {0.5, 0.25, 1.0};
-  file = parse(text);
+  file = parsed_transforms(text);
   EXPECT_EQ(file.bounds->center, Eigen::Vector3d(0, 1, -2));
   EXPECT_EQ(file.bounds->half_side, 8);
   text["offset"] = 0.25;
-  EXPECT_EQ(parse(text).bounds->center, Eigen::Vector3d(1, 1, 1));
+  EXPECT_EQ(parsed_transforms(text).bounds->center, Eigen::Vector3d(1, 1, 1));
   text.erase("aabb_scale");
   text["aabb"] = {{-1, 0, 2}, {3, 2, 3}};
-  file = parse(text);
+  file = parsed_transforms(text);
   EXPECT_EQ(file.bounds->center, Eigen::Vector3d(1, 1, 2.5));
   EXPECT_EQ(file.bounds->half_side, 2) << "half of the longest side";
 }
@@ -198,7 +198,7 @@ TEST(Transforms, RefusesWhatItCannotUse) {
       {"/test_filenames", "all", "test_filenames"},
   };
   for (const auto& [pointer, value, part] : cases) EXPECT_THAT(complaint(pointer, value), HasSubstr(part)) << pointer;
-  EXPECT_EQ(parse([] {
+  EXPECT_EQ(parsed_transforms([] {
               json text = document();
               text["rolling_shutter"] = {0, 0, 0, 0};
               text["white_transparent"] = false;
@@ -210,7 +210,7 @@ TEST(Transforms, RefusesWhatItCannotUse) {
     json text = document();
     text.erase(key);
     if (std::string(key) == "fl_x") text.erase("fl_y");
-    input_error([&] { parse(text); });
+    input_error([&] { parsed_transforms(text); });
   }
 }
 

@@ -98,7 +98,7 @@ Rigid3d tilted() {
 
 // A float direction turned in double or float and mapped to [0, 1]: three products and two sums of values below 1, each
 // within half an ulp of 1 (6e-8).
-constexpr float kTolerance = 6 * 6e-8f;
+constexpr float kColourTolerance = 6 * 6e-8f;
 
 void expect_directions(const RenderedImage& image, const RayTable& table, const Rigid3d& world_from_camera,
                        float depth) {
@@ -112,7 +112,7 @@ void expect_directions(const RenderedImage& image, const RayTable& table, const 
       colour = (0.5 * (world_from_camera.linear() * direction)).array() + 0.5;
       ++k;
     }
-    for (int c = 0; c < 3; ++c) ASSERT_NEAR(image.rgb[3 * pixel + c], colour[c], kTolerance) << "pixel " << pixel;
+    for (int c = 0; c < 3; ++c) ASSERT_NEAR(image.rgb[3 * pixel + c], colour[c], kColourTolerance) << "pixel " << pixel;
     ASSERT_EQ(image.depth[pixel], valid ? depth : 0.0f) << "pixel " << pixel;
     ASSERT_EQ(image.opacity[pixel], valid ? 1.0f : 0.0f) << "pixel " << pixel;
   }

@@ -42,28 +42,28 @@ Eigen::Vector3d moved(const Rigid3d& ecef_from_world, const Rigid3d& world_from_
   return to.translation() - from.translation();
 }
 
-constexpr double kTolerance = 1e-8;  // 6.4e6 m in double: one ulp is 9e-10 m
+constexpr double kTolerance_m = 1e-8;  // 6.4e6 m in double: one ulp is 9e-10 m
 
 TEST(ViewPose, ShiftsAlongTheAxesItNames) {
   const Rigid3d level = heading_east(0), identity = Rigid3d::Identity();  // world = body of the first frame
   const Eigen::Vector3d shift(0.5, 0.25, -1);
-  EXPECT_NEAR((moved(level, identity, ShiftAxes::kBody, shift) - shift).norm(), 0, kTolerance);
+  EXPECT_NEAR((moved(level, identity, ShiftAxes::kBody, shift) - shift).norm(), 0, kTolerance_m);
   // camera x right, y down, z forward, in body axes:
   EXPECT_NEAR((moved(level, identity, ShiftAxes::kCamera, shift) - Eigen::Vector3d(-1, -0.5, -0.25)).norm(), 0,
-              kTolerance);
-  EXPECT_NEAR((moved(level, identity, ShiftAxes::kLocal, shift) - shift).norm(), 0, kTolerance);
+              kTolerance_m);
+  EXPECT_NEAR((moved(level, identity, ShiftAxes::kLocal, shift) - shift).norm(), 0, kTolerance_m);
 }
 
 TEST(ViewPose, LocalAxesAreLevelWhereTheCarIsNot) {
   const double pitch = 0.1;  // a turn about y (left) by +0.1 rad lowers the nose
   const Rigid3d ecef_from_world = heading_east(pitch);
   const Eigen::Vector3d up = moved(ecef_from_world, Rigid3d::Identity(), ShiftAxes::kLocal, Eigen::Vector3d::UnitZ());
-  EXPECT_NEAR((up - Eigen::Vector3d(-std::sin(pitch), 0, std::cos(pitch))).norm(), 0, kTolerance);
+  EXPECT_NEAR((up - Eigen::Vector3d(-std::sin(pitch), 0, std::cos(pitch))).norm(), 0, kTolerance_m);
   const Eigen::Vector3d ahead =
       moved(ecef_from_world, Rigid3d::Identity(), ShiftAxes::kLocal, Eigen::Vector3d::UnitX());
-  EXPECT_NEAR((ahead - Eigen::Vector3d(std::cos(pitch), 0, std::sin(pitch))).norm(), 0, kTolerance);
+  EXPECT_NEAR((ahead - Eigen::Vector3d(std::cos(pitch), 0, std::sin(pitch))).norm(), 0, kTolerance_m);
   const Eigen::Vector3d left = moved(ecef_from_world, Rigid3d::Identity(), ShiftAxes::kLocal, Eigen::Vector3d::UnitY());
-  EXPECT_NEAR((left - Eigen::Vector3d::UnitY()).norm(), 0, kTolerance);
+  EXPECT_NEAR((left - Eigen::Vector3d::UnitY()).norm(), 0, kTolerance_m);
 }
 
 TEST(ViewPose, UpIsTheEllipsoidsNormalNotTheRadius) {
@@ -114,25 +114,25 @@ class Requested : public testing::Test {
 
 TEST_F(Requested, AbsoluteOrShiftedAndPreferenceDecidesBetweenThem) {
   RequestedView shift{"a.png", "CAM", 11, std::nullopt, Eigen::Vector3d(0, 1, 0)};
-  EXPECT_NEAR((place(shift) - Eigen::Vector3d(3, 1, 0)).norm(), 0, kTolerance);
+  EXPECT_NEAR((place(shift) - Eigen::Vector3d(3, 1, 0)).norm(), 0, kTolerance_m);
   RequestedView both = shift;
   both.ecef_from_body = scene.ecef_from_world * Eigen::Translation3d(7, 0, 0);
-  EXPECT_NEAR((place(both) - Eigen::Vector3d(7, 0, 0)).norm(), 0, kTolerance);
-  EXPECT_NEAR((place(both, true) - Eigen::Vector3d(3, 1, 0)).norm(), 0, kTolerance);
+  EXPECT_NEAR((place(both) - Eigen::Vector3d(7, 0, 0)).norm(), 0, kTolerance_m);
+  EXPECT_NEAR((place(both, true) - Eigen::Vector3d(3, 1, 0)).norm(), 0, kTolerance_m);
   RequestedView absolute = both;
   absolute.shift_body_m.reset();
-  EXPECT_NEAR((place(absolute, true) - Eigen::Vector3d(7, 0, 0)).norm(), 0, kTolerance);
+  EXPECT_NEAR((place(absolute, true) - Eigen::Vector3d(7, 0, 0)).norm(), 0, kTolerance_m);
   absolute.frame_id = 99;  // an absolute pose needs no frame
-  EXPECT_NEAR((place(absolute) - Eigen::Vector3d(7, 0, 0)).norm(), 0, kTolerance);
+  EXPECT_NEAR((place(absolute) - Eigen::Vector3d(7, 0, 0)).norm(), 0, kTolerance_m);
 }
 
 // A camera of the run that exposes a quarter of a frame late sees from there; an absolute place stays.
 TEST_F(Requested, AShiftMovesThePoseOfTheCamerasOwnExposure) {
   scene.rig[0].time_offset_ns = 25;
   RequestedView view{"a.png", "CAM", 10, std::nullopt, Eigen::Vector3d(0, 1, 0)};
-  EXPECT_NEAR((place(view) - Eigen::Vector3d(0.75, 1, 0)).norm(), 0, kTolerance);
+  EXPECT_NEAR((place(view) - Eigen::Vector3d(0.75, 1, 0)).norm(), 0, kTolerance_m);
   view.ecef_from_body = scene.ecef_from_world;
-  EXPECT_NEAR(place(view).norm(), 0, kTolerance);
+  EXPECT_NEAR(place(view).norm(), 0, kTolerance_m);
 }
 
 // The file's calibration takes the place of the run's whole: its offset counts, not that of the run's camera of this name.
@@ -144,9 +144,9 @@ TEST_F(Requested, ACameraOfThePosesFileHasItsOwnOffset) {
   cameras[0].fx = cameras[0].fy = cameras[0].width = cameras[0].height = 8;
   cameras[0].body_from_sensor = Rigid3d::Identity();
   const RequestedView view{"a.png", "CAM", 10, std::nullopt, Eigen::Vector3d(0, 1, 0)};
-  EXPECT_NEAR((place(view) - Eigen::Vector3d(0, 1, 0)).norm(), 0, kTolerance) << "it says none";
+  EXPECT_NEAR((place(view) - Eigen::Vector3d(0, 1, 0)).norm(), 0, kTolerance_m) << "it says none";
   cameras[0].time_offset_ns = 50;
-  EXPECT_NEAR((place(view) - Eigen::Vector3d(1.5, 1, 0)).norm(), 0, kTolerance);
+  EXPECT_NEAR((place(view) - Eigen::Vector3d(1.5, 1, 0)).norm(), 0, kTolerance_m);
 }
 
 TEST_F(Requested, ComplaintsNameFileFieldAndValue) {

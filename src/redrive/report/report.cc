@@ -141,7 +141,7 @@ std::string novel_views(const Run& run, kernels::Backend& backend, const Run* be
   const Coverage coverage(run, backend);
   std::string out =
       "<h2>Views that were never driven</h2>\n<p>Coverage goes by the run's own depth: a surface counts as "
-      "seen where it lies inside a training image with nothing in front of it.</p>\n";
+      "seen where it lies inside a training image, not masked and with nothing in front of it.</p>\n";
   for (const NovelTruth& truth : truths)
     out += pictures(run.paths.figures(), novel_pictures(run, backend, truth, coverage, beside), written);
   return out;

@@ -33,27 +33,25 @@ inline void spaced_edges(const RaySpacing& spacing, int n, bool jitter, std::uin
   }
 }
 
-/// What every interval weighs beside its own weight, over all of them: places that a proposal is wrong about stay reachable.
-constexpr float kProposalPadding = 0.01f;
-
 /// Edges [to + 1] at evenly spread quantiles of the histogram (edges [from + 1], weights [from] >= 0), within an interval
-/// linear; the outer two stay. With jitter one random shift for all quantiles of the ray, as in spaced_edges.
-inline void proposed_edges(const float* edges, const float* weights, int from, int to, bool jitter, std::uint64_t key,
-                           std::uint64_t ray, float* out) {
+/// linear; the outer two stay. `padding` > 0: what all intervals together weigh alike beside their own weights, against the sum of these:
+/// places that a proposal is wrong about stay reachable. With jitter one random shift for all quantiles of the ray, as in spaced_edges.
+inline void proposed_edges(const float* edges, const float* weights, int from, int to, float padding, bool jitter,
+                           std::uint64_t key, std::uint64_t ray, float* out) {
   float total = 0;
   for (int i = 0; i < from; ++i) total += weights[i];
   // A ray that met nothing is as long as it is: its padding is all there is.
-  const float padding = (total > 0 ? total : 1.0f) * kProposalPadding / static_cast<float>(from);
-  const float sum = total + padding * static_cast<float>(from);
+  const float each = (total > 0 ? total : 1.0f) * padding / static_cast<float>(from);
+  const float sum = total + each * static_cast<float>(from);
   const float shift = jitter ? random_unit(key, ray) - 0.5f : 0.0f;
   int i = 0;
-  float before = 0, here = weights[0] + padding;
+  float before = 0, here = weights[0] + each;
   out[0] = edges[0];
   for (int k = 1; k < to; ++k) {
     const float target = sum * (static_cast<float>(k) + shift) / static_cast<float>(to);
     while (i + 1 < from && before + here < target) {
       before += here;
-      here = weights[++i] + padding;
+      here = weights[++i] + each;
     }
     const float part = (target - before) / here;
     out[k] = edges[i] + (part > 1 ? 1.0f : part) * (edges[i + 1] - edges[i]);  // NaN stays NaN

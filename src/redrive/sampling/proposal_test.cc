@@ -19,11 +19,13 @@ std::vector<float> spaced(const RaySpacing& spacing, int n, bool jitter = false,
   return edges;
 }
 
+constexpr float kPadding = 0.01f;
+
 std::vector<float> proposed(const std::vector<float>& edges, const std::vector<float>& weights, int to,
                             bool jitter = false, std::uint64_t ray = 0) {
   std::vector<float> out(to + 1);
-  proposed_edges(edges.data(), weights.data(), static_cast<int>(weights.size()), to, jitter, random_key(8, kStreamTest),
-                 ray, out.data());
+  proposed_edges(edges.data(), weights.data(), static_cast<int>(weights.size()), to, kPadding, jitter,
+                 random_key(8, kStreamTest), ray, out.data());
   return out;
 }
 
@@ -86,7 +88,7 @@ TEST(SpacedEdges, AscendWhateverTheJitter) {
 double share_before(const std::vector<float>& edges, const std::vector<float>& weights, double t) {
   double total = 0, before = 0;
   for (const float w : weights) total += w;
-  const double n = static_cast<double>(weights.size()), padding = (total > 0 ? total : 1) * kProposalPadding / n;
+  const double n = static_cast<double>(weights.size()), padding = (total > 0 ? total : 1) * kPadding / n;
   for (std::size_t i = 0; i < weights.size(); ++i) {
     const double inside = std::clamp((t - edges[i]) / (double(edges[i + 1]) - edges[i]), 0.0, 1.0);
     before += inside * (weights[i] + padding);

@@ -15,7 +15,7 @@ double noise(std::int64_t a, std::int64_t b) {
 
 /// A drive along x over a plane of grey squares of 0.4 m under an even sky, with lane lines along the way, seen by a camera 1.3 m
 /// up that looks ahead. Where `bonnet` says so (first row by column), the vehicle: even paint, with a crease every 40 columns.
-class EgoOutline : public testing::Test {
+class EgoOutline : public ::testing::Test {
  protected:
   EgoOutline() {
     camera_.model = OpenCvPinhole{};

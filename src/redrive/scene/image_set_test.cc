@@ -15,7 +15,7 @@ namespace {
 
 using testing::HasSubstr;
 
-class ImageSetTest : public testing::Test {
+class ImageSetTest : public ::testing::Test {
  protected:
   TemporaryFolder folder_;
   const std::filesystem::path& root_ = folder_.path;

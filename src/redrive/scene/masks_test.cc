@@ -13,7 +13,7 @@ namespace {
 using ::testing::AllOf;
 using ::testing::HasSubstr;
 
-class MasksTest : public testing::Test {
+class MasksTest : public ::testing::Test {
  protected:
   void load() {
     scene_ = make_scene(recording_, options_);

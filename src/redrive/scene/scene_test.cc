@@ -15,7 +15,7 @@ using Eigen::Vector3d;
 // ECEF coordinates of 4.7e6 step by 9e-10 in double; a few roundings of those.
 constexpr double kEcefRounding_m = 1e-8;
 
-class SceneTest : public testing::Test {
+class SceneTest : public ::testing::Test {
  protected:
   TemporaryFolder folder_;
   Recording recording_ = make_test_recording(folder_.path);

@@ -8,21 +8,20 @@
 namespace redrive {
 namespace {
 
-constexpr double kSmoothingRays = 1e5;
-constexpr double kExplainedMse = 1e-4;
+constexpr double kSmoothingRays = 1e4;
 constexpr std::int64_t kRaysOfWindow = 1000;  // known to 10 %
 
-bool is_high(double mse, std::int64_t step, const LossWatch& watch) {
-  return step > kStartSteps && watch.best > 0 && mse > std::max(kHighLoss * watch.best, kExplainedMse);
+bool is_high(double mse, const LossWatch& watch) {
+  return watch.best > 0 && mse > std::max(kHighLoss * watch.best, kExplainedMse);
 }
 
 }  // namespace
 
-bool is_high(const LossWindow& window, std::int64_t step, const LossWatch& watch) {
-  return watch.high > 0 || (window.rays >= kRaysOfWindow && is_high(window.mse / window.steps, step, watch));
+bool is_high(const LossWindow& window, const LossWatch& watch) {
+  return watch.high > 0 || (window.rays >= kRaysOfWindow && is_high(window.mse / window.steps, watch));
 }
 
-void watch_loss(const LossWindow& window, std::int64_t step, LossWatch* watch) {
+void watch_loss(const LossWindow& window, LossWatch* watch) {
   if (window.steps == 0) return;
   const auto rays = static_cast<double>(window.rays);
   watch->rays = std::min(watch->rays + rays, kSmoothingRays);
@@ -30,7 +29,7 @@ void watch_loss(const LossWindow& window, std::int64_t step, LossWatch* watch) {
   watch->smoothed += rays / std::max(watch->rays, rays) * (window.mse / window.steps - watch->smoothed);
   if (watch->rays < kSmoothingRays) return;
   if (watch->best == 0 || watch->smoothed < watch->best) watch->best = watch->smoothed;
-  watch->high = is_high(watch->smoothed, step, *watch) ? watch->high + 1 : 0;
+  watch->high = is_high(watch->smoothed, *watch) ? watch->high + 1 : 0;
 }
 
 }  // namespace redrive

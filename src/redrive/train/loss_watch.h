@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Looks on after the start (train/start_watch.h looks at its first 1000 steps): a loss that rises and stays high is a divergence.
+// A loss that rises and stays high is a divergence, at whatever step (what failed from the first step on, train/start_watch.h sees).
 //
-// Windows of metrics.jsonl are smoothed, mean squared errors weighted by their rays over the last 10^5. The loss is high while that is
+// Windows of metrics.jsonl are smoothed, mean squared errors weighted by their rays over the last 10^4. The loss is high while that is
 // more than twice the best it has been, and above 1e-4 (40 dB), where a field explains its pictures; it has diverged when ten
 // windows on end (250 steps) are. Twice is far from noise: of a batch's squared errors the standard deviation is two or three times
-// their mean, so over 10^5 rays the mean is known to 1 %, and healthy runs of either method stay within 2 % of their best.
+// their mean, so over 10^4 rays the mean is known to 3 %, and healthy runs of either method stay within 20 % of their best. Ten times
+// as many rays would be known better, but small batches would need 400 steps for them: a rate far too high lets a grid learn for 150
+// steps and then lose it, which must not be averaged away.
 #pragma once
 
 #include "redrive/train/state.h"
@@ -16,12 +18,12 @@ constexpr int kHighWindows = 10;       ///< on end: diverged
 constexpr double kRollbackRate = 0.5;  ///< what a roll-back multiplies the learning rate by
 constexpr int kMaxRollbacks = 4;
 
-/// Takes in a window that ends at `step` (steps done).
-void watch_loss(const LossWindow& window, std::int64_t step, LossWatch* watch);
+/// Takes in a window.
+void watch_loss(const LossWindow& window, LossWatch* watch);
 
 inline bool has_diverged(const LossWatch& watch) { return watch.high >= kHighWindows; }
 /// The mean of a window, whole or not, of at least 1000 rays is itself high, or the last ones' was: maybe noise, maybe the beginning of
 /// the end, and no state to go back to.
-bool is_high(const LossWindow& window, std::int64_t step, const LossWatch& watch);
+bool is_high(const LossWindow& window, const LossWatch& watch);
 
 }  // namespace redrive

@@ -110,8 +110,10 @@ std::unique_ptr<Model> grid_model_of(const TrainOptions& options, const Scene& s
     const bool unbounded = from_within && scene.background == Background::kNone;
     model->contraction = {{0, 0, 0}, half, unbounded};
     model->spacing.half_m = kHalfSpacing * half;
-    // From outside a picture's thousand pixels span the cube.
-    if (!unbounded) model->field.grid.max_cells = 1024;
+    if (!unbounded) {
+      model->field.grid.max_cells = 1024;  // from outside a picture's thousand pixels span the cube
+      model->proposal_padding = 0.4f;      // surfaces behind surfaces, and no LiDAR to say which one is real
+    }
   }
   if (scene.background != Background::kNone) {  // nothing to learn of it
     model->sky.levels = 0;

@@ -7,7 +7,7 @@
 namespace redrive {
 namespace {
 
-constexpr double kDeadOpacity = 1e-4, kExplainedMse = 1e-4;
+constexpr double kDeadOpacity = 1e-4;
 constexpr int kDeadSteps = 20;
 constexpr std::int64_t kFirstSteps = 20, kLateBegin = 400, kLateEnd = 500;
 /// A batch's own variance stands for that of all pixels; over 100 batches of 1024 rays it is known to about 1 %, and the

@@ -19,6 +19,7 @@ namespace redrive {
 
 constexpr std::int64_t kStartSteps = 1000;  ///< what counts as the start; later the watch looks on no more
 constexpr int kMaxRestarts = 5;
+constexpr double kExplainedMse = 1e-4;  ///< 40 dB: the field explains its pictures
 
 /// Looks at step number `step` (from 0) of this start; the reason to begin anew from another seed, or nothing.
 std::optional<std::string> watch_start(const StepResult& result, const RayBatch& batch, std::int64_t step,

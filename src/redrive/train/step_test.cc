@@ -26,7 +26,7 @@ RayBatch example_batch(int n) {
   return batch;
 }
 
-TrainState example_state(int fine_samples) {
+TrainState small_state(int fine_samples) {
   Scene scene;
   scene.near_m = 1;
   scene.far_m = 5;
@@ -41,7 +41,7 @@ TrainState example_state(int fine_samples) {
 TEST(TrainStep, IsTheCompositionOfThePlainStages) {
   const auto backend = kernels::make_ref_backend();
   const RayBatch batch = example_batch(16);
-  TrainState state = example_state(0);
+  TrainState state = small_state(0);
   const TrainState before = parse_checkpoint(checkpoint_bytes(state), "");
   StepBuffers buffers;
   const StepResult result = train_step(*backend, batch, 1e-3, &state, &buffers);
@@ -76,11 +76,11 @@ TEST(TrainStep, IsTheCompositionOfThePlainStages) {
 TEST(TrainStep, HierarchicalAddsTheLossesAndTrainsBothNetworks) {
   const auto backend = kernels::make_ref_backend();
   const RayBatch batch = example_batch(8);
-  TrainState state = example_state(12);
+  TrainState state = small_state(12);
   const TrainState before = parse_checkpoint(checkpoint_bytes(state), "");
   StepBuffers buffers;
   const StepResult result = train_step(*backend, batch, 1e-3, &state, &buffers);
-  TrainState coarse_only = example_state(0);
+  TrainState coarse_only = small_state(0);
   StepBuffers other;
   const StepResult coarse = train_step(*backend, batch, 1e-3, &coarse_only, &other);
   EXPECT_NEAR(result.loss, coarse.loss + result.rgb_mse, 1e-6 * result.loss);
@@ -91,7 +91,7 @@ TEST(TrainStep, HierarchicalAddsTheLossesAndTrainsBothNetworks) {
 
 TEST(TrainStep, BatchesOfAnySizeShareTheBuffers) {  // the last batch of an epoch is smaller
   const auto backend = kernels::make_ref_backend();
-  TrainState shared = example_state(4), fresh = example_state(4);
+  TrainState shared = small_state(4), fresh = small_state(4);
   StepBuffers buffers;
   for (const int n : {16, 3, 16}) {
     StepBuffers own;
@@ -106,7 +106,7 @@ TEST(TrainStep, WhatIsNotFiniteIsNotApplied) {
   const auto backend = kernels::make_ref_backend();
   RayBatch batch = example_batch(4);
   batch.target[5] = std::numeric_limits<float>::quiet_NaN();
-  TrainState state = example_state(0);
+  TrainState state = small_state(0);
   const TrainState before = parse_checkpoint(checkpoint_bytes(state), "");
   StepBuffers buffers;
   EXPECT_FALSE(train_step(*backend, batch, 1e-3, &state, &buffers).finite);
@@ -176,7 +176,7 @@ TEST(TrainStep, TakesInWhatItsRaysMissed) {
 
 TEST(TrainStep, DeadFieldHasNoOpacityAndNoGradient) {
   const auto backend = kernels::make_ref_backend();
-  TrainState state = example_state(0);
+  TrainState state = small_state(0);
   state.model->parameters[nerf_layer(nerf(state).config, kNerfDensity).bias] = -1e3f;
   const TrainState before = parse_checkpoint(checkpoint_bytes(state), "");
   StepBuffers buffers;

@@ -86,7 +86,8 @@ class InterferingBackend : public kernels::Backend {
   void adam(const AdamStep& step, std::span<float> gradients, std::span<float> parameters, std::span<float> first,
             std::span<float> second) override {
     inner_.adam(step, gradients, parameters, first, second);
-    if (step_ == what_.spoil_at) std::ranges::fill(parameters, -1.0f);  // no ReLU is above its kink
+    if (step_ == what_.spoil_at)
+      std::ranges::fill(parameters, 1.0f);  // white and opaque: colours and opacity are saturated
   }
 
  private:

@@ -119,7 +119,7 @@ class Trainer {
     save_due_ = false;
   }
 
-  bool loss_rose() const { return last_was_high_ || is_high(state_.window, state_.step, state_.loss_watch); }
+  bool loss_rose() const { return last_was_high_ || is_high(state_.window, state_.loss_watch); }
 
   /// A start that failed: the same run once more from another seed.
   void restart(const std::string& reason) {
@@ -192,8 +192,8 @@ class Trainer {
       append_metrics(run_.paths, {state_.step, state_.seconds, window.loss / window.steps,
                                   decibels(window.mse / window.steps), learning_rate(state_.step - 1),
                                   rays_per_second(), static_cast<int>((state_.rays_drawn - 1) / sampler_.pixels())});
-    last_was_high_ = is_high(window, state_.step, state_.loss_watch);
-    watch_loss(window, state_.step, &state_.loss_watch);
+    last_was_high_ = is_high(window, state_.loss_watch);
+    watch_loss(window, &state_.loss_watch);
     state_.window = {};
   }
 

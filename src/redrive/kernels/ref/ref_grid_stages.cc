@@ -52,14 +52,15 @@ class RefGridStages final : public GridStages {
     for (int ray = 0; ray < rays.n; ++ray) spaced_edges_of(rays, how, ray, edges);
   }
 
-  void proposed(int n_rays, const Intervals& from, std::span<const float> weights, int per_ray, bool jitter,
-                std::uint64_t key, std::span<float> edges) override {
+  void proposed(int n_rays, const Intervals& from, std::span<const float> weights, const ProposedIntervals& how,
+                std::span<float> edges) override {
     check_edges(n_rays, from.per_ray, from.edges.size());
-    check_edges(n_rays, per_ray, edges.size());
+    check_edges(n_rays, how.per_ray, edges.size());
     REDRIVE_CHECK_OP(weights.size(), ==, interval_count(n_rays, from.per_ray));
     for (int ray = 0; ray < n_rays; ++ray)
       proposed_edges(&from.edges[interval_count(ray, from.per_ray + 1)], &weights[interval_count(ray, from.per_ray)],
-                     from.per_ray, per_ray, jitter, key, ray, &edges[interval_count(ray, per_ray + 1)]);
+                     from.per_ray, how.per_ray, how.padding, how.jitter, how.key, ray,
+                     &edges[interval_count(ray, how.per_ray + 1)]);
   }
 
   void contract(const Contraction& contraction, const Rays& rays, std::span<const float> pixel_angle,
@@ -208,8 +209,8 @@ class RefGridStages final : public GridStages {
     }
   }
 
-  double interlevel(int n_rays, const Intervals& intervals, std::span<const float> weights, const Intervals& proposal,
-                    std::span<const float> proposal_weights, std::span<float> d_proposal) override {
+  double proposal(int n_rays, const Intervals& intervals, std::span<const float> weights, const Intervals& proposal,
+                  std::span<const float> proposal_weights, std::span<float> d_proposal) override {
     check_edges(n_rays, intervals.per_ray, intervals.edges.size());
     check_edges(n_rays, proposal.per_ray, proposal.edges.size());
     REDRIVE_CHECK_OP(weights.size(), ==, interval_count(n_rays, intervals.per_ray));
@@ -219,7 +220,7 @@ class RefGridStages final : public GridStages {
     for (int ray = 0; ray < n_rays; ++ray) {
       const std::size_t first = interval_count(ray, intervals.per_ray), p = interval_count(ray, proposal.per_ray);
       std::vector<double> d(proposal.per_ray);
-      loss += interlevel_loss<double>(
+      loss += proposal_loss<double>(
           &intervals.edges[first + ray], as_double(weights.subspan(first, intervals.per_ray)).data(), intervals.per_ray,
           &proposal.edges[p + ray], as_double(proposal_weights.subspan(p, proposal.per_ray)).data(), proposal.per_ray,
           1.0 / n_rays, d.data());

@@ -100,15 +100,15 @@ class CpuGridStages final : public GridStages {
     });
   }
 
-  void proposed(int n_rays, const Intervals& from, std::span<const float> weights, int per_ray, bool jitter,
-                std::uint64_t key, std::span<float> edges) override {
+  void proposed(int n_rays, const Intervals& from, std::span<const float> weights, const ProposedIntervals& how,
+                std::span<float> edges) override {
     check_edges(n_rays, from.per_ray, from.edges.size());
-    check_edges(n_rays, per_ray, edges.size());
+    check_edges(n_rays, how.per_ray, edges.size());
     REDRIVE_CHECK_OP(weights.size(), ==, interval_count(n_rays, from.per_ray));
     pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
       for (std::size_t ray = begin; ray < end; ++ray)
-        proposed_edges(&from.edges[ray * (from.per_ray + 1)], &weights[ray * from.per_ray], from.per_ray, per_ray,
-                       jitter, key, ray, &edges[ray * (per_ray + 1)]);
+        proposed_edges(&from.edges[ray * (from.per_ray + 1)], &weights[ray * from.per_ray], from.per_ray, how.per_ray,
+                       how.padding, how.jitter, how.key, ray, &edges[ray * (how.per_ray + 1)]);
     });
   }
 
@@ -246,8 +246,8 @@ class CpuGridStages final : public GridStages {
     });
   }
 
-  double interlevel(int n_rays, const Intervals& intervals, std::span<const float> weights, const Intervals& proposal,
-                    std::span<const float> proposal_weights, std::span<float> d_proposal) override {
+  double proposal(int n_rays, const Intervals& intervals, std::span<const float> weights, const Intervals& proposal,
+                  std::span<const float> proposal_weights, std::span<float> d_proposal) override {
     const int n = intervals.per_ray, m = proposal.per_ray;
     check_edges(n_rays, n, intervals.edges.size());
     check_edges(n_rays, m, proposal.edges.size());
@@ -258,9 +258,9 @@ class CpuGridStages final : public GridStages {
     pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
       for (std::size_t ray = begin; ray < end; ++ray) {
         std::fill_n(&d_proposal[ray * m], m, 0.0f);
-        loss[begin / kRaysOfRange] += interlevel_loss<float>(
-            &intervals.edges[ray * (n + 1)], &weights[ray * n], n, &proposal.edges[ray * (m + 1)],
-            &proposal_weights[ray * m], m, 1.0f / static_cast<float>(n_rays), &d_proposal[ray * m]);
+        loss[begin / kRaysOfRange] += proposal_loss<float>(&intervals.edges[ray * (n + 1)], &weights[ray * n], n,
+                                                           &proposal.edges[ray * (m + 1)], &proposal_weights[ray * m],
+                                                           m, 1.0f / static_cast<float>(n_rays), &d_proposal[ray * m]);
       }
     });
     return std::accumulate(loss.begin(), loss.end(), 0.0) / n_rays;

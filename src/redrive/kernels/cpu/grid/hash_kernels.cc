@@ -9,12 +9,15 @@ namespace {
 
 constexpr float kMaxLogDensity = 15;
 
+constexpr float kLevelFloor = 0.2f;  // field/hash_grid.h: nothing of it may be compiled here
+
 /// The cells of kLanes points; those beyond the last lie at the origin.
 struct Cells {
   Vi corner[3];
   Vf fraction[3], level_weight;
-  Vu row[4];   ///< of pair p: at y + (p & 1), z + (p >> 1)
-  bool wraps;  ///< some pair
+  unsigned counts;  ///< bit j: the level counts for point j
+  Vu row[4];        ///< of pair p: at y + (p & 1), z + (p >> 1)
+  bool wraps;       ///< some pair
 };
 
 REDRIVE_INLINE Cells find_cells(const GridLevel& level, const GridPoints& points, std::size_t i) {
@@ -28,7 +31,10 @@ REDRIVE_INLINE Cells find_cells(const GridLevel& level, const GridPoints& points
     out.corner[k] = __builtin_convertvector(scaled, Vi);
     out.fraction[k] = scaled - __builtin_convertvector(out.corner[k], Vf);
   }
-  out.level_weight = one / maximum(splat(2.0f) * cells * load_first(points.footprint + i, count), one);
+  const Vf weight = one / maximum(splat(2.0f) * cells * load_first(points.footprint + i, count), one),
+           above = maximum(weight - splat(kLevelFloor), Vf{});
+  out.level_weight = weight < one ? above / splat(1 - kLevelFloor) : one;
+  out.counts = lane_bits(out.level_weight > Vf{});
   // Unsigned: a hash may wrap around.
   const std::uint32_t side = static_cast<std::uint32_t>(level.cells) + 2;
   const Vu step_y = splat_unsigned(level.dense ? side : 2654435761u),
@@ -155,15 +161,23 @@ void encode_rows(const GridLevel& level, const GridPoints& points, float* out) {
     const Cells cells = find_cells(level, points, i);
     store_cells(cells, &stored);
     const int count = points.n - i < kLanes ? static_cast<int>(points.n - i) : kLanes;
+    const auto encode_all = [&](bool wraps) __attribute__((always_inline)) {
+      for (int j = 0; j < count; ++j)
+        if (cells.counts >> j & 1)
+          encode_point<kFeatures>(level, stored, j, wraps, out);
+        else
+          *row_at<kFeatures>(out, static_cast<std::uint32_t>(j)) = typename RowOf<kFeatures>::Type{};
+    };
     if (cells.wraps)
-      for (int j = 0; j < count; ++j) encode_point<kFeatures>(level, stored, j, true, out);
+      encode_all(true);
     else
-      for (int j = 0; j < count; ++j) encode_point<kFeatures>(level, stored, j, false, out);
+      encode_all(false);
   }
 }
 
-/// Bit j: point j lies in the same cell as the one before it; `before`: the last cells'.
-REDRIVE_INLINE unsigned in_same_cell(const Cells& cells, Vi before[3]) {
+/// Bit j: point j lies in the same cell as the one before it, and the level counts for that one, too; `before`: the last cells',
+/// `counted`: whether the level counts for the last point.
+REDRIVE_INLINE unsigned in_same_cell(const Cells& cells, Vi before[3], bool* counted) {
   Vi shift;
   for (int i = 0; i < kLanes; ++i) shift[i] = i == 0 ? 2 * kLanes - 1 : i - 1;
   Vi same = Vi{} == Vi{};
@@ -171,7 +185,9 @@ REDRIVE_INLINE unsigned in_same_cell(const Cells& cells, Vi before[3]) {
     same &= cells.corner[k] == __builtin_shuffle(cells.corner[k], before[k], shift);
     before[k] = cells.corner[k];
   }
-  return lane_bits(same);
+  const unsigned counted_before = cells.counts << 1 | *counted;
+  *counted = cells.counts >> (kLanes - 1) & 1;
+  return lane_bits(same) & counted_before;
 }
 
 /// Consecutive points in one cell are summed up before they are added to its rows: along a ray they are many.
@@ -183,13 +199,14 @@ void encode_rows_backward(const GridLevel& level, const GridPoints& points, cons
   Vi before[3] = {splat_int(-1), splat_int(-1), splat_int(-1)};
   Pair sum[4]{};  // of the run of points in one cell; adding nothing to rows 0 and 1 does not hurt
   std::uint32_t row[4]{};
-  bool wraps = false;
+  bool wraps = false, counted = false;
   for (std::size_t i = 0; i < points.n; i += kLanes, d_out += kLanes * kFeatures) {
     const Cells cells = find_cells(level, points, i);
     store_cells(cells, &stored);
     const int count = points.n - i < kLanes ? static_cast<int>(points.n - i) : kLanes;
-    const unsigned same = in_same_cell(cells, before);
+    const unsigned same = in_same_cell(cells, before, &counted);
     for (int j = 0; j < count; ++j) {
+      if (!(cells.counts >> j & 1)) continue;
       const Row d = *row_at<kFeatures>(d_out, static_cast<std::uint32_t>(j)), far = stored.x[j] * d;
       const Pair both = join<kFeatures>(d - far, far);
       if (same >> j & 1) {
@@ -222,6 +239,7 @@ void encode_position_backward(const GridLevel& level, const GridPoints& points, 
     store(scale, cells.level_weight * splat(static_cast<float>(level.cells)));
     const int count = points.n - i < kLanes ? static_cast<int>(points.n - i) : kLanes;
     for (int j = 0; j < count; ++j) {
+      if (!(cells.counts >> j & 1)) continue;
       const Row d = *row_at<kFeatures>(d_out, static_cast<std::uint32_t>(i + j));
       const float x[2] = {1.0f - stored.x[j], stored.x[j]}, in_y[2] = {1.0f - y[j], y[j]},
                   in_z[2] = {1.0f - z[j], z[j]};
@@ -318,7 +336,7 @@ void encode_singles_backward(const GridLevel& level, const GridPoints& points, c
   Vi before[3] = {splat_int(-1), splat_int(-1), splat_int(-1)};
   V4 near{}, far{};
   std::uint32_t row[4]{};
-  bool wraps = false;
+  bool wraps = false, counted = false;
   const auto add = [&]() __attribute__((always_inline)) {
     add_single_pairs(d_rows, level.mask, row[0], row[1], wraps, near);
     add_single_pairs(d_rows, level.mask, row[2], row[3], wraps, far);
@@ -332,8 +350,9 @@ void encode_singles_backward(const GridLevel& level, const GridPoints& points, c
                    far_y * cells.fraction[0]};
     transpose_fours(plane);
     for (int k = 0; k < 4; ++k) store(s.plane[k], plane[k]);
-    const unsigned same = in_same_cell(cells, before);
+    const unsigned same = in_same_cell(cells, before, &counted);
     for (int j = 0; j < count; ++j) {
+      if (!(cells.counts >> j & 1)) continue;
       const V4 of_plane = *reinterpret_cast<const V4*>(s.plane_of(j)), of_far = s.z[j] * of_plane;
       if (same >> j & 1) {
         near += of_plane - of_far;
