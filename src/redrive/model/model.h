@@ -26,7 +26,7 @@ struct StepLosses {
   double opacity = 0;          ///< 0 means a dead field
   double range = 0;            ///< the LiDAR's part, if any
   double colours = 0;          ///< grid: the part of `loss` that is the colours' and the gains'
-  int field_rays = 0;          ///< rays that met enough for the field to be asked
+  int field_rays = 0;          ///< grid: rays that met enough for the field to be asked
   std::vector<float> squares;  ///< grid: [n], squared error of each ray's colour, mean of its channels
 };
 

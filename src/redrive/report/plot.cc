@@ -96,8 +96,7 @@ std::string loss_script(const std::vector<MetricsRow>& rows, const std::string& 
     if (row.loss > 0) low = std::min(low, row.loss), high = std::max(high, row.loss);
   if (high > 0) setup << "set yrange [" << 0.8 * low << ":" << 1.25 * high << "]\n";
   return history_script(
-      rows, title,
-      {"loss", "training loss", setup.str(), "top right at graph 0.99, graph 0.9", &MetricsRow::loss});
+      rows, title, {"loss", "training loss", setup.str(), "top right at graph 0.99, graph 0.9", &MetricsRow::loss});
 }
 
 std::string psnr_script(const std::vector<MetricsRow>& rows, const std::string& title) {

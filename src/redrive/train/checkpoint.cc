@@ -19,6 +19,7 @@ template <class State, class Visit>
 void visit_numbers(State& state, const Visit& visit) {
   visit("step", state.step);
   visit("rays_drawn", state.rays_drawn);
+  visit("field_share", state.field_share);
   visit("seconds", state.seconds);
   visit("seed", state.seed);
   visit("restarts", state.restarts);
@@ -65,6 +66,7 @@ void check_state(const TrainState& state, const std::filesystem::path& file) {
   };
   require(state.step >= 0, "step", state.step, "must not be negative");
   require(state.seconds >= 0, "seconds", state.seconds, "must not be negative");
+  require(state.field_share >= 0 && state.field_share <= 1, "field_share", state.field_share, "must be in 0..1");
   require(state.restarts >= 0, "restarts", state.restarts, "must not be negative");
   require(state.rollbacks >= 0, "rollbacks", state.rollbacks, "must not be negative");
   require(state.rate_factor > 0 && state.rate_factor <= 1, "rate_factor", state.rate_factor,

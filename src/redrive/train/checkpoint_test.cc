@@ -26,6 +26,7 @@ TrainState midway(TrainState state) {
   }
   state.step = 123456789012;
   state.rays_drawn = 9876543210987;
+  state.field_share = 0.625;
   state.seconds = 0.1 + 0.2;
   state.seed = 18446744073709551615ull;
   state.restarts = 2;
@@ -88,6 +89,7 @@ TEST(Checkpoint, RoundTripIsBitExact) {
     EXPECT_EQ(nerf(back).unit_from_world.scale, nerf(state).unit_from_world.scale);
     EXPECT_EQ(back.step, state.step);
     EXPECT_EQ(back.rays_drawn, state.rays_drawn);
+    EXPECT_EQ(back.field_share, state.field_share);
     EXPECT_EQ(back.seconds, state.seconds);
     EXPECT_EQ(back.seed, state.seed);
     EXPECT_EQ(back.restarts, state.restarts);
@@ -303,6 +305,7 @@ TEST(Checkpoint, DamageToAGridIsRefusedAndNamed) {
        },
        "cell_errors[2]"},
       {"rays drawn", metadata("rays_drawn", "-1"), "__metadata__.rays_drawn"},
+      {"field share", metadata("field_share", "1.5"), "__metadata__.field_share"},
       {"the format before", metadata("format", "redrive-3"), "__metadata__.format"},
   };
   for (const Damage& damage : table) {

@@ -8,6 +8,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/recording/las.h"
+#include "redrive/train/step.h"
 
 namespace redrive {
 namespace {
@@ -74,8 +75,9 @@ MemoryNeed estimate_memory(const Run& run, int threads) {
     need.lidar = points * kReturn * 2 / 3;  // of overlapping revolutions a third is there twice
     need.sorting = points * (sizeof(LidarPoint) + kSortedRay * 2 / 3);
   }
-  need.step = parameters + std::uint64_t(run.options.batch_rays + run.options.lidar_rays) *
-                               run.state.model->samples_per_ray() * kSample;
+  const double rays =
+      run.options.batch_rays * (run.options.method == "grid" ? kMostRaysOfBatch : 1) + run.options.lidar_rays;
+  need.step = parameters + static_cast<std::uint64_t>(rays) * run.state.model->samples_per_ray() * kSample;
   if (run.options.method == "nerf")
     need.step += kLanes * (parameters + kTileSamples * kTileNeuron * static_cast<std::uint64_t>(run.options.width));
   return need;

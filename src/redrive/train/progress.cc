@@ -14,8 +14,8 @@ std::string progress_line(const ProgressState& state) {
   char line[200], of_all[32] = "";
   if (state.steps > 0) std::snprintf(of_all, sizeof of_all, "/%lld", static_cast<long long>(state.steps));
   std::snprintf(line, sizeof line, "step %lld%s  loss %.5f  %.2f dB  %.0f rays/s  ETA %lld:%02lld:%02lld",
-                static_cast<long long>(state.step), of_all, state.loss, state.psnr_db,
-                state.rays_per_s, left / 3600, left / 60 % 60, left % 60);
+                static_cast<long long>(state.step), of_all, state.loss, state.psnr_db, state.rays_per_s, left / 3600,
+                left / 60 % 60, left % 60);
   return line;
 }
 

@@ -10,6 +10,8 @@
 namespace redrive {
 namespace {
 
+constexpr double kShareSmoothing = 1.0 / 32;  // per step
+
 bool all_finite(std::span<const float> values) {
   constexpr std::uint32_t kExponent = 0x7f800000;  // all ones: infinity or NaN
   std::uint32_t bad = 0;
@@ -36,6 +38,8 @@ StepResult train_step(kernels::Backend& backend, const RayBatch& batch, double l
     backend.adam(model.adam(learning_rate, state->step), gradients, model.parameters, state->first_moment,
                  state->second_moment);
     if (!batch.cell.empty()) smooth_errors(batch.cell, result.squares, state->cell_errors);
+    if (result.field_rays > 0)
+      state->field_share += kShareSmoothing * (static_cast<double>(result.field_rays) / batch.n - state->field_share);
   } else {
     std::ranges::fill(gradients, 0.0f);
   }

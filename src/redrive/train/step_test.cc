@@ -174,6 +174,32 @@ TEST(TrainStep, TakesInWhatItsRaysMissed) {
   EXPECT_EQ(state.rays_drawn, 10u);
 }
 
+TEST(RaysOfStep, AreMoreWhereManyAreEmpty) {
+  EXPECT_EQ(rays_of_step(2048, 1), 2048);
+  EXPECT_EQ(rays_of_step(2048, 0.8), 2560);
+  EXPECT_EQ(rays_of_step(2048, 0.5), 4096);
+  EXPECT_EQ(rays_of_step(2048, 0), 4096);
+}
+
+TEST(TrainStep, CountsTheRaysThatTheFieldWasAskedAbout) {
+  const auto backend = kernels::make_ref_backend();
+  RayBatch batch = example_batch(64);
+  batch.pixel_angle.assign(64, 0.01f);
+  auto model = std::make_unique<GridModel>();
+  model->field = {{2, 8, 2, 8, 6}, 16, 2};
+  model->proposal = {1, 1, 4, 4, 8};
+  model->sky = {1, 4, 2, 2, 6};
+  TrainState state = initial_state(std::move(model), 3);
+  StepBuffers buffers;
+  EXPECT_EQ(train_step(*backend, batch, 0, &state, &buffers).field_rays, 64);
+  EXPECT_EQ(state.field_share, 1);
+  for (const ModelTensor& tensor : state.model->tensors())
+    if (tensor.name == "proposal") std::fill_n(&state.model->parameters[tensor.offset], tensor.shape[0], -30.0f);
+  const int asked = train_step(*backend, batch, 0, &state, &buffers).field_rays;  // one in 16
+  EXPECT_LT(asked, 16);
+  EXPECT_DOUBLE_EQ(state.field_share, 1 + (asked / 64.0 - 1) / 32);
+}
+
 TEST(TrainStep, DeadFieldHasNoOpacityAndNoGradient) {
   const auto backend = kernels::make_ref_backend();
   TrainState state = small_state(0);

@@ -37,7 +37,7 @@ class Trainer {
         lidar_sampler_(data.lidar, run->options.seed),
         use_lidar_(options_.lidar_rays > 0 && data.lidar.n > 0),
         saved_seconds_(run->state.seconds) {
-    const std::int64_t per_epoch = sampler_.steps_per_epoch(even_rays());
+    const std::int64_t per_epoch = sampler_.steps_per_epoch(rays() - rays_by_error());
     steps_ = total_steps(options_, per_epoch);
     milestones_ = milestones(options_, per_epoch);
     steps_per_epoch_ = per_epoch;
@@ -66,8 +66,8 @@ class Trainer {
     return decayed_rate(rate, options_.lr_gamma, std::min(progress(), 1.0), step);
   }
 
-  int rays_by_error() const { return static_cast<int>(options_.error_rays * options_.batch_rays); }
-  int even_rays() const { return options_.batch_rays - rays_by_error(); }
+  int rays() const { return rays_of_step(options_.batch_rays, state_.field_share); }
+  int rays_by_error() const { return static_cast<int>(options_.error_rays * rays()); }
 
   /// Of the run, by the limit that is nearest: 1 is its end.
   double progress() const {
@@ -89,7 +89,7 @@ class Trainer {
   void step() {
     const auto begin = std::chrono::steady_clock::now();
     const std::int64_t number = state_.step;
-    sampler_.gather(state_.rays_drawn, even_rays(), &batch_, {rays_by_error(), state_.cell_errors});
+    sampler_.gather(state_.rays_drawn, rays() - rays_by_error(), &batch_, {rays_by_error(), state_.cell_errors});
     if (use_lidar_) lidar_sampler_.gather(number, options_.lidar_rays, &lidar_batch_);
     const StepResult result = train_step(backend_, batch_, learning_rate(number), &state_, &buffers_, &lidar_batch_);
     const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
