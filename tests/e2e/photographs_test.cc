@@ -92,7 +92,7 @@ TEST_F(Photographs, FromInspectToRender) {
 
 TEST_F(Photographs, GridOnABackgroundOfItsOwn) {
   // Against the loss of its start, and a picture: red in the middle, and the corner is what pictures of this run stand on.
-  const Ended trained = train({"--background", "random", "--max-steps", "150"});
+  const Ended trained = train({"--background", "random", "--max-steps", "300"});
   ASSERT_EQ(trained.exit_code, kExitOk) << trained.err;
   const std::string run = (folder_ / "run").string(), picture = (folder_ / "a.png").string();
   ASSERT_EQ(redrive({"render", run, "--camera", "camera", "--frame", "0", "--out", picture}).exit_code, kExitOk);
