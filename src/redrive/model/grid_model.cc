@@ -524,8 +524,8 @@ double GridModel::unexpose(const RayBatch& batch, std::span<const float> rgb, st
   return loss;
 }
 
-/// The proposals learn from a part of the rays, which is any part, as the batch is shuffled: they are fewer numbers than the field
-/// and need not see each ray.
+/// The proposals learn from the first part of the rays, which stand for all, drawn evenly as they are: they are fewer numbers than the
+/// field and need not see each ray.
 double GridModel::backward_proposals(kernels::Backend& backend, int n, const Pass& pass, std::span<const float> weights,
                                      std::span<float> gradients, Workspace* workspace) const {
   kernels::GridStages& stages = backend.grid();
