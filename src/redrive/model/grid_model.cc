@@ -5,7 +5,6 @@
 #include <cmath>
 #include <numeric>
 
-#include "redrive/base/error.h"
 #include "redrive/field/activation.h"
 #include "redrive/loss/photometric.h"
 
@@ -41,6 +40,19 @@ std::span<float> pick_columns(std::span<const float> from, int rows, std::span<c
   const std::size_t rays = from.size() / rows;
   for (int row = 0; row < rows; ++row)
     for (std::size_t i = 0; i < live.size(); ++i) out[row * live.size() + i] = from[row * rays + live[i]];
+  return out;
+}
+
+/// Where they are and look to.
+RayBatch pick_rays(const RayBatch& batch, std::span<const int> live) {
+  RayBatch out;
+  out.n = static_cast<int>(live.size());
+  for (const int ray : live) out.pixel_angle.push_back(batch.pixel_angle[ray]);
+  for (int k = 0; k < 3; ++k)
+    for (const int ray : live) {
+      out.origin.push_back(batch.origin[k * batch.n + ray]);
+      out.direction.push_back(batch.direction[k * batch.n + ray]);
+    }
   return out;
 }
 
@@ -84,143 +96,12 @@ struct GridModel::Pass {
   kernels::UnitPoints sky_points;
 
   std::vector<int> live;  ///< ascending
-  bool some_are_empty = false;
   Round field;
   kernels::Samples samples;
   std::span<float> features, harmonics, raw, background_of_live;
+
+  bool some_are_empty() const { return live.size() * (intervals.per_ray + 1) < intervals.edges.size(); }
 };
-
-std::size_t GridModel::part_size(int part) const {
-  switch (part) {
-    case kFieldGrid: return hash_grid_size(field.grid);
-    case kNetwork: return grid_network_size(field);
-    case kProposalGrid: return hash_grid_size(proposal);
-    case kSkyGrid: return sky.levels > 0 ? hash_grid_size(sky) : 0;
-    default: return appearance.size();
-  }
-}
-
-std::size_t GridModel::offset(int part) const {
-  std::size_t sum = 0;
-  for (int i = 0; i < part; ++i) sum += part_size(i);
-  return sum;
-}
-
-kernels::HashGrid GridModel::grid(Part which) const {
-  return {which == kFieldGrid ? field.grid : which == kProposalGrid ? proposal : sky, part(which)};
-}
-
-std::string GridModel::describe() const {
-  return std::to_string(field.grid.levels) + " levels x " + std::to_string(field.grid.features) + " of 2^" +
-         std::to_string(field.grid.log2_rows) + " rows, width " + std::to_string(field.width) + ", " +
-         std::to_string(proposal_samples[0]) + " + " + std::to_string(proposal_samples[1]) + " + " +
-         std::to_string(samples) + " samples per ray";
-}
-
-void GridModel::visit_numbers(NumberVisitor& visit) {
-  const auto visit_grid = [&](const std::string& name, HashGridConfig& grid) {
-    visit(name + ".levels", grid.levels);
-    visit(name + ".features", grid.features);
-    visit(name + ".base_cells", grid.base_cells);
-    visit(name + ".max_cells", grid.max_cells);
-    visit(name + ".log2_rows", grid.log2_rows);
-  };
-  visit_grid("grid", field.grid);
-  visit("width", field.width);
-  visit("colour_layers", field.colour_layers);
-  visit_grid("proposal", proposal);
-  visit_grid("sky", sky);
-  visit("background", background);
-  visit("huber_edge", huber_edge);
-  visit("appearance.cameras", appearance.cameras);
-  visit("appearance.knots", appearance.knots);
-  visit("contraction.center_x", contraction.center[0]);
-  visit("contraction.center_y", contraction.center[1]);
-  visit("contraction.center_z", contraction.center[2]);
-  visit("contraction.half_m", contraction.half_m);
-  int unbounded = contraction.unbounded;
-  visit("contraction.unbounded", unbounded);
-  contraction.unbounded = unbounded != 0;
-  visit("near_m", spacing.near_m);
-  visit("far_m", spacing.far_m);
-  visit("spacing.half_m", spacing.half_m);
-  visit("first_proposals", proposal_samples[0]);
-  visit("second_proposals", proposal_samples[1]);
-  visit("samples", samples);
-  visit("proposal_padding", proposal_padding);
-}
-
-void GridModel::check(const std::filesystem::path& file) const {
-  const auto require = [&](bool holds, const std::string& field_name, auto value, const char* rule) {
-    if (!holds) throw InputError(file, "__metadata__." + field_name, std::to_string(value), rule);
-  };
-  const auto check_grid = [&](const std::string& name, const HashGridConfig& grid, int features) {
-    require(grid.levels >= 1 && grid.levels <= 16, name + ".levels", grid.levels, "must be in 1..16");
-    if (features > 0)
-      require(grid.features == features, name + ".features", grid.features, "is another in this method");
-    else
-      require(grid.features == 2 || grid.features == 4 || grid.features == 8, name + ".features", grid.features,
-              "must be 2, 4 or 8");
-    require(grid.base_cells >= 1 && grid.base_cells <= 1 << 20, name + ".base_cells", grid.base_cells,
-            "must be in 1..2^20");
-    require(grid.max_cells >= grid.base_cells && grid.max_cells <= 1 << 20, name + ".max_cells", grid.max_cells,
-            "must be in base_cells..2^20");
-    require(grid.log2_rows >= 4 && grid.log2_rows <= 24, name + ".log2_rows", grid.log2_rows, "must be in 4..24");
-  };
-  check_grid("grid", field.grid, 0);
-  require(field.grid.outputs() % 16 == 0, "grid.levels", field.grid.levels, "times features must be a multiple of 16");
-  require(field.width >= 16 && field.width <= kMaxGridWidth && field.width % 16 == 0, "width", field.width,
-          "must be a multiple of 16 in 16..128");
-  require(field.colour_layers == 1 || field.colour_layers == 2, "colour_layers", field.colour_layers, "must be 1 or 2");
-  check_grid("proposal", proposal, 1);
-  if (sky.levels != 0) check_grid("sky", sky, 4);
-  require(background >= 0 && background <= 1, "background", background, "must be in 0..1");
-  require(huber_edge > 0, "huber_edge", huber_edge, "must be above 0");
-  require(appearance.cameras >= 0 && appearance.cameras <= 1024, "appearance.cameras", appearance.cameras,
-          "must be in 0..1024");
-  require(appearance.knots >= 0 && appearance.knots <= 100'000, "appearance.knots", appearance.knots,
-          "must be in 0..100000");
-  require(contraction.half_m > 0, "contraction.half_m", contraction.half_m, "must be above 0");
-  require(spacing.near_m > 0, "near_m", spacing.near_m, "must be above 0");
-  require(spacing.far_m > spacing.near_m, "far_m", spacing.far_m, "must be above near_m");
-  require(spacing.half_m > 0, "spacing.half_m", spacing.half_m, "must be above 0");
-  for (const int count : {proposal_samples[0], proposal_samples[1], samples})
-    require(count >= 1 && count <= 1024, "samples", count, "must be in 1..1024");
-  require(proposal_padding > 0 && proposal_padding <= 1000, "proposal_padding", proposal_padding,
-          "must be above 0, up to 1000");
-}
-
-std::vector<ModelTensor> GridModel::tensors() const {
-  const auto numbers = [&](Part which) {
-    return std::vector<std::int64_t>{static_cast<std::int64_t>(part_size(which))};
-  };
-  std::vector<ModelTensor> out = {{"grid", numbers(kFieldGrid), offset(kFieldGrid)}};
-  for (int layer = 0; layer < kGridLayers; ++layer) {
-    const GridLayerShape shape = grid_layer(field, layer);
-    if (shape.outputs > 0) out.push_back({shape.name, {shape.outputs, shape.inputs}, offset(kNetwork) + shape.offset});
-  }
-  out.push_back({"proposal", numbers(kProposalGrid), offset(kProposalGrid)});
-  if (sky.levels > 0) out.push_back({"sky", numbers(kSkyGrid), offset(kSkyGrid)});
-  if (appearance.size() > 0)
-    out.push_back({"appearance", {appearance.cameras, appearance.knots, 3}, offset(kAppearance)});
-  return out;
-}
-
-void GridModel::initialize(std::uint64_t seed) {
-  parameters = Buffer<float>(size());
-  hash_grid_initialize(field.grid, seed, part_of(parameters, kFieldGrid));
-  grid_network_initialize(field, seed, part_of(parameters, kNetwork));
-}
-
-AdamStep GridModel::adam(double learning_rate, std::int64_t step) const {
-  constexpr float kBeta2 = 0.99f, kEpsilon = 1e-15f;
-  AdamStep how = adam_step(learning_rate, step);
-  how.beta2 = kBeta2;
-  how.epsilon = kEpsilon;
-  how.lazy = true;  // a table's rows that no sample came near
-  how.bias2 = static_cast<float>(1 / (1 - std::pow(double(kBeta2), static_cast<double>(step))));
-  return how;
-}
 
 GridModel::Round GridModel::place(kernels::Backend& backend, const RayBatch& batch, int per_ray,
                                   std::span<const float> edges, Workspace* workspace) const {
@@ -318,7 +199,7 @@ std::vector<int> GridModel::live_rays(const Pass& pass, int n, const Chance* cha
 void GridModel::sample(kernels::Backend& backend, const RayBatch& batch, Pass* pass, Workspace* workspace) const {
   const std::size_t rays = pass->live.size(), count = rays * samples;
   auto edges = pass->intervals.edges;
-  if (pass->some_are_empty) edges = pick_rows(edges, samples + 1, pass->live, workspace);
+  if (pass->some_are_empty()) edges = pick_rows(edges, samples + 1, pass->live, workspace);
   pass->field = place(backend, batch, samples, edges, workspace);
   const auto t = workspace->take(count), dt = workspace->take(count);
   for (std::size_t ray = 0, i = 0; ray < rays; ++ray)
@@ -339,20 +220,11 @@ GridModel::Pass GridModel::forward(kernels::Backend& backend, const RayBatch& ba
   Pass pass = propose(backend, batch, chance, workspace);
   pass.live = live_rays(pass, n, chance);
   const int live = static_cast<int>(pass.live.size());
-  pass.some_are_empty = live < n;
   look_at_sky(backend, batch, &pass, workspace);
   pass.background_of_live = pass.background;
   kernels::CompositeOut seen = out;
-  if (pass.some_are_empty) {
-    RayBatch of_live;
-    of_live.n = live;
-    for (const int ray : pass.live) of_live.pixel_angle.push_back(batch.pixel_angle[ray]);
-    for (int k = 0; k < 3; ++k)
-      for (const int ray : pass.live) {
-        of_live.origin.push_back(batch.origin[k * n + ray]);
-        of_live.direction.push_back(batch.direction[k * n + ray]);
-      }
-    sample(backend, of_live, &pass, workspace);
+  if (pass.some_are_empty()) {
+    sample(backend, pick_rays(batch, pass.live), &pass, workspace);
     pass.harmonics = pick_rows(pass.harmonics, kHarmonics, pass.live, workspace);
     pass.background_of_live = pick_columns(pass.background, 3, pass.live, workspace);
     seen = {workspace->take(3 * pass.live.size()), workspace->take(live), workspace->take(live),
@@ -362,7 +234,7 @@ GridModel::Pass GridModel::forward(kernels::Backend& backend, const RayBatch& ba
   }
   backend.grid().network_forward(network(), live, samples, pass.features, pass.harmonics, pass.raw);
   backend.composite_forward(live, pass.samples, pass.raw, pass.background_of_live, seen);
-  if (pass.some_are_empty) {
+  if (pass.some_are_empty()) {
     std::ranges::copy(pass.background, out.rgb.begin());
     for (const std::span<float> rest : {out.depth, out.opacity, out.weights}) std::ranges::fill(rest, 0.0f);
     for (int i = 0; i < live; ++i) {
@@ -410,7 +282,7 @@ StepLosses GridModel::gradients(kernels::Backend& backend, const RayBatch& batch
   for (const float value : opacity) losses.opacity += value / static_cast<double>(rays);
 
   const auto d_raw = workspace->take(pass.raw.size());
-  const auto d_seen = pass.some_are_empty ? pick_columns(d_rgb, 3, pass.live, workspace) : d_rgb;
+  const auto d_seen = pass.some_are_empty() ? pick_columns(d_rgb, 3, pass.live, workspace) : d_rgb;
   backend.composite_backward(losses.field_rays, pass.samples, pass.raw, pass.background_of_live, {d_seen, {}}, d_raw);
   backward_field(backend, pass, d_raw, gradients, workspace);
   backward_sky(backend, batch.n, pass, opacity, d_rgb, gradients, workspace);
@@ -524,8 +396,8 @@ double GridModel::unexpose(const RayBatch& batch, std::span<const float> rgb, st
   return loss;
 }
 
-/// The proposals learn from the first part of the rays, which stand for all, drawn evenly as they are: they are fewer numbers than the
-/// field and need not see each ray.
+/// The proposals learn from the first part of the rays, which stand for all as long as a quarter and more of a batch is drawn evenly: they
+/// are fewer numbers than the field and need not see each ray.
 double GridModel::backward_proposals(kernels::Backend& backend, int n, const Pass& pass, std::span<const float> weights,
                                      std::span<float> gradients, Workspace* workspace) const {
   kernels::GridStages& stages = backend.grid();

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // --method grid: a hash-grid field for unbounded scenes, sampled where a proposal field found something, before a sky that depends on
-// direction alone. Pictures with a background of their own have no sky.
+// direction alone. Pictures with a background of their own have no sky. What it is made of: grid_model_parts.cc.
 #pragma once
 
 #include <array>

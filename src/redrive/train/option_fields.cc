@@ -188,7 +188,8 @@ std::vector<TrainField> make_fields() {
       number("samples", &O::samples, Range<int>{3, 1024}, "samples of a ray"),
       number("fine-samples", &O::fine_samples, Range<int>{0, 1024},
              "further samples where the first network found matter"),
-      number("batch", &O::batch_rays, Range<int>{1, 65536}, "rays of a step"),
+      number("batch", &O::batch_rays, Range<int>{1, 65536},
+             "rays of a step; grid takes up to twice as many where part of them meet only empty space"),
       number(
           "error-rays", &O::error_rays, Range<double>{0, 0.9},
           "share of them that grid draws where the error is, up to 8 times as often as elsewhere; the others see every "

@@ -21,9 +21,7 @@ TEST_F(RollbackTest, FiftyOnEndGoBackToTheLastCheckpointAtHalfTheRate) {
   TrainOptions options = tiny_options(1200);
   options.batch_rays = 16;
   redrive::Run run = run_named("run", options);
-  Interference interference;
-  interference.nan_from = 1060;
-  interference.nan_to = 1110;
+  Interference interference{.nan_from = 1060, .nan_to = 1110};
   InterferingBackend backend(*backend_, &interference);
   EXPECT_EQ(train(&run, backend, never_), TrainEnd::kFinished);
   EXPECT_EQ(run.state.rollbacks, 1);
@@ -46,9 +44,7 @@ TEST_F(RollbackTest, FourRollBacksAreEnough) {
   TrainOptions options = tiny_options(2000);
   options.batch_rays = 16;
   redrive::Run run = run_named("run", options);
-  Interference interference;
-  interference.nan_from = 1050;
-  interference.nan_to = 5000;
+  Interference interference{.nan_from = 1050, .nan_to = 5000};
   InterferingBackend backend(*backend_, &interference);
   try {
     train(&run, backend, never_);
@@ -77,8 +73,7 @@ TrainOptions watched_options(std::int64_t max_steps) {
 // It happens within what train/start_watch.h looks at, but is none of what that looks for.
 TEST_F(RollbackTest, ADivergenceIsUndoneAndAResumedRunUndoesTheSame) {
   redrive::Run whole = run_named("whole", watched_options(700));
-  Interference interference;
-  interference.spoil_at = 210;
+  Interference interference{.spoil_at = 210};
   InterferingBackend backend(*backend_, &interference);
   EXPECT_EQ(train(&whole, backend, never_), TrainEnd::kFinished);
   EXPECT_EQ(whole.state.rollbacks, 1);
@@ -111,8 +106,7 @@ TEST_F(RollbackTest, ADivergenceIsUndoneAndAResumedRunUndoesTheSame) {
 TEST_F(RollbackTest, ARunDoesNotEndWithALossThatRose) {
   for (const bool ctrl_c : {false, true}) {
     redrive::Run run = run_named(ctrl_c ? "stopped" : "finished", watched_options(ctrl_c ? 1000 : 300));
-    Interference interference;
-    interference.spoil_at = 210;
+    Interference interference{.spoil_at = 210};
     if (ctrl_c) interference.stop_after = 300;
     InterferingBackend backend(*backend_, &interference);
     EXPECT_EQ(train(&run, backend, interference.stop), ctrl_c ? TrainEnd::kInterrupted : TrainEnd::kFinished);

@@ -171,6 +171,11 @@ class TrainingTest : public ::testing::Test {
   redrive::Run run_named(const std::string& name, const TrainOptions& options) {
     return tiny_run(folder_.path / name, folder_.path, options);
   }
+  void train_until_killed(redrive::Run* run, std::int64_t at) {
+    Interference interference{.kill_at = at};
+    InterferingBackend backend(*backend_, &interference);
+    EXPECT_THROW(train(run, backend, never_), Killed);
+  }
   /// Loss, PSNR and learning rate of every row: what has to be equal, the clock apart.
   static std::string curve(const redrive::Run& run) {
     std::ostringstream text;

@@ -63,8 +63,7 @@ TEST_F(TrainerTest, InterruptedAndResumedEndsAsUninterrupted) {
     train(&whole, *backend_, never_);
 
     for (const std::int64_t steps : {0, 12, 50}) {  // stops after 1, 14 and 65 steps: between rows and checkpoints
-      Interference interference;
-      interference.stop_after = steps;
+      Interference interference{.stop_after = steps};
       InterferingBackend backend(*backend_, &interference);
       EXPECT_EQ(train(&parts, backend, interference.stop), TrainEnd::kInterrupted);
       parts = reopened(parts);
@@ -81,10 +80,7 @@ TEST_F(TrainerTest, KilledAndResumedEndsAsUninterrupted) {
   redrive::Run whole = run_named("whole", options), parts = run_named("parts", options);
   train(&whole, *backend_, never_);
   for (const std::int64_t at : {30, 77, 20}) {  // the last checkpoints are at 0, 40 (77 + 0 -> 40) and 40
-    Interference interference;
-    interference.kill_at = at;
-    InterferingBackend backend(*backend_, &interference);
-    EXPECT_THROW(train(&parts, backend, never_), Killed);
+    train_until_killed(&parts, at);
     std::ofstream(parts.paths.metrics(), std::ios::app) << "{\"step\": 9";  // a line that the kill cut short
     parts = reopened(parts);
   }
@@ -109,14 +105,10 @@ TEST_F(TrainerTest, AGridWithRaysByErrorEndsTheSameOnAnyThreadsAndWhenKilled) {
   EXPECT_EQ(curve(single), curve(whole));
   EXPECT_TRUE(same_weights(single.state, whole.state));
   for (const std::int64_t at : {37, 20}) {
-    Interference interference;
-    interference.kill_at = at;
-    InterferingBackend backend(*backend_, &interference);
-    EXPECT_THROW(train(&parts, backend, never_), Killed);
+    train_until_killed(&parts, at);
     parts = reopened(parts);
   }
-  Interference interference;
-  interference.stop_after = 12;  // between checkpoints
+  Interference interference{.stop_after = 12};  // between checkpoints
   InterferingBackend backend(*backend_, &interference);
   EXPECT_EQ(train(&parts, backend, interference.stop), TrainEnd::kInterrupted);
   parts = reopened(parts);
@@ -129,9 +121,7 @@ TEST_F(TrainerTest, AGridWithRaysByErrorEndsTheSameOnAnyThreadsAndWhenKilled) {
 TEST_F(TrainerTest, ARestartForgetsTheErrors) {
   const TrainOptions options = tiny_options(40);
   redrive::Run restarted = tiny_grid_run(folder_.path / "restarted", folder_.path, options);
-  Interference interference;
-  interference.nan_from = 20;
-  interference.nan_to = 21;
+  Interference interference{.nan_from = 20, .nan_to = 21};
   InterferingBackend backend(*backend_, &interference);
   train(&restarted, backend, never_);
   EXPECT_EQ(restarted.state.restarts, 1);
@@ -178,10 +168,7 @@ TEST_F(TrainerTest, KilledAroundARestartEndsAsUninterrupted) {
   kill_density(&parts);
   train(&whole, *backend_, never_);
   for (const std::int64_t at : {10, 30}) {  // before the restart after step 20, and behind it
-    Interference interference;
-    interference.kill_at = at;
-    InterferingBackend backend(*backend_, &interference);
-    EXPECT_THROW(train(&parts, backend, never_), Killed);
+    train_until_killed(&parts, at);
     parts = reopened(parts);
   }
   EXPECT_EQ(parts.state.restarts, 1);
@@ -192,9 +179,7 @@ TEST_F(TrainerTest, KilledAroundARestartEndsAsUninterrupted) {
 
 TEST_F(TrainerTest, StartThatIsNeverFiniteGivesUpAfterFiveRestarts) {
   redrive::Run run = run_named("run", tiny_options(60));
-  Interference interference;
-  interference.nan_from = 0;
-  interference.nan_to = 1000;
+  Interference interference{.nan_from = 0, .nan_to = 1000};
   InterferingBackend backend(*backend_, &interference);
   try {
     train(&run, backend, never_);
@@ -209,9 +194,7 @@ TEST_F(TrainerTest, LaterStepsThatAreNotFiniteAreSkippedAndCounted) {
   TrainOptions options = tiny_options(1100);
   options.batch_rays = 16;
   redrive::Run run = run_named("run", options);
-  Interference interference;
-  interference.nan_from = 1050;
-  interference.nan_to = 1057;
+  Interference interference{.nan_from = 1050, .nan_to = 1057};
   InterferingBackend backend(*backend_, &interference);
   EXPECT_EQ(train(&run, backend, never_), TrainEnd::kFinished);
   EXPECT_EQ(run.state.skipped_steps, 7);
