@@ -1,0 +1,337 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/align/bundle.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <memory>
+
+#include <ceres/ceres.h>
+
+#include "redrive/align/locate_point.h"
+#include "redrive/align/reduced_covariance.h"
+#include "redrive/base/error.h"
+
+namespace redrive {
+namespace {
+
+constexpr double kStartSigma_px = 4;      // before anything is known; the median of the residuals says more
+constexpr double kLeastSigma_px = 0.05;   // no image is better than that
+constexpr double kFarOff = 4;             // sigmas at which an observation is left out
+constexpr double kSettled_m = 1e-3, kSettled_rad = 3e-5;  // a round that moves no pose further was the last one
+
+struct Located {
+  int track = 0;
+  InverseDistancePoint point;
+  std::vector<std::uint8_t> used;  ///< by observation
+  std::vector<Eigen::Vector2d> errors;
+};
+
+double median_of(std::vector<double>* values) {
+  if (values->empty()) return 0;
+  const auto middle = values->begin() + static_cast<std::ptrdiff_t>(values->size() / 2);
+  std::nth_element(values->begin(), middle, values->end());
+  return *middle;
+}
+
+/// All tracks that have a point with the corrections of now, by track.
+std::vector<Located> locate_all(const RigModel& model, const std::vector<Track>& tracks,
+                                const std::vector<double>& sigma_px, ThreadPool& pool) {
+  const ImageTimes times(model);
+  std::vector<std::optional<Located>> found(tracks.size());
+  pool.run_ranges(tracks.size(), 64, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i)
+      if (const auto point = locate_point(model, times, tracks[i], sigma_px))
+        found[i] = Located{static_cast<int>(i), *point, std::vector<std::uint8_t>(tracks[i].seen.size(), 1),
+                           reprojection_errors(model, times, tracks[i], *point)};
+  });
+  std::vector<Located> located;
+  for (auto& entry : found)
+    if (entry) located.push_back(std::move(*entry));
+  return located;
+}
+
+/// Noise of each camera by the median: 0.6745 sigma of a component's absolute value; a point takes three numbers.
+std::vector<double> measure_noise(const RigModel& model, const std::vector<Track>& tracks,
+                                  const std::vector<Located>& located) {
+  std::vector<std::vector<double>> sizes(model.cameras.size());
+  for (const Located& entry : located) {
+    const double n = 2 * static_cast<double>(entry.errors.size());
+    if (n < 5) continue;  // two observations agree in all but one number
+    for (std::size_t i = 0; i < entry.errors.size(); ++i)
+      for (int k = 0; k < 2; ++k)
+        sizes[tracks[entry.track].seen[i].camera].push_back(std::abs(entry.errors[i][k]) * std::sqrt(n / (n - 3)));
+  }
+  std::vector<double> sigma_px;
+  for (std::vector<double>& of_camera : sizes)
+    sigma_px.push_back(of_camera.size() < 20 ? kStartSigma_px : std::max(kLeastSigma_px, median_of(&of_camera) / 0.6745));
+  return sigma_px;
+}
+
+/// Leaves out what is far off, and tracks with fewer than two observations left.
+void leave_out_far_off(const std::vector<Track>& tracks, const std::vector<double>& sigma_px,
+                       std::vector<Located>* located) {
+  std::vector<Located> kept;
+  for (Located& entry : *located) {
+    int used = 0;
+    for (std::size_t i = 0; i < entry.errors.size(); ++i) {
+      entry.used[i] = entry.errors[i].norm() <= kFarOff * sigma_px[tracks[entry.track].seen[i].camera];
+      used += entry.used[i];
+    }
+    if (used >= 2) kept.push_back(std::move(entry));
+  }
+  *located = std::move(kept);
+}
+
+/// The problem of one round.
+class Round {
+ public:
+  Round(RigModel* model, const std::vector<Track>& tracks, const std::vector<LidarSample>& lidar,
+        const BundleOptions& options)
+      : model_(*model), tracks_(tracks), lidar_(lidar), options_(options), problem_(problem_options()) {}
+
+  void add(std::vector<Located>* located, const std::vector<double>& sigma_px) {
+    const ImageTimes times(model_);
+    for (Located& entry : *located) {
+      double* const point = entry.point.value.data();
+      for (std::size_t i = 0; i < entry.used.size(); ++i) {
+        if (!entry.used[i]) continue;
+        const Observation& seen = tracks_[entry.track].seen[i];
+        const Instant& instant = times.of(seen);
+        RigModelCamera& camera = model_.cameras[seen.camera];
+        problem_.AddResidualBlock(
+            reprojection_term(camera, instant, seen.pixel, sigma_px[seen.camera], entry.point).release(), &image_loss_,
+            model_.correction[instant.segment].data(), model_.correction[instant.segment + 1].data(),
+            camera.mount.data(), &camera.offset_s, camera.intrinsics.data(), point);
+      }
+      points_.push_back(point);
+    }
+  }
+
+  void add(std::vector<FlatPatch>* patches) {
+    for (FlatPatch& patch : *patches) {
+      for (const int i : patch.samples) {
+        const Instant instant = model_.at(lidar_[i].t_ns);
+        problem_.AddResidualBlock(plane_term(instant, lidar_[i].in_body, patch.sigma_m, patch.plane).release(), &lidar_loss_,
+                                  model_.correction[instant.segment].data(),
+                                  model_.correction[instant.segment + 1].data(), patch.plane.value.data());
+      }
+      points_.push_back(patch.plane.value.data());
+    }
+  }
+
+  void add_priors() {
+    const BundlePriors& priors = options_.priors;
+    for (std::size_t f = 0; f < model_.correction.size(); ++f) {
+      rig_.push_back(model_.correction[f].data());
+      problem_.AddResidualBlock(small_term(priors.pose).release(), nullptr, model_.correction[f].data());
+      if (f == 0) continue;
+      const double step_s = static_cast<double>(model_.given[f].t_ns - model_.given[f - 1].t_ns) * 1e-9;
+      problem_.AddResidualBlock(smooth_term(priors.pose * (step_s / priors.correlation_s)).release(), nullptr,
+                                model_.correction[f - 1].data(), model_.correction[f].data());
+    }
+    for (RigModelCamera& camera : model_.cameras) {
+      rig_.push_back(camera.mount.data());
+      for (int k = 0; k < 6; ++k)
+        problem_.AddResidualBlock(zero_term(6, k, priors.mount[k]).release(), &prior_loss_, camera.mount.data());
+    }
+    for (RigModelCamera& camera : model_.cameras) {
+      rig_.push_back(&camera.offset_s);
+      problem_.AddResidualBlock(
+          zero_term(1, 0, priors.offset_s, static_cast<double>(camera.given.time_offset_ns) * 1e-9).release(),
+          &prior_loss_, &camera.offset_s);
+    }
+    for (RigModelCamera& camera : model_.cameras) {
+      for (int k = 0; k < 3; ++k)
+        problem_.AddResidualBlock(zero_term(3, k, priors.intrinsics[k]).release(), nullptr, camera.intrinsics.data());
+      if (options_.intrinsics)
+        rig_.push_back(camera.intrinsics.data());
+      else
+        problem_.SetParameterBlockConstant(camera.intrinsics.data());
+    }
+  }
+
+  ceres::Solver::Summary solve(int iterations) {
+    ceres::Solver::Options solver;
+    // One thread: with more the order of sums, and so the last digits, would differ from run to run.
+    solver.num_threads = 1;
+    solver.max_num_iterations = iterations;
+    solver.function_tolerance = 1e-7;
+    solver.logging_type = ceres::SILENT;
+    solver.linear_solver_type = points_.empty()         ? ceres::SPARSE_NORMAL_CHOLESKY
+                                : rig_.size() <= 200    ? ceres::DENSE_SCHUR
+                                                        : ceres::SPARSE_SCHUR;
+    solver.linear_solver_ordering = std::make_shared<ceres::ParameterBlockOrdering>();
+    for (double* point : points_) solver.linear_solver_ordering->AddElementToGroup(point, 0);
+    std::vector<double*> all;
+    problem_.GetParameterBlocks(&all);
+    for (double* block : all)
+      if (!solver.linear_solver_ordering->IsMember(block)) solver.linear_solver_ordering->AddElementToGroup(block, 1);
+    ceres::Solver::Summary summary;
+    ceres::Solve(solver, &problem_, &summary);
+    return summary;
+  }
+
+  Eigen::MatrixXd covariance() { return reduced_covariance(problem_, rig_, points_); }
+
+ private:
+  static ceres::Problem::Options problem_options() {
+    ceres::Problem::Options options;
+    options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+    return options;
+  }
+
+  RigModel& model_;
+  const std::vector<Track>& tracks_;
+  const std::vector<LidarSample>& lidar_;
+  const BundleOptions& options_;
+  ceres::CauchyLoss image_loss_{2}, lidar_loss_{2}, prior_loss_{1};
+  ceres::Problem problem_;
+  std::vector<double*> rig_, points_;
+};
+
+double patch_distance_m(const RigModel& model, const LidarSample& sample, const PlanePatch& plane) {
+  const Eigen::Vector3d from_centre = model.corrected(model.at(sample.t_ns)) * sample.in_body - plane.centre;
+  return (plane.axes * Eigen::Vector3d(plane.value[0], plane.value[1], 1)).dot(from_centre) - plane.value[2];
+}
+
+std::vector<double> patch_distances_m(const RigModel& model, const std::vector<LidarSample>& lidar,
+                                      const std::vector<FlatPatch>& patches) {
+  std::vector<double> distances;
+  for (const FlatPatch& patch : patches)
+    for (const int i : patch.samples) distances.push_back(patch_distance_m(model, lidar[i], patch.plane));
+  return distances;
+}
+
+double rms(const std::vector<double>& values) {
+  double sum = 0;
+  for (const double v : values) sum += v * v;
+  return values.empty() ? 0 : std::sqrt(sum / static_cast<double>(values.size()));
+}
+
+/// The rest of each patch's points from the plane through them that the poses as given make.
+double rms_as_given(const RigModel& model, const std::vector<LidarSample>& lidar, const std::vector<FlatPatch>& patches) {
+  RigModel given = model;
+  for (Vector6d& correction : given.correction) correction.setZero();
+  std::vector<double> distances;
+  for (const FlatPatch& patch : patches) {
+    Eigen::MatrixXd a(patch.samples.size(), 3);
+    Eigen::VectorXd b(patch.samples.size());
+    for (std::size_t i = 0; i < patch.samples.size(); ++i) {
+      const LidarSample& sample = lidar[patch.samples[i]];
+      const Eigen::Vector3d x =
+          patch.plane.axes.transpose() * (given.corrected(given.at(sample.t_ns)) * sample.in_body - patch.plane.centre);
+      a.row(i) << x.x(), x.y(), 1;
+      b[i] = x.z();
+    }
+    const Eigen::VectorXd rest = b - a * a.colPivHouseholderQr().solve(b);
+    distances.insert(distances.end(), rest.data(), rest.data() + rest.size());
+  }
+  return rms(distances);
+}
+
+void fill_result(const RigModel& model, const std::vector<Track>& tracks, const std::vector<LidarSample>& lidar,
+                 const std::vector<Located>& located, const std::vector<FlatPatch>& patches,
+                 const std::vector<double>& sigma_px, ThreadPool& pool, BundleResult* result) {
+  result->cameras.assign(model.cameras.size(), {});
+  result->seen_in_frame.assign(model.given.size(), 0);
+  for (const Track& track : tracks)
+    for (const Observation& seen : track.seen) ++result->cameras[seen.camera].observations;
+
+  RigModel given = model;  // the same tracks with nothing corrected, and no less robust
+  for (Vector6d& correction : given.correction) correction.setZero();
+  for (RigModelCamera& camera : given.cameras) {
+    camera.mount.setZero();
+    camera.intrinsics.setZero();
+    camera.offset_s = static_cast<double>(camera.given.time_offset_ns) * 1e-9;
+  }
+  std::vector<Track> used;
+  for (const Located& entry : located) {
+    used.emplace_back();
+    for (std::size_t i = 0; i < entry.used.size(); ++i)
+      if (entry.used[i]) used.back().seen.push_back(tracks[entry.track].seen[i]);
+  }
+  const ImageTimes now(model), before(given);
+  const std::vector<double> wide(model.cameras.size(), kStartSigma_px);
+  std::vector<std::optional<InverseDistancePoint>> given_points(used.size());
+  pool.run_ranges(used.size(), 64, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) given_points[i] = locate_point(given, before, used[i], wide);
+  });
+  for (std::size_t t = 0; t < used.size(); ++t) {
+    if (!given_points[t]) continue;
+    const auto errors = reprojection_errors(model, now, used[t], located[t].point);
+    const auto errors_before = reprojection_errors(given, before, used[t], *given_points[t]);
+    for (std::size_t i = 0; i < used[t].seen.size(); ++i) {
+      if (errors_before[i].x() == kUnseen) continue;
+      const Observation& seen = used[t].seen[i];
+      CameraFit& fit = result->cameras[seen.camera];
+      ++fit.used;
+      ++result->seen_in_frame[seen.frame];
+      fit.after_px += errors[i].squaredNorm();
+      fit.before_px += errors_before[i].squaredNorm();
+      result->residuals.push_back({seen.camera, seen.frame, seen.pixel, errors_before[i], errors[i]});
+    }
+  }
+  for (std::size_t c = 0; c < result->cameras.size(); ++c) {
+    CameraFit& fit = result->cameras[c];
+    if (fit.used > 0) {
+      fit.after_px = std::sqrt(fit.after_px / fit.used);
+      fit.before_px = std::sqrt(fit.before_px / fit.used);
+    }
+    fit.sigma_px = sigma_px[c];
+  }
+  result->tracks = static_cast<int>(located.size());
+  result->patches = static_cast<int>(patches.size());
+  const std::vector<double> distances = patch_distances_m(model, lidar, patches);
+  result->lidar_points = static_cast<int>(distances.size());
+  result->lidar_after_m = rms(distances);
+  result->lidar_before_m = rms_as_given(model, lidar, patches);
+}
+
+}  // namespace
+
+BundleResult adjust(RigModel* model, const std::vector<Track>& tracks, const std::vector<LidarSample>& lidar,
+                    const BundleOptions& options, ThreadPool& pool) {
+  BundleResult result;
+  std::vector<double> sigma_px(model->cameras.size(), kStartSigma_px);
+  for (int round = 0; round < options.rounds && !result.converged; ++round) {
+    const RigModel before = *model;
+    std::vector<Located> located = locate_all(*model, tracks, sigma_px, pool);
+    sigma_px = measure_noise(*model, tracks, located);
+    leave_out_far_off(tracks, sigma_px, &located);
+
+    // While the poses are off by decimetres, what is flat looks thick.
+    PlaneOptions planes = options.planes;
+    planes.flat_m *= round == 0 ? 3 : round == 1 ? 1.5 : 1;
+    std::vector<FlatPatch> patches;
+    if (!lidar.empty() && (round > 0 || tracks.empty())) patches = find_flat_patches(*model, lidar, planes, pool);
+    Round problem(model, tracks, lidar, options);
+    problem.add(&located, sigma_px);
+    problem.add(&patches);
+    problem.add_priors();
+    const ceres::Solver::Summary summary = problem.solve(round == 0 ? 30 : 15);
+
+    double moved_m = 0, turned_rad = 0;
+    for (std::size_t f = 0; f < model->correction.size(); ++f) {
+      moved_m = std::max(moved_m, (model->correction[f] - before.correction[f]).head<3>().norm());
+      turned_rad = std::max(turned_rad, (model->correction[f] - before.correction[f]).tail<3>().norm());
+    }
+    result.converged = round >= 2 && moved_m < kSettled_m && turned_rad < kSettled_rad;
+    if (options.say) {
+      std::printf("round %d: %zu of %zu tracks,", round + 1, located.size(), tracks.size());
+      for (const double s : sigma_px) std::printf(" %.2f", s);
+      const std::vector<double> distances = patch_distances_m(*model, lidar, patches);
+      std::printf(" px; %zu LiDAR points on %zu patches, %.2f cm; poses moved by up to %.2f cm, %.4f deg; %d steps, %.1f s\n",
+                  distances.size(), patches.size(), 100 * rms(distances), 100 * moved_m, turned_rad * 57.29578,
+                  summary.num_successful_steps, summary.total_time_in_seconds);
+      std::fflush(stdout);
+    }
+    if (result.converged || round + 1 == options.rounds) {
+      fill_result(*model, tracks, lidar, located, patches, sigma_px, pool, &result);
+      result.covariance = problem.covariance();
+    }
+  }
+  return result;
+}
+
+}  // namespace redrive

@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+// The bundle adjustment of a rig: moves a RigModel until image points and flat patches of the LiDAR agree with it, in rounds:
+// place each observation at its time, find the points and patches anew, measure the noise, leave out what is far off, solve.
+#pragma once
+
+#include <vector>
+
+#include "redrive/align/lidar_planes.h"
+#include "redrive/align/rig_model.h"
+#include "redrive/align/tracks.h"
+#include "redrive/base/parallel.h"
+
+namespace redrive {
+
+/// Standard deviations of what is known before.
+struct BundlePriors {
+  /// Of the egomotion: of each pose, and over what time that is about the same.
+  Vector6d pose = (Vector6d() << 0.5, 0.5, 0.5, 0.0175, 0.0175, 0.0175).finished();
+  double correlation_s = 0.7;
+  /// Of a camera: Cauchy distributed, most are where the calibration says, one may be far off.
+  Vector6d mount = (Vector6d() << 0.003, 0.003, 0.003, 0.0005, 0.0005, 0.0005).finished();
+  double offset_s = 0.002;
+  Eigen::Vector3d intrinsics{0.003, 2, 2};
+};
+
+struct BundleOptions {
+  BundlePriors priors;
+  bool intrinsics = false;  ///< focal length and principal point, too
+  PlaneOptions planes;
+  int rounds = 8;
+  bool say = false;  ///< a line a round on standard output
+};
+
+/// How well one camera's images agree.
+struct CameraFit {
+  int observations = 0, used = 0;
+  double before_px = 0, after_px = 0;  ///< RMS over those used: with the poses as given and as they are now
+  double sigma_px = 0;                 ///< robust: by the median
+};
+
+/// A residual, for the plot.
+struct SeenResidual {
+  int camera = 0, frame = 0;
+  Eigen::Vector2d pixel, before_px, after_px;
+};
+
+struct BundleResult {
+  std::vector<CameraFit> cameras;
+  std::vector<SeenResidual> residuals;  ///< of the observations used
+  int tracks = 0;                       ///< used
+  int lidar_points = 0, patches = 0;    ///< used
+  double lidar_before_m = 0, lidar_after_m = 0;
+  std::vector<int> seen_in_frame;      ///< observations by frame
+  bool converged = false;
+  /// Of corrections (6 a frame), mounts (6 a camera), offsets (1 a camera), in this order.
+  Eigen::MatrixXd covariance;
+};
+
+BundleResult adjust(RigModel* model, const std::vector<Track>& tracks, const std::vector<LidarSample>& lidar,
+                    const BundleOptions& options, ThreadPool& pool);
+
+}  // namespace redrive

@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+// Where the LiDAR's revolutions together see something flat. Patches are found in the points of all revolutions, each placed
+// at its own time, and become unknowns of the bundle adjustment as image points are: what moves the poses is that all
+// revolutions have to see one and the same plane. So sparse revolutions help, too, of which none alone holds a normal.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "redrive/align/rig_model.h"
+#include "redrive/align/terms.h"
+#include "redrive/base/parallel.h"
+#include "redrive/recording/recording.h"
+#include "redrive/scene/moving_objects.h"
+#include "redrive/scene/scene.h"
+
+namespace redrive {
+
+/// A static return, where the body was at the point's own time.
+struct LidarSample {
+  Eigen::Vector3d in_body;
+  std::int64_t t_ns = 0;
+};
+
+/// All returns between the first and the last frame but those on the vehicle and on objects that move, each once.
+std::vector<LidarSample> load_lidar_samples(const Recording& recording, const Scene& scene, const MovingObjects& moving,
+                                            ThreadPool& pool);
+
+struct PlaneOptions {
+  double largest_m = 4, smallest_m = 0.5;  ///< edges of the cubes that are looked into: each is cut in eight until it is flat
+  double flat_m = 0.06;                    ///< standard deviation from its plane, at most
+  int most_terms = 60'000;                 ///< of all patches together
+};
+
+struct FlatPatch {
+  PlanePatch plane;
+  std::vector<int> samples;  ///< on it, by index
+  double sigma_m = 0;        ///< of their distances: what the poses leave, noise along the ray, roughness; at least 5 mm
+};
+
+/// Patches with the corrections of now. Each is seen at three times 50 ms apart or more.
+std::vector<FlatPatch> find_flat_patches(const RigModel& model, const std::vector<LidarSample>& samples,
+                                         const PlaneOptions& options, ThreadPool& pool);
+
+}  // namespace redrive

@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/align/reduced_covariance.h"
+
+#include <array>
+#include <map>
+
+#include <Eigen/Dense>
+#include <ceres/crs_matrix.h>
+#include <ceres/problem.h>
+
+#include "redrive/base/error.h"
+
+namespace redrive {
+namespace {
+
+/// One eliminated block: its own part of the normal matrix, and its columns with the rig.
+struct Eliminated {
+  Eigen::Matrix3d own = Eigen::Matrix3d::Zero();
+  std::map<int, Eigen::Vector3d> with_rig;  ///< by parameter of the rig
+};
+
+}  // namespace
+
+Eigen::MatrixXd reduced_covariance(ceres::Problem& problem, const std::vector<double*>& rig,
+                                   const std::vector<double*>& free) {
+  ceres::Problem::EvaluateOptions options;
+  options.parameter_blocks = rig;
+  options.parameter_blocks.insert(options.parameter_blocks.end(), free.begin(), free.end());
+  int n = 0;
+  for (double* block : rig) n += problem.ParameterBlockSize(block);
+  ceres::CRSMatrix jacobian;
+  REDRIVE_CHECK(problem.Evaluate(options, nullptr, nullptr, nullptr, &jacobian));
+
+  Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(n, n);
+  std::vector<Eliminated> eliminated(free.size());
+  for (int row = 0; row < jacobian.num_rows; ++row) {
+    const int begin = jacobian.rows[row], end = jacobian.rows[row + 1];
+    int split = begin, block = -1;
+    while (split < end && jacobian.cols[split] < n) ++split;
+    Eigen::Vector3d own = Eigen::Vector3d::Zero();
+    for (int i = split; i < end; ++i) {
+      const int column = jacobian.cols[i] - n;
+      REDRIVE_CHECK(block < 0 || block == column / 3);
+      block = column / 3;
+      own[column % 3] = jacobian.values[i];
+    }
+    for (int a = begin; a < split; ++a) {
+      if (jacobian.values[a] == 0) continue;
+      for (int b = begin; b < split; ++b)
+        normal(jacobian.cols[b], jacobian.cols[a]) += jacobian.values[a] * jacobian.values[b];
+      if (block < 0) continue;
+      const auto at = eliminated[block].with_rig.try_emplace(jacobian.cols[a], Eigen::Vector3d::Zero()).first;
+      at->second += jacobian.values[a] * own;
+    }
+    if (block >= 0) eliminated[block].own += own * own.transpose();
+  }
+  for (const Eliminated& e : eliminated) {
+    // 1e-12 of the largest: a direction that no residual sees takes nothing away.
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(e.own);
+    Eigen::Matrix3d inverse = Eigen::Matrix3d::Zero();
+    for (int k = 0; k < 3; ++k)
+      if (solver.eigenvalues()[k] > 1e-12 * solver.eigenvalues()[2])
+        inverse += solver.eigenvectors().col(k) * solver.eigenvectors().col(k).transpose() / solver.eigenvalues()[k];
+    for (const auto& [a, of_a] : e.with_rig) {
+      const Eigen::Vector3d weighted = inverse * of_a;
+      for (const auto& [b, of_b] : e.with_rig) normal(b, a) -= weighted.dot(of_b);
+    }
+  }
+  const Eigen::VectorXd scale = normal.diagonal().cwiseMax(1e-12).cwiseSqrt().cwiseInverse();  // metres beside radians
+  const Eigen::MatrixXd scaled = scale.asDiagonal() * normal * scale.asDiagonal();
+  Eigen::LDLT<Eigen::MatrixXd> solver(scaled);
+  if (!(solver.vectorD().minCoeff() > 1e-14)) {
+    Eigen::MatrixXd held = scaled;
+    held.diagonal().array() += 1e-12;
+    solver.compute(held);
+  }
+  return scale.asDiagonal() * solver.solve(Eigen::MatrixXd::Identity(n, n)) * scale.asDiagonal();
+}
+
+}  // namespace redrive
