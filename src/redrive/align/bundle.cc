@@ -316,6 +316,9 @@ BundleResult adjust(RigModel* model, const std::vector<Track>& tracks, const std
       moved_m = std::max(moved_m, (model->correction[f] - before.correction[f]).head<3>().norm());
       turned_rad = std::max(turned_rad, (model->correction[f] - before.correction[f]).tail<3>().norm());
     }
+    result.rounds = round + 1;
+    result.last_moved_m = moved_m;
+    result.last_turned_rad = turned_rad;
     result.converged = round >= 2 && moved_m < kSettled_m && turned_rad < kSettled_rad;
     if (options.say) {
       std::printf("round %d: %zu of %zu tracks,", round + 1, located.size(), tracks.size());

@@ -6,7 +6,6 @@
 
 #include "redrive/align/so3.h"
 #include "redrive/base/error.h"
-#include "redrive/recording/trajectory.h"
 
 namespace redrive {
 namespace {
@@ -18,6 +17,43 @@ Rigid3d rigid_of(const Vector6d& v) {
   return motion;
 }
 
+/// How the given poses move at one of them.
+struct Slope {
+  Eigen::Vector3d velocity, turn;  ///< m/s in the world; rad/s in the body
+};
+
+Slope between_frames(const std::vector<FramePose>& given, int a) {
+  const double h = static_cast<double>(given[a + 1].t_ns - given[a].t_ns) * 1e-9;
+  return {(given[a + 1].ecef_from_body.translation() - given[a].ecef_from_body.translation()) / h,
+          so3_log(given[a].ecef_from_body.linear().transpose() * given[a + 1].ecef_from_body.linear()) / h};
+}
+
+/// Of the parabola through the frame and its neighbours, at an end through the three there; of two frames the line.
+Slope slope_at(const std::vector<FramePose>& given, int frame) {
+  const int last = static_cast<int>(given.size()) - 1;
+  if (last == 1) return between_frames(given, 0);
+  const int middle = std::clamp(frame, 1, last - 1);
+  const Slope before = between_frames(given, middle - 1), after = between_frames(given, middle);
+  const double h_before = static_cast<double>(given[middle].t_ns - given[middle - 1].t_ns),
+               h_after = static_cast<double>(given[middle + 1].t_ns - given[middle].t_ns), all = h_before + h_after;
+  // The slope changes evenly from the middle of the first interval to that of the second one.
+  const double at = frame < middle ? -h_before / all : frame > middle ? 1 + h_after / all : h_before / all;
+  return {before.velocity + at * (after.velocity - before.velocity), before.turn + at * (after.turn - before.turn)};
+}
+
+/// The cubic from 0 with slope `from` to `end` with slope `to` in h seconds; u in 0..1.
+class Hermite {
+ public:
+  Hermite(const Eigen::Vector3d& end, const Eigen::Vector3d& from, const Eigen::Vector3d& to, double h)
+      : h_(h), linear_(h * from), quadratic_(3 * end - h * (2 * from + to)), cubic_(h * (from + to) - 2 * end) {}
+  Eigen::Vector3d value(double u) const { return u * (linear_ + u * (quadratic_ + u * cubic_)); }
+  Eigen::Vector3d slope(double u) const { return (linear_ + u * (2 * quadratic_ + 3 * u * cubic_)) / h_; }
+
+ private:
+  double h_;
+  Eigen::Vector3d linear_, quadratic_, cubic_;
+};
+
 }  // namespace
 
 Instant RigModel::at(std::int64_t t_ns) const {
@@ -27,12 +63,31 @@ Instant RigModel::at(std::int64_t t_ns) const {
   instant.segment = static_cast<int>(std::clamp<std::ptrdiff_t>(after - given.begin() - 1, 0,
                                                                 static_cast<std::ptrdiff_t>(given.size()) - 2));
   const FramePose &a = given[instant.segment], &b = given[instant.segment + 1];
-  instant.duration_s = static_cast<double>(b.t_ns - a.t_ns) * 1e-9;
-  instant.weight = static_cast<double>(t_ns - a.t_ns) * 1e-9 / instant.duration_s;
-  instant.world_from_body = pose_at(given, t_ns);
-  instant.velocity = instant.world_from_body.linear().transpose() *
-                     (b.ecef_from_body.translation() - a.ecef_from_body.translation()) / instant.duration_s;
-  instant.turn = so3_log(a.ecef_from_body.linear().transpose() * b.ecef_from_body.linear()) / instant.duration_s;
+  const double h = static_cast<double>(b.t_ns - a.t_ns) * 1e-9;
+  instant.duration_s = h;
+  instant.weight = static_cast<double>(t_ns - a.t_ns) * 1e-9 / h;
+  const Slope at_a = slope_at(given, instant.segment), at_b = slope_at(given, instant.segment + 1);
+  if (instant.weight < 0 || instant.weight > 1) {
+    const bool before = instant.weight < 0;
+    const double beyond_s = (before ? instant.weight : instant.weight - 1) * h;
+    const Slope& slope = before ? at_a : at_b;
+    const Eigen::Matrix3d turned = so3_exp(slope.turn * beyond_s);
+    instant.world_from_body = (before ? a : b).ecef_from_body;
+    instant.velocity = turned.transpose() * instant.world_from_body.linear().transpose() * slope.velocity;
+    instant.world_from_body.translation() += slope.velocity * beyond_s;
+    instant.world_from_body.linear() = instant.world_from_body.linear() * turned;
+    instant.turn = slope.turn;
+    return instant;
+  }
+  const Hermite position(b.ecef_from_body.translation() - a.ecef_from_body.translation(), at_a.velocity, at_b.velocity, h);
+  // Rotation vectors from a's: at b their rate is the inverse right Jacobian times the turn, v + arc x v / 2 + O(arc^2 v).
+  const Eigen::Vector3d arc = so3_log(a.ecef_from_body.linear().transpose() * b.ecef_from_body.linear());
+  const Hermite rotation(arc, at_a.turn, at_b.turn + arc.cross(at_b.turn) / 2, h);
+  const Eigen::Vector3d turned = rotation.value(instant.weight);
+  instant.world_from_body.linear() = a.ecef_from_body.linear() * so3_exp(turned);
+  instant.world_from_body.translation() = a.ecef_from_body.translation() + position.value(instant.weight);
+  instant.velocity = instant.world_from_body.linear().transpose() * position.slope(instant.weight);
+  instant.turn = so3_right_jacobian(turned) * rotation.slope(instant.weight);
   return instant;
 }
 

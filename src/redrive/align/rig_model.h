@@ -2,7 +2,9 @@
 // What align moves: the egomotion as given, and the corrections to it and to the cameras.
 //   world_from_body(t) = given(t) [exp(phi(t)), rho(t)],  (rho, phi)(t) linear between the frames' corrections
 //   body_from_sensor   = given [exp(epsilon), eta],       an image of frame f is exposed at t_f + offset
-// so that the egomotion's own motion between the frames is kept. given(t) is pose_at() (recording/trajectory.h). The world
+// so that the egomotion's own motion between the frames is kept. given(t) goes through the frames' poses smoothly (cubic Hermite, with
+// the slopes of parabolas through three frames): a straight line would cut the corners of a car that pitches and steers by 0.02 degrees
+// at 15 Hz, and time offsets would make up for it. The world
 // is the body of the first frame as given: metres near 0, where ECEF's 4e6 would cost digits.
 #pragma once
 
@@ -41,7 +43,7 @@ struct RigModel {
   std::vector<Vector6d> correction;  ///< (rho, phi) by frame, body axes
   std::vector<RigModelCamera> cameras;
 
-  /// Before the first and after the last frame the motion there goes on.
+  /// Before the first and after the last frame the motion there goes on, evenly.
   Instant at(std::int64_t t_ns) const;
   /// Of an image: where the camera's offset of now puts it.
   Instant of_image(int camera, int frame) const;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A drive through a street of points and walls, without images: the tests know the truth. Between the frames the true motion is that
-// of pose_at, so that the model can be exact.
+// of a RigModel through the true poses, so that the model can be exact.
 #pragma once
 
 #include <cmath>
@@ -8,12 +8,12 @@
 #include <vector>
 
 #include "redrive/align/lidar_planes.h"
+#include "redrive/align/rig_model.h"
 #include "redrive/align/so3.h"
 #include "redrive/align/tracks.h"
 #include "redrive/base/rng.h"
 #include "redrive/camera/camera.h"
 #include "redrive/recording/recording.h"
-#include "redrive/recording/trajectory.h"
 
 namespace redrive::testing {
 
@@ -117,9 +117,11 @@ inline SyntheticRig make_synthetic_rig(const SyntheticOptions& options = {}) {
     if (options.cameras[c] == 1) camera.time_offset_ns = std::llround(options.offset_s * 1e9);
     rig.true_cameras.push_back(camera);
   }
-  const auto street_from_body = [&](std::int64_t t_ns) {
-    return ecef_from_street.inverse(Eigen::Isometry) * pose_at(rig.recording.true_frames, t_ns);
-  };
+  Recording truth;
+  truth.frames = rig.recording.true_frames;
+  const RigModel true_motion = make_rig_model(truth);
+  const Rigid3d street_from_world = ecef_from_street.inverse(Eigen::Isometry) * true_motion.ecef_from_world;
+  const auto street_from_body = [&](std::int64_t t_ns) { return street_from_world * true_motion.at(t_ns).world_from_body; };
   std::vector<std::vector<Rigid3d>> camera_from_street;
   for (const CameraCalibration& camera : rig.true_cameras) {
     camera_from_street.emplace_back();

@@ -18,6 +18,7 @@ enum ExitCode {
   kExitUsage = 2,         ///< unknown or out-of-range option, out folder that exists
   kExitBadInput = 3,      ///< a file that cannot be used: missing, malformed, inconsistent
   kExitIo = 4,            ///< the disk said no while writing
+  kExitCannot = 5,        ///< the input is in order, but does not determine what was asked for
   kExitInterrupted = 130  ///< Ctrl-C; the state was saved
 };
 
@@ -39,6 +40,13 @@ class UsageError : public std::runtime_error {
 class IoError : public std::runtime_error {
  public:
   IoError(const std::filesystem::path& file, std::string_view what);
+};
+
+/// What was asked for cannot be computed from this recording, though nothing about its files is wrong. Says why, and by what it
+/// was tried.
+class CannotError : public std::runtime_error {
+ public:
+  CannotError(const std::filesystem::path& recording, std::string_view reason, std::string_view means);
 };
 
 [[noreturn]] void check_failed(const char* file, int line, const char* expression, const std::string& values);

@@ -3,10 +3,14 @@
 #include <filesystem>
 #include <map>
 #include <memory>
+#include <optional>
 
 #include "redrive/base/error.h"
+#include "redrive/cli/aligning.h"
 #include "redrive/cli/command.h"
 #include "redrive/cli/training.h"
+#include "redrive/recording/pose_files.h"
+#include "redrive/report/align_page.h"
 #include "redrive/train/run_lock.h"
 
 namespace redrive {
@@ -38,12 +42,39 @@ TrainOptions parse_options(const TrainArguments& arguments) {
   return options;
 }
 
+/// Poses that are not the recording's own, for the run to keep.
+struct OwnPoses {
+  PoseFiles files;
+  std::optional<AlignResult> alignment;
+  Recording recording;  ///< as it was aligned
+};
+
+/// What --poses and --align name, put into run->recording.
+std::optional<OwnPoses> own_poses(Run* run, int threads) {
+  if (!has_own_poses(run->options)) return std::nullopt;
+  OwnPoses own;
+  if (run->options.align) {
+    ThreadPool pool(threads);
+    AlignOptions options;
+    if (std::filesystem::is_directory(run->options.masks)) options.tracks.masks = run->options.masks;
+    own.recording = run->recording;
+    own.alignment = align_aloud(run->recording, options, pool);
+    own.files = pose_files_of(run->recording, own.alignment->frames, own.alignment->cameras);
+  } else {
+    own.files = read_pose_files(run->options.poses);
+  }
+  // From the text in both cases: a resumed run reads the same bits.
+  use_pose_files(own.files, run->options.align ? run->options.recording : run->options.poses, &run->recording);
+  return own;
+}
+
 int run_train(const TrainArguments& arguments) {
   Run run;
   run.options = parse_options(arguments);
   refuse_existing_run(arguments.out);
   const auto backend = kernels::make_backend({run.options.backend, run.options.isa, run.options.threads});
   run.recording = open_recording(run.options);
+  const std::optional<OwnPoses> poses = own_poses(&run, backend->threads());
   resolve_cameras(&run.options, run.recording);
   resolve_range(&run.options, given_names(arguments), run.recording);
   run.scene = make_scene(run.recording, scene_options(run.options));
@@ -55,8 +86,11 @@ int run_train(const TrainArguments& arguments) {
     return find_training_data(run, pool);
   }();
   // Only now, when nothing about the input can be wrong any more, is something written.
-  run.paths =
-      create_run(arguments.out, run.options, [&](const RunPaths& paths) { keep_masks(paths, training, run.scene); });
+  run.paths = create_run(arguments.out, run.options, [&](const RunPaths& paths) {
+    keep_masks(paths, training, run.scene);
+    if (poses) write_pose_files(paths.poses(), poses->files);
+    if (poses && poses->alignment) write_align_page(paths.poses(), poses->recording, *poses->alignment);
+  });
   const RunLock lock(run.paths.root);
   print_summary(run, training, *backend);
   return report_end(run, train(&run, training, *backend, stop));

@@ -20,6 +20,8 @@ namespace {
 
 constexpr redrive::Command kCommands[] = {
     {"inspect", "what a recording holds, what is missing or odd, and why", redrive::configure_inspect},
+    {"align", "poses and calibration worth training on: image points, LiDAR and egomotion brought into agreement",
+     redrive::configure_align},
     {"train", "train a field on a recording", redrive::configure_train},
     {"resume", "go on with an interrupted run", redrive::configure_resume},
     {"eval", "PSNR, SSIM and FLIP of a run, per camera and in all; depth error where the truth ships",
@@ -76,6 +78,8 @@ int main(int argc, char** argv) {
     return complain(error, redrive::kExitUsage);
   } catch (const redrive::InputError& error) {
     return complain(error, redrive::kExitBadInput);
+  } catch (const redrive::CannotError& error) {
+    return complain(error, redrive::kExitCannot);
   } catch (const redrive::IoError& error) {
     return complain(error, redrive::kExitIo);
   } catch (const std::filesystem::filesystem_error& error) {  // a name too long, a loop of links

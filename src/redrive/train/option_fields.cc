@@ -173,6 +173,9 @@ std::vector<TrainField> make_fields() {
           "truth-poses", &O::truth_poses,
           "use the exact poses and calibration that a made recording ships (*_true.json), to tell what poses cost from "
           "what the field costs"),
+      text("poses", &O::poses, {},
+           "folder that redrive align made: its poses and calibration are used, of which the run keeps a copy"),
+      flag("align", &O::align, "redrive align first; the run keeps what it found in RUN/poses, with its report"),
       number("near", &O::near_m, Range<double>{0, kInfinite, true}, "first sample of a ray, metres"),
       number("far", &O::far_m, Range<double>{0, kInfinite, true}, "last sample of a ray, metres"),
       text("background", &O::background, {"", "white", "black", "random"},

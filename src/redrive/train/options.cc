@@ -142,6 +142,9 @@ void validate(const TrainOptions& options) {
     throw UsageError("--error-rays", std::to_string(options.error_rays), "belong to --method grid");
   if (options.method == "nerf" && options.background == "random")
     throw UsageError("--background", "random", "is not for --method nerf, which knows no background; white or black");
+  if (options.truth_poses + options.align + !options.poses.empty() > 1)
+    throw UsageError(options.align ? "--align" : "--poses", options.poses,
+                     "--truth-poses, --poses and --align exclude each other");
   if (options.holdout_every == 1)
     throw UsageError("--holdout-every", "1", "would leave nothing to train on; 0 or 2 and more");
   parse_frames(options.frames);
@@ -166,6 +169,8 @@ void validate(const TrainOptions& options) {
 Recording open_recording(const TrainOptions& options) {
   return open_recording(options.recording, options.truth_poses ? PoseSource::kTruth : PoseSource::kGiven);
 }
+
+bool has_own_poses(const TrainOptions& options) { return options.align || !options.poses.empty(); }
 
 SceneOptions scene_options(const TrainOptions& options) {
   const FrameRange frames = parse_frames(options.frames);

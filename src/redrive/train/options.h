@@ -27,6 +27,8 @@ struct TrainOptions {
   int holdout_every = 0;
   bool undistort = false;
   bool truth_poses = false;  ///< the exact poses and calibration that a made recording ships
+  std::string poses;         ///< folder of other poses and another calibration (recording/pose_files.h); "": the recording's own
+  bool align = false;        ///< those that redrive align finds
   double near_m = 0.5, far_m = 1000;
   std::string background;  ///< "", "white", "black", "random": behind transparent pixels
   std::string masks =
@@ -79,8 +81,11 @@ void resolve_range(TrainOptions* options, const std::vector<std::string>& given,
 /// UsageError naming option, value and rule for the first field out of range.
 void validate(const TrainOptions& options);
 SceneOptions scene_options(const TrainOptions& options);
-/// The recording, with the poses that the options say. InputError as redrive::open_recording.
+/// The recording with its own poses, true ones if the options say so; what --poses and --align name is put into it by its run
+/// (train/run.h). InputError as redrive::open_recording.
 Recording open_recording(const TrainOptions& options);
+/// Whether a run keeps poses of its own beside the recording's: --poses or --align.
+bool has_own_poses(const TrainOptions& options);
 
 /// What --memory allows on a machine of so many bytes: bytes ("6000000000"), "6GiB", or a share ("70%"). UsageError.
 std::uint64_t allowed_memory(const TrainOptions& options, std::uint64_t machine);

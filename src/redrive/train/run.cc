@@ -12,6 +12,7 @@
 #include "redrive/base/files.h"
 #include "redrive/model/grid_model.h"
 #include "redrive/model/nerf_model.h"
+#include "redrive/recording/pose_files.h"
 
 namespace redrive {
 namespace {
@@ -156,6 +157,7 @@ Run open_run(const std::filesystem::path& root, bool fresh_if_untrained) {
   if (!std::filesystem::is_directory(root, error)) throw InputError(root, "", "", "no such run folder");
   run.options = options_from_json(read_json(run.paths.config()), run.paths.config());
   run.recording = open_recording(run.options);
+  if (has_own_poses(run.options)) use_pose_files(read_pose_files(run.paths.poses()), run.paths.poses(), &run.recording);
   run.scene = make_scene(run.recording, scene_options(run.options));
   const auto there = std::filesystem::status(run.paths.checkpoint(), error).type();
   if (fresh_if_untrained && there == std::filesystem::file_type::not_found) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A run folder: config.json (resolved options), masks/, metrics.jsonl, checkpoint.safetensors, figures/, report.html.
+// A run folder: config.json (resolved options), masks/, poses/ (those of --poses and --align), metrics.jsonl, checkpoint.safetensors, figures/, report.html.
 // Nothing is written outside it.
 #pragma once
 
@@ -18,6 +18,7 @@ struct RunPaths {
   std::filesystem::path root;
   std::filesystem::path config() const { return root / "config.json"; }
   std::filesystem::path masks() const { return root / "masks"; }  ///< scene/masks.h write_masks
+  std::filesystem::path poses() const { return root / "poses"; }  ///< recording/pose_files.h, where has_own_poses
   std::filesystem::path metrics() const { return root / "metrics.jsonl"; }
   std::filesystem::path checkpoint() const { return root / "checkpoint.safetensors"; }
   std::filesystem::path figures() const { return root / "figures"; }

@@ -1,0 +1,185 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/align/align.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdarg>
+#include <cstdio>
+#include <numbers>
+
+#include <Eigen/Dense>
+
+#include "redrive/align/so3.h"
+#include "redrive/base/error.h"
+#include "redrive/recording/summary.h"
+#include "redrive/scene/moving_objects.h"
+
+namespace redrive {
+namespace {
+
+constexpr double kDegrees = 180 / std::numbers::pi;
+
+// What a usable result is. A pose less certain than this would make pictures worse, not better.
+constexpr double kMostSigma_m = 0.08, kMostSigma_rad = 0.2 / kDegrees;
+constexpr double kLeastUsed = 0.4;                                           // share of the observations that agree
+constexpr double kMostNoise_px = 2.5;                                        // of a camera's observations
+constexpr double kMostPose_m = 5, kMostPose_rad = 6 / kDegrees;              // no egomotion is off by more
+constexpr double kMostMount_m = 0.3, kMostMount_rad = 3 / kDegrees;          // no camera is
+constexpr double kMostOffset_s = 0.1;                                        // that would be another frame's image
+constexpr int kLeastTracks = 30, kLeastLidarPoints = 1000;
+
+std::string text(const char* format, ...) __attribute__((format(printf, 1, 2)));
+std::string text(const char* format, ...) {
+  char buffer[400];
+  va_list values;
+  va_start(values, format);
+  std::vsnprintf(buffer, sizeof buffer, format, values);
+  va_end(values);
+  return buffer;
+}
+
+/// What was there to align by, for every message.
+std::string means_of(const Recording& recording, std::size_t tracks, std::size_t lidar) {
+  const double driven_m = summarize_drive(recording.frames).driven_m;
+  return text("%zu frames, %.1f m driven, %zu tracks of image points, %zu LiDAR points", recording.frames.size(), driven_m,
+              tracks, lidar);
+}
+
+/// Takes the part of the covariance out that is a motion of the whole trajectory: P C P^T with P = 1 - G (G^T W G)^-1 G^T W, G what
+/// such a motion does to the corrections. W weighs a turn as what it moves at 30 m, as align_trajectories does.
+Eigen::MatrixXd without_common_motion(const RigModel& model, const Eigen::MatrixXd& covariance) {
+  constexpr double kArm_m = 30;
+  const int n = static_cast<int>(model.given.size());
+  Eigen::Vector3d middle = Eigen::Vector3d::Zero();
+  for (const FramePose& frame : model.given) middle += frame.ecef_from_body.translation() / n;
+  Eigen::MatrixXd g(6 * n, 6);
+  Eigen::VectorXd weights(6 * n);
+  for (int f = 0; f < n; ++f) {
+    const Eigen::Matrix3d body_from_world = model.given[f].ecef_from_body.linear().transpose();
+    g.block<3, 3>(6 * f, 0) = body_from_world;
+    g.block<3, 3>(6 * f, 3) = -body_from_world * skew(model.given[f].ecef_from_body.translation() - middle);
+    g.block<3, 3>(6 * f + 3, 0).setZero();
+    g.block<3, 3>(6 * f + 3, 3) = body_from_world;
+    weights.segment<3>(6 * f).setOnes();
+    weights.segment<3>(6 * f + 3).setConstant(kArm_m * kArm_m);
+  }
+  const Eigen::MatrixXd weighted = g.transpose() * weights.asDiagonal();
+  const Eigen::MatrixXd solved = (weighted * g).ldlt().solve(weighted);  // [6, 6 n]
+  const Eigen::MatrixXd half = covariance - g * (solved * covariance);
+  return half - (half * solved.transpose()) * g.transpose();
+}
+
+Vector6d sigmas_at(const Eigen::MatrixXd& covariance, int at) {
+  return covariance.diagonal().segment<6>(at).cwiseMax(0).cwiseSqrt();
+}
+
+AlignResult describe(const RigModel& model, BundleResult bundle) {
+  AlignResult result;
+  const int n = static_cast<int>(model.given.size()), cameras = static_cast<int>(model.cameras.size());
+  result.frames = model.corrected_frames();
+  const Eigen::MatrixXd shape = without_common_motion(model, bundle.covariance.topLeftCorner(6 * n, 6 * n));
+  for (int f = 0; f < n; ++f) result.corrections.push_back({model.correction[f], sigmas_at(shape, 6 * f)});
+  for (int c = 0; c < cameras; ++c) {
+    const RigModelCamera& camera = model.cameras[c];
+    result.cameras.push_back(model.corrected_calibration(c));
+    CameraCorrection correction;
+    correction.name = camera.given.name;
+    correction.mount = {camera.mount, sigmas_at(bundle.covariance, 6 * (n + c))};
+    correction.turned_in_body = camera.given.body_from_sensor.linear() * camera.mount.tail<3>();
+    correction.offset_s = camera.offset_s;
+    correction.offset_before_s = static_cast<double>(camera.given.time_offset_ns) * 1e-9;
+    correction.offset_sigma_s = std::sqrt(std::max(0.0, bundle.covariance(6 * (n + cameras) + c, 6 * (n + cameras) + c)));
+    correction.intrinsics = camera.intrinsics;
+    result.camera_corrections.push_back(correction);
+  }
+  result.bundle = std::move(bundle);
+  return result;
+}
+
+/// Why the result cannot be used, or empty.
+std::string obstacle(const Recording& recording, const AlignResult& result, bool images) {
+  const BundleResult& bundle = result.bundle;
+  if (!bundle.converged)
+    return text("the poses still move by %.1f cm and %.3f degrees a round after %d rounds: what is seen does not agree with one "
+                "motion", 100 * bundle.last_moved_m, bundle.last_turned_rad * kDegrees, bundle.rounds);
+  int all = 0, used = 0;
+  for (std::size_t c = 0; c < bundle.cameras.size(); ++c) {
+    const CameraFit& fit = bundle.cameras[c];
+    all += fit.observations;
+    used += fit.used;
+    if (fit.used > 0 && fit.sigma_px > kMostNoise_px)
+      return text("image points of %s are %.1f px off from where the aligned poses put them; %.1f are accepted",
+                  result.cameras[c].name.c_str(), fit.sigma_px, kMostNoise_px);
+  }
+  if (images && all > 0 && used < kLeastUsed * all)
+    return text("only %.0f %% of the image points agree with one motion; %.0f %% are needed", 100.0 * used / all, 100 * kLeastUsed);
+  double worst_m = 0, worst_rad = 0;
+  std::size_t at_m = 0, at_rad = 0;
+  for (std::size_t f = 0; f < result.corrections.size(); ++f) {
+    const Correction& c = result.corrections[f];
+    if (c.sigma.head<3>().norm() > worst_m) worst_m = c.sigma.head<3>().norm(), at_m = f;
+    if (c.sigma.tail<3>().norm() > worst_rad) worst_rad = c.sigma.tail<3>().norm(), at_rad = f;
+    if (!(c.value.head<3>().norm() < kMostPose_m && c.value.tail<3>().norm() < kMostPose_rad))
+      return text("frame %lld would have to move by %.2f m and %.2f degrees; an egomotion that is off by more than %.0f m or %.0f "
+                  "degrees is no start", static_cast<long long>(result.frames[f].id), c.value.head<3>().norm(),
+                  c.value.tail<3>().norm() * kDegrees, kMostPose_m, kMostPose_rad * kDegrees);
+  }
+  if (!(worst_m <= kMostSigma_m))
+    return text("nothing holds the position of frame %lld: known to %.1f cm (1 sigma) after the alignment, %.0f cm are needed",
+                static_cast<long long>(recording.frames[at_m].id), 100 * worst_m, 100 * kMostSigma_m);
+  if (!(worst_rad <= kMostSigma_rad))
+    return text("nothing holds the rotation of frame %lld: known to %.2f degrees (1 sigma) after the alignment, %.2f are needed",
+                static_cast<long long>(recording.frames[at_rad].id), worst_rad * kDegrees, kMostSigma_rad * kDegrees);
+  for (const CameraCorrection& camera : result.camera_corrections) {
+    const double moved_m = camera.mount.value.head<3>().norm(), turned_rad = camera.mount.value.tail<3>().norm();
+    if (!(moved_m < kMostMount_m && turned_rad < kMostMount_rad && std::abs(camera.offset_s) < kMostOffset_s))
+      return text("%s would have to move by %.2f m and %.2f degrees and to be exposed %.1f ms from its frame; that is another "
+                  "calibration, not an error of this one", camera.name.c_str(), moved_m, turned_rad * kDegrees, 1e3 * camera.offset_s);
+  }
+  return "";
+}
+
+}  // namespace
+
+AlignResult align_with(const Recording& recording, const std::vector<Track>& tracks, const std::vector<LidarSample>& lidar,
+                       const AlignOptions& options, ThreadPool& pool) {
+  const std::string means = means_of(recording, tracks.size(), lidar.size());
+  if (recording.frames.size() < 3) throw CannotError(recording.root, "an alignment needs three frames or more", means);
+  if (tracks.size() < kLeastTracks && lidar.size() < kLeastLidarPoints)
+    throw CannotError(recording.root, text("too little is seen to align by: %d tracks or %d LiDAR points are needed", kLeastTracks,
+                                           kLeastLidarPoints), means);
+  RigModel model = make_rig_model(recording);
+  BundleResult bundle = adjust(&model, tracks, lidar, options.bundle, pool);
+  AlignResult result = describe(model, std::move(bundle));
+  if (const std::string why = obstacle(recording, result, !tracks.empty()); !why.empty())
+    throw CannotError(recording.root, why, means);
+  if (lidar.empty())
+    result.remarks.push_back("no LiDAR: the scale of the drive and what all cameras share (a turn, a time offset) is the egomotion's");
+  for (std::size_t c = 0; c < result.bundle.cameras.size(); ++c)
+    if (result.bundle.cameras[c].used == 0)
+      result.remarks.push_back(result.cameras[c].name + ": no image point to use; its mount and time offset are as given");
+  if (!recording.true_frames.empty()) {
+    result.truth_before = align_trajectories(recording.frames, recording.true_frames, recording.root);
+    result.truth_after = align_trajectories(result.frames, recording.true_frames, recording.root);
+  }
+  return result;
+}
+
+AlignResult align(const Recording& recording, const AlignOptions& options, ThreadPool& pool) {
+  const auto start = std::chrono::steady_clock::now();
+  if (!recording.metric)
+    throw CannotError(recording.root, "photographs have neither egomotion nor clock; align is for drives", recording.format);
+  std::vector<Track> tracks;
+  if (options.images) tracks = find_tracks(recording, pool, options.tracks);
+  std::vector<LidarSample> lidar;
+  if (options.lidar && recording.body_from_lidar) {
+    const Scene scene = make_scene(recording, {});
+    lidar = load_lidar_samples(recording, scene, read_moving_objects(recording, scene), pool);
+  }
+  AlignResult result = align_with(recording, tracks, lidar, options, pool);
+  result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  return result;
+}
+
+}  // namespace redrive

@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: Apache-2.0
+// redrive align: from a recording to poses and a calibration worth training on, or to a clear "cannot".
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "redrive/align/bundle.h"
+#include "redrive/align/tracks.h"
+#include "redrive/base/parallel.h"
+#include "redrive/eval/align.h"
+#include "redrive/recording/recording.h"
+
+namespace redrive {
+
+struct AlignOptions {
+  bool images = true, lidar = true;  ///< what is used, where the recording has it
+  TrackOptions tracks;
+  BundleOptions bundle;
+};
+
+/// What was changed about one frame's pose, or one camera's mount, with its standard deviation.
+struct Correction {
+  Vector6d value = Vector6d::Zero(), sigma = Vector6d::Zero();  ///< m and rad; axes of the body, or of the sensor
+};
+
+struct CameraCorrection {
+  std::string name;
+  Correction mount;
+  Eigen::Vector3d turned_in_body = Eigen::Vector3d::Zero();  ///< the mount's turn about the body's axes: roll, pitch, yaw; rad
+  double offset_s = 0, offset_sigma_s = 0;                   ///< exposure minus pose, and how well it is known
+  double offset_before_s = 0;
+  Eigen::Vector3d intrinsics = Eigen::Vector3d::Zero();  ///< relative change of focal length; principal point, px
+};
+
+struct AlignResult {
+  std::vector<FramePose> frames;           ///< ECEF, all of the recording
+  std::vector<CameraCalibration> cameras;  ///< as Recording::cameras
+  /// By frame. Sigmas are those of the trajectory's shape: without the motion of the whole, which nothing measures.
+  std::vector<Correction> corrections;
+  std::vector<CameraCorrection> camera_corrections;
+  BundleResult bundle;
+  std::vector<std::string> remarks;                   ///< what the user should know of: no LiDAR, so the scale is the egomotion's
+  std::optional<Alignment> truth_before, truth_after;  ///< where the recording ships the truth
+  double seconds = 0;
+};
+
+/// Throws CannotError with reason and figures where images and LiDAR do not hold the poses: too little is seen, nothing moves, what is
+/// seen does not agree, or corrections are larger than an egomotion's errors. InputError as find_tracks and load_lidar_returns.
+AlignResult align(const Recording& recording, const AlignOptions& options, ThreadPool& pool);
+
+/// The same with tracks and LiDAR at hand.
+AlignResult align_with(const Recording& recording, const std::vector<Track>& tracks, const std::vector<LidarSample>& lidar,
+                       const AlignOptions& options, ThreadPool& pool);
+
+}  // namespace redrive

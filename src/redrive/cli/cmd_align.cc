@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: Apache-2.0
+// redrive align RECORDING [--out FOLDER]: moves poses, mounts and time offsets until images and LiDAR agree with them.
+#include <cstdio>
+#include <memory>
+#include <string>
+
+#include "redrive/base/cpu_features.h"
+#include "redrive/base/error.h"
+#include "redrive/cli/aligning.h"
+#include "redrive/cli/command.h"
+#include "redrive/train/run.h"
+
+namespace redrive {
+namespace {
+
+struct AlignArguments {
+  std::string recording, out;
+  int threads = 0;
+  AlignOptions options;
+  bool no_lidar = false, no_images = false;
+};
+
+int run_align(AlignArguments arguments) {
+  if (!arguments.out.empty()) refuse_existing_run(arguments.out);  // said at once
+  arguments.options.images = !arguments.no_images;
+  arguments.options.lidar = !arguments.no_lidar;
+  const Recording recording = open_recording(arguments.recording);
+  ThreadPool pool(arguments.threads > 0 ? arguments.threads : hardware_threads());
+  const AlignResult result = align_aloud(recording, arguments.options, pool);
+  if (arguments.out.empty()) return kExitOk;
+  write_alignment(arguments.out, recording, result);
+  std::printf("%s: redrive train %s --poses %s\n", (std::filesystem::path(arguments.out) / "report.html").c_str(),
+              arguments.recording.c_str(), arguments.out.c_str());
+  return kExitOk;
+}
+
+}  // namespace
+
+Action configure_align(CLI::App& command) {
+  auto arguments = std::make_shared<AlignArguments>();
+  command.add_option("RECORDING", arguments->recording, "folder of the recording")->required();
+  command.add_option("--out", arguments->out,
+                     "folder for poses, calibration and report.html; must not exist (default: figures are printed, nothing is written)");
+  command.add_option("--masks", arguments->options.tracks.masks,
+                     "folder with CAM.png as inspect --masks writes them: counts instead of what is found");
+  auto* no_lidar = command.add_flag("--no-lidar", arguments->no_lidar, "images alone");
+  command.add_flag("--no-images", arguments->no_images, "LiDAR alone: the trajectory, but no camera")->excludes(no_lidar);
+  command.add_flag("--intrinsics", arguments->options.bundle.intrinsics, "focal length and principal point of each camera, too");
+  command.add_option("--threads", arguments->threads, "0: all that this process may use")->check(CLI::Range(0, 1024));
+  return [arguments] { return run_align(*arguments); };
+}
+
+}  // namespace redrive
