@@ -22,11 +22,13 @@ constexpr double kDegrees = 180 / std::numbers::pi;
 
 // What a usable result is. A pose less certain than this would make pictures worse, not better.
 constexpr double kMostSigma_m = 0.08, kMostSigma_rad = 0.2 / kDegrees;
+constexpr double kMostMoving_m = 0.015, kMostMoving_rad = 0.04 / kDegrees;     // by the last round
 constexpr double kLeastUsed = 0.4;                                           // share of the observations that agree
 constexpr double kMostNoise_px = 2.5;                                        // of a camera's observations
 constexpr double kMostPose_m = 5, kMostPose_rad = 6 / kDegrees;              // no egomotion is off by more
 constexpr double kMostMount_m = 0.3, kMostMount_rad = 3 / kDegrees;          // no camera is
 constexpr double kMostOffset_s = 0.1;                                        // that would be another frame's image
+constexpr double kLeastReach_m = 1;
 constexpr int kLeastTracks = 30, kLeastLidarPoints = 1000;
 
 std::string text(const char* format, ...) __attribute__((format(printf, 1, 2)));
@@ -41,19 +43,20 @@ std::string text(const char* format, ...) {
 
 /// What was there to align by, for every message.
 std::string means_of(const Recording& recording, std::size_t tracks, std::size_t lidar) {
-  const double driven_m = summarize_drive(recording.frames).driven_m;
+  const double driven_m = recording.frames.empty() ? 0 : summarize_drive(recording.frames).driven_m;
   return text("%zu frames, %.1f m driven, %zu tracks of image points, %zu LiDAR points", recording.frames.size(), driven_m,
               tracks, lidar);
 }
 
 /// Takes the part of the covariance out that is a motion of the whole trajectory: P C P^T with P = 1 - G (G^T W G)^-1 G^T W, G what
-/// such a motion does to the corrections. W weighs a turn as what it moves at 30 m, as align_trajectories does.
-Eigen::MatrixXd without_common_motion(const RigModel& model, const Eigen::MatrixXd& covariance) {
+/// such a motion does to the corrections. W weighs a turn as what it moves at 30 m, as align_trajectories does. Where only the egomotion
+/// knows the scale, that is taken out, too.
+Eigen::MatrixXd without_common_motion(const RigModel& model, const Eigen::MatrixXd& covariance, bool scale_too) {
   constexpr double kArm_m = 30;
   const int n = static_cast<int>(model.given.size());
   Eigen::Vector3d middle = Eigen::Vector3d::Zero();
   for (const FramePose& frame : model.given) middle += frame.ecef_from_body.translation() / n;
-  Eigen::MatrixXd g(6 * n, 6);
+  Eigen::MatrixXd g(6 * n, scale_too ? 7 : 6);
   Eigen::VectorXd weights(6 * n);
   for (int f = 0; f < n; ++f) {
     const Eigen::Matrix3d body_from_world = model.given[f].ecef_from_body.linear().transpose();
@@ -61,11 +64,15 @@ Eigen::MatrixXd without_common_motion(const RigModel& model, const Eigen::Matrix
     g.block<3, 3>(6 * f, 3) = -body_from_world * skew(model.given[f].ecef_from_body.translation() - middle);
     g.block<3, 3>(6 * f + 3, 0).setZero();
     g.block<3, 3>(6 * f + 3, 3) = body_from_world;
+    if (scale_too) {
+      g.block<3, 1>(6 * f, 6) = body_from_world * (model.given[f].ecef_from_body.translation() - middle);
+      g.block<3, 1>(6 * f + 3, 6).setZero();
+    }
     weights.segment<3>(6 * f).setOnes();
     weights.segment<3>(6 * f + 3).setConstant(kArm_m * kArm_m);
   }
   const Eigen::MatrixXd weighted = g.transpose() * weights.asDiagonal();
-  const Eigen::MatrixXd solved = (weighted * g).ldlt().solve(weighted);  // [6, 6 n]
+  const Eigen::MatrixXd solved = (weighted * g).ldlt().solve(weighted);  // [6 or 7, 6 n]
   const Eigen::MatrixXd half = covariance - g * (solved * covariance);
   return half - (half * solved.transpose()) * g.transpose();
 }
@@ -74,11 +81,11 @@ Vector6d sigmas_at(const Eigen::MatrixXd& covariance, int at) {
   return covariance.diagonal().segment<6>(at).cwiseMax(0).cwiseSqrt();
 }
 
-AlignResult describe(const RigModel& model, BundleResult bundle) {
+AlignResult describe(const RigModel& model, BundleResult bundle, bool scale_is_given) {
   AlignResult result;
   const int n = static_cast<int>(model.given.size()), cameras = static_cast<int>(model.cameras.size());
   result.frames = model.corrected_frames();
-  const Eigen::MatrixXd shape = without_common_motion(model, bundle.covariance.topLeftCorner(6 * n, 6 * n));
+  const Eigen::MatrixXd shape = without_common_motion(model, bundle.covariance.topLeftCorner(6 * n, 6 * n), scale_is_given);
   for (int f = 0; f < n; ++f) result.corrections.push_back({model.correction[f], sigmas_at(shape, 6 * f)});
   for (int c = 0; c < cameras; ++c) {
     const RigModelCamera& camera = model.cameras[c];
@@ -97,10 +104,21 @@ AlignResult describe(const RigModel& model, BundleResult bundle) {
   return result;
 }
 
+/// How far the trajectory leads from its first frame, at most.
+double reach_m(const std::vector<FramePose>& frames) {
+  double reach = 0;
+  for (const FramePose& frame : frames)
+    reach = std::max(reach, (frame.ecef_from_body.translation() - frames.front().ecef_from_body.translation()).norm());
+  return reach;
+}
+
 /// Why the result cannot be used, or empty.
 std::string obstacle(const Recording& recording, const AlignResult& result, bool images) {
   const BundleResult& bundle = result.bundle;
-  if (!bundle.converged)
+  if (bundle.lidar_points == 0 && !(std::min(reach_m(recording.frames), reach_m(result.frames)) >= kLeastReach_m))
+    return text("the car stands still (%.2f m from its first pose at most, %.2f m once aligned), and without LiDAR only driving shows how far "
+                "things are; %.0f m are needed", reach_m(recording.frames), reach_m(result.frames), kLeastReach_m);
+  if (!(bundle.last_moved_m < kMostMoving_m && bundle.last_turned_rad < kMostMoving_rad))
     return text("the poses still move by %.1f cm and %.3f degrees a round after %d rounds: what is seen does not agree with one "
                 "motion", 100 * bundle.last_moved_m, bundle.last_turned_rad * kDegrees, bundle.rounds);
   int all = 0, used = 0;
@@ -151,7 +169,7 @@ AlignResult align_with(const Recording& recording, const std::vector<Track>& tra
                                            kLeastLidarPoints), means);
   RigModel model = make_rig_model(recording);
   BundleResult bundle = adjust(&model, tracks, lidar, options.bundle, pool);
-  AlignResult result = describe(model, std::move(bundle));
+  AlignResult result = describe(model, std::move(bundle), lidar.empty());
   if (const std::string why = obstacle(recording, result, !tracks.empty()); !why.empty())
     throw CannotError(recording.root, why, means);
   if (lidar.empty())

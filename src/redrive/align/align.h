@@ -38,7 +38,8 @@ struct CameraCorrection {
 struct AlignResult {
   std::vector<FramePose> frames;           ///< ECEF, all of the recording
   std::vector<CameraCalibration> cameras;  ///< as Recording::cameras
-  /// By frame. Sigmas are those of the trajectory's shape: without the motion of the whole, which nothing measures.
+  /// By frame. Sigmas are those of the trajectory's shape: without the motion of the whole, which nothing measures,
+  /// and where there is no LiDAR without its scale, which is the egomotion's.
   std::vector<Correction> corrections;
   std::vector<CameraCorrection> camera_corrections;
   BundleResult bundle;

@@ -17,8 +17,10 @@ namespace {
 
 constexpr double kStartSigma_px = 4;      // before anything is known; the median of the residuals says more
 constexpr double kLeastSigma_px = 0.05;   // no image is better than that
+constexpr double kLeastPose_m = 0.01, kLeastPose_rad = 3e-4;  // what an egomotion without errors is believed to be good for
+constexpr double kCorrelation = 2.5;      // integral of a squared exponential's correlation over time, in correlation times: sqrt(2 pi)
 constexpr double kFarOff = 4;             // sigmas at which an observation is left out
-constexpr double kSettled_m = 1e-3, kSettled_rad = 3e-5;  // a round that moves no pose further was the last one
+constexpr double kSettled_m = 1e-3, kSettled_rad = 3e-5, kSettled_s = 1e-4;  // a round that moves no pose further was the last one
 
 struct Located {
   int track = 0;
@@ -87,13 +89,15 @@ void leave_out_far_off(const std::vector<Track>& tracks, const std::vector<doubl
 class Round {
  public:
   Round(RigModel* model, const std::vector<Track>& tracks, const std::vector<LidarSample>& lidar,
-        const BundleOptions& options)
-      : model_(*model), tracks_(tracks), lidar_(lidar), options_(options), problem_(problem_options()) {}
+        const BundleOptions& options, std::size_t landmarks)
+      : model_(*model), tracks_(tracks), lidar_(lidar), options_(options), problem_(problem_options()) {
+    landmarks_.reserve(landmarks);  // Ceres keeps pointers
+  }
 
   void add(std::vector<Located>* located, const std::vector<double>& sigma_px) {
     const ImageTimes times(model_);
     for (Located& entry : *located) {
-      double* const point = entry.point.value.data();
+      double* const point = landmark(&entry.point.value);
       for (std::size_t i = 0; i < entry.used.size(); ++i) {
         if (!entry.used[i]) continue;
         const Observation& seen = tracks_[entry.track].seen[i];
@@ -104,27 +108,27 @@ class Round {
             model_.correction[instant.segment].data(), model_.correction[instant.segment + 1].data(),
             camera.mount.data(), &camera.offset_s, camera.intrinsics.data(), point);
       }
-      points_.push_back(point);
     }
   }
 
   void add(std::vector<FlatPatch>* patches) {
     for (FlatPatch& patch : *patches) {
+      double* const plane = landmark(&patch.plane.value);
       for (const int i : patch.samples) {
         const Instant instant = model_.at(lidar_[i].t_ns);
         problem_.AddResidualBlock(plane_term(instant, lidar_[i].in_body, patch.sigma_m, patch.plane).release(), &lidar_loss_,
                                   model_.correction[instant.segment].data(),
-                                  model_.correction[instant.segment + 1].data(), patch.plane.value.data());
+                                  model_.correction[instant.segment + 1].data(), plane);
       }
-      points_.push_back(patch.plane.value.data());
     }
   }
 
-  void add_priors() {
-    const BundlePriors& priors = options_.priors;
+  void add_priors(const BundlePriors& priors) {
+    const double seconds = static_cast<double>(model_.given.back().t_ns - model_.given.front().t_ns) * 1e-9,
+                 at_a_time = static_cast<double>(model_.given.size()) * kCorrelation * priors.correlation_s / seconds;
     for (std::size_t f = 0; f < model_.correction.size(); ++f) {
       rig_.push_back(model_.correction[f].data());
-      problem_.AddResidualBlock(small_term(priors.pose).release(), nullptr, model_.correction[f].data());
+      problem_.AddResidualBlock(small_term(priors.pose * std::sqrt(std::max(1.0, at_a_time))).release(), nullptr, model_.correction[f].data());
       if (f == 0) continue;
       const double step_s = static_cast<double>(model_.given[f].t_ns - model_.given[f - 1].t_ns) * 1e-9;
       problem_.AddResidualBlock(smooth_term(priors.pose * (step_s / priors.correlation_s)).release(), nullptr,
@@ -132,8 +136,8 @@ class Round {
     }
     for (RigModelCamera& camera : model_.cameras) {
       rig_.push_back(camera.mount.data());
-      for (int k = 0; k < 6; ++k)
-        problem_.AddResidualBlock(zero_term(6, k, priors.mount[k]).release(), &prior_loss_, camera.mount.data());
+      for (int k = 0; k < 6; ++k)  // a position is measured with a rule; an angle is not, and one camera may have been knocked
+        problem_.AddResidualBlock(zero_term(6, k, priors.mount[k]).release(), k < 3 ? nullptr : &prior_loss_, camera.mount.data());
     }
     for (RigModelCamera& camera : model_.cameras) {
       rig_.push_back(&camera.offset_s);
@@ -163,18 +167,29 @@ class Round {
                                                         : ceres::SPARSE_SCHUR;
     solver.linear_solver_ordering = std::make_shared<ceres::ParameterBlockOrdering>();
     for (double* point : points_) solver.linear_solver_ordering->AddElementToGroup(point, 0);
-    std::vector<double*> all;
-    problem_.GetParameterBlocks(&all);
-    for (double* block : all)
-      if (!solver.linear_solver_ordering->IsMember(block)) solver.linear_solver_ordering->AddElementToGroup(block, 1);
+    for (Vector6d& correction : model_.correction) solver.linear_solver_ordering->AddElementToGroup(correction.data(), 1);
+    for (RigModelCamera& camera : model_.cameras)
+      for (double* block : {camera.mount.data(), &camera.offset_s, camera.intrinsics.data()})
+        solver.linear_solver_ordering->AddElementToGroup(block, 2);
     ceres::Solver::Summary summary;
     ceres::Solve(solver, &problem_, &summary);
+    for (std::size_t i = 0; i < targets_.size(); ++i) *targets_[i] = landmarks_[i];
     return summary;
   }
 
   Eigen::MatrixXd covariance() { return reduced_covariance(problem_, rig_, points_); }
 
  private:
+  /// The block that stands for `target` while it is solved. Within a group Ceres orders blocks by their addresses: side by side in one
+  /// array they are in the same order in every run, and so are the sums.
+  double* landmark(std::array<double, 3>* target) {
+    REDRIVE_CHECK_OP(landmarks_.size(), <, landmarks_.capacity());
+    landmarks_.push_back(*target);
+    targets_.push_back(target);
+    points_.push_back(landmarks_.back().data());
+    return points_.back();
+  }
+
   static ceres::Problem::Options problem_options() {
     ceres::Problem::Options options;
     options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
@@ -188,7 +203,23 @@ class Round {
   ceres::CauchyLoss image_loss_{2}, lidar_loss_{2}, prior_loss_{1};
   ceres::Problem problem_;
   std::vector<double*> rig_, points_;
+  std::vector<std::array<double, 3>> landmarks_;
+  std::vector<std::array<double, 3>*> targets_;
 };
+
+BundlePriors priors_of_round(const BundlePriors& given, const RigModel& model, int round) {
+  BundlePriors priors = given;
+  if (round < 2) return priors;
+  double squares_m = 0, squares_rad = 0;
+  for (const Vector6d& correction : model.correction) {
+    squares_m += correction.head<3>().squaredNorm();
+    squares_rad += correction.tail<3>().squaredNorm();
+  }
+  const double n = 3 * static_cast<double>(model.correction.size());
+  priors.pose.head<3>() = given.pose.head<3>().cwiseMin(std::max(kLeastPose_m, 1.5 * std::sqrt(squares_m / n)));
+  priors.pose.tail<3>() = given.pose.tail<3>().cwiseMin(std::max(kLeastPose_rad, 1.5 * std::sqrt(squares_rad / n)));
+  return priors;
+}
 
 double patch_distance_m(const RigModel& model, const LidarSample& sample, const PlanePatch& plane) {
   const Eigen::Vector3d from_centre = model.corrected(model.at(sample.t_ns)) * sample.in_body - plane.centre;
@@ -305,11 +336,11 @@ BundleResult adjust(RigModel* model, const std::vector<Track>& tracks, const std
     planes.flat_m *= round == 0 ? 3 : round == 1 ? 1.5 : 1;
     std::vector<FlatPatch> patches;
     if (!lidar.empty() && (round > 0 || tracks.empty())) patches = find_flat_patches(*model, lidar, planes, pool);
-    Round problem(model, tracks, lidar, options);
+    Round problem(model, tracks, lidar, options, located.size() + patches.size());
     problem.add(&located, sigma_px);
     problem.add(&patches);
-    problem.add_priors();
-    const ceres::Solver::Summary summary = problem.solve(round == 0 ? 30 : 15);
+    problem.add_priors(priors_of_round(options.priors, *model, round));
+    const ceres::Solver::Summary summary = problem.solve(round == 0 ? 20 : 12);
 
     double moved_m = 0, turned_rad = 0;
     for (std::size_t f = 0; f < model->correction.size(); ++f) {
@@ -319,7 +350,10 @@ BundleResult adjust(RigModel* model, const std::vector<Track>& tracks, const std
     result.rounds = round + 1;
     result.last_moved_m = moved_m;
     result.last_turned_rad = turned_rad;
-    result.converged = round >= 2 && moved_m < kSettled_m && turned_rad < kSettled_rad;
+    double shifted_s = 0;
+    for (std::size_t c = 0; c < model->cameras.size(); ++c)
+      shifted_s = std::max(shifted_s, std::abs(model->cameras[c].offset_s - before.cameras[c].offset_s));
+    result.converged = round >= 3 && moved_m < kSettled_m && turned_rad < kSettled_rad && shifted_s < kSettled_s;
     if (options.say) {
       std::printf("round %d: %zu of %zu tracks,", round + 1, located.size(), tracks.size());
       for (const double s : sigma_px) std::printf(" %.2f", s);

@@ -18,6 +18,8 @@ namespace {
 constexpr int kLeastPoints = 10;
 constexpr std::int64_t kApart_ns = 50'000'000;  // half a revolution
 constexpr int kLeastTimes = 3;
+constexpr std::size_t kMostOfPatch = 100;  // more points say little that is new: they share its roughness
+constexpr std::size_t kMostSamples = 800'000;
 constexpr double kLeastSigma_m = 0.005;
 constexpr double kLeastShare = 0.75;  // of a cube's points that have to lie on its plane
 
@@ -95,23 +97,35 @@ void divide(const Placed& points, const std::vector<int>& chosen, const Eigen::V
     divide(points, parts[k], corner + half_m * Eigen::Vector3d(k & 1, k >> 1 & 1, k >> 2), half_m, options, patches);
 }
 
-/// At most as many samples as all patches may have together, of large patches evenly fewer.
+/// Evenly fewer of them, in their order.
+template <class T>
+void keep_evenly(std::vector<T>* values, std::size_t most) {
+  const std::size_t n = values->size();
+  if (n <= most) return;
+  for (std::size_t i = 0; i < most; ++i)
+    if (const std::size_t from = i * n / most; from != i) (*values)[i] = std::move((*values)[from]);
+  values->resize(most);
+}
+
+/// At most as many samples as all patches may have together. A third of them goes to patches that face along each axis of the world: on a
+/// motorway nearly all is road, and the few that hold the motion along it must not drown.
 void thin_out(std::vector<FlatPatch>* patches, int most) {
-  std::size_t all = 0, cap = 0;
-  for (const FlatPatch& patch : *patches) {
-    all += patch.samples.size();
-    cap = std::max(cap, patch.samples.size());
-  }
-  while (all > static_cast<std::size_t>(most) && cap > static_cast<std::size_t>(kLeastPoints)) {
-    cap = cap * 4 / 5;
-    all = 0;
-    for (const FlatPatch& patch : *patches) all += std::min(patch.samples.size(), cap);
-  }
+  std::array<std::vector<FlatPatch>, 3> facing;
   for (FlatPatch& patch : *patches) {
-    const std::size_t n = patch.samples.size();
-    if (n <= cap) continue;
-    for (std::size_t i = 0; i < cap; ++i) patch.samples[i] = patch.samples[i * n / cap];
-    patch.samples.resize(cap);
+    keep_evenly(&patch.samples, kMostOfPatch);
+    Eigen::Index axis = 0;
+    patch.plane.axes.col(2).cwiseAbs().maxCoeff(&axis);
+    facing[axis].push_back(std::move(patch));
+  }
+  std::ranges::sort(facing, {}, [](const std::vector<FlatPatch>& a) { return a.size(); });
+  std::size_t left = static_cast<std::size_t>(most);
+  patches->clear();
+  for (std::size_t k = 0; k < 3; ++k) {
+    keep_evenly(&facing[k], left / (3 - k) / kMostOfPatch);
+    for (FlatPatch& patch : facing[k]) {
+      left -= std::min(left, patch.samples.size());
+      patches->push_back(std::move(patch));
+    }
   }
 }
 
@@ -138,6 +152,7 @@ std::vector<LidarSample> load_lidar_samples(const Recording& recording, const Sc
                     double(returns.range_m[i]) * double(returns.direction[std::size_t(d) * returns.n + i]);
     samples.push_back({body_from_world * in_world, t_ns});
   }
+  keep_evenly(&samples, kMostSamples);
   return samples;
 }
 

@@ -22,14 +22,15 @@ struct LidarSample {
   std::int64_t t_ns = 0;
 };
 
-/// All returns between the first and the last frame but those on the vehicle and on objects that move, each once.
+/// Returns between the first and the last frame but for those on the vehicle and on objects that move, each once; at most 800 000,
+/// evenly chosen.
 std::vector<LidarSample> load_lidar_samples(const Recording& recording, const Scene& scene, const MovingObjects& moving,
                                             ThreadPool& pool);
 
 struct PlaneOptions {
   double largest_m = 4, smallest_m = 0.5;  ///< edges of the cubes that are looked into: each is cut in eight until it is flat
   double flat_m = 0.06;                    ///< standard deviation from its plane, at most
-  int most_terms = 60'000;                 ///< of all patches together
+  int most_terms = 60'000;                 ///< samples of all patches together
 };
 
 struct FlatPatch {

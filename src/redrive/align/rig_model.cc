@@ -17,25 +17,25 @@ Rigid3d rigid_of(const Vector6d& v) {
   return motion;
 }
 
-/// How the given poses move at one of them.
+/// How poses move at one of them.
 struct Slope {
   Eigen::Vector3d velocity, turn;  ///< m/s in the world; rad/s in the body
 };
 
-Slope between_frames(const std::vector<FramePose>& given, int a) {
-  const double h = static_cast<double>(given[a + 1].t_ns - given[a].t_ns) * 1e-9;
-  return {(given[a + 1].ecef_from_body.translation() - given[a].ecef_from_body.translation()) / h,
-          so3_log(given[a].ecef_from_body.linear().transpose() * given[a + 1].ecef_from_body.linear()) / h};
+Slope between_frames(const std::vector<FramePose>& frames, int a) {
+  const double h = static_cast<double>(frames[a + 1].t_ns - frames[a].t_ns) * 1e-9;
+  return {(frames[a + 1].ecef_from_body.translation() - frames[a].ecef_from_body.translation()) / h,
+          so3_log(frames[a].ecef_from_body.linear().transpose() * frames[a + 1].ecef_from_body.linear()) / h};
 }
 
 /// Of the parabola through the frame and its neighbours, at an end through the three there; of two frames the line.
-Slope slope_at(const std::vector<FramePose>& given, int frame) {
-  const int last = static_cast<int>(given.size()) - 1;
-  if (last == 1) return between_frames(given, 0);
+Slope slope_at(const std::vector<FramePose>& frames, int frame) {
+  const int last = static_cast<int>(frames.size()) - 1;
+  if (last == 1) return between_frames(frames, 0);
   const int middle = std::clamp(frame, 1, last - 1);
-  const Slope before = between_frames(given, middle - 1), after = between_frames(given, middle);
-  const double h_before = static_cast<double>(given[middle].t_ns - given[middle - 1].t_ns),
-               h_after = static_cast<double>(given[middle + 1].t_ns - given[middle].t_ns), all = h_before + h_after;
+  const Slope before = between_frames(frames, middle - 1), after = between_frames(frames, middle);
+  const double h_before = static_cast<double>(frames[middle].t_ns - frames[middle - 1].t_ns),
+               h_after = static_cast<double>(frames[middle + 1].t_ns - frames[middle].t_ns), all = h_before + h_after;
   // The slope changes evenly from the middle of the first interval to that of the second one.
   const double at = frame < middle ? -h_before / all : frame > middle ? 1 + h_after / all : h_before / all;
   return {before.velocity + at * (after.velocity - before.velocity), before.turn + at * (after.turn - before.turn)};
@@ -57,16 +57,37 @@ class Hermite {
 }  // namespace
 
 Instant RigModel::at(std::int64_t t_ns) const {
+  Instant instant = smooth_at(t_ns);
+  // What the corrections of now add, linear in time, is taken out again: what is left is a motion to which changed corrections can be added.
+  const int a = instant.segment;
+  const Vector6d slope = (correction[a + 1] - correction[a]) / instant.duration_s,
+                 added = correction[a] + instant.weight * instant.duration_s * slope;
+  const Rigid3d now = rigid_of(added);
+  const Eigen::Vector3d rho = added.head<3>(), turn = now.linear() * instant.turn,
+                        own_turn = now.linear() * so3_right_jacobian(added.tail<3>()) * slope.tail<3>();
+  instant.velocity = now.linear() * instant.velocity + rho.cross(turn - own_turn) - slope.head<3>();
+  instant.turn = turn - own_turn;
+  instant.world_from_body = instant.world_from_body * now.inverse(Eigen::Isometry);
+  return instant;
+}
+
+Instant RigModel::smooth_at(std::int64_t t_ns) const {
   const auto after =
       std::upper_bound(given.begin(), given.end(), t_ns, [](std::int64_t t, const FramePose& f) { return t < f.t_ns; });
   Instant instant;
   instant.segment = static_cast<int>(std::clamp<std::ptrdiff_t>(after - given.begin() - 1, 0,
                                                                 static_cast<std::ptrdiff_t>(given.size()) - 2));
-  const FramePose &a = given[instant.segment], &b = given[instant.segment + 1];
+  // The frames that the slopes at both ends need.
+  const int first = std::max(0, instant.segment - 1), end = std::min(static_cast<int>(given.size()), std::max(instant.segment + 3, first + 3));
+  const int start = std::max(0, std::min(first, end - 3));
+  std::vector<FramePose> frames(given.begin() + start, given.begin() + end);
+  for (int f = start; f < end; ++f) frames[f - start].ecef_from_body = given[f].ecef_from_body * rigid_of(correction[f]);
+  const int here = instant.segment - start;
+  const FramePose &a = frames[here], &b = frames[here + 1];
   const double h = static_cast<double>(b.t_ns - a.t_ns) * 1e-9;
   instant.duration_s = h;
   instant.weight = static_cast<double>(t_ns - a.t_ns) * 1e-9 / h;
-  const Slope at_a = slope_at(given, instant.segment), at_b = slope_at(given, instant.segment + 1);
+  const Slope at_a = slope_at(frames, here), at_b = slope_at(frames, here + 1);
   if (instant.weight < 0 || instant.weight > 1) {
     const bool before = instant.weight < 0;
     const double beyond_s = (before ? instant.weight : instant.weight - 1) * h;

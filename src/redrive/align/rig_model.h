@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // What align moves: the egomotion as given, and the corrections to it and to the cameras.
-//   world_from_body(t) = given(t) [exp(phi(t)), rho(t)],  (rho, phi)(t) linear between the frames' corrections
-//   body_from_sensor   = given [exp(epsilon), eta],       an image of frame f is exposed at t_f + offset
-// so that the egomotion's own motion between the frames is kept. given(t) goes through the frames' poses smoothly (cubic Hermite, with
-// the slopes of parabolas through three frames): a straight line would cut the corners of a car that pitches and steers by 0.02 degrees
-// at 15 Hz, and time offsets would make up for it. The world
-// is the body of the first frame as given: metres near 0, where ECEF's 4e6 would cost digits.
+//   world_from_body(t_f) = given_f [exp(phi_f), rho_f],   body_from_sensor = given [exp(epsilon), eta],
+//   an image of frame f is exposed at t_f + offset.
+// Between the frames the body moves smoothly through its corrected poses (cubic Hermite, slopes of parabolas through three frames): a straight
+// line would cut the corners of a car that pitches and steers by 0.02 degrees at 15 Hz, and time offsets would make up for it. While
+// the corrections of a round change, what they add is linear between two frames; the next round is smooth again.
+// The world is the body of the first frame as given: metres near 0, where ECEF's 4e6 would cost digits.
 #pragma once
 
 #include <array>
@@ -28,8 +28,9 @@ struct RigModelCamera {
   Eigen::Vector3d intrinsics = Eigen::Vector3d::Zero();  ///< f (1 + x), c + (y, z) pixels
 };
 
-/// The given motion around one instant: given(t + s) = world_from_body [exp(turn s), velocity s] while it stays between the
-/// two frames `segment` and `segment` + 1, where the weight of the second one's correction is weight + s / duration_s.
+/// The motion around one instant without corrections: (t + s) -> world_from_body [exp(turn s), velocity s] while it stays between the
+/// two frames `segment` and `segment` + 1, whose corrections are added with weights that are linear in time, that of the second one
+/// weight + s / duration_s.
 struct Instant {
   int segment = 0;
   double weight = 0, duration_s = 1;
@@ -43,10 +44,12 @@ struct RigModel {
   std::vector<Vector6d> correction;  ///< (rho, phi) by frame, body axes
   std::vector<RigModelCamera> cameras;
 
-  /// Before the first and after the last frame the motion there goes on, evenly.
+  /// With the corrections of now added again it is the smooth motion. Before the first and after the last frame that goes on evenly.
   Instant at(std::int64_t t_ns) const;
   /// Of an image: where the camera's offset of now puts it.
   Instant of_image(int camera, int frame) const;
+
+  Instant smooth_at(std::int64_t t_ns) const;  ///< the smooth motion itself, corrections included
 
   Rigid3d corrected(const Instant& instant) const;  ///< world_from_body with the corrections of now
   Rigid3d world_from_camera(int camera, int frame) const;

@@ -97,9 +97,16 @@ TEST(Terms, ReprojectionIsThatOfTheModel) {
   const Instant as_given = model.of_image(1, 7);
   const RigModelCamera before = camera;
   const auto held = reprojection_term(before, as_given, {0, 0}, 0.5, {});
-  camera.offset_s = 0.013;  // now it is exposed later, on the way to frame 8
+  constexpr double kLater_s = 0.013;
+  camera.offset_s = kLater_s;  // on the way to frame 8, as the given motion goes on
   camera.intrinsics = {0.01, 1.5, -2};
-  const Eigen::Vector3d in_world = model.world_from_camera(1, 7) * Eigen::Vector3d(0.4, -0.3, 5);
+  Instant later = as_given;
+  Rigid3d moved = Rigid3d::Identity();
+  moved.linear() = so3_exp(as_given.turn * kLater_s);
+  moved.translation() = as_given.velocity * kLater_s;
+  later.world_from_body = as_given.world_from_body * moved;
+  later.weight += kLater_s / later.duration_s;
+  const Eigen::Vector3d in_world = model.corrected(later) * model.body_from_sensor(1) * Eigen::Vector3d(0.4, -0.3, 5);
   const std::array<double, 3> point{in_world.x() / in_world.z(), in_world.y() / in_world.z(), 1 / in_world.z()};
   const double* blocks[] = {model.correction[7].data(), model.correction[8].data(), camera.mount.data(), &camera.offset_s,
                             camera.intrinsics.data(), point.data()};
