@@ -18,7 +18,7 @@ namespace {
 constexpr int kLeastPoints = 10;
 constexpr std::int64_t kApart_ns = 50'000'000;  // half a revolution
 constexpr int kLeastTimes = 3;
-constexpr std::size_t kMostOfPatch = 100;  // more points say little that is new: they share its roughness
+constexpr std::size_t kMostOfPatch = 40;  // where there is a choice: more points say little that is new, they share its roughness
 constexpr std::size_t kMostSamples = 800'000;
 constexpr double kLeastSigma_m = 0.005;
 constexpr double kLeastShare = 0.75;  // of a cube's points that have to lie on its plane
@@ -110,6 +110,9 @@ void keep_evenly(std::vector<T>* values, std::size_t most) {
 /// At most as many samples as all patches may have together. A third of them goes to patches that face along each axis of the world: on a
 /// motorway nearly all is road, and the few that hold the motion along it must not drown.
 void thin_out(std::vector<FlatPatch>* patches, int most) {
+  std::size_t all = 0;
+  for (const FlatPatch& patch : *patches) all += patch.samples.size();
+  if (all <= static_cast<std::size_t>(most)) return;
   std::array<std::vector<FlatPatch>, 3> facing;
   for (FlatPatch& patch : *patches) {
     keep_evenly(&patch.samples, kMostOfPatch);

@@ -1,0 +1,74 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/recording/pose_files.h"
+
+#include "redrive/recording/test_recording.h"
+
+namespace redrive {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+
+struct Fixture {
+  TemporaryFolder folder;
+  Recording recording;
+  Fixture() {
+    testing::write_recording(folder);
+    recording = open_recording(folder.path);
+  }
+};
+
+TEST(PoseFiles, ComeBackAsTheyWere) {
+  Fixture f;
+  std::vector<FramePose> frames = f.recording.frames;
+  std::vector<CameraCalibration> cameras;
+  for (const RecordedCamera& camera : f.recording.cameras) cameras.push_back(camera.calibration);
+  frames[1].ecef_from_body = frames[1].ecef_from_body * Eigen::AngleAxisd(0.001, Eigen::Vector3d::UnitZ());
+  frames[1].ecef_from_body.translation().x() += 0.0625;
+  cameras[0].body_from_sensor = cameras[0].body_from_sensor * Eigen::AngleAxisd(-0.002, Eigen::Vector3d::UnitY());
+  cameras[0].body_from_sensor.translation().y() += 0.25;
+  cameras[1].time_offset_ns = -12'000'001;
+  cameras[1].fx = 1172.125;
+  write_pose_files(f.folder.path / "aligned", pose_files_of(f.recording, frames, cameras));
+  Recording again = f.recording;
+  use_pose_files(read_pose_files(f.folder.path / "aligned"), f.folder.path / "aligned", &again);
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    EXPECT_EQ(again.frames[i].id, frames[i].id);
+    EXPECT_EQ(again.frames[i].t_ns, frames[i].t_ns);
+    EXPECT_EQ(again.frames[i].ecef_from_body.translation(), frames[i].ecef_from_body.translation());
+    // Rotations are made orthonormal again when they are read.
+    EXPECT_TRUE(again.frames[i].ecef_from_body.linear().isApprox(frames[i].ecef_from_body.linear(), 1e-14));
+  }
+  for (std::size_t c = 0; c < cameras.size(); ++c) {
+    const CameraCalibration& now = again.cameras[c].calibration;
+    EXPECT_TRUE(now.body_from_sensor.isApprox(cameras[c].body_from_sensor, 1e-14));
+    EXPECT_EQ(now.time_offset_ns, cameras[c].time_offset_ns);
+    EXPECT_EQ(now.fx, cameras[c].fx);
+    EXPECT_EQ(now.distortion, cameras[c].distortion);
+    EXPECT_EQ(again.cameras[c].images.size(), 3u);
+  }
+}
+
+TEST(PoseFiles, OfAnotherRecordingAreRefused) {
+  Fixture f;
+  PoseFiles files = read_pose_files(f.folder.path);
+  const auto complaint = [&](const PoseFiles& changed) {
+    Recording recording = f.recording;
+    return testing::input_error([&] { use_pose_files(changed, "other", &recording); });
+  };
+  nlohmann::json poses = testing::egomotion();
+  poses.erase("10");
+  EXPECT_THAT(complaint({poses.dump(), files.calibration}), AllOf(HasSubstr("egomotion2.json"), HasSubstr("10")));
+  poses = testing::egomotion();
+  poses["10"]["time_host"] = 50.15;
+  EXPECT_THAT(complaint({poses.dump(), files.calibration}), AllOf(HasSubstr("10.time"), HasSubstr("another drive")));
+  nlohmann::json sensors = testing::calibration();
+  sensors.erase("L_FISH");
+  EXPECT_THAT(complaint({files.egomotion, sensors.dump()}), AllOf(HasSubstr("calibration.json"), HasSubstr("L_FISH")));
+  f.recording.metric = false;
+  EXPECT_THAT(complaint(files), HasSubstr("photographs"));
+  EXPECT_THAT(testing::input_error([&] { read_pose_files(f.folder.path / "nothing"); }), HasSubstr("egomotion2.json"));
+}
+
+}  // namespace
+}  // namespace redrive

@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: Apache-2.0
+// The street as a program is given it, put right: what tools/street/README.md says is wrong is found.
+#include <cmath>
+#include <numbers>
+
+#include <gtest/gtest.h>
+
+#include "redrive/align/align.h"
+#include "redrive/align/so3.h"
+
+namespace redrive {
+namespace {
+
+constexpr double kDegrees = 180 / std::numbers::pi;
+
+TEST(Street, IsAligned) {
+  const std::filesystem::path root = REDRIVE_SAMPLES "/street";
+  const Recording given = open_recording(root), truth = open_recording(root, PoseSource::kTruth);
+  ThreadPool pool(2);
+  const AlignResult result = align(given, {}, pool);
+  EXPECT_GT(result.truth_before->rest_m, 0.05);
+  EXPECT_GT(result.truth_before->rest_deg, 0.15);
+  EXPECT_LT(result.truth_after->rest_m, 0.01);
+  EXPECT_LT(result.truth_after->rest_deg, 0.02);
+  for (std::size_t c = 0; c < result.cameras.size(); ++c) {
+    const CameraCalibration &found = result.cameras[c], &right = truth.cameras[c].calibration;
+    SCOPED_TRACE(found.name);
+    const Eigen::Matrix3d rest = found.body_from_sensor.linear() * right.body_from_sensor.linear().transpose();
+    if (found.name == "F_MIDRANGECAM_C") EXPECT_LT(std::abs(so3_log(rest).z()) * kDegrees, 0.02);
+    EXPECT_LT(std::abs(static_cast<double>(found.time_offset_ns - right.time_offset_ns)), 1e6);
+    EXPECT_LT(result.bundle.cameras[c].after_px, 0.5 * result.bundle.cameras[c].before_px);
+  }
+}
+
+}  // namespace
+}  // namespace redrive
