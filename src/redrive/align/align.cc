@@ -22,12 +22,12 @@ constexpr double kDegrees = 180 / std::numbers::pi;
 
 // What a usable result is. A pose less certain than this would make pictures worse, not better.
 constexpr double kMostSigma_m = 0.08, kMostSigma_rad = 0.2 / kDegrees;
-constexpr double kMostMoving_m = 0.015, kMostMoving_rad = 0.04 / kDegrees;     // by the last round
-constexpr double kLeastUsed = 0.4;                                           // share of the observations that agree
-constexpr double kMostNoise_px = 2.5;                                        // of a camera's observations
-constexpr double kMostPose_m = 5, kMostPose_rad = 6 / kDegrees;              // no egomotion is off by more
-constexpr double kMostMount_m = 0.3, kMostMount_rad = 3 / kDegrees;          // no camera is
-constexpr double kMostOffset_s = 0.1;                                        // that would be another frame's image
+constexpr double kMostMoving_m = 0.015, kMostMoving_rad = 0.04 / kDegrees;  // by the last round
+constexpr double kLeastUsed = 0.4;                                          // share of the observations that agree
+constexpr double kMostNoise_px = 2.5;                                       // of a camera's observations
+constexpr double kMostPose_m = 5, kMostPose_rad = 6 / kDegrees;             // no egomotion is off by more
+constexpr double kMostMount_m = 0.3, kMostMount_rad = 3 / kDegrees;         // no camera is
+constexpr double kMostOffset_s = 0.1;                                       // that would be another frame's image
 constexpr double kLeastReach_m = 1;
 constexpr int kLeastTracks = 30, kLeastLidarPoints = 1000;
 
@@ -44,8 +44,8 @@ std::string text(const char* format, ...) {
 /// What was there to align by, for every message.
 std::string means_of(const Recording& recording, std::size_t tracks, std::size_t lidar) {
   const double driven_m = recording.frames.empty() ? 0 : summarize_drive(recording.frames).driven_m;
-  return text("%zu frames, %.1f m driven, %zu tracks of image points, %zu LiDAR points", recording.frames.size(), driven_m,
-              tracks, lidar);
+  return text("%zu frames, %.1f m driven, %zu tracks of image points, %zu LiDAR points", recording.frames.size(),
+              driven_m, tracks, lidar);
 }
 
 /// Takes the part of the covariance out that is a motion of the whole trajectory: P C P^T with P = 1 - G (G^T W G)^-1 G^T W, G what
@@ -85,7 +85,8 @@ AlignResult describe(const RigModel& model, BundleResult bundle, bool scale_is_g
   AlignResult result;
   const int n = static_cast<int>(model.given.size()), cameras = static_cast<int>(model.cameras.size());
   result.frames = model.corrected_frames();
-  const Eigen::MatrixXd shape = without_common_motion(model, bundle.covariance.topLeftCorner(6 * n, 6 * n), scale_is_given);
+  const Eigen::MatrixXd shape =
+      without_common_motion(model, bundle.covariance.topLeftCorner(6 * n, 6 * n), scale_is_given);
   for (int f = 0; f < n; ++f) result.corrections.push_back({model.correction[f], sigmas_at(shape, 6 * f)});
   for (int c = 0; c < cameras; ++c) {
     const RigModelCamera& camera = model.cameras[c];
@@ -96,7 +97,8 @@ AlignResult describe(const RigModel& model, BundleResult bundle, bool scale_is_g
     correction.turned_in_body = camera.given.body_from_sensor.linear() * camera.mount.tail<3>();
     correction.offset_s = camera.offset_s;
     correction.offset_before_s = static_cast<double>(camera.given.time_offset_ns) * 1e-9;
-    correction.offset_sigma_s = std::sqrt(std::max(0.0, bundle.covariance(6 * (n + cameras) + c, 6 * (n + cameras) + c)));
+    correction.offset_sigma_s =
+        std::sqrt(std::max(0.0, bundle.covariance(6 * (n + cameras) + c, 6 * (n + cameras) + c)));
     correction.intrinsics = camera.intrinsics;
     result.camera_corrections.push_back(correction);
   }
@@ -116,11 +118,17 @@ double reach_m(const std::vector<FramePose>& frames) {
 std::string obstacle(const Recording& recording, const AlignResult& result, bool images) {
   const BundleResult& bundle = result.bundle;
   if (bundle.lidar_points == 0 && !(std::min(reach_m(recording.frames), reach_m(result.frames)) >= kLeastReach_m))
-    return text("the car stands still (%.2f m from its first pose at most, %.2f m once aligned), and without LiDAR only driving shows how far "
-                "things are; %.0f m are needed", reach_m(recording.frames), reach_m(result.frames), kLeastReach_m);
+    return text(
+        "the car stands still (%.2f m from its first pose at most, %.2f m once aligned), and without LiDAR only "
+        "driving shows how far "
+        "things are; %.0f m are needed",
+        reach_m(recording.frames), reach_m(result.frames), kLeastReach_m);
   if (!(bundle.last_moved_m < kMostMoving_m && bundle.last_turned_rad < kMostMoving_rad))
-    return text("the poses still move by %.1f cm and %.3f degrees a round after %d rounds: what is seen does not agree with one "
-                "motion", 100 * bundle.last_moved_m, bundle.last_turned_rad * kDegrees, bundle.rounds);
+    return text(
+        "the poses still move by %.1f cm and %.3f degrees a round after %d rounds: what is seen does not agree with "
+        "one "
+        "motion",
+        100 * bundle.last_moved_m, bundle.last_turned_rad * kDegrees, bundle.rounds);
   int all = 0, used = 0;
   for (std::size_t c = 0; c < bundle.cameras.size(); ++c) {
     const CameraFit& fit = bundle.cameras[c];
@@ -131,7 +139,8 @@ std::string obstacle(const Recording& recording, const AlignResult& result, bool
                   result.cameras[c].name.c_str(), fit.sigma_px, kMostNoise_px);
   }
   if (images && all > 0 && used < kLeastUsed * all)
-    return text("only %.0f %% of the image points agree with one motion; %.0f %% are needed", 100.0 * used / all, 100 * kLeastUsed);
+    return text("only %.0f %% of the image points agree with one motion; %.0f %% are needed", 100.0 * used / all,
+                100 * kLeastUsed);
   double worst_m = 0, worst_rad = 0;
   std::size_t at_m = 0, at_rad = 0;
   for (std::size_t f = 0; f < result.corrections.size(); ++f) {
@@ -139,44 +148,56 @@ std::string obstacle(const Recording& recording, const AlignResult& result, bool
     if (c.sigma.head<3>().norm() > worst_m) worst_m = c.sigma.head<3>().norm(), at_m = f;
     if (c.sigma.tail<3>().norm() > worst_rad) worst_rad = c.sigma.tail<3>().norm(), at_rad = f;
     if (!(c.value.head<3>().norm() < kMostPose_m && c.value.tail<3>().norm() < kMostPose_rad))
-      return text("frame %lld would have to move by %.2f m and %.2f degrees; an egomotion that is off by more than %.0f m or %.0f "
-                  "degrees is no start", static_cast<long long>(result.frames[f].id), c.value.head<3>().norm(),
-                  c.value.tail<3>().norm() * kDegrees, kMostPose_m, kMostPose_rad * kDegrees);
+      return text(
+          "frame %lld would have to move by %.2f m and %.2f degrees; an egomotion that is off by more than %.0f m or "
+          "%.0f "
+          "degrees is no start",
+          static_cast<long long>(result.frames[f].id), c.value.head<3>().norm(), c.value.tail<3>().norm() * kDegrees,
+          kMostPose_m, kMostPose_rad * kDegrees);
   }
   if (!(worst_m <= kMostSigma_m))
-    return text("nothing holds the position of frame %lld: known to %.1f cm (1 sigma) after the alignment, %.0f cm are needed",
-                static_cast<long long>(recording.frames[at_m].id), 100 * worst_m, 100 * kMostSigma_m);
+    return text(
+        "nothing holds the position of frame %lld: known to %.1f cm (1 sigma) after the alignment, %.0f cm are needed",
+        static_cast<long long>(recording.frames[at_m].id), 100 * worst_m, 100 * kMostSigma_m);
   if (!(worst_rad <= kMostSigma_rad))
-    return text("nothing holds the rotation of frame %lld: known to %.2f degrees (1 sigma) after the alignment, %.2f are needed",
-                static_cast<long long>(recording.frames[at_rad].id), worst_rad * kDegrees, kMostSigma_rad * kDegrees);
+    return text(
+        "nothing holds the rotation of frame %lld: known to %.2f degrees (1 sigma) after the alignment, %.2f are "
+        "needed",
+        static_cast<long long>(recording.frames[at_rad].id), worst_rad * kDegrees, kMostSigma_rad * kDegrees);
   for (const CameraCorrection& camera : result.camera_corrections) {
     const double moved_m = camera.mount.value.head<3>().norm(), turned_rad = camera.mount.value.tail<3>().norm();
     if (!(moved_m < kMostMount_m && turned_rad < kMostMount_rad && std::abs(camera.offset_s) < kMostOffset_s))
-      return text("%s would have to move by %.2f m and %.2f degrees and to be exposed %.1f ms from its frame; that is another "
-                  "calibration, not an error of this one", camera.name.c_str(), moved_m, turned_rad * kDegrees, 1e3 * camera.offset_s);
+      return text(
+          "%s would have to move by %.2f m and %.2f degrees and to be exposed %.1f ms from its frame; that is another "
+          "calibration, not an error of this one",
+          camera.name.c_str(), moved_m, turned_rad * kDegrees, 1e3 * camera.offset_s);
   }
   return "";
 }
 
 }  // namespace
 
-AlignResult align_with(const Recording& recording, const std::vector<Track>& tracks, const std::vector<LidarSample>& lidar,
-                       const AlignOptions& options, ThreadPool& pool) {
+AlignResult align_with(const Recording& recording, const std::vector<Track>& tracks,
+                       const std::vector<LidarSample>& lidar, const AlignOptions& options, ThreadPool& pool) {
   const std::string means = means_of(recording, tracks.size(), lidar.size());
   if (recording.frames.size() < 3) throw CannotError(recording.root, "an alignment needs three frames or more", means);
   if (tracks.size() < kLeastTracks && lidar.size() < kLeastLidarPoints)
-    throw CannotError(recording.root, text("too little is seen to align by: %d tracks or %d LiDAR points are needed", kLeastTracks,
-                                           kLeastLidarPoints), means);
+    throw CannotError(recording.root,
+                      text("too little is seen to align by: %d tracks or %d LiDAR points are needed", kLeastTracks,
+                           kLeastLidarPoints),
+                      means);
   RigModel model = make_rig_model(recording);
   BundleResult bundle = adjust(&model, tracks, lidar, options.bundle, pool);
   AlignResult result = describe(model, std::move(bundle), lidar.empty());
   if (const std::string why = obstacle(recording, result, !tracks.empty()); !why.empty())
     throw CannotError(recording.root, why, means);
   if (lidar.empty())
-    result.remarks.push_back("no LiDAR: the scale of the drive and what all cameras share (a turn, a time offset) is the egomotion's");
+    result.remarks.push_back(
+        "no LiDAR: the scale of the drive and what all cameras share (a turn, a time offset) is the egomotion's");
   for (std::size_t c = 0; c < result.bundle.cameras.size(); ++c)
     if (result.bundle.cameras[c].used == 0)
-      result.remarks.push_back(result.cameras[c].name + ": no image point to use; its mount and time offset are as given");
+      result.remarks.push_back(result.cameras[c].name +
+                               ": no image point to use; its mount and time offset are as given");
   if (!recording.true_frames.empty()) {
     result.truth_before = align_trajectories(recording.frames, recording.true_frames, recording.root);
     result.truth_after = align_trajectories(result.frames, recording.true_frames, recording.root);
@@ -187,7 +208,8 @@ AlignResult align_with(const Recording& recording, const std::vector<Track>& tra
 AlignResult align(const Recording& recording, const AlignOptions& options, ThreadPool& pool) {
   const auto start = std::chrono::steady_clock::now();
   if (!recording.metric)
-    throw CannotError(recording.root, "photographs have neither egomotion nor clock; align is for drives", recording.format);
+    throw CannotError(recording.root, "photographs have neither egomotion nor clock; align is for drives",
+                      recording.format);
   std::vector<Track> tracks;
   if (options.images) tracks = find_tracks(recording, pool, options.tracks);
   std::vector<LidarSample> lidar;

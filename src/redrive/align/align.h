@@ -29,8 +29,9 @@ struct Correction {
 struct CameraCorrection {
   std::string name;
   Correction mount;
-  Eigen::Vector3d turned_in_body = Eigen::Vector3d::Zero();  ///< the mount's turn about the body's axes: roll, pitch, yaw; rad
-  double offset_s = 0, offset_sigma_s = 0;                   ///< exposure minus pose, and how well it is known
+  Eigen::Vector3d turned_in_body =
+      Eigen::Vector3d::Zero();              ///< the mount's turn about the body's axes: roll, pitch, yaw; rad
+  double offset_s = 0, offset_sigma_s = 0;  ///< exposure minus pose, and how well it is known
   double offset_before_s = 0;
   Eigen::Vector3d intrinsics = Eigen::Vector3d::Zero();  ///< relative change of focal length; principal point, px
 };
@@ -43,7 +44,7 @@ struct AlignResult {
   std::vector<Correction> corrections;
   std::vector<CameraCorrection> camera_corrections;
   BundleResult bundle;
-  std::vector<std::string> remarks;                   ///< what the user should know of: no LiDAR, so the scale is the egomotion's
+  std::vector<std::string> remarks;  ///< what the user should know of: no LiDAR, so the scale is the egomotion's
   std::optional<Alignment> truth_before, truth_after;  ///< where the recording ships the truth
   double seconds = 0;
 };
@@ -53,7 +54,7 @@ struct AlignResult {
 AlignResult align(const Recording& recording, const AlignOptions& options, ThreadPool& pool);
 
 /// The same with tracks and LiDAR at hand.
-AlignResult align_with(const Recording& recording, const std::vector<Track>& tracks, const std::vector<LidarSample>& lidar,
-                       const AlignOptions& options, ThreadPool& pool);
+AlignResult align_with(const Recording& recording, const std::vector<Track>& tracks,
+                       const std::vector<LidarSample>& lidar, const AlignOptions& options, ThreadPool& pool);
 
 }  // namespace redrive

@@ -15,12 +15,15 @@
 namespace redrive {
 namespace {
 
-constexpr double kStartSigma_px = 4;      // before anything is known; the median of the residuals says more
-constexpr double kLeastSigma_px = 0.05;   // no image is better than that
-constexpr double kLeastPose_m = 0.01, kLeastPose_rad = 3e-4;  // what an egomotion without errors is believed to be good for
-constexpr double kCorrelation = 2.5;      // integral of a squared exponential's correlation over time, in correlation times: sqrt(2 pi)
-constexpr double kFarOff = 4;             // sigmas at which an observation is left out
-constexpr double kSettled_m = 1e-3, kSettled_rad = 3e-5, kSettled_s = 1e-4;  // a round that moves no pose further was the last one
+constexpr double kStartSigma_px = 4;     // before anything is known; the median of the residuals says more
+constexpr double kLeastSigma_px = 0.05;  // no image is better than that
+constexpr double kLeastPose_m = 0.01,
+                 kLeastPose_rad = 3e-4;  // what an egomotion without errors is believed to be good for
+constexpr double kCorrelation =
+    2.5;  // integral of a squared exponential's correlation over time, in correlation times: sqrt(2 pi)
+constexpr double kFarOff = 4;  // sigmas at which an observation is left out
+constexpr double kSettled_m = 1e-3, kSettled_rad = 3e-5,
+                 kSettled_s = 1e-4;  // a round that moves no pose further was the last one
 
 struct Located {
   int track = 0;
@@ -66,7 +69,8 @@ std::vector<double> measure_noise(const RigModel& model, const std::vector<Track
   }
   std::vector<double> sigma_px;
   for (std::vector<double>& of_camera : sizes)
-    sigma_px.push_back(of_camera.size() < 20 ? kStartSigma_px : std::max(kLeastSigma_px, median_of(&of_camera) / 0.6745));
+    sigma_px.push_back(of_camera.size() < 20 ? kStartSigma_px
+                                             : std::max(kLeastSigma_px, median_of(&of_camera) / 0.6745));
   return sigma_px;
 }
 
@@ -116,8 +120,8 @@ class Round {
       double* const plane = landmark(&patch.plane.value);
       for (const int i : patch.samples) {
         const Instant instant = model_.at(lidar_[i].t_ns);
-        problem_.AddResidualBlock(plane_term(instant, lidar_[i].in_body, patch.sigma_m, patch.plane).release(), &lidar_loss_,
-                                  model_.correction[instant.segment].data(),
+        problem_.AddResidualBlock(plane_term(instant, lidar_[i].in_body, patch.sigma_m, patch.plane).release(),
+                                  &lidar_loss_, model_.correction[instant.segment].data(),
                                   model_.correction[instant.segment + 1].data(), plane);
       }
     }
@@ -128,7 +132,8 @@ class Round {
                  at_a_time = static_cast<double>(model_.given.size()) * kCorrelation * priors.correlation_s / seconds;
     for (std::size_t f = 0; f < model_.correction.size(); ++f) {
       rig_.push_back(model_.correction[f].data());
-      problem_.AddResidualBlock(small_term(priors.pose * std::sqrt(std::max(1.0, at_a_time))).release(), nullptr, model_.correction[f].data());
+      problem_.AddResidualBlock(small_term(priors.pose * std::sqrt(std::max(1.0, at_a_time))).release(), nullptr,
+                                model_.correction[f].data());
       if (f == 0) continue;
       const double step_s = static_cast<double>(model_.given[f].t_ns - model_.given[f - 1].t_ns) * 1e-9;
       problem_.AddResidualBlock(smooth_term(priors.pose * (step_s / priors.correlation_s)).release(), nullptr,
@@ -136,8 +141,10 @@ class Round {
     }
     for (RigModelCamera& camera : model_.cameras) {
       rig_.push_back(camera.mount.data());
-      for (int k = 0; k < 6; ++k)  // a position is measured with a rule; an angle is not, and one camera may have been knocked
-        problem_.AddResidualBlock(zero_term(6, k, priors.mount[k]).release(), k < 3 ? nullptr : &prior_loss_, camera.mount.data());
+      for (int k = 0; k < 6;
+           ++k)  // a position is measured with a rule; an angle is not, and one camera may have been knocked
+        problem_.AddResidualBlock(zero_term(6, k, priors.mount[k]).release(), k < 3 ? nullptr : &prior_loss_,
+                                  camera.mount.data());
     }
     for (RigModelCamera& camera : model_.cameras) {
       rig_.push_back(&camera.offset_s);
@@ -162,12 +169,13 @@ class Round {
     solver.max_num_iterations = iterations;
     solver.function_tolerance = 1e-7;
     solver.logging_type = ceres::SILENT;
-    solver.linear_solver_type = points_.empty()         ? ceres::SPARSE_NORMAL_CHOLESKY
-                                : rig_.size() <= 200    ? ceres::DENSE_SCHUR
-                                                        : ceres::SPARSE_SCHUR;
+    solver.linear_solver_type = points_.empty()      ? ceres::SPARSE_NORMAL_CHOLESKY
+                                : rig_.size() <= 200 ? ceres::DENSE_SCHUR
+                                                     : ceres::SPARSE_SCHUR;
     solver.linear_solver_ordering = std::make_shared<ceres::ParameterBlockOrdering>();
     for (double* point : points_) solver.linear_solver_ordering->AddElementToGroup(point, 0);
-    for (Vector6d& correction : model_.correction) solver.linear_solver_ordering->AddElementToGroup(correction.data(), 1);
+    for (Vector6d& correction : model_.correction)
+      solver.linear_solver_ordering->AddElementToGroup(correction.data(), 1);
     for (RigModelCamera& camera : model_.cameras)
       for (double* block : {camera.mount.data(), &camera.offset_s, camera.intrinsics.data()})
         solver.linear_solver_ordering->AddElementToGroup(block, 2);
@@ -241,7 +249,8 @@ double rms(const std::vector<double>& values) {
 }
 
 /// The rest of each patch's points from the plane through them that the poses as given make.
-double rms_as_given(const RigModel& model, const std::vector<LidarSample>& lidar, const std::vector<FlatPatch>& patches) {
+double rms_as_given(const RigModel& model, const std::vector<LidarSample>& lidar,
+                    const std::vector<FlatPatch>& patches) {
   RigModel given = model;
   for (Vector6d& correction : given.correction) correction.setZero();
   std::vector<double> distances;
@@ -358,9 +367,10 @@ BundleResult adjust(RigModel* model, const std::vector<Track>& tracks, const std
       std::printf("round %d: %zu of %zu tracks,", round + 1, located.size(), tracks.size());
       for (const double s : sigma_px) std::printf(" %.2f", s);
       const std::vector<double> distances = patch_distances_m(*model, lidar, patches);
-      std::printf(" px; %zu LiDAR points on %zu patches, %.2f cm; poses moved by up to %.2f cm, %.4f deg; %d steps, %.1f s\n",
-                  distances.size(), patches.size(), 100 * rms(distances), 100 * moved_m, turned_rad * 57.29578,
-                  summary.num_successful_steps, summary.total_time_in_seconds);
+      std::printf(
+          " px; %zu LiDAR points on %zu patches, %.2f cm; poses moved by up to %.2f cm, %.4f deg; %d steps, %.1f s\n",
+          distances.size(), patches.size(), 100 * rms(distances), 100 * moved_m, turned_rad * 57.29578,
+          summary.num_successful_steps, summary.total_time_in_seconds);
       std::fflush(stdout);
     }
     if (result.converged || round + 1 == options.rounds) {

@@ -52,7 +52,7 @@ struct BundleResult {
   int tracks = 0;                       ///< used
   int lidar_points = 0, patches = 0;    ///< used
   double lidar_before_m = 0, lidar_after_m = 0;
-  std::vector<int> seen_in_frame;      ///< observations by frame
+  std::vector<int> seen_in_frame;  ///< observations by frame
   bool converged = false;
   int rounds = 0;
   double last_moved_m = 0, last_turned_rad = 0;  ///< what the last round did to the pose that it moved most

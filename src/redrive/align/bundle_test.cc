@@ -11,11 +11,11 @@
 namespace redrive {
 namespace {
 
+using ::testing::HasSubstr;
 using testing::kDegree;
 using testing::make_synthetic_rig;
 using testing::SyntheticOptions;
 using testing::SyntheticRig;
-using ::testing::HasSubstr;
 
 SyntheticOptions short_drive() { return {.frames = 24, .points = 250, .lidar_points = 9000}; }
 
@@ -51,8 +51,8 @@ Stated stated(const AlignResult& result) {
 
 /// Yaw of a camera off the truth, degrees, body axes.
 double yaw_off_deg(const SyntheticRig& rig, const AlignResult& result, int camera) {
-  const Eigen::Matrix3d rest = result.cameras[camera].body_from_sensor.linear() *
-                               rig.true_cameras[camera].body_from_sensor.linear().transpose();
+  const Eigen::Matrix3d rest =
+      result.cameras[camera].body_from_sensor.linear() * rig.true_cameras[camera].body_from_sensor.linear().transpose();
   return so3_log(rest).z() / kDegree;
 }
 double offset_off_ms(const SyntheticRig& rig, const AlignResult& result, int camera) {

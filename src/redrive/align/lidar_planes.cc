@@ -18,7 +18,8 @@ namespace {
 constexpr int kLeastPoints = 10;
 constexpr std::int64_t kApart_ns = 50'000'000;  // half a revolution
 constexpr int kLeastTimes = 3;
-constexpr std::size_t kMostOfPatch = 40;  // where there is a choice: more points say little that is new, they share its roughness
+constexpr std::size_t kMostOfPatch =
+    40;  // where there is a choice: more points say little that is new, they share its roughness
 constexpr std::size_t kMostSamples = 800'000;
 constexpr double kLeastSigma_m = 0.005;
 constexpr double kLeastShare = 0.75;  // of a cube's points that have to lie on its plane
@@ -172,7 +173,8 @@ std::vector<FlatPatch> find_flat_patches(const RigModel& model, const std::vecto
         world_from_body = model.corrected(model.at(placed_ns));
       }
       points.in_world[i] = world_from_body * samples[i].in_body;
-      for (int d = 0; d < 3; ++d) cells[i].first[d] = std::llround(std::floor(points.in_world[i][d] / options.largest_m));
+      for (int d = 0; d < 3; ++d)
+        cells[i].first[d] = std::llround(std::floor(points.in_world[i][d] / options.largest_m));
       cells[i].second = static_cast<int>(i);
     }
   });
@@ -188,7 +190,8 @@ std::vector<FlatPatch> find_flat_patches(const RigModel& model, const std::vecto
       std::vector<int> chosen;
       for (std::size_t i = starts[c]; i < starts[c + 1]; ++i) chosen.push_back(cells[i].second);
       const Key& key = cells[starts[c]].first;
-      const Eigen::Vector3d corner = options.largest_m * Eigen::Vector3d(double(key[0]), double(key[1]), double(key[2]));
+      const Eigen::Vector3d corner =
+          options.largest_m * Eigen::Vector3d(double(key[0]), double(key[1]), double(key[2]));
       divide(points, chosen, corner, options.largest_m, options, &found[c]);
     }
   });

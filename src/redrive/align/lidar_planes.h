@@ -28,15 +28,16 @@ std::vector<LidarSample> load_lidar_samples(const Recording& recording, const Sc
                                             ThreadPool& pool);
 
 struct PlaneOptions {
-  double largest_m = 4, smallest_m = 0.5;  ///< edges of the cubes that are looked into: each is cut in eight until it is flat
-  double flat_m = 0.06;                    ///< standard deviation from its plane, at most
-  int most_terms = 60'000;                 ///< samples of all patches together
+  double largest_m = 4,
+         smallest_m = 0.5;  ///< edges of the cubes that are looked into: each is cut in eight until it is flat
+  double flat_m = 0.06;     ///< standard deviation from its plane, at most
+  int most_terms = 60'000;  ///< samples of all patches together
 };
 
 struct FlatPatch {
   PlanePatch plane;
   std::vector<int> samples;  ///< on it, by index
-  double sigma_m = 0;        ///< of their distances: what the poses leave, noise along the ray, roughness; at least 5 mm
+  double sigma_m = 0;  ///< of their distances: what the poses leave, noise along the ray, roughness; at least 5 mm
 };
 
 /// Patches with the corrections of now. Each is seen at three times 50 ms apart or more.

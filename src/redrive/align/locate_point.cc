@@ -4,8 +4,8 @@
 #include <cmath>
 #include <memory>
 
-#include <Eigen/Cholesky>
 #include <ceres/cost_function.h>
+#include <Eigen/Cholesky>
 
 namespace redrive {
 namespace {

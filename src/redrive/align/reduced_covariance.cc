@@ -4,9 +4,9 @@
 #include <array>
 #include <map>
 
-#include <Eigen/Dense>
 #include <ceres/crs_matrix.h>
 #include <ceres/problem.h>
+#include <Eigen/Dense>
 
 #include "redrive/base/error.h"
 

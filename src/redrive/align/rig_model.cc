@@ -75,13 +75,15 @@ Instant RigModel::smooth_at(std::int64_t t_ns) const {
   const auto after =
       std::upper_bound(given.begin(), given.end(), t_ns, [](std::int64_t t, const FramePose& f) { return t < f.t_ns; });
   Instant instant;
-  instant.segment = static_cast<int>(std::clamp<std::ptrdiff_t>(after - given.begin() - 1, 0,
-                                                                static_cast<std::ptrdiff_t>(given.size()) - 2));
+  instant.segment = static_cast<int>(
+      std::clamp<std::ptrdiff_t>(after - given.begin() - 1, 0, static_cast<std::ptrdiff_t>(given.size()) - 2));
   // The frames that the slopes at both ends need.
-  const int first = std::max(0, instant.segment - 1), end = std::min(static_cast<int>(given.size()), std::max(instant.segment + 3, first + 3));
+  const int first = std::max(0, instant.segment - 1),
+            end = std::min(static_cast<int>(given.size()), std::max(instant.segment + 3, first + 3));
   const int start = std::max(0, std::min(first, end - 3));
   std::vector<FramePose> frames(given.begin() + start, given.begin() + end);
-  for (int f = start; f < end; ++f) frames[f - start].ecef_from_body = given[f].ecef_from_body * rigid_of(correction[f]);
+  for (int f = start; f < end; ++f)
+    frames[f - start].ecef_from_body = given[f].ecef_from_body * rigid_of(correction[f]);
   const int here = instant.segment - start;
   const FramePose &a = frames[here], &b = frames[here + 1];
   const double h = static_cast<double>(b.t_ns - a.t_ns) * 1e-9;
@@ -100,7 +102,8 @@ Instant RigModel::smooth_at(std::int64_t t_ns) const {
     instant.turn = slope.turn;
     return instant;
   }
-  const Hermite position(b.ecef_from_body.translation() - a.ecef_from_body.translation(), at_a.velocity, at_b.velocity, h);
+  const Hermite position(b.ecef_from_body.translation() - a.ecef_from_body.translation(), at_a.velocity, at_b.velocity,
+                         h);
   // Rotation vectors from a's: at b their rate is the inverse right Jacobian times the turn, v + arc x v / 2 + O(arc^2 v).
   const Eigen::Vector3d arc = so3_log(a.ecef_from_body.linear().transpose() * b.ecef_from_body.linear());
   const Hermite rotation(arc, at_a.turn, at_b.turn + arc.cross(at_b.turn) / 2, h);

@@ -23,8 +23,8 @@ using Vector6d = Eigen::Matrix<double, 6, 1>;  ///< metres x y z, then radians a
 struct RigModelCamera {
   CameraCalibration given;
   Camera camera;
-  Vector6d mount = Vector6d::Zero();                      ///< (eta, epsilon): in the axes of the sensor
-  double offset_s = 0;                                    ///< exposure minus the time of the frame's pose
+  Vector6d mount = Vector6d::Zero();                     ///< (eta, epsilon): in the axes of the sensor
+  double offset_s = 0;                                   ///< exposure minus the time of the frame's pose
   Eigen::Vector3d intrinsics = Eigen::Vector3d::Zero();  ///< f (1 + x), c + (y, z) pixels
 };
 
@@ -54,7 +54,7 @@ struct RigModel {
   Rigid3d corrected(const Instant& instant) const;  ///< world_from_body with the corrections of now
   Rigid3d world_from_camera(int camera, int frame) const;
   Rigid3d body_from_sensor(int camera) const;
-  Camera camera(int camera) const;                  ///< with its intrinsics of now
+  Camera camera(int camera) const;  ///< with its intrinsics of now
 
   std::vector<FramePose> corrected_frames() const;  ///< in ECEF
   CameraCalibration corrected_calibration(int camera) const;

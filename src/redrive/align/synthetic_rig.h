@@ -33,15 +33,17 @@ struct SyntheticOptions {
   int lidar_points = 20'000;
   double pose_noise_m = 0.06, pose_noise_rad = 0.12 * kDegree;  ///< RMS about each axis
   double noise_px = 0.2, noise_m = 0.02;
-  double yaw_rad = 0.15 * kDegree;  ///< error of the first camera's calibration
-  double offset_s = 0.012;          ///< of the second camera, which the calibration does not say
+  double yaw_rad = 0.15 * kDegree;    ///< error of the first camera's calibration
+  double offset_s = 0.012;            ///< of the second camera, which the calibration does not say
   std::vector<int> cameras{0, 1, 2};  ///< of front pinhole, left fisheye, right fisheye
 };
 
 class SyntheticNoise {
  public:
   explicit SyntheticNoise(std::uint64_t stream) : stream_(stream) {}
-  double uniform(double a, double b) { return a + (b - a) * random_unit(random_key(7, kStreamTest, stream_), counter_++); }
+  double uniform(double a, double b) {
+    return a + (b - a) * random_unit(random_key(7, kStreamTest, stream_), counter_++);
+  }
   double normal() {
     const double r = std::sqrt(-2 * std::log(1 - uniform(0, 1)));
     return r * std::cos(uniform(0, 2 * std::numbers::pi));
@@ -55,7 +57,8 @@ inline CameraCalibration synthetic_camera(int which) {
   CameraCalibration c;
   c.name = which == 0 ? "A_FRONT" : which == 1 ? "B_LEFT" : "C_RIGHT";
   c.model = which == 0 ? "opencv_pinhole" : "mei";
-  c.distortion = which == 0 ? std::array<double, 5>{-0.2, 0.03, 0.001, 0.0005, 0} : std::array<double, 5>{0.03, -0.08, 0, 0, 0};
+  c.distortion =
+      which == 0 ? std::array<double, 5>{-0.2, 0.03, 0.001, 0.0005, 0} : std::array<double, 5>{0.03, -0.08, 0, 0, 0};
   c.xi = which == 0 ? 0 : 1.02;
   c.fx = which == 0 ? 300 : 210;
   c.fy = which == 0 ? 295 : 212;
@@ -93,7 +96,8 @@ inline SyntheticRig make_synthetic_rig(const SyntheticOptions& options = {}) {
     const double t = f / 15.0, v = options.speed_m_per_s;
     Rigid3d pose = Rigid3d::Identity();
     pose.linear() = so3_exp({0.01 * std::sin(1.7 * t), 0.008 * std::cos(2.1 * t), 0.1 * std::sin(0.8 * t) * (v > 0)});
-    pose.translation() = Eigen::Vector3d(v * t + 0.03 * v * std::sin(2 * t), 0.08 * v * std::sin(0.7 * t), 0.002 * v * std::sin(3 * t));
+    pose.translation() =
+        Eigen::Vector3d(v * t + 0.03 * v * std::sin(2 * t), 0.08 * v * std::sin(0.7 * t), 0.002 * v * std::sin(3 * t));
     frame.ecef_from_body = ecef_from_street * pose;
     rig.recording.true_frames.push_back(frame);
     Vector6d e;
@@ -121,25 +125,31 @@ inline SyntheticRig make_synthetic_rig(const SyntheticOptions& options = {}) {
   truth.frames = rig.recording.true_frames;
   const RigModel true_motion = make_rig_model(truth);
   const Rigid3d street_from_world = ecef_from_street.inverse(Eigen::Isometry) * true_motion.ecef_from_world;
-  const auto street_from_body = [&](std::int64_t t_ns) { return street_from_world * true_motion.at(t_ns).world_from_body; };
+  const auto street_from_body = [&](std::int64_t t_ns) {
+    return street_from_world * true_motion.at(t_ns).world_from_body;
+  };
   std::vector<std::vector<Rigid3d>> camera_from_street;
   for (const CameraCalibration& camera : rig.true_cameras) {
     camera_from_street.emplace_back();
     for (const FramePose& frame : rig.recording.true_frames)
-      camera_from_street.back().push_back((street_from_body(frame.t_ns + camera.time_offset_ns) * camera.body_from_sensor)
-                                              .inverse(Eigen::Isometry));
+      camera_from_street.back().push_back(
+          (street_from_body(frame.t_ns + camera.time_offset_ns) * camera.body_from_sensor).inverse(Eigen::Isometry));
   }
   for (int p = 0; p < options.points; ++p) {
     const bool far_away = p % 10 == 0;
-    const Eigen::Vector3d point(noise.uniform(-8, far_away ? 300 : 45), (p % 2 ? 1 : -1) * noise.uniform(far_away ? 8 : 4, far_away ? 80 : 8),
+    const Eigen::Vector3d point(noise.uniform(-8, far_away ? 300 : 45),
+                                (p % 2 ? 1 : -1) * noise.uniform(far_away ? 8 : 4, far_away ? 80 : 8),
                                 noise.uniform(0, far_away ? 25 : 5));
     Track track;
     for (std::size_t c = 0; c < rig.true_cameras.size(); ++c) {
       const Camera camera = make_camera(rig.true_cameras[c]);
       for (int f = 0; f < options.frames; ++f) {
         const auto pixel = camera.project(camera_from_street[c][f] * point);
-        if (!pixel || pixel->x() < 0 || pixel->y() < 0 || pixel->x() > camera.width - 1 || pixel->y() > camera.height - 1) continue;
-        track.seen.push_back({static_cast<int>(c), f, *pixel + options.noise_px * Eigen::Vector2d(noise.normal(), noise.normal())});
+        if (!pixel || pixel->x() < 0 || pixel->y() < 0 || pixel->x() > camera.width - 1 ||
+            pixel->y() > camera.height - 1)
+          continue;
+        track.seen.push_back(
+            {static_cast<int>(c), f, *pixel + options.noise_px * Eigen::Vector2d(noise.normal(), noise.normal())});
       }
     }
     if (track.seen.size() >= 2) rig.tracks.push_back(track);

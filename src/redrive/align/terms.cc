@@ -21,8 +21,6 @@ Map<Eigen::Matrix<double, kRows, kColumns, kColumns == 1 ? Eigen::ColMajor : Eig
   return Map<Eigen::Matrix<double, kRows, kColumns, kColumns == 1 ? Eigen::ColMajor : Eigen::RowMajor>>(values);
 }
 
-
-
 /// A correction between its two frames.
 struct Between {
   Vector6d value, slope;  ///< slope: by time, per second
@@ -117,8 +115,9 @@ class Reprojection final : public ceres::SizedCostFunction<2, 6, 6, 6, 1, 3, 3> 
     if (jacobians[5]) {
       const Matrix3d body_by_x = unphi * unturn;
       const Vector3d c_by_w =
-          unepsilon * (sensor_from_body * (unphi * (unturn * (anchor_ - instant_.velocity * later_s) - rho) - mounted_at) -
-                       mount.head<3>());
+          unepsilon *
+          (sensor_from_body * (unphi * (unturn * (anchor_ - instant_.velocity * later_s) - rho) - mounted_at) -
+           mount.head<3>());
       auto by_point = block<2, 3>(jacobians[5]);
       by_point.leftCols<2>() = by_b * body_by_x * axes_.leftCols<2>();
       by_point.col(2) = by_c * c_by_w;
@@ -145,8 +144,7 @@ class PlaneDistance final : public ceres::SizedCostFunction<1, 6, 6, 3> {
     const Between correction = between(parameters[0], parameters[1], instant_, 0);
     const Map<const Vector3d> plane(parameters[2]);
     const Matrix3d turned = so3_exp(correction.value.tail<3>());
-    const Vector3d from_centre =
-        instant_.world_from_body * (turned * in_body_ + correction.value.head<3>()) - centre_;
+    const Vector3d from_centre = instant_.world_from_body * (turned * in_body_ + correction.value.head<3>()) - centre_;
     const Vector3d normal = axes_ * Vector3d(plane.x(), plane.y(), 1);
     residuals[0] = (normal.dot(from_centre) - plane.z()) / sigma_m_;
     if (!jacobians) return true;

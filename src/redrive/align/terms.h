@@ -19,9 +19,9 @@ namespace redrive {
 /// A point of the scene by direction and inverse distance from an anchor, so that what is too far to have a distance still
 /// holds the rotation: X = anchor + (d + x e1 + y e2) / z, at infinity for z = 0.
 struct InverseDistancePoint {
-  Eigen::Vector3d anchor = Eigen::Vector3d::Zero();            ///< in the world
-  Eigen::Matrix3d axes = Eigen::Matrix3d::Identity();          ///< columns e1, e2, d: orthonormal
-  std::array<double, 3> value{};                               ///< x, y, z (1/m)
+  Eigen::Vector3d anchor = Eigen::Vector3d::Zero();    ///< in the world
+  Eigen::Matrix3d axes = Eigen::Matrix3d::Identity();  ///< columns e1, e2, d: orthonormal
+  std::array<double, 3> value{};                       ///< x, y, z (1/m)
 };
 
 /// n (X - centre) = h with n = axes (x, y, 1): a plane near `centre`, whose normal differs little from axes.col(2).

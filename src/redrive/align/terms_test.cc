@@ -79,9 +79,12 @@ TEST(Terms, ReprojectionOfEveryModel) {
     const auto term = reprojection_term(camera, instant, pixel, 0.3, point);
     for (const double inverse_m : {0.0, 0.02, 0.3})
       expect_slopes(*term,
-                    {random_block(&noise, kCorrectionSizes), random_block(&noise, kCorrectionSizes),
-                     random_block(&noise, {0.05, 0.05, 0.05, 0.02, 0.02, 0.02}), {noise.uniform(-0.01, 0.01)},
-                     random_block(&noise, {0.01, 2, 2}), {0.01, -0.02, inverse_m}},
+                    {random_block(&noise, kCorrectionSizes),
+                     random_block(&noise, kCorrectionSizes),
+                     random_block(&noise, {0.05, 0.05, 0.05, 0.02, 0.02, 0.02}),
+                     {noise.uniform(-0.01, 0.01)},
+                     random_block(&noise, {0.01, 2, 2}),
+                     {0.01, -0.02, inverse_m}},
                     2e-5);
   }
 }
@@ -108,8 +111,8 @@ TEST(Terms, ReprojectionIsThatOfTheModel) {
   later.weight += kLater_s / later.duration_s;
   const Eigen::Vector3d in_world = model.corrected(later) * model.body_from_sensor(1) * Eigen::Vector3d(0.4, -0.3, 5);
   const std::array<double, 3> point{in_world.x() / in_world.z(), in_world.y() / in_world.z(), 1 / in_world.z()};
-  const double* blocks[] = {model.correction[7].data(), model.correction[8].data(), camera.mount.data(), &camera.offset_s,
-                            camera.intrinsics.data(), point.data()};
+  const double* blocks[] = {model.correction[7].data(), model.correction[8].data(), camera.mount.data(),
+                            &camera.offset_s,           camera.intrinsics.data(),   point.data()};
   Eigen::Vector2d residual;
   held->Evaluate(blocks, residual.data(), nullptr);
   const auto pixel = model.camera(1).project({0.4, -0.3, 5});
@@ -145,11 +148,14 @@ TEST(Terms, PlaneAndPriors) {
   plane.axes = so3_exp({0.4, 0.9, -0.3});
   const auto term = plane_term(some_instant(), {6, -2, 0.7}, 0.02, plane);
   for (int i = 0; i < 3; ++i)
-    expect_slopes(*term, {random_block(&noise, kCorrectionSizes), random_block(&noise, kCorrectionSizes),
-                          random_block(&noise, {0.05, 0.05, 0.1})}, 2e-5);
+    expect_slopes(*term,
+                  {random_block(&noise, kCorrectionSizes), random_block(&noise, kCorrectionSizes),
+                   random_block(&noise, {0.05, 0.05, 0.1})},
+                  2e-5);
   const Vector6d sigmas = (Vector6d() << 0.1, 0.2, 0.3, 0.01, 0.02, 0.03).finished();
   expect_slopes(*small_term(sigmas), {random_block(&noise, kCorrectionSizes)}, 1e-6);
-  expect_slopes(*smooth_term(sigmas), {random_block(&noise, kCorrectionSizes), random_block(&noise, kCorrectionSizes)}, 1e-6);
+  expect_slopes(*smooth_term(sigmas), {random_block(&noise, kCorrectionSizes), random_block(&noise, kCorrectionSizes)},
+                1e-6);
   expect_slopes(*zero_term(6, 4, 0.3), {random_block(&noise, kCorrectionSizes)}, 1e-6);
   const double value = 0.5, *block = &value;
   double residual = 0;

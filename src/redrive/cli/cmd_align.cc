@@ -40,12 +40,15 @@ Action configure_align(CLI::App& command) {
   auto arguments = std::make_shared<AlignArguments>();
   command.add_option("RECORDING", arguments->recording, "folder of the recording")->required();
   command.add_option("--out", arguments->out,
-                     "folder for poses, calibration and report.html; must not exist (default: figures are printed, nothing is written)");
+                     "folder for poses, calibration and report.html; must not exist (default: figures are printed, "
+                     "nothing is written)");
   command.add_option("--masks", arguments->options.tracks.masks,
                      "folder with CAM.png as inspect --masks writes them: counts instead of what is found");
   auto* no_lidar = command.add_flag("--no-lidar", arguments->no_lidar, "images alone");
-  command.add_flag("--no-images", arguments->no_images, "LiDAR alone: the trajectory, but no camera")->excludes(no_lidar);
-  command.add_flag("--intrinsics", arguments->options.bundle.intrinsics, "focal length and principal point of each camera, too");
+  command.add_flag("--no-images", arguments->no_images, "LiDAR alone: the trajectory, but no camera")
+      ->excludes(no_lidar);
+  command.add_flag("--intrinsics", arguments->options.bundle.intrinsics,
+                   "focal length and principal point of each camera, too");
   command.add_option("--threads", arguments->threads, "0: all that this process may use")->check(CLI::Range(0, 1024));
   return [arguments] { return run_align(*arguments); };
 }

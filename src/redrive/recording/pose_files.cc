@@ -16,7 +16,8 @@ namespace {
 namespace fs = std::filesystem;
 
 const fs::path kEgomotion = "sensor/gnssins/egomotion2.json", kCalibration = "sensor/calibration/calibration.json";
-constexpr std::int64_t kSameTime_ns = 1'000'000;  // clocks are written with other digits; the next frame is 10 ms away or more
+constexpr std::int64_t kSameTime_ns =
+    1'000'000;  // clocks are written with other digits; the next frame is 10 ms away or more
 
 nlohmann::json rows_of(const Rigid3d& pose) {
   nlohmann::json rows = nlohmann::json::array();
@@ -29,10 +30,13 @@ nlohmann::json rows_of(const Rigid3d& pose) {
 
 }  // namespace
 
-PoseFiles read_pose_files(const fs::path& folder) { return {read_file(folder / kEgomotion), read_file(folder / kCalibration)}; }
+PoseFiles read_pose_files(const fs::path& folder) {
+  return {read_file(folder / kEgomotion), read_file(folder / kCalibration)};
+}
 
 void write_pose_files(const fs::path& folder, const PoseFiles& files) {
-  for (const auto& [name, text] : {std::pair(kEgomotion, &files.egomotion), std::pair(kCalibration, &files.calibration)}) {
+  for (const auto& [name, text] :
+       {std::pair(kEgomotion, &files.egomotion), std::pair(kCalibration, &files.calibration)}) {
     std::error_code error;
     fs::create_directories((folder / name).parent_path(), error);
     if (error) throw IoError((folder / name).parent_path(), error.message());
@@ -45,7 +49,8 @@ PoseFiles pose_files_of(const Recording& recording, const std::vector<FramePose>
   nlohmann::json poses = nlohmann::json::object();
   for (const FramePose& frame : frames) {
     const double t_s = static_cast<double>(frame.t_ns) * 1e-9;
-    poses[std::to_string(frame.id)] = {{"RT_ECEF_body", rows_of(frame.ecef_from_body)}, {"time", t_s}, {"time_host", t_s}};
+    poses[std::to_string(frame.id)] = {
+        {"RT_ECEF_body", rows_of(frame.ecef_from_body)}, {"time", t_s}, {"time_host", t_s}};
   }
   nlohmann::json sensors = read_json(recording.root / kCalibration);
   for (const CameraCalibration& camera : cameras) {
@@ -63,7 +68,8 @@ PoseFiles pose_files_of(const Recording& recording, const std::vector<FramePose>
 }
 
 void use_pose_files(const PoseFiles& files, const fs::path& folder, Recording* recording) {
-  if (!recording->metric) throw InputError(folder, "", "", "poses in these formats belong to a drive, not to photographs");
+  if (!recording->metric)
+    throw InputError(folder, "", "", "poses in these formats belong to a drive, not to photographs");
   std::vector<FramePose> poses = aimotive::parse_egomotion(files.egomotion, folder / kEgomotion);
   for (FramePose& frame : recording->frames) {
     const auto found = std::ranges::lower_bound(poses, frame.id, {}, &FramePose::id);
@@ -80,7 +86,8 @@ void use_pose_files(const PoseFiles& files, const fs::path& folder, Recording* r
   for (RecordedCamera& camera : recording->cameras) {
     const auto found = std::ranges::find(cameras, camera.calibration.name, &CameraCalibration::name);
     if (found == cameras.end())
-      throw InputError(folder / kCalibration, camera.calibration.name, "", "missing; the recording has images of this camera");
+      throw InputError(folder / kCalibration, camera.calibration.name, "",
+                       "missing; the recording has images of this camera");
     camera.calibration = *found;
   }
 }

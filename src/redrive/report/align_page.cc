@@ -33,9 +33,11 @@ std::string number(const char* format, ...) {
 
 std::string head_of(const std::string& name, const std::string& x, const std::string& y, int width, int height) {
   std::ostringstream out;
-  out << "set terminal pngcairo size " << width << "," << height << " font 'DejaVu Sans,13' background '#ffffff' noenhanced\n"
+  out << "set terminal pngcairo size " << width << "," << height
+      << " font 'DejaVu Sans,13' background '#ffffff' noenhanced\n"
       << "set output '" << name << ".png.part'\nset xlabel '" << x << "'\nset ylabel '" << y << "'\n"
-      << "set grid lc rgb '#dddddd' lt 1\nset border 3 lc rgb '#666666'\nset tics nomirror\nset key outside right top\n";
+      << "set grid lc rgb '#dddddd' lt 1\nset border 3 lc rgb '#666666'\nset tics nomirror\nset key outside right "
+         "top\n";
   return out.str();
 }
 
@@ -44,23 +46,26 @@ double seconds_of(const Recording& recording, std::size_t frame) {
 }
 
 /// Three components of the corrections over time, each in a band of two sigmas.
-std::string corrections_script(const Recording& recording, const AlignResult& result, const std::string& name, int first,
-                               double scale, const std::string& y, const std::array<const char*, 3>& titles) {
+std::string corrections_script(const Recording& recording, const AlignResult& result, const std::string& name,
+                               int first, double scale, const std::string& y,
+                               const std::array<const char*, 3>& titles) {
   std::ostringstream out;
   out.precision(6);
   out << head_of(name, "time (s)", y, 1200, 420) << "set style fill transparent solid 0.2 noborder\n$data << end\n";
   for (std::size_t f = 0; f < result.corrections.size(); ++f) {
     out << seconds_of(recording, f);
     for (int k = 0; k < 3; ++k) {
-      const double value = scale * result.corrections[f].value[first + k], band = 2 * scale * result.corrections[f].sigma[first + k];
+      const double value = scale * result.corrections[f].value[first + k],
+                   band = 2 * scale * result.corrections[f].sigma[first + k];
       out << ' ' << value << ' ' << value - band << ' ' << value + band;
     }
     out << '\n';
   }
   out << "end\nplot ";
   for (int k = 0; k < 3; ++k)
-    out << (k ? ", " : "") << "$data using 1:" << 3 * k + 3 << ":" << 3 * k + 4 << " with filledcurves lc rgb '" << kColours[k]
-        << "' notitle, $data using 1:" << 3 * k + 2 << " with lines lw 2 lc rgb '" << kColours[k] << "' title '" << titles[k] << "'";
+    out << (k ? ", " : "") << "$data using 1:" << 3 * k + 3 << ":" << 3 * k + 4 << " with filledcurves lc rgb '"
+        << kColours[k] << "' notitle, $data using 1:" << 3 * k + 2 << " with lines lw 2 lc rgb '" << kColours[k]
+        << "' title '" << titles[k] << "'";
   out << "\n";
   return out.str();
 }
@@ -69,14 +74,18 @@ std::string corrections_script(const Recording& recording, const AlignResult& re
 std::string trajectory_script(const Recording& recording, const AlignResult& result, const std::string& name) {
   std::ostringstream out;
   out.precision(7);
-  out << head_of(name, "ahead of the first frame (m)", "to its left (m)", 1200, 520) << "set size ratio -1\n$data << end\n";
+  out << head_of(name, "ahead of the first frame (m)", "to its left (m)", 1200, 520)
+      << "set size ratio -1\n$data << end\n";
   const Rigid3d first_from_ecef = recording.frames.front().ecef_from_body.inverse(Eigen::Isometry);
   for (std::size_t f = 0; f < result.frames.size(); ++f) {
     const Eigen::Vector3d given = first_from_ecef * recording.frames[f].ecef_from_body.translation(),
-                          aligned = first_from_ecef * result.frames[f].ecef_from_body.translation(), moved = 10 * (aligned - given);
-    out << given.x() << ' ' << given.y() << ' ' << aligned.x() << ' ' << aligned.y() << ' ' << moved.x() << ' ' << moved.y() << '\n';
+                          aligned = first_from_ecef * result.frames[f].ecef_from_body.translation(),
+                          moved = 10 * (aligned - given);
+    out << given.x() << ' ' << given.y() << ' ' << aligned.x() << ' ' << aligned.y() << ' ' << moved.x() << ' '
+        << moved.y() << '\n';
   }
-  out << "end\nplot $data using 1:2 with linespoints pt 7 ps 0.5 lc rgb '#aaaaaa' title 'as given', $data using 3:4 with linespoints "
+  out << "end\nplot $data using 1:2 with linespoints pt 7 ps 0.5 lc rgb '#aaaaaa' title 'as given', $data using 3:4 "
+         "with linespoints "
          "pt 7 ps 0.5 lc rgb '#1f4e8c' title 'aligned', $data using 1:2:5:6 with vectors nohead lc rgb '#c2571a' title "
          "'correction x 10'\n";
   return out.str();
@@ -120,28 +129,33 @@ std::string scatter_script(const AlignResult& result, int camera, const std::str
   std::ostringstream out;
   out.precision(4);
   const double reach = std::max(1.0, 3 * result.bundle.cameras[camera].before_px);
-  out << head_of(name, "error in x (px)", "error in y (px)", 620, 560) << "set size ratio 1\nset key top left inside\nset xrange [" << -reach
-      << ":" << reach << "]\nset yrange [" << -reach << ":" << reach << "]\n$data << end\n";
+  out << head_of(name, "error in x (px)", "error in y (px)", 620, 560)
+      << "set size ratio 1\nset key top left inside\nset xrange [" << -reach << ":" << reach << "]\nset yrange ["
+      << -reach << ":" << reach << "]\n$data << end\n";
   const std::size_t step = 1 + of_camera.size() / kPointsShown;
   for (std::size_t i = 0; i < of_camera.size(); i += step)
     out << of_camera[i]->before_px.x() << ' ' << of_camera[i]->before_px.y() << ' ' << of_camera[i]->after_px.x() << ' '
         << of_camera[i]->after_px.y() << '\n';
-  out << "end\nplot $data using 1:2 with points pt 7 ps 0.25 lc rgb '#d9a06f' title 'before', $data using 3:4 with points pt 7 ps 0.25 lc rgb "
+  out << "end\nplot $data using 1:2 with points pt 7 ps 0.25 lc rgb '#d9a06f' title 'before', $data using 3:4 with "
+         "points pt 7 ps 0.25 lc rgb "
          "'#1f4e8c' title 'after'\n";
   return out.str();
 }
 
 std::vector<std::vector<std::string>> camera_rows(const AlignResult& result) {
-  std::vector<std::vector<std::string>> rows{{"camera", "observations used", "before px", "after px", "roll deg", "pitch deg", "yaw deg",
-                                              "+- deg", "moved cm", "+- cm", "time offset ms", "+- ms"}};
+  std::vector<std::vector<std::string>> rows{{"camera", "observations used", "before px", "after px", "roll deg",
+                                              "pitch deg", "yaw deg", "+- deg", "moved cm", "+- cm", "time offset ms",
+                                              "+- ms"}};
   for (std::size_t c = 0; c < result.cameras.size(); ++c) {
     const CameraFit& fit = result.bundle.cameras[c];
     const CameraCorrection& k = result.camera_corrections[c];
-    rows.push_back({k.name, number("%d of %d", fit.used, fit.observations), number("%.2f", fit.before_px), number("%.2f", fit.after_px),
-                    number("%+.3f", k.turned_in_body.x() * kDegrees), number("%+.3f", k.turned_in_body.y() * kDegrees),
-                    number("%+.3f", k.turned_in_body.z() * kDegrees), number("%.3f", k.mount.sigma.tail<3>().maxCoeff() * kDegrees),
-                    number("%.1f", 100 * k.mount.value.head<3>().norm()), number("%.1f", 100 * k.mount.sigma.head<3>().maxCoeff()),
-                    number("%+.2f", 1e3 * k.offset_s), number("%.2f", 1e3 * k.offset_sigma_s)});
+    rows.push_back({k.name, number("%d of %d", fit.used, fit.observations), number("%.2f", fit.before_px),
+                    number("%.2f", fit.after_px), number("%+.3f", k.turned_in_body.x() * kDegrees),
+                    number("%+.3f", k.turned_in_body.y() * kDegrees), number("%+.3f", k.turned_in_body.z() * kDegrees),
+                    number("%.3f", k.mount.sigma.tail<3>().maxCoeff() * kDegrees),
+                    number("%.1f", 100 * k.mount.value.head<3>().norm()),
+                    number("%.1f", 100 * k.mount.sigma.head<3>().maxCoeff()), number("%+.2f", 1e3 * k.offset_s),
+                    number("%.2f", 1e3 * k.offset_sigma_s)});
   }
   return rows;
 }
@@ -158,32 +172,43 @@ void write_align_page(const std::filesystem::path& folder, const Recording& reco
     return html_figure(png_address(read_file(figures / (name + ".png"))), caption);
   };
   const BundleResult& bundle = result.bundle;
-  std::string body = "<h1>Aligned poses</h1>\n<p>" + html_escape(recording.root.string()) + ": " +
-                     number("%zu frames, %d tracks of image points, %d LiDAR points on %d flat patches; %d rounds, %.0f s",
-                            result.frames.size(), bundle.tracks, bundle.lidar_points, bundle.patches, bundle.rounds, result.seconds) +
-                     "</p>\n";
+  std::string body =
+      "<h1>Aligned poses</h1>\n<p>" + html_escape(recording.root.string()) + ": " +
+      number("%zu frames, %d tracks of image points, %d LiDAR points on %d flat patches; %d rounds, %.0f s",
+             result.frames.size(), bundle.tracks, bundle.lidar_points, bundle.patches, bundle.rounds, result.seconds) +
+      "</p>\n";
   for (const std::string& remark : result.remarks) body += "<p>" + html_escape(remark) + "</p>\n";
   body += "<h2>Cameras</h2>\n" + html_table(camera_rows(result), true) +
-          "<p>Reprojection errors are RMS over the observations used, each point placed as well as the poses allow. +- is one standard "
+          "<p>Reprojection errors are RMS over the observations used, each point placed as well as the poses allow. +- "
+          "is one standard "
           "deviation. Roll, pitch and yaw are turns of the camera about the body's axes.</p>\n";
   if (bundle.lidar_points > 0)
-    body += "<p>LiDAR points off their patches: RMS " + number("%.2f cm before, %.2f cm after", 100 * bundle.lidar_before_m, 100 * bundle.lidar_after_m) + "</p>\n";
+    body += "<p>LiDAR points off their patches: RMS " +
+            number("%.2f cm before, %.2f cm after", 100 * bundle.lidar_before_m, 100 * bundle.lidar_after_m) + "</p>\n";
   if (result.truth_after)
     body += "<h2>Against the truth</h2>\n" +
             html_table({{"trajectory", "position cm RMS", "rotation deg RMS"},
-                        {"as given", number("%.2f", 100 * result.truth_before->rest_m), number("%.4f", result.truth_before->rest_deg)},
-                        {"aligned", number("%.2f", 100 * result.truth_after->rest_m), number("%.4f", result.truth_after->rest_deg)}}, true) +
+                        {"as given", number("%.2f", 100 * result.truth_before->rest_m),
+                         number("%.4f", result.truth_before->rest_deg)},
+                        {"aligned", number("%.2f", 100 * result.truth_after->rest_m),
+                         number("%.4f", result.truth_after->rest_deg)}},
+                       true) +
             "<p>After one rigid motion of the whole.</p>\n";
   body += "<h2>Trajectory</h2>\n" +
-          drawn("position", corrections_script(recording, result, "position", 0, 100, "moved (cm)", {"ahead", "left", "up"}),
-                "What was added to each frame's position, in the axes of the body; the bands are two standard deviations of the "
+          drawn("position",
+                corrections_script(recording, result, "position", 0, 100, "moved (cm)", {"ahead", "left", "up"}),
+                "What was added to each frame's position, in the axes of the body; the bands are two standard "
+                "deviations of the "
                 "trajectory's shape") +
-          drawn("rotation", corrections_script(recording, result, "rotation", 3, kDegrees, "turned (degrees)", {"roll", "pitch", "yaw"}),
+          drawn("rotation",
+                corrections_script(recording, result, "rotation", 3, kDegrees, "turned (degrees)",
+                                   {"roll", "pitch", "yaw"}),
                 "What was added to each frame's rotation") +
           drawn("trajectory", trajectory_script(recording, result, "trajectory"), "From above");
   if (!bundle.residuals.empty()) {
     body += "<h2>Reprojection errors</h2>\n" +
-            drawn("errors_by_frame", by_frame_script(recording, result, "errors_by_frame"), "By frame") + "<div class=\"row\">\n";
+            drawn("errors_by_frame", by_frame_script(recording, result, "errors_by_frame"), "By frame") +
+            "<div class=\"row\">\n";
     for (std::size_t c = 0; c < result.cameras.size(); ++c) {
       if (bundle.cameras[c].used == 0) continue;
       const std::string name = "errors_" + result.cameras[c].name;
