@@ -84,6 +84,15 @@ double epipolar_error_px(const RayPair& pair, const Rigid3d& b_from_a) {
   return variance > 0 ? e / std::sqrt(variance) : 0;
 }
 
+std::optional<double> ray_depth(const Eigen::Vector3d& ray_a, const Eigen::Vector3d& ray_b, const Rigid3d& b_from_a) {
+  const Eigen::Vector3d normal = (b_from_a.linear() * ray_a).cross(ray_b);
+  if (normal.norm() < 0.01) return std::nullopt;
+  // ray_b x (depth R ray_a + t) = 0
+  const double depth = ray_b.cross(b_from_a.translation()).dot(normal) / normal.squaredNorm();
+  if (!(depth > 0)) return std::nullopt;
+  return depth;
+}
+
 std::optional<Rigid3d> fit_relative_pose(const std::vector<RayPair>& pairs, const std::vector<Rigid3d>& starts) {
   if (pairs.size() < 8) return std::nullopt;
   std::optional<Rigid3d> best;

@@ -16,6 +16,10 @@ namespace redrive {
 
 struct RigImages {
   Scene scene;  ///< all cameras and frames at full size: its indices are the recording's
+  /// Of each camera: images wider than kWidest are averaged by this factor, and all pixels here are of the small image. Noise
+  /// becomes less, a point's surroundings larger.
+  std::vector<int> factor;
+  std::vector<Camera> model;  ///< of the small images
   /// [camera][frame]; empty where there is no image. [height, width] 8 bits, the square root of brightness: noise as strong in
   /// the dark as in the light.
   std::vector<std::vector<cv::Mat>> grey;
@@ -25,7 +29,9 @@ struct RigImages {
 
   int cameras() const { return static_cast<int>(grey.size()); }
   int frames() const { return static_cast<int>(scene.frames.size()); }
-  const Camera& camera(int c) const { return scene.rig[c].recorded; }
+  const Camera& camera(int c) const { return model[c]; }
+  /// A pixel of the small image in the image as recorded.
+  Eigen::Vector2d recorded_pixel(int camera, const Eigen::Vector2d& pixel) const;
   /// Where objects that move are when the image was taken.
   std::vector<PlacedBox> moving_at(int camera, int frame) const;
   /// Whether a static point may be seen at `pixel`: inside, not masked, no moving object before it.

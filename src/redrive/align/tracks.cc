@@ -5,6 +5,7 @@
 
 #include "redrive/align/camera_tracks.h"
 #include "redrive/align/consistency.h"
+#include "redrive/align/cross_tracks.h"
 #include "redrive/align/patch.h"
 
 namespace redrive {
@@ -17,8 +18,14 @@ std::vector<Track> find_tracks(const Recording& recording, ThreadPool& pool, con
     of_camera[c] = follow_points(images, c, options);
     drop_inconsistent(images, options, &of_camera[c]);
   });
+  join_cameras(images, options, pool, &of_camera);
   std::vector<Track> tracks;
   for (std::vector<Track>& found : of_camera) std::ranges::move(found, std::back_inserter(tracks));
+  for (Track& track : tracks)
+    for (Observation& seen : track.seen) {
+      seen.pixel = images.recorded_pixel(seen.camera, seen.pixel);
+      seen.sigma_px *= images.factor[seen.camera];
+    }
   return tracks;
 }
 
