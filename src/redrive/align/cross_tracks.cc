@@ -45,7 +45,7 @@ struct CameraPair {
 
 class Joiner {
  public:
-  Joiner(const RigImages& images, const TrackOptions& options, ThreadPool& pool,
+  Joiner(const RigImages& images, const std::vector<TrackOptions>& options, ThreadPool& pool,
          std::vector<std::vector<Track>>* of_camera)
       : images_(images), options_(options), pool_(pool), of_camera_(*of_camera) {}
 
@@ -207,7 +207,7 @@ class Joiner {
     }
     if (!patch) return std::nullopt;
     const auto fit = fit_patch(*patch, b, at, Eigen::Matrix2d::Identity(), 2);
-    if (!fit || fit->correlation < options_.least_correlation || fit->sigma_px > options_.most_sigma_px)
+    if (!fit || fit->correlation < options_[pair.b].least_correlation || fit->sigma_px > options_[pair.b].most_sigma_px)
       return std::nullopt;
     const auto rays = make_ray_pair(images_.camera(pair.a), pixel_a, camera, fit->pixel);
     if (!rays) return std::nullopt;
@@ -229,7 +229,7 @@ class Joiner {
     std::vector<double> lengths;
     std::size_t agreeing = 0;
     for (const Match& match : matches) {
-      if (std::abs(epipolar_error_px(match.rays, *pose)) > 2 * options_.most_epipolar_px) continue;
+      if (std::abs(epipolar_error_px(match.rays, *pose)) > 2 * options_[pair.b].most_epipolar_px) continue;
       ++agreeing;
       if (const auto depth = ray_depth(match.rays.ray_a, match.rays.ray_b, *pose))
         lengths.push_back(match.depth_m / *depth);
@@ -252,7 +252,7 @@ class Joiner {
     const auto pose = fit_relative_pose(rays_of(matches), {pair.b_from_a});
     if (!pose) return;
     std::erase_if(matches, [&](const Match& match) {
-      return std::abs(epipolar_error_px(match.rays, *pose)) > options_.most_epipolar_px;
+      return std::abs(epipolar_error_px(match.rays, *pose)) > options_[pair.b].most_epipolar_px;
     });
     std::vector<std::vector<const Match*>> of_track(of_camera_[pair.a].size());
     for (const Match& match : matches) of_track[match.track].push_back(&match);
@@ -276,7 +276,7 @@ class Joiner {
   }
 
   const RigImages& images_;
-  const TrackOptions& options_;
+  const std::vector<TrackOptions>& options_;
   ThreadPool& pool_;
   std::vector<std::vector<Track>>& of_camera_;
   std::vector<std::vector<std::vector<Source>>> sources_;  ///< [camera][frame]
@@ -284,7 +284,7 @@ class Joiner {
 
 }  // namespace
 
-void join_cameras(const RigImages& images, const TrackOptions& options, ThreadPool& pool,
+void join_cameras(const RigImages& images, const std::vector<TrackOptions>& options, ThreadPool& pool,
                   std::vector<std::vector<Track>>* of_camera) {
   Joiner(images, options, pool, of_camera).run();
 }

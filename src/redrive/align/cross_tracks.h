@@ -11,8 +11,9 @@
 
 namespace redrive {
 
-/// Adds to tracks of each camera (*of_camera)[c] what other cameras see of them at the same frames.
-void join_cameras(const RigImages& images, const TrackOptions& options, ThreadPool& pool,
+/// Adds to tracks of each camera (*of_camera)[c] what other cameras see of them at the same frames. options[c]: for
+/// what is seen by camera c.
+void join_cameras(const RigImages& images, const std::vector<TrackOptions>& options, ThreadPool& pool,
                   std::vector<std::vector<Track>>* of_camera);
 
 }  // namespace redrive

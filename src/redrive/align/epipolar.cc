@@ -6,6 +6,8 @@
 namespace redrive {
 namespace {
 
+constexpr std::size_t kLeastPairs = 12;  // twice what the pose has, and two
+
 /// Pixels per radian: the root of how much image a solid angle covers.
 std::optional<double> pixels_per_radian(const Camera& camera, const Eigen::Vector2d& pixel) {
   const auto right = camera.unproject(pixel + Eigen::Vector2d(1, 0)),
@@ -94,7 +96,7 @@ std::optional<double> ray_depth(const Eigen::Vector3d& ray_a, const Eigen::Vecto
 }
 
 std::optional<Rigid3d> fit_relative_pose(const std::vector<RayPair>& pairs, const std::vector<Rigid3d>& starts) {
-  if (pairs.size() < 8) return std::nullopt;
+  if (pairs.size() < kLeastPairs) return std::nullopt;
   std::optional<Rigid3d> best;
   double best_cost = 0;
   for (Rigid3d start : starts) {

@@ -8,27 +8,32 @@
 namespace redrive {
 namespace {
 
-constexpr int kWidest = 800;
-
-cv::Mat root_of_brightness(const Image8& image, int factor) {
-  cv::Mat root(image.height, image.width, CV_32F), small;
-  for (std::size_t i = 0; i < root.total(); ++i)
-    root.ptr<float>()[i] = std::sqrt(255.0f / 3 * (image.rgb[3 * i] + image.rgb[3 * i + 1] + image.rgb[3 * i + 2]));
-  const cv::Size size(image.width / factor, image.height / factor);
-  cv::resize(root(cv::Rect({0, 0}, size * factor)), small, size, 0, 0, cv::INTER_AREA);
-  small.convertTo(small, CV_8U);
-  return small;
+cv::Mat root_of_brightness(const Image8& image) {
+  std::array<std::uint8_t, 766> root;
+  for (int sum = 0; sum < 766; ++sum) root[sum] = static_cast<std::uint8_t>(std::lround(std::sqrt(255.0 * sum / 3)));
+  cv::Mat grey(image.height, image.width, CV_8U);
+  for (std::size_t i = 0; i < grey.total(); ++i)
+    grey.data[i] = root[image.rgb[3 * i] + image.rgb[3 * i + 1] + image.rgb[3 * i + 2]];
+  return grey;
 }
 
 /// 255 where nothing within margin_px is left out.
-cv::Mat with_margin(const std::vector<std::uint8_t>& used, int width, int height, int factor, int margin_px) {
-  const cv::Mat given(height, width, CV_8U, const_cast<std::uint8_t*>(used.data()));
-  const cv::Size small(width / factor, height / factor);
+cv::Mat with_margin(const cv::Mat& used, int margin_px) {
   cv::Mat usable;
-  cv::resize((given != 0)(cv::Rect({0, 0}, small * factor)), usable, small, 0, 0, cv::INTER_AREA);
   const int size = 2 * margin_px + 1;
-  cv::erode(usable == 255, usable, cv::getStructuringElement(cv::MORPH_ELLIPSE, {size, size}));
+  cv::erode(used != 0, usable, cv::getStructuringElement(cv::MORPH_ELLIPSE, {size, size}));
   return usable;
+}
+cv::Mat with_margin(const std::vector<std::uint8_t>& used, const Camera& camera, int margin_px) {
+  return with_margin(cv::Mat(camera.height, camera.width, CV_8U, const_cast<std::uint8_t*>(used.data())), margin_px);
+}
+
+/// Averaged by a whole factor; the remainder is cut off, as Camera::downscaled does.
+cv::Mat averaged(const cv::Mat& image, int factor) {
+  cv::Mat small;
+  const cv::Size size(image.cols / factor, image.rows / factor);
+  cv::resize(image(cv::Rect({0, 0}, size * factor)), small, size, 0, 0, cv::INTER_AREA);
+  return small;
 }
 
 }  // namespace
@@ -50,10 +55,6 @@ bool RigImages::may_be_static(int camera, int frame, const Eigen::Vector2d& pixe
       boxes, [&](const PlacedBox& box) { return box.meets(pose.translation(), pose.linear() * *ray); });
 }
 
-Eigen::Vector2d RigImages::recorded_pixel(int camera, const Eigen::Vector2d& pixel) const {
-  return factor[camera] * (pixel.array() + 0.5) - 0.5;  // the inverse of Camera::downscaled
-}
-
 RigImages load_rig_images(const Recording& recording, const std::filesystem::path& mask_folder, int margin_px,
                           ThreadPool& pool) {
   Scene scene = make_scene(recording, {});
@@ -67,23 +68,36 @@ RigImages load_rig_images(const Recording& recording, const std::filesystem::pat
   rig.usable = rig.grey;
   rig.world_from_camera.assign(cameras, std::vector<Rigid3d>(frames, Rigid3d::Identity()));
   std::vector<cv::Mat> of_camera;
+  rig.factor.assign(cameras, 1);
   for (std::size_t c = 0; c < cameras; ++c) {
-    const Camera& recorded = scene.rig[c].recorded;
-    rig.factor.push_back((recorded.width + kWidest - 1) / kWidest);
-    rig.model.push_back(recorded.downscaled(rig.factor[c]));
-    of_camera.push_back(with_margin(masks[c].used, recorded.width, recorded.height, rig.factor[c], margin_px));
+    rig.model.push_back(scene.rig[c].recorded);
+    of_camera.push_back(with_margin(masks[c].used, rig.model[c], margin_px));
   }
   pool.run(static_cast<int>(images.size()), [&](int i) {
     const View& view = scene.views[i];
     Image8& image = images[i];
-    const int factor = rig.factor[view.camera];
-    rig.grey[view.camera][view.frame] = root_of_brightness(image, factor);
-    rig.usable[view.camera][view.frame] =
-        image.used.empty()
-            ? of_camera[view.camera]
-            : of_camera[view.camera] & with_margin(image.used, image.width, image.height, factor, margin_px);
+    rig.grey[view.camera][view.frame] = root_of_brightness(image);
+    cv::Mat& usable = rig.usable[view.camera][view.frame] = of_camera[view.camera];
+    if (!image.used.empty()) usable = usable & with_margin(image.used, rig.model[view.camera], margin_px);
     rig.world_from_camera[view.camera][view.frame] = scene.world_from_camera(view);
     image = {};
+  });
+  return rig;
+}
+
+RigImages narrowed(const RigImages& full, int widest, int margin_px, ThreadPool& pool) {
+  RigImages rig = full;  // matrices are shared until they are replaced
+  pool.run(rig.cameras(), [&](int c) {
+    const int factor = (full.model[c].width + widest - 1) / widest;
+    if (factor == 1) return;
+    rig.factor[c] = factor * full.factor[c];
+    rig.model[c] = full.model[c].downscaled(factor);
+    for (int f = 0; f < rig.frames(); ++f)
+      if (!full.grey[c][f].empty()) {
+        rig.grey[c][f] = averaged(full.grey[c][f], factor);
+        // What is usable here is margin_px from the nearest pixel left out there already: the rest of the margin.
+        rig.usable[c][f] = with_margin(averaged(full.usable[c][f], factor) == 255, margin_px - margin_px / factor);
+      }
   });
   return rig;
 }
