@@ -16,6 +16,7 @@ namespace redrive {
 namespace {
 
 constexpr double kStartSigma_px = 4;     // before anything is known; the median of the residuals says more
+constexpr double kUsualSigma_px = 0.1;   // Observation::sigma_px of a good point
 constexpr double kLeastSigma_px = 0.05;  // no image is better than that
 constexpr double kLeastPose_m = 0.01,
                  kLeastPose_rad = 3e-4;  // what an egomotion without errors is believed to be good for
@@ -31,6 +32,11 @@ struct Located {
   std::vector<std::uint8_t> used;  ///< by observation
   std::vector<Eigen::Vector2d> errors;
 };
+
+/// Of one observation: the camera's, more where the surroundings of the pixel hold it less than is usual.
+double sigma_of(const Observation& seen, const std::vector<double>& sigma_px) {
+  return sigma_px[seen.camera] * std::max(1.0, seen.sigma_px / kUsualSigma_px);
+}
 
 double median_of(std::vector<double>* values) {
   if (values->empty()) return 0;
@@ -81,7 +87,7 @@ void leave_out_far_off(const std::vector<Track>& tracks, const std::vector<doubl
   for (Located& entry : *located) {
     int used = 0;
     for (std::size_t i = 0; i < entry.errors.size(); ++i) {
-      entry.used[i] = entry.errors[i].norm() <= kFarOff * sigma_px[tracks[entry.track].seen[i].camera];
+      entry.used[i] = entry.errors[i].norm() <= kFarOff * sigma_of(tracks[entry.track].seen[i], sigma_px);
       used += entry.used[i];
     }
     if (used >= 2) kept.push_back(std::move(entry));
@@ -108,8 +114,8 @@ class Round {
         const Instant& instant = times.of(seen);
         RigModelCamera& camera = model_.cameras[seen.camera];
         problem_.AddResidualBlock(
-            reprojection_term(camera, instant, seen.pixel, sigma_px[seen.camera], entry.point).release(), &image_loss_,
-            model_.correction[instant.segment].data(), model_.correction[instant.segment + 1].data(),
+            reprojection_term(camera, instant, seen.pixel, sigma_of(seen, sigma_px), entry.point).release(),
+            &image_loss_, model_.correction[instant.segment].data(), model_.correction[instant.segment + 1].data(),
             camera.mount.data(), &camera.offset_s, camera.intrinsics.data(), point);
       }
     }

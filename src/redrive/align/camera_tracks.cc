@@ -4,6 +4,7 @@
 #include <opencv2/imgproc.hpp>
 #include <opencv2/video/tracking.hpp>
 
+#include "redrive/align/epipolar.h"
 #include "redrive/align/patch.h"
 
 namespace redrive {
@@ -75,15 +76,10 @@ class Follower {
     const Observation& first = track.seen[track.seen.size() > 5 ? track.seen.size() - 5 : 0];
     const Observation& last = track.seen.back();
     if (first.frame == last.frame) return std::nullopt;
-    const Rigid3d now_from_first =
-        images_.world_from_camera[camera_][last.frame].inverse() * images_.world_from_camera[camera_][first.frame];
-    const auto a = model_.unproject(first.pixel), b = model_.unproject(last.pixel);
-    if (!a || !b) return std::nullopt;
-    const Eigen::Vector3d from = now_from_first.linear() * *a, normal = from.cross(*b);
-    if (normal.norm() < 0.01) return std::nullopt;
-    const double depth = normal.dot(from.cross(now_from_first.translation())) / normal.squaredNorm();
-    if (depth < 0.5) return std::nullopt;
-    return depth;
+    const auto& poses = images_.world_from_camera[camera_];
+    const auto from = model_.unproject(first.pixel), to = model_.unproject(last.pixel);
+    if (!from || !to) return std::nullopt;
+    return ray_depth(*to, *from, poses[first.frame].inverse() * poses[last.frame]);
   }
 
   /// Where a point of the last image is in the next if it lies as deep as `depth` says of a ray.
@@ -196,7 +192,7 @@ class Follower {
         continue;
       }
       cv::circle(taken, at, static_cast<int>(kNearest_px), cv::Scalar(255), cv::FILLED);
-      live.track.seen.push_back({camera_, next.frame, best[i]->pixel});
+      live.track.seen.push_back({camera_, next.frame, best[i]->pixel, best[i]->sigma_px});
       live.patch = patches[i];
       live.warp = best[i]->warp;
       const double scale = std::sqrt(std::abs(live.warp.determinant()));

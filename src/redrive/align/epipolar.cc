@@ -6,6 +6,8 @@
 namespace redrive {
 namespace {
 
+constexpr std::size_t kLeastPairs = 12;  // twice what the pose has, and two
+
 /// Pixels per radian: the root of how much image a solid angle covers.
 std::optional<double> pixels_per_radian(const Camera& camera, const Eigen::Vector2d& pixel) {
   const auto right = camera.unproject(pixel + Eigen::Vector2d(1, 0)),
@@ -84,8 +86,17 @@ double epipolar_error_px(const RayPair& pair, const Rigid3d& b_from_a) {
   return variance > 0 ? e / std::sqrt(variance) : 0;
 }
 
+std::optional<double> ray_depth(const Eigen::Vector3d& ray_a, const Eigen::Vector3d& ray_b, const Rigid3d& b_from_a) {
+  const Eigen::Vector3d normal = (b_from_a.linear() * ray_a).cross(ray_b);
+  if (normal.norm() < 0.01) return std::nullopt;
+  // ray_b x (depth R ray_a + t) = 0
+  const double depth = ray_b.cross(b_from_a.translation()).dot(normal) / normal.squaredNorm();
+  if (!(depth > 0)) return std::nullopt;
+  return depth;
+}
+
 std::optional<Rigid3d> fit_relative_pose(const std::vector<RayPair>& pairs, const std::vector<Rigid3d>& starts) {
-  if (pairs.size() < 8) return std::nullopt;
+  if (pairs.size() < kLeastPairs) return std::nullopt;
   std::optional<Rigid3d> best;
   double best_cost = 0;
   for (Rigid3d start : starts) {

@@ -66,9 +66,16 @@ SmoothImage smooth_image(const cv::Mat& grey) {
 std::optional<Patch> sample_patch(const SmoothImage& image, const Eigen::Vector2d& centre,
                                   const Eigen::Matrix2d& warp) {
   if (!inside(image.value, centre, warp)) return std::nullopt;
-  Patch patch;
+  const Eigen::Vector2d last(image.value.cols - 1.001, image.value.rows - 1.001);
+  const int fine = std::max(1, static_cast<int>(std::lround(std::sqrt(std::abs(warp.determinant())))));
+  Patch patch{};
   for (int i = 0; i < static_cast<int>(patch.size()); ++i)
-    patch[i] = interpolate(image.value, corner(image.value, centre + warp * offset_of(i)));
+    for (int v = 0; v < fine; ++v)
+      for (int u = 0; u < fine; ++u) {
+        const Eigen::Vector2d within((u + 0.5) / fine - 0.5, (v + 0.5) / fine - 0.5);
+        const Eigen::Vector2d at = (centre + warp * (offset_of(i) + within)).cwiseMax(0).cwiseMin(last);
+        patch[i] += interpolate(image.value, corner(image.value, at)) / static_cast<float>(fine * fine);
+      }
   return patch;
 }
 

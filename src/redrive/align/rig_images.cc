@@ -18,12 +18,22 @@ cv::Mat root_of_brightness(const Image8& image) {
 }
 
 /// 255 where nothing within margin_px is left out.
-cv::Mat with_margin(const std::vector<std::uint8_t>& used, int width, int height, int margin_px) {
-  const cv::Mat given(height, width, CV_8U, const_cast<std::uint8_t*>(used.data()));
+cv::Mat with_margin(const cv::Mat& used, int margin_px) {
   cv::Mat usable;
   const int size = 2 * margin_px + 1;
-  cv::erode(given != 0, usable, cv::getStructuringElement(cv::MORPH_ELLIPSE, {size, size}));
+  cv::erode(used != 0, usable, cv::getStructuringElement(cv::MORPH_ELLIPSE, {size, size}));
   return usable;
+}
+cv::Mat with_margin(const std::vector<std::uint8_t>& used, const Camera& camera, int margin_px) {
+  return with_margin(cv::Mat(camera.height, camera.width, CV_8U, const_cast<std::uint8_t*>(used.data())), margin_px);
+}
+
+/// Averaged by a whole factor; the remainder is cut off, as Camera::downscaled does.
+cv::Mat averaged(const cv::Mat& image, int factor) {
+  cv::Mat small;
+  const cv::Size size(image.cols / factor, image.rows / factor);
+  cv::resize(image(cv::Rect({0, 0}, size * factor)), small, size, 0, 0, cv::INTER_AREA);
+  return small;
 }
 
 }  // namespace
@@ -52,22 +62,42 @@ RigImages load_rig_images(const Recording& recording, const std::filesystem::pat
   pool.run(static_cast<int>(images.size()), [&](int i) { images[i] = load_view(scene, scene.views[i]); });
   const std::vector<Mask> masks = static_masks(scene, images, mask_folder, pool, recording.metric);
 
-  RigImages rig{scene, {}, {}, {}, read_moving_objects(recording, scene)};
+  RigImages rig{scene, {}, {}, {}, {}, {}, read_moving_objects(recording, scene)};
   const std::size_t cameras = scene.rig.size(), frames = scene.frames.size();
   rig.grey.assign(cameras, std::vector<cv::Mat>(frames));
   rig.usable = rig.grey;
   rig.world_from_camera.assign(cameras, std::vector<Rigid3d>(frames, Rigid3d::Identity()));
   std::vector<cv::Mat> of_camera;
-  for (const Mask& mask : masks) of_camera.push_back(with_margin(mask.used, mask.width, mask.height, margin_px));
+  rig.factor.assign(cameras, 1);
+  for (std::size_t c = 0; c < cameras; ++c) {
+    rig.model.push_back(scene.rig[c].recorded);
+    of_camera.push_back(with_margin(masks[c].used, rig.model[c], margin_px));
+  }
   pool.run(static_cast<int>(images.size()), [&](int i) {
     const View& view = scene.views[i];
     Image8& image = images[i];
     rig.grey[view.camera][view.frame] = root_of_brightness(image);
-    rig.usable[view.camera][view.frame] =
-        image.used.empty() ? of_camera[view.camera]
-                           : of_camera[view.camera] & with_margin(image.used, image.width, image.height, margin_px);
+    cv::Mat& usable = rig.usable[view.camera][view.frame] = of_camera[view.camera];
+    if (!image.used.empty()) usable = usable & with_margin(image.used, rig.model[view.camera], margin_px);
     rig.world_from_camera[view.camera][view.frame] = scene.world_from_camera(view);
     image = {};
+  });
+  return rig;
+}
+
+RigImages narrowed(const RigImages& full, int widest, int margin_px, ThreadPool& pool) {
+  RigImages rig = full;  // matrices are shared until they are replaced
+  pool.run(rig.cameras(), [&](int c) {
+    const int factor = (full.model[c].width + widest - 1) / widest;
+    if (factor == 1) return;
+    rig.factor[c] = factor * full.factor[c];
+    rig.model[c] = full.model[c].downscaled(factor);
+    for (int f = 0; f < rig.frames(); ++f)
+      if (!full.grey[c][f].empty()) {
+        rig.grey[c][f] = averaged(full.grey[c][f], factor);
+        // What is usable here is margin_px from the nearest pixel left out there already: the rest of the margin.
+        rig.usable[c][f] = with_margin(averaged(full.usable[c][f], factor) == 255, margin_px - margin_px / factor);
+      }
   });
   return rig;
 }

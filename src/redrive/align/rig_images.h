@@ -16,6 +16,9 @@ namespace redrive {
 
 struct RigImages {
   Scene scene;  ///< all cameras and frames at full size: its indices are the recording's
+  /// Of each camera: the images here are averaged by this factor, and all pixels are of the small image.
+  std::vector<int> factor;
+  std::vector<Camera> model;  ///< of the small images
   /// [camera][frame]; empty where there is no image. [height, width] 8 bits, the square root of brightness: noise as strong in
   /// the dark as in the light.
   std::vector<std::vector<cv::Mat>> grey;
@@ -25,16 +28,26 @@ struct RigImages {
 
   int cameras() const { return static_cast<int>(grey.size()); }
   int frames() const { return static_cast<int>(scene.frames.size()); }
-  const Camera& camera(int c) const { return scene.rig[c].recorded; }
+  const Camera& camera(int c) const { return model[c]; }
+  /// A pixel of the image here in the image as recorded, and back.
+  Eigen::Vector2d recorded_pixel(int camera, const Eigen::Vector2d& pixel) const {
+    return factor[camera] * (pixel.array() + 0.5) - 0.5;  // the inverse of Camera::downscaled
+  }
+  Eigen::Vector2d from_recorded(int camera, const Eigen::Vector2d& pixel) const {
+    return (pixel.array() + 0.5) / factor[camera] - 0.5;
+  }
   /// Where objects that move are when the image was taken.
   std::vector<PlacedBox> moving_at(int camera, int frame) const;
   /// Whether a static point may be seen at `pixel`: inside, not masked, no moving object before it.
   bool may_be_static(int camera, int frame, const Eigen::Vector2d& pixel, const std::vector<PlacedBox>& moving) const;
 };
 
-/// `mask_folder`: as of static_masks; empty: all masks are found. `margin_px`: how far a point stays from what is left out.
+/// At full size. `mask_folder`: as of static_masks; empty: all masks are found. `margin_px`: how far a point stays from what is left out.
 /// InputError as load_view, read_mask, read_boxes.
 RigImages load_rig_images(const Recording& recording, const std::filesystem::path& mask_folder, int margin_px,
                           ThreadPool& pool);
+
+/// The same with images wider than `widest` averaged by whole factors: less noise, and more surroundings in a patch.
+RigImages narrowed(const RigImages& full, int widest, int margin_px, ThreadPool& pool);
 
 }  // namespace redrive

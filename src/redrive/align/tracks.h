@@ -17,6 +17,7 @@ struct Observation {
   int camera = 0;         ///< index into Recording::cameras
   int frame = 0;          ///< index into Recording::frames
   Eigen::Vector2d pixel;  ///< of the image as recorded; integer coordinates are pixel centres
+  double sigma_px = 0.1;  ///< standard deviation of the pixel as its surroundings tell: for weights
 };
 
 /// The same point in several images, of one camera over time or of several cameras.
@@ -27,7 +28,9 @@ struct Track {
 struct TrackOptions {
   int points_per_image = 300;       ///< about so many are followed at a time, spread over the image
   double least_correlation = 0.85;  ///< of a patch with the track's first one, -1..1
-  double most_sigma_px = 0.2;       ///< how well a patch's position has to be determined by its looks
+  double most_sigma_px = 0.15;      ///< how well a patch's position has to be determined by its looks
+  double poor_sigma_px = 0.3;       ///< the same for cameras without plenty of such points
+  int plenty = 50;                  ///< points per image
   double most_epipolar_px = 1;      ///< from what most tracks of two images agree in
   int least_observations = 3;       ///< of a track, >= 2
   std::filesystem::path masks;      ///< folder of masks (static_masks); empty: they are found
