@@ -31,7 +31,7 @@ TEST_F(EndToEnd, TrainKeepsThePosesItIsGiven) {
   edit_json(tiny_calibration(aligned), [](nlohmann::json& sensors) { sensors[kTinyLeft]["time_offset_s"] = -0.012; });
   trained("run", 4, {"--poses", aligned.string()});
   fs::remove_all(aligned);
-  const Run opened = open_run(run);
+  const auto opened = open_run(run);
   const Recording own = open_recording(drive_);
   EXPECT_NEAR(
       opened.recording.frames[1].ecef_from_body.translation().z() - own.frames[1].ecef_from_body.translation().z(),
