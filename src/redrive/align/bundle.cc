@@ -5,12 +5,14 @@
 #include <cmath>
 #include <cstdio>
 #include <memory>
+#include <numbers>
 
 #include <ceres/ceres.h>
 
 #include "redrive/align/locate_point.h"
 #include "redrive/align/reduced_covariance.h"
 #include "redrive/base/error.h"
+#include "redrive/eval/align.h"
 
 namespace redrive {
 namespace {
@@ -357,11 +359,9 @@ BundleResult adjust(RigModel* model, const std::vector<Track>& tracks, const std
     problem.add_priors(priors_of_round(options.priors, *model, round));
     const ceres::Solver::Summary summary = problem.solve(round == 0 ? 20 : 12);
 
-    double moved_m = 0, turned_rad = 0;
-    for (std::size_t f = 0; f < model->correction.size(); ++f) {
-      moved_m = std::max(moved_m, (model->correction[f] - before.correction[f]).head<3>().norm());
-      turned_rad = std::max(turned_rad, (model->correction[f] - before.correction[f]).tail<3>().norm());
-    }
+    // Of the shape: the whole is held by next to nothing, and where it is does not matter.
+    const Alignment moved = align_trajectories(model->corrected_frames(), before.corrected_frames(), "");
+    const double moved_m = moved.rest_m, turned_rad = moved.rest_deg * std::numbers::pi / 180;
     result.rounds = round + 1;
     result.last_moved_m = moved_m;
     result.last_turned_rad = turned_rad;
@@ -374,7 +374,7 @@ BundleResult adjust(RigModel* model, const std::vector<Track>& tracks, const std
       for (const double s : sigma_px) std::printf(" %.2f", s);
       const std::vector<double> distances = patch_distances_m(*model, lidar, patches);
       std::printf(
-          " px; %zu LiDAR points on %zu patches, %.2f cm; poses moved by up to %.2f cm, %.4f deg; %d steps, %.1f s\n",
+          " px; %zu LiDAR points on %zu patches, %.2f cm; poses moved by %.2f cm, %.4f deg RMS; %d steps, %.1f s\n",
           distances.size(), patches.size(), 100 * rms(distances), 100 * moved_m, turned_rad * 57.29578,
           summary.num_successful_steps, summary.total_time_in_seconds);
       std::fflush(stdout);

@@ -55,7 +55,7 @@ struct BundleResult {
   std::vector<int> seen_in_frame;  ///< observations by frame
   bool converged = false;
   int rounds = 0;
-  double last_moved_m = 0, last_turned_rad = 0;  ///< what the last round did to the pose that it moved most
+  double last_moved_m = 0, last_turned_rad = 0;  ///< RMS of what the last round did to the trajectory's shape
   /// Of corrections (6 a frame), mounts (6 a camera), offsets (1 a camera), in this order.
   Eigen::MatrixXd covariance;
 };
