@@ -131,7 +131,7 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
   ScoreMean overall;
   for (std::size_t c = 0; c < by_camera.size(); ++c) {
     if (by_camera[c].empty()) continue;
-    const RayTable table = make_ray_table(run.scene.rig[c].camera);
+    const RayTable table = make_ray_table(run.scene.rig[c].camera, backend.threads());
     ScoreMean mean;
     for (const View* view : by_camera[c]) {
       Image8 truth = load_view(run.scene, *view);  // first: a broken file must not cost a rendering

@@ -93,6 +93,33 @@ TEST(GridModel, RenderingNeedsNoChance) {
   EXPECT_GT(spread, 0.01) << "all rays alike: nothing tested";
 }
 
+TEST(GridModel, NeighboursShareTheirFirstRound) {
+  GridModel model;
+  make_tiny(model);
+  RayBatch batch = tiny_batch(8);
+  // Two groups of rays 1e-3 rad apart, one ray by itself, and two more: each group about its first ray.
+  batch.group = {0, 4, 5, 8};
+  for (const auto& [first, last] : {std::pair(0, 4), std::pair(5, 8)})
+    for (int ray = first + 1; ray < last; ++ray)
+      for (int k = 0; k < 3; ++k) {
+        batch.origin[k * batch.n + ray] = batch.origin[k * batch.n + first];
+        batch.direction[k * batch.n + ray] =
+            batch.direction[k * batch.n + first] + 1e-3f * static_cast<float>((ray + k) % 3 - 1);
+      }
+  RayBatch each = batch;
+  each.group.clear();
+  const Picture together(model, batch), apart(model, each);
+  double most = 0;
+  for (std::size_t i = 0; i < together.rgb.size(); ++i) {
+    // The same field at samples that lie elsewhere within proposals of the same place.
+    EXPECT_NEAR(together.rgb[i], apart.rgb[i], 0.02) << i;
+    most = std::max(most, std::abs(double(together.rgb[i]) - apart.rgb[i]));
+  }
+  EXPECT_GT(most, 0) << "groups change nothing: nothing tested";
+  for (int k = 0; k < 3; ++k)  // alone in its group, up to the rounding of its middle's direction
+    EXPECT_NEAR(together.rgb[k * batch.n + 4], apart.rgb[k * batch.n + 4], 1e-4);
+}
+
 TEST(GridModel, HomogeneousMediumInFrontOfAGreySky) {
   // All parameters 0: density exp(-1) / half_m everywhere, all colours 1/2.
   GridModel model;

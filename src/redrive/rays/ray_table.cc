@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "redrive/base/error.h"
+#include "redrive/base/parallel.h"
 #include "redrive/base/rng.h"
 
 namespace redrive {
@@ -71,25 +72,59 @@ float mean_pixel_angle(const Camera& camera) {
 
 }  // namespace
 
-RayTable make_ray_table(const Camera& camera) {
+RayTable make_ray_table(const Camera& camera, int threads) {
+  constexpr int kRowsOfRange = 16;
+  struct Rows {
+    std::vector<std::uint32_t> pixel;
+    std::vector<float> direction;
+  };
+  std::vector<Rows> parts((camera.height + kRowsOfRange - 1) / kRowsOfRange);
+  ThreadPool(threads).run_ranges(camera.height, kRowsOfRange, [&](std::size_t begin, std::size_t end) {
+    Rows& rows = parts[begin / kRowsOfRange];
+    for (std::size_t y = begin; y < end; ++y)
+      for (int x = 0; x < camera.width; ++x) {
+        const auto direction = camera.unproject({x, y});
+        if (!direction) continue;
+        rows.pixel.push_back(static_cast<std::uint32_t>(y * camera.width + x));
+        for (int d = 0; d < 3; ++d) rows.direction.push_back(static_cast<float>((*direction)[d]));
+      }
+  });
   RayTable table{camera.width, camera.height, {}, {}, mean_pixel_angle(camera)};
-  table.pixel.reserve(std::size_t(camera.width) * camera.height);
-  table.direction.reserve(3 * std::size_t(camera.width) * camera.height);
-  for (int y = 0; y < camera.height; ++y)
-    for (int x = 0; x < camera.width; ++x) {
-      const auto direction = camera.unproject({x, y});
-      if (!direction) continue;
-      table.pixel.push_back(static_cast<std::uint32_t>(y) * camera.width + x);
-      for (int d = 0; d < 3; ++d) table.direction.push_back(static_cast<float>((*direction)[d]));
-    }
+  for (const Rows& rows : parts) {
+    table.pixel.insert(table.pixel.end(), rows.pixel.begin(), rows.pixel.end());
+    table.direction.insert(table.direction.end(), rows.direction.begin(), rows.direction.end());
+  }
   return table;
 }
 
-void view_rays(const RayTable& table, const Rigid3d& world_from_camera, std::size_t first, std::size_t count,
+PixelSquares squares_of(const RayTable& table) {
+  constexpr std::uint32_t kNone = ~0u;
+  constexpr int kLarge = 16;
+  std::vector<std::uint32_t> entry_of(static_cast<std::size_t>(table.width) * table.height, kNone);
+  for (std::size_t k = 0; k < table.pixel.size(); ++k) entry_of[table.pixel[k]] = static_cast<std::uint32_t>(k);
+  PixelSquares squares;
+  squares.entry.reserve(table.pixel.size());
+  squares.first = {0};
+  const auto add_square = [&](int left, int top) {
+    for (int y = top; y < std::min(top + 2, table.height); ++y)
+      for (int x = left; x < std::min(left + 2, table.width); ++x)
+        if (const std::uint32_t k = entry_of[static_cast<std::size_t>(y) * table.width + x]; k != kNone)
+          squares.entry.push_back(k);
+    if (squares.entry.size() > squares.first.back())
+      squares.first.push_back(static_cast<std::uint32_t>(squares.entry.size()));
+  };
+  for (int top = 0; top < table.height; top += kLarge)
+    for (int left = 0; left < table.width; left += kLarge)
+      for (int y = top; y < std::min(top + kLarge, table.height); y += 2)
+        for (int x = left; x < std::min(left + kLarge, table.width); x += 2) add_square(x, y);
+  return squares;
+}
+
+void view_rays(const RayTable& table, const Rigid3d& world_from_camera, std::span<const std::uint32_t> entries,
                RayBatch* batch) {
-  REDRIVE_CHECK_OP(first + count, <=, table.pixel.size());
-  resize(batch, static_cast<int>(count), false);
-  for (std::size_t i = 0; i < count; ++i) set_ray(table, first + i, world_from_camera, static_cast<int>(i), batch);
+  resize(batch, static_cast<int>(entries.size()), false);
+  for (std::size_t i = 0; i < entries.size(); ++i)
+    set_ray(table, entries[i], world_from_camera, static_cast<int>(i), batch);
 }
 
 UsedPixels::UsedPixels(const RayTable& table, const std::vector<std::uint8_t>& used)
