@@ -62,7 +62,10 @@ void print_summary(const Run& run, const TrainingData& training, const kernels::
   }
   if (const std::size_t moving = training.left_out.moving.objects(); moving > 0)
     std::printf("moving objects left out: %zu\n", moving);
-  if (const LidarReturns& lidar = training.lidar; lidar.n > 0)
+  if (const LidarReturns& lidar = training.lidar; lidar.n > 0 && run.recording.lidar_files.empty())
+    std::printf("%zu points of %s; left out: %zu that may be hidden\n", lidar.n, run.recording.points_file.c_str(),
+                lidar.hidden);
+  else if (lidar.n > 0)
     std::printf(
         "%zu LiDAR returns; left out: %zu repeated, %zu beyond the trajectory, %zu on the vehicle, %zu on moving "
         "objects\n",

@@ -87,7 +87,8 @@ struct Recording {
       true_frames;  ///< exact poses by id, where a made recording ships them; `frames` may carry errors
   std::vector<FrameFile> lidar_files;  ///< by frame id, with or without a pose: las.h reads them
   std::vector<FrameFile> box_files;    ///< by frame id, with or without a pose: boxes.h reads them
-  std::filesystem::path points_file;   ///< static point cloud, ply.h reads it; empty if there is none
+  std::filesystem::path
+      points_file;  ///< static point cloud, in place of lidar_files; ply.h reads it; empty if there is none
   /// True: a drive, in metres and ECEF, by a clock. False: pictures in a frame and unit of their own, which take the place
   /// of ECEF and metre everywhere; the body's axes are those of a camera that looks along body x, and t_ns only counts, 1 s a frame.
   bool metric = true;
