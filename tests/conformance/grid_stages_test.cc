@@ -135,6 +135,51 @@ TEST_P(EveryGridBackend, Contract) {
     }
 }
 
+TEST_P(EveryGridBackend, ContractBackward) {
+  const auto backend = make(), ref = make_ref_backend();
+  for (const BatchSize& size : batch_sizes())
+    for (const bool unbounded : {false, true}) {
+      SCOPED_TRACE(trace(size));
+      const Contraction contraction{{3, -7, 1.5f}, 24, unbounded};
+      const Rows rows(size);
+      const std::size_t n_rays = size.n_rays, n = rows.count();
+      const std::vector<float> origin = random_floats(3 * n_rays, 235, -40, 40),
+                               direction = random_floats(3 * n_rays, 236, -1, 1),
+                               d_position = random_floats(3 * n, 237, -1, 1);
+      const Rays rays{size.n_rays, origin, direction};
+      std::vector<float> d_origin(3 * n_rays, NAN), d_direction(3 * n_rays, NAN), expected_origin(3 * n_rays),
+          expected_direction(3 * n_rays);
+      backend->grid().contract_backward(contraction, rays, rows.intervals(), d_position, d_origin, d_direction);
+      ref->grid().contract_backward(contraction, rays, rows.intervals(), d_position, expected_origin,
+                                    expected_direction);
+      // A sample's part is at most three times the scale times the sum of |d_position|. Its factors, and the powers of m above
+      // -4 in them, round ten times; m itself is off by four roundings of its terms. Then per_ray parts are added up.
+      std::vector<double> of_origin(n_rays), of_direction(n_rays);
+      for (std::size_t i = 0; i < n; ++i) {
+        const std::size_t ray = i / size.per_ray;
+        const float* const edge = rows.of(static_cast<int>(ray)) + i % size.per_ray;
+        const double t = 0.5 * (double(edge[0]) + edge[1]);
+        double terms = 0, m = 1, d = 0;
+        for (int k = 0; k < 3; ++k) {
+          const double o = origin[k * n_rays + ray] - double(contraction.center[k]),
+                       along = t * direction[k * n_rays + ray];
+          terms = std::max(terms, (std::abs(o) + std::abs(along)) / contraction.half_m);
+          m = std::max(m, std::abs(o + along) / contraction.half_m);
+          d += std::abs(d_position[k * n + i]);
+        }
+        const double part = 3 * 0.5 / contraction.half_m * d,
+                     error = part * (10 + 16 * terms / m + size.per_ray) * u;
+        of_origin[ray] += error;
+        of_direction[ray] += t * error;
+      }
+      ASSERT_TRUE(all_near(
+          d_origin, [&](auto i) { return expected_origin[i]; }, [&](std::size_t i) { return of_origin[i % n_rays]; }));
+      ASSERT_TRUE(all_near(
+          d_direction, [&](auto i) { return expected_direction[i]; },
+          [&](std::size_t i) { return of_direction[i % n_rays]; }));
+    }
+}
+
 std::vector<HashGridConfig> grids() {
   // Dense and hashed levels each. No level has more than 2^10 cells times an odd number: see Points.
   return {{8, 4, 4, 512, 12}, {4, 8, 5, 300, 11}, {16, 2, 3, 700, 10}, {5, 1, 6, 160, 13}};
@@ -602,7 +647,7 @@ TEST_P(EveryGridBackend, SizesAreChecked) {
   const HashGridConfig config{5, 1, 6, 160, 13};
   const std::vector<float> table = table_of(config), origin(9), direction(9, 0.5f), angle(3, 0.01f);
   const Points at(15);
-  std::vector<float> few(7), n(15), n4(60), n3(45), d_table(table.size()), d_weights(grid.weights.size()),
+  std::vector<float> few(7), n(15), n4(60), n3(45), n9(9), d_table(table.size()), d_weights(grid.weights.size()),
       d_features(batch.features.size()), encoded(5 * 15);
   const Intervals short_edges{5, few};
   EXPECT_THROW(stages.spaced({3, origin, direction}, {5, kSpacing}, few), std::logic_error);
@@ -611,6 +656,9 @@ TEST_P(EveryGridBackend, SizesAreChecked) {
   EXPECT_THROW(stages.proposed(3, short_edges, n, {1}, few), std::logic_error);
   EXPECT_THROW(stages.contract({}, {3, origin, direction}, angle, rows.intervals(), few, n), std::logic_error);
   EXPECT_THROW(stages.contract({}, {3, origin, direction}, few, rows.intervals(), n3, n), std::logic_error);
+  EXPECT_THROW(stages.contract_backward({}, {3, origin, direction}, rows.intervals(), few, n9, n9), std::logic_error);
+  EXPECT_THROW(stages.contract_backward({}, {3, origin, direction}, rows.intervals(), n3, few, n9), std::logic_error);
+  EXPECT_THROW(stages.contract_backward({}, {3, origin, direction}, rows.intervals(), n3, n9, few), std::logic_error);
   EXPECT_THROW(stages.encode({config, few}, at.points(), encoded), std::logic_error);
   EXPECT_THROW(stages.encode({config, table}, at.points(), few), std::logic_error);
   EXPECT_THROW(stages.encode({config, table}, {15, few, n}, encoded), std::logic_error);

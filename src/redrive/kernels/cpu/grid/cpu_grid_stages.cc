@@ -137,6 +137,16 @@ class CpuGridStages final : public GridStages {
     });
   }
 
+  void contract_backward(const Contraction& contraction, const Rays& rays, const Intervals& intervals,
+                         std::span<const float> d_position, std::span<float> d_origin,
+                         std::span<float> d_direction) override {
+    check_contract_backward(rays, intervals, d_position.size(), d_origin.size(), d_direction.size());
+    pool_.run_ranges(rays.n, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t ray = begin; ray < end; ++ray)
+        contract_backward_of<float>(contraction, rays, intervals, d_position, ray, d_origin, d_direction);
+    });
+  }
+
   void encode(const HashGrid& grid, const UnitPoints& points, std::span<float> features) override {
     check_encode(grid, points, features.size());
     for_each_level_range(grid, points, [&](const GridLevel& level, std::size_t first_feature, const GridPoints& range) {
