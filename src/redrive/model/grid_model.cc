@@ -321,8 +321,12 @@ StepLosses GridModel::gradients(kernels::Backend& backend, const RayBatch& batch
   const auto d_raw = workspace->take(pass.raw.size());
   const auto d_seen = pass.some_are_empty() ? pick_columns(d_rgb, 3, pass.live, workspace) : d_rgb;
   backend.composite_backward(losses.field_rays, pass.samples, pass.raw, pass.background_of_live, {d_seen, {}}, d_raw);
-  backward_field(backend, pass, d_raw, gradients, workspace);
-  backward_sky(backend, batch.n, pass, opacity, d_rgb, gradients, workspace);
+  const bool moves = !batch.view.empty();
+  const auto d_field = moves ? workspace->take(3 * pass.field.points.n) : std::span<float>(),
+             d_sky = moves && sky.levels > 0 ? workspace->take(3 * rays) : std::span<float>();
+  backward_field(backend, pass, d_raw, gradients, d_field, workspace);
+  backward_sky(backend, batch.n, pass, opacity, d_rgb, gradients, d_sky, workspace);
+  if (moves) backward_rays(backend, batch, pass, d_field, d_sky, &losses, workspace);
   losses.loss = losses.colours + backward_proposals(backend, batch.n, pass, weights, gradients, workspace);
   return losses;
 }
@@ -348,22 +352,24 @@ double GridModel::range_gradients(kernels::Backend& backend, const RayBatch& bat
   const double loss = stages.range(batch.n, pass.intervals, weights, batch.range_m, spread_m, kRangeWeight, d_weights);
   std::ranges::fill(d_raw.first(3 * count), 0.0f);
   stages.weights_backward(batch.n, pass.intervals, density, weights, d_weights, d_raw.subspan(3 * count));
-  backward_field(backend, pass, d_raw, gradients, workspace);
+  backward_field(backend, pass, d_raw, gradients, {}, workspace);
   backward_proposals(backend, batch.n, pass, weights, gradients, workspace);
   return loss;
 }
 
 void GridModel::backward_field(kernels::Backend& backend, const Pass& pass, std::span<const float> d_raw,
-                               std::span<float> gradients, Workspace* workspace) const {
+                               std::span<float> gradients, std::span<float> d_position, Workspace* workspace) const {
   kernels::GridStages& stages = backend.grid();
   const auto d_features = workspace->take(pass.features.size());
   stages.network_backward(network(), static_cast<int>(pass.live.size()), samples, pass.features, pass.harmonics, d_raw,
                           part_of(gradients, kNetwork), d_features);
-  stages.encode_backward(grid(kFieldGrid), pass.field.points, d_features, part_of(gradients, kFieldGrid), {});
+  stages.encode_backward(grid(kFieldGrid), pass.field.points, d_features, part_of(gradients, kFieldGrid),
+                         d_position);
 }
 
 void GridModel::backward_sky(kernels::Backend& backend, int n, const Pass& pass, std::span<const float> opacity,
-                             std::span<const float> d_rgb, std::span<float> gradients, Workspace* workspace) const {
+                             std::span<const float> d_rgb, std::span<float> gradients, std::span<float> d_position,
+                             Workspace* workspace) const {
   const std::size_t rays = n;
   if (sky.levels == 0) return;
   const auto d_sky = workspace->take(pass.sky_features.size());
@@ -374,7 +380,27 @@ void GridModel::backward_sky(kernels::Backend& backend, int n, const Pass& pass,
       const float d = (1 - opacity[ray]) * d_rgb[k * rays + ray] * c * (1 - c);
       for (int l = 0; l < sky.levels; ++l) d_sky[(l * rays + ray) * sky.features + k] = d;
     }
-  backend.grid().encode_backward(grid(kSkyGrid), pass.sky_points, d_sky, part_of(gradients, kSkyGrid), {});
+  backend.grid().encode_backward(grid(kSkyGrid), pass.sky_points, d_sky, part_of(gradients, kSkyGrid), d_position);
+}
+
+void GridModel::backward_rays(kernels::Backend& backend, const RayBatch& batch, const Pass& pass,
+                              std::span<const float> d_field, std::span<const float> d_sky, StepLosses* losses,
+                              Workspace* workspace) const {
+  const std::size_t rays = batch.n, live = pass.live.size();
+  losses->d_origin.assign(3 * rays, 0.0f);
+  losses->d_direction.assign(3 * rays, 0.0f);
+  const auto d_origin = workspace->take(3 * live), d_direction = workspace->take(3 * live);
+  const RayBatch picked = pass.some_are_empty() ? pick_rays(batch, pass.live) : RayBatch();
+  backend.grid().contract_backward(contraction, rays_of(pass.some_are_empty() ? picked : batch), pass.field.intervals,
+                                   d_field, d_origin, d_direction);
+  for (int k = 0; k < 3; ++k) {
+    for (std::size_t i = 0; i < live; ++i) {
+      losses->d_origin[k * rays + pass.live[i]] = d_origin[k * live + i];
+      losses->d_direction[k * rays + pass.live[i]] = d_direction[k * live + i];
+    }
+    if (!d_sky.empty())  // as look_at_sky places it
+      for (std::size_t ray = 0; ray < rays; ++ray) losses->d_direction[k * rays + ray] += 0.5f * d_sky[k * rays + ray];
+  }
 }
 
 double GridModel::robust(const RayBatch& batch, std::span<const float> rgb, std::span<float> d_rgb,

@@ -362,6 +362,51 @@ TEST(GridModelGradients, OfFieldAndSkyAreThoseOfTheColours) {
   }
 }
 
+/// The rays' own derivatives, where nothing but their samples' places moves with them: proposals see the same everywhere, so that distances
+/// stay, and colours do not change with the direction.
+TEST(GridModelGradients, OfRaysAreThoseOfTheColours) {
+  const auto backend = kernels::make_ref_backend();
+  GridModel model;
+  make_tiny(model);
+  for (const ModelTensor& tensor : model.tensors()) {
+    float* const values = &model.parameters[tensor.offset];
+    if (tensor.name == "proposal") std::fill_n(values, size_of(tensor), 0.0f);
+    if (tensor.name == "colour.0.weight")
+      for (std::int64_t row = 0; row < tensor.shape[0]; ++row)
+        std::fill_n(values + row * tensor.shape[1] + kGeometry, kHarmonics, 0.0f);
+  }
+  RayBatch batch = tiny_batch(8);
+  batch.view.assign(8, 0);
+  std::vector<float> gradients(model.size());
+  const StepLosses losses = losses_of(model, batch, &gradients, *backend);
+  ASSERT_EQ(losses.d_origin.size(), 24u);
+  ASSERT_EQ(losses.d_direction.size(), 24u);
+  const auto colours = [&](const RayBatch& moved) {
+    std::vector<float> ignored(model.size());
+    return losses_of(model, moved, &ignored, *backend).colours;
+  };
+  for (const bool turns : {false, true}) {
+    const std::vector<float>& d = turns ? losses.d_direction : losses.d_origin;
+    double along = 0, squares = 0;
+    RayBatch moved[2] = {batch, batch};
+    constexpr float h = 0x1p-11f;
+    for (std::size_t i = 0; i < d.size(); ++i) {
+      const float sign = uniform(8, i) > 0 ? 1.0f : -1.0f;
+      for (const int side : {0, 1}) {
+        std::vector<float>& values = turns ? moved[side].direction : moved[side].origin;
+        values[i] += side ? h * sign : -h * sign;
+      }
+      along += sign * d[i];
+      squares += double(d[i]) * d[i];
+    }
+    const double difference = (colours(moved[1]) - colours(moved[0])) / (2 * h);
+    EXPECT_NEAR(difference, along, 0.03 * std::sqrt(squares) + 0x1p-25 / h) << (turns ? "turned" : "moved");
+    EXPECT_GT(std::sqrt(squares), 30 * 0x1p-25 / h) << "nothing tested";
+  }
+  batch.view.clear();
+  EXPECT_TRUE(losses_of(model, batch, &gradients, *backend).d_origin.empty());
+}
+
 TEST(GridModelGradients, OfRangesAreThoseOfTheirLoss) {
   const auto backend = kernels::make_ref_backend();
   GridModel model;

@@ -33,8 +33,8 @@ struct RayBatch {
   std::vector<Exposure> exposure;   ///< [n], empty: none
   std::vector<float> weight;        ///< [n]: what a ray's colour counts in the loss; empty: all 1
   std::vector<std::uint32_t> cell;  ///< [n]: of the pixel (PixelSampler::cells); empty where none are drawn by error
-  std::vector<std::uint32_t>
-      group;  ///< [groups + 1]: first rays of groups of neighbours that start alike; empty: none do
+  std::vector<std::uint32_t> group;  ///< [groups + 1]: first rays of neighbours that start alike; empty: none do
+  std::vector<std::uint32_t> view;   ///< [n]: of the scene, where poses are refined by the rays; else empty
   std::vector<float>
       range_m;  ///< [n]: where a LiDAR's ray ends; empty for those of cameras, as target is for a LiDAR's
 };
