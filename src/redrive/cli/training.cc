@@ -8,6 +8,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/memory_limit.h"
+#include "redrive/train/pose_refiner.h"
 #include "redrive/train/memory.h"
 
 namespace redrive {
@@ -84,6 +85,8 @@ int report_end(const Run& run, TrainEnd end) {
                  static_cast<long long>(run.state.step), root.c_str());
     return kExitInterrupted;
   }
+  if (run.state.poses.refines())
+    std::printf("%s", describe_corrections(run.scene, run.state.poses.corrections).c_str());
   std::printf("finished: step %lld after %.1f s of training; %s\n", static_cast<long long>(run.state.step),
               run.state.seconds, run.paths.checkpoint().c_str());
   return kExitOk;

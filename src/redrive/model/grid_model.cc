@@ -321,7 +321,7 @@ StepLosses GridModel::gradients(kernels::Backend& backend, const RayBatch& batch
   const auto d_raw = workspace->take(pass.raw.size());
   const auto d_seen = pass.some_are_empty() ? pick_columns(d_rgb, 3, pass.live, workspace) : d_rgb;
   backend.composite_backward(losses.field_rays, pass.samples, pass.raw, pass.background_of_live, {d_seen, {}}, d_raw);
-  const bool moves = !batch.view.empty();
+  const bool moves = batch.refines;
   const auto d_field = moves ? workspace->take(3 * pass.field.points.n) : std::span<float>(),
              d_sky = moves && sky.levels > 0 ? workspace->take(3 * rays) : std::span<float>();
   backward_field(backend, pass, d_raw, gradients, d_field, workspace);

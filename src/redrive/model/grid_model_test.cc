@@ -376,7 +376,7 @@ TEST(GridModelGradients, OfRaysAreThoseOfTheColours) {
         std::fill_n(values + row * tensor.shape[1] + kGeometry, kHarmonics, 0.0f);
   }
   RayBatch batch = tiny_batch(8);
-  batch.view.assign(8, 0);
+  batch.refines = true;
   std::vector<float> gradients(model.size());
   const StepLosses losses = losses_of(model, batch, &gradients, *backend);
   ASSERT_EQ(losses.d_origin.size(), 24u);
@@ -403,7 +403,7 @@ TEST(GridModelGradients, OfRaysAreThoseOfTheColours) {
     EXPECT_NEAR(difference, along, 0.03 * std::sqrt(squares) + 0x1p-25 / h) << (turns ? "turned" : "moved");
     EXPECT_GT(std::sqrt(squares), 30 * 0x1p-25 / h) << "nothing tested";
   }
-  batch.view.clear();
+  batch.refines = false;
   EXPECT_TRUE(losses_of(model, batch, &gradients, *backend).d_origin.empty());
 }
 

@@ -179,6 +179,10 @@ PixelSampler::PixelSampler(const Scene& scene, const std::vector<Image8>& images
                      "masks and camera models leave no pixel of this and all other training images");
 }
 
+void PixelSampler::place() {
+  for (TrainingView& view : training_views_) view.world_from_camera = scene_.world_from_camera(scene_.views[view.view]);
+}
+
 void PixelSampler::add(Pool pool, std::size_t size) {
   offsets_.push_back(offsets_.back() + (size + pool.every - 1) / pool.every);
   pools_.push_back(std::move(pool));
@@ -224,6 +228,7 @@ void PixelSampler::set(const Drawn& drawn, int i, RayBatch* batch) const {
   const Image8& image = images_[from.view];
   set_ray(table, drawn.entry, from.world_from_camera, i, batch);
   batch->exposure[i] = scene_.exposure(view);
+  batch->view[i] = static_cast<std::uint32_t>(from.view);
   const std::size_t pixel = table.pixel[drawn.entry];
   for (int c = 0; c < 3; ++c) {
     const std::size_t at = std::size_t(c) * batch->n + i;
@@ -242,6 +247,7 @@ void PixelSampler::gather(std::uint64_t first, int even, RayBatch* batch, const 
   resize(batch, even + more.n, true);
   batch->by_error = more.n;
   batch->exposure.resize(batch->n);
+  batch->view.resize(batch->n);
   batch->cell.resize(more.n > 0 ? batch->n : 0);
   if (scene_.background != Background::kNone)
     batch->background.assign(3 * std::size_t(batch->n), rendered_background(scene_.background)[0]);

@@ -34,7 +34,8 @@ struct RayBatch {
   std::vector<float> weight;        ///< [n]: what a ray's colour counts in the loss; empty: all 1
   std::vector<std::uint32_t> cell;  ///< [n]: of the pixel (PixelSampler::cells); empty where none are drawn by error
   std::vector<std::uint32_t> group;  ///< [groups + 1]: first rays of neighbours that start alike; empty: none do
-  std::vector<std::uint32_t> view;   ///< [n]: of the scene, where poses are refined by the rays; else empty
+  std::vector<std::uint32_t> view;   ///< [n]: of the scene; empty in rendering
+  bool refines = false;              ///< a step says what each ray's own place and direction change
   std::vector<float>
       range_m;  ///< [n]: where a LiDAR's ray ends; empty for those of cameras, as target is for a LiDAR's
 };
@@ -78,6 +79,9 @@ class PixelSampler {
  public:
   /// InputError: no pixel is left.
   PixelSampler(const Scene& scene, const std::vector<Image8>& images, std::uint64_t seed);
+
+  /// Takes the poses of the scene's views anew: they have been moved.
+  void place();
 
   std::uint64_t pixels() const { return offsets_.back(); }  ///< of one epoch
   const PixelCells& cells() const { return cells_; }        ///< of the training views

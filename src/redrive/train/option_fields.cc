@@ -173,6 +173,9 @@ std::vector<TrainField> make_fields() {
           "truth-poses", &O::truth_poses,
           "use the exact poses and calibration that a made recording ships (*_true.json), to tell what poses cost from "
           "what the field costs"),
+      text("refine-poses", &O::refine_poses, {"auto", "on", "off"},
+           "put right what the recording says of each frame's pose, each camera's place and time while training; auto: "
+           "of a drive by grid, but not with --truth-poses"),
       number("near", &O::near_m, Range<double>{0, kInfinite, true}, "first sample of a ray, metres"),
       number("far", &O::far_m, Range<double>{0, kInfinite, true}, "last sample of a ray, metres"),
       text("background", &O::background, {"", "white", "black", "random"},

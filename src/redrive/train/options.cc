@@ -114,6 +114,13 @@ void resolve_range(TrainOptions* options, const std::vector<std::string>& given,
   options->far_m = unbounded ? kFurthest * half_side : furthest;
 }
 
+bool refines_poses(const TrainOptions& options, const Scene& scene) {
+  const bool can = options.method == "grid" && scene.metric;
+  if (options.refine_poses == "on" && !can)
+    throw UsageError("--refine-poses", "on", "poses are refined by --method grid alone, and of drives alone");
+  return can && (options.refine_poses == "on" || (options.refine_poses == "auto" && !options.truth_poses));
+}
+
 void validate(const TrainOptions& options) {
   for (const TrainField& field : train_fields()) {
     field.check(options);

@@ -27,6 +27,7 @@ struct TrainOptions {
   int holdout_every = 0;
   bool undistort = false;
   bool truth_poses = false;  ///< the exact poses and calibration that a made recording ships
+  std::string refine_poses = "auto";  ///< "auto", "on", "off": while training; auto: of a drive by grid, but not with truth_poses
   double near_m = 0.5, far_m = 1000;
   std::string background;  ///< "", "white", "black", "random": behind transparent pixels
   std::string masks =
@@ -81,6 +82,9 @@ void validate(const TrainOptions& options);
 SceneOptions scene_options(const TrainOptions& options);
 /// The recording, with the poses that the options say. InputError as redrive::open_recording.
 Recording open_recording(const TrainOptions& options);
+
+/// Whether poses are refined. UsageError where nothing can: --method nerf, photographs.
+bool refines_poses(const TrainOptions& options, const Scene& scene);
 
 /// What --memory allows on a machine of so many bytes: bytes ("6000000000"), "6GiB", or a share ("70%"). UsageError.
 std::uint64_t allowed_memory(const TrainOptions& options, std::uint64_t machine);

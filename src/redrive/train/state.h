@@ -10,6 +10,7 @@
 
 #include "redrive/base/buffer.h"
 #include "redrive/model/model.h"
+#include "redrive/scene/pose_corrections.h"
 
 namespace redrive {
 
@@ -43,9 +44,22 @@ struct LossWindow {
   bool operator==(const LossWindow&) const = default;
 };
 
+/// Corrections of the recording's poses with their Adam moments (train/pose_refiner.h).
+struct PoseState {
+  PoseCorrections corrections;  ///< values empty: poses are not refined
+  std::vector<float> first_moment, second_moment;
+  std::int64_t updates = 0;
+
+  PoseState() = default;
+  explicit PoseState(const Scene& scene)
+      : corrections(scene), first_moment(corrections.size()), second_moment(corrections.size()) {}
+  bool refines() const { return !corrections.values.empty(); }
+};
+
 struct TrainState {
   std::unique_ptr<Model> model;
   Buffer<float> first_moment, second_moment;  ///< as model->parameters
+  PoseState poses;
   std::int64_t step = 0;                      ///< steps done
   std::uint64_t rays_drawn = 0;               ///< in the epochs' order; those by error do not count
   std::vector<float> cell_errors;             ///< of PixelSampler::cells; empty: nothing is drawn by error
@@ -62,7 +76,8 @@ struct TrainState {
   LossWindow window;
 };
 
-/// safetensors (so that Python reads it): the model's tensors by name, "adam.first_moment", "adam.second_moment" and, if any, "cell_errors"; method, step,
+/// safetensors (so that Python reads it): the model's tensors by name, "adam.first_moment", "adam.second_moment" and, if any, "cell_errors" and
+/// "poses" with "poses.first_moment" and "poses.second_moment"; method, step,
 /// seconds, seed and the model's numbers in __metadata__ (strings). Written atomically (base/files.h).
 void save_checkpoint(const std::filesystem::path& file, const TrainState& state);
 /// InputError names file and field: truncated, wrong header, shape that disagrees with its config, non-finite values.

@@ -5,12 +5,15 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
 #include <limits>
 
 #include "redrive/base/error.h"
 #include "redrive/base/rng.h"
 #include "redrive/rays/lidar_sampler.h"
+#include "redrive/recording/trajectory.h"
 #include "redrive/train/loss_watch.h"
+#include "redrive/train/pose_refiner.h"
 #include "redrive/train/progress.h"
 #include "redrive/train/start_watch.h"
 #include "redrive/train/step.h"
@@ -23,6 +26,12 @@ constexpr int kStepsPerRow = 25;  // a row of metrics.jsonl: 1024 rays x 25 aver
 constexpr int kMaxBadSteps = 50;  // non-finite ones on end: it will not heal
 constexpr double kSecondsPerCheckpoint = 60;  // of training: what a kill costs at most, however slow the machine
 
+// Poses are refined on one step in four, which costs it a third more, once there is something to see. Until a fifth of the run is over
+// rays are wider than they are, so that fine levels neither lock errors in nor pull where they have nothing to say yet.
+constexpr std::int64_t kStepsPerRefinement = 4;
+const double kFirstRefinement = std::getenv("RP_FIRST") ? atof(std::getenv("RP_FIRST")) : 0.02, kBlurred = std::getenv("RP_BLUR") ? atof(std::getenv("RP_BLUR")) : 0.2, kBlurAtFirst = std::getenv("RP_BLURX") ? atof(std::getenv("RP_BLURX")) : 6;
+const double kFirstPoseRate_m = std::getenv("RP_RATE") ? atof(std::getenv("RP_RATE")) : 1e-3, kLastPoseRate = 0.01;  // an update; of it at the end
+
 double decibels(double mse) { return -10 * std::log10(std::max(mse, 1e-10)); }
 
 /// One call of train(): the run, what is constant in it, and what the loop's parts share.
@@ -33,7 +42,8 @@ class Trainer {
         state_(run->state),
         options_(run->options),
         backend_(backend),
-        sampler_(run->scene, data.images, run->options.seed),
+        scene_(run->scene),
+        sampler_(scene_, data.images, run->options.seed),
         lidar_sampler_(data.lidar, run->options.seed),
         use_lidar_(options_.lidar_rays > 0 && data.lidar.n > 0),
         saved_seconds_(run->state.seconds) {
@@ -66,6 +76,7 @@ class Trainer {
     return decayed_rate(rate, options_.lr_gamma, std::min(progress(), 1.0), step);
   }
 
+  double pose_rate() const { return kFirstPoseRate_m * std::pow(kLastPoseRate, progress()); }
   int rays() const { return rays_of_step(options_.batch_rays, state_.field_share); }
   int rays_by_error() const { return static_cast<int>(options_.error_rays * rays()); }
 
@@ -84,14 +95,46 @@ class Trainer {
     if (state_.loss_watch.pixels != sampler_.pixels()) state_.loss_watch = {sampler_.pixels()};
     const std::size_t cells = rays_by_error() > 0 ? sampler_.cells().size() : 0;
     if (state_.cell_errors.size() != cells) state_.cell_errors.assign(cells, kUnseenError);
+    place();
+  }
+
+  /// Everything where the corrections put it.
+  void place() {
+    if (!state_.poses.refines()) return;
+    Recording placed = corrected(run_.recording, run_.scene, state_.poses.corrections);
+    place_views(placed, &scene_);
+    sampler_.place();
+    frames_ = std::move(placed.frames);
+  }
+
+  /// What the corrections at a time make of the world as the recording has it: LiDAR returns lie in that.
+  Rigid3d moved(std::int64_t t_ns) const {
+    return scene_.ecef_from_world.inverse() * pose_at(frames_, t_ns) *
+           pose_at(run_.recording.frames, t_ns).inverse() * scene_.ecef_from_world;
+  }
+
+  void gather(std::int64_t number) {
+    sampler_.gather(state_.rays_drawn, rays() - rays_by_error(), &batch_, {rays_by_error(), state_.cell_errors});
+    if (use_lidar_)
+      lidar_sampler_.gather(number, options_.lidar_rays, &lidar_batch_,
+                            state_.poses.refines() ? [this](std::int64_t t_ns) { return moved(t_ns); }
+                                                   : LidarSampler::Moved());
+    batch_.refines = state_.poses.refines() && number % kStepsPerRefinement == 0 && progress() > kFirstRefinement;
+    if (state_.poses.refines() && progress() < kBlurred) {
+      const float wider = static_cast<float>(1 + (kBlurAtFirst - 1) * (1 - progress() / kBlurred));
+      for (float& angle : batch_.pixel_angle) angle *= wider;
+    }
   }
 
   void step() {
     const auto begin = std::chrono::steady_clock::now();
     const std::int64_t number = state_.step;
-    sampler_.gather(state_.rays_drawn, rays() - rays_by_error(), &batch_, {rays_by_error(), state_.cell_errors});
-    if (use_lidar_) lidar_sampler_.gather(number, options_.lidar_rays, &lidar_batch_);
+    gather(number);
     const StepResult result = train_step(backend_, batch_, learning_rate(number), &state_, &buffers_, &lidar_batch_);
+    if (batch_.refines && result.finite) {
+      refine_poses(scene_, batch_, result, pose_rates(pose_rate()), &state_.poses);
+      place();
+    }
     const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     state_.seconds += seconds;
 
@@ -131,6 +174,7 @@ class Trainer {
     const int restarts = state_.restarts + 1;
     TrainState fresh =
         initial_state(std::move(state_.model), mix64(options_.seed + static_cast<std::uint64_t>(restarts)));
+    if (state_.poses.refines()) fresh.poses = PoseState(run_.scene);
     fresh.restarts = restarts;
     fresh.seconds = state_.seconds;
     std::fprintf(stderr, "redrive: step %lld: %s; restarting from another seed (%d of at most %d)\n",
@@ -244,6 +288,8 @@ class Trainer {
   TrainState& state_;
   const TrainOptions& options_;
   kernels::Backend& backend_;
+  Scene scene_;  // the run's with the views where corrections have put them
+  std::vector<FramePose> frames_;  // the recording's, likewise
   PixelSampler sampler_;
   LidarSampler lidar_sampler_;
   bool use_lidar_;
