@@ -329,7 +329,7 @@ std::string trace(const GridCase& grid) {
   return trace(grid.config.grid) + ", width " + std::to_string(grid.config.width) + ", " +
          std::to_string(grid.config.colour_layers) + " colour layers";
 }
-/// A tile is 512 samples: rays longer than one, tiles of a few rays, more tiles than lanes.
+/// A tile is 256 or 384 samples: rays longer than one, tiles of a few rays, more tiles than lanes.
 std::vector<BatchSize> network_batch_sizes() {
   if (kSanitized) return {{1, 1}, {7, 3}, {33, 24}};
   return {{1, 1}, {1, 24}, {7, 3}, {33, 24}, {3, 64}, {2, 600}, {400, 24}};
@@ -341,12 +341,13 @@ bool too_slow(const Candidate& candidate, const GridCase& grid, BatchSize size) 
 
 TEST_P(EveryGridBackend, NetworkForward) {
   const auto backend = make();
+  const bool bf16 = GetParam().grid_roundoff() == kBf16Roundoff;
   for (const GridCase& grid : cases())
     for (const BatchSize& size : network_batch_sizes()) {
       if (too_slow(GetParam(), grid, size)) continue;
       SCOPED_TRACE(trace(grid) + ", " + trace(size));
       const GridBatch batch(grid, size.n_rays, size.per_ray);
-      const GridExpected expected = GridOracle(grid, kFp32Roundoff).compute(batch);
+      const GridExpected expected = GridOracle(grid, GetParam().grid_roundoff()).compute(batch);
       std::vector<float> raw(4 * batch.samples(), NAN);
       backend->grid().network_forward(grid.network(), size.n_rays, size.per_ray, batch.features, batch.harmonics, raw);
       ASSERT_TRUE(all_near(
@@ -354,7 +355,7 @@ TEST_P(EveryGridBackend, NetworkForward) {
           [&](std::size_t i) {
             return kDeviations * expected.raw_deviation[batch.point[i % batch.samples()]][i / batch.samples()];
           }));
-      // A sample in another one's place would be off by the spread of the points: the tolerance is far below that.
+      // A sample in another one's place would be off by the spread of the points: the tolerance is below that, of fp32 far below.
       for (int k = 0; k < 4; ++k) {
         double low = INFINITY, high = -INFINITY, deviation = 0;
         for (int p = 0; p < GridCase::kPoints; ++p) {
@@ -362,19 +363,20 @@ TEST_P(EveryGridBackend, NetworkForward) {
           high = std::max(high, expected.raw[p][k]);
           deviation = std::max(deviation, expected.raw_deviation[p][k]);
         }
-        ASSERT_LT(kDeviations * deviation, 1e-3 * (high - low)) << "channel " << k;
+        ASSERT_LT(kDeviations * deviation, (bf16 ? 0.5 : 1e-3) * (high - low)) << "channel " << k;
       }
     }
 }
 
 TEST_P(EveryGridBackend, NetworkBackward) {
   const auto backend = make();
+  const bool bf16 = GetParam().grid_roundoff() == kBf16Roundoff;
   for (const GridCase& grid : cases())
     for (const BatchSize& size : network_batch_sizes()) {
       if (too_slow(GetParam(), grid, size)) continue;
       SCOPED_TRACE(trace(grid) + ", " + trace(size));
       const GridBatch batch(grid, size.n_rays, size.per_ray);
-      const GridExpected expected = GridOracle(grid, kFp32Roundoff).compute(batch);
+      const GridExpected expected = GridOracle(grid, GetParam().grid_roundoff()).compute(batch);
       const float before = 0x1p-12f;  // gradients are added to
       std::vector<float> d_weights(grid.weights.size(), before), d_features(batch.features.size(), NAN);
       backend->grid().network_backward(grid.network(), size.n_rays, size.per_ray, batch.features, batch.harmonics,
@@ -399,7 +401,7 @@ TEST_P(EveryGridBackend, NetworkBackward) {
           square += expected.gradient[i] * expected.gradient[i];
           variance += expected.gradient_deviation[i] * expected.gradient_deviation[i];
         }
-        ASSERT_LE(kDeviations * std::sqrt(variance), 1e-2 * std::sqrt(square)) << shape.name;
+        ASSERT_LE(kDeviations * std::sqrt(variance), (bf16 ? 0.5 : 1e-2) * std::sqrt(square)) << shape.name;
       }
     }
 }

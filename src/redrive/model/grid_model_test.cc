@@ -528,7 +528,8 @@ TEST(GridModel, EmptyRaysCostTheFieldNothing) {
 }
 
 TEST(GridModelGradients, AreTheSameOnEveryBackend) {
-  // The stages differ by roundings, a few hundred of 2^-24 one after the other; a sample or ray out of place is of order 1.
+  // The stages differ by roundings, a few hundred of 2^-24 one after the other; a sample or ray out of place is of order 1. Where the
+  // networks round to bf16, a dozen of 2^-8, two a product, count alone.
   GridModel model;
   make_tiny(model);
   const RayBatch batch = tiny_batch(50);
@@ -536,10 +537,11 @@ TEST(GridModelGradients, AreTheSameOnEveryBackend) {
   const StepLosses losses = losses_of(model, batch, &expected, *kernels::make_ref_backend());
   for (const Isa isa : all_isas()) {
     if (isa_obstacle(isa)) continue;
+    const double tolerance = isa == Isa::kAvx512Bf16 ? 12 * 0x1p-8 : 1e-4;
     std::vector<float> gradients(model.size());
     const StepLosses got = losses_of(model, batch, &gradients, *kernels::make_cpu_backend(isa, 2));
-    EXPECT_NEAR(got.loss, losses.loss, 1e-4 * losses.loss) << isa_name(isa);
-    EXPECT_NEAR(got.opacity, losses.opacity, 1e-4) << isa_name(isa);
+    EXPECT_NEAR(got.loss, losses.loss, tolerance * losses.loss) << isa_name(isa);
+    EXPECT_NEAR(got.opacity, losses.opacity, tolerance) << isa_name(isa);
     for (const ModelTensor& tensor : model.tensors()) {
       double square = 0, difference = 0;
       for (std::size_t i = tensor.offset; i < tensor.offset + size_of(tensor); ++i) {
@@ -547,7 +549,7 @@ TEST(GridModelGradients, AreTheSameOnEveryBackend) {
         difference += std::pow(double(gradients[i]) - expected[i], 2);
       }
       EXPECT_GT(square, 0) << tensor.name;
-      EXPECT_LE(std::sqrt(difference), 1e-4 * std::sqrt(square)) << isa_name(isa) << ", " << tensor.name;
+      EXPECT_LE(std::sqrt(difference), tolerance * std::sqrt(square)) << isa_name(isa) << ", " << tensor.name;
     }
   }
 }
