@@ -8,8 +8,8 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/memory_limit.h"
-#include "redrive/train/pose_refiner.h"
 #include "redrive/train/memory.h"
+#include "redrive/train/pose_refiner.h"
 
 namespace redrive {
 namespace {

@@ -29,10 +29,10 @@ struct RayBatch {
   int n = 0;
   int by_error = 0;  ///< of them the last, which PixelSampler drew by error, the others evenly
   std::vector<float> origin, direction, target, background;
-  std::vector<float> pixel_angle;   ///< [n], rad: of the ray's camera
-  std::vector<Exposure> exposure;   ///< [n], empty: none
-  std::vector<float> weight;        ///< [n]: what a ray's colour counts in the loss; empty: all 1
-  std::vector<std::uint32_t> cell;  ///< [n]: of the pixel (PixelSampler::cells); empty where none are drawn by error
+  std::vector<float> pixel_angle;    ///< [n], rad: of the ray's camera
+  std::vector<Exposure> exposure;    ///< [n], empty: none
+  std::vector<float> weight;         ///< [n]: what a ray's colour counts in the loss; empty: all 1
+  std::vector<std::uint32_t> cell;   ///< [n]: of the pixel (PixelSampler::cells); empty where none are drawn by error
   std::vector<std::uint32_t> group;  ///< [groups + 1]: first rays of neighbours that start alike; empty: none do
   std::vector<std::uint32_t> view;   ///< [n]: of the scene; empty in rendering
   bool refines = false;              ///< a step says what each ray's own place and direction change

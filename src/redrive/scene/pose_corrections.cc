@@ -116,33 +116,36 @@ void place_views(const Recording& recording, Scene* scene) {
                                                                            scene->rig[view.camera].time_offset_ns);
 }
 
+Vector6d in_body(const Scene& scene, const View& view, const ViewGradient& gradient) {
+  const Eigen::Matrix3d body_from_world = view.world_from_body.linear().transpose();
+  const Eigen::Vector3d by = body_from_world * gradient.d_place,
+                        lever = scene.rig[view.camera].body_from_sensor.translation();
+  Vector6d six;
+  six << by, body_from_world * gradient.d_turn + lever.cross(by);  // a turn of the body moves the camera, too
+  return six;
+}
+
 std::vector<double> gradient_of_corrections(const Scene& scene, const PoseCorrections& corrections,
                                             std::span<const ViewGradient> views) {
   REDRIVE_CHECK_OP(views.size(), ==, scene.views.size());
   std::vector<double> out(corrections.size());
-  const auto add = [&](std::size_t at, double factor, const Eigen::Vector3d& by, const Eigen::Vector3d& turn) {
-    for (int k = 0; k < 3; ++k) {
-      out[at + k] += factor * by[k];
-      out[at + 3 + k] += factor * turn[k];
-    }
+  const auto add = [&](std::size_t at, const Vector6d& six) {
+    for (int k = 0; k < 6; ++k) out[at + k] += six[k];
   };
   for (std::size_t v = 0; v < views.size(); ++v) {
     const View& view = scene.views[v];
     const RigCamera& camera = scene.rig[view.camera];
-    const Eigen::Matrix3d body_from_world = view.world_from_body.linear().transpose(),
-                          camera_from_world = scene.world_from_camera(view).linear().transpose();
-    add(corrections.at_camera(view.camera), 1, camera_from_world * views[v].d_place,
-        camera_from_world * views[v].d_turn);
-    // A turn of the body moves the camera, too.
-    const Eigen::Vector3d by = body_from_world * views[v].d_place,
-                          turn = body_from_world * views[v].d_turn +
-                                 Eigen::Vector3d(camera.body_from_sensor.translation()).cross(by);
+    const Eigen::Matrix3d camera_from_world = scene.world_from_camera(view).linear().transpose();
+    Vector6d of_camera;
+    of_camera << camera_from_world * views[v].d_place, camera_from_world * views[v].d_turn;
+    add(corrections.at_camera(view.camera), of_camera);
+    const Vector6d of_body = in_body(scene, view, views[v]);
     const Between at = find_between(scene.frames.size(), scene.frames[view.frame].t_ns + camera.time_offset_ns,
                                     [&](std::size_t i) { return scene.frames[i].t_ns; });
-    add(corrections.at_frame(static_cast<int>(at.before)), 1 - at.part, by, turn);
-    if (at.part != 0) add(corrections.at_frame(static_cast<int>(at.before) + 1), at.part, by, turn);
+    add(corrections.at_frame(static_cast<int>(at.before)), (1 - at.part) * of_body);
+    if (at.part != 0) add(corrections.at_frame(static_cast<int>(at.before) + 1), at.part * of_body);
     const Twist twist = twist_at(scene, view.frame);
-    out[corrections.at_time(view.camera)] += twist.velocity.dot(by) + twist.turn.dot(turn);
+    out[corrections.at_time(view.camera)] += twist.velocity.dot(of_body.head<3>()) + twist.turn.dot(of_body.tail<3>());
   }
   return out;
 }

@@ -48,6 +48,9 @@ void place_views(const Recording& recording, Scene* scene);
 struct ViewGradient {
   Eigen::Vector3d d_place = Eigen::Vector3d::Zero(), d_turn = Eigen::Vector3d::Zero();
 };
+using Vector6d = Eigen::Matrix<double, 6, 1>;
+/// The same of the motion_of six numbers of the body that carries the camera.
+Vector6d in_body(const Scene& scene, const View& view, const ViewGradient& gradient);
 /// By view of the scene -> by number of corrections, which stand at 0 or at what `scene` was placed by. A view between two frames, as a
 /// time offset puts it, moves by both.
 std::vector<double> gradient_of_corrections(const Scene& scene, const PoseCorrections& corrections,

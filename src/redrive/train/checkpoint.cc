@@ -44,7 +44,7 @@ void visit_numbers(State& state, const Visit& visit) {
   visit("window.seconds", state.window.seconds);
   visit("poses.frames", state.poses.corrections.frames);
   visit("poses.cameras", state.poses.corrections.cameras);
-  visit("poses.updates", state.poses.updates);
+  visit("poses.updates", state.poses.moments.updates);
 }
 
 /// Shows a model's numbers to a function of (name, number), whatever their type.
@@ -79,7 +79,7 @@ void check_state(const TrainState& state, const std::filesystem::path& file) {
           state.poses.corrections.frames, "must be in 0..10000000");
   require(state.poses.corrections.cameras >= 0 && state.poses.corrections.cameras <= 100'000, "poses.cameras",
           state.poses.corrections.cameras, "must be in 0..100000");
-  require(state.poses.updates >= 0, "poses.updates", state.poses.updates, "must not be negative");
+  require(state.poses.moments.updates >= 0, "poses.updates", state.poses.moments.updates, "must not be negative");
   require(state.window.steps >= 0, "window.steps", state.window.steps, "must not be negative");
 }
 
@@ -124,8 +124,8 @@ std::string checkpoint_bytes(const TrainState& state) {
   if (state.poses.refines()) {
     const std::vector<std::int64_t> of_poses = {static_cast<std::int64_t>(state.poses.corrections.size())};
     entries.push_back({kPoses[0], of_poses, state.poses.corrections.values});
-    entries.push_back({kPoses[1], of_poses, state.poses.first_moment});
-    entries.push_back({kPoses[2], of_poses, state.poses.second_moment});
+    entries.push_back({kPoses[1], of_poses, state.poses.moments.first});
+    entries.push_back({kPoses[2], of_poses, state.poses.moments.second});
   }
   return safetensors_bytes(metadata, entries);
 }
@@ -189,9 +189,9 @@ TrainState parse_checkpoint(std::string_view bytes, const std::filesystem::path&
   if (with_poses) {
     const std::vector<std::int64_t> of_poses = {static_cast<std::int64_t>(state.poses.corrections.size())};
     state.poses.corrections.values = std::move(take(parsed, kPoses[0], of_poses, file).values);
-    state.poses.first_moment = std::move(take(parsed, kPoses[1], of_poses, file).values);
-    state.poses.second_moment = std::move(take(parsed, kPoses[2], of_poses, file).values);
-    for (const float v : state.poses.second_moment)
+    state.poses.moments.first = std::move(take(parsed, kPoses[1], of_poses, file).values);
+    state.poses.moments.second = std::move(take(parsed, kPoses[2], of_poses, file).values);
+    for (const float v : state.poses.moments.second)
       if (v < 0) throw InputError(file, kPoses[2], std::to_string(v), "must not be negative");
   }
   const std::size_t expected = tensors.size() + 2 + with_errors + 3 * with_poses;

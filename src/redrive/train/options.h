@@ -27,7 +27,8 @@ struct TrainOptions {
   int holdout_every = 0;
   bool undistort = false;
   bool truth_poses = false;  ///< the exact poses and calibration that a made recording ships
-  std::string refine_poses = "auto";  ///< "auto", "on", "off": while training; auto: of a drive by grid, but not with truth_poses
+  std::string refine_poses =
+      "auto";  ///< "auto", "on", "off": while training; auto: of a drive by grid, but not with truth_poses
   double near_m = 0.5, far_m = 1000;
   std::string background;  ///< "", "white", "black", "random": behind transparent pixels
   std::string masks =

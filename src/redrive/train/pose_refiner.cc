@@ -5,22 +5,63 @@
 #include <cmath>
 #include <cstdio>
 
+#include "redrive/optim/adam.h"
+
 namespace redrive {
 namespace {
 
 // An update hears of some tens of rays a frame: what Adam follows is the mean of twenty.
-constexpr double kBeta1 = 0.95, kBeta2 = 0.99;
-/// Of each number an update: small corrections are likelier than large ones, and of what moves nothing, as all frames against all cameras, none.
-constexpr double kDecay = 1e-3;
+constexpr float kBeta1 = 0.95f, kBeta2 = 0.99f;
+/// Small corrections are likelier than large ones: what is 1 m off is pulled back by this share of the rate.
+constexpr double kDecay = 0.3;
 
 float bound_of(const PoseCorrections& corrections, std::size_t i) {
   if (i >= corrections.at_time(0)) return kMostLate_s;
   return i % 6 < 3 ? kMostMoved_m : kMostTurned_rad;
 }
 
+/// Takes from all cameras what they have in common, in the body's axes: to the first order the mean of how they moved and turned, and of
+/// their times.
+void leave_to_frames(const Scene& scene, PoseCorrections* corrections) {
+  const int cameras = corrections->cameras;
+  Eigen::Vector3d by = Eigen::Vector3d::Zero(), turn = Eigen::Vector3d::Zero();
+  double time = 0;
+  const auto part = [&](int c, int first) {
+    return Eigen::Map<Eigen::Vector3f>(&corrections->values[corrections->at_camera(c) + first]);
+  };
+  for (int c = 0; c < cameras; ++c) {
+    const Eigen::Matrix3d body_from_camera = scene.rig[c].body_from_sensor.linear();
+    turn += body_from_camera * part(c, 3).cast<double>() / cameras;
+    by += body_from_camera * part(c, 0).cast<double>() / cameras;
+    time += corrections->values[corrections->at_time(c)] / cameras;
+  }
+  for (int c = 0; c < cameras; ++c) {
+    const Eigen::Matrix3d camera_from_body = scene.rig[c].body_from_sensor.linear().transpose();
+    part(c, 0) -= (camera_from_body * by).cast<float>();
+    part(c, 3) -= (camera_from_body * turn).cast<float>();
+    corrections->values[corrections->at_time(c)] -= static_cast<float>(time);
+  }
+}
+
 }  // namespace
 
 PoseRates pose_rates(double rate_m) { return {rate_m, rate_m / 10, rate_m / 10}; }
+
+void update_poses(std::span<const double> gradient, const std::function<double(std::size_t i)>& rate_of,
+                  std::span<float> values, Moments* moments) {
+  const double updates = static_cast<double>(++moments->updates);
+  AdamStep how;
+  how.beta1 = kBeta1;
+  how.beta2 = kBeta2;
+  how.epsilon = 1e-20f;
+  how.bias1 = static_cast<float>(1 / (1 - std::pow(double(kBeta1), updates)));
+  how.bias2 = static_cast<float>(1 / (1 - std::pow(double(kBeta2), updates)));
+  how.lazy = true;  // what no ray speaks of
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    how.learning_rate = static_cast<float>(rate_of(i));
+    adam_update(how, static_cast<float>(gradient[i]), values[i], moments->first[i], moments->second[i]);
+  }
+}
 
 std::vector<ViewGradient> view_gradients(const Scene& scene, const RayBatch& batch, const StepLosses& losses) {
   const std::size_t n = batch.n;
@@ -45,19 +86,17 @@ void refine_poses(const Scene& scene, const RayBatch& batch, const StepLosses& l
   const std::vector<double> gradient =
       gradient_of_corrections(scene, corrections, view_gradients(scene, batch, losses));
   if (!std::ranges::all_of(gradient, [](double g) { return std::isfinite(g); })) return;
-  ++state->updates;
-  const double bias1 = 1 - std::pow(kBeta1, static_cast<double>(state->updates)),
-               bias2 = 1 - std::pow(kBeta2, static_cast<double>(state->updates));
-  const std::size_t of_frames = corrections.at_camera(0), of_times = corrections.at_time(0);
-  for (std::size_t i = 0; i < (rates.cameras ? corrections.size() : of_frames); ++i) {
-    float &m = state->first_moment[i], &v = state->second_moment[i];
-    m = static_cast<float>(kBeta1 * m + (1 - kBeta1) * gradient[i]);
-    v = static_cast<float>(kBeta2 * v + (1 - kBeta2) * gradient[i] * gradient[i]);
-    if (v == 0) continue;  // nothing ever said anything of it
-    const double rate = i >= of_times ? rates.time_s : i % 6 < 3 ? rates.by_m : rates.turn_rad;
-    float& value = corrections.values[i];
+  update_poses(
+      gradient,
+      [&](std::size_t i) {
+        return i >= corrections.at_time(0) ? rates.time_s : i % 6 < 3 ? rates.by_m : rates.turn_rad;
+      },
+      corrections.values, &state->moments);
+  leave_to_frames(scene, &corrections);
+  for (std::size_t i = 0; i < corrections.size(); ++i) {
     const float most = bound_of(corrections, i);
-    value = std::clamp(static_cast<float>(value * (1 - kDecay) - rate * (m / bias1) / std::sqrt(v / bias2)), -most, most);
+    corrections.values[i] =
+        std::clamp(corrections.values[i] * static_cast<float>(1 - kDecay * rates.by_m), -most, most);
   }
   fill_held_out(scene, &corrections);
 }
@@ -70,7 +109,8 @@ std::string describe_corrections(const Scene& scene, const PoseCorrections& corr
   };
   const auto at_bound = [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i)
-      if (std::abs(corrections.values[i]) >= bound_of(corrections, i)) return "; WARNING: at its bound, see redrive align";
+      if (std::abs(corrections.values[i]) >= bound_of(corrections, i))
+        return "; WARNING: at its bound, see redrive align";
     return "";
   };
   double moved = 0, turned = 0;
@@ -89,8 +129,8 @@ std::string describe_corrections(const Scene& scene, const PoseCorrections& corr
     const char* warning = at_bound(at, at + 6);
     if (*warning == 0) warning = at_bound(time, time + 1);
     std::snprintf(line, sizeof line, "%s: moved %.1f cm, turned %.3f degrees, %+.1f ms%s\n", scene.rig[c].name.c_str(),
-                  100 * std::sqrt(size_of(at)), std::sqrt(size_of(at + 3)) / kDegree,
-                  1e3 * corrections.values[time], warning);
+                  100 * std::sqrt(size_of(at)), std::sqrt(size_of(at + 3)) / kDegree, 1e3 * corrections.values[time],
+                  warning);
     out += line;
   }
   return out;

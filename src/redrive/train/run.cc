@@ -34,11 +34,12 @@ void check_belongs(const Run& run) {
     throw InputError(file, "method", run.state.model->method(),
                      std::string("is ") + expected->method() + " in " + run.paths.config().string());
   const PoseCorrections& poses = run.state.poses.corrections;
-  if (run.state.poses.refines() &&
-      (poses.frames != static_cast<int>(run.scene.frames.size()) || poses.cameras != static_cast<int>(run.scene.rig.size())))
-    throw InputError(file, "poses", std::to_string(poses.frames) + " frames, " + std::to_string(poses.cameras) + " cameras",
-                     run.recording.root.string() + " has " + std::to_string(run.scene.frames.size()) + " and " +
-                         std::to_string(run.scene.rig.size()) + " of the run: it is no longer the recording that was trained on");
+  if (run.state.poses.refines() && (poses.frames != static_cast<int>(run.scene.frames.size()) ||
+                                    poses.cameras != static_cast<int>(run.scene.rig.size())))
+    throw InputError(
+        file, "poses", std::to_string(poses.frames) + " frames, " + std::to_string(poses.cameras) + " cameras",
+        run.recording.root.string() + " has " + std::to_string(run.scene.frames.size()) + " and " +
+            std::to_string(run.scene.rig.size()) + " of the run: it is no longer the recording that was trained on");
   const Numbers there(*run.state.model), here(*expected);
   for (std::size_t i = 0; i < here.values.size(); ++i) {
     const auto& [name, value] = there.values[i];

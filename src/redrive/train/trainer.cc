@@ -5,7 +5,6 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
-#include <cstdlib>
 #include <limits>
 
 #include "redrive/base/error.h"
@@ -26,11 +25,9 @@ constexpr int kStepsPerRow = 25;  // a row of metrics.jsonl: 1024 rays x 25 aver
 constexpr int kMaxBadSteps = 50;  // non-finite ones on end: it will not heal
 constexpr double kSecondsPerCheckpoint = 60;  // of training: what a kill costs at most, however slow the machine
 
-// Poses are refined on one step in four, which costs it a third more, once there is something to see. Until a fifth of the run is over
-// rays are wider than they are, so that fine levels neither lock errors in nor pull where they have nothing to say yet.
+// Poses are refined on one step in four, which costs it a third more, once there is something to see. Rates of an update, and of that at the end.
 constexpr std::int64_t kStepsPerRefinement = 4;
-const double kFirstRefinement = std::getenv("RP_FIRST") ? atof(std::getenv("RP_FIRST")) : 0.02, kBlurred = std::getenv("RP_BLUR") ? atof(std::getenv("RP_BLUR")) : 0.2, kBlurAtFirst = std::getenv("RP_BLURX") ? atof(std::getenv("RP_BLURX")) : 6;
-const double kFirstPoseRate_m = std::getenv("RP_RATE") ? atof(std::getenv("RP_RATE")) : 1e-3, kLastPoseRate = 0.01;  // an update; of it at the end
+constexpr double kFirstRefinement = 0.02, kFirstPoseRate_m = 1e-3, kLastPoseRate = 0.01;
 
 double decibels(double mse) { return -10 * std::log10(std::max(mse, 1e-10)); }
 
@@ -109,21 +106,17 @@ class Trainer {
 
   /// What the corrections at a time make of the world as the recording has it: LiDAR returns lie in that.
   Rigid3d moved(std::int64_t t_ns) const {
-    return scene_.ecef_from_world.inverse() * pose_at(frames_, t_ns) *
-           pose_at(run_.recording.frames, t_ns).inverse() * scene_.ecef_from_world;
+    return scene_.ecef_from_world.inverse() * pose_at(frames_, t_ns) * pose_at(run_.recording.frames, t_ns).inverse() *
+           scene_.ecef_from_world;
   }
 
   void gather(std::int64_t number) {
     sampler_.gather(state_.rays_drawn, rays() - rays_by_error(), &batch_, {rays_by_error(), state_.cell_errors});
     if (use_lidar_)
-      lidar_sampler_.gather(number, options_.lidar_rays, &lidar_batch_,
-                            state_.poses.refines() ? [this](std::int64_t t_ns) { return moved(t_ns); }
-                                                   : LidarSampler::Moved());
+      lidar_sampler_.gather(
+          number, options_.lidar_rays, &lidar_batch_,
+          state_.poses.refines() ? [this](std::int64_t t_ns) { return moved(t_ns); } : LidarSampler::Moved());
     batch_.refines = state_.poses.refines() && number % kStepsPerRefinement == 0 && progress() > kFirstRefinement;
-    if (state_.poses.refines() && progress() < kBlurred) {
-      const float wider = static_cast<float>(1 + (kBlurAtFirst - 1) * (1 - progress() / kBlurred));
-      for (float& angle : batch_.pixel_angle) angle *= wider;
-    }
   }
 
   void step() {
@@ -288,7 +281,7 @@ class Trainer {
   TrainState& state_;
   const TrainOptions& options_;
   kernels::Backend& backend_;
-  Scene scene_;  // the run's with the views where corrections have put them
+  Scene scene_;                    // the run's with the views where corrections have put them
   std::vector<FramePose> frames_;  // the recording's, likewise
   PixelSampler sampler_;
   LidarSampler lidar_sampler_;
