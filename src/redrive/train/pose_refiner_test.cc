@@ -82,6 +82,22 @@ class Landmarks {
   const Scene& truth_;
 };
 
+/// Refines from nothing towards landmarks; rates of the first update and of the last. Returns the loss before and after.
+std::pair<double, double> refine(const Recording& recording, const Scene& scene, const Scene& truth, int steps,
+                                 double first_m, double last_m, PoseState* state) {
+  const Landmarks landmarks(truth);
+  Scene now = scene;
+  RayBatch batch;
+  StepLosses losses;
+  const double before = landmarks.losses(now, &batch, &losses);
+  for (int step = 0; step < steps; ++step) {
+    landmarks.losses(now, &batch, &losses);
+    refine_poses(now, batch, losses, pose_rates(first_m * std::pow(last_m / first_m, double(step) / steps)), state);
+    place_views(corrected(recording, scene, state->corrections), &now);
+  }
+  return {before, landmarks.losses(now, &batch, &losses)};
+}
+
 TEST_F(PoseRefinerTest, FindsWhatIsWrongWithFramesCamerasAndTimes) {
   PoseCorrections wrong(scene_);
   for (int f = 0; f < wrong.frames; ++f)
@@ -91,21 +107,10 @@ TEST_F(PoseRefinerTest, FindsWhatIsWrongWithFramesCamerasAndTimes) {
   wrong.values[wrong.at_time(0)] = 0.005f;
   Scene truth = scene_;
   place_views(corrected(recording_, scene_, wrong), &truth);
-  const Landmarks landmarks(truth);
-
   PoseState state(scene_);
-  Scene now = scene_;
-  RayBatch batch;
-  StepLosses losses;
-  const double first = landmarks.losses(now, &batch, &losses);
-  constexpr int kSteps = 600;
-  for (int step = 0; step < kSteps; ++step) {
-    landmarks.losses(now, &batch, &losses);
-    refine_poses(now, batch, losses, pose_rates(3e-3 * std::pow(0.01, double(step) / kSteps)), &state);
-    place_views(corrected(recording_, scene_, state.corrections), &now);
-  }
-  EXPECT_GT(first, 1e-3);
-  EXPECT_LT(landmarks.losses(now, &batch, &losses), first / 100);
+  const auto [before, after] = refine(recording_, scene_, truth, 600, 3e-3, 3e-5, &state);
+  EXPECT_GT(before, 1e-3);
+  EXPECT_LT(after, before / 100);
   // What cameras have in common is the frames'.
   Vector3d turn = Vector3d::Zero();
   for (int c = 0; c < 2; ++c)
@@ -134,16 +139,8 @@ TEST_F(PoseRefinerTest, CorrectionsEndAtTheirBoundsAloud) {
   for (int f = 0; f < wrong.frames; ++f) wrong.values[wrong.at_frame(f) + 1] = 2;  // metres
   Scene truth = scene_;
   place_views(corrected(recording_, scene_, wrong), &truth);
-  const Landmarks landmarks(truth);
   PoseState state(scene_);
-  Scene now = scene_;
-  RayBatch batch;
-  StepLosses losses;
-  for (int step = 0; step < 100; ++step) {
-    landmarks.losses(now, &batch, &losses);
-    refine_poses(now, batch, losses, pose_rates(0.02), &state);
-    place_views(corrected(recording_, scene_, state.corrections), &now);
-  }
+  refine(recording_, scene_, truth, 100, 0.02, 0.02, &state);
   for (int f = 0; f < wrong.frames; ++f)
     EXPECT_EQ(state.corrections.values[state.corrections.at_frame(f) + 1], kMostMoved_m) << f;
   EXPECT_THAT(describe_corrections(scene_, state.corrections), ::testing::HasSubstr("at its bound"));
