@@ -144,7 +144,7 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
       Image8 truth = load_view(scene, view);  // first: a broken file must not cost a rendering
       leave_out(view_mask(scene, view, left_out.masks[c], left_out.moving), &truth);
       const Score score = score_image(
-          render_image(backend, *run.state.model, table, scene.world_from_camera(view), scene.exposure(view)), truth);
+          render_image(backend, *run.state.model, table, scene.shutter_poses(view), scene.exposure(view)), truth);
       mean.add(score);
       overall.add(score);
       tell();

@@ -13,6 +13,14 @@ namespace {
 constexpr int kSteps = 80, kRaysOfView = 128, kMostRays = 16384;
 constexpr double kFirstRate_m = 1e-2, kLastRate = 0.02;  // a step; of it at the end
 
+/// In the body's axes, whatever row.
+View moved(View view, const Rigid3d& motion, bool held_out) {
+  view.world_from_body = view.world_from_body * motion;
+  for (Rigid3d& row : view.by_row) row = row * motion;
+  view.held_out = held_out;
+  return view;
+}
+
 }  // namespace
 
 ViewAlignment align_views(const Run& run, kernels::Backend& backend, std::span<const std::size_t> views,
@@ -53,13 +61,13 @@ ViewAlignment align_views(const Run& run, kernels::Backend& backend, std::span<c
     update_poses(
         gradient, [&](std::size_t i) { return i % 6 < 3 ? rates.by_m : rates.turn_rad; }, motions, &moments);
     for (const std::size_t v : views)
-      turned.views[v].world_from_body = scene->views[v].world_from_body * motion_of(&motions[6 * v]);
+      turned.views[v] = moved(scene->views[v], motion_of(&motions[6 * v]), /*held_out=*/false);
     sampler.place();
   }
 
   ViewAlignment alignment{static_cast<int>(views.size()), 0, 0};
   for (const std::size_t v : views) {
-    scene->views[v].world_from_body = turned.views[v].world_from_body;
+    scene->views[v] = moved(scene->views[v], motion_of(&motions[6 * v]), /*held_out=*/true);
     for (int k = 0; k < 3; ++k) {
       alignment.moved_m += double(motions[6 * v + k]) * motions[6 * v + k];
       alignment.turned_deg += double(motions[6 * v + 3 + k]) * motions[6 * v + 3 + k];

@@ -42,7 +42,8 @@ void resize(RayBatch* batch, int n, bool with_target) {
 }
 
 /// Ray `i` of the batch: entry `k` of the table, turned in double so that its length stays 1 to float's rounding.
-void set_ray(const RayTable& table, std::size_t k, const Rigid3d& world_from_camera, int i, RayBatch* batch) {
+void set_ray(const RayTable& table, std::size_t k, const ShutterPoses& poses, int i, RayBatch* batch) {
+  const Rigid3d world_from_camera = poses.at_row(static_cast<int>(table.pixel[k]) / table.width, table.height);
   const Eigen::Vector3d in_camera(table.direction[3 * k], table.direction[3 * k + 1], table.direction[3 * k + 2]);
   const Eigen::Vector3d in_world = world_from_camera.linear() * in_camera;
   for (int d = 0; d < 3; ++d) {
@@ -120,7 +121,7 @@ PixelSquares squares_of(const RayTable& table) {
   return squares;
 }
 
-void view_rays(const RayTable& table, const Rigid3d& world_from_camera, std::span<const std::uint32_t> entries,
+void view_rays(const RayTable& table, const ShutterPoses& world_from_camera, std::span<const std::uint32_t> entries,
                RayBatch* batch) {
   resize(batch, static_cast<int>(entries.size()), false);
   for (std::size_t i = 0; i < entries.size(); ++i)
@@ -155,7 +156,7 @@ PixelSampler::PixelSampler(const Scene& scene, const std::vector<Image8>& images
     const Image8& image = images[i];
     REDRIVE_CHECK_OP(image.width, ==, table.width);
     REDRIVE_CHECK_OP(image.height, ==, table.height);
-    training_views_.push_back({static_cast<int>(i), scene.world_from_camera(view)});
+    training_views_.push_back({static_cast<int>(i), scene.shutter_poses(view)});
     const int training_view = static_cast<int>(training_views_.size()) - 1;
     std::vector<float> share(image.rgb.size() / 3);
     for (const std::uint32_t pixel : table.pixel) share[pixel] = share_of(image, pixel);
@@ -180,7 +181,7 @@ PixelSampler::PixelSampler(const Scene& scene, const std::vector<Image8>& images
 }
 
 void PixelSampler::place() {
-  for (TrainingView& view : training_views_) view.world_from_camera = scene_.world_from_camera(scene_.views[view.view]);
+  for (TrainingView& view : training_views_) view.world_from_camera = scene_.shutter_poses(scene_.views[view.view]);
 }
 
 void PixelSampler::add(Pool pool, std::size_t size) {

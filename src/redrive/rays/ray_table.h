@@ -48,7 +48,7 @@ struct PixelSquares {
 PixelSquares squares_of(const RayTable& table);
 
 /// Rays of one view for rendering: ray k is entries[k] of the table.
-void view_rays(const RayTable& table, const Rigid3d& world_from_camera, std::span<const std::uint32_t> entries,
+void view_rays(const RayTable& table, const ShutterPoses& world_from_camera, std::span<const std::uint32_t> entries,
                RayBatch* batch);
 
 /// Which entries of a ray table a mask leaves in use: a bit each and a count every 64.
@@ -95,7 +95,7 @@ class PixelSampler {
  private:
   struct TrainingView {
     int view = 0;  ///< of the scene
-    Rigid3d world_from_camera;
+    ShutterPoses world_from_camera;
   };
   /// Pixels of a training view: all of its table, or those in `used`; of those one in `every` an epoch.
   struct Pool {

@@ -17,12 +17,12 @@ constexpr int kMaxTileSamples = 1 << 20;
 }  // namespace
 
 RenderedImage render_image(kernels::Backend& backend, const Model& model, const Camera& camera,
-                           const Rigid3d& world_from_camera, const Exposure& exposure) {
+                           const ShutterPoses& world_from_camera, const Exposure& exposure) {
   return render_image(backend, model, make_ray_table(camera, backend.threads()), world_from_camera, exposure);
 }
 
 RenderedImage render_image(kernels::Backend& backend, const Model& model, const RayTable& table,
-                           const Rigid3d& world_from_camera, const Exposure& exposure) {
+                           const ShutterPoses& world_from_camera, const Exposure& exposure) {
   RenderedImage image;
   image.width = table.width;
   image.height = table.height;

@@ -36,9 +36,7 @@ TEST(CloudReturns, WhatStandsBehindSomethingIsHidden) {
   EXPECT_FLOAT_EQ(returns.range_m[2], 8) << "on the other side nothing is in the way";
 }
 
-TEST(CloudReturns, ADegreeAsideHidesNothing) {
-  EXPECT_EQ(returns_of({{0, 4, 1}, {8 * 0.018, 8, 1}}).n, 2u);
-}
+TEST(CloudReturns, ADegreeAsideHidesNothing) { EXPECT_EQ(returns_of({{0, 4, 1}, {8 * 0.018, 8, 1}}).n, 2u); }
 
 TEST(CloudReturns, APointAtTheCameraSaysNothing) {
   const LidarReturns returns = returns_of({{0, 0, 1}, {0.1, 0.1, 1}, {0, 2, 1}});

@@ -111,9 +111,7 @@ void place_views(const Recording& recording, Scene* scene) {
     camera.body_from_sensor = recorded->calibration.body_from_sensor;
     camera.time_offset_ns = recorded->calibration.time_offset_ns;
   }
-  for (View& view : scene->views)
-    view.world_from_body = world_from_ecef * pose_at(recording.frames, scene->frames[view.frame].t_ns +
-                                                                           scene->rig[view.camera].time_offset_ns);
+  for (View& view : scene->views) place_view(recording.frames, *scene, &view);
 }
 
 Vector6d in_body(const Scene& scene, const View& view, const ViewGradient& gradient) {

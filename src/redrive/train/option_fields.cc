@@ -173,6 +173,10 @@ std::vector<TrainField> make_fields() {
           "truth-poses", &O::truth_poses,
           "use the exact poses and calibration that a made recording ships (*_true.json), to tell what poses cost from "
           "what the field costs"),
+      list("rolling-shutter", &O::rolling_shutter,
+           "MS or CAM:MS,CAM:MS: cameras read their rows one after another within so many ms, the time of an image "
+           "being "
+           "its middle row's; below 0: from the lowest row up (default: as the calibration says, readout_s)"),
       text("refine-poses", &O::refine_poses, {"auto", "on", "off"},
            "put right what the recording says of each frame's pose, each camera's place and time while training; auto: "
            "of a drive by grid, but not with --truth-poses"),

@@ -170,8 +170,35 @@ void validate(const TrainOptions& options) {
                          std::to_string(kMaxBatchSamples) + " or less (memory)");
 }
 
+namespace {
+
+/// --rolling-shutter instead of what the calibration says.
+void set_readouts(const std::vector<std::string>& given, Recording* recording) {
+  for (const std::string& text : given) {
+    const std::size_t colon = text.rfind(':');
+    const std::string name = colon == std::string::npos ? "" : text.substr(0, colon);
+    const char* const begin = text.data() + (colon == std::string::npos ? 0 : colon + 1);
+    double ms = 0;
+    const auto [end, error] = std::from_chars(begin, text.data() + text.size(), ms);
+    if (error != std::errc() || end != text.data() + text.size() || !(std::abs(ms) <= 1e3 * kMostReadout_s))
+      throw UsageError("--rolling-shutter", text, "must be MS or CAM:MS with milliseconds in -200..200");
+    bool found = false;
+    for (RecordedCamera& camera : recording->cameras)
+      if (name.empty() || camera.calibration.name == name) {
+        camera.calibration.readout_ns = std::llround(1e6 * ms);
+        found = true;
+      }
+    if (!found) throw UsageError("--rolling-shutter", text, "the recording has no camera " + name + " with images");
+  }
+}
+
+}  // namespace
+
 Recording open_recording(const TrainOptions& options) {
-  return open_recording(options.recording, options.truth_poses ? PoseSource::kTruth : PoseSource::kGiven);
+  Recording recording =
+      open_recording(options.recording, options.truth_poses ? PoseSource::kTruth : PoseSource::kGiven);
+  set_readouts(options.rolling_shutter, &recording);
+  return recording;
 }
 
 SceneOptions scene_options(const TrainOptions& options) {

@@ -27,6 +27,8 @@ struct TrainOptions {
   int holdout_every = 0;
   bool undistort = false;
   bool truth_poses = false;  ///< the exact poses and calibration that a made recording ships
+  std::vector<std::string>
+      rolling_shutter;  ///< "MS" for all cameras, or "CAM:MS" each: what the calibration does not say
   std::string refine_poses =
       "auto";  ///< "auto", "on", "off": while training; auto: of a drive by grid, but not with truth_poses
   double near_m = 0.5, far_m = 1000;
