@@ -123,6 +123,19 @@ TEST_F(RaysTest, RaysOfAViewHitWhatTheCameraSees) {
   }
 }
 
+TEST_F(RaysTest, RowsOfARollingShutterStartWhereTheyWereExposed) {
+  const RayTable table = make_ray_table(scene_.rig[1].camera);
+  const auto at = [](double x) { return Rigid3d(Eigen::Translation3d(x, 0, 0)); };
+  const ShutterPoses poses({at(0), at(16)});  // of 16 rows
+  RayBatch rays;
+  view_rays(table, poses, entries_from(0, table.pixel.size()), &rays);
+  ASSERT_EQ(rays.n, 24 * 16);
+  for (int i = 0; i < rays.n; ++i) {
+    EXPECT_EQ(rays.origin[i], static_cast<float>(i / 24 + 0.5)) << i;
+    EXPECT_EQ(rays.direction[i], table.direction[3 * i]);
+  }
+}
+
 class SamplerTest : public RaysTest {
  protected:
   SamplerTest() : RaysTest(holdout()) {}
