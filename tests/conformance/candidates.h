@@ -19,6 +19,8 @@ struct Candidate {
   std::optional<Isa> isa;  ///< none: ref
 
   double roundoff() const { return isa == Isa::kAmxBf16 || isa == Isa::kAvx512Bf16 ? kBf16Roundoff : kFp32Roundoff; }
+  /// Of the grid's networks, which have no tiles.
+  double grid_roundoff() const { return isa == Isa::kAvx512Bf16 ? kBf16Roundoff : kFp32Roundoff; }
 };
 inline void PrintTo(const Candidate& candidate, std::ostream* out) { *out << candidate.name; }
 

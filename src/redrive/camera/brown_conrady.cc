@@ -53,7 +53,7 @@ std::optional<Eigen::Vector2d> BrownConrady::undistort(const Eigen::Vector2d& di
   };
   Eigen::Vector2d x = distorted * (undistorted_radius(*this, distorted_radius) / distorted_radius);
   Eigen::Vector2d error = residual(x);
-  for (int iteration = 0; iteration < 60 && error.norm() > 1e-15 * (1 + distorted_radius); ++iteration) {
+  for (int iteration = 0; iteration < 60 && error.norm() > 1e-14 * (1 + distorted_radius); ++iteration) {
     const double s = x.squaredNorm(), a = x.x(), b = x.y();
     const double g = 1 + s * (k1 + s * (k2 + s * k3)), dg = k1 + s * (2 * k2 + s * 3 * k3);
     Eigen::Matrix2d jacobian;

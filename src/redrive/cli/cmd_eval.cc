@@ -36,6 +36,10 @@ void print_table(const Evaluation& evaluation) {
   for (const auto& [name, score] : evaluation.cameras) print_row(name, score);
   print_row("all", evaluation.overall);
   if (evaluation.novel.empty()) return;
+  if (const auto& aligned = evaluation.view_alignment)
+    std::printf(
+        "held-out images laid onto the field before they are scored: moved %.1f cm, turned %.3f deg RMS over %d\n",
+        100 * aligned->moved_m, aligned->turned_deg, aligned->views);
   if (const auto& alignment = evaluation.alignment)
     std::printf(
         "the run's trajectory laid over the true one: moved %.1f cm, turned %.3f deg; rest %.1f cm, %.3f deg RMS\n",

@@ -27,7 +27,7 @@ const TrainField& field_named(const std::string& name) {
 
 int run_resume(const ResumeArguments& arguments) {
   const RunLock lock(arguments.run);
-  Run run = open_run(arguments.run, /*fresh_if_untrained=*/true);
+  Run run = open_run(arguments.run, /*to_resume=*/true);
   for (const auto& [name, value] : arguments.given) field_named(name).parse(run.options, value);
   validate(run.options);
   const auto backend = kernels::make_backend({run.options.backend, run.options.isa, run.options.threads});

@@ -9,6 +9,7 @@
 #include "redrive/base/error.h"
 #include "redrive/base/memory_limit.h"
 #include "redrive/train/memory.h"
+#include "redrive/train/pose_refiner.h"
 
 namespace redrive {
 namespace {
@@ -62,7 +63,10 @@ void print_summary(const Run& run, const TrainingData& training, const kernels::
   }
   if (const std::size_t moving = training.left_out.moving.objects(); moving > 0)
     std::printf("moving objects left out: %zu\n", moving);
-  if (const LidarReturns& lidar = training.lidar; lidar.n > 0)
+  if (const LidarReturns& lidar = training.lidar; lidar.n > 0 && run.recording.lidar_files.empty())
+    std::printf("%zu points of %s; left out: %zu that may be hidden\n", lidar.n, run.recording.points_file.c_str(),
+                lidar.hidden);
+  else if (lidar.n > 0)
     std::printf(
         "%zu LiDAR returns; left out: %zu repeated, %zu beyond the trajectory, %zu on the vehicle, %zu on moving "
         "objects\n",
@@ -81,6 +85,8 @@ int report_end(const Run& run, TrainEnd end) {
                  static_cast<long long>(run.state.step), root.c_str());
     return kExitInterrupted;
   }
+  if (run.state.poses.refines())
+    std::printf("%s", describe_corrections(run.scene, run.state.poses.corrections).c_str());
   std::printf("finished: step %lld after %.1f s of training; %s\n", static_cast<long long>(run.state.step),
               run.state.seconds, run.paths.checkpoint().c_str());
   return kExitOk;

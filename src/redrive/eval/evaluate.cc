@@ -58,15 +58,15 @@ double median_depth_error(const RenderedImage& rendered, std::span<const std::ui
 }
 
 /// Views to score, by camera of the rig.
-std::vector<std::vector<const View*>> views_to_score(const Scene& scene, bool held_out, const EvalOptions& options) {
-  std::vector<std::vector<const View*>> by_camera(scene.rig.size());
-  for (const View& view : scene.views)
-    if (view.held_out == held_out) by_camera[view.camera].push_back(&view);
+std::vector<std::vector<std::size_t>> views_to_score(const Scene& scene, bool held_out, const EvalOptions& options) {
+  std::vector<std::vector<std::size_t>> by_camera(scene.rig.size());
+  for (std::size_t v = 0; v < scene.views.size(); ++v)
+    if (scene.views[v].held_out == held_out) by_camera[scene.views[v].camera].push_back(v);
   std::size_t limit = options.max_images;
   if (limit == 0 && !held_out) limit = kTrainingImagesPerCamera;
   if (options.all) limit = 0;
   for (auto& views : by_camera) {
-    std::vector<const View*> chosen;
+    std::vector<std::size_t> chosen;
     for (const std::size_t i : evenly_spaced(views.size(), limit)) chosen.push_back(views[i]);
     views = std::move(chosen);
   }
@@ -110,12 +110,18 @@ Score score_image(const RenderedImage& rendered, const Image8& truth, std::span<
 
 Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions& options) {
   Evaluation evaluation;
-  const auto& views = run.scene.views;
+  Scene scene = run.scene;
+  const auto& views = scene.views;
   evaluation.held_out = std::any_of(views.begin(), views.end(), [](const View& view) { return view.held_out; });
 
   const LeftOut left_out = read_left_out(run);
   evaluation.alignment = align_run(run);
-  const auto by_camera = views_to_score(run.scene, evaluation.held_out, options);
+  const auto by_camera = views_to_score(scene, evaluation.held_out, options);
+  if (evaluation.held_out && run.state.poses.refines()) {
+    std::vector<std::size_t> all;
+    for (const auto& chosen : by_camera) all.insert(all.end(), chosen.begin(), chosen.end());
+    evaluation.view_alignment = align_views(run, backend, all, left_out, &scene);
+  }
   const std::vector<NovelTruth> truths = novel_truths(run);
   const auto chosen_of = [&](const NovelTruth& truth) {
     return evenly_spaced(truth.size(), options.all ? 0 : options.max_images);
@@ -131,14 +137,14 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
   ScoreMean overall;
   for (std::size_t c = 0; c < by_camera.size(); ++c) {
     if (by_camera[c].empty()) continue;
-    const RayTable table = make_ray_table(run.scene.rig[c].camera);
+    const RayTable table = make_ray_table(scene.rig[c].camera, backend.threads());
     ScoreMean mean;
-    for (const View* view : by_camera[c]) {
-      Image8 truth = load_view(run.scene, *view);  // first: a broken file must not cost a rendering
-      leave_out(view_mask(run.scene, *view, left_out.masks[c], left_out.moving), &truth);
+    for (const std::size_t v : by_camera[c]) {
+      const View& view = views[v];
+      Image8 truth = load_view(scene, view);  // first: a broken file must not cost a rendering
+      leave_out(view_mask(scene, view, left_out.masks[c], left_out.moving), &truth);
       const Score score = score_image(
-          render_image(backend, *run.state.model, table, run.scene.world_from_camera(*view), run.scene.exposure(*view)),
-          truth);
+          render_image(backend, *run.state.model, table, scene.shutter_poses(view), scene.exposure(view)), truth);
       mean.add(score);
       overall.add(score);
       tell();
@@ -165,7 +171,11 @@ nlohmann::json evaluation_to_json(const Evaluation& evaluation) {
                          {"cameras", nlohmann::json::object()},
                          {"novel", nlohmann::json::object()},
                          {"held_out", evaluation.held_out},
-                         {"alignment", nullptr}};
+                         {"alignment", nullptr},
+                         {"view_alignment", nullptr}};
+  if (const auto& aligned = evaluation.view_alignment)
+    json["view_alignment"] = {
+        {"moved_m", aligned->moved_m}, {"turned_deg", aligned->turned_deg}, {"views", aligned->views}};
   if (const auto& alignment = evaluation.alignment)
     json["alignment"] = {{"moved_m", alignment->moved_m},
                          {"turned_deg", alignment->turned_deg},

@@ -13,6 +13,7 @@
 #include <nlohmann/json_fwd.hpp>
 
 #include "redrive/eval/novel_truth.h"
+#include "redrive/eval/view_alignment.h"
 #include "redrive/render/renderer.h"
 #include "redrive/train/run.h"
 
@@ -45,8 +46,9 @@ struct Evaluation {
   bool held_out = true;  ///< false: no frame was held out, training frames were scored
   Score overall;
   std::map<std::string, Score> cameras;
-  std::map<std::string, Score> novel;  ///< by novel/<name>; empty where there is no truth
-  std::optional<Alignment> alignment;  ///< of the run's trajectory with the true one, where that ships
+  std::map<std::string, Score> novel;           ///< by novel/<name>; empty where there is no truth
+  std::optional<ViewAlignment> view_alignment;  ///< of the held-out pictures, where training refined poses
+  std::optional<Alignment> alignment;           ///< of the run's trajectory with the true one, where that ships
 };
 
 /// Score of one picture over the pixels that the camera model reaches and the truth's mask uses. `depth_m`: as in TruthView.
@@ -58,7 +60,7 @@ std::vector<std::size_t> evenly_spaced(std::size_t size, std::size_t limit);
 Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions& options = {});
 
 /// {"overall": SCORE, "cameras": {CAM: SCORE}, "novel": {NAME: SCORE}, "held_out": bool, "alignment": {"moved_m",
-/// "turned_deg", "rest_m", "rest_deg", "frames"} or null}, SCORE = {"psnr_db", "ssim", "flip", "depth_error", "images",
+/// "turned_deg", "rest_m", "rest_deg", "frames"} or null, "view_alignment": {"moved_m", "turned_deg", "views"} or null}, SCORE = {"psnr_db", "ssim", "flip", "depth_error", "images",
 /// "left_out_pixels"},
 /// null for NaN.
 nlohmann::json evaluation_to_json(const Evaluation& evaluation);

@@ -258,13 +258,15 @@ TEST(EvaluationJson, HasTheNamesThatScriptsRead) {
   evaluation.held_out = false;
   evaluation.overall = {20.5, 0.5, 0.25, std::nan(""), 3};
   evaluation.cameras["F_CAM"] = {20.5, std::nan(""), 0.25, 0.125, 3, 7};
+  evaluation.view_alignment = ViewAlignment{8, 0.25, 0.5};
   evaluation.alignment = Alignment{Rigid3d::Identity(), 5, 0.5, 0.25, 0.125, 1};
   const auto json = nlohmann::json::parse(evaluation_to_json(evaluation).dump());
   EXPECT_EQ(json, nlohmann::json::parse(R"({
     "overall": {"psnr_db": 20.5, "ssim": 0.5, "flip": 0.25, "depth_error": null, "images": 3, "left_out_pixels": 0},
     "cameras": {"F_CAM": {"psnr_db": 20.5, "ssim": null, "flip": 0.25, "depth_error": 0.125, "images": 3, "left_out_pixels": 7}},
     "novel": {}, "held_out": false,
-    "alignment": {"moved_m": 0.5, "turned_deg": 0.25, "rest_m": 0.125, "rest_deg": 1, "frames": 5}})"));
+    "alignment": {"moved_m": 0.5, "turned_deg": 0.25, "rest_m": 0.125, "rest_deg": 1, "frames": 5},
+    "view_alignment": {"moved_m": 0.25, "turned_deg": 0.5, "views": 8}})"));
 }
 
 }  // namespace

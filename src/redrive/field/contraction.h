@@ -53,6 +53,30 @@ T contract(const Contraction& contraction, const T world[3], T unit[3]) {
   return T(0.25 / contraction.half_m * factor);
 }
 
+/// d_world from d_unit, the derivative of contract's position alone: footprints are taken as they are.
+template <class T>
+void contract_adjoint(const Contraction& contraction, const T world[3], const T d_unit[3], T d_world[3]) {
+  const T inverse = T(1) / T(contraction.half_m);
+  T u[3], m(0);
+  int largest = 0;
+  for (int k = 0; k < 3; ++k) {
+    u[k] = (world[k] - T(contraction.center[k])) * inverse;
+    const T size = u[k] < T(0) ? -u[k] : u[k];
+    if (size > m) {
+      m = size;
+      largest = k;
+    }
+  }
+  const bool beyond = contraction.unbounded && m > T(1);
+  const T scale = contraction.unbounded ? T(0.25) * inverse : T(0.5) * inverse;
+  // unit = (u s(m) + 2) / 4 with s = (2 - 1/m) / m, ds/dm = 2 (1/m - 1) / m^2
+  const T shrink = beyond ? (T(2) - T(1) / m) / m : T(1);
+  for (int k = 0; k < 3; ++k) d_world[k] = scale * shrink * d_unit[k];
+  if (!beyond) return;
+  const T slope = T(2) * (T(1) / m - T(1)) / (m * m), along = u[0] * d_unit[0] + u[1] * d_unit[1] + u[2] * d_unit[2];
+  d_world[largest] += scale * (u[largest] < T(0) ? -slope : slope) * along;
+}
+
 /// Where a ray is sampled: as `spacing` says, but of a bounded scene only within its cube, evenly. A ray that misses the cube gets
 /// no length, at near_m.
 inline RaySpacing spacing_of_ray(const RaySpacing& spacing, const Contraction& contraction, const float origin[3],

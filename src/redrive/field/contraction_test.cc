@@ -63,6 +63,23 @@ TEST(Contraction, NearRegionIsMappedByScaleAlone) {
   for (const double y : unit) EXPECT_EQ(y, 0.75);
 }
 
+TEST(Contraction, AdjointIsTheJacobianTransposed) {
+  for (const Contraction& contraction : {kRoad, kRoom})
+    for (int i = 0; i < 60; ++i) {
+      const double u[3] = {uniform(5, 3 * i), uniform(5, 3 * i + 1), uniform(5, 3 * i + 2)};
+      const std::array<double, 3> world = world_at(contraction, u, i % 2 == 0 ? 1 : 1 + 0.5 * i);
+      const Jacobian jacobian(contraction, world);
+      const double d_unit[3] = {uniform(6, 3 * i), uniform(6, 3 * i + 1), uniform(6, 3 * i + 2)};
+      double d_world[3];
+      contract_adjoint(contraction, world.data(), d_unit, d_world);
+      for (int c = 0; c < 3; ++c) {
+        double expected = 0;
+        for (int r = 0; r < 3; ++r) expected += jacobian.of[r][c] * d_unit[r];
+        EXPECT_NEAR(d_world[c], expected, 1e-15) << i;
+      }
+    }
+}
+
 TEST(Contraction, InfinityLiesOnTheFaces) {
   const double direction[3] = {-0.5, 1, 0.25};
   double before = 0.75;

@@ -34,6 +34,41 @@ inline void spaced_edges_of(const Rays& rays, const SpacedIntervals& how, std::s
                &edges[ray * (how.per_ray + 1)]);
 }
 
+inline void check_contract_backward(const Rays& rays, const Intervals& intervals, std::size_t d_position,
+                                    std::size_t d_origin, std::size_t d_direction) {
+  check_spaced(rays, intervals.per_ray, intervals.edges.size());
+  REDRIVE_CHECK_OP(d_position, ==, 3 * interval_count(rays.n, intervals.per_ray));
+  REDRIVE_CHECK_OP(d_origin, ==, rays.origin.size());
+  REDRIVE_CHECK_OP(d_direction, ==, rays.origin.size());
+}
+
+/// Stage `contract_backward` of one ray, in T.
+template <class T>
+void contract_backward_of(const Contraction& contraction, const Rays& rays, const Intervals& intervals,
+                          std::span<const float> d_position, std::size_t ray, std::span<float> d_origin,
+                          std::span<float> d_direction) {
+  const std::size_t n_rays = rays.n, n = n_rays * intervals.per_ray;
+  T origin[3]{}, direction[3]{};
+  for (int s = 0; s < intervals.per_ray; ++s) {
+    const std::size_t i = ray * intervals.per_ray + s, edge = i + ray;
+    const T t = T(0.5) * (T(intervals.edges[edge]) + T(intervals.edges[edge + 1]));
+    T world[3], d_unit[3], d_world[3];
+    for (int k = 0; k < 3; ++k) {
+      world[k] = T(rays.origin[k * n_rays + ray]) + t * T(rays.direction[k * n_rays + ray]);
+      d_unit[k] = T(d_position[k * n + i]);
+    }
+    contract_adjoint(contraction, world, d_unit, d_world);
+    for (int k = 0; k < 3; ++k) {
+      origin[k] += d_world[k];
+      direction[k] += t * d_world[k];
+    }
+  }
+  for (int k = 0; k < 3; ++k) {
+    d_origin[k * n_rays + ray] = static_cast<float>(origin[k]);
+    d_direction[k * n_rays + ray] = static_cast<float>(direction[k]);
+  }
+}
+
 inline void check_points(const UnitPoints& points) {
   REDRIVE_CHECK_OP(points.position.size(), ==, 3 * (points.stride > 0 ? points.stride : points.n));
   REDRIVE_CHECK(points.stride == 0 || points.stride >= points.n);

@@ -78,6 +78,10 @@ class GridStages {
   /// pixel_angle t squared times its length (NeuRAD); footprint = cbrt(volume) * contract's factor.
   virtual void contract(const Contraction& contraction, const Rays& rays, std::span<const float> pixel_angle,
                         const Intervals& intervals, std::span<float> position, std::span<float> footprint) = 0;
+  /// contract's adjoint, distances and footprints taken as they are: d_position [3, n] -> d_origin and d_direction [3, n_rays], written.
+  virtual void contract_backward(const Contraction& contraction, const Rays& rays, const Intervals& intervals,
+                                 std::span<const float> d_position, std::span<float> d_origin,
+                                 std::span<float> d_direction) = 0;
   /// features [levels, n, features]: level by level, because each level's table is walked through at once.
   virtual void encode(const HashGrid& grid, const UnitPoints& points, std::span<float> features) = 0;
   /// Adds to d_table; writes d_position [3, n] unless it is empty.

@@ -7,6 +7,14 @@
 
 namespace redrive {
 
+Rigid3d between(const Rigid3d& a, const Rigid3d& b, double part) {
+  const Eigen::Quaterniond from(a.linear()), to(b.linear());
+  Rigid3d pose = Rigid3d::Identity();
+  pose.linear() = from.slerp(part, to).normalized().toRotationMatrix();
+  pose.translation() = a.translation() + part * (b.translation() - a.translation());
+  return pose;
+}
+
 std::string rigid_obstacle(const Eigen::Matrix4d& matrix) {
   constexpr double kOrthonormal = 1e-3, kLastRow = 1e-9;
   std::ostringstream why;

@@ -13,6 +13,9 @@ namespace redrive {
 
 using Rigid3d = Eigen::Isometry3d;
 
+/// `part` of the way from a (0) to b (1), or beyond: straight on, along the shortest turn.
+Rigid3d between(const Rigid3d& a, const Rigid3d& b, double part);
+
 /// Why `matrix` is not a rigid transform ("det = -1: a reflection", "rows not orthonormal by 0.02", ...), or empty.
 /// Tolerance: 1e-3 on R R^T - I (files carry 6 to 16 digits), last row 0 0 0 1 to 1e-9.
 std::string rigid_obstacle(const Eigen::Matrix4d& matrix);

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <numeric>
 
+#include <Eigen/Core>
+
 #include "redrive/field/activation.h"
 #include "redrive/loss/photometric.h"
 
@@ -53,6 +55,38 @@ RayBatch pick_rays(const RayBatch& batch, std::span<const int> live) {
       out.origin.push_back(batch.origin[k * batch.n + ray]);
       out.direction.push_back(batch.direction[k * batch.n + ray]);
     }
+  return out;
+}
+
+/// One ray for each group: the middle of its rays, as wide as they are together.
+RayBatch middles_of_groups(const RayBatch& batch) {
+  RayBatch out;
+  out.n = static_cast<int>(batch.group.size()) - 1;
+  const std::size_t groups = out.n, rays = batch.n;
+  out.origin.resize(3 * groups);
+  out.direction.resize(3 * groups);
+  out.pixel_angle.resize(groups);
+  for (std::size_t g = 0; g < groups; ++g) {
+    const std::uint32_t first = batch.group[g], last = batch.group[g + 1];
+    Eigen::Vector3f sum = Eigen::Vector3f::Zero();
+    for (std::uint32_t ray = first; ray < last; ++ray)
+      for (int k = 0; k < 3; ++k) sum[k] += batch.direction[k * rays + ray];
+    sum.normalize();
+    for (int k = 0; k < 3; ++k) {
+      out.origin[k * groups + g] = batch.origin[k * rays + first];
+      out.direction[k * groups + g] = sum[k];
+    }
+    out.pixel_angle[g] = batch.pixel_angle[first] * std::sqrt(static_cast<float>(last - first));
+  }
+  return out;
+}
+
+/// Each group's row for each of its rays.
+std::span<float> rows_of_groups(std::span<const float> from, int width, std::span<const std::uint32_t> group,
+                                Workspace* workspace) {
+  const std::span<float> out = workspace->take(std::size_t{group.back()} * width);
+  for (std::size_t g = 0; g + 1 < group.size(); ++g)
+    for (std::size_t ray = group[g]; ray < group[g + 1]; ++ray) std::copy_n(&from[g * width], width, &out[ray * width]);
   return out;
 }
 
@@ -150,33 +184,36 @@ void GridModel::look_at_sky(kernels::Backend& backend, const RayBatch& batch, Pa
 GridModel::Pass GridModel::propose(kernels::Backend& backend, const RayBatch& batch, const Chance* chance,
                                    Workspace* workspace) const {
   kernels::GridStages& stages = backend.grid();
-  const int n = batch.n;
   const bool jitter = chance != nullptr;
   const auto key = [&](int round) { return chance ? chance->of_round[round] : 0; };
-  const auto edges_for = [&](int per_ray) { return workspace->take(static_cast<std::size_t>(n) * (per_ray + 1)); };
-  const auto draw = [&](const Round& from, int per_ray, int round) {
-    const auto edges = edges_for(per_ray);
+  const auto edges_for = [&](int n, int per_ray) {
+    return workspace->take(static_cast<std::size_t>(n) * (per_ray + 1));
+  };
+  const auto draw = [&](int n, const Round& from, int per_ray, int round) {
+    const auto edges = edges_for(n, per_ray);
     stages.proposed(n, from.intervals, from.weights, {per_ray, proposal_padding, jitter, key(round)}, edges);
     return edges;
   };
-  Pass pass;
-  for (int i = 0; i < 2; ++i) {
-    const int per_ray = proposal_samples[i];
-    std::span<float> edges;
-    if (i == 0) {
-      edges = edges_for(per_ray);
-      stages.spaced(rays_of(batch), {per_ray, spacing, contraction, jitter, key(0)}, edges);
-    } else {
-      edges = draw(pass.proposal[0], per_ray, 1);
-    }
-    Round& round = pass.proposal[i];
-    round = place(backend, batch, per_ray, edges, workspace);
+  const auto look = [&](const RayBatch& rays, int per_ray, std::span<const float> edges) {
+    Round round = place(backend, rays, per_ray, edges, workspace);
     round.density = workspace->take(round.points.n);
     round.weights = workspace->take(round.points.n);
     stages.proposal_density(grid(kProposalGrid), density_scale(), round.points, round.density);
-    stages.weights(n, round.intervals, round.density, round.weights);
-  }
-  pass.intervals = {samples, draw(pass.proposal[1], samples, 2)};
+    stages.weights(rays.n, round.intervals, round.density, round.weights);
+    return round;
+  };
+  const bool grouped = !batch.group.empty();
+  const RayBatch middles = grouped ? middles_of_groups(batch) : RayBatch();
+  const RayBatch& first = grouped ? middles : batch;
+  const auto [coarse, fine] = proposal_samples;
+  Pass pass;
+  const auto spaced = edges_for(first.n, coarse);
+  stages.spaced(rays_of(first), {coarse, spacing, contraction, jitter, key(0)}, spaced);
+  pass.proposal[0] = look(first, coarse, spaced);
+  auto edges = draw(first.n, pass.proposal[0], fine, 1);
+  if (grouped) edges = rows_of_groups(edges, fine + 1, batch.group, workspace);
+  pass.proposal[1] = look(batch, fine, edges);
+  pass.intervals = {samples, draw(batch.n, pass.proposal[1], samples, 2)};
   return pass;
 }
 
@@ -284,8 +321,12 @@ StepLosses GridModel::gradients(kernels::Backend& backend, const RayBatch& batch
   const auto d_raw = workspace->take(pass.raw.size());
   const auto d_seen = pass.some_are_empty() ? pick_columns(d_rgb, 3, pass.live, workspace) : d_rgb;
   backend.composite_backward(losses.field_rays, pass.samples, pass.raw, pass.background_of_live, {d_seen, {}}, d_raw);
-  backward_field(backend, pass, d_raw, gradients, workspace);
-  backward_sky(backend, batch.n, pass, opacity, d_rgb, gradients, workspace);
+  const bool moves = batch.refines;
+  const auto d_field = moves ? workspace->take(3 * pass.field.points.n) : std::span<float>(),
+             d_sky = moves && sky.levels > 0 ? workspace->take(3 * rays) : std::span<float>();
+  backward_field(backend, pass, d_raw, gradients, d_field, workspace);
+  backward_sky(backend, batch.n, pass, opacity, d_rgb, gradients, d_sky, workspace);
+  if (moves) backward_rays(backend, batch, pass, d_field, d_sky, &losses, workspace);
   losses.loss = losses.colours + backward_proposals(backend, batch.n, pass, weights, gradients, workspace);
   return losses;
 }
@@ -311,22 +352,24 @@ double GridModel::range_gradients(kernels::Backend& backend, const RayBatch& bat
   const double loss = stages.range(batch.n, pass.intervals, weights, batch.range_m, spread_m, kRangeWeight, d_weights);
   std::ranges::fill(d_raw.first(3 * count), 0.0f);
   stages.weights_backward(batch.n, pass.intervals, density, weights, d_weights, d_raw.subspan(3 * count));
-  backward_field(backend, pass, d_raw, gradients, workspace);
+  backward_field(backend, pass, d_raw, gradients, {}, workspace);
   backward_proposals(backend, batch.n, pass, weights, gradients, workspace);
   return loss;
 }
 
 void GridModel::backward_field(kernels::Backend& backend, const Pass& pass, std::span<const float> d_raw,
-                               std::span<float> gradients, Workspace* workspace) const {
+                               std::span<float> gradients, std::span<float> d_position, Workspace* workspace) const {
   kernels::GridStages& stages = backend.grid();
   const auto d_features = workspace->take(pass.features.size());
   stages.network_backward(network(), static_cast<int>(pass.live.size()), samples, pass.features, pass.harmonics, d_raw,
                           part_of(gradients, kNetwork), d_features);
-  stages.encode_backward(grid(kFieldGrid), pass.field.points, d_features, part_of(gradients, kFieldGrid), {});
+  stages.encode_backward(grid(kFieldGrid), pass.field.points, d_features, part_of(gradients, kFieldGrid),
+                         d_position);
 }
 
 void GridModel::backward_sky(kernels::Backend& backend, int n, const Pass& pass, std::span<const float> opacity,
-                             std::span<const float> d_rgb, std::span<float> gradients, Workspace* workspace) const {
+                             std::span<const float> d_rgb, std::span<float> gradients, std::span<float> d_position,
+                             Workspace* workspace) const {
   const std::size_t rays = n;
   if (sky.levels == 0) return;
   const auto d_sky = workspace->take(pass.sky_features.size());
@@ -337,7 +380,27 @@ void GridModel::backward_sky(kernels::Backend& backend, int n, const Pass& pass,
       const float d = (1 - opacity[ray]) * d_rgb[k * rays + ray] * c * (1 - c);
       for (int l = 0; l < sky.levels; ++l) d_sky[(l * rays + ray) * sky.features + k] = d;
     }
-  backend.grid().encode_backward(grid(kSkyGrid), pass.sky_points, d_sky, part_of(gradients, kSkyGrid), {});
+  backend.grid().encode_backward(grid(kSkyGrid), pass.sky_points, d_sky, part_of(gradients, kSkyGrid), d_position);
+}
+
+void GridModel::backward_rays(kernels::Backend& backend, const RayBatch& batch, const Pass& pass,
+                              std::span<const float> d_field, std::span<const float> d_sky, StepLosses* losses,
+                              Workspace* workspace) const {
+  const std::size_t rays = batch.n, live = pass.live.size();
+  losses->d_origin.assign(3 * rays, 0.0f);
+  losses->d_direction.assign(3 * rays, 0.0f);
+  const auto d_origin = workspace->take(3 * live), d_direction = workspace->take(3 * live);
+  const RayBatch picked = pass.some_are_empty() ? pick_rays(batch, pass.live) : RayBatch();
+  backend.grid().contract_backward(contraction, rays_of(pass.some_are_empty() ? picked : batch), pass.field.intervals,
+                                   d_field, d_origin, d_direction);
+  for (int k = 0; k < 3; ++k) {
+    for (std::size_t i = 0; i < live; ++i) {
+      losses->d_origin[k * rays + pass.live[i]] = d_origin[k * live + i];
+      losses->d_direction[k * rays + pass.live[i]] = d_direction[k * live + i];
+    }
+    if (!d_sky.empty())  // as look_at_sky places it
+      for (std::size_t ray = 0; ray < rays; ++ray) losses->d_direction[k * rays + ray] += 0.5f * d_sky[k * rays + ray];
+  }
 }
 
 double GridModel::robust(const RayBatch& batch, std::span<const float> rgb, std::span<float> d_rgb,

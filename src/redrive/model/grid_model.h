@@ -74,11 +74,17 @@ struct GridModel final : Model {
   std::vector<int> live_rays(const Pass& pass, int n, const Chance* chance) const;
   Pass forward(kernels::Backend& backend, const RayBatch& batch, const Chance* chance, const kernels::CompositeOut& out,
                Workspace* workspace) const;
-  /// From d_raw of the live rays.
+  /// From d_raw of the live rays. d_position [3, their samples] in the unit cube, or empty.
   void backward_field(kernels::Backend& backend, const Pass& pass, std::span<const float> d_raw,
-                      std::span<float> gradients, Workspace* workspace) const;
+                      std::span<float> gradients, std::span<float> d_position, Workspace* workspace) const;
+  /// d_position [3, n], or empty.
   void backward_sky(kernels::Backend& backend, int n, const Pass& pass, std::span<const float> opacity,
-                    std::span<const float> d_rgb, std::span<float> gradients, Workspace* workspace) const;
+                    std::span<const float> d_rgb, std::span<float> gradients, std::span<float> d_position,
+                    Workspace* workspace) const;
+  /// losses->d_origin and d_direction from the points' d_field and d_sky.
+  void backward_rays(kernels::Backend& backend, const RayBatch& batch, const Pass& pass,
+                     std::span<const float> d_field, std::span<const float> d_sky, StepLosses* losses,
+                     Workspace* workspace) const;
   /// Returns the proposals' loss.
   double backward_proposals(kernels::Backend& backend, int n, const Pass& pass, std::span<const float> weights,
                             std::span<float> gradients, Workspace* workspace) const;

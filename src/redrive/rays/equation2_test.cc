@@ -49,7 +49,8 @@ TEST(Equation2, RaysOfARealRecording) {
     });
     ASSERT_NE(view, scene.views.end());
     RayBatch rays;
-    view_rays(table, scene.world_from_camera(*view), std::size_t(known.v) * table.width + known.u, 1, &rays);
+    const std::uint32_t entry = known.v * table.width + known.u;
+    view_rays(table, scene.world_from_camera(*view), {&entry, 1}, &rays);
     for (int d = 0; d < 3; ++d) {
       // Half a float step at 98 m is 3.8e-6; the files' rotations are orthonormal to 1e-7 and are made exactly so.
       EXPECT_NEAR(rays.origin[d], known.origin_m[d], 5e-6) << d;

@@ -12,7 +12,7 @@ constexpr float kBeamAngle = 0.002f;
 
 }  // namespace
 
-void LidarSampler::gather(std::int64_t step, int n, RayBatch* batch) const {
+void LidarSampler::gather(std::int64_t step, int n, RayBatch* batch, const Moved& moved) const {
   REDRIVE_CHECK_OP(step, >=, 0);
   REDRIVE_CHECK_OP(returns_.n, >, 0u);
   const std::size_t rays = n;
@@ -27,9 +27,19 @@ void LidarSampler::gather(std::int64_t step, int n, RayBatch* batch) const {
     const std::uint64_t drawn = static_cast<std::uint64_t>(step) * rays + i;
     const std::uint64_t key = random_key(seed_, kStreamLidar, drawn / returns_.n);
     const std::size_t k = permute_index(key, drawn % returns_.n, returns_.n);
+    Eigen::Vector3f origin, direction;
     for (int d = 0; d < 3; ++d) {
-      batch->origin[d * rays + i] = returns_.origin[d * returns_.n + k];
-      batch->direction[d * rays + i] = returns_.direction[d * returns_.n + k];
+      origin[d] = returns_.origin[d * returns_.n + k];
+      direction[d] = returns_.direction[d * returns_.n + k];
+    }
+    if (moved) {
+      const Rigid3d motion = moved(returns_.t_ns[k]);
+      origin = (motion * origin.cast<double>()).cast<float>();
+      direction = (motion.linear() * direction.cast<double>()).cast<float>();
+    }
+    for (int d = 0; d < 3; ++d) {
+      batch->origin[d * rays + i] = origin[d];
+      batch->direction[d * rays + i] = direction[d];
     }
     batch->range_m[i] = returns_.range_m[k];
   }

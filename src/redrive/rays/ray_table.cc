@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "redrive/base/error.h"
+#include "redrive/base/parallel.h"
 #include "redrive/base/rng.h"
 
 namespace redrive {
@@ -41,7 +42,8 @@ void resize(RayBatch* batch, int n, bool with_target) {
 }
 
 /// Ray `i` of the batch: entry `k` of the table, turned in double so that its length stays 1 to float's rounding.
-void set_ray(const RayTable& table, std::size_t k, const Rigid3d& world_from_camera, int i, RayBatch* batch) {
+void set_ray(const RayTable& table, std::size_t k, const ShutterPoses& poses, int i, RayBatch* batch) {
+  const Rigid3d world_from_camera = poses.at_row(static_cast<int>(table.pixel[k]) / table.width, table.height);
   const Eigen::Vector3d in_camera(table.direction[3 * k], table.direction[3 * k + 1], table.direction[3 * k + 2]);
   const Eigen::Vector3d in_world = world_from_camera.linear() * in_camera;
   for (int d = 0; d < 3; ++d) {
@@ -71,25 +73,59 @@ float mean_pixel_angle(const Camera& camera) {
 
 }  // namespace
 
-RayTable make_ray_table(const Camera& camera) {
+RayTable make_ray_table(const Camera& camera, int threads) {
+  constexpr int kRowsOfRange = 16;
+  struct Rows {
+    std::vector<std::uint32_t> pixel;
+    std::vector<float> direction;
+  };
+  std::vector<Rows> parts((camera.height + kRowsOfRange - 1) / kRowsOfRange);
+  ThreadPool(threads).run_ranges(camera.height, kRowsOfRange, [&](std::size_t begin, std::size_t end) {
+    Rows& rows = parts[begin / kRowsOfRange];
+    for (std::size_t y = begin; y < end; ++y)
+      for (int x = 0; x < camera.width; ++x) {
+        const auto direction = camera.unproject({x, y});
+        if (!direction) continue;
+        rows.pixel.push_back(static_cast<std::uint32_t>(y * camera.width + x));
+        for (int d = 0; d < 3; ++d) rows.direction.push_back(static_cast<float>((*direction)[d]));
+      }
+  });
   RayTable table{camera.width, camera.height, {}, {}, mean_pixel_angle(camera)};
-  table.pixel.reserve(std::size_t(camera.width) * camera.height);
-  table.direction.reserve(3 * std::size_t(camera.width) * camera.height);
-  for (int y = 0; y < camera.height; ++y)
-    for (int x = 0; x < camera.width; ++x) {
-      const auto direction = camera.unproject({x, y});
-      if (!direction) continue;
-      table.pixel.push_back(static_cast<std::uint32_t>(y) * camera.width + x);
-      for (int d = 0; d < 3; ++d) table.direction.push_back(static_cast<float>((*direction)[d]));
-    }
+  for (const Rows& rows : parts) {
+    table.pixel.insert(table.pixel.end(), rows.pixel.begin(), rows.pixel.end());
+    table.direction.insert(table.direction.end(), rows.direction.begin(), rows.direction.end());
+  }
   return table;
 }
 
-void view_rays(const RayTable& table, const Rigid3d& world_from_camera, std::size_t first, std::size_t count,
+PixelSquares squares_of(const RayTable& table) {
+  constexpr std::uint32_t kNone = ~0u;
+  constexpr int kLarge = 16;
+  std::vector<std::uint32_t> entry_of(static_cast<std::size_t>(table.width) * table.height, kNone);
+  for (std::size_t k = 0; k < table.pixel.size(); ++k) entry_of[table.pixel[k]] = static_cast<std::uint32_t>(k);
+  PixelSquares squares;
+  squares.entry.reserve(table.pixel.size());
+  squares.first = {0};
+  const auto add_square = [&](int left, int top) {
+    for (int y = top; y < std::min(top + 2, table.height); ++y)
+      for (int x = left; x < std::min(left + 2, table.width); ++x)
+        if (const std::uint32_t k = entry_of[static_cast<std::size_t>(y) * table.width + x]; k != kNone)
+          squares.entry.push_back(k);
+    if (squares.entry.size() > squares.first.back())
+      squares.first.push_back(static_cast<std::uint32_t>(squares.entry.size()));
+  };
+  for (int top = 0; top < table.height; top += kLarge)
+    for (int left = 0; left < table.width; left += kLarge)
+      for (int y = top; y < std::min(top + kLarge, table.height); y += 2)
+        for (int x = left; x < std::min(left + kLarge, table.width); x += 2) add_square(x, y);
+  return squares;
+}
+
+void view_rays(const RayTable& table, const ShutterPoses& world_from_camera, std::span<const std::uint32_t> entries,
                RayBatch* batch) {
-  REDRIVE_CHECK_OP(first + count, <=, table.pixel.size());
-  resize(batch, static_cast<int>(count), false);
-  for (std::size_t i = 0; i < count; ++i) set_ray(table, first + i, world_from_camera, static_cast<int>(i), batch);
+  resize(batch, static_cast<int>(entries.size()), false);
+  for (std::size_t i = 0; i < entries.size(); ++i)
+    set_ray(table, entries[i], world_from_camera, static_cast<int>(i), batch);
 }
 
 UsedPixels::UsedPixels(const RayTable& table, const std::vector<std::uint8_t>& used)
@@ -120,7 +156,7 @@ PixelSampler::PixelSampler(const Scene& scene, const std::vector<Image8>& images
     const Image8& image = images[i];
     REDRIVE_CHECK_OP(image.width, ==, table.width);
     REDRIVE_CHECK_OP(image.height, ==, table.height);
-    training_views_.push_back({static_cast<int>(i), scene.world_from_camera(view)});
+    training_views_.push_back({static_cast<int>(i), scene.shutter_poses(view)});
     const int training_view = static_cast<int>(training_views_.size()) - 1;
     std::vector<float> share(image.rgb.size() / 3);
     for (const std::uint32_t pixel : table.pixel) share[pixel] = share_of(image, pixel);
@@ -142,6 +178,10 @@ PixelSampler::PixelSampler(const Scene& scene, const std::vector<Image8>& images
   if (pixels() == 0)
     throw InputError(first->image, "", "",
                      "masks and camera models leave no pixel of this and all other training images");
+}
+
+void PixelSampler::place() {
+  for (TrainingView& view : training_views_) view.world_from_camera = scene_.shutter_poses(scene_.views[view.view]);
 }
 
 void PixelSampler::add(Pool pool, std::size_t size) {
@@ -189,6 +229,7 @@ void PixelSampler::set(const Drawn& drawn, int i, RayBatch* batch) const {
   const Image8& image = images_[from.view];
   set_ray(table, drawn.entry, from.world_from_camera, i, batch);
   batch->exposure[i] = scene_.exposure(view);
+  batch->view[i] = static_cast<std::uint32_t>(from.view);
   const std::size_t pixel = table.pixel[drawn.entry];
   for (int c = 0; c < 3; ++c) {
     const std::size_t at = std::size_t(c) * batch->n + i;
@@ -207,6 +248,7 @@ void PixelSampler::gather(std::uint64_t first, int even, RayBatch* batch, const 
   resize(batch, even + more.n, true);
   batch->by_error = more.n;
   batch->exposure.resize(batch->n);
+  batch->view.resize(batch->n);
   batch->cell.resize(more.n > 0 ? batch->n : 0);
   if (scene_.background != Background::kNone)
     batch->background.assign(3 * std::size_t(batch->n), rendered_background(scene_.background)[0]);

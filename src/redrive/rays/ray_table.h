@@ -21,7 +21,7 @@ struct RayTable {
   std::vector<float> direction;      ///< [pixel.size(), 3]
   float pixel_angle = 0;  ///< side of a pixel as the camera's centre sees it, rad: root of the mean solid angle
 };
-RayTable make_ray_table(const Camera& camera);
+RayTable make_ray_table(const Camera& camera, int threads = 1);
 
 /// A batch in world metres, structure of arrays [3, n] (kernels::Rays), and the colours to meet, [3, n] in [0, 1], which a ray
 /// of opacity o shows as its colour + (1 - o) background. Without one (Background::kNone) background is empty.
@@ -29,16 +29,26 @@ struct RayBatch {
   int n = 0;
   int by_error = 0;  ///< of them the last, which PixelSampler drew by error, the others evenly
   std::vector<float> origin, direction, target, background;
-  std::vector<float> pixel_angle;   ///< [n], rad: of the ray's camera
-  std::vector<Exposure> exposure;   ///< [n], empty: none
-  std::vector<float> weight;        ///< [n]: what a ray's colour counts in the loss; empty: all 1
-  std::vector<std::uint32_t> cell;  ///< [n]: of the pixel (PixelSampler::cells); empty where none are drawn by error
+  std::vector<float> pixel_angle;    ///< [n], rad: of the ray's camera
+  std::vector<Exposure> exposure;    ///< [n], empty: none
+  std::vector<float> weight;         ///< [n]: what a ray's colour counts in the loss; empty: all 1
+  std::vector<std::uint32_t> cell;   ///< [n]: of the pixel (PixelSampler::cells); empty where none are drawn by error
+  std::vector<std::uint32_t> group;  ///< [groups + 1]: first rays of neighbours that start alike; empty: none do
+  std::vector<std::uint32_t> view;   ///< [n]: of the scene; empty in rendering
+  bool refines = false;              ///< a step says what each ray's own place and direction change
   std::vector<float>
       range_m;  ///< [n]: where a LiDAR's ray ends; empty for those of cameras, as target is for a LiDAR's
 };
 
-/// All rays of one view (rows [first_row, last_row)) for rendering: ray k belongs to pixel table.pixel[first + k].
-void view_rays(const RayTable& table, const Rigid3d& world_from_camera, std::size_t first, std::size_t count,
+/// A picture's rays, neighbours together: squares of 2 x 2 pixels, and these in squares of 16 x 16.
+struct PixelSquares {
+  std::vector<std::uint32_t> entry;  ///< every entry of the table once
+  std::vector<std::uint32_t> first;  ///< [squares + 1]: where in `entry` each square of 2 x 2 begins; none is empty
+};
+PixelSquares squares_of(const RayTable& table);
+
+/// Rays of one view for rendering: ray k is entries[k] of the table.
+void view_rays(const RayTable& table, const ShutterPoses& world_from_camera, std::span<const std::uint32_t> entries,
                RayBatch* batch);
 
 /// Which entries of a ray table a mask leaves in use: a bit each and a count every 64.
@@ -70,6 +80,9 @@ class PixelSampler {
   /// InputError: no pixel is left.
   PixelSampler(const Scene& scene, const std::vector<Image8>& images, std::uint64_t seed);
 
+  /// Takes the poses of the scene's views anew: they have been moved.
+  void place();
+
   std::uint64_t pixels() const { return offsets_.back(); }  ///< of one epoch
   const PixelCells& cells() const { return cells_; }        ///< of the training views
   std::int64_t steps_per_epoch(int rays) const;             ///< of so many even rays; the last may have fewer
@@ -82,7 +95,7 @@ class PixelSampler {
  private:
   struct TrainingView {
     int view = 0;  ///< of the scene
-    Rigid3d world_from_camera;
+    ShutterPoses world_from_camera;
   };
   /// Pixels of a training view: all of its table, or those in `used`; of those one in `every` an epoch.
   struct Pool {

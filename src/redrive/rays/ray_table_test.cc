@@ -3,6 +3,8 @@
 
 #include <cmath>
 #include <map>
+#include <numeric>
+#include <set>
 
 #include <gtest/gtest.h>
 
@@ -25,6 +27,12 @@ class RaysTest : public testing::Test {
 
 Eigen::Vector3d column(const std::vector<float>& soa, int n, int i) { return {soa[i], soa[n + i], soa[2 * n + i]}; }
 
+std::vector<std::uint32_t> entries_from(std::size_t first, std::size_t count) {
+  std::vector<std::uint32_t> entries(count);
+  std::iota(entries.begin(), entries.end(), static_cast<std::uint32_t>(first));
+  return entries;
+}
+
 TEST_F(RaysTest, TableHoldsEveryPixelThatTheCameraReaches) {
   for (const RigCamera& rig : scene_.rig) {
     SCOPED_TRACE(rig.name);
@@ -46,13 +54,62 @@ TEST_F(RaysTest, TableHoldsEveryPixelThatTheCameraReaches) {
   }
 }
 
+TEST(PixelSquares, HoldEachPixelOnceBesideItsNeighbours) {
+  RayTable table;
+  table.width = 37;
+  table.height = 19;
+  const auto reached = [](int x, int y) {
+    return (x - 18) * (x - 18) + (y - 9) * (y - 9) < 130;
+  };                                       // a fisheye's circle
+  std::set<std::pair<int, int>> expected;  // squares with a pixel that is reached
+  for (int y = 0; y < table.height; ++y)
+    for (int x = 0; x < table.width; ++x)
+      if (reached(x, y)) {
+        table.pixel.push_back(y * table.width + x);
+        expected.insert({x / 2, y / 2});
+      }
+  const PixelSquares squares = squares_of(table);
+  EXPECT_EQ(std::set(squares.entry.begin(), squares.entry.end()).size(), table.pixel.size());
+  ASSERT_EQ(squares.entry.size(), table.pixel.size());
+  ASSERT_EQ(squares.first.front(), 0u);
+  ASSERT_EQ(squares.first.back(), squares.entry.size());
+  std::set<std::pair<int, int>> found;
+  for (std::size_t s = 0; s + 1 < squares.first.size(); ++s) {
+    ASSERT_LT(squares.first[s], squares.first[s + 1]);
+    std::set<std::pair<int, int>> of_square;
+    for (std::uint32_t i = squares.first[s]; i < squares.first[s + 1]; ++i) {
+      const std::uint32_t pixel = table.pixel[squares.entry[i]];
+      of_square.insert({pixel % table.width / 2, pixel / table.width / 2});
+    }
+    EXPECT_EQ(of_square.size(), 1u) << "square " << s;
+    found.insert(*of_square.begin());
+  }
+  EXPECT_EQ(found, expected);
+  EXPECT_EQ(squares.first.size() - 1, expected.size());
+}
+
+TEST(PixelSquares, OfNothingAreNone) {
+  RayTable table;
+  table.width = 5;
+  table.height = 3;
+  EXPECT_EQ(squares_of(table).first, std::vector<std::uint32_t>{0});
+}
+
+TEST_F(RaysTest, TableIsTheSameOnAnyNumberOfThreads) {
+  for (const RigCamera& rig : scene_.rig) {
+    const RayTable one = make_ray_table(rig.camera), many = make_ray_table(rig.camera, 3);
+    EXPECT_EQ(one.pixel, many.pixel);
+    EXPECT_EQ(one.direction, many.direction);
+  }
+}
+
 TEST_F(RaysTest, RaysOfAViewHitWhatTheCameraSees) {
   const View& view = scene_.views[9];  // FRONT at frame 3
   const Rigid3d world_from_camera = scene_.world_from_camera(view);
   const Camera& camera = scene_.rig[view.camera].camera;
   const RayTable table = make_ray_table(camera);
   RayBatch rays;
-  view_rays(table, world_from_camera, 24, 48, &rays);
+  view_rays(table, world_from_camera, entries_from(24, 48), &rays);
   ASSERT_EQ(rays.n, 48);
   ASSERT_EQ(rays.origin.size(), 144u);
   EXPECT_TRUE(rays.target.empty());
@@ -63,6 +120,19 @@ TEST_F(RaysTest, RaysOfAViewHitWhatTheCameraSees) {
     ASSERT_TRUE(pixel);
     // Float steps of 5e-7 m and 6e-8 at 5 m distance, focal length 22: 1e-5 px.
     EXPECT_LT((*pixel - Eigen::Vector2d(i % 24, 1 + i / 24)).norm(), 1e-5) << i;
+  }
+}
+
+TEST_F(RaysTest, RowsOfARollingShutterStartWhereTheyWereExposed) {
+  const RayTable table = make_ray_table(scene_.rig[1].camera);
+  const auto at = [](double x) { return Rigid3d(Eigen::Translation3d(x, 0, 0)); };
+  const ShutterPoses poses({at(0), at(16)});  // of 16 rows
+  RayBatch rays;
+  view_rays(table, poses, entries_from(0, table.pixel.size()), &rays);
+  ASSERT_EQ(rays.n, 24 * 16);
+  for (int i = 0; i < rays.n; ++i) {
+    EXPECT_EQ(rays.origin[i], static_cast<float>(i / 24 + 0.5)) << i;
+    EXPECT_EQ(rays.direction[i], table.direction[3 * i]);
   }
 }
 
@@ -118,7 +188,7 @@ TEST_F(SamplerTest, AnEpochVisitsEveryTrainingPixelOnce) {
     if (view.held_out) continue;
     const RayTable table = make_ray_table(scene_.rig[view.camera].camera);
     RayBatch rays;
-    view_rays(table, scene_.world_from_camera(view), 0, table.pixel.size(), &rays);
+    view_rays(table, scene_.world_from_camera(view), entries_from(0, table.pixel.size()), &rays);
     for (int i = 0; i < rays.n; ++i) {
       Ray ray;
       const int x = table.pixel[i] % table.width, y = table.pixel[i] / table.width;

@@ -116,6 +116,12 @@ CameraCalibration camera_from_json(const JsonField& sensor, const std::string& n
   }
   camera.body_from_sensor = mount_from_json(sensor);
   check_direction(sensor, camera.body_from_sensor);
+  if (sensor.has("readout_s")) {
+    const JsonField readout = sensor.at("readout_s");
+    const double readout_s = readout.number();
+    if (std::abs(readout_s) > kMostReadout_s) readout.fail("expected seconds between -0.2 and 0.2");
+    camera.readout_ns = std::llround(readout_s * 1e9);
+  }
   if (sensor.has("time_offset_s")) {
     const JsonField offset = sensor.at("time_offset_s");
     const double offset_s = offset.number();

@@ -87,6 +87,16 @@ TEST(Calibration, TimeOffsetInSeconds) {
               AllOf(HasSubstr("F_CAM.time_offset_s"), HasSubstr("late")));
 }
 
+TEST(Calibration, ReadoutInSeconds) {
+  json document = calibration();
+  document["F_CAM"]["readout_s"] = 0.03;
+  const auto cameras = parsed_calibration(document);
+  EXPECT_EQ(cameras[0].readout_ns, 30'000'000);
+  EXPECT_EQ(cameras[1].readout_ns, 0);
+  EXPECT_THAT(calibration_message("/readout_s", 0.3), AllOf(HasSubstr("F_CAM.readout_s"), HasSubstr("0.3")));
+  EXPECT_THAT(calibration_message("/readout_s", "slow"), AllOf(HasSubstr("F_CAM.readout_s"), HasSubstr("slow")));
+}
+
 TEST(Calibration, OtherSensorsAreNotChecked) {
   json document = calibration();
   document["M_LIDAR"]["RT_body_from_sensor"] = "nan";

@@ -15,6 +15,9 @@
 
 namespace redrive {
 
+/// No rolling shutter takes longer, up or down.
+constexpr double kMostReadout_s = 0.2;
+
 /// Calibration of one camera as the file gives it; camera/camera.h makes the model out of it.
 struct CameraCalibration {
   std::string name;
@@ -25,6 +28,8 @@ struct CameraCalibration {
   int width = 0, height = 0;              ///< pixels
   Rigid3d body_from_sensor;               ///< camera axes x right, y down, z forward; body x forward, y left, z up
   std::int64_t time_offset_ns = 0;        ///< its images are exposed this long after their frame's pose
+  /// Of a rolling shutter: row v is exposed ((v + 1/2) / height - 1/2) readout_ns after that. Below 0: from the lowest row up.
+  std::int64_t readout_ns = 0;
 };
 
 /// The body's pose at one frame.
@@ -87,7 +92,8 @@ struct Recording {
       true_frames;  ///< exact poses by id, where a made recording ships them; `frames` may carry errors
   std::vector<FrameFile> lidar_files;  ///< by frame id, with or without a pose: las.h reads them
   std::vector<FrameFile> box_files;    ///< by frame id, with or without a pose: boxes.h reads them
-  std::filesystem::path points_file;   ///< static point cloud, ply.h reads it; empty if there is none
+  std::filesystem::path
+      points_file;  ///< static point cloud, in place of lidar_files; ply.h reads it; empty if there is none
   /// True: a drive, in metres and ECEF, by a clock. False: pictures in a frame and unit of their own, which take the place
   /// of ECEF and metre everywhere; the body's axes are those of a camera that looks along body x, and t_ns only counts, 1 s a frame.
   bool metric = true;

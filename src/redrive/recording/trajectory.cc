@@ -16,12 +16,7 @@ Rigid3d pose_at(const std::vector<FramePose>& frames, std::int64_t t_ns) {
   after = std::clamp(after, frames.begin() + 1, frames.end() - 1);
   const FramePose &b = *after, &a = *(after - 1);
   const double u = static_cast<double>(t_ns - a.t_ns) / static_cast<double>(b.t_ns - a.t_ns);
-  const Eigen::Quaterniond from(a.ecef_from_body.linear()), to(b.ecef_from_body.linear());
-  Rigid3d pose = Rigid3d::Identity();
-  pose.linear() = from.slerp(u, to).normalized().toRotationMatrix();
-  pose.translation() =
-      a.ecef_from_body.translation() + u * (b.ecef_from_body.translation() - a.ecef_from_body.translation());
-  return pose;
+  return between(a.ecef_from_body, b.ecef_from_body, u);
 }
 
 }  // namespace redrive

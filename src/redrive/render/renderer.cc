@@ -17,12 +17,12 @@ constexpr int kMaxTileSamples = 1 << 20;
 }  // namespace
 
 RenderedImage render_image(kernels::Backend& backend, const Model& model, const Camera& camera,
-                           const Rigid3d& world_from_camera, const Exposure& exposure) {
-  return render_image(backend, model, make_ray_table(camera), world_from_camera, exposure);
+                           const ShutterPoses& world_from_camera, const Exposure& exposure) {
+  return render_image(backend, model, make_ray_table(camera, backend.threads()), world_from_camera, exposure);
 }
 
 RenderedImage render_image(kernels::Backend& backend, const Model& model, const RayTable& table,
-                           const Rigid3d& world_from_camera, const Exposure& exposure) {
+                           const ShutterPoses& world_from_camera, const Exposure& exposure) {
   RenderedImage image;
   image.width = table.width;
   image.height = table.height;
@@ -35,10 +35,18 @@ RenderedImage render_image(kernels::Backend& backend, const Model& model, const 
   RayBatch batch;
   Workspace workspace;
   std::vector<float> rgb, depth, opacity;
-  const std::size_t step = std::clamp(kMaxTileSamples / model.samples_per_ray(), 1, kMaxTileRays);
-  for (std::size_t first = 0; first < table.pixel.size(); first += step) {
-    const std::size_t count = std::min(step, table.pixel.size() - first);
-    view_rays(table, world_from_camera, first, count, &batch);
+  const PixelSquares squares = squares_of(table);
+  const std::size_t most = std::clamp(kMaxTileSamples / model.samples_per_ray(), 4, kMaxTileRays);
+  for (std::size_t square = 0; square + 1 < squares.first.size();) {
+    const std::uint32_t first = squares.first[square];
+    batch.group.clear();
+    // A tile is whole squares.
+    for (; square + 1 < squares.first.size() && squares.first[square + 1] <= first + most; ++square)
+      batch.group.push_back(squares.first[square] - first);
+    const std::size_t count = squares.first[square] - first;
+    batch.group.push_back(static_cast<std::uint32_t>(count));
+    const auto entries = std::span(squares.entry).subspan(first, count);
+    view_rays(table, world_from_camera, entries, &batch);
     batch.exposure.assign(count, exposure);
     REDRIVE_CHECK_OP(static_cast<std::size_t>(batch.n), ==, count);
     rgb.resize(3 * count);
@@ -46,7 +54,7 @@ RenderedImage render_image(kernels::Backend& backend, const Model& model, const 
     opacity.resize(count);
     model.render(backend, batch, {rgb, depth, opacity, {}}, &workspace);
     for (std::size_t k = 0; k < count; ++k) {
-      const std::size_t pixel = table.pixel[first + k];
+      const std::size_t pixel = table.pixel[entries[k]];
       for (std::size_t c = 0; c < 3; ++c) image.rgb[3 * pixel + c] = rgb[c * count + k];
       image.depth[pixel] = depth[k];
       image.opacity[pixel] = opacity[k];

@@ -22,9 +22,9 @@ struct RenderedImage {
 
 /// As the camera of the run shows it that `exposure` names.
 RenderedImage render_image(kernels::Backend& backend, const Model& model, const Camera& camera,
-                           const Rigid3d& world_from_camera, const Exposure& exposure = {});
+                           const ShutterPoses& world_from_camera, const Exposure& exposure = {});
 RenderedImage render_image(kernels::Backend& backend, const Model& model, const RayTable& table,
-                           const Rigid3d& world_from_camera, const Exposure& exposure = {});
+                           const ShutterPoses& world_from_camera, const Exposure& exposure = {});
 
 Image8 to_image8(const RenderedImage& image);                     ///< round(255 x), clamped
 std::vector<std::uint16_t> depth_mm(const RenderedImage& image);  ///< 65535: 65.535 m and more

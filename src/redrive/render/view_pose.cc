@@ -89,7 +89,7 @@ std::vector<RigCamera> poses_rig(const PosesFile& poses, const Scene& scene, boo
   std::vector<RigCamera> rig;
   for (const CameraCalibration& calibration : poses.cameras) {
     RigCamera camera{calibration.name, make_camera(calibration), make_camera(calibration), calibration.body_from_sensor,
-                     calibration.time_offset_ns};
+                     calibration.time_offset_ns, calibration.readout_ns};
     if (like_run && scene.undistort && std::holds_alternative<OpenCvPinhole>(camera.camera.model))
       camera.camera = camera.camera.undistorted();
     if (like_run) camera.camera = camera.camera.downscaled(scene.downscale);

@@ -70,10 +70,11 @@ PictureRow camera_pictures(const Run& run, kernels::Backend& backend, int camera
   original.alpha.clear();  // as it is scored: on what pictures are rendered on
   const RayTable table = make_ray_table(rig.camera);
   const auto render_shifted = [&](ShiftAxes axes, double x_m) {
-    return render_image(backend, *run.state.model, table,
-                        shifted_camera(run.scene.ecef_from_world, view.world_from_body, rig.body_from_sensor, axes,
-                                       Eigen::Vector3d(x_m, 0, 0)),
-                        run.scene.exposure(view));
+    std::vector<Rigid3d> keys;  // the picture's own shutter
+    for (const Rigid3d& world_from_body : view.by_row.empty() ? std::vector{view.world_from_body} : view.by_row)
+      keys.push_back(shifted_camera(run.scene.ecef_from_world, world_from_body, rig.body_from_sensor, axes,
+                                    Eigen::Vector3d(x_m, 0, 0)));
+    return render_image(backend, *run.state.model, table, ShutterPoses(std::move(keys)), run.scene.exposure(view));
   };
   const RenderedImage reproduced = render_shifted(ShiftAxes::kBody, 0);
 

@@ -118,6 +118,10 @@ std::string scores(const Evaluation& evaluation, const Evaluation* other, const 
     if (other) add_beside(other->novel, name, &rows.back());
   }
   out += "<h3>Views that were never driven</h3>\n";
+  if (const auto& aligned = evaluation.view_alignment)
+    out += "<p>Training refined the poses; those of the " + std::to_string(aligned->views) +
+           " held-out images were laid onto the finished field before they were scored: moved by " +
+           fixed(100 * aligned->moved_m, 1) + " cm, turned by " + fixed(aligned->turned_deg, 3) + "&deg; RMS.</p>\n";
   if (evaluation.alignment) out += alignment_text(*evaluation.alignment);
   return out + html_table(rows, true) +
          "<p>Depth error: median over an image's pixels of |depth - truth| / truth, along the ray.</p>\n";

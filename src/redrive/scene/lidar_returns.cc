@@ -5,7 +5,9 @@
 #include <tuple>
 
 #include "redrive/recording/las.h"
+#include "redrive/recording/ply.h"
 #include "redrive/recording/trajectory.h"
+#include "redrive/scene/cloud_returns.h"
 
 namespace redrive {
 namespace {
@@ -86,6 +88,12 @@ std::vector<Ray> rays_of(const std::vector<LidarPoint>& points, const std::vecto
 
 LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene, const MovingObjects& moving,
                                 ThreadPool& pool) {
+  if (recording.lidar_files.empty() && !recording.points_file.empty()) {
+    std::vector<CloudOrigin> origins;
+    for (const Frame& frame : scene.frames)
+      origins.push_back({frame.world_from_body * scene.rig[0].body_from_sensor.translation(), frame.t_ns});
+    return cloud_returns(read_ply(recording.points_file), origins, pool);
+  }
   LidarReturns returns;
   if (!recording.body_from_lidar) return returns;
   std::vector<const FrameFile*> files;

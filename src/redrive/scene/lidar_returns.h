@@ -27,10 +27,12 @@ struct LidarReturns {
   std::size_t beyond_trajectory = 0;  ///< more than 60 ms before the first or after the last pose
   std::size_t on_ego = 0;             ///< on the recording vehicle itself
   std::size_t on_moving = 0;          ///< inside the box of an annotated object that moves
+  std::size_t hidden = 0;             ///< of a cloud: cloud_returns.h
 };
 
-/// Returns of the revolutions whose frame id lies within those of scene.frames. None where the recording has no LiDAR or does
-/// not say where it stands (Recording::body_from_lidar). InputError as read_las.
+/// Returns of the revolutions whose frame id lies within those of scene.frames; of a recording that has a points_file instead,
+/// its cloud_returns. None where there is neither or the recording does not say where its LiDAR stands (Recording::body_from_lidar).
+/// InputError as read_las and read_ply.
 LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene, const MovingObjects& moving,
                                 ThreadPool& pool);
 

@@ -141,6 +141,25 @@ TEST_F(LidarReturnsTest, RevolutionsOfHeldOutFramesAreUsedButNoneOutsideTheScene
   EXPECT_EQ(load(options).n, 4u);
 }
 
+// In the first frame's body axes, which are the world's, also where the scene begins later.
+TEST_F(LidarReturnsTest, ACloudStandsInForRevolutions) {
+  folder_.write("points.ply",
+                "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n"
+                "end_header\n20 -4 2\n-15 3 1\n");
+  recording_.points_file = folder_.path / "points.ply";
+  SceneOptions options;
+  options.first_frame = 12;
+  const LidarReturns returns = load(options);
+  ASSERT_EQ(returns.n, 2u);
+  for (std::size_t i = 0; i < 2; ++i) {
+    const Vector3d point = at(returns.origin, 2, i) + returns.range_m[i] * at(returns.direction, 2, i);
+    EXPECT_LT((point - (i == 0 ? Vector3d(20, -4, 2) : Vector3d(-15, 3, 1))).norm(), 1e-5) << i;
+  }
+  EXPECT_EQ(returns.t_ns[1], recording_.frames[2].t_ns) << "behind: the first of the scene's frames is the nearest";
+  add_file(12, {seen({20, 1, 1}, recording_.frames[2].t_ns)});
+  EXPECT_EQ(load(options).n, 1u) << "revolutions are there";
+}
+
 TEST_F(LidarReturnsTest, NoneWithoutAPlaceOfTheSensor) {
   add_file(10, {seen({20, 1, 1}, recording_.frames[0].t_ns)});
   recording_.body_from_lidar.reset();

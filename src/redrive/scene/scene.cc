@@ -73,8 +73,12 @@ std::vector<FramePose> choose_frames(const Recording& recording, const SceneOpti
 }
 
 RigCamera make_rig_camera(const CameraCalibration& calibration, const SceneOptions& options) {
-  RigCamera camera{
-      calibration.name, {}, make_camera(calibration), calibration.body_from_sensor, calibration.time_offset_ns};
+  RigCamera camera{calibration.name,           {},
+                   make_camera(calibration),   calibration.body_from_sensor,
+                   calibration.time_offset_ns, calibration.readout_ns};
+  if (options.undistort && calibration.readout_ns != 0)
+    throw UsageError("--undistort", calibration.name,
+                     "has a rolling shutter, whose rows have times of their own: resampling mixes them");
   if (options.undistort && !std::holds_alternative<OpenCvPinhole>(camera.recorded.model))
     throw UsageError("--undistort", calibration.name,
                      "is a fisheye (" + calibration.model +
@@ -121,6 +125,28 @@ Rigid3d Scene::world_from_camera(const View& view) const {
   return view.world_from_body * rig[view.camera].body_from_sensor;
 }
 
+ShutterPoses Scene::shutter_poses(const View& view) const {
+  if (view.by_row.empty()) return world_from_camera(view);
+  std::vector<Rigid3d> keys;
+  for (const Rigid3d& world_from_body : view.by_row)
+    keys.push_back(world_from_body * rig[view.camera].body_from_sensor);
+  return ShutterPoses(std::move(keys));
+}
+
+void place_view(const std::vector<FramePose>& frames, const Scene& scene, View* view) {
+  constexpr int kKeys = 9;  // rows of a readout of 30 ms have one every 4 ms
+  const RigCamera& camera = scene.rig[view->camera];
+  const std::int64_t t_ns = scene.frames[view->frame].t_ns + camera.time_offset_ns;
+  const Rigid3d world_from_ecef = scene.ecef_from_world.inverse();
+  view->world_from_body = world_from_ecef * pose_at(frames, t_ns);
+  view->by_row.clear();
+  for (int key = 0; camera.readout_ns != 0 && key < kKeys; ++key) {
+    const double part = key / (kKeys - 1.0) - 0.5;
+    view->by_row.push_back(world_from_ecef *
+                           pose_at(frames, t_ns + std::llround(part * static_cast<double>(camera.readout_ns))));
+  }
+}
+
 std::array<float, 3> rendered_background(Background background) {
   const float value = background == Background::kWhite ? 1.0f : 0.0f;
   return {value, value, value};
@@ -157,15 +183,15 @@ Scene make_scene(const Recording& recording, const SceneOptions& options) {
       const int frame = scene.frame_index(image.frame_id);
       if (frame < 0) continue;
       const bool held_out = image.held_out || (options.holdout_every > 0 && frame % options.holdout_every == 0);
-      const std::int64_t t_ns = scene.frames[frame].t_ns + recorded->calibration.time_offset_ns;
-      views.push_back({static_cast<int>(scene.rig.size()), frame, image.path, held_out,
-                       world_from_ecef * pose_at(recording.frames, t_ns), image.mask});
+      views.push_back(
+          {static_cast<int>(scene.rig.size()), frame, image.path, held_out, Rigid3d::Identity(), image.mask, {}});
     }
     if (views.empty()) {
       if (options.cameras.empty()) continue;
       throw UsageError("--cameras", recorded->calibration.name, "has no image in the chosen frames");
     }
     scene.rig.push_back(make_rig_camera(recorded->calibration, options));
+    for (View& view : views) place_view(recording.frames, scene, &view);
     scene.views.insert(scene.views.end(), views.begin(), views.end());
   }
   if (scene.views.empty()) throw UsageError("--frames", "", "no camera has an image in the chosen frames");

@@ -13,6 +13,7 @@
 #include "redrive/camera/camera.h"
 #include "redrive/recording/recording.h"
 #include "redrive/scene/exposure.h"
+#include "redrive/scene/shutter_poses.h"
 #include "redrive/scene/unit_from_world.h"
 
 namespace redrive {
@@ -22,7 +23,8 @@ struct RigCamera {
   Camera camera;    ///< at the training resolution (undistorted and downscaled as the options say)
   Camera recorded;  ///< as recorded; the image file must have its size
   Rigid3d body_from_sensor;
-  std::int64_t time_offset_ns = 0;  ///< exposure minus the time of the frame's pose
+  std::int64_t time_offset_ns = 0;  ///< exposure, of the middle row, minus the time of the frame's pose
+  std::int64_t readout_ns = 0;      ///< CameraCalibration::readout_ns
 };
 
 struct Frame {
@@ -40,6 +42,8 @@ struct View {
   Rigid3d world_from_body =
       Rigid3d::Identity();  ///< when the image was exposed: the frame's unless the camera has an offset
   MaskFile mask;
+  std::vector<Rigid3d>
+      by_row;  ///< of a rolling shutter: world_from_body at even times from the upper edge to the lower one
 };
 
 /// What shows through where an image is transparent, in training, rendering and evaluation.
@@ -78,12 +82,16 @@ struct Scene {
   Background background = Background::kNone;
   bool metric = true;  ///< Recording::metric: metres and a clock
 
-  int camera_index(const std::string& name) const;    ///< -1 if there is none
-  int frame_index(std::int64_t id) const;             ///< -1 if there is none
-  Rigid3d world_from_camera(const View& view) const;  ///< E_P,0^-1 E_P,n E_C of the report's equation (2)
+  int camera_index(const std::string& name) const;     ///< -1 if there is none
+  int frame_index(std::int64_t id) const;              ///< -1 if there is none
+  Rigid3d world_from_camera(const View& view) const;   ///< E_P,0^-1 E_P,n E_C of the report's equation (2)
+  ShutterPoses shutter_poses(const View& view) const;  ///< world_from_camera of each row
   Exposure exposure(int camera, std::int64_t t_ns) const;
   Exposure exposure(const View& view) const { return exposure(view.camera, frames[view.frame].t_ns); }
 };
+
+/// Puts a view of the scene where its camera, as the rig has it, was when it was exposed.
+void place_view(const std::vector<FramePose>& frames, const Scene& scene, View* view);
 
 /// What pictures are rendered and scored on, rgb in [0, 1].
 std::array<float, 3> rendered_background(Background background);

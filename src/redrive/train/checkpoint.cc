@@ -12,7 +12,8 @@ namespace redrive {
 namespace {
 
 constexpr const char* kCellErrors = "cell_errors";
-constexpr const char* kFormat = "redrive-4";
+constexpr const char* kPoses[] = {"poses", "poses.first_moment", "poses.second_moment"};
+constexpr const char* kFormat = "redrive-5";
 
 /// The numbers of a state beside its model's by name, each visited once: the one list that writing and reading share.
 template <class State, class Visit>
@@ -41,6 +42,9 @@ void visit_numbers(State& state, const Visit& visit) {
   visit("window.loss", state.window.loss);
   visit("window.mse", state.window.mse);
   visit("window.seconds", state.window.seconds);
+  visit("poses.frames", state.poses.corrections.frames);
+  visit("poses.cameras", state.poses.corrections.cameras);
+  visit("poses.updates", state.poses.moments.updates);
 }
 
 /// Shows a model's numbers to a function of (name, number), whatever their type.
@@ -71,6 +75,11 @@ void check_state(const TrainState& state, const std::filesystem::path& file) {
   require(state.rollbacks >= 0, "rollbacks", state.rollbacks, "must not be negative");
   require(state.rate_factor > 0 && state.rate_factor <= 1, "rate_factor", state.rate_factor,
           "must be above 0, at most 1");
+  require(state.poses.corrections.frames >= 0 && state.poses.corrections.frames <= 10'000'000, "poses.frames",
+          state.poses.corrections.frames, "must be in 0..10000000");
+  require(state.poses.corrections.cameras >= 0 && state.poses.corrections.cameras <= 100'000, "poses.cameras",
+          state.poses.corrections.cameras, "must be in 0..100000");
+  require(state.poses.moments.updates >= 0, "poses.updates", state.poses.moments.updates, "must not be negative");
   require(state.window.steps >= 0, "window.steps", state.window.steps, "must not be negative");
 }
 
@@ -112,6 +121,12 @@ std::string checkpoint_bytes(const TrainState& state) {
   entries.push_back({"adam.second_moment", all, state.second_moment.span()});
   if (!state.cell_errors.empty())
     entries.push_back({kCellErrors, {static_cast<std::int64_t>(state.cell_errors.size())}, state.cell_errors});
+  if (state.poses.refines()) {
+    const std::vector<std::int64_t> of_poses = {static_cast<std::int64_t>(state.poses.corrections.size())};
+    entries.push_back({kPoses[0], of_poses, state.poses.corrections.values});
+    entries.push_back({kPoses[1], of_poses, state.poses.moments.first});
+    entries.push_back({kPoses[2], of_poses, state.poses.moments.second});
+  }
   return safetensors_bytes(metadata, entries);
 }
 
@@ -170,7 +185,16 @@ TrainState parse_checkpoint(std::string_view bytes, const std::filesystem::path&
     if (state.cell_errors[i] < 0 || state.cell_errors[i] > kUnseenError)
       throw InputError(file, kCellErrors + ("[" + std::to_string(i) + "]"), std::to_string(state.cell_errors[i]),
                        "must be in 0..1");
-  const std::size_t expected = tensors.size() + 2 + with_errors;
+  const bool with_poses = state.poses.corrections.size() > 0;
+  if (with_poses) {
+    const std::vector<std::int64_t> of_poses = {static_cast<std::int64_t>(state.poses.corrections.size())};
+    state.poses.corrections.values = std::move(take(parsed, kPoses[0], of_poses, file).values);
+    state.poses.moments.first = std::move(take(parsed, kPoses[1], of_poses, file).values);
+    state.poses.moments.second = std::move(take(parsed, kPoses[2], of_poses, file).values);
+    for (const float v : state.poses.moments.second)
+      if (v < 0) throw InputError(file, kPoses[2], std::to_string(v), "must not be negative");
+  }
+  const std::size_t expected = tensors.size() + 2 + with_errors + 3 * with_poses;
   if (parsed.tensors.size() != expected)
     throw InputError(file, "", std::to_string(parsed.tensors.size()) + " tensors",
                      "must be " + std::to_string(expected));

@@ -65,6 +65,12 @@ TrainState example_grid_state(int colour_layers = 1) {
   model->samples = 5;
   TrainState state = midway(initial_state(std::move(model), 3));
   state.cell_errors = {kUnseenError, 1.0f / 3, 0};
+  state.poses.corrections.frames = 2;
+  state.poses.corrections.cameras = 1;
+  for (auto* values : {&state.poses.corrections.values, &state.poses.moments.first, &state.poses.moments.second})
+    for (std::size_t i = 0; i < state.poses.corrections.size(); ++i)
+      values->push_back(1e-3f / static_cast<float>(i + 3));
+  state.poses.moments.updates = 41;
   return state;
 }
 
@@ -123,6 +129,12 @@ TEST(Checkpoint, GridRoundTripIsBitExact) {
     EXPECT_EQ(b.proposal_samples, a.proposal_samples);
     EXPECT_EQ(b.samples, a.samples);
     EXPECT_EQ(back.cell_errors, state.cell_errors);
+    EXPECT_EQ(back.poses.corrections.frames, 2);
+    EXPECT_EQ(back.poses.corrections.cameras, 1);
+    EXPECT_EQ(back.poses.corrections.values, state.poses.corrections.values);
+    EXPECT_EQ(back.poses.moments.first, state.poses.moments.first);
+    EXPECT_EQ(back.poses.moments.second, state.poses.moments.second);
+    EXPECT_EQ(back.poses.moments.updates, 41);
     EXPECT_EQ(back.step, state.step);
     EXPECT_EQ(back.window, state.window);
     EXPECT_EQ(checkpoint_bytes(back), bytes);
@@ -287,6 +299,22 @@ TEST(Checkpoint, DamageToAGridIsRefusedAndNamed) {
          p.header["colour.0.weight"]["shape"] = {32, 16};
        },
        "colour.0.weight.shape"},
+      {"poses of more frames than there are", metadata("poses.frames", "3"), "poses.shape"},
+      {"poses of a negative number of frames", metadata("poses.frames", "-2"), "__metadata__.poses.frames"},
+      {"poses of too many cameras", metadata("poses.cameras", "200000"), "__metadata__.poses.cameras"},
+      {"updates", metadata("poses.updates", "-1"), "__metadata__.poses.updates"},
+      {"poses of no frame and no camera",
+       [](Parts& p) {
+         for (const char* name : {"poses.frames", "poses.cameras"}) p.header["__metadata__"][name] = "0";
+       },
+       "tensors"},
+      {"a negative square",
+       [](Parts& p) {
+         const float below = -1;
+         std::memcpy(p.data.data() + p.header["poses.second_moment"]["data_offsets"][0].get<std::size_t>() + 4, &below,
+                     4);
+       },
+       "poses.second_moment"},
       {"errors that are no list",
        [](Parts& p) {
          p.header["cell_errors"]["shape"] = {1, 3};

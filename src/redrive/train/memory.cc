@@ -8,6 +8,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/recording/las.h"
+#include "redrive/scene/cloud_returns.h"
 #include "redrive/train/step.h"
 
 namespace redrive {
@@ -74,6 +75,15 @@ MemoryNeed estimate_memory(const Run& run, int threads) {
         points += lidar_points(file.path);
     need.lidar = points * kReturn * 2 / 3;  // of overlapping revolutions a third is there twice
     need.sorting = points * (sizeof(LidarPoint) + kSortedRay * 2 / 3);
+  }
+  if (run.options.lidar_rays > 0 && run.recording.lidar_files.empty() && !run.recording.points_file.empty()) {
+    constexpr std::uint64_t kCloudPoint = 64;  // as it is placed, with its cell's nearest
+    std::error_code error;
+    const std::uint64_t size = std::filesystem::file_size(run.recording.points_file, error), bytes = error ? 0 : size,
+                        points = bytes / (3 * sizeof(float)),  // at most
+        used = std::min<std::uint64_t>(points, kMostCloudPoints);
+    need.lidar = used * kReturn;
+    need.sorting = bytes + points * sizeof(Eigen::Vector3d) + used * kCloudPoint;
   }
   const double rays =
       run.options.batch_rays * (run.options.method == "grid" ? kMostRaysOfBatch : 1) + run.options.lidar_rays;

@@ -176,6 +176,13 @@ std::vector<TrainField> make_fields() {
       text("poses", &O::poses, {},
            "folder that redrive align made: its poses and calibration are used, of which the run keeps a copy"),
       flag("align", &O::align, "redrive align first; the run keeps what it found in RUN/poses, with its report"),
+      list("rolling-shutter", &O::rolling_shutter,
+           "MS or CAM:MS,CAM:MS: cameras read their rows one after another within so many ms, the time of an image "
+           "being "
+           "its middle row's; below 0: from the lowest row up (default: as the calibration says, readout_s)"),
+      text("refine-poses", &O::refine_poses, {"auto", "on", "off"},
+           "put right what the recording says of each frame's pose, each camera's place and time while training; auto: "
+           "of a drive by grid, but not with --truth-poses"),
       number("near", &O::near_m, Range<double>{0, kInfinite, true}, "first sample of a ray, metres"),
       number("far", &O::far_m, Range<double>{0, kInfinite, true}, "last sample of a ray, metres"),
       text("background", &O::background, {"", "white", "black", "random"},

@@ -114,6 +114,13 @@ void resolve_range(TrainOptions* options, const std::vector<std::string>& given,
   options->far_m = unbounded ? kFurthest * half_side : furthest;
 }
 
+bool refines_poses(const TrainOptions& options, const Scene& scene) {
+  const bool can = options.method == "grid" && scene.metric;
+  if (options.refine_poses == "on" && !can)
+    throw UsageError("--refine-poses", "on", "poses are refined by --method grid alone, and of drives alone");
+  return can && (options.refine_poses == "on" || (options.refine_poses == "auto" && !options.truth_poses));
+}
+
 void validate(const TrainOptions& options) {
   for (const TrainField& field : train_fields()) {
     field.check(options);
@@ -166,8 +173,35 @@ void validate(const TrainOptions& options) {
                          std::to_string(kMaxBatchSamples) + " or less (memory)");
 }
 
+namespace {
+
+/// --rolling-shutter instead of what the calibration says.
+void set_readouts(const std::vector<std::string>& given, Recording* recording) {
+  for (const std::string& text : given) {
+    const std::size_t colon = text.rfind(':');
+    const std::string name = colon == std::string::npos ? "" : text.substr(0, colon);
+    const char* const begin = text.data() + (colon == std::string::npos ? 0 : colon + 1);
+    double ms = 0;
+    const auto [end, error] = std::from_chars(begin, text.data() + text.size(), ms);
+    if (error != std::errc() || end != text.data() + text.size() || !(std::abs(ms) <= 1e3 * kMostReadout_s))
+      throw UsageError("--rolling-shutter", text, "must be MS or CAM:MS with milliseconds in -200..200");
+    bool found = false;
+    for (RecordedCamera& camera : recording->cameras)
+      if (name.empty() || camera.calibration.name == name) {
+        camera.calibration.readout_ns = std::llround(1e6 * ms);
+        found = true;
+      }
+    if (!found) throw UsageError("--rolling-shutter", text, "the recording has no camera " + name + " with images");
+  }
+}
+
+}  // namespace
+
 Recording open_recording(const TrainOptions& options) {
-  return open_recording(options.recording, options.truth_poses ? PoseSource::kTruth : PoseSource::kGiven);
+  Recording recording =
+      open_recording(options.recording, options.truth_poses ? PoseSource::kTruth : PoseSource::kGiven);
+  set_readouts(options.rolling_shutter, &recording);
+  return recording;
 }
 
 bool has_own_poses(const TrainOptions& options) { return options.align || !options.poses.empty(); }

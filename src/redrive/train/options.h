@@ -29,6 +29,10 @@ struct TrainOptions {
   bool truth_poses = false;  ///< the exact poses and calibration that a made recording ships
   std::string poses;         ///< folder of other poses and another calibration (recording/pose_files.h); "": the recording's own
   bool align = false;        ///< those that redrive align finds
+  std::vector<std::string>
+      rolling_shutter;  ///< "MS" for all cameras, or "CAM:MS" each: what the calibration does not say
+  std::string refine_poses =
+      "auto";  ///< "auto", "on", "off": while training; auto: of a drive by grid, but not with truth_poses
   double near_m = 0.5, far_m = 1000;
   std::string background;  ///< "", "white", "black", "random": behind transparent pixels
   std::string masks =
@@ -86,6 +90,9 @@ SceneOptions scene_options(const TrainOptions& options);
 Recording open_recording(const TrainOptions& options);
 /// Whether a run keeps poses of its own beside the recording's: --poses or --align.
 bool has_own_poses(const TrainOptions& options);
+
+/// Whether poses are refined. UsageError where nothing can: --method nerf, photographs.
+bool refines_poses(const TrainOptions& options, const Scene& scene);
 
 /// What --memory allows on a machine of so many bytes: bytes ("6000000000"), "6GiB", or a share ("70%"). UsageError.
 std::uint64_t allowed_memory(const TrainOptions& options, std::uint64_t machine);

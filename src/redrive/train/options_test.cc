@@ -314,5 +314,25 @@ TEST(TrainOptions, JsonThatDoesNotFitIsRefused) {
   EXPECT_THAT(what(nlohmann::json::array()), HasSubstr("config.json"));
 }
 
+TEST(Options, RollingShutterIsOfAllCamerasOrOfEach) {
+  TrainOptions options;
+  options.recording = REDRIVE_SAMPLES "/analytic";
+  const auto readouts = [&](std::vector<std::string> given) {
+    options.rolling_shutter = std::move(given);
+    std::vector<std::int64_t> out;
+    for (const RecordedCamera& camera : open_recording(options).cameras) out.push_back(camera.calibration.readout_ns);
+    return out;
+  };
+  const Recording recording = open_recording(options);
+  const std::size_t cameras = recording.cameras.size();
+  EXPECT_EQ(readouts({}), std::vector<std::int64_t>(cameras, 0));
+  EXPECT_EQ(readouts({"30"}), std::vector<std::int64_t>(cameras, 30'000'000));
+  std::vector<std::int64_t> one(cameras, 0);
+  one.back() = -12'500'000;
+  EXPECT_EQ(readouts({recording.cameras.back().calibration.name + ":-12.5"}), one);
+  for (const char* wrong : {"", "x", "30ms", "NONE:30", "201", "nan", ":"})
+    EXPECT_THROW(readouts({wrong}), UsageError) << wrong;
+}
+
 }  // namespace
 }  // namespace redrive

@@ -34,6 +34,13 @@ void check_belongs(const Run& run) {
   if (std::string(run.state.model->method()) != expected->method())
     throw InputError(file, "method", run.state.model->method(),
                      std::string("is ") + expected->method() + " in " + run.paths.config().string());
+  const PoseCorrections& poses = run.state.poses.corrections;
+  if (run.state.poses.refines() && (poses.frames != static_cast<int>(run.scene.frames.size()) ||
+                                    poses.cameras != static_cast<int>(run.scene.rig.size())))
+    throw InputError(
+        file, "poses", std::to_string(poses.frames) + " frames, " + std::to_string(poses.cameras) + " cameras",
+        run.recording.root.string() + " has " + std::to_string(run.scene.frames.size()) + " and " +
+            std::to_string(run.scene.rig.size()) + " of the run: it is no longer the recording that was trained on");
   const Numbers there(*run.state.model), here(*expected);
   for (std::size_t i = 0; i < here.values.size(); ++i) {
     const auto& [name, value] = there.values[i];
@@ -147,10 +154,12 @@ std::unique_ptr<Model> model_of(const TrainOptions& options, const Scene& scene)
 }
 
 TrainState first_state(const TrainOptions& options, const Scene& scene) {
-  return initial_state(model_of(options, scene), options.seed);
+  TrainState state = initial_state(model_of(options, scene), options.seed);
+  if (refines_poses(options, scene)) state.poses = PoseState(scene);
+  return state;
 }
 
-Run open_run(const std::filesystem::path& root, bool fresh_if_untrained) {
+Run open_run(const std::filesystem::path& root, bool to_resume) {
   Run run;
   run.paths.root = root;
   std::error_code error;
@@ -160,11 +169,15 @@ Run open_run(const std::filesystem::path& root, bool fresh_if_untrained) {
   if (has_own_poses(run.options)) use_pose_files(read_pose_files(run.paths.poses()), run.paths.poses(), &run.recording);
   run.scene = make_scene(run.recording, scene_options(run.options));
   const auto there = std::filesystem::status(run.paths.checkpoint(), error).type();
-  if (fresh_if_untrained && there == std::filesystem::file_type::not_found) {
+  if (to_resume && there == std::filesystem::file_type::not_found) {
     run.state = first_state(run.options, run.scene);
   } else {
     run.state = load_checkpoint(run.paths.checkpoint());
     check_belongs(run);
+    if (!to_resume && run.state.poses.refines()) {
+      run.recording = corrected(run.recording, run.scene, run.state.poses.corrections);
+      place_views(run.recording, &run.scene);
+    }
   }
   return run;
 }

@@ -40,9 +40,10 @@ struct Run {
   Scene scene;
   TrainState state;
 };
-/// InputError if a file is missing or they do not belong together. `fresh_if_untrained`: a run that was killed before its
-/// first checkpoint opens with the state it would have started from (for resume), else that is an error.
-Run open_run(const std::filesystem::path& root, bool fresh_if_untrained = false);
+/// InputError if a file is missing or they do not belong together. Recording and scene have the poses that training refined; `to_resume`:
+/// those it began with, and a run that was killed before its first checkpoint opens with the state it would have started from, which
+/// is an error otherwise.
+Run open_run(const std::filesystem::path& root, bool to_resume = false);
 /// The model that options and scene ask for, without parameters.
 std::unique_ptr<Model> model_of(const TrainOptions& options, const Scene& scene);
 /// The state a run starts from.

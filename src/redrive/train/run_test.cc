@@ -80,6 +80,49 @@ TEST(RunFolder, OfAGridIsNoOther) {  // its checkpoint is large: all of it in a 
   EXPECT_THAT(complaint("nerf", options, small), HasSubstr("method = grid"));
 }
 
+// To look at with the poses that training came to, to go on with those it began with.
+TEST(RunFolder, OpensWithItsRefinedPoses) {
+  const TemporaryFolder folder;
+  const TrainOptions options = options_of("grid");
+  const RunPaths paths = create_run(folder.path / "run", options);
+  const Recording recording = open_recording(options);
+  const Scene scene = make_scene(recording, scene_options(options));
+  TrainState state = first_state(options, scene);
+  ASSERT_TRUE(state.poses.refines()) << "a drive";
+  PoseCorrections& corrections = state.poses.corrections;
+  corrections.values[corrections.at_frame(1)] = 0.25f;
+  corrections.values[corrections.at_camera(0) + 2] = -0.125f;
+  save_checkpoint(paths.checkpoint(), state);
+  const redrive::Run looked_at = open_run(paths.root), resumed = open_run(paths.root, /*to_resume=*/true);
+  const auto moved = [&](const redrive::Run& run, std::size_t view) {
+    return (run.scene.world_from_camera(run.scene.views[view]).translation() -
+            scene.world_from_camera(scene.views[view]).translation())
+        .norm();
+  };
+  for (std::size_t v = 0; v < scene.views.size(); ++v) {
+    EXPECT_EQ(moved(resumed, v), 0);
+    const View& view = scene.views[v];
+    if (view.frame == 1 && view.camera != 0) EXPECT_NEAR(moved(looked_at, v), 0.25, 1e-6);
+    if (view.frame == 3 && view.camera == 0) EXPECT_NEAR(moved(looked_at, v), 0.125, 1e-6);
+  }
+  EXPECT_NEAR(
+      (looked_at.recording.frames[1].ecef_from_body.translation() - recording.frames[1].ecef_from_body.translation())
+          .norm(),
+      0.25, 1e-6);
+  state.poses = {};
+  state.poses.corrections.frames = static_cast<int>(scene.frames.size()) + 1;
+  state.poses.corrections.cameras = static_cast<int>(scene.rig.size());
+  state.poses.corrections.values.resize(state.poses.corrections.size());
+  state.poses.moments = Moments(state.poses.corrections.size());
+  save_checkpoint(paths.checkpoint(), state);
+  try {
+    open_run(paths.root);
+    FAIL() << "poses of another recording";
+  } catch (const InputError& error) {
+    EXPECT_THAT(error.what(), HasSubstr("no longer the recording"));
+  }
+}
+
 TEST(ModelOf, ACubeIsAllThereIsSeenFromOutsideOrOnABackground) {
   const TrainOptions options = options_of("grid");
   Scene scene;

@@ -10,6 +10,7 @@
 
 #include "redrive/base/buffer.h"
 #include "redrive/model/model.h"
+#include "redrive/scene/pose_corrections.h"
 
 namespace redrive {
 
@@ -43,15 +44,35 @@ struct LossWindow {
   bool operator==(const LossWindow&) const = default;
 };
 
+/// Adam's moments of some numbers.
+struct Moments {
+  std::vector<float> first, second;
+  std::int64_t updates = 0;
+
+  Moments() = default;
+  explicit Moments(std::size_t n) : first(n), second(n) {}
+};
+
+/// Corrections of the recording's poses (train/pose_refiner.h).
+struct PoseState {
+  PoseCorrections corrections;  ///< values empty: poses are not refined
+  Moments moments;
+
+  PoseState() = default;
+  explicit PoseState(const Scene& scene) : corrections(scene), moments(corrections.size()) {}
+  bool refines() const { return !corrections.values.empty(); }
+};
+
 struct TrainState {
   std::unique_ptr<Model> model;
   Buffer<float> first_moment, second_moment;  ///< as model->parameters
-  std::int64_t step = 0;                      ///< steps done
-  std::uint64_t rays_drawn = 0;               ///< in the epochs' order; those by error do not count
-  std::vector<float> cell_errors;             ///< of PixelSampler::cells; empty: nothing is drawn by error
-  double field_share = 1;                     ///< of the last steps' rays, those that the field was asked about
-  double seconds = 0;                         ///< spent in training, resumed runs added up
-  std::uint64_t seed = 0;                     ///< in use; differs from the option after a restart
+  PoseState poses;
+  std::int64_t step = 0;           ///< steps done
+  std::uint64_t rays_drawn = 0;    ///< in the epochs' order; those by error do not count
+  std::vector<float> cell_errors;  ///< of PixelSampler::cells; empty: nothing is drawn by error
+  double field_share = 1;          ///< of the last steps' rays, those that the field was asked about
+  double seconds = 0;              ///< spent in training, resumed runs added up
+  std::uint64_t seed = 0;          ///< in use; differs from the option after a restart
   int restarts = 0;
   int rollbacks = 0;               ///< of this start
   double rate_factor = 1;          ///< what they left of the learning rate
@@ -62,7 +83,8 @@ struct TrainState {
   LossWindow window;
 };
 
-/// safetensors (so that Python reads it): the model's tensors by name, "adam.first_moment", "adam.second_moment" and, if any, "cell_errors"; method, step,
+/// safetensors (so that Python reads it): the model's tensors by name, "adam.first_moment", "adam.second_moment" and, if any, "cell_errors" and
+/// "poses" with "poses.first_moment" and "poses.second_moment"; method, step,
 /// seconds, seed and the model's numbers in __metadata__ (strings). Written atomically (base/files.h).
 void save_checkpoint(const std::filesystem::path& file, const TrainState& state);
 /// InputError names file and field: truncated, wrong header, shape that disagrees with its config, non-finite values.

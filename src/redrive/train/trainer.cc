@@ -10,7 +10,9 @@
 #include "redrive/base/error.h"
 #include "redrive/base/rng.h"
 #include "redrive/rays/lidar_sampler.h"
+#include "redrive/recording/trajectory.h"
 #include "redrive/train/loss_watch.h"
+#include "redrive/train/pose_refiner.h"
 #include "redrive/train/progress.h"
 #include "redrive/train/start_watch.h"
 #include "redrive/train/step.h"
@@ -23,6 +25,10 @@ constexpr int kStepsPerRow = 25;  // a row of metrics.jsonl: 1024 rays x 25 aver
 constexpr int kMaxBadSteps = 50;  // non-finite ones on end: it will not heal
 constexpr double kSecondsPerCheckpoint = 60;  // of training: what a kill costs at most, however slow the machine
 
+// Poses are refined on one step in four, which costs it a third more, once there is something to see. Rates of an update, and of that at the end.
+constexpr std::int64_t kStepsPerRefinement = 4;
+constexpr double kFirstRefinement = 0.02, kFirstPoseRate_m = 1e-3, kLastPoseRate = 0.01;
+
 double decibels(double mse) { return -10 * std::log10(std::max(mse, 1e-10)); }
 
 /// One call of train(): the run, what is constant in it, and what the loop's parts share.
@@ -33,7 +39,8 @@ class Trainer {
         state_(run->state),
         options_(run->options),
         backend_(backend),
-        sampler_(run->scene, data.images, run->options.seed),
+        scene_(run->scene),
+        sampler_(scene_, data.images, run->options.seed),
         lidar_sampler_(data.lidar, run->options.seed),
         use_lidar_(options_.lidar_rays > 0 && data.lidar.n > 0),
         saved_seconds_(run->state.seconds) {
@@ -66,6 +73,7 @@ class Trainer {
     return decayed_rate(rate, options_.lr_gamma, std::min(progress(), 1.0), step);
   }
 
+  double pose_rate() const { return kFirstPoseRate_m * std::pow(kLastPoseRate, progress()); }
   int rays() const { return rays_of_step(options_.batch_rays, state_.field_share); }
   int rays_by_error() const { return static_cast<int>(options_.error_rays * rays()); }
 
@@ -84,14 +92,42 @@ class Trainer {
     if (state_.loss_watch.pixels != sampler_.pixels()) state_.loss_watch = {sampler_.pixels()};
     const std::size_t cells = rays_by_error() > 0 ? sampler_.cells().size() : 0;
     if (state_.cell_errors.size() != cells) state_.cell_errors.assign(cells, kUnseenError);
+    place();
+  }
+
+  /// Everything where the corrections put it.
+  void place() {
+    if (!state_.poses.refines()) return;
+    Recording placed = corrected(run_.recording, run_.scene, state_.poses.corrections);
+    place_views(placed, &scene_);
+    sampler_.place();
+    frames_ = std::move(placed.frames);
+  }
+
+  /// What the corrections at a time make of the world as the recording has it: LiDAR returns lie in that.
+  Rigid3d moved(std::int64_t t_ns) const {
+    return scene_.ecef_from_world.inverse() * pose_at(frames_, t_ns) * pose_at(run_.recording.frames, t_ns).inverse() *
+           scene_.ecef_from_world;
+  }
+
+  void gather(std::int64_t number) {
+    sampler_.gather(state_.rays_drawn, rays() - rays_by_error(), &batch_, {rays_by_error(), state_.cell_errors});
+    if (use_lidar_)
+      lidar_sampler_.gather(
+          number, options_.lidar_rays, &lidar_batch_,
+          state_.poses.refines() ? [this](std::int64_t t_ns) { return moved(t_ns); } : LidarSampler::Moved());
+    batch_.refines = state_.poses.refines() && number % kStepsPerRefinement == 0 && progress() > kFirstRefinement;
   }
 
   void step() {
     const auto begin = std::chrono::steady_clock::now();
     const std::int64_t number = state_.step;
-    sampler_.gather(state_.rays_drawn, rays() - rays_by_error(), &batch_, {rays_by_error(), state_.cell_errors});
-    if (use_lidar_) lidar_sampler_.gather(number, options_.lidar_rays, &lidar_batch_);
+    gather(number);
     const StepResult result = train_step(backend_, batch_, learning_rate(number), &state_, &buffers_, &lidar_batch_);
+    if (batch_.refines && result.finite) {
+      refine_poses(scene_, batch_, result, pose_rates(pose_rate()), &state_.poses);
+      place();
+    }
     const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     state_.seconds += seconds;
 
@@ -131,6 +167,7 @@ class Trainer {
     const int restarts = state_.restarts + 1;
     TrainState fresh =
         initial_state(std::move(state_.model), mix64(options_.seed + static_cast<std::uint64_t>(restarts)));
+    if (state_.poses.refines()) fresh.poses = PoseState(run_.scene);
     fresh.restarts = restarts;
     fresh.seconds = state_.seconds;
     std::fprintf(stderr, "redrive: step %lld: %s; restarting from another seed (%d of at most %d)\n",
@@ -244,6 +281,8 @@ class Trainer {
   TrainState& state_;
   const TrainOptions& options_;
   kernels::Backend& backend_;
+  Scene scene_;                    // the run's with the views where corrections have put them
+  std::vector<FramePose> frames_;  // the recording's, likewise
   PixelSampler sampler_;
   LidarSampler lidar_sampler_;
   bool use_lidar_;

@@ -83,6 +83,14 @@ class RefGridStages final : public GridStages {
       }
   }
 
+  void contract_backward(const Contraction& contraction, const Rays& rays, const Intervals& intervals,
+                         std::span<const float> d_position, std::span<float> d_origin,
+                         std::span<float> d_direction) override {
+    check_contract_backward(rays, intervals, d_position.size(), d_origin.size(), d_direction.size());
+    for (int ray = 0; ray < rays.n; ++ray)
+      contract_backward_of<double>(contraction, rays, intervals, d_position, ray, d_origin, d_direction);
+  }
+
   void encode(const HashGrid& grid, const UnitPoints& points, std::span<float> features) override {
     check_encode(grid, points, features.size());
     const auto levels = hash_grid_levels(grid.config);

@@ -6,7 +6,9 @@
 
 #include "redrive/kernels/cpu/bf16/layout.h"
 
+#ifndef REDRIVE_INLINE
 #define REDRIVE_INLINE inline __attribute__((always_inline))
+#endif
 
 namespace redrive::kernels::bf16 {
 namespace {  // unnamed on purpose, as in every ISA-specific header here: see plan.h

@@ -10,7 +10,7 @@
 
 #include "redrive/base/buffer.h"
 #include "redrive/kernels/check_grid_sizes.h"
-#include "redrive/kernels/cpu/grid/grid_kernels.h"
+#include "redrive/kernels/cpu/grid/packed_network.h"
 #include "redrive/loss/proposal.h"
 #include "redrive/loss/range.h"
 
@@ -20,6 +20,7 @@ namespace {
 constexpr std::size_t kRaysOfRange = 64;
 constexpr std::size_t kPointsOfRange = 8192;  // a level's table is walked once for so many points
 constexpr int kTileSamples = 256;             // a network's activations stay in the second-level cache
+constexpr int kBf16TileSamples = 384;         // as above, in half the memory; 16 rays of 24 are whole strips
 constexpr int kLanesOfBatch = 8;
 
 std::vector<GridLevel> levels_of(const HashGrid& grid) {
@@ -35,58 +36,12 @@ GridPoints range_of(const UnitPoints& points, std::size_t begin, std::size_t end
           points.footprint.data() + begin};
 }
 
-/// [rows, columns] from `from` [columns, row stride] or the other way round.
-void transpose(const float* from, std::size_t from_row, int rows, int columns, float* to, std::size_t to_row) {
-  for (int r = 0; r < rows; ++r)
-    for (int c = 0; c < columns; ++c) to[c * to_row + r] = from[r * from_row + c];
-}
-
-/// A network's weights in both orders.
-class PackedNetwork {
- public:
-  explicit PackedNetwork(const GridNetwork& network) : memory_(network.weights.size() + 16 * kMaxGridWidth) {
-    const GridFieldConfig& config = network.config;
-    const int width = config.width;
-    weights_ = {.width = width,
-                .inputs = config.grid.outputs(),
-                .colour_layers = config.colour_layers,
-                .density_scale = network.density_scale};
-    const auto at = [&](int layer) { return network.weights.data() + grid_layer(config, layer).offset; };
-    weights_.density0 = at(kGridDensity0);
-    weights_.density1 = at(kGridDensity1);
-    weights_.colour0 = at(kGridColour0);
-    weights_.colour1 = at(kGridColour1);
-    weights_.colour_out = at(kGridColourOut);
-    weights_.density0_in = pack(weights_.density0, weights_.inputs, width, weights_.inputs, width);
-    weights_.density1_in = pack(weights_.density1, width, kGeometry, width, kGeometry);
-    constexpr int kInputs = kGeometry + kHarmonics;
-    weights_.geometry_in = pack(weights_.colour0, kInputs, width, kGeometry, width);
-    weights_.harmonics_in = pack(weights_.colour0 + kGeometry, kInputs, width, kHarmonics, width);
-    if (config.colour_layers == 2) weights_.colour1_in = pack(weights_.colour1, width, width, width, width);
-    weights_.colour_out_in = pack(weights_.colour_out, width, 3, width, 16);
-  }
-
-  const GridNetworkWeights& weights() const { return weights_; }
-
- private:
-  /// [columns, to_row] of a matrix [rows, from_row], its first `columns` numbers of each row.
-  const float* pack(const float* from, int from_row, int rows, int columns, int to_row) {
-    float* const to = memory_.data() + used_;
-    transpose(from, from_row, rows, columns, to, to_row);
-    used_ += static_cast<std::size_t>(columns) * to_row;
-    REDRIVE_CHECK_OP(used_, <=, memory_.size());
-    return to;
-  }
-
-  Buffer<float> memory_;
-  std::size_t used_ = 0;
-  GridNetworkWeights weights_;
-};
-
 class CpuGridStages final : public GridStages {
  public:
   CpuGridStages(Isa isa, ThreadPool* pool)
-      : kernels_(isa == Isa::kAvx2 ? avx2::kGridKernels : avx512::kGridKernels), pool_(*pool) {}
+      : kernels_(isa == Isa::kAvx2 ? avx2::kGridKernels : avx512::kGridKernels),
+        bf16_(isa == Isa::kAvx512Bf16 ? &avx512_bf16::kGridBf16Kernels : nullptr),
+        pool_(*pool) {}
 
   void spaced(const Rays& rays, const SpacedIntervals& how, std::span<float> edges) override {
     check_spaced(rays, how.per_ray, edges.size());
@@ -137,6 +92,16 @@ class CpuGridStages final : public GridStages {
     });
   }
 
+  void contract_backward(const Contraction& contraction, const Rays& rays, const Intervals& intervals,
+                         std::span<const float> d_position, std::span<float> d_origin,
+                         std::span<float> d_direction) override {
+    check_contract_backward(rays, intervals, d_position.size(), d_origin.size(), d_direction.size());
+    pool_.run_ranges(rays.n, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t ray = begin; ray < end; ++ray)
+        contract_backward_of<float>(contraction, rays, intervals, d_position, ray, d_origin, d_direction);
+    });
+  }
+
   void encode(const HashGrid& grid, const UnitPoints& points, std::span<float> features) override {
     check_encode(grid, points, features.size());
     for_each_level_range(grid, points, [&](const GridLevel& level, std::size_t first_feature, const GridPoints& range) {
@@ -164,11 +129,11 @@ class CpuGridStages final : public GridStages {
   void network_forward(const GridNetwork& network, int n_rays, int per_ray, std::span<const float> features,
                        std::span<const float> harmonics, std::span<float> raw) override {
     check_network(network, n_rays, per_ray, features.size(), harmonics.size(), raw.size());
-    const PackedNetwork packed(network);
-    for_each_tile(network, n_rays, per_ray, [&](int, int first, int count, float* scratch) {
-      const std::size_t sample = interval_count(first, per_ray);
-      kernels_.network_forward(packed.weights(), tile_of(network, n_rays, per_ray, first, count, features, harmonics),
-                               raw.data() + sample, scratch);
+    with_weights(network, [&](const auto& kernels, const auto& weights) {
+      for_each_tile(network, n_rays, per_ray, [&](int, int first, int count, float* scratch) {
+        kernels.network_forward(weights, tile_of(network, n_rays, per_ray, first, count, features, harmonics),
+                                raw.data() + interval_count(first, per_ray), scratch);
+      });
     });
   }
 
@@ -178,17 +143,18 @@ class CpuGridStages final : public GridStages {
     check_network(network, n_rays, per_ray, features.size(), harmonics.size(), d_raw.size());
     REDRIVE_CHECK_OP(d_weights.size(), ==, network.weights.size());
     REDRIVE_CHECK_OP(d_features.size(), ==, features.size());
-    const PackedNetwork packed(network);
     const std::size_t size = network.weights.size();
     std::vector<Buffer<float>> sums(kLanesOfBatch);
     for (Buffer<float>& sum : sums) sum = Buffer<float>(size);
-    for_each_tile(network, n_rays, per_ray, [&](int lane, int first, int count, float* scratch) {
-      const std::size_t sample = interval_count(first, per_ray);
-      const auto at = [&](int layer) { return sums[lane].data() + grid_layer(network.config, layer).offset; };
-      kernels_.network_backward(
-          packed.weights(), tile_of(network, n_rays, per_ray, first, count, features, harmonics), d_raw.data() + sample,
-          {at(kGridDensity0), at(kGridDensity1), at(kGridColour0), at(kGridColour1), at(kGridColourOut)},
-          d_features.data() + sample * network.config.grid.features, scratch);
+    with_weights(network, [&](const auto& kernels, const auto& weights) {
+      for_each_tile(network, n_rays, per_ray, [&](int lane, int first, int count, float* scratch) {
+        const std::size_t sample = interval_count(first, per_ray);
+        const auto at = [&](int layer) { return sums[lane].data() + grid_layer(network.config, layer).offset; };
+        kernels.network_backward(
+            weights, tile_of(network, n_rays, per_ray, first, count, features, harmonics), d_raw.data() + sample,
+            {at(kGridDensity0), at(kGridDensity1), at(kGridColour0), at(kGridColour1), at(kGridColourOut)},
+            d_features.data() + sample * network.config.grid.features, scratch);
+      });
     });
     for (const Buffer<float>& sum : sums)
       for (std::size_t i = 0; i < size; ++i) d_weights[i] += sum[i];
@@ -316,17 +282,29 @@ class CpuGridStages final : public GridStages {
             .raw_stride = interval_count(n_rays, per_ray)};
   }
 
+  /// visit(kernels, weights) with the networks' arithmetic.
+  template <class Visit>
+  void with_weights(const GridNetwork& network, const Visit& visit) {
+    if (bf16_)
+      visit(*bf16_, PackedBf16Network(network).weights());
+    else
+      visit(kernels_, PackedNetwork(network).weights());
+  }
+
   /// visit(lane, first ray, rays, scratch) for tiles of whole rays; those of a lane are consecutive and in order.
   template <class Visit>
   void for_each_tile(const GridNetwork& network, int n_rays, int per_ray, const Visit& visit) {
-    const int rays = std::max(1, kTileSamples / per_ray), tiles = (n_rays + rays - 1) / rays;
+    const int rays = bf16_ ? std::clamp(kBf16TileSamples / per_ray, 1, kGridBf16Rays)
+                           : std::max(1, kTileSamples / per_ray),
+              tiles = (n_rays + rays - 1) / rays;
     pool_.run(kLanesOfBatch, [&](int lane) {
       const int begin = static_cast<int>(std::int64_t{tiles} * lane / kLanesOfBatch),
                 end = static_cast<int>(std::int64_t{tiles} * (lane + 1) / kLanesOfBatch);
       if (begin == end) return;
       Buffer<float>& scratch = scratch_[lane];
-      const std::size_t size = grid_network_scratch(interval_count(rays, per_ray), rays, network.config.width,
-                                                    network.config.grid.outputs());
+      const int width = network.config.width, inputs = network.config.grid.outputs();
+      const std::size_t size = bf16_ ? grid_bf16_scratch(rays * per_ray, width, inputs)
+                                     : grid_network_scratch(interval_count(rays, per_ray), rays, width, inputs);
       if (scratch.size() < size) scratch = Buffer<float>(size);
       for (int tile = begin; tile < end; ++tile)
         visit(lane, tile * rays, std::min(rays, n_rays - tile * rays), scratch.data());
@@ -334,6 +312,7 @@ class CpuGridStages final : public GridStages {
   }
 
   const GridKernels& kernels_;
+  const GridBf16Kernels* const bf16_;  ///< the networks', unless they are fp32
   ThreadPool& pool_;
   Buffer<float> scratch_[kLanesOfBatch];  ///< of the networks, by lane; kept from call to call
 };

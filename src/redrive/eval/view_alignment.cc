@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/eval/view_alignment.h"
+
+#include <cmath>
+
+#include "redrive/base/error.h"
+#include "redrive/train/pose_refiner.h"
+
+namespace redrive {
+namespace {
+
+// Some hundred rays a picture and step, whose noise the falling rate averages away.
+constexpr int kSteps = 80, kRaysOfView = 128, kMostRays = 16384;
+constexpr double kFirstRate_m = 1e-2, kLastRate = 0.02;  // a step; of it at the end
+
+/// In the body's axes, whatever row.
+View moved(View view, const Rigid3d& motion, bool held_out) {
+  view.world_from_body = view.world_from_body * motion;
+  for (Rigid3d& row : view.by_row) row = row * motion;
+  view.held_out = held_out;
+  return view;
+}
+
+}  // namespace
+
+ViewAlignment align_views(const Run& run, kernels::Backend& backend, std::span<const std::size_t> views,
+                          const LeftOut& left_out, Scene* scene) {
+  REDRIVE_CHECK(!views.empty());
+  // To the sampler these are the pictures to train on.
+  Scene turned = *scene;
+  for (View& view : turned.views) view.held_out = true;
+  std::vector<Image8> images(turned.views.size());
+  for (const std::size_t v : views) {
+    View& view = turned.views[v];
+    view.held_out = false;
+    images[v] = load_view(turned, view);
+    leave_out(view_mask(turned, view, left_out.masks[view.camera], left_out.moving), &images[v]);
+  }
+  PixelSampler sampler(turned, images, run.options.seed);
+
+  const std::size_t numbers = 6 * turned.views.size();
+  Moments moments(numbers);
+  std::vector<float> motions(numbers);
+  std::vector<double> gradient(numbers);
+  std::vector<float> unused(run.state.model->size());  // the field stays
+  const int rays = static_cast<int>(std::min<std::size_t>(kRaysOfView * views.size(), kMostRays));
+  RayBatch batch;
+  Workspace workspace;
+  std::uint64_t drawn = 0;
+  for (int step = 0; step < kSteps; ++step) {
+    sampler.gather(drawn, rays, &batch);
+    drawn += static_cast<std::uint64_t>(batch.n);
+    batch.refines = true;
+    const StepLosses losses = run.state.model->gradients(backend, batch, run.options.seed, step, unused, &workspace);
+    const std::vector<ViewGradient> of_views = view_gradients(turned, batch, losses);
+    for (const std::size_t v : views) {
+      const Vector6d six = in_body(turned, turned.views[v], of_views[v]);
+      for (int k = 0; k < 6; ++k) gradient[6 * v + k] = six[k];
+    }
+    const PoseRates rates = pose_rates(kFirstRate_m * std::pow(kLastRate, step / (kSteps - 1.0)));
+    update_poses(
+        gradient, [&](std::size_t i) { return i % 6 < 3 ? rates.by_m : rates.turn_rad; }, motions, &moments);
+    for (const std::size_t v : views)
+      turned.views[v] = moved(scene->views[v], motion_of(&motions[6 * v]), /*held_out=*/false);
+    sampler.place();
+  }
+
+  ViewAlignment alignment{static_cast<int>(views.size()), 0, 0};
+  for (const std::size_t v : views) {
+    scene->views[v] = moved(scene->views[v], motion_of(&motions[6 * v]), /*held_out=*/true);
+    for (int k = 0; k < 3; ++k) {
+      alignment.moved_m += double(motions[6 * v + k]) * motions[6 * v + k];
+      alignment.turned_deg += double(motions[6 * v + 3 + k]) * motions[6 * v + 3 + k];
+    }
+  }
+  alignment.moved_m = std::sqrt(alignment.moved_m / alignment.views);
+  alignment.turned_deg = std::sqrt(alignment.turned_deg / alignment.views) * 180 / M_PI;
+  return alignment;
+}
+
+}  // namespace redrive

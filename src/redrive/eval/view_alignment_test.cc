@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/eval/view_alignment.h"
+
+#include <gtest/gtest.h>
+
+#include "redrive/model/tiny_grid_model.h"
+#include "redrive/render/renderer.h"
+#include "redrive/scene/test_recording.h"
+
+namespace redrive {
+namespace {
+
+// Pictures of a field are laid onto it again from places a little aside; others stay where they are.
+TEST(ViewAlignment, FindsWhereAPictureWasTaken) {
+  const TemporaryFolder folder;
+  redrive::Run run;
+  run.recording = make_test_recording(folder.path);
+  SceneOptions options;
+  options.holdout_every = 3;
+  run.scene = make_scene(run.recording, options);
+  auto model = std::make_unique<GridModel>();
+  make_tiny(*model);
+  model->appearance = {};
+  model->samples = 12;
+  model->proposal_samples = {24, 16};
+  run.state.model = std::move(model);
+
+  const auto backend = kernels::make_backend({});
+  std::vector<std::size_t> held_out;
+  for (std::size_t v = 0; v < run.scene.views.size(); ++v) {
+    const View& view = run.scene.views[v];
+    if (!view.held_out) continue;
+    held_out.push_back(v);
+    write_image(view.image, to_image8(render_image(*backend, *run.state.model, run.scene.rig[view.camera].camera,
+                                                   run.scene.world_from_camera(view))));
+  }
+  ASSERT_EQ(held_out.size(), 4u);
+  LeftOut left_out{{}, MovingObjects({}, run.recording.frames, run.scene.ecef_from_world)};
+  for (const RigCamera& rig : run.scene.rig) left_out.masks.push_back(full_mask(rig.camera.width, rig.camera.height));
+
+  const Scene truth = run.scene;
+  const float aside[6] = {0.06f, -0.05f, 0.04f, 0.012f, -0.01f, 0.015f};
+  for (View& view : run.scene.views) view.world_from_body = view.world_from_body * motion_of(aside);
+  Scene scene = run.scene;
+  const ViewAlignment found = align_views(run, *backend, held_out, left_out, &scene);
+  EXPECT_EQ(found.views, 4);
+  const auto off = [&](const Scene& of, std::size_t v) {
+    const Rigid3d rest = truth.views[v].world_from_body.inverse() * of.views[v].world_from_body;
+    return rest.translation().norm() + 5 * Eigen::AngleAxisd(rest.linear()).angle();  // at 5 m
+  };
+  double before = 0, after = 0;
+  for (const std::size_t v : held_out) {
+    before += off(run.scene, v);
+    after += off(scene, v);
+  }
+  // Eight bits of three hundred pixels, half of which see next to nothing, say no more.
+  EXPECT_LT(after, before / 2);
+  EXPECT_GT(found.moved_m, 0.02);
+  EXPECT_GT(found.turned_deg, 0.3);
+  for (std::size_t v = 0; v < scene.views.size(); ++v)
+    if (!scene.views[v].held_out) EXPECT_EQ(off(scene, v), off(run.scene, v));
+}
+
+}  // namespace
+}  // namespace redrive

@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: Apache-2.0
+// The weights of --method grid's networks in the orders in which the kernels read them; made once for each pass over a batch.
+#pragma once
+
+#include <cstddef>
+
+#include "redrive/base/buffer.h"
+#include "redrive/kernels/cpu/grid/bf16_network.h"
+#include "redrive/kernels/kernels.h"
+
+namespace redrive::kernels {
+
+/// Each matrix in both orders; refers to the network's weights.
+class PackedNetwork {
+ public:
+  explicit PackedNetwork(const GridNetwork& network);
+  const GridNetworkWeights& weights() const { return weights_; }
+
+ private:
+  /// [columns, to_row] of a matrix [rows, from_row], its first `columns` numbers of each row.
+  const float* pack(const float* from, int from_row, int rows, int columns, int to_row);
+
+  Buffer<float> memory_;
+  std::size_t used_ = 0;
+  GridNetworkWeights weights_;
+};
+
+/// The same, rounded to bf16, in blocks.
+class PackedBf16Network {
+ public:
+  explicit PackedBf16Network(const GridNetwork& network);
+  const GridBf16Weights& weights() const { return weights_; }
+
+ private:
+  /// Number (o, i) from from[o * output + i * input]: of [outputs, inputs], or 0 beyond; in blocks of `block` outputs.
+  struct Matrix {
+    const float* from = nullptr;
+    int outputs = 0, inputs = 0, output = 0, input = 1;
+  };
+  const bf16::Bf16* pack(const Matrix& matrix, int block = kGridBf16Block);
+
+  Buffer<bf16::Bf16> memory_;
+  std::size_t used_ = 0;
+  GridBf16Weights weights_;
+};
+
+}  // namespace redrive::kernels

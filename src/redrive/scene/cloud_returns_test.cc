@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/scene/cloud_returns.h"
+
+#include <gtest/gtest.h>
+
+namespace redrive {
+namespace {
+
+const std::vector<CloudOrigin> kOrigins{{{0, 0, 1}, 100}, {{10, 0, 1}, 200}};
+
+LidarReturns returns_of(const std::vector<Eigen::Vector3d>& points) {
+  ThreadPool pool(2);
+  return cloud_returns(points, kOrigins, pool);
+}
+
+TEST(CloudReturns, EachPointIsSeenFromTheNearestPlace) {
+  const std::vector<Eigen::Vector3d> points{{-3, 4, 1}, {14, 3, 1}, {4.9, 5, 1}, {5.1, 5, 1}};
+  const LidarReturns returns = returns_of(points);
+  ASSERT_EQ(returns.n, 4u);
+  EXPECT_EQ(returns.hidden, 0u);
+  EXPECT_EQ(returns.t_ns, (std::vector<std::int64_t>{100, 200, 100, 200}));
+  EXPECT_FLOAT_EQ(returns.range_m[0], 5);
+  EXPECT_FLOAT_EQ(returns.range_m[1], 5);
+  for (std::size_t i = 0; i < 4; ++i)
+    for (int d = 0; d < 3; ++d)
+      EXPECT_NEAR(returns.origin[d * 4 + i] + returns.range_m[i] * returns.direction[d * 4 + i], points[i][d], 1e-6);
+}
+
+TEST(CloudReturns, WhatStandsBehindSomethingIsHidden) {
+  // A wall 4 m to the left with another one behind it, and the first one's own depth: 0.1 m.
+  const LidarReturns returns = returns_of({{0, 4, 1}, {0.01, 8, 1}, {0.005, 4.1, 1}, {0, 8, 1}, {0, -8, 1}});
+  ASSERT_EQ(returns.n, 3u);
+  EXPECT_EQ(returns.hidden, 2u);
+  EXPECT_FLOAT_EQ(returns.range_m[0], 4);
+  EXPECT_NEAR(returns.range_m[1], 4.1, 1e-4);
+  EXPECT_FLOAT_EQ(returns.range_m[2], 8) << "on the other side nothing is in the way";
+}
+
+TEST(CloudReturns, ADegreeAsideHidesNothing) { EXPECT_EQ(returns_of({{0, 4, 1}, {8 * 0.018, 8, 1}}).n, 2u); }
+
+TEST(CloudReturns, APointAtTheCameraSaysNothing) {
+  const LidarReturns returns = returns_of({{0, 0, 1}, {0.1, 0.1, 1}, {0, 2, 1}});
+  ASSERT_EQ(returns.n, 1u);
+  EXPECT_FLOAT_EQ(returns.range_m[0], 2);
+}
+
+TEST(CloudReturns, OfNoPointsThereAreNone) { EXPECT_EQ(returns_of({}).n, 0u); }
+
+}  // namespace
+}  // namespace redrive

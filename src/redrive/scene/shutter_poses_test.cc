@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/scene/shutter_poses.h"
+
+#include <gtest/gtest.h>
+
+#include "redrive/recording/trajectory.h"
+#include "redrive/scene/pose_corrections.h"
+#include "redrive/scene/test_recording.h"
+
+namespace redrive {
+namespace {
+
+double apart(const Rigid3d& a, const Rigid3d& b) { return (a.matrix() - b.matrix()).cwiseAbs().maxCoeff(); }
+
+// Row v is exposed at time + ((v + 0.5) / height - 0.5) readout.
+TEST(ShutterPoses, RowsHaveTimesOfTheirOwn) {
+  const TemporaryFolder folder;
+  Recording recording = make_test_recording(folder.path);
+  constexpr std::int64_t kReadout_ns = 40'000'000, kOffset_ns = 7'000'000;
+  recording.cameras[1].calibration.readout_ns = kReadout_ns;
+  recording.cameras[1].calibration.time_offset_ns = kOffset_ns;
+  Scene scene = make_scene(recording, {});
+  for (const bool again : {false, true}) {  // as corrections place them
+    if (again) place_views(recording, &scene);
+    for (const View& view : scene.views) {
+      const ShutterPoses poses = scene.shutter_poses(view);
+      EXPECT_EQ(poses.rolls(), view.camera == 1);
+      const int height = scene.rig[view.camera].camera.height;
+      EXPECT_LT(apart(poses.at(0.5), scene.world_from_camera(view)), 1e-4) << "a corner of the path lies within";
+      if (view.camera == 0) continue;
+      for (int y = 0; y < height; ++y) {
+        const std::int64_t t_ns =
+            scene.frames[view.frame].t_ns + kOffset_ns + std::llround(((y + 0.5) / height - 0.5) * double(kReadout_ns));
+        const Rigid3d expected = scene.ecef_from_world.inverse() * pose_at(recording.frames, t_ns) *
+                                 recording.cameras[1].calibration.body_from_sensor;
+        // Between keys 5 ms apart the path is straight but where it has its corners, at the frames: 0.1 rad in 67 ms.
+        EXPECT_LT(apart(poses.at_row(y, height), expected), 5e-3) << view.frame << ", row " << y;
+      }
+      EXPECT_GT(apart(poses.at_row(0, height), poses.at_row(height - 1, height)), 0.3) << "nothing tested";
+    }
+  }
+}
+
+TEST(ShutterPoses, OnePoseIsThatOfAllRows) {
+  Rigid3d pose = Rigid3d::Identity();
+  pose.translation() = Eigen::Vector3d(1, 2, 3);
+  const ShutterPoses poses = pose;
+  EXPECT_FALSE(poses.rolls());
+  EXPECT_EQ(apart(poses.at(0.9), pose), 0);
+  EXPECT_EQ(apart(poses.at_row(3, 10), pose), 0);
+}
+
+TEST(ShutterPoses, LieBetweenTheirKeys) {
+  const auto key = [](double x, double turn) {
+    Rigid3d pose(Eigen::AngleAxisd(turn, Eigen::Vector3d::UnitZ()));
+    pose.translation().x() = x;
+    return pose;
+  };
+  const ShutterPoses poses({key(0, 0), key(1, 0.2), key(5, 0.2)});
+  EXPECT_LT(apart(poses.at(0), key(0, 0)), 1e-15);
+  EXPECT_LT(apart(poses.at(0.25), key(0.5, 0.1)), 1e-15);
+  EXPECT_LT(apart(poses.at(0.75), key(3, 0.2)), 1e-15);
+  EXPECT_LT(apart(poses.at(1), key(5, 0.2)), 1e-15);
+}
+
+}  // namespace
+}  // namespace redrive

@@ -1,0 +1,139 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/train/pose_refiner.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+
+#include "redrive/optim/adam.h"
+
+namespace redrive {
+namespace {
+
+// An update hears of some tens of rays a frame: what Adam follows is the mean of twenty.
+constexpr float kBeta1 = 0.95f, kBeta2 = 0.99f;
+/// Small corrections are likelier than large ones: what is 1 m off is pulled back by this share of the rate.
+constexpr double kDecay = 0.3;
+
+float bound_of(const PoseCorrections& corrections, std::size_t i) {
+  if (i >= corrections.at_time(0)) return kMostLate_s;
+  return i % 6 < 3 ? kMostMoved_m : kMostTurned_rad;
+}
+
+/// Takes from all cameras what they have in common, in the body's axes: to the first order the mean of how they moved and turned, and of
+/// their times.
+void leave_to_frames(const Scene& scene, PoseCorrections* corrections) {
+  const int cameras = corrections->cameras;
+  Eigen::Vector3d by = Eigen::Vector3d::Zero(), turn = Eigen::Vector3d::Zero();
+  double time = 0;
+  const auto part = [&](int c, int first) {
+    return Eigen::Map<Eigen::Vector3f>(&corrections->values[corrections->at_camera(c) + first]);
+  };
+  for (int c = 0; c < cameras; ++c) {
+    const Eigen::Matrix3d body_from_camera = scene.rig[c].body_from_sensor.linear();
+    turn += body_from_camera * part(c, 3).cast<double>() / cameras;
+    by += body_from_camera * part(c, 0).cast<double>() / cameras;
+    time += corrections->values[corrections->at_time(c)] / cameras;
+  }
+  for (int c = 0; c < cameras; ++c) {
+    const Eigen::Matrix3d camera_from_body = scene.rig[c].body_from_sensor.linear().transpose();
+    part(c, 0) -= (camera_from_body * by).cast<float>();
+    part(c, 3) -= (camera_from_body * turn).cast<float>();
+    corrections->values[corrections->at_time(c)] -= static_cast<float>(time);
+  }
+}
+
+}  // namespace
+
+PoseRates pose_rates(double rate_m) { return {rate_m, rate_m / 10, rate_m / 10}; }
+
+void update_poses(std::span<const double> gradient, const std::function<double(std::size_t i)>& rate_of,
+                  std::span<float> values, Moments* moments) {
+  const double updates = static_cast<double>(++moments->updates);
+  AdamStep how;
+  how.beta1 = kBeta1;
+  how.beta2 = kBeta2;
+  how.epsilon = 1e-20f;
+  how.bias1 = static_cast<float>(1 / (1 - std::pow(double(kBeta1), updates)));
+  how.bias2 = static_cast<float>(1 / (1 - std::pow(double(kBeta2), updates)));
+  how.lazy = true;  // what no ray speaks of
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    how.learning_rate = static_cast<float>(rate_of(i));
+    adam_update(how, static_cast<float>(gradient[i]), values[i], moments->first[i], moments->second[i]);
+  }
+}
+
+std::vector<ViewGradient> view_gradients(const Scene& scene, const RayBatch& batch, const StepLosses& losses) {
+  const std::size_t n = batch.n;
+  std::vector<ViewGradient> views(scene.views.size());
+  for (std::size_t ray = 0; ray < n; ++ray) {
+    Eigen::Vector3d d_origin, direction, d_direction;
+    for (int k = 0; k < 3; ++k) {
+      d_origin[k] = losses.d_origin[k * n + ray];
+      direction[k] = batch.direction[k * n + ray];
+      d_direction[k] = losses.d_direction[k * n + ray];
+    }
+    ViewGradient& view = views[batch.view[ray]];
+    view.d_place += d_origin;
+    view.d_turn += direction.cross(d_direction);
+  }
+  return views;
+}
+
+void refine_poses(const Scene& scene, const RayBatch& batch, const StepLosses& losses, const PoseRates& rates,
+                  PoseState* state) {
+  PoseCorrections& corrections = state->corrections;
+  const std::vector<double> gradient =
+      gradient_of_corrections(scene, corrections, view_gradients(scene, batch, losses));
+  if (!std::ranges::all_of(gradient, [](double g) { return std::isfinite(g); })) return;
+  update_poses(
+      gradient,
+      [&](std::size_t i) {
+        return i >= corrections.at_time(0) ? rates.time_s : i % 6 < 3 ? rates.by_m : rates.turn_rad;
+      },
+      corrections.values, &state->moments);
+  leave_to_frames(scene, &corrections);
+  for (std::size_t i = 0; i < corrections.size(); ++i) {
+    const float most = bound_of(corrections, i);
+    corrections.values[i] =
+        std::clamp(corrections.values[i] * static_cast<float>(1 - kDecay * rates.by_m), -most, most);
+  }
+  fill_held_out(scene, &corrections);
+}
+
+std::string describe_corrections(const Scene& scene, const PoseCorrections& corrections) {
+  const auto size_of = [&](std::size_t at) {
+    double square = 0;
+    for (int k = 0; k < 3; ++k) square += double(corrections.values[at + k]) * corrections.values[at + k];
+    return square;
+  };
+  const auto at_bound = [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i)
+      if (std::abs(corrections.values[i]) >= bound_of(corrections, i))
+        return "; WARNING: at its bound, see redrive align";
+    return "";
+  };
+  double moved = 0, turned = 0;
+  for (int f = 0; f < corrections.frames; ++f) {
+    moved += size_of(corrections.at_frame(f));
+    turned += size_of(corrections.at_frame(f) + 3);
+  }
+  constexpr double kDegree = M_PI / 180;
+  char line[200];
+  std::snprintf(line, sizeof line, "poses refined: frames moved %.1f cm, turned %.3f degrees RMS%s\n",
+                100 * std::sqrt(moved / corrections.frames), std::sqrt(turned / corrections.frames) / kDegree,
+                at_bound(0, corrections.at_camera(0)));
+  std::string out = line;
+  for (int c = 0; c < corrections.cameras; ++c) {
+    const std::size_t at = corrections.at_camera(c), time = corrections.at_time(c);
+    const char* warning = at_bound(at, at + 6);
+    if (*warning == 0) warning = at_bound(time, time + 1);
+    std::snprintf(line, sizeof line, "%s: moved %.1f cm, turned %.3f degrees, %+.1f ms%s\n", scene.rig[c].name.c_str(),
+                  100 * std::sqrt(size_of(at)), std::sqrt(size_of(at + 3)) / kDegree, 1e3 * corrections.values[time],
+                  warning);
+    out += line;
+  }
+  return out;
+}
+
+}  // namespace redrive

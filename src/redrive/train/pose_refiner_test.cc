@@ -1,0 +1,151 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/train/pose_refiner.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "redrive/rays/ray_table.h"
+#include "redrive/scene/test_recording.h"
+
+namespace redrive {
+namespace {
+
+using Eigen::Vector3d;
+
+class PoseRefinerTest : public ::testing::Test {
+ protected:
+  static SceneOptions holdout() {
+    SceneOptions options;
+    options.holdout_every = 3;
+    return options;
+  }
+  TemporaryFolder folder_;
+  Recording recording_ = make_test_recording(folder_.path);
+  Scene scene_ = make_scene(recording_, holdout());
+};
+
+// Two rays of one view and one of another: what moves the camera is added up, what turns it is a ray's direction times its derivative.
+TEST_F(PoseRefinerTest, RaysOfAViewAddUp) {
+  RayBatch batch;
+  batch.n = 3;
+  batch.view = {2, 4, 2};
+  batch.direction = {1, 0, 0, 0, 1, 0, 0, 0, 1};  // x, y, z
+  StepLosses losses;
+  losses.d_origin = {1, 2, 3, 10, 20, 30, 100, 200, 300};
+  losses.d_direction = {0, 5, 0, 4, 0, 0, 0, 6, 7};
+  const auto views = view_gradients(scene_, batch, losses);
+  ASSERT_EQ(views.size(), scene_.views.size());
+  EXPECT_EQ(views[2].d_place, Vector3d(4, 40, 400));
+  EXPECT_EQ(views[2].d_turn, Vector3d(1, 0, 0).cross(Vector3d(0, 4, 0)) + Vector3d(0, 0, 1).cross(Vector3d(0, 0, 7)));
+  EXPECT_EQ(views[4].d_place, Vector3d(2, 20, 200));
+  EXPECT_EQ(views[4].d_turn, Vector3d(0, 1, 0).cross(Vector3d(5, 0, 6)));
+  EXPECT_EQ(views[0].d_place, Vector3d::Zero());
+}
+
+/// A loss that is least where every view is where `truth` has it: squared distances of three points on each camera.
+class Landmarks {
+ public:
+  explicit Landmarks(const Scene& truth) : truth_(truth) {}
+
+  /// A batch of three rays a view that says so.
+  double losses(const Scene& now, RayBatch* batch, StepLosses* losses) const {
+    std::vector<Vector3d> d_origin, direction, d_direction;
+    batch->view.clear();
+    double sum = 0;
+    for (std::size_t v = 0; v < now.views.size(); ++v) {
+      if (now.views[v].held_out) continue;
+      const Rigid3d here = now.world_from_camera(now.views[v]), there = truth_.world_from_camera(truth_.views[v]);
+      for (int k = 0; k < 3; ++k) {
+        // |o - o'|^2 + 100 |d - d'|^2: directions to what is 10 m away.
+        const Vector3d d = here.linear().col(k), off = d - there.linear().col(k),
+                       moved = here.translation() - there.translation();
+        batch->view.push_back(static_cast<std::uint32_t>(v));
+        direction.push_back(d);
+        d_origin.push_back(2 * moved);
+        d_direction.push_back(200 * off);
+        sum += moved.squaredNorm() + 100 * off.squaredNorm();
+      }
+    }
+    const std::size_t n = direction.size();
+    batch->n = static_cast<int>(n);
+    for (auto* values : {&batch->direction, &losses->d_origin, &losses->d_direction}) values->resize(3 * n);
+    for (std::size_t i = 0; i < n; ++i)
+      for (int k = 0; k < 3; ++k) {
+        batch->direction[k * n + i] = static_cast<float>(direction[i][k]);
+        losses->d_origin[k * n + i] = static_cast<float>(d_origin[i][k]);
+        losses->d_direction[k * n + i] = static_cast<float>(d_direction[i][k]);
+      }
+    return sum / static_cast<double>(n);
+  }
+
+ private:
+  const Scene& truth_;
+};
+
+/// Refines from nothing towards landmarks; rates of the first update and of the last. Returns the loss before and after.
+std::pair<double, double> refine(const Recording& recording, const Scene& scene, const Scene& truth, int steps,
+                                 double first_m, double last_m, PoseState* state) {
+  const Landmarks landmarks(truth);
+  Scene now = scene;
+  RayBatch batch;
+  StepLosses losses;
+  const double before = landmarks.losses(now, &batch, &losses);
+  for (int step = 0; step < steps; ++step) {
+    landmarks.losses(now, &batch, &losses);
+    refine_poses(now, batch, losses, pose_rates(first_m * std::pow(last_m / first_m, double(step) / steps)), state);
+    place_views(corrected(recording, scene, state->corrections), &now);
+  }
+  return {before, landmarks.losses(now, &batch, &losses)};
+}
+
+TEST_F(PoseRefinerTest, FindsWhatIsWrongWithFramesCamerasAndTimes) {
+  PoseCorrections wrong(scene_);
+  for (int f = 0; f < wrong.frames; ++f)
+    for (int k = 0; k < 6; ++k) wrong.values[wrong.at_frame(f) + k] = (k < 3 ? 0.05f : 0.004f) * std::sin(2.0f * f + k);
+  wrong.values[wrong.at_camera(1) + 4] = 0.01f;
+  wrong.values[wrong.at_camera(0) + 4] = 0.0f;
+  wrong.values[wrong.at_time(0)] = 0.005f;
+  Scene truth = scene_;
+  place_views(corrected(recording_, scene_, wrong), &truth);
+  PoseState state(scene_);
+  const auto [before, after] = refine(recording_, scene_, truth, 600, 3e-3, 3e-5, &state);
+  EXPECT_GT(before, 1e-3);
+  EXPECT_LT(after, before / 100);
+  // What cameras have in common is the frames'.
+  Vector3d turn = Vector3d::Zero();
+  for (int c = 0; c < 2; ++c)
+    for (int k = 0; k < 3; ++k)
+      turn += scene_.rig[c].body_from_sensor.linear().col(k) *
+              state.corrections.values[state.corrections.at_camera(c) + 3 + k];
+  EXPECT_LT(turn.norm(), 1e-6);
+  EXPECT_NEAR(
+      state.corrections.values[state.corrections.at_time(0)] + state.corrections.values[state.corrections.at_time(1)],
+      0, 1e-7);
+}
+
+TEST_F(PoseRefinerTest, WhatIsNoNumberChangesNothing) {
+  PoseState state(scene_);
+  RayBatch batch;
+  StepLosses losses;
+  Landmarks(scene_).losses(scene_, &batch, &losses);
+  losses.d_origin[5] = NAN;
+  refine_poses(scene_, batch, losses, pose_rates(1), &state);
+  EXPECT_EQ(state.moments.updates, 0);
+  EXPECT_THAT(state.corrections.values, ::testing::Each(0.0f));
+}
+
+TEST_F(PoseRefinerTest, CorrectionsEndAtTheirBoundsAloud) {
+  PoseCorrections wrong(scene_);
+  for (int f = 0; f < wrong.frames; ++f) wrong.values[wrong.at_frame(f) + 1] = 2;  // metres
+  Scene truth = scene_;
+  place_views(corrected(recording_, scene_, wrong), &truth);
+  PoseState state(scene_);
+  refine(recording_, scene_, truth, 100, 0.02, 0.02, &state);
+  for (int f = 0; f < wrong.frames; ++f)
+    EXPECT_EQ(state.corrections.values[state.corrections.at_frame(f) + 1], kMostMoved_m) << f;
+  EXPECT_THAT(describe_corrections(scene_, state.corrections), ::testing::HasSubstr("at its bound"));
+  EXPECT_THAT(describe_corrections(scene_, PoseCorrections(scene_)), ::testing::Not(::testing::HasSubstr("bound")));
+}
+
+}  // namespace
+}  // namespace redrive
