@@ -88,7 +88,9 @@ void use_pose_files(const PoseFiles& files, const fs::path& folder, Recording* r
     if (found == cameras.end())
       throw InputError(folder / kCalibration, camera.calibration.name, "",
                        "missing; the recording has images of this camera");
+    const std::int64_t readout_ns = camera.calibration.readout_ns;  // nothing that alignment changes
     camera.calibration = *found;
+    camera.calibration.readout_ns = readout_ns;
   }
 }
 
