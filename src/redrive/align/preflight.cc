@@ -17,6 +17,7 @@ constexpr double kUsable_px = 2;       // what redrive align puts right
 constexpr double kFactor = 2.5;        // a fault has to explain the images so much better
 constexpr double kMutualFactor = 1.3;  // less where each of two cameras fits the other's mounting
 constexpr double kSynchronous_ms = 5, kAlignable_ms = 30;
+constexpr double kToldFactor = 1.4;  // of the scan's ends and its minimum
 constexpr double kScanFactor = 0.8;  // the scan's minimum has to be so much lower
 
 std::string mounted_as(const std::string& other) { return "it is mounted where " + other + " is said to be"; }
@@ -226,6 +227,7 @@ class Checker {
     check_.offset_error_px = best->error_px;
     if (best == s.begin() || best == s.end() - 1) return;
     const double before = best[-1].error_px, after = best[1].error_px, bend = before - 2 * best->error_px + after;
+    check_.offset_told = std::min(s.front().error_px, s.back().error_px) > kToldFactor * best->error_px;
     if (bend > 0) check_.offset_ms += 0.5 * kScanStep_ms * (before - after) / bend;
   }
 

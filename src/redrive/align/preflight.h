@@ -50,6 +50,7 @@ struct CameraCheck {
   std::vector<ScanPoint> scan;    ///< over time offsets, added to the recorded one
   double offset_ms = 0;           ///< of the scan's minimum, by a parabola through it
   double offset_error_px = 0;     ///< there
+  bool offset_told = false;  ///< the scan has a minimum: a drive without turns and bumps looks the same at any time
 };
 
 /// Whether frames and LiDAR points run by the same clock.

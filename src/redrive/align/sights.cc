@@ -12,6 +12,10 @@ constexpr double kReturn_px = 0.5;
 constexpr double kNearest_m = 0.3, kBelowGround_m = 1;
 constexpr double kLeastMove_px =
     0.25;  // what does not move at all is dirt or a reflection, or so far away that it says nothing
+constexpr double kMostEpipolar_px = 1;
+// Least mean square of the gradient in its weaker direction, of 2 grey levels a pixel, in OpenCV's unit: its derivatives are 32 times
+// too large, their squares 2^20 times too small.
+constexpr double kLeastEigenvalue = 2.0 * 2.0 * 32 * 32 / (1 << 20);
 constexpr double kQuality = 0.005;  // of a corner, against the image's best
 
 std::vector<cv::Mat> pyramid_of(const cv::Mat& grey) {
@@ -42,8 +46,9 @@ std::vector<cv::Point2f> follow(const RigImages& images, int camera, int a, int 
     std::vector<cv::Point2f> next, back;
     std::vector<std::uint8_t> there, returned;
     std::vector<float> error;
-    cv::calcOpticalFlowPyrLK(from, to, at, next, there, error, {kWindow, kWindow}, kLevels, until);
-    cv::calcOpticalFlowPyrLK(to, from, next, back, returned, error, {kWindow, kWindow}, kLevels, until);
+    cv::calcOpticalFlowPyrLK(from, to, at, next, there, error, {kWindow, kWindow}, kLevels, until, 0, kLeastEigenvalue);
+    cv::calcOpticalFlowPyrLK(to, from, next, back, returned, error, {kWindow, kWindow}, kLevels, until, 0,
+                             kLeastEigenvalue);
     for (std::size_t i = 0; i < at.size(); ++i)
       if (!there[i] || !returned[i] || !(cv::norm(back[i] - at[i]) < kReturn_px))
         next[i] = {-1e6f, -1e6f};  // stays lost: outside
@@ -51,6 +56,20 @@ std::vector<cv::Point2f> follow(const RigImages& images, int camera, int a, int 
     from = std::move(to);
   }
   return at;
+}
+
+/// What most points of two images agree in, whatever calibration and poses say; nothing where less than half of them do.
+std::vector<RayPair> consistent(const std::vector<RayPair>& pairs) {
+  std::vector<Rigid3d> starts;
+  for (int axis = 0; axis < 3; ++axis)  // an epipolar error knows no sign
+    starts.push_back(Rigid3d(Eigen::Translation3d(Eigen::Vector3d::Unit(axis))));
+  const auto pose = fit_relative_pose(pairs, starts);
+  std::vector<RayPair> kept;
+  if (!pose) return kept;
+  for (const RayPair& pair : pairs)
+    if (std::abs(epipolar_error_px(pair, *pose)) < kMostEpipolar_px) kept.push_back(pair);
+  if (2 * kept.size() < pairs.size()) kept.clear();
+  return kept;
 }
 
 }  // namespace
@@ -76,13 +95,15 @@ std::vector<Sight> find_sights(const RigImages& images, int camera, const SightO
     if (corners.empty()) continue;
     const std::vector<cv::Point2f> found = follow(images, camera, a, b, corners);
     const auto moving_a = images.moving_at(camera, a), moving_b = images.moving_at(camera, b);
+    std::vector<RayPair> all;
     for (std::size_t k = 0; k < corners.size(); ++k) {
       const Eigen::Vector2d pixel_a(corners[k].x, corners[k].y), pixel_b(found[k].x, found[k].y);
       if (!images.may_be_static(camera, a, pixel_a, moving_a) || !images.may_be_static(camera, b, pixel_b, moving_b))
         continue;
       if ((pixel_b - pixel_a).norm() < kLeastMove_px) continue;
-      if (const auto rays = make_ray_pair(model, pixel_a, model, pixel_b)) sights.push_back({a, b, *rays});
+      if (const auto rays = make_ray_pair(model, pixel_a, model, pixel_b)) all.push_back(*rays);
     }
+    for (const RayPair& rays : consistent(all)) sights.push_back({a, b, rays});
   }
   return sights;
 }

@@ -18,6 +18,7 @@ enum ExitCode {
   kExitUsage = 2,         ///< unknown or out-of-range option, out folder that exists
   kExitBadInput = 3,      ///< a file that cannot be used: missing, malformed, inconsistent
   kExitIo = 4,            ///< the disk said no while writing
+  kExitNotSensible = 5,   ///< inspect --report: something is wrong that training would learn
   kExitInterrupted = 130  ///< Ctrl-C; the state was saved
 };
 
