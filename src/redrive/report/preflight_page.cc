@@ -173,7 +173,8 @@ std::string rig_view(const Recording& recording, int right, int up, const std::s
            kColour[axis],
            "",
            axis == 2 ? 2.6 : 1.6});
-    plot.texts.push_back({flat(mounting * Eigen::Vector3d(0, 0, 1.1 * kLength_m)), camera.calibration.name});
+    if (up == 1)  // beside each other; from the side they would lie over each other
+      plot.texts.push_back({flat(mounting * Eigen::Vector3d(0, 0, 1.1 * kLength_m)), camera.calibration.name});
   }
   return svg_figure(plot, caption);
 }

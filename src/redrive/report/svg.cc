@@ -88,7 +88,8 @@ std::string svg_plot(const SvgPlot& plot) {
   };
 
   const std::string width = std::to_string(plot.width_px), height = std::to_string(plot.height_px);
-  std::string out = "<svg viewBox=\"0 0 " + width + " " + height + "\" style=\"width:100%;max-width:" + width +
+  std::string out = "<svg viewBox=\"0 0 " + width + " " + height +
+                    "\" style=\"width:100%;overflow:visible;max-width:" + width +
                     "px\" font-size=\"12\" fill=\"#5f6b7a\" role=\"img\">\n";
   const double step_x = tick_step(x.size(), 8), step_y = tick_step(y.size(), 6);
   for (double v = std::ceil(x.low / step_x) * step_x; v <= x.high; v += step_x)
