@@ -16,6 +16,7 @@ namespace {
 
 constexpr double kNearest_m = 2, kFarthest_m = 80;  // of LiDAR's colours
 constexpr double kLidarAround_s = 0.06;             // a revolution around an image
+constexpr std::size_t kLidarShown = 6000;           // points: more would hide the image
 constexpr std::size_t kTriedShown = 6;
 
 std::string fixed(double value, int digits) {
@@ -96,10 +97,13 @@ int draw_lidar(const RigImages& images, int camera, int frame, const LidarReturn
   }
   std::ranges::sort(seen, std::greater{}, [](const auto& s) { return s.first; });
   cv::Mat canvas(picture->height, picture->width, CV_8UC3, picture->rgb.data());
-  for (const auto& [distance_m, pixel] : seen)
+  const std::size_t step = 1 + seen.size() / kLidarShown;
+  for (std::size_t i = 0; i < seen.size(); i += step) {
+    const auto& [distance_m, pixel] = seen[i];
     cv::circle(canvas, {cvRound(4 * pixel.x()), cvRound(4 * pixel.y())}, 6, distance_colour(distance_m), cv::FILLED,
                cv::LINE_AA, 2);
-  return static_cast<int>(seen.size());
+  }
+  return static_cast<int>((seen.size() + step - 1) / step);
 }
 
 std::string picture(const std::filesystem::path& folder, const Recording& recording, const RigImages& images,
