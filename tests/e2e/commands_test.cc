@@ -140,6 +140,21 @@ TEST_F(EndToEnd, InspectWritesMasks) {
   EXPECT_THAT(again.err, HasSubstr("exists"));
 }
 
+TEST_F(EndToEnd, InspectReportsBeforeTraining) {
+  const std::filesystem::path report = folder_ / "report";
+  const Ended ended = redrive({"inspect", drive_.string(), "--json", "--report", report.string()});
+  ASSERT_TRUE(ended.exit_code == kExitOk || ended.exit_code == kExitNotSensible) << ended.err;
+  const nlohmann::json preflight = nlohmann::json::parse(ended.out)["preflight"];
+  EXPECT_EQ(preflight["sensible"].get<bool>(), ended.exit_code == kExitOk);
+  EXPECT_EQ(preflight["cameras"].size(), 3u);
+  const std::string html = read_file(report / "index.html");
+  EXPECT_THAT(html, HasSubstr(preflight["cameras"][0]["why"].get<std::string>().substr(0, 12)));
+  EXPECT_GT(read_image(report / (std::string(kTinyFront) + ".jpg")).width, 0);
+  const Ended again = redrive({"inspect", drive_.string(), "--report", report.string()});
+  EXPECT_EQ(again.exit_code, kExitUsage);
+  EXPECT_THAT(again.err, HasSubstr("exists"));
+}
+
 TEST_F(EndToEnd, FineSamplesTrainASecondNetwork) {
   const TrainState state = load_checkpoint(trained("run", 3, {"--fine-samples", "8"}) / "checkpoint.safetensors");
   EXPECT_EQ(dynamic_cast<const NerfModel&>(*state.model).networks(), 2);

@@ -19,6 +19,7 @@ enum ExitCode {
   kExitBadInput = 3,      ///< a file that cannot be used: missing, malformed, inconsistent
   kExitIo = 4,            ///< the disk said no while writing
   kExitCannot = 5,        ///< the input is in order, but does not determine what was asked for
+  kExitNotSensible = 6,   ///< inspect --report: something is wrong that training would learn
   kExitInterrupted = 130  ///< Ctrl-C; the state was saved
 };
 

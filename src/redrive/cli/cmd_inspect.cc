@@ -11,11 +11,14 @@
 
 #include <nlohmann/json.hpp>
 
+#include "redrive/align/patch.h"
+#include "redrive/align/preflight.h"
 #include "redrive/base/error.h"
 #include "redrive/camera/camera.h"
 #include "redrive/cli/command.h"
 #include "redrive/recording/recording.h"
 #include "redrive/recording/summary.h"
+#include "redrive/report/preflight_page.h"
 #include "redrive/scene/image_set.h"
 #include "redrive/scene/masks.h"
 
@@ -35,8 +38,9 @@ struct Inspection {
   Recording recording;
   std::optional<DriveSummary> drive;  ///< nothing where places are not in metres and times not of a clock
   std::vector<CameraReport> cameras;
-  std::vector<Finding> findings;  ///< odd, but the recording can be used
-  std::vector<Finding> problems;  ///< training would refuse it
+  std::vector<Finding> findings;       ///< odd, but the recording can be used
+  std::vector<Finding> problems;       ///< training would refuse it
+  std::optional<Preflight> preflight;  ///< with --report
 };
 
 /// Angle between the optical axis and what is seen at column u of the principal row; walks towards the principal
@@ -144,6 +148,54 @@ void write_masks(const std::filesystem::path& folder, Inspection* result) {
   }
 }
 
+constexpr int kPreflightWidest = 640;  // pixels: wider images are averaged down
+
+/// Nothing is overwritten: the folder must be new or empty.
+void refuse_filled_folder(const std::filesystem::path& folder) {
+  std::error_code error;
+  const bool exists = std::filesystem::exists(folder, error);
+  if (exists && !(std::filesystem::is_directory(folder, error) && std::filesystem::is_empty(folder, error)))
+    throw UsageError("--report", folder.string(), "exists already; nothing is overwritten, choose another name");
+}
+
+void write_report(const std::filesystem::path& folder, Inspection* result) {
+  ThreadPool pool(static_cast<int>(std::max(1u, std::thread::hardware_concurrency())));
+  const RigImages images =
+      narrowed(load_rig_images(result->recording, {}, kPatchHalf, pool), kPreflightWidest, kPatchHalf, pool);
+  result->preflight = check_recording(result->recording, images, pool);
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);
+  if (error) throw IoError(folder, error.message());
+  write_preflight_page(folder, result->recording, images, *result->preflight, pool);
+}
+
+nlohmann::ordered_json preflight_to_json(const Preflight& preflight) {
+  nlohmann::ordered_json cameras = nlohmann::ordered_json::array();
+  for (const CameraCheck& c : preflight.cameras) {
+    nlohmann::ordered_json tried = nlohmann::ordered_json::array(), scan = nlohmann::ordered_json::array();
+    for (const Hypothesis& h : c.tried)
+      tried.push_back({{"fault", fault_name(h.fault)}, {"what", h.what}, {"error_px", h.error_px}});
+    for (const ScanPoint& p : c.scan) scan.push_back({{"offset_ms", p.offset_ms}, {"error_px", p.error_px}});
+    nlohmann::ordered_json camera = {
+        {"name", c.name},     {"verdict", verdict_name(c.verdict)}, {"fault", fault_name(c.fault)}, {"why", c.why},
+        {"points", c.points}, {"recorded_px_per_px", c.scale}};
+    if (!c.tried.empty()) {
+      camera["error_px"] = c.tried[0].error_px;
+      camera["flow_px"] = c.flow_px;
+    }
+    if (c.offset_told) camera["best_offset"] = {{"offset_ms", c.offset_ms}, {"error_px", c.offset_error_px}};
+    camera["tried"] = tried;
+    camera["scan"] = scan;
+    cameras.push_back(camera);
+  }
+  return {{"sensible", preflight.sensible()},
+          {"clock",
+           {{"verdict", verdict_name(preflight.clock.verdict)},
+            {"frame_seconds_per_lidar_second", preflight.clock.frame_seconds_per_lidar_second},
+            {"why", preflight.clock.why}}},
+          {"cameras", cameras}};
+}
+
 nlohmann::json findings_to_json(const std::vector<Finding>& findings) {
   nlohmann::json list = nlohmann::json::array();
   for (const Finding& finding : findings) list.push_back({{"subject", finding.subject}, {"what", finding.what}});
@@ -191,6 +243,8 @@ nlohmann::ordered_json to_json(const Inspection& result) {
              {"mean_speed_m_per_s", result.drive->mean_speed_m_per_s},
              {"max_speed_m_per_s", result.drive->max_speed_m_per_s}};
   }
+  nlohmann::ordered_json preflight;  // null without --report
+  if (result.preflight) preflight = preflight_to_json(*result.preflight);
   return {{"recording", recording.root.string()},
           {"format", recording.format},
           {"metric", recording.metric},
@@ -209,12 +263,24 @@ nlohmann::ordered_json to_json(const Inspection& result) {
           {"other_sensors", recording.other_sensors},
           {"novel", novel},
           {"findings", findings_to_json(result.findings)},
-          {"problems", findings_to_json(result.problems)}};
+          {"problems", findings_to_json(result.problems)},
+          {"preflight", preflight}};
 }
 
 void print_findings(const char* title, const std::vector<Finding>& findings) {
   std::printf("%s\n", title);
   for (const Finding& finding : findings) std::printf("  %s: %s\n", finding.subject.c_str(), finding.what.c_str());
+}
+
+void print_preflight(const Preflight& preflight) {
+  std::printf("%-24s %-12s %9s %8s  %s\n", "preflight", "verdict", "error px", "points", "why");
+  for (const CameraCheck& c : preflight.cameras)
+    std::printf("%-24s %-12s %9.2f %8d  %s\n", c.name.c_str(), verdict_name(c.verdict),
+                c.tried.empty() ? 0 : c.tried[0].error_px, c.points, c.why.c_str());
+  std::printf("%-24s %-12s %9s %8s  %s\n", "clock", verdict_name(preflight.clock.verdict), "", "",
+              preflight.clock.why.c_str());
+  std::printf("%s\n\n", preflight.sensible() ? "nothing speaks against training"
+                                             : "TRAINING MAKES NO SENSE before this is put right");
 }
 
 void print_table(const Inspection& result) {
@@ -262,28 +328,32 @@ void print_table(const Inspection& result) {
   for (const NovelSet& set : recording.novel) novel += (novel.empty() ? "" : ", ") + set.name;
   std::printf("other sensors  %s\n", others.empty() ? "none" : others.c_str());
   std::printf("novel views    %s\n\n", novel.empty() ? "none" : novel.c_str());
+  if (result.preflight) print_preflight(*result.preflight);
   if (!result.findings.empty()) print_findings("findings", result.findings);
   if (!result.problems.empty()) print_findings("NOT USABLE", result.problems);
   if (result.findings.empty() && result.problems.empty()) std::printf("nothing missing, nothing odd\n");
 }
 
-int run_inspect(const std::string& root, bool json, const std::string& masks) {
+int run_inspect(const std::string& root, bool json, const std::string& masks, const std::string& report) {
+  if (!report.empty()) refuse_filled_folder(report);
   Inspection result = inspect(root);
   if (!masks.empty() && result.problems.empty()) write_masks(masks, &result);
+  if (!report.empty() && result.problems.empty()) write_report(report, &result);
   if (json) {
     // File names need not be UTF-8, JSON has to be.
     std::printf("%s\n", to_json(result).dump(2, ' ', false, nlohmann::json::error_handler_t::replace).c_str());
   } else {
     print_table(result);
   }
-  return result.problems.empty() ? kExitOk : kExitBadInput;
+  if (!result.problems.empty()) return kExitBadInput;
+  return !result.preflight || result.preflight->sensible() ? kExitOk : kExitNotSensible;
 }
 
 }  // namespace
 
 Action configure_inspect(CLI::App& command) {
   struct Options {
-    std::string recording, masks;
+    std::string recording, masks, report;
     bool json = false;
   };
   auto options = std::make_shared<Options>();
@@ -291,7 +361,9 @@ Action configure_inspect(CLI::App& command) {
   command.add_flag("--json", options->json, "JSON on standard output instead of the table");
   command.add_option("--masks", options->masks,
                      "new folder for what training leaves out: CAM.png, to be edited, and CAM_overlay.png, to look at");
-  return [options] { return run_inspect(options->recording, options->json, options->masks); };
+  command.add_option("--report", options->report,
+                     "new folder for a page (index.html) that checks calibration, poses and clocks against the images");
+  return [options] { return run_inspect(options->recording, options->json, options->masks, options->report); };
 }
 
 }  // namespace redrive

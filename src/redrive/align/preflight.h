@@ -1,0 +1,76 @@
+// SPDX-License-Identifier: Apache-2.0
+// Before training: do calibration, poses and clocks agree with the images? Each camera's own images say how it moved (sights.h); what is
+// recorded is compared with that, and so is what would be recorded if one of the usual mistakes had been made.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "redrive/align/rig_images.h"
+#include "redrive/align/sights.h"
+
+namespace redrive {
+
+enum class Verdict { kGood, kUsable, kWrong, kCannotTell };
+const char* verdict_name(Verdict verdict);  ///< "good", "usable", "wrong", "cannot tell"
+
+/// What may be wrong, as --json names it.
+enum class Fault {
+  kNone,
+  kInvertedExtrinsic,  ///< RT_body_from_sensor is its inverse
+  kSwappedCameras,     ///< it is another camera's
+  kAxesConvention,     ///< its camera or body axes are of another convention
+  kWrongRate,          ///< images come faster or slower than the poses they are given
+  kUnsynchronised,     ///< images are exposed at another time
+  kUnexplained         ///< none of these
+};
+const char* fault_name(Fault fault);  ///< "", "inverted_extrinsic", "swapped_cameras", ...
+
+/// What would have to be recorded, and how well images agree with it.
+struct Hypothesis {
+  Fault fault = Fault::kNone;
+  std::string what;     ///< "as recorded", "extrinsic inverted", "has the extrinsic of M_FISHEYE_R", ...
+  double error_px = 0;  ///< median of sight_error_px
+};
+
+struct ScanPoint {
+  double offset_ms = 0, error_px = 0;
+};
+
+struct CameraCheck {
+  std::string name;
+  Verdict verdict = Verdict::kCannotTell;
+  Fault fault = Fault::kNone;
+  std::string why;                ///< a sentence
+  int points = 0;                 ///< compared
+  double flow_px = 0;             ///< median of how far the points have moved
+  int scale = 1;                  ///< all pixels are those of an image so many times smaller than the recorded one
+  std::vector<Hypothesis> tried;  ///< as recorded first, then by error
+  std::vector<ScanPoint> scan;    ///< over time offsets, added to the recorded one
+  double offset_ms = 0;           ///< of the scan's minimum, by a parabola through it
+  double offset_error_px = 0;     ///< there
+  bool offset_told = false;  ///< the scan has a minimum: a drive without turns and bumps looks the same at any time
+};
+
+/// Whether frames and LiDAR points run by the same clock.
+struct ClockCheck {
+  Verdict verdict = Verdict::kCannotTell;
+  double frame_seconds_per_lidar_second = 1;
+  std::string why;
+};
+
+struct Preflight {
+  std::vector<CameraCheck> cameras;  ///< as Recording::cameras
+  ClockCheck clock;
+  bool sensible() const;  ///< training makes sense: nothing is wrong
+};
+
+/// Of a drive (Recording::metric); of photographs it cannot tell. `images`: of the same recording, 640 pixels wide and less are enough.
+Preflight check_recording(const Recording& recording, const RigImages& images, ThreadPool& pool,
+                          const SightOptions& options = {});
+
+/// Times of LiDAR revolutions against those of the frames they are named after.
+ClockCheck check_clock(const Recording& recording);
+
+}  // namespace redrive

@@ -1,0 +1,145 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/align/preflight.h"
+
+#include <gtest/gtest.h>
+
+namespace redrive {
+namespace {
+
+constexpr int kStreetFrames = 30;
+enum Camera4 { kFrontLong, kFront, kLeft, kRight };  // of the street, by name
+
+/// The street's first two seconds, as its files have them: poses with noise, the left fisheye 12 ms early.
+class StreetPreflight : public ::testing::Test {
+ protected:
+  static const Recording& street() {
+    static const Recording recording = [] {
+      Recording all = open_recording(REDRIVE_SAMPLES "/street");
+      all.frames.resize(kStreetFrames);
+      for (RecordedCamera& camera : all.cameras) camera.images.resize(kStreetFrames);
+      std::erase_if(all.lidar_files, [&](const FrameFile& f) { return f.frame_id > all.frames.back().id; });
+      return all;
+    }();
+    return recording;
+  }
+  static RigImages images() {
+    static const RigImages all = [] {
+      ThreadPool pool(2);
+      return load_rig_images(street(), {}, 7, pool);
+    }();
+    return all;
+  }
+  /// With images as they are and what `fault` does to the rest.
+  static Preflight check(const std::function<void(Recording*)>& fault) {
+    Recording recording = street();
+    fault(&recording);
+    RigImages seen = images();
+    seen.scene = make_scene(recording, {});
+    ThreadPool pool(2);
+    return check_recording(recording, seen, pool, {.pairs = 10});
+  }
+  /// All but those named are fine.
+  static void expect_others_fine(const Preflight& result, const std::vector<int>& wrong) {
+    for (int c = 0; c < static_cast<int>(result.cameras.size()); ++c) {
+      const CameraCheck& camera = result.cameras[c];
+      SCOPED_TRACE(camera.name + ": " + camera.why);
+      if (std::ranges::find(wrong, c) == wrong.end())
+        EXPECT_TRUE(camera.verdict == Verdict::kGood || camera.verdict == Verdict::kUsable);
+      else
+        EXPECT_EQ(camera.verdict, Verdict::kWrong);
+    }
+    EXPECT_EQ(result.sensible(), wrong.empty());
+  }
+  static Rigid3d& mounting(Recording* r, int camera) { return r->cameras[camera].calibration.body_from_sensor; }
+};
+
+TEST_F(StreetPreflight, AsRecordedNothingIsWrong) {
+  const Preflight result = check([](Recording*) {});
+  expect_others_fine(result, {});
+  EXPECT_EQ(result.clock.verdict, Verdict::kGood);
+  for (const CameraCheck& camera : result.cameras) {
+    EXPECT_LT(camera.tried[0].error_px, 0.8);
+    EXPECT_LT(std::abs(camera.offset_ms), 15);
+    EXPECT_EQ(camera.tried[0].what, "as recorded");
+  }
+  EXPECT_LT(result.cameras[kLeft].offset_ms, -4);  // 12 ms early; the poses' noise has its say
+}
+
+TEST_F(StreetPreflight, NamesWrongMountings) {
+  for (const int c : {kFrontLong, kFront, kLeft, kRight}) {
+    const Preflight inverted = check([&](Recording* r) { mounting(r, c) = mounting(r, c).inverse(); });
+    expect_others_fine(inverted, {c});
+    EXPECT_EQ(inverted.cameras[c].fault, Fault::kInvertedExtrinsic) << inverted.cameras[c].why;
+    const Preflight opengl =
+        check([&](Recording* r) { mounting(r, c).linear() *= Eigen::Vector3d(1, -1, -1).asDiagonal(); });
+    expect_others_fine(opengl, {c});
+    EXPECT_EQ(opengl.cameras[c].fault, Fault::kAxesConvention) << opengl.cameras[c].why;
+    EXPECT_NE(opengl.cameras[c].why.find("OpenGL"), std::string::npos) << opengl.cameras[c].why;
+  }
+}
+
+TEST_F(StreetPreflight, NamesSwappedCameras) {
+  const Preflight sides = check([](Recording* r) { std::swap(mounting(r, kLeft), mounting(r, kRight)); });
+  expect_others_fine(sides, {kLeft, kRight});
+  for (const int c : {kLeft, kRight}) {
+    EXPECT_EQ(sides.cameras[c].fault, Fault::kSwappedCameras) << sides.cameras[c].why;
+    EXPECT_NE(sides.cameras[c].why.find(street().cameras[c == kLeft ? kRight : kLeft].calibration.name),
+              std::string::npos);
+  }
+  // Two that look ahead, 2 degrees apart: both have to say so.
+  const Preflight front = check([](Recording* r) { std::swap(mounting(r, kFrontLong), mounting(r, kFront)); });
+  expect_others_fine(front, {kFrontLong, kFront});
+  for (const int c : {kFrontLong, kFront})
+    EXPECT_EQ(front.cameras[c].fault, Fault::kSwappedCameras) << front.cameras[c].why;
+}
+
+TEST_F(StreetPreflight, NamesWrongTimes) {
+  for (const int c : {kFront, kLeft, kRight}) {
+    const Preflight late = check([&](Recording* r) { r->cameras[c].calibration.time_offset_ns += 80'000'000; });
+    expect_others_fine(late, {c});
+    EXPECT_EQ(late.cameras[c].fault, Fault::kUnsynchronised) << late.cameras[c].why;
+    EXPECT_NEAR(late.cameras[c].offset_ms, -80, 15);
+  }
+  for (const double rate : {2.0, 0.5}) {
+    const Preflight result = check([&](Recording* r) {
+      for (FramePose& frame : r->frames)
+        frame.t_ns = r->frames[0].t_ns + std::llround(rate * double(frame.t_ns - r->frames[0].t_ns));
+    });
+    EXPECT_EQ(result.clock.verdict, Verdict::kWrong);
+    EXPECT_NEAR(result.clock.frame_seconds_per_lidar_second, rate, 0.02);
+    EXPECT_FALSE(result.sensible());
+    for (const CameraCheck& camera : result.cameras) EXPECT_NE(camera.verdict, Verdict::kWrong) << camera.why;
+  }
+}
+
+TEST_F(StreetPreflight, NamesImagesOfAnotherRate) {
+  RigImages seen = images();
+  for (const int c : {kFront, kLeft}) {
+    const auto all = seen.grey[c];
+    // Images come half as fast as frames, and are numbered as if they came as fast.
+    for (int f = 0; f < kStreetFrames; ++f) seen.grey[c][f] = 2 * f < kStreetFrames ? all[2 * f] : cv::Mat();
+  }
+  ThreadPool pool(2);
+  const Preflight result = check_recording(street(), seen, pool);
+  expect_others_fine(result, {kFront, kLeft});
+  for (const int c : {kFront, kLeft}) {
+    EXPECT_EQ(result.cameras[c].fault, Fault::kWrongRate) << result.cameras[c].why;
+    EXPECT_NE(result.cameras[c].why.find(" 0.5 times"), std::string::npos) << result.cameras[c].why;
+  }
+}
+
+TEST_F(StreetPreflight, SaysWhatItCannotTell) {
+  const Preflight standing = check([](Recording* r) { r->metric = false; });
+  for (const CameraCheck& camera : standing.cameras) EXPECT_EQ(camera.verdict, Verdict::kCannotTell);
+  RigImages dark = images();
+  for (cv::Mat& grey : dark.grey[kLeft]) grey = cv::Mat::zeros(grey.size(), CV_8U);
+  for (cv::Mat& grey : dark.grey[kFront]) grey = dark.grey[kFront][0];  // stands still
+  ThreadPool pool(2);
+  const Preflight result = check_recording(street(), dark, pool, {.pairs = 6});
+  EXPECT_EQ(result.cameras[kLeft].verdict, Verdict::kCannotTell) << result.cameras[kLeft].why;
+  EXPECT_EQ(result.cameras[kFront].verdict, Verdict::kCannotTell) << result.cameras[kFront].why;
+  EXPECT_EQ(result.cameras[kRight].verdict, Verdict::kGood);
+}
+
+}  // namespace
+}  // namespace redrive

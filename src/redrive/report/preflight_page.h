@@ -1,0 +1,17 @@
+// SPDX-License-Identifier: Apache-2.0
+// The page that shows what a colleague would look at before training: verdicts, images with masks and LiDAR, cameras on the car, the
+// way driven, scans over time, exposure.
+#pragma once
+
+#include <filesystem>
+
+#include "redrive/align/preflight.h"
+
+namespace redrive {
+
+/// Writes folder/index.html and folder/<CAM>.jpg, nothing else; the folder must be there. `images`: what was checked.
+/// InputError as load_view and load_lidar_returns, IoError.
+void write_preflight_page(const std::filesystem::path& folder, const Recording& recording, const RigImages& images,
+                          const Preflight& preflight, ThreadPool& pool);
+
+}  // namespace redrive
