@@ -167,8 +167,7 @@ TEST_P(EveryGridBackend, ContractBackward) {
           m = std::max(m, std::abs(o + along) / contraction.half_m);
           d += std::abs(d_position[k * n + i]);
         }
-        const double part = 3 * 0.5 / contraction.half_m * d,
-                     error = part * (10 + 16 * terms / m + size.per_ray) * u;
+        const double part = 3 * 0.5 / contraction.half_m * d, error = part * (10 + 16 * terms / m + size.per_ray) * u;
         of_origin[ray] += error;
         of_direction[ray] += t * error;
       }

@@ -363,8 +363,7 @@ void GridModel::backward_field(kernels::Backend& backend, const Pass& pass, std:
   const auto d_features = workspace->take(pass.features.size());
   stages.network_backward(network(), static_cast<int>(pass.live.size()), samples, pass.features, pass.harmonics, d_raw,
                           part_of(gradients, kNetwork), d_features);
-  stages.encode_backward(grid(kFieldGrid), pass.field.points, d_features, part_of(gradients, kFieldGrid),
-                         d_position);
+  stages.encode_backward(grid(kFieldGrid), pass.field.points, d_features, part_of(gradients, kFieldGrid), d_position);
 }
 
 void GridModel::backward_sky(kernels::Backend& backend, int n, const Pass& pass, std::span<const float> opacity,

@@ -82,9 +82,8 @@ struct GridModel final : Model {
                     std::span<const float> d_rgb, std::span<float> gradients, std::span<float> d_position,
                     Workspace* workspace) const;
   /// losses->d_origin and d_direction from the points' d_field and d_sky.
-  void backward_rays(kernels::Backend& backend, const RayBatch& batch, const Pass& pass,
-                     std::span<const float> d_field, std::span<const float> d_sky, StepLosses* losses,
-                     Workspace* workspace) const;
+  void backward_rays(kernels::Backend& backend, const RayBatch& batch, const Pass& pass, std::span<const float> d_field,
+                     std::span<const float> d_sky, StepLosses* losses, Workspace* workspace) const;
   /// Returns the proposals' loss.
   double backward_proposals(kernels::Backend& backend, int n, const Pass& pass, std::span<const float> weights,
                             std::span<float> gradients, Workspace* workspace) const;

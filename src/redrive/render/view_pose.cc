@@ -88,7 +88,8 @@ std::vector<RigCamera> poses_rig(const PosesFile& poses, const Scene& scene, boo
   if (poses.cameras.empty()) return scene.rig;
   std::vector<RigCamera> rig;
   for (const CameraCalibration& calibration : poses.cameras) {
-    RigCamera camera{calibration.name, make_camera(calibration), make_camera(calibration), calibration.body_from_sensor,
+    RigCamera camera{calibration.name,           make_camera(calibration),
+                     make_camera(calibration),   calibration.body_from_sensor,
                      calibration.time_offset_ns, calibration.readout_ns};
     if (like_run && scene.undistort && std::holds_alternative<OpenCvPinhole>(camera.camera.model))
       camera.camera = camera.camera.undistorted();

@@ -27,8 +27,9 @@ struct TrainOptions {
   int holdout_every = 0;
   bool undistort = false;
   bool truth_poses = false;  ///< the exact poses and calibration that a made recording ships
-  std::string poses;         ///< folder of other poses and another calibration (recording/pose_files.h); "": the recording's own
-  bool align = false;        ///< those that redrive align finds
+  std::string
+      poses;  ///< folder of other poses and another calibration (recording/pose_files.h); "": the recording's own
+  bool align = false;  ///< those that redrive align finds
   std::vector<std::string>
       rolling_shutter;  ///< "MS" for all cameras, or "CAM:MS" each: what the calibration does not say
   std::string refine_poses =
