@@ -149,6 +149,7 @@ inline Run tiny_grid_run(const std::filesystem::path& root, const std::filesyste
   model.proposal_samples = {12, 8};
   model.samples = 6;
   run.state = initial_state(std::move(run.state.model), options.seed);
+  run.state.poses = PoseState(run.scene);
   return run;
 }
 

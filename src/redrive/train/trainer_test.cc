@@ -90,8 +90,8 @@ TEST_F(TrainerTest, KilledAndResumedEndsAsUninterrupted) {
   EXPECT_TRUE(same_weights(parts.state, whole.state));
 }
 
-// Rays by error follow what the rays before missed: neither threads nor interruptions may change any.
-TEST_F(TrainerTest, AGridWithRaysByErrorEndsTheSameOnAnyThreadsAndWhenKilled) {
+// Rays by error follow what the rays before missed, poses what they said of them: neither threads nor interruptions may change any.
+TEST_F(TrainerTest, AGridThatFollowsErrorsAndPosesEndsTheSameOnAnyThreadsAndWhenKilled) {
   TrainOptions options = tiny_options(130);
   options.checkpoint_every = 30;
   const auto grid_run = [&](const char* name) { return tiny_grid_run(folder_.path / name, folder_.path, options); };
@@ -101,9 +101,12 @@ TEST_F(TrainerTest, AGridWithRaysByErrorEndsTheSameOnAnyThreadsAndWhenKilled) {
   const auto best = std::ranges::min_element(whole.state.cell_errors);
   EXPECT_LT(*best, 0.1f * kUnseenError);
   EXPECT_GE(*best, 0);
+  const std::vector<float>& poses = whole.state.poses.corrections.values;
+  EXPECT_TRUE(std::ranges::any_of(poses, [](float value) { return std::abs(value) > 1e-4f; })) << "none was moved";
   train(&single, *kernels::make_backend({"auto", "auto", 1}), never_);
   EXPECT_EQ(curve(single), curve(whole));
   EXPECT_TRUE(same_weights(single.state, whole.state));
+  EXPECT_EQ(single.state.poses.corrections.values, poses);
   for (const std::int64_t at : {37, 20}) {
     train_until_killed(&parts, at);
     parts = reopened(parts);
@@ -116,6 +119,7 @@ TEST_F(TrainerTest, AGridWithRaysByErrorEndsTheSameOnAnyThreadsAndWhenKilled) {
   train(&parts, *backend_, never_);
   EXPECT_EQ(curve(parts), curve(whole));
   EXPECT_TRUE(same_weights(parts.state, whole.state));
+  EXPECT_EQ(parts.state.poses.corrections.values, poses);
 }
 
 TEST_F(TrainerTest, ARestartForgetsTheErrors) {
@@ -128,9 +132,11 @@ TEST_F(TrainerTest, ARestartForgetsTheErrors) {
   EXPECT_EQ(restarted.state.step, 40);
   redrive::Run fresh = tiny_grid_run(folder_.path / "fresh", folder_.path, options);
   fresh.state = initial_state(std::move(fresh.state.model), restarted.state.seed);
+  fresh.state.poses = PoseState(fresh.scene);
   train(&fresh, *backend_, never_);
   EXPECT_TRUE(same_weights(restarted.state, fresh.state));
   EXPECT_EQ(restarted.state.rays_drawn, fresh.state.rays_drawn);
+  EXPECT_EQ(restarted.state.poses.corrections.values, fresh.state.poses.corrections.values);
 }
 
 TEST_F(TrainerTest, EpochsAreTimesThatEveryPixelIsSeen) {
