@@ -187,6 +187,8 @@ TEST_F(EndToEnd, OptionsThatCannotBeUsedAreRefusedAndNothingIsWritten) {
                                                        {"--method", "splat"},
                                                        {"--preset", "report-9"},
                                                        {"--undistort"},
+                                                       {"--refine-poses", "maybe"},
+                                                       {"--rolling-shutter", "30ms"},
                                                        {"--no-such-option"},
                                                        {"--holdout-every", "2", "--frames", "100:100"}};
   const auto before = contents(folder_);
@@ -203,7 +205,8 @@ TEST_F(EndToEnd, OptionsThatCannotBeUsedAreRefusedAndNothingIsWritten) {
   EXPECT_EQ(redrive({}).exit_code, kExitUsage);
   const Ended unknown = redrive({"fly"});
   EXPECT_EQ(unknown.exit_code, kExitUsage);
-  EXPECT_THAT(unknown.err, AllOf(HasSubstr("fly"), HasSubstr("inspect, train"))) << "names the word and what there is";
+  EXPECT_THAT(unknown.err, AllOf(HasSubstr("fly"), HasSubstr("inspect, align, train")))
+      << "names the word and what there is";
   EXPECT_EQ(contents(folder_), before);
 }
 
