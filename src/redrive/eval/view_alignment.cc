@@ -39,7 +39,7 @@ ViewAlignment align_views(const Run& run, kernels::Backend& backend, std::span<c
   PixelSampler sampler(turned, images, run.options.seed);
 
   const std::size_t numbers = 6 * turned.views.size();
-  Moments moments(numbers);
+  AdamMoments moments(numbers);
   std::vector<float> motions(numbers);
   std::vector<double> gradient(numbers);
   std::vector<float> unused(run.state.model->size());  // the field stays

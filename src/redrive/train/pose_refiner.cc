@@ -48,7 +48,7 @@ void leave_to_frames(const Scene& scene, PoseCorrections* corrections) {
 PoseRates pose_rates(double rate_m) { return {rate_m, rate_m / 10, rate_m / 10}; }
 
 void update_poses(std::span<const double> gradient, const std::function<double(std::size_t i)>& rate_of,
-                  std::span<float> values, Moments* moments) {
+                  std::span<float> values, AdamMoments* moments) {
   const double updates = static_cast<double>(++moments->updates);
   AdamStep how;
   how.beta1 = kBeta1;

@@ -23,7 +23,7 @@ PoseRates pose_rates(double rate_m);
 
 /// One update of numbers by their gradients; rate_of(i): of the i-th.
 void update_poses(std::span<const double> gradient, const std::function<double(std::size_t i)>& rate_of,
-                  std::span<float> values, Moments* moments);
+                  std::span<float> values, AdamMoments* moments);
 
 /// By view of the scene: from the rays of a batch that says their views.
 std::vector<ViewGradient> view_gradients(const Scene& scene, const RayBatch& batch, const StepLosses& losses);

@@ -102,8 +102,12 @@ TEST(RunFolder, OpensWithItsRefinedPoses) {
   for (std::size_t v = 0; v < scene.views.size(); ++v) {
     EXPECT_EQ(moved(resumed, v), 0);
     const View& view = scene.views[v];
-    if (view.frame == 1 && view.camera != 0) EXPECT_NEAR(moved(looked_at, v), 0.25, 1e-6);
-    if (view.frame == 3 && view.camera == 0) EXPECT_NEAR(moved(looked_at, v), 0.125, 1e-6);
+    if (view.frame == 1 && view.camera != 0) {
+      EXPECT_NEAR(moved(looked_at, v), 0.25, 1e-6);
+    }
+    if (view.frame == 3 && view.camera == 0) {
+      EXPECT_NEAR(moved(looked_at, v), 0.125, 1e-6);
+    }
   }
   EXPECT_NEAR(
       (looked_at.recording.frames[1].ecef_from_body.translation() - recording.frames[1].ecef_from_body.translation())
@@ -113,7 +117,7 @@ TEST(RunFolder, OpensWithItsRefinedPoses) {
   state.poses.corrections.frames = static_cast<int>(scene.frames.size()) + 1;
   state.poses.corrections.cameras = static_cast<int>(scene.rig.size());
   state.poses.corrections.values.resize(state.poses.corrections.size());
-  state.poses.moments = Moments(state.poses.corrections.size());
+  state.poses.moments = AdamMoments(state.poses.corrections.size());
   save_checkpoint(paths.checkpoint(), state);
   try {
     open_run(paths.root);

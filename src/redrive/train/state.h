@@ -45,18 +45,18 @@ struct LossWindow {
 };
 
 /// Adam's moments of some numbers.
-struct Moments {
+struct AdamMoments {
   std::vector<float> first, second;
   std::int64_t updates = 0;
 
-  Moments() = default;
-  explicit Moments(std::size_t n) : first(n), second(n) {}
+  AdamMoments() = default;
+  explicit AdamMoments(std::size_t n) : first(n), second(n) {}
 };
 
 /// Corrections of the recording's poses (train/pose_refiner.h).
 struct PoseState {
   PoseCorrections corrections;  ///< values empty: poses are not refined
-  Moments moments;
+  AdamMoments moments;
 
   PoseState() = default;
   explicit PoseState(const Scene& scene) : corrections(scene), moments(corrections.size()) {}
