@@ -12,6 +12,7 @@ namespace redrive {
 
 std::string base64(std::string_view bytes);      ///< RFC 4648, section 4
 std::string html_escape(std::string_view text);  ///< & < > " '
+std::string fixed(double value, int digits);     ///< so many behind the point; "-" for NaN
 
 /// data: addresses of a PNG file's bytes, and of an image (as a JPEG of quality 90: photographs, a tenth of a PNG).
 std::string png_address(std::string_view png_bytes);

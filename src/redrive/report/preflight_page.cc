@@ -19,12 +19,6 @@ constexpr double kLidarAround_s = 0.06;             // a revolution around an im
 constexpr std::size_t kLidarShown = 6000;           // points: more would hide the image
 constexpr std::size_t kTriedShown = 6;
 
-std::string fixed(double value, int digits) {
-  char text[64];
-  std::snprintf(text, sizeof text, "%.*f", digits, value);
-  return text;
-}
-
 std::string row_of(const std::vector<std::string>& figures) {
   std::string out = "<div class=\"row\">\n";
   for (const std::string& figure : figures) out += figure;

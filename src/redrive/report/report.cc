@@ -18,13 +18,6 @@ namespace {
 
 constexpr std::size_t kCamerasShown = 8;  // with pictures: photographs may have a camera each
 
-std::string fixed(double value, int digits) {
-  if (std::isnan(value)) return "-";
-  char text[64];
-  std::snprintf(text, sizeof text, "%.*f", digits, value);
-  return text;
-}
-
 std::string duration(double seconds) {
   if (seconds < 60) return fixed(seconds, 1) + " s";
   if (seconds < 3600) return fixed(seconds / 60, 1) + " min";
