@@ -29,6 +29,7 @@ constexpr double kMostPose_m = 5, kMostPose_rad = 6 / kDegrees;             // n
 constexpr double kMostMount_m = 0.3, kMostMount_rad = 3 / kDegrees;         // no camera is
 constexpr double kMostOffset_s = 0.1;                                       // that would be another frame's image
 constexpr double kLeastReach_m = 1;
+constexpr std::size_t kMostPlaneSamples = 800'000;
 constexpr int kLeastTracks = 30, kLeastLidarPoints = 1000;
 
 std::string text(const char* format, ...) __attribute__((format(printf, 1, 2)));
@@ -178,7 +179,8 @@ std::string obstacle(const Recording& recording, const AlignResult& result, bool
 }  // namespace
 
 AlignResult align_with(const Recording& recording, const std::vector<Track>& tracks,
-                       const std::vector<LidarSample>& lidar, const AlignOptions& options, ThreadPool& pool) {
+                       const std::vector<LidarSample>& lidar, const AlignOptions& options, ThreadPool& pool,
+                       const ContrastSource* contrast) {
   const std::string means = means_of(recording, tracks.size(), lidar.size());
   if (recording.frames.size() < 3) throw CannotError(recording.root, "an alignment needs three frames or more", means);
   if (tracks.size() < kLeastTracks && lidar.size() < kLeastLidarPoints)
@@ -187,7 +189,7 @@ AlignResult align_with(const Recording& recording, const std::vector<Track>& tra
                            kLeastLidarPoints),
                       means);
   RigModel model = make_rig_model(recording);
-  BundleResult bundle = adjust(&model, tracks, lidar, options.bundle, pool);
+  BundleResult bundle = adjust(&model, tracks, lidar, contrast, options.bundle, pool);
   AlignResult result = describe(model, std::move(bundle), lidar.empty());
   if (const std::string why = obstacle(recording, result, !tracks.empty()); !why.empty())
     throw CannotError(recording.root, why, means);
@@ -210,14 +212,21 @@ AlignResult align(const Recording& recording, const AlignOptions& options, Threa
   if (!recording.metric)
     throw CannotError(recording.root, "photographs have neither egomotion nor clock; align is for drives",
                       recording.format);
+  std::optional<RigImages> images;
   std::vector<Track> tracks;
-  if (options.images) tracks = find_tracks(recording, pool, options.tracks);
+  if (options.images) {
+    images = load_track_images(recording, pool, options.tracks);
+    tracks = find_tracks(*images, pool, options.tracks);
+  }
   std::vector<LidarSample> lidar;
   if (options.lidar && recording.body_from_lidar) {
     const Scene scene = make_scene(recording, {});
     lidar = load_lidar_samples(recording, scene, read_moving_objects(recording, scene), pool);
   }
-  AlignResult result = align_with(recording, tracks, lidar, options, pool);
+  std::optional<ContrastSource> contrast;
+  if (images && !lidar.empty()) contrast.emplace(*images, lidar);
+  AlignResult result = align_with(recording, tracks, evenly_fewer(lidar, kMostPlaneSamples), options, pool,
+                                  contrast ? &*contrast : nullptr);
   result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   return result;
 }

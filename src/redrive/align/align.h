@@ -55,6 +55,7 @@ AlignResult align(const Recording& recording, const AlignOptions& options, Threa
 
 /// The same with tracks and LiDAR at hand.
 AlignResult align_with(const Recording& recording, const std::vector<Track>& tracks,
-                       const std::vector<LidarSample>& lidar, const AlignOptions& options, ThreadPool& pool);
+                       const std::vector<LidarSample>& lidar, const AlignOptions& options, ThreadPool& pool,
+                       const ContrastSource* contrast = nullptr);
 
 }  // namespace redrive

@@ -24,6 +24,9 @@ constexpr double kLeastPose_m = 0.01,
                  kLeastPose_rad = 3e-4;  // what an egomotion without errors is believed to be good for
 constexpr double kCorrelation =
     2.5;  // integral of a squared exponential's correlation over time, in correlation times: sqrt(2 pi)
+// Clocks are asked of the LiDAR's contrast with calibration and poses as given: at night tracks turn a camera by more than it is wrong.
+// Where poses are too far off for that, once more when the first rounds have put them right.
+constexpr int kSecondLook = 2;
 constexpr double kFarOff = 4;  // sigmas at which an observation is left out
 constexpr double kSettled_m = 1e-3, kSettled_rad = 3e-5,
                  kSettled_s = 1e-4;  // a round that moves no pose further was the last one
@@ -133,6 +136,13 @@ class Round {
                                   model_.correction[instant.segment + 1].data(), plane);
       }
     }
+  }
+
+  void add(const std::vector<ContrastFit>& fits) {
+    for (std::size_t c = 0; c < fits.size(); ++c)
+      if (fits[c].told)
+        problem_.AddResidualBlock(zero_term(1, 0, fits[c].sigma_s, fits[c].offset_s).release(), nullptr,
+                                  &model_.cameras[c].offset_s);
   }
 
   void add_priors(const BundlePriors& priors) {
@@ -278,6 +288,17 @@ double rms_as_given(const RigModel& model, const std::vector<LidarSample>& lidar
   return rms(distances);
 }
 
+/// With nothing corrected.
+RigModel as_given(RigModel model) {
+  for (Vector6d& correction : model.correction) correction.setZero();
+  for (RigModelCamera& camera : model.cameras) {
+    camera.mount.setZero();
+    camera.intrinsics.setZero();
+    camera.offset_s = static_cast<double>(camera.given.time_offset_ns) * 1e-9;
+  }
+  return model;
+}
+
 void fill_result(const RigModel& model, const std::vector<Track>& tracks, const std::vector<LidarSample>& lidar,
                  const std::vector<Located>& located, const std::vector<FlatPatch>& patches,
                  const std::vector<double>& sigma_px, ThreadPool& pool, BundleResult* result) {
@@ -286,13 +307,7 @@ void fill_result(const RigModel& model, const std::vector<Track>& tracks, const 
   for (const Track& track : tracks)
     for (const Observation& seen : track.seen) ++result->cameras[seen.camera].observations;
 
-  RigModel given = model;  // the same tracks with nothing corrected, and no less robust
-  for (Vector6d& correction : given.correction) correction.setZero();
-  for (RigModelCamera& camera : given.cameras) {
-    camera.mount.setZero();
-    camera.intrinsics.setZero();
-    camera.offset_s = static_cast<double>(camera.given.time_offset_ns) * 1e-9;
-  }
+  const RigModel given = as_given(model);  // the same tracks, and no less robust
   std::vector<Track> used;
   for (const Located& entry : located) {
     used.emplace_back();
@@ -336,10 +351,19 @@ void fill_result(const RigModel& model, const std::vector<Track>& tracks, const 
   result->lidar_before_m = rms_as_given(model, lidar, patches);
 }
 
+bool all_told(const std::vector<ContrastFit>& fits) { return std::ranges::all_of(fits, &ContrastFit::told); }
+
+/// The new ones of cameras that have said nothing yet.
+void keep_told(const std::vector<ContrastFit>& fits, std::vector<ContrastFit>* kept) {
+  kept->resize(fits.size());
+  for (std::size_t c = 0; c < fits.size(); ++c)
+    if (!(*kept)[c].told) (*kept)[c] = fits[c];
+}
+
 }  // namespace
 
 BundleResult adjust(RigModel* model, const std::vector<Track>& tracks, const std::vector<LidarSample>& lidar,
-                    const BundleOptions& options, ThreadPool& pool) {
+                    const ContrastSource* contrast, const BundleOptions& options, ThreadPool& pool) {
   BundleResult result;
   std::vector<double> sigma_px(model->cameras.size(), kStartSigma_px);
   for (int round = 0; round < options.rounds && !result.converged; ++round) {
@@ -353,9 +377,12 @@ BundleResult adjust(RigModel* model, const std::vector<Track>& tracks, const std
     planes.flat_m *= round == 0 ? 3 : round == 1 ? 1.5 : 1;
     std::vector<FlatPatch> patches;
     if (!lidar.empty() && (round > 0 || tracks.empty())) patches = find_flat_patches(*model, lidar, planes, pool);
+    if (contrast && (round == 0 || (round == kSecondLook && !all_told(result.contrast))))
+      keep_told(fit_clocks(*model, *contrast, pool), &result.contrast);
     Round problem(model, tracks, lidar, options, located.size() + patches.size());
     problem.add(&located, sigma_px);
     problem.add(&patches);
+    problem.add(result.contrast);
     problem.add_priors(priors_of_round(options.priors, *model, round));
     const ceres::Solver::Summary summary = problem.solve(round == 0 ? 20 : 12);
 

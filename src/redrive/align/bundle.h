@@ -5,6 +5,7 @@
 
 #include <vector>
 
+#include "redrive/align/lidar_contrast.h"
 #include "redrive/align/lidar_planes.h"
 #include "redrive/align/rig_model.h"
 #include "redrive/align/tracks.h"
@@ -52,7 +53,8 @@ struct BundleResult {
   int tracks = 0;                       ///< used
   int lidar_points = 0, patches = 0;    ///< used
   double lidar_before_m = 0, lidar_after_m = 0;
-  std::vector<int> seen_in_frame;  ///< observations by frame
+  std::vector<ContrastFit> contrast;  ///< by camera; empty: not looked at
+  std::vector<int> seen_in_frame;     ///< observations by frame
   bool converged = false;
   int rounds = 0;
   double last_moved_m = 0, last_turned_rad = 0;  ///< RMS of what the last round did to the trajectory's shape
@@ -60,7 +62,8 @@ struct BundleResult {
   Eigen::MatrixXd covariance;
 };
 
+/// `contrast`: nullptr where there are no images at hand.
 BundleResult adjust(RigModel* model, const std::vector<Track>& tracks, const std::vector<LidarSample>& lidar,
-                    const BundleOptions& options, ThreadPool& pool);
+                    const ContrastSource* contrast, const BundleOptions& options, ThreadPool& pool);
 
 }  // namespace redrive

@@ -128,8 +128,9 @@ Rigid3d RigModel::body_from_sensor(int camera) const {
   return cameras[camera].given.body_from_sensor * rigid_of(cameras[camera].mount);
 }
 
-Rigid3d RigModel::world_from_camera(int camera, int frame) const {
-  return corrected(of_image(camera, frame)) * body_from_sensor(camera);
+Rigid3d RigModel::world_from_camera(int camera, int frame, double later_s) const {
+  const double after_s = cameras[camera].offset_s + later_s;
+  return corrected(at(given[frame].t_ns + std::llround(after_s * 1e9))) * body_from_sensor(camera);
 }
 
 Camera RigModel::camera(int index) const {

@@ -52,7 +52,7 @@ struct RigModel {
   Instant smooth_at(std::int64_t t_ns) const;  ///< the smooth motion itself, corrections included
 
   Rigid3d corrected(const Instant& instant) const;  ///< world_from_body with the corrections of now
-  Rigid3d world_from_camera(int camera, int frame) const;
+  Rigid3d world_from_camera(int camera, int frame, double later_s = 0) const;  ///< so much after the image
   Rigid3d body_from_sensor(int camera) const;
   Camera camera(int camera) const;  ///< with its intrinsics of now
 
