@@ -19,18 +19,20 @@ constexpr int kCell_px = 2;
 // A return counts where no other is nearer by 15 % within a block of pixels or its neighbours: beams are further apart than pixels.
 constexpr int kBlock_px = 6;
 constexpr float kHidden = 1.15f;
-constexpr double kAround_px = 8;           // sd of the surroundings that contrast is against, in LiDAR and image
-constexpr double kLevel_px = 20;           // sd over which the image's contrast is brought to one strength
-constexpr float kLeastAround = 0.1f;       // share of the surroundings that LiDAR has seen
-constexpr float kNoise = 1;                // grey levels: contrast less than that is not made stronger
-constexpr double kFine_px = 1.2;  // low-pass of the image
-constexpr int kSteps = 20;        // of the scan, to each side
-constexpr int kPeak = 4;          // steps to each side that a peak is fitted to
+constexpr double kAround_px = 8;      // sd of the surroundings that contrast is against, in LiDAR and image
+constexpr double kLevel_px = 20;      // sd over which the image's contrast is brought to one strength
+constexpr float kLeastAround = 0.1f;  // share of the surroundings that LiDAR has seen
+constexpr float kNoise = 1;           // grey levels: contrast less than that is not made stronger
+constexpr double kFine_px = 1.2;      // low-pass of the image
+constexpr int kSteps = 20;            // of the scan, to each side
+constexpr int kPeak = 4;              // steps to each side that a peak is fitted to
 // Known that well, by leaving out one image after the other. Along the road, what is bright to one and to the other may differ by so much,
 // however many places agree.
 constexpr double kMostSigma_s = 0.01, kMostSigma_m = 0.15, kLeastSigma_m = 0.03;
 constexpr double kLeastSpeed_m_per_s = 1;
-constexpr double kSignificant = 3;          // sigmas of the peak's height, likewise
+// How much higher the peak has to be than anything further away from it, in sigmas, likewise: rails and dashes repeat.
+constexpr double kSignificant = 3;
+constexpr int kFurther = 8;                   // steps
 constexpr double kLeastLidarContrast = 0.02;  // RMS of log intensity: less is rounding
 constexpr int kLeastCells = 500;
 constexpr int kLeastOnPath = 5;  // places along a path with returns
@@ -88,9 +90,8 @@ std::vector<Hit> visible(const Camera& camera, const Rigid3d& camera_from_world,
       for (int bx = std::max(0, x / kBlock_px - 1); bx <= std::min(across - 1, x / kBlock_px + 1); ++bx)
         block(bx, by) = std::min(block(bx, by), distance_m);
   }
-  std::erase_if(hits, [&](const Hit& hit) {
-    return hit.distance_m > kHidden * block(hit.x / kBlock_px, hit.y / kBlock_px);
-  });
+  std::erase_if(hits,
+                [&](const Hit& hit) { return hit.distance_m > kHidden * block(hit.x / kBlock_px, hit.y / kBlock_px); });
   return hits;
 }
 
@@ -237,7 +238,7 @@ Sums compare(const RigModel& model, const ContrastSource& source, const std::vec
              int camera, int frame) {
   const RigImages& images = source.images;
   const cv::Mat& grey = images.grey[camera][frame];
-  const Camera lens = model.camera(camera);
+  const Camera& lens = images.camera(camera);
   const std::array<Rigid3d, 3> poses = poses_around(model, camera, frame);
   const LidarPicture lidar =
       draw(visible(lens, poses[1], images.usable[camera][frame], in_world), source.samples, grey.size());
@@ -269,6 +270,15 @@ Sums compare(const RigModel& model, const ContrastSource& source, const std::vec
   return sums;
 }
 
+/// How much the highest value, and what is near it, stands out.
+double prominence(const std::vector<double>& correlation) {
+  const auto best = std::ranges::max_element(correlation);
+  double other = 0;
+  for (auto at = correlation.begin(); at != correlation.end(); ++at)
+    if (std::abs(at - best) > kFurther) other = std::max(other, *at);
+  return *best - other;
+}
+
 ContrastFit fit_clock(const std::vector<Sums>& of_image, double offset_s, double speed_m_per_s) {
   ContrastFit fit;
   Sums all;
@@ -278,8 +288,8 @@ ContrastFit fit_clock(const std::vector<Sums>& of_image, double offset_s, double
   const auto peak = peak_s(fit.correlation);
   if (fit.cells < kLeastCells || !peak) return fit;
   // Jackknife: how far the peak moves when an image is left out (Efron & Stein 1981).
-  double squares = 0, height_squares = 0;
-  const double n = static_cast<double>(of_image.size()), height = std::ranges::max(fit.correlation);
+  double squares = 0, prominence_squares = 0;
+  const double n = static_cast<double>(of_image.size()), stands_out = prominence(fit.correlation);
   for (const Sums& sums : of_image) {
     Sums others = all;
     others.add(sums, -1);
@@ -287,10 +297,12 @@ ContrastFit fit_clock(const std::vector<Sums>& of_image, double offset_s, double
     const auto without = peak_s(correlation);
     if (!without) return fit;
     squares += (*without - *peak) * (*without - *peak);
-    height_squares += std::pow(std::ranges::max(correlation) - height, 2);
+    prominence_squares += std::pow(prominence(correlation) - stands_out, 2);
   }
-  const double sigma_s = std::sqrt(squares * (n - 1) / n), height_sigma = std::sqrt(height_squares * (n - 1) / n);
-  if (height < kSignificant * height_sigma || all.lidar[kSteps] < all.cells * kLeastLidarContrast * kLeastLidarContrast)
+  const double sigma_s = std::sqrt(squares * (n - 1) / n),
+               prominence_sigma = std::sqrt(prominence_squares * (n - 1) / n);
+  if (stands_out < kSignificant * prominence_sigma ||
+      all.lidar[kSteps] < all.cells * kLeastLidarContrast * kLeastLidarContrast)
     return fit;
   if (sigma_s > kMostSigma_s || sigma_s * speed_m_per_s > kMostSigma_m || speed_m_per_s < kLeastSpeed_m_per_s)
     return fit;

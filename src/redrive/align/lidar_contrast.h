@@ -15,7 +15,7 @@ namespace redrive {
 
 /// What it takes.
 struct ContrastSource {
-  const RigImages& images;                  ///< at full size (factor 1)
+  const RigImages& images;                  ///< of any size; the larger, the finer
   const std::vector<LidarSample>& samples;  ///< the more, the better
 };
 
@@ -24,8 +24,8 @@ struct ContrastFit {
   int cells = 0;  ///< compared: places of an image with LiDAR returns
   /// Correlation of both contrasts, -1..1, over time offsets: kContrastStep_s apart, the middle one is the model's as it is.
   std::vector<double> correlation;
-  bool told = false;                    ///< it has a peak, and all images together agree where
-  double offset_s = 0, sigma_s = 0;     ///< there, with the rest of the model as it is
+  bool told = false;                 ///< it has a peak, and all images together agree where
+  double offset_s = 0, sigma_s = 0;  ///< there, with the rest of the model as it is
   double now() const { return correlation[correlation.size() / 2]; }
 };
 constexpr double kContrastStep_s = 2e-3;
