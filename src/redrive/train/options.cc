@@ -115,10 +115,10 @@ void resolve_range(TrainOptions* options, const std::vector<std::string>& given,
 }
 
 bool refines_poses(const TrainOptions& options, const Scene& scene) {
-  const bool can = options.method == "grid" && scene.metric;
-  if (options.refine_poses == "on" && !can)
-    throw UsageError("--refine-poses", "on", "poses are refined by --method grid alone, and of drives alone");
-  return can && (options.refine_poses == "on" || (options.refine_poses == "auto" && !options.truth_poses));
+  if (options.refine_poses == "on" && !scene.metric)
+    throw UsageError("--refine-poses", "on", "poses are refined of drives alone, which have metres and a clock");
+  const bool by_default = options.method == "grid" && scene.metric && !options.truth_poses;
+  return options.refine_poses == "on" || (options.refine_poses == "auto" && by_default);
 }
 
 void validate(const TrainOptions& options) {

@@ -92,7 +92,7 @@ Recording open_recording(const TrainOptions& options);
 /// Whether a run keeps poses of its own beside the recording's: --poses or --align.
 bool has_own_poses(const TrainOptions& options);
 
-/// Whether poses are refined. UsageError where nothing can: --method nerf, photographs.
+/// Whether poses are refined. UsageError where they cannot be: of photographs.
 bool refines_poses(const TrainOptions& options, const Scene& scene);
 
 /// What --memory allows on a machine of so many bytes: bytes ("6000000000"), "6GiB", or a share ("70%"). UsageError.

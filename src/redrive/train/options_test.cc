@@ -314,6 +314,28 @@ TEST(TrainOptions, JsonThatDoesNotFitIsRefused) {
   EXPECT_THAT(what(nlohmann::json::array()), HasSubstr("config.json"));
 }
 
+TEST(Options, PosesAreRefinedOfDrivesByTheGridUnlessSaidOtherwise) {
+  Scene drive, photographs;
+  photographs.metric = false;
+  TrainOptions options;
+  for (const char* method : {"grid", "nerf"}) {
+    options.method = method;
+    const bool grid = options.method == "grid";
+    for (options.truth_poses = false;; options.truth_poses = true) {
+      options.refine_poses = "auto";
+      EXPECT_EQ(refines_poses(options, drive), grid && !options.truth_poses) << method;
+      EXPECT_FALSE(refines_poses(options, photographs));
+      options.refine_poses = "on";
+      EXPECT_TRUE(refines_poses(options, drive)) << method;
+      EXPECT_THROW(refines_poses(options, photographs), UsageError);
+      options.refine_poses = "off";
+      EXPECT_FALSE(refines_poses(options, drive));
+      EXPECT_FALSE(refines_poses(options, photographs));
+      if (options.truth_poses) break;
+    }
+  }
+}
+
 TEST(Options, RollingShutterIsOfAllCamerasOrOfEach) {
   TrainOptions options;
   options.recording = REDRIVE_SAMPLES "/analytic";
