@@ -23,15 +23,19 @@ struct BundlePriors {
   /// one may be far off.
   Vector6d mount = (Vector6d() << 0.01, 0.01, 0.01, 0.0005, 0.0005, 0.0005).finished();
   double offset_s = 0.002;
+  double readout_s = 0.03;  ///< of a readout that is sought, about what is given: no more than that it is one
   Eigen::Vector3d intrinsics{0.003, 2, 2};
 };
 
 struct BundleOptions {
   BundlePriors priors;
-  bool intrinsics = false;  ///< focal length and principal point, too
+  bool intrinsics = false;     ///< focal length and principal point, too
+  std::vector<bool> readouts;  ///< of which cameras the readout is sought, too; empty: of none
   PlaneOptions planes;
   int rounds = 10;
   bool say = false;  ///< a line a round on standard output
+
+  bool seeks_readout(std::size_t camera) const { return camera < readouts.size() && readouts[camera]; }
 };
 
 /// How well one camera's images agree.
@@ -58,8 +62,9 @@ struct BundleResult {
   bool converged = false;
   int rounds = 0;
   double last_moved_m = 0, last_turned_rad = 0;  ///< RMS of what the last round did to the trajectory's shape
-  /// Of corrections (6 a frame), mounts (6 a camera), offsets (1 a camera), in this order.
+  /// Of corrections (6 a frame), mounts (6 a camera), offsets (1 a camera), readouts (1 a camera whose readout is sought), in this order.
   Eigen::MatrixXd covariance;
+  Eigen::VectorXd variance;  ///< ReducedCovariance::variance, in the same order
 };
 
 /// `contrast`: nullptr where there are no images at hand.

@@ -102,6 +102,11 @@ struct Path {
     const double t = static_cast<double>(k - kSteps) / kSteps;
     return now + t * slope + t * t * bend;
   }
+  void begin_later(double later_s) {
+    const double t = later_s / (kSteps * kContrastStep_s);
+    now += t * (slope + t * bend);
+    slope += 2 * t * bend;
+  }
 };
 
 /// camera_from_world at both ends of the scan, and in between.
@@ -249,8 +254,9 @@ Sums compare(const RigModel& model, const ContrastSource& source, const std::vec
     for (int x = 0; x < lidar.sample.cols; ++x) {
       if (!lidar.has(x, y)) continue;
       if (!images.may_be_static(camera, frame, {kCell_px * x + 0.5, kCell_px * y + 0.5}, moving)) continue;
-      const auto path = path_of(lens, poses, in_world[lidar.sample(y, x)].cast<double>());
+      auto path = path_of(lens, poses, in_world[lidar.sample(y, x)].cast<double>());
       if (!path) continue;
+      path->begin_later(model.cameras[camera].after_middle(path->now.y()) * model.cameras[camera].readout_s);
       const auto contrast = against_path(lidar, {x, y}, *path);
       if (!contrast) continue;
       ++sums.cells;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/report/align_page.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdarg>
@@ -146,6 +147,9 @@ std::vector<std::vector<std::string>> camera_rows(const AlignResult& result) {
   std::vector<std::vector<std::string>> rows{{"camera", "observations used", "before px", "after px", "roll deg",
                                               "pitch deg", "yaw deg", "+- deg", "moved cm", "+- cm", "time offset ms",
                                               "+- ms"}};
+  const bool rolling = std::ranges::any_of(
+      result.camera_corrections, [](const CameraCorrection& k) { return k.readout_s != 0 || k.readout_sigma_s; });
+  if (rolling) rows[0].insert(rows[0].end(), {"rows within ms", "+- ms"});
   for (std::size_t c = 0; c < result.cameras.size(); ++c) {
     const CameraFit& fit = result.bundle.cameras[c];
     const CameraCorrection& k = result.camera_corrections[c];
@@ -156,6 +160,10 @@ std::vector<std::vector<std::string>> camera_rows(const AlignResult& result) {
                     number("%.1f", 100 * k.mount.value.head<3>().norm()),
                     number("%.1f", 100 * k.mount.sigma.head<3>().maxCoeff()), number("%+.2f", 1e3 * k.offset_s),
                     number("%.2f", 1e3 * k.offset_sigma_s)});
+    if (rolling) {
+      rows.back().push_back(number("%+.2f", 1e3 * k.readout_s));
+      rows.back().push_back(k.readout_sigma_s ? number("%.2f", 1e3 * *k.readout_sigma_s) : "as given");
+    }
   }
   return rows;
 }
