@@ -115,6 +115,7 @@ TEST_F(EndToEnd, FiguresAndReport) {
   EXPECT_GT(read_image(run / "figures/loss.png").width, 0);
   const std::string html = read_file(run / "report.html");
   EXPECT_THAT(html, HasSubstr("data:image/png;base64,"));
+  EXPECT_THAT(html, HasSubstr("As recorded. Training left them as they are."));
   EXPECT_THAT(html, Not(ContainsRegex("(src|href)=\"(https?:)?//"))) << "self-contained";
 }
 
