@@ -151,6 +151,8 @@ TEST_F(EndToEnd, InspectReportsBeforeTraining) {
   const std::string html = read_file(report / "index.html");
   EXPECT_THAT(html, HasSubstr(preflight["cameras"][0]["why"].get<std::string>().substr(0, 12)));
   EXPECT_GT(read_image(report / (std::string(kTinyFront) + ".jpg")).width, 0);
+  for (const char* plot : {"rig_above.png", "rig_side.png", "way_above.png", "way_side.png", "exposure.png"})
+    EXPECT_EQ(read_image(report / "figures" / plot).width, 1000) << plot;
   const Ended again = redrive({"inspect", drive_.string(), "--report", report.string()});
   EXPECT_EQ(again.exit_code, kExitUsage);
   EXPECT_THAT(again.err, HasSubstr("exists"));
