@@ -115,6 +115,7 @@ TEST_F(EndToEnd, FiguresAndReport) {
   EXPECT_GT(read_image(run / "figures/loss.png").width, 0);
   const std::string html = read_file(run / "report.html");
   EXPECT_THAT(html, HasSubstr("data:image/png;base64,"));
+  EXPECT_THAT(html, HasSubstr("As recorded. Training left them as they are."));
   EXPECT_THAT(html, Not(ContainsRegex("(src|href)=\"(https?:)?//"))) << "self-contained";
 }
 
@@ -150,6 +151,8 @@ TEST_F(EndToEnd, InspectReportsBeforeTraining) {
   const std::string html = read_file(report / "index.html");
   EXPECT_THAT(html, HasSubstr(preflight["cameras"][0]["why"].get<std::string>().substr(0, 12)));
   EXPECT_GT(read_image(report / (std::string(kTinyFront) + ".jpg")).width, 0);
+  for (const char* plot : {"rig_above.png", "rig_side.png", "way_above.png", "way_side.png", "exposure.png"})
+    EXPECT_EQ(read_image(report / "figures" / plot).width, 1000) << plot;
   const Ended again = redrive({"inspect", drive_.string(), "--report", report.string()});
   EXPECT_EQ(again.exit_code, kExitUsage);
   EXPECT_THAT(again.err, HasSubstr("exists"));

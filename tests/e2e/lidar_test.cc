@@ -1,5 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The grid method with a LiDAR and annotated vehicles, as a user runs it.
+#include <array>
+#include <cmath>
+#include <cstdio>
 #include <fstream>
 
 #include "redrive/base/files.h"
@@ -48,6 +51,37 @@ TEST_F(EndToEndLidar, TeachesTheFieldAndIsResumed) {
   const Ended resumed = redrive({"resume", (folder_ / "once").string(), "--max-steps", "8"});
   EXPECT_EQ(resumed.exit_code, kExitOk) << resumed.err;
   EXPECT_NE(parameters("once"), parameters("again"));
+}
+
+// Printed, in the report and in eval's JSON: one number.
+TEST_F(EndToEndLidar, RefinedPosesAreSaidAlikeEverywhere) {
+  const Ended trained = train("run", 12);
+  ASSERT_EQ(trained.exit_code, kExitOk) << trained.err;
+  const std::string run = (folder_ / "run").string();
+  const Ended scored = redrive({"eval", run, "--json", "--max-images", "1"});
+  ASSERT_EQ(scored.exit_code, kExitOk) << scored.err;
+  const nlohmann::json changes = nlohmann::json::parse(scored.out).at("pose_changes");
+  const Ended drawn = redrive({"figures", run, "--max-images", "1"});
+  ASSERT_EQ(drawn.exit_code, kExitOk) << drawn.err;
+  EXPECT_THAT(drawn.out, AllOf(HasSubstr("poses_moved.png"), HasSubstr("poses_turned.png")));
+  const std::string html = read_file(folder_ / "run" / "report.html");
+  EXPECT_THAT(html, HasSubstr("<h2>Poses</h2>\n<p>As recorded. While training"));
+  const auto text = [](const char* format, double value) {
+    char out[40];
+    std::snprintf(out, sizeof out, format, value);
+    return std::string(out);
+  };
+  for (const char* camera : {"F_MIDLONGRANGECAM_CL", "F_MIDRANGECAM_C"}) {
+    const nlohmann::json& change = changes.at("cameras").at(camera);
+    const auto m = change.at("moved_m").get<std::array<double, 3>>();
+    const double moved_cm = 100 * std::hypot(m[0], m[1], m[2]);
+    EXPECT_GT(moved_cm, 0.005) << "or nothing is compared";
+    EXPECT_THAT(trained.out, HasSubstr(camera + text(": moved %.1f cm", moved_cm)));
+    EXPECT_THAT(html, HasSubstr("<td>" + text("%.2f", moved_cm) + "</td><td>"));
+  }
+  const double frames_cm = 100 * changes.at("frames").at("moved_m").get<double>();
+  EXPECT_THAT(trained.out, HasSubstr(text("frames moved %.1f cm", frames_cm)));
+  EXPECT_THAT(html, HasSubstr("<td>" + text("%.2f", frames_cm) + "</td><td></td>"));
 }
 
 TEST_F(EndToEndLidar, ATruncatedRevolutionIsNamedBeforeAnythingIsWritten) {

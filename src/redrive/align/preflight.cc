@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/align/preflight.h"
 
-#include <numbers>
+#include <cmath>
+#include <limits>
 
 #include "redrive/recording/las.h"
 #include "redrive/recording/trajectory.h"
@@ -9,7 +10,6 @@
 namespace redrive {
 namespace {
 
-constexpr int kLeastPoints = 100;
 constexpr double kLeastFlow_px = 1.5;
 constexpr double kScan_ms = 100, kScanStep_ms = 5;
 constexpr double kGood_px = 1;         // half of the points: 6 cm and 0.12 degrees of poses' noise make up to 0.5
@@ -18,15 +18,20 @@ constexpr double kFactor = 2.5;        // a fault has to explain the images so m
 constexpr double kMutualFactor = 1.3;  // less where each of two cameras fits the other's mounting
 constexpr double kSynchronous_ms = 5, kAlignable_ms = 30;
 constexpr double kToldFactor = 1.4;  // of the scan's ends and its minimum
-constexpr double kScanFactor = 0.8;  // the scan's minimum has to be so much lower
+constexpr double kScanFactor = 0.8;  // the scan's minimum has to be so much lower,
+constexpr double kSigmas = 2;        // or be so far from 0: to say "usable" in vain costs little
+constexpr double kNearTie = 1.25;    // of errors whose explanations are named together
+constexpr std::size_t kMostNamed = 3;
 
 std::string mounted_as(const std::string& other) { return "it is mounted where " + other + " is said to be"; }
 
-std::string then_agree(double px, double recorded_px) {
-  char text[120];
-  std::snprintf(text, sizeof text, ": then half of the points agree to %.2f px, as recorded to %.2f px", px,
-                recorded_px);
+std::string px_text(double px) {
+  char text[40];
+  std::snprintf(text, sizeof text, "%.2f", px);
   return text;
+}
+std::string then_agree(const std::string& px, double recorded_px) {
+  return ": then half of the points agree to " + px + " px, as recorded to " + px_text(recorded_px) + " px";
 }
 
 /// How much better the camera's images agree with the other's mounting; 0 where that was not tried.
@@ -46,7 +51,7 @@ void find_swapped(std::vector<CameraCheck>* cameras) {
       if (best->what != mounted_as(b.name)) continue;
       a.verdict = Verdict::kWrong;
       a.fault = Fault::kSwappedCameras;
-      a.why = best->what + then_agree(best->error_px, a.tried[0].error_px);
+      a.why = best->what + then_agree(px_text(best->error_px), a.tried[0].error_px);
     }
 }
 
@@ -79,7 +84,8 @@ class Checker {
                    " points could be followed: dark, without structure, or too few images";
       return check_;
     }
-    check_.flow_px = quantile(flow(), 0.5);
+    std::vector<double> moved = flow();
+    check_.flow_px = median_of(&moved);
     try_setup(Fault::kNone, "as recorded", recorded_);
     if (check_.flow_px < kLeastFlow_px) {
       check_.why = "the vehicle hardly moves: nothing can be seen of directions and times";
@@ -95,13 +101,6 @@ class Checker {
   }
 
  private:
-  static double quantile(std::vector<double> values, double q) {
-    if (values.empty()) return 0;
-    const auto at = values.begin() + static_cast<std::ptrdiff_t>(q * static_cast<double>(values.size() - 1));
-    std::nth_element(values.begin(), at, values.end());
-    return *at;
-  }
-
   Rigid3d world_from_body(const Setup& setup, int frame) const {
     const double since_first_s = 1e-9 * static_cast<double>(frames_[frame].t_ns - frames_[0].t_ns);
     const double t_s = setup.rate * since_first_s + setup.offset_s;
@@ -113,14 +112,18 @@ class Checker {
     return t_s >= -0.001 && t_s <= end_s + 0.001;
   }
 
-  /// By sight; none of images for which there would be no poses.
+  /// By sight; NaN for images for which there would be no poses.
   std::vector<double> errors(const Setup& setup) const {
     std::vector<double> all;
+    all.reserve(sights_.size());
     const Rigid3d sensor_from_body = setup.body_from_sensor.inverse();
     int a = -1, b = -1;
     SightPose pose;
     for (const Sight& sight : sights_) {
-      if (!has_poses(setup, sight.frame_a) || !has_poses(setup, sight.frame_b)) continue;
+      if (!has_poses(setup, sight.frame_a) || !has_poses(setup, sight.frame_b)) {
+        all.push_back(std::numeric_limits<double>::quiet_NaN());
+        continue;
+      }
       if (sight.frame_a != a || sight.frame_b != b) {
         a = sight.frame_a;
         b = sight.frame_b;
@@ -144,9 +147,10 @@ class Checker {
   }
 
   std::optional<double> error(const Setup& setup) const {
-    const std::vector<double> all = errors(setup);
+    std::vector<double> all = errors(setup);
+    std::erase_if(all, [](double px) { return std::isnan(px); });
     if (static_cast<int>(all.size()) < kLeastPoints) return std::nullopt;
-    return quantile(all, 0.5);
+    return median_of(&all);
   }
 
   void try_setup(Fault fault, const std::string& what, const Setup& setup) {
@@ -215,51 +219,52 @@ class Checker {
   }
 
   void scan() {
+    OffsetErrors all;
+    for (std::size_t i = 0; i < sights_.size(); ++i)
+      all.pair.push_back(i == 0 ? 0 : all.pair.back() + (sights_[i].frame_a != sights_[i - 1].frame_a));
     for (double offset_ms = -kScan_ms; offset_ms <= kScan_ms; offset_ms += kScanStep_ms) {
       Setup setup = recorded_;
       setup.offset_s += 1e-3 * offset_ms;
-      if (const auto e = error(setup)) check_.scan.push_back({offset_ms, *e});
+      all.offsets_ms.push_back(offset_ms);
+      all.px.push_back(errors(setup));
     }
+    check_.scan = scan_of(all);
+    if (check_.scan.empty()) return;
     const auto& s = check_.scan;
-    const auto best = std::ranges::min_element(s, {}, &ScanPoint::error_px);
-    if (best == s.end()) return;
-    check_.offset_ms = best->offset_ms;
-    check_.offset_error_px = best->error_px;
-    if (best == s.begin() || best == s.end() - 1) return;
-    const double before = best[-1].error_px, after = best[1].error_px, bend = before - 2 * best->error_px + after;
-    check_.offset_told = std::min(s.front().error_px, s.back().error_px) > kToldFactor * best->error_px;
-    if (bend > 0) check_.offset_ms += 0.5 * kScanStep_ms * (before - after) / bend;
+    const ScanPoint minimum = minimum_of(s);
+    check_.offset_ms = minimum.offset_ms;
+    check_.offset_error_px = minimum.error_px;
+    check_.offset_sigma_ms = sigma_of_minimum_ms(all);
+    check_.offset_told = std::min(s.front().error_px, s.back().error_px) > kToldFactor * minimum.error_px;
   }
 
   void judge() {
-    const double recorded_px = check_.tried[0].error_px;
-    char text[240];
-    const bool offset =
-        std::abs(check_.offset_ms) > kSynchronous_ms && check_.offset_error_px < kScanFactor * recorded_px;
+    const double recorded_px = check_.tried[0].error_px, beside_ms = std::abs(check_.offset_ms);
+    const bool better = beside_ms > kSynchronous_ms && check_.offset_error_px < kScanFactor * recorded_px;
+    const bool beside = check_.offset_told && beside_ms > std::max(kSynchronous_ms, kSigmas * check_.offset_sigma_ms);
     const Hypothesis* best = check_.tried.size() > 1 ? &check_.tried[1] : nullptr;
     if (best && kFactor * best->error_px < recorded_px && recorded_px > kGood_px &&
         best->error_px < check_.offset_error_px) {
       check_.verdict = Verdict::kWrong;
       check_.fault = best->fault;
-      check_.why = best->what + then_agree(best->error_px, recorded_px);
-    } else if (offset) {
-      const bool alignable = std::abs(check_.offset_ms) <= kAlignable_ms;
-      check_.verdict = alignable ? Verdict::kUsable : Verdict::kWrong;
+      check_.why = explanation_of(check_.tried);
+    } else if (better || (beside && recorded_px <= kUsable_px)) {
+      check_.verdict = better && beside_ms > kAlignable_ms ? Verdict::kWrong : Verdict::kUsable;
       check_.fault = Fault::kUnsynchronised;
-      std::snprintf(text, sizeof text, "exposed %.0f ms %s than recorded", std::abs(check_.offset_ms),
+      char text[120], sure[40] = "";
+      if (std::isfinite(check_.offset_sigma_ms)) std::snprintf(sure, sizeof sure, " (+- %.0f)", check_.offset_sigma_ms);
+      std::snprintf(text, sizeof text, "clock off by about %.0f ms%s, exposed %s than recorded", beside_ms, sure,
                     check_.offset_ms > 0 ? "later" : "earlier");
-      check_.why = text + then_agree(check_.offset_error_px, recorded_px);
+      check_.why = text + (better ? then_agree(px_text(check_.offset_error_px), recorded_px)
+                                  : "; half of the points agree to " + px_text(recorded_px) + " px as recorded");
     } else if (recorded_px > kUsable_px) {
       check_.verdict = Verdict::kWrong;
       check_.fault = Fault::kUnexplained;
-      std::snprintf(text, sizeof text, "half of the points agree to %.2f px only, and nothing tried explains it",
-                    recorded_px);
-      check_.why = text;
+      check_.why = "half of the points agree to " + px_text(recorded_px) + " px only, and nothing tried explains it";
     } else {
       check_.verdict = recorded_px > kGood_px ? Verdict::kUsable : Verdict::kGood;
-      std::snprintf(text, sizeof text, "half of the points agree to %.2f px%s", recorded_px,
-                    check_.verdict == Verdict::kUsable ? ": redrive align may do better" : "");
-      check_.why = text;
+      check_.why = "half of the points agree to " + px_text(recorded_px) + " px" +
+                   (check_.verdict == Verdict::kUsable ? ": redrive align may do better" : "");
     }
   }
 
@@ -281,6 +286,30 @@ const char* fault_name(Fault fault) {
   constexpr const char* kNames[] = {"",           "inverted_extrinsic", "swapped_cameras", "axes_convention",
                                     "wrong_rate", "unsynchronised",     "unexplained"};
   return kNames[static_cast<int>(fault)];
+}
+
+std::string explanation_of(const std::vector<Hypothesis>& tried) {
+  std::string what = tried[1].what, px = px_text(tried[1].error_px);
+  const std::size_t named = std::min(tried.size(), kMostNamed + 1);
+  for (std::size_t i = 2; i < named && tried[i].error_px <= kNearTie * tried[1].error_px; ++i) {
+    what += ", or " + tried[i].what;
+    px += " or " + px_text(tried[i].error_px);
+  }
+  return what + then_agree(px, tried[0].error_px);
+}
+
+std::string Preflight::headline() const {
+  if (!sensible()) return "Training makes no sense before this is put right";
+  std::string untold;
+  bool all = true;
+  for (const CameraCheck& camera : cameras) {
+    if (camera.verdict != Verdict::kCannotTell)
+      all = false;
+    else
+      untold += (untold.empty() ? "" : ", ") + camera.name;
+  }
+  if (all) return "Nothing can be told of any camera: this check says neither yes nor no to training";
+  return "Nothing speaks against training" + (untold.empty() ? "" : "; nothing can be told of " + untold);
 }
 
 bool Preflight::sensible() const {

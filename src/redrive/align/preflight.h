@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "redrive/align/offset_scan.h"
 #include "redrive/align/rig_images.h"
 #include "redrive/align/sights.h"
 
@@ -34,10 +35,6 @@ struct Hypothesis {
   double error_px = 0;  ///< median of sight_error_px
 };
 
-struct ScanPoint {
-  double offset_ms = 0, error_px = 0;
-};
-
 struct CameraCheck {
   std::string name;
   Verdict verdict = Verdict::kCannotTell;
@@ -50,6 +47,7 @@ struct CameraCheck {
   std::vector<ScanPoint> scan;    ///< over time offsets, added to the recorded one
   double offset_ms = 0;           ///< of the scan's minimum, by a parabola through it
   double offset_error_px = 0;     ///< there
+  double offset_sigma_ms = 0;     ///< of it, by the jackknife over the pairs of images; infinite for less than four
   bool offset_told = false;  ///< the scan has a minimum: a drive without turns and bumps looks the same at any time
 };
 
@@ -63,8 +61,13 @@ struct ClockCheck {
 struct Preflight {
   std::vector<CameraCheck> cameras;  ///< as Recording::cameras
   ClockCheck clock;
-  bool sensible() const;  ///< training makes sense: nothing is wrong
+  bool sensible() const;         ///< training makes sense: nothing is wrong
+  std::string headline() const;  ///< what that means, and which cameras cannot be told
 };
+
+/// Of what was tried, as CameraCheck has it, with at least one beside "as recorded": what fits the images best and beside it, where they fit
+/// nearly as well (an error at most a quarter larger), the next two: "A, or B: then half of the points agree to 0.40 or 0.44 px, as ...".
+std::string explanation_of(const std::vector<Hypothesis>& tried);
 
 /// Of a drive (Recording::metric); of photographs it cannot tell. `images`: of the same recording, 640 pixels wide and less are enough.
 Preflight check_recording(const Recording& recording, const RigImages& images, ThreadPool& pool,

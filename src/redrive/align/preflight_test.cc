@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/align/preflight.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 namespace redrive {
@@ -53,6 +54,35 @@ class StreetPreflight : public ::testing::Test {
   static Rigid3d& mounting(Recording* r, int camera) { return r->cameras[camera].calibration.body_from_sensor; }
 };
 
+TEST(Preflight, NamesWhatFitsNearlyAsWell) {
+  std::vector<Hypothesis> tried = {{Fault::kNone, "as recorded", 8},
+                                   {Fault::kInvertedExtrinsic, "inverted", 0.4},
+                                   {Fault::kAxesConvention, "OpenGL", 0.44},
+                                   {Fault::kAxesConvention, "upside down", 2}};
+  EXPECT_EQ(explanation_of(tried),
+            "inverted, or OpenGL: then half of the points agree to 0.40 or 0.44 px, as recorded to 8.00 px");
+  tried[2].error_px = 0.52;
+  EXPECT_EQ(explanation_of(tried), "inverted: then half of the points agree to 0.40 px, as recorded to 8.00 px");
+  tried.resize(2);
+  EXPECT_EQ(explanation_of(tried), "inverted: then half of the points agree to 0.40 px, as recorded to 8.00 px");
+}
+
+TEST(Preflight, HeadlineSaysWhatCannotBeTold) {
+  Preflight result;
+  result.clock.verdict = Verdict::kCannotTell;
+  for (const char* name : {"A", "B", "C"}) {
+    result.cameras.emplace_back().name = name;
+    result.cameras.back().verdict = Verdict::kGood;
+  }
+  EXPECT_EQ(result.headline(), "Nothing speaks against training");
+  result.cameras[0].verdict = result.cameras[2].verdict = Verdict::kCannotTell;
+  EXPECT_EQ(result.headline(), "Nothing speaks against training; nothing can be told of A, C");
+  result.cameras[1].verdict = Verdict::kCannotTell;
+  EXPECT_EQ(result.headline(), "Nothing can be told of any camera: this check says neither yes nor no to training");
+  result.cameras[1].verdict = Verdict::kWrong;
+  EXPECT_EQ(result.headline(), "Training makes no sense before this is put right");
+}
+
 TEST_F(StreetPreflight, AsRecordedNothingIsWrong) {
   const Preflight result = check([](Recording*) {});
   expect_others_fine(result, {});
@@ -62,7 +92,45 @@ TEST_F(StreetPreflight, AsRecordedNothingIsWrong) {
     EXPECT_LT(std::abs(camera.offset_ms), 15);
     EXPECT_EQ(camera.tried[0].what, "as recorded");
   }
-  EXPECT_LT(result.cameras[kLeft].offset_ms, -4);  // 12 ms early; the poses' noise has its say
+  // 12 ms early; the poses' noise has its say.
+  const CameraCheck& left = result.cameras[kLeft];
+  EXPECT_LT(left.offset_ms, -5);
+  EXPECT_EQ(left.verdict, Verdict::kUsable) << left.why << " +- " << left.offset_sigma_ms;
+  EXPECT_EQ(left.fault, Fault::kUnsynchronised);
+  EXPECT_THAT(left.why, ::testing::MatchesRegex(
+                            "clock off by about [0-9]+ ms \\(\\+- [0-9]+\\), exposed earlier than recorded.*"));
+  for (const int c : {kFrontLong, kFront, kRight}) {
+    EXPECT_EQ(result.cameras[c].verdict, Verdict::kGood) << result.cameras[c].why;
+    EXPECT_EQ(result.cameras[c].fault, Fault::kNone);
+  }
+  EXPECT_EQ(result.headline(), "Nothing speaks against training");
+}
+
+// With exact poses a clock's 12 ms are sure, as are 8 of them, and nothing is said of clocks that are right.
+TEST_F(StreetPreflight, SaysHowFarAClockIsOff) {
+  const Recording truth = open_recording(REDRIVE_SAMPLES "/street", PoseSource::kTruth);
+  for (const std::int64_t left_ns : {0, 4'000'000}) {
+    const Preflight result = check([&](Recording* r) {
+      for (std::size_t f = 0; f < r->frames.size(); ++f) r->frames[f].ecef_from_body = truth.frames[f].ecef_from_body;
+      for (std::size_t c = 0; c < r->cameras.size(); ++c) r->cameras[c].calibration = truth.cameras[c].calibration;
+      ASSERT_EQ(r->cameras[kLeft].calibration.time_offset_ns, -12'000'000);
+      r->cameras[kLeft].calibration.time_offset_ns = -left_ns;
+    });
+    expect_others_fine(result, {});
+    const CameraCheck& left = result.cameras[kLeft];
+    EXPECT_EQ(left.verdict, Verdict::kUsable) << left.why;
+    EXPECT_EQ(left.fault, Fault::kUnsynchronised);
+    EXPECT_NEAR(left.offset_ms, -12 + 1e-6 * static_cast<double>(left_ns), 2.5);
+    EXPECT_LT(left.offset_sigma_ms, 2.5);
+    EXPECT_THAT(left.why, ::testing::MatchesRegex(
+                              "clock off by about [0-9]+ ms \\(\\+- [0-9]+\\), exposed earlier than recorded.*"));
+    for (const int c : {kFrontLong, kFront, kRight}) {
+      const CameraCheck& camera = result.cameras[c];
+      EXPECT_EQ(camera.verdict, Verdict::kGood) << camera.name << ": " << camera.why;
+      EXPECT_LT(std::abs(camera.offset_ms), 3) << camera.name;
+      EXPECT_EQ(camera.why.find("clock"), std::string::npos) << camera.why;
+    }
+  }
 }
 
 TEST_F(StreetPreflight, NamesWrongMountings) {

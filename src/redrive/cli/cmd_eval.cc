@@ -35,6 +35,9 @@ void print_table(const Evaluation& evaluation) {
   std::printf("%-28s %6s %8s %8s %8s %10s\n", "camera", "images", "PSNR dB", "SSIM", "FLIP", "px masked");
   for (const auto& [name, score] : evaluation.cameras) print_row(name, score);
   print_row("all", evaluation.overall);
+  if (const auto& changes = evaluation.pose_changes)
+    if (const std::string which = at_bound(*changes); !which.empty())
+      std::printf("WARNING: refined poses run against their bounds: %s; see redrive align\n", which.c_str());
   if (evaluation.novel.empty()) return;
   if (const auto& aligned = evaluation.view_alignment)
     std::printf(

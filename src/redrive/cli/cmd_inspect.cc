@@ -183,12 +183,15 @@ nlohmann::ordered_json preflight_to_json(const Preflight& preflight) {
       camera["error_px"] = c.tried[0].error_px;
       camera["flow_px"] = c.flow_px;
     }
-    if (c.offset_told) camera["best_offset"] = {{"offset_ms", c.offset_ms}, {"error_px", c.offset_error_px}};
+    if (c.offset_told)
+      camera["best_offset"] = {
+          {"offset_ms", c.offset_ms}, {"sigma_ms", c.offset_sigma_ms}, {"error_px", c.offset_error_px}};
     camera["tried"] = tried;
     camera["scan"] = scan;
     cameras.push_back(camera);
   }
   return {{"sensible", preflight.sensible()},
+          {"headline", preflight.headline()},
           {"clock",
            {{"verdict", verdict_name(preflight.clock.verdict)},
             {"frame_seconds_per_lidar_second", preflight.clock.frame_seconds_per_lidar_second},
@@ -279,8 +282,7 @@ void print_preflight(const Preflight& preflight) {
                 c.tried.empty() ? 0 : c.tried[0].error_px, c.points, c.why.c_str());
   std::printf("%-24s %-12s %9s %8s  %s\n", "clock", verdict_name(preflight.clock.verdict), "", "",
               preflight.clock.why.c_str());
-  std::printf("%s\n\n", preflight.sensible() ? "nothing speaks against training"
-                                             : "TRAINING MAKES NO SENSE before this is put right");
+  std::printf("%s\n\n", preflight.headline().c_str());
 }
 
 void print_table(const Inspection& result) {

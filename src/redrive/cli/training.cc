@@ -9,7 +9,7 @@
 #include "redrive/base/error.h"
 #include "redrive/base/memory_limit.h"
 #include "redrive/train/memory.h"
-#include "redrive/train/pose_refiner.h"
+#include "redrive/train/pose_changes.h"
 
 namespace redrive {
 namespace {
@@ -86,7 +86,7 @@ int report_end(const Run& run, TrainEnd end) {
     return kExitInterrupted;
   }
   if (run.state.poses.refines())
-    std::printf("%s", describe_corrections(run.scene, run.state.poses.corrections).c_str());
+    std::printf("%s", describe_changes(pose_changes(run.scene, run.state.poses.corrections)).c_str());
   std::printf("finished: step %lld after %.1f s of training; %s\n", static_cast<long long>(run.state.step),
               run.state.seconds, run.paths.checkpoint().c_str());
   return kExitOk;

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numbers>
 
 #include <nlohmann/json.hpp>
 
@@ -78,6 +79,22 @@ nlohmann::json score_to_json(const Score& score) {
           {"depth_error", score.depth_error}, {"images", score.images}, {"left_out_pixels", score.left_out}};
 }
 
+nlohmann::json changes_to_json(const PoseChanges& changes) {
+  constexpr double kInDegrees = 180 / std::numbers::pi;
+  const auto three = [](const Eigen::Vector3d& v) { return nlohmann::json{v.x(), v.y(), v.z()}; };
+  nlohmann::json cameras = nlohmann::json::object();
+  for (const CameraChange& camera : changes.cameras)
+    cameras[camera.name] = {{"moved_m", three(camera.pose.moved_m)},
+                            {"turned_deg", three(kInDegrees * camera.pose.turned_rad)},
+                            {"late_s", camera.late_s},
+                            {"at_bound", camera.pose.at_bound}};
+  return {{"frames",
+           {{"moved_m", changes.moved_m},
+            {"turned_deg", kInDegrees * changes.turned_rad},
+            {"at_bound", changes.frames_at_bound()}}},
+          {"cameras", cameras}};
+}
+
 }  // namespace
 
 std::vector<std::size_t> evenly_spaced(std::size_t size, std::size_t limit) {
@@ -116,6 +133,7 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
 
   const LeftOut left_out = read_left_out(run);
   evaluation.alignment = align_run(run);
+  if (run.state.poses.refines()) evaluation.pose_changes = pose_changes(run.scene, run.state.poses.corrections);
   const auto by_camera = views_to_score(scene, evaluation.held_out, options);
   if (evaluation.held_out && run.state.poses.refines()) {
     std::vector<std::size_t> all;
@@ -172,7 +190,9 @@ nlohmann::json evaluation_to_json(const Evaluation& evaluation) {
                          {"novel", nlohmann::json::object()},
                          {"held_out", evaluation.held_out},
                          {"alignment", nullptr},
-                         {"view_alignment", nullptr}};
+                         {"view_alignment", nullptr},
+                         {"pose_changes", nullptr}};
+  if (evaluation.pose_changes) json["pose_changes"] = changes_to_json(*evaluation.pose_changes);
   if (const auto& aligned = evaluation.view_alignment)
     json["view_alignment"] = {
         {"moved_m", aligned->moved_m}, {"turned_deg", aligned->turned_deg}, {"views", aligned->views}};

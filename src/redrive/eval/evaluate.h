@@ -15,6 +15,7 @@
 #include "redrive/eval/novel_truth.h"
 #include "redrive/eval/view_alignment.h"
 #include "redrive/render/renderer.h"
+#include "redrive/train/pose_changes.h"
 #include "redrive/train/run.h"
 
 namespace redrive {
@@ -49,6 +50,7 @@ struct Evaluation {
   std::map<std::string, Score> novel;           ///< by novel/<name>; empty where there is no truth
   std::optional<ViewAlignment> view_alignment;  ///< of the held-out pictures, where training refined poses
   std::optional<Alignment> alignment;           ///< of the run's trajectory with the true one, where that ships
+  std::optional<PoseChanges> pose_changes;      ///< what training made of the poses, where it refined them
 };
 
 /// Score of one picture over the pixels that the camera model reaches and the truth's mask uses. `depth_m`: as in TruthView.
@@ -60,9 +62,9 @@ std::vector<std::size_t> evenly_spaced(std::size_t size, std::size_t limit);
 Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions& options = {});
 
 /// {"overall": SCORE, "cameras": {CAM: SCORE}, "novel": {NAME: SCORE}, "held_out": bool, "alignment": {"moved_m",
-/// "turned_deg", "rest_m", "rest_deg", "frames"} or null, "view_alignment": {"moved_m", "turned_deg", "views"} or null}, SCORE = {"psnr_db", "ssim", "flip", "depth_error", "images",
-/// "left_out_pixels"},
-/// null for NaN.
+/// "turned_deg", "rest_m", "rest_deg", "frames"} or null, "view_alignment": {"moved_m", "turned_deg", "views"} or null, "pose_changes": {"frames":
+/// {"moved_m", "turned_deg", "at_bound"}, "cameras": {CAM: {"moved_m": [3], "turned_deg": [3], "late_s", "at_bound"}}} or null}, SCORE =
+/// {"psnr_db", "ssim", "flip", "depth_error", "images", "left_out_pixels"}, null for NaN.
 nlohmann::json evaluation_to_json(const Evaluation& evaluation);
 
 }  // namespace redrive

@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <fstream>
+#include <numbers>
 
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
@@ -118,6 +119,20 @@ TEST_F(EvaluateTest, TrainingViewsWhereNoneIsHeldOut) {
   EXPECT_EQ(all.overall.images, 8);
   // Frame 0 of camera A is black: equal, so infinite, so capped.
   EXPECT_NEAR(all.cameras.at("A").psnr_db, (kPsnrCapDb + psnr_of(0.2) + psnr_of(0.4) + psnr_of(0.6)) / 4, kTolerance);
+}
+
+// What eval writes of refined poses is what the checkpoint holds.
+TEST_F(EvaluateTest, SaysWhatTrainingMadeOfThePoses) {
+  EXPECT_FALSE(evaluate(run_, black_).pose_changes.has_value());
+  run_.state.poses = PoseState(run_.scene);
+  PoseCorrections& corrections = run_.state.poses.corrections;
+  corrections.values[corrections.at_frame(3) + 1] = 0.25f;
+  corrections.values[corrections.at_time(1)] = -0.03125f;
+  const auto changes = evaluate(run_, black_).pose_changes;
+  ASSERT_TRUE(changes.has_value());
+  EXPECT_EQ(changes->frames.at(3).moved_m, Eigen::Vector3d(0, 0.25, 0));
+  EXPECT_EQ(changes->moved_m, 0.125);
+  EXPECT_EQ(changes->cameras.at(1).late_s, -0.03125);
 }
 
 TEST_F(EvaluateTest, NovelViewsAreScoredAtTheirPoseWhereTruthIs) {
@@ -260,13 +275,18 @@ TEST(EvaluationJson, HasTheNamesThatScriptsRead) {
   evaluation.cameras["F_CAM"] = {20.5, std::nan(""), 0.25, 0.125, 3, 7};
   evaluation.view_alignment = ViewAlignment{8, 0.25, 0.5};
   evaluation.alignment = Alignment{Rigid3d::Identity(), 5, 0.5, 0.25, 0.125, 1};
+  EXPECT_TRUE(nlohmann::json::parse(evaluation_to_json(evaluation).dump()).at("pose_changes").is_null());
+  const PoseChange change{{0.5, -0.25, 2}, {0, std::numbers::pi / 2, 0}, true};
+  evaluation.pose_changes = PoseChanges{{change, {}}, {{"F_CAM", change, 0.125}}, 0.75, std::numbers::pi};
   const auto json = nlohmann::json::parse(evaluation_to_json(evaluation).dump());
   EXPECT_EQ(json, nlohmann::json::parse(R"({
     "overall": {"psnr_db": 20.5, "ssim": 0.5, "flip": 0.25, "depth_error": null, "images": 3, "left_out_pixels": 0},
     "cameras": {"F_CAM": {"psnr_db": 20.5, "ssim": null, "flip": 0.25, "depth_error": 0.125, "images": 3, "left_out_pixels": 7}},
     "novel": {}, "held_out": false,
     "alignment": {"moved_m": 0.5, "turned_deg": 0.25, "rest_m": 0.125, "rest_deg": 1, "frames": 5},
-    "view_alignment": {"moved_m": 0.25, "turned_deg": 0.5, "views": 8}})"));
+    "view_alignment": {"moved_m": 0.25, "turned_deg": 0.5, "views": 8},
+    "pose_changes": {"frames": {"moved_m": 0.75, "turned_deg": 180, "at_bound": 1},
+                     "cameras": {"F_CAM": {"moved_m": [0.5, -0.25, 2], "turned_deg": [0, 90, 0], "late_s": 0.125, "at_bound": true}}}})"));
 }
 
 }  // namespace

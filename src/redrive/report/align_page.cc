@@ -10,7 +10,6 @@
 #include <numbers>
 #include <sstream>
 
-#include "redrive/base/error.h"
 #include "redrive/base/files.h"
 #include "redrive/report/html.h"
 #include "redrive/report/plot.h"
@@ -19,7 +18,6 @@ namespace redrive {
 namespace {
 
 constexpr double kDegrees = 180 / std::numbers::pi;
-constexpr const char* kColours[] = {"#1f4e8c", "#c2571a", "#3a7d44", "#7a4a9e", "#8a6d1b", "#20808d"};
 constexpr std::size_t kPointsShown = 4000;  // of a camera's residuals
 
 std::string number(const char* format, ...) __attribute__((format(printf, 1, 2)));
@@ -32,50 +30,27 @@ std::string number(const char* format, ...) {
   return buffer;
 }
 
-std::string head_of(const std::string& name, const std::string& x, const std::string& y, int width, int height) {
-  std::ostringstream out;
-  out << "set terminal pngcairo size " << width << "," << height
-      << " font 'DejaVu Sans,13' background '#ffffff' noenhanced\n"
-      << "set output '" << name << ".png.part'\nset xlabel '" << x << "'\nset ylabel '" << y << "'\n"
-      << "set grid lc rgb '#dddddd' lt 1\nset border 3 lc rgb '#666666'\nset tics nomirror\nset key outside right "
-         "top\n";
-  return out.str();
-}
-
 double seconds_of(const Recording& recording, std::size_t frame) {
   return 1e-9 * static_cast<double>(recording.frames[frame].t_ns - recording.frames.front().t_ns);
 }
 
-/// Three components of the corrections over time, each in a band of two sigmas.
-std::string corrections_script(const Recording& recording, const AlignResult& result, const std::string& name,
-                               int first, double scale, const std::string& y,
-                               const std::array<const char*, 3>& titles) {
-  std::ostringstream out;
-  out.precision(6);
-  out << head_of(name, "time (s)", y, 1200, 420) << "set style fill transparent solid 0.2 noborder\n$data << end\n";
+/// Three components of the corrections over time: from number `first` on, times `scale`.
+std::string corrections_script(const Recording& recording, const AlignResult& result, const PlotAxes& axes, int first,
+                               double scale, const std::array<const char*, 3>& titles) {
+  TimeCurves curves{axes, titles, {}, {}, {}};
   for (std::size_t f = 0; f < result.corrections.size(); ++f) {
-    out << seconds_of(recording, f);
-    for (int k = 0; k < 3; ++k) {
-      const double value = scale * result.corrections[f].value[first + k],
-                   band = 2 * scale * result.corrections[f].sigma[first + k];
-      out << ' ' << value << ' ' << value - band << ' ' << value + band;
-    }
-    out << '\n';
+    curves.t_s.push_back(seconds_of(recording, f));
+    curves.values.push_back(scale * result.corrections[f].value.segment<3>(first));
+    curves.sigmas.push_back(scale * result.corrections[f].sigma.segment<3>(first));
   }
-  out << "end\nplot ";
-  for (int k = 0; k < 3; ++k)
-    out << (k ? ", " : "") << "$data using 1:" << 3 * k + 3 << ":" << 3 * k + 4 << " with filledcurves lc rgb '"
-        << kColours[k] << "' notitle, $data using 1:" << 3 * k + 2 << " with lines lw 2 lc rgb '" << kColours[k]
-        << "' title '" << titles[k] << "'";
-  out << "\n";
-  return out.str();
+  return time_curves_script(curves);
 }
 
 /// From above in the axes of the first body; arrows: the corrections, ten times as long.
 std::string trajectory_script(const Recording& recording, const AlignResult& result, const std::string& name) {
   std::ostringstream out;
   out.precision(7);
-  out << head_of(name, "ahead of the first frame (m)", "to its left (m)", 1200, 520)
+  out << plot_head({name, "ahead of the first frame (m)", "to its left (m)", 1200, 520})
       << "set size ratio -1\n$data << end\n";
   const Rigid3d first_from_ecef = recording.frames.front().ecef_from_body.inverse(Eigen::Isometry);
   for (std::size_t f = 0; f < result.frames.size(); ++f) {
@@ -104,7 +79,7 @@ std::string by_frame_script(const Recording& recording, const AlignResult& resul
   }
   std::ostringstream out;
   out.precision(5);
-  out << head_of(name, "time (s)", "RMS (px)", 1200, 420) << "set logscale y\n$data << end\n";
+  out << plot_head({name, "time (s)", "RMS (px)"}) << "set logscale y\n$data << end\n";
   for (std::size_t f = 0; f < frames; ++f) {
     out << seconds_of(recording, f);
     for (const auto& sum : sums[f])
@@ -113,10 +88,10 @@ std::string by_frame_script(const Recording& recording, const AlignResult& resul
   }
   out << "end\nplot ";
   for (std::size_t c = 0; c < cameras; ++c) {
-    const char* colour = kColours[c % std::size(kColours)];
-    out << (c ? ", " : "") << "$data using 1:" << 2 * c + 2 << " with lines lw 1 dt 3 lc rgb '" << colour << "' title '"
-        << result.cameras[c].name << " before', $data using 1:" << 2 * c + 3 << " with lines lw 2.5 lc rgb '" << colour
-        << "' title 'after'";
+    const std::string colour = plot_colour(c);
+    out << (c ? ", " : "") << "$data using 1:" << 2 * c + 2 << " with lines lw 1 dt 3 lc rgb '" << colour << "' title "
+        << plot_text(result.cameras[c].name + " before") << ", $data using 1:" << 2 * c + 3
+        << " with lines lw 2.5 lc rgb '" << colour << "' title 'after'";
   }
   out << "\n";
   return out.str();
@@ -130,7 +105,7 @@ std::string scatter_script(const AlignResult& result, int camera, const std::str
   std::ostringstream out;
   out.precision(4);
   const double reach = std::max(1.0, 3 * result.bundle.cameras[camera].before_px);
-  out << head_of(name, "error in x (px)", "error in y (px)", 620, 560)
+  out << plot_head({name, "error in x (px)", "error in y (px)", 620, 560})
       << "set size ratio 1\nset key top left inside\nset xrange [" << -reach << ":" << reach << "]\nset yrange ["
       << -reach << ":" << reach << "]\n$data << end\n";
   const std::size_t step = 1 + of_camera.size() / kPointsShown;
@@ -206,13 +181,8 @@ std::vector<std::vector<std::string>> contrast_rows(const AlignResult& result) {
 }  // namespace
 
 void write_align_page(const std::filesystem::path& folder, const Recording& recording, const AlignResult& result) {
-  const std::filesystem::path figures = folder / "figures";
-  std::error_code error;
-  std::filesystem::create_directories(figures, error);
-  if (error) throw IoError(figures, error.message());
   const auto drawn = [&](const std::string& name, const std::string& script, const std::string& caption) {
-    draw_plot(figures, name, script);
-    return html_figure(png_address(read_file(figures / (name + ".png"))), caption);
+    return plot_figure(folder / "figures", name, script, caption);
   };
   const BundleResult& bundle = result.bundle;
   std::string body =
@@ -244,12 +214,13 @@ void write_align_page(const std::filesystem::path& folder, const Recording& reco
             "<p>After one rigid motion of the whole.</p>\n";
   body += "<h2>Trajectory</h2>\n" +
           drawn("position",
-                corrections_script(recording, result, "position", 0, 100, "moved (cm)", {"ahead", "left", "up"}),
+                corrections_script(recording, result, {"position", "time (s)", "moved (cm)"}, 0, 100,
+                                   {"ahead", "left", "up"}),
                 "What was added to each frame's position, in the axes of the body; the bands are two standard "
                 "deviations of the "
                 "trajectory's shape") +
           drawn("rotation",
-                corrections_script(recording, result, "rotation", 3, kDegrees, "turned (degrees)",
+                corrections_script(recording, result, {"rotation", "time (s)", "turned (degrees)"}, 3, kDegrees,
                                    {"roll", "pitch", "yaw"}),
                 "What was added to each frame's rotation") +
           drawn("trajectory", trajectory_script(recording, result, "trajectory"), "From above");

@@ -20,6 +20,7 @@ h1 { font-size: 26px; margin: 0 0 4px; }
 h2 { font-size: 19px; margin: 36px 0 10px; padding-bottom: 4px; border-bottom: 1px solid var(--line); }
 h3 { font-size: 15px; margin: 18px 0 8px; }
 p { margin: 4px 0; color: var(--faint); }
+p.warning { margin: 10px 0; padding: 8px 12px; color: #8c1d18; background: #fdeceb; border-left: 4px solid #b3261e; }
 .row { display: grid; grid-auto-flow: column; grid-auto-columns: minmax(240px, 1fr); gap: 14px; overflow-x: auto; }
 figure { margin: 0; }
 figure img { display: block; width: 100%; height: auto; border-radius: 3px; }
@@ -49,6 +50,7 @@ std::string base64(std::string_view bytes) {
 
 std::string fixed(double value, int digits) {
   if (std::isnan(value)) return "-";
+  if (std::abs(value) <= 0.5 * std::pow(10, -digits)) value = 0;  // or there would be "-0.00"
   char text[64];
   std::snprintf(text, sizeof text, "%.*f", digits, value);
   return text;
@@ -78,6 +80,10 @@ std::string jpeg_address(const Image8& image) {
   std::vector<unsigned char> bytes;
   REDRIVE_CHECK(cv::imencode(".jpg", bgr, bytes, {cv::IMWRITE_JPEG_QUALITY, 90}));
   return "data:image/jpeg;base64," + base64({reinterpret_cast<const char*>(bytes.data()), bytes.size()});
+}
+
+std::string html_warning(const std::string& text) {
+  return "<p class=\"warning\">Warning: " + html_escape(text) + "</p>\n";
 }
 
 std::string html_figure(const std::string& address, const std::string& caption) {

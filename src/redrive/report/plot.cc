@@ -13,6 +13,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/report/html.h"
 #include "redrive/scene/image_set.h"
 
 namespace redrive {
@@ -20,13 +21,6 @@ namespace {
 
 constexpr std::size_t kMeanParts = 60;  // the running mean looks at 1/60 of the run to either side
 constexpr int kLabelledEpochs = 12;     // more labels than that would run into each other
-
-/// Text of a gnuplot string in single quotes.
-std::string quoted(const std::string& text) {
-  std::string out = "'";
-  for (const char c : text) out += c == '\'' ? std::string("''") : std::string(1, c);
-  return out + "'";
-}
 
 /// What differs between the two plots.
 struct Axis {
@@ -40,12 +34,8 @@ struct Axis {
 std::string history_script(const std::vector<MetricsRow>& rows, const std::string& title, const Axis& axis) {
   std::ostringstream out;
   out.precision(8);
-  out << "set terminal pngcairo size 1200,560 font 'DejaVu Sans,14' background '#ffffff' enhanced\n"
-      << "set output '" << axis.name << ".png.part'\n"
-      << "set title " << quoted(title) << " noenhanced\n"
-      << "set xlabel 'step'\nset ylabel '" << axis.label << "'\n"
-      << axis.setup << "set grid ytics lc rgb '#dddddd' lt 1\nset border 3 lc rgb '#666666'\nset tics nomirror\n"
-      << "set key " << axis.key_position << " noautotitle\n"
+  out << plot_head({axis.name, "step", axis.label, 1200, 560, 14}) << "set title " << plot_text(title) << '\n'
+      << axis.setup << "set grid noxtics\nset key " << axis.key_position << " noautotitle\n"
       << "set xrange [0:" << (rows.empty() ? 1 : rows.back().step) << "]\n";
   const int epochs = rows.empty() ? 0 : rows.back().epoch + 1;
   for (std::size_t i = 0; i < rows.size(); ++i) {
@@ -71,6 +61,62 @@ std::string history_script(const std::vector<MetricsRow>& rows, const std::strin
 }
 
 }  // namespace
+
+std::string plot_text(const std::string& text) {
+  std::string out = "'";
+  // Nothing is special between single quotes, but '' for one of them is misread at a string's beginning.
+  for (const char c : text) out += c == '\'' ? std::string(R"('."'".')") : std::string(1, c);
+  return out + "'";
+}
+
+std::string plot_colour(std::size_t index) {
+  constexpr const char* kColours[] = {"#1f4e8c", "#c2571a", "#3a7d44", "#7a4a9e",
+                                      "#8a6d1b", "#20808d", "#c2548f", "#5f6b7a"};
+  return kColours[index % std::size(kColours)];
+}
+
+std::string plot_head(const PlotAxes& axes) {
+  std::ostringstream out;
+  out << "set terminal pngcairo size " << axes.width_px << "," << axes.height_px << " font 'DejaVu Sans,"
+      << axes.font_pt << "' background '#ffffff' noenhanced\nset output " << plot_text(axes.name + ".png.part")
+      << "\nset xlabel " << plot_text(axes.x_label) << "\nset ylabel " << plot_text(axes.y_label)
+      << "\nset grid lc rgb '#dddddd' lt 1\nset border 3 lc rgb '#666666'\nset tics nomirror\n"
+      << "set key outside right top\n";
+  return out.str();
+}
+
+std::string time_curves_script(const TimeCurves& curves) {
+  REDRIVE_CHECK_OP(curves.values.size(), ==, curves.t_s.size());
+  const bool bands = !curves.sigmas.empty();
+  double most = 0;
+  for (const Eigen::Vector3d& value : curves.values) most = std::max(most, value.cwiseAbs().maxCoeff());
+  std::ostringstream out;
+  out.precision(6);
+  out << plot_head(curves.axes) << "set style fill transparent solid 0.2 noborder\nset autoscale xfix\n"
+      << "set xzeroaxis lt 1 lc rgb '#999999'\n"
+      << (most > 0 || bands ? "" : "set yrange [-1:1]\n") << "$data << end\n";
+  for (std::size_t i = 0; i < curves.t_s.size(); ++i) {
+    out << curves.t_s[i];
+    for (int k = 0; k < 3; ++k) {
+      const double value = curves.values[i][k], band = bands ? 2 * curves.sigmas[i][k] : 0;
+      out << ' ' << value << ' ' << value - band << ' ' << value + band;
+    }
+    out << '\n';
+  }
+  out << "end\nplot ";
+  for (int k = 0; k < 3; ++k) {
+    const std::string colour = " lc rgb '" + plot_colour(k) + "' ";
+    out << (k ? ", " : "");
+    if (bands)
+      out << "$data using 1:" << 3 * k + 3 << ":" << 3 * k + 4 << " with filledcurves" << colour << "notitle, ";
+    out << "$data using 1:" << 3 * k + 2 << " with lines lw 2" << colour << "title " << plot_text(curves.titles[k]);
+  }
+  if (curves.bound > 0 && 2 * most > curves.bound)
+    for (const double bound : {curves.bound, -curves.bound})
+      out << ", " << bound << " with lines dt 2 lw 2 lc rgb '#b3261e' " << (bound > 0 ? "title 'bound'" : "notitle");
+  out << '\n';
+  return out.str();
+}
 
 std::vector<double> running_mean(const std::vector<double>& values, int radius) {
   std::vector<double> means(values.size());
@@ -101,12 +147,15 @@ std::string loss_script(const std::vector<MetricsRow>& rows, const std::string& 
 
 std::string psnr_script(const std::vector<MetricsRow>& rows, const std::string& title) {
   return history_script(rows, title,
-                        {"psnr", "PSNR of training batches (dB)", "", "bottom right", &MetricsRow::psnr_db});
+                        {"psnr", "PSNR of training batches (dB)", "", "inside bottom right", &MetricsRow::psnr_db});
 }
 
 void draw_plot(const std::filesystem::path& folder, const std::string& name, const std::string& script) {
   const std::filesystem::path script_file = folder / (name + ".gnuplot"), image = folder / (name + ".png"),
                               part = folder / (name + ".png.part");
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);
+  if (error) throw IoError(folder, error.message());
   write_file(script_file, script);
 
   const std::string argument = name + ".gnuplot";
@@ -122,7 +171,6 @@ void draw_plot(const std::filesystem::path& folder, const std::string& name, con
   int status = 0;
   while (waitpid(child, &status, 0) < 0 && errno == EINTR) {
   }
-  std::error_code error;
   if (!WIFEXITED(status) || WEXITSTATUS(status) != 0) {
     std::filesystem::remove(part, error);
     throw IoError(image, "gnuplot failed on " + script_file.string());
@@ -135,6 +183,12 @@ void draw_plot(const std::filesystem::path& folder, const std::string& name, con
   }
   std::filesystem::rename(part, image, error);
   if (error) throw IoError(image, error.message());
+}
+
+std::string plot_figure(const std::filesystem::path& folder, const std::string& name, const std::string& script,
+                        const std::string& caption) {
+  draw_plot(folder, name, script);
+  return html_figure(png_address(read_file(folder / (name + ".png"))), caption);
 }
 
 }  // namespace redrive

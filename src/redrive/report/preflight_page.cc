@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/report/preflight_page.h"
 
-#include <cstdio>
+#include <sstream>
 
 #include <opencv2/imgproc.hpp>
 
 #include "redrive/base/files.h"
 #include "redrive/report/html.h"
-#include "redrive/report/svg.h"
+#include "redrive/report/plot.h"
 #include "redrive/scene/lidar_returns.h"
 #include "redrive/scene/masks.h"
 
@@ -25,21 +25,25 @@ std::string row_of(const std::vector<std::string>& figures) {
   return out + "</div>\n";
 }
 
+/// "-8.8 ± 1.2"
+std::string offset_text(const CameraCheck& check) {
+  if (!check.offset_told) return "-";
+  return fixed(check.offset_ms, 1) +
+         (std::isfinite(check.offset_sigma_ms) ? " \u00b1 " + fixed(check.offset_sigma_ms, 1) : "");
+}
+
 std::string verdicts(const Recording& recording, const Preflight& preflight) {
   std::vector<std::vector<std::string>> rows = {
       {"", "verdict", "why", "offset (ms)", "error (px)", "points", "points move (px)"}};
   for (const CameraCheck& camera : preflight.cameras) {
     const bool any = !camera.tried.empty();
-    rows.push_back({camera.name, verdict_name(camera.verdict), camera.why,
-                    camera.offset_told ? fixed(camera.offset_ms, 1) : "-",
+    rows.push_back({camera.name, verdict_name(camera.verdict), camera.why, offset_text(camera),
                     any ? fixed(camera.tried[0].error_px, 2) : "-", std::to_string(camera.points),
                     any ? fixed(camera.flow_px, 1) : "-"});
   }
   rows.push_back({"clock", verdict_name(preflight.clock.verdict), preflight.clock.why, "-", "-", "-", "-"});
-  std::string out =
-      "<h1>" + html_escape(recording.root.lexically_normal().filename().string()) + "</h1>\n<h2>" +
-      (preflight.sensible() ? "Nothing speaks against training" : "Training makes no sense before this is put right") +
-      "</h2>\n";
+  std::string out = "<h1>" + html_escape(recording.root.lexically_normal().filename().string()) + "</h1>\n<h2>" +
+                    html_escape(preflight.headline()) + "</h2>\n";
   return out + html_table(rows, false) +
          "<p>Error: how far, in the median, points lie from where a static point can be seen, when the calibration and "
          "the poses say how the "
@@ -123,20 +127,41 @@ std::string picture(const std::filesystem::path& folder, const Recording& record
                 (points > 0 ? std::to_string(points) + " LiDAR points, 2 m (blue) to 80 m (red)" : "no LiDAR"));
 }
 
-std::string scan(const CameraCheck& check) {
-  SvgPlot plot{"time offset (ms), added to the recorded one", "error (px)", {}, {}};
-  SvgCurve curve{{}, svg_colour(0), ""};
-  for (const ScanPoint& p : check.scan) curve.points.emplace_back(p.offset_ms, p.error_px);
-  plot.curves.push_back(curve);
-  plot.from_zero = true;
+/// Ranges of axes with one unit that fill a picture: a box with a margin, widened to the shape of what lies between the axes.
+std::string to_scale(Eigen::AlignedBox2d shown, double margin) {
+  constexpr double kUpPerAcross = 0.5;
+  const Eigen::Vector2d size = shown.sizes().array() + 2 * margin;
+  const double across = std::max(size.x(), size.y() / kUpPerAcross);
+  const Eigen::Vector2d half(across / 2, across / 2 * kUpPerAcross), low = shown.center() - half,
+                                                                     high = shown.center() + half;
+  std::ostringstream out;
+  out << "set size ratio -1\nset xrange [" << low.x() << ':' << high.x() << "]\nset yrange [" << low.y() << ':'
+      << high.y() << "]\n";
+  return out.str();
+}
+
+/// A third of the page's width: drawn twice as large, for screens that show it.
+PlotAxes axes_of(const std::string& name, const std::string& x_label, const std::string& y_label, int height_px = 560) {
+  return {name, x_label, y_label, 1000, height_px, 20};
+}
+
+std::string scan_script(const CameraCheck& check, const std::string& name) {
+  std::ostringstream out;
+  out << plot_head(axes_of(name, "time offset (ms), added to the recorded one", "error (px)"))
+      << "set key inside center top\nset autoscale xfix\nset yrange [0:*]\nset offsets 0, 0, graph 0.15, 0\n$scan << "
+         "end\n";
   double highest = 0;
-  for (const ScanPoint& p : check.scan) highest = std::max(highest, p.error_px);
-  plot.curves.push_back(
-      {{{check.offset_ms, 0}, {check.offset_ms, highest}},
-       "#d1495b",
-       check.offset_told ? "minimum at " + fixed(check.offset_ms, 1) + " ms" : "too flat: this drive does not tell",
-       1});
-  return svg_figure(plot, "error as if exposed earlier or later");
+  for (const ScanPoint& p : check.scan) {
+    out << p.offset_ms << ' ' << p.error_px << '\n';
+    highest = std::max(highest, p.error_px);
+  }
+  const std::string title = check.offset_told ? "minimum at " + offset_text(check) + " ms"
+                                              : std::string("too flat: this drive does not tell");
+  out << "end\n$minimum << end\n"
+      << check.offset_ms << " 0\n"
+      << check.offset_ms << ' ' << highest << "\nend\nplot $minimum with lines lw 2 lc rgb '#c2571a' title "
+      << plot_text(title) << ", $scan with lines lw 3 lc rgb '" << plot_colour(0) << "' notitle\n";
+  return out.str();
 }
 
 std::string tried(const CameraCheck& check) {
@@ -148,68 +173,97 @@ std::string tried(const CameraCheck& check) {
 }
 
 /// Cameras on the car with their axes, seen along one axis of the body.
-std::string rig_view(const Recording& recording, int right, int up, const std::string& caption) {
+std::string rig_script(const Recording& recording, int right, int up, const std::string& name) {
   constexpr const char* kAxis[] = {"x forward (m)", "y left (m)", "z up (m)"};
-  constexpr const char* kColour[] = {"#d1495b", "#2e933c", "#1f6fb4"};
-  constexpr double kLength_m = 0.6;
-  SvgPlot plot{kAxis[right], kAxis[up], {}, {}, true};
-  plot.height_px = 360;
-  const auto flat = [&](const Eigen::Vector3d& p) { return Eigen::Vector2d(p[right], p[up]); };
+  constexpr const char* kColour[] = {"#c2281a", "#2e933c", "#1f6fb4"};  // as axes are painted: red, green, blue
+  constexpr double kLength_m = 0.6, kAround_m = 0.4, kLabel_m = 1.6, kLine_m = 0.24;
   const Eigen::Vector3d low(-1, -0.95, 0.2), high(3.8, 0.95, 1.5);  // about a car
-  plot.curves.push_back({{{low[right], low[up]},
-                          {high[right], low[up]},
-                          {high[right], high[up]},
-                          {low[right], high[up]},
-                          {low[right], low[up]}},
-                         "#b6bec8",
-                         ""});
+  const auto flat = [&](const Eigen::Vector3d& p) { return Eigen::Vector2d(p[right], p[up]); };
+  Eigen::AlignedBox2d shown(flat(low));
+  shown.extend(flat(high));
+  std::ostringstream data, labels;
+  std::vector<Eigen::Vector2d> labelled;
   for (const RecordedCamera& camera : recording.cameras) {
     const Rigid3d& mounting = camera.calibration.body_from_sensor;
-    for (int axis = 0; axis < 3; ++axis)
-      plot.curves.push_back(
-          {{flat(mounting.translation()), flat(mounting * Eigen::Vector3d(kLength_m * Eigen::Vector3d::Unit(axis)))},
-           kColour[axis],
-           "",
-           axis == 2 ? 2.6 : 1.6});
-    if (up == 1)  // beside each other; from the side they would lie over each other
-      plot.texts.push_back({flat(mounting * Eigen::Vector3d(0, 0, 1.1 * kLength_m)), camera.calibration.name});
+    const Eigen::Vector2d at = flat(mounting.translation());
+    shown.extend(at);
+    for (int axis = 0; axis < 3; ++axis) {
+      const Eigen::Vector2d end = flat(mounting * Eigen::Vector3d(kLength_m * Eigen::Vector3d::Unit(axis)));
+      shown.extend(end);
+      data << at.x() << ' ' << at.y() << ' ' << end.x() - at.x() << ' ' << end.y() - at.y() << ' ' << axis << '\n';
+    }
+    if (up != 1) continue;  // from the side they would lie over each other
+    Eigen::Vector2d label = flat(mounting * Eigen::Vector3d(0, 0, 1.1 * kLength_m));
+    const auto over_another = [&](const Eigen::Vector2d& other) {
+      return std::abs(label.x() - other.x()) < kLabel_m && std::abs(label.y() - other.y()) < 0.9 * kLine_m;
+    };
+    while (std::ranges::any_of(labelled, over_another)) label.y() -= kLine_m;
+    labelled.push_back(label);
+    shown.extend(Eigen::Vector2d(label + Eigen::Vector2d(kLabel_m, 0)));
+    labels << "set label " << plot_text(camera.calibration.name) << " at " << label.x() << ',' << label.y()
+           << " left font 'DejaVu Sans,16' front\n";
   }
-  return svg_figure(plot, caption);
+  std::ostringstream out;
+  out << plot_head(axes_of(name, kAxis[right], kAxis[up], 600)) << "set key off\n"
+      << to_scale(shown, kAround_m) << labels.str() << "set object 1 rectangle from " << low[right] << ',' << low[up]
+      << " to " << high[right] << ',' << high[up]
+      << " behind fillstyle empty border lc rgb '#b6bec8' lw 3\n$axes << end\n"
+      << data.str() << "end\nplot ";
+  for (int axis = 0; axis < 3; ++axis)
+    out << (axis ? ", " : "") << "$axes using 1:2:($5 == " << axis << " ? $3 : NaN):4 with vectors nohead lw "
+        << (axis == 2 ? 5 : 3) << " lc rgb '" << kColour[axis] << "'";
+  out << '\n';
+  return out.str();
 }
 
-std::string way(const RigImages& images, int right, int up, const std::string& caption) {
+std::string way_script(const RigImages& images, int right, int up, const std::string& name) {
   constexpr const char* kAxis[] = {"x of the first pose, forward (m)", "y, left (m)", "z, up (m)"};
-  SvgPlot plot{kAxis[right], kAxis[up], {}, {}, up == 1};
-  SvgCurve curve{{}, svg_colour(0), ""};
+  std::ostringstream data;
+  Eigen::AlignedBox2d shown;
   for (const Frame& frame : images.scene.frames) {
-    const Eigen::Vector3d at = frame.world_from_body.translation();
-    curve.points.emplace_back(at[right], at[up]);
+    const Eigen::Vector3d place = frame.world_from_body.translation();
+    const Eigen::Vector2d at(place[right], place[up]);
+    shown.extend(at);
+    data << at.x() << ' ' << at.y() << '\n';
   }
-  plot.curves.push_back(curve);
-  return svg_figure(plot, caption);
+  std::ostringstream out;
+  out << plot_head(axes_of(name, kAxis[right], kAxis[up])) << "set key off\n"
+      << (up == 1 ? to_scale(shown, 0.01 + 0.05 * shown.sizes().maxCoeff()) : "") << "$way << end\n"
+      << data.str() << "end\nplot $way with linespoints lw 3 pt 7 ps 0.4 lc rgb '" << plot_colour(0) << "'\n";
+  return out.str();
 }
 
-std::string exposure(const RigImages& images) {
-  SvgPlot plot{"time (s)", "brightness (0..1)", {}, {}, false, true};
+std::string exposure_script(const RigImages& images, const std::string& name) {
+  constexpr int kInKey = 8;  // photographs may have a camera each
+  std::ostringstream out, plots;
+  out << plot_head(axes_of(name, "time (s)", "brightness (0..1)")) << "set key "
+      << (images.cameras() > kInKey ? "off" : "inside top right")
+      << "\nset autoscale xfix\nset yrange [0:*]\nset offsets 0, 0, graph 0.6, 0\n";
   for (int c = 0; c < images.cameras(); ++c) {
-    SvgCurve curve{{}, svg_colour(c), images.scene.rig[c].name};
+    out << "$camera" << c << " << end\n";
     for (int f = 0; f < images.frames(); ++f) {
       const cv::Mat& grey = images.grey[c][f];
       if (grey.empty()) continue;
       cv::Mat root;  // grey is the square root of brightness
       grey.convertTo(root, CV_32F, 1 / 255.0);
-      curve.points.emplace_back(1e-9 * static_cast<double>(images.scene.frames[f].t_ns - images.scene.frames[0].t_ns),
-                                cv::mean(root.mul(root), images.usable[c][f])[0]);
+      out << 1e-9 * static_cast<double>(images.scene.frames[f].t_ns - images.scene.frames[0].t_ns) << ' '
+          << cv::mean(root.mul(root), images.usable[c][f])[0] << '\n';
     }
-    plot.curves.push_back(curve);
+    out << "end\n";
+    plots << (c ? ", " : "") << "$camera" << c << " with linespoints lw 3 pt 7 ps 0.4 lc rgb '" << plot_colour(c)
+          << "' title " << plot_text(images.scene.rig[c].name);
   }
-  return svg_figure(plot, "mean brightness of what is looked at: exposure over time");
+  out << "plot " << plots.str() << '\n';
+  return out.str();
 }
 
 }  // namespace
 
 void write_preflight_page(const std::filesystem::path& folder, const Recording& recording, const RigImages& images,
                           const Preflight& preflight, ThreadPool& pool) {
+  const auto drawn = [&](const std::string& name, const std::string& script, const std::string& caption) {
+    return plot_figure(folder / "figures", name, script, caption);
+  };
   const LidarReturns lidar = load_lidar_returns(recording, images.scene, images.moving, pool);
   std::string body = verdicts(recording, preflight);
   for (int c = 0; c < images.cameras(); ++c) {
@@ -217,17 +271,21 @@ void write_preflight_page(const std::filesystem::path& folder, const Recording& 
     body += "<h2>" + html_escape(check.name) + ": " + verdict_name(check.verdict) + "</h2>\n<p>" +
             html_escape(check.why) + "</p>\n";
     std::vector<std::string> figures = {picture(folder, recording, images, c, lidar)};
-    if (!check.scan.empty()) figures.push_back(scan(check));
+    if (const std::string name = "scan_" + check.name; !check.scan.empty())
+      figures.push_back(drawn(name, scan_script(check, name), "error as if exposed earlier or later"));
     if (!check.tried.empty()) figures.push_back(tried(check));
     body += row_of(figures);
   }
   if (recording.metric)
     body += "<h2>Cameras on the car</h2>\n" +
-            row_of({rig_view(recording, 0, 1,
-                             "from above; red: the camera's x (right), green: y (down), blue: z (where it looks)"),
-                    rig_view(recording, 0, 2, "from its right side")});
-  body += "<h2>The way</h2>\n" + row_of({way(images, 0, 1, "from above, to scale"),
-                                         way(images, 0, 2, "from the side, heights exaggerated"), exposure(images)});
+            row_of({drawn("rig_above", rig_script(recording, 0, 1, "rig_above"),
+                          "from above; red: the camera's x (right), green: y (down), blue: z (where it looks)"),
+                    drawn("rig_side", rig_script(recording, 0, 2, "rig_side"), "from its right side")});
+  body += "<h2>The way</h2>\n" +
+          row_of({drawn("way_above", way_script(images, 0, 1, "way_above"), "from above, to scale"),
+                  drawn("way_side", way_script(images, 0, 2, "way_side"), "from the side, heights exaggerated"),
+                  drawn("exposure", exposure_script(images, "exposure"),
+                        "mean brightness of what is looked at: exposure over time")});
   write_file(folder / "index.html", html_page("Preflight", body));
 }
 

@@ -9,8 +9,8 @@
 
 namespace redrive {
 
-/// Writes folder/index.html and folder/<CAM>.jpg, nothing else; the folder must be there. `images`: what was checked.
-/// InputError as load_view and load_lidar_returns, IoError.
+/// Writes folder/index.html, folder/<CAM>.jpg and folder/figures with its plots and their gnuplot scripts; the folder must be there.
+/// `images`: what was checked. InputError as load_view and load_lidar_returns, IoError, also where gnuplot is missing.
 void write_preflight_page(const std::filesystem::path& folder, const Recording& recording, const RigImages& images,
                           const Preflight& preflight, ThreadPool& pool);
 

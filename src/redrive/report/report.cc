@@ -12,6 +12,7 @@
 #include "redrive/report/html.h"
 #include "redrive/report/pictures.h"
 #include "redrive/report/plot.h"
+#include "redrive/report/poses_section.h"
 
 namespace redrive {
 namespace {
@@ -53,13 +54,12 @@ std::string training(const Run& run, const Written& written) {
   const std::vector<MetricsRow> rows = read_metrics(run.paths);
   if (rows.empty()) return out + "<p>No metrics yet.</p>\n";
   const std::string title = recording_name(run) + ", " + run.options.method + starts(run.state);
-  const std::filesystem::path folder = run.paths.figures(), loss = folder / "loss.png", psnr = folder / "psnr.png";
-  draw_plot(folder, "loss", loss_script(rows, title));
-  written(loss);
-  draw_plot(folder, "psnr", psnr_script(rows, title));
-  written(psnr);
-  return out + "<div class=\"row\">\n" + html_figure(png_address(read_file(loss)), "training loss") +
-         html_figure(png_address(read_file(psnr)), "PSNR of the training batches") + "</div>\n";
+  const std::filesystem::path folder = run.paths.figures();
+  out += "<div class=\"row\">\n" + plot_figure(folder, "loss", loss_script(rows, title), "training loss");
+  written(folder / "loss.png");
+  out += plot_figure(folder, "psnr", psnr_script(rows, title), "PSNR of the training batches");
+  written(folder / "psnr.png");
+  return out + "</div>\n";
 }
 
 std::vector<std::string> score_row(const std::string& name, const Score& score) {
@@ -179,6 +179,9 @@ void write_figures(const Run& run, kernels::Backend& backend, const FigureOption
 
   std::string body = heading(run, backend);
   body += training(run, written);  // first: it says at once if gnuplot is missing
+  body += poses_section(run, folder);
+  if (run.state.poses.refines())
+    for (const char* plot : {"poses_moved.png", "poses_turned.png"}) written(folder / plot);
   const int cameras = static_cast<int>(std::min(run.scene.rig.size(), kCamerasShown));
   std::string seen = "<h2>Pictures</h2>\n<p>A training image of each camera" +
                      std::string(run.scene.rig.size() > kCamerasShown ? " (the first ones alone)" : "") +

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <cmath>
 #include <cstdlib>
 #include <filesystem>
 
@@ -23,9 +24,18 @@ TEST(Html, Base64OfTheStandardsExamples) {  // RFC 4648, section 10
   EXPECT_EQ(base64("\xff\xfe\xfd"), "//79");
 }
 
+TEST(Html, NumbersToBeRead) {
+  EXPECT_EQ(fixed(-1.256, 2), "-1.26");
+  EXPECT_EQ(fixed(-0.004, 2), "0.00");
+  EXPECT_EQ(fixed(-0.0, 0), "0");
+  EXPECT_EQ(fixed(0.0051, 2), "0.01");
+  EXPECT_EQ(fixed(std::nan(""), 2), "-");
+}
+
 TEST(Html, TextCannotBecomeMarkup) {
   EXPECT_EQ(html_escape("<a href=\"x\">'&'"), "&lt;a href=&quot;x&quot;&gt;&#39;&amp;&#39;");
   EXPECT_EQ(html_table({{"<b>"}}, false).find("<b>"), std::string::npos);
+  EXPECT_EQ(html_warning("<script>").find("<script>"), std::string::npos);
   EXPECT_EQ(html_figure("data:,", "\"><script>").find("<script>"), std::string::npos);
 }
 
@@ -62,6 +72,23 @@ TEST(Plot, RunningMeanShrinksAtTheEnds) {
   EXPECT_EQ(running_mean({4, 5}, 0), (std::vector<double>{4, 5}));
 }
 
+TEST(Plot, TimeCurvesHoldTheirNumbersAndBandsOfTwoSigmas) {
+  TimeCurves curves{
+      {"moved", "time (s)", "moved (cm)"}, {"ahead", "left", "up"}, {0, 0.5}, {{1, 2, 3}, {4, 5, -6}}, {}};
+  curves.bound = 50;
+  std::string script = time_curves_script(curves);
+  EXPECT_NE(script.find("\n0.5 4 4 4 5 5 5 -6 -6 -6\nend\n"), std::string::npos) << script;
+  EXPECT_EQ(script.find("filledcurves"), std::string::npos);
+  EXPECT_EQ(script.find("bound"), std::string::npos) << "far away";
+  curves.sigmas = {{1, 1, 1}, {0.5, 0.25, 2}};
+  curves.bound = 11;
+  script = time_curves_script(curves);
+  EXPECT_NE(script.find("\n0.5 4 3 5 5 4.5 5.5 -6 -10 -2\n"), std::string::npos) << script;
+  EXPECT_NE(script.find("filledcurves"), std::string::npos);
+  EXPECT_NE(script.find("title 'bound'"), std::string::npos);
+  EXPECT_NE(script.find(", -11 with lines"), std::string::npos);
+}
+
 class PlotFolder : public testing::Test {
  protected:
   PlotFolder() {
@@ -88,6 +115,18 @@ TEST_F(PlotFolder, DrawsAPngOfTheHistory) {
   EXPECT_EQ(image.height, 560);
   EXPECT_TRUE(std::filesystem::exists(folder / "psnr.png"));
   EXPECT_FALSE(std::filesystem::exists(folder / "loss.png.part"));
+}
+
+TEST_F(PlotFolder, DrawsTimeCurvesIntoAPage) {
+  TimeCurves curves{{"it's", "x", "'y"}, {"a", "b'", "c"}, {0, 1, 2}, {{1, 2, 3}, {4, 5, -6}, {0, 0, 0}}, {}, 6};
+  const std::string html = plot_figure(folder / "figures", "it's", time_curves_script(curves), "how <far>");
+  EXPECT_EQ(read_image(folder / "figures/it's.png").width, 1200);
+  EXPECT_NE(html.find("data:image/png;base64,iVBOR"), std::string::npos);
+  EXPECT_NE(html.find("how &lt;far&gt;"), std::string::npos);
+  curves.t_s = {0};  // of one frame there is nothing to draw, which is no error
+  curves.values.assign(1, Eigen::Vector3d::Zero());
+  curves.sigmas = curves.values;
+  draw_plot(folder, "it's", time_curves_script(curves));
 }
 
 TEST_F(PlotFolder, MarksEachEpochWhereItBegins) {

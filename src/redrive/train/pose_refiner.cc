@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 
 #include "redrive/optim/adam.h"
 
@@ -14,11 +13,6 @@ namespace {
 constexpr float kBeta1 = 0.95f, kBeta2 = 0.99f;
 /// Small corrections are likelier than large ones: what is 1 m off is pulled back by this share of the rate.
 constexpr double kDecay = 0.3;
-
-float bound_of(const PoseCorrections& corrections, std::size_t i) {
-  if (i >= corrections.at_time(0)) return kMostLate_s;
-  return i % 6 < 3 ? kMostMoved_m : kMostTurned_rad;
-}
 
 /// Takes from all cameras what they have in common, in the body's axes: to the first order the mean of how they moved and turned, and of
 /// their times.
@@ -44,6 +38,11 @@ void leave_to_frames(const Scene& scene, PoseCorrections* corrections) {
 }
 
 }  // namespace
+
+float bound_of(const PoseCorrections& corrections, std::size_t i) {
+  if (i >= corrections.at_time(0)) return kMostLate_s;
+  return i % 6 < 3 ? kMostMoved_m : kMostTurned_rad;
+}
 
 PoseRates pose_rates(double rate_m) { return {rate_m, rate_m / 10, rate_m / 10}; }
 
@@ -99,41 +98,6 @@ void refine_poses(const Scene& scene, const RayBatch& batch, const StepLosses& l
         std::clamp(corrections.values[i] * static_cast<float>(1 - kDecay * rates.by_m), -most, most);
   }
   fill_held_out(scene, &corrections);
-}
-
-std::string describe_corrections(const Scene& scene, const PoseCorrections& corrections) {
-  const auto size_of = [&](std::size_t at) {
-    double square = 0;
-    for (int k = 0; k < 3; ++k) square += double(corrections.values[at + k]) * corrections.values[at + k];
-    return square;
-  };
-  const auto at_bound = [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i)
-      if (std::abs(corrections.values[i]) >= bound_of(corrections, i))
-        return "; WARNING: at its bound, see redrive align";
-    return "";
-  };
-  double moved = 0, turned = 0;
-  for (int f = 0; f < corrections.frames; ++f) {
-    moved += size_of(corrections.at_frame(f));
-    turned += size_of(corrections.at_frame(f) + 3);
-  }
-  constexpr double kDegree = M_PI / 180;
-  char line[200];
-  std::snprintf(line, sizeof line, "poses refined: frames moved %.1f cm, turned %.3f degrees RMS%s\n",
-                100 * std::sqrt(moved / corrections.frames), std::sqrt(turned / corrections.frames) / kDegree,
-                at_bound(0, corrections.at_camera(0)));
-  std::string out = line;
-  for (int c = 0; c < corrections.cameras; ++c) {
-    const std::size_t at = corrections.at_camera(c), time = corrections.at_time(c);
-    const char* warning = at_bound(at, at + 6);
-    if (*warning == 0) warning = at_bound(time, time + 1);
-    std::snprintf(line, sizeof line, "%s: moved %.1f cm, turned %.3f degrees, %+.1f ms%s\n", scene.rig[c].name.c_str(),
-                  100 * std::sqrt(size_of(at)), std::sqrt(size_of(at + 3)) / kDegree, 1e3 * corrections.values[time],
-                  warning);
-    out += line;
-  }
-  return out;
 }
 
 }  // namespace redrive

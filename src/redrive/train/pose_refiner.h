@@ -3,7 +3,6 @@
 #pragma once
 
 #include <functional>
-#include <string>
 
 #include "redrive/train/state.h"
 
@@ -11,6 +10,8 @@ namespace redrive {
 
 /// How far corrections may go: what is further off wants redrive align, or is a mistake that no refinement should hide.
 constexpr float kMostMoved_m = 0.5f, kMostTurned_rad = 0.035f, kMostLate_s = 0.05f;
+/// That of number i.
+float bound_of(const PoseCorrections& corrections, std::size_t i);
 
 /// How far one update may move what is of metres, radians and seconds.
 struct PoseRates {
@@ -33,9 +34,5 @@ std::vector<ViewGradient> view_gradients(const Scene& scene, const RayBatch& bat
 /// trained on follow the others. Nothing changes where the losses are not finite.
 void refine_poses(const Scene& scene, const RayBatch& batch, const StepLosses& losses, const PoseRates& rates,
                   PoseState* state);
-
-/// What the corrections come to: a line for the trajectory and one for each camera, in cm, degrees and ms, with a warning where a number is at
-/// its bound.
-std::string describe_corrections(const Scene& scene, const PoseCorrections& corrections);
 
 }  // namespace redrive
