@@ -68,6 +68,24 @@ struct Upstream {
   }
 };
 
+/// What rays get of d_position = factor of the sample x that of its point: d_origin or d_direction [3, n_rays], with standard deviations.
+Uncertain of_rays(const NerfCase& nerf, const NerfBatch& batch, const Upstream& upstream, const Expected& expected,
+                  bool turns) {
+  const double scale = nerf.unit_from_world.scale;
+  Uncertain out{std::vector<double>(3 * batch.n_rays), std::vector<double>(3 * batch.n_rays)};
+  for (int ray = 0; ray < batch.n_rays; ++ray) {
+    std::map<int, double> of_point;  // equal points make equal errors: they add up like the factors
+    for (int s = ray * batch.per_ray; s < (ray + 1) * batch.per_ray; ++s)
+      of_point[batch.point[s]] += scale * upstream.factor[s] * (turns ? batch.t[s] : 1);
+    for (const auto& [point, factor] : of_point)
+      for (int k = 0; k < 3; ++k) {
+        out.value[k * batch.n_rays + ray] += factor * expected.d_position[point].value[k];
+        out.variance[k * batch.n_rays + ray] += factor * factor * expected.d_position[point].variance[k];
+      }
+  }
+  return out;
+}
+
 /// A batch for compositing: stratified samples, some intervals empty, colours and densities of both signs, walls too.
 struct Volume {
   BatchSize size;
@@ -189,7 +207,25 @@ TEST_P(EveryBackend, NerfBackward) {
       ASSERT_GT(expected.smallest_margin, kDeviations / 2) << "a ReLU stands at its kink: choose other points";
       const float before = 0x1p-12f;  // gradients are added to
       std::vector<float> gradients(nerf.parameters.size(), before);
-      backend->nerf_backward(nerf.field(), batch.rays(), batch.sampling(), upstream.d_raw, gradients);
+      std::vector<float> d_origin(3 * size.n_rays, before), d_direction(d_origin);
+      backend->nerf_backward(nerf.field(), batch.rays(), batch.sampling(), upstream.d_raw, gradients,
+                             {d_origin, d_direction});
+      for (const bool turns : {false, true}) {
+        const Uncertain rays = of_rays(nerf, batch, upstream, expected, turns);
+        const std::vector<float>& got = turns ? d_direction : d_origin;
+        ASSERT_TRUE(all_near(
+            got, [&](std::size_t i) { return before + rays.value[i]; },
+            [&](std::size_t i) {
+              return kDeviations * std::sqrt(rays.variance[i]) + 2 * kUlp * (before + std::abs(rays.value[i]));
+            }))
+            << (turns ? "turned" : "moved");
+        double square = 0, variance = 0;
+        for (std::size_t i = 0; i < got.size(); ++i) {
+          square += rays.value[i] * rays.value[i];
+          variance += rays.variance[i];
+        }
+        ASSERT_LT(kDeviations * std::sqrt(variance), 0.5 * std::sqrt(square)) << "the tolerance hides it";
+      }
       ASSERT_TRUE(all_near(
           gradients, [&](std::size_t i) { return before + expected.gradient[i]; },
           [&](std::size_t i) {
@@ -365,13 +401,17 @@ TEST_P(EveryBackend, RendersAndTrainsRays) {
       backend->render_rays(nerf.field(), batch.rays(), batch.sampling(), rendered.out());
       ASSERT_TRUE(all_near(rendered.rgb, value, allowed));
       std::vector<float> gradients(nerf.parameters.size()), composed_gradients(gradients.size());
+      std::vector<float> d_rays[2], composed_d_rays[2];  // places, directions
+      for (std::vector<float>* one : {&d_rays[0], &d_rays[1], &composed_d_rays[0], &composed_d_rays[1]})
+        one->assign(3 * size.n_rays, 0.0f);
       const double loss = backend->train_rays(nerf.field(), batch.rays(), batch.sampling(), target,
-                                              trained.without_weights(), gradients);
+                                              trained.without_weights(), gradients, {d_rays[0], d_rays[1]});
       ASSERT_TRUE(all_near(trained.rgb, value, allowed));
 
       // The fused stages against the composition of this backend's own plain stages, which the tests above hold.
-      const double composed_loss = backend->Backend::train_rays(nerf.field(), batch.rays(), batch.sampling(), target,
-                                                                composed.out(), composed_gradients);
+      const double composed_loss =
+          backend->Backend::train_rays(nerf.field(), batch.rays(), batch.sampling(), target, composed.out(),
+                                       composed_gradients, {composed_d_rays[0], composed_d_rays[1]});
       const double order = composite_tolerance(size.per_ray);
       const auto same = [&](std::size_t) { return order; };
       ASSERT_NEAR(loss, composed_loss, 4 * order * std::sqrt(composed_loss) + order * order);
@@ -388,15 +428,23 @@ TEST_P(EveryBackend, RendersAndTrainsRays) {
       // What may differ: the order of sums, and operands that an fp32 ulp moves across a rounding boundary of bf16, which
       // is rare: a quarter of one bf16 rounding over a tensor, or of a hundred fp32 ones per sum.
       const double relative = std::max(0.25 * GetParam().roundoff(), 25 * kUlp * std::sqrt(batch.samples()));
-      for (const NerfTensor& tensor : nerf_tensors(nerf.config)) {
+      const auto expect_same = [&](std::span<const float> fused, std::span<const float> of_stages,
+                                   const std::string& what) {
         double square = 0, difference = 0;
-        for (std::size_t i = tensor.offset; i < tensor.offset + std::size_t(tensor.rows) * tensor.columns; ++i) {
-          square += double(composed_gradients[i]) * composed_gradients[i];
-          difference += std::pow(double(gradients[i]) - composed_gradients[i], 2);
+        for (std::size_t i = 0; i < fused.size(); ++i) {
+          square += double(of_stages[i]) * of_stages[i];
+          difference += std::pow(double(fused[i]) - of_stages[i], 2);
         }
-        ASSERT_TRUE(square > 0 || size.n_rays == 1) << tensor.name;  // a single ray may be empty
-        ASSERT_LE(std::sqrt(difference), relative * std::sqrt(square)) << tensor.name;
+        ASSERT_TRUE(square > 0 || size.n_rays == 1) << what;  // a single ray may be empty
+        ASSERT_LE(std::sqrt(difference), relative * std::sqrt(square)) << what;
+      };
+      for (const NerfTensor& tensor : nerf_tensors(nerf.config)) {
+        const std::size_t count = std::size_t(tensor.rows) * tensor.columns;
+        expect_same(std::span(gradients).subspan(tensor.offset, count),
+                    std::span(composed_gradients).subspan(tensor.offset, count), tensor.name);
       }
+      expect_same(d_rays[0], composed_d_rays[0], "places of rays");
+      expect_same(d_rays[1], composed_d_rays[1], "directions of rays");
     }
   }
 }
@@ -447,9 +495,12 @@ std::map<std::string, std::vector<float>> all_stages(Backend& backend, const Ner
   auto& d_raw = out["d_raw"] = std::vector<float>(raw.size());
   backend.composite_backward(batch.n_rays, batch.sampling(), raw, {}, {d_rgb, {}}, d_raw);
   auto& gradients = out["gradients"] = std::vector<float>(nerf.parameters.size());
-  backend.nerf_backward(nerf.field(), batch.rays(), batch.sampling(), d_raw, gradients);
+  auto& d_origin = out["d_origin"] = std::vector<float>(image.rgb.size());
+  auto& d_direction = out["d_direction"] = std::vector<float>(image.rgb.size());
+  backend.nerf_backward(nerf.field(), batch.rays(), batch.sampling(), d_raw, gradients, {d_origin, d_direction});
   auto& fused = out["fused gradients"] = std::vector<float>(nerf.parameters.size());
-  const double loss = backend.train_rays(nerf.field(), batch.rays(), batch.sampling(), target, image.out(), fused);
+  const double loss = backend.train_rays(nerf.field(), batch.rays(), batch.sampling(), target, image.out(), fused,
+                                         {d_origin, d_direction});
   out["fused loss"] = {static_cast<float>(loss), static_cast<float>(loss * 0x1p30 - std::floor(loss * 0x1p30))};
   out["trained rgb"] = image.rgb;
   backend.render_rays(nerf.field(), batch.rays(), batch.sampling(), image.without_weights());

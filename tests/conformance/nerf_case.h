@@ -166,16 +166,17 @@ struct NerfBatch {
   Samples sampling() const { return {per_ray, t, dt}; }
 };
 
-/// Values and standard deviations: [4] per point, [n_parameters].
-struct Expected {
-  std::vector<std::array<double, 4>> raw, raw_deviation;
-  std::vector<double> gradient, gradient_deviation;
-  double smallest_margin = INFINITY;  ///< over all ReLUs and points: |pre-activation| / its standard deviation
-};
-
 /// Values with variances, element by element.
 struct Uncertain {
   std::vector<double> value, variance;
+};
+
+/// Values and standard deviations: [4] per point, [n_parameters].
+struct Expected {
+  std::vector<std::array<double, 4>> raw, raw_deviation;
+  std::vector<Uncertain> d_position;  ///< per point, [3]: of one sample of factor 1
+  std::vector<double> gradient, gradient_deviation;
+  double smallest_margin = INFINITY;  ///< over all ReLUs and points: |pre-activation| / its standard deviation
 };
 
 class NerfOracle {
@@ -284,7 +285,37 @@ class NerfOracle {
       d.value[i] += of_density.value[i];
       d.variance[i] += of_density.variance[i];
     }
-    for (int layer = kNerfHidden - 1; layer >= 0; --layer) d = adjoint(layer, d);
+    const std::size_t encoded = encoded_size(nerf_.config.position_octaves);
+    Uncertain d_gamma{std::vector<double>(encoded), std::vector<double>(encoded)};
+    for (int layer = kNerfHidden - 1; layer >= 0; --layer) {
+      d = adjoint(layer, d);
+      if (layer != kNerfSkip && layer != 0) continue;
+      for (std::size_t i = 0; i < encoded; ++i) {
+        d_gamma.value[i] += d.value[d.value.size() - encoded + i];
+        d_gamma.variance[i] += d.variance[d.variance.size() - encoded + i];
+      }
+    }
+    out->d_position.push_back(encoding_adjoint(d_gamma));
+  }
+
+  /// positional_encoding_adjoint; its operands may be rounded, too, and its 2 n terms are added one by one.
+  Uncertain encoding_adjoint(const Uncertain& d) const {
+    const std::vector<double>&x = a_.input[0], &v_x = input_variance_[0];
+    const int octaves = nerf_.config.position_octaves;
+    Uncertain out{std::vector<double>(3), std::vector<double>(3)};
+    positional_encoding_adjoint(x.data(), octaves, d.value.data(), out.value.data());
+    for (int k = 0; k < 3; ++k) {
+      out.variance[k] = d.variance[k] + s2_ * (2 * octaves + 1) * d.value[k] * d.value[k];
+      for (int l = 0; l < octaves; ++l)
+        for (const int half : {0, 1}) {
+          const int from = 3 + 2 * (k * octaves + l), at = from + half, other = from + 1 - half;
+          const double frequency = std::ldexp(std::numbers::pi, l), d2 = d.value[at] * d.value[at];
+          out.variance[k] +=
+              frequency * frequency *
+              (x[other] * x[other] * (d.variance[at] + (r2_ + s2_ * (2 * octaves + 4)) * d2) + d2 * v_x[other]);
+        }
+    }
+    return out;
   }
 
   Uncertain layer_adjoint(int layer, const Uncertain& d, double coherent, double repeated, Expected* out) {

@@ -54,7 +54,7 @@ NerfCase tile_case(const NerfConfig& config) {
 /// The rays [first, first + count) of a batch as a tile, with its share of an upstream gradient. Rows of `raw` and `d_raw`
 /// are longer than the tile, and what stands behind it is NaN: it must not matter.
 struct TileData {
-  std::vector<float> position, direction, raw, d_raw;
+  std::vector<float> position, direction, raw, d_raw, d_position;
   std::vector<int> point;
   NerfTile tile;
   int stride;
@@ -69,6 +69,7 @@ struct TileData {
     }
     stride = n + 5;
     raw.assign(4 * stride, NAN);
+    d_position.assign(3 * n, NAN);
     d_raw = raw;
     for (int k = 0; k < 4; ++k)
       for (int i = 0; i < n; ++i) d_raw[k * stride + i] = static_cast<float>(factor[offset + i] * vector[point[i]][k]);
@@ -112,7 +113,7 @@ TEST_P(EveryNetwork, TwoLanesOfTiles) {
         for (const int tile : lane == 0 ? std::vector<int>{0, 1} : std::vector<int>{2}) {
           TileData& data = tiles[tile];
           lanes[lane]->forward(data.tile, true, data.raw.data(), data.stride);
-          lanes[lane]->backward(data.d_raw.data(), data.stride);
+          lanes[lane]->backward(data.d_raw.data(), data.stride, data.d_position.data());
         }
         lanes[lane]->end();
       });
@@ -126,6 +127,18 @@ TEST_P(EveryNetwork, TwoLanesOfTiles) {
               [&](std::size_t i) { return expected.raw[data.point[i]][k]; },
               [&](std::size_t i) { return kDeviations * expected.raw_deviation[data.point[i]][k]; }))
               << "channel " << k;
+      for (int first = 0; const TileData& data : tiles) {
+        const std::size_t n = data.point.size();
+        const auto factor_of = [&](std::size_t i) { return factor[first + i % n]; };
+        ASSERT_TRUE(all_near(
+            data.d_position,
+            [&](std::size_t i) { return factor_of(i) * expected.d_position[data.point[i % n]].value[i / n]; },
+            [&](std::size_t i) {
+              return kDeviations * std::abs(factor_of(i)) *
+                     std::sqrt(expected.d_position[data.point[i % n]].variance[i / n]);
+            }));
+        first += static_cast<int>(n);
+      }
       ASSERT_TRUE(all_near(
           gradients, [&](std::size_t i) { return expected.gradient[i]; },
           [&](std::size_t i) {

@@ -22,13 +22,27 @@ TEST_F(EndToEnd, AlignSaysWhyItCannot) {
   EXPECT_FALSE(fs::exists(folder_ / "run"));
 }
 
+TEST_F(EndToEnd, AlignTakesReadoutsAsTrainDoes) {
+  for (const char* const wrong : {"30ms", "NONE:estimate", "201"}) {
+    const Ended ended = redrive({"align", drive_.string(), "--rolling-shutter", std::string("12,estimate,") + wrong});
+    EXPECT_EQ(ended.exit_code, kExitUsage) << wrong;
+    EXPECT_THAT(ended.err, HasSubstr("--rolling-shutter")) << wrong;
+    EXPECT_THAT(ended.err, HasSubstr(wrong));
+  }
+  const Ended ended = redrive({"align", "--rolling-shutter", "12,estimate", drive_.string()});
+  EXPECT_EQ(ended.exit_code, kExitCannot) << ended.err << "the folder is no readout";
+}
+
 TEST_F(EndToEnd, TrainKeepsThePosesItIsGiven) {
   const fs::path aligned = folder_ / "aligned", run = folder_ / "run";
   write_pose_files(aligned, read_pose_files(drive_));
   edit_json(tiny_egomotion(aligned), [](nlohmann::json& poses) {
     poses["101"]["RT_ECEF_body"][2][3] = poses["101"]["RT_ECEF_body"][2][3].get<double>() + 0.125;
   });
-  edit_json(tiny_calibration(aligned), [](nlohmann::json& sensors) { sensors[kTinyLeft]["time_offset_s"] = -0.012; });
+  edit_json(tiny_calibration(aligned), [](nlohmann::json& sensors) {
+    sensors[kTinyLeft]["time_offset_s"] = -0.012;
+    sensors[kTinyLeft]["readout_s"] = 0.02;
+  });
   trained("run", 4, {"--poses", aligned.string()});
   fs::remove_all(aligned);
   const auto opened = open_run(run);
@@ -37,6 +51,7 @@ TEST_F(EndToEnd, TrainKeepsThePosesItIsGiven) {
       opened.recording.frames[1].ecef_from_body.translation().z() - own.frames[1].ecef_from_body.translation().z(),
       0.125, 1e-9);
   EXPECT_EQ(opened.recording.find_camera(kTinyLeft)->calibration.time_offset_ns, -12'000'000);
+  EXPECT_EQ(opened.recording.find_camera(kTinyLeft)->calibration.readout_ns, 20'000'000);
   EXPECT_EQ(redrive({"eval", run.string(), "--max-images", "1"}).exit_code, kExitOk);
   EXPECT_EQ(redrive({"resume", run.string(), "--max-steps", "6"}).exit_code, kExitOk);
   fs::remove_all(run / "poses");

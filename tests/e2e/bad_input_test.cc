@@ -189,6 +189,7 @@ TEST_F(EndToEnd, OptionsThatCannotBeUsedAreRefusedAndNothingIsWritten) {
                                                        {"--undistort"},
                                                        {"--refine-poses", "maybe"},
                                                        {"--rolling-shutter", "30ms"},
+                                                       {"--rolling-shutter", "estimate"},
                                                        {"--no-such-option"},
                                                        {"--holdout-every", "2", "--frames", "100:100"}};
   const auto before = contents(folder_);

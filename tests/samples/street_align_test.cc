@@ -32,5 +32,21 @@ TEST(Street, IsAligned) {
   }
 }
 
+// Rows read within 30 ms, of which the calibration does not say a word.
+TEST(StreetRolling, ReadoutsAreFound) {
+  ThreadPool pool(2);
+  AlignOptions options;
+  options.bundle.readouts = {true, true};
+  const AlignResult result = align(open_recording(REDRIVE_SAMPLES "/street_rolling"), options, pool);
+  for (std::size_t c = 0; c < result.cameras.size(); ++c) {
+    const CameraCorrection& camera = result.camera_corrections[c];
+    SCOPED_TRACE(camera.name);
+    EXPECT_EQ(result.cameras[c].readout_ns, std::llround(1e9 * camera.readout_s));
+    ASSERT_TRUE(camera.readout_sigma_s);
+    EXPECT_NEAR(1e3 * camera.readout_s, 30, 1);
+  }
+  EXPECT_LT(result.truth_after->rest_m, result.truth_before->rest_m);
+}
+
 }  // namespace
 }  // namespace redrive

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstdarg>
 #include <cstdio>
+#include <limits>
 #include <numbers>
 
 #include <Eigen/Dense>
@@ -28,7 +29,9 @@ constexpr double kMostNoise_px = 2.5;                                       // o
 constexpr double kMostPose_m = 5, kMostPose_rad = 6 / kDegrees;             // no egomotion is off by more
 constexpr double kMostMount_m = 0.3, kMostMount_rad = 3 / kDegrees;         // no camera is
 constexpr double kMostOffset_s = 0.1;                                       // that would be another frame's image
+constexpr double kMostReadoutSigma_s = 0.004;                               // rows usually take 15 to 35 ms
 constexpr double kLeastReach_m = 1;
+constexpr std::size_t kMostPlaneSamples = 800'000;
 constexpr int kLeastTracks = 30, kLeastLidarPoints = 1000;
 
 std::string text(const char* format, ...) __attribute__((format(printf, 1, 2)));
@@ -77,8 +80,58 @@ Eigen::MatrixXd without_common_motion(const RigModel& model, const Eigen::Matrix
   return half - (half * solved.transpose()) * g.transpose();
 }
 
-Vector6d sigmas_at(const Eigen::MatrixXd& covariance, int at) {
-  return covariance.diagonal().segment<6>(at).cwiseMax(0).cwiseSqrt();
+Vector6d sigmas_at(const Eigen::VectorXd& variance, int at) { return variance.segment<6>(at).cwiseMax(0).cwiseSqrt(); }
+
+/// Of the readouts that are sought, by camera.
+std::vector<std::optional<double>> readout_sigmas_s(const RigModel& model, const BundleOptions& options,
+                                                    const BundleResult& bundle) {
+  std::vector<std::optional<double>> sigmas_s(model.cameras.size());
+  auto at = static_cast<Eigen::Index>(6 * model.given.size() + 7 * model.cameras.size());
+  for (std::size_t c = 0; c < sigmas_s.size(); ++c)
+    if (options.seeks_readout(c)) {
+      sigmas_s[c] = std::sqrt(std::max(0.0, bundle.variance[at]));
+      ++at;
+    }
+  return sigmas_s;
+}
+
+/// A readout as it was found before others were given up.
+struct FoundReadout {
+  double value_s = 0, sigma_s = 0;
+};
+
+/// Puts readouts back as they were given that the drive does not tell, or not without what others were given up for, and takes them from
+/// what is sought: a line about each. *before: of the last time, by camera; empty the first time.
+std::vector<std::string> give_up_readouts(const BundleResult& bundle, std::vector<FoundReadout>* before,
+                                          RigModel* model, BundleOptions* options) {
+  double interval_s = std::numeric_limits<double>::infinity();
+  for (std::size_t f = 1; f < model->given.size(); ++f)
+    interval_s = std::min(interval_s, 1e-9 * static_cast<double>(model->given[f].t_ns - model->given[f - 1].t_ns));
+  const double most_s = std::min(kMostReadout_s, interval_s);
+  const std::vector<std::optional<double>> sigmas_s = readout_sigmas_s(*model, *options, bundle);
+  std::vector<std::string> remarks;
+  std::vector<FoundReadout> found(sigmas_s.size());
+  for (std::size_t c = 0; c < sigmas_s.size(); ++c) {
+    if (!sigmas_s[c]) continue;
+    RigModelCamera& camera = model->cameras[c];
+    const FoundReadout now{camera.readout_s, *sigmas_s[c]};
+    found[c] = now;
+    std::string why;
+    if (now.sigma_s > kMostReadoutSigma_s)
+      why = text("known to %.1f ms, 1 sigma; %.0f are needed", 1e3 * now.sigma_s, 1e3 * kMostReadoutSigma_s);
+    else if (std::abs(now.value_s) > most_s)
+      why = text("%.0f ms fit best, and no more than %.0f can be", 1e3 * now.value_s, 1e3 * most_s);
+    else if (!before->empty() && std::abs(now.value_s - (*before)[c].value_s) > 3 * (*before)[c].sigma_s)
+      why = text("%.1f ms with other readouts open, %.1f with those as given", 1e3 * (*before)[c].value_s,
+                 1e3 * now.value_s);
+    if (why.empty()) continue;
+    camera.readout_s = static_cast<double>(camera.given.readout_ns) * 1e-9;
+    options->readouts[c] = false;
+    remarks.push_back(text("%s: the drive does not tell how long its rows take (%s): %.2f ms stay, as given",
+                           camera.given.name.c_str(), why.c_str(), 1e3 * camera.readout_s));
+  }
+  *before = std::move(found);
+  return remarks;
 }
 
 AlignResult describe(const RigModel& model, BundleResult bundle, bool scale_is_given) {
@@ -87,18 +140,19 @@ AlignResult describe(const RigModel& model, BundleResult bundle, bool scale_is_g
   result.frames = model.corrected_frames();
   const Eigen::MatrixXd shape =
       without_common_motion(model, bundle.covariance.topLeftCorner(6 * n, 6 * n), scale_is_given);
-  for (int f = 0; f < n; ++f) result.corrections.push_back({model.correction[f], sigmas_at(shape, 6 * f)});
+  for (int f = 0; f < n; ++f) result.corrections.push_back({model.correction[f], sigmas_at(shape.diagonal(), 6 * f)});
   for (int c = 0; c < cameras; ++c) {
     const RigModelCamera& camera = model.cameras[c];
     result.cameras.push_back(model.corrected_calibration(c));
     CameraCorrection correction;
     correction.name = camera.given.name;
-    correction.mount = {camera.mount, sigmas_at(bundle.covariance, 6 * (n + c))};
+    correction.mount = {camera.mount, sigmas_at(bundle.variance, 6 * (n + c))};
     correction.turned_in_body = camera.given.body_from_sensor.linear() * camera.mount.tail<3>();
     correction.offset_s = camera.offset_s;
     correction.offset_before_s = static_cast<double>(camera.given.time_offset_ns) * 1e-9;
-    correction.offset_sigma_s =
-        std::sqrt(std::max(0.0, bundle.covariance(6 * (n + cameras) + c, 6 * (n + cameras) + c)));
+    correction.offset_sigma_s = std::sqrt(std::max(0.0, bundle.variance[6 * (n + cameras) + c]));
+    correction.readout_s = camera.readout_s;
+    correction.readout_before_s = static_cast<double>(camera.given.readout_ns) * 1e-9;
     correction.intrinsics = camera.intrinsics;
     result.camera_corrections.push_back(correction);
   }
@@ -178,7 +232,8 @@ std::string obstacle(const Recording& recording, const AlignResult& result, bool
 }  // namespace
 
 AlignResult align_with(const Recording& recording, const std::vector<Track>& tracks,
-                       const std::vector<LidarSample>& lidar, const AlignOptions& options, ThreadPool& pool) {
+                       const std::vector<LidarSample>& lidar, const AlignOptions& options, ThreadPool& pool,
+                       const ContrastSource* contrast) {
   const std::string means = means_of(recording, tracks.size(), lidar.size());
   if (recording.frames.size() < 3) throw CannotError(recording.root, "an alignment needs three frames or more", means);
   if (tracks.size() < kLeastTracks && lidar.size() < kLeastLidarPoints)
@@ -187,8 +242,21 @@ AlignResult align_with(const Recording& recording, const std::vector<Track>& tra
                            kLeastLidarPoints),
                       means);
   RigModel model = make_rig_model(recording);
-  BundleResult bundle = adjust(&model, tracks, lidar, options.bundle, pool);
+  BundleOptions bundle_options = options.bundle;
+  BundleResult bundle = adjust(&model, tracks, lidar, contrast, bundle_options, pool);
+  std::vector<FoundReadout> found_readouts;
+  std::vector<std::string> remarks;
+  for (;;) {
+    const std::vector<std::string> given_up = give_up_readouts(bundle, &found_readouts, &model, &bundle_options);
+    if (given_up.empty()) break;
+    remarks.insert(remarks.end(), given_up.begin(), given_up.end());
+    bundle = adjust(&model, tracks, lidar, contrast, bundle_options, pool);
+  }
+  const std::vector<std::optional<double>> readout_sigmas = readout_sigmas_s(model, bundle_options, bundle);
   AlignResult result = describe(model, std::move(bundle), lidar.empty());
+  for (std::size_t c = 0; c < readout_sigmas.size(); ++c)
+    result.camera_corrections[c].readout_sigma_s = readout_sigmas[c];
+  result.remarks = std::move(remarks);
   if (const std::string why = obstacle(recording, result, !tracks.empty()); !why.empty())
     throw CannotError(recording.root, why, means);
   if (lidar.empty())
@@ -210,14 +278,21 @@ AlignResult align(const Recording& recording, const AlignOptions& options, Threa
   if (!recording.metric)
     throw CannotError(recording.root, "photographs have neither egomotion nor clock; align is for drives",
                       recording.format);
+  std::optional<RigImages> images;
   std::vector<Track> tracks;
-  if (options.images) tracks = find_tracks(recording, pool, options.tracks);
+  if (options.images) {
+    images = load_track_images(recording, pool, options.tracks);
+    tracks = find_tracks(*images, pool, options.tracks);
+  }
   std::vector<LidarSample> lidar;
   if (options.lidar && recording.body_from_lidar) {
     const Scene scene = make_scene(recording, {});
     lidar = load_lidar_samples(recording, scene, read_moving_objects(recording, scene), pool);
   }
-  AlignResult result = align_with(recording, tracks, lidar, options, pool);
+  std::optional<ContrastSource> contrast;
+  if (images && !lidar.empty()) contrast.emplace(*images, lidar);
+  AlignResult result = align_with(recording, tracks, evenly_fewer(lidar, kMostPlaneSamples), options, pool,
+                                  contrast ? &*contrast : nullptr);
   result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   return result;
 }

@@ -33,6 +33,8 @@ struct CameraCorrection {
       Eigen::Vector3d::Zero();              ///< the mount's turn about the body's axes: roll, pitch, yaw; rad
   double offset_s = 0, offset_sigma_s = 0;  ///< exposure minus pose, and how well it is known
   double offset_before_s = 0;
+  double readout_s = 0, readout_before_s = 0;            ///< of a rolling shutter
+  std::optional<double> readout_sigma_s;                 ///< where it was sought and found
   Eigen::Vector3d intrinsics = Eigen::Vector3d::Zero();  ///< relative change of focal length; principal point, px
 };
 
@@ -44,7 +46,8 @@ struct AlignResult {
   std::vector<Correction> corrections;
   std::vector<CameraCorrection> camera_corrections;
   BundleResult bundle;
-  std::vector<std::string> remarks;  ///< what the user should know of: no LiDAR, so the scale is the egomotion's
+  /// What the user should know of: no LiDAR, so the scale is the egomotion's; a readout that the drive does not tell and stays as given.
+  std::vector<std::string> remarks;
   std::optional<Alignment> truth_before, truth_after;  ///< where the recording ships the truth
   double seconds = 0;
 };
@@ -55,6 +58,7 @@ AlignResult align(const Recording& recording, const AlignOptions& options, Threa
 
 /// The same with tracks and LiDAR at hand.
 AlignResult align_with(const Recording& recording, const std::vector<Track>& tracks,
-                       const std::vector<LidarSample>& lidar, const AlignOptions& options, ThreadPool& pool);
+                       const std::vector<LidarSample>& lidar, const AlignOptions& options, ThreadPool& pool,
+                       const ContrastSource* contrast = nullptr);
 
 }  // namespace redrive

@@ -24,6 +24,9 @@ constexpr double kLeastPose_m = 0.01,
                  kLeastPose_rad = 3e-4;  // what an egomotion without errors is believed to be good for
 constexpr double kCorrelation =
     2.5;  // integral of a squared exponential's correlation over time, in correlation times: sqrt(2 pi)
+// Clocks are asked of the LiDAR's contrast with calibration and poses as given: at night tracks turn a camera by more than it is wrong.
+// Where poses are too far off for that, once more when the first rounds have put them right.
+constexpr int kSecondLook = 2;
 constexpr double kFarOff = 4;  // sigmas at which an observation is left out
 constexpr double kSettled_m = 1e-3, kSettled_rad = 3e-5,
                  kSettled_s = 1e-4;  // a round that moves no pose further was the last one
@@ -113,12 +116,12 @@ class Round {
       for (std::size_t i = 0; i < entry.used.size(); ++i) {
         if (!entry.used[i]) continue;
         const Observation& seen = tracks_[entry.track].seen[i];
-        const Instant& instant = times.of(seen);
+        const Instant instant = times.of(seen);
         RigModelCamera& camera = model_.cameras[seen.camera];
         problem_.AddResidualBlock(
             reprojection_term(camera, instant, seen.pixel, sigma_of(seen, sigma_px), entry.point).release(),
             &image_loss_, model_.correction[instant.segment].data(), model_.correction[instant.segment + 1].data(),
-            camera.mount.data(), &camera.offset_s, camera.intrinsics.data(), point);
+            camera.mount.data(), &camera.offset_s, &camera.readout_s, camera.intrinsics.data(), point);
       }
     }
   }
@@ -133,6 +136,13 @@ class Round {
                                   model_.correction[instant.segment + 1].data(), plane);
       }
     }
+  }
+
+  void add(const std::vector<ContrastFit>& fits) {
+    for (std::size_t c = 0; c < fits.size(); ++c)
+      if (fits[c].told)
+        problem_.AddResidualBlock(zero_term(1, 0, fits[c].sigma_s, fits[c].offset_s).release(), nullptr,
+                                  &model_.cameras[c].offset_s);
   }
 
   void add_priors(const BundlePriors& priors) {
@@ -160,6 +170,16 @@ class Round {
           zero_term(1, 0, priors.offset_s, static_cast<double>(camera.given.time_offset_ns) * 1e-9).release(),
           &prior_loss_, &camera.offset_s);
     }
+    for (std::size_t c = 0; c < model_.cameras.size(); ++c) {
+      RigModelCamera& camera = model_.cameras[c];
+      problem_.AddResidualBlock(
+          zero_term(1, 0, priors.readout_s, static_cast<double>(camera.given.readout_ns) * 1e-9).release(), nullptr,
+          &camera.readout_s);
+      if (options_.seeks_readout(c))
+        rig_.push_back(&camera.readout_s);
+      else
+        problem_.SetParameterBlockConstant(&camera.readout_s);
+    }
     for (RigModelCamera& camera : model_.cameras) {
       for (int k = 0; k < 3; ++k)
         problem_.AddResidualBlock(zero_term(3, k, priors.intrinsics[k]).release(), nullptr, camera.intrinsics.data());
@@ -185,7 +205,7 @@ class Round {
     for (Vector6d& correction : model_.correction)
       solver.linear_solver_ordering->AddElementToGroup(correction.data(), 1);
     for (RigModelCamera& camera : model_.cameras)
-      for (double* block : {camera.mount.data(), &camera.offset_s, camera.intrinsics.data()})
+      for (double* block : {camera.mount.data(), &camera.offset_s, &camera.readout_s, camera.intrinsics.data()})
         solver.linear_solver_ordering->AddElementToGroup(block, 2);
     ceres::Solver::Summary summary;
     ceres::Solve(solver, &problem_, &summary);
@@ -193,7 +213,7 @@ class Round {
     return summary;
   }
 
-  Eigen::MatrixXd covariance() { return reduced_covariance(problem_, rig_, points_); }
+  ReducedCovariance covariance() { return reduced_covariance(problem_, rig_, points_); }
 
  private:
   /// The block that stands for `target` while it is solved. Within a group Ceres orders blocks by their addresses: side by side in one
@@ -278,6 +298,18 @@ double rms_as_given(const RigModel& model, const std::vector<LidarSample>& lidar
   return rms(distances);
 }
 
+/// With nothing corrected.
+RigModel as_given(RigModel model) {
+  for (Vector6d& correction : model.correction) correction.setZero();
+  for (RigModelCamera& camera : model.cameras) {
+    camera.mount.setZero();
+    camera.intrinsics.setZero();
+    camera.offset_s = static_cast<double>(camera.given.time_offset_ns) * 1e-9;
+    camera.readout_s = static_cast<double>(camera.given.readout_ns) * 1e-9;
+  }
+  return model;
+}
+
 void fill_result(const RigModel& model, const std::vector<Track>& tracks, const std::vector<LidarSample>& lidar,
                  const std::vector<Located>& located, const std::vector<FlatPatch>& patches,
                  const std::vector<double>& sigma_px, ThreadPool& pool, BundleResult* result) {
@@ -286,13 +318,7 @@ void fill_result(const RigModel& model, const std::vector<Track>& tracks, const 
   for (const Track& track : tracks)
     for (const Observation& seen : track.seen) ++result->cameras[seen.camera].observations;
 
-  RigModel given = model;  // the same tracks with nothing corrected, and no less robust
-  for (Vector6d& correction : given.correction) correction.setZero();
-  for (RigModelCamera& camera : given.cameras) {
-    camera.mount.setZero();
-    camera.intrinsics.setZero();
-    camera.offset_s = static_cast<double>(camera.given.time_offset_ns) * 1e-9;
-  }
+  const RigModel given = as_given(model);  // the same tracks, and no less robust
   std::vector<Track> used;
   for (const Located& entry : located) {
     used.emplace_back();
@@ -336,10 +362,19 @@ void fill_result(const RigModel& model, const std::vector<Track>& tracks, const 
   result->lidar_before_m = rms_as_given(model, lidar, patches);
 }
 
+bool all_told(const std::vector<ContrastFit>& fits) { return std::ranges::all_of(fits, &ContrastFit::told); }
+
+/// The new ones of cameras that have said nothing yet.
+void keep_told(const std::vector<ContrastFit>& fits, std::vector<ContrastFit>* kept) {
+  kept->resize(fits.size());
+  for (std::size_t c = 0; c < fits.size(); ++c)
+    if (!(*kept)[c].told) (*kept)[c] = fits[c];
+}
+
 }  // namespace
 
 BundleResult adjust(RigModel* model, const std::vector<Track>& tracks, const std::vector<LidarSample>& lidar,
-                    const BundleOptions& options, ThreadPool& pool) {
+                    const ContrastSource* contrast, const BundleOptions& options, ThreadPool& pool) {
   BundleResult result;
   std::vector<double> sigma_px(model->cameras.size(), kStartSigma_px);
   for (int round = 0; round < options.rounds && !result.converged; ++round) {
@@ -353,9 +388,17 @@ BundleResult adjust(RigModel* model, const std::vector<Track>& tracks, const std
     planes.flat_m *= round == 0 ? 3 : round == 1 ? 1.5 : 1;
     std::vector<FlatPatch> patches;
     if (!lidar.empty() && (round > 0 || tracks.empty())) patches = find_flat_patches(*model, lidar, planes, pool);
+    if (contrast && (round == 0 || (round == kSecondLook && !all_told(result.contrast)))) {
+      std::vector<ContrastFit> fits = fit_clocks(*model, *contrast, pool);
+      for (std::size_t c = 0; c < fits.size();
+           ++c)  // what is bright is low in the image: its rows' time looks like the clock's
+        if (round == 0 && options.seeks_readout(c)) fits[c].told = false;
+      keep_told(fits, &result.contrast);
+    }
     Round problem(model, tracks, lidar, options, located.size() + patches.size());
     problem.add(&located, sigma_px);
     problem.add(&patches);
+    problem.add(result.contrast);
     problem.add_priors(priors_of_round(options.priors, *model, round));
     const ceres::Solver::Summary summary = problem.solve(round == 0 ? 20 : 12);
 
@@ -366,8 +409,11 @@ BundleResult adjust(RigModel* model, const std::vector<Track>& tracks, const std
     result.last_moved_m = moved_m;
     result.last_turned_rad = turned_rad;
     double shifted_s = 0;
-    for (std::size_t c = 0; c < model->cameras.size(); ++c)
-      shifted_s = std::max(shifted_s, std::abs(model->cameras[c].offset_s - before.cameras[c].offset_s));
+    for (std::size_t c = 0; c < model->cameras.size(); ++c) {
+      const RigModelCamera &now = model->cameras[c], &then = before.cameras[c];
+      shifted_s =
+          std::max({shifted_s, std::abs(now.offset_s - then.offset_s), std::abs(now.readout_s - then.readout_s) / 2});
+    }
     result.converged = round >= 3 && moved_m < kSettled_m && turned_rad < kSettled_rad && shifted_s < kSettled_s;
     if (options.say) {
       std::printf("round %d: %zu of %zu tracks,", round + 1, located.size(), tracks.size());
@@ -377,11 +423,17 @@ BundleResult adjust(RigModel* model, const std::vector<Track>& tracks, const std
           " px; %zu LiDAR points on %zu patches, %.2f cm; poses moved by %.2f cm, %.4f deg RMS; %d steps, %.1f s\n",
           distances.size(), patches.size(), 100 * rms(distances), 100 * moved_m, turned_rad * 57.29578,
           summary.num_successful_steps, summary.total_time_in_seconds);
+      for (std::size_t c = 0; c < model->cameras.size(); ++c)
+        if (options.seeks_readout(c))
+          std::printf("  readout of %s: %.2f ms\n", model->cameras[c].given.name.c_str(),
+                      1e3 * model->cameras[c].readout_s);
       std::fflush(stdout);
     }
     if (result.converged || round + 1 == options.rounds) {
       fill_result(*model, tracks, lidar, located, patches, sigma_px, pool, &result);
-      result.covariance = problem.covariance();
+      ReducedCovariance covariance = problem.covariance();
+      result.covariance = std::move(covariance.matrix);
+      result.variance = std::move(covariance.variance);
     }
   }
   return result;

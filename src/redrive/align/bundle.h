@@ -5,6 +5,7 @@
 
 #include <vector>
 
+#include "redrive/align/lidar_contrast.h"
 #include "redrive/align/lidar_planes.h"
 #include "redrive/align/rig_model.h"
 #include "redrive/align/tracks.h"
@@ -22,15 +23,19 @@ struct BundlePriors {
   /// one may be far off.
   Vector6d mount = (Vector6d() << 0.01, 0.01, 0.01, 0.0005, 0.0005, 0.0005).finished();
   double offset_s = 0.002;
+  double readout_s = 0.03;  ///< of a readout that is sought, about what is given: no more than that it is one
   Eigen::Vector3d intrinsics{0.003, 2, 2};
 };
 
 struct BundleOptions {
   BundlePriors priors;
-  bool intrinsics = false;  ///< focal length and principal point, too
+  bool intrinsics = false;     ///< focal length and principal point, too
+  std::vector<bool> readouts;  ///< of which cameras the readout is sought, too; empty: of none
   PlaneOptions planes;
   int rounds = 10;
   bool say = false;  ///< a line a round on standard output
+
+  bool seeks_readout(std::size_t camera) const { return camera < readouts.size() && readouts[camera]; }
 };
 
 /// How well one camera's images agree.
@@ -52,15 +57,18 @@ struct BundleResult {
   int tracks = 0;                       ///< used
   int lidar_points = 0, patches = 0;    ///< used
   double lidar_before_m = 0, lidar_after_m = 0;
-  std::vector<int> seen_in_frame;  ///< observations by frame
+  std::vector<ContrastFit> contrast;  ///< by camera; empty: not looked at
+  std::vector<int> seen_in_frame;     ///< observations by frame
   bool converged = false;
   int rounds = 0;
   double last_moved_m = 0, last_turned_rad = 0;  ///< RMS of what the last round did to the trajectory's shape
-  /// Of corrections (6 a frame), mounts (6 a camera), offsets (1 a camera), in this order.
+  /// Of corrections (6 a frame), mounts (6 a camera), offsets (1 a camera), readouts (1 a camera whose readout is sought), in this order.
   Eigen::MatrixXd covariance;
+  Eigen::VectorXd variance;  ///< ReducedCovariance::variance, in the same order
 };
 
+/// `contrast`: nullptr where there are no images at hand.
 BundleResult adjust(RigModel* model, const std::vector<Track>& tracks, const std::vector<LidarSample>& lidar,
-                    const BundleOptions& options, ThreadPool& pool);
+                    const ContrastSource* contrast, const BundleOptions& options, ThreadPool& pool);
 
 }  // namespace redrive

@@ -19,9 +19,15 @@ using testing::SyntheticRig;
 
 SyntheticOptions short_drive() { return {.frames = 24, .points = 250, .lidar_points = 9000}; }
 
-AlignResult aligned(const SyntheticRig& rig) {
+AlignResult aligned(const SyntheticRig& rig, const AlignOptions& options = {}) {
   ThreadPool pool(2);
-  return align_with(rig.recording, rig.tracks, rig.lidar, {}, pool);
+  return align_with(rig.recording, rig.tracks, rig.lidar, options, pool);
+}
+
+AlignOptions seeking_readouts() {
+  AlignOptions options;
+  options.bundle.readouts = {true, true, true};
+  return options;
 }
 
 std::string reason_why_not(const SyntheticRig& rig) {
@@ -114,6 +120,66 @@ TEST(Bundle, LidarAlone) {
   EXPECT_LT(result.truth_after->rest_deg, 0.05);
   EXPECT_EQ(result.remarks.size(), 3u);  // of each camera: no image point
   EXPECT_EQ(result.cameras[1].time_offset_ns, 0);
+}
+
+// As WithoutNoiseTheTruthIsFound, with rows that are read within 25 ms, once as the calibration says and once sought.
+TEST(Bundle, RollingShuttersWithoutNoise) {
+  SyntheticOptions options = short_drive();
+  options.noise_px = options.noise_m = 0;
+  options.readout_s = 0.025;
+  SyntheticRig rig = make_synthetic_rig(options);
+  for (const bool known : {false, true}) {
+    SCOPED_TRACE(known);
+    for (RecordedCamera& camera : rig.recording.cameras) camera.calibration.readout_ns = known ? 25'000'000 : 0;
+    const AlignResult result = aligned(rig, known ? AlignOptions{} : seeking_readouts());
+    EXPECT_LT(result.truth_after->rest_m, 0.001);
+    EXPECT_LT(result.truth_after->rest_deg, 0.002);
+    EXPECT_NEAR(yaw_off_deg(rig, result, 0), 0, 0.002);
+    EXPECT_NEAR(offset_off_ms(rig, result, 1), 0, 0.1);
+    for (int c = 0; c < 3; ++c) {
+      EXPECT_NEAR(1e-6 * static_cast<double>(result.cameras[c].readout_ns), 25, known ? 0 : 0.05) << c;
+      EXPECT_EQ(result.camera_corrections[c].readout_sigma_s.has_value(), !known) << c;
+    }
+    EXPECT_TRUE(result.remarks.empty());
+  }
+}
+
+TEST(Bundle, ReadoutsAreAsFarOffAsStated) {
+  SyntheticOptions options = short_drive();
+  options.readout_s = -0.02;  // from the lowest row up
+  SyntheticRig rig = make_synthetic_rig(options);
+  rig.recording.cameras[2].calibration.readout_ns = -20'000'000;
+  AlignOptions sought = seeking_readouts();
+  sought.bundle.readouts[2] = false;
+  const AlignResult result = aligned(rig, sought), global = aligned(rig);
+  for (int c = 0; c < 2; ++c) {
+    const CameraCorrection& camera = result.camera_corrections[c];
+    ASSERT_TRUE(camera.readout_sigma_s) << c;
+    EXPECT_LT(*camera.readout_sigma_s, 3.5e-3) << c;
+    EXPECT_LT(std::abs(camera.readout_s + 0.02), 4 * *camera.readout_sigma_s) << c;
+    EXPECT_LT(result.bundle.cameras[c].sigma_px, global.bundle.cameras[c].sigma_px) << c;
+  }
+  EXPECT_EQ(result.cameras[2].readout_ns, -20'000'000);
+  EXPECT_FALSE(result.camera_corrections[2].readout_sigma_s);
+}
+
+// All rows of a camera that stays where it is see the same, whenever they do.
+TEST(Bundle, ReadoutsThatTheDriveDoesNotTellStayAsGiven) {
+  SyntheticOptions options = short_drive();
+  options.frames = 12;
+  options.points = 120;
+  options.noise_px = 0.5;
+  options.speed_m_per_s = 0;
+  options.readout_s = 0.025;
+  SyntheticRig rig = make_synthetic_rig(options);
+  rig.recording.cameras[0].calibration.readout_ns = 10'000'000;
+  const AlignResult result = aligned(rig, seeking_readouts());
+  EXPECT_EQ(result.cameras[0].readout_ns, 10'000'000);
+  EXPECT_EQ(result.cameras[1].readout_ns, 0);
+  ASSERT_EQ(result.remarks.size(), 3u);
+  EXPECT_THAT(result.remarks[0], HasSubstr("A_FRONT: the drive does not tell how long its rows take"));
+  EXPECT_THAT(result.remarks[0], HasSubstr("10.00 ms stay, as given"));
+  EXPECT_FALSE(result.camera_corrections[0].readout_sigma_s);
 }
 
 // The scale stays that of the egomotion: 6 cm RMS over 12 m with a correlation of a second leave 1 %, 3 cm RMS of position.

@@ -20,7 +20,6 @@ constexpr std::int64_t kApart_ns = 50'000'000;  // half a revolution
 constexpr int kLeastTimes = 3;
 constexpr std::size_t kMostOfPatch =
     40;  // where there is a choice: more points say little that is new, they share its roughness
-constexpr std::size_t kMostSamples = 800'000;
 constexpr double kLeastSigma_m = 0.005;
 constexpr double kLeastShare = 0.75;  // of a cube's points that have to lie on its plane
 
@@ -154,9 +153,13 @@ std::vector<LidarSample> load_lidar_samples(const Recording& recording, const Sc
     for (int d = 0; d < 3; ++d)
       in_world[d] = double(returns.origin[std::size_t(d) * returns.n + i]) +
                     double(returns.range_m[i]) * double(returns.direction[std::size_t(d) * returns.n + i]);
-    samples.push_back({body_from_world * in_world, t_ns});
+    samples.push_back({body_from_world * in_world, t_ns, returns.intensity[i]});
   }
-  keep_evenly(&samples, kMostSamples);
+  return samples;
+}
+
+std::vector<LidarSample> evenly_fewer(std::vector<LidarSample> samples, std::size_t most) {
+  keep_evenly(&samples, most);
   return samples;
 }
 

@@ -20,12 +20,15 @@ namespace redrive {
 struct LidarSample {
   Eigen::Vector3d in_body;
   std::int64_t t_ns = 0;
+  std::uint16_t intensity = 0;  ///< of the sensor's own scale
 };
 
-/// Returns between the first and the last frame but for those on the vehicle and on objects that move, each once; at most 800 000,
-/// evenly chosen.
+/// Returns between the first and the last frame but for those on the vehicle and on objects that move, each once.
 std::vector<LidarSample> load_lidar_samples(const Recording& recording, const Scene& scene, const MovingObjects& moving,
                                             ThreadPool& pool);
+
+/// At most so many of them, evenly chosen, in their order.
+std::vector<LidarSample> evenly_fewer(std::vector<LidarSample> samples, std::size_t most);
 
 struct PlaneOptions {
   double largest_m = 4,

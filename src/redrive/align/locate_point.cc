@@ -16,18 +16,19 @@ constexpr double kBehindInfinity = -0.01;  // 1/m: noise of what is far away, no
 using Terms = std::vector<std::unique_ptr<ceres::CostFunction>>;
 
 struct Parameters {
-  std::vector<std::array<const double*, 6>> of;  // by observation; the point's is filled in
+  std::vector<std::array<const double*, 7>> of;  // by observation; the point's is filled in
 };
 
 Terms terms_of(const RigModel& model, const ImageTimes& times, const Track& track, const InverseDistancePoint& point,
                const std::vector<double>& sigma_px, Parameters* parameters) {
   Terms terms;
   for (const Observation& seen : track.seen) {
-    const Instant& instant = times.of(seen);
+    const Instant instant = times.of(seen);
     const RigModelCamera& camera = model.cameras[seen.camera];
     terms.push_back(reprojection_term(camera, instant, seen.pixel, sigma_px[seen.camera], point));
     parameters->of.push_back({model.correction[instant.segment].data(), model.correction[instant.segment + 1].data(),
-                              camera.mount.data(), &camera.offset_s, camera.intrinsics.data(), nullptr});
+                              camera.mount.data(), &camera.offset_s, &camera.readout_s, camera.intrinsics.data(),
+                              nullptr});
   }
   return terms;
 }
@@ -42,10 +43,10 @@ Normal evaluate(const Terms& terms, Parameters& parameters, const double* value,
   constexpr double kScale = 4;  // 2 sigma, squared
   Normal sum;
   for (std::size_t i = 0; i < terms.size(); ++i) {
-    parameters.of[i][5] = value;
+    parameters.of[i].back() = value;
     Eigen::Vector2d r;
     Eigen::Matrix<double, 2, 3, Eigen::RowMajor> j;
-    double* jacobians[6] = {nullptr, nullptr, nullptr, nullptr, nullptr, j.data()};
+    double* jacobians[7] = {nullptr, nullptr, nullptr, nullptr, nullptr, nullptr, j.data()};
     terms[i]->Evaluate(parameters.of[i].data(), r.data(), slopes ? jacobians : nullptr);
     sum.cost += kScale * std::log1p(r.squaredNorm() / kScale);
     if (!slopes) continue;
@@ -58,12 +59,17 @@ Normal evaluate(const Terms& terms, Parameters& parameters, const double* value,
 
 }  // namespace
 
-ImageTimes::ImageTimes(const RigModel& model) {
+ImageTimes::ImageTimes(const RigModel& model) : model_(model) {
   for (std::size_t c = 0; c < model.cameras.size(); ++c) {
     instants_.emplace_back();
     for (std::size_t f = 0; f < model.given.size(); ++f)
       instants_.back().push_back(model.of_image(static_cast<int>(c), static_cast<int>(f)));
   }
+}
+
+Instant ImageTimes::of(const Observation& seen) const {
+  if (model_.cameras[seen.camera].readout_s == 0) return instants_[seen.camera][seen.frame];
+  return model_.of_row(seen.camera, seen.frame, seen.pixel.y());
 }
 
 std::optional<InverseDistancePoint> locate_point(const RigModel& model, const ImageTimes& times, const Track& track,
@@ -122,7 +128,7 @@ std::vector<Eigen::Vector2d> reprojection_errors(const RigModel& model, const Im
   const Terms terms = terms_of(model, times, track, point, std::vector<double>(model.cameras.size(), 1.0), &parameters);
   std::vector<Eigen::Vector2d> errors(track.seen.size());
   for (std::size_t i = 0; i < terms.size(); ++i) {
-    parameters.of[i][5] = point.value.data();
+    parameters.of[i].back() = point.value.data();
     terms[i]->Evaluate(parameters.of[i].data(), errors[i].data(), nullptr);
   }
   return errors;

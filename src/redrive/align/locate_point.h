@@ -11,14 +11,16 @@
 
 namespace redrive {
 
-/// By camera and frame: computed once for all tracks of a round.
+/// When observations were exposed: of cameras without a rolling shutter computed once for all of an image. `model` has to outlive it
+/// and to stay as it is.
 class ImageTimes {
  public:
   explicit ImageTimes(const RigModel& model);
-  const Instant& of(const Observation& seen) const { return instants_[seen.camera][seen.frame]; }
+  Instant of(const Observation& seen) const;
 
  private:
-  std::vector<std::vector<Instant>> instants_;
+  const RigModel& model_;
+  std::vector<std::vector<Instant>> instants_;  ///< by camera and frame
 };
 
 /// The point that robustly (Cauchy, sigma_px[camera] by 2) explains the observations: Levenberg-Marquardt from the best of several

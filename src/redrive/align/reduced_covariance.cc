@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/align/reduced_covariance.h"
 
-#include <array>
 #include <map>
 
 #include <ceres/crs_matrix.h>
@@ -13,25 +12,33 @@
 namespace redrive {
 namespace {
 
-/// One eliminated block: its own part of the normal matrix, and its columns with the rig.
+/// What residuals say of one parameter of the rig.
+struct OfRig {
+  Eigen::Vector3d with_own = Eigen::Vector3d::Zero();  ///< columns of the normal matrix
+  double gradient = 0;
+};
+
+/// One eliminated block: its own part of the normal matrix and gradient, and those with the rig.
 struct Eliminated {
   Eigen::Matrix3d own = Eigen::Matrix3d::Zero();
-  std::map<int, Eigen::Vector3d> with_rig;  ///< by parameter of the rig
+  Eigen::Vector3d gradient = Eigen::Vector3d::Zero();
+  std::map<int, OfRig> with_rig;  ///< by parameter of the rig
 };
 
 }  // namespace
 
-Eigen::MatrixXd reduced_covariance(ceres::Problem& problem, const std::vector<double*>& rig,
-                                   const std::vector<double*>& free) {
+ReducedCovariance reduced_covariance(ceres::Problem& problem, const std::vector<double*>& rig,
+                                     const std::vector<double*>& free) {
   ceres::Problem::EvaluateOptions options;
   options.parameter_blocks = rig;
   options.parameter_blocks.insert(options.parameter_blocks.end(), free.begin(), free.end());
   int n = 0;
   for (double* block : rig) n += problem.ParameterBlockSize(block);
   ceres::CRSMatrix jacobian;
-  REDRIVE_CHECK(problem.Evaluate(options, nullptr, nullptr, nullptr, &jacobian));
+  std::vector<double> residuals;
+  REDRIVE_CHECK(problem.Evaluate(options, nullptr, &residuals, nullptr, &jacobian));
 
-  Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(n, n);
+  Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(n, n), spread = normal;
   std::vector<Eliminated> eliminated(free.size());
   for (int row = 0; row < jacobian.num_rows; ++row) {
     const int begin = jacobian.rows[row], end = jacobian.rows[row + 1];
@@ -46,13 +53,19 @@ Eigen::MatrixXd reduced_covariance(ceres::Problem& problem, const std::vector<do
     }
     for (int a = begin; a < split; ++a) {
       if (jacobian.values[a] == 0) continue;
-      for (int b = begin; b < split; ++b)
-        normal(jacobian.cols[b], jacobian.cols[a]) += jacobian.values[a] * jacobian.values[b];
+      for (int b = begin; b < split; ++b) {
+        const double product = jacobian.values[a] * jacobian.values[b];
+        normal(jacobian.cols[b], jacobian.cols[a]) += product;
+        if (block < 0) spread(jacobian.cols[b], jacobian.cols[a]) += product;
+      }
       if (block < 0) continue;
-      const auto at = eliminated[block].with_rig.try_emplace(jacobian.cols[a], Eigen::Vector3d::Zero()).first;
-      at->second += jacobian.values[a] * own;
+      OfRig& of_rig = eliminated[block].with_rig[jacobian.cols[a]];
+      of_rig.with_own += jacobian.values[a] * own;
+      of_rig.gradient += jacobian.values[a] * residuals[row];
     }
-    if (block >= 0) eliminated[block].own += own * own.transpose();
+    if (block < 0) continue;
+    eliminated[block].own += own * own.transpose();
+    eliminated[block].gradient += own * residuals[row];
   }
   for (const Eliminated& e : eliminated) {
     // 1e-12 of the largest: a direction that no residual sees takes nothing away.
@@ -62,8 +75,12 @@ Eigen::MatrixXd reduced_covariance(ceres::Problem& problem, const std::vector<do
       if (solver.eigenvalues()[k] > 1e-12 * solver.eigenvalues()[2])
         inverse += solver.eigenvectors().col(k) * solver.eigenvectors().col(k).transpose() / solver.eigenvalues()[k];
     for (const auto& [a, of_a] : e.with_rig) {
-      const Eigen::Vector3d weighted = inverse * of_a;
-      for (const auto& [b, of_b] : e.with_rig) normal(b, a) -= weighted.dot(of_b);
+      const Eigen::Vector3d weighted = inverse * of_a.with_own;
+      const double gradient = of_a.gradient - weighted.dot(e.gradient);
+      for (const auto& [b, of_b] : e.with_rig) {
+        normal(b, a) -= weighted.dot(of_b.with_own);
+        spread(b, a) += gradient * (of_b.gradient - of_b.with_own.dot(inverse * e.gradient));
+      }
     }
   }
   const Eigen::VectorXd scale = normal.diagonal().cwiseMax(1e-12).cwiseSqrt().cwiseInverse();  // metres beside radians
@@ -74,7 +91,11 @@ Eigen::MatrixXd reduced_covariance(ceres::Problem& problem, const std::vector<do
     held.diagonal().array() += 1e-12;
     solver.compute(held);
   }
-  return scale.asDiagonal() * solver.solve(Eigen::MatrixXd::Identity(n, n)) * scale.asDiagonal();
+  ReducedCovariance covariance;
+  covariance.matrix = scale.asDiagonal() * solver.solve(Eigen::MatrixXd::Identity(n, n)) * scale.asDiagonal();
+  covariance.variance =
+      (covariance.matrix * spread * covariance.matrix).diagonal().cwiseMax(covariance.matrix.diagonal());
+  return covariance;
 }
 
 }  // namespace redrive

@@ -13,9 +13,18 @@ class Problem;
 
 namespace redrive {
 
-/// [n, n] over the blocks `rig` in their order; the blocks `free`, of 3 numbers each, are eliminated: no residual may depend on
-/// two of them. Robust losses count as weights. Nothing of a singular matrix is hidden: what the terms leave open is infinite (1e12).
-Eigen::MatrixXd reduced_covariance(ceres::Problem& problem, const std::vector<double*>& rig,
-                                   const std::vector<double*>& free);
+struct ReducedCovariance {
+  /// [n, n], as if all residuals were independent. Nothing of a singular matrix is hidden: what the terms leave open is infinite (1e12).
+  Eigen::MatrixXd matrix;
+  /// [n], at least its diagonal: with the residuals of one free block, a point or a plane, as dependent as they are. H^-1 (H_0 + sum g g^T)
+  /// H^-1 with g the gradient of one block's residuals, H_0 that of residuals without any (Liang, Zeger, "Longitudinal data analysis using
+  /// generalized linear models", 1986). For parameters that many blocks hold: few look as if they agreed too well.
+  Eigen::VectorXd variance;
+};
+
+/// Over the blocks `rig` in their order; the blocks `free`, of 3 numbers each, are eliminated: no residual may depend on two of them.
+/// Robust losses count as weights.
+ReducedCovariance reduced_covariance(ceres::Problem& problem, const std::vector<double*>& rig,
+                                     const std::vector<double*>& free);
 
 }  // namespace redrive

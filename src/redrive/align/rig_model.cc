@@ -119,6 +119,11 @@ Instant RigModel::of_image(int camera, int frame) const {
   return at(given[frame].t_ns + std::llround(cameras[camera].offset_s * 1e9));
 }
 
+Instant RigModel::of_row(int camera, int frame, double v) const {
+  const RigModelCamera& c = cameras[camera];
+  return at(given[frame].t_ns + std::llround((c.offset_s + c.after_middle(v) * c.readout_s) * 1e9));
+}
+
 Rigid3d RigModel::corrected(const Instant& instant) const {
   const Vector6d &a = correction[instant.segment], &b = correction[instant.segment + 1];
   return instant.world_from_body * rigid_of(a + instant.weight * (b - a));
@@ -128,8 +133,9 @@ Rigid3d RigModel::body_from_sensor(int camera) const {
   return cameras[camera].given.body_from_sensor * rigid_of(cameras[camera].mount);
 }
 
-Rigid3d RigModel::world_from_camera(int camera, int frame) const {
-  return corrected(of_image(camera, frame)) * body_from_sensor(camera);
+Rigid3d RigModel::world_from_camera(int camera, int frame, double later_s) const {
+  const double after_s = cameras[camera].offset_s + later_s;
+  return corrected(at(given[frame].t_ns + std::llround(after_s * 1e9))) * body_from_sensor(camera);
 }
 
 Camera RigModel::camera(int index) const {
@@ -158,6 +164,7 @@ CameraCalibration RigModel::corrected_calibration(int index) const {
   calibration.cy = now.cy;
   calibration.body_from_sensor = body_from_sensor(index);
   calibration.time_offset_ns = std::llround(cameras[index].offset_s * 1e9);
+  calibration.readout_ns = std::llround(cameras[index].readout_s * 1e9);
   return calibration;
 }
 
@@ -174,6 +181,7 @@ RigModel make_rig_model(const Recording& recording) {
     entry.given = camera.calibration;
     entry.camera = make_camera(camera.calibration);
     entry.offset_s = static_cast<double>(camera.calibration.time_offset_ns) * 1e-9;
+    entry.readout_s = static_cast<double>(camera.calibration.readout_ns) * 1e-9;
     model.cameras.push_back(entry);
   }
   return model;

@@ -35,6 +35,7 @@ struct SyntheticOptions {
   double noise_px = 0.2, noise_m = 0.02;
   double yaw_rad = 0.15 * kDegree;    ///< error of the first camera's calibration
   double offset_s = 0.012;            ///< of the second camera, which the calibration does not say
+  double readout_s = 0;               ///< of all cameras, which it does not say either
   std::vector<int> cameras{0, 1, 2};  ///< of front pinhole, left fisheye, right fisheye
 };
 
@@ -119,6 +120,7 @@ inline SyntheticRig make_synthetic_rig(const SyntheticOptions& options = {}) {
       rig.recording.cameras.back().calibration.body_from_sensor.linear() =
           so3_exp({0, 0, options.yaw_rad}) * camera.body_from_sensor.linear();
     if (options.cameras[c] == 1) camera.time_offset_ns = std::llround(options.offset_s * 1e9);
+    camera.readout_ns = std::llround(options.readout_s * 1e9);
     rig.true_cameras.push_back(camera);
   }
   Recording truth;
@@ -128,12 +130,15 @@ inline SyntheticRig make_synthetic_rig(const SyntheticOptions& options = {}) {
   const auto street_from_body = [&](std::int64_t t_ns) {
     return street_from_world * true_motion.at(t_ns).world_from_body;
   };
+  /// At the image's time, or what a row before or after its middle has more.
+  const auto camera_from_street_at = [&](const CameraCalibration& camera, int f, std::int64_t later_ns) {
+    const std::int64_t t_ns = rig.recording.true_frames[f].t_ns + camera.time_offset_ns + later_ns;
+    return (street_from_body(t_ns) * camera.body_from_sensor).inverse(Eigen::Isometry);
+  };
   std::vector<std::vector<Rigid3d>> camera_from_street;
   for (const CameraCalibration& camera : rig.true_cameras) {
     camera_from_street.emplace_back();
-    for (const FramePose& frame : rig.recording.true_frames)
-      camera_from_street.back().push_back(
-          (street_from_body(frame.t_ns + camera.time_offset_ns) * camera.body_from_sensor).inverse(Eigen::Isometry));
+    for (int f = 0; f < options.frames; ++f) camera_from_street.back().push_back(camera_from_street_at(camera, f, 0));
   }
   for (int p = 0; p < options.points; ++p) {
     const bool far_away = p % 10 == 0;
@@ -144,7 +149,13 @@ inline SyntheticRig make_synthetic_rig(const SyntheticOptions& options = {}) {
     for (std::size_t c = 0; c < rig.true_cameras.size(); ++c) {
       const Camera camera = make_camera(rig.true_cameras[c]);
       for (int f = 0; f < options.frames; ++f) {
-        const auto pixel = camera.project(camera_from_street[c][f] * point);
+        auto pixel = camera.project(camera_from_street[c][f] * point);
+        // The row says when, and that which row: each round leaves at most readout x pixels per second / height of the error, 0.1 and less.
+        for (int round = 0; round < 8 && options.readout_s != 0 && pixel; ++round)
+          pixel = camera.project(camera_from_street_at(rig.true_cameras[c], f,
+                                                       std::llround(((pixel->y() + 0.5) / camera.height - 0.5) *
+                                                                    options.readout_s * 1e9)) *
+                                 point);
         if (!pixel || pixel->x() < 0 || pixel->y() < 0 || pixel->x() > camera.width - 1 ||
             pixel->y() > camera.height - 1)
           continue;

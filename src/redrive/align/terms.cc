@@ -54,21 +54,27 @@ bool project(const CameraModel& model, const Vector3d& point, Eigen::Vector2d* p
 //   y = exp(turn s)^T (R^T (x - w p) - w velocity s)      given(t + s)^-1
 //   b = exp(phi)^T (y - w rho)                            in the body
 //   c = exp(epsilon)^T (S^T (b - w m) - w eta)            in the camera
-class Reprojection final : public ceres::SizedCostFunction<2, 6, 6, 6, 1, 3, 3> {
+class Reprojection final : public ceres::SizedCostFunction<2, 6, 6, 6, 1, 1, 3, 3> {
  public:
   Reprojection(const RigModelCamera& camera, const Instant& instant, const Eigen::Vector2d& pixel, double sigma_px,
                const InverseDistancePoint& point)
-      : camera_(camera), instant_(instant), offset_s_(camera.offset_s), pixel_(pixel), sigma_px_(sigma_px) {
+      : camera_(camera),
+        instant_(instant),
+        offset_s_(camera.offset_s),
+        readout_s_(camera.readout_s),
+        after_middle_(camera.after_middle(pixel.y())),
+        pixel_(pixel),
+        sigma_px_(sigma_px) {
     const Rigid3d& pose = instant.world_from_body;
     axes_ = pose.linear().transpose() * point.axes;
     anchor_ = pose.linear().transpose() * (point.anchor - pose.translation());
   }
 
   bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
-    const double later_s = parameters[3][0] - offset_s_;
+    const double later_s = parameters[3][0] - offset_s_ + after_middle_ * (parameters[4][0] - readout_s_);
     const Between correction = between(parameters[0], parameters[1], instant_, later_s);
     const Map<const Vector6d> mount(parameters[2]);
-    const Map<const Vector3d> intrinsics(parameters[4]), point(parameters[5]);
+    const Map<const Vector3d> intrinsics(parameters[5]), point(parameters[6]);
     const double w = point.z();
     const Matrix3d unturn = so3_exp(instant_.turn * later_s).transpose(),
                    unphi = so3_exp(correction.value.tail<3>()).transpose(),
@@ -84,8 +90,8 @@ class Reprojection final : public ceres::SizedCostFunction<2, 6, 6, 6, 1, 3, 3> 
     Eigen::Matrix<double, 2, 3> slope;
     if (!project(camera_.camera.model, c, &seen, &slope)) {
       residuals[0] = residuals[1] = kUnseen;
-      constexpr int kSizes[] = {6, 6, 6, 1, 3, 3};
-      for (int k = 0; jacobians && k < 6; ++k)
+      constexpr int kSizes[] = {6, 6, 6, 1, 1, 3, 3};
+      for (int k = 0; jacobians && k < 7; ++k)
         if (jacobians[k]) std::fill_n(jacobians[k], 2 * kSizes[k], 0.0);
       return true;
     }
@@ -104,21 +110,24 @@ class Reprojection final : public ceres::SizedCostFunction<2, 6, 6, 6, 1, 3, 3> 
     if (jacobians[1]) block<2, 6>(jacobians[1]) = correction.weight * by_correction;
     if (jacobians[2])
       block<2, 6>(jacobians[2]) << -w * by_c * unepsilon, by_c * skew(c) * so3_right_jacobian(mount.tail<3>());
-    if (jacobians[3])
-      block<2, 1>(jacobians[3]) =
+    if (jacobians[3] || jacobians[4]) {
+      const Eigen::Vector2d by_time =
           by_b * unphi * (y.cross(instant_.turn) - w * (unturn * instant_.velocity)) + by_correction * correction.slope;
-    if (jacobians[4]) {
-      auto by_intrinsics = block<2, 3>(jacobians[4]);
+      if (jacobians[3]) block<2, 1>(jacobians[3]) = by_time;
+      if (jacobians[4]) block<2, 1>(jacobians[4]) = after_middle_ * by_time;
+    }
+    if (jacobians[5]) {
+      auto by_intrinsics = block<2, 3>(jacobians[5]);
       by_intrinsics.col(0) = Eigen::Vector2d(camera_.camera.fx, camera_.camera.fy).cwiseProduct(seen) / sigma_px_;
       by_intrinsics.rightCols<2>() = Eigen::Matrix2d::Identity() / sigma_px_;
     }
-    if (jacobians[5]) {
+    if (jacobians[6]) {
       const Matrix3d body_by_x = unphi * unturn;
       const Vector3d c_by_w =
           unepsilon *
           (sensor_from_body * (unphi * (unturn * (anchor_ - instant_.velocity * later_s) - rho) - mounted_at) -
            mount.head<3>());
-      auto by_point = block<2, 3>(jacobians[5]);
+      auto by_point = block<2, 3>(jacobians[6]);
       by_point.leftCols<2>() = by_b * body_by_x * axes_.leftCols<2>();
       by_point.col(2) = by_c * c_by_w;
     }
@@ -128,7 +137,7 @@ class Reprojection final : public ceres::SizedCostFunction<2, 6, 6, 6, 1, 3, 3> 
  private:
   const RigModelCamera& camera_;  // its lens and its mount as given; what the solver moves comes as parameters
   Instant instant_;
-  double offset_s_;
+  double offset_s_, readout_s_, after_middle_;
   Eigen::Vector2d pixel_;
   double sigma_px_;
   Matrix3d axes_;    // of the point, in the given body's axes

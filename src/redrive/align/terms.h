@@ -34,9 +34,9 @@ struct PlanePatch {
 /// What stands for the residual where a camera does not see the point.
 inline constexpr double kUnseen = 1000;
 
-/// (projection - pixel) / sigma_px [2] of a point that `camera` saw at `instant`. Parameters: corrections [6] [6] of the
-/// instant's two frames, mount [6], time offset [1] (s; it was offset_s at the instant), intrinsics [3], point [3]. Where the
-/// camera does not see the point: kUnseen without slope. `camera` has to outlive the term.
+/// (projection - pixel) / sigma_px [2] of a point that `camera` saw at `instant`, its row's own. Parameters: corrections [6] [6] of the
+/// instant's two frames, mount [6], time offset [1] and readout [1] (s; they were offset_s and readout_s at the instant), intrinsics [3],
+/// point [3]. Where the camera does not see the point: kUnseen without slope. `camera` has to outlive the term.
 std::unique_ptr<ceres::CostFunction> reprojection_term(const RigModelCamera& camera, const Instant& instant,
                                                        const Eigen::Vector2d& pixel, double sigma_px,
                                                        const InverseDistancePoint& point);

@@ -67,6 +67,7 @@ TEST(Terms, ReprojectionOfEveryModel) {
     camera.given = testing::synthetic_camera(1);
     camera.camera = example.camera;
     camera.offset_s = 0.004;
+    camera.readout_s = 0.025;
     const Eigen::Vector2d pixel(180, 110);
     const auto ray = example.camera.unproject(pixel);
     ASSERT_TRUE(ray);
@@ -83,6 +84,7 @@ TEST(Terms, ReprojectionOfEveryModel) {
                      random_block(&noise, kCorrectionSizes),
                      random_block(&noise, {0.05, 0.05, 0.05, 0.02, 0.02, 0.02}),
                      {noise.uniform(-0.01, 0.01)},
+                     {noise.uniform(-0.05, 0.05)},
                      random_block(&noise, {0.01, 2, 2}),
                      {0.01, -0.02, inverse_m}},
                     2e-5);
@@ -111,13 +113,41 @@ TEST(Terms, ReprojectionIsThatOfTheModel) {
   later.weight += kLater_s / later.duration_s;
   const Eigen::Vector3d in_world = model.corrected(later) * model.body_from_sensor(1) * Eigen::Vector3d(0.4, -0.3, 5);
   const std::array<double, 3> point{in_world.x() / in_world.z(), in_world.y() / in_world.z(), 1 / in_world.z()};
-  const double* blocks[] = {model.correction[7].data(), model.correction[8].data(), camera.mount.data(),
-                            &camera.offset_s,           camera.intrinsics.data(),   point.data()};
+  const double* blocks[] = {
+      model.correction[7].data(), model.correction[8].data(), camera.mount.data(), &camera.offset_s,
+      &camera.readout_s,          camera.intrinsics.data(),   point.data()};
   Eigen::Vector2d residual;
   held->Evaluate(blocks, residual.data(), nullptr);
   const auto pixel = model.camera(1).project({0.4, -0.3, 5});
   ASSERT_TRUE(pixel);
   EXPECT_LT((0.5 * residual - *pixel).norm(), 1e-7);  // metres near 0, pixels in hundreds: 1e-9 and less
+
+  // The upper edge of the image comes half a readout before its middle.
+  constexpr double kReadout_s = 0.014;
+  camera.offset_s = kLater_s + kReadout_s / 2;
+  camera.readout_s = kReadout_s;
+  const auto upper_edge = reprojection_term(before, as_given, {0, -0.5}, 0.5, {});
+  upper_edge->Evaluate(blocks, residual.data(), nullptr);
+  EXPECT_LT((0.5 * residual - *pixel - Eigen::Vector2d(0, 0.5)).norm(), 1e-7);
+}
+
+TEST(Terms, RowsHaveTimesOfTheirOwn) {
+  const testing::SyntheticRig rig = testing::make_synthetic_rig({.points = 0, .lidar_points = 0});
+  RigModel model = make_rig_model(rig.recording);
+  RigModelCamera& camera = model.cameras[1];
+  camera.offset_s = 0.004;
+  const double height = camera.camera.height;
+  const std::int64_t t_ns = model.given[7].t_ns;
+  const auto apart = [](const Instant& a, const Instant& b) {
+    return (a.world_from_body.matrix() - b.world_from_body.matrix()).norm() + std::abs(a.weight - b.weight);
+  };
+  EXPECT_EQ(apart(model.of_row(1, 7, 12), model.of_image(1, 7)), 0);  // one time for all
+  camera.readout_s = 0.03;
+  EXPECT_LT(apart(model.of_row(1, 7, (height - 1) / 2), model.of_image(1, 7)), 1e-9);
+  EXPECT_LT(apart(model.of_row(1, 7, -0.5), model.at(t_ns + 4'000'000 - 15'000'000)), 1e-9);
+  EXPECT_EQ(model.of_row(1, 7, -0.5).segment, 6);  // before its frame
+  EXPECT_LT(apart(model.of_row(1, 7, height - 0.5), model.at(t_ns + 4'000'000 + 15'000'000)), 1e-9);
+  EXPECT_EQ(model.corrected_calibration(1).readout_ns, 30'000'000);
 }
 
 TEST(Terms, UnseenHasNoSlope) {
@@ -132,10 +162,10 @@ TEST(Terms, UnseenHasNoSlope) {
   behind.axes.col(1) = behind.axes.col(2).cross(behind.axes.col(0));
   const auto term = reprojection_term(camera, instant, {100, 100}, 1, behind);
   const Vector6d zero = Vector6d::Zero();
-  const double offset = 0, point[3] = {0, 0, 0.1};
-  const double* blocks[] = {zero.data(), zero.data(), zero.data(), &offset, zero.data(), point};
+  const double offset = 0, readout = 0, point[3] = {0, 0, 0.1};
+  const double* blocks[] = {zero.data(), zero.data(), zero.data(), &offset, &readout, zero.data(), point};
   double residual[2], slope[12] = {1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1};
-  double* slopes[] = {slope, nullptr, nullptr, nullptr, nullptr, nullptr};
+  double* slopes[] = {slope, nullptr, nullptr, nullptr, nullptr, nullptr, nullptr};
   ASSERT_TRUE(term->Evaluate(blocks, residual, slopes));
   EXPECT_EQ(residual[0], kUnseen);
   for (const double s : slope) EXPECT_EQ(s, 0);

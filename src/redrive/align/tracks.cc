@@ -47,9 +47,12 @@ bool plenty(const RigImages& images, int camera, const TrackOptions& options, co
 
 }  // namespace
 
-std::vector<Track> find_tracks(const Recording& recording, ThreadPool& pool, const TrackOptions& options) {
+RigImages load_track_images(const Recording& recording, ThreadPool& pool, const TrackOptions& options) {
+  return load_rig_images(recording, options.masks, kPatchHalf, pool);
+}
+
+std::vector<Track> find_tracks(const RigImages& full, ThreadPool& pool, const TrackOptions& options) {
   cv::setNumThreads(1);  // the cameras are what is done in parallel
-  const RigImages full = load_rig_images(recording, options.masks, kPatchHalf, pool);
   const RigImages images = narrowed(full, kWidest, kPatchHalf, pool);
   std::vector<std::vector<Track>> of_camera(images.cameras());
   std::vector<TrackOptions> camera_options(images.cameras(), options);

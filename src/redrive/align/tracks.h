@@ -7,6 +7,7 @@
 
 #include <Eigen/Core>
 
+#include "redrive/align/rig_images.h"
 #include "redrive/base/parallel.h"
 #include "redrive/recording/recording.h"
 
@@ -40,6 +41,9 @@ struct TrackOptions {
 /// annotated objects that move, or where images have masks. Poses and calibration of the recording only guide the search: they
 /// may be wrong by 0.5 m and 1 degree. The result does not depend on the number of threads. InputError as load_view, read_mask,
 /// read_boxes.
-std::vector<Track> find_tracks(const Recording& recording, ThreadPool& pool, const TrackOptions& options = {});
+std::vector<Track> find_tracks(const RigImages& images, ThreadPool& pool, const TrackOptions& options = {});
+
+/// All that is needed for it, at full size.
+RigImages load_track_images(const Recording& recording, ThreadPool& pool, const TrackOptions& options = {});
 
 }  // namespace redrive

@@ -12,6 +12,10 @@ namespace {
 
 constexpr int kFrames = 8;
 
+std::vector<Track> tracks_in(const Recording& recording, ThreadPool& pool, const TrackOptions& options = {}) {
+  return find_tracks(load_track_images(recording, pool, options), pool, options);
+}
+
 /// One drive for all tests: ray casting takes its time.
 class Tracks : public ::testing::Test {
  protected:
@@ -24,7 +28,7 @@ class Tracks : public ::testing::Test {
   static const std::vector<Track>& tracks_of_drive() {
     static const std::vector<Track> tracks = [] {
       ThreadPool pool(2);
-      return find_tracks(drive(), pool);
+      return tracks_in(drive(), pool);
     }();
     return tracks;
   }
@@ -93,7 +97,7 @@ TEST_F(Tracks, OnlyAreGuidedByPosesAndCalibration) {
   wrong.cameras[0].calibration.time_offset_ns = 0;
   for (int n = 0; n < kFrames; ++n)
     wrong.frames[n].ecef_from_body.translate(0.1 * Eigen::Vector3d(std::sin(5 * n), std::cos(7 * n), std::sin(3 * n)));
-  const std::vector<Track> tracks = find_tracks(wrong, pool_);
+  const std::vector<Track> tracks = tracks_in(wrong, pool_);
   EXPECT_GT(joined(tracks), 100);
   for (const auto& [camera, other] : {std::pair(0, false), {0, true}, {1, false}}) {
     const std::vector<double> e = errors(tracks, camera, other);
@@ -106,7 +110,7 @@ TEST_F(Tracks, OnlyAreGuidedByPosesAndCalibration) {
 TEST_F(Tracks, DoNotDependOnTheThreads) {
   ThreadPool one(1);
   const std::vector<Track>& a = tracks_of_drive();
-  const std::vector<Track> b = find_tracks(drive(), one);
+  const std::vector<Track> b = tracks_in(drive(), one);
   ASSERT_EQ(a.size(), b.size());
   for (std::size_t t = 0; t < a.size(); ++t) {
     ASSERT_EQ(a[t].seen.size(), b[t].seen.size());
@@ -119,7 +123,7 @@ TEST_F(Tracks, AreNowhereUnderAMask) {
   Image8 mask{200, 140, std::vector<std::uint8_t>(3 * 200 * 140, 255)};
   for (int y = 0; y < 140; ++y) std::fill_n(&mask.rgb[3 * 200 * y], 3 * 100, 0);  // the left half
   write_image(masks.path / "FRONT.png", mask);
-  const std::vector<Track> tracks = find_tracks(drive(), pool_, {.masks = masks.path});
+  const std::vector<Track> tracks = tracks_in(drive(), pool_, {.masks = masks.path});
   int right = 0;
   for (const Track& track : tracks)
     for (const Observation& o : track.seen)
@@ -132,7 +136,7 @@ TEST_F(Tracks, AreNowhereUnderAMask) {
 
 TEST_F(Tracks, NeedLooks) {
   const TemporaryFolder folder;
-  EXPECT_TRUE(find_tracks(make_test_drive(folder.path, 3, false), pool_).empty());
+  EXPECT_TRUE(tracks_in(make_test_drive(folder.path, 3, false), pool_).empty());
 }
 
 TEST_F(Tracks, NeedTwoImages) {
@@ -140,7 +144,7 @@ TEST_F(Tracks, NeedTwoImages) {
   one.frames.resize(1);
   one.cameras.resize(1);
   one.cameras[0].images.resize(1);
-  EXPECT_TRUE(find_tracks(one, pool_).empty());
+  EXPECT_TRUE(tracks_in(one, pool_).empty());
 }
 
 TEST(StreetTracks, AgreeWithTheTruth) {
@@ -149,7 +153,7 @@ TEST(StreetTracks, AgreeWithTheTruth) {
   given.frames.resize(6);
   for (RecordedCamera& camera : given.cameras) camera.images.resize(6);
   ThreadPool pool(2);
-  const std::vector<Track> tracks = find_tracks(given, pool);
+  const std::vector<Track> tracks = tracks_in(given, pool);
   std::vector<Camera> cameras;
   for (const RecordedCamera& c : truth.cameras) cameras.push_back(make_camera(c.calibration));
   std::vector<std::vector<double>> errors(cameras.size());

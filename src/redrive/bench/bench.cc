@@ -108,7 +108,7 @@ void time_kernels(Runner& runner, kernels::Backend& backend, const SyntheticDriv
               [&] { backend.nerf_forward(field, b.ray_spans(), b.sample_spans(), b.raw); });
   // Includes the forward pass that it does over.
   runner.time("kernel/nerf_backward-256", samples, 3 * forward_flops,
-              [&] { backend.nerf_backward(field, b.ray_spans(), b.sample_spans(), b.d_raw, b.gradients); });
+              [&] { backend.nerf_backward(field, b.ray_spans(), b.sample_spans(), b.d_raw, b.gradients, {}); });
   runner.time("kernel/composite_forward", samples, kCompositeFlops, [&] {
     backend.composite_forward(b.rays.n, b.sample_spans(), b.raw, {}, {b.rgb, b.depth, b.opacity, b.weights});
   });

@@ -31,6 +31,13 @@ void print_alignment(const AlignResult& result) {
                 k.mount.sigma.tail<3>().maxCoeff() * kInDegrees, 100 * k.mount.value.head<3>().norm(),
                 100 * k.mount.sigma.head<3>().maxCoeff(), 1e3 * k.offset_s, 1e3 * k.offset_sigma_s);
   }
+  for (const CameraCorrection& k : result.camera_corrections) {
+    if (k.readout_sigma_s)
+      std::printf("%s: rows are read within %+.2f +- %.2f ms (given: %+.2f)\n", k.name.c_str(), 1e3 * k.readout_s,
+                  1e3 * *k.readout_sigma_s, 1e3 * k.readout_before_s);
+    else if (k.readout_s != 0)
+      std::printf("%s: rows are read within %+.2f ms, as given\n", k.name.c_str(), 1e3 * k.readout_s);
+  }
   if (bundle.lidar_points > 0)
     std::printf("LiDAR: %d points on %d flat patches, %.2f -> %.2f cm off them\n", bundle.lidar_points, bundle.patches,
                 100 * bundle.lidar_before_m, 100 * bundle.lidar_after_m);

@@ -3,11 +3,13 @@
 #include <cstdio>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "redrive/base/cpu_features.h"
 #include "redrive/base/error.h"
 #include "redrive/cli/aligning.h"
 #include "redrive/cli/command.h"
+#include "redrive/recording/readouts.h"
 #include "redrive/train/run.h"
 
 namespace redrive {
@@ -17,6 +19,7 @@ struct AlignArguments {
   std::string recording, out;
   int threads = 0;
   AlignOptions options;
+  std::vector<std::string> rolling_shutter;
   bool no_lidar = false, no_images = false;
 };
 
@@ -24,7 +27,8 @@ int run_align(AlignArguments arguments) {
   if (!arguments.out.empty()) refuse_existing_run(arguments.out);  // said at once
   arguments.options.images = !arguments.no_images;
   arguments.options.lidar = !arguments.no_lidar;
-  const Recording recording = open_recording(arguments.recording);
+  Recording recording = open_recording(arguments.recording);
+  arguments.options.bundle.readouts = set_readouts(arguments.rolling_shutter, &recording);
   ThreadPool pool(arguments.threads > 0 ? arguments.threads : hardware_threads());
   const AlignResult result = align_aloud(recording, arguments.options, pool);
   if (arguments.out.empty()) return kExitOk;
@@ -49,6 +53,14 @@ Action configure_align(CLI::App& command) {
       ->excludes(no_lidar);
   command.add_flag("--intrinsics", arguments->options.bundle.intrinsics,
                    "focal length and principal point of each camera, too");
+  command
+      .add_option(
+          "--rolling-shutter", arguments->rolling_shutter,
+          "MS, or CAM:MS,CAM:MS: rows are read one after another within so many ms, the middle one at the image's "
+          "time; below 0: from the lowest row up. estimate, or CAM:estimate: find it, too (default: as the "
+          "calibration says, readout_s)")
+      ->delimiter(',')
+      ->allow_extra_args(false);
   command.add_option("--threads", arguments->threads, "0: all that this process may use")->check(CLI::Range(0, 1024));
   return [arguments] { return run_align(*arguments); };
 }

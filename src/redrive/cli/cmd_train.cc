@@ -10,6 +10,7 @@
 #include "redrive/cli/command.h"
 #include "redrive/cli/training.h"
 #include "redrive/recording/pose_files.h"
+#include "redrive/recording/readouts.h"
 #include "redrive/report/align_page.h"
 #include "redrive/train/run_lock.h"
 
@@ -57,6 +58,7 @@ std::optional<OwnPoses> own_poses(Run* run, int threads) {
     ThreadPool pool(threads);
     AlignOptions options;
     if (std::filesystem::is_directory(run->options.masks)) options.tracks.masks = run->options.masks;
+    options.bundle.readouts = set_readouts(run->options.rolling_shutter, &run->recording);
     own.recording = run->recording;
     own.alignment = align_aloud(run->recording, options, pool);
     own.files = pose_files_of(run->recording, own.alignment->frames, own.alignment->cameras);
@@ -64,7 +66,8 @@ std::optional<OwnPoses> own_poses(Run* run, int threads) {
     own.files = read_pose_files(run->options.poses);
   }
   // From the text in both cases: a resumed run reads the same bits.
-  use_pose_files(own.files, run->options.align ? run->options.recording : run->options.poses, &run->recording);
+  use_own_poses(own.files, run->options.align ? run->options.recording : run->options.poses, run->options,
+                &run->recording);
   return own;
 }
 

@@ -72,5 +72,25 @@ TEST(PositionalEncoding, DerivativeIsTheOtherHalfTimesTheFrequency) {
       }
 }
 
+TEST(PositionalEncoding, AdjointAgreesWithDualNumbers) {
+  using D = Dual<double, 3>;
+  constexpr int kOctaves = 10;
+  const double p[3] = {0.21, -0.83, 0.5};
+  const D dual[3] = {D::variable(p[0], 0), D::variable(p[1], 1), D::variable(p[2], 2)};
+  std::vector<double> e(encoded_size(kOctaves)), d_e(e.size());
+  std::vector<D> dual_e(e.size());
+  positional_encoding(p, kOctaves, e.data());
+  positional_encoding(dual, kOctaves, dual_e.data());
+  D sum(0);  // weights that fall with the frequency, so that every term counts about the same
+  for (std::size_t i = 0; i < e.size(); ++i) {
+    const int octave = i < 3 ? 0 : static_cast<int>(i - 3) / 2 % kOctaves;
+    d_e[i] = (0.5 + 0.03 * static_cast<double>(i % 31)) / (1 << octave);
+    sum += D(d_e[i]) * dual_e[i];
+  }
+  double d_point[3];
+  positional_encoding_adjoint(e.data(), kOctaves, d_e.data(), d_point);
+  for (int d = 0; d < 3; ++d) EXPECT_NEAR(d_point[d], sum.d[d], 2 * kOctaves * 2 * kPi * 0x1p-50) << d;
+}
+
 }  // namespace
 }  // namespace redrive

@@ -8,7 +8,8 @@
 namespace redrive::kernels {
 
 double Backend::train_rays(const NerfField& field, const Rays& rays, const Samples& samples,
-                           std::span<const float> target, const CompositeOut& out, std::span<float> gradients) {
+                           std::span<const float> target, const CompositeOut& out, std::span<float> gradients,
+                           const RayGradients& of_rays) {
   check_field(field, rays, samples);
   std::vector<float> raw(4 * sample_count(rays.n, samples)), d_raw(raw.size()),
       d_rgb(3 * static_cast<std::size_t>(rays.n));
@@ -16,7 +17,7 @@ double Backend::train_rays(const NerfField& field, const Rays& rays, const Sampl
   composite_forward(rays.n, samples, raw, {}, out);
   const double loss = photometric_loss(out.rgb, target, d_rgb);
   composite_backward(rays.n, samples, raw, {}, {d_rgb, {}}, d_raw);
-  nerf_backward(field, rays, samples, d_raw, gradients);
+  nerf_backward(field, rays, samples, d_raw, gradients, of_rays);
   return loss;
 }
 

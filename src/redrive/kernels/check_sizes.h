@@ -53,6 +53,30 @@ inline void check_stratified(int n_rays, const StratifiedSampling& how, std::siz
   REDRIVE_CHECK_OP(dt_size, ==, t_size);
 }
 
+inline void check_ray_gradients(int n_rays, const RayGradients& of_rays) {
+  REDRIVE_CHECK_OP(of_rays.d_direction.size(), ==, of_rays.d_origin.size());
+  if (of_rays.wanted()) REDRIVE_CHECK_OP(of_rays.d_origin.size(), ==, 3 * static_cast<std::size_t>(n_rays));
+}
+
+/// What one ray's samples in the unit cube, x_s = (origin + t_s direction - center) scale, make of d_position (coordinate k of sample s at
+/// k * stride + s): d_origin += scale sum d_x_s, d_direction += scale sum t_s d_x_s. Summed in double, in order.
+template <class T>
+void add_ray_gradient(const UnitFromWorld& unit_from_world, int n_rays, const Samples& samples, int ray,
+                      const T* d_position, std::size_t stride, const RayGradients& of_rays) {
+  const float* t = &samples.t[static_cast<std::size_t>(ray) * samples.per_ray];
+  for (int k = 0; k < 3; ++k) {
+    double d_origin = 0, d_direction = 0;
+    for (int s = 0; s < samples.per_ray; ++s) {
+      const double d = d_position[k * stride + s];
+      d_origin += d;
+      d_direction += t[s] * d;
+    }
+    const std::size_t at = k * static_cast<std::size_t>(n_rays) + ray;
+    of_rays.d_origin[at] += static_cast<float>(unit_from_world.scale * d_origin);
+    of_rays.d_direction[at] += static_cast<float>(unit_from_world.scale * d_direction);
+  }
+}
+
 /// Returns the number of rays.
 inline int check_hierarchical(const Samples& coarse, std::size_t weights_size, int extra, std::size_t t_size,
                               std::size_t dt_size) {

@@ -52,6 +52,13 @@ struct CompositeAdjoint {
   std::span<const float> d_rgb, d_weights;
 };
 
+/// What the loss changes with each ray's place and direction by way of its samples' places: d_origin, d_direction [3, n_rays], added
+/// to; both empty: not wanted. Distances of samples and what colours change with the direction are taken as they are.
+struct RayGradients {
+  std::span<float> d_origin, d_direction;
+  bool wanted() const { return !d_origin.empty(); }
+};
+
 /// How samples are drawn: per_ray bins of equal length in [near_m, far_m], one sample in each (NeRF eq. 2), uniform
 /// random by random_unit(key, ray * per_ray + i), or the middle of the bin when `jitter` is off (rendering).
 /// dt_i = t_{i+1} - t_i, the last +infinity.
@@ -89,9 +96,10 @@ class Backend {
   // ---- field/
   /// raw [4, n_rays * per_ray]: r, g, b before the sigmoid, density before the ReLU.
   virtual void nerf_forward(const NerfField& field, const Rays& rays, const Samples& samples, std::span<float> raw) = 0;
-  /// Adds d loss / d parameters to `gradients` [n_parameters] given d_raw (same shape as raw). Recomputes the forward pass.
+  /// Adds d loss / d parameters to `gradients` [n_parameters], and to of_rays where they are wanted, given d_raw (same shape as raw).
+  /// Recomputes the forward pass.
   virtual void nerf_backward(const NerfField& field, const Rays& rays, const Samples& samples,
-                             std::span<const float> d_raw, std::span<float> gradients) = 0;
+                             std::span<const float> d_raw, std::span<float> gradients, const RayGradients& of_rays) = 0;
 
   // ---- volume/
   /// background [3, n_rays], or empty: black.
@@ -115,10 +123,11 @@ class Backend {
   virtual GridStages& grid() = 0;
 
   // ---- fused extras
-  /// Forward, compositing, loss and backward of a batch: adds to `gradients`, fills `out` (weights only if wanted),
-  /// returns the loss. target [3, n_rays].
+  /// Forward, compositing, loss and backward of a batch: adds to `gradients` and of_rays as nerf_backward does, fills `out` (weights only
+  /// if wanted), returns the loss. target [3, n_rays].
   virtual double train_rays(const NerfField& field, const Rays& rays, const Samples& samples,
-                            std::span<const float> target, const CompositeOut& out, std::span<float> gradients);
+                            std::span<const float> target, const CompositeOut& out, std::span<float> gradients,
+                            const RayGradients& of_rays);
   /// Forward and compositing, without keeping anything for a backward pass. May leave out what stands behind a transmittance
   /// below 1e-4, which changes colour, opacity and the sum of the weights by less than that.
   virtual void render_rays(const NerfField& field, const Rays& rays, const Samples& samples, const CompositeOut& out);

@@ -28,7 +28,7 @@ struct StepLosses {
   double colours = 0;          ///< grid: the part of `loss` that is the colours' and the gains'
   int field_rays = 0;          ///< grid: rays that met enough for the field to be asked
   std::vector<float> squares;  ///< grid: [n], squared error of each ray's colour, mean of its channels
-  /// grid: [3, n], derivatives of `colours` where RayBatch::refines; empty otherwise. Distances of samples and
+  /// [3, n], derivatives of the colours' part of `loss` where RayBatch::refines; empty otherwise. Distances of samples and
   /// what a colour changes with the direction it is seen from are taken as they are.
   std::vector<float> d_origin, d_direction;
 };

@@ -83,9 +83,12 @@ StepLosses NerfModel::gradients(kernels::Backend& backend, const RayBatch& batch
   backend.sample_stratified(batch.n, {samples, near_m, far_m, true, random_key(seed, kStreamSamples, step)}, t, dt);
   const kernels::Samples coarse_samples{samples, t, dt};
   StepLosses losses;
+  if (batch.refines)
+    for (std::vector<float>* of_rays : {&losses.d_origin, &losses.d_direction}) of_rays->assign(3 * n, 0.0f);
+  const kernels::RayGradients of_rays{losses.d_origin, losses.d_direction};  // both networks add to them
   losses.rgb_mse =
       backend.train_rays(field(0), rays, coarse_samples, target, {workspace->take(3 * n), depth, opacity, weights},
-                         gradients.first(nerf_parameter_count(config)));
+                         gradients.first(nerf_parameter_count(config)), of_rays);
   losses.loss = losses.rgb_mse;
 
   // Section 5.2: further samples where the coarse network found matter, seen by the fine network.
@@ -93,9 +96,9 @@ StepLosses NerfModel::gradients(kernels::Backend& backend, const RayBatch& batch
     const auto fine_t = workspace->take(fine), fine_dt = workspace->take(fine);
     backend.sample_hierarchical(coarse_samples, weights, fine_samples, true, random_key(seed, kStreamFineSamples, step),
                                 fine_t, fine_dt);
-    losses.rgb_mse =
-        backend.train_rays(field(1), rays, {samples + fine_samples, fine_t, fine_dt}, target,
-                           {workspace->take(3 * n), depth, opacity, {}}, gradients.last(nerf_parameter_count(config)));
+    losses.rgb_mse = backend.train_rays(field(1), rays, {samples + fine_samples, fine_t, fine_dt}, target,
+                                        {workspace->take(3 * n), depth, opacity, {}},
+                                        gradients.last(nerf_parameter_count(config)), of_rays);
     losses.loss += losses.rgb_mse;
   }
   backend.fetch(opacity);

@@ -63,6 +63,8 @@ PoseFiles pose_files_of(const Recording& recording, const std::vector<FramePose>
     sensor["focal_length_px"] = {camera.fx, camera.fy};
     sensor["principal_point_px"] = {camera.cx, camera.cy};
     sensor["time_offset_s"] = static_cast<double>(camera.time_offset_ns) * 1e-9;
+    if (camera.readout_ns != 0 || sensor.contains("readout_s"))
+      sensor["readout_s"] = static_cast<double>(camera.readout_ns) / 1e9;
   }
   return {poses.dump(1) + "\n", sensors.dump(1) + "\n"};
 }
@@ -88,9 +90,7 @@ void use_pose_files(const PoseFiles& files, const fs::path& folder, Recording* r
     if (found == cameras.end())
       throw InputError(folder / kCalibration, camera.calibration.name, "",
                        "missing; the recording has images of this camera");
-    const std::int64_t readout_ns = camera.calibration.readout_ns;  // nothing that alignment changes
     camera.calibration = *found;
-    camera.calibration.readout_ns = readout_ns;
   }
 }
 

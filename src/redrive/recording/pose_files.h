@@ -22,8 +22,8 @@ PoseFiles read_pose_files(const std::filesystem::path& folder);
 /// IoError. The folder and what is in between are made where they are missing.
 void write_pose_files(const std::filesystem::path& folder, const PoseFiles& files);
 
-/// Frames and cameras as files. The calibration is that of `recording` with these cameras' lenses, mounts and time offsets; other
-/// sensors stay as they are, and so does what else stands there, but for angles that the new mount belies (yaw_pitch_roll_deg).
+/// Frames and cameras as files. The calibration is that of `recording` with these cameras' lenses, mounts, time offsets and
+/// readouts; other sensors stay as they are, and so does what else stands there, but for angles that the new mount belies (yaw_pitch_roll_deg).
 PoseFiles pose_files_of(const Recording& recording, const std::vector<FramePose>& frames,
                         const std::vector<CameraCalibration>& cameras);
 

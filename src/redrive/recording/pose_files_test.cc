@@ -29,6 +29,7 @@ TEST(PoseFiles, ComeBackAsTheyWere) {
   cameras[0].body_from_sensor.translation().y() += 0.25;
   cameras[1].time_offset_ns = -12'000'001;
   cameras[1].fx = 1172.125;
+  cameras[1].readout_ns = 29'999'999;
   write_pose_files(f.folder.path / "aligned", pose_files_of(f.recording, frames, cameras));
   Recording again = f.recording;
   use_pose_files(read_pose_files(f.folder.path / "aligned"), f.folder.path / "aligned", &again);
@@ -43,10 +44,22 @@ TEST(PoseFiles, ComeBackAsTheyWere) {
     const CameraCalibration& now = again.cameras[c].calibration;
     EXPECT_TRUE(now.body_from_sensor.isApprox(cameras[c].body_from_sensor, 1e-14));
     EXPECT_EQ(now.time_offset_ns, cameras[c].time_offset_ns);
+    EXPECT_EQ(now.readout_ns, cameras[c].readout_ns);
     EXPECT_EQ(now.fx, cameras[c].fx);
     EXPECT_EQ(now.distortion, cameras[c].distortion);
     EXPECT_EQ(again.cameras[c].images.size(), 3u);
   }
+}
+
+TEST(PoseFiles, SayNothingOfReadoutsWhereThereIsNothingToSay) {
+  Fixture f;
+  const CameraCalibration& camera = f.recording.cameras[0].calibration;
+  const auto sensor = [&] {
+    return nlohmann::json::parse(pose_files_of(f.recording, f.recording.frames, {camera}).calibration).at(camera.name);
+  };
+  EXPECT_FALSE(sensor().contains("readout_s"));
+  f.recording.cameras[0].calibration.readout_ns = 30'000'000;
+  EXPECT_EQ(sensor().at("readout_s"), 0.03);
 }
 
 TEST(PoseFiles, OfAnotherRecordingAreRefused) {

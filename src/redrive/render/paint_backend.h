@@ -43,7 +43,7 @@ class PaintBackend : public kernels::Backend {
     unexpected();
   }
   void nerf_backward(const kernels::NerfField&, const kernels::Rays&, const kernels::Samples&, std::span<const float>,
-                     std::span<float>) override {
+                     std::span<float>, const kernels::RayGradients&) override {
     unexpected();
   }
   void composite_forward(int, const kernels::Samples&, std::span<const float>, std::span<const float>,

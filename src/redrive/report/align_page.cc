@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/report/align_page.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdarg>
@@ -146,6 +147,9 @@ std::vector<std::vector<std::string>> camera_rows(const AlignResult& result) {
   std::vector<std::vector<std::string>> rows{{"camera", "observations used", "before px", "after px", "roll deg",
                                               "pitch deg", "yaw deg", "+- deg", "moved cm", "+- cm", "time offset ms",
                                               "+- ms"}};
+  const bool rolling = std::ranges::any_of(
+      result.camera_corrections, [](const CameraCorrection& k) { return k.readout_s != 0 || k.readout_sigma_s; });
+  if (rolling) rows[0].insert(rows[0].end(), {"rows within ms", "+- ms"});
   for (std::size_t c = 0; c < result.cameras.size(); ++c) {
     const CameraFit& fit = result.bundle.cameras[c];
     const CameraCorrection& k = result.camera_corrections[c];
@@ -156,6 +160,45 @@ std::vector<std::vector<std::string>> camera_rows(const AlignResult& result) {
                     number("%.1f", 100 * k.mount.value.head<3>().norm()),
                     number("%.1f", 100 * k.mount.sigma.head<3>().maxCoeff()), number("%+.2f", 1e3 * k.offset_s),
                     number("%.2f", 1e3 * k.offset_sigma_s)});
+    if (rolling) {
+      rows.back().push_back(number("%+.2f", 1e3 * k.readout_s));
+      rows.back().push_back(k.readout_sigma_s ? number("%.2f", 1e3 * *k.readout_sigma_s) : "as given");
+    }
+  }
+  return rows;
+}
+
+/// Where the images' contrast is that of the LiDAR's intensities.
+std::string contrast_script(const AlignResult& result, const std::string& name) {
+  const std::vector<ContrastFit>& fits = result.bundle.contrast;
+  std::ostringstream out;
+  out.precision(5);
+  out << head_of(name, "exposed later than the calibration says (ms)", "correlation, of its highest", 1200, 420)
+      << "$data << end\n";
+  const std::size_t steps = fits.empty() ? 0 : fits[0].correlation.size();
+  for (std::size_t k = 0; k < steps; ++k) {
+    out << 1e3 * kContrastStep_s * (static_cast<double>(k) - static_cast<double>(steps / 2));
+    for (const ContrastFit& fit : fits)
+      out << ' ' << number("%.5g", fit.correlation[k] / std::max(1e-9, std::ranges::max(fit.correlation)));
+    out << '\n';
+  }
+  out << "end\nset yrange [0:1.05]\nplot ";
+  for (std::size_t c = 0; c < fits.size(); ++c)
+    out << (c ? ", " : "") << "$data using 1:" << c + 2 << " with lines lw 2 lc rgb '"
+        << kColours[c % std::size(kColours)] << "' title '" << result.cameras[c].name << "'";
+  out << "\n";
+  return out.str();
+}
+
+std::vector<std::vector<std::string>> contrast_rows(const AlignResult& result) {
+  std::vector<std::vector<std::string>> rows{
+      {"camera", "places compared", "highest correlation", "there, ms", "+- ms"}};
+  for (std::size_t c = 0; c < result.bundle.contrast.size(); ++c) {
+    const ContrastFit& fit = result.bundle.contrast[c];
+    rows.push_back({result.cameras[c].name, std::to_string(fit.cells),
+                    number("%.3f", std::ranges::max(fit.correlation)),
+                    fit.told ? number("%+.2f", 1e3 * fit.offset_s) : "no peak: not used",
+                    fit.told ? number("%.2f", 1e3 * fit.sigma_s) : ""});
   }
   return rows;
 }
@@ -185,6 +228,11 @@ void write_align_page(const std::filesystem::path& folder, const Recording& reco
   if (bundle.lidar_points > 0)
     body += "<p>LiDAR points off their patches: RMS " +
             number("%.2f cm before, %.2f cm after", 100 * bundle.lidar_before_m, 100 * bundle.lidar_after_m) + "</p>\n";
+  if (!bundle.contrast.empty())
+    body += "<h2>Clocks by the LiDAR</h2>\n" + html_table(contrast_rows(result), true) +
+            drawn("contrast", contrast_script(result, "contrast"),
+                  "What is bright to the LiDAR (lane markings, signs, posts) against what is bright in the image where "
+                  "the camera would see it, had it been exposed at another time");
   if (result.truth_after)
     body += "<h2>Against the truth</h2>\n" +
             html_table({{"trajectory", "position cm RMS", "rotation deg RMS"},

@@ -82,6 +82,7 @@ LidarReturns cloud_returns(std::span<const Eigen::Vector3d> in_world_m, std::spa
     }
     returns.range_m.push_back(point.range_m);
     returns.t_ns.push_back(origin.t_ns);
+    returns.intensity.push_back(0);
   }
   return returns;
 }

@@ -37,6 +37,7 @@ struct Ray {
   Eigen::Vector3f origin, direction;
   float range_m;
   std::int64_t t_ns;
+  std::uint16_t intensity;
 };
 
 /// The rays of one revolution; counts what is left out in `counts`.
@@ -78,8 +79,8 @@ std::vector<Ray> rays_of(const std::vector<LidarPoint>& points, const std::vecto
       continue;
     }
     const double range_m = (in_world - origin).norm();
-    rays.push_back(
-        {origin.cast<float>(), ((in_world - origin) / range_m).cast<float>(), static_cast<float>(range_m), point.t_ns});
+    rays.push_back({origin.cast<float>(), ((in_world - origin) / range_m).cast<float>(), static_cast<float>(range_m),
+                    point.t_ns, point.intensity});
   }
   return rays;
 }
@@ -122,6 +123,7 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene, 
   returns.direction.resize(3 * returns.n);
   returns.range_m.reserve(returns.n);
   returns.t_ns.reserve(returns.n);
+  returns.intensity.reserve(returns.n);
   for (const std::vector<Ray>& of_file : rays)
     for (const Ray& ray : of_file) {
       const std::size_t i = returns.range_m.size();
@@ -131,6 +133,7 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene, 
       }
       returns.range_m.push_back(ray.range_m);
       returns.t_ns.push_back(ray.t_ns);
+      returns.intensity.push_back(ray.intensity);
     }
   return returns;
 }

@@ -17,10 +17,11 @@ namespace redrive {
 /// Structure of arrays, as RayBatch; float is exact to 0.1 mm within 1 km of the first frame.
 struct LidarReturns {
   std::size_t n = 0;
-  std::vector<float> origin;       ///< [3, n] metres in the world: where the sensor was
-  std::vector<float> direction;    ///< [3, n] unit, in the world
-  std::vector<float> range_m;      ///< [n] > 0: the return is at origin + range_m direction
-  std::vector<std::int64_t> t_ns;  ///< [n] host clock, as the points lie in their files
+  std::vector<float> origin;             ///< [3, n] metres in the world: where the sensor was
+  std::vector<float> direction;          ///< [3, n] unit, in the world
+  std::vector<float> range_m;            ///< [n] > 0: the return is at origin + range_m direction
+  std::vector<std::int64_t> t_ns;        ///< [n] host clock, as the points lie in their files
+  std::vector<std::uint16_t> intensity;  ///< [n] of the sensor's own scale; a cloud has none: 0
 
   // Points left out, each counted under the first reason that holds.
   std::size_t repeated = 0;           ///< in the file before, too: neighbouring revolutions overlap

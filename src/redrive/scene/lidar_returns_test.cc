@@ -29,6 +29,7 @@ class LidarReturnsTest : public ::testing::Test {
     record.y = static_cast<std::int32_t>(std::lround(in_body.y() * 1000));
     record.z = static_cast<std::int32_t>(std::lround(in_body.z() * 1000));
     record.gps_time_bits = std::bit_cast<std::uint64_t>(static_cast<double>(t_ns));
+    record.intensity = static_cast<std::uint16_t>(t_ns / 1'000'000 % 250);
     return record;
   }
   Rigid3d world_from_body(std::int64_t t_ns) const {
@@ -65,6 +66,8 @@ TEST_F(LidarReturnsTest, WhatStandsStaysPut) {
   ASSERT_EQ(returns.n, 6u);
   ASSERT_EQ(returns.origin.size(), 18u);
   EXPECT_EQ(returns.t_ns, times);
+  ASSERT_EQ(returns.intensity.size(), times.size());
+  for (std::size_t i = 0; i < times.size(); ++i) EXPECT_EQ(returns.intensity[i], times[i] / 1'000'000 % 250);
   for (std::size_t i = 0; i < returns.n; ++i) {
     const Vector3d origin = at(returns.origin, 6, i), direction = at(returns.direction, 6, i);
     EXPECT_LT((origin - world_from_body(times[i]) * kSensor).norm(), 1e-5) << i;

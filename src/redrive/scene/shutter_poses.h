@@ -8,6 +8,9 @@
 
 namespace redrive {
 
+/// When row v of a picture (0 the middle of the first one) is exposed: 0 with the upper edge, 1 with the lower one.
+inline double row_part(double v, int height) { return (v + 0.5) / height; }
+
 class ShutterPoses {
  public:
   ShutterPoses(const Rigid3d& pose) : keys_{pose} {}  // NOLINT: a pose is what most pictures have
@@ -19,7 +22,7 @@ class ShutterPoses {
   /// 0 the upper edge, 1 the lower one; between two keys as recording/trajectory.h: straight on, and the shortest turn.
   Rigid3d at(double row) const;
   /// The middle of row y of a picture.
-  Rigid3d at_row(int y, int height) const { return rolls() ? at((y + 0.5) / height) : first(); }
+  Rigid3d at_row(int y, int height) const { return rolls() ? at(row_part(y, height)) : first(); }
 
  private:
   std::vector<Rigid3d> keys_;

@@ -179,10 +179,11 @@ std::vector<TrainField> make_fields() {
       list("rolling-shutter", &O::rolling_shutter,
            "MS or CAM:MS,CAM:MS: cameras read their rows one after another within so many ms, the time of an image "
            "being "
-           "its middle row's; below 0: from the lowest row up (default: as the calibration says, readout_s)"),
+           "its middle row's; below 0: from the lowest row up; estimate or CAM:estimate: --align finds it (default: as "
+           "the calibration says, readout_s)"),
       text("refine-poses", &O::refine_poses, {"auto", "on", "off"},
            "put right what the recording says of each frame's pose, each camera's place and time while training; auto: "
-           "of a drive by grid, but not with --truth-poses"),
+           "of a drive by grid, but not with --truth-poses; nerf does it if told to"),
       number("near", &O::near_m, Range<double>{0, kInfinite, true}, "first sample of a ray, metres"),
       number("far", &O::far_m, Range<double>{0, kInfinite, true}, "last sample of a ray, metres"),
       text("background", &O::background, {"", "white", "black", "random"},

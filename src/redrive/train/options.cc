@@ -12,6 +12,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/field/grid_field.h"
+#include "redrive/recording/readouts.h"
 
 namespace redrive {
 namespace {
@@ -115,10 +116,10 @@ void resolve_range(TrainOptions* options, const std::vector<std::string>& given,
 }
 
 bool refines_poses(const TrainOptions& options, const Scene& scene) {
-  const bool can = options.method == "grid" && scene.metric;
-  if (options.refine_poses == "on" && !can)
-    throw UsageError("--refine-poses", "on", "poses are refined by --method grid alone, and of drives alone");
-  return can && (options.refine_poses == "on" || (options.refine_poses == "auto" && !options.truth_poses));
+  if (options.refine_poses == "on" && !scene.metric)
+    throw UsageError("--refine-poses", "on", "poses are refined of drives alone, which have metres and a clock");
+  const bool by_default = options.method == "grid" && scene.metric && !options.truth_poses;
+  return options.refine_poses == "on" || (options.refine_poses == "auto" && by_default);
 }
 
 void validate(const TrainOptions& options) {
@@ -152,6 +153,9 @@ void validate(const TrainOptions& options) {
   if (options.truth_poses + options.align + !options.poses.empty() > 1)
     throw UsageError(options.align ? "--align" : "--poses", options.poses,
                      "--truth-poses, --poses and --align exclude each other");
+  if (estimates_readouts(options.rolling_shutter) && !options.align)
+    throw UsageError("--rolling-shutter", "estimate",
+                     "needs --align, which estimates; or redrive align --rolling-shutter estimate, then --poses");
   if (options.holdout_every == 1)
     throw UsageError("--holdout-every", "1", "would leave nothing to train on; 0 or 2 and more");
   parse_frames(options.frames);
@@ -173,30 +177,6 @@ void validate(const TrainOptions& options) {
                          std::to_string(kMaxBatchSamples) + " or less (memory)");
 }
 
-namespace {
-
-/// --rolling-shutter instead of what the calibration says.
-void set_readouts(const std::vector<std::string>& given, Recording* recording) {
-  for (const std::string& text : given) {
-    const std::size_t colon = text.rfind(':');
-    const std::string name = colon == std::string::npos ? "" : text.substr(0, colon);
-    const char* const begin = text.data() + (colon == std::string::npos ? 0 : colon + 1);
-    double ms = 0;
-    const auto [end, error] = std::from_chars(begin, text.data() + text.size(), ms);
-    if (error != std::errc() || end != text.data() + text.size() || !(std::abs(ms) <= 1e3 * kMostReadout_s))
-      throw UsageError("--rolling-shutter", text, "must be MS or CAM:MS with milliseconds in -200..200");
-    bool found = false;
-    for (RecordedCamera& camera : recording->cameras)
-      if (name.empty() || camera.calibration.name == name) {
-        camera.calibration.readout_ns = std::llround(1e6 * ms);
-        found = true;
-      }
-    if (!found) throw UsageError("--rolling-shutter", text, "the recording has no camera " + name + " with images");
-  }
-}
-
-}  // namespace
-
 Recording open_recording(const TrainOptions& options) {
   Recording recording =
       open_recording(options.recording, options.truth_poses ? PoseSource::kTruth : PoseSource::kGiven);
@@ -205,6 +185,12 @@ Recording open_recording(const TrainOptions& options) {
 }
 
 bool has_own_poses(const TrainOptions& options) { return options.align || !options.poses.empty(); }
+
+void use_own_poses(const PoseFiles& files, const std::filesystem::path& folder, const TrainOptions& options,
+                   Recording* recording) {
+  use_pose_files(files, folder, recording);
+  set_readouts(options.rolling_shutter, recording);
+}
 
 SceneOptions scene_options(const TrainOptions& options) {
   const FrameRange frames = parse_frames(options.frames);

@@ -12,6 +12,7 @@
 
 #include <nlohmann/json_fwd.hpp>
 
+#include "redrive/recording/pose_files.h"
 #include "redrive/scene/scene.h"
 
 namespace redrive {
@@ -29,9 +30,8 @@ struct TrainOptions {
   bool truth_poses = false;  ///< the exact poses and calibration that a made recording ships
   std::string
       poses;  ///< folder of other poses and another calibration (recording/pose_files.h); "": the recording's own
-  bool align = false;  ///< those that redrive align finds
-  std::vector<std::string>
-      rolling_shutter;  ///< "MS" for all cameras, or "CAM:MS" each: what the calibration does not say
+  bool align = false;                        ///< those that redrive align finds
+  std::vector<std::string> rolling_shutter;  ///< recording/readouts.h: what the calibration does not say
   std::string refine_poses =
       "auto";  ///< "auto", "on", "off": while training; auto: of a drive by grid, but not with truth_poses
   double near_m = 0.5, far_m = 1000;
@@ -91,8 +91,11 @@ SceneOptions scene_options(const TrainOptions& options);
 Recording open_recording(const TrainOptions& options);
 /// Whether a run keeps poses of its own beside the recording's: --poses or --align.
 bool has_own_poses(const TrainOptions& options);
+/// Those, put into the recording; readouts that --rolling-shutter gives count before theirs. InputError as use_pose_files.
+void use_own_poses(const PoseFiles& files, const std::filesystem::path& folder, const TrainOptions& options,
+                   Recording* recording);
 
-/// Whether poses are refined. UsageError where nothing can: --method nerf, photographs.
+/// Whether poses are refined. UsageError where they cannot be: of photographs.
 bool refines_poses(const TrainOptions& options, const Scene& scene);
 
 /// What --memory allows on a machine of so many bytes: bytes ("6000000000"), "6GiB", or a share ("70%"). UsageError.

@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
+#include "redrive/recording/readouts.h"
 
 namespace redrive {
 namespace {
@@ -314,6 +315,28 @@ TEST(TrainOptions, JsonThatDoesNotFitIsRefused) {
   EXPECT_THAT(what(nlohmann::json::array()), HasSubstr("config.json"));
 }
 
+TEST(Options, PosesAreRefinedOfDrivesByTheGridUnlessSaidOtherwise) {
+  Scene drive, photographs;
+  photographs.metric = false;
+  TrainOptions options;
+  for (const char* method : {"grid", "nerf"}) {
+    options.method = method;
+    const bool grid = options.method == "grid";
+    for (options.truth_poses = false;; options.truth_poses = true) {
+      options.refine_poses = "auto";
+      EXPECT_EQ(refines_poses(options, drive), grid && !options.truth_poses) << method;
+      EXPECT_FALSE(refines_poses(options, photographs));
+      options.refine_poses = "on";
+      EXPECT_TRUE(refines_poses(options, drive)) << method;
+      EXPECT_THROW(refines_poses(options, photographs), UsageError);
+      options.refine_poses = "off";
+      EXPECT_FALSE(refines_poses(options, drive));
+      EXPECT_FALSE(refines_poses(options, photographs));
+      if (options.truth_poses) break;
+    }
+  }
+}
+
 TEST(Options, RollingShutterIsOfAllCamerasOrOfEach) {
   TrainOptions options;
   options.recording = REDRIVE_SAMPLES "/analytic";
@@ -330,8 +353,52 @@ TEST(Options, RollingShutterIsOfAllCamerasOrOfEach) {
   std::vector<std::int64_t> one(cameras, 0);
   one.back() = -12'500'000;
   EXPECT_EQ(readouts({recording.cameras.back().calibration.name + ":-12.5"}), one);
-  for (const char* wrong : {"", "x", "30ms", "NONE:30", "201", "nan", ":"})
+  EXPECT_EQ(readouts({"30", recording.cameras.back().calibration.name + ":-12.5"}).back(), -12'500'000);
+  for (const char* wrong : {"", "x", "30ms", "NONE:30", "201", "nan", ":", "NONE:estimate", "estimated"})
     EXPECT_THROW(readouts({wrong}), UsageError) << wrong;
+}
+
+TEST(Options, RollingShutterIsEstimatedByAlign) {
+  Recording recording = open_recording(REDRIVE_SAMPLES "/analytic");
+  const std::string last = recording.cameras.back().calibration.name;
+  for (RecordedCamera& camera : recording.cameras) camera.calibration.readout_ns = 20'000'000;
+  const std::size_t n = recording.cameras.size();
+  ASSERT_GT(n, 1u);
+  EXPECT_EQ(set_readouts({"estimate"}, &recording), std::vector<bool>(n, true));
+  EXPECT_EQ(recording.cameras[0].calibration.readout_ns, 20'000'000) << "as the calibration says, to start from";
+  std::vector<bool> but_last(n, true);
+  but_last.back() = false;
+  EXPECT_EQ(set_readouts({"estimate", last + ":7"}, &recording), but_last);
+  EXPECT_EQ(recording.cameras.back().calibration.readout_ns, 7'000'000);
+  EXPECT_EQ(set_readouts({last + ":estimate"}, &recording)[n - 1], true);
+  EXPECT_EQ(set_readouts({last + ":9", "estimate"}, &recording), std::vector<bool>(n, true)) << "the last one counts";
+  EXPECT_EQ(recording.cameras.back().calibration.readout_ns, 7'000'000);
+
+  TrainOptions options;
+  options.recording = REDRIVE_SAMPLES "/analytic";
+  options.rolling_shutter = {"30", last + ":estimate"};
+  EXPECT_THROW(validate(options), UsageError) << "without --align";
+  options.align = true;
+  validate(options);
+}
+
+// What align estimated counts, but not before a readout that is given.
+TEST(Options, ReadoutsOfOwnPoses) {
+  TrainOptions options;
+  options.recording = REDRIVE_SAMPLES "/analytic";
+  options.align = true;
+  Recording recording = open_recording(options);
+  const std::string last = recording.cameras.back().calibration.name;
+  std::vector<CameraCalibration> aligned;
+  for (const RecordedCamera& camera : recording.cameras) {
+    aligned.push_back(camera.calibration);
+    aligned.back().readout_ns = 15'000'000;
+  }
+  const PoseFiles files = pose_files_of(recording, recording.frames, aligned);
+  options.rolling_shutter = {"estimate", last + ":7"};
+  use_own_poses(files, "aligned", options, &recording);
+  EXPECT_EQ(recording.cameras[0].calibration.readout_ns, 15'000'000);
+  EXPECT_EQ(recording.cameras.back().calibration.readout_ns, 7'000'000);
 }
 
 }  // namespace

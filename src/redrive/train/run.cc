@@ -166,7 +166,8 @@ Run open_run(const std::filesystem::path& root, bool to_resume) {
   if (!std::filesystem::is_directory(root, error)) throw InputError(root, "", "", "no such run folder");
   run.options = options_from_json(read_json(run.paths.config()), run.paths.config());
   run.recording = open_recording(run.options);
-  if (has_own_poses(run.options)) use_pose_files(read_pose_files(run.paths.poses()), run.paths.poses(), &run.recording);
+  if (has_own_poses(run.options))
+    use_own_poses(read_pose_files(run.paths.poses()), run.paths.poses(), run.options, &run.recording);
   run.scene = make_scene(run.recording, scene_options(run.options));
   const auto there = std::filesystem::status(run.paths.checkpoint(), error).type();
   if (to_resume && there == std::filesystem::file_type::not_found) {

@@ -55,8 +55,9 @@ class InterferingBackend : public kernels::Backend {
     inner_.nerf_forward(f, r, s, raw);
   }
   void nerf_backward(const kernels::NerfField& f, const kernels::Rays& r, const kernels::Samples& s,
-                     std::span<const float> d_raw, std::span<float> gradients) override {
-    inner_.nerf_backward(f, r, s, d_raw, gradients);
+                     std::span<const float> d_raw, std::span<float> gradients,
+                     const kernels::RayGradients& of_rays) override {
+    inner_.nerf_backward(f, r, s, d_raw, gradients, of_rays);
   }
   void composite_forward(int n, const kernels::Samples& s, std::span<const float> raw,
                          std::span<const float> background, const kernels::CompositeOut& out) override {
@@ -77,10 +78,10 @@ class InterferingBackend : public kernels::Backend {
     return loss;
   }
   double train_rays(const kernels::NerfField& f, const kernels::Rays& r, const kernels::Samples& s,
-                    std::span<const float> target, const kernels::CompositeOut& out,
-                    std::span<float> gradients) override {
+                    std::span<const float> target, const kernels::CompositeOut& out, std::span<float> gradients,
+                    const kernels::RayGradients& of_rays) override {
     if (step_ == what_.kill_at) throw Killed();
-    const double loss = inner_.train_rays(f, r, s, target, out, gradients);
+    const double loss = inner_.train_rays(f, r, s, target, out, gradients, of_rays);
     return step_ >= what_.nan_from && step_ < what_.nan_to ? std::numeric_limits<double>::quiet_NaN() : loss;
   }
   void adam(const AdamStep& step, std::span<float> gradients, std::span<float> parameters, std::span<float> first,

@@ -2,6 +2,7 @@
 #include "redrive/train/trainer.h"
 
 #include <fstream>
+#include <functional>
 #include <sstream>
 
 #include <gmock/gmock.h>
@@ -23,7 +24,37 @@ void kill_density(Run* run) {
   run->state.model->parameters[nerf_layer(nerf(run->state).config, kNerfDensity).bias] = -1e3f;
 }
 
-using TrainerTest = TrainingTest;
+class TrainerTest : public TrainingTest {
+ protected:
+  using RunNamed = std::function<redrive::Run(const char* name)>;
+
+  /// A run with checkpoints every 30 of 130 steps, which `trained` is, ends the same on one thread, and killed and interrupted on its way.
+  void expect_same_end(const redrive::Run& trained, const RunNamed& run_named) {
+    redrive::Run single = run_named("single"), parts = run_named("parts");
+    const auto expect_same = [&](const redrive::Run& other) {
+      EXPECT_EQ(curve(other), curve(trained));
+      EXPECT_TRUE(same_weights(other.state, trained.state));
+      EXPECT_EQ(other.state.poses.corrections.values, trained.state.poses.corrections.values);
+    };
+    train(&single, *kernels::make_backend({"auto", "auto", 1}), never_);
+    expect_same(single);
+    for (const std::int64_t at : {37, 20}) {
+      train_until_killed(&parts, at);
+      parts = reopened(parts);
+    }
+    Interference interference{.stop_after = 12};  // between checkpoints
+    InterferingBackend backend(*backend_, &interference);
+    EXPECT_EQ(train(&parts, backend, interference.stop), TrainEnd::kInterrupted);
+    parts = reopened(parts);
+    EXPECT_EQ(parts.state.step, 43);
+    train(&parts, *backend_, never_);
+    expect_same(parts);
+  }
+
+  static bool moved_any(const PoseCorrections& corrections) {
+    return std::ranges::any_of(corrections.values, [](float value) { return std::abs(value) > 1e-4f; });
+  }
+};
 
 TEST_F(TrainerTest, LossFallsAndTheRunFolderIsComplete) {
   redrive::Run run = run_named("run", tiny_options(600));
@@ -94,32 +125,28 @@ TEST_F(TrainerTest, KilledAndResumedEndsAsUninterrupted) {
 TEST_F(TrainerTest, AGridThatFollowsErrorsAndPosesEndsTheSameOnAnyThreadsAndWhenKilled) {
   TrainOptions options = tiny_options(130);
   options.checkpoint_every = 30;
-  const auto grid_run = [&](const char* name) { return tiny_grid_run(folder_.path / name, folder_.path, options); };
-  redrive::Run whole = grid_run("whole"), single = grid_run("single"), parts = grid_run("parts");
+  const RunNamed grid_run = [&](const char* name) { return tiny_grid_run(folder_.path / name, folder_.path, options); };
+  redrive::Run whole = grid_run("whole");
   train(&whole, *backend_, never_);
   EXPECT_EQ(whole.state.rays_drawn, 130u * 32);
   const auto best = std::ranges::min_element(whole.state.cell_errors);
   EXPECT_LT(*best, 0.1f * kUnseenError);
   EXPECT_GE(*best, 0);
-  const std::vector<float>& poses = whole.state.poses.corrections.values;
-  EXPECT_TRUE(std::ranges::any_of(poses, [](float value) { return std::abs(value) > 1e-4f; })) << "none was moved";
-  train(&single, *kernels::make_backend({"auto", "auto", 1}), never_);
-  EXPECT_EQ(curve(single), curve(whole));
-  EXPECT_TRUE(same_weights(single.state, whole.state));
-  EXPECT_EQ(single.state.poses.corrections.values, poses);
-  for (const std::int64_t at : {37, 20}) {
-    train_until_killed(&parts, at);
-    parts = reopened(parts);
-  }
-  Interference interference{.stop_after = 12};  // between checkpoints
-  InterferingBackend backend(*backend_, &interference);
-  EXPECT_EQ(train(&parts, backend, interference.stop), TrainEnd::kInterrupted);
-  parts = reopened(parts);
-  EXPECT_EQ(parts.state.step, 43);
-  train(&parts, *backend_, never_);
-  EXPECT_EQ(curve(parts), curve(whole));
-  EXPECT_TRUE(same_weights(parts.state, whole.state));
-  EXPECT_EQ(parts.state.poses.corrections.values, poses);
+  EXPECT_TRUE(moved_any(whole.state.poses.corrections));
+  expect_same_end(whole, grid_run);
+}
+
+TEST_F(TrainerTest, ANerfThatFollowsPosesEndsTheSameOnAnyThreadsAndWhenKilled) {
+  TrainOptions options = tiny_options(130);
+  options.checkpoint_every = 30;
+  options.fine_samples = 6;
+  EXPECT_FALSE(run_named("not asked to", options).state.poses.refines());
+  options.refine_poses = "on";
+  const RunNamed nerf_run = [&](const char* name) { return run_named(name, options); };
+  redrive::Run whole = nerf_run("whole");
+  train(&whole, *backend_, never_);
+  EXPECT_TRUE(moved_any(whole.state.poses.corrections));
+  expect_same_end(whole, nerf_run);
 }
 
 TEST_F(TrainerTest, ARestartForgetsTheErrors) {

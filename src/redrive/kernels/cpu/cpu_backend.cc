@@ -35,7 +35,7 @@ std::unique_ptr<NerfNetwork> make_network(Isa isa, const NerfConfig& config) {
 
 /// What a lane needs for one tile.
 struct LaneMemory {
-  Buffer<float> position, direction, raw, d_raw, d_rgb, composite;
+  Buffer<float> position, direction, raw, d_raw, d_rgb, d_position, composite;
 
   LaneMemory(int max_rays, int per_ray)
       : position(3 * static_cast<std::size_t>(max_rays) * per_ray),
@@ -43,6 +43,7 @@ struct LaneMemory {
         raw(4 * static_cast<std::size_t>(max_rays) * per_ray),
         d_raw(raw.size()),
         d_rgb(direction.size()),
+        d_position(position.size()),
         composite(composite_scratch(per_ray)) {}
 };
 
@@ -103,9 +104,10 @@ class CpuBackend final : public Backend {
   }
 
   void nerf_backward(const NerfField& field, const Rays& rays, const Samples& samples, std::span<const float> d_raw,
-                     std::span<float> gradients) override {
+                     std::span<float> gradients, const RayGradients& of_rays) override {
     check_field(field, rays, samples);
     check_raw(rays.n, samples, d_raw.size());
+    check_ray_gradients(rays.n, of_rays);
     REDRIVE_CHECK_OP(gradients.size(), ==, field.parameters.size());
     Engine& engine = prepare(field, samples.per_ray);
     const int stride = static_cast<int>(sample_count(rays.n, samples));
@@ -113,7 +115,8 @@ class CpuBackend final : public Backend {
     for_each_tile(engine, rays.n, [&](int lane, RayRange tile) {
       forward_tile(engine, lane, field, rays, samples, tile, true, engine.memory[lane].raw.data(),
                    tile.n * samples.per_ray);
-      engine.lanes[lane]->backward(d_raw.data() + first_sample(tile, samples), stride);
+      backward_tile(engine, lane, field, rays.n, samples, tile, d_raw.data() + first_sample(tile, samples), stride,
+                    of_rays);
     });
     engine.network->reduce(engine.lanes, gradients, pool_);
   }
@@ -185,9 +188,10 @@ class CpuBackend final : public Backend {
   GridStages& grid() override { return *grid_; }
 
   double train_rays(const NerfField& field, const Rays& rays, const Samples& samples, std::span<const float> target,
-                    const CompositeOut& out, std::span<float> gradients) override {
+                    const CompositeOut& out, std::span<float> gradients, const RayGradients& of_rays) override {
     check_field(field, rays, samples);
     check_composite(rays.n, samples, out);
+    check_ray_gradients(rays.n, of_rays);
     check_photometric(out.rgb.size(), target.size(), out.rgb.size());
     REDRIVE_CHECK_OP(gradients.size(), ==, field.parameters.size());
     Engine& engine = prepare(field, samples.per_ray);
@@ -212,7 +216,7 @@ class CpuBackend final : public Backend {
                                    .d_raw = memory.d_raw.data(),
                                    .d_raw_stride = static_cast<std::size_t>(stride)},
                                   memory.composite.data());
-      engine.lanes[lane]->backward(memory.d_raw.data(), stride);
+      backward_tile(engine, lane, field, rays.n, samples, tile, memory.d_raw.data(), stride, of_rays);
     });
     engine.network->reduce(engine.lanes, gradients, pool_);
     double loss = 0;
@@ -332,6 +336,18 @@ class CpuBackend final : public Backend {
                                  .position = memory.position.data(),
                                  .direction = memory.direction.data()},
                                 keep, raw, stride);
+  }
+
+  /// The adjoint of forward_tile: adds to the lane's gradients and, where they are wanted, to those of the tile's rays.
+  static void backward_tile(Engine& engine, int lane, const NerfField& field, int n_rays, const Samples& samples,
+                            RayRange tile, const float* d_raw, int stride, const RayGradients& of_rays) {
+    float* d_position = of_rays.wanted() ? engine.memory[lane].d_position.data() : nullptr;
+    engine.lanes[lane]->backward(d_raw, stride, d_position);
+    if (!of_rays.wanted()) return;
+    const std::size_t of_tile = static_cast<std::size_t>(tile.n) * samples.per_ray;
+    for (int ray = 0; ray < tile.n; ++ray)
+      add_ray_gradient(field.unit_from_world, n_rays, samples, tile.first + ray,
+                       d_position + static_cast<std::size_t>(ray) * samples.per_ray, of_tile, of_rays);
   }
 
   static constexpr std::size_t kMaxEngines = 4;  // coarse and fine, each for training and rendering

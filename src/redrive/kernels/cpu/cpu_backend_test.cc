@@ -43,10 +43,17 @@ struct Batch {
 
 struct Result {
   double loss = 0;
-  std::vector<float> rgb, depth, opacity, weights, gradients;
+  std::vector<float> rgb, depth, opacity, weights, gradients, d_origin, d_direction;
   explicit Result(const Batch& b)
-      : rgb(3 * b.n_rays), depth(b.n_rays), opacity(b.n_rays), weights(b.t.size()), gradients(b.parameters.size()) {}
+      : rgb(3 * b.n_rays),
+        depth(b.n_rays),
+        opacity(b.n_rays),
+        weights(b.t.size()),
+        gradients(b.parameters.size()),
+        d_origin(rgb.size()),
+        d_direction(rgb.size()) {}
   CompositeOut out() { return {rgb, depth, opacity, weights}; }
+  RayGradients of_rays() { return {d_origin, d_direction}; }
 };
 
 class CpuBackendTest : public testing::TestWithParam<Isa> {
@@ -60,19 +67,21 @@ TEST_P(CpuBackendTest, SameBitsWhateverTheThreads) {
   const auto one = make_cpu_backend(GetParam(), 1);
   const Batch batch(101, 24, *one);
   Result expected(batch);
-  expected.loss =
-      one->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, expected.out(), expected.gradients);
+  expected.loss = one->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, expected.out(),
+                                  expected.gradients, expected.of_rays());
   for (const int threads : {1, 2, 5}) {
     const auto backend = make_cpu_backend(GetParam(), threads);
     for (int repeat = 0; repeat < 2; ++repeat) {
       Result result(batch);
       result.loss = backend->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, result.out(),
-                                        result.gradients);
+                                        result.gradients, result.of_rays());
       EXPECT_EQ(result.loss, expected.loss);
       EXPECT_EQ(result.rgb, expected.rgb);
       EXPECT_EQ(result.depth, expected.depth);
       EXPECT_EQ(result.weights, expected.weights);
       EXPECT_EQ(result.gradients, expected.gradients);
+      EXPECT_EQ(result.d_origin, expected.d_origin);
+      EXPECT_EQ(result.d_direction, expected.d_direction);
     }
   }
 }
@@ -83,16 +92,21 @@ TEST_P(CpuBackendTest, FusedStagesAreTheCompositionOfThePlainOnes) {
   for (const auto& [n_rays, per_ray] : {std::pair{1, 3}, {37, 48}, {2, 1100}}) {
     SCOPED_TRACE(testing::Message() << n_rays << " x " << per_ray);
     const Batch batch(n_rays, per_ray, *backend);
-    Result fused(batch), plain(batch), rendered(batch);
-    fused.loss =
-        backend->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, fused.out(), fused.gradients);
+    Result fused(batch), plain(batch), rendered(batch), of_field(batch);
+    fused.loss = backend->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, fused.out(),
+                                     fused.gradients, fused.of_rays());
     plain.loss = backend->Backend::train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, plain.out(),
-                                              plain.gradients);
+                                              plain.gradients, plain.of_rays());
+    of_field.loss = backend->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, of_field.out(),
+                                        of_field.gradients, {});
     // The same kernels on the same tiles: only the loss is summed in another order.
     EXPECT_NEAR(fused.loss, plain.loss, 3 * n_rays * 0x1p-52 * plain.loss);
     EXPECT_EQ(fused.rgb, plain.rgb);
     EXPECT_EQ(fused.weights, plain.weights);
     EXPECT_EQ(fused.gradients, plain.gradients);
+    EXPECT_EQ(fused.d_origin, plain.d_origin);
+    EXPECT_EQ(fused.d_direction, plain.d_direction);
+    EXPECT_EQ(fused.gradients, of_field.gradients) << "rays' derivatives change nothing of it";
     backend->render_rays(batch.field(), batch.rays(), batch.samples(), rendered.out());
     EXPECT_EQ(rendered.rgb, plain.rgb);
     EXPECT_EQ(rendered.depth, plain.depth);
@@ -132,10 +146,10 @@ TEST_P(CpuBackendTest, GradientsAreAddedToWhatIsThere) {
   const auto backend = make_cpu_backend(GetParam(), 1);
   const Batch batch(5, 7, *backend);
   Result once(batch), twice(batch);
-  backend->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, once.out(), once.gradients);
+  backend->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, once.out(), once.gradients, {});
   double norm = 0, error = 0;
   for (int i = 0; i < 2; ++i)
-    backend->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, twice.out(), twice.gradients);
+    backend->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, twice.out(), twice.gradients, {});
   for (std::size_t i = 0; i < once.gradients.size(); ++i) {
     norm += once.gradients[i] * once.gradients[i];
     error += std::pow(twice.gradients[i] - 2.0 * once.gradients[i], 2);

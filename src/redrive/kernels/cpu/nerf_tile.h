@@ -31,8 +31,8 @@ class NerfLane {
   /// raw [4, stride]: r, g, b, density of sample i at raw[k * stride + i], linear outputs. `keep`: backward follows.
   virtual void forward(const NerfTile& tile, bool keep, float* raw, int stride) = 0;
   /// Adjoint of the last forward(keep = true): adds to the lane's gradients. d_raw as raw. Samples past tile.samples()
-  /// contribute nothing.
-  virtual void backward(const float* d_raw, int stride) = 0;
+  /// contribute nothing. d_position [3, tile.samples()], unless null: d loss / d position, written (it costs two more products).
+  virtual void backward(const float* d_raw, int stride, float* d_position) = 0;
 };
 
 class NerfNetwork {

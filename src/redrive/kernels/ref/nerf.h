@@ -82,18 +82,23 @@ void nerf_sample_forward(const NerfConfig& config, const T* parameters, const T 
 }
 
 /// Adds d loss / d parameters of this sample to `gradients`, given d_raw = d loss / d raw and the activations of its
-/// forward pass. Inputs (position, direction) get no gradient: cameras and rays are fixed.
+/// forward pass. d_position [3], unless null: d loss / d position, written. What the colour changes with the direction is left out.
 template <class T>
 void nerf_sample_adjoint(const NerfConfig& config, const T* parameters, const NerfActivations<T>& a, const T d_raw[4],
-                         T* gradients) {
+                         T* gradients, T* d_position = nullptr) {
   std::vector<T> d = nerf_layer_adjoint(config, kNerfRgb, parameters, a, {d_raw[0], d_raw[1], d_raw[2]}, gradients);
   d = nerf_layer_adjoint(config, kNerfColour, parameters, a, std::move(d), gradients);  // of [feature, gamma(d)]
   d = nerf_layer_adjoint(config, kNerfFeature, parameters, a, std::move(d), gradients);
   const std::vector<T> of_density = nerf_layer_adjoint(config, kNerfDensity, parameters, a, {d_raw[3]}, gradients);
   for (int i = 0; i < config.width; ++i) d[i] += of_density[i];
-  // At the skip the first `width` entries of d belong to h, the rest to gamma(x) and is read by nobody.
-  for (int layer = kNerfHidden - 1; layer >= 0; --layer)
+  std::vector<T> d_gamma(encoded_size(config.position_octaves), T(0));
+  for (int layer = kNerfHidden - 1; layer >= 0; --layer) {
     d = nerf_layer_adjoint(config, layer, parameters, a, std::move(d), gradients);
+    // At the skip the first `width` entries of d belong to h, the rest to gamma(x), whose first layer 0 has.
+    if (layer == kNerfSkip || layer == 0)
+      for (std::size_t i = 0; i < d_gamma.size(); ++i) d_gamma[i] += d[d.size() - d_gamma.size() + i];
+  }
+  if (d_position) positional_encoding_adjoint(a.input[0].data(), config.position_octaves, d_gamma.data(), d_position);
 }
 
 }  // namespace redrive::kernels::ref

@@ -87,20 +87,25 @@ class RefBackend final : public Backend {
   }
 
   void nerf_backward(const NerfField& field, const Rays& rays, const Samples& samples, std::span<const float> d_raw,
-                     std::span<float> gradients) override {
+                     std::span<float> gradients, const RayGradients& of_rays) override {
     check_field(field, rays, samples);
     check_raw(rays.n, samples, d_raw.size());
+    check_ray_gradients(rays.n, of_rays);
     REDRIVE_CHECK_OP(gradients.size(), ==, field.parameters.size());
     const std::vector<double> parameters(field.parameters.begin(), field.parameters.end());
-    std::vector<double> sums(gradients.size());
-    const std::size_t n_samples = sample_count(rays.n, samples);
+    const std::size_t n_samples = sample_count(rays.n, samples), per_ray = samples.per_ray;
+    std::vector<double> sums(gradients.size()), d_position(3 * per_ray);  // the latter of one ray
     ref::NerfActivations<double> activations;
     for (std::size_t i = 0; i < n_samples; ++i) {
-      const FieldPoint point(field.unit_from_world, rays, static_cast<int>(i / samples.per_ray), samples.t[i]);
-      double raw[4], d[4];
+      const int ray = static_cast<int>(i / per_ray);
+      const FieldPoint point(field.unit_from_world, rays, ray, samples.t[i]);
+      double raw[4], d[4], d_point[3];
       for (int k = 0; k < 4; ++k) d[k] = d_raw[k * n_samples + i];
       ref::nerf_sample_forward(field.config, parameters.data(), point.position, point.direction, &activations, raw);
-      ref::nerf_sample_adjoint(field.config, parameters.data(), activations, d, sums.data());
+      ref::nerf_sample_adjoint(field.config, parameters.data(), activations, d, sums.data(), d_point);
+      for (int k = 0; k < 3; ++k) d_position[k * per_ray + i % per_ray] = d_point[k];
+      if (of_rays.wanted() && i % per_ray == per_ray - 1)
+        add_ray_gradient(field.unit_from_world, rays.n, samples, ray, d_position.data(), per_ray, of_rays);
     }
     for (std::size_t i = 0; i < sums.size(); ++i) gradients[i] = static_cast<float>(gradients[i] + sums[i]);
   }

@@ -46,10 +46,11 @@ struct Batch {
   NerfField field() const { return {config, unit_from_world, parameters}; }
 
   /// Loss and gradients of the backend.
-  double train(std::vector<float>* gradients, std::vector<float>* rgb_out = nullptr) const {
+  double train(std::vector<float>* gradients, std::vector<float>* rgb_out = nullptr,
+               const RayGradients& of_rays = {}) const {
     std::vector<float> rgb(3 * kRays), depth(kRays), opacity(kRays);
-    const double loss =
-        make_ref_backend()->train_rays(field(), rays(), samples(), target, {rgb, depth, opacity, {}}, *gradients);
+    const double loss = make_ref_backend()->train_rays(field(), rays(), samples(), target, {rgb, depth, opacity, {}},
+                                                       *gradients, of_rays);
     if (rgb_out) *rgb_out = rgb;
     return loss;
   }
@@ -57,6 +58,13 @@ struct Batch {
   /// The same loss on any scalar type, in one piece. `open` receives which ReLUs are open.
   template <class T>
   T loss(const std::vector<T>& p, std::vector<bool>* open = nullptr) const {
+    return loss(p, std::vector<T>(origin.begin(), origin.end()), std::vector<T>(direction.begin(), direction.end()),
+                open);
+  }
+  /// The same of rays from and along others; what they show is seen from where the batch's own look.
+  template <class T>
+  T loss(const std::vector<T>& p, const std::vector<T>& from, const std::vector<T>& towards,
+         std::vector<bool>* open = nullptr) const {
     T sum(0);
     ref::NerfActivations<T> activations;
     for (int ray = 0; ray < kRays; ++ray) {
@@ -64,10 +72,10 @@ struct Batch {
       for (int s = 0; s < kPerRay; ++s) {
         T x[3], d[3], out[4];
         for (int k = 0; k < 3; ++k) {
-          const double along = direction[k * kRays + ray];
-          d[k] = along;
-          x[k] = (origin[k * kRays + ray] + t[ray * kPerRay + s] * along - unit_from_world.center[k]) *
-                 unit_from_world.scale;
+          const std::size_t at = k * kRays + ray;
+          d[k] = direction[at];
+          x[k] = (from[at] + T(t[ray * kPerRay + s]) * towards[at] - T(unit_from_world.center[k])) *
+                 T(unit_from_world.scale);
         }
         ref::nerf_sample_forward(config, p.data(), x, d, &activations, out);
         for (int k = 0; k < 4; ++k) raw[k * kPerRay + s] = out[k];
@@ -107,6 +115,34 @@ TEST(RefBackend, GradientOfTheComposedStepAgreesWithDualNumbersInEveryTensor) {
     EXPECT_GT(scale, 0) << tensor.name << ": nothing tested";
     EXPECT_NEAR(batch.loss(dual).d[0], expected, scale * kStageRounding) << tensor.name;
   }
+}
+
+TEST(RefBackend, DerivativesByRaysAgreeWithDualNumbers) {
+  constexpr int kNumbers = 3 * Batch::kRays;
+  using D = Dual<double, 2 * kNumbers>;
+  const Batch batch;
+  std::vector<float> gradients(batch.parameters.size()), plain(gradients), d_origin(kNumbers), d_direction(kNumbers);
+  const double loss = batch.train(&gradients, nullptr, {d_origin, d_direction});
+  EXPECT_EQ(loss, batch.train(&plain));
+  EXPECT_EQ(gradients, plain) << "of the parameters it changes nothing";
+  std::vector<D> origin, direction;
+  for (int i = 0; i < kNumbers; ++i) {
+    origin.push_back(D::variable(batch.origin[i], i));
+    direction.push_back(D::variable(batch.direction[i], kNumbers + i));
+  }
+  const D expected = batch.loss(std::vector<D>(batch.parameters.begin(), batch.parameters.end()), origin, direction);
+  double largest[2] = {0, 0};
+  for (int i = 0; i < 2 * kNumbers; ++i)
+    largest[i / kNumbers] = std::max(largest[i / kNumbers], std::abs(expected.d[i]));
+  EXPECT_GT(largest[0], 1e-4) << "nothing tested";
+  EXPECT_GT(largest[1], 1e-4) << "nothing tested";
+  for (int i = 0; i < kNumbers; ++i) {
+    EXPECT_NEAR(d_origin[i], expected.d[i], 4 * largest[0] * kStageRounding) << i;
+    EXPECT_NEAR(d_direction[i], expected.d[kNumbers + i], 4 * largest[1] * kStageRounding) << i;
+  }
+  batch.train(&gradients, nullptr, {d_origin, d_direction});
+  for (int i = 0; i < kNumbers; ++i)
+    EXPECT_NEAR(d_origin[i], 2 * expected.d[i], 8 * largest[0] * kStageRounding) << "added to what is there";
 }
 
 TEST(RefBackend, GradientOfTheComposedStepAgreesWithDifferences) {
@@ -168,7 +204,11 @@ TEST(RefBackend, SizesAreChecked) {
   const auto backend = make_ref_backend();
   std::vector<float> raw(4 * batch.t.size()), few(7), gradients(batch.parameters.size());
   EXPECT_THROW(backend->nerf_forward(batch.field(), batch.rays(), batch.samples(), few), std::logic_error);
-  EXPECT_THROW(backend->nerf_backward(batch.field(), batch.rays(), batch.samples(), raw, few), std::logic_error);
+  EXPECT_THROW(backend->nerf_backward(batch.field(), batch.rays(), batch.samples(), raw, few, {}), std::logic_error);
+  EXPECT_THROW(backend->nerf_backward(batch.field(), batch.rays(), batch.samples(), raw, gradients, {few, few}),
+               std::logic_error);
+  EXPECT_THROW(backend->nerf_backward(batch.field(), batch.rays(), batch.samples(), raw, gradients, {{}, few}),
+               std::logic_error);
   NerfField field = batch.field();
   field.parameters = few;
   EXPECT_THROW(backend->nerf_forward(field, batch.rays(), batch.samples(), raw), std::logic_error);

@@ -92,6 +92,44 @@ inline void encode_positions(const Plan& plan, const LaneMemory& memory, const f
   }
 }
 
+/// The adjoint of gamma(x) (field/positional_encoding.h positional_encoding_adjoint), its sines and cosines as the network saw them
+/// (memory.position_keep), of the sum of memory.d_gamma. d_position [3, samples].
+inline void encode_positions_adjoint(const Plan& plan, const LaneMemory& memory, int samples, float* d_position) {
+  constexpr int kMaxRows = 64;
+  alignas(64) float d_code[kMaxRows * 16];
+  const int blocks = plan.position_blocks, octaves = plan.position_octaves, n = (samples + kBlock - 1) / kBlock;
+  for (int first = 0; first < samples; first += 16) {
+    const int b = first / kBlock, half = first / 16 % 2;
+    for (int column = 0; column < 2 * blocks; ++column) {  // 16 rows of gamma
+      const std::ptrdiff_t at =
+          std::ptrdiff_t(b * blocks + column / 2) * kBlockSize + (2 * half + column % 2) * kTileFloats;
+      __m512 v[16];
+      for (int r = 0; r < 16; ++r)
+        v[r] = _mm512_add_ps(_mm512_load_ps(memory.d_gamma[0] + at + r * 16),
+                             _mm512_load_ps(memory.d_gamma[1] + at + r * 16));
+      transpose_16x16(v);
+      for (int r = 0; r < 16; ++r) _mm512_store_ps(d_code + (column * 16 + r) * 16, v[r]);
+    }
+    const auto code = [&](int row) {
+      const Bf16* kept =
+          memory.position_keep + std::ptrdiff_t(row / kBlock * n + b) * kBlockSize + row % kBlock * kBlock;
+      const __m256i bits = _mm256_load_si256(reinterpret_cast<const __m256i*>(kept + 16 * half));
+      return (__m512)_mm512_slli_epi32(_mm512_cvtepu16_epi32(bits), 16);
+    };
+    for (int d = 0; d < 3; ++d) {
+      __m512 sum = _mm512_load_ps(d_code + d * 16);
+      float frequency = 3.14159265358979f;
+      for (int l = 0; l < octaves; ++l, frequency *= 2) {
+        const int sine = 3 + 2 * (d * octaves + l), cosine = sine + 1;
+        const __m512 turn = _mm512_fmsub_ps(code(cosine), _mm512_load_ps(d_code + sine * 16),
+                                            _mm512_mul_ps(code(sine), _mm512_load_ps(d_code + cosine * 16)));
+        sum = _mm512_fmadd_ps(_mm512_set1_ps(frequency), turn, sum);
+      }
+      _mm512_mask_storeu_ps(d_position + std::ptrdiff_t(d) * samples + first, first_lanes(samples - first), sum);
+    }
+  }
+}
+
 /// gamma(d), once per ray, then spread over its samples: memory.ray_code holds a row of 32 bf16 per ray.
 inline void encode_directions(const Plan& plan, const LaneMemory& memory, const TileInput& tile, bool keep) {
   alignas(64) float code[kBlock * 16];

@@ -15,6 +15,7 @@ enum class Epilogue {
   kReluKeep,        ///< forward, hidden layer: next, keep, mask
   kRelu,            ///< forward without a backward pass to follow: next only
   kMaskedGradient,  ///< backward into a ReLU layer: next, keep, d_bias
+  kInputGradient,   ///< backward into the network's inputs: the C blocks themselves
   kHead             ///< forward, fp32 outputs: rgb and density
 };
 
@@ -25,6 +26,8 @@ struct PassOutput {
   Bf16* keep = nullptr;           ///< [out_blocks][n_blocks]
   std::uint32_t* mask = nullptr;  ///< [out_blocks][n_blocks][32]
   float* d_bias = nullptr;        ///< [out_blocks][32]
+  float* c = nullptr;             ///< [n_blocks][out_blocks] C blocks
+  int c_stride = 0;               ///< out_blocks
   float* head = nullptr;          ///< row r of the only output block at head + r * head_stride, samples < head_samples
   std::ptrdiff_t head_stride = 0;
   int head_rows = 0, head_samples = 0;
@@ -35,8 +38,9 @@ template <Epilogue kind>
 class Pending {
  public:
   static constexpr bool kActivates = kind == Epilogue::kReluKeep || kind == Epilogue::kRelu;
-  static constexpr bool kBackward = kind == Epilogue::kMaskedGradient;
-  static constexpr bool kKeeps = kBackward || kind == Epilogue::kReluKeep;
+  static constexpr bool kMasked = kind == Epilogue::kMaskedGradient;
+  static constexpr bool kBackward = kMasked || kind == Epilogue::kInputGradient;  ///< rows are samples
+  static constexpr bool kKeeps = kMasked || kind == Epilogue::kReluKeep;
 
   Pending(const PassOutput& output, int n_blocks, const float* c) : output_(output), n_blocks_(n_blocks), c_(c) {}
 
@@ -53,15 +57,17 @@ class Pending {
       head_ = output_.head + std::ptrdiff_t(n) * kBlock;
       valid0_ = first_lanes(output_.head_samples - n * kBlock);
       valid1_ = first_lanes(output_.head_samples - n * kBlock - 16);
+    } else if constexpr (kind == Epilogue::kInputGradient) {
+      to_ = output_.c + (std::ptrdiff_t(n) * output_.c_stride + ob) * kBlockSize;
     } else {
       Bf16* next = output_.next + (std::ptrdiff_t(n) * output_.next_stride + ob) * kBlockSize;
       Bf16* keep = const_cast<Bf16*>(keep_of(ob, n));
-      pairs_ = kBackward ? keep : next;
-      rows_ = kBackward ? next : keep;
-      if constexpr (kind == Epilogue::kReluKeep || kind == Epilogue::kMaskedGradient) {
+      pairs_ = kMasked ? keep : next;
+      rows_ = kMasked ? next : keep;
+      if constexpr (kKeeps) {
         mask_ = output_.mask + (std::ptrdiff_t(ob) * n_blocks_ + n) * kBlock;
       }
-      if constexpr (kBackward) d_bias_ = output_.d_bias + std::ptrdiff_t(ob) * kBlock;
+      if constexpr (kMasked) d_bias_ = output_.d_bias + std::ptrdiff_t(ob) * kBlock;
     }
   }
 
@@ -78,20 +84,28 @@ class Pending {
         store_head(r + 1, odd0, odd1);
         continue;
       }
+      if constexpr (kind == Epilogue::kInputGradient) {
+        float* to = to_ + (c - c_);
+        _mm512_store_ps(to, even0);
+        _mm512_store_ps(to + 16, odd0);
+        _mm512_store_ps(to + kTileFloats, even1);
+        _mm512_store_ps(to + kTileFloats + 16, odd1);
+        continue;
+      }
       if constexpr (kActivates) {  // max(0, NaN) = NaN: the second operand is returned
         even0 = _mm512_max_ps(zero, even0);
         even1 = _mm512_max_ps(zero, even1);
         odd0 = _mm512_max_ps(zero, odd0);
         odd1 = _mm512_max_ps(zero, odd1);
       }
-      if constexpr (kind == Epilogue::kMaskedGradient) {
+      if constexpr (kMasked) {
         const std::uint32_t even = mask_[r], odd = mask_[r + 1];
         even0 = _mm512_maskz_mov_ps(static_cast<__mmask16>(even), even0);
         even1 = _mm512_maskz_mov_ps(static_cast<__mmask16>(even >> 16), even1);
         odd0 = _mm512_maskz_mov_ps(static_cast<__mmask16>(odd), odd0);
         odd1 = _mm512_maskz_mov_ps(static_cast<__mmask16>(odd >> 16), odd1);
       }
-      if constexpr (kBackward) {
+      if constexpr (kMasked) {
         sum0 = _mm512_add_ps(sum0, _mm512_add_ps(even0, odd0));
         sum1 = _mm512_add_ps(sum1, _mm512_add_ps(even1, odd1));
       }
@@ -108,7 +122,7 @@ class Pending {
       store(pairs_ + r / 2 * kBlock, to_bf16_pairs(even0, odd0));
       store(pairs_ + kTileSize + r / 2 * kBlock, to_bf16_pairs(even1, odd1));
     }
-    if constexpr (kBackward) {
+    if constexpr (kMasked) {
       _mm512_store_ps(d_bias_, _mm512_add_ps(_mm512_load_ps(d_bias_), sum0));
       _mm512_store_ps(d_bias_ + 16, _mm512_add_ps(_mm512_load_ps(d_bias_ + 16), sum1));
     }
@@ -132,7 +146,7 @@ class Pending {
   Bf16 *rows_ = nullptr, *pairs_ = nullptr;
   std::uint32_t* mask_ = nullptr;
   float* d_bias_ = nullptr;
-  float* head_ = nullptr;
+  float *head_ = nullptr, *to_ = nullptr;
   __mmask16 valid0_ = 0, valid1_ = 0;
 };
 

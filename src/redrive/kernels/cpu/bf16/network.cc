@@ -53,6 +53,7 @@ LaneMemory carve(const Plan& plan, int n, Carver& carver) {
   }
   memory.d_rgb_next = carver.take<Bf16>(block);
   memory.d_rgb_keep = carver.take<Bf16>(block);
+  for (float*& d_gamma : memory.d_gamma) d_gamma = carver.take<float>(block * plan.position_blocks);
   memory.d_weight =
       carver.take<float>(plan.d_weight_size + kBlockSize);  // the prefetch of "the next block" stays inside
   memory.d_bias = carver.take<float>(plan.d_bias_size);
@@ -78,6 +79,7 @@ Plan make_plan(const NerfConfig& config) {
     layer.in_blocks = i == 0 ? plan.position_blocks : i == kRgb ? plan.colour_blocks : plan.width_blocks;
     layer.extra_blocks = i == kNerfSkip ? plan.position_blocks : i == kColour ? plan.direction_blocks : 0;
     layer.k_blocks = layer.in_blocks + layer.extra_blocks;
+    layer.backward_blocks = i == kColour ? layer.in_blocks : layer.k_blocks;
     layer.out_blocks = i == kRgb ? 1 : i == kColour ? plan.colour_blocks + 1 : plan.width_blocks;
     layer.forward = plan.packed_size;
     plan.packed_size += static_cast<std::size_t>(layer.out_blocks) * layer.k_blocks * kBlockSize;
@@ -88,9 +90,9 @@ Plan make_plan(const NerfConfig& config) {
     layer.d_bias = plan.d_bias_size;
     plan.d_bias_size += static_cast<std::size_t>(layer.out_blocks) * kBlock;
   }
-  for (int i = 1; i < kPlanLayers; ++i) {
-    plan.layers[i].backward = plan.packed_size;
-    plan.packed_size += static_cast<std::size_t>(plan.layers[i].in_blocks) * plan.layers[i].out_blocks * kBlockSize;
+  for (Layer& layer : plan.layers) {
+    layer.backward = plan.packed_size;
+    plan.packed_size += static_cast<std::size_t>(layer.backward_blocks) * layer.out_blocks * kBlockSize;
   }
   return plan;
 }
@@ -113,7 +115,7 @@ std::vector<BlockRow> make_block_rows(const NerfConfig& config, const Plan& plan
       row.rows = std::min(kBlock, shape.outputs - first);
       row.columns = shape.inputs;
       row.k_blocks = layer.k_blocks;
-      row.backward_blocks = i == 0 ? 0 : layer.in_blocks;
+      row.backward_blocks = layer.backward_blocks;
       row.backward_stride = layer.out_blocks;
       row.forward = layer.forward + static_cast<std::size_t>(ob) * layer.k_blocks * kBlockSize;
       row.backward = layer.backward + static_cast<std::size_t>(ob) * kBlockSize;
@@ -152,10 +154,10 @@ void Lane::forward(const NerfTile& tile, bool keep, float* raw, int stride) {
   network_.stages().forward(network_.plan(), network_.weights(), memory_, input, keep, raw, stride);
 }
 
-void Lane::backward(const float* d_raw, int stride) {
+void Lane::backward(const float* d_raw, int stride, float* d_position) {
   REDRIVE_CHECK_OP(kept_samples_, >=, 1);
   REDRIVE_CHECK_OP(stride, >=, kept_samples_);
-  network_.stages().backward(network_.plan(), network_.weights(), memory_, kept_samples_, d_raw, stride);
+  network_.stages().backward(network_.plan(), network_.weights(), memory_, kept_samples_, d_raw, stride, d_position);
   memory_.fresh = false;
 }
 

@@ -51,7 +51,7 @@ class Lane final : public NerfLane {
   void end() override;
   void clear_gradients() override;
   void forward(const NerfTile& tile, bool keep, float* raw, int stride) override;
-  void backward(const float* d_raw, int stride) override;
+  void backward(const float* d_raw, int stride, float* d_position) override;
 
   const LaneMemory& memory() const { return memory_; }
 

@@ -29,7 +29,7 @@ struct NetworkStages {
   }
 
   static void backward(const Plan& plan, const Weights& weights, const LaneMemory& memory, int samples,
-                       const float* d_raw, int stride) {
+                       const float* d_raw, int stride, float* d_position) {
     const int n = (samples + kBlock - 1) / kBlock, width = plan.width_blocks, colour = plan.colour_blocks;
     const Layer* layers = plan.layers;
     float* d_bias = memory.d_bias;
@@ -58,10 +58,15 @@ struct NetworkStages {
     for (int layer = kColour; layer > 0; --layer) {
       const bool is_even = layer % 2 == 0;
       step.weight_gradient(layer, is_even ? even : odd);
+      if (d_position && layers[layer].backward_blocks > layers[layer].in_blocks)  // the skip
+        step.position_gradient(layer, is_even ? even : odd, memory.d_gamma[0]);
       step.input_gradient(layer, is_even ? even : odd, is_even ? odd : even, width);
     }
     static_assert(kColour % 2 == 0);
     step.weight_gradient(0, even);
+    if (!d_position) return;
+    step.position_gradient(0, even, memory.d_gamma[1]);
+    encode_positions_adjoint(plan, memory, samples, d_position);
   }
 
   static void product(const Bf16* a, const Bf16* b, int k_blocks, const float* bias, float* c) {
@@ -178,6 +183,21 @@ struct NetworkStages {
       pass.prefetch.stream = reinterpret_cast<const char*>(memory.d_weight + before.d_weight);
       pass.prefetch.stream_left = std::ptrdiff_t(before.k_blocks) * before.out_blocks * kBlockSize * 4;
       run_pass<Engine, Epilogue::kMaskedGradient>(pass);
+    }
+
+    /// What gamma(x), the last of the layer's inputs, gets.
+    void position_gradient(int index, const Gradient& d, float* d_gamma) const {
+      const Layer& layer = plan.layers[index];
+      Pass pass;
+      pass.weights = weights.packed + layer.backward +
+                     std::ptrdiff_t(layer.k_blocks - plan.position_blocks) * layer.out_blocks * kBlockSize;
+      pass.weight_stride = layer.out_blocks;
+      pass.in = Operand{d.next, layer.out_blocks, layer.out_blocks};
+      pass.out_blocks = plan.position_blocks;
+      pass.n_blocks = n;
+      pass.output.c = d_gamma;
+      pass.output.c_stride = plan.position_blocks;
+      run_pass<Engine, Epilogue::kInputGradient>(pass);
     }
   };
 };

@@ -6,6 +6,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/rng.h"
+#include "redrive/field/positional_encoding.h"
 #include "redrive/kernels/cpu/bf16/network.h"
 #include "redrive/kernels/cpu/bf16/reference_network.h"
 #include "redrive/kernels/cpu/bf16/test_support.h"
@@ -65,9 +66,9 @@ double relative_error(std::span<const double> expected, std::span<const float> g
   return std::sqrt(error / norm);  // NaN fails every comparison below
 }
 
-/// The reference's raw outputs [4, samples], from the very encodings the engine used; adds its gradients.
+/// The reference's raw outputs [4, samples], from the very encodings the engine used; adds its gradients and writes d_position [3, samples].
 std::vector<float> run_reference(const ReferenceNetwork& reference, const NerfConfig& config, const LaneMemory& memory,
-                                 const Tile& tile, std::span<double> gradients) {
+                                 const Tile& tile, std::span<double> gradients, std::span<double> d_position) {
   const int samples = tile.samples(), blocks = make_plan(config).position_blocks;
   std::vector<float> raw(4 * samples);
   for (int i = 0; i < samples; ++i) {
@@ -85,7 +86,11 @@ std::vector<float> run_reference(const ReferenceNetwork& reference, const NerfCo
       raw[k * samples + i] = trace.raw[k];
       d_raw[k] = tile.d_raw[k * samples + i];
     }
-    reference.backward(trace, d_raw, gradients);
+    const std::vector<double> d_gamma = reference.backward(trace, d_raw, gradients),
+                              gamma(gamma_x.begin(), gamma_x.end());
+    double d_x[3];
+    positional_encoding_adjoint(gamma.data(), config.position_octaves, d_gamma.data(), d_x);
+    for (int k = 0; k < 3; ++k) d_position[k * samples + i] = d_x[k];
   }
   return raw;
 }
@@ -119,14 +124,18 @@ TEST_P(NetworkTest, ForwardAndBackwardAgreeWithPlainLoops) {
   for (int t = 0; t < 3; ++t) {
     const Tile& tile = tiles[t];
     auto& lane = static_cast<Lane&>(*lanes[t / 2]);
-    std::vector<float> raw(4 * tile.samples()), without_keep(4 * tile.samples());
+    std::vector<float> raw(4 * tile.samples()), without_keep(4 * tile.samples()), d_position(3 * tile.samples());
+    std::vector<double> expected_d_position(d_position.size());
     lane.begin();
     lane.forward(tile.view(), false, without_keep.data(), tile.samples());
     lane.forward(tile.view(), true, raw.data(), tile.samples());
-    lane.backward(tile.d_raw.data(), tile.samples());
+    lane.backward(tile.d_raw.data(), tile.samples(), d_position.data());
     lane.end();
     EXPECT_EQ(raw, without_keep);
-    const std::vector<float> expected_raw = run_reference(reference, config, lane.memory(), tile, expected);
+    const std::vector<float> expected_raw =
+        run_reference(reference, config, lane.memory(), tile, expected, expected_d_position);
+    // Sums of 63 terms behind products that are equal bit for bit.
+    EXPECT_LT(relative_error(expected_d_position, d_position), real_amx ? kNoise : sum_tolerance(63));
     if (real_amx) {
       EXPECT_LT(relative_error(std::vector<double>(expected_raw.begin(), expected_raw.end()), raw), kNoise);
     } else {
@@ -170,7 +179,7 @@ TEST_P(NetworkTest, EqualRunsAreBitEqual) {
       for (int batch = 0; batch < 2; ++batch) {  // what a batch leaves must not show in the next
         lanes[i]->clear_gradients();
         lanes[i]->forward(tile.view(), true, lane_raw.data(), tile.samples());
-        lanes[i]->backward(tile.d_raw.data(), tile.samples());
+        lanes[i]->backward(tile.d_raw.data(), tile.samples(), nullptr);
       }
       lanes[i]->end();
       if (i == 1) raw = lane_raw;
@@ -220,7 +229,7 @@ TEST(NetworkStrideTest, OnlyTheTilesSamplesAreTouched) {
       for (int i = 0; i < samples; ++i) d_raw[k * stride + i] = 1.0f;
       for (int i = samples; i < stride; ++i) EXPECT_EQ(raw[k * stride + i], -7.0f);
     }
-    lanes[0]->backward(d_raw.data(), stride);
+    lanes[0]->backward(d_raw.data(), stride, nullptr);
     lanes[0]->end();
     gradients[run].resize(parameters.size());
     network->reduce(lanes, gradients[run], pool);

@@ -21,7 +21,8 @@ struct Layer {
   int k_blocks = 0;      ///< in_blocks + extra_blocks
   int out_blocks = 0;
   std::size_t forward = 0;    ///< in Weights::packed: [out_blocks][k_blocks] blocks in row form
-  std::size_t backward = 0;   ///< in Weights::packed: [in_blocks][out_blocks] blocks in pair form; layer 0 has none
+  int backward_blocks = 0;    ///< inputs that get a gradient, the first of k_blocks: all but gamma(d)
+  std::size_t backward = 0;   ///< in Weights::packed: [backward_blocks][out_blocks] blocks in pair form
   std::size_t bias_tile = 0;  ///< in Weights::bias: [out_blocks][kBiasTile]
   std::size_t d_weight = 0;   ///< in LaneMemory::d_weight: [out_blocks][k_blocks] C blocks, rows = inputs
   std::size_t d_bias = 0;     ///< in LaneMemory::d_bias: [out_blocks][32]
@@ -59,6 +60,7 @@ struct LaneMemory {
   std::uint32_t* mask[kRgb] = {};                             ///< [out_blocks][n][32 samples], bit = neuron active
   Bf16 *d_next[2] = {}, *d_keep[2] = {};                      ///< gradients, alternating between layers
   Bf16 *d_rgb_next = nullptr, *d_rgb_keep = nullptr;
+  float* d_gamma[2] = {};  ///< of gamma(x), by the skip and by layer 0: [n][position_blocks] C blocks, rows = samples
   float* d_weight = nullptr;
   float* d_bias = nullptr;
   bool fresh = true;  ///< d_weight holds nothing yet: the first chunk overwrites instead of adding
@@ -82,9 +84,9 @@ struct Stages {
   /// encode, then the network. raw [4, stride].
   void (*forward)(const Plan& plan, const Weights& weights, const LaneMemory& memory, const TileInput& tile, bool keep,
                   float* raw, int stride);
-  /// Adds to memory.d_weight (overwrites it if memory.fresh) and memory.d_bias.
+  /// Adds to memory.d_weight (overwrites it if memory.fresh) and memory.d_bias. d_position [3, samples], unless null: written.
   void (*backward)(const Plan& plan, const Weights& weights, const LaneMemory& memory, int samples, const float* d_raw,
-                   int stride);
+                   int stride, float* d_position);
   void (*pack)(const BlockRow& row, const float* parameters, const Weights& weights);
   /// gradients += sum over lanes, in their order.
   void (*reduce)(const BlockRow& row, const LaneMemory* const* lanes, int n_lanes, float* gradients);

@@ -51,14 +51,19 @@ class ReferenceNetwork {
     return trace;
   }
 
-  void backward(const Trace& trace, const float d_raw[4], std::span<double> gradients) const {
+  /// Returns the gradient of gamma(x).
+  std::vector<double> backward(const Trace& trace, const float d_raw[4], std::span<double> gradients) const {
     std::vector<float> d(d_raw, d_raw + 3);
     d = masked(adjoint(trace, {kNerfRgb}, d, gradients), trace, kNerfColour);
     d.push_back(d_raw[3]);
     d = adjoint(trace, {kNerfColour, kNerfDensity}, d, gradients);  // one sum over both layers' outputs
+    std::vector<double> d_gamma(trace.input[0].size());
     for (int layer = kNerfHidden - 1; layer >= 0; --layer) {
       d = adjoint(trace, {layer}, masked(d, trace, layer), gradients);
+      if (layer == kNerfSkip || layer == 0)
+        for (std::size_t i = 0; i < d_gamma.size(); ++i) d_gamma[i] += d[d.size() - d_gamma.size() + i];
     }
+    return d_gamma;
   }
 
   /// Adds to the gradients of feature and colour what the folded layer's, behind the parameters', mean.
@@ -150,7 +155,7 @@ class ReferenceNetwork {
   }
 
   static std::vector<float> masked(std::vector<float> d, const Trace& trace, int layer) {
-    d.resize(trace.output[layer].size());  // behind the skip stands the encoding's part: no further way back
+    d.resize(trace.output[layer].size());  // behind the skip stands the encoding's part: it goes to no layer
     for (std::size_t i = 0; i < d.size(); ++i) d[i] = trace.output[layer][i] > 0 ? d[i] : 0;
     return d;
   }

@@ -172,8 +172,30 @@ void encode(const float* point, std::size_t stride, int count, int octaves, int 
   });
 }
 
+void encode_adjoint(const float* gamma, const float* d1, const float* d2, int octaves, int rows, int samples, int count,
+                    float* d_point) {
+  for_each_panel(samples, [&](std::ptrdiff_t first, auto panel) {
+    for (int v = 0; v < panel.vectors; ++v) {
+      const int n = static_cast<int>(first) + v * kLanes, left = count - n;
+      if (left <= 0) continue;
+      const std::ptrdiff_t at = first * rows + v * kLanes;
+      for (int d = 0; d < 3; ++d) {
+        Vf sum = load(d1 + at + d * panel.width) + load(d2 + at + d * panel.width);
+        float frequency = 3.14159265358979323846f;
+        for (int l = 0; l < octaves; ++l, frequency *= 2) {
+          const std::ptrdiff_t sine = at + (3 + 2 * (d * octaves + l)) * panel.width, cosine = sine + panel.width;
+          const Vf d_sine = load(d1 + sine) + load(d2 + sine), d_cosine = load(d1 + cosine) + load(d2 + cosine);
+          sum += splat(frequency) * (load(gamma + cosine) * d_sine - load(gamma + sine) * d_cosine);
+        }
+        store_first(d_point + std::ptrdiff_t{d} * count + n, sum, left);
+      }
+    }
+  });
+}
+
 }  // namespace
 
-extern const Fp32Kernels kFp32Kernels = {kLanes, kRows, dense, transpose, weight_gradient, bias_gradient, encode};
+extern const Fp32Kernels kFp32Kernels = {kLanes,          kRows,         dense,  transpose,
+                                         weight_gradient, bias_gradient, encode, encode_adjoint};
 
 }  // namespace redrive::kernels::REDRIVE_ISA

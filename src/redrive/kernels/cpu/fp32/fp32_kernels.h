@@ -50,6 +50,10 @@ struct Fp32Kernels {
   /// rows, and the points from `count` on, are 0 (gamma of the origin, for the latter). sin and cos of octave l+1 come
   /// from those of l (angle doubling), anew from the point at octave 5, where the error has grown to 4e-6.
   void (*encode)(const float* point, std::size_t stride, int count, int octaves, int out_rows, int samples, float* out);
+  /// positional_encoding_adjoint (field/positional_encoding.h) of gamma as `encode` left it, rows as out_rows, and the sum of d1 and d2,
+  /// likewise [rows, samples] in panels: d_point[d * count + n] for n < count.
+  void (*encode_adjoint)(const float* gamma, const float* d1, const float* d2, int octaves, int rows, int samples,
+                         int count, float* d_point);
 };
 
 namespace avx2 {

@@ -130,6 +130,21 @@ void Fp32Lane::dense_adjoint(int layer, const float* d_out1, const float* d_out2
                  samples_);
 }
 
+void Fp32Lane::position_adjoint(int layer, const float* d_out) {
+  const int part = layer == 0;
+  kernels_.dense({.weights = network_.position_backward_[part].data(),
+                  .bias = nullptr,
+                  .in1 = d_out,
+                  .in2 = nullptr,
+                  .k1 = network_.layers_[layer].outputs,
+                  .k2 = 0,
+                  .outputs = network_.position_rows_,
+                  .relu = false,
+                  .mask = nullptr,
+                  .out = d_gamma_[part].data()},
+                 samples_);
+}
+
 void Fp32Lane::accumulate_part(int layer, const float* d_out, const float* in, int inputs, int first_column) {
   const PackedLayer& l = network_.layers_[layer];
   kernels_.transpose(in, inputs, samples_, transposed_.data());
@@ -149,7 +164,7 @@ void Fp32Lane::accumulate(int layer, const float* d_out, const float* in1, const
   kernels_.bias_gradient(d_out, l.outputs, samples_, gradients_.data() + l.bias_gradient);
 }
 
-void Fp32Lane::backward(const float* d_raw, int stride) {
+void Fp32Lane::backward(const float* d_raw, int stride, float* d_position) {
   const std::size_t n = max_samples_, width = network_.config_.width, rows = kernels_.rows;
   if (transposed_.size() == 0) {
     d_front_ = Buffer<float>(n * width);
@@ -158,6 +173,8 @@ void Fp32Lane::backward(const float* d_raw, int stride) {
     d_rgb_ = Buffer<float>(n * rows);
     transposed_ = Buffer<float>(n * std::max<std::size_t>(width, network_.position_rows_));
   }
+  if (d_position && d_gamma_[0].size() == 0)
+    for (Buffer<float>& d_gamma : d_gamma_) d_gamma = Buffer<float>(position_.size());
   REDRIVE_CHECK(gradients_.size() > 0 && hidden_[2].size() > 0);
 
   // Rows beyond the outputs and samples beyond the tile get 0, so that they add nothing.
@@ -182,8 +199,12 @@ void Fp32Lane::backward(const float* d_raw, int stride) {
     std::swap(d_out, d_in);
     accumulate(l, d_out, l == 0 ? position_.data() : hidden_[l - 1].data(),
                l == kNerfSkip ? position_.data() : nullptr);
+    if (d_position && (l == kNerfSkip || l == 0)) position_adjoint(l, d_out);
     if (l > 0) dense_adjoint(l, d_out, nullptr, hidden_[l - 1].data(), d_in);
   }
+  if (d_position)
+    kernels_.encode_adjoint(position_.data(), d_gamma_[0].data(), d_gamma_[1].data(), network_.config_.position_octaves,
+                            network_.position_rows_, samples_, count_, d_position);
 }
 
 }  // namespace redrive::kernels

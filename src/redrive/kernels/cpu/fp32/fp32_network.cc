@@ -46,6 +46,8 @@ Fp32Network::Fp32Network(const NerfConfig& config, const Fp32Kernels& kernels)
     gradient_size_ += static_cast<std::size_t>(layer.outputs) * kernels.lanes;
   }
   for (int l = 1; l < kNerfHidden; ++l) backward_[l] = Buffer<float>(static_cast<std::size_t>(width) * width);
+  for (Buffer<float>& packed : position_backward_)
+    packed = Buffer<float>(static_cast<std::size_t>(width) * position_rows_);
   backward_[kFp32Colour] = Buffer<float>(static_cast<std::size_t>(width) * (width / 2 + rows));
   backward_[kFp32Rgb] = Buffer<float>(static_cast<std::size_t>(width / 2) * rows);
 }
@@ -84,6 +86,9 @@ void Fp32Network::pack(std::span<const float> parameters, ThreadPool& pool) {
     const float* plain = layer.plain.data();
     pack_rows(layer.outputs, inputs, rows, layer.forward.data(),
               [&](int o, int k) { return plain[static_cast<std::size_t>(o) * inputs + k]; });
+    if (l == 0 || l == kNerfSkip)  // whose inputs end with gamma(x)
+      pack_rows(position_rows_, width, rows, position_backward_[l == 0].data(),
+                [&](int k, int o) { return plain[static_cast<std::size_t>(o + 1) * inputs - position_rows_ + k]; });
     if (l == 0 || l == kFp32Density) return;
     const float* density = layers_[kFp32Density].plain.data();
     const int d_outputs = l == kFp32Colour ? layer.outputs + rows : layer.outputs;

@@ -28,7 +28,7 @@ struct Problem {
   Case shape;
   int samples;
   std::vector<float> position, direction, parameters, d_raw;
-  std::vector<double> raw, gradients;
+  std::vector<double> raw, gradients, d_position;
 
   explicit Problem(const Case& c)
       : shape(c), samples(c.n_rays * c.per_ray), parameters(nerf_parameter_count(c.config)) {
@@ -40,14 +40,16 @@ struct Problem {
       if (parameters[i] == 0) parameters[i] = static_cast<float>(0.2 * uniform(4, i));  // the biases
     raw.resize(4 * static_cast<std::size_t>(samples));
     gradients.resize(parameters.size());
+    d_position.resize(3 * static_cast<std::size_t>(samples));
     const std::vector<double> p(parameters.begin(), parameters.end());
     ref::NerfActivations<double> activations;
     for (int i = 0; i < samples; ++i) {
-      double x[3], d[3], out[4], d_out[4];
+      double x[3], d[3], out[4], d_out[4], d_x[3];
       for (int k = 0; k < 3; ++k) x[k] = position[k * samples + i], d[k] = direction[k * c.n_rays + i / c.per_ray];
       for (int k = 0; k < 4; ++k) d_out[k] = d_raw[k * samples + i];
       ref::nerf_sample_forward(c.config, p.data(), x, d, &activations, out);
-      ref::nerf_sample_adjoint(c.config, p.data(), activations, d_out, gradients.data());
+      ref::nerf_sample_adjoint(c.config, p.data(), activations, d_out, gradients.data(), d_x);
+      for (int k = 0; k < 3; ++k) d_position[k * samples + i] = d_x[k];
       for (int k = 0; k < 4; ++k) raw[k * samples + i] = out[k];
     }
   }
@@ -127,7 +129,13 @@ TEST_P(Fp32NetworkTest, MatchesTheOracle) {
         for (int i = 0; i < part.tile.samples(); ++i)
           EXPECT_NEAR(part_raw[k * part.tile.samples() + i], raw[k * problem.samples + first * c.per_ray + i],
                       kTolerance * (1 + std::abs(raw[k * problem.samples + first * c.per_ray + i])));
-      lane.backward(part.d_raw.data(), part.tile.samples());
+      const int n = part.tile.samples();
+      std::vector<float> d_position(3 * n, NAN);
+      lane.backward(part.d_raw.data(), n, d_position.data());
+      for (int k = 0; k < 3; ++k)
+        EXPECT_LT(relative_error(&d_position[k * n], &problem.d_position[k * problem.samples + first * c.per_ray], n),
+                  kTolerance)
+            << "coordinate " << k;
     }
     lanes[0]->end();
     std::vector<float> gradients(problem.parameters.size(), 0.0f);
@@ -152,7 +160,7 @@ TEST_P(Fp32NetworkTest, GradientsAreAddedAndCleared) {
   for (std::vector<float>* gradients : {&once, &again}) {
     lanes[0]->clear_gradients();
     lanes[0]->forward(all.tile, true, raw.data(), problem.samples);
-    lanes[0]->backward(all.d_raw.data(), problem.samples);
+    lanes[0]->backward(all.d_raw.data(), problem.samples, nullptr);
     network->reduce(lanes, *gradients, pool);
   }
   for (std::size_t i = 0; i < once.size(); ++i) {
