@@ -60,7 +60,7 @@ class DeviceBackend final : public Backend {
     check_raw(rays.n, samples, raw.size());
     const std::size_t n = sample_count(rays.n, samples), most = std::min(n, Device::kSamplesAtOnce);
     Stage stage(device_);
-    NerfNetworkPass<Device> pass(stage, there(stage, field), most, {});
+    NerfNetworkPass<Device> pass(stage, there(stage, field), most, {}, false);
     const Rays rays_there = there(stage, rays);
     const Samples samples_there = there(stage, samples);
     const std::span<float> out = stage.out(raw);
@@ -70,21 +70,30 @@ class DeviceBackend final : public Backend {
   }
 
   void nerf_backward(const NerfField& field, const Rays& rays, const Samples& samples, std::span<const float> d_raw,
-                     std::span<float> gradients) override {
+                     std::span<float> gradients, const RayGradients& of_rays) override {
     check_field(field, rays, samples);
     check_raw(rays.n, samples, d_raw.size());
+    check_ray_gradients(rays.n, of_rays);
     REDRIVE_CHECK_OP(gradients.size(), ==, field.parameters.size());
     const std::size_t n = sample_count(rays.n, samples), most = std::min(n, Device::kSamplesAtOnce);
     Stage stage(device_);
-    NerfNetworkPass<Device> pass(stage, there(stage, field), most, stage.in_out(gradients));
+    NerfNetworkPass<Device> pass(stage, there(stage, field), most, stage.in_out(gradients), of_rays.wanted());
     const Rays rays_there = there(stage, rays);
     const Samples samples_there = there(stage, samples);
     const std::span<const float> d = stage.in(d_raw);
+    const std::span<float> d_position = stage.template scratch<float>(of_rays.wanted() ? 3 * n : 0);
     for (std::size_t first = 0; first < n; first += most) {
       const std::size_t count = std::min(most, n - first);
       pass.forward(rays_there, samples_there, first, count, {});
-      pass.backward(count, {&d[first], 1, n});
+      pass.backward(count, {&d[first], 1, n}, {d_position.empty() ? nullptr : &d_position[first], 1, n});
     }
+    if (of_rays.wanted())
+      stage.for_each(rays.n,
+                     RayGradientsOfSamples{field.unit_from_world,
+                                           rays.n,
+                                           samples_there,
+                                           d_position,
+                                           {stage.in_out(of_rays.d_origin), stage.in_out(of_rays.d_direction)}});
     stage.finish();
   }
 

@@ -65,7 +65,7 @@ struct LayerForward {
   }
 };
 
-/// d_x = W^T d_y for the first `columns` inputs, added to what is there where `adds`; then cut to where the ReLU that x came through
+/// d_x = W^T d_y for `columns` of the inputs, those that `weight` begins at (its rows are `inputs` apart), added to what is there where `adds`; then cut to where the ReLU that x came through
 /// was open, if `opened` (x itself) is given.
 struct LayerInputAdjoint {
   std::size_t samples, outputs, inputs, columns;

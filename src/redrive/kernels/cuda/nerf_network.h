@@ -6,6 +6,7 @@
 #include <cmath>
 #include <utility>
 
+#include "redrive/field/positional_encoding.h"
 #include "redrive/kernels/cuda/network_layers.h"
 #include "redrive/kernels/kernels.h"
 
@@ -49,11 +50,24 @@ struct EncodeSamples {
   }
 };
 
+/// From gamma of a sample's position and its derivative.
+struct EncodeSamplesAdjoint {
+  int octaves;
+  OfSamples<float> gamma, d_gamma, d_position;
+
+  REDRIVE_HD void operator()(std::size_t i) const {
+    float d[3];
+    positional_encoding_adjoint(&gamma.at(i, 0), octaves, &d_gamma.at(i, 0), d);
+    for (int k = 0; k < 3; ++k) d_position.at(i, k) = d[k];
+  }
+};
+
 template <class Device>
 class NerfNetworkPass {
  public:
-  /// On at most `most` samples at once. Empty gradients: forward only.
-  NerfNetworkPass(Stage<Device>& stage, const NerfField& field, std::size_t most, std::span<float> gradients)
+  /// On at most `most` samples at once. Empty gradients: forward only. of_positions: backward gives those, too.
+  NerfNetworkPass(Stage<Device>& stage, const NerfField& field, std::size_t most, std::span<float> gradients,
+                  bool of_positions)
       : stage_(stage), field_(field), layers_(stage, field.parameters, gradients) {
     const std::size_t width = field.config.width;
     for (int l = 0; l < kNerfLayers; ++l) {
@@ -65,6 +79,7 @@ class NerfNetworkPass {
     if (gradients.empty()) return;
     for (OfSamples<float>& d : d_) d = layers_.rows(most, width);
     layers_.reserve_slices(most, place_);
+    if (of_positions) d_gamma_ = layers_.rows(most, encoded_size(field.config.position_octaves));
   }
 
   /// Leaves all layers' inputs; raw (4 numbers a sample) unless it is nowhere.
@@ -80,8 +95,9 @@ class NerfNetworkPass {
     layers_.forward(place_[kNerfRgb], count, input_[kNerfRgb], raw);
   }
 
-  /// Of the samples that forward was last run on.
-  void backward(std::size_t count, OfSamples<const float> d_raw) {
+  /// Of the samples that forward was last run on. d_position (3 numbers a sample): written, where these are wanted.
+  void backward(std::size_t count, OfSamples<const float> d_raw, OfSamples<float> d_position) {
+    const std::size_t gamma = encoded_size(field_.config.position_octaves);
     const std::size_t width = field_.config.width;
     const OfSamples<const float> d_density{d_raw.data + 3 * d_raw.number, d_raw.sample, d_raw.number};
     OfSamples<float> d = d_[0], next = d_[1];
@@ -98,8 +114,15 @@ class NerfNetworkPass {
     layers_.weights_adjoint(place_[kNerfDensity], count, input_[kNerfDensity], d_density);
     layers_.input_adjoint(place_[kNerfDensity], count, d_density, next, width, input_[kNerfDensity], /*adds=*/true);
     std::swap(d, next);
-    for (int l = kNerfHidden - 1; l > 0; --l) back(l, input_[l]);
+    for (int l = kNerfHidden - 1; l > 0; --l) {
+      if (l == kNerfSkip && d_gamma_.data)
+        layers_.input_adjoint(place_[l], count, read_only(d), d_gamma_, gamma, {}, /*adds=*/false, /*first=*/width);
+      back(l, input_[l]);
+    }
     layers_.weights_adjoint(place_[0], count, input_[0], read_only(d));
+    if (!d_gamma_.data) return;
+    layers_.input_adjoint(place_[0], count, read_only(d), d_gamma_, gamma, {}, /*adds=*/true);
+    stage_.for_each(count, EncodeSamplesAdjoint{field_.config.position_octaves, input_[0], d_gamma_, d_position});
   }
 
  private:
@@ -112,7 +135,7 @@ class NerfNetworkPass {
   NetworkLayers<Device> layers_;
   std::array<LayerPlace, kNerfLayers> place_;
   std::array<OfSamples<float>, kNerfLayers> input_;
-  OfSamples<float> d_[2];
+  OfSamples<float> d_[2], d_gamma_;
 };
 
 }  // namespace redrive::kernels

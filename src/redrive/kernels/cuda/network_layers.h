@@ -45,14 +45,14 @@ class NetworkLayers {
                      .y = y});
   }
 
-  /// Of the layer's first `columns` inputs; `opened`: these themselves, where they came through a ReLU.
+  /// Of `columns` of the layer's inputs from `first` on; `opened`: these themselves, where they came through a ReLU.
   void input_adjoint(const LayerPlace& layer, std::size_t samples, OfSamples<const float> d_y, OfSamples<float> d_x,
-                     std::size_t columns, OfSamples<float> opened = {}, bool adds = false) {
+                     std::size_t columns, OfSamples<float> opened = {}, bool adds = false, std::size_t first = 0) {
     run(LayerInputAdjoint{.samples = samples,
                           .outputs = layer.outputs,
                           .inputs = layer.inputs,
                           .columns = columns,
-                          .weight = parameters_ + layer.offset,
+                          .weight = parameters_ + layer.offset + first,
                           .adds = adds,
                           .d_y = d_y,
                           .opened = read_only(opened),

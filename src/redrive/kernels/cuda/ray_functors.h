@@ -4,12 +4,28 @@
 #pragma once
 
 #include "redrive/base/host_device.h"
+#include "redrive/kernels/check_sizes.h"
 #include "redrive/kernels/kernels.h"
 #include "redrive/loss/photometric.h"
 #include "redrive/sampling/hierarchical.h"
 #include "redrive/volume/composite.h"
 
 namespace redrive::kernels {
+
+/// From d_position [3, n] of a ray's samples.
+struct RayGradientsOfSamples {
+  UnitFromWorld unit_from_world;
+  int n_rays;
+  Samples samples;
+  std::span<const float> d_position;
+  RayGradients of_rays;
+
+  REDRIVE_HD void operator()(std::size_t ray) const {
+    const std::size_t per_ray = samples.per_ray;
+    add_ray_gradient(unit_from_world, n_rays, samples, static_cast<int>(ray), &d_position[ray * per_ray],
+                     n_rays * per_ray, of_rays);
+  }
+};
 
 struct StratifiedRays {
   StratifiedSampling how;
