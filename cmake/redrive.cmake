@@ -55,11 +55,11 @@ function(redrive_library name)
   add_library(redrive::${name} ALIAS redrive_${name})
 endfunction()
 
-# Unit tests sit beside the source: redrive_test(camera SOURCES mei_test.cc DEPENDS redrive::camera [LABELS threads] [TOGETHER])
-# makes the program test_camera. The paths of the shipped samples and of the optional private
+# Unit tests sit beside the source: redrive_test(camera SOURCES mei_test.cc DEPENDS redrive::camera [LABELS threads] [GPU pattern] [TOGETHER])
+# makes the program test_camera. Those of its tests that the pattern names are labelled `gpu` instead. The paths of the shipped samples and of the optional private
 # recordings are compiled in; a test that needs the latter skips visibly where they are not.
 function(redrive_test name)
-  cmake_parse_arguments(ARG "TOGETHER" "" "SOURCES;DEPENDS;LABELS" ${ARGN})
+  cmake_parse_arguments(ARG "TOGETHER" "GPU" "SOURCES;DEPENDS;LABELS" ${ARGN})
   if(NOT REDRIVE_TESTS)
     return()
   endif()
@@ -86,5 +86,10 @@ function(redrive_test name)
   if(ARG_LABELS)  # an empty one would take the next word for its value
     list(APPEND properties LABELS "${ARG_LABELS}")
   endif()
-  gtest_discover_tests(test_${name} DISCOVERY_TIMEOUT 60 PROPERTIES ${properties})
+  set(others "")
+  if(ARG_GPU)
+    set(others TEST_FILTER "-${ARG_GPU}")
+    gtest_discover_tests(test_${name} TEST_FILTER "${ARG_GPU}" DISCOVERY_TIMEOUT 60 PROPERTIES TIMEOUT 600 LABELS gpu)
+  endif()
+  gtest_discover_tests(test_${name} ${others} DISCOVERY_TIMEOUT 60 PROPERTIES ${properties})
 endfunction()

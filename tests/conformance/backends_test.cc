@@ -120,9 +120,8 @@ std::vector<float> background_of(const BatchSize& size) {
 
 class EveryBackend : public OneCandidate {
  protected:
-  /// The oracle's plain loops take seconds where the others take milliseconds: its large batches are left out.
   bool too_slow(const NerfCase& nerf, BatchSize size) const {
-    return !GetParam().isa && nerf_macs_per_sample(nerf.config) * size.n_rays * size.per_ray > 1e8;
+    return nerf_macs_per_sample(nerf.config) * size.n_rays * size.per_ray > GetParam().most_macs();
   }
 };
 
@@ -457,7 +456,7 @@ TEST_P(EveryBackend, RendersOpaqueRays) {
   const NerfCase& nerf = cases()[1];
   for (const BatchSize& size : {BatchSize{1, 3}, {100, 48}, {33, 193}}) {
     SCOPED_TRACE(trace(size));
-    NerfBatch batch(nerf, GetParam().isa ? size.n_rays : 1, size.per_ray);
+    NerfBatch batch(nerf, GetParam().is_slow() ? 1 : size.n_rays, size.per_ray);
     for (float& dt : batch.dt) dt *= 16;
     Composited rendered(batch.n_rays, batch.per_ray), all = rendered;
     backend->render_rays(nerf.field(), batch.rays(), batch.sampling(), rendered.out());
@@ -518,7 +517,7 @@ TEST_P(EveryBackend, IsTheSameBitForBitAgainAndOnOneThread) {
   for (const std::size_t which : {1u, 2u}) {
     if (which >= cases().size()) continue;
     const NerfCase& nerf = cases()[which];
-    const NerfBatch batch(nerf, GetParam().isa ? 100 : 7, GetParam().isa ? 48 : 9);
+    const NerfBatch batch(nerf, GetParam().is_slow() ? 7 : 100, GetParam().is_slow() ? 9 : 48);
     const auto first = all_stages(*backend, nerf, batch), again = all_stages(*backend, nerf, batch),
                alone = all_stages(*single, nerf, batch);
     for (const auto& [stage, values] : first) {

@@ -11,22 +11,43 @@
 #include <gtest/gtest.h>
 
 #include "nerf_case.h"
+#include "redrive/kernels/cuda/cuda_backend.h"
 
 namespace redrive::kernels::conformance {
 
+// Sanitizers slow the oracle's loops down fifteenfold: a few sizes reach every line, and races show at any width.
+#if defined(__SANITIZE_THREAD__) || defined(__SANITIZE_ADDRESS__)
+constexpr bool kSanitized = true;
+#else
+constexpr bool kSanitized = false;
+#endif
+
 struct Candidate {
-  std::string name;
-  std::optional<Isa> isa;  ///< none: ref
+  std::string
+      name;  ///< "ref", an instruction set of the cpu backend, "loop" (functors of kernels/cuda on the host), "cuda"
+  std::optional<Isa> isa;  ///< of the cpu backend
+
+  bool is_oracle() const { return name == "ref"; }
+  bool is_gpu() const { return name == "cuda"; }
+  bool is_slow() const { return is_oracle() || name == "loop"; }
 
   double roundoff() const { return isa == Isa::kAmxBf16 || isa == Isa::kAvx512Bf16 ? kBf16Roundoff : kFp32Roundoff; }
   /// Of the grid's networks, which have no tiles.
   double grid_roundoff() const { return isa == Isa::kAvx512Bf16 ? kBf16Roundoff : kFp32Roundoff; }
+  /// Plain loops take seconds where the others take milliseconds: batches of more multiply-adds are left out.
+  double most_macs() const { return is_slow() ? 1e8 : 1e300; }
+  /// Threads of a GPU add to a grid's gradients as they come: sums of the same terms, of which the last bits are open.
+  bool adds_in_order() const { return !is_gpu(); }
+  /// By how many units its error function may differ from that of the C library, which the oracle has: 4 and 3 (CUDA's and glibc's manuals).
+  double error_function_ulps() const { return is_gpu() ? 7 : 0; }
 };
 inline void PrintTo(const Candidate& candidate, std::ostream* out) { *out << candidate.name; }
 
 inline std::vector<Candidate> candidates() {
   std::vector<Candidate> all = {{"ref", std::nullopt}};
   for (const Isa isa : all_isas()) all.push_back({std::string(isa_name(isa)), isa});
+  all.push_back({"loop", std::nullopt});
+  all.push_back({"cuda", std::nullopt});
   return all;
 }
 inline std::string name_of(const testing::TestParamInfo<Candidate>& info) {
@@ -35,24 +56,25 @@ inline std::string name_of(const testing::TestParamInfo<Candidate>& info) {
   return name;
 }
 
-/// Its tests are of one candidate each, skipped with the obstacle where the processor cannot run it.
+/// Its tests are of one candidate each, skipped with the obstacle where this machine cannot run it.
 class OneCandidate : public testing::TestWithParam<Candidate> {
  protected:
   void SetUp() override {
-    if (!GetParam().isa) return;
-    if (const auto obstacle = isa_obstacle(*GetParam().isa)) GTEST_SKIP() << GetParam().name << ": " << *obstacle;
+    const auto obstacle = GetParam().isa        ? isa_obstacle(*GetParam().isa)
+                          : GetParam().is_gpu() ? cuda_obstacle()
+                                                : std::nullopt;
+    if (obstacle) GTEST_SKIP() << GetParam().name << ": " << *obstacle;
+#if defined(__SANITIZE_THREAD__)
+    if (GetParam().name == "loop") GTEST_SKIP() << "loop: it has one thread";
+#endif
   }
   std::unique_ptr<Backend> make(int threads = 2) const {
-    return GetParam().isa ? make_cpu_backend(*GetParam().isa, threads) : make_ref_backend();
+    if (GetParam().isa) return make_cpu_backend(*GetParam().isa, threads);
+    return GetParam().is_gpu()      ? make_cuda_backend(threads)
+           : GetParam().is_oracle() ? make_ref_backend()
+                                    : make_loop_backend();
   }
 };
-
-// Sanitizers slow the oracle's loops down fifteenfold: a few sizes reach every line, and races show at any width.
-#if defined(__SANITIZE_THREAD__) || defined(__SANITIZE_ADDRESS__)
-constexpr bool kSanitized = true;
-#else
-constexpr bool kSanitized = false;
-#endif
 
 struct BatchSize {
   int n_rays, per_ray;

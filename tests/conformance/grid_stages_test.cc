@@ -288,11 +288,11 @@ TEST_P(EveryGridBackend, EncodeBackward) {
         ref->grid().encode_backward({config, table}, at.points(), magnitude, sums, {});
         // A term rounds six times, and its level's weight by 3 of what that may be; then sums of up to n of them.
         const double terms = static_cast<double>(n) + 8;
+        const auto allowed = [&](std::size_t i) {
+          return terms * u * (sums[i] + (sums[i] > 0 ? before : 0)) + 3 * u * static_cast<double>(n);
+        };
         ASSERT_TRUE(all_near(
-            d_table, [&](auto i) { return double(before) + expected[i]; },
-            [&](std::size_t i) {
-              return terms * u * (sums[i] + (sums[i] > 0 ? before : 0)) + 3 * u * static_cast<double>(n);
-            }));
+            d_table, [&](auto i) { return double(before) + expected[i]; }, allowed));
         if (!with_position) continue;
         // Of numbers up to 1, a level adds up to 2 features cells weight along an axis: products and the sum over features, a
         // few roundings of shares, the sum over corners and levels.
@@ -308,7 +308,11 @@ TEST_P(EveryGridBackend, EncodeBackward) {
             }));
         std::fill(twice.begin(), twice.end(), before);
         backend->grid().encode_backward({config, table}, at.points(), d, twice, {});
-        ASSERT_TRUE(bit_equal(twice, d_table)) << "the positions' gradient is another matter";
+        if (GetParam().adds_in_order())
+          ASSERT_TRUE(bit_equal(twice, d_table)) << "the positions' gradient is another matter";
+        else
+          ASSERT_TRUE(all_near(
+              twice, [&](auto i) { return d_table[i]; }, allowed));
       }
 }
 
@@ -333,9 +337,8 @@ std::vector<BatchSize> network_batch_sizes() {
   if (kSanitized) return {{1, 1}, {7, 3}, {33, 24}};
   return {{1, 1}, {1, 24}, {7, 3}, {33, 24}, {3, 64}, {2, 600}, {400, 24}};
 }
-/// The oracle's plain loops are slow.
 bool too_slow(const Candidate& candidate, const GridCase& grid, BatchSize size) {
-  return !candidate.isa && grid_macs_per_sample(grid.config) * size.n_rays * size.per_ray > 1e7;
+  return grid_macs_per_sample(grid.config) * size.n_rays * size.per_ray > 0.1 * candidate.most_macs();
 }
 
 TEST_P(EveryGridBackend, NetworkForward) {
@@ -540,9 +543,11 @@ TEST_P(EveryGridBackend, Range) {
           ref->grid().range(size.n_rays, rows.intervals(), weights, range_m, spread_m, 5, expected);
       // w - g with g from two values of one function in [0, 1] that both sides round alike: one rounding in the difference, two in
       // the products. Squares of at most 1 summed over a ray, in double over rays.
-      EXPECT_NEAR(loss, expected_loss, 2 * size.per_ray * u * expected_loss + 4 * u);
+      const double of_g = GetParam().error_function_ulps() * 2 * u;  // two halves of it, each at most 1
+      // ... and of what g itself may be off: twice the sum of |w - g|, at most 1.9 + 1 a ray.
+      EXPECT_NEAR(loss, expected_loss, 2 * size.per_ray * u * expected_loss + 4 * u + 6 * of_g);
       for (std::size_t i = 0; i < d.size(); ++i)
-        ASSERT_NEAR(d[i], expected[i], 2 * 5.0 / size.n_rays * 3 * u * (1 + std::abs(weights[i]))) << i;
+        ASSERT_NEAR(d[i], expected[i], 2 * 5.0 / size.n_rays * (3 * u * (1 + std::abs(weights[i])) + of_g)) << i;
     }
   }
 }
@@ -746,14 +751,16 @@ std::map<std::string, std::vector<float>> all_stages(GridStages& stages, const G
 
 TEST_P(EveryGridBackend, IsTheSameBitForBitAgainAndOnAnyNumberOfThreads) {
   const auto backend = make(2), single = make(1), five = make(5);
-  const BatchSize size = !GetParam().isa || kSanitized ? BatchSize{37, 9} : BatchSize{401, 24};
+  const BatchSize size = GetParam().is_oracle() || kSanitized ? BatchSize{37, 9} : BatchSize{401, 24};
   const GridCase& grid = cases()[3];
   const auto first = all_stages(backend->grid(), grid, size), again = all_stages(backend->grid(), grid, size),
              alone = all_stages(single->grid(), grid, size), many = all_stages(five->grid(), grid, size);
   for (const auto& [stage, values] : first) {
-    EXPECT_TRUE(bit_equal(values, again.at(stage))) << stage;
-    EXPECT_TRUE(bit_equal(values, alone.at(stage))) << stage << " on one thread";
-    EXPECT_TRUE(bit_equal(values, many.at(stage))) << stage << " on five threads";
+    if (GetParam().adds_in_order() || (stage != "table gradient" && stage != "proposal gradient")) {
+      EXPECT_TRUE(bit_equal(values, again.at(stage))) << stage;
+      EXPECT_TRUE(bit_equal(values, alone.at(stage))) << stage << " on one thread";
+      EXPECT_TRUE(bit_equal(values, many.at(stage))) << stage << " on five threads";
+    }
     for (const float value : values) ASSERT_TRUE(std::isfinite(value)) << stage;
     EXPECT_TRUE(std::any_of(values.begin(), values.end(), [](float x) { return x != 0; })) << stage;
   }

@@ -39,6 +39,9 @@ class Buffer {
   operator std::span<T>() { return span(); }
   operator std::span<const T>() const { return span(); }
 
+  mutable std::shared_ptr<void>
+      elsewhere;  ///< what a backend keeps of these numbers in memory of its own (kernels.h, keep)
+
  private:
   struct Free {
     void operator()(T* p) const { std::free(p); }

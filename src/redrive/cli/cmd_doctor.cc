@@ -6,6 +6,7 @@
 #include "redrive/base/cpu_features.h"
 #include "redrive/base/error.h"
 #include "redrive/cli/command.h"
+#include "redrive/kernels/cuda/cuda_backend.h"
 #include "redrive/kernels/kernels.h"
 
 namespace redrive {
@@ -21,12 +22,15 @@ int doctor() {
     const auto obstacle = isa_obstacle(isa);
     std::printf("%-12s %s\n", std::string(isa_name(isa)).c_str(), obstacle ? ("no: " + *obstacle).c_str() : "yes");
   }
-  std::printf("cuda         no: not in this build\n");
+  const auto no_cuda = kernels::cuda_obstacle();
+  std::printf("cuda         %s\n",
+              no_cuda ? ("no: " + *no_cuda).c_str() : ("yes: " + kernels::cuda_description()).c_str());
   if (!best_isa())
     std::printf("warning: no usable instruction set; only the slow reference backend runs on this machine\n");
   if (best_isa() == Isa::kAvx512 && !isa_obstacle(Isa::kAvx512Bf16))
     std::printf(
         "note: avx512-bf16 works here but is slower than avx512 on Intel processors; --isa avx512-bf16 takes it\n");
+  if (!no_cuda) std::printf("note: --backend cuda takes the GPU; no GPU has run its tests yet\n");
   std::printf("chosen       %s (the fastest of these; --backend and --isa take another)\n",
               describe(*kernels::make_backend({})).c_str());
   return kExitOk;

@@ -9,6 +9,7 @@
 #include <cmath>
 #include <limits>
 
+#include "redrive/base/host_device.h"
 #include "redrive/sampling/proposal.h"
 
 namespace redrive {
@@ -24,7 +25,7 @@ struct Contraction {
 /// Position in the unit cube; also works on dual numbers. Returns the cube root of the map's volume factor, which
 /// turns the standard deviation of a sample's volume in metres into the unit cube's.
 template <class T>
-T contract(const Contraction& contraction, const T world[3], T unit[3]) {
+REDRIVE_HD T contract(const Contraction& contraction, const T world[3], T unit[3]) {
   using std::abs;
   using std::cbrt;
   T u[3], m(0);
@@ -55,7 +56,7 @@ T contract(const Contraction& contraction, const T world[3], T unit[3]) {
 
 /// d_world from d_unit, the derivative of contract's position alone: footprints are taken as they are.
 template <class T>
-void contract_adjoint(const Contraction& contraction, const T world[3], const T d_unit[3], T d_world[3]) {
+REDRIVE_HD void contract_adjoint(const Contraction& contraction, const T world[3], const T d_unit[3], T d_world[3]) {
   const T inverse = T(1) / T(contraction.half_m);
   T u[3], m(0);
   int largest = 0;
@@ -79,8 +80,8 @@ void contract_adjoint(const Contraction& contraction, const T world[3], const T 
 
 /// Where a ray is sampled: as `spacing` says, but of a bounded scene only within its cube, evenly. A ray that misses the cube gets
 /// no length, at near_m.
-inline RaySpacing spacing_of_ray(const RaySpacing& spacing, const Contraction& contraction, const float origin[3],
-                                 const float direction[3]) {
+REDRIVE_HD inline RaySpacing spacing_of_ray(const RaySpacing& spacing, const Contraction& contraction,
+                                            const float origin[3], const float direction[3]) {
   if (contraction.unbounded) return spacing;
   float enter = spacing.near_m, leave = spacing.far_m;
   for (int k = 0; k < 3; ++k) {

@@ -2,6 +2,8 @@
 // The size checks that every backend makes at the head of the stages of grid_stages.h, and what they have in common of a ray.
 #pragma once
 
+#include <cmath>
+
 #include "redrive/base/error.h"
 #include "redrive/kernels/kernels.h"
 
@@ -24,7 +26,8 @@ inline void check_spaced(const Rays& rays, int per_ray, std::size_t edges) {
 }
 
 /// Stage `spaced` of one ray.
-inline void spaced_edges_of(const Rays& rays, const SpacedIntervals& how, std::size_t ray, std::span<float> edges) {
+REDRIVE_HD inline void spaced_edges_of(const Rays& rays, const SpacedIntervals& how, std::size_t ray,
+                                       std::span<float> edges) {
   float origin[3], direction[3];
   for (int k = 0; k < 3; ++k) {
     origin[k] = rays.origin[k * rays.n + ray];
@@ -32,6 +35,28 @@ inline void spaced_edges_of(const Rays& rays, const SpacedIntervals& how, std::s
   }
   spaced_edges(spacing_of_ray(how.spacing, how.contraction, origin, direction), how.per_ray, how.jitter, how.key, ray,
                &edges[ray * (how.per_ray + 1)]);
+}
+
+inline void check_contract(const Rays& rays, const Intervals& intervals, std::size_t pixel_angle, std::size_t position,
+                           std::size_t footprint) {
+  check_spaced(rays, intervals.per_ray, intervals.edges.size());
+  const std::size_t n = interval_count(rays.n, intervals.per_ray);
+  REDRIVE_CHECK_OP(pixel_angle, ==, static_cast<std::size_t>(rays.n));
+  REDRIVE_CHECK_OP(position, ==, 3 * n);
+  REDRIVE_CHECK_OP(footprint, ==, n);
+}
+
+/// Stage `contract` of sample `s` of one ray, in double.
+REDRIVE_HD inline void contract_of(const Contraction& contraction, const Rays& rays, std::span<const float> pixel_angle,
+                                   const Intervals& intervals, std::size_t ray, std::size_t s,
+                                   std::span<float> position, std::span<float> footprint) {
+  const std::size_t n_rays = rays.n, n = n_rays * intervals.per_ray, i = ray * intervals.per_ray + s, edge = i + ray;
+  const double begin = intervals.edges[edge], end = intervals.edges[edge + 1], t = 0.5 * (begin + end);
+  double world[3], unit[3];
+  for (int k = 0; k < 3; ++k) world[k] = rays.origin[k * n_rays + ray] + t * rays.direction[k * n_rays + ray];
+  const double factor = contract(contraction, world, unit), side = pixel_angle[ray] * t;
+  for (int k = 0; k < 3; ++k) position[k * n + i] = static_cast<float>(unit[k]);
+  footprint[i] = static_cast<float>(factor * std::cbrt(side * side * (end - begin)));
 }
 
 inline void check_contract_backward(const Rays& rays, const Intervals& intervals, std::size_t d_position,
@@ -44,9 +69,9 @@ inline void check_contract_backward(const Rays& rays, const Intervals& intervals
 
 /// Stage `contract_backward` of one ray, in T.
 template <class T>
-void contract_backward_of(const Contraction& contraction, const Rays& rays, const Intervals& intervals,
-                          std::span<const float> d_position, std::size_t ray, std::span<float> d_origin,
-                          std::span<float> d_direction) {
+REDRIVE_HD void contract_backward_of(const Contraction& contraction, const Rays& rays, const Intervals& intervals,
+                                     std::span<const float> d_position, std::size_t ray, std::span<float> d_origin,
+                                     std::span<float> d_direction) {
   const std::size_t n_rays = rays.n, n = n_rays * intervals.per_ray;
   T origin[3]{}, direction[3]{};
   for (int s = 0; s < intervals.per_ray; ++s) {

@@ -3,6 +3,7 @@
 #pragma once
 
 #include "redrive/base/error.h"
+#include "redrive/base/host_device.h"
 #include "redrive/kernels/kernels.h"
 
 namespace redrive::kernels {
@@ -61,8 +62,8 @@ inline void check_ray_gradients(int n_rays, const RayGradients& of_rays) {
 /// What one ray's samples in the unit cube, x_s = (origin + t_s direction - center) scale, make of d_position (coordinate k of sample s at
 /// k * stride + s): d_origin += scale sum d_x_s, d_direction += scale sum t_s d_x_s. Summed in double, in order.
 template <class T>
-void add_ray_gradient(const UnitFromWorld& unit_from_world, int n_rays, const Samples& samples, int ray,
-                      const T* d_position, std::size_t stride, const RayGradients& of_rays) {
+REDRIVE_HD void add_ray_gradient(const UnitFromWorld& unit_from_world, int n_rays, const Samples& samples, int ray,
+                                 const T* d_position, std::size_t stride, const RayGradients& of_rays) {
   const float* t = &samples.t[static_cast<std::size_t>(ray) * samples.per_ray];
   for (int k = 0; k < 3; ++k) {
     double d_origin = 0, d_direction = 0;

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <span>
 
+#include "redrive/base/host_device.h"
 #include "redrive/field/contraction.h"
 #include "redrive/field/grid_field.h"
 #include "redrive/sampling/proposal.h"
@@ -33,7 +34,7 @@ struct UnitPoints {
   std::span<const float> position, footprint;
   std::size_t stride = 0;  ///< from coordinate to coordinate, where these are the first n of more points; 0: n
 
-  float coordinate(int k, std::size_t i) const { return position[k * (stride > 0 ? stride : n) + i]; }
+  REDRIVE_HD float coordinate(int k, std::size_t i) const { return position[k * (stride > 0 ? stride : n) + i]; }
   UnitPoints first(std::size_t count) const {
     return {count, position, footprint.first(count), stride > 0 ? stride : n};
   }

@@ -3,6 +3,7 @@
 #include "redrive/kernels/kernels.h"
 
 #include "redrive/base/error.h"
+#include "redrive/kernels/cuda/cuda_backend.h"
 
 namespace redrive::kernels {
 namespace {
@@ -43,18 +44,22 @@ std::optional<Isa> choose_isa(const std::string& name) {
 std::unique_ptr<Backend> make_backend(const BackendChoice& choice) {
   if (choice.threads < 0 || choice.threads > kMaxThreads)
     throw UsageError("--threads", std::to_string(choice.threads), "must be 0 (all) to " + std::to_string(kMaxThreads));
-  if (choice.name == "cuda") throw UsageError("--backend", choice.name, "not in this build");
-  if (choice.name != "auto" && choice.name != "ref" && choice.name != "cpu")
+  if (choice.name != "auto" && choice.name != "ref" && choice.name != "cpu" && choice.name != "cuda")
     throw UsageError("--backend", choice.name, "must be one of auto, ref, cpu, cuda");
-  if (choice.name == "ref" && choice.isa != "auto")
+  if ((choice.name == "ref" || choice.name == "cuda") && choice.isa != "auto")
     throw UsageError("--isa", choice.isa,
-                     "the ref backend has no instruction sets; leave it out or take --backend cpu");
+                     "the " + choice.name + " backend has no instruction sets; leave it out or take --backend cpu");
 
+  const int threads = choice.threads > 0 ? choice.threads : hardware_threads();
+  if (choice.name == "cuda") {
+    if (const auto obstacle = cuda_obstacle()) throw UsageError("--backend", choice.name, *obstacle);
+    return make_cuda_backend(threads);
+  }
   const std::optional<Isa> isa = choice.name == "ref" ? std::nullopt : choose_isa(choice.isa);
   if (choice.name == "cpu" && !isa)
     throw UsageError("--backend", choice.name, *isa_obstacle(Isa::kAvx2) + "; ref runs everywhere");
   if (!isa) return make_ref_backend();
-  return make_cpu_backend(*isa, choice.threads > 0 ? choice.threads : hardware_threads());
+  return make_cpu_backend(*isa, threads);
 }
 
 std::string describe(const Backend& backend) {

@@ -11,6 +11,7 @@
 #include <span>
 #include <string>
 
+#include "redrive/base/buffer.h"
 #include "redrive/base/cpu_features.h"
 #include "redrive/field/nerf_field.h"
 #include "redrive/kernels/grid_stages.h"
@@ -72,9 +73,16 @@ class Backend {
  public:
   virtual ~Backend() = default;
 
-  virtual std::string name() const = 0;        ///< "ref", "cpu"
+  virtual std::string name() const = 0;        ///< "ref", "cpu", "cuda"
   virtual std::optional<Isa> isa() const = 0;  ///< cpu only
   virtual int threads() const = 0;
+
+  // ---- where numbers are. A backend with memory of its own copies what a stage is given there and back, but for numbers that it keeps.
+  /// Takes numbers there as they are now. As long as the handle lives, stages read and change them there, and the host has of them what
+  /// it fetches and says what it puts; null: they are where they are. keep() below keeps a buffer.
+  virtual std::shared_ptr<void> keep(std::span<const float> /*numbers*/) { return nullptr; }
+  virtual void fetch(std::span<const float> /*part*/) {}  ///< of what is kept: the host's copy becomes what it is there
+  virtual void put(std::span<const float> /*part*/) {}    ///< the other way: after the host has changed it
 
   // ---- sampling/
   virtual void sample_stratified(int n_rays, const StratifiedSampling& how, std::span<float> t,
@@ -125,7 +133,13 @@ class Backend {
   virtual void render_rays(const NerfField& field, const Rays& rays, const Samples& samples, const CompositeOut& out);
 };
 
-/// --backend and --isa. `name` "auto": cpu where the processor has AVX2, else ref. UsageError says why a choice is impossible.
+/// Keeps a buffer where the backend computes for as long as it lives, if that is elsewhere. One buffer, one backend.
+inline void keep(Backend& backend, const Buffer<float>& numbers) {
+  if (!numbers.elsewhere) numbers.elsewhere = backend.keep(numbers.span());
+}
+
+/// --backend and --isa. `name` "auto": cpu where the processor has AVX2, else ref; cuda is taken by its name alone as long as no GPU has run
+/// its tests. UsageError says why a choice is impossible.
 struct BackendChoice {
   std::string name = "auto";  ///< auto, ref, cpu, cuda
   std::string isa = "auto";   ///< auto, avx2, avx512, avx512-bf16, amx-bf16

@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/error.h"
+#include "redrive/kernels/cuda/cuda_backend.h"
 
 namespace redrive::kernels {
 namespace {
@@ -21,10 +22,10 @@ std::string refusal(const BackendChoice& choice) {
 }
 
 TEST(Registry, ImpossibleChoicesSayWhy) {
-  EXPECT_EQ(refusal({"cuda"}), "--backend cuda: not in this build");
   EXPECT_EQ(refusal({"gpu"}), "--backend gpu: must be one of auto, ref, cpu, cuda");
   EXPECT_EQ(refusal({"auto", "sse9"}), "--isa sse9: must be one of auto, avx2, avx512, avx512-bf16, amx-bf16");
   EXPECT_THAT(refusal({"ref", "avx2"}), HasSubstr("--isa avx2: the ref backend has no instruction sets"));
+  EXPECT_THAT(refusal({"cuda", "avx2"}), HasSubstr("--isa avx2: the cuda backend has no instruction sets"));
   EXPECT_THAT(refusal({"auto", "auto", -1}), HasSubstr("--threads -1"));
   EXPECT_THAT(refusal({"auto", "auto", 1 << 20}), HasSubstr("--threads 1048576"));
 }
@@ -34,7 +35,14 @@ TEST(Registry, RefIsAlwaysThere) {
   EXPECT_EQ(describe(*backend), "backend=ref threads=1");
 }
 
-TEST(Registry, AutoTakesTheFastest) {
+TEST(Registry, CudaIsGivenOrRefusedWithTheObstacle) {
+  if (const auto obstacle = cuda_obstacle())
+    EXPECT_EQ(refusal({"cuda"}), "--backend cuda: " + *obstacle);
+  else
+    EXPECT_EQ(describe(*make_backend({"cuda", "auto", 2})), "backend=cuda threads=2");
+}
+
+TEST(Registry, AutoTakesTheFastestOfTheProcessor) {
   const auto backend = make_backend({"auto", "auto", 2});
   EXPECT_EQ(backend->isa(), best_isa());
   EXPECT_EQ(backend->name(), best_isa() ? "cpu" : "ref");

@@ -6,6 +6,8 @@
 #include <cstddef>
 #include <span>
 
+#include "redrive/base/host_device.h"
+
 namespace redrive {
 
 template <class T>
@@ -15,7 +17,7 @@ struct PhotometricTerm {
 };
 
 template <class T>
-PhotometricTerm<T> photometric_term(T rendered, T target, int n_rays) {
+REDRIVE_HD PhotometricTerm<T> photometric_term(T rendered, T target, int n_rays) {
   const T scale = T(1) / T(3.0 * n_rays), error = rendered - target;
   return {error * error * scale, T(2) * error * scale};
 }

@@ -2,6 +2,8 @@
 // What the proposals learn from; scalar, one ray, value and derivative together.
 #pragma once
 
+#include "redrive/base/host_device.h"
+
 namespace redrive {
 
 /// The proposal must be an upper envelope of the field's weights (Barron et al., "Mip-NeRF 360", 2022, eq. 13): with bound_i the sum
@@ -10,8 +12,8 @@ namespace redrive {
 /// The field's weights count as constants. Adds scale * dL/d proposal weight to d_proposal [m]; returns L.
 /// edges [n + 1], weights [n]; proposal_edges [m + 1], proposal [m]; both tile the same ray.
 template <class T>
-T interlevel_loss(const float* edges, const T* weights, int n, const float* proposal_edges, const T* proposal, int m,
-                  T scale, T* d_proposal) {
+REDRIVE_HD T interlevel_loss(const float* edges, const T* weights, int n, const float* proposal_edges,
+                             const T* proposal, int m, T scale, T* d_proposal) {
   T loss(0);
   int first = 0;
   for (int i = 0; i < n; ++i) {
@@ -31,7 +33,7 @@ T interlevel_loss(const float* edges, const T* weights, int n, const float* prop
 /// An envelope may be too wide, but not where a ray meets nothing: (sum of the proposal's weights - sum of the field's)^2. Otherwise
 /// nothing takes back what a proposal once saw in empty space. Adds scale * dL/d proposal weight; returns L.
 template <class T>
-T opacity_loss(const T* weights, int n, const T* proposal, int m, T scale, T* d_proposal) {
+REDRIVE_HD T opacity_loss(const T* weights, int n, const T* proposal, int m, T scale, T* d_proposal) {
   T more(0);
   for (int j = 0; j < m; ++j) more += proposal[j];
   for (int i = 0; i < n; ++i) more -= weights[i];
@@ -44,8 +46,8 @@ constexpr double kOpacityWeight = 0.1;
 
 /// Both, arguments as interlevel_loss's.
 template <class T>
-T proposal_loss(const float* edges, const T* weights, int n, const float* proposal_edges, const T* proposal, int m,
-                T scale, T* d_proposal) {
+REDRIVE_HD T proposal_loss(const float* edges, const T* weights, int n, const float* proposal_edges, const T* proposal,
+                           int m, T scale, T* d_proposal) {
   return interlevel_loss(edges, weights, n, proposal_edges, proposal, m, scale, d_proposal) +
          T(kOpacityWeight) * opacity_loss(weights, n, proposal, m, T(kOpacityWeight) * scale, d_proposal);
 }

@@ -28,20 +28,27 @@ constexpr float kEmptyOpacity = 0.01f;
 /// Of those in training, so that what grows there is seen.
 constexpr float kEmptyRaysKept = 1 / 16.0f;
 
+// What the host does between the stages, it does on its own copy of the workspace: fetch before reading, put after writing.
+
 /// The rows of `live` rays, `width` numbers each.
-std::span<float> pick_rows(std::span<const float> from, int width, std::span<const int> live, Workspace* workspace) {
+std::span<float> pick_rows(kernels::Backend& backend, std::span<const float> from, int width, std::span<const int> live,
+                           Workspace* workspace) {
   const std::span<float> out = workspace->take(live.size() * width);
+  backend.fetch(from);
   for (std::size_t i = 0; i < live.size(); ++i)
     std::copy_n(&from[static_cast<std::size_t>(live[i]) * width], width, &out[i * width]);
+  backend.put(out);
   return out;
 }
 
-/// The same of [rows, rays].
-std::span<float> pick_columns(std::span<const float> from, int rows, std::span<const int> live, Workspace* workspace) {
+/// The same of [rows, rays] that the host has.
+std::span<float> pick_columns(kernels::Backend& backend, std::span<const float> from, int rows,
+                              std::span<const int> live, Workspace* workspace) {
   const std::span<float> out = workspace->take(live.size() * rows);
   const std::size_t rays = from.size() / rows;
   for (int row = 0; row < rows; ++row)
     for (std::size_t i = 0; i < live.size(); ++i) out[row * live.size() + i] = from[row * rays + live[i]];
+  backend.put(out);
   return out;
 }
 
@@ -82,11 +89,13 @@ RayBatch middles_of_groups(const RayBatch& batch) {
 }
 
 /// Each group's row for each of its rays.
-std::span<float> rows_of_groups(std::span<const float> from, int width, std::span<const std::uint32_t> group,
-                                Workspace* workspace) {
+std::span<float> rows_of_groups(kernels::Backend& backend, std::span<const float> from, int width,
+                                std::span<const std::uint32_t> group, Workspace* workspace) {
   const std::span<float> out = workspace->take(std::size_t{group.back()} * width);
+  backend.fetch(from);
   for (std::size_t g = 0; g + 1 < group.size(); ++g)
     for (std::size_t ray = group[g]; ray < group[g + 1]; ++ray) std::copy_n(&from[g * width], width, &out[ray * width]);
+  backend.put(out);
   return out;
 }
 
@@ -162,27 +171,32 @@ void GridModel::look_at_sky(kernels::Backend& backend, const RayBatch& batch, Pa
     spherical_harmonics(d, &pass->harmonics[ray * kHarmonics]);
     footprint[ray] = 0.25f * batch.pixel_angle[ray];  // half a pixel, in a cube of half the sphere's size
   }
+  for (const std::span<float> written : {position, footprint, pass->harmonics}) backend.put(written);
   pass->background = workspace->take(3 * rays);
   if (sky.levels == 0) {
     if (batch.background.empty())
       std::ranges::fill(pass->background, background);
     else
       std::ranges::copy(batch.background, pass->background.begin());
+    backend.put(pass->background);
     return;
   }
   pass->sky_points = {rays, position, footprint};
   pass->sky_features = workspace->take(rays * sky.outputs());
   backend.grid().encode(grid(kSkyGrid), pass->sky_points, pass->sky_features);
+  backend.fetch(pass->sky_features);
   for (std::size_t ray = 0; ray < rays; ++ray)
     for (int k = 0; k < 3; ++k) {
       float sum = 0;
       for (int l = 0; l < sky.levels; ++l) sum += pass->sky_features[(l * rays + ray) * sky.features + k];
       pass->background[k * rays + ray] = sigmoid(sum);
     }
+  backend.put(pass->background);
 }
 
 GridModel::Pass GridModel::propose(kernels::Backend& backend, const RayBatch& batch, const Chance* chance,
                                    Workspace* workspace) const {
+  kernels::keep(backend, parameters);
   kernels::GridStages& stages = backend.grid();
   const bool jitter = chance != nullptr;
   const auto key = [&](int round) { return chance ? chance->of_round[round] : 0; };
@@ -211,14 +225,15 @@ GridModel::Pass GridModel::propose(kernels::Backend& backend, const RayBatch& ba
   stages.spaced(rays_of(first), {coarse, spacing, contraction, jitter, key(0)}, spaced);
   pass.proposal[0] = look(first, coarse, spaced);
   auto edges = draw(first.n, pass.proposal[0], fine, 1);
-  if (grouped) edges = rows_of_groups(edges, fine + 1, batch.group, workspace);
+  if (grouped) edges = rows_of_groups(backend, edges, fine + 1, batch.group, workspace);
   pass.proposal[1] = look(batch, fine, edges);
   pass.intervals = {samples, draw(batch.n, pass.proposal[1], samples, 2)};
   return pass;
 }
 
-std::vector<int> GridModel::live_rays(const Pass& pass, int n, const Chance* chance) const {
+std::vector<int> GridModel::live_rays(kernels::Backend& backend, const Pass& pass, int n, const Chance* chance) const {
   const Round& round = pass.proposal[1];
+  backend.fetch(round.weights);
   std::vector<int> live;
   live.reserve(n);
   for (int ray = 0; ray < n; ++ray) {
@@ -236,15 +251,18 @@ std::vector<int> GridModel::live_rays(const Pass& pass, int n, const Chance* cha
 void GridModel::sample(kernels::Backend& backend, const RayBatch& batch, Pass* pass, Workspace* workspace) const {
   const std::size_t rays = pass->live.size(), count = rays * samples;
   auto edges = pass->intervals.edges;
-  if (pass->some_are_empty()) edges = pick_rows(edges, samples + 1, pass->live, workspace);
+  if (pass->some_are_empty()) edges = pick_rows(backend, edges, samples + 1, pass->live, workspace);
   pass->field = place(backend, batch, samples, edges, workspace);
   const auto t = workspace->take(count), dt = workspace->take(count);
+  backend.fetch(edges);
   for (std::size_t ray = 0, i = 0; ray < rays; ++ray)
     for (int s = 0; s < samples; ++s, ++i) {
       const float begin = edges[i + ray], end = edges[i + ray + 1];
       t[i] = 0.5f * (begin + end);
       dt[i] = end - begin;
     }
+  backend.put(t);
+  backend.put(dt);
   pass->samples = {samples, t, dt};
   pass->features = workspace->take(count * field.grid.outputs());
   backend.grid().encode(grid(kFieldGrid), pass->field.points, pass->features);
@@ -255,15 +273,15 @@ GridModel::Pass GridModel::forward(kernels::Backend& backend, const RayBatch& ba
                                    const kernels::CompositeOut& out, Workspace* workspace) const {
   const int n = batch.n;
   Pass pass = propose(backend, batch, chance, workspace);
-  pass.live = live_rays(pass, n, chance);
+  pass.live = live_rays(backend, pass, n, chance);
   const int live = static_cast<int>(pass.live.size());
   look_at_sky(backend, batch, &pass, workspace);
   pass.background_of_live = pass.background;
   kernels::CompositeOut seen = out;
   if (pass.some_are_empty()) {
     sample(backend, pick_rays(batch, pass.live), &pass, workspace);
-    pass.harmonics = pick_rows(pass.harmonics, kHarmonics, pass.live, workspace);
-    pass.background_of_live = pick_columns(pass.background, 3, pass.live, workspace);
+    pass.harmonics = pick_rows(backend, pass.harmonics, kHarmonics, pass.live, workspace);
+    pass.background_of_live = pick_columns(backend, pass.background, 3, pass.live, workspace);
     seen = {workspace->take(3 * pass.live.size()), workspace->take(live), workspace->take(live),
             workspace->take(static_cast<std::size_t>(live) * samples)};
   } else {
@@ -272,6 +290,7 @@ GridModel::Pass GridModel::forward(kernels::Backend& backend, const RayBatch& ba
   backend.grid().network_forward(network(), live, samples, pass.features, pass.harmonics, pass.raw);
   backend.composite_forward(live, pass.samples, pass.raw, pass.background_of_live, seen);
   if (pass.some_are_empty()) {
+    for (const std::span<float> read : {seen.rgb, seen.depth, seen.opacity, seen.weights}) backend.fetch(read);
     std::ranges::copy(pass.background, out.rgb.begin());
     for (const std::span<float> rest : {out.depth, out.opacity, out.weights}) std::ranges::fill(rest, 0.0f);
     for (int i = 0; i < live; ++i) {
@@ -282,17 +301,19 @@ GridModel::Pass GridModel::forward(kernels::Backend& backend, const RayBatch& ba
       std::ranges::copy(seen.weights.subspan(static_cast<std::size_t>(i) * samples, samples),
                         out.weights.begin() + static_cast<std::ptrdiff_t>(ray * samples));
     }
+    for (const std::span<float> written : {out.rgb, out.depth, out.opacity, out.weights}) backend.put(written);
   }
   pass.gains = workspace->take(out.rgb.size());
-  expose(batch, out.rgb, pass.gains);
+  expose(backend, batch, out.rgb, pass.gains);
   return pass;
 }
 
 void GridModel::render(kernels::Backend& backend, const RayBatch& batch, const kernels::CompositeOut& out,
                        Workspace* workspace) const {
-  workspace->begin();
+  workspace->begin(backend);
   const auto weights = workspace->take(static_cast<std::size_t>(batch.n) * samples);
   const Pass pass = forward(backend, batch, nullptr, {out.rgb, out.depth, out.opacity, weights}, workspace);
+  backend.fetch(weights);  // the edges sample() has fetched
   for (int ray = 0; ray < batch.n; ++ray)
     out.depth[ray] = median_distance(&pass.intervals.edges[static_cast<std::size_t>(ray) * (samples + 1)],
                                      &weights[static_cast<std::size_t>(ray) * samples], samples, out.opacity[ray]);
@@ -301,7 +322,7 @@ void GridModel::render(kernels::Backend& backend, const RayBatch& batch, const k
 StepLosses GridModel::gradients(kernels::Backend& backend, const RayBatch& batch, std::uint64_t seed, std::int64_t step,
                                 std::span<float> gradients, Workspace* workspace) const {
   const std::size_t rays = batch.n;
-  workspace->begin();
+  workspace->begin(backend);
   const auto rgb = workspace->take(3 * rays), depth = workspace->take(rays), opacity = workspace->take(rays),
              weights = workspace->take(rays * samples), d_rgb = workspace->take(3 * rays);
   const kernels::CompositeOut out{rgb, depth, opacity, weights};
@@ -311,15 +332,18 @@ StepLosses GridModel::gradients(kernels::Backend& backend, const RayBatch& batch
   StepLosses losses;
   losses.field_rays = static_cast<int>(pass.live.size());
   losses.rgb_mse = backend.photometric_loss(rgb, std::span(batch.target).first(3 * rays), d_rgb);
+  backend.fetch(d_rgb);
   losses.colours = robust(batch, rgb, d_rgb, &losses.squares);
   if (batch.by_error > 0)
     losses.rgb_mse = std::accumulate(losses.squares.begin(), losses.squares.end() - batch.by_error, 0.0) /
                      (batch.n - batch.by_error);
-  losses.colours += unexpose(batch, rgb, pass.gains, d_rgb, gradients);
+  losses.colours += unexpose(backend, batch, rgb, pass.gains, d_rgb, gradients);
+  backend.put(d_rgb);
+  backend.fetch(opacity);
   for (const float value : opacity) losses.opacity += value / static_cast<double>(rays);
 
   const auto d_raw = workspace->take(pass.raw.size());
-  const auto d_seen = pass.some_are_empty() ? pick_columns(d_rgb, 3, pass.live, workspace) : d_rgb;
+  const auto d_seen = pass.some_are_empty() ? pick_columns(backend, d_rgb, 3, pass.live, workspace) : d_rgb;
   backend.composite_backward(losses.field_rays, pass.samples, pass.raw, pass.background_of_live, {d_seen, {}}, d_raw);
   const bool moves = batch.refines;
   const auto d_field = moves ? workspace->take(3 * pass.field.points.n) : std::span<float>(),
@@ -335,7 +359,7 @@ double GridModel::range_gradients(kernels::Backend& backend, const RayBatch& bat
                                   std::int64_t step, std::span<float> gradients, Workspace* workspace) const {
   kernels::GridStages& stages = backend.grid();
   const std::size_t rays = batch.n, count = rays * samples;
-  workspace->begin();
+  workspace->begin(backend);
   const Chance chance(seed, kStreamLidarSamples, step);
   Pass pass = propose(backend, batch, &chance, workspace);
   pass.live.resize(rays);  // none is empty: each has met something
@@ -343,6 +367,7 @@ double GridModel::range_gradients(kernels::Backend& backend, const RayBatch& bat
   sample(backend, batch, &pass, workspace);
   pass.harmonics = workspace->take(rays * kHarmonics);
   std::ranges::fill(pass.harmonics, 0.0f);  // nobody asks for the colour
+  backend.put(pass.harmonics);
   stages.network_forward(network(), batch.n, samples, pass.features, pass.harmonics, pass.raw);
   const auto density = pass.raw.subspan(3 * count), weights = workspace->take(count),
              d_weights = workspace->take(count), d_raw = workspace->take(4 * count);
@@ -351,6 +376,7 @@ double GridModel::range_gradients(kernels::Backend& backend, const RayBatch& bat
       std::max(kLastSpread_m, kFirstSpread_m * std::exp2(-static_cast<float>(step) / kSpreadHalvesIn));
   const double loss = stages.range(batch.n, pass.intervals, weights, batch.range_m, spread_m, kRangeWeight, d_weights);
   std::ranges::fill(d_raw.first(3 * count), 0.0f);
+  backend.put(d_raw.first(3 * count));
   stages.weights_backward(batch.n, pass.intervals, density, weights, d_weights, d_raw.subspan(3 * count));
   backward_field(backend, pass, d_raw, gradients, {}, workspace);
   backward_proposals(backend, batch.n, pass, weights, gradients, workspace);
@@ -379,6 +405,7 @@ void GridModel::backward_sky(kernels::Backend& backend, int n, const Pass& pass,
       const float d = (1 - opacity[ray]) * d_rgb[k * rays + ray] * c * (1 - c);
       for (int l = 0; l < sky.levels; ++l) d_sky[(l * rays + ray) * sky.features + k] = d;
     }
+  backend.put(d_sky);
   backend.grid().encode_backward(grid(kSkyGrid), pass.sky_points, d_sky, part_of(gradients, kSkyGrid), d_position);
 }
 
@@ -392,6 +419,9 @@ void GridModel::backward_rays(kernels::Backend& backend, const RayBatch& batch, 
   const RayBatch picked = pass.some_are_empty() ? pick_rays(batch, pass.live) : RayBatch();
   backend.grid().contract_backward(contraction, rays_of(pass.some_are_empty() ? picked : batch), pass.field.intervals,
                                    d_field, d_origin, d_direction);
+  for (const std::span<const float> read :
+       {std::span<const float>(d_origin), std::span<const float>(d_direction), d_sky})
+    backend.fetch(read);
   for (int k = 0; k < 3; ++k) {
     for (std::size_t i = 0; i < live; ++i) {
       losses->d_origin[k * rays + pass.live[i]] = d_origin[k * live + i];
@@ -420,9 +450,12 @@ double GridModel::robust(const RayBatch& batch, std::span<const float> rgb, std:
   return loss / (3.0 * static_cast<double>(rays));
 }
 
-void GridModel::expose(const RayBatch& batch, std::span<float> rgb, std::span<float> gains) const {
+void GridModel::expose(kernels::Backend& backend, const RayBatch& batch, std::span<float> rgb,
+                       std::span<float> gains) const {
   const std::size_t rays = batch.n;
   const std::span<const float> parameters = part(kAppearance);  // not ray by ray: finding a part costs a microsecond
+  backend.fetch(parameters);
+  backend.fetch(rgb);
   for (std::size_t ray = 0; ray < rays; ++ray) {
     const auto of_ray =
         colour_gains(appearance, parameters.data(), batch.exposure.empty() ? Exposure{} : batch.exposure[ray]);
@@ -431,14 +464,16 @@ void GridModel::expose(const RayBatch& batch, std::span<float> rgb, std::span<fl
       rgb[k * rays + ray] *= of_ray[k];
     }
   }
+  backend.put(rgb);
 }
 
-double GridModel::unexpose(const RayBatch& batch, std::span<const float> rgb, std::span<const float> gains,
-                           std::span<float> d_rgb, std::span<float> gradients) const {
+double GridModel::unexpose(kernels::Backend& backend, const RayBatch& batch, std::span<const float> rgb,
+                           std::span<const float> gains, std::span<float> d_rgb, std::span<float> gradients) const {
   if (appearance.size() == 0 || batch.exposure.empty()) return 0;
   const std::size_t rays = batch.n;
   const std::span<const float> parameters = part(kAppearance);
   const std::span<float> d_parameters = part_of(gradients, kAppearance);
+  backend.fetch(d_parameters);
   for (std::size_t ray = 0; ray < rays; ++ray) {
     std::array<float, 3> of_ray, d_gains;
     for (int k = 0; k < 3; ++k) {
@@ -455,6 +490,7 @@ double GridModel::unexpose(const RayBatch& batch, std::span<const float> rgb, st
     loss += factor * parameters[i] * parameters[i];
     d_parameters[i] += 2 * factor * parameters[i];
   }
+  backend.put(d_parameters);
   return loss;
 }
 

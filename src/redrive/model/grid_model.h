@@ -71,7 +71,7 @@ struct GridModel final : Model {
   /// The field's features at the samples of pass->live, which are rays of the batch.
   void sample(kernels::Backend& backend, const RayBatch& batch, Pass* pass, Workspace* workspace) const;
   /// Those of the batch's rays that the proposals see something on.
-  std::vector<int> live_rays(const Pass& pass, int n, const Chance* chance) const;
+  std::vector<int> live_rays(kernels::Backend& backend, const Pass& pass, int n, const Chance* chance) const;
   Pass forward(kernels::Backend& backend, const RayBatch& batch, const Chance* chance, const kernels::CompositeOut& out,
                Workspace* workspace) const;
   /// From d_raw of the live rays. d_position [3, their samples] in the unit cube, or empty.
@@ -89,9 +89,9 @@ struct GridModel final : Model {
                             std::span<float> gradients, Workspace* workspace) const;
   /// Colours as the batch's cameras show them; d_rgb back to what the field shows, with the gains' own gradients and the loss that
   /// keeps them near 1.
-  void expose(const RayBatch& batch, std::span<float> rgb, std::span<float> gains) const;
-  double unexpose(const RayBatch& batch, std::span<const float> rgb, std::span<const float> gains,
-                  std::span<float> d_rgb, std::span<float> gradients) const;
+  void expose(kernels::Backend& backend, const RayBatch& batch, std::span<float> rgb, std::span<float> gains) const;
+  double unexpose(kernels::Backend& backend, const RayBatch& batch, std::span<const float> rgb,
+                  std::span<const float> gains, std::span<float> d_rgb, std::span<float> gradients) const;
   /// The squared error's d_rgb as Huber's loss has it, weighted by ray; returns that loss, mean over rays and channels, and each ray's squared error.
   double robust(const RayBatch& batch, std::span<const float> rgb, std::span<float> d_rgb,
                 std::vector<float>* squares) const;

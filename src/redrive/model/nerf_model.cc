@@ -70,10 +70,11 @@ void NerfModel::initialize(std::uint64_t seed) {
 
 StepLosses NerfModel::gradients(kernels::Backend& backend, const RayBatch& batch, std::uint64_t seed, std::int64_t step,
                                 std::span<float> gradients, Workspace* workspace) const {
+  kernels::keep(backend, parameters);
   const std::size_t n = batch.n, coarse = n * samples, fine = n * (samples + fine_samples);
   const kernels::Rays rays = rays_of(batch);
   const auto target = std::span(batch.target).first(3 * n);
-  workspace->begin();
+  workspace->begin(backend);
   const auto opacity = workspace->take(n), depth = workspace->take(n);
 
   // Section 4: stratified samples, the field at each, the colour of the ray (eq. 3), its squared error, and back.
@@ -100,6 +101,7 @@ StepLosses NerfModel::gradients(kernels::Backend& backend, const RayBatch& batch
                                         gradients.last(nerf_parameter_count(config)), of_rays);
     losses.loss += losses.rgb_mse;
   }
+  backend.fetch(opacity);
   for (const float value : opacity) losses.opacity += value / static_cast<double>(n);
   return losses;
 }
@@ -108,9 +110,10 @@ StepLosses NerfModel::gradients(kernels::Backend& backend, const RayBatch& batch
 /// those drawn from the coarse weights (NeRF section 5.2), and only the fine colours count.
 void NerfModel::render(kernels::Backend& backend, const RayBatch& batch, const kernels::CompositeOut& out,
                        Workspace* workspace) const {
+  kernels::keep(backend, parameters);
   const std::size_t n = batch.n, coarse_size = n * samples, fine_size = n * (samples + fine_samples);
   const kernels::Rays rays = rays_of(batch);
-  workspace->begin();
+  workspace->begin(backend);
   const auto t = workspace->take(coarse_size), dt = workspace->take(coarse_size),
              weights = workspace->take(fine_samples > 0 ? coarse_size : 0);
   backend.sample_stratified(batch.n, {samples, near_m, far_m, /*jitter=*/false, /*key=*/0}, t, dt);

@@ -6,6 +6,8 @@
 #include <cstdint>
 #include <span>
 
+#include "redrive/base/host_device.h"
+
 namespace redrive {
 
 /// One step's constants. m_hat = m * bias1, v_hat = v * bias2 with bias = 1 / (1 - beta^step), step counted from 1.
@@ -25,7 +27,7 @@ inline AdamStep adam_step(double learning_rate, std::int64_t step) {
 
 /// p -= lr * m_hat / (sqrt(v_hat) + epsilon).
 template <class T>
-void adam_update(const AdamStep& s, T gradient, T& parameter, T& m, T& v) {
+REDRIVE_HD void adam_update(const AdamStep& s, T gradient, T& parameter, T& m, T& v) {
   using std::sqrt;
   if (s.lazy && gradient == T(0)) return;
   m = T(s.beta1) * m + T(1 - s.beta1) * gradient;

@@ -148,7 +148,7 @@ std::string contrast_script(const AlignResult& result, const std::string& name) 
   const std::vector<ContrastFit>& fits = result.bundle.contrast;
   std::ostringstream out;
   out.precision(5);
-  out << head_of(name, "exposed later than the calibration says (ms)", "correlation, of its highest", 1200, 420)
+  out << plot_head({name, "exposed later than the calibration says (ms)", "correlation, of its highest"})
       << "$data << end\n";
   const std::size_t steps = fits.empty() ? 0 : fits[0].correlation.size();
   for (std::size_t k = 0; k < steps; ++k) {

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstdint>
 
+#include "redrive/base/host_device.h"
 #include "redrive/base/rng.h"
 
 namespace redrive {
@@ -15,7 +16,7 @@ namespace redrive {
 struct RaySpacing {
   float near_m = 0, far_m = 0, half_m = 0;
 
-  float distance(float u) const {  ///< u in [0, 1]: near to far
+  REDRIVE_HD float distance(float u) const {  ///< u in [0, 1]: near to far
     if (std::isinf(half_m)) return near_m + u * (far_m - near_m);
     const float first = near_m / (near_m + half_m), last = far_m / (far_m + half_m), s = first + u * (last - first);
     return half_m * s / (1 - s);
@@ -24,8 +25,8 @@ struct RaySpacing {
 
 /// edges [n + 1] of n intervals; with jitter all edges but the outer two are shifted by one random fraction of an
 /// interval, -1/2..1/2: the interval of any distance is uniformly random.
-inline void spaced_edges(const RaySpacing& spacing, int n, bool jitter, std::uint64_t key, std::uint64_t ray,
-                         float* edges) {
+REDRIVE_HD inline void spaced_edges(const RaySpacing& spacing, int n, bool jitter, std::uint64_t key, std::uint64_t ray,
+                                    float* edges) {
   const float shift = jitter ? random_unit(key, ray) - 0.5f : 0.0f;
   for (int i = 0; i <= n; ++i) {
     const bool outer = i == 0 || i == n;
@@ -36,8 +37,8 @@ inline void spaced_edges(const RaySpacing& spacing, int n, bool jitter, std::uin
 /// Edges [to + 1] at evenly spread quantiles of the histogram (edges [from + 1], weights [from] >= 0), within an interval
 /// linear; the outer two stay. `padding` > 0: what all intervals together weigh alike beside their own weights, against the sum of these:
 /// places that a proposal is wrong about stay reachable. With jitter one random shift for all quantiles of the ray, as in spaced_edges.
-inline void proposed_edges(const float* edges, const float* weights, int from, int to, float padding, bool jitter,
-                           std::uint64_t key, std::uint64_t ray, float* out) {
+REDRIVE_HD inline void proposed_edges(const float* edges, const float* weights, int from, int to, float padding,
+                                      bool jitter, std::uint64_t key, std::uint64_t ray, float* out) {
   float total = 0;
   for (int i = 0; i < from; ++i) total += weights[i];
   // A ray that met nothing is as long as it is: its padding is all there is.

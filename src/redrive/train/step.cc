@@ -26,6 +26,8 @@ StepResult train_step(kernels::Backend& backend, const RayBatch& batch, double l
   Model& model = *state->model;
   if (buffers->gradients.size() != model.size()) buffers->gradients = Buffer<float>(model.size());  // zeros
   const std::span<float> gradients = buffers->gradients;
+  for (const Buffer<float>* numbers : {&buffers->gradients, &state->first_moment, &state->second_moment})
+    kernels::keep(backend, *numbers);
   StepResult result;
   static_cast<StepLosses&>(result) =
       model.gradients(backend, batch, state->seed, state->step, gradients, &buffers->workspace);
@@ -33,7 +35,9 @@ StepResult train_step(kernels::Backend& backend, const RayBatch& batch, double l
     result.range = model.range_gradients(backend, *lidar, state->seed, state->step, gradients, &buffers->workspace);
   ++state->step;
   state->rays_drawn += static_cast<std::uint64_t>(batch.n - batch.by_error);
-  result.finite = std::isfinite(result.loss + result.range) && all_finite(model.sentinels(gradients));
+  const std::span<const float> sentinels = model.sentinels(gradients);
+  backend.fetch(sentinels);
+  result.finite = std::isfinite(result.loss + result.range) && all_finite(sentinels);
   if (result.finite) {
     backend.adam(model.adam(learning_rate, state->step), gradients, model.parameters, state->first_moment,
                  state->second_moment);
@@ -42,6 +46,7 @@ StepResult train_step(kernels::Backend& backend, const RayBatch& batch, double l
       state->field_share += kShareSmoothing * (static_cast<double>(result.field_rays) / batch.n - state->field_share);
   } else {
     std::ranges::fill(gradients, 0.0f);
+    backend.put(gradients);
   }
   return result;
 }

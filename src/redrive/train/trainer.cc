@@ -150,6 +150,8 @@ class Trainer {
 
   void save() {
     sync_metrics(run_.paths);
+    for (const Buffer<float>* numbers : {&state_.model->parameters, &state_.first_moment, &state_.second_moment})
+      backend_.fetch(*numbers);
     save_checkpoint(run_.paths.checkpoint(), state_);
     saved_seconds_ = state_.seconds;
     save_due_ = false;

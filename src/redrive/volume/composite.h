@@ -10,6 +10,7 @@
 #include <cmath>
 #include <cstddef>
 
+#include "redrive/base/host_device.h"
 #include "redrive/field/activation.h"
 
 namespace redrive {
@@ -28,7 +29,7 @@ struct Absorption {
 };
 
 template <class T>
-Absorption<T> absorption(T raw_density, float dt) {
+REDRIVE_HD Absorption<T> absorption(T raw_density, float dt) {
   using std::exp;
   using std::expm1;
   const T sigma = relu(raw_density);
@@ -42,8 +43,8 @@ Absorption<T> absorption(T raw_density, float dt) {
 
 /// `weights` may be null; else [n]. `background`: 3 values, or null.
 template <class T>
-RayComposite<T> composite_ray(const T* raw, std::size_t stride, const float* t, const float* dt, int n, T* weights,
-                              const T* background = nullptr) {
+REDRIVE_HD RayComposite<T> composite_ray(const T* raw, std::size_t stride, const float* t, const float* dt, int n,
+                                         T* weights, const T* background = nullptr) {
   RayComposite<T> out;
   T transmittance(1);
   for (int i = 0; i < n; ++i) {
@@ -64,8 +65,8 @@ RayComposite<T> composite_ray(const T* raw, std::size_t stride, const float* t, 
 ///   d sigma_i = dt_i (T_{i+1} g_i - R_i),   d raw_rgb = w_i c_i (1 - c_i) d_rgb.
 /// The background's own derivative is T_n d_rgb.
 template <class T>
-void composite_ray_adjoint(const T* raw, std::size_t stride, const float* dt, int n, const T d_rgb[3], T* d_raw,
-                           const T* d_weights = nullptr, const T* background = nullptr) {
+REDRIVE_HD void composite_ray_adjoint(const T* raw, std::size_t stride, const float* dt, int n, const T d_rgb[3],
+                                      T* d_raw, const T* d_weights = nullptr, const T* background = nullptr) {
   // Forward once more for T_i; kept in d_raw's density channel until it is overwritten.
   T transmittance(1);
   for (int i = 0; i < n; ++i) {

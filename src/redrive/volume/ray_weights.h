@@ -5,11 +5,13 @@
 
 #include <cmath>
 
+#include "redrive/base/host_device.h"
+
 namespace redrive {
 
 /// edges [n + 1], density [n] >= 0, weights [n].
 template <class T>
-void ray_weights(const float* edges, const T* density, int n, T* weights) {
+REDRIVE_HD void ray_weights(const float* edges, const T* density, int n, T* weights) {
   using std::exp;
   using std::expm1;
   T transmittance(1);
@@ -23,8 +25,8 @@ void ray_weights(const float* edges, const T* density, int n, T* weights) {
 /// d density_i = dt_i (T_{i+1} d_w_i - sum_{j>i} w_j d_w_j), from the weights that ray_weights gave: T_{i+1} = 1 - sum_{j<=i} w_j
 /// would lose its digits, so it is computed anew.
 template <class T>
-void ray_weights_adjoint(const float* edges, const T* density, int n, const T* weights, const T* d_weights,
-                         T* d_density) {
+REDRIVE_HD void ray_weights_adjoint(const float* edges, const T* density, int n, const T* weights, const T* d_weights,
+                                    T* d_density) {
   using std::exp;
   T transmittance(1), behind(0);
   for (int i = 0; i < n; ++i) {

@@ -65,22 +65,10 @@ class RefGridStages final : public GridStages {
 
   void contract(const Contraction& contraction, const Rays& rays, std::span<const float> pixel_angle,
                 const Intervals& intervals, std::span<float> position, std::span<float> footprint) override {
-    check_edges(rays.n, intervals.per_ray, intervals.edges.size());
-    const std::size_t n = interval_count(rays.n, intervals.per_ray);
-    REDRIVE_CHECK_OP(pixel_angle.size(), ==, static_cast<std::size_t>(rays.n));
-    REDRIVE_CHECK_OP(position.size(), ==, 3 * n);
-    REDRIVE_CHECK_OP(footprint.size(), ==, n);
+    check_contract(rays, intervals, pixel_angle.size(), position.size(), footprint.size());
     for (int ray = 0; ray < rays.n; ++ray)
-      for (int s = 0; s < intervals.per_ray; ++s) {
-        const std::size_t edge = interval_count(ray, intervals.per_ray + 1) + s,
-                          i = interval_count(ray, intervals.per_ray) + s;
-        const double begin = intervals.edges[edge], end = intervals.edges[edge + 1], t = 0.5 * (begin + end);
-        double world[3], unit[3];
-        for (int k = 0; k < 3; ++k) world[k] = rays.origin[k * rays.n + ray] + t * rays.direction[k * rays.n + ray];
-        const double factor = redrive::contract(contraction, world, unit), side = pixel_angle[ray] * t;
-        for (int k = 0; k < 3; ++k) position[k * n + i] = static_cast<float>(unit[k]);
-        footprint[i] = static_cast<float>(factor * std::cbrt(side * side * (end - begin)));
-      }
+      for (int s = 0; s < intervals.per_ray; ++s)
+        contract_of(contraction, rays, pixel_angle, intervals, ray, s, position, footprint);
   }
 
   void contract_backward(const Contraction& contraction, const Rays& rays, const Intervals& intervals,

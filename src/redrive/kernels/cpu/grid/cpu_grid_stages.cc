@@ -70,11 +70,8 @@ class CpuGridStages final : public GridStages {
   void contract(const Contraction& contraction, const Rays& rays, std::span<const float> pixel_angle,
                 const Intervals& intervals, std::span<float> position, std::span<float> footprint) override {
     const int per_ray = intervals.per_ray;
-    check_edges(rays.n, per_ray, intervals.edges.size());
+    check_contract(rays, intervals, pixel_angle.size(), position.size(), footprint.size());
     const std::size_t n = interval_count(rays.n, per_ray);
-    REDRIVE_CHECK_OP(pixel_angle.size(), ==, static_cast<std::size_t>(rays.n));
-    REDRIVE_CHECK_OP(position.size(), ==, 3 * n);
-    REDRIVE_CHECK_OP(footprint.size(), ==, n);
     pool_.run_ranges(rays.n, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
       kernels_.contract({.n_rays = static_cast<int>(end - begin),
                          .per_ray = per_ray,

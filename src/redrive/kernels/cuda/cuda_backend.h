@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: Apache-2.0
+// --backend cuda, as the rest of the program sees it: no CUDA type. Without nvcc at build time: no_cuda.cc.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "redrive/kernels/kernels.h"
+
+namespace redrive::kernels {
+
+/// Why there is no cuda backend here: not in this build, no driver, no GPU, one too old. Nothing if there is one.
+std::optional<std::string> cuda_obstacle();
+
+/// "NVIDIA H200, compute capability 9.0, 139.8 GiB, driver for CUDA 13.0". There must be no obstacle.
+std::string cuda_description();
+
+/// On the first GPU that CUDA_VISIBLE_DEVICES shows. There must be no obstacle. threads: the host's. What a GPU says no to later is a
+/// UsageError where it has no memory left, else a std::runtime_error with CUDA's words.
+std::unique_ptr<Backend> make_cuda_backend(int threads);
+
+/// The same stages and functors in plain loops on the host (loop_device.h): for tests.
+std::unique_ptr<Backend> make_loop_backend();
+
+}  // namespace redrive::kernels

@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: Apache-2.0
+// A GPU by the CUDA runtime, for nvcc alone: memory, copies and the one kernel that all functors run in. Everything is put on the default
+// stream, in which one thing follows the other; copies to the host wait for what comes before them.
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <memory>
+#include <span>
+#include <stdexcept>
+#include <string>
+#include <type_traits>
+
+#include <cuda_runtime.h>
+
+#include "redrive/base/error.h"
+#include "redrive/kernels/cuda/kept_numbers.h"
+#include "redrive/kernels/cuda/slab.h"
+
+namespace redrive::kernels {
+
+inline void check_cuda(cudaError_t error, const char* doing) {
+  if (error != cudaSuccess)
+    throw std::runtime_error(std::string("the GPU failed, ") + doing + ": " + cudaGetErrorString(error));
+}
+
+struct CudaMemory {
+  void* allocate(std::size_t bytes) const {
+    void* place = nullptr;
+    const cudaError_t error = cudaMalloc(&place, bytes);
+    if (error == cudaErrorMemoryAllocation)
+      throw UsageError(
+          "--backend", "cuda",
+          "the GPU has no " + std::to_string(bytes >> 20) + " MiB left; lower --batch, or see what else runs on it");
+    check_cuda(error, "allocating");
+    return place;
+  }
+  void release(void* place) const { cudaFree(place); }  // errors of work before it are the next copy's to tell
+};
+
+/// Functor i of each thread, and those a whole grid further.
+template <class Functor>
+__global__ void run_functor(std::size_t n, const Functor functor) {
+  for (std::size_t i = blockIdx.x * std::size_t{blockDim.x} + threadIdx.x; i < n;
+       i += std::size_t{gridDim.x} * blockDim.x)
+    functor(i);
+}
+
+class CudaDevice {
+ public:
+  /// A network of width 256 keeps 2600 numbers a sample: 0.35 GB; and a layer of it is 2^19 tiles, four times what an H200 runs at once.
+  static constexpr std::size_t kSamplesAtOnce = std::size_t{1} << 15;
+
+  CudaDevice() {
+    int device = 0;
+    check_cuda(cudaGetDevice(&device), "choosing a GPU");
+    check_cuda(cudaDeviceGetAttribute(&multiprocessors_, cudaDevAttrMultiProcessorCount, device), "asking the GPU");
+  }
+
+  void begin() { memory_.begin(); }
+  void* take(std::size_t bytes) { return memory_.take(bytes); }
+  std::shared_ptr<void> hold(std::size_t bytes) {
+    return {CudaMemory().allocate(bytes), [](void* place) { CudaMemory().release(place); }};
+  }
+  void spoil(std::span<float>) {}
+  void to_device(void* device, const void* host, std::size_t bytes) {
+    check_cuda(cudaMemcpy(device, host, bytes, cudaMemcpyHostToDevice), "copying to the GPU");
+  }
+  void to_host(void* host, const void* device, std::size_t bytes) {
+    check_cuda(cudaMemcpy(host, device, bytes, cudaMemcpyDeviceToHost), "computing");
+  }
+
+  template <class Functor>
+  void for_each(std::size_t n, const Functor& functor) {
+    static_assert(std::is_trivially_copyable_v<Functor>, "goes to the GPU byte by byte");
+    static_assert(sizeof(Functor) <= 4000, "arguments of a kernel have 4 KiB");
+    if (n == 0) return;
+    constexpr std::size_t kThreads = 128, kBlocksEach = 64;  // more rounds than these even out what threads differ by
+    const std::size_t blocks = std::min((n + kThreads - 1) / kThreads, kBlocksEach * multiprocessors_);
+    run_functor<<<static_cast<unsigned>(blocks), kThreads>>>(n, functor);
+    check_cuda(cudaGetLastError(), "starting a kernel");
+  }
+
+  KeptNumbers kept;
+
+ private:
+  int multiprocessors_ = 1;
+  Slab<CudaMemory> memory_;
+};
+
+}  // namespace redrive::kernels

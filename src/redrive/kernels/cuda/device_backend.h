@@ -1,0 +1,171 @@
+// SPDX-License-Identifier: Apache-2.0
+// The backend of a device (stage.h says what that is): every stage copies what it is given, runs the functors of this folder on it, and
+// copies back what it is asked for. Kept numbers stay there. The first, simple shape: nothing else stays there from stage to stage.
+#pragma once
+
+#include <string>
+
+#include "redrive/kernels/check_sizes.h"
+#include "redrive/kernels/cuda/device_grid_stages.h"
+#include "redrive/kernels/cuda/nerf_network.h"
+#include "redrive/kernels/cuda/ray_functors.h"
+#include "redrive/kernels/cuda/stage.h"
+
+namespace redrive::kernels {
+
+template <class Device>
+class DeviceBackend final : public Backend {
+ public:
+  /// threads: the host's, which read pictures.
+  DeviceBackend(std::string name, int threads) : name_(std::move(name)), threads_(threads) {}
+
+  std::string name() const override { return name_; }
+  std::optional<Isa> isa() const override { return std::nullopt; }
+  int threads() const override { return threads_; }
+
+  std::shared_ptr<void> keep(std::span<const float> numbers) override {
+    if (numbers.empty()) return nullptr;
+    auto there = device_.hold(numbers.size_bytes());
+    device_.to_device(there.get(), numbers.data(), numbers.size_bytes());
+    device_.kept.add(numbers, there);
+    return there;
+  }
+  void fetch(std::span<const float> part) override {
+    if (const float* const there =
+            device_.kept.find(part))  // the host's copy of them is no constant, whoever looks at it
+      device_.to_host(const_cast<float*>(part.data()), there, part.size_bytes());
+  }
+  void put(std::span<const float> part) override {
+    if (float* const there = device_.kept.find(part)) device_.to_device(there, part.data(), part.size_bytes());
+  }
+
+  void sample_stratified(int n_rays, const StratifiedSampling& how, std::span<float> t, std::span<float> dt) override {
+    check_stratified(n_rays, how, t.size(), dt.size());
+    Stage stage(device_);
+    stage.for_each(n_rays, StratifiedRays{how, stage.out(t), stage.out(dt)});
+    stage.finish();
+  }
+
+  void sample_hierarchical(const Samples& coarse, std::span<const float> weights, int extra, bool jitter,
+                           std::uint64_t key, std::span<float> t, std::span<float> dt) override {
+    const int n_rays = check_hierarchical(coarse, weights.size(), extra, t.size(), dt.size());
+    Stage stage(device_);
+    stage.for_each(n_rays, HierarchicalRays{there(stage, coarse), stage.in(weights), extra, jitter, key, stage.out(t),
+                                            stage.out(dt)});
+    stage.finish();
+  }
+
+  void nerf_forward(const NerfField& field, const Rays& rays, const Samples& samples, std::span<float> raw) override {
+    check_field(field, rays, samples);
+    check_raw(rays.n, samples, raw.size());
+    const std::size_t n = sample_count(rays.n, samples), most = std::min(n, Device::kSamplesAtOnce);
+    Stage stage(device_);
+    NerfNetworkPass<Device> pass(stage, there(stage, field), most, {}, false);
+    const Rays rays_there = there(stage, rays);
+    const Samples samples_there = there(stage, samples);
+    const std::span<float> out = stage.out(raw);
+    for (std::size_t first = 0; first < n; first += most)
+      pass.forward(rays_there, samples_there, first, std::min(most, n - first), {&out[first], 1, n});
+    stage.finish();
+  }
+
+  void nerf_backward(const NerfField& field, const Rays& rays, const Samples& samples, std::span<const float> d_raw,
+                     std::span<float> gradients, const RayGradients& of_rays) override {
+    check_field(field, rays, samples);
+    check_raw(rays.n, samples, d_raw.size());
+    check_ray_gradients(rays.n, of_rays);
+    REDRIVE_CHECK_OP(gradients.size(), ==, field.parameters.size());
+    const std::size_t n = sample_count(rays.n, samples), most = std::min(n, Device::kSamplesAtOnce);
+    Stage stage(device_);
+    NerfNetworkPass<Device> pass(stage, there(stage, field), most, stage.in_out(gradients), of_rays.wanted());
+    const Rays rays_there = there(stage, rays);
+    const Samples samples_there = there(stage, samples);
+    const std::span<const float> d = stage.in(d_raw);
+    const std::span<float> d_position = stage.template scratch<float>(of_rays.wanted() ? 3 * n : 0);
+    for (std::size_t first = 0; first < n; first += most) {
+      const std::size_t count = std::min(most, n - first);
+      pass.forward(rays_there, samples_there, first, count, {});
+      pass.backward(count, {&d[first], 1, n}, {d_position.empty() ? nullptr : &d_position[first], 1, n});
+    }
+    if (of_rays.wanted())
+      stage.for_each(rays.n,
+                     RayGradientsOfSamples{field.unit_from_world,
+                                           rays.n,
+                                           samples_there,
+                                           d_position,
+                                           {stage.in_out(of_rays.d_origin), stage.in_out(of_rays.d_direction)}});
+    stage.finish();
+  }
+
+  void composite_forward(int n_rays, const Samples& samples, std::span<const float> raw,
+                         std::span<const float> background, const CompositeOut& out) override {
+    check_samples(n_rays, samples);
+    check_raw(n_rays, samples, raw.size());
+    check_background(n_rays, background);
+    check_composite(n_rays, samples, out);
+    Stage stage(device_);
+    stage.for_each(n_rays, CompositeRays{static_cast<std::size_t>(n_rays),
+                                         there(stage, samples),
+                                         stage.in(raw),
+                                         stage.in(background),
+                                         {stage.out(out.rgb), stage.out(out.depth), stage.out(out.opacity),
+                                          stage.out(out.weights)}});
+    stage.finish();
+  }
+
+  void composite_backward(int n_rays, const Samples& samples, std::span<const float> raw,
+                          std::span<const float> background, const CompositeAdjoint& adjoint,
+                          std::span<float> d_raw) override {
+    check_samples(n_rays, samples);
+    check_raw(n_rays, samples, raw.size());
+    check_raw(n_rays, samples, d_raw.size());
+    check_background(n_rays, background);
+    check_composite_adjoint(n_rays, samples, adjoint);
+    Stage stage(device_);
+    stage.for_each(n_rays, CompositeRaysAdjoint{static_cast<std::size_t>(n_rays),
+                                                there(stage, samples),
+                                                stage.in(raw),
+                                                stage.in(background),
+                                                {stage.in(adjoint.d_rgb), stage.in(adjoint.d_weights)},
+                                                stage.out(d_raw)});
+    stage.finish();
+  }
+
+  double photometric_loss(std::span<const float> rgb, std::span<const float> target, std::span<float> d_rgb) override {
+    const int n_rays = check_photometric(rgb.size(), target.size(), d_rgb.size());
+    Stage stage(device_);
+    const double loss =
+        stage.sum(rgb.size(), PhotometricChannels{stage.in(rgb), stage.in(target), n_rays, stage.out(d_rgb)});
+    stage.finish();
+    return loss;
+  }
+
+  void adam(const AdamStep& step, std::span<float> gradients, std::span<float> parameters,
+            std::span<float> first_moment, std::span<float> second_moment) override {
+    check_adam(gradients.size(), parameters.size(), first_moment.size(), second_moment.size());
+    Stage stage(device_);
+    stage.for_each(parameters.size(), AdamParameters{step, stage.in_out(gradients), stage.in_out(parameters),
+                                                     stage.in_out(first_moment), stage.in_out(second_moment)});
+    stage.finish();
+  }
+
+  GridStages& grid() override { return grid_; }
+
+ private:
+  static Rays there(Stage<Device>& stage, const Rays& rays) {
+    return {rays.n, stage.in(rays.origin), stage.in(rays.direction)};
+  }
+  static Samples there(Stage<Device>& stage, const Samples& samples) {
+    return {samples.per_ray, stage.in(samples.t), stage.in(samples.dt)};
+  }
+  static NerfField there(Stage<Device>& stage, const NerfField& field) {
+    return {field.config, field.unit_from_world, stage.in(field.parameters)};
+  }
+
+  std::string name_;
+  int threads_;
+  Device device_;
+  DeviceGridStages<Device> grid_{device_};
+};
+
+}  // namespace redrive::kernels

@@ -1,0 +1,202 @@
+// SPDX-License-Identifier: Apache-2.0
+// The stages of --method grid on a device.
+#pragma once
+
+#include "redrive/kernels/check_grid_sizes.h"
+#include "redrive/kernels/cuda/grid_functors.h"
+#include "redrive/kernels/cuda/grid_network.h"
+#include "redrive/kernels/cuda/stage.h"
+
+namespace redrive::kernels {
+
+template <class Device>
+class DeviceGridStages final : public GridStages {
+ public:
+  explicit DeviceGridStages(Device& device) : device_(device) {}
+
+  void spaced(const Rays& rays, const SpacedIntervals& how, std::span<float> edges) override {
+    check_spaced(rays, how.per_ray, edges.size());
+    Stage stage(device_);
+    stage.for_each(rays.n, SpacedRays{there(stage, rays), how, stage.out(edges)});
+    stage.finish();
+  }
+
+  void proposed(int n_rays, const Intervals& from, std::span<const float> weights, const ProposedIntervals& how,
+                std::span<float> edges) override {
+    check_edges(n_rays, from.per_ray, from.edges.size());
+    check_edges(n_rays, how.per_ray, edges.size());
+    REDRIVE_CHECK_OP(weights.size(), ==, interval_count(n_rays, from.per_ray));
+    Stage stage(device_);
+    stage.for_each(n_rays, ProposedRays{there(stage, from), stage.in(weights), how, stage.out(edges)});
+    stage.finish();
+  }
+
+  void contract(const Contraction& contraction, const Rays& rays, std::span<const float> pixel_angle,
+                const Intervals& intervals, std::span<float> position, std::span<float> footprint) override {
+    check_contract(rays, intervals, pixel_angle.size(), position.size(), footprint.size());
+    Stage stage(device_);
+    stage.for_each(footprint.size(),
+                   ContractSamples{contraction, there(stage, rays), stage.in(pixel_angle), there(stage, intervals),
+                                   stage.out(position), stage.out(footprint)});
+    stage.finish();
+  }
+
+  void contract_backward(const Contraction& contraction, const Rays& rays, const Intervals& intervals,
+                         std::span<const float> d_position, std::span<float> d_origin,
+                         std::span<float> d_direction) override {
+    check_contract_backward(rays, intervals, d_position.size(), d_origin.size(), d_direction.size());
+    Stage stage(device_);
+    stage.for_each(rays.n, ContractRaysAdjoint{contraction, there(stage, rays), there(stage, intervals),
+                                               stage.in(d_position), stage.out(d_origin), stage.out(d_direction)});
+    stage.finish();
+  }
+
+  void encode(const HashGrid& grid, const UnitPoints& points, std::span<float> features) override {
+    check_encode(grid, points, features.size());
+    Stage stage(device_);
+    stage.for_each(points.n * grid.config.levels,
+                   EncodePoints{GridLevels(there(stage, grid)), there(stage, points), stage.out(features)});
+    stage.finish();
+  }
+
+  void encode_backward(const HashGrid& grid, const UnitPoints& points, std::span<const float> d_features,
+                       std::span<float> d_table, std::span<float> d_position) override {
+    check_encode(grid, points, d_features.size());
+    REDRIVE_CHECK_OP(d_table.size(), ==, grid.table.size());
+    if (!d_position.empty()) REDRIVE_CHECK_OP(d_position.size(), ==, 3 * points.n);
+    Stage stage(device_);
+    const HashGrid values{grid.config, d_position.empty() ? std::span<const float>() : stage.in(grid.table)};
+    const GridLevels levels(values);
+    const UnitPoints points_there = there(stage, points);
+    const std::span<const float> d = stage.in(d_features);
+    stage.for_each(points.n * grid.config.levels,
+                   EncodePointsAdjoint{levels, points_there, d, {stage.in_out(d_table)}});
+    if (!d_position.empty())
+      stage.for_each(points.n, EncodePositionsAdjoint{levels, points_there, d, stage.out(d_position)});
+    stage.finish();
+  }
+
+  void network_forward(const GridNetwork& network, int n_rays, int per_ray, std::span<const float> features,
+                       std::span<const float> harmonics, std::span<float> raw) override {
+    check_network(network, n_rays, per_ray, features.size(), harmonics.size(), raw.size());
+    const std::size_t n = interval_count(n_rays, per_ray), most = std::min(n, Device::kSamplesAtOnce);
+    Stage stage(device_);
+    GridNetworkPass<Device> pass(stage, there(stage, network), n, per_ray, most, stage.in(features),
+                                 stage.in(harmonics), {});
+    const std::span<float> out = stage.out(raw);
+    for (std::size_t first = 0; first < n; first += most)
+      pass.forward(first, std::min(most, n - first), {&out[first], 1, n});
+    stage.finish();
+  }
+
+  void network_backward(const GridNetwork& network, int n_rays, int per_ray, std::span<const float> features,
+                        std::span<const float> harmonics, std::span<const float> d_raw, std::span<float> d_weights,
+                        std::span<float> d_features) override {
+    check_network(network, n_rays, per_ray, features.size(), harmonics.size(), d_raw.size());
+    REDRIVE_CHECK_OP(d_weights.size(), ==, network.weights.size());
+    REDRIVE_CHECK_OP(d_features.size(), ==, features.size());
+    const std::size_t n = interval_count(n_rays, per_ray), most = std::min(n, Device::kSamplesAtOnce);
+    Stage stage(device_);
+    GridNetworkPass<Device> pass(stage, there(stage, network), n, per_ray, most, stage.in(features),
+                                 stage.in(harmonics), stage.in_out(d_weights));
+    const std::span<const float> d = stage.in(d_raw);
+    const std::span<float> out = stage.out(d_features);
+    for (std::size_t first = 0; first < n; first += most) {
+      const std::size_t count = std::min(most, n - first);
+      pass.forward(first, count, {});
+      pass.backward(first, count, {&d[first], 1, n}, out);
+    }
+    stage.finish();
+  }
+
+  void proposal_density(const HashGrid& grid, float density_scale, const UnitPoints& points,
+                        std::span<float> density) override {
+    check_proposal(grid, points, density.size());
+    Stage stage(device_);
+    stage.for_each(points.n, ProposalDensities{GridLevels(there(stage, grid)), density_scale, there(stage, points),
+                                               stage.out(density)});
+    stage.finish();
+  }
+
+  void proposal_density_backward(const HashGrid& grid, const UnitPoints& points, std::span<const float> density,
+                                 std::span<const float> d_density, std::span<float> d_table) override {
+    check_proposal(grid, points, density.size());
+    REDRIVE_CHECK_OP(d_density.size(), ==, points.n);
+    REDRIVE_CHECK_OP(d_table.size(), ==, grid.table.size());
+    Stage stage(device_);
+    stage.for_each(points.n * grid.config.levels, ProposalDensitiesAdjoint{GridLevels({grid.config, {}}),
+                                                                           there(stage, points),
+                                                                           stage.in(density),
+                                                                           stage.in(d_density),
+                                                                           {stage.in_out(d_table)}});
+    stage.finish();
+  }
+
+  void weights(int n_rays, const Intervals& intervals, std::span<const float> density,
+               std::span<float> weights) override {
+    check_edges(n_rays, intervals.per_ray, intervals.edges.size());
+    REDRIVE_CHECK_OP(density.size(), ==, interval_count(n_rays, intervals.per_ray));
+    REDRIVE_CHECK_OP(weights.size(), ==, density.size());
+    Stage stage(device_);
+    stage.for_each(n_rays, WeightsOfRays{there(stage, intervals), stage.in(density), stage.out(weights)});
+    stage.finish();
+  }
+
+  void weights_backward(int n_rays, const Intervals& intervals, std::span<const float> density,
+                        std::span<const float> weights, std::span<const float> d_weights,
+                        std::span<float> d_density) override {
+    check_edges(n_rays, intervals.per_ray, intervals.edges.size());
+    REDRIVE_CHECK_OP(density.size(), ==, interval_count(n_rays, intervals.per_ray));
+    REDRIVE_CHECK_OP(weights.size(), ==, density.size());
+    REDRIVE_CHECK_OP(d_weights.size(), ==, density.size());
+    REDRIVE_CHECK_OP(d_density.size(), ==, density.size());
+    Stage stage(device_);
+    stage.for_each(n_rays, WeightsOfRaysAdjoint{there(stage, intervals), stage.in(density), stage.in(weights),
+                                                stage.in(d_weights), stage.out(d_density)});
+    stage.finish();
+  }
+
+  double proposal(int n_rays, const Intervals& intervals, std::span<const float> weights, const Intervals& proposal,
+                  std::span<const float> proposal_weights, std::span<float> d_proposal) override {
+    check_edges(n_rays, intervals.per_ray, intervals.edges.size());
+    check_edges(n_rays, proposal.per_ray, proposal.edges.size());
+    REDRIVE_CHECK_OP(weights.size(), ==, interval_count(n_rays, intervals.per_ray));
+    REDRIVE_CHECK_OP(proposal_weights.size(), ==, interval_count(n_rays, proposal.per_ray));
+    REDRIVE_CHECK_OP(d_proposal.size(), ==, proposal_weights.size());
+    Stage stage(device_);
+    const double loss =
+        stage.sum(n_rays, ProposalOfRays{n_rays, there(stage, intervals), stage.in(weights), there(stage, proposal),
+                                         stage.in(proposal_weights), stage.out(d_proposal)});
+    stage.finish();
+    return loss / n_rays;
+  }
+
+  double range(int n_rays, const Intervals& intervals, std::span<const float> weights, std::span<const float> range_m,
+               float spread_m, float factor, std::span<float> d_weights) override {
+    check_range(n_rays, intervals, weights.size(), range_m.size(), spread_m, d_weights.size());
+    Stage stage(device_);
+    const double loss = stage.sum(n_rays, RangesOfRays{n_rays, there(stage, intervals), stage.in(weights),
+                                                       stage.in(range_m), spread_m, factor, stage.out(d_weights)});
+    stage.finish();
+    return loss / n_rays;
+  }
+
+ private:
+  static Rays there(Stage<Device>& stage, const Rays& rays) {
+    return {rays.n, stage.in(rays.origin), stage.in(rays.direction)};
+  }
+  static Intervals there(Stage<Device>& stage, const Intervals& intervals) {
+    return {intervals.per_ray, stage.in(intervals.edges)};
+  }
+  static HashGrid there(Stage<Device>& stage, const HashGrid& grid) { return {grid.config, stage.in(grid.table)}; }
+  static GridNetwork there(Stage<Device>& stage, const GridNetwork& network) {
+    return {network.config, network.density_scale, stage.in(network.weights)};
+  }
+  static UnitPoints there(Stage<Device>& stage, const UnitPoints& points) {
+    return {points.n, stage.in(points.position), stage.in(points.footprint), points.stride};
+  }
+
+  Device& device_;
+};
+
+}  // namespace redrive::kernels

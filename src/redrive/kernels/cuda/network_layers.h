@@ -1,0 +1,87 @@
+// SPDX-License-Identifier: Apache-2.0
+// The layers of a network (layer_functors.h) one after the other, on as many samples as its activations are kept for.
+#pragma once
+
+#include "redrive/kernels/cuda/layer_functors.h"
+#include "redrive/kernels/cuda/stage.h"
+
+namespace redrive::kernels {
+
+/// A layer in the flat buffer of all parameters: weight [outputs, inputs] at `offset`, its bias [outputs] behind it.
+struct LayerPlace {
+  std::size_t outputs, inputs, offset;
+  bool has_bias, has_relu;
+
+  std::size_t size() const { return outputs * (inputs + (has_bias ? 1 : 0)); }
+};
+
+/// `parameters` lie on the device; `gradients`, if any, too, and are added to.
+template <class Device>
+class NetworkLayers {
+ public:
+  NetworkLayers(Stage<Device>& stage, std::span<const float> parameters, std::span<float> gradients)
+      : stage_(stage), parameters_(parameters.data()), gradients_(gradients.data()) {}
+
+  /// Room for `columns` numbers of each of so many samples.
+  OfSamples<float> rows(std::size_t samples, std::size_t columns) {
+    return {stage_.template scratch<float>(samples * columns).data(), columns};
+  }
+  /// For weights_adjoint of any of these layers and so many samples.
+  void reserve_slices(std::size_t samples, std::span<const LayerPlace> layers) {
+    std::size_t largest = 0;
+    for (const LayerPlace& layer : layers) largest = std::max(largest, layer.size());
+    partial_ = stage_.template scratch<float>(slices_of(samples) * largest);
+  }
+
+  void forward(const LayerPlace& layer, std::size_t samples, OfSamples<float> x, OfSamples<float> y) {
+    const float* const weight = parameters_ + layer.offset;
+    run(LayerForward{.samples = samples,
+                     .outputs = layer.outputs,
+                     .inputs = layer.inputs,
+                     .weight = weight,
+                     .bias = layer.has_bias ? weight + layer.outputs * layer.inputs : nullptr,
+                     .has_relu = layer.has_relu,
+                     .x = read_only(x),
+                     .y = y});
+  }
+
+  /// Of `columns` of the layer's inputs from `first` on; `opened`: these themselves, where they came through a ReLU.
+  void input_adjoint(const LayerPlace& layer, std::size_t samples, OfSamples<const float> d_y, OfSamples<float> d_x,
+                     std::size_t columns, OfSamples<float> opened = {}, bool adds = false, std::size_t first = 0) {
+    run(LayerInputAdjoint{.samples = samples,
+                          .outputs = layer.outputs,
+                          .inputs = layer.inputs,
+                          .columns = columns,
+                          .weight = parameters_ + layer.offset + first,
+                          .adds = adds,
+                          .d_y = d_y,
+                          .opened = read_only(opened),
+                          .d_x = d_x});
+  }
+
+  /// d_y is what is behind the layer's ReLU, if it has one: zero where that is closed.
+  void weights_adjoint(const LayerPlace& layer, std::size_t samples, OfSamples<float> x, OfSamples<const float> d_y) {
+    run(LayerWeightAdjoint{.samples = samples,
+                           .outputs = layer.outputs,
+                           .inputs = layer.inputs,
+                           .has_bias = layer.has_bias,
+                           .d_y = d_y,
+                           .x = read_only(x),
+                           .partial = partial_.data()});
+    stage_.for_each(layer.size(),
+                    AddSlices{slices_of(samples), layer.size(), partial_.data(), gradients_ + layer.offset});
+  }
+
+ private:
+  template <class Tiles>
+  void run(const Tiles& layer) {
+    stage_.for_each(layer.tiles(), layer);
+  }
+
+  Stage<Device>& stage_;
+  const float* parameters_;
+  float* gradients_;
+  std::span<float> partial_;
+};
+
+}  // namespace redrive::kernels

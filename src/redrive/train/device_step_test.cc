@@ -1,0 +1,161 @@
+// SPDX-License-Identifier: Apache-2.0
+// Training and rendering where the backend keeps parameters, moments, gradients and the workspace in memory of its own: the host's copy of
+// what a stage wrote is not a number until it is fetched (kernels/cuda/loop_device.h), so that what is read without that, or changed and
+// not put back, shows.
+#include <cmath>
+#include <functional>
+
+#include <gtest/gtest.h>
+
+#include "redrive/kernels/cuda/cuda_backend.h"
+#include "redrive/model/tiny_grid_model.h"
+#include "redrive/train/step.h"
+#include "redrive/train/test_support.h"
+
+namespace redrive {
+namespace {
+
+/// With exposures, and as pose refinement asks for it.
+RayBatch batch_for_device(int n, std::uint64_t step) {
+  RayBatch batch;
+  batch.n = n;
+  batch.refines = true;
+  for (int i = 0; i < 3 * n; ++i) {
+    batch.origin.push_back(0);
+    batch.target.push_back(static_cast<float>(0.5 + 0.5 * uniform(70 + step, i)));
+    batch.direction.push_back(i < n ? 0.8f : i < 2 * n ? 0.6f : 0.0f);
+  }
+  batch.pixel_angle.assign(n, 0.02f);
+  for (int ray = 0; ray < n; ++ray) batch.exposure.push_back({ray % 2, 0.1f * static_cast<float>(ray)});
+  return batch;
+}
+
+/// Steps of a backend that keeps numbers against the same one's that is given everything each time. The third step is not finite.
+void expect_that_keeping_changes_nothing(const std::function<TrainState()>& fresh) {
+  const auto keeping = kernels::make_loop_backend();
+  Interference nothing;
+  InterferingBackend copying(*keeping, &nothing);  // hands on the stages alone
+  TrainState kept = fresh(), copied = fresh();
+  StepBuffers of_kept, of_copied;
+  RayBatch lidar = batch_for_device(5, 9);
+  lidar.range_m.assign(5, 3.0f);
+  for (int step = 0; step < 4; ++step) {
+    RayBatch batch = batch_for_device(24, step);
+    if (step == 2) batch.target[5] = std::numeric_limits<float>::quiet_NaN();
+    const StepResult a = train_step(*keeping, batch, 1e-2, &kept, &of_kept, &lidar),
+                     b = train_step(copying, batch, 1e-2, &copied, &of_copied, &lidar);
+    EXPECT_EQ(a.finite, step != 2);
+    EXPECT_EQ(b.finite, step != 2);
+    EXPECT_EQ(a.range, b.range);
+    EXPECT_EQ(a.opacity, b.opacity);
+    if (step == 2) continue;
+    EXPECT_EQ(a.loss, b.loss) << step;
+    EXPECT_TRUE(bit_equal(a.d_origin, b.d_origin));
+    EXPECT_TRUE(bit_equal(a.d_direction, b.d_direction));
+  }
+  EXPECT_TRUE(std::isnan(kept.first_moment[0])) << "on the host before it was fetched";
+  for (const Buffer<float>* numbers : {&kept.model->parameters, &kept.first_moment, &kept.second_moment})
+    keeping->fetch(*numbers);
+  EXPECT_TRUE(same_weights(kept, copied));
+  EXPECT_FALSE(same_weights(kept, fresh()));
+}
+
+TrainState grid_for_device() {
+  auto model = std::make_unique<GridModel>();
+  make_tiny(*model);
+  return initial_state(std::move(model), 3);
+}
+
+/// Of which most rays are empty: the field is asked about a few.
+TrainState empty_grid_for_device() {
+  TrainState state = grid_for_device();
+  for (const ModelTensor& tensor : state.model->tensors())
+    if (tensor.name == "proposal") std::fill_n(&state.model->parameters[tensor.offset], tensor.shape[0], -30.0f);
+  return state;
+}
+
+TEST(TrainStepOnADevice, OfAGrid) { expect_that_keeping_changes_nothing(grid_for_device); }
+
+TEST(TrainStepOnADevice, OfAGridWithEmptyRays) { expect_that_keeping_changes_nothing(empty_grid_for_device); }
+
+TEST(TrainStepOnADevice, OfAGridOnABackground) {
+  expect_that_keeping_changes_nothing([] {
+    TrainState state = grid_for_device();
+    dynamic_cast<GridModel&>(*state.model).sky.levels = 0;
+    return initial_state(std::move(state.model), 3);
+  });
+}
+
+TEST(TrainStepOnADevice, OfANerf) {
+  expect_that_keeping_changes_nothing([] {
+    auto model = std::make_unique<NerfModel>();
+    model->config = {32, 3, 2};
+    model->samples = 6;
+    model->fine_samples = 4;
+    model->unit_from_world = {{0, 0, 0}, 0.2f};
+    return initial_state(std::move(model), 3);
+  });
+}
+
+struct PictureOfDevice {
+  std::vector<float> rgb, depth, opacity;
+
+  PictureOfDevice(kernels::Backend& backend, const Model& model, const RayBatch& batch)
+      : rgb(3 * batch.n), depth(batch.n), opacity(batch.n) {
+    Workspace workspace;
+    for (int again = 0; again < 2; ++again) model.render(backend, batch, {rgb, depth, opacity, {}}, &workspace);
+  }
+};
+
+TEST(RenderOnADevice, IsTheSameWhereNumbersAreKept) {
+  for (const bool empty : {false, true})
+    for (const bool grouped : {false, true}) {
+      const TrainState kept = empty ? empty_grid_for_device() : grid_for_device(),
+                       copied = empty ? empty_grid_for_device() : grid_for_device();
+      RayBatch batch = batch_for_device(12, 3);
+      if (grouped) batch.group = {0, 4, 7, 12};
+      const auto keeping = kernels::make_loop_backend();
+      Interference nothing;
+      InterferingBackend copying(*keeping, &nothing);
+      const PictureOfDevice a(*keeping, *kept.model, batch), b(copying, *copied.model, batch);
+      EXPECT_TRUE(bit_equal(a.rgb, b.rgb));
+      EXPECT_TRUE(bit_equal(a.depth, b.depth));
+      EXPECT_TRUE(bit_equal(a.opacity, b.opacity));
+      for (const float value : b.rgb) EXPECT_TRUE(std::isfinite(value));
+      for (const float value : b.depth) EXPECT_TRUE(std::isfinite(value));
+    }
+}
+
+class TrainingOnADevice : public TrainingTest {};
+
+TEST_F(TrainingOnADevice, SavesWhatTheDeviceHas) {
+  const auto keeping = kernels::make_loop_backend();
+  Interference nothing;
+  InterferingBackend copying(*keeping, &nothing);
+  redrive::Run kept = tiny_grid_run(folder_.path / "kept", folder_.path, tiny_options(5)),
+               copied = tiny_grid_run(folder_.path / "copied", folder_.path, tiny_options(5));
+  EXPECT_EQ(train(&kept, *keeping, never_), TrainEnd::kFinished);
+  EXPECT_EQ(train(&copied, copying, never_), TrainEnd::kFinished);
+  EXPECT_EQ(kept.state.step, 5);
+  EXPECT_TRUE(same_weights(kept.state, copied.state));
+  EXPECT_TRUE(same_weights(load_checkpoint(kept.paths.checkpoint()), copied.state));
+}
+
+TEST_F(TrainingOnADevice, OnAGpuLearnsAsOnTheProcessor) {
+  if (const auto obstacle = kernels::cuda_obstacle()) GTEST_SKIP() << "cuda: " << *obstacle;
+  const auto gpu = kernels::make_cuda_backend(2);
+  redrive::Run run = tiny_grid_run(folder_.path / "gpu", folder_.path, tiny_options(100)),
+               same = tiny_grid_run(folder_.path / "processor", folder_.path, tiny_options(100));
+  EXPECT_EQ(train(&run, *gpu, never_), TrainEnd::kFinished);
+  EXPECT_EQ(train(&same, *backend_, never_), TrainEnd::kFinished);
+  const auto rows = read_metrics(run.paths), expected = read_metrics(same.paths);
+  ASSERT_EQ(rows.size(), expected.size());
+  EXPECT_GT(rows.back().psnr_db, rows.front().psnr_db);
+  // The same numbers but for roundings, which grow from step to step.
+  EXPECT_NEAR(rows.front().psnr_db, expected.front().psnr_db, 0.1);
+  EXPECT_NEAR(rows.back().psnr_db, expected.back().psnr_db, 1);
+  EXPECT_EQ(load_checkpoint(run.paths.checkpoint()).step, 100);
+}
+
+}  // namespace
+}  // namespace redrive
