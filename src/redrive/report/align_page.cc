@@ -159,8 +159,8 @@ std::string contrast_script(const AlignResult& result, const std::string& name) 
   }
   out << "end\nset yrange [0:1.05]\nplot ";
   for (std::size_t c = 0; c < fits.size(); ++c)
-    out << (c ? ", " : "") << "$data using 1:" << c + 2 << " with lines lw 2 lc rgb '"
-        << kColours[c % std::size(kColours)] << "' title '" << result.cameras[c].name << "'";
+    out << (c ? ", " : "") << "$data using 1:" << c + 2 << " with lines lw 2 lc rgb '" << plot_colour(c) << "' title "
+        << plot_text(result.cameras[c].name);
   out << "\n";
   return out.str();
 }
