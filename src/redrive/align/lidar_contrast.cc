@@ -14,7 +14,7 @@ namespace {
 constexpr int kImages = 16;  // a camera
 constexpr double kMargin_s =
     0.2;  // images this close to the ends are left out: what they see was passed before the drive began
-constexpr double kNearest_m = 1, kFarthest_m = 50;
+constexpr double kClosest_m = 1, kFarthest_m = 50;
 constexpr int kCell_px = 2;
 // A return counts where no other is nearer by 15 % within a block of pixels or its neighbours: beams are further apart than pixels.
 constexpr int kBlock_px = 6;
@@ -28,7 +28,7 @@ constexpr int kSteps = 20;            // of the scan, to each side
 constexpr int kPeak = 4;              // steps to each side that a peak is fitted to
 // Known that well, by leaving out one image after the other. Along the road, what is bright to one and to the other may differ by so much,
 // however many places agree.
-constexpr double kMostSigma_s = 0.01, kMostSigma_m = 0.15, kLeastSigma_m = 0.03;
+constexpr double kMostSigma_s = 0.01, kMostSigma_m = 0.15, kLeastAlong_m = 0.03;
 constexpr double kLeastSpeed_m_per_s = 1;
 // How much higher the peak has to be than anything further away from it, in sigmas, likewise: rails and dashes repeat.
 constexpr double kSignificant = 3;
@@ -80,7 +80,7 @@ std::vector<Hit> visible(const Camera& camera, const Rigid3d& camera_from_world,
   std::vector<Hit> hits;
   for (std::size_t i = 0; i < in_world.size(); ++i) {
     const float distance_m = (in_world[i] - at).norm();
-    if (!(distance_m >= kNearest_m && distance_m <= kFarthest_m)) continue;
+    if (!(distance_m >= kClosest_m && distance_m <= kFarthest_m)) continue;
     const auto pixel = camera.project(camera_from_world * in_world[i].cast<double>());
     if (!pixel) continue;
     const int x = static_cast<int>(std::lround(pixel->x())), y = static_cast<int>(std::lround(pixel->y()));
@@ -314,7 +314,7 @@ ContrastFit fit_clock(const std::vector<Sums>& of_image, double offset_s, double
     return fit;
   fit.told = true;
   fit.offset_s = offset_s + *peak;
-  fit.sigma_s = std::hypot(sigma_s, kLeastSigma_m / speed_m_per_s);
+  fit.sigma_s = std::hypot(sigma_s, kLeastAlong_m / speed_m_per_s);
   return fit;
 }
 
