@@ -164,22 +164,6 @@ std::optional<double> peak_s(const std::vector<double>& correlation) {
   return kContrastStep_s * (best - kSteps + std::clamp(-0.5 * slope / bend, -1.0 * kPeak, 1.0 * kPeak));
 }
 
-std::vector<Eigen::Vector3f> place(const RigModel& model, const std::vector<LidarSample>& samples, ThreadPool& pool) {
-  std::vector<Eigen::Vector3f> in_world(samples.size());
-  pool.run_ranges(samples.size(), 4096, [&](std::size_t begin, std::size_t end) {
-    Rigid3d world_from_body = Rigid3d::Identity();
-    std::int64_t placed_ns = -1;
-    for (std::size_t i = begin; i < end; ++i) {
-      if (samples[i].t_ns != placed_ns) {  // a packet's points share their time
-        placed_ns = samples[i].t_ns;
-        world_from_body = model.corrected(model.at(placed_ns));
-      }
-      in_world[i] = (world_from_body * samples[i].in_body).cast<float>();
-    }
-  });
-  return in_world;
-}
-
 /// Frames whose images are looked at, evenly chosen.
 std::vector<int> frames_of(const RigModel& model, const RigImages& images, int camera) {
   const auto margin_ns = static_cast<std::int64_t>(kMargin_s * 1e9);
@@ -321,7 +305,9 @@ ContrastFit fit_clock(const std::vector<Sums>& of_image, double offset_s, double
 }  // namespace
 
 std::vector<ContrastFit> fit_clocks(const RigModel& model, const ContrastSource& source, ThreadPool& pool) {
-  const std::vector<Eigen::Vector3f> in_world = place(model, source.samples, pool);
+  std::vector<Eigen::Vector3f> in_world(source.samples.size());
+  place_samples(model, source.samples, pool,
+                [&](std::size_t i, const Eigen::Vector3d& point) { in_world[i] = point.cast<float>(); });
   const int cameras = source.images.cameras();
   std::vector<std::vector<int>> frames;
   std::vector<std::vector<Sums>> sums(cameras);

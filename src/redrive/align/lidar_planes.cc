@@ -167,19 +167,10 @@ std::vector<FlatPatch> find_flat_patches(const RigModel& model, const std::vecto
                                          const PlaneOptions& options, ThreadPool& pool) {
   Placed points{samples, std::vector<Eigen::Vector3d>(samples.size())};
   std::vector<std::pair<Key, int>> cells(samples.size());
-  pool.run_ranges(samples.size(), 4096, [&](std::size_t begin, std::size_t end) {
-    Rigid3d world_from_body = Rigid3d::Identity();
-    std::int64_t placed_ns = -1;
-    for (std::size_t i = begin; i < end; ++i) {
-      if (samples[i].t_ns != placed_ns) {  // a packet's points share their time
-        placed_ns = samples[i].t_ns;
-        world_from_body = model.corrected(model.at(placed_ns));
-      }
-      points.in_world[i] = world_from_body * samples[i].in_body;
-      for (int d = 0; d < 3; ++d)
-        cells[i].first[d] = std::llround(std::floor(points.in_world[i][d] / options.largest_m));
-      cells[i].second = static_cast<int>(i);
-    }
+  place_samples(model, samples, pool, [&](std::size_t i, const Eigen::Vector3d& in_world) {
+    points.in_world[i] = in_world;
+    for (int d = 0; d < 3; ++d) cells[i].first[d] = std::llround(std::floor(in_world[d] / options.largest_m));
+    cells[i].second = static_cast<int>(i);
   });
   std::sort(cells.begin(), cells.end());
   std::vector<std::size_t> starts;

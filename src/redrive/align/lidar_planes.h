@@ -30,6 +30,22 @@ std::vector<LidarSample> load_lidar_samples(const Recording& recording, const Sc
 /// At most so many of them, evenly chosen, in their order.
 std::vector<LidarSample> evenly_fewer(std::vector<LidarSample> samples, std::size_t most);
 
+/// Calls use(i, in_world) for each sample where the corrections of now put it, in any order, on all threads.
+template <class Use>
+void place_samples(const RigModel& model, const std::vector<LidarSample>& samples, ThreadPool& pool, const Use& use) {
+  pool.run_ranges(samples.size(), 4096, [&](std::size_t begin, std::size_t end) {
+    Rigid3d world_from_body = Rigid3d::Identity();
+    std::int64_t placed_ns = -1;
+    for (std::size_t i = begin; i < end; ++i) {
+      if (samples[i].t_ns != placed_ns) {  // a packet's points share their time
+        placed_ns = samples[i].t_ns;
+        world_from_body = model.corrected(model.at(placed_ns));
+      }
+      use(i, Eigen::Vector3d(world_from_body * samples[i].in_body));
+    }
+  });
+}
+
 struct PlaneOptions {
   double largest_m = 4,
          smallest_m = 0.5;  ///< edges of the cubes that are looked into: each is cut in eight until it is flat
