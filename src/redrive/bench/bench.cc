@@ -24,8 +24,9 @@ constexpr double kAdamFlops = 14;              // optim/adam.h: m 3, v 4, parame
 
 class Runner {
  public:
-  Runner(const Options& options, Report* report, const std::function<void(const Result&)>& on_result)
-      : options_(options), report_(report), on_result_(on_result) {}
+  Runner(kernels::Backend& backend, const Options& options, Report* report,
+         const std::function<void(const Result&)>& on_result)
+      : backend_(backend), options_(options), report_(report), on_result_(on_result) {}
 
   bool wanted(const std::string& name) const { return name.find(options_.filter) != std::string::npos; }
 
@@ -53,6 +54,7 @@ class Runner {
     const auto run = [&] {
       const auto start = std::chrono::steady_clock::now();
       work();
+      backend_.wait();
       return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     };
     std::vector<double> seconds;
@@ -66,6 +68,7 @@ class Runner {
     return seconds;
   }
 
+  kernels::Backend& backend_;
   const Options& options_;
   Report* report_;
   const std::function<void(const Result&)>& on_result_;
@@ -99,7 +102,7 @@ void time_render(Runner& runner, kernels::Backend& backend, const SyntheticDrive
 
 void time_kernels(Runner& runner, kernels::Backend& backend, const SyntheticDrive& drive) {
   const NerfConfig config;
-  KernelBatch b(drive, config, 96);
+  KernelBatch b(backend, drive, config, 96);
   const double samples = static_cast<double>(b.t.size()), forward_flops = 2 * nerf_macs_per_sample(config);
   const auto field = b.model().field(0);
   runner.time("kernel/sample_stratified", samples, kStratifiedFlops,
@@ -110,7 +113,7 @@ void time_kernels(Runner& runner, kernels::Backend& backend, const SyntheticDriv
   runner.time("kernel/nerf_backward-256", samples, 3 * forward_flops,
               [&] { backend.nerf_backward(field, b.ray_spans(), b.sample_spans(), b.d_raw, b.gradients, {}); });
   runner.time("kernel/composite_forward", samples, kCompositeFlops, [&] {
-    backend.composite_forward(b.rays.n, b.sample_spans(), b.raw, {}, {b.rgb, b.depth, b.opacity, b.weights});
+    backend.composite_forward(b.rays.n, b.sample_spans(), b.raw, {}, {b.rgb, b.depth, b.opacity, {}});
   });
   runner.time("kernel/composite_backward", samples, kCompositeAdjointFlops, [&] {
     backend.composite_backward(b.rays.n, b.sample_spans(), b.raw, {}, {b.d_rgb, {}}, b.d_raw);
@@ -122,7 +125,7 @@ void time_kernels(Runner& runner, kernels::Backend& backend, const SyntheticDriv
 }
 
 void time_grid_kernels(Runner& runner, kernels::Backend& backend, const SyntheticDrive& drive) {
-  GridBatch b(drive, backend.grid());
+  GridBatch b(backend, drive);
   kernels::GridStages& stages = backend.grid();
   const int n = b.rays.n;
   const double samples = static_cast<double>(b.points.n), levels = b.model().field.grid.levels,
@@ -152,7 +155,7 @@ Report run(kernels::Backend& backend, const Options& options, const std::functio
   ThreadPool pool(backend.threads());
   report.peak_gflops = measure_peak_gflops(backend.isa(), pool);
 
-  Runner runner(options, &report, on_result);
+  Runner runner(backend, options, &report, on_result);
   const SyntheticDrive drive = make_drive();
   const TrainOptions wide = options_of("nerf", 256, 96), narrow = options_of("nerf", 128, 48),
                      grid = options_of("grid", 32, 24);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/bench/workload.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "redrive/base/rng.h"
@@ -53,53 +54,62 @@ TrainOptions options_of(const std::string& method, int width, int samples) {
   return options;
 }
 
-KernelBatch::KernelBatch(const SyntheticDrive& drive, const NerfConfig& config, int samples)
+KernelBatch::KernelBatch(kernels::Backend& backend, const SyntheticDrive& drive, const NerfConfig& config, int samples)
     : state(first_state(options_of("nerf", config.width, samples), drive.scene)) {
   PixelSampler(drive.scene, drive.images, 1).gather(0, kBatchRays, &rays);
   const std::size_t n = static_cast<std::size_t>(rays.n) * samples;
-  t.resize(n);
-  dt.resize(n);
+  t = Buffer<float>(n);
+  dt = Buffer<float>(n);
   for (int ray = 0; ray < rays.n; ++ray) {
     const auto how = sampling();
     const std::size_t first = static_cast<std::size_t>(ray) * samples;
     stratified_ray(samples, how.near_m, how.far_m, how.jitter, how.key, first, &t[first], &dt[first]);
   }
   // Linear outputs of order 1, half of the densities active; gradients of a mean over the batch.
-  const auto fill = [](std::vector<float>* values, std::size_t size, float scale) {
-    values->resize(size);
+  const auto fill = [](Buffer<float>* values, std::size_t size, float scale) {
+    *values = Buffer<float>(size);
     for (std::size_t i = 0; i < size; ++i) (*values)[i] = scale * (random_unit(random_key(1, kStreamTest), i) - 0.5f);
   };
   fill(&raw, 4 * n, 4);
   fill(&d_rgb, 3 * rays.n, 1.0f / rays.n);
   fill(&d_raw, 4 * n, 1.0f / n);
   fill(&gradients, state.model->parameters.size(), 1e-3f);
-  rgb.resize(3 * rays.n);
-  depth.resize(rays.n);
-  opacity.resize(rays.n);
+  rgb = Buffer<float>(3 * rays.n);
+  depth = Buffer<float>(rays.n);
+  opacity = Buffer<float>(rays.n);
+  for (const Buffer<float>* numbers : {&t, &dt, &raw, &d_raw, &rgb, &depth, &opacity, &d_rgb, &gradients,
+                                       &state.model->parameters, &state.first_moment, &state.second_moment})
+    kernels::keep(backend, *numbers);
 }
 
 kernels::StratifiedSampling KernelBatch::sampling() const {
   return {model().samples, model().near_m, model().far_m, true, random_key(1, kStreamSamples)};
 }
 
-GridBatch::GridBatch(const SyntheticDrive& drive, kernels::GridStages& stages)
+GridBatch::GridBatch(kernels::Backend& backend, const SyntheticDrive& drive)
     : state(first_state(options_of("grid", 32, per_ray), drive.scene)) {
   constexpr int kRays = 2048;
   PixelSampler(drive.scene, drive.images, 1).gather(0, kRays, &rays);
   const std::size_t n = static_cast<std::size_t>(rays.n) * per_ray;
-  edges.resize(n + rays.n);
-  position.resize(3 * n);
-  footprint.resize(n);
+  edges = Buffer<float>(n + rays.n);
+  position = Buffer<float>(3 * n);
+  footprint = Buffer<float>(n);
+  features = Buffer<float>(n * model().field.grid.outputs());
+  d_features = Buffer<float>(features.size());
+  harmonics = Buffer<float>(static_cast<std::size_t>(rays.n) * kHarmonics);
+  std::ranges::fill(harmonics.span(), 0.3f);
+  raw = Buffer<float>(4 * n);
+  std::ranges::fill(raw.span(), 1e-3f);
+  d_table = Buffer<float>(grid().table.size());
+  d_weights = Buffer<float>(network().weights.size());
+  for (const Buffer<float>* numbers : {&edges, &position, &footprint, &features, &d_features, &harmonics, &raw,
+                                       &d_table, &d_weights, &state.model->parameters})
+    kernels::keep(backend, *numbers);
+  kernels::GridStages& stages = backend.grid();
   stages.spaced(rays_of(rays), {per_ray, model().spacing, model().contraction, true, random_key(1, kStreamSamples)},
                 edges);
   stages.contract(model().contraction, rays_of(rays), rays.pixel_angle, {per_ray, edges}, position, footprint);
   points = {n, position, footprint};
-  features.resize(n * model().field.grid.outputs());
-  d_features.resize(features.size());
-  harmonics.assign(static_cast<std::size_t>(rays.n) * kHarmonics, 0.3f);
-  raw.assign(4 * n, 1e-3f);
-  d_table.resize(grid().table.size());
-  d_weights.resize(network().weights.size());
   stages.encode(grid(), points, features);
 }
 

@@ -4,6 +4,7 @@
 
 #include <vector>
 
+#include "redrive/base/buffer.h"
 #include "redrive/model/grid_model.h"
 #include "redrive/model/nerf_model.h"
 #include "redrive/rays/ray_table.h"
@@ -25,13 +26,13 @@ SyntheticDrive make_drive();
 /// What a fresh run of the method would take, at this width and these samples a ray.
 TrainOptions options_of(const std::string& method, int width, int samples);
 
-/// Everything a kernel of one batch reads or writes, filled with numbers like a real step's.
+/// Everything a kernel of one batch reads or writes, filled with numbers like a real step's and, but for the rays, kept where the backend computes.
 struct KernelBatch {
   TrainState state;
   RayBatch rays;
-  std::vector<float> t, dt, raw, d_raw, rgb, depth, opacity, weights, d_rgb, gradients;
+  Buffer<float> t, dt, raw, d_raw, rgb, depth, opacity, d_rgb, gradients;
 
-  KernelBatch(const SyntheticDrive& drive, const NerfConfig& config, int samples);
+  KernelBatch(kernels::Backend& backend, const SyntheticDrive& drive, const NerfConfig& config, int samples);
   kernels::Rays ray_spans() const { return {rays.n, rays.origin, rays.direction}; }
   const NerfModel& model() const { return static_cast<const NerfModel&>(*state.model); }
   kernels::Samples sample_spans() const { return {model().samples, t, dt}; }
@@ -43,10 +44,10 @@ struct GridBatch {
   static constexpr int per_ray = 24;
   TrainState state;
   RayBatch rays;
-  std::vector<float> edges, position, footprint, features, d_features, harmonics, raw, d_table, d_weights;
+  Buffer<float> edges, position, footprint, features, d_features, harmonics, raw, d_table, d_weights;
   kernels::UnitPoints points;
 
-  GridBatch(const SyntheticDrive& drive, kernels::GridStages& stages);
+  GridBatch(kernels::Backend& backend, const SyntheticDrive& drive);
   const GridModel& model() const { return static_cast<const GridModel&>(*state.model); }
   kernels::HashGrid grid() const { return model().grid(GridModel::kFieldGrid); }
   kernels::GridNetwork network() const { return model().network(); }

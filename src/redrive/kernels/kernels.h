@@ -83,6 +83,7 @@ class Backend {
   virtual std::shared_ptr<void> keep(std::span<const float> /*numbers*/) { return nullptr; }
   virtual void fetch(std::span<const float> /*part*/) {}  ///< of what is kept: the host's copy becomes what it is there
   virtual void put(std::span<const float> /*part*/) {}    ///< the other way: after the host has changed it
+  virtual void wait() {}  ///< until all that stages were asked for is done: for clocks, the rest need not know
 
   // ---- sampling/
   virtual void sample_stratified(int n_rays, const StratifiedSampling& how, std::span<float> t,

@@ -63,6 +63,7 @@ class CudaDevice {
     return {CudaMemory().allocate(bytes), [](void* place) { CudaMemory().release(place); }};
   }
   void spoil(std::span<float>) {}
+  void wait() { check_cuda(cudaDeviceSynchronize(), "computing"); }
   void to_device(void* device, const void* host, std::size_t bytes) {
     check_cuda(cudaMemcpy(device, host, bytes, cudaMemcpyHostToDevice), "copying to the GPU");
   }

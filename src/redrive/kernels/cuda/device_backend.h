@@ -38,6 +38,7 @@ class DeviceBackend final : public Backend {
   void put(std::span<const float> part) override {
     if (float* const there = device_.kept.find(part)) device_.to_device(there, part.data(), part.size_bytes());
   }
+  void wait() override { device_.wait(); }
 
   void sample_stratified(int n_rays, const StratifiedSampling& how, std::span<float> t, std::span<float> dt) override {
     check_stratified(n_rays, how, t.size(), dt.size());

@@ -26,6 +26,7 @@ class LoopDevice {
   }
   std::shared_ptr<void> hold(std::size_t bytes) { return std::make_shared_for_overwrite<std::byte[]>(bytes); }
   void spoil(std::span<float> host) { std::ranges::fill(host, std::numeric_limits<float>::quiet_NaN()); }
+  void wait() {}
   void to_device(void* device, const void* host, std::size_t bytes) { std::memcpy(device, host, bytes); }
   void to_host(void* host, const void* device, std::size_t bytes) { std::memcpy(host, device, bytes); }
 

@@ -3,6 +3,7 @@
 //   begin()                       memory that was taken before is free again
 //   take(bytes)                   memory of the device, whatever is in it, aligned for any number
 //   to_device, to_host            copies; to_host waits until it is there
+//   wait()                        until all of that is done
 //   for_each(n, functor)          functor(i) for i in [0, n), in any order and at once; what it needs lies in it or on the device
 //   hold(bytes), kept             memory that stays as long as its handle lives, and what of the host's numbers lies in such
 //   spoil(host)                   is told that the host's copy of kept numbers is out of date
