@@ -99,10 +99,7 @@ class DeviceBackend final : public Backend {
 
   void composite_forward(int n_rays, const Samples& samples, std::span<const float> raw,
                          std::span<const float> background, const CompositeOut& out) override {
-    check_samples(n_rays, samples);
-    check_raw(n_rays, samples, raw.size());
-    check_background(n_rays, background);
-    check_composite(n_rays, samples, out);
+    check_composite_forward(n_rays, samples, raw.size(), background, out);
     Stage stage(device_);
     stage.for_each(n_rays, CompositeRays{static_cast<std::size_t>(n_rays),
                                          there(stage, samples),
@@ -116,11 +113,7 @@ class DeviceBackend final : public Backend {
   void composite_backward(int n_rays, const Samples& samples, std::span<const float> raw,
                           std::span<const float> background, const CompositeAdjoint& adjoint,
                           std::span<float> d_raw) override {
-    check_samples(n_rays, samples);
-    check_raw(n_rays, samples, raw.size());
-    check_raw(n_rays, samples, d_raw.size());
-    check_background(n_rays, background);
-    check_composite_adjoint(n_rays, samples, adjoint);
+    check_composite_backward(n_rays, samples, raw.size(), background, adjoint, d_raw.size());
     Stage stage(device_);
     stage.for_each(n_rays, CompositeRaysAdjoint{static_cast<std::size_t>(n_rays),
                                                 there(stage, samples),
