@@ -7,8 +7,9 @@
 
 #include <Eigen/Core>
 
-#include "redrive/field/activation.h"
+#include "redrive/field/sky.h"
 #include "redrive/loss/photometric.h"
+#include "redrive/volume/median_distance.h"
 
 namespace redrive {
 
@@ -19,9 +20,6 @@ constexpr int kRaysPerTaughtRay = 4;
 // A surface may first be found anywhere near a return, in the end within what the range and the
 // time of a point leave uncertain.
 constexpr float kFirstSpread_m = 1, kLastSpread_m = 0.1f, kSpreadHalvesIn = 300;  // m, m, steps
-
-/// Of the mean square of all log gains against the colours' loss: a hundredth of what a camera's pictures say of one.
-constexpr float kGainWeight = 5e-4f;
 
 /// A ray on which the proposals see less than this is taken for empty: at most two and a half steps of 255.
 constexpr float kEmptyOpacity = 0.01f;
@@ -99,17 +97,6 @@ std::span<float> rows_of_groups(kernels::Backend& backend, std::span<const float
   return out;
 }
 
-/// Where half of what a ray meets lies before: unlike the mean it does not care how far behind it the rest is.
-float median_distance(const float* edges, const float* weights, int n, float total) {
-  float before = 0;
-  for (int i = 0; i < n; ++i) {
-    if (before + weights[i] >= 0.5f * total && weights[i] > 0)
-      return edges[i] + (0.5f * total - before) / weights[i] * (edges[i + 1] - edges[i]);
-    before += weights[i];
-  }
-  return edges[n];
-}
-
 }  // namespace
 
 /// Of a step: of the three rounds of sampling, and of which empty rays are looked at all the same.
@@ -166,10 +153,10 @@ void GridModel::look_at_sky(kernels::Backend& backend, const RayBatch& batch, Pa
     float d[3];
     for (int k = 0; k < 3; ++k) {
       d[k] = batch.direction[k * rays + ray];
-      position[k * rays + ray] = 0.5f * (d[k] + 1);  // the unit sphere within the unit cube
+      position[k * rays + ray] = sky_coordinate(d[k]);
     }
     spherical_harmonics(d, &pass->harmonics[ray * kHarmonics]);
-    footprint[ray] = 0.25f * batch.pixel_angle[ray];  // half a pixel, in a cube of half the sphere's size
+    footprint[ray] = sky_footprint(batch.pixel_angle[ray]);
   }
   for (const std::span<float> written : {position, footprint, pass->harmonics}) backend.put(written);
   pass->background = workspace->take(3 * rays);
@@ -186,11 +173,9 @@ void GridModel::look_at_sky(kernels::Backend& backend, const RayBatch& batch, Pa
   backend.grid().encode(grid(kSkyGrid), pass->sky_points, pass->sky_features);
   backend.fetch(pass->sky_features);
   for (std::size_t ray = 0; ray < rays; ++ray)
-    for (int k = 0; k < 3; ++k) {
-      float sum = 0;
-      for (int l = 0; l < sky.levels; ++l) sum += pass->sky_features[(l * rays + ray) * sky.features + k];
-      pass->background[k * rays + ray] = sigmoid(sum);
-    }
+    for (int k = 0; k < 3; ++k)
+      pass->background[k * rays + ray] =
+          sky_colour(&pass->sky_features[ray * sky.features + k], sky.levels, rays * sky.features);
   backend.put(pass->background);
 }
 
@@ -401,8 +386,8 @@ void GridModel::backward_sky(kernels::Backend& backend, int n, const Pass& pass,
   std::ranges::fill(d_sky, 0.0f);
   for (std::size_t ray = 0; ray < rays; ++ray)
     for (int k = 0; k < 3; ++k) {
-      const float c = pass.background[k * rays + ray];
-      const float d = (1 - opacity[ray]) * d_rgb[k * rays + ray] * c * (1 - c);
+      const std::size_t at = k * rays + ray;
+      const float d = sky_colour_adjoint(pass.background[at], (1 - opacity[ray]) * d_rgb[at]);
       for (int l = 0; l < sky.levels; ++l) d_sky[(l * rays + ray) * sky.features + k] = d;
     }
   backend.put(d_sky);
@@ -428,7 +413,8 @@ void GridModel::backward_rays(kernels::Backend& backend, const RayBatch& batch, 
       losses->d_direction[k * rays + pass.live[i]] = d_direction[k * live + i];
     }
     if (!d_sky.empty())  // as look_at_sky places it
-      for (std::size_t ray = 0; ray < rays; ++ray) losses->d_direction[k * rays + ray] += 0.5f * d_sky[k * rays + ray];
+      for (std::size_t at = k * rays; at < (k + 1) * rays; ++at)
+        losses->d_direction[at] += sky_coordinate_adjoint(d_sky[at]);
   }
 }
 
@@ -482,13 +468,14 @@ double GridModel::unexpose(kernels::Backend& backend, const RayBatch& batch, std
       d_gains[k] = d_rgb[at] * rgb[at] / gains[at];
       d_rgb[at] *= gains[at];
     }
-    colour_gains_adjoint(appearance, batch.exposure[ray], of_ray, d_gains, d_parameters.data());
+    colour_gains_adjoint(appearance, batch.exposure[ray], of_ray, d_gains,
+                         [&](std::size_t at, float derivative) { d_parameters[at] += derivative; });
   }
-  const float factor = kGainWeight * kGainOfParameter * kGainOfParameter / static_cast<float>(parameters.size());
   double loss = 0;
   for (std::size_t i = 0; i < parameters.size(); ++i) {
-    loss += factor * parameters[i] * parameters[i];
-    d_parameters[i] += 2 * factor * parameters[i];
+    const GainTerm<float> term = gain_term(appearance, parameters[i]);
+    loss += term.value;
+    d_parameters[i] += term.derivative;
   }
   backend.put(d_parameters);
   return loss;
