@@ -1,11 +1,26 @@
 // SPDX-License-Identifier: Apache-2.0
-// The fused stages' default: the composition of the plain ones.
+// Defaults: what is done to numbers on the host, and the fused stages as the composition of the plain ones.
+#include <algorithm>
+#include <bit>
+#include <cstdint>
+#include <numeric>
 #include <vector>
 
 #include "redrive/kernels/check_sizes.h"
 #include "redrive/kernels/kernels.h"
 
 namespace redrive::kernels {
+
+void Backend::fill(std::span<float> numbers, float value) { std::ranges::fill(numbers, value); }
+
+double Backend::sum(std::span<const float> numbers) { return std::accumulate(numbers.begin(), numbers.end(), 0.0); }
+
+bool Backend::all_finite(std::span<const float> numbers) {
+  constexpr std::uint32_t kExponent = 0x7f800000;  // all ones: infinity or NaN
+  std::uint32_t bad = 0;
+  for (const float number : numbers) bad |= (std::bit_cast<std::uint32_t>(number) & kExponent) == kExponent;
+  return bad == 0;
+}
 
 double Backend::train_rays(const NerfField& field, const Rays& rays, const Samples& samples,
                            std::span<const float> target, const CompositeOut& out, std::span<float> gradients,

@@ -83,6 +83,10 @@ class Backend {
   virtual std::shared_ptr<void> keep(std::span<const float> /*numbers*/) { return nullptr; }
   virtual void fetch(std::span<const float> /*part*/) {}  ///< of what is kept: the host's copy becomes what it is there
   virtual void put(std::span<const float> /*part*/) {}    ///< the other way: after the host has changed it
+  // What a caller would do itself if all numbers were its own; the default does it on the host.
+  virtual void fill(std::span<float> numbers, float value);
+  virtual double sum(std::span<const float> numbers);       ///< in double, in a fixed order
+  virtual bool all_finite(std::span<const float> numbers);  ///< no infinity, all of them numbers
 
   // ---- sampling/
   virtual void sample_stratified(int n_rays, const StratifiedSampling& how, std::span<float> t,

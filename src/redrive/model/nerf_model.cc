@@ -101,8 +101,7 @@ StepLosses NerfModel::gradients(kernels::Backend& backend, const RayBatch& batch
                                         gradients.last(nerf_parameter_count(config)), of_rays);
     losses.loss += losses.rgb_mse;
   }
-  backend.fetch(opacity);
-  for (const float value : opacity) losses.opacity += value / static_cast<double>(n);
+  losses.opacity = backend.sum(opacity) / static_cast<double>(n);
   return losses;
 }
 

@@ -17,7 +17,9 @@ template <class Device>
 class DeviceBackend final : public Backend {
  public:
   /// threads: the host's, which read pictures.
-  DeviceBackend(std::string name, int threads) : name_(std::move(name)), threads_(threads) {}
+  template <class... OfDevice>
+  DeviceBackend(std::string name, int threads, const OfDevice&... of_device)
+      : name_(std::move(name)), threads_(threads), device_(of_device...) {}
 
   std::string name() const override { return name_; }
   std::optional<Isa> isa() const override { return std::nullopt; }
@@ -31,12 +33,26 @@ class DeviceBackend final : public Backend {
     return there;
   }
   void fetch(std::span<const float> part) override {
-    if (const float* const there =
-            device_.kept.find(part))  // the host's copy of them is no constant, whoever looks at it
-      device_.to_host(const_cast<float*>(part.data()), there, part.size_bytes());
+    if (const void* const there = device_.kept.find(std::as_bytes(part)))
+      device_.to_host(const_cast<float*>(part.data()), there, part.size_bytes());  // the host's copy is no constant
   }
   void put(std::span<const float> part) override {
-    if (float* const there = device_.kept.find(part)) device_.to_device(there, part.data(), part.size_bytes());
+    if (void* const there = device_.kept.find(std::as_bytes(part)))
+      device_.to_device(there, part.data(), part.size_bytes());
+  }
+
+  void fill(std::span<float> numbers, float value) override {
+    Stage stage(device_);
+    stage.for_each(numbers.size(), FillNumbers{stage.out(numbers), value});
+    stage.finish();
+  }
+  double sum(std::span<const float> numbers) override {
+    Stage stage(device_);
+    return stage.sum(numbers.size(), NumberTerm<float>{stage.in(numbers)});
+  }
+  bool all_finite(std::span<const float> numbers) override {
+    Stage stage(device_);
+    return stage.sum(numbers.size(), NotFinite{stage.in(numbers)}) == 0;
   }
 
   void sample_stratified(int n_rays, const StratifiedSampling& how, std::span<float> t, std::span<float> dt) override {
