@@ -9,7 +9,7 @@
 #include "redrive/kernels/cuda/device_grid_stages.h"
 #include "redrive/kernels/cuda/nerf_network.h"
 #include "redrive/kernels/cuda/ray_functors.h"
-#include "redrive/kernels/cuda/stage.h"
+#include "redrive/kernels/cuda/stage_spans.h"
 
 namespace redrive::kernels {
 
@@ -161,16 +161,6 @@ class DeviceBackend final : public Backend {
   GridStages& grid() override { return grid_; }
 
  private:
-  static Rays there(Stage<Device>& stage, const Rays& rays) {
-    return {rays.n, stage.in(rays.origin), stage.in(rays.direction)};
-  }
-  static Samples there(Stage<Device>& stage, const Samples& samples) {
-    return {samples.per_ray, stage.in(samples.t), stage.in(samples.dt)};
-  }
-  static NerfField there(Stage<Device>& stage, const NerfField& field) {
-    return {field.config, field.unit_from_world, stage.in(field.parameters)};
-  }
-
   std::string name_;
   int threads_;
   Device device_;

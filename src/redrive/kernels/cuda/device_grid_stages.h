@@ -3,16 +3,17 @@
 #pragma once
 
 #include "redrive/kernels/check_grid_sizes.h"
+#include "redrive/kernels/cuda/device_ray_stages.h"
 #include "redrive/kernels/cuda/grid_functors.h"
 #include "redrive/kernels/cuda/grid_network.h"
-#include "redrive/kernels/cuda/stage.h"
+#include "redrive/kernels/cuda/stage_spans.h"
 
 namespace redrive::kernels {
 
 template <class Device>
-class DeviceGridStages final : public GridStages {
+class DeviceGridStages final : public DeviceRayStages<Device> {
  public:
-  explicit DeviceGridStages(Device& device) : device_(device) {}
+  explicit DeviceGridStages(Device& device) : DeviceRayStages<Device>(device) {}
 
   void spaced(const Rays& rays, const SpacedIntervals& how, std::span<float> edges) override {
     check_spaced(rays, how.per_ray, edges.size());
@@ -166,21 +167,7 @@ class DeviceGridStages final : public GridStages {
   }
 
  private:
-  static Rays there(Stage<Device>& stage, const Rays& rays) {
-    return {rays.n, stage.in(rays.origin), stage.in(rays.direction)};
-  }
-  static Intervals there(Stage<Device>& stage, const Intervals& intervals) {
-    return {intervals.per_ray, stage.in(intervals.edges)};
-  }
-  static HashGrid there(Stage<Device>& stage, const HashGrid& grid) { return {grid.config, stage.in(grid.table)}; }
-  static GridNetwork there(Stage<Device>& stage, const GridNetwork& network) {
-    return {network.config, network.density_scale, stage.in(network.weights)};
-  }
-  static UnitPoints there(Stage<Device>& stage, const UnitPoints& points) {
-    return {points.n, stage.in(points.position), stage.in(points.footprint), points.stride};
-  }
-
-  Device& device_;
+  using DeviceRayStages<Device>::device_;
 };
 
 }  // namespace redrive::kernels

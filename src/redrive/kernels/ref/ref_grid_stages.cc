@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "redrive/kernels/check_grid_sizes.h"
+#include "redrive/kernels/host_ray_stages.h"
 #include "redrive/loss/proposal.h"
 #include "redrive/loss/range.h"
 #include "redrive/volume/ray_weights.h"
@@ -45,7 +46,7 @@ class FeaturesOf {
   std::size_t n_, i_;
 };
 
-class RefGridStages final : public GridStages {
+class RefGridStages final : public HostRayStages {
  public:
   void spaced(const Rays& rays, const SpacedIntervals& how, std::span<float> edges) override {
     check_spaced(rays, how.per_ray, edges.size());

@@ -11,6 +11,7 @@
 #include "redrive/base/buffer.h"
 #include "redrive/kernels/check_grid_sizes.h"
 #include "redrive/kernels/cpu/grid/packed_network.h"
+#include "redrive/kernels/host_ray_stages.h"
 #include "redrive/loss/proposal.h"
 #include "redrive/loss/range.h"
 
@@ -36,7 +37,7 @@ GridPoints range_of(const UnitPoints& points, std::size_t begin, std::size_t end
           points.footprint.data() + begin};
 }
 
-class CpuGridStages final : public GridStages {
+class CpuGridStages final : public HostRayStages {
  public:
   CpuGridStages(Isa isa, ThreadPool* pool)
       : kernels_(isa == Isa::kAvx2 ? avx2::kGridKernels : avx512::kGridKernels),
