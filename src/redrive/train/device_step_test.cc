@@ -97,6 +97,44 @@ TEST(TrainStepOnADevice, OfANerf) {
   });
 }
 
+/// Bytes of a batch as the stages read it.
+std::size_t bytes_of_device(const RayBatch& batch) {
+  std::size_t floats = 0;
+  for (const std::vector<float>* numbers : {&batch.origin, &batch.direction, &batch.pixel_angle, &batch.target,
+                                            &batch.background, &batch.weight, &batch.range_m})
+    floats += numbers->size();
+  return floats * sizeof(float) + batch.exposure.size() * sizeof(Exposure);
+}
+
+TEST(TrainStepOnADevice, CopiesTheBatchThereAndAFewNumbersBack) {
+  for (const bool empty : {false, true})
+    for (const bool refines : {false, true}) {
+      kernels::DeviceCopies copies;
+      const auto backend = kernels::make_loop_backend(&copies);
+      TrainState state = empty ? empty_grid_for_device() : grid_for_device();
+      StepBuffers buffers;
+      RayBatch batch = batch_for_device(24, 0), lidar = batch_for_device(5, 9);
+      batch.refines = refines;
+      batch.weight.assign(24, 0.5f);
+      lidar.target.clear();
+      lidar.exposure.clear();
+      lidar.range_m.assign(5, 3.0f);
+      StepResult result;
+      for (int again = 0; again < 2; ++again) {  // what the first time is kept there stays
+        copies = {};
+        state.step = 0;
+        result = train_step(*backend, batch, 0, &state, &buffers, &lidar);
+      }
+      EXPECT_TRUE(result.finite);
+      EXPECT_EQ(result.field_rays < 24, empty);
+      EXPECT_EQ(copies.to_device, bytes_of_device(batch) + bytes_of_device(lidar));
+      // Squared errors of rays, derivatives of their places and directions; then losses, the opacity, how many rays are live.
+      const std::size_t of_rays = 24 * (refines ? 1 + 3 + 3 : 1) * sizeof(float);
+      EXPECT_GT(copies.to_host, of_rays);
+      EXPECT_LE(copies.to_host, of_rays + 12 * sizeof(double));
+    }
+}
+
 struct PictureOfDevice {
   std::vector<float> rgb, depth, opacity;
 
@@ -124,6 +162,22 @@ TEST(RenderOnADevice, IsTheSameWhereNumbersAreKept) {
       for (const float value : b.rgb) EXPECT_TRUE(std::isfinite(value));
       for (const float value : b.depth) EXPECT_TRUE(std::isfinite(value));
     }
+}
+
+TEST(RenderOnADevice, CopiesRaysThereAndThePictureBack) {
+  kernels::DeviceCopies copies;
+  const auto backend = kernels::make_loop_backend(&copies);
+  const TrainState state = empty_grid_for_device();
+  RayBatch batch = batch_for_device(12, 3);
+  batch.target.clear();
+  Workspace workspace;
+  std::vector<float> rgb(36), depth(12), opacity(12);
+  for (int again = 0; again < 2; ++again) {
+    copies = {};
+    state.model->render(*backend, batch, {rgb, depth, opacity, {}}, &workspace);
+  }
+  EXPECT_EQ(copies.to_device, bytes_of_device(batch));
+  EXPECT_EQ(copies.to_host, (3 + 1 + 1) * 12 * sizeof(float) + sizeof(std::uint32_t)) << "and how many rays are live";
 }
 
 class TrainingOnADevice : public TrainingTest {};
