@@ -135,6 +135,11 @@ class Backend {
   /// Forward and compositing, without keeping anything for a backward pass. May leave out what stands behind a transmittance
   /// below 1e-4, which changes colour, opacity and the sum of the weights by less than that.
   virtual void render_rays(const NerfField& field, const Rays& rays, const Samples& samples, const CompositeOut& out);
+
+ private:
+  /// Room for n numbers that go from stage to stage of the fused extras' default, kept where the stages compute.
+  std::span<float> between_stages(int which, std::size_t n);
+  Buffer<float> between_stages_[3];
 };
 
 /// Keeps a buffer where the backend computes for as long as it lives, if that is elsewhere. One buffer, one backend.

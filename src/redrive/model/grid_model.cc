@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <utility>
 
 #include <Eigen/Core>
 
@@ -73,8 +72,7 @@ struct GridModel::Beams {
 
   Beams() = default;
   Beams(const RayBatch& batch, Workspace* workspace)
-      : rays{batch.n, workspace->put(rays_of(batch).origin), workspace->put(rays_of(batch).direction)},
-        pixel_angle(workspace->put(std::span(batch.pixel_angle).first(batch.n))) {}
+      : rays(put_rays(batch, workspace)), pixel_angle(workspace->put(std::span(batch.pixel_angle).first(batch.n))) {}
 };
 
 /// Intervals of one round with their points.
@@ -255,10 +253,9 @@ void GridModel::render(kernels::Backend& backend, const RayBatch& batch, const k
              weights = workspace->take(rays * samples);
   const Pass pass = forward(backend, batch, nullptr, {rgb, depth, opacity, weights}, workspace);
   backend.grid().median_depth(batch.n, pass.intervals, weights, opacity, depth);
-  for (const auto& [from, to] : {std::pair(rgb, out.rgb), {depth, out.depth}, {opacity, out.opacity}}) {
-    backend.fetch(from);
-    std::ranges::copy(from, to.begin());
-  }
+  workspace->get(rgb, out.rgb);
+  workspace->get(depth, out.depth);
+  workspace->get(opacity, out.opacity);
 }
 
 StepLosses GridModel::gradients(kernels::Backend& backend, const RayBatch& batch, std::uint64_t seed, std::int64_t step,
@@ -285,8 +282,8 @@ StepLosses GridModel::gradients(kernels::Backend& backend, const RayBatch& batch
     const std::size_t even = rays - batch.by_error;
     losses.rgb_mse = backend.sum(squares.first(even)) / static_cast<double>(even);
   }
-  backend.fetch(squares);
-  losses.squares.assign(squares.begin(), squares.end());
+  losses.squares.resize(rays);
+  workspace->get(squares, losses.squares);
 
   const auto d_raw = workspace->take(pass.raw.size()),
              d_field = workspace->take(batch.refines ? 3 * pass.field.points.n : 0),
@@ -299,10 +296,10 @@ StepLosses GridModel::gradients(kernels::Backend& backend, const RayBatch& batch
   if (sky.levels > 0)
     stages.sky_backward(grid(kSkyGrid), pass.all.rays, pass.all.pixel_angle, pass.background, opacity, d_rgb,
                         part_of(gradients, kSkyGrid), d_direction);
-  for (const auto& [from, to] : {std::pair(d_origin, &losses.d_origin), std::pair(d_direction, &losses.d_direction)}) {
-    backend.fetch(from);
-    to->assign(from.begin(), from.end());
-  }
+  losses.d_origin.resize(d_origin.size());
+  losses.d_direction.resize(d_direction.size());
+  workspace->get(d_origin, losses.d_origin);
+  workspace->get(d_direction, losses.d_direction);
   losses.loss = losses.colours + backward_proposals(backend, batch.n, pass, weights, gradients, workspace);
   return losses;
 }

@@ -2,6 +2,7 @@
 // Working memory that is used in the same order again and again: nothing is allocated once every place has been at its largest.
 #pragma once
 
+#include <algorithm>
 #include <cstring>
 #include <memory>
 #include <span>
@@ -41,6 +42,11 @@ class Workspace {
   template <class T>
   std::span<const T> put(const std::vector<T>& numbers) {
     return put(std::span<const T>(numbers));
+  }
+  /// The other way: what stages wrote, for the host.
+  void get(std::span<const float> numbers, std::span<float> out) const {
+    backend_->fetch(numbers);
+    std::ranges::copy(numbers, out.begin());
   }
 
  private:

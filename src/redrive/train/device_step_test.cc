@@ -86,18 +86,18 @@ TEST(TrainStepOnADevice, OfAGridOnABackground) {
   });
 }
 
-TEST(TrainStepOnADevice, OfANerf) {
-  expect_that_keeping_changes_nothing([] {
-    auto model = std::make_unique<NerfModel>();
-    model->config = {32, 3, 2};
-    model->samples = 6;
-    model->fine_samples = 4;
-    model->unit_from_world = {{0, 0, 0}, 0.2f};
-    return initial_state(std::move(model), 3);
-  });
+TrainState nerf_for_device() {
+  auto model = std::make_unique<NerfModel>();
+  model->config = {32, 3, 2};
+  model->samples = 6;
+  model->fine_samples = 4;
+  model->unit_from_world = {{0, 0, 0}, 0.2f};
+  return initial_state(std::move(model), 3);
 }
 
-/// Bytes of a batch as the stages read it.
+TEST(TrainStepOnADevice, OfANerf) { expect_that_keeping_changes_nothing(nerf_for_device); }
+
+/// Bytes of a batch as the stages of --method grid read it.
 std::size_t bytes_of_device(const RayBatch& batch) {
   std::size_t floats = 0;
   for (const std::vector<float>* numbers : {&batch.origin, &batch.direction, &batch.pixel_angle, &batch.target,
@@ -135,6 +135,21 @@ TEST(TrainStepOnADevice, CopiesTheBatchThereAndAFewNumbersBack) {
     }
 }
 
+TEST(TrainStepOnADevice, CopiesTheBatchOfANerfThereAndAFewNumbersBack) {
+  kernels::DeviceCopies copies;
+  const auto backend = kernels::make_loop_backend(&copies);
+  TrainState state = nerf_for_device();
+  StepBuffers buffers;
+  const RayBatch batch = batch_for_device(24, 0);
+  for (int again = 0; again < 2; ++again) {
+    copies = {};
+    EXPECT_TRUE(train_step(*backend, batch, 0, &state, &buffers).finite);
+  }
+  EXPECT_EQ(copies.to_device, 3 * 72 * sizeof(float)) << "origins, directions, colours";
+  EXPECT_EQ(copies.to_host, 2 * 72 * sizeof(float) + 4 * sizeof(double))
+      << "derivatives of places and directions, the losses of two networks, opacity, whether all is finite";
+}
+
 struct PictureOfDevice {
   std::vector<float> rgb, depth, opacity;
 
@@ -165,19 +180,26 @@ TEST(RenderOnADevice, IsTheSameWhereNumbersAreKept) {
 }
 
 TEST(RenderOnADevice, CopiesRaysThereAndThePictureBack) {
-  kernels::DeviceCopies copies;
-  const auto backend = kernels::make_loop_backend(&copies);
-  const TrainState state = empty_grid_for_device();
-  RayBatch batch = batch_for_device(12, 3);
-  batch.target.clear();
-  Workspace workspace;
-  std::vector<float> rgb(36), depth(12), opacity(12);
-  for (int again = 0; again < 2; ++again) {
-    copies = {};
-    state.model->render(*backend, batch, {rgb, depth, opacity, {}}, &workspace);
-  }
-  EXPECT_EQ(copies.to_device, bytes_of_device(batch));
-  EXPECT_EQ(copies.to_host, (3 + 1 + 1) * 12 * sizeof(float) + sizeof(std::uint32_t)) << "and how many rays are live";
+  for (const bool grid : {false, true})
+    for (const bool grouped : {false, true}) {
+      kernels::DeviceCopies copies;
+      const auto backend = kernels::make_loop_backend(&copies);
+      const TrainState state = grid ? empty_grid_for_device() : nerf_for_device();
+      RayBatch batch = batch_for_device(12, 3);
+      batch.target.clear();
+      if (grouped) batch.group = {0, 4, 7, 12};
+      Workspace workspace;
+      std::vector<float> rgb(36), depth(12), opacity(12);
+      for (int again = 0; again < 2; ++again) {
+        copies = {};
+        state.model->render(*backend, batch, {rgb, depth, opacity, {}}, &workspace);
+      }
+      const std::size_t picture = (3 + 1 + 1) * 12 * sizeof(float), number = sizeof(float);
+      // Of each group its middle's place, direction and angle, of each ray its group.
+      const std::size_t of_groups = grouped ? (3 * (3 + 3 + 1) + 12) * number : 0;
+      EXPECT_EQ(copies.to_device, grid ? bytes_of_device(batch) + of_groups : 72 * number);
+      EXPECT_EQ(copies.to_host, picture + (grid ? number : 0)) << "and how many rays are live";
+    }
 }
 
 class TrainingOnADevice : public TrainingTest {};
