@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstddef>
 
+#include "redrive/base/host_device.h"
 #include "redrive/scene/exposure.h"
 
 namespace redrive {
@@ -17,11 +18,13 @@ namespace redrive {
 constexpr float kKnot_s = 0.5f;
 /// A log gain is so many times its parameter, which slows it down against the field's.
 constexpr float kGainOfParameter = 0.05f;
+/// Of the mean square of all log gains against the colours' loss: a hundredth of what a camera's pictures say of one.
+constexpr float kGainWeight = 5e-4f;
 
 struct AppearanceConfig {
   int cameras = 0, knots = 0;  ///< 0: none
 
-  std::size_t size() const { return 3 * static_cast<std::size_t>(cameras) * knots; }
+  REDRIVE_HD std::size_t size() const { return 3 * static_cast<std::size_t>(cameras) * knots; }
 };
 
 /// The two knots around a time, and the second one's share.
@@ -29,7 +32,7 @@ struct KnotShare {
   std::size_t first, second;  ///< of their red in [cameras, knots, 3]
   float of_second;
 };
-inline KnotShare knots_at(const AppearanceConfig& config, const Exposure& exposure) {
+REDRIVE_HD inline KnotShare knots_at(const AppearanceConfig& config, const Exposure& exposure) {
   const float at = std::clamp(exposure.t_s / kKnot_s, 0.0f, static_cast<float>(config.knots - 1));
   const int first = static_cast<int>(at), second = std::min(first + 1, config.knots - 1);
   const std::size_t row = static_cast<std::size_t>(exposure.camera) * config.knots;
@@ -38,7 +41,8 @@ inline KnotShare knots_at(const AppearanceConfig& config, const Exposure& exposu
 
 /// Factors of r, g, b; 1 where exposure.camera is -1 or there is no appearance.
 template <class T>
-std::array<T, 3> colour_gains(const AppearanceConfig& config, const T* parameters, const Exposure& exposure) {
+REDRIVE_HD std::array<T, 3> colour_gains(const AppearanceConfig& config, const T* parameters,
+                                         const Exposure& exposure) {
   using std::exp;
   if (exposure.camera < 0 || config.size() == 0) return {T(1), T(1), T(1)};
   const KnotShare at = knots_at(config, exposure);
@@ -49,17 +53,28 @@ std::array<T, 3> colour_gains(const AppearanceConfig& config, const T* parameter
   return gains;
 }
 
-/// Adds to d_parameters, from gains as colour_gains gave them.
-template <class T>
-void colour_gains_adjoint(const AppearanceConfig& config, const Exposure& exposure, const std::array<T, 3>& gains,
-                          const std::array<T, 3>& d_gains, T* d_parameters) {
+/// From gains as colour_gains gave them: calls add(number of the parameters, its derivative), first knot first.
+template <class T, class Add>
+REDRIVE_HD void colour_gains_adjoint(const AppearanceConfig& config, const Exposure& exposure,
+                                     const std::array<T, 3>& gains, const std::array<T, 3>& d_gains, const Add& add) {
   if (exposure.camera < 0 || config.size() == 0) return;
   const KnotShare at = knots_at(config, exposure);
   for (int k = 0; k < 3; ++k) {
     const T d = T(kGainOfParameter) * gains[k] * d_gains[k];
-    d_parameters[at.first + k] += T(1 - at.of_second) * d;
-    d_parameters[at.second + k] += T(at.of_second) * d;
+    add(at.first + k, T(1 - at.of_second) * d);
+    add(at.second + k, T(at.of_second) * d);
   }
+}
+
+/// A parameter's share of the loss that keeps gains near 1: kGainWeight times the mean square of all log gains.
+template <class T>
+struct GainTerm {
+  T value, derivative;
+};
+template <class T>
+REDRIVE_HD GainTerm<T> gain_term(const AppearanceConfig& config, T parameter) {
+  const T factor(kGainWeight * kGainOfParameter * kGainOfParameter / static_cast<float>(config.size()));
+  return {factor * parameter * parameter, T(2) * factor * parameter};
 }
 
 }  // namespace redrive

@@ -53,7 +53,7 @@ TEST(Appearance, AdjointAgreesWithDualNumbers) {
   for (const Exposure exposure : {Exposure{0, 0.1f}, {1, 0.9f}, {1, 5}, {-1, 0.5f}}) {
     std::vector<double> d(kSize, 7);
     const auto gains = colour_gains(kConfig, p.data(), exposure);
-    colour_gains_adjoint(kConfig, exposure, gains, d_gains, d.data());
+    colour_gains_adjoint(kConfig, exposure, gains, d_gains, [&](std::size_t at, double x) { d[at] += x; });
     const auto of_dual = colour_gains(kConfig, dual.data(), exposure);
     for (int i = 0; i < kSize; ++i) {
       double expected = 7;
@@ -61,6 +61,19 @@ TEST(Appearance, AdjointAgreesWithDualNumbers) {
       EXPECT_NEAR(d[i], expected, 1e-14) << i;
     }
   }
+}
+
+TEST(Appearance, LogGainsAreHeldByTheirMeanSquare) {
+  using D = Dual<double, 1>;
+  const std::vector<double> p = parameters();
+  double loss = 0, square = 0;
+  for (const double parameter : p) {
+    const auto term = gain_term(kConfig, D::variable(parameter, 0));
+    EXPECT_NEAR(term.derivative.value, term.value.d[0], 4 * 0x1p-53 * std::abs(term.value.d[0]));
+    loss += term.value.value;
+    square += kGainOfParameter * parameter * kGainOfParameter * parameter / kSize;
+  }
+  EXPECT_NEAR(loss, kGainWeight * square, 1e-6 * loss) << "the factor is a float";
 }
 
 }  // namespace

@@ -3,12 +3,14 @@
 // 2008, appendix A2), on any scalar type. Order: l = 0, 1 (m = -1, 0, 1), 2 (-2..2), 3 (-3..3).
 #pragma once
 
+#include "redrive/base/host_device.h"
+
 namespace redrive {
 
 constexpr int kHarmonics = 16;
 
 template <class T>
-void spherical_harmonics(const T d[3], T out[kHarmonics]) {
+REDRIVE_HD void spherical_harmonics(const T d[3], T out[kHarmonics]) {
   const T x = d[0], y = d[1], z = d[2], xx = x * x, yy = y * y, zz = z * z;
   out[0] = T(0.28209479177387814);
   out[1] = T(-0.48860251190291987) * y;

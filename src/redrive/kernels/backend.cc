@@ -1,18 +1,40 @@
 // SPDX-License-Identifier: Apache-2.0
-// The fused stages' default: the composition of the plain ones.
-#include <vector>
+// Defaults: what is done to numbers on the host, and the fused stages as the composition of the plain ones.
+#include <algorithm>
+#include <bit>
+#include <cstdint>
+#include <numeric>
 
 #include "redrive/kernels/check_sizes.h"
 #include "redrive/kernels/kernels.h"
 
 namespace redrive::kernels {
 
+void Backend::fill(std::span<float> numbers, float value) { std::ranges::fill(numbers, value); }
+
+double Backend::sum(std::span<const float> numbers) { return std::accumulate(numbers.begin(), numbers.end(), 0.0); }
+
+bool Backend::all_finite(std::span<const float> numbers) {
+  constexpr std::uint32_t kExponent = 0x7f800000;  // all ones: infinity or NaN
+  std::uint32_t bad = 0;
+  for (const float number : numbers) bad |= (std::bit_cast<std::uint32_t>(number) & kExponent) == kExponent;
+  return bad == 0;
+}
+
+std::span<float> Backend::between_stages(int which, std::size_t n) {
+  Buffer<float>& room = between_stages_[which];
+  if (room.size() < n) room = Buffer<float>(n);
+  kernels::keep(*this, room);
+  return room.span().first(n);
+}
+
 double Backend::train_rays(const NerfField& field, const Rays& rays, const Samples& samples,
                            std::span<const float> target, const CompositeOut& out, std::span<float> gradients,
                            const RayGradients& of_rays) {
   check_field(field, rays, samples);
-  std::vector<float> raw(4 * sample_count(rays.n, samples)), d_raw(raw.size()),
-      d_rgb(3 * static_cast<std::size_t>(rays.n));
+  const std::size_t n = sample_count(rays.n, samples);
+  const auto raw = between_stages(0, 4 * n), d_raw = between_stages(1, 4 * n),
+             d_rgb = between_stages(2, 3 * static_cast<std::size_t>(rays.n));
   nerf_forward(field, rays, samples, raw);
   composite_forward(rays.n, samples, raw, {}, out);
   const double loss = photometric_loss(out.rgb, target, d_rgb);
@@ -23,7 +45,7 @@ double Backend::train_rays(const NerfField& field, const Rays& rays, const Sampl
 
 void Backend::render_rays(const NerfField& field, const Rays& rays, const Samples& samples, const CompositeOut& out) {
   check_field(field, rays, samples);
-  std::vector<float> raw(4 * sample_count(rays.n, samples));
+  const auto raw = between_stages(0, 4 * sample_count(rays.n, samples));
   nerf_forward(field, rays, samples, raw);
   composite_forward(rays.n, samples, raw, {}, out);
 }

@@ -19,6 +19,12 @@ inline void check_edges(int n_rays, int per_ray, std::size_t edges) {
   REDRIVE_CHECK_OP(edges, ==, interval_count(n_rays, per_ray + 1));
 }
 
+/// `numbers`: one for each interval.
+inline void check_intervals(int n_rays, const Intervals& intervals, std::size_t numbers) {
+  check_edges(n_rays, intervals.per_ray, intervals.edges.size());
+  REDRIVE_CHECK_OP(numbers, ==, interval_count(n_rays, intervals.per_ray));
+}
+
 inline void check_spaced(const Rays& rays, int per_ray, std::size_t edges) {
   check_edges(rays.n, per_ray, edges);
   REDRIVE_CHECK_OP(rays.origin.size(), ==, 3 * static_cast<std::size_t>(rays.n));
@@ -35,6 +41,11 @@ REDRIVE_HD inline void spaced_edges_of(const Rays& rays, const SpacedIntervals& 
   }
   spaced_edges(spacing_of_ray(how.spacing, how.contraction, origin, direction), how.per_ray, how.jitter, how.key, ray,
                &edges[ray * (how.per_ray + 1)]);
+}
+
+inline void check_proposed(int n_rays, const Intervals& from, std::size_t weights, int per_ray, std::size_t edges) {
+  check_intervals(n_rays, from, weights);
+  check_edges(n_rays, per_ray, edges);
 }
 
 inline void check_contract(const Rays& rays, const Intervals& intervals, std::size_t pixel_angle, std::size_t position,
@@ -106,6 +117,13 @@ inline void check_encode(const HashGrid& grid, const UnitPoints& points, std::si
   REDRIVE_CHECK_OP(features, ==, points.n * static_cast<std::size_t>(grid.config.outputs()));
 }
 
+inline void check_encode_backward(const HashGrid& grid, const UnitPoints& points, std::size_t d_features,
+                                  std::size_t d_table, std::size_t d_position) {
+  check_encode(grid, points, d_features);
+  REDRIVE_CHECK_OP(d_table, ==, grid.table.size());
+  if (d_position > 0) REDRIVE_CHECK_OP(d_position, ==, 3 * points.n);
+}
+
 inline void check_network(const GridNetwork& network, int n_rays, int per_ray, std::size_t features,
                           std::size_t harmonics, std::size_t raw) {
   const std::size_t n = interval_count(n_rays, per_ray);
@@ -116,17 +134,42 @@ inline void check_network(const GridNetwork& network, int n_rays, int per_ray, s
   REDRIVE_CHECK_OP(raw, ==, 4 * n);
 }
 
-inline void check_proposal(const HashGrid& grid, const UnitPoints& points, std::size_t density) {
+inline void check_proposal_density(const HashGrid& grid, const UnitPoints& points, std::size_t density) {
   REDRIVE_CHECK_OP(grid.config.features, ==, 1);
   check_points(points);
   REDRIVE_CHECK_OP(grid.table.size(), ==, hash_grid_size(grid.config));
   REDRIVE_CHECK_OP(density, ==, points.n);
 }
 
+inline void check_proposal_density_backward(const HashGrid& grid, const UnitPoints& points, std::size_t density,
+                                            std::size_t d_density, std::size_t d_table) {
+  check_proposal_density(grid, points, density);
+  REDRIVE_CHECK_OP(d_density, ==, points.n);
+  REDRIVE_CHECK_OP(d_table, ==, grid.table.size());
+}
+
+inline void check_weights(int n_rays, const Intervals& intervals, std::size_t density, std::size_t weights) {
+  check_intervals(n_rays, intervals, density);
+  REDRIVE_CHECK_OP(weights, ==, density);
+}
+
+inline void check_weights_backward(int n_rays, const Intervals& intervals, std::size_t density, std::size_t weights,
+                                   std::size_t d_weights, std::size_t d_density) {
+  check_weights(n_rays, intervals, density, weights);
+  REDRIVE_CHECK_OP(d_weights, ==, density);
+  REDRIVE_CHECK_OP(d_density, ==, density);
+}
+
+inline void check_proposal(int n_rays, const Intervals& intervals, std::size_t weights, const Intervals& proposal,
+                           std::size_t proposal_weights, std::size_t d_proposal) {
+  check_intervals(n_rays, intervals, weights);
+  check_intervals(n_rays, proposal, proposal_weights);
+  REDRIVE_CHECK_OP(d_proposal, ==, proposal_weights);
+}
+
 inline void check_range(int n_rays, const Intervals& intervals, std::size_t weights, std::size_t range_m,
                         float spread_m, std::size_t d_weights) {
-  check_edges(n_rays, intervals.per_ray, intervals.edges.size());
-  REDRIVE_CHECK_OP(weights, ==, interval_count(n_rays, intervals.per_ray));
+  check_intervals(n_rays, intervals, weights);
   REDRIVE_CHECK_OP(range_m, ==, static_cast<std::size_t>(n_rays));
   REDRIVE_CHECK_OP(spread_m, >, 0);
   REDRIVE_CHECK_OP(d_weights, ==, weights);

@@ -30,6 +30,7 @@ inline void check_raw(int n_rays, const Samples& samples, std::size_t raw_size) 
   REDRIVE_CHECK_OP(raw_size, ==, 4 * sample_count(n_rays, samples));
 }
 
+/// What rays get from compositing.
 inline void check_composite(int n_rays, const Samples& samples, const CompositeOut& out) {
   REDRIVE_CHECK_OP(out.rgb.size(), ==, 3 * static_cast<std::size_t>(n_rays));
   REDRIVE_CHECK_OP(out.depth.size(), ==, static_cast<std::size_t>(n_rays));
@@ -41,7 +42,21 @@ inline void check_background(int n_rays, std::span<const float> background) {
   if (!background.empty()) REDRIVE_CHECK_OP(background.size(), ==, 3 * static_cast<std::size_t>(n_rays));
 }
 
-inline void check_composite_adjoint(int n_rays, const Samples& samples, const CompositeAdjoint& adjoint) {
+inline void check_composite_forward(int n_rays, const Samples& samples, std::size_t raw,
+                                    std::span<const float> background, const CompositeOut& out) {
+  check_samples(n_rays, samples);
+  check_raw(n_rays, samples, raw);
+  check_background(n_rays, background);
+  check_composite(n_rays, samples, out);
+}
+
+inline void check_composite_backward(int n_rays, const Samples& samples, std::size_t raw,
+                                     std::span<const float> background, const CompositeAdjoint& adjoint,
+                                     std::size_t d_raw) {
+  check_samples(n_rays, samples);
+  check_raw(n_rays, samples, raw);
+  check_raw(n_rays, samples, d_raw);
+  check_background(n_rays, background);
   REDRIVE_CHECK_OP(adjoint.d_rgb.size(), ==, 3 * static_cast<std::size_t>(n_rays));
   if (!adjoint.d_weights.empty()) REDRIVE_CHECK_OP(adjoint.d_weights.size(), ==, sample_count(n_rays, samples));
 }

@@ -8,9 +8,11 @@
 #include <span>
 
 #include "redrive/base/host_device.h"
+#include "redrive/field/appearance.h"
 #include "redrive/field/contraction.h"
 #include "redrive/field/grid_field.h"
 #include "redrive/sampling/proposal.h"
+#include "redrive/scene/exposure.h"
 
 namespace redrive::kernels {
 
@@ -64,15 +66,55 @@ struct ProposedIntervals {
   std::uint64_t key = 0;
 };
 
+/// Which rays the field is asked about: those that weigh at least so much, and of the others a share, by random_unit(key, ray).
+struct LiveRays {
+  float least_opacity = 0, share_of_others = 0;
+  std::uint64_t key = 0;
+};
+
+/// How the numbers that each ray has lie: [rays, numbers] or [numbers, rays].
+enum class RayLayout { kRows, kColumns };
+
+/// Gains of cameras over time (field/appearance.h); without parameters there are none.
+struct Appearance {
+  AppearanceConfig config;
+  std::span<const float> parameters;
+};
+
+/// Colours as the cameras show them against what they recorded: rgb, gains, target [3, n].
+struct ExposedColours {
+  Appearance appearance;
+  std::span<const Exposure> exposure;  ///< [n]; empty: as the field shows them, without gains
+  std::span<const float> rgb, gains;   ///< as `expose` left them
+  std::span<const float> target;
+  std::span<const float> weight;  ///< [n], what rays count; empty: all 1
+  float huber_edge = 0;           ///< loss/photometric.h
+};
+
 class GridStages {
  public:
   virtual ~GridStages() = default;
+
+  // ---- rays
+  /// Rays by how, or whose weights [n_rays, per_ray] are no numbers, ascending in the first of `live` [n_rays]; returns how many. Ray 0
+  /// where there is none: stages are for at least one.
+  virtual int live_rays(int n_rays, int per_ray, std::span<const float> weights, const LiveRays& how,
+                        std::span<std::uint32_t> live) = 0;
+  /// What each of `rays` has in `from`, in their order. Rays may be there several times.
+  virtual void pick(std::span<const std::uint32_t> rays, RayLayout layout, std::span<const float> from,
+                    std::span<float> to) = 0;
+  /// The other way, each ray once: what all others have in `to` is that of `elsewhere`, or 0 where that is empty.
+  virtual void spread(std::span<const std::uint32_t> rays, RayLayout layout, std::span<const float> from,
+                      std::span<const float> elsewhere, std::span<float> to) = 0;
 
   // ---- sampling/
   virtual void spaced(const Rays& rays, const SpacedIntervals& how, std::span<float> edges) = 0;
   /// New intervals from those of `from` and their weights [n_rays, from.per_ray].
   virtual void proposed(int n_rays, const Intervals& from, std::span<const float> weights, const ProposedIntervals& how,
                         std::span<float> edges) = 0;
+
+  /// Where samples are and how long their intervals: t, dt [n_rays, per_ray].
+  virtual void middles(int n_rays, const Intervals& intervals, std::span<float> t, std::span<float> dt) = 0;
 
   // ---- field/
   /// Middles of all intervals in the unit cube. pixel_angle [n_rays]: side of a pixel, rad. A sample's volume is a box of
@@ -102,6 +144,20 @@ class GridStages {
   virtual void proposal_density_backward(const HashGrid& grid, const UnitPoints& points, std::span<const float> density,
                                          std::span<const float> d_density, std::span<float> d_table) = 0;
 
+  /// field/spherical_harmonics.h of the rays' directions: harmonics [n, 16].
+  virtual void harmonics(const Rays& rays, std::span<float> harmonics) = 0;
+  /// field/sky.h: colours [3, n] of the rays' directions in a grid of which three features and more are a level's. pixel_angle as above.
+  virtual void sky(const HashGrid& grid, const Rays& rays, std::span<const float> pixel_angle,
+                   std::span<float> colour) = 0;
+  /// From what the colours as `sky` gave them are worth behind rays of opacity [n] and d_rgb [3, n]: adds to d_table and, unless that is
+  /// empty, to d_direction [3, n].
+  virtual void sky_backward(const HashGrid& grid, const Rays& rays, std::span<const float> pixel_angle,
+                            std::span<const float> colour, std::span<const float> opacity, std::span<const float> d_rgb,
+                            std::span<float> d_table, std::span<float> d_direction) = 0;
+  /// rgb [3, n] times the gains of exposure [n], which are left in gains [3, n].
+  virtual void expose(const Appearance& appearance, std::span<const Exposure> exposure, std::span<float> gains,
+                      std::span<float> rgb) = 0;
+
   // ---- volume/
   /// volume/ray_weights.h: density, weights [n_rays, per_ray].
   virtual void weights(int n_rays, const Intervals& intervals, std::span<const float> density,
@@ -110,7 +166,16 @@ class GridStages {
                                 std::span<const float> weights, std::span<const float> d_weights,
                                 std::span<float> d_density) = 0;
 
+  /// volume/median_distance.h: depth [n_rays], from weights [n_rays, per_ray] and their sums.
+  virtual void median_depth(int n_rays, const Intervals& intervals, std::span<const float> weights,
+                            std::span<const float> opacity, std::span<float> depth) = 0;
+
   // ---- loss/
+  /// Makes of the squared error's d_rgb (Backend::photometric_loss) that of Huber's loss, weighted by ray, and takes it back through the
+  /// exposure, whose derivatives, with those of the loss on gains (gain_term), are added to d_appearance. Returns both losses, the
+  /// colours' as a mean over rays and channels; squares [n]: each ray's squared error, mean of its channels.
+  virtual double robust_colours(const ExposedColours& colours, std::span<float> d_rgb, std::span<float> squares,
+                                std::span<float> d_appearance) = 0;
   /// loss/proposal.h proposal_loss, mean over rays; writes d_proposal [n_rays, proposal.per_ray].
   virtual double proposal(int n_rays, const Intervals& intervals, std::span<const float> weights,
                           const Intervals& proposal, std::span<const float> proposal_weights,

@@ -84,6 +84,10 @@ class Backend {
   virtual void fetch(std::span<const float> /*part*/) {}  ///< of what is kept: the host's copy becomes what it is there
   virtual void put(std::span<const float> /*part*/) {}    ///< the other way: after the host has changed it
   virtual void wait() {}  ///< until all that stages were asked for is done: for clocks, the rest need not know
+  // What a caller would do itself if all numbers were its own; the default does it on the host.
+  virtual void fill(std::span<float> numbers, float value);
+  virtual double sum(std::span<const float> numbers);       ///< in double, in a fixed order
+  virtual bool all_finite(std::span<const float> numbers);  ///< no infinity, all of them numbers
 
   // ---- sampling/
   virtual void sample_stratified(int n_rays, const StratifiedSampling& how, std::span<float> t,
@@ -132,6 +136,11 @@ class Backend {
   /// Forward and compositing, without keeping anything for a backward pass. May leave out what stands behind a transmittance
   /// below 1e-4, which changes colour, opacity and the sum of the weights by less than that.
   virtual void render_rays(const NerfField& field, const Rays& rays, const Samples& samples, const CompositeOut& out);
+
+ private:
+  /// Room for n numbers that go from stage to stage of the fused extras' default, kept where the stages compute.
+  std::span<float> between_stages(int which, std::size_t n);
+  Buffer<float> between_stages_[3];
 };
 
 /// Keeps a buffer where the backend computes for as long as it lives, if that is elsewhere. One buffer, one backend.

@@ -42,7 +42,7 @@ struct HuberTerm {
   T factor;  ///< of that squared error's derivative
 };
 template <class T>
-HuberTerm<T> huber_term(T squared_error, T edge) {
+REDRIVE_HD HuberTerm<T> huber_term(T squared_error, T edge) {
   using std::sqrt;
   if (!(squared_error > edge * edge)) return {squared_error, T(1)};  // NaN goes on into the loss
   const T distance = sqrt(squared_error);

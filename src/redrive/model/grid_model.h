@@ -58,43 +58,32 @@ struct GridModel final : Model {
 
  private:
   struct Chance;
+  struct Beams;
   struct Round;
   struct Pass;
 
   /// Intervals of rays with their points in the unit cube.
-  Round place(kernels::Backend& backend, const RayBatch& batch, int per_ray, std::span<const float> edges,
+  Round place(kernels::Backend& backend, const Beams& beams, int per_ray, std::span<const float> edges,
               Workspace* workspace) const;
-  /// Harmonics and background.
+  /// What stands behind everything.
   void look_at_sky(kernels::Backend& backend, const RayBatch& batch, Pass* pass, Workspace* workspace) const;
   /// Two rounds of proposals and the edges of the field's intervals where the second one found something. Null: without any chance.
   Pass propose(kernels::Backend& backend, const RayBatch& batch, const Chance* chance, Workspace* workspace) const;
-  /// The field's features at the samples of pass->live, which are rays of the batch.
-  void sample(kernels::Backend& backend, const RayBatch& batch, Pass* pass, Workspace* workspace) const;
-  /// Those of the batch's rays that the proposals see something on.
-  std::vector<int> live_rays(kernels::Backend& backend, const Pass& pass, int n, const Chance* chance) const;
+  /// Those of the batch's rays that the proposals see something on, with what the field is to know of them.
+  void find_live(kernels::Backend& backend, const Chance* chance, Pass* pass, Workspace* workspace) const;
+  /// The field at the samples of live rays.
+  void sample(kernels::Backend& backend, Pass* pass, Workspace* workspace) const;
   Pass forward(kernels::Backend& backend, const RayBatch& batch, const Chance* chance, const kernels::CompositeOut& out,
                Workspace* workspace) const;
   /// From d_raw of the live rays. d_position [3, their samples] in the unit cube, or empty.
   void backward_field(kernels::Backend& backend, const Pass& pass, std::span<const float> d_raw,
                       std::span<float> gradients, std::span<float> d_position, Workspace* workspace) const;
-  /// d_position [3, n], or empty.
-  void backward_sky(kernels::Backend& backend, int n, const Pass& pass, std::span<const float> opacity,
-                    std::span<const float> d_rgb, std::span<float> gradients, std::span<float> d_position,
-                    Workspace* workspace) const;
-  /// losses->d_origin and d_direction from the points' d_field and d_sky.
-  void backward_rays(kernels::Backend& backend, const RayBatch& batch, const Pass& pass, std::span<const float> d_field,
-                     std::span<const float> d_sky, StepLosses* losses, Workspace* workspace) const;
+  /// d_origin and d_direction [3, all rays] from the points' d_position.
+  void backward_rays(kernels::Backend& backend, const Pass& pass, std::span<const float> d_position,
+                     std::span<float> d_origin, std::span<float> d_direction, Workspace* workspace) const;
   /// Returns the proposals' loss.
   double backward_proposals(kernels::Backend& backend, int n, const Pass& pass, std::span<const float> weights,
                             std::span<float> gradients, Workspace* workspace) const;
-  /// Colours as the batch's cameras show them; d_rgb back to what the field shows, with the gains' own gradients and the loss that
-  /// keeps them near 1.
-  void expose(kernels::Backend& backend, const RayBatch& batch, std::span<float> rgb, std::span<float> gains) const;
-  double unexpose(kernels::Backend& backend, const RayBatch& batch, std::span<const float> rgb,
-                  std::span<const float> gains, std::span<float> d_rgb, std::span<float> gradients) const;
-  /// The squared error's d_rgb as Huber's loss has it, weighted by ray; returns that loss, mean over rays and channels, and each ray's squared error.
-  double robust(const RayBatch& batch, std::span<const float> rgb, std::span<float> d_rgb,
-                std::vector<float>* squares) const;
   std::size_t part_size(int part) const;
   std::size_t offset(int part) const;  ///< of its first number in `parameters`
   std::span<const float> part(Part part) const { return parameters.span().subspan(offset(part), part_size(part)); }

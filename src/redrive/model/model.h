@@ -88,5 +88,10 @@ inline kernels::Rays rays_of(const RayBatch& batch) {
   const std::size_t n = batch.n;
   return {batch.n, std::span(batch.origin).first(3 * n), std::span(batch.direction).first(3 * n)};
 }
+/// The same where the backend reads them.
+inline kernels::Rays put_rays(const RayBatch& batch, Workspace* workspace) {
+  const kernels::Rays rays = rays_of(batch);
+  return {rays.n, workspace->put(rays.origin), workspace->put(rays.direction)};
+}
 
 }  // namespace redrive

@@ -72,9 +72,9 @@ StepLosses NerfModel::gradients(kernels::Backend& backend, const RayBatch& batch
                                 std::span<float> gradients, Workspace* workspace) const {
   kernels::keep(backend, parameters);
   const std::size_t n = batch.n, coarse = n * samples, fine = n * (samples + fine_samples);
-  const kernels::Rays rays = rays_of(batch);
-  const auto target = std::span(batch.target).first(3 * n);
   workspace->begin(backend);
+  const kernels::Rays rays = put_rays(batch, workspace);
+  const auto target = workspace->put(std::span(batch.target).first(3 * n));
   const auto opacity = workspace->take(n), depth = workspace->take(n);
 
   // Section 4: stratified samples, the field at each, the colour of the ray (eq. 3), its squared error, and back.
@@ -83,9 +83,10 @@ StepLosses NerfModel::gradients(kernels::Backend& backend, const RayBatch& batch
   backend.sample_stratified(batch.n, {samples, near_m, far_m, true, random_key(seed, kStreamSamples, step)}, t, dt);
   const kernels::Samples coarse_samples{samples, t, dt};
   StepLosses losses;
-  if (batch.refines)
-    for (std::vector<float>* of_rays : {&losses.d_origin, &losses.d_direction}) of_rays->assign(3 * n, 0.0f);
-  const kernels::RayGradients of_rays{losses.d_origin, losses.d_direction};  // both networks add to them
+  const std::size_t refined = batch.refines ? 3 * n : 0;
+  const kernels::RayGradients of_rays{workspace->take(refined), workspace->take(refined)};  // both networks add to them
+  backend.fill(of_rays.d_origin, 0);
+  backend.fill(of_rays.d_direction, 0);
   losses.rgb_mse =
       backend.train_rays(field(0), rays, coarse_samples, target, {workspace->take(3 * n), depth, opacity, weights},
                          gradients.first(nerf_parameter_count(config)), of_rays);
@@ -101,8 +102,11 @@ StepLosses NerfModel::gradients(kernels::Backend& backend, const RayBatch& batch
                                         gradients.last(nerf_parameter_count(config)), of_rays);
     losses.loss += losses.rgb_mse;
   }
-  backend.fetch(opacity);
-  for (const float value : opacity) losses.opacity += value / static_cast<double>(n);
+  losses.opacity = backend.sum(opacity) / static_cast<double>(n);
+  losses.d_origin.resize(refined);
+  losses.d_direction.resize(refined);
+  workspace->get(of_rays.d_origin, losses.d_origin);
+  workspace->get(of_rays.d_direction, losses.d_direction);
   return losses;
 }
 
@@ -112,18 +116,22 @@ void NerfModel::render(kernels::Backend& backend, const RayBatch& batch, const k
                        Workspace* workspace) const {
   kernels::keep(backend, parameters);
   const std::size_t n = batch.n, coarse_size = n * samples, fine_size = n * (samples + fine_samples);
-  const kernels::Rays rays = rays_of(batch);
   workspace->begin(backend);
-  const auto t = workspace->take(coarse_size), dt = workspace->take(coarse_size),
+  const kernels::Rays rays = put_rays(batch, workspace);
+  const auto rgb = workspace->take(3 * n), depth = workspace->take(n), opacity = workspace->take(n),
+             t = workspace->take(coarse_size), dt = workspace->take(coarse_size),
              weights = workspace->take(fine_samples > 0 ? coarse_size : 0);
   backend.sample_stratified(batch.n, {samples, near_m, far_m, /*jitter=*/false, /*key=*/0}, t, dt);
   const kernels::Samples coarse{samples, t, dt};
-  backend.render_rays(field(0), rays, coarse, {out.rgb, out.depth, out.opacity, weights});
-  if (fine_samples == 0) return;
-
-  const auto fine_t = workspace->take(fine_size), fine_dt = workspace->take(fine_size);
-  backend.sample_hierarchical(coarse, weights, fine_samples, /*jitter=*/false, /*key=*/0, fine_t, fine_dt);
-  backend.render_rays(field(1), rays, {samples + fine_samples, fine_t, fine_dt}, {out.rgb, out.depth, out.opacity, {}});
+  backend.render_rays(field(0), rays, coarse, {rgb, depth, opacity, weights});
+  if (fine_samples > 0) {
+    const auto fine_t = workspace->take(fine_size), fine_dt = workspace->take(fine_size);
+    backend.sample_hierarchical(coarse, weights, fine_samples, /*jitter=*/false, /*key=*/0, fine_t, fine_dt);
+    backend.render_rays(field(1), rays, {samples + fine_samples, fine_t, fine_dt}, {rgb, depth, opacity, {}});
+  }
+  workspace->get(rgb, out.rgb);
+  workspace->get(depth, out.depth);
+  workspace->get(opacity, out.opacity);
 }
 
 }  // namespace redrive

@@ -2,7 +2,11 @@
 // Working memory that is used in the same order again and again: nothing is allocated once every place has been at its largest.
 #pragma once
 
+#include <algorithm>
+#include <cstring>
 #include <memory>
+#include <span>
+#include <type_traits>
 #include <vector>
 
 #include "redrive/base/buffer.h"
@@ -13,22 +17,53 @@ namespace redrive {
 class Workspace {
  public:
   /// From here on the places are handed out from the first on again, kept by the backend that computes with them: the host fetches what it
-  /// reads of what stages wrote, and puts what it wrote for them.
+  /// reads of what stages wrote, and puts what they are to read.
   void begin(kernels::Backend& backend) {
     backend_ = &backend;
     next_ = 0;
   }
 
-  /// The next place, at least n numbers, whatever they are; valid until the next begin().
-  std::span<float> take(std::size_t n) {
-    if (next_ == places_.size()) places_.emplace_back();
-    Buffer<float>& place = places_[next_++];
-    if (place.size() < n) place = Buffer<float>(n);
-    kernels::keep(*backend_, place);
-    return place.span().first(n);
+  /// The next place, n numbers, whatever they are; valid until the next begin().
+  template <class T = float>
+  std::span<T> take(std::size_t n) {
+    return {reinterpret_cast<T*>(next<T>(n).data()), n};
+  }
+
+  /// Numbers of the host where the backend reads them without copying them anew for each stage: a place with a copy, or where they are if it
+  /// keeps nothing. Valid until the next begin(), and as long as `numbers` are.
+  template <class T>
+  std::span<const T> put(std::span<const T> numbers) {
+    Buffer<float>& place = next<T>(numbers.size());
+    if (!place.elsewhere || numbers.empty()) return numbers;
+    std::memcpy(place.data(), numbers.data(), numbers.size_bytes());
+    backend_->put(place.span().first(floats<T>(numbers.size())));
+    return {reinterpret_cast<const T*>(place.data()), numbers.size()};
+  }
+  template <class T>
+  std::span<const T> put(const std::vector<T>& numbers) {
+    return put(std::span<const T>(numbers));
+  }
+  /// The other way: what stages wrote, for the host.
+  void get(std::span<const float> numbers, std::span<float> out) const {
+    backend_->fetch(numbers);
+    std::ranges::copy(numbers, out.begin());
   }
 
  private:
+  template <class T>
+  static constexpr std::size_t floats(std::size_t n) {
+    static_assert(std::is_trivially_copyable_v<T> && sizeof(T) % sizeof(float) == 0);
+    return n * (sizeof(T) / sizeof(float));
+  }
+  template <class T>
+  Buffer<float>& next(std::size_t n) {
+    if (next_ == places_.size()) places_.emplace_back();
+    Buffer<float>& place = places_[next_++];
+    if (place.size() < floats<T>(n)) place = Buffer<float>(floats<T>(n));
+    kernels::keep(*backend_, place);
+    return place;
+  }
+
   kernels::Backend* backend_ = nullptr;
   std::vector<Buffer<float>> places_;
   std::size_t next_ = 0;

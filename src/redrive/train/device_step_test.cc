@@ -86,15 +86,68 @@ TEST(TrainStepOnADevice, OfAGridOnABackground) {
   });
 }
 
-TEST(TrainStepOnADevice, OfANerf) {
-  expect_that_keeping_changes_nothing([] {
-    auto model = std::make_unique<NerfModel>();
-    model->config = {32, 3, 2};
-    model->samples = 6;
-    model->fine_samples = 4;
-    model->unit_from_world = {{0, 0, 0}, 0.2f};
-    return initial_state(std::move(model), 3);
-  });
+TrainState nerf_for_device() {
+  auto model = std::make_unique<NerfModel>();
+  model->config = {32, 3, 2};
+  model->samples = 6;
+  model->fine_samples = 4;
+  model->unit_from_world = {{0, 0, 0}, 0.2f};
+  return initial_state(std::move(model), 3);
+}
+
+TEST(TrainStepOnADevice, OfANerf) { expect_that_keeping_changes_nothing(nerf_for_device); }
+
+/// Bytes of a batch as the stages of --method grid read it.
+std::size_t bytes_of_device(const RayBatch& batch) {
+  std::size_t floats = 0;
+  for (const std::vector<float>* numbers : {&batch.origin, &batch.direction, &batch.pixel_angle, &batch.target,
+                                            &batch.background, &batch.weight, &batch.range_m})
+    floats += numbers->size();
+  return floats * sizeof(float) + batch.exposure.size() * sizeof(Exposure);
+}
+
+TEST(TrainStepOnADevice, CopiesTheBatchThereAndAFewNumbersBack) {
+  for (const bool empty : {false, true})
+    for (const bool refines : {false, true}) {
+      kernels::DeviceCopies copies;
+      const auto backend = kernels::make_loop_backend(&copies);
+      TrainState state = empty ? empty_grid_for_device() : grid_for_device();
+      StepBuffers buffers;
+      RayBatch batch = batch_for_device(24, 0), lidar = batch_for_device(5, 9);
+      batch.refines = refines;
+      batch.weight.assign(24, 0.5f);
+      lidar.target.clear();
+      lidar.exposure.clear();
+      lidar.range_m.assign(5, 3.0f);
+      StepResult result;
+      for (int again = 0; again < 2; ++again) {  // what the first time is kept there stays
+        copies = {};
+        state.step = 0;
+        result = train_step(*backend, batch, 0, &state, &buffers, &lidar);
+      }
+      EXPECT_TRUE(result.finite);
+      EXPECT_EQ(result.field_rays < 24, empty);
+      EXPECT_EQ(copies.to_device, bytes_of_device(batch) + bytes_of_device(lidar));
+      // Squared errors of rays, derivatives of their places and directions; then losses, the opacity, how many rays are live.
+      const std::size_t of_rays = 24 * (refines ? 1 + 3 + 3 : 1) * sizeof(float);
+      EXPECT_GT(copies.to_host, of_rays);
+      EXPECT_LE(copies.to_host, of_rays + 12 * sizeof(double));
+    }
+}
+
+TEST(TrainStepOnADevice, CopiesTheBatchOfANerfThereAndAFewNumbersBack) {
+  kernels::DeviceCopies copies;
+  const auto backend = kernels::make_loop_backend(&copies);
+  TrainState state = nerf_for_device();
+  StepBuffers buffers;
+  const RayBatch batch = batch_for_device(24, 0);
+  for (int again = 0; again < 2; ++again) {
+    copies = {};
+    EXPECT_TRUE(train_step(*backend, batch, 0, &state, &buffers).finite);
+  }
+  EXPECT_EQ(copies.to_device, 3 * 72 * sizeof(float)) << "origins, directions, colours";
+  EXPECT_EQ(copies.to_host, 2 * 72 * sizeof(float) + 4 * sizeof(double))
+      << "derivatives of places and directions, the losses of two networks, opacity, whether all is finite";
 }
 
 struct PictureOfDevice {
@@ -123,6 +176,29 @@ TEST(RenderOnADevice, IsTheSameWhereNumbersAreKept) {
       EXPECT_TRUE(bit_equal(a.opacity, b.opacity));
       for (const float value : b.rgb) EXPECT_TRUE(std::isfinite(value));
       for (const float value : b.depth) EXPECT_TRUE(std::isfinite(value));
+    }
+}
+
+TEST(RenderOnADevice, CopiesRaysThereAndThePictureBack) {
+  for (const bool grid : {false, true})
+    for (const bool grouped : {false, true}) {
+      kernels::DeviceCopies copies;
+      const auto backend = kernels::make_loop_backend(&copies);
+      const TrainState state = grid ? empty_grid_for_device() : nerf_for_device();
+      RayBatch batch = batch_for_device(12, 3);
+      batch.target.clear();
+      if (grouped) batch.group = {0, 4, 7, 12};
+      Workspace workspace;
+      std::vector<float> rgb(36), depth(12), opacity(12);
+      for (int again = 0; again < 2; ++again) {
+        copies = {};
+        state.model->render(*backend, batch, {rgb, depth, opacity, {}}, &workspace);
+      }
+      const std::size_t picture = (3 + 1 + 1) * 12 * sizeof(float), number = sizeof(float);
+      // Of each group its middle's place, direction and angle, of each ray its group.
+      const std::size_t of_groups = grouped ? (3 * (3 + 3 + 1) + 12) * number : 0;
+      EXPECT_EQ(copies.to_device, grid ? bytes_of_device(batch) + of_groups : 72 * number);
+      EXPECT_EQ(copies.to_host, picture + (grid ? number : 0)) << "and how many rays are live";
     }
 }
 

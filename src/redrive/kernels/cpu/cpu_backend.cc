@@ -123,10 +123,7 @@ class CpuBackend final : public Backend {
 
   void composite_forward(int n_rays, const Samples& samples, std::span<const float> raw,
                          std::span<const float> background, const CompositeOut& out) override {
-    check_samples(n_rays, samples);
-    check_raw(n_rays, samples, raw.size());
-    check_background(n_rays, background);
-    check_composite(n_rays, samples, out);
+    check_composite_forward(n_rays, samples, raw.size(), background, out);
     pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
       const RayRange range{static_cast<int>(begin), static_cast<int>(end - begin)};
       Buffer<float> scratch(composite_scratch(samples.per_ray));
@@ -140,11 +137,7 @@ class CpuBackend final : public Backend {
   void composite_backward(int n_rays, const Samples& samples, std::span<const float> raw,
                           std::span<const float> background, const CompositeAdjoint& adjoint,
                           std::span<float> d_raw) override {
-    check_samples(n_rays, samples);
-    check_raw(n_rays, samples, raw.size());
-    check_raw(n_rays, samples, d_raw.size());
-    check_background(n_rays, background);
-    check_composite_adjoint(n_rays, samples, adjoint);
+    check_composite_backward(n_rays, samples, raw.size(), background, adjoint, d_raw.size());
     const std::size_t stride = sample_count(n_rays, samples);
     pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
       const RayRange range{static_cast<int>(begin), static_cast<int>(end - begin)};

@@ -20,7 +20,11 @@ std::string cuda_description();
 /// UsageError where it has no memory left, else a std::runtime_error with CUDA's words.
 std::unique_ptr<Backend> make_cuda_backend(int threads);
 
-/// The same stages and functors in plain loops on the host (loop_device.h): for tests.
-std::unique_ptr<Backend> make_loop_backend();
+/// Bytes that went there and back.
+struct DeviceCopies {
+  std::size_t to_device = 0, to_host = 0;
+};
+/// The same stages and functors in plain loops on the host (loop_device.h): for tests. Counts copies unless `copies` is null.
+std::unique_ptr<Backend> make_loop_backend(DeviceCopies* copies = nullptr);
 
 }  // namespace redrive::kernels

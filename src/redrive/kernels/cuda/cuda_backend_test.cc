@@ -54,6 +54,21 @@ TEST(LoopBackend, FetchesAndPutsKeptNumbers) {
   EXPECT_EQ(backend->keep({}), nullptr);
 }
 
+TEST(LoopBackend, CountsWhatIsCopied) {
+  DeviceCopies copies;
+  const auto backend = make_loop_backend(&copies);
+  Buffer<float> kept(100);
+  const std::vector<float> other(10, 2.0f);
+  keep(*backend, kept);
+  EXPECT_EQ(copies.to_device, 400u);
+  backend->fill(kept.span().first(50), 1);
+  EXPECT_EQ(copies.to_host, 0u);
+  EXPECT_EQ(backend->sum(kept.span()), 50);
+  EXPECT_EQ(copies.to_host, sizeof(double)) << "the sum alone";
+  EXPECT_EQ(backend->sum(other), 20);
+  EXPECT_EQ(copies.to_device, 440u);
+}
+
 TEST(EncodePoint, LosesNothingOfFastAngles) {
   constexpr int kOctaves = 10;
   std::vector<float> got(encoded_size(kOctaves));

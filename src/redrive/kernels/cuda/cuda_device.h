@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <cstdint>
 #include <memory>
 #include <span>
 #include <stdexcept>
@@ -12,6 +13,7 @@
 #include <type_traits>
 
 #include <cuda_runtime.h>
+#include <cub/device/device_scan.cuh>
 
 #include "redrive/base/error.h"
 #include "redrive/kernels/cuda/kept_numbers.h"
@@ -62,13 +64,18 @@ class CudaDevice {
   std::shared_ptr<void> hold(std::size_t bytes) {
     return {CudaMemory().allocate(bytes), [](void* place) { CudaMemory().release(place); }};
   }
-  void spoil(std::span<float>) {}
+  void spoil(std::span<std::byte>) {}
   void wait() { check_cuda(cudaDeviceSynchronize(), "computing"); }
   void to_device(void* device, const void* host, std::size_t bytes) {
     check_cuda(cudaMemcpy(device, host, bytes, cudaMemcpyHostToDevice), "copying to the GPU");
   }
   void to_host(void* host, const void* device, std::size_t bytes) {
     check_cuda(cudaMemcpy(host, device, bytes, cudaMemcpyDeviceToHost), "computing");
+  }
+  void sums_before(std::size_t n, const std::uint32_t* numbers, std::uint32_t* sums) {
+    std::size_t bytes = 0;
+    check_cuda(cub::DeviceScan::ExclusiveSum(nullptr, bytes, numbers, sums, n), "asking for room");
+    check_cuda(cub::DeviceScan::ExclusiveSum(take(bytes), bytes, numbers, sums, n), "adding up");
   }
 
   template <class Functor>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The backend of a device (stage.h says what that is): every stage copies what it is given, runs the functors of this folder on it, and
+// The backend of a device (stage.h says what that is): every stage copies what it is given, unless that is kept there, runs the functors of this folder on it, and
 // copies back what it is asked for. Kept numbers stay there. The first, simple shape: nothing else stays there from stage to stage.
 #pragma once
 
@@ -9,7 +9,7 @@
 #include "redrive/kernels/cuda/device_grid_stages.h"
 #include "redrive/kernels/cuda/nerf_network.h"
 #include "redrive/kernels/cuda/ray_functors.h"
-#include "redrive/kernels/cuda/stage.h"
+#include "redrive/kernels/cuda/stage_spans.h"
 
 namespace redrive::kernels {
 
@@ -17,7 +17,9 @@ template <class Device>
 class DeviceBackend final : public Backend {
  public:
   /// threads: the host's, which read pictures.
-  DeviceBackend(std::string name, int threads) : name_(std::move(name)), threads_(threads) {}
+  template <class... OfDevice>
+  DeviceBackend(std::string name, int threads, const OfDevice&... of_device)
+      : name_(std::move(name)), threads_(threads), device_(of_device...) {}
 
   std::string name() const override { return name_; }
   std::optional<Isa> isa() const override { return std::nullopt; }
@@ -31,12 +33,26 @@ class DeviceBackend final : public Backend {
     return there;
   }
   void fetch(std::span<const float> part) override {
-    if (const float* const there =
-            device_.kept.find(part))  // the host's copy of them is no constant, whoever looks at it
-      device_.to_host(const_cast<float*>(part.data()), there, part.size_bytes());
+    if (const void* const there = device_.kept.find(std::as_bytes(part)))
+      device_.to_host(const_cast<float*>(part.data()), there, part.size_bytes());  // the host's copy is no constant
   }
   void put(std::span<const float> part) override {
-    if (float* const there = device_.kept.find(part)) device_.to_device(there, part.data(), part.size_bytes());
+    if (void* const there = device_.kept.find(std::as_bytes(part)))
+      device_.to_device(there, part.data(), part.size_bytes());
+  }
+
+  void fill(std::span<float> numbers, float value) override {
+    Stage stage(device_);
+    stage.for_each(numbers.size(), FillNumbers{stage.out(numbers), value});
+    stage.finish();
+  }
+  double sum(std::span<const float> numbers) override {
+    Stage stage(device_);
+    return stage.sum(numbers.size(), NumberTerm<float>{stage.in(numbers)});
+  }
+  bool all_finite(std::span<const float> numbers) override {
+    Stage stage(device_);
+    return stage.sum(numbers.size(), NotFinite{stage.in(numbers)}) == 0;
   }
   void wait() override { device_.wait(); }
 
@@ -100,10 +116,7 @@ class DeviceBackend final : public Backend {
 
   void composite_forward(int n_rays, const Samples& samples, std::span<const float> raw,
                          std::span<const float> background, const CompositeOut& out) override {
-    check_samples(n_rays, samples);
-    check_raw(n_rays, samples, raw.size());
-    check_background(n_rays, background);
-    check_composite(n_rays, samples, out);
+    check_composite_forward(n_rays, samples, raw.size(), background, out);
     Stage stage(device_);
     stage.for_each(n_rays, CompositeRays{static_cast<std::size_t>(n_rays),
                                          there(stage, samples),
@@ -117,11 +130,7 @@ class DeviceBackend final : public Backend {
   void composite_backward(int n_rays, const Samples& samples, std::span<const float> raw,
                           std::span<const float> background, const CompositeAdjoint& adjoint,
                           std::span<float> d_raw) override {
-    check_samples(n_rays, samples);
-    check_raw(n_rays, samples, raw.size());
-    check_raw(n_rays, samples, d_raw.size());
-    check_background(n_rays, background);
-    check_composite_adjoint(n_rays, samples, adjoint);
+    check_composite_backward(n_rays, samples, raw.size(), background, adjoint, d_raw.size());
     Stage stage(device_);
     stage.for_each(n_rays, CompositeRaysAdjoint{static_cast<std::size_t>(n_rays),
                                                 there(stage, samples),
@@ -153,16 +162,6 @@ class DeviceBackend final : public Backend {
   GridStages& grid() override { return grid_; }
 
  private:
-  static Rays there(Stage<Device>& stage, const Rays& rays) {
-    return {rays.n, stage.in(rays.origin), stage.in(rays.direction)};
-  }
-  static Samples there(Stage<Device>& stage, const Samples& samples) {
-    return {samples.per_ray, stage.in(samples.t), stage.in(samples.dt)};
-  }
-  static NerfField there(Stage<Device>& stage, const NerfField& field) {
-    return {field.config, field.unit_from_world, stage.in(field.parameters)};
-  }
-
   std::string name_;
   int threads_;
   Device device_;

@@ -3,16 +3,17 @@
 #pragma once
 
 #include "redrive/kernels/check_grid_sizes.h"
+#include "redrive/kernels/cuda/device_ray_stages.h"
 #include "redrive/kernels/cuda/grid_functors.h"
 #include "redrive/kernels/cuda/grid_network.h"
-#include "redrive/kernels/cuda/stage.h"
+#include "redrive/kernels/cuda/stage_spans.h"
 
 namespace redrive::kernels {
 
 template <class Device>
-class DeviceGridStages final : public GridStages {
+class DeviceGridStages final : public DeviceRayStages<Device> {
  public:
-  explicit DeviceGridStages(Device& device) : device_(device) {}
+  explicit DeviceGridStages(Device& device) : DeviceRayStages<Device>(device) {}
 
   void spaced(const Rays& rays, const SpacedIntervals& how, std::span<float> edges) override {
     check_spaced(rays, how.per_ray, edges.size());
@@ -23,9 +24,7 @@ class DeviceGridStages final : public GridStages {
 
   void proposed(int n_rays, const Intervals& from, std::span<const float> weights, const ProposedIntervals& how,
                 std::span<float> edges) override {
-    check_edges(n_rays, from.per_ray, from.edges.size());
-    check_edges(n_rays, how.per_ray, edges.size());
-    REDRIVE_CHECK_OP(weights.size(), ==, interval_count(n_rays, from.per_ray));
+    check_proposed(n_rays, from, weights.size(), how.per_ray, edges.size());
     Stage stage(device_);
     stage.for_each(n_rays, ProposedRays{there(stage, from), stage.in(weights), how, stage.out(edges)});
     stage.finish();
@@ -61,9 +60,7 @@ class DeviceGridStages final : public GridStages {
 
   void encode_backward(const HashGrid& grid, const UnitPoints& points, std::span<const float> d_features,
                        std::span<float> d_table, std::span<float> d_position) override {
-    check_encode(grid, points, d_features.size());
-    REDRIVE_CHECK_OP(d_table.size(), ==, grid.table.size());
-    if (!d_position.empty()) REDRIVE_CHECK_OP(d_position.size(), ==, 3 * points.n);
+    check_encode_backward(grid, points, d_features.size(), d_table.size(), d_position.size());
     Stage stage(device_);
     const HashGrid values{grid.config, d_position.empty() ? std::span<const float>() : stage.in(grid.table)};
     const GridLevels levels(values);
@@ -111,7 +108,7 @@ class DeviceGridStages final : public GridStages {
 
   void proposal_density(const HashGrid& grid, float density_scale, const UnitPoints& points,
                         std::span<float> density) override {
-    check_proposal(grid, points, density.size());
+    check_proposal_density(grid, points, density.size());
     Stage stage(device_);
     stage.for_each(points.n, ProposalDensities{GridLevels(there(stage, grid)), density_scale, there(stage, points),
                                                stage.out(density)});
@@ -120,9 +117,7 @@ class DeviceGridStages final : public GridStages {
 
   void proposal_density_backward(const HashGrid& grid, const UnitPoints& points, std::span<const float> density,
                                  std::span<const float> d_density, std::span<float> d_table) override {
-    check_proposal(grid, points, density.size());
-    REDRIVE_CHECK_OP(d_density.size(), ==, points.n);
-    REDRIVE_CHECK_OP(d_table.size(), ==, grid.table.size());
+    check_proposal_density_backward(grid, points, density.size(), d_density.size(), d_table.size());
     Stage stage(device_);
     stage.for_each(points.n * grid.config.levels, ProposalDensitiesAdjoint{GridLevels({grid.config, {}}),
                                                                            there(stage, points),
@@ -134,9 +129,7 @@ class DeviceGridStages final : public GridStages {
 
   void weights(int n_rays, const Intervals& intervals, std::span<const float> density,
                std::span<float> weights) override {
-    check_edges(n_rays, intervals.per_ray, intervals.edges.size());
-    REDRIVE_CHECK_OP(density.size(), ==, interval_count(n_rays, intervals.per_ray));
-    REDRIVE_CHECK_OP(weights.size(), ==, density.size());
+    check_weights(n_rays, intervals, density.size(), weights.size());
     Stage stage(device_);
     stage.for_each(n_rays, WeightsOfRays{there(stage, intervals), stage.in(density), stage.out(weights)});
     stage.finish();
@@ -145,11 +138,7 @@ class DeviceGridStages final : public GridStages {
   void weights_backward(int n_rays, const Intervals& intervals, std::span<const float> density,
                         std::span<const float> weights, std::span<const float> d_weights,
                         std::span<float> d_density) override {
-    check_edges(n_rays, intervals.per_ray, intervals.edges.size());
-    REDRIVE_CHECK_OP(density.size(), ==, interval_count(n_rays, intervals.per_ray));
-    REDRIVE_CHECK_OP(weights.size(), ==, density.size());
-    REDRIVE_CHECK_OP(d_weights.size(), ==, density.size());
-    REDRIVE_CHECK_OP(d_density.size(), ==, density.size());
+    check_weights_backward(n_rays, intervals, density.size(), weights.size(), d_weights.size(), d_density.size());
     Stage stage(device_);
     stage.for_each(n_rays, WeightsOfRaysAdjoint{there(stage, intervals), stage.in(density), stage.in(weights),
                                                 stage.in(d_weights), stage.out(d_density)});
@@ -158,11 +147,7 @@ class DeviceGridStages final : public GridStages {
 
   double proposal(int n_rays, const Intervals& intervals, std::span<const float> weights, const Intervals& proposal,
                   std::span<const float> proposal_weights, std::span<float> d_proposal) override {
-    check_edges(n_rays, intervals.per_ray, intervals.edges.size());
-    check_edges(n_rays, proposal.per_ray, proposal.edges.size());
-    REDRIVE_CHECK_OP(weights.size(), ==, interval_count(n_rays, intervals.per_ray));
-    REDRIVE_CHECK_OP(proposal_weights.size(), ==, interval_count(n_rays, proposal.per_ray));
-    REDRIVE_CHECK_OP(d_proposal.size(), ==, proposal_weights.size());
+    check_proposal(n_rays, intervals, weights.size(), proposal, proposal_weights.size(), d_proposal.size());
     Stage stage(device_);
     const double loss =
         stage.sum(n_rays, ProposalOfRays{n_rays, there(stage, intervals), stage.in(weights), there(stage, proposal),
@@ -182,21 +167,7 @@ class DeviceGridStages final : public GridStages {
   }
 
  private:
-  static Rays there(Stage<Device>& stage, const Rays& rays) {
-    return {rays.n, stage.in(rays.origin), stage.in(rays.direction)};
-  }
-  static Intervals there(Stage<Device>& stage, const Intervals& intervals) {
-    return {intervals.per_ray, stage.in(intervals.edges)};
-  }
-  static HashGrid there(Stage<Device>& stage, const HashGrid& grid) { return {grid.config, stage.in(grid.table)}; }
-  static GridNetwork there(Stage<Device>& stage, const GridNetwork& network) {
-    return {network.config, network.density_scale, stage.in(network.weights)};
-  }
-  static UnitPoints there(Stage<Device>& stage, const UnitPoints& points) {
-    return {points.n, stage.in(points.position), stage.in(points.footprint), points.stride};
-  }
-
-  Device& device_;
+  using DeviceRayStages<Device>::device_;
 };
 
 }  // namespace redrive::kernels

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cstddef>
 #include <functional>
 #include <memory>
 #include <span>
@@ -17,28 +18,28 @@ class KeptNumbers {
   /// `there` is the device's memory; whoever has a handle on it decides for how long.
   void add(std::span<const float> host, const std::shared_ptr<void>& there) {
     std::erase_if(all_, [](const Kept& kept) { return kept.there.expired(); });
-    all_.push_back({host, there});
+    all_.push_back({std::as_bytes(host), there});
   }
 
-  /// The device's copy of `host`, numbers that are kept or a part of them; null if they are not.
-  float* find(std::span<const float> host) const {
+  /// The device's copy of `host`, numbers that are kept or a part of them, whatever their type; null if they are not.
+  void* find(std::span<const std::byte> host) const {
     for (const Kept& kept : all_) {
       if (host.empty() || !within(kept.host, host.data())) continue;
       const auto there = kept.there.lock();
       if (!there) continue;  // numbers that are gone, others may stand in their place
       const std::size_t first = host.data() - kept.host.data();
       REDRIVE_CHECK_OP(first + host.size(), <=, kept.host.size());
-      return static_cast<float*>(there.get()) + first;
+      return static_cast<std::byte*>(there.get()) + first;
     }
     return nullptr;
   }
 
  private:
   struct Kept {
-    std::span<const float> host;
+    std::span<const std::byte> host;
     std::weak_ptr<void> there;
   };
-  static bool within(std::span<const float> all, const float* place) {
+  static bool within(std::span<const std::byte> all, const std::byte* place) {
     return std::less_equal<>()(all.data(), place) && std::less<>()(place, all.data() + all.size());
   }
 

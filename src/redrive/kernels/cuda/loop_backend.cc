@@ -5,6 +5,8 @@
 
 namespace redrive::kernels {
 
-std::unique_ptr<Backend> make_loop_backend() { return std::make_unique<DeviceBackend<LoopDevice>>("loop", 1); }
+std::unique_ptr<Backend> make_loop_backend(DeviceCopies* copies) {
+  return std::make_unique<DeviceBackend<LoopDevice>>("loop", 1, copies);
+}
 
 }  // namespace redrive::kernels

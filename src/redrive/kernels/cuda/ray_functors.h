@@ -3,6 +3,8 @@
 // the device.
 #pragma once
 
+#include <cmath>
+
 #include "redrive/base/host_device.h"
 #include "redrive/kernels/check_sizes.h"
 #include "redrive/kernels/kernels.h"
@@ -25,6 +27,20 @@ struct RayGradientsOfSamples {
     add_ray_gradient(unit_from_world, n_rays, samples, static_cast<int>(ray), &d_position[ray * per_ray],
                      n_rays * per_ray, of_rays);
   }
+};
+
+struct FillNumbers {
+  std::span<float> numbers;
+  float value;
+
+  REDRIVE_HD void operator()(std::size_t i) const { numbers[i] = value; }
+};
+
+/// Returns 1 for what is infinite or not a number.
+struct NotFinite {
+  std::span<const float> numbers;
+
+  REDRIVE_HD double operator()(std::size_t i) const { return std::isfinite(numbers[i]) ? 0 : 1; }
 };
 
 struct StratifiedRays {

@@ -5,13 +5,14 @@
 //   to_device, to_host            copies; to_host waits until it is there
 //   wait()                        until all of that is done
 //   for_each(n, functor)          functor(i) for i in [0, n), in any order and at once; what it needs lies in it or on the device
+//   sums_before(n, x, sums)       sums[i] = x[0] + ... + x[i - 1] for i in [0, n), whole numbers on the device
 //   hold(bytes), kept             memory that stays as long as its handle lives, and what of the host's numbers lies in such
 //   spoil(host)                   is told that the host's copy of kept numbers is out of date
 //   kSamplesAtOnce                rows that a network's activations are kept for
 #pragma once
 
 #include <algorithm>
-#include <numeric>
+#include <cstdint>
 #include <span>
 #include <vector>
 
@@ -33,6 +34,34 @@ struct PartialSum {
   }
 };
 
+/// A number as a term of a sum.
+template <class T>
+struct NumberTerm {
+  std::span<const T> numbers;
+
+  REDRIVE_HD double operator()(std::size_t i) const { return numbers[i]; }
+};
+
+/// 1 for what is chosen, 0 for the rest and behind the end.
+template <class Choose>
+struct MarkChosen {
+  Choose choose;
+  std::size_t n;
+  std::span<std::uint32_t> marks;
+
+  REDRIVE_HD void operator()(std::size_t i) const { marks[i] = i < n && choose(i) ? 1 : 0; }
+};
+
+/// Those marked to the places that the marks before them leave.
+struct ListMarked {
+  std::span<const std::uint32_t> marks, before;
+  std::span<std::uint32_t> list;
+
+  REDRIVE_HD void operator()(std::size_t i) const {
+    if (marks[i] != 0) list[before[i]] = static_cast<std::uint32_t>(i);
+  }
+};
+
 template <class Device>
 class Stage {
  public:
@@ -41,19 +70,26 @@ class Stage {
   Stage& operator=(const Stage&) = delete;
 
   /// The device's copy of what lies on the host, if it is not kept there anyway. No numbers: no memory.
-  std::span<const float> in(std::span<const float> host) {
-    if (const float* const kept = device_.kept.find(host)) return {kept, host.size()};
-    return copy(host);
+  template <class T>
+  std::span<const T> in(std::span<T> host) {
+    if (const void* const kept = device_.kept.find(std::as_bytes(host)))
+      return {static_cast<const T*>(kept), host.size()};
+    return copy(std::span<const T>(host));
   }
+  std::span<const float> in(std::span<const float> host) { return in<const float>(host); }
+
   /// Memory of the device that finish() copies to `host`, or where these numbers are kept.
-  std::span<float> out(std::span<float> host) {
+  template <class T>
+  std::span<T> out(std::span<T> host) {
     if (const auto kept = change_kept(host); !kept.empty()) return kept;
-    return result(host, scratch<float>(host.size()));
+    return result(host, scratch<T>(host.size()));
   }
+  std::span<float> out(std::span<float> host) { return out<float>(host); }
+
   /// Both.
   std::span<float> in_out(std::span<float> host) {
     if (const auto kept = change_kept(host); !kept.empty()) return kept;
-    return result(host, copy(host));
+    return result(host, copy(std::span<const float>(host)));
   }
   template <class T>
   std::span<T> scratch(std::size_t n) {
@@ -68,12 +104,25 @@ class Stage {
   /// Sum of term(i) over i in [0, n), in an order that n alone decides: the same bits each time.
   template <class Term>
   double sum(std::size_t n, const Term& term) {
-    constexpr std::size_t kParts = 4096;  // threads enough for a device, and few enough to be added up here
-    const auto parts = scratch<double>(std::min(n, kParts));
+    constexpr std::size_t kParts = 4096, kFewParts = 64;  // threads enough for a device, then few
+    auto parts = scratch<double>(std::min(n, kParts));
     for_each(parts.size(), PartialSum<Term>{term, n, parts});
-    std::vector<double> here(parts.size());
-    device_.to_host(here.data(), parts.data(), parts.size_bytes());
-    return std::accumulate(here.begin(), here.end(), 0.0);
+    while (parts.size() > 1) {
+      const auto fewer = scratch<double>(parts.size() > kFewParts ? kFewParts : 1);
+      for_each(fewer.size(), PartialSum<NumberTerm<double>>{{parts}, parts.size(), fewer});
+      parts = fewer;
+    }
+    return parts.empty() ? 0 : on_host(parts[0]);
+  }
+
+  /// Those i in [0, n) that choose(i) says yes to, ascending, into `list` on the device; returns how many.
+  template <class Choose>
+  std::size_t choose(std::size_t n, const Choose& choose, std::span<std::uint32_t> list) {
+    const auto marks = scratch<std::uint32_t>(n + 1), before = scratch<std::uint32_t>(n + 1);
+    for_each(n + 1, MarkChosen<Choose>{choose, n, marks});
+    device_.sums_before(n + 1, marks.data(), before.data());
+    for_each(n, ListMarked{marks, before, list});
+    return on_host(before[n]);
   }
 
   /// Brings the results home: the last thing that a stage does.
@@ -85,23 +134,33 @@ class Stage {
 
  private:
   struct Result {
-    std::span<float> host, there;
+    std::span<std::byte> host, there;
   };
 
-  std::span<float> change_kept(std::span<float> host) {
-    float* const kept = device_.kept.find(host);
+  template <class T>
+  std::span<T> change_kept(std::span<T> host) {
+    void* const kept = device_.kept.find(std::as_bytes(host));
     if (!kept) return {};
-    device_.spoil(host);
-    return {kept, host.size()};
+    device_.spoil(std::as_writable_bytes(host));
+    return {static_cast<T*>(kept), host.size()};
   }
-  std::span<float> result(std::span<float> host, std::span<float> there) {
-    if (!host.empty()) results_.push_back({host, there});
+  template <class T>
+  std::span<T> result(std::span<T> host, std::span<T> there) {
+    if (!host.empty()) results_.push_back({std::as_writable_bytes(host), std::as_writable_bytes(there)});
     return there;
   }
-  std::span<float> copy(std::span<const float> host) {
-    const auto there = scratch<float>(host.size());
+  template <class T>
+  std::span<T> copy(std::span<const T> host) {
+    const auto there = scratch<T>(host.size());
     if (!host.empty()) device_.to_device(there.data(), host.data(), host.size_bytes());
     return there;
+  }
+  /// A number on the device.
+  template <class T>
+  T on_host(const T& there) {
+    T here;
+    device_.to_host(&here, &there, sizeof here);
+    return here;
   }
 
   Device& device_;

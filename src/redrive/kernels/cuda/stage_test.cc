@@ -2,6 +2,7 @@
 #include "redrive/kernels/cuda/stage.h"
 
 #include <cmath>
+#include <cstdint>
 #include <numeric>
 
 #include <gtest/gtest.h>
@@ -78,6 +79,53 @@ TEST(Stage, WorksOnKeptNumbersWhereTheyAre) {
   EXPECT_EQ(x, (std::vector<float>{2, 3, 4, 5})) << "as all others once it is not kept any more";
 }
 
+TEST(Stage, CarriesNumbersOfAnyType) {
+  struct Pair {
+    std::int32_t first;
+    float second;
+  };
+  struct Sum {
+    std::span<const Pair> pairs;
+    std::span<std::uint32_t> sums;
+    void operator()(std::size_t i) const {
+      sums[i] = static_cast<std::uint32_t>(static_cast<float>(pairs[i].first) + pairs[i].second);
+    }
+  };
+  const std::vector<Pair> pairs = {{1, 2}, {3, 4}};
+  std::vector<std::uint32_t> copied(2);
+  std::vector<float> kept(3, 7);  // room for whole numbers, too, as a workspace has it
+  LoopDevice device;
+  auto there = device.hold(3 * sizeof(float));
+  device.kept.add(kept, there);
+  const std::span<std::uint32_t> whole{reinterpret_cast<std::uint32_t*>(&kept[1]), 2};
+  Stage stage(device);
+  stage.for_each(2, Sum{stage.in(std::span(pairs)), stage.out(std::span(copied))});
+  stage.for_each(2, Sum{stage.in(std::span(pairs)), stage.out(whole)});
+  stage.finish();
+  EXPECT_EQ(copied, (std::vector<std::uint32_t>{3, 7}));
+  EXPECT_EQ(kept[0], 7);
+  EXPECT_TRUE(std::isnan(kept[1])) << "out of date";
+  EXPECT_EQ(static_cast<std::uint32_t*>(there.get())[2], 7u);
+}
+
+TEST(Stage, ListsWhatIsChosenInOrder) {
+  struct OfThree {
+    std::size_t rest;
+    bool operator()(std::size_t i) const { return i % 3 == rest; }
+  };
+  LoopDevice device;
+  for (const std::size_t n : {1u, 2u, 3u, 100u})
+    for (const std::size_t rest : {0u, 2u, 3u}) {
+      Stage stage(device);
+      std::vector<std::uint32_t> list(n, 99), expected;
+      for (std::size_t i = rest; i < n && rest < 3; i += 3) expected.push_back(static_cast<std::uint32_t>(i));
+      const std::size_t count = stage.choose(n, OfThree{rest}, stage.out(std::span(list)));
+      stage.finish();
+      list.resize(count);
+      EXPECT_EQ(list, expected) << n << ", " << rest;
+    }
+}
+
 TEST(Stage, NothingIsNothing) {
   LoopDevice device;
   Stage stage(device);
@@ -85,6 +133,7 @@ TEST(Stage, NothingIsNothing) {
   EXPECT_TRUE(stage.out({}).empty());
   EXPECT_TRUE(stage.in_out({}).empty());
   EXPECT_TRUE(stage.scratch<double>(0).empty());
+  EXPECT_EQ(stage.sum(0, NumberTerm<float>{}), 0);
   stage.finish();
 }
 

@@ -112,10 +112,7 @@ class RefBackend final : public Backend {
 
   void composite_forward(int n_rays, const Samples& samples, std::span<const float> raw,
                          std::span<const float> background, const CompositeOut& out) override {
-    check_samples(n_rays, samples);
-    check_raw(n_rays, samples, raw.size());
-    check_background(n_rays, background);
-    check_composite(n_rays, samples, out);
+    check_composite_forward(n_rays, samples, raw.size(), background, out);
     const int per_ray = samples.per_ray;
     std::vector<double> weights(per_ray);
     for (int ray = 0; ray < n_rays; ++ray) {
@@ -134,11 +131,7 @@ class RefBackend final : public Backend {
   void composite_backward(int n_rays, const Samples& samples, std::span<const float> raw,
                           std::span<const float> background, const CompositeAdjoint& adjoint,
                           std::span<float> d_raw) override {
-    check_samples(n_rays, samples);
-    check_raw(n_rays, samples, raw.size());
-    check_raw(n_rays, samples, d_raw.size());
-    check_background(n_rays, background);
-    check_composite_adjoint(n_rays, samples, adjoint);
+    check_composite_backward(n_rays, samples, raw.size(), background, adjoint, d_raw.size());
     const int per_ray = samples.per_ray;
     const std::size_t n_samples = sample_count(n_rays, samples);
     std::vector<double> d_of_ray(4 * static_cast<std::size_t>(per_ray));

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "redrive/kernels/check_grid_sizes.h"
+#include "redrive/kernels/host_ray_stages.h"
 #include "redrive/loss/proposal.h"
 #include "redrive/loss/range.h"
 #include "redrive/volume/ray_weights.h"
@@ -45,7 +46,7 @@ class FeaturesOf {
   std::size_t n_, i_;
 };
 
-class RefGridStages final : public GridStages {
+class RefGridStages final : public HostRayStages {
  public:
   void spaced(const Rays& rays, const SpacedIntervals& how, std::span<float> edges) override {
     check_spaced(rays, how.per_ray, edges.size());
@@ -54,9 +55,7 @@ class RefGridStages final : public GridStages {
 
   void proposed(int n_rays, const Intervals& from, std::span<const float> weights, const ProposedIntervals& how,
                 std::span<float> edges) override {
-    check_edges(n_rays, from.per_ray, from.edges.size());
-    check_edges(n_rays, how.per_ray, edges.size());
-    REDRIVE_CHECK_OP(weights.size(), ==, interval_count(n_rays, from.per_ray));
+    check_proposed(n_rays, from, weights.size(), how.per_ray, edges.size());
     for (int ray = 0; ray < n_rays; ++ray)
       proposed_edges(&from.edges[interval_count(ray, from.per_ray + 1)], &weights[interval_count(ray, from.per_ray)],
                      from.per_ray, how.per_ray, how.padding, how.jitter, how.key, ray,
@@ -92,9 +91,7 @@ class RefGridStages final : public GridStages {
 
   void encode_backward(const HashGrid& grid, const UnitPoints& points, std::span<const float> d_features,
                        std::span<float> d_table, std::span<float> d_position) override {
-    check_encode(grid, points, d_features.size());
-    REDRIVE_CHECK_OP(d_table.size(), ==, grid.table.size());
-    if (!d_position.empty()) REDRIVE_CHECK_OP(d_position.size(), ==, 3 * points.n);
+    check_encode_backward(grid, points, d_features.size(), d_table.size(), d_position.size());
     const auto levels = hash_grid_levels(grid.config);
     const std::vector<double> table = as_double(grid.table);
     std::vector<double> sums(table.size());
@@ -144,7 +141,7 @@ class RefGridStages final : public GridStages {
 
   void proposal_density(const HashGrid& grid, float density_scale, const UnitPoints& points,
                         std::span<float> density) override {
-    check_proposal(grid, points, density.size());
+    check_proposal_density(grid, points, density.size());
     const auto levels = hash_grid_levels(grid.config);
     std::vector<double> features(grid.config.outputs());
     for (std::size_t i = 0; i < points.n; ++i) {
@@ -158,9 +155,7 @@ class RefGridStages final : public GridStages {
 
   void proposal_density_backward(const HashGrid& grid, const UnitPoints& points, std::span<const float> density,
                                  std::span<const float> d_density, std::span<float> d_table) override {
-    check_proposal(grid, points, density.size());
-    REDRIVE_CHECK_OP(d_density.size(), ==, points.n);
-    REDRIVE_CHECK_OP(d_table.size(), ==, grid.table.size());
+    check_proposal_density_backward(grid, points, density.size(), d_density.size(), d_table.size());
     const auto levels = hash_grid_levels(grid.config);
     const std::vector<double> table = as_double(grid.table);
     std::vector<double> sums(table.size());
@@ -174,9 +169,7 @@ class RefGridStages final : public GridStages {
 
   void weights(int n_rays, const Intervals& intervals, std::span<const float> density,
                std::span<float> weights) override {
-    check_edges(n_rays, intervals.per_ray, intervals.edges.size());
-    REDRIVE_CHECK_OP(density.size(), ==, interval_count(n_rays, intervals.per_ray));
-    REDRIVE_CHECK_OP(weights.size(), ==, density.size());
+    check_weights(n_rays, intervals, density.size(), weights.size());
     std::vector<double> out(intervals.per_ray);
     for (int ray = 0; ray < n_rays; ++ray) {
       const std::size_t first = interval_count(ray, intervals.per_ray);
@@ -189,11 +182,7 @@ class RefGridStages final : public GridStages {
   void weights_backward(int n_rays, const Intervals& intervals, std::span<const float> density,
                         std::span<const float> weights, std::span<const float> d_weights,
                         std::span<float> d_density) override {
-    check_edges(n_rays, intervals.per_ray, intervals.edges.size());
-    REDRIVE_CHECK_OP(density.size(), ==, interval_count(n_rays, intervals.per_ray));
-    REDRIVE_CHECK_OP(weights.size(), ==, density.size());
-    REDRIVE_CHECK_OP(d_weights.size(), ==, density.size());
-    REDRIVE_CHECK_OP(d_density.size(), ==, density.size());
+    check_weights_backward(n_rays, intervals, density.size(), weights.size(), d_weights.size(), d_density.size());
     const std::size_t n = intervals.per_ray;
     std::vector<double> out(n);
     for (int ray = 0; ray < n_rays; ++ray) {
@@ -207,11 +196,7 @@ class RefGridStages final : public GridStages {
 
   double proposal(int n_rays, const Intervals& intervals, std::span<const float> weights, const Intervals& proposal,
                   std::span<const float> proposal_weights, std::span<float> d_proposal) override {
-    check_edges(n_rays, intervals.per_ray, intervals.edges.size());
-    check_edges(n_rays, proposal.per_ray, proposal.edges.size());
-    REDRIVE_CHECK_OP(weights.size(), ==, interval_count(n_rays, intervals.per_ray));
-    REDRIVE_CHECK_OP(proposal_weights.size(), ==, interval_count(n_rays, proposal.per_ray));
-    REDRIVE_CHECK_OP(d_proposal.size(), ==, proposal_weights.size());
+    check_proposal(n_rays, intervals, weights.size(), proposal, proposal_weights.size(), d_proposal.size());
     double loss = 0;
     for (int ray = 0; ray < n_rays; ++ray) {
       const std::size_t first = interval_count(ray, intervals.per_ray), p = interval_count(ray, proposal.per_ray);

@@ -11,6 +11,7 @@
 #include "redrive/base/buffer.h"
 #include "redrive/kernels/check_grid_sizes.h"
 #include "redrive/kernels/cpu/grid/packed_network.h"
+#include "redrive/kernels/host_ray_stages.h"
 #include "redrive/loss/proposal.h"
 #include "redrive/loss/range.h"
 
@@ -36,7 +37,7 @@ GridPoints range_of(const UnitPoints& points, std::size_t begin, std::size_t end
           points.footprint.data() + begin};
 }
 
-class CpuGridStages final : public GridStages {
+class CpuGridStages final : public HostRayStages {
  public:
   CpuGridStages(Isa isa, ThreadPool* pool)
       : kernels_(isa == Isa::kAvx2 ? avx2::kGridKernels : avx512::kGridKernels),
@@ -57,9 +58,7 @@ class CpuGridStages final : public GridStages {
 
   void proposed(int n_rays, const Intervals& from, std::span<const float> weights, const ProposedIntervals& how,
                 std::span<float> edges) override {
-    check_edges(n_rays, from.per_ray, from.edges.size());
-    check_edges(n_rays, how.per_ray, edges.size());
-    REDRIVE_CHECK_OP(weights.size(), ==, interval_count(n_rays, from.per_ray));
+    check_proposed(n_rays, from, weights.size(), how.per_ray, edges.size());
     pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
       for (std::size_t ray = begin; ray < end; ++ray)
         proposed_edges(&from.edges[ray * (from.per_ray + 1)], &weights[ray * from.per_ray], from.per_ray, how.per_ray,
@@ -108,11 +107,9 @@ class CpuGridStages final : public GridStages {
 
   void encode_backward(const HashGrid& grid, const UnitPoints& points, std::span<const float> d_features,
                        std::span<float> d_table, std::span<float> d_position) override {
-    check_encode(grid, points, d_features.size());
-    REDRIVE_CHECK_OP(d_table.size(), ==, grid.table.size());
+    check_encode_backward(grid, points, d_features.size(), d_table.size(), d_position.size());
     backward_of_levels(grid, points, d_features.data(), points.n * grid.config.features, d_table);
     if (d_position.empty()) return;
-    REDRIVE_CHECK_OP(d_position.size(), ==, 3 * points.n);
     std::ranges::fill(d_position, 0.0f);
     const auto levels = levels_of(grid);
     pool_.run_ranges(points.n, kPointsOfRange, [&](std::size_t begin, std::size_t end) {
@@ -159,7 +156,7 @@ class CpuGridStages final : public GridStages {
 
   void proposal_density(const HashGrid& grid, float density_scale, const UnitPoints& points,
                         std::span<float> density) override {
-    check_proposal(grid, points, density.size());
+    check_proposal_density(grid, points, density.size());
     const auto levels = levels_of(grid);
     pool_.run_ranges(points.n, kPointsOfRange, [&](std::size_t begin, std::size_t end) {
       kernels_.density(levels.data(), static_cast<int>(levels.size()), density_scale, range_of(points, begin, end),
@@ -169,9 +166,7 @@ class CpuGridStages final : public GridStages {
 
   void proposal_density_backward(const HashGrid& grid, const UnitPoints& points, std::span<const float> density,
                                  std::span<const float> d_density, std::span<float> d_table) override {
-    check_proposal(grid, points, density.size());
-    REDRIVE_CHECK_OP(d_density.size(), ==, points.n);
-    REDRIVE_CHECK_OP(d_table.size(), ==, grid.table.size());
+    check_proposal_density_backward(grid, points, density.size(), d_density.size(), d_table.size());
     std::vector<float> d_sum(points.n);
     pool_.run_ranges(points.n, kPointsOfRange, [&](std::size_t begin, std::size_t end) {
       for (std::size_t i = begin; i < end; ++i) d_sum[i] = density[i] * d_density[i];
@@ -182,9 +177,7 @@ class CpuGridStages final : public GridStages {
   void weights(int n_rays, const Intervals& intervals, std::span<const float> density,
                std::span<float> weights) override {
     const int per_ray = intervals.per_ray;
-    check_edges(n_rays, per_ray, intervals.edges.size());
-    REDRIVE_CHECK_OP(density.size(), ==, interval_count(n_rays, per_ray));
-    REDRIVE_CHECK_OP(weights.size(), ==, density.size());
+    check_weights(n_rays, intervals, density.size(), weights.size());
     pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
       Buffer<float> scratch(per_ray + 16);
       kernels_.weights(static_cast<int>(end - begin), per_ray, &intervals.edges[begin * (per_ray + 1)],
@@ -196,11 +189,7 @@ class CpuGridStages final : public GridStages {
                         std::span<const float> weights, std::span<const float> d_weights,
                         std::span<float> d_density) override {
     const int per_ray = intervals.per_ray;
-    check_edges(n_rays, per_ray, intervals.edges.size());
-    REDRIVE_CHECK_OP(density.size(), ==, interval_count(n_rays, per_ray));
-    REDRIVE_CHECK_OP(weights.size(), ==, density.size());
-    REDRIVE_CHECK_OP(d_weights.size(), ==, density.size());
-    REDRIVE_CHECK_OP(d_density.size(), ==, density.size());
+    check_weights_backward(n_rays, intervals, density.size(), weights.size(), d_weights.size(), d_density.size());
     pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
       Buffer<float> scratch(per_ray + 16);
       const std::size_t first = begin * per_ray;
@@ -212,11 +201,7 @@ class CpuGridStages final : public GridStages {
   double proposal(int n_rays, const Intervals& intervals, std::span<const float> weights, const Intervals& proposal,
                   std::span<const float> proposal_weights, std::span<float> d_proposal) override {
     const int n = intervals.per_ray, m = proposal.per_ray;
-    check_edges(n_rays, n, intervals.edges.size());
-    check_edges(n_rays, m, proposal.edges.size());
-    REDRIVE_CHECK_OP(weights.size(), ==, interval_count(n_rays, n));
-    REDRIVE_CHECK_OP(proposal_weights.size(), ==, interval_count(n_rays, m));
-    REDRIVE_CHECK_OP(d_proposal.size(), ==, proposal_weights.size());
+    check_proposal(n_rays, intervals, weights.size(), proposal, proposal_weights.size(), d_proposal.size());
     std::vector<double> loss((n_rays + kRaysOfRange - 1) / kRaysOfRange);
     pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
       for (std::size_t ray = begin; ray < end; ++ray) {

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/field/sky.h"
+
+#include <cmath>
+
+#include <gtest/gtest.h>
+
+#include "redrive/math/dual.h"
+
+namespace redrive {
+namespace {
+
+TEST(Sky, LiesInTheUnitCube) {
+  EXPECT_EQ(sky_coordinate(-1.0f), 0);
+  EXPECT_EQ(sky_coordinate(0.0f), 0.5f);
+  EXPECT_EQ(sky_coordinate(1.0f), 1);
+  // A pixel of 0.01 rad is 0.005 wide on a sphere of half the unit sphere's size; its half is what counts.
+  EXPECT_FLOAT_EQ(sky_footprint(0.01f), 0.0025f);
+}
+
+TEST(Sky, ColourIsTheSigmoidOfItsLevelsSum) {
+  const double features[] = {0.5, 9, -2, 9, 0.25, 9};  // every other one is another colour's
+  EXPECT_DOUBLE_EQ(sky_colour(features, 3, 2), 1 / (1 + std::exp(1.25)));
+  EXPECT_DOUBLE_EQ(sky_colour(features, 1, 2), 1 / (1 + std::exp(-0.5)));
+  EXPECT_DOUBLE_EQ(sky_colour(features + 1, 3, 2), 1 / (1 + std::exp(-27)));
+}
+
+TEST(SkyAdjoint, AgreesWithDualNumbers) {
+  using D = Dual<double, 3>;
+  const double features[] = {0.5, -2, 0.25};
+  D dual[3];
+  for (int l = 0; l < 3; ++l) dual[l] = D::variable(features[l], l);
+  const double got = sky_colour_adjoint(sky_colour(features, 3, 1), -0.75);
+  const D expected = sky_colour(dual, 3, 1);
+  for (const double slope : expected.d) EXPECT_NEAR(got, -0.75 * slope, 4 * 0x1p-53);
+  using One = Dual<double, 1>;
+  EXPECT_EQ(sky_coordinate_adjoint(3.0), 3 * sky_coordinate(One::variable(0.3, 0)).d[0]);
+}
+
+}  // namespace
+}  // namespace redrive

@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: Apache-2.0
+// What every backend does to numbers wherever they are: on the host, or kept in memory of its own.
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "candidates.h"
+#include "compare.h"
+#include "redrive/base/buffer.h"
+
+namespace redrive::kernels::conformance {
+namespace {
+
+class NumbersOfEveryBackend : public OneCandidate {};
+
+INSTANTIATE_TEST_SUITE_P(Backends, NumbersOfEveryBackend, testing::ValuesIn(candidates()), name_of);
+
+TEST_P(NumbersOfEveryBackend, AreFilled) {
+  const auto backend = make();
+  Buffer<float> kept(1000);
+  std::vector<float> here(1000);
+  keep(*backend, kept);
+  for (const std::span<float> numbers : {kept.span(), std::span(here)}) {
+    backend->fill(numbers.subspan(100, 700), 0.75f);
+    backend->fill(numbers.first(0), 3);
+    backend->fetch(numbers);
+    for (std::size_t i = 0; i < numbers.size(); ++i) ASSERT_EQ(numbers[i], i >= 100 && i < 800 ? 0.75f : 0) << i;
+  }
+}
+
+TEST_P(NumbersOfEveryBackend, AreAddedUpInDouble) {
+  const auto backend = make();
+  for (const std::size_t n : {1u, 63u, 64u, 65u, 4096u, 4097u, 20011u}) {
+    // Whole numbers, whose sum float does not hold, but double does.
+    Buffer<float> kept(n);
+    double expected = 0;
+    for (std::size_t i = 0; i < n; ++i) expected += kept[i] = static_cast<float>((1 << 23) + 3 * i);
+    EXPECT_EQ(backend->sum(kept), expected);
+    keep(*backend, kept);
+    EXPECT_EQ(backend->sum(kept), expected);
+    EXPECT_EQ(backend->sum(kept.span().last(1)), kept[n - 1]);
+  }
+  EXPECT_EQ(backend->sum({}), 0);
+  const std::vector<float> numbers = random_floats(5000, 400, -1, 1);
+  EXPECT_EQ(backend->sum(numbers), make()->sum(numbers)) << "the same bits again";
+}
+
+TEST_P(NumbersOfEveryBackend, AreFiniteOrNot) {
+  const auto backend = make();
+  EXPECT_TRUE(backend->all_finite({}));
+  for (const std::size_t n : {1u, 100u, 5000u}) {
+    std::vector<float> numbers(n, std::numeric_limits<float>::max());
+    EXPECT_TRUE(backend->all_finite(numbers));
+    for (const float bad : {INFINITY, -INFINITY, NAN})
+      for (const std::size_t at : {std::size_t{0}, n / 2, n - 1}) {
+        std::vector<float> spoilt = numbers;
+        spoilt[at] = bad;
+        EXPECT_FALSE(backend->all_finite(spoilt)) << bad << " at " << at << " of " << n;
+      }
+  }
+}
+
+}  // namespace
+}  // namespace redrive::kernels::conformance
