@@ -92,7 +92,7 @@ GridBatch::GridBatch(const SyntheticDrive& drive, kernels::GridStages& stages)
   footprint.resize(n);
   stages.spaced(rays_of(rays), {per_ray, model().spacing, model().contraction, true, random_key(1, kStreamSamples)},
                 edges);
-  stages.contract(model().contraction, rays_of(rays), rays.pixel_angle, {per_ray, edges}, position, footprint);
+  stages.contract(model().contraction, rays_of(rays), rays.pixel_angle, {per_ray, edges}, 0, position, footprint);
   points = {n, position, footprint};
   features.resize(n * model().field.grid.outputs());
   d_features.resize(features.size());
