@@ -91,7 +91,7 @@ TEST_P(EveryGridBackend, Proposed) {
 TEST_P(EveryGridBackend, Contract) {
   const auto backend = make(), ref = make_ref_backend();
   for (const BatchSize& size : batch_sizes())
-    for (const bool unbounded : {false, true}) {
+    for (const auto& [unbounded, least_width] : {std::pair(false, 0.0f), {false, 0.3f}, {true, 0.0f}, {true, 0.3f}}) {
       SCOPED_TRACE(trace(size));
       const Contraction contraction{{3, -7, 1.5f}, 24, unbounded};
       const Rows rows(size);
@@ -101,8 +101,8 @@ TEST_P(EveryGridBackend, Contract) {
       std::vector<float> direction = random_floats(3 * n_rays, 232, -1, 1);
       const Rays rays{size.n_rays, origin, direction};
       std::vector<float> position(3 * n, NAN), footprint(n, NAN), expected(3 * n), expected_footprint(n);
-      backend->grid().contract(contraction, rays, angle, rows.intervals(), position, footprint);
-      ref->grid().contract(contraction, rays, angle, rows.intervals(), expected, expected_footprint);
+      backend->grid().contract(contraction, rays, angle, rows.intervals(), least_width, position, footprint);
+      ref->grid().contract(contraction, rays, angle, rows.intervals(), least_width, expected, expected_footprint);
       // u_k = (o - c) / half + t d / half: each of the terms rounds up to four times.  Its error goes on by d unit / d u, of which
       // no row sums up to more than 1/2 (bounded) or, where m > 1, 3 / (4 m); the map itself rounds five times, up to 1 (or, outside a
       // bounded scene, further).
@@ -133,6 +133,25 @@ TEST_P(EveryGridBackend, Contract) {
                    1.001e-10 / contraction.half_m;
           }));
     }
+}
+
+TEST_P(EveryGridBackend, ContractSamplesOfKnownSize) {
+  // A pixel is 0.02 m wide at 2 m; its intervals are 1 m and 2 m long, and a metre is an eighth of the cube's side.
+  const std::vector<float> origin{0, 0, 0}, direction{1, 0, 0}, angle{0.01f}, edges{1.5f, 2.5f, 4.5f};
+  std::vector<float> position(6), footprint(2);
+  const auto of = [&](float least_width) {
+    make()->grid().contract({{0, 0, 0}, 4, false}, {1, origin, direction}, angle, {2, edges}, least_width, position,
+                            footprint);
+    return footprint;
+  };
+  const double near = std::cbrt(0.02 * 0.02 * 1), far = std::cbrt(0.035 * 0.035 * 2);
+  EXPECT_NEAR(of(0)[0], near / 8, 1e-6);
+  EXPECT_NEAR(of(0)[1], far / 8, 1e-6);
+  EXPECT_NEAR(of(0.5f)[0], 0.5 / 8, 1e-6) << "half the interval's length";
+  EXPECT_NEAR(of(0.5f)[1], 1.0 / 8, 2e-6);
+  EXPECT_NEAR(of(0.01f)[0], near / 8, 1e-6) << "the box is larger";
+  EXPECT_NEAR(position[0], 0.5 + 2.0 / 8, 1e-6);
+  EXPECT_NEAR(position[1], 0.5 + 3.5 / 8, 1e-6);
 }
 
 TEST_P(EveryGridBackend, ContractBackward) {
@@ -660,8 +679,8 @@ TEST_P(EveryGridBackend, SizesAreChecked) {
   EXPECT_THROW(stages.spaced({3, few, direction}, {5, kSpacing}, encoded), std::logic_error);
   EXPECT_THROW(stages.proposed(3, rows.intervals(), few, {1}, few), std::logic_error);
   EXPECT_THROW(stages.proposed(3, short_edges, n, {1}, few), std::logic_error);
-  EXPECT_THROW(stages.contract({}, {3, origin, direction}, angle, rows.intervals(), few, n), std::logic_error);
-  EXPECT_THROW(stages.contract({}, {3, origin, direction}, few, rows.intervals(), n3, n), std::logic_error);
+  EXPECT_THROW(stages.contract({}, {3, origin, direction}, angle, rows.intervals(), 0, few, n), std::logic_error);
+  EXPECT_THROW(stages.contract({}, {3, origin, direction}, few, rows.intervals(), 0, n3, n), std::logic_error);
   EXPECT_THROW(stages.contract_backward({}, {3, origin, direction}, rows.intervals(), few, n9, n9), std::logic_error);
   EXPECT_THROW(stages.contract_backward({}, {3, origin, direction}, rows.intervals(), n3, few, n9), std::logic_error);
   EXPECT_THROW(stages.contract_backward({}, {3, origin, direction}, rows.intervals(), n3, n9, few), std::logic_error);
@@ -708,7 +727,7 @@ std::map<std::string, std::vector<float>> all_stages(GridStages& stages, const G
     const std::size_t count = std::size_t(n_rays) * intervals.per_ray;
     auto& position = made(name + " position", 3 * count);
     auto& footprint = made(name + " footprint", count);
-    stages.contract(contraction, {n_rays, origin, direction}, angle, intervals, position, footprint);
+    stages.contract(contraction, {n_rays, origin, direction}, angle, intervals, 0.3f, position, footprint);
     return UnitPoints{count, position, footprint};
   };
   auto& edges = made("edges", n_rays * (first + 1));

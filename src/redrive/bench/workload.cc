@@ -108,7 +108,7 @@ GridBatch::GridBatch(kernels::Backend& backend, const SyntheticDrive& drive)
   kernels::GridStages& stages = backend.grid();
   stages.spaced(rays_of(rays), {per_ray, model().spacing, model().contraction, true, random_key(1, kStreamSamples)},
                 edges);
-  stages.contract(model().contraction, rays_of(rays), rays.pixel_angle, {per_ray, edges}, position, footprint);
+  stages.contract(model().contraction, rays_of(rays), rays.pixel_angle, {per_ray, edges}, 0, position, footprint);
   points = {n, position, footprint};
   stages.encode(grid(), points, features);
 }

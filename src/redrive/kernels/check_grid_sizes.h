@@ -59,7 +59,7 @@ inline void check_contract(const Rays& rays, const Intervals& intervals, std::si
 
 /// Stage `contract` of sample `s` of one ray, in double.
 REDRIVE_HD inline void contract_of(const Contraction& contraction, const Rays& rays, std::span<const float> pixel_angle,
-                                   const Intervals& intervals, std::size_t ray, std::size_t s,
+                                   const Intervals& intervals, float least_width, std::size_t ray, std::size_t s,
                                    std::span<float> position, std::span<float> footprint) {
   const std::size_t n_rays = rays.n, n = n_rays * intervals.per_ray, i = ray * intervals.per_ray + s, edge = i + ray;
   const double begin = intervals.edges[edge], end = intervals.edges[edge + 1], t = 0.5 * (begin + end);
@@ -67,7 +67,8 @@ REDRIVE_HD inline void contract_of(const Contraction& contraction, const Rays& r
   for (int k = 0; k < 3; ++k) world[k] = rays.origin[k * n_rays + ray] + t * rays.direction[k * n_rays + ray];
   const double factor = contract(contraction, world, unit), side = pixel_angle[ray] * t;
   for (int k = 0; k < 3; ++k) position[k * n + i] = static_cast<float>(unit[k]);
-  footprint[i] = static_cast<float>(factor * std::cbrt(side * side * (end - begin)));
+  const double volume = side * side * (end - begin), least = least_width * (end - begin);
+  footprint[i] = static_cast<float>(factor * std::fmax(std::cbrt(volume), least));
 }
 
 inline void check_contract_backward(const Rays& rays, const Intervals& intervals, std::size_t d_position,

@@ -118,9 +118,11 @@ class GridStages {
 
   // ---- field/
   /// Middles of all intervals in the unit cube. pixel_angle [n_rays]: side of a pixel, rad. A sample's volume is a box of
-  /// pixel_angle t squared times its length (NeuRAD); footprint = cbrt(volume) * contract's factor.
+  /// pixel_angle t squared times its length (NeuRAD), or a cube of least_width of its length where that is more, for those whose middle has to
+  /// stand for all of a long interval; footprint = cbrt(volume) * contract's factor.
   virtual void contract(const Contraction& contraction, const Rays& rays, std::span<const float> pixel_angle,
-                        const Intervals& intervals, std::span<float> position, std::span<float> footprint) = 0;
+                        const Intervals& intervals, float least_width, std::span<float> position,
+                        std::span<float> footprint) = 0;
   /// contract's adjoint, distances and footprints taken as they are: d_position [3, n] -> d_origin and d_direction [3, n_rays], written.
   virtual void contract_backward(const Contraction& contraction, const Rays& rays, const Intervals& intervals,
                                  std::span<const float> d_position, std::span<float> d_origin,

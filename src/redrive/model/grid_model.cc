@@ -116,12 +116,13 @@ struct GridModel::Pass {
 };
 
 GridModel::Round GridModel::place(kernels::Backend& backend, const Beams& beams, int per_ray,
-                                  std::span<const float> edges, Workspace* workspace) const {
+                                  std::span<const float> edges, float least_width, Workspace* workspace) const {
   const std::size_t count = static_cast<std::size_t>(beams.rays.n) * per_ray;
   const auto position = workspace->take(3 * count), footprint = workspace->take(count);
   Round round;
   round.intervals = {per_ray, edges};
-  backend.grid().contract(contraction, beams.rays, beams.pixel_angle, round.intervals, position, footprint);
+  backend.grid().contract(contraction, beams.rays, beams.pixel_angle, round.intervals, least_width, position,
+                          footprint);
   round.points = {count, position, footprint};
   return round;
 }
@@ -154,7 +155,7 @@ GridModel::Pass GridModel::propose(kernels::Backend& backend, const RayBatch& ba
     return edges;
   };
   const auto look = [&](const Beams& beams, int per_ray, std::span<const float> edges) {
-    Round round = place(backend, beams, per_ray, edges, workspace);
+    Round round = place(backend, beams, per_ray, edges, proposal_width, workspace);
     round.density = workspace->take(round.points.n);
     round.weights = workspace->take(round.points.n);
     stages.proposal_density(grid(kProposalGrid), density_scale(), round.points, round.density);
@@ -206,7 +207,7 @@ void GridModel::sample(kernels::Backend& backend, Pass* pass, Workspace* workspa
   kernels::GridStages& stages = backend.grid();
   const int live = pass->live.rays.n;
   const std::size_t count = static_cast<std::size_t>(live) * samples;
-  pass->field = place(backend, pass->live, samples, pass->field.intervals.edges, workspace);
+  pass->field = place(backend, pass->live, samples, pass->field.intervals.edges, 0, workspace);
   pass->features = workspace->take(count * field.grid.outputs());
   pass->harmonics = workspace->take(static_cast<std::size_t>(live) * kHarmonics);
   pass->raw = workspace->take(4 * count);

@@ -29,7 +29,8 @@ struct GridModel final : Model {
   std::array<int, 2> proposal_samples{64, 32};  ///< per ray, first and second round
   int samples = 24;                             ///< per ray, of the field
   float proposal_padding =
-      0.1f;  ///< sampling/proposal.h; chosen by measurement, as that of bounded scenes (train/run.cc)
+      0.1f;                  ///< sampling/proposal.h; chosen by measurement, as that of bounded scenes (train/run.cc)
+  float proposal_width = 0;  ///< contract's least_width for the proposals' points; the same
 
   const char* method() const override { return "grid"; }
   std::string describe() const override;
@@ -64,7 +65,7 @@ struct GridModel final : Model {
 
   /// Intervals of rays with their points in the unit cube.
   Round place(kernels::Backend& backend, const Beams& beams, int per_ray, std::span<const float> edges,
-              Workspace* workspace) const;
+              float least_width, Workspace* workspace) const;
   /// What stands behind everything.
   void look_at_sky(kernels::Backend& backend, const RayBatch& batch, Pass* pass, Workspace* workspace) const;
   /// Two rounds of proposals and the edges of the field's intervals where the second one found something. Null: without any chance.

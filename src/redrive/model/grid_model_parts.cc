@@ -65,6 +65,7 @@ void GridModel::visit_numbers(NumberVisitor& visit) {
   visit("second_proposals", proposal_samples[1]);
   visit("samples", samples);
   visit("proposal_padding", proposal_padding);
+  visit("proposal_width", proposal_width);
 }
 
 void GridModel::check(const std::filesystem::path& file) const {
@@ -105,6 +106,7 @@ void GridModel::check(const std::filesystem::path& file) const {
     require(count >= 1 && count <= 1024, "samples", count, "must be in 1..1024");
   require(proposal_padding > 0 && proposal_padding <= 1000, "proposal_padding", proposal_padding,
           "must be above 0, up to 1000");
+  require(proposal_width >= 0 && proposal_width <= 10, "proposal_width", proposal_width, "must be in 0..10");
 }
 
 std::vector<ModelTensor> GridModel::tensors() const {

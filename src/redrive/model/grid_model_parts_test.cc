@@ -91,6 +91,7 @@ TEST(GridModel, NumbersAreAllThatItIsMadeOf) {
   model.appearance = {5, 20};
   model.huber_edge = 0.75f;
   model.proposal_padding = 0.25f;
+  model.proposal_width = 0.75f;
   const Numbers numbers(model);
   EXPECT_EQ(numbers.visited, static_cast<int>(numbers.values.size())) << "two of one name";
   GridModel copy;
@@ -109,6 +110,7 @@ TEST(GridModel, NumbersAreAllThatItIsMadeOf) {
   EXPECT_EQ(copy.appearance.size(), 3u * 5 * 20);
   EXPECT_EQ(copy.huber_edge, 0.75f);
   EXPECT_EQ(copy.proposal_padding, 0.25f);
+  EXPECT_EQ(copy.proposal_width, 0.75f);
   EXPECT_EQ(copy.size(), model.size());
   EXPECT_EQ(copy.samples_per_ray(), 40 + 20 + 10);
 }
@@ -128,6 +130,7 @@ TEST(GridModel, NumbersOutOfRangeAreRefusedByName) {
       {"near_m", {0, -1, kNan}},         {"far_m", {0.5, kNan}},
       {"spacing.half_m", {0, -1, kNan}}, {"first_proposals", {0, 1025}},
       {"second_proposals", {0, 1025}},   {"samples", {0, 1025}},
+      {"proposal_padding", {0, kNan}},   {"proposal_width", {-0.5, 11, kNan}},
   };
   GridModel tiny;
   make_tiny(tiny);

@@ -121,6 +121,9 @@ std::unique_ptr<Model> grid_model_of(const TrainOptions& options, const Scene& s
     if (!unbounded) {
       model->field.grid.max_cells = 1024;  // from outside a picture's thousand pixels span the cube
       model->proposal_padding = 0.4f;      // surfaces behind surfaces, and no LiDAR to say which one is real
+      // Thin things: a proposal sees them when they are anywhere in its interval, and more of them see them again.
+      model->proposal_width = 0.3f;  // chosen by measurement among 0, 0.3, 0.5 and 1
+      model->proposal_samples[1] = 64;
     }
   }
   if (scene.background != Background::kNone) {  // nothing to learn of it

@@ -31,12 +31,13 @@ class DeviceGridStages final : public DeviceRayStages<Device> {
   }
 
   void contract(const Contraction& contraction, const Rays& rays, std::span<const float> pixel_angle,
-                const Intervals& intervals, std::span<float> position, std::span<float> footprint) override {
+                const Intervals& intervals, float least_width, std::span<float> position,
+                std::span<float> footprint) override {
     check_contract(rays, intervals, pixel_angle.size(), position.size(), footprint.size());
     Stage stage(device_);
     stage.for_each(footprint.size(),
                    ContractSamples{contraction, there(stage, rays), stage.in(pixel_angle), there(stage, intervals),
-                                   stage.out(position), stage.out(footprint)});
+                                   least_width, stage.out(position), stage.out(footprint)});
     stage.finish();
   }
 

@@ -38,11 +38,12 @@ struct ContractSamples {
   Rays rays;
   std::span<const float> pixel_angle;
   Intervals intervals;
+  float least_width;
   std::span<float> position, footprint;
 
   REDRIVE_HD void operator()(std::size_t i) const {
-    contract_of(contraction, rays, pixel_angle, intervals, i / intervals.per_ray, i % intervals.per_ray, position,
-                footprint);
+    contract_of(contraction, rays, pixel_angle, intervals, least_width, i / intervals.per_ray, i % intervals.per_ray,
+                position, footprint);
   }
 };
 

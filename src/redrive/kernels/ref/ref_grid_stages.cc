@@ -63,11 +63,12 @@ class RefGridStages final : public HostRayStages {
   }
 
   void contract(const Contraction& contraction, const Rays& rays, std::span<const float> pixel_angle,
-                const Intervals& intervals, std::span<float> position, std::span<float> footprint) override {
+                const Intervals& intervals, float least_width, std::span<float> position,
+                std::span<float> footprint) override {
     check_contract(rays, intervals, pixel_angle.size(), position.size(), footprint.size());
     for (int ray = 0; ray < rays.n; ++ray)
       for (int s = 0; s < intervals.per_ray; ++s)
-        contract_of(contraction, rays, pixel_angle, intervals, ray, s, position, footprint);
+        contract_of(contraction, rays, pixel_angle, intervals, least_width, ray, s, position, footprint);
   }
 
   void contract_backward(const Contraction& contraction, const Rays& rays, const Intervals& intervals,

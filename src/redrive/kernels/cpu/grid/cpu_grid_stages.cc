@@ -67,7 +67,8 @@ class CpuGridStages final : public HostRayStages {
   }
 
   void contract(const Contraction& contraction, const Rays& rays, std::span<const float> pixel_angle,
-                const Intervals& intervals, std::span<float> position, std::span<float> footprint) override {
+                const Intervals& intervals, float least_width, std::span<float> position,
+                std::span<float> footprint) override {
     const int per_ray = intervals.per_ray;
     check_contract(rays, intervals, pixel_angle.size(), position.size(), footprint.size());
     const std::size_t n = interval_count(rays.n, per_ray);
@@ -82,6 +83,7 @@ class CpuGridStages final : public HostRayStages {
                          .center = contraction.center.data(),
                          .half_m = contraction.half_m,
                          .unbounded = contraction.unbounded,
+                         .least_width = least_width,
                          .position = position.data() + begin * per_ray,
                          .footprint = footprint.data() + begin * per_ray,
                          .stride = n});

@@ -40,7 +40,8 @@ void contract(const GridRays& rays) {
         u[k] = splat(origin[k]) + t * splat(direction[k]);
         m = maximum(m, magnitude(u[k]));
       }
-      const Vf side = splat(angle) * t, volume = side * side * (end - begin);
+      const Vf side = splat(angle) * t, length = end - begin, least = splat(rays.least_width) * length,
+               volume = maximum(least * least * least, side * side * length);
       Vf factor, scale, shift;
       if (rays.unbounded) {
         const Vf beyond = maximum(m, one), shrink = (splat(2.0f) - one / beyond) / beyond;

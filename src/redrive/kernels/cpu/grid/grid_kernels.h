@@ -63,6 +63,7 @@ struct GridRays {
   const float* center = nullptr;
   float half_m = 1;
   bool unbounded = true;
+  float least_width = 0;
   float *position = nullptr, *footprint = nullptr;  ///< coordinate k of sample i at position[k * stride + i]
   std::size_t stride = 0;
 };
