@@ -20,7 +20,7 @@ std::string cuda_description();
 /// UsageError where it has no memory left, else a std::runtime_error with CUDA's words.
 std::unique_ptr<Backend> make_cuda_backend(int threads);
 
-/// The same stages and functors in plain loops on the host (loop_device.h): for tests.
-std::unique_ptr<Backend> make_loop_backend();
+/// The same stages and functors in plain loops on the host (loop_device.h): for tests. Without tensor cores networks are fp32.
+std::unique_ptr<Backend> make_loop_backend(bool tensor_cores = true);
 
 }  // namespace redrive::kernels

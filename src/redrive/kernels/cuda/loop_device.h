@@ -17,7 +17,9 @@ namespace redrive::kernels {
 
 class LoopDevice {
  public:
-  static constexpr std::size_t kSamplesAtOnce = 300;  // few: batches of tests have more
+  static constexpr std::size_t kSamplesAtOnce = 300, kGridSamplesAtOnce = 300;  // few: batches of tests have more
+
+  bool has_tensor_cores() const { return true; }  // by loops over a warp's lanes (mma.h)
 
   void begin() { taken_.clear(); }
   void* take(std::size_t bytes) {  // each of its own size, for AddressSanitizer
@@ -34,10 +36,21 @@ class LoopDevice {
     for (std::size_t i = 0; i < n; ++i) functor(i);
   }
 
+  template <class Functor>
+  void for_each_warp(std::size_t n, const Functor& functor) {
+    for_each(n, functor);
+  }
+
   KeptNumbers kept;
 
  private:
   std::vector<std::unique_ptr<std::byte[]>> taken_;
+};
+
+/// As a GPU before compute capability 8.0: networks in fp32.
+class LoopDeviceWithoutTensorCores : public LoopDevice {
+ public:
+  bool has_tensor_cores() const { return false; }
 };
 
 }  // namespace redrive::kernels

@@ -4,9 +4,11 @@
 //   take(bytes)                   memory of the device, whatever is in it, aligned for any number
 //   to_device, to_host            copies; to_host waits until it is there
 //   for_each(n, functor)          functor(i) for i in [0, n), in any order and at once; what it needs lies in it or on the device
+//   has_tensor_cores()            whether it runs the warps of mma.h
+//   for_each_warp(n, functor)     functor(i) by a warp each (mma.h)
 //   hold(bytes), kept             memory that stays as long as its handle lives, and what of the host's numbers lies in such
 //   spoil(host)                   is told that the host's copy of kept numbers is out of date
-//   kSamplesAtOnce                rows that a network's activations are kept for
+//   kSamplesAtOnce                rows that a network's activations are kept for; kGridSamplesAtOnce: a fused one's (fused_grid_network.h)
 #pragma once
 
 #include <algorithm>
@@ -62,6 +64,11 @@ class Stage {
   template <class Functor>
   void for_each(std::size_t n, const Functor& functor) {
     device_.for_each(n, functor);
+  }
+
+  template <class Functor>
+  void for_each_warp(std::size_t n, const Functor& functor) {
+    device_.for_each_warp(n, functor);
   }
 
   /// Sum of term(i) over i in [0, n), in an order that n alone decides: the same bits each time.
