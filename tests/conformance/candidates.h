@@ -34,7 +34,9 @@ struct Candidate {
   /// A GPU before compute capability 8.0 has none, and is more exact than it must be.
   bool has_tensor_cores() const { return name == "loop" || is_gpu(); }
 
-  double roundoff() const { return isa == Isa::kAmxBf16 || isa == Isa::kAvx512Bf16 ? kBf16Roundoff : kFp32Roundoff; }
+  double roundoff() const {
+    return isa == Isa::kAmxBf16 || isa == Isa::kAvx512Bf16 || has_tensor_cores() ? kBf16Roundoff : kFp32Roundoff;
+  }
   /// Of the grid's networks, which have no AMX tiles.
   double grid_roundoff() const { return isa == Isa::kAvx512Bf16 || has_tensor_cores() ? kBf16Roundoff : kFp32Roundoff; }
   /// Plain loops take seconds where the others take milliseconds: batches of more multiply-adds are left out.

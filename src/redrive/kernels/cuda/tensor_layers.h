@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Layers on tensor cores: memory for their weights and for what goes between them.
+// Layers on tensor cores: memory for what goes between them, and the functors of tensor_tiles.h and tensor_product.h on a device.
 #pragma once
 
 #include "redrive/kernels/cuda/network_layers.h"
@@ -40,5 +40,40 @@ TensorActivations tensor_activations(Stage<Device>& stage, std::size_t samples, 
   if (as_columns) out.columns = stage.template scratch<LaneWords>(words).data();
   return out;
 }
+
+/// `gradients`, if any, lie on the device and are added to.
+template <class Device>
+class TensorLayers {
+ public:
+  TensorLayers(Stage<Device>& stage, std::span<float> gradients) : stage_(stage), gradients_(gradients.data()) {}
+
+  /// For weights_adjoint of any of these layers and so many samples.
+  void reserve_slices(std::size_t samples, std::span<const LayerPlace> layers) {
+    std::size_t largest = 0;
+    for (const LayerPlace& layer : layers) largest = std::max(largest, layer.size());
+    partial_ = stage_.template scratch<float>(slices_of(samples) * largest);
+  }
+
+  /// From the columns of x and d_y, whose tile first_d_y begins the layer's outputs. d_y is what is behind the layer's ReLU.
+  void weights_adjoint(const LayerPlace& layer, std::size_t samples, const TensorActivations& x,
+                       const TensorActivations& d_y, std::size_t first_d_y = 0) {
+    const TensorWeightAdjoint adjoint{.samples = samples,
+                                      .outputs = layer.outputs,
+                                      .inputs = layer.inputs,
+                                      .has_bias = layer.has_bias,
+                                      .d_y = d_y,
+                                      .first_d_y = first_d_y,
+                                      .x = x,
+                                      .partial = partial_.data(),
+                                      .row = layer.size()};
+    stage_.for_each_warp(adjoint.warps(), adjoint);
+    add_slices(stage_, slices_of(samples), layer.size(), partial_.data(), gradients_ + layer.offset);
+  }
+
+ private:
+  Stage<Device>& stage_;
+  float* gradients_;
+  std::span<float> partial_;
+};
 
 }  // namespace redrive::kernels
