@@ -23,16 +23,16 @@ constexpr bool kSanitized = false;
 #endif
 
 struct Candidate {
-  std::string
-      name;  ///< "ref", an instruction set of the cpu backend, "loop" (functors of kernels/cuda on the host) and "loop-fp32" (without tensor cores), "cuda"
+  /// "ref", an instruction set of the cpu backend, "loop" (functors of kernels/cuda on the host), "cuda"; of these two "-fp32", too.
+  std::string name;
   std::optional<Isa> isa;  ///< of the cpu backend
 
   bool is_oracle() const { return name == "ref"; }
-  bool is_gpu() const { return name == "cuda"; }
+  bool is_gpu() const { return name == "cuda" || name == "cuda-fp32"; }
   bool is_loop() const { return name == "loop" || name == "loop-fp32"; }
   bool is_slow() const { return is_oracle() || is_loop(); }
   /// A GPU before compute capability 8.0 has none, and is more exact than it must be.
-  bool has_tensor_cores() const { return name == "loop" || is_gpu(); }
+  bool has_tensor_cores() const { return name == "loop" || name == "cuda"; }
 
   double roundoff() const {
     return isa == Isa::kAmxBf16 || isa == Isa::kAvx512Bf16 || has_tensor_cores() ? kBf16Roundoff : kFp32Roundoff;
@@ -51,8 +51,7 @@ inline void PrintTo(const Candidate& candidate, std::ostream* out) { *out << can
 inline std::vector<Candidate> candidates() {
   std::vector<Candidate> all = {{"ref", std::nullopt}};
   for (const Isa isa : all_isas()) all.push_back({std::string(isa_name(isa)), isa});
-  for (const char* const name : {"loop", "loop-fp32"}) all.push_back({name, std::nullopt});
-  all.push_back({"cuda", std::nullopt});
+  for (const char* const name : {"loop", "loop-fp32", "cuda", "cuda-fp32"}) all.push_back({name, std::nullopt});
   return all;
 }
 inline std::string name_of(const testing::TestParamInfo<Candidate>& info) {
@@ -75,7 +74,7 @@ class OneCandidate : public testing::TestWithParam<Candidate> {
   }
   std::unique_ptr<Backend> make(int threads = 2) const {
     if (GetParam().isa) return make_cpu_backend(*GetParam().isa, threads);
-    return GetParam().is_gpu()      ? make_cuda_backend(threads)
+    return GetParam().is_gpu()      ? make_cuda_backend(threads, GetParam().has_tensor_cores())
            : GetParam().is_oracle() ? make_ref_backend()
                                     : make_loop_backend(GetParam().has_tensor_cores());
   }

@@ -52,8 +52,10 @@ template <class Functor>
 __global__ void __launch_bounds__(32 * kWarpsOfBlock) run_warp_functor(std::size_t n, const Functor functor) {
   const unsigned warp = __shfl_sync(0xFFFFFFFFu, threadIdx.x / 32, 0);
   for (std::size_t i = blockIdx.x * std::size_t{kWarpsOfBlock} + warp; i < n;
-       i += std::size_t{gridDim.x} * kWarpsOfBlock)
+       i += std::size_t{gridDim.x} * kWarpsOfBlock) {
     functor(i);
+    __syncwarp();  // lanes that had nothing to store go on with the others
+  }
 }
 
 /// To be asked what it was compiled for.

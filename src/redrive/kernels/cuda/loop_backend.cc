@@ -7,7 +7,7 @@ namespace redrive::kernels {
 
 std::unique_ptr<Backend> make_loop_backend(bool tensor_cores) {
   if (tensor_cores) return std::make_unique<DeviceBackend<LoopDevice>>("loop", 1);
-  return std::make_unique<DeviceBackend<LoopDeviceWithoutTensorCores>>("loop", 1);
+  return std::make_unique<DeviceBackend<WithoutTensorCores<LoopDevice>>>("loop", 1);
 }
 
 }  // namespace redrive::kernels

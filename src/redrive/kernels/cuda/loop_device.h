@@ -47,10 +47,4 @@ class LoopDevice {
   std::vector<std::unique_ptr<std::byte[]>> taken_;
 };
 
-/// As a GPU before compute capability 8.0: networks in fp32.
-class LoopDeviceWithoutTensorCores : public LoopDevice {
- public:
-  bool has_tensor_cores() const { return false; }
-};
-
 }  // namespace redrive::kernels

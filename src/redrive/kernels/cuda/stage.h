@@ -34,6 +34,13 @@ struct PartialSum {
   }
 };
 
+/// As a GPU before compute capability 8.0: networks in fp32.
+template <class Device>
+class WithoutTensorCores : public Device {
+ public:
+  bool has_tensor_cores() const { return false; }
+};
+
 template <class Device>
 class Stage {
  public:
