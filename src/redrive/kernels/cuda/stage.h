@@ -38,6 +38,7 @@ struct PartialSum {
 template <class Device>
 class WithoutTensorCores : public Device {
  public:
+  using Device::Device;
   bool has_tensor_cores() const { return false; }
 };
 
