@@ -23,17 +23,22 @@ constexpr bool kSanitized = false;
 #endif
 
 struct Candidate {
-  std::string
-      name;  ///< "ref", an instruction set of the cpu backend, "loop" (functors of kernels/cuda on the host), "cuda"
+  /// "ref", an instruction set of the cpu backend, "loop" (functors of kernels/cuda on the host), "cuda"; of these two "-fp32", too.
+  std::string name;
   std::optional<Isa> isa;  ///< of the cpu backend
 
   bool is_oracle() const { return name == "ref"; }
-  bool is_gpu() const { return name == "cuda"; }
-  bool is_slow() const { return is_oracle() || name == "loop"; }
+  bool is_gpu() const { return name == "cuda" || name == "cuda-fp32"; }
+  bool is_loop() const { return name == "loop" || name == "loop-fp32"; }
+  bool is_slow() const { return is_oracle() || is_loop(); }
+  /// A GPU before compute capability 8.0 has none, and is more exact than it must be.
+  bool has_tensor_cores() const { return name == "loop" || name == "cuda"; }
 
-  double roundoff() const { return isa == Isa::kAmxBf16 || isa == Isa::kAvx512Bf16 ? kBf16Roundoff : kFp32Roundoff; }
-  /// Of the grid's networks, which have no tiles.
-  double grid_roundoff() const { return isa == Isa::kAvx512Bf16 ? kBf16Roundoff : kFp32Roundoff; }
+  double roundoff() const {
+    return isa == Isa::kAmxBf16 || isa == Isa::kAvx512Bf16 || has_tensor_cores() ? kBf16Roundoff : kFp32Roundoff;
+  }
+  /// Of the grid's networks, which have no AMX tiles.
+  double grid_roundoff() const { return isa == Isa::kAvx512Bf16 || has_tensor_cores() ? kBf16Roundoff : kFp32Roundoff; }
   /// Plain loops take seconds where the others take milliseconds: batches of more multiply-adds are left out.
   double most_macs() const { return is_slow() ? 1e8 : 1e300; }
   /// Threads of a GPU add to a grid's gradients as they come: sums of the same terms, of which the last bits are open.
@@ -46,8 +51,7 @@ inline void PrintTo(const Candidate& candidate, std::ostream* out) { *out << can
 inline std::vector<Candidate> candidates() {
   std::vector<Candidate> all = {{"ref", std::nullopt}};
   for (const Isa isa : all_isas()) all.push_back({std::string(isa_name(isa)), isa});
-  all.push_back({"loop", std::nullopt});
-  all.push_back({"cuda", std::nullopt});
+  for (const char* const name : {"loop", "loop-fp32", "cuda", "cuda-fp32"}) all.push_back({name, std::nullopt});
   return all;
 }
 inline std::string name_of(const testing::TestParamInfo<Candidate>& info) {
@@ -65,14 +69,14 @@ class OneCandidate : public testing::TestWithParam<Candidate> {
                                                 : std::nullopt;
     if (obstacle) GTEST_SKIP() << GetParam().name << ": " << *obstacle;
 #if defined(__SANITIZE_THREAD__)
-    if (GetParam().name == "loop") GTEST_SKIP() << "loop: it has one thread";
+    if (GetParam().is_loop()) GTEST_SKIP() << GetParam().name << ": it has one thread";
 #endif
   }
   std::unique_ptr<Backend> make(int threads = 2) const {
     if (GetParam().isa) return make_cpu_backend(*GetParam().isa, threads);
-    return GetParam().is_gpu()      ? make_cuda_backend(threads)
+    return GetParam().is_gpu()      ? make_cuda_backend(threads, GetParam().has_tensor_cores())
            : GetParam().is_oracle() ? make_ref_backend()
-                                    : make_loop_backend();
+                                    : make_loop_backend(nullptr, GetParam().has_tensor_cores());
   }
 };
 

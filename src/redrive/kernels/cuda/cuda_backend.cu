@@ -54,8 +54,9 @@ std::string cuda_description() {
          std::to_string(device.minor) + ", " + memory + ", driver for CUDA " + cuda_version(driver_version());
 }
 
-std::unique_ptr<Backend> make_cuda_backend(int threads) {
-  return std::make_unique<DeviceBackend<CudaDevice>>("cuda", threads);
+std::unique_ptr<Backend> make_cuda_backend(int threads, bool tensor_cores) {
+  if (tensor_cores) return std::make_unique<DeviceBackend<CudaDevice>>("cuda", threads);
+  return std::make_unique<DeviceBackend<WithoutTensorCores<CudaDevice>>>("cuda", threads);
 }
 
 }  // namespace redrive::kernels

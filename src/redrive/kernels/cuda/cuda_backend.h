@@ -17,14 +17,14 @@ std::optional<std::string> cuda_obstacle();
 std::string cuda_description();
 
 /// On the first GPU that CUDA_VISIBLE_DEVICES shows. There must be no obstacle. threads: the host's. What a GPU says no to later is a
-/// UsageError where it has no memory left, else a std::runtime_error with CUDA's words.
-std::unique_ptr<Backend> make_cuda_backend(int threads);
+/// UsageError where it has no memory left, else a std::runtime_error with CUDA's words. Without tensor cores networks are fp32, for tests.
+std::unique_ptr<Backend> make_cuda_backend(int threads, bool tensor_cores = true);
 
 /// Bytes that went there and back.
 struct DeviceCopies {
   std::size_t to_device = 0, to_host = 0;
 };
 /// The same stages and functors in plain loops on the host (loop_device.h): for tests. Counts copies unless `copies` is null.
-std::unique_ptr<Backend> make_loop_backend(DeviceCopies* copies = nullptr);
+std::unique_ptr<Backend> make_loop_backend(DeviceCopies* copies = nullptr, bool tensor_cores = true);
 
 }  // namespace redrive::kernels

@@ -7,7 +7,7 @@
 
 #include "redrive/kernels/check_sizes.h"
 #include "redrive/kernels/cuda/device_grid_stages.h"
-#include "redrive/kernels/cuda/nerf_network.h"
+#include "redrive/kernels/cuda/nerf_tensor_network.h"
 #include "redrive/kernels/cuda/ray_functors.h"
 #include "redrive/kernels/cuda/stage_spans.h"
 
@@ -75,15 +75,10 @@ class DeviceBackend final : public Backend {
   void nerf_forward(const NerfField& field, const Rays& rays, const Samples& samples, std::span<float> raw) override {
     check_field(field, rays, samples);
     check_raw(rays.n, samples, raw.size());
-    const std::size_t n = sample_count(rays.n, samples), most = std::min(n, Device::kSamplesAtOnce);
-    Stage stage(device_);
-    NerfNetworkPass<Device> pass(stage, there(stage, field), most, {}, false);
-    const Rays rays_there = there(stage, rays);
-    const Samples samples_there = there(stage, samples);
-    const std::span<float> out = stage.out(raw);
-    for (std::size_t first = 0; first < n; first += most)
-      pass.forward(rays_there, samples_there, first, std::min(most, n - first), {&out[first], 1, n});
-    stage.finish();
+    if (device_.has_tensor_cores())
+      forward_by<NerfTensorPass<Device>>(field, rays, samples, raw);
+    else
+      forward_by<NerfNetworkPass<Device>>(field, rays, samples, raw);
   }
 
   void nerf_backward(const NerfField& field, const Rays& rays, const Samples& samples, std::span<const float> d_raw,
@@ -92,26 +87,10 @@ class DeviceBackend final : public Backend {
     check_raw(rays.n, samples, d_raw.size());
     check_ray_gradients(rays.n, of_rays);
     REDRIVE_CHECK_OP(gradients.size(), ==, field.parameters.size());
-    const std::size_t n = sample_count(rays.n, samples), most = std::min(n, Device::kSamplesAtOnce);
-    Stage stage(device_);
-    NerfNetworkPass<Device> pass(stage, there(stage, field), most, stage.in_out(gradients), of_rays.wanted());
-    const Rays rays_there = there(stage, rays);
-    const Samples samples_there = there(stage, samples);
-    const std::span<const float> d = stage.in(d_raw);
-    const std::span<float> d_position = stage.template scratch<float>(of_rays.wanted() ? 3 * n : 0);
-    for (std::size_t first = 0; first < n; first += most) {
-      const std::size_t count = std::min(most, n - first);
-      pass.forward(rays_there, samples_there, first, count, {});
-      pass.backward(count, {&d[first], 1, n}, {d_position.empty() ? nullptr : &d_position[first], 1, n});
-    }
-    if (of_rays.wanted())
-      stage.for_each(rays.n,
-                     RayGradientsOfSamples{field.unit_from_world,
-                                           rays.n,
-                                           samples_there,
-                                           d_position,
-                                           {stage.in_out(of_rays.d_origin), stage.in_out(of_rays.d_direction)}});
-    stage.finish();
+    if (device_.has_tensor_cores())
+      backward_by<NerfTensorPass<Device>>(field, rays, samples, d_raw, gradients, of_rays);
+    else
+      backward_by<NerfNetworkPass<Device>>(field, rays, samples, d_raw, gradients, of_rays);
   }
 
   void composite_forward(int n_rays, const Samples& samples, std::span<const float> raw,
@@ -162,6 +141,44 @@ class DeviceBackend final : public Backend {
   GridStages& grid() override { return grid_; }
 
  private:
+  template <class Pass>
+  void forward_by(const NerfField& field, const Rays& rays, const Samples& samples, std::span<float> raw) {
+    const std::size_t n = sample_count(rays.n, samples), most = std::min(n, Device::kSamplesAtOnce);
+    Stage stage(device_);
+    Pass pass(stage, there(stage, field), most, {}, false);
+    const Rays rays_there = there(stage, rays);
+    const Samples samples_there = there(stage, samples);
+    const std::span<float> out = stage.out(raw);
+    for (std::size_t first = 0; first < n; first += most)
+      pass.forward(rays_there, samples_there, first, std::min(most, n - first), {&out[first], 1, n});
+    stage.finish();
+  }
+
+  template <class Pass>
+  void backward_by(const NerfField& field, const Rays& rays, const Samples& samples, std::span<const float> d_raw,
+                   std::span<float> gradients, const RayGradients& of_rays) {
+    const std::size_t n = sample_count(rays.n, samples), most = std::min(n, Device::kSamplesAtOnce);
+    Stage stage(device_);
+    Pass pass(stage, there(stage, field), most, stage.in_out(gradients), of_rays.wanted());
+    const Rays rays_there = there(stage, rays);
+    const Samples samples_there = there(stage, samples);
+    const std::span<const float> d = stage.in(d_raw);
+    const std::span<float> d_position = stage.template scratch<float>(of_rays.wanted() ? 3 * n : 0);
+    for (std::size_t first = 0; first < n; first += most) {
+      const std::size_t count = std::min(most, n - first);
+      pass.forward(rays_there, samples_there, first, count, {});
+      pass.backward(count, {&d[first], 1, n}, {d_position.empty() ? nullptr : &d_position[first], 1, n});
+    }
+    if (of_rays.wanted())
+      stage.for_each(rays.n,
+                     RayGradientsOfSamples{field.unit_from_world,
+                                           rays.n,
+                                           samples_there,
+                                           d_position,
+                                           {stage.in_out(of_rays.d_origin), stage.in_out(of_rays.d_direction)}});
+    stage.finish();
+  }
+
   std::string name_;
   int threads_;
   Device device_;

@@ -4,6 +4,7 @@
 
 #include "redrive/kernels/check_grid_sizes.h"
 #include "redrive/kernels/cuda/device_ray_stages.h"
+#include "redrive/kernels/cuda/fused_grid_network.h"
 #include "redrive/kernels/cuda/grid_functors.h"
 #include "redrive/kernels/cuda/grid_network.h"
 #include "redrive/kernels/cuda/stage_spans.h"
@@ -79,11 +80,16 @@ class DeviceGridStages final : public DeviceRayStages<Device> {
     check_network(network, n_rays, per_ray, features.size(), harmonics.size(), raw.size());
     const std::size_t n = interval_count(n_rays, per_ray), most = std::min(n, Device::kSamplesAtOnce);
     Stage stage(device_);
-    GridNetworkPass<Device> pass(stage, there(stage, network), n, per_ray, most, stage.in(features),
-                                 stage.in(harmonics), {});
+    const GridNetwork network_there = there(stage, network);
+    const std::span<const float> x = stage.in(features), y = stage.in(harmonics);
     const std::span<float> out = stage.out(raw);
-    for (std::size_t first = 0; first < n; first += most)
-      pass.forward(first, std::min(most, n - first), {&out[first], 1, n});
+    if (device_.has_tensor_cores() && fuses(network.config, {x.data(), y.data()})) {
+      FusedGridNetwork<Device>(stage, network_there, n, per_ray, x, y).forward(out);
+    } else {
+      GridNetworkPass<Device> pass(stage, network_there, n, per_ray, most, x, y, {});
+      for (std::size_t first = 0; first < n; first += most)
+        pass.forward(first, std::min(most, n - first), {&out[first], 1, n});
+    }
     stage.finish();
   }
 
@@ -95,14 +101,19 @@ class DeviceGridStages final : public DeviceRayStages<Device> {
     REDRIVE_CHECK_OP(d_features.size(), ==, features.size());
     const std::size_t n = interval_count(n_rays, per_ray), most = std::min(n, Device::kSamplesAtOnce);
     Stage stage(device_);
-    GridNetworkPass<Device> pass(stage, there(stage, network), n, per_ray, most, stage.in(features),
-                                 stage.in(harmonics), stage.in_out(d_weights));
-    const std::span<const float> d = stage.in(d_raw);
-    const std::span<float> out = stage.out(d_features);
-    for (std::size_t first = 0; first < n; first += most) {
-      const std::size_t count = std::min(most, n - first);
-      pass.forward(first, count, {});
-      pass.backward(first, count, {&d[first], 1, n}, out);
+    const GridNetwork network_there = there(stage, network);
+    const std::span<const float> x = stage.in(features), y = stage.in(harmonics), d = stage.in(d_raw);
+    const std::span<float> gradients = stage.in_out(d_weights), out = stage.out(d_features);
+    if (device_.has_tensor_cores() && fuses(network.config, {x.data(), y.data(), out.data()})) {
+      FusedGridNetwork<Device>(stage, network_there, n, per_ray, x, y)
+          .backward(std::min(n, Device::kGridSamplesAtOnce), d, gradients, out);
+    } else {
+      GridNetworkPass<Device> pass(stage, network_there, n, per_ray, most, x, y, gradients);
+      for (std::size_t first = 0; first < n; first += most) {
+        const std::size_t count = std::min(most, n - first);
+        pass.forward(first, count, {});
+        pass.backward(first, count, {&d[first], 1, n}, out);
+      }
     }
     stage.finish();
   }

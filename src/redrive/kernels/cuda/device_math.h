@@ -24,4 +24,25 @@ REDRIVE_HD inline void atomic_add(float* to, float x) {
 #endif
 }
 
+/// Two numbers that follow each other, the first at a multiple of 8 bytes: one load, one store.
+struct FloatPair {
+  float first, second;
+};
+REDRIVE_HD inline FloatPair load_pair(const float* from) {
+#ifdef __CUDA_ARCH__
+  const float2 both = *reinterpret_cast<const float2*>(from);
+  return {both.x, both.y};
+#else
+  return {from[0], from[1]};
+#endif
+}
+REDRIVE_HD inline void store_pair(float* to, float first, float second) {
+#ifdef __CUDA_ARCH__
+  *reinterpret_cast<float2*>(to) = make_float2(first, second);
+#else
+  to[0] = first;
+  to[1] = second;
+#endif
+}
+
 }  // namespace redrive::kernels

@@ -74,6 +74,12 @@ struct DensityOfGeometryAdjoint {
   }
 };
 
+inline LayerPlace grid_layer_place(const GridFieldConfig& config, int layer) {
+  const GridLayerShape shape = grid_layer(config, layer);
+  return {static_cast<std::size_t>(shape.outputs), static_cast<std::size_t>(shape.inputs), shape.offset, false,
+          layer != kGridDensity1 && layer != kGridColourOut};
+}
+
 template <class Device>
 class GridNetworkPass {
  public:
@@ -91,11 +97,9 @@ class GridNetworkPass {
         layers_(stage, network.weights, gradients),
         last_(network.config.colour_layers == 2 ? kGridColour1 : kGridColour0) {
     for (int l = 0; l < kGridLayers; ++l) {
-      const GridLayerShape shape = grid_layer(network.config, l);
-      place_[l] = {static_cast<std::size_t>(shape.outputs), static_cast<std::size_t>(shape.inputs), shape.offset, false,
-                   l != kGridDensity1 && l != kGridColourOut};
+      place_[l] = grid_layer_place(network.config, l);
       input_[l] = l == kGridColourOut && last_ == kGridColour0 ? input_[kGridColour1]  // there is no such layer
-                                                               : layers_.rows(most, shape.inputs);
+                                                               : layers_.rows(most, place_[l].inputs);
     }
     if (gradients.empty()) return;
     for (OfSamples<float>& d : d_)

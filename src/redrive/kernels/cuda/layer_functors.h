@@ -137,15 +137,33 @@ struct LayerWeightAdjoint {
   }
 };
 
-/// gradients[i] += the slices' sums, in their order.
+constexpr std::size_t kSlicesOfGroup = 32;  ///< sums that one thread adds up, one after the other
+
+/// The sums of a group of slices, in their order, in the place of its first.
+struct AddSlicesOfGroup {
+  std::size_t slices, size;
+  float* partial;
+
+  std::size_t groups() const { return (slices + kSlicesOfGroup - 1) / kSlicesOfGroup; }
+
+  REDRIVE_HD void operator()(std::size_t i) const {
+    const std::size_t first = i / size * kSlicesOfGroup, left = slices - first;
+    float* const sum = partial + first * size + i % size;
+    for (std::size_t slice = 1; slice < (left < kSlicesOfGroup ? left : kSlicesOfGroup); ++slice)
+      *sum += sum[slice * size];
+  }
+};
+
+/// gradients[i] += the slices' sums, in their order; `apart`: slices from one to the next that counts.
 struct AddSlices {
   std::size_t slices, size;
   const float* partial;
   float* gradients;
+  std::size_t apart = 1;
 
   REDRIVE_HD void operator()(std::size_t i) const {
     float sum = 0;
-    for (std::size_t slice = 0; slice < slices; ++slice) sum += partial[slice * size + i];
+    for (std::size_t slice = 0; slice < slices; slice += apart) sum += partial[slice * size + i];
     gradients[i] += sum;
   }
 };

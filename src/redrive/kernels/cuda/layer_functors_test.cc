@@ -7,6 +7,8 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/rng.h"
+#include "redrive/kernels/cuda/loop_device.h"
+#include "redrive/kernels/cuda/network_layers.h"
 
 namespace redrive::kernels {
 namespace {
@@ -103,6 +105,18 @@ TEST(LayerFunctors, WeightAdjointAcrossSlices) {
           }
         }
       }
+}
+
+TEST(LayerFunctors, AddsSlicesInGroups) {
+  LoopDevice device;
+  for (const std::size_t slices : {1u, 31u, 32u, 33u, 64u, 100u}) {
+    Stage stage(device);
+    const std::size_t size = 5;
+    std::vector<float> partial = whole_numbers(slices * size, 10), gradients(size, 2.0f), expected(size, 2.0f);
+    for (std::size_t i = 0; i < partial.size(); ++i) expected[i % size] += partial[i];
+    add_slices(stage, slices, size, partial.data(), gradients.data());
+    EXPECT_EQ(gradients, expected) << slices;
+  }
 }
 
 }  // namespace

@@ -5,8 +5,9 @@
 
 namespace redrive::kernels {
 
-std::unique_ptr<Backend> make_loop_backend(DeviceCopies* copies) {
-  return std::make_unique<DeviceBackend<LoopDevice>>("loop", 1, copies);
+std::unique_ptr<Backend> make_loop_backend(DeviceCopies* copies, bool tensor_cores) {
+  if (tensor_cores) return std::make_unique<DeviceBackend<LoopDevice>>("loop", 1, copies);
+  return std::make_unique<DeviceBackend<WithoutTensorCores<LoopDevice>>>("loop", 1, copies);
 }
 
 }  // namespace redrive::kernels

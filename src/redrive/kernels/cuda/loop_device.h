@@ -19,7 +19,9 @@ namespace redrive::kernels {
 
 class LoopDevice {
  public:
-  static constexpr std::size_t kSamplesAtOnce = 300;  // few: batches of tests have more
+  static constexpr std::size_t kSamplesAtOnce = 300, kGridSamplesAtOnce = 300;  // few: batches of tests have more
+
+  bool has_tensor_cores() const { return true; }  // by loops over a warp's lanes (mma.h)
 
   /// copies: is told of every copy, unless null.
   explicit LoopDevice(DeviceCopies* copies = nullptr) : copies_(copies) {}
@@ -47,6 +49,11 @@ class LoopDevice {
   template <class Functor>
   void for_each(std::size_t n, const Functor& functor) {
     for (std::size_t i = 0; i < n; ++i) functor(i);
+  }
+
+  template <class Functor>
+  void for_each_warp(std::size_t n, const Functor& functor) {
+    for_each(n, functor);
   }
 
   KeptNumbers kept;

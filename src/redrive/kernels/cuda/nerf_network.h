@@ -26,7 +26,8 @@ REDRIVE_HD inline void encode_point(const double point[3], int octaves, float* o
   }
 }
 
-/// Samples first, first + 1, ... of a batch, encoded: the position for the first layer and again for that of the skip, the direction.
+/// Samples first, first + 1, ... of a batch, encoded: the position for the first layer and, if that is asked for, again for the skip's, the
+/// direction.
 struct EncodeSamples {
   NerfConfig config;
   UnitFromWorld unit_from_world;
@@ -45,7 +46,8 @@ struct EncodeSamples {
     }
     float* const gamma = &position.at(i, 0);
     encode_point(x, config.position_octaves, gamma);
-    for (int c = 0; c < encoded_size(config.position_octaves); ++c) position_again.at(i, c) = gamma[c];
+    if (position_again.data)
+      for (int c = 0; c < encoded_size(config.position_octaves); ++c) position_again.at(i, c) = gamma[c];
     encode_point(towards, config.direction_octaves, &direction.at(i, 0));
   }
 };
@@ -62,6 +64,12 @@ struct EncodeSamplesAdjoint {
   }
 };
 
+inline LayerPlace nerf_layer_place(const NerfConfig& config, int layer) {
+  const NerfLayerShape shape = nerf_layer(config, layer);
+  return {static_cast<std::size_t>(shape.outputs), static_cast<std::size_t>(shape.inputs), shape.weight, true,
+          layer < kNerfHidden || layer == kNerfColour};
+}
+
 template <class Device>
 class NerfNetworkPass {
  public:
@@ -71,10 +79,8 @@ class NerfNetworkPass {
       : stage_(stage), field_(field), layers_(stage, field.parameters, gradients) {
     const std::size_t width = field.config.width;
     for (int l = 0; l < kNerfLayers; ++l) {
-      const NerfLayerShape shape = nerf_layer(field.config, l);
-      place_[l] = {static_cast<std::size_t>(shape.outputs), static_cast<std::size_t>(shape.inputs), shape.weight, true,
-                   l < kNerfHidden || l == kNerfColour};
-      input_[l] = l == kNerfFeature ? input_[kNerfDensity] : layers_.rows(most, shape.inputs);
+      place_[l] = nerf_layer_place(field.config, l);
+      input_[l] = l == kNerfFeature ? input_[kNerfDensity] : layers_.rows(most, place_[l].inputs);
     }
     if (gradients.empty()) return;
     for (OfSamples<float>& d : d_) d = layers_.rows(most, width);

@@ -15,6 +15,17 @@ struct LayerPlace {
   std::size_t size() const { return outputs * (inputs + (has_bias ? 1 : 0)); }
 };
 
+/// gradients [size] += partial [slices, size], which is spent, in an order that `slices` alone decides. Many slices are added up in groups
+/// first: a thread that adds hundreds of numbers waits for memory hundreds of times.
+template <class Device>
+void add_slices(Stage<Device>& stage, std::size_t slices, std::size_t size, float* partial, float* gradients) {
+  if (slices > kSlicesOfGroup) {
+    const AddSlicesOfGroup groups{slices, size, partial};
+    stage.for_each(groups.groups() * size, groups);
+  }
+  stage.for_each(size, AddSlices{slices, size, partial, gradients, slices > kSlicesOfGroup ? kSlicesOfGroup : 1});
+}
+
 /// `parameters` lie on the device; `gradients`, if any, too, and are added to.
 template <class Device>
 class NetworkLayers {
@@ -68,8 +79,7 @@ class NetworkLayers {
                            .d_y = d_y,
                            .x = read_only(x),
                            .partial = partial_.data()});
-    stage_.for_each(layer.size(),
-                    AddSlices{slices_of(samples), layer.size(), partial_.data(), gradients_ + layer.offset});
+    add_slices(stage_, slices_of(samples), layer.size(), partial_.data(), gradients_ + layer.offset);
   }
 
  private:

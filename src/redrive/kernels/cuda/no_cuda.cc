@@ -9,7 +9,7 @@ std::optional<std::string> cuda_obstacle() { return "not in this build"; }
 
 std::string cuda_description() { check_failed(__FILE__, __LINE__, "cuda_description", *cuda_obstacle()); }
 
-std::unique_ptr<Backend> make_cuda_backend(int) {
+std::unique_ptr<Backend> make_cuda_backend(int, bool) {
   check_failed(__FILE__, __LINE__, "make_cuda_backend", *cuda_obstacle());
 }
 

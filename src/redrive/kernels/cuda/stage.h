@@ -6,9 +6,11 @@
 //   wait()                        until all of that is done
 //   for_each(n, functor)          functor(i) for i in [0, n), in any order and at once; what it needs lies in it or on the device
 //   sums_before(n, x, sums)       sums[i] = x[0] + ... + x[i - 1] for i in [0, n), whole numbers on the device
+//   has_tensor_cores()            whether it runs the warps of mma.h
+//   for_each_warp(n, functor)     functor(i) by a warp each (mma.h)
 //   hold(bytes), kept             memory that stays as long as its handle lives, and what of the host's numbers lies in such
 //   spoil(host)                   is told that the host's copy of kept numbers is out of date
-//   kSamplesAtOnce                rows that a network's activations are kept for
+//   kSamplesAtOnce                rows that a network's activations are kept for; kGridSamplesAtOnce: a fused one's (fused_grid_network.h)
 #pragma once
 
 #include <algorithm>
@@ -62,6 +64,14 @@ struct ListMarked {
   }
 };
 
+/// As a GPU before compute capability 8.0: networks in fp32.
+template <class Device>
+class WithoutTensorCores : public Device {
+ public:
+  using Device::Device;
+  bool has_tensor_cores() const { return false; }
+};
+
 template <class Device>
 class Stage {
  public:
@@ -99,6 +109,11 @@ class Stage {
   template <class Functor>
   void for_each(std::size_t n, const Functor& functor) {
     device_.for_each(n, functor);
+  }
+
+  template <class Functor>
+  void for_each_warp(std::size_t n, const Functor& functor) {
+    device_.for_each_warp(n, functor);
   }
 
   /// Sum of term(i) over i in [0, n), in an order that n alone decides: the same bits each time.
