@@ -11,6 +11,7 @@
 
 #include "redrive/base/rng.h"
 #include "redrive/field/activation.h"
+#include "redrive/kernels/cuda/cuda_backend.h"
 #include "redrive/model/tiny_grid_model.h"
 
 namespace redrive {
@@ -535,13 +536,17 @@ TEST(GridModelGradients, AreTheSameOnEveryBackend) {
   const RayBatch batch = tiny_batch(50);
   std::vector<float> expected(model.size());
   const StepLosses losses = losses_of(model, batch, &expected, *kernels::make_ref_backend());
-  for (const Isa isa : all_isas()) {
-    if (isa_obstacle(isa)) continue;
-    const double tolerance = isa == Isa::kAvx512Bf16 ? 12 * 0x1p-8 : 1e-4;
+  std::vector<std::unique_ptr<kernels::Backend>> backends;
+  backends.push_back(kernels::make_loop_backend());
+  for (const Isa isa : all_isas())
+    if (!isa_obstacle(isa)) backends.push_back(kernels::make_cpu_backend(isa, 2));
+  for (const auto& backend : backends) {
+    const std::string name = kernels::describe(*backend);
+    const double tolerance = backend->isa() == Isa::kAvx512Bf16 ? 12 * 0x1p-8 : 1e-4;
     std::vector<float> gradients(model.size());
-    const StepLosses got = losses_of(model, batch, &gradients, *kernels::make_cpu_backend(isa, 2));
-    EXPECT_NEAR(got.loss, losses.loss, tolerance * losses.loss) << isa_name(isa);
-    EXPECT_NEAR(got.opacity, losses.opacity, tolerance) << isa_name(isa);
+    const StepLosses got = losses_of(model, batch, &gradients, *backend);
+    EXPECT_NEAR(got.loss, losses.loss, tolerance * losses.loss) << name;
+    EXPECT_NEAR(got.opacity, losses.opacity, tolerance) << name;
     for (const ModelTensor& tensor : model.tensors()) {
       double square = 0, difference = 0;
       for (std::size_t i = tensor.offset; i < tensor.offset + size_of(tensor); ++i) {
@@ -549,7 +554,7 @@ TEST(GridModelGradients, AreTheSameOnEveryBackend) {
         difference += std::pow(double(gradients[i]) - expected[i], 2);
       }
       EXPECT_GT(square, 0) << tensor.name;
-      EXPECT_LE(std::sqrt(difference), tolerance * std::sqrt(square)) << isa_name(isa) << ", " << tensor.name;
+      EXPECT_LE(std::sqrt(difference), tolerance * std::sqrt(square)) << name << ", " << tensor.name;
     }
   }
 }

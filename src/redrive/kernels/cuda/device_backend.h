@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The backend of a device (stage.h says what that is): every stage copies what it is given, unless that is kept there, runs the functors of this folder on it, and
-// copies back what it is asked for. Kept numbers stay there. The first, simple shape: nothing else stays there from stage to stage.
+// The backend of a device (stage.h says what that is): every stage copies what it is given there, runs the functors of this folder on it and
+// copies back what it is asked for, but for numbers that are kept there: they stay from stage to stage.
 #pragma once
 
 #include <string>
