@@ -12,6 +12,7 @@
 #include <Eigen/Dense>
 
 #include "redrive/align/so3.h"
+#include "redrive/align/untold_clocks.h"
 #include "redrive/base/error.h"
 #include "redrive/recording/summary.h"
 #include "redrive/scene/moving_objects.h"
@@ -82,17 +83,10 @@ Eigen::MatrixXd without_common_motion(const RigModel& model, const Eigen::Matrix
 
 Vector6d sigmas_at(const Eigen::VectorXd& variance, int at) { return variance.segment<6>(at).cwiseMax(0).cwiseSqrt(); }
 
-/// Of the readouts that are sought, by camera.
-std::vector<std::optional<double>> readout_sigmas_s(const RigModel& model, const BundleOptions& options,
-                                                    const BundleResult& bundle) {
-  std::vector<std::optional<double>> sigmas_s(model.cameras.size());
-  auto at = static_cast<Eigen::Index>(6 * model.given.size() + 7 * model.cameras.size());
-  for (std::size_t c = 0; c < sigmas_s.size(); ++c)
-    if (options.seeks_readout(c)) {
-      sigmas_s[c] = std::sqrt(std::max(0.0, bundle.variance[at]));
-      ++at;
-    }
-  return sigmas_s;
+/// Of one number, where it was sought.
+std::optional<double> sigma_at(const BundleResult& bundle, const std::optional<int>& at) {
+  if (!at) return std::nullopt;
+  return std::sqrt(std::max(0.0, bundle.variance[*at]));
 }
 
 /// A readout as it was found before others were given up.
@@ -108,13 +102,13 @@ std::vector<std::string> give_up_readouts(const BundleResult& bundle, std::vecto
   for (std::size_t f = 1; f < model->given.size(); ++f)
     interval_s = std::min(interval_s, 1e-9 * static_cast<double>(model->given[f].t_ns - model->given[f - 1].t_ns));
   const double most_s = std::min(kMostReadout_s, interval_s);
-  const std::vector<std::optional<double>> sigmas_s = readout_sigmas_s(*model, *options, bundle);
   std::vector<std::string> remarks;
-  std::vector<FoundReadout> found(sigmas_s.size());
-  for (std::size_t c = 0; c < sigmas_s.size(); ++c) {
-    if (!sigmas_s[c]) continue;
+  std::vector<FoundReadout> found(model->cameras.size());
+  for (std::size_t c = 0; c < found.size(); ++c) {
+    const std::optional<double> sigma_s = sigma_at(bundle, bundle.readout_at[c]);
+    if (!sigma_s) continue;
     RigModelCamera& camera = model->cameras[c];
-    const FoundReadout now{camera.readout_s, *sigmas_s[c]};
+    const FoundReadout now{camera.readout_s, *sigma_s};
     found[c] = now;
     std::string why;
     if (now.sigma_s > kMostReadoutSigma_s)
@@ -125,13 +119,21 @@ std::vector<std::string> give_up_readouts(const BundleResult& bundle, std::vecto
       why = text("%.1f ms with other readouts open, %.1f with those as given", 1e3 * (*before)[c].value_s,
                  1e3 * now.value_s);
     if (why.empty()) continue;
-    camera.readout_s = static_cast<double>(camera.given.readout_ns) * 1e-9;
+    camera.readout_s = camera.given_readout_s();
     options->readouts[c] = false;
     remarks.push_back(text("%s: the drive does not tell how long its rows take (%s): %.2f ms stay, as given",
                            camera.given.name.c_str(), why.c_str(), 1e3 * camera.readout_s));
   }
   *before = std::move(found);
   return remarks;
+}
+
+std::string untold_text(const CameraCorrection& camera, const UntoldClock& clock, const BundlePriors& priors) {
+  return text(
+      "%s: cannot tell when it exposes (%+.1f +- %.1f ms fits best, and +- %.1f is needed: straight on at one speed a "
+      "late exposure looks like a camera further forward): %.2f ms stay, as given",
+      camera.name.c_str(), 1e3 * clock.offset_s, 1e3 * clock.sigma_s, 1e3 * sigma_of_told_clock_s(priors.offset_s),
+      1e3 * camera.offset_s);
 }
 
 AlignResult describe(const RigModel& model, BundleResult bundle, bool scale_is_given) {
@@ -149,10 +151,11 @@ AlignResult describe(const RigModel& model, BundleResult bundle, bool scale_is_g
     correction.mount = {camera.mount, sigmas_at(bundle.variance, 6 * (n + c))};
     correction.turned_in_body = camera.given.body_from_sensor.linear() * camera.mount.tail<3>();
     correction.offset_s = camera.offset_s;
-    correction.offset_before_s = static_cast<double>(camera.given.time_offset_ns) * 1e-9;
-    correction.offset_sigma_s = std::sqrt(std::max(0.0, bundle.variance[6 * (n + cameras) + c]));
+    correction.offset_before_s = camera.given_offset_s();
+    correction.offset_sigma_s = sigma_at(bundle, bundle.offset_at[c]);
     correction.readout_s = camera.readout_s;
-    correction.readout_before_s = static_cast<double>(camera.given.readout_ns) * 1e-9;
+    correction.readout_before_s = camera.given_readout_s();
+    correction.readout_sigma_s = sigma_at(bundle, bundle.readout_at[c]);
     correction.intrinsics = camera.intrinsics;
     result.camera_corrections.push_back(correction);
   }
@@ -252,15 +255,14 @@ AlignResult align_with(const Recording& recording, const std::vector<Track>& tra
     remarks.insert(remarks.end(), given_up.begin(), given_up.end());
     bundle = adjust(&model, tracks, lidar, contrast, bundle_options, pool);
   }
-  const std::vector<std::optional<double>> readout_sigmas = readout_sigmas_s(model, bundle_options, bundle);
   AlignResult result = describe(model, std::move(bundle), lidar.empty());
-  for (std::size_t c = 0; c < readout_sigmas.size(); ++c)
-    result.camera_corrections[c].readout_sigma_s = readout_sigmas[c];
   result.remarks = std::move(remarks);
+  for (const UntoldClock& clock : result.bundle.untold)
+    result.remarks.push_back(untold_text(result.camera_corrections[clock.camera], clock, options.bundle.priors));
   if (const std::string why = obstacle(recording, result, !tracks.empty()); !why.empty())
     throw CannotError(recording.root, why, means);
   if (lidar.empty())
-    result.remarks.push_back(
+    result.remarks.emplace_back(
         "no LiDAR: the scale of the drive and what all cameras share (a turn, a time offset) is the egomotion's");
   for (std::size_t c = 0; c < result.bundle.cameras.size(); ++c)
     if (result.bundle.cameras[c].used == 0)

@@ -30,8 +30,10 @@ struct CameraCorrection {
   std::string name;
   Correction mount;
   Eigen::Vector3d turned_in_body =
-      Eigen::Vector3d::Zero();              ///< the mount's turn about the body's axes: roll, pitch, yaw; rad
-  double offset_s = 0, offset_sigma_s = 0;  ///< exposure minus pose, and how well it is known
+      Eigen::Vector3d::Zero();  ///< the mount's turn about the body's axes: roll, pitch, yaw; rad
+  double offset_s = 0;          ///< exposure minus pose
+  std::optional<double>
+      offset_sigma_s;  ///< how well it is known; nothing where the drive does not tell it: then it is as given
   double offset_before_s = 0;
   double readout_s = 0, readout_before_s = 0;            ///< of a rolling shutter
   std::optional<double> readout_sigma_s;                 ///< where it was sought and found

@@ -11,6 +11,7 @@
 
 #include "redrive/align/locate_point.h"
 #include "redrive/align/reduced_covariance.h"
+#include "redrive/align/untold_clocks.h"
 #include "redrive/base/error.h"
 #include "redrive/eval/align.h"
 
@@ -27,7 +28,8 @@ constexpr double kCorrelation =
 // Clocks are asked of the LiDAR's contrast with calibration and poses as given: at night tracks turn a camera by more than it is wrong.
 // Where poses are too far off for that, once more when the first rounds have put them right.
 constexpr int kSecondLook = 2;
-constexpr double kFarOff = 4;  // sigmas at which an observation is left out
+constexpr int kRoundsWithout = 3;  // for all else to settle once clocks are back as given
+constexpr double kFarOff = 4;      // sigmas at which an observation is left out
 constexpr double kSettled_m = 1e-3, kSettled_rad = 3e-5,
                  kSettled_s = 1e-4;  // a round that moves no pose further was the last one
 
@@ -103,9 +105,15 @@ void leave_out_far_off(const std::vector<Track>& tracks, const std::vector<doubl
 /// The problem of one round.
 class Round {
  public:
+  /// `untold`: their clocks stay as they are.
   Round(RigModel* model, const std::vector<Track>& tracks, const std::vector<LidarSample>& lidar,
-        const BundleOptions& options, std::size_t landmarks)
-      : model_(*model), tracks_(tracks), lidar_(lidar), options_(options), problem_(problem_options()) {
+        const BundleOptions& options, const std::vector<UntoldClock>& untold, std::size_t landmarks)
+      : model_(*model),
+        tracks_(tracks),
+        lidar_(lidar),
+        options_(options),
+        untold_(untold),
+        problem_(problem_options()) {
     landmarks_.reserve(landmarks);  // Ceres keeps pointers
   }
 
@@ -164,21 +172,26 @@ class Round {
         problem_.AddResidualBlock(zero_term(6, k, priors.mount[k]).release(), k < 3 ? nullptr : &prior_loss_,
                                   camera.mount.data());
     }
-    for (RigModelCamera& camera : model_.cameras) {
-      rig_.push_back(&camera.offset_s);
-      problem_.AddResidualBlock(
-          zero_term(1, 0, priors.offset_s, static_cast<double>(camera.given.time_offset_ns) * 1e-9).release(),
-          &prior_loss_, &camera.offset_s);
+    auto at = static_cast<int>(6 * (model_.correction.size() + model_.cameras.size()));
+    const auto seek = [&](bool sought, double* number, std::vector<std::optional<int>>* places) {
+      places->push_back(sought ? std::optional(at++) : std::nullopt);
+      if (sought)
+        rig_.push_back(number);
+      else
+        problem_.SetParameterBlockConstant(number);
+    };
+    for (std::size_t c = 0; c < model_.cameras.size(); ++c) {
+      RigModelCamera& camera = model_.cameras[c];
+      problem_.AddResidualBlock(zero_term(1, 0, priors.offset_s, camera.given_offset_s()).release(), &prior_loss_,
+                                &camera.offset_s);
+      seek(std::ranges::find(untold_, static_cast<int>(c), &UntoldClock::camera) == untold_.end(), &camera.offset_s,
+           &offset_at_);
     }
     for (std::size_t c = 0; c < model_.cameras.size(); ++c) {
       RigModelCamera& camera = model_.cameras[c];
-      problem_.AddResidualBlock(
-          zero_term(1, 0, priors.readout_s, static_cast<double>(camera.given.readout_ns) * 1e-9).release(), nullptr,
-          &camera.readout_s);
-      if (options_.seeks_readout(c))
-        rig_.push_back(&camera.readout_s);
-      else
-        problem_.SetParameterBlockConstant(&camera.readout_s);
+      problem_.AddResidualBlock(zero_term(1, 0, priors.readout_s, camera.given_readout_s()).release(), nullptr,
+                                &camera.readout_s);
+      seek(options_.seeks_readout(c), &camera.readout_s, &readout_at_);
     }
     for (RigModelCamera& camera : model_.cameras) {
       for (int k = 0; k < 3; ++k)
@@ -213,7 +226,14 @@ class Round {
     return summary;
   }
 
-  ReducedCovariance covariance() { return reduced_covariance(problem_, rig_, points_); }
+  /// What the terms say of how sure all of it is.
+  void measure_certainty(BundleResult* result) {
+    ReducedCovariance covariance = reduced_covariance(problem_, rig_, points_);
+    result->covariance = std::move(covariance.matrix);
+    result->variance = std::move(covariance.variance);
+    result->offset_at = offset_at_;
+    result->readout_at = readout_at_;
+  }
 
  private:
   /// The block that stands for `target` while it is solved. Within a group Ceres orders blocks by their addresses: side by side in one
@@ -236,11 +256,13 @@ class Round {
   const std::vector<Track>& tracks_;
   const std::vector<LidarSample>& lidar_;
   const BundleOptions& options_;
+  const std::vector<UntoldClock>& untold_;
   ceres::CauchyLoss image_loss_{2}, lidar_loss_{2}, prior_loss_{1};
   ceres::Problem problem_;
   std::vector<double*> rig_, points_;
   std::vector<std::array<double, 3>> landmarks_;
   std::vector<std::array<double, 3>*> targets_;
+  std::vector<std::optional<int>> offset_at_, readout_at_;
 };
 
 BundlePriors priors_of_round(const BundlePriors& given, const RigModel& model, int round) {
@@ -304,8 +326,8 @@ RigModel as_given(RigModel model) {
   for (RigModelCamera& camera : model.cameras) {
     camera.mount.setZero();
     camera.intrinsics.setZero();
-    camera.offset_s = static_cast<double>(camera.given.time_offset_ns) * 1e-9;
-    camera.readout_s = static_cast<double>(camera.given.readout_ns) * 1e-9;
+    camera.offset_s = camera.given_offset_s();
+    camera.readout_s = camera.given_readout_s();
   }
   return model;
 }
@@ -362,6 +384,15 @@ void fill_result(const RigModel& model, const std::vector<Track>& tracks, const 
   result->lidar_before_m = rms_as_given(model, lidar, patches);
 }
 
+/// Observations by camera.
+std::vector<int> count_used(const std::vector<Track>& tracks, const std::vector<Located>& located,
+                            std::size_t cameras) {
+  std::vector<int> used(cameras);
+  for (const Located& entry : located)
+    for (std::size_t i = 0; i < entry.used.size(); ++i) used[tracks[entry.track].seen[i].camera] += entry.used[i];
+  return used;
+}
+
 bool all_told(const std::vector<ContrastFit>& fits) { return std::ranges::all_of(fits, &ContrastFit::told); }
 
 /// The new ones of cameras that have said nothing yet.
@@ -377,7 +408,9 @@ BundleResult adjust(RigModel* model, const std::vector<Track>& tracks, const std
                     const ContrastSource* contrast, const BundleOptions& options, ThreadPool& pool) {
   BundleResult result;
   std::vector<double> sigma_px(model->cameras.size(), kStartSigma_px);
-  for (int round = 0; round < options.rounds && !result.converged; ++round) {
+  int rounds = options.rounds;
+  bool clocks_judged = false;
+  for (int round = 0; round < rounds && !result.converged; ++round) {
     const RigModel before = *model;
     std::vector<Located> located = locate_all(*model, tracks, sigma_px, pool);
     sigma_px = measure_noise(*model, tracks, located);
@@ -395,7 +428,7 @@ BundleResult adjust(RigModel* model, const std::vector<Track>& tracks, const std
         if (round == 0 && options.seeks_readout(c)) fits[c].told = false;
       keep_told(fits, &result.contrast);
     }
-    Round problem(model, tracks, lidar, options, located.size() + patches.size());
+    Round problem(model, tracks, lidar, options, result.untold, located.size() + patches.size());
     problem.add(&located, sigma_px);
     problem.add(&patches);
     problem.add(result.contrast);
@@ -429,12 +462,20 @@ BundleResult adjust(RigModel* model, const std::vector<Track>& tracks, const std
                       1e3 * model->cameras[c].readout_s);
       std::fflush(stdout);
     }
-    if (result.converged || round + 1 == options.rounds) {
-      fill_result(*model, tracks, lidar, located, patches, sigma_px, pool, &result);
-      ReducedCovariance covariance = problem.covariance();
-      result.covariance = std::move(covariance.matrix);
-      result.variance = std::move(covariance.variance);
+    if (!clocks_judged && (result.converged || 2 * (round + 1) >= rounds)) {
+      clocks_judged = true;
+      problem.measure_certainty(&result);
+      result.untold = untold_clocks(*model, result, count_used(tracks, located, model->cameras.size()),
+                                    options.priors.offset_s, !lidar.empty());
+      for (const UntoldClock& clock : result.untold) {
+        model->cameras[clock.camera].offset_s = model->cameras[clock.camera].given_offset_s();
+        result.converged = false;
+        rounds = std::max(rounds, round + 1 + kRoundsWithout);
+      }
     }
+    if (!result.converged && round + 1 < rounds) continue;
+    problem.measure_certainty(&result);
+    fill_result(*model, tracks, lidar, located, patches, sigma_px, pool, &result);
   }
   return result;
 }

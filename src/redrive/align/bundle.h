@@ -3,6 +3,7 @@
 // place each observation at its time, find the points and patches anew, measure the noise, leave out what is far off, solve.
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include "redrive/align/lidar_contrast.h"
@@ -45,6 +46,12 @@ struct CameraFit {
   double sigma_px = 0;                 ///< robust: by the median
 };
 
+/// A clock that nothing tells well enough, and that stays as given: what would fit, and how well the terms alone would hold it.
+struct UntoldClock {
+  int camera = 0;
+  double offset_s = 0, sigma_s = 0;
+};
+
 /// A residual, for the plot.
 struct SeenResidual {
   int camera = 0, frame = 0;
@@ -62,12 +69,16 @@ struct BundleResult {
   bool converged = false;
   int rounds = 0;
   double last_moved_m = 0, last_turned_rad = 0;  ///< RMS of what the last round did to the trajectory's shape
-  /// Of corrections (6 a frame), mounts (6 a camera), offsets (1 a camera), readouts (1 a camera whose readout is sought), in this order.
+  std::vector<UntoldClock> untold;
+  /// Of corrections (6 a frame), mounts (6 a camera), and then what cameras have of their own.
   Eigen::MatrixXd covariance;
   Eigen::VectorXd variance;  ///< ReducedCovariance::variance, in the same order
+  /// By camera: where its time offset and its readout are in these; nothing where they were not sought.
+  std::vector<std::optional<int>> offset_at, readout_at;
 };
 
-/// `contrast`: nullptr where there are no images at hand.
+/// `contrast`: nullptr where there are no images at hand. Once settled, at the latest after half of the rounds, clocks that neither it nor the tracks tell
+/// (untold_clocks) are put back as given, and all else settles again.
 BundleResult adjust(RigModel* model, const std::vector<Track>& tracks, const std::vector<LidarSample>& lidar,
                     const ContrastSource* contrast, const BundleOptions& options, ThreadPool& pool);
 

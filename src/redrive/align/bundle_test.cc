@@ -92,7 +92,8 @@ TEST(Bundle, ErrorsAreAsLargeAsStated) {
   for (int c = 0; c < 3; ++c) {
     const CameraCorrection& camera = result.camera_corrections[c];
     EXPECT_LT(std::abs(yaw_off_deg(rig, result, c)), 4 * camera.mount.sigma.tail<3>().maxCoeff() / kDegree) << c;
-    EXPECT_LT(std::abs(offset_off_ms(rig, result, c)), 4e3 * camera.offset_sigma_s) << c;
+    ASSERT_TRUE(camera.offset_sigma_s) << c;
+    EXPECT_LT(std::abs(offset_off_ms(rig, result, c)), 4e3 * *camera.offset_sigma_s) << c;
     EXPECT_NEAR(result.bundle.cameras[c].sigma_px, 0.2, 0.03) << c;
   }
   EXPECT_LT(std::abs(yaw_off_deg(rig, result, 0)), 0.02);
@@ -176,7 +177,7 @@ TEST(Bundle, ReadoutsThatTheDriveDoesNotTellStayAsGiven) {
   const AlignResult result = aligned(rig, seeking_readouts());
   EXPECT_EQ(result.cameras[0].readout_ns, 10'000'000);
   EXPECT_EQ(result.cameras[1].readout_ns, 0);
-  ASSERT_EQ(result.remarks.size(), 3u);
+  ASSERT_GE(result.remarks.size(), 3u);  // and of some clocks
   EXPECT_THAT(result.remarks[0], HasSubstr("A_FRONT: the drive does not tell how long its rows take"));
   EXPECT_THAT(result.remarks[0], HasSubstr("10.00 ms stay, as given"));
   EXPECT_FALSE(result.camera_corrections[0].readout_sigma_s);
@@ -193,6 +194,37 @@ TEST(Bundle, OneCameraAndNoLidar) {
   EXPECT_LT(result.truth_after->rest_deg, 0.8 * result.truth_before->rest_deg);
   ASSERT_EQ(result.remarks.size(), 1u);
   EXPECT_THAT(result.remarks[0], HasSubstr("no LiDAR"));
+}
+
+// Each camera's points fit whenever it exposes, and the calibration's word counts, though the left one is 12 ms late.
+TEST(Bundle, StraightOnAtOneSpeedClocksCannotBeTold) {
+  SyntheticOptions options = short_drive();
+  options.straight = true;
+  options.joined = false;
+  SyntheticRig rig = make_synthetic_rig(options);
+  rig.recording.cameras[2].calibration.time_offset_ns = 3'000'000;
+  const AlignResult result = aligned(rig);
+  ASSERT_EQ(result.remarks.size(), 3u);
+  EXPECT_THAT(result.remarks[1], HasSubstr("B_LEFT: cannot tell when it exposes"));
+  EXPECT_THAT(result.remarks[2], HasSubstr("3.00 ms stay, as given"));
+  for (int c = 0; c < 3; ++c) {
+    EXPECT_EQ(result.cameras[c].time_offset_ns, c == 2 ? 3'000'000 : 0) << c;
+    EXPECT_FALSE(result.camera_corrections[c].offset_sigma_s) << c;
+    EXPECT_LT(result.bundle.cameras[c].after_px, 0.4) << c;
+  }
+  EXPECT_LT(result.truth_after->rest_m, 0.01);
+  EXPECT_LT(result.truth_after->rest_deg, 0.02);
+}
+
+// Points that cameras share hold the one against the other, and at 20 m/s 12 ms are 24 cm.
+TEST(Bundle, StraightOnCamerasThatSeeTheSameTell) {
+  SyntheticOptions options = short_drive();
+  options.straight = true;
+  options.speed_m_per_s = 20;
+  const SyntheticRig rig = make_synthetic_rig(options);
+  const AlignResult result = aligned(rig);
+  EXPECT_TRUE(result.remarks.empty()) << result.remarks[0];
+  EXPECT_NEAR(offset_off_ms(rig, result, 1), 0, 1.5) << "1 cm of each camera's place is 0.5 ms";
 }
 
 TEST(Bundle, TheSameBitsAgain) {

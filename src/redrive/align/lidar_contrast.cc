@@ -240,7 +240,8 @@ Sums compare(const RigModel& model, const ContrastSource& source, const std::vec
       if (!images.may_be_static(camera, frame, {kCell_px * x + 0.5, kCell_px * y + 0.5}, moving)) continue;
       auto path = path_of(lens, poses, in_world[lidar.sample(y, x)].cast<double>());
       if (!path) continue;
-      path->begin_later(model.cameras[camera].after_middle(path->now.y()) * model.cameras[camera].readout_s);
+      const double row = images.recorded_pixel(camera, path->now).y();
+      path->begin_later(model.cameras[camera].after_middle(row) * model.cameras[camera].readout_s);
       const auto contrast = against_path(lidar, {x, y}, *path);
       if (!contrast) continue;
       ++sums.cells;

@@ -15,7 +15,7 @@ namespace redrive {
 
 /// What it takes.
 struct ContrastSource {
-  const RigImages& images;                  ///< of any size; the larger, the finer
+  const RigImages& images;                  ///< of any size, averaged or not; the larger, the finer
   const std::vector<LidarSample>& samples;  ///< the more, the better
 };
 

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include "redrive/align/patch.h"
 #include "redrive/align/so3.h"
 #include "redrive/align/synthetic_rig.h"
 #include "redrive/align/test_drive.h"
@@ -13,7 +14,7 @@ namespace {
 
 constexpr int kFrames = 8, kReturns = 400'000;
 
-/// One drive for all tests, and what its LiDAR has seen of the same walls: intensities as bright as their texture.
+/// One drive for all tests, and what its LiDAR has seen.
 class ContrastOfLidar : public ::testing::Test {
  protected:
   static const Recording& drive() {
@@ -29,24 +30,7 @@ class ContrastOfLidar : public ::testing::Test {
     return loaded;
   }
   static const std::vector<LidarSample>& returns() {
-    static const std::vector<LidarSample> samples = [] {
-      const RigModel model = make_rig_model(drive());
-      const std::int64_t first_ns = drive().frames.front().t_ns, last_ns = drive().frames.back().t_ns;
-      testing::SyntheticNoise noise(11);
-      std::vector<LidarSample> all;
-      for (int i = 0; i < kReturns; ++i) {
-        LidarSample sample;
-        sample.t_ns = first_ns + (last_ns - first_ns) * (i / 100) / (kReturns / 100);
-        const Rigid3d pose = model.at(sample.t_ns).world_from_body;
-        const Eigen::Vector3d from = pose * Eigen::Vector3d(1, 0, 1.8);
-        const Eigen::Vector3d direction(noise.uniform(-1, 1), noise.uniform(-1, 1), noise.uniform(-0.6, 0.2));
-        const Eigen::Vector3d hit = hit_street(from, direction.normalized());
-        sample.in_body = pose.inverse(Eigen::Isometry) * hit;
-        sample.intensity = static_cast<std::uint16_t>(std::lround(250 * street_texture(hit)));
-        all.push_back(sample);
-      }
-      return all;
-    }();
+    static const std::vector<LidarSample> samples = make_test_returns(drive(), kReturns);
     return samples;
   }
 
@@ -69,6 +53,21 @@ TEST_F(ContrastOfLidar, FindsClocks) {
     EXPECT_LT(std::abs(found.offset_s - 0.020), 2 * found.sigma_s);
     EXPECT_LT(found.sigma_s, 0.015);
   }
+}
+
+// Rows of a rolling shutter have their own times, whatever size the images are looked at.
+TEST_F(ContrastOfLidar, AveragedImagesSayTheSame) {
+  Recording recording = drive();
+  recording.cameras[0].calibration.readout_ns = 80'000'000;
+  const RigModel model = make_rig_model(recording);
+  const RigImages half = narrowed(images(), 100, kPatchHalf, pool_);
+  ASSERT_EQ(half.factor[0], 2);
+  const ContrastFit of_all = fit_clocks(model, {images(), returns()}, pool_)[0],
+                    of_half = fit_clocks(model, {half, returns()}, pool_)[0];
+  ASSERT_TRUE(of_all.told);
+  ASSERT_TRUE(of_half.told);
+  EXPECT_NEAR(of_half.offset_s, of_all.offset_s, 0.008)
+      << "taken for rows of the whole image they would be 20 ms early";
 }
 
 TEST_F(ContrastOfLidar, ComparesPictures) {

@@ -10,7 +10,6 @@
 #include <Eigen/Eigenvalues>
 
 #include "redrive/recording/trajectory.h"
-#include "redrive/scene/lidar_returns.h"
 
 namespace redrive {
 namespace {
@@ -134,9 +133,7 @@ void thin_out(std::vector<FlatPatch>* patches, int most) {
 
 }  // namespace
 
-std::vector<LidarSample> load_lidar_samples(const Recording& recording, const Scene& scene, const MovingObjects& moving,
-                                            ThreadPool& pool) {
-  const LidarReturns returns = load_lidar_returns(recording, scene, moving, pool);
+std::vector<LidarSample> lidar_samples(const Recording& recording, const Scene& scene, const LidarReturns& returns) {
   const Rigid3d world_from_ecef = scene.ecef_from_world.inverse(Eigen::Isometry);
   std::vector<LidarSample> samples;
   samples.reserve(returns.n);
@@ -156,6 +153,11 @@ std::vector<LidarSample> load_lidar_samples(const Recording& recording, const Sc
     samples.push_back({body_from_world * in_world, t_ns, returns.intensity[i]});
   }
   return samples;
+}
+
+std::vector<LidarSample> load_lidar_samples(const Recording& recording, const Scene& scene, const MovingObjects& moving,
+                                            ThreadPool& pool) {
+  return lidar_samples(recording, scene, load_lidar_returns(recording, scene, moving, pool));
 }
 
 std::vector<LidarSample> evenly_fewer(std::vector<LidarSample> samples, std::size_t most) {

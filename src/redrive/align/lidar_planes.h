@@ -11,6 +11,7 @@
 #include "redrive/align/terms.h"
 #include "redrive/base/parallel.h"
 #include "redrive/recording/recording.h"
+#include "redrive/scene/lidar_returns.h"
 #include "redrive/scene/moving_objects.h"
 #include "redrive/scene/scene.h"
 
@@ -22,6 +23,9 @@ struct LidarSample {
   std::int64_t t_ns = 0;
   std::uint16_t intensity = 0;  ///< of the sensor's own scale
 };
+
+/// Those of `returns`, of the recording in the world of `scene`, that lie between the first and the last frame.
+std::vector<LidarSample> lidar_samples(const Recording& recording, const Scene& scene, const LidarReturns& returns);
 
 /// Returns between the first and the last frame but for those on the vehicle and on objects that move, each once.
 std::vector<LidarSample> load_lidar_samples(const Recording& recording, const Scene& scene, const MovingObjects& moving,

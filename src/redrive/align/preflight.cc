@@ -22,6 +22,10 @@ constexpr double kScanFactor = 0.8;  // the scan's minimum has to be so much low
 constexpr double kSigmas = 2;        // or be so far from 0: to say "usable" in vain costs little
 constexpr double kNearTie = 1.25;    // of errors whose explanations are named together
 constexpr std::size_t kMostNamed = 3;
+const char* const kUntoldByImages = "; when it exposes cannot be told: as it drives, any time looks the same";
+const char* const kUntoldByAll =
+    "; when it exposes cannot be told: as it drives, any time looks the same, and what is bright to the LiDAR does not "
+    "say";
 
 std::string mounted_as(const std::string& other) { return "it is mounted where " + other + " is said to be"; }
 
@@ -64,7 +68,8 @@ struct Setup {
 
 class Checker {
  public:
-  Checker(const Recording& recording, const RigImages& images, int camera, const SightOptions& options)
+  Checker(const Recording& recording, const RigImages& images, const std::vector<ContrastFit>& contrast, int camera,
+          const SightOptions& options)
       : recording_(recording), sights_(find_sights(images, camera, options)) {
     for (const FramePose& pose : recording.frames) {
       FramePose local = pose;
@@ -76,6 +81,7 @@ class Checker {
     check_.name = calibration.name;
     check_.scale = images.factor[camera];
     check_.points = static_cast<int>(sights_.size());
+    if (!contrast.empty()) take(contrast[camera]);
   }
 
   CameraCheck run() {
@@ -101,6 +107,14 @@ class Checker {
   }
 
  private:
+  void take(const ContrastFit& fit) {
+    if (fit.cells == 0) return;
+    const int middle = static_cast<int>(fit.correlation.size() / 2);
+    for (int k = 0; k <= 2 * middle; ++k)
+      check_.contrast.push_back({1e3 * kContrastStep_s * (k - middle), fit.correlation[k]});
+    if (fit.told) check_.by_lidar = ClockReading{1e3 * (fit.offset_s - recorded_.offset_s), 1e3 * fit.sigma_s, true};
+  }
+
   Rigid3d world_from_body(const Setup& setup, int frame) const {
     const double since_first_s = 1e-9 * static_cast<double>(frames_[frame].t_ns - frames_[0].t_ns);
     const double t_s = setup.rate * since_first_s + setup.offset_s;
@@ -239,9 +253,12 @@ class Checker {
   }
 
   void judge() {
-    const double recorded_px = check_.tried[0].error_px, beside_ms = std::abs(check_.offset_ms);
-    const bool better = beside_ms > kSynchronous_ms && check_.offset_error_px < kScanFactor * recorded_px;
-    const bool beside = check_.offset_told && beside_ms > std::max(kSynchronous_ms, kSigmas * check_.offset_sigma_ms);
+    const double recorded_px = check_.tried[0].error_px;
+    const bool better =
+        std::abs(check_.offset_ms) > kSynchronous_ms && check_.offset_error_px < kScanFactor * recorded_px;
+    const std::optional<ClockReading> clock = better ? check_.by_images() : check_.clock();
+    const double beside_ms = clock ? std::abs(clock->offset_ms) : 0;
+    const bool beside = clock && beside_ms > std::max(kSynchronous_ms, kSigmas * clock->sigma_ms);
     const Hypothesis* best = check_.tried.size() > 1 ? &check_.tried[1] : nullptr;
     if (best && kFactor * best->error_px < recorded_px && recorded_px > kGood_px &&
         best->error_px < check_.offset_error_px) {
@@ -251,10 +268,10 @@ class Checker {
     } else if (better || (beside && recorded_px <= kUsable_px)) {
       check_.verdict = better && beside_ms > kAlignable_ms ? Verdict::kWrong : Verdict::kUsable;
       check_.fault = Fault::kUnsynchronised;
-      char text[120], sure[40] = "";
-      if (std::isfinite(check_.offset_sigma_ms)) std::snprintf(sure, sizeof sure, " (+- %.0f)", check_.offset_sigma_ms);
-      std::snprintf(text, sizeof text, "clock off by about %.0f ms%s, exposed %s than recorded", beside_ms, sure,
-                    check_.offset_ms > 0 ? "later" : "earlier");
+      char text[160], sure[40] = "";
+      if (std::isfinite(clock->sigma_ms)) std::snprintf(sure, sizeof sure, " (+- %.0f)", clock->sigma_ms);
+      std::snprintf(text, sizeof text, "clock off by about %.0f ms%s%s, exposed %s than recorded", beside_ms, sure,
+                    clock->by_lidar ? " as the LiDAR has it" : "", clock->offset_ms > 0 ? "later" : "earlier");
       check_.why = text + (better ? then_agree(px_text(check_.offset_error_px), recorded_px)
                                   : "; half of the points agree to " + px_text(recorded_px) + " px as recorded");
     } else if (recorded_px > kUsable_px) {
@@ -265,6 +282,7 @@ class Checker {
       check_.verdict = recorded_px > kGood_px ? Verdict::kUsable : Verdict::kGood;
       check_.why = "half of the points agree to " + px_text(recorded_px) + " px" +
                    (check_.verdict == Verdict::kUsable ? ": redrive align may do better" : "");
+      if (!clock) check_.why += check_.contrast.empty() ? kUntoldByImages : kUntoldByAll;
     }
   }
 
@@ -286,6 +304,12 @@ const char* fault_name(Fault fault) {
   constexpr const char* kNames[] = {"",           "inverted_extrinsic", "swapped_cameras", "axes_convention",
                                     "wrong_rate", "unsynchronised",     "unexplained"};
   return kNames[static_cast<int>(fault)];
+}
+
+std::optional<ClockReading> CameraCheck::clock() const {
+  if (by_lidar && !(offset_told && offset_sigma_ms < by_lidar->sigma_ms)) return by_lidar;
+  if (offset_told) return by_images();
+  return std::nullopt;
 }
 
 std::string explanation_of(const std::vector<Hypothesis>& tried) {
@@ -363,8 +387,8 @@ ClockCheck check_clock(const Recording& recording) {
   return check;
 }
 
-Preflight check_recording(const Recording& recording, const RigImages& images, ThreadPool& pool,
-                          const SightOptions& options) {
+Preflight check_recording(const Recording& recording, const RigImages& images, const std::vector<LidarSample>& lidar,
+                          ThreadPool& pool, const SightOptions& options) {
   Preflight result;
   result.cameras.resize(recording.cameras.size());
   if (!recording.metric || recording.frames.size() < 3) {
@@ -377,7 +401,10 @@ Preflight check_recording(const Recording& recording, const RigImages& images, T
     return result;
   }
   cv::setNumThreads(1);  // the cameras are what is done in parallel
-  pool.run(images.cameras(), [&](int c) { result.cameras[c] = Checker(recording, images, c, options).run(); });
+  std::vector<ContrastFit> contrast;
+  if (!lidar.empty()) contrast = fit_clocks(make_rig_model(recording), {images, lidar}, pool);
+  pool.run(images.cameras(),
+           [&](int c) { result.cameras[c] = Checker(recording, images, contrast, c, options).run(); });
   find_swapped(&result.cameras);
   result.clock = check_clock(recording);
   return result;

@@ -1,17 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
 // Before training: do calibration, poses and clocks agree with the images? Each camera's own images say how it moved (sights.h); what is
-// recorded is compared with that, and so is what would be recorded if one of the usual mistakes had been made.
+// recorded is compared with that, and so is what would be recorded if one of the usual mistakes had been made. Clocks are also asked of what
+// is bright to a LiDAR and in an image (lidar_contrast.h): straight on at one speed the images alone do not tell them.
 #pragma once
 
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "redrive/align/lidar_contrast.h"
 #include "redrive/align/offset_scan.h"
 #include "redrive/align/rig_images.h"
 #include "redrive/align/sights.h"
 
 namespace redrive {
+
+struct ContrastPoint {
+  double offset_ms = 0, correlation = 0;
+};
 
 enum class Verdict { kGood, kUsable, kWrong, kCannotTell };
 const char* verdict_name(Verdict verdict);  ///< "good", "usable", "wrong", "cannot tell"
@@ -35,6 +41,13 @@ struct Hypothesis {
   double error_px = 0;  ///< median of sight_error_px
 };
 
+/// What is known of when a camera exposes.
+struct ClockReading {
+  double offset_ms = 0,
+         sigma_ms = 0;    ///< added to the recorded one; one standard deviation, infinite where it is not known
+  bool by_lidar = false;  ///< or by how the images move
+};
+
 struct CameraCheck {
   std::string name;
   Verdict verdict = Verdict::kCannotTell;
@@ -49,6 +62,13 @@ struct CameraCheck {
   double offset_error_px = 0;     ///< there
   double offset_sigma_ms = 0;     ///< of it, by the jackknife over the pairs of images; infinite for less than four
   bool offset_told = false;  ///< the scan has a minimum: a drive without turns and bumps looks the same at any time
+  std::vector<ContrastPoint>
+      contrast;  ///< with the LiDAR, over time offsets, added to the recorded one; empty: not looked at
+  std::optional<ClockReading> by_lidar;  ///< where that is highest, if it tells
+
+  ClockReading by_images() const { return {offset_ms, offset_sigma_ms, false}; }  ///< the scan's minimum, told or not
+  /// The surer of what the scan and the LiDAR say; nothing where neither tells.
+  std::optional<ClockReading> clock() const;
 };
 
 /// Whether frames and LiDAR points run by the same clock.
@@ -70,8 +90,9 @@ struct Preflight {
 std::string explanation_of(const std::vector<Hypothesis>& tried);
 
 /// Of a drive (Recording::metric); of photographs it cannot tell. `images`: of the same recording, 640 pixels wide and less are enough.
-Preflight check_recording(const Recording& recording, const RigImages& images, ThreadPool& pool,
-                          const SightOptions& options = {});
+/// `lidar`: its returns, for the clocks; none: the images alone say what they can.
+Preflight check_recording(const Recording& recording, const RigImages& images, const std::vector<LidarSample>& lidar,
+                          ThreadPool& pool, const SightOptions& options = {});
 
 /// Times of LiDAR revolutions against those of the frames they are named after.
 ClockCheck check_clock(const Recording& recording);

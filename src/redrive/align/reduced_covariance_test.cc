@@ -2,6 +2,7 @@
 #include "redrive/align/reduced_covariance.h"
 
 #include <ceres/cost_function.h>
+#include <ceres/loss_function.h>
 #include <ceres/problem.h>
 #include <gtest/gtest.h>
 #include <Eigen/Dense>
@@ -91,6 +92,42 @@ TEST(ReducedCovariance, ResidualsOfOnePointAgree) {
     EXPECT_NEAR(covariance.variance[0], std::max(1 / n, (kEach * kEach * squares + known_before) / (n * n)), 1e-12);
     EXPECT_GT(covariance.variance[0], 1.2 / n) << "nothing tested";
   }
+}
+
+// A number measured at 60 points, four times each with the same error of one sigma, by a Cauchy loss of two: what is stated is what repetitions
+// show. (With weights for curvature it would be three quarters of that.)
+TEST(ReducedCovariance, RobustLossesStateWhatRepetitionsShow) {
+  constexpr int kRepetitions = 400, kPoints = 60, kEach = 4;
+  testing::SyntheticNoise noise(23);
+  ceres::CauchyLoss loss(2);
+  double squares = 0, stated = 0;
+  for (int r = 0; r < kRepetitions; ++r) {
+    const Eigen::VectorXd measured = random_vector(&noise, kPoints);
+    double value = 0;
+    for (int iteration = 0; iteration < 50; ++iteration) {  // weighted means
+      double sum = 0, weights = 0;
+      for (const double x : measured) {
+        const double weight = 1 / (1 + (x - value) * (x - value) / 4);
+        sum += weight * x;
+        weights += weight;
+      }
+      value = sum / weights;
+    }
+    ceres::Problem::Options options;
+    options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+    ceres::Problem problem(options);
+    std::array<std::array<double, 3>, kPoints> points{};
+    std::vector<double*> free;
+    for (int p = 0; p < kPoints; ++p) {
+      free.push_back(points[p].data());
+      for (int k = 0; k < kEach; ++k)
+        problem.AddResidualBlock(new LinearTerm({Eigen::VectorXd::Ones(1), Eigen::VectorXd::Zero(3)}, measured[p]),
+                                 &loss, &value, points[p].data());
+    }
+    stated += reduced_covariance(problem, {&value}, free).variance[0] / kRepetitions;
+    squares += value * value / kRepetitions;
+  }
+  EXPECT_NEAR(std::sqrt(stated / squares), 1, 0.12) << "400 repetitions tell a deviation to 3.5 %";
 }
 
 // Residuals that agree too well, as those of a few points do, make nothing surer; what nothing measures stays open.

@@ -180,8 +180,8 @@ RigModel make_rig_model(const Recording& recording) {
     RigModelCamera entry;
     entry.given = camera.calibration;
     entry.camera = make_camera(camera.calibration);
-    entry.offset_s = static_cast<double>(camera.calibration.time_offset_ns) * 1e-9;
-    entry.readout_s = static_cast<double>(camera.calibration.readout_ns) * 1e-9;
+    entry.offset_s = entry.given_offset_s();
+    entry.readout_s = entry.given_readout_s();
     model.cameras.push_back(entry);
   }
   return model;

@@ -29,6 +29,8 @@ struct RigModelCamera {
   double readout_s = 0;               ///< from the upper edge to the lower one
   Eigen::Vector3d intrinsics = Eigen::Vector3d::Zero();  ///< f (1 + x), c + (y, z) pixels
 
+  double given_offset_s() const { return 1e-9 * static_cast<double>(given.time_offset_ns); }
+  double given_readout_s() const { return 1e-9 * static_cast<double>(given.readout_ns); }
   /// Of the readout, by which row v of the recorded image comes after the middle one: -1/2 at the upper edge, 1/2 at the lower one.
   double after_middle(double v) const { return row_part(v, camera.height) - 0.5; }
 };

@@ -36,6 +36,8 @@ struct SyntheticOptions {
   double yaw_rad = 0.15 * kDegree;    ///< error of the first camera's calibration
   double offset_s = 0.012;            ///< of the second camera, which the calibration does not say
   double readout_s = 0;               ///< of all cameras, which it does not say either
+  bool straight = false;              ///< on at one speed, without turns, bumps and sway
+  bool joined = true;                 ///< a point is one track in all cameras that see it, or one in each
   std::vector<int> cameras{0, 1, 2};  ///< of front pinhole, left fisheye, right fisheye
 };
 
@@ -96,9 +98,13 @@ inline SyntheticRig make_synthetic_rig(const SyntheticOptions& options = {}) {
     frame.t_ns = 5'000'000'000'000 + std::int64_t{66'666'667} * f;
     const double t = f / 15.0, v = options.speed_m_per_s;
     Rigid3d pose = Rigid3d::Identity();
-    pose.linear() = so3_exp({0.01 * std::sin(1.7 * t), 0.008 * std::cos(2.1 * t), 0.1 * std::sin(0.8 * t) * (v > 0)});
-    pose.translation() =
-        Eigen::Vector3d(v * t + 0.03 * v * std::sin(2 * t), 0.08 * v * std::sin(0.7 * t), 0.002 * v * std::sin(3 * t));
+    if (options.straight) {
+      pose.translation().x() = v * t;
+    } else {
+      pose.linear() = so3_exp({0.01 * std::sin(1.7 * t), 0.008 * std::cos(2.1 * t), 0.1 * std::sin(0.8 * t) * (v > 0)});
+      pose.translation() = Eigen::Vector3d(v * t + 0.03 * v * std::sin(2 * t), 0.08 * v * std::sin(0.7 * t),
+                                           0.002 * v * std::sin(3 * t));
+    }
     frame.ecef_from_body = ecef_from_street * pose;
     rig.recording.true_frames.push_back(frame);
     Vector6d e;
@@ -162,8 +168,10 @@ inline SyntheticRig make_synthetic_rig(const SyntheticOptions& options = {}) {
         track.seen.push_back(
             {static_cast<int>(c), f, *pixel + options.noise_px * Eigen::Vector2d(noise.normal(), noise.normal())});
       }
+      if (options.joined && c + 1 < rig.true_cameras.size()) continue;
+      if (track.seen.size() >= 2) rig.tracks.push_back(track);
+      track.seen.clear();
     }
-    if (track.seen.size() >= 2) rig.tracks.push_back(track);
   }
   const std::int64_t first_ns = rig.recording.frames.front().t_ns, last_ns = rig.recording.frames.back().t_ns;
   for (int i = 0; i < options.lidar_points; ++i) {  // the road, two walls, and pillars before them that face the car

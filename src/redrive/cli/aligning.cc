@@ -25,11 +25,15 @@ void print_alignment(const AlignResult& result) {
   for (std::size_t c = 0; c < result.cameras.size(); ++c) {
     const CameraCorrection& k = result.camera_corrections[c];
     const CameraFit& fit = bundle.cameras[c];
-    std::printf("%-22s %7d of %6d %6.2f -> %5.2f    %+7.3f %+7.3f %+7.3f %8.3f %4.1f +- %3.1f %+7.2f +- %5.2f\n",
-                k.name.c_str(), fit.used, fit.observations, fit.before_px, fit.after_px,
-                k.turned_in_body.z() * kInDegrees, k.turned_in_body.y() * kInDegrees, k.turned_in_body.x() * kInDegrees,
+    std::printf("%-22s %7d of %6d %6.2f -> %5.2f    %+7.3f %+7.3f %+7.3f %8.3f %4.1f +- %3.1f %+7.2f ", k.name.c_str(),
+                fit.used, fit.observations, fit.before_px, fit.after_px, k.turned_in_body.z() * kInDegrees,
+                k.turned_in_body.y() * kInDegrees, k.turned_in_body.x() * kInDegrees,
                 k.mount.sigma.tail<3>().maxCoeff() * kInDegrees, 100 * k.mount.value.head<3>().norm(),
-                100 * k.mount.sigma.head<3>().maxCoeff(), 1e3 * k.offset_s, 1e3 * k.offset_sigma_s);
+                100 * k.mount.sigma.head<3>().maxCoeff(), 1e3 * k.offset_s);
+    if (k.offset_sigma_s)
+      std::printf("+- %5.2f\n", 1e3 * *k.offset_sigma_s);
+    else
+      std::printf("cannot tell\n");
   }
   for (const CameraCorrection& k : result.camera_corrections) {
     if (k.readout_sigma_s)

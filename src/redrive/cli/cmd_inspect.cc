@@ -162,11 +162,15 @@ void write_report(const std::filesystem::path& folder, Inspection* result) {
   ThreadPool pool(static_cast<int>(std::max(1u, std::thread::hardware_concurrency())));
   const RigImages images =
       narrowed(load_rig_images(result->recording, {}, kPatchHalf, pool), kPreflightWidest, kPatchHalf, pool);
-  result->preflight = check_recording(result->recording, images, pool);
+  const LidarReturns lidar = load_lidar_returns(result->recording, images.scene, images.moving, pool);
+  std::vector<LidarSample> samples;
+  if (result->recording.metric && result->recording.body_from_lidar)
+    samples = lidar_samples(result->recording, images.scene, lidar);
+  result->preflight = check_recording(result->recording, images, samples, pool);
   std::error_code error;
   std::filesystem::create_directories(folder, error);
   if (error) throw IoError(folder, error.message());
-  write_preflight_page(folder, result->recording, images, *result->preflight, pool);
+  write_preflight_page(folder, result->recording, images, lidar, *result->preflight);
 }
 
 nlohmann::ordered_json preflight_to_json(const Preflight& preflight) {
@@ -175,7 +179,10 @@ nlohmann::ordered_json preflight_to_json(const Preflight& preflight) {
     nlohmann::ordered_json tried = nlohmann::ordered_json::array(), scan = nlohmann::ordered_json::array();
     for (const Hypothesis& h : c.tried)
       tried.push_back({{"fault", fault_name(h.fault)}, {"what", h.what}, {"error_px", h.error_px}});
+    nlohmann::ordered_json contrast = nlohmann::ordered_json::array();
     for (const ScanPoint& p : c.scan) scan.push_back({{"offset_ms", p.offset_ms}, {"error_px", p.error_px}});
+    for (const ContrastPoint& p : c.contrast)
+      contrast.push_back({{"offset_ms", p.offset_ms}, {"correlation", p.correlation}});
     nlohmann::ordered_json camera = {
         {"name", c.name},     {"verdict", verdict_name(c.verdict)}, {"fault", fault_name(c.fault)}, {"why", c.why},
         {"points", c.points}, {"recorded_px_per_px", c.scale}};
@@ -186,8 +193,13 @@ nlohmann::ordered_json preflight_to_json(const Preflight& preflight) {
     if (c.offset_told)
       camera["best_offset"] = {
           {"offset_ms", c.offset_ms}, {"sigma_ms", c.offset_sigma_ms}, {"error_px", c.offset_error_px}};
+    camera["clock"] = nullptr;  // cannot be told
+    if (const auto clock = c.clock())
+      camera["clock"] = {
+          {"offset_ms", clock->offset_ms}, {"sigma_ms", clock->sigma_ms}, {"by", clock->by_lidar ? "lidar" : "images"}};
     camera["tried"] = tried;
     camera["scan"] = scan;
+    camera["contrast"] = contrast;
     cameras.push_back(camera);
   }
   return {{"sensible", preflight.sensible()},

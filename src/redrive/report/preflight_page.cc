@@ -8,7 +8,6 @@
 #include "redrive/base/files.h"
 #include "redrive/report/html.h"
 #include "redrive/report/plot.h"
-#include "redrive/scene/lidar_returns.h"
 #include "redrive/scene/masks.h"
 
 namespace redrive {
@@ -25,23 +24,25 @@ std::string row_of(const std::vector<std::string>& figures) {
   return out + "</div>\n";
 }
 
-/// "-8.8 ± 1.2"
-std::string offset_text(const CameraCheck& check) {
-  if (!check.offset_told) return "-";
-  return fixed(check.offset_ms, 1) +
-         (std::isfinite(check.offset_sigma_ms) ? " \u00b1 " + fixed(check.offset_sigma_ms, 1) : "");
+/// "-8.8 ± 1.2", or "-" of a clock that is not told.
+std::string offset_text(const std::optional<ClockReading>& clock) {
+  if (!clock) return "-";
+  return fixed(clock->offset_ms, 1) + (std::isfinite(clock->sigma_ms) ? " \u00b1 " + fixed(clock->sigma_ms, 1) : "");
+}
+std::string offset_by_images(const CameraCheck& check) {
+  return offset_text(check.offset_told ? std::optional(check.by_images()) : std::nullopt);
 }
 
 std::string verdicts(const Recording& recording, const Preflight& preflight) {
   std::vector<std::vector<std::string>> rows = {
-      {"", "verdict", "why", "offset (ms)", "error (px)", "points", "points move (px)"}};
+      {"", "verdict", "why", "offset (ms)", "by the LiDAR", "error (px)", "points", "points move (px)"}};
   for (const CameraCheck& camera : preflight.cameras) {
     const bool any = !camera.tried.empty();
-    rows.push_back({camera.name, verdict_name(camera.verdict), camera.why, offset_text(camera),
-                    any ? fixed(camera.tried[0].error_px, 2) : "-", std::to_string(camera.points),
-                    any ? fixed(camera.flow_px, 1) : "-"});
+    rows.push_back({camera.name, verdict_name(camera.verdict), camera.why, offset_by_images(camera),
+                    offset_text(camera.by_lidar), any ? fixed(camera.tried[0].error_px, 2) : "-",
+                    std::to_string(camera.points), any ? fixed(camera.flow_px, 1) : "-"});
   }
-  rows.push_back({"clock", verdict_name(preflight.clock.verdict), preflight.clock.why, "-", "-", "-", "-"});
+  rows.push_back({"clock", verdict_name(preflight.clock.verdict), preflight.clock.why, "-", "-", "-", "-", "-"});
   std::string out = "<h1>" + html_escape(recording.root.lexically_normal().filename().string()) + "</h1>\n<h2>" +
                     html_escape(preflight.headline()) + "</h2>\n";
   return out + html_table(rows, false) +
@@ -50,7 +51,10 @@ std::string verdicts(const Recording& recording, const Preflight& preflight) {
          "camera moved between two images a few frames apart. Points are followed without asking the calibration, "
          "those kept that most "
          "of their image agree with. It sees directions and turns, not lengths: where the camera is to some decimetres "
-         "it does not see.</p>\n";
+         "it does not see. Offset: when images are exposed, added to what is recorded: where that error is least, and, "
+         "by the LiDAR, where what is "
+         "bright to it (lane markings, signs, posts) is bright in the images, too; one standard deviation. A dash: "
+         "cannot be told.</p>\n";
 }
 
 /// The frame in the middle of the camera's images.
@@ -145,22 +149,46 @@ PlotAxes axes_of(const std::string& name, const std::string& x_label, const std:
   return {name, x_label, y_label, 1000, height_px, 20};
 }
 
+/// Errors over time offsets, and on an axis of its own how much of what is bright to the LiDAR is bright in the images, too.
 std::string scan_script(const CameraCheck& check, const std::string& name) {
-  std::ostringstream out;
+  constexpr const char *kError = "#1f4e8c", *kContrast = "#3a7d44";
+  std::ostringstream out, plots;
   out << plot_head(axes_of(name, "time offset (ms), added to the recorded one", "error (px)"))
-      << "set key inside center top\nset autoscale xfix\nset yrange [0:*]\nset offsets 0, 0, graph 0.15, 0\n$scan << "
-         "end\n";
-  double highest = 0;
-  for (const ScanPoint& p : check.scan) {
-    out << p.offset_ms << ' ' << p.error_px << '\n';
-    highest = std::max(highest, p.error_px);
+      << "set key inside center top\nset autoscale xfix\nset yrange [0:*]\nset offsets 0, 0, graph 0.25, 0\n";
+  /// A curve, and a line where it is best.
+  const auto add = [&](const std::string& data, const auto& points, auto value, std::optional<double> best_ms,
+                       const std::string& title, const char* axes, const char* colour) {
+    const auto [low, high] = std::ranges::minmax(points, {}, value);
+    const auto curve = [&](const std::string& name, const char* style, const std::string& of_key) {
+      plots << (plots.str().empty() ? "" : ", ") << "$" << name << " axes " << axes << " with lines " << style
+            << " lc rgb '" << colour << "' " << of_key;
+    };
+    out << "$" << data << " << end\n";
+    for (const auto& p : points) out << p.offset_ms << ' ' << p.*value << '\n';
+    out << "end\n";
+    curve(data, "lw 3", "title " + plot_text(title));
+    if (!best_ms) return;
+    out << "$" << data << "_best << end\n"
+        << *best_ms << ' ' << std::min(0.0, low.*value) << '\n'
+        << *best_ms << ' ' << high.*value << "\nend\n";
+    curve(data + "_best", "lw 2 dt 2", "notitle");
+  };
+  if (check.scan.empty())
+    out << "unset ytics\nset yrange [0:1]\n";
+  else
+    add("scan", check.scan, &ScanPoint::error_px, check.offset_told ? std::optional(check.offset_ms) : std::nullopt,
+        check.offset_told ? "error least at " + offset_by_images(check) + " ms" : "error: too flat to tell", "x1y1",
+        kError);
+  if (!check.contrast.empty()) {
+    const auto [low, high] = std::ranges::minmax(check.contrast, {}, &ContrastPoint::correlation);
+    out << "set border 11\nset y2tics\nset y2label 'correlation with the LiDAR'\nset y2range ["
+        << std::min(0.0, low.correlation) << ':' << std::max(1.4 * high.correlation, 0.01) << "]\n";
+    add("contrast", check.contrast, &ContrastPoint::correlation,
+        check.by_lidar ? std::optional(check.by_lidar->offset_ms) : std::nullopt,
+        check.by_lidar ? "LiDAR agrees most at " + offset_text(check.by_lidar) + " ms" : "LiDAR: no clear peak", "x1y2",
+        kContrast);
   }
-  const std::string title = check.offset_told ? "minimum at " + offset_text(check) + " ms"
-                                              : std::string("too flat: this drive does not tell");
-  out << "end\n$minimum << end\n"
-      << check.offset_ms << " 0\n"
-      << check.offset_ms << ' ' << highest << "\nend\nplot $minimum with lines lw 2 lc rgb '#c2571a' title "
-      << plot_text(title) << ", $scan with lines lw 3 lc rgb '" << plot_colour(0) << "' notitle\n";
+  out << "plot " << plots.str() << '\n';
   return out.str();
 }
 
@@ -260,19 +288,21 @@ std::string exposure_script(const RigImages& images, const std::string& name) {
 }  // namespace
 
 void write_preflight_page(const std::filesystem::path& folder, const Recording& recording, const RigImages& images,
-                          const Preflight& preflight, ThreadPool& pool) {
+                          const LidarReturns& lidar, const Preflight& preflight) {
   const auto drawn = [&](const std::string& name, const std::string& script, const std::string& caption) {
     return plot_figure(folder / "figures", name, script, caption);
   };
-  const LidarReturns lidar = load_lidar_returns(recording, images.scene, images.moving, pool);
   std::string body = verdicts(recording, preflight);
   for (int c = 0; c < images.cameras(); ++c) {
     const CameraCheck& check = preflight.cameras[c];
     body += "<h2>" + html_escape(check.name) + ": " + verdict_name(check.verdict) + "</h2>\n<p>" +
             html_escape(check.why) + "</p>\n";
     std::vector<std::string> figures = {picture(folder, recording, images, c, lidar)};
-    if (const std::string name = "scan_" + check.name; !check.scan.empty())
-      figures.push_back(drawn(name, scan_script(check, name), "error as if exposed earlier or later"));
+    if (const std::string name = "scan_" + check.name; !check.scan.empty() || !check.contrast.empty())
+      figures.push_back(drawn(name, scan_script(check, name),
+                              check.contrast.empty()
+                                  ? "error as if exposed earlier or later"
+                                  : "as if exposed earlier or later: error (blue), agreement with the LiDAR (green)"));
     if (!check.tried.empty()) figures.push_back(tried(check));
     body += row_of(figures);
   }

@@ -6,12 +6,13 @@
 #include <filesystem>
 
 #include "redrive/align/preflight.h"
+#include "redrive/scene/lidar_returns.h"
 
 namespace redrive {
 
 /// Writes folder/index.html, folder/<CAM>.jpg and folder/figures with its plots and their gnuplot scripts; the folder must be there.
-/// `images`: what was checked. InputError as load_view and load_lidar_returns, IoError, also where gnuplot is missing.
+/// `images`: what was checked; `lidar`: in the world of their scene. InputError as load_view, IoError, also where gnuplot is missing.
 void write_preflight_page(const std::filesystem::path& folder, const Recording& recording, const RigImages& images,
-                          const Preflight& preflight, ThreadPool& pool);
+                          const LidarReturns& lidar, const Preflight& preflight);
 
 }  // namespace redrive
