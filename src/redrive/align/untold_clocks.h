@@ -4,21 +4,19 @@
 // the tracks' errors have in common. Then the calibration's word is better than what fits best.
 #pragma once
 
-#include <numbers>
 #include <vector>
 
 #include "redrive/align/bundle.h"
 
 namespace redrive {
 
+/// The largest standard deviation of a clock that is told: half of prior_s, the calibration's own, so that most of what is known of it is the drive's.
+inline double sigma_of_told_clock_s(double prior_s) { return prior_s / 2; }
+
 /// Of the cameras with observations in `used` [cameras] and an offset in result.covariance those whose clock the drive tells neither by itself nor against
-/// the mean of the others'. Told is what is known as well as from two calibrations, whose word is good to prior_s (one standard deviation), or
-/// what is three standard deviations from what is given; and what the LiDAR's contrast has told (result.contrast). Without LiDAR nothing but the egomotion
-/// holds all clocks together, and one camera's alone is right by definition.
+/// the mean of the others'. Told is what is known so well, or what is three standard deviations from what is given; and what the LiDAR's contrast
+/// has told (result.contrast). Without LiDAR nothing but the egomotion holds all clocks together, and one camera's alone is right by definition.
 std::vector<UntoldClock> untold_clocks(const RigModel& model, const BundleResult& result, const std::vector<int>& used,
                                        double prior_s, bool lidar);
-
-/// The largest standard deviation of a clock that is known so well.
-inline double sigma_of_told_clock_s(double prior_s) { return prior_s / std::numbers::sqrt2; }
 
 }  // namespace redrive

@@ -63,6 +63,9 @@ void print_alignment(const AlignResult& result) {
 
 AlignResult align_aloud(const Recording& recording, AlignOptions options, ThreadPool& pool) {
   options.bundle.say = true;
+  std::printf("aligning %zu frames of %zu cameras: looking for image points and LiDAR returns\n",
+              recording.frames.size(), recording.cameras.size());
+  std::fflush(stdout);
   AlignResult result = align(recording, options, pool);
   print_alignment(result);
   return result;

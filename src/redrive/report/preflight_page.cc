@@ -27,7 +27,8 @@ std::string row_of(const std::vector<std::string>& figures) {
 /// "-8.8 ± 1.2", or "-" of a clock that is not told.
 std::string offset_text(const std::optional<ClockReading>& clock) {
   if (!clock) return "-";
-  return fixed(clock->offset_ms, 1) + (std::isfinite(clock->sigma_ms) ? " \u00b1 " + fixed(clock->sigma_ms, 1) : "");
+  return fixed(clock->offset_ms, 1) +
+         (std::isfinite(clock->sigma_ms) ? "\u00a0\u00b1\u00a0" + fixed(clock->sigma_ms, 1) : "");
 }
 std::string offset_by_images(const CameraCheck& check) {
   return offset_text(check.offset_told ? std::optional(check.by_images()) : std::nullopt);
