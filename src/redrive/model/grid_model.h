@@ -30,7 +30,7 @@ struct GridModel final : Model {
   int samples = 24;                             ///< per ray, of the field
   float proposal_padding =
       0.1f;                  ///< sampling/proposal.h; chosen by measurement, as that of bounded scenes (train/run.cc)
-  float proposal_width = 0;  ///< contract's least_width for the proposals' points; the same
+  float proposal_width = 0;  ///< least_width (kernels/grid_stages.h, contract) of proposals' points; chosen likewise
 
   const char* method() const override { return "grid"; }
   std::string describe() const override;

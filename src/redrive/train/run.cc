@@ -122,7 +122,7 @@ std::unique_ptr<Model> grid_model_of(const TrainOptions& options, const Scene& s
       model->field.grid.max_cells = 1024;  // from outside a picture's thousand pixels span the cube
       model->proposal_padding = 0.4f;      // surfaces behind surfaces, and no LiDAR to say which one is real
       // Thin things: a proposal sees them when they are anywhere in its interval, and more of them see them again.
-      model->proposal_width = 0.3f;  // chosen by measurement among 0, 0.3, 0.5 and 1
+      model->proposal_width = 0.3f;  // level with 0.5, better than 1 and none at all (docs/benchmarks.md)
       model->proposal_samples[1] = 64;
     }
   }
