@@ -231,11 +231,12 @@ void PixelSampler::set(const Drawn& drawn, int i, RayBatch* batch) const {
   batch->exposure[i] = scene_.exposure(view);
   batch->view[i] = static_cast<std::uint32_t>(from.view);
   const std::size_t pixel = table.pixel[drawn.entry];
+  const auto behind = rendered_background(scene_.background);
   for (int c = 0; c < 3; ++c) {
     const std::size_t at = std::size_t(c) * batch->n + i;
     batch->target[at] = image.rgb[3 * pixel + c] / 255.0f;
-    if (scene_.background == Background::kRandom)
-      batch->target[at] += (1 - image.alpha[pixel] / 255.0f) * batch->background[at];
+    if (scene_.random_behind)
+      batch->target[at] += (1 - image.alpha[pixel] / 255.0f) * (batch->background[at] - behind[c]);
   }
   if (!batch->cell.empty()) batch->cell[i] = cells_.at(drawn.training_view, static_cast<std::uint32_t>(pixel));
 }
@@ -253,7 +254,7 @@ void PixelSampler::gather(std::uint64_t first, int even, RayBatch* batch, const 
   if (scene_.background != Background::kNone)
     batch->background.assign(3 * std::size_t(batch->n), rendered_background(scene_.background)[0]);
   const std::uint64_t background_key = random_key(seed_, kStreamBackground, first);
-  if (scene_.background == Background::kRandom)
+  if (scene_.random_behind)
     for (std::size_t i = 0; i < batch->background.size(); ++i) batch->background[i] = random_unit(background_key, i);
   const std::uint64_t epoch_key = random_key(seed_, kStreamPixels, epoch),
                       error_key = random_key(seed_, kStreamErrorRays, first);

@@ -312,14 +312,15 @@ TEST_F(SamplerTest, BackgroundsOfABatch) {
   expect_all(Background::kWhite, 1);
   expect_all(Background::kBlack, 0);
 
-  scene_.background = Background::kRandom;
+  scene_.background = Background::kWhite;
+  scene_.random_behind = true;
   for (Image8& image : images_) image.alpha.assign(image.rgb.size() / 3, 204);  // 0.8
   const PixelSampler sampler(scene_, images_, 5);
   sampler.gather(3 * 64, 64, &batch);
   ASSERT_EQ(batch.background.size(), 3u * 64);
   double sum = 0;
   for (std::size_t i = 0; i < batch.target.size(); ++i) {
-    EXPECT_NEAR(batch.target[i], plain.target[i] + 0.2 * batch.background[i], 1e-6);
+    EXPECT_NEAR(batch.target[i], plain.target[i] + 0.2 * (batch.background[i] - 1), 1e-6);
     EXPECT_TRUE(batch.background[i] >= 0 && batch.background[i] < 1);
     sum += batch.background[i];
   }

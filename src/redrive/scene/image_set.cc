@@ -136,7 +136,7 @@ void load_mask(const MaskFile& mask, Image8* image) {
   }
 }
 
-/// Lays the picture over the background; for a random one over black. Alpha stays.
+/// Lays the picture over the background. Alpha stays.
 void composite(const std::filesystem::path& path, Background background, Image8* image) {
   if (background == Background::kNone) {
     if (std::any_of(image->alpha.begin(), image->alpha.end(), [](std::uint8_t alpha) { return alpha != 255; }))

@@ -163,6 +163,7 @@ Scene make_scene(const Recording& recording, const SceneOptions& options) {
   scene.downscale = options.downscale;
   scene.undistort = options.undistort;
   scene.background = options.background;
+  scene.random_behind = options.random_behind;
   scene.metric = recording.metric;
   scene.ecef_from_world = recording.frames.front().ecef_from_body;
   if (recording.bounds) {

@@ -46,12 +46,11 @@ struct View {
       by_row;  ///< of a rolling shutter: world_from_body at even times from the upper edge to the lower one
 };
 
-/// What shows through where an image is transparent, in training, rendering and evaluation.
+/// What shows through where an image is transparent, in rendering and evaluation.
 enum class Background {
   kNone,  ///< images have to be opaque
   kWhite,
-  kBlack,
-  kRandom  ///< another colour for every ray of every step; pictures are rendered and scored on black
+  kBlack
 };
 
 /// Which part of a recording a run uses. Defaults: all cameras, all frames, full size, nothing held out.
@@ -65,6 +64,7 @@ struct SceneOptions {
   bool undistort = false;         ///< the report's way: opencv_pinhole only
   double near_m = 1, far_m = 10;  ///< 0 < near < far
   Background background = Background::kNone;
+  bool random_behind = false;  ///< training: another colour for every ray of every step instead, rays/ray_table.h
 };
 
 struct Scene {
@@ -80,6 +80,7 @@ struct Scene {
   int downscale = 1;       ///< applied by load_view to each image
   bool undistort = false;  ///< likewise
   Background background = Background::kNone;
+  bool random_behind = false;
   bool metric = true;  ///< Recording::metric: metres and a clock
 
   int camera_index(const std::string& name) const;     ///< -1 if there is none

@@ -59,7 +59,7 @@ MemoryNeed estimate_memory(const Run& run, int threads) {
     largest = std::max(largest, pixels(rig.recorded));
     if (view.held_out) continue;
     const bool used = masked || !view.mask.path.empty();
-    const std::uint64_t bytes = 3 + (scene.background == Background::kRandom) + used;
+    const std::uint64_t bytes = 3 + (scene.background != Background::kNone) + used;
     need.pictures += pixels(rig.camera) * bytes + (used ? pixels(rig.camera) * 3 / 16 : 0);
   }
   // A thread's picture as recorded, the same undistorted, and the bytes of its file.

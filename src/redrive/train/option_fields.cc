@@ -187,7 +187,7 @@ std::vector<TrainField> make_fields() {
       number("near", &O::near_m, Range<double>{0, kInfinite, true}, "first sample of a ray, metres"),
       number("far", &O::far_m, Range<double>{0, kInfinite, true}, "last sample of a ray, metres"),
       text("background", &O::background, {"", "white", "black", "random"},
-           "behind transparent pixels, which need one; pictures of a run on random ones are rendered and scored on "
+           "behind transparent pixels, which need one, in rendering and scoring; grid trains on random ones; random is "
            "black"),
       text("masks", &O::masks, {},
            "auto finds what is not the static world (the ego vehicle, broken rows, annotated objects that move) and "

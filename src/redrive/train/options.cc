@@ -205,8 +205,8 @@ SceneOptions scene_options(const TrainOptions& options) {
   scene.near_m = options.near_m;
   scene.far_m = options.far_m;
   if (options.background == "white") scene.background = Background::kWhite;
-  if (options.background == "black") scene.background = Background::kBlack;
-  if (options.background == "random") scene.background = Background::kRandom;
+  if (options.background == "black" || options.background == "random") scene.background = Background::kBlack;
+  scene.random_behind = options.method == "grid" && scene.background != Background::kNone;
   return scene;
 }
 

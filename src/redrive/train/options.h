@@ -35,7 +35,7 @@ struct TrainOptions {
   std::string refine_poses =
       "auto";  ///< "auto", "on", "off": while training; auto: of a drive by grid, but not with truth_poses
   double near_m = 0.5, far_m = 1000;
-  std::string background;  ///< "", "white", "black", "random": behind transparent pixels
+  std::string background;  ///< "", "white", "black", "random" (black): behind transparent pixels
   std::string masks =
       "auto";  ///< what is not the static world: "auto" finds it, "none" trains on it, or a folder of CAM.png
   // field and sampling

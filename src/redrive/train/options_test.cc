@@ -106,11 +106,15 @@ TEST(TrainOptions, FramesBecomeARangeOfTheScene) {
 TEST(TrainOptions, BackgroundIsTheScenes) {
   TrainOptions options;
   EXPECT_EQ(scene_options(options).background, Background::kNone);
+  EXPECT_FALSE(scene_options(options).random_behind);
   for (const auto& [name, background] : {std::pair{"white", Background::kWhite}, std::pair{"black", Background::kBlack},
-                                         std::pair{"random", Background::kRandom}}) {
+                                         std::pair{"random", Background::kBlack}}) {
     options.background = name;
     EXPECT_EQ(scene_options(options).background, background);
+    EXPECT_TRUE(scene_options(options).random_behind);
   }
+  options.method = "nerf";
+  EXPECT_FALSE(scene_options(options).random_behind) << "its network is told of no background";
 }
 
 // A cube from -1 to 1 around (10, 0, 0). From 4 ahead of it: 3 to its face, to its far corners (5, 1, 1); from its inside:
