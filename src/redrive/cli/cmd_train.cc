@@ -79,7 +79,7 @@ int run_train(const TrainArguments& arguments) {
   run.recording = open_recording(run.options);
   const std::optional<OwnPoses> poses = own_poses(&run, backend->threads());
   resolve_cameras(&run.options, run.recording);
-  resolve_range(&run.options, given_names(arguments), run.recording);
+  resolve_bounds(&run.options, given_names(arguments), run.recording);
   run.scene = make_scene(run.recording, scene_options(run.options));
   run.state = first_state(run.options, run.scene);
   const std::atomic<bool>& stop = stop_on_signal();

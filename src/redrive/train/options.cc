@@ -97,11 +97,12 @@ void resolve_cameras(TrainOptions* options, const Recording& recording) {
   if (second) options->cameras.push_back(recording.find_camera(kSecondCamera) ? kSecondCamera : kSecondCameraInstead);
 }
 
-void resolve_range(TrainOptions* options, const std::vector<std::string>& given, const Recording& recording) {
+void resolve_bounds(TrainOptions* options, const std::vector<std::string>& given, const Recording& recording) {
   const auto is_given = [&](const char* name) { return std::find(given.begin(), given.end(), name) != given.end(); };
-  if (!recording.bounds || options->preset.starts_with("report") || is_given("near") || is_given("far")) return;
+  if (!recording.bounds || options->preset.starts_with("report")) return;
   // Of the half side: cameras inside the cube have it all around them; a pixel is the same a hundred cubes away and further.
   constexpr double kLeast = 0.02, kFurthest = 100;
+  constexpr int kWidth = 64;
   const auto& [center, half_side] = *recording.bounds;
   double nearest = std::numeric_limits<double>::infinity(), furthest = 0;
   for (const FramePose& frame : recording.frames) {
@@ -109,9 +110,11 @@ void resolve_range(TrainOptions* options, const std::vector<std::string>& given,
     nearest = std::min(nearest, (place.array() - half_side).max(0).matrix().norm());
     furthest = std::max(furthest, (place.array() + half_side).matrix().norm());
   }
-  options->near_m = std::max(nearest, kLeast * half_side);
   // The grid contracts what is beyond the cube, where cameras within it see that.
-  const bool unbounded = nearest == 0 && options->method == "grid" && options->background.empty();
+  const bool grid = options->method == "grid", unbounded = grid && nearest == 0 && options->background.empty();
+  if (grid && !unbounded && !is_given("width")) options->width = kWidth;
+  if (is_given("near") || is_given("far")) return;
+  options->near_m = std::max(nearest, kLeast * half_side);
   options->far_m = unbounded ? kFurthest * half_side : furthest;
 }
 

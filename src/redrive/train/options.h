@@ -79,9 +79,10 @@ void apply_preset(TrainOptions* options, const std::vector<std::string>& given);
 /// report-1: F_MIDLONGRANGECAM_CL. report-2: that and F_MIDRANGECAM_C, or B_MIDRANGECAM_C where the recording lacks it.
 void resolve_cameras(TrainOptions* options, const Recording& recording);
 
-/// Where neither a preset nor --near and --far are `given`: of a bounded recording, what holds its cube seen from every frame, and of one
-/// that --method grid sees from within a hundred times its half side.
-void resolve_range(TrainOptions* options, const std::vector<std::string>& given, const Recording& recording);
+/// What a bounded recording asks for and is not `given`, but with a report's preset. near_m and far_m, where neither is: what holds its cube
+/// seen from every frame, and of one that --method grid sees from within a hundred times its half side. width, of grid where the cube is all there
+/// is: surfaces like an object's take a wider network than a street's (docs/benchmarks.md).
+void resolve_bounds(TrainOptions* options, const std::vector<std::string>& given, const Recording& recording);
 
 /// UsageError naming option, value and rule for the first field out of range.
 void validate(const TrainOptions& options);

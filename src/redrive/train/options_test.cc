@@ -123,30 +123,38 @@ TEST(TrainOptions, RangeHoldsTheCubeOfABoundedRecording) {
   Recording recording;
   recording.frames = {{0, 0, Rigid3d(Eigen::Translation3d(6, 0, 0))}};
   TrainOptions options = nerf_options();
-  resolve_range(&options, {}, recording);
+  resolve_bounds(&options, {}, recording);
   EXPECT_EQ(options.near_m, 1) << "no bounds";
   EXPECT_EQ(options.far_m, 10);
   recording.bounds = BoundingCube{{10, 0, 0}, 1};
   for (const char* given : {"near", "far"}) {
-    resolve_range(&options, {"width", given}, recording);
+    resolve_bounds(&options, {"width", given}, recording);
     EXPECT_EQ(options.far_m, 10) << given;
   }
-  resolve_range(&options, {"width"}, recording);
+  resolve_bounds(&options, {"width"}, recording);
   EXPECT_NEAR(options.near_m, 3, 1e-12);
   EXPECT_NEAR(options.far_m, std::sqrt(27.0), 1e-12);
   recording.frames.push_back({1, 1, Rigid3d(Eigen::Translation3d(10, 0.5, 0))});
-  resolve_range(&options, {}, recording);
+  resolve_bounds(&options, {}, recording);
   EXPECT_NEAR(options.near_m, 0.02, 1e-12);
   EXPECT_NEAR(options.far_m, std::sqrt(27.0), 1e-12);
-  options.method = "grid";  // it sees beyond the cube from within, unless that is a background
-  resolve_range(&options, {}, recording);
+  EXPECT_EQ(options.width, nerf_options().width);
+  options = TrainOptions();  // the grid sees beyond the cube from within, unless that is a background
+  resolve_bounds(&options, {}, recording);
   EXPECT_NEAR(options.far_m, 100, 1e-12);
+  EXPECT_EQ(options.width, 32);
   options.background = "white";
-  resolve_range(&options, {}, recording);
+  resolve_bounds(&options, {"near", "width"}, recording);
+  EXPECT_EQ(options.width, 32) << "given";
+  EXPECT_NEAR(options.far_m, 100, 1e-12);
+  resolve_bounds(&options, {"far"}, recording);
+  EXPECT_EQ(options.width, 64);
+  EXPECT_NEAR(options.far_m, 100, 1e-12);
+  resolve_bounds(&options, {}, recording);
   EXPECT_NEAR(options.far_m, std::sqrt(27.0), 1e-12);
   options = nerf_options();
   options.preset = "report-1";
-  resolve_range(&options, {}, recording);
+  resolve_bounds(&options, {}, recording);
   EXPECT_EQ(options.far_m, 10);
 }
 

@@ -124,6 +124,7 @@ std::unique_ptr<Model> grid_model_of(const TrainOptions& options, const Scene& s
       // Thin things: a proposal sees them when they are anywhere in its interval, and more of them see them again.
       model->proposal_width = 0.3f;  // level with 0.5, better than 1 and none at all (docs/benchmarks.md)
       model->proposal_samples[1] = 64;
+      model->field.colour_layers = 2;  // what shines, seen from all around
     }
   }
   if (scene.background != Background::kNone) {  // nothing to learn of it

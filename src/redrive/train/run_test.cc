@@ -142,13 +142,13 @@ TEST(ModelOf, ACubeIsAllThereIsSeenFromOutsideOrOnABackground) {
     const auto model = model_of(options, scene);
     const auto& grid = dynamic_cast<const GridModel&>(*model);
     EXPECT_EQ(grid.contraction.half_m, 2);
-    return std::pair(grid.contraction.unbounded, grid.sky.levels > 0);
+    return std::tuple(grid.contraction.unbounded, grid.sky.levels > 0, grid.field.colour_layers);
   };
-  EXPECT_EQ(grid(5), std::pair(false, true));
-  EXPECT_EQ(grid(1), std::pair(true, true));
+  EXPECT_EQ(grid(5), std::tuple(false, true, 2));
+  EXPECT_EQ(grid(1), std::tuple(true, true, 1));
   scene.background = Background::kWhite;
-  EXPECT_EQ(grid(5), std::pair(false, false));
-  EXPECT_EQ(grid(1), std::pair(false, false));
+  EXPECT_EQ(grid(5), std::tuple(false, false, 2));
+  EXPECT_EQ(grid(1), std::tuple(false, false, 2));
 }
 
 TEST(RunFolder, WithoutACheckpointMayBeginAnew) {
