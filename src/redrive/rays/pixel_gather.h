@@ -46,8 +46,8 @@ struct PixelPool {
 /// Where all lies that a gather reads, but for the errors of the cells.
 struct PixelSpans {
   std::uint64_t pixels = 0;            ///< of an epoch
-  float background = 0;                ///< of all rays, unless
-  bool random_background = false;      ///< each has its own, which shows through its pixel
+  float background = 0;                ///< that pictures lie on, a grey
+  bool random_background = false;      ///< each ray has another in its place
   std::span<const TableSpans> tables;  ///< by camera of the rig
   std::span<const TrainingPicture> pictures;
   std::span<const PixelPool> pools;
@@ -169,7 +169,7 @@ REDRIVE_HD inline CellDraw gather_ray(const PixelSpans& from, const PixelDraw& d
     if (!out.background.empty()) {
       const float behind = from.random_background ? random_unit(draw.background_key, at) : from.background;
       out.background[at] = behind;
-      if (from.random_background) colour += (1 - picture.alpha[pixel] / 255.0f) * behind;
+      if (from.random_background) colour += (1 - picture.alpha[pixel] / 255.0f) * (behind - from.background);
     }
     out.target[at] = colour;
   }
