@@ -83,7 +83,7 @@ void time_step(Runner& runner, kernels::Backend& backend, const SyntheticDrive& 
   RayBatch batch;
   StepBuffers buffers;
   runner.time(name, 1.0 * options.batch_rays * options.samples, 3 * 2 * forward_macs, [&] {
-    sampler.gather(state.rays_drawn, options.batch_rays, &batch);
+    gather_batch(backend, sampler, options.batch_rays, 0, &state, &batch, &buffers);
     train_step(backend, batch, options.learning_rate, &state, &buffers);
   });
 }

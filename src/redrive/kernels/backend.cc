@@ -21,6 +21,17 @@ bool Backend::all_finite(std::span<const float> numbers) {
   return bad == 0;
 }
 
+void Backend::gather(const PixelSource& from, const PixelDraw& draw, std::span<const float> errors,
+                     const GatheredRays& out) {
+  check_gather(from, draw, errors.size(), out);
+  gather_rays(from, draw, errors, out);
+}
+
+void Backend::smooth_errors(std::span<const std::uint32_t> cells, std::span<const float> squares,
+                            std::span<float> errors) {
+  redrive::smooth_errors(cells, squares, errors);
+}
+
 std::span<float> Backend::between_stages(int which, std::size_t n) {
   Buffer<float>& room = between_stages_[which];
   if (room.size() < n) room = Buffer<float>(n);

@@ -12,6 +12,21 @@ inline std::size_t sample_count(int n_rays, const Samples& samples) {
   return static_cast<std::size_t>(n_rays) * static_cast<std::size_t>(samples.per_ray);
 }
 
+inline void check_gather(const PixelSpans& from, const PixelDraw& draw, std::size_t errors, const GatheredRays& out) {
+  REDRIVE_CHECK_OP(draw.even, >=, 1);
+  REDRIVE_CHECK_OP(draw.by_error, >=, 0);
+  REDRIVE_CHECK_OP(draw.begin + draw.even, <=, from.pixels);
+  const std::size_t n = static_cast<std::size_t>(draw.even) + draw.by_error;
+  for (const std::span<float> xyz : {out.origin, out.direction, out.target}) REDRIVE_CHECK_OP(xyz.size(), ==, 3 * n);
+  for (const std::size_t size : {out.pixel_angle.size(), out.exposure.size(), out.view.size()})
+    REDRIVE_CHECK_OP(size, ==, n);
+  if (!out.background.empty()) REDRIVE_CHECK_OP(out.background.size(), ==, 3 * n);
+  REDRIVE_CHECK(!from.random_background || !out.background.empty());
+  REDRIVE_CHECK_OP(out.cell.size(), ==, draw.by_error > 0 ? n : 0);
+  REDRIVE_CHECK_OP(out.weight.size(), ==, out.cell.size());
+  if (draw.by_error > 0) REDRIVE_CHECK_OP(errors, ==, from.cell_pixels.size());
+}
+
 inline void check_samples(int n_rays, const Samples& samples) {
   REDRIVE_CHECK_OP(n_rays, >=, 1);
   REDRIVE_CHECK_OP(samples.per_ray, >=, 1);

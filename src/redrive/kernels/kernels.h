@@ -10,12 +10,15 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <type_traits>
+#include <vector>
 
 #include "redrive/base/buffer.h"
 #include "redrive/base/cpu_features.h"
 #include "redrive/field/nerf_field.h"
 #include "redrive/kernels/grid_stages.h"
 #include "redrive/optim/adam.h"
+#include "redrive/rays/pixel_gather.h"
 #include "redrive/scene/unit_from_world.h"
 
 namespace redrive::kernels {
@@ -83,11 +86,21 @@ class Backend {
   virtual std::shared_ptr<void> keep(std::span<const float> /*numbers*/) { return nullptr; }
   virtual void fetch(std::span<const float> /*part*/) {}  ///< of what is kept: the host's copy becomes what it is there
   virtual void put(std::span<const float> /*part*/) {}    ///< the other way: after the host has changed it
+  virtual bool keeps(std::span<const float> /*numbers*/) const { return false; }  ///< stages find them there
   virtual void wait() {}  ///< until all that stages were asked for is done: for clocks, the rest need not know
   // What a caller would do itself if all numbers were its own; the default does it on the host.
   virtual void fill(std::span<float> numbers, float value);
   virtual double sum(std::span<const float> numbers);       ///< in double, in a fixed order
   virtual bool all_finite(std::span<const float> numbers);  ///< no infinity, all of them numbers
+
+  // ---- rays/
+  /// The rays of `draw` (PixelSampler::draw) from their pictures: `out` as make_room says; errors of the cells, empty if none is drawn by them.
+  /// A backend with memory of its own keeps the source there from the first time on, poses anew when they have changed.
+  virtual void gather(const PixelSource& from, const PixelDraw& draw, std::span<const float> errors,
+                      const GatheredRays& out);
+  /// rays/pixel_cells.h: the squared errors of rays drawn in cells [n], one after the other, into the errors of the cells.
+  virtual void smooth_errors(std::span<const std::uint32_t> cells, std::span<const float> squares,
+                             std::span<float> errors);
 
   // ---- sampling/
   virtual void sample_stratified(int n_rays, const StratifiedSampling& how, std::span<float> t,
@@ -146,6 +159,17 @@ class Backend {
 /// Keeps a buffer where the backend computes for as long as it lives, if that is elsewhere. One buffer, one backend.
 inline void keep(Backend& backend, const Buffer<float>& numbers) {
   if (!numbers.elsewhere) numbers.elsewhere = backend.keep(numbers.span());
+}
+
+/// Numbers of any type as keep, fetch and put take them.
+template <class T>
+std::span<const float> as_floats(std::span<const T> numbers) {
+  static_assert(std::is_trivially_copyable_v<T> && sizeof(T) % sizeof(float) == 0);
+  return {reinterpret_cast<const float*>(numbers.data()), numbers.size() * (sizeof(T) / sizeof(float))};
+}
+template <class T>
+void fetch(Backend& backend, const std::vector<T>& numbers) {
+  backend.fetch(as_floats(std::span<const T>(numbers)));
 }
 
 /// --backend and --isa. `name` "auto": cpu where the processor has AVX2, else ref; cuda is taken by its name alone as long as no GPU has run

@@ -7,13 +7,28 @@
 
 namespace redrive {
 
-Rigid3d between(const Rigid3d& a, const Rigid3d& b, double part) {
-  const Eigen::Quaterniond from(a.linear()), to(b.linear());
-  Rigid3d pose = Rigid3d::Identity();
-  pose.linear() = from.slerp(part, to).normalized().toRotationMatrix();
-  pose.translation() = a.translation() + part * (b.translation() - a.translation());
-  return pose;
+namespace {
+
+using RowMajor = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
+
+}  // namespace
+
+PlainPose plain(const Rigid3d& pose) {
+  PlainPose out;
+  Eigen::Map<RowMajor>(out.rotation) = pose.linear();
+  Eigen::Map<Eigen::Vector4d>(out.quaternion) = Eigen::Quaterniond(pose.linear()).coeffs();
+  Eigen::Map<Eigen::Vector3d>(out.translation) = pose.translation();
+  return out;
 }
+
+Rigid3d rigid(const PlainPose& pose) {
+  Rigid3d out = Rigid3d::Identity();
+  out.linear() = Eigen::Map<const RowMajor>(pose.rotation);
+  out.translation() = Eigen::Map<const Eigen::Vector3d>(pose.translation);
+  return out;
+}
+
+Rigid3d between(const Rigid3d& a, const Rigid3d& b, double part) { return rigid(between(plain(a), plain(b), part)); }
 
 std::string rigid_obstacle(const Eigen::Matrix4d& matrix) {
   constexpr double kOrthonormal = 1e-3, kLastRow = 1e-9;

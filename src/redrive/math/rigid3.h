@@ -8,12 +8,16 @@
 #include <Eigen/Geometry>
 
 #include "redrive/base/json_field.h"
+#include "redrive/math/plain_pose.h"
 
 namespace redrive {
 
 using Rigid3d = Eigen::Isometry3d;
 
-/// `part` of the way from a (0) to b (1), or beyond: straight on, along the shortest turn.
+PlainPose plain(const Rigid3d& pose);
+Rigid3d rigid(const PlainPose& pose);
+
+/// `part` of the way from a (0) to b (1), or beyond: straight on, along the shortest turn (math/plain_pose.h).
 Rigid3d between(const Rigid3d& a, const Rigid3d& b, double part);
 
 /// Why `matrix` is not a rigid transform ("det = -1: a reflection", "rows not orthonormal by 0.02", ...), or empty.

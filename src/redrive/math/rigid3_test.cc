@@ -53,5 +53,35 @@ TEST(RigidFromJson, NamesFileFieldAndRule) {
   }
 }
 
+// In plain numbers as by Eigen, to a few units in the last place: short turns, half turns, none, and quaternions of either sign.
+TEST(PlainPose, LiesBetweenTwoAsEigensSlerpSays) {
+  for (int i = 0; i < 200; ++i) {
+    const Eigen::Vector3d axis = Eigen::Vector3d(std::sin(i), std::cos(3 * i), 0.3).normalized();
+    Rigid3d a(Eigen::AngleAxisd(0.7 * i, axis));
+    a.translation() = Eigen::Vector3d(i, -2, 0.5);
+    Rigid3d b = a;
+    b.rotate(Eigen::AngleAxisd(i % 4 == 0   ? 0
+                               : i % 4 == 1 ? 1e-6
+                                            : 0.015 * i,
+                               axis.cross(a.linear().col(0)).normalized()));
+    b.translation() += Eigen::Vector3d(1, 2, 3);
+    for (const double part : {0.0, 0.25, 1.0, 1.5}) {
+      const Rigid3d got = between(a, b, part);
+      const Eigen::Matrix3d expected =
+          Eigen::Quaterniond(a.linear()).slerp(part, Eigen::Quaterniond(b.linear())).toRotationMatrix();
+      EXPECT_LT((got.linear() - expected).cwiseAbs().maxCoeff(), 2e-15) << i << ", " << part;
+      EXPECT_LT((got.translation() - (a.translation() + part * Eigen::Vector3d(1, 2, 3))).norm(), 1e-13);
+    }
+  }
+}
+
+TEST(PlainPose, TurnsVectorsAsItsMatrix) {
+  Rigid3d pose(Eigen::AngleAxisd(0.9, Eigen::Vector3d(1, -2, 3).normalized()));
+  pose.translation() = Eigen::Vector3d(4, 5, 6);
+  const Eigen::Vector3d vector(0.3, -0.7, 0.2), expected = pose.linear() * vector;
+  for (int k = 0; k < 3; ++k) EXPECT_NEAR(turned(plain(pose), vector.data(), k), expected[k], 1e-15);
+  EXPECT_EQ((rigid(plain(pose)).matrix() - pose.matrix()).cwiseAbs().maxCoeff(), 0);
+}
+
 }  // namespace
 }  // namespace redrive

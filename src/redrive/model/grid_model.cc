@@ -266,7 +266,7 @@ StepLosses GridModel::gradients(kernels::Backend& backend, const RayBatch& batch
   workspace->begin(backend);
   const auto rgb = workspace->take(3 * rays), depth = workspace->take(rays), opacity = workspace->take(rays),
              weights = workspace->take(rays * samples), d_rgb = workspace->take(3 * rays),
-             squares = workspace->take(rays);
+             squares = workspace->set_aside(rays);
   const kernels::CompositeOut out{rgb, depth, opacity, weights};
   const Chance chance(seed, kStreamSamples, step);
   const Pass pass = forward(backend, batch, &chance, out, workspace);
@@ -283,8 +283,7 @@ StepLosses GridModel::gradients(kernels::Backend& backend, const RayBatch& batch
     const std::size_t even = rays - batch.by_error;
     losses.rgb_mse = backend.sum(squares.first(even)) / static_cast<double>(even);
   }
-  losses.squares.resize(rays);
-  workspace->get(squares, losses.squares);
+  losses.squares = squares;
 
   const auto d_raw = workspace->take(pass.raw.size()),
              d_field = workspace->take(batch.refines ? 3 * pass.field.points.n : 0),

@@ -21,13 +21,14 @@ namespace redrive {
 
 /// Means over a batch, and what its rays missed.
 struct StepLosses {
-  double loss = 0;             ///< what is optimised, but for the LiDAR's part
-  double rgb_mse = 0;          ///< squared error of the colours of rays that were drawn evenly: what PSNR is said of
-  double opacity = 0;          ///< 0 means a dead field
-  double range = 0;            ///< the LiDAR's part, if any
-  double colours = 0;          ///< grid: the part of `loss` that is the colours' and the gains'
-  int field_rays = 0;          ///< grid: rays that met enough for the field to be asked
-  std::vector<float> squares;  ///< grid: [n], squared error of each ray's colour, mean of its channels
+  double loss = 0;     ///< what is optimised, but for the LiDAR's part
+  double rgb_mse = 0;  ///< squared error of the colours of rays that were drawn evenly: what PSNR is said of
+  double opacity = 0;  ///< 0 means a dead field
+  double range = 0;    ///< the LiDAR's part, if any
+  double colours = 0;  ///< grid: the part of `loss` that is the colours' and the gains'
+  int field_rays = 0;  ///< grid: rays that met enough for the field to be asked
+  /// grid: [n], squared error of each ray's colour, mean of its channels; where the backend computes, in the workspace until the next gradients()
+  std::span<const float> squares;
   /// [3, n], derivatives of the colours' part of `loss` where RayBatch::refines; empty otherwise. Distances of samples and
   /// what a colour changes with the direction it is seen from are taken as they are.
   std::vector<float> d_origin, d_direction;

@@ -29,10 +29,14 @@ class Workspace {
     return {reinterpret_cast<T*>(next<T>(n).data()), n};
   }
 
+  /// A place beside them, which begin() leaves as it is: for what outlives a pass. There is one, until the next call.
+  std::span<float> set_aside(std::size_t n) { return room_in(&aside_, n).span().first(n); }
+
   /// Numbers of the host where the backend reads them without copying them anew for each stage: a place with a copy, or where they are if it
-  /// keeps nothing. Valid until the next begin(), and as long as `numbers` are.
+  /// keeps nothing, or these. Valid until the next begin(), and as long as `numbers` are.
   template <class T>
   std::span<const T> put(std::span<const T> numbers) {
+    if (backend_->keeps(kernels::as_floats(numbers))) return numbers;
     Buffer<float>& place = next<T>(numbers.size());
     if (!place.elsewhere || numbers.empty()) return numbers;
     std::memcpy(place.data(), numbers.data(), numbers.size_bytes());
@@ -58,14 +62,17 @@ class Workspace {
   template <class T>
   Buffer<float>& next(std::size_t n) {
     if (next_ == places_.size()) places_.emplace_back();
-    Buffer<float>& place = places_[next_++];
-    if (place.size() < floats<T>(n)) place = Buffer<float>(floats<T>(n));
-    kernels::keep(*backend_, place);
-    return place;
+    return room_in(&places_[next_++], floats<T>(n));
+  }
+  Buffer<float>& room_in(Buffer<float>* place, std::size_t n) {
+    if (place->size() < n) *place = Buffer<float>(n);
+    kernels::keep(*backend_, *place);
+    return *place;
   }
 
   kernels::Backend* backend_ = nullptr;
   std::vector<Buffer<float>> places_;
+  Buffer<float> aside_;
   std::size_t next_ = 0;
 };
 

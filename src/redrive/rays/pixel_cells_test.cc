@@ -28,7 +28,7 @@ TEST(PixelCells, TileThePicturesInOrder) {
         const std::uint32_t cell = cells.at(picture, y * width + x);
         ASSERT_LT(cell, cells.size());
         ++pixels[cell];
-        const PixelCells::Rect r = cells.rect(cell);
+        const CellRect r = cells.rect(cell);
         ASSERT_EQ(r.picture, picture);
         ASSERT_TRUE(x >= r.x && x < r.x + r.width && y >= r.y && y < r.y + r.height);
       }
@@ -39,11 +39,16 @@ TEST(PixelCells, TileThePicturesInOrder) {
 /// How often cell 7 of `draws` is drawn.
 double rate(const PixelCells& cells, const std::vector<float>& errors, int draws) {
   int drawn = 0;
-  PixelCells::Candidates candidates;
-  for (int i = 0; i < draws; ++i) drawn += cells.draw(errors, random_bits(kStreamTest, i), &candidates) == 7;
+  double pixels = 0, error = 0;
+  for (int i = 0; i < draws; ++i) {
+    const CellDraw draw = draw_cell(cells.pixels(), errors, random_bits(kStreamTest, i));
+    drawn += draw.cell == 7;
+    pixels += draw.pixels;
+    error += draw.error;
+  }
   double mean = 0;  // cells of whole pixels
-  for (const float error : errors) mean += error / errors.size();
-  EXPECT_NEAR(candidates.mean_error(), mean + 1e-5, 0.05 * mean);
+  for (const float of_cell : errors) mean += of_cell / errors.size();
+  EXPECT_NEAR(error / pixels, mean + 1e-5, 0.05 * mean);
   return static_cast<double>(drawn) / draws;
 }
 
@@ -96,9 +101,11 @@ TEST(PixelCells, TheOnlyOneWithAPixelIsFound) {
   shares[15] = 0.25f;
   PixelCells cells;
   cells.add(64, 32, shares);
-  PixelCells::Candidates candidates;
-  for (int i = 0; i < 1000; ++i) ASSERT_EQ(cells.draw(std::vector<float>(512, 0.0f), i, &candidates), 7u);
-  EXPECT_EQ(candidates.mean_error(), 1e-5f);
+  for (int i = 0; i < 1000; ++i) {
+    const CellDraw draw = draw_cell(cells.pixels(), std::vector<float>(512, 0.0f), i);
+    ASSERT_EQ(draw.cell, 7u);
+    ASSERT_NEAR(draw.error / draw.pixels, 1e-5f, 1e-11);
+  }
 }
 
 // Two kinds of cells, many of each error: the weighted mean over rays of both ways of any quantity is its mean over all pixels.

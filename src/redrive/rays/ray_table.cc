@@ -13,22 +13,6 @@
 namespace redrive {
 namespace {
 
-/// How rarely a pixel that is wholly transparent is drawn.
-constexpr int kEpochsPerEmptyPixel = 4;
-
-std::optional<std::size_t> entry_of(const RayTable& table, std::uint32_t pixel) {
-  if (table.pixel.size() == std::size_t(table.width) * table.height) return pixel;  // the camera reaches all
-  const auto found = std::ranges::lower_bound(table.pixel, pixel);
-  if (found == table.pixel.end() || *found != pixel) return std::nullopt;
-  return found - table.pixel.begin();
-}
-
-/// Of a pixel that the camera reaches, by its mask and alpha.
-float share_of(const Image8& image, std::size_t pixel) {
-  if (!image.used.empty() && image.used[pixel] == 0) return 0;
-  return !image.alpha.empty() && image.alpha[pixel] == 0 ? 1.0f / kEpochsPerEmptyPixel : 1;
-}
-
 void resize(RayBatch* batch, int n, bool with_target) {
   batch->n = n;
   batch->origin.resize(3 * std::size_t(n));
@@ -41,16 +25,8 @@ void resize(RayBatch* batch, int n, bool with_target) {
   batch->by_error = 0;
 }
 
-/// Ray `i` of the batch: entry `k` of the table, turned in double so that its length stays 1 to float's rounding.
-void set_ray(const RayTable& table, std::size_t k, const ShutterPoses& poses, int i, RayBatch* batch) {
-  const Rigid3d world_from_camera = poses.at_row(static_cast<int>(table.pixel[k]) / table.width, table.height);
-  const Eigen::Vector3d in_camera(table.direction[3 * k], table.direction[3 * k + 1], table.direction[3 * k + 2]);
-  const Eigen::Vector3d in_world = world_from_camera.linear() * in_camera;
-  for (int d = 0; d < 3; ++d) {
-    batch->origin[std::size_t(d) * batch->n + i] = static_cast<float>(world_from_camera.translation()[d]);
-    batch->direction[std::size_t(d) * batch->n + i] = static_cast<float>(in_world[d]);
-  }
-  batch->pixel_angle[i] = table.pixel_angle;
+TableSpans spans_of(const RayTable& table) {
+  return {table.width, table.height, table.pixel_angle, table.pixel, table.direction};
 }
 
 /// Mean over a coarse lattice of pixels; the smallest positive float of a camera that sees nothing.
@@ -124,8 +100,14 @@ PixelSquares squares_of(const RayTable& table) {
 void view_rays(const RayTable& table, const ShutterPoses& world_from_camera, std::span<const std::uint32_t> entries,
                RayBatch* batch) {
   resize(batch, static_cast<int>(entries.size()), false);
+  GatheredRays out;
+  out.origin = batch->origin;
+  out.direction = batch->direction;
+  out.pixel_angle = batch->pixel_angle;
+  const TableSpans spans = spans_of(table);
+  const std::vector<PlainPose>& keys = world_from_camera.keys();
   for (std::size_t i = 0; i < entries.size(); ++i)
-    set_ray(table, entries[i], world_from_camera, static_cast<int>(i), batch);
+    set_ray(spans, entries[i], keys.data(), keys.size(), i, entries.size(), out);
 }
 
 UsedPixels::UsedPixels(const RayTable& table, const std::vector<std::uint8_t>& used)
@@ -137,18 +119,11 @@ UsedPixels::UsedPixels(const RayTable& table, const std::vector<std::uint8_t>& u
     before_[word + 1] = before_[word] + std::popcount(bits_[word]);
 }
 
-std::size_t UsedPixels::entry(std::size_t k) const {
-  const std::size_t word = std::upper_bound(before_.begin(), before_.end(), k) - before_.begin() - 1;
-  std::uint64_t bits = bits_[word];
-  for (std::size_t skip = k - before_[word]; skip > 0; --skip) bits &= bits - 1;
-  return 64 * word + std::countr_zero(bits);
-}
-
 PixelSampler::PixelSampler(const Scene& scene, const std::vector<Image8>& images, std::uint64_t seed)
-    : scene_(scene), images_(images), seed_(seed) {
+    : scene_(scene), seed_(seed), offsets_{0} {
   REDRIVE_CHECK_OP(images.size(), ==, scene.views.size());
   for (const RigCamera& camera : scene.rig) tables_.push_back(make_ray_table(camera.camera));
-  offsets_.push_back(0);
+  for (const RayTable& table : tables_) table_spans_.push_back(spans_of(table));
   for (std::size_t i = 0; i < scene.views.size(); ++i) {
     const View& view = scene.views[i];
     if (view.held_out) continue;
@@ -156,37 +131,63 @@ PixelSampler::PixelSampler(const Scene& scene, const std::vector<Image8>& images
     const Image8& image = images[i];
     REDRIVE_CHECK_OP(image.width, ==, table.width);
     REDRIVE_CHECK_OP(image.height, ==, table.height);
-    training_views_.push_back({static_cast<int>(i), scene.shutter_poses(view)});
-    const int training_view = static_cast<int>(training_views_.size()) - 1;
+    const int picture = static_cast<int>(pictures_.size());
+    pictures_.push_back({static_cast<std::uint32_t>(i), static_cast<std::uint32_t>(view.camera), 0, 0,
+                         scene.exposure(view), image.rgb, image.alpha, image.used});
     std::vector<float> share(image.rgb.size() / 3);
-    for (const std::uint32_t pixel : table.pixel) share[pixel] = share_of(image, pixel);
+    for (const std::uint32_t pixel : table.pixel) share[pixel] = share_of(image.alpha, image.used, pixel);
     cells_.add(image.width, image.height, share);
     if (image.used.empty() && image.alpha.empty()) {
-      add({training_view, std::nullopt, 1}, table.pixel.size());
+      add(picture, 1, nullptr);
       continue;
     }
     for (const int every : {1, kEpochsPerEmptyPixel}) {  // what there is to see, and what is wholly transparent
       std::vector<std::uint8_t> used(share.size());
       for (std::size_t pixel = 0; pixel < used.size(); ++pixel) used[pixel] = share[pixel] == 1.0f / every;
-      Pool pool{training_view, UsedPixels(table, used), every};
-      const std::size_t size = pool.used->size();
-      if (size > 0) add(std::move(pool), size);
+      UsedPixels pixels(table, used);
+      if (pixels.size() == 0) continue;
+      used_.push_back(std::move(pixels));
+      add(picture, every, &used_.back());
     }
   }
   const auto first = std::ranges::find(scene.views, false, &View::held_out);
   REDRIVE_CHECK(first != scene.views.end());
-  if (pixels() == 0)
+  if (offsets_.back() == 0)
     throw InputError(first->image, "", "",
                      "masks and camera models leave no pixel of this and all other training images");
+  static_cast<PixelSpans&>(source_) = {offsets_.back(),
+                                       rendered_background(scene.background)[0],
+                                       scene.random_behind,
+                                       table_spans_,
+                                       pictures_,
+                                       pools_,
+                                       offsets_,
+                                       {},
+                                       cells_.pictures(),
+                                       cells_.pixels()};
+  place();
 }
 
 void PixelSampler::place() {
-  for (TrainingView& view : training_views_) view.world_from_camera = scene_.shutter_poses(scene_.views[view.view]);
+  poses_.clear();
+  for (TrainingPicture& picture : pictures_) {
+    const ShutterPoses poses = scene_.shutter_poses(scene_.views[picture.view]);
+    picture.first_pose = poses_.size();
+    picture.poses = poses.keys().size();
+    poses_.insert(poses_.end(), poses.keys().begin(), poses.keys().end());
+  }
+  if (source_.placed > 0) REDRIVE_CHECK_OP(poses_.size(), ==, source_.poses.size());
+  source_.poses = poses_;
+  ++source_.placed;
 }
 
-void PixelSampler::add(Pool pool, std::size_t size) {
-  offsets_.push_back(offsets_.back() + (size + pool.every - 1) / pool.every);
-  pools_.push_back(std::move(pool));
+void PixelSampler::add(int picture, int every, const UsedPixels* used) {
+  const std::size_t size = used ? used->size() : tables_[pictures_[picture].camera].pixel.size();
+  offsets_.push_back(offsets_.back() + (size + every - 1) / every);
+  pools_.push_back({static_cast<std::uint32_t>(picture), static_cast<std::uint32_t>(every)});
+  if (!used) return;
+  pools_.back().bits = used->bits();
+  pools_.back().before = used->before();
 }
 
 std::int64_t PixelSampler::steps_per_epoch(int rays) const {
@@ -194,77 +195,48 @@ std::int64_t PixelSampler::steps_per_epoch(int rays) const {
   return static_cast<std::int64_t>((pixels() + rays - 1) / rays);
 }
 
-PixelSampler::Drawn PixelSampler::of_epoch(std::uint64_t epoch, std::uint64_t key, std::uint64_t k) const {
-  const std::uint64_t drawn = permute_index(key, k, pixels());
-  const std::size_t p = std::upper_bound(offsets_.begin(), offsets_.end(), drawn) - offsets_.begin() - 1;
-  const Pool& pool = pools_[p];
-  std::size_t entry = (drawn - offsets_[p]) * pool.every + epoch % pool.every;
-  if (pool.used) entry = pool.used->entry(std::min(entry, pool.used->size() - 1));  // the last may be drawn twice
-  return {pool.training_view, entry};
+PixelDraw PixelSampler::draw(std::uint64_t first, int even, int by_error) const {
+  REDRIVE_CHECK_OP(even, >=, 1);
+  const std::uint64_t epoch = first / pixels(), begin = first % pixels();
+  return {static_cast<int>(std::min<std::uint64_t>(even, pixels() - begin)),
+          by_error,
+          epoch,
+          begin,
+          random_key(seed_, kStreamPixels, epoch),
+          random_key(seed_, kStreamErrorRays, first),
+          random_key(seed_, kStreamBackground, first)};
 }
 
-/// A pixel of the cell by its share: pixels are drawn evenly until one is taken. Where few can be, that takes long, but such cells are
-/// drawn as rarely.
-PixelSampler::Drawn PixelSampler::by_error(std::span<const float> errors, std::uint64_t key,
-                                           PixelCells::Candidates* candidates) const {
-  const PixelCells::Rect rect = cells_.rect(cells_.draw(errors, key, candidates));
-  const TrainingView& from = training_views_[rect.picture];
-  const RayTable& table = tables_[scene_.views[from.view].camera];
-  const Image8& image = images_[from.view];
-  const std::uint64_t pixel_key = mix64(key);
-  for (std::uint64_t i = 0;; ++i) {
-    const std::uint64_t bits = random_bits(pixel_key, i);
-    const auto x = rect.x + static_cast<int>((bits >> 44) * rect.width >> 20),
-               y = rect.y + static_cast<int>((bits >> 24 & 0xfffff) * rect.height >> 20);
-    const auto pixel = static_cast<std::uint32_t>(y) * table.width + x;
-    if (static_cast<float>(bits & 0xffffff) * 0x1p-24f >= share_of(image, pixel)) continue;
-    if (const auto entry = entry_of(table, pixel)) return {rect.picture, *entry};
-  }
-}
-
-void PixelSampler::set(const Drawn& drawn, int i, RayBatch* batch) const {
-  const TrainingView& from = training_views_[drawn.training_view];
-  const View& view = scene_.views[from.view];
-  const RayTable& table = tables_[view.camera];
-  const Image8& image = images_[from.view];
-  set_ray(table, drawn.entry, from.world_from_camera, i, batch);
-  batch->exposure[i] = scene_.exposure(view);
-  batch->view[i] = static_cast<std::uint32_t>(from.view);
-  const std::size_t pixel = table.pixel[drawn.entry];
-  const auto behind = rendered_background(scene_.background);
-  for (int c = 0; c < 3; ++c) {
-    const std::size_t at = std::size_t(c) * batch->n + i;
-    batch->target[at] = image.rgb[3 * pixel + c] / 255.0f;
-    if (scene_.random_behind)
-      batch->target[at] += (1 - image.alpha[pixel] / 255.0f) * (batch->background[at] - behind[c]);
-  }
-  if (!batch->cell.empty()) batch->cell[i] = cells_.at(drawn.training_view, static_cast<std::uint32_t>(pixel));
+GatheredRays PixelSampler::make_room(const PixelDraw& draw, RayBatch* batch) const {
+  resize(batch, draw.even + draw.by_error, true);
+  const std::size_t n = batch->n;
+  batch->by_error = draw.by_error;
+  batch->exposure.resize(n);
+  batch->view.resize(n);
+  batch->cell.resize(draw.by_error > 0 ? n : 0);
+  batch->weight.resize(batch->cell.size());
+  batch->background.resize(scene_.background == Background::kNone ? 0 : 3 * n);
+  return {batch->origin, batch->direction, batch->target, batch->background, batch->pixel_angle,
+          batch->weight, batch->exposure,  batch->view,   batch->cell};
 }
 
 void PixelSampler::gather(std::uint64_t first, int even, RayBatch* batch, const RaysByError& more) const {
-  REDRIVE_CHECK_OP(even, >=, 1);
   REDRIVE_CHECK(more.n == 0 || more.errors.size() == cells_.size());
-  const std::uint64_t epoch = first / pixels(), begin = first % pixels();
-  even = static_cast<int>(std::min<std::uint64_t>(even, pixels() - begin));
-  resize(batch, even + more.n, true);
-  batch->by_error = more.n;
-  batch->exposure.resize(batch->n);
-  batch->view.resize(batch->n);
-  batch->cell.resize(more.n > 0 ? batch->n : 0);
-  if (scene_.background != Background::kNone)
-    batch->background.assign(3 * std::size_t(batch->n), rendered_background(scene_.background)[0]);
-  const std::uint64_t background_key = random_key(seed_, kStreamBackground, first);
-  if (scene_.random_behind)
-    for (std::size_t i = 0; i < batch->background.size(); ++i) batch->background[i] = random_unit(background_key, i);
-  const std::uint64_t epoch_key = random_key(seed_, kStreamPixels, epoch),
-                      error_key = random_key(seed_, kStreamErrorRays, first);
-  for (int i = 0; i < even; ++i) set(of_epoch(epoch, epoch_key, begin + i), i, batch);
-  PixelCells::Candidates candidates;
-  for (int i = 0; i < more.n; ++i) set(by_error(more.errors, random_bits(error_key, i), &candidates), even + i, batch);
-  const float share = static_cast<float>(more.n) / static_cast<float>(batch->n);
-  batch->weight.resize(batch->cell.size());
-  for (std::size_t i = 0; i < batch->weight.size(); ++i)
-    batch->weight[i] = ray_weight(more.errors[batch->cell[i]], candidates.mean_error(), share);
+  const PixelDraw pixels = draw(first, even, more.n);
+  gather_rays(source_, pixels, more.errors, make_room(pixels, batch));
+}
+
+void gather_rays(const PixelSpans& from, const PixelDraw& draw, std::span<const float> errors,
+                 const GatheredRays& out) {
+  const std::size_t even = draw.even, n = even + draw.by_error;
+  for (std::size_t i = 0; i < even; ++i) gather_ray(from, draw, errors, i, out);
+  double pixels = 0, error = 0;
+  for (std::size_t i = even; i < n; ++i) {
+    const CellDraw drawn = gather_ray(from, draw, errors, i, out);
+    pixels += drawn.pixels;
+    error += drawn.error;
+  }
+  for (std::size_t i = 0; i < out.weight.size(); ++i) weigh_ray(draw, errors, pixels, error, i, out);
 }
 
 }  // namespace redrive

@@ -3,12 +3,12 @@
 #pragma once
 
 #include <cstdint>
-#include <optional>
 #include <span>
 #include <vector>
 
 #include "redrive/camera/camera.h"
 #include "redrive/rays/pixel_cells.h"
+#include "redrive/rays/pixel_gather.h"
 #include "redrive/scene/image_set.h"
 #include "redrive/scene/scene.h"
 
@@ -59,7 +59,10 @@ class UsedPixels {
   UsedPixels(const RayTable& table, const std::vector<std::uint8_t>& used);
 
   std::size_t size() const { return before_.empty() ? 0 : before_.back(); }
-  std::size_t entry(std::size_t k) const;  ///< the table's entry that is the k-th in use, k < size()
+  /// The table's entry that is the k-th in use, k < size().
+  std::size_t entry(std::size_t k) const { return used_entry(bits_, before_, k); }
+  std::span<const std::uint64_t> bits() const { return bits_; }
+  std::span<const std::uint32_t> before() const { return before_; }
 
  private:
   std::vector<std::uint64_t> bits_;
@@ -77,50 +80,43 @@ struct RaysByError {
 /// (base/rng.h permute_index: no table, any position reachable at once, so resuming needs only the count of pixels drawn so far).
 class PixelSampler {
  public:
-  /// InputError: no pixel is left.
+  /// InputError: no pixel is left. Scene and images have to outlive it, and to stay as they are but for the poses.
   PixelSampler(const Scene& scene, const std::vector<Image8>& images, std::uint64_t seed);
+  PixelSampler(const PixelSampler&) = delete;
+  PixelSampler& operator=(const PixelSampler&) = delete;
 
   /// Takes the poses of the scene's views anew: they have been moved.
   void place();
 
-  std::uint64_t pixels() const { return offsets_.back(); }  ///< of one epoch
-  const PixelCells& cells() const { return cells_; }        ///< of the training views
-  std::int64_t steps_per_epoch(int rays) const;             ///< of so many even rays; the last may have fewer
+  std::uint64_t pixels() const { return source_.pixels; }  ///< of one epoch
+  const PixelCells& cells() const { return cells_; }       ///< of the training views
+  std::int64_t steps_per_epoch(int rays) const;            ///< of so many even rays; the last may have fewer
 
   /// The `even` pixels from the `first`-th on, counted from 0 through all epochs, fewer at the end of an epoch; then those by error,
   /// transparent ones a fourth as often as others, too. Where a pixel is drawn more often its rays weigh less (ray_weight). A function of
   /// the seed, `first` and the errors.
   void gather(std::uint64_t first, int even, RayBatch* batch, const RaysByError& more = {}) const;
 
+  /// gather() in its parts, for backends that gather themselves: what is drawn, room for it, and what it is drawn from.
+  PixelDraw draw(std::uint64_t first, int even, int by_error) const;
+  GatheredRays make_room(const PixelDraw& draw, RayBatch* batch) const;
+  const PixelSource& source() const { return source_; }
+
  private:
-  struct TrainingView {
-    int view = 0;  ///< of the scene
-    ShutterPoses world_from_camera;
-  };
-  /// Pixels of a training view: all of its table, or those in `used`; of those one in `every` an epoch.
-  struct Pool {
-    int training_view = 0;
-    std::optional<UsedPixels> used;
-    int every = 1;
-  };
-  /// A training view's ray.
-  struct Drawn {
-    int training_view = 0;
-    std::size_t entry = 0;  ///< of its camera's table
-  };
-  void add(Pool pool, std::size_t size);
-  Drawn of_epoch(std::uint64_t epoch, std::uint64_t key, std::uint64_t k) const;
-  Drawn by_error(std::span<const float> errors, std::uint64_t key, PixelCells::Candidates* candidates) const;
-  void set(const Drawn& drawn, int i, RayBatch* batch) const;
+  void add(int picture, int every, const UsedPixels* used);
 
   const Scene& scene_;
-  const std::vector<Image8>& images_;
   std::uint64_t seed_;
   std::vector<RayTable> tables_;  ///< by camera of the rig
-  std::vector<TrainingView> training_views_;
-  std::vector<Pool> pools_;
-  std::vector<std::uint64_t> offsets_;  ///< [pools_.size() + 1]: first pixel of each
-  PixelCells cells_;                    ///< a picture a training view
+  std::vector<UsedPixels> used_;  ///< of the pools that are not whole tables
+  PixelCells cells_;              ///< a picture a training view
+  // What source_ speaks of:
+  std::vector<TableSpans> table_spans_;
+  std::vector<TrainingPicture> pictures_;
+  std::vector<PixelPool> pools_;
+  std::vector<std::uint64_t> offsets_;
+  std::vector<PlainPose> poses_;
+  PixelSource source_;
 };
 
 }  // namespace redrive

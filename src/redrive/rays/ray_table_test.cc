@@ -443,7 +443,7 @@ TEST_F(SamplerTest, RaysByErrorFollowTheEvenOnesAndSayTheirCells) {
   EXPECT_LT(same, 8);
   for (int i = 0; i < 96; ++i) {  // the colour says the pixel, and a cell is one
     const Ray ray = ray_of(batch, i);
-    const PixelCells::Rect rect = sampler.cells().rect(batch.cell[i]);
+    const CellRect rect = sampler.cells().rect(batch.cell[i]);
     EXPECT_EQ(std::lround(ray[6] * 255), 5 * rect.x);
     EXPECT_EQ(std::lround(ray[7] * 255), 7 * rect.y);
     EXPECT_EQ(rect.width * rect.height, 1);

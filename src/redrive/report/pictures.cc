@@ -74,7 +74,7 @@ PictureRow camera_pictures(const Run& run, kernels::Backend& backend, int camera
     for (const Rigid3d& world_from_body : view.by_row.empty() ? std::vector{view.world_from_body} : view.by_row)
       keys.push_back(shifted_camera(run.scene.ecef_from_world, world_from_body, rig.body_from_sensor, axes,
                                     Eigen::Vector3d(x_m, 0, 0)));
-    return render_image(backend, *run.state.model, table, ShutterPoses(std::move(keys)), run.scene.exposure(view));
+    return render_image(backend, *run.state.model, table, ShutterPoses(keys), run.scene.exposure(view));
   };
   const RenderedImage reproduced = render_shifted(ShiftAxes::kBody, 0);
 

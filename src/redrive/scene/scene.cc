@@ -130,7 +130,7 @@ ShutterPoses Scene::shutter_poses(const View& view) const {
   std::vector<Rigid3d> keys;
   for (const Rigid3d& world_from_body : view.by_row)
     keys.push_back(world_from_body * rig[view.camera].body_from_sensor);
-  return ShutterPoses(std::move(keys));
+  return ShutterPoses(keys);
 }
 
 void place_view(const std::vector<FramePose>& frames, const Scene& scene, View* view) {

@@ -119,8 +119,8 @@ std::string checkpoint_bytes(const TrainState& state) {
   const std::vector<std::int64_t> all = {static_cast<std::int64_t>(model.parameters.size())};
   entries.push_back({"adam.first_moment", all, state.first_moment.span()});
   entries.push_back({"adam.second_moment", all, state.second_moment.span()});
-  if (!state.cell_errors.empty())
-    entries.push_back({kCellErrors, {static_cast<std::int64_t>(state.cell_errors.size())}, state.cell_errors});
+  if (const std::span<const float> errors = state.cell_errors; !errors.empty())
+    entries.push_back({kCellErrors, {static_cast<std::int64_t>(errors.size())}, errors});
   if (state.poses.refines()) {
     const std::vector<std::int64_t> of_poses = {static_cast<std::int64_t>(state.poses.corrections.size())};
     entries.push_back({kPoses[0], of_poses, state.poses.corrections.values});
@@ -179,7 +179,8 @@ TrainState parse_checkpoint(std::string_view bytes, const std::filesystem::path&
   const bool with_errors = cells != parsed.tensors.end();
   if (with_errors) {
     const auto count = static_cast<std::int64_t>(cells->second.values.size());
-    state.cell_errors = std::move(take(parsed, kCellErrors, {count}, file).values);
+    state.cell_errors = Buffer<float>(cells->second.values.size());
+    std::ranges::copy(take(parsed, kCellErrors, {count}, file).values, state.cell_errors.data());
   }
   for (std::size_t i = 0; i < state.cell_errors.size(); ++i)
     if (state.cell_errors[i] < 0 || state.cell_errors[i] > kUnseenError)

@@ -11,6 +11,7 @@
 #include "redrive/model/tiny_grid_model.h"
 #include "redrive/train/step.h"
 #include "redrive/train/test_support.h"
+#include "redrive/train/training_data.h"
 
 namespace redrive {
 namespace {
@@ -128,8 +129,8 @@ TEST(TrainStepOnADevice, CopiesTheBatchThereAndAFewNumbersBack) {
       EXPECT_TRUE(result.finite);
       EXPECT_EQ(result.field_rays < 24, empty);
       EXPECT_EQ(copies.to_device, bytes_of_device(batch) + bytes_of_device(lidar));
-      // Squared errors of rays, derivatives of their places and directions; then losses, the opacity, how many rays are live.
-      const std::size_t of_rays = 24 * (refines ? 1 + 3 + 3 : 1) * sizeof(float);
+      // Derivatives of places and directions; then losses, the opacity, how many rays are live.
+      const std::size_t of_rays = 24 * (refines ? 3 + 3 : 0) * sizeof(float);
       EXPECT_GT(copies.to_host, of_rays);
       EXPECT_LE(copies.to_host, of_rays + 12 * sizeof(double));
     }
@@ -204,17 +205,116 @@ TEST(RenderOnADevice, CopiesRaysThereAndThePictureBack) {
 
 class TrainingOnADevice : public TrainingTest {};
 
+// Steps 4 and 8 move the poses that the next ones' rays are gathered by; the sizes of batches change.
 TEST_F(TrainingOnADevice, SavesWhatTheDeviceHas) {
   const auto keeping = kernels::make_loop_backend();
   Interference nothing;
-  InterferingBackend copying(*keeping, &nothing);
-  redrive::Run kept = tiny_grid_run(folder_.path / "kept", folder_.path, tiny_options(5)),
-               copied = tiny_grid_run(folder_.path / "copied", folder_.path, tiny_options(5));
+  InterferingBackend copying(*keeping, &nothing);  // which gathers on the host
+  redrive::Run kept = tiny_grid_run(folder_.path / "kept", folder_.path, tiny_options(10)),
+               copied = tiny_grid_run(folder_.path / "copied", folder_.path, tiny_options(10));
   EXPECT_EQ(train(&kept, *keeping, never_), TrainEnd::kFinished);
   EXPECT_EQ(train(&copied, copying, never_), TrainEnd::kFinished);
-  EXPECT_EQ(kept.state.step, 5);
+  EXPECT_EQ(kept.state.step, 10);
   EXPECT_TRUE(same_weights(kept.state, copied.state));
   EXPECT_TRUE(same_weights(load_checkpoint(kept.paths.checkpoint()), copied.state));
+  EXPECT_EQ(kept.state.poses.moments.updates, 2);
+  EXPECT_EQ(kept.state.poses.corrections.values, copied.state.poses.corrections.values);
+  EXPECT_LT(*std::ranges::min_element(kept.state.cell_errors.span()), kUnseenError);
+}
+
+TEST_F(TrainingOnADevice, IsWatchedByItsColours) {
+  const auto keeping = kernels::make_loop_backend();
+  Interference nothing;
+  InterferingBackend copying(*keeping, &nothing);
+  StartWatch watches[2];
+  for (const bool keep : {true, false}) {
+    redrive::Run run = tiny_grid_run(folder_.path / (keep ? "kept" : "copied"), folder_.path, tiny_options(403));
+    run.state.step = 399;
+    EXPECT_EQ(train(&run, keep ? static_cast<kernels::Backend&>(*keeping) : copying, never_), TrainEnd::kFinished);
+    watches[keep] = run.state.watch;
+  }
+  EXPECT_GT(watches[0].late_variance, 0);
+  EXPECT_EQ(watches[1], watches[0]);
+}
+
+/// What trainings gather from, and a batch of it.
+struct Gathered {
+  redrive::Run run;
+  TrainingData data;
+  PixelSampler sampler;
+  kernels::DeviceCopies copies;
+  std::unique_ptr<kernels::Backend> backend = kernels::make_loop_backend(&copies);
+  RayBatch batch;
+  StepBuffers buffers;
+
+  explicit Gathered(const std::filesystem::path& folder)
+      : run(tiny_grid_run(folder / "run", folder, tiny_options(1))),
+        data([this] {
+          ThreadPool pool(1);
+          return load_training_data(run, pool);
+        }()),
+        sampler(run.scene, data.images, 1) {
+    run.state.cell_errors = Buffer<float>(sampler.cells().size());
+    std::ranges::fill(run.state.cell_errors.span(), 0.5f);
+  }
+  void gather(int even) {
+    copies = {};
+    gather_batch(*backend, sampler, even, 8, &run.state, &batch, &buffers);
+  }
+};
+
+TEST_F(TrainingOnADevice, CopiesLidarRaysThereAndAFewNumbersBack) {
+  Gathered of(folder_.path);
+  RayBatch lidar = batch_for_device(5, 9);
+  lidar.target.clear();
+  lidar.exposure.clear();
+  lidar.range_m.assign(5, 3.0f);
+  of.gather(16);
+  EXPECT_GT(of.copies.to_device, of.data.images[0].rgb.size()) << "what is kept there";
+  for (const bool refines : {false, true}) {
+    for (int again = 0; again < 2; ++again) {  // what the first time is kept there stays
+      of.gather(16);
+      EXPECT_EQ(of.copies.to_device, 0u);
+      EXPECT_EQ(of.copies.to_host, 0u);
+      of.batch.refines = refines;
+      of.run.state.step = 0;
+      EXPECT_TRUE(train_step(*of.backend, of.batch, 0, &of.run.state, &of.buffers, &lidar).finite);
+    }
+    EXPECT_EQ(of.copies.to_device, bytes_of_device(lidar));
+    // Derivatives of places and directions, and which view's and direction's they are; then losses, the opacity, how many rays are live.
+    const std::size_t of_rays = 24 * (refines ? 3 + 3 + 3 + 1 : 0) * sizeof(float);
+    EXPECT_GT(of.copies.to_host, of_rays);
+    EXPECT_LE(of.copies.to_host, of_rays + 12 * sizeof(double));
+    EXPECT_EQ(std::isnan(of.batch.direction[0]), !refines) << "on the host before it was fetched";
+  }
+}
+
+TEST_F(TrainingOnADevice, CopiesPosesThereOnceTheyHaveMoved) {
+  Gathered of(folder_.path);
+  of.gather(16);
+  of.sampler.place();
+  of.gather(16);
+  EXPECT_EQ(of.copies.to_device, of.sampler.source().poses.size_bytes());
+  of.gather(16);
+  EXPECT_EQ(of.copies.to_device, 0u);
+}
+
+TEST_F(TrainingOnADevice, GathersBatchesOfAllSizes) {
+  Gathered of(folder_.path);
+  for (const int even : {16, 100, 40, 99, 300}) {
+    of.gather(even);
+    RayBatch expected;
+    of.sampler.gather(0, even, &expected, {8, std::vector<float>(of.sampler.cells().size(), 0.5f)});
+    ASSERT_EQ(of.batch.n, even + 8);
+    for (const auto numbers : {&RayBatch::origin, &RayBatch::direction, &RayBatch::target, &RayBatch::pixel_angle}) {
+      kernels::fetch(*of.backend, of.batch.*numbers);
+      EXPECT_EQ(of.batch.*numbers, expected.*numbers) << even;
+    }
+    for (const auto numbers : {&RayBatch::view, &RayBatch::cell}) {
+      kernels::fetch(*of.backend, of.batch.*numbers);
+      EXPECT_EQ(of.batch.*numbers, expected.*numbers) << even;
+    }
+  }
 }
 
 TEST_F(TrainingOnADevice, OnAGpuLearnsAsOnTheProcessor) {

@@ -51,16 +51,16 @@ MemoryNeed estimate_memory(const Run& run, int threads) {
   need.program = kProgram + std::uint64_t(threads) * kThread;
   need.state = need.saving = 3 * parameters;
 
-  // Image8 and, where a mask leaves something out, UsedPixels: a bit a pixel and a count every 64.
+  // Image8 and lists of what a mask leaves, or of what is and of what is not transparent (UsedPixels): a bit a pixel and a count every 64.
   const bool masked = run.options.masks != "none" && run.recording.metric;
   std::uint64_t largest = 0;
   for (const View& view : scene.views) {
     const RigCamera& rig = scene.rig[view.camera];
     largest = std::max(largest, pixels(rig.recorded));
     if (view.held_out) continue;
-    const bool used = masked || !view.mask.path.empty();
-    const std::uint64_t bytes = 3 + (scene.background != Background::kNone) + used;
-    need.pictures += pixels(rig.camera) * bytes + (used ? pixels(rig.camera) * 3 / 16 : 0);
+    const bool used = masked || !view.mask.path.empty(), alpha = scene.background != Background::kNone;
+    const std::uint64_t bytes = 3 + alpha + used, lists = alpha ? 2 : used;
+    need.pictures += pixels(rig.camera) * bytes + lists * pixels(rig.camera) * 3 / 16;
   }
   // A thread's picture as recorded, the same undistorted, and the bytes of its file.
   need.decoding = std::uint64_t(threads) * 8 * largest;

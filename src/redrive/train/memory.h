@@ -23,6 +23,8 @@ struct MemoryNeed {
   std::uint64_t step = 0;      ///< gradients and a batch's working memory
   std::uint64_t saving = 0;    ///< a checkpoint before it is written
 
+  /// What batches are gathered from: a backend with memory of its own has the same there (rays/pixel_gather.h).
+  std::uint64_t gathered() const { return pictures + rays; }
   std::uint64_t total() const {  ///< at the peak
     const std::uint64_t sum =
         program + state + pictures + std::max({decoding, lidar + sorting, lidar + rays + step + saving});

@@ -39,6 +39,8 @@ double colour_variance(const RayBatch& batch) {
   return sum_of_channels / 3;
 }
 
+bool watches_colours(std::int64_t step) { return step >= kLateBegin && step < kLateEnd; }
+
 std::optional<std::string> watch_start(const StepResult& result, const RayBatch& batch, std::int64_t step,
                                        StartWatch* watch) {
   if (step >= kStartSteps) return std::nullopt;
@@ -51,7 +53,7 @@ std::optional<std::string> watch_start(const StepResult& result, const RayBatch&
                   watch->dead_steps);
 
   if (step < kFirstSteps) watch->first_mse += result.rgb_mse;
-  if (step >= kLateBegin && step < kLateEnd) {
+  if (watches_colours(step)) {
     watch->late_mse += result.rgb_mse;
     watch->late_variance += colour_variance(batch);
   }

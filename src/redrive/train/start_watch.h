@@ -21,6 +21,9 @@ constexpr std::int64_t kStartSteps = 1000;  ///< what counts as the start; later
 constexpr int kMaxRestarts = 5;
 constexpr double kExplainedMse = 1e-4;  ///< 40 dB: the field explains its pictures
 
+/// Whether step number `step` is one whose colours it looks at: the host has to have the batch's target.
+bool watches_colours(std::int64_t step);
+
 /// Looks at step number `step` (from 0) of this start; the reason to begin anew from another seed, or nothing.
 std::optional<std::string> watch_start(const StepResult& result, const RayBatch& batch, std::int64_t step,
                                        StartWatch* watch);

@@ -11,6 +11,35 @@ constexpr double kShareSmoothing = 1.0 / 32;  // per step
 
 }  // namespace
 
+void KeptBatch::keep(kernels::Backend& backend, RayBatch* batch) {
+  Room* room = rooms_;
+  const auto keep = [&](auto& numbers) {
+    using T = typename std::remove_reference_t<decltype(numbers)>::value_type;
+    Room& kept = *room++;
+    const std::size_t size = numbers.size();
+    if (numbers.data() == kept.numbers && size <= kept.size) return;
+    kept.there.reset();
+    numbers.resize(numbers.capacity());
+    kept = {numbers.data(), numbers.size(), backend.keep(kernels::as_floats(std::span<const T>(numbers)))};
+    numbers.resize(size);
+  };
+  for (auto* const floats :
+       {&batch->origin, &batch->direction, &batch->target, &batch->background, &batch->pixel_angle, &batch->weight})
+    keep(*floats);
+  keep(batch->exposure);
+  keep(batch->view);
+  keep(batch->cell);
+}
+
+void gather_batch(kernels::Backend& backend, const PixelSampler& sampler, int even, int by_error, TrainState* state,
+                  RayBatch* batch, StepBuffers* buffers) {
+  const PixelDraw draw = sampler.draw(state->rays_drawn, even, by_error);
+  const GatheredRays room = sampler.make_room(draw, batch);
+  buffers->batch.keep(backend, batch);
+  kernels::keep(backend, state->cell_errors);
+  backend.gather(sampler.source(), draw, state->cell_errors, room);
+}
+
 StepResult train_step(kernels::Backend& backend, const RayBatch& batch, double learning_rate, TrainState* state,
                       StepBuffers* buffers, const RayBatch* lidar) {
   Model& model = *state->model;
@@ -23,13 +52,17 @@ StepResult train_step(kernels::Backend& backend, const RayBatch& batch, double l
       model.gradients(backend, batch, state->seed, state->step, gradients, &buffers->workspace);
   if (lidar && lidar->n > 0)
     result.range = model.range_gradients(backend, *lidar, state->seed, state->step, gradients, &buffers->workspace);
+  if (batch.refines) {
+    kernels::fetch(backend, batch.direction);
+    kernels::fetch(backend, batch.view);
+  }
   ++state->step;
   state->rays_drawn += static_cast<std::uint64_t>(batch.n - batch.by_error);
   result.finite = std::isfinite(result.loss + result.range) && backend.all_finite(model.sentinels(gradients));
   if (result.finite) {
     backend.adam(model.adam(learning_rate, state->step), gradients, model.parameters, state->first_moment,
                  state->second_moment);
-    if (!batch.cell.empty()) smooth_errors(batch.cell, result.squares, state->cell_errors);
+    if (!batch.cell.empty()) backend.smooth_errors(batch.cell, result.squares, state->cell_errors);
     if (result.field_rays > 0)
       state->field_share += kShareSmoothing * (static_cast<double>(result.field_rays) / batch.n - state->field_share);
   } else {

@@ -7,10 +7,26 @@
 
 namespace redrive {
 
+/// A batch's vectors, kept where a backend computes.
+class KeptBatch {
+ public:
+  /// After they have been sized; all that they have room for is kept, so that a larger batch seldom needs more. The same batch each time.
+  void keep(kernels::Backend& backend, RayBatch* batch);
+
+ private:
+  struct Room {
+    const void* numbers = nullptr;
+    std::size_t size = 0;
+    std::shared_ptr<void> there;
+  };
+  Room rooms_[9];
+};
+
 /// Working memory of a step; grows to the largest batch seen.
 struct StepBuffers {
   Workspace workspace;
   Buffer<float> gradients;
+  KeptBatch batch;
 };
 
 struct StepResult : StepLosses {
@@ -25,8 +41,13 @@ inline int rays_of_step(int batch_rays, double field_share) {
   return static_cast<int>(batch_rays * (field_share * kMostRaysOfBatch > 1 ? 1 / field_share : kMostRaysOfBatch));
 }
 
+/// What PixelSampler::gather does from state->rays_drawn on, where the backend computes: the host has of the batch what it fetches, and its
+/// sizes. `buffers` must not outlive the batch.
+void gather_batch(kernels::Backend& backend, const PixelSampler& sampler, int even, int by_error, TrainState* state,
+                  RayBatch* batch, StepBuffers* buffers);
+
 /// lidar: rays with ranges, or null. `state->step` counts on by one and rays_drawn by the even rays; where rays have
-/// cells, their errors are taken in. Non-finite loss or gradients: parameters stay as they were.
+/// cells, their errors are taken in. Where the batch refines, its directions and views are fetched. Non-finite loss or gradients: parameters stay as they were.
 StepResult train_step(kernels::Backend& backend, const RayBatch& batch, double learning_rate, TrainState* state,
                       StepBuffers* buffers, const RayBatch* lidar = nullptr);
 

@@ -91,7 +91,10 @@ class Trainer {
   void suit_state() {
     if (state_.loss_watch.pixels != sampler_.pixels()) state_.loss_watch = {sampler_.pixels()};
     const std::size_t cells = rays_by_error() > 0 ? sampler_.cells().size() : 0;
-    if (state_.cell_errors.size() != cells) state_.cell_errors.assign(cells, kUnseenError);
+    if (state_.cell_errors.size() != cells) {
+      state_.cell_errors = Buffer<float>(cells);
+      std::ranges::fill(state_.cell_errors.span(), kUnseenError);
+    }
     place();
   }
 
@@ -111,7 +114,7 @@ class Trainer {
   }
 
   void gather(std::int64_t number) {
-    sampler_.gather(state_.rays_drawn, rays() - rays_by_error(), &batch_, {rays_by_error(), state_.cell_errors});
+    gather_batch(backend_, sampler_, rays() - rays_by_error(), rays_by_error(), &state_, &batch_, &buffers_);
     if (use_lidar_)
       lidar_sampler_.gather(
           number, options_.lidar_rays, &lidar_batch_,
@@ -131,6 +134,7 @@ class Trainer {
     const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     state_.seconds += seconds;
 
+    if (watches_colours(number)) kernels::fetch(backend_, batch_.target);
     if (const auto reason = watch_start(result, batch_, number, &state_.watch)) return restart(*reason);
     if (!result.finite) return skip();
     state_.bad_steps = 0;
@@ -150,7 +154,8 @@ class Trainer {
 
   void save() {
     sync_metrics(run_.paths);
-    for (const Buffer<float>* numbers : {&state_.model->parameters, &state_.first_moment, &state_.second_moment})
+    for (const Buffer<float>* numbers :
+         {&state_.model->parameters, &state_.first_moment, &state_.second_moment, &state_.cell_errors})
       backend_.fetch(*numbers);
     save_checkpoint(run_.paths.checkpoint(), state_);
     saved_seconds_ = state_.seconds;

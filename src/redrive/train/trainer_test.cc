@@ -129,7 +129,7 @@ TEST_F(TrainerTest, AGridThatFollowsErrorsAndPosesEndsTheSameOnAnyThreadsAndWhen
   redrive::Run whole = grid_run("whole");
   train(&whole, *backend_, never_);
   EXPECT_EQ(whole.state.rays_drawn, 130u * 32);
-  const auto best = std::ranges::min_element(whole.state.cell_errors);
+  const auto best = std::ranges::min_element(whole.state.cell_errors.span());
   EXPECT_LT(*best, 0.1f * kUnseenError);
   EXPECT_GE(*best, 0);
   EXPECT_TRUE(moved_any(whole.state.poses.corrections));

@@ -7,6 +7,8 @@
 
 #include "redrive/kernels/check_sizes.h"
 #include "redrive/kernels/cuda/device_grid_stages.h"
+#include "redrive/kernels/cuda/gather_functors.h"
+#include "redrive/kernels/cuda/kept_pixels.h"
 #include "redrive/kernels/cuda/nerf_tensor_network.h"
 #include "redrive/kernels/cuda/ray_functors.h"
 #include "redrive/kernels/cuda/stage_spans.h"
@@ -41,6 +43,10 @@ class DeviceBackend final : public Backend {
       device_.to_device(there, part.data(), part.size_bytes());
   }
 
+  bool keeps(std::span<const float> numbers) const override {
+    return device_.kept.find(std::as_bytes(numbers)) != nullptr;
+  }
+
   void fill(std::span<float> numbers, float value) override {
     Stage stage(device_);
     stage.for_each(numbers.size(), FillNumbers{stage.out(numbers), value});
@@ -55,6 +61,36 @@ class DeviceBackend final : public Backend {
     return stage.sum(numbers.size(), NotFinite{stage.in(numbers)}) == 0;
   }
   void wait() override { device_.wait(); }
+
+  void gather(const PixelSource& from, const PixelDraw& draw, std::span<const float> errors,
+              const GatheredRays& out) override {
+    check_gather(from, draw, errors.size(), out);
+    const PixelSpans& pixels = kernels::there(device_, from);
+    Stage stage(device_);
+    const GatheredRays rays = {stage.out(out.origin),     stage.out(out.direction),   stage.out(out.target),
+                               stage.out(out.background), stage.out(out.pixel_angle), stage.out(out.weight),
+                               stage.out(out.exposure),   stage.out(out.view),        stage.out(out.cell)};
+    const auto of_cells = stage.in(errors);
+    const auto drawn = stage.template scratch<CellDraw>(draw.by_error);
+    stage.for_each(rays.view.size(), GatherRays{pixels, draw, of_cells, rays, drawn});
+    if (draw.by_error > 0)
+      stage.for_each(rays.view.size(), WeighRays{draw, of_cells, stage.sum_there(drawn.size(), PixelsOfDraw{drawn}),
+                                                 stage.sum_there(drawn.size(), ErrorOfDraw{drawn}), rays});
+    stage.finish();
+  }
+
+  void smooth_errors(std::span<const std::uint32_t> cells, std::span<const float> squares,
+                     std::span<float> errors) override {
+    REDRIVE_CHECK_OP(cells.size(), ==, squares.size());
+    Stage stage(device_);
+    const std::size_t n = cells.size();
+    const RaysOfCells rays = {stage.in(cells), stage.template scratch<std::uint32_t>(errors.size()),
+                              stage.template scratch<std::uint32_t>(n)};
+    stage.for_each(n, BeginLists{rays});
+    stage.for_each(n, LinkRays{rays});
+    stage.for_each(n, SmoothErrors{rays, stage.in(squares), stage.in_out(errors)});
+    stage.finish();
+  }
 
   void sample_stratified(int n_rays, const StratifiedSampling& how, std::span<float> t, std::span<float> dt) override {
     check_stratified(n_rays, how, t.size(), dt.size());

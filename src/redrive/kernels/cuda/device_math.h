@@ -2,6 +2,8 @@
 // What a GPU has instructions for that C++ does not say.
 #pragma once
 
+#include <cstdint>
+
 #include "redrive/base/host_device.h"
 
 namespace redrive::kernels {
@@ -21,6 +23,17 @@ REDRIVE_HD inline void atomic_add(float* to, float x) {
   atomicAdd(to, x);
 #else
   *to += x;
+#endif
+}
+
+/// Puts x there and returns what was there, whoever else does.
+REDRIVE_HD inline std::uint32_t atomic_exchange(std::uint32_t* there, std::uint32_t x) {
+#ifdef __CUDA_ARCH__
+  return atomicExch(there, x);
+#else
+  const std::uint32_t before = *there;
+  *there = x;
+  return before;
 #endif
 }
 

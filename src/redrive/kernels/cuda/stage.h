@@ -116,9 +116,9 @@ class Stage {
     device_.for_each_warp(n, functor);
   }
 
-  /// Sum of term(i) over i in [0, n), in an order that n alone decides: the same bits each time.
+  /// Sum of term(i) over i in [0, n), in an order that n alone decides: the same bits each time. One number on the device; none for n = 0.
   template <class Term>
-  double sum(std::size_t n, const Term& term) {
+  std::span<const double> sum_there(std::size_t n, const Term& term) {
     constexpr std::size_t kParts = 4096, kFewParts = 64;  // threads enough for a device, then few
     auto parts = scratch<double>(std::min(n, kParts));
     for_each(parts.size(), PartialSum<Term>{term, n, parts});
@@ -127,7 +127,12 @@ class Stage {
       for_each(fewer.size(), PartialSum<NumberTerm<double>>{{parts}, parts.size(), fewer});
       parts = fewer;
     }
-    return parts.empty() ? 0 : on_host(parts[0]);
+    return parts;
+  }
+  template <class Term>
+  double sum(std::size_t n, const Term& term) {
+    const auto there = sum_there(n, term);
+    return there.empty() ? 0 : on_host(there[0]);
   }
 
   /// Those i in [0, n) that choose(i) says yes to, ascending, into `list` on the device; returns how many.

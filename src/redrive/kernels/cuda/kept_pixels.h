@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: Apache-2.0
+// What batches are gathered from (rays/pixel_gather.h), on a device: pictures of 8 bits a channel, tables of rays, poses, in one piece of memory.
+#pragma once
+
+#include <cstddef>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "redrive/base/error.h"
+#include "redrive/rays/pixel_gather.h"
+
+namespace redrive::kernels {
+
+/// `from` with `place(span)` in place of each of its spans, the innermost first.
+template <class Place>
+PixelSpans placed_pixels(const PixelSpans& from, const Place& place) {
+  std::vector<TableSpans> tables(from.tables.begin(), from.tables.end());
+  for (TableSpans& table : tables) {
+    table.pixel = place(table.pixel);
+    table.direction = place(table.direction);
+  }
+  std::vector<TrainingPicture> pictures(from.pictures.begin(), from.pictures.end());
+  for (TrainingPicture& picture : pictures)
+    for (auto* const bytes : {&picture.rgb, &picture.alpha, &picture.used}) *bytes = place(*bytes);
+  std::vector<PixelPool> pools(from.pools.begin(), from.pools.end());
+  for (PixelPool& pool : pools) {
+    pool.bits = place(pool.bits);
+    pool.before = place(pool.before);
+  }
+  PixelSpans out = from;
+  out.tables = place(std::span<const TableSpans>(tables));
+  out.pictures = place(std::span<const TrainingPicture>(pictures));
+  out.pools = place(std::span<const PixelPool>(pools));
+  out.offsets = place(from.offsets);
+  out.poses = place(from.poses);
+  out.cell_pictures = place(from.cell_pictures);
+  out.cell_pixels = place(from.cell_pixels);
+  return out;
+}
+
+/// Bytes from one span's place to the next one's.
+constexpr std::size_t room_of(std::size_t bytes) { return (bytes + 15) / 16 * 16; }  // whatever is in it is aligned
+
+struct KeptPixels {
+  std::shared_ptr<void> memory;
+  PixelSpans there;
+  int placed = 0;  ///< PixelSource's, as of the poses there
+};
+
+template <class Device>
+std::shared_ptr<KeptPixels> keep_pixels(Device& device, const PixelSource& from) {
+  std::size_t bytes = 0;
+  placed_pixels(from, [&](auto span) {
+    bytes += room_of(span.size_bytes());
+    return span;
+  });
+  const auto kept = std::make_shared<KeptPixels>();
+  kept->memory = device.hold(bytes);
+  std::size_t used = 0;
+  kept->there = placed_pixels(from, [&](auto span) {
+    std::byte* const place = static_cast<std::byte*>(kept->memory.get()) + used;
+    if (!span.empty()) device.to_device(place, span.data(), span.size_bytes());
+    used += room_of(span.size_bytes());
+    return decltype(span)(reinterpret_cast<decltype(span.data())>(place), span.size());
+  });
+  REDRIVE_CHECK_OP(used, ==, bytes);
+  kept->placed = from.placed;
+  return kept;
+}
+
+/// Where `from` is kept, its poses as they are now.
+template <class Device>
+const PixelSpans& there(Device& device, const PixelSource& from) {
+  if (!from.elsewhere) from.elsewhere = keep_pixels(device, from);
+  KeptPixels& kept = *static_cast<KeptPixels*>(from.elsewhere.get());
+  if (kept.placed != from.placed) {
+    REDRIVE_CHECK_OP(kept.there.poses.size(), ==, from.poses.size());
+    device.to_device(const_cast<PlainPose*>(kept.there.poses.data()), from.poses.data(), from.poses.size_bytes());
+    kept.placed = from.placed;
+  }
+  return kept.there;
+}
+
+}  // namespace redrive::kernels

@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+// Poses as plain numbers, for what runs on a GPU as well: rays turned into the world, and the way between two poses.
+#pragma once
+
+#include <cmath>
+
+#include "redrive/base/host_device.h"
+
+namespace redrive {
+
+/// A Rigid3d (math/rigid3.h, plain): its rotation, row-major, the same as a unit quaternion x, y, z, w, and its translation.
+struct PlainPose {
+  double rotation[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+  double quaternion[4] = {0, 0, 0, 1};
+  double translation[3] = {0, 0, 0};
+};
+
+/// Coordinate k of the vector, turned. The third sum is Eigen's, too, which adds it the other way round: rays keep their bits.
+REDRIVE_HD inline double turned(const PlainPose& pose, const double* vector, int k) {
+  const double x = pose.rotation[3 * k] * vector[0], y = pose.rotation[3 * k + 1] * vector[1],
+               z = pose.rotation[3 * k + 2] * vector[2];
+  return k < 2 ? (x + y) + z : x + (y + z);
+}
+
+/// The product of quaternions as vectors, added up as Eigen does.
+REDRIVE_HD inline double quaternion_dot(const double* a, const double* b) {
+  return (a[0] * b[0] + a[2] * b[2]) + (a[1] * b[1] + a[3] * b[3]);
+}
+
+/// `part` of the way from a (0) to b (1), or beyond: straight on, along the shortest turn (Shoemake 1985, slerp), at one speed.
+REDRIVE_HD inline PlainPose between(const PlainPose& a, const PlainPose& b, double part) {
+  constexpr double kSame = 1 - 0x1p-52;  // no turn to speak of: its sine would be 0
+  const double cosine = quaternion_dot(a.quaternion, b.quaternion), least = std::fabs(cosine);
+  double of_a = 1 - part, of_b = part;
+  if (least < kSame) {
+    const double angle = std::acos(least), sine = std::sin(angle);
+    of_a = std::sin((1 - part) * angle) / sine;
+    of_b = std::sin(part * angle) / sine;
+  }
+  if (cosine < 0) of_b = -of_b;
+  PlainPose pose;
+  double* const q = pose.quaternion;
+  for (int i = 0; i < 4; ++i) q[i] = of_a * a.quaternion[i] + of_b * b.quaternion[i];
+  const double length = std::sqrt(quaternion_dot(q, q));
+  for (int i = 0; i < 4; ++i) q[i] /= length;
+  for (int i = 0; i < 3; ++i) pose.translation[i] = a.translation[i] + part * (b.translation[i] - a.translation[i]);
+
+  const double x = 2 * q[0], y = 2 * q[1], z = 2 * q[2];
+  const double wx = x * q[3], wy = y * q[3], wz = z * q[3], xx = x * q[0], xy = y * q[0], xz = z * q[0], yy = y * q[1],
+               yz = z * q[1], zz = z * q[2];
+  const double rotation[9] = {1 - (yy + zz), xy - wz, xz + wy, xy + wz,      1 - (xx + zz),
+                              yz - wx,       xz - wy, yz + wx, 1 - (xx + yy)};
+  for (int i = 0; i < 9; ++i) pose.rotation[i] = rotation[i];
+  return pose;
+}
+
+}  // namespace redrive
