@@ -7,6 +7,7 @@
 
 #include <gtest/gtest.h>
 
+#include "redrive/base/error.h"
 #include "redrive/kernels/cuda/cuda_backend.h"
 #include "redrive/model/tiny_grid_model.h"
 #include "redrive/train/step.h"
