@@ -20,6 +20,7 @@ enum ExitCode {
   kExitIo = 4,            ///< the disk said no while writing
   kExitCannot = 5,        ///< the input is in order, but does not determine what was asked for
   kExitNotSensible = 6,   ///< inspect --report: something is wrong that training would learn
+  kExitDevice = 7,        ///< a GPU failed at its work; what was saved before stands
   kExitInterrupted = 130  ///< Ctrl-C; the state was saved
 };
 
@@ -48,6 +49,12 @@ class IoError : public std::runtime_error {
 class CannotError : public std::runtime_error {
  public:
   CannotError(const std::filesystem::path& recording, std::string_view reason, std::string_view means);
+};
+
+/// A device that failed at its work, whatever it was: what it has in memory is lost. Says it in its own words.
+class DeviceError : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
 };
 
 [[noreturn]] void check_failed(const char* file, int line, const char* expression, const std::string& values);

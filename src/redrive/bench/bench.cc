@@ -10,17 +10,35 @@
 #include "redrive/bench/commit.h"
 #include "redrive/bench/peak.h"
 #include "redrive/bench/workload.h"
+#include "redrive/kernels/cuda/cuda_backend.h"
 #include "redrive/render/renderer.h"
 #include "redrive/train/step.h"
 
 namespace redrive::bench {
 namespace {
 
+/// Of a sample, or what else a Result counts.
+struct Cost {
+  double flops, bytes;
+};
+
 // Arithmetic of the scalar formulas, per sample (Adam: per parameter), counted from the files named.
 constexpr double kStratifiedFlops = 4;         // sampling/hierarchical.h: two for t, one for u, one for dt
 constexpr double kCompositeFlops = 24;         // volume/composite.h: alpha 3, w 1, three colours of 6, T 2
 constexpr double kCompositeAdjointFlops = 44;  // volume/composite.h: T and w 6, three colours of 12, sigma 2
 constexpr double kAdamFlops = 14;              // optim/adam.h: m 3, v 4, parameter 7
+
+// Bytes, likewise: what a stage of the seam has to read and to write at least, each number once, whatever a kernel reads again or keeps between
+// its passes. Those of a ray are shared by its samples, parameters by all of a run.
+constexpr double kNumber = sizeof(float);
+constexpr double kRayBytes = 6 * kNumber;       // origin and direction
+constexpr double kColourBytes = 3 * kNumber;    // of a ray: to meet, or its derivative
+constexpr double kPictureBytes = 5 * kNumber;   // of a ray: colour, depth, opacity
+constexpr double kRawBytes = 4 * kNumber;       // of a sample: colour and density, or their derivatives
+constexpr double kIntervalBytes = 2 * kNumber;  // t and dt
+constexpr double kAdamBytes = 2 * 4 * kNumber;  // gradient, parameter, two moments: read and written
+constexpr double kGradientBytes = 2 * kNumber;  // added to
+constexpr double kPointBytes = 4 * kNumber;     // of the unit cube: place and footprint
 
 class Runner {
  public:
@@ -30,8 +48,8 @@ class Runner {
 
   bool wanted(const std::string& name) const { return name.find(options_.filter) != std::string::npos; }
 
-  /// Times `work`, which treats `samples` points with `flops` operations each.
-  void time(const std::string& name, double samples, double flops, const std::function<void()>& work) {
+  /// Times `work`, which treats `samples` points at a cost each.
+  void time(const std::string& name, double samples, const Cost& cost, const std::function<void()>& work) {
     if (!wanted(name)) return;
     const std::vector<double> seconds = measure(work);
     Result result;
@@ -40,8 +58,13 @@ class Runner {
     result.median_ms = 1e3 * median;
     result.min_ms = 1e3 * seconds.front();
     result.samples_per_s = samples / median;
-    result.gflops = 1e-9 * samples * flops / median;
-    result.percent_of_peak = 100 * result.gflops / report_->peak_gflops;
+    result.flops = samples * cost.flops;
+    result.bytes = samples * cost.bytes;
+    result.gflops = 1e-9 * result.flops / median;
+    const double computing = 1e-9 * result.flops / report_->ceilings.gflops,
+                 copying = 1e-9 * result.bytes / report_->ceilings.copied_gb_s;
+    result.limited_by_copies = copying > computing;
+    result.percent_of_roofline = 100 * std::max(computing, copying) / median;
     report_->results.push_back(result);
     on_result_(result);
   }
@@ -82,7 +105,12 @@ void time_step(Runner& runner, kernels::Backend& backend, const SyntheticDrive& 
   TrainState state = first_state(options, drive.scene);
   RayBatch batch;
   StepBuffers buffers;
-  runner.time(name, 1.0 * options.batch_rays * options.samples, 3 * 2 * forward_macs, [&] {
+  const double samples = 1.0 * options.batch_rays * options.samples, numbers = static_cast<double>(state.model->size());
+  // Each parameter is read and its gradient added to, then Adam. Of a grid's nobody knows how many rows a batch comes near: the gradients
+  // that Adam looks at are there for all.
+  const double of_number = options.method == "grid" ? kNumber : kNumber + kGradientBytes + kAdamBytes,
+               bytes = (kRayBytes + kColourBytes) / options.samples + numbers * of_number / samples;
+  runner.time(name, samples, {3 * 2 * forward_macs, bytes}, [&] {
     gather_batch(backend, sampler, options.batch_rays, 0, &state, &batch, &buffers);
     train_step(backend, batch, options.learning_rate, &state, &buffers);
   });
@@ -95,7 +123,10 @@ void time_render(Runner& runner, kernels::Backend& backend, const SyntheticDrive
   if (backend.name() == "ref" && filter.empty()) return;
   const TrainState state = first_state(options, drive.scene);
   const Camera& camera = drive.scene.rig[0].camera;
-  runner.time(name, 1.0 * camera.width * camera.height * options.samples, 2 * forward_macs, [&] {
+  const double samples = 1.0 * camera.width * camera.height * options.samples,
+               bytes = (kRayBytes + kPictureBytes) / options.samples +
+                       kNumber * static_cast<double>(state.model->size()) / samples;
+  runner.time(name, samples, {2 * forward_macs, bytes}, [&] {
     render_image(backend, *state.model, camera, drive.scene.world_from_camera(drive.scene.views[0]));
   });
 }
@@ -104,21 +135,27 @@ void time_kernels(Runner& runner, kernels::Backend& backend, const SyntheticDriv
   const NerfConfig config;
   KernelBatch b(backend, drive, config, 96);
   const double samples = static_cast<double>(b.t.size()), forward_flops = 2 * nerf_macs_per_sample(config);
+  const double per_ray = b.model().samples, parameters = static_cast<double>(b.gradients.size()) / samples;
+  // The last dt stands for none.
+  const double field_bytes = kRayBytes / per_ray + kNumber + kRawBytes + kNumber * parameters;
   const auto field = b.model().field(0);
-  runner.time("kernel/sample_stratified", samples, kStratifiedFlops,
+  runner.time("kernel/sample_stratified", samples, {kStratifiedFlops, kIntervalBytes},
               [&] { backend.sample_stratified(b.rays.n, b.sampling(), b.t, b.dt); });
-  runner.time("kernel/nerf_forward-256", samples, forward_flops,
+  runner.time("kernel/nerf_forward-256", samples, {forward_flops, field_bytes},
               [&] { backend.nerf_forward(field, b.ray_spans(), b.sample_spans(), b.raw); });
   // Includes the forward pass that it does over.
-  runner.time("kernel/nerf_backward-256", samples, 3 * forward_flops,
+  runner.time("kernel/nerf_backward-256", samples, {3 * forward_flops, field_bytes + kGradientBytes * parameters},
               [&] { backend.nerf_backward(field, b.ray_spans(), b.sample_spans(), b.d_raw, b.gradients, {}); });
-  runner.time("kernel/composite_forward", samples, kCompositeFlops, [&] {
-    backend.composite_forward(b.rays.n, b.sample_spans(), b.raw, {}, {b.rgb, b.depth, b.opacity, {}});
-  });
-  runner.time("kernel/composite_backward", samples, kCompositeAdjointFlops, [&] {
-    backend.composite_backward(b.rays.n, b.sample_spans(), b.raw, {}, {b.d_rgb, {}}, b.d_raw);
-  });
-  runner.time("kernel/adam", static_cast<double>(b.gradients.size()), kAdamFlops, [&] {
+  runner.time("kernel/composite_forward", samples,
+              {kCompositeFlops, kIntervalBytes + kRawBytes + kPictureBytes / per_ray}, [&] {
+                backend.composite_forward(b.rays.n, b.sample_spans(), b.raw, {}, {b.rgb, b.depth, b.opacity, {}});
+              });
+  // Densities and colours are read, their derivatives written.
+  runner.time("kernel/composite_backward", samples,
+              {kCompositeAdjointFlops, kIntervalBytes + 2 * kRawBytes + kColourBytes / per_ray}, [&] {
+                backend.composite_backward(b.rays.n, b.sample_spans(), b.raw, {}, {b.d_rgb, {}}, b.d_raw);
+              });
+  runner.time("kernel/adam", static_cast<double>(b.gradients.size()), {kAdamFlops, kAdamBytes}, [&] {
     backend.adam(adam_step(5e-4, 1), b.gradients, b.state.model->parameters, b.state.first_moment,
                  b.state.second_moment);
   });
@@ -132,15 +169,26 @@ void time_grid_kernels(Runner& runner, kernels::Backend& backend, const Syntheti
                features = b.model().field.grid.features, macs = grid_macs_per_sample(b.model().field);
   // A level: three coordinates of 3, eight weights of 2, eight rows of 2 operations a feature; twice of that for the adjoint.
   const double encode_flops = levels * (25 + 16 * features);
-  runner.time("kernel/grid_encode", samples, encode_flops, [&] { stages.encode(b.grid(), b.points, b.features); });
-  runner.time("kernel/grid_encode_backward", samples, 2 * encode_flops,
+  // Eight rows a level, or all that there are, where these are fewer: samples share them.
+  const double rows_bytes =
+      std::min(levels * 8 * features * kNumber, kNumber * static_cast<double>(b.d_table.size()) / samples);
+  const double features_bytes = levels * features * kNumber;
+  const double weights = static_cast<double>(b.d_weights.size()) / samples;
+  const double network_bytes =
+      features_bytes + kHarmonics * kNumber / GridBatch::per_ray + kRawBytes + kNumber * weights;
+  runner.time("kernel/grid_encode", samples, {encode_flops, kPointBytes + features_bytes + rows_bytes},
+              [&] { stages.encode(b.grid(), b.points, b.features); });
+  runner.time("kernel/grid_encode_backward", samples,
+              {2 * encode_flops, kPointBytes + features_bytes + 2 * rows_bytes},  // rows are added to
               [&] { stages.encode_backward(b.grid(), b.points, b.features, b.d_table, {}); });
-  runner.time("kernel/grid_network_forward", samples, 2 * macs,
+  runner.time("kernel/grid_network_forward", samples, {2 * macs, network_bytes},
               [&] { stages.network_forward(b.network(), n, b.per_ray, b.features, b.harmonics, b.raw); });
   // Includes the forward pass that it does over.
-  runner.time("kernel/grid_network_backward", samples, 6 * macs, [&] {
-    stages.network_backward(b.network(), n, b.per_ray, b.features, b.harmonics, b.raw, b.d_weights, b.d_features);
-  });
+  runner.time("kernel/grid_network_backward", samples,
+              {6 * macs, network_bytes + features_bytes + kGradientBytes * weights}, [&] {
+                stages.network_backward(b.network(), n, b.per_ray, b.features, b.harmonics, b.raw, b.d_weights,
+                                        b.d_features);
+              });
 }
 
 }  // namespace
@@ -152,8 +200,14 @@ Report run(kernels::Backend& backend, const Options& options, const std::functio
   report.isa = backend.isa() ? std::string(isa_name(*backend.isa())) : "none";
   report.threads = backend.threads();
   report.commit = kCommit;
-  ThreadPool pool(backend.threads());
-  report.peak_gflops = measure_peak_gflops(backend.isa(), pool);
+  if (report.backend == "cuda") report.gpu = kernels::cuda_description();
+  if (const auto own = backend.ceilings()) {
+    report.ceilings = *own;
+  } else {
+    ThreadPool pool(backend.threads());
+    report.ceilings = {measure_peak_gflops(backend.isa(), pool), report.isa == "none" ? "sse2" : report.isa,
+                       measure_copied_gb_s(pool)};
+  }
 
   Runner runner(backend, options, &report, on_result);
   const SyntheticDrive drive = make_drive();
@@ -177,7 +231,10 @@ nlohmann::json to_json(const Report& report) {
                             {"isa", report.isa},
                             {"backend", report.backend},
                             {"threads", report.threads},
-                            {"peak_gflops", report.peak_gflops}};
+                            {"peak_gflops", report.ceilings.gflops},
+                            {"peak_arithmetic", report.ceilings.arithmetic},
+                            {"peak_copied_gb_s", report.ceilings.copied_gb_s}};
+  if (!report.gpu.empty()) machine["gpu"] = report.gpu;
   if (!report.commit.empty()) machine["commit"] = report.commit;
   nlohmann::json results = nlohmann::json::array();
   for (const Result& r : report.results)
@@ -185,8 +242,11 @@ nlohmann::json to_json(const Report& report) {
                        {"median_ms", r.median_ms},
                        {"min_ms", r.min_ms},
                        {"samples_per_s", r.samples_per_s},
+                       {"flops", r.flops},
+                       {"bytes", r.bytes},
                        {"gflops", r.gflops},
-                       {"percent_of_peak", r.percent_of_peak}});
+                       {"percent_of_roofline", r.percent_of_roofline},
+                       {"limit", r.limited_by_copies ? "copies" : "arithmetic"}});
   return {{"machine", machine}, {"results", results}};
 }
 

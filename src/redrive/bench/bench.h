@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Times kernels, whole training steps and a whole picture through one backend, on synthetic input of formulas.
+// Times kernels, whole training steps and a whole picture through one backend, on synthetic input of formulas, against its roofline
+// (Williams, Waterman and Patterson, CACM 2009): arithmetic and copies, each as fast as they were measured.
 #pragma once
 
 #include <functional>
@@ -25,14 +26,19 @@ struct Result {
   /// Arithmetic of the formula as the paper writes it, by the median; exp, division and square root count as one, a training step as
   /// three forward passes. Not what a kernel makes of it: kernels/cpu/folded_colour.h saves a tenth of it.
   double gflops = 0;
-  double percent_of_peak = 0;  ///< of Report::peak_gflops; may pass 100 for that reason
+  double flops = 0, bytes = 0;  ///< of one run; of bytes those that the formula is given and gives, each once
+  /// The least time that the report's ceilings leave for these, of the median. May pass 100: by what a kernel saves of the arithmetic, and
+  /// where its numbers were in a cache.
+  double percent_of_roofline = 0;
+  bool limited_by_copies = false;  ///< rather than by arithmetic: which ceiling leaves that time
 };
 
 struct Report {
   std::string cpu, backend, isa;  ///< isa "none" for ref
   int threads = 0;
-  double peak_gflops = 0;  ///< bench/peak.h, all threads, measured in this run
-  std::string commit;      ///< of the build; empty if unknown
+  std::string gpu;             ///< where that computes; empty else
+  kernels::Ceilings ceilings;  ///< measured in this run: the backend's own, or those of all threads (bench/peak.h)
+  std::string commit;          ///< of the build; empty if unknown
   std::vector<Result> results;
 };
 

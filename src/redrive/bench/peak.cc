@@ -3,8 +3,11 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cstring>
 #include <numeric>
 #include <vector>
+
+#include "redrive/base/buffer.h"
 
 namespace redrive::bench {
 namespace {
@@ -49,6 +52,21 @@ double measure_peak_gflops(std::optional<Isa> isa, ThreadPool& pool) {
   std::vector<double> gflops(pool.threads());
   pool.run(pool.threads(), [&](int lane) { gflops[lane] = best_gflops(loop_of(isa)); });
   return std::accumulate(gflops.begin(), gflops.end(), 0.0);
+}
+
+double measure_copied_gb_s(ThreadPool& pool) {
+  constexpr std::size_t kOfThread = std::size_t{64} << 20, kLeast = std::size_t{256} << 20;
+  constexpr int kRuns = 20;
+  const std::size_t threads = pool.threads(), each = std::max(kOfThread, kLeast / threads);
+  Buffer<char> from(threads * each), to(threads * each);
+  double best = 0;
+  for (int run = 0; run < kRuns; ++run) {
+    const auto start = std::chrono::steady_clock::now();
+    pool.run(pool.threads(), [&](int lane) { std::memcpy(&to[lane * each], &from[lane * each], each); });
+    const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    best = std::max(best, 2e-9 * static_cast<double>(from.size()) / seconds);
+  }
+  return best;
 }
 
 }  // namespace redrive::bench

@@ -7,6 +7,7 @@
 #include "redrive/bench/bench.h"
 #include "redrive/cli/backend_options.h"
 #include "redrive/cli/command.h"
+#include "redrive/kernels/cuda/cuda_backend.h"
 
 namespace redrive {
 
@@ -28,17 +29,21 @@ Action configure_bench(CLI::App& command) {
     const auto backend = make_checked_backend(s->backend);
     // Progress goes to stderr where stdout is for a script.
     std::FILE* out = s->json ? stderr : stdout;
-    std::fprintf(out, "%s, %s\n%-30s %12s %12s %12s %10s %8s\n", describe(*backend).c_str(), cpu_model_name().c_str(),
-                 "name", "median ms", "min ms", "Msamples/s", "GFLOP/s", "% peak");
+    std::fprintf(out, "%s, %s\n", describe(*backend).c_str(), cpu_model_name().c_str());
+    if (backend->name() == "cuda") std::fprintf(out, "%s\n", kernels::cuda_description().c_str());
+    std::fprintf(out, "%-30s %10s %10s %11s %10s %9s %8s %7s  %s\n", "name", "median ms", "min ms", "Msamples/s",
+                 "GFLOP", "GFLOP/s", "MB", "% roof", "limit");
     const bench::Report report = bench::run(*backend, s->options, [&](const bench::Result& r) {
-      std::fprintf(out, "%-30s %12.3f %12.3f %12.2f %10.1f %8.1f\n", r.name.c_str(), r.median_ms, r.min_ms,
-                   1e-6 * r.samples_per_s, r.gflops, r.percent_of_peak);
+      std::fprintf(out, "%-30s %10.3f %10.3f %11.2f %10.3f %9.1f %8.2f %7.1f  %s\n", r.name.c_str(), r.median_ms,
+                   r.min_ms, 1e-6 * r.samples_per_s, 1e-9 * r.flops, r.gflops, 1e-6 * r.bytes, r.percent_of_roofline,
+                   r.limited_by_copies ? "copies" : "arithmetic");
       std::fflush(out);
     });
     std::fprintf(
         out,
-        "measured peak: %.0f GFLOP/s; the figures count the paper's arithmetic, of which folded layers save a tenth\n",
-        report.peak_gflops);
+        "measured roof: %.0f GFLOP/s (%s), copies %.0f GB/s read and written; GFLOP are the paper's arithmetic, of "
+        "which folded layers save a tenth, MB what goes in and comes out\n",
+        report.ceilings.gflops, report.ceilings.arithmetic.c_str(), report.ceilings.copied_gb_s);
     if (s->json) std::printf("%s\n", bench::to_json(report).dump(2).c_str());
     return kExitOk;
   };

@@ -1,5 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <chrono>
 #include <cstdio>
+#include <optional>
+#include <string>
 
 #include <unistd.h>
 
@@ -8,9 +11,26 @@
 #include "redrive/cli/command.h"
 #include "redrive/kernels/cuda/cuda_backend.h"
 #include "redrive/kernels/kernels.h"
+#include "redrive/kernels/self_test.h"
 
 namespace redrive {
 namespace {
+
+/// How the self-test of a GPU ended.
+std::string tested_gpu() {
+  const auto start = std::chrono::steady_clock::now();
+  std::optional<std::string> failure;
+  try {
+    failure = kernels::self_test(*kernels::make_cuda_backend(1));
+  } catch (const DeviceError& error) {
+    failure = error.what();
+  }
+  if (failure) return "failed: " + *failure;
+  char text[80];
+  std::snprintf(text, sizeof text, "passed in %.1f s: the GPU computes what the reference does",
+                std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
+  return text;
+}
 
 int doctor() {
   const double memory_gib =
@@ -25,12 +45,12 @@ int doctor() {
   const auto no_cuda = kernels::cuda_obstacle();
   std::printf("cuda         %s\n",
               no_cuda ? ("no: " + *no_cuda).c_str() : ("yes: " + kernels::cuda_description()).c_str());
+  if (!no_cuda) std::printf("self-test    %s\n", tested_gpu().c_str());
   if (!best_isa())
     std::printf("warning: no usable instruction set; only the slow reference backend runs on this machine\n");
   if (best_isa() == Isa::kAvx512 && !isa_obstacle(Isa::kAvx512Bf16))
     std::printf(
         "note: avx512-bf16 works here but is slower than avx512 on Intel processors; --isa avx512-bf16 takes it\n");
-  if (!no_cuda) std::printf("note: --backend cuda takes the GPU; no GPU has run its tests yet\n");
   std::printf("chosen       %s (the fastest of these; --backend and --isa take another)\n",
               describe(*kernels::make_backend({})).c_str());
   return kExitOk;

@@ -56,6 +56,7 @@ int run_eval(EvalCommandOptions options) {
   const Run run = open_run(options.run);
   const auto backend = make_checked_backend(options.backend);
   if (!options.json) std::printf("%s\n", kernels::describe(*backend).c_str());
+  check_device_work(run, *backend, work_of_evaluation(run));
   options.eval.progress = image_progress();
   const Evaluation evaluation = evaluate(run, *backend, options.eval);
   if (options.json)

@@ -13,6 +13,7 @@
 #include "redrive/cli/command.h"
 #include "redrive/render/renderer.h"
 #include "redrive/render/view_pose.h"
+#include "redrive/train/memory.h"
 #include "redrive/train/run.h"
 
 namespace redrive {
@@ -101,6 +102,7 @@ int render_one(const RenderOptions& options) {
                                                    *shift_axes_from_name(options.axes), shift_m);
   const auto backend = make_checked_backend(options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
+  check_device_work(run, *backend, {.tile_rays = rays_of_tile(*run.state.model)});
   const RenderedImage image = render_image(*backend, *run.state.model, camera.camera, world_from_camera,
                                            exposure_of(options, run, camera.name, frame));
   write_image(options.out, to_image8(image));
@@ -138,6 +140,7 @@ int render_poses(const RenderOptions& options) {
 
   const auto backend = make_checked_backend(options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
+  check_device_work(run, *backend, {.tile_rays = rays_of_tile(*run.state.model)});
   for (std::size_t i = 0; i < poses.views.size(); ++i) {
     const fs::path file = out / poses.views[i].file;
     const RenderedImage image =

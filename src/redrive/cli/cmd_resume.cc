@@ -12,7 +12,8 @@
 namespace redrive {
 namespace {
 
-constexpr const char* kChangeable[] = {"epochs", "max-steps", "max-seconds", "memory", "backend", "isa", "threads"};
+constexpr const char* kChangeable[] = {"epochs",     "max-steps", "max-seconds", "memory",
+                                       "gpu-memory", "backend",   "isa",         "threads"};
 
 struct ResumeArguments {
   std::string run;

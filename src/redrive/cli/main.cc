@@ -82,6 +82,8 @@ int main(int argc, char** argv) {
     return complain(error, redrive::kExitCannot);
   } catch (const redrive::IoError& error) {
     return complain(error, redrive::kExitIo);
+  } catch (const redrive::DeviceError& error) {
+    return complain(error, redrive::kExitDevice);
   } catch (const std::filesystem::filesystem_error& error) {  // a name too long, a loop of links
     return complain(error, redrive::kExitBadInput);
   } catch (const std::bad_alloc&) {

@@ -34,12 +34,19 @@ const std::atomic<bool>& stop_on_signal() {
   return stop_flag;
 }
 
-void announce_memory(const Run& run, const kernels::Backend& backend) {
+void announce_memory(const Run& run, kernels::Backend& backend) {
   const MemoryNeed need = estimate_memory(run, backend.threads());
   const std::uint64_t allowed = allowed_memory(run.options, memory_bytes());
-  std::printf("%s\n", memory_text(need, allowed).c_str());
+  std::printf("%s\n", memory_text(need.total(), allowed).c_str());
   std::fflush(stdout);
   check_memory(need, allowed, run.options);
+  const auto free = backend.free_memory();
+  const auto of_gpu = estimate_device_memory(run, backend, need);
+  if (!free || !of_gpu) return;
+  const std::uint64_t allowed_there = allowed_gpu_memory(run.options, *free);
+  std::printf("GPU: %s\n", memory_text(of_gpu->total(), allowed_there).c_str());
+  std::fflush(stdout);
+  check_memory(*of_gpu, allowed_there, run.options);
 }
 
 void print_summary(const Run& run, const TrainingData& training, const kernels::Backend& backend) {

@@ -14,8 +14,8 @@ namespace redrive {
 /// (SIGPIPE) ends nothing.
 const std::atomic<bool>& stop_on_signal();
 
-/// Says how much memory the run will need of what --memory allows; UsageError if that is too much.
-void announce_memory(const Run& run, const kernels::Backend& backend);
+/// Says how much memory the run will need of what --memory allows, and on a GPU of what --gpu-memory does; UsageError if that is too much.
+void announce_memory(const Run& run, kernels::Backend& backend);
 
 /// Backend, cameras and what is left out of their pictures, frames, pixels, training and held-out views, steps.
 void print_summary(const Run& run, const TrainingData& training, const kernels::Backend& backend);

@@ -125,6 +125,15 @@ Score score_image(const RenderedImage& rendered, const Image8& truth, std::span<
           left_out};
 }
 
+DeviceWork work_of_evaluation(const Run& run) {
+  DeviceWork work{.tile_rays = rays_of_tile(*run.state.model)};
+  if (run.state.poses.refines() && std::ranges::any_of(run.scene.views, &View::held_out)) {
+    work.step_rays = kMostAlignedRays;
+    work.refines = true;
+  }
+  return work;
+}
+
 Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions& options) {
   Evaluation evaluation;
   Scene scene = run.scene;

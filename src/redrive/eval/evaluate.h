@@ -14,6 +14,7 @@
 
 #include "redrive/eval/novel_truth.h"
 #include "redrive/eval/view_alignment.h"
+#include "redrive/model/device_memory.h"
 #include "redrive/render/renderer.h"
 #include "redrive/train/pose_changes.h"
 #include "redrive/train/run.h"
@@ -60,6 +61,9 @@ Score score_image(const RenderedImage& rendered, const Image8& truth, std::span<
 std::vector<std::size_t> evenly_spaced(std::size_t size, std::size_t limit);
 
 Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions& options = {});
+
+/// The most that it asks of the run's model.
+DeviceWork work_of_evaluation(const Run& run);
 
 /// {"overall": SCORE, "cameras": {CAM: SCORE}, "novel": {NAME: SCORE}, "held_out": bool, "alignment": {"moved_m",
 /// "turned_deg", "rest_m", "rest_deg", "frames"} or null, "view_alignment": {"moved_m", "turned_deg", "views"} or null, "pose_changes": {"frames":

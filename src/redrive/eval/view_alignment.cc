@@ -10,7 +10,7 @@ namespace redrive {
 namespace {
 
 // Some hundred rays a picture and step, whose noise the falling rate averages away.
-constexpr int kSteps = 80, kRaysOfView = 128, kMostRays = 16384;
+constexpr int kSteps = 80, kRaysOfView = 128;
 constexpr double kFirstRate_m = 1e-2, kLastRate = 0.02;  // a step; of it at the end
 
 /// In the body's axes, whatever row.
@@ -43,7 +43,7 @@ ViewAlignment align_views(const Run& run, kernels::Backend& backend, std::span<c
   std::vector<float> motions(numbers);
   std::vector<double> gradient(numbers);
   std::vector<float> unused(run.state.model->size());  // the field stays
-  const int rays = static_cast<int>(std::min<std::size_t>(kRaysOfView * views.size(), kMostRays));
+  const int rays = static_cast<int>(std::min<std::size_t>(kRaysOfView * views.size(), kMostAlignedRays));
   RayBatch batch;
   Workspace workspace;
   std::uint64_t drawn = 0;

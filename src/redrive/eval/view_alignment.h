@@ -17,6 +17,9 @@ struct ViewAlignment {
   double moved_m = 0, turned_deg = 0;
 };
 
+/// A step of it has so many, at most.
+constexpr int kMostAlignedRays = 16384;
+
 /// Moves scene->views[i] for each i of `views`, at least one, by the six numbers that make their pictures most alike. `scene` is the run's.
 /// InputError as load_view.
 ViewAlignment align_views(const Run& run, kernels::Backend& backend, std::span<const std::size_t> views,

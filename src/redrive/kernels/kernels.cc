@@ -4,6 +4,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/kernels/cuda/cuda_backend.h"
+#include "redrive/kernels/self_test.h"
 
 namespace redrive::kernels {
 namespace {
@@ -55,6 +56,8 @@ std::unique_ptr<Backend> make_backend(const BackendChoice& choice) {
     if (const auto obstacle = cuda_obstacle()) throw UsageError("--backend", choice.name, *obstacle);
     return make_cuda_backend(threads);
   }
+  if (choice.name == "auto" && choice.isa == "auto" && !cuda_obstacle())
+    if (auto gpu = unless_it_errs([&] { return make_cuda_backend(threads); })) return gpu;
   const std::optional<Isa> isa = choice.name == "ref" ? std::nullopt : choose_isa(choice.isa);
   if (choice.name == "cpu" && !isa)
     throw UsageError("--backend", choice.name, *isa_obstacle(Isa::kAvx2) + "; ref runs everywhere");

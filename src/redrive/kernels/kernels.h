@@ -72,6 +72,19 @@ struct StratifiedSampling {
   std::uint64_t key = 0;
 };
 
+/// The most that a device does, measured: its roofline.
+struct Ceilings {
+  double gflops = 0;       ///< a multiply-add is two
+  std::string arithmetic;  ///< of which instruction
+  double copied_gb_s = 0;  ///< 1e9 bytes, read and written, from its memory to another place there
+};
+
+/// What a counting backend was asked for (Backend::counting).
+struct CountedBytes {
+  std::uint64_t now = 0, most = 0;
+  bool all_live = false;  ///< what GridStages::live_rays finds: all of them, or all but one
+};
+
 class Backend {
  public:
   virtual ~Backend() = default;
@@ -88,6 +101,12 @@ class Backend {
   virtual void put(std::span<const float> /*part*/) {}    ///< the other way: after the host has changed it
   virtual bool keeps(std::span<const float> /*numbers*/) const { return false; }  ///< stages find them there
   virtual void wait() {}  ///< until all that stages were asked for is done: for clocks, the rest need not know
+  // Of a device with memory of its own; the others have the host's and say nothing.
+  virtual std::optional<std::uint64_t> free_memory() { return std::nullopt; }  ///< bytes
+  virtual std::optional<Ceilings> ceilings() { return std::nullopt; }          ///< takes some tenths of a second
+  /// The same stages, which compute nothing and count the memory that they would take: what comes to the host is 0. `bytes` must outlive it and
+  /// what it keeps.
+  virtual std::unique_ptr<Backend> counting(CountedBytes* /*bytes*/) const { return nullptr; }
   // What a caller would do itself if all numbers were its own; the default does it on the host.
   virtual void fill(std::span<float> numbers, float value);
   virtual double sum(std::span<const float> numbers);       ///< in double, in a fixed order
@@ -172,8 +191,8 @@ void fetch(Backend& backend, const std::vector<T>& numbers) {
   backend.fetch(as_floats(std::span<const T>(numbers)));
 }
 
-/// --backend and --isa. `name` "auto": cpu where the processor has AVX2, else ref; cuda is taken by its name alone as long as no GPU has run
-/// its tests. UsageError says why a choice is impossible.
+/// --backend and --isa. `name` "auto": with `isa` "auto", too, cuda where there is a GPU that passes its self-test (self_test.h); else cpu where
+/// the processor has AVX2, else ref. UsageError says why a choice is impossible.
 struct BackendChoice {
   std::string name = "auto";  ///< auto, ref, cpu, cuda
   std::string isa = "auto";   ///< auto, avx2, avx512, avx512-bf16, amx-bf16

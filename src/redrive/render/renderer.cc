@@ -16,6 +16,8 @@ constexpr int kMaxTileSamples = 1 << 20;
 
 }  // namespace
 
+int rays_of_tile(const Model& model) { return std::clamp(kMaxTileSamples / model.samples_per_ray(), 4, kMaxTileRays); }
+
 RenderedImage render_image(kernels::Backend& backend, const Model& model, const Camera& camera,
                            const ShutterPoses& world_from_camera, const Exposure& exposure) {
   return render_image(backend, model, make_ray_table(camera, backend.threads()), world_from_camera, exposure);
@@ -36,7 +38,7 @@ RenderedImage render_image(kernels::Backend& backend, const Model& model, const 
   Workspace workspace;
   std::vector<float> rgb, depth, opacity;
   const PixelSquares squares = squares_of(table);
-  const std::size_t most = std::clamp(kMaxTileSamples / model.samples_per_ray(), 4, kMaxTileRays);
+  const std::size_t most = rays_of_tile(model);
   for (std::size_t square = 0; square + 1 < squares.first.size();) {
     const std::uint32_t first = squares.first[square];
     batch.group.clear();

@@ -20,6 +20,9 @@ struct RenderedImage {
   std::vector<std::uint8_t> valid;  ///< [height, width]
 };
 
+/// A picture is made so many rays at a time, at most.
+int rays_of_tile(const Model& model);
+
 /// As the camera of the run shows it that `exposure` names.
 RenderedImage render_image(kernels::Backend& backend, const Model& model, const Camera& camera,
                            const ShutterPoses& world_from_camera, const Exposure& exposure = {});

@@ -7,6 +7,7 @@
 
 #include <gtest/gtest.h>
 
+#include "redrive/base/error.h"
 #include "redrive/kernels/cuda/cuda_backend.h"
 #include "redrive/model/tiny_grid_model.h"
 #include "redrive/train/step.h"
@@ -315,6 +316,39 @@ TEST_F(TrainingOnADevice, GathersBatchesOfAllSizes) {
       EXPECT_EQ(of.batch.*numbers, expected.*numbers) << even;
     }
   }
+}
+
+TEST_F(TrainingOnADevice, ALostDeviceLeavesTheLastCheckpointAndSaysHowToGoOn) {
+  TrainOptions options = tiny_options(12);
+  options.checkpoint_every = 4;
+  const auto backend = kernels::make_loop_backend();
+  redrive::Run whole = tiny_grid_run(folder_.path / "whole", folder_.path, options);
+  EXPECT_EQ(train(&whole, *backend, never_), TrainEnd::kFinished);
+  // In the first step, somewhere later, while a checkpoint is fetched.
+  std::int64_t last_step = -1;
+  for (const std::int64_t works : {0, 1, 300, 700}) {
+    kernels::LoopTroubles troubles{.works = works};
+    const auto failing = kernels::make_loop_backend(nullptr, true, &troubles);
+    redrive::Run lost = tiny_grid_run(folder_.path / ("lost" + std::to_string(works)), folder_.path, options);
+    try {
+      train(&lost, *failing, never_);
+      ADD_FAILURE() << "it did not fail after " << works;
+    } catch (const DeviceError& error) {
+      EXPECT_EQ(error.what(),
+                "step " + std::to_string(lost.state.step) +
+                    ": the GPU failed, computing: it was told to; the last checkpoint stands, go on from it "
+                    "with: redrive resume " +
+                    lost.paths.root.string());
+    }
+    redrive::Run resumed = reopened(lost);
+    EXPECT_EQ(resumed.state.step % 4, 0);
+    EXPECT_LE(resumed.state.step, lost.state.step);
+    last_step = resumed.state.step;
+    EXPECT_EQ(train(&resumed, *backend, never_), TrainEnd::kFinished);
+    EXPECT_TRUE(same_weights(resumed.state, whole.state)) << works;
+    EXPECT_EQ(curve(resumed), curve(whole)) << works;
+  }
+  EXPECT_GT(last_step, 0) << "a checkpoint beyond the first was gone back to";
 }
 
 TEST_F(TrainingOnADevice, OnAGpuLearnsAsOnTheProcessor) {

@@ -42,6 +42,25 @@ std::uint64_t lidar_points(const std::filesystem::path& file) {
   return count;
 }
 
+/// Rays of the largest batch, LiDAR's apart.
+int most_rays(const TrainOptions& options) {
+  return static_cast<int>(options.batch_rays * (options.method == "grid" ? kMostRaysOfBatch : 1));
+}
+
+constexpr const char* kOfPictures = "--downscale, --frames or --cameras (pictures and their rays: ";
+std::string of_batch(const TrainOptions& options) {
+  return "--batch (" + std::to_string(options.batch_rays) + " rays: ";
+}
+
+/// Bytes and what they are of, the most first.
+std::string what_to_lower(std::vector<std::pair<std::uint64_t, std::string>> parts) {
+  std::ranges::sort(parts, std::greater<>());
+  std::string lower;
+  for (const auto& [bytes, what] : parts)
+    if (bytes > 0) lower += (lower.empty() ? "" : ", ") + what + gib(static_cast<double>(bytes)) + ")";
+  return lower;
+}
+
 }  // namespace
 
 MemoryNeed estimate_memory(const Run& run, int threads) {
@@ -85,31 +104,58 @@ MemoryNeed estimate_memory(const Run& run, int threads) {
     need.lidar = used * kReturn;
     need.sorting = bytes + points * sizeof(Eigen::Vector3d) + used * kCloudPoint;
   }
-  const double rays =
-      run.options.batch_rays * (run.options.method == "grid" ? kMostRaysOfBatch : 1) + run.options.lidar_rays;
-  need.step = parameters + static_cast<std::uint64_t>(rays) * run.state.model->samples_per_ray() * kSample;
+  const int rays = most_rays(run.options) + run.options.lidar_rays;
+  need.step = parameters + std::uint64_t(rays) * run.state.model->samples_per_ray() * kSample;
   if (run.options.method == "nerf")
     need.step += kLanes * (parameters + kTileSamples * kTileNeuron * static_cast<std::uint64_t>(run.options.width));
   return need;
 }
 
-std::string memory_text(const MemoryNeed& need, std::uint64_t allowed) {
-  return "needs about " + gib(static_cast<double>(need.total())) + " of " + gib(static_cast<double>(allowed)) +
-         " allowed";
+std::optional<DeviceNeed> estimate_device_memory(const Run& run, const kernels::Backend& backend,
+                                                 const MemoryNeed& host) {
+  const Model& model = *run.state.model;
+  const auto bytes = device_bytes(
+      backend, model,
+      {most_rays(run.options), host.lidar > 0 ? run.options.lidar_rays : 0, 0, run.state.poses.refines(), true});
+  if (!bytes) return std::nullopt;
+  DeviceNeed need;
+  need.state = 4 * sizeof(float) * model.size();
+  need.pictures = host.gathered();
+  need.step = *bytes - need.state;
+  return need;
+}
+
+std::string memory_text(std::uint64_t needed, std::uint64_t allowed) {
+  return "needs about " + gib(static_cast<double>(needed)) + " of " + gib(static_cast<double>(allowed)) + " allowed";
 }
 
 void check_memory(const MemoryNeed& need, std::uint64_t allowed, const TrainOptions& options) {
   if (need.total() <= allowed) return;
-  const auto text = [](std::uint64_t bytes) { return gib(static_cast<double>(bytes)); };
-  std::vector<std::pair<std::uint64_t, std::string>> parts = {
-      {need.pictures + need.rays, "--downscale, --frames or --cameras (pictures and their rays: "},
-      {need.lidar + need.sorting, "--frames or --lidar-rays 0 (LiDAR: "},
-      {need.step, "--batch (" + std::to_string(options.batch_rays) + " rays: "}};
-  std::ranges::sort(parts, std::greater<>());
-  std::string lower;
-  for (const auto& [bytes, what] : parts)
-    if (bytes > 0) lower += (lower.empty() ? "" : ", ") + what + text(bytes) + ")";
-  throw UsageError("--memory", options.memory, memory_text(need, allowed) + "; lower " + lower);
+  throw UsageError("--memory", options.memory,
+                   memory_text(need.total(), allowed) + "; lower " +
+                       what_to_lower({{need.pictures + need.rays, kOfPictures},
+                                      {need.lidar + need.sorting, "--frames or --lidar-rays 0 (LiDAR: "},
+                                      {need.step, of_batch(options)}}));
+}
+
+void check_memory(const DeviceNeed& need, std::uint64_t allowed, const TrainOptions& options) {
+  if (need.total() <= allowed) return;
+  throw UsageError("--gpu-memory", options.gpu_memory,
+                   memory_text(need.total(), allowed) + " on the GPU; lower " +
+                       what_to_lower({{need.pictures, kOfPictures}, {need.step, of_batch(options)}}));
+}
+
+void check_device_work(const Run& run, kernels::Backend& backend, const DeviceWork& work) {
+  const auto bytes = device_bytes(backend, *run.state.model, work);
+  const auto free = backend.free_memory();
+  if (!bytes || !free) return;
+  DeviceNeed need;
+  need.step = *bytes;
+  const std::uint64_t allowed = allowed_gpu_memory(run.options, *free);
+  if (need.total() > allowed)
+    throw UsageError("--backend", backend.name(),
+                     memory_text(need.total(), allowed) + " on the GPU (the run's --gpu-memory " +
+                         run.options.gpu_memory + "); see what else runs on it, or take --backend cpu");
 }
 
 }  // namespace redrive

@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// How much memory training will take, before any picture is loaded.
+// How much memory training will take, before any picture is loaded; of a GPU also what rendering takes, before any picture is made.
 #pragma once
 
 #include <algorithm>
 #include <cstdint>
+#include <optional>
 #include <string>
 
+#include "redrive/model/device_memory.h"
 #include "redrive/train/run.h"
 
 namespace redrive {
@@ -33,9 +35,26 @@ struct MemoryNeed {
 };
 MemoryNeed estimate_memory(const Run& run, int threads);
 
-/// "needs about 1.3 GiB of 16.8 GiB allowed".
-std::string memory_text(const MemoryNeed& need, std::uint64_t allowed);
+/// The same of a GPU's memory.
+struct DeviceNeed {
+  std::uint64_t state = 0;     ///< parameters, gradients and moments
+  std::uint64_t pictures = 0;  ///< of all training views, and the directions of their pixels
+  std::uint64_t step = 0;      ///< a batch's working memory and that of the networks
+  std::uint64_t total() const {
+    const std::uint64_t sum = state + pictures + step;
+    return sum + sum / 20;
+  }
+};
+/// Nothing where the backend works in the host's. `host`: of the same run.
+std::optional<DeviceNeed> estimate_device_memory(const Run& run, const kernels::Backend& backend,
+                                                 const MemoryNeed& host);
+
+/// "needs about 1.3 GiB of 16.8 GiB allowed", of bytes.
+std::string memory_text(std::uint64_t needed, std::uint64_t allowed);
 /// UsageError saying what is lowered best, if more is needed than allowed.
 void check_memory(const MemoryNeed& need, std::uint64_t allowed, const TrainOptions& options);
+void check_memory(const DeviceNeed& need, std::uint64_t allowed, const TrainOptions& options);
+/// UsageError if the largest of `work` on a finished run's model takes more of the backend's own memory than the run's options allow.
+void check_device_work(const Run& run, kernels::Backend& backend, const DeviceWork& work);
 
 }  // namespace redrive

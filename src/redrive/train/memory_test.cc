@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/error.h"
+#include "redrive/kernels/cuda/cuda_backend.h"
 #include "redrive/train/test_support.h"
 
 namespace redrive {
@@ -32,14 +33,15 @@ TEST(Memory, AllowedAsBytesGiBOrShare) {
 
 class MemoryEstimate : public testing::Test {
  protected:
-  MemoryNeed of(const TrainOptions& options, int threads = 2) {
+  redrive::Run run_of(const TrainOptions& options) {
     redrive::Run run;
     run.options = options;
     run.recording = recording_;
     run.scene = make_scene(recording_, scene_options(options));
     run.state = first_state(options, run.scene);
-    return estimate_memory(run, threads);
+    return run;
   }
+  MemoryNeed of(const TrainOptions& options, int threads = 2) { return estimate_memory(run_of(options), threads); }
 
   TemporaryFolder folder_;
   Recording recording_ = make_test_recording(folder_.path, 6);  // FRONT 24 x 16
@@ -76,7 +78,7 @@ TEST_F(MemoryEstimate, MoreThanAllowedIsRefusedWithWhatToLower) {
   need.pictures = 3 * kGiB;
   need.step = kGiB / 4;
   check_memory(need, 4 * kGiB, options);
-  EXPECT_EQ(memory_text(need, 4 * kGiB), "needs about 3.4 GiB of 4.0 GiB allowed");
+  EXPECT_EQ(memory_text(need.total(), 4 * kGiB), "needs about 3.4 GiB of 4.0 GiB allowed");
   const auto refused = [&] {
     try {
       check_memory(need, 3 * kGiB, options);
@@ -91,6 +93,67 @@ TEST_F(MemoryEstimate, MoreThanAllowedIsRefusedWithWhatToLower) {
   EXPECT_THAT(refused(), HasSubstr("lower --batch (64 rays: 8.0 GiB), --downscale"));
   need.sorting = 9 * kGiB;
   EXPECT_THAT(refused(), HasSubstr("lower --frames or --lidar-rays 0 (LiDAR: 9.0 GiB), --batch"));
+}
+
+TEST_F(MemoryEstimate, OfAGpuIsTheStateThePicturesAndAStep) {
+  const auto of_gpu = [&](const TrainOptions& options) {
+    const redrive::Run run = run_of(options);
+    return *estimate_device_memory(run, *kernels::make_loop_backend(), estimate_memory(run, 2));
+  };
+  for (const char* method : {"nerf", "grid"}) {
+    TrainOptions options = tiny_options(1);
+    options.method = method;
+    const DeviceNeed one = of_gpu(options);
+    const redrive::Run run = run_of(options);
+    EXPECT_EQ(one.state, 16 * run.state.model->size()) << "four numbers a parameter";
+    EXPECT_EQ(one.pictures, estimate_memory(run, 2).pictures + estimate_memory(run, 2).rays);
+    const std::uint64_t colours = 64u * 12 * 4 * sizeof(float);  // and densities of all samples: the least of a batch
+    EXPECT_GT(one.step, colours);
+    options.batch_rays *= 4;
+    const DeviceNeed more = of_gpu(options);
+    EXPECT_GT(more.step, one.step + 3 * colours);
+    EXPECT_EQ(more.state, one.state);
+  }
+  const redrive::Run run = run_of(tiny_options(1));
+  EXPECT_FALSE(estimate_device_memory(run, *kernels::make_ref_backend(), estimate_memory(run, 2)));
+}
+
+TEST_F(MemoryEstimate, MoreThanAGpuMayGiveIsRefusedWithWhatToLower) {
+  TrainOptions options = tiny_options(1);
+  EXPECT_EQ(allowed_gpu_memory(options, 10 * kGiB), 9 * kGiB);
+  options.gpu_memory = "2GiB";
+  EXPECT_EQ(allowed_gpu_memory(options, 10 * kGiB), 2 * kGiB);
+  options.gpu_memory = "all";
+  EXPECT_THROW(validate(options), UsageError);
+  options.gpu_memory = "90%";
+  DeviceNeed need;
+  need.state = need.pictures = kGiB;
+  need.step = 2 * kGiB;
+  check_memory(need, 5 * kGiB, options);
+  try {
+    check_memory(need, 4 * kGiB, options);
+    ADD_FAILURE() << "not refused";
+  } catch (const UsageError& error) {
+    EXPECT_THAT(error.what(), HasSubstr("--gpu-memory 90%: needs about 4.2 GiB of 4.0 GiB allowed on the GPU; lower "
+                                        "--batch (64 rays: 2.0 GiB), --downscale"));
+  }
+}
+
+TEST_F(MemoryEstimate, RenderingIsRefusedOnAFullGpu) {
+  const redrive::Run run = run_of(tiny_options(1));
+  const DeviceWork tile{.tile_rays = 100};
+  kernels::LoopTroubles troubles;
+  const auto backend = kernels::make_loop_backend(nullptr, true, &troubles);
+  check_device_work(run, *backend, tile);  // without an end
+  troubles.free_memory = kGiB;
+  check_device_work(run, *backend, tile);
+  troubles.free_memory = 4 * run.state.model->size();  // the parameters alone
+  try {
+    check_device_work(run, *backend, tile);
+    ADD_FAILURE() << "not refused";
+  } catch (const UsageError& error) {
+    EXPECT_THAT(error.what(), AllOf(HasSubstr("--backend loop: needs about"), HasSubstr("--gpu-memory 90%")));
+  }
 }
 
 }  // namespace

@@ -228,6 +228,10 @@ std::vector<TrainField> make_fields() {
            "that training may take; more is refused before it begins: bytes, a number of GiB such as 6GiB, or a share "
            "of the "
            "machine's, which a control group may limit"),
+      text("gpu-memory", &O::gpu_memory, {},
+           "that training and rendering may take of a GPU's memory; more is refused before it begins: bytes, a number "
+           "of GiB, or a share of "
+           "what is free there"),
       text("backend", &O::backend, {"auto", "ref", "cpu", "cuda"}, "what computes"),
       text("isa", &O::isa, {"auto", "avx2", "avx512", "avx512-bf16", "amx-bf16"}, "instruction set of the cpu backend"),
   };

@@ -55,8 +55,9 @@ struct TrainOptions {
   std::uint64_t seed = 1;
   int checkpoint_every = 1000;  ///< steps; also at the end and on Ctrl-C
   // how
-  int threads = 0;             ///< 0: all
-  std::string memory = "70%";  ///< that training may take: bytes, or with GiB or % behind it
+  int threads = 0;                 ///< 0: all
+  std::string memory = "70%";      ///< that training may take: bytes, or with GiB or % behind it
+  std::string gpu_memory = "90%";  ///< likewise of a GPU's, a share of what is free
   std::string backend = "auto", isa = "auto";
 };
 
@@ -101,6 +102,8 @@ bool refines_poses(const TrainOptions& options, const Scene& scene);
 
 /// What --memory allows on a machine of so many bytes: bytes ("6000000000"), "6GiB", or a share ("70%"). UsageError.
 std::uint64_t allowed_memory(const TrainOptions& options, std::uint64_t machine);
+/// The same of --gpu-memory, on a GPU that has so many bytes free.
+std::uint64_t allowed_gpu_memory(const TrainOptions& options, std::uint64_t free);
 
 /// Steps of the whole run: epochs, or max_steps if that is less.
 std::int64_t total_steps(const TrainOptions& options, std::int64_t steps_per_epoch);

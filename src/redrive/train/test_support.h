@@ -167,6 +167,11 @@ inline bool same_weights(const TrainState& a, const TrainState& b) {
          bit_equal(a.second_moment, b.second_moment) && bit_equal(a.cell_errors, b.cell_errors);
 }
 
+/// The processor's fastest: reruns are the same bit by bit, which a GPU's are not.
+inline std::unique_ptr<kernels::Backend> processor_backend(int threads) {
+  return best_isa() ? kernels::make_cpu_backend(*best_isa(), threads) : kernels::make_ref_backend();
+}
+
 /// Runs in a folder of their own.
 class TrainingTest : public ::testing::Test {
  protected:
@@ -188,7 +193,7 @@ class TrainingTest : public ::testing::Test {
   }
 
   TemporaryFolder folder_;
-  std::unique_ptr<kernels::Backend> backend_ = kernels::make_backend({"auto", "auto", 2});
+  std::unique_ptr<kernels::Backend> backend_ = processor_backend(2);
   const std::atomic<bool> never_{false};
 };
 

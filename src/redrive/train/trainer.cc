@@ -306,7 +306,12 @@ class Trainer {
 }  // namespace
 
 TrainEnd train(Run* run, const TrainingData& data, kernels::Backend& backend, const std::atomic<bool>& stop) {
-  return Trainer(run, data, backend).run(stop);
+  try {
+    return Trainer(run, data, backend).run(stop);
+  } catch (const DeviceError& error) {  // a checkpoint is fetched whole before any of it is written
+    throw DeviceError("step " + std::to_string(run->state.step) + ": " + error.what() +
+                      "; the last checkpoint stands, go on from it with: redrive resume " + run->paths.root.string());
+  }
 }
 
 TrainEnd train(Run* run, kernels::Backend& backend, const std::atomic<bool>& stop) {

@@ -36,7 +36,7 @@ class TrainerTest : public TrainingTest {
       EXPECT_TRUE(same_weights(other.state, trained.state));
       EXPECT_EQ(other.state.poses.corrections.values, trained.state.poses.corrections.values);
     };
-    train(&single, *kernels::make_backend({"auto", "auto", 1}), never_);
+    train(&single, *processor_backend(1), never_);
     expect_same(single);
     for (const std::int64_t at : {37, 20}) {
       train_until_killed(&parts, at);
@@ -73,7 +73,7 @@ TEST_F(TrainerTest, LossFallsAndTheRunFolderIsComplete) {
 TEST_F(TrainerTest, SameSeedGivesTheSameCurveAndWeightsBitForBit) {
   redrive::Run a = run_named("a", tiny_options(120)), b = run_named("b", tiny_options(120));
   train(&a, *backend_, never_);
-  const auto another = kernels::make_backend({"auto", "auto", 2});
+  const auto another = processor_backend(2);
   train(&b, *another, never_);
   EXPECT_EQ(curve(a), curve(b));
   EXPECT_TRUE(same_weights(a.state, b.state));

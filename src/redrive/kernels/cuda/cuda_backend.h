@@ -2,6 +2,7 @@
 // --backend cuda, as the rest of the program sees it: no CUDA type. Without nvcc at build time: no_cuda.cc.
 #pragma once
 
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <string>
@@ -17,14 +18,21 @@ std::optional<std::string> cuda_obstacle();
 std::string cuda_description();
 
 /// On the first GPU that CUDA_VISIBLE_DEVICES shows. There must be no obstacle. threads: the host's. What a GPU says no to later is a
-/// UsageError where it has no memory left, else a std::runtime_error with CUDA's words. Without tensor cores networks are fp32, for tests.
+/// UsageError where it has no memory left, else a DeviceError with CUDA's words. Without tensor cores networks are fp32, for tests.
 std::unique_ptr<Backend> make_cuda_backend(int threads, bool tensor_cores = true);
 
-/// Bytes that went there and back.
+/// Bytes that went there and back, and how many were taken of its memory at most.
 struct DeviceCopies {
-  std::size_t to_device = 0, to_host = 0;
+  std::size_t to_device = 0, to_host = 0, most_there = 0;
+};
+/// What is to go wrong.
+struct LoopTroubles {
+  std::optional<std::uint64_t> free_memory;  ///< that it says it has
+  std::int64_t works = -1;   ///< so many kernels more, then everything is a DeviceError; negative: always
+  bool loses_warps = false;  ///< the first of every kernel
 };
 /// The same stages and functors in plain loops on the host (loop_device.h): for tests. Counts copies unless `copies` is null.
-std::unique_ptr<Backend> make_loop_backend(DeviceCopies* copies = nullptr, bool tensor_cores = true);
+std::unique_ptr<Backend> make_loop_backend(DeviceCopies* copies = nullptr, bool tensor_cores = true,
+                                           LoopTroubles* troubles = nullptr);
 
 }  // namespace redrive::kernels

@@ -7,8 +7,8 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
-#include <stdexcept>
 #include <string>
 #include <type_traits>
 
@@ -23,7 +23,7 @@ namespace redrive::kernels {
 
 inline void check_cuda(cudaError_t error, const char* doing) {
   if (error != cudaSuccess)
-    throw std::runtime_error(std::string("the GPU failed, ") + doing + ": " + cudaGetErrorString(error));
+    throw DeviceError(std::string("the GPU failed, ") + doing + ": " + cudaGetErrorString(error));
 }
 
 struct CudaMemory {
@@ -71,6 +71,8 @@ class CudaDevice {
   static constexpr std::size_t kSamplesAtOnce = std::size_t{1} << 15;
   /// 0.2 GB at width 64, and a step's samples in a launch or two.
   static constexpr std::size_t kGridSamplesAtOnce = std::size_t{1} << 18;
+  /// Four rounds of all warps that an H100 has room for, and 256 MiB of copies, five times its cache (device_ceilings.h).
+  static constexpr std::size_t kWarpsForClocks = std::size_t{1} << 17;
 
   CudaDevice() {
     int device = 0;
@@ -82,6 +84,11 @@ class CudaDevice {
         kernel.ptxVersion >= 80;  // of the code that it runs: bf16's are there from compute capability 8.0 on
   }
   bool has_tensor_cores() const { return has_tensor_cores_; }
+  std::optional<std::uint64_t> free_memory() const {
+    std::size_t free = 0, all = 0;
+    check_cuda(cudaMemGetInfo(&free, &all), "asking how much memory is free");
+    return free;
+  }
 
   void begin() { memory_.begin(); }
   void* take(std::size_t bytes) { return memory_.take(bytes); }

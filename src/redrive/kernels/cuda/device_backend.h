@@ -3,9 +3,14 @@
 // copies back what it is asked for, but for numbers that are kept there: they stay from stage to stage.
 #pragma once
 
+#include <memory>
+#include <optional>
 #include <string>
+#include <type_traits>
 
 #include "redrive/kernels/check_sizes.h"
+#include "redrive/kernels/cuda/counting_device.h"
+#include "redrive/kernels/cuda/device_ceilings.h"
 #include "redrive/kernels/cuda/device_grid_stages.h"
 #include "redrive/kernels/cuda/gather_functors.h"
 #include "redrive/kernels/cuda/kept_pixels.h"
@@ -61,6 +66,16 @@ class DeviceBackend final : public Backend {
     return stage.sum(numbers.size(), NotFinite{stage.in(numbers)}) == 0;
   }
   void wait() override { device_.wait(); }
+  std::optional<std::uint64_t> free_memory() override { return device_.free_memory(); }
+  std::optional<Ceilings> ceilings() override {
+    if constexpr (!kCounts) return measure_ceilings(device_);
+    return std::nullopt;
+  }
+  std::unique_ptr<Backend> counting(CountedBytes* bytes) const override {
+    if constexpr (!kCounts)
+      return std::make_unique<DeviceBackend<Counting>>(name_, threads_, bytes, device_.has_tensor_cores());
+    return nullptr;
+  }
 
   void gather(const PixelSource& from, const PixelDraw& draw, std::span<const float> errors,
               const GatheredRays& out) override {
@@ -177,6 +192,9 @@ class DeviceBackend final : public Backend {
   GridStages& grid() override { return grid_; }
 
  private:
+  using Counting = CountingDevice<Device::kSamplesAtOnce, Device::kGridSamplesAtOnce>;
+  static constexpr bool kCounts = std::is_same_v<Device, Counting>;
+
   template <class Pass>
   void forward_by(const NerfField& field, const Rays& rays, const Samples& samples, std::span<float> raw) {
     const std::size_t n = sample_count(rays.n, samples), most = std::min(n, Device::kSamplesAtOnce);

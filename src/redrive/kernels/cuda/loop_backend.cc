@@ -5,9 +5,9 @@
 
 namespace redrive::kernels {
 
-std::unique_ptr<Backend> make_loop_backend(DeviceCopies* copies, bool tensor_cores) {
-  if (tensor_cores) return std::make_unique<DeviceBackend<LoopDevice>>("loop", 1, copies);
-  return std::make_unique<DeviceBackend<WithoutTensorCores<LoopDevice>>>("loop", 1, copies);
+std::unique_ptr<Backend> make_loop_backend(DeviceCopies* copies, bool tensor_cores, LoopTroubles* troubles) {
+  if (tensor_cores) return std::make_unique<DeviceBackend<LoopDevice>>("loop", 1, copies, troubles);
+  return std::make_unique<DeviceBackend<WithoutTensorCores<LoopDevice>>>("loop", 1, copies, troubles);
 }
 
 }  // namespace redrive::kernels

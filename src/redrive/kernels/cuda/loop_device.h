@@ -4,14 +4,17 @@
 // bring home stays behind, and of kept numbers the host has none until it fetches them.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
 #include <memory>
 #include <numeric>
+#include <optional>
 #include <span>
 #include <vector>
 
+#include "redrive/base/error.h"
 #include "redrive/kernels/cuda/cuda_backend.h"
 #include "redrive/kernels/cuda/kept_numbers.h"
 
@@ -20,18 +23,35 @@ namespace redrive::kernels {
 class LoopDevice {
  public:
   static constexpr std::size_t kSamplesAtOnce = 300, kGridSamplesAtOnce = 300;  // few: batches of tests have more
+  static constexpr std::size_t kWarpsForClocks = 1;
 
   bool has_tensor_cores() const { return true; }  // by loops over a warp's lanes (mma.h)
 
-  /// copies: is told of every copy, unless null.
-  explicit LoopDevice(DeviceCopies* copies = nullptr) : copies_(copies) {}
+  /// copies: is told of every copy, troubles: what goes wrong; unless null.
+  explicit LoopDevice(DeviceCopies* copies = nullptr, LoopTroubles* troubles = nullptr)
+      : copies_(copies), troubles_(troubles) {}
 
-  void begin() { taken_.clear(); }
+  std::optional<std::uint64_t> free_memory() const {
+    return troubles_ ? troubles_->free_memory : std::optional<std::uint64_t>();
+  }
+  void begin() {
+    taken_.clear();
+    taken_bytes_ = 0;
+  }
   void* take(std::size_t bytes) {  // each of its own size, for AddressSanitizer
     taken_.push_back(std::make_unique_for_overwrite<std::byte[]>(bytes));
+    taken_bytes_ += bytes;
+    note_memory();
     return std::memset(taken_.back().get(), 0xFF, bytes);  // NaN
   }
-  std::shared_ptr<void> hold(std::size_t bytes) { return std::make_shared_for_overwrite<std::byte[]>(bytes); }
+  std::shared_ptr<void> hold(std::size_t bytes) {
+    *held_bytes_ += bytes;
+    note_memory();
+    return {new std::byte[bytes], [bytes, held = held_bytes_](void* place) {
+              delete[] static_cast<std::byte*>(place);
+              *held -= bytes;
+            }};
+  }
   void spoil(std::span<std::byte> host) { std::memset(host.data(), 0xFF, host.size()); }  // NaN
   void wait() {}
   void to_device(void* device, const void* host, std::size_t bytes) {
@@ -39,6 +59,7 @@ class LoopDevice {
     if (copies_) copies_->to_device += bytes;
   }
   void to_host(void* host, const void* device, std::size_t bytes) {
+    need_life();
     std::memcpy(host, device, bytes);
     if (copies_) copies_->to_host += bytes;
   }
@@ -48,18 +69,35 @@ class LoopDevice {
 
   template <class Functor>
   void for_each(std::size_t n, const Functor& functor) {
+    work();
     for (std::size_t i = 0; i < n; ++i) functor(i);
   }
 
   template <class Functor>
   void for_each_warp(std::size_t n, const Functor& functor) {
-    for_each(n, functor);
+    work();
+    const bool loses_one = troubles_ && troubles_->loses_warps;
+    for (std::size_t i = loses_one; i < n; ++i) functor(i);
   }
 
   KeptNumbers kept;
 
  private:
+  void need_life() const {
+    if (troubles_ && troubles_->works == 0) throw DeviceError("the GPU failed, computing: it was told to");
+  }
+  void work() {
+    need_life();
+    if (troubles_ && troubles_->works > 0) --troubles_->works;
+  }
+  void note_memory() {
+    if (copies_) copies_->most_there = std::max(copies_->most_there, *held_bytes_ + taken_bytes_);
+  }
+
   DeviceCopies* copies_;
+  LoopTroubles* troubles_;
+  std::size_t taken_bytes_ = 0;
+  std::shared_ptr<std::size_t> held_bytes_ = std::make_shared<std::size_t>(0);  // handles may outlive the device
   std::vector<std::unique_ptr<std::byte[]>> taken_;
 };
 

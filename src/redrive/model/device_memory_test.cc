@@ -1,0 +1,109 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/model/device_memory.h"
+
+#include <gtest/gtest.h>
+
+#include "redrive/kernels/cuda/cuda_backend.h"
+#include "redrive/model/nerf_model.h"
+#include "redrive/model/tiny_grid_model.h"
+
+namespace redrive {
+namespace {
+
+/// Rays that look ahead.
+RayBatch batch_of(int n, bool refines) {
+  RayBatch batch;
+  batch.n = n;
+  batch.refines = refines;
+  batch.origin.assign(3 * n, 0);
+  batch.direction.assign(3 * n, 0);
+  std::fill_n(batch.direction.begin(), n, 1.0f);
+  batch.target.assign(3 * n, 0.5f);
+  batch.pixel_angle.assign(n, 0.02f);
+  batch.exposure.assign(n, {0, 0.1f});
+  batch.weight.assign(n, 1);
+  return batch;
+}
+
+/// What the loops take: of the same work, but place by place where a GPU's blocks are cut from one (kernels/cuda/slab.h).
+std::size_t taken(const Model& model, const DeviceWork& work, bool tensor_cores) {
+  kernels::DeviceCopies copies;
+  const auto backend = kernels::make_loop_backend(&copies, tensor_cores);
+  Workspace workspace;
+  Buffer<float> gradients(model.size());
+  std::shared_ptr<void> moments[2];
+  if (work.trains) {
+    kernels::keep(*backend, gradients);
+    for (auto& moment : moments) moment = backend->keep(gradients.span());
+  }
+  for (int again = 0; again < 2; ++again) {
+    if (work.step_rays > 0)
+      model.gradients(*backend, batch_of(work.step_rays, work.refines), 1, again, gradients, &workspace);
+    if (work.lidar_rays > 0) {
+      RayBatch lidar = batch_of(work.lidar_rays, false);
+      lidar.range_m.assign(work.lidar_rays, 2.0f);
+      model.range_gradients(*backend, lidar, 1, again, gradients, &workspace);
+    }
+    if (work.tile_rays > 0) {
+      const std::size_t n = work.tile_rays;
+      std::vector<float> rgb(3 * n), depth(n), opacity(n);
+      model.render(*backend, batch_of(work.tile_rays, false), {rgb, depth, opacity, {}}, &workspace);
+    }
+  }
+  model.parameters.elsewhere = nullptr;
+  return copies.most_there;
+}
+
+void expect_what_is_taken(const Model& model) {
+  for (const bool tensor_cores : {true, false})
+    for (const DeviceWork& work :
+         {DeviceWork{.step_rays = 200, .trains = true}, DeviceWork{.step_rays = 200, .refines = true},
+          DeviceWork{.step_rays = 50, .lidar_rays = 300, .trains = true}, DeviceWork{.tile_rays = 400}}) {
+      SCOPED_TRACE(std::to_string(work.step_rays) + " rays, " + std::to_string(work.lidar_rays) + " of LiDAR, " +
+                   std::to_string(work.tile_rays) + " of a tile, tensor cores " + std::to_string(tensor_cores));
+      const auto backend = kernels::make_loop_backend(nullptr, tensor_cores);
+      const auto bytes = device_bytes(*backend, model, work);
+      const std::size_t real = taken(model, work, tensor_cores);
+      ASSERT_TRUE(bytes);
+      EXPECT_GE(*bytes, real) << "batches are counted at their worst";
+      EXPECT_LE(*bytes, 2 * real) << "blocks that were too small are there beside the next one";
+      EXPECT_EQ(model.parameters.elsewhere, nullptr);
+    }
+}
+
+TEST(DeviceMemory, OfAGridIsWhatItTakes) {
+  GridModel model;
+  make_tiny(model);
+  expect_what_is_taken(model);
+}
+
+TEST(DeviceMemory, OfANerfIsWhatItTakes) {
+  NerfModel model;
+  model.config = {64, 4, 2};
+  model.samples = 12;
+  model.fine_samples = 8;
+  model.initialize(3);
+  expect_what_is_taken(model);
+}
+
+TEST(DeviceMemory, WhatIsKeptStaysKeptAndAsItWas) {
+  GridModel model;
+  make_tiny(model);
+  const auto backend = kernels::make_loop_backend();
+  kernels::keep(*backend, model.parameters);
+  const void* const kept = model.parameters.elsewhere.get();
+  const float first = model.parameters[0];
+  EXPECT_TRUE(device_bytes(*backend, model, {.step_rays = 10, .tile_rays = 10}));
+  EXPECT_EQ(model.parameters.elsewhere.get(), kept);
+  EXPECT_EQ(model.parameters[0], first);
+}
+
+TEST(DeviceMemory, OfTheHostIsNotADevices) {
+  GridModel model;
+  make_tiny(model);
+  EXPECT_FALSE(device_bytes(*kernels::make_ref_backend(), model, {.tile_rays = 10}));
+  EXPECT_FALSE(kernels::make_ref_backend()->free_memory());
+}
+
+}  // namespace
+}  // namespace redrive
