@@ -571,6 +571,22 @@ TEST_P(EveryGridBackend, Range) {
   }
 }
 
+TEST_P(EveryGridBackend, EmptySpace) {
+  const auto backend = make(), ref = make_ref_backend();
+  for (const BatchSize& size : batch_sizes()) {
+    SCOPED_TRACE(trace(size));
+    const Rows rows(size);
+    const std::vector<float> density = densities(rows), before = random_floats(density.size(), 277, -1, 1);
+    std::vector<float> d = before, expected = before;
+    const double loss = backend->grid().empty_space(size.n_rays, rows.intervals(), density, 5, d),
+                 expected_loss = ref->grid().empty_space(size.n_rays, rows.intervals(), density, 5, expected);
+    // 1 + x is off by 3 roundings of itself, so its logarithm by as many u and two of its own; sums of a ray in fp32.
+    EXPECT_NEAR(loss, expected_loss, 4 * size.per_ray * u + (size.per_ray + 3) * u * expected_loss);
+    for (std::size_t i = 0; i < d.size(); ++i)
+      ASSERT_NEAR(d[i], expected[i], 8 * u * std::abs(expected[i] - before[i]) + 2 * u) << i;
+  }
+}
+
 TEST_P(EveryGridBackend, Proposal) {
   const auto backend = make(), ref = make_ref_backend();
   int lacking_in_all = 0;
@@ -707,6 +723,7 @@ TEST_P(EveryGridBackend, SizesAreChecked) {
   EXPECT_THROW(stages.range(3, rows.intervals(), n, few, 0.1f, 1, n), std::logic_error);
   EXPECT_THROW(stages.range(3, rows.intervals(), n, std::vector<float>(3), 0.1f, 1, few), std::logic_error);
   EXPECT_THROW(stages.range(3, rows.intervals(), n, std::vector<float>(3), 0, 1, n), std::logic_error);
+  EXPECT_THROW(stages.empty_space(3, rows.intervals(), n, 1, few), std::logic_error);
 }
 
 /// Everything that the stages compute for one batch, end to end.
@@ -758,6 +775,8 @@ std::map<std::string, std::vector<float>> all_stages(GridStages& stages, const G
   stages.weights(n_rays, intervals, std::span(raw).subspan(3 * n), field_weights);
   out["range loss"] = {static_cast<float>(stages.range(
       n_rays, intervals, field_weights, random_floats(n_rays, 284, 1, 30), 0.5f, 2, made("range d_weights", n)))};
+  out["empty space loss"] = {static_cast<float>(
+      stages.empty_space(n_rays, intervals, std::span(raw).subspan(3 * n), 2, made("empty space d_density", n)))};
   auto& d_weights = made("d_weights", weights.size());
   const double loss = stages.proposal(n_rays, intervals, field_weights, proposal, weights, d_weights);
   out["loss"] = {static_cast<float>(loss), static_cast<float>(loss * 0x1p30 - std::floor(loss * 0x1p30))};

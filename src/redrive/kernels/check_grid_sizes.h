@@ -176,4 +176,9 @@ inline void check_range(int n_rays, const Intervals& intervals, std::size_t weig
   REDRIVE_CHECK_OP(d_weights, ==, weights);
 }
 
+inline void check_empty_space(int n_rays, const Intervals& intervals, std::size_t density, std::size_t d_density) {
+  check_intervals(n_rays, intervals, density);
+  REDRIVE_CHECK_OP(d_density, ==, density);
+}
+
 }  // namespace redrive::kernels

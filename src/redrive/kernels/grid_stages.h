@@ -185,6 +185,9 @@ class GridStages {
   /// loss/range.h range_loss of returns at range_m [n_rays], mean over rays; writes d_weights [n_rays, per_ray], `factor` times.
   virtual double range(int n_rays, const Intervals& intervals, std::span<const float> weights,
                        std::span<const float> range_m, float spread_m, float factor, std::span<float> d_weights) = 0;
+  /// loss/empty_space.h empty_space_loss, mean over rays; adds `factor` times its derivative to d_density [n_rays, per_ray].
+  virtual double empty_space(int n_rays, const Intervals& intervals, std::span<const float> density, float factor,
+                             std::span<float> d_density) = 0;
 };
 
 }  // namespace redrive::kernels

@@ -291,6 +291,13 @@ StepLosses GridModel::gradients(kernels::Backend& backend, const RayBatch& batch
              d_direction = workspace->take(batch.refines ? 3 * rays : 0);
   const auto d_seen = pass.of_live(stages, kernels::RayLayout::kColumns, 3, d_rgb, workspace);
   backend.composite_backward(losses.field_rays, pass.samples, pass.raw, pass.background_of_live, {d_seen, {}}, d_raw);
+  losses.loss = losses.colours;
+  if (empty_space > 0) {  // of the mean over all rays the live ones' part: the others have nothing to lose
+    const std::size_t points = pass.field.points.n;
+    const float part = empty_space * static_cast<float>(losses.field_rays) / static_cast<float>(rays);
+    losses.loss += part * stages.empty_space(losses.field_rays, pass.field.intervals, pass.raw.last(points), part,
+                                             d_raw.last(points));
+  }
   backward_field(backend, pass, d_raw, gradients, d_field, workspace);
   if (batch.refines) backward_rays(backend, pass, d_field, d_origin, d_direction, workspace);
   if (sky.levels > 0)
@@ -300,7 +307,7 @@ StepLosses GridModel::gradients(kernels::Backend& backend, const RayBatch& batch
   losses.d_direction.resize(d_direction.size());
   workspace->get(d_origin, losses.d_origin);
   workspace->get(d_direction, losses.d_direction);
-  losses.loss = losses.colours + backward_proposals(backend, batch.n, pass, weights, gradients, workspace);
+  losses.loss += backward_proposals(backend, batch.n, pass, weights, gradients, workspace);
   return losses;
 }
 

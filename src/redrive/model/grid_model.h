@@ -30,6 +30,7 @@ struct GridModel final : Model {
   int samples = 24;                             ///< per ray, of the field
   float proposal_padding =
       0.1f;                  ///< sampling/proposal.h; chosen by measurement, as that of bounded scenes (train/run.cc)
+  float empty_space = 0;     ///< what the loss of loss/empty_space.h counts against the colours'
   float proposal_width = 0;  ///< least_width (kernels/grid_stages.h, contract) of proposals' points; chosen likewise
 
   const char* method() const override { return "grid"; }

@@ -66,6 +66,7 @@ void GridModel::visit_numbers(NumberVisitor& visit) {
   visit("samples", samples);
   visit("proposal_padding", proposal_padding);
   visit("proposal_width", proposal_width);
+  visit("empty_space", empty_space);
 }
 
 void GridModel::check(const std::filesystem::path& file) const {
@@ -107,6 +108,7 @@ void GridModel::check(const std::filesystem::path& file) const {
   require(proposal_padding > 0 && proposal_padding <= 1000, "proposal_padding", proposal_padding,
           "must be above 0, up to 1000");
   require(proposal_width >= 0 && proposal_width <= 10, "proposal_width", proposal_width, "must be in 0..10");
+  require(empty_space >= 0 && empty_space <= 1, "empty_space", empty_space, "must be in 0..1");
 }
 
 std::vector<ModelTensor> GridModel::tensors() const {

@@ -92,6 +92,7 @@ TEST(GridModel, NumbersAreAllThatItIsMadeOf) {
   model.huber_edge = 0.75f;
   model.proposal_padding = 0.25f;
   model.proposal_width = 0.75f;
+  model.empty_space = 0.125f;
   const Numbers numbers(model);
   EXPECT_EQ(numbers.visited, static_cast<int>(numbers.values.size())) << "two of one name";
   GridModel copy;
@@ -111,6 +112,7 @@ TEST(GridModel, NumbersAreAllThatItIsMadeOf) {
   EXPECT_EQ(copy.huber_edge, 0.75f);
   EXPECT_EQ(copy.proposal_padding, 0.25f);
   EXPECT_EQ(copy.proposal_width, 0.75f);
+  EXPECT_EQ(copy.empty_space, 0.125f);
   EXPECT_EQ(copy.size(), model.size());
   EXPECT_EQ(copy.samples_per_ray(), 40 + 20 + 10);
 }
@@ -119,18 +121,19 @@ TEST(GridModel, NumbersOutOfRangeAreRefusedByName) {
   constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
   const std::pair<const char*, std::vector<double>> table[] = {
       {"grid.levels", {0, 17, 7}},  // 7 x 4 is no multiple of 16
-      {"grid.features", {1, 3, 16, -4}}, {"grid.base_cells", {0, -16, 2e6}},
-      {"grid.max_cells", {15, 2e6}},     {"grid.log2_rows", {3, 25}},
-      {"width", {0, 24, 144, -16}},      {"colour_layers", {0, 3}},
-      {"proposal.features", {2}},        {"proposal.levels", {0, 17}},
-      {"sky.features", {1, 8}},          {"sky.log2_rows", {3, 25}},
-      {"huber_edge", {0, -1, kNan}},     {"appearance.cameras", {-1, 1025}},
-      {"appearance.knots", {-1, 1e6}},   {"sky.levels", {-1, 17}},
-      {"background", {-0.5, 1.5, kNan}}, {"contraction.half_m", {0, -1, kNan}},
-      {"near_m", {0, -1, kNan}},         {"far_m", {0.5, kNan}},
-      {"spacing.half_m", {0, -1, kNan}}, {"first_proposals", {0, 1025}},
-      {"second_proposals", {0, 1025}},   {"samples", {0, 1025}},
-      {"proposal_padding", {0, kNan}},   {"proposal_width", {-0.5, 11, kNan}},
+      {"grid.features", {1, 3, 16, -4}},  {"grid.base_cells", {0, -16, 2e6}},
+      {"grid.max_cells", {15, 2e6}},      {"grid.log2_rows", {3, 25}},
+      {"width", {0, 24, 144, -16}},       {"colour_layers", {0, 3}},
+      {"proposal.features", {2}},         {"proposal.levels", {0, 17}},
+      {"sky.features", {1, 8}},           {"sky.log2_rows", {3, 25}},
+      {"huber_edge", {0, -1, kNan}},      {"appearance.cameras", {-1, 1025}},
+      {"appearance.knots", {-1, 1e6}},    {"sky.levels", {-1, 17}},
+      {"background", {-0.5, 1.5, kNan}},  {"contraction.half_m", {0, -1, kNan}},
+      {"near_m", {0, -1, kNan}},          {"far_m", {0.5, kNan}},
+      {"spacing.half_m", {0, -1, kNan}},  {"first_proposals", {0, 1025}},
+      {"second_proposals", {0, 1025}},    {"samples", {0, 1025}},
+      {"proposal_padding", {0, kNan}},    {"proposal_width", {-0.5, 11, kNan}},
+      {"empty_space", {-0.5, 1.5, kNan}},
   };
   GridModel tiny;
   make_tiny(tiny);

@@ -437,6 +437,39 @@ TEST(GridModelGradients, OfRangesAreThoseOfTheirLoss) {
   }
 }
 
+TEST(GridModelGradients, OfEmptySpaceAreThoseOfItsLoss) {
+  const auto backend = kernels::make_ref_backend();
+  GridModel model;
+  make_tiny(model);
+  const RayBatch batch = tiny_batch(8);
+  const auto added = [&](const auto& of) {  // by the loss of empty space
+    model.empty_space = 0.5f;
+    const auto with = of();
+    model.empty_space = 0;
+    return std::pair(with, of());
+  };
+  const auto gradients_now = [&] {
+    std::vector<float> gradients(model.size());
+    losses_of(model, batch, &gradients, *backend);
+    return gradients;
+  };
+  auto [gradients, without] = added(gradients_now);
+  for (std::size_t i = 0; i < gradients.size(); ++i) gradients[i] -= without[i];
+  const auto loss = [&] {
+    std::vector<float> ignored(model.size());
+    const auto [with, alone] = added([&] { return losses_of(model, batch, &ignored, *backend).loss; });
+    return with - alone;
+  };
+  double of_others = 0;
+  for (const ModelTensor& tensor : model.tensors()) {
+    if (tensor.name == "grid" || tensor.name.starts_with("density"))
+      expect_derivative(model, tensor, gradients, loss);
+    else
+      for (std::size_t i = 0; i < size_of(tensor); ++i) of_others += std::abs(gradients[tensor.offset + i]);
+  }
+  EXPECT_EQ(of_others, 0);
+}
+
 TEST(GridModelGradients, OnABackgroundAreThoseOfTheColours) {
   const auto backend = kernels::make_ref_backend();
   GridModel model;

@@ -13,7 +13,7 @@ namespace {
 
 constexpr const char* kCellErrors = "cell_errors";
 constexpr const char* kPoses[] = {"poses", "poses.first_moment", "poses.second_moment"};
-constexpr const char* kFormat = "redrive-6";
+constexpr const char* kFormat = "redrive-7";
 
 /// The numbers of a state beside its model's by name, each visited once: the one list that writing and reading share.
 template <class State, class Visit>

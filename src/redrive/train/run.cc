@@ -125,6 +125,7 @@ std::unique_ptr<Model> grid_model_of(const TrainOptions& options, const Scene& s
       model->proposal_width = 0.3f;  // level with 0.5, better than 1 and none at all (docs/benchmarks.md)
       model->proposal_samples[1] = 64;
       model->field.colour_layers = 2;  // what shines, seen from all around
+      model->empty_space = 1e-4f;      // behind and below, which few views look at
     }
   }
   if (scene.background != Background::kNone) {  // nothing to learn of it

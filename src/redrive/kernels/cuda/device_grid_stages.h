@@ -178,6 +178,16 @@ class DeviceGridStages final : public DeviceRayStages<Device> {
     return loss / n_rays;
   }
 
+  double empty_space(int n_rays, const Intervals& intervals, std::span<const float> density, float factor,
+                     std::span<float> d_density) override {
+    check_empty_space(n_rays, intervals, density.size(), d_density.size());
+    Stage stage(device_);
+    const double loss = stage.sum(
+        n_rays, EmptySpaceOfRays{n_rays, there(stage, intervals), stage.in(density), factor, stage.in_out(d_density)});
+    stage.finish();
+    return loss / n_rays;
+  }
+
  private:
   using DeviceRayStages<Device>::device_;
 };

@@ -7,6 +7,7 @@
 
 #include "redrive/kernels/check_grid_sizes.h"
 #include "redrive/kernels/cuda/device_math.h"
+#include "redrive/loss/empty_space.h"
 #include "redrive/loss/proposal.h"
 #include "redrive/loss/range.h"
 #include "redrive/volume/ray_weights.h"
@@ -214,6 +215,21 @@ struct RangesOfRays {
     const std::size_t first = ray * intervals.per_ray;
     return range_loss(&intervals.edges[first + ray], &weights[first], intervals.per_ray, range_m[ray], spread_m,
                       factor / static_cast<float>(n_rays), &d_weights[first]);
+  }
+};
+
+/// Returns the ray's loss.
+struct EmptySpaceOfRays {
+  int n_rays;
+  Intervals intervals;
+  std::span<const float> density;
+  float factor;
+  std::span<float> d_density;
+
+  REDRIVE_HD double operator()(std::size_t ray) const {
+    const std::size_t first = ray * intervals.per_ray;
+    return empty_space_loss(&intervals.edges[first + ray], &density[first], intervals.per_ray,
+                            factor / static_cast<float>(n_rays), &d_density[first]);
   }
 };
 

@@ -7,6 +7,7 @@
 
 #include "redrive/kernels/check_grid_sizes.h"
 #include "redrive/kernels/host_ray_stages.h"
+#include "redrive/loss/empty_space.h"
 #include "redrive/loss/proposal.h"
 #include "redrive/loss/range.h"
 #include "redrive/volume/ray_weights.h"
@@ -223,6 +224,21 @@ class RefGridStages final : public HostRayStages {
           range_loss<double>(&intervals.edges[first + ray], as_double(weights.subspan(first, n)).data(),
                              intervals.per_ray, range_m[ray], spread_m, static_cast<double>(factor) / n_rays, d.data());
       std::copy(d.begin(), d.end(), &d_weights[first]);
+    }
+    return loss / n_rays;
+  }
+
+  double empty_space(int n_rays, const Intervals& intervals, std::span<const float> density, float factor,
+                     std::span<float> d_density) override {
+    check_empty_space(n_rays, intervals, density.size(), d_density.size());
+    const std::size_t n = intervals.per_ray;
+    double loss = 0;
+    for (int ray = 0; ray < n_rays; ++ray) {
+      const std::size_t first = interval_count(ray, intervals.per_ray);
+      std::vector<double> d = as_double(d_density.subspan(first, n));
+      loss += empty_space_loss<double>(&intervals.edges[first + ray], as_double(density.subspan(first, n)).data(),
+                                       intervals.per_ray, static_cast<double>(factor) / n_rays, d.data());
+      std::copy(d.begin(), d.end(), &d_density[first]);
     }
     return loss / n_rays;
   }

@@ -12,6 +12,7 @@
 #include "redrive/kernels/check_grid_sizes.h"
 #include "redrive/kernels/cpu/grid/packed_network.h"
 #include "redrive/kernels/host_ray_stages.h"
+#include "redrive/loss/empty_space.h"
 #include "redrive/loss/proposal.h"
 #include "redrive/loss/range.h"
 
@@ -226,6 +227,19 @@ class CpuGridStages final : public HostRayStages {
         loss[begin / kRaysOfRange] +=
             range_loss<float>(&intervals.edges[ray * (n + 1)], &weights[ray * n], n, range_m[ray], spread_m,
                               factor / static_cast<float>(n_rays), &d_weights[ray * n]);
+    });
+    return std::accumulate(loss.begin(), loss.end(), 0.0) / n_rays;
+  }
+
+  double empty_space(int n_rays, const Intervals& intervals, std::span<const float> density, float factor,
+                     std::span<float> d_density) override {
+    check_empty_space(n_rays, intervals, density.size(), d_density.size());
+    const int n = intervals.per_ray;
+    std::vector<double> loss((n_rays + kRaysOfRange - 1) / kRaysOfRange);
+    pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t ray = begin; ray < end; ++ray)
+        loss[begin / kRaysOfRange] += empty_space_loss<float>(&intervals.edges[ray * (n + 1)], &density[ray * n], n,
+                                                              factor / static_cast<float>(n_rays), &d_density[ray * n]);
     });
     return std::accumulate(loss.begin(), loss.end(), 0.0) / n_rays;
   }
