@@ -29,7 +29,7 @@ struct StepLosses {
   int field_rays = 0;  ///< grid: rays that met enough for the field to be asked
   /// grid: [n], squared error of each ray's colour, mean of its channels; where the backend computes, in the workspace until the next gradients()
   std::span<const float> squares;
-  /// [3, n], derivatives of the colours' part of `loss` where RayBatch::refines; empty otherwise. Distances of samples and
+  /// [3, n], derivatives of `loss`, but for the proposals' part, where RayBatch::refines; empty otherwise. Distances of samples and
   /// what a colour changes with the direction it is seen from are taken as they are.
   std::vector<float> d_origin, d_direction;
 };

@@ -30,8 +30,8 @@ std::vector<std::uint16_t> read_png16(const std::filesystem::path& path, int* wi
 
 /// The image of `view` as it is trained on: size and the mask's size checked against the calibration (InputError), laid
 /// over the scene's background, undistorted if the scene says so, area-averaged by the downscale factor. A pixel that the mask
-/// leaves out in part is left out. Alpha stays: on
-/// another colour the pixel is rgb + (1 - alpha) (colour - background). UsageError: transparent pixels without a background, or a background for
+/// leaves out in part is left out. Alpha stays: on another
+/// colour the pixel is rgb + (1 - alpha) (colour - background). UsageError: transparent pixels without a background, or a background for
 /// images without alpha.
 Image8 load_view(const Scene& scene, const View& view);
 

@@ -80,8 +80,8 @@ struct Scene {
   int downscale = 1;       ///< applied by load_view to each image
   bool undistort = false;  ///< likewise
   Background background = Background::kNone;
-  bool random_behind = false;
-  bool metric = true;  ///< Recording::metric: metres and a clock
+  bool random_behind = false;  ///< SceneOptions::random_behind
+  bool metric = true;          ///< Recording::metric: metres and a clock
 
   int camera_index(const std::string& name) const;     ///< -1 if there is none
   int frame_index(std::int64_t id) const;              ///< -1 if there is none
