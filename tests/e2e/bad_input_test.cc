@@ -183,6 +183,8 @@ TEST_F(EndToEnd, OptionsThatCannotBeUsedAreRefusedAndNothingIsWritten) {
                                                        {"--checkpoint-every", "0"},
                                                        {"--threads", "-1"},
                                                        {"--backend", "tpu"},
+                                                       {"--gpus", "0"},
+                                                       {"--gpus", "64"},
                                                        {"--isa", "sse"},
                                                        {"--method", "splat"},
                                                        {"--preset", "report-9"},

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
 #include <chrono>
 #include <cstdio>
 #include <optional>
@@ -10,18 +11,19 @@
 #include "redrive/base/error.h"
 #include "redrive/cli/command.h"
 #include "redrive/kernels/cuda/cuda_backend.h"
+#include "redrive/kernels/cuda/nccl.h"
 #include "redrive/kernels/kernels.h"
 #include "redrive/kernels/self_test.h"
 
 namespace redrive {
 namespace {
 
-/// How the self-test of a GPU ended.
-std::string tested_gpu() {
+/// How a GPU's self-test ended.
+std::string tested_gpu(int gpu) {
   const auto start = std::chrono::steady_clock::now();
   std::optional<std::string> failure;
   try {
-    failure = kernels::self_test(*kernels::make_cuda_backend(1));
+    failure = kernels::self_test(*kernels::make_cuda_backend(1, true, gpu));
   } catch (const DeviceError& error) {
     failure = error.what();
   }
@@ -42,10 +44,18 @@ int doctor() {
     const auto obstacle = isa_obstacle(isa);
     std::printf("%-12s %s\n", std::string(isa_name(isa)).c_str(), obstacle ? ("no: " + *obstacle).c_str() : "yes");
   }
-  const auto no_cuda = kernels::cuda_obstacle();
-  std::printf("cuda         %s\n",
-              no_cuda ? ("no: " + *no_cuda).c_str() : ("yes: " + kernels::cuda_description()).c_str());
-  if (!no_cuda) std::printf("self-test    %s\n", tested_gpu().c_str());
+  const int gpus = kernels::cuda_gpus();
+  for (int gpu = 0; gpu < std::max(1, gpus); ++gpu) {
+    const auto no_cuda = kernels::cuda_obstacle(gpu);
+    std::printf("%-12s %s\n", (gpus > 1 ? "cuda " + std::to_string(gpu) : std::string("cuda")).c_str(),
+                no_cuda ? ("no: " + *no_cuda).c_str() : ("yes: " + kernels::cuda_description(gpu)).c_str());
+    if (!no_cuda) std::printf("self-test    %s\n", tested_gpu(gpu).c_str());
+  }
+  if (gpus > 1) {
+    const auto no_nccl = kernels::nccl_obstacle();
+    std::printf("nccl         %s\n", no_nccl ? ("no: " + *no_nccl + "; --gpus needs it").c_str()
+                                             : ("yes: " + kernels::nccl_version()).c_str());
+  }
   if (!best_isa())
     std::printf("warning: no usable instruction set; only the slow reference backend runs on this machine\n");
   if (best_isa() == Isa::kAvx512 && !isa_obstacle(Isa::kAvx512Bf16))

@@ -12,8 +12,8 @@
 namespace redrive {
 namespace {
 
-constexpr const char* kChangeable[] = {"epochs",     "max-steps", "max-seconds", "memory",
-                                       "gpu-memory", "backend",   "isa",         "threads"};
+constexpr const char* kChangeable[] = {"epochs",  "max-steps", "max-seconds", "memory", "gpu-memory",
+                                       "backend", "isa",       "gpus",        "threads"};
 
 struct ResumeArguments {
   std::string run;
@@ -31,16 +31,16 @@ int run_resume(const ResumeArguments& arguments) {
   Run run = open_run(arguments.run, /*to_resume=*/true);
   for (const auto& [name, value] : arguments.given) field_named(name).parse(run.options, value);
   validate(run.options);
-  const auto backend = kernels::make_backend({run.options.backend, run.options.isa, run.options.threads});
+  const kernels::BackendTeam team = team_of(run.options);
   const std::atomic<bool>& stop = stop_on_signal();
-  announce_memory(run, *backend);
+  announce_memory(run, team);
   const TrainingData training = [&] {
-    ThreadPool pool(backend->threads());
+    ThreadPool pool(team.backends.front()->threads());
     return load_training_data(run, pool);
   }();
   if (!arguments.given.empty()) write_config(run.paths, run.options);
-  print_summary(run, training, *backend);
-  return report_end(run, train(&run, training, *backend, stop));
+  print_summary(run, training, team);
+  return train_to_end(&run, training, team, stop);
 }
 
 }  // namespace

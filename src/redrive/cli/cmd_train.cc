@@ -75,17 +75,18 @@ int run_train(const TrainArguments& arguments) {
   Run run;
   run.options = parse_options(arguments);
   refuse_existing_run(arguments.out);
-  const auto backend = kernels::make_backend({run.options.backend, run.options.isa, run.options.threads});
+  const kernels::BackendTeam team = team_of(run.options);
+  const int threads = team.backends.front()->threads();
   run.recording = open_recording(run.options);
-  const std::optional<OwnPoses> poses = own_poses(&run, backend->threads());
+  const std::optional<OwnPoses> poses = own_poses(&run, threads);
   resolve_cameras(&run.options, run.recording);
   resolve_bounds(&run.options, given_names(arguments), run.recording);
   run.scene = make_scene(run.recording, scene_options(run.options));
   run.state = first_state(run.options, run.scene);
   const std::atomic<bool>& stop = stop_on_signal();
-  announce_memory(run, *backend);
+  announce_memory(run, team);
   const TrainingData training = [&] {
-    ThreadPool pool(backend->threads());
+    ThreadPool pool(threads);
     return find_training_data(run, pool);
   }();
   // Only now, when nothing about the input can be wrong any more, is something written.
@@ -95,8 +96,8 @@ int run_train(const TrainArguments& arguments) {
     if (poses && poses->alignment) write_align_page(paths.poses(), poses->recording, *poses->alignment);
   });
   const RunLock lock(run.paths.root);
-  print_summary(run, training, *backend);
-  return report_end(run, train(&run, training, *backend, stop));
+  print_summary(run, training, team);
+  return train_to_end(&run, training, team, stop);
 }
 
 }  // namespace

@@ -34,23 +34,34 @@ const std::atomic<bool>& stop_on_signal() {
   return stop_flag;
 }
 
-void announce_memory(const Run& run, kernels::Backend& backend) {
+kernels::BackendTeam team_of(const TrainOptions& options) {
+  return kernels::make_team({options.backend, options.isa, options.threads}, options.gpus);
+}
+
+void announce_memory(const Run& run, const kernels::BackendTeam& team) {
+  const kernels::Backend& backend = *team.backends.front();
   const MemoryNeed need = estimate_memory(run, backend.threads());
   const std::uint64_t allowed = allowed_memory(run.options, memory_bytes());
   std::printf("%s\n", memory_text(need.total(), allowed).c_str());
   std::fflush(stdout);
   check_memory(need, allowed, run.options);
-  const auto free = backend.free_memory();
+  std::optional<std::uint64_t> free;  // where it is least
+  for (const auto& gpu : team.backends)
+    if (const auto here = gpu->free_memory()) free = std::min(free.value_or(*here), *here);
   const auto of_gpu = estimate_device_memory(run, backend, need);
   if (!free || !of_gpu) return;
   const std::uint64_t allowed_there = allowed_gpu_memory(run.options, *free);
-  std::printf("GPU: %s\n", memory_text(of_gpu->total(), allowed_there).c_str());
+  std::printf("%s: %s\n", team.backends.size() > 1 ? "each GPU" : "GPU",
+              memory_text(of_gpu->total(), allowed_there).c_str());
   std::fflush(stdout);
   check_memory(*of_gpu, allowed_there, run.options);
 }
 
-void print_summary(const Run& run, const TrainingData& training, const kernels::Backend& backend) {
-  std::printf("%s\n", kernels::describe(backend).c_str());
+void print_summary(const Run& run, const TrainingData& training, const kernels::BackendTeam& team) {
+  std::printf("%s", kernels::describe(*team.backends.front()).c_str());
+  if (team.backends.size() > 1)
+    std::printf(" gpus=%zu, %d rays a step each", team.backends.size(), run.options.batch_rays);
+  std::printf("\n");
   for (const Finding& finding : run.recording.findings)
     std::printf("note: %s: %s\n", finding.subject.c_str(), finding.what.c_str());
   const char* unit = run.recording.metric ? " m" : "";
@@ -85,6 +96,8 @@ void print_summary(const Run& run, const TrainingData& training, const kernels::
   std::fflush(stdout);
 }
 
+namespace {
+
 int report_end(const Run& run, TrainEnd end) {
   const std::string root = run.paths.root.string();
   if (end == TrainEnd::kInterrupted) {
@@ -97,6 +110,15 @@ int report_end(const Run& run, TrainEnd end) {
   std::printf("finished: step %lld after %.1f s of training; %s\n", static_cast<long long>(run.state.step),
               run.state.seconds, run.paths.checkpoint().c_str());
   return kExitOk;
+}
+
+}  // namespace
+
+int train_to_end(Run* run, const TrainingData& training, const kernels::BackendTeam& team,
+                 const std::atomic<bool>& stop) {
+  std::vector<kernels::Backend*> backends;
+  for (const auto& backend : team.backends) backends.push_back(backend.get());
+  return report_end(*run, train(run, training, backends, team.reduction.get(), stop));
 }
 
 }  // namespace redrive

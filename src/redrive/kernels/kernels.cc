@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // The registry: which backend and instruction set a run gets, and why not another.
-#include "redrive/kernels/kernels.h"
+#include "redrive/kernels/backend_team.h"
 
 #include "redrive/base/error.h"
 #include "redrive/kernels/cuda/cuda_backend.h"
+#include "redrive/kernels/cuda/nccl.h"
 #include "redrive/kernels/self_test.h"
 
 namespace redrive::kernels {
@@ -40,9 +41,8 @@ std::optional<Isa> choose_isa(const std::string& name) {
   return isa;
 }
 
-}  // namespace
-
-std::unique_ptr<Backend> make_backend(const BackendChoice& choice) {
+/// Of a choice that there is.
+int checked_threads(const BackendChoice& choice) {
   if (choice.threads < 0 || choice.threads > kMaxThreads)
     throw UsageError("--threads", std::to_string(choice.threads), "must be 0 (all) to " + std::to_string(kMaxThreads));
   if (choice.name != "auto" && choice.name != "ref" && choice.name != "cpu" && choice.name != "cuda")
@@ -50,8 +50,13 @@ std::unique_ptr<Backend> make_backend(const BackendChoice& choice) {
   if ((choice.name == "ref" || choice.name == "cuda") && choice.isa != "auto")
     throw UsageError("--isa", choice.isa,
                      "the " + choice.name + " backend has no instruction sets; leave it out or take --backend cpu");
+  return choice.threads > 0 ? choice.threads : hardware_threads();
+}
 
-  const int threads = choice.threads > 0 ? choice.threads : hardware_threads();
+}  // namespace
+
+std::unique_ptr<Backend> make_backend(const BackendChoice& choice) {
+  const int threads = checked_threads(choice);
   if (choice.name == "cuda") {
     if (const auto obstacle = cuda_obstacle()) throw UsageError("--backend", choice.name, *obstacle);
     return make_cuda_backend(threads);
@@ -63,6 +68,35 @@ std::unique_ptr<Backend> make_backend(const BackendChoice& choice) {
     throw UsageError("--backend", choice.name, *isa_obstacle(Isa::kAvx2) + "; ref runs everywhere");
   if (!isa) return make_ref_backend();
   return make_cpu_backend(*isa, threads);
+}
+
+BackendTeam make_team(const BackendChoice& choice, int gpus) {
+  BackendTeam team;
+  if (gpus == 1) {
+    team.backends.push_back(make_backend(choice));
+    return team;
+  }
+  const int threads = checked_threads(choice);
+  const auto refuse = [&](const std::string& rule) { throw UsageError("--gpus", std::to_string(gpus), rule); };
+  const bool automatic = choice.name == "auto" && choice.isa == "auto";
+  if (!automatic && choice.name != "cuda")
+    refuse("must be 1 with --backend " + choice.name + (choice.isa == "auto" ? "" : " --isa " + choice.isa) +
+           ", which computes on the processor");
+  if (const auto obstacle = cuda_obstacle()) refuse("no GPU can be used: " + *obstacle);
+  if (gpus > cuda_gpus())
+    refuse("must be " + std::to_string(cuda_gpus()) + " or less: no more GPUs are to be seen here");
+  if (const auto obstacle = nccl_obstacle())
+    refuse("needs NCCL (NVIDIA's package libnccl2), which is not to be had: " + *obstacle);
+  for (int gpu = 0; gpu < gpus; ++gpu) {
+    const std::string name = "GPU " + std::to_string(gpu) + ": ";
+    if (const auto obstacle = cuda_obstacle(gpu)) refuse(name + *obstacle);
+    team.backends.push_back(make_cuda_backend(threads, true, gpu));
+    if (!automatic) continue;
+    if (const auto failure = self_test(*team.backends.back()))
+      refuse(name + "its self-test failed: " + *failure + "; --backend cuda takes it all the same");
+  }
+  team.reduction = make_nccl_reduction(team.backends);
+  return team;
 }
 
 std::string describe(const Backend& backend) {

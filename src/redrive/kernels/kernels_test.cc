@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/kernels/kernels.h"
+#include "redrive/kernels/backend_team.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "redrive/base/error.h"
 #include "redrive/kernels/cuda/cuda_backend.h"
+#include "redrive/kernels/cuda/nccl.h"
 
 namespace redrive::kernels {
 namespace {
@@ -50,6 +51,40 @@ TEST(Registry, AutoTakesTheGpuOrTheFastestOfTheProcessor) {
   }
   EXPECT_EQ(backend->isa(), best_isa());
   EXPECT_EQ(backend->name(), best_isa() ? "cpu" : "ref");
+}
+
+std::string refusal_of_gpus(const BackendChoice& choice, int gpus) {
+  try {
+    make_team(choice, gpus);
+  } catch (const UsageError& error) {
+    return error.what();
+  }
+  return "accepted";
+}
+
+TEST(Registry, SeveralGpusAreGivenOrRefusedWithTheReason) {
+  EXPECT_EQ(refusal_of_gpus({"cpu"}, 2), "--gpus 2: must be 1 with --backend cpu, which computes on the processor");
+  EXPECT_EQ(refusal_of_gpus({"ref"}, 4), "--gpus 4: must be 1 with --backend ref, which computes on the processor");
+  EXPECT_THAT(refusal_of_gpus({"auto", "avx2"}, 2), HasSubstr("must be 1 with --backend auto --isa avx2"));
+  EXPECT_THAT(refusal_of_gpus({"cuda", "avx2"}, 2), HasSubstr("--isa avx2: the cuda backend has no instruction sets"));
+  for (const char* name : {"auto", "cuda"}) {
+    if (const auto obstacle = cuda_obstacle())
+      EXPECT_EQ(refusal_of_gpus({name}, 2), "--gpus 2: no GPU can be used: " + *obstacle);
+    else
+      EXPECT_THAT(refusal_of_gpus({name}, cuda_gpus() + 1),
+                  HasSubstr("must be " + std::to_string(cuda_gpus()) + " or less"));
+  }
+  const BackendTeam one = make_team({"ref"}, 1);
+  ASSERT_EQ(one.backends.size(), 1u);
+  EXPECT_EQ(one.backends[0]->name(), "ref");
+  EXPECT_EQ(one.reduction, nullptr);
+}
+
+TEST(Nccl, IsThereOrSaysWhyNot) {
+  if (const auto obstacle = nccl_obstacle())
+    EXPECT_THAT(*obstacle, HasSubstr("libnccl.so.2"));
+  else
+    EXPECT_THAT(nccl_version(), testing::MatchesRegex("[2-9]\\.[0-9]+\\.[0-9]+"));
 }
 
 class EveryIsa : public testing::TestWithParam<Isa> {};

@@ -58,10 +58,11 @@ struct GridModel::Chance {
   std::array<std::uint64_t, 3> of_round;
   std::uint64_t of_empty;
 
-  Chance(std::uint64_t seed, std::uint64_t stream, std::int64_t step) {
+  Chance(std::uint64_t seed, std::uint64_t stream, std::int64_t step, const RayBatch& batch) {
     const auto first = 4 * static_cast<std::uint64_t>(step);
-    for (int round = 0; round < 3; ++round) of_round[round] = random_key(seed, stream, first + round);
-    of_empty = random_key(seed, stream, first + 3);
+    const auto key = [&](int k) { return key_from(random_key(seed, stream, first + k), batch.first_ray); };
+    for (int round = 0; round < 3; ++round) of_round[round] = key(round);
+    of_empty = key(3);
   }
 };
 
@@ -268,7 +269,7 @@ StepLosses GridModel::gradients(kernels::Backend& backend, const RayBatch& batch
              weights = workspace->take(rays * samples), d_rgb = workspace->take(3 * rays),
              squares = workspace->set_aside(rays);
   const kernels::CompositeOut out{rgb, depth, opacity, weights};
-  const Chance chance(seed, kStreamSamples, step);
+  const Chance chance(seed, kStreamSamples, step, batch);
   const Pass pass = forward(backend, batch, &chance, out, workspace);
 
   StepLosses losses;
@@ -316,7 +317,7 @@ double GridModel::range_gradients(kernels::Backend& backend, const RayBatch& bat
   kernels::GridStages& stages = backend.grid();
   const std::size_t rays = batch.n, count = rays * samples;
   workspace->begin(backend);
-  const Chance chance(seed, kStreamLidarSamples, step);
+  const Chance chance(seed, kStreamLidarSamples, step, batch);
   Pass pass = propose(backend, batch, &chance, workspace);
   pass.live = pass.all;  // none is empty: each has met something
   pass.field.intervals = pass.intervals;

@@ -66,7 +66,7 @@ class Model {
   virtual std::span<const float> sentinels(std::span<const float> gradients) const { return gradients; }
   virtual AdamStep adam(double learning_rate, std::int64_t step) const = 0;  ///< step from 1
 
-  /// Losses of the batch; adds their derivatives to gradients [size()]. Random numbers are those of (seed, step).
+  /// Losses of the batch; adds their derivatives to gradients [size()]. Random numbers are those of (seed, step), from those of batch.first_ray on.
   virtual StepLosses gradients(kernels::Backend& backend, const RayBatch& batch, std::uint64_t seed, std::int64_t step,
                                std::span<float> gradients, Workspace* workspace) const = 0;
   /// The same of rays that end at batch.range_m: returns their loss, adds its derivatives. 0 in a method that does not use LiDAR.

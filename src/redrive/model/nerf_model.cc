@@ -80,7 +80,11 @@ StepLosses NerfModel::gradients(kernels::Backend& backend, const RayBatch& batch
   // Section 4: stratified samples, the field at each, the colour of the ray (eq. 3), its squared error, and back.
   const auto t = workspace->take(coarse), dt = workspace->take(coarse),
              weights = workspace->take(fine_samples > 0 ? coarse : 0);
-  backend.sample_stratified(batch.n, {samples, near_m, far_m, true, random_key(seed, kStreamSamples, step)}, t, dt);
+  // Random numbers of this step: `each` a ray.
+  const auto key = [&](std::uint64_t stream, int each) {
+    return key_from(random_key(seed, stream, step), batch.first_ray * each);
+  };
+  backend.sample_stratified(batch.n, {samples, near_m, far_m, true, key(kStreamSamples, samples)}, t, dt);
   const kernels::Samples coarse_samples{samples, t, dt};
   StepLosses losses;
   const std::size_t refined = batch.refines ? 3 * n : 0;
@@ -95,7 +99,7 @@ StepLosses NerfModel::gradients(kernels::Backend& backend, const RayBatch& batch
   // Section 5.2: further samples where the coarse network found matter, seen by the fine network.
   if (fine_samples > 0) {
     const auto fine_t = workspace->take(fine), fine_dt = workspace->take(fine);
-    backend.sample_hierarchical(coarse_samples, weights, fine_samples, true, random_key(seed, kStreamFineSamples, step),
+    backend.sample_hierarchical(coarse_samples, weights, fine_samples, true, key(kStreamFineSamples, fine_samples),
                                 fine_t, fine_dt);
     losses.rgb_mse = backend.train_rays(field(1), rays, {samples + fine_samples, fine_t, fine_dt}, target,
                                         {workspace->take(3 * n), depth, opacity, {}},

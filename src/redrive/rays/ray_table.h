@@ -27,7 +27,8 @@ RayTable make_ray_table(const Camera& camera, int threads = 1);
 /// of opacity o shows as its colour + (1 - o) background. Without one (Background::kNone) background is empty.
 struct RayBatch {
   int n = 0;
-  int by_error = 0;  ///< of them the last, which PixelSampler drew by error, the others evenly
+  int by_error = 0;             ///< of them the last, which PixelSampler drew by error, the others evenly
+  std::uint64_t first_ray = 0;  ///< rays of the same step before these, which other backends have (train/team.h)
   std::vector<float> origin, direction, target, background;
   std::vector<float> pixel_angle;    ///< [n], rad: of the ray's camera
   std::vector<Exposure> exposure;    ///< [n], empty: none

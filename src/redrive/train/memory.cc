@@ -68,7 +68,9 @@ MemoryNeed estimate_memory(const Run& run, int threads) {
   const std::uint64_t parameters = sizeof(float) * run.state.model->size();
   MemoryNeed need;
   need.program = kProgram + std::uint64_t(threads) * kThread;
-  need.state = need.saving = 3 * parameters;
+  const auto gpus = static_cast<std::uint64_t>(run.options.gpus);  // each with a state and a step of its own
+  need.state = gpus * 3 * parameters;
+  need.saving = (gpus > 1 ? 2 : 1) * 3 * parameters;  // or going over to the others
 
   // Image8 and lists of what a mask leaves, or of what is and of what is not transparent (UsedPixels): a bit a pixel and a count every 64.
   const bool masked = run.options.masks != "none" && run.recording.metric;
@@ -105,7 +107,7 @@ MemoryNeed estimate_memory(const Run& run, int threads) {
     need.sorting = bytes + points * sizeof(Eigen::Vector3d) + used * kCloudPoint;
   }
   const int rays = most_rays(run.options) + run.options.lidar_rays;
-  need.step = parameters + std::uint64_t(rays) * run.state.model->samples_per_ray() * kSample;
+  need.step = gpus * (parameters + std::uint64_t(rays) * run.state.model->samples_per_ray() * kSample);
   if (run.options.method == "nerf")
     need.step += kLanes * (parameters + kTileSamples * kTileNeuron * static_cast<std::uint64_t>(run.options.width));
   return need;

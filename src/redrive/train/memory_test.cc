@@ -72,6 +72,19 @@ TEST_F(MemoryEstimate, GrowsWithTheModelAndTheBatch) {
   EXPECT_GT(of(options).state, one.state);
 }
 
+TEST_F(MemoryEstimate, CountsAStateAndAStepForEachGpu) {
+  TrainOptions options = tiny_options(1);
+  const MemoryNeed one = of(options);
+  options.gpus = 2;
+  const std::uint64_t step = of(options).step - one.step;
+  EXPECT_GT(step, one.state / 3) << "gradients, and rays";
+  options.gpus = 3;
+  const MemoryNeed three = of(options);
+  EXPECT_EQ(three.state, 3 * one.state);
+  EXPECT_EQ(three.step, one.step + 2 * step);
+  EXPECT_EQ(three.pictures, one.pictures);
+}
+
 TEST_F(MemoryEstimate, MoreThanAllowedIsRefusedWithWhatToLower) {
   TrainOptions options = tiny_options(1);
   MemoryNeed need;

@@ -200,13 +200,13 @@ std::vector<TrainField> make_fields() {
       number("fine-samples", &O::fine_samples, Range<int>{0, 1024},
              "further samples where the first network found matter"),
       number("batch", &O::batch_rays, Range<int>{1, 65536},
-             "rays of a step; grid takes up to twice as many where part of them meet only empty space"),
+             "rays of a step, of each GPU; grid takes up to twice as many where part of them meet only empty space"),
       number(
           "error-rays", &O::error_rays, Range<double>{0, 0.9},
           "share of them that grid draws where the error is, up to 8 times as often as elsewhere; the others see every "
           "pixel once an epoch"),
       number("lidar-rays", &O::lidar_rays, Range<int>{0, 65536},
-             "LiDAR rays of a step besides, where there are any; 0: none"),
+             "LiDAR rays of a step besides, of each GPU, where there are any; 0: none"),
       number("learning-rate", &O::learning_rate, Range<double>{0, 1, true}, "of Adam, at the start"),
       number("lr-gamma", &O::lr_gamma, Range<double>{0, 1, true},
              "of the learning rate: nerf: factor at each milestone; grid: what is left at the end"),
@@ -234,6 +234,8 @@ std::vector<TrainField> make_fields() {
            "what is free there"),
       text("backend", &O::backend, {"auto", "ref", "cpu", "cuda"}, "what computes"),
       text("isa", &O::isa, {"auto", "avx2", "avx512", "avx512-bf16", "amx-bf16"}, "instruction set of the cpu backend"),
+      number("gpus", &O::gpus, Range<int>{1, 64},
+             "GPUs of this machine that make each step together, as one would with so many times the rays; needs NCCL"),
   };
 }
 

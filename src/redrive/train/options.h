@@ -59,6 +59,7 @@ struct TrainOptions {
   std::string memory = "70%";      ///< that training may take: bytes, or with GiB or % behind it
   std::string gpu_memory = "90%";  ///< likewise of a GPU's, a share of what is free
   std::string backend = "auto", isa = "auto";
+  int gpus = 1;  ///< 1..64, each with batch_rays and lidar_rays of a step
 };
 
 /// One option: its flag without dashes ("near"), JSON key, help with unit, range and default; parse throws UsageError.

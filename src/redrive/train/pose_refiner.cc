@@ -79,11 +79,9 @@ std::vector<ViewGradient> view_gradients(const Scene& scene, const RayBatch& bat
   return views;
 }
 
-void refine_poses(const Scene& scene, const RayBatch& batch, const StepLosses& losses, const PoseRates& rates,
-                  PoseState* state) {
+void refine_poses(const Scene& scene, std::span<const ViewGradient> views, const PoseRates& rates, PoseState* state) {
   PoseCorrections& corrections = state->corrections;
-  const std::vector<double> gradient =
-      gradient_of_corrections(scene, corrections, view_gradients(scene, batch, losses));
+  const std::vector<double> gradient = gradient_of_corrections(scene, corrections, views);
   if (!std::ranges::all_of(gradient, [](double g) { return std::isfinite(g); })) return;
   update_poses(
       gradient,

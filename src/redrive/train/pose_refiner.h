@@ -29,10 +29,9 @@ void update_poses(std::span<const double> gradient, const std::function<double(s
 /// By view of the scene: from the rays of a batch that says their views.
 std::vector<ViewGradient> view_gradients(const Scene& scene, const RayBatch& batch, const StepLosses& losses);
 
-/// One update, from a step's losses of a batch with views. `scene`: as placed by the state's corrections; the caller places it anew.
+/// One update, from a step's view_gradients. `scene`: as placed by the state's corrections; the caller places it anew.
 /// What all cameras have in common, of place, turn and time, is the frames' to say: it is taken from the cameras. Frames without a picture that is
-/// trained on follow the others. Nothing changes where the losses are not finite.
-void refine_poses(const Scene& scene, const RayBatch& batch, const StepLosses& losses, const PoseRates& rates,
-                  PoseState* state);
+/// trained on follow the others. Nothing changes where the gradients are not finite.
+void refine_poses(const Scene& scene, std::span<const ViewGradient> views, const PoseRates& rates, PoseState* state);
 
 }  // namespace redrive

@@ -93,7 +93,8 @@ std::pair<double, double> refine(const Recording& recording, const Scene& scene,
   const double before = landmarks.losses(now, &batch, &losses);
   for (int step = 0; step < steps; ++step) {
     landmarks.losses(now, &batch, &losses);
-    refine_poses(now, batch, losses, pose_rates(first_m * std::pow(last_m / first_m, double(step) / steps)), state);
+    refine_poses(now, view_gradients(now, batch, losses),
+                 pose_rates(first_m * std::pow(last_m / first_m, double(step) / steps)), state);
     place_views(corrected(recording, scene, state->corrections), &now);
   }
   return {before, landmarks.losses(now, &batch, &losses)};
@@ -130,7 +131,7 @@ TEST_F(PoseRefinerTest, WhatIsNoNumberChangesNothing) {
   StepLosses losses;
   Landmarks(scene_).losses(scene_, &batch, &losses);
   losses.d_origin[5] = NAN;
-  refine_poses(scene_, batch, losses, pose_rates(1), &state);
+  refine_poses(scene_, view_gradients(scene_, batch, losses), pose_rates(1), &state);
   EXPECT_EQ(state.moments.updates, 0);
   EXPECT_THAT(state.corrections.values, ::testing::Each(0.0f));
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/train/step.h"
 
+#include <algorithm>
 #include <cmath>
 #include <span>
 
@@ -32,42 +33,67 @@ void KeptBatch::keep(kernels::Backend& backend, RayBatch* batch) {
 }
 
 void gather_batch(kernels::Backend& backend, const PixelSampler& sampler, int even, int by_error, TrainState* state,
-                  RayBatch* batch, StepBuffers* buffers) {
-  const PixelDraw draw = sampler.draw(state->rays_drawn, even, by_error);
+                  RayBatch* batch, StepBuffers* buffers, const Share& share) {
+  const PixelSource& source = sampler.source();
+  static_cast<PixelSpans&>(buffers->pictures) = source;
+  buffers->pictures.placed = source.placed;
+  // At the end of an epoch there are fewer, but one each at least: then the next epoch's first ones are among them.
+  const std::uint64_t of = share.of, rank = share.rank, left = source.pixels - state->rays_drawn % source.pixels,
+                      all = std::max(of, std::min(of * static_cast<std::uint64_t>(even), left)),
+                      first = all * rank / of, next = all * (rank + 1) / of;
+  const PixelDraw draw = sampler.draw(state->rays_drawn + first, static_cast<int>(next - first), by_error);
   const GatheredRays room = sampler.make_room(draw, batch);
+  batch->first_ray = first + rank * static_cast<std::uint64_t>(by_error);
   buffers->batch.keep(backend, batch);
   kernels::keep(backend, state->cell_errors);
-  backend.gather(sampler.source(), draw, state->cell_errors, room);
+  backend.gather(buffers->pictures, draw, state->cell_errors, room);
 }
 
-StepResult train_step(kernels::Backend& backend, const RayBatch& batch, double learning_rate, TrainState* state,
-                      StepBuffers* buffers, const RayBatch* lidar) {
-  Model& model = *state->model;
+StepResult step_gradients(kernels::Backend& backend, const RayBatch& batch, const TrainState& state,
+                          StepBuffers* buffers, const RayBatch* lidar) {
+  const Model& model = *state.model;
   if (buffers->gradients.size() != model.size()) buffers->gradients = Buffer<float>(model.size());  // zeros
   const std::span<float> gradients = buffers->gradients;
-  for (const Buffer<float>* numbers : {&buffers->gradients, &state->first_moment, &state->second_moment})
-    kernels::keep(backend, *numbers);
+  kernels::keep(backend, buffers->gradients);
+  kernels::keep(backend, state.first_moment);
+  kernels::keep(backend, state.second_moment);
   StepResult result;
   static_cast<StepLosses&>(result) =
-      model.gradients(backend, batch, state->seed, state->step, gradients, &buffers->workspace);
+      model.gradients(backend, batch, state.seed, state.step, gradients, &buffers->workspace);
   if (lidar && lidar->n > 0)
-    result.range = model.range_gradients(backend, *lidar, state->seed, state->step, gradients, &buffers->workspace);
+    result.range = model.range_gradients(backend, *lidar, state.seed, state.step, gradients, &buffers->workspace);
   if (batch.refines) {
     kernels::fetch(backend, batch.direction);
     kernels::fetch(backend, batch.view);
   }
+  result.rays = batch.n;
+  result.by_error = batch.by_error;
+  return result;
+}
+
+bool all_finite(kernels::Backend& backend, const StepLosses& losses, const TrainState& state,
+                const StepBuffers& buffers) {
+  return std::isfinite(losses.loss + losses.range) && backend.all_finite(state.model->sentinels(buffers.gradients));
+}
+
+void apply_step(kernels::Backend& backend, const StepResult& result, std::span<const std::uint32_t> cells,
+                double learning_rate, TrainState* state, StepBuffers* buffers) {
   ++state->step;
-  state->rays_drawn += static_cast<std::uint64_t>(batch.n - batch.by_error);
-  result.finite = std::isfinite(result.loss + result.range) && backend.all_finite(model.sentinels(gradients));
-  if (result.finite) {
-    backend.adam(model.adam(learning_rate, state->step), gradients, model.parameters, state->first_moment,
-                 state->second_moment);
-    if (!batch.cell.empty()) backend.smooth_errors(batch.cell, result.squares, state->cell_errors);
-    if (result.field_rays > 0)
-      state->field_share += kShareSmoothing * (static_cast<double>(result.field_rays) / batch.n - state->field_share);
-  } else {
-    backend.fill(gradients, 0);
-  }
+  state->rays_drawn += static_cast<std::uint64_t>(result.rays - result.by_error);
+  if (!result.finite) return backend.fill(buffers->gradients, 0);
+  Model& model = *state->model;
+  backend.adam(model.adam(learning_rate, state->step), buffers->gradients, model.parameters, state->first_moment,
+               state->second_moment);
+  if (!cells.empty()) backend.smooth_errors(cells, result.squares, state->cell_errors);
+  if (result.field_rays > 0)
+    state->field_share += kShareSmoothing * (static_cast<double>(result.field_rays) / result.rays - state->field_share);
+}
+
+StepResult train_step(kernels::Backend& backend, const RayBatch& batch, double learning_rate, TrainState* state,
+                      StepBuffers* buffers, const RayBatch* lidar) {
+  StepResult result = step_gradients(backend, batch, *state, buffers, lidar);
+  result.finite = all_finite(backend, result, *state, *buffers);
+  apply_step(backend, result, batch.cell, learning_rate, state, buffers);
   return result;
 }
 

@@ -22,15 +22,22 @@ class KeptBatch {
   Room rooms_[9];
 };
 
-/// Working memory of a step; grows to the largest batch seen.
+/// Working memory of a backend's steps; grows to the largest batch seen.
 struct StepBuffers {
   Workspace workspace;
   Buffer<float> gradients;
   KeptBatch batch;
+  PixelSource pictures;  ///< the sampler's, as this backend keeps it
 };
 
 struct StepResult : StepLosses {
-  bool finite = true;  ///< false: the step was not applied
+  bool finite = true;          ///< false: the step was not applied
+  int rays = 0, by_error = 0;  ///< of the batch
+};
+
+/// Which part of each step's rays a backend has: one of `of`, all of a size.
+struct Share {
+  int rank = 0, of = 1;
 };
 
 /// A step has at most so many times the rays that the options say.
@@ -42,13 +49,24 @@ inline int rays_of_step(int batch_rays, double field_share) {
 }
 
 /// What PixelSampler::gather does from state->rays_drawn on, where the backend computes: the host has of the batch what it fetches, and its
-/// sizes. `buffers` must not outlive the batch.
+/// sizes. even, by_error: of this share; the even rays of all shares are those that one backend would draw of them. `buffers` must not
+/// outlive the batch, and see one sampler.
 void gather_batch(kernels::Backend& backend, const PixelSampler& sampler, int even, int by_error, TrainState* state,
-                  RayBatch* batch, StepBuffers* buffers);
+                  RayBatch* batch, StepBuffers* buffers, const Share& share = {});
 
 /// lidar: rays with ranges, or null. `state->step` counts on by one and rays_drawn by the even rays; where rays have
 /// cells, their errors are taken in. Where the batch refines, its directions and views are fetched. Non-finite loss or gradients: parameters stay as they were.
 StepResult train_step(kernels::Backend& backend, const RayBatch& batch, double learning_rate, TrainState* state,
                       StepBuffers* buffers, const RayBatch* lidar = nullptr);
+
+/// train_step in its parts, for backends that make a step together. Losses and gradients, added to those of the buffers, which are zeros before:
+StepResult step_gradients(kernels::Backend& backend, const RayBatch& batch, const TrainState& state,
+                          StepBuffers* buffers, const RayBatch* lidar);
+/// whether they are finite;
+bool all_finite(kernels::Backend& backend, const StepLosses& losses, const TrainState& state,
+                const StepBuffers& buffers);
+/// and what follows from that for the state. cells: of the rays that result.squares is of.
+void apply_step(kernels::Backend& backend, const StepResult& result, std::span<const std::uint32_t> cells,
+                double learning_rate, TrainState* state, StepBuffers* buffers);
 
 }  // namespace redrive

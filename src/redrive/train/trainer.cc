@@ -15,7 +15,7 @@
 #include "redrive/train/pose_refiner.h"
 #include "redrive/train/progress.h"
 #include "redrive/train/start_watch.h"
-#include "redrive/train/step.h"
+#include "redrive/train/team.h"
 #include "redrive/train/training_data.h"
 
 namespace redrive {
@@ -34,17 +34,18 @@ double decibels(double mse) { return -10 * std::log10(std::max(mse, 1e-10)); }
 /// One call of train(): the run, what is constant in it, and what the loop's parts share.
 class Trainer {
  public:
-  Trainer(Run* run, const TrainingData& data, kernels::Backend& backend)
+  Trainer(Run* run, const TrainingData& data, const std::vector<kernels::Backend*>& backends,
+          kernels::Reduction* reduction)
       : run_(*run),
         state_(run->state),
         options_(run->options),
-        backend_(backend),
         scene_(run->scene),
         sampler_(scene_, data.images, run->options.seed),
         lidar_sampler_(data.lidar, run->options.seed),
         use_lidar_(options_.lidar_rays > 0 && data.lidar.n > 0),
+        team_(backends, reduction, &run->state),
         saved_seconds_(run->state.seconds) {
-    const std::int64_t per_epoch = sampler_.steps_per_epoch(rays() - rays_by_error());
+    const std::int64_t per_epoch = sampler_.steps_per_epoch(team_.size() * (rays() - rays_by_error()));
     steps_ = total_steps(options_, per_epoch);
     milestones_ = milestones(options_, per_epoch);
     steps_per_epoch_ = per_epoch;
@@ -74,6 +75,7 @@ class Trainer {
   }
 
   double pose_rate() const { return kFirstPoseRate_m * std::pow(kLastPoseRate, progress()); }
+  // Of each member of the team:
   int rays() const { return rays_of_step(options_.batch_rays, state_.field_share); }
   int rays_by_error() const { return static_cast<int>(options_.error_rays * rays()); }
 
@@ -95,6 +97,7 @@ class Trainer {
       state_.cell_errors = Buffer<float>(cells);
       std::ranges::fill(state_.cell_errors.span(), kUnseenError);
     }
+    team_.begin();
     place();
   }
 
@@ -113,34 +116,41 @@ class Trainer {
            scene_.ecef_from_world;
   }
 
-  void gather(std::int64_t number) {
-    gather_batch(backend_, sampler_, rays() - rays_by_error(), rays_by_error(), &state_, &batch_, &buffers_);
-    if (use_lidar_)
-      lidar_sampler_.gather(
-          number, options_.lidar_rays, &lidar_batch_,
-          state_.poses.refines() ? [this](std::int64_t t_ns) { return moved(t_ns); } : LidarSampler::Moved());
-    batch_.refines = state_.poses.refines() && number % kStepsPerRefinement == 0 && progress() > kFirstRefinement;
+  bool refines() const {
+    return state_.poses.refines() && state_.step % kStepsPerRefinement == 0 && progress() > kFirstRefinement;
+  }
+
+  void gather(TeamMember* member) const {
+    const auto [rank, of] = member->share;
+    gather_batch(member->backend, sampler_, rays() - rays_by_error(), rays_by_error(), member->state, &member->batch,
+                 &member->buffers, member->share);
+    member->batch.refines = refines();
+    if (!use_lidar_) return;
+    lidar_sampler_.gather(
+        of * state_.step + rank, options_.lidar_rays, &member->lidar,
+        state_.poses.refines() ? [this](std::int64_t t_ns) { return moved(t_ns); } : LidarSampler::Moved());
+    member->lidar.first_ray = static_cast<std::uint64_t>(rank) * options_.lidar_rays;
   }
 
   void step() {
     const auto begin = std::chrono::steady_clock::now();
     const std::int64_t number = state_.step;
-    gather(number);
-    const StepResult result = train_step(backend_, batch_, learning_rate(number), &state_, &buffers_, &lidar_batch_);
-    if (batch_.refines && result.finite) {
-      refine_poses(scene_, batch_, result, pose_rates(pose_rate()), &state_.poses);
+    const StepResult result = team_.step([this](TeamMember& member) { gather(&member); }, learning_rate(number));
+    const TeamMember& first = team_.first();
+    if (first.batch.refines && result.finite) {
+      refine_poses(scene_, team_.view_gradients(scene_), pose_rates(pose_rate()), &state_.poses);
       place();
     }
     const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     state_.seconds += seconds;
 
-    if (watches_colours(number)) kernels::fetch(backend_, batch_.target);
-    if (const auto reason = watch_start(result, batch_, number, &state_.watch)) return restart(*reason);
+    if (watches_colours(number)) kernels::fetch(first.backend, first.batch.target);
+    if (const auto reason = watch_start(result, first.batch, number, &state_.watch)) return restart(*reason);
     if (!result.finite) return skip();
     state_.bad_steps = 0;
     LossWindow& window = state_.window;
     ++window.steps;
-    window.rays += batch_.n;
+    window.rays += result.rays;
     window.loss += result.loss;
     window.mse += result.rgb_mse;
     window.seconds += seconds;
@@ -156,7 +166,7 @@ class Trainer {
     sync_metrics(run_.paths);
     for (const Buffer<float>* numbers :
          {&state_.model->parameters, &state_.first_moment, &state_.second_moment, &state_.cell_errors})
-      backend_.fetch(*numbers);
+      team_.first().backend.fetch(*numbers);
     save_checkpoint(run_.paths.checkpoint(), state_);
     saved_seconds_ = state_.seconds;
     save_due_ = false;
@@ -287,27 +297,26 @@ class Trainer {
   Run& run_;
   TrainState& state_;
   const TrainOptions& options_;
-  kernels::Backend& backend_;
   Scene scene_;                    // the run's with the views where corrections have put them
   std::vector<FramePose> frames_;  // the recording's, likewise
   PixelSampler sampler_;
   LidarSampler lidar_sampler_;
   bool use_lidar_;
+  Team team_;
   double saved_seconds_;        // state_.seconds at the last checkpoint
   bool save_due_ = false;       // since then
   bool last_was_high_ = false;  // the last whole window; false at every checkpoint
   std::vector<std::int64_t> milestones_;
   std::int64_t steps_ = 0, steps_per_epoch_ = 0;
-  RayBatch batch_, lidar_batch_;
-  StepBuffers buffers_;
   Progress progress_;
 };
 
 }  // namespace
 
-TrainEnd train(Run* run, const TrainingData& data, kernels::Backend& backend, const std::atomic<bool>& stop) {
+TrainEnd train(Run* run, const TrainingData& data, const std::vector<kernels::Backend*>& backends,
+               kernels::Reduction* reduction, const std::atomic<bool>& stop) {
   try {
-    return Trainer(run, data, backend).run(stop);
+    return Trainer(run, data, backends, reduction).run(stop);
   } catch (const DeviceError& error) {  // a checkpoint is fetched whole before any of it is written
     throw DeviceError("step " + std::to_string(run->state.step) + ": " + error.what() +
                       "; the last checkpoint stands, go on from it with: redrive resume " + run->paths.root.string());
@@ -319,7 +328,7 @@ TrainEnd train(Run* run, kernels::Backend& backend, const std::atomic<bool>& sto
     ThreadPool pool(backend.threads());
     return load_training_data(*run, pool);
   }();
-  return train(run, data, backend, stop);
+  return train(run, data, {&backend}, nullptr, stop);
 }
 
 }  // namespace redrive

@@ -5,6 +5,7 @@
 
 #include "redrive/kernels/cuda/cuda_device.h"
 #include "redrive/kernels/cuda/device_backend.h"
+#include "redrive/kernels/cuda/nccl_reduction.h"
 
 namespace redrive::kernels {
 namespace {
@@ -20,15 +21,22 @@ int driver_version() {
   return cudaDriverGetVersion(&version) == cudaSuccess ? version : 0;
 }
 
-cudaDeviceProp first_device() {
+cudaDeviceProp properties_of(int gpu) {
   cudaDeviceProp device;
-  check_cuda(cudaGetDeviceProperties(&device, 0), "asking the GPU");
+  check_cuda(cudaGetDeviceProperties(&device, gpu), "asking the GPU");
   return device;
 }
 
 }  // namespace
 
-std::optional<std::string> cuda_obstacle() {
+int cuda_gpus() {
+  int gpus = 0;
+  const cudaError_t error = cudaGetDeviceCount(&gpus);
+  cudaGetLastError();  // or the next call would be blamed for it
+  return error == cudaSuccess ? gpus : 0;
+}
+
+std::optional<std::string> cuda_obstacle(int gpu) {
   const int driver = driver_version();
   if (driver == 0) return "no NVIDIA driver";
   int devices = 0;
@@ -39,24 +47,30 @@ std::optional<std::string> cuda_obstacle() {
            cuda_version(CUDART_VERSION);
   if (error == cudaErrorNoDevice || (error == cudaSuccess && devices == 0)) return "no NVIDIA GPU";
   if (error != cudaSuccess) return std::string("CUDA says: ") + cudaGetErrorString(error);
-  const cudaDeviceProp device = first_device();
+  const cudaDeviceProp device = properties_of(gpu);
   if (device.major < kLeastMajor || (device.major == kLeastMajor && device.minor < kLeastMinor))
     return std::string(device.name) + " has compute capability " + std::to_string(device.major) + "." +
            std::to_string(device.minor) + ", 7.5 is the least";
   return std::nullopt;
 }
 
-std::string cuda_description() {
-  const cudaDeviceProp device = first_device();
+std::string cuda_description(int gpu) {
+  const cudaDeviceProp device = properties_of(gpu);
   char memory[32];
   std::snprintf(memory, sizeof memory, "%.1f GiB", 0x1p-30 * static_cast<double>(device.totalGlobalMem));
   return std::string(device.name) + ", compute capability " + std::to_string(device.major) + "." +
          std::to_string(device.minor) + ", " + memory + ", driver for CUDA " + cuda_version(driver_version());
 }
 
-std::unique_ptr<Backend> make_cuda_backend(int threads, bool tensor_cores) {
-  if (tensor_cores) return std::make_unique<DeviceBackend<CudaDevice>>("cuda", threads);
-  return std::make_unique<DeviceBackend<WithoutTensorCores<CudaDevice>>>("cuda", threads);
+std::unique_ptr<Backend> make_cuda_backend(int threads, bool tensor_cores, int gpu) {
+  if (tensor_cores) return std::make_unique<DeviceBackend<CudaDevice>>("cuda", threads, gpu);
+  return std::make_unique<DeviceBackend<WithoutTensorCores<CudaDevice>>>("cuda", threads, gpu);
+}
+
+std::unique_ptr<Reduction> make_nccl_reduction(std::span<const std::unique_ptr<Backend>> backends) {
+  std::vector<CudaDevice*> devices;
+  for (const auto& backend : backends) devices.push_back(&dynamic_cast<DeviceBackend<CudaDevice>&>(*backend).device());
+  return std::make_unique<NcclReduction>(std::move(devices));
 }
 
 }  // namespace redrive::kernels

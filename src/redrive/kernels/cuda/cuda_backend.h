@@ -5,21 +5,28 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 
-#include "redrive/kernels/kernels.h"
+#include "redrive/kernels/backend_team.h"
 
 namespace redrive::kernels {
 
-/// Why there is no cuda backend here: not in this build, no driver, no GPU, one too old. Nothing if there is one.
-std::optional<std::string> cuda_obstacle();
+/// GPUs that CUDA_VISIBLE_DEVICES shows; they have numbers from 0 on. 0: cuda_obstacle says why.
+int cuda_gpus();
+
+/// Why there is no cuda backend here: not in this build, no driver, no GPU, that one too old. Nothing if there is one.
+std::optional<std::string> cuda_obstacle(int gpu = 0);
 
 /// "NVIDIA H200, compute capability 9.0, 139.8 GiB, driver for CUDA 13.0". There must be no obstacle.
-std::string cuda_description();
+std::string cuda_description(int gpu = 0);
 
-/// On the first GPU that CUDA_VISIBLE_DEVICES shows. There must be no obstacle. threads: the host's. What a GPU says no to later is a
-/// UsageError where it has no memory left, else a DeviceError with CUDA's words. Without tensor cores networks are fp32, for tests.
-std::unique_ptr<Backend> make_cuda_backend(int threads, bool tensor_cores = true);
+/// There must be no obstacle. threads: the host's. What a GPU says no to later is a UsageError where it has no memory left, else a DeviceError
+/// with CUDA's words. Any thread may use it, one at a time. Without tensor cores networks are fp32, for tests.
+std::unique_ptr<Backend> make_cuda_backend(int threads, bool tensor_cores = true, int gpu = 0);
+
+/// Of such backends, which outlive it, each on a GPU of its own. There must be no nccl_obstacle (nccl.h). DeviceError.
+std::unique_ptr<Reduction> make_nccl_reduction(std::span<const std::unique_ptr<Backend>> backends);
 
 /// Bytes that went there and back, and how many were taken of its memory at most.
 struct DeviceCopies {

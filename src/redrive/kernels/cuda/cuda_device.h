@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A GPU by the CUDA runtime, for nvcc alone: memory, copies and the one kernel that all functors run in. Everything is put on the default
-// stream, in which one thing follows the other; copies to the host wait for what comes before them.
+// A GPU by the CUDA runtime, for nvcc alone: memory, copies and the one kernel that all functors run in. Everything is put on its default
+// stream, in which one thing follows the other; copies to the host wait for what comes before them. CUDA asks the GPU that the calling thread
+// uses: what is not sure to come behind begin() says use().
 #pragma once
 
 #include <algorithm>
@@ -74,33 +75,46 @@ class CudaDevice {
   /// Four rounds of all warps that an H100 has room for, and 256 MiB of copies, five times its cache (device_ceilings.h).
   static constexpr std::size_t kWarpsForClocks = std::size_t{1} << 17;
 
-  CudaDevice() {
-    int device = 0;
-    check_cuda(cudaGetDevice(&device), "choosing a GPU");
-    check_cuda(cudaDeviceGetAttribute(&multiprocessors_, cudaDevAttrMultiProcessorCount, device), "asking the GPU");
+  explicit CudaDevice(int gpu) : gpu_(gpu) {
+    use();
+    check_cuda(cudaDeviceGetAttribute(&multiprocessors_, cudaDevAttrMultiProcessorCount, gpu), "asking the GPU");
     cudaFuncAttributes kernel{};
     check_cuda(cudaFuncGetAttributes(&kernel, do_nothing<int>), "asking the GPU");
     has_tensor_cores_ =
         kernel.ptxVersion >= 80;  // of the code that it runs: bf16's are there from compute capability 8.0 on
   }
+  int gpu() const { return gpu_; }
+  void use() const {
+    check_cuda(cudaSetDevice(gpu_), "choosing a GPU");
+  }  // next to nothing where the thread uses it already
   bool has_tensor_cores() const { return has_tensor_cores_; }
   std::optional<std::uint64_t> free_memory() const {
+    use();
     std::size_t free = 0, all = 0;
     check_cuda(cudaMemGetInfo(&free, &all), "asking how much memory is free");
     return free;
   }
 
-  void begin() { memory_.begin(); }
+  void begin() {
+    use();
+    memory_.begin();
+  }
   void* take(std::size_t bytes) { return memory_.take(bytes); }
   std::shared_ptr<void> hold(std::size_t bytes) {
+    use();
     return {CudaMemory().allocate(bytes), [](void* place) { CudaMemory().release(place); }};
   }
   void spoil(std::span<std::byte>) {}
-  void wait() { check_cuda(cudaDeviceSynchronize(), "computing"); }
+  void wait() {
+    use();
+    check_cuda(cudaDeviceSynchronize(), "computing");
+  }
   void to_device(void* device, const void* host, std::size_t bytes) {
+    use();
     check_cuda(cudaMemcpy(device, host, bytes, cudaMemcpyHostToDevice), "copying to the GPU");
   }
   void to_host(void* host, const void* device, std::size_t bytes) {
+    use();
     check_cuda(cudaMemcpy(host, device, bytes, cudaMemcpyDeviceToHost), "computing");
   }
   void sums_before(std::size_t n, const std::uint32_t* numbers, std::uint32_t* sums) {
@@ -134,6 +148,7 @@ class CudaDevice {
     return static_cast<unsigned>(std::min((n + each - 1) / each, kBlocksEach * multiprocessors_));
   }
 
+  int gpu_;
   int multiprocessors_ = 1;
   bool has_tensor_cores_ = false;
   Slab<CudaMemory> memory_;

@@ -191,6 +191,8 @@ class DeviceBackend final : public Backend {
 
   GridStages& grid() override { return grid_; }
 
+  Device& device() { return device_; }
+
  private:
   using Counting = CountingDevice<Device::kSamplesAtOnce, Device::kGridSamplesAtOnce>;
   static constexpr bool kCounts = std::is_same_v<Device, Counting>;

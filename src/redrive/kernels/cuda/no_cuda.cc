@@ -5,12 +5,18 @@
 
 namespace redrive::kernels {
 
-std::optional<std::string> cuda_obstacle() { return "not in this build"; }
+int cuda_gpus() { return 0; }
 
-std::string cuda_description() { check_failed(__FILE__, __LINE__, "cuda_description", *cuda_obstacle()); }
+std::optional<std::string> cuda_obstacle(int) { return "not in this build"; }
 
-std::unique_ptr<Backend> make_cuda_backend(int, bool) {
+std::string cuda_description(int) { check_failed(__FILE__, __LINE__, "cuda_description", *cuda_obstacle()); }
+
+std::unique_ptr<Backend> make_cuda_backend(int, bool, int) {
   check_failed(__FILE__, __LINE__, "make_cuda_backend", *cuda_obstacle());
+}
+
+std::unique_ptr<Reduction> make_nccl_reduction(std::span<const std::unique_ptr<Backend>>) {
+  check_failed(__FILE__, __LINE__, "make_nccl_reduction", *cuda_obstacle());
 }
 
 }  // namespace redrive::kernels
