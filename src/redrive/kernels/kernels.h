@@ -117,6 +117,7 @@ class Backend {
   virtual bool keeps(std::span<const float> /*numbers*/) const { return false; }  ///< stages find them there
   virtual void wait() {}  ///< until all that stages were asked for is done: for clocks, the rest need not know
   // Of a device with memory of its own; the others have the host's and say nothing.
+  virtual std::optional<std::string> device() const { return std::nullopt; }   ///< which one, in words
   virtual std::optional<std::uint64_t> free_memory() { return std::nullopt; }  ///< bytes
   virtual std::optional<Ceilings> ceilings() { return std::nullopt; }          ///< takes some tenths of a second
   /// The same stages, which compute nothing and count the memory that they would take: what comes to the host is 0. `bytes` must outlive it and

@@ -16,6 +16,7 @@
 #include <cub/device/device_scan.cuh>
 
 #include "redrive/base/error.h"
+#include "redrive/kernels/cuda/cuda_backend.h"
 #include "redrive/kernels/cuda/kept_numbers.h"
 #include "redrive/kernels/cuda/slab.h"
 
@@ -84,6 +85,7 @@ class CudaDevice {
         kernel.ptxVersion >= 80;  // of the code that it runs: bf16's are there from compute capability 8.0 on
   }
   bool has_tensor_cores() const { return has_tensor_cores_; }
+  std::optional<std::string> description() const { return cuda_description(); }
   std::optional<std::uint64_t> free_memory() const {
     std::size_t free = 0, all = 0;
     check_cuda(cudaMemGetInfo(&free, &all), "asking how much memory is free");

@@ -67,6 +67,7 @@ class DeviceBackend final : public Backend {
     return stage.sum(numbers.size(), NotFinite{stage.in(numbers)}) == 0;
   }
   void wait() override { device_.wait(); }
+  std::optional<std::string> device() const override { return device_.description(); }
   std::optional<std::uint64_t> free_memory() override { return device_.free_memory(); }
   std::optional<Ceilings> ceilings() override {
     if constexpr (!kCounts) return measure_ceilings(device_);

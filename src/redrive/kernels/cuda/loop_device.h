@@ -12,6 +12,7 @@
 #include <numeric>
 #include <optional>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "redrive/base/error.h"
@@ -31,6 +32,7 @@ class LoopDevice {
   explicit LoopDevice(DeviceCopies* copies = nullptr, LoopTroubles* troubles = nullptr)
       : copies_(copies), troubles_(troubles) {}
 
+  std::optional<std::string> description() const { return std::nullopt; }
   std::optional<std::uint64_t> free_memory() const {
     return troubles_ ? troubles_->free_memory : std::optional<std::uint64_t>();
   }
