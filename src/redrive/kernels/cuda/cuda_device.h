@@ -32,10 +32,10 @@ struct CudaMemory {
     void* place = nullptr;
     const cudaError_t error = cudaMalloc(&place, bytes);
     if (error == cudaErrorMemoryAllocation)
-      throw UsageError("--backend", "cuda",
-                       "the GPU has no " + std::to_string(bytes >> 20) +
-                           " MiB left; lower --batch, take fewer or smaller pictures (--frames, --cameras, "
-                           "--downscale), or see what else runs on it");
+      throw DeviceMemoryError("--backend", "cuda",
+                              "the GPU has no " + std::to_string(bytes >> 20) +
+                                  " MiB left; lower --batch, take fewer or smaller pictures (--frames, --cameras, "
+                                  "--downscale), or see what else runs on it");
     check_cuda(error, "allocating");
     return place;
   }
