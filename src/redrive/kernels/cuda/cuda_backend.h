@@ -18,7 +18,7 @@ std::optional<std::string> cuda_obstacle();
 std::string cuda_description();
 
 /// On the first GPU that CUDA_VISIBLE_DEVICES shows. There must be no obstacle. threads: the host's. What a GPU says no to later is a
-/// UsageError where it has no memory left, else a DeviceError with CUDA's words. Without tensor cores networks are fp32, for tests.
+/// DeviceMemoryError where it has none left, else a DeviceError with CUDA's words. Without tensor cores networks are fp32, for tests.
 std::unique_ptr<Backend> make_cuda_backend(int threads, bool tensor_cores = true);
 
 /// Bytes that went there and back, and how many were taken of its memory at most.
@@ -29,6 +29,7 @@ struct DeviceCopies {
 struct LoopTroubles {
   std::optional<std::uint64_t> free_memory;  ///< that it says it has
   std::int64_t works = -1;   ///< so many kernels more, then everything is a DeviceError; negative: always
+  std::int64_t places = -1;  ///< so many pieces of memory more, then DeviceMemoryError; negative: always
   bool loses_warps = false;  ///< the first of every kernel
 };
 /// The same stages and functors in plain loops on the host (loop_device.h): for tests. Counts copies unless `copies` is null.

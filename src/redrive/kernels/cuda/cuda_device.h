@@ -16,6 +16,7 @@
 #include <cub/device/device_scan.cuh>
 
 #include "redrive/base/error.h"
+#include "redrive/kernels/cuda/cuda_backend.h"
 #include "redrive/kernels/cuda/kept_numbers.h"
 #include "redrive/kernels/cuda/slab.h"
 
@@ -31,10 +32,10 @@ struct CudaMemory {
     void* place = nullptr;
     const cudaError_t error = cudaMalloc(&place, bytes);
     if (error == cudaErrorMemoryAllocation)
-      throw UsageError("--backend", "cuda",
-                       "the GPU has no " + std::to_string(bytes >> 20) +
-                           " MiB left; lower --batch, take fewer or smaller pictures (--frames, --cameras, "
-                           "--downscale), or see what else runs on it");
+      throw DeviceMemoryError("--backend", "cuda",
+                              "the GPU has no " + std::to_string(bytes >> 20) +
+                                  " MiB left; lower --batch, take fewer or smaller pictures (--frames, --cameras, "
+                                  "--downscale), or see what else runs on it");
     check_cuda(error, "allocating");
     return place;
   }
@@ -84,6 +85,7 @@ class CudaDevice {
         kernel.ptxVersion >= 80;  // of the code that it runs: bf16's are there from compute capability 8.0 on
   }
   bool has_tensor_cores() const { return has_tensor_cores_; }
+  std::optional<std::string> description() const { return cuda_description(); }
   std::optional<std::uint64_t> free_memory() const {
     std::size_t free = 0, all = 0;
     check_cuda(cudaMemGetInfo(&free, &all), "asking how much memory is free");
