@@ -36,6 +36,9 @@ class InputError : public std::runtime_error {
 class UsageError : public std::runtime_error {
  public:
   UsageError(std::string_view option, std::string_view value, std::string_view rule);
+
+ protected:
+  explicit UsageError(const std::string& message) : std::runtime_error(message) {}
 };
 
 /// A file or folder that could not be written (disk full, permissions).
@@ -55,6 +58,13 @@ class CannotError : public std::runtime_error {
 class DeviceError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
+};
+
+/// A device without memory left for what is asked of it, while it works: other options ask for less.
+class DeviceMemoryError : public UsageError {
+ public:
+  using UsageError::UsageError;
+  explicit DeviceMemoryError(const std::string& message) : UsageError(message) {}
 };
 
 [[noreturn]] void check_failed(const char* file, int line, const char* expression, const std::string& values);

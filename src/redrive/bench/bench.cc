@@ -10,7 +10,6 @@
 #include "redrive/bench/commit.h"
 #include "redrive/bench/peak.h"
 #include "redrive/bench/workload.h"
-#include "redrive/kernels/cuda/cuda_backend.h"
 #include "redrive/render/renderer.h"
 #include "redrive/train/step.h"
 
@@ -200,7 +199,7 @@ Report run(kernels::Backend& backend, const Options& options, const std::functio
   report.isa = backend.isa() ? std::string(isa_name(*backend.isa())) : "none";
   report.threads = backend.threads();
   report.commit = kCommit;
-  if (report.backend == "cuda") report.gpu = kernels::cuda_description();
+  report.gpu = backend.device().value_or("");
   if (const auto own = backend.ceilings()) {
     report.ceilings = *own;
   } else {

@@ -9,8 +9,6 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
-#include "redrive/eval/flip.h"
-#include "redrive/eval/metrics.h"
 #include "redrive/train/training_data.h"
 
 namespace redrive {
@@ -104,11 +102,10 @@ std::vector<std::size_t> evenly_spaced(std::size_t size, std::size_t limit) {
   return chosen;
 }
 
-Score score_image(const RenderedImage& rendered, const Image8& truth, std::span<const float> depth_m) {
+Score score_image(kernels::Backend& backend, const RenderedImage& rendered, const Image8& truth,
+                  std::span<const float> depth_m) {
   REDRIVE_CHECK_OP(rendered.width, ==, truth.width);
   REDRIVE_CHECK_OP(rendered.height, ==, truth.height);
-  std::vector<float> unit(truth.rgb.size());
-  std::transform(truth.rgb.begin(), truth.rgb.end(), unit.begin(), [](std::uint8_t v) { return v / 255.0f; });
   std::vector<std::uint8_t> mask = rendered.valid;
   std::int64_t left_out = 0;
   for (std::size_t i = 0; i < truth.used.size(); ++i) {
@@ -116,17 +113,18 @@ Score score_image(const RenderedImage& rendered, const Image8& truth, std::span<
     mask[i] = 0;
     ++left_out;
   }
-  const double psnr = psnr_db(rendered.rgb, unit, mask, rendered.width, rendered.height);
-  return {std::min(psnr, kPsnrCapDb),
-          ssim(rendered.rgb, unit, mask, rendered.width, rendered.height),
-          flip(rendered.rgb, unit, mask, rendered.width, rendered.height),
-          median_depth_error(rendered, mask, depth_m),
-          1,
-          left_out};
+  const kernels::PictureScore score = backend.score({rendered.width, rendered.height, rendered.rgb, truth.rgb, mask});
+  return {std::min(score.psnr_db, kPsnrCapDb),         score.ssim, score.flip,
+          median_depth_error(rendered, mask, depth_m), 1,          left_out};
 }
 
 DeviceWork work_of_evaluation(const Run& run) {
   DeviceWork work{.tile_rays = rays_of_tile(*run.state.model)};
+  // Novel views are taken to have no larger pictures.
+  const auto pixels = [](const RigCamera& rig) { return std::int64_t{rig.camera.width} * rig.camera.height; };
+  const Camera& largest = std::ranges::max_element(run.scene.rig, {}, pixels)->camera;
+  work.scored_width = largest.width;
+  work.scored_height = largest.height;
   if (run.state.poses.refines() && std::ranges::any_of(run.scene.views, &View::held_out)) {
     work.step_rays = kMostAlignedRays;
     work.refines = true;
@@ -171,7 +169,8 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
       Image8 truth = load_view(scene, view);  // first: a broken file must not cost a rendering
       leave_out(view_mask(scene, view, left_out.masks[c], left_out.moving), &truth);
       const Score score = score_image(
-          render_image(backend, *run.state.model, table, scene.shutter_poses(view), scene.exposure(view)), truth);
+          backend, render_image(backend, *run.state.model, table, scene.shutter_poses(view), scene.exposure(view)),
+          truth);
       mean.add(score);
       overall.add(score);
       tell();
@@ -184,7 +183,8 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
     ScoreMean mean;
     for (const std::size_t i : chosen_of(truth)) {
       const TruthView view = truth.load(i);
-      mean.add(score_image(render_image(backend, *run.state.model, view.camera, view.world_from_camera, view.exposure),
+      mean.add(score_image(backend,
+                           render_image(backend, *run.state.model, view.camera, view.world_from_camera, view.exposure),
                            view.truth, view.depth_m));
       tell();
     }

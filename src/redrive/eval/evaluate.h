@@ -38,7 +38,7 @@ struct EvalOptions {
 /// where no true depth ships.
 struct Score {
   double psnr_db = 0, ssim = 0;
-  double flip = 0;         ///< eval/flip.h, 0..1, less is better
+  double flip = 0;         ///< loss/flip.h, 0..1, less is better
   double depth_error = 0;  ///< median over an image's pixels of |depth - truth| / truth, along the ray
   int images = 0;
   std::int64_t left_out = 0;  ///< pixels of these images that the camera model reaches and masks leave out of all this
@@ -55,7 +55,8 @@ struct Evaluation {
 };
 
 /// Score of one picture over the pixels that the camera model reaches and the truth's mask uses. `depth_m`: as in TruthView.
-Score score_image(const RenderedImage& rendered, const Image8& truth, std::span<const float> depth_m = {});
+Score score_image(kernels::Backend& backend, const RenderedImage& rendered, const Image8& truth,
+                  std::span<const float> depth_m = {});
 
 /// `limit` of `size` indices, evenly spaced over all of them; all where limit is 0 or at least size.
 std::vector<std::size_t> evenly_spaced(std::size_t size, std::size_t limit);

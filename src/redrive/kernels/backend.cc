@@ -6,6 +6,7 @@
 #include <numeric>
 
 #include "redrive/kernels/check_sizes.h"
+#include "redrive/kernels/host_score.h"
 #include "redrive/kernels/kernels.h"
 
 namespace redrive::kernels {
@@ -30,6 +31,11 @@ void Backend::gather(const PixelSource& from, const PixelDraw& draw, std::span<c
 void Backend::smooth_errors(std::span<const std::uint32_t> cells, std::span<const float> squares,
                             std::span<float> errors) {
   redrive::smooth_errors(cells, squares, errors);
+}
+
+PictureScore Backend::score(const PicturePair& pictures) {
+  ThreadPool one(1);
+  return score_on_host(pictures, one);
 }
 
 std::span<float> Backend::between_stages(int which, std::size_t n) {

@@ -72,6 +72,21 @@ struct StratifiedSampling {
   std::uint64_t key = 0;
 };
 
+/// A picture and the truth of it: rgb [height, width, 3] in [0, 1], truth likewise, 8 bits a channel; mask [height, width], 0 where a pixel does not
+/// count, or empty: all do.
+struct PicturePair {
+  int width = 0, height = 0;
+  std::span<const float> rgb;
+  std::span<const std::uint8_t> truth, mask;
+};
+
+/// How alike they are; NaN where nothing counts. What does not count is black in both pictures where a filter or a window reaches it.
+struct PictureScore {
+  double psnr_db = 0;  ///< 10 log10(1 / MSE) over all three channels; +infinity for equal pictures
+  double ssim = 0;     ///< loss/ssim.h, mean over channels and the pixels at least 5 from the border
+  double flip = 0;     ///< loss/flip.h, mean over the pixels; in [0, 1], 0 for equal pictures
+};
+
 /// The most that a device does, measured: its roofline.
 struct Ceilings {
   double gflops = 0;       ///< a multiply-add is two
@@ -102,6 +117,7 @@ class Backend {
   virtual bool keeps(std::span<const float> /*numbers*/) const { return false; }  ///< stages find them there
   virtual void wait() {}  ///< until all that stages were asked for is done: for clocks, the rest need not know
   // Of a device with memory of its own; the others have the host's and say nothing.
+  virtual std::optional<std::string> device() const { return std::nullopt; }   ///< which one, in words
   virtual std::optional<std::uint64_t> free_memory() { return std::nullopt; }  ///< bytes
   virtual std::optional<Ceilings> ceilings() { return std::nullopt; }          ///< takes some tenths of a second
   /// The same stages, which compute nothing and count the memory that they would take: what comes to the host is 0. `bytes` must outlive it and
@@ -158,6 +174,10 @@ class Backend {
 
   // ---- the stages of --method grid
   virtual GridStages& grid() = 0;
+
+  // ---- of whole pictures
+  /// The default does it on the host, in one thread. The number of threads changes no bit.
+  virtual PictureScore score(const PicturePair& pictures);
 
   // ---- fused extras
   /// Forward, compositing, loss and backward of a batch: adds to `gradients` and of_rays as nerf_backward does, fills `out` (weights only

@@ -61,6 +61,7 @@ class SelfTest {
     hash_grid();
     grid_networks();
     nerf();
+    score();
     return failure_;
   }
 
@@ -177,6 +178,16 @@ class SelfTest {
       Numbers gradients(parameters.size());
       backend.nerf_backward(field, given_.rays(), given_.samples(), given_.d_raw, gradients, {});
       return {gradients};
+    });
+  }
+
+  void score() {
+    constexpr int kWidth = 31, kHeight = 26;
+    const Numbers rgb = random_numbers(3 * kWidth * kHeight, 11, 0, 1), other = random_numbers(rgb.size(), 12, 0, 255);
+    const std::vector<std::uint8_t> truth(other.begin(), other.end());
+    compare("score", kFp32, [&](Backend& backend) -> std::vector<Numbers> {
+      const PictureScore score = backend.score({kWidth, kHeight, rgb, truth, {}});
+      return {{static_cast<float>(score.psnr_db)}, {static_cast<float>(score.ssim)}, {static_cast<float>(score.flip)}};
     });
   }
 

@@ -66,6 +66,12 @@ std::optional<std::uint64_t> device_bytes(const kernels::Backend& backend, const
       const std::size_t n = work.tile_rays;
       model.render(*counting, tile, {all.first(3 * n), all.subspan(3 * n, n), all.last(n), {}}, &workspace);
     }
+    if (work.scored_width > 0) {
+      const std::size_t n = static_cast<std::size_t>(work.scored_width) * work.scored_height;
+      const std::vector<float> rgb(3 * n);
+      const std::vector<std::uint8_t> truth(3 * n), mask(n);
+      counting->score({work.scored_width, work.scored_height, rgb, truth, mask});
+    }
   }
   return count.most;
 }

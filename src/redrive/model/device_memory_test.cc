@@ -49,6 +49,11 @@ std::size_t taken(const Model& model, const DeviceWork& work, bool tensor_cores)
       std::vector<float> rgb(3 * n), depth(n), opacity(n);
       model.render(*backend, batch_of(work.tile_rays, false), {rgb, depth, opacity, {}}, &workspace);
     }
+    if (work.scored_width > 0) {
+      const std::size_t n = static_cast<std::size_t>(work.scored_width) * work.scored_height;
+      backend->score({work.scored_width, work.scored_height, std::vector<float>(3 * n),
+                      std::vector<std::uint8_t>(3 * n), std::vector<std::uint8_t>(n, 1)});
+    }
   }
   model.parameters.elsewhere = nullptr;
   return copies.most_there;
@@ -58,9 +63,11 @@ void expect_what_is_taken(const Model& model) {
   for (const bool tensor_cores : {true, false})
     for (const DeviceWork& work :
          {DeviceWork{.step_rays = 200, .trains = true}, DeviceWork{.step_rays = 200, .refines = true},
-          DeviceWork{.step_rays = 50, .lidar_rays = 300, .trains = true}, DeviceWork{.tile_rays = 400}}) {
+          DeviceWork{.step_rays = 50, .lidar_rays = 300, .trains = true}, DeviceWork{.tile_rays = 400},
+          DeviceWork{.tile_rays = 40, .scored_width = 90, .scored_height = 70}}) {
       SCOPED_TRACE(std::to_string(work.step_rays) + " rays, " + std::to_string(work.lidar_rays) + " of LiDAR, " +
-                   std::to_string(work.tile_rays) + " of a tile, tensor cores " + std::to_string(tensor_cores));
+                   std::to_string(work.tile_rays) + " of a tile, scored " + std::to_string(work.scored_width) +
+                   " pixels wide, tensor cores " + std::to_string(tensor_cores));
       const auto backend = kernels::make_loop_backend(nullptr, tensor_cores);
       const auto bytes = device_bytes(*backend, model, work);
       const std::size_t real = taken(model, work, tensor_cores);

@@ -17,10 +17,10 @@
 namespace redrive {
 namespace {
 
-std::string scored(const std::string& what, const RenderedImage& rendered, const Image8& truth,
-                   std::span<const float> depth_m = {}) {
+std::string scored(kernels::Backend& backend, const std::string& what, const RenderedImage& rendered,
+                   const Image8& truth, std::span<const float> depth_m = {}) {
   char text[96], depth[48] = "";
-  const Score score = score_image(rendered, truth, depth_m);
+  const Score score = score_image(backend, rendered, truth, depth_m);
   if (!std::isnan(score.depth_error))
     std::snprintf(depth, sizeof depth, ", depth off by %.1f %%", 100 * score.depth_error);
   std::snprintf(text, sizeof text, " (PSNR %.1f dB, SSIM %.3f, FLIP %.3f", score.psnr_db, score.ssim, score.flip);
@@ -81,12 +81,14 @@ PictureRow camera_pictures(const Run& run, kernels::Backend& backend, int camera
   PictureRow row;
   row.title = rig.name + ", frame " + std::to_string(frame.id);
   row.pictures.push_back({rig.name + "_original", "original", original});
-  row.pictures.push_back({rig.name + "_reproduced", scored("reproduced", reproduced, original), to_image8(reproduced)});
+  row.pictures.push_back(
+      {rig.name + "_reproduced", scored(backend, "reproduced", reproduced, original), to_image8(reproduced)});
   if (const View* const same = beside ? same_view(*beside, rig.name, frame.id) : nullptr) {
     const RenderedImage other = render_image(backend, *beside->state.model, beside->scene.rig[same->camera].camera,
                                              beside->scene.world_from_camera(*same), beside->scene.exposure(*same));
     if (other.width == original.width && other.height == original.height)
-      row.pictures.push_back({rig.name + "_beside", scored(method_text(*beside), other, original), to_image8(other)});
+      row.pictures.push_back(
+          {rig.name + "_beside", scored(backend, method_text(*beside), other, original), to_image8(other)});
   }
   row.pictures.push_back({rig.name + "_perturbed",
                           "moved " + length_text(run, kPerturbationM) + " along x of the body (forward)",
@@ -117,15 +119,15 @@ PictureRow novel_pictures(const Run& run, kernels::Backend& backend, const Novel
   PictureRow row;
   row.title = set + ": " + view.name;
   row.pictures.push_back({set + "_truth", "truth", view.truth});
-  row.pictures.push_back({set + "_render", scored("rendered", rendered, view.truth, view.depth_m), image});
+  row.pictures.push_back({set + "_render", scored(backend, "rendered", rendered, view.truth, view.depth_m), image});
   if (beside)
     for (const NovelTruth& same : novel_truths(*beside)) {
       if (same.name() != set || same.size() != truth.size()) continue;
       const TruthView there = same.load(evenly_spaced(same.size(), 1)[0]);
       const RenderedImage other =
           render_image(backend, *beside->state.model, there.camera, there.world_from_camera, there.exposure);
-      row.pictures.push_back(
-          {set + "_beside", scored(method_text(*beside), other, there.truth, there.depth_m), to_image8(other)});
+      row.pictures.push_back({set + "_beside", scored(backend, method_text(*beside), other, there.truth, there.depth_m),
+                              to_image8(other)});
     }
   row.pictures.push_back({set + "_difference", "difference, " + std::to_string(kDifferenceGain) + " times",
                           difference(image, view.truth)});

@@ -351,6 +351,36 @@ TEST_F(TrainingOnADevice, ALostDeviceLeavesTheLastCheckpointAndSaysHowToGoOn) {
   EXPECT_GT(last_step, 0) << "a checkpoint beyond the first was gone back to";
 }
 
+TEST_F(TrainingOnADevice, AFullDeviceSaysHowToGoOnWithLessOrLater) {
+  TrainOptions options = tiny_options(12);
+  options.checkpoint_every = 4;
+  constexpr std::int64_t kEnough = 1 << 30;
+  kernels::LoopTroubles room{.places = kEnough};
+  redrive::Run whole = tiny_grid_run(folder_.path / "whole", folder_.path, options);
+  EXPECT_EQ(train(&whole, *kernels::make_loop_backend(nullptr, true, &room), never_), TrainEnd::kFinished);
+  std::int64_t last_step = -1;
+  for (const std::int64_t places : {std::int64_t{0}, std::int64_t{3}, (kEnough - room.places) * 3 / 4}) {
+    kernels::LoopTroubles troubles{.places = places};
+    const auto full = kernels::make_loop_backend(nullptr, true, &troubles);
+    redrive::Run run = tiny_grid_run(folder_.path / ("full" + std::to_string(places)), folder_.path, options);
+    try {
+      train(&run, *full, never_);
+      ADD_FAILURE() << "there was room for more than " << places;
+    } catch (const DeviceMemoryError& error) {
+      EXPECT_EQ(error.what(),
+                "step " + std::to_string(run.state.step) +
+                    ": --backend loop: the GPU has no memory left: it was told to; the last checkpoint stands, go on "
+                    "from it with: redrive resume " +
+                    run.paths.root.string());
+    }
+    redrive::Run resumed = reopened(run);
+    last_step = resumed.state.step;
+    EXPECT_EQ(train(&resumed, *kernels::make_loop_backend(), never_), TrainEnd::kFinished);
+    EXPECT_TRUE(same_weights(resumed.state, whole.state)) << places;
+  }
+  EXPECT_GT(last_step, 0) << "none was full in the middle";
+}
+
 TEST_F(TrainingOnADevice, OnAGpuLearnsAsOnTheProcessor) {
   if (const auto obstacle = kernels::cuda_obstacle()) GTEST_SKIP() << "cuda: " << *obstacle;
   const auto gpu = kernels::make_cuda_backend(2);

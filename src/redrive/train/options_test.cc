@@ -119,7 +119,7 @@ TEST(TrainOptions, BackgroundIsTheScenes) {
 
 // A cube from -1 to 1 around (10, 0, 0). From 4 ahead of it: 3 to its face, to its far corners (5, 1, 1); from its inside:
 // all around.
-TEST(TrainOptions, RangeHoldsTheCubeOfABoundedRecording) {
+TEST(TrainOptions, BoundsSetRangeAndWidthUnlessTheyAreGiven) {
   Recording recording;
   recording.frames = {{0, 0, Rigid3d(Eigen::Translation3d(6, 0, 0))}};
   TrainOptions options = nerf_options();

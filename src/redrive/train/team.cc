@@ -25,11 +25,13 @@ void Team::begin() {
 
 void Team::each(const std::function<void(TeamMember&)>& work) {
   pool_.run(size(), [&](int rank) {
+    const std::string which = size() > 1 ? "GPU " + std::to_string(rank) + ": " : "";
     try {
       work(*members_[rank]);
     } catch (const DeviceError& error) {
-      if (size() == 1) throw;
-      throw DeviceError("GPU " + std::to_string(rank) + ": " + error.what());
+      throw DeviceError(which + error.what());
+    } catch (const DeviceMemoryError& error) {
+      throw DeviceMemoryError(which + error.what());
     }
   });
 }

@@ -39,7 +39,7 @@ class Team {
   void begin();
 
   /// train_step of the rays that `gather` puts into each member's batches, called by several threads. What it returns is of all of them: means,
-  /// counts in sum, without derivatives of rays. DeviceError says which member it was.
+  /// counts in sum, without derivatives of rays. DeviceError and DeviceMemoryError say which member it was.
   StepResult step(const std::function<void(TeamMember&)>& gather, double learning_rate);
 
   /// Of the last step, whose batches refine: pose_refiner.h, of all its rays.

@@ -295,6 +295,19 @@ TEST_F(TeamTest, ADeviceLostAtAnyPartOfAStepEndsIt) {
       }
     }
     EXPECT_GT(failures, 10);
+
+    kernels::LoopTroubles troubles{.places = 40};
+    const Loops loops(2, lost, &troubles);
+    HostMean mean(loops.all);
+    of.run.state = parse_checkpoint(before, "");
+    Team team(loops.all, &mean, &of.run.state);
+    team.begin();
+    try {
+      team.step(of.gather(8, 4), 1e-2);
+      ADD_FAILURE() << "it had room";
+    } catch (const DeviceMemoryError& error) {
+      EXPECT_THAT(error.what(), HasSubstr("GPU " + std::to_string(lost) + ": --backend loop: the GPU has no memory"));
+    }
   }
 }
 

@@ -315,11 +315,16 @@ class Trainer {
 
 TrainEnd train(Run* run, const TrainingData& data, const std::vector<kernels::Backend*>& backends,
                kernels::Reduction* reduction, const std::atomic<bool>& stop) {
+  const auto how_to_go_on = [&](const std::exception& error) {
+    return "step " + std::to_string(run->state.step) + ": " + error.what() +
+           "; the last checkpoint stands, go on from it with: redrive resume " + run->paths.root.string();
+  };
   try {
     return Trainer(run, data, backends, reduction).run(stop);
   } catch (const DeviceError& error) {  // a checkpoint is fetched whole before any of it is written
-    throw DeviceError("step " + std::to_string(run->state.step) + ": " + error.what() +
-                      "; the last checkpoint stands, go on from it with: redrive resume " + run->paths.root.string());
+    throw DeviceError(how_to_go_on(error));
+  } catch (const DeviceMemoryError& error) {
+    throw DeviceMemoryError(how_to_go_on(error));
   }
 }
 

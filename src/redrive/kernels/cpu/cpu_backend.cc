@@ -11,6 +11,7 @@
 #include "redrive/kernels/cpu/front_to_back.h"
 #include "redrive/kernels/cpu/grid/cpu_grid_stages.h"
 #include "redrive/kernels/cpu/nerf_tile.h"
+#include "redrive/kernels/host_score.h"
 #include "redrive/loss/photometric.h"
 #include "redrive/sampling/hierarchical.h"
 
@@ -179,6 +180,8 @@ class CpuBackend final : public Backend {
   }
 
   GridStages& grid() override { return *grid_; }
+
+  PictureScore score(const PicturePair& pictures) override { return score_on_host(pictures, pool_); }
 
   double train_rays(const NerfField& field, const Rays& rays, const Samples& samples, std::span<const float> target,
                     const CompositeOut& out, std::span<float> gradients, const RayGradients& of_rays) override {

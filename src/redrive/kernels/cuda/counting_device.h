@@ -11,6 +11,7 @@
 #include <memory>
 #include <optional>
 #include <span>
+#include <string>
 
 #include "redrive/kernels/cuda/kept_numbers.h"
 #include "redrive/kernels/cuda/slab.h"
@@ -53,6 +54,7 @@ class CountingDevice {
   CountingDevice(CountedBytes* count, bool has_tensor_cores)
       : count_(count), has_tensor_cores_(has_tensor_cores), places_(std::make_shared<CountedPlaces>(count)) {}
   bool has_tensor_cores() const { return has_tensor_cores_; }
+  std::optional<std::string> description() const { return std::nullopt; }
   std::optional<std::uint64_t> free_memory() const { return std::nullopt; }
 
   void begin() { memory_.begin(); }

@@ -69,7 +69,8 @@ std::unique_ptr<Backend> make_cuda_backend(int threads, bool tensor_cores, int g
 
 std::unique_ptr<Reduction> make_nccl_reduction(std::span<const std::unique_ptr<Backend>> backends) {
   std::vector<CudaDevice*> devices;
-  for (const auto& backend : backends) devices.push_back(&dynamic_cast<DeviceBackend<CudaDevice>&>(*backend).device());
+  for (const auto& backend : backends)
+    devices.push_back(&dynamic_cast<DeviceBackend<CudaDevice>&>(*backend).raw_device());
   return std::make_unique<NcclReduction>(std::move(devices));
 }
 

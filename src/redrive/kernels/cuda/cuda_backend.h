@@ -21,7 +21,7 @@ std::optional<std::string> cuda_obstacle(int gpu = 0);
 /// "NVIDIA H200, compute capability 9.0, 139.8 GiB, driver for CUDA 13.0". There must be no obstacle.
 std::string cuda_description(int gpu = 0);
 
-/// There must be no obstacle. threads: the host's. What a GPU says no to later is a UsageError where it has no memory left, else a DeviceError
+/// There must be no obstacle. threads: the host's. What a GPU says no to later is a DeviceMemoryError where it has none left, else a DeviceError
 /// with CUDA's words. Any thread may use it, one at a time. Without tensor cores networks are fp32, for tests.
 std::unique_ptr<Backend> make_cuda_backend(int threads, bool tensor_cores = true, int gpu = 0);
 
@@ -36,6 +36,7 @@ struct DeviceCopies {
 struct LoopTroubles {
   std::optional<std::uint64_t> free_memory;  ///< that it says it has
   std::int64_t works = -1;   ///< so many kernels more, then everything is a DeviceError; negative: always
+  std::int64_t places = -1;  ///< so many pieces of memory more, then DeviceMemoryError; negative: always
   bool loses_warps = false;  ///< the first of every kernel
 };
 /// The same stages and functors in plain loops on the host (loop_device.h): for tests. Counts copies unless `copies` is null.

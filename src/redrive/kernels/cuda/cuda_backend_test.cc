@@ -25,6 +25,7 @@ TEST(CudaBackend, IsThereOrSaysWhyNot) {
   const auto backend = make_cuda_backend(3);
   EXPECT_EQ(backend->name(), "cuda");
   EXPECT_EQ(backend->threads(), 3);
+  EXPECT_EQ(backend->device(), cuda_description());
 }
 
 TEST(LoopBackend, FetchesAndPutsKeptNumbers) {

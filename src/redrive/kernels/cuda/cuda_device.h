@@ -17,6 +17,7 @@
 #include <cub/device/device_scan.cuh>
 
 #include "redrive/base/error.h"
+#include "redrive/kernels/cuda/cuda_backend.h"
 #include "redrive/kernels/cuda/kept_numbers.h"
 #include "redrive/kernels/cuda/slab.h"
 
@@ -32,10 +33,10 @@ struct CudaMemory {
     void* place = nullptr;
     const cudaError_t error = cudaMalloc(&place, bytes);
     if (error == cudaErrorMemoryAllocation)
-      throw UsageError("--backend", "cuda",
-                       "the GPU has no " + std::to_string(bytes >> 20) +
-                           " MiB left; lower --batch, take fewer or smaller pictures (--frames, --cameras, "
-                           "--downscale), or see what else runs on it");
+      throw DeviceMemoryError("--backend", "cuda",
+                              "the GPU has no " + std::to_string(bytes >> 20) +
+                                  " MiB left; lower --batch, take fewer or smaller pictures (--frames, --cameras, "
+                                  "--downscale), or see what else runs on it");
     check_cuda(error, "allocating");
     return place;
   }
@@ -88,6 +89,7 @@ class CudaDevice {
     check_cuda(cudaSetDevice(gpu_), "choosing a GPU");
   }  // next to nothing where the thread uses it already
   bool has_tensor_cores() const { return has_tensor_cores_; }
+  std::optional<std::string> description() const { return cuda_description(gpu_); }
   std::optional<std::uint64_t> free_memory() const {
     use();
     std::size_t free = 0, all = 0;

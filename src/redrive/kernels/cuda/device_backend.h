@@ -12,6 +12,7 @@
 #include "redrive/kernels/cuda/counting_device.h"
 #include "redrive/kernels/cuda/device_ceilings.h"
 #include "redrive/kernels/cuda/device_grid_stages.h"
+#include "redrive/kernels/cuda/device_score.h"
 #include "redrive/kernels/cuda/gather_functors.h"
 #include "redrive/kernels/cuda/kept_pixels.h"
 #include "redrive/kernels/cuda/nerf_tensor_network.h"
@@ -66,6 +67,7 @@ class DeviceBackend final : public Backend {
     return stage.sum(numbers.size(), NotFinite{stage.in(numbers)}) == 0;
   }
   void wait() override { device_.wait(); }
+  std::optional<std::string> device() const override { return device_.description(); }
   std::optional<std::uint64_t> free_memory() override { return device_.free_memory(); }
   std::optional<Ceilings> ceilings() override {
     if constexpr (!kCounts) return measure_ceilings(device_);
@@ -191,7 +193,9 @@ class DeviceBackend final : public Backend {
 
   GridStages& grid() override { return grid_; }
 
-  Device& device() { return device_; }
+  PictureScore score(const PicturePair& pictures) override { return score_on_device(device_, pictures); }
+
+  Device& raw_device() { return device_; }
 
  private:
   using Counting = CountingDevice<Device::kSamplesAtOnce, Device::kGridSamplesAtOnce>;

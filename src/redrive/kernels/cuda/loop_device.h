@@ -12,6 +12,7 @@
 #include <numeric>
 #include <optional>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "redrive/base/error.h"
@@ -31,6 +32,7 @@ class LoopDevice {
   explicit LoopDevice(DeviceCopies* copies = nullptr, LoopTroubles* troubles = nullptr)
       : copies_(copies), troubles_(troubles) {}
 
+  std::optional<std::string> description() const { return std::nullopt; }
   std::optional<std::uint64_t> free_memory() const {
     return troubles_ ? troubles_->free_memory : std::optional<std::uint64_t>();
   }
@@ -39,12 +41,14 @@ class LoopDevice {
     taken_bytes_ = 0;
   }
   void* take(std::size_t bytes) {  // each of its own size, for AddressSanitizer
+    need_room();
     taken_.push_back(std::make_unique_for_overwrite<std::byte[]>(bytes));
     taken_bytes_ += bytes;
     note_memory();
     return std::memset(taken_.back().get(), 0xFF, bytes);  // NaN
   }
   std::shared_ptr<void> hold(std::size_t bytes) {
+    need_room();
     *held_bytes_ += bytes;
     note_memory();
     return {new std::byte[bytes], [bytes, held = held_bytes_](void* place) {
@@ -85,6 +89,11 @@ class LoopDevice {
  private:
   void need_life() const {
     if (troubles_ && troubles_->works == 0) throw DeviceError("the GPU failed, computing: it was told to");
+  }
+  void need_room() {
+    if (troubles_ && troubles_->places == 0)
+      throw DeviceMemoryError("--backend", "loop", "the GPU has no memory left: it was told to");
+    if (troubles_ && troubles_->places > 0) --troubles_->places;
   }
   void work() {
     need_life();

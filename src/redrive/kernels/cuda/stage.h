@@ -10,6 +10,7 @@
 //   for_each_warp(n, functor)     functor(i) by a warp each (mma.h)
 //   hold(bytes), kept             memory that stays as long as its handle lives, and what of the host's numbers lies in such
 //   spoil(host)                   is told that the host's copy of kept numbers is out of date
+//   description()                 which one it is, in words, or nothing
 //   free_memory()                 bytes that are left of it, or nothing if it has no end
 //   kWarpsForClocks               work for a while without an end in sight of all that it has (device_ceilings.h)
 //   kSamplesAtOnce                rows that a network's activations are kept for; kGridSamplesAtOnce: a fused one's (fused_grid_network.h)
