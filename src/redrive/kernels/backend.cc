@@ -27,6 +27,11 @@ void Backend::gather(const PixelSource& from, const PixelDraw& draw, std::span<c
   gather_rays(from, draw, errors, out);
 }
 
+void Backend::gather_lidar(const LidarSource& from, const LidarDraw& draw, const GatheredReturns& out) {
+  check_gather_lidar(from, out);
+  gather_returns(from, draw, out);
+}
+
 void Backend::smooth_errors(std::span<const std::uint32_t> cells, std::span<const float> squares,
                             std::span<float> errors) {
   redrive::smooth_errors(cells, squares, errors);

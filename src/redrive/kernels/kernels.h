@@ -18,6 +18,7 @@
 #include "redrive/field/nerf_field.h"
 #include "redrive/kernels/grid_stages.h"
 #include "redrive/optim/adam.h"
+#include "redrive/rays/lidar_gather.h"
 #include "redrive/rays/pixel_gather.h"
 #include "redrive/scene/unit_from_world.h"
 
@@ -117,6 +118,8 @@ class Backend {
   /// A backend with memory of its own keeps the source there from the first time on, poses anew when they have changed.
   virtual void gather(const PixelSource& from, const PixelDraw& draw, std::span<const float> errors,
                       const GatheredRays& out);
+  /// The same of a LiDAR's returns: `draw` is LidarSampler's.
+  virtual void gather_lidar(const LidarSource& from, const LidarDraw& draw, const GatheredReturns& out);
   /// rays/pixel_cells.h: the squared errors of rays drawn in cells [n], one after the other, into the errors of the cells.
   virtual void smooth_errors(std::span<const std::uint32_t> cells, std::span<const float> squares,
                              std::span<float> errors);

@@ -23,8 +23,8 @@ void KeptBatch::keep(kernels::Backend& backend, RayBatch* batch) {
     kept = {numbers.data(), numbers.size(), backend.keep(kernels::as_floats(std::span<const T>(numbers)))};
     numbers.resize(size);
   };
-  for (auto* const floats :
-       {&batch->origin, &batch->direction, &batch->target, &batch->background, &batch->pixel_angle, &batch->weight})
+  for (auto* const floats : {&batch->origin, &batch->direction, &batch->target, &batch->background, &batch->pixel_angle,
+                             &batch->weight, &batch->range_m})
     keep(*floats);
   keep(batch->exposure);
   keep(batch->view);
@@ -38,6 +38,13 @@ void gather_batch(kernels::Backend& backend, const PixelSampler& sampler, int ev
   buffers->batch.keep(backend, batch);
   kernels::keep(backend, state->cell_errors);
   backend.gather(sampler.source(), draw, state->cell_errors, room);
+}
+
+void gather_lidar(kernels::Backend& backend, const LidarSampler& sampler, std::int64_t step, int n, RayBatch* batch,
+                  StepBuffers* buffers) {
+  const GatheredReturns room = sampler.make_room(n, batch);
+  buffers->lidar.keep(backend, batch);
+  backend.gather_lidar(sampler.source(), sampler.draw(step, n), room);
 }
 
 StepResult train_step(kernels::Backend& backend, const RayBatch& batch, double learning_rate, TrainState* state,

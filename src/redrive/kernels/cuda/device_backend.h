@@ -13,7 +13,7 @@
 #include "redrive/kernels/cuda/device_ceilings.h"
 #include "redrive/kernels/cuda/device_grid_stages.h"
 #include "redrive/kernels/cuda/gather_functors.h"
-#include "redrive/kernels/cuda/kept_pixels.h"
+#include "redrive/kernels/cuda/kept_sources.h"
 #include "redrive/kernels/cuda/nerf_tensor_network.h"
 #include "redrive/kernels/cuda/ray_functors.h"
 #include "redrive/kernels/cuda/stage_spans.h"
@@ -91,6 +91,17 @@ class DeviceBackend final : public Backend {
     if (draw.by_error > 0)
       stage.for_each(rays.view.size(), WeighRays{draw, of_cells, stage.sum_there(drawn.size(), PixelsOfDraw{drawn}),
                                                  stage.sum_there(drawn.size(), ErrorOfDraw{drawn}), rays});
+    stage.finish();
+  }
+
+  void gather_lidar(const LidarSource& from, const LidarDraw& draw, const GatheredReturns& out) override {
+    check_gather_lidar(from, out);
+    const LidarSpans& returns = kernels::there(device_, from);
+    Stage stage(device_);
+    stage.for_each(out.range_m.size(), GatherReturns{returns,
+                                                     draw,
+                                                     {stage.out(out.origin), stage.out(out.direction),
+                                                      stage.out(out.pixel_angle), stage.out(out.range_m)}});
     stage.finish();
   }
 
