@@ -55,10 +55,21 @@ RayBatch ray_of(const RayBatch& batch, int which) {
   return one;
 }
 
-StepLosses losses_of(const GridModel& model, const RayBatch& batch, std::vector<float>* gradients,
-                     kernels::Backend& backend) {
+struct Losses : StepLosses, StepSums {
+  double loss = 0;
+};
+Losses losses_of(const GridModel& model, const RayBatch& batch, std::span<float> gradients, kernels::Backend& backend,
+                 Workspace* workspace, std::uint64_t seed = kSeed, std::int64_t step = kStep) {
+  Losses out;
+  static_cast<StepLosses&>(out) = model.gradients(backend, batch, seed, step, gradients, workspace);
+  static_cast<StepSums&>(out) = workspace->fetch_sums();
+  out.loss = model.loss(out);
+  return out;
+}
+Losses losses_of(const GridModel& model, const RayBatch& batch, std::vector<float>* gradients,
+                 kernels::Backend& backend) {
   Workspace workspace;
-  return model.gradients(backend, batch, kSeed, kStep, *gradients, &workspace);
+  return losses_of(model, batch, *gradients, backend, &workspace);
 }
 
 struct Picture {
@@ -245,7 +256,7 @@ TEST(GridModel, GradientsAreAddedToWhatIsThere) {
   const RayBatch batch = tiny_batch(8);
   const auto backend = kernels::make_ref_backend();
   std::vector<float> once(model.size()), on_top(model.size(), 1.0f);
-  const StepLosses a = losses_of(model, batch, &once, *backend), b = losses_of(model, batch, &on_top, *backend);
+  const Losses a = losses_of(model, batch, &once, *backend), b = losses_of(model, batch, &on_top, *backend);
   EXPECT_EQ(a.loss, b.loss);
   for (std::size_t i = 0; i < once.size(); ++i)
     ASSERT_NEAR(on_top[i], 1.0 + once[i], 4 * 0x1p-24 * (1 + std::abs(once[i]))) << i;
@@ -267,7 +278,7 @@ TEST(GridModel, RaysAreWeightedAndTheirErrorsHandedOut) {
   const auto backend = kernels::make_ref_backend();
   std::vector<float> ignored(model.size());
   Workspace workspace;
-  const StepLosses plain = model.gradients(*backend, batch, kSeed, kStep, ignored, &workspace);
+  const Losses plain = losses_of(model, batch, ignored, *backend, &workspace);
   const std::vector<float> squares(plain.squares.begin(), plain.squares.end());
   ASSERT_EQ(squares.size(), 8u);
   double mean = 0;
@@ -278,7 +289,7 @@ TEST(GridModel, RaysAreWeightedAndTheirErrorsHandedOut) {
   double sum = 0;
   for (int ray = 0; ray < 8; ++ray) {
     batch.weight[ray] = 2;
-    const StepLosses one = model.gradients(*backend, batch, kSeed, kStep, ignored, &workspace);
+    const Losses one = losses_of(model, batch, ignored, *backend, &workspace);
     EXPECT_TRUE(std::ranges::equal(one.squares, squares));
     EXPECT_EQ(one.rgb_mse, plain.rgb_mse);
     sum += one.colours - gains;
@@ -299,7 +310,7 @@ TEST(GridModel, SamplesFollowSeedAndStep) {
   Workspace workspace;
   for (const auto& [seed, step] : {std::pair{1, 0}, {1, 1}, {2, 0}, {1, 0}}) {
     std::vector<float> gradients(model.size());
-    losses.insert(model.gradients(*backend, batch, seed, step, gradients, &workspace).loss);
+    losses.insert(losses_of(model, batch, gradients, *backend, &workspace, seed, step).loss);
   }
   EXPECT_EQ(losses.size(), 3u);
 }
@@ -380,7 +391,7 @@ TEST(GridModelGradients, OfRaysAreThoseOfTheColours) {
   RayBatch batch = tiny_batch(8);
   batch.refines = true;
   std::vector<float> gradients(model.size());
-  const StepLosses losses = losses_of(model, batch, &gradients, *backend);
+  const Losses losses = losses_of(model, batch, &gradients, *backend);
   ASSERT_EQ(losses.d_origin.size(), 24u);
   ASSERT_EQ(losses.d_direction.size(), 24u);
   const auto colours = [&](const RayBatch& moved) {
@@ -422,14 +433,16 @@ TEST(GridModelGradients, OfRangesAreThoseOfTheirLoss) {
   constexpr std::int64_t kLate = 10'000;  // the last spread
   for (const std::int64_t step : {std::int64_t{0}, kLate}) {
     std::vector<float> gradients(model.size()), ignored(model.size());
-    const double loss = model.range_gradients(*backend, batch, kSeed, step, gradients, &workspace);
-    EXPECT_GT(loss, 0.1);
+    const auto loss = [&](std::span<float> of) {
+      model.range_gradients(*backend, batch, kSeed, step, of, &workspace);
+      return workspace.sums().range / kRangeWeight;
+    };
+    EXPECT_GT(loss(gradients), 0.1);
     double of_colour = 0;
     for (const ModelTensor& tensor : model.tensors()) {
       if (tensor.name == "grid" || tensor.name.starts_with("density"))
         expect_derivative(
-            model, tensor, gradients,
-            [&] { return model.range_gradients(*backend, batch, kSeed, step, ignored, &workspace); }, 1 / kRangeWeight);
+            model, tensor, gradients, [&] { return loss(ignored); }, 1 / kRangeWeight);
       if (tensor.name.starts_with("colour") || tensor.name == "sky" || tensor.name == "appearance")
         for (std::size_t i = 0; i < size_of(tensor); ++i) of_colour += std::abs(gradients[tensor.offset + i]);
     }
@@ -491,7 +504,7 @@ TEST(GridModelGradients, OfTheProposalsAreThoseOfTheirLoss) {
   model.proposal_samples = {8, 1};
   const RayBatch batch = tiny_batch(8);
   std::vector<float> gradients(model.size()), ignored(model.size());
-  const StepLosses losses = losses_of(model, batch, &gradients, *backend);
+  const Losses losses = losses_of(model, batch, &gradients, *backend);
   EXPECT_GT(losses.loss, losses.colours);
   for (const ModelTensor& tensor : model.tensors())
     if (tensor.name == "proposal")
@@ -534,7 +547,7 @@ TEST(GridModel, EmptyRaysCostTheFieldNothing) {
     for (const int k : {0, 1, 2}) batch.direction[k * kRays + ray] = k == 0 ? sign : 0.0f;
   }
   std::vector<float> gradients(model.size());
-  const StepLosses losses = losses_of(model, batch, &gradients, *backend);
+  const Losses losses = losses_of(model, batch, &gradients, *backend);
   // Of 128 empty rays one in 16 is looked at all the same: 8 with a standard deviation of 2.7.
   EXPECT_GT(losses.field_rays, kRays / 2);
   EXPECT_LT(losses.field_rays, kRays / 2 + 8 + 5 * 3);
@@ -569,7 +582,7 @@ TEST(GridModelGradients, AreTheSameOnEveryBackend) {
   make_tiny(model);
   const RayBatch batch = tiny_batch(50);
   std::vector<float> expected(model.size());
-  const StepLosses losses = losses_of(model, batch, &expected, *kernels::make_ref_backend());
+  const Losses losses = losses_of(model, batch, &expected, *kernels::make_ref_backend());
   std::vector<std::unique_ptr<kernels::Backend>> backends;
   backends.push_back(kernels::make_loop_backend());
   for (const Isa isa : all_isas())
@@ -578,7 +591,7 @@ TEST(GridModelGradients, AreTheSameOnEveryBackend) {
     const std::string name = kernels::describe(*backend);
     const double tolerance = backend->isa() == Isa::kAvx512Bf16 ? 12 * 0x1p-8 : 1e-4;
     std::vector<float> gradients(model.size());
-    const StepLosses got = losses_of(model, batch, &gradients, *backend);
+    const Losses got = losses_of(model, batch, &gradients, *backend);
     EXPECT_NEAR(got.loss, losses.loss, tolerance * losses.loss) << name;
     EXPECT_NEAR(got.opacity, losses.opacity, tolerance) << name;
     for (const ModelTensor& tensor : model.tensors()) {

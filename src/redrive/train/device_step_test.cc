@@ -130,10 +130,10 @@ TEST(TrainStepOnADevice, CopiesTheBatchThereAndAFewNumbersBack) {
       EXPECT_TRUE(result.finite);
       EXPECT_EQ(result.field_rays < 24, empty);
       EXPECT_EQ(copies.to_device, bytes_of_device(batch) + bytes_of_device(lidar));
-      // Derivatives of places and directions; then losses, the opacity, how many rays are live.
       const std::size_t of_rays = 24 * (refines ? 3 + 3 : 0) * sizeof(float);
-      EXPECT_GT(copies.to_host, of_rays);
-      EXPECT_LE(copies.to_host, of_rays + 12 * sizeof(double));
+      EXPECT_EQ(copies.to_host, of_rays + sizeof(StepSums) + sizeof(std::uint32_t))
+          << "derivatives of places and directions, losses and the like, how many rays are live";
+      EXPECT_EQ(copies.waits, 2u + (refines ? 2 : 0));
     }
 }
 
@@ -148,8 +148,9 @@ TEST(TrainStepOnADevice, CopiesTheBatchOfANerfThereAndAFewNumbersBack) {
     EXPECT_TRUE(train_step(*backend, batch, 0, &state, &buffers).finite);
   }
   EXPECT_EQ(copies.to_device, 3 * 72 * sizeof(float)) << "origins, directions, colours";
-  EXPECT_EQ(copies.to_host, 2 * 72 * sizeof(float) + 4 * sizeof(double))
-      << "derivatives of places and directions, the losses of two networks, opacity, whether all is finite";
+  EXPECT_EQ(copies.to_host, 2 * 72 * sizeof(float) + sizeof(StepSums))
+      << "derivatives of places and directions, losses and the like";
+  EXPECT_EQ(copies.waits, 2u + 1);
 }
 
 struct PictureOfDevice {
@@ -301,10 +302,11 @@ TEST_F(TrainingOnADevice, CopiesNothingThereAndAFewNumbersBack) {
       EXPECT_TRUE(train_step(*of.backend, of.batch, 0, &of.run.state, &of.buffers, &of.lidar).finite);
     }
     EXPECT_EQ(of.copies.to_device, 0u);
-    // Derivatives of places and directions, and which view's and direction's they are; then losses, the opacity, how many rays are live.
     const std::size_t of_rays = 24 * (refines ? 3 + 3 + 3 + 1 : 0) * sizeof(float);
-    EXPECT_GT(of.copies.to_host, of_rays);
-    EXPECT_LE(of.copies.to_host, of_rays + 12 * sizeof(double));
+    EXPECT_EQ(of.copies.to_host, of_rays + sizeof(StepSums) + sizeof(std::uint32_t))
+        << "derivatives of places and directions, which directions and views these are of; losses and the like, how "
+           "many rays are live";
+    EXPECT_EQ(of.copies.waits, 2u + (refines ? 4 : 0));
     EXPECT_EQ(std::isnan(of.batch.direction[0]), !refines) << "on the host before it was fetched";
   }
 }

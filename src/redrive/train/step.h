@@ -30,7 +30,8 @@ struct StepBuffers {
   KeptBatch batch, lidar;
 };
 
-struct StepResult : StepLosses {
+struct StepResult : StepLosses, StepSums {
+  double loss = 0;     ///< Model::loss
   bool finite = true;  ///< false: the step was not applied
 };
 

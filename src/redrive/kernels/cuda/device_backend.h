@@ -57,13 +57,17 @@ class DeviceBackend final : public Backend {
     stage.for_each(numbers.size(), FillNumbers{stage.out(numbers), value});
     stage.finish();
   }
-  double sum(std::span<const float> numbers) override {
+  void mean(std::span<const float> numbers, double* mean) override {
+    REDRIVE_CHECK_OP(numbers.size(), >, 0u);
     Stage stage(device_);
-    return stage.sum(numbers.size(), NumberTerm<float>{stage.in(numbers)});
+    const auto sum = stage.sum_there(numbers.size(), NumberTerm<float>{stage.in(numbers)});
+    stage.put_loss({sum, static_cast<double>(numbers.size())}, mean);
+    stage.finish();
   }
-  bool all_finite(std::span<const float> numbers) override {
+  void not_finite(std::span<const float> numbers, double* count) override {
     Stage stage(device_);
-    return stage.sum(numbers.size(), NotFinite{stage.in(numbers)}) == 0;
+    stage.put_loss({stage.sum_there(numbers.size(), NotFinite{stage.in(numbers)})}, count);
+    stage.finish();
   }
   void wait() override { device_.wait(); }
   std::optional<std::uint64_t> free_memory() override { return device_.free_memory(); }
@@ -182,13 +186,14 @@ class DeviceBackend final : public Backend {
     stage.finish();
   }
 
-  double photometric_loss(std::span<const float> rgb, std::span<const float> target, std::span<float> d_rgb) override {
+  void photometric_loss(std::span<const float> rgb, std::span<const float> target, std::span<float> d_rgb,
+                        double* loss) override {
     const int n_rays = check_photometric(rgb.size(), target.size(), d_rgb.size());
     Stage stage(device_);
-    const double loss =
-        stage.sum(rgb.size(), PhotometricChannels{stage.in(rgb), stage.in(target), n_rays, stage.out(d_rgb)});
+    stage.put_loss(
+        {stage.sum_there(rgb.size(), PhotometricChannels{stage.in(rgb), stage.in(target), n_rays, stage.out(d_rgb)})},
+        loss);
     stage.finish();
-    return loss;
   }
 
   void adam(const AdamStep& step, std::span<float> gradients, std::span<float> parameters,
