@@ -23,8 +23,8 @@ void KeptBatch::keep(kernels::Backend& backend, RayBatch* batch) {
     kept = {numbers.data(), numbers.size(), backend.keep(kernels::as_floats(std::span<const T>(numbers)))};
     numbers.resize(size);
   };
-  for (auto* const floats :
-       {&batch->origin, &batch->direction, &batch->target, &batch->background, &batch->pixel_angle, &batch->weight})
+  for (auto* const floats : {&batch->origin, &batch->direction, &batch->target, &batch->background, &batch->pixel_angle,
+                             &batch->weight, &batch->range_m})
     keep(*floats);
   keep(batch->exposure);
   keep(batch->view);
@@ -40,6 +40,13 @@ void gather_batch(kernels::Backend& backend, const PixelSampler& sampler, int ev
   backend.gather(sampler.source(), draw, state->cell_errors, room);
 }
 
+void gather_lidar(kernels::Backend& backend, const LidarSampler& sampler, std::int64_t step, int n, RayBatch* batch,
+                  StepBuffers* buffers) {
+  const GatheredReturns room = sampler.make_room(n, batch);
+  buffers->lidar.keep(backend, batch);
+  backend.gather_lidar(sampler.source(), sampler.draw(step, n), room);
+}
+
 StepResult train_step(kernels::Backend& backend, const RayBatch& batch, double learning_rate, TrainState* state,
                       StepBuffers* buffers, const RayBatch* lidar) {
   Model& model = *state->model;
@@ -47,18 +54,22 @@ StepResult train_step(kernels::Backend& backend, const RayBatch& batch, double l
   const std::span<float> gradients = buffers->gradients;
   for (const Buffer<float>* numbers : {&buffers->gradients, &state->first_moment, &state->second_moment})
     kernels::keep(backend, *numbers);
+  Workspace& workspace = buffers->workspace;
   StepResult result;
-  static_cast<StepLosses&>(result) =
-      model.gradients(backend, batch, state->seed, state->step, gradients, &buffers->workspace);
-  if (lidar && lidar->n > 0)
-    result.range = model.range_gradients(backend, *lidar, state->seed, state->step, gradients, &buffers->workspace);
+  static_cast<StepLosses&>(result) = model.gradients(backend, batch, state->seed, state->step, gradients, &workspace);
+  const bool ranges = lidar && lidar->n > 0;
+  if (ranges) model.range_gradients(backend, *lidar, state->seed, state->step, gradients, &workspace);
+  backend.not_finite(model.sentinels(gradients), &workspace.sums().not_finite);
+  static_cast<StepSums&>(result) = workspace.fetch_sums();
+  if (!ranges) result.range = 0;  // an earlier step's
+  result.loss = model.loss(result);
   if (batch.refines) {
     kernels::fetch(backend, batch.direction);
     kernels::fetch(backend, batch.view);
   }
   ++state->step;
   state->rays_drawn += static_cast<std::uint64_t>(batch.n - batch.by_error);
-  result.finite = std::isfinite(result.loss + result.range) && backend.all_finite(model.sentinels(gradients));
+  result.finite = std::isfinite(result.loss + result.range) && result.not_finite == 0;
   if (result.finite) {
     backend.adam(model.adam(learning_rate, state->step), gradients, model.parameters, state->first_moment,
                  state->second_moment);

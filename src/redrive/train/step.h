@@ -2,6 +2,7 @@
 // One training step, from rays to Adam.
 #pragma once
 
+#include "redrive/rays/lidar_sampler.h"
 #include "redrive/rays/ray_table.h"
 #include "redrive/train/state.h"
 
@@ -19,17 +20,18 @@ class KeptBatch {
     std::size_t size = 0;
     std::shared_ptr<void> there;
   };
-  Room rooms_[9];
+  Room rooms_[10];
 };
 
 /// Working memory of a step; grows to the largest batch seen.
 struct StepBuffers {
   Workspace workspace;
   Buffer<float> gradients;
-  KeptBatch batch;
+  KeptBatch batch, lidar;
 };
 
-struct StepResult : StepLosses {
+struct StepResult : StepLosses, StepSums {
+  double loss = 0;     ///< Model::loss
   bool finite = true;  ///< false: the step was not applied
 };
 
@@ -45,6 +47,10 @@ inline int rays_of_step(int batch_rays, double field_share) {
 /// sizes. `buffers` must not outlive the batch.
 void gather_batch(kernels::Backend& backend, const PixelSampler& sampler, int even, int by_error, TrainState* state,
                   RayBatch* batch, StepBuffers* buffers);
+
+/// The same with what LidarSampler::gather does.
+void gather_lidar(kernels::Backend& backend, const LidarSampler& sampler, std::int64_t step, int n, RayBatch* batch,
+                  StepBuffers* buffers);
 
 /// lidar: rays with ranges, or null. `state->step` counts on by one and rays_drawn by the even rays; where rays have
 /// cells, their errors are taken in. Where the batch refines, its directions and views are fetched. Non-finite loss or gradients: parameters stay as they were.

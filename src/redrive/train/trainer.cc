@@ -10,7 +10,6 @@
 #include "redrive/base/error.h"
 #include "redrive/base/rng.h"
 #include "redrive/rays/lidar_sampler.h"
-#include "redrive/recording/trajectory.h"
 #include "redrive/train/loss_watch.h"
 #include "redrive/train/pose_refiner.h"
 #include "redrive/train/progress.h"
@@ -104,21 +103,12 @@ class Trainer {
     Recording placed = corrected(run_.recording, run_.scene, state_.poses.corrections);
     place_views(placed, &scene_);
     sampler_.place();
-    frames_ = std::move(placed.frames);
-  }
-
-  /// What the corrections at a time make of the world as the recording has it: LiDAR returns lie in that.
-  Rigid3d moved(std::int64_t t_ns) const {
-    return scene_.ecef_from_world.inverse() * pose_at(frames_, t_ns) * pose_at(run_.recording.frames, t_ns).inverse() *
-           scene_.ecef_from_world;
+    lidar_sampler_.place(scene_.ecef_from_world, run_.recording.frames, placed.frames);
   }
 
   void gather(std::int64_t number) {
     gather_batch(backend_, sampler_, rays() - rays_by_error(), rays_by_error(), &state_, &batch_, &buffers_);
-    if (use_lidar_)
-      lidar_sampler_.gather(
-          number, options_.lidar_rays, &lidar_batch_,
-          state_.poses.refines() ? [this](std::int64_t t_ns) { return moved(t_ns); } : LidarSampler::Moved());
+    if (use_lidar_) gather_lidar(backend_, lidar_sampler_, number, options_.lidar_rays, &lidar_batch_, &buffers_);
     batch_.refines = state_.poses.refines() && number % kStepsPerRefinement == 0 && progress() > kFirstRefinement;
   }
 
@@ -288,8 +278,7 @@ class Trainer {
   TrainState& state_;
   const TrainOptions& options_;
   kernels::Backend& backend_;
-  Scene scene_;                    // the run's with the views where corrections have put them
-  std::vector<FramePose> frames_;  // the recording's, likewise
+  Scene scene_;  // the run's with the views where corrections have put them
   PixelSampler sampler_;
   LidarSampler lidar_sampler_;
   bool use_lidar_;

@@ -21,9 +21,9 @@ std::string cuda_description();
 /// DeviceMemoryError where it has none left, else a DeviceError with CUDA's words. Without tensor cores networks are fp32, for tests.
 std::unique_ptr<Backend> make_cuda_backend(int threads, bool tensor_cores = true);
 
-/// Bytes that went there and back, and how many were taken of its memory at most.
+/// Bytes that went there and back, how often the host waited for such, and how many were taken of its memory at most.
 struct DeviceCopies {
-  std::size_t to_device = 0, to_host = 0, most_there = 0;
+  std::size_t to_device = 0, to_host = 0, waits = 0, most_there = 0;
 };
 /// What is to go wrong.
 struct LoopTroubles {
