@@ -146,6 +146,12 @@ class Stage {
     }
     return parts;
   }
+  /// The same for the host, which waits for it.
+  template <class Term>
+  double sum(std::size_t n, const Term& term) {
+    const auto there = sum_there(n, term);
+    return there.empty() ? 0 : on_host(there[0]);
+  }
   /// To where the host or the device has it.
   void put_loss(const LossPart& a, const LossPart& b, double* loss) {
     for_each(1, AddLossParts{a, b, out(std::span(loss, 1))});
