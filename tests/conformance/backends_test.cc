@@ -315,9 +315,11 @@ TEST_P(EveryBackend, PhotometricLoss) {
   for (const int n_rays : {1, 7, 33, 100, 1024}) {
     const std::vector<float> rgb = random_floats(3 * n_rays, 80, 0, 1), target = random_floats(3 * n_rays, 81, 0, 1);
     std::vector<float> d_rgb(rgb.size(), NAN), expected(rgb.size());
-    const double loss = backend->photometric_loss(rgb, target, d_rgb);
+    double loss = NAN, expected_loss = NAN;
+    backend->photometric_loss(rgb, target, d_rgb, &loss);
+    ref->photometric_loss(rgb, target, expected, &expected_loss);
     // The error rounds, is squared and scaled in float; the sum is double.
-    EXPECT_NEAR(loss, ref->photometric_loss(rgb, target, expected), 3 * kUlp * loss);
+    EXPECT_NEAR(loss, expected_loss, 3 * kUlp * loss);
     EXPECT_TRUE(all_near(
         d_rgb, [&](auto i) { return expected[i]; }, [&](auto i) { return 3 * kUlp * std::abs(expected[i]); }));
   }
@@ -404,14 +406,14 @@ TEST_P(EveryBackend, RendersAndTrainsRays) {
       std::vector<float> d_rays[2], composed_d_rays[2];  // places, directions
       for (std::vector<float>* one : {&d_rays[0], &d_rays[1], &composed_d_rays[0], &composed_d_rays[1]})
         one->assign(3 * size.n_rays, 0.0f);
-      const double loss = backend->train_rays(nerf.field(), batch.rays(), batch.sampling(), target,
-                                              trained.without_weights(), gradients, {d_rays[0], d_rays[1]});
+      double loss = NAN, composed_loss = NAN;
+      backend->train_rays(nerf.field(), batch.rays(), batch.sampling(), target, trained.without_weights(), gradients,
+                          {d_rays[0], d_rays[1]}, &loss);
       ASSERT_TRUE(all_near(trained.rgb, value, allowed));
 
       // The fused stages against the composition of this backend's own plain stages, which the tests above hold.
-      const double composed_loss =
-          backend->Backend::train_rays(nerf.field(), batch.rays(), batch.sampling(), target, composed.out(),
-                                       composed_gradients, {composed_d_rays[0], composed_d_rays[1]});
+      backend->Backend::train_rays(nerf.field(), batch.rays(), batch.sampling(), target, composed.out(),
+                                   composed_gradients, {composed_d_rays[0], composed_d_rays[1]}, &composed_loss);
       const double order = composite_tolerance(size.per_ray);
       const auto same = [&](std::size_t) { return order; };
       ASSERT_NEAR(loss, composed_loss, 4 * order * std::sqrt(composed_loss) + order * order);
@@ -491,7 +493,9 @@ std::map<std::string, std::vector<float>> all_stages(Backend& backend, const Ner
   out["rgb"] = image.rgb;
   const std::vector<float> target = random_floats(image.rgb.size(), 110, 0, 1);
   auto& d_rgb = out["d_rgb"] = std::vector<float>(target.size());
-  out["loss"] = {static_cast<float>(backend.photometric_loss(image.rgb, target, d_rgb))};
+  double loss = NAN;
+  backend.photometric_loss(image.rgb, target, d_rgb, &loss);
+  out["loss"] = {static_cast<float>(loss)};
   auto& d_raw = out["d_raw"] = std::vector<float>(raw.size());
   backend.composite_backward(batch.n_rays, batch.sampling(), raw, {}, {d_rgb, {}}, d_raw);
   auto& gradients = out["gradients"] = std::vector<float>(nerf.parameters.size());
@@ -499,8 +503,8 @@ std::map<std::string, std::vector<float>> all_stages(Backend& backend, const Ner
   auto& d_direction = out["d_direction"] = std::vector<float>(image.rgb.size());
   backend.nerf_backward(nerf.field(), batch.rays(), batch.sampling(), d_raw, gradients, {d_origin, d_direction});
   auto& fused = out["fused gradients"] = std::vector<float>(nerf.parameters.size());
-  const double loss = backend.train_rays(nerf.field(), batch.rays(), batch.sampling(), target, image.out(), fused,
-                                         {d_origin, d_direction});
+  backend.train_rays(nerf.field(), batch.rays(), batch.sampling(), target, image.out(), fused, {d_origin, d_direction},
+                     &loss);
   out["fused loss"] = {static_cast<float>(loss), static_cast<float>(loss * 0x1p30 - std::floor(loss * 0x1p30))};
   out["trained rgb"] = image.rgb;
   backend.render_rays(nerf.field(), batch.rays(), batch.sampling(), image.without_weights());

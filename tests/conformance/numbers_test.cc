@@ -17,6 +17,12 @@ class NumbersOfEveryBackend : public OneCandidate {};
 
 INSTANTIATE_TEST_SUITE_P(Backends, NumbersOfEveryBackend, testing::ValuesIn(candidates()), name_of);
 
+double mean_of(Backend& backend, std::span<const float> numbers) {
+  double mean = NAN;
+  backend.mean(numbers, &mean);
+  return mean;
+}
+
 TEST_P(NumbersOfEveryBackend, AreFilled) {
   const auto backend = make();
   Buffer<float> kept(1000);
@@ -37,27 +43,46 @@ TEST_P(NumbersOfEveryBackend, AreAddedUpInDouble) {
     Buffer<float> kept(n);
     double expected = 0;
     for (std::size_t i = 0; i < n; ++i) expected += kept[i] = static_cast<float>((1 << 23) + 3 * i);
-    EXPECT_EQ(backend->sum(kept), expected);
+    expected /= n;
+    EXPECT_EQ(mean_of(*backend, kept), expected);
     keep(*backend, kept);
-    EXPECT_EQ(backend->sum(kept), expected);
-    EXPECT_EQ(backend->sum(kept.span().last(1)), kept[n - 1]);
+    EXPECT_EQ(mean_of(*backend, kept), expected);
+    EXPECT_EQ(mean_of(*backend, kept.span().last(1)), kept[n - 1]);
   }
-  EXPECT_EQ(backend->sum({}), 0);
+  EXPECT_THROW(mean_of(*backend, {}), std::logic_error);
   const std::vector<float> numbers = random_floats(5000, 400, -1, 1);
-  EXPECT_EQ(backend->sum(numbers), make()->sum(numbers)) << "the same bits again";
+  EXPECT_EQ(mean_of(*backend, numbers), mean_of(*make(), numbers)) << "the same bits again";
+}
+
+TEST_P(NumbersOfEveryBackend, AreLeftWhereTheyAreKept) {
+  const auto backend = make();
+  Buffer<double> kept(3);
+  keep(*backend, kept);
+  const std::vector<float> numbers = {1, 2, 6}, spoilt = {NAN};
+  backend->mean(numbers, &kept[0]);
+  backend->not_finite(spoilt, &kept[2]);
+  backend->fetch(as_floats(std::as_const(kept).span()));
+  EXPECT_EQ(kept[0], 3);
+  EXPECT_EQ(kept[1], 0);
+  EXPECT_GT(kept[2], 0);
 }
 
 TEST_P(NumbersOfEveryBackend, AreFiniteOrNot) {
   const auto backend = make();
-  EXPECT_TRUE(backend->all_finite({}));
+  const auto finite = [&](std::span<const float> numbers) {
+    double count = NAN;
+    backend->not_finite(numbers, &count);
+    return count == 0;
+  };
+  EXPECT_TRUE(finite({}));
   for (const std::size_t n : {1u, 100u, 5000u}) {
     std::vector<float> numbers(n, std::numeric_limits<float>::max());
-    EXPECT_TRUE(backend->all_finite(numbers));
+    EXPECT_TRUE(finite(numbers));
     for (const float bad : {INFINITY, -INFINITY, NAN})
       for (const std::size_t at : {std::size_t{0}, n / 2, n - 1}) {
         std::vector<float> spoilt = numbers;
         spoilt[at] = bad;
-        EXPECT_FALSE(backend->all_finite(spoilt)) << bad << " at " << at << " of " << n;
+        EXPECT_FALSE(finite(spoilt)) << bad << " at " << at << " of " << n;
       }
   }
 }

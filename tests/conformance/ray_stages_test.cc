@@ -256,8 +256,9 @@ TEST_P(RaysOfEveryBackend, SayWhatTheirColoursAreWorth) {
         ExposedColours colours{seen.appearance(), {}, seen.rgb, gains, seen.target, {}, edge};
         if (exposed) colours.exposure = seen.exposure;
         if (weighted) colours.weight = seen.weight;
-        backend->photometric_loss(seen.rgb, seen.target, d_rgb);
-        const double loss = backend->grid().robust_colours(colours, d_rgb, squares, d_parameters);
+        double loss = NAN;
+        backend->photometric_loss(seen.rgb, seen.target, d_rgb, &loss);
+        backend->grid().robust_colours(colours, d_rgb, squares, d_parameters, &loss);
 
         double expected_loss = 0;
         std::vector<double> expected(3 * n), d_expected(6 * 3), magnitude(6 * 3);
@@ -312,8 +313,10 @@ TEST_P(RaysOfEveryBackend, DoNotHideAColourThatIsNotANumber) {
   seen.target[9] = NAN;
   std::vector<float> d_rgb(24, 1.0f), squares(8), d_parameters(18);
   const std::vector<float> gains(24, 1.0f);
-  EXPECT_TRUE(std::isnan(backend->grid().robust_colours(
-      {seen.appearance(), seen.exposure, seen.rgb, gains, seen.target, {}, 0.5f}, d_rgb, squares, d_parameters)));
+  double loss = 0;
+  backend->grid().robust_colours({seen.appearance(), seen.exposure, seen.rgb, gains, seen.target, {}, 0.5f}, d_rgb,
+                                 squares, d_parameters, &loss);
+  EXPECT_TRUE(std::isnan(loss));
   EXPECT_TRUE(std::isnan(squares[1]));
 }
 
@@ -379,12 +382,13 @@ TEST_P(RaysOfEveryBackend, HaveTheirSizesChecked) {
   EXPECT_THROW(stages.median_depth(4, {2, n12}, n5, n4, n4), std::logic_error);
   const std::vector<float> gains(12, 1.0f);
   const ExposedColours colours{seen.appearance(), seen.exposure, seen.rgb, gains, seen.target, {}, 1};
-  EXPECT_THROW(stages.robust_colours(colours, n5, n4, n18), std::logic_error);
-  EXPECT_THROW(stages.robust_colours(colours, n12, n5, n18), std::logic_error);
-  EXPECT_THROW(stages.robust_colours(colours, n12, n4, n5), std::logic_error);
+  double loss = 0;
+  EXPECT_THROW(stages.robust_colours(colours, n5, n4, n18, &loss), std::logic_error);
+  EXPECT_THROW(stages.robust_colours(colours, n12, n5, n18, &loss), std::logic_error);
+  EXPECT_THROW(stages.robust_colours(colours, n12, n4, n5, &loss), std::logic_error);
   ExposedColours without = colours;
   without.gains = {};
-  EXPECT_THROW(stages.robust_colours(without, n12, n4, n18), std::logic_error);
+  EXPECT_THROW(stages.robust_colours(without, n12, n4, n18, &loss), std::logic_error);
 }
 
 }  // namespace

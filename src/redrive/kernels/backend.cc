@@ -13,19 +13,27 @@ namespace redrive::kernels {
 
 void Backend::fill(std::span<float> numbers, float value) { std::ranges::fill(numbers, value); }
 
-double Backend::sum(std::span<const float> numbers) { return std::accumulate(numbers.begin(), numbers.end(), 0.0); }
+void Backend::mean(std::span<const float> numbers, double* mean) {
+  REDRIVE_CHECK_OP(numbers.size(), >, 0u);
+  *mean = std::accumulate(numbers.begin(), numbers.end(), 0.0) / static_cast<double>(numbers.size());
+}
 
-bool Backend::all_finite(std::span<const float> numbers) {
+void Backend::not_finite(std::span<const float> numbers, double* count) {
   constexpr std::uint32_t kExponent = 0x7f800000;  // all ones: infinity or NaN
   std::uint32_t bad = 0;
   for (const float number : numbers) bad |= (std::bit_cast<std::uint32_t>(number) & kExponent) == kExponent;
-  return bad == 0;
+  *count = bad;
 }
 
 void Backend::gather(const PixelSource& from, const PixelDraw& draw, std::span<const float> errors,
                      const GatheredRays& out) {
   check_gather(from, draw, errors.size(), out);
   gather_rays(from, draw, errors, out);
+}
+
+void Backend::gather_lidar(const LidarSource& from, const LidarDraw& draw, const GatheredReturns& out) {
+  check_gather_lidar(from, out);
+  gather_returns(from, draw, out);
 }
 
 void Backend::smooth_errors(std::span<const std::uint32_t> cells, std::span<const float> squares,
@@ -45,19 +53,18 @@ std::span<float> Backend::between_stages(int which, std::size_t n) {
   return room.span().first(n);
 }
 
-double Backend::train_rays(const NerfField& field, const Rays& rays, const Samples& samples,
-                           std::span<const float> target, const CompositeOut& out, std::span<float> gradients,
-                           const RayGradients& of_rays) {
+void Backend::train_rays(const NerfField& field, const Rays& rays, const Samples& samples,
+                         std::span<const float> target, const CompositeOut& out, std::span<float> gradients,
+                         const RayGradients& of_rays, double* loss) {
   check_field(field, rays, samples);
   const std::size_t n = sample_count(rays.n, samples);
   const auto raw = between_stages(0, 4 * n), d_raw = between_stages(1, 4 * n),
              d_rgb = between_stages(2, 3 * static_cast<std::size_t>(rays.n));
   nerf_forward(field, rays, samples, raw);
   composite_forward(rays.n, samples, raw, {}, out);
-  const double loss = photometric_loss(out.rgb, target, d_rgb);
+  photometric_loss(out.rgb, target, d_rgb, loss);
   composite_backward(rays.n, samples, raw, {}, {d_rgb, {}}, d_raw);
   nerf_backward(field, rays, samples, d_raw, gradients, of_rays);
-  return loss;
 }
 
 void Backend::render_rays(const NerfField& field, const Rays& rays, const Samples& samples, const CompositeOut& out) {

@@ -27,6 +27,16 @@ inline void check_gather(const PixelSpans& from, const PixelDraw& draw, std::siz
   if (draw.by_error > 0) REDRIVE_CHECK_OP(errors, ==, from.cell_pixels.size());
 }
 
+inline void check_gather_lidar(const LidarSpans& from, const GatheredReturns& out) {
+  const std::size_t returns = from.range_m.size(), n = out.range_m.size();
+  REDRIVE_CHECK_OP(returns, >, 0u);
+  for (const std::size_t size : {from.origin.size(), from.direction.size()}) REDRIVE_CHECK_OP(size, ==, 3 * returns);
+  for (const std::size_t size : {out.origin.size(), out.direction.size()}) REDRIVE_CHECK_OP(size, ==, 3 * n);
+  REDRIVE_CHECK_OP(out.pixel_angle.size(), ==, n);
+  REDRIVE_CHECK_OP(from.poses.size(), ==, from.recorded.size());
+  if (!from.poses.empty()) REDRIVE_CHECK_OP(from.t_ns.size(), ==, returns);
+}
+
 inline void check_samples(int n_rays, const Samples& samples) {
   REDRIVE_CHECK_OP(n_rays, >=, 1);
   REDRIVE_CHECK_OP(samples.per_ray, >=, 1);

@@ -174,20 +174,21 @@ class GridStages {
 
   // ---- loss/
   /// Makes of the squared error's d_rgb (Backend::photometric_loss) that of Huber's loss, weighted by ray, and takes it back through the
-  /// exposure, whose derivatives, with those of the loss on gains (gain_term), are added to d_appearance. Returns both losses, the
-  /// colours' as a mean over rays and channels; squares [n]: each ray's squared error, mean of its channels.
-  virtual double robust_colours(const ExposedColours& colours, std::span<float> d_rgb, std::span<float> squares,
-                                std::span<float> d_appearance) = 0;
+  /// exposure, whose derivatives, with those of the loss on gains (gain_term), are added to d_appearance. loss: of both, the colours'
+  /// as a mean over rays and channels; squares [n]: each ray's squared error, mean of its channels.
+  virtual void robust_colours(const ExposedColours& colours, std::span<float> d_rgb, std::span<float> squares,
+                              std::span<float> d_appearance, double* loss) = 0;
   /// loss/proposal.h proposal_loss, mean over rays; writes d_proposal [n_rays, proposal.per_ray].
-  virtual double proposal(int n_rays, const Intervals& intervals, std::span<const float> weights,
-                          const Intervals& proposal, std::span<const float> proposal_weights,
-                          std::span<float> d_proposal) = 0;
-  /// loss/range.h range_loss of returns at range_m [n_rays], mean over rays; writes d_weights [n_rays, per_ray], `factor` times.
-  virtual double range(int n_rays, const Intervals& intervals, std::span<const float> weights,
-                       std::span<const float> range_m, float spread_m, float factor, std::span<float> d_weights) = 0;
-  /// loss/empty_space.h empty_space_loss, mean over rays; adds `factor` times its derivative to d_density [n_rays, per_ray].
-  virtual double empty_space(int n_rays, const Intervals& intervals, std::span<const float> density, float factor,
-                             std::span<float> d_density) = 0;
+  virtual void proposal(int n_rays, const Intervals& intervals, std::span<const float> weights,
+                        const Intervals& proposal, std::span<const float> proposal_weights, std::span<float> d_proposal,
+                        double* loss) = 0;
+  /// loss/range.h range_loss of returns at range_m [n_rays], `factor` times its mean over rays; writes d_weights [n_rays, per_ray].
+  virtual void range(int n_rays, const Intervals& intervals, std::span<const float> weights,
+                     std::span<const float> range_m, float spread_m, float factor, std::span<float> d_weights,
+                     double* loss) = 0;
+  /// loss/empty_space.h empty_space_loss, `factor` times its mean over rays; adds to d_density [n_rays, per_ray].
+  virtual void empty_space(int n_rays, const Intervals& intervals, std::span<const float> density, float factor,
+                           std::span<float> d_density, double* loss) = 0;
 };
 
 }  // namespace redrive::kernels

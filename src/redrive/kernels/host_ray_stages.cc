@@ -111,14 +111,14 @@ void HostRayStages::median_depth(int n_rays, const Intervals& intervals, std::sp
   for (int ray = 0; ray < n_rays; ++ray) depth[ray] = median_depth_of(intervals, weights, opacity, ray);
 }
 
-double HostRayStages::robust_colours(const ExposedColours& colours, std::span<float> d_rgb, std::span<float> squares,
-                                     std::span<float> d_appearance) {
+void HostRayStages::robust_colours(const ExposedColours& colours, std::span<float> d_rgb, std::span<float> squares,
+                                   std::span<float> d_appearance, double* loss) {
   check_robust_colours(colours, d_rgb.size(), squares.size(), d_appearance.size());
   const std::size_t n = squares.size();
-  double loss = 0;
-  for (std::size_t ray = 0; ray < n; ++ray) loss += robust_of(colours, ray, d_rgb, squares);
-  loss /= 3.0 * static_cast<double>(n);
-  if (colours.exposure.empty()) return loss;
+  double sum = 0;
+  for (std::size_t ray = 0; ray < n; ++ray) sum += robust_of(colours, ray, d_rgb, squares);
+  *loss = sum / (3.0 * static_cast<double>(n));
+  if (colours.exposure.empty()) return;
   for (std::size_t ray = 0; ray < n; ++ray)
     gains_adjoint_of(colours, ray, d_rgb, [&](std::size_t at, float derivative) { d_appearance[at] += derivative; });
   for (std::size_t at = 0; at < 3 * n; ++at) d_rgb[at] *= colours.gains[at];
@@ -128,7 +128,7 @@ double HostRayStages::robust_colours(const ExposedColours& colours, std::span<fl
     of_gains += term.value;
     d_appearance[i] += term.derivative;
   }
-  return loss + of_gains;
+  *loss += of_gains;
 }
 
 }  // namespace redrive::kernels

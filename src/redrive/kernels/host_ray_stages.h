@@ -27,8 +27,8 @@ class HostRayStages : public GridStages {
               std::span<float> rgb) override;
   void median_depth(int n_rays, const Intervals& intervals, std::span<const float> weights,
                     std::span<const float> opacity, std::span<float> depth) override;
-  double robust_colours(const ExposedColours& colours, std::span<float> d_rgb, std::span<float> squares,
-                        std::span<float> d_appearance) override;
+  void robust_colours(const ExposedColours& colours, std::span<float> d_rgb, std::span<float> squares,
+                      std::span<float> d_appearance, double* loss) override;
 
  private:
   /// The first n numbers of a buffer that is kept from call to call.

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // THE SEAM between what is computed and how. `what` is the scalar functions of field/, volume/, loss/, optim/ and
 // sampling/; `how` is a Backend: batched stages over 10^4..10^6 samples, the same signature on every backend.
-// Spans and sizes only. Sizes are checked (REDRIVE_CHECK); non-finite results are the caller's to look for.
+// Spans and sizes only. Sizes are checked (REDRIVE_CHECK); non-finite results are the caller's to look for. A stage leaves its loss
+// in `loss`, a number of the caller's: where that is kept, nobody waits for it before it is fetched.
 // The fused stages at the end are optional extras: their default is the composition of the plain ones.
 #pragma once
 
@@ -18,6 +19,7 @@
 #include "redrive/field/nerf_field.h"
 #include "redrive/kernels/grid_stages.h"
 #include "redrive/optim/adam.h"
+#include "redrive/rays/lidar_gather.h"
 #include "redrive/rays/pixel_gather.h"
 #include "redrive/scene/unit_from_world.h"
 
@@ -125,14 +127,18 @@ class Backend {
   virtual std::unique_ptr<Backend> counting(CountedBytes* /*bytes*/) const { return nullptr; }
   // What a caller would do itself if all numbers were its own; the default does it on the host.
   virtual void fill(std::span<float> numbers, float value);
-  virtual double sum(std::span<const float> numbers);       ///< in double, in a fixed order
-  virtual bool all_finite(std::span<const float> numbers);  ///< no infinity, all of them numbers
+  /// Summed in double, in a fixed order; of at least one.
+  virtual void mean(std::span<const float> numbers, double* mean);
+  /// 0 if all of them are numbers and none infinite, else more.
+  virtual void not_finite(std::span<const float> numbers, double* count);
 
   // ---- rays/
   /// The rays of `draw` (PixelSampler::draw) from their pictures: `out` as make_room says; errors of the cells, empty if none is drawn by them.
   /// A backend with memory of its own keeps the source there from the first time on, poses anew when they have changed.
   virtual void gather(const PixelSource& from, const PixelDraw& draw, std::span<const float> errors,
                       const GatheredRays& out);
+  /// The same of a LiDAR's returns: `draw` is LidarSampler's.
+  virtual void gather_lidar(const LidarSource& from, const LidarDraw& draw, const GatheredReturns& out);
   /// rays/pixel_cells.h: the squared errors of rays drawn in cells [n], one after the other, into the errors of the cells.
   virtual void smooth_errors(std::span<const std::uint32_t> cells, std::span<const float> squares,
                              std::span<float> errors);
@@ -164,8 +170,8 @@ class Backend {
 
   // ---- loss/
   /// Mean squared error over n_rays x 3 (loss/photometric.h); d_rgb [3, n_rays]. Summed in double, in a fixed order.
-  virtual double photometric_loss(std::span<const float> rgb, std::span<const float> target,
-                                  std::span<float> d_rgb) = 0;
+  virtual void photometric_loss(std::span<const float> rgb, std::span<const float> target, std::span<float> d_rgb,
+                                double* loss) = 0;
 
   // ---- optim/
   /// One Adam step (optim/adam.h) over all parameters. Leaves gradients 0, for the next step to add to.
@@ -181,10 +187,10 @@ class Backend {
 
   // ---- fused extras
   /// Forward, compositing, loss and backward of a batch: adds to `gradients` and of_rays as nerf_backward does, fills `out` (weights only
-  /// if wanted), returns the loss. target [3, n_rays].
-  virtual double train_rays(const NerfField& field, const Rays& rays, const Samples& samples,
-                            std::span<const float> target, const CompositeOut& out, std::span<float> gradients,
-                            const RayGradients& of_rays);
+  /// if wanted). target [3, n_rays].
+  virtual void train_rays(const NerfField& field, const Rays& rays, const Samples& samples,
+                          std::span<const float> target, const CompositeOut& out, std::span<float> gradients,
+                          const RayGradients& of_rays, double* loss);
   /// Forward and compositing, without keeping anything for a backward pass. May leave out what stands behind a transmittance
   /// below 1e-4, which changes colour, opacity and the sum of the weights by less than that.
   virtual void render_rays(const NerfField& field, const Rays& rays, const Samples& samples, const CompositeOut& out);
@@ -195,16 +201,17 @@ class Backend {
   Buffer<float> between_stages_[3];
 };
 
-/// Keeps a buffer where the backend computes for as long as it lives, if that is elsewhere. One buffer, one backend.
-inline void keep(Backend& backend, const Buffer<float>& numbers) {
-  if (!numbers.elsewhere) numbers.elsewhere = backend.keep(numbers.span());
-}
-
 /// Numbers of any type as keep, fetch and put take them.
 template <class T>
 std::span<const float> as_floats(std::span<const T> numbers) {
   static_assert(std::is_trivially_copyable_v<T> && sizeof(T) % sizeof(float) == 0);
   return {reinterpret_cast<const float*>(numbers.data()), numbers.size() * (sizeof(T) / sizeof(float))};
+}
+
+/// Keeps a buffer where the backend computes for as long as it lives, if that is elsewhere. One buffer, one backend.
+template <class T>
+void keep(Backend& backend, const Buffer<T>& numbers) {
+  if (!numbers.elsewhere) numbers.elsewhere = backend.keep(as_floats(numbers.span()));
 }
 template <class T>
 void fetch(Backend& backend, const std::vector<T>& numbers) {

@@ -274,16 +274,13 @@ StepLosses GridModel::gradients(kernels::Backend& backend, const RayBatch& batch
 
   StepLosses losses;
   losses.field_rays = pass.live.rays.n;
-  losses.opacity = backend.sum(opacity) / static_cast<double>(rays);
+  StepSums& sums = workspace->sums();
+  backend.mean(opacity, &sums.opacity);
   const auto target = workspace->put(std::span(batch.target).first(3 * rays)), weight = workspace->put(batch.weight);
-  losses.rgb_mse = backend.photometric_loss(rgb, target, d_rgb);
-  losses.colours = stages.robust_colours(
-      {{appearance, part(kAppearance)}, pass.exposure, rgb, pass.gains, target, weight, huber_edge}, d_rgb, squares,
-      part_of(gradients, kAppearance));
-  if (batch.by_error > 0) {
-    const std::size_t even = rays - batch.by_error;
-    losses.rgb_mse = backend.sum(squares.first(even)) / static_cast<double>(even);
-  }
+  backend.photometric_loss(rgb, target, d_rgb, &sums.rgb_mse);
+  stages.robust_colours({{appearance, part(kAppearance)}, pass.exposure, rgb, pass.gains, target, weight, huber_edge},
+                        d_rgb, squares, part_of(gradients, kAppearance), &sums.colours);
+  if (batch.by_error > 0) backend.mean(squares.first(rays - batch.by_error), &sums.rgb_mse);
   losses.squares = squares;
 
   const auto d_raw = workspace->take(pass.raw.size()),
@@ -292,12 +289,11 @@ StepLosses GridModel::gradients(kernels::Backend& backend, const RayBatch& batch
              d_direction = workspace->take(batch.refines ? 3 * rays : 0);
   const auto d_seen = pass.of_live(stages, kernels::RayLayout::kColumns, 3, d_rgb, workspace);
   backend.composite_backward(losses.field_rays, pass.samples, pass.raw, pass.background_of_live, {d_seen, {}}, d_raw);
-  losses.loss = losses.colours;
   if (empty_space > 0) {  // of the mean over all rays the live ones' part: the others have nothing to lose
     const std::size_t points = pass.field.points.n;
     const float part = empty_space * static_cast<float>(losses.field_rays) / static_cast<float>(rays);
-    losses.loss += part * stages.empty_space(losses.field_rays, pass.field.intervals, pass.raw.last(points), part,
-                                             d_raw.last(points));
+    stages.empty_space(losses.field_rays, pass.field.intervals, pass.raw.last(points), part, d_raw.last(points),
+                       &sums.empty_space);
   }
   backward_field(backend, pass, d_raw, gradients, d_field, workspace);
   if (batch.refines) backward_rays(backend, pass, d_field, d_origin, d_direction, workspace);
@@ -308,12 +304,12 @@ StepLosses GridModel::gradients(kernels::Backend& backend, const RayBatch& batch
   losses.d_direction.resize(d_direction.size());
   workspace->get(d_origin, losses.d_origin);
   workspace->get(d_direction, losses.d_direction);
-  losses.loss += backward_proposals(backend, batch.n, pass, weights, gradients, workspace);
+  backward_proposals(backend, pass, weights, gradients, sums.proposals, workspace);
   return losses;
 }
 
-double GridModel::range_gradients(kernels::Backend& backend, const RayBatch& batch, std::uint64_t seed,
-                                  std::int64_t step, std::span<float> gradients, Workspace* workspace) const {
+void GridModel::range_gradients(kernels::Backend& backend, const RayBatch& batch, std::uint64_t seed, std::int64_t step,
+                                std::span<float> gradients, Workspace* workspace) const {
   kernels::GridStages& stages = backend.grid();
   const std::size_t rays = batch.n, count = rays * samples;
   workspace->begin(backend);
@@ -327,13 +323,12 @@ double GridModel::range_gradients(kernels::Backend& backend, const RayBatch& bat
   stages.weights(batch.n, pass.intervals, density, weights);
   const float spread_m =
       std::max(kLastSpread_m, kFirstSpread_m * std::exp2(-static_cast<float>(step) / kSpreadHalvesIn));
-  const double loss =
-      stages.range(batch.n, pass.intervals, weights, workspace->put(batch.range_m), spread_m, kRangeWeight, d_weights);
+  stages.range(batch.n, pass.intervals, weights, workspace->put(batch.range_m), spread_m, kRangeWeight, d_weights,
+               &workspace->sums().range);
   backend.fill(d_raw.first(3 * count), 0);  // nobody asks for the colour
   stages.weights_backward(batch.n, pass.intervals, density, weights, d_weights, d_raw.subspan(3 * count));
   backward_field(backend, pass, d_raw, gradients, {}, workspace);
-  backward_proposals(backend, batch.n, pass, weights, gradients, workspace);
-  return loss;
+  backward_proposals(backend, pass, weights, gradients, workspace->take<double>(2), workspace);
 }
 
 void GridModel::backward_field(kernels::Backend& backend, const Pass& pass, std::span<const float> d_raw,
@@ -358,26 +353,25 @@ void GridModel::backward_rays(kernels::Backend& backend, const Pass& pass, std::
 
 /// The proposals learn from the first part of the rays, which stand for all as long as a quarter and more of a batch is drawn evenly: they
 /// are fewer numbers than the field and need not see each ray.
-double GridModel::backward_proposals(kernels::Backend& backend, int n, const Pass& pass, std::span<const float> weights,
-                                     std::span<float> gradients, Workspace* workspace) const {
+void GridModel::backward_proposals(kernels::Backend& backend, const Pass& pass, std::span<const float> weights,
+                                   std::span<float> gradients, std::span<double> losses, Workspace* workspace) const {
   kernels::GridStages& stages = backend.grid();
-  const int taught = std::max(1, n / kRaysPerTaughtRay);
+  const int taught = std::max(1, pass.all.rays.n / kRaysPerTaughtRay);
   const auto of_taught = [&](const kernels::Intervals& all) {
     return kernels::Intervals{all.per_ray, all.edges.first(static_cast<std::size_t>(taught) * (all.per_ray + 1))};
   };
-  double loss = 0;
-  for (const Round& round : pass.proposal) {
+  for (std::size_t i = 0; i < losses.size(); ++i) {
+    const Round& round = pass.proposal[i];
     const std::size_t count = static_cast<std::size_t>(taught) * round.intervals.per_ray;
     const kernels::Intervals intervals = of_taught(round.intervals);
     const auto density = round.density.first(count), found = round.weights.first(count),
                d_found = workspace->take(count), d_density = workspace->take(count);
-    loss += stages.proposal(taught, of_taught(pass.intervals),
-                            weights.first(static_cast<std::size_t>(taught) * samples), intervals, found, d_found);
+    stages.proposal(taught, of_taught(pass.intervals), weights.first(static_cast<std::size_t>(taught) * samples),
+                    intervals, found, d_found, &losses[i]);
     stages.weights_backward(taught, intervals, density, found, d_found, d_density);
     stages.proposal_density_backward(grid(kProposalGrid), round.points.first(count), density, d_density,
                                      part_of(gradients, kProposalGrid));
   }
-  return loss;
 }
 
 }  // namespace redrive

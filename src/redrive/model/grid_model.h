@@ -49,8 +49,11 @@ struct GridModel final : Model {
   AdamStep adam(double learning_rate, std::int64_t step) const override;
   StepLosses gradients(kernels::Backend& backend, const RayBatch& batch, std::uint64_t seed, std::int64_t step,
                        std::span<float> gradients, Workspace* workspace) const override;
-  double range_gradients(kernels::Backend& backend, const RayBatch& batch, std::uint64_t seed, std::int64_t step,
-                         std::span<float> gradients, Workspace* workspace) const override;
+  void range_gradients(kernels::Backend& backend, const RayBatch& batch, std::uint64_t seed, std::int64_t step,
+                       std::span<float> gradients, Workspace* workspace) const override;
+  double loss(const StepSums& sums) const override {
+    return sums.colours + sums.empty_space + (sums.proposals[0] + sums.proposals[1]);
+  }
   void render(kernels::Backend& backend, const RayBatch& batch, const kernels::CompositeOut& out,
               Workspace* workspace) const override;
 
@@ -83,9 +86,9 @@ struct GridModel final : Model {
   /// d_origin and d_direction [3, all rays] from the points' d_position.
   void backward_rays(kernels::Backend& backend, const Pass& pass, std::span<const float> d_position,
                      std::span<float> d_origin, std::span<float> d_direction, Workspace* workspace) const;
-  /// Returns the proposals' loss.
-  double backward_proposals(kernels::Backend& backend, int n, const Pass& pass, std::span<const float> weights,
-                            std::span<float> gradients, Workspace* workspace) const;
+  /// losses [2]: of the rounds.
+  void backward_proposals(kernels::Backend& backend, const Pass& pass, std::span<const float> weights,
+                          std::span<float> gradients, std::span<double> losses, Workspace* workspace) const;
   std::size_t part_size(int part) const;
   std::size_t offset(int part) const;  ///< of its first number in `parameters`
   std::span<const float> part(Part part) const { return parameters.span().subspan(offset(part), part_size(part)); }

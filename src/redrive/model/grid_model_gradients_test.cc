@@ -82,7 +82,7 @@ TEST(GridModelGradients, OfRaysAreThoseOfTheColours) {
   RayBatch batch = tiny_batch(8);
   batch.refines = true;
   std::vector<float> gradients(model.size());
-  const StepLosses losses = losses_of(model, batch, &gradients, *backend);
+  const TinyLosses losses = losses_of(model, batch, &gradients, *backend);
   ASSERT_EQ(losses.d_origin.size(), 24u);
   ASSERT_EQ(losses.d_direction.size(), 24u);
   const auto colours = [&](const RayBatch& moved) {
@@ -124,15 +124,16 @@ TEST(GridModelGradients, OfRangesAreThoseOfTheirLoss) {
   constexpr std::int64_t kLate = 10'000;  // the last spread
   for (const std::int64_t step : {std::int64_t{0}, kLate}) {
     std::vector<float> gradients(model.size()), ignored(model.size());
-    const double loss = model.range_gradients(*backend, batch, kTinySeed, step, gradients, &workspace);
-    EXPECT_GT(loss, 0.1);
+    const auto loss = [&](std::span<float> of) {
+      model.range_gradients(*backend, batch, kTinySeed, step, of, &workspace);
+      return workspace.sums().range / kRangeWeight;
+    };
+    EXPECT_GT(loss(gradients), 0.1);
     double of_colour = 0;
     for (const ModelTensor& tensor : model.tensors()) {
       if (tensor.name == "grid" || tensor.name.starts_with("density"))
         expect_derivative(
-            model, tensor, gradients,
-            [&] { return model.range_gradients(*backend, batch, kTinySeed, step, ignored, &workspace); },
-            1 / kRangeWeight);
+            model, tensor, gradients, [&] { return loss(ignored); }, 1 / kRangeWeight);
       if (tensor.name.starts_with("colour") || tensor.name == "sky" || tensor.name == "appearance")
         for (std::size_t i = 0; i < size_of(tensor); ++i) of_colour += std::abs(gradients[tensor.offset + i]);
     }
@@ -194,7 +195,7 @@ TEST(GridModelGradients, OfTheProposalsAreThoseOfTheirLoss) {
   model.proposal_samples = {8, 1};
   const RayBatch batch = tiny_batch(8);
   std::vector<float> gradients(model.size()), ignored(model.size());
-  const StepLosses losses = losses_of(model, batch, &gradients, *backend);
+  const TinyLosses losses = losses_of(model, batch, &gradients, *backend);
   EXPECT_GT(losses.loss, losses.colours);
   for (const ModelTensor& tensor : model.tensors())
     if (tensor.name == "proposal")
@@ -219,7 +220,7 @@ TEST(GridModelGradients, AreTheSameOnEveryBackend) {
   make_tiny(model);
   const RayBatch batch = tiny_batch(50);
   std::vector<float> expected(model.size());
-  const StepLosses losses = losses_of(model, batch, &expected, *kernels::make_ref_backend());
+  const TinyLosses losses = losses_of(model, batch, &expected, *kernels::make_ref_backend());
   std::vector<std::unique_ptr<kernels::Backend>> backends;
   backends.push_back(kernels::make_loop_backend());
   for (const Isa isa : all_isas())
@@ -228,7 +229,7 @@ TEST(GridModelGradients, AreTheSameOnEveryBackend) {
     const std::string name = kernels::describe(*backend);
     const double tolerance = backend->isa() == Isa::kAvx512Bf16 ? 12 * 0x1p-8 : 1e-4;
     std::vector<float> gradients(model.size());
-    const StepLosses got = losses_of(model, batch, &gradients, *backend);
+    const TinyLosses got = losses_of(model, batch, &gradients, *backend);
     EXPECT_NEAR(got.loss, losses.loss, tolerance * losses.loss) << name;
     EXPECT_NEAR(got.opacity, losses.opacity, tolerance) << name;
     for (const ModelTensor& tensor : model.tensors()) {

@@ -204,7 +204,7 @@ TEST(GridModel, GradientsAreAddedToWhatIsThere) {
   const RayBatch batch = tiny_batch(8);
   const auto backend = kernels::make_ref_backend();
   std::vector<float> once(model.size()), on_top(model.size(), 1.0f);
-  const StepLosses a = losses_of(model, batch, &once, *backend), b = losses_of(model, batch, &on_top, *backend);
+  const TinyLosses a = losses_of(model, batch, &once, *backend), b = losses_of(model, batch, &on_top, *backend);
   EXPECT_EQ(a.loss, b.loss);
   for (std::size_t i = 0; i < once.size(); ++i)
     ASSERT_NEAR(on_top[i], 1.0 + once[i], 4 * 0x1p-24 * (1 + std::abs(once[i]))) << i;
@@ -226,7 +226,7 @@ TEST(GridModel, RaysAreWeightedAndTheirErrorsHandedOut) {
   const auto backend = kernels::make_ref_backend();
   std::vector<float> ignored(model.size());
   Workspace workspace;
-  const StepLosses plain = model.gradients(*backend, batch, kTinySeed, kTinyStep, ignored, &workspace);
+  const TinyLosses plain = losses_of(model, batch, ignored, *backend, &workspace);
   const std::vector<float> squares(plain.squares.begin(), plain.squares.end());
   ASSERT_EQ(squares.size(), 8u);
   double mean = 0;
@@ -237,7 +237,7 @@ TEST(GridModel, RaysAreWeightedAndTheirErrorsHandedOut) {
   double sum = 0;
   for (int ray = 0; ray < 8; ++ray) {
     batch.weight[ray] = 2;
-    const StepLosses one = model.gradients(*backend, batch, kTinySeed, kTinyStep, ignored, &workspace);
+    const TinyLosses one = losses_of(model, batch, ignored, *backend, &workspace);
     EXPECT_TRUE(std::ranges::equal(one.squares, squares));
     EXPECT_EQ(one.rgb_mse, plain.rgb_mse);
     sum += one.colours - gains;
@@ -258,7 +258,7 @@ TEST(GridModel, SamplesFollowSeedAndStep) {
   Workspace workspace;
   for (const auto& [seed, step] : {std::pair{1, 0}, {1, 1}, {2, 0}, {1, 0}}) {
     std::vector<float> gradients(model.size());
-    losses.insert(model.gradients(*backend, batch, seed, step, gradients, &workspace).loss);
+    losses.insert(losses_of(model, batch, gradients, *backend, &workspace, seed, step).loss);
   }
   EXPECT_EQ(losses.size(), 3u);
 }
@@ -269,7 +269,7 @@ TEST(GridModel, EmptyRaysCostTheFieldNothing) {
   GridModel model;
   const RayBatch batch = make_half_empty(model, kRays);
   std::vector<float> gradients(model.size());
-  const StepLosses losses = losses_of(model, batch, &gradients, *backend);
+  const TinyLosses losses = losses_of(model, batch, &gradients, *backend);
   // Of 128 empty rays one in 16 is looked at all the same: 8 with a standard deviation of 2.7.
   EXPECT_GT(losses.field_rays, kRays / 2);
   EXPECT_LT(losses.field_rays, kRays / 2 + 8 + 5 * 3);

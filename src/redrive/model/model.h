@@ -19,17 +19,12 @@
 
 namespace redrive {
 
-/// Means over a batch, and what its rays missed.
+/// What the rays of a batch missed.
 struct StepLosses {
-  double loss = 0;     ///< what is optimised, but for the LiDAR's part
-  double rgb_mse = 0;  ///< squared error of the colours of rays that were drawn evenly: what PSNR is said of
-  double opacity = 0;  ///< 0 means a dead field
-  double range = 0;    ///< the LiDAR's part, if any
-  double colours = 0;  ///< grid: the part of `loss` that is the colours' and the gains'
   int field_rays = 0;  ///< grid: rays that met enough for the field to be asked
   /// grid: [n], squared error of each ray's colour, mean of its channels; where the backend computes, in the workspace until the next gradients()
   std::span<const float> squares;
-  /// [3, n], derivatives of `loss`, but for the proposals' part, where RayBatch::refines; empty otherwise. Distances of samples and
+  /// [3, n], derivatives of the loss, but for the proposals' part, where RayBatch::refines; empty otherwise. Distances of samples and
   /// what a colour changes with the direction it is seen from are taken as they are.
   std::vector<float> d_origin, d_direction;
 };
@@ -66,14 +61,15 @@ class Model {
   virtual std::span<const float> sentinels(std::span<const float> gradients) const { return gradients; }
   virtual AdamStep adam(double learning_rate, std::int64_t step) const = 0;  ///< step from 1
 
-  /// Losses of the batch; adds their derivatives to gradients [size()]. Random numbers are those of (seed, step), from those of batch.first_ray on.
+  /// Returns what the batch's rays missed, leaves losses in workspace->sums() and adds their derivatives to gradients [size()]. Random numbers
+  /// are those of (seed, step), from those of batch.first_ray on.
   virtual StepLosses gradients(kernels::Backend& backend, const RayBatch& batch, std::uint64_t seed, std::int64_t step,
                                std::span<float> gradients, Workspace* workspace) const = 0;
-  /// The same of rays that end at batch.range_m: returns their loss, adds its derivatives. 0 in a method that does not use LiDAR.
-  virtual double range_gradients(kernels::Backend&, const RayBatch&, std::uint64_t, std::int64_t, std::span<float>,
-                                 Workspace*) const {
-    return 0;
-  }
+  /// The same of rays that end at batch.range_m: StepSums::range. Nothing in a method that does not use LiDAR.
+  virtual void range_gradients(kernels::Backend&, const RayBatch&, std::uint64_t, std::int64_t, std::span<float>,
+                               Workspace*) const {}
+  /// What is optimised, but for the LiDAR's part.
+  virtual double loss(const StepSums& sums) const = 0;
   /// rgb, depth (metres along the ray) and opacity of the batch's rays, without any chance; out.weights stay as they are.
   virtual void render(kernels::Backend& backend, const RayBatch& batch, const kernels::CompositeOut& out,
                       Workspace* workspace) const = 0;

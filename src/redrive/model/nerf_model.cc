@@ -91,22 +91,21 @@ StepLosses NerfModel::gradients(kernels::Backend& backend, const RayBatch& batch
   const kernels::RayGradients of_rays{workspace->take(refined), workspace->take(refined)};  // both networks add to them
   backend.fill(of_rays.d_origin, 0);
   backend.fill(of_rays.d_direction, 0);
-  losses.rgb_mse =
-      backend.train_rays(field(0), rays, coarse_samples, target, {workspace->take(3 * n), depth, opacity, weights},
-                         gradients.first(nerf_parameter_count(config)), of_rays);
-  losses.loss = losses.rgb_mse;
+  StepSums& sums = workspace->sums();
+  backend.train_rays(field(0), rays, coarse_samples, target, {workspace->take(3 * n), depth, opacity, weights},
+                     gradients.first(nerf_parameter_count(config)), of_rays,
+                     fine_samples > 0 ? &sums.coarse : &sums.rgb_mse);
 
   // Section 5.2: further samples where the coarse network found matter, seen by the fine network.
   if (fine_samples > 0) {
     const auto fine_t = workspace->take(fine), fine_dt = workspace->take(fine);
     backend.sample_hierarchical(coarse_samples, weights, fine_samples, true, key(kStreamFineSamples, fine_samples),
                                 fine_t, fine_dt);
-    losses.rgb_mse = backend.train_rays(field(1), rays, {samples + fine_samples, fine_t, fine_dt}, target,
-                                        {workspace->take(3 * n), depth, opacity, {}},
-                                        gradients.last(nerf_parameter_count(config)), of_rays);
-    losses.loss += losses.rgb_mse;
+    backend.train_rays(field(1), rays, {samples + fine_samples, fine_t, fine_dt}, target,
+                       {workspace->take(3 * n), depth, opacity, {}}, gradients.last(nerf_parameter_count(config)),
+                       of_rays, &sums.rgb_mse);
   }
-  losses.opacity = backend.sum(opacity) / static_cast<double>(n);
+  backend.mean(opacity, &sums.opacity);
   losses.d_origin.resize(refined);
   losses.d_direction.resize(refined);
   workspace->get(of_rays.d_origin, losses.d_origin);

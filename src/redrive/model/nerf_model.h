@@ -29,6 +29,7 @@ struct NerfModel final : Model {
   AdamStep adam(double learning_rate, std::int64_t step) const override { return adam_step(learning_rate, step); }
   StepLosses gradients(kernels::Backend& backend, const RayBatch& batch, std::uint64_t seed, std::int64_t step,
                        std::span<float> gradients, Workspace* workspace) const override;
+  double loss(const StepSums& sums) const override { return sums.coarse + sums.rgb_mse; }
   void render(kernels::Backend& backend, const RayBatch& batch, const kernels::CompositeOut& out,
               Workspace* workspace) const override;
 };

@@ -76,7 +76,8 @@ TEST(NerfModelGradients, OfRaysAreThoseOfTheLoss) {
           (turns ? moved[side].direction : moved[side].origin)[i] +=
               static_cast<float>((side ? 6 : -6) * h * d[i] / norm);  // of 36 numbers: h each
       const auto loss = [&](const RayBatch& rays) {
-        return model.gradients(*backend, rays, 9, 3, ignored, &workspace).loss;
+        model.gradients(*backend, rays, 9, 3, ignored, &workspace);
+        return model.loss(workspace.sums());
       };
       const double difference = (loss(moved[1]) - loss(moved[0])) / (2 * 6 * h);
       EXPECT_NEAR(difference, norm, 0.05 * norm) << fine_samples << (turns ? " turned" : " moved");

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -72,11 +73,23 @@ inline RayBatch tiny_batch(int n) {
   return batch;
 }
 
-/// Of step kTinyStep. Adds to the gradients.
-inline StepLosses losses_of(const GridModel& model, const RayBatch& batch, std::vector<float>* gradients,
+struct TinyLosses : StepLosses, StepSums {
+  double loss = 0;
+};
+/// Adds to the gradients.
+inline TinyLosses losses_of(const GridModel& model, const RayBatch& batch, std::span<float> gradients,
+                            kernels::Backend& backend, Workspace* workspace, std::uint64_t seed = kTinySeed,
+                            std::int64_t step = kTinyStep) {
+  TinyLosses out;
+  static_cast<StepLosses&>(out) = model.gradients(backend, batch, seed, step, gradients, workspace);
+  static_cast<StepSums&>(out) = workspace->fetch_sums();
+  out.loss = model.loss(out);
+  return out;
+}
+inline TinyLosses losses_of(const GridModel& model, const RayBatch& batch, std::vector<float>* gradients,
                             kernels::Backend& backend) {
   Workspace workspace;
-  return model.gradients(backend, batch, kTinySeed, kTinyStep, *gradients, &workspace);
+  return losses_of(model, batch, *gradients, backend, &workspace);
 }
 
 inline std::size_t size_of(const ModelTensor& tensor) {

@@ -7,12 +7,25 @@
 #include <memory>
 #include <span>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
 #include "redrive/base/buffer.h"
 #include "redrive/kernels/kernels.h"
 
 namespace redrive {
+
+/// What the stages of a step say of it, means but for the last. What a method has not is 0.
+struct StepSums {
+  double opacity = 0;        ///< 0 means a dead field
+  double rgb_mse = 0;        ///< squared error of the colours of rays that were drawn evenly: what PSNR is said of
+  double coarse = 0;         ///< nerf: the same of the coarse network, where a fine one follows
+  double colours = 0;        ///< grid: the colours' part of the loss, and the gains'
+  double empty_space = 0;    ///< grid: its part
+  double proposals[2] = {};  ///< grid: of both rounds
+  double range = 0;          ///< the LiDAR's part
+  double not_finite = 0;     ///< gradients (Backend::not_finite)
+};
 
 class Workspace {
  public:
@@ -31,6 +44,16 @@ class Workspace {
 
   /// A place beside them, which begin() leaves as it is: for what outlives a pass. There is one, until the next call.
   std::span<float> set_aside(std::size_t n) { return room_in(&aside_, n).span().first(n); }
+
+  /// Beside them, too, for stages to leave their numbers in: the host has these once it has fetched all, so that it waits but once.
+  StepSums& sums() {
+    kernels::keep(*backend_, sums_);
+    return sums_[0];
+  }
+  const StepSums& fetch_sums() {
+    backend_->fetch(kernels::as_floats(std::as_const(sums_).span()));
+    return sums_[0];
+  }
 
   /// Numbers of the host where the backend reads them without copying them anew for each stage: a place with a copy, or where they are if it
   /// keeps nothing, or these. Valid until the next begin(), and as long as `numbers` are.
@@ -73,6 +96,7 @@ class Workspace {
   kernels::Backend* backend_ = nullptr;
   std::vector<Buffer<float>> places_;
   Buffer<float> aside_;
+  Buffer<StepSums> sums_{1};
   std::size_t next_ = 0;
 };
 

@@ -2,47 +2,57 @@
 #include "redrive/rays/lidar_sampler.h"
 
 #include "redrive/base/error.h"
-#include "redrive/base/rng.h"
 
 namespace redrive {
 namespace {
 
-/// A beam is a cone, too: data sheets of the sensors in use say 0.1 to 0.2 degrees.
-constexpr float kBeamAngle = 0.002f;
+std::vector<PlainFrame> plain_frames(const std::vector<FramePose>& frames) {
+  std::vector<PlainFrame> out;
+  for (const FramePose& frame : frames) out.push_back({frame.t_ns, plain(frame.ecef_from_body)});
+  return out;
+}
 
 }  // namespace
 
-void LidarSampler::gather(std::int64_t step, int n, RayBatch* batch, const Moved& moved) const {
+LidarSampler::LidarSampler(const LidarReturns& returns, std::uint64_t seed) : seed_(seed) {
+  static_cast<LidarSpans&>(source_) = {returns.origin, returns.direction, returns.range_m, returns.t_ns, {}, {}, {}};
+}
+
+void LidarSampler::place(const Rigid3d& ecef_from_world, const std::vector<FramePose>& recorded,
+                         const std::vector<FramePose>& now) {
+  REDRIVE_CHECK(!recorded.empty());
+  REDRIVE_CHECK_OP(now.size(), ==, recorded.size());
+  recorded_ = plain_frames(recorded);
+  now_ = plain_frames(now);
+  source_.ecef_from_world = plain(ecef_from_world);
+  source_.recorded = recorded_;
+  source_.poses = now_;
+  ++source_.placed;
+}
+
+LidarDraw LidarSampler::draw(std::int64_t step, int n) const {
   REDRIVE_CHECK_OP(step, >=, 0);
-  REDRIVE_CHECK_OP(returns_.n, >, 0u);
+  return {seed_, static_cast<std::uint64_t>(step) * static_cast<std::uint64_t>(n)};
+}
+
+GatheredReturns LidarSampler::make_room(int n, RayBatch* batch) {
   const std::size_t rays = n;
   batch->n = n;
   for (auto* xyz : {&batch->origin, &batch->direction}) xyz->resize(3 * rays);
+  for (auto* each : {&batch->pixel_angle, &batch->range_m}) each->resize(rays);
   batch->target.clear();
   batch->background.clear();
   batch->exposure.clear();
-  batch->pixel_angle.assign(rays, kBeamAngle);
-  batch->range_m.resize(rays);
-  for (std::size_t i = 0; i < rays; ++i) {
-    const std::uint64_t drawn = static_cast<std::uint64_t>(step) * rays + i;
-    const std::uint64_t key = random_key(seed_, kStreamLidar, drawn / returns_.n);
-    const std::size_t k = permute_index(key, drawn % returns_.n, returns_.n);
-    Eigen::Vector3f origin, direction;
-    for (int d = 0; d < 3; ++d) {
-      origin[d] = returns_.origin[d * returns_.n + k];
-      direction[d] = returns_.direction[d * returns_.n + k];
-    }
-    if (moved) {
-      const Rigid3d motion = moved(returns_.t_ns[k]);
-      origin = (motion * origin.cast<double>()).cast<float>();
-      direction = (motion.linear() * direction.cast<double>()).cast<float>();
-    }
-    for (int d = 0; d < 3; ++d) {
-      batch->origin[d * rays + i] = origin[d];
-      batch->direction[d * rays + i] = direction[d];
-    }
-    batch->range_m[i] = returns_.range_m[k];
-  }
+  return {batch->origin, batch->direction, batch->pixel_angle, batch->range_m};
+}
+
+void LidarSampler::gather(std::int64_t step, int n, RayBatch* batch) const {
+  REDRIVE_CHECK_OP(source_.range_m.size(), >, 0u);
+  gather_returns(source_, draw(step, n), make_room(n, batch));
+}
+
+void gather_returns(const LidarSpans& from, const LidarDraw& draw, const GatheredReturns& out) {
+  for (std::size_t i = 0; i < out.range_m.size(); ++i) gather_return(from, draw, i, out);
 }
 
 }  // namespace redrive

@@ -3,8 +3,9 @@
 #pragma once
 
 #include <cstdint>
-#include <functional>
+#include <vector>
 
+#include "redrive/rays/lidar_gather.h"
 #include "redrive/rays/ray_table.h"
 #include "redrive/scene/lidar_returns.h"
 
@@ -12,17 +13,26 @@ namespace redrive {
 
 class LidarSampler {
  public:
-  LidarSampler(const LidarReturns& returns, std::uint64_t seed) : returns_(returns), seed_(seed) {}
+  /// The returns have to outlive it, and to stay as they are.
+  LidarSampler(const LidarReturns& returns, std::uint64_t seed);
+  LidarSampler(const LidarSampler&) = delete;
+  LidarSampler& operator=(const LidarSampler&) = delete;
 
-  /// What has become of the world that returns of a time lie in.
-  using Moved = std::function<Rigid3d(std::int64_t t_ns)>;
+  /// Returns that lie in the world as `recorded` has the frames go with them to where these are now.
+  void place(const Rigid3d& ecef_from_world, const std::vector<FramePose>& recorded, const std::vector<FramePose>& now);
 
-  /// Batch `step` (from 0): n rays with range_m, without colours, where `moved`, if it is one, puts them. There must be returns.
-  void gather(std::int64_t step, int n, RayBatch* batch, const Moved& moved = {}) const;
+  /// Batch `step` (from 0): n rays with range_m, without colours. There must be returns.
+  void gather(std::int64_t step, int n, RayBatch* batch) const;
+
+  /// gather() in its parts, for backends that gather themselves: what is drawn, room for it, and what it is drawn from.
+  LidarDraw draw(std::int64_t step, int n) const;
+  static GatheredReturns make_room(int n, RayBatch* batch);
+  const LidarSource& source() const { return source_; }
 
  private:
-  const LidarReturns& returns_;
   std::uint64_t seed_;
+  std::vector<PlainFrame> recorded_, now_;
+  LidarSource source_;
 };
 
 }  // namespace redrive

@@ -58,10 +58,12 @@ struct PixelSpans {
 };
 
 /// A sampler's, on the host. A backend that keeps them elsewhere does so from the first gather on; then one source has one backend.
-struct PixelSource : PixelSpans {
-  int placed = 0;  ///< counts on when the poses have changed
+template <class Spans>
+struct GatherSource : Spans {
+  int placed = 0;  ///< counts on when Spans::poses have changed
   mutable std::shared_ptr<void> elsewhere;
 };
+using PixelSource = GatherSource<PixelSpans>;
 
 /// What a batch is drawn by: PixelSampler::draw.
 struct PixelDraw {

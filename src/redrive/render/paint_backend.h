@@ -55,9 +55,8 @@ class PaintBackend : public kernels::Backend {
     unexpected();
   }
   kernels::GridStages& grid() override { throw std::logic_error("no test paints a grid field"); }
-  double photometric_loss(std::span<const float>, std::span<const float>, std::span<float>) override {
+  void photometric_loss(std::span<const float>, std::span<const float>, std::span<float>, double*) override {
     unexpected();
-    return 0;
   }
   void adam(const AdamStep&, std::span<float>, std::span<float>, std::span<float>, std::span<float>) override {
     unexpected();

@@ -130,10 +130,10 @@ TEST(TrainStepOnADevice, CopiesTheBatchThereAndAFewNumbersBack) {
       EXPECT_TRUE(result.finite);
       EXPECT_EQ(result.field_rays < 24, empty);
       EXPECT_EQ(copies.to_device, bytes_of_device(batch) + bytes_of_device(lidar));
-      // Derivatives of places and directions; then losses, the opacity, how many rays are live.
       const std::size_t of_rays = 24 * (refines ? 3 + 3 : 0) * sizeof(float);
-      EXPECT_GT(copies.to_host, of_rays);
-      EXPECT_LE(copies.to_host, of_rays + 12 * sizeof(double));
+      EXPECT_EQ(copies.to_host, of_rays + sizeof(StepSums) + sizeof(std::uint32_t))
+          << "derivatives of places and directions, losses and the like, how many rays are live";
+      EXPECT_EQ(copies.waits, 2u + (refines ? 2 : 0));
     }
 }
 
@@ -148,8 +148,9 @@ TEST(TrainStepOnADevice, CopiesTheBatchOfANerfThereAndAFewNumbersBack) {
     EXPECT_TRUE(train_step(*backend, batch, 0, &state, &buffers).finite);
   }
   EXPECT_EQ(copies.to_device, 3 * 72 * sizeof(float)) << "origins, directions, colours";
-  EXPECT_EQ(copies.to_host, 2 * 72 * sizeof(float) + 4 * sizeof(double))
-      << "derivatives of places and directions, the losses of two networks, opacity, whether all is finite";
+  EXPECT_EQ(copies.to_host, 2 * 72 * sizeof(float) + sizeof(StepSums))
+      << "derivatives of places and directions, losses and the like";
+  EXPECT_EQ(copies.waits, 2u + 1);
 }
 
 struct PictureOfDevice {
@@ -238,14 +239,29 @@ TEST_F(TrainingOnADevice, IsWatchedByItsColours) {
   EXPECT_EQ(watches[1], watches[0]);
 }
 
-/// What trainings gather from, and a batch of it.
+LidarReturns returns_for_device(std::size_t n) {
+  LidarReturns returns;
+  returns.n = n;
+  returns.origin.assign(3 * n, 0.5f);
+  returns.direction.assign(3 * n, 0);
+  std::fill_n(returns.direction.begin(), n, 1.0f);
+  for (std::size_t i = 0; i < n; ++i) {
+    returns.range_m.push_back(2 + 0.01f * static_cast<float>(i));
+    returns.t_ns.push_back(static_cast<std::int64_t>(1'000'000 * i));
+  }
+  return returns;
+}
+
+/// What trainings gather from, and batches of it.
 struct Gathered {
   redrive::Run run;
   TrainingData data;
   PixelSampler sampler;
+  const LidarReturns returns = returns_for_device(40);
+  LidarSampler lidar_sampler{returns, 1};
   kernels::DeviceCopies copies;
   std::unique_ptr<kernels::Backend> backend = kernels::make_loop_backend(&copies);
-  RayBatch batch;
+  RayBatch batch, lidar;
   StepBuffers buffers;
 
   explicit Gathered(const std::filesystem::path& folder)
@@ -257,21 +273,25 @@ struct Gathered {
         sampler(run.scene, data.images, 1) {
     run.state.cell_errors = Buffer<float>(sampler.cells().size());
     std::ranges::fill(run.state.cell_errors.span(), 0.5f);
+    place_lidar(0);
+  }
+  void place_lidar(double moved_m) {
+    std::vector<FramePose> frames = run.recording.frames;
+    for (FramePose& frame : frames) frame.ecef_from_body.translate(Eigen::Vector3d(moved_m, 0, 0));
+    lidar_sampler.place(run.scene.ecef_from_world, run.recording.frames, frames);
   }
   void gather(int even) {
     copies = {};
     gather_batch(*backend, sampler, even, 8, &run.state, &batch, &buffers);
+    gather_lidar(*backend, lidar_sampler, run.state.step, 10, &lidar, &buffers);
   }
 };
 
-TEST_F(TrainingOnADevice, CopiesLidarRaysThereAndAFewNumbersBack) {
+TEST_F(TrainingOnADevice, CopiesNothingThereAndAFewNumbersBack) {
   Gathered of(folder_.path);
-  RayBatch lidar = batch_for_device(5, 9);
-  lidar.target.clear();
-  lidar.exposure.clear();
-  lidar.range_m.assign(5, 3.0f);
   of.gather(16);
-  EXPECT_GT(of.copies.to_device, of.data.images[0].rgb.size()) << "what is kept there";
+  EXPECT_GT(of.copies.to_device, of.data.images[0].rgb.size() + 40 * (7 * sizeof(float) + sizeof(std::int64_t)))
+      << "what is kept there";
   for (const bool refines : {false, true}) {
     for (int again = 0; again < 2; ++again) {  // what the first time is kept there stays
       of.gather(16);
@@ -279,13 +299,14 @@ TEST_F(TrainingOnADevice, CopiesLidarRaysThereAndAFewNumbersBack) {
       EXPECT_EQ(of.copies.to_host, 0u);
       of.batch.refines = refines;
       of.run.state.step = 0;
-      EXPECT_TRUE(train_step(*of.backend, of.batch, 0, &of.run.state, &of.buffers, &lidar).finite);
+      EXPECT_TRUE(train_step(*of.backend, of.batch, 0, &of.run.state, &of.buffers, &of.lidar).finite);
     }
-    EXPECT_EQ(of.copies.to_device, bytes_of_device(lidar));
-    // Derivatives of places and directions, and which view's and direction's they are; then losses, the opacity, how many rays are live.
+    EXPECT_EQ(of.copies.to_device, 0u);
     const std::size_t of_rays = 24 * (refines ? 3 + 3 + 3 + 1 : 0) * sizeof(float);
-    EXPECT_GT(of.copies.to_host, of_rays);
-    EXPECT_LE(of.copies.to_host, of_rays + 12 * sizeof(double));
+    EXPECT_EQ(of.copies.to_host, of_rays + sizeof(StepSums) + sizeof(std::uint32_t))
+        << "derivatives of places and directions, which directions and views these are of; losses and the like, how "
+           "many rays are live";
+    EXPECT_EQ(of.copies.waits, 2u + (refines ? 4 : 0));
     EXPECT_EQ(std::isnan(of.batch.direction[0]), !refines) << "on the host before it was fetched";
   }
 }
@@ -293,9 +314,16 @@ TEST_F(TrainingOnADevice, CopiesLidarRaysThereAndAFewNumbersBack) {
 TEST_F(TrainingOnADevice, CopiesPosesThereOnceTheyHaveMoved) {
   Gathered of(folder_.path);
   of.gather(16);
+  const auto origins = [&] {
+    kernels::fetch(*of.backend, of.lidar.origin);
+    return of.lidar.origin;
+  };
+  const std::vector<float> before = origins();
   of.sampler.place();
+  of.place_lidar(0.25);
   of.gather(16);
-  EXPECT_EQ(of.copies.to_device, of.sampler.source().poses.size_bytes());
+  EXPECT_EQ(of.copies.to_device, of.sampler.source().poses.size_bytes() + of.lidar_sampler.source().poses.size_bytes());
+  EXPECT_NE(origins(), before);
   of.gather(16);
   EXPECT_EQ(of.copies.to_device, 0u);
 }

@@ -48,6 +48,7 @@ int most_rays(const TrainOptions& options) {
 }
 
 constexpr const char* kOfPictures = "--downscale, --frames or --cameras (pictures and their rays: ";
+constexpr const char* kOfLidar = "--frames or --lidar-rays 0 (LiDAR: ";
 std::string of_batch(const TrainOptions& options) {
   return "--batch (" + std::to_string(options.batch_rays) + " rays: ";
 }
@@ -122,7 +123,8 @@ std::optional<DeviceNeed> estimate_device_memory(const Run& run, const kernels::
   if (!bytes) return std::nullopt;
   DeviceNeed need;
   need.state = 4 * sizeof(float) * model.size();
-  need.pictures = host.gathered();
+  need.pictures = host.pictures + host.rays;
+  need.lidar = host.lidar;
   need.step = *bytes - need.state;
   return need;
 }
@@ -136,15 +138,16 @@ void check_memory(const MemoryNeed& need, std::uint64_t allowed, const TrainOpti
   throw UsageError("--memory", options.memory,
                    memory_text(need.total(), allowed) + "; lower " +
                        what_to_lower({{need.pictures + need.rays, kOfPictures},
-                                      {need.lidar + need.sorting, "--frames or --lidar-rays 0 (LiDAR: "},
+                                      {need.lidar + need.sorting, kOfLidar},
                                       {need.step, of_batch(options)}}));
 }
 
 void check_memory(const DeviceNeed& need, std::uint64_t allowed, const TrainOptions& options) {
   if (need.total() <= allowed) return;
-  throw UsageError("--gpu-memory", options.gpu_memory,
-                   memory_text(need.total(), allowed) + " on the GPU; lower " +
-                       what_to_lower({{need.pictures, kOfPictures}, {need.step, of_batch(options)}}));
+  throw UsageError(
+      "--gpu-memory", options.gpu_memory,
+      memory_text(need.total(), allowed) + " on the GPU; lower " +
+          what_to_lower({{need.pictures, kOfPictures}, {need.lidar, kOfLidar}, {need.step, of_batch(options)}}));
 }
 
 void check_device_work(const Run& run, kernels::Backend& backend, const DeviceWork& work) {

@@ -25,8 +25,6 @@ struct MemoryNeed {
   std::uint64_t step = 0;      ///< gradients and a batch's working memory
   std::uint64_t saving = 0;    ///< a checkpoint before it is written
 
-  /// What batches are gathered from: a backend with memory of its own has the same there (rays/pixel_gather.h).
-  std::uint64_t gathered() const { return pictures + rays; }
   std::uint64_t total() const {  ///< at the peak
     const std::uint64_t sum =
         program + state + pictures + std::max({decoding, lidar + sorting, lidar + rays + step + saving});
@@ -35,13 +33,14 @@ struct MemoryNeed {
 };
 MemoryNeed estimate_memory(const Run& run, int threads);
 
-/// The same of a GPU's memory.
+/// The same of a GPU's memory. What batches are gathered from lies there as on the host.
 struct DeviceNeed {
   std::uint64_t state = 0;     ///< parameters, gradients and moments
   std::uint64_t pictures = 0;  ///< of all training views, and the directions of their pixels
+  std::uint64_t lidar = 0;     ///< all returns
   std::uint64_t step = 0;      ///< a batch's working memory and that of the networks
   std::uint64_t total() const {
-    const std::uint64_t sum = state + pictures + step;
+    const std::uint64_t sum = state + pictures + lidar + step;
     return sum + sum / 20;
   }
 };

@@ -128,6 +128,9 @@ TEST_F(MemoryEstimate, OfAGpuIsTheStateThePicturesAndAStep) {
     EXPECT_EQ(more.state, one.state);
   }
   const redrive::Run run = run_of(tiny_options(1));
+  MemoryNeed with_lidar = estimate_memory(run, 2);
+  with_lidar.lidar = kGiB;
+  EXPECT_EQ(estimate_device_memory(run, *kernels::make_loop_backend(), with_lidar)->lidar, kGiB);
   EXPECT_FALSE(estimate_device_memory(run, *kernels::make_ref_backend(), estimate_memory(run, 2)));
 }
 
@@ -149,6 +152,13 @@ TEST_F(MemoryEstimate, MoreThanAGpuMayGiveIsRefusedWithWhatToLower) {
   } catch (const UsageError& error) {
     EXPECT_THAT(error.what(), HasSubstr("--gpu-memory 90%: needs about 4.2 GiB of 4.0 GiB allowed on the GPU; lower "
                                         "--batch (64 rays: 2.0 GiB), --downscale"));
+  }
+  need.lidar = 3 * kGiB;
+  try {
+    check_memory(need, 4 * kGiB, options);
+    ADD_FAILURE() << "not refused";
+  } catch (const UsageError& error) {
+    EXPECT_THAT(error.what(), HasSubstr("lower --frames or --lidar-rays 0 (LiDAR: 3.0 GiB), --batch"));
   }
 }
 

@@ -32,7 +32,13 @@ Verdict watch(const RayBatch& batch, const std::function<StepResult(std::int64_t
   return {};
 }
 
-StepResult result(double mse, double opacity = 0.5, bool finite = true) { return {{mse, mse, opacity}, finite}; }
+StepResult result(double mse, double opacity = 0.5, bool finite = true) {
+  StepResult out;
+  out.loss = out.rgb_mse = mse;
+  out.opacity = opacity;
+  out.finite = finite;
+  return out;
+}
 
 TEST(StartWatch, VarianceOfTwoColours) { EXPECT_NEAR(colour_variance(two_colours(0.25f, 0.75f)), 0.0625, 1e-12); }
 

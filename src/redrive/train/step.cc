@@ -10,6 +10,13 @@ namespace {
 
 constexpr double kShareSmoothing = 1.0 / 32;  // per step
 
+/// A sampler's source as one backend keeps it.
+template <class Spans>
+void see(const GatherSource<Spans>& source, GatherSource<Spans>* own) {
+  static_cast<Spans&>(*own) = source;
+  own->placed = source.placed;
+}
+
 }  // namespace
 
 void KeptBatch::keep(kernels::Backend& backend, RayBatch* batch) {
@@ -24,8 +31,8 @@ void KeptBatch::keep(kernels::Backend& backend, RayBatch* batch) {
     kept = {numbers.data(), numbers.size(), backend.keep(kernels::as_floats(std::span<const T>(numbers)))};
     numbers.resize(size);
   };
-  for (auto* const floats :
-       {&batch->origin, &batch->direction, &batch->target, &batch->background, &batch->pixel_angle, &batch->weight})
+  for (auto* const floats : {&batch->origin, &batch->direction, &batch->target, &batch->background, &batch->pixel_angle,
+                             &batch->weight, &batch->range_m})
     keep(*floats);
   keep(batch->exposure);
   keep(batch->view);
@@ -35,8 +42,7 @@ void KeptBatch::keep(kernels::Backend& backend, RayBatch* batch) {
 void gather_batch(kernels::Backend& backend, const PixelSampler& sampler, int even, int by_error, TrainState* state,
                   RayBatch* batch, StepBuffers* buffers, const Share& share) {
   const PixelSource& source = sampler.source();
-  static_cast<PixelSpans&>(buffers->pictures) = source;
-  buffers->pictures.placed = source.placed;
+  see(source, &buffers->pictures);
   // At the end of an epoch there are fewer, but one each at least: then the next epoch's first ones are among them.
   const std::uint64_t of = share.of, rank = share.rank, left = source.pixels - state->rays_drawn % source.pixels,
                       all = std::max(of, std::min(of * static_cast<std::uint64_t>(even), left)),
@@ -49,6 +55,14 @@ void gather_batch(kernels::Backend& backend, const PixelSampler& sampler, int ev
   backend.gather(buffers->pictures, draw, state->cell_errors, room);
 }
 
+void gather_lidar(kernels::Backend& backend, const LidarSampler& sampler, std::int64_t step, int n, RayBatch* batch,
+                  StepBuffers* buffers) {
+  see(sampler.source(), &buffers->returns);
+  const GatheredReturns room = sampler.make_room(n, batch);
+  buffers->lidar.keep(backend, batch);
+  backend.gather_lidar(buffers->returns, sampler.draw(step, n), room);
+}
+
 StepResult step_gradients(kernels::Backend& backend, const RayBatch& batch, const TrainState& state,
                           StepBuffers* buffers, const RayBatch* lidar) {
   const Model& model = *state.model;
@@ -57,11 +71,16 @@ StepResult step_gradients(kernels::Backend& backend, const RayBatch& batch, cons
   kernels::keep(backend, buffers->gradients);
   kernels::keep(backend, state.first_moment);
   kernels::keep(backend, state.second_moment);
+  Workspace& workspace = buffers->workspace;
   StepResult result;
-  static_cast<StepLosses&>(result) =
-      model.gradients(backend, batch, state.seed, state.step, gradients, &buffers->workspace);
-  if (lidar && lidar->n > 0)
-    result.range = model.range_gradients(backend, *lidar, state.seed, state.step, gradients, &buffers->workspace);
+  static_cast<StepLosses&>(result) = model.gradients(backend, batch, state.seed, state.step, gradients, &workspace);
+  const bool ranges = lidar && lidar->n > 0;
+  if (ranges) model.range_gradients(backend, *lidar, state.seed, state.step, gradients, &workspace);
+  backend.not_finite(model.sentinels(gradients), &workspace.sums().not_finite);
+  static_cast<StepSums&>(result) = workspace.fetch_sums();
+  if (!ranges) result.range = 0;  // an earlier step's
+  result.loss = model.loss(result);
+  result.finite = std::isfinite(result.loss + result.range) && result.not_finite == 0;
   if (batch.refines) {
     kernels::fetch(backend, batch.direction);
     kernels::fetch(backend, batch.view);
@@ -69,11 +88,6 @@ StepResult step_gradients(kernels::Backend& backend, const RayBatch& batch, cons
   result.rays = batch.n;
   result.by_error = batch.by_error;
   return result;
-}
-
-bool all_finite(kernels::Backend& backend, const StepLosses& losses, const TrainState& state,
-                const StepBuffers& buffers) {
-  return std::isfinite(losses.loss + losses.range) && backend.all_finite(state.model->sentinels(buffers.gradients));
 }
 
 void apply_step(kernels::Backend& backend, const StepResult& result, std::span<const std::uint32_t> cells,
@@ -91,8 +105,7 @@ void apply_step(kernels::Backend& backend, const StepResult& result, std::span<c
 
 StepResult train_step(kernels::Backend& backend, const RayBatch& batch, double learning_rate, TrainState* state,
                       StepBuffers* buffers, const RayBatch* lidar) {
-  StepResult result = step_gradients(backend, batch, *state, buffers, lidar);
-  result.finite = all_finite(backend, result, *state, *buffers);
+  const StepResult result = step_gradients(backend, batch, *state, buffers, lidar);
   apply_step(backend, result, batch.cell, learning_rate, state, buffers);
   return result;
 }

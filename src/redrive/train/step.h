@@ -2,6 +2,7 @@
 // One training step, from rays to Adam.
 #pragma once
 
+#include "redrive/rays/lidar_sampler.h"
 #include "redrive/rays/ray_table.h"
 #include "redrive/train/state.h"
 
@@ -19,19 +20,21 @@ class KeptBatch {
     std::size_t size = 0;
     std::shared_ptr<void> there;
   };
-  Room rooms_[9];
+  Room rooms_[10];
 };
 
 /// Working memory of a backend's steps; grows to the largest batch seen.
 struct StepBuffers {
   Workspace workspace;
   Buffer<float> gradients;
-  KeptBatch batch;
-  PixelSource pictures;  ///< the sampler's, as this backend keeps it
+  KeptBatch batch, lidar;
+  PixelSource pictures;  ///< the samplers', as this backend keeps them
+  LidarSource returns;
 };
 
-struct StepResult : StepLosses {
-  bool finite = true;          ///< false: the step was not applied
+struct StepResult : StepLosses, StepSums {
+  double loss = 0;             ///< Model::loss
+  bool finite = true;          ///< false: the step is not applied
   int rays = 0, by_error = 0;  ///< of the batch
 };
 
@@ -54,6 +57,10 @@ inline int rays_of_step(int batch_rays, double field_share) {
 void gather_batch(kernels::Backend& backend, const PixelSampler& sampler, int even, int by_error, TrainState* state,
                   RayBatch* batch, StepBuffers* buffers, const Share& share = {});
 
+/// The same with what LidarSampler::gather does.
+void gather_lidar(kernels::Backend& backend, const LidarSampler& sampler, std::int64_t step, int n, RayBatch* batch,
+                  StepBuffers* buffers);
+
 /// lidar: rays with ranges, or null. `state->step` counts on by one and rays_drawn by the even rays; where rays have
 /// cells, their errors are taken in. Where the batch refines, its directions and views are fetched. Non-finite loss or gradients: parameters stay as they were.
 StepResult train_step(kernels::Backend& backend, const RayBatch& batch, double learning_rate, TrainState* state,
@@ -62,10 +69,7 @@ StepResult train_step(kernels::Backend& backend, const RayBatch& batch, double l
 /// train_step in its parts, for backends that make a step together. Losses and gradients, added to those of the buffers, which are zeros before:
 StepResult step_gradients(kernels::Backend& backend, const RayBatch& batch, const TrainState& state,
                           StepBuffers* buffers, const RayBatch* lidar);
-/// whether they are finite;
-bool all_finite(kernels::Backend& backend, const StepLosses& losses, const TrainState& state,
-                const StepBuffers& buffers);
-/// and what follows from that for the state. cells: of the rays that result.squares is of.
+/// And what follows from them for the state. cells: of the rays that result.squares is of.
 void apply_step(kernels::Backend& backend, const StepResult& result, std::span<const std::uint32_t> cells,
                 double learning_rate, TrainState* state, StepBuffers* buffers);
 

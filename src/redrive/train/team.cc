@@ -57,6 +57,7 @@ StepResult Team::step(const std::function<void(TeamMember&)>& gather, double lea
     all.opacity += one.opacity / size();
     all.range += one.range / size();
     all.colours += one.colours / size();
+    all.finite &= one.finite;
     all.field_rays += one.field_rays;
     all.rays += one.rays;
     all.by_error += one.by_error;
@@ -67,7 +68,6 @@ StepResult Team::step(const std::function<void(TeamMember&)>& gather, double lea
   }
   if (several) reduction_->mean(gradients);
   all.squares = several ? squares_ : first().result.squares;
-  all.finite = all_finite(first().backend, all, *first().state, first().buffers);  // all have the same gradients
   const std::span<const std::uint32_t> cells = several ? cells_ : first().batch.cell;
   each([&](TeamMember& member) {
     apply_step(member.backend, all, cells, learning_rate, member.state, &member.buffers);

@@ -69,20 +69,20 @@ class InterferingBackend : public kernels::Backend {
     inner_.composite_backward(n, s, raw, background, adjoint, d_raw);
   }
   kernels::GridStages& grid() override { return inner_.grid(); }
-  double photometric_loss(std::span<const float> rgb, std::span<const float> target, std::span<float> d_rgb) override {
+  void photometric_loss(std::span<const float> rgb, std::span<const float> target, std::span<float> d_rgb,
+                        double* loss) override {
     ++step_;
     if (step_ == what_.stop_after) what_.stop = true;
     if (step_ == what_.kill_at) throw Killed();
-    const double loss = inner_.photometric_loss(rgb, target, d_rgb);
+    inner_.photometric_loss(rgb, target, d_rgb, loss);
     if (step_ >= what_.nan_from && step_ < what_.nan_to) d_rgb[0] = std::numeric_limits<float>::quiet_NaN();
-    return loss;
   }
-  double train_rays(const kernels::NerfField& f, const kernels::Rays& r, const kernels::Samples& s,
-                    std::span<const float> target, const kernels::CompositeOut& out, std::span<float> gradients,
-                    const kernels::RayGradients& of_rays) override {
+  void train_rays(const kernels::NerfField& f, const kernels::Rays& r, const kernels::Samples& s,
+                  std::span<const float> target, const kernels::CompositeOut& out, std::span<float> gradients,
+                  const kernels::RayGradients& of_rays, double* loss) override {
     if (step_ == what_.kill_at) throw Killed();
-    const double loss = inner_.train_rays(f, r, s, target, out, gradients, of_rays);
-    return step_ >= what_.nan_from && step_ < what_.nan_to ? std::numeric_limits<double>::quiet_NaN() : loss;
+    inner_.train_rays(f, r, s, target, out, gradients, of_rays, loss);
+    if (step_ >= what_.nan_from && step_ < what_.nan_to) *loss = std::numeric_limits<double>::quiet_NaN();
   }
   void adam(const AdamStep& step, std::span<float> gradients, std::span<float> parameters, std::span<float> first,
             std::span<float> second) override {

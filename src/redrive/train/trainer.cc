@@ -10,7 +10,6 @@
 #include "redrive/base/error.h"
 #include "redrive/base/rng.h"
 #include "redrive/rays/lidar_sampler.h"
-#include "redrive/recording/trajectory.h"
 #include "redrive/train/loss_watch.h"
 #include "redrive/train/pose_refiner.h"
 #include "redrive/train/progress.h"
@@ -107,13 +106,7 @@ class Trainer {
     Recording placed = corrected(run_.recording, run_.scene, state_.poses.corrections);
     place_views(placed, &scene_);
     sampler_.place();
-    frames_ = std::move(placed.frames);
-  }
-
-  /// What the corrections at a time make of the world as the recording has it: LiDAR returns lie in that.
-  Rigid3d moved(std::int64_t t_ns) const {
-    return scene_.ecef_from_world.inverse() * pose_at(frames_, t_ns) * pose_at(run_.recording.frames, t_ns).inverse() *
-           scene_.ecef_from_world;
+    lidar_sampler_.place(scene_.ecef_from_world, run_.recording.frames, placed.frames);
   }
 
   bool refines() const {
@@ -126,9 +119,8 @@ class Trainer {
                  &member->buffers, member->share);
     member->batch.refines = refines();
     if (!use_lidar_) return;
-    lidar_sampler_.gather(
-        of * state_.step + rank, options_.lidar_rays, &member->lidar,
-        state_.poses.refines() ? [this](std::int64_t t_ns) { return moved(t_ns); } : LidarSampler::Moved());
+    gather_lidar(member->backend, lidar_sampler_, of * state_.step + rank, options_.lidar_rays, &member->lidar,
+                 &member->buffers);
     member->lidar.first_ray = static_cast<std::uint64_t>(rank) * options_.lidar_rays;
   }
 
@@ -297,8 +289,7 @@ class Trainer {
   Run& run_;
   TrainState& state_;
   const TrainOptions& options_;
-  Scene scene_;                    // the run's with the views where corrections have put them
-  std::vector<FramePose> frames_;  // the recording's, likewise
+  Scene scene_;  // the run's with the views where corrections have put them
   PixelSampler sampler_;
   LidarSampler lidar_sampler_;
   bool use_lidar_;

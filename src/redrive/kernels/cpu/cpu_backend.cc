@@ -3,6 +3,8 @@
 // The number of lanes is fixed and each has a fixed list of tiles; sums are kept per lane and added in lane order. So the
 // result does not depend on the number of threads.
 #include <algorithm>
+#include <iterator>
+#include <numeric>
 #include <vector>
 
 #include "redrive/base/buffer.h"
@@ -156,8 +158,9 @@ class CpuBackend final : public Backend {
     });
   }
 
-  double photometric_loss(std::span<const float> rgb, std::span<const float> target, std::span<float> d_rgb) override {
-    return photometric_batch(rgb, target, check_photometric(rgb.size(), target.size(), d_rgb.size()), d_rgb);
+  void photometric_loss(std::span<const float> rgb, std::span<const float> target, std::span<float> d_rgb,
+                        double* loss) override {
+    *loss = photometric_batch(rgb, target, check_photometric(rgb.size(), target.size(), d_rgb.size()), d_rgb);
   }
 
   void adam(const AdamStep& step, std::span<float> gradients, std::span<float> parameters,
@@ -183,8 +186,9 @@ class CpuBackend final : public Backend {
 
   PictureScore score(const PicturePair& pictures) override { return score_on_host(pictures, pool_); }
 
-  double train_rays(const NerfField& field, const Rays& rays, const Samples& samples, std::span<const float> target,
-                    const CompositeOut& out, std::span<float> gradients, const RayGradients& of_rays) override {
+  void train_rays(const NerfField& field, const Rays& rays, const Samples& samples, std::span<const float> target,
+                  const CompositeOut& out, std::span<float> gradients, const RayGradients& of_rays,
+                  double* loss) override {
     check_field(field, rays, samples);
     check_composite(rays.n, samples, out);
     check_ray_gradients(rays.n, of_rays);
@@ -215,9 +219,7 @@ class CpuBackend final : public Backend {
       backward_tile(engine, lane, field, rays.n, samples, tile, memory.d_raw.data(), stride, of_rays);
     });
     engine.network->reduce(engine.lanes, gradients, pool_);
-    double loss = 0;
-    for (const double part : lane_loss) loss += part;
-    return loss;
+    *loss = std::accumulate(std::begin(lane_loss), std::end(lane_loss), 0.0);
   }
 
   void render_rays(const NerfField& field, const Rays& rays, const Samples& samples, const CompositeOut& out) override {

@@ -67,14 +67,14 @@ TEST_P(CpuBackendTest, SameBitsWhateverTheThreads) {
   const auto one = make_cpu_backend(GetParam(), 1);
   const Batch batch(101, 24, *one);
   Result expected(batch);
-  expected.loss = one->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, expected.out(),
-                                  expected.gradients, expected.of_rays());
+  one->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, expected.out(), expected.gradients,
+                  expected.of_rays(), &expected.loss);
   for (const int threads : {1, 2, 5}) {
     const auto backend = make_cpu_backend(GetParam(), threads);
     for (int repeat = 0; repeat < 2; ++repeat) {
       Result result(batch);
-      result.loss = backend->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, result.out(),
-                                        result.gradients, result.of_rays());
+      backend->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, result.out(), result.gradients,
+                          result.of_rays(), &result.loss);
       EXPECT_EQ(result.loss, expected.loss);
       EXPECT_EQ(result.rgb, expected.rgb);
       EXPECT_EQ(result.depth, expected.depth);
@@ -93,12 +93,12 @@ TEST_P(CpuBackendTest, FusedStagesAreTheCompositionOfThePlainOnes) {
     SCOPED_TRACE(testing::Message() << n_rays << " x " << per_ray);
     const Batch batch(n_rays, per_ray, *backend);
     Result fused(batch), plain(batch), rendered(batch), of_field(batch);
-    fused.loss = backend->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, fused.out(),
-                                     fused.gradients, fused.of_rays());
-    plain.loss = backend->Backend::train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, plain.out(),
-                                              plain.gradients, plain.of_rays());
-    of_field.loss = backend->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, of_field.out(),
-                                        of_field.gradients, {});
+    backend->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, fused.out(), fused.gradients,
+                        fused.of_rays(), &fused.loss);
+    backend->Backend::train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, plain.out(),
+                                 plain.gradients, plain.of_rays(), &plain.loss);
+    backend->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, of_field.out(), of_field.gradients,
+                        {}, &of_field.loss);
     // The same kernels on the same tiles: only the loss is summed in another order.
     EXPECT_NEAR(fused.loss, plain.loss, 3 * n_rays * 0x1p-52 * plain.loss);
     EXPECT_EQ(fused.rgb, plain.rgb);
@@ -146,10 +146,12 @@ TEST_P(CpuBackendTest, GradientsAreAddedToWhatIsThere) {
   const auto backend = make_cpu_backend(GetParam(), 1);
   const Batch batch(5, 7, *backend);
   Result once(batch), twice(batch);
-  backend->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, once.out(), once.gradients, {});
+  backend->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, once.out(), once.gradients, {},
+                      &once.loss);
   double norm = 0, error = 0;
   for (int i = 0; i < 2; ++i)
-    backend->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, twice.out(), twice.gradients, {});
+    backend->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, twice.out(), twice.gradients, {},
+                        &twice.loss);
   for (std::size_t i = 0; i < once.gradients.size(); ++i) {
     norm += once.gradients[i] * once.gradients[i];
     error += std::pow(twice.gradients[i] - 2.0 * once.gradients[i], 2);

@@ -28,9 +28,9 @@ std::unique_ptr<Backend> make_cuda_backend(int threads, bool tensor_cores = true
 /// Of such backends, which outlive it, each on a GPU of its own. There must be no nccl_obstacle (nccl.h). DeviceError.
 std::unique_ptr<Reduction> make_nccl_reduction(std::span<const std::unique_ptr<Backend>> backends);
 
-/// Bytes that went there and back, and how many were taken of its memory at most.
+/// Bytes that went there and back, how often the host waited for such, and how many were taken of its memory at most.
 struct DeviceCopies {
-  std::size_t to_device = 0, to_host = 0, most_there = 0;
+  std::size_t to_device = 0, to_host = 0, waits = 0, most_there = 0;
 };
 /// What is to go wrong.
 struct LoopTroubles {

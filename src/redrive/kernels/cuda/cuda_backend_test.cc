@@ -64,9 +64,13 @@ TEST(LoopBackend, CountsWhatIsCopied) {
   EXPECT_EQ(copies.to_device, 400u);
   backend->fill(kept.span().first(50), 1);
   EXPECT_EQ(copies.to_host, 0u);
-  EXPECT_EQ(backend->sum(kept.span()), 50);
-  EXPECT_EQ(copies.to_host, sizeof(double)) << "the sum alone";
-  EXPECT_EQ(backend->sum(other), 20);
+  double mean = 0;
+  backend->mean(kept.span(), &mean);
+  EXPECT_EQ(mean, 0.5);
+  EXPECT_EQ(copies.to_host, sizeof(double)) << "the mean alone";
+  EXPECT_EQ(copies.waits, 1u);
+  backend->mean(other, &mean);
+  EXPECT_EQ(mean, 2);
   EXPECT_EQ(copies.to_device, 440u);
 }
 

@@ -14,7 +14,7 @@
 #include "redrive/kernels/cuda/device_grid_stages.h"
 #include "redrive/kernels/cuda/device_score.h"
 #include "redrive/kernels/cuda/gather_functors.h"
-#include "redrive/kernels/cuda/kept_pixels.h"
+#include "redrive/kernels/cuda/kept_sources.h"
 #include "redrive/kernels/cuda/nerf_tensor_network.h"
 #include "redrive/kernels/cuda/ray_functors.h"
 #include "redrive/kernels/cuda/stage_spans.h"
@@ -58,13 +58,17 @@ class DeviceBackend final : public Backend {
     stage.for_each(numbers.size(), FillNumbers{stage.out(numbers), value});
     stage.finish();
   }
-  double sum(std::span<const float> numbers) override {
+  void mean(std::span<const float> numbers, double* mean) override {
+    REDRIVE_CHECK_OP(numbers.size(), >, 0u);
     Stage stage(device_);
-    return stage.sum(numbers.size(), NumberTerm<float>{stage.in(numbers)});
+    const auto sum = stage.sum_there(numbers.size(), NumberTerm<float>{stage.in(numbers)});
+    stage.put_loss({sum, static_cast<double>(numbers.size())}, mean);
+    stage.finish();
   }
-  bool all_finite(std::span<const float> numbers) override {
+  void not_finite(std::span<const float> numbers, double* count) override {
     Stage stage(device_);
-    return stage.sum(numbers.size(), NotFinite{stage.in(numbers)}) == 0;
+    stage.put_loss({stage.sum_there(numbers.size(), NotFinite{stage.in(numbers)})}, count);
+    stage.finish();
   }
   void wait() override { device_.wait(); }
   std::optional<std::string> device() const override { return device_.description(); }
@@ -93,6 +97,17 @@ class DeviceBackend final : public Backend {
     if (draw.by_error > 0)
       stage.for_each(rays.view.size(), WeighRays{draw, of_cells, stage.sum_there(drawn.size(), PixelsOfDraw{drawn}),
                                                  stage.sum_there(drawn.size(), ErrorOfDraw{drawn}), rays});
+    stage.finish();
+  }
+
+  void gather_lidar(const LidarSource& from, const LidarDraw& draw, const GatheredReturns& out) override {
+    check_gather_lidar(from, out);
+    const LidarSpans& returns = kernels::there(device_, from);
+    Stage stage(device_);
+    stage.for_each(out.range_m.size(), GatherReturns{returns,
+                                                     draw,
+                                                     {stage.out(out.origin), stage.out(out.direction),
+                                                      stage.out(out.pixel_angle), stage.out(out.range_m)}});
     stage.finish();
   }
 
@@ -173,13 +188,14 @@ class DeviceBackend final : public Backend {
     stage.finish();
   }
 
-  double photometric_loss(std::span<const float> rgb, std::span<const float> target, std::span<float> d_rgb) override {
+  void photometric_loss(std::span<const float> rgb, std::span<const float> target, std::span<float> d_rgb,
+                        double* loss) override {
     const int n_rays = check_photometric(rgb.size(), target.size(), d_rgb.size());
     Stage stage(device_);
-    const double loss =
-        stage.sum(rgb.size(), PhotometricChannels{stage.in(rgb), stage.in(target), n_rays, stage.out(d_rgb)});
+    stage.put_loss(
+        {stage.sum_there(rgb.size(), PhotometricChannels{stage.in(rgb), stage.in(target), n_rays, stage.out(d_rgb)})},
+        loss);
     stage.finish();
-    return loss;
   }
 
   void adam(const AdamStep& step, std::span<float> gradients, std::span<float> parameters,

@@ -157,35 +157,35 @@ class DeviceGridStages final : public DeviceRayStages<Device> {
     stage.finish();
   }
 
-  double proposal(int n_rays, const Intervals& intervals, std::span<const float> weights, const Intervals& proposal,
-                  std::span<const float> proposal_weights, std::span<float> d_proposal) override {
+  void proposal(int n_rays, const Intervals& intervals, std::span<const float> weights, const Intervals& proposal,
+                std::span<const float> proposal_weights, std::span<float> d_proposal, double* loss) override {
     check_proposal(n_rays, intervals, weights.size(), proposal, proposal_weights.size(), d_proposal.size());
     Stage stage(device_);
-    const double loss =
-        stage.sum(n_rays, ProposalOfRays{n_rays, there(stage, intervals), stage.in(weights), there(stage, proposal),
-                                         stage.in(proposal_weights), stage.out(d_proposal)});
+    const auto sum = stage.sum_there(
+        n_rays, ProposalOfRays{n_rays, there(stage, intervals), stage.in(weights), there(stage, proposal),
+                               stage.in(proposal_weights), stage.out(d_proposal)});
+    stage.put_loss({sum, static_cast<double>(n_rays)}, loss);
     stage.finish();
-    return loss / n_rays;
   }
 
-  double range(int n_rays, const Intervals& intervals, std::span<const float> weights, std::span<const float> range_m,
-               float spread_m, float factor, std::span<float> d_weights) override {
+  void range(int n_rays, const Intervals& intervals, std::span<const float> weights, std::span<const float> range_m,
+             float spread_m, float factor, std::span<float> d_weights, double* loss) override {
     check_range(n_rays, intervals, weights.size(), range_m.size(), spread_m, d_weights.size());
     Stage stage(device_);
-    const double loss = stage.sum(n_rays, RangesOfRays{n_rays, there(stage, intervals), stage.in(weights),
-                                                       stage.in(range_m), spread_m, factor, stage.out(d_weights)});
+    const auto sum = stage.sum_there(n_rays, RangesOfRays{n_rays, there(stage, intervals), stage.in(weights),
+                                                          stage.in(range_m), spread_m, factor, stage.out(d_weights)});
+    stage.put_loss({sum, static_cast<double>(n_rays), factor}, loss);
     stage.finish();
-    return loss / n_rays;
   }
 
-  double empty_space(int n_rays, const Intervals& intervals, std::span<const float> density, float factor,
-                     std::span<float> d_density) override {
+  void empty_space(int n_rays, const Intervals& intervals, std::span<const float> density, float factor,
+                   std::span<float> d_density, double* loss) override {
     check_empty_space(n_rays, intervals, density.size(), d_density.size());
     Stage stage(device_);
-    const double loss = stage.sum(
+    const auto sum = stage.sum_there(
         n_rays, EmptySpaceOfRays{n_rays, there(stage, intervals), stage.in(density), factor, stage.in_out(d_density)});
+    stage.put_loss({sum, static_cast<double>(n_rays), factor}, loss);
     stage.finish();
-    return loss / n_rays;
   }
 
  private:

@@ -111,14 +111,15 @@ class DeviceRayStages : public GridStages {
     stage.finish();
   }
 
-  double robust_colours(const ExposedColours& colours, std::span<float> d_rgb, std::span<float> squares,
-                        std::span<float> d_appearance) override {
+  void robust_colours(const ExposedColours& colours, std::span<float> d_rgb, std::span<float> squares,
+                      std::span<float> d_appearance, double* loss) override {
     check_robust_colours(colours, d_rgb.size(), squares.size(), d_appearance.size());
     Stage stage(device_);
     const ExposedColours here = there(stage, colours);
     const std::span<float> d = stage.in_out(d_rgb);
-    double loss = stage.sum(squares.size(), RobustRays{here, d, stage.out(squares)}) /
-                  (3.0 * static_cast<double>(squares.size()));
+    const LossPart of_colours{stage.sum_there(squares.size(), RobustRays{here, d, stage.out(squares)}),
+                              3.0 * static_cast<double>(squares.size())};
+    LossPart of_gains;
     if (!here.exposure.empty()) {
       const std::span<float> d_parameters = stage.in_out(d_appearance);
       const std::size_t parameters = d_parameters.size();
@@ -126,10 +127,10 @@ class DeviceRayStages : public GridStages {
       stage.for_each(partial.size() / 3, KnotAdjoint{here, d, partial});
       stage.for_each(parameters, AddSlices{kPartsOfRays, parameters, partial.data(), d_parameters.data()});
       stage.for_each(d.size(), UnexposeColours{here.gains, d});
-      loss += stage.sum(parameters, HoldGains{here.appearance, d_parameters});
+      of_gains.sum = stage.sum_there(parameters, HoldGains{here.appearance, d_parameters});
     }
+    stage.put_loss(of_colours, of_gains, loss);
     stage.finish();
-    return loss;
   }
 
  protected:

@@ -3,6 +3,7 @@
 #pragma once
 
 #include "redrive/kernels/cuda/device_math.h"
+#include "redrive/rays/lidar_gather.h"
 #include "redrive/rays/pixel_gather.h"
 
 namespace redrive::kernels {
@@ -38,6 +39,14 @@ struct WeighRays {
   GatheredRays out;
 
   REDRIVE_HD void operator()(std::size_t i) const { weigh_ray(draw, errors, pixels[0], error[0], i, out); }
+};
+
+struct GatherReturns {
+  LidarSpans from;
+  LidarDraw draw;
+  GatheredReturns out;
+
+  REDRIVE_HD void operator()(std::size_t i) const { gather_return(from, draw, i, out); }
 };
 
 /// Rays of one cell are linked in lists, in whatever order threads come.

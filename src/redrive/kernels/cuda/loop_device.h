@@ -65,7 +65,9 @@ class LoopDevice {
   void to_host(void* host, const void* device, std::size_t bytes) {
     need_life();
     std::memcpy(host, device, bytes);
-    if (copies_) copies_->to_host += bytes;
+    if (!copies_) return;
+    copies_->to_host += bytes;
+    ++copies_->waits;
   }
   void sums_before(std::size_t n, const std::uint32_t* numbers, std::uint32_t* sums) {
     std::exclusive_scan(numbers, numbers + n, sums, std::uint32_t{0});

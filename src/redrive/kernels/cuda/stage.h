@@ -47,6 +47,20 @@ struct NumberTerm {
   REDRIVE_HD double operator()(std::size_t i) const { return numbers[i]; }
 };
 
+/// A sum of the device as a part of a loss; 0 where there is none.
+struct LossPart {
+  std::span<const double> sum;
+  double over = 1, factor = 1;
+
+  REDRIVE_HD double value() const { return sum.empty() ? 0 : factor * (sum[0] / over); }
+};
+struct AddLossParts {
+  LossPart a, b;
+  std::span<double> loss;
+
+  REDRIVE_HD void operator()(std::size_t i) const { loss[i] = a.value() + b.value(); }
+};
+
 /// 1 for what is chosen, 0 for the rest and behind the end.
 template <class Choose>
 struct MarkChosen {
@@ -132,11 +146,17 @@ class Stage {
     }
     return parts;
   }
+  /// The same for the host, which waits for it.
   template <class Term>
   double sum(std::size_t n, const Term& term) {
     const auto there = sum_there(n, term);
     return there.empty() ? 0 : on_host(there[0]);
   }
+  /// To where the host or the device has it.
+  void put_loss(const LossPart& a, const LossPart& b, double* loss) {
+    for_each(1, AddLossParts{a, b, out(std::span(loss, 1))});
+  }
+  void put_loss(const LossPart& part, double* loss) { put_loss(part, {}, loss); }
 
   /// Those i in [0, n) that choose(i) says yes to, ascending, into `list` on the device; returns how many.
   template <class Choose>

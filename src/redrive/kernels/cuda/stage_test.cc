@@ -133,7 +133,7 @@ TEST(Stage, NothingIsNothing) {
   EXPECT_TRUE(stage.out({}).empty());
   EXPECT_TRUE(stage.in_out({}).empty());
   EXPECT_TRUE(stage.scratch<double>(0).empty());
-  EXPECT_EQ(stage.sum(0, NumberTerm<float>{}), 0);
+  EXPECT_TRUE(stage.sum_there(0, NumberTerm<float>{}).empty());
   stage.finish();
 }
 
@@ -144,9 +144,25 @@ TEST(Stage, SumsEachTermOnce) {
   LoopDevice device;
   for (const std::size_t n : {1u, 4095u, 4096u, 4097u, 100000u}) {
     Stage stage(device);
-    EXPECT_EQ(stage.sum(n, Index{}), 0.5 * static_cast<double>(n) * static_cast<double>(n - 1))
-        << n;  // exact: whole numbers
+    double sum = 7;
+    stage.put_loss({stage.sum_there(n, Index{})}, &sum);
+    EXPECT_EQ(sum, 7) << "not before finish";
+    stage.finish();
+    EXPECT_EQ(sum, 0.5 * static_cast<double>(n) * static_cast<double>(n - 1)) << n;  // exact: whole numbers
   }
+}
+
+TEST(Stage, LossesHaveParts) {
+  LoopDevice device;
+  Stage stage(device);
+  const std::vector<float> numbers = {1, 2, 5};
+  const auto sum = stage.sum_there(3, NumberTerm<float>{stage.in(numbers)});
+  double both = 0, none = 7;
+  stage.put_loss({sum, 4}, {sum, 2, 3}, &both);
+  stage.put_loss({}, &none);
+  stage.finish();
+  EXPECT_EQ(both, 2 + 12);
+  EXPECT_EQ(none, 0);
 }
 
 }  // namespace

@@ -149,8 +149,9 @@ class RefBackend final : public Backend {
     }
   }
 
-  double photometric_loss(std::span<const float> rgb, std::span<const float> target, std::span<float> d_rgb) override {
-    return photometric_batch(rgb, target, check_photometric(rgb.size(), target.size(), d_rgb.size()), d_rgb);
+  void photometric_loss(std::span<const float> rgb, std::span<const float> target, std::span<float> d_rgb,
+                        double* loss) override {
+    *loss = photometric_batch(rgb, target, check_photometric(rgb.size(), target.size(), d_rgb.size()), d_rgb);
   }
 
   void adam(const AdamStep& step, std::span<float> gradients, std::span<float> parameters,

@@ -196,51 +196,51 @@ class RefGridStages final : public HostRayStages {
     }
   }
 
-  double proposal(int n_rays, const Intervals& intervals, std::span<const float> weights, const Intervals& proposal,
-                  std::span<const float> proposal_weights, std::span<float> d_proposal) override {
+  void proposal(int n_rays, const Intervals& intervals, std::span<const float> weights, const Intervals& proposal,
+                std::span<const float> proposal_weights, std::span<float> d_proposal, double* loss) override {
     check_proposal(n_rays, intervals, weights.size(), proposal, proposal_weights.size(), d_proposal.size());
-    double loss = 0;
+    double sum = 0;
     for (int ray = 0; ray < n_rays; ++ray) {
       const std::size_t first = interval_count(ray, intervals.per_ray), p = interval_count(ray, proposal.per_ray);
       std::vector<double> d(proposal.per_ray);
-      loss += proposal_loss<double>(
+      sum += proposal_loss<double>(
           &intervals.edges[first + ray], as_double(weights.subspan(first, intervals.per_ray)).data(), intervals.per_ray,
           &proposal.edges[p + ray], as_double(proposal_weights.subspan(p, proposal.per_ray)).data(), proposal.per_ray,
           1.0 / n_rays, d.data());
       std::copy(d.begin(), d.end(), &d_proposal[p]);
     }
-    return loss / n_rays;
+    *loss = sum / n_rays;
   }
 
-  double range(int n_rays, const Intervals& intervals, std::span<const float> weights, std::span<const float> range_m,
-               float spread_m, float factor, std::span<float> d_weights) override {
+  void range(int n_rays, const Intervals& intervals, std::span<const float> weights, std::span<const float> range_m,
+             float spread_m, float factor, std::span<float> d_weights, double* loss) override {
     check_range(n_rays, intervals, weights.size(), range_m.size(), spread_m, d_weights.size());
     const std::size_t n = intervals.per_ray;
     std::vector<double> d(n);
-    double loss = 0;
+    double sum = 0;
     for (int ray = 0; ray < n_rays; ++ray) {
       const std::size_t first = interval_count(ray, intervals.per_ray);
-      loss +=
+      sum +=
           range_loss<double>(&intervals.edges[first + ray], as_double(weights.subspan(first, n)).data(),
                              intervals.per_ray, range_m[ray], spread_m, static_cast<double>(factor) / n_rays, d.data());
       std::copy(d.begin(), d.end(), &d_weights[first]);
     }
-    return loss / n_rays;
+    *loss = factor * (sum / n_rays);
   }
 
-  double empty_space(int n_rays, const Intervals& intervals, std::span<const float> density, float factor,
-                     std::span<float> d_density) override {
+  void empty_space(int n_rays, const Intervals& intervals, std::span<const float> density, float factor,
+                   std::span<float> d_density, double* loss) override {
     check_empty_space(n_rays, intervals, density.size(), d_density.size());
     const std::size_t n = intervals.per_ray;
-    double loss = 0;
+    double sum = 0;
     for (int ray = 0; ray < n_rays; ++ray) {
       const std::size_t first = interval_count(ray, intervals.per_ray);
       std::vector<double> d = as_double(d_density.subspan(first, n));
-      loss += empty_space_loss<double>(&intervals.edges[first + ray], as_double(density.subspan(first, n)).data(),
-                                       intervals.per_ray, static_cast<double>(factor) / n_rays, d.data());
+      sum += empty_space_loss<double>(&intervals.edges[first + ray], as_double(density.subspan(first, n)).data(),
+                                      intervals.per_ray, static_cast<double>(factor) / n_rays, d.data());
       std::copy(d.begin(), d.end(), &d_density[first]);
     }
-    return loss / n_rays;
+    *loss = factor * (sum / n_rays);
   }
 
  private:

@@ -201,47 +201,47 @@ class CpuGridStages final : public HostRayStages {
     });
   }
 
-  double proposal(int n_rays, const Intervals& intervals, std::span<const float> weights, const Intervals& proposal,
-                  std::span<const float> proposal_weights, std::span<float> d_proposal) override {
+  void proposal(int n_rays, const Intervals& intervals, std::span<const float> weights, const Intervals& proposal,
+                std::span<const float> proposal_weights, std::span<float> d_proposal, double* loss) override {
     const int n = intervals.per_ray, m = proposal.per_ray;
     check_proposal(n_rays, intervals, weights.size(), proposal, proposal_weights.size(), d_proposal.size());
-    std::vector<double> loss((n_rays + kRaysOfRange - 1) / kRaysOfRange);
+    std::vector<double> sums((n_rays + kRaysOfRange - 1) / kRaysOfRange);
     pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
       for (std::size_t ray = begin; ray < end; ++ray) {
         std::fill_n(&d_proposal[ray * m], m, 0.0f);
-        loss[begin / kRaysOfRange] += proposal_loss<float>(&intervals.edges[ray * (n + 1)], &weights[ray * n], n,
+        sums[begin / kRaysOfRange] += proposal_loss<float>(&intervals.edges[ray * (n + 1)], &weights[ray * n], n,
                                                            &proposal.edges[ray * (m + 1)], &proposal_weights[ray * m],
                                                            m, 1.0f / static_cast<float>(n_rays), &d_proposal[ray * m]);
       }
     });
-    return std::accumulate(loss.begin(), loss.end(), 0.0) / n_rays;
+    *loss = std::accumulate(sums.begin(), sums.end(), 0.0) / n_rays;
   }
 
-  double range(int n_rays, const Intervals& intervals, std::span<const float> weights, std::span<const float> range_m,
-               float spread_m, float factor, std::span<float> d_weights) override {
+  void range(int n_rays, const Intervals& intervals, std::span<const float> weights, std::span<const float> range_m,
+             float spread_m, float factor, std::span<float> d_weights, double* loss) override {
     check_range(n_rays, intervals, weights.size(), range_m.size(), spread_m, d_weights.size());
     const int n = intervals.per_ray;
-    std::vector<double> loss((n_rays + kRaysOfRange - 1) / kRaysOfRange);
+    std::vector<double> sums((n_rays + kRaysOfRange - 1) / kRaysOfRange);
     pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
       for (std::size_t ray = begin; ray < end; ++ray)
-        loss[begin / kRaysOfRange] +=
+        sums[begin / kRaysOfRange] +=
             range_loss<float>(&intervals.edges[ray * (n + 1)], &weights[ray * n], n, range_m[ray], spread_m,
                               factor / static_cast<float>(n_rays), &d_weights[ray * n]);
     });
-    return std::accumulate(loss.begin(), loss.end(), 0.0) / n_rays;
+    *loss = factor * (std::accumulate(sums.begin(), sums.end(), 0.0) / n_rays);
   }
 
-  double empty_space(int n_rays, const Intervals& intervals, std::span<const float> density, float factor,
-                     std::span<float> d_density) override {
+  void empty_space(int n_rays, const Intervals& intervals, std::span<const float> density, float factor,
+                   std::span<float> d_density, double* loss) override {
     check_empty_space(n_rays, intervals, density.size(), d_density.size());
     const int n = intervals.per_ray;
-    std::vector<double> loss((n_rays + kRaysOfRange - 1) / kRaysOfRange);
+    std::vector<double> sums((n_rays + kRaysOfRange - 1) / kRaysOfRange);
     pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
       for (std::size_t ray = begin; ray < end; ++ray)
-        loss[begin / kRaysOfRange] += empty_space_loss<float>(&intervals.edges[ray * (n + 1)], &density[ray * n], n,
+        sums[begin / kRaysOfRange] += empty_space_loss<float>(&intervals.edges[ray * (n + 1)], &density[ray * n], n,
                                                               factor / static_cast<float>(n_rays), &d_density[ray * n]);
     });
-    return std::accumulate(loss.begin(), loss.end(), 0.0) / n_rays;
+    *loss = factor * (std::accumulate(sums.begin(), sums.end(), 0.0) / n_rays);
   }
 
  private:

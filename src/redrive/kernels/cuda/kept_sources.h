@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What batches are gathered from (rays/pixel_gather.h), on a device: pictures of 8 bits a channel, tables of rays, poses, in one piece of memory.
+// What batches are gathered from (rays/pixel_gather.h, lidar_gather.h), on a device: pictures of 8 bits a channel, tables of rays, poses, or LiDAR
+// returns, each in one piece of memory.
 #pragma once
 
 #include <cstddef>
@@ -8,13 +9,14 @@
 #include <vector>
 
 #include "redrive/base/error.h"
+#include "redrive/rays/lidar_gather.h"
 #include "redrive/rays/pixel_gather.h"
 
 namespace redrive::kernels {
 
 /// `from` with `place(span)` in place of each of its spans, the innermost first.
 template <class Place>
-PixelSpans placed_pixels(const PixelSpans& from, const Place& place) {
+PixelSpans with_places(const PixelSpans& from, const Place& place) {
   std::vector<TableSpans> tables(from.tables.begin(), from.tables.end());
   for (TableSpans& table : tables) {
     table.pixel = place(table.pixel);
@@ -39,26 +41,37 @@ PixelSpans placed_pixels(const PixelSpans& from, const Place& place) {
   return out;
 }
 
+template <class Place>
+LidarSpans with_places(const LidarSpans& from, const Place& place) {
+  LidarSpans out = from;
+  for (auto* const numbers : {&out.origin, &out.direction, &out.range_m}) *numbers = place(*numbers);
+  out.t_ns = place(from.t_ns);
+  out.recorded = place(from.recorded);
+  out.poses = place(from.poses);
+  return out;
+}
+
 /// Bytes from one span's place to the next one's.
 constexpr std::size_t room_of(std::size_t bytes) { return (bytes + 15) / 16 * 16; }  // whatever is in it is aligned
 
-struct KeptPixels {
+template <class Spans>
+struct KeptSource {
   std::shared_ptr<void> memory;
-  PixelSpans there;
-  int placed = 0;  ///< PixelSource's, as of the poses there
+  Spans there;
+  int placed = 0;  ///< GatherSource's, as of the poses there
 };
 
-template <class Device>
-std::shared_ptr<KeptPixels> keep_pixels(Device& device, const PixelSource& from) {
+template <class Device, class Spans>
+std::shared_ptr<KeptSource<Spans>> keep_source(Device& device, const GatherSource<Spans>& from) {
   std::size_t bytes = 0;
-  placed_pixels(from, [&](auto span) {
+  with_places(from, [&](auto span) {
     bytes += room_of(span.size_bytes());
     return span;
   });
-  const auto kept = std::make_shared<KeptPixels>();
+  const auto kept = std::make_shared<KeptSource<Spans>>();
   kept->memory = device.hold(bytes);
   std::size_t used = 0;
-  kept->there = placed_pixels(from, [&](auto span) {
+  kept->there = with_places(from, [&](auto span) {
     std::byte* const place = static_cast<std::byte*>(kept->memory.get()) + used;
     if (!span.empty()) device.to_device(place, span.data(), span.size_bytes());
     used += room_of(span.size_bytes());
@@ -70,13 +83,14 @@ std::shared_ptr<KeptPixels> keep_pixels(Device& device, const PixelSource& from)
 }
 
 /// Where `from` is kept, its poses as they are now.
-template <class Device>
-const PixelSpans& there(Device& device, const PixelSource& from) {
-  if (!from.elsewhere) from.elsewhere = keep_pixels(device, from);
-  KeptPixels& kept = *static_cast<KeptPixels*>(from.elsewhere.get());
+template <class Device, class Spans>
+const Spans& there(Device& device, const GatherSource<Spans>& from) {
+  if (!from.elsewhere) from.elsewhere = keep_source(device, from);
+  auto& kept = *static_cast<KeptSource<Spans>*>(from.elsewhere.get());
   if (kept.placed != from.placed) {
     REDRIVE_CHECK_OP(kept.there.poses.size(), ==, from.poses.size());
-    device.to_device(const_cast<PlainPose*>(kept.there.poses.data()), from.poses.data(), from.poses.size_bytes());
+    const void* const poses = kept.there.poses.data();
+    device.to_device(const_cast<void*>(poses), from.poses.data(), from.poses.size_bytes());
     kept.placed = from.placed;
   }
   return kept.there;
