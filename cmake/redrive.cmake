@@ -56,11 +56,12 @@ function(redrive_library name)
 endfunction()
 
 # Unit tests sit beside the source: redrive_test(camera SOURCES mei_test.cc DEPENDS redrive::camera [LABELS threads] [GPU pattern] [TOGETHER])
-# makes the program test_camera. Those of its tests that the pattern names are labelled `gpu` instead. The paths of the shipped samples and of the optional private
-# recordings are compiled in; a test that needs the latter skips visibly where they are not.
+# makes the program test_camera; labelled `slow` it is not in builds with a sanitizer. Those of its tests that the pattern names are labelled
+# `gpu` instead. The paths of the shipped samples and of the optional private recordings are compiled in; a test that needs the latter skips
+# visibly where they are not.
 function(redrive_test name)
   cmake_parse_arguments(ARG "TOGETHER" "GPU" "SOURCES;DEPENDS;LABELS" ${ARGN})
-  if(NOT REDRIVE_TESTS)
+  if(NOT REDRIVE_TESTS OR (REDRIVE_SANITIZE AND "slow" IN_LIST ARG_LABELS))
     return()
   endif()
   add_executable(test_${name} ${ARG_SOURCES})
