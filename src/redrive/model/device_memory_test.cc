@@ -86,9 +86,9 @@ TEST(DeviceMemory, OfAGridIsWhatItTakes) {
 
 TEST(DeviceMemory, OfANerfIsWhatItTakes) {
   NerfModel model;
-  model.config = {64, 4, 2};
-  model.samples = 12;
-  model.fine_samples = 8;
+  model.config = {32, 4, 2};
+  model.samples = 5;
+  model.fine_samples = 4;
   model.initialize(3);
   expect_what_is_taken(model);
 }
