@@ -47,7 +47,11 @@ std::optional<std::string> cuda_obstacle(int gpu) {
            cuda_version(CUDART_VERSION);
   if (error == cudaErrorNoDevice || (error == cudaSuccess && devices == 0)) return "no NVIDIA GPU";
   if (error != cudaSuccess) return std::string("CUDA says: ") + cudaGetErrorString(error);
-  const cudaDeviceProp device = properties_of(gpu);
+  cudaDeviceProp device;
+  if (const cudaError_t asked = cudaGetDeviceProperties(&device, gpu); asked != cudaSuccess) {
+    cudaGetLastError();
+    return std::string("CUDA says: ") + cudaGetErrorString(asked);
+  }
   if (device.major < kLeastMajor || (device.major == kLeastMajor && device.minor < kLeastMinor))
     return std::string(device.name) + " has compute capability " + std::to_string(device.major) + "." +
            std::to_string(device.minor) + ", 7.5 is the least";

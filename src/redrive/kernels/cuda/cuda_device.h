@@ -32,11 +32,13 @@ struct CudaMemory {
   void* allocate(std::size_t bytes) const {
     void* place = nullptr;
     const cudaError_t error = cudaMalloc(&place, bytes);
-    if (error == cudaErrorMemoryAllocation)
+    if (error == cudaErrorMemoryAllocation) {
+      cudaGetLastError();  // or the next kernel would be blamed for it
       throw DeviceMemoryError("--backend", "cuda",
                               "the GPU has no " + std::to_string(bytes >> 20) +
                                   " MiB left; lower --batch, take fewer or smaller pictures (--frames, --cameras, "
                                   "--downscale), or see what else runs on it");
+    }
     check_cuda(error, "allocating");
     return place;
   }
@@ -128,8 +130,9 @@ class CudaDevice {
   template <class Functor>
   void for_each(std::size_t n, const Functor& functor) {
     if (n == 0) return;
-    constexpr std::size_t kThreads = 128;
-    run_functor<<<blocks<Functor>(n, kThreads), kThreads>>>(n, functor);
+    constexpr std::size_t kThreads = 128;  // a warp where these would leave multiprocessors idle, as a batch's rays do
+    const std::size_t threads = n < kThreads * multiprocessors_ ? 32 : kThreads;
+    run_functor<<<blocks<Functor>(n, threads), static_cast<unsigned>(threads)>>>(n, functor);
     check_cuda(cudaGetLastError(), "starting a kernel");
   }
   template <class Functor>
