@@ -38,8 +38,9 @@ class Team {
   /// Before the first step, and when the first one's state is another: all go on from that. Nobody keeps any of it elsewhere yet.
   void begin();
 
-  /// train_step of the rays that `gather` puts into each member's batches, called by several threads. What it returns is of all of them: means,
-  /// counts in sum, without derivatives of rays. DeviceError and DeviceMemoryError say which member it was.
+  /// train_step of the rays that `gather` puts into each member's batches, called by several threads. What it returns is of all of them: means
+  /// (of StepSums only opacity, rgb_mse, colours and range), counts in sum, no derivatives of rays. DeviceError and DeviceMemoryError say which
+  /// member it was.
   StepResult step(const std::function<void(TeamMember&)>& gather, double learning_rate);
 
   /// Of the last step, whose batches refine: pose_refiner.h, of all its rays.

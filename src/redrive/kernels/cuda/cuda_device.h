@@ -87,9 +87,8 @@ class CudaDevice {
         kernel.ptxVersion >= 80;  // of the code that it runs: bf16's are there from compute capability 8.0 on
   }
   int gpu() const { return gpu_; }
-  void use() const {
-    check_cuda(cudaSetDevice(gpu_), "choosing a GPU");
-  }  // next to nothing where the thread uses it already
+  /// Next to nothing where the thread uses it already.
+  void use() const { check_cuda(cudaSetDevice(gpu_), "choosing a GPU"); }
   bool has_tensor_cores() const { return has_tensor_cores_; }
   std::optional<std::string> description() const { return cuda_description(gpu_); }
   std::optional<std::uint64_t> free_memory() const {

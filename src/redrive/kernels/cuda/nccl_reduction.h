@@ -23,8 +23,8 @@ class NcclReduction final : public Reduction {
       throw DeviceError(words(result));
     for (std::size_t r = 0; r < devices_.size(); ++r) {
       devices_[r]->use();
-      check_cuda(cudaStreamCreate(&streams_[r]),
-                 "making a stream");  // one that waits for the default stream, as that for it
+      // One that waits for the default stream, as that for it.
+      check_cuda(cudaStreamCreate(&streams_[r]), "making a stream");
     }
   }
   ~NcclReduction() override {
