@@ -11,7 +11,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const std::string_view text(reinterpret_cast<const char*>(data), size);
   try {
     for (const redrive::Box& box : redrive::parse_boxes(text, "frame.json")) {
-      if (!redrive::rigid_obstacle(box.body_from_box.matrix()).empty() || !(box.size_m.minCoeff() >= 0.01))
+      if (!redrive::rigid_obstacle(box.body_from_box.matrix()).empty() ||
+          !(box.size_m.minCoeff() >= 0.01))
         __builtin_trap();
     }
   } catch (const redrive::InputError&) {

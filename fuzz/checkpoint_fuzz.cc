@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// checkpoint.safetensors: any bytes are read or refused with an InputError, nothing else; what is read is written back the same.
+// checkpoint.safetensors: any bytes are read or refused with an InputError, nothing else; what is
+// read is written back the same.
 #include <cstddef>
 #include <cstdint>
 #include <string_view>
@@ -9,10 +10,11 @@
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   try {
-    const redrive::TrainState state =
-        redrive::parse_checkpoint({reinterpret_cast<const char*>(data), size}, "checkpoint.safetensors");
+    const redrive::TrainState state = redrive::parse_checkpoint(
+        {reinterpret_cast<const char*>(data), size}, "checkpoint.safetensors");
     const std::string bytes = redrive::checkpoint_bytes(state);
-    if (redrive::checkpoint_bytes(redrive::parse_checkpoint(bytes, "again")) != bytes) __builtin_trap();
+    if (redrive::checkpoint_bytes(redrive::parse_checkpoint(bytes, "again")) != bytes)
+      __builtin_trap();
   } catch (const redrive::InputError&) {
   }
   return 0;

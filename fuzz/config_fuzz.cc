@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// config.json: any bytes are read or refused with an InputError, nothing else; what is read is written back the same.
+// config.json: any bytes are read or refused with an InputError, nothing else; what is read is
+// written back the same.
 #include <cstddef>
 #include <cstdint>
 #include <string_view>
@@ -12,7 +13,8 @@
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const auto read = [](std::string_view text) {
-    return redrive::options_to_json(redrive::options_from_json(redrive::parse_json(text, "config.json"), "config.json"))
+    return redrive::options_to_json(
+               redrive::options_from_json(redrive::parse_json(text, "config.json"), "config.json"))
         .dump(2);
   };
   try {

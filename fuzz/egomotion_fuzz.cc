@@ -10,7 +10,8 @@
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const std::string_view text(reinterpret_cast<const char*>(data), size);
   try {
-    for (const redrive::FramePose& frame : redrive::aimotive::parse_egomotion(text, "egomotion2.json")) {
+    for (const redrive::FramePose& frame :
+         redrive::aimotive::parse_egomotion(text, "egomotion2.json")) {
       if (!frame.ecef_from_body.matrix().allFinite()) __builtin_trap();
     }
   } catch (const redrive::InputError&) {

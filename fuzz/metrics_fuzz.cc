@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// metrics.jsonl: any bytes are read or refused with an InputError, nothing else; what resume keeps of them is readable.
+// metrics.jsonl: any bytes are read or refused with an InputError, nothing else; what resume keeps
+// of them is readable.
 #include <cstddef>
 #include <cstdint>
 #include <string_view>

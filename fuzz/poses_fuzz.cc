@@ -11,7 +11,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const std::string_view text(reinterpret_cast<const char*>(data), size);
   try {
     for (const redrive::RequestedView& view : redrive::parse_poses(text, "poses.json").views) {
-      if (view.file.empty() || view.file.front() == '/' || (!view.ecef_from_body && !view.shift_body_m))
+      if (view.file.empty() || view.file.front() == '/' ||
+          (!view.ecef_from_body && !view.shift_body_m))
         __builtin_trap();
     }
   } catch (const redrive::InputError&) {

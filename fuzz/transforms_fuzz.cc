@@ -9,7 +9,8 @@
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const std::string_view text(reinterpret_cast<const char*>(data), size);
-  const auto size_of = [](const std::string& file) -> std::optional<redrive::transforms::ImageSize> {
+  const auto size_of =
+      [](const std::string& file) -> std::optional<redrive::transforms::ImageSize> {
     if (file.size() % 2 == 0) return std::nullopt;
     return redrive::transforms::ImageSize{800, 600};
   };
@@ -18,10 +19,12 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     if (transforms.pictures.empty()) __builtin_trap();
     for (const redrive::transforms::Picture& picture : transforms.pictures) {
       if (!picture.world_from_body.matrix().allFinite()) __builtin_trap();
-      if (picture.camera && !(picture.camera->fx > 0 && picture.camera->fy > 0 && picture.camera->width > 0))
+      if (picture.camera &&
+          !(picture.camera->fx > 0 && picture.camera->fy > 0 && picture.camera->width > 0))
         __builtin_trap();
     }
-    if (transforms.bounds && !(transforms.bounds->half_side > 0 && transforms.bounds->center.allFinite()))
+    if (transforms.bounds &&
+        !(transforms.bounds->half_side > 0 && transforms.bounds->center.allFinite()))
       __builtin_trap();
   } catch (const redrive::InputError&) {
   }

@@ -15,7 +15,8 @@
 
 namespace redrive::kernels::conformance {
 
-// Sanitizers slow the oracle's loops down fifteenfold: a few sizes reach every line, and races show at any width.
+// Sanitizers slow the oracle's loops down fifteenfold: a few sizes reach every line, and races show
+// at any width.
 #if defined(__SANITIZE_THREAD__) || defined(__SANITIZE_ADDRESS__)
 constexpr bool kSanitized = true;
 #else
@@ -23,7 +24,8 @@ constexpr bool kSanitized = false;
 #endif
 
 struct Candidate {
-  /// "ref", an instruction set of the cpu backend, "loop" (functors of kernels/cuda on the host), "cuda"; of these two "-fp32", too.
+  /// "ref", an instruction set of the cpu backend, "loop" (functors of kernels/cuda on the host),
+  /// "cuda"; of these two "-fp32", too.
   std::string name;
   std::optional<Isa> isa;  ///< of the cpu backend
 
@@ -35,15 +37,21 @@ struct Candidate {
   bool has_tensor_cores() const { return name == "loop" || name == "cuda"; }
 
   double roundoff() const {
-    return isa == Isa::kAmxBf16 || isa == Isa::kAvx512Bf16 || has_tensor_cores() ? kBf16Roundoff : kFp32Roundoff;
+    return isa == Isa::kAmxBf16 || isa == Isa::kAvx512Bf16 || has_tensor_cores() ? kBf16Roundoff
+                                                                                 : kFp32Roundoff;
   }
   /// Of the grid's networks, which have no AMX tiles.
-  double grid_roundoff() const { return isa == Isa::kAvx512Bf16 || has_tensor_cores() ? kBf16Roundoff : kFp32Roundoff; }
-  /// Plain loops take seconds where the others take milliseconds: batches of more multiply-adds are left out.
+  double grid_roundoff() const {
+    return isa == Isa::kAvx512Bf16 || has_tensor_cores() ? kBf16Roundoff : kFp32Roundoff;
+  }
+  /// Plain loops take seconds where the others take milliseconds: batches of more multiply-adds are
+  /// left out.
   double most_macs() const { return is_slow() ? 1e8 : 1e300; }
-  /// Threads of a GPU add to a grid's gradients as they come: sums of the same terms, of which the last bits are open.
+  /// Threads of a GPU add to a grid's gradients as they come: sums of the same terms, of which the
+  /// last bits are open.
   bool adds_in_order() const { return !is_gpu(); }
-  /// By how many units its error function may differ from that of the C library, which the oracle has: 4 and 3 (CUDA's and glibc's manuals).
+  /// By how many units its error function may differ from that of the C library, which the oracle
+  /// has: 4 and 3 (CUDA's and glibc's manuals).
   double error_function_ulps() const { return is_gpu() ? 7 : 0; }
 };
 inline void PrintTo(const Candidate& candidate, std::ostream* out) { *out << candidate.name; }
@@ -51,7 +59,8 @@ inline void PrintTo(const Candidate& candidate, std::ostream* out) { *out << can
 inline std::vector<Candidate> candidates() {
   std::vector<Candidate> all = {{"ref", std::nullopt}};
   for (const Isa isa : all_isas()) all.push_back({std::string(isa_name(isa)), isa});
-  for (const char* const name : {"loop", "loop-fp32", "cuda", "cuda-fp32"}) all.push_back({name, std::nullopt});
+  for (const char* const name : {"loop", "loop-fp32", "cuda", "cuda-fp32"})
+    all.push_back({name, std::nullopt});
   return all;
 }
 inline std::string name_of(const testing::TestParamInfo<Candidate>& info) {
@@ -87,7 +96,8 @@ inline std::string trace(const BatchSize& size) {
   return std::to_string(size.n_rays) + " x " + std::to_string(size.per_ray);
 }
 
-inline std::vector<float> random_floats(std::size_t size, std::uint64_t stream, double low, double high) {
+inline std::vector<float> random_floats(std::size_t size, std::uint64_t stream, double low,
+                                        double high) {
   std::vector<float> out(size);
   for (std::size_t i = 0; i < size; ++i)
     out[i] = static_cast<float>(low + (high - low) * 0.5 * (1 + uniform(stream, i)));

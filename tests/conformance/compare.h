@@ -12,7 +12,8 @@
 namespace redrive::kernels::conformance {
 
 /// got[i] within tolerance(i) of expected(i), for every i: the worst element is reported.
-inline testing::AssertionResult all_near(std::span<const float> got, const std::function<double(std::size_t)>& expected,
+inline testing::AssertionResult all_near(std::span<const float> got,
+                                         const std::function<double(std::size_t)>& expected,
                                          const std::function<double(std::size_t)>& tolerance) {
   double worst = 0;
   std::size_t where = 0, failures = 0;
@@ -27,13 +28,15 @@ inline testing::AssertionResult all_near(std::span<const float> got, const std::
     }
   }
   if (failures == 0) return testing::AssertionSuccess();
-  return testing::AssertionFailure() << failures << " of " << got.size() << " elements are off, the worst at " << where
-                                     << ": " << got[where] << " instead of " << expected(where) << ", allowed "
-                                     << tolerance(where) << " (" << worst << " times)";
+  return testing::AssertionFailure()
+         << failures << " of " << got.size() << " elements are off, the worst at " << where << ": "
+         << got[where] << " instead of " << expected(where) << ", allowed " << tolerance(where)
+         << " (" << worst << " times)";
 }
 
 inline testing::AssertionResult bit_equal(std::span<const float> a, std::span<const float> b) {
-  if (a.size() != b.size()) return testing::AssertionFailure() << a.size() << " and " << b.size() << " elements";
+  if (a.size() != b.size())
+    return testing::AssertionFailure() << a.size() << " and " << b.size() << " elements";
   for (std::size_t i = 0; i < a.size(); ++i)
     if (std::memcmp(&a[i], &b[i], sizeof(float)) != 0)
       return testing::AssertionFailure() << "element " << i << ": " << a[i] << " and " << b[i];

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Batches gathered by every backend, from pictures where it keeps them, against those that the host gathers: the same bits, but for what a
-// GPU's sines and arc cosines make of the rows of a rolling shutter, and for the order of a sum in the rays' weights.
+// Batches gathered by every backend, from pictures where it keeps them, against those that the host
+// gathers: the same bits, but for what a GPU's sines and arc cosines make of the rows of a rolling
+// shutter, and for the order of a sum in the rays' weights.
 #include <cmath>
 #include <vector>
 
@@ -17,7 +18,8 @@ namespace {
 
 class GatheringOfEveryBackend : public OneCandidate {};
 
-INSTANTIATE_TEST_SUITE_P(Backends, GatheringOfEveryBackend, testing::ValuesIn(candidates()), name_of);
+INSTANTIATE_TEST_SUITE_P(Backends, GatheringOfEveryBackend, testing::ValuesIn(candidates()),
+                         name_of);
 
 Rigid3d some_pose(std::uint64_t i) {
   const Eigen::Vector3d axis(uniform(500, 7 * i), uniform(500, 7 * i + 1), 1.5);
@@ -26,8 +28,9 @@ Rigid3d some_pose(std::uint64_t i) {
   return pose;
 }
 
-/// All camera models, every other camera with a rolling shutter, at three frames of which one is held out. Of some pictures a mask leaves
-/// parts out; alpha with a background, in some places none.
+/// All camera models, every other camera with a rolling shutter, at three frames of which one is
+/// held out. Of some pictures a mask leaves parts out; alpha with a background, in some places
+/// none.
 struct Pictures {
   Scene scene;
   std::vector<Image8> images;
@@ -36,7 +39,8 @@ struct Pictures {
     constexpr int kFrames = 3;
     scene.background = background;
     scene.random_behind = random_behind;
-    for (int f = 0; f < kFrames; ++f) scene.frames.push_back({f, f * 100'000'000, Rigid3d::Identity()});
+    for (int f = 0; f < kFrames; ++f)
+      scene.frames.push_back({f, f * 100'000'000, Rigid3d::Identity()});
     for (const ExampleCamera& example : example_cameras()) {
       const Camera camera = example.camera.downscaled(5);
       scene.rig.push_back({example.name, camera, camera, some_pose(scene.rig.size())});
@@ -55,7 +59,8 @@ struct Pictures {
       view.by_row.clear();
       for (int key = 0; view.camera % 2 == 1 && key < 4; ++key) {
         view.by_row.push_back(view.world_from_body);
-        view.by_row.back().rotate(Eigen::AngleAxisd(0.1 * key, Eigen::Vector3d(1, 2, 3).normalized()));
+        view.by_row.back().rotate(
+            Eigen::AngleAxisd(0.1 * key, Eigen::Vector3d(1, 2, 3).normalized()));
         view.by_row.back().translation().x() += 0.3 * key;
       }
     }
@@ -72,7 +77,8 @@ struct Pictures {
     }
     if (scene.background != Background::kNone) {
       image.alpha.resize(pixels);
-      for (std::size_t i = 0; i < pixels; ++i) image.alpha[i] = i % 7 < 3 ? 0 : random_bits(number + 1000, i) & 255;
+      for (std::size_t i = 0; i < pixels; ++i)
+        image.alpha[i] = i % 7 < 3 ? 0 : random_bits(number + 1000, i) & 255;
     }
     return image;
   }
@@ -100,13 +106,15 @@ void expect_same(const RayBatch& got, const RayBatch& expected, bool rolls_exact
         [](std::size_t) { return kFp32Roundoff; }));
   // Sums of floats in double differ by their last places.
   ASSERT_EQ(got.weight.size(), expected.weight.size());
-  for (std::size_t i = 0; i < expected.weight.size(); ++i) EXPECT_FLOAT_EQ(got.weight[i], expected.weight[i]) << i;
+  for (std::size_t i = 0; i < expected.weight.size(); ++i)
+    EXPECT_FLOAT_EQ(got.weight[i], expected.weight[i]) << i;
 }
 
 TEST_P(GatheringOfEveryBackend, IsThatOfTheHost) {
   const auto backend = make();
-  for (const auto& [background, random_behind] :
-       {std::pair{Background::kNone, false}, {Background::kWhite, false}, {Background::kWhite, true}}) {
+  for (const auto& [background, random_behind] : {std::pair{Background::kNone, false},
+                                                  {Background::kWhite, false},
+                                                  {Background::kWhite, true}}) {
     Pictures pictures(background, random_behind);
     PixelSampler sampler(pictures.scene, pictures.images, 5);
     const std::vector<float> errors = random_floats(sampler.cells().size(), 501, 0, 1);
@@ -116,11 +124,13 @@ TEST_P(GatheringOfEveryBackend, IsThatOfTheHost) {
         pictures.move(1);
         sampler.place();
       }
-      for (const std::uint64_t first : {std::uint64_t{0}, sampler.pixels() - 100, 3 * sampler.pixels() + 777})
+      for (const std::uint64_t first :
+           {std::uint64_t{0}, sampler.pixels() - 100, 3 * sampler.pixels() + 777})
         for (const int by_error : {0, 150}) {
           SCOPED_TRACE(testing::Message()
-                       << "background " << static_cast<int>(background) << ", random " << random_behind
-                       << ", pixels from " << first << ", " << by_error << " by error, moved " << moved);
+                       << "background " << static_cast<int>(background) << ", random "
+                       << random_behind << ", pixels from " << first << ", " << by_error
+                       << " by error, moved " << moved);
           RayBatch got, expected;
           sampler.gather(first, 400, &expected, {by_error, errors});
           const PixelDraw draw = sampler.draw(first, 400, by_error);
@@ -144,12 +154,16 @@ TEST_P(GatheringOfEveryBackend, OfLidarReturnsIsThatOfTheHost) {
   returns.origin = random_floats(3 * kReturns, 505, -100, 100);
   returns.direction = random_floats(3 * kReturns, 506, -1, 1);
   returns.range_m = random_floats(kReturns, 507, 1, 80);
-  for (std::size_t i = 0; i < kReturns; ++i)  // between the frames, beyond them, and at some of their very times
-    returns.t_ns.push_back(static_cast<std::int64_t>(random_bits(508, i) % 800) * 1'000'000 - 100'000'000);
+  for (std::size_t i = 0; i < kReturns;
+       ++i)  // between the frames, beyond them, and at some of their very times
+    returns.t_ns.push_back(static_cast<std::int64_t>(random_bits(508, i) % 800) * 1'000'000 -
+                           100'000'000);
   std::vector<FramePose> recorded;
   for (std::size_t f = 0; f < kFrames; ++f) {
-    recorded.push_back({static_cast<std::int64_t>(f), static_cast<std::int64_t>(f) * 100'000'000, some_pose(2000)});
-    recorded.back().ecef_from_body.translation() += Eigen::Vector3d(4e6, 1e6 + 2.0 * static_cast<double>(f), 5e6);
+    recorded.push_back({static_cast<std::int64_t>(f), static_cast<std::int64_t>(f) * 100'000'000,
+                        some_pose(2000)});
+    recorded.back().ecef_from_body.translation() +=
+        Eigen::Vector3d(4e6, 1e6 + 2.0 * static_cast<double>(f), 5e6);
   }
   for (const bool refines : {false, true}) {
     LidarSampler sampler(returns, 5);
@@ -164,7 +178,8 @@ TEST_P(GatheringOfEveryBackend, OfLidarReturnsIsThatOfTheHost) {
       if (refines) sampler.place(recorded[0].ecef_from_body, recorded, now);
       for (const std::int64_t step : {0, 40})
         for (const int n : {1, 700}) {
-          SCOPED_TRACE(testing::Message() << n << " rays of step " << step << ", refines " << refines << ", " << moved);
+          SCOPED_TRACE(testing::Message() << n << " rays of step " << step << ", refines "
+                                          << refines << ", " << moved);
           RayBatch got, expected;
           sampler.gather(step, n, &expected);
           const GatheredReturns room = sampler.make_room(n, &got);
@@ -179,7 +194,9 @@ TEST_P(GatheringOfEveryBackend, OfLidarReturnsIsThatOfTheHost) {
             for (const auto numbers : {&RayBatch::origin, &RayBatch::direction})
               EXPECT_TRUE(all_near(
                   got.*numbers, [&](std::size_t i) { return (expected.*numbers)[i]; },
-                  [&](std::size_t i) { return 2e-8 + 2 * kFp32Roundoff * std::abs((expected.*numbers)[i]); }));
+                  [&](std::size_t i) {
+                    return 2e-8 + 2 * kFp32Roundoff * std::abs((expected.*numbers)[i]);
+                  }));
           }
           if (step > 0 || n == 1) continue;
           EXPECT_NE(got.origin, before);

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// A batch for the networks of --method grid whose answer, and whose allowed deviation from it, are computed in double; the ideas
-// and the rounding model are nerf_case.h's. Sixteen points: four rays (a direction's harmonics) x four depths (features); every sample
-// is one of them. These networks have no biases to keep ReLUs from their kinks by: a neuron's weights are drawn until it is near none.
+// A batch for the networks of --method grid whose answer, and whose allowed deviation from it, are
+// computed in double; the ideas and the rounding model are nerf_case.h's. Sixteen points: four rays
+// (a direction's harmonics) x four depths (features); every sample is one of them. These networks
+// have no biases to keep ReLUs from their kinks by: a neuron's weights are drawn until it is near
+// none.
 #pragma once
 
 #include <array>
@@ -24,7 +26,8 @@ struct GridCase {
   std::vector<float> weights;
   std::vector<float> features[kPoints], harmonics[kRayKinds];
 
-  GridCase(const GridFieldConfig& config, std::uint64_t seed) : config(config), weights(grid_network_size(config)) {
+  GridCase(const GridFieldConfig& config, std::uint64_t seed)
+      : config(config), weights(grid_network_size(config)) {
     grid_network_initialize(config, seed, weights);
     for (int p = 0; p < kPoints; ++p)
       for (int i = 0; i < config.grid.outputs(); ++i)
@@ -39,8 +42,8 @@ struct GridCase {
   GridNetwork network() const { return {config, density_scale, weights}; }
 };
 
-/// Samples of a case: features [levels, n, features], harmonics [n_rays, 16], and d_raw [4, n] = the sample's factor times its
-/// point's vector.
+/// Samples of a case: features [levels, n, features], harmonics [n_rays, 16], and d_raw [4, n] =
+/// the sample's factor times its point's vector.
 struct GridBatch {
   int n_rays, per_ray;
   std::vector<int> point;
@@ -54,7 +57,8 @@ struct GridBatch {
       harmonics.insert(harmonics.end(), grid.harmonics[kind].begin(), grid.harmonics[kind].end());
       const double shift = 0.5 * (1 + uniform(211, ray));
       for (int s = 0; s < per_ray; ++s) {
-        const int depth = static_cast<int>(GridCase::kDepths * (s + shift) / per_ray) % GridCase::kDepths;
+        const int depth =
+            static_cast<int>(GridCase::kDepths * (s + shift) / per_ray) % GridCase::kDepths;
         point.push_back(kind * GridCase::kDepths + depth);
       }
     }
@@ -65,11 +69,15 @@ struct GridBatch {
         features[feature_at(grid, i, k)] = grid.features[point[i]][k];
     vector.resize(GridCase::kPoints);
     for (int p = 0; p < GridCase::kPoints; ++p)
-      for (int k = 0; k < 4; ++k) vector[p][k] = static_cast<float>(0x1p-10 * uniform(212, 4 * p + k));
-    const double factors[] = {0.5, 1, 2, -0.5, -1, -2};  // powers of two: the products are exact in float
-    for (std::size_t i = 0; i < n; ++i) factor.push_back(factors[static_cast<int>(3 * (1 + uniform(213, i)))]);
+      for (int k = 0; k < 4; ++k)
+        vector[p][k] = static_cast<float>(0x1p-10 * uniform(212, 4 * p + k));
+    const double factors[] = {0.5,  1,  2,
+                              -0.5, -1, -2};  // powers of two: the products are exact in float
+    for (std::size_t i = 0; i < n; ++i)
+      factor.push_back(factors[static_cast<int>(3 * (1 + uniform(213, i)))]);
     for (int k = 0; k < 4; ++k)
-      for (std::size_t i = 0; i < n; ++i) d_raw.push_back(static_cast<float>(factor[i] * vector[point[i]][k]));
+      for (std::size_t i = 0; i < n; ++i)
+        d_raw.push_back(static_cast<float>(factor[i] * vector[point[i]][k]));
   }
   std::size_t samples() const { return point.size(); }
   /// Where number k of sample i's features stands.
@@ -84,7 +92,8 @@ struct GridExpected {
   std::array<double, 4> raw[GridCase::kPoints], raw_deviation[GridCase::kPoints];
   Uncertain d_features[GridCase::kPoints];  ///< for factor 1
   std::vector<double> gradient, gradient_deviation;
-  /// Of the hidden layers' neurons, over all points: the smallest |pre-activation| / its standard deviation.
+  /// Of the hidden layers' neurons, over all points: the smallest |pre-activation| / its standard
+  /// deviation.
   std::map<int, std::vector<double>> margin;
 };
 
@@ -101,7 +110,8 @@ class GridOracle {
     expected_.gradient.assign(weights_.size(), 0);
     expected_.gradient_deviation.assign(weights_.size(), 0);  // variances, until the end
     for (int p = 0; p < GridCase::kPoints; ++p) {
-      // Equal points make equal errors: they add up like the factors. Sums of N terms round with their root.
+      // Equal points make equal errors: they add up like the factors. Sums of N terms round with
+      // their root.
       sum_ = squares_ = 0;
       for (std::size_t i = 0; i < batch.samples(); ++i)
         if (batch.point[i] == p) {
@@ -132,7 +142,8 @@ class GridOracle {
     if (last == 1) colour[1] = gate(kGridColour1, product(kGridColour1, colour[0]));
     const Uncertain rgb = product(kGridColourOut, colour[last]);
     const double density = grid_.density_scale * std::exp(geometry.value[0]),
-                 v_density = density * density * (geometry.variance[0] + kExponentialError * kExponentialError);
+                 v_density = density * density *
+                             (geometry.variance[0] + kExponentialError * kExponentialError);
     for (int k = 0; k < 3; ++k) {
       expected_.raw[p][k] = rgb.value[k];
       expected_.raw_deviation[p][k] = std::sqrt(rgb.variance[k]);
@@ -140,7 +151,8 @@ class GridOracle {
     expected_.raw[p][3] = density;
     expected_.raw_deviation[p][3] = std::sqrt(v_density);
 
-    Uncertain d = adjoint(kGridColourOut, colour[last], {{d_raw[0], d_raw[1], d_raw[2]}, {0, 0, 0}});
+    Uncertain d =
+        adjoint(kGridColourOut, colour[last], {{d_raw[0], d_raw[1], d_raw[2]}, {0, 0, 0}});
     if (last == 1) d = adjoint(kGridColour1, colour[0], pass(colour[1], d));
     d = adjoint(kGridColour0, both, pass(colour[0], d));
     d.value.resize(kGeometry);
@@ -188,7 +200,8 @@ class GridOracle {
     return d;
   }
 
-  /// Adds to the gradient what the layer's weights get from this point's samples; returns d loss / d x.
+  /// Adds to the gradient what the layer's weights get from this point's samples; returns d loss /
+  /// d x.
   Uncertain adjoint(int layer, const Uncertain& x, const Uncertain& d) {
     const GridLayerShape shape = grid_layer(grid_.config, layer);
     Uncertain d_x{std::vector<double>(shape.inputs), std::vector<double>(shape.inputs)};
@@ -199,7 +212,8 @@ class GridOracle {
         const std::size_t at = shape.offset + static_cast<std::size_t>(o) * shape.inputs + i;
         expected_.gradient[at] += sum_ * d.value[o] * x.value[i];
         expected_.gradient_deviation[at] +=
-            sum_ * sum_ * (square * (x.variance[i] + r2_ * x2) + x2 * rounded) + s2_ * squares_ * square * x2;
+            sum_ * sum_ * (square * (x.variance[i] + r2_ * x2) + x2 * rounded) +
+            s2_ * squares_ * square * x2;
         d_x.value[i] += w * d.value[o];
         d_x.variance[i] += w * w * (rounded + r2_ * square + s2_ * (shape.outputs + 1) * square);
       }
@@ -213,7 +227,8 @@ class GridOracle {
   GridExpected expected_;
 };
 
-/// Weights whose ReLUs no rounding of bf16, and so none of fp32, takes over its kink: layer by layer, neurons that are nearer are drawn anew.
+/// Weights whose ReLUs no rounding of bf16, and so none of fp32, takes over its kink: layer by
+/// layer, neurons that are nearer are drawn anew.
 inline GridCase grid_case(const GridFieldConfig& config) {
   GridCase grid(config, 1);
   std::vector<float> drawn(grid.weights.size());
@@ -221,7 +236,8 @@ inline GridCase grid_case(const GridFieldConfig& config) {
     const GridExpected expected = GridOracle(grid, kBf16Roundoff).compute(GridBatch(grid, 1, 1));
     grid_network_initialize(config, seed, drawn);
     bool near = false;
-    for (const auto& [layer, margin] : expected.margin) {  // from the first: what stands behind it changes with it
+    for (const auto& [layer, margin] :
+         expected.margin) {  // from the first: what stands behind it changes with it
       const GridLayerShape shape = grid_layer(config, layer);
       for (std::size_t o = 0; o < margin.size(); ++o) {
         if (margin[o] > kDeviations) continue;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Every backend and instruction set x every stage of --method grid x sizes, against the oracle. Tolerances count roundings to
-// fp32, u = 2^-24 each: in the stages of one ray or point all of them, in the networks statistically (grid_case.h).
+// Every backend and instruction set x every stage of --method grid x sizes, against the oracle.
+// Tolerances count roundings to fp32, u = 2^-24 each: in the stages of one ray or point all of
+// them, in the networks statistically (grid_case.h).
 #include <cmath>
 #include <limits>
 #include <map>
@@ -39,9 +40,11 @@ struct Rows {
   BatchSize size;
   std::vector<float> edges;
 
-  explicit Rows(BatchSize size, std::uint64_t key = 5) : size(size), edges(size.n_rays * (size.per_ray + 1)) {
+  explicit Rows(BatchSize size, std::uint64_t key = 5)
+      : size(size), edges(size.n_rays * (size.per_ray + 1)) {
     const std::vector<float> unused(3 * size.n_rays);
-    make_ref_backend()->grid().spaced({size.n_rays, unused, unused}, {size.per_ray, kSpacing, {}, true, key}, edges);
+    make_ref_backend()->grid().spaced({size.n_rays, unused, unused},
+                                      {size.per_ray, kSpacing, {}, true, key}, edges);
     for (int ray = 0; ray < size.n_rays; ++ray)
       for (int i = 1; i < size.per_ray; ++i) {
         float* const edge = &edges[ray * (size.per_ray + 1) + i];
@@ -50,7 +53,9 @@ struct Rows {
   }
   std::size_t count() const { return static_cast<std::size_t>(size.n_rays) * size.per_ray; }
   Intervals intervals() const { return {size.per_ray, edges}; }
-  const float* of(int ray) const { return &edges[static_cast<std::size_t>(ray) * (size.per_ray + 1)]; }
+  const float* of(int ray) const {
+    return &edges[static_cast<std::size_t>(ray) * (size.per_ray + 1)];
+  }
 };
 
 TEST_P(EveryGridBackend, Spaced) {
@@ -78,11 +83,13 @@ TEST_P(EveryGridBackend, Proposed) {
     for (const int to : {1, 3, 24, 64}) {
       SCOPED_TRACE(trace(size) + " to " + std::to_string(to));
       const Rows from(size);
-      std::vector<float> weights = random_floats(from.count(), 220, -0.5 / size.per_ray, 1.0 / size.per_ray);
+      std::vector<float> weights =
+          random_floats(from.count(), 220, -0.5 / size.per_ray, 1.0 / size.per_ray);
       for (float& w : weights) w = std::max(w, 0.0f);
       std::fill_n(weights.begin(), size.per_ray, 0.0f);  // the first ray met nothing
       std::vector<float> edges(size.n_rays * (to + 1), NAN), expected(edges.size());
-      backend->grid().proposed(size.n_rays, from.intervals(), weights, {to, 0.05f, true, 78}, edges);
+      backend->grid().proposed(size.n_rays, from.intervals(), weights, {to, 0.05f, true, 78},
+                               edges);
       ref->grid().proposed(size.n_rays, from.intervals(), weights, {to, 0.05f, true, 78}, expected);
       ASSERT_TRUE(bit_equal(edges, expected));
     }
@@ -91,7 +98,8 @@ TEST_P(EveryGridBackend, Proposed) {
 TEST_P(EveryGridBackend, Contract) {
   const auto backend = make(), ref = make_ref_backend();
   for (const BatchSize& size : batch_sizes())
-    for (const auto& [unbounded, least_width] : {std::pair(false, 0.0f), {false, 0.3f}, {true, 0.0f}, {true, 0.3f}}) {
+    for (const auto& [unbounded, least_width] :
+         {std::pair(false, 0.0f), {false, 0.3f}, {true, 0.0f}, {true, 0.3f}}) {
       SCOPED_TRACE(trace(size));
       const Contraction contraction{{3, -7, 1.5f}, 24, unbounded};
       const Rows rows(size);
@@ -100,12 +108,16 @@ TEST_P(EveryGridBackend, Contract) {
                                angle = random_floats(n_rays, 231, 1e-4, 2e-2);
       std::vector<float> direction = random_floats(3 * n_rays, 232, -1, 1);
       const Rays rays{size.n_rays, origin, direction};
-      std::vector<float> position(3 * n, NAN), footprint(n, NAN), expected(3 * n), expected_footprint(n);
-      backend->grid().contract(contraction, rays, angle, rows.intervals(), least_width, position, footprint);
-      ref->grid().contract(contraction, rays, angle, rows.intervals(), least_width, expected, expected_footprint);
-      // u_k = (o - c) / half + t d / half: each of the terms rounds up to four times.  Its error goes on by d unit / d u, of which
-      // no row sums up to more than 1/2 (bounded) or, where m > 1, 3 / (4 m); the map itself rounds five times, up to 1 (or, outside a
-      // bounded scene, further).
+      std::vector<float> position(3 * n, NAN), footprint(n, NAN), expected(3 * n),
+          expected_footprint(n);
+      backend->grid().contract(contraction, rays, angle, rows.intervals(), least_width, position,
+                               footprint);
+      ref->grid().contract(contraction, rays, angle, rows.intervals(), least_width, expected,
+                           expected_footprint);
+      // u_k = (o - c) / half + t d / half: each of the terms rounds up to four times.  Its error
+      // goes on by d unit / d u, of which no row sums up to more than 1/2 (bounded) or, where m >
+      // 1, 3 / (4 m); the map itself rounds five times, up to 1 (or, outside a bounded scene,
+      // further).
       std::vector<double> of_u(n), m(n);
       for (std::size_t i = 0; i < n; ++i) {
         const std::size_t ray = i / size.per_ray;
@@ -124,8 +136,9 @@ TEST_P(EveryGridBackend, Contract) {
             const double reach = unbounded ? 0.75 / std::max(1.0, m[i % n]) : 0.5;
             return reach * of_u[i % n] + 5 * u * std::max(1.0, double(std::abs(expected[i])));
           }));
-      // The cube root is good to 1e-5, and a volume below 1e-30 counts as that; the cube roots of ten more roundings and of
-      // what the error of u does to the map's factor, which has no power of m above 4/3 in it.
+      // The cube root is good to 1e-5, and a volume below 1e-30 counts as that; the cube roots of
+      // ten more roundings and of what the error of u does to the map's factor, which has no power
+      // of m above 4/3 in it.
       ASSERT_TRUE(all_near(
           footprint, [&](auto i) { return expected_footprint[i]; },
           [&](std::size_t i) {
@@ -136,12 +149,14 @@ TEST_P(EveryGridBackend, Contract) {
 }
 
 TEST_P(EveryGridBackend, ContractSamplesOfKnownSize) {
-  // A pixel is 0.02 m wide at 2 m; its intervals are 1 m and 2 m long, and a metre is an eighth of the cube's side.
-  const std::vector<float> origin{0, 0, 0}, direction{1, 0, 0}, angle{0.01f}, edges{1.5f, 2.5f, 4.5f};
+  // A pixel is 0.02 m wide at 2 m; its intervals are 1 m and 2 m long, and a metre is an eighth of
+  // the cube's side.
+  const std::vector<float> origin{0, 0, 0}, direction{1, 0, 0}, angle{0.01f},
+      edges{1.5f, 2.5f, 4.5f};
   std::vector<float> position(6), footprint(2);
   const auto of = [&](float least_width) {
-    make()->grid().contract({{0, 0, 0}, 4, false}, {1, origin, direction}, angle, {2, edges}, least_width, position,
-                            footprint);
+    make()->grid().contract({{0, 0, 0}, 4, false}, {1, origin, direction}, angle, {2, edges},
+                            least_width, position, footprint);
     return footprint;
   };
   const double near = std::cbrt(0.02 * 0.02 * 1), far = std::cbrt(0.035 * 0.035 * 2);
@@ -166,13 +181,15 @@ TEST_P(EveryGridBackend, ContractBackward) {
                                direction = random_floats(3 * n_rays, 236, -1, 1),
                                d_position = random_floats(3 * n, 237, -1, 1);
       const Rays rays{size.n_rays, origin, direction};
-      std::vector<float> d_origin(3 * n_rays, NAN), d_direction(3 * n_rays, NAN), expected_origin(3 * n_rays),
-          expected_direction(3 * n_rays);
-      backend->grid().contract_backward(contraction, rays, rows.intervals(), d_position, d_origin, d_direction);
-      ref->grid().contract_backward(contraction, rays, rows.intervals(), d_position, expected_origin,
-                                    expected_direction);
-      // A sample's part is at most three times the scale times the sum of |d_position|. Its factors, and the powers of m above
-      // -4 in them, round ten times; m itself is off by four roundings of its terms. Then per_ray parts are added up.
+      std::vector<float> d_origin(3 * n_rays, NAN), d_direction(3 * n_rays, NAN),
+          expected_origin(3 * n_rays), expected_direction(3 * n_rays);
+      backend->grid().contract_backward(contraction, rays, rows.intervals(), d_position, d_origin,
+                                        d_direction);
+      ref->grid().contract_backward(contraction, rays, rows.intervals(), d_position,
+                                    expected_origin, expected_direction);
+      // A sample's part is at most three times the scale times the sum of |d_position|. Its
+      // factors, and the powers of m above -4 in them, round ten times; m itself is off by four
+      // roundings of its terms. Then per_ray parts are added up.
       std::vector<double> of_origin(n_rays), of_direction(n_rays);
       for (std::size_t i = 0; i < n; ++i) {
         const std::size_t ray = i / size.per_ray;
@@ -186,12 +203,14 @@ TEST_P(EveryGridBackend, ContractBackward) {
           m = std::max(m, std::abs(o + along) / contraction.half_m);
           d += std::abs(d_position[k * n + i]);
         }
-        const double part = 3 * 0.5 / contraction.half_m * d, error = part * (10 + 16 * terms / m + size.per_ray) * u;
+        const double part = 3 * 0.5 / contraction.half_m * d,
+                     error = part * (10 + 16 * terms / m + size.per_ray) * u;
         of_origin[ray] += error;
         of_direction[ray] += t * error;
       }
       ASSERT_TRUE(all_near(
-          d_origin, [&](auto i) { return expected_origin[i]; }, [&](std::size_t i) { return of_origin[i % n_rays]; }));
+          d_origin, [&](auto i) { return expected_origin[i]; },
+          [&](std::size_t i) { return of_origin[i % n_rays]; }));
       ASSERT_TRUE(all_near(
           d_direction, [&](auto i) { return expected_direction[i]; },
           [&](std::size_t i) { return of_direction[i % n_rays]; }));
@@ -199,16 +218,18 @@ TEST_P(EveryGridBackend, ContractBackward) {
 }
 
 std::vector<HashGridConfig> grids() {
-  // Dense and hashed levels each. No level has more than 2^10 cells times an odd number: see Points.
+  // Dense and hashed levels each. No level has more than 2^10 cells times an odd number: see
+  // Points.
   return {{8, 4, 4, 512, 12}, {4, 8, 5, 300, 11}, {16, 2, 3, 700, 10}, {5, 1, 6, 160, 13}};
 }
 std::string trace(const HashGridConfig& grid) {
   return std::to_string(grid.levels) + " x " + std::to_string(grid.features);
 }
 
-/// Points whose coordinates are odd multiples of 2^-12, so that their place in a cell is exact in float, and none lies on the
-/// border of one: scaled by 2^a odd cells, a <= 10, they are odd multiples of 2^(a - 12), never half-integers. Runs of 24 are a
-/// ray's: neighbours that often share a cell.
+/// Points whose coordinates are odd multiples of 2^-12, so that their place in a cell is exact in
+/// float, and none lies on the border of one: scaled by 2^a odd cells, a <= 10, they are odd
+/// multiples of 2^(a - 12), never half-integers. Runs of 24 are a ray's: neighbours that often
+/// share a cell.
 struct Points {
   std::vector<float> position, footprint;
 
@@ -218,7 +239,9 @@ struct Points {
       for (int k = 0; k < 3; ++k) {
         const int start = static_cast<int>(2048 * (1 + uniform(240, 3 * ray + k))),
                   step = static_cast<int>(20 * uniform(241, 3 * ray + k));
-        position[k * n + i] = static_cast<float>(((start + step * static_cast<int>(i % 24)) & 2047) * 2 + 1) * 0x1p-12f;
+        position[k * n + i] =
+            static_cast<float>(((start + step * static_cast<int>(i % 24)) & 2047) * 2 + 1) *
+            0x1p-12f;
       }
       footprint[i] = i % 3 == 0 ? 0 : static_cast<float>(0.02 * (1 + uniform(242, i)));
       const float outside[] = {-0.25f, 0, 1, 1.5f, -INFINITY, INFINITY, NAN};
@@ -232,15 +255,19 @@ std::vector<std::size_t> point_counts() {
   return {1, 7, 16, 33, 168, 8192 + 5};
 }
 
-std::vector<float> table_of(const HashGridConfig& config) { return random_floats(hash_grid_size(config), 245, -1, 1); }
+std::vector<float> table_of(const HashGridConfig& config) {
+  return random_floats(hash_grid_size(config), 245, -1, 1);
+}
 
-/// [n][levels]: what each level's roundings count for at a point: more than the level itself, as its floor is taken away.
+/// [n][levels]: what each level's roundings count for at a point: more than the level itself, as
+/// its floor is taken away.
 std::vector<std::vector<double>> level_weights(const HashGridConfig& config, const Points& at) {
   const auto levels = hash_grid_levels(config);
   std::vector<std::vector<double>> out(at.footprint.size());
   for (std::size_t i = 0; i < out.size(); ++i)
     for (const HashGridLevel& level : levels)
-      out[i].push_back(hash_grid_level_weight<double>(level, at.footprint[i]) + kLevelFloor / (1 - kLevelFloor));
+      out[i].push_back(hash_grid_level_weight<double>(level, at.footprint[i]) +
+                       kLevelFloor / (1 - kLevelFloor));
   return out;
 }
 
@@ -254,36 +281,43 @@ TEST_P(EveryGridBackend, Encode) {
       std::vector<float> features(n * config.outputs(), NAN), expected(features.size());
       backend->grid().encode({config, table}, at.points(), features);
       ref->grid().encode({config, table}, at.points(), expected);
-      // Numbers up to 1, of weights that add up to the level's: two roundings of that, three of products, five of sums, and the
-      // oracle's own.
+      // Numbers up to 1, of weights that add up to the level's: two roundings of that, three of
+      // products, five of sums, and the oracle's own.
       const auto weights = level_weights(config, at);
       ASSERT_TRUE(all_near(
           features, [&](auto i) { return expected[i]; },
-          [&](std::size_t i) { return 12 * u * weights[i / config.features % n][i / config.features / n]; }));
+          [&](std::size_t i) {
+            return 12 * u * weights[i / config.features % n][i / config.features / n];
+          }));
       // The first of more points, in place.
       if (n < 7) continue;
       std::vector<float> of_first(n / 2 * config.outputs(), NAN);
       backend->grid().encode({config, table}, at.points().first(n / 2), of_first);
       for (std::size_t l = 0; l < std::size_t(config.levels); ++l)
-        ASSERT_TRUE(bit_equal(std::span(of_first).subspan(l * (n / 2) * config.features, n / 2 * config.features),
-                              std::span(features).subspan(l * n * config.features, n / 2 * config.features)));
+        ASSERT_TRUE(bit_equal(
+            std::span(of_first).subspan(l * (n / 2) * config.features, n / 2 * config.features),
+            std::span(features).subspan(l * n * config.features, n / 2 * config.features)));
     }
 }
 
 TEST_P(EveryGridBackend, EncodeOfAnyPosition) {
-  // The place in a cell rounds once, up to the number of cells, and moves a mean of numbers in -1..1 by twice that along each axis.
+  // The place in a cell rounds once, up to the number of cells, and moves a mean of numbers in
+  // -1..1 by twice that along each axis.
   const auto backend = make(), ref = make_ref_backend();
   const std::size_t n = 200;
   for (const HashGridConfig& config : grids()) {
     SCOPED_TRACE(trace(config));
-    const std::vector<float> table = table_of(config), position = random_floats(3 * n, 246, 0, 1), footprint(n);
+    const std::vector<float> table = table_of(config), position = random_floats(3 * n, 246, 0, 1),
+                             footprint(n);
     std::vector<float> features(n * config.outputs(), NAN), expected(features.size());
     backend->grid().encode({config, table}, {n, position, footprint}, features);
     ref->grid().encode({config, table}, {n, position, footprint}, expected);
     const auto levels = hash_grid_levels(config);
     ASSERT_TRUE(all_near(
         features, [&](auto i) { return expected[i]; },
-        [&](std::size_t i) { return (12 + 3 * 2 * (levels[i / config.features / n].cells + 1)) * u; }));
+        [&](std::size_t i) {
+          return (12 + 3 * 2 * (levels[i / config.features / n].cells + 1)) * u;
+        }));
   }
 }
 
@@ -296,25 +330,29 @@ TEST_P(EveryGridBackend, EncodeBackward) {
         SCOPED_TRACE(trace(config) + ", " + std::to_string(n));
         // What a point outside has along that axis is not said.
         const Points at(n, !with_position);
-        const std::vector<float> table = table_of(config), d = random_floats(n * config.outputs(), 247, -1, 1);
+        const std::vector<float> table = table_of(config),
+                                 d = random_floats(n * config.outputs(), 247, -1, 1);
         std::vector<float> magnitude(d.size());
         std::transform(d.begin(), d.end(), magnitude.begin(), [](float x) { return std::abs(x); });
-        std::vector<float> d_table(table.size(), before), expected(table.size()), sums(table.size()),
-            d_position(with_position ? 3 * n : 0, NAN), expected_position(d_position.size()), twice(table.size());
+        std::vector<float> d_table(table.size(), before), expected(table.size()),
+            sums(table.size()), d_position(with_position ? 3 * n : 0, NAN),
+            expected_position(d_position.size()), twice(table.size());
         backend->grid().encode_backward({config, table}, at.points(), d, d_table, d_position);
         ref->grid().encode_backward({config, table}, at.points(), d, expected, expected_position);
         // Shares are not negative, so this is what the absolute terms add up to.
         ref->grid().encode_backward({config, table}, at.points(), magnitude, sums, {});
-        // A term rounds six times, and its level's weight by 3 of what that may be; then sums of up to n of them.
+        // A term rounds six times, and its level's weight by 3 of what that may be; then sums of up
+        // to n of them.
         const double terms = static_cast<double>(n) + 8;
         const auto allowed = [&](std::size_t i) {
-          return terms * u * (sums[i] + (sums[i] > 0 ? before : 0)) + 3 * u * static_cast<double>(n);
+          return terms * u * (sums[i] + (sums[i] > 0 ? before : 0)) +
+                 3 * u * static_cast<double>(n);
         };
         ASSERT_TRUE(all_near(
             d_table, [&](auto i) { return double(before) + expected[i]; }, allowed));
         if (!with_position) continue;
-        // Of numbers up to 1, a level adds up to 2 features cells weight along an axis: products and the sum over features, a
-        // few roundings of shares, the sum over corners and levels.
+        // Of numbers up to 1, a level adds up to 2 features cells weight along an axis: products
+        // and the sum over features, a few roundings of shares, the sum over corners and levels.
         const auto levels = hash_grid_levels(config);
         const auto weights = level_weights(config, at);
         ASSERT_TRUE(all_near(
@@ -339,10 +377,12 @@ TEST_P(EveryGridBackend, EncodeBackward) {
 const std::vector<GridCase>& cases() {
   static const std::vector<GridCase> all = [] {
     std::vector<GridCase> made;
-    const HashGridConfig shapes[] = {{8, 4, 16, 512, 10}, {4, 8, 16, 512, 10}, {16, 2, 16, 512, 10}};
+    const HashGridConfig shapes[] = {
+        {8, 4, 16, 512, 10}, {4, 8, 16, 512, 10}, {16, 2, 16, 512, 10}};
     int shape = 0;
     for (const int width : {16, 32, 64, 128})
-      for (const int colour_layers : {1, 2}) made.push_back(grid_case({shapes[shape++ % 3], width, colour_layers}));
+      for (const int colour_layers : {1, 2})
+        made.push_back(grid_case({shapes[shape++ % 3], width, colour_layers}));
     return made;
   }();
   return all;
@@ -357,7 +397,8 @@ std::vector<BatchSize> network_batch_sizes() {
   return {{1, 1}, {1, 24}, {7, 3}, {33, 24}, {3, 64}, {2, 600}, {400, 24}};
 }
 bool too_slow(const Candidate& candidate, const GridCase& grid, BatchSize size) {
-  return grid_macs_per_sample(grid.config) * size.n_rays * size.per_ray > 0.1 * candidate.most_macs();
+  return grid_macs_per_sample(grid.config) * size.n_rays * size.per_ray >
+         0.1 * candidate.most_macs();
 }
 
 TEST_P(EveryGridBackend, NetworkForward) {
@@ -370,13 +411,19 @@ TEST_P(EveryGridBackend, NetworkForward) {
       const GridBatch batch(grid, size.n_rays, size.per_ray);
       const GridExpected expected = GridOracle(grid, GetParam().grid_roundoff()).compute(batch);
       std::vector<float> raw(4 * batch.samples(), NAN);
-      backend->grid().network_forward(grid.network(), size.n_rays, size.per_ray, batch.features, batch.harmonics, raw);
+      backend->grid().network_forward(grid.network(), size.n_rays, size.per_ray, batch.features,
+                                      batch.harmonics, raw);
       ASSERT_TRUE(all_near(
-          raw, [&](std::size_t i) { return expected.raw[batch.point[i % batch.samples()]][i / batch.samples()]; },
+          raw,
           [&](std::size_t i) {
-            return kDeviations * expected.raw_deviation[batch.point[i % batch.samples()]][i / batch.samples()];
+            return expected.raw[batch.point[i % batch.samples()]][i / batch.samples()];
+          },
+          [&](std::size_t i) {
+            return kDeviations *
+                   expected.raw_deviation[batch.point[i % batch.samples()]][i / batch.samples()];
           }));
-      // A sample in another one's place would be off by the spread of the points: the tolerance is below that, of fp32 far below.
+      // A sample in another one's place would be off by the spread of the points: the tolerance is
+      // below that, of fp32 far below.
       for (int k = 0; k < 4; ++k) {
         double low = INFINITY, high = -INFINITY, deviation = 0;
         for (int p = 0; p < GridCase::kPoints; ++p) {
@@ -399,30 +446,35 @@ TEST_P(EveryGridBackend, NetworkBackward) {
       const GridBatch batch(grid, size.n_rays, size.per_ray);
       const GridExpected expected = GridOracle(grid, GetParam().grid_roundoff()).compute(batch);
       const float before = 0x1p-12f;  // gradients are added to
-      std::vector<float> d_weights(grid.weights.size(), before), d_features(batch.features.size(), NAN);
-      backend->grid().network_backward(grid.network(), size.n_rays, size.per_ray, batch.features, batch.harmonics,
-                                       batch.d_raw, d_weights, d_features);
+      std::vector<float> d_weights(grid.weights.size(), before),
+          d_features(batch.features.size(), NAN);
+      backend->grid().network_backward(grid.network(), size.n_rays, size.per_ray, batch.features,
+                                       batch.harmonics, batch.d_raw, d_weights, d_features);
       ASSERT_TRUE(all_near(
           d_weights, [&](std::size_t i) { return before + expected.gradient[i]; },
           [&](std::size_t i) {
-            return kDeviations * expected.gradient_deviation[i] + 4 * u * (before + std::abs(expected.gradient[i]));
+            return kDeviations * expected.gradient_deviation[i] +
+                   4 * u * (before + std::abs(expected.gradient[i]));
           }));
       for (std::size_t s = 0; s < batch.samples(); ++s)
         for (int k = 0; k < grid.config.grid.outputs(); ++k) {
           const Uncertain& d = expected.d_features[batch.point[s]];
           ASSERT_NEAR(d_features[batch.feature_at(grid, s, k)], batch.factor[s] * d.value[k],
-                      std::abs(batch.factor[s]) * (kDeviations * std::sqrt(d.variance[k]) + u * std::abs(d.value[k])))
+                      std::abs(batch.factor[s]) *
+                          (kDeviations * std::sqrt(d.variance[k]) + u * std::abs(d.value[k])))
               << "sample " << s << ", feature " << k;
         }
       if (size.n_rays < 7) continue;
       for (int layer = 0; layer < kGridLayers; ++layer) {  // the tolerance must not hide a matrix
         const GridLayerShape shape = grid_layer(grid.config, layer);
         double square = 0, variance = 0;
-        for (std::size_t i = shape.offset; i < shape.offset + std::size_t(shape.outputs) * shape.inputs; ++i) {
+        for (std::size_t i = shape.offset;
+             i < shape.offset + std::size_t(shape.outputs) * shape.inputs; ++i) {
           square += expected.gradient[i] * expected.gradient[i];
           variance += expected.gradient_deviation[i] * expected.gradient_deviation[i];
         }
-        ASSERT_LE(kDeviations * std::sqrt(variance), (bf16 ? 0.5 : 1e-2) * std::sqrt(square)) << shape.name;
+        ASSERT_LE(kDeviations * std::sqrt(variance), (bf16 ? 0.5 : 1e-2) * std::sqrt(square))
+            << shape.name;
       }
     }
 }
@@ -430,7 +482,8 @@ TEST_P(EveryGridBackend, NetworkBackward) {
 TEST_P(EveryGridBackend, ProposalDensity) {
   const auto backend = make(), ref = make_ref_backend();
   const float scale = 0.25f;
-  for (const HashGridConfig& config : {HashGridConfig{5, 1, 6, 160, 13}, {3, 1, 4, 512, 9}, {1, 1, 7, 7, 12}})
+  for (const HashGridConfig& config :
+       {HashGridConfig{5, 1, 6, 160, 13}, {3, 1, 4, 512, 9}, {1, 1, 7, 7, 12}})
     for (const std::size_t n : point_counts()) {
       SCOPED_TRACE(trace(config) + ", " + std::to_string(n));
       const Points at(n, true);
@@ -438,8 +491,8 @@ TEST_P(EveryGridBackend, ProposalDensity) {
       std::vector<float> density(n, NAN), expected(n);
       backend->grid().proposal_density({config, table}, scale, at.points(), density);
       ref->grid().proposal_density({config, table}, scale, at.points(), expected);
-      // The logarithm is a sum of 8 levels numbers whose magnitudes add up to the levels' weights; five roundings before it. Then an
-      // exponential, the scale and the oracle's own.
+      // The logarithm is a sum of 8 levels numbers whose magnitudes add up to the levels' weights;
+      // five roundings before it. Then an exponential, the scale and the oracle's own.
       const auto weights = level_weights(config, at);
       ASSERT_TRUE(all_near(
           density, [&](auto i) { return expected[i]; },
@@ -449,11 +502,14 @@ TEST_P(EveryGridBackend, ProposalDensity) {
           }));
 
       const std::vector<float> d = random_floats(n, 251, -1, 1);
-      std::vector<float> magnitude(n), d_table(table.size(), 0.5f), expected_table(table.size()), sums(table.size());
+      std::vector<float> magnitude(n), d_table(table.size(), 0.5f), expected_table(table.size()),
+          sums(table.size());
       std::transform(d.begin(), d.end(), magnitude.begin(), [](float x) { return std::abs(x); });
       backend->grid().proposal_density_backward({config, table}, at.points(), expected, d, d_table);
-      ref->grid().proposal_density_backward({config, table}, at.points(), expected, d, expected_table);
-      ref->grid().proposal_density_backward({config, table}, at.points(), expected, magnitude, sums);
+      ref->grid().proposal_density_backward({config, table}, at.points(), expected, d,
+                                            expected_table);
+      ref->grid().proposal_density_backward({config, table}, at.points(), expected, magnitude,
+                                            sums);
       ASSERT_TRUE(all_near(
           d_table, [&](auto i) { return 0.5 + expected_table[i]; },
           [&](std::size_t i) {
@@ -480,12 +536,14 @@ TEST_P(EveryGridBackend, ProposalDensityIsBound) {
 std::vector<float> densities(const Rows& rows) {
   std::vector<float> density(rows.count());
   for (std::size_t i = 0; i < density.size(); ++i)
-    density[i] = i % 7 == 2 ? 0 : i % 41 == 9 ? 1e5f : static_cast<float>(0.05 * std::exp(6 * uniform(260, i) - 3));
+    density[i] = i % 7 == 2    ? 0
+                 : i % 41 == 9 ? 1e5f
+                               : static_cast<float>(0.05 * std::exp(6 * uniform(260, i) - 3));
   return density;
 }
 
-/// What is left behind interval i of a ray, and how far that may be off, relatively: two exponentials' errors per interval, and
-/// the depths, rounded, in their arguments.
+/// What is left behind interval i of a ray, and how far that may be off, relatively: two
+/// exponentials' errors per interval, and the depths, rounded, in their arguments.
 struct Transmittance {
   std::vector<double> after, error;
 
@@ -528,20 +586,27 @@ TEST_P(EveryGridBackend, WeightsBackward) {
   for (const BatchSize& size : batch_sizes()) {
     SCOPED_TRACE(trace(size));
     const Rows rows(size);
-    const std::vector<float> density = densities(rows), d_weights = random_floats(density.size(), 261, -1, 1);
-    std::vector<float> weights(density.size()), d_density(density.size(), NAN), expected(density.size());
+    const std::vector<float> density = densities(rows),
+                             d_weights = random_floats(density.size(), 261, -1, 1);
+    std::vector<float> weights(density.size()), d_density(density.size(), NAN),
+        expected(density.size());
     ref->grid().weights(size.n_rays, rows.intervals(), density, weights);
-    backend->grid().weights_backward(size.n_rays, rows.intervals(), density, weights, d_weights, d_density);
-    ref->grid().weights_backward(size.n_rays, rows.intervals(), density, weights, d_weights, expected);
+    backend->grid().weights_backward(size.n_rays, rows.intervals(), density, weights, d_weights,
+                                     d_density);
+    ref->grid().weights_backward(size.n_rays, rows.intervals(), density, weights, d_weights,
+                                 expected);
     for (int ray = 0; ray < size.n_rays; ++ray) {
       const std::size_t first = std::size_t(ray) * size.per_ray;
       const float* const edges = rows.of(ray);
       const Transmittance left(edges, &density[first], size.per_ray);
       double behind = 0;  // of absolute terms: n sums of them round n times
       for (int i = size.per_ray - 1; i >= 0; --i) {
-        const double length = double(edges[i + 1]) - edges[i], own = left.after[i] * std::abs(d_weights[first + i]);
-        const double error = (left.error[i] + 3 * u) * own + (size.per_ray + 3) * u * behind + 2 * kTiny;
-        ASSERT_NEAR(d_density[first + i], expected[first + i], length * error) << "ray " << ray << ", " << i;
+        const double length = double(edges[i + 1]) - edges[i],
+                     own = left.after[i] * std::abs(d_weights[first + i]);
+        const double error =
+            (left.error[i] + 3 * u) * own + (size.per_ray + 3) * u * behind + 2 * kTiny;
+        ASSERT_NEAR(d_density[first + i], expected[first + i], length * error)
+            << "ray " << ray << ", " << i;
         behind += std::abs(double(weights[first + i]) * d_weights[first + i]);
       }
     }
@@ -559,14 +624,20 @@ TEST_P(EveryGridBackend, Range) {
       std::vector<float> d(rows.count(), NAN), expected(rows.count());
       double loss = NAN, expected_loss = NAN;
       backend->grid().range(size.n_rays, rows.intervals(), weights, range_m, spread_m, 5, d, &loss);
-      ref->grid().range(size.n_rays, rows.intervals(), weights, range_m, spread_m, 5, expected, &expected_loss);
-      // w - g with g from two values of one function in [0, 1] that both sides round alike: one rounding in the difference, two in
-      // the products. Squares of at most 1 summed over a ray, in double over rays.
-      const double of_g = GetParam().error_function_ulps() * 2 * u;  // two halves of it, each at most 1
+      ref->grid().range(size.n_rays, rows.intervals(), weights, range_m, spread_m, 5, expected,
+                        &expected_loss);
+      // w - g with g from two values of one function in [0, 1] that both sides round alike: one
+      // rounding in the difference, two in the products. Squares of at most 1 summed over a ray, in
+      // double over rays.
+      const double of_g =
+          GetParam().error_function_ulps() * 2 * u;  // two halves of it, each at most 1
       // ... and of what g itself may be off: twice the sum of |w - g|, at most 1.9 + 1 a ray.
-      EXPECT_NEAR(loss, expected_loss, 2 * size.per_ray * u * expected_loss + 5 * (4 * u + 6 * of_g));
+      EXPECT_NEAR(loss, expected_loss,
+                  2 * size.per_ray * u * expected_loss + 5 * (4 * u + 6 * of_g));
       for (std::size_t i = 0; i < d.size(); ++i)
-        ASSERT_NEAR(d[i], expected[i], 2 * 5.0 / size.n_rays * (3 * u * (1 + std::abs(weights[i])) + of_g)) << i;
+        ASSERT_NEAR(d[i], expected[i],
+                    2 * 5.0 / size.n_rays * (3 * u * (1 + std::abs(weights[i])) + of_g))
+            << i;
     }
   }
 }
@@ -576,13 +647,16 @@ TEST_P(EveryGridBackend, EmptySpace) {
   for (const BatchSize& size : batch_sizes()) {
     SCOPED_TRACE(trace(size));
     const Rows rows(size);
-    const std::vector<float> density = densities(rows), before = random_floats(density.size(), 277, -1, 1);
+    const std::vector<float> density = densities(rows),
+                             before = random_floats(density.size(), 277, -1, 1);
     std::vector<float> d = before, expected = before;
     double loss = NAN, expected_loss = NAN;
     backend->grid().empty_space(size.n_rays, rows.intervals(), density, 5, d, &loss);
     ref->grid().empty_space(size.n_rays, rows.intervals(), density, 5, expected, &expected_loss);
-    // 1 + x is off by 3 roundings of itself, so its logarithm by as many u and two of its own; sums of a ray in fp32.
-    EXPECT_NEAR(loss, expected_loss, 5 * 4 * size.per_ray * u + (size.per_ray + 3) * u * expected_loss);
+    // 1 + x is off by 3 roundings of itself, so its logarithm by as many u and two of its own; sums
+    // of a ray in fp32.
+    EXPECT_NEAR(loss, expected_loss,
+                5 * 4 * size.per_ray * u + (size.per_ray + 3) * u * expected_loss);
     for (std::size_t i = 0; i < d.size(); ++i)
       ASSERT_NEAR(d[i], expected[i], 8 * u * std::abs(expected[i] - before[i]) + 2 * u) << i;
   }
@@ -598,14 +672,17 @@ TEST_P(EveryGridBackend, Proposal) {
       const std::vector<float> bounds = random_floats(proposal.count(), 271, 0, 1.0 / m);
       std::vector<float> weights = random_floats(rows.count(), 270, 0, 1.9 / size.per_ray);
       for (std::size_t i = 0; i < weights.size(); ++i)  // what has no length has no weight
-        if (const float* edge = &rows.edges[i + i / size.per_ray]; edge[0] == edge[1]) weights[i] = 0;
+        if (const float* edge = &rows.edges[i + i / size.per_ray]; edge[0] == edge[1])
+          weights[i] = 0;
       std::vector<float> d(proposal.count(), NAN), expected(proposal.count());
       double loss = NAN, expected_loss = NAN;
-      backend->grid().proposal(size.n_rays, rows.intervals(), weights, proposal.intervals(), bounds, d, &loss);
-      ref->grid().proposal(size.n_rays, rows.intervals(), weights, proposal.intervals(), bounds, expected,
-                           &expected_loss);
-      // In a bound up to m sums round; what is lacking is off by that, its share by two more roundings, and their sum over n
-      // intervals (the loss's, weighted) n times. Of the opacities m + n sums round.
+      backend->grid().proposal(size.n_rays, rows.intervals(), weights, proposal.intervals(), bounds,
+                               d, &loss);
+      ref->grid().proposal(size.n_rays, rows.intervals(), weights, proposal.intervals(), bounds,
+                           expected, &expected_loss);
+      // In a bound up to m sums round; what is lacking is off by that, its share by two more
+      // roundings, and their sum over n intervals (the loss's, weighted) n times. Of the opacities
+      // m + n sums round.
       double loss_error = 0;
       for (int ray = 0; ray < size.n_rays; ++ray) {
         std::vector<double> error(m), sum(m);
@@ -622,21 +699,24 @@ TEST_P(EveryGridBackend, Proposal) {
           for (int j = 0; j < m; ++j)
             if (p[j] < edges[i + 1] && p[j + 1] > edges[i]) over.insert(j);
           for (const int j : over) bound += bounds[std::size_t(ray) * m + j];
-          const double off = u * (w + m * bound), lacking = std::max(0.0, w - bound), share = lacking / (w + 1e-7);
+          const double off = u * (w + m * bound), lacking = std::max(0.0, w - bound),
+                       share = lacking / (w + 1e-7);
           lacking_in_all += lacking > 0;
           if (lacking + off < 0 || w - bound < -off) continue;  // zero, however it rounds
           for (const int j : over) {
             error[j] += 2 * (off + 2 * u * lacking) / (w + 1e-7);
             sum[j] += 2 * share;
           }
-          loss_error += 2 * share * off + off * off / (w + 1e-7) + (size.per_ray + 3) * u * lacking * share;
+          loss_error +=
+              2 * share * off + off * off / (w + 1e-7) + (size.per_ray + 3) * u * lacking * share;
         }
-        const double off_more = (m + size.per_ray + 4) * u * all, of_opacity = 2 * kOpacityWeight * more;
+        const double off_more = (m + size.per_ray + 4) * u * all,
+                     of_opacity = 2 * kOpacityWeight * more;
         loss_error += kOpacityWeight * (2 * std::abs(more) * off_more + off_more * off_more);
         for (int j = 0; j < m; ++j) {
           const std::size_t at = std::size_t(ray) * m + j;
-          const double off =
-              error[j] + (size.per_ray + 4) * u * (sum[j] + std::abs(of_opacity)) + 2 * kOpacityWeight * off_more;
+          const double off = error[j] + (size.per_ray + 4) * u * (sum[j] + std::abs(of_opacity)) +
+                             2 * kOpacityWeight * off_more;
           ASSERT_NEAR(d[at], expected[at], off / size.n_rays) << "ray " << ray << ", " << j;
           ASSERT_NEAR(d[at], (of_opacity - sum[j]) / size.n_rays, off / size.n_rays);
         }
@@ -661,7 +741,8 @@ TEST_P(EveryGridBackend, NetworkDoesNotHideWhatIsNotANumber) {
     for (const std::size_t sample : {std::size_t{0}, n / 2, n - 1}) {
       EXPECT_TRUE(std::isnan(raw[sample])) << grid_layer(grid.config, layer).name;
       EXPECT_TRUE(std::isnan(raw[2 * n + sample])) << grid_layer(grid.config, layer).name;
-      EXPECT_EQ(std::isnan(raw[3 * n + sample]), layer <= kGridDensity1) << grid_layer(grid.config, layer).name;
+      EXPECT_EQ(std::isnan(raw[3 * n + sample]), layer <= kGridDensity1)
+          << grid_layer(grid.config, layer).name;
     }
   }
 }
@@ -689,47 +770,62 @@ TEST_P(EveryGridBackend, SizesAreChecked) {
   const HashGridConfig config{5, 1, 6, 160, 13};
   const std::vector<float> table = table_of(config), origin(9), direction(9, 0.5f), angle(3, 0.01f);
   const Points at(15);
-  std::vector<float> few(7), n(15), n4(60), n3(45), n9(9), d_table(table.size()), d_weights(grid.weights.size()),
-      d_features(batch.features.size()), encoded(5 * 15);
+  std::vector<float> few(7), n(15), n4(60), n3(45), n9(9), d_table(table.size()),
+      d_weights(grid.weights.size()), d_features(batch.features.size()), encoded(5 * 15);
   const Intervals short_edges{5, few};
   EXPECT_THROW(stages.spaced({3, origin, direction}, {5, kSpacing}, few), std::logic_error);
   EXPECT_THROW(stages.spaced({3, few, direction}, {5, kSpacing}, encoded), std::logic_error);
   EXPECT_THROW(stages.proposed(3, rows.intervals(), few, {1}, few), std::logic_error);
   EXPECT_THROW(stages.proposed(3, short_edges, n, {1}, few), std::logic_error);
-  EXPECT_THROW(stages.contract({}, {3, origin, direction}, angle, rows.intervals(), 0, few, n), std::logic_error);
-  EXPECT_THROW(stages.contract({}, {3, origin, direction}, few, rows.intervals(), 0, n3, n), std::logic_error);
-  EXPECT_THROW(stages.contract_backward({}, {3, origin, direction}, rows.intervals(), few, n9, n9), std::logic_error);
-  EXPECT_THROW(stages.contract_backward({}, {3, origin, direction}, rows.intervals(), n3, few, n9), std::logic_error);
-  EXPECT_THROW(stages.contract_backward({}, {3, origin, direction}, rows.intervals(), n3, n9, few), std::logic_error);
+  EXPECT_THROW(stages.contract({}, {3, origin, direction}, angle, rows.intervals(), 0, few, n),
+               std::logic_error);
+  EXPECT_THROW(stages.contract({}, {3, origin, direction}, few, rows.intervals(), 0, n3, n),
+               std::logic_error);
+  EXPECT_THROW(stages.contract_backward({}, {3, origin, direction}, rows.intervals(), few, n9, n9),
+               std::logic_error);
+  EXPECT_THROW(stages.contract_backward({}, {3, origin, direction}, rows.intervals(), n3, few, n9),
+               std::logic_error);
+  EXPECT_THROW(stages.contract_backward({}, {3, origin, direction}, rows.intervals(), n3, n9, few),
+               std::logic_error);
   EXPECT_THROW(stages.encode({config, few}, at.points(), encoded), std::logic_error);
   EXPECT_THROW(stages.encode({config, table}, at.points(), few), std::logic_error);
   EXPECT_THROW(stages.encode({config, table}, {15, few, n}, encoded), std::logic_error);
-  EXPECT_THROW(stages.encode_backward({config, table}, at.points(), encoded, few, {}), std::logic_error);
-  EXPECT_THROW(stages.encode_backward({config, table}, at.points(), encoded, d_table, few), std::logic_error);
-  EXPECT_THROW(stages.network_forward(grid.network(), 3, 5, few, batch.harmonics, n4), std::logic_error);
-  EXPECT_THROW(stages.network_forward(grid.network(), 3, 5, batch.features, few, n4), std::logic_error);
-  EXPECT_THROW(stages.network_forward(grid.network(), 3, 5, batch.features, batch.harmonics, few), std::logic_error);
-  EXPECT_THROW(
-      stages.network_backward(grid.network(), 3, 5, batch.features, batch.harmonics, batch.d_raw, few, d_features),
-      std::logic_error);
-  EXPECT_THROW(
-      stages.network_backward(grid.network(), 3, 5, batch.features, batch.harmonics, batch.d_raw, d_weights, few),
-      std::logic_error);
+  EXPECT_THROW(stages.encode_backward({config, table}, at.points(), encoded, few, {}),
+               std::logic_error);
+  EXPECT_THROW(stages.encode_backward({config, table}, at.points(), encoded, d_table, few),
+               std::logic_error);
+  EXPECT_THROW(stages.network_forward(grid.network(), 3, 5, few, batch.harmonics, n4),
+               std::logic_error);
+  EXPECT_THROW(stages.network_forward(grid.network(), 3, 5, batch.features, few, n4),
+               std::logic_error);
+  EXPECT_THROW(stages.network_forward(grid.network(), 3, 5, batch.features, batch.harmonics, few),
+               std::logic_error);
+  EXPECT_THROW(stages.network_backward(grid.network(), 3, 5, batch.features, batch.harmonics,
+                                       batch.d_raw, few, d_features),
+               std::logic_error);
+  EXPECT_THROW(stages.network_backward(grid.network(), 3, 5, batch.features, batch.harmonics,
+                                       batch.d_raw, d_weights, few),
+               std::logic_error);
   EXPECT_THROW(stages.proposal_density({config, table}, 1, at.points(), few), std::logic_error);
   EXPECT_THROW(stages.proposal_density({grids()[0], table}, 1, at.points(), n), std::logic_error);
-  EXPECT_THROW(stages.proposal_density_backward({config, table}, at.points(), n, few, d_table), std::logic_error);
+  EXPECT_THROW(stages.proposal_density_backward({config, table}, at.points(), n, few, d_table),
+               std::logic_error);
   EXPECT_THROW(stages.weights(3, rows.intervals(), few, n), std::logic_error);
   EXPECT_THROW(stages.weights_backward(3, rows.intervals(), n, n, n, few), std::logic_error);
   double loss = 0;
-  EXPECT_THROW(stages.proposal(3, rows.intervals(), n, rows.intervals(), n, few, &loss), std::logic_error);
+  EXPECT_THROW(stages.proposal(3, rows.intervals(), n, rows.intervals(), n, few, &loss),
+               std::logic_error);
   EXPECT_THROW(stages.range(3, rows.intervals(), n, few, 0.1f, 1, n, &loss), std::logic_error);
-  EXPECT_THROW(stages.range(3, rows.intervals(), n, std::vector<float>(3), 0.1f, 1, few, &loss), std::logic_error);
-  EXPECT_THROW(stages.range(3, rows.intervals(), n, std::vector<float>(3), 0, 1, n, &loss), std::logic_error);
+  EXPECT_THROW(stages.range(3, rows.intervals(), n, std::vector<float>(3), 0.1f, 1, few, &loss),
+               std::logic_error);
+  EXPECT_THROW(stages.range(3, rows.intervals(), n, std::vector<float>(3), 0, 1, n, &loss),
+               std::logic_error);
   EXPECT_THROW(stages.empty_space(3, rows.intervals(), n, 1, few, &loss), std::logic_error);
 }
 
 /// Everything that the stages compute for one batch, end to end.
-std::map<std::string, std::vector<float>> all_stages(GridStages& stages, const GridCase& network, BatchSize size) {
+std::map<std::string, std::vector<float>> all_stages(GridStages& stages, const GridCase& network,
+                                                     BatchSize size) {
   std::map<std::string, std::vector<float>> out;
   const HashGridConfig config{5, 1, 6, 160, 13};
   const HashGridConfig& field = network.config.grid;
@@ -746,7 +842,8 @@ std::map<std::string, std::vector<float>> all_stages(GridStages& stages, const G
     const std::size_t count = std::size_t(n_rays) * intervals.per_ray;
     auto& position = made(name + " position", 3 * count);
     auto& footprint = made(name + " footprint", count);
-    stages.contract(contraction, {n_rays, origin, direction}, angle, intervals, 0.3f, position, footprint);
+    stages.contract(contraction, {n_rays, origin, direction}, angle, intervals, 0.3f, position,
+                    footprint);
     return UnitPoints{count, position, footprint};
   };
   auto& edges = made("edges", n_rays * (first + 1));
@@ -769,34 +866,41 @@ std::map<std::string, std::vector<float>> all_stages(GridStages& stages, const G
   const std::vector<float> d_raw = random_floats(4 * n, 283, -1e-3, 1e-3);
   auto& d_network = made("network gradient", network.weights.size());
   auto& d_features = made("d_features", features.size());
-  stages.network_backward(network.network(), n_rays, per_ray, features, harmonics, d_raw, d_network, d_features);
+  stages.network_backward(network.network(), n_rays, per_ray, features, harmonics, d_raw, d_network,
+                          d_features);
   auto& d_table = made("table gradient", field_table.size());
   auto& d_position = made("d_position", 3 * n);
   stages.encode_backward({field, field_table}, points, d_features, d_table, d_position);
   auto& field_weights = made("field weights", n);
   stages.weights(n_rays, intervals, std::span(raw).subspan(3 * n), field_weights);
   double loss = NAN;
-  stages.range(n_rays, intervals, field_weights, random_floats(n_rays, 284, 1, 30), 0.5f, 2, made("range d_weights", n),
-               &loss);
+  stages.range(n_rays, intervals, field_weights, random_floats(n_rays, 284, 1, 30), 0.5f, 2,
+               made("range d_weights", n), &loss);
   out["range loss"] = {static_cast<float>(loss)};
-  stages.empty_space(n_rays, intervals, std::span(raw).subspan(3 * n), 2, made("empty space d_density", n), &loss);
+  stages.empty_space(n_rays, intervals, std::span(raw).subspan(3 * n), 2,
+                     made("empty space d_density", n), &loss);
   out["empty space loss"] = {static_cast<float>(loss)};
   auto& d_weights = made("d_weights", weights.size());
   stages.proposal(n_rays, intervals, field_weights, proposal, weights, d_weights, &loss);
-  out["loss"] = {static_cast<float>(loss), static_cast<float>(loss * 0x1p30 - std::floor(loss * 0x1p30))};
+  out["loss"] = {static_cast<float>(loss),
+                 static_cast<float>(loss * 0x1p30 - std::floor(loss * 0x1p30))};
   auto& d_density = made("d_density", density.size());
   stages.weights_backward(n_rays, proposal, density, weights, d_weights, d_density);
   auto& d_proposal = made("proposal gradient", proposal_table.size());
-  stages.proposal_density_backward({config, proposal_table}, proposal_points, density, d_density, d_proposal);
+  stages.proposal_density_backward({config, proposal_table}, proposal_points, density, d_density,
+                                   d_proposal);
   return out;
 }
 
 TEST_P(EveryGridBackend, IsTheSameBitForBitAgainAndOnAnyNumberOfThreads) {
   const auto backend = make(2), single = make(1), five = make(5);
-  const BatchSize size = GetParam().is_oracle() || kSanitized ? BatchSize{37, 9} : BatchSize{401, 24};
+  const BatchSize size =
+      GetParam().is_oracle() || kSanitized ? BatchSize{37, 9} : BatchSize{401, 24};
   const GridCase& grid = cases()[3];
-  const auto first = all_stages(backend->grid(), grid, size), again = all_stages(backend->grid(), grid, size),
-             alone = all_stages(single->grid(), grid, size), many = all_stages(five->grid(), grid, size);
+  const auto first = all_stages(backend->grid(), grid, size),
+             again = all_stages(backend->grid(), grid, size),
+             alone = all_stages(single->grid(), grid, size),
+             many = all_stages(five->grid(), grid, size);
   for (const auto& [stage, values] : first) {
     if (GetParam().adds_in_order() || (stage != "table gradient" && stage != "proposal gradient")) {
       EXPECT_TRUE(bit_equal(values, again.at(stage))) << stage;

@@ -1,19 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
-// A batch for the network whose answer, and whose allowed deviation from it, are computed in double.
+// A batch for the network whose answer, and whose allowed deviation from it, are computed in
+// double.
 //
-// Sixteen points. All samples of a batch, whatever its size, lie at one of 4 x 4 points (4 rays, 4 depths), in an order
-// that differs from ray to ray. So the oracle costs sixteen evaluations, and biases can be chosen so that no ReLU of any
-// point is near its kink (kinks are avoided, tolerances are not loosened): for each neuron, in the middle of the widest gap
-// that its sixteen pre-activations leave among the middle ones. The neuron is then open at some points and closed at others.
+// Sixteen points. All samples of a batch, whatever its size, lie at one of 4 x 4 points (4 rays, 4
+// depths), in an order that differs from ray to ray. So the oracle costs sixteen evaluations, and
+// biases can be chosen so that no ReLU of any point is near its kink (kinks are avoided, tolerances
+// are not loosened): for each neuron, in the middle of the widest gap that its sixteen
+// pre-activations leave among the middle ones. The neuron is then open at some points and closed at
+// others.
 //
-// Rounding model (Higham and Mary, "A new approach to probabilistic rounding error analysis", 2019: roundings are
-// independent, of mean zero): a rounding to unit roundoff u has relative standard deviation at most u / sqrt(3). With
-// r = u / sqrt(3) of the operands (bf16: u = 2^-8, fp32: 2^-24) and s = 2^-24 / sqrt(3) of the fp32 sums, a layer z = W x + b
-// with n inputs carries the variance
-//   v_z = sum W^2 v_x   (what came in)   + 2 r^2 sum W^2 x^2   (W and x are rounded)   + s^2 (n + 1) (sum W^2 x^2 + b^2),
-// because each of its n partial sums is about as large as the root of sum W^2 x^2. The adjoint goes through the same
-// recursion with W^T, and a weight's gradient sum_s d x carries sum_s (d^2 v_x + x^2 v_d + 2 r^2 d^2 x^2) + s^2 N sum d^2 x^2.
-// Tolerance: kDeviations standard deviations; each test asserts that this is small against what a misplaced sample would do.
+// Rounding model (Higham and Mary, "A new approach to probabilistic rounding error analysis", 2019:
+// roundings are independent, of mean zero): a rounding to unit roundoff u has relative standard
+// deviation at most u / sqrt(3). With r = u / sqrt(3) of the operands (bf16: u = 2^-8, fp32: 2^-24)
+// and s = 2^-24 / sqrt(3) of the fp32 sums, a layer z = W x + b with n inputs carries the variance
+//   v_z = sum W^2 v_x   (what came in)   + 2 r^2 sum W^2 x^2   (W and x are rounded)   + s^2 (n +
+//   1) (sum W^2 x^2 + b^2),
+// because each of its n partial sums is about as large as the root of sum W^2 x^2. The adjoint goes
+// through the same recursion with W^T, and a weight's gradient sum_s d x carries sum_s (d^2 v_x +
+// x^2 v_d + 2 r^2 d^2 x^2) + s^2 N sum d^2 x^2. Tolerance: kDeviations standard deviations; each
+// test asserts that this is small against what a misplaced sample would do.
 #pragma once
 
 #include <algorithm>
@@ -52,8 +57,10 @@ class NerfCase {
  public:
   static constexpr int kRayKinds = 4, kDepths = 4, kPoints = kRayKinds * kDepths;
 
-  explicit NerfCase(const NerfConfig& config) : config(config), parameters(nerf_parameter_count(config)) {
-    // Lattice of rays and depths whose points fill [-1, 1]^3 of the unit cube, generic so that no angle is special.
+  explicit NerfCase(const NerfConfig& config)
+      : config(config), parameters(nerf_parameter_count(config)) {
+    // Lattice of rays and depths whose points fill [-1, 1]^3 of the unit cube, generic so that no
+    // angle is special.
     const float directions[kRayKinds][3] = {
         {0.6f, 0, 0.8f}, {-0.48f, 0.6f, 0.64f}, {0.36f, -0.8f, 0.48f}, {0, -0.28f, 0.96f}};
     for (int kind = 0; kind < kRayKinds; ++kind)
@@ -61,7 +68,8 @@ class NerfCase {
         direction_of[kind][k] = directions[kind][k];
         origin_of[kind][k] = static_cast<float>(3 * uniform(1, 3 * kind + k));
       }
-    for (int i = 0; i < kDepths; ++i) depth_of[i] = static_cast<float>(1 + 2 * i + 0.7 * uniform(2, i));
+    for (int i = 0; i < kDepths; ++i)
+      depth_of[i] = static_cast<float>(1 + 2 * i + 0.7 * uniform(2, i));
     for (int kind = 0; kind < kRayKinds; ++kind)
       for (int i = 0; i < kDepths; ++i) points.push_back(point(kind, depth_of[i]));
     choose_parameters();
@@ -85,16 +93,17 @@ class NerfCase {
       const double x = o + t * d;
       p.direction[k] = d;
       p.position[k] = (x - c) * s;
-      // float: the product, the sum, the difference and the scaling round, in any grouping of these terms
-      p.position_error[k] =
-          s * kFp32Roundoff / std::sqrt(3.0) * std::sqrt(t * d * t * d + x * x + 2 * (x - c) * (x - c) + c * c);
+      // float: the product, the sum, the difference and the scaling round, in any grouping of these
+      // terms
+      p.position_error[k] = s * kFp32Roundoff / std::sqrt(3.0) *
+                            std::sqrt(t * d * t * d + x * x + 2 * (x - c) * (x - c) + c * c);
     }
     return p;
   }
 
-  /// Weights U(-a, a) with a = 3 / sqrt(inputs): variance 3 / inputs, which keeps the spread of centred pre-activations from
-  /// layer to layer (the variance of a normal variable's ReLU is 0.34 of its own). Layer by layer, as each one's
-  /// pre-activations depend on those before it.
+  /// Weights U(-a, a) with a = 3 / sqrt(inputs): variance 3 / inputs, which keeps the spread of
+  /// centred pre-activations from layer to layer (the variance of a normal variable's ReLU is 0.34
+  /// of its own). Layer by layer, as each one's pre-activations depend on those before it.
   void choose_parameters() {
     for (int layer = 0; layer < kNerfLayers; ++layer) {
       std::vector<std::vector<double>> inputs;
@@ -105,9 +114,10 @@ class NerfCase {
         ref::nerf_sample_forward(config, p.data(), at.position, at.direction, &a, raw);
         inputs.push_back(a.input[layer]);
       }
-      const bool gated =
-          ref::nerf_layer_has_relu(layer) || layer == kNerfDensity;  // density: its ReLU is in compositing
-      for (int o = 0; o < nerf_layer(config, layer).outputs; ++o) choose_neuron(layer, o, inputs, gated);
+      const bool gated = ref::nerf_layer_has_relu(layer) ||
+                         layer == kNerfDensity;  // density: its ReLU is in compositing
+      for (int o = 0; o < nerf_layer(config, layer).outputs; ++o)
+        choose_neuron(layer, o, inputs, gated);
     }
   }
 
@@ -118,7 +128,8 @@ class NerfCase {
     for (std::uint64_t draw = 0;; ++draw) {
       const std::uint64_t stream = 1000 + 100 * draw + layer;
       for (int i = 0; i < shape.inputs; ++i)
-        row[i] = static_cast<float>(3 / std::sqrt(shape.inputs) * uniform(stream, std::uint64_t(o) * shape.inputs + i));
+        row[i] = static_cast<float>(3 / std::sqrt(shape.inputs) *
+                                    uniform(stream, std::uint64_t(o) * shape.inputs + i));
       parameters[shape.bias + o] = static_cast<float>(0.5 * uniform(stream, ~std::uint64_t(o)));
       if (!gated) return;
 
@@ -152,10 +163,12 @@ struct NerfBatch {
     for (int ray = 0; ray < n_rays; ++ray) {
       const double shift = 0.5 * (1 + uniform(5, ray));
       for (int s = 0; s < per_ray; ++s) {
-        const int depth = std::min(NerfCase::kDepths - 1, static_cast<int>(NerfCase::kDepths * (s + shift) / per_ray));
+        const int depth = std::min(NerfCase::kDepths - 1,
+                                   static_cast<int>(NerfCase::kDepths * (s + shift) / per_ray));
         point.push_back(kind[ray] * NerfCase::kDepths + depth);
         t.push_back(nerf.depth_of[depth]);
-        // Four optical metres a ray, independent of t; every other ray ends in an infinite interval.
+        // Four optical metres a ray, independent of t; every other ray ends in an infinite
+        // interval.
         dt.push_back(static_cast<float>((1 + 0.5 * uniform(6, point.size())) * 4 / per_ray));
       }
       if (ray % 2 == 0) dt.back() = INFINITY;
@@ -176,7 +189,8 @@ struct Expected {
   std::vector<std::array<double, 4>> raw, raw_deviation;
   std::vector<Uncertain> d_position;  ///< per point, [3]: of one sample of factor 1
   std::vector<double> gradient, gradient_deviation;
-  double smallest_margin = INFINITY;  ///< over all ReLUs and points: |pre-activation| / its standard deviation
+  double smallest_margin =
+      INFINITY;  ///< over all ReLUs and points: |pre-activation| / its standard deviation
 };
 
 class NerfOracle {
@@ -187,8 +201,9 @@ class NerfOracle {
         r2_(rounding.operand * rounding.operand / 3),
         s2_(kFp32Roundoff * kFp32Roundoff / 3) {}
 
-  /// The forward pass at every point and, if `d_raw` [4, samples] is given, the gradient that the batch adds up to.
-  /// d_raw of a sample must be its own factor times its point's vector: factor[s] * vector[point[s]].
+  /// The forward pass at every point and, if `d_raw` [4, samples] is given, the gradient that the
+  /// batch adds up to. d_raw of a sample must be its own factor times its point's vector: factor[s]
+  /// * vector[point[s]].
   Expected compute(const NerfBatch* batch, const std::vector<double>& factor,
                    const std::vector<std::array<double, 4>>& vector) {
     Expected out;
@@ -197,7 +212,8 @@ class NerfOracle {
     for (std::size_t p = 0; p < nerf_.points.size(); ++p) {
       forward(nerf_.points[p], &out);
       if (!batch) continue;
-      // Equal points make equal errors: they add up like the factors. Sums of N terms round with their root.
+      // Equal points make equal errors: they add up like the factors. Sums of N terms round with
+      // their root.
       double sum = 0, squares = 0;
       for (int s = 0; s < batch->samples(); ++s)
         if (batch->point[s] == static_cast<int>(p)) {
@@ -217,8 +233,10 @@ class NerfOracle {
   void forward(const Point& at, Expected* out) {
     double raw[4];
     ref::nerf_sample_forward(nerf_.config, parameters_.data(), at.position, at.direction, &a_, raw);
-    const std::vector<double> of_position = encoding_variance(at.position_error, nerf_.config.position_octaves);
-    const std::vector<double> of_direction = encoding_variance(nullptr, nerf_.config.direction_octaves);
+    const std::vector<double> of_position =
+        encoding_variance(at.position_error, nerf_.config.position_octaves);
+    const std::vector<double> of_direction =
+        encoding_variance(nullptr, nerf_.config.direction_octaves);
     for (int layer = 0; layer < kNerfLayers; ++layer) {
       std::vector<double>& v = input_variance_[layer];
       if (layer == 0)
@@ -234,7 +252,8 @@ class NerfOracle {
     std::array<double, 4> value, deviation;
     for (int k = 0; k < 4; ++k) {
       value[k] = raw[k];
-      deviation[k] = std::sqrt(k < 3 ? output_variance_[kNerfRgb][k] : output_variance_[kNerfDensity][0]);
+      deviation[k] =
+          std::sqrt(k < 3 ? output_variance_[kNerfRgb][k] : output_variance_[kNerfDensity][0]);
     }
     out->raw.push_back(value);
     out->raw_deviation.push_back(deviation);
@@ -266,17 +285,23 @@ class NerfOracle {
         squares += row[i] * row[i] * a_.input[layer][i] * a_.input[layer][i];
         z += row[i] * a_.input[layer][i];
       }
-      const double variance = incoming + 2 * r2_ * squares + s2_ * (shape.inputs + 1) * (squares + bias * bias);
+      const double variance =
+          incoming + 2 * r2_ * squares + s2_ * (shape.inputs + 1) * (squares + bias * bias);
       const bool gated = ref::nerf_layer_has_relu(layer) || layer == kNerfDensity;
-      if (gated) out->smallest_margin = std::min(out->smallest_margin, std::abs(z) / std::sqrt(variance));
+      if (gated)
+        out->smallest_margin = std::min(out->smallest_margin, std::abs(z) / std::sqrt(variance));
       output_variance_[layer][o] = ref::nerf_layer_has_relu(layer) && z <= 0 ? 0 : variance;
     }
   }
 
-  /// Adds the variances of the gradient of one sample with d_raw = vector: `coherent` = (sum of factors)^2 times those of
-  /// its own error, `repeated` = N * sum of factor^2 times those of the sums.
-  void backward_variance(const std::array<double, 4>& vector, double coherent, double repeated, Expected* out) {
-    const auto adjoint = [&](int layer, Uncertain d) { return layer_adjoint(layer, d, coherent, repeated, out); };
+  /// Adds the variances of the gradient of one sample with d_raw = vector: `coherent` = (sum of
+  /// factors)^2 times those of its own error, `repeated` = N * sum of factor^2 times those of the
+  /// sums.
+  void backward_variance(const std::array<double, 4>& vector, double coherent, double repeated,
+                         Expected* out) {
+    const auto adjoint = [&](int layer, Uncertain d) {
+      return layer_adjoint(layer, d, coherent, repeated, out);
+    };
     Uncertain d = adjoint(kNerfRgb, {{vector[0], vector[1], vector[2]}, {0, 0, 0}});
     d = adjoint(kNerfColour, d);
     d = adjoint(kNerfFeature, d);
@@ -298,7 +323,8 @@ class NerfOracle {
     out->d_position.push_back(encoding_adjoint(d_gamma));
   }
 
-  /// positional_encoding_adjoint; its operands may be rounded, too, and its 2 n terms are added one by one.
+  /// positional_encoding_adjoint; its operands may be rounded, too, and its 2 n terms are added one
+  /// by one.
   Uncertain encoding_adjoint(const Uncertain& d) const {
     const std::vector<double>&x = a_.input[0], &v_x = input_variance_[0];
     const int octaves = nerf_.config.position_octaves;
@@ -312,20 +338,23 @@ class NerfOracle {
           const double frequency = std::ldexp(std::numbers::pi, l), d2 = d.value[at] * d.value[at];
           out.variance[k] +=
               frequency * frequency *
-              (x[other] * x[other] * (d.variance[at] + (r2_ + s2_ * (2 * octaves + 4)) * d2) + d2 * v_x[other]);
+              (x[other] * x[other] * (d.variance[at] + (r2_ + s2_ * (2 * octaves + 4)) * d2) +
+               d2 * v_x[other]);
         }
     }
     return out;
   }
 
-  Uncertain layer_adjoint(int layer, const Uncertain& d, double coherent, double repeated, Expected* out) {
+  Uncertain layer_adjoint(int layer, const Uncertain& d, double coherent, double repeated,
+                          Expected* out) {
     const NerfLayerShape shape = nerf_layer(nerf_.config, layer);
     const std::vector<double>& x = a_.input[layer];
     const std::vector<double>& v_x = input_variance_[layer];
     Uncertain d_input{std::vector<double>(shape.inputs), std::vector<double>(shape.inputs)};
     for (int o = 0; o < shape.outputs; ++o) {
       if (ref::nerf_layer_has_relu(layer) && a_.output[layer][o] <= 0) continue;
-      const double value = d.value[o], square = value * value, rounded = d.variance[o] + r2_ * square;
+      const double value = d.value[o], square = value * value,
+                   rounded = d.variance[o] + r2_ * square;
       out->gradient_deviation[shape.bias + o] += coherent * rounded + s2_ * repeated * square;
       const std::size_t row = shape.weight + std::size_t(o) * shape.inputs;
       for (int i = 0; i < shape.inputs; ++i) {
@@ -333,7 +362,8 @@ class NerfOracle {
         out->gradient_deviation[row + i] +=
             coherent * (square * (v_x[i] + r2_ * x2) + x2 * rounded) + s2_ * repeated * square * x2;
         d_input.value[i] += w * value;
-        d_input.variance[i] += w * w * (rounded + r2_ * square + s2_ * (shape.outputs + 1) * square);
+        d_input.variance[i] +=
+            w * w * (rounded + r2_ * square + s2_ * (shape.outputs + 1) * square);
       }
     }
     return d_input;

@@ -32,7 +32,8 @@ TEST_P(NumbersOfEveryBackend, AreFilled) {
     backend->fill(numbers.subspan(100, 700), 0.75f);
     backend->fill(numbers.first(0), 3);
     backend->fetch(numbers);
-    for (std::size_t i = 0; i < numbers.size(); ++i) ASSERT_EQ(numbers[i], i >= 100 && i < 800 ? 0.75f : 0) << i;
+    for (std::size_t i = 0; i < numbers.size(); ++i)
+      ASSERT_EQ(numbers[i], i >= 100 && i < 800 ? 0.75f : 0) << i;
   }
 }
 

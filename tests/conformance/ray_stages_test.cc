@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The stages of --method grid that treat whole rays, of every backend: against what they are defined to be, and against the oracle, of which
-// they differ by the exponential function alone, as the formulas behind them are one for all.
+// The stages of --method grid that treat whole rays, of every backend: against what they are
+// defined to be, and against the oracle, of which they differ by the exponential function alone, as
+// the formulas behind them are one for all.
 #include <array>
 #include <cmath>
 #include <vector>
@@ -39,9 +40,11 @@ TEST_P(RaysOfEveryBackend, AreLiveWhereTheyMeetSomething) {
       std::vector<std::uint32_t> expected;
       for (int ray = 0; ray < n; ++ray) {
         const int eighths = ray * 5 % 7;  // 0..6
-        for (int i = 0; i < kPerRay; ++i) weights[kPerRay * ray + i] = 0.125f * static_cast<float>((eighths + i) / 3);
+        for (int i = 0; i < kPerRay; ++i)
+          weights[kPerRay * ray + i] = 0.125f * static_cast<float>((eighths + i) / 3);
         if (ray % 50 == 21) weights[kPerRay * ray + 1] = NAN;
-        if (eighths >= 3 || ray % 50 == 21 || random_unit(kKey, ray) < others) expected.push_back(ray);
+        if (eighths >= 3 || ray % 50 == 21 || random_unit(kKey, ray) < others)
+          expected.push_back(ray);
       }
       std::vector<std::uint32_t> live(n, 12345);
       live.resize(backend->grid().live_rays(n, kPerRay, weights, {0.375f, others, kKey}, live));
@@ -62,9 +65,11 @@ TEST_P(RaysOfEveryBackend, ArePickedAndSpread) {
         const auto at = [&](std::size_t ray, std::size_t k, std::size_t rays) {
           return layout == RayLayout::kRows ? ray * each + k : k * rays + ray;
         };
-        const std::vector<float> all = random_floats(n * each, 410, -1, 1), other = random_floats(n * each, 411, -1, 1);
+        const std::vector<float> all = random_floats(n * each, 410, -1, 1),
+                                 other = random_floats(n * each, 411, -1, 1);
         const std::vector<std::uint32_t> rays = every_third(n);
-        std::vector<float> few(rays.size() * each, NAN), spread(n * each, NAN), on_nothing(n * each, NAN);
+        std::vector<float> few(rays.size() * each, NAN), spread(n * each, NAN),
+            on_nothing(n * each, NAN);
         backend->grid().pick(rays, layout, all, few);
         backend->grid().spread(rays, layout, few, other, spread);
         backend->grid().spread(rays, layout, few, {}, on_nothing);
@@ -73,8 +78,10 @@ TEST_P(RaysOfEveryBackend, ArePickedAndSpread) {
             ASSERT_EQ(few[at(i, k, rays.size())], all[at(rays[i], k, n)]) << i << ", " << k;
           for (std::size_t ray = 0; ray < n; ++ray) {
             const bool picked = ray % 3 == 1;
-            ASSERT_EQ(spread[at(ray, k, n)], picked ? all[at(ray, k, n)] : other[at(ray, k, n)]) << ray << ", " << k;
-            ASSERT_EQ(on_nothing[at(ray, k, n)], picked ? all[at(ray, k, n)] : 0) << ray << ", " << k;
+            ASSERT_EQ(spread[at(ray, k, n)], picked ? all[at(ray, k, n)] : other[at(ray, k, n)])
+                << ray << ", " << k;
+            ASSERT_EQ(on_nothing[at(ray, k, n)], picked ? all[at(ray, k, n)] : 0)
+                << ray << ", " << k;
           }
         }
       }
@@ -90,7 +97,8 @@ std::vector<float> edges_of(int n_rays, int per_ray) {
   std::vector<float> edges;
   for (int ray = 0; ray < n_rays; ++ray)
     for (int i = 0; i <= per_ray; ++i)
-      edges.push_back(static_cast<float>(0.5 + 0.01 * ray + i + 0.25 * (1 + uniform(412, ray * 100 + i))));
+      edges.push_back(
+          static_cast<float>(0.5 + 0.01 * ray + i + 0.25 * (1 + uniform(412, ray * 100 + i))));
   return edges;
 }
 
@@ -118,8 +126,10 @@ TEST_P(RaysOfEveryBackend, HaveHarmonics) {
       const double d[3] = {direction[ray], direction[n + ray], direction[2 * n + ray]};
       double expected[kHarmonics];
       spherical_harmonics(d, expected);
-      // Up to two differences of terms whose factors are at most 5 and 3: no more than 12 roundings of at most 9.
-      for (int k = 0; k < kHarmonics; ++k) ASSERT_NEAR(harmonics[ray * kHarmonics + k], expected[k], 12 * 9 * u);
+      // Up to two differences of terms whose factors are at most 5 and 3: no more than 12 roundings
+      // of at most 9.
+      for (int k = 0; k < kHarmonics; ++k)
+        ASSERT_NEAR(harmonics[ray * kHarmonics + k], expected[k], 12 * 9 * u);
     }
   }
 }
@@ -156,13 +166,16 @@ TEST_P(RaysOfEveryBackend, SeeTheSky) {
     const std::vector<float> position = sky.position(), footprint = sky.footprint();
     std::vector<float> colour(3 * n, NAN), features(n * Sky::kConfig.outputs());
     backend->grid().sky(sky.grid(), sky.rays(), sky.pixel_angle, colour);
-    backend->grid().encode(sky.grid(), {static_cast<std::size_t>(n), position, footprint}, features);
+    backend->grid().encode(sky.grid(), {static_cast<std::size_t>(n), position, footprint},
+                           features);
     for (int ray = 0; ray < n; ++ray)
       for (int k = 0; k < 3; ++k) {
         double sum = 0;
         for (int l = 0; l < Sky::kConfig.levels; ++l) sum += features[(l * n + ray) * 4 + k];
-        // Two sums of up to 4 and 6 round, a quarter of which is left of them; then the exponential, a sum and a quotient.
-        ASSERT_NEAR(colour[k * n + ray], 1 / (1 + std::exp(-sum)), (10 / 4.0 + 4) * u) << ray << ", " << k;
+        // Two sums of up to 4 and 6 round, a quarter of which is left of them; then the
+        // exponential, a sum and a quotient.
+        ASSERT_NEAR(colour[k * n + ray], 1 / (1 + std::exp(-sum)), (10 / 4.0 + 4) * u)
+            << ray << ", " << k;
       }
   }
 }
@@ -174,11 +187,13 @@ TEST_P(RaysOfEveryBackend, TeachTheSky) {
     for (const bool with_direction : {false, true}) {
       const Sky sky(n);
       const std::vector<float> position = sky.position(), footprint = sky.footprint();
-      const std::vector<float> colour = random_floats(3 * n, 423, 0, 1), opacity = random_floats(n, 424, 0, 1),
+      const std::vector<float> colour = random_floats(3 * n, 423, 0, 1),
+                               opacity = random_floats(n, 424, 0, 1),
                                d_rgb = random_floats(3 * n, 425, -1, 1);
-      std::vector<float> d_table(sky.table.size(), before), d_direction(with_direction ? 3 * n : 0, before);
-      backend->grid().sky_backward(sky.grid(), sky.rays(), sky.pixel_angle, colour, opacity, d_rgb, d_table,
-                                   d_direction);
+      std::vector<float> d_table(sky.table.size(), before),
+          d_direction(with_direction ? 3 * n : 0, before);
+      backend->grid().sky_backward(sky.grid(), sky.rays(), sky.pixel_angle, colour, opacity, d_rgb,
+                                   d_table, d_direction);
       // The same by the stage of the grid, which has its own test.
       std::vector<float> d_features(n * Sky::kConfig.outputs()), expected(d_table.size(), before),
           d_position(with_direction ? 3 * n : 0);
@@ -189,16 +204,20 @@ TEST_P(RaysOfEveryBackend, TeachTheSky) {
             d_features[(l * n + ray) * 4 + k] =
                 static_cast<float>((1.0 - opacity[ray]) * d_rgb[k * n + ray] * c * (1 - c));
           }
-      backend->grid().encode_backward(sky.grid(), {static_cast<std::size_t>(n), position, footprint}, d_features,
-                                      expected, d_position);
-      // Up to n terms of at most a quarter, of which each is off by five roundings, and sums of them.
+      backend->grid().encode_backward(sky.grid(),
+                                      {static_cast<std::size_t>(n), position, footprint},
+                                      d_features, expected, d_position);
+      // Up to n terms of at most a quarter, of which each is off by five roundings, and sums of
+      // them.
       const double of_table = n * (5 + n) * 0.25 * u;
       EXPECT_TRUE(all_near(
           d_table, [&](auto i) { return expected[i]; }, [&](auto) { return of_table; }));
-      // Per level up to 2 x 3 cells times that, times numbers up to 2, summed over three features and three levels.
+      // Per level up to 2 x 3 cells times that, times numbers up to 2, summed over three features
+      // and three levels.
       const double of_direction = 3 * 3 * 6 * 24 * 2 * 0.25 * 20 * u;
       EXPECT_TRUE(all_near(
-          d_direction, [&](auto i) { return before + 0.5 * d_position[i]; }, [&](auto) { return of_direction; }));
+          d_direction, [&](auto i) { return before + 0.5 * d_position[i]; },
+          [&](auto) { return of_direction; }));
     }
 }
 
@@ -216,7 +235,8 @@ struct Seen {
         target(random_floats(3 * n, 432, 0, 1)),
         weight(random_floats(n, 433, 0.25, 4)) {
     for (std::size_t ray = 0; ray < n; ++ray)
-      exposure.push_back({static_cast<int>(ray % 3) - 1, 0.125f * static_cast<float>(ray % 16) - 0.25f});
+      exposure.push_back(
+          {static_cast<int>(ray % 3) - 1, 0.125f * static_cast<float>(ray % 16) - 0.25f});
   }
   Appearance appearance() const { return {kConfig, parameters}; }
   std::array<double, 3> gains(std::size_t ray) const {
@@ -235,7 +255,8 @@ TEST_P(RaysOfEveryBackend, AreExposed) {
       const auto expected = seen.gains(ray);
       for (std::size_t k = 0; k < 3; ++k) {
         const std::size_t at = k * n + ray;
-        // The log gain, up to 0.2, rounds four times; the exponential, up to 1.3, twice and once more with the product.
+        // The log gain, up to 0.2, rounds four times; the exponential, up to 1.3, twice and once
+        // more with the product.
         ASSERT_NEAR(gains[at], expected[k], 6 * u);
         ASSERT_NEAR(rgb[at], expected[k] * seen.rgb[at], 8 * u);
       }
@@ -251,8 +272,10 @@ TEST_P(RaysOfEveryBackend, SayWhatTheirColoursAreWorth) {
         SCOPED_TRACE(n);
         const Seen seen(n);
         const float edge = 0.5f, before = 0x1p-6f;
-        std::vector<float> gains(exposed ? 3 * n : 0), d_rgb(3 * n), squares(n, NAN), d_parameters(6 * 3, before);
-        for (std::size_t at = 0; at < gains.size(); ++at) gains[at] = static_cast<float>(seen.gains(at % n)[at / n]);
+        std::vector<float> gains(exposed ? 3 * n : 0), d_rgb(3 * n), squares(n, NAN),
+            d_parameters(6 * 3, before);
+        for (std::size_t at = 0; at < gains.size(); ++at)
+          gains[at] = static_cast<float>(seen.gains(at % n)[at / n]);
         ExposedColours colours{seen.appearance(), {}, seen.rgb, gains, seen.target, {}, edge};
         if (exposed) colours.exposure = seen.exposure;
         if (weighted) colours.weight = seen.weight;
@@ -275,16 +298,18 @@ TEST_P(RaysOfEveryBackend, SayWhatTheirColoursAreWorth) {
           std::array<double, 3> of_ray{1, 1, 1}, d_gains;
           for (std::size_t k = 0; k < 3; ++k) {
             const std::size_t at = k * n + ray;
-            const double d = 2 * (double(seen.rgb[at]) - seen.target[at]) / (3.0 * double(n)) * weight * huber.factor;
+            const double d = 2 * (double(seen.rgb[at]) - seen.target[at]) / (3.0 * double(n)) *
+                             weight * huber.factor;
             if (exposed) of_ray[k] = gains[at];
             d_gains[k] = d * seen.rgb[at] / of_ray[k];
             expected[at] = d * of_ray[k];
           }
           if (exposed)
-            colour_gains_adjoint(Seen::kConfig, seen.exposure[ray], of_ray, d_gains, [&](std::size_t i, double d) {
-              d_expected[i] += d;
-              magnitude[i] += std::abs(d);
-            });
+            colour_gains_adjoint(Seen::kConfig, seen.exposure[ray], of_ray, d_gains,
+                                 [&](std::size_t i, double d) {
+                                   d_expected[i] += d;
+                                   magnitude[i] += std::abs(d);
+                                 });
         }
         if (n >= 50) {
           EXPECT_GT(beyond, 5);
@@ -296,10 +321,12 @@ TEST_P(RaysOfEveryBackend, SayWhatTheirColoursAreWorth) {
           d_expected[i] += term.derivative;
           magnitude[i] += std::abs(term.derivative);
         }
-        // An error rounds once, its square twice and once more in the sum; the root halves that, and its edge and weight round.
+        // An error rounds once, its square twice and once more in the sum; the root halves that,
+        // and its edge and weight round.
         EXPECT_NEAR(loss, expected_loss, 8 * u * expected_loss);
         EXPECT_TRUE(all_near(
-            d_rgb, [&](auto i) { return expected[i]; }, [&](auto i) { return 12 * u * std::abs(expected[i]); }));
+            d_rgb, [&](auto i) { return expected[i]; },
+            [&](auto i) { return 12 * u * std::abs(expected[i]); }));
         // Terms round about twenty times, sums of up to n of them n times.
         EXPECT_TRUE(all_near(
             d_parameters, [&](auto i) { return before + d_expected[i]; },
@@ -314,8 +341,9 @@ TEST_P(RaysOfEveryBackend, DoNotHideAColourThatIsNotANumber) {
   std::vector<float> d_rgb(24, 1.0f), squares(8), d_parameters(18);
   const std::vector<float> gains(24, 1.0f);
   double loss = 0;
-  backend->grid().robust_colours({seen.appearance(), seen.exposure, seen.rgb, gains, seen.target, {}, 0.5f}, d_rgb,
-                                 squares, d_parameters, &loss);
+  backend->grid().robust_colours(
+      {seen.appearance(), seen.exposure, seen.rgb, gains, seen.target, {}, 0.5f}, d_rgb, squares,
+      d_parameters, &loss);
   EXPECT_TRUE(std::isnan(loss));
   EXPECT_TRUE(std::isnan(squares[1]));
 }
@@ -325,8 +353,9 @@ TEST_P(RaysOfEveryBackend, EndAtTheirMedian) {
   for (const BatchSize& size : {BatchSize{1, 1}, {7, 3}, {100, 24}}) {
     SCOPED_TRACE(trace(size));
     const std::vector<float> edges = edges_of(size.n_rays, size.per_ray);
-    std::vector<float> weights = random_floats(size.n_rays * size.per_ray, 440, 0.01, 1.0 / size.per_ray), opacity,
-                       depth;
+    std::vector<float> weights =
+                           random_floats(size.n_rays * size.per_ray, 440, 0.01, 1.0 / size.per_ray),
+                       opacity, depth;
     std::fill_n(weights.begin(), size.per_ray, 0.0f);  // the first ray meets nothing
     for (int ray = 0; ray < size.n_rays; ++ray) {
       float sum = 0;
@@ -337,8 +366,8 @@ TEST_P(RaysOfEveryBackend, EndAtTheirMedian) {
     backend->grid().median_depth(size.n_rays, {size.per_ray, edges}, weights, opacity, depth);
     EXPECT_EQ(depth[0], edges[size.per_ray]);
     for (int ray = 1; ray < size.n_rays; ++ray) {
-      // What lies before it is half, to the roundings of two sums and of the place within one interval, of whose length and weight
-      // that may be 1.5 and 0.01.
+      // What lies before it is half, to the roundings of two sums and of the place within one
+      // interval, of whose length and weight that may be 1.5 and 0.01.
       double before = 0;
       for (int i = 0; i < size.per_ray; ++i) {
         const float* const edge = &edges[ray * (size.per_ray + 1) + i];
@@ -372,16 +401,20 @@ TEST_P(RaysOfEveryBackend, HaveTheirSizesChecked) {
   EXPECT_THROW(stages.sky(sky.grid(), sky.rays(), n5, n12), std::logic_error);
   EXPECT_THROW(stages.sky(sky.grid(), sky.rays(), sky.pixel_angle, n5), std::logic_error);
   EXPECT_THROW(stages.sky({Sky::kConfig, n5}, sky.rays(), sky.pixel_angle, n12), std::logic_error);
-  EXPECT_THROW(stages.sky_backward(sky.grid(), sky.rays(), sky.pixel_angle, n12, n4, n12, n5, {}), std::logic_error);
-  EXPECT_THROW(stages.sky_backward(sky.grid(), sky.rays(), sky.pixel_angle, n12, n4, n12, d_table, n5),
+  EXPECT_THROW(stages.sky_backward(sky.grid(), sky.rays(), sky.pixel_angle, n12, n4, n12, n5, {}),
                std::logic_error);
-  EXPECT_THROW(stages.sky_backward(sky.grid(), sky.rays(), sky.pixel_angle, n12, n5, n12, d_table, {}),
-               std::logic_error);
+  EXPECT_THROW(
+      stages.sky_backward(sky.grid(), sky.rays(), sky.pixel_angle, n12, n4, n12, d_table, n5),
+      std::logic_error);
+  EXPECT_THROW(
+      stages.sky_backward(sky.grid(), sky.rays(), sky.pixel_angle, n12, n5, n12, d_table, {}),
+      std::logic_error);
   EXPECT_THROW(stages.expose(seen.appearance(), seen.exposure, n12, n5), std::logic_error);
   EXPECT_THROW(stages.expose({Seen::kConfig, n5}, seen.exposure, n12, n12), std::logic_error);
   EXPECT_THROW(stages.median_depth(4, {2, n12}, n5, n4, n4), std::logic_error);
   const std::vector<float> gains(12, 1.0f);
-  const ExposedColours colours{seen.appearance(), seen.exposure, seen.rgb, gains, seen.target, {}, 1};
+  const ExposedColours colours{
+      seen.appearance(), seen.exposure, seen.rgb, gains, seen.target, {}, 1};
   double loss = 0;
   EXPECT_THROW(stages.robust_colours(colours, n5, n4, n18, &loss), std::logic_error);
   EXPECT_THROW(stages.robust_colours(colours, n12, n5, n18, &loss), std::logic_error);

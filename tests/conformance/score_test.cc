@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Scores of pictures, of every backend: answers that follow from their formulas, and those of the oracle.
+// Scores of pictures, of every backend: answers that follow from their formulas, and those of the
+// oracle.
 #include <array>
 #include <cmath>
 #include <limits>
@@ -23,12 +24,15 @@ struct Pictures {
   std::vector<std::uint8_t> truth, mask;
 
   std::size_t pixels() const { return static_cast<std::size_t>(width) * height; }
-  PictureScore by(Backend& backend) const { return backend.score({width, height, rgb, truth, mask}); }
+  PictureScore by(Backend& backend) const {
+    return backend.score({width, height, rgb, truth, mask});
+  }
   /// The other way round.
   Pictures swapped() const {
     Pictures out = {width, height, {}, {}, mask};
     for (const std::uint8_t value : truth) out.rgb.push_back(static_cast<float>(value) / 255.0f);
-    for (const float value : rgb) out.truth.push_back(static_cast<std::uint8_t>(std::lround(255 * value)));
+    for (const float value : rgb)
+      out.truth.push_back(static_cast<std::uint8_t>(std::lround(255 * value)));
     return out;
   }
 };
@@ -52,7 +56,8 @@ Pictures noisy_pictures(int width, int height) {
     const double truth = random_unit(random_key(1, kStreamTest, 0), i),
                  other = random_unit(random_key(1, kStreamTest, 1), i);
     pictures.truth.push_back(static_cast<std::uint8_t>(std::lround(255 * truth)));
-    pictures.rgb.push_back(static_cast<float>(std::lround(255 * (0.7 * truth + 0.3 * other))) / 255.0f);
+    pictures.rgb.push_back(static_cast<float>(std::lround(255 * (0.7 * truth + 0.3 * other))) /
+                           255.0f);
   }
   return pictures;
 }
@@ -134,7 +139,8 @@ double ssim_by_brute_force(const Pictures& pictures) {
           for (int dy = -5; dy <= 5; ++dy)
             for (int dx = -5; dx <= 5; ++dx) {
               const int i = 3 * ((row + dy) * pictures.width + column + dx) + channel;
-              visit(std::exp(-(dx * dx + dy * dy) / (2 * 1.5 * 1.5)), pictures.rgb[i], pictures.truth[i] / 255.0f);
+              visit(std::exp(-(dx * dx + dy * dy) / (2 * 1.5 * 1.5)), pictures.rgb[i],
+                    pictures.truth[i] / 255.0f);
             }
         };
         walk([&](double w, double, double) { total += w; });
@@ -144,7 +150,8 @@ double ssim_by_brute_force(const Pictures& pictures) {
           vy += w / total * (b - my) * (b - my);
           cov += w / total * (a - mx) * (b - my);
         });
-        sum += (2 * mx * my + 1e-4) * (2 * cov + 9e-4) / ((mx * mx + my * my + 1e-4) * (vx + vy + 9e-4));
+        sum += (2 * mx * my + 1e-4) * (2 * cov + 9e-4) /
+               ((mx * mx + my * my + 1e-4) * (vx + vy + 9e-4));
       }
   return sum / windows;
 }
@@ -176,19 +183,22 @@ TEST_P(ScoreOfEveryBackend, MaskedWindowsDoNotCountAndMaskedPixelsAreEqual) {
 }
 
 // Uniform pictures have no features, so only colour counts, and filters leave it as it is.
-// L*a*b* (D65): green 87.735, -86.183, 83.179; blue 32.297, 79.188, -107.860. With chroma times L / 100 their HyAB distance is
-// 55.438 + |(-75.612 - 25.575, 72.977 + 34.836)| = 203.30; to the power of 0.7, 41.28: the largest difference.
-// Black and white: 100^0.7 = 25.119, beyond the knee at 0.4 * 41.28 = 16.51: 0.95 + 0.05 (25.119 - 16.51) / (41.28 - 16.51).
+// L*a*b* (D65): green 87.735, -86.183, 83.179; blue 32.297, 79.188, -107.860. With chroma times L /
+// 100 their HyAB distance is 55.438 + |(-75.612 - 25.575, 72.977 + 34.836)| = 203.30; to the power
+// of 0.7, 41.28: the largest difference. Black and white: 100^0.7 = 25.119, beyond the knee at 0.4
+// * 41.28 = 16.51: 0.95 + 0.05 (25.119 - 16.51) / (41.28 - 16.51).
 TEST_P(ScoreOfEveryBackend, FlipOfUniformPicturesByHand) {
   const auto backend = make();
   EXPECT_NEAR(uniform_pictures(48, 32, {0, 0, 0}, {255, 255, 255}).by(*backend).flip, 0.9674, 2e-4);
   EXPECT_NEAR(uniform_pictures(48, 32, {0, 1, 0}, {0, 0, 255}).by(*backend).flip, 1, 1e-5);
-  // sRGB 0.5 and 0.6 are linear 0.21404 and 0.31855: L* 53.389 and 63.223; 9.834^0.7 = 4.952, times 0.95 / 16.51.
-  EXPECT_NEAR(uniform_pictures(48, 32, {0.5f, 0.5f, 0.5f}, {153, 153, 153}).by(*backend).flip, 0.2849, 5e-4);
+  // sRGB 0.5 and 0.6 are linear 0.21404 and 0.31855: L* 53.389 and 63.223; 9.834^0.7 = 4.952, times
+  // 0.95 / 16.51.
+  EXPECT_NEAR(uniform_pictures(48, 32, {0.5f, 0.5f, 0.5f}, {153, 153, 153}).by(*backend).flip,
+              0.2849, 5e-4);
 }
 
-// Light adds linearly: from afar a checkerboard is the grey of linear 0.5, sRGB 0.7354. Single pixels (67 of them make a
-// degree) are beyond what the eye resolves, squares of 16 are not.
+// Light adds linearly: from afar a checkerboard is the grey of linear 0.5, sRGB 0.7354. Single
+// pixels (67 of them make a degree) are beyond what the eye resolves, squares of 16 are not.
 TEST_P(ScoreOfEveryBackend, FlipHardlyCountsWhatTheEyeCannotResolve) {
   const auto backend = make();
   for (const int size : {1, 16}) {
@@ -208,7 +218,8 @@ TEST_P(ScoreOfEveryBackend, IsTheOraclesWhateverTheThreads) {
   const auto oracle = make_ref_backend();
   for (const auto& [width, height] : {std::pair(1, 1), {24, 40}, {97, 75}})
     for (const bool masked : {false, true}) {
-      SCOPED_TRACE(std::to_string(width) + " x " + std::to_string(height) + (masked ? ", masked" : ""));
+      SCOPED_TRACE(std::to_string(width) + " x " + std::to_string(height) +
+                   (masked ? ", masked" : ""));
       Pictures pictures = noisy_pictures(width, height);
       if (masked && width > 1) mask_some(&pictures);
       const PictureScore expected = pictures.by(*oracle);
@@ -223,14 +234,16 @@ TEST_P(ScoreOfEveryBackend, IsTheOraclesWhateverTheThreads) {
         }
         EXPECT_NEAR(got.psnr_db, expected.psnr_db, 1e-9);  // sums in another order
         if (width > 10) EXPECT_NEAR(got.ssim, expected.ssim, kSsimRoundoff);
-        // Two sums of 21 terms, of which the oracle's are fused: 42 u of a luminance of 1, of which L* has up to 903 in the dark. Of a colour
-        // difference of 1 and more, the 0.7th power times 0.95 / 16.51 has up to 0.04 a unit.
+        // Two sums of 21 terms, of which the oracle's are fused: 42 u of a luminance of 1, of which
+        // L* has up to 903 in the dark. Of a colour difference of 1 and more, the 0.7th power times
+        // 0.95 / 16.51 has up to 0.04 a unit.
         EXPECT_NEAR(got.flip, expected.flip, 42 * kFp32Roundoff * 903 * 0.04);
       }
     }
 }
 
-// As the figures of docs/benchmarks.md were made. FLIP's sums of 21 terms are fused by some backends and not by others: here some 1e-8.
+// As the figures of docs/benchmarks.md were made. FLIP's sums of 21 terms are fused by some
+// backends and not by others: here some 1e-8.
 TEST_P(ScoreOfEveryBackend, StaysWhatItWas) {
   const auto backend = make();
   Pictures pictures = noisy_pictures(97, 75);

@@ -24,7 +24,8 @@ TEST_F(EndToEnd, AlignSaysWhyItCannot) {
 
 TEST_F(EndToEnd, AlignTakesReadoutsAsTrainDoes) {
   for (const char* const wrong : {"30ms", "NONE:estimate", "201"}) {
-    const Ended ended = redrive({"align", drive_.string(), "--rolling-shutter", std::string("12,estimate,") + wrong});
+    const Ended ended = redrive(
+        {"align", drive_.string(), "--rolling-shutter", std::string("12,estimate,") + wrong});
     EXPECT_EQ(ended.exit_code, kExitUsage) << wrong;
     EXPECT_THAT(ended.err, HasSubstr("--rolling-shutter")) << wrong;
     EXPECT_THAT(ended.err, HasSubstr(wrong));
@@ -47,9 +48,9 @@ TEST_F(EndToEnd, TrainKeepsThePosesItIsGiven) {
   fs::remove_all(aligned);
   const auto opened = open_run(run);
   const Recording own = open_recording(drive_);
-  EXPECT_NEAR(
-      opened.recording.frames[1].ecef_from_body.translation().z() - own.frames[1].ecef_from_body.translation().z(),
-      0.125, 1e-9);
+  EXPECT_NEAR(opened.recording.frames[1].ecef_from_body.translation().z() -
+                  own.frames[1].ecef_from_body.translation().z(),
+              0.125, 1e-9);
   EXPECT_EQ(opened.recording.find_camera(kTinyLeft)->calibration.time_offset_ns, -12'000'000);
   EXPECT_EQ(opened.recording.find_camera(kTinyLeft)->calibration.readout_ns, 20'000'000);
   EXPECT_EQ(redrive({"eval", run.string(), "--max-images", "1"}).exit_code, kExitOk);

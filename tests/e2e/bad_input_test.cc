@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Input that cannot be used: the exit code, a message that names it, and nothing written or overwritten.
+// Input that cannot be used: the exit code, a message that names it, and nothing written or
+// overwritten.
 #include <algorithm>
 #include <functional>
 
@@ -20,11 +21,13 @@ struct BadDrive {
 };
 
 void front(const fs::path& drive, const char* key, const json& value) {
-  edit_json(tiny_calibration(drive), [&](json& calibration) { calibration[kTinyFront][key] = value; });
+  edit_json(tiny_calibration(drive),
+            [&](json& calibration) { calibration[kTinyFront][key] = value; });
 }
 
 void pose(const fs::path& drive, const json& value) {
-  edit_json(tiny_egomotion(drive), [&](json& egomotion) { egomotion["101"]["RT_ECEF_body"] = value; });
+  edit_json(tiny_egomotion(drive),
+            [&](json& egomotion) { egomotion["101"]["RT_ECEF_body"] = value; });
 }
 
 void overwrite(const fs::path& file, const std::string& bytes) { write_file(file, bytes); }
@@ -42,11 +45,15 @@ std::vector<BadDrive> bad_drives() {
        },
        {"drive"}},
       {"no image", [](const fs::path& d) { fs::remove_all(d / "sensor/camera"); }, {"drive"}},
-      {"calibration missing", [](const fs::path& d) { fs::remove(tiny_calibration(d)); }, {"calibration"}},
+      {"calibration missing",
+       [](const fs::path& d) { fs::remove(tiny_calibration(d)); },
+       {"calibration"}},
       {"calibration no JSON",
        [](const fs::path& d) { overwrite(tiny_calibration(d), "{\"a\": "); },
        {"calibration.json"}},
-      {"calibration a list", [](const fs::path& d) { overwrite(tiny_calibration(d), "[1]"); }, {"calibration.json"}},
+      {"calibration a list",
+       [](const fs::path& d) { overwrite(tiny_calibration(d), "[1]"); },
+       {"calibration.json"}},
       {"NaN",
        [](const fs::path& d) {
          front(d, "focal_length_px", {nullptr, 38});
@@ -83,9 +90,15 @@ std::vector<BadDrive> bad_drives() {
          });
        },
        {kTinyFront, "RT_body_from_sensor", "invert"}},
-      {"unknown model", [](const fs::path& d) { front(d, "model", "kannala"); }, {kTinyFront, "model", "kannala"}},
-      {"egomotion missing", [](const fs::path& d) { fs::remove(tiny_egomotion(d)); }, {"egomotion"}},
-      {"egomotion no JSON", [](const fs::path& d) { overwrite(tiny_egomotion(d), "not json"); }, {"egomotion2.json"}},
+      {"unknown model",
+       [](const fs::path& d) { front(d, "model", "kannala"); },
+       {kTinyFront, "model", "kannala"}},
+      {"egomotion missing",
+       [](const fs::path& d) { fs::remove(tiny_egomotion(d)); },
+       {"egomotion"}},
+      {"egomotion no JSON",
+       [](const fs::path& d) { overwrite(tiny_egomotion(d), "not json"); },
+       {"egomotion2.json"}},
       {"pose too small",
        [](const fs::path& d) {
          pose(d, {1, 2, 3});
@@ -113,7 +126,9 @@ std::vector<BadDrive> bad_drives() {
          overwrite(file, bytes.substr(0, bytes.size() * 3 / 4));
        },
        {std::string(kTinyRear) + "_0000102.jpg"}},
-      {"JPEG empty", [](const fs::path& d) { overwrite(tiny_image(d, kTinyRear, 102), ""); }, {"_0000102.jpg"}},
+      {"JPEG empty",
+       [](const fs::path& d) { overwrite(tiny_image(d, kTinyRear, 102), ""); },
+       {"_0000102.jpg"}},
       {"JPEG no image",
        [](const fs::path& d) { overwrite(tiny_image(d, kTinyRear, 102), "<html>"); },
        {"_0000102.jpg"}},
@@ -142,8 +157,8 @@ TEST_F(EndToEnd, BadDrivesAreRefusedAndNothingIsWritten) {
 
 TEST_F(EndToEnd, FrameWithoutPoseIsDroppedAndListed) {
   edit_json(tiny_egomotion(drive_), [](json& egomotion) { egomotion.erase("102"); });
-  for (const Ended& ended :
-       {redrive({"inspect", drive_.string()}), redrive(train_arguments(folder_ / "run", {"--max-steps", "2"}))}) {
+  for (const Ended& ended : {redrive({"inspect", drive_.string()}),
+                             redrive(train_arguments(folder_ / "run", {"--max-steps", "2"}))}) {
     EXPECT_EQ(ended.exit_code, kExitOk) << ended.err;
     EXPECT_THAT(ended.out + ended.err, HasSubstr("102"));
   }
@@ -151,49 +166,50 @@ TEST_F(EndToEnd, FrameWithoutPoseIsDroppedAndListed) {
 
 TEST_F(EndToEnd, MissingImageIsListed) {
   fs::remove(tiny_image(drive_, kTinyRear, 102));
-  for (const Ended& ended :
-       {redrive({"inspect", drive_.string()}), redrive(train_arguments(folder_ / "run", {"--max-steps", "2"}))}) {
+  for (const Ended& ended : {redrive({"inspect", drive_.string()}),
+                             redrive(train_arguments(folder_ / "run", {"--max-steps", "2"}))}) {
     EXPECT_EQ(ended.exit_code, kExitOk) << ended.err;
     EXPECT_THAT(ended.out + ended.err, HasSubstr("102"));
   }
 }
 
 TEST_F(EndToEnd, OptionsThatCannotBeUsedAreRefusedAndNothingIsWritten) {
-  const std::vector<std::vector<std::string>> table = {{"--cameras", "NO_SUCH_CAMERA"},
-                                                       {"--cameras", "Imu0"},
-                                                       {"--frames", "500:600"},
-                                                       {"--frames", "7"},
-                                                       {"--downscale", "0"},
-                                                       {"--downscale", "64"},
-                                                       {"--holdout-every", "1"},
-                                                       {"--near", "-1"},
-                                                       {"--near", "0"},
-                                                       {"--far", "0.5"},
-                                                       {"--width", "48"},
-                                                       {"--samples", "1"},
-                                                       {"--fine-samples", "-2"},
-                                                       {"--batch", "0"},
-                                                       {"--learning-rate", "0"},
-                                                       {"--lr-gamma", "1.5"},
-                                                       {"--lr-milestones", "5,5"},
-                                                       {"--epochs", "0"},
-                                                       {"--max-steps", "-1"},
-                                                       {"--max-seconds", "-1"},
-                                                       {"--seed", "x"},
-                                                       {"--checkpoint-every", "0"},
-                                                       {"--threads", "-1"},
-                                                       {"--backend", "tpu"},
-                                                       {"--gpus", "0"},
-                                                       {"--gpus", "64"},
-                                                       {"--isa", "sse"},
-                                                       {"--method", "splat"},
-                                                       {"--preset", "report-9"},
-                                                       {"--undistort"},
-                                                       {"--refine-poses", "maybe"},
-                                                       {"--rolling-shutter", "30ms"},
-                                                       {"--rolling-shutter", "estimate"},
-                                                       {"--no-such-option"},
-                                                       {"--holdout-every", "2", "--frames", "100:100"}};
+  const std::vector<std::vector<std::string>> table = {
+      {"--cameras", "NO_SUCH_CAMERA"},
+      {"--cameras", "Imu0"},
+      {"--frames", "500:600"},
+      {"--frames", "7"},
+      {"--downscale", "0"},
+      {"--downscale", "64"},
+      {"--holdout-every", "1"},
+      {"--near", "-1"},
+      {"--near", "0"},
+      {"--far", "0.5"},
+      {"--width", "48"},
+      {"--samples", "1"},
+      {"--fine-samples", "-2"},
+      {"--batch", "0"},
+      {"--learning-rate", "0"},
+      {"--lr-gamma", "1.5"},
+      {"--lr-milestones", "5,5"},
+      {"--epochs", "0"},
+      {"--max-steps", "-1"},
+      {"--max-seconds", "-1"},
+      {"--seed", "x"},
+      {"--checkpoint-every", "0"},
+      {"--threads", "-1"},
+      {"--backend", "tpu"},
+      {"--gpus", "0"},
+      {"--gpus", "64"},
+      {"--isa", "sse"},
+      {"--method", "splat"},
+      {"--preset", "report-9"},
+      {"--undistort"},
+      {"--refine-poses", "maybe"},
+      {"--rolling-shutter", "30ms"},
+      {"--rolling-shutter", "estimate"},
+      {"--no-such-option"},
+      {"--holdout-every", "2", "--frames", "100:100"}};
   const auto before = contents(folder_);
   for (const std::vector<std::string>& more : table) {
     const Ended ended = redrive(train_arguments(folder_ / "run", more));
@@ -204,7 +220,9 @@ TEST_F(EndToEnd, OptionsThatCannotBeUsedAreRefusedAndNothingIsWritten) {
   EXPECT_EQ(redrive({"train", drive_.string()}).exit_code, kExitUsage) << "--out is missing";
   EXPECT_EQ(redrive({"train", "", "--out", (folder_ / "run").string()}).exit_code, kExitUsage);
   EXPECT_EQ(redrive({"train", drive_.string(), "--out", ""}).exit_code, kExitUsage);
-  EXPECT_EQ(redrive({"train", "k\xf6ln", "--out", (folder_ / "run").string()}).exit_code, kExitUsage) << "not UTF-8";
+  EXPECT_EQ(redrive({"train", "k\xf6ln", "--out", (folder_ / "run").string()}).exit_code,
+            kExitUsage)
+      << "not UTF-8";
   EXPECT_EQ(redrive({}).exit_code, kExitUsage);
   const Ended unknown = redrive({"fly"});
   EXPECT_EQ(unknown.exit_code, kExitUsage);
@@ -213,7 +231,8 @@ TEST_F(EndToEnd, OptionsThatCannotBeUsedAreRefusedAndNothingIsWritten) {
   EXPECT_EQ(contents(folder_), before);
 }
 
-// The program and its threads alone take more than 50 MiB; what is needed is said, and that much is enough.
+// The program and its threads alone take more than 50 MiB; what is needed is said, and that much is
+// enough.
 TEST_F(EndToEnd, MoreThanTheMemoryAllowedIsRefusedWithItsEstimateAndNothingIsWritten) {
   const fs::path run = folder_ / "run";
   const auto with_memory = [&](const std::string& memory) {
@@ -222,7 +241,8 @@ TEST_F(EndToEnd, MoreThanTheMemoryAllowedIsRefusedWithItsEstimateAndNothingIsWri
   const auto before = contents(folder_);
   const Ended refused = with_memory(std::to_string(50 << 20));
   EXPECT_EQ(refused.exit_code, kExitUsage) << refused.out << refused.err;
-  EXPECT_THAT(refused.err, AllOf(HasSubstr("--memory"), HasSubstr("of 0.05 GiB allowed"), HasSubstr("lower ")));
+  EXPECT_THAT(refused.err,
+              AllOf(HasSubstr("--memory"), HasSubstr("of 0.05 GiB allowed"), HasSubstr("lower ")));
   EXPECT_FALSE(fs::exists(run));
   EXPECT_EQ(contents(folder_), before);
 
@@ -236,7 +256,8 @@ TEST_F(EndToEnd, MoreThanTheMemoryAllowedIsRefusedWithItsEstimateAndNothingIsWri
   EXPECT_EQ(enough.exit_code, kExitOk) << enough.err;
 
   const auto trained = contents(run);
-  EXPECT_EQ(redrive({"resume", run.string(), "--max-steps", "4", "--memory", "0.05GiB"}).exit_code, kExitUsage);
+  EXPECT_EQ(redrive({"resume", run.string(), "--max-steps", "4", "--memory", "0.05GiB"}).exit_code,
+            kExitUsage);
   EXPECT_EQ(contents(run), trained);
 }
 
@@ -253,9 +274,11 @@ TEST_F(EndToEnd, OptionsOfTheOtherCommandsAreRefusedOutOfRange) {
   const auto before = contents(folder_);
   for (const std::vector<std::string>& arguments : table) {
     const Ended ended = redrive(arguments);
-    const std::string& option = *std::find_if(arguments.begin(), arguments.end(),
-                                              [](const std::string& word) { return word.starts_with("--"); });
-    EXPECT_EQ(ended.exit_code, kExitUsage) << arguments[0] << " " << option << "\n" << ended.out << ended.err;
+    const std::string& option =
+        *std::find_if(arguments.begin(), arguments.end(),
+                      [](const std::string& word) { return word.starts_with("--"); });
+    EXPECT_EQ(ended.exit_code, kExitUsage) << arguments[0] << " " << option << "\n"
+                                           << ended.out << ended.err;
     EXPECT_THAT(ended.err, HasSubstr(option)) << arguments[0];
   }
   EXPECT_EQ(contents(folder_), before);
@@ -273,7 +296,8 @@ TEST_F(EndToEnd, OutFolderThatExistsIsRefusedAndLeftAlone) {
 
 TEST_F(EndToEnd, RunsThatCannotBeUsedAreRefused) {
   const fs::path run = trained("run", 3);
-  const std::string config = read_file(run / "config.json"), checkpoint = read_file(run / "checkpoint.safetensors");
+  const std::string config = read_file(run / "config.json"),
+                    checkpoint = read_file(run / "checkpoint.safetensors");
   const auto refused = [&](const char* name, const std::string& part) {
     const auto before = contents(run);
     for (const char* command : {"resume", "eval", "figures"}) {
@@ -303,11 +327,13 @@ TEST_F(EndToEnd, RunsThatCannotBeUsedAreRefused) {
   refused("recording gone", "gone");
   fs::remove(run / "config.json");
   refused("config missing", "config.json");
-  edit_json(tiny_egomotion(drive_),
-            [](json& e) { e["103"]["RT_ECEF_body"][0][3] = e["103"]["RT_ECEF_body"][0][3].get<double>() + 3; });
+  edit_json(tiny_egomotion(drive_), [](json& e) {
+    e["103"]["RT_ECEF_body"][0][3] = e["103"]["RT_ECEF_body"][0][3].get<double>() + 3;
+  });
   refused("another recording in its place", "no longer the recording");
   for (const char* command : {"resume", "eval", "figures"})
-    EXPECT_EQ(redrive({command, (folder_ / "no-run").string()}).exit_code, kExitBadInput) << command;
+    EXPECT_EQ(redrive({command, (folder_ / "no-run").string()}).exit_code, kExitBadInput)
+        << command;
 }
 
 TEST_F(EndToEnd, RendersThatCannotBeMadeAreRefused) {
@@ -324,15 +350,21 @@ TEST_F(EndToEnd, RendersThatCannotBeMadeAreRefused) {
   EXPECT_EQ(render({"--camera", "NO", "--frame", "100", "--out", out}), kExitUsage);
   EXPECT_EQ(render({"--camera", front, "--frame", "999", "--out", out}), kExitUsage);
   EXPECT_EQ(render({"--camera", front, "--frame", "x", "--out", out}), kExitUsage);
-  EXPECT_EQ(render({"--camera", front, "--frame", "100", "--translate", "1,2", "--out", out}), kExitUsage);
-  EXPECT_EQ(render({"--camera", front, "--frame", "100", "--translate", "1e300,0,0", "--out", out}), kExitUsage);
+  EXPECT_EQ(render({"--camera", front, "--frame", "100", "--translate", "1,2", "--out", out}),
+            kExitUsage);
+  EXPECT_EQ(render({"--camera", front, "--frame", "100", "--translate", "1e300,0,0", "--out", out}),
+            kExitUsage);
   EXPECT_EQ(render({"--camera", front, "--frame", "100", "--out", out, "--depth",
                     (folder_ / "." / fs::path(out).filename()).string()}),
             kExitUsage)
       << "the same file by another name";
-  EXPECT_EQ(render({"--camera", front, "--frame", "100", "--axes", "up", "--out", out}), kExitUsage);
-  EXPECT_EQ(render({"--camera", front, "--frame", "100", "--out", (folder_ / "out.gif").string()}), kExitUsage);
-  EXPECT_EQ(render({"--camera", front, "--frame", "100", "--out", (folder_ / "taken.png").string()}), kExitUsage);
+  EXPECT_EQ(render({"--camera", front, "--frame", "100", "--axes", "up", "--out", out}),
+            kExitUsage);
+  EXPECT_EQ(render({"--camera", front, "--frame", "100", "--out", (folder_ / "out.gif").string()}),
+            kExitUsage);
+  EXPECT_EQ(
+      render({"--camera", front, "--frame", "100", "--out", (folder_ / "taken.png").string()}),
+      kExitUsage);
   EXPECT_EQ(render({"--poses", poses.string(), "--out", out}), kExitBadInput) << "missing";
   overwrite(poses, "[]");
   EXPECT_EQ(render({"--poses", poses.string(), "--out", out}), kExitBadInput);
@@ -340,12 +372,15 @@ TEST_F(EndToEnd, RendersThatCannotBeMadeAreRefused) {
       poses,
       R"({"images": [{"file": "../up.png", "camera": "F_MIDLONGRANGECAM_CL", "frame_id": 100, "shift_body_m": [0, 0, 0]}]})");
   EXPECT_EQ(render({"--poses", poses.string(), "--out", out}), kExitBadInput);
-  overwrite(poses, R"({"images": [{"file": "a.png", "camera": "NO", "frame_id": 100, "shift_body_m": [0, 0, 0]}]})");
+  overwrite(
+      poses,
+      R"({"images": [{"file": "a.png", "camera": "NO", "frame_id": 100, "shift_body_m": [0, 0, 0]}]})");
   EXPECT_EQ(render({"--poses", poses.string(), "--out", out}), kExitBadInput);
 }
 
 TEST_F(EndToEnd, AFullStandardOutputIsNotSuccess) {
-  const std::string command = std::string(REDRIVE_BINARY) + " inspect " + drive_.string() + " > /dev/full";
+  const std::string command =
+      std::string(REDRIVE_BINARY) + " inspect " + drive_.string() + " > /dev/full";
   EXPECT_EQ(Program("/bin/sh", {"-c", command}).wait().exit_code, kExitIo);
 }
 

@@ -25,12 +25,14 @@ TEST_F(EndToEnd, HelpAndVersionSucceed) {
 
 TEST_F(EndToEnd, TrainLeavesACompleteRunAndSaysWhatItDoes) {
   const fs::path run = folder_ / "run";
-  const Ended ended = redrive(train_arguments(run, {"--epochs", "100", "--max-steps", "60", "--holdout-every", "4"}));
+  const Ended ended = redrive(
+      train_arguments(run, {"--epochs", "100", "--max-steps", "60", "--holdout-every", "4"}));
   ASSERT_EQ(ended.exit_code, kExitOk) << ended.err;
   EXPECT_THAT(ended.out, HasSubstr("backend="));
   EXPECT_THAT(ended.out, HasSubstr(std::string(kTinyLeft) + ": mei, 44 x 36"));
   EXPECT_THAT(ended.out, HasSubstr("4 frames, 9 images for training, 3 held out"));
-  EXPECT_THAT(ended.out, ContainsRegex("step [0-9]+/60  loss [0-9.]+  [0-9.]+ dB  [0-9]+ rays/s  ETA"));
+  EXPECT_THAT(ended.out,
+              ContainsRegex("step [0-9]+/60  loss [0-9.]+  [0-9.]+ dB  [0-9]+ rays/s  ETA"));
   EXPECT_THAT(ended.out, Not(HasSubstr("\r"))) << "piped output has plain lines";
   EXPECT_TRUE(fs::exists(run / "checkpoint.safetensors"));
   EXPECT_EQ(read_json(run / "config.json").at("width"), 32);
@@ -39,13 +41,14 @@ TEST_F(EndToEnd, TrainLeavesACompleteRunAndSaysWhatItDoes) {
 }
 
 TEST_F(EndToEnd, OrderOfFlagsDoesNotMatter) {
-  const std::string drive = drive_.string(), a = (folder_ / "a").string(), b = (folder_ / "b").string();
-  ASSERT_EQ(redrive({"train", drive, "--out", a, "--preset", "report-2", "--width", "32", "--batch", "32",
-                     "--max-steps", "2"})
+  const std::string drive = drive_.string(), a = (folder_ / "a").string(),
+                    b = (folder_ / "b").string();
+  ASSERT_EQ(redrive({"train", drive, "--out", a, "--preset", "report-2", "--width", "32", "--batch",
+                     "32", "--max-steps", "2"})
                 .exit_code,
             0);
-  ASSERT_EQ(redrive({"train", "--max-steps", "2", "--batch", "32", "--width", "32", "--preset", "report-2", "--out", b,
-                     drive})
+  ASSERT_EQ(redrive({"train", "--max-steps", "2", "--batch", "32", "--width", "32", "--preset",
+                     "report-2", "--out", b, drive})
                 .exit_code,
             0);
   EXPECT_EQ(read_file(folder_ / "a/config.json"), read_file(folder_ / "b/config.json"));
@@ -62,42 +65,55 @@ TEST_F(EndToEnd, EvalSaysMoreOfALongerRun) {
     return nlohmann::json::parse(ended.out);
   };
   const std::vector<std::string> holdout = {"--holdout-every", "4"};
-  const nlohmann::json before = scores(trained("short", 1, holdout)), after = scores(trained("long", 500, holdout));
+  const nlohmann::json before = scores(trained("short", 1, holdout)),
+                       after = scores(trained("long", 500, holdout));
   EXPECT_EQ(after.at("overall").at("images"), 3);
   for (const char* camera : {kTinyFront, kTinyRear, kTinyLeft}) {
     EXPECT_EQ(after.at("cameras").at(camera).at("images"), 1);
     // A tenfold smaller squared error is 10 dB; half of that is asked of each camera.
-    EXPECT_GT(after["cameras"][camera]["psnr_db"].get<double>(), before["cameras"][camera]["psnr_db"].get<double>() + 5)
+    EXPECT_GT(after["cameras"][camera]["psnr_db"].get<double>(),
+              before["cameras"][camera]["psnr_db"].get<double>() + 5)
         << camera;
-    EXPECT_GT(after["cameras"][camera]["ssim"].get<double>(), before["cameras"][camera]["ssim"].get<double>())
+    EXPECT_GT(after["cameras"][camera]["ssim"].get<double>(),
+              before["cameras"][camera]["ssim"].get<double>())
         << camera;
   }
 }
 
 TEST_F(EndToEnd, RendersOneViewWithDepth) {
   const fs::path run = trained("run", 20), image = folder_ / "a.png", depth = folder_ / "d.png";
-  const Ended ended = redrive({"render", run.string(), "--camera", kTinyLeft, "--frame", "101", "--translate",
-                               "0,-0.5,0", "--axes", "local", "--out", image.string(), "--depth", depth.string()});
+  const Ended ended =
+      redrive({"render", run.string(), "--camera", kTinyLeft, "--frame", "101", "--translate",
+               "0,-0.5,0", "--axes", "local", "--out", image.string(), "--depth", depth.string()});
   ASSERT_EQ(ended.exit_code, kExitOk) << ended.err;
   const Image8 picture = read_image(image);
   EXPECT_EQ(picture.width, 44);
   EXPECT_EQ(picture.height, 36);
   int width = 0, height = 0;
-  for (const std::uint16_t depth_mm : read_png16(depth, &width, &height)) ASSERT_LE(depth_mm, 10001);  // sum w t <= far
+  for (const std::uint16_t depth_mm : read_png16(depth, &width, &height))
+    ASSERT_LE(depth_mm, 10001);  // sum w t <= far
   EXPECT_EQ(width, 44);
 }
 
 TEST_F(EndToEnd, RendersAPosesFileUnderItsOwnNames) {
   const fs::path run = trained("run", 20), poses = folder_ / "poses.json", out = folder_ / "novel";
   const nlohmann::json pose = read_json(tiny_egomotion(drive_)).at("102").at("RT_ECEF_body");
-  write_file(poses,
-             nlohmann::json{
-                 {"images",
-                  {{{"file", "x/absolute.png"}, {"camera", kTinyFront}, {"frame_id", 100}, {"RT_ECEF_body", pose}},
-                   {{"file", "frame.png"}, {"camera", kTinyFront}, {"frame_id", 102}, {"shift_body_m", {0, 0, 0}}},
-                   {{"file", "shifted.jpg"}, {"camera", kTinyRear}, {"frame_id", 100}, {"shift_body_m", {0, 1, 0}}}}}}
-                 .dump());
-  const Ended ended = redrive({"render", run.string(), "--poses", poses.string(), "--out", out.string()});
+  write_file(poses, nlohmann::json{{"images",
+                                    {{{"file", "x/absolute.png"},
+                                      {"camera", kTinyFront},
+                                      {"frame_id", 100},
+                                      {"RT_ECEF_body", pose}},
+                                     {{"file", "frame.png"},
+                                      {"camera", kTinyFront},
+                                      {"frame_id", 102},
+                                      {"shift_body_m", {0, 0, 0}}},
+                                     {{"file", "shifted.jpg"},
+                                      {"camera", kTinyRear},
+                                      {"frame_id", 100},
+                                      {"shift_body_m", {0, 1, 0}}}}}}
+                        .dump());
+  const Ended ended =
+      redrive({"render", run.string(), "--poses", poses.string(), "--out", out.string()});
   ASSERT_EQ(ended.exit_code, kExitOk) << ended.err;
   // The absolute pose is that of frame 102: the same picture as frame 102 shifted by nothing.
   EXPECT_EQ(read_image(out / "x/absolute.png").rgb, read_image(out / "frame.png").rgb);
@@ -109,8 +125,8 @@ TEST_F(EndToEnd, FiguresAndReport) {
   const Ended ended = redrive({"figures", run.string()});
   ASSERT_EQ(ended.exit_code, kExitOk) << ended.err;
   for (const std::string camera : {kTinyFront, kTinyRear, kTinyLeft})
-    for (const char* figure :
-         {"_original.png", "_reproduced.png", "_perturbed.png", "_perturbed_camera_axes.png", "_depth.png"})
+    for (const char* figure : {"_original.png", "_reproduced.png", "_perturbed.png",
+                               "_perturbed_camera_axes.png", "_depth.png"})
       EXPECT_GT(read_image(run / "figures" / (camera + figure)).width, 0);
   EXPECT_GT(read_image(run / "figures/loss.png").width, 0);
   const std::string html = read_file(run / "report.html");
@@ -120,7 +136,8 @@ TEST_F(EndToEnd, FiguresAndReport) {
 }
 
 TEST_F(EndToEnd, InspectNamesWhatIsThere) {
-  const Ended text = redrive({"inspect", drive_.string()}), json = redrive({"inspect", drive_.string(), "--json"});
+  const Ended text = redrive({"inspect", drive_.string()}),
+              json = redrive({"inspect", drive_.string(), "--json"});
   EXPECT_EQ(text.exit_code, kExitOk) << text.err;
   for (const char* camera : {kTinyFront, kTinyRear, kTinyLeft}) {
     EXPECT_THAT(text.out, HasSubstr(camera));
@@ -153,7 +170,8 @@ TEST_F(EndToEnd, InspectReportsBeforeTraining) {
   const std::string html = read_file(report / "index.html");
   EXPECT_THAT(html, HasSubstr(preflight["cameras"][0]["why"].get<std::string>().substr(0, 12)));
   EXPECT_GT(read_image(report / (std::string(kTinyFront) + ".jpg")).width, 0);
-  for (const char* plot : {"rig_above.png", "rig_side.png", "way_above.png", "way_side.png", "exposure.png"})
+  for (const char* plot :
+       {"rig_above.png", "rig_side.png", "way_above.png", "way_side.png", "exposure.png"})
     EXPECT_EQ(read_image(report / "figures" / plot).width, 1000) << plot;
   const Ended again = redrive({"inspect", drive_.string(), "--report", report.string()});
   EXPECT_EQ(again.exit_code, kExitUsage);
@@ -161,7 +179,8 @@ TEST_F(EndToEnd, InspectReportsBeforeTraining) {
 }
 
 TEST_F(EndToEnd, FineSamplesTrainASecondNetwork) {
-  const TrainState state = load_checkpoint(trained("run", 3, {"--fine-samples", "8"}) / "checkpoint.safetensors");
+  const TrainState state =
+      load_checkpoint(trained("run", 3, {"--fine-samples", "8"}) / "checkpoint.safetensors");
   EXPECT_EQ(dynamic_cast<const NerfModel&>(*state.model).networks(), 2);
 }
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the end-to-end tests share: a temporary folder with a tiny drive in it, and the program that was built.
+// What the end-to-end tests share: a temporary folder with a tiny drive in it, and the program that
+// was built.
 #pragma once
 
 #include <stdlib.h>
@@ -27,15 +28,22 @@ class EndToEnd : public ::testing::Test {
   EndToEnd() { write_tiny_recording(drive_); }
   ~EndToEnd() override { fs::remove_all(folder_); }
 
-  static Ended redrive(const std::vector<std::string>& arguments, std::optional<std::size_t> file_limit_bytes = {}) {
+  static Ended redrive(const std::vector<std::string>& arguments,
+                       std::optional<std::size_t> file_limit_bytes = {}) {
     return Program(REDRIVE_BINARY, arguments, file_limit_bytes).wait();
   }
 
   /// train with options that take milliseconds a step, and `more` behind them.
-  std::vector<std::string> train_arguments(const fs::path& run, const std::vector<std::string>& more = {}) const {
-    std::vector<std::string> arguments = {
-        "train", drive_.string(), "--out", run.string(),      "--method", "nerf",      "--width", "32", "--samples",
-        "12",    "--batch",       "128",   "--learning-rate", "2e-3",     "--threads", "2"};
+  std::vector<std::string> train_arguments(const fs::path& run,
+                                           const std::vector<std::string>& more = {}) const {
+    std::vector<std::string> arguments = {"train",           drive_.string(),
+                                          "--out",           run.string(),
+                                          "--method",        "nerf",
+                                          "--width",         "32",
+                                          "--samples",       "12",
+                                          "--batch",         "128",
+                                          "--learning-rate", "2e-3",
+                                          "--threads",       "2"};
     arguments.insert(arguments.end(), more.begin(), more.end());
     return arguments;
   }

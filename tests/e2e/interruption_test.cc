@@ -19,7 +19,8 @@ bool bit_equal(std::span<const float> a, std::span<const float> b) {
 }
 
 void expect_same_end(const fs::path& a, const fs::path& b) {
-  const TrainState x = load_checkpoint(a / "checkpoint.safetensors"), y = load_checkpoint(b / "checkpoint.safetensors");
+  const TrainState x = load_checkpoint(a / "checkpoint.safetensors"),
+                   y = load_checkpoint(b / "checkpoint.safetensors");
   EXPECT_EQ(x.step, y.step);
   EXPECT_TRUE(bit_equal(x.model->parameters, y.model->parameters));
   EXPECT_TRUE(bit_equal(x.first_moment, y.first_moment));
@@ -42,16 +43,20 @@ bool wait_for_rows(const fs::path& run, std::size_t rows) {
   return false;
 }
 
-/// A second of training, of which the first quarter is waited for: no program is done before it is killed.
-const std::vector<std::string> kLong = {"--epochs", "1000", "--max-steps", "700", "--checkpoint-every", "70"};
+/// A second of training, of which the first quarter is waited for: no program is done before it is
+/// killed.
+const std::vector<std::string> kLong = {"--epochs",           "1000", "--max-steps", "700",
+                                        "--checkpoint-every", "70"};
 
 TEST_F(EndToEnd, KilledAndResumedEndsAsUninterrupted) {
   const fs::path whole = folder_ / "whole", parts = folder_ / "parts";
   ASSERT_EQ(redrive(train_arguments(whole, kLong)).exit_code, kExitOk);
 
-  for (const std::size_t rows : {0u, 3u, 7u}) {  // 0: at once, when the first checkpoint may not yet be there
-    Program program(REDRIVE_BINARY, fs::exists(parts) ? std::vector<std::string>{"resume", parts.string()}
-                                                      : train_arguments(parts, kLong));
+  for (const std::size_t rows :
+       {0u, 3u, 7u}) {  // 0: at once, when the first checkpoint may not yet be there
+    Program program(REDRIVE_BINARY, fs::exists(parts)
+                                        ? std::vector<std::string>{"resume", parts.string()}
+                                        : train_arguments(parts, kLong));
     ASSERT_TRUE(wait_for_rows(parts, rows));
     program.send(SIGKILL);
     EXPECT_EQ(program.wait().signal, SIGKILL);
@@ -89,7 +94,8 @@ TEST_F(EndToEnd, AHangUpSavesAsCtrlCDoes) {
 TEST_F(EndToEnd, AReaderThatGoesAwayDoesNotEndTraining) {
   const fs::path run = folder_ / "run";
   std::string command = "(sleep 0.2; '" REDRIVE_BINARY "'";
-  for (const std::string& argument : train_arguments(run, {"--max-steps", "30", "--epochs", "1000"}))
+  for (const std::string& argument :
+       train_arguments(run, {"--max-steps", "30", "--epochs", "1000"}))
     command += " '" + argument + "'";
   command += "; echo $? > '" + (folder_ / "code").string() + "') | true";
   Program("/bin/sh", {"-c", command}).wait();
@@ -123,9 +129,11 @@ TEST_F(EndToEnd, FullDiskIsSaidAndLeavesTheLastCheckpoint) {
   EXPECT_THAT(ended.err, HasSubstr("checkpoint.safetensors"));
   EXPECT_EQ(read_file(run / "checkpoint.safetensors"), checkpoint);
   for (const auto& entry : fs::directory_iterator(run))
-    EXPECT_THAT(entry.path().filename().string(),
-                ::testing::AnyOf("config.json", "masks", "metrics.jsonl", "checkpoint.safetensors"));
-  EXPECT_EQ(redrive({"resume", run.string()}).exit_code, kExitOk) << "and goes on once there is room";
+    EXPECT_THAT(
+        entry.path().filename().string(),
+        ::testing::AnyOf("config.json", "masks", "metrics.jsonl", "checkpoint.safetensors"));
+  EXPECT_EQ(redrive({"resume", run.string()}).exit_code, kExitOk)
+      << "and goes on once there is room";
   EXPECT_EQ(load_checkpoint(run / "checkpoint.safetensors").step, 60);
 }
 

@@ -17,8 +17,11 @@ using ::testing::HasSubstr;
 
 class EndToEndLidar : public EndToEnd {
  protected:
-  EndToEndLidar() { fs::copy(fs::path(REDRIVE_SAMPLES) / "street_traffic", street_, fs::copy_options::recursive); }
-  Ended train(const std::string& name, int steps = 3, const std::vector<std::string>& more = {}) const {
+  EndToEndLidar() {
+    fs::copy(fs::path(REDRIVE_SAMPLES) / "street_traffic", street_, fs::copy_options::recursive);
+  }
+  Ended train(const std::string& name, int steps = 3,
+              const std::vector<std::string>& more = {}) const {
     std::vector<std::string> arguments = {"train",       street_.string(),
                                           "--out",       (folder_ / name).string(),
                                           "--downscale", "8",
@@ -29,7 +32,9 @@ class EndToEndLidar : public EndToEnd {
     arguments.insert(arguments.end(), more.begin(), more.end());
     return redrive(arguments);
   }
-  fs::path revolution() const { return street_ / "dynamic" / "raw-revolutions" / "frame_0001001.las"; }
+  fs::path revolution() const {
+    return street_ / "dynamic" / "raw-revolutions" / "frame_0001001.las";
+  }
   fs::path boxes() const { return street_ / "dynamic" / "box" / "3d_body" / "frame_0001001.json"; }
 
   const fs::path street_ = folder_ / "street";

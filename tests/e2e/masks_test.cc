@@ -23,7 +23,8 @@ class EndToEndMasks : public EndToEnd {
     write_image(file, image);
   }
   Ended train(const std::vector<std::string>& more) const {
-    std::vector<std::string> arguments = {"--cameras", kTinyFront, "--epochs", "1000", "--max-steps", "3"};
+    std::vector<std::string> arguments = {"--cameras", kTinyFront,    "--epochs",
+                                          "1000",      "--max-steps", "3"};
     arguments.insert(arguments.end(), more.begin(), more.end());
     return redrive(train_arguments(folder_ / "run", arguments));
   }
@@ -33,7 +34,8 @@ class EndToEndMasks : public EndToEnd {
     return nlohmann::json::parse(ended.out).at("cameras").at(kTinyFront);
   }
 
-  const fs::path given_ = folder_ / "given", of_front_ = given_ / (std::string(kTinyFront) + ".png"),
+  const fs::path given_ = folder_ / "given",
+                 of_front_ = given_ / (std::string(kTinyFront) + ".png"),
                  kept_ = folder_ / "run" / "masks" / (std::string(kTinyFront) + ".png");
 };
 
@@ -42,7 +44,8 @@ TEST_F(EndToEndMasks, AreKeptEditedAndNotScored) {
   write(of_front_, 48, 32, 24, 48);
   const Ended trained = train({"--masks", given_.string()});
   ASSERT_EQ(trained.exit_code, kExitOk) << trained.err;
-  EXPECT_THAT(trained.out, AllOf(HasSubstr("48 x 32, 50.0 % masked"), HasSubstr("3072 training pixels")));
+  EXPECT_THAT(trained.out,
+              AllOf(HasSubstr("48 x 32, 50.0 % masked"), HasSubstr("3072 training pixels")));
   EXPECT_EQ(read_image(kept_).rgb, read_image(of_front_).rgb);
   EXPECT_EQ(score().at("left_out_pixels"), 4 * 24 * 32);
 
@@ -59,8 +62,8 @@ TEST_F(EndToEndMasks, AreKeptEditedAndNotScored) {
 
 TEST_F(EndToEndMasks, OneOfAnotherSizeIsRefusedBeforeAnythingIsWritten) {
   write(of_front_, 40, 32, 0, 1);
-  const auto message =
-      AllOf(HasSubstr(std::string(kTinyFront) + ".png"), HasSubstr("size"), HasSubstr("40 x 32"), HasSubstr("48 x 32"));
+  const auto message = AllOf(HasSubstr(std::string(kTinyFront) + ".png"), HasSubstr("size"),
+                             HasSubstr("40 x 32"), HasSubstr("48 x 32"));
   const Ended refused = train({"--masks", given_.string()});
   EXPECT_EQ(refused.exit_code, kExitBadInput);
   EXPECT_THAT(refused.err, message);

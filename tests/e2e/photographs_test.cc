@@ -14,7 +14,8 @@ using ::testing::HasSubstr;
 
 constexpr int kSize = 20;
 
-/// A red disc on nothing, seen from four units away: opaque in the middle, its edge half, 20 x 20 pixels.
+/// A red disc on nothing, seen from four units away: opaque in the middle, its edge half, 20 x 20
+/// pixels.
 Image8 disc() {
   Image8 image{kSize, kSize, {}};
   for (int i = 0; i < kSize * kSize; ++i) {
@@ -36,7 +37,8 @@ class Photographs : public EndToEnd {
         const std::string name = std::string(split) + "/r_" + std::to_string(i);
         // Right, up and backward of a camera on a circle that looks at its middle.
         frames.push_back({{"file_path", "./" + name},
-                          {"transform_matrix", {{-s, 0, c, 4 * c}, {c, 0, s, 4 * s}, {0, 1, 0, 0}, {0, 0, 0, 1}}}});
+                          {"transform_matrix",
+                           {{-s, 0, c, 4 * c}, {c, 0, s, 4 * s}, {0, 1, 0, 0}, {0, 0, 0, 1}}}});
         write_image(set_ / (name + ".png"), disc());
       }
       write_file(set_ / ("transforms_" + std::string(split) + ".json"),
@@ -44,10 +46,11 @@ class Photographs : public EndToEnd {
     }
   }
   Ended train(const std::vector<std::string>& more) const {
-    std::vector<std::string> arguments = {"train",   set_.string(), "--out",     (folder_ / "run").string(),
-                                          "--width", "32",          "--samples", "12",
-                                          "--batch", "128"};
-    if (std::ranges::find(more, "--max-steps") == more.end()) arguments.insert(arguments.end(), {"--max-steps", "20"});
+    std::vector<std::string> arguments = {
+        "train", set_.string(), "--out", (folder_ / "run").string(), "--width", "32", "--samples",
+        "12",    "--batch",     "128"};
+    if (std::ranges::find(more, "--max-steps") == more.end())
+      arguments.insert(arguments.end(), {"--max-steps", "20"});
     arguments.insert(arguments.end(), more.begin(), more.end());
     return redrive(arguments);
   }
@@ -58,9 +61,10 @@ TEST_F(Photographs, FromInspectToRender) {
   const Ended table = redrive({"inspect", set_.string()});
   EXPECT_EQ(table.exit_code, kExitOk) << table.err;
   EXPECT_THAT(table.out,
-              AllOf(HasSubstr("(blender)"), HasSubstr("6, ids 0 to 5 in file-name order; no metres, no clock"),
-                    HasSubstr("1.51515 around 0 0 0"), HasSubstr("2 images by the recording's own split"),
-                    HasSubstr("--background")));
+              AllOf(HasSubstr("(blender)"),
+                    HasSubstr("6, ids 0 to 5 in file-name order; no metres, no clock"),
+                    HasSubstr("1.51515 around 0 0 0"),
+                    HasSubstr("2 images by the recording's own split"), HasSubstr("--background")));
   EXPECT_THAT(table.out, ::testing::Not(HasSubstr("driven")));
   const Ended inspected = redrive({"inspect", set_.string(), "--json"});
   const json report = json::parse(inspected.out);
@@ -80,7 +84,8 @@ TEST_F(Photographs, FromInspectToRender) {
   EXPECT_EQ(scored.exit_code, kExitOk) << scored.err;
   EXPECT_EQ(json::parse(scored.out).at("overall").at("images"), 2);
   const std::string run = (folder_ / "run").string(), picture = (folder_ / "a.png").string();
-  const std::vector<std::string> render = {"render", run, "--camera", "camera", "--frame", "5", "--out", picture};
+  const std::vector<std::string> render = {"render",  run, "--camera", "camera",
+                                           "--frame", "5", "--out",    picture};
   EXPECT_EQ(redrive(render).exit_code, kExitOk);
   EXPECT_EQ(read_image(picture).width, kSize);
   std::vector<std::string> level = render;
@@ -91,11 +96,14 @@ TEST_F(Photographs, FromInspectToRender) {
 }
 
 TEST_F(Photographs, GridOnABackgroundOfItsOwn) {
-  // Against the loss of its start, and a picture: red in the middle, and the corner is what pictures of this run stand on.
+  // Against the loss of its start, and a picture: red in the middle, and the corner is what
+  // pictures of this run stand on.
   const Ended trained = train({"--background", "random", "--max-steps", "300"});
   ASSERT_EQ(trained.exit_code, kExitOk) << trained.err;
   const std::string run = (folder_ / "run").string(), picture = (folder_ / "a.png").string();
-  ASSERT_EQ(redrive({"render", run, "--camera", "camera", "--frame", "0", "--out", picture}).exit_code, kExitOk);
+  ASSERT_EQ(
+      redrive({"render", run, "--camera", "camera", "--frame", "0", "--out", picture}).exit_code,
+      kExitOk);
   const Image8 image = read_image(picture);
   const auto at = [&](int x, int y) { return &image.rgb[3 * (y * kSize + x)]; };
   EXPECT_NEAR(at(10, 10)[0], 200, 30);
@@ -111,7 +119,8 @@ TEST_F(Photographs, GridOnABackgroundOfItsOwn) {
 TEST_F(Photographs, TransparencyNeedsABackground) {
   Ended ended = train({});
   EXPECT_EQ(ended.exit_code, kExitUsage);
-  EXPECT_THAT(ended.err, AllOf(HasSubstr("--background"), HasSubstr("r_0.png"), HasSubstr("transparent")));
+  EXPECT_THAT(ended.err,
+              AllOf(HasSubstr("--background"), HasSubstr("r_0.png"), HasSubstr("transparent")));
   ended = train({"--method", "nerf"});
   EXPECT_EQ(ended.exit_code, kExitUsage);
   EXPECT_THAT(ended.err, HasSubstr("transparent"));
@@ -123,7 +132,8 @@ TEST_F(Photographs, TransparencyNeedsABackground) {
   write_image(set_ / "test/r_1.png", opaque);
   ended = train({"--background", "white"});
   EXPECT_EQ(ended.exit_code, kExitUsage) << "a held-out image, before the first step";
-  EXPECT_THAT(ended.err, AllOf(HasSubstr("--background"), HasSubstr("r_1.png"), HasSubstr("alpha")));
+  EXPECT_THAT(ended.err,
+              AllOf(HasSubstr("--background"), HasSubstr("r_1.png"), HasSubstr("alpha")));
   EXPECT_FALSE(fs::exists(folder_ / "run"));
 }
 
@@ -133,8 +143,10 @@ TEST_F(Photographs, RefusesWhatDoesNotFit) {
   EXPECT_THAT(ended.err, HasSubstr("--holdout-every 2"));
   ended = train({"--background", "white", "--truth-poses"});
   EXPECT_EQ(ended.exit_code, kExitBadInput);
-  write_image(set_ / "mask.png", Image8{kSize, kSize + 1, std::vector<std::uint8_t>(3 * kSize * (kSize + 1), 255)});
-  edit_json(set_ / "transforms_train.json", [](json& file) { file["frames"][3]["mask_path"] = "mask.png"; });
+  write_image(set_ / "mask.png",
+              Image8{kSize, kSize + 1, std::vector<std::uint8_t>(3 * kSize * (kSize + 1), 255)});
+  edit_json(set_ / "transforms_train.json",
+            [](json& file) { file["frames"][3]["mask_path"] = "mask.png"; });
   ended = train({"--background", "white"});
   EXPECT_EQ(ended.exit_code, kExitBadInput);
   EXPECT_THAT(ended.err, AllOf(HasSubstr("mask.png"), HasSubstr("20 x 21"), HasSubstr("20 x 20")));

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The street as a program is given it, put right: what tools/street/README.md says is wrong is found.
+// The street as a program is given it, put right: what tools/street/README.md says is wrong is
+// found.
 #include <cmath>
 #include <numbers>
 
@@ -25,7 +26,8 @@ TEST(Street, IsAligned) {
   for (std::size_t c = 0; c < result.cameras.size(); ++c) {
     const CameraCalibration &found = result.cameras[c], &right = truth.cameras[c].calibration;
     SCOPED_TRACE(found.name);
-    const Eigen::Matrix3d rest = found.body_from_sensor.linear() * right.body_from_sensor.linear().transpose();
+    const Eigen::Matrix3d rest =
+        found.body_from_sensor.linear() * right.body_from_sensor.linear().transpose();
     if (found.name == "F_MIDRANGECAM_C") EXPECT_LT(std::abs(so3_log(rest).z()) * kDegrees, 0.02);
     EXPECT_LT(std::abs(static_cast<double>(found.time_offset_ns - right.time_offset_ns)), 1e6);
     EXPECT_LT(result.bundle.cameras[c].after_px, 0.5 * result.bundle.cameras[c].before_px);
@@ -37,7 +39,8 @@ TEST(StreetRolling, ReadoutsAreFound) {
   ThreadPool pool(2);
   AlignOptions options;
   options.bundle.readouts = {true, true};
-  const AlignResult result = align(open_recording(REDRIVE_SAMPLES "/street_rolling"), options, pool);
+  const AlignResult result =
+      align(open_recording(REDRIVE_SAMPLES "/street_rolling"), options, pool);
   for (std::size_t c = 0; c < result.cameras.size(); ++c) {
     const CameraCorrection& camera = result.camera_corrections[c];
     SCOPED_TRACE(camera.name);

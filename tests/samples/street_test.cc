@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The street recordings as the readers see them: complete, wrong by what tools/street/README.md says and by no more, and LiDAR,
-// boxes, poses, cameras and depth of one and the same world.
+// The street recordings as the readers see them: complete, wrong by what tools/street/README.md
+// says and by no more, and LiDAR, boxes, poses, cameras and depth of one and the same world.
 #include <algorithm>
 #include <cmath>
 #include <map>
@@ -21,7 +21,8 @@
 namespace redrive {
 namespace {
 
-const std::filesystem::path kStreet = REDRIVE_SAMPLES "/street", kTraffic = REDRIVE_SAMPLES "/street_traffic",
+const std::filesystem::path kStreet = REDRIVE_SAMPLES "/street",
+                            kTraffic = REDRIVE_SAMPLES "/street_traffic",
                             kRolling = REDRIVE_SAMPLES "/street_rolling";
 constexpr double kDegrees = 180 / std::numbers::pi;
 
@@ -32,7 +33,8 @@ TEST(Street, IsComplete) {
   ASSERT_EQ(street.cameras.size(), 4u);
   for (const RecordedCamera& camera : street.cameras) {
     EXPECT_EQ(camera.images.size(), 48u) << camera.calibration.name;
-    EXPECT_EQ(camera.calibration.model, camera.calibration.name.starts_with("F_") ? "opencv_pinhole" : "mei");
+    EXPECT_EQ(camera.calibration.model,
+              camera.calibration.name.starts_with("F_") ? "opencv_pinhole" : "mei");
     EXPECT_NE(camera.calibration.fx, camera.calibration.fy);
   }
   EXPECT_EQ(street.lidar_files.size(), 48u);
@@ -41,13 +43,16 @@ TEST(Street, IsComplete) {
   EXPECT_NEAR(street.frames[1].t_ns - street.frames[0].t_ns, 1e9 / 15, 1000);
 }
 
-// The noise is scaled to its RMS over all frames: 1e-6 is for ECEF in double (1e-9 m) and a turn's logarithm.
+// The noise is scaled to its RMS over all frames: 1e-6 is for ECEF in double (1e-9 m) and a turn's
+// logarithm.
 TEST(Street, WhatAProgramIsGivenIsWrongAsStated) {
-  const Recording given = open_recording(kStreet), truth = open_recording(kStreet, PoseSource::kTruth);
+  const Recording given = open_recording(kStreet),
+                  truth = open_recording(kStreet, PoseSource::kTruth);
   ASSERT_EQ(given.frames.size(), truth.frames.size());
   Eigen::Array3d squares_m = Eigen::Array3d::Zero(), squares_deg = Eigen::Array3d::Zero();
   for (std::size_t i = 0; i < given.frames.size(); ++i) {
-    const Rigid3d error = truth.frames[i].ecef_from_body.inverse(Eigen::Isometry) * given.frames[i].ecef_from_body;
+    const Rigid3d error =
+        truth.frames[i].ecef_from_body.inverse(Eigen::Isometry) * given.frames[i].ecef_from_body;
     const Eigen::AngleAxisd turn(error.linear());
     squares_m += error.translation().array().square();
     squares_deg += (turn.axis().array() * turn.angle() * kDegrees).square();
@@ -57,7 +62,8 @@ TEST(Street, WhatAProgramIsGivenIsWrongAsStated) {
   EXPECT_TRUE((squares_deg / frames).sqrt().isApprox(Eigen::Array3d::Constant(0.12), 1e-6));
   for (std::size_t c = 0; c < given.cameras.size(); ++c) {
     const CameraCalibration &a = given.cameras[c].calibration, &b = truth.cameras[c].calibration;
-    const Eigen::Matrix3d turn = a.body_from_sensor.linear() * b.body_from_sensor.linear().transpose();
+    const Eigen::Matrix3d turn =
+        a.body_from_sensor.linear() * b.body_from_sensor.linear().transpose();
     const double yaw_deg = Eigen::AngleAxisd(turn).angle() * kDegrees;
     EXPECT_NEAR(yaw_deg, a.name == "F_MIDRANGECAM_C" ? 0.15 : 0, 1e-6) << a.name;
     EXPECT_EQ(a.time_offset_ns, 0);
@@ -66,7 +72,8 @@ TEST(Street, WhatAProgramIsGivenIsWrongAsStated) {
   }
 }
 
-/// A run of the street that has not been trained: its scene is what the truth of new views is read with.
+/// A run of the street that has not been trained: its scene is what the truth of new views is read
+/// with.
 Run true_run(const std::filesystem::path& root) {
   Run run;
   run.recording = open_recording(root, PoseSource::kTruth);
@@ -95,9 +102,10 @@ TEST(Street, ShiftsOfTheTruePosesAreWhereTheirPosesSay) {
   }
 }
 
-// A LiDAR point at its own time, in a picture from half a metre aside: the picture's depth there is the point's distance, but for
-// edges, what one of the two does not see, 2 cm of noise and half a pixel. The latter is most on the road, where a pixel
-// spans distance / (camera height * focal length) of the distance: 10 m / (1.25 m * 375) = 2 %, half of it to either side.
+// A LiDAR point at its own time, in a picture from half a metre aside: the picture's depth there is
+// the point's distance, but for edges, what one of the two does not see, 2 cm of noise and half a
+// pixel. The latter is most on the road, where a pixel spans distance / (camera height * focal
+// length) of the distance: 10 m / (1.25 m * 375) = 2 %, half of it to either side.
 TEST(Street, LidarAndDepthAreOfOneWorld) {
   const redrive::Run run = true_run(kStreet);
   const auto set = std::find_if(run.recording.novel.begin(), run.recording.novel.end(),
@@ -109,13 +117,14 @@ TEST(Street, LidarAndDepthAreOfOneWorld) {
   for (std::size_t i = 0; i < truth.size(); ++i) {
     const TruthView view = truth.load(i);
     const Rigid3d camera_from_world = view.world_from_camera.inverse(Eigen::Isometry);
-    const auto file = std::find_if(run.recording.lidar_files.begin(), run.recording.lidar_files.end(),
-                                   [&](const FrameFile& f) { return f.frame_id == poses.views[i].frame_id; });
+    const auto file =
+        std::find_if(run.recording.lidar_files.begin(), run.recording.lidar_files.end(),
+                     [&](const FrameFile& f) { return f.frame_id == poses.views[i].frame_id; });
     ASSERT_NE(file, run.recording.lidar_files.end());
     std::vector<double> errors;
     for (const LidarPoint& point : read_las(file->path)) {
-      const Eigen::Vector3d world =
-          world_from_ecef * pose_at(run.recording.frames, point.t_ns) * point.in_body_m.cast<double>();
+      const Eigen::Vector3d world = world_from_ecef * pose_at(run.recording.frames, point.t_ns) *
+                                    point.in_body_m.cast<double>();
       const Eigen::Vector3d in_camera = camera_from_world * world;
       const auto at = view.camera.project(in_camera);
       if (!at) continue;
@@ -131,23 +140,27 @@ TEST(Street, LidarAndDepthAreOfOneWorld) {
   }
 }
 
-// 120 packets in 0.1 s, files 1/15 s apart. Every packet has points: its lowest beams meet the road.
+// 120 packets in 0.1 s, files 1/15 s apart. Every packet has points: its lowest beams meet the
+// road.
 LidarReturns returns_of(const redrive::Run& run) {
   ThreadPool pool(2);
-  return load_lidar_returns(run.recording, run.scene, read_moving_objects(run.recording, run.scene), pool);
+  return load_lidar_returns(run.recording, run.scene, read_moving_objects(run.recording, run.scene),
+                            pool);
 }
 
 Eigen::Vector3d column(const std::vector<float>& values, std::size_t n, std::size_t i) {
   return {values[i], values[n + i], values[2 * n + i]};
 }
 
-// Returns of all revolutions in pictures of single frames: what stands is where the picture has it, or hidden behind
-// something, or (an edge, noise) a little nearer.
+// Returns of all revolutions in pictures of single frames: what stands is where the picture has it,
+// or hidden behind something, or (an edge, noise) a little nearer.
 TEST(Street, ReturnsOfAllRevolutionsStayPut) {
   const redrive::Run run = true_run(kStreet);
   const LidarReturns returns = returns_of(run);
   EXPECT_GT(returns.n, 48u * 500);
-  EXPECT_NEAR(static_cast<double>(returns.repeated) / static_cast<double>(returns.n + returns.repeated), 1.0 / 3, 0.05);
+  EXPECT_NEAR(
+      static_cast<double>(returns.repeated) / static_cast<double>(returns.n + returns.repeated),
+      1.0 / 3, 0.05);
   EXPECT_EQ(returns.on_moving, 0u);
   const auto set = std::find_if(run.recording.novel.begin(), run.recording.novel.end(),
                                 [](const NovelSet& s) { return s.name == "right_1"; });
@@ -158,8 +171,8 @@ TEST(Street, ReturnsOfAllRevolutionsStayPut) {
     const Rigid3d camera_from_world = view.world_from_camera.inverse(Eigen::Isometry);
     for (std::size_t k = 0; k < returns.n; ++k) {
       const Eigen::Vector3d in_camera =
-          camera_from_world *
-          (column(returns.origin, returns.n, k) + returns.range_m[k] * column(returns.direction, returns.n, k));
+          camera_from_world * (column(returns.origin, returns.n, k) +
+                               returns.range_m[k] * column(returns.direction, returns.n, k));
       const auto at = view.camera.project(in_camera);
       if (!at) continue;
       const long x = std::lround(at->x()), y = std::lround(at->y());
@@ -181,8 +194,8 @@ TEST(Street, RevolutionsOverlapByAThird) {
     std::set<std::int64_t> packets;
     for (const LidarPoint& point : read_las(file.path)) packets.insert(point.t_ns);
     EXPECT_EQ(packets.size(), 120u) << file.path;
-    const auto shared =
-        std::count_if(packets.begin(), packets.end(), [&](std::int64_t t_ns) { return before.contains(t_ns); });
+    const auto shared = std::count_if(packets.begin(), packets.end(),
+                                      [&](std::int64_t t_ns) { return before.contains(t_ns); });
     EXPECT_EQ(shared, before.empty() ? 0 : 40) << file.path;
     before = std::move(packets);
   }
@@ -196,12 +209,14 @@ TEST(StreetRolling, IsTheFirstHalfOfTheStreetFromTheFrontCameras) {
   ASSERT_EQ(rolling.cameras.size(), 2u);
   for (const RecordedCamera& camera : rolling.cameras) EXPECT_EQ(camera.images.size(), 24u);
   for (std::size_t i = 0; i < rolling.frames.size(); ++i)
-    EXPECT_EQ(rolling.frames[i].ecef_from_body.matrix(), street.frames[i].ecef_from_body.matrix()) << i;
+    EXPECT_EQ(rolling.frames[i].ecef_from_body.matrix(), street.frames[i].ecef_from_body.matrix())
+        << i;
 }
 
-// One of the three stands still, seen from a car that moves: its relative velocity is the ego vehicle's, reversed; that of
-// poses 1/15 s apart differs from the one at the first of them by at most half of 2.1 m/s^2 / 15 (tools/street/trajectory.py).
-// The LiDAR meets every vehicle (5 cm: its range noise, 2.5 sigma), and nothing in the air above it.
+// One of the three stands still, seen from a car that moves: its relative velocity is the ego
+// vehicle's, reversed; that of poses 1/15 s apart differs from the one at the first of them by at
+// most half of 2.1 m/s^2 / 15 (tools/street/trajectory.py). The LiDAR meets every vehicle (5 cm:
+// its range noise, 2.5 sigma), and nothing in the air above it.
 TEST(StreetTraffic, BoxesHoldTheirVehicles) {
   const Recording traffic = open_recording(kTraffic, PoseSource::kTruth);
   EXPECT_EQ(traffic.cameras.size(), 2u);
@@ -214,10 +229,11 @@ TEST(StreetTraffic, BoxesHoldTheirVehicles) {
     const auto frame = std::find_if(traffic.frames.begin(), traffic.frames.end(),
                                     [&](const FramePose& f) { return f.id == file.frame_id; });
     ASSERT_NE(frame, traffic.frames.end());
-    const Rigid3d later =
-        frame->ecef_from_body.inverse(Eigen::Isometry) * pose_at(traffic.frames, frame->t_ns + 1'000'000);
-    const auto cloud = std::find_if(traffic.lidar_files.begin(), traffic.lidar_files.end(),
-                                    [&](const FrameFile& f) { return f.frame_id == file.frame_id; });
+    const Rigid3d later = frame->ecef_from_body.inverse(Eigen::Isometry) *
+                          pose_at(traffic.frames, frame->t_ns + 1'000'000);
+    const auto cloud =
+        std::find_if(traffic.lidar_files.begin(), traffic.lidar_files.end(),
+                     [&](const FrameFile& f) { return f.frame_id == file.frame_id; });
     const std::vector<LidarPoint> points = read_las(cloud->path);
     for (const Box& box : boxes) {
       EXPECT_EQ(box.t_ns, frame->t_ns);
@@ -228,7 +244,8 @@ TEST(StreetTraffic, BoxesHoldTheirVehicles) {
         const Eigen::Vector3d at_box_time =
             point.in_body_m.cast<double>() +
             1e-9 * static_cast<double>(box.t_ns - point.t_ns) * box.velocity_in_body_m_per_s;
-        const Eigen::Array3d in_box = box_from_body * at_box_time, half = box.size_m.array() / 2 + 0.05;
+        const Eigen::Array3d in_box = box_from_body * at_box_time,
+                             half = box.size_m.array() / 2 + 0.05;
         inside += (in_box.abs() <= half).all();
         above += ((in_box - Eigen::Array3d(0, 0, 2 * half.z())).abs() <= half).all();
       }
@@ -239,8 +256,8 @@ TEST(StreetTraffic, BoxesHoldTheirVehicles) {
   EXPECT_EQ(parked, 24);
 }
 
-// samples/street is the same drive without the three vehicles: a ray of the same packet that ends earlier here ends on one of
-// them. What is left of those is on the parked one.
+// samples/street is the same drive without the three vehicles: a ray of the same packet that ends
+// earlier here ends on one of them. What is left of those is on the parked one.
 TEST(StreetTraffic, ReturnsOfMovingVehiclesAreGone) {
   const redrive::Run run = true_run(kTraffic), empty = true_run(kStreet);
   const LidarReturns with = returns_of(run), without = returns_of(empty);
@@ -249,22 +266,26 @@ TEST(StreetTraffic, ReturnsOfMovingVehiclesAreGone) {
   for (std::size_t i = 0; i < without.n; ++i) by_time.emplace(without.t_ns[i], i);
   int same = 0, earlier_on_parked = 0, earlier_elsewhere = 0;
   const std::vector<Box> boxes = read_boxes(run.recording.box_files[0].path);
-  const Rigid3d world_from_body =
-      run.scene.ecef_from_world.inverse(Eigen::Isometry) * pose_at(run.recording.frames, boxes[0].t_ns);
+  const Rigid3d world_from_body = run.scene.ecef_from_world.inverse(Eigen::Isometry) *
+                                  pose_at(run.recording.frames, boxes[0].t_ns);
   ASSERT_EQ(boxes[0].object_id, 1);  // the parked one
-  const Rigid3d box_from_world = (world_from_body * boxes[0].body_from_box).inverse(Eigen::Isometry);
+  const Rigid3d box_from_world =
+      (world_from_body * boxes[0].body_from_box).inverse(Eigen::Isometry);
   for (std::size_t i = 0; i < with.n; ++i) {
     const auto [begin, end] = by_time.equal_range(with.t_ns[i]);
     const Eigen::Vector3d direction = column(with.direction, with.n, i);
     for (auto it = begin; it != end; ++it) {
-      // Half of what lies between two beams or packets; millimetres of the files turn a near ray a little.
+      // Half of what lies between two beams or packets; millimetres of the files turn a near ray a
+      // little.
       if ((column(without.direction, without.n, it->second) - direction).norm() > 2e-3) continue;
       if (std::abs(with.range_m[i] - without.range_m[it->second]) < 0.3) {
         ++same;
       } else if (with.range_m[i] < without.range_m[it->second]) {
-        const Eigen::Vector3d in_box = box_from_world * (column(with.origin, with.n, i) + with.range_m[i] * direction);
-        ++((in_box.cwiseAbs().array() <= boxes[0].size_m.array() / 2 + 0.1).all() ? earlier_on_parked
-                                                                                  : earlier_elsewhere);
+        const Eigen::Vector3d in_box =
+            box_from_world * (column(with.origin, with.n, i) + with.range_m[i] * direction);
+        ++((in_box.cwiseAbs().array() <= boxes[0].size_m.array() / 2 + 0.1).all()
+               ? earlier_on_parked
+               : earlier_elsewhere);
       }
     }
   }
@@ -279,7 +300,8 @@ double share_left_out(const Mask& mask, int first_row, int last_row) {
   return static_cast<double>(std::count(begin, end, 0)) / static_cast<double>(end - begin);
 }
 
-// The bonnet is in the pictures of one camera, below row 203 of 256; it is 11.5 % of them, as counted in the pictures by hand.
+// The bonnet is in the pictures of one camera, below row 203 of 256; it is 11.5 % of them, as
+// counted in the pictures by hand.
 TEST(Street, MasksHideTheBonnetAndNothingElse) {
   for (const std::filesystem::path& root : {kStreet, kTraffic, kRolling}) {
     SCOPED_TRACE(root);

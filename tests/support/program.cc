@@ -16,8 +16,8 @@ namespace redrive::testing {
 namespace {
 
 /// Between fork and exec: system calls only.
-[[noreturn]] void become(const char* binary, char* const* arguments, const char* out, const char* err,
-                         const std::optional<std::size_t>& file_limit_bytes) {
+[[noreturn]] void become(const char* binary, char* const* arguments, const char* out,
+                         const char* err, const std::optional<std::size_t>& file_limit_bytes) {
   dup2(open(out, O_WRONLY | O_CREAT | O_TRUNC, 0600), STDOUT_FILENO);
   dup2(open(err, O_WRONLY | O_CREAT | O_TRUNC, 0600), STDERR_FILENO);
   if (file_limit_bytes) {

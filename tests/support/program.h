@@ -19,7 +19,8 @@ struct Ended {
 
 class Program {
  public:
-  /// Starts it. `file_limit_bytes`: no file may grow beyond it, writing further fails (as on a full disk, with EFBIG).
+  /// Starts it. `file_limit_bytes`: no file may grow beyond it, writing further fails (as on a full
+  /// disk, with EFBIG).
   Program(const std::filesystem::path& binary, const std::vector<std::string>& arguments,
           std::optional<std::size_t> file_limit_bytes = {});
   ~Program();  ///< kills it if it still runs

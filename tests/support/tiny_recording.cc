@@ -32,30 +32,39 @@ Rigid3d mounted(const Eigen::Vector3d& forward, const Eigen::Vector3d& position)
 }
 
 std::vector<CameraCalibration> cameras() {
-  return {
-      {kTinyRear,
-       "opencv_pinhole",
-       30,
-       28,
-       19.5,
-       11.5,
-       {-0.05, 0.01, 0, 0, 0},
-       0,
-       40,
-       24,
-       mounted({-1, 0, 0}, {-1, 0, 1.5})},
-      {kTinyFront,
-       "opencv_pinhole",
-       44,
-       38,
-       24,
-       15,
-       {-0.2, 0.05, 0.001, 0.0005, 0},
-       0,
-       48,
-       32,
-       mounted({1, 0, 0}, {2, 0.1, 1.5})},
-      {kTinyLeft, "mei", 20, 18, 21.5, 17, {0.03, -0.08, 0, 0, 0}, 1.02, 44, 36, mounted({0, 1, 0}, {1, 0.6, 1.5})}};
+  return {{kTinyRear,
+           "opencv_pinhole",
+           30,
+           28,
+           19.5,
+           11.5,
+           {-0.05, 0.01, 0, 0, 0},
+           0,
+           40,
+           24,
+           mounted({-1, 0, 0}, {-1, 0, 1.5})},
+          {kTinyFront,
+           "opencv_pinhole",
+           44,
+           38,
+           24,
+           15,
+           {-0.2, 0.05, 0.001, 0.0005, 0},
+           0,
+           48,
+           32,
+           mounted({1, 0, 0}, {2, 0.1, 1.5})},
+          {kTinyLeft,
+           "mei",
+           20,
+           18,
+           21.5,
+           17,
+           {0.03, -0.08, 0, 0, 0},
+           1.02,
+           44,
+           36,
+           mounted({0, 1, 0}, {1, 0.6, 1.5})}};
 }
 
 Rigid3d ecef_from_body(int frame) {
@@ -72,8 +81,10 @@ Image8 picture(const CameraCalibration& calibration) {
     for (int x = 0; x < camera.width; ++x) {
       const auto direction = camera.unproject({double(x), double(y)});
       for (int k = 0; k < 3; ++k) {
-        const double turned = direction ? (calibration.body_from_sensor.linear() * *direction)((k + 1) % 3) : 0;
-        image.rgb.push_back(static_cast<std::uint8_t>(std::lround(255 * (0.5 + 0.4 * std::sin(3 * turned + k)))));
+        const double turned =
+            direction ? (calibration.body_from_sensor.linear() * *direction)((k + 1) % 3) : 0;
+        image.rgb.push_back(
+            static_cast<std::uint8_t>(std::lround(255 * (0.5 + 0.4 * std::sin(3 * turned + k)))));
       }
     }
   return image;
@@ -81,7 +92,9 @@ Image8 picture(const CameraCalibration& calibration) {
 
 }  // namespace
 
-fs::path tiny_calibration(const fs::path& root) { return root / "sensor/calibration/calibration.json"; }
+fs::path tiny_calibration(const fs::path& root) {
+  return root / "sensor/calibration/calibration.json";
+}
 fs::path tiny_egomotion(const fs::path& root) { return root / "sensor/gnssins/egomotion2.json"; }
 
 fs::path tiny_image(const fs::path& root, const std::string& camera, int id) {
@@ -112,8 +125,8 @@ void write_tiny_recording(const fs::path& root) {
     }
   }
   for (int frame = 0; frame < kTinyFrames; ++frame)
-    egomotion[std::to_string(kTinyFirstId + frame)] = {{"RT_ECEF_body", rows(ecef_from_body(frame))},
-                                                       {"time_host", 4833.0 + frame / 15.0}};
+    egomotion[std::to_string(kTinyFirstId + frame)] = {
+        {"RT_ECEF_body", rows(ecef_from_body(frame))}, {"time_host", 4833.0 + frame / 15.0}};
   fs::create_directories(tiny_calibration(root).parent_path());
   fs::create_directories(tiny_egomotion(root).parent_path());
   write_file(tiny_calibration(root), calibration.dump(1));

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A drive of a few small pictures in the aiMotive layout, for tests: the world is a sphere of smooth colours around the car, so
-// that colour is a function of direction, and a network of width 32 learns it in a second.
+// A drive of a few small pictures in the aiMotive layout, for tests: the world is a sphere of
+// smooth colours around the car, so that colour is a function of direction, and a network of width
+// 32 learns it in a second.
 #pragma once
 
 #include <filesystem>
@@ -22,9 +23,11 @@ void write_tiny_recording(const std::filesystem::path& root);
 
 std::filesystem::path tiny_calibration(const std::filesystem::path& root);
 std::filesystem::path tiny_egomotion(const std::filesystem::path& root);
-std::filesystem::path tiny_image(const std::filesystem::path& root, const std::string& camera, int id);
+std::filesystem::path tiny_image(const std::filesystem::path& root, const std::string& camera,
+                                 int id);
 
 /// Reads a JSON file, changes it, writes it back.
-void edit_json(const std::filesystem::path& file, const std::function<void(nlohmann::json&)>& change);
+void edit_json(const std::filesystem::path& file,
+               const std::function<void(nlohmann::json&)>& change);
 
 }  // namespace redrive::testing

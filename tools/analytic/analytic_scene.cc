@@ -41,7 +41,8 @@ double fraction(double x) { return x - std::floor(x); }
 // Lane dashes 1.5 m long every 3 m at y = +-1.75, a stop line, grass beyond |y| = 4.5.
 Vector3d ground_colour(const Vector3d& p) {
   const double grain = 0.75 + 0.3 * noise(3 * p.x(), 3 * p.y()) + 0.2 * noise(9 * p.x(), 9 * p.y());
-  if (std::abs(p.y()) > 4.5) return Vector3d(0.10, 0.22, 0.06) * grain * (0.7 + 0.6 * noise(0.7 * p.x(), 0.7 * p.y()));
+  if (std::abs(p.y()) > 4.5)
+    return Vector3d(0.10, 0.22, 0.06) * grain * (0.7 + 0.6 * noise(0.7 * p.x(), 0.7 * p.y()));
   if (std::abs(p.y()) > 4.2) return Vector3d(0.45, 0.44, 0.42) * grain;
   const bool dash = std::abs(std::abs(p.y()) - 1.75) < 0.08 && fraction(p.x() / 3.0) < 0.5;
   const bool stop_line = p.x() > 14.0 && p.x() < 14.4 && std::abs(p.y()) < 1.67;
@@ -53,9 +54,11 @@ Vector3d ground_colour(const Vector3d& p) {
 Vector3d wall_colour(const Hit& hit, double u, double v) {
   switch (hit.texture) {
     case Texture::kBrick: {
-      const double row = std::floor(v / 0.3), shifted = u / 0.6 + 0.5 * std::fmod(std::abs(row), 2.0);
+      const double row = std::floor(v / 0.3),
+                   shifted = u / 0.6 + 0.5 * std::fmod(std::abs(row), 2.0);
       const bool mortar = fraction(v / 0.3) < 0.12 || fraction(shifted) < 0.06;
-      const double tint = 0.8 + 0.4 * lattice(static_cast<int>(std::floor(shifted)), static_cast<int>(row));
+      const double tint =
+          0.8 + 0.4 * lattice(static_cast<int>(std::floor(shifted)), static_cast<int>(row));
       return mortar ? hit.second_colour : Vector3d(hit.colour * tint);
     }
     case Texture::kFacade: {
@@ -66,11 +69,13 @@ Vector3d wall_colour(const Hit& hit, double u, double v) {
         const bool bar = std::abs(a - 0.5) < 0.015 || std::abs(b - 0.5) < 0.015;
         return bar ? Vector3d(0.6, 0.6, 0.6) : Vector3d(hit.second_colour * (0.6 + 0.8 * b));
       }
-      return frame ? Vector3d(0.65, 0.64, 0.6) : Vector3d(hit.colour * (0.85 + 0.2 * noise(2 * u, 2 * v)));
+      return frame ? Vector3d(0.65, 0.64, 0.6)
+                   : Vector3d(hit.colour * (0.85 + 0.2 * noise(2 * u, 2 * v)));
     }
     case Texture::kChecker:
-      return (static_cast<int>(std::floor(u / 0.25)) + static_cast<int>(std::floor(v / 0.25))) % 2 ? hit.colour
-                                                                                                   : hit.second_colour;
+      return (static_cast<int>(std::floor(u / 0.25)) + static_cast<int>(std::floor(v / 0.25))) % 2
+                 ? hit.colour
+                 : hit.second_colour;
     case Texture::kStripes: return fraction((u + v) / 0.5) < 0.5 ? hit.colour : hit.second_colour;
     default: return hit.colour * (0.9 + 0.2 * noise(4 * u, 4 * v));
   }
@@ -82,7 +87,9 @@ Vector3d albedo(const Hit& hit, const Vector3d& point, bool is_ground, bool is_s
     // Eight stripes of longitude, cut by a belt at the equator.
     const double longitude = std::atan2(hit.local.y(), hit.local.x()) / (2 * M_PI);
     const bool belt = std::abs(hit.local.z()) < 0.12;
-    return belt ? Vector3d(0.8, 0.8, 0.8) : fraction(8 * longitude) < 0.5 ? hit.colour : hit.second_colour;
+    return belt                            ? Vector3d(0.8, 0.8, 0.8)
+           : fraction(8 * longitude) < 0.5 ? hit.colour
+                                           : hit.second_colour;
   }
   if (std::abs(hit.normal.z()) > 0.5) return wall_colour(hit, point.x(), point.y());
   return std::abs(hit.normal.x()) > 0.5 ? wall_colour(hit, point.y(), point.z())
@@ -90,14 +97,16 @@ Vector3d albedo(const Hit& hit, const Vector3d& point, bool is_ground, bool is_s
 }
 
 void hit_box(const Box& box, const Vector3d& origin, const Vector3d& direction, Hit* best) {
-  double enter = -std::numeric_limits<double>::infinity(), leave = std::numeric_limits<double>::infinity();
+  double enter = -std::numeric_limits<double>::infinity(),
+         leave = std::numeric_limits<double>::infinity();
   int axis = 0;
   for (int d = 0; d < 3; ++d) {
     if (direction[d] == 0) {
       if (origin[d] < box.low[d] || origin[d] > box.high[d]) return;
       continue;
     }
-    double a = (box.low[d] - origin[d]) / direction[d], b = (box.high[d] - origin[d]) / direction[d];
+    double a = (box.low[d] - origin[d]) / direction[d],
+           b = (box.high[d] - origin[d]) / direction[d];
     if (a > b) std::swap(a, b);
     if (a > enter) enter = a, axis = d;
     leave = std::min(leave, b);
@@ -108,10 +117,12 @@ void hit_box(const Box& box, const Vector3d& origin, const Vector3d& direction, 
   *best = {enter, normal, box.texture, box.colour, box.second_colour, Vector3d::Zero()};
 }
 
-bool hit_sphere(const Sphere& sphere, const Vector3d& origin, const Vector3d& direction, Hit* best) {
+bool hit_sphere(const Sphere& sphere, const Vector3d& origin, const Vector3d& direction,
+                Hit* best) {
   const Vector3d to_center = sphere.center - origin;
   const double along = to_center.dot(direction);
-  const double discriminant = along * along - to_center.squaredNorm() + sphere.radius * sphere.radius;
+  const double discriminant =
+      along * along - to_center.squaredNorm() + sphere.radius * sphere.radius;
   if (discriminant < 0) return false;
   const double t = along - std::sqrt(discriminant);
   if (t <= kRayStart || t >= best->t) return false;
@@ -160,8 +171,11 @@ Courtyard make_courtyard(unsigned seed) {
   scene.to_sun = Vector3d(-0.35, 0.55, 0.76).normalized();
   const std::uint64_t key = random_key(seed, kStreamTest);
   std::uint64_t drawn = 0;
-  const auto uniform = [&](double low, double high) { return low + (high - low) * random_unit(key, drawn++); };
-  const Vector3d brick(0.42, 0.17, 0.11), mortar(0.5, 0.48, 0.44), plaster(0.62, 0.52, 0.36), glass(0.09, 0.14, 0.2);
+  const auto uniform = [&](double low, double high) {
+    return low + (high - low) * random_unit(key, drawn++);
+  };
+  const Vector3d brick(0.42, 0.17, 0.11), mortar(0.5, 0.48, 0.44), plaster(0.62, 0.52, 0.36),
+      glass(0.09, 0.14, 0.2);
   const Vector3d stone(0.5, 0.5, 0.48), dark_stone(0.3, 0.31, 0.33), blue_plaster(0.3, 0.42, 0.52);
   // The court's walls: facade left and ahead, bricks right and behind.
   scene.boxes.push_back({{-14, 8.0, 0}, {30, 9.5, 7.4}, Texture::kFacade, plaster, glass});
@@ -169,15 +183,27 @@ Courtyard make_courtyard(unsigned seed) {
   scene.boxes.push_back({{24, -7.0, 0}, {25.5, 8.0, 5.2}, Texture::kFacade, blue_plaster, glass});
   scene.boxes.push_back({{-14, -7.0, 0}, {-12.5, 8.0, 2.6}, Texture::kBrick, stone, dark_stone});
   // A portal over the road, lamp posts along it.
-  scene.boxes.push_back({{17.0, 3.6, 0}, {17.6, 4.2, 4.2}, Texture::kStripes, {0.7, 0.08, 0.06}, {0.75, 0.75, 0.72}});
-  scene.boxes.push_back({{17.0, -4.2, 0}, {17.6, -3.6, 4.2}, Texture::kStripes, {0.7, 0.08, 0.06}, {0.75, 0.75, 0.72}});
   scene.boxes.push_back(
-      {{17.0, -3.6, 3.5}, {17.6, 3.6, 4.2}, Texture::kChecker, {0.72, 0.6, 0.08}, {0.08, 0.08, 0.08}});
+      {{17.0, 3.6, 0}, {17.6, 4.2, 4.2}, Texture::kStripes, {0.7, 0.08, 0.06}, {0.75, 0.75, 0.72}});
+  scene.boxes.push_back({{17.0, -4.2, 0},
+                         {17.6, -3.6, 4.2},
+                         Texture::kStripes,
+                         {0.7, 0.08, 0.06},
+                         {0.75, 0.75, 0.72}});
+  scene.boxes.push_back({{17.0, -3.6, 3.5},
+                         {17.6, 3.6, 4.2},
+                         Texture::kChecker,
+                         {0.72, 0.6, 0.08},
+                         {0.08, 0.08, 0.08}});
   for (const double x : {-6.0, 1.0, 8.0, 15.0})
-    scene.boxes.push_back({{x, 5.2, 0}, {x + 0.14, 5.34, 4.6}, Texture::kMetal, dark_stone, dark_stone});
+    scene.boxes.push_back(
+        {{x, 5.2, 0}, {x + 0.14, 5.34, 4.6}, Texture::kMetal, dark_stone, dark_stone});
   // Crates and balls on both sides.
-  const Vector3d palette[] = {
-      {0.62, 0.12, 0.08}, {0.08, 0.3, 0.55}, {0.68, 0.52, 0.06}, {0.1, 0.42, 0.2}, {0.55, 0.3, 0.1}};
+  const Vector3d palette[] = {{0.62, 0.12, 0.08},
+                              {0.08, 0.3, 0.55},
+                              {0.68, 0.52, 0.06},
+                              {0.1, 0.42, 0.2},
+                              {0.55, 0.3, 0.1}};
   for (int i = 0; i < 10; ++i) {
     const double x = -9 + 2.9 * i + uniform(-0.5, 0.5), side = i % 2 ? 1 : -1;
     const double y = side * uniform(4.9, 6.2), size = uniform(0.7, 1.5), height = uniform(0.6, 1.7);
@@ -188,7 +214,8 @@ Courtyard make_courtyard(unsigned seed) {
                            Vector3d(0.66, 0.64, 0.58)});
   }
   for (int i = 0; i < 9; ++i) {
-    const double x = -8 + 3.1 * i + uniform(-0.6, 0.6), side = i % 2 ? -1 : 1, radius = uniform(0.35, 0.8);
+    const double x = -8 + 3.1 * i + uniform(-0.6, 0.6), side = i % 2 ? -1 : 1,
+                 radius = uniform(0.35, 0.8);
     scene.spheres.push_back({{x, side * uniform(3.0, 4.2), radius},
                              radius,
                              Texture::kStripes,
@@ -198,7 +225,8 @@ Courtyard make_courtyard(unsigned seed) {
   return scene;
 }
 
-Seen trace(const Courtyard& scene, const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) {
+Seen trace(const Courtyard& scene, const Eigen::Vector3d& origin,
+           const Eigen::Vector3d& direction) {
   const Closest found = closest(scene, origin, direction);
   Vector3d linear;
   double distance = 0;
@@ -208,9 +236,12 @@ Seen trace(const Courtyard& scene, const Eigen::Vector3d& origin, const Eigen::V
     distance = found.hit.t;
     const Vector3d point = origin + distance * direction;
     const double facing = std::max(0.0, found.hit.normal.dot(scene.to_sun));
-    const bool lit = facing > 0 && std::isinf(closest(scene, point + 1e-4 * found.hit.normal, scene.to_sun).hit.t);
+    const bool lit =
+        facing > 0 &&
+        std::isinf(closest(scene, point + 1e-4 * found.hit.normal, scene.to_sun).hit.t);
     const double ambient = 0.38 + 0.14 * found.hit.normal.z();
-    linear = albedo(found.hit, point, found.ground, found.sphere) * (ambient + (lit ? 1.15 * facing : 0.0));
+    linear = albedo(found.hit, point, found.ground, found.sphere) *
+             (ambient + (lit ? 1.15 * facing : 0.0));
   }
   return {linear.unaryExpr([](double v) { return encode(v); }), distance};
 }

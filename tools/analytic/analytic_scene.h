@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A courtyard that is a handful of formulas: a textured ground plane, boxes and spheres under a sun and a sky. Every
-// pixel's colour and depth is the closest root of a plane, slab or quadratic equation.
-// World axes: x forward, y left, z up, metres; the ground is z = 0.
+// A courtyard that is a handful of formulas: a textured ground plane, boxes and spheres under a sun
+// and a sky. Every pixel's colour and depth is the closest root of a plane, slab or quadratic
+// equation. World axes: x forward, y left, z up, metres; the ground is z = 0.
 #pragma once
 
 #include <vector>

@@ -15,15 +15,17 @@ TEST(Trace, DistancesAreThoseOfTheFormulas) {
   Courtyard scene;
   scene.to_sun = Vector3d(0, 0, 1);
   scene.spheres.push_back({{5, 0, 1}, 0.5, Texture::kStripes, Vector3d::Ones(), Vector3d::Zero()});
-  scene.boxes.push_back({{-4, -1, 0}, {-3, 1, 2}, Texture::kChecker, Vector3d::Ones(), Vector3d::Zero()});
+  scene.boxes.push_back(
+      {{-4, -1, 0}, {-3, 1, 2}, Texture::kChecker, Vector3d::Ones(), Vector3d::Zero()});
   EXPECT_NEAR(trace(scene, {0, 0, 1}, {1, 0, 0}).distance_m, 4.5, 1e-12);
   EXPECT_NEAR(trace(scene, {0, 0, 1}, {-1, 0, 0}).distance_m, 3, 1e-12);
-  EXPECT_NEAR(trace(scene, {0, 3, 1}, Vector3d(1, 0, -1).normalized()).distance_m, std::sqrt(2.0), 1e-12);
+  EXPECT_NEAR(trace(scene, {0, 3, 1}, Vector3d(1, 0, -1).normalized()).distance_m, std::sqrt(2.0),
+              1e-12);
   EXPECT_EQ(trace(scene, {0, 3, 1}, {0, 0, 1}).distance_m, 0);
 }
 
-// Every pixel's depth against the closed form: inside the sphere's tangent cone the near root of its quadratic, else the
-// ground plane, else sky.
+// Every pixel's depth against the closed form: inside the sphere's tangent cone the near root of
+// its quadratic, else the ground plane, else sky.
 TEST(Picture, DepthOfEveryPixelIsTheFormulas) {
   Courtyard scene;
   scene.to_sun = Vector3d(0, 0, 1);
@@ -42,16 +44,20 @@ TEST(Picture, DepthOfEveryPixelIsTheFormulas) {
         if (!in_camera) continue;
         const Vector3d direction = world_from_camera.linear() * *in_camera;
         const Vector3d to_center = sphere.center - origin;
-        const double miss = to_center.cross(direction).norm();  // distance of the ray's line from the centre
-        if (std::abs(miss - sphere.radius) < 1e-6) continue;    // on the silhouette itself either answer is right
+        const double miss =
+            to_center.cross(direction).norm();  // distance of the ray's line from the centre
+        if (std::abs(miss - sphere.radius) < 1e-6)
+          continue;  // on the silhouette itself either answer is right
         double expected = direction.z() < 0 ? -origin.z() / direction.z() : 0;
         if (miss < sphere.radius && to_center.dot(direction) > 0)
-          expected = to_center.dot(direction) - std::sqrt(sphere.radius * sphere.radius - miss * miss);
+          expected =
+              to_center.dot(direction) - std::sqrt(sphere.radius * sphere.radius - miss * miss);
         else if (expected > 0)
           ++ground;
         ++compared;
         // Half a millimetre of rounding; 16 bits end at 65.535 m.
-        ASSERT_NEAR(picture.depth_mm[std::size_t(y) * camera.width + x] / 1000.0, std::min(expected, 65.535), 0.000501)
+        ASSERT_NEAR(picture.depth_mm[std::size_t(y) * camera.width + x] / 1000.0,
+                    std::min(expected, 65.535), 0.000501)
             << calibration.name << " " << x << "," << y;
       }
     EXPECT_GT(ground, camera.width * camera.height / 5) << calibration.name;
@@ -64,7 +70,8 @@ TEST(Picture, KnownPointLandsWithinAThirdOfAPixel) {
   const Courtyard scene = [] {
     Courtyard s;
     s.to_sun = Vector3d(0, 0, 1);
-    s.boxes.push_back({{4, -1.3, 0.2}, {5, 0.7, 1.9}, Texture::kMetal, Vector3d::Ones(), Vector3d::Ones()});
+    s.boxes.push_back(
+        {{4, -1.3, 0.2}, {5, 0.7, 1.9}, Texture::kMetal, Vector3d::Ones(), Vector3d::Ones()});
     return s;
   }();
   const CameraCalibration calibration = rig_calibration()[0];
@@ -75,7 +82,8 @@ TEST(Picture, KnownPointLandsWithinAThirdOfAPixel) {
   ASSERT_TRUE(pixel);
   const auto distance_at = [&](double dx, double dy) {
     const auto direction = camera.unproject({pixel->x() + dx, pixel->y() + dy});
-    return trace(scene, world_from_camera.translation(), world_from_camera.linear() * *direction).distance_m;
+    return trace(scene, world_from_camera.translation(), world_from_camera.linear() * *direction)
+        .distance_m;
   };
   const double expected = (corner - world_from_camera.translation()).norm();
   EXPECT_NEAR(distance_at(0.3, 0.3), expected, 0.02);

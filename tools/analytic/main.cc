@@ -12,12 +12,16 @@
 #include "tools/analytic/recording_writer.h"
 
 int main(int argc, char** argv) {
-  CLI::App app("Ray-casts an analytic courtyard into a recording in the aiMotive layout", "make_analytic_recording");
+  CLI::App app("Ray-casts an analytic courtyard into a recording in the aiMotive layout",
+               "make_analytic_recording");
   std::string out;
   redrive::analytic::DriveOptions options;
   app.add_option("OUT", out, "folder to make")->required();
-  app.add_option("--seed", options.seed, "places and colours of crates and balls")->capture_default_str();
-  app.add_option("--frames", options.frames, "at 15 Hz")->check(CLI::Range(1, 1000))->capture_default_str();
+  app.add_option("--seed", options.seed, "places and colours of crates and balls")
+      ->capture_default_str();
+  app.add_option("--frames", options.frames, "at 15 Hz")
+      ->check(CLI::Range(1, 1000))
+      ->capture_default_str();
   CLI11_PARSE(app, argc, argv);
   try {
     redrive::ThreadPool pool(redrive::hardware_threads());

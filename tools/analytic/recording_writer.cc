@@ -23,15 +23,17 @@ constexpr int kSupersampling = 4;  // per axis
 
 double radians(double degrees) { return degrees * M_PI / 180; }
 
-// Camera axes (x right, y down, z forward) in body axes for a camera that looks along `yaw`, pitched down.
+// Camera axes (x right, y down, z forward) in body axes for a camera that looks along `yaw`,
+// pitched down.
 Rigid3d mount(const Vector3d& position, double yaw_deg, double pitch_down_deg, double roll_deg) {
   Matrix3d body_from_forward_camera;
   body_from_forward_camera << 0, 0, 1, -1, 0, 0, 0, -1, 0;
   Rigid3d body_from_sensor = Rigid3d::Identity();
-  body_from_sensor.linear() = Eigen::AngleAxisd(radians(yaw_deg), Vector3d::UnitZ()).toRotationMatrix() *
-                              body_from_forward_camera *
-                              Eigen::AngleAxisd(radians(-pitch_down_deg), Vector3d::UnitX()).toRotationMatrix() *
-                              Eigen::AngleAxisd(radians(roll_deg), Vector3d::UnitZ()).toRotationMatrix();
+  body_from_sensor.linear() =
+      Eigen::AngleAxisd(radians(yaw_deg), Vector3d::UnitZ()).toRotationMatrix() *
+      body_from_forward_camera *
+      Eigen::AngleAxisd(radians(-pitch_down_deg), Vector3d::UnitX()).toRotationMatrix() *
+      Eigen::AngleAxisd(radians(roll_deg), Vector3d::UnitZ()).toRotationMatrix();
   body_from_sensor.translation() = position;
   return body_from_sensor;
 }
@@ -80,28 +82,33 @@ const NovelShift kNovelShifts[] = {{"left_0.5", {0, 0.5, 0}},
 constexpr std::array kNovelCameras = {"F_MIDLONGRANGECAM_CL", "M_FISHEYE_L"};
 constexpr int kNovelPlaces = 3;
 
-void write_novel(const std::filesystem::path& folder, const NovelShift& novel, const Courtyard& scene,
-                 const std::vector<CameraCalibration>& rig, const DriveOptions& options, ThreadPool& pool) {
+void write_novel(const std::filesystem::path& folder, const NovelShift& novel,
+                 const Courtyard& scene, const std::vector<CameraCalibration>& rig,
+                 const DriveOptions& options, ThreadPool& pool) {
   std::filesystem::create_directories(folder);
   json images = json::array();
   for (const CameraCalibration& calibration : rig) {
-    if (std::find(kNovelCameras.begin(), kNovelCameras.end(), calibration.name) == kNovelCameras.end()) continue;
+    if (std::find(kNovelCameras.begin(), kNovelCameras.end(), calibration.name) ==
+        kNovelCameras.end())
+      continue;
     for (int place = 0; place < kNovelPlaces; ++place) {
       const int index = (2 * place + 1) * options.frames / (2 * kNovelPlaces);
       const std::int64_t id = options.first_id + index;
       Rigid3d shifted = world_from_body(index);
       shifted.translate(novel.shift_body_m);
-      const Picture picture =
-          take_picture(scene, make_camera(calibration), shifted * calibration.body_from_sensor, pool);
+      const Picture picture = take_picture(scene, make_camera(calibration),
+                                           shifted * calibration.body_from_sensor, pool);
       const std::string file = image_name(calibration.name, id, ".jpg");
       write_image(folder / file, picture.image);
-      write_png16(folder / image_name(calibration.name, id, "_depth.png"), calibration.width, calibration.height,
-                  picture.depth_mm);
-      images.push_back({{"file", file},
-                        {"camera", calibration.name},
-                        {"frame_id", id},
-                        {"RT_ECEF_body", matrix_json(ecef_from_world() * shifted)},
-                        {"shift_body_m", {novel.shift_body_m.x(), novel.shift_body_m.y(), novel.shift_body_m.z()}}});
+      write_png16(folder / image_name(calibration.name, id, "_depth.png"), calibration.width,
+                  calibration.height, picture.depth_mm);
+      images.push_back(
+          {{"file", file},
+           {"camera", calibration.name},
+           {"frame_id", id},
+           {"RT_ECEF_body", matrix_json(ecef_from_world() * shifted)},
+           {"shift_body_m",
+            {novel.shift_body_m.x(), novel.shift_body_m.y(), novel.shift_body_m.z()}}});
     }
   }
   write_file(folder / "poses.json", json{{"images", images}}.dump(1));
@@ -159,14 +166,16 @@ std::vector<CameraCalibration> rig_calibration() {
 }
 
 Rigid3d world_from_body(int index) {
-  // Heading psi(s) = 0.12 sin(s / 4), s the distance driven; position by Simpson's rule on the heading.
+  // Heading psi(s) = 0.12 sin(s / 4), s the distance driven; position by Simpson's rule on the
+  // heading.
   const double distance = kSpeed_m_s * kFrameInterval_s * index;
   const auto heading = [](double s) { return 0.12 * std::sin(s / 4); };
   Vector3d position = Vector3d::Zero();
   constexpr int kPanels = 64;
   const double panel = distance / kPanels;
   for (int i = 0; i < kPanels; ++i) {
-    const double a = heading(i * panel), m = heading((i + 0.5) * panel), b = heading((i + 1) * panel);
+    const double a = heading(i * panel), m = heading((i + 0.5) * panel),
+                 b = heading((i + 1) * panel);
     position.x() += panel / 6 * (std::cos(a) + 4 * std::cos(m) + std::cos(b));
     position.y() += panel / 6 * (std::sin(a) + 4 * std::sin(m) + std::sin(b));
   }
@@ -177,24 +186,28 @@ Rigid3d world_from_body(int index) {
 }
 
 Rigid3d ecef_from_world() {
-  const double latitude = radians(47.5), longitude = radians(19.0), height_m = 150, heading = radians(35);
+  const double latitude = radians(47.5), longitude = radians(19.0), height_m = 150,
+               heading = radians(35);
   const double a = 6378137.0, e2 = 6.69437999014e-3;  // WGS84
   const double normal_radius = a / std::sqrt(1 - e2 * std::sin(latitude) * std::sin(latitude));
   const Vector3d east(-std::sin(longitude), std::cos(longitude), 0);
-  const Vector3d up(std::cos(latitude) * std::cos(longitude), std::cos(latitude) * std::sin(longitude),
-                    std::sin(latitude));
+  const Vector3d up(std::cos(latitude) * std::cos(longitude),
+                    std::cos(latitude) * std::sin(longitude), std::sin(latitude));
   const Vector3d north = up.cross(east);
   Rigid3d pose = Rigid3d::Identity();
   pose.linear().col(0) = std::cos(heading) * north + std::sin(heading) * east;
   pose.linear().col(2) = up;
   pose.linear().col(1) = up.cross(pose.linear().col(0));
-  pose.translation() = (normal_radius + height_m) * up - Vector3d(0, 0, e2 * normal_radius * std::sin(latitude));
+  pose.translation() =
+      (normal_radius + height_m) * up - Vector3d(0, 0, e2 * normal_radius * std::sin(latitude));
   return pose;
 }
 
-Picture take_picture(const Courtyard& scene, const Camera& camera, const Rigid3d& world_from_camera, ThreadPool& pool) {
+Picture take_picture(const Courtyard& scene, const Camera& camera, const Rigid3d& world_from_camera,
+                     ThreadPool& pool) {
   Picture picture;
-  picture.image = {camera.width, camera.height, std::vector<std::uint8_t>(3u * camera.width * camera.height)};
+  picture.image = {camera.width, camera.height,
+                   std::vector<std::uint8_t>(3u * camera.width * camera.height)};
   picture.depth_mm.resize(std::size_t(camera.width) * camera.height);
   const auto see = [&](double x, double y) -> std::optional<Seen> {
     const auto direction = camera.unproject({x, y});
@@ -206,8 +219,8 @@ Picture take_picture(const Courtyard& scene, const Camera& camera, const Rigid3d
       const std::size_t pixel = std::size_t(y) * camera.width + x;
       const auto center = see(x, y);
       if (!center) continue;
-      picture.depth_mm[pixel] =
-          static_cast<std::uint16_t>(std::clamp(std::lround(1000 * center->distance_m), 0l, 65535l));
+      picture.depth_mm[pixel] = static_cast<std::uint16_t>(
+          std::clamp(std::lround(1000 * center->distance_m), 0l, 65535l));
       Vector3d sum = Vector3d::Zero();
       int seen = 0;
       for (int i = 0; i < kSupersampling * kSupersampling; ++i) {
@@ -216,18 +229,21 @@ Picture take_picture(const Courtyard& scene, const Camera& camera, const Rigid3d
         if (const auto sample = see(x + dx, y + dy)) sum += sample->colour, ++seen;
       }
       for (int k = 0; k < 3; ++k)
-        picture.image.rgb[3 * pixel + k] =
-            static_cast<std::uint8_t>(std::lround(255 * (seen ? sum[k] / seen : center->colour[k])));
+        picture.image.rgb[3 * pixel + k] = static_cast<std::uint8_t>(
+            std::lround(255 * (seen ? sum[k] / seen : center->colour[k])));
     }
   });
   return picture;
 }
 
-void write_recording(const std::filesystem::path& root, const DriveOptions& options, ThreadPool& pool) {
-  if (std::filesystem::exists(root)) throw UsageError("OUT", root.string(), "exists; nothing is overwritten");
+void write_recording(const std::filesystem::path& root, const DriveOptions& options,
+                     ThreadPool& pool) {
+  if (std::filesystem::exists(root))
+    throw UsageError("OUT", root.string(), "exists; nothing is overwritten");
   const Courtyard scene = make_courtyard(options.seed);
   const std::vector<CameraCalibration> rig = rig_calibration();
-  json calibration = {{"Imu0", {{"sensor_type", "imu"}, {"label", "Imu0"}, {"pos_meter", {0, 0, 0}}}}};
+  json calibration = {
+      {"Imu0", {{"sensor_type", "imu"}, {"label", "Imu0"}, {"pos_meter", {0, 0, 0}}}}};
   for (const CameraCalibration& camera : rig) {
     calibration[camera.name] = camera_json(camera);
     std::filesystem::create_directories(root / "sensor/camera" / camera.name);
@@ -240,13 +256,15 @@ void write_recording(const std::filesystem::path& root, const DriveOptions& opti
   for (int index = 0; index < options.frames; ++index) {
     const std::int64_t id = options.first_id + index;
     const double time_s = kFirstTime_s + kFrameInterval_s * index;
-    egomotion[std::to_string(id)] = {{"RT_ECEF_body", matrix_json(ecef_from_world() * world_from_body(index))},
-                                     {"time", time_s},
-                                     {"time_host", time_s}};
+    egomotion[std::to_string(id)] = {
+        {"RT_ECEF_body", matrix_json(ecef_from_world() * world_from_body(index))},
+        {"time", time_s},
+        {"time_host", time_s}};
     for (const CameraCalibration& camera : rig) {
-      const Picture picture =
-          take_picture(scene, make_camera(camera), world_from_body(index) * camera.body_from_sensor, pool);
-      write_image(root / "sensor/camera" / camera.name / image_name(camera.name, id, ".jpg"), picture.image);
+      const Picture picture = take_picture(scene, make_camera(camera),
+                                           world_from_body(index) * camera.body_from_sensor, pool);
+      write_image(root / "sensor/camera" / camera.name / image_name(camera.name, id, ".jpg"),
+                  picture.image);
     }
   }
   write_file(root / "sensor/gnssins/egomotion2.json", egomotion.dump(1));

@@ -19,24 +19,32 @@ struct DriveOptions {
   std::int64_t first_id = 1200;
 };
 
-/// The rig: two pinhole cameras with OpenCV distortion (front, rear), two Mei fisheyes (left, right).
+/// The rig: two pinhole cameras with OpenCV distortion (front, rear), two Mei fisheyes (left,
+/// right).
 std::vector<CameraCalibration> rig_calibration();
 
-/// Body pose at frame `index`: 5 m/s along a gentle left-right curve, first frame at the origin. World as analytic_scene.h.
+/// Body pose at frame `index`: 5 m/s along a gentle left-right curve, first frame at the origin.
+/// World as analytic_scene.h.
 Rigid3d world_from_body(int index);
 
-/// The invented place on the globe: 47.5 N, 19.0 E, 150 m (WGS84), world x towards heading 35 degrees.
+/// The invented place on the globe: 47.5 N, 19.0 E, 150 m (WGS84), world x towards heading 35
+/// degrees.
 Rigid3d ecef_from_world();
 
 struct Picture {
   Image8 image;
-  std::vector<std::uint16_t> depth_mm;  ///< [height, width] along the ray, 0 for the sky and unseen pixels
+  std::vector<std::uint16_t>
+      depth_mm;  ///< [height, width] along the ray, 0 for the sky and unseen pixels
 };
 
-/// Mean of 4x4 rays a pixel; depth of the pixel's centre. Pixels outside the camera's valid region are black.
-Picture take_picture(const Courtyard& scene, const Camera& camera, const Rigid3d& world_from_camera, ThreadPool& pool);
+/// Mean of 4x4 rays a pixel; depth of the pixel's centre. Pixels outside the camera's valid region
+/// are black.
+Picture take_picture(const Courtyard& scene, const Camera& camera, const Rigid3d& world_from_camera,
+                     ThreadPool& pool);
 
-/// The whole recording below `root` (which must not exist), with novel/<name>: poses, truth and depth.
-void write_recording(const std::filesystem::path& root, const DriveOptions& options, ThreadPool& pool);
+/// The whole recording below `root` (which must not exist), with novel/<name>: poses, truth and
+/// depth.
+void write_recording(const std::filesystem::path& root, const DriveOptions& options,
+                     ThreadPool& pool);
 
 }  // namespace redrive::analytic

@@ -25,12 +25,12 @@ constexpr double kDegrees = 180 / std::numbers::pi;
 // What a usable result is. A pose less certain than this would make pictures worse, not better.
 constexpr double kMostSigma_m = 0.08, kMostSigma_rad = 0.2 / kDegrees;
 constexpr double kMostMoving_m = 0.015, kMostMoving_rad = 0.04 / kDegrees;  // by the last round
-constexpr double kLeastUsed = 0.4;                                          // share of the observations that agree
-constexpr double kMostNoise_px = 2.5;                                       // of a camera's observations
-constexpr double kMostPose_m = 5, kMostPose_rad = 6 / kDegrees;             // no egomotion is off by more
-constexpr double kMostMount_m = 0.3, kMostMount_rad = 3 / kDegrees;         // no camera is
-constexpr double kMostOffset_s = 0.1;                                       // that would be another frame's image
-constexpr double kMostReadoutSigma_s = 0.004;                               // rows usually take 15 to 35 ms
+constexpr double kLeastUsed = 0.4;     // share of the observations that agree
+constexpr double kMostNoise_px = 2.5;  // of a camera's observations
+constexpr double kMostPose_m = 5, kMostPose_rad = 6 / kDegrees;      // no egomotion is off by more
+constexpr double kMostMount_m = 0.3, kMostMount_rad = 3 / kDegrees;  // no camera is
+constexpr double kMostOffset_s = 0.1;          // that would be another frame's image
+constexpr double kMostReadoutSigma_s = 0.004;  // rows usually take 15 to 35 ms
 constexpr double kLeastReach_m = 1;
 constexpr std::size_t kMostPlaneSamples = 800'000;
 constexpr int kLeastTracks = 30, kLeastLidarPoints = 1000;
@@ -48,14 +48,16 @@ std::string text(const char* format, ...) {
 /// What was there to align by, for every message.
 std::string means_of(const Recording& recording, std::size_t tracks, std::size_t lidar) {
   const double driven_m = recording.frames.empty() ? 0 : summarize_drive(recording.frames).driven_m;
-  return text("%zu frames, %.1f m driven, %zu tracks of image points, %zu LiDAR points", recording.frames.size(),
-              driven_m, tracks, lidar);
+  return text("%zu frames, %.1f m driven, %zu tracks of image points, %zu LiDAR points",
+              recording.frames.size(), driven_m, tracks, lidar);
 }
 
-/// Takes the part of the covariance out that is a motion of the whole trajectory: P C P^T with P = 1 - G (G^T W G)^-1 G^T W, G what
-/// such a motion does to the corrections. W weighs a turn as what it moves at 30 m, as align_trajectories does. Where only the egomotion
-/// knows the scale, that is taken out, too.
-Eigen::MatrixXd without_common_motion(const RigModel& model, const Eigen::MatrixXd& covariance, bool scale_too) {
+/// Takes the part of the covariance out that is a motion of the whole trajectory: P C P^T with P =
+/// 1 - G (G^T W G)^-1 G^T W, G what such a motion does to the corrections. W weighs a turn as what
+/// it moves at 30 m, as align_trajectories does. Where only the egomotion knows the scale, that is
+/// taken out, too.
+Eigen::MatrixXd without_common_motion(const RigModel& model, const Eigen::MatrixXd& covariance,
+                                      bool scale_too) {
   constexpr double kArm_m = 30;
   const int n = static_cast<int>(model.given.size());
   Eigen::Vector3d middle = Eigen::Vector3d::Zero();
@@ -65,11 +67,13 @@ Eigen::MatrixXd without_common_motion(const RigModel& model, const Eigen::Matrix
   for (int f = 0; f < n; ++f) {
     const Eigen::Matrix3d body_from_world = model.given[f].ecef_from_body.linear().transpose();
     g.block<3, 3>(6 * f, 0) = body_from_world;
-    g.block<3, 3>(6 * f, 3) = -body_from_world * skew(model.given[f].ecef_from_body.translation() - middle);
+    g.block<3, 3>(6 * f, 3) =
+        -body_from_world * skew(model.given[f].ecef_from_body.translation() - middle);
     g.block<3, 3>(6 * f + 3, 0).setZero();
     g.block<3, 3>(6 * f + 3, 3) = body_from_world;
     if (scale_too) {
-      g.block<3, 1>(6 * f, 6) = body_from_world * (model.given[f].ecef_from_body.translation() - middle);
+      g.block<3, 1>(6 * f, 6) =
+          body_from_world * (model.given[f].ecef_from_body.translation() - middle);
       g.block<3, 1>(6 * f + 3, 6).setZero();
     }
     weights.segment<3>(6 * f).setOnes();
@@ -81,7 +85,9 @@ Eigen::MatrixXd without_common_motion(const RigModel& model, const Eigen::Matrix
   return half - (half * solved.transpose()) * g.transpose();
 }
 
-Vector6d sigmas_at(const Eigen::VectorXd& variance, int at) { return variance.segment<6>(at).cwiseMax(0).cwiseSqrt(); }
+Vector6d sigmas_at(const Eigen::VectorXd& variance, int at) {
+  return variance.segment<6>(at).cwiseMax(0).cwiseSqrt();
+}
 
 /// Of one number, where it was sought.
 std::optional<double> sigma_at(const BundleResult& bundle, const std::optional<int>& at) {
@@ -94,13 +100,16 @@ struct FoundReadout {
   double value_s = 0, sigma_s = 0;
 };
 
-/// Puts readouts back as they were given that the drive does not tell, or not without what others were given up for, and takes them from
-/// what is sought: a line about each. *before: of the last time, by camera; empty the first time.
-std::vector<std::string> give_up_readouts(const BundleResult& bundle, std::vector<FoundReadout>* before,
-                                          RigModel* model, BundleOptions* options) {
+/// Puts readouts back as they were given that the drive does not tell, or not without what others
+/// were given up for, and takes them from what is sought: a line about each. *before: of the last
+/// time, by camera; empty the first time.
+std::vector<std::string> give_up_readouts(const BundleResult& bundle,
+                                          std::vector<FoundReadout>* before, RigModel* model,
+                                          BundleOptions* options) {
   double interval_s = std::numeric_limits<double>::infinity();
   for (std::size_t f = 1; f < model->given.size(); ++f)
-    interval_s = std::min(interval_s, 1e-9 * static_cast<double>(model->given[f].t_ns - model->given[f - 1].t_ns));
+    interval_s = std::min(
+        interval_s, 1e-9 * static_cast<double>(model->given[f].t_ns - model->given[f - 1].t_ns));
   const double most_s = std::min(kMostReadout_s, interval_s);
   std::vector<std::string> remarks;
   std::vector<FoundReadout> found(model->cameras.size());
@@ -112,37 +121,44 @@ std::vector<std::string> give_up_readouts(const BundleResult& bundle, std::vecto
     found[c] = now;
     std::string why;
     if (now.sigma_s > kMostReadoutSigma_s)
-      why = text("known to %.1f ms, 1 sigma; %.0f are needed", 1e3 * now.sigma_s, 1e3 * kMostReadoutSigma_s);
+      why = text("known to %.1f ms, 1 sigma; %.0f are needed", 1e3 * now.sigma_s,
+                 1e3 * kMostReadoutSigma_s);
     else if (std::abs(now.value_s) > most_s)
       why = text("%.0f ms fit best, and no more than %.0f can be", 1e3 * now.value_s, 1e3 * most_s);
-    else if (!before->empty() && std::abs(now.value_s - (*before)[c].value_s) > 3 * (*before)[c].sigma_s)
-      why = text("%.1f ms with other readouts open, %.1f with those as given", 1e3 * (*before)[c].value_s,
-                 1e3 * now.value_s);
+    else if (!before->empty() &&
+             std::abs(now.value_s - (*before)[c].value_s) > 3 * (*before)[c].sigma_s)
+      why = text("%.1f ms with other readouts open, %.1f with those as given",
+                 1e3 * (*before)[c].value_s, 1e3 * now.value_s);
     if (why.empty()) continue;
     camera.readout_s = camera.given_readout_s();
     options->readouts[c] = false;
-    remarks.push_back(text("%s: the drive does not tell how long its rows take (%s): %.2f ms stay, as given",
-                           camera.given.name.c_str(), why.c_str(), 1e3 * camera.readout_s));
+    remarks.push_back(
+        text("%s: the drive does not tell how long its rows take (%s): %.2f ms stay, as given",
+             camera.given.name.c_str(), why.c_str(), 1e3 * camera.readout_s));
   }
   *before = std::move(found);
   return remarks;
 }
 
-std::string untold_text(const CameraCorrection& camera, const UntoldClock& clock, const BundlePriors& priors) {
+std::string untold_text(const CameraCorrection& camera, const UntoldClock& clock,
+                        const BundlePriors& priors) {
   return text(
-      "%s: cannot tell when it exposes (%+.1f +- %.1f ms fits best, and +- %.1f is needed: straight on at one speed a "
+      "%s: cannot tell when it exposes (%+.1f +- %.1f ms fits best, and +- %.1f is needed: "
+      "straight on at one speed a "
       "late exposure looks like a camera further forward): %.2f ms stay, as given",
-      camera.name.c_str(), 1e3 * clock.offset_s, 1e3 * clock.sigma_s, 1e3 * sigma_of_told_clock_s(priors.offset_s),
-      1e3 * camera.offset_s);
+      camera.name.c_str(), 1e3 * clock.offset_s, 1e3 * clock.sigma_s,
+      1e3 * sigma_of_told_clock_s(priors.offset_s), 1e3 * camera.offset_s);
 }
 
 AlignResult describe(const RigModel& model, BundleResult bundle, bool scale_is_given) {
   AlignResult result;
-  const int n = static_cast<int>(model.given.size()), cameras = static_cast<int>(model.cameras.size());
+  const int n = static_cast<int>(model.given.size()),
+            cameras = static_cast<int>(model.cameras.size());
   result.frames = model.corrected_frames();
   const Eigen::MatrixXd shape =
       without_common_motion(model, bundle.covariance.topLeftCorner(6 * n, 6 * n), scale_is_given);
-  for (int f = 0; f < n; ++f) result.corrections.push_back({model.correction[f], sigmas_at(shape.diagonal(), 6 * f)});
+  for (int f = 0; f < n; ++f)
+    result.corrections.push_back({model.correction[f], sigmas_at(shape.diagonal(), 6 * f)});
   for (int c = 0; c < cameras; ++c) {
     const RigModelCamera& camera = model.cameras[c];
     result.cameras.push_back(model.corrected_calibration(c));
@@ -167,22 +183,27 @@ AlignResult describe(const RigModel& model, BundleResult bundle, bool scale_is_g
 double reach_m(const std::vector<FramePose>& frames) {
   double reach = 0;
   for (const FramePose& frame : frames)
-    reach = std::max(reach, (frame.ecef_from_body.translation() - frames.front().ecef_from_body.translation()).norm());
+    reach = std::max(
+        reach,
+        (frame.ecef_from_body.translation() - frames.front().ecef_from_body.translation()).norm());
   return reach;
 }
 
 /// Why the result cannot be used, or empty.
 std::string obstacle(const Recording& recording, const AlignResult& result, bool images) {
   const BundleResult& bundle = result.bundle;
-  if (bundle.lidar_points == 0 && !(std::min(reach_m(recording.frames), reach_m(result.frames)) >= kLeastReach_m))
+  if (bundle.lidar_points == 0 &&
+      !(std::min(reach_m(recording.frames), reach_m(result.frames)) >= kLeastReach_m))
     return text(
-        "the car stands still (%.2f m from its first pose at most, %.2f m once aligned), and without LiDAR only "
+        "the car stands still (%.2f m from its first pose at most, %.2f m once aligned), and "
+        "without LiDAR only "
         "driving shows how far "
         "things are; %.0f m are needed",
         reach_m(recording.frames), reach_m(result.frames), kLeastReach_m);
   if (!(bundle.last_moved_m < kMostMoving_m && bundle.last_turned_rad < kMostMoving_rad))
     return text(
-        "the poses still move by %.1f cm and %.3f degrees a round after %d rounds: what is seen does not agree with "
+        "the poses still move by %.1f cm and %.3f degrees a round after %d rounds: what is seen "
+        "does not agree with "
         "one "
         "motion",
         100 * bundle.last_moved_m, bundle.last_turned_rad * kDegrees, bundle.rounds);
@@ -192,12 +213,14 @@ std::string obstacle(const Recording& recording, const AlignResult& result, bool
     all += fit.observations;
     used += fit.used;
     if (fit.used > 0 && fit.sigma_px > kMostNoise_px)
-      return text("image points of %s are %.1f px off from where the aligned poses put them; %.1f are accepted",
-                  result.cameras[c].name.c_str(), fit.sigma_px, kMostNoise_px);
+      return text(
+          "image points of %s are %.1f px off from where the aligned poses put them; %.1f are "
+          "accepted",
+          result.cameras[c].name.c_str(), fit.sigma_px, kMostNoise_px);
   }
   if (images && all > 0 && used < kLeastUsed * all)
-    return text("only %.0f %% of the image points agree with one motion; %.0f %% are needed", 100.0 * used / all,
-                100 * kLeastUsed);
+    return text("only %.0f %% of the image points agree with one motion; %.0f %% are needed",
+                100.0 * used / all, 100 * kLeastUsed);
   double worst_m = 0, worst_rad = 0;
   std::size_t at_m = 0, at_rad = 0;
   for (std::size_t f = 0; f < result.corrections.size(); ++f) {
@@ -206,26 +229,33 @@ std::string obstacle(const Recording& recording, const AlignResult& result, bool
     if (c.sigma.tail<3>().norm() > worst_rad) worst_rad = c.sigma.tail<3>().norm(), at_rad = f;
     if (!(c.value.head<3>().norm() < kMostPose_m && c.value.tail<3>().norm() < kMostPose_rad))
       return text(
-          "frame %lld would have to move by %.2f m and %.2f degrees; an egomotion that is off by more than %.0f m or "
+          "frame %lld would have to move by %.2f m and %.2f degrees; an egomotion that is off by "
+          "more than %.0f m or "
           "%.0f "
           "degrees is no start",
-          static_cast<long long>(result.frames[f].id), c.value.head<3>().norm(), c.value.tail<3>().norm() * kDegrees,
-          kMostPose_m, kMostPose_rad * kDegrees);
+          static_cast<long long>(result.frames[f].id), c.value.head<3>().norm(),
+          c.value.tail<3>().norm() * kDegrees, kMostPose_m, kMostPose_rad * kDegrees);
   }
   if (!(worst_m <= kMostSigma_m))
     return text(
-        "nothing holds the position of frame %lld: known to %.1f cm (1 sigma) after the alignment, %.0f cm are needed",
+        "nothing holds the position of frame %lld: known to %.1f cm (1 sigma) after the alignment, "
+        "%.0f cm are needed",
         static_cast<long long>(recording.frames[at_m].id), 100 * worst_m, 100 * kMostSigma_m);
   if (!(worst_rad <= kMostSigma_rad))
     return text(
-        "nothing holds the rotation of frame %lld: known to %.2f degrees (1 sigma) after the alignment, %.2f are "
+        "nothing holds the rotation of frame %lld: known to %.2f degrees (1 sigma) after the "
+        "alignment, %.2f are "
         "needed",
-        static_cast<long long>(recording.frames[at_rad].id), worst_rad * kDegrees, kMostSigma_rad * kDegrees);
+        static_cast<long long>(recording.frames[at_rad].id), worst_rad * kDegrees,
+        kMostSigma_rad * kDegrees);
   for (const CameraCorrection& camera : result.camera_corrections) {
-    const double moved_m = camera.mount.value.head<3>().norm(), turned_rad = camera.mount.value.tail<3>().norm();
-    if (!(moved_m < kMostMount_m && turned_rad < kMostMount_rad && std::abs(camera.offset_s) < kMostOffset_s))
+    const double moved_m = camera.mount.value.head<3>().norm(),
+                 turned_rad = camera.mount.value.tail<3>().norm();
+    if (!(moved_m < kMostMount_m && turned_rad < kMostMount_rad &&
+          std::abs(camera.offset_s) < kMostOffset_s))
       return text(
-          "%s would have to move by %.2f m and %.2f degrees and to be exposed %.1f ms from its frame; that is another "
+          "%s would have to move by %.2f m and %.2f degrees and to be exposed %.1f ms from its "
+          "frame; that is another "
           "calibration, not an error of this one",
           camera.name.c_str(), moved_m, turned_rad * kDegrees, 1e3 * camera.offset_s);
   }
@@ -235,22 +265,25 @@ std::string obstacle(const Recording& recording, const AlignResult& result, bool
 }  // namespace
 
 AlignResult align_with(const Recording& recording, const std::vector<Track>& tracks,
-                       const std::vector<LidarSample>& lidar, const AlignOptions& options, ThreadPool& pool,
-                       const ContrastSource* contrast) {
+                       const std::vector<LidarSample>& lidar, const AlignOptions& options,
+                       ThreadPool& pool, const ContrastSource* contrast) {
   const std::string means = means_of(recording, tracks.size(), lidar.size());
-  if (recording.frames.size() < 3) throw CannotError(recording.root, "an alignment needs three frames or more", means);
+  if (recording.frames.size() < 3)
+    throw CannotError(recording.root, "an alignment needs three frames or more", means);
   if (tracks.size() < kLeastTracks && lidar.size() < kLeastLidarPoints)
-    throw CannotError(recording.root,
-                      text("too little is seen to align by: %d tracks or %d LiDAR points are needed", kLeastTracks,
-                           kLeastLidarPoints),
-                      means);
+    throw CannotError(
+        recording.root,
+        text("too little is seen to align by: %d tracks or %d LiDAR points are needed",
+             kLeastTracks, kLeastLidarPoints),
+        means);
   RigModel model = make_rig_model(recording);
   BundleOptions bundle_options = options.bundle;
   BundleResult bundle = adjust(&model, tracks, lidar, contrast, bundle_options, pool);
   std::vector<FoundReadout> found_readouts;
   std::vector<std::string> remarks;
   for (;;) {
-    const std::vector<std::string> given_up = give_up_readouts(bundle, &found_readouts, &model, &bundle_options);
+    const std::vector<std::string> given_up =
+        give_up_readouts(bundle, &found_readouts, &model, &bundle_options);
     if (given_up.empty()) break;
     remarks.insert(remarks.end(), given_up.begin(), given_up.end());
     bundle = adjust(&model, tracks, lidar, contrast, bundle_options, pool);
@@ -258,18 +291,21 @@ AlignResult align_with(const Recording& recording, const std::vector<Track>& tra
   AlignResult result = describe(model, std::move(bundle), lidar.empty());
   result.remarks = std::move(remarks);
   for (const UntoldClock& clock : result.bundle.untold)
-    result.remarks.push_back(untold_text(result.camera_corrections[clock.camera], clock, options.bundle.priors));
+    result.remarks.push_back(
+        untold_text(result.camera_corrections[clock.camera], clock, options.bundle.priors));
   if (const std::string why = obstacle(recording, result, !tracks.empty()); !why.empty())
     throw CannotError(recording.root, why, means);
   if (lidar.empty())
     result.remarks.emplace_back(
-        "no LiDAR: the scale of the drive and what all cameras share (a turn, a time offset) is the egomotion's");
+        "no LiDAR: the scale of the drive and what all cameras share (a turn, a time offset) is "
+        "the egomotion's");
   for (std::size_t c = 0; c < result.bundle.cameras.size(); ++c)
     if (result.bundle.cameras[c].used == 0)
       result.remarks.push_back(result.cameras[c].name +
                                ": no image point to use; its mount and time offset are as given");
   if (!recording.true_frames.empty()) {
-    result.truth_before = align_trajectories(recording.frames, recording.true_frames, recording.root);
+    result.truth_before =
+        align_trajectories(recording.frames, recording.true_frames, recording.root);
     result.truth_after = align_trajectories(result.frames, recording.true_frames, recording.root);
   }
   return result;
@@ -278,7 +314,8 @@ AlignResult align_with(const Recording& recording, const std::vector<Track>& tra
 AlignResult align(const Recording& recording, const AlignOptions& options, ThreadPool& pool) {
   const auto start = std::chrono::steady_clock::now();
   if (!recording.metric)
-    throw CannotError(recording.root, "photographs have neither egomotion nor clock; align is for drives",
+    throw CannotError(recording.root,
+                      "photographs have neither egomotion nor clock; align is for drives",
                       recording.format);
   std::optional<RigImages> images;
   std::vector<Track> tracks;
@@ -293,8 +330,8 @@ AlignResult align(const Recording& recording, const AlignOptions& options, Threa
   }
   std::optional<ContrastSource> contrast;
   if (images && !lidar.empty()) contrast.emplace(*images, lidar);
-  AlignResult result = align_with(recording, tracks, evenly_fewer(lidar, kMostPlaneSamples), options, pool,
-                                  contrast ? &*contrast : nullptr);
+  AlignResult result = align_with(recording, tracks, evenly_fewer(lidar, kMostPlaneSamples),
+                                  options, pool, contrast ? &*contrast : nullptr);
   result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   return result;
 }

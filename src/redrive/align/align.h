@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// redrive align: from a recording to poses and a calibration worth training on, or to a clear "cannot".
+// redrive align: from a recording to poses and a calibration worth training on, or to a clear
+// "cannot".
 #pragma once
 
 #include <filesystem>
@@ -23,7 +24,8 @@ struct AlignOptions {
 
 /// What was changed about one frame's pose, or one camera's mount, with its standard deviation.
 struct Correction {
-  Vector6d value = Vector6d::Zero(), sigma = Vector6d::Zero();  ///< m and rad; axes of the body, or of the sensor
+  Vector6d value = Vector6d::Zero(),
+           sigma = Vector6d::Zero();  ///< m and rad; axes of the body, or of the sensor
 };
 
 struct CameraCorrection {
@@ -32,35 +34,38 @@ struct CameraCorrection {
   Eigen::Vector3d turned_in_body =
       Eigen::Vector3d::Zero();  ///< the mount's turn about the body's axes: roll, pitch, yaw; rad
   double offset_s = 0;          ///< exposure minus pose
-  std::optional<double>
-      offset_sigma_s;  ///< how well it is known; nothing where the drive does not tell it: then it is as given
+  std::optional<double> offset_sigma_s;  ///< how well it is known; nothing where the drive does not
+                                         ///< tell it: then it is as given
   double offset_before_s = 0;
-  double readout_s = 0, readout_before_s = 0;            ///< of a rolling shutter
-  std::optional<double> readout_sigma_s;                 ///< where it was sought and found
-  Eigen::Vector3d intrinsics = Eigen::Vector3d::Zero();  ///< relative change of focal length; principal point, px
+  double readout_s = 0, readout_before_s = 0;  ///< of a rolling shutter
+  std::optional<double> readout_sigma_s;       ///< where it was sought and found
+  Eigen::Vector3d intrinsics =
+      Eigen::Vector3d::Zero();  ///< relative change of focal length; principal point, px
 };
 
 struct AlignResult {
   std::vector<FramePose> frames;           ///< ECEF, all of the recording
   std::vector<CameraCalibration> cameras;  ///< as Recording::cameras
-  /// By frame. Sigmas are those of the trajectory's shape: without the motion of the whole, which nothing measures,
-  /// and where there is no LiDAR without its scale, which is the egomotion's.
+  /// By frame. Sigmas are those of the trajectory's shape: without the motion of the whole, which
+  /// nothing measures, and where there is no LiDAR without its scale, which is the egomotion's.
   std::vector<Correction> corrections;
   std::vector<CameraCorrection> camera_corrections;
   BundleResult bundle;
-  /// What the user should know of: no LiDAR, so the scale is the egomotion's; a readout that the drive does not tell and stays as given.
+  /// What the user should know of: no LiDAR, so the scale is the egomotion's; a readout that the
+  /// drive does not tell and stays as given.
   std::vector<std::string> remarks;
   std::optional<Alignment> truth_before, truth_after;  ///< where the recording ships the truth
   double seconds = 0;
 };
 
-/// Throws CannotError with reason and figures where images and LiDAR do not hold the poses: too little is seen, nothing moves, what is
-/// seen does not agree, or corrections are larger than an egomotion's errors. InputError as find_tracks and load_lidar_returns.
+/// Throws CannotError with reason and figures where images and LiDAR do not hold the poses: too
+/// little is seen, nothing moves, what is seen does not agree, or corrections are larger than an
+/// egomotion's errors. InputError as find_tracks and load_lidar_returns.
 AlignResult align(const Recording& recording, const AlignOptions& options, ThreadPool& pool);
 
 /// The same with tracks and LiDAR at hand.
 AlignResult align_with(const Recording& recording, const std::vector<Track>& tracks,
-                       const std::vector<LidarSample>& lidar, const AlignOptions& options, ThreadPool& pool,
-                       const ContrastSource* contrast = nullptr);
+                       const std::vector<LidarSample>& lidar, const AlignOptions& options,
+                       ThreadPool& pool, const ContrastSource* contrast = nullptr);
 
 }  // namespace redrive

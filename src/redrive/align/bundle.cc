@@ -18,15 +18,18 @@
 namespace redrive {
 namespace {
 
-constexpr double kStartSigma_px = 4;     // before anything is known; the median of the residuals says more
+constexpr double kStartSigma_px =
+    4;  // before anything is known; the median of the residuals says more
 constexpr double kUsualSigma_px = 0.1;   // Observation::sigma_px of a good point
 constexpr double kLeastSigma_px = 0.05;  // no image is better than that
 constexpr double kLeastPose_m = 0.01,
-                 kLeastPose_rad = 3e-4;  // what an egomotion without errors is believed to be good for
-constexpr double kCorrelation =
-    2.5;  // integral of a squared exponential's correlation over time, in correlation times: sqrt(2 pi)
-// Clocks are asked of the LiDAR's contrast with calibration and poses as given: at night tracks turn a camera by more than it is wrong.
-// Where poses are too far off for that, once more when the first rounds have put them right.
+                 kLeastPose_rad =
+                     3e-4;            // what an egomotion without errors is believed to be good for
+constexpr double kCorrelation = 2.5;  // integral of a squared exponential's correlation over time,
+                                      // in correlation times: sqrt(2 pi)
+// Clocks are asked of the LiDAR's contrast with calibration and poses as given: at night tracks
+// turn a camera by more than it is wrong. Where poses are too far off for that, once more when the
+// first rounds have put them right.
 constexpr int kSecondLook = 2;
 constexpr int kRoundsWithout = 3;  // for all else to settle once clocks are back as given
 constexpr double kFarOff = 4;      // sigmas at which an observation is left out
@@ -40,7 +43,8 @@ struct Located {
   std::vector<Eigen::Vector2d> errors;
 };
 
-/// Of one observation: the camera's, more where the surroundings of the pixel hold it less than is usual.
+/// Of one observation: the camera's, more where the surroundings of the pixel hold it less than is
+/// usual.
 double sigma_of(const Observation& seen, const std::vector<double>& sigma_px) {
   return sigma_px[seen.camera] * std::max(1.0, seen.sigma_px / kUsualSigma_px);
 }
@@ -60,7 +64,8 @@ std::vector<Located> locate_all(const RigModel& model, const std::vector<Track>&
   pool.run_ranges(tracks.size(), 64, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i)
       if (const auto point = locate_point(model, times, tracks[i], sigma_px))
-        found[i] = Located{static_cast<int>(i), *point, std::vector<std::uint8_t>(tracks[i].seen.size(), 1),
+        found[i] = Located{static_cast<int>(i), *point,
+                           std::vector<std::uint8_t>(tracks[i].seen.size(), 1),
                            reprojection_errors(model, times, tracks[i], *point)};
   });
   std::vector<Located> located;
@@ -69,7 +74,8 @@ std::vector<Located> locate_all(const RigModel& model, const std::vector<Track>&
   return located;
 }
 
-/// Noise of each camera by the median: 0.6745 sigma of a component's absolute value; a point takes three numbers.
+/// Noise of each camera by the median: 0.6745 sigma of a component's absolute value; a point takes
+/// three numbers.
 std::vector<double> measure_noise(const RigModel& model, const std::vector<Track>& tracks,
                                   const std::vector<Located>& located) {
   std::vector<std::vector<double>> sizes(model.cameras.size());
@@ -78,12 +84,14 @@ std::vector<double> measure_noise(const RigModel& model, const std::vector<Track
     if (n < 5) continue;  // two observations agree in all but one number
     for (std::size_t i = 0; i < entry.errors.size(); ++i)
       for (int k = 0; k < 2; ++k)
-        sizes[tracks[entry.track].seen[i].camera].push_back(std::abs(entry.errors[i][k]) * std::sqrt(n / (n - 3)));
+        sizes[tracks[entry.track].seen[i].camera].push_back(std::abs(entry.errors[i][k]) *
+                                                            std::sqrt(n / (n - 3)));
   }
   std::vector<double> sigma_px;
   for (std::vector<double>& of_camera : sizes)
-    sigma_px.push_back(of_camera.size() < 20 ? kStartSigma_px
-                                             : std::max(kLeastSigma_px, median_of(&of_camera) / 0.6745));
+    sigma_px.push_back(of_camera.size() < 20
+                           ? kStartSigma_px
+                           : std::max(kLeastSigma_px, median_of(&of_camera) / 0.6745));
   return sigma_px;
 }
 
@@ -94,7 +102,8 @@ void leave_out_far_off(const std::vector<Track>& tracks, const std::vector<doubl
   for (Located& entry : *located) {
     int used = 0;
     for (std::size_t i = 0; i < entry.errors.size(); ++i) {
-      entry.used[i] = entry.errors[i].norm() <= kFarOff * sigma_of(tracks[entry.track].seen[i], sigma_px);
+      entry.used[i] =
+          entry.errors[i].norm() <= kFarOff * sigma_of(tracks[entry.track].seen[i], sigma_px);
       used += entry.used[i];
     }
     if (used >= 2) kept.push_back(std::move(entry));
@@ -127,9 +136,11 @@ class Round {
         const Instant instant = times.of(seen);
         RigModelCamera& camera = model_.cameras[seen.camera];
         problem_.AddResidualBlock(
-            reprojection_term(camera, instant, seen.pixel, sigma_of(seen, sigma_px), entry.point).release(),
-            &image_loss_, model_.correction[instant.segment].data(), model_.correction[instant.segment + 1].data(),
-            camera.mount.data(), &camera.offset_s, &camera.readout_s, camera.intrinsics.data(), point);
+            reprojection_term(camera, instant, seen.pixel, sigma_of(seen, sigma_px), entry.point)
+                .release(),
+            &image_loss_, model_.correction[instant.segment].data(),
+            model_.correction[instant.segment + 1].data(), camera.mount.data(), &camera.offset_s,
+            &camera.readout_s, camera.intrinsics.data(), point);
       }
     }
   }
@@ -139,9 +150,10 @@ class Round {
       double* const plane = landmark(&patch.plane.value);
       for (const int i : patch.samples) {
         const Instant instant = model_.at(lidar_[i].t_ns);
-        problem_.AddResidualBlock(plane_term(instant, lidar_[i].in_body, patch.sigma_m, patch.plane).release(),
-                                  &lidar_loss_, model_.correction[instant.segment].data(),
-                                  model_.correction[instant.segment + 1].data(), plane);
+        problem_.AddResidualBlock(
+            plane_term(instant, lidar_[i].in_body, patch.sigma_m, patch.plane).release(),
+            &lidar_loss_, model_.correction[instant.segment].data(),
+            model_.correction[instant.segment + 1].data(), plane);
       }
     }
   }
@@ -149,28 +161,34 @@ class Round {
   void add(const std::vector<ContrastFit>& fits) {
     for (std::size_t c = 0; c < fits.size(); ++c)
       if (fits[c].told)
-        problem_.AddResidualBlock(zero_term(1, 0, fits[c].sigma_s, fits[c].offset_s).release(), nullptr,
-                                  &model_.cameras[c].offset_s);
+        problem_.AddResidualBlock(zero_term(1, 0, fits[c].sigma_s, fits[c].offset_s).release(),
+                                  nullptr, &model_.cameras[c].offset_s);
   }
 
   void add_priors(const BundlePriors& priors) {
-    const double seconds = static_cast<double>(model_.given.back().t_ns - model_.given.front().t_ns) * 1e-9,
-                 at_a_time = static_cast<double>(model_.given.size()) * kCorrelation * priors.correlation_s / seconds;
+    const double seconds =
+                     static_cast<double>(model_.given.back().t_ns - model_.given.front().t_ns) *
+                     1e-9,
+                 at_a_time = static_cast<double>(model_.given.size()) * kCorrelation *
+                             priors.correlation_s / seconds;
     for (std::size_t f = 0; f < model_.correction.size(); ++f) {
       rig_.push_back(model_.correction[f].data());
-      problem_.AddResidualBlock(small_term(priors.pose * std::sqrt(std::max(1.0, at_a_time))).release(), nullptr,
-                                model_.correction[f].data());
+      problem_.AddResidualBlock(
+          small_term(priors.pose * std::sqrt(std::max(1.0, at_a_time))).release(), nullptr,
+          model_.correction[f].data());
       if (f == 0) continue;
-      const double step_s = static_cast<double>(model_.given[f].t_ns - model_.given[f - 1].t_ns) * 1e-9;
-      problem_.AddResidualBlock(smooth_term(priors.pose * (step_s / priors.correlation_s)).release(), nullptr,
-                                model_.correction[f - 1].data(), model_.correction[f].data());
+      const double step_s =
+          static_cast<double>(model_.given[f].t_ns - model_.given[f - 1].t_ns) * 1e-9;
+      problem_.AddResidualBlock(
+          smooth_term(priors.pose * (step_s / priors.correlation_s)).release(), nullptr,
+          model_.correction[f - 1].data(), model_.correction[f].data());
     }
     for (RigModelCamera& camera : model_.cameras) {
       rig_.push_back(camera.mount.data());
-      for (int k = 0; k < 6;
-           ++k)  // a position is measured with a rule; an angle is not, and one camera may have been knocked
-        problem_.AddResidualBlock(zero_term(6, k, priors.mount[k]).release(), k < 3 ? nullptr : &prior_loss_,
-                                  camera.mount.data());
+      for (int k = 0; k < 6; ++k)  // a position is measured with a rule; an angle is not, and one
+                                   // camera may have been knocked
+        problem_.AddResidualBlock(zero_term(6, k, priors.mount[k]).release(),
+                                  k < 3 ? nullptr : &prior_loss_, camera.mount.data());
     }
     auto at = static_cast<int>(6 * (model_.correction.size() + model_.cameras.size()));
     const auto seek = [&](bool sought, double* number, std::vector<std::optional<int>>* places) {
@@ -182,20 +200,22 @@ class Round {
     };
     for (std::size_t c = 0; c < model_.cameras.size(); ++c) {
       RigModelCamera& camera = model_.cameras[c];
-      problem_.AddResidualBlock(zero_term(1, 0, priors.offset_s, camera.given_offset_s()).release(), &prior_loss_,
-                                &camera.offset_s);
-      seek(std::ranges::find(untold_, static_cast<int>(c), &UntoldClock::camera) == untold_.end(), &camera.offset_s,
-           &offset_at_);
+      problem_.AddResidualBlock(zero_term(1, 0, priors.offset_s, camera.given_offset_s()).release(),
+                                &prior_loss_, &camera.offset_s);
+      seek(std::ranges::find(untold_, static_cast<int>(c), &UntoldClock::camera) == untold_.end(),
+           &camera.offset_s, &offset_at_);
     }
     for (std::size_t c = 0; c < model_.cameras.size(); ++c) {
       RigModelCamera& camera = model_.cameras[c];
-      problem_.AddResidualBlock(zero_term(1, 0, priors.readout_s, camera.given_readout_s()).release(), nullptr,
-                                &camera.readout_s);
+      problem_.AddResidualBlock(
+          zero_term(1, 0, priors.readout_s, camera.given_readout_s()).release(), nullptr,
+          &camera.readout_s);
       seek(options_.seeks_readout(c), &camera.readout_s, &readout_at_);
     }
     for (RigModelCamera& camera : model_.cameras) {
       for (int k = 0; k < 3; ++k)
-        problem_.AddResidualBlock(zero_term(3, k, priors.intrinsics[k]).release(), nullptr, camera.intrinsics.data());
+        problem_.AddResidualBlock(zero_term(3, k, priors.intrinsics[k]).release(), nullptr,
+                                  camera.intrinsics.data());
       if (options_.intrinsics)
         rig_.push_back(camera.intrinsics.data());
       else
@@ -205,7 +225,8 @@ class Round {
 
   ceres::Solver::Summary solve(int iterations) {
     ceres::Solver::Options solver;
-    // One thread: with more the order of sums, and so the last digits, would differ from run to run.
+    // One thread: with more the order of sums, and so the last digits, would differ from run to
+    // run.
     solver.num_threads = 1;
     solver.max_num_iterations = iterations;
     solver.function_tolerance = 1e-7;
@@ -218,7 +239,8 @@ class Round {
     for (Vector6d& correction : model_.correction)
       solver.linear_solver_ordering->AddElementToGroup(correction.data(), 1);
     for (RigModelCamera& camera : model_.cameras)
-      for (double* block : {camera.mount.data(), &camera.offset_s, &camera.readout_s, camera.intrinsics.data()})
+      for (double* block :
+           {camera.mount.data(), &camera.offset_s, &camera.readout_s, camera.intrinsics.data()})
         solver.linear_solver_ordering->AddElementToGroup(block, 2);
     ceres::Solver::Summary summary;
     ceres::Solve(solver, &problem_, &summary);
@@ -236,8 +258,9 @@ class Round {
   }
 
  private:
-  /// The block that stands for `target` while it is solved. Within a group Ceres orders blocks by their addresses: side by side in one
-  /// array they are in the same order in every run, and so are the sums.
+  /// The block that stands for `target` while it is solved. Within a group Ceres orders blocks by
+  /// their addresses: side by side in one array they are in the same order in every run, and so are
+  /// the sums.
   double* landmark(std::array<double, 3>* target) {
     REDRIVE_CHECK_OP(landmarks_.size(), <, landmarks_.capacity());
     landmarks_.push_back(*target);
@@ -274,21 +297,26 @@ BundlePriors priors_of_round(const BundlePriors& given, const RigModel& model, i
     squares_rad += correction.tail<3>().squaredNorm();
   }
   const double n = 3 * static_cast<double>(model.correction.size());
-  priors.pose.head<3>() = given.pose.head<3>().cwiseMin(std::max(kLeastPose_m, 1.5 * std::sqrt(squares_m / n)));
-  priors.pose.tail<3>() = given.pose.tail<3>().cwiseMin(std::max(kLeastPose_rad, 1.5 * std::sqrt(squares_rad / n)));
+  priors.pose.head<3>() =
+      given.pose.head<3>().cwiseMin(std::max(kLeastPose_m, 1.5 * std::sqrt(squares_m / n)));
+  priors.pose.tail<3>() =
+      given.pose.tail<3>().cwiseMin(std::max(kLeastPose_rad, 1.5 * std::sqrt(squares_rad / n)));
   return priors;
 }
 
 double patch_distance_m(const RigModel& model, const LidarSample& sample, const PlanePatch& plane) {
-  const Eigen::Vector3d from_centre = model.corrected(model.at(sample.t_ns)) * sample.in_body - plane.centre;
-  return (plane.axes * Eigen::Vector3d(plane.value[0], plane.value[1], 1)).dot(from_centre) - plane.value[2];
+  const Eigen::Vector3d from_centre =
+      model.corrected(model.at(sample.t_ns)) * sample.in_body - plane.centre;
+  return (plane.axes * Eigen::Vector3d(plane.value[0], plane.value[1], 1)).dot(from_centre) -
+         plane.value[2];
 }
 
 std::vector<double> patch_distances_m(const RigModel& model, const std::vector<LidarSample>& lidar,
                                       const std::vector<FlatPatch>& patches) {
   std::vector<double> distances;
   for (const FlatPatch& patch : patches)
-    for (const int i : patch.samples) distances.push_back(patch_distance_m(model, lidar[i], patch.plane));
+    for (const int i : patch.samples)
+      distances.push_back(patch_distance_m(model, lidar[i], patch.plane));
   return distances;
 }
 
@@ -310,7 +338,8 @@ double rms_as_given(const RigModel& model, const std::vector<LidarSample>& lidar
     for (std::size_t i = 0; i < patch.samples.size(); ++i) {
       const LidarSample& sample = lidar[patch.samples[i]];
       const Eigen::Vector3d x =
-          patch.plane.axes.transpose() * (given.corrected(given.at(sample.t_ns)) * sample.in_body - patch.plane.centre);
+          patch.plane.axes.transpose() *
+          (given.corrected(given.at(sample.t_ns)) * sample.in_body - patch.plane.centre);
       a.row(i) << x.x(), x.y(), 1;
       b[i] = x.z();
     }
@@ -332,9 +361,10 @@ RigModel as_given(RigModel model) {
   return model;
 }
 
-void fill_result(const RigModel& model, const std::vector<Track>& tracks, const std::vector<LidarSample>& lidar,
-                 const std::vector<Located>& located, const std::vector<FlatPatch>& patches,
-                 const std::vector<double>& sigma_px, ThreadPool& pool, BundleResult* result) {
+void fill_result(const RigModel& model, const std::vector<Track>& tracks,
+                 const std::vector<LidarSample>& lidar, const std::vector<Located>& located,
+                 const std::vector<FlatPatch>& patches, const std::vector<double>& sigma_px,
+                 ThreadPool& pool, BundleResult* result) {
   result->cameras.assign(model.cameras.size(), {});
   result->seen_in_frame.assign(model.given.size(), 0);
   for (const Track& track : tracks)
@@ -351,7 +381,8 @@ void fill_result(const RigModel& model, const std::vector<Track>& tracks, const 
   const std::vector<double> wide(model.cameras.size(), kStartSigma_px);
   std::vector<std::optional<InverseDistancePoint>> given_points(used.size());
   pool.run_ranges(used.size(), 64, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) given_points[i] = locate_point(given, before, used[i], wide);
+    for (std::size_t i = begin; i < end; ++i)
+      given_points[i] = locate_point(given, before, used[i], wide);
   });
   for (std::size_t t = 0; t < used.size(); ++t) {
     if (!given_points[t]) continue;
@@ -365,7 +396,8 @@ void fill_result(const RigModel& model, const std::vector<Track>& tracks, const 
       ++result->seen_in_frame[seen.frame];
       fit.after_px += errors[i].squaredNorm();
       fit.before_px += errors_before[i].squaredNorm();
-      result->residuals.push_back({seen.camera, seen.frame, seen.pixel, errors_before[i], errors[i]});
+      result->residuals.push_back(
+          {seen.camera, seen.frame, seen.pixel, errors_before[i], errors[i]});
     }
   }
   for (std::size_t c = 0; c < result->cameras.size(); ++c) {
@@ -389,11 +421,14 @@ std::vector<int> count_used(const std::vector<Track>& tracks, const std::vector<
                             std::size_t cameras) {
   std::vector<int> used(cameras);
   for (const Located& entry : located)
-    for (std::size_t i = 0; i < entry.used.size(); ++i) used[tracks[entry.track].seen[i].camera] += entry.used[i];
+    for (std::size_t i = 0; i < entry.used.size(); ++i)
+      used[tracks[entry.track].seen[i].camera] += entry.used[i];
   return used;
 }
 
-bool all_told(const std::vector<ContrastFit>& fits) { return std::ranges::all_of(fits, &ContrastFit::told); }
+bool all_told(const std::vector<ContrastFit>& fits) {
+  return std::ranges::all_of(fits, &ContrastFit::told);
+}
 
 /// The new ones of cameras that have said nothing yet.
 void keep_told(const std::vector<ContrastFit>& fits, std::vector<ContrastFit>* kept) {
@@ -404,8 +439,9 @@ void keep_told(const std::vector<ContrastFit>& fits, std::vector<ContrastFit>* k
 
 }  // namespace
 
-BundleResult adjust(RigModel* model, const std::vector<Track>& tracks, const std::vector<LidarSample>& lidar,
-                    const ContrastSource* contrast, const BundleOptions& options, ThreadPool& pool) {
+BundleResult adjust(RigModel* model, const std::vector<Track>& tracks,
+                    const std::vector<LidarSample>& lidar, const ContrastSource* contrast,
+                    const BundleOptions& options, ThreadPool& pool) {
   BundleResult result;
   std::vector<double> sigma_px(model->cameras.size(), kStartSigma_px);
   int rounds = options.rounds;
@@ -420,7 +456,8 @@ BundleResult adjust(RigModel* model, const std::vector<Track>& tracks, const std
     PlaneOptions planes = options.planes;
     planes.flat_m *= round == 0 ? 3 : round == 1 ? 1.5 : 1;
     std::vector<FlatPatch> patches;
-    if (!lidar.empty() && (round > 0 || tracks.empty())) patches = find_flat_patches(*model, lidar, planes, pool);
+    if (!lidar.empty() && (round > 0 || tracks.empty()))
+      patches = find_flat_patches(*model, lidar, planes, pool);
     if (contrast && (round == 0 || (round == kSecondLook && !all_told(result.contrast)))) {
       std::vector<ContrastFit> fits = fit_clocks(*model, *contrast, pool);
       for (std::size_t c = 0; c < fits.size();
@@ -436,7 +473,8 @@ BundleResult adjust(RigModel* model, const std::vector<Track>& tracks, const std
     const ceres::Solver::Summary summary = problem.solve(round == 0 ? 20 : 12);
 
     // Of the shape: the whole is held by next to nothing, and where it is does not matter.
-    const Alignment moved = align_trajectories(model->corrected_frames(), before.corrected_frames(), "");
+    const Alignment moved =
+        align_trajectories(model->corrected_frames(), before.corrected_frames(), "");
     const double moved_m = moved.rest_m, turned_rad = moved.rest_deg * std::numbers::pi / 180;
     result.rounds = round + 1;
     result.last_moved_m = moved_m;
@@ -444,18 +482,20 @@ BundleResult adjust(RigModel* model, const std::vector<Track>& tracks, const std
     double shifted_s = 0;
     for (std::size_t c = 0; c < model->cameras.size(); ++c) {
       const RigModelCamera &now = model->cameras[c], &then = before.cameras[c];
-      shifted_s =
-          std::max({shifted_s, std::abs(now.offset_s - then.offset_s), std::abs(now.readout_s - then.readout_s) / 2});
+      shifted_s = std::max({shifted_s, std::abs(now.offset_s - then.offset_s),
+                            std::abs(now.readout_s - then.readout_s) / 2});
     }
-    result.converged = round >= 3 && moved_m < kSettled_m && turned_rad < kSettled_rad && shifted_s < kSettled_s;
+    result.converged =
+        round >= 3 && moved_m < kSettled_m && turned_rad < kSettled_rad && shifted_s < kSettled_s;
     if (options.say) {
       std::printf("round %d: %zu of %zu tracks,", round + 1, located.size(), tracks.size());
       for (const double s : sigma_px) std::printf(" %.2f", s);
       const std::vector<double> distances = patch_distances_m(*model, lidar, patches);
       std::printf(
-          " px; %zu LiDAR points on %zu patches, %.2f cm; poses moved by %.2f cm, %.4f deg RMS; %d steps, %.1f s\n",
-          distances.size(), patches.size(), 100 * rms(distances), 100 * moved_m, turned_rad * 57.29578,
-          summary.num_successful_steps, summary.total_time_in_seconds);
+          " px; %zu LiDAR points on %zu patches, %.2f cm; poses moved by %.2f cm, %.4f deg RMS; %d "
+          "steps, %.1f s\n",
+          distances.size(), patches.size(), 100 * rms(distances), 100 * moved_m,
+          turned_rad * 57.29578, summary.num_successful_steps, summary.total_time_in_seconds);
       for (std::size_t c = 0; c < model->cameras.size(); ++c)
         if (options.seeks_readout(c))
           std::printf("  readout of %s: %.2f ms\n", model->cameras[c].given.name.c_str(),
@@ -465,8 +505,9 @@ BundleResult adjust(RigModel* model, const std::vector<Track>& tracks, const std
     if (!clocks_judged && (result.converged || 2 * (round + 1) >= rounds)) {
       clocks_judged = true;
       problem.measure_certainty(&result);
-      result.untold = untold_clocks(*model, result, count_used(tracks, located, model->cameras.size()),
-                                    options.priors.offset_s, !lidar.empty());
+      result.untold =
+          untold_clocks(*model, result, count_used(tracks, located, model->cameras.size()),
+                        options.priors.offset_s, !lidar.empty());
       for (const UntoldClock& clock : result.untold) {
         model->cameras[clock.camera].offset_s = model->cameras[clock.camera].given_offset_s();
         result.converged = false;

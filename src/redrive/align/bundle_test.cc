@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The bundle adjustment on a synthetic drive (synthetic_rig.h), and what align does where nothing can be recovered. The truth is only
-// looked at after a rigid motion of the whole, which no measurement holds.
+// The bundle adjustment on a synthetic drive (synthetic_rig.h), and what align does where nothing
+// can be recovered. The truth is only looked at after a rigid motion of the whole, which no
+// measurement holds.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -33,8 +34,8 @@ AlignOptions seeking_readouts() {
 std::string reason_why_not(const SyntheticRig& rig) {
   try {
     const AlignResult result = aligned(rig);
-    ADD_FAILURE() << "no CannotError; the trajectory's rest is " << result.truth_after->rest_m << " m, "
-                  << result.truth_after->rest_deg << " degrees";
+    ADD_FAILURE() << "no CannotError; the trajectory's rest is " << result.truth_after->rest_m
+                  << " m, " << result.truth_after->rest_deg << " degrees";
   } catch (const CannotError& error) {
     return error.what();
   }
@@ -57,15 +58,17 @@ Stated stated(const AlignResult& result) {
 
 /// Yaw of a camera off the truth, degrees, body axes.
 double yaw_off_deg(const SyntheticRig& rig, const AlignResult& result, int camera) {
-  const Eigen::Matrix3d rest =
-      result.cameras[camera].body_from_sensor.linear() * rig.true_cameras[camera].body_from_sensor.linear().transpose();
+  const Eigen::Matrix3d rest = result.cameras[camera].body_from_sensor.linear() *
+                               rig.true_cameras[camera].body_from_sensor.linear().transpose();
   return so3_log(rest).z() / kDegree;
 }
 double offset_off_ms(const SyntheticRig& rig, const AlignResult& result, int camera) {
-  return 1e-6 * static_cast<double>(result.cameras[camera].time_offset_ns - rig.true_cameras[camera].time_offset_ns);
+  return 1e-6 * static_cast<double>(result.cameras[camera].time_offset_ns -
+                                    rig.true_cameras[camera].time_offset_ns);
 }
 
-// Without noise only the priors (1 cm, 0.03 degrees, 2 ms) pull, against thousands of pixels of 0.05 px: 1 % of the errors and less.
+// Without noise only the priors (1 cm, 0.03 degrees, 2 ms) pull, against thousands of pixels of
+// 0.05 px: 1 % of the errors and less.
 TEST(Bundle, WithoutNoiseTheTruthIsFound) {
   SyntheticOptions options = short_drive();
   options.noise_px = options.noise_m = 0;
@@ -80,7 +83,8 @@ TEST(Bundle, WithoutNoiseTheTruthIsFound) {
   EXPECT_GT(result.bundle.cameras[0].before_px, 0.5);
 }
 
-// With noise the errors have to be as large as the result says: three times are left for chance and for what the model of noise simplifies.
+// With noise the errors have to be as large as the result says: three times are left for chance and
+// for what the model of noise simplifies.
 TEST(Bundle, ErrorsAreAsLargeAsStated) {
   const SyntheticRig rig = make_synthetic_rig(short_drive());
   const AlignResult result = aligned(rig);
@@ -91,7 +95,9 @@ TEST(Bundle, ErrorsAreAsLargeAsStated) {
   EXPECT_LT(sigma.deg, 0.02);
   for (int c = 0; c < 3; ++c) {
     const CameraCorrection& camera = result.camera_corrections[c];
-    EXPECT_LT(std::abs(yaw_off_deg(rig, result, c)), 4 * camera.mount.sigma.tail<3>().maxCoeff() / kDegree) << c;
+    EXPECT_LT(std::abs(yaw_off_deg(rig, result, c)),
+              4 * camera.mount.sigma.tail<3>().maxCoeff() / kDegree)
+        << c;
     ASSERT_TRUE(camera.offset_sigma_s) << c;
     EXPECT_LT(std::abs(offset_off_ms(rig, result, c)), 4e3 * *camera.offset_sigma_s) << c;
     EXPECT_NEAR(result.bundle.cameras[c].sigma_px, 0.2, 0.03) << c;
@@ -123,7 +129,8 @@ TEST(Bundle, LidarAlone) {
   EXPECT_EQ(result.cameras[1].time_offset_ns, 0);
 }
 
-// As WithoutNoiseTheTruthIsFound, with rows that are read within 25 ms, once as the calibration says and once sought.
+// As WithoutNoiseTheTruthIsFound, with rows that are read within 25 ms, once as the calibration
+// says and once sought.
 TEST(Bundle, RollingShuttersWithoutNoise) {
   SyntheticOptions options = short_drive();
   options.noise_px = options.noise_m = 0;
@@ -131,14 +138,16 @@ TEST(Bundle, RollingShuttersWithoutNoise) {
   SyntheticRig rig = make_synthetic_rig(options);
   for (const bool known : {false, true}) {
     SCOPED_TRACE(known);
-    for (RecordedCamera& camera : rig.recording.cameras) camera.calibration.readout_ns = known ? 25'000'000 : 0;
+    for (RecordedCamera& camera : rig.recording.cameras)
+      camera.calibration.readout_ns = known ? 25'000'000 : 0;
     const AlignResult result = aligned(rig, known ? AlignOptions{} : seeking_readouts());
     EXPECT_LT(result.truth_after->rest_m, 0.001);
     EXPECT_LT(result.truth_after->rest_deg, 0.002);
     EXPECT_NEAR(yaw_off_deg(rig, result, 0), 0, 0.002);
     EXPECT_NEAR(offset_off_ms(rig, result, 1), 0, 0.1);
     for (int c = 0; c < 3; ++c) {
-      EXPECT_NEAR(1e-6 * static_cast<double>(result.cameras[c].readout_ns), 25, known ? 0 : 0.05) << c;
+      EXPECT_NEAR(1e-6 * static_cast<double>(result.cameras[c].readout_ns), 25, known ? 0 : 0.05)
+          << c;
       EXPECT_EQ(result.camera_corrections[c].readout_sigma_s.has_value(), !known) << c;
     }
     EXPECT_TRUE(result.remarks.empty());
@@ -178,12 +187,14 @@ TEST(Bundle, ReadoutsThatTheDriveDoesNotTellStayAsGiven) {
   EXPECT_EQ(result.cameras[0].readout_ns, 10'000'000);
   EXPECT_EQ(result.cameras[1].readout_ns, 0);
   ASSERT_GE(result.remarks.size(), 3u);  // and of some clocks
-  EXPECT_THAT(result.remarks[0], HasSubstr("A_FRONT: the drive does not tell how long its rows take"));
+  EXPECT_THAT(result.remarks[0],
+              HasSubstr("A_FRONT: the drive does not tell how long its rows take"));
   EXPECT_THAT(result.remarks[0], HasSubstr("10.00 ms stay, as given"));
   EXPECT_FALSE(result.camera_corrections[0].readout_sigma_s);
 }
 
-// The scale stays that of the egomotion: 6 cm RMS over 12 m with a correlation of a second leave 1 %, 3 cm RMS of position.
+// The scale stays that of the egomotion: 6 cm RMS over 12 m with a correlation of a second leave 1
+// %, 3 cm RMS of position.
 TEST(Bundle, OneCameraAndNoLidar) {
   SyntheticOptions options = short_drive();
   options.lidar_points = 0;
@@ -196,7 +207,8 @@ TEST(Bundle, OneCameraAndNoLidar) {
   EXPECT_THAT(result.remarks[0], HasSubstr("no LiDAR"));
 }
 
-// Each camera's points fit whenever it exposes, and the calibration's word counts, though the left one is 12 ms late.
+// Each camera's points fit whenever it exposes, and the calibration's word counts, though the left
+// one is 12 ms late.
 TEST(Bundle, StraightOnAtOneSpeedClocksCannotBeTold) {
   SyntheticOptions options = short_drive();
   options.straight = true;
@@ -254,7 +266,8 @@ TEST(Cannot, FramesThatNothingHolds) {
   SyntheticOptions options = short_drive();
   options.frames = 40;
   SyntheticRig rig = make_synthetic_rig(options);
-  for (Track& track : rig.tracks) std::erase_if(track.seen, [](const Observation& seen) { return seen.frame > 25; });
+  for (Track& track : rig.tracks)
+    std::erase_if(track.seen, [](const Observation& seen) { return seen.frame > 25; });
   std::erase_if(rig.tracks, [](const Track& track) { return track.seen.size() < 2; });
   rig.lidar.clear();
   EXPECT_THAT(reason_why_not(rig), HasSubstr("nothing holds the"));
@@ -267,7 +280,8 @@ TEST(Cannot, WhatIsSeenDoesNotAgree) {
   SyntheticRig rig = make_synthetic_rig(options);
   testing::SyntheticNoise noise(9);
   for (Track& track : rig.tracks)
-    for (Observation& seen : track.seen) seen.pixel = {noise.uniform(0, 479), noise.uniform(0, 263)};
+    for (Observation& seen : track.seen)
+      seen.pixel = {noise.uniform(0, 479), noise.uniform(0, 263)};
   EXPECT_THAT(reason_why_not(rig), HasSubstr("cannot"));
 }
 

@@ -14,14 +14,16 @@ constexpr int kPyramidLevels = 3;
 constexpr double kNearest_px = 4;          // two points closer than this are one
 constexpr double kForwardBackward_px = 1;  // of Lucas-Kanade there and back; registration is finer
 constexpr double kRegister_px = 3;         // how far registration may move what Lucas-Kanade found
-constexpr double kLargestScale = 1.6;      // of a patch and its first one: beyond, the last one is the new first
+constexpr double kLargestScale =
+    1.6;  // of a patch and its first one: beyond, the last one is the new first
 constexpr double kFar_m = 1e5;
-constexpr float kCornerLevels = 1.5f;  // least gradient of a corner in its weaker direction, grey levels per pixel
+constexpr float kCornerLevels =
+    1.5f;  // least gradient of a corner in its weaker direction, grey levels per pixel
 
 /// A track that goes on.
 struct Live {
   Track track;
-  Patch patch;                                         ///< of the image that the others are registered with
+  Patch patch;  ///< of the image that the others are registered with
   Eigen::Matrix2d warp = Eigen::Matrix2d::Identity();  ///< from it to the last image
   const Eigen::Vector2d& pixel() const { return track.seen.back().pixel; }
 };
@@ -66,7 +68,8 @@ class Follower {
   /// Depth along the ray to the ground on which the vehicle stands; nothing above the horizon.
   std::optional<double> ground_depth(const Eigen::Vector3d& ray) const {
     const Rigid3d& body_from_camera = images_.scene.rig[camera_].body_from_sensor;
-    const double down = -(body_from_camera.linear() * ray).z(), height = body_from_camera.translation().z();
+    const double down = -(body_from_camera.linear() * ray).z(),
+                 height = body_from_camera.translation().z();
     if (down < 0.02 || height < 0.2) return std::nullopt;
     return height / down;
   }
@@ -84,7 +87,8 @@ class Follower {
 
   /// Where a point of the last image is in the next if it lies as deep as `depth` says of a ray.
   template <class Depth>
-  std::optional<Guess> guess(const Eigen::Vector2d& pixel, const Rigid3d& next_from_now, const Depth& depth) const {
+  std::optional<Guess> guess(const Eigen::Vector2d& pixel, const Rigid3d& next_from_now,
+                             const Depth& depth) const {
     const auto project = [&](const Eigen::Vector2d& at) -> std::optional<Eigen::Vector2d> {
       const auto ray = model_.unproject(at);
       const std::optional<double> d = ray ? depth(*ray) : std::nullopt;
@@ -92,8 +96,10 @@ class Follower {
       return model_.project(next_from_now * (*d * *ray));
     };
     const auto centre = project(pixel);
-    const auto right = project(pixel + Eigen::Vector2d(2, 0)), left = project(pixel - Eigen::Vector2d(2, 0));
-    const auto below = project(pixel + Eigen::Vector2d(0, 2)), above = project(pixel - Eigen::Vector2d(0, 2));
+    const auto right = project(pixel + Eigen::Vector2d(2, 0)),
+               left = project(pixel - Eigen::Vector2d(2, 0));
+    const auto below = project(pixel + Eigen::Vector2d(0, 2)),
+               above = project(pixel - Eigen::Vector2d(0, 2));
     if (!centre || !right || !left || !below || !above) return std::nullopt;
     Guess g{*centre, {}};
     g.warp << (*right - *left) / 4, (*below - *above) / 4;
@@ -103,27 +109,30 @@ class Follower {
   }
 
   /// By the track's own depth, on the ground, and far away.
-  std::array<std::optional<Guess>, 3> guesses(const Live& live, const Rigid3d& next_from_now) const {
+  std::array<std::optional<Guess>, 3> guesses(const Live& live,
+                                              const Rigid3d& next_from_now) const {
     std::array<std::optional<Guess>, 3> all;
     if (const auto depth = own_depth(live.track))
       all[0] = guess(live.pixel(), next_from_now, [&](const auto&) { return depth; });
     all[1] = guess(live.pixel(), next_from_now, [&](const auto& ray) { return ground_depth(ray); });
-    all[2] = guess(live.pixel(), next_from_now, [&](const auto&) { return std::optional<double>(kFar_m); });
+    all[2] = guess(live.pixel(), next_from_now,
+                   [&](const auto&) { return std::optional<double>(kFar_m); });
     return all;
   }
 
   void lucas_kanade(const Ready& from, const Ready& to, const std::vector<cv::Point2f>& points,
                     std::vector<cv::Point2f>* found, std::vector<std::uint8_t>* good) const {
     std::vector<float> error;
-    cv::calcOpticalFlowPyrLK(from.pyramid, to.pyramid, points, *found, *good, error, {kPatchSize, kPatchSize},
-                             kPyramidLevels, {cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 20, 0.03},
+    cv::calcOpticalFlowPyrLK(from.pyramid, to.pyramid, points, *found, *good, error,
+                             {kPatchSize, kPatchSize}, kPyramidLevels,
+                             {cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 20, 0.03},
                              cv::OPTFLOW_USE_INITIAL_FLOW, 1e-4);
   }
 
   /// All live tracks into `next`; those that are lost are finished.
   void advance(const Ready& next) {
-    const Rigid3d next_from_now =
-        images_.world_from_camera[camera_][next.frame].inverse() * images_.world_from_camera[camera_][now_.frame];
+    const Rigid3d next_from_now = images_.world_from_camera[camera_][next.frame].inverse() *
+                                  images_.world_from_camera[camera_][now_.frame];
     struct Candidate {
       std::size_t live;
       Guess guess;
@@ -150,7 +159,8 @@ class Follower {
       lucas_kanade(next, now_, to, &returned, &back);
       for (std::size_t k = 0; k < candidates.size(); ++k) {
         const std::size_t i = candidates[k].live;
-        if (!there[k] || !back[k] || cv::norm(returned[k] - from[k]) > kForwardBackward_px) continue;
+        if (!there[k] || !back[k] || cv::norm(returned[k] - from[k]) > kForwardBackward_px)
+          continue;
         const Eigen::Vector2d start(to[k].x, to[k].y);
         if (best[i] && (best[i]->pixel - start).norm() < 0.3) continue;  // another guess came here
         const Live& live = live_[i];
@@ -161,7 +171,8 @@ class Follower {
           renewed[i] = 0;
         }
         if (fit || best[i]) continue;
-        const auto last = sample_patch(now_.smooth, live.pixel());  // has its looks changed too much?
+        const auto last =
+            sample_patch(now_.smooth, live.pixel());  // has its looks changed too much?
         if (last) fit = good_fit(*last, next, start, candidates[k].guess.warp);
         if (!fit) continue;
         best[i] = fit;
@@ -172,20 +183,25 @@ class Follower {
     keep(next, best, patches);
   }
 
-  std::optional<PatchFit> good_fit(const Patch& patch, const Ready& next, const Eigen::Vector2d& start,
+  std::optional<PatchFit> good_fit(const Patch& patch, const Ready& next,
+                                   const Eigen::Vector2d& start,
                                    const Eigen::Matrix2d& warp) const {
     const auto fit = fit_patch(patch, next.smooth, start, warp, kRegister_px);
-    if (!fit || fit->correlation < options_.least_correlation || fit->sigma_px > options_.most_sigma_px)
+    if (!fit || fit->correlation < options_.least_correlation ||
+        fit->sigma_px > options_.most_sigma_px)
       return std::nullopt;
     return fit;
   }
 
-  void keep(const Ready& next, const std::vector<std::optional<PatchFit>>& best, const std::vector<Patch>& patches) {
+  void keep(const Ready& next, const std::vector<std::optional<PatchFit>>& best,
+            const std::vector<Patch>& patches) {
     std::vector<Live> going;
     cv::Mat taken(next.smooth.value.size(), CV_8U, cv::Scalar(0));
     for (std::size_t i = 0; i < live_.size(); ++i) {  // older ones come first
       Live& live = live_[i];
-      const cv::Point at = best[i] ? cv::Point(cvRound(best[i]->pixel.x()), cvRound(best[i]->pixel.y())) : cv::Point();
+      const cv::Point at = best[i]
+                               ? cv::Point(cvRound(best[i]->pixel.x()), cvRound(best[i]->pixel.y()))
+                               : cv::Point();
       if (!best[i] || !images_.may_be_static(camera_, next.frame, best[i]->pixel, next.moving) ||
           taken.at<std::uint8_t>(at)) {
         finish(std::move(live));
@@ -213,15 +229,17 @@ class Follower {
   /// The best corner of each cell of the grid without a track.
   void add_corners() {
     const cv::Mat& value = now_.smooth.value;
-    const int cell = std::max(
-        8, static_cast<int>(std::sqrt(double(value.cols) * value.rows / std::max(1, options_.points_per_image))));
+    const int cell =
+        std::max(8, static_cast<int>(std::sqrt(double(value.cols) * value.rows /
+                                               std::max(1, options_.points_per_image))));
     cv::Mat strength, occupied(value.size(), CV_8U, cv::Scalar(0));
     cv::cornerMinEigenVal(value, strength, 7);
-    // OpenCV sums squared Sobel gradients (8 x gradient) times (1 / (4 block))^2 over block^2 pixels: 4 mean of gradient^2.
+    // OpenCV sums squared Sobel gradients (8 x gradient) times (1 / (4 block))^2 over block^2
+    // pixels: 4 mean of gradient^2.
     const float least = 4 * kCornerLevels * kCornerLevels;
     for (const Live& live : live_)
-      cv::circle(occupied, {cvRound(live.pixel().x()), cvRound(live.pixel().y())}, cell / 2, cv::Scalar(255),
-                 cv::FILLED);
+      cv::circle(occupied, {cvRound(live.pixel().x()), cvRound(live.pixel().y())}, cell / 2,
+                 cv::Scalar(255), cv::FILLED);
     const cv::Mat& usable = images_.usable[camera_][now_.frame];
     for (int top = 0; top < value.rows; top += cell)
       for (int left = 0; left < value.cols; left += cell) {
@@ -229,7 +247,8 @@ class Follower {
         cv::Point at(-1, -1);
         for (int y = top; y < std::min(top + cell, value.rows); ++y)
           for (int x = left; x < std::min(left + cell, value.cols); ++x)
-            if (strength.at<float>(y, x) > best && usable.at<std::uint8_t>(y, x) && !occupied.at<std::uint8_t>(y, x)) {
+            if (strength.at<float>(y, x) > best && usable.at<std::uint8_t>(y, x) &&
+                !occupied.at<std::uint8_t>(y, x)) {
               best = strength.at<float>(y, x);
               at = {x, y};
             }

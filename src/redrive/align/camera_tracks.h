@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Points followed from image to image of one camera: corners (Shi, Tomasi 1994) on a grid, pyramidal Lucas-Kanade from where the
-// poses as recorded would have them, registration with the track's first patch.
+// Points followed from image to image of one camera: corners (Shi, Tomasi 1994) on a grid,
+// pyramidal Lucas-Kanade from where the poses as recorded would have them, registration with the
+// track's first patch.
 #pragma once
 
 #include "redrive/align/rig_images.h"
@@ -8,7 +9,8 @@
 
 namespace redrive {
 
-/// Tracks of two and more observations of one camera. Not yet checked against each other (drop_inconsistent).
+/// Tracks of two and more observations of one camera. Not yet checked against each other
+/// (drop_inconsistent).
 std::vector<Track> follow_points(const RigImages& images, int camera, const TrackOptions& options);
 
 }  // namespace redrive

@@ -26,7 +26,8 @@ std::vector<Rigid3d> likely_poses(const Rigid3d& body_from_camera, const Rigid3d
 
 }  // namespace
 
-void drop_inconsistent(const RigImages& images, const TrackOptions& options, std::vector<Track>* tracks) {
+void drop_inconsistent(const RigImages& images, const TrackOptions& options,
+                       std::vector<Track>* tracks) {
   if (tracks->empty()) return;
   const int camera = tracks->front().seen.front().camera;
   std::map<std::pair<int, int>, std::vector<Seen>> by_images;
@@ -34,7 +35,8 @@ void drop_inconsistent(const RigImages& images, const TrackOptions& options, std
     const auto& seen = (*tracks)[t].seen;
     for (std::size_t a = 0; a < seen.size(); ++a)
       for (const int apart : kApart)
-        if (a + apart < seen.size()) by_images[{seen[a].frame, seen[a + apart].frame}].push_back({t, a, a + apart});
+        if (a + apart < seen.size())
+          by_images[{seen[a].frame, seen[a + apart].frame}].push_back({t, a, a + apart});
   }
 
   struct Votes {
@@ -54,11 +56,13 @@ void drop_inconsistent(const RigImages& images, const TrackOptions& options, std
       }
     }
     const auto& poses = images.world_from_camera[camera];
-    const auto b_from_a = fit_relative_pose(pairs, likely_poses(images.scene.rig[camera].body_from_sensor,
-                                                                poses[frames.second].inverse() * poses[frames.first]));
+    const auto b_from_a = fit_relative_pose(
+        pairs, likely_poses(images.scene.rig[camera].body_from_sensor,
+                            poses[frames.second].inverse() * poses[frames.first]));
     if (!b_from_a) continue;  // too few to tell
     for (std::size_t i = 0; i < pairs.size(); ++i) {
-      const bool good = std::abs(epipolar_error_px(pairs[i], *b_from_a)) <= options.most_epipolar_px;
+      const bool good =
+          std::abs(epipolar_error_px(pairs[i], *b_from_a)) <= options.most_epipolar_px;
       for (const std::size_t at : {of_pair[i].a, of_pair[i].b})
         ++(good ? votes[of_pair[i].track][at].good : votes[of_pair[i].track][at].bad);
     }

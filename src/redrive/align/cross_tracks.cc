@@ -10,15 +10,19 @@
 namespace redrive {
 namespace {
 
-constexpr double kCalibrationError_rad = 0.02, kCalibrationError_m = 0.5;  // of the calibration as it comes
+constexpr double kCalibrationError_rad = 0.02,
+                 kCalibrationError_m = 0.5;  // of the calibration as it comes
 constexpr double kWidestSearch_px = 40, kNarrowSearch_px = 5;
-constexpr double kLeastScale = 0.6, kMostScale = 4;  // pixels of the first camera per pixel of the other
-constexpr double kLeastCorrelation = 0.7;            // of a whole pixel's shift; registration asks for more
-constexpr double kAmbiguous = 0.08;  // how much better the best place has to be than any other, in the wide search
+constexpr double kLeastScale = 0.6,
+                 kMostScale = 4;           // pixels of the first camera per pixel of the other
+constexpr double kLeastCorrelation = 0.7;  // of a whole pixel's shift; registration asks for more
+constexpr double kAmbiguous =
+    0.08;  // how much better the best place has to be than any other, in the wide search
 constexpr std::size_t kLeastMatches = 20;
-constexpr int kSampledFrames = 16;                                     // of the first pass
-constexpr std::size_t kWidePoints = 40;                                // a frame and pair in the first pass
-constexpr double kMostCorrection_rad = 0.08, kMostCorrection_m = 1.5;  // beyond, matches agree by chance
+constexpr int kSampledFrames = 16;       // of the first pass
+constexpr std::size_t kWidePoints = 40;  // a frame and pair in the first pass
+constexpr double kMostCorrection_rad = 0.08,
+                 kMostCorrection_m = 1.5;  // beyond, matches agree by chance
 constexpr double kApart_px = 2;  // the same track's matches, from where their depth has them
 
 /// An observation of a track whose depth is known.
@@ -62,11 +66,13 @@ class Joiner {
       if (const auto pose = corrected_pose(pairs[p], wide[p]))
         overlapping.push_back({pairs[p].a, pairs[p].b, *pose, true});
     auto narrow = match_all(overlapping, 1);
-    for (std::size_t p = 0; p < overlapping.size(); ++p) attach(overlapping[p], std::move(narrow[p]));
+    for (std::size_t p = 0; p < overlapping.size(); ++p)
+      attach(overlapping[p], std::move(narrow[p]));
   }
 
  private:
-  /// As the calibration has it. The time between the exposures of one frame is in the poses of that frame.
+  /// As the calibration has it. The time between the exposures of one frame is in the poses of that
+  /// frame.
   Rigid3d calibrated(int a, int b) const {
     const int middle = images_.frames() / 2;
     return images_.world_from_camera[b][middle].inverse() * images_.world_from_camera[a][middle];
@@ -80,8 +86,10 @@ class Joiner {
       const auto& tracks = of_camera_[c];
       for (std::size_t t = 0; t < tracks.size(); ++t) {
         std::vector<Rigid3d> poses;
-        for (const Observation& o : tracks[t].seen) poses.push_back(images_.world_from_camera[c][o.frame]);
-        const auto point = triangulate(tracks[t], poses, images_.model, {.min_angle_rad = 0.005, .outlier_px = 15});
+        for (const Observation& o : tracks[t].seen)
+          poses.push_back(images_.world_from_camera[c][o.frame]);
+        const auto point = triangulate(tracks[t], poses, images_.model,
+                                       {.min_angle_rad = 0.005, .outlier_px = 15});
         if (!point) continue;
         for (std::size_t i = 0; i < tracks[t].seen.size(); ++i) {
           const auto ray = images_.camera(c).unproject(tracks[t].seen[i].pixel);
@@ -96,7 +104,8 @@ class Joiner {
   /// By pair; every step-th frame.
   std::vector<std::vector<Match>> match_all(const std::vector<CameraPair>& pairs, int step) {
     const int lanes = (images_.frames() + step - 1) / step;
-    std::vector<std::vector<std::vector<Match>>> of_frame(lanes, std::vector<std::vector<Match>>(pairs.size()));
+    std::vector<std::vector<std::vector<Match>>> of_frame(
+        lanes, std::vector<std::vector<Match>>(pairs.size()));
     pool_.run(lanes, [&](int lane) {
       const int frame = lane * step;
       std::vector<SmoothImage> smooth(images_.cameras());
@@ -116,7 +125,8 @@ class Joiner {
     });
     std::vector<std::vector<Match>> all(pairs.size());
     for (auto& of_pair : of_frame)
-      for (std::size_t p = 0; p < pairs.size(); ++p) all[p].insert(all[p].end(), of_pair[p].begin(), of_pair[p].end());
+      for (std::size_t p = 0; p < pairs.size(); ++p)
+        all[p].insert(all[p].end(), of_pair[p].begin(), of_pair[p].end());
     return all;
   }
 
@@ -134,17 +144,21 @@ class Joiner {
     return some;
   }
 
-  /// Normals, in the axes of camera b, of the surfaces that a point may lie on: one that faces both cameras, the ground, a wall along
-  /// the road, one across.
-  std::array<Eigen::Vector3d, 4> likely_normals(const CameraPair& pair, const Eigen::Vector3d& in_b) const {
-    const Eigen::Matrix3d b_from_body = images_.scene.rig[pair.b].body_from_sensor.linear().transpose();
-    const Eigen::Vector3d facing = in_b.normalized() + (in_b - pair.b_from_a.translation()).normalized();
+  /// Normals, in the axes of camera b, of the surfaces that a point may lie on: one that faces both
+  /// cameras, the ground, a wall along the road, one across.
+  std::array<Eigen::Vector3d, 4> likely_normals(const CameraPair& pair,
+                                                const Eigen::Vector3d& in_b) const {
+    const Eigen::Matrix3d b_from_body =
+        images_.scene.rig[pair.b].body_from_sensor.linear().transpose();
+    const Eigen::Vector3d facing =
+        in_b.normalized() + (in_b - pair.b_from_a.translation()).normalized();
     return {facing, b_from_body.col(2), b_from_body.col(1), b_from_body.col(0)};
   }
 
   /// The surroundings of the source as camera b would see them around `guess`.
-  std::optional<Patch> drawn(const CameraPair& pair, const Source& source, const Eigen::Vector3d& in_b,
-                             const Eigen::Vector2d& guess, const Eigen::Vector3d& normal, const SmoothImage& a) const {
+  std::optional<Patch> drawn(const CameraPair& pair, const Source& source,
+                             const Eigen::Vector3d& in_b, const Eigen::Vector2d& guess,
+                             const Eigen::Vector3d& normal, const SmoothImage& a) const {
     const Rigid3d a_from_b = pair.b_from_a.inverse();
     const auto to_a = [&](const Eigen::Vector2d& offset) -> std::optional<Eigen::Vector2d> {
       const auto ray = images_.camera(pair.b).unproject(guess + offset);
@@ -154,8 +168,8 @@ class Joiner {
       return images_.camera(pair.a).project(a_from_b * (depth * *ray));
     };
     constexpr double kStep_px = kPatchHalf / 2.0;
-    const auto right = to_a({kStep_px, 0}), left = to_a({-kStep_px, 0}), below = to_a({0, kStep_px}),
-               above = to_a({0, -kStep_px});
+    const auto right = to_a({kStep_px, 0}), left = to_a({-kStep_px, 0}),
+               below = to_a({0, kStep_px}), above = to_a({0, -kStep_px});
     if (!right || !left || !below || !above) return std::nullopt;
     Eigen::Matrix2d warp;
     warp << (*right - *left) / (2 * kStep_px), (*below - *above) / (2 * kStep_px);
@@ -175,11 +189,13 @@ class Joiner {
     if (!here) return std::nullopt;
     const double error_rad = kCalibrationError_rad + kCalibrationError_m / in_b.norm();
     const auto radius = static_cast<int>(
-        std::ceil(pair.corrected ? kNarrowSearch_px : std::min(kWidestSearch_px, error_rad * here->px_per_rad_b)));
+        std::ceil(pair.corrected ? kNarrowSearch_px
+                                 : std::min(kWidestSearch_px, error_rad * here->px_per_rad_b)));
     const cv::Rect image({0, 0}, b.value.size());
     const int reach = radius + kPatchHalf;
-    const cv::Rect searched =
-        cv::Rect(cvRound(guess->x()) - reach, cvRound(guess->y()) - reach, 2 * reach + 1, 2 * reach + 1) & image;
+    const cv::Rect searched = cv::Rect(cvRound(guess->x()) - reach, cvRound(guess->y()) - reach,
+                                       2 * reach + 1, 2 * reach + 1) &
+                              image;
     if (searched.width < kPatchSize + 2 || searched.height < kPatchSize + 2) return std::nullopt;
 
     double best = kLeastCorrelation;
@@ -207,7 +223,8 @@ class Joiner {
     }
     if (!patch) return std::nullopt;
     const auto fit = fit_patch(*patch, b, at, Eigen::Matrix2d::Identity(), 2);
-    if (!fit || fit->correlation < options_[pair.b].least_correlation || fit->sigma_px > options_[pair.b].most_sigma_px)
+    if (!fit || fit->correlation < options_[pair.b].least_correlation ||
+        fit->sigma_px > options_[pair.b].most_sigma_px)
       return std::nullopt;
     const auto rays = make_ray_pair(images_.camera(pair.a), pixel_a, camera, fit->pixel);
     if (!rays) return std::nullopt;
@@ -220,16 +237,18 @@ class Joiner {
     return rays;
   }
 
-  /// What the matches say of the calibration; nothing if they do not agree in anything. The length of the way between the cameras is
-  /// the one that depths along the tracks go with.
-  std::optional<Rigid3d> corrected_pose(const CameraPair& pair, const std::vector<Match>& matches) const {
+  /// What the matches say of the calibration; nothing if they do not agree in anything. The length
+  /// of the way between the cameras is the one that depths along the tracks go with.
+  std::optional<Rigid3d> corrected_pose(const CameraPair& pair,
+                                        const std::vector<Match>& matches) const {
     if (matches.size() < kLeastMatches) return std::nullopt;
     auto pose = fit_relative_pose(rays_of(matches), {pair.b_from_a});
     if (!pose) return std::nullopt;
     std::vector<double> lengths;
     std::size_t agreeing = 0;
     for (const Match& match : matches) {
-      if (std::abs(epipolar_error_px(match.rays, *pose)) > 2 * options_[pair.b].most_epipolar_px) continue;
+      if (std::abs(epipolar_error_px(match.rays, *pose)) > 2 * options_[pair.b].most_epipolar_px)
+        continue;
       ++agreeing;
       if (const auto depth = ray_depth(match.rays.ray_a, match.rays.ray_b, *pose))
         lengths.push_back(match.depth_m / *depth);
@@ -284,8 +303,8 @@ class Joiner {
 
 }  // namespace
 
-void join_cameras(const RigImages& images, const std::vector<TrackOptions>& options, ThreadPool& pool,
-                  std::vector<std::vector<Track>>* of_camera) {
+void join_cameras(const RigImages& images, const std::vector<TrackOptions>& options,
+                  ThreadPool& pool, std::vector<std::vector<Track>>* of_camera) {
   Joiner(images, options, pool, of_camera).run();
 }
 

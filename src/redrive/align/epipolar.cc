@@ -18,7 +18,8 @@ std::optional<double> pixels_per_radian(const Camera& camera, const Eigen::Vecto
   return 2 / std::sqrt((*right - *left).cross(*below - *above).norm());
 }
 
-/// The pose moved: rotated by the first three numbers (rad), its unit translation shifted by the others and made unit again.
+/// The pose moved: rotated by the first three numbers (rad), its unit translation shifted by the
+/// others and made unit again.
 Rigid3d moved(const Rigid3d& pose, const Eigen::Matrix<double, 6, 1>& by) {
   Rigid3d result = Rigid3d::Identity();
   const double angle = by.head<3>().norm();
@@ -30,7 +31,8 @@ Rigid3d moved(const Rigid3d& pose, const Eigen::Matrix<double, 6, 1>& by) {
 
 double robust_cost(const std::vector<RayPair>& pairs, const Rigid3d& pose, double scale_px) {
   double sum = 0;
-  for (const RayPair& pair : pairs) sum += std::log1p(std::pow(epipolar_error_px(pair, pose) / scale_px, 2));
+  for (const RayPair& pair : pairs)
+    sum += std::log1p(std::pow(epipolar_error_px(pair, pose) / scale_px, 2));
   return sum;
 }
 
@@ -42,7 +44,8 @@ Rigid3d fit_from(const std::vector<RayPair>& pairs, Rigid3d pose) {
       Eigen::Matrix<double, 6, 6> h = Eigen::Matrix<double, 6, 6>::Zero();
       Eigen::Matrix<double, 6, 1> g = Eigen::Matrix<double, 6, 1>::Zero();
       std::array<Rigid3d, 6> ahead;
-      for (int k = 0; k < 6; ++k) ahead[k] = moved(pose, kStep * Eigen::Matrix<double, 6, 1>::Unit(k));
+      for (int k = 0; k < 6; ++k)
+        ahead[k] = moved(pose, kStep * Eigen::Matrix<double, 6, 1>::Unit(k));
       for (const RayPair& pair : pairs) {
         const double error = epipolar_error_px(pair, pose);
         Eigen::Matrix<double, 6, 1> j;
@@ -69,8 +72,8 @@ Rigid3d fit_from(const std::vector<RayPair>& pairs, Rigid3d pose) {
 
 }  // namespace
 
-std::optional<RayPair> make_ray_pair(const Camera& a, const Eigen::Vector2d& pixel_a, const Camera& b,
-                                     const Eigen::Vector2d& pixel_b) {
+std::optional<RayPair> make_ray_pair(const Camera& a, const Eigen::Vector2d& pixel_a,
+                                     const Camera& b, const Eigen::Vector2d& pixel_b) {
   const auto ray_a = a.unproject(pixel_a), ray_b = b.unproject(pixel_b);
   const auto scale_a = pixels_per_radian(a, pixel_a), scale_b = pixels_per_radian(b, pixel_b);
   if (!ray_a || !ray_b || !scale_a || !scale_b) return std::nullopt;
@@ -79,14 +82,16 @@ std::optional<RayPair> make_ray_pair(const Camera& a, const Eigen::Vector2d& pix
 
 double epipolar_error_px(const RayPair& pair, const Rigid3d& b_from_a) {
   const Eigen::Vector3d a_in_b = b_from_a.linear() * pair.ray_a, t = b_from_a.translation();
-  const Eigen::Vector3d by_b = t.cross(a_in_b), by_a = pair.ray_b.cross(t);  // d e / d ray_b, d e / d (R ray_a)
+  const Eigen::Vector3d by_b = t.cross(a_in_b),
+                        by_a = pair.ray_b.cross(t);  // d e / d ray_b, d e / d (R ray_a)
   const double e = pair.ray_b.dot(by_b);
   const double variance = (by_b.squaredNorm() - e * e) / (pair.px_per_rad_b * pair.px_per_rad_b) +
                           (by_a.squaredNorm() - e * e) / (pair.px_per_rad_a * pair.px_per_rad_a);
   return variance > 0 ? e / std::sqrt(variance) : 0;
 }
 
-std::optional<double> ray_depth(const Eigen::Vector3d& ray_a, const Eigen::Vector3d& ray_b, const Rigid3d& b_from_a) {
+std::optional<double> ray_depth(const Eigen::Vector3d& ray_a, const Eigen::Vector3d& ray_b,
+                                const Rigid3d& b_from_a) {
   const Eigen::Vector3d normal = (b_from_a.linear() * ray_a).cross(ray_b);
   if (normal.norm() < 0.01) return std::nullopt;
   // ray_b x (depth R ray_a + t) = 0
@@ -95,7 +100,8 @@ std::optional<double> ray_depth(const Eigen::Vector3d& ray_a, const Eigen::Vecto
   return depth;
 }
 
-std::optional<Rigid3d> fit_relative_pose(const std::vector<RayPair>& pairs, const std::vector<Rigid3d>& starts) {
+std::optional<Rigid3d> fit_relative_pose(const std::vector<RayPair>& pairs,
+                                         const std::vector<Rigid3d>& starts) {
   if (pairs.size() < kLeastPairs) return std::nullopt;
   std::optional<Rigid3d> best;
   double best_cost = 0;

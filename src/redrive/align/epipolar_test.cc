@@ -11,16 +11,20 @@ namespace {
 /// Two cameras of different models half a metre apart that see the same points, before them.
 class Epipolar : public ::testing::Test {
  protected:
-  Camera a_ = make_camera({"A", "opencv_pinhole", 300, 290, 159.5, 119.5, {-0.3, 0.08, 0.002, 0.0006, 0}, 0, 320, 240});
-  Camera b_ = make_camera({"B", "mei", 150, 140, 159.5, 119.5, {0.03, -0.08, 0, 0, 0}, 1.02, 320, 240});
-  Rigid3d b_from_a_ = Eigen::Translation3d(0.4, -0.1, 0.3) * Rigid3d(Eigen::AngleAxisd(0.3, Eigen::Vector3d::UnitY()));
+  Camera a_ = make_camera(
+      {"A", "opencv_pinhole", 300, 290, 159.5, 119.5, {-0.3, 0.08, 0.002, 0.0006, 0}, 0, 320, 240});
+  Camera b_ =
+      make_camera({"B", "mei", 150, 140, 159.5, 119.5, {0.03, -0.08, 0, 0, 0}, 1.02, 320, 240});
+  Rigid3d b_from_a_ = Eigen::Translation3d(0.4, -0.1, 0.3) *
+                      Rigid3d(Eigen::AngleAxisd(0.3, Eigen::Vector3d::UnitY()));
 
   Eigen::Vector3d point(int i) const {
     const auto u = [&](int k) { return random_unit(random_key(kStreamTest, 0), 3 * i + k) - 0.5; };
     const double depth = 6 + 8 * u(2);
     return {0.7 * depth * u(0), 0.6 * depth * u(1), depth};
   }
-  std::optional<RayPair> pair(const Eigen::Vector3d& in_a, const Eigen::Vector2d& off_b = {0, 0}) const {
+  std::optional<RayPair> pair(const Eigen::Vector3d& in_a,
+                              const Eigen::Vector2d& off_b = {0, 0}) const {
     const auto pixel_a = a_.project(in_a), pixel_b = b_.project(b_from_a_ * in_a);
     if (!pixel_a || !pixel_b) return std::nullopt;
     return make_ray_pair(a_, *pixel_a, b_, *pixel_b + off_b);
@@ -47,11 +51,13 @@ TEST_F(Epipolar, ErrorIsInStandardDeviationsOfPixels) {
   };
   for (int i = 0; i < kPoints; ++i) {
     const Eigen::Vector3d x = point(i);
-    const auto rays = make_ray_pair(a_, *a_.project(x) + Eigen::Vector2d(noise(i, 0), noise(i, 1)), b_,
-                                    *b_.project(b_from_a_ * x) + Eigen::Vector2d(noise(i, 2), noise(i, 3)));
+    const auto rays =
+        make_ray_pair(a_, *a_.project(x) + Eigen::Vector2d(noise(i, 0), noise(i, 1)), b_,
+                      *b_.project(b_from_a_ * x) + Eigen::Vector2d(noise(i, 2), noise(i, 3)));
     squares += std::pow(epipolar_error_px(*rays, b_from_a_), 2);
   }
-  EXPECT_NEAR(std::sqrt(squares / kPoints), 1, 0.1);  // 0.01 by chance; pixels are not square and distorted
+  EXPECT_NEAR(std::sqrt(squares / kPoints), 1,
+              0.1);  // 0.01 by chance; pixels are not square and distorted
 }
 
 TEST_F(Epipolar, ErrorDoesNotDependOnTheLengthOfTheWay) {
@@ -65,9 +71,11 @@ TEST_F(Epipolar, ErrorDoesNotDependOnTheLengthOfTheWay) {
 
 TEST_F(Epipolar, DepthOfParallelRaysAndOfRaysThatPartIsNone) {
   EXPECT_FALSE(ray_depth({0, 0, 1}, {0, 0, 1}, Rigid3d(Eigen::Translation3d(1, 0, 0))));
-  EXPECT_FALSE(ray_depth({0, 0, 1}, Eigen::Vector3d(1, 0, 1).normalized(), Rigid3d(Eigen::Translation3d(-1, 0, 0))));
-  EXPECT_NEAR(*ray_depth({0, 0, 1}, Eigen::Vector3d(1, 0, 1).normalized(), Rigid3d(Eigen::Translation3d(1, 0, 0))), 1,
-              1e-12);
+  EXPECT_FALSE(ray_depth({0, 0, 1}, Eigen::Vector3d(1, 0, 1).normalized(),
+                         Rigid3d(Eigen::Translation3d(-1, 0, 0))));
+  EXPECT_NEAR(*ray_depth({0, 0, 1}, Eigen::Vector3d(1, 0, 1).normalized(),
+                         Rigid3d(Eigen::Translation3d(1, 0, 0))),
+              1, 1e-12);
 }
 
 TEST_F(Epipolar, PoseIsFoundFromAWrongStart) {

@@ -11,26 +11,29 @@
 namespace redrive {
 namespace {
 
-constexpr int kImages = 16;  // a camera
-constexpr double kMargin_s =
-    0.2;  // images this close to the ends are left out: what they see was passed before the drive began
+constexpr int kImages = 16;        // a camera
+constexpr double kMargin_s = 0.2;  // images this close to the ends are left out: what they see was
+                                   // passed before the drive began
 constexpr double kClosest_m = 1, kFarthest_m = 50;
 constexpr int kCell_px = 2;
-// A return counts where no other is nearer by 15 % within a block of pixels or its neighbours: beams are further apart than pixels.
+// A return counts where no other is nearer by 15 % within a block of pixels or its neighbours:
+// beams are further apart than pixels.
 constexpr int kBlock_px = 6;
 constexpr float kHidden = 1.15f;
-constexpr double kAround_px = 8;      // sd of the surroundings that contrast is against, in LiDAR and image
-constexpr double kLevel_px = 20;      // sd over which the image's contrast is brought to one strength
+constexpr double kAround_px =
+    8;  // sd of the surroundings that contrast is against, in LiDAR and image
+constexpr double kLevel_px = 20;  // sd over which the image's contrast is brought to one strength
 constexpr float kLeastAround = 0.1f;  // share of the surroundings that LiDAR has seen
 constexpr float kNoise = 1;           // grey levels: contrast less than that is not made stronger
 constexpr double kFine_px = 1.2;      // low-pass of the image
 constexpr int kSteps = 20;            // of the scan, to each side
 constexpr int kPeak = 4;              // steps to each side that a peak is fitted to
-// Known that well, by leaving out one image after the other. Along the road, what is bright to one and to the other may differ by so much,
-// however many places agree.
+// Known that well, by leaving out one image after the other. Along the road, what is bright to one
+// and to the other may differ by so much, however many places agree.
 constexpr double kMostSigma_s = 0.01, kMostSigma_m = 0.15, kLeastAlong_m = 0.03;
 constexpr double kLeastSpeed_m_per_s = 1;
-// How much higher the peak has to be than anything further away from it, in sigmas, likewise: rails and dashes repeat.
+// How much higher the peak has to be than anything further away from it, in sigmas, likewise: rails
+// and dashes repeat.
 constexpr double kSignificant = 3;
 constexpr int kFurther = 8;                   // steps
 constexpr double kLeastLidarContrast = 0.02;  // RMS of log intensity: less is rounding
@@ -59,7 +62,8 @@ std::optional<double> sample(const cv::Mat& image, const Eigen::Vector2d& at) {
   const double u = at.x() - x, v = at.y() - y;
   const float* upper = image.ptr<float>(y) + x;
   const float* lower = image.ptr<float>(y + 1) + x;
-  return (1 - v) * (upper[0] + u * (upper[1] - upper[0])) + v * (lower[0] + u * (lower[1] - lower[0]));
+  return (1 - v) * (upper[0] + u * (upper[1] - upper[0])) +
+         v * (lower[0] + u * (lower[1] - lower[0]));
 }
 
 struct Hit {
@@ -69,12 +73,14 @@ struct Hit {
 };
 
 /// Those of the returns that the camera sees, nothing nearer before them.
-std::vector<Hit> visible(const Camera& camera, const Rigid3d& camera_from_world, const cv::Mat& usable,
-                         const std::vector<Eigen::Vector3f>& in_world) {
+std::vector<Hit> visible(const Camera& camera, const Rigid3d& camera_from_world,
+                         const cv::Mat& usable, const std::vector<Eigen::Vector3f>& in_world) {
   const int across = usable.cols / kBlock_px + 1, down = usable.rows / kBlock_px + 1;
-  std::vector<float> nearest_m(static_cast<std::size_t>(across) * static_cast<std::size_t>(down), 1e9f);
+  std::vector<float> nearest_m(static_cast<std::size_t>(across) * static_cast<std::size_t>(down),
+                               1e9f);
   const auto block = [&](int x, int y) -> float& {
-    return nearest_m[static_cast<std::size_t>(y) * static_cast<std::size_t>(across) + static_cast<std::size_t>(x)];
+    return nearest_m[static_cast<std::size_t>(y) * static_cast<std::size_t>(across) +
+                     static_cast<std::size_t>(x)];
   };
   const Eigen::Vector3f at = camera_from_world.inverse(Eigen::Isometry).translation().cast<float>();
   std::vector<Hit> hits;
@@ -83,19 +89,25 @@ std::vector<Hit> visible(const Camera& camera, const Rigid3d& camera_from_world,
     if (!(distance_m >= kClosest_m && distance_m <= kFarthest_m)) continue;
     const auto pixel = camera.project(camera_from_world * in_world[i].cast<double>());
     if (!pixel) continue;
-    const int x = static_cast<int>(std::lround(pixel->x())), y = static_cast<int>(std::lround(pixel->y()));
-    if (x < 0 || y < 0 || x >= usable.cols || y >= usable.rows || usable.at<std::uint8_t>(y, x) == 0) continue;
+    const int x = static_cast<int>(std::lround(pixel->x())),
+              y = static_cast<int>(std::lround(pixel->y()));
+    if (x < 0 || y < 0 || x >= usable.cols || y >= usable.rows ||
+        usable.at<std::uint8_t>(y, x) == 0)
+      continue;
     hits.push_back({static_cast<int>(i), x, y, distance_m});
     for (int by = std::max(0, y / kBlock_px - 1); by <= std::min(down - 1, y / kBlock_px + 1); ++by)
-      for (int bx = std::max(0, x / kBlock_px - 1); bx <= std::min(across - 1, x / kBlock_px + 1); ++bx)
+      for (int bx = std::max(0, x / kBlock_px - 1); bx <= std::min(across - 1, x / kBlock_px + 1);
+           ++bx)
         block(bx, by) = std::min(block(bx, by), distance_m);
   }
-  std::erase_if(hits,
-                [&](const Hit& hit) { return hit.distance_m > kHidden * block(hit.x / kBlock_px, hit.y / kBlock_px); });
+  std::erase_if(hits, [&](const Hit& hit) {
+    return hit.distance_m > kHidden * block(hit.x / kBlock_px, hit.y / kBlock_px);
+  });
   return hits;
 }
 
-/// The way of a static point over the image as the camera passes: a parabola through three of its places.
+/// The way of a static point over the image as the camera passes: a parabola through three of its
+/// places.
 struct Path {
   Eigen::Vector2d now, slope, bend;
   Eigen::Vector2d at(int k) const {  ///< k - kSteps steps later
@@ -113,11 +125,13 @@ struct Path {
 std::array<Rigid3d, 3> poses_around(const RigModel& model, int camera, int frame) {
   std::array<Rigid3d, 3> poses;
   for (int k = 0; k < 3; ++k)
-    poses[k] = model.world_from_camera(camera, frame, (k - 1) * kSteps * kContrastStep_s).inverse(Eigen::Isometry);
+    poses[k] = model.world_from_camera(camera, frame, (k - 1) * kSteps * kContrastStep_s)
+                   .inverse(Eigen::Isometry);
   return poses;
 }
 
-std::optional<Path> path_of(const Camera& camera, const std::array<Rigid3d, 3>& poses, const Eigen::Vector3d& point) {
+std::optional<Path> path_of(const Camera& camera, const std::array<Rigid3d, 3>& poses,
+                            const Eigen::Vector3d& point) {
   const auto before = camera.project(poses[0] * point), now = camera.project(poses[1] * point),
              after = camera.project(poses[2] * point);
   if (!before || !now || !after) return std::nullopt;
@@ -144,8 +158,8 @@ struct Sums {
   }
 };
 
-/// Where correlation is highest: the vertex of the parabola through the values around the highest one (least squares). Nothing where
-/// that is close to an end.
+/// Where correlation is highest: the vertex of the parabola through the values around the highest
+/// one (least squares). Nothing where that is close to an end.
 std::optional<double> peak_s(const std::vector<double>& correlation) {
   const auto best = static_cast<int>(std::ranges::max_element(correlation) - correlation.begin());
   if (best < kPeak || best > 2 * kSteps - kPeak) return std::nullopt;
@@ -161,7 +175,8 @@ std::optional<double> peak_s(const std::vector<double>& correlation) {
   slope /= m2;
   bend /= m4;
   if (!(bend < 0)) return std::nullopt;
-  return kContrastStep_s * (best - kSteps + std::clamp(-0.5 * slope / bend, -1.0 * kPeak, 1.0 * kPeak));
+  return kContrastStep_s *
+         (best - kSteps + std::clamp(-0.5 * slope / bend, -1.0 * kPeak, 1.0 * kPeak));
 }
 
 /// Frames whose images are looked at, evenly chosen.
@@ -169,7 +184,8 @@ std::vector<int> frames_of(const RigModel& model, const RigImages& images, int c
   const auto margin_ns = static_cast<std::int64_t>(kMargin_s * 1e9);
   std::vector<int> all, chosen;
   for (int f = 0; f < images.frames(); ++f)
-    if (!images.grey[camera][f].empty() && model.given[f].t_ns >= model.given.front().t_ns + margin_ns &&
+    if (!images.grey[camera][f].empty() &&
+        model.given[f].t_ns >= model.given.front().t_ns + margin_ns &&
         model.given[f].t_ns <= model.given.back().t_ns - margin_ns)
       all.push_back(f);
   const int count = static_cast<int>(all.size()), n = std::min(kImages, count);
@@ -179,13 +195,18 @@ std::vector<int> frames_of(const RigModel& model, const RigImages& images, int c
 
 /// The LiDAR's picture as a camera sees it, in cells of kCell_px.
 struct LidarPicture {
-  cv::Mat_<int> sample;      ///< the first one there, -1 where there is none
-  cv::Mat_<float> contrast;  ///< log intensity against the mean around; 0 where too little is around
-  bool has(int x, int y) const { return x >= 0 && y >= 0 && x < sample.cols && y < sample.rows && sample(y, x) >= 0; }
+  cv::Mat_<int> sample;  ///< the first one there, -1 where there is none
+  cv::Mat_<float>
+      contrast;  ///< log intensity against the mean around; 0 where too little is around
+  bool has(int x, int y) const {
+    return x >= 0 && y >= 0 && x < sample.cols && y < sample.rows && sample(y, x) >= 0;
+  }
 };
 
-LidarPicture draw(const std::vector<Hit>& hits, const std::vector<LidarSample>& samples, const cv::Size& image) {
-  const cv::Size size((image.width + kCell_px - 1) / kCell_px, (image.height + kCell_px - 1) / kCell_px);
+LidarPicture draw(const std::vector<Hit>& hits, const std::vector<LidarSample>& samples,
+                  const cv::Size& image) {
+  const cv::Size size((image.width + kCell_px - 1) / kCell_px,
+                      (image.height + kCell_px - 1) / kCell_px);
   LidarPicture picture{cv::Mat_<int>(size, -1), cv::Mat_<float>(size, 0.0f)};
   cv::Mat_<float> sum(size, 0.0f), count(size, 0.0f);
   for (const Hit& hit : hits) {
@@ -197,7 +218,8 @@ LidarPicture draw(const std::vector<Hit>& hits, const std::vector<LidarSample>& 
   cv::Mat_<float> there;
   cv::Mat(count > 0).convertTo(there, CV_32F, 1 / 255.0);
   const cv::Mat_<float> mean = sum / cv::max(count, 1);
-  const cv::Mat_<float> around = blurred(mean, kAround_px / kCell_px), seen = blurred(there, kAround_px / kCell_px);
+  const cv::Mat_<float> around = blurred(mean, kAround_px / kCell_px),
+                        seen = blurred(there, kAround_px / kCell_px);
   for (int y = 0; y < size.height; ++y)
     for (int x = 0; x < size.width; ++x)
       if (picture.sample(y, x) >= 0 && seen(y, x) >= kLeastAround)
@@ -207,9 +229,11 @@ LidarPicture draw(const std::vector<Hit>& hits, const std::vector<LidarSample>& 
   return picture;
 }
 
-/// Contrast of the LiDAR at `cell` against what lies before and behind it on the way that it takes over the image: what is the same all
-/// along the road, a guard rail say, tells no time. Nothing where that is too little.
-std::optional<double> against_path(const LidarPicture& lidar, const cv::Point& cell, const Path& path) {
+/// Contrast of the LiDAR at `cell` against what lies before and behind it on the way that it takes
+/// over the image: what is the same all along the road, a guard rail say, tells no time. Nothing
+/// where that is too little.
+std::optional<double> against_path(const LidarPicture& lidar, const cv::Point& cell,
+                                   const Path& path) {
   double sum = 0;
   int places = 0;
   for (int k = 0; k <= 2 * kSteps; ++k) {
@@ -223,21 +247,22 @@ std::optional<double> against_path(const LidarPicture& lidar, const cv::Point& c
   return lidar.contrast(cell) - sum / places;
 }
 
-Sums compare(const RigModel& model, const ContrastSource& source, const std::vector<Eigen::Vector3f>& in_world,
-             int camera, int frame) {
+Sums compare(const RigModel& model, const ContrastSource& source,
+             const std::vector<Eigen::Vector3f>& in_world, int camera, int frame) {
   const RigImages& images = source.images;
   const cv::Mat& grey = images.grey[camera][frame];
   const Camera& lens = images.camera(camera);
   const std::array<Rigid3d, 3> poses = poses_around(model, camera, frame);
-  const LidarPicture lidar =
-      draw(visible(lens, poses[1], images.usable[camera][frame], in_world), source.samples, grey.size());
+  const LidarPicture lidar = draw(visible(lens, poses[1], images.usable[camera][frame], in_world),
+                                  source.samples, grey.size());
   const cv::Mat image = contrast_of(grey);
   const auto moving = images.moving_at(camera, frame);
   Sums sums;
   for (int y = 0; y < lidar.sample.rows; ++y)
     for (int x = 0; x < lidar.sample.cols; ++x) {
       if (!lidar.has(x, y)) continue;
-      if (!images.may_be_static(camera, frame, {kCell_px * x + 0.5, kCell_px * y + 0.5}, moving)) continue;
+      if (!images.may_be_static(camera, frame, {kCell_px * x + 0.5, kCell_px * y + 0.5}, moving))
+        continue;
       auto path = path_of(lens, poses, in_world[lidar.sample(y, x)].cast<double>());
       if (!path) continue;
       const double row = images.recorded_pixel(camera, path->now).y();
@@ -295,7 +320,8 @@ ContrastFit fit_clock(const std::vector<Sums>& of_image, double offset_s, double
   if (stands_out < kSignificant * prominence_sigma ||
       all.lidar[kSteps] < all.cells * kLeastLidarContrast * kLeastLidarContrast)
     return fit;
-  if (sigma_s > kMostSigma_s || sigma_s * speed_m_per_s > kMostSigma_m || speed_m_per_s < kLeastSpeed_m_per_s)
+  if (sigma_s > kMostSigma_s || sigma_s * speed_m_per_s > kMostSigma_m ||
+      speed_m_per_s < kLeastSpeed_m_per_s)
     return fit;
   fit.told = true;
   fit.offset_s = offset_s + *peak;
@@ -305,10 +331,12 @@ ContrastFit fit_clock(const std::vector<Sums>& of_image, double offset_s, double
 
 }  // namespace
 
-std::vector<ContrastFit> fit_clocks(const RigModel& model, const ContrastSource& source, ThreadPool& pool) {
+std::vector<ContrastFit> fit_clocks(const RigModel& model, const ContrastSource& source,
+                                    ThreadPool& pool) {
   std::vector<Eigen::Vector3f> in_world(source.samples.size());
-  place_samples(model, source.samples, pool,
-                [&](std::size_t i, const Eigen::Vector3d& point) { in_world[i] = point.cast<float>(); });
+  place_samples(model, source.samples, pool, [&](std::size_t i, const Eigen::Vector3d& point) {
+    in_world[i] = point.cast<float>();
+  });
   const int cameras = source.images.cameras();
   std::vector<std::vector<int>> frames;
   std::vector<std::vector<Sums>> sums(cameras);

@@ -43,8 +43,10 @@ int times_apart(const Placed& points, const std::vector<int>& chosen) {
   return count;
 }
 
-/// The plane of most of the points, by principal axes of what is left when the farthest are dropped, three times.
-std::optional<FlatPatch> fit(const Placed& points, const std::vector<int>& chosen, const PlaneOptions& options) {
+/// The plane of most of the points, by principal axes of what is left when the farthest are
+/// dropped, three times.
+std::optional<FlatPatch> fit(const Placed& points, const std::vector<int>& chosen,
+                             const PlaneOptions& options) {
   std::vector<int> on = chosen;
   FlatPatch patch;
   double sigma_m = 0;
@@ -54,8 +56,10 @@ std::optional<FlatPatch> fit(const Placed& points, const std::vector<int>& chose
     for (const int i : on) mean += points.in_world[i];
     mean /= static_cast<double>(on.size());
     Eigen::Matrix3d spread = Eigen::Matrix3d::Zero();
-    for (const int i : on) spread += (points.in_world[i] - mean) * (points.in_world[i] - mean).transpose();
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(spread / static_cast<double>(on.size()));
+    for (const int i : on)
+      spread += (points.in_world[i] - mean) * (points.in_world[i] - mean).transpose();
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(spread /
+                                                                static_cast<double>(on.size()));
     const Eigen::Vector3d sd = solver.eigenvalues().cwiseMax(0).cwiseSqrt();
     sigma_m = sd[0];
     if (sd[1] < 0.08 || sd[1] < 3 * sd[0]) return std::nullopt;  // a line, or a lump
@@ -67,9 +71,11 @@ std::optional<FlatPatch> fit(const Placed& points, const std::vector<int>& chose
     on.clear();
     const double far_m = std::max(2.5 * sigma_m, 0.02);
     for (const int i : chosen)
-      if (std::abs(patch.plane.axes.col(2).dot(points.in_world[i] - mean)) <= far_m) on.push_back(i);
+      if (std::abs(patch.plane.axes.col(2).dot(points.in_world[i] - mean)) <= far_m)
+        on.push_back(i);
   }
-  if (sigma_m > options.flat_m || static_cast<double>(on.size()) < kLeastShare * static_cast<double>(chosen.size()))
+  if (sigma_m > options.flat_m ||
+      static_cast<double>(on.size()) < kLeastShare * static_cast<double>(chosen.size()))
     return std::nullopt;
   if (times_apart(points, on) < kLeastTimes) return std::nullopt;
   const double n = static_cast<double>(on.size());
@@ -78,8 +84,8 @@ std::optional<FlatPatch> fit(const Placed& points, const std::vector<int>& chose
   return patch;
 }
 
-void divide(const Placed& points, const std::vector<int>& chosen, const Eigen::Vector3d& corner, double edge_m,
-            const PlaneOptions& options, std::vector<FlatPatch>* patches) {
+void divide(const Placed& points, const std::vector<int>& chosen, const Eigen::Vector3d& corner,
+            double edge_m, const PlaneOptions& options, std::vector<FlatPatch>* patches) {
   if (static_cast<int>(chosen.size()) < kLeastPoints) return;
   if (auto patch = fit(points, chosen, options)) {
     patches->push_back(std::move(*patch));
@@ -90,10 +96,12 @@ void divide(const Placed& points, const std::vector<int>& chosen, const Eigen::V
   std::array<std::vector<int>, 8> parts;
   for (const int i : chosen) {
     const Eigen::Vector3d inside = points.in_world[i] - corner;
-    parts[(inside.x() >= half_m) + 2 * (inside.y() >= half_m) + 4 * (inside.z() >= half_m)].push_back(i);
+    parts[(inside.x() >= half_m) + 2 * (inside.y() >= half_m) + 4 * (inside.z() >= half_m)]
+        .push_back(i);
   }
   for (int k = 0; k < 8; ++k)
-    divide(points, parts[k], corner + half_m * Eigen::Vector3d(k & 1, k >> 1 & 1, k >> 2), half_m, options, patches);
+    divide(points, parts[k], corner + half_m * Eigen::Vector3d(k & 1, k >> 1 & 1, k >> 2), half_m,
+           options, patches);
 }
 
 /// Evenly fewer of them, in their order.
@@ -106,8 +114,9 @@ void keep_evenly(std::vector<T>* values, std::size_t most) {
   values->resize(most);
 }
 
-/// At most as many samples as all patches may have together. A third of them goes to patches that face along each axis of the world: on a
-/// motorway nearly all is road, and the few that hold the motion along it must not drown.
+/// At most as many samples as all patches may have together. A third of them goes to patches that
+/// face along each axis of the world: on a motorway nearly all is road, and the few that hold the
+/// motion along it must not drown.
 void thin_out(std::vector<FlatPatch>* patches, int most) {
   std::size_t all = 0;
   for (const FlatPatch& patch : *patches) all += patch.samples.size();
@@ -133,7 +142,8 @@ void thin_out(std::vector<FlatPatch>* patches, int most) {
 
 }  // namespace
 
-std::vector<LidarSample> lidar_samples(const Recording& recording, const Scene& scene, const LidarReturns& returns) {
+std::vector<LidarSample> lidar_samples(const Recording& recording, const Scene& scene,
+                                       const LidarReturns& returns) {
   const Rigid3d world_from_ecef = scene.ecef_from_world.inverse(Eigen::Isometry);
   std::vector<LidarSample> samples;
   samples.reserve(returns.n);
@@ -144,19 +154,21 @@ std::vector<LidarSample> lidar_samples(const Recording& recording, const Scene& 
     if (t_ns < recording.frames.front().t_ns || t_ns > recording.frames.back().t_ns) continue;
     if (t_ns != placed_ns) {
       placed_ns = t_ns;
-      body_from_world = (world_from_ecef * pose_at(recording.frames, t_ns)).inverse(Eigen::Isometry);
+      body_from_world =
+          (world_from_ecef * pose_at(recording.frames, t_ns)).inverse(Eigen::Isometry);
     }
     Eigen::Vector3d in_world;
     for (int d = 0; d < 3; ++d)
-      in_world[d] = double(returns.origin[std::size_t(d) * returns.n + i]) +
-                    double(returns.range_m[i]) * double(returns.direction[std::size_t(d) * returns.n + i]);
+      in_world[d] =
+          double(returns.origin[std::size_t(d) * returns.n + i]) +
+          double(returns.range_m[i]) * double(returns.direction[std::size_t(d) * returns.n + i]);
     samples.push_back({body_from_world * in_world, t_ns, returns.intensity[i]});
   }
   return samples;
 }
 
-std::vector<LidarSample> load_lidar_samples(const Recording& recording, const Scene& scene, const MovingObjects& moving,
-                                            ThreadPool& pool) {
+std::vector<LidarSample> load_lidar_samples(const Recording& recording, const Scene& scene,
+                                            const MovingObjects& moving, ThreadPool& pool) {
   return lidar_samples(recording, scene, load_lidar_returns(recording, scene, moving, pool));
 }
 
@@ -165,13 +177,15 @@ std::vector<LidarSample> evenly_fewer(std::vector<LidarSample> samples, std::siz
   return samples;
 }
 
-std::vector<FlatPatch> find_flat_patches(const RigModel& model, const std::vector<LidarSample>& samples,
+std::vector<FlatPatch> find_flat_patches(const RigModel& model,
+                                         const std::vector<LidarSample>& samples,
                                          const PlaneOptions& options, ThreadPool& pool) {
   Placed points{samples, std::vector<Eigen::Vector3d>(samples.size())};
   std::vector<std::pair<Key, int>> cells(samples.size());
   place_samples(model, samples, pool, [&](std::size_t i, const Eigen::Vector3d& in_world) {
     points.in_world[i] = in_world;
-    for (int d = 0; d < 3; ++d) cells[i].first[d] = std::llround(std::floor(in_world[d] / options.largest_m));
+    for (int d = 0; d < 3; ++d)
+      cells[i].first[d] = std::llround(std::floor(in_world[d] / options.largest_m));
     cells[i].second = static_cast<int>(i);
   });
   std::sort(cells.begin(), cells.end());

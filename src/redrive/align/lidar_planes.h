@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where the LiDAR's revolutions together see something flat. Patches are found in the points of all revolutions, each placed
-// at its own time, and become unknowns of the bundle adjustment as image points are: what moves the poses is that all
-// revolutions have to see one and the same plane. So sparse revolutions help, too, of which none alone holds a normal.
+// Where the LiDAR's revolutions together see something flat. Patches are found in the points of all
+// revolutions, each placed at its own time, and become unknowns of the bundle adjustment as image
+// points are: what moves the poses is that all revolutions have to see one and the same plane. So
+// sparse revolutions help, too, of which none alone holds a normal.
 #pragma once
 
 #include <cstdint>
@@ -24,19 +25,24 @@ struct LidarSample {
   std::uint16_t intensity = 0;  ///< of the sensor's own scale
 };
 
-/// Those of `returns`, of the recording in the world of `scene`, that lie between the first and the last frame.
-std::vector<LidarSample> lidar_samples(const Recording& recording, const Scene& scene, const LidarReturns& returns);
+/// Those of `returns`, of the recording in the world of `scene`, that lie between the first and the
+/// last frame.
+std::vector<LidarSample> lidar_samples(const Recording& recording, const Scene& scene,
+                                       const LidarReturns& returns);
 
-/// Returns between the first and the last frame but for those on the vehicle and on objects that move, each once.
-std::vector<LidarSample> load_lidar_samples(const Recording& recording, const Scene& scene, const MovingObjects& moving,
-                                            ThreadPool& pool);
+/// Returns between the first and the last frame but for those on the vehicle and on objects that
+/// move, each once.
+std::vector<LidarSample> load_lidar_samples(const Recording& recording, const Scene& scene,
+                                            const MovingObjects& moving, ThreadPool& pool);
 
 /// At most so many of them, evenly chosen, in their order.
 std::vector<LidarSample> evenly_fewer(std::vector<LidarSample> samples, std::size_t most);
 
-/// Calls use(i, in_world) for each sample where the corrections of now put it, in any order, on all threads.
+/// Calls use(i, in_world) for each sample where the corrections of now put it, in any order, on all
+/// threads.
 template <class Use>
-void place_samples(const RigModel& model, const std::vector<LidarSample>& samples, ThreadPool& pool, const Use& use) {
+void place_samples(const RigModel& model, const std::vector<LidarSample>& samples, ThreadPool& pool,
+                   const Use& use) {
   pool.run_ranges(samples.size(), 4096, [&](std::size_t begin, std::size_t end) {
     Rigid3d world_from_body = Rigid3d::Identity();
     std::int64_t placed_ns = -1;
@@ -51,8 +57,10 @@ void place_samples(const RigModel& model, const std::vector<LidarSample>& sample
 }
 
 struct PlaneOptions {
-  double largest_m = 4,
-         smallest_m = 0.5;  ///< edges of the cubes that are looked into: each is cut in eight until it is flat
+  double
+      largest_m = 4,
+      smallest_m =
+          0.5;  ///< edges of the cubes that are looked into: each is cut in eight until it is flat
   double flat_m = 0.06;     ///< standard deviation from its plane, at most
   int most_terms = 60'000;  ///< samples of all patches together
 };
@@ -60,11 +68,13 @@ struct PlaneOptions {
 struct FlatPatch {
   PlanePatch plane;
   std::vector<int> samples;  ///< on it, by index
-  double sigma_m = 0;  ///< of their distances: what the poses leave, noise along the ray, roughness; at least 5 mm
+  double sigma_m = 0;        ///< of their distances: what the poses leave, noise along the ray,
+                             ///< roughness; at least 5 mm
 };
 
 /// Patches with the corrections of now. Each is seen at three times 50 ms apart or more.
-std::vector<FlatPatch> find_flat_patches(const RigModel& model, const std::vector<LidarSample>& samples,
+std::vector<FlatPatch> find_flat_patches(const RigModel& model,
+                                         const std::vector<LidarSample>& samples,
                                          const PlaneOptions& options, ThreadPool& pool);
 
 }  // namespace redrive

@@ -19,15 +19,17 @@ struct Parameters {
   std::vector<std::array<const double*, 7>> of;  // by observation; the point's is filled in
 };
 
-Terms terms_of(const RigModel& model, const ImageTimes& times, const Track& track, const InverseDistancePoint& point,
-               const std::vector<double>& sigma_px, Parameters* parameters) {
+Terms terms_of(const RigModel& model, const ImageTimes& times, const Track& track,
+               const InverseDistancePoint& point, const std::vector<double>& sigma_px,
+               Parameters* parameters) {
   Terms terms;
   for (const Observation& seen : track.seen) {
     const Instant instant = times.of(seen);
     const RigModelCamera& camera = model.cameras[seen.camera];
     terms.push_back(reprojection_term(camera, instant, seen.pixel, sigma_px[seen.camera], point));
-    parameters->of.push_back({model.correction[instant.segment].data(), model.correction[instant.segment + 1].data(),
-                              camera.mount.data(), &camera.offset_s, &camera.readout_s, camera.intrinsics.data(),
+    parameters->of.push_back({model.correction[instant.segment].data(),
+                              model.correction[instant.segment + 1].data(), camera.mount.data(),
+                              &camera.offset_s, &camera.readout_s, camera.intrinsics.data(),
                               nullptr});
   }
   return terms;
@@ -72,12 +74,14 @@ Instant ImageTimes::of(const Observation& seen) const {
   return model_.of_row(seen.camera, seen.frame, seen.pixel.y());
 }
 
-std::optional<InverseDistancePoint> locate_point(const RigModel& model, const ImageTimes& times, const Track& track,
+std::optional<InverseDistancePoint> locate_point(const RigModel& model, const ImageTimes& times,
+                                                 const Track& track,
                                                  const std::vector<double>& sigma_px) {
   const Observation& middle = track.seen[track.seen.size() / 2];
   const auto ray = model.camera(middle.camera).unproject(middle.pixel);
   if (!ray) return std::nullopt;
-  const Rigid3d world_from_camera = model.corrected(times.of(middle)) * model.body_from_sensor(middle.camera);
+  const Rigid3d world_from_camera =
+      model.corrected(times.of(middle)) * model.body_from_sensor(middle.camera);
   InverseDistancePoint point;
   point.anchor = world_from_camera.translation();
   const Eigen::Vector3d direction = world_from_camera.linear() * *ray;
@@ -122,10 +126,12 @@ std::optional<InverseDistancePoint> locate_point(const RigModel& model, const Im
   return point;
 }
 
-std::vector<Eigen::Vector2d> reprojection_errors(const RigModel& model, const ImageTimes& times, const Track& track,
+std::vector<Eigen::Vector2d> reprojection_errors(const RigModel& model, const ImageTimes& times,
+                                                 const Track& track,
                                                  const InverseDistancePoint& point) {
   Parameters parameters;
-  const Terms terms = terms_of(model, times, track, point, std::vector<double>(model.cameras.size(), 1.0), &parameters);
+  const Terms terms = terms_of(model, times, track, point,
+                               std::vector<double>(model.cameras.size(), 1.0), &parameters);
   std::vector<Eigen::Vector2d> errors(track.seen.size());
   for (std::size_t i = 0; i < terms.size(); ++i) {
     parameters.of[i].back() = point.value.data();

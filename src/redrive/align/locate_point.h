@@ -11,8 +11,8 @@
 
 namespace redrive {
 
-/// When observations were exposed: of cameras without a rolling shutter computed once for all of an image. `model` has to outlive it
-/// and to stay as it is.
+/// When observations were exposed: of cameras without a rolling shutter computed once for all of an
+/// image. `model` has to outlive it and to stay as it is.
 class ImageTimes {
  public:
   explicit ImageTimes(const RigModel& model);
@@ -23,13 +23,17 @@ class ImageTimes {
   std::vector<std::vector<Instant>> instants_;  ///< by camera and frame
 };
 
-/// The point that robustly (Cauchy, sigma_px[camera] by 2) explains the observations: Levenberg-Marquardt from the best of several
-/// distances along the ray of the observation in the middle. Nothing where that has no ray or the point would lie behind infinity.
-std::optional<InverseDistancePoint> locate_point(const RigModel& model, const ImageTimes& times, const Track& track,
+/// The point that robustly (Cauchy, sigma_px[camera] by 2) explains the observations:
+/// Levenberg-Marquardt from the best of several distances along the ray of the observation in the
+/// middle. Nothing where that has no ray or the point would lie behind infinity.
+std::optional<InverseDistancePoint> locate_point(const RigModel& model, const ImageTimes& times,
+                                                 const Track& track,
                                                  const std::vector<double>& sigma_px);
 
-/// Projection minus pixel of each observation, pixels; kUnseen where a camera does not see the point.
-std::vector<Eigen::Vector2d> reprojection_errors(const RigModel& model, const ImageTimes& times, const Track& track,
+/// Projection minus pixel of each observation, pixels; kUnseen where a camera does not see the
+/// point.
+std::vector<Eigen::Vector2d> reprojection_errors(const RigModel& model, const ImageTimes& times,
+                                                 const Track& track,
                                                  const InverseDistancePoint& point);
 
 }  // namespace redrive

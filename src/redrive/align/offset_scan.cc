@@ -11,7 +11,8 @@ namespace redrive {
 namespace {
 
 constexpr std::size_t kLeastForSigma = 4;  // pairs of images
-constexpr double kBottom = 1.12;  // of the least error: wide enough for several points, narrow enough for a parabola
+constexpr double kBottom =
+    1.12;  // of the least error: wide enough for several points, narrow enough for a parabola
 
 }  // namespace
 
@@ -27,8 +28,10 @@ std::vector<ScanPoint> scan_of(const OffsetErrors& errors, int without) {
   for (std::size_t i = 0; i < errors.offsets_ms.size(); ++i) {
     kept.clear();
     for (std::size_t p = 0; p < errors.pair.size(); ++p)
-      if (errors.pair[p] != without && !std::isnan(errors.px[i][p])) kept.push_back(errors.px[i][p]);
-    if (static_cast<int>(kept.size()) >= kLeastPoints) scan.push_back({errors.offsets_ms[i], median_of(&kept)});
+      if (errors.pair[p] != without && !std::isnan(errors.px[i][p]))
+        kept.push_back(errors.px[i][p]);
+    if (static_cast<int>(kept.size()) >= kLeastPoints)
+      scan.push_back({errors.offsets_ms[i], median_of(&kept)});
   }
   return scan;
 }
@@ -50,7 +53,8 @@ ScanPoint minimum_of(const std::vector<ScanPoint>& scan) {
   }
   const Eigen::Vector3d fit = normal.ldlt().solve(right);
   if (fit[2] > 0)
-    minimum.offset_ms = std::clamp(best->offset_ms - fit[1] / (2 * fit[2]), first->offset_ms, last->offset_ms);
+    minimum.offset_ms =
+        std::clamp(best->offset_ms - fit[1] / (2 * fit[2]), first->offset_ms, last->offset_ms);
   return minimum;
 }
 
@@ -58,7 +62,8 @@ double sigma_of_minimum_ms(const OffsetErrors& errors) {
   const int pairs = errors.pair.empty() ? 0 : errors.pair.back() + 1;
   std::vector<double> without;
   for (int pair = 0; pair < pairs; ++pair)
-    if (const auto scan = scan_of(errors, pair); !scan.empty()) without.push_back(minimum_of(scan).offset_ms);
+    if (const auto scan = scan_of(errors, pair); !scan.empty())
+      without.push_back(minimum_of(scan).offset_ms);
   if (without.size() < kLeastForSigma) return std::numeric_limits<double>::infinity();
   const double n = static_cast<double>(without.size());
   double mean = 0, squares = 0;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// How well a camera's images agree with the poses if they were exposed earlier or later than recorded, where that is best, and how sure.
+// How well a camera's images agree with the poses if they were exposed earlier or later than
+// recorded, where that is best, and how sure.
 #pragma once
 
 #include <vector>
@@ -17,21 +18,24 @@ struct ScanPoint {
 struct OffsetErrors {
   std::vector<double> offsets_ms;
   std::vector<std::vector<double>> px;  ///< [offsets, points]; NaN where there is no pose
-  std::vector<int> pair;                ///< [points], ascending from 0: points of the same two images
+  std::vector<int> pair;  ///< [points], ascending from 0: points of the same two images
 };
 
 /// Of values that are not empty; reorders them.
 double median_of(std::vector<double>* values);
 
-/// Medians by offset, of all points but those of the pair `without`; none for offsets at which less than kLeastPoints have poses.
+/// Medians by offset, of all points but those of the pair `without`; none for offsets at which less
+/// than kLeastPoints have poses.
 std::vector<ScanPoint> scan_of(const OffsetErrors& errors, int without = -1);
 
-/// Where a scan, not empty, is least: the error of its least point; the offset by a parabola fitted to the squares of the errors around that point
-/// that are at most an eighth larger, and of the two beside it. (Errors of the poses and of a time offset add up in squares.)
+/// Where a scan, not empty, is least: the error of its least point; the offset by a parabola fitted
+/// to the squares of the errors around that point that are at most an eighth larger, and of the two
+/// beside it. (Errors of the poses and of a time offset add up in squares.)
 ScanPoint minimum_of(const std::vector<ScanPoint>& scan);
 
-/// Standard deviation of that offset by the jackknife over pairs of images (Efron & Tibshirani 1993, equation 11.5), since the points of
-/// two images share the errors of those images' poses; infinite for less than four pairs.
+/// Standard deviation of that offset by the jackknife over pairs of images (Efron & Tibshirani
+/// 1993, equation 11.5), since the points of two images share the errors of those images' poses;
+/// infinite for less than four pairs.
 double sigma_of_minimum_ms(const OffsetErrors& errors);
 
 }  // namespace redrive

@@ -11,7 +11,8 @@
 namespace redrive {
 namespace {
 
-/// Errors whose squares grow with the square of the distance from each pair's own best offset, at -20, -15, ..., 20 ms.
+/// Errors whose squares grow with the square of the distance from each pair's own best offset, at
+/// -20, -15, ..., 20 ms.
 OffsetErrors parabolas(const std::vector<double>& best_ms, int points_per_pair) {
   OffsetErrors errors;
   for (double offset_ms = -20; offset_ms <= 20; offset_ms += 5) {
@@ -23,7 +24,8 @@ OffsetErrors parabolas(const std::vector<double>& best_ms, int points_per_pair) 
       errors.pair.push_back(static_cast<int>(pair));
       const double off_px = 0.5 + p / static_cast<double>(points_per_pair);  // 0.5..1.5 anyway
       for (std::size_t i = 0; i < errors.px.size(); ++i)
-        errors.px[i].push_back(std::sqrt(off_px + 0.01 * std::pow(errors.offsets_ms[i] - best_ms[pair], 2)));
+        errors.px[i].push_back(
+            std::sqrt(off_px + 0.01 * std::pow(errors.offsets_ms[i] - best_ms[pair], 2)));
     }
   return errors;
 }
@@ -41,14 +43,16 @@ TEST(OffsetScan, FindsTheMinimumOfAParabola) {
 
 TEST(OffsetScan, LeavesOutWhatHasNoPose) {
   OffsetErrors errors = parabolas(std::vector<double>(4, 3), 40);
-  for (std::size_t p = 0; p < 80; ++p) errors.px.front()[p] = std::nan("");  // 80 of 160 are too few
+  for (std::size_t p = 0; p < 80; ++p)
+    errors.px.front()[p] = std::nan("");  // 80 of 160 are too few
   for (std::size_t p = 0; p < 60; ++p) errors.px.back()[p] = std::nan("");
   const auto scan = scan_of(errors);
   ASSERT_EQ(scan.size(), 8u);
   EXPECT_EQ(scan.front().offset_ms, -15);
   EXPECT_EQ(scan.back().offset_ms, 20);
   EXPECT_TRUE(scan_of(parabolas({1, 2}, 49)).empty());
-  EXPECT_EQ(sigma_of_minimum_ms(parabolas({1, 2, 3}, 100)), std::numeric_limits<double>::infinity());
+  EXPECT_EQ(sigma_of_minimum_ms(parabolas({1, 2, 3}, 100)),
+            std::numeric_limits<double>::infinity());
 }
 
 // Pairs whose own offsets scatter by 3 ms: the stated deviation is that of repetitions, on average.
@@ -60,7 +64,8 @@ TEST(OffsetScan, SigmaIsWhatRepetitionsShow) {
     for (int pair = 0; pair < kPairs; ++pair) {
       double twelve = -6;  // twelve uniform numbers: deviation 1
       for (int k = 0; k < 12; ++k)
-        twelve += random_unit(random_key(kStreamTest, static_cast<std::uint64_t>(r * kPairs + pair)), k);
+        twelve +=
+            random_unit(random_key(kStreamTest, static_cast<std::uint64_t>(r * kPairs + pair)), k);
       best_ms.push_back(2 + 3 * twelve);
     }
     const OffsetErrors errors = parabolas(best_ms, 12);

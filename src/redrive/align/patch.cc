@@ -32,7 +32,8 @@ const std::array<float, kPatchSize * kPatchSize>& window() {
 bool inside(const cv::Mat& image, const Eigen::Vector2d& centre, const Eigen::Matrix2d& warp) {
   const Eigen::Vector2d reach = kPatchHalf * warp.cwiseAbs().rowwise().sum();
   const Eigen::Vector2d low = centre - reach, high = centre + reach;
-  return low.x() >= 0 && low.y() >= 0 && high.x() < image.cols - 1 && high.y() < image.rows - 1;  // NaN: no
+  return low.x() >= 0 && low.y() >= 0 && high.x() < image.cols - 1 &&
+         high.y() < image.rows - 1;  // NaN: no
 }
 
 struct Corner {
@@ -41,7 +42,8 @@ struct Corner {
 };
 Corner corner(const cv::Mat& image, const Eigen::Vector2d& at) {
   const auto x = static_cast<int>(at.x()), y = static_cast<int>(at.y());
-  return {std::size_t(y) * image.cols + x, static_cast<float>(at.x() - x), static_cast<float>(at.y() - y)};
+  return {std::size_t(y) * image.cols + x, static_cast<float>(at.x() - x),
+          static_cast<float>(at.y() - y)};
 }
 float interpolate(const cv::Mat& image, const Corner& c) {
   const float* p = image.ptr<float>() + c.index;
@@ -50,7 +52,9 @@ float interpolate(const cv::Mat& image, const Corner& c) {
   return upper + c.y * (lower - upper);
 }
 
-Eigen::Vector2d offset_of(int i) { return {i % kPatchSize - kPatchHalf, i / kPatchSize - kPatchHalf}; }
+Eigen::Vector2d offset_of(int i) {
+  return {i % kPatchSize - kPatchHalf, i / kPatchSize - kPatchHalf};
+}
 
 }  // namespace
 
@@ -67,20 +71,24 @@ std::optional<Patch> sample_patch(const SmoothImage& image, const Eigen::Vector2
                                   const Eigen::Matrix2d& warp) {
   if (!inside(image.value, centre, warp)) return std::nullopt;
   const Eigen::Vector2d last(image.value.cols - 1.001, image.value.rows - 1.001);
-  const int fine = std::max(1, static_cast<int>(std::lround(std::sqrt(std::abs(warp.determinant())))));
+  const int fine =
+      std::max(1, static_cast<int>(std::lround(std::sqrt(std::abs(warp.determinant())))));
   Patch patch{};
   for (int i = 0; i < static_cast<int>(patch.size()); ++i)
     for (int v = 0; v < fine; ++v)
       for (int u = 0; u < fine; ++u) {
         const Eigen::Vector2d within((u + 0.5) / fine - 0.5, (v + 0.5) / fine - 0.5);
-        const Eigen::Vector2d at = (centre + warp * (offset_of(i) + within)).cwiseMax(0).cwiseMin(last);
-        patch[i] += interpolate(image.value, corner(image.value, at)) / static_cast<float>(fine * fine);
+        const Eigen::Vector2d at =
+            (centre + warp * (offset_of(i) + within)).cwiseMax(0).cwiseMin(last);
+        patch[i] +=
+            interpolate(image.value, corner(image.value, at)) / static_cast<float>(fine * fine);
       }
   return patch;
 }
 
-std::optional<PatchFit> fit_patch(const Patch& patch, const SmoothImage& image, const Eigen::Vector2d& start,
-                                  const Eigen::Matrix2d& start_warp, double max_move_px) {
+std::optional<PatchFit> fit_patch(const Patch& patch, const SmoothImage& image,
+                                  const Eigen::Vector2d& start, const Eigen::Matrix2d& start_warp,
+                                  double max_move_px) {
   using Vector8f = Eigen::Matrix<float, 8, 1>;
   const auto& weights = window();
   double sum = 0, sum_w = 0, sum_sq = 0;  // of the patch
@@ -128,7 +136,8 @@ std::optional<PatchFit> fit_patch(const Patch& patch, const SmoothImage& image, 
       gf += weights[i] * r * j;
       residuals += weights[i] * r * r;
     }
-    Eigen::Matrix<double, 8, 8> h = hf.selfadjointView<Eigen::Lower>().toDenseMatrix().cast<double>();
+    Eigen::Matrix<double, 8, 8> h =
+        hf.selfadjointView<Eigen::Lower>().toDenseMatrix().cast<double>();
     Eigen::Matrix<double, 8, 1> g = gf.cast<double>();
     const Eigen::Matrix2d drift = fit.warp - start_warp;
     for (int k = 0; k < 4; ++k) {
@@ -142,10 +151,12 @@ std::optional<PatchFit> fit_patch(const Patch& patch, const SmoothImage& image, 
     const double limit = std::min(1.0, 2.0 / std::max(1e-9, step.head<2>().norm()));  // 2 px a step
     fit.pixel += limit * step.head<2>();
     fit.warp += limit * (Eigen::Matrix2d() << step[2], step[3], step[4], step[5]).finished();
-    if ((fit.pixel - start).norm() > max_move_px || (fit.warp - start_warp).norm() > 1) return std::nullopt;
+    if ((fit.pixel - start).norm() > max_move_px || (fit.warp - start_warp).norm() > 1)
+      return std::nullopt;
     if (step.head<2>().norm() < kSettled_px) {
       const double variance = std::max(residuals / sum_w, 1.0);
-      const Eigen::Matrix<double, 8, 2> of_pixel = solver.solve(Eigen::Matrix<double, 8, 2>::Identity());
+      const Eigen::Matrix<double, 8, 2> of_pixel =
+          solver.solve(Eigen::Matrix<double, 8, 2>::Identity());
       fit.sigma_px = std::sqrt(variance * of_pixel.topRows<2>().trace());
       return fit;
     }

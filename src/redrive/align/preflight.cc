@@ -12,7 +12,8 @@ namespace {
 
 constexpr double kLeastFlow_px = 1.5;
 constexpr double kScan_ms = 100, kScanStep_ms = 5;
-constexpr double kGood_px = 1;         // half of the points: 6 cm and 0.12 degrees of poses' noise make up to 0.5
+constexpr double kGood_px =
+    1;  // half of the points: 6 cm and 0.12 degrees of poses' noise make up to 0.5
 constexpr double kUsable_px = 2;       // what redrive align puts right
 constexpr double kFactor = 2.5;        // a fault has to explain the images so much better
 constexpr double kMutualFactor = 1.3;  // less where each of two cameras fits the other's mounting
@@ -22,12 +23,16 @@ constexpr double kScanFactor = 0.8;  // the scan's minimum has to be so much low
 constexpr double kSigmas = 2;        // or be so far from 0: to say "usable" in vain costs little
 constexpr double kNearTie = 1.25;    // of errors whose explanations are named together
 constexpr std::size_t kMostNamed = 3;
-const char* const kUntoldByImages = "; when it exposes cannot be told: as it drives, any time looks the same";
+const char* const kUntoldByImages =
+    "; when it exposes cannot be told: as it drives, any time looks the same";
 const char* const kUntoldByAll =
-    "; when it exposes cannot be told: as it drives, any time looks the same, and what is bright to the LiDAR does not "
+    "; when it exposes cannot be told: as it drives, any time looks the same, and what is bright "
+    "to the LiDAR does not "
     "say";
 
-std::string mounted_as(const std::string& other) { return "it is mounted where " + other + " is said to be"; }
+std::string mounted_as(const std::string& other) {
+  return "it is mounted where " + other + " is said to be";
+}
 
 std::string px_text(double px) {
   char text[40];
@@ -35,7 +40,8 @@ std::string px_text(double px) {
   return text;
 }
 std::string then_agree(const std::string& px, double recorded_px) {
-  return ": then half of the points agree to " + px + " px, as recorded to " + px_text(recorded_px) + " px";
+  return ": then half of the points agree to " + px + " px, as recorded to " +
+         px_text(recorded_px) + " px";
 }
 
 /// How much better the camera's images agree with the other's mounting; 0 where that was not tried.
@@ -45,7 +51,8 @@ double gain_as(const CameraCheck& camera, const std::string& other) {
   return 0;
 }
 
-/// Two that look nearly the same way: each is only a little better off where the other is, but both are.
+/// Two that look nearly the same way: each is only a little better off where the other is, but both
+/// are.
 void find_swapped(std::vector<CameraCheck>* cameras) {
   for (CameraCheck& a : *cameras)
     for (const CameraCheck& b : *cameras) {
@@ -63,13 +70,13 @@ void find_swapped(std::vector<CameraCheck>* cameras) {
 struct Setup {
   Rigid3d body_from_sensor;
   double offset_s = 0;  ///< exposure minus its frame's time
-  double rate = 1;      ///< time that passes from image to image, of what passes from frame to frame
+  double rate = 1;  ///< time that passes from image to image, of what passes from frame to frame
 };
 
 class Checker {
  public:
-  Checker(const Recording& recording, const RigImages& images, const std::vector<ContrastFit>& contrast, int camera,
-          const SightOptions& options)
+  Checker(const Recording& recording, const RigImages& images,
+          const std::vector<ContrastFit>& contrast, int camera, const SightOptions& options)
       : recording_(recording), sights_(find_sights(images, camera, options)) {
     for (const FramePose& pose : recording.frames) {
       FramePose local = pose;
@@ -77,7 +84,8 @@ class Checker {
       frames_.push_back(local);
     }
     const CameraCalibration& calibration = recording.cameras[camera].calibration;
-    recorded_ = {calibration.body_from_sensor, 1e-9 * static_cast<double>(calibration.time_offset_ns), 1};
+    recorded_ = {calibration.body_from_sensor,
+                 1e-9 * static_cast<double>(calibration.time_offset_ns), 1};
     check_.name = calibration.name;
     check_.scale = images.factor[camera];
     check_.points = static_cast<int>(sights_.size());
@@ -100,8 +108,9 @@ class Checker {
     try_mountings();
     try_clocks();
     scan();
-    std::stable_sort(check_.tried.begin() + 1, check_.tried.end(),
-                     [](const Hypothesis& a, const Hypothesis& b) { return a.error_px < b.error_px; });
+    std::stable_sort(
+        check_.tried.begin() + 1, check_.tried.end(),
+        [](const Hypothesis& a, const Hypothesis& b) { return a.error_px < b.error_px; });
     judge();
     return check_;
   }
@@ -112,7 +121,9 @@ class Checker {
     const int middle = static_cast<int>(fit.correlation.size() / 2);
     for (int k = 0; k <= 2 * middle; ++k)
       check_.contrast.push_back({1e3 * kContrastStep_s * (k - middle), fit.correlation[k]});
-    if (fit.told) check_.by_lidar = ClockReading{1e3 * (fit.offset_s - recorded_.offset_s), 1e3 * fit.sigma_s, true};
+    if (fit.told)
+      check_.by_lidar =
+          ClockReading{1e3 * (fit.offset_s - recorded_.offset_s), 1e3 * fit.sigma_s, true};
   }
 
   Rigid3d world_from_body(const Setup& setup, int frame) const {
@@ -122,7 +133,9 @@ class Checker {
   }
   bool has_poses(const Setup& setup, int frame) const {
     const double end_s = 1e-9 * static_cast<double>(frames_.back().t_ns - frames_[0].t_ns);
-    const double t_s = setup.rate * 1e-9 * static_cast<double>(frames_[frame].t_ns - frames_[0].t_ns) + setup.offset_s;
+    const double t_s =
+        setup.rate * 1e-9 * static_cast<double>(frames_[frame].t_ns - frames_[0].t_ns) +
+        setup.offset_s;
     return t_s >= -0.001 && t_s <= end_s + 0.001;
   }
 
@@ -141,8 +154,8 @@ class Checker {
       if (sight.frame_a != a || sight.frame_b != b) {
         a = sight.frame_a;
         b = sight.frame_b;
-        pose.b_from_a =
-            sensor_from_body * world_from_body(setup, b).inverse() * world_from_body(setup, a) * setup.body_from_sensor;
+        pose.b_from_a = sensor_from_body * world_from_body(setup, b).inverse() *
+                        world_from_body(setup, a) * setup.body_from_sensor;
         pose.up_in_a = sensor_from_body.linear() * Eigen::Vector3d::UnitZ();
         pose.height_m = setup.body_from_sensor.translation().z();
       }
@@ -155,8 +168,8 @@ class Checker {
   std::vector<double> flow() const {
     std::vector<double> all;
     for (const Sight& s : sights_)
-      all.push_back(s.rays.px_per_rad_b *
-                    std::atan2(s.rays.ray_a.cross(s.rays.ray_b).norm(), s.rays.ray_a.dot(s.rays.ray_b)));
+      all.push_back(s.rays.px_per_rad_b * std::atan2(s.rays.ray_a.cross(s.rays.ray_b).norm(),
+                                                     s.rays.ray_a.dot(s.rays.ray_b)));
     return all;
   }
 
@@ -178,10 +191,12 @@ class Checker {
 
   void try_mountings() {
     const Rigid3d& mounting = recorded_.body_from_sensor;
-    try_mounting(Fault::kInvertedExtrinsic, "the extrinsic is inverted (sensor_from_body)", mounting.inverse());
+    try_mounting(Fault::kInvertedExtrinsic, "the extrinsic is inverted (sensor_from_body)",
+                 mounting.inverse());
     for (const RecordedCamera& other : recording_.cameras)
       if (other.calibration.name != check_.name)
-        try_mounting(Fault::kSwappedCameras, mounted_as(other.calibration.name), other.calibration.body_from_sensor);
+        try_mounting(Fault::kSwappedCameras, mounted_as(other.calibration.name),
+                     other.calibration.body_from_sensor);
     // Columns: the axes that the file may mean, in those that it should mean.
     const auto axes = [](std::initializer_list<double> rows) {
       Eigen::Matrix3d m;
@@ -193,10 +208,12 @@ class Checker {
       Eigen::Matrix3d ours_from_theirs;
     };
     const Axes of_camera[] = {
-        {"the camera's axes are x right, y up, z back (OpenGL)", axes({1, 0, 0, 0, -1, 0, 0, 0, -1})},
+        {"the camera's axes are x right, y up, z back (OpenGL)",
+         axes({1, 0, 0, 0, -1, 0, 0, 0, -1})},
         {"the camera's axes are x forward, y left, z up", axes({0, -1, 0, 0, 0, -1, 1, 0, 0})},
         {"the camera's axes are x forward, y right, z down", axes({0, 1, 0, 0, 0, 1, 1, 0, 0})},
-        {"the camera's axes are x left, y up, z forward (upside down)", axes({-1, 0, 0, 0, -1, 0, 0, 0, 1})},
+        {"the camera's axes are x left, y up, z forward (upside down)",
+         axes({-1, 0, 0, 0, -1, 0, 0, 0, 1})},
         {"the image is turned by 90 degrees", axes({0, -1, 0, 1, 0, 0, 0, 0, 1})},
         {"the image is turned by -90 degrees", axes({0, 1, 0, -1, 0, 0, 0, 0, 1})},
         {"the camera's axes are x left, y down, z back", axes({-1, 0, 0, 0, 1, 0, 0, 0, -1})}};
@@ -205,10 +222,12 @@ class Checker {
       fixed.linear() = mounting.linear() * a.ours_from_theirs.transpose();
       try_mounting(Fault::kAxesConvention, a.what, fixed);
     }
-    const Axes of_body[] = {{"the body's axes are x forward, y right, z down", axes({1, 0, 0, 0, -1, 0, 0, 0, -1})},
-                            {"the body's axes are x right, y forward, z up", axes({0, 1, 0, -1, 0, 0, 0, 0, 1})},
-                            {"the body's axes are x back, y right, z up", axes({-1, 0, 0, 0, -1, 0, 0, 0, 1})}};
-    for (const Axes& a : of_body) try_mounting(Fault::kAxesConvention, a.what, Rigid3d(a.ours_from_theirs) * mounting);
+    const Axes of_body[] = {
+        {"the body's axes are x forward, y right, z down", axes({1, 0, 0, 0, -1, 0, 0, 0, -1})},
+        {"the body's axes are x right, y forward, z up", axes({0, 1, 0, -1, 0, 0, 0, 0, 1})},
+        {"the body's axes are x back, y right, z up", axes({-1, 0, 0, 0, -1, 0, 0, 0, 1})}};
+    for (const Axes& a : of_body)
+      try_mounting(Fault::kAxesConvention, a.what, Rigid3d(a.ours_from_theirs) * mounting);
   }
 
   void try_clocks() {
@@ -216,26 +235,28 @@ class Checker {
       Setup setup = recorded_;
       setup.rate = rate;
       char what[120];
-      std::snprintf(what, sizeof what, "its images come %.2g times as fast as their frames", 1 / rate);
+      std::snprintf(what, sizeof what, "its images come %.2g times as fast as their frames",
+                    1 / rate);
       try_setup(Fault::kWrongRate, what, setup);
     }
-    const double frame_s =
-        1e-9 * static_cast<double>(frames_.back().t_ns - frames_[0].t_ns) / static_cast<double>(frames_.size() - 1);
+    const double frame_s = 1e-9 * static_cast<double>(frames_.back().t_ns - frames_[0].t_ns) /
+                           static_cast<double>(frames_.size() - 1);
     for (int shift = -5; shift <= 5; ++shift) {
       if (std::abs(shift) * frame_s * 1e3 < kScan_ms) continue;  // the scan has it
       Setup setup = recorded_;
       setup.offset_s += shift * frame_s;
-      try_setup(
-          Fault::kUnsynchronised,
-          "its images belong " + std::to_string(std::abs(shift)) + (shift > 0 ? " frames later" : " frames earlier"),
-          setup);
+      try_setup(Fault::kUnsynchronised,
+                "its images belong " + std::to_string(std::abs(shift)) +
+                    (shift > 0 ? " frames later" : " frames earlier"),
+                setup);
     }
   }
 
   void scan() {
     OffsetErrors all;
     for (std::size_t i = 0; i < sights_.size(); ++i)
-      all.pair.push_back(i == 0 ? 0 : all.pair.back() + (sights_[i].frame_a != sights_[i - 1].frame_a));
+      all.pair.push_back(i == 0 ? 0
+                                : all.pair.back() + (sights_[i].frame_a != sights_[i - 1].frame_a));
     for (double offset_ms = -kScan_ms; offset_ms <= kScan_ms; offset_ms += kScanStep_ms) {
       Setup setup = recorded_;
       setup.offset_s += 1e-3 * offset_ms;
@@ -249,13 +270,14 @@ class Checker {
     check_.offset_ms = minimum.offset_ms;
     check_.offset_error_px = minimum.error_px;
     check_.offset_sigma_ms = sigma_of_minimum_ms(all);
-    check_.offset_told = std::min(s.front().error_px, s.back().error_px) > kToldFactor * minimum.error_px;
+    check_.offset_told =
+        std::min(s.front().error_px, s.back().error_px) > kToldFactor * minimum.error_px;
   }
 
   void judge() {
     const double recorded_px = check_.tried[0].error_px;
-    const bool better =
-        std::abs(check_.offset_ms) > kSynchronous_ms && check_.offset_error_px < kScanFactor * recorded_px;
+    const bool better = std::abs(check_.offset_ms) > kSynchronous_ms &&
+                        check_.offset_error_px < kScanFactor * recorded_px;
     const std::optional<ClockReading> clock = better ? check_.by_images() : check_.clock();
     const double beside_ms = clock ? std::abs(clock->offset_ms) : 0;
     const bool beside = clock && beside_ms > std::max(kSynchronous_ms, kSigmas * clock->sigma_ms);
@@ -269,15 +291,19 @@ class Checker {
       check_.verdict = better && beside_ms > kAlignable_ms ? Verdict::kWrong : Verdict::kUsable;
       check_.fault = Fault::kUnsynchronised;
       char text[160], sure[40] = "";
-      if (std::isfinite(clock->sigma_ms)) std::snprintf(sure, sizeof sure, " (+- %.0f)", clock->sigma_ms);
-      std::snprintf(text, sizeof text, "clock off by about %.0f ms%s%s, exposed %s than recorded", beside_ms, sure,
-                    clock->by_lidar ? " as the LiDAR has it" : "", clock->offset_ms > 0 ? "later" : "earlier");
+      if (std::isfinite(clock->sigma_ms))
+        std::snprintf(sure, sizeof sure, " (+- %.0f)", clock->sigma_ms);
+      std::snprintf(text, sizeof text, "clock off by about %.0f ms%s%s, exposed %s than recorded",
+                    beside_ms, sure, clock->by_lidar ? " as the LiDAR has it" : "",
+                    clock->offset_ms > 0 ? "later" : "earlier");
       check_.why = text + (better ? then_agree(px_text(check_.offset_error_px), recorded_px)
-                                  : "; half of the points agree to " + px_text(recorded_px) + " px as recorded");
+                                  : "; half of the points agree to " + px_text(recorded_px) +
+                                        " px as recorded");
     } else if (recorded_px > kUsable_px) {
       check_.verdict = Verdict::kWrong;
       check_.fault = Fault::kUnexplained;
-      check_.why = "half of the points agree to " + px_text(recorded_px) + " px only, and nothing tried explains it";
+      check_.why = "half of the points agree to " + px_text(recorded_px) +
+                   " px only, and nothing tried explains it";
     } else {
       check_.verdict = recorded_px > kGood_px ? Verdict::kUsable : Verdict::kGood;
       check_.why = "half of the points agree to " + px_text(recorded_px) + " px" +
@@ -301,8 +327,9 @@ const char* verdict_name(Verdict verdict) {
 }
 
 const char* fault_name(Fault fault) {
-  constexpr const char* kNames[] = {"",           "inverted_extrinsic", "swapped_cameras", "axes_convention",
-                                    "wrong_rate", "unsynchronised",     "unexplained"};
+  constexpr const char* kNames[] = {
+      "",           "inverted_extrinsic", "swapped_cameras", "axes_convention",
+      "wrong_rate", "unsynchronised",     "unexplained"};
   return kNames[static_cast<int>(fault)];
 }
 
@@ -332,13 +359,16 @@ std::string Preflight::headline() const {
     else
       untold += (untold.empty() ? "" : ", ") + camera.name;
   }
-  if (all) return "Nothing can be told of any camera: this check says neither yes nor no to training";
-  return "Nothing speaks against training" + (untold.empty() ? "" : "; nothing can be told of " + untold);
+  if (all)
+    return "Nothing can be told of any camera: this check says neither yes nor no to training";
+  return "Nothing speaks against training" +
+         (untold.empty() ? "" : "; nothing can be told of " + untold);
 }
 
 bool Preflight::sensible() const {
   return clock.verdict != Verdict::kWrong &&
-         std::ranges::none_of(cameras, [](const CameraCheck& c) { return c.verdict == Verdict::kWrong; });
+         std::ranges::none_of(cameras,
+                              [](const CameraCheck& c) { return c.verdict == Verdict::kWrong; });
 }
 
 ClockCheck check_clock(const Recording& recording) {
@@ -361,38 +391,43 @@ ClockCheck check_clock(const Recording& recording) {
     check.why = "no LiDAR to compare the frames' times with";
     return check;
   }
-  check.frame_seconds_per_lidar_second =
-      (times_s.back().first - times_s.front().first) / (times_s.back().second - times_s.front().second);
+  check.frame_seconds_per_lidar_second = (times_s.back().first - times_s.front().first) /
+                                         (times_s.back().second - times_s.front().second);
   double apart_s = 0;
-  for (const auto& [frame_s, lidar_s] : times_s) apart_s = std::max(apart_s, std::abs(frame_s - lidar_s));
+  for (const auto& [frame_s, lidar_s] : times_s)
+    apart_s = std::max(apart_s, std::abs(frame_s - lidar_s));
   char text[200];
   const double rate = check.frame_seconds_per_lidar_second;
   if (std::abs(rate - 1) > 0.05) {
     check.verdict = Verdict::kWrong;
-    std::snprintf(
-        text, sizeof text,
-        "between frames %.2f times as much time passes as between the LiDAR revolutions of the same names: wrong fps",
-        rate);
+    std::snprintf(text, sizeof text,
+                  "between frames %.2f times as much time passes as between the LiDAR revolutions "
+                  "of the same names: wrong fps",
+                  rate);
   } else if (apart_s > 0.1) {
     check.verdict = Verdict::kWrong;
-    std::snprintf(text, sizeof text,
-                  "LiDAR revolutions lie up to %.0f ms from the frames they are named after: unsynchronised",
-                  1e3 * apart_s);
+    std::snprintf(
+        text, sizeof text,
+        "LiDAR revolutions lie up to %.0f ms from the frames they are named after: unsynchronised",
+        1e3 * apart_s);
   } else {
     check.verdict = Verdict::kGood;
-    std::snprintf(text, sizeof text, "LiDAR revolutions lie within %.0f ms of the frames they are named after",
+    std::snprintf(text, sizeof text,
+                  "LiDAR revolutions lie within %.0f ms of the frames they are named after",
                   1e3 * apart_s);
   }
   check.why = text;
   return check;
 }
 
-Preflight check_recording(const Recording& recording, const RigImages& images, const std::vector<LidarSample>& lidar,
-                          ThreadPool& pool, const SightOptions& options) {
+Preflight check_recording(const Recording& recording, const RigImages& images,
+                          const std::vector<LidarSample>& lidar, ThreadPool& pool,
+                          const SightOptions& options) {
   Preflight result;
   result.cameras.resize(recording.cameras.size());
   if (!recording.metric || recording.frames.size() < 3) {
-    const char* const why = recording.metric ? "too few frames" : "photographs have neither metres nor a clock";
+    const char* const why =
+        recording.metric ? "too few frames" : "photographs have neither metres nor a clock";
     for (std::size_t c = 0; c < recording.cameras.size(); ++c) {
       result.cameras[c].name = recording.cameras[c].calibration.name;
       result.cameras[c].why = why;
@@ -403,8 +438,9 @@ Preflight check_recording(const Recording& recording, const RigImages& images, c
   cv::setNumThreads(1);  // the cameras are what is done in parallel
   std::vector<ContrastFit> contrast;
   if (!lidar.empty()) contrast = fit_clocks(make_rig_model(recording), {images, lidar}, pool);
-  pool.run(images.cameras(),
-           [&](int c) { result.cameras[c] = Checker(recording, images, contrast, c, options).run(); });
+  pool.run(images.cameras(), [&](int c) {
+    result.cameras[c] = Checker(recording, images, contrast, c, options).run();
+  });
   find_swapped(&result.cameras);
   result.clock = check_clock(recording);
   return result;

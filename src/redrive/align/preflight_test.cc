@@ -13,7 +13,8 @@ namespace {
 constexpr int kStreetFrames = 30;
 enum Camera4 { kFrontLong, kFront, kLeft, kRight };  // of the street, by name
 
-/// The street's first two seconds, as its files have them: poses with noise, the left fisheye 12 ms early.
+/// The street's first two seconds, as its files have them: poses with noise, the left fisheye 12 ms
+/// early.
 class StreetPreflight : public ::testing::Test {
  protected:
   static const Recording& street() {
@@ -21,7 +22,8 @@ class StreetPreflight : public ::testing::Test {
       Recording all = open_recording(REDRIVE_SAMPLES "/street");
       all.frames.resize(kStreetFrames);
       for (RecordedCamera& camera : all.cameras) camera.images.resize(kStreetFrames);
-      std::erase_if(all.lidar_files, [&](const FrameFile& f) { return f.frame_id > all.frames.back().id; });
+      std::erase_if(all.lidar_files,
+                    [&](const FrameFile& f) { return f.frame_id > all.frames.back().id; });
       return all;
     }();
     return recording;
@@ -33,7 +35,8 @@ class StreetPreflight : public ::testing::Test {
     }();
     return all;
   }
-  /// With images as they are and what `fault` does to the rest; `with_lidar`: asked for the clocks, too, which takes its time.
+  /// With images as they are and what `fault` does to the rest; `with_lidar`: asked for the clocks,
+  /// too, which takes its time.
   static Preflight check(const std::function<void(Recording*)>& fault, bool with_lidar = false) {
     Recording recording = street();
     fault(&recording);
@@ -56,7 +59,9 @@ class StreetPreflight : public ::testing::Test {
     }
     EXPECT_EQ(result.sensible(), wrong.empty());
   }
-  static Rigid3d& mounting(Recording* r, int camera) { return r->cameras[camera].calibration.body_from_sensor; }
+  static Rigid3d& mounting(Recording* r, int camera) {
+    return r->cameras[camera].calibration.body_from_sensor;
+  }
 };
 
 TEST(Preflight, NamesWhatFitsNearlyAsWell) {
@@ -65,11 +70,14 @@ TEST(Preflight, NamesWhatFitsNearlyAsWell) {
                                    {Fault::kAxesConvention, "OpenGL", 0.44},
                                    {Fault::kAxesConvention, "upside down", 2}};
   EXPECT_EQ(explanation_of(tried),
-            "inverted, or OpenGL: then half of the points agree to 0.40 or 0.44 px, as recorded to 8.00 px");
+            "inverted, or OpenGL: then half of the points agree to 0.40 or 0.44 px, as recorded to "
+            "8.00 px");
   tried[2].error_px = 0.52;
-  EXPECT_EQ(explanation_of(tried), "inverted: then half of the points agree to 0.40 px, as recorded to 8.00 px");
+  EXPECT_EQ(explanation_of(tried),
+            "inverted: then half of the points agree to 0.40 px, as recorded to 8.00 px");
   tried.resize(2);
-  EXPECT_EQ(explanation_of(tried), "inverted: then half of the points agree to 0.40 px, as recorded to 8.00 px");
+  EXPECT_EQ(explanation_of(tried),
+            "inverted: then half of the points agree to 0.40 px, as recorded to 8.00 px");
 }
 
 TEST(Preflight, HeadlineSaysWhatCannotBeTold) {
@@ -83,7 +91,8 @@ TEST(Preflight, HeadlineSaysWhatCannotBeTold) {
   result.cameras[0].verdict = result.cameras[2].verdict = Verdict::kCannotTell;
   EXPECT_EQ(result.headline(), "Nothing speaks against training; nothing can be told of A, C");
   result.cameras[1].verdict = Verdict::kCannotTell;
-  EXPECT_EQ(result.headline(), "Nothing can be told of any camera: this check says neither yes nor no to training");
+  EXPECT_EQ(result.headline(),
+            "Nothing can be told of any camera: this check says neither yes nor no to training");
   result.cameras[1].verdict = Verdict::kWrong;
   EXPECT_EQ(result.headline(), "Training makes no sense before this is put right");
 }
@@ -103,7 +112,8 @@ TEST(Preflight, TheSurerReadingOfAClockCounts) {
   EXPECT_TRUE(check.clock()->by_lidar);
 }
 
-// The test drive's fisheye exposes 20 ms late, and is said not to. It drives nearly straight on: the images alone do not tell.
+// The test drive's fisheye exposes 20 ms late, and is said not to. It drives nearly straight on:
+// the images alone do not tell.
 TEST(Preflight, ClocksByTheLidar) {
   const TemporaryFolder folder;
   Recording recording = make_test_drive(folder.path, 8);
@@ -137,8 +147,9 @@ TEST_F(StreetPreflight, AsRecordedNothingIsWrong) {
   EXPECT_LT(left.offset_ms, -5);
   EXPECT_EQ(left.verdict, Verdict::kUsable) << left.why << " +- " << left.offset_sigma_ms;
   EXPECT_EQ(left.fault, Fault::kUnsynchronised);
-  EXPECT_THAT(left.why, ::testing::MatchesRegex("clock off by about [0-9]+ ms \\(\\+- [0-9]+\\).*, exposed earlier "
-                                                "than recorded.*"));
+  EXPECT_THAT(left.why, ::testing::MatchesRegex(
+                            "clock off by about [0-9]+ ms \\(\\+- [0-9]+\\).*, exposed earlier "
+                            "than recorded.*"));
   ASSERT_TRUE(left.by_lidar);
   EXPECT_NEAR(left.by_lidar->offset_ms, -12, 3 * left.by_lidar->sigma_ms);
   EXPECT_LT(left.by_lidar->sigma_ms, 8);
@@ -150,13 +161,16 @@ TEST_F(StreetPreflight, AsRecordedNothingIsWrong) {
   EXPECT_EQ(result.headline(), "Nothing speaks against training");
 }
 
-// With exact poses a clock's 12 ms are sure, as are 8 of them, and nothing is said of clocks that are right.
+// With exact poses a clock's 12 ms are sure, as are 8 of them, and nothing is said of clocks that
+// are right.
 TEST_F(StreetPreflight, SaysHowFarAClockIsOff) {
   const Recording truth = open_recording(REDRIVE_SAMPLES "/street", PoseSource::kTruth);
   for (const std::int64_t left_ns : {0, 4'000'000}) {
     const Preflight result = check([&](Recording* r) {
-      for (std::size_t f = 0; f < r->frames.size(); ++f) r->frames[f].ecef_from_body = truth.frames[f].ecef_from_body;
-      for (std::size_t c = 0; c < r->cameras.size(); ++c) r->cameras[c].calibration = truth.cameras[c].calibration;
+      for (std::size_t f = 0; f < r->frames.size(); ++f)
+        r->frames[f].ecef_from_body = truth.frames[f].ecef_from_body;
+      for (std::size_t c = 0; c < r->cameras.size(); ++c)
+        r->cameras[c].calibration = truth.cameras[c].calibration;
       ASSERT_EQ(r->cameras[kLeft].calibration.time_offset_ns, -12'000'000);
       r->cameras[kLeft].calibration.time_offset_ns = -left_ns;
     });
@@ -166,8 +180,10 @@ TEST_F(StreetPreflight, SaysHowFarAClockIsOff) {
     EXPECT_EQ(left.fault, Fault::kUnsynchronised);
     EXPECT_NEAR(left.offset_ms, -12 + 1e-6 * static_cast<double>(left_ns), 2.5);
     EXPECT_LT(left.offset_sigma_ms, 2.5);
-    EXPECT_THAT(left.why, ::testing::MatchesRegex(
-                              "clock off by about [0-9]+ ms \\(\\+- [0-9]+\\), exposed earlier than recorded.*"));
+    EXPECT_THAT(
+        left.why,
+        ::testing::MatchesRegex(
+            "clock off by about [0-9]+ ms \\(\\+- [0-9]+\\), exposed earlier than recorded.*"));
     for (const int c : {kFrontLong, kFront, kRight}) {
       const CameraCheck& camera = result.cameras[c];
       EXPECT_EQ(camera.verdict, Verdict::kGood) << camera.name << ": " << camera.why;
@@ -179,11 +195,12 @@ TEST_F(StreetPreflight, SaysHowFarAClockIsOff) {
 
 TEST_F(StreetPreflight, NamesWrongMountings) {
   for (const int c : {kFrontLong, kFront, kLeft, kRight}) {
-    const Preflight inverted = check([&](Recording* r) { mounting(r, c) = mounting(r, c).inverse(); });
+    const Preflight inverted =
+        check([&](Recording* r) { mounting(r, c) = mounting(r, c).inverse(); });
     expect_others_fine(inverted, {c});
     EXPECT_EQ(inverted.cameras[c].fault, Fault::kInvertedExtrinsic) << inverted.cameras[c].why;
-    const Preflight opengl =
-        check([&](Recording* r) { mounting(r, c).linear() *= Eigen::Vector3d(1, -1, -1).asDiagonal(); });
+    const Preflight opengl = check(
+        [&](Recording* r) { mounting(r, c).linear() *= Eigen::Vector3d(1, -1, -1).asDiagonal(); });
     expect_others_fine(opengl, {c});
     EXPECT_EQ(opengl.cameras[c].fault, Fault::kAxesConvention) << opengl.cameras[c].why;
     EXPECT_NE(opengl.cameras[c].why.find("OpenGL"), std::string::npos) << opengl.cameras[c].why;
@@ -191,15 +208,18 @@ TEST_F(StreetPreflight, NamesWrongMountings) {
 }
 
 TEST_F(StreetPreflight, NamesSwappedCameras) {
-  const Preflight sides = check([](Recording* r) { std::swap(mounting(r, kLeft), mounting(r, kRight)); });
+  const Preflight sides =
+      check([](Recording* r) { std::swap(mounting(r, kLeft), mounting(r, kRight)); });
   expect_others_fine(sides, {kLeft, kRight});
   for (const int c : {kLeft, kRight}) {
     EXPECT_EQ(sides.cameras[c].fault, Fault::kSwappedCameras) << sides.cameras[c].why;
-    EXPECT_NE(sides.cameras[c].why.find(street().cameras[c == kLeft ? kRight : kLeft].calibration.name),
-              std::string::npos);
+    EXPECT_NE(
+        sides.cameras[c].why.find(street().cameras[c == kLeft ? kRight : kLeft].calibration.name),
+        std::string::npos);
   }
   // Two that look ahead, 2 degrees apart: both have to say so.
-  const Preflight front = check([](Recording* r) { std::swap(mounting(r, kFrontLong), mounting(r, kFront)); });
+  const Preflight front =
+      check([](Recording* r) { std::swap(mounting(r, kFrontLong), mounting(r, kFront)); });
   expect_others_fine(front, {kFrontLong, kFront});
   for (const int c : {kFrontLong, kFront})
     EXPECT_EQ(front.cameras[c].fault, Fault::kSwappedCameras) << front.cameras[c].why;
@@ -207,7 +227,8 @@ TEST_F(StreetPreflight, NamesSwappedCameras) {
 
 TEST_F(StreetPreflight, NamesWrongTimes) {
   for (const int c : {kFront, kLeft, kRight}) {
-    const Preflight late = check([&](Recording* r) { r->cameras[c].calibration.time_offset_ns += 80'000'000; });
+    const Preflight late =
+        check([&](Recording* r) { r->cameras[c].calibration.time_offset_ns += 80'000'000; });
     expect_others_fine(late, {c});
     EXPECT_EQ(late.cameras[c].fault, Fault::kUnsynchronised) << late.cameras[c].why;
     EXPECT_NEAR(late.cameras[c].offset_ms, -80, 15);
@@ -215,12 +236,14 @@ TEST_F(StreetPreflight, NamesWrongTimes) {
   for (const double rate : {2.0, 0.5}) {
     const Preflight result = check([&](Recording* r) {
       for (FramePose& frame : r->frames)
-        frame.t_ns = r->frames[0].t_ns + std::llround(rate * double(frame.t_ns - r->frames[0].t_ns));
+        frame.t_ns =
+            r->frames[0].t_ns + std::llround(rate * double(frame.t_ns - r->frames[0].t_ns));
     });
     EXPECT_EQ(result.clock.verdict, Verdict::kWrong);
     EXPECT_NEAR(result.clock.frame_seconds_per_lidar_second, rate, 0.02);
     EXPECT_FALSE(result.sensible());
-    for (const CameraCheck& camera : result.cameras) EXPECT_NE(camera.verdict, Verdict::kWrong) << camera.why;
+    for (const CameraCheck& camera : result.cameras)
+      EXPECT_NE(camera.verdict, Verdict::kWrong) << camera.why;
   }
 }
 
@@ -229,7 +252,8 @@ TEST_F(StreetPreflight, NamesImagesOfAnotherRate) {
   for (const int c : {kFront, kLeft}) {
     const auto all = seen.grey[c];
     // Images come half as fast as frames, and are numbered as if they came as fast.
-    for (int f = 0; f < kStreetFrames; ++f) seen.grey[c][f] = 2 * f < kStreetFrames ? all[2 * f] : cv::Mat();
+    for (int f = 0; f < kStreetFrames; ++f)
+      seen.grey[c][f] = 2 * f < kStreetFrames ? all[2 * f] : cv::Mat();
   }
   ThreadPool pool(2);
   const Preflight result = check_recording(street(), seen, {}, pool);
@@ -242,7 +266,8 @@ TEST_F(StreetPreflight, NamesImagesOfAnotherRate) {
 
 TEST_F(StreetPreflight, SaysWhatItCannotTell) {
   const Preflight standing = check([](Recording* r) { r->metric = false; });
-  for (const CameraCheck& camera : standing.cameras) EXPECT_EQ(camera.verdict, Verdict::kCannotTell);
+  for (const CameraCheck& camera : standing.cameras)
+    EXPECT_EQ(camera.verdict, Verdict::kCannotTell);
   RigImages dark = images();
   for (cv::Mat& grey : dark.grey[kLeft]) grey = cv::Mat::zeros(grey.size(), CV_8U);
   for (cv::Mat& grey : dark.grey[kFront]) grey = dark.grey[kFront][0];  // stands still

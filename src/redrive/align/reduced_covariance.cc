@@ -15,7 +15,8 @@
 namespace redrive {
 namespace {
 
-constexpr double kLeastShare = 0.2;  // less curvature would be that of residuals which nothing explains
+constexpr double kLeastShare =
+    0.2;  // less curvature would be that of residuals which nothing explains
 
 /// What residuals say of one parameter of the rig.
 struct OfRig {
@@ -31,9 +32,11 @@ struct Eliminated {
   std::map<int, OfRig> with_rig;  ///< by parameter of the rig
 };
 
-/// By row: how much of a residual's weight the curvature of its robust loss is, in the mean over all residuals of that loss (a single one that is
-/// far off curves the other way); 1 without one. Of normal errors and a Cauchy loss of 2 sigma three quarters.
-std::vector<double> curvature_shares(const ceres::Problem& problem, const std::vector<ceres::ResidualBlockId>& blocks,
+/// By row: how much of a residual's weight the curvature of its robust loss is, in the mean over
+/// all residuals of that loss (a single one that is far off curves the other way); 1 without one.
+/// Of normal errors and a Cauchy loss of 2 sigma three quarters.
+std::vector<double> curvature_shares(const ceres::Problem& problem,
+                                     const std::vector<ceres::ResidualBlockId>& blocks,
                                      const std::vector<double>& residuals) {
   struct Sums {
     double weight = 0, curvature = 0;
@@ -44,7 +47,8 @@ std::vector<double> curvature_shares(const ceres::Problem& problem, const std::v
     const ceres::LossFunction* const loss = problem.GetLossFunctionForResidualBlock(id);
     const int rows = problem.GetCostFunctionForResidualBlock(id)->num_residuals();
     double squares = 0, rho[3];
-    for (int k = 0; k < rows; ++k) squares += std::pow(residuals[losses.size() + static_cast<std::size_t>(k)], 2);
+    for (int k = 0; k < rows; ++k)
+      squares += std::pow(residuals[losses.size() + static_cast<std::size_t>(k)], 2);
     losses.insert(losses.end(), rows, loss);
     if (!loss) continue;
     loss->Evaluate(squares, rho);
@@ -53,11 +57,13 @@ std::vector<double> curvature_shares(const ceres::Problem& problem, const std::v
   }
   std::vector<double> shares;
   for (const ceres::LossFunction* loss : losses)
-    shares.push_back(loss ? std::max(kLeastShare, of_loss[loss].curvature / of_loss[loss].weight) : 1);
+    shares.push_back(loss ? std::max(kLeastShare, of_loss[loss].curvature / of_loss[loss].weight)
+                          : 1);
   return shares;
 }
 
-/// Columns are metres and radians: scaled to one another before. Where nothing holds a direction, next to nothing does.
+/// Columns are metres and radians: scaled to one another before. Where nothing holds a direction,
+/// next to nothing does.
 Eigen::MatrixXd inverse_of(const Eigen::MatrixXd& normal) {
   const Eigen::Index n = normal.rows();
   const Eigen::VectorXd scale = normal.diagonal().cwiseMax(1e-12).cwiseSqrt().cwiseInverse();
@@ -126,7 +132,8 @@ ReducedCovariance reduced_covariance(ceres::Problem& problem, const std::vector<
     Eigen::Matrix3d inverse = Eigen::Matrix3d::Zero();
     for (int k = 0; k < 3; ++k)
       if (solver.eigenvalues()[k] > 1e-12 * solver.eigenvalues()[2])
-        inverse += solver.eigenvectors().col(k) * solver.eigenvectors().col(k).transpose() / solver.eigenvalues()[k];
+        inverse += solver.eigenvectors().col(k) * solver.eigenvectors().col(k).transpose() /
+                   solver.eigenvalues()[k];
     for (const auto& [a, of_a] : e.with_rig) {
       const Eigen::Vector3d weighted = inverse * of_a.with_own;
       const double gradient = of_a.gradient - weighted.dot(e.gradient);
@@ -140,7 +147,8 @@ ReducedCovariance reduced_covariance(ceres::Problem& problem, const std::vector<
   ReducedCovariance covariance;
   covariance.matrix = inverse_of(normal);
   const Eigen::MatrixXd by_curvature = inverse_of(curved);
-  covariance.variance = (by_curvature * spread * by_curvature).diagonal().cwiseMax(covariance.matrix.diagonal());
+  covariance.variance =
+      (by_curvature * spread * by_curvature).diagonal().cwiseMax(covariance.matrix.diagonal());
   return covariance;
 }
 

@@ -10,7 +10,8 @@ namespace {
 
 cv::Mat root_of_brightness(const Image8& image) {
   std::array<std::uint8_t, 766> root;
-  for (int sum = 0; sum < 766; ++sum) root[sum] = static_cast<std::uint8_t>(std::lround(std::sqrt(255.0 * sum / 3)));
+  for (int sum = 0; sum < 766; ++sum)
+    root[sum] = static_cast<std::uint8_t>(std::lround(std::sqrt(255.0 * sum / 3)));
   cv::Mat grey(image.height, image.width, CV_8U);
   for (std::size_t i = 0; i < grey.total(); ++i)
     grey.data[i] = root[image.rgb[3 * i] + image.rgb[3 * i + 1] + image.rgb[3 * i + 2]];
@@ -25,7 +26,9 @@ cv::Mat with_margin(const cv::Mat& used, int margin_px) {
   return usable;
 }
 cv::Mat with_margin(const std::vector<std::uint8_t>& used, const Camera& camera, int margin_px) {
-  return with_margin(cv::Mat(camera.height, camera.width, CV_8U, const_cast<std::uint8_t*>(used.data())), margin_px);
+  return with_margin(
+      cv::Mat(camera.height, camera.width, CV_8U, const_cast<std::uint8_t*>(used.data())),
+      margin_px);
 }
 
 /// Averaged by a whole factor; the remainder is cut off, as Camera::downscaled does.
@@ -46,20 +49,24 @@ std::vector<PlacedBox> RigImages::moving_at(int camera, int frame) const {
 bool RigImages::may_be_static(int camera, int frame, const Eigen::Vector2d& pixel,
                               const std::vector<PlacedBox>& boxes) const {
   const cv::Mat& mask = usable[camera][frame];
-  const auto x = static_cast<int>(std::lround(pixel.x())), y = static_cast<int>(std::lround(pixel.y()));
-  if (x < 0 || y < 0 || x >= mask.cols || y >= mask.rows || mask.at<std::uint8_t>(y, x) == 0) return false;
+  const auto x = static_cast<int>(std::lround(pixel.x())),
+             y = static_cast<int>(std::lround(pixel.y()));
+  if (x < 0 || y < 0 || x >= mask.cols || y >= mask.rows || mask.at<std::uint8_t>(y, x) == 0)
+    return false;
   const auto ray = this->camera(camera).unproject(pixel);
   if (!ray) return false;
   const Rigid3d& pose = world_from_camera[camera][frame];
-  return std::ranges::none_of(
-      boxes, [&](const PlacedBox& box) { return box.meets(pose.translation(), pose.linear() * *ray); });
+  return std::ranges::none_of(boxes, [&](const PlacedBox& box) {
+    return box.meets(pose.translation(), pose.linear() * *ray);
+  });
 }
 
-RigImages load_rig_images(const Recording& recording, const std::filesystem::path& mask_folder, int margin_px,
-                          ThreadPool& pool) {
+RigImages load_rig_images(const Recording& recording, const std::filesystem::path& mask_folder,
+                          int margin_px, ThreadPool& pool) {
   Scene scene = make_scene(recording, {});
   std::vector<Image8> images(scene.views.size());
-  pool.run(static_cast<int>(images.size()), [&](int i) { images[i] = load_view(scene, scene.views[i]); });
+  pool.run(static_cast<int>(images.size()),
+           [&](int i) { images[i] = load_view(scene, scene.views[i]); });
   const std::vector<Mask> masks = static_masks(scene, images, mask_folder, pool, recording.metric);
 
   RigImages rig{scene, {}, {}, {}, {}, {}, read_moving_objects(recording, scene)};
@@ -78,7 +85,8 @@ RigImages load_rig_images(const Recording& recording, const std::filesystem::pat
     Image8& image = images[i];
     rig.grey[view.camera][view.frame] = root_of_brightness(image);
     cv::Mat& usable = rig.usable[view.camera][view.frame] = of_camera[view.camera];
-    if (!image.used.empty()) usable = usable & with_margin(image.used, rig.model[view.camera], margin_px);
+    if (!image.used.empty())
+      usable = usable & with_margin(image.used, rig.model[view.camera], margin_px);
     rig.world_from_camera[view.camera][view.frame] = scene.world_from_camera(view);
     image = {};
   });
@@ -95,8 +103,10 @@ RigImages narrowed(const RigImages& full, int widest, int margin_px, ThreadPool&
     for (int f = 0; f < rig.frames(); ++f)
       if (!full.grey[c][f].empty()) {
         rig.grey[c][f] = averaged(full.grey[c][f], factor);
-        // What is usable here is margin_px from the nearest pixel left out there already: the rest of the margin.
-        rig.usable[c][f] = with_margin(averaged(full.usable[c][f], factor) == 255, margin_px - margin_px / factor);
+        // What is usable here is margin_px from the nearest pixel left out there already: the rest
+        // of the margin.
+        rig.usable[c][f] =
+            with_margin(averaged(full.usable[c][f], factor) == 255, margin_px - margin_px / factor);
       }
   });
   return rig;

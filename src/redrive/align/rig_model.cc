@@ -25,29 +25,42 @@ struct Slope {
 Slope between_frames(const std::vector<FramePose>& frames, int a) {
   const double h = static_cast<double>(frames[a + 1].t_ns - frames[a].t_ns) * 1e-9;
   return {(frames[a + 1].ecef_from_body.translation() - frames[a].ecef_from_body.translation()) / h,
-          so3_log(frames[a].ecef_from_body.linear().transpose() * frames[a + 1].ecef_from_body.linear()) / h};
+          so3_log(frames[a].ecef_from_body.linear().transpose() *
+                  frames[a + 1].ecef_from_body.linear()) /
+              h};
 }
 
-/// Of the parabola through the frame and its neighbours, at an end through the three there; of two frames the line.
+/// Of the parabola through the frame and its neighbours, at an end through the three there; of two
+/// frames the line.
 Slope slope_at(const std::vector<FramePose>& frames, int frame) {
   const int last = static_cast<int>(frames.size()) - 1;
   if (last == 1) return between_frames(frames, 0);
   const int middle = std::clamp(frame, 1, last - 1);
   const Slope before = between_frames(frames, middle - 1), after = between_frames(frames, middle);
   const double h_before = static_cast<double>(frames[middle].t_ns - frames[middle - 1].t_ns),
-               h_after = static_cast<double>(frames[middle + 1].t_ns - frames[middle].t_ns), all = h_before + h_after;
+               h_after = static_cast<double>(frames[middle + 1].t_ns - frames[middle].t_ns),
+               all = h_before + h_after;
   // The slope changes evenly from the middle of the first interval to that of the second one.
-  const double at = frame < middle ? -h_before / all : frame > middle ? 1 + h_after / all : h_before / all;
-  return {before.velocity + at * (after.velocity - before.velocity), before.turn + at * (after.turn - before.turn)};
+  const double at = frame < middle   ? -h_before / all
+                    : frame > middle ? 1 + h_after / all
+                                     : h_before / all;
+  return {before.velocity + at * (after.velocity - before.velocity),
+          before.turn + at * (after.turn - before.turn)};
 }
 
 /// The cubic from 0 with slope `from` to `end` with slope `to` in h seconds; u in 0..1.
 class Hermite {
  public:
-  Hermite(const Eigen::Vector3d& end, const Eigen::Vector3d& from, const Eigen::Vector3d& to, double h)
-      : h_(h), linear_(h * from), quadratic_(3 * end - h * (2 * from + to)), cubic_(h * (from + to) - 2 * end) {}
+  Hermite(const Eigen::Vector3d& end, const Eigen::Vector3d& from, const Eigen::Vector3d& to,
+          double h)
+      : h_(h),
+        linear_(h * from),
+        quadratic_(3 * end - h * (2 * from + to)),
+        cubic_(h * (from + to) - 2 * end) {}
   Eigen::Vector3d value(double u) const { return u * (linear_ + u * (quadratic_ + u * cubic_)); }
-  Eigen::Vector3d slope(double u) const { return (linear_ + u * (2 * quadratic_ + 3 * u * cubic_)) / h_; }
+  Eigen::Vector3d slope(double u) const {
+    return (linear_ + u * (2 * quadratic_ + 3 * u * cubic_)) / h_;
+  }
 
  private:
   double h_;
@@ -58,13 +71,15 @@ class Hermite {
 
 Instant RigModel::at(std::int64_t t_ns) const {
   Instant instant = smooth_at(t_ns);
-  // What the corrections of now add, linear in time, is taken out again: what is left is a motion to which changed corrections can be added.
+  // What the corrections of now add, linear in time, is taken out again: what is left is a motion
+  // to which changed corrections can be added.
   const int a = instant.segment;
   const Vector6d slope = (correction[a + 1] - correction[a]) / instant.duration_s,
                  added = correction[a] + instant.weight * instant.duration_s * slope;
   const Rigid3d now = rigid_of(added);
   const Eigen::Vector3d rho = added.head<3>(), turn = now.linear() * instant.turn,
-                        own_turn = now.linear() * so3_right_jacobian(added.tail<3>()) * slope.tail<3>();
+                        own_turn =
+                            now.linear() * so3_right_jacobian(added.tail<3>()) * slope.tail<3>();
   instant.velocity = now.linear() * instant.velocity + rho.cross(turn - own_turn) - slope.head<3>();
   instant.turn = turn - own_turn;
   instant.world_from_body = instant.world_from_body * now.inverse(Eigen::Isometry);
@@ -73,13 +88,15 @@ Instant RigModel::at(std::int64_t t_ns) const {
 
 Instant RigModel::smooth_at(std::int64_t t_ns) const {
   const auto after =
-      std::upper_bound(given.begin(), given.end(), t_ns, [](std::int64_t t, const FramePose& f) { return t < f.t_ns; });
+      std::upper_bound(given.begin(), given.end(), t_ns,
+                       [](std::int64_t t, const FramePose& f) { return t < f.t_ns; });
   Instant instant;
-  instant.segment = static_cast<int>(
-      std::clamp<std::ptrdiff_t>(after - given.begin() - 1, 0, static_cast<std::ptrdiff_t>(given.size()) - 2));
+  instant.segment = static_cast<int>(std::clamp<std::ptrdiff_t>(
+      after - given.begin() - 1, 0, static_cast<std::ptrdiff_t>(given.size()) - 2));
   // The frames that the slopes at both ends need.
   const int first = std::max(0, instant.segment - 1),
-            end = std::min(static_cast<int>(given.size()), std::max(instant.segment + 3, first + 3));
+            end =
+                std::min(static_cast<int>(given.size()), std::max(instant.segment + 3, first + 3));
   const int start = std::max(0, std::min(first, end - 3));
   std::vector<FramePose> frames(given.begin() + start, given.begin() + end);
   for (int f = start; f < end; ++f)
@@ -96,20 +113,24 @@ Instant RigModel::smooth_at(std::int64_t t_ns) const {
     const Slope& slope = before ? at_a : at_b;
     const Eigen::Matrix3d turned = so3_exp(slope.turn * beyond_s);
     instant.world_from_body = (before ? a : b).ecef_from_body;
-    instant.velocity = turned.transpose() * instant.world_from_body.linear().transpose() * slope.velocity;
+    instant.velocity =
+        turned.transpose() * instant.world_from_body.linear().transpose() * slope.velocity;
     instant.world_from_body.translation() += slope.velocity * beyond_s;
     instant.world_from_body.linear() = instant.world_from_body.linear() * turned;
     instant.turn = slope.turn;
     return instant;
   }
-  const Hermite position(b.ecef_from_body.translation() - a.ecef_from_body.translation(), at_a.velocity, at_b.velocity,
-                         h);
-  // Rotation vectors from a's: at b their rate is the inverse right Jacobian times the turn, v + arc x v / 2 + O(arc^2 v).
-  const Eigen::Vector3d arc = so3_log(a.ecef_from_body.linear().transpose() * b.ecef_from_body.linear());
+  const Hermite position(b.ecef_from_body.translation() - a.ecef_from_body.translation(),
+                         at_a.velocity, at_b.velocity, h);
+  // Rotation vectors from a's: at b their rate is the inverse right Jacobian times the turn, v +
+  // arc x v / 2 + O(arc^2 v).
+  const Eigen::Vector3d arc =
+      so3_log(a.ecef_from_body.linear().transpose() * b.ecef_from_body.linear());
   const Hermite rotation(arc, at_a.turn, at_b.turn + arc.cross(at_b.turn) / 2, h);
   const Eigen::Vector3d turned = rotation.value(instant.weight);
   instant.world_from_body.linear() = a.ecef_from_body.linear() * so3_exp(turned);
-  instant.world_from_body.translation() = a.ecef_from_body.translation() + position.value(instant.weight);
+  instant.world_from_body.translation() =
+      a.ecef_from_body.translation() + position.value(instant.weight);
   instant.velocity = instant.world_from_body.linear().transpose() * position.slope(instant.weight);
   instant.turn = so3_right_jacobian(turned) * rotation.slope(instant.weight);
   return instant;

@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // What align moves: the egomotion as given, and the corrections to it and to the cameras.
-//   world_from_body(t_f) = given_f [exp(phi_f), rho_f],   body_from_sensor = given [exp(epsilon), eta],
-//   row v of an image of frame f is exposed at t_f + offset + ((v + 1/2) / height - 1/2) readout.
-// Between the frames the body moves smoothly through its corrected poses (cubic Hermite, slopes of parabolas through three frames): a straight
-// line would cut the corners of a car that pitches and steers by 0.02 degrees at 15 Hz, and time offsets would make up for it. While
-// the corrections of a round change, what they add is linear between two frames; the next round is smooth again.
-// The world is the body of the first frame as given: metres near 0, where ECEF's 4e6 would cost digits.
+//   world_from_body(t_f) = given_f [exp(phi_f), rho_f],   body_from_sensor = given [exp(epsilon),
+//   eta], row v of an image of frame f is exposed at t_f + offset + ((v + 1/2) / height - 1/2)
+//   readout.
+// Between the frames the body moves smoothly through its corrected poses (cubic Hermite, slopes of
+// parabolas through three frames): a straight line would cut the corners of a car that pitches and
+// steers by 0.02 degrees at 15 Hz, and time offsets would make up for it. While the corrections of
+// a round change, what they add is linear between two frames; the next round is smooth again. The
+// world is the body of the first frame as given: metres near 0, where ECEF's 4e6 would cost digits.
 #pragma once
 
 #include <array>
@@ -25,33 +27,37 @@ struct RigModelCamera {
   CameraCalibration given;
   Camera camera;
   Vector6d mount = Vector6d::Zero();  ///< (eta, epsilon): in the axes of the sensor
-  double offset_s = 0;                ///< exposure of the middle row minus the time of the frame's pose
-  double readout_s = 0;               ///< from the upper edge to the lower one
+  double offset_s = 0;   ///< exposure of the middle row minus the time of the frame's pose
+  double readout_s = 0;  ///< from the upper edge to the lower one
   Eigen::Vector3d intrinsics = Eigen::Vector3d::Zero();  ///< f (1 + x), c + (y, z) pixels
 
   double given_offset_s() const { return 1e-9 * static_cast<double>(given.time_offset_ns); }
   double given_readout_s() const { return 1e-9 * static_cast<double>(given.readout_ns); }
-  /// Of the readout, by which row v of the recorded image comes after the middle one: -1/2 at the upper edge, 1/2 at the lower one.
+  /// Of the readout, by which row v of the recorded image comes after the middle one: -1/2 at the
+  /// upper edge, 1/2 at the lower one.
   double after_middle(double v) const { return row_part(v, camera.height) - 0.5; }
 };
 
-/// The motion around one instant without corrections: (t + s) -> world_from_body [exp(turn s), velocity s] while it stays between the
-/// two frames `segment` and `segment` + 1, whose corrections are added with weights that are linear in time, that of the second one
-/// weight + s / duration_s.
+/// The motion around one instant without corrections: (t + s) -> world_from_body [exp(turn s),
+/// velocity s] while it stays between the two frames `segment` and `segment` + 1, whose corrections
+/// are added with weights that are linear in time, that of the second one weight + s / duration_s.
 struct Instant {
   int segment = 0;
   double weight = 0, duration_s = 1;
   Rigid3d world_from_body = Rigid3d::Identity();
-  Eigen::Vector3d velocity = Eigen::Vector3d::Zero(), turn = Eigen::Vector3d::Zero();  ///< m/s and rad/s, body axes
+  Eigen::Vector3d velocity = Eigen::Vector3d::Zero(),
+                  turn = Eigen::Vector3d::Zero();  ///< m/s and rad/s, body axes
 };
 
 struct RigModel {
   Rigid3d ecef_from_world = Rigid3d::Identity();
-  std::vector<FramePose> given;      ///< in the world: ecef_from_body stands for world_from_body; at least two
+  std::vector<FramePose>
+      given;  ///< in the world: ecef_from_body stands for world_from_body; at least two
   std::vector<Vector6d> correction;  ///< (rho, phi) by frame, body axes
   std::vector<RigModelCamera> cameras;
 
-  /// With the corrections of now added again it is the smooth motion. Before the first and after the last frame that goes on evenly.
+  /// With the corrections of now added again it is the smooth motion. Before the first and after
+  /// the last frame that goes on evenly.
   Instant at(std::int64_t t_ns) const;
   /// Of an image's middle row, or its row v: where the camera's offset and readout of now put it.
   Instant of_image(int camera, int frame) const;

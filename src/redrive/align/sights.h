@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a camera's images alone say of how it moved: points followed over a few frames without a guess from poses or calibration, and how
-// far a pose is from agreeing with them.
+// What a camera's images alone say of how it moved: points followed over a few frames without a
+// guess from poses or calibration, and how far a pose is from agreeing with them.
 #pragma once
 
 #include <vector>
@@ -24,8 +24,10 @@ struct SightOptions {
   double margin_s = 0.1;  ///< images this close to the first and last pose are left out
 };
 
-/// Corners followed by pyramidal Lucas-Kanade from image to image, forth and back to 0.5 px, none on the vehicle, on moving objects or masked.
-std::vector<Sight> find_sights(const RigImages& images, int camera, const SightOptions& options = {});
+/// Corners followed by pyramidal Lucas-Kanade from image to image, forth and back to 0.5 px, none
+/// on the vehicle, on moving objects or masked.
+std::vector<Sight> find_sights(const RigImages& images, int camera,
+                               const SightOptions& options = {});
 
 /// A camera's pose as an error is measured under it: where it is, and how far its rays may go.
 struct SightPose {
@@ -34,8 +36,9 @@ struct SightPose {
   double height_m = 0;      ///< of camera a above the plane the vehicle stands on
 };
 
-/// Distance in pixels of image b between the point seen there and the nearest that the ray of a, from 0.3 m on, can be seen at; rays
-/// below the horizon end 1 m below the ground. Other than an epipolar error it tells forward from backward, and up from down.
+/// Distance in pixels of image b between the point seen there and the nearest that the ray of a,
+/// from 0.3 m on, can be seen at; rays below the horizon end 1 m below the ground. Other than an
+/// epipolar error it tells forward from backward, and up from down.
 double sight_error_px(const RayPair& rays, const SightPose& pose);
 
 }  // namespace redrive

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rotations as vectors (axis times angle, radians) and how they change: what the Jacobians of align are made of.
-// Formulas: Sola, Deray, Atchuthan, "A micro Lie theory for state estimation in robotics" (arXiv:1812.01537), appendix B.
+// Rotations as vectors (axis times angle, radians) and how they change: what the Jacobians of align
+// are made of. Formulas: Sola, Deray, Atchuthan, "A micro Lie theory for state estimation in
+// robotics" (arXiv:1812.01537), appendix B.
 #pragma once
 
 #include <cmath>
@@ -29,7 +30,8 @@ inline Eigen::Vector3d so3_log(const Eigen::Matrix3d& rotation) {
   return turn.angle() * turn.axis();
 }
 
-/// so3_exp(v + e) = so3_exp(v) so3_exp(J e) to first order in e. Below 1e-4 rad the series: what is left out is |v|^3 / 24.
+/// so3_exp(v + e) = so3_exp(v) so3_exp(J e) to first order in e. Below 1e-4 rad the series: what is
+/// left out is |v|^3 / 24.
 inline Eigen::Matrix3d so3_right_jacobian(const Eigen::Vector3d& v) {
   const double aa = v.squaredNorm(), angle = std::sqrt(aa);
   const Eigen::Matrix3d m = skew(v);

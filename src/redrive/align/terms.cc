@@ -17,8 +17,11 @@ using Eigen::Vector3d;
 
 /// A block of Ceres' Jacobian.
 template <int kRows, int kColumns>
-Map<Eigen::Matrix<double, kRows, kColumns, kColumns == 1 ? Eigen::ColMajor : Eigen::RowMajor>> block(double* values) {
-  return Map<Eigen::Matrix<double, kRows, kColumns, kColumns == 1 ? Eigen::ColMajor : Eigen::RowMajor>>(values);
+Map<Eigen::Matrix<double, kRows, kColumns, kColumns == 1 ? Eigen::ColMajor : Eigen::RowMajor>>
+block(double* values) {
+  return Map<
+      Eigen::Matrix<double, kRows, kColumns, kColumns == 1 ? Eigen::ColMajor : Eigen::RowMajor>>(
+      values);
 }
 
 /// A correction between its two frames.
@@ -40,8 +43,10 @@ Between between(const double* a, const double* b, const Instant& instant, double
 bool project(const CameraModel& model, const Vector3d& point, Eigen::Vector2d* projected,
              Eigen::Matrix<double, 2, 3>* slope) {
   using D = Dual<double, 3>;
-  const std::array<D, 3> p{D::variable(point.x(), 0), D::variable(point.y(), 1), D::variable(point.z(), 2)};
-  const auto m = std::visit([&](const auto& camera) { return camera.template project<D>(p); }, model);
+  const std::array<D, 3> p{D::variable(point.x(), 0), D::variable(point.y(), 1),
+                           D::variable(point.z(), 2)};
+  const auto m =
+      std::visit([&](const auto& camera) { return camera.template project<D>(p); }, model);
   if (!m) return false;
   for (int i = 0; i < 2; ++i) {
     (*projected)[i] = (*m)[i].value;
@@ -56,8 +61,8 @@ bool project(const CameraModel& model, const Vector3d& point, Eigen::Vector2d* p
 //   c = exp(epsilon)^T (S^T (b - w m) - w eta)            in the camera
 class Reprojection final : public ceres::SizedCostFunction<2, 6, 6, 6, 1, 1, 3, 3> {
  public:
-  Reprojection(const RigModelCamera& camera, const Instant& instant, const Eigen::Vector2d& pixel, double sigma_px,
-               const InverseDistancePoint& point)
+  Reprojection(const RigModelCamera& camera, const Instant& instant, const Eigen::Vector2d& pixel,
+               double sigma_px, const InverseDistancePoint& point)
       : camera_(camera),
         instant_(instant),
         offset_s_(camera.offset_s),
@@ -70,8 +75,10 @@ class Reprojection final : public ceres::SizedCostFunction<2, 6, 6, 6, 1, 1, 3, 
     anchor_ = pose.linear().transpose() * (point.anchor - pose.translation());
   }
 
-  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
-    const double later_s = parameters[3][0] - offset_s_ + after_middle_ * (parameters[4][0] - readout_s_);
+  bool Evaluate(double const* const* parameters, double* residuals,
+                double** jacobians) const override {
+    const double later_s =
+        parameters[3][0] - offset_s_ + after_middle_ * (parameters[4][0] - readout_s_);
     const Between correction = between(parameters[0], parameters[1], instant_, later_s);
     const Map<const Vector6d> mount(parameters[2]);
     const Map<const Vector3d> intrinsics(parameters[5]), point(parameters[6]);
@@ -80,7 +87,8 @@ class Reprojection final : public ceres::SizedCostFunction<2, 6, 6, 6, 1, 1, 3, 
                    unphi = so3_exp(correction.value.tail<3>()).transpose(),
                    unepsilon = so3_exp(mount.tail<3>()).transpose(),
                    sensor_from_body = camera_.given.body_from_sensor.linear().transpose();
-    const Vector3d rho = correction.value.head<3>(), mounted_at = camera_.given.body_from_sensor.translation();
+    const Vector3d rho = correction.value.head<3>(),
+                   mounted_at = camera_.given.body_from_sensor.translation();
     const Vector3d direction = axes_ * Vector3d(point.x(), point.y(), 1);
     const Vector3d y = unturn * (direction + w * (anchor_ - instant_.velocity * later_s));
     const Vector3d b = unphi * (y - w * rho);
@@ -95,7 +103,8 @@ class Reprojection final : public ceres::SizedCostFunction<2, 6, 6, 6, 1, 1, 3, 
         if (jacobians[k]) std::fill_n(jacobians[k], 2 * kSizes[k], 0.0);
       return true;
     }
-    const Eigen::Vector2d focal((1 + intrinsics.x()) * camera_.camera.fx, (1 + intrinsics.x()) * camera_.camera.fy);
+    const Eigen::Vector2d focal((1 + intrinsics.x()) * camera_.camera.fx,
+                                (1 + intrinsics.x()) * camera_.camera.fy);
     Map<Eigen::Vector2d> residual(residuals);
     residual = (focal.cwiseProduct(seen) + Eigen::Vector2d(camera_.camera.cx, camera_.camera.cy) +
                 intrinsics.tail<2>() - pixel_) /
@@ -105,27 +114,32 @@ class Reprojection final : public ceres::SizedCostFunction<2, 6, 6, 6, 1, 1, 3, 
     const Eigen::Matrix<double, 2, 3> by_c = focal.asDiagonal() * slope / sigma_px_;
     const Eigen::Matrix<double, 2, 3> by_b = by_c * unepsilon * sensor_from_body;
     Eigen::Matrix<double, 2, 6> by_correction;
-    by_correction << -w * by_b * unphi, by_b * skew(b) * so3_right_jacobian(correction.value.tail<3>());
+    by_correction << -w * by_b * unphi,
+        by_b * skew(b) * so3_right_jacobian(correction.value.tail<3>());
     if (jacobians[0]) block<2, 6>(jacobians[0]) = (1 - correction.weight) * by_correction;
     if (jacobians[1]) block<2, 6>(jacobians[1]) = correction.weight * by_correction;
     if (jacobians[2])
-      block<2, 6>(jacobians[2]) << -w * by_c * unepsilon, by_c * skew(c) * so3_right_jacobian(mount.tail<3>());
+      block<2, 6>(jacobians[2]) << -w * by_c * unepsilon,
+          by_c * skew(c) * so3_right_jacobian(mount.tail<3>());
     if (jacobians[3] || jacobians[4]) {
       const Eigen::Vector2d by_time =
-          by_b * unphi * (y.cross(instant_.turn) - w * (unturn * instant_.velocity)) + by_correction * correction.slope;
+          by_b * unphi * (y.cross(instant_.turn) - w * (unturn * instant_.velocity)) +
+          by_correction * correction.slope;
       if (jacobians[3]) block<2, 1>(jacobians[3]) = by_time;
       if (jacobians[4]) block<2, 1>(jacobians[4]) = after_middle_ * by_time;
     }
     if (jacobians[5]) {
       auto by_intrinsics = block<2, 3>(jacobians[5]);
-      by_intrinsics.col(0) = Eigen::Vector2d(camera_.camera.fx, camera_.camera.fy).cwiseProduct(seen) / sigma_px_;
+      by_intrinsics.col(0) =
+          Eigen::Vector2d(camera_.camera.fx, camera_.camera.fy).cwiseProduct(seen) / sigma_px_;
       by_intrinsics.rightCols<2>() = Eigen::Matrix2d::Identity() / sigma_px_;
     }
     if (jacobians[6]) {
       const Matrix3d body_by_x = unphi * unturn;
       const Vector3d c_by_w =
           unepsilon *
-          (sensor_from_body * (unphi * (unturn * (anchor_ - instant_.velocity * later_s) - rho) - mounted_at) -
+          (sensor_from_body *
+               (unphi * (unturn * (anchor_ - instant_.velocity * later_s) - rho) - mounted_at) -
            mount.head<3>());
       auto by_point = block<2, 3>(jacobians[6]);
       by_point.leftCols<2>() = by_b * body_by_x * axes_.leftCols<2>();
@@ -135,7 +149,8 @@ class Reprojection final : public ceres::SizedCostFunction<2, 6, 6, 6, 1, 1, 3, 
   }
 
  private:
-  const RigModelCamera& camera_;  // its lens and its mount as given; what the solver moves comes as parameters
+  const RigModelCamera&
+      camera_;  // its lens and its mount as given; what the solver moves comes as parameters
   Instant instant_;
   double offset_s_, readout_s_, after_middle_;
   Eigen::Vector2d pixel_;
@@ -146,25 +161,34 @@ class Reprojection final : public ceres::SizedCostFunction<2, 6, 6, 6, 1, 1, 3, 
 
 class PlaneDistance final : public ceres::SizedCostFunction<1, 6, 6, 3> {
  public:
-  PlaneDistance(const Instant& instant, const Vector3d& in_body, double sigma_m, const PlanePatch& plane)
-      : instant_(instant), in_body_(in_body), sigma_m_(sigma_m), centre_(plane.centre), axes_(plane.axes) {}
+  PlaneDistance(const Instant& instant, const Vector3d& in_body, double sigma_m,
+                const PlanePatch& plane)
+      : instant_(instant),
+        in_body_(in_body),
+        sigma_m_(sigma_m),
+        centre_(plane.centre),
+        axes_(plane.axes) {}
 
-  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
+  bool Evaluate(double const* const* parameters, double* residuals,
+                double** jacobians) const override {
     const Between correction = between(parameters[0], parameters[1], instant_, 0);
     const Map<const Vector3d> plane(parameters[2]);
     const Matrix3d turned = so3_exp(correction.value.tail<3>());
-    const Vector3d from_centre = instant_.world_from_body * (turned * in_body_ + correction.value.head<3>()) - centre_;
+    const Vector3d from_centre =
+        instant_.world_from_body * (turned * in_body_ + correction.value.head<3>()) - centre_;
     const Vector3d normal = axes_ * Vector3d(plane.x(), plane.y(), 1);
     residuals[0] = (normal.dot(from_centre) - plane.z()) / sigma_m_;
     if (!jacobians) return true;
-    const Eigen::RowVector3d by_body = normal.transpose() * instant_.world_from_body.linear() / sigma_m_;
+    const Eigen::RowVector3d by_body =
+        normal.transpose() * instant_.world_from_body.linear() / sigma_m_;
     Eigen::Matrix<double, 1, 6> by_correction;
-    by_correction << by_body, -by_body * turned * skew(in_body_) * so3_right_jacobian(correction.value.tail<3>());
+    by_correction << by_body,
+        -by_body * turned * skew(in_body_) * so3_right_jacobian(correction.value.tail<3>());
     if (jacobians[0]) block<1, 6>(jacobians[0]) = (1 - correction.weight) * by_correction;
     if (jacobians[1]) block<1, 6>(jacobians[1]) = correction.weight * by_correction;
     if (jacobians[2])
-      block<1, 3>(jacobians[2]) << axes_.col(0).dot(from_centre) / sigma_m_, axes_.col(1).dot(from_centre) / sigma_m_,
-          -1 / sigma_m_;
+      block<1, 3>(jacobians[2]) << axes_.col(0).dot(from_centre) / sigma_m_,
+          axes_.col(1).dot(from_centre) / sigma_m_, -1 / sigma_m_;
     return true;
   }
 
@@ -178,11 +202,13 @@ class PlaneDistance final : public ceres::SizedCostFunction<1, 6, 6, 3> {
 
 class Zero final : public ceres::CostFunction {
  public:
-  Zero(int size, int k, double sigma, double expected) : size_(size), k_(k), sigma_(sigma), expected_(expected) {
+  Zero(int size, int k, double sigma, double expected)
+      : size_(size), k_(k), sigma_(sigma), expected_(expected) {
     set_num_residuals(1);
     mutable_parameter_block_sizes()->push_back(size);
   }
-  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
+  bool Evaluate(double const* const* parameters, double* residuals,
+                double** jacobians) const override {
     residuals[0] = (parameters[0][k_] - expected_) / sigma_;
     if (jacobians && jacobians[0]) {
       std::fill_n(jacobians[0], size_, 0.0);
@@ -199,7 +225,8 @@ class Zero final : public ceres::CostFunction {
 class Small final : public ceres::SizedCostFunction<6, 6> {
  public:
   explicit Small(const Vector6d& sigmas) : weights_(sigmas.cwiseInverse()) {}
-  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
+  bool Evaluate(double const* const* parameters, double* residuals,
+                double** jacobians) const override {
     Map<Vector6d> residual(residuals);
     residual = weights_.cwiseProduct(Map<const Vector6d>(parameters[0]));
     if (jacobians && jacobians[0]) block<6, 6>(jacobians[0]) = weights_.asDiagonal();
@@ -213,9 +240,11 @@ class Small final : public ceres::SizedCostFunction<6, 6> {
 class Smooth final : public ceres::SizedCostFunction<6, 6, 6> {
  public:
   explicit Smooth(const Vector6d& sigmas) : weights_(sigmas.cwiseInverse()) {}
-  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
+  bool Evaluate(double const* const* parameters, double* residuals,
+                double** jacobians) const override {
     Map<Vector6d> residual(residuals);
-    residual = weights_.cwiseProduct(Map<const Vector6d>(parameters[1]) - Map<const Vector6d>(parameters[0]));
+    residual = weights_.cwiseProduct(Map<const Vector6d>(parameters[1]) -
+                                     Map<const Vector6d>(parameters[0]));
     if (jacobians && jacobians[0]) block<6, 6>(jacobians[0]) = Vector6d(-weights_).asDiagonal();
     if (jacobians && jacobians[1]) block<6, 6>(jacobians[1]) = weights_.asDiagonal();
     return true;
@@ -227,13 +256,16 @@ class Smooth final : public ceres::SizedCostFunction<6, 6, 6> {
 
 }  // namespace
 
-std::unique_ptr<ceres::CostFunction> reprojection_term(const RigModelCamera& camera, const Instant& instant,
-                                                       const Eigen::Vector2d& pixel, double sigma_px,
+std::unique_ptr<ceres::CostFunction> reprojection_term(const RigModelCamera& camera,
+                                                       const Instant& instant,
+                                                       const Eigen::Vector2d& pixel,
+                                                       double sigma_px,
                                                        const InverseDistancePoint& point) {
   return std::make_unique<Reprojection>(camera, instant, pixel, sigma_px, point);
 }
 
-std::unique_ptr<ceres::CostFunction> plane_term(const Instant& instant, const Eigen::Vector3d& in_body, double sigma_m,
+std::unique_ptr<ceres::CostFunction> plane_term(const Instant& instant,
+                                                const Eigen::Vector3d& in_body, double sigma_m,
                                                 const PlanePatch& plane) {
   return std::make_unique<PlaneDistance>(instant, in_body, sigma_m, plane);
 }
@@ -241,7 +273,11 @@ std::unique_ptr<ceres::CostFunction> plane_term(const Instant& instant, const Ei
 std::unique_ptr<ceres::CostFunction> zero_term(int size, int k, double sigma, double expected) {
   return std::make_unique<Zero>(size, k, sigma, expected);
 }
-std::unique_ptr<ceres::CostFunction> small_term(const Vector6d& sigmas) { return std::make_unique<Small>(sigmas); }
-std::unique_ptr<ceres::CostFunction> smooth_term(const Vector6d& sigmas) { return std::make_unique<Smooth>(sigmas); }
+std::unique_ptr<ceres::CostFunction> small_term(const Vector6d& sigmas) {
+  return std::make_unique<Small>(sigmas);
+}
+std::unique_ptr<ceres::CostFunction> smooth_term(const Vector6d& sigmas) {
+  return std::make_unique<Smooth>(sigmas);
+}
 
 }  // namespace redrive

@@ -12,8 +12,10 @@ namespace {
 
 using testing::SyntheticNoise;
 
-/// Compares every Jacobian with central differences. A difference over 2 h is off by h^2 f''' / 6 and by the residual's rounding over h.
-void expect_slopes(const ceres::CostFunction& term, std::vector<std::vector<double>> blocks, double tolerance) {
+/// Compares every Jacobian with central differences. A difference over 2 h is off by h^2 f''' / 6
+/// and by the residual's rounding over h.
+void expect_slopes(const ceres::CostFunction& term, std::vector<std::vector<double>> blocks,
+                   double tolerance) {
   const auto& sizes = term.parameter_block_sizes();
   ASSERT_EQ(blocks.size(), sizes.size());
   std::vector<double*> at;
@@ -111,8 +113,10 @@ TEST(Terms, ReprojectionIsThatOfTheModel) {
   moved.translation() = as_given.velocity * kLater_s;
   later.world_from_body = as_given.world_from_body * moved;
   later.weight += kLater_s / later.duration_s;
-  const Eigen::Vector3d in_world = model.corrected(later) * model.body_from_sensor(1) * Eigen::Vector3d(0.4, -0.3, 5);
-  const std::array<double, 3> point{in_world.x() / in_world.z(), in_world.y() / in_world.z(), 1 / in_world.z()};
+  const Eigen::Vector3d in_world =
+      model.corrected(later) * model.body_from_sensor(1) * Eigen::Vector3d(0.4, -0.3, 5);
+  const std::array<double, 3> point{in_world.x() / in_world.z(), in_world.y() / in_world.z(),
+                                    1 / in_world.z()};
   const double* blocks[] = {
       model.correction[7].data(), model.correction[8].data(), camera.mount.data(), &camera.offset_s,
       &camera.readout_s,          camera.intrinsics.data(),   point.data()};
@@ -120,7 +124,8 @@ TEST(Terms, ReprojectionIsThatOfTheModel) {
   held->Evaluate(blocks, residual.data(), nullptr);
   const auto pixel = model.camera(1).project({0.4, -0.3, 5});
   ASSERT_TRUE(pixel);
-  EXPECT_LT((0.5 * residual - *pixel).norm(), 1e-7);  // metres near 0, pixels in hundreds: 1e-9 and less
+  EXPECT_LT((0.5 * residual - *pixel).norm(),
+            1e-7);  // metres near 0, pixels in hundreds: 1e-9 and less
 
   // The upper edge of the image comes half a readout before its middle.
   constexpr double kReadout_s = 0.014;
@@ -139,7 +144,8 @@ TEST(Terms, RowsHaveTimesOfTheirOwn) {
   const double height = camera.camera.height;
   const std::int64_t t_ns = model.given[7].t_ns;
   const auto apart = [](const Instant& a, const Instant& b) {
-    return (a.world_from_body.matrix() - b.world_from_body.matrix()).norm() + std::abs(a.weight - b.weight);
+    return (a.world_from_body.matrix() - b.world_from_body.matrix()).norm() +
+           std::abs(a.weight - b.weight);
   };
   EXPECT_EQ(apart(model.of_row(1, 7, 12), model.of_image(1, 7)), 0);  // one time for all
   camera.readout_s = 0.03;
@@ -163,7 +169,8 @@ TEST(Terms, UnseenHasNoSlope) {
   const auto term = reprojection_term(camera, instant, {100, 100}, 1, behind);
   const Vector6d zero = Vector6d::Zero();
   const double offset = 0, readout = 0, point[3] = {0, 0, 0.1};
-  const double* blocks[] = {zero.data(), zero.data(), zero.data(), &offset, &readout, zero.data(), point};
+  const double* blocks[] = {zero.data(), zero.data(), zero.data(), &offset,
+                            &readout,    zero.data(), point};
   double residual[2], slope[12] = {1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1};
   double* slopes[] = {slope, nullptr, nullptr, nullptr, nullptr, nullptr, nullptr};
   ASSERT_TRUE(term->Evaluate(blocks, residual, slopes));
@@ -184,7 +191,8 @@ TEST(Terms, PlaneAndPriors) {
                   2e-5);
   const Vector6d sigmas = (Vector6d() << 0.1, 0.2, 0.3, 0.01, 0.02, 0.03).finished();
   expect_slopes(*small_term(sigmas), {random_block(&noise, kCorrectionSizes)}, 1e-6);
-  expect_slopes(*smooth_term(sigmas), {random_block(&noise, kCorrectionSizes), random_block(&noise, kCorrectionSizes)},
+  expect_slopes(*smooth_term(sigmas),
+                {random_block(&noise, kCorrectionSizes), random_block(&noise, kCorrectionSizes)},
                 1e-6);
   expect_slopes(*zero_term(6, 4, 0.3), {random_block(&noise, kCorrectionSizes)}, 1e-6);
   const double value = 0.5, *block = &value;

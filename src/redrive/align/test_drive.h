@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// For tests: a drive down a street of textured planes, ray-cast, so that where each pixel's point is in any other image follows from
-// a formula.
+// For tests: a drive down a street of textured planes, ray-cast, so that where each pixel's point
+// is in any other image follows from a formula.
 #pragma once
 
 #include <cmath>
@@ -14,7 +14,8 @@
 
 namespace redrive {
 
-/// Ground z = 0, walls y = 6 and y = -5, and one across at x = 40; where a ray from within meets the first of them.
+/// Ground z = 0, walls y = 6 and y = -5, and one across at x = 40; where a ray from within meets
+/// the first of them.
 inline Eigen::Vector3d hit_street(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) {
   double nearest = std::numeric_limits<double>::infinity();
   const auto plane = [&](int axis, double at) {
@@ -28,7 +29,8 @@ inline Eigen::Vector3d hit_street(const Eigen::Vector3d& origin, const Eigen::Ve
   return origin + std::min(nearest, 200.0) * direction;
 }
 
-/// Smooth noise, 0..1, in cells of 0.6 m, 0.3 m and 0.15 m: what is finer than a pixel averages out.
+/// Smooth noise, 0..1, in cells of 0.6 m, 0.3 m and 0.15 m: what is finer than a pixel averages
+/// out.
 inline double street_texture(const Eigen::Vector3d& point) {
   double value = 0;
   for (const double cell_m : {0.6, 0.3, 0.15}) {
@@ -49,17 +51,21 @@ inline double street_texture(const Eigen::Vector3d& point) {
   return value;
 }
 
-/// FISHEYE (mei) half left and FRONT (barrel pinhole), 200 x 140 both, in a vehicle that drives 0.4 m a frame and turns a little;
-/// frames 0.1 s apart. FISHEYE is exposed 20 ms late. Its own world is the street's.
-inline Recording make_test_drive(const std::filesystem::path& folder, int frames, bool textured = true) {
+/// FISHEYE (mei) half left and FRONT (barrel pinhole), 200 x 140 both, in a vehicle that drives 0.4
+/// m a frame and turns a little; frames 0.1 s apart. FISHEYE is exposed 20 ms late. Its own world
+/// is the street's.
+inline Recording make_test_drive(const std::filesystem::path& folder, int frames,
+                                 bool textured = true) {
   Recording recording;
   recording.root = folder;
   recording.format = "test";
   RecordedCamera fisheye, front;
-  fisheye.calibration = {"FISHEYE",           "mei",     90, 88, 99.5, 69.5, {0.03, -0.08, 0, 0, 0}, 1.02, 200, 140,
-                         Rigid3d::Identity(), 20'000'000};
-  front.calibration = {"FRONT", "opencv_pinhole",   130, 128, 99.5, 69.5, {-0.2, 0.03, 0.002, 0.0006, 0}, 0, 200,
-                       140,     Rigid3d::Identity()};
+  fisheye.calibration = {
+      "FISHEYE",           "mei",     90, 88, 99.5, 69.5, {0.03, -0.08, 0, 0, 0}, 1.02, 200, 140,
+      Rigid3d::Identity(), 20'000'000};
+  front.calibration = {
+      "FRONT", "opencv_pinhole",   130, 128, 99.5, 69.5, {-0.2, 0.03, 0.002, 0.0006, 0}, 0, 200,
+      140,     Rigid3d::Identity()};
   Eigen::Matrix3d ahead;  // columns: the camera's x, y, z axes in body axes
   ahead << 0, 0, 1, -1, 0, 0, 0, -1, 0;
   const Eigen::AngleAxisd left(0.9, Eigen::Vector3d::UnitZ());
@@ -69,7 +75,8 @@ inline Recording make_test_drive(const std::filesystem::path& folder, int frames
   for (int n = 0; n < frames; ++n)
     recording.frames.push_back(
         {n, 1'000'000'000 + n * 100'000'000ll,
-         Eigen::Translation3d(0.4 * n, 0.03 * n, 0) * Rigid3d(Eigen::AngleAxisd(0.01 * n, Eigen::Vector3d::UnitZ()))});
+         Eigen::Translation3d(0.4 * n, 0.03 * n, 0) *
+             Rigid3d(Eigen::AngleAxisd(0.01 * n, Eigen::Vector3d::UnitZ()))});
   for (int c = 0; c < 2; ++c)
     for (int n = 0; n < frames; ++n) {
       RecordedCamera& recorded = recording.cameras[c];
@@ -80,8 +87,10 @@ inline Recording make_test_drive(const std::filesystem::path& folder, int frames
         for (int x = 0; x < camera.width; ++x) {
           double value = textured ? 0 : 0.5;
           for (int s = 0; s < 4 && textured; ++s) {  // the pixel's area
-            const auto ray = camera.unproject(Eigen::Vector2d(x + (s % 2) * 0.5 - 0.25, y + (s / 2) * 0.5 - 0.25));
-            if (ray) value += street_texture(hit_street(pose.translation(), pose.linear() * *ray)) / 4;
+            const auto ray = camera.unproject(
+                Eigen::Vector2d(x + (s % 2) * 0.5 - 0.25, y + (s / 2) * 0.5 - 0.25));
+            if (ray)
+              value += street_texture(hit_street(pose.translation(), pose.linear() * *ray)) / 4;
           }
           image.rgb.insert(image.rgb.end(), 3, static_cast<std::uint8_t>(std::lround(255 * value)));
         }
@@ -92,14 +101,16 @@ inline Recording make_test_drive(const std::filesystem::path& folder, int frames
   return recording;
 }
 
-/// What its LiDAR, 1 m ahead and 1.8 m up, has seen of the same walls on the way: intensities as bright as their texture.
+/// What its LiDAR, 1 m ahead and 1.8 m up, has seen of the same walls on the way: intensities as
+/// bright as their texture.
 inline std::vector<LidarSample> make_test_returns(const Recording& drive, int count) {
   const RigModel model = make_rig_model(drive);
   const std::int64_t first_ns = drive.frames.front().t_ns, last_ns = drive.frames.back().t_ns;
   std::vector<LidarSample> all;
   for (int i = 0; i < count; ++i) {
     const auto uniform = [&](int k, double a, double b) {
-      return a + (b - a) * random_unit(random_key(11, kStreamTest, static_cast<std::uint64_t>(i)), k);
+      return a +
+             (b - a) * random_unit(random_key(11, kStreamTest, static_cast<std::uint64_t>(i)), k);
     };
     LidarSample sample;
     sample.t_ns = first_ns + (last_ns - first_ns) * (i / 100) / (count / 100);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where static points of the scene are seen in a recording's images: what redrive align moves poses by.
+// Where static points of the scene are seen in a recording's images: what redrive align moves poses
+// by.
 #pragma once
 
 #include <filesystem>
@@ -29,21 +30,24 @@ struct Track {
 struct TrackOptions {
   int points_per_image = 300;       ///< about so many are followed at a time, spread over the image
   double least_correlation = 0.85;  ///< of a patch with the track's first one, -1..1
-  double most_sigma_px = 0.15;      ///< how well a patch's position has to be determined by its looks
-  double poor_sigma_px = 0.3;       ///< the same for cameras without plenty of such points
-  int plenty = 50;                  ///< points per image
-  double most_epipolar_px = 1;      ///< from what most tracks of two images agree in
-  int least_observations = 3;       ///< of a track, >= 2
-  std::filesystem::path masks;      ///< folder of masks (static_masks); empty: they are found
+  double most_sigma_px = 0.15;  ///< how well a patch's position has to be determined by its looks
+  double poor_sigma_px = 0.3;   ///< the same for cameras without plenty of such points
+  int plenty = 50;              ///< points per image
+  double most_epipolar_px = 1;  ///< from what most tracks of two images agree in
+  int least_observations = 3;   ///< of a track, >= 2
+  std::filesystem::path masks;  ///< folder of masks (static_masks); empty: they are found
 };
 
-/// Tracks of all images of the recording, those of held-out frames, too, by camera and first frame; nothing on the vehicle itself, on
-/// annotated objects that move, or where images have masks. Poses and calibration of the recording only guide the search: they
-/// may be wrong by 0.5 m and 1 degree. The result does not depend on the number of threads. InputError as load_view, read_mask,
+/// Tracks of all images of the recording, those of held-out frames, too, by camera and first frame;
+/// nothing on the vehicle itself, on annotated objects that move, or where images have masks. Poses
+/// and calibration of the recording only guide the search: they may be wrong by 0.5 m and 1 degree.
+/// The result does not depend on the number of threads. InputError as load_view, read_mask,
 /// read_boxes.
-std::vector<Track> find_tracks(const RigImages& images, ThreadPool& pool, const TrackOptions& options = {});
+std::vector<Track> find_tracks(const RigImages& images, ThreadPool& pool,
+                               const TrackOptions& options = {});
 
 /// All that is needed for it, at full size.
-RigImages load_track_images(const Recording& recording, ThreadPool& pool, const TrackOptions& options = {});
+RigImages load_track_images(const Recording& recording, ThreadPool& pool,
+                            const TrackOptions& options = {});
 
 }  // namespace redrive

@@ -12,7 +12,8 @@ namespace {
 
 constexpr int kFrames = 8;
 
-std::vector<Track> tracks_in(const Recording& recording, ThreadPool& pool, const TrackOptions& options = {}) {
+std::vector<Track> tracks_in(const Recording& recording, ThreadPool& pool,
+                             const TrackOptions& options = {}) {
   return find_tracks(load_track_images(recording, pool, options), pool, options);
 }
 
@@ -33,8 +34,10 @@ class Tracks : public ::testing::Test {
     return tracks;
   }
 
-  /// Distances in pixels of all observations in `camera` from where the point is that the track's first one shows.
-  static std::vector<double> errors(const std::vector<Track>& tracks, int camera, bool of_other_cameras) {
+  /// Distances in pixels of all observations in `camera` from where the point is that the track's
+  /// first one shows.
+  static std::vector<double> errors(const std::vector<Track>& tracks, int camera,
+                                    bool of_other_cameras) {
     std::vector<double> all;
     std::vector<Camera> cameras;
     for (const RecordedCamera& c : drive().cameras) cameras.push_back(make_camera(c.calibration));
@@ -44,7 +47,8 @@ class Tracks : public ::testing::Test {
     for (const Track& track : tracks) {
       const Observation& first = track.seen.front();
       const Eigen::Vector3d ray = *cameras[first.camera].unproject(first.pixel);
-      const Eigen::Vector3d point = hit_street(pose(first).translation(), pose(first).linear() * ray);
+      const Eigen::Vector3d point =
+          hit_street(pose(first).translation(), pose(first).linear() * ray);
       for (const Observation& o : track.seen) {
         if (o.camera != camera || (o.camera != first.camera) != of_other_cameras) continue;
         const auto residual = reprojection_residual(point, o, pose(o), cameras[camera]);
@@ -57,7 +61,8 @@ class Tracks : public ::testing::Test {
 
   static int joined(const std::vector<Track>& tracks) {
     return static_cast<int>(std::ranges::count_if(tracks, [](const Track& track) {
-      return std::ranges::any_of(track.seen, [&](const auto& o) { return o.camera != track.seen[0].camera; });
+      return std::ranges::any_of(track.seen,
+                                 [&](const auto& o) { return o.camera != track.seen[0].camera; });
     }));
   }
 
@@ -83,7 +88,8 @@ TEST_F(Tracks, FollowPointsToATenthOfAPixel) {
 TEST_F(Tracks, FindPointsOfOneCameraInTheOther) {
   const std::vector<Track>& tracks = tracks_of_drive();
   EXPECT_GT(joined(tracks), 100);
-  const std::vector<double> e = errors(tracks, 0, true);  // FRONT's points: FISHEYE's are too coarse for FRONT
+  const std::vector<double> e =
+      errors(tracks, 0, true);  // FRONT's points: FISHEYE's are too coarse for FRONT
   ASSERT_GT(e.size(), 200u);
   EXPECT_LT(e[e.size() / 2], 0.2);
   EXPECT_LT(e[e.size() * 9 / 10], 0.6);
@@ -96,7 +102,8 @@ TEST_F(Tracks, OnlyAreGuidedByPosesAndCalibration) {
   extrinsics.translation() += Eigen::Vector3d(0.3, -0.3, 0.2);
   wrong.cameras[0].calibration.time_offset_ns = 0;
   for (int n = 0; n < kFrames; ++n)
-    wrong.frames[n].ecef_from_body.translate(0.1 * Eigen::Vector3d(std::sin(5 * n), std::cos(7 * n), std::sin(3 * n)));
+    wrong.frames[n].ecef_from_body.translate(
+        0.1 * Eigen::Vector3d(std::sin(5 * n), std::cos(7 * n), std::sin(3 * n)));
   const std::vector<Track> tracks = tracks_in(wrong, pool_);
   EXPECT_GT(joined(tracks), 100);
   for (const auto& [camera, other] : {std::pair(0, false), {0, true}, {1, false}}) {
@@ -114,7 +121,8 @@ TEST_F(Tracks, DoNotDependOnTheThreads) {
   ASSERT_EQ(a.size(), b.size());
   for (std::size_t t = 0; t < a.size(); ++t) {
     ASSERT_EQ(a[t].seen.size(), b[t].seen.size());
-    for (std::size_t i = 0; i < a[t].seen.size(); ++i) EXPECT_EQ(a[t].seen[i].pixel, b[t].seen[i].pixel);
+    for (std::size_t i = 0; i < a[t].seen.size(); ++i)
+      EXPECT_EQ(a[t].seen[i].pixel, b[t].seen[i].pixel);
   }
 }
 
@@ -161,7 +169,8 @@ TEST(StreetTracks, AgreeWithTheTruth) {
   for (const Track& track : tracks) {
     std::vector<Rigid3d> poses;
     for (const Observation& o : track.seen)
-      poses.push_back(world_from_camera_at(truth, truth.frames[0].ecef_from_body.inverse(), o.camera, o.frame));
+      poses.push_back(
+          world_from_camera_at(truth, truth.frames[0].ecef_from_body.inverse(), o.camera, o.frame));
     joined += track.seen.front().camera != track.seen.back().camera;
     if (const auto point = triangulate(track, poses, cameras))
       for (std::size_t i = 0; i < poses.size(); ++i) {

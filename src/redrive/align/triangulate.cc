@@ -13,13 +13,15 @@ struct RayToPoint {
   Eigen::Vector3d origin, direction;  ///< in the world, unit
 };
 
-/// The point with the least sum of squared distances to the rays' lines; nothing if they are all parallel.
+/// The point with the least sum of squared distances to the rays' lines; nothing if they are all
+/// parallel.
 std::optional<Eigen::Vector3d> nearest_to_rays(std::span<const RayToPoint> rays) {
   Eigen::Matrix3d a = Eigen::Matrix3d::Zero();
   Eigen::Vector3d b = Eigen::Vector3d::Zero();
   const Eigen::Vector3d near = rays[0].origin;  // for digits
   for (const RayToPoint& ray : rays) {
-    const Eigen::Matrix3d across = Eigen::Matrix3d::Identity() - ray.direction * ray.direction.transpose();
+    const Eigen::Matrix3d across =
+        Eigen::Matrix3d::Identity() - ray.direction * ray.direction.transpose();
     a += across;
     b += across * (ray.origin - near);
   }
@@ -35,7 +37,8 @@ struct Problem {
   double scale_px;
 
   std::optional<Eigen::Vector2d> residual(std::size_t i, const Eigen::Vector3d& point) const {
-    return reprojection_residual(point, track.seen[i], world_from_camera[i], cameras[track.seen[i].camera]);
+    return reprojection_residual(point, track.seen[i], world_from_camera[i],
+                                 cameras[track.seen[i].camera]);
   }
 
   /// sum of r^2 / (r^2 + scale^2): what cannot be seen counts as infinitely far.
@@ -65,34 +68,42 @@ struct Problem {
         if (seen) jacobian.col(d) = (*plus - *minus) / (2 * delta_m);
       }
       if (!seen) continue;
-      const double weight = std::pow(scale_px * scale_px / (r->squaredNorm() + scale_px * scale_px), 2);
+      const double weight =
+          std::pow(scale_px * scale_px / (r->squaredNorm() + scale_px * scale_px), 2);
       h += weight * jacobian.transpose() * jacobian;
       g += weight * jacobian.transpose() * *r;
     }
     const Eigen::LDLT<Eigen::Matrix3d> solver(h);
-    if (solver.info() != Eigen::Success || !(solver.rcond() > 1e-14)) return Eigen::Vector3d::Zero();
+    if (solver.info() != Eigen::Success || !(solver.rcond() > 1e-14))
+      return Eigen::Vector3d::Zero();
     return -solver.solve(g);
   }
 };
 
 }  // namespace
 
-Rigid3d world_from_camera_at(const Recording& recording, const Rigid3d& world_from_ecef, int camera, int frame) {
+Rigid3d world_from_camera_at(const Recording& recording, const Rigid3d& world_from_ecef, int camera,
+                             int frame) {
   const CameraCalibration& calibration = recording.cameras[camera].calibration;
-  return world_from_ecef * pose_at(recording.frames, recording.frames[frame].t_ns + calibration.time_offset_ns) *
+  return world_from_ecef *
+         pose_at(recording.frames, recording.frames[frame].t_ns + calibration.time_offset_ns) *
          calibration.body_from_sensor;
 }
 
-std::optional<Eigen::Vector2d> reprojection_residual(const Eigen::Vector3d& in_world, const Observation& observation,
-                                                     const Rigid3d& world_from_camera, const Camera& camera) {
-  const auto pixel =
-      camera.project(world_from_camera.linear().transpose() * (in_world - world_from_camera.translation()));
+std::optional<Eigen::Vector2d> reprojection_residual(const Eigen::Vector3d& in_world,
+                                                     const Observation& observation,
+                                                     const Rigid3d& world_from_camera,
+                                                     const Camera& camera) {
+  const auto pixel = camera.project(world_from_camera.linear().transpose() *
+                                    (in_world - world_from_camera.translation()));
   if (!pixel) return std::nullopt;
   return *pixel - observation.pixel;
 }
 
-std::optional<Eigen::Vector3d> triangulate(const Track& track, std::span<const Rigid3d> world_from_camera,
-                                           std::span<const Camera> cameras, const TriangulateOptions& options) {
+std::optional<Eigen::Vector3d> triangulate(const Track& track,
+                                           std::span<const Rigid3d> world_from_camera,
+                                           std::span<const Camera> cameras,
+                                           const TriangulateOptions& options) {
   const std::size_t n = track.seen.size();
   REDRIVE_CHECK_OP(world_from_camera.size(), ==, n);
   if (n < 2) return std::nullopt;
@@ -100,28 +111,33 @@ std::optional<Eigen::Vector3d> triangulate(const Track& track, std::span<const R
   for (std::size_t i = 0; i < n; ++i) {
     const auto direction = cameras[track.seen[i].camera].unproject(track.seen[i].pixel);
     if (!direction) return std::nullopt;
-    rays.push_back({world_from_camera[i].translation(), world_from_camera[i].linear() * *direction});
+    rays.push_back(
+        {world_from_camera[i].translation(), world_from_camera[i].linear() * *direction});
   }
 
   const Problem problem{track, world_from_camera, cameras, options.outlier_px};
   std::vector<Eigen::Vector3d> starts;
   if (const auto point = nearest_to_rays(rays)) starts.push_back(*point);
-  if (n > 2) {  // pairs of up to five observations spread over the track: one without outliers is a good start
+  if (n > 2) {  // pairs of up to five observations spread over the track: one without outliers is a
+                // good start
     const std::size_t spread = std::min<std::size_t>(n, 5);
     for (std::size_t a = 0; a < spread; ++a)
       for (std::size_t b = a + 1; b < spread; ++b) {
-        const RayToPoint two[] = {rays[a * (n - 1) / (spread - 1)], rays[b * (n - 1) / (spread - 1)]};
+        const RayToPoint two[] = {rays[a * (n - 1) / (spread - 1)],
+                                  rays[b * (n - 1) / (spread - 1)]};
         if (const auto point = nearest_to_rays(two)) starts.push_back(*point);
       }
   }
   if (starts.empty()) return std::nullopt;
-  Eigen::Vector3d point = *std::ranges::min_element(starts, {}, [&](const auto& p) { return problem.cost(p); });
+  Eigen::Vector3d point =
+      *std::ranges::min_element(starts, {}, [&](const auto& p) { return problem.cost(p); });
 
   double cost = problem.cost(point);
   for (int iteration = 0; iteration < 20; ++iteration) {
     Eigen::Vector3d step = problem.step(point);
     double next = problem.cost(point + step);
-    for (int halved = 0; next > cost && halved < 6; ++halved) next = problem.cost(point + (step /= 2));
+    for (int halved = 0; next > cost && halved < 6; ++halved)
+      next = problem.cost(point + (step /= 2));
     if (!(next <= cost)) break;
     point += step;
     cost = next;
@@ -138,7 +154,8 @@ std::optional<Eigen::Vector3d> triangulate(const Track& track, std::span<const R
   if (agreeing.size() < std::max<std::size_t>(2, (n + 1) / 2)) return std::nullopt;
   double widest = 0;
   for (const Eigen::Vector3d& a : agreeing) widest = std::max(widest, a.cross(agreeing[0]).norm());
-  for (const Eigen::Vector3d& a : agreeing) widest = std::max(widest, a.cross(agreeing.back()).norm());
+  for (const Eigen::Vector3d& a : agreeing)
+    widest = std::max(widest, a.cross(agreeing.back()).norm());
   if (widest < std::sin(options.min_angle_rad)) return std::nullopt;
   return point;
 }

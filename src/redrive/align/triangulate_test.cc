@@ -10,7 +10,8 @@ namespace {
 Rigid3d at(double x, double y) { return Rigid3d(Eigen::Translation3d(x, y, 0)); }
 
 CameraCalibration pinhole() {
-  return {"FRONT", "opencv_pinhole", 300, 290, 159.5, 119.5, {-0.3, 0.08, 0.002, 0.0006, 0}, 0, 320, 240};
+  return {"FRONT", "opencv_pinhole", 300, 290, 159.5, 119.5, {-0.3, 0.08, 0.002, 0.0006, 0}, 0, 320,
+          240};
 }
 CameraCalibration fisheye() {
   return {"FISHEYE", "mei", 150, 140, 159.5, 119.5, {0.03, -0.08, 0, 0, 0}, 1.02, 320, 240};
@@ -36,7 +37,8 @@ TEST_F(Triangulate, IsExactForExactPixelsOfBothModels) {
   see(point, 1, at(0.5, 0.1) * Eigen::AngleAxisd(0.3, Eigen::Vector3d::UnitY()));
   const auto two = triangulate(track_, poses_, cameras_);
   ASSERT_TRUE(two);
-  EXPECT_LT((*two - point).norm(), 1e-5);  // unproject is exact to 1e-6 px, 300 px a radian, 10 times the baseline away
+  EXPECT_LT((*two - point).norm(),
+            1e-5);  // unproject is exact to 1e-6 px, 300 px a radian, 10 times the baseline away
   see(point, 0, at(1, 0));
   const auto three = triangulate(track_, poses_, cameras_);
   ASSERT_TRUE(three);
@@ -97,7 +99,8 @@ TEST_F(Triangulate, MinimisesTheDistanceInPixels) {
     double sum = 0;
     for (std::size_t i = 0; i < track_.seen.size(); ++i) {
       const double sq =
-          reprojection_residual(p, track_.seen[i], poses_[i], cameras_[track_.seen[i].camera])->squaredNorm();
+          reprojection_residual(p, track_.seen[i], poses_[i], cameras_[track_.seen[i].camera])
+              ->squaredNorm();
       sum += sq / (sq + 9);
     }
     return sum;
@@ -105,7 +108,8 @@ TEST_F(Triangulate, MinimisesTheDistanceInPixels) {
   const auto found = triangulate(track_, poses_, cameras_);
   ASSERT_TRUE(found);
   for (int d = 0; d < 3; ++d)
-    for (const double step : {-1e-3, 1e-3}) EXPECT_GT(cost(*found + step * Eigen::Vector3d::Unit(d)), cost(*found));
+    for (const double step : {-1e-3, 1e-3})
+      EXPECT_GT(cost(*found + step * Eigen::Vector3d::Unit(d)), cost(*found));
 }
 
 TEST(WorldFromCameraAt, IsThePoseAtTheImagesOwnTime) {
@@ -116,8 +120,10 @@ TEST(WorldFromCameraAt, IsThePoseAtTheImagesOwnTime) {
   recording.cameras[0].calibration.time_offset_ns = 25'000'000;
   const Rigid3d far(Eigen::Translation3d(4e6, 1e6, 4e6));
   recording.frames = {{0, 0, far}, {1, 100'000'000, far * Eigen::Translation3d(8, 0, 0)}};
-  const Eigen::Vector3d of_first = world_from_camera_at(recording, far.inverse(), 0, 0).translation();
-  const Eigen::Vector3d of_second = world_from_camera_at(recording, far.inverse(), 0, 1).translation();
+  const Eigen::Vector3d of_first =
+      world_from_camera_at(recording, far.inverse(), 0, 0).translation();
+  const Eigen::Vector3d of_second =
+      world_from_camera_at(recording, far.inverse(), 0, 1).translation();
   EXPECT_LT((of_first - Eigen::Vector3d(1 + 2, 2, 3)).norm(), 1e-8);
   EXPECT_LT((of_second - Eigen::Vector3d(1 + 10, 2, 3)).norm(), 1e-8);  // the motion goes on
 }

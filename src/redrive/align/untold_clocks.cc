@@ -18,7 +18,8 @@ struct FoundClock {
   }
 };
 
-/// Against the mean of the others, at least one. Variances are those with all terms independent, times what this clock has more than that by itself.
+/// Against the mean of the others, at least one. Variances are those with all terms independent,
+/// times what this clock has more than that by itself.
 FoundClock against_others(const Eigen::MatrixXd& covariance, const std::vector<FoundClock>& clocks,
                           const FoundClock& clock) {
   Eigen::VectorXd weights = Eigen::VectorXd::Zero(covariance.rows());
@@ -34,21 +35,25 @@ FoundClock against_others(const Eigen::MatrixXd& covariance, const std::vector<F
 
 }  // namespace
 
-std::vector<UntoldClock> untold_clocks(const RigModel& model, const BundleResult& result, const std::vector<int>& used,
-                                       double prior_s, bool lidar) {
+std::vector<UntoldClock> untold_clocks(const RigModel& model, const BundleResult& result,
+                                       const std::vector<int>& used, double prior_s, bool lidar) {
   std::vector<FoundClock> clocks;
   for (std::size_t c = 0; c < model.cameras.size(); ++c) {
     const RigModelCamera& camera = model.cameras[c];
     if (used[c] > 0 && result.offset_at[c])
-      clocks.push_back({static_cast<int>(c), *result.offset_at[c], camera.offset_s - camera.given_offset_s(),
+      clocks.push_back({static_cast<int>(c), *result.offset_at[c],
+                        camera.offset_s - camera.given_offset_s(),
                         result.variance[*result.offset_at[c]]});
   }
   if (!lidar && clocks.size() == 1) return {};
   std::vector<UntoldClock> untold;
   for (const FoundClock& clock : clocks) {
-    if ((!result.contrast.empty() && result.contrast[clock.camera].told) || clock.told(prior_s)) continue;
-    if (clocks.size() > 1 && against_others(result.covariance, clocks, clock).told(prior_s)) continue;
-    untold.push_back({clock.camera, model.cameras[clock.camera].offset_s, std::sqrt(clock.variance)});
+    if ((!result.contrast.empty() && result.contrast[clock.camera].told) || clock.told(prior_s))
+      continue;
+    if (clocks.size() > 1 && against_others(result.covariance, clocks, clock).told(prior_s))
+      continue;
+    untold.push_back(
+        {clock.camera, model.cameras[clock.camera].offset_s, std::sqrt(clock.variance)});
   }
   return untold;
 }

@@ -35,7 +35,8 @@ struct Clocks {
 };
 
 Eigen::MatrixXd independent(const std::vector<double>& sigmas_s) {
-  return Eigen::Map<const Eigen::ArrayXd>(sigmas_s.data(), static_cast<Eigen::Index>(sigmas_s.size()))
+  return Eigen::Map<const Eigen::ArrayXd>(sigmas_s.data(),
+                                          static_cast<Eigen::Index>(sigmas_s.size()))
       .square()
       .matrix()
       .asDiagonal();
@@ -43,9 +44,11 @@ Eigen::MatrixXd independent(const std::vector<double>& sigmas_s) {
 
 // 0.99 ms are less than half of 2; 1.01 are not, unless the clock has moved by three times that.
 TEST(UntoldClocks, AreThoseKnownHardlyBetterThanBefore) {
-  const Clocks clocks({0, 0, 3.0e-3, 3.1e-3, -3.1e-3}, independent({0.99e-3, 1.01e-3, 1.01e-3, 1.01e-3, 1.01e-3}));
+  const Clocks clocks({0, 0, 3.0e-3, 3.1e-3, -3.1e-3},
+                      independent({0.99e-3, 1.01e-3, 1.01e-3, 1.01e-3, 1.01e-3}));
   EXPECT_EQ(clocks.untold(), (std::vector<int>{1, 2}));
-  const std::vector<UntoldClock> found = untold_clocks(clocks.model, clocks.result, clocks.used, kPrior_s, true);
+  const std::vector<UntoldClock> found =
+      untold_clocks(clocks.model, clocks.result, clocks.used, kPrior_s, true);
   EXPECT_NEAR(found[1].offset_s, 8e-3, 1e-12);
   EXPECT_NEAR(found[1].sigma_s, 1.01e-3, 1e-12);
 }
@@ -61,15 +64,20 @@ TEST(UntoldClocks, LeaveOutWhatTheLidarTellsAndWhatWasNotSought) {
   EXPECT_TRUE(clocks.untold().empty());
 }
 
-// All are off by the same unknown 10 ms, and the third by some of its own. The first two are known, against the mean of the others, to half
-// of that.
+// All are off by the same unknown 10 ms, and the third by some of its own. The first two are known,
+// against the mean of the others, to half of that.
 TEST(UntoldClocks, AreToldAgainstTheOthers) {
   const Eigen::MatrixXd common = Eigen::MatrixXd::Constant(3, 3, 100e-6);
   for (const bool lidar : {false, true}) {
-    EXPECT_TRUE(Clocks({-7e-3, -7e-3, -7e-3}, common + independent({0.1e-3, 0.1e-3, 0.8e-3})).untold(lidar).empty());
-    EXPECT_EQ(Clocks({-7e-3, -7e-3, -7e-3}, common + independent({0.1e-3, 0.1e-3, 1.2e-3})).untold(lidar),
-              (std::vector<int>{2}));
-    EXPECT_TRUE(Clocks({-7e-3, -7e-3, -2e-3}, common + independent({0.1e-3, 0.1e-3, 1.2e-3})).untold(lidar).empty());
+    EXPECT_TRUE(Clocks({-7e-3, -7e-3, -7e-3}, common + independent({0.1e-3, 0.1e-3, 0.8e-3}))
+                    .untold(lidar)
+                    .empty());
+    EXPECT_EQ(
+        Clocks({-7e-3, -7e-3, -7e-3}, common + independent({0.1e-3, 0.1e-3, 1.2e-3})).untold(lidar),
+        (std::vector<int>{2}));
+    EXPECT_TRUE(Clocks({-7e-3, -7e-3, -2e-3}, common + independent({0.1e-3, 0.1e-3, 1.2e-3}))
+                    .untold(lidar)
+                    .empty());
   }
 }
 

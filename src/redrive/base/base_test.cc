@@ -43,7 +43,8 @@ TEST(Buffer, IsAlignedAndZero) {
 }
 
 TEST(Random, UnitIsUniform) {
-  // Mean of n uniform numbers: 1/2 with standard deviation 1/sqrt(12 n); variance of one: 1/12. Six sigma.
+  // Mean of n uniform numbers: 1/2 with standard deviation 1/sqrt(12 n); variance of one: 1/12. Six
+  // sigma.
   constexpr int n = 1 << 20;
   const std::uint64_t key = random_key(7, kStreamTest);
   double sum = 0, squares = 0;
@@ -57,7 +58,8 @@ TEST(Random, UnitIsUniform) {
     ++histogram[static_cast<int>(u * 16)];
   }
   EXPECT_NEAR(sum / n, 0.5, 6 / std::sqrt(12.0 * n));
-  EXPECT_NEAR(squares / n, 1.0 / 12, 6 * std::sqrt(1.0 / 180 / n));  // Var (u - 1/2)^2 = 1/80 - 1/144 = 1/180
+  EXPECT_NEAR(squares / n, 1.0 / 12,
+              6 * std::sqrt(1.0 / 180 / n));  // Var (u - 1/2)^2 = 1/80 - 1/144 = 1/180
   for (const int count : histogram) EXPECT_NEAR(count, n / 16, 6 * std::sqrt(n / 16.0));
 }
 
@@ -65,7 +67,8 @@ TEST(Random, StreamsDiffer) {
   std::set<std::uint64_t> keys;
   for (std::uint64_t seed = 0; seed < 10; ++seed)
     for (std::uint64_t stream = 1; stream < 6; ++stream)
-      for (std::uint64_t counter = 0; counter < 10; ++counter) keys.insert(random_key(seed, stream, counter));
+      for (std::uint64_t counter = 0; counter < 10; ++counter)
+        keys.insert(random_key(seed, stream, counter));
   EXPECT_EQ(keys.size(), 500u);
 }
 

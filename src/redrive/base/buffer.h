@@ -13,7 +13,8 @@
 
 namespace redrive {
 
-/// Fixed-size zero-initialised array, aligned to 64 bytes (2 MiB when larger than that). T is trivial.
+/// Fixed-size zero-initialised array, aligned to 64 bytes (2 MiB when larger than that). T is
+/// trivial.
 template <class T>
 class Buffer {
  public:

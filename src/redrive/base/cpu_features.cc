@@ -33,8 +33,10 @@ struct Feature {
 bool has(const Feature& f) { return (cpuid(f.leaf, f.subleaf)[f.reg] >> f.bit) & 1; }
 
 // Intel SDM volume 2, CPUID. Each ISA needs those of the slower ones too.
-constexpr Feature kAvx2Features[] = {
-    {"osxsave", 1, 0, kEcx, 27}, {"fma", 1, 0, kEcx, 12}, {"f16c", 1, 0, kEcx, 29}, {"avx2", 7, 0, kEbx, 5}};
+constexpr Feature kAvx2Features[] = {{"osxsave", 1, 0, kEcx, 27},
+                                     {"fma", 1, 0, kEcx, 12},
+                                     {"f16c", 1, 0, kEcx, 29},
+                                     {"avx2", 7, 0, kEbx, 5}};
 constexpr Feature kAvx512Features[] = {{"avx512f", 7, 0, kEbx, 16},
                                        {"avx512dq", 7, 0, kEbx, 17},
                                        {"avx512bw", 7, 0, kEbx, 30},
@@ -46,7 +48,8 @@ constexpr Feature kAvx512Bf16Features[] = {{"avx512_bf16", 7, 1, kEax, 5},
                                            {"gfni", 7, 0, kEcx, 8}};
 constexpr Feature kAmxFeatures[] = {{"amx_tile", 7, 0, kEdx, 24}, {"amx_bf16", 7, 0, kEdx, 22}};
 
-/// Register states that the operating system saves (XGETBV with ECX = 0). Only where osxsave is set.
+/// Register states that the operating system saves (XGETBV with ECX = 0). Only where osxsave is
+/// set.
 std::uint64_t xcr0() {
   std::uint32_t low, high;
   __asm__ volatile("xgetbv" : "=a"(low), "=d"(high) : "c"(0));
@@ -84,16 +87,19 @@ std::optional<std::string> avx512_bf16_obstacle() {
 std::optional<std::string> amx_obstacle() {
   if (auto why = avx512_bf16_obstacle()) return why;
   if (auto why = lacks(kAmxFeatures)) return why;
-  if (auto why = state_not_saved(0x60000, "AMX tile")) return why;  // tile configuration (17), tile data (18)
+  if (auto why = state_not_saved(0x60000, "AMX tile"))
+    return why;  // tile configuration (17), tile data (18)
   constexpr long kArchReqXcompPerm = 0x1023, kXfeatureTileData = 18;
   if (syscall(SYS_arch_prctl, kArchReqXcompPerm, kXfeatureTileData) != 0)
-    return "the kernel refused AMX tile data (arch_prctl ARCH_REQ_XCOMP_PERM; Linux 5.16 or later grants it)";
+    return "the kernel refused AMX tile data (arch_prctl ARCH_REQ_XCOMP_PERM; Linux 5.16 or later "
+           "grants it)";
   return std::nullopt;
 }
 
 bool is_intel() {
   const auto r = cpuid(0, 0);
-  return r[kEbx] == signature_INTEL_ebx && r[kEcx] == signature_INTEL_ecx && r[kEdx] == signature_INTEL_edx;
+  return r[kEbx] == signature_INTEL_ebx && r[kEcx] == signature_INTEL_ecx &&
+         r[kEdx] == signature_INTEL_edx;
 }
 
 }  // namespace

@@ -15,19 +15,24 @@ TEST(CpuFeatures, NamesRoundTrip) {
   EXPECT_EQ(isa_from_name("neon"), std::nullopt);
 }
 
-// Linux lists in /proc/cpuinfo what the processor has and it enabled itself: an independent witness.
+// Linux lists in /proc/cpuinfo what the processor has and it enabled itself: an independent
+// witness.
 TEST(CpuFeatures, AgreesWithTheKernel) {
   std::ifstream file("/proc/cpuinfo");
   std::stringstream text;
   text << file.rdbuf();
   const std::string cpuinfo = text.str() + " ";
-  if (cpuinfo.find("flags\t") == std::string::npos) GTEST_SKIP() << "/proc/cpuinfo lists no flags here";
+  if (cpuinfo.find("flags\t") == std::string::npos)
+    GTEST_SKIP() << "/proc/cpuinfo lists no flags here";
   const auto flag = [&](const std::string& name) {
-    return cpuinfo.find(" " + name + " ") != std::string::npos || cpuinfo.find(" " + name + "\n") != std::string::npos;
+    return cpuinfo.find(" " + name + " ") != std::string::npos ||
+           cpuinfo.find(" " + name + "\n") != std::string::npos;
   };
   const bool avx2 = flag("avx2") && flag("fma");
-  const bool avx512 = avx2 && flag("avx512f") && flag("avx512bw") && flag("avx512dq") && flag("avx512vl");
-  const bool bf16 = avx512 && flag("avx512_bf16") && flag("gfni") && flag("avx512vbmi") && flag("avx512_vbmi2");
+  const bool avx512 =
+      avx2 && flag("avx512f") && flag("avx512bw") && flag("avx512dq") && flag("avx512vl");
+  const bool bf16 =
+      avx512 && flag("avx512_bf16") && flag("gfni") && flag("avx512vbmi") && flag("avx512_vbmi2");
   EXPECT_EQ(!isa_obstacle(Isa::kAvx2), avx2);
   EXPECT_EQ(!isa_obstacle(Isa::kAvx512), avx512);
   EXPECT_EQ(!isa_obstacle(Isa::kAvx512Bf16), bf16);

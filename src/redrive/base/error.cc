@@ -4,8 +4,8 @@
 namespace redrive {
 namespace {
 
-std::string input_message(const std::filesystem::path& file, std::string_view field, std::string_view value,
-                          std::string_view rule) {
+std::string input_message(const std::filesystem::path& file, std::string_view field,
+                          std::string_view value, std::string_view rule) {
   std::string message = file.string();
   if (!field.empty()) message += ": " + std::string(field);
   if (!value.empty()) message += " = " + std::string(value);
@@ -20,8 +20,8 @@ std::string usage_message(std::string_view option, std::string_view value, std::
 
 }  // namespace
 
-InputError::InputError(const std::filesystem::path& file, std::string_view field, std::string_view value,
-                       std::string_view rule)
+InputError::InputError(const std::filesystem::path& file, std::string_view field,
+                       std::string_view value, std::string_view rule)
     : std::runtime_error(input_message(file, field, value, rule)) {}
 
 UsageError::UsageError(std::string_view option, std::string_view value, std::string_view rule)
@@ -30,12 +30,14 @@ UsageError::UsageError(std::string_view option, std::string_view value, std::str
 IoError::IoError(const std::filesystem::path& file, std::string_view what)
     : std::runtime_error(file.string() + ": " + std::string(what)) {}
 
-CannotError::CannotError(const std::filesystem::path& recording, std::string_view reason, std::string_view means)
-    : std::runtime_error(recording.string() + ": cannot: " + std::string(reason) + " (" + std::string(means) + ")") {}
+CannotError::CannotError(const std::filesystem::path& recording, std::string_view reason,
+                         std::string_view means)
+    : std::runtime_error(recording.string() + ": cannot: " + std::string(reason) + " (" +
+                         std::string(means) + ")") {}
 
 void check_failed(const char* file, int line, const char* expression, const std::string& values) {
-  throw std::logic_error(std::string(file) + ":" + std::to_string(line) + ": check failed: " + expression +
-                         (values.empty() ? "" : " (" + values + ")"));
+  throw std::logic_error(std::string(file) + ":" + std::to_string(line) + ": check failed: " +
+                         expression + (values.empty() ? "" : " (" + values + ")"));
 }
 
 }  // namespace redrive

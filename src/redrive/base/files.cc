@@ -21,7 +21,8 @@ namespace {
 /// A file descriptor that closes itself.
 class Descriptor {
  public:
-  Descriptor(const std::filesystem::path& path, int flags) : fd_(::open(path.c_str(), flags | O_CLOEXEC, 0666)) {}
+  Descriptor(const std::filesystem::path& path, int flags)
+      : fd_(::open(path.c_str(), flags | O_CLOEXEC, 0666)) {}
   ~Descriptor() {
     if (fd_ >= 0) ::close(fd_);
   }
@@ -50,7 +51,8 @@ bool write_all(int fd, std::string_view bytes) {
 std::string read_file(const std::filesystem::path& path) {
   const Descriptor file(path, O_RDONLY);
   struct stat status {};
-  if (!file.ok() || ::fstat(file.get(), &status) != 0) throw InputError(path, "", "", std::strerror(errno));
+  if (!file.ok() || ::fstat(file.get(), &status) != 0)
+    throw InputError(path, "", "", std::strerror(errno));
   if (S_ISDIR(status.st_mode)) throw InputError(path, "", "", "is a folder, a file was expected");
   std::string bytes;
   bytes.reserve(static_cast<std::size_t>(status.st_size));
@@ -67,7 +69,8 @@ std::string read_file(const std::filesystem::path& path) {
 void write_file(const std::filesystem::path& path, std::string_view bytes) {
   // A fixed name: what a killed process left behind is overwritten by the next write, not piled up.
   // Hidden and with our name in it: nobody's own file is called so.
-  const std::filesystem::path temporary = path.parent_path() / ("." + path.filename().string() + ".redrive-tmp");
+  const std::filesystem::path temporary =
+      path.parent_path() / ("." + path.filename().string() + ".redrive-tmp");
   const auto fail = [&](const char* what) {
     const int error = errno;
     ::unlink(temporary.c_str());
@@ -79,19 +82,24 @@ void write_file(const std::filesystem::path& path, std::string_view bytes) {
   if (::fsync(file.get()) != 0) fail("write to disk");
   if (!file.close()) fail("close");
   if (::rename(temporary.c_str(), path.c_str()) != 0) fail("replace");
-  // The new name lasts only once the folder is on disk too. Some file systems refuse to sync folders; the data is whole anyway.
-  const Descriptor folder(path.has_parent_path() ? path.parent_path() : ".", O_RDONLY | O_DIRECTORY);
+  // The new name lasts only once the folder is on disk too. Some file systems refuse to sync
+  // folders; the data is whole anyway.
+  const Descriptor folder(path.has_parent_path() ? path.parent_path() : ".",
+                          O_RDONLY | O_DIRECTORY);
   if (folder.ok()) ::fsync(folder.get());
 }
 
-bool has_extension(const std::filesystem::path& path, std::initializer_list<std::string_view> extensions) {
+bool has_extension(const std::filesystem::path& path,
+                   std::initializer_list<std::string_view> extensions) {
   std::string own = path.extension().string();
-  std::transform(own.begin(), own.end(), own.begin(), [](unsigned char c) { return std::tolower(c); });
+  std::transform(own.begin(), own.end(), own.begin(),
+                 [](unsigned char c) { return std::tolower(c); });
   return std::find(extensions.begin(), extensions.end(), own) != extensions.end();
 }
 
 nlohmann::json parse_json(std::string_view text, const std::filesystem::path& path) {
-  // Writing a value out, as messages do, recurses once per level: without a limit a file of brackets ends the stack.
+  // Writing a value out, as messages do, recurses once per level: without a limit a file of
+  // brackets ends the stack.
   const auto shallow = [&](int depth, nlohmann::json::parse_event_t, nlohmann::json&) {
     if (depth > 64) throw InputError(path, "", "", "not usable JSON: nested deeper than 64 levels");
     return true;
@@ -99,13 +107,17 @@ nlohmann::json parse_json(std::string_view text, const std::filesystem::path& pa
   try {
     return nlohmann::json::parse(text, shallow);
   } catch (const nlohmann::json::exception& error) {
-    // "[json.exception.parse_error.101] parse error at line 1, column 5: ..." without the library's own name.
+    // "[json.exception.parse_error.101] parse error at line 1, column 5: ..." without the library's
+    // own name.
     std::string_view what = error.what();
-    if (const std::size_t end = what.find("] "); what.starts_with("[") && end != what.npos) what.remove_prefix(end + 2);
+    if (const std::size_t end = what.find("] "); what.starts_with("[") && end != what.npos)
+      what.remove_prefix(end + 2);
     throw InputError(path, "", "", "not valid JSON: " + std::string(what));
   }
 }
 
-nlohmann::json read_json(const std::filesystem::path& path) { return parse_json(read_file(path), path); }
+nlohmann::json read_json(const std::filesystem::path& path) {
+  return parse_json(read_file(path), path);
+}
 
 }  // namespace redrive

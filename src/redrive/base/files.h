@@ -15,12 +15,13 @@ namespace redrive {
 /// The file's bytes. InputError if it is missing or unreadable.
 std::string read_file(const std::filesystem::path& path);
 
-/// Writes `path` atomically: a temporary beside it, fsync, rename. IoError (disk full, permissions ...)
-/// leaves what stood there before untouched and no temporary behind.
+/// Writes `path` atomically: a temporary beside it, fsync, rename. IoError (disk full, permissions
+/// ...) leaves what stood there before untouched and no temporary behind.
 void write_file(const std::filesystem::path& path, std::string_view bytes);
 
 /// Whether the name ends in one of these, e.g. ".jpg", in capitals or not.
-bool has_extension(const std::filesystem::path& path, std::initializer_list<std::string_view> extensions);
+bool has_extension(const std::filesystem::path& path,
+                   std::initializer_list<std::string_view> extensions);
 
 /// Parses JSON. InputError names the file and the parser's line and column.
 nlohmann::json parse_json(std::string_view text, const std::filesystem::path& path);

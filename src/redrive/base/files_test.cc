@@ -28,7 +28,9 @@ class Files : public ::testing::Test {
     fs::create_directories(folder_);
   }
   void TearDown() override { fs::remove_all(folder_); }
-  std::size_t entries() const { return std::distance(fs::directory_iterator(folder_), fs::directory_iterator()); }
+  std::size_t entries() const {
+    return std::distance(fs::directory_iterator(folder_), fs::directory_iterator());
+  }
   fs::path folder_;
 };
 
@@ -74,7 +76,8 @@ TEST_F(Files, ADiskThatIsFullLeavesTheOldFileAndNoTemporary) {
   }
   ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &before), 0);
   std::signal(SIGXFSZ, handler);
-  EXPECT_THAT(message, testing::AllOf(HasSubstr((folder_ / "a").string()), HasSubstr("File too large")));
+  EXPECT_THAT(message,
+              testing::AllOf(HasSubstr((folder_ / "a").string()), HasSubstr("File too large")));
   EXPECT_EQ(read_file(folder_ / "a"), "old");
   EXPECT_EQ(entries(), 1u);
 }
@@ -97,7 +100,8 @@ TEST_F(Files, JsonErrorsNameFileAndPlace) {
     read_json(folder_ / "a.json");
     FAIL();
   } catch (const InputError& error) {
-    EXPECT_THAT(error.what(), testing::AllOf(HasSubstr("a.json: not valid JSON"), HasSubstr("line 2, column 4")));
+    EXPECT_THAT(error.what(),
+                testing::AllOf(HasSubstr("a.json: not valid JSON"), HasSubstr("line 2, column 4")));
   }
   EXPECT_THROW(parse_json("[1e999]", "a.json"), InputError);
   EXPECT_THROW(parse_json("", "a.json"), InputError);
@@ -106,8 +110,11 @@ TEST_F(Files, JsonErrorsNameFileAndPlace) {
 }
 
 TEST(ParseJson, NestingIsLimited) {
-  const auto nested = [](std::size_t depth) { return std::string(depth, '[') + std::string(depth, ']'); };
-  EXPECT_EQ(parse_json(nested(64), "a.json").dump(), nested(64));  // the limit spares what is within it
+  const auto nested = [](std::size_t depth) {
+    return std::string(depth, '[') + std::string(depth, ']');
+  };
+  EXPECT_EQ(parse_json(nested(64), "a.json").dump(),
+            nested(64));  // the limit spares what is within it
   for (const std::size_t depth : {std::size_t{66}, std::size_t{1000000}}) {
     try {
       parse_json(nested(depth), "a.json");

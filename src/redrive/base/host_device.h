@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Marks the scalar functions that run on a GPU as well (kernels/cuda), where they are the ones that run here: one formula, one place.
+// Marks the scalar functions that run on a GPU as well (kernels/cuda), where they are the ones that
+// run here: one formula, one place.
 #pragma once
 
 #ifdef __CUDACC__

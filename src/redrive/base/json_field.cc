@@ -7,7 +7,9 @@
 
 namespace redrive {
 
-bool JsonField::has(std::string_view key) const { return value_->is_object() && value_->contains(key); }
+bool JsonField::has(std::string_view key) const {
+  return value_->is_object() && value_->contains(key);
+}
 
 JsonField JsonField::at(std::string_view key) const {
   if (!value_->is_object()) fail("an object was expected");
@@ -19,7 +21,8 @@ JsonField JsonField::at(std::string_view key) const {
 
 JsonField JsonField::at(std::size_t index) const {
   if (!value_->is_array()) fail("an array was expected");
-  if (index >= value_->size()) fail("has " + std::to_string(value_->size()) + " elements, more were expected");
+  if (index >= value_->size())
+    fail("has " + std::to_string(value_->size()) + " elements, more were expected");
   return {&(*value_)[index], file_, field_ + "[" + std::to_string(index) + "]"};
 }
 
@@ -43,12 +46,14 @@ double JsonField::number() const {
 }
 
 std::int64_t JsonField::integer() const {
-  if (value_->is_number_unsigned() && value_->get<std::uint64_t>() > std::uint64_t{INT64_MAX}) fail("too large");
+  if (value_->is_number_unsigned() && value_->get<std::uint64_t>() > std::uint64_t{INT64_MAX})
+    fail("too large");
   if (value_->is_number_integer()) return value_->get<std::int64_t>();
   constexpr double kExact = 0x1p53;  // integers up to here are exact in a double
   if (value_->is_number_float()) {
     const double number = value_->get<double>();
-    if (std::abs(number) <= kExact && number == std::floor(number)) return static_cast<std::int64_t>(number);
+    if (std::abs(number) <= kExact && number == std::floor(number))
+      return static_cast<std::int64_t>(number);
   }
   fail("an integer was expected");
 }

@@ -13,10 +13,12 @@
 
 namespace redrive {
 
-/// A view into a parsed document (which must outlive it). Each accessor throws InputError with path, field and value.
+/// A view into a parsed document (which must outlive it). Each accessor throws InputError with
+/// path, field and value.
 class JsonField {
  public:
-  JsonField(const nlohmann::json& root, std::filesystem::path file) : value_(&root), file_(std::move(file)) {}
+  JsonField(const nlohmann::json& root, std::filesystem::path file)
+      : value_(&root), file_(std::move(file)) {}
 
   bool has(std::string_view key) const;      ///< object with that key
   JsonField at(std::string_view key) const;  ///< required member
@@ -30,7 +32,8 @@ class JsonField {
   std::vector<double> numbers(std::size_t size) const;  ///< array of exactly `size` finite numbers
   Eigen::Matrix4d matrix4() const;                      ///< row-major 4x4, finite
 
-  [[noreturn]] void fail(std::string_view rule) const;  ///< InputError about this field with its value
+  [[noreturn]] void fail(
+      std::string_view rule) const;  ///< InputError about this field with its value
   const std::filesystem::path& file() const { return file_; }
   const std::string& field() const { return field_; }
   const nlohmann::json& json() const { return *value_; }

@@ -23,9 +23,10 @@ std::string message_of(const std::function<void()>& action) {
 
 class JsonFieldTest : public ::testing::Test {
  protected:
-  const nlohmann::json json_ = parse_json(R"({"CAM": {"f": [1, 2.5], "n": 7, "x": 7.5, "whole": 3.0, "s": "mei",
+  const nlohmann::json json_ =
+      parse_json(R"({"CAM": {"f": [1, 2.5], "n": 7, "x": 7.5, "whole": 3.0, "s": "mei",
     "big": 18446744073709551615, "m": [[1,2,3,4],[5,6,7,8],[9,10,11,12],[0,0,0,1]], "ragged": [[1],[2],[3],[4]]}})",
-                                          "c.json");
+                 "c.json");
   const JsonField root_{json_, "c.json"};
   const JsonField cam_ = root_.at("CAM");
 };
@@ -50,17 +51,22 @@ TEST_F(JsonFieldTest, Reads) {
 
 TEST_F(JsonFieldTest, EveryComplaintNamesFileFieldAndValue) {
   EXPECT_EQ(message_of([&] { cam_.at("k"); }), "c.json: CAM.k: missing");
-  EXPECT_EQ(message_of([&] { cam_.at("s").number(); }), "c.json: CAM.s = \"mei\": a number was expected");
-  EXPECT_EQ(message_of([&] { cam_.at("x").integer(); }), "c.json: CAM.x = 7.5: an integer was expected");
-  EXPECT_EQ(message_of([&] { cam_.at("big").integer(); }), "c.json: CAM.big = 18446744073709551615: too large");
+  EXPECT_EQ(message_of([&] { cam_.at("s").number(); }),
+            "c.json: CAM.s = \"mei\": a number was expected");
+  EXPECT_EQ(message_of([&] { cam_.at("x").integer(); }),
+            "c.json: CAM.x = 7.5: an integer was expected");
+  EXPECT_EQ(message_of([&] { cam_.at("big").integer(); }),
+            "c.json: CAM.big = 18446744073709551615: too large");
   EXPECT_EQ(message_of([&] { cam_.at("n").string(); }), "c.json: CAM.n = 7: a string was expected");
   EXPECT_EQ(message_of([&] { cam_.at("f").numbers(3); }),
             "c.json: CAM.f = [1,2.5]: an array of 3 numbers was expected");
-  EXPECT_EQ(message_of([&] { cam_.at("f").at(2); }), "c.json: CAM.f = [1,2.5]: has 2 elements, more were expected");
+  EXPECT_EQ(message_of([&] { cam_.at("f").at(2); }),
+            "c.json: CAM.f = [1,2.5]: has 2 elements, more were expected");
   EXPECT_EQ(message_of([&] { cam_.at("n").at(0); }), "c.json: CAM.n = 7: an array was expected");
   EXPECT_EQ(message_of([&] { cam_.at("n").at("k"); }), "c.json: CAM.n = 7: an object was expected");
   EXPECT_EQ(message_of([&] { cam_.at("n").keys(); }), "c.json: CAM.n = 7: an object was expected");
-  EXPECT_EQ(message_of([&] { cam_.at("n").size(); }), "c.json: CAM.n = 7: an array or object was expected");
+  EXPECT_EQ(message_of([&] { cam_.at("n").size(); }),
+            "c.json: CAM.n = 7: an array or object was expected");
   EXPECT_EQ(message_of([&] { cam_.at("ragged").matrix4(); }),
             "c.json: CAM.ragged[0] = [1]: an array of 4 numbers was expected");
   EXPECT_EQ(message_of([&] { cam_.at("f").matrix4(); }),

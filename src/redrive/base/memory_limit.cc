@@ -45,9 +45,12 @@ std::uint64_t memory_bytes(const fs::path& root) {
     const bool unified = controllers.empty();
     if (!unified && ("," + controllers + ",").find(",memory,") == std::string::npos) continue;
     const fs::path mount = root / (unified ? "sys/fs/cgroup" : "sys/fs/cgroup/memory");
-    // Inside a container the path may be the host's and not be there; the container's own limit is then at the top.
-    for (fs::path group = fs::path(line.substr(second + 1)).relative_path();; group = group.parent_path()) {
-      const auto limit = number_in(mount / group / (unified ? "memory.max" : "memory.limit_in_bytes"));
+    // Inside a container the path may be the host's and not be there; the container's own limit is
+    // then at the top.
+    for (fs::path group = fs::path(line.substr(second + 1)).relative_path();;
+         group = group.parent_path()) {
+      const auto limit =
+          number_in(mount / group / (unified ? "memory.max" : "memory.limit_in_bytes"));
       least = std::min(least, limit.value_or(least));
       if (group.empty()) break;
     }

@@ -14,15 +14,17 @@
 namespace redrive {
 namespace {
 
-/// One call of ThreadPool::run. The two atomics repeat, in code that ThreadSanitizer sees, the ordering
-/// that oneTBB (not instrumented) guarantees anyway: what the caller wrote before is visible to every lane,
-/// what the lanes wrote is visible to the caller. Lanes are not ordered with each other: a race stays a race.
+/// One call of ThreadPool::run. The two atomics repeat, in code that ThreadSanitizer sees, the
+/// ordering that oneTBB (not instrumented) guarantees anyway: what the caller wrote before is
+/// visible to every lane, what the lanes wrote is visible to the caller. Lanes are not ordered with
+/// each other: a race stays a race.
 struct Job {
   const std::function<void(int)>* body;
   std::atomic<bool> started{false};
   std::atomic<int> done{0};
   std::mutex mutex;
-  int failed_lane = std::numeric_limits<int>::max();  ///< the lowest one, so that the error does not depend on timing
+  int failed_lane = std::numeric_limits<int>::max();  ///< the lowest one, so that the error does
+                                                      ///< not depend on timing
   std::exception_ptr error;
 };
 
@@ -50,9 +52,11 @@ struct ThreadPool::Impl {
 
 ThreadPool::ThreadPool(int threads) {
   REDRIVE_CHECK_OP(threads, >=, 1);
-  // More workers than processors would only take turns (and oneTBB complains); results depend on lanes, not on this.
+  // More workers than processors would only take turns (and oneTBB complains); results depend on
+  // lanes, not on this.
   const int concurrency = std::min(threads, hardware_threads());
-  impl_ = std::make_unique<Impl>(Impl{threads, concurrency > 1 ? make_tbb_arena(concurrency) : nullptr});
+  impl_ = std::make_unique<Impl>(
+      Impl{threads, concurrency > 1 ? make_tbb_arena(concurrency) : nullptr});
 }
 
 ThreadPool::~ThreadPool() = default;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Threads: a pool of a fixed number of workers that takes lanes from a queue. Which worker runs a lane
-// is open, what a lane does is fixed: sums kept per lane and reduced in lane order are bit-equal from run to run.
+// Threads: a pool of a fixed number of workers that takes lanes from a queue. Which worker runs a
+// lane is open, what a lane does is fixed: sums kept per lane and reduced in lane order are
+// bit-equal from run to run.
 #pragma once
 
 #include <cstddef>
@@ -18,8 +19,8 @@ class ThreadPool {
 
   int threads() const;
 
-  /// Runs body(lane) for every lane in [0, lanes) and returns when all are done. An exception of a body is
-  /// rethrown here after the others have ended. Not reentrant.
+  /// Runs body(lane) for every lane in [0, lanes) and returns when all are done. An exception of a
+  /// body is rethrown here after the others have ended. Not reentrant.
   void run(int lanes, const std::function<void(int lane)>& body);
 
   /// Cuts [0, size) into ranges of `grain` and runs body(begin, end) on each.

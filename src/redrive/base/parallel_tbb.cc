@@ -12,9 +12,11 @@ void TbbArenaDelete::operator()(tbb::task_arena* arena) const { delete arena; }
 
 TbbArena make_tbb_arena(int threads) { return TbbArena(new tbb::task_arena(threads)); }
 
-void tbb_run(tbb::task_arena& arena, int lanes, void (*lane)(void* context, int index), void* context) {
+void tbb_run(tbb::task_arena& arena, int lanes, void (*lane)(void* context, int index),
+             void* context) {
   arena.execute([=] {
-    // Grain 1: a thread that lost its core to somebody else delays one lane, not its share of all of them.
+    // Grain 1: a thread that lost its core to somebody else delays one lane, not its share of all
+    // of them.
     tbb::parallel_for(
         tbb::blocked_range<int>(0, lanes, 1),
         [=](const tbb::blocked_range<int>& range) {

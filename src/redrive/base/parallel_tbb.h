@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// oneTBB behind two plain functions. parallel_tbb.cc is never instrumented by ThreadSanitizer: libtbb is not
-// either, and its header-inlined task objects would look like races.
+// oneTBB behind two plain functions. parallel_tbb.cc is never instrumented by ThreadSanitizer:
+// libtbb is not either, and its header-inlined task objects would look like races.
 #pragma once
 
 #include <memory>
@@ -18,7 +18,9 @@ using TbbArena = std::unique_ptr<tbb::detail::d1::task_arena, TbbArenaDelete>;
 
 TbbArena make_tbb_arena(int threads);
 
-/// Runs lane(context, i) for i in [0, lanes) on the arena's threads, the caller's included. `lane` must not throw.
-void tbb_run(tbb::detail::d1::task_arena& arena, int lanes, void (*lane)(void* context, int index), void* context);
+/// Runs lane(context, i) for i in [0, lanes) on the arena's threads, the caller's included. `lane`
+/// must not throw.
+void tbb_run(tbb::detail::d1::task_arena& arena, int lanes, void (*lane)(void* context, int index),
+             void* context);
 
 }  // namespace redrive

@@ -16,7 +16,8 @@ TEST(ThreadPool, EveryLaneOnce) {
     ThreadPool pool(threads);
     EXPECT_EQ(pool.threads(), threads);
     for (const int lanes : {0, 1, 2, 7, 1000}) {
-      // Plain ints on purpose: ThreadSanitizer sees whether the caller may read what the lanes wrote.
+      // Plain ints on purpose: ThreadSanitizer sees whether the caller may read what the lanes
+      // wrote.
       std::vector<int> count(lanes, 0);
       pool.run(lanes, [&](int lane) { ++count[lane]; });
       EXPECT_EQ(count, std::vector<int>(lanes, 1));

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Random numbers without state: a value is a function of (seed, stream, counter), so every backend draws
-// the same ones in any order, and a resumed run needs nothing but how far it came.
-// Mixer: the finaliser of SplitMix64 (Steele, Lea, Flood, "Fast splittable pseudorandom number generators", 2014).
+// Random numbers without state: a value is a function of (seed, stream, counter), so every backend
+// draws the same ones in any order, and a resumed run needs nothing but how far it came. Mixer: the
+// finaliser of SplitMix64 (Steele, Lea, Flood, "Fast splittable pseudorandom number generators",
+// 2014).
 #pragma once
 
 #include <cstdint>
@@ -16,15 +17,20 @@ constexpr std::uint64_t mix64(std::uint64_t x) {
 }
 
 /// The key of one stream, e.g. random_key(seed, kStreamJitter, step).
-constexpr std::uint64_t random_key(std::uint64_t seed, std::uint64_t stream, std::uint64_t counter = 0) {
+constexpr std::uint64_t random_key(std::uint64_t seed, std::uint64_t stream,
+                                   std::uint64_t counter = 0) {
   return mix64(mix64(mix64(seed) ^ stream) ^ counter);
 }
 
 /// The key whose numbers are those of `key` from the `first`-th on.
-constexpr std::uint64_t key_from(std::uint64_t key, std::uint64_t first) { return key + first * 0xD1342543DE82EF95ull; }
+constexpr std::uint64_t key_from(std::uint64_t key, std::uint64_t first) {
+  return key + first * 0xD1342543DE82EF95ull;
+}
 
 /// 64 random bits: the `index`-th of the stream.
-constexpr std::uint64_t random_bits(std::uint64_t key, std::uint64_t index) { return mix64(key_from(key, index)); }
+constexpr std::uint64_t random_bits(std::uint64_t key, std::uint64_t index) {
+  return mix64(key_from(key, index));
+}
 
 /// Uniform in [0, 1), a multiple of 2^-24 (exact in float).
 constexpr float random_unit(std::uint64_t key, std::uint64_t index) {
@@ -41,13 +47,14 @@ enum RandomStream : std::uint64_t {
   kStreamBackground = 6,    ///< behind transparent pixels; counter = pixels drawn before
   kStreamLidar = 7,         ///< order of LiDAR returns; counter = times that all were seen
   kStreamLidarSamples = 8,  ///< jitter of samples on their rays; counter = step
-  kStreamErrorRays = 9,     ///< pixels drawn by their error; counter = pixels drawn by the epochs' order before
+  kStreamErrorRays =
+      9,  ///< pixels drawn by their error; counter = pixels drawn by the epochs' order before
   kStreamTest = 99
 };
 
-/// The image of `index` in a pseudo-random permutation of [0, size): a 4-round Feistel network on the
-/// enclosing power of four with cycle walking, so that an epoch over 10^8 pixels needs no table.
-/// Requires index < size, size <= 2^62.
+/// The image of `index` in a pseudo-random permutation of [0, size): a 4-round Feistel network on
+/// the enclosing power of four with cycle walking, so that an epoch over 10^8 pixels needs no
+/// table. Requires index < size, size <= 2^62.
 constexpr std::uint64_t permute_index(std::uint64_t key, std::uint64_t index, std::uint64_t size) {
   int half_bits = 1;
   while ((1ull << (2 * half_bits)) < size) ++half_bits;

@@ -21,21 +21,25 @@ struct Cost {
   double flops, bytes;
 };
 
-// Arithmetic of the scalar formulas, per sample (Adam: per parameter), counted from the files named.
-constexpr double kStratifiedFlops = 4;         // sampling/hierarchical.h: two for t, one for u, one for dt
-constexpr double kCompositeFlops = 24;         // volume/composite.h: alpha 3, w 1, three colours of 6, T 2
-constexpr double kCompositeAdjointFlops = 44;  // volume/composite.h: T and w 6, three colours of 12, sigma 2
-constexpr double kAdamFlops = 14;              // optim/adam.h: m 3, v 4, parameter 7
+// Arithmetic of the scalar formulas, per sample (Adam: per parameter), counted from the files
+// named.
+constexpr double kStratifiedFlops = 4;  // sampling/hierarchical.h: two for t, one for u, one for dt
+constexpr double kCompositeFlops = 24;  // volume/composite.h: alpha 3, w 1, three colours of 6, T 2
+constexpr double kCompositeAdjointFlops =
+    44;                            // volume/composite.h: T and w 6, three colours of 12, sigma 2
+constexpr double kAdamFlops = 14;  // optim/adam.h: m 3, v 4, parameter 7
 
-// Bytes, likewise: what a stage of the seam has to read and to write at least, each number once, whatever a kernel reads again or keeps between
-// its passes. Those of a ray are shared by its samples, parameters by all of a run.
+// Bytes, likewise: what a stage of the seam has to read and to write at least, each number once,
+// whatever a kernel reads again or keeps between its passes. Those of a ray are shared by its
+// samples, parameters by all of a run.
 constexpr double kNumber = sizeof(float);
-constexpr double kRayBytes = 6 * kNumber;       // origin and direction
-constexpr double kColourBytes = 3 * kNumber;    // of a ray: to meet, or its derivative
-constexpr double kPictureBytes = 5 * kNumber;   // of a ray: colour, depth, opacity
-constexpr double kRawBytes = 4 * kNumber;       // of a sample: colour and density, or their derivatives
+constexpr double kRayBytes = 6 * kNumber;      // origin and direction
+constexpr double kColourBytes = 3 * kNumber;   // of a ray: to meet, or its derivative
+constexpr double kPictureBytes = 5 * kNumber;  // of a ray: colour, depth, opacity
+constexpr double kRawBytes = 4 * kNumber;  // of a sample: colour and density, or their derivatives
 constexpr double kIntervalBytes = 2 * kNumber;  // t and dt
-constexpr double kAdamBytes = 2 * 4 * kNumber;  // gradient, parameter, two moments: read and written
+constexpr double kAdamBytes =
+    2 * 4 * kNumber;  // gradient, parameter, two moments: read and written
 constexpr double kGradientBytes = 2 * kNumber;  // added to
 constexpr double kPointBytes = 4 * kNumber;     // of the unit cube: place and footprint
 
@@ -45,10 +49,13 @@ class Runner {
          const std::function<void(const Result&)>& on_result)
       : backend_(backend), options_(options), report_(report), on_result_(on_result) {}
 
-  bool wanted(const std::string& name) const { return name.find(options_.filter) != std::string::npos; }
+  bool wanted(const std::string& name) const {
+    return name.find(options_.filter) != std::string::npos;
+  }
 
   /// Times `work`, which treats `samples` points at a cost each.
-  void time(const std::string& name, double samples, const Cost& cost, const std::function<void()>& work) {
+  void time(const std::string& name, double samples, const Cost& cost,
+            const std::function<void()>& work) {
     if (!wanted(name)) return;
     const std::vector<double> seconds = measure(work);
     Result result;
@@ -82,8 +89,9 @@ class Runner {
     std::vector<double> seconds;
     const double warm_up = run();
     if (warm_up > kLong && options_.repetitions <= 1) return {warm_up};
-    for (double sum = 0; options_.repetitions > 0 ? seconds.size() < static_cast<std::size_t>(options_.repetitions)
-                                                  : seconds.size() < kAtLeast || sum < kEnough;
+    for (double sum = 0;
+         options_.repetitions > 0 ? seconds.size() < static_cast<std::size_t>(options_.repetitions)
+                                  : seconds.size() < kAtLeast || sum < kEnough;
          sum += seconds.back())
       seconds.push_back(run());
     std::sort(seconds.begin(), seconds.end());
@@ -97,17 +105,19 @@ class Runner {
 };
 
 /// From pixels to Adam.
-void time_step(Runner& runner, kernels::Backend& backend, const SyntheticDrive& drive, const std::string& name,
-               const TrainOptions& options, double forward_macs) {
+void time_step(Runner& runner, kernels::Backend& backend, const SyntheticDrive& drive,
+               const std::string& name, const TrainOptions& options, double forward_macs) {
   if (!runner.wanted(name)) return;
   const PixelSampler sampler(drive.scene, drive.images, 1);
   TrainState state = first_state(options, drive.scene);
   RayBatch batch;
   StepBuffers buffers;
-  const double samples = 1.0 * options.batch_rays * options.samples, numbers = static_cast<double>(state.model->size());
-  // Each parameter is read and its gradient added to, then Adam. Of a grid's nobody knows how many rows a batch comes near: the gradients
-  // that Adam looks at are there for all.
-  const double of_number = options.method == "grid" ? kNumber : kNumber + kGradientBytes + kAdamBytes,
+  const double samples = 1.0 * options.batch_rays * options.samples,
+               numbers = static_cast<double>(state.model->size());
+  // Each parameter is read and its gradient added to, then Adam. Of a grid's nobody knows how many
+  // rows a batch comes near: the gradients that Adam looks at are there for all.
+  const double of_number =
+                   options.method == "grid" ? kNumber : kNumber + kGradientBytes + kAdamBytes,
                bytes = (kRayBytes + kColourBytes) / options.samples + numbers * of_number / samples;
   runner.time(name, samples, {3 * 2 * forward_macs, bytes}, [&] {
     gather_batch(backend, sampler, options.batch_rays, 0, &state, &batch, &buffers);
@@ -115,8 +125,9 @@ void time_step(Runner& runner, kernels::Backend& backend, const SyntheticDrive& 
   });
 }
 
-void time_render(Runner& runner, kernels::Backend& backend, const SyntheticDrive& drive, const std::string& name,
-                 const TrainOptions& options, double forward_macs, const std::string& filter) {
+void time_render(Runner& runner, kernels::Backend& backend, const SyntheticDrive& drive,
+                 const std::string& name, const TrainOptions& options, double forward_macs,
+                 const std::string& filter) {
   if (!runner.wanted(name)) return;
   // The oracle would take hours; a filter that names the picture gets it all the same.
   if (backend.name() == "ref" && filter.empty()) return;
@@ -126,15 +137,18 @@ void time_render(Runner& runner, kernels::Backend& backend, const SyntheticDrive
                bytes = (kRayBytes + kPictureBytes) / options.samples +
                        kNumber * static_cast<double>(state.model->size()) / samples;
   runner.time(name, samples, {2 * forward_macs, bytes}, [&] {
-    render_image(backend, *state.model, camera, drive.scene.world_from_camera(drive.scene.views[0]));
+    render_image(backend, *state.model, camera,
+                 drive.scene.world_from_camera(drive.scene.views[0]));
   });
 }
 
 void time_kernels(Runner& runner, kernels::Backend& backend, const SyntheticDrive& drive) {
   const NerfConfig config;
   KernelBatch b(backend, drive, config, 96);
-  const double samples = static_cast<double>(b.t.size()), forward_flops = 2 * nerf_macs_per_sample(config);
-  const double per_ray = b.model().samples, parameters = static_cast<double>(b.gradients.size()) / samples;
+  const double samples = static_cast<double>(b.t.size()),
+               forward_flops = 2 * nerf_macs_per_sample(config);
+  const double per_ray = b.model().samples,
+               parameters = static_cast<double>(b.gradients.size()) / samples;
   // The last dt stands for none.
   const double field_bytes = kRayBytes / per_ray + kNumber + kRawBytes + kNumber * parameters;
   const auto field = b.model().field(0);
@@ -143,21 +157,27 @@ void time_kernels(Runner& runner, kernels::Backend& backend, const SyntheticDriv
   runner.time("kernel/nerf_forward-256", samples, {forward_flops, field_bytes},
               [&] { backend.nerf_forward(field, b.ray_spans(), b.sample_spans(), b.raw); });
   // Includes the forward pass that it does over.
-  runner.time("kernel/nerf_backward-256", samples, {3 * forward_flops, field_bytes + kGradientBytes * parameters},
-              [&] { backend.nerf_backward(field, b.ray_spans(), b.sample_spans(), b.d_raw, b.gradients, {}); });
+  runner.time("kernel/nerf_backward-256", samples,
+              {3 * forward_flops, field_bytes + kGradientBytes * parameters}, [&] {
+                backend.nerf_backward(field, b.ray_spans(), b.sample_spans(), b.d_raw, b.gradients,
+                                      {});
+              });
   runner.time("kernel/composite_forward", samples,
               {kCompositeFlops, kIntervalBytes + kRawBytes + kPictureBytes / per_ray}, [&] {
-                backend.composite_forward(b.rays.n, b.sample_spans(), b.raw, {}, {b.rgb, b.depth, b.opacity, {}});
+                backend.composite_forward(b.rays.n, b.sample_spans(), b.raw, {},
+                                          {b.rgb, b.depth, b.opacity, {}});
               });
   // Densities and colours are read, their derivatives written.
-  runner.time("kernel/composite_backward", samples,
-              {kCompositeAdjointFlops, kIntervalBytes + 2 * kRawBytes + kColourBytes / per_ray}, [&] {
-                backend.composite_backward(b.rays.n, b.sample_spans(), b.raw, {}, {b.d_rgb, {}}, b.d_raw);
+  runner.time(
+      "kernel/composite_backward", samples,
+      {kCompositeAdjointFlops, kIntervalBytes + 2 * kRawBytes + kColourBytes / per_ray}, [&] {
+        backend.composite_backward(b.rays.n, b.sample_spans(), b.raw, {}, {b.d_rgb, {}}, b.d_raw);
+      });
+  runner.time("kernel/adam", static_cast<double>(b.gradients.size()), {kAdamFlops, kAdamBytes},
+              [&] {
+                backend.adam(adam_step(5e-4, 1), b.gradients, b.state.model->parameters,
+                             b.state.first_moment, b.state.second_moment);
               });
-  runner.time("kernel/adam", static_cast<double>(b.gradients.size()), {kAdamFlops, kAdamBytes}, [&] {
-    backend.adam(adam_step(5e-4, 1), b.gradients, b.state.model->parameters, b.state.first_moment,
-                 b.state.second_moment);
-  });
 }
 
 void time_grid_kernels(Runner& runner, kernels::Backend& backend, const SyntheticDrive& drive) {
@@ -165,34 +185,40 @@ void time_grid_kernels(Runner& runner, kernels::Backend& backend, const Syntheti
   kernels::GridStages& stages = backend.grid();
   const int n = b.rays.n;
   const double samples = static_cast<double>(b.points.n), levels = b.model().field.grid.levels,
-               features = b.model().field.grid.features, macs = grid_macs_per_sample(b.model().field);
-  // A level: three coordinates of 3, eight weights of 2, eight rows of 2 operations a feature; twice of that for the adjoint.
+               features = b.model().field.grid.features,
+               macs = grid_macs_per_sample(b.model().field);
+  // A level: three coordinates of 3, eight weights of 2, eight rows of 2 operations a feature;
+  // twice of that for the adjoint.
   const double encode_flops = levels * (25 + 16 * features);
   // Eight rows a level, or all that there are, where these are fewer: samples share them.
-  const double rows_bytes =
-      std::min(levels * 8 * features * kNumber, kNumber * static_cast<double>(b.d_table.size()) / samples);
+  const double rows_bytes = std::min(levels * 8 * features * kNumber,
+                                     kNumber * static_cast<double>(b.d_table.size()) / samples);
   const double features_bytes = levels * features * kNumber;
   const double weights = static_cast<double>(b.d_weights.size()) / samples;
   const double network_bytes =
       features_bytes + kHarmonics * kNumber / GridBatch::per_ray + kRawBytes + kNumber * weights;
-  runner.time("kernel/grid_encode", samples, {encode_flops, kPointBytes + features_bytes + rows_bytes},
+  runner.time("kernel/grid_encode", samples,
+              {encode_flops, kPointBytes + features_bytes + rows_bytes},
               [&] { stages.encode(b.grid(), b.points, b.features); });
-  runner.time("kernel/grid_encode_backward", samples,
-              {2 * encode_flops, kPointBytes + features_bytes + 2 * rows_bytes},  // rows are added to
-              [&] { stages.encode_backward(b.grid(), b.points, b.features, b.d_table, {}); });
-  runner.time("kernel/grid_network_forward", samples, {2 * macs, network_bytes},
-              [&] { stages.network_forward(b.network(), n, b.per_ray, b.features, b.harmonics, b.raw); });
+  runner.time(
+      "kernel/grid_encode_backward", samples,
+      {2 * encode_flops, kPointBytes + features_bytes + 2 * rows_bytes},  // rows are added to
+      [&] { stages.encode_backward(b.grid(), b.points, b.features, b.d_table, {}); });
+  runner.time("kernel/grid_network_forward", samples, {2 * macs, network_bytes}, [&] {
+    stages.network_forward(b.network(), n, b.per_ray, b.features, b.harmonics, b.raw);
+  });
   // Includes the forward pass that it does over.
   runner.time("kernel/grid_network_backward", samples,
               {6 * macs, network_bytes + features_bytes + kGradientBytes * weights}, [&] {
-                stages.network_backward(b.network(), n, b.per_ray, b.features, b.harmonics, b.raw, b.d_weights,
-                                        b.d_features);
+                stages.network_backward(b.network(), n, b.per_ray, b.features, b.harmonics, b.raw,
+                                        b.d_weights, b.d_features);
               });
 }
 
 }  // namespace
 
-Report run(kernels::Backend& backend, const Options& options, const std::function<void(const Result&)>& on_result) {
+Report run(kernels::Backend& backend, const Options& options,
+           const std::function<void(const Result&)>& on_result) {
   Report report;
   report.cpu = cpu_model_name();
   report.backend = backend.name();
@@ -204,24 +230,28 @@ Report run(kernels::Backend& backend, const Options& options, const std::functio
     report.ceilings = *own;
   } else {
     ThreadPool pool(backend.threads());
-    report.ceilings = {measure_peak_gflops(backend.isa(), pool), report.isa == "none" ? "sse2" : report.isa,
-                       measure_copied_gb_s(pool)};
+    report.ceilings = {measure_peak_gflops(backend.isa(), pool),
+                       report.isa == "none" ? "sse2" : report.isa, measure_copied_gb_s(pool)};
   }
 
   Runner runner(backend, options, &report, on_result);
   const SyntheticDrive drive = make_drive();
   const TrainOptions wide = options_of("nerf", 256, 96), narrow = options_of("nerf", 128, 48),
                      grid = options_of("grid", 32, 24);
-  const double wide_macs = nerf_macs_per_sample({wide.width}), narrow_macs = nerf_macs_per_sample({narrow.width}),
+  const double wide_macs = nerf_macs_per_sample({wide.width}),
+               narrow_macs = nerf_macs_per_sample({narrow.width}),
                grid_macs = grid_macs_per_sample(GridModel{}.field);
   time_step(runner, backend, drive, "step/nerf-256x96", wide, wide_macs);
   time_step(runner, backend, drive, "step/nerf-128x48", narrow, narrow_macs);
   time_step(runner, backend, drive, "step/grid-32x24", grid, grid_macs);
   time_kernels(runner, backend, drive);
   time_grid_kernels(runner, backend, drive);
-  time_render(runner, backend, drive, "render/nerf-256x96-1280x704", wide, wide_macs, options.filter);
-  time_render(runner, backend, drive, "render/grid-32x24-1280x704", grid, grid_macs, options.filter);
-  if (report.results.empty()) throw UsageError("--filter", options.filter, "no benchmark's name contains it");
+  time_render(runner, backend, drive, "render/nerf-256x96-1280x704", wide, wide_macs,
+              options.filter);
+  time_render(runner, backend, drive, "render/grid-32x24-1280x704", grid, grid_macs,
+              options.filter);
+  if (report.results.empty())
+    throw UsageError("--filter", options.filter, "no benchmark's name contains it");
   return report;
 }
 

@@ -44,16 +44,18 @@ TEST(Bench, ReportsWhatWasAskedFor) {
   EXPECT_GE(r.median_ms, r.min_ms);
   // The figures belong together: 14 operations a parameter.
   EXPECT_NEAR(r.gflops, 14e-9 * r.samples_per_s, 1e-12 * r.gflops);
-  const double parameters = r.flops / 14, ms = 1e3 * 1e-9 * 32 * parameters / report.ceilings.copied_gb_s;
+  const double parameters = r.flops / 14,
+               ms = 1e3 * 1e-9 * 32 * parameters / report.ceilings.copied_gb_s;
   EXPECT_EQ(r.bytes, 32 * parameters) << "four numbers there and back";
   EXPECT_TRUE(r.limited_by_copies);
   EXPECT_NEAR(r.percent_of_roofline, 100 * ms / r.median_ms, 1e-9 * r.percent_of_roofline);
 
   const nlohmann::json json = to_json(report);
-  for (const char* key : {"cpu", "isa", "backend", "threads", "peak_gflops", "peak_arithmetic", "peak_copied_gb_s"})
-    EXPECT_TRUE(json["machine"].contains(key)) << key;
   for (const char* key :
-       {"name", "median_ms", "min_ms", "samples_per_s", "flops", "bytes", "gflops", "percent_of_roofline", "limit"})
+       {"cpu", "isa", "backend", "threads", "peak_gflops", "peak_arithmetic", "peak_copied_gb_s"})
+    EXPECT_TRUE(json["machine"].contains(key)) << key;
+  for (const char* key : {"name", "median_ms", "min_ms", "samples_per_s", "flops", "bytes",
+                          "gflops", "percent_of_roofline", "limit"})
     EXPECT_TRUE(json["results"][0].contains(key)) << key;
   EXPECT_EQ(json["machine"]["backend"], "ref");
 }
@@ -69,7 +71,8 @@ TEST(Bench, ADeviceHasARooflineOfItsOwn) {
     EXPECT_LT(report.ceilings.copied_gb_s, 1e4);
     const Result& r = report.results[0];
     EXPECT_FALSE(r.limited_by_copies) << "a thousand products a sample, and its 36 features";
-    EXPECT_NEAR(r.percent_of_roofline, 100 * r.gflops / report.ceilings.gflops, 1e-9 * r.percent_of_roofline);
+    EXPECT_NEAR(r.percent_of_roofline, 100 * r.gflops / report.ceilings.gflops,
+                1e-9 * r.percent_of_roofline);
     EXPECT_EQ(report.gpu, "") << "it is none";
   }
 }

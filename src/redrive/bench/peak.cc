@@ -25,7 +25,8 @@ Loop loop_of(std::optional<Isa> isa) {
   return sse2_multiply_add;
 }
 
-/// GFLOP/s of the calling thread. Runs are short and many: some of them have the core for themselves.
+/// GFLOP/s of the calling thread. Runs are short and many: some of them have the core for
+/// themselves.
 double best_gflops(Loop loop) {
   constexpr double kTargetSeconds = 0.002;
   constexpr int kRuns = 60;
@@ -34,7 +35,8 @@ double best_gflops(Loop loop) {
   for (int run = 0; run < kRuns;) {
     const auto start = std::chrono::steady_clock::now();
     const double flops = loop(iterations);
-    const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    const double seconds =
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     if (seconds < kTargetSeconds) {  // still finding the length
       iterations *= 2;
       continue;
@@ -62,8 +64,10 @@ double measure_copied_gb_s(ThreadPool& pool) {
   double best = 0;
   for (int run = 0; run < kRuns; ++run) {
     const auto start = std::chrono::steady_clock::now();
-    pool.run(pool.threads(), [&](int lane) { std::memcpy(&to[lane * each], &from[lane * each], each); });
-    const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    pool.run(pool.threads(),
+             [&](int lane) { std::memcpy(&to[lane * each], &from[lane * each], each); });
+    const double seconds =
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     best = std::max(best, 2e-9 * static_cast<double>(from.size()) / seconds);
   }
   return best;

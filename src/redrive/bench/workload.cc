@@ -39,7 +39,8 @@ SyntheticDrive make_drive() {
     for (int y = 0; y < kHeight; ++y)
       for (int x = 0; x < kWidth; ++x)
         for (int k = 0; k < 3; ++k)
-          image.rgb.push_back(static_cast<std::uint8_t>(127.5 + 127 * std::sin(0.02 * x + 0.03 * y * k + i)));
+          image.rgb.push_back(
+              static_cast<std::uint8_t>(127.5 + 127 * std::sin(0.02 * x + 0.03 * y * k + i)));
     drive.images.push_back(std::move(image));
   }
   return drive;
@@ -54,7 +55,8 @@ TrainOptions options_of(const std::string& method, int width, int samples) {
   return options;
 }
 
-KernelBatch::KernelBatch(kernels::Backend& backend, const SyntheticDrive& drive, const NerfConfig& config, int samples)
+KernelBatch::KernelBatch(kernels::Backend& backend, const SyntheticDrive& drive,
+                         const NerfConfig& config, int samples)
     : state(first_state(options_of("nerf", config.width, samples), drive.scene)) {
   PixelSampler(drive.scene, drive.images, 1).gather(0, kBatchRays, &rays);
   const std::size_t n = static_cast<std::size_t>(rays.n) * samples;
@@ -63,12 +65,14 @@ KernelBatch::KernelBatch(kernels::Backend& backend, const SyntheticDrive& drive,
   for (int ray = 0; ray < rays.n; ++ray) {
     const auto how = sampling();
     const std::size_t first = static_cast<std::size_t>(ray) * samples;
-    stratified_ray(samples, how.near_m, how.far_m, how.jitter, how.key, first, &t[first], &dt[first]);
+    stratified_ray(samples, how.near_m, how.far_m, how.jitter, how.key, first, &t[first],
+                   &dt[first]);
   }
   // Linear outputs of order 1, half of the densities active; gradients of a mean over the batch.
   const auto fill = [](Buffer<float>* values, std::size_t size, float scale) {
     *values = Buffer<float>(size);
-    for (std::size_t i = 0; i < size; ++i) (*values)[i] = scale * (random_unit(random_key(1, kStreamTest), i) - 0.5f);
+    for (std::size_t i = 0; i < size; ++i)
+      (*values)[i] = scale * (random_unit(random_key(1, kStreamTest), i) - 0.5f);
   };
   fill(&raw, 4 * n, 4);
   fill(&d_rgb, 3 * rays.n, 1.0f / rays.n);
@@ -77,8 +81,9 @@ KernelBatch::KernelBatch(kernels::Backend& backend, const SyntheticDrive& drive,
   rgb = Buffer<float>(3 * rays.n);
   depth = Buffer<float>(rays.n);
   opacity = Buffer<float>(rays.n);
-  for (const Buffer<float>* numbers : {&t, &dt, &raw, &d_raw, &rgb, &depth, &opacity, &d_rgb, &gradients,
-                                       &state.model->parameters, &state.first_moment, &state.second_moment})
+  for (const Buffer<float>* numbers :
+       {&t, &dt, &raw, &d_raw, &rgb, &depth, &opacity, &d_rgb, &gradients, &state.model->parameters,
+        &state.first_moment, &state.second_moment})
     kernels::keep(backend, *numbers);
 }
 
@@ -102,13 +107,16 @@ GridBatch::GridBatch(kernels::Backend& backend, const SyntheticDrive& drive)
   std::ranges::fill(raw.span(), 1e-3f);
   d_table = Buffer<float>(grid().table.size());
   d_weights = Buffer<float>(network().weights.size());
-  for (const Buffer<float>* numbers : {&edges, &position, &footprint, &features, &d_features, &harmonics, &raw,
-                                       &d_table, &d_weights, &state.model->parameters})
+  for (const Buffer<float>* numbers :
+       {&edges, &position, &footprint, &features, &d_features, &harmonics, &raw, &d_table,
+        &d_weights, &state.model->parameters})
     kernels::keep(backend, *numbers);
   kernels::GridStages& stages = backend.grid();
-  stages.spaced(rays_of(rays), {per_ray, model().spacing, model().contraction, true, random_key(1, kStreamSamples)},
-                edges);
-  stages.contract(model().contraction, rays_of(rays), rays.pixel_angle, {per_ray, edges}, 0, position, footprint);
+  stages.spaced(
+      rays_of(rays),
+      {per_ray, model().spacing, model().contraction, true, random_key(1, kStreamSamples)}, edges);
+  stages.contract(model().contraction, rays_of(rays), rays.pixel_angle, {per_ray, edges}, 0,
+                  position, footprint);
   points = {n, position, footprint};
   stages.encode(grid(), points, features);
 }

@@ -16,7 +16,8 @@ namespace redrive::bench {
 
 constexpr int kBatchRays = 1024;  ///< the report's
 
-/// Four views of one 1280 x 704 pinhole, half a metre apart, near 1 m and far 10 m; images of smooth stripes.
+/// Four views of one 1280 x 704 pinhole, half a metre apart, near 1 m and far 10 m; images of
+/// smooth stripes.
 struct SyntheticDrive {
   Scene scene;
   std::vector<Image8> images;
@@ -26,25 +27,29 @@ SyntheticDrive make_drive();
 /// What a fresh run of the method would take, at this width and these samples a ray.
 TrainOptions options_of(const std::string& method, int width, int samples);
 
-/// Everything a kernel of one batch reads or writes, filled with numbers like a real step's and, but for the rays, kept where the backend computes.
+/// Everything a kernel of one batch reads or writes, filled with numbers like a real step's and,
+/// but for the rays, kept where the backend computes.
 struct KernelBatch {
   TrainState state;
   RayBatch rays;
   Buffer<float> t, dt, raw, d_raw, rgb, depth, opacity, d_rgb, gradients;
 
-  KernelBatch(kernels::Backend& backend, const SyntheticDrive& drive, const NerfConfig& config, int samples);
+  KernelBatch(kernels::Backend& backend, const SyntheticDrive& drive, const NerfConfig& config,
+              int samples);
   kernels::Rays ray_spans() const { return {rays.n, rays.origin, rays.direction}; }
   const NerfModel& model() const { return static_cast<const NerfModel&>(*state.model); }
   kernels::Samples sample_spans() const { return {model().samples, t, dt}; }
   kernels::StratifiedSampling sampling() const;
 };
 
-/// The same for the stages of --method grid: rays of the drive, their samples spread over all distances.
+/// The same for the stages of --method grid: rays of the drive, their samples spread over all
+/// distances.
 struct GridBatch {
   static constexpr int per_ray = 24;
   TrainState state;
   RayBatch rays;
-  Buffer<float> edges, position, footprint, features, d_features, harmonics, raw, d_table, d_weights;
+  Buffer<float> edges, position, footprint, features, d_features, harmonics, raw, d_table,
+      d_weights;
   kernels::UnitPoints points;
 
   GridBatch(kernels::Backend& backend, const SyntheticDrive& drive);

@@ -12,7 +12,8 @@
 namespace redrive {
 namespace {
 
-/// Radii above this are 1e-6 rad from 90 degrees: no image has them, and powers of them lose meaning.
+/// Radii above this are 1e-6 rad from 90 degrees: no image has them, and powers of them lose
+/// meaning.
 constexpr double kFarRadius = 1e6;
 
 /// r in [0, max_radius] with r g(r^2) = distorted_radius, else about the edge.
@@ -25,14 +26,17 @@ double undistorted_radius(const BrownConrady& lens, double distorted_radius) {
     const double s = r * r;
     return 1 + s * (3 * lens.k1 + s * (5 * lens.k2 + s * 7 * lens.k3));
   };
-  return increasing_root(distorted, slope, distorted_radius, distorted_radius, std::min(lens.max_radius, kFarRadius));
+  return increasing_root(distorted, slope, distorted_radius, distorted_radius,
+                         std::min(lens.max_radius, kFarRadius));
 }
 
 }  // namespace
 
-BrownConrady::BrownConrady(const std::array<double, 5>& c) : k1(c[0]), k2(c[1]), p1(c[2]), p2(c[3]), k3(c[4]) {
+BrownConrady::BrownConrady(const std::array<double, 5>& c)
+    : k1(c[0]), k2(c[1]), p1(c[2]), p2(c[3]), k3(c[4]) {
   const double p = std::hypot(p1, p2);
-  const std::vector<double> folds = sign_changes({1, -20.0 / 3 * p, 3 * k1, 0, 5 * k2, 0, 7 * k3}, kFarRadius);
+  const std::vector<double> folds =
+      sign_changes({1, -20.0 / 3 * p, 3 * k1, 0, 5 * k2, 0, 7 * k3}, kFarRadius);
   if (!folds.empty()) max_radius = folds.front();
 }
 
@@ -43,7 +47,8 @@ std::optional<Eigen::Vector2d> BrownConrady::undistort(const Eigen::Vector2d& di
   if (std::isfinite(max_radius)) {
     // No point of the disc gets further out than its edge: |x_d| <= r g + 3 |p| r^2.
     const double s = max_radius * max_radius;
-    const double reach = max_radius * (1 + s * (k1 + s * (k2 + s * k3))) + 3 * std::hypot(p1, p2) * s;
+    const double reach =
+        max_radius * (1 + s * (k1 + s * (k2 + s * k3))) + 3 * std::hypot(p1, p2) * s;
     if (distorted_radius > reach) return std::nullopt;
   }
 
@@ -53,14 +58,16 @@ std::optional<Eigen::Vector2d> BrownConrady::undistort(const Eigen::Vector2d& di
   };
   Eigen::Vector2d x = distorted * (undistorted_radius(*this, distorted_radius) / distorted_radius);
   Eigen::Vector2d error = residual(x);
-  for (int iteration = 0; iteration < 60 && error.norm() > 1e-14 * (1 + distorted_radius); ++iteration) {
+  for (int iteration = 0; iteration < 60 && error.norm() > 1e-14 * (1 + distorted_radius);
+       ++iteration) {
     const double s = x.squaredNorm(), a = x.x(), b = x.y();
     const double g = 1 + s * (k1 + s * (k2 + s * k3)), dg = k1 + s * (2 * k2 + s * 3 * k3);
     Eigen::Matrix2d jacobian;
     jacobian(0, 0) = g + 2 * a * a * dg + 2 * p1 * b + 6 * p2 * a;
     jacobian(1, 1) = g + 2 * b * b * dg + 6 * p1 * b + 2 * p2 * a;
     jacobian(0, 1) = jacobian(1, 0) = 2 * a * b * dg + 2 * p1 * a + 2 * p2 * b;
-    // Solving in the disc is minimising a convex function there: a step that leaves it or gains nothing is halved.
+    // Solving in the disc is minimising a convex function there: a step that leaves it or gains
+    // nothing is halved.
     Eigen::Vector2d step = jacobian.inverse() * error, next = x - step;
     Eigen::Vector2d next_error = residual(next);
     int halvings = 0;
@@ -74,7 +81,8 @@ std::optional<Eigen::Vector2d> BrownConrady::undistort(const Eigen::Vector2d& di
     x = next;
     error = next_error;
   }
-  if (!(error.norm() <= 1e-12 * (1 + distorted_radius)) || !(x.norm() <= max_radius)) return std::nullopt;
+  if (!(error.norm() <= 1e-12 * (1 + distorted_radius)) || !(x.norm() <= max_radius))
+    return std::nullopt;
   return x;
 }
 

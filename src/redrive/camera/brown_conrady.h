@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Lens distortion of OpenCV's five coefficients (Brown 1966, Conrady 1919), shared by the pinhole and the mei model.
+// Lens distortion of OpenCV's five coefficients (Brown 1966, Conrady 1919), shared by the pinhole
+// and the mei model.
 //   s = x^2 + y^2,  g(s) = 1 + k1 s + k2 s^2 + k3 s^3
 //   x_d = x g + 2 p1 x y + p2 (s + 2 x^2),   y_d = y g + p1 (s + 2 y^2) + 2 p2 x y
 // on normalised coordinates (no unit; pixel = f x_d + c).
@@ -16,15 +17,16 @@ namespace redrive {
 struct BrownConrady {
   double k1 = 0, k2 = 0, p1 = 0, p2 = 0, k3 = 0;
 
-  /// Undistorted radius of the disc on which the map is one-to-one. Beyond it the polynomial folds back: a second,
-  /// wrong point would be seen at the same place. Infinity if it never folds.
+  /// Undistorted radius of the disc on which the map is one-to-one. Beyond it the polynomial folds
+  /// back: a second, wrong point would be seen at the same place. Infinity if it never folds.
   double max_radius = std::numeric_limits<double>::infinity();
 
   BrownConrady() = default;
-  /// k1 k2 p1 p2 k3, all finite. Finds max_radius: the first r > 0 where d(r g(r^2))/dr = 1 + 3 k1 r^2 + 5 k2 r^4 + 7 k3 r^6
-  /// falls to (20/3) |p| r. The map is a gradient (its Jacobian J is symmetric), so it is one-to-one on a disc where
-  /// J is positive definite; with p = 0 that ends exactly where the derivative reaches 0, and with p != 0 the bound
-  /// keeps det J > 0 for every angle (the radial entry of J is at least the derivative - 6 |p| r, the tangential one at least
+  /// k1 k2 p1 p2 k3, all finite. Finds max_radius: the first r > 0 where d(r g(r^2))/dr = 1 + 3 k1
+  /// r^2 + 5 k2 r^4 + 7 k3 r^6 falls to (20/3) |p| r. The map is a gradient (its Jacobian J is
+  /// symmetric), so it is one-to-one on a disc where J is positive definite; with p = 0 that ends
+  /// exactly where the derivative reaches 0, and with p != 0 the bound keeps det J > 0 for every
+  /// angle (the radial entry of J is at least the derivative - 6 |p| r, the tangential one at least
   /// g - 2 |p| r, the mixed one 2 |p| r sin(angle)).
   explicit BrownConrady(const std::array<double, 5>& coefficients);
 
@@ -34,11 +36,12 @@ struct BrownConrady {
     const T& y = point[1];
     const T xx = x * x, yy = y * y, xy = x * y, s = xx + yy;
     const T g = T(1) + s * (T(k1) + s * (T(k2) + s * T(k3)));
-    return {x * g + T(2 * p1) * xy + T(p2) * (s + T(2) * xx), y * g + T(p1) * (s + T(2) * yy) + T(2 * p2) * xy};
+    return {x * g + T(2 * p1) * xy + T(p2) * (s + T(2) * xx),
+            y * g + T(p1) * (s + T(2) * yy) + T(2 * p2) * xy};
   }
 
-  /// The point of the disc that is distorted to `distorted`: Newton, to 1e-12 (1 + |distorted|) or better. Nothing if the
-  /// image of the disc does not contain it.
+  /// The point of the disc that is distorted to `distorted`: Newton, to 1e-12 (1 + |distorted|) or
+  /// better. Nothing if the image of the disc does not contain it.
   std::optional<Eigen::Vector2d> undistort(const Eigen::Vector2d& distorted) const;
 };
 

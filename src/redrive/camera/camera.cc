@@ -35,7 +35,8 @@ Camera Camera::downscaled(int factor) const {
 }
 
 Camera Camera::undistorted() const {
-  REDRIVE_CHECK(std::holds_alternative<OpenCvPinhole>(model));  // a fisheye sees what no pinhole can
+  REDRIVE_CHECK(
+      std::holds_alternative<OpenCvPinhole>(model));  // a fisheye sees what no pinhole can
   Camera plain = *this;
   plain.model = OpenCvPinhole{};
   return plain;

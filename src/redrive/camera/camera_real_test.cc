@@ -10,7 +10,8 @@ namespace redrive {
 namespace {
 
 TEST(RealCameras, RoundTripOverTheWholeImage) {
-  const std::filesystem::path file = REDRIVE_SHARED "/data/aimotive_night/sensor/calibration/calibration.json";
+  const std::filesystem::path file =
+      REDRIVE_SHARED "/data/aimotive_night/sensor/calibration/calibration.json";
   if (!std::filesystem::exists(file)) GTEST_SKIP() << file << " is not here";
   const auto cameras = aimotive::parse_calibration(read_file(file), file, nullptr);
   ASSERT_EQ(cameras.size(), 4u);
@@ -27,7 +28,8 @@ TEST(RealCameras, RoundTripOverTheWholeImage) {
         ASSERT_TRUE(back) << u << ' ' << v;
         ASSERT_LT((*back - Eigen::Vector2d(u, v)).norm(), 1e-6) << u << ' ' << v;
       }
-    // Both pinholes are one-to-one everywhere (9 k1^2 < 20 k2); the fisheyes' corners lie beyond their fold.
+    // Both pinholes are one-to-one everywhere (9 k1^2 < 20 k2); the fisheyes' corners lie beyond
+    // their fold.
     const std::size_t pixels = std::size_t(camera.width) * camera.height;
     if (calibration.model == "mei") {
       EXPECT_GT(seen, pixels * 7 / 10);

@@ -25,7 +25,8 @@ std::vector<Eigen::Vector3d> directions(int n) {
   return all;
 }
 
-// Every whole and half pixel: what is unprojected comes back, and what is refused lies outside the image of the valid disc.
+// Every whole and half pixel: what is unprojected comes back, and what is refused lies outside the
+// image of the valid disc.
 TEST(Camera, RoundTripsOverTheWholeImage) {
   for (const ExampleCamera& example : example_cameras()) {
     SCOPED_TRACE(example.name);
@@ -37,7 +38,8 @@ TEST(Camera, RoundTripsOverTheWholeImage) {
         const auto direction = camera.unproject(pixel);
         if (!direction) {
           ++refused;
-          const double distance = std::hypot((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy);
+          const double distance =
+              std::hypot((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy);
           ASSERT_GT(distance, sure_reach(camera) - 1e-9) << u << ' ' << v;
           continue;
         }
@@ -49,8 +51,8 @@ TEST(Camera, RoundTripsOverTheWholeImage) {
       }
     EXPECT_GT(seen, 0);
     const bool expected = example.name.find("fold") != std::string::npos ||
-                          example.name.find("sphere") != std::string::npos || example.name == "sixth order" ||
-                          example.name == "fisheye";
+                          example.name.find("sphere") != std::string::npos ||
+                          example.name == "sixth order" || example.name == "fisheye";
     EXPECT_EQ(refused > 0, expected) << refused;
   }
 }
@@ -66,8 +68,10 @@ TEST(Camera, ProjectedDirectionsComeBack) {
       ++seen;
       const auto back = example.camera.unproject(*pixel);
       ASSERT_TRUE(back) << direction.transpose();
-      // At the fold a pixel determines its radius to the square root of its own rounding: (1e-12)^(1/2) f at worst.
-      ASSERT_LT((*back - direction).norm(), folds(example.camera) ? 1e-5 : 1e-9) << direction.transpose();
+      // At the fold a pixel determines its radius to the square root of its own rounding:
+      // (1e-12)^(1/2) f at worst.
+      ASSERT_LT((*back - direction).norm(), folds(example.camera) ? 1e-5 : 1e-9)
+          << direction.transpose();
     }
     EXPECT_GT(seen, 1000);
   }
@@ -79,7 +83,8 @@ TEST(BrownConrady, FoldRadiusIsTheFirstRootOfTheDerivative) {
   // 1 + 3 k1 s + 5 k2 s^2 has no real root: 9 k1^2 < 20 k2.
   EXPECT_TRUE(std::isinf(BrownConrady({-0.3, 0.08, 0, 0, 0}).max_radius));
   EXPECT_NEAR(BrownConrady({-0.4, 0, 0, 0, 0}).max_radius, std::sqrt(1 / 1.2), 1e-14);
-  // 9 k1^2 > 20 k2: two roots, s = (-3 k1 -+ sqrt(9 k1^2 - 20 k2)) / (10 k2); the nearer one counts.
+  // 9 k1^2 > 20 k2: two roots, s = (-3 k1 -+ sqrt(9 k1^2 - 20 k2)) / (10 k2); the nearer one
+  // counts.
   const double near_root = (1.2 - std::sqrt(1.44 - 20 * 0.06)) / 0.6;
   EXPECT_NEAR(BrownConrady({-0.4, 0.06, 0, 0, 0}).max_radius, std::sqrt(near_root), 1e-13);
   EXPECT_NEAR(BrownConrady({0, 0, 0, 0, -1.0 / 7}).max_radius, 1, 1e-14);  // 1 - s^3
@@ -94,13 +99,15 @@ TEST(BrownConrady, TangentialTermsMakeTheDiscSmaller) {
     for (int i = 0; i < 3600; ++i) {
       using D = Dual<double, 2>;
       const double angle = i * std::numbers::pi / 1800;
-      const auto d = lens.distort<D>({D::variable(r * std::cos(angle), 0), D::variable(r * std::sin(angle), 1)});
+      const auto d = lens.distort<D>(
+          {D::variable(r * std::cos(angle), 0), D::variable(r * std::sin(angle), 1)});
       smallest = std::min(smallest, d[0].d[0] * d[1].d[1] - d[0].d[1] * d[1].d[0]);
     }
     return smallest;
   };
   for (int i = 0; i <= 100; ++i) EXPECT_GT(smallest_determinant(lens.max_radius * i / 100), 0) << i;
-  // Not smaller than need be: the radial derivative falls with slope 6 k1 r = -2 there, and the bound gives away 2/3 |p| r.
+  // Not smaller than need be: the radial derivative falls with slope 6 k1 r = -2 there, and the
+  // bound gives away 2/3 |p| r.
   EXPECT_LT(smallest_determinant(lens.max_radius * 1.01), 0);
 }
 
@@ -120,7 +127,8 @@ TEST(Camera, RefusesWhatItCannotSee) {
 }
 
 TEST(Camera, RefusesTheFoldedBackPoint) {
-  // r g(r^2) with k1 = -0.4: r = 0.8 and r = 1.0198... are seen at the same distance from the centre; only the first is true.
+  // r g(r^2) with k1 = -0.4: r = 0.8 and r = 1.0198... are seen at the same distance from the
+  // centre; only the first is true.
   const Camera camera = example_cameras()[3].camera;
   const double seen_at = 0.8 * (1 - 0.4 * 0.64);
   // 0.4 r^3 - r + seen_at = 0 divided by (r - 0.8): 0.4 r^2 + 0.32 r - 0.744.
@@ -134,7 +142,8 @@ TEST(Camera, RefusesTheFoldedBackPoint) {
 }
 
 TEST(Mei, SeesToTheEdgeOfItsSphere) {
-  const Camera camera = example_cameras()[8].camera;  // xi = 1.5: cos a > -1/xi, r < 1/sqrt(xi^2 - 1)
+  const Camera camera =
+      example_cameras()[8].camera;  // xi = 1.5: cos a > -1/xi, r < 1/sqrt(xi^2 - 1)
   const auto at_angle = [](double a) { return Eigen::Vector3d(std::sin(a), 0, std::cos(a)); };
   const double edge = std::acos(-1 / 1.5);
   EXPECT_TRUE(camera.project(at_angle(edge - 1e-3)));
@@ -163,7 +172,8 @@ TEST(OpenCvFisheye, EquidistantSeesBehindItself) {
     ASSERT_TRUE(direction);
     EXPECT_LT((*direction - Eigen::Vector3d(0, std::sin(angle), std::cos(angle))).norm(), 1e-11);
   }
-  EXPECT_FALSE(camera.unproject({camera.cx, camera.cy + 3.15 * camera.fy})) << "beyond straight behind";
+  EXPECT_FALSE(camera.unproject({camera.cx, camera.cy + 3.15 * camera.fy}))
+      << "beyond straight behind";
 }
 
 // theta = a - 0.1 a^3 rises to a = 1 / sqrt(0.3).
@@ -197,7 +207,8 @@ TEST(OpenCvFisheye, AgreesWithOpenCv) {
     cv::fisheye::projectPoints(points, theirs, cv::Vec3d(), cv::Vec3d(), k,
                                cv::Vec4d(fisheye->k1, fisheye->k2, fisheye->k3, fisheye->k4));
     for (std::size_t i = 0; i < points.size(); ++i)
-      ASSERT_LT(std::hypot(ours[i].x() - theirs[i].x, ours[i].y() - theirs[i].y), 1e-6) << points[i];
+      ASSERT_LT(std::hypot(ours[i].x() - theirs[i].x, ours[i].y() - theirs[i].y), 1e-6)
+          << points[i];
     ++compared;
   }
   EXPECT_EQ(compared, 3);
@@ -205,8 +216,8 @@ TEST(OpenCvFisheye, AgreesWithOpenCv) {
 
 TEST(Camera, GradientByDualNumbersMeetsDifferences) {
   using D = Dual<double, 3>;
-  // Central differences of a function of order 1 on points of length 1: step^2 f'''/6 (f''' <= 1e3 this far from the edge)
-  // and 2e-16 / step of rounding.
+  // Central differences of a function of order 1 on points of length 1: step^2 f'''/6 (f''' <= 1e3
+  // this far from the edge) and 2e-16 / step of rounding.
   const double step = 1e-6, tolerance = 1e-8;
   for (const ExampleCamera& example : example_cameras()) {
     SCOPED_TRACE(example.name);
@@ -215,20 +226,25 @@ TEST(Camera, GradientByDualNumbersMeetsDifferences) {
         [&](const auto& model) {
           for (const Eigen::Vector3d& direction : directions(400)) {
             const double angle = std::acos(direction.z());
-            if (angle > 1 || !model.template project<double>({1.1 * direction.x(), 1.1 * direction.y(), direction.z()}))
+            if (angle > 1 || !model.template project<double>(
+                                 {1.1 * direction.x(), 1.1 * direction.y(), direction.z()}))
               continue;
             ++tested;
-            const auto gradient = model.template project<D>(
-                {D::variable(direction.x(), 0), D::variable(direction.y(), 1), D::variable(direction.z(), 2)});
+            const auto gradient = model.template project<D>({D::variable(direction.x(), 0),
+                                                             D::variable(direction.y(), 1),
+                                                             D::variable(direction.z(), 2)});
             ASSERT_TRUE(gradient);
             for (int k = 0; k < 3; ++k) {
-              std::array<double, 3> ahead{direction.x(), direction.y(), direction.z()}, behind = ahead;
+              std::array<double, 3> ahead{direction.x(), direction.y(), direction.z()},
+                  behind = ahead;
               ahead[k] += step;
               behind[k] -= step;
-              const auto a = model.template project<double>(ahead), b = model.template project<double>(behind);
+              const auto a = model.template project<double>(ahead),
+                         b = model.template project<double>(behind);
               ASSERT_TRUE(a && b);
               for (int i = 0; i < 2; ++i)
-                ASSERT_NEAR((*gradient)[i].d[k], ((*a)[i] - (*b)[i]) / (2 * step), tolerance) << direction.transpose();
+                ASSERT_NEAR((*gradient)[i].d[k], ((*a)[i] - (*b)[i]) / (2 * step), tolerance)
+                    << direction.transpose();
             }
           }
         },
@@ -256,7 +272,8 @@ TEST(Camera, PinholeAgreesWithOpenCv) {
     cv::projectPoints(points, cv::Vec3d(), cv::Vec3d(), k,
                       cv::Vec<double, 5>(lens.k1, lens.k2, lens.p1, lens.p2, lens.k3), theirs);
     for (std::size_t i = 0; i < points.size(); ++i)
-      ASSERT_LT(std::hypot(ours[i].x() - theirs[i].x, ours[i].y() - theirs[i].y), 1e-6) << points[i];
+      ASSERT_LT(std::hypot(ours[i].x() - theirs[i].x, ours[i].y() - theirs[i].y), 1e-6)
+          << points[i];
   }
 }
 
@@ -292,7 +309,8 @@ TEST(Camera, UnknownModelIsRefused) {
     make_camera(calibration);
     FAIL();
   } catch (const InputError& error) {
-    EXPECT_NE(std::string(error.what()).find("CAM.model = rational"), std::string::npos) << error.what();
+    EXPECT_NE(std::string(error.what()).find("CAM.model = rational"), std::string::npos)
+        << error.what();
   }
 }
 

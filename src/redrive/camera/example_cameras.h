@@ -16,8 +16,8 @@ struct ExampleCamera {
 };
 
 inline std::vector<ExampleCamera> example_cameras() {
-  const auto make = [](const char* name, const char* model, std::array<double, 5> distortion, double xi, double fx,
-                       double fy) {
+  const auto make = [](const char* name, const char* model, std::array<double, 5> distortion,
+                       double xi, double fx, double fy) {
     CameraCalibration c;
     c.name = name;
     c.model = model;
@@ -36,7 +36,8 @@ inline std::vector<ExampleCamera> example_cameras() {
       make("barrel", "opencv_pinhole", {-0.3, 0.08, 0.002, 0.0006, 0}, 0, 293, 250),
       make("wide barrel", "opencv_pinhole", {-0.33, 0.1, -0.001, 0.0013, 0}, 0, 161, 162),
       make("barrel that folds in the image", "opencv_pinhole", {-0.4, 0, 0, 0, 0}, 0, 180, 190),
-      make("tangential fold in the image", "opencv_pinhole", {-0.4, 0.01, 0.004, -0.003, 0}, 0, 180, 190),
+      make("tangential fold in the image", "opencv_pinhole", {-0.4, 0.01, 0.004, -0.003, 0}, 0, 180,
+           190),
       make("sixth order", "opencv_pinhole", {0.1, -0.05, 0.001, 0.001, -0.04}, 0, 130, 140),
       make("fisheye", "mei", {0.03, -0.08, 0, 0, 0}, 1.02, 144, 126),
       make("fisheye with tangential terms", "mei", {-0.05, 0.01, 0.001, -0.002, 0}, 0.8, 110, 120),
@@ -67,8 +68,9 @@ inline bool folds(const Camera& camera) {
   return std::get<OpenCvFisheye>(camera.model).max_angle_rad < 3.14;
 }
 
-/// Distance from the principal point, normalised, within which every pixel is seen. NaN or less than 0 where the model has no
-/// edge. Along a pixel's own direction the edge of a Brown-Conrady disc is r g away, less 6 |p| r^2 for the tangential terms.
+/// Distance from the principal point, normalised, within which every pixel is seen. NaN or less
+/// than 0 where the model has no edge. Along a pixel's own direction the edge of a Brown-Conrady
+/// disc is r g away, less 6 |p| r^2 for the tangential terms.
 inline double sure_reach(const Camera& camera) {
   const BrownConrady* lens = brown_conrady_of(camera);
   if (!lens) {
@@ -76,7 +78,8 @@ inline double sure_reach(const Camera& camera) {
     return fisheye.distort(fisheye.max_angle_rad);
   }
   const double r = lens->max_radius, s = r * r;
-  return r * (1 + s * (lens->k1 + s * (lens->k2 + s * lens->k3))) - 6 * std::hypot(lens->p1, lens->p2) * s;
+  return r * (1 + s * (lens->k1 + s * (lens->k2 + s * lens->k3))) -
+         6 * std::hypot(lens->p1, lens->p2) * s;
 }
 
 }  // namespace redrive

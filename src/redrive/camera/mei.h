@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// The unified model of Mei and Rives (ICRA 2007, section II) for fisheyes, as in OpenCV's omnidir ("mei"):
-//   (X, Y, Z)/|.| -> (x, y) = (X/(Z + xi), Y/(Z + xi)) on the unit sphere, then camera/brown_conrady.h.
-// Inverse (the lift): with s = x^2 + y^2, f = (xi + sqrt(1 + (1 - xi^2) s)) / (s + 1), direction (f x, f y, f - xi).
-// At angle a from the axis r = sin a / (cos a + xi) grows until cos a = -xi (xi <= 1, r = infinity) or cos a = -1/xi
-// (xi > 1, r = 1/sqrt(xi^2 - 1), where the root of the lift is 0); what lies further back is not seen.
+// The unified model of Mei and Rives (ICRA 2007, section II) for fisheyes, as in OpenCV's omnidir
+// ("mei"):
+//   (X, Y, Z)/|.| -> (x, y) = (X/(Z + xi), Y/(Z + xi)) on the unit sphere, then
+//   camera/brown_conrady.h.
+// Inverse (the lift): with s = x^2 + y^2, f = (xi + sqrt(1 + (1 - xi^2) s)) / (s + 1), direction (f
+// x, f y, f - xi). At angle a from the axis r = sin a / (cos a + xi) grows until cos a = -xi (xi <=
+// 1, r = infinity) or cos a = -1/xi (xi > 1, r = 1/sqrt(xi^2 - 1), where the root of the lift is
+// 0); what lies further back is not seen.
 #pragma once
 
 #include <algorithm>
@@ -19,16 +22,20 @@ namespace redrive {
 
 struct Mei {
   static constexpr const char* kName = "mei";
-  BrownConrady distortion;  ///< its max_radius is that of the lens and of the sphere, whichever is smaller
-  double xi = 0;            ///< >= 0: distance of the projection centre from the sphere's; 0 is a pinhole
+  BrownConrady
+      distortion;  ///< its max_radius is that of the lens and of the sphere, whichever is smaller
+  double xi = 0;   ///< >= 0: distance of the projection centre from the sphere's; 0 is a pinhole
 
   Mei() = default;
   Mei(const std::array<double, 5>& coefficients, double xi_) : distortion(coefficients), xi(xi_) {
-    // 1e-9: on the sphere's very edge the angle is only known to the square root of a rounding error.
-    if (xi > 1) distortion.max_radius = std::min(distortion.max_radius, (1 - 1e-9) / std::sqrt(xi * xi - 1));
+    // 1e-9: on the sphere's very edge the angle is only known to the square root of a rounding
+    // error.
+    if (xi > 1)
+      distortion.max_radius = std::min(distortion.max_radius, (1 - 1e-9) / std::sqrt(xi * xi - 1));
   }
 
-  /// Distorted normalised coordinates of a point (any length > 0). Nothing beyond the edge of the sphere or the fold.
+  /// Distorted normalised coordinates of a point (any length > 0). Nothing beyond the edge of the
+  /// sphere or the fold.
   template <class T>
   std::optional<std::array<T, 2>> project(const std::array<T, 3>& point) const {
     using std::sqrt;
@@ -36,7 +43,8 @@ struct Mei {
     if (!(length > T(0)) || !(point[2] > length * T(xi > 1 ? -1 / xi : -xi))) return std::nullopt;
     const T w = point[2] + T(xi) * length;
     const std::array<T, 2> m{point[0] / w, point[1] / w};
-    if (!(m[0] * m[0] + m[1] * m[1] <= T(distortion.max_radius * distortion.max_radius * (1 + 1e-12))))
+    if (!(m[0] * m[0] + m[1] * m[1] <=
+          T(distortion.max_radius * distortion.max_radius * (1 + 1e-12))))
       return std::nullopt;
     return distortion.distort(m);
   }

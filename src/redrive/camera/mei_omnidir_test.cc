@@ -17,9 +17,11 @@ TEST(Mei, AgreesWithOpenCvOmnidir) {
     std::vector<cv::Vec3d> points;
     std::vector<Eigen::Vector2d> ours;
     for (int i = 0; i < 5000; ++i) {
-      const double angle = 2.4 * (i + 0.5) / 5000, turn = 2.399963229728653 * i;  // to 137 degrees from the axis
+      const double angle = 2.4 * (i + 0.5) / 5000,
+                   turn = 2.399963229728653 * i;  // to 137 degrees from the axis
       const Eigen::Vector3d point =
-          2.5 * Eigen::Vector3d(std::sin(angle) * std::cos(turn), std::sin(angle) * std::sin(turn), std::cos(angle));
+          2.5 * Eigen::Vector3d(std::sin(angle) * std::cos(turn), std::sin(angle) * std::sin(turn),
+                                std::cos(angle));
       if (const auto pixel = camera.project(point); pixel && pixel->norm() < 1e4) {
         points.emplace_back(point.x(), point.y(), point.z());
         ours.push_back(*pixel);
@@ -32,7 +34,8 @@ TEST(Mei, AgreesWithOpenCvOmnidir) {
     cv::omnidir::projectPoints(points, theirs, cv::Vec3d(), cv::Vec3d(), k, mei->xi,
                                cv::Vec4d(lens.k1, lens.k2, lens.p1, lens.p2));
     for (std::size_t i = 0; i < points.size(); ++i)
-      ASSERT_LT(std::hypot(ours[i].x() - theirs[i][0], ours[i].y() - theirs[i][1]), 1e-6) << points[i];
+      ASSERT_LT(std::hypot(ours[i].x() - theirs[i][0], ours[i].y() - theirs[i][1]), 1e-6)
+          << points[i];
     ++compared;
   }
   EXPECT_GE(compared, 3);

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The fisheye of Kannala and Brandt (PAMI 2006, eq. 6) with OpenCV's four coefficients ("opencv_fisheye"): at angle a from
-// the axis
-//   (X, Y, Z) -> theta(a) (X, Y) / sqrt(X^2 + Y^2),   theta(a) = a (1 + k1 a^2 + k2 a^4 + k3 a^6 + k4 a^8).
+// The fisheye of Kannala and Brandt (PAMI 2006, eq. 6) with OpenCV's four coefficients
+// ("opencv_fisheye"): at angle a from the axis
+//   (X, Y, Z) -> theta(a) (X, Y) / sqrt(X^2 + Y^2),   theta(a) = a (1 + k1 a^2 + k2 a^4 + k3 a^6 +
+//   k4 a^8).
 #pragma once
 
 #include <array>
@@ -19,14 +20,15 @@ struct OpenCvFisheye {
   static constexpr const char* kName = "opencv_fisheye";
   double k1 = 0, k2 = 0, k3 = 0, k4 = 0;
 
-  /// Angles up to here are seen: beyond it theta falls, and a second, wrong direction would land in the image. At most
-  /// pi (1 - 1e-9): what lies straight behind has no place.
+  /// Angles up to here are seen: beyond it theta falls, and a second, wrong direction would land in
+  /// the image. At most pi (1 - 1e-9): what lies straight behind has no place.
   double max_angle_rad = std::numbers::pi * (1 - 1e-9);
 
   OpenCvFisheye() = default;
   /// k1 k2 k3 k4 and one that is not used, all finite.
   explicit OpenCvFisheye(const std::array<double, 5>& c) : k1(c[0]), k2(c[1]), k3(c[2]), k4(c[3]) {
-    const std::vector<double> folds = sign_changes({1, 0, 3 * k1, 0, 5 * k2, 0, 7 * k3, 0, 9 * k4}, max_angle_rad);
+    const std::vector<double> folds =
+        sign_changes({1, 0, 3 * k1, 0, 5 * k2, 0, 7 * k3, 0, 9 * k4}, max_angle_rad);
     if (!folds.empty()) max_angle_rad = folds.front();
   }
 
@@ -62,7 +64,8 @@ struct OpenCvFisheye {
       const double s = a * a;
       return 1 + s * (3 * k1 + s * (5 * k2 + s * (7 * k3 + s * 9 * k4)));
     };
-    const double angle = increasing_root([&](double a) { return distort(a); }, slope, theta, theta, max_angle_rad);
+    const double angle =
+        increasing_root([&](double a) { return distort(a); }, slope, theta, theta, max_angle_rad);
     const Eigen::Vector2d sideways = distorted * (std::sin(angle) / theta);
     return Eigen::Vector3d(sideways.x(), sideways.y(), std::cos(angle));
   }

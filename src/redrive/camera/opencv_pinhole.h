@@ -16,13 +16,15 @@ struct OpenCvPinhole {
   static constexpr const char* kName = "opencv_pinhole";
   BrownConrady distortion;
 
-  /// Distorted normalised coordinates of a point (any length). Nothing behind the camera or beyond the fold.
+  /// Distorted normalised coordinates of a point (any length). Nothing behind the camera or beyond
+  /// the fold.
   template <class T>
   std::optional<std::array<T, 2>> project(const std::array<T, 3>& point) const {
     if (!(point[2] > T(0))) return std::nullopt;
     const std::array<T, 2> m{point[0] / point[2], point[1] / point[2]};
     // 1e-12: room for the rounding of a ray that unproject has found on the edge itself.
-    if (!(m[0] * m[0] + m[1] * m[1] <= T(distortion.max_radius * distortion.max_radius * (1 + 1e-12))))
+    if (!(m[0] * m[0] + m[1] * m[1] <=
+          T(distortion.max_radius * distortion.max_radius * (1 + 1e-12))))
       return std::nullopt;
     return distortion.distort(m);
   }

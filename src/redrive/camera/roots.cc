@@ -12,12 +12,13 @@ double horner(const std::vector<double>& polynomial, double x) {
 
 }  // namespace
 
-// Between neighbouring extrema, which are the derivative's sign changes, the polynomial is monotone, so bisection finds
-// every one.
+// Between neighbouring extrema, which are the derivative's sign changes, the polynomial is
+// monotone, so bisection finds every one.
 std::vector<double> sign_changes(const std::vector<double>& polynomial, double end) {
   if (polynomial.size() < 2) return {};
   std::vector<double> derivative(polynomial.size() - 1);
-  for (std::size_t i = 0; i < derivative.size(); ++i) derivative[i] = polynomial[i + 1] * static_cast<double>(i + 1);
+  for (std::size_t i = 0; i < derivative.size(); ++i)
+    derivative[i] = polynomial[i + 1] * static_cast<double>(i + 1);
   std::vector<double> ends = sign_changes(derivative, end);
   ends.push_back(end);
 

@@ -11,10 +11,11 @@ namespace redrive {
 /// Where the polynomial (ascending coefficients) changes sign in (0, end), ascending.
 std::vector<double> sign_changes(const std::vector<double>& polynomial, double end);
 
-/// x in [0, edge] with f(x) = target, to 1e-12 x, for f growing from f(0) <= target there; about the edge where f does not
-/// get as far. Newton kept inside a bracket, which begins at `guess`.
+/// x in [0, edge] with f(x) = target, to 1e-12 x, for f growing from f(0) <= target there; about
+/// the edge where f does not get as far. Newton kept inside a bracket, which begins at `guess`.
 template <class Function, class Slope>
-double increasing_root(const Function& f, const Slope& slope, double target, double guess, double edge) {
+double increasing_root(const Function& f, const Slope& slope, double target, double guess,
+                       double edge) {
   double low = 0, high = std::min(edge, guess);
   while (high < edge && f(high) < target) high = std::min(2 * high, edge);
   double x = high;

@@ -14,22 +14,24 @@ namespace {
 constexpr double kInDegrees = 180 / std::numbers::pi;
 
 void print_truth(const char* which, const Alignment& rest) {
-  std::printf("%s trajectory against the true one: %.2f cm, %.4f degrees RMS\n", which, 100 * rest.rest_m,
-              rest.rest_deg);
+  std::printf("%s trajectory against the true one: %.2f cm, %.4f degrees RMS\n", which,
+              100 * rest.rest_m, rest.rest_deg);
 }
 
 void print_alignment(const AlignResult& result) {
   const BundleResult& bundle = result.bundle;
-  std::printf("%-22s %16s %15s %26s %8s %11s %16s\n", "camera", "observations", "error px", "yaw pitch roll deg", "+-",
-              "moved cm", "offset ms");
+  std::printf("%-22s %16s %15s %26s %8s %11s %16s\n", "camera", "observations", "error px",
+              "yaw pitch roll deg", "+-", "moved cm", "offset ms");
   for (std::size_t c = 0; c < result.cameras.size(); ++c) {
     const CameraCorrection& k = result.camera_corrections[c];
     const CameraFit& fit = bundle.cameras[c];
-    std::printf("%-22s %7d of %6d %6.2f -> %5.2f    %+7.3f %+7.3f %+7.3f %8.3f %4.1f +- %3.1f %+7.2f ", k.name.c_str(),
-                fit.used, fit.observations, fit.before_px, fit.after_px, k.turned_in_body.z() * kInDegrees,
-                k.turned_in_body.y() * kInDegrees, k.turned_in_body.x() * kInDegrees,
-                k.mount.sigma.tail<3>().maxCoeff() * kInDegrees, 100 * k.mount.value.head<3>().norm(),
-                100 * k.mount.sigma.head<3>().maxCoeff(), 1e3 * k.offset_s);
+    std::printf(
+        "%-22s %7d of %6d %6.2f -> %5.2f    %+7.3f %+7.3f %+7.3f %8.3f %4.1f +- %3.1f %+7.2f ",
+        k.name.c_str(), fit.used, fit.observations, fit.before_px, fit.after_px,
+        k.turned_in_body.z() * kInDegrees, k.turned_in_body.y() * kInDegrees,
+        k.turned_in_body.x() * kInDegrees, k.mount.sigma.tail<3>().maxCoeff() * kInDegrees,
+        100 * k.mount.value.head<3>().norm(), 100 * k.mount.sigma.head<3>().maxCoeff(),
+        1e3 * k.offset_s);
     if (k.offset_sigma_s)
       std::printf("+- %5.2f\n", 1e3 * *k.offset_sigma_s);
     else
@@ -37,21 +39,24 @@ void print_alignment(const AlignResult& result) {
   }
   for (const CameraCorrection& k : result.camera_corrections) {
     if (k.readout_sigma_s)
-      std::printf("%s: rows are read within %+.2f +- %.2f ms (given: %+.2f)\n", k.name.c_str(), 1e3 * k.readout_s,
-                  1e3 * *k.readout_sigma_s, 1e3 * k.readout_before_s);
+      std::printf("%s: rows are read within %+.2f +- %.2f ms (given: %+.2f)\n", k.name.c_str(),
+                  1e3 * k.readout_s, 1e3 * *k.readout_sigma_s, 1e3 * k.readout_before_s);
     else if (k.readout_s != 0)
-      std::printf("%s: rows are read within %+.2f ms, as given\n", k.name.c_str(), 1e3 * k.readout_s);
+      std::printf("%s: rows are read within %+.2f ms, as given\n", k.name.c_str(),
+                  1e3 * k.readout_s);
   }
   if (bundle.lidar_points > 0)
-    std::printf("LiDAR: %d points on %d flat patches, %.2f -> %.2f cm off them\n", bundle.lidar_points, bundle.patches,
-                100 * bundle.lidar_before_m, 100 * bundle.lidar_after_m);
+    std::printf("LiDAR: %d points on %d flat patches, %.2f -> %.2f cm off them\n",
+                bundle.lidar_points, bundle.patches, 100 * bundle.lidar_before_m,
+                100 * bundle.lidar_after_m);
   double sigma_m = 0, sigma_rad = 0;
   for (const Correction& c : result.corrections) {
     sigma_m = std::max(sigma_m, c.sigma.head<3>().norm());
     sigma_rad = std::max(sigma_rad, c.sigma.tail<3>().norm());
   }
-  std::printf("the trajectory's shape is known to %.2f cm and %.4f degrees (1 sigma, worst frame)\n", 100 * sigma_m,
-              sigma_rad * kInDegrees);
+  std::printf(
+      "the trajectory's shape is known to %.2f cm and %.4f degrees (1 sigma, worst frame)\n",
+      100 * sigma_m, sigma_rad * kInDegrees);
   for (const std::string& remark : result.remarks) std::printf("note: %s\n", remark.c_str());
   if (result.truth_before) print_truth("given", *result.truth_before);
   if (result.truth_after) print_truth("aligned", *result.truth_after);
@@ -71,7 +76,8 @@ AlignResult align_aloud(const Recording& recording, AlignOptions options, Thread
   return result;
 }
 
-void write_alignment(const std::filesystem::path& folder, const Recording& recording, const AlignResult& result) {
+void write_alignment(const std::filesystem::path& folder, const Recording& recording,
+                     const AlignResult& result) {
   write_pose_files(folder, pose_files_of(recording, result.frames, result.cameras));
   write_align_page(folder, recording, result);
 }

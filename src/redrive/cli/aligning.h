@@ -12,6 +12,7 @@ namespace redrive {
 AlignResult align_aloud(const Recording& recording, AlignOptions options, ThreadPool& pool);
 
 /// Poses, calibration and report.html. `recording`: with its own poses.
-void write_alignment(const std::filesystem::path& folder, const Recording& recording, const AlignResult& result);
+void write_alignment(const std::filesystem::path& folder, const Recording& recording,
+                     const AlignResult& result);
 
 }  // namespace redrive

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// redrive align RECORDING [--out FOLDER]: moves poses, mounts and time offsets until images and LiDAR agree with them.
+// redrive align RECORDING [--out FOLDER]: moves poses, mounts and time offsets until images and
+// LiDAR agree with them.
 #include <cstdio>
 #include <memory>
 #include <string>
@@ -33,7 +34,8 @@ int run_align(AlignArguments arguments) {
   const AlignResult result = align_aloud(recording, arguments.options, pool);
   if (arguments.out.empty()) return kExitOk;
   write_alignment(arguments.out, recording, result);
-  std::printf("%s: redrive train %s --poses %s\n", (std::filesystem::path(arguments.out) / "report.html").c_str(),
+  std::printf("%s: redrive train %s --poses %s\n",
+              (std::filesystem::path(arguments.out) / "report.html").c_str(),
               arguments.recording.c_str(), arguments.out.c_str());
   return kExitOk;
 }
@@ -44,24 +46,29 @@ Action configure_align(CLI::App& command) {
   auto arguments = std::make_shared<AlignArguments>();
   command.add_option("RECORDING", arguments->recording, "folder of the recording")->required();
   command.add_option("--out", arguments->out,
-                     "folder for poses, calibration and report.html; must not exist (default: figures are printed, "
+                     "folder for poses, calibration and report.html; must not exist (default: "
+                     "figures are printed, "
                      "nothing is written)");
-  command.add_option("--masks", arguments->options.tracks.masks,
-                     "folder with CAM.png as inspect --masks writes them: counts instead of what is found");
+  command.add_option(
+      "--masks", arguments->options.tracks.masks,
+      "folder with CAM.png as inspect --masks writes them: counts instead of what is found");
   auto* no_lidar = command.add_flag("--no-lidar", arguments->no_lidar, "images alone");
-  command.add_flag("--no-images", arguments->no_images, "LiDAR alone: the trajectory, but no camera")
+  command
+      .add_flag("--no-images", arguments->no_images, "LiDAR alone: the trajectory, but no camera")
       ->excludes(no_lidar);
   command.add_flag("--intrinsics", arguments->options.bundle.intrinsics,
                    "focal length and principal point of each camera, too");
   command
-      .add_option(
-          "--rolling-shutter", arguments->rolling_shutter,
-          "MS, or CAM:MS,CAM:MS: rows are read one after another within so many ms, the middle one at the image's "
-          "time; below 0: from the lowest row up. estimate, or CAM:estimate: find it, too (default: as the "
-          "calibration says, readout_s)")
+      .add_option("--rolling-shutter", arguments->rolling_shutter,
+                  "MS, or CAM:MS,CAM:MS: rows are read one after another within so many ms, the "
+                  "middle one at the image's "
+                  "time; below 0: from the lowest row up. estimate, or CAM:estimate: find it, too "
+                  "(default: as the "
+                  "calibration says, readout_s)")
       ->delimiter(',')
       ->allow_extra_args(false);
-  command.add_option("--threads", arguments->threads, "0: all that this process may use")->check(CLI::Range(0, 1024));
+  command.add_option("--threads", arguments->threads, "0: all that this process may use")
+      ->check(CLI::Range(0, 1024));
   return [arguments] { return run_align(*arguments); };
 }
 

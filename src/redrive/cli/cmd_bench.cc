@@ -20,30 +20,35 @@ Action configure_bench(CLI::App& command) {
   auto s = std::make_shared<Settings>();
   add_backend_options(command, &s->backend);
   command.add_flag("--json", s->json, "print the results as JSON alone");
-  command.add_option("--filter", s->options.filter, "only benchmarks whose name contains this (default: all)");
-  command.add_option("--repetitions", s->options.repetitions,
-                     "0..10000; 0: at least 5 and for 3 s, once where one run takes over 20 s (default: 0)");
+  command.add_option("--filter", s->options.filter,
+                     "only benchmarks whose name contains this (default: all)");
+  command.add_option(
+      "--repetitions", s->options.repetitions,
+      "0..10000; 0: at least 5 and for 3 s, once where one run takes over 20 s (default: 0)");
   return [s] {
     if (s->options.repetitions < 0 || s->options.repetitions > 10'000)
-      throw UsageError("--repetitions", std::to_string(s->options.repetitions), "must be in 0..10000");
+      throw UsageError("--repetitions", std::to_string(s->options.repetitions),
+                       "must be in 0..10000");
     const auto backend = make_checked_backend(s->backend);
     // Progress goes to stderr where stdout is for a script.
     std::FILE* out = s->json ? stderr : stdout;
     std::fprintf(out, "%s, %s\n", describe(*backend).c_str(), cpu_model_name().c_str());
     if (backend->name() == "cuda") std::fprintf(out, "%s\n", kernels::cuda_description().c_str());
-    std::fprintf(out, "%-30s %10s %10s %11s %10s %9s %8s %7s  %s\n", "name", "median ms", "min ms", "Msamples/s",
-                 "GFLOP", "GFLOP/s", "MB", "% roof", "limit");
+    std::fprintf(out, "%-30s %10s %10s %11s %10s %9s %8s %7s  %s\n", "name", "median ms", "min ms",
+                 "Msamples/s", "GFLOP", "GFLOP/s", "MB", "% roof", "limit");
     const bench::Report report = bench::run(*backend, s->options, [&](const bench::Result& r) {
-      std::fprintf(out, "%-30s %10.3f %10.3f %11.2f %10.3f %9.1f %8.2f %7.1f  %s\n", r.name.c_str(), r.median_ms,
-                   r.min_ms, 1e-6 * r.samples_per_s, 1e-9 * r.flops, r.gflops, 1e-6 * r.bytes, r.percent_of_roofline,
+      std::fprintf(out, "%-30s %10.3f %10.3f %11.2f %10.3f %9.1f %8.2f %7.1f  %s\n", r.name.c_str(),
+                   r.median_ms, r.min_ms, 1e-6 * r.samples_per_s, 1e-9 * r.flops, r.gflops,
+                   1e-6 * r.bytes, r.percent_of_roofline,
                    r.limited_by_copies ? "copies" : "arithmetic");
       std::fflush(out);
     });
-    std::fprintf(
-        out,
-        "measured roof: %.0f GFLOP/s (%s), copies %.0f GB/s read and written; GFLOP are the paper's arithmetic, of "
-        "which folded layers save a tenth, MB what goes in and comes out\n",
-        report.ceilings.gflops, report.ceilings.arithmetic.c_str(), report.ceilings.copied_gb_s);
+    std::fprintf(out,
+                 "measured roof: %.0f GFLOP/s (%s), copies %.0f GB/s read and written; GFLOP are "
+                 "the paper's arithmetic, of "
+                 "which folded layers save a tenth, MB what goes in and comes out\n",
+                 report.ceilings.gflops, report.ceilings.arithmetic.c_str(),
+                 report.ceilings.copied_gb_s);
     if (s->json) std::printf("%s\n", bench::to_json(report).dump(2).c_str());
     return kExitOk;
   };

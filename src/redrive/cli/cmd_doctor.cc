@@ -35,20 +35,22 @@ std::string tested_gpu(int gpu) {
 }
 
 int doctor() {
-  const double memory_gib =
-      0x1p-30 * static_cast<double>(sysconf(_SC_PHYS_PAGES)) * static_cast<double>(sysconf(_SC_PAGESIZE));
+  const double memory_gib = 0x1p-30 * static_cast<double>(sysconf(_SC_PHYS_PAGES)) *
+                            static_cast<double>(sysconf(_SC_PAGESIZE));
   std::printf("processor    %s\n", cpu_model_name().c_str());
   std::printf("cores        %d for this process\n", hardware_threads());
   std::printf("memory       %.1f GiB\n", memory_gib);
   for (const Isa isa : all_isas()) {
     const auto obstacle = isa_obstacle(isa);
-    std::printf("%-12s %s\n", std::string(isa_name(isa)).c_str(), obstacle ? ("no: " + *obstacle).c_str() : "yes");
+    std::printf("%-12s %s\n", std::string(isa_name(isa)).c_str(),
+                obstacle ? ("no: " + *obstacle).c_str() : "yes");
   }
   const int gpus = kernels::cuda_gpus();
   for (int gpu = 0; gpu < std::max(1, gpus); ++gpu) {
     const auto no_cuda = kernels::cuda_obstacle(gpu);
-    std::printf("%-12s %s\n", (gpus > 1 ? "cuda " + std::to_string(gpu) : std::string("cuda")).c_str(),
-                no_cuda ? ("no: " + *no_cuda).c_str() : ("yes: " + kernels::cuda_description(gpu)).c_str());
+    std::printf(
+        "%-12s %s\n", (gpus > 1 ? "cuda " + std::to_string(gpu) : std::string("cuda")).c_str(),
+        no_cuda ? ("no: " + *no_cuda).c_str() : ("yes: " + kernels::cuda_description(gpu)).c_str());
     if (!no_cuda) std::printf("self-test    %s\n", tested_gpu(gpu).c_str());
   }
   if (gpus > 1) {
@@ -57,10 +59,13 @@ int doctor() {
                                              : ("yes: " + kernels::nccl_version()).c_str());
   }
   if (!best_isa())
-    std::printf("warning: no usable instruction set; only the slow reference backend runs on this machine\n");
+    std::printf(
+        "warning: no usable instruction set; only the slow reference backend runs on this "
+        "machine\n");
   if (best_isa() == Isa::kAvx512 && !isa_obstacle(Isa::kAvx512Bf16))
     std::printf(
-        "note: avx512-bf16 works here but is slower than avx512 on Intel processors; --isa avx512-bf16 takes it\n");
+        "note: avx512-bf16 works here but is slower than avx512 on Intel processors; --isa "
+        "avx512-bf16 takes it\n");
   std::printf("chosen       %s (the fastest of these; --backend and --isa take another)\n",
               describe(*kernels::make_backend({})).c_str());
   return kExitOk;

@@ -24,31 +24,37 @@ struct EvalCommandOptions {
 };
 
 void print_row(const std::string& name, const Score& score) {
-  std::printf("%-28s %6d %8.2f %8.4f %8.4f %10lld", name.c_str(), score.images, score.psnr_db, score.ssim, score.flip,
-              static_cast<long long>(score.left_out));
+  std::printf("%-28s %6d %8.2f %8.4f %8.4f %10lld", name.c_str(), score.images, score.psnr_db,
+              score.ssim, score.flip, static_cast<long long>(score.left_out));
   if (!std::isnan(score.depth_error)) std::printf(" %14.2f", 100 * score.depth_error);
   std::printf("\n");
 }
 
 void print_table(const Evaluation& evaluation) {
-  std::printf("%s\n", evaluation.held_out ? "held-out frames" : "training frames (no frame was held out)");
-  std::printf("%-28s %6s %8s %8s %8s %10s\n", "camera", "images", "PSNR dB", "SSIM", "FLIP", "px masked");
+  std::printf("%s\n",
+              evaluation.held_out ? "held-out frames" : "training frames (no frame was held out)");
+  std::printf("%-28s %6s %8s %8s %8s %10s\n", "camera", "images", "PSNR dB", "SSIM", "FLIP",
+              "px masked");
   for (const auto& [name, score] : evaluation.cameras) print_row(name, score);
   print_row("all", evaluation.overall);
   if (const auto& changes = evaluation.pose_changes)
     if (const std::string which = at_bound(*changes); !which.empty())
-      std::printf("WARNING: refined poses run against their bounds: %s; see redrive align\n", which.c_str());
+      std::printf("WARNING: refined poses run against their bounds: %s; see redrive align\n",
+                  which.c_str());
   if (evaluation.novel.empty()) return;
   if (const auto& aligned = evaluation.view_alignment)
     std::printf(
-        "held-out images laid onto the field before they are scored: moved %.1f cm, turned %.3f deg RMS over %d\n",
+        "held-out images laid onto the field before they are scored: moved %.1f cm, turned %.3f "
+        "deg RMS over %d\n",
         100 * aligned->moved_m, aligned->turned_deg, aligned->views);
   if (const auto& alignment = evaluation.alignment)
     std::printf(
-        "the run's trajectory laid over the true one: moved %.1f cm, turned %.3f deg; rest %.1f cm, %.3f deg RMS\n",
-        100 * alignment->moved_m, alignment->turned_deg, 100 * alignment->rest_m, alignment->rest_deg);
-  std::printf("%-28s %6s %8s %8s %8s %10s %14s\n", "novel views with truth", "images", "PSNR dB", "SSIM", "FLIP",
-              "px masked", "depth error %");
+        "the run's trajectory laid over the true one: moved %.1f cm, turned %.3f deg; rest %.1f "
+        "cm, %.3f deg RMS\n",
+        100 * alignment->moved_m, alignment->turned_deg, 100 * alignment->rest_m,
+        alignment->rest_deg);
+  std::printf("%-28s %6s %8s %8s %8s %10s %14s\n", "novel views with truth", "images", "PSNR dB",
+              "SSIM", "FLIP", "px masked", "depth error %");
   for (const auto& [name, score] : evaluation.novel) print_row(name, score);
 }
 
@@ -72,14 +78,16 @@ Action configure_eval(CLI::App& command) {
   auto options = std::make_shared<EvalCommandOptions>();
   command.add_option("RUN", options->run, "folder that train made")->required();
   command.add_flag("--json", options->json, "JSON on standard output instead of the table");
-  auto* limit =
-      command
-          .add_option(
-              "--max-images", options->eval.max_images,
-              "at most so many images per camera and per novel set, evenly spaced (default: every held-out image; " +
-                  std::to_string(kTrainingImagesPerCamera) + " training images per camera where none is held out)")
-          ->check(CLI::Range(1, 1000000));
-  command.add_flag("--all", options->eval.all, "every image, also of the training frames where none is held out")
+  auto* limit = command
+                    .add_option("--max-images", options->eval.max_images,
+                                "at most so many images per camera and per novel set, evenly "
+                                "spaced (default: every held-out image; " +
+                                    std::to_string(kTrainingImagesPerCamera) +
+                                    " training images per camera where none is held out)")
+                    ->check(CLI::Range(1, 1000000));
+  command
+      .add_flag("--all", options->eval.all,
+                "every image, also of the training frames where none is held out")
       ->excludes(limit);
   add_backend_options(command, &options->backend);
   return [options] { return run_eval(*options); };

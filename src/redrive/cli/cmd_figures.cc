@@ -26,9 +26,9 @@ int run_figures(FiguresCommandOptions options) {
   if (!options.beside.empty()) {
     beside = open_run(options.beside);
     if (!std::filesystem::equivalent(beside->recording.root, run.recording.root))
-      throw UsageError(
-          "--beside", options.beside,
-          "is of another recording: " + beside->recording.root.string() + ", not " + run.recording.root.string());
+      throw UsageError("--beside", options.beside,
+                       "is of another recording: " + beside->recording.root.string() + ", not " +
+                           run.recording.root.string());
     options.figures.beside = &*beside;
   }
   const auto backend = make_checked_backend(options.backend);
@@ -48,12 +48,13 @@ int run_figures(FiguresCommandOptions options) {
 Action configure_figures(CLI::App& command) {
   auto options = std::make_shared<FiguresCommandOptions>();
   command.add_option("RUN", options->run, "folder that train made")->required();
-  command.add_option(
-      "--beside", options->beside,
-      "another run of the same recording, e.g. of --method nerf: its pictures and scores are shown beside");
+  command.add_option("--beside", options->beside,
+                     "another run of the same recording, e.g. of --method nerf: its pictures and "
+                     "scores are shown beside");
   command
       .add_option("--max-images", options->figures.eval.max_images,
-                  "images scored for the report, per camera and per novel set, evenly spaced (default: as eval)")
+                  "images scored for the report, per camera and per novel set, evenly spaced "
+                  "(default: as eval)")
       ->check(CLI::Range(1, 1000000));
   add_backend_options(command, &options->backend);
   return [options] { return run_figures(*options); };

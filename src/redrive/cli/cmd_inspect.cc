@@ -36,15 +36,16 @@ struct CameraReport {
 
 struct Inspection {
   Recording recording;
-  std::optional<DriveSummary> drive;  ///< nothing where places are not in metres and times not of a clock
+  std::optional<DriveSummary>
+      drive;  ///< nothing where places are not in metres and times not of a clock
   std::vector<CameraReport> cameras;
   std::vector<Finding> findings;       ///< odd, but the recording can be used
   std::vector<Finding> problems;       ///< training would refuse it
   std::optional<Preflight> preflight;  ///< with --report
 };
 
-/// Angle between the optical axis and what is seen at column u of the principal row; walks towards the principal
-/// point where the model does not reach that far.
+/// Angle between the optical axis and what is seen at column u of the principal row; walks towards
+/// the principal point where the model does not reach that far.
 double angle_at_column(const Camera& camera, double u) {
   const double step = u < camera.cx ? 0.5 : -0.5;
   for (; (camera.cx - u) * step > 0; u += step) {
@@ -56,7 +57,8 @@ double angle_at_column(const Camera& camera, double u) {
 
 /// The two sides are added up, so that more than 180 degrees come out right.
 double horizontal_fov_deg(const Camera& camera) {
-  const double left = angle_at_column(camera, -0.5), right = angle_at_column(camera, camera.width - 0.5);
+  const double left = angle_at_column(camera, -0.5),
+               right = angle_at_column(camera, camera.width - 0.5);
   // A principal point beside the image: both edges lie on the same side of the axis.
   const bool same_side = camera.cx < -0.5 || camera.cx > camera.width - 0.5;
   return (same_side ? std::abs(left - right) : left + right) * 180 / std::numbers::pi;
@@ -66,21 +68,26 @@ double percent_without_ray(const Camera& camera) {
   const int step = std::max(1, camera.width / 160);  // some 10^4 pixels
   int all = 0, without = 0;
   for (int v = 0; v < camera.height; v += step) {
-    for (int u = 0; u < camera.width; u += step, ++all) without += !camera.unproject({double(u), double(v)});
+    for (int u = 0; u < camera.width; u += step, ++all)
+      without += !camera.unproject({double(u), double(v)});
   }
   return 100.0 * without / all;
 }
 
 /// Decodes the first and the last image with their masks; the others are read in training.
-void check_images(const RecordedCamera& camera, CameraReport* report, std::vector<Finding>* problems) {
+void check_images(const RecordedCamera& camera, CameraReport* report,
+                  std::vector<Finding>* problems) {
   const CameraCalibration& calibration = camera.calibration;
-  const auto size = [](const auto& of) { return std::to_string(of.width) + "x" + std::to_string(of.height); };
+  const auto size = [](const auto& of) {
+    return std::to_string(of.width) + "x" + std::to_string(of.height);
+  };
   const auto check = [&](const std::filesystem::path& path) {
     try {
       const Image8 image = read_image(path);
       if (image.width != calibration.width || image.height != calibration.height)
         problems->push_back({calibration.name, path.filename().string() + " has " + size(image) +
-                                                   " pixels, the calibration says " + size(calibration)});
+                                                   " pixels, the calibration says " +
+                                                   size(calibration)});
       return !image.alpha.empty();
     } catch (const InputError& error) {
       problems->push_back({calibration.name, error.what()});
@@ -101,17 +108,18 @@ Inspection inspect(const std::string& root) {
   result.findings = result.recording.findings;
   if (result.recording.metric) {
     result.drive = summarize_drive(result.recording.frames);
-    result.findings.insert(result.findings.end(), result.drive->findings.begin(), result.drive->findings.end());
+    result.findings.insert(result.findings.end(), result.drive->findings.begin(),
+                           result.drive->findings.end());
   }
   for (const RecordedCamera& recorded : result.recording.cameras) {
     const Camera camera = make_camera(recorded.calibration);
     CameraReport report{&recorded, horizontal_fov_deg(camera), percent_without_ray(camera)};
     if (report.percent_without_ray > 0) {
       char what[160];
-      std::snprintf(
-          what, sizeof what,
-          "%.1f %% of the pixels lie outside the radius where the distortion is one-to-one; they are not used",
-          report.percent_without_ray);
+      std::snprintf(what, sizeof what,
+                    "%.1f %% of the pixels lie outside the radius where the distortion is "
+                    "one-to-one; they are not used",
+                    report.percent_without_ray);
       result.findings.push_back({recorded.calibration.name, what});
     }
     check_images(recorded, &report, &result.problems);
@@ -124,12 +132,14 @@ Inspection inspect(const std::string& root) {
   return result;
 }
 
-/// <CAM>.png, to be edited, and <CAM>_overlay.png, to be looked at: the middle picture with all that is left out of it in red.
+/// <CAM>.png, to be edited, and <CAM>_overlay.png, to be looked at: the middle picture with all
+/// that is left out of it in red.
 void write_masks(const std::filesystem::path& folder, Inspection* result) {
   std::error_code error;
   if (!std::filesystem::create_directory(folder, error)) {
     if (error) throw IoError(folder, error.message());
-    throw UsageError("--masks", folder.string(), "exists already; nothing is overwritten, choose another name");
+    throw UsageError("--masks", folder.string(),
+                     "exists already; nothing is overwritten, choose another name");
   }
   ThreadPool pool(static_cast<int>(std::max(1u, std::thread::hardware_concurrency())));
   for (CameraReport& report : result->cameras) {  // one after the other: so much memory is there
@@ -140,10 +150,12 @@ void write_masks(const std::filesystem::path& folder, Inspection* result) {
     const Scene scene = make_scene(result->recording, options);
     const std::vector<Image8> images = load_views(scene, pool);
     const Mask mask = find_static_mask(scene, 0, images, result->recording.metric);
-    report.percent_masked = 100.0 * static_cast<double>(mask.left_out()) / static_cast<double>(mask.used.size());
+    report.percent_masked =
+        100.0 * static_cast<double>(mask.left_out()) / static_cast<double>(mask.used.size());
     write_mask(mask_file(folder, scene.rig[0]), mask, scene.rig[0], options.downscale);
     const std::size_t middle = images.size() / 2;
-    const Mask of_view = view_mask(scene, scene.views[middle], mask, read_moving_objects(result->recording, scene));
+    const Mask of_view =
+        view_mask(scene, scene.views[middle], mask, read_moving_objects(result->recording, scene));
     write_image(folder / (calibration.name + "_overlay.png"), overlay(images[middle], of_view));
   }
 }
@@ -154,15 +166,18 @@ constexpr int kPreflightWidest = 640;  // pixels: wider images are averaged down
 void refuse_filled_folder(const std::filesystem::path& folder) {
   std::error_code error;
   const bool exists = std::filesystem::exists(folder, error);
-  if (exists && !(std::filesystem::is_directory(folder, error) && std::filesystem::is_empty(folder, error)))
-    throw UsageError("--report", folder.string(), "exists already; nothing is overwritten, choose another name");
+  if (exists &&
+      !(std::filesystem::is_directory(folder, error) && std::filesystem::is_empty(folder, error)))
+    throw UsageError("--report", folder.string(),
+                     "exists already; nothing is overwritten, choose another name");
 }
 
 void write_report(const std::filesystem::path& folder, Inspection* result) {
   ThreadPool pool(static_cast<int>(std::max(1u, std::thread::hardware_concurrency())));
-  const RigImages images =
-      narrowed(load_rig_images(result->recording, {}, kPatchHalf, pool), kPreflightWidest, kPatchHalf, pool);
-  const LidarReturns lidar = load_lidar_returns(result->recording, images.scene, images.moving, pool);
+  const RigImages images = narrowed(load_rig_images(result->recording, {}, kPatchHalf, pool),
+                                    kPreflightWidest, kPatchHalf, pool);
+  const LidarReturns lidar =
+      load_lidar_returns(result->recording, images.scene, images.moving, pool);
   std::vector<LidarSample> samples;
   if (result->recording.metric && result->recording.body_from_lidar)
     samples = lidar_samples(result->recording, images.scene, lidar);
@@ -176,27 +191,34 @@ void write_report(const std::filesystem::path& folder, Inspection* result) {
 nlohmann::ordered_json preflight_to_json(const Preflight& preflight) {
   nlohmann::ordered_json cameras = nlohmann::ordered_json::array();
   for (const CameraCheck& c : preflight.cameras) {
-    nlohmann::ordered_json tried = nlohmann::ordered_json::array(), scan = nlohmann::ordered_json::array();
+    nlohmann::ordered_json tried = nlohmann::ordered_json::array(),
+                           scan = nlohmann::ordered_json::array();
     for (const Hypothesis& h : c.tried)
       tried.push_back({{"fault", fault_name(h.fault)}, {"what", h.what}, {"error_px", h.error_px}});
     nlohmann::ordered_json contrast = nlohmann::ordered_json::array();
-    for (const ScanPoint& p : c.scan) scan.push_back({{"offset_ms", p.offset_ms}, {"error_px", p.error_px}});
+    for (const ScanPoint& p : c.scan)
+      scan.push_back({{"offset_ms", p.offset_ms}, {"error_px", p.error_px}});
     for (const ContrastPoint& p : c.contrast)
       contrast.push_back({{"offset_ms", p.offset_ms}, {"correlation", p.correlation}});
-    nlohmann::ordered_json camera = {
-        {"name", c.name},     {"verdict", verdict_name(c.verdict)}, {"fault", fault_name(c.fault)}, {"why", c.why},
-        {"points", c.points}, {"recorded_px_per_px", c.scale}};
+    nlohmann::ordered_json camera = {{"name", c.name},
+                                     {"verdict", verdict_name(c.verdict)},
+                                     {"fault", fault_name(c.fault)},
+                                     {"why", c.why},
+                                     {"points", c.points},
+                                     {"recorded_px_per_px", c.scale}};
     if (!c.tried.empty()) {
       camera["error_px"] = c.tried[0].error_px;
       camera["flow_px"] = c.flow_px;
     }
     if (c.offset_told)
-      camera["best_offset"] = {
-          {"offset_ms", c.offset_ms}, {"sigma_ms", c.offset_sigma_ms}, {"error_px", c.offset_error_px}};
+      camera["best_offset"] = {{"offset_ms", c.offset_ms},
+                               {"sigma_ms", c.offset_sigma_ms},
+                               {"error_px", c.offset_error_px}};
     camera["clock"] = nullptr;  // cannot be told
     if (const auto clock = c.clock())
-      camera["clock"] = {
-          {"offset_ms", clock->offset_ms}, {"sigma_ms", clock->sigma_ms}, {"by", clock->by_lidar ? "lidar" : "images"}};
+      camera["clock"] = {{"offset_ms", clock->offset_ms},
+                         {"sigma_ms", clock->sigma_ms},
+                         {"by", clock->by_lidar ? "lidar" : "images"}};
     camera["tried"] = tried;
     camera["scan"] = scan;
     camera["contrast"] = contrast;
@@ -213,7 +235,8 @@ nlohmann::ordered_json preflight_to_json(const Preflight& preflight) {
 
 nlohmann::json findings_to_json(const std::vector<Finding>& findings) {
   nlohmann::json list = nlohmann::json::array();
-  for (const Finding& finding : findings) list.push_back({{"subject", finding.subject}, {"what", finding.what}});
+  for (const Finding& finding : findings)
+    list.push_back({{"subject", finding.subject}, {"what", finding.what}});
   return list;
 }
 
@@ -223,22 +246,23 @@ nlohmann::ordered_json to_json(const Inspection& result) {
   for (const CameraReport& report : result.cameras) {
     const CameraCalibration& c = report.recorded->calibration;
     const auto mount_m = c.body_from_sensor.translation();
-    nlohmann::ordered_json camera = {{"name", c.name},
-                                     {"model", c.model},
-                                     {"width", c.width},
-                                     {"height", c.height},
-                                     {"focal_length_px", {c.fx, c.fy}},
-                                     {"principal_point_px", {c.cx, c.cy}},
-                                     {"distortion_coeffs", c.distortion},
-                                     {"horizontal_fov_deg", report.horizontal_fov_deg},
-                                     {"percent_without_ray", report.percent_without_ray},
-                                     {"position_in_body_m", {mount_m.x(), mount_m.y(), mount_m.z()}},
-                                     {"images", report.recorded->images.size()},
-                                     {"held_out", report.held_out},
-                                     {"masks", report.masks},
-                                     {"alpha", report.alpha},
-                                     {"first_id", report.recorded->images.front().frame_id},
-                                     {"last_id", report.recorded->images.back().frame_id}};
+    nlohmann::ordered_json camera = {
+        {"name", c.name},
+        {"model", c.model},
+        {"width", c.width},
+        {"height", c.height},
+        {"focal_length_px", {c.fx, c.fy}},
+        {"principal_point_px", {c.cx, c.cy}},
+        {"distortion_coeffs", c.distortion},
+        {"horizontal_fov_deg", report.horizontal_fov_deg},
+        {"percent_without_ray", report.percent_without_ray},
+        {"position_in_body_m", {mount_m.x(), mount_m.y(), mount_m.z()}},
+        {"images", report.recorded->images.size()},
+        {"held_out", report.held_out},
+        {"masks", report.masks},
+        {"alpha", report.alpha},
+        {"first_id", report.recorded->images.front().frame_id},
+        {"last_id", report.recorded->images.back().frame_id}};
     if (c.model == "mei") camera["xi"] = c.xi;
     if (report.percent_masked) camera["percent_masked"] = *report.percent_masked;
     cameras.push_back(camera);
@@ -249,7 +273,8 @@ nlohmann::ordered_json to_json(const Inspection& result) {
   nlohmann::json bounds, drive, rate_hz, duration_s;  // null where they say nothing
   if (recording.bounds) {
     const Eigen::Vector3d& center = recording.bounds->center;
-    bounds = {{"center", {center.x(), center.y(), center.z()}}, {"half_side", recording.bounds->half_side}};
+    bounds = {{"center", {center.x(), center.y(), center.z()}},
+              {"half_side", recording.bounds->half_side}};
   }
   if (result.drive) {
     rate_hz = result.drive->rate_hz;
@@ -284,7 +309,8 @@ nlohmann::ordered_json to_json(const Inspection& result) {
 
 void print_findings(const char* title, const std::vector<Finding>& findings) {
   std::printf("%s\n", title);
-  for (const Finding& finding : findings) std::printf("  %s: %s\n", finding.subject.c_str(), finding.what.c_str());
+  for (const Finding& finding : findings)
+    std::printf("  %s: %s\n", finding.subject.c_str(), finding.what.c_str());
 }
 
 void print_preflight(const Preflight& preflight) {
@@ -300,31 +326,34 @@ void print_preflight(const Preflight& preflight) {
 void print_table(const Inspection& result) {
   const Recording& recording = result.recording;
   std::printf("%s (%s)\n\n", recording.root.c_str(), recording.format.c_str());
-  std::printf("%-24s %-14s %11s %8s %8s %9s %6s  %s\n", "camera", "model", "pixels", "fx px", "fy px", "h-fov deg",
-              "images", "position in body m");
+  std::printf("%-24s %-14s %11s %8s %8s %9s %6s  %s\n", "camera", "model", "pixels", "fx px",
+              "fy px", "h-fov deg", "images", "position in body m");
   for (const CameraReport& report : result.cameras) {
     const CameraCalibration& c = report.recorded->calibration;
     const auto mount_m = c.body_from_sensor.translation();
     const std::string size = std::to_string(c.width) + "x" + std::to_string(c.height);
-    std::printf("%-24s %-14s %11s %8.1f %8.1f %9.1f %6zu  %.2f %.2f %.2f\n", c.name.c_str(), c.model.c_str(),
-                size.c_str(), c.fx, c.fy, report.horizontal_fov_deg, report.recorded->images.size(), mount_m.x(),
-                mount_m.y(), mount_m.z());
+    std::printf("%-24s %-14s %11s %8.1f %8.1f %9.1f %6zu  %.2f %.2f %.2f\n", c.name.c_str(),
+                c.model.c_str(), size.c_str(), c.fx, c.fy, report.horizontal_fov_deg,
+                report.recorded->images.size(), mount_m.x(), mount_m.y(), mount_m.z());
   }
   for (const CameraReport& report : result.cameras)
     if (report.percent_masked)
-      std::printf("%smask of %s: %.1f %% of the pixels are left out\n", &report == &result.cameras[0] ? "\n" : "",
+      std::printf("%smask of %s: %.1f %% of the pixels are left out\n",
+                  &report == &result.cameras[0] ? "\n" : "",
                   report.recorded->calibration.name.c_str(), *report.percent_masked);
   std::printf("\nframes         %zu, ids %lld to %lld", recording.frames.size(),
-              static_cast<long long>(recording.frames.front().id), static_cast<long long>(recording.frames.back().id));
+              static_cast<long long>(recording.frames.front().id),
+              static_cast<long long>(recording.frames.back().id));
   if (const auto& drive = result.drive) {
-    std::printf(", %.2f Hz, %.2f s\ndriven         %.1f m, mean %.2f m/s, at most %.2f m/s\n", drive->rate_hz,
-                drive->duration_s, drive->driven_m, drive->mean_speed_m_per_s, drive->max_speed_m_per_s);
+    std::printf(", %.2f Hz, %.2f s\ndriven         %.1f m, mean %.2f m/s, at most %.2f m/s\n",
+                drive->rate_hz, drive->duration_s, drive->driven_m, drive->mean_speed_m_per_s,
+                drive->max_speed_m_per_s);
   } else {
     std::printf(" in file-name order; no metres, no clock\n");
   }
   if (const auto& bounds = recording.bounds)
-    std::printf("bounds         %g around %g %g %g along each axis\n", bounds->half_side, bounds->center.x(),
-                bounds->center.y(), bounds->center.z());
+    std::printf("bounds         %g around %g %g %g along each axis\n", bounds->half_side,
+                bounds->center.x(), bounds->center.y(), bounds->center.z());
   std::size_t held_out = 0, masks = 0;
   bool alpha = false;
   for (const CameraReport& report : result.cameras) {
@@ -332,30 +361,36 @@ void print_table(const Inspection& result) {
     masks += report.masks;
     alpha |= report.alpha;
   }
-  if (held_out > 0) std::printf("held out       %zu images by the recording's own split\n", held_out);
+  if (held_out > 0)
+    std::printf("held out       %zu images by the recording's own split\n", held_out);
   if (masks > 0) std::printf("masks          %zu\n", masks);
   if (alpha) std::printf("alpha          yes: train takes --background white, black or random\n");
   std::printf("lidar          %zu files\nboxes          %zu files\n", recording.lidar_files.size(),
               recording.box_files.size());
   std::string others, novel;
-  for (const std::string& sensor : recording.other_sensors) others += (others.empty() ? "" : ", ") + sensor;
+  for (const std::string& sensor : recording.other_sensors)
+    others += (others.empty() ? "" : ", ") + sensor;
   for (const NovelSet& set : recording.novel) novel += (novel.empty() ? "" : ", ") + set.name;
   std::printf("other sensors  %s\n", others.empty() ? "none" : others.c_str());
   std::printf("novel views    %s\n\n", novel.empty() ? "none" : novel.c_str());
   if (result.preflight) print_preflight(*result.preflight);
   if (!result.findings.empty()) print_findings("findings", result.findings);
   if (!result.problems.empty()) print_findings("NOT USABLE", result.problems);
-  if (result.findings.empty() && result.problems.empty()) std::printf("nothing missing, nothing odd\n");
+  if (result.findings.empty() && result.problems.empty())
+    std::printf("nothing missing, nothing odd\n");
 }
 
-int run_inspect(const std::string& root, bool json, const std::string& masks, const std::string& report) {
+int run_inspect(const std::string& root, bool json, const std::string& masks,
+                const std::string& report) {
   if (!report.empty()) refuse_filled_folder(report);
   Inspection result = inspect(root);
   if (!masks.empty() && result.problems.empty()) write_masks(masks, &result);
   if (!report.empty() && result.problems.empty()) write_report(report, &result);
   if (json) {
     // File names need not be UTF-8, JSON has to be.
-    std::printf("%s\n", to_json(result).dump(2, ' ', false, nlohmann::json::error_handler_t::replace).c_str());
+    std::printf(
+        "%s\n",
+        to_json(result).dump(2, ' ', false, nlohmann::json::error_handler_t::replace).c_str());
   } else {
     print_table(result);
   }
@@ -374,10 +409,14 @@ Action configure_inspect(CLI::App& command) {
   command.add_option("recording", options->recording, "recording folder")->required();
   command.add_flag("--json", options->json, "JSON on standard output instead of the table");
   command.add_option("--masks", options->masks,
-                     "new folder for what training leaves out: CAM.png, to be edited, and CAM_overlay.png, to look at");
+                     "new folder for what training leaves out: CAM.png, to be edited, and "
+                     "CAM_overlay.png, to look at");
   command.add_option("--report", options->report,
-                     "new folder for a page (index.html) that checks calibration, poses and clocks against the images");
-  return [options] { return run_inspect(options->recording, options->json, options->masks, options->report); };
+                     "new folder for a page (index.html) that checks calibration, poses and clocks "
+                     "against the images");
+  return [options] {
+    return run_inspect(options->recording, options->json, options->masks, options->report);
+  };
 }
 
 }  // namespace redrive

@@ -22,7 +22,8 @@ namespace {
 namespace fs = std::filesystem;
 
 struct RenderOptions {
-  std::string run, camera, frame, translate = "0,0,0", axes = "body", exposure = "own", out, depth, poses;
+  std::string run, camera, frame, translate = "0,0,0", axes = "body", exposure = "own", out, depth,
+                                  poses;
   bool relative = false, force = false;
   kernels::BackendChoice backend;
 };
@@ -43,20 +44,24 @@ Eigen::Vector3d parse_translation(const std::string& text) {
   for (int i = 0; i < 3; ++i) {
     const auto [next, error] = std::from_chars(at, end, shift_m[i]);
     const bool comma = next != end && *next == ',';
-    if (error != std::errc{} || !(std::abs(shift_m[i]) <= kMaxShift_m) || (i < 2 ? !comma : next != end))
+    if (error != std::errc{} || !(std::abs(shift_m[i]) <= kMaxShift_m) ||
+        (i < 2 ? !comma : next != end))
       throw UsageError("--translate", text, rule);
     at = next + (i < 2);
   }
   return shift_m;
 }
 
-/// Before anything is rendered: the name says an image format, its folder is there, and nothing is overwritten.
+/// Before anything is rendered: the name says an image format, its folder is there, and nothing is
+/// overwritten.
 void check_output(const char* option, const fs::path& file, bool force, bool jpeg_too) {
   if (!has_extension(file, {".png"}) && !(jpeg_too && has_extension(file, {".jpg", ".jpeg"})))
-    throw UsageError(option, file.string(), jpeg_too ? "must end in .png, .jpg or .jpeg" : "must end in .png");
+    throw UsageError(option, file.string(),
+                     jpeg_too ? "must end in .png, .jpg or .jpeg" : "must end in .png");
   if (const fs::path folder = file.parent_path(); !folder.empty() && !fs::is_directory(folder))
     throw UsageError(option, file.string(), "its folder does not exist");
-  if (fs::exists(file) && !force) throw UsageError(option, file.string(), "exists already; --force overwrites it");
+  if (fs::exists(file) && !force)
+    throw UsageError(option, file.string(), "exists already; --force overwrites it");
 }
 
 const RigCamera& find_camera(const Scene& scene, const std::string& name) {
@@ -68,15 +73,18 @@ const RigCamera& find_camera(const Scene& scene, const std::string& name) {
 }
 
 /// --exposure, for a view of `camera` at `frame`.
-Exposure exposure_of(const RenderOptions& options, const Run& run, const std::string& camera, std::int64_t frame) {
+Exposure exposure_of(const RenderOptions& options, const Run& run, const std::string& camera,
+                     std::int64_t frame) {
   if (options.exposure == "own") return exposure_at(run.recording, run.scene, camera, frame);
   if (options.exposure == "none") return {};
   const std::size_t colon = options.exposure.find(':');
-  const auto fail = [&](const std::string& rule) -> void { throw UsageError("--exposure", options.exposure, rule); };
+  const auto fail = [&](const std::string& rule) -> void {
+    throw UsageError("--exposure", options.exposure, rule);
+  };
   if (colon == std::string::npos) fail("must be own, none or CAMERA:FRAME");
   const std::string of = options.exposure.substr(0, colon);
-  const Exposure exposure =
-      exposure_at(run.recording, run.scene, of, parse_frame("--exposure", options.exposure.substr(colon + 1)));
+  const Exposure exposure = exposure_at(
+      run.recording, run.scene, of, parse_frame("--exposure", options.exposure.substr(colon + 1)));
   if (exposure.camera < 0) fail("the run has no such camera or the recording no such frame");
   return exposure;
 }
@@ -86,8 +94,8 @@ int render_one(const RenderOptions& options) {
   const Eigen::Vector3d shift_m = parse_translation(options.translate);
   check_output("--out", options.out, options.force, true);
   if (!options.depth.empty()) check_output("--depth", options.depth, options.force, false);
-  if (!options.depth.empty() &&
-      fs::weakly_canonical(fs::absolute(options.depth)) == fs::weakly_canonical(fs::absolute(options.out)))
+  if (!options.depth.empty() && fs::weakly_canonical(fs::absolute(options.depth)) ==
+                                    fs::weakly_canonical(fs::absolute(options.out)))
     throw UsageError("--depth", options.depth, "must differ from --out");
 
   const Run run = open_run(options.run);
@@ -98,18 +106,21 @@ int render_one(const RenderOptions& options) {
                      "the recording has no such frame with a pose; it has ids from " +
                          std::to_string(run.recording.frames.front().id) + " to " +
                          std::to_string(run.recording.frames.back().id));
-  const Rigid3d world_from_camera = shifted_camera(run.scene.ecef_from_world, *pose, camera.body_from_sensor,
-                                                   *shift_axes_from_name(options.axes), shift_m);
+  const Rigid3d world_from_camera =
+      shifted_camera(run.scene.ecef_from_world, *pose, camera.body_from_sensor,
+                     *shift_axes_from_name(options.axes), shift_m);
   const auto backend = make_checked_backend(options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
   check_device_work(run, *backend, {.tile_rays = rays_of_tile(*run.state.model)});
-  const RenderedImage image = render_image(*backend, *run.state.model, camera.camera, world_from_camera,
-                                           exposure_of(options, run, camera.name, frame));
+  const RenderedImage image =
+      render_image(*backend, *run.state.model, camera.camera, world_from_camera,
+                   exposure_of(options, run, camera.name, frame));
   write_image(options.out, to_image8(image));
   std::printf("%s: %d x %d\n", options.out.c_str(), image.width, image.height);
   if (!options.depth.empty()) {
     write_png16(options.depth, image.width, image.height, depth_mm(image));
-    std::printf("%s: depth along the ray in mm, 16 bit, 65535: 65.535 m and more\n", options.depth.c_str());
+    std::printf("%s: depth along the ray in mm, 16 bit, 65535: 65.535 m and more\n",
+                options.depth.c_str());
   }
   return kExitOk;
 }
@@ -121,7 +132,8 @@ int render_poses(const RenderOptions& options) {
     throw UsageError("--out", options.out, "is a file; --poses writes into a folder");
   for (const RequestedView& view : poses.views)
     if (fs::exists(out / view.file) && !options.force)
-      throw UsageError("--out", (out / view.file).string(), "exists already; --force overwrites it");
+      throw UsageError("--out", (out / view.file).string(),
+                       "exists already; --force overwrites it");
 
   const Run run = open_run(options.run);
   // A file's own cameras are rendered at their full size; the run's as they were trained on.
@@ -129,7 +141,8 @@ int render_poses(const RenderOptions& options) {
   std::vector<Rigid3d> world_from_camera;
   std::vector<const RigCamera*> cameras;
   std::vector<Exposure> exposures;
-  for (std::size_t i = 0; i < poses.views.size(); ++i) {  // all of them, before the first is rendered
+  for (std::size_t i = 0; i < poses.views.size();
+       ++i) {  // all of them, before the first is rendered
     const RigCamera& camera = requested_camera(poses, i, rig);
     cameras.push_back(&camera);
     world_from_camera.push_back(
@@ -143,13 +156,14 @@ int render_poses(const RenderOptions& options) {
   check_device_work(run, *backend, {.tile_rays = rays_of_tile(*run.state.model)});
   for (std::size_t i = 0; i < poses.views.size(); ++i) {
     const fs::path file = out / poses.views[i].file;
-    const RenderedImage image =
-        render_image(*backend, *run.state.model, cameras[i]->camera, world_from_camera[i], exposures[i]);
+    const RenderedImage image = render_image(*backend, *run.state.model, cameras[i]->camera,
+                                             world_from_camera[i], exposures[i]);
     std::error_code error;
     fs::create_directories(file.parent_path(), error);
     if (error) throw IoError(file.parent_path(), error.message());
     write_image(file, to_image8(image));
-    std::printf("%zu/%zu %s: %d x %d\n", i + 1, poses.views.size(), file.c_str(), image.width, image.height);
+    std::printf("%zu/%zu %s: %d x %d\n", i + 1, poses.views.size(), file.c_str(), image.width,
+                image.height);
     std::fflush(stdout);
   }
   return kExitOk;
@@ -169,35 +183,45 @@ Action configure_render(CLI::App& command) {
   command.add_option("RUN", options->run, "folder that train made")->required();
   CLI::Option* poses = command.add_option(
       "--poses", options->poses,
-      "POSES.json: every view of it, each under its own file name in the folder --out. RT_ECEF_body places the body "
+      "POSES.json: every view of it, each under its own file name in the folder --out. "
+      "RT_ECEF_body places the body "
       "absolutely, shift_body_m moves the recording's pose of frame_id in body axes");
-  command.add_flag("--relative", options->relative, "with --poses: where a view has both, use shift_body_m")
+  command
+      .add_flag("--relative", options->relative,
+                "with --poses: where a view has both, use shift_body_m")
       ->needs(poses);
   for (CLI::Option* option :
        {command.add_option("--camera", options->camera, "camera of the run"),
-        command.add_option("--frame", options->frame, "frame id of the recording; its pose is where the car stands"),
-        command.add_option("--translate", options->translate, "moves the camera by X,Y,Z metres along --axes")
+        command.add_option("--frame", options->frame,
+                           "frame id of the recording; its pose is where the car stands"),
+        command
+            .add_option("--translate", options->translate,
+                        "moves the camera by X,Y,Z metres along --axes")
             ->capture_default_str(),
         command
             .add_option("--axes", options->axes,
-                        "what --translate is measured along: body (x forward, y left, z up, of the car), camera (x "
+                        "what --translate is measured along: body (x forward, y left, z up, of the "
+                        "car), camera (x "
                         "right, y down, "
-                        "z forward, of the camera) or local (level at the car's place: z straight up, x the heading's "
+                        "z forward, of the camera) or local (level at the car's place: z straight "
+                        "up, x the heading's "
                         "horizontal "
                         "part, y left)")
             ->check(CLI::IsMember({"body", "camera", "local"}))
             ->capture_default_str(),
-        command.add_option(
-            "--depth", options->depth,
-            "also writes depth along the ray in mm as a 16-bit PNG; 65535 stands for 65.535 m and more")})
+        command.add_option("--depth", options->depth,
+                           "also writes depth along the ray in mm as a 16-bit PNG; 65535 stands "
+                           "for 65.535 m and more")})
     option->excludes(poses);
   command
-      .add_option(
-          "--exposure", options->exposure,
-          "whose exposure and white balance the picture has: own (the view's camera at its frame), none (the field's "
-          "own colours) or those of CAMERA:FRAME")
+      .add_option("--exposure", options->exposure,
+                  "whose exposure and white balance the picture has: own (the view's camera at its "
+                  "frame), none (the field's "
+                  "own colours) or those of CAMERA:FRAME")
       ->capture_default_str();
-  command.add_option("--out", options->out, "image to write, .png or .jpg; with --poses the folder")->required();
+  command
+      .add_option("--out", options->out, "image to write, .png or .jpg; with --poses the folder")
+      ->required();
   command.add_flag("--force", options->force, "overwrite images that exist");
   add_backend_options(command, &options->backend);
   return [options] { return render(*options); };

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// redrive resume RUN: goes on where the last checkpoint stands. Further epochs, steps or seconds may be asked for; they go into
-// the run's config.json. (More steps move the default milestones of the learning rate, which are fractions of all steps.)
+// redrive resume RUN: goes on where the last checkpoint stands. Further epochs, steps or seconds
+// may be asked for; they go into the run's config.json. (More steps move the default milestones of
+// the learning rate, which are fractions of all steps.)
 #include <map>
 #include <memory>
 
@@ -12,8 +13,9 @@
 namespace redrive {
 namespace {
 
-constexpr const char* kChangeable[] = {"epochs",  "max-steps", "max-seconds", "memory", "gpu-memory",
-                                       "backend", "isa",       "gpus",        "threads"};
+constexpr const char* kChangeable[] = {"epochs", "max-steps",  "max-seconds",
+                                       "memory", "gpu-memory", "backend",
+                                       "isa",    "gpus",       "threads"};
 
 struct ResumeArguments {
   std::string run;
@@ -50,7 +52,8 @@ Action configure_resume(CLI::App& command) {
   command.add_option("RUN", arguments->run, "folder that train made")->required();
   for (const char* name : kChangeable)
     command.add_option_function<std::string>(
-        std::string("--") + name, [arguments, name](const std::string& value) { arguments->given[name] = value; },
+        std::string("--") + name,
+        [arguments, name](const std::string& value) { arguments->given[name] = value; },
         field_named(name).help);
   return [arguments] { return run_resume(*arguments); };
 }

@@ -57,7 +57,8 @@ std::optional<OwnPoses> own_poses(Run* run, int threads) {
   if (run->options.align) {
     ThreadPool pool(threads);
     AlignOptions options;
-    if (std::filesystem::is_directory(run->options.masks)) options.tracks.masks = run->options.masks;
+    if (std::filesystem::is_directory(run->options.masks))
+      options.tracks.masks = run->options.masks;
     options.bundle.readouts = set_readouts(run->options.rolling_shutter, &run->recording);
     own.recording = run->recording;
     own.alignment = align_aloud(run->recording, options, pool);
@@ -66,8 +67,8 @@ std::optional<OwnPoses> own_poses(Run* run, int threads) {
     own.files = read_pose_files(run->options.poses);
   }
   // From the text in both cases: a resumed run reads the same bits.
-  use_own_poses(own.files, run->options.align ? run->options.recording : run->options.poses, run->options,
-                &run->recording);
+  use_own_poses(own.files, run->options.align ? run->options.recording : run->options.poses,
+                run->options, &run->recording);
   return own;
 }
 
@@ -93,7 +94,8 @@ int run_train(const TrainArguments& arguments) {
   run.paths = create_run(arguments.out, run.options, [&](const RunPaths& paths) {
     keep_masks(paths, training, run.scene);
     if (poses) write_pose_files(paths.poses(), poses->files);
-    if (poses && poses->alignment) write_align_page(paths.poses(), poses->recording, *poses->alignment);
+    if (poses && poses->alignment)
+      write_align_page(paths.poses(), poses->recording, *poses->alignment);
   });
   const RunLock lock(run.paths.root);
   print_summary(run, training, team);
@@ -105,7 +107,9 @@ int run_train(const TrainArguments& arguments) {
 Action configure_train(CLI::App& command) {
   auto arguments = std::make_shared<TrainArguments>();
   for (const TrainField& field : train_fields()) {
-    const auto take = [arguments, name = field.name](const std::string& value) { arguments->given[name] = value; };
+    const auto take = [arguments, name = field.name](const std::string& value) {
+      arguments->given[name] = value;
+    };
     if (field.name == "recording")
       command.add_option_function<std::string>("RECORDING", take, field.help)->required();
     else if (field.is_flag)

@@ -19,12 +19,16 @@
 namespace {
 
 constexpr redrive::Command kCommands[] = {
-    {"inspect", "what a recording holds, what is missing or odd, and why", redrive::configure_inspect},
-    {"align", "poses and calibration worth training on: image points, LiDAR and egomotion brought into agreement",
+    {"inspect", "what a recording holds, what is missing or odd, and why",
+     redrive::configure_inspect},
+    {"align",
+     "poses and calibration worth training on: image points, LiDAR and egomotion brought into "
+     "agreement",
      redrive::configure_align},
     {"train", "train a field on a recording", redrive::configure_train},
     {"resume", "go on with an interrupted run", redrive::configure_resume},
-    {"eval", "PSNR, SSIM and FLIP of a run, per camera and in all; depth error where the truth ships",
+    {"eval",
+     "PSNR, SSIM and FLIP of a run, per camera and in all; depth error where the truth ships",
      redrive::configure_eval},
     {"render", "pictures that were never taken", redrive::configure_render},
     {"figures", "the run's figures as PNG and one report.html", redrive::configure_figures},
@@ -40,7 +44,8 @@ std::string known_commands() {
 }
 
 int run(int argc, char** argv) {
-  CLI::App app("redrive: from the recording of a sensor car to a radiance field and its pictures", "redrive");
+  CLI::App app("redrive: from the recording of a sensor car to a radiance field and its pictures",
+               "redrive");
   app.require_subcommand(1);
   app.set_version_flag("--version", "redrive " REDRIVE_VERSION);
   std::map<const CLI::App*, redrive::Action> actions;
@@ -58,7 +63,8 @@ int run(int argc, char** argv) {
   const int code = actions.at(app.get_subcommands().front())();
   // A reader that went away (| head) had enough; a file that could not be written is an error.
   struct stat out {};
-  const bool pipe = fstat(STDOUT_FILENO, &out) == 0 && (S_ISFIFO(out.st_mode) || S_ISSOCK(out.st_mode));
+  const bool pipe =
+      fstat(STDOUT_FILENO, &out) == 0 && (S_ISFIFO(out.st_mode) || S_ISSOCK(out.st_mode));
   if ((std::fflush(stdout) != 0 || std::ferror(stdout)) && !pipe)
     throw redrive::IoError("standard output", "cannot be written");
   return code;

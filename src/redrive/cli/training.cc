@@ -67,32 +67,36 @@ void print_summary(const Run& run, const TrainingData& training, const kernels::
   const char* unit = run.recording.metric ? " m" : "";
   std::size_t held_out = 0, bytes = 0;
   for (const View& view : run.scene.views) held_out += view.held_out;
-  for (const Image8& image : training.images) bytes += image.rgb.size() + image.alpha.size() + image.used.size();
+  for (const Image8& image : training.images)
+    bytes += image.rgb.size() + image.alpha.size() + image.used.size();
   constexpr std::size_t kCamerasShown = 8;  // a set of photographs may have one each
   for (std::size_t c = 0; c < std::min(run.scene.rig.size(), kCamerasShown); ++c) {
     const RigCamera& camera = run.scene.rig[c];
     const Mask& mask = training.left_out.masks[c];
-    std::printf("camera %s: %s, %d x %d", camera.name.c_str(), camera.camera.model_name(), camera.camera.width,
-                camera.camera.height);
+    std::printf("camera %s: %s, %d x %d", camera.name.c_str(), camera.camera.model_name(),
+                camera.camera.width, camera.camera.height);
     if (mask.left_out() > 0)
-      std::printf(", %.1f %% masked",
-                  100.0 * static_cast<double>(mask.left_out()) / static_cast<double>(mask.used.size()));
+      std::printf(", %.1f %% masked", 100.0 * static_cast<double>(mask.left_out()) /
+                                          static_cast<double>(mask.used.size()));
     std::printf("\n");
   }
   if (const std::size_t moving = training.left_out.moving.objects(); moving > 0)
     std::printf("moving objects left out: %zu\n", moving);
   if (const LidarReturns& lidar = training.lidar; lidar.n > 0 && run.recording.lidar_files.empty())
-    std::printf("%zu points of %s; left out: %zu that may be hidden\n", lidar.n, run.recording.points_file.c_str(),
-                lidar.hidden);
+    std::printf("%zu points of %s; left out: %zu that may be hidden\n", lidar.n,
+                run.recording.points_file.c_str(), lidar.hidden);
   else if (lidar.n > 0)
     std::printf(
-        "%zu LiDAR returns; left out: %zu repeated, %zu beyond the trajectory, %zu on the vehicle, %zu on moving "
+        "%zu LiDAR returns; left out: %zu repeated, %zu beyond the trajectory, %zu on the vehicle, "
+        "%zu on moving "
         "objects\n",
         lidar.n, lidar.repeated, lidar.beyond_trajectory, lidar.on_ego, lidar.on_moving);
-  if (run.scene.rig.size() > kCamerasShown) std::printf("%zu cameras in all\n", run.scene.rig.size());
-  std::printf("%zu frames, %zu images for training, %zu held out, %.1f MB of pixels; near %g%s, far %g%s\n",
-              run.scene.frames.size(), run.scene.views.size() - held_out, held_out, static_cast<double>(bytes) / 1e6,
-              run.scene.near_m, unit, run.scene.far_m, unit);
+  if (run.scene.rig.size() > kCamerasShown)
+    std::printf("%zu cameras in all\n", run.scene.rig.size());
+  std::printf(
+      "%zu frames, %zu images for training, %zu held out, %.1f MB of pixels; near %g%s, far %g%s\n",
+      run.scene.frames.size(), run.scene.views.size() - held_out, held_out,
+      static_cast<double>(bytes) / 1e6, run.scene.near_m, unit, run.scene.far_m, unit);
   std::fflush(stdout);
 }
 
@@ -106,9 +110,11 @@ int report_end(const Run& run, TrainEnd end) {
     return kExitInterrupted;
   }
   if (run.state.poses.refines())
-    std::printf("%s", describe_changes(pose_changes(run.scene, run.state.poses.corrections)).c_str());
-  std::printf("finished: step %lld after %.1f s of training; %s\n", static_cast<long long>(run.state.step),
-              run.state.seconds, run.paths.checkpoint().c_str());
+    std::printf("%s",
+                describe_changes(pose_changes(run.scene, run.state.poses.corrections)).c_str());
+  std::printf("finished: step %lld after %.1f s of training; %s\n",
+              static_cast<long long>(run.state.step), run.state.seconds,
+              run.paths.checkpoint().c_str());
   return kExitOk;
 }
 

@@ -10,17 +10,19 @@
 
 namespace redrive {
 
-/// Ctrl-C, SIGTERM or SIGHUP sets the flag; a second Ctrl-C or SIGTERM ends the program at once. A reader of the output that goes away
-/// (SIGPIPE) ends nothing.
+/// Ctrl-C, SIGTERM or SIGHUP sets the flag; a second Ctrl-C or SIGTERM ends the program at once. A
+/// reader of the output that goes away (SIGPIPE) ends nothing.
 const std::atomic<bool>& stop_on_signal();
 
 /// What the options choose to compute with. UsageError.
 kernels::BackendTeam team_of(const TrainOptions& options);
 
-/// Says how much memory the run will need of what --memory allows, and on a GPU of what --gpu-memory does; UsageError if that is too much.
+/// Says how much memory the run will need of what --memory allows, and on a GPU of what
+/// --gpu-memory does; UsageError if that is too much.
 void announce_memory(const Run& run, const kernels::BackendTeam& team);
 
-/// Backend, cameras and what is left out of their pictures, frames, pixels, training and held-out views, steps.
+/// Backend, cameras and what is left out of their pictures, frames, pixels, training and held-out
+/// views, steps.
 void print_summary(const Run& run, const TrainingData& training, const kernels::BackendTeam& team);
 
 /// Trains, says how it ended and how to go on; the exit code.

@@ -14,7 +14,8 @@
 namespace redrive {
 namespace {
 
-// A turn counts as what it moves at this distance: the ratio of an egomotion's usual errors, 6 cm and 0.12 degrees.
+// A turn counts as what it moves at this distance: the ratio of an egomotion's usual errors, 6 cm
+// and 0.12 degrees.
 constexpr double kArm_m = 30;
 
 }  // namespace

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A run's poses may be off by errors of the egomotion or free after refinement; the truth stands in its own frame. Before
-// a picture is compared with the truth of its place, the two trajectories are laid over each other.
+// A run's poses may be off by errors of the egomotion or free after refinement; the truth stands in
+// its own frame. Before a picture is compared with the truth of its place, the two trajectories are
+// laid over each other.
 #pragma once
 
 #include <span>
@@ -10,15 +11,16 @@
 namespace redrive {
 
 struct Alignment {
-  Rigid3d run_from_true = Rigid3d::Identity();  ///< ECEF to ECEF: where the run would put a true pose
-  int frames = 0;                               ///< that both trajectories have
-  double moved_m = 0, turned_deg = 0;           ///< of the trajectory's middle by that motion
-  double rest_m = 0, rest_deg = 0;              ///< RMS of position and rotation that no rigid motion explains
+  Rigid3d run_from_true =
+      Rigid3d::Identity();             ///< ECEF to ECEF: where the run would put a true pose
+  int frames = 0;                      ///< that both trajectories have
+  double moved_m = 0, turned_deg = 0;  ///< of the trajectory's middle by that motion
+  double rest_m = 0, rest_deg = 0;  ///< RMS of position and rotation that no rigid motion explains
 };
 
-/// Least squares (Umeyama 1991, no scale) over the bodies' origins and points 30 m from them along each axis, so that the
-/// rotation is held on a straight road, too. Frames are paired by id; InputError (`file` is the true trajectory's) if
-/// there is no pair.
+/// Least squares (Umeyama 1991, no scale) over the bodies' origins and points 30 m from them along
+/// each axis, so that the rotation is held on a straight road, too. Frames are paired by id;
+/// InputError (`file` is the true trajectory's) if there is no pair.
 Alignment align_trajectories(std::span<const FramePose> run, std::span<const FramePose> truth,
                              const std::filesystem::path& file);
 

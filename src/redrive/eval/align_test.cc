@@ -23,7 +23,8 @@ std::vector<FramePose> straight_drive() {
   return frames;
 }
 
-// A rigid motion is found, also the turn about the straight line that positions alone would leave open.
+// A rigid motion is found, also the turn about the straight line that positions alone would leave
+// open.
 TEST(Align, FindsARigidMotion) {
   const std::vector<FramePose> truth = straight_drive();
   const Eigen::Vector3d middle(4.1e6 + 2.5, 1.4e6, 4.7e6), shift(0.3, 0, -0.4);
@@ -49,7 +50,8 @@ TEST(Align, SaysWhatNoRigidMotionExplains) {
   const std::vector<FramePose> truth = straight_drive();
   std::vector<FramePose> run = truth;
   for (std::size_t i = 0; i < run.size(); ++i) {
-    const double side = i == 0 || i == 3 || i == 4 ? 1 : -1;  // sums to 0, and so does its moment: no yaw either
+    const double side =
+        i == 0 || i == 3 || i == 4 ? 1 : -1;  // sums to 0, and so does its moment: no yaw either
     run[i].ecef_from_body = Eigen::Translation3d(0, 0.06 * side, 0) * run[i].ecef_from_body;
   }
   const Alignment alignment = align_trajectories(run, truth, "truth.json");

@@ -11,15 +11,19 @@
 namespace redrive {
 namespace {
 
-constexpr int kSmallWidth = 80;          // of the training views' depth: a surface a few pixels wide is still met
-constexpr double kRangeTolerance = 0.1;  // a field's depth is not exact, and a small pixel holds several depths
+constexpr int kSmallWidth =
+    80;  // of the training views' depth: a surface a few pixels wide is still met
+constexpr double kRangeTolerance =
+    0.1;  // a field's depth is not exact, and a small pixel holds several depths
 
 double range_of(const RenderedImage& image, std::size_t pixel, double far_m) {
   return image.opacity[pixel] < 0.5f ? far_m : image.depth[pixel];
 }
 
 /// The pixel of the full image in the middle of a small one, along either axis.
-std::size_t centre(int small, int factor) { return static_cast<std::size_t>(small) * factor + factor / 2; }
+std::size_t centre(int small, int factor) {
+  return static_cast<std::size_t>(small) * factor + factor / 2;
+}
 
 }  // namespace
 
@@ -34,11 +38,13 @@ Coverage::Coverage(const Run& run, kernels::Backend& backend) : far_m_(run.scene
     const int factor = std::clamp(full.width / kSmallWidth, 1, full.height);
     const Camera small = full.downscaled(factor);
     const RayTable table = make_ray_table(small);
-    for (const std::size_t i : evenly_spaced(training.size(), std::max<std::size_t>(1, kMaxViews / scene.rig.size()))) {
+    for (const std::size_t i :
+         evenly_spaced(training.size(), std::max<std::size_t>(1, kMaxViews / scene.rig.size()))) {
       const Rigid3d world_from_camera = scene.world_from_camera(*training[i]);
       const RenderedImage image = render_image(backend, *run.state.model, table, world_from_camera);
       const Mask mask = view_mask(scene, *training[i], left_out.masks[c], left_out.moving);
-      TrainingView view{small, world_from_camera.inverse(Eigen::Isometry), std::vector<float>(image.depth.size())};
+      TrainingView view{small, world_from_camera.inverse(Eigen::Isometry),
+                        std::vector<float>(image.depth.size())};
       for (int y = 0; y < small.height; ++y)
         for (int x = 0; x < small.width; ++x) {
           const std::size_t k = static_cast<std::size_t>(y) * small.width + x;
@@ -57,10 +63,12 @@ std::vector<std::uint8_t> Coverage::seen(const Camera& camera, const Rigid3d& wo
   std::vector<std::uint8_t> seen(rendered.depth.size(), 0);
   for (std::size_t i = 0; i < seen.size(); ++i) {
     if (!rendered.valid[i]) continue;
-    const Eigen::Vector2d pixel(static_cast<double>(i % rendered.width), static_cast<double>(i / rendered.width));
+    const Eigen::Vector2d pixel(static_cast<double>(i % rendered.width),
+                                static_cast<double>(i / rendered.width));
     const auto direction = camera.unproject(pixel);
     if (!direction) continue;
-    const Eigen::Vector3d point = world_from_camera * Eigen::Vector3d(range_of(rendered, i, far_m_) * *direction);
+    const Eigen::Vector3d point =
+        world_from_camera * Eigen::Vector3d(range_of(rendered, i, far_m_) * *direction);
     seen[i] = std::any_of(views_.begin(), views_.end(), [&](const TrainingView& view) {
       const Eigen::Vector3d in_camera = view.camera_from_world * point;
       const auto at = view.camera.project(in_camera);

@@ -14,7 +14,8 @@ namespace {
 
 constexpr int kColumns = 41, kRows = 11;
 
-/// Looks along z; columns -20..20 see x / z from -1 to 1. `finer`: so many pixels for each of these along either axis.
+/// Looks along z; columns -20..20 see x / z from -1 to 1. `finer`: so many pixels for each of these
+/// along either axis.
 Camera front_camera(int finer = 1) {
   CameraCalibration calibration;
   calibration.model = "opencv_pinhole";
@@ -60,7 +61,8 @@ class CoverageTest : public testing::Test {
   void mask_below(int first) {
     const RigCamera& rig = run_.scene.rig[0];
     Mask mask = full_mask(rig.camera.width, rig.camera.height);
-    for (std::size_t i = 0; i < mask.used.size(); ++i) mask.used[i] = static_cast<int>(i) % mask.width >= first;
+    for (std::size_t i = 0; i < mask.used.size(); ++i)
+      mask.used[i] = static_cast<int>(i) % mask.width >= first;
     run_.paths.root = folder_.path;
     std::filesystem::create_directory(run_.paths.masks());
     write_mask(mask_file(run_.paths.masks(), rig), mask, rig, 1);
@@ -68,14 +70,18 @@ class CoverageTest : public testing::Test {
 
   TemporaryFolder folder_;
   redrive::Run run_;
-  PaintBackend walls_{[](const auto&, const auto&) { return std::array<float, 3>{}; }, range_to_walls};
+  PaintBackend walls_{[](const auto&, const auto&) { return std::array<float, 3>{}; },
+                      range_to_walls};
 };
 
-TEST_F(CoverageTest, AViewSeesItself) { EXPECT_EQ(seen_from(0), std::vector<std::uint8_t>(kColumns, 1)); }
+TEST_F(CoverageTest, AViewSeesItself) {
+  EXPECT_EQ(seen_from(0), std::vector<std::uint8_t>(kColumns, 1));
+}
 
-// From 2 m to the right, column c (x / z = (c - 20) / 20) meets the board (x in [-1, 1] at 5 m) in columns 8 to 16. The wall
-// is seen at x = 2 + (c - 20) / 2: what the board hides from the origin, x in [-2, 2], is columns 17 to 20 (12 to 16 lie
-// behind the board here, too), and what lies beside the training image, x > 10, columns 37 to 40.
+// From 2 m to the right, column c (x / z = (c - 20) / 20) meets the board (x in [-1, 1] at 5 m) in
+// columns 8 to 16. The wall is seen at x = 2 + (c - 20) / 2: what the board hides from the origin,
+// x in [-2, 2], is columns 17 to 20 (12 to 16 lie behind the board here, too), and what lies beside
+// the training image, x > 10, columns 37 to 40.
 TEST_F(CoverageTest, HiddenAndOutsideAreNotSeen) {
   const std::vector<std::uint8_t> seen = seen_from(2);
   for (int c = 0; c < kColumns; ++c) {
@@ -102,7 +108,8 @@ TEST_F(CoverageTest, WhatOneViewLeavesOutAnotherMaySee) {
   EXPECT_EQ(seen_from(0), std::vector<std::uint8_t>(kColumns, 1));
 }
 
-// 164 columns, of which depth is rendered at every other one: each of these stands for two columns of the mask.
+// 164 columns, of which depth is rendered at every other one: each of these stands for two columns
+// of the mask.
 TEST_F(CoverageTest, MasksAreOfTheFullPicture) {
   run_.scene.rig[0].camera = run_.scene.rig[0].recorded = front_camera(4);
   mask_below(40);

@@ -37,19 +37,23 @@ class ScoreMean {
     void add(double value) {
       if (!std::isnan(value)) sum += value, ++count;
     }
-    double mean() const { return count > 0 ? sum / count : std::numeric_limits<double>::quiet_NaN(); }
+    double mean() const {
+      return count > 0 ? sum / count : std::numeric_limits<double>::quiet_NaN();
+    }
   };
   Mean psnr_db_, ssim_, flip_, depth_error_;
   int images_ = 0;
   std::int64_t left_out_ = 0;
 };
 
-/// Median of |depth - truth| / truth where the mask is set and the truth known; NaN if that is nowhere.
+/// Median of |depth - truth| / truth where the mask is set and the truth known; NaN if that is
+/// nowhere.
 double median_depth_error(const RenderedImage& rendered, std::span<const std::uint8_t> mask,
                           std::span<const float> truth_m) {
   std::vector<double> errors;
   for (std::size_t i = 0; i < truth_m.size(); ++i)
-    if (mask[i] && truth_m[i] > 0) errors.push_back(std::abs(rendered.depth[i] - truth_m[i]) / truth_m[i]);
+    if (mask[i] && truth_m[i] > 0)
+      errors.push_back(std::abs(rendered.depth[i] - truth_m[i]) / truth_m[i]);
   if (errors.empty()) return std::numeric_limits<double>::quiet_NaN();
   const auto middle = errors.begin() + static_cast<std::ptrdiff_t>(errors.size() / 2);
   std::nth_element(errors.begin(), middle, errors.end());
@@ -57,7 +61,8 @@ double median_depth_error(const RenderedImage& rendered, std::span<const std::ui
 }
 
 /// Views to score, by camera of the rig.
-std::vector<std::vector<std::size_t>> views_to_score(const Scene& scene, bool held_out, const EvalOptions& options) {
+std::vector<std::vector<std::size_t>> views_to_score(const Scene& scene, bool held_out,
+                                                     const EvalOptions& options) {
   std::vector<std::vector<std::size_t>> by_camera(scene.rig.size());
   for (std::size_t v = 0; v < scene.views.size(); ++v)
     if (scene.views[v].held_out == held_out) by_camera[scene.views[v].camera].push_back(v);
@@ -73,8 +78,9 @@ std::vector<std::vector<std::size_t>> views_to_score(const Scene& scene, bool he
 }
 
 nlohmann::json score_to_json(const Score& score) {
-  return {{"psnr_db", score.psnr_db},         {"ssim", score.ssim},     {"flip", score.flip},
-          {"depth_error", score.depth_error}, {"images", score.images}, {"left_out_pixels", score.left_out}};
+  return {{"psnr_db", score.psnr_db}, {"ssim", score.ssim},
+          {"flip", score.flip},       {"depth_error", score.depth_error},
+          {"images", score.images},   {"left_out_pixels", score.left_out}};
 }
 
 nlohmann::json changes_to_json(const PoseChanges& changes) {
@@ -98,7 +104,8 @@ nlohmann::json changes_to_json(const PoseChanges& changes) {
 std::vector<std::size_t> evenly_spaced(std::size_t size, std::size_t limit) {
   const std::size_t count = limit == 0 ? size : std::min(limit, size);
   std::vector<std::size_t> chosen(count);
-  for (std::size_t i = 0; i < count; ++i) chosen[i] = (2 * i + 1) * size / (2 * count);  // middles of equal parts
+  for (std::size_t i = 0; i < count; ++i)
+    chosen[i] = (2 * i + 1) * size / (2 * count);  // middles of equal parts
   return chosen;
 }
 
@@ -113,7 +120,8 @@ Score score_image(kernels::Backend& backend, const RenderedImage& rendered, cons
     mask[i] = 0;
     ++left_out;
   }
-  const kernels::PictureScore score = backend.score({rendered.width, rendered.height, rendered.rgb, truth.rgb, mask});
+  const kernels::PictureScore score =
+      backend.score({rendered.width, rendered.height, rendered.rgb, truth.rgb, mask});
   return {std::min(score.psnr_db, kPsnrCapDb),         score.ssim, score.flip,
           median_depth_error(rendered, mask, depth_m), 1,          left_out};
 }
@@ -121,7 +129,9 @@ Score score_image(kernels::Backend& backend, const RenderedImage& rendered, cons
 DeviceWork work_of_evaluation(const Run& run) {
   DeviceWork work{.tile_rays = rays_of_tile(*run.state.model)};
   // Novel views are taken to have no larger pictures.
-  const auto pixels = [](const RigCamera& rig) { return std::int64_t{rig.camera.width} * rig.camera.height; };
+  const auto pixels = [](const RigCamera& rig) {
+    return std::int64_t{rig.camera.width} * rig.camera.height;
+  };
   const Camera& largest = std::ranges::max_element(run.scene.rig, {}, pixels)->camera;
   work.scored_width = largest.width;
   work.scored_height = largest.height;
@@ -136,11 +146,13 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
   Evaluation evaluation;
   Scene scene = run.scene;
   const auto& views = scene.views;
-  evaluation.held_out = std::any_of(views.begin(), views.end(), [](const View& view) { return view.held_out; });
+  evaluation.held_out =
+      std::any_of(views.begin(), views.end(), [](const View& view) { return view.held_out; });
 
   const LeftOut left_out = read_left_out(run);
   evaluation.alignment = align_run(run);
-  if (run.state.poses.refines()) evaluation.pose_changes = pose_changes(run.scene, run.state.poses.corrections);
+  if (run.state.poses.refines())
+    evaluation.pose_changes = pose_changes(run.scene, run.state.poses.corrections);
   const auto by_camera = views_to_score(scene, evaluation.held_out, options);
   if (evaluation.held_out && run.state.poses.refines()) {
     std::vector<std::size_t> all;
@@ -168,9 +180,10 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
       const View& view = views[v];
       Image8 truth = load_view(scene, view);  // first: a broken file must not cost a rendering
       leave_out(view_mask(scene, view, left_out.masks[c], left_out.moving), &truth);
-      const Score score = score_image(
-          backend, render_image(backend, *run.state.model, table, scene.shutter_poses(view), scene.exposure(view)),
-          truth);
+      const Score score = score_image(backend,
+                                      render_image(backend, *run.state.model, table,
+                                                   scene.shutter_poses(view), scene.exposure(view)),
+                                      truth);
       mean.add(score);
       overall.add(score);
       tell();
@@ -184,7 +197,8 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
     for (const std::size_t i : chosen_of(truth)) {
       const TruthView view = truth.load(i);
       mean.add(score_image(backend,
-                           render_image(backend, *run.state.model, view.camera, view.world_from_camera, view.exposure),
+                           render_image(backend, *run.state.model, view.camera,
+                                        view.world_from_camera, view.exposure),
                            view.truth, view.depth_m));
       tell();
     }
@@ -203,8 +217,9 @@ nlohmann::json evaluation_to_json(const Evaluation& evaluation) {
                          {"pose_changes", nullptr}};
   if (evaluation.pose_changes) json["pose_changes"] = changes_to_json(*evaluation.pose_changes);
   if (const auto& aligned = evaluation.view_alignment)
-    json["view_alignment"] = {
-        {"moved_m", aligned->moved_m}, {"turned_deg", aligned->turned_deg}, {"views", aligned->views}};
+    json["view_alignment"] = {{"moved_m", aligned->moved_m},
+                              {"turned_deg", aligned->turned_deg},
+                              {"views", aligned->views}};
   if (const auto& alignment = evaluation.alignment)
     json["alignment"] = {{"moved_m", alignment->moved_m},
                          {"turned_deg", alignment->turned_deg},

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a run is worth: renders against images that were not trained on (held-out frames, else the training frames) and
-// against the truth of novel views where the recording ships it.
+// What a run is worth: renders against images that were not trained on (held-out frames, else the
+// training frames) and against the truth of novel views where the recording ships it.
 #pragma once
 
 #include <functional>
@@ -21,44 +21,53 @@
 
 namespace redrive {
 
-/// A PSNR above this counts as this: equal images have an infinite one, which neither a mean nor JSON can hold.
+/// A PSNR above this counts as this: equal images have an infinite one, which neither a mean nor
+/// JSON can hold.
 constexpr double kPsnrCapDb = 100;
 
-/// Training frames that are scored per camera where no frame was held out, unless the options say otherwise.
+/// Training frames that are scored per camera where no frame was held out, unless the options say
+/// otherwise.
 constexpr int kTrainingImagesPerCamera = 8;
 
 struct EvalOptions {
-  int max_images =
-      0;             ///< per camera and per novel set, evenly spaced; 0: all held-out ones, or kTrainingImagesPerCamera
-  bool all = false;  ///< every one, also of the training frames
+  int max_images = 0;  ///< per camera and per novel set, evenly spaced; 0: all held-out ones, or
+                       ///< kTrainingImagesPerCamera
+  bool all = false;    ///< every one, also of the training frames
   std::function<void(int done, int total)> progress;  ///< after each image; may be empty
 };
 
-/// Means over images. NaN where there is nothing to say: ssim of images smaller than its 11 x 11 window, depth_error
-/// where no true depth ships.
+/// Means over images. NaN where there is nothing to say: ssim of images smaller than its 11 x 11
+/// window, depth_error where no true depth ships.
 struct Score {
   double psnr_db = 0, ssim = 0;
-  double flip = 0;         ///< loss/flip.h, 0..1, less is better
-  double depth_error = 0;  ///< median over an image's pixels of |depth - truth| / truth, along the ray
+  double flip = 0;  ///< loss/flip.h, 0..1, less is better
+  double depth_error =
+      0;  ///< median over an image's pixels of |depth - truth| / truth, along the ray
   int images = 0;
-  std::int64_t left_out = 0;  ///< pixels of these images that the camera model reaches and masks leave out of all this
+  std::int64_t left_out =
+      0;  ///< pixels of these images that the camera model reaches and masks leave out of all this
 };
 
 struct Evaluation {
   bool held_out = true;  ///< false: no frame was held out, training frames were scored
   Score overall;
   std::map<std::string, Score> cameras;
-  std::map<std::string, Score> novel;           ///< by novel/<name>; empty where there is no truth
-  std::optional<ViewAlignment> view_alignment;  ///< of the held-out pictures, where training refined poses
-  std::optional<Alignment> alignment;           ///< of the run's trajectory with the true one, where that ships
-  std::optional<PoseChanges> pose_changes;      ///< what training made of the poses, where it refined them
+  std::map<std::string, Score> novel;  ///< by novel/<name>; empty where there is no truth
+  std::optional<ViewAlignment>
+      view_alignment;  ///< of the held-out pictures, where training refined poses
+  std::optional<Alignment>
+      alignment;  ///< of the run's trajectory with the true one, where that ships
+  std::optional<PoseChanges>
+      pose_changes;  ///< what training made of the poses, where it refined them
 };
 
-/// Score of one picture over the pixels that the camera model reaches and the truth's mask uses. `depth_m`: as in TruthView.
+/// Score of one picture over the pixels that the camera model reaches and the truth's mask uses.
+/// `depth_m`: as in TruthView.
 Score score_image(kernels::Backend& backend, const RenderedImage& rendered, const Image8& truth,
                   std::span<const float> depth_m = {});
 
-/// `limit` of `size` indices, evenly spaced over all of them; all where limit is 0 or at least size.
+/// `limit` of `size` indices, evenly spaced over all of them; all where limit is 0 or at least
+/// size.
 std::vector<std::size_t> evenly_spaced(std::size_t size, std::size_t limit);
 
 Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions& options = {});
@@ -66,9 +75,11 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
 /// The most that it asks of the run's model.
 DeviceWork work_of_evaluation(const Run& run);
 
-/// {"overall": SCORE, "cameras": {CAM: SCORE}, "novel": {NAME: SCORE}, "held_out": bool, "alignment": {"moved_m",
-/// "turned_deg", "rest_m", "rest_deg", "frames"} or null, "view_alignment": {"moved_m", "turned_deg", "views"} or null, "pose_changes": {"frames":
-/// {"moved_m", "turned_deg", "at_bound"}, "cameras": {CAM: {"moved_m": [3], "turned_deg": [3], "late_s", "at_bound"}}} or null}, SCORE =
+/// {"overall": SCORE, "cameras": {CAM: SCORE}, "novel": {NAME: SCORE}, "held_out": bool,
+/// "alignment": {"moved_m", "turned_deg", "rest_m", "rest_deg", "frames"} or null,
+/// "view_alignment": {"moved_m", "turned_deg", "views"} or null, "pose_changes": {"frames":
+/// {"moved_m", "turned_deg", "at_bound"}, "cameras": {CAM: {"moved_m": [3], "turned_deg": [3],
+/// "late_s", "at_bound"}}} or null}, SCORE =
 /// {"psnr_db", "ssim", "flip", "depth_error", "images", "left_out_pixels"}, null for NaN.
 nlohmann::json evaluation_to_json(const Evaluation& evaluation);
 

@@ -28,7 +28,8 @@ TEST(EvenlySpaced, TakesTheMiddlesOfEqualParts) {
 
 constexpr int kWidth = 24, kHeight = 16;
 
-/// Two pinhole cameras, four frames 1 m apart, images of one grey each: 51 * frame (0.2 steps) in camera A, 255 in B.
+/// Two pinhole cameras, four frames 1 m apart, images of one grey each: 51 * frame (0.2 steps) in
+/// camera A, 255 in B.
 class EvaluateTest : public testing::Test {
  protected:
   EvaluateTest() {
@@ -44,7 +45,8 @@ class EvaluateTest : public testing::Test {
     Scene& scene = run_.scene;
     scene.ecef_from_world = Rigid3d::Identity();
     for (const char* name : {"A", "B"})
-      scene.rig.push_back({name, make_camera(calibration), make_camera(calibration), calibration.body_from_sensor});
+      scene.rig.push_back(
+          {name, make_camera(calibration), make_camera(calibration), calibration.body_from_sensor});
     for (int f = 0; f < 4; ++f) {
       Rigid3d pose = Rigid3d::Identity();
       pose.translation().x() = f;
@@ -53,8 +55,9 @@ class EvaluateTest : public testing::Test {
     }
     for (int c = 0; c < 2; ++c)
       for (int f = 0; f < 4; ++f)
-        scene.views.push_back({c, f, grey(scene.rig[c].name + std::to_string(f) + ".png", c == 0 ? 51 * f : 255), false,
-                               scene.frames[f].world_from_body});
+        scene.views.push_back(
+            {c, f, grey(scene.rig[c].name + std::to_string(f) + ".png", c == 0 ? 51 * f : 255),
+             false, scene.frames[f].world_from_body});
     auto own = std::make_unique<NerfModel>();
     NerfModel& model = *own;
     run_.state.model = std::move(own);
@@ -65,9 +68,12 @@ class EvaluateTest : public testing::Test {
     model.parameters = Buffer<float>(nerf_parameter_count(model.config));
   }
 
-  std::filesystem::path grey(const std::string& name, int value, int width = kWidth, int height = kHeight) {
+  std::filesystem::path grey(const std::string& name, int value, int width = kWidth,
+                             int height = kHeight) {
     const std::filesystem::path path = folder_ / name;
-    write_image(path, {width, height, std::vector<std::uint8_t>(3 * width * height, static_cast<std::uint8_t>(value))});
+    write_image(path,
+                {width, height,
+                 std::vector<std::uint8_t>(3 * width * height, static_cast<std::uint8_t>(value))});
     return path;
   }
   void poses(const std::string& text) {
@@ -118,7 +124,8 @@ TEST_F(EvaluateTest, TrainingViewsWhereNoneIsHeldOut) {
   const Evaluation all = evaluate(run_, black_, options);
   EXPECT_EQ(all.overall.images, 8);
   // Frame 0 of camera A is black: equal, so infinite, so capped.
-  EXPECT_NEAR(all.cameras.at("A").psnr_db, (kPsnrCapDb + psnr_of(0.2) + psnr_of(0.4) + psnr_of(0.6)) / 4, kTolerance);
+  EXPECT_NEAR(all.cameras.at("A").psnr_db,
+              (kPsnrCapDb + psnr_of(0.2) + psnr_of(0.4) + psnr_of(0.6)) / 4, kTolerance);
 }
 
 // What eval writes of refined poses is what the checkpoint holds.
@@ -140,7 +147,8 @@ TEST_F(EvaluateTest, NovelViewsAreScoredAtTheirPoseWhereTruthIs) {
   PaintBackend place([](const auto& origin, const auto&) {
     return std::array<float, 3>{origin[0] / 5, origin[0] / 5, origin[0] / 5};
   });
-  poses(R"({"images": [{"file": "a.png", "camera": "A", "frame_id": 102, "shift_body_m": [0.5, 0, 0]},
+  poses(
+      R"({"images": [{"file": "a.png", "camera": "A", "frame_id": 102, "shift_body_m": [0.5, 0, 0]},
                        {"file": "none.png", "camera": "A", "frame_id": 101, "shift_body_m": [0, 0, 0]},
                        {"file": "other.png", "camera": "UNTRAINED", "frame_id": 101, "shift_body_m": [0, 0, 0]}]})");
   grey("novel/aside/a.png", 51);  // 0.2: off by 0.3
@@ -155,12 +163,14 @@ TEST_F(EvaluateTest, NovelViewsAreScoredAtTheirPoseWhereTruthIs) {
 }
 
 TEST_F(EvaluateTest, NovelTruthOfAnotherSizeIsRefused) {
-  poses(R"({"images": [{"file": "a.png", "camera": "A", "frame_id": 102, "shift_body_m": [0, 0, 0]}]})");
+  poses(
+      R"({"images": [{"file": "a.png", "camera": "A", "frame_id": 102, "shift_body_m": [0, 0, 0]}]})");
   grey("novel/aside/a.png", 51, kWidth + 1, kHeight);
   EXPECT_THROW(evaluate(run_, black_), InputError);
 }
 
-// Camera A at frame 2 is 0.4 grey; its left half is painted black by the backend and left out by the mask.
+// Camera A at frame 2 is 0.4 grey; its left half is painted black by the backend and left out by
+// the mask.
 TEST_F(EvaluateTest, MaskedPixelsDoNotCount) {
   Image8 mask{kWidth, kHeight, std::vector<std::uint8_t>(3 * kWidth * kHeight, 0)};
   for (int i = 0; i < kWidth * kHeight; ++i)
@@ -177,7 +187,8 @@ TEST_F(EvaluateTest, MaskedPixelsDoNotCount) {
   EXPECT_NEAR(evaluate(run_, half).overall.psnr_db, psnr_of(0.1), 1e-4);
 }
 
-// The pictures are 0.4 grey, and what the run leaves out of camera A is white: neither PSNR nor a window at its edge sees it.
+// The pictures are 0.4 grey, and what the run leaves out of camera A is white: neither PSNR nor a
+// window at its edge sees it.
 TEST_F(EvaluateTest, WhatTheRunLeavesOutDoesNotCount) {
   run_.paths.root = folder_;
   std::filesystem::create_directory(run_.paths.masks());
@@ -214,8 +225,8 @@ TEST_F(EvaluateTest, AFisheyeOfTheSetIsNoMatterForARunThatUndistorts) {
   const std::string rest = R"("focal_length_px": [20, 20], "principal_point_px": [11.5, 7.5],
       "image_resolution_px": [24, 16], "distortion_coeffs": [0, 0, 0, 0, 0],
       "RT_body_from_sensor": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]})";
-  poses(R"({"calibration": {"A": {"model": "opencv_pinhole", )" + rest + R"(, "FISH": {"model": "mei", "xi": 1, )" +
-        rest + R"(},
+  poses(R"({"calibration": {"A": {"model": "opencv_pinhole", )" + rest +
+        R"(, "FISH": {"model": "mei", "xi": 1, )" + rest + R"(},
             "images": [{"file": "a.png", "camera": "A", "frame_id": 102, "shift_body_m": [0, 0, 0]}]})");
   grey("novel/aside/a.png", 51);
   run_.scene.undistort = true;
@@ -227,8 +238,8 @@ TEST_F(EvaluateTest, MissingImageIsRefused) {
   EXPECT_THROW(evaluate(run_, black_), InputError);
 }
 
-// The backend shows everything 2 m away. Of the pixels whose depth is known, two thirds lie at 2.5 m: the median error
-// is 0.5 / 2.5. Millimetres 0 and 65535 say nothing.
+// The backend shows everything 2 m away. Of the pixels whose depth is known, two thirds lie at 2.5
+// m: the median error is 0.5 / 2.5. Millimetres 0 and 65535 say nothing.
 TEST_F(EvaluateTest, DepthErrorIsTheMedianWhereTruthIsKnown) {
   poses(R"({"images": [{"file": "a.png", "camera": "A", "frame_id": 102, "shift_body_m": [0, 0, 0]},
                        {"file": "b.png", "camera": "A", "frame_id": 102, "shift_body_m": [0, 0, 0]}]})");
@@ -241,19 +252,22 @@ TEST_F(EvaluateTest, DepthErrorIsTheMedianWhereTruthIsKnown) {
   }
   write_png16(folder_ / "novel/aside/a_depth.png", kWidth, kHeight, depth_mm);
   const Evaluation result = evaluate(run_, black_);
-  EXPECT_NEAR(result.novel.at("aside").depth_error, 0.2, 1e-6) << "b.png has no depth: a.png's counts alone";
+  EXPECT_NEAR(result.novel.at("aside").depth_error, 0.2, 1e-6)
+      << "b.png has no depth: a.png's counts alone";
   EXPECT_TRUE(std::isnan(result.overall.depth_error));
   write_png16(folder_ / "novel/aside/b_depth.png", 1, 1, {7});
   EXPECT_THROW(evaluate(run_, black_), InputError) << "of another size";
 }
 
-// The run's poses are the true ones turned by a quarter about z and moved: a true place is looked up where the run has it.
+// The run's poses are the true ones turned by a quarter about z and moved: a true place is looked
+// up where the run has it.
 TEST_F(EvaluateTest, TruePosesGoThroughTheAlignment) {
   Rigid3d true_from_run = Rigid3d::Identity();
   true_from_run.translation() = Eigen::Vector3d(7, 8, 9);
   true_from_run.linear() << 0, -1, 0, 1, 0, 0, 0, 0, 1;
   for (const FramePose& frame : run_.recording.frames)
-    run_.recording.true_frames.push_back({frame.id, frame.t_ns, true_from_run * frame.ecef_from_body});
+    run_.recording.true_frames.push_back(
+        {frame.id, frame.t_ns, true_from_run * frame.ecef_from_body});
   // The true place of x = 2.5 in the run: (7, 8 + 2.5, 9), turned.
   poses(R"({"images": [{"file": "a.png", "camera": "A", "frame_id": 102,
                         "RT_ECEF_body": [[0, -1, 0, 7], [1, 0, 0, 10.5], [0, 0, 1, 9], [0, 0, 0, 1]]}]})");
@@ -275,9 +289,11 @@ TEST(EvaluationJson, HasTheNamesThatScriptsRead) {
   evaluation.cameras["F_CAM"] = {20.5, std::nan(""), 0.25, 0.125, 3, 7};
   evaluation.view_alignment = ViewAlignment{8, 0.25, 0.5};
   evaluation.alignment = Alignment{Rigid3d::Identity(), 5, 0.5, 0.25, 0.125, 1};
-  EXPECT_TRUE(nlohmann::json::parse(evaluation_to_json(evaluation).dump()).at("pose_changes").is_null());
+  EXPECT_TRUE(
+      nlohmann::json::parse(evaluation_to_json(evaluation).dump()).at("pose_changes").is_null());
   const PoseChange change{{0.5, -0.25, 2}, {0, std::numbers::pi / 2, 0}, true};
-  evaluation.pose_changes = PoseChanges{{change, {}}, {{"F_CAM", change, 0.125}}, 0.75, std::numbers::pi};
+  evaluation.pose_changes =
+      PoseChanges{{change, {}}, {{"F_CAM", change, 0.125}}, 0.75, std::numbers::pi};
   const auto json = nlohmann::json::parse(evaluation_to_json(evaluation).dump());
   EXPECT_EQ(json, nlohmann::json::parse(R"({
     "overall": {"psnr_db": 20.5, "ssim": 0.5, "flip": 0.25, "depth_error": null, "images": 3, "left_out_pixels": 0},

@@ -11,7 +11,8 @@ NovelTruth::NovelTruth(const Run& run, const NovelSet& set, const Alignment& ali
       name_(set.name),
       poses_(read_poses(set.poses_file)),
       rig_(poses_rig(poses_, run.scene, /*like_run=*/true)),
-      true_ecef_from_world_(alignment.run_from_true.inverse(Eigen::Isometry) * run.scene.ecef_from_world) {
+      true_ecef_from_world_(alignment.run_from_true.inverse(Eigen::Isometry) *
+                            run.scene.ecef_from_world) {
   // A run of some of the cameras is no error of the set: views of the others are not its business.
   for (std::size_t i = 0; i < poses_.views.size(); ++i)
     if (run.scene.camera_index(poses_.views[i].camera) >= 0 &&
@@ -24,17 +25,20 @@ TruthView NovelTruth::load(std::size_t index) const {
   const RequestedView& view = poses_.views[views_[index]];
   const std::filesystem::path image = poses_.path.parent_path() / view.file;
 
-  // load_view knows how a run sees an image (size check, undistortion, downscaling): a scene of one picture.
+  // load_view knows how a run sees an image (size check, undistortion, downscaling): a scene of one
+  // picture.
   Scene scene;
   const RigCamera& camera = requested_camera(poses_, views_[index], rig_);
   scene.rig = {camera};
   scene.downscale = run_.scene.downscale;
-  scene.undistort = run_.scene.undistort && std::holds_alternative<OpenCvPinhole>(camera.recorded.model);
+  scene.undistort =
+      run_.scene.undistort && std::holds_alternative<OpenCvPinhole>(camera.recorded.model);
   scene.background = run_.scene.background;
   scene.views = {{0, 0, image, false,
                   view.ecef_from_body
                       ? true_ecef_from_world_.inverse(Eigen::Isometry) * *view.ecef_from_body
-                      : requested_world_from_body(poses_, views_[index], camera, run_.recording, run_.scene, false)}};
+                      : requested_world_from_body(poses_, views_[index], camera, run_.recording,
+                                                  run_.scene, false)}};
   TruthView truth{view.file,
                   camera.camera,
                   scene.world_from_camera(scene.views[0]),

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Truth of views that were never driven: pictures that a recording ships beside novel/<name>/poses.json, FILE.jpg and, where it
-// is known, FILE_depth.png (scene/image_set.h: load_depth).
+// Truth of views that were never driven: pictures that a recording ships beside
+// novel/<name>/poses.json, FILE.jpg and, where it is known, FILE_depth.png (scene/image_set.h:
+// load_depth).
 #pragma once
 
 #include <optional>
@@ -14,14 +15,16 @@
 
 namespace redrive {
 
-/// A picture to score: truth as a run trains on it (undistorted, downscaled) and where it was taken from.
+/// A picture to score: truth as a run trains on it (undistorted, downscaled) and where it was taken
+/// from.
 struct TruthView {
   std::string name;  ///< file of the novel set
   Camera camera;
   Rigid3d world_from_camera;
   Exposure exposure;
   Image8 truth;
-  std::vector<float> depth_m;  ///< [height, width] along the ray, 0 where it is not known; empty if no depth ships
+  std::vector<float>
+      depth_m;  ///< [height, width] along the ray, 0 where it is not known; empty if no depth ships
 };
 
 /// The views of one novel set whose truth is there, of cameras that the run trained.
@@ -32,8 +35,9 @@ class NovelTruth {
 
   const std::string& name() const { return name_; }  ///< of the set
   std::size_t size() const { return views_.size(); }
-  /// Places that the set gives in ECEF are the true ones and go through the alignment; those it gives as a shift move the
-  /// run's own pose. InputError: truth that has not the size that its calibration says.
+  /// Places that the set gives in ECEF are the true ones and go through the alignment; those it
+  /// gives as a shift move the run's own pose. InputError: truth that has not the size that its
+  /// calibration says.
   TruthView load(std::size_t index) const;
 
  private:
@@ -48,7 +52,8 @@ class NovelTruth {
 /// The alignment of a run's poses with the true ones; nothing where the recording ships none.
 std::optional<Alignment> align_run(const Run& run);
 
-/// The novel sets of the run's recording that have truth (size() > 0), laid over the run by align_run.
+/// The novel sets of the run's recording that have truth (size() > 0), laid over the run by
+/// align_run.
 std::vector<NovelTruth> novel_truths(const Run& run);
 
 }  // namespace redrive

@@ -23,8 +23,9 @@ View moved(View view, const Rigid3d& motion, bool held_out) {
 
 }  // namespace
 
-ViewAlignment align_views(const Run& run, kernels::Backend& backend, std::span<const std::size_t> views,
-                          const LeftOut& left_out, Scene* scene) {
+ViewAlignment align_views(const Run& run, kernels::Backend& backend,
+                          std::span<const std::size_t> views, const LeftOut& left_out,
+                          Scene* scene) {
   REDRIVE_CHECK(!views.empty());
   // To the sampler these are the pictures to train on.
   Scene turned = *scene;
@@ -43,7 +44,8 @@ ViewAlignment align_views(const Run& run, kernels::Backend& backend, std::span<c
   std::vector<float> motions(numbers);
   std::vector<double> gradient(numbers);
   std::vector<float> unused(run.state.model->size());  // the field stays
-  const int rays = static_cast<int>(std::min<std::size_t>(kRaysOfView * views.size(), kMostAlignedRays));
+  const int rays =
+      static_cast<int>(std::min<std::size_t>(kRaysOfView * views.size(), kMostAlignedRays));
   RayBatch batch;
   Workspace workspace;
   std::uint64_t drawn = 0;
@@ -51,7 +53,8 @@ ViewAlignment align_views(const Run& run, kernels::Backend& backend, std::span<c
     sampler.gather(drawn, rays, &batch);
     drawn += static_cast<std::uint64_t>(batch.n);
     batch.refines = true;
-    const StepLosses losses = run.state.model->gradients(backend, batch, run.options.seed, step, unused, &workspace);
+    const StepLosses losses =
+        run.state.model->gradients(backend, batch, run.options.seed, step, unused, &workspace);
     const std::vector<ViewGradient> of_views = view_gradients(turned, batch, losses);
     for (const std::size_t v : views) {
       const Vector6d six = in_body(turned, turned.views[v], of_views[v]);
@@ -59,7 +62,8 @@ ViewAlignment align_views(const Run& run, kernels::Backend& backend, std::span<c
     }
     const PoseRates rates = pose_rates(kFirstRate_m * std::pow(kLastRate, step / (kSteps - 1.0)));
     update_poses(
-        gradient, [&](std::size_t i) { return i % 6 < 3 ? rates.by_m : rates.turn_rad; }, motions, &moments);
+        gradient, [&](std::size_t i) { return i % 6 < 3 ? rates.by_m : rates.turn_rad; }, motions,
+        &moments);
     for (const std::size_t v : views)
       turned.views[v] = moved(scene->views[v], motion_of(&motions[6 * v]), /*held_out=*/false);
     sampler.place();

@@ -22,7 +22,8 @@ std::unique_ptr<Model> grid_model(const Scene&) {
   return model;
 }
 
-/// Of strong colours, which are the same from everywhere. One network: two that were never trained would not show the same.
+/// Of strong colours, which are the same from everywhere. One network: two that were never trained
+/// would not show the same.
 std::unique_ptr<Model> nerf_model(const Scene& scene) {
   auto model = std::make_unique<NerfModel>();
   model->config = {32, 4, 1};
@@ -30,18 +31,21 @@ std::unique_ptr<Model> nerf_model(const Scene& scene) {
   model->far_m = 12;
   model->unit_from_world = scene.unit_from_world;
   model->initialize(4);
-  const NerfLayerShape density = nerf_layer(model->config, kNerfDensity), rgb = nerf_layer(model->config, kNerfRgb),
+  const NerfLayerShape density = nerf_layer(model->config, kNerfDensity),
+                       rgb = nerf_layer(model->config, kNerfRgb),
                        colour = nerf_layer(model->config, kNerfColour);
   Buffer<float>& numbers = model->parameters;
   numbers[density.bias] = 0.2f;
   for (std::size_t i = rgb.weight; i < rgb.bias; ++i) numbers[i] *= 12;
   for (int o = 0; o < colour.outputs; ++o)
-    std::fill_n(&numbers[colour.weight + static_cast<std::size_t>(o) * colour.inputs + model->config.width],
-                encoded_size(model->config.direction_octaves), 0.0f);
+    std::fill_n(
+        &numbers[colour.weight + static_cast<std::size_t>(o) * colour.inputs + model->config.width],
+        encoded_size(model->config.direction_octaves), 0.0f);
   return model;
 }
 
-// Pictures of a field are laid onto it again from places a little aside; others stay where they are.
+// Pictures of a field are laid onto it again from places a little aside; others stay where they
+// are.
 void expect_to_be_found(const std::function<std::unique_ptr<Model>(const Scene&)>& model_of_scene) {
   const TemporaryFolder folder;
   redrive::Run run;
@@ -57,12 +61,14 @@ void expect_to_be_found(const std::function<std::unique_ptr<Model>(const Scene&)
     const View& view = run.scene.views[v];
     if (!view.held_out) continue;
     held_out.push_back(v);
-    write_image(view.image, to_image8(render_image(*backend, *run.state.model, run.scene.rig[view.camera].camera,
+    write_image(view.image, to_image8(render_image(*backend, *run.state.model,
+                                                   run.scene.rig[view.camera].camera,
                                                    run.scene.world_from_camera(view))));
   }
   ASSERT_EQ(held_out.size(), 4u);
   LeftOut left_out{{}, MovingObjects({}, run.recording.frames, run.scene.ecef_from_world)};
-  for (const RigCamera& rig : run.scene.rig) left_out.masks.push_back(full_mask(rig.camera.width, rig.camera.height));
+  for (const RigCamera& rig : run.scene.rig)
+    left_out.masks.push_back(full_mask(rig.camera.width, rig.camera.height));
 
   const Scene truth = run.scene;
   const float aside[6] = {0.06f, -0.05f, 0.04f, 0.012f, -0.01f, 0.015f};

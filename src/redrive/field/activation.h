@@ -8,7 +8,8 @@
 
 namespace redrive {
 
-/// max(0, x); its derivative at 0 is 0. NaN stays NaN, so that a broken network cannot pass for an empty scene.
+/// max(0, x); its derivative at 0 is 0. NaN stays NaN, so that a broken network cannot pass for an
+/// empty scene.
 template <class T>
 REDRIVE_HD T relu(T x) {
   return x <= T(0) ? T(0) : x;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a camera makes of light over time: gains of the three colours, for exposure and white balance, learned with the field so that
-// it need not explain them by places. Scalar, one ray, and the adjoint.
+// What a camera makes of light over time: gains of the three colours, for exposure and white
+// balance, learned with the field so that it need not explain them by places. Scalar, one ray, and
+// the adjoint.
 #pragma once
 
 #include <algorithm>
@@ -13,12 +14,13 @@
 
 namespace redrive {
 
-/// Log gains stand every kKnot_s of each camera's drive, linear between them: exposure control takes about as long, and what lies
-/// between training pictures has its gains, too.
+/// Log gains stand every kKnot_s of each camera's drive, linear between them: exposure control
+/// takes about as long, and what lies between training pictures has its gains, too.
 constexpr float kKnot_s = 0.5f;
 /// A log gain is so many times its parameter, which slows it down against the field's.
 constexpr float kGainOfParameter = 0.05f;
-/// Of the mean square of all log gains against the colours' loss: a hundredth of what a camera's pictures say of one.
+/// Of the mean square of all log gains against the colours' loss: a hundredth of what a camera's
+/// pictures say of one.
 constexpr float kGainWeight = 5e-4f;
 
 struct AppearanceConfig {
@@ -48,15 +50,17 @@ REDRIVE_HD std::array<T, 3> colour_gains(const AppearanceConfig& config, const T
   const KnotShare at = knots_at(config, exposure);
   std::array<T, 3> gains;
   for (int k = 0; k < 3; ++k)
-    gains[k] = exp(T(kGainOfParameter) *
-                   (parameters[at.first + k] * T(1 - at.of_second) + parameters[at.second + k] * T(at.of_second)));
+    gains[k] = exp(T(kGainOfParameter) * (parameters[at.first + k] * T(1 - at.of_second) +
+                                          parameters[at.second + k] * T(at.of_second)));
   return gains;
 }
 
-/// From gains as colour_gains gave them: calls add(number of the parameters, its derivative), first knot first.
+/// From gains as colour_gains gave them: calls add(number of the parameters, its derivative), first
+/// knot first.
 template <class T, class Add>
 REDRIVE_HD void colour_gains_adjoint(const AppearanceConfig& config, const Exposure& exposure,
-                                     const std::array<T, 3>& gains, const std::array<T, 3>& d_gains, const Add& add) {
+                                     const std::array<T, 3>& gains, const std::array<T, 3>& d_gains,
+                                     const Add& add) {
   if (exposure.camera < 0 || config.size() == 0) return;
   const KnotShare at = knots_at(config, exposure);
   for (int k = 0; k < 3; ++k) {
@@ -66,14 +70,16 @@ REDRIVE_HD void colour_gains_adjoint(const AppearanceConfig& config, const Expos
   }
 }
 
-/// A parameter's share of the loss that keeps gains near 1: kGainWeight times the mean square of all log gains.
+/// A parameter's share of the loss that keeps gains near 1: kGainWeight times the mean square of
+/// all log gains.
 template <class T>
 struct GainTerm {
   T value, derivative;
 };
 template <class T>
 REDRIVE_HD GainTerm<T> gain_term(const AppearanceConfig& config, T parameter) {
-  const T factor(kGainWeight * kGainOfParameter * kGainOfParameter / static_cast<float>(config.size()));
+  const T factor(kGainWeight * kGainOfParameter * kGainOfParameter /
+                 static_cast<float>(config.size()));
   return {factor * parameter * parameter, T(2) * factor * parameter};
 }
 

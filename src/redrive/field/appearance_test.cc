@@ -23,15 +23,17 @@ std::vector<double> parameters() {
 
 TEST(Appearance, IsNeutralWithoutACameraAndAtZero) {
   const std::vector<double> p = parameters(), zero(kSize);
-  for (const auto& gains : {colour_gains(kConfig, p.data(), {-1, 0.3f}), colour_gains({}, p.data(), {1, 0.3f}),
-                            colour_gains(kConfig, zero.data(), {1, 0.3f})})
+  for (const auto& gains :
+       {colour_gains(kConfig, p.data(), {-1, 0.3f}), colour_gains({}, p.data(), {1, 0.3f}),
+        colour_gains(kConfig, zero.data(), {1, 0.3f})})
     for (const double gain : gains) EXPECT_EQ(gain, 1);
 }
 
 TEST(Appearance, LogGainsAreLinearBetweenKnotsAndGoOnBeyond) {
   const std::vector<double> p = parameters();
   const auto log_gain = [&](int camera, double knots, int k) {
-    return std::log(colour_gains(kConfig, p.data(), {camera, static_cast<float>(knots * kKnot_s)})[k]) /
+    return std::log(
+               colour_gains(kConfig, p.data(), {camera, static_cast<float>(knots * kKnot_s)})[k]) /
            kGainOfParameter;
   };
   for (int camera = 0; camera < 2; ++camera)
@@ -53,7 +55,8 @@ TEST(Appearance, AdjointAgreesWithDualNumbers) {
   for (const Exposure exposure : {Exposure{0, 0.1f}, {1, 0.9f}, {1, 5}, {-1, 0.5f}}) {
     std::vector<double> d(kSize, 7);
     const auto gains = colour_gains(kConfig, p.data(), exposure);
-    colour_gains_adjoint(kConfig, exposure, gains, d_gains, [&](std::size_t at, double x) { d[at] += x; });
+    colour_gains_adjoint(kConfig, exposure, gains, d_gains,
+                         [&](std::size_t at, double x) { d[at] += x; });
     const auto of_dual = colour_gains(kConfig, dual.data(), exposure);
     for (int i = 0; i < kSize; ++i) {
       double expected = 7;

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The unbounded world in the unit cube (Barron et al., "Mip-NeRF 360", 2022, eq. 10, with the maximum norm as NeuRAD has it):
-// with u = (x - center) / half_m and m = max |u_k|,  y = u inside the near region (m <= 1), (2 - 1/m) u/m beyond it, so that
-// infinity lies at |y| = 2;  unit = (y + 2) / 4. A bounded scene (objects, rooms) has its near region alone: unit = (u + 1) / 2.
+// The unbounded world in the unit cube (Barron et al., "Mip-NeRF 360", 2022, eq. 10, with the
+// maximum norm as NeuRAD has it): with u = (x - center) / half_m and m = max |u_k|,  y = u inside
+// the near region (m <= 1), (2 - 1/m) u/m beyond it, so that infinity lies at |y| = 2;  unit = (y +
+// 2) / 4. A bounded scene (objects, rooms) has its near region alone: unit = (u + 1) / 2.
 #pragma once
 
 #include <algorithm>
@@ -22,8 +23,8 @@ struct Contraction {
   bool operator==(const Contraction&) const = default;
 };
 
-/// Position in the unit cube; also works on dual numbers. Returns the cube root of the map's volume factor, which
-/// turns the standard deviation of a sample's volume in metres into the unit cube's.
+/// Position in the unit cube; also works on dual numbers. Returns the cube root of the map's volume
+/// factor, which turns the standard deviation of a sample's volume in metres into the unit cube's.
 template <class T>
 REDRIVE_HD T contract(const Contraction& contraction, const T world[3], T unit[3]) {
   using std::abs;
@@ -54,9 +55,11 @@ REDRIVE_HD T contract(const Contraction& contraction, const T world[3], T unit[3
   return T(0.25 / contraction.half_m * factor);
 }
 
-/// d_world from d_unit, the derivative of contract's position alone: footprints are taken as they are.
+/// d_world from d_unit, the derivative of contract's position alone: footprints are taken as they
+/// are.
 template <class T>
-REDRIVE_HD void contract_adjoint(const Contraction& contraction, const T world[3], const T d_unit[3], T d_world[3]) {
+REDRIVE_HD void contract_adjoint(const Contraction& contraction, const T world[3],
+                                 const T d_unit[3], T d_world[3]) {
   const T inverse = T(1) / T(contraction.half_m);
   T u[3], m(0);
   int largest = 0;
@@ -74,14 +77,16 @@ REDRIVE_HD void contract_adjoint(const Contraction& contraction, const T world[3
   const T shrink = beyond ? (T(2) - T(1) / m) / m : T(1);
   for (int k = 0; k < 3; ++k) d_world[k] = scale * shrink * d_unit[k];
   if (!beyond) return;
-  const T slope = T(2) * (T(1) / m - T(1)) / (m * m), along = u[0] * d_unit[0] + u[1] * d_unit[1] + u[2] * d_unit[2];
+  const T slope = T(2) * (T(1) / m - T(1)) / (m * m),
+          along = u[0] * d_unit[0] + u[1] * d_unit[1] + u[2] * d_unit[2];
   d_world[largest] += scale * (u[largest] < T(0) ? -slope : slope) * along;
 }
 
-/// Where a ray is sampled: as `spacing` says, but of a bounded scene only within its cube, evenly. A ray that misses the cube gets
-/// no length, at near_m.
-REDRIVE_HD inline RaySpacing spacing_of_ray(const RaySpacing& spacing, const Contraction& contraction,
-                                            const float origin[3], const float direction[3]) {
+/// Where a ray is sampled: as `spacing` says, but of a bounded scene only within its cube, evenly.
+/// A ray that misses the cube gets no length, at near_m.
+REDRIVE_HD inline RaySpacing spacing_of_ray(const RaySpacing& spacing,
+                                            const Contraction& contraction, const float origin[3],
+                                            const float direction[3]) {
   if (contraction.unbounded) return spacing;
   float enter = spacing.near_m, leave = spacing.far_m;
   for (int k = 0; k < 3; ++k) {

@@ -18,9 +18,11 @@ double uniform(std::uint64_t stream, std::uint64_t i) {
 }
 
 /// The point at u = m times a direction of maximum norm 1.
-std::array<double, 3> world_at(const Contraction& contraction, const double direction[3], double m) {
+std::array<double, 3> world_at(const Contraction& contraction, const double direction[3],
+                               double m) {
   std::array<double, 3> world;
-  for (int k = 0; k < 3; ++k) world[k] = contraction.center[k] + contraction.half_m * m * direction[k];
+  for (int k = 0; k < 3; ++k)
+    world[k] = contraction.center[k] + contraction.half_m * m * direction[k];
   return world;
 }
 
@@ -86,7 +88,8 @@ TEST(Contraction, InfinityLiesOnTheFaces) {
   for (const double m : {2.0, 10.0, 1e3, 1e6, 1e12}) {
     double unit[3];
     contract(kRoad, world_at(kRoad, direction, m).data(), unit);
-    const double y = 4 * unit[1] - 2;  // along the largest coordinate 2 - 1/m, the others in proportion
+    const double y =
+        4 * unit[1] - 2;  // along the largest coordinate 2 - 1/m, the others in proportion
     EXPECT_NEAR(y, 2 - 1 / m, 1e-12);
     EXPECT_NEAR(4 * unit[0] - 2, -0.5 * y, 1e-12);
     EXPECT_NEAR(4 * unit[2] - 2, 0.25 * y, 1e-12);
@@ -103,9 +106,11 @@ TEST(Contraction, InfinityLiesOnTheFaces) {
 }
 
 TEST(Contraction, IsSmoothWhereTheNearRegionEnds) {
-  // Value, derivative along the radius (1/m^2) and across it agree at m = 1, so both sides differ by the distance between them.
+  // Value, derivative along the radius (1/m^2) and across it agree at m = 1, so both sides differ
+  // by the distance between them.
   const double direction[3] = {0.75, -1, 0.125}, h = 1e-9;
-  const Jacobian inside(kRoad, world_at(kRoad, direction, 1 - h)), beyond(kRoad, world_at(kRoad, direction, 1 + h));
+  const Jacobian inside(kRoad, world_at(kRoad, direction, 1 - h)),
+      beyond(kRoad, world_at(kRoad, direction, 1 + h));
   for (int r = 0; r < 3; ++r) {
     EXPECT_NEAR(inside.unit[r], beyond.unit[r], h);
     for (int c = 0; c < 3; ++c) EXPECT_NEAR(inside.of[r][c], beyond.of[r][c], 4 * h);
@@ -121,7 +126,8 @@ TEST(Contraction, FactorIsTheCubeRootOfTheVolumesChange) {
       const double reach = std::exp2(4 * uniform(2, i)),
                    u[3] = {uniform(3, 3 * i), uniform(3, 3 * i + 1), uniform(3, 3 * i + 2)};
       const Jacobian jacobian(contraction, world_at(contraction, u, reach));
-      // A determinant's six products of entries, each up to a few dozen roundings, of which none is above the diagonal's.
+      // A determinant's six products of entries, each up to a few dozen roundings, of which none is
+      // above the diagonal's.
       EXPECT_NEAR(std::pow(jacobian.factor, 3) / jacobian.determinant(), 1, 200 * 0x1p-53) << i;
       beyond += contraction.unbounded && jacobian.factor < 0.25 / 8;
     }
@@ -166,11 +172,12 @@ TEST(SpacingOfRay, GoesFromFaceToFace) {
   };
   expect(spacing_in_room({-25, 0, 0}, {1, 0, 0}), 20, 36);
   expect(spacing_in_room({3, -1, 40.5f}, {0, 0, -1}), 32, 48);
-  expect(spacing_in_room({0, 0, 0}, {0, 1, 0}), 0.5f, 7);                   // from within, from near_m on
-  expect(spacing_in_room({-205, 0, 0}, {1, 0, 0}), 0.5f, 0.5f);             // beyond far_m
-  expect(spacing_in_room({-95, 0, 0}, {1, 0, 0}), 90, 100);                 // far_m ends it
-  expect(spacing_in_room({-10, 0, 0}, {0.6f, 0.8f, 0}), 25.0f / 3, 8.75f);  // in by x = -5, out by y = 7
-  expect(spacing_in_room({3, -9, 0}, {1, 0, 0}), 0.5f, 8);                  // along a face
+  expect(spacing_in_room({0, 0, 0}, {0, 1, 0}), 0.5f, 7);        // from within, from near_m on
+  expect(spacing_in_room({-205, 0, 0}, {1, 0, 0}), 0.5f, 0.5f);  // beyond far_m
+  expect(spacing_in_room({-95, 0, 0}, {1, 0, 0}), 90, 100);      // far_m ends it
+  expect(spacing_in_room({-10, 0, 0}, {0.6f, 0.8f, 0}), 25.0f / 3,
+         8.75f);                                            // in by x = -5, out by y = 7
+  expect(spacing_in_room({3, -9, 0}, {1, 0, 0}), 0.5f, 8);  // along a face
 }
 
 TEST(SpacingOfRay, OfARayThatMissesHasNoLength) {

@@ -17,7 +17,8 @@ GridLayerShape grid_layer(const GridFieldConfig& config, int layer) {
                                               {"colour.1.weight", colour_1, width},
                                               {"colour.out.weight", 3, width}};
   GridLayerShape shape = shapes[layer];
-  for (int l = 0; l < layer; ++l) shape.offset += static_cast<std::size_t>(shapes[l].outputs) * shapes[l].inputs;
+  for (int l = 0; l < layer; ++l)
+    shape.offset += static_cast<std::size_t>(shapes[l].outputs) * shapes[l].inputs;
   return shape;
 }
 
@@ -26,16 +27,20 @@ std::size_t grid_network_size(const GridFieldConfig& config) {
   return last.offset + static_cast<std::size_t>(last.outputs) * last.inputs;
 }
 
-double grid_macs_per_sample(const GridFieldConfig& config) { return static_cast<double>(grid_network_size(config)); }
+double grid_macs_per_sample(const GridFieldConfig& config) {
+  return static_cast<double>(grid_network_size(config));
+}
 
-void grid_network_initialize(const GridFieldConfig& config, std::uint64_t seed, std::span<float> weights) {
+void grid_network_initialize(const GridFieldConfig& config, std::uint64_t seed,
+                             std::span<float> weights) {
   REDRIVE_CHECK_OP(weights.size(), ==, grid_network_size(config));
   const std::uint64_t key = random_key(seed, kStreamInit, 2);
   for (int layer = 0; layer < kGridLayers; ++layer) {
     const GridLayerShape shape = grid_layer(config, layer);
     const float bound = std::sqrt(6.0f / static_cast<float>(shape.inputs));
     const std::size_t size = static_cast<std::size_t>(shape.outputs) * shape.inputs;
-    for (std::size_t i = shape.offset; i < shape.offset + size; ++i) weights[i] = bound * (2 * random_unit(key, i) - 1);
+    for (std::size_t i = shape.offset; i < shape.offset + size; ++i)
+      weights[i] = bound * (2 * random_unit(key, i) - 1);
   }
 }
 

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// The field of --method grid: features of a hash grid (hash_grid.h), a small network to density and geometry features, a second
-// one to colour (Mueller et al. 2022, section 5.4). Networks without biases; scalar, on any scalar type, with their adjoint.
+// The field of --method grid: features of a hash grid (hash_grid.h), a small network to density and
+// geometry features, a second one to colour (Mueller et al. 2022, section 5.4). Networks without
+// biases; scalar, on any scalar type, with their adjoint.
 //   h = relu(D0 features), g = D1 h (16 numbers), density = density_scale exp(g_0),
-//   c = relu(C0 [g, Y(direction)]), with two colour layers c = relu(C1 c), raw rgb = C c (before the sigmoid).
+//   c = relu(C0 [g, Y(direction)]), with two colour layers c = relu(C1 c), raw rgb = C c (before
+//   the sigmoid).
 #pragma once
 
 #include <algorithm>
@@ -18,8 +20,9 @@
 
 namespace redrive {
 
-constexpr int kGeometry = 16;         ///< numbers that the density network hands on to the colour network
-constexpr float kMaxLogDensity = 15;  ///< g_0 above this counts as this, its derivative does not vanish
+constexpr int kGeometry = 16;  ///< numbers that the density network hands on to the colour network
+constexpr float kMaxLogDensity =
+    15;  ///< g_0 above this counts as this, its derivative does not vanish
 constexpr int kMaxGridWidth = 128;
 
 struct GridFieldConfig {
@@ -30,10 +33,18 @@ struct GridFieldConfig {
   bool operator==(const GridFieldConfig&) const = default;
 };
 
-enum GridLayer { kGridDensity0, kGridDensity1, kGridColour0, kGridColour1, kGridColourOut, kGridLayers };
+enum GridLayer {
+  kGridDensity0,
+  kGridDensity1,
+  kGridColour0,
+  kGridColour1,
+  kGridColourOut,
+  kGridLayers
+};
 
-/// A weight matrix [outputs, inputs], row-major, at `offset` of the flat buffer; inputs of kGridColour0: geometry, then
-/// harmonics. kGridColour1 has no outputs where there is one colour layer.
+/// A weight matrix [outputs, inputs], row-major, at `offset` of the flat buffer; inputs of
+/// kGridColour0: geometry, then harmonics. kGridColour1 has no outputs where there is one colour
+/// layer.
 struct GridLayerShape {
   const char* name = "";
   int outputs = 0, inputs = 0;
@@ -41,22 +52,26 @@ struct GridLayerShape {
 };
 GridLayerShape grid_layer(const GridFieldConfig& config, int layer);
 std::size_t grid_network_size(const GridFieldConfig& config);  ///< numbers of all matrices
-double grid_macs_per_sample(const GridFieldConfig& config);    ///< multiply-adds of both networks, forward
+double grid_macs_per_sample(
+    const GridFieldConfig& config);  ///< multiply-adds of both networks, forward
 
 /// He uniform: U(-a, a), a = sqrt(6 / inputs). Deterministic in seed.
-void grid_network_initialize(const GridFieldConfig& config, std::uint64_t seed, std::span<float> weights);
+void grid_network_initialize(const GridFieldConfig& config, std::uint64_t seed,
+                             std::span<float> weights);
 
 /// What the adjoint needs of a sample; sized for the widest network.
 template <class T>
 struct GridActivations {
   std::vector<T> features;
-  T hidden[kMaxGridWidth], geometry[kGeometry], harmonics[kHarmonics], colour[2][kMaxGridWidth], density;
+  T hidden[kMaxGridWidth], geometry[kGeometry], harmonics[kHarmonics], colour[2][kMaxGridWidth],
+      density;
 };
 
 /// raw: r, g, b before the sigmoid, density in 1/m.
 template <class T>
 void grid_network_forward(const GridFieldConfig& config, const T* weights, const T* features,
-                          const T harmonics[kHarmonics], T density_scale, GridActivations<T>* a, T raw[4]) {
+                          const T harmonics[kHarmonics], T density_scale, GridActivations<T>* a,
+                          T raw[4]) {
   using std::exp;
   const auto product = [&](int layer, int from, const T* x, int inputs, T* out) {
     const GridLayerShape shape = grid_layer(config, layer);
@@ -92,8 +107,9 @@ void grid_network_forward(const GridFieldConfig& config, const T* weights, const
 
 /// Adds to d_weights and to d_features [grid.outputs()] what d_raw (4 numbers) says.
 template <class T>
-void grid_network_adjoint(const GridFieldConfig& config, const T* weights, const GridActivations<T>& a,
-                          const T d_raw[4], T* d_weights, T* d_features) {
+void grid_network_adjoint(const GridFieldConfig& config, const T* weights,
+                          const GridActivations<T>& a, const T d_raw[4], T* d_weights,
+                          T* d_features) {
   const auto back = [&](int layer, int from, const T* d, const T* x, int inputs, T* d_x) {
     const GridLayerShape shape = grid_layer(config, layer);
     for (int o = 0; o < shape.outputs; ++o)

@@ -15,23 +15,27 @@ double uniform(std::uint64_t stream, std::uint64_t i) {
   return 2.0 * random_unit(random_key(43, kStreamTest, stream), i) - 1;
 }
 
-const GridFieldConfig kOneLayer{{8, 4, 16, 2048, 17}, 32, 1}, kTwoLayers{{8, 4, 16, 2048, 17}, 32, 2};
+const GridFieldConfig kOneLayer{{8, 4, 16, 2048, 17}, 32, 1},
+    kTwoLayers{{8, 4, 16, 2048, 17}, 32, 2};
 
 TEST(GridField, SizesCountedByHand) {
   EXPECT_EQ(grid_network_size(kOneLayer), 32u * 32 + 16 * 32 + 32 * 32 + 3 * 32);
   EXPECT_EQ(grid_network_size(kTwoLayers), grid_network_size(kOneLayer) + 32 * 32);
-  EXPECT_EQ(grid_network_size({{16, 2, 16, 512, 17}, 64, 1}), 64u * 32 + 16 * 64 + 64 * 32 + 3 * 64);
+  EXPECT_EQ(grid_network_size({{16, 2, 16, 512, 17}, 64, 1}),
+            64u * 32 + 16 * 64 + 64 * 32 + 3 * 64);
   EXPECT_EQ(grid_macs_per_sample(kTwoLayers), 32 * 32 + 16 * 32 + 2 * 32 * 32 + 3 * 32);
 }
 
 TEST(GridField, LayersTileTheBufferInOrder) {
-  for (const GridFieldConfig& config : {kOneLayer, kTwoLayers, GridFieldConfig{{4, 2, 8, 64, 10}, 128, 2}}) {
+  for (const GridFieldConfig& config :
+       {kOneLayer, kTwoLayers, GridFieldConfig{{4, 2, 8, 64, 10}, 128, 2}}) {
     std::size_t offset = 0;
     std::set<std::string> names;
     for (int layer = 0; layer < kGridLayers; ++layer) {
       const GridLayerShape shape = grid_layer(config, layer);
       EXPECT_EQ(shape.offset, offset) << shape.name;
-      EXPECT_EQ(shape.outputs == 0, layer == kGridColour1 && config.colour_layers == 1) << shape.name;
+      EXPECT_EQ(shape.outputs == 0, layer == kGridColour1 && config.colour_layers == 1)
+          << shape.name;
       offset += static_cast<std::size_t>(shape.outputs) * shape.inputs;
       names.insert(shape.name);
     }
@@ -47,8 +51,10 @@ TEST(GridField, LayersTileTheBufferInOrder) {
 TEST(GridField, RefusesWhatTheHeaderDoesNotAllow) {
   EXPECT_THROW(grid_layer(kOneLayer, kGridLayers), std::logic_error);
   EXPECT_THROW(grid_layer(kOneLayer, -1), std::logic_error);
-  for (const int width : {0, 8, 24, 144}) EXPECT_THROW(grid_network_size({{}, width, 1}), std::logic_error);
-  for (const int layers : {0, 3}) EXPECT_THROW(grid_network_size({{}, 32, layers}), std::logic_error);
+  for (const int width : {0, 8, 24, 144})
+    EXPECT_THROW(grid_network_size({{}, width, 1}), std::logic_error);
+  for (const int layers : {0, 3})
+    EXPECT_THROW(grid_network_size({{}, 32, layers}), std::logic_error);
 }
 
 TEST(GridField, InitialisationIsHeUniformAndFollowsTheSeed) {
@@ -68,9 +74,11 @@ TEST(GridField, InitialisationIsHeUniformAndFollowsTheSeed) {
       sum += a[i];
       squares += double(a[i]) * a[i];
     }
-    // Mean 0 with standard error a / sqrt(3 n); mean square a^2 / 3 with standard error a^2 sqrt(4 / 45 n). Five of each.
+    // Mean 0 with standard error a / sqrt(3 n); mean square a^2 / 3 with standard error a^2 sqrt(4
+    // / 45 n). Five of each.
     EXPECT_NEAR(sum / n, 0, 5 * bound / std::sqrt(3 * n)) << shape.name;
-    EXPECT_NEAR(squares / n, bound * bound / 3, 5 * bound * bound * std::sqrt(4 / (45 * n))) << shape.name;
+    EXPECT_NEAR(squares / n, bound * bound / 3, 5 * bound * bound * std::sqrt(4 / (45 * n)))
+        << shape.name;
   }
   std::vector<float> wrong(a.size() + 1);
   EXPECT_THROW(grid_network_initialize(config, 1, wrong), std::logic_error);
@@ -95,10 +103,12 @@ struct ByHand {
     return weights[shape.offset + std::size_t(output) * shape.inputs + input];
   }
   void forward(double density_scale) {
-    grid_network_forward(config, weights.data(), features.data(), harmonics.data(), density_scale, &activations, raw);
+    grid_network_forward(config, weights.data(), features.data(), harmonics.data(), density_scale,
+                         &activations, raw);
   }
   void adjoint(const double d_raw[4]) {
-    grid_network_adjoint(config, weights.data(), activations, d_raw, d_weights.data(), d_features.data());
+    grid_network_adjoint(config, weights.data(), activations, d_raw, d_weights.data(),
+                         d_features.data());
   }
 };
 
@@ -142,20 +152,23 @@ TEST(GridField, AdjointAgreesWithDualNumbers) {
     for (std::size_t i = 0; i < net.weights.size(); ++i) net.weights[i] = 0.5 * uniform(1, i);
     for (std::size_t i = 0; i < net.features.size(); ++i) net.features[i] = uniform(2, i);
     for (int i = 0; i < kHarmonics; ++i) net.harmonics[i] = uniform(3, i);
-    const double d_raw[4] = {0.7, -1.3, 0.4, 2.1}, scale = 0.3, before = 0.125;  // what is there is added to
+    const double d_raw[4] = {0.7, -1.3, 0.4, 2.1}, scale = 0.3,
+                 before = 0.125;  // what is there is added to
     std::ranges::fill(net.d_weights, before);
     std::ranges::fill(net.d_features, before);
     net.forward(scale);
     net.adjoint(d_raw);
 
-    std::vector<D> weights(net.weights.begin(), net.weights.end()), features(net.features.begin(), net.features.end());
+    std::vector<D> weights(net.weights.begin(), net.weights.end()),
+        features(net.features.begin(), net.features.end());
     const std::vector<D> harmonics(net.harmonics.begin(), net.harmonics.end());
     int moved = 0;
     const auto expect_derivative = [&](D* variable, double got, const std::string& which) {
       variable->d[0] = 1;
       GridActivations<D> activations;
       D raw[4];
-      grid_network_forward(config, weights.data(), features.data(), harmonics.data(), D(scale), &activations, raw);
+      grid_network_forward(config, weights.data(), features.data(), harmonics.data(), D(scale),
+                           &activations, raw);
       variable->d[0] = 0;
       double expected = before;
       for (int k = 0; k < 4; ++k) expected += d_raw[k] * raw[k].d[0];

@@ -10,11 +10,14 @@ namespace redrive {
 
 std::vector<HashGridLevel> hash_grid_levels(const HashGridConfig& config) {
   REDRIVE_CHECK(config.levels >= 1 && config.levels <= 16);
-  REDRIVE_CHECK(config.features == 1 || config.features == 2 || config.features == 4 || config.features == 8);
+  REDRIVE_CHECK(config.features == 1 || config.features == 2 || config.features == 4 ||
+                config.features == 8);
   REDRIVE_CHECK(config.log2_rows >= 4 && config.log2_rows <= 24);
-  REDRIVE_CHECK(config.base_cells >= 1 && config.base_cells <= config.max_cells && config.max_cells <= 1 << 20);
-  const double growth =
-      config.levels > 1 ? std::pow(double(config.max_cells) / config.base_cells, 1.0 / (config.levels - 1)) : 1;
+  REDRIVE_CHECK(config.base_cells >= 1 && config.base_cells <= config.max_cells &&
+                config.max_cells <= 1 << 20);
+  const double growth = config.levels > 1 ? std::pow(double(config.max_cells) / config.base_cells,
+                                                     1.0 / (config.levels - 1))
+                                          : 1;
   std::vector<HashGridLevel> levels;
   std::size_t offset = 0;
   for (int l = 0; l < config.levels; ++l) {
@@ -36,7 +39,8 @@ std::size_t hash_grid_size(const HashGridConfig& config) {
   return (last.offset + std::size_t(last.rows) * config.features + 15) / 16 * 16;
 }
 
-void hash_grid_initialize(const HashGridConfig& config, std::uint64_t seed, std::span<float> table) {
+void hash_grid_initialize(const HashGridConfig& config, std::uint64_t seed,
+                          std::span<float> table) {
   REDRIVE_CHECK_OP(table.size(), ==, hash_grid_size(config));
   const std::uint64_t key = random_key(seed, kStreamInit, 1);
   for (std::size_t i = 0; i < table.size(); ++i) table[i] = 1e-4f * (2 * random_unit(key, i) - 1);

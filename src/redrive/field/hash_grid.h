@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// Multiresolution hash encoding of a position (Mueller et al., "Instant Neural Graphics Primitives with a Multiresolution Hash
-// Encoding", 2022, section 3), scalar, on any scalar type, with its adjoint.
+// Multiresolution hash encoding of a position (Mueller et al., "Instant Neural Graphics Primitives
+// with a Multiresolution Hash Encoding", 2022, section 3), scalar, on any scalar type, with its
+// adjoint.
 //
-// A level is a grid of `cells` cells a side over the unit cube, with a row of `features` numbers at each vertex; the feature of a
-// point is the trilinear mean of its cell's eight rows. Levels grow geometrically from base_cells to max_cells. Where a level has
-// more vertices than 2^log2_rows, they share that many rows by a hash. Grids are shifted by half a cell, so that no two
-// levels have their kinks in the same place.
+// A level is a grid of `cells` cells a side over the unit cube, with a row of `features` numbers at
+// each vertex; the feature of a point is the trilinear mean of its cell's eight rows. Levels grow
+// geometrically from base_cells to max_cells. Where a level has more vertices than 2^log2_rows,
+// they share that many rows by a hash. Grids are shifted by half a cell, so that no two levels have
+// their kinks in the same place.
 #pragma once
 
 #include <cmath>
@@ -44,21 +46,24 @@ void hash_grid_initialize(const HashGridConfig& config, std::uint64_t seed, std:
 
 constexpr std::uint32_t kHashPrimeY = 2654435761u, kHashPrimeZ = 805459861u;
 
-/// The row of a vertex, counted within its level; coordinates in 0..cells + 1. The paper's hash with x added instead of xored: the
-/// rows of neighbours along x follow each other, hashed or not, up to the level's end.
-REDRIVE_HD inline std::uint32_t hash_grid_row(const HashGridLevel& level, std::uint32_t x, std::uint32_t y,
-                                              std::uint32_t z) {
+/// The row of a vertex, counted within its level; coordinates in 0..cells + 1. The paper's hash
+/// with x added instead of xored: the rows of neighbours along x follow each other, hashed or not,
+/// up to the level's end.
+REDRIVE_HD inline std::uint32_t hash_grid_row(const HashGridLevel& level, std::uint32_t x,
+                                              std::uint32_t y, std::uint32_t z) {
   const std::uint32_t side = static_cast<std::uint32_t>(level.cells) + 2;
   if (level.dense) return x + side * (y + side * z);
   return (x + ((y * kHashPrimeY) ^ (z * kHashPrimeZ))) & (level.rows - 1);
 }
 
-/// A level that would count for less than this counts for nothing, so that it need not be looked up; those above are stretched to
-/// 0..1. Chosen by measurement among 0, 0.1, 0.2 and 0.3 (docs/benchmarks.md).
+/// A level that would count for less than this counts for nothing, so that it need not be looked
+/// up; those above are stretched to 0..1. Chosen by measurement among 0, 0.1, 0.2 and 0.3
+/// (docs/benchmarks.md).
 constexpr float kLevelFloor = 0.2f;
 
-/// What a level finer than the sample is long counts for: w = 1 / max(1, 2 cells footprint) (Tonderski et al., "NeuRAD", 2024,
-/// section 3.1), of which what is above the floor. `footprint`: standard deviation of the sample's volume in the unit cube.
+/// What a level finer than the sample is long counts for: w = 1 / max(1, 2 cells footprint)
+/// (Tonderski et al., "NeuRAD", 2024, section 3.1), of which what is above the floor. `footprint`:
+/// standard deviation of the sample's volume in the unit cube.
 template <class T>
 REDRIVE_HD T hash_grid_level_weight(const HashGridLevel& level, T footprint) {
   const T widths = T(2.0 * level.cells) * footprint;
@@ -90,20 +95,25 @@ struct HashGridCell {
 
   /// Row of vertex `c` (bit k: the far one along axis k), and its share of the mean.
   REDRIVE_HD std::uint32_t row(const HashGridLevel& level, int c) const {
-    return hash_grid_row(level, corner[0] + (c & 1), corner[1] + (c >> 1 & 1), corner[2] + (c >> 2 & 1));
+    return hash_grid_row(level, corner[0] + (c & 1), corner[1] + (c >> 1 & 1),
+                         corner[2] + (c >> 2 & 1));
   }
-  REDRIVE_HD T share(int c, int axis) const { return (c >> axis & 1) ? fraction[axis] : T(1) - fraction[axis]; }
+  REDRIVE_HD T share(int c, int axis) const {
+    return (c >> axis & 1) ? fraction[axis] : T(1) - fraction[axis];
+  }
   REDRIVE_HD T weight(int c) const { return share(c, 0) * share(c, 1) * share(c, 2); }
 };
 
 /// The features of one level, features[f]. Table and position may be of different types.
 template <class Table, class T, class Out>
-REDRIVE_HD void hash_grid_encode_level(const HashGridLevel& level, int features_of_level, const Table* table,
-                                       const T position[3], T footprint, Out* features) {
+REDRIVE_HD void hash_grid_encode_level(const HashGridLevel& level, int features_of_level,
+                                       const Table* table, const T position[3], T footprint,
+                                       Out* features) {
   const HashGridCell<T> cell(level, position);
   for (int f = 0; f < features_of_level; ++f) features[f] = Out(0);
   for (int c = 0; c < 8; ++c) {
-    const Table* const row = table + level.offset + std::size_t(cell.row(level, c)) * features_of_level;
+    const Table* const row =
+        table + level.offset + std::size_t(cell.row(level, c)) * features_of_level;
     for (int f = 0; f < features_of_level; ++f) features[f] += Out(cell.weight(c)) * Out(row[f]);
   }
   const T weight = hash_grid_level_weight(level, footprint);
@@ -112,28 +122,33 @@ REDRIVE_HD void hash_grid_encode_level(const HashGridLevel& level, int features_
 
 /// features[level * config.features + f]. `levels`: of the config.
 template <class Table, class T, class Out>
-void hash_grid_encode(const HashGridConfig& config, std::span<const HashGridLevel> levels, const Table* table,
-                      const T position[3], T footprint, Out* features) {
+void hash_grid_encode(const HashGridConfig& config, std::span<const HashGridLevel> levels,
+                      const Table* table, const T position[3], T footprint, Out* features) {
   for (std::size_t l = 0; l < levels.size(); ++l)
-    hash_grid_encode_level(levels[l], config.features, table, position, footprint, features + l * config.features);
+    hash_grid_encode_level(levels[l], config.features, table, position, footprint,
+                           features + l * config.features);
 }
 
-/// One level's part: calls add(number of the table, its derivative), which has to know what else adds to that number.
+/// One level's part: calls add(number of the table, its derivative), which has to know what else
+/// adds to that number.
 template <class T, class Add>
-REDRIVE_HD void hash_grid_adjoint_level(const HashGridLevel& level, int features_of_level, const T position[3],
-                                        T footprint, const T* d_features, const Add& add) {
+REDRIVE_HD void hash_grid_adjoint_level(const HashGridLevel& level, int features_of_level,
+                                        const T position[3], T footprint, const T* d_features,
+                                        const Add& add) {
   const HashGridCell<T> cell(level, position);
   const T level_weight = hash_grid_level_weight(level, footprint);
   for (int c = 0; c < 8; ++c) {
     const std::size_t row = level.offset + std::size_t(cell.row(level, c)) * features_of_level;
-    for (int f = 0; f < features_of_level; ++f) add(row + f, cell.weight(c) * level_weight * d_features[f]);
+    for (int f = 0; f < features_of_level; ++f)
+      add(row + f, cell.weight(c) * level_weight * d_features[f]);
   }
 }
 
 /// One level's part of d_position[3], which is added to. The footprint is taken for constant.
 template <class T>
-REDRIVE_HD void hash_grid_position_adjoint_level(const HashGridLevel& level, int features_of_level, const T* table,
-                                                 const T position[3], T footprint, const T* d_features, T* d_position) {
+REDRIVE_HD void hash_grid_position_adjoint_level(const HashGridLevel& level, int features_of_level,
+                                                 const T* table, const T position[3], T footprint,
+                                                 const T* d_features, T* d_position) {
   const HashGridCell<T> cell(level, position);
   const T level_weight = hash_grid_level_weight(level, footprint);
   for (int c = 0; c < 8; ++c) {
@@ -142,20 +157,24 @@ REDRIVE_HD void hash_grid_position_adjoint_level(const HashGridLevel& level, int
     for (int f = 0; f < features_of_level; ++f) dot += table[row + f] * d_features[f];
     const T slope = dot * level_weight * T(level.cells);
     for (int k = 0; k < 3; ++k)
-      d_position[k] += ((c >> k & 1) ? slope : -slope) * cell.share(c, (k + 1) % 3) * cell.share(c, (k + 2) % 3);
+      d_position[k] +=
+          ((c >> k & 1) ? slope : -slope) * cell.share(c, (k + 1) % 3) * cell.share(c, (k + 2) % 3);
   }
 }
 
 /// Adds to d_table, and to d_position[3] unless that is null.
 template <class T>
-void hash_grid_adjoint(const HashGridConfig& config, std::span<const HashGridLevel> levels, const T* table,
-                       const T position[3], T footprint, const T* d_features, T* d_table, T* d_position) {
+void hash_grid_adjoint(const HashGridConfig& config, std::span<const HashGridLevel> levels,
+                       const T* table, const T position[3], T footprint, const T* d_features,
+                       T* d_table, T* d_position) {
   for (std::size_t l = 0; l < levels.size(); ++l) {
     const T* const d = d_features + l * config.features;
-    hash_grid_adjoint_level(levels[l], config.features, position, footprint, d,
-                            [&](std::size_t at, const T& derivative) { d_table[at] += derivative; });
+    hash_grid_adjoint_level(
+        levels[l], config.features, position, footprint, d,
+        [&](std::size_t at, const T& derivative) { d_table[at] += derivative; });
     if (d_position)
-      hash_grid_position_adjoint_level(levels[l], config.features, table, position, footprint, d, d_position);
+      hash_grid_position_adjoint_level(levels[l], config.features, table, position, footprint, d,
+                                       d_position);
   }
 }
 

@@ -17,7 +17,9 @@ namespace {
 using Vertex = std::tuple<std::uint32_t, std::uint32_t, std::uint32_t>;
 using Levels = std::vector<HashGridLevel>;
 
-double uniform(std::uint64_t stream, std::uint64_t i) { return random_unit(random_key(41, kStreamTest, stream), i); }
+double uniform(std::uint64_t stream, std::uint64_t i) {
+  return random_unit(random_key(41, kStreamTest, stream), i);
+}
 
 std::vector<double> random_table(const HashGridConfig& config) {
   std::vector<double> table(hash_grid_size(config));
@@ -25,8 +27,8 @@ std::vector<double> random_table(const HashGridConfig& config) {
   return table;
 }
 
-std::vector<double> encode(const HashGridConfig& config, const std::vector<double>& table, const double position[3],
-                           double footprint = 0) {
+std::vector<double> encode(const HashGridConfig& config, const std::vector<double>& table,
+                           const double position[3], double footprint = 0) {
   std::vector<double> features(config.outputs());
   const Levels levels = hash_grid_levels(config);
   hash_grid_encode(config, levels, table.data(), position, footprint, features.data());
@@ -54,7 +56,8 @@ TEST(HashGridLevels, GrowGeometrically) {
 
 TEST(HashGridLevels, HaveARowForEachVertexUpToTheirLimit) {
   // (14 + 2)^3 = 2^12 vertices: dense with 2^12 rows, and one cell more is not.
-  for (const auto& [cells, dense, rows] : {std::tuple{14, true, 4096u}, {15, false, 4096u}, {4, true, 216u}}) {
+  for (const auto& [cells, dense, rows] :
+       {std::tuple{14, true, 4096u}, {15, false, 4096u}, {4, true, 216u}}) {
     const HashGridLevel level = hash_grid_levels({1, 2, cells, cells, 12})[0];
     EXPECT_EQ(level.dense, dense) << cells;
     EXPECT_EQ(level.rows, rows) << cells;
@@ -66,7 +69,8 @@ TEST(HashGridLevels, HaveARowForEachVertexUpToTheirLimit) {
 
 TEST(HashGridLevels, FollowEachOtherAtCacheLines) {
   for (const HashGridConfig& config :
-       {HashGridConfig{8, 4, 16, 2048, 14}, HashGridConfig{5, 1, 3, 100, 10}, HashGridConfig{16, 2, 1, 1 << 20, 4}}) {
+       {HashGridConfig{8, 4, 16, 2048, 14}, HashGridConfig{5, 1, 3, 100, 10},
+        HashGridConfig{16, 2, 1, 1 << 20, 4}}) {
     std::size_t end = 0;
     for (const HashGridLevel& level : hash_grid_levels(config)) {
       EXPECT_EQ(level.offset % 16, 0u);
@@ -81,8 +85,9 @@ TEST(HashGridLevels, FollowEachOtherAtCacheLines) {
 
 TEST(HashGridLevels, RefuseWhatTheHeaderDoesNotAllow) {
   for (const HashGridConfig& bad :
-       {HashGridConfig{0, 4, 16, 2048, 17}, HashGridConfig{17, 4, 16, 2048, 17}, HashGridConfig{8, 3, 16, 2048, 17},
-        HashGridConfig{8, 16, 16, 2048, 17}, HashGridConfig{8, 4, 0, 2048, 17}, HashGridConfig{8, 4, 16, 15, 17},
+       {HashGridConfig{0, 4, 16, 2048, 17}, HashGridConfig{17, 4, 16, 2048, 17},
+        HashGridConfig{8, 3, 16, 2048, 17}, HashGridConfig{8, 16, 16, 2048, 17},
+        HashGridConfig{8, 4, 0, 2048, 17}, HashGridConfig{8, 4, 16, 15, 17},
         HashGridConfig{8, 4, 16, (1 << 20) + 1, 17}, HashGridConfig{8, 4, 16, 2048, 3},
         HashGridConfig{8, 4, 16, 2048, 25}})
     EXPECT_THROW(hash_grid_levels(bad), std::logic_error);
@@ -118,8 +123,8 @@ TEST(HashGridRow, SpreadsAHashedLevelOverAllItsRows) {
       }
       EXPECT_EQ(line.size(), 64u);  // x is not multiplied: neighbours along it never meet
     }
-  // 2^18 vertices on 2^12 rows, 64 each. 4096 lines of 64 rows, each row in 64 of them: were their beginnings random, its count would
-  // have a deviation of 8; seven of them over the 4096 rows.
+  // 2^18 vertices on 2^12 rows, 64 each. 4096 lines of 64 rows, each row in 64 of them: were their
+  // beginnings random, its count would have a deviation of 8; seven of them over the 4096 rows.
   for (const int n : count) EXPECT_NEAR(n, 64, 7 * 8);
 }
 
@@ -130,7 +135,8 @@ TEST(HashGridRow, FollowsItsNeighboursAlongX) {
     for (std::uint32_t z = 0; z < 16; ++z)
       for (std::uint32_t y = 0; y < 16; ++y)
         for (std::uint32_t x = 0; x < 15; ++x)
-          ASSERT_EQ(hash_grid_row(level, x + 1, y, z), (hash_grid_row(level, x, y, z) + 1) % level.rows);
+          ASSERT_EQ(hash_grid_row(level, x + 1, y, z),
+                    (hash_grid_row(level, x, y, z) + 1) % level.rows);
   }
 }
 
@@ -138,7 +144,8 @@ TEST(HashGrid, EncodesALinearFunctionExactly) {
   const HashGridConfig config{3, 4, 4, 16, 13};  // (16 + 2)^3 = 5832 rows: all dense
   const Levels levels = hash_grid_levels(config);
   std::vector<double> table(hash_grid_size(config));
-  const double slope[4][3] = {{1, 0, 0}, {0, -2, 0}, {0, 0, 3}, {0.5, 0.25, -1}}, at_zero[4] = {0, 1, -1, 0.5};
+  const double slope[4][3] = {{1, 0, 0}, {0, -2, 0}, {0, 0, 3}, {0.5, 0.25, -1}},
+               at_zero[4] = {0, 1, -1, 0.5};
   const auto linear = [&](int f, const double p[3]) {
     return at_zero[f] + slope[f][0] * p[0] + slope[f][1] * p[1] + slope[f][2] * p[2];
   };
@@ -149,7 +156,8 @@ TEST(HashGrid, EncodesALinearFunctionExactly) {
       for (std::uint32_t y = 0; y < side; ++y)
         for (std::uint32_t x = 0; x < side; ++x)
           for (int f = 0; f < 4; ++f)
-            table[level.offset + hash_grid_row(level, x, y, z) * 4 + f] = linear(f, place(level, {x, y, z}).data());
+            table[level.offset + hash_grid_row(level, x, y, z) * 4 + f] =
+                linear(f, place(level, {x, y, z}).data());
   }
   for (int i = 0; i < 200; ++i) {
     double p[3] = {uniform(2, 3 * i), uniform(2, 3 * i + 1), uniform(2, 3 * i + 2)};
@@ -157,7 +165,8 @@ TEST(HashGrid, EncodesALinearFunctionExactly) {
       for (int k = 0, n = i; k < 3; ++k, n /= 3) p[k] = 0.5 * (n % 3);
     const std::vector<double> features = encode(config, table, p);
     // Eight products of three shares (up to 18 steps of 2^-53 in a fraction) and numbers up to 4.
-    for (int o = 0; o < config.outputs(); ++o) EXPECT_NEAR(features[o], linear(o % 4, p), 64 * 4 * 0x1p-53) << i;
+    for (int o = 0; o < config.outputs(); ++o)
+      EXPECT_NEAR(features[o], linear(o % 4, p), 64 * 4 * 0x1p-53) << i;
   }
 }
 
@@ -192,7 +201,8 @@ TEST(HashGrid, LevelsFinerThanTheFootprintCountForLess) {
   const Levels levels = hash_grid_levels(config);
   const std::vector<double> table = random_table(config);
   const double p[3] = {0.3, 0.8, 0.55}, footprint = 0.05;
-  const std::vector<double> sharp = encode(config, table, p), blurred = encode(config, table, p, footprint);
+  const std::vector<double> sharp = encode(config, table, p),
+                            blurred = encode(config, table, p, footprint);
   for (int o = 0; o < config.outputs(); ++o)
     EXPECT_DOUBLE_EQ(blurred[o], sharp[o] * hash_grid_level_weight(levels[o / 2], footprint));
   EXPECT_EQ(blurred[0], sharp[0]);          // 2 x 4 x 0.05 is below 1
@@ -207,7 +217,8 @@ TEST(HashGrid, VerticesThatCollideShareARow) {
   Vertex a, b;
   for (std::uint32_t i = 0; a == b; ++i) {  // vertices inside of the cube: 1..16
     b = {1 + i % 16, 1 + i / 16 % 16, 1 + i / 256};
-    a = seen.insert({hash_grid_row(levels[0], 1 + i % 16, 1 + i / 16 % 16, 1 + i / 256), b}).first->second;
+    a = seen.insert({hash_grid_row(levels[0], 1 + i % 16, 1 + i / 16 % 16, 1 + i / 256), b})
+            .first->second;
   }
   ASSERT_NE(a, b);
   const auto& [x, y, z] = a;
@@ -220,8 +231,8 @@ TEST(HashGrid, VerticesThatCollideShareARow) {
     const std::vector<double> features = encode(config, table, place(levels[0], v).data());
     EXPECT_EQ(features[0], 3);
     EXPECT_EQ(features[1], -7);
-    hash_grid_adjoint<double>(config, levels, table.data(), place(levels[0], v).data(), 0.0, d_features, d_table.data(),
-                              nullptr);
+    hash_grid_adjoint<double>(config, levels, table.data(), place(levels[0], v).data(), 0.0,
+                              d_features, d_table.data(), nullptr);
   }
   EXPECT_EQ(d_table[2 * row], 2);
   EXPECT_EQ(d_table[2 * row + 1], 20);
@@ -230,7 +241,8 @@ TEST(HashGrid, VerticesThatCollideShareARow) {
 TEST(HashGrid, WhatIsOutsideCountsAsOnTheFace) {
   const HashGridConfig config{5, 2, 2, 1 << 20, 9};
   const std::vector<double> table = random_table(config);
-  constexpr double kInfinity = std::numeric_limits<double>::infinity(), kNan = std::numeric_limits<double>::quiet_NaN();
+  constexpr double kInfinity = std::numeric_limits<double>::infinity(),
+                   kNan = std::numeric_limits<double>::quiet_NaN();
   const struct {
     double position[3], face[3];
   } cases[] = {{{-3, 0.4, 7}, {0, 0.4, 1}},
@@ -238,7 +250,8 @@ TEST(HashGrid, WhatIsOutsideCountsAsOnTheFace) {
                {{kInfinity, -kInfinity, 0.9}, {1, 0, 0.9}},
                {{kNan, 0.1, 0.7}, {0, 0.1, 0.7}},
                {{0.6, kNan, kNan}, {0.6, 0, 0}}};
-  for (const auto& [position, face] : cases) EXPECT_EQ(encode(config, table, position), encode(config, table, face));
+  for (const auto& [position, face] : cases)
+    EXPECT_EQ(encode(config, table, position), encode(config, table, face));
 }
 
 template <class T>
@@ -275,20 +288,24 @@ TEST(HashGridAdjoint, AgreesWithDualNumbers) {
     const double footprint = i % 3 == 0 ? 0 : 0.3 * uniform(5, i);
     std::vector<D> x(kTable), features(config.outputs());
     for (int k = 0; k < kTable; ++k) x[k] = D::variable(table[k], k);
-    const D at[3] = {D::variable(p[0], kTable), D::variable(p[1], kTable + 1), D::variable(p[2], kTable + 2)};
+    const D at[3] = {D::variable(p[0], kTable), D::variable(p[1], kTable + 1),
+                     D::variable(p[2], kTable + 2)};
     hash_grid_encode(config, levels, x.data(), at, D(footprint), features.data());
 
     std::vector<double> d_features(config.outputs()), d_table(kTable, 0.25), without(kTable, 0.25);
     for (int o = 0; o < config.outputs(); ++o) d_features[o] = 2 * uniform(6, 10 * i + o) - 1;
     double d_position[3] = {0.25, 0.25, 0.25};
-    hash_grid_adjoint(config, levels, table.data(), p, footprint, d_features.data(), d_table.data(), d_position);
-    hash_grid_adjoint<double>(config, levels, table.data(), p, footprint, d_features.data(), without.data(), nullptr);
+    hash_grid_adjoint(config, levels, table.data(), p, footprint, d_features.data(), d_table.data(),
+                      d_position);
+    hash_grid_adjoint<double>(config, levels, table.data(), p, footprint, d_features.data(),
+                              without.data(), nullptr);
     EXPECT_EQ(without, d_table);
     for (int k = 0; k < kTable + 3; ++k) {
       double expected = 0.25;  // what was there is added to
       for (int o = 0; o < config.outputs(); ++o) expected += d_features[o] * features[o].d[k];
       // Sums of up to 2 x 8 x 2 terms of at most five times a share, six roundings each.
-      EXPECT_NEAR(k < kTable ? d_table[k] : d_position[k - kTable], expected, 32 * 6 * 5 * 0x1p-53) << k;
+      EXPECT_NEAR(k < kTable ? d_table[k] : d_position[k - kTable], expected, 32 * 6 * 5 * 0x1p-53)
+          << k;
     }
   }
 }
@@ -308,7 +325,8 @@ TEST(HashGridInitialize, IsUniformAndFollowsTheSeed) {
     sum += x;
     squares += double(x) * x;
   }
-  // U(-r, r): mean 0 with standard error r / sqrt(3 n); mean square r^2 / 3 with r^2 sqrt(4 / 45 n). Five of each.
+  // U(-r, r): mean 0 with standard error r / sqrt(3 n); mean square r^2 / 3 with r^2 sqrt(4 / 45
+  // n). Five of each.
   EXPECT_NEAR(sum / n, 0, 5e-4 / std::sqrt(3.0 * n));
   EXPECT_NEAR(squares / n, 1e-8 / 3, 5e-8 * std::sqrt(4 / (45.0 * n)));
   std::vector<float> wrong(n - 1);

@@ -15,7 +15,8 @@ struct Size {
 
 Size layer_size(const NerfConfig& config, int layer) {
   const int width = config.width;
-  const int position = encoded_size(config.position_octaves), direction = encoded_size(config.direction_octaves);
+  const int position = encoded_size(config.position_octaves),
+            direction = encoded_size(config.direction_octaves);
   switch (layer) {
     case 0: return {width, position};
     case kNerfSkip: return {width, width + position};

@@ -10,9 +10,11 @@ namespace redrive {
 namespace {
 
 TEST(NerfField, HasThePapersSize) {
-  // Figure 7 with 63 + 27 inputs at width 256: the paper's network with its biases, counted by hand.
+  // Figure 7 with 63 + 27 inputs at width 256: the paper's network with its biases, counted by
+  // hand.
   const std::size_t trunk = 63 * 256 + 6 * 256 * 256 + (256 + 63) * 256 + 8 * 256;
-  const std::size_t heads = (256 + 1) + (256 * 256 + 256) + ((256 + 27) * 128 + 128) + (128 * 3 + 3);
+  const std::size_t heads =
+      (256 + 1) + (256 * 256 + 256) + ((256 + 27) * 128 + 128) + (128 * 3 + 3);
   EXPECT_EQ(nerf_parameter_count(NerfConfig{}), trunk + heads);
   EXPECT_EQ(nerf_parameter_count(NerfConfig{}), 595844u);
   EXPECT_EQ(nerf_macs_per_sample(NerfConfig{}), 593408);
@@ -62,9 +64,11 @@ TEST(NerfField, InitialisationIsGlorotUniform) {
       largest = std::max(largest, std::abs(double(parameters[i])));
     }
     EXPECT_LE(largest, bound * (1 + 1e-6));
-    // Mean 0 with standard error a / sqrt(3 n); mean square a^2 / 3 with standard error a^2 sqrt(4 / 45 n). Five of each.
+    // Mean 0 with standard error a / sqrt(3 n); mean square a^2 / 3 with standard error a^2 sqrt(4
+    // / 45 n). Five of each.
     EXPECT_NEAR(sum / n, 0, 5 * bound / std::sqrt(3 * n)) << "layer " << layer;
-    EXPECT_NEAR(squares / n, bound * bound / 3, 5 * bound * bound * std::sqrt(4 / (45 * n))) << "layer " << layer;
+    EXPECT_NEAR(squares / n, bound * bound / 3, 5 * bound * bound * std::sqrt(4 / (45 * n)))
+        << "layer " << layer;
     for (int i = 0; i < shape.outputs; ++i) EXPECT_EQ(parameters[shape.bias + i], 0);
   }
 }

@@ -16,7 +16,9 @@ constexpr double kPi = std::numbers::pi;
 // sin and cos of an angle a rounded once: |error| <= |a| 2^-53, and a <= 2^9 pi here.
 constexpr double kAngleError = 512 * kPi * 0x1p-52;
 
-int sine(int coordinate, int octave, int octaves) { return 3 + 2 * (coordinate * octaves + octave); }
+int sine(int coordinate, int octave, int octaves) {
+  return 3 + 2 * (coordinate * octaves + octave);
+}
 
 TEST(PositionalEncoding, HandComputedValues) {
   const double p[3] = {0.5, -1.0 / 3, 0};
@@ -89,7 +91,8 @@ TEST(PositionalEncoding, AdjointAgreesWithDualNumbers) {
   }
   double d_point[3];
   positional_encoding_adjoint(e.data(), kOctaves, d_e.data(), d_point);
-  for (int d = 0; d < 3; ++d) EXPECT_NEAR(d_point[d], sum.d[d], 2 * kOctaves * 2 * kPi * 0x1p-50) << d;
+  for (int d = 0; d < 3; ++d)
+    EXPECT_NEAR(d_point[d], sum.d[d], 2 * kOctaves * 2 * kPi * 0x1p-50) << d;
 }
 
 }  // namespace

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What stands behind everything, by direction alone: a hash grid (hash_grid.h) in whose cube the unit sphere lies. Scalar, one direction,
-// on any scalar type, and the adjoint.
+// What stands behind everything, by direction alone: a hash grid (hash_grid.h) in whose cube the
+// unit sphere lies. Scalar, one direction, on any scalar type, and the adjoint.
 #pragma once
 
 #include <cstddef>
@@ -26,7 +26,8 @@ REDRIVE_HD T sky_coordinate_adjoint(T d_coordinate) {
 /// Of a sample there: half a pixel, whose side is pixel_angle (rad).
 REDRIVE_HD inline float sky_footprint(float pixel_angle) { return 0.5f * kSkyRadius * pixel_angle; }
 
-/// A colour's share in [0, 1]: its feature, summed over `levels` that lie `stride` numbers apart, through a sigmoid.
+/// A colour's share in [0, 1]: its feature, summed over `levels` that lie `stride` numbers apart,
+/// through a sigmoid.
 template <class T>
 REDRIVE_HD T sky_colour(const T* feature, int levels, std::size_t stride) {
   T sum(0);

@@ -14,7 +14,8 @@ TEST(Sky, LiesInTheUnitCube) {
   EXPECT_EQ(sky_coordinate(-1.0f), 0);
   EXPECT_EQ(sky_coordinate(0.0f), 0.5f);
   EXPECT_EQ(sky_coordinate(1.0f), 1);
-  // A pixel of 0.01 rad is 0.005 wide on a sphere of half the unit sphere's size; its half is what counts.
+  // A pixel of 0.01 rad is 0.005 wide on a sphere of half the unit sphere's size; its half is what
+  // counts.
   EXPECT_FLOAT_EQ(sky_footprint(0.01f), 0.0025f);
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The 16 real spherical harmonics of degree 0..3 of a unit direction (e.g. Sloan, "Stupid Spherical Harmonics (SH) Tricks",
-// 2008, appendix A2), on any scalar type. Order: l = 0, 1 (m = -1, 0, 1), 2 (-2..2), 3 (-3..3).
+// The 16 real spherical harmonics of degree 0..3 of a unit direction (e.g. Sloan, "Stupid Spherical
+// Harmonics (SH) Tricks", 2008, appendix A2), on any scalar type. Order: l = 0, 1 (m = -1, 0, 1), 2
+// (-2..2), 3 (-3..3).
 #pragma once
 
 #include "redrive/base/host_device.h"

@@ -15,20 +15,24 @@ constexpr double kPi = std::numbers::pi;
 
 struct Direction {
   double polar, azimuth;
-  double xyz[3] = {std::sin(polar) * std::cos(azimuth), std::sin(polar) * std::sin(azimuth), std::cos(polar)};
+  double xyz[3] = {std::sin(polar) * std::cos(azimuth), std::sin(polar) * std::sin(azimuth),
+                   std::cos(polar)};
 };
 
 TEST(SphericalHarmonics, AreTheDefinitionInTheOrderThatTheHeaderSays) {
-  // sqrt(2) times real and imaginary part of Y_l^m (std::sph_legendre: normalised, with the phase of Condon and Shortley).
-  for (const Direction& at : {Direction{0.3, 1.1}, {1.2, -2.5}, {2.9, 4.0}, {0, 0}, {kPi, 0}, {kPi / 2, kPi / 3}}) {
+  // sqrt(2) times real and imaginary part of Y_l^m (std::sph_legendre: normalised, with the phase
+  // of Condon and Shortley).
+  for (const Direction& at :
+       {Direction{0.3, 1.1}, {1.2, -2.5}, {2.9, 4.0}, {0, 0}, {kPi, 0}, {kPi / 2, kPi / 3}}) {
     double y[kHarmonics];
     spherical_harmonics(at.xyz, y);
     int i = 0;
     for (int l = 0; l <= 3; ++l)
       for (int m = -l; m <= l; ++m, ++i) {
         const double along = std::sph_legendre(l, std::abs(m), at.polar);
-        const double around =
-            m == 0 ? 1 : std::numbers::sqrt2 * (m > 0 ? std::cos(m * at.azimuth) : std::sin(-m * at.azimuth));
+        const double around = m == 0 ? 1
+                                     : std::numbers::sqrt2 * (m > 0 ? std::cos(m * at.azimuth)
+                                                                    : std::sin(-m * at.azimuth));
         EXPECT_NEAR(y[i], along * around, 1e-15) << "degree " << l << ", order " << m;
       }
     EXPECT_EQ(i, kHarmonics);
@@ -36,8 +40,10 @@ TEST(SphericalHarmonics, AreTheDefinitionInTheOrderThatTheHeaderSays) {
 }
 
 TEST(SphericalHarmonics, AreOrthonormalOverTheSphere) {
-  // Products are polynomials of degree 6: four Gauss-Legendre points along z and eight equal steps around it are exact.
-  const double root = 2.0 / 7 * std::sqrt(1.2), z[2] = {std::sqrt(3.0 / 7 - root), std::sqrt(3.0 / 7 + root)},
+  // Products are polynomials of degree 6: four Gauss-Legendre points along z and eight equal steps
+  // around it are exact.
+  const double root = 2.0 / 7 * std::sqrt(1.2),
+               z[2] = {std::sqrt(3.0 / 7 - root), std::sqrt(3.0 / 7 + root)},
                weight[2] = {(18 + std::sqrt(30.0)) / 36, (18 - std::sqrt(30.0)) / 36};
   double integral[kHarmonics][kHarmonics]{};
   for (int i = 0; i < 4; ++i)
@@ -46,10 +52,12 @@ TEST(SphericalHarmonics, AreOrthonormalOverTheSphere) {
       double y[kHarmonics];
       spherical_harmonics(at.xyz, y);
       for (int a = 0; a < kHarmonics; ++a)
-        for (int b = 0; b < kHarmonics; ++b) integral[a][b] += weight[i % 2] * 2 * kPi / 8 * y[a] * y[b];
+        for (int b = 0; b < kHarmonics; ++b)
+          integral[a][b] += weight[i % 2] * 2 * kPi / 8 * y[a] * y[b];
     }
   for (int a = 0; a < kHarmonics; ++a)
-    for (int b = 0; b < kHarmonics; ++b) EXPECT_NEAR(integral[a][b], a == b, 1e-14) << a << " " << b;
+    for (int b = 0; b < kHarmonics; ++b)
+      EXPECT_NEAR(integral[a][b], a == b, 1e-14) << a << " " << b;
 }
 
 TEST(SphericalHarmonics, TurnAboutZIntoEachOther) {
@@ -63,7 +71,8 @@ TEST(SphericalHarmonics, TurnAboutZIntoEachOther) {
   turning[1].d[0] = at.xyz[0];
   spherical_harmonics(turning, y);
   for (int l = 0, i = 0; l <= 3; ++l)
-    for (int m = -l; m <= l; ++m, ++i) EXPECT_NEAR(y[i].d[0], -m * plain[i - 2 * m], 1e-14) << l << " " << m;
+    for (int m = -l; m <= l; ++m, ++i)
+      EXPECT_NEAR(y[i].d[0], -m * plain[i - 2 * m], 1e-14) << l << " " << m;
 }
 
 }  // namespace

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Defaults: what is done to numbers on the host, and the fused stages as the composition of the plain ones.
+// Defaults: what is done to numbers on the host, and the fused stages as the composition of the
+// plain ones.
 #include <algorithm>
 #include <bit>
 #include <cstdint>
@@ -15,13 +16,15 @@ void Backend::fill(std::span<float> numbers, float value) { std::ranges::fill(nu
 
 void Backend::mean(std::span<const float> numbers, double* mean) {
   REDRIVE_CHECK_OP(numbers.size(), >, 0u);
-  *mean = std::accumulate(numbers.begin(), numbers.end(), 0.0) / static_cast<double>(numbers.size());
+  *mean =
+      std::accumulate(numbers.begin(), numbers.end(), 0.0) / static_cast<double>(numbers.size());
 }
 
 void Backend::not_finite(std::span<const float> numbers, double* count) {
   constexpr std::uint32_t kExponent = 0x7f800000;  // all ones: infinity or NaN
   std::uint32_t bad = 0;
-  for (const float number : numbers) bad |= (std::bit_cast<std::uint32_t>(number) & kExponent) == kExponent;
+  for (const float number : numbers)
+    bad |= (std::bit_cast<std::uint32_t>(number) & kExponent) == kExponent;
   *count = bad;
 }
 
@@ -31,7 +34,8 @@ void Backend::gather(const PixelSource& from, const PixelDraw& draw, std::span<c
   gather_rays(from, draw, errors, out);
 }
 
-void Backend::gather_lidar(const LidarSource& from, const LidarDraw& draw, const GatheredReturns& out) {
+void Backend::gather_lidar(const LidarSource& from, const LidarDraw& draw,
+                           const GatheredReturns& out) {
   check_gather_lidar(from, out);
   gather_returns(from, draw, out);
 }
@@ -54,8 +58,8 @@ std::span<float> Backend::between_stages(int which, std::size_t n) {
 }
 
 void Backend::train_rays(const NerfField& field, const Rays& rays, const Samples& samples,
-                         std::span<const float> target, const CompositeOut& out, std::span<float> gradients,
-                         const RayGradients& of_rays, double* loss) {
+                         std::span<const float> target, const CompositeOut& out,
+                         std::span<float> gradients, const RayGradients& of_rays, double* loss) {
   check_field(field, rays, samples);
   const std::size_t n = sample_count(rays.n, samples);
   const auto raw = between_stages(0, 4 * n), d_raw = between_stages(1, 4 * n),
@@ -67,7 +71,8 @@ void Backend::train_rays(const NerfField& field, const Rays& rays, const Samples
   nerf_backward(field, rays, samples, d_raw, gradients, of_rays);
 }
 
-void Backend::render_rays(const NerfField& field, const Rays& rays, const Samples& samples, const CompositeOut& out) {
+void Backend::render_rays(const NerfField& field, const Rays& rays, const Samples& samples,
+                          const CompositeOut& out) {
   check_field(field, rays, samples);
   const auto raw = between_stages(0, 4 * sample_count(rays.n, samples));
   nerf_forward(field, rays, samples, raw);

@@ -14,8 +14,8 @@ namespace redrive::kernels {
 class Reduction {
  public:
   virtual ~Reduction() = default;
-  /// parts[r]: numbers that backend r keeps, as many as the others. Each of them becomes their mean, the same bits on all backends. DeviceError:
-  /// one of them failed, and nobody waits for it.
+  /// parts[r]: numbers that backend r keeps, as many as the others. Each of them becomes their
+  /// mean, the same bits on all backends. DeviceError: one of them failed, and nobody waits for it.
   virtual void mean(std::span<const std::span<float>> parts) = 0;
 };
 
@@ -25,7 +25,8 @@ struct BackendTeam {
   std::unique_ptr<Reduction> reduction;  ///< none of one backend
 };
 
-/// --gpus, beside what chooses one backend; 1: make_backend. UsageError says why there are not so many, or that there is no NCCL.
+/// --gpus, beside what chooses one backend; 1: make_backend. UsageError says why there are not so
+/// many, or that there is no NCCL.
 BackendTeam make_team(const BackendChoice& choice, int gpus);
 
 }  // namespace redrive::kernels

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The size checks that every backend makes at the head of the stages of grid_stages.h, and what they have in common of a ray.
+// The size checks that every backend makes at the head of the stages of grid_stages.h, and what
+// they have in common of a ray.
 #pragma once
 
 #include <cmath>
@@ -32,24 +33,25 @@ inline void check_spaced(const Rays& rays, int per_ray, std::size_t edges) {
 }
 
 /// Stage `spaced` of one ray.
-REDRIVE_HD inline void spaced_edges_of(const Rays& rays, const SpacedIntervals& how, std::size_t ray,
-                                       std::span<float> edges) {
+REDRIVE_HD inline void spaced_edges_of(const Rays& rays, const SpacedIntervals& how,
+                                       std::size_t ray, std::span<float> edges) {
   float origin[3], direction[3];
   for (int k = 0; k < 3; ++k) {
     origin[k] = rays.origin[k * rays.n + ray];
     direction[k] = rays.direction[k * rays.n + ray];
   }
-  spaced_edges(spacing_of_ray(how.spacing, how.contraction, origin, direction), how.per_ray, how.jitter, how.key, ray,
-               &edges[ray * (how.per_ray + 1)]);
+  spaced_edges(spacing_of_ray(how.spacing, how.contraction, origin, direction), how.per_ray,
+               how.jitter, how.key, ray, &edges[ray * (how.per_ray + 1)]);
 }
 
-inline void check_proposed(int n_rays, const Intervals& from, std::size_t weights, int per_ray, std::size_t edges) {
+inline void check_proposed(int n_rays, const Intervals& from, std::size_t weights, int per_ray,
+                           std::size_t edges) {
   check_intervals(n_rays, from, weights);
   check_edges(n_rays, per_ray, edges);
 }
 
-inline void check_contract(const Rays& rays, const Intervals& intervals, std::size_t pixel_angle, std::size_t position,
-                           std::size_t footprint) {
+inline void check_contract(const Rays& rays, const Intervals& intervals, std::size_t pixel_angle,
+                           std::size_t position, std::size_t footprint) {
   check_spaced(rays, intervals.per_ray, intervals.edges.size());
   const std::size_t n = interval_count(rays.n, intervals.per_ray);
   REDRIVE_CHECK_OP(pixel_angle, ==, static_cast<std::size_t>(rays.n));
@@ -58,21 +60,26 @@ inline void check_contract(const Rays& rays, const Intervals& intervals, std::si
 }
 
 /// Stage `contract` of sample `s` of one ray, in double.
-REDRIVE_HD inline void contract_of(const Contraction& contraction, const Rays& rays, std::span<const float> pixel_angle,
-                                   const Intervals& intervals, float least_width, std::size_t ray, std::size_t s,
+REDRIVE_HD inline void contract_of(const Contraction& contraction, const Rays& rays,
+                                   std::span<const float> pixel_angle, const Intervals& intervals,
+                                   float least_width, std::size_t ray, std::size_t s,
                                    std::span<float> position, std::span<float> footprint) {
-  const std::size_t n_rays = rays.n, n = n_rays * intervals.per_ray, i = ray * intervals.per_ray + s, edge = i + ray;
-  const double begin = intervals.edges[edge], end = intervals.edges[edge + 1], t = 0.5 * (begin + end);
+  const std::size_t n_rays = rays.n, n = n_rays * intervals.per_ray,
+                    i = ray * intervals.per_ray + s, edge = i + ray;
+  const double begin = intervals.edges[edge], end = intervals.edges[edge + 1],
+               t = 0.5 * (begin + end);
   double world[3], unit[3];
-  for (int k = 0; k < 3; ++k) world[k] = rays.origin[k * n_rays + ray] + t * rays.direction[k * n_rays + ray];
+  for (int k = 0; k < 3; ++k)
+    world[k] = rays.origin[k * n_rays + ray] + t * rays.direction[k * n_rays + ray];
   const double factor = contract(contraction, world, unit), side = pixel_angle[ray] * t;
   for (int k = 0; k < 3; ++k) position[k * n + i] = static_cast<float>(unit[k]);
   const double volume = side * side * (end - begin), least = least_width * (end - begin);
   footprint[i] = static_cast<float>(factor * std::fmax(std::cbrt(volume), least));
 }
 
-inline void check_contract_backward(const Rays& rays, const Intervals& intervals, std::size_t d_position,
-                                    std::size_t d_origin, std::size_t d_direction) {
+inline void check_contract_backward(const Rays& rays, const Intervals& intervals,
+                                    std::size_t d_position, std::size_t d_origin,
+                                    std::size_t d_direction) {
   check_spaced(rays, intervals.per_ray, intervals.edges.size());
   REDRIVE_CHECK_OP(d_position, ==, 3 * interval_count(rays.n, intervals.per_ray));
   REDRIVE_CHECK_OP(d_origin, ==, rays.origin.size());
@@ -81,8 +88,9 @@ inline void check_contract_backward(const Rays& rays, const Intervals& intervals
 
 /// Stage `contract_backward` of one ray, in T.
 template <class T>
-REDRIVE_HD void contract_backward_of(const Contraction& contraction, const Rays& rays, const Intervals& intervals,
-                                     std::span<const float> d_position, std::size_t ray, std::span<float> d_origin,
+REDRIVE_HD void contract_backward_of(const Contraction& contraction, const Rays& rays,
+                                     const Intervals& intervals, std::span<const float> d_position,
+                                     std::size_t ray, std::span<float> d_origin,
                                      std::span<float> d_direction) {
   const std::size_t n_rays = rays.n, n = n_rays * intervals.per_ray;
   T origin[3]{}, direction[3]{};
@@ -118,8 +126,9 @@ inline void check_encode(const HashGrid& grid, const UnitPoints& points, std::si
   REDRIVE_CHECK_OP(features, ==, points.n * static_cast<std::size_t>(grid.config.outputs()));
 }
 
-inline void check_encode_backward(const HashGrid& grid, const UnitPoints& points, std::size_t d_features,
-                                  std::size_t d_table, std::size_t d_position) {
+inline void check_encode_backward(const HashGrid& grid, const UnitPoints& points,
+                                  std::size_t d_features, std::size_t d_table,
+                                  std::size_t d_position) {
   check_encode(grid, points, d_features);
   REDRIVE_CHECK_OP(d_table, ==, grid.table.size());
   if (d_position > 0) REDRIVE_CHECK_OP(d_position, ==, 3 * points.n);
@@ -135,48 +144,54 @@ inline void check_network(const GridNetwork& network, int n_rays, int per_ray, s
   REDRIVE_CHECK_OP(raw, ==, 4 * n);
 }
 
-inline void check_proposal_density(const HashGrid& grid, const UnitPoints& points, std::size_t density) {
+inline void check_proposal_density(const HashGrid& grid, const UnitPoints& points,
+                                   std::size_t density) {
   REDRIVE_CHECK_OP(grid.config.features, ==, 1);
   check_points(points);
   REDRIVE_CHECK_OP(grid.table.size(), ==, hash_grid_size(grid.config));
   REDRIVE_CHECK_OP(density, ==, points.n);
 }
 
-inline void check_proposal_density_backward(const HashGrid& grid, const UnitPoints& points, std::size_t density,
-                                            std::size_t d_density, std::size_t d_table) {
+inline void check_proposal_density_backward(const HashGrid& grid, const UnitPoints& points,
+                                            std::size_t density, std::size_t d_density,
+                                            std::size_t d_table) {
   check_proposal_density(grid, points, density);
   REDRIVE_CHECK_OP(d_density, ==, points.n);
   REDRIVE_CHECK_OP(d_table, ==, grid.table.size());
 }
 
-inline void check_weights(int n_rays, const Intervals& intervals, std::size_t density, std::size_t weights) {
+inline void check_weights(int n_rays, const Intervals& intervals, std::size_t density,
+                          std::size_t weights) {
   check_intervals(n_rays, intervals, density);
   REDRIVE_CHECK_OP(weights, ==, density);
 }
 
-inline void check_weights_backward(int n_rays, const Intervals& intervals, std::size_t density, std::size_t weights,
-                                   std::size_t d_weights, std::size_t d_density) {
+inline void check_weights_backward(int n_rays, const Intervals& intervals, std::size_t density,
+                                   std::size_t weights, std::size_t d_weights,
+                                   std::size_t d_density) {
   check_weights(n_rays, intervals, density, weights);
   REDRIVE_CHECK_OP(d_weights, ==, density);
   REDRIVE_CHECK_OP(d_density, ==, density);
 }
 
-inline void check_proposal(int n_rays, const Intervals& intervals, std::size_t weights, const Intervals& proposal,
-                           std::size_t proposal_weights, std::size_t d_proposal) {
+inline void check_proposal(int n_rays, const Intervals& intervals, std::size_t weights,
+                           const Intervals& proposal, std::size_t proposal_weights,
+                           std::size_t d_proposal) {
   check_intervals(n_rays, intervals, weights);
   check_intervals(n_rays, proposal, proposal_weights);
   REDRIVE_CHECK_OP(d_proposal, ==, proposal_weights);
 }
 
-inline void check_range(int n_rays, const Intervals& intervals, std::size_t weights, std::size_t range_m,
-                        float spread_m, std::size_t d_weights) {
+inline void check_range(int n_rays, const Intervals& intervals, std::size_t weights,
+                        std::size_t range_m, float spread_m, std::size_t d_weights) {
   check_intervals(n_rays, intervals, weights);
   REDRIVE_CHECK_OP(range_m, ==, static_cast<std::size_t>(n_rays));
   REDRIVE_CHECK_OP(spread_m, >, 0);
   REDRIVE_CHECK_OP(d_weights, ==, weights);
 }
 
-inline void check_empty_space(int n_rays, const Intervals& intervals, std::size_t density, std::size_t d_density) {
+inline void check_empty_space(int n_rays, const Intervals& intervals, std::size_t density,
+                              std::size_t d_density) {
   check_intervals(n_rays, intervals, density);
   REDRIVE_CHECK_OP(d_density, ==, density);
 }

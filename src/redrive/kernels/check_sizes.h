@@ -12,12 +12,14 @@ inline std::size_t sample_count(int n_rays, const Samples& samples) {
   return static_cast<std::size_t>(n_rays) * static_cast<std::size_t>(samples.per_ray);
 }
 
-inline void check_gather(const PixelSpans& from, const PixelDraw& draw, std::size_t errors, const GatheredRays& out) {
+inline void check_gather(const PixelSpans& from, const PixelDraw& draw, std::size_t errors,
+                         const GatheredRays& out) {
   REDRIVE_CHECK_OP(draw.even, >=, 1);
   REDRIVE_CHECK_OP(draw.by_error, >=, 0);
   REDRIVE_CHECK_OP(draw.begin + draw.even, <=, from.pixels);
   const std::size_t n = static_cast<std::size_t>(draw.even) + draw.by_error;
-  for (const std::span<float> xyz : {out.origin, out.direction, out.target}) REDRIVE_CHECK_OP(xyz.size(), ==, 3 * n);
+  for (const std::span<float> xyz : {out.origin, out.direction, out.target})
+    REDRIVE_CHECK_OP(xyz.size(), ==, 3 * n);
   for (const std::size_t size : {out.pixel_angle.size(), out.exposure.size(), out.view.size()})
     REDRIVE_CHECK_OP(size, ==, n);
   if (!out.background.empty()) REDRIVE_CHECK_OP(out.background.size(), ==, 3 * n);
@@ -30,8 +32,10 @@ inline void check_gather(const PixelSpans& from, const PixelDraw& draw, std::siz
 inline void check_gather_lidar(const LidarSpans& from, const GatheredReturns& out) {
   const std::size_t returns = from.range_m.size(), n = out.range_m.size();
   REDRIVE_CHECK_OP(returns, >, 0u);
-  for (const std::size_t size : {from.origin.size(), from.direction.size()}) REDRIVE_CHECK_OP(size, ==, 3 * returns);
-  for (const std::size_t size : {out.origin.size(), out.direction.size()}) REDRIVE_CHECK_OP(size, ==, 3 * n);
+  for (const std::size_t size : {from.origin.size(), from.direction.size()})
+    REDRIVE_CHECK_OP(size, ==, 3 * returns);
+  for (const std::size_t size : {out.origin.size(), out.direction.size()})
+    REDRIVE_CHECK_OP(size, ==, 3 * n);
   REDRIVE_CHECK_OP(out.pixel_angle.size(), ==, n);
   REDRIVE_CHECK_OP(from.poses.size(), ==, from.recorded.size());
   if (!from.poses.empty()) REDRIVE_CHECK_OP(from.t_ns.size(), ==, returns);
@@ -64,7 +68,8 @@ inline void check_composite(int n_rays, const Samples& samples, const CompositeO
 }
 
 inline void check_background(int n_rays, std::span<const float> background) {
-  if (!background.empty()) REDRIVE_CHECK_OP(background.size(), ==, 3 * static_cast<std::size_t>(n_rays));
+  if (!background.empty())
+    REDRIVE_CHECK_OP(background.size(), ==, 3 * static_cast<std::size_t>(n_rays));
 }
 
 inline void check_composite_forward(int n_rays, const Samples& samples, std::size_t raw,
@@ -76,17 +81,19 @@ inline void check_composite_forward(int n_rays, const Samples& samples, std::siz
 }
 
 inline void check_composite_backward(int n_rays, const Samples& samples, std::size_t raw,
-                                     std::span<const float> background, const CompositeAdjoint& adjoint,
-                                     std::size_t d_raw) {
+                                     std::span<const float> background,
+                                     const CompositeAdjoint& adjoint, std::size_t d_raw) {
   check_samples(n_rays, samples);
   check_raw(n_rays, samples, raw);
   check_raw(n_rays, samples, d_raw);
   check_background(n_rays, background);
   REDRIVE_CHECK_OP(adjoint.d_rgb.size(), ==, 3 * static_cast<std::size_t>(n_rays));
-  if (!adjoint.d_weights.empty()) REDRIVE_CHECK_OP(adjoint.d_weights.size(), ==, sample_count(n_rays, samples));
+  if (!adjoint.d_weights.empty())
+    REDRIVE_CHECK_OP(adjoint.d_weights.size(), ==, sample_count(n_rays, samples));
 }
 
-inline void check_stratified(int n_rays, const StratifiedSampling& how, std::size_t t_size, std::size_t dt_size) {
+inline void check_stratified(int n_rays, const StratifiedSampling& how, std::size_t t_size,
+                             std::size_t dt_size) {
   REDRIVE_CHECK_OP(n_rays, >=, 1);
   REDRIVE_CHECK_OP(how.per_ray, >=, 1);
   REDRIVE_CHECK_OP(how.near_m, <, how.far_m);
@@ -96,14 +103,17 @@ inline void check_stratified(int n_rays, const StratifiedSampling& how, std::siz
 
 inline void check_ray_gradients(int n_rays, const RayGradients& of_rays) {
   REDRIVE_CHECK_OP(of_rays.d_direction.size(), ==, of_rays.d_origin.size());
-  if (of_rays.wanted()) REDRIVE_CHECK_OP(of_rays.d_origin.size(), ==, 3 * static_cast<std::size_t>(n_rays));
+  if (of_rays.wanted())
+    REDRIVE_CHECK_OP(of_rays.d_origin.size(), ==, 3 * static_cast<std::size_t>(n_rays));
 }
 
-/// What one ray's samples in the unit cube, x_s = (origin + t_s direction - center) scale, make of d_position (coordinate k of sample s at
-/// k * stride + s): d_origin += scale sum d_x_s, d_direction += scale sum t_s d_x_s. Summed in double, in order.
+/// What one ray's samples in the unit cube, x_s = (origin + t_s direction - center) scale, make of
+/// d_position (coordinate k of sample s at k * stride + s): d_origin += scale sum d_x_s,
+/// d_direction += scale sum t_s d_x_s. Summed in double, in order.
 template <class T>
-REDRIVE_HD void add_ray_gradient(const UnitFromWorld& unit_from_world, int n_rays, const Samples& samples, int ray,
-                                 const T* d_position, std::size_t stride, const RayGradients& of_rays) {
+REDRIVE_HD void add_ray_gradient(const UnitFromWorld& unit_from_world, int n_rays,
+                                 const Samples& samples, int ray, const T* d_position,
+                                 std::size_t stride, const RayGradients& of_rays) {
   const float* t = &samples.t[static_cast<std::size_t>(ray) * samples.per_ray];
   for (int k = 0; k < 3; ++k) {
     double d_origin = 0, d_direction = 0;
@@ -119,8 +129,8 @@ REDRIVE_HD void add_ray_gradient(const UnitFromWorld& unit_from_world, int n_ray
 }
 
 /// Returns the number of rays.
-inline int check_hierarchical(const Samples& coarse, std::size_t weights_size, int extra, std::size_t t_size,
-                              std::size_t dt_size) {
+inline int check_hierarchical(const Samples& coarse, std::size_t weights_size, int extra,
+                              std::size_t t_size, std::size_t dt_size) {
   REDRIVE_CHECK_OP(coarse.per_ray, >=, 3);
   REDRIVE_CHECK_OP(extra, >=, 1);
   const int n_rays = static_cast<int>(coarse.t.size() / coarse.per_ray);
@@ -132,7 +142,8 @@ inline int check_hierarchical(const Samples& coarse, std::size_t weights_size, i
 }
 
 /// Returns the number of rays.
-inline int check_photometric(std::size_t rgb_size, std::size_t target_size, std::size_t d_rgb_size) {
+inline int check_photometric(std::size_t rgb_size, std::size_t target_size,
+                             std::size_t d_rgb_size) {
   REDRIVE_CHECK_OP(rgb_size % 3, ==, 0u);
   REDRIVE_CHECK_OP(rgb_size, >, 0u);
   REDRIVE_CHECK_OP(target_size, ==, rgb_size);

@@ -13,12 +13,14 @@ namespace {
 
 /// Rows of a plane, by one filter along x and one along y; rows beside them are looked at, too.
 template <std::size_t n>
-cv::Mat filtered(const cv::Mat& rows, const std::array<float, n>& along_x, const std::array<float, n>& along_y) {
+cv::Mat filtered(const cv::Mat& rows, const std::array<float, n>& along_x,
+                 const std::array<float, n>& along_y) {
   const auto kernel = [](const std::array<float, n>& taps) {
     return cv::Mat(static_cast<int>(n), 1, CV_32F, const_cast<float*>(taps.data()));
   };
   cv::Mat out;
-  cv::sepFilter2D(rows, out, CV_32F, kernel(along_x), kernel(along_y), {-1, -1}, 0, cv::BORDER_REPLICATE);
+  cv::sepFilter2D(rows, out, CV_32F, kernel(along_x), kernel(along_y), {-1, -1}, 0,
+                  cv::BORDER_REPLICATE);
   return out;
 }
 
@@ -37,7 +39,8 @@ std::vector<FlipSeen> seen_rows(const FlipFilters& filters, std::span<const cv::
   for (std::size_t i = 0; i < seen.size(); ++i) {
     std::array<float, FlipFilters::kTerms> of_pixel;
     for (int t = 0; t < FlipFilters::kTerms; ++t) of_pixel[t] = colour[t].ptr<float>()[i];
-    seen[i] = {flip_lab(filters, of_pixel), flip_length(first_x.ptr<float>()[i], first_y.ptr<float>()[i]),
+    seen[i] = {flip_lab(filters, of_pixel),
+               flip_length(first_x.ptr<float>()[i], first_y.ptr<float>()[i]),
                flip_length(second_x.ptr<float>()[i], second_y.ptr<float>()[i])};
   }
   return seen;
@@ -49,7 +52,9 @@ PictureScore score_on_host(const PicturePair& pictures, ThreadPool& pool) {
   check_pictures(pictures);
   const std::size_t width = pictures.width, height = pictures.height, n = pixels_of(pictures);
   const std::size_t rows_at_once = height / (2 * pool.threads()) + 1;
-  const auto for_rows = [&](std::size_t rows, const auto& body) { pool.run_ranges(rows, rows_at_once, body); };
+  const auto for_rows = [&](std::size_t rows, const auto& body) {
+    pool.run_ranges(rows, rows_at_once, body);
+  };
   const auto for_pixels = [&](const auto& body) {
     for_rows(height, [&](std::size_t begin, std::size_t end) {
       for (std::size_t pixel = begin * width; pixel < end * width; ++pixel) body(pixel);
@@ -57,7 +62,8 @@ PictureScore score_on_host(const PicturePair& pictures, ThreadPool& pool) {
   };
   const auto memory = std::make_unique_for_overwrite<float[]>(2 * kPicturePlanes * n);
   const std::span<float> planes(memory.get(), 2 * kPicturePlanes * n);
-  const std::span<float> picture[] = {planes.first(planes.size() / 2), planes.last(planes.size() / 2)};
+  const std::span<float> picture[] = {planes.first(planes.size() / 2),
+                                      planes.last(planes.size() / 2)};
   std::vector<double> terms(n);  // of a sum; 0 where nothing counts
   ScoreSums sums;
 
@@ -71,7 +77,8 @@ PictureScore score_on_host(const PicturePair& pictures, ThreadPool& pool) {
     for_rows(down, [&](std::size_t begin, std::size_t end) {
       std::vector<SsimMeans> columns(width);
       for (std::size_t y = begin; y < end; ++y) {
-        for (std::size_t x = 0; x < width; ++x) columns[x] = ssim_column_of(taps, planes, c * n + y * width + x, width);
+        for (std::size_t x = 0; x < width; ++x)
+          columns[x] = ssim_column_of(taps, planes, c * n + y * width + x, width);
         for (std::size_t x = 0; x < across; ++x)
           terms[y * across + x] = counts(pictures.mask, (y + kSsimRadius) * width + x + kSsimRadius)
                                       ? ssim_window_of(taps, &columns[x])
@@ -95,7 +102,8 @@ PictureScore score_on_host(const PicturePair& pictures, ThreadPool& pool) {
       seen[which] = seen_rows(filters, rows);
     }
     for (std::size_t i = 0, pixel = begin * width; i < seen[0].size(); ++i, ++pixel)
-      terms[pixel] = counts(pictures.mask, pixel) ? flip_difference(filters, seen[0][i], seen[1][i]) : 0;
+      terms[pixel] =
+          counts(pictures.mask, pixel) ? flip_difference(filters, seen[0][i], seen[1][i]) : 0;
   });
   for (const double term : terms) sums.flip += term;
   return score_of(pictures, sums);

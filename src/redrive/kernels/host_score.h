@@ -7,7 +7,8 @@
 
 namespace redrive::kernels {
 
-/// The pixels are shared among threads, sums go over all of them in order: the threads change no bit.
+/// The pixels are shared among threads, sums go over all of them in order: the threads change no
+/// bit.
 PictureScore score_on_host(const PicturePair& pictures, ThreadPool& pool);
 
 }  // namespace redrive::kernels

@@ -44,12 +44,15 @@ std::optional<Isa> choose_isa(const std::string& name) {
 /// Of a choice that there is.
 int checked_threads(const BackendChoice& choice) {
   if (choice.threads < 0 || choice.threads > kMaxThreads)
-    throw UsageError("--threads", std::to_string(choice.threads), "must be 0 (all) to " + std::to_string(kMaxThreads));
-  if (choice.name != "auto" && choice.name != "ref" && choice.name != "cpu" && choice.name != "cuda")
+    throw UsageError("--threads", std::to_string(choice.threads),
+                     "must be 0 (all) to " + std::to_string(kMaxThreads));
+  if (choice.name != "auto" && choice.name != "ref" && choice.name != "cpu" &&
+      choice.name != "cuda")
     throw UsageError("--backend", choice.name, "must be one of auto, ref, cpu, cuda");
   if ((choice.name == "ref" || choice.name == "cuda") && choice.isa != "auto")
     throw UsageError("--isa", choice.isa,
-                     "the " + choice.name + " backend has no instruction sets; leave it out or take --backend cpu");
+                     "the " + choice.name +
+                         " backend has no instruction sets; leave it out or take --backend cpu");
   return choice.threads > 0 ? choice.threads : hardware_threads();
 }
 
@@ -58,7 +61,8 @@ int checked_threads(const BackendChoice& choice) {
 std::unique_ptr<Backend> make_backend(const BackendChoice& choice) {
   const int threads = checked_threads(choice);
   if (choice.name == "cuda") {
-    if (const auto obstacle = cuda_obstacle()) throw UsageError("--backend", choice.name, *obstacle);
+    if (const auto obstacle = cuda_obstacle())
+      throw UsageError("--backend", choice.name, *obstacle);
     return make_cuda_backend(threads);
   }
   if (choice.name == "auto" && choice.isa == "auto" && !cuda_obstacle())
@@ -77,10 +81,13 @@ BackendTeam make_team(const BackendChoice& choice, int gpus) {
     return team;
   }
   const int threads = checked_threads(choice);
-  const auto refuse = [&](const std::string& rule) { throw UsageError("--gpus", std::to_string(gpus), rule); };
+  const auto refuse = [&](const std::string& rule) {
+    throw UsageError("--gpus", std::to_string(gpus), rule);
+  };
   const bool automatic = choice.name == "auto" && choice.isa == "auto";
   if (!automatic && choice.name != "cuda")
-    refuse("must be 1 with --backend " + choice.name + (choice.isa == "auto" ? "" : " --isa " + choice.isa) +
+    refuse("must be 1 with --backend " + choice.name +
+           (choice.isa == "auto" ? "" : " --isa " + choice.isa) +
            ", which computes on the processor");
   if (const auto obstacle = cuda_obstacle()) refuse("no GPU can be used: " + *obstacle);
   if (gpus > cuda_gpus())

@@ -24,9 +24,12 @@ std::string refusal(const BackendChoice& choice) {
 
 TEST(Registry, ImpossibleChoicesSayWhy) {
   EXPECT_EQ(refusal({"gpu"}), "--backend gpu: must be one of auto, ref, cpu, cuda");
-  EXPECT_EQ(refusal({"auto", "sse9"}), "--isa sse9: must be one of auto, avx2, avx512, avx512-bf16, amx-bf16");
-  EXPECT_THAT(refusal({"ref", "avx2"}), HasSubstr("--isa avx2: the ref backend has no instruction sets"));
-  EXPECT_THAT(refusal({"cuda", "avx2"}), HasSubstr("--isa avx2: the cuda backend has no instruction sets"));
+  EXPECT_EQ(refusal({"auto", "sse9"}),
+            "--isa sse9: must be one of auto, avx2, avx512, avx512-bf16, amx-bf16");
+  EXPECT_THAT(refusal({"ref", "avx2"}),
+              HasSubstr("--isa avx2: the ref backend has no instruction sets"));
+  EXPECT_THAT(refusal({"cuda", "avx2"}),
+              HasSubstr("--isa avx2: the cuda backend has no instruction sets"));
   EXPECT_THAT(refusal({"auto", "auto", -1}), HasSubstr("--threads -1"));
   EXPECT_THAT(refusal({"auto", "auto", 1 << 20}), HasSubstr("--threads 1048576"));
 }
@@ -63,10 +66,14 @@ std::string refusal_of_gpus(const BackendChoice& choice, int gpus) {
 }
 
 TEST(Registry, SeveralGpusAreGivenOrRefusedWithTheReason) {
-  EXPECT_EQ(refusal_of_gpus({"cpu"}, 2), "--gpus 2: must be 1 with --backend cpu, which computes on the processor");
-  EXPECT_EQ(refusal_of_gpus({"ref"}, 4), "--gpus 4: must be 1 with --backend ref, which computes on the processor");
-  EXPECT_THAT(refusal_of_gpus({"auto", "avx2"}, 2), HasSubstr("must be 1 with --backend auto --isa avx2"));
-  EXPECT_THAT(refusal_of_gpus({"cuda", "avx2"}, 2), HasSubstr("--isa avx2: the cuda backend has no instruction sets"));
+  EXPECT_EQ(refusal_of_gpus({"cpu"}, 2),
+            "--gpus 2: must be 1 with --backend cpu, which computes on the processor");
+  EXPECT_EQ(refusal_of_gpus({"ref"}, 4),
+            "--gpus 4: must be 1 with --backend ref, which computes on the processor");
+  EXPECT_THAT(refusal_of_gpus({"auto", "avx2"}, 2),
+              HasSubstr("must be 1 with --backend auto --isa avx2"));
+  EXPECT_THAT(refusal_of_gpus({"cuda", "avx2"}, 2),
+              HasSubstr("--isa avx2: the cuda backend has no instruction sets"));
   for (const char* name : {"auto", "cuda"}) {
     if (const auto obstacle = cuda_obstacle())
       EXPECT_EQ(refusal_of_gpus({name}, 2), "--gpus 2: no GPU can be used: " + *obstacle);
@@ -93,7 +100,8 @@ TEST_P(EveryIsa, IsGivenOrRefusedWithTheObstacle) {
   const std::string name(isa_name(GetParam()));
   const BackendChoice choice{"cpu", name, 2};
   if (const auto obstacle = isa_obstacle(GetParam())) {
-    EXPECT_THAT(refusal(choice), HasSubstr("--isa " + name + ": " + *obstacle + " (this machine offers "));
+    EXPECT_THAT(refusal(choice),
+                HasSubstr("--isa " + name + ": " + *obstacle + " (this machine offers "));
     return;
   }
   EXPECT_EQ(describe(*make_backend(choice)), "backend=cpu isa=" + name + " threads=2");

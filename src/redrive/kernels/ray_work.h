@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The stages of grid_stages.h that treat whole rays: what all backends check of their sizes, and what they do for one ray by the scalar
-// functions, the host in loops (host_ray_stages.h), devices in kernels (cuda/device_ray_stages.h).
+// The stages of grid_stages.h that treat whole rays: what all backends check of their sizes, and
+// what they do for one ray by the scalar functions, the host in loops (host_ray_stages.h), devices
+// in kernels (cuda/device_ray_stages.h).
 #pragma once
 
 #include "redrive/base/rng.h"
@@ -18,7 +19,8 @@ inline void check_live_rays(int n_rays, int per_ray, std::size_t weights, std::s
   REDRIVE_CHECK_OP(live, ==, static_cast<std::size_t>(n_rays));
 }
 
-REDRIVE_HD inline bool is_live(const LiveRays& how, const float* weights, int per_ray, std::size_t ray) {
+REDRIVE_HD inline bool is_live(const LiveRays& how, const float* weights, int per_ray,
+                               std::size_t ray) {
   float opacity = 0;
   for (int i = 0; i < per_ray; ++i) opacity += weights[i];
   // Not "below": what is not a number goes on into the loss.
@@ -36,7 +38,8 @@ inline std::size_t check_picked(std::size_t rays, std::size_t few, std::size_t a
   return each;
 }
 
-inline std::size_t check_spread(std::size_t rays, std::size_t from, std::size_t elsewhere, std::size_t to) {
+inline std::size_t check_spread(std::size_t rays, std::size_t from, std::size_t elsewhere,
+                                std::size_t to) {
   if (elsewhere > 0) REDRIVE_CHECK_OP(elsewhere, ==, to);
   return check_picked(rays, from, to);
 }
@@ -68,11 +71,13 @@ inline void check_harmonics(const Rays& rays, std::size_t harmonics) {
 
 REDRIVE_HD inline void harmonics_of(const Rays& rays, std::size_t ray, std::span<float> harmonics) {
   const std::size_t n = rays.n;
-  const float direction[3] = {rays.direction[ray], rays.direction[n + ray], rays.direction[2 * n + ray]};
+  const float direction[3] = {rays.direction[ray], rays.direction[n + ray],
+                              rays.direction[2 * n + ray]};
   spherical_harmonics(direction, &harmonics[ray * kHarmonics]);
 }
 
-inline void check_sky(const HashGrid& grid, const Rays& rays, std::size_t pixel_angle, std::size_t colour) {
+inline void check_sky(const HashGrid& grid, const Rays& rays, std::size_t pixel_angle,
+                      std::size_t colour) {
   check_directions(rays);
   REDRIVE_CHECK_OP(grid.config.features, >=, 3);
   REDRIVE_CHECK_OP(grid.table.size(), ==, hash_grid_size(grid.config));
@@ -80,8 +85,9 @@ inline void check_sky(const HashGrid& grid, const Rays& rays, std::size_t pixel_
   REDRIVE_CHECK_OP(colour, ==, rays.direction.size());
 }
 
-inline void check_sky_backward(const HashGrid& grid, const Rays& rays, std::size_t pixel_angle, std::size_t colour,
-                               std::size_t opacity, std::size_t d_rgb, std::size_t d_table, std::size_t d_direction) {
+inline void check_sky_backward(const HashGrid& grid, const Rays& rays, std::size_t pixel_angle,
+                               std::size_t colour, std::size_t opacity, std::size_t d_rgb,
+                               std::size_t d_table, std::size_t d_direction) {
   check_sky(grid, rays, pixel_angle, colour);
   REDRIVE_CHECK_OP(opacity, ==, pixel_angle);
   REDRIVE_CHECK_OP(d_rgb, ==, colour);
@@ -89,22 +95,28 @@ inline void check_sky_backward(const HashGrid& grid, const Rays& rays, std::size
   if (d_direction > 0) REDRIVE_CHECK_OP(d_direction, ==, colour);
 }
 
-REDRIVE_HD inline void sky_point_of(const Rays& rays, std::span<const float> pixel_angle, std::size_t ray,
-                                    std::span<float> position, std::span<float> footprint) {
-  for (std::size_t at = ray; at < position.size(); at += rays.n) position[at] = sky_coordinate(rays.direction[at]);
+REDRIVE_HD inline void sky_point_of(const Rays& rays, std::span<const float> pixel_angle,
+                                    std::size_t ray, std::span<float> position,
+                                    std::span<float> footprint) {
+  for (std::size_t at = ray; at < position.size(); at += rays.n)
+    position[at] = sky_coordinate(rays.direction[at]);
   footprint[ray] = sky_footprint(pixel_angle[ray]);
 }
 
 /// features [levels, n, features of a level].
-REDRIVE_HD inline void sky_colour_of(const HashGridConfig& config, std::size_t n, std::span<const float> features,
-                                     std::size_t ray, std::span<float> colour) {
+REDRIVE_HD inline void sky_colour_of(const HashGridConfig& config, std::size_t n,
+                                     std::span<const float> features, std::size_t ray,
+                                     std::span<float> colour) {
   for (int k = 0; k < 3; ++k)
-    colour[k * n + ray] = sky_colour(&features[ray * config.features + k], config.levels, n * config.features);
+    colour[k * n + ray] =
+        sky_colour(&features[ray * config.features + k], config.levels, n * config.features);
 }
 
-REDRIVE_HD inline void sky_colour_adjoint_of(const HashGridConfig& config, std::size_t n, std::span<const float> colour,
-                                             std::span<const float> opacity, std::span<const float> d_rgb,
-                                             std::size_t ray, std::span<float> d_features) {
+REDRIVE_HD inline void sky_colour_adjoint_of(const HashGridConfig& config, std::size_t n,
+                                             std::span<const float> colour,
+                                             std::span<const float> opacity,
+                                             std::span<const float> d_rgb, std::size_t ray,
+                                             std::span<float> d_features) {
   for (int k = 0; k < config.features; ++k) {
     const std::size_t at = k * n + ray;
     const float d = k < 3 ? sky_colour_adjoint(colour[at], (1 - opacity[ray]) * d_rgb[at]) : 0.0f;
@@ -112,15 +124,16 @@ REDRIVE_HD inline void sky_colour_adjoint_of(const HashGridConfig& config, std::
   }
 }
 
-inline void check_expose(const Appearance& appearance, std::size_t exposure, std::size_t gains, std::size_t rgb) {
+inline void check_expose(const Appearance& appearance, std::size_t exposure, std::size_t gains,
+                         std::size_t rgb) {
   REDRIVE_CHECK_OP(exposure, >, 0u);
   REDRIVE_CHECK_OP(appearance.parameters.size(), ==, appearance.config.size());
   REDRIVE_CHECK_OP(gains, ==, 3 * exposure);
   REDRIVE_CHECK_OP(rgb, ==, gains);
 }
 
-REDRIVE_HD inline void expose_of(const Appearance& appearance, std::span<const Exposure> exposure, std::size_t ray,
-                                 std::span<float> gains, std::span<float> rgb) {
+REDRIVE_HD inline void expose_of(const Appearance& appearance, std::span<const Exposure> exposure,
+                                 std::size_t ray, std::span<float> gains, std::span<float> rgb) {
   const auto of_ray = colour_gains(appearance.config, appearance.parameters.data(), exposure[ray]);
   for (int k = 0; k < 3; ++k) {
     const std::size_t at = k * exposure.size() + ray;
@@ -129,8 +142,8 @@ REDRIVE_HD inline void expose_of(const Appearance& appearance, std::span<const E
   }
 }
 
-inline void check_robust_colours(const ExposedColours& colours, std::size_t d_rgb, std::size_t squares,
-                                 std::size_t d_appearance) {
+inline void check_robust_colours(const ExposedColours& colours, std::size_t d_rgb,
+                                 std::size_t squares, std::size_t d_appearance) {
   const std::size_t n = squares, parameters = colours.appearance.parameters.size();
   REDRIVE_CHECK_OP(n, >, 0u);
   REDRIVE_CHECK_OP(colours.rgb.size(), ==, 3 * n);
@@ -146,8 +159,8 @@ inline void check_robust_colours(const ExposedColours& colours, std::size_t d_rg
 }
 
 /// The first half of `robust_colours`: returns the ray's loss, the sum over its channels.
-REDRIVE_HD inline float robust_of(const ExposedColours& colours, std::size_t ray, std::span<float> d_rgb,
-                                  std::span<float> squares) {
+REDRIVE_HD inline float robust_of(const ExposedColours& colours, std::size_t ray,
+                                  std::span<float> d_rgb, std::span<float> squares) {
   const std::size_t n = squares.size();
   float square = 0;
   for (std::size_t at = ray; at < 3 * n; at += n) {
@@ -161,10 +174,11 @@ REDRIVE_HD inline float robust_of(const ExposedColours& colours, std::size_t ray
   return weight * huber.value;
 }
 
-/// Its second half, for the gains: d_rgb as robust_of left it. Calls add(number of the appearance's parameters, its derivative).
+/// Its second half, for the gains: d_rgb as robust_of left it. Calls add(number of the appearance's
+/// parameters, its derivative).
 template <class Add>
-REDRIVE_HD void gains_adjoint_of(const ExposedColours& colours, std::size_t ray, std::span<const float> d_rgb,
-                                 const Add& add) {
+REDRIVE_HD void gains_adjoint_of(const ExposedColours& colours, std::size_t ray,
+                                 std::span<const float> d_rgb, const Add& add) {
   std::array<float, 3> gains, d_gains;
   for (int k = 0; k < 3; ++k) {
     const std::size_t at = k * colours.exposure.size() + ray;
@@ -174,8 +188,8 @@ REDRIVE_HD void gains_adjoint_of(const ExposedColours& colours, std::size_t ray,
   colour_gains_adjoint(colours.appearance.config, colours.exposure[ray], gains, d_gains, add);
 }
 
-inline void check_median_depth(int n_rays, const Intervals& intervals, std::size_t weights, std::size_t opacity,
-                               std::size_t depth) {
+inline void check_median_depth(int n_rays, const Intervals& intervals, std::size_t weights,
+                               std::size_t opacity, std::size_t depth) {
   check_intervals(n_rays, intervals, weights);
   REDRIVE_CHECK_OP(opacity, ==, static_cast<std::size_t>(n_rays));
   REDRIVE_CHECK_OP(depth, ==, opacity);
@@ -184,7 +198,8 @@ inline void check_median_depth(int n_rays, const Intervals& intervals, std::size
 REDRIVE_HD inline float median_depth_of(const Intervals& intervals, std::span<const float> weights,
                                         std::span<const float> opacity, std::size_t ray) {
   const std::size_t first = ray * intervals.per_ray;
-  return median_distance(&intervals.edges[first + ray], &weights[first], intervals.per_ray, opacity[ray]);
+  return median_distance(&intervals.edges[first + ray], &weights[first], intervals.per_ray,
+                         opacity[ray]);
 }
 
 }  // namespace redrive::kernels

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Scoring a picture: what all backends check, and what they do for one pixel by the scalar functions, the host in loops (host_score.h), devices
-// in kernels (cuda/device_score.h). Both pictures lie in planes [2, 4, height, width]: red, green, blue, black where they are masked, and one
-// of room; then FLIP's opponent channels in their places, with the luminance behind them.
+// Scoring a picture: what all backends check, and what they do for one pixel by the scalar
+// functions, the host in loops (host_score.h), devices in kernels (cuda/device_score.h). Both
+// pictures lie in planes [2, 4, height, width]: red, green, blue, black where they are masked, and
+// one of room; then FLIP's opponent channels in their places, with the luminance behind them.
 #pragma once
 
 #include <algorithm>
@@ -37,12 +38,14 @@ REDRIVE_HD inline bool counts(std::span<const std::uint8_t> mask, std::size_t pi
   return mask.empty() || mask[pixel] != 0;
 }
 
-REDRIVE_HD inline void planes_of(const PicturePair& pictures, std::size_t pixel, std::span<float> planes) {
+REDRIVE_HD inline void planes_of(const PicturePair& pictures, std::size_t pixel,
+                                 std::span<float> planes) {
   const std::size_t n = planes.size() / (2 * kPicturePlanes);
   const bool seen = counts(pictures.mask, pixel);
   for (std::size_t c = 0; c < 3; ++c) {
     planes[c * n + pixel] = seen ? pictures.rgb[3 * pixel + c] : 0.0f;
-    planes[(kPicturePlanes + c) * n + pixel] = seen ? static_cast<float>(pictures.truth[3 * pixel + c]) / 255.0f : 0.0f;
+    planes[(kPicturePlanes + c) * n + pixel] =
+        seen ? static_cast<float>(pictures.truth[3 * pixel + c]) / 255.0f : 0.0f;
   }
 }
 
@@ -53,13 +56,16 @@ REDRIVE_HD inline double squared_error_of(std::span<const float> planes, std::si
 }
 
 /// How many windows fit into a row, or a column, of so many pixels.
-inline std::size_t windows_along(int size) { return static_cast<std::size_t>(std::max(0, size - 2 * kSsimRadius)); }
+inline std::size_t windows_along(int size) {
+  return static_cast<std::size_t>(std::max(0, size - 2 * kSsimRadius));
+}
 
 /// Means over a window's column, of which `at` is the uppermost number.
-REDRIVE_HD inline SsimMeans ssim_column_of(const SsimTaps& taps, std::span<const float> planes, std::size_t at,
-                                           std::size_t width) {
+REDRIVE_HD inline SsimMeans ssim_column_of(const SsimTaps& taps, std::span<const float> planes,
+                                           std::size_t at, std::size_t width) {
   SsimMeans means;
-  for (int i = 0; i < kSsimTaps; ++i, at += width) means.add(taps[i], planes[at], planes[planes.size() / 2 + at]);
+  for (int i = 0; i < kSsimTaps; ++i, at += width)
+    means.add(taps[i], planes[at], planes[planes.size() / 2 + at]);
   return means;
 }
 
@@ -73,7 +79,8 @@ REDRIVE_HD inline double ssim_window_of(const SsimTaps& taps, const SsimMeans* c
 /// Of one picture's planes.
 REDRIVE_HD inline void opponent_of(std::span<float> picture, std::size_t pixel) {
   const std::size_t n = picture.size() / kPicturePlanes;
-  const FlipColour opponent = flip_opponent({picture[pixel], picture[n + pixel], picture[2 * n + pixel]});
+  const FlipColour opponent =
+      flip_opponent({picture[pixel], picture[n + pixel], picture[2 * n + pixel]});
   for (std::size_t c = 0; c < 3; ++c) picture[c * n + pixel] = opponent[c];
   picture[3 * n + pixel] = flip_luminance(opponent);
 }
@@ -93,7 +100,8 @@ inline PictureScore score_of(const PicturePair& pictures, const ScoreSums& sums)
   const auto mean = [](double sum, std::size_t count) {
     return count > 0 ? sum / static_cast<double>(count) : std::numeric_limits<double>::quiet_NaN();
   };
-  return {-10 * std::log10(mean(sums.squares, 3 * pixels)), mean(sums.ssim, 3 * windows), mean(sums.flip, pixels)};
+  return {-10 * std::log10(mean(sums.squares, 3 * pixels)), mean(sums.ssim, 3 * windows),
+          mean(sums.flip, pixels)};
 }
 
 }  // namespace redrive::kernels

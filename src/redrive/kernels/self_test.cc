@@ -22,28 +22,33 @@ constexpr int kRays = 37, kPerRay = 21, kSamples = kRays * kPerRay;
 constexpr double kFp32 = 1e-4;  // some ten roundings, and sums of up to 10^3 in another order
 // bf16 rounds both operands of a product, by 2^-9 at most. So do the layers' outputs differ:
 constexpr double after_products(int n) { return n * 2 * 0x1p-9; }
-// On the way back a neuron counts or not by the sign of what came to it: of those a share as large is on the other side of 0 and off by all of
-// its derivative, which is the square root of that in the length of all.
+// On the way back a neuron counts or not by the sign of what came to it: of those a share as large
+// is on the other side of 0 and off by all of its derivative, which is the square root of that in
+// the length of all.
 inline double behind_relus(int n) { return std::sqrt(after_products(n)); }
 
 Numbers random_numbers(std::size_t size, std::uint64_t stream, double low, double high) {
   Numbers out(size);
   for (std::size_t i = 0; i < size; ++i)
-    out[i] = static_cast<float>(low + (high - low) * random_unit(random_key(7, kStreamTest, stream), i));
+    out[i] =
+        static_cast<float>(low + (high - low) * random_unit(random_key(7, kStreamTest, stream), i));
   return out;
 }
 
 /// What the stages are given: rays from one place, samples of ascending distance.
 struct Given {
-  Numbers origin = Numbers(3 * kRays, 0.1f), direction = random_numbers(3 * kRays, 1, -1, 1), t = Numbers(kSamples),
-          dt = Numbers(kSamples, 0.1f), raw = random_numbers(4 * kSamples, 2, -1, 2),
-          d_raw = random_numbers(4 * kSamples, 3, -1, 1), d_rgb = random_numbers(3 * kRays, 4, -1, 1);
+  Numbers origin = Numbers(3 * kRays, 0.1f), direction = random_numbers(3 * kRays, 1, -1, 1),
+          t = Numbers(kSamples), dt = Numbers(kSamples, 0.1f),
+          raw = random_numbers(4 * kSamples, 2, -1, 2),
+          d_raw = random_numbers(4 * kSamples, 3, -1, 1),
+          d_rgb = random_numbers(3 * kRays, 4, -1, 1);
 
   Given() {
     for (int ray = 0; ray < kRays; ++ray) {
       double square = 0;
       for (int k = 0; k < 3; ++k) square += std::pow(direction[k * kRays + ray], 2);
-      for (int k = 0; k < 3; ++k) direction[k * kRays + ray] /= static_cast<float>(std::sqrt(square));
+      for (int k = 0; k < 3; ++k)
+        direction[k * kRays + ray] /= static_cast<float>(std::sqrt(square));
       for (int i = 0; i < kPerRay; ++i) t[ray * kPerRay + i] = 0.1f * static_cast<float>(i + 1);
     }
   }
@@ -66,8 +71,10 @@ class SelfTest {
   }
 
  private:
-  /// What `run` gives of both has to agree, each of its arrays within a share of its length (2-norm).
-  void compare(const char* stage, double tolerance, const std::function<std::vector<Numbers>(Backend&)>& run) {
+  /// What `run` gives of both has to agree, each of its arrays within a share of its length
+  /// (2-norm).
+  void compare(const char* stage, double tolerance,
+               const std::function<std::vector<Numbers>(Backend&)>& run) {
     if (failure_) return;
     const std::vector<Numbers> expected = run(*ref_), got = run(backend_);
     for (std::size_t a = 0; a < expected.size(); ++a) {
@@ -82,7 +89,8 @@ class SelfTest {
       if (std::isnan(share))
         std::snprintf(text, sizeof text, "%s gives what is not a number", stage);
       else
-        std::snprintf(text, sizeof text, "%s is off by %.3g of its length, %.2g is allowed", stage, share, tolerance);
+        std::snprintf(text, sizeof text, "%s is off by %.3g of its length, %.2g is allowed", stage,
+                      share, tolerance);
       failure_ = text;
       return;
     }
@@ -112,17 +120,20 @@ class SelfTest {
       std::vector<std::uint32_t> live(kRays);
       Numbers list(kRays, -1);
       const auto weights = std::span(given_.raw).first(kSamples);  // about ten a ray
-      std::copy_n(live.begin(), backend.grid().live_rays(kRays, kPerRay, weights, {10}, live), list.begin());
+      std::copy_n(live.begin(), backend.grid().live_rays(kRays, kPerRay, weights, {10}, live),
+                  list.begin());
       return {list};
     });
     compare("composite", kFp32, [this](Backend& backend) -> std::vector<Numbers> {
       Numbers rgb(3 * kRays), depth(kRays), opacity(kRays), d_raw(4 * kSamples);
       backend.composite_forward(kRays, given_.samples(), given_.raw, {}, {rgb, depth, opacity, {}});
-      backend.composite_backward(kRays, given_.samples(), given_.raw, {}, {given_.d_rgb, {}}, d_raw);
+      backend.composite_backward(kRays, given_.samples(), given_.raw, {}, {given_.d_rgb, {}},
+                                 d_raw);
       return {rgb, depth, opacity, d_raw};
     });
     compare("adam", kFp32, [this](Backend& backend) -> std::vector<Numbers> {
-      Numbers parameters = given_.raw, gradients = given_.d_raw, first(4 * kSamples), second(4 * kSamples);
+      Numbers parameters = given_.raw, gradients = given_.d_raw, first(4 * kSamples),
+              second(4 * kSamples);
       backend.adam(adam_step(0.1, 1), gradients, parameters, first, second);
       return {parameters, first, second};
     });
@@ -131,7 +142,8 @@ class SelfTest {
   void hash_grid() {
     const HashGridConfig config{8, 4, 16, 64, 10};  // dense levels and hashed ones
     const Numbers table = random_numbers(hash_grid_size(config), 5, -1, 1),
-                  position = random_numbers(3 * kSamples, 6, 0, 1), footprint = random_numbers(kSamples, 7, 0, 0.02),
+                  position = random_numbers(3 * kSamples, 6, 0, 1),
+                  footprint = random_numbers(kSamples, 7, 0, 0.02),
                   d_features = random_numbers(32 * kSamples, 8, -1, 1);
     compare("encode", kFp32, [&](Backend& backend) -> std::vector<Numbers> {
       Numbers features(32 * kSamples), d_table(table.size());
@@ -143,7 +155,8 @@ class SelfTest {
   }
 
   void grid_networks() {
-    for (const auto& [width, colour_layers] : {std::pair(32, 1), std::pair(64, 2)}) {  // a street's and an object's
+    for (const auto& [width, colour_layers] :
+         {std::pair(32, 1), std::pair(64, 2)}) {  // a street's and an object's
       GridFieldConfig config{{8, 4, 16, 64, 10}, width, colour_layers};
       Numbers weights(grid_network_size(config));
       grid_network_initialize(config, 3, weights);
@@ -156,12 +169,13 @@ class SelfTest {
                 backend.grid().network_forward(network, kRays, kPerRay, features, harmonics, raw);
                 return {raw};
               });
-      compare("grid network, backward", behind_relus(2 + colour_layers), [&](Backend& backend) -> std::vector<Numbers> {
-        Numbers d_weights(weights.size()), d_features(features.size());
-        backend.grid().network_backward(network, kRays, kPerRay, features, harmonics, given_.d_raw, d_weights,
-                                        d_features);
-        return {d_weights, d_features};
-      });
+      compare("grid network, backward", behind_relus(2 + colour_layers),
+              [&](Backend& backend) -> std::vector<Numbers> {
+                Numbers d_weights(weights.size()), d_features(features.size());
+                backend.grid().network_backward(network, kRays, kPerRay, features, harmonics,
+                                                given_.d_raw, d_weights, d_features);
+                return {d_weights, d_features};
+              });
     }
   }
 
@@ -170,25 +184,31 @@ class SelfTest {
     Numbers parameters(nerf_parameter_count(config));
     nerf_initialize(config, random_key(7, kStreamInit), parameters);
     const NerfField field{config, {{0, 0, 0}, 0.3f}, parameters};
-    compare("nerf network, forward", after_products(10), [&](Backend& backend) -> std::vector<Numbers> {
-      Numbers raw(4 * kSamples);
-      backend.nerf_forward(field, given_.rays(), given_.samples(), raw);
-      return {raw};
-    });
-    compare("nerf network, backward", behind_relus(9), [&](Backend& backend) -> std::vector<Numbers> {
-      Numbers gradients(parameters.size());
-      backend.nerf_backward(field, given_.rays(), given_.samples(), given_.d_raw, gradients, {});
-      return {gradients};
-    });
+    compare("nerf network, forward", after_products(10),
+            [&](Backend& backend) -> std::vector<Numbers> {
+              Numbers raw(4 * kSamples);
+              backend.nerf_forward(field, given_.rays(), given_.samples(), raw);
+              return {raw};
+            });
+    compare("nerf network, backward", behind_relus(9),
+            [&](Backend& backend) -> std::vector<Numbers> {
+              Numbers gradients(parameters.size());
+              backend.nerf_backward(field, given_.rays(), given_.samples(), given_.d_raw, gradients,
+                                    {});
+              return {gradients};
+            });
   }
 
   void score() {
     constexpr int kWidth = 31, kHeight = 26;
-    const Numbers rgb = random_numbers(3 * kWidth * kHeight, 11, 0, 1), other = random_numbers(rgb.size(), 12, 0, 255);
+    const Numbers rgb = random_numbers(3 * kWidth * kHeight, 11, 0, 1),
+                  other = random_numbers(rgb.size(), 12, 0, 255);
     const std::vector<std::uint8_t> truth(other.begin(), other.end());
     compare("score", kFp32, [&](Backend& backend) -> std::vector<Numbers> {
       const PictureScore score = backend.score({kWidth, kHeight, rgb, truth, {}});
-      return {{static_cast<float>(score.psnr_db)}, {static_cast<float>(score.ssim)}, {static_cast<float>(score.flip)}};
+      return {{static_cast<float>(score.psnr_db)},
+              {static_cast<float>(score.ssim)},
+              {static_cast<float>(score.flip)}};
     });
   }
 
@@ -218,7 +238,8 @@ std::unique_ptr<Backend> unless_it_errs(const std::function<std::unique_ptr<Back
   } catch (const DeviceError& error) {
     failure = error.what();
   }
-  std::fprintf(stderr, "redrive: the GPU is not taken, its self-test failed: %s\n", failure.c_str());
+  std::fprintf(stderr, "redrive: the GPU is not taken, its self-test failed: %s\n",
+               failure.c_str());
   return nullptr;
 }
 

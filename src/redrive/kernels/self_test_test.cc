@@ -28,8 +28,10 @@ TEST(SelfTest, NamesTheStageThatIsOff) {
               HasSubstr("grid network, forward gives what is not a number"));
   testing::internal::CaptureStderr();
   EXPECT_EQ(unless_it_errs([&] { return make_loop_backend(nullptr, true, &troubles); }), nullptr);
-  EXPECT_THAT(testing::internal::GetCapturedStderr(),
-              HasSubstr("redrive: the GPU is not taken, its self-test failed: grid network, forward gives what"));
+  EXPECT_THAT(
+      testing::internal::GetCapturedStderr(),
+      HasSubstr(
+          "redrive: the GPU is not taken, its self-test failed: grid network, forward gives what"));
 }
 
 TEST(SelfTest, SaysWhatTheDeviceDiedOf) {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What matter costs, so that there is none where no colour speaks for it; scalar, one ray, value and derivative together.
+// What matter costs, so that there is none where no colour speaks for it; scalar, one ray, value
+// and derivative together.
 #pragma once
 
 #include <cmath>
@@ -8,11 +9,13 @@
 
 namespace redrive {
 
-/// What is seen from a few views alone, or by nobody any more, keeps whatever matter once was put there: behind a lattice, below a car.
+/// What is seen from a few views alone, or by nobody any more, keeps whatever matter once was put
+/// there: behind a lattice, below a car.
 ///   L = sum over intervals of log(1 + x_i), x_i = density_i * length_i
-/// (after the sparsity loss of Hedman et al., "Baking Neural Radiance Fields for Real-Time View Synthesis", 2021, which has the squared density;
-/// here of the optical depth, so that the unit of length does not count). Rising ever slower, it does not ask surfaces to be
-/// thin. edges [n + 1], ascending; density >= 0. Adds scale * dL/d density to d_density [n]; returns L.
+/// (after the sparsity loss of Hedman et al., "Baking Neural Radiance Fields for Real-Time View
+/// Synthesis", 2021, which has the squared density; here of the optical depth, so that the unit of
+/// length does not count). Rising ever slower, it does not ask surfaces to be thin. edges [n + 1],
+/// ascending; density >= 0. Adds scale * dL/d density to d_density [n]; returns L.
 template <class T>
 REDRIVE_HD T empty_space_loss(const float* edges, const T* density, int n, T scale, T* d_density) {
   using std::log;

@@ -18,7 +18,8 @@ TEST(EmptySpaceLoss, HandComputed) {
   // Optical depths 0, 3, 0 (of no length) and e - 1.
   const double density[kParts] = {0, 2, 5, (std::exp(1.0) - 1) / 86.5};
   double d[kParts] = {1, 1, 1, 1};
-  EXPECT_NEAR(empty_space_loss(kEdgesOfSpace.data(), density, kParts, 10.0, d), std::log(4.0) + 1, 1e-12);
+  EXPECT_NEAR(empty_space_loss(kEdgesOfSpace.data(), density, kParts, 10.0, d), std::log(4.0) + 1,
+              1e-12);
   const double expected[kParts] = {11, 1 + 15.0 / 4, 1, 1 + 865 / std::exp(1.0)};
   for (int i = 0; i < kParts; ++i) EXPECT_NEAR(d[i], expected[i], 1e-9) << i;
 }
@@ -39,7 +40,8 @@ TEST(EmptySpaceLoss, UnitsOfLengthDoNotCount) {
   const float metres[] = {0, 1, 5}, centimetres[] = {0, 100, 500};
   const double per_m[] = {0.5, 2}, per_cm[] = {0.005, 0.02};
   double d[2] = {};
-  EXPECT_NEAR(empty_space_loss(metres, per_m, 2, 1.0, d), empty_space_loss(centimetres, per_cm, 2, 1.0, d), 1e-12);
+  EXPECT_NEAR(empty_space_loss(metres, per_m, 2, 1.0, d),
+              empty_space_loss(centimetres, per_cm, 2, 1.0, d), 1e-12);
 }
 
 }  // namespace

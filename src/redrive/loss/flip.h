@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// FLIP (Andersson et al. 2020, "FLIP: A Difference Evaluator for Alternating Images", LDR form): how different two pictures look to
-// somebody who flips between them. Needs no trained network. Here is what is done for one pixel, and the taps of the filters between:
-//   flip_opponent -> filters of colour -> flip_lab;  flip_luminance -> filters of features -> flip_length;  both pictures' -> flip_difference
+// FLIP (Andersson et al. 2020, "FLIP: A Difference Evaluator for Alternating Images", LDR form):
+// how different two pictures look to somebody who flips between them. Needs no trained network.
+// Here is what is done for one pixel, and the taps of the filters between:
+//   flip_opponent -> filters of colour -> flip_lab;  flip_luminance -> filters of features ->
+//   flip_length;  both pictures' -> flip_difference
 // Filters are separable and repeat what is at the border, as the paper does.
 #pragma once
 
@@ -50,7 +52,9 @@ REDRIVE_HD constexpr FlipMatrix flip_rgb_from_xyz() {
   return inverse;
 }
 
-REDRIVE_HD constexpr FlipColour flip_white() { return flip_product(flip_xyz_from_rgb(), {1, 1, 1}); }
+REDRIVE_HD constexpr FlipColour flip_white() {
+  return flip_product(flip_xyz_from_rgb(), {1, 1, 1});
+}
 
 REDRIVE_HD inline float linear_from_srgb(float x) {
   return x <= 0.04045f ? x / 12.92f : std::pow((x + 0.055f) / 1.055f, 2.4f);
@@ -68,7 +72,9 @@ REDRIVE_HD inline FlipColour flip_opponent(const FlipColour& srgb) {
 }
 
 /// The achromatic channel in [0, 1].
-REDRIVE_HD inline float flip_luminance(const FlipColour& opponent) { return (opponent[0] + 16) / 116; }
+REDRIVE_HD inline float flip_luminance(const FlipColour& opponent) {
+  return (opponent[0] + 16) / 116;
+}
 
 /// L*a*b* with the chroma scaled by 0.01 L (Hunt: colours of dark surfaces look less colourful).
 REDRIVE_HD inline FlipColour flip_hunt_lab(const FlipColour& linear) {
@@ -82,7 +88,8 @@ REDRIVE_HD inline FlipColour flip_hunt_lab(const FlipColour& linear) {
     f[k] = t > kDelta * kDelta * kDelta ? std::cbrt(t) : t / (3 * kDelta * kDelta) + 4.0f / 29;
   }
   const float lightness = 116 * f[1] - 16;
-  return {lightness, 0.01f * lightness * 500 * (f[0] - f[1]), 0.01f * lightness * 200 * (f[1] - f[2])};
+  return {lightness, 0.01f * lightness * 500 * (f[0] - f[1]),
+          0.01f * lightness * 200 * (f[1] - f[2])};
 }
 
 REDRIVE_HD inline double flip_hyab(const FlipColour& p, const FlipColour& q) {
@@ -90,14 +97,16 @@ REDRIVE_HD inline double flip_hyab(const FlipColour& p, const FlipColour& q) {
 }
 
 // Section 4.1.3 and 4.2: exponents and the knee of the map of colour differences to [0, 1].
-constexpr double kFlipColourExponent = 0.7, kFlipKneeAt = 0.4, kFlipKneeValue = 0.95, kFlipFeatureExponent = 0.5;
+constexpr double kFlipColourExponent = 0.7, kFlipKneeAt = 0.4, kFlipKneeValue = 0.95,
+                 kFlipFeatureExponent = 0.5;
 
 /// A filter's numbers at whole pixels around the middle one.
 template <int radius>
 using FlipTaps = std::array<float, 2 * radius + 1>;
 
 struct FlipFilters {
-  // Three standard deviations, in pixels: of section 4.1's widest Gaussian, 3 sqrt(0.04 / (2 pi^2)) 67.02 = 9.05; of features, 3 0.041 67.02 = 8.24.
+  // Three standard deviations, in pixels: of section 4.1's widest Gaussian, 3 sqrt(0.04 / (2
+  // pi^2)) 67.02 = 9.05; of features, 3 0.041 67.02 = 8.24.
   static constexpr int kColourRadius = 10, kFeatureRadius = 9, kTerms = 4;
 
   /// The eye's contrast sensitivity: a channel is the weighted sum of its terms, times its scale.
@@ -108,7 +117,8 @@ struct FlipFilters {
   };
   std::array<Term, kTerms> colour;
   FlipColour scale;
-  /// Of edges (the length of the gradient) and points (of the second derivatives): the derivative one way, smooth the other.
+  /// Of edges (the length of the gradient) and points (of the second derivatives): the derivative
+  /// one way, smooth the other.
   FlipTaps<kFeatureRadius> smooth, first, second;
   double largest;  ///< colour difference, green against blue
 };
@@ -126,12 +136,14 @@ FlipTaps<radius> flip_gaussian(double sigma_px, double* sum) {
 
 inline FlipFilters flip_filters() {
   FlipFilters filters{};
-  // Section 4.1: contrast sensitivity as sums of Gaussians a sqrt(pi / b) exp(-pi^2 x^2 / b), x in degrees.
+  // Section 4.1: contrast sensitivity as sums of Gaussians a sqrt(pi / b) exp(-pi^2 x^2 / b), x in
+  // degrees.
   struct Gaussian {
     int channel;
     double a, b;
   };
-  constexpr Gaussian kGaussians[] = {{0, 1, 0.0047}, {1, 1, 0.0053}, {2, 34.1, 0.04}, {2, 13.5, 0.025}};
+  constexpr Gaussian kGaussians[] = {
+      {0, 1, 0.0047}, {1, 1, 0.0053}, {2, 34.1, 0.04}, {2, 13.5, 0.025}};
   double weights[3]{};
   for (int t = 0; t < FlipFilters::kTerms; ++t) {
     const auto& [channel, a, b] = kGaussians[t];
@@ -139,14 +151,16 @@ inline FlipFilters flip_filters() {
     const double sigma_px = std::sqrt(b / 2) / std::numbers::pi * kFlipPixelsPerDegree;
     double sum = 0;
     const auto taps = flip_gaussian<FlipFilters::kColourRadius>(sigma_px, &sum);
-    const double weight = a * std::sqrt(std::numbers::pi / b) * sum * sum;  // of the two-dimensional kernel
+    const double weight =
+        a * std::sqrt(std::numbers::pi / b) * sum * sum;  // of the two-dimensional kernel
     filters.colour[t] = {channel, static_cast<float>(weight), taps};
     weights[channel] += weight;
   }
   for (int c = 0; c < 3; ++c) filters.scale[c] = static_cast<float>(1 / weights[c]);
 
   // Section 4.2. Kernels are scaled so that their positive and their negative parts each sum to 1.
-  constexpr double kFeatureWidth_deg = 0.082, kSigma_px = 0.5 * kFeatureWidth_deg * kFlipPixelsPerDegree;
+  constexpr double kFeatureWidth_deg = 0.082,
+                   kSigma_px = 0.5 * kFeatureWidth_deg * kFlipPixelsPerDegree;
   constexpr int kRadius = FlipFilters::kFeatureRadius;
   double sum = 0;
   filters.smooth = flip_gaussian<kRadius>(kSigma_px, &sum);
@@ -164,12 +178,15 @@ inline FlipFilters flip_filters() {
   filters.first = derivative([](int x) { return -x; });
   filters.second = derivative([](int x) { return x * x / (kSigma_px * kSigma_px) - 1; });
 
-  const volatile float one = 1;  // cube roots at run time, as those of pixels: a compiler's are rounded otherwise
-  filters.largest = std::pow(flip_hyab(flip_hunt_lab({0, one, 0}), flip_hunt_lab({0, 0, one})), kFlipColourExponent);
+  const volatile float one =
+      1;  // cube roots at run time, as those of pixels: a compiler's are rounded otherwise
+  filters.largest = std::pow(flip_hyab(flip_hunt_lab({0, one, 0}), flip_hunt_lab({0, 0, one})),
+                             kFlipColourExponent);
   return filters;
 }
 
-/// The picture as the eye resolves it, in Hunt-adjusted L*a*b*; `filtered`: the opponent channels by each term's filter.
+/// The picture as the eye resolves it, in Hunt-adjusted L*a*b*; `filtered`: the opponent channels
+/// by each term's filter.
 REDRIVE_HD inline FlipColour flip_lab(const FlipFilters& filters,
                                       const std::array<float, FlipFilters::kTerms>& filtered) {
   constexpr FlipColour kWhite = flip_white();
@@ -179,8 +196,8 @@ REDRIVE_HD inline FlipColour flip_lab(const FlipFilters& filters,
     opponent[filters.colour[t].channel] += filters.colour[t].weight * filtered[t];
   for (int c = 0; c < 3; ++c) opponent[c] *= filters.scale[c];
   const float y = (opponent[0] + 16) / 116;
-  FlipColour linear = flip_product(
-      kRgbFromXyz, {(y + opponent[1] / 500) * kWhite[0], y * kWhite[1], (y - opponent[2] / 200) * kWhite[2]});
+  FlipColour linear = flip_product(kRgbFromXyz, {(y + opponent[1] / 500) * kWhite[0], y * kWhite[1],
+                                                 (y - opponent[2] / 200) * kWhite[2]});
   for (float& value : linear) value = std::clamp(value, 0.0f, 1.0f);
   return flip_hunt_lab(linear);
 }
@@ -195,13 +212,16 @@ struct FlipSeen {
 };
 
 /// In [0, 1], 0 for what is seen alike.
-REDRIVE_HD inline double flip_difference(const FlipFilters& filters, const FlipSeen& a, const FlipSeen& b) {
-  const double value = std::pow(flip_hyab(a.lab, b.lab), kFlipColourExponent), knee = kFlipKneeAt * filters.largest;
-  const double colour = value < knee
-                            ? kFlipKneeValue / knee * value
-                            : kFlipKneeValue + (value - knee) / (filters.largest - knee) * (1 - kFlipKneeValue);
+REDRIVE_HD inline double flip_difference(const FlipFilters& filters, const FlipSeen& a,
+                                         const FlipSeen& b) {
+  const double value = std::pow(flip_hyab(a.lab, b.lab), kFlipColourExponent),
+               knee = kFlipKneeAt * filters.largest;
+  const double colour = value < knee ? kFlipKneeValue / knee * value
+                                     : kFlipKneeValue + (value - knee) / (filters.largest - knee) *
+                                                            (1 - kFlipKneeValue);
   const double edges = std::abs(a.edges - b.edges), points = std::abs(a.points - b.points);
-  const double feature = std::pow(std::min(1.0, std::max(edges, points) / std::numbers::sqrt2), kFlipFeatureExponent);
+  const double feature =
+      std::pow(std::min(1.0, std::max(edges, points) / std::numbers::sqrt2), kFlipFeatureExponent);
   return std::pow(colour, 1 - feature);
 }
 

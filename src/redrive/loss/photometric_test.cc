@@ -9,7 +9,8 @@ namespace redrive {
 namespace {
 
 TEST(Photometric, IsTheMeanSquaredErrorOfTheBatch) {
-  // Two rays: errors 1, 0, 0, 0.5, -0.5, 0: (1 + 0.25 + 0.25) / 6 = 0.25, exact in binary up to the sixth.
+  // Two rays: errors 1, 0, 0, 0.5, -0.5, 0: (1 + 0.25 + 0.25) / 6 = 0.25, exact in binary up to the
+  // sixth.
   const double rendered[6] = {1, 0.25, 0.5, 1, 0, 0.75}, target[6] = {0, 0.25, 0.5, 0.5, 0.5, 0.75};
   double loss = 0;
   for (int i = 0; i < 6; ++i) loss += photometric_term(rendered[i], target[i], 2).value;
@@ -20,7 +21,8 @@ TEST(Photometric, BatchIsTheSumOfItsTerms) {
   const float rendered[6] = {1, 0.25, 0.5, 1, 0, 0.75}, target[6] = {0, 0.25, 0.5, 0.5, 0.5, 0.75};
   float d_rgb[6];
   EXPECT_DOUBLE_EQ(photometric_batch(rendered, target, 2, d_rgb), 0.25);
-  for (int i = 0; i < 6; ++i) EXPECT_FLOAT_EQ(d_rgb[i], photometric_term(rendered[i], target[i], 2).derivative);
+  for (int i = 0; i < 6; ++i)
+    EXPECT_FLOAT_EQ(d_rgb[i], photometric_term(rendered[i], target[i], 2).derivative);
 }
 
 TEST(Photometric, DerivativeAgreesWithDualNumbers) {

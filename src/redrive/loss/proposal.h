@@ -6,14 +6,17 @@
 
 namespace redrive {
 
-/// The proposal must be an upper envelope of the field's weights (Barron et al., "Mip-NeRF 360", 2022, eq. 13): with bound_i the sum
-/// of the proposal's weights whose intervals overlap interval i,
+/// The proposal must be an upper envelope of the field's weights (Barron et al., "Mip-NeRF 360",
+/// 2022, eq. 13): with bound_i the sum of the proposal's weights whose intervals overlap interval
+/// i,
 ///   L = sum_i max(0, w_i - bound_i)^2 / (w_i + 1e-7).
-/// The field's weights count as constants. Adds scale * dL/d proposal weight to d_proposal [m]; returns L.
-/// edges [n + 1], weights [n]; proposal_edges [m + 1], proposal [m]; both tile the same ray.
+/// The field's weights count as constants. Adds scale * dL/d proposal weight to d_proposal [m];
+/// returns L. edges [n + 1], weights [n]; proposal_edges [m + 1], proposal [m]; both tile the same
+/// ray.
 template <class T>
-REDRIVE_HD T interlevel_loss(const float* edges, const T* weights, int n, const float* proposal_edges,
-                             const T* proposal, int m, T scale, T* d_proposal) {
+REDRIVE_HD T interlevel_loss(const float* edges, const T* weights, int n,
+                             const float* proposal_edges, const T* proposal, int m, T scale,
+                             T* d_proposal) {
   T loss(0);
   int first = 0;
   for (int i = 0; i < n; ++i) {
@@ -30,10 +33,12 @@ REDRIVE_HD T interlevel_loss(const float* edges, const T* weights, int n, const 
   return loss;
 }
 
-/// An envelope may be too wide, but not where a ray meets nothing: (sum of the proposal's weights - sum of the field's)^2. Otherwise
-/// nothing takes back what a proposal once saw in empty space. Adds scale * dL/d proposal weight; returns L.
+/// An envelope may be too wide, but not where a ray meets nothing: (sum of the proposal's weights -
+/// sum of the field's)^2. Otherwise nothing takes back what a proposal once saw in empty space.
+/// Adds scale * dL/d proposal weight; returns L.
 template <class T>
-REDRIVE_HD T opacity_loss(const T* weights, int n, const T* proposal, int m, T scale, T* d_proposal) {
+REDRIVE_HD T opacity_loss(const T* weights, int n, const T* proposal, int m, T scale,
+                          T* d_proposal) {
   T more(0);
   for (int j = 0; j < m; ++j) more += proposal[j];
   for (int i = 0; i < n; ++i) more -= weights[i];
@@ -46,10 +51,11 @@ constexpr double kOpacityWeight = 0.1;
 
 /// Both, arguments as interlevel_loss's.
 template <class T>
-REDRIVE_HD T proposal_loss(const float* edges, const T* weights, int n, const float* proposal_edges, const T* proposal,
-                           int m, T scale, T* d_proposal) {
+REDRIVE_HD T proposal_loss(const float* edges, const T* weights, int n, const float* proposal_edges,
+                           const T* proposal, int m, T scale, T* d_proposal) {
   return interlevel_loss(edges, weights, n, proposal_edges, proposal, m, scale, d_proposal) +
-         T(kOpacityWeight) * opacity_loss(weights, n, proposal, m, T(kOpacityWeight) * scale, d_proposal);
+         T(kOpacityWeight) *
+             opacity_loss(weights, n, proposal, m, T(kOpacityWeight) * scale, d_proposal);
 }
 
 }  // namespace redrive

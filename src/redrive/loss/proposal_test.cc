@@ -13,23 +13,28 @@
 namespace redrive {
 namespace {
 
-double uniform(std::uint64_t stream, std::uint64_t i) { return random_unit(random_key(5, kStreamTest, stream), i); }
+double uniform(std::uint64_t stream, std::uint64_t i) {
+  return random_unit(random_key(5, kStreamTest, stream), i);
+}
 
-/// A histogram over [1, 9], its inner edges multiples of 1/16, so that those of two histograms meet now and then.
+/// A histogram over [1, 9], its inner edges multiples of 1/16, so that those of two histograms meet
+/// now and then.
 struct Histogram {
   std::vector<float> edges = {1, 9};
   std::vector<double> weights;
 
   Histogram(int n, double total, std::uint64_t seed) {
-    for (int i = 1; i < n; ++i) edges.push_back(1 + std::floor(128 * static_cast<float>(uniform(seed, i))) / 16);
+    for (int i = 1; i < n; ++i)
+      edges.push_back(1 + std::floor(128 * static_cast<float>(uniform(seed, i))) / 16);
     std::sort(edges.begin(), edges.end());
     for (int i = 0; i < n; ++i) weights.push_back(2 * total / n * uniform(seed + 1000, i));
   }
   int n() const { return static_cast<int>(weights.size()); }
 };
 
-double loss_of(const Histogram& field, const Histogram& proposal, const std::vector<double>& proposal_weights,
-               double scale, std::vector<double>* d_proposal) {
+double loss_of(const Histogram& field, const Histogram& proposal,
+               const std::vector<double>& proposal_weights, double scale,
+               std::vector<double>* d_proposal) {
   return interlevel_loss(field.edges.data(), field.weights.data(), field.n(), proposal.edges.data(),
                          proposal_weights.data(), proposal.n(), scale, d_proposal->data());
 }
@@ -37,7 +42,8 @@ double loss_of(const Histogram& field, const Histogram& proposal, const std::vec
 TEST(InterlevelLoss, IsZeroForAnEnvelope) {
   const Histogram field(24, 0.9, 1);
   std::vector<double> d(24, 0.5);
-  // The same histogram; and one interval with all of the weight, or a little more than that for the rounding of the sum.
+  // The same histogram; and one interval with all of the weight, or a little more than that for the
+  // rounding of the sum.
   EXPECT_EQ(loss_of(field, field, field.weights, 1.0, &d), 0);
   EXPECT_EQ(d, std::vector<double>(24, 0.5));
   Histogram coarse(1, 0, 2);
@@ -48,7 +54,8 @@ TEST(InterlevelLoss, IsZeroForAnEnvelope) {
 }
 
 TEST(InterlevelLoss, HandComputed) {
-  // [0, 1] of weight 1/2 lies under 1/8 + 1/8, [1, 4] of weight 1/4 under 1/8 + 1: 1/4 is lacking of the first.
+  // [0, 1] of weight 1/2 lies under 1/8 + 1/8, [1, 4] of weight 1/4 under 1/8 + 1: 1/4 is lacking
+  // of the first.
   const float edges[] = {0, 1, 4}, proposal_edges[] = {0, 0.5f, 2, 4};
   const double weights[] = {0.5, 0.25}, proposal[] = {0.125, 0.125, 1};
   double d[3] = {0, 0, 7};
@@ -96,8 +103,9 @@ TEST(ProposalLoss, EnvelopesGoDownWhereTheFieldIsEmpty) {
   double sum = 0;
   for (const double w : proposal.weights) sum += w;
   std::vector<double> d(16);
-  const double loss = proposal_loss(field.edges.data(), field.weights.data(), 24, proposal.edges.data(),
-                                    proposal.weights.data(), 16, 1.0, d.data());
+  const double loss =
+      proposal_loss(field.edges.data(), field.weights.data(), 24, proposal.edges.data(),
+                    proposal.weights.data(), 16, 1.0, d.data());
   EXPECT_GT(loss, 1e-3);
   EXPECT_NEAR(loss, kOpacityWeight * sum * sum, 1e-15);
   for (const double of_weight : d) EXPECT_NEAR(of_weight, 2 * kOpacityWeight * sum, 1e-15);
@@ -110,16 +118,18 @@ TEST(ProposalLoss, DerivativeAgreesWithDualNumbers) {
     const Histogram field(24, 0.9, 400 + seed), proposal(kProposal, 0.6, 600 + seed);
     const double scale = 3;
     std::vector<double> d(kProposal, 0.25);
-    proposal_loss(field.edges.data(), field.weights.data(), field.n(), proposal.edges.data(), proposal.weights.data(),
-                  kProposal, scale, d.data());
+    proposal_loss(field.edges.data(), field.weights.data(), field.n(), proposal.edges.data(),
+                  proposal.weights.data(), kProposal, scale, d.data());
     std::vector<D> weights(kProposal), ignored(kProposal);
     for (int j = 0; j < kProposal; ++j) weights[j] = D::variable(proposal.weights[j], j);
     const std::vector<D> of_field(field.weights.begin(), field.weights.end());
-    const D loss = proposal_loss(field.edges.data(), of_field.data(), field.n(), proposal.edges.data(), weights.data(),
-                                 kProposal, D(1), ignored.data());
+    const D loss =
+        proposal_loss(field.edges.data(), of_field.data(), field.n(), proposal.edges.data(),
+                      weights.data(), kProposal, D(1), ignored.data());
     EXPECT_GT(loss.value, 1e-3);
     // At most 25 terms of at most 2 scale.
-    for (int j = 0; j < kProposal; ++j) EXPECT_NEAR(d[j], 0.25 + scale * loss.d[j], 25 * 8 * 2 * scale * 0x1p-53) << j;
+    for (int j = 0; j < kProposal; ++j)
+      EXPECT_NEAR(d[j], 0.25 + scale * loss.d[j], 25 * 8 * 2 * scale * 0x1p-53) << j;
   }
 }
 

@@ -16,7 +16,8 @@ const std::vector<float> kEdges = {1, 2, 3.5f, 4, 4.25f, 4.5f, 5, 7, 20, 90};
 constexpr int kIntervals = 9;
 
 TEST(RangeLoss, IsZeroWhereTheWeightsAreTheSurface) {
-  // All of a surface at 4.4 m that is known to 1 mm lies in [4.25, 4.5]: nothing before, anything behind.
+  // All of a surface at 4.4 m that is known to 1 mm lies in [4.25, 4.5]: nothing before, anything
+  // behind.
   const double weights[kIntervals] = {0, 0, 0, 0, 1, 0.3, 0, 0.2, 0.1};
   double d[kIntervals];
   EXPECT_NEAR(range_loss(kEdges.data(), weights, kIntervals, 4.4f, 1e-3f, 1.0, d), 0, 1e-12);
@@ -24,7 +25,8 @@ TEST(RangeLoss, IsZeroWhereTheWeightsAreTheSurface) {
 }
 
 TEST(RangeLoss, HandComputed) {
-  // The surface lies on the edge between [4, 4.25] and [4.25, 4.5], half of it in either; [4.5, 5] begins beyond three spreads.
+  // The surface lies on the edge between [4, 4.25] and [4.25, 4.5], half of it in either; [4.5, 5]
+  // begins beyond three spreads.
   double weights[kIntervals] = {0.1, 0, 0, 0.5, 0.25, 0.7, 0, 0, 0}, d[kIntervals];
   const double loss = range_loss(kEdges.data(), weights, kIntervals, 4.25f, 0.01f, 10.0, d);
   EXPECT_NEAR(loss, 0.01 + 0.0625, 1e-7);
@@ -51,7 +53,8 @@ TEST(RangeLoss, DerivativeAgreesWithDualNumbers) {
     dual[i] = D::variable(weights[i], i);
   }
   range_loss(kEdges.data(), weights.data(), kIntervals, 4.3f, 0.5f, 3.0, d.data());
-  const D loss = range_loss(kEdges.data(), dual.data(), kIntervals, 4.3f, 0.5f, D(1), ignored.data());
+  const D loss =
+      range_loss(kEdges.data(), dual.data(), kIntervals, 4.3f, 0.5f, D(1), ignored.data());
   EXPECT_GT(loss.value, 1e-3);
   for (int i = 0; i < kIntervals; ++i) EXPECT_NEAR(d[i], 3 * loss.d[i], 1e-14) << i;
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// SSIM of one window of one channel: Wang et al. 2004 as scikit-image computes it with gaussian_weights=True, sigma=1.5,
-// use_sample_covariance=False, data_range=1 (11x11 window, K1 0.01, K2 0.03). In [-1, 1], 1 for equal windows; symmetric.
+// SSIM of one window of one channel: Wang et al. 2004 as scikit-image computes it with
+// gaussian_weights=True, sigma=1.5, use_sample_covariance=False, data_range=1 (11x11 window, K1
+// 0.01, K2 0.03). In [-1, 1], 1 for equal windows; symmetric.
 #pragma once
 
 #include <array>
@@ -46,7 +47,8 @@ struct SsimMeans {
 
 REDRIVE_HD inline double ssim_of(const SsimMeans& mean) {
   constexpr double kC1 = 0.01 * 0.01, kC2 = 0.03 * 0.03;  // (K data_range)^2
-  const double var_x = mean.xx - mean.x * mean.x, var_y = mean.yy - mean.y * mean.y, cov = mean.xy - mean.x * mean.y;
+  const double var_x = mean.xx - mean.x * mean.x, var_y = mean.yy - mean.y * mean.y,
+               cov = mean.xy - mean.x * mean.y;
   return (2 * mean.x * mean.y + kC1) * (2 * cov + kC2) /
          ((mean.x * mean.x + mean.y * mean.y + kC1) * (var_x + var_y + kC2));
 }

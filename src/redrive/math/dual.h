@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Forward-mode automatic differentiation: a number that carries its value and N derivatives. Every scalar function
-// of redrive is templated, so Dual<double, N> gives its exact derivative: the oracle that adjoints are tested against.
+// Forward-mode automatic differentiation: a number that carries its value and N derivatives. Every
+// scalar function of redrive is templated, so Dual<double, N> gives its exact derivative: the
+// oracle that adjoints are tested against.
 //   f(a + e) = f(a) + f'(a) e  with e^2 = 0;  chain rule per operation.
 #pragma once
 
@@ -19,7 +20,8 @@ struct Dual {
   constexpr Dual() = default;
   template <class U>
   requires std::convertible_to<U, T>
-  constexpr Dual(U constant) : value(static_cast<T>(constant)) {}  // NOLINT: a constant is a Dual without derivatives
+  constexpr Dual(U constant)
+      : value(static_cast<T>(constant)) {}  // NOLINT: a constant is a Dual without derivatives
 
   /// The i-th independent variable at `value`.
   static constexpr Dual variable(T value, std::size_t i) {
@@ -28,7 +30,8 @@ struct Dual {
     return x;
   }
 
-  /// f(x) given f and f' at x.value. A zero derivative stays zero even where the slope is infinite (sqrt at 0).
+  /// f(x) given f and f' at x.value. A zero derivative stays zero even where the slope is infinite
+  /// (sqrt at 0).
   constexpr Dual chain(T f, T slope) const {
     Dual y(f);
     for (std::size_t i = 0; i < N; ++i) y.d[i] = d[i] == T(0) ? T(0) : slope * d[i];
@@ -83,7 +86,9 @@ struct Dual {
     const T t = std::tan(a.value);
     return a.chain(t, T(1) + t * t);
   }
-  friend Dual atan(const Dual& a) { return a.chain(std::atan(a.value), T(1) / (T(1) + a.value * a.value)); }
+  friend Dual atan(const Dual& a) {
+    return a.chain(std::atan(a.value), T(1) / (T(1) + a.value * a.value));
+  }
   friend Dual atan2(const Dual& y, const Dual& x) {
     const T square = x.value * x.value + y.value * y.value;
     Dual angle = y.chain(std::atan2(y.value, x.value), x.value / square);
@@ -94,7 +99,8 @@ struct Dual {
     const T p = std::pow(a.value, b.value);
     Dual y = a.chain(p, b.value * std::pow(a.value, b.value - T(1)));
     for (std::size_t i = 0; i < N; ++i)
-      if (b.d[i] != T(0)) y.d[i] += p * std::log(a.value) * b.d[i];  // log(a) may be NaN where b is a constant
+      if (b.d[i] != T(0))
+        y.d[i] += p * std::log(a.value) * b.d[i];  // log(a) may be NaN where b is a constant
     return y;
   }
   friend constexpr Dual abs(const Dual& a) { return a.value < T(0) ? -a : a; }

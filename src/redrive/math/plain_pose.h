@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Poses as plain numbers, for what runs on a GPU as well: rays turned into the world, and the way between two poses.
+// Poses as plain numbers, for what runs on a GPU as well: rays turned into the world, and the way
+// between two poses.
 #pragma once
 
 #include <cmath>
@@ -19,7 +20,8 @@ struct PlainPose : PlainMotion {
   double quaternion[4] = {0, 0, 0, 1};
 };
 
-/// Coordinate k of the vector, turned. The third sum is Eigen's, too, which adds it the other way round: rays keep their bits.
+/// Coordinate k of the vector, turned. The third sum is Eigen's, too, which adds it the other way
+/// round: rays keep their bits.
 REDRIVE_HD inline double turned(const PlainMotion& motion, const double* vector, int k) {
   const double x = motion.rotation[3 * k] * vector[0], y = motion.rotation[3 * k + 1] * vector[1],
                z = motion.rotation[3 * k + 2] * vector[2];
@@ -57,7 +59,8 @@ REDRIVE_HD inline double quaternion_dot(const double* a, const double* b) {
   return (a[0] * b[0] + a[2] * b[2]) + (a[1] * b[1] + a[3] * b[3]);
 }
 
-/// `part` of the way from a (0) to b (1), or beyond: straight on, along the shortest turn (Shoemake 1985, slerp), at one speed.
+/// `part` of the way from a (0) to b (1), or beyond: straight on, along the shortest turn (Shoemake
+/// 1985, slerp), at one speed.
 REDRIVE_HD inline PlainPose between(const PlainPose& a, const PlainPose& b, double part) {
   constexpr double kSame = 1 - 0x1p-52;  // no turn to speak of: its sine would be 0
   const double cosine = quaternion_dot(a.quaternion, b.quaternion), least = std::fabs(cosine);
@@ -73,11 +76,12 @@ REDRIVE_HD inline PlainPose between(const PlainPose& a, const PlainPose& b, doub
   for (int i = 0; i < 4; ++i) q[i] = of_a * a.quaternion[i] + of_b * b.quaternion[i];
   const double length = std::sqrt(quaternion_dot(q, q));
   for (int i = 0; i < 4; ++i) q[i] /= length;
-  for (int i = 0; i < 3; ++i) pose.translation[i] = a.translation[i] + part * (b.translation[i] - a.translation[i]);
+  for (int i = 0; i < 3; ++i)
+    pose.translation[i] = a.translation[i] + part * (b.translation[i] - a.translation[i]);
 
   const double x = 2 * q[0], y = 2 * q[1], z = 2 * q[2];
-  const double wx = x * q[3], wy = y * q[3], wz = z * q[3], xx = x * q[0], xy = y * q[0], xz = z * q[0], yy = y * q[1],
-               yz = z * q[1], zz = z * q[2];
+  const double wx = x * q[3], wy = y * q[3], wz = z * q[3], xx = x * q[0], xy = y * q[0],
+               xz = z * q[0], yy = y * q[1], yz = z * q[1], zz = z * q[2];
   const double rotation[9] = {1 - (yy + zz), xy - wz, xz + wy, xy + wz,      1 - (xx + zz),
                               yz - wx,       xz - wy, yz + wx, 1 - (xx + yy)};
   for (int i = 0; i < 9; ++i) pose.rotation[i] = rotation[i];

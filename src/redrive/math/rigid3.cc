@@ -28,7 +28,9 @@ Rigid3d rigid(const PlainPose& pose) {
   return out;
 }
 
-Rigid3d between(const Rigid3d& a, const Rigid3d& b, double part) { return rigid(between(plain(a), plain(b), part)); }
+Rigid3d between(const Rigid3d& a, const Rigid3d& b, double part) {
+  return rigid(between(plain(a), plain(b), part));
+}
 
 std::string rigid_obstacle(const Eigen::Matrix4d& matrix) {
   constexpr double kOrthonormal = 1e-3, kLastRow = 1e-9;
@@ -39,7 +41,8 @@ std::string rigid_obstacle(const Eigen::Matrix4d& matrix) {
     return why.str();
   }
   const Eigen::Matrix3d rotation = matrix.topLeftCorner<3, 3>();
-  const double deviation = (rotation * rotation.transpose() - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();
+  const double deviation =
+      (rotation * rotation.transpose() - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();
   if (!(deviation <= kOrthonormal)) {  // so that inf - inf of huge entries is refused, too
     why << "not a rotation: rows not orthonormal by " << deviation;
   } else if (const double det = rotation.determinant(); det < 0) {
@@ -52,7 +55,8 @@ Rigid3d rigid_from_json(const JsonField& field) {
   const Eigen::Matrix4d matrix = field.matrix4();
   if (const std::string why = rigid_obstacle(matrix); !why.empty()) field.fail(why);
   // Nearest rotation in the Frobenius norm (Schoenemann 1966): R = U V^T; det > 0 is checked above.
-  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(matrix.topLeftCorner<3, 3>(), Eigen::ComputeFullU | Eigen::ComputeFullV);
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(matrix.topLeftCorner<3, 3>(),
+                                              Eigen::ComputeFullU | Eigen::ComputeFullV);
   Rigid3d transform = Rigid3d::Identity();
   transform.linear() = svd.matrixU() * svd.matrixV().transpose();
   transform.translation() = matrix.topRightCorner<3, 1>();

@@ -35,7 +35,8 @@ TEST(RigidObstacle, AcceptsARotationAndSaysWhatIsWrongWithOthers) {
 }
 
 TEST(RigidFromJson, ReadsRowMajorAndRestoresTheNearestRotation) {
-  const nlohmann::json json = {{0, -1.0003, 0, 4e6}, {0.9998, 0, 0, 20}, {0, 0, 1, 30}, {0, 0, 0, 1}};
+  const nlohmann::json json = {
+      {0, -1.0003, 0, 4e6}, {0.9998, 0, 0, 20}, {0, 0, 1, 30}, {0, 0, 0, 1}};
   const Rigid3d transform = rigid_from_json(JsonField(json, "pose.json"));
   EXPECT_EQ(transform.translation(), Eigen::Vector3d(4e6, 20, 30));
   const Eigen::Matrix3d r = transform.linear();
@@ -49,11 +50,13 @@ TEST(RigidFromJson, NamesFileFieldAndRule) {
     rigid_from_json(JsonField(json, "pose.json").at("pose"));
     FAIL() << "a reflection was accepted";
   } catch (const InputError& error) {
-    EXPECT_THAT(error.what(), testing::AllOf(HasSubstr("pose.json: pose = [["), HasSubstr("det = -1")));
+    EXPECT_THAT(error.what(),
+                testing::AllOf(HasSubstr("pose.json: pose = [["), HasSubstr("det = -1")));
   }
 }
 
-// In plain numbers as by Eigen, to a few units in the last place: short turns, half turns, none, and quaternions of either sign.
+// In plain numbers as by Eigen, to a few units in the last place: short turns, half turns, none,
+// and quaternions of either sign.
 TEST(PlainPose, LiesBetweenTwoAsEigensSlerpSays) {
   for (int i = 0; i < 200; ++i) {
     const Eigen::Vector3d axis = Eigen::Vector3d(std::sin(i), std::cos(3 * i), 0.3).normalized();
@@ -67,10 +70,12 @@ TEST(PlainPose, LiesBetweenTwoAsEigensSlerpSays) {
     b.translation() += Eigen::Vector3d(1, 2, 3);
     for (const double part : {0.0, 0.25, 1.0, 1.5}) {
       const Rigid3d got = between(a, b, part);
-      const Eigen::Matrix3d expected =
-          Eigen::Quaterniond(a.linear()).slerp(part, Eigen::Quaterniond(b.linear())).toRotationMatrix();
+      const Eigen::Matrix3d expected = Eigen::Quaterniond(a.linear())
+                                           .slerp(part, Eigen::Quaterniond(b.linear()))
+                                           .toRotationMatrix();
       EXPECT_LT((got.linear() - expected).cwiseAbs().maxCoeff(), 2e-15) << i << ", " << part;
-      EXPECT_LT((got.translation() - (a.translation() + part * Eigen::Vector3d(1, 2, 3))).norm(), 1e-13);
+      EXPECT_LT((got.translation() - (a.translation() + part * Eigen::Vector3d(1, 2, 3))).norm(),
+                1e-13);
     }
   }
 }
@@ -79,19 +84,22 @@ TEST(PlainPose, TurnsVectorsAsItsMatrix) {
   Rigid3d pose(Eigen::AngleAxisd(0.9, Eigen::Vector3d(1, -2, 3).normalized()));
   pose.translation() = Eigen::Vector3d(4, 5, 6);
   const Eigen::Vector3d vector(0.3, -0.7, 0.2), expected = pose.linear() * vector;
-  for (int k = 0; k < 3; ++k) EXPECT_NEAR(turned(plain(pose), vector.data(), k), expected[k], 1e-15);
+  for (int k = 0; k < 3; ++k)
+    EXPECT_NEAR(turned(plain(pose), vector.data(), k), expected[k], 1e-15);
   EXPECT_EQ((rigid(plain(pose)).matrix() - pose.matrix()).cwiseAbs().maxCoeff(), 0);
 }
 
 TEST(PlainMotion, MovesPointsAndIsChainedAndInvertedAsEigenDoes) {
   for (int i = 0; i < 100; ++i) {
-    Rigid3d a(Eigen::AngleAxisd(0.7 * i, Eigen::Vector3d(std::sin(i), std::cos(3 * i), 0.3).normalized())),
+    Rigid3d a(Eigen::AngleAxisd(0.7 * i,
+                                Eigen::Vector3d(std::sin(i), std::cos(3 * i), 0.3).normalized())),
         b(Eigen::AngleAxisd(0.3 * i, Eigen::Vector3d(1, -2, std::sin(2 * i)).normalized()));
     a.translation() = Eigen::Vector3d(6.4e6, 5, i);
     b.translation() = Eigen::Vector3d(-7, 2e3, i);
     const Eigen::Vector3d point(0.3 * i, -0.7, 20), expected = a * b.inverse() * point;
     const PlainMotion motion = product(plain(a), inverse(plain(b)));
-    for (int k = 0; k < 3; ++k) EXPECT_NEAR(moved(motion, point.data(), k), expected[k], 2e-9) << "a step at 6.4e6";
+    for (int k = 0; k < 3; ++k)
+      EXPECT_NEAR(moved(motion, point.data(), k), expected[k], 2e-9) << "a step at 6.4e6";
   }
 }
 

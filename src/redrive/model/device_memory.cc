@@ -24,7 +24,8 @@ RayBatch rays_for_counting(int n, bool refines) {
 /// The parameters as if no backend kept them, until this goes.
 class Unkept {
  public:
-  explicit Unkept(const Buffer<float>& numbers) : numbers_(numbers), kept_(std::exchange(numbers.elsewhere, nullptr)) {}
+  explicit Unkept(const Buffer<float>& numbers)
+      : numbers_(numbers), kept_(std::exchange(numbers.elsewhere, nullptr)) {}
   ~Unkept() { numbers_.elsewhere = std::move(kept_); }
   Unkept(const Unkept&) = delete;
   Unkept& operator=(const Unkept&) = delete;
@@ -36,7 +37,8 @@ class Unkept {
 
 }  // namespace
 
-std::optional<std::uint64_t> device_bytes(const kernels::Backend& backend, const Model& model, const DeviceWork& work) {
+std::optional<std::uint64_t> device_bytes(const kernels::Backend& backend, const Model& model,
+                                          const DeviceWork& work) {
   kernels::CountedBytes count;
   const auto counting = backend.counting(&count);
   if (!counting) return std::nullopt;
@@ -48,11 +50,13 @@ std::optional<std::uint64_t> device_bytes(const kernels::Backend& backend, const
     for (auto& moment : moments) moment = counting->keep(gradients.span());
   }
   Workspace workspace;
-  // Which places of the workspace a batch takes, depends on whether some of its rays are empty; each keeps what it once had.
+  // Which places of the workspace a batch takes, depends on whether some of its rays are empty;
+  // each keeps what it once had.
   for (const bool all_live : {true, false, true}) {
     count.all_live = all_live;
     if (work.step_rays > 0)
-      model.gradients(*counting, rays_for_counting(work.step_rays, work.refines), 0, 0, gradients, &workspace);
+      model.gradients(*counting, rays_for_counting(work.step_rays, work.refines), 0, 0, gradients,
+                      &workspace);
     if (work.lidar_rays > 0) {
       RayBatch lidar = rays_for_counting(work.lidar_rays, false);
       lidar.range_m.resize(work.lidar_rays);
@@ -64,7 +68,8 @@ std::optional<std::uint64_t> device_bytes(const kernels::Backend& backend, const
       std::vector<float> picture(5 * static_cast<std::size_t>(work.tile_rays));
       const std::span<float> all(picture);
       const std::size_t n = work.tile_rays;
-      model.render(*counting, tile, {all.first(3 * n), all.subspan(3 * n, n), all.last(n), {}}, &workspace);
+      model.render(*counting, tile, {all.first(3 * n), all.subspan(3 * n, n), all.last(n), {}},
+                   &workspace);
     }
     if (work.scored_width > 0) {
       const std::size_t n = static_cast<std::size_t>(work.scored_width) * work.scored_height;

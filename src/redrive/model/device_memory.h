@@ -9,8 +9,8 @@
 
 namespace redrive {
 
-/// What is asked of a model, and of the backend with its pictures: rays of the largest batch of each kind, the largest picture that is
-/// scored; 0: none.
+/// What is asked of a model, and of the backend with its pictures: rays of the largest batch of
+/// each kind, the largest picture that is scored; 0: none.
 struct DeviceWork {
   int step_rays = 0, lidar_rays = 0, tile_rays = 0;
   bool refines = false;  ///< RayBatch::refines
@@ -18,8 +18,9 @@ struct DeviceWork {
   int scored_width = 0, scored_height = 0;
 };
 
-/// Bytes at the peak, counted by going through all of it without computing (kernels::Backend::counting); nothing where the backend works in
-/// the host's memory.
-std::optional<std::uint64_t> device_bytes(const kernels::Backend& backend, const Model& model, const DeviceWork& work);
+/// Bytes at the peak, counted by going through all of it without computing
+/// (kernels::Backend::counting); nothing where the backend works in the host's memory.
+std::optional<std::uint64_t> device_bytes(const kernels::Backend& backend, const Model& model,
+                                          const DeviceWork& work);
 
 }  // namespace redrive

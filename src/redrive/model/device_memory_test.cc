@@ -25,7 +25,8 @@ RayBatch batch_of(int n, bool refines) {
   return batch;
 }
 
-/// What the loops take: of the same work, but place by place where a GPU's blocks are cut from one (kernels/cuda/slab.h).
+/// What the loops take: of the same work, but place by place where a GPU's blocks are cut from one
+/// (kernels/cuda/slab.h).
 std::size_t taken(const Model& model, const DeviceWork& work, bool tensor_cores) {
   kernels::DeviceCopies copies;
   const auto backend = kernels::make_loop_backend(&copies, tensor_cores);
@@ -38,7 +39,8 @@ std::size_t taken(const Model& model, const DeviceWork& work, bool tensor_cores)
   }
   for (int again = 0; again < 2; ++again) {
     if (work.step_rays > 0)
-      model.gradients(*backend, batch_of(work.step_rays, work.refines), 1, again, gradients, &workspace);
+      model.gradients(*backend, batch_of(work.step_rays, work.refines), 1, again, gradients,
+                      &workspace);
     if (work.lidar_rays > 0) {
       RayBatch lidar = batch_of(work.lidar_rays, false);
       lidar.range_m.assign(work.lidar_rays, 2.0f);
@@ -47,7 +49,8 @@ std::size_t taken(const Model& model, const DeviceWork& work, bool tensor_cores)
     if (work.tile_rays > 0) {
       const std::size_t n = work.tile_rays;
       std::vector<float> rgb(3 * n), depth(n), opacity(n);
-      model.render(*backend, batch_of(work.tile_rays, false), {rgb, depth, opacity, {}}, &workspace);
+      model.render(*backend, batch_of(work.tile_rays, false), {rgb, depth, opacity, {}},
+                   &workspace);
     }
     if (work.scored_width > 0) {
       const std::size_t n = static_cast<std::size_t>(work.scored_width) * work.scored_height;
@@ -62,12 +65,15 @@ std::size_t taken(const Model& model, const DeviceWork& work, bool tensor_cores)
 void expect_what_is_taken(const Model& model) {
   for (const bool tensor_cores : {true, false})
     for (const DeviceWork& work :
-         {DeviceWork{.step_rays = 200, .trains = true}, DeviceWork{.step_rays = 200, .refines = true},
-          DeviceWork{.step_rays = 50, .lidar_rays = 300, .trains = true}, DeviceWork{.tile_rays = 400},
+         {DeviceWork{.step_rays = 200, .trains = true},
+          DeviceWork{.step_rays = 200, .refines = true},
+          DeviceWork{.step_rays = 50, .lidar_rays = 300, .trains = true},
+          DeviceWork{.tile_rays = 400},
           DeviceWork{.tile_rays = 40, .scored_width = 90, .scored_height = 70}}) {
-      SCOPED_TRACE(std::to_string(work.step_rays) + " rays, " + std::to_string(work.lidar_rays) + " of LiDAR, " +
-                   std::to_string(work.tile_rays) + " of a tile, scored " + std::to_string(work.scored_width) +
-                   " pixels wide, tensor cores " + std::to_string(tensor_cores));
+      SCOPED_TRACE(std::to_string(work.step_rays) + " rays, " + std::to_string(work.lidar_rays) +
+                   " of LiDAR, " + std::to_string(work.tile_rays) + " of a tile, scored " +
+                   std::to_string(work.scored_width) + " pixels wide, tensor cores " +
+                   std::to_string(tensor_cores));
       const auto backend = kernels::make_loop_backend(nullptr, tensor_cores);
       const auto bytes = device_bytes(*backend, model, work);
       const std::size_t real = taken(model, work, tensor_cores);

@@ -16,7 +16,8 @@ constexpr int kRaysPerTaughtRay = 4;
 // time of a point leave uncertain.
 constexpr float kFirstSpread_m = 1, kLastSpread_m = 0.1f, kSpreadHalvesIn = 300;  // m, m, steps
 
-/// A ray on which the proposals see less than this is taken for empty: at most two and a half steps of 255.
+/// A ray on which the proposals see less than this is taken for empty: at most two and a half steps
+/// of 255.
 constexpr float kEmptyOpacity = 0.01f;
 /// Of those in training, so that what grows there is seen.
 constexpr float kEmptyRaysKept = 1 / 16.0f;
@@ -47,7 +48,8 @@ RayBatch middles_of_groups(const RayBatch& batch) {
 /// For each ray the number of its group.
 std::vector<std::uint32_t> groups_of_rays(std::span<const std::uint32_t> group) {
   std::vector<std::uint32_t> out(group.back());
-  for (std::uint32_t g = 0; g + 1 < group.size(); ++g) std::fill(out.begin() + group[g], out.begin() + group[g + 1], g);
+  for (std::uint32_t g = 0; g + 1 < group.size(); ++g)
+    std::fill(out.begin() + group[g], out.begin() + group[g + 1], g);
   return out;
 }
 
@@ -60,7 +62,9 @@ struct GridModel::Chance {
 
   Chance(std::uint64_t seed, std::uint64_t stream, std::int64_t step, const RayBatch& batch) {
     const auto first = 4 * static_cast<std::uint64_t>(step);
-    const auto key = [&](int k) { return key_from(random_key(seed, stream, first + k), batch.first_ray); };
+    const auto key = [&](int k) {
+      return key_from(random_key(seed, stream, first + k), batch.first_ray);
+    };
     for (int round = 0; round < 3; ++round) of_round[round] = key(round);
     of_empty = key(3);
   }
@@ -73,7 +77,8 @@ struct GridModel::Beams {
 
   Beams() = default;
   Beams(const RayBatch& batch, Workspace* workspace)
-      : rays(put_rays(batch, workspace)), pixel_angle(workspace->put(std::span(batch.pixel_angle).first(batch.n))) {}
+      : rays(put_rays(batch, workspace)),
+        pixel_angle(workspace->put(std::span(batch.pixel_angle).first(batch.n))) {}
 };
 
 /// Intervals of one round with their points.
@@ -117,18 +122,20 @@ struct GridModel::Pass {
 };
 
 GridModel::Round GridModel::place(kernels::Backend& backend, const Beams& beams, int per_ray,
-                                  std::span<const float> edges, float least_width, Workspace* workspace) const {
+                                  std::span<const float> edges, float least_width,
+                                  Workspace* workspace) const {
   const std::size_t count = static_cast<std::size_t>(beams.rays.n) * per_ray;
   const auto position = workspace->take(3 * count), footprint = workspace->take(count);
   Round round;
   round.intervals = {per_ray, edges};
-  backend.grid().contract(contraction, beams.rays, beams.pixel_angle, round.intervals, least_width, position,
-                          footprint);
+  backend.grid().contract(contraction, beams.rays, beams.pixel_angle, round.intervals, least_width,
+                          position, footprint);
   round.points = {count, position, footprint};
   return round;
 }
 
-void GridModel::look_at_sky(kernels::Backend& backend, const RayBatch& batch, Pass* pass, Workspace* workspace) const {
+void GridModel::look_at_sky(kernels::Backend& backend, const RayBatch& batch, Pass* pass,
+                            Workspace* workspace) const {
   if (sky.levels == 0 && !batch.background.empty()) {
     pass->background = workspace->put(batch.background);
     return;
@@ -141,8 +148,8 @@ void GridModel::look_at_sky(kernels::Backend& backend, const RayBatch& batch, Pa
     backend.grid().sky(grid(kSkyGrid), pass->all.rays, pass->all.pixel_angle, colour);
 }
 
-GridModel::Pass GridModel::propose(kernels::Backend& backend, const RayBatch& batch, const Chance* chance,
-                                   Workspace* workspace) const {
+GridModel::Pass GridModel::propose(kernels::Backend& backend, const RayBatch& batch,
+                                   const Chance* chance, Workspace* workspace) const {
   kernels::keep(backend, parameters);
   kernels::GridStages& stages = backend.grid();
   const bool jitter = chance != nullptr;
@@ -152,7 +159,8 @@ GridModel::Pass GridModel::propose(kernels::Backend& backend, const RayBatch& ba
   };
   const auto draw = [&](int n, const Round& from, int per_ray, int round) {
     const auto edges = edges_for(n, per_ray);
-    stages.proposed(n, from.intervals, from.weights, {per_ray, proposal_padding, jitter, key(round)}, edges);
+    stages.proposed(n, from.intervals, from.weights,
+                    {per_ray, proposal_padding, jitter, key(round)}, edges);
     return edges;
   };
   const auto look = [&](const Beams& beams, int per_ray, std::span<const float> edges) {
@@ -184,7 +192,8 @@ GridModel::Pass GridModel::propose(kernels::Backend& backend, const RayBatch& ba
   return pass;
 }
 
-void GridModel::find_live(kernels::Backend& backend, const Chance* chance, Pass* pass, Workspace* workspace) const {
+void GridModel::find_live(kernels::Backend& backend, const Chance* chance, Pass* pass,
+                          Workspace* workspace) const {
   using kernels::RayLayout;
   kernels::GridStages& stages = backend.grid();
   const Beams& all = pass->all;
@@ -217,8 +226,9 @@ void GridModel::sample(kernels::Backend& backend, Pass* pass, Workspace* workspa
   stages.network_forward(network(), live, samples, pass->features, pass->harmonics, pass->raw);
 }
 
-GridModel::Pass GridModel::forward(kernels::Backend& backend, const RayBatch& batch, const Chance* chance,
-                                   const kernels::CompositeOut& out, Workspace* workspace) const {
+GridModel::Pass GridModel::forward(kernels::Backend& backend, const RayBatch& batch,
+                                   const Chance* chance, const kernels::CompositeOut& out,
+                                   Workspace* workspace) const {
   using kernels::RayLayout;
   kernels::GridStages& stages = backend.grid();
   Pass pass = propose(backend, batch, chance, workspace);
@@ -230,9 +240,10 @@ GridModel::Pass GridModel::forward(kernels::Backend& backend, const RayBatch& ba
   const auto t = workspace->take(count), dt = workspace->take(count);
   stages.middles(live, pass.field.intervals, t, dt);
   pass.samples = {samples, t, dt};
-  const kernels::CompositeOut seen = {
-      pass.room_of_live(out.rgb, 3, workspace), pass.room_of_live(out.depth, 1, workspace),
-      pass.room_of_live(out.opacity, 1, workspace), pass.room_of_live(out.weights, samples, workspace)};
+  const kernels::CompositeOut seen = {pass.room_of_live(out.rgb, 3, workspace),
+                                      pass.room_of_live(out.depth, 1, workspace),
+                                      pass.room_of_live(out.opacity, 1, workspace),
+                                      pass.room_of_live(out.weights, samples, workspace)};
   backend.composite_forward(live, pass.samples, pass.raw, pass.background_of_live, seen);
   pass.to_all(stages, RayLayout::kColumns, seen.rgb, pass.background, out.rgb);
   pass.to_all(stages, RayLayout::kRows, seen.depth, {}, out.depth);
@@ -247,12 +258,12 @@ GridModel::Pass GridModel::forward(kernels::Backend& backend, const RayBatch& ba
   return pass;
 }
 
-void GridModel::render(kernels::Backend& backend, const RayBatch& batch, const kernels::CompositeOut& out,
-                       Workspace* workspace) const {
+void GridModel::render(kernels::Backend& backend, const RayBatch& batch,
+                       const kernels::CompositeOut& out, Workspace* workspace) const {
   const std::size_t rays = batch.n;
   workspace->begin(backend);
-  const auto rgb = workspace->take(3 * rays), depth = workspace->take(rays), opacity = workspace->take(rays),
-             weights = workspace->take(rays * samples);
+  const auto rgb = workspace->take(3 * rays), depth = workspace->take(rays),
+             opacity = workspace->take(rays), weights = workspace->take(rays * samples);
   const Pass pass = forward(backend, batch, nullptr, {rgb, depth, opacity, weights}, workspace);
   backend.grid().median_depth(batch.n, pass.intervals, weights, opacity, depth);
   workspace->get(rgb, out.rgb);
@@ -260,14 +271,15 @@ void GridModel::render(kernels::Backend& backend, const RayBatch& batch, const k
   workspace->get(opacity, out.opacity);
 }
 
-StepLosses GridModel::gradients(kernels::Backend& backend, const RayBatch& batch, std::uint64_t seed, std::int64_t step,
-                                std::span<float> gradients, Workspace* workspace) const {
+StepLosses GridModel::gradients(kernels::Backend& backend, const RayBatch& batch,
+                                std::uint64_t seed, std::int64_t step, std::span<float> gradients,
+                                Workspace* workspace) const {
   kernels::GridStages& stages = backend.grid();
   const std::size_t rays = batch.n;
   workspace->begin(backend);
-  const auto rgb = workspace->take(3 * rays), depth = workspace->take(rays), opacity = workspace->take(rays),
-             weights = workspace->take(rays * samples), d_rgb = workspace->take(3 * rays),
-             squares = workspace->set_aside(rays);
+  const auto rgb = workspace->take(3 * rays), depth = workspace->take(rays),
+             opacity = workspace->take(rays), weights = workspace->take(rays * samples),
+             d_rgb = workspace->take(3 * rays), squares = workspace->set_aside(rays);
   const kernels::CompositeOut out{rgb, depth, opacity, weights};
   const Chance chance(seed, kStreamSamples, step, batch);
   const Pass pass = forward(backend, batch, &chance, out, workspace);
@@ -276,10 +288,12 @@ StepLosses GridModel::gradients(kernels::Backend& backend, const RayBatch& batch
   losses.field_rays = pass.live.rays.n;
   StepSums& sums = workspace->sums();
   backend.mean(opacity, &sums.opacity);
-  const auto target = workspace->put(std::span(batch.target).first(3 * rays)), weight = workspace->put(batch.weight);
+  const auto target = workspace->put(std::span(batch.target).first(3 * rays)),
+             weight = workspace->put(batch.weight);
   backend.photometric_loss(rgb, target, d_rgb, &sums.rgb_mse);
-  stages.robust_colours({{appearance, part(kAppearance)}, pass.exposure, rgb, pass.gains, target, weight, huber_edge},
-                        d_rgb, squares, part_of(gradients, kAppearance), &sums.colours);
+  stages.robust_colours(
+      {{appearance, part(kAppearance)}, pass.exposure, rgb, pass.gains, target, weight, huber_edge},
+      d_rgb, squares, part_of(gradients, kAppearance), &sums.colours);
   if (batch.by_error > 0) backend.mean(squares.first(rays - batch.by_error), &sums.rgb_mse);
   losses.squares = squares;
 
@@ -288,18 +302,21 @@ StepLosses GridModel::gradients(kernels::Backend& backend, const RayBatch& batch
              d_origin = workspace->take(batch.refines ? 3 * rays : 0),
              d_direction = workspace->take(batch.refines ? 3 * rays : 0);
   const auto d_seen = pass.of_live(stages, kernels::RayLayout::kColumns, 3, d_rgb, workspace);
-  backend.composite_backward(losses.field_rays, pass.samples, pass.raw, pass.background_of_live, {d_seen, {}}, d_raw);
-  if (empty_space > 0) {  // of the mean over all rays the live ones' part: the others have nothing to lose
+  backend.composite_backward(losses.field_rays, pass.samples, pass.raw, pass.background_of_live,
+                             {d_seen, {}}, d_raw);
+  if (empty_space >
+      0) {  // of the mean over all rays the live ones' part: the others have nothing to lose
     const std::size_t points = pass.field.points.n;
-    const float part = empty_space * static_cast<float>(losses.field_rays) / static_cast<float>(rays);
-    stages.empty_space(losses.field_rays, pass.field.intervals, pass.raw.last(points), part, d_raw.last(points),
-                       &sums.empty_space);
+    const float part =
+        empty_space * static_cast<float>(losses.field_rays) / static_cast<float>(rays);
+    stages.empty_space(losses.field_rays, pass.field.intervals, pass.raw.last(points), part,
+                       d_raw.last(points), &sums.empty_space);
   }
   backward_field(backend, pass, d_raw, gradients, d_field, workspace);
   if (batch.refines) backward_rays(backend, pass, d_field, d_origin, d_direction, workspace);
   if (sky.levels > 0)
-    stages.sky_backward(grid(kSkyGrid), pass.all.rays, pass.all.pixel_angle, pass.background, opacity, d_rgb,
-                        part_of(gradients, kSkyGrid), d_direction);
+    stages.sky_backward(grid(kSkyGrid), pass.all.rays, pass.all.pixel_angle, pass.background,
+                        opacity, d_rgb, part_of(gradients, kSkyGrid), d_direction);
   losses.d_origin.resize(d_origin.size());
   losses.d_direction.resize(d_direction.size());
   workspace->get(d_origin, losses.d_origin);
@@ -308,8 +325,9 @@ StepLosses GridModel::gradients(kernels::Backend& backend, const RayBatch& batch
   return losses;
 }
 
-void GridModel::range_gradients(kernels::Backend& backend, const RayBatch& batch, std::uint64_t seed, std::int64_t step,
-                                std::span<float> gradients, Workspace* workspace) const {
+void GridModel::range_gradients(kernels::Backend& backend, const RayBatch& batch,
+                                std::uint64_t seed, std::int64_t step, std::span<float> gradients,
+                                Workspace* workspace) const {
   kernels::GridStages& stages = backend.grid();
   const std::size_t rays = batch.n, count = rays * samples;
   workspace->begin(backend);
@@ -321,44 +339,51 @@ void GridModel::range_gradients(kernels::Backend& backend, const RayBatch& batch
   const auto density = pass.raw.subspan(3 * count), weights = workspace->take(count),
              d_weights = workspace->take(count), d_raw = workspace->take(4 * count);
   stages.weights(batch.n, pass.intervals, density, weights);
-  const float spread_m =
-      std::max(kLastSpread_m, kFirstSpread_m * std::exp2(-static_cast<float>(step) / kSpreadHalvesIn));
-  stages.range(batch.n, pass.intervals, weights, workspace->put(batch.range_m), spread_m, kRangeWeight, d_weights,
-               &workspace->sums().range);
+  const float spread_m = std::max(
+      kLastSpread_m, kFirstSpread_m * std::exp2(-static_cast<float>(step) / kSpreadHalvesIn));
+  stages.range(batch.n, pass.intervals, weights, workspace->put(batch.range_m), spread_m,
+               kRangeWeight, d_weights, &workspace->sums().range);
   backend.fill(d_raw.first(3 * count), 0);  // nobody asks for the colour
-  stages.weights_backward(batch.n, pass.intervals, density, weights, d_weights, d_raw.subspan(3 * count));
+  stages.weights_backward(batch.n, pass.intervals, density, weights, d_weights,
+                          d_raw.subspan(3 * count));
   backward_field(backend, pass, d_raw, gradients, {}, workspace);
   backward_proposals(backend, pass, weights, gradients, workspace->take<double>(2), workspace);
 }
 
-void GridModel::backward_field(kernels::Backend& backend, const Pass& pass, std::span<const float> d_raw,
-                               std::span<float> gradients, std::span<float> d_position, Workspace* workspace) const {
+void GridModel::backward_field(kernels::Backend& backend, const Pass& pass,
+                               std::span<const float> d_raw, std::span<float> gradients,
+                               std::span<float> d_position, Workspace* workspace) const {
   kernels::GridStages& stages = backend.grid();
   const auto d_features = workspace->take(pass.features.size());
-  stages.network_backward(network(), pass.live.rays.n, samples, pass.features, pass.harmonics, d_raw,
-                          part_of(gradients, kNetwork), d_features);
-  stages.encode_backward(grid(kFieldGrid), pass.field.points, d_features, part_of(gradients, kFieldGrid), d_position);
+  stages.network_backward(network(), pass.live.rays.n, samples, pass.features, pass.harmonics,
+                          d_raw, part_of(gradients, kNetwork), d_features);
+  stages.encode_backward(grid(kFieldGrid), pass.field.points, d_features,
+                         part_of(gradients, kFieldGrid), d_position);
 }
 
-void GridModel::backward_rays(kernels::Backend& backend, const Pass& pass, std::span<const float> d_position,
-                              std::span<float> d_origin, std::span<float> d_direction, Workspace* workspace) const {
+void GridModel::backward_rays(kernels::Backend& backend, const Pass& pass,
+                              std::span<const float> d_position, std::span<float> d_origin,
+                              std::span<float> d_direction, Workspace* workspace) const {
   kernels::GridStages& stages = backend.grid();
   const auto d_live_origin = pass.room_of_live(d_origin, 3, workspace),
              d_live_direction = pass.room_of_live(d_direction, 3, workspace);
-  stages.contract_backward(contraction, pass.live.rays, pass.field.intervals, d_position, d_live_origin,
-                           d_live_direction);
+  stages.contract_backward(contraction, pass.live.rays, pass.field.intervals, d_position,
+                           d_live_origin, d_live_direction);
   pass.to_all(stages, kernels::RayLayout::kColumns, d_live_origin, {}, d_origin);
   pass.to_all(stages, kernels::RayLayout::kColumns, d_live_direction, {}, d_direction);
 }
 
-/// The proposals learn from the first part of the rays, which stand for all as long as a quarter and more of a batch is drawn evenly: they
-/// are fewer numbers than the field and need not see each ray.
-void GridModel::backward_proposals(kernels::Backend& backend, const Pass& pass, std::span<const float> weights,
-                                   std::span<float> gradients, std::span<double> losses, Workspace* workspace) const {
+/// The proposals learn from the first part of the rays, which stand for all as long as a quarter
+/// and more of a batch is drawn evenly: they are fewer numbers than the field and need not see each
+/// ray.
+void GridModel::backward_proposals(kernels::Backend& backend, const Pass& pass,
+                                   std::span<const float> weights, std::span<float> gradients,
+                                   std::span<double> losses, Workspace* workspace) const {
   kernels::GridStages& stages = backend.grid();
   const int taught = std::max(1, pass.all.rays.n / kRaysPerTaughtRay);
   const auto of_taught = [&](const kernels::Intervals& all) {
-    return kernels::Intervals{all.per_ray, all.edges.first(static_cast<std::size_t>(taught) * (all.per_ray + 1))};
+    return kernels::Intervals{
+        all.per_ray, all.edges.first(static_cast<std::size_t>(taught) * (all.per_ray + 1))};
   };
   for (std::size_t i = 0; i < losses.size(); ++i) {
     const Round& round = pass.proposal[i];
@@ -366,11 +391,12 @@ void GridModel::backward_proposals(kernels::Backend& backend, const Pass& pass, 
     const kernels::Intervals intervals = of_taught(round.intervals);
     const auto density = round.density.first(count), found = round.weights.first(count),
                d_found = workspace->take(count), d_density = workspace->take(count);
-    stages.proposal(taught, of_taught(pass.intervals), weights.first(static_cast<std::size_t>(taught) * samples),
-                    intervals, found, d_found, &losses[i]);
+    stages.proposal(taught, of_taught(pass.intervals),
+                    weights.first(static_cast<std::size_t>(taught) * samples), intervals, found,
+                    d_found, &losses[i]);
     stages.weights_backward(taught, intervals, density, found, d_found, d_density);
-    stages.proposal_density_backward(grid(kProposalGrid), round.points.first(count), density, d_density,
-                                     part_of(gradients, kProposalGrid));
+    stages.proposal_density_backward(grid(kProposalGrid), round.points.first(count), density,
+                                     d_density, part_of(gradients, kProposalGrid));
   }
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// --method grid: a hash-grid field for unbounded scenes, sampled where a proposal field found something, before a sky that depends on
-// direction alone. Pictures with a background of their own have no sky. What it is made of: grid_model_parts.cc.
+// --method grid: a hash-grid field for unbounded scenes, sampled where a proposal field found
+// something, before a sky that depends on direction alone. Pictures with a background of their own
+// have no sky. What it is made of: grid_model_parts.cc.
 #pragma once
 
 #include <array>
@@ -20,37 +21,47 @@ constexpr float kRangeWeight = 0.03f;
 struct GridModel final : Model {
   GridFieldConfig field{{8, 4, 16, 4096, 18}, 32, 1};
   HashGridConfig proposal{5, 1, 16, 512, 17};
-  HashGridConfig sky{4, 4, 8, 256, 15};  ///< over directions; three features are colours, the sum of the levels counts
-  float huber_edge = 0.2f;      ///< of colours in [0, 1], loss/photometric.h; 2 and more: none, no two differ by more
+  HashGridConfig sky{
+      4, 4, 8, 256,
+      15};  ///< over directions; three features are colours, the sum of the levels counts
+  float huber_edge =
+      0.2f;  ///< of colours in [0, 1], loss/photometric.h; 2 and more: none, no two differ by more
   AppearanceConfig appearance;  ///< of no camera unless somebody says how many there are
-  float background = 0;  ///< where sky.levels is 0: grey behind rays whose batch names no colour, as in rendering
+  float background =
+      0;  ///< where sky.levels is 0: grey behind rays whose batch names no colour, as in rendering
   Contraction contraction;
   RaySpacing spacing{0.5f, 1000.0f, 20.0f};
   std::array<int, 2> proposal_samples{64, 32};  ///< per ray, first and second round
   int samples = 24;                             ///< per ray, of the field
-  float proposal_padding =
-      0.1f;                  ///< sampling/proposal.h; chosen by measurement, as that of bounded scenes (train/run.cc)
-  float empty_space = 0;     ///< what the loss of loss/empty_space.h counts against the colours'
-  float proposal_width = 0;  ///< least_width (kernels/grid_stages.h, contract) of proposals' points; chosen likewise
+  float proposal_padding = 0.1f;  ///< sampling/proposal.h; chosen by measurement, as that of
+                                  ///< bounded scenes (train/run.cc)
+  float empty_space = 0;  ///< what the loss of loss/empty_space.h counts against the colours'
+  float proposal_width =
+      0;  ///< least_width (kernels/grid_stages.h, contract) of proposals' points; chosen likewise
 
   const char* method() const override { return "grid"; }
   std::string describe() const override;
-  int samples_per_ray() const override { return proposal_samples[0] + proposal_samples[1] + samples; }
+  int samples_per_ray() const override {
+    return proposal_samples[0] + proposal_samples[1] + samples;
+  }
   void visit_numbers(NumberVisitor& visit) override;
   void check(const std::filesystem::path& file) const override;
   std::size_t size() const override { return offset(kParts); }
   std::vector<ModelTensor> tensors() const override;
   void initialize(std::uint64_t seed) override;
-  /// The networks': whatever reaches the field's grid comes through them, the other grids' adjoints have no overflow.
+  /// The networks': whatever reaches the field's grid comes through them, the other grids' adjoints
+  /// have no overflow.
   std::span<const float> sentinels(std::span<const float> gradients) const override {
     return gradients.subspan(offset(kNetwork), part_size(kNetwork));
   }
   /// Mueller et al. 2022, section 4.
   AdamStep adam(double learning_rate, std::int64_t step) const override;
-  StepLosses gradients(kernels::Backend& backend, const RayBatch& batch, std::uint64_t seed, std::int64_t step,
-                       std::span<float> gradients, Workspace* workspace) const override;
-  void range_gradients(kernels::Backend& backend, const RayBatch& batch, std::uint64_t seed, std::int64_t step,
-                       std::span<float> gradients, Workspace* workspace) const override;
+  StepLosses gradients(kernels::Backend& backend, const RayBatch& batch, std::uint64_t seed,
+                       std::int64_t step, std::span<float> gradients,
+                       Workspace* workspace) const override;
+  void range_gradients(kernels::Backend& backend, const RayBatch& batch, std::uint64_t seed,
+                       std::int64_t step, std::span<float> gradients,
+                       Workspace* workspace) const override;
   double loss(const StepSums& sums) const override {
     return sums.colours + sums.empty_space + (sums.proposals[0] + sums.proposals[1]);
   }
@@ -58,7 +69,8 @@ struct GridModel final : Model {
               Workspace* workspace) const override;
 
   enum Part { kFieldGrid, kNetwork, kProposalGrid, kSkyGrid, kAppearance, kParts };
-  kernels::HashGrid grid(Part which) const;  ///< of `parameters`: kFieldGrid, kProposalGrid or kSkyGrid
+  kernels::HashGrid grid(
+      Part which) const;  ///< of `parameters`: kFieldGrid, kProposalGrid or kSkyGrid
   kernels::GridNetwork network() const { return {field, density_scale(), part(kNetwork)}; }
 
  private:
@@ -68,31 +80,43 @@ struct GridModel final : Model {
   struct Pass;
 
   /// Intervals of rays with their points in the unit cube.
-  Round place(kernels::Backend& backend, const Beams& beams, int per_ray, std::span<const float> edges,
-              float least_width, Workspace* workspace) const;
+  Round place(kernels::Backend& backend, const Beams& beams, int per_ray,
+              std::span<const float> edges, float least_width, Workspace* workspace) const;
   /// What stands behind everything.
-  void look_at_sky(kernels::Backend& backend, const RayBatch& batch, Pass* pass, Workspace* workspace) const;
-  /// Two rounds of proposals and the edges of the field's intervals where the second one found something. Null: without any chance.
-  Pass propose(kernels::Backend& backend, const RayBatch& batch, const Chance* chance, Workspace* workspace) const;
-  /// Those of the batch's rays that the proposals see something on, with what the field is to know of them.
-  void find_live(kernels::Backend& backend, const Chance* chance, Pass* pass, Workspace* workspace) const;
+  void look_at_sky(kernels::Backend& backend, const RayBatch& batch, Pass* pass,
+                   Workspace* workspace) const;
+  /// Two rounds of proposals and the edges of the field's intervals where the second one found
+  /// something. Null: without any chance.
+  Pass propose(kernels::Backend& backend, const RayBatch& batch, const Chance* chance,
+               Workspace* workspace) const;
+  /// Those of the batch's rays that the proposals see something on, with what the field is to know
+  /// of them.
+  void find_live(kernels::Backend& backend, const Chance* chance, Pass* pass,
+                 Workspace* workspace) const;
   /// The field at the samples of live rays.
   void sample(kernels::Backend& backend, Pass* pass, Workspace* workspace) const;
-  Pass forward(kernels::Backend& backend, const RayBatch& batch, const Chance* chance, const kernels::CompositeOut& out,
-               Workspace* workspace) const;
+  Pass forward(kernels::Backend& backend, const RayBatch& batch, const Chance* chance,
+               const kernels::CompositeOut& out, Workspace* workspace) const;
   /// From d_raw of the live rays. d_position [3, their samples] in the unit cube, or empty.
   void backward_field(kernels::Backend& backend, const Pass& pass, std::span<const float> d_raw,
-                      std::span<float> gradients, std::span<float> d_position, Workspace* workspace) const;
+                      std::span<float> gradients, std::span<float> d_position,
+                      Workspace* workspace) const;
   /// d_origin and d_direction [3, all rays] from the points' d_position.
   void backward_rays(kernels::Backend& backend, const Pass& pass, std::span<const float> d_position,
-                     std::span<float> d_origin, std::span<float> d_direction, Workspace* workspace) const;
+                     std::span<float> d_origin, std::span<float> d_direction,
+                     Workspace* workspace) const;
   /// losses [2]: of the rounds.
-  void backward_proposals(kernels::Backend& backend, const Pass& pass, std::span<const float> weights,
-                          std::span<float> gradients, std::span<double> losses, Workspace* workspace) const;
+  void backward_proposals(kernels::Backend& backend, const Pass& pass,
+                          std::span<const float> weights, std::span<float> gradients,
+                          std::span<double> losses, Workspace* workspace) const;
   std::size_t part_size(int part) const;
   std::size_t offset(int part) const;  ///< of its first number in `parameters`
-  std::span<const float> part(Part part) const { return parameters.span().subspan(offset(part), part_size(part)); }
-  std::span<float> part_of(std::span<float> all, Part part) const { return all.subspan(offset(part), part_size(part)); }
+  std::span<const float> part(Part part) const {
+    return parameters.span().subspan(offset(part), part_size(part));
+  }
+  std::span<float> part_of(std::span<float> all, Part part) const {
+    return all.subspan(offset(part), part_size(part));
+  }
   /// At the start one mean free path is e times the near region's half side.
   float density_scale() const { return 0.36787944f / contraction.half_m; }
 };

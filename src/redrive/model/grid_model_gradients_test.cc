@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The gradients of the whole model: against differences of its losses, and the same on every backend.
+// The gradients of the whole model: against differences of its losses, and the same on every
+// backend.
 #include <cmath>
 #include <functional>
 
@@ -12,26 +13,30 @@
 namespace redrive {
 namespace {
 
-/// (loss(parameters + h direction) - loss(parameters - h direction)) / 2h, the direction in one tensor.
-double difference(GridModel& model, const ModelTensor& tensor, const std::vector<float>& direction, float h,
-                  const std::function<double()>& loss) {
+/// (loss(parameters + h direction) - loss(parameters - h direction)) / 2h, the direction in one
+/// tensor.
+double difference(GridModel& model, const ModelTensor& tensor, const std::vector<float>& direction,
+                  float h, const std::function<double()>& loss) {
   float* const parameters = &model.parameters[tensor.offset];
   const std::vector<float> before(parameters, parameters + direction.size());
   double at[2];
   for (const int side : {0, 1}) {
-    for (std::size_t i = 0; i < direction.size(); ++i) parameters[i] = before[i] + (side ? h : -h) * direction[i];
+    for (std::size_t i = 0; i < direction.size(); ++i)
+      parameters[i] = before[i] + (side ? h : -h) * direction[i];
     at[side] = loss();
   }
   std::ranges::copy(before, parameters);
   return (at[1] - at[0]) / (2.0 * h);
 }
 
-/// The gradient of one tensor against differences of the loss along its own signs and along random ones. A kink of a ReLU that h
-/// crosses costs its share, so h is small where there are any. The loss is good to half an ulp of its colours: 2^-25 / h.
-void expect_derivative(GridModel& model, const ModelTensor& tensor, const std::vector<float>& gradients,
-                       const std::function<double()>& loss, double factor = 1) {
-  const bool rectified = tensor.name != "sky" && tensor.name != "appearance" && tensor.name != "proposal" &&
-                         tensor.name != "colour.out.weight";
+/// The gradient of one tensor against differences of the loss along its own signs and along random
+/// ones. A kink of a ReLU that h crosses costs its share, so h is small where there are any. The
+/// loss is good to half an ulp of its colours: 2^-25 / h.
+void expect_derivative(GridModel& model, const ModelTensor& tensor,
+                       const std::vector<float>& gradients, const std::function<double()>& loss,
+                       double factor = 1) {
+  const bool rectified = tensor.name != "sky" && tensor.name != "appearance" &&
+                         tensor.name != "proposal" && tensor.name != "colour.out.weight";
   const float h = rectified ? 0x1p-14f : 0x1p-8f;
   double sum = 0, squares = 0, along = 0;
   std::vector<float> steepest, random;
@@ -44,8 +49,10 @@ void expect_derivative(GridModel& model, const ModelTensor& tensor, const std::v
     along += g * random.back();
   }
   EXPECT_GT(sum, 1e-3) << "nothing tested";
-  EXPECT_NEAR(difference(model, tensor, steepest, h, loss), sum, 0.01 * sum + 0x1p-25 / h) << tensor.name;
-  EXPECT_NEAR(difference(model, tensor, random, h, loss), along, 0.02 * std::sqrt(squares) + 0x1p-25 / h)
+  EXPECT_NEAR(difference(model, tensor, steepest, h, loss), sum, 0.01 * sum + 0x1p-25 / h)
+      << tensor.name;
+  EXPECT_NEAR(difference(model, tensor, random, h, loss), along,
+              0.02 * std::sqrt(squares) + 0x1p-25 / h)
       << tensor.name;
 }
 
@@ -56,7 +63,8 @@ TEST(GridModelGradients, OfFieldAndSkyAreThoseOfTheColours) {
     make_tiny(model, colour_layers);
     RayBatch batch = tiny_batch(8);
     if (weighted)
-      for (int ray = 0; ray < 8; ++ray) batch.weight.push_back(static_cast<float>(1 + 0.75 * uniform(10, ray)));
+      for (int ray = 0; ray < 8; ++ray)
+        batch.weight.push_back(static_cast<float>(1 + 0.75 * uniform(10, ray)));
     std::vector<float> gradients(model.size()), ignored(model.size());
     losses_of(model, batch, &gradients, *backend);
     for (const ModelTensor& tensor : model.tensors())
@@ -66,8 +74,8 @@ TEST(GridModelGradients, OfFieldAndSkyAreThoseOfTheColours) {
   }
 }
 
-/// The rays' own derivatives, where nothing but their samples' places moves with them: proposals see the same everywhere, so that distances
-/// stay, and colours do not change with the direction.
+/// The rays' own derivatives, where nothing but their samples' places moves with them: proposals
+/// see the same everywhere, so that distances stay, and colours do not change with the direction.
 TEST(GridModelGradients, OfRaysAreThoseOfTheColours) {
   const auto backend = kernels::make_ref_backend();
   GridModel model;
@@ -104,7 +112,8 @@ TEST(GridModelGradients, OfRaysAreThoseOfTheColours) {
       squares += double(d[i]) * d[i];
     }
     const double difference = (colours(moved[1]) - colours(moved[0])) / (2 * h);
-    EXPECT_NEAR(difference, along, 0.03 * std::sqrt(squares) + 0x1p-25 / h) << (turns ? "turned" : "moved");
+    EXPECT_NEAR(difference, along, 0.03 * std::sqrt(squares) + 0x1p-25 / h)
+        << (turns ? "turned" : "moved");
     EXPECT_GT(std::sqrt(squares), 30 * 0x1p-25 / h) << "nothing tested";
   }
   batch.refines = false;
@@ -117,7 +126,8 @@ TEST(GridModelGradients, OfRangesAreThoseOfTheirLoss) {
   make_tiny(model);
   model.proposal_samples = {8, 1};  // as below
   RayBatch batch = tiny_batch(8);
-  for (int ray = 0; ray < batch.n; ++ray) batch.range_m.push_back(1 + 2.1f * static_cast<float>(ray));
+  for (int ray = 0; ray < batch.n; ++ray)
+    batch.range_m.push_back(1 + 2.1f * static_cast<float>(ray));
   batch.target.clear();
   batch.exposure.clear();
   Workspace workspace;
@@ -135,7 +145,8 @@ TEST(GridModelGradients, OfRangesAreThoseOfTheirLoss) {
         expect_derivative(
             model, tensor, gradients, [&] { return loss(ignored); }, 1 / kRangeWeight);
       if (tensor.name.starts_with("colour") || tensor.name == "sky" || tensor.name == "appearance")
-        for (std::size_t i = 0; i < size_of(tensor); ++i) of_colour += std::abs(gradients[tensor.offset + i]);
+        for (std::size_t i = 0; i < size_of(tensor); ++i)
+          of_colour += std::abs(gradients[tensor.offset + i]);
     }
     EXPECT_EQ(of_colour, 0);
   }
@@ -161,7 +172,8 @@ TEST(GridModelGradients, OfEmptySpaceAreThoseOfItsLoss) {
   for (std::size_t i = 0; i < gradients.size(); ++i) gradients[i] -= without[i];
   const auto loss = [&] {
     std::vector<float> ignored(model.size());
-    const auto [with, alone] = added([&] { return losses_of(model, batch, &ignored, *backend).loss; });
+    const auto [with, alone] =
+        added([&] { return losses_of(model, batch, &ignored, *backend).loss; });
     return with - alone;
   };
   double of_others = 0;
@@ -169,7 +181,8 @@ TEST(GridModelGradients, OfEmptySpaceAreThoseOfItsLoss) {
     if (tensor.name == "grid" || tensor.name.starts_with("density"))
       expect_derivative(model, tensor, gradients, loss);
     else
-      for (std::size_t i = 0; i < size_of(tensor); ++i) of_others += std::abs(gradients[tensor.offset + i]);
+      for (std::size_t i = 0; i < size_of(tensor); ++i)
+        of_others += std::abs(gradients[tensor.offset + i]);
   }
   EXPECT_EQ(of_others, 0);
 }
@@ -179,16 +192,19 @@ TEST(GridModelGradients, OnABackgroundAreThoseOfTheColours) {
   GridModel model;
   make_tiny_on_background(model);
   RayBatch batch = tiny_batch(8);
-  for (int i = 0; i < 24; ++i) batch.background.push_back(static_cast<float>(0.5 + 0.5 * uniform(9, i)));
+  for (int i = 0; i < 24; ++i)
+    batch.background.push_back(static_cast<float>(0.5 + 0.5 * uniform(9, i)));
   std::vector<float> gradients(model.size()), ignored(model.size());
   losses_of(model, batch, &gradients, *backend);
   for (const ModelTensor& tensor : model.tensors())
     if (tensor.name != "proposal")
-      expect_derivative(model, tensor, gradients, [&] { return losses_of(model, batch, &ignored, *backend).colours; });
+      expect_derivative(model, tensor, gradients,
+                        [&] { return losses_of(model, batch, &ignored, *backend).colours; });
 }
 
 TEST(GridModelGradients, OfTheProposalsAreThoseOfTheirLoss) {
-  // One interval in the second round: where the field is sampled does not depend on what the proposals found.
+  // One interval in the second round: where the field is sampled does not depend on what the
+  // proposals found.
   const auto backend = kernels::make_ref_backend();
   GridModel model;
   make_tiny(model);
@@ -199,7 +215,8 @@ TEST(GridModelGradients, OfTheProposalsAreThoseOfTheirLoss) {
   EXPECT_GT(losses.loss, losses.colours);
   for (const ModelTensor& tensor : model.tensors())
     if (tensor.name == "proposal")
-      expect_derivative(model, tensor, gradients, [&] { return losses_of(model, batch, &ignored, *backend).loss; });
+      expect_derivative(model, tensor, gradients,
+                        [&] { return losses_of(model, batch, &ignored, *backend).loss; });
 }
 
 TEST(GridModelGradients, WithEmptyRaysAreThoseOfTheColours) {
@@ -210,12 +227,14 @@ TEST(GridModelGradients, WithEmptyRaysAreThoseOfTheColours) {
   losses_of(model, batch, &gradients, *backend);
   for (const ModelTensor& tensor : model.tensors())
     if (tensor.name != "proposal")
-      expect_derivative(model, tensor, gradients, [&] { return losses_of(model, batch, &ignored, *backend).colours; });
+      expect_derivative(model, tensor, gradients,
+                        [&] { return losses_of(model, batch, &ignored, *backend).colours; });
 }
 
 TEST(GridModelGradients, AreTheSameOnEveryBackend) {
-  // The stages differ by roundings, a few hundred of 2^-24 one after the other; a sample or ray out of place is of order 1. Where the
-  // networks round to bf16, a dozen of 2^-8, two a product, count alone.
+  // The stages differ by roundings, a few hundred of 2^-24 one after the other; a sample or ray out
+  // of place is of order 1. Where the networks round to bf16, a dozen of 2^-8, two a product, count
+  // alone.
   GridModel model;
   make_tiny(model);
   const RayBatch batch = tiny_batch(50);
@@ -239,7 +258,8 @@ TEST(GridModelGradients, AreTheSameOnEveryBackend) {
         difference += std::pow(double(gradients[i]) - expected[i], 2);
       }
       EXPECT_GT(square, 0) << tensor.name;
-      EXPECT_LE(std::sqrt(difference), tolerance * std::sqrt(square)) << name << ", " << tensor.name;
+      EXPECT_LE(std::sqrt(difference), tolerance * std::sqrt(square))
+          << name << ", " << tensor.name;
     }
   }
 }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a grid model is made of: its numbers, tensors and first values. What it does with them is in grid_model.cc.
+// What a grid model is made of: its numbers, tensors and first values. What it does with them is in
+// grid_model.cc.
 #include <cmath>
 
 #include "redrive/base/error.h"
@@ -28,10 +29,10 @@ kernels::HashGrid GridModel::grid(Part which) const {
 }
 
 std::string GridModel::describe() const {
-  return std::to_string(field.grid.levels) + " levels x " + std::to_string(field.grid.features) + " of 2^" +
-         std::to_string(field.grid.log2_rows) + " rows, width " + std::to_string(field.width) + ", " +
-         std::to_string(proposal_samples[0]) + " + " + std::to_string(proposal_samples[1]) + " + " +
-         std::to_string(samples) + " samples per ray";
+  return std::to_string(field.grid.levels) + " levels x " + std::to_string(field.grid.features) +
+         " of 2^" + std::to_string(field.grid.log2_rows) + " rows, width " +
+         std::to_string(field.width) + ", " + std::to_string(proposal_samples[0]) + " + " +
+         std::to_string(proposal_samples[1]) + " + " + std::to_string(samples) + " samples per ray";
 }
 
 void GridModel::visit_numbers(NumberVisitor& visit) {
@@ -70,35 +71,41 @@ void GridModel::visit_numbers(NumberVisitor& visit) {
 }
 
 void GridModel::check(const std::filesystem::path& file) const {
-  const auto require = [&](bool holds, const std::string& field_name, auto value, const char* rule) {
+  const auto require = [&](bool holds, const std::string& field_name, auto value,
+                           const char* rule) {
     if (!holds) throw InputError(file, "__metadata__." + field_name, std::to_string(value), rule);
   };
   const auto check_grid = [&](const std::string& name, const HashGridConfig& grid, int features) {
-    require(grid.levels >= 1 && grid.levels <= 16, name + ".levels", grid.levels, "must be in 1..16");
+    require(grid.levels >= 1 && grid.levels <= 16, name + ".levels", grid.levels,
+            "must be in 1..16");
     if (features > 0)
-      require(grid.features == features, name + ".features", grid.features, "is another in this method");
+      require(grid.features == features, name + ".features", grid.features,
+              "is another in this method");
     else
-      require(grid.features == 2 || grid.features == 4 || grid.features == 8, name + ".features", grid.features,
-              "must be 2, 4 or 8");
-    require(grid.base_cells >= 1 && grid.base_cells <= 1 << 20, name + ".base_cells", grid.base_cells,
-            "must be in 1..2^20");
-    require(grid.max_cells >= grid.base_cells && grid.max_cells <= 1 << 20, name + ".max_cells", grid.max_cells,
-            "must be in base_cells..2^20");
-    require(grid.log2_rows >= 4 && grid.log2_rows <= 24, name + ".log2_rows", grid.log2_rows, "must be in 4..24");
+      require(grid.features == 2 || grid.features == 4 || grid.features == 8, name + ".features",
+              grid.features, "must be 2, 4 or 8");
+    require(grid.base_cells >= 1 && grid.base_cells <= 1 << 20, name + ".base_cells",
+            grid.base_cells, "must be in 1..2^20");
+    require(grid.max_cells >= grid.base_cells && grid.max_cells <= 1 << 20, name + ".max_cells",
+            grid.max_cells, "must be in base_cells..2^20");
+    require(grid.log2_rows >= 4 && grid.log2_rows <= 24, name + ".log2_rows", grid.log2_rows,
+            "must be in 4..24");
   };
   check_grid("grid", field.grid, 0);
-  require(field.grid.outputs() % 16 == 0, "grid.levels", field.grid.levels, "times features must be a multiple of 16");
-  require(field.width >= 16 && field.width <= kMaxGridWidth && field.width % 16 == 0, "width", field.width,
-          "must be a multiple of 16 in 16..128");
-  require(field.colour_layers == 1 || field.colour_layers == 2, "colour_layers", field.colour_layers, "must be 1 or 2");
+  require(field.grid.outputs() % 16 == 0, "grid.levels", field.grid.levels,
+          "times features must be a multiple of 16");
+  require(field.width >= 16 && field.width <= kMaxGridWidth && field.width % 16 == 0, "width",
+          field.width, "must be a multiple of 16 in 16..128");
+  require(field.colour_layers == 1 || field.colour_layers == 2, "colour_layers",
+          field.colour_layers, "must be 1 or 2");
   check_grid("proposal", proposal, 1);
   if (sky.levels != 0) check_grid("sky", sky, 4);
   require(background >= 0 && background <= 1, "background", background, "must be in 0..1");
   require(huber_edge > 0, "huber_edge", huber_edge, "must be above 0");
-  require(appearance.cameras >= 0 && appearance.cameras <= 1024, "appearance.cameras", appearance.cameras,
-          "must be in 0..1024");
-  require(appearance.knots >= 0 && appearance.knots <= 100'000, "appearance.knots", appearance.knots,
-          "must be in 0..100000");
+  require(appearance.cameras >= 0 && appearance.cameras <= 1024, "appearance.cameras",
+          appearance.cameras, "must be in 0..1024");
+  require(appearance.knots >= 0 && appearance.knots <= 100'000, "appearance.knots",
+          appearance.knots, "must be in 0..100000");
   require(contraction.half_m > 0, "contraction.half_m", contraction.half_m, "must be above 0");
   require(spacing.near_m > 0, "near_m", spacing.near_m, "must be above 0");
   require(spacing.far_m > spacing.near_m, "far_m", spacing.far_m, "must be above near_m");
@@ -107,7 +114,8 @@ void GridModel::check(const std::filesystem::path& file) const {
     require(count >= 1 && count <= 1024, "samples", count, "must be in 1..1024");
   require(proposal_padding > 0 && proposal_padding <= 1000, "proposal_padding", proposal_padding,
           "must be above 0, up to 1000");
-  require(proposal_width >= 0 && proposal_width <= 10, "proposal_width", proposal_width, "must be in 0..10");
+  require(proposal_width >= 0 && proposal_width <= 10, "proposal_width", proposal_width,
+          "must be in 0..10");
   require(empty_space >= 0 && empty_space <= 1, "empty_space", empty_space, "must be in 0..1");
 }
 
@@ -118,7 +126,8 @@ std::vector<ModelTensor> GridModel::tensors() const {
   std::vector<ModelTensor> out = {{"grid", numbers(kFieldGrid), offset(kFieldGrid)}};
   for (int layer = 0; layer < kGridLayers; ++layer) {
     const GridLayerShape shape = grid_layer(field, layer);
-    if (shape.outputs > 0) out.push_back({shape.name, {shape.outputs, shape.inputs}, offset(kNetwork) + shape.offset});
+    if (shape.outputs > 0)
+      out.push_back({shape.name, {shape.outputs, shape.inputs}, offset(kNetwork) + shape.offset});
   }
   out.push_back({"proposal", numbers(kProposalGrid), offset(kProposalGrid)});
   if (sky.levels > 0) out.push_back({"sky", numbers(kSkyGrid), offset(kSkyGrid)});

@@ -75,7 +75,8 @@ TEST(GridModel, StartFollowsTheSeedWithAnEmptyProposalAndAGreySky) {
   for (const GridModel::Part part : {GridModel::kProposalGrid, GridModel::kSkyGrid})
     for (const float x : a.grid(part).table) ASSERT_EQ(x, 0);
   for (const float x : a.grid(GridModel::kFieldGrid).table) ASSERT_LE(std::abs(x), 1e-4f);
-  EXPECT_GT(std::ranges::count_if(a.network().weights, [](float w) { return std::abs(w) > 0.1f; }), 100);
+  EXPECT_GT(std::ranges::count_if(a.network().weights, [](float w) { return std::abs(w) > 0.1f; }),
+            100);
 }
 
 TEST(GridModel, NumbersAreAllThatItIsMadeOf) {
@@ -148,7 +149,8 @@ TEST(GridModel, NumbersOutOfRangeAreRefusedByName) {
         ADD_FAILURE() << name << " = " << value << " was taken";
       } catch (const InputError& error) {
         EXPECT_THAT(error.what(), HasSubstr("run/checkpoint.safetensors"));
-        const std::string field = std::string(name).find("proposals") == std::string::npos ? name : "samples";
+        const std::string field =
+            std::string(name).find("proposals") == std::string::npos ? name : "samples";
         EXPECT_THAT(error.what(), HasSubstr("__metadata__." + field)) << name;
       }
     }

@@ -34,7 +34,8 @@ RayBatch ray_of(const RayBatch& batch, int which) {
 struct Picture {
   std::vector<float> rgb, depth, opacity;
 
-  Picture(const GridModel& model, const RayBatch& batch) : rgb(3 * batch.n), depth(batch.n), opacity(batch.n) {
+  Picture(const GridModel& model, const RayBatch& batch)
+      : rgb(3 * batch.n), depth(batch.n), opacity(batch.n) {
     Workspace workspace;
     model.render(*kernels::make_ref_backend(), batch, {rgb, depth, opacity, {}}, &workspace);
   }
@@ -68,7 +69,8 @@ TEST(GridModel, NeighboursShareTheirFirstRound) {
   GridModel model;
   make_tiny(model);
   RayBatch batch = tiny_batch(8);
-  // Two groups of rays 1e-3 rad apart, one ray by itself, and two more: each group about its first ray.
+  // Two groups of rays 1e-3 rad apart, one ray by itself, and two more: each group about its first
+  // ray.
   batch.group = {0, 4, 5, 8};
   for (const auto& [first, last] : {std::pair(0, 4), std::pair(5, 8)})
     for (int ray = first + 1; ray < last; ++ray)
@@ -102,10 +104,12 @@ TEST(GridModel, HomogeneousMediumInFrontOfAGreySky) {
   const Picture picture(model, batch);
   const double density = std::exp(-1) / 3, opacity = -std::expm1(-density * 19.5);
   for (int ray = 0; ray < batch.n; ++ray) {
-    // The far end of the ray is good to 20 / 4 of its s's roundings: 2e-6 of its length; the sums round 48 times.
+    // The far end of the ray is good to 20 / 4 of its s's roundings: 2e-6 of its length; the sums
+    // round 48 times.
     EXPECT_NEAR(picture.opacity[ray], opacity, 1e-5);
     for (int k = 0; k < 3; ++k) EXPECT_NEAR(picture.rgb[k * batch.n + ray], 0.5, 1e-5);
-    // Half of it lies before -ln(1 - opacity / 2) / density; intervals hold 1/48 of it each, in which it counts as even.
+    // Half of it lies before -ln(1 - opacity / 2) / density; intervals hold 1/48 of it each, in
+    // which it counts as even.
     EXPECT_NEAR(picture.depth[ray], 0.5 - std::log1p(-opacity / 2) / density, 0.01);
   }
 }
@@ -119,7 +123,8 @@ void make_empty(GridModel& model) {
     ADD_FAILURE() << name;
     return model.parameters.data();
   };
-  // Features that are positive everywhere, and a weight that makes log densities of -1000 and less of them.
+  // Features that are positive everywhere, and a weight that makes log densities of -1000 and less
+  // of them.
   std::fill_n(at("grid"), hash_grid_size(model.field.grid), 1.0f);
   at("density.0.weight")[0] = 1;
   at("density.1.weight")[0] = -1e5f;
@@ -129,14 +134,16 @@ TEST(GridModel, SkyIsWhatStandsBehindAnEmptyField) {
   GridModel model;
   make_tiny(model);
   make_empty(model);
-  float* const sky = &model.parameters[model.size() - hash_grid_size(model.sky) - model.appearance.size()];
+  float* const sky =
+      &model.parameters[model.size() - hash_grid_size(model.sky) - model.appearance.size()];
   const float colour[4] = {0.5f, -1, 2, 1000};  // a level's; the fourth is no colour
   for (std::size_t i = 0; i < hash_grid_size(model.sky); ++i) sky[i] = colour[i % 4];
   const RayBatch batch = tiny_batch(5);
   const Picture picture(model, batch);
   for (int ray = 0; ray < batch.n; ++ray) {
     EXPECT_EQ(picture.opacity[ray], 0);
-    for (int k = 0; k < 3; ++k) EXPECT_NEAR(picture.rgb[k * batch.n + ray], sigmoid(2.0 * colour[k]), 1e-6);
+    for (int k = 0; k < 3; ++k)
+      EXPECT_NEAR(picture.rgb[k * batch.n + ray], sigmoid(2.0 * colour[k]), 1e-6);
   }
 }
 
@@ -165,7 +172,8 @@ TEST(GridModel, BackgroundShowsAsFarAsTheFieldLetsIt) {
   batch.background = tiny_batch(6).target;
   const Picture coloured(model, batch);
   for (int i = 0; i < 18; ++i) {
-    EXPECT_NEAR(coloured.rgb[i] - black.rgb[i], (1 - black.opacity[i % 6]) * batch.background[i], 1e-6);
+    EXPECT_NEAR(coloured.rgb[i] - black.rgb[i], (1 - black.opacity[i % 6]) * batch.background[i],
+                1e-6);
     EXPECT_GT(black.opacity[i % 6], 0);
     EXPECT_LT(black.opacity[i % 6], 1);
   }
@@ -194,7 +202,8 @@ TEST(GridModel, RaysThatMissTheCubeShowTheirBackground) {
   EXPECT_GT(missed, 5);
   EXPECT_LT(missed, 38);
   std::vector<float> gradients(model.size());
-  EXPECT_TRUE(std::isfinite(losses_of(model, batch, &gradients, *kernels::make_ref_backend()).loss));
+  EXPECT_TRUE(
+      std::isfinite(losses_of(model, batch, &gradients, *kernels::make_ref_backend()).loss));
   for (const float g : gradients) ASSERT_TRUE(std::isfinite(g));
 }
 
@@ -204,7 +213,8 @@ TEST(GridModel, GradientsAreAddedToWhatIsThere) {
   const RayBatch batch = tiny_batch(8);
   const auto backend = kernels::make_ref_backend();
   std::vector<float> once(model.size()), on_top(model.size(), 1.0f);
-  const TinyLosses a = losses_of(model, batch, &once, *backend), b = losses_of(model, batch, &on_top, *backend);
+  const TinyLosses a = losses_of(model, batch, &once, *backend),
+                   b = losses_of(model, batch, &on_top, *backend);
   EXPECT_EQ(a.loss, b.loss);
   for (std::size_t i = 0; i < once.size(); ++i)
     ASSERT_NEAR(on_top[i], 1.0 + once[i], 4 * 0x1p-24 * (1 + std::abs(once[i]))) << i;
@@ -233,7 +243,8 @@ TEST(GridModel, RaysAreWeightedAndTheirErrorsHandedOut) {
   for (const float square : squares) mean += square / 8.0;
   EXPECT_NEAR(plain.rgb_mse, mean, 1e-6 * mean);
   batch.weight.assign(8, 0);
-  const double gains = losses_of(model, batch, &ignored, *backend).colours;  // what keeps them near 1
+  const double gains =
+      losses_of(model, batch, &ignored, *backend).colours;  // what keeps them near 1
   double sum = 0;
   for (int ray = 0; ray < 8; ++ray) {
     batch.weight[ray] = 2;
@@ -245,7 +256,8 @@ TEST(GridModel, RaysAreWeightedAndTheirErrorsHandedOut) {
   }
   EXPECT_NEAR(sum, 2 * (plain.colours - gains), 1e-6 * sum);
   batch.by_error = 5;
-  EXPECT_NEAR(losses_of(model, batch, &ignored, *backend).rgb_mse, (squares[0] + squares[1] + squares[2]) / 3, 1e-6)
+  EXPECT_NEAR(losses_of(model, batch, &ignored, *backend).rgb_mse,
+              (squares[0] + squares[1] + squares[2]) / 3, 1e-6)
       << "of the even ones";
 }
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// --method nerf: the original (Mildenhall et al. 2020), with hierarchical sampling by a second network if wanted.
+// --method nerf: the original (Mildenhall et al. 2020), with hierarchical sampling by a second
+// network if wanted.
 #pragma once
 
 #include "redrive/field/nerf_field.h"
@@ -26,9 +27,12 @@ struct NerfModel final : Model {
   std::size_t size() const override { return networks() * nerf_parameter_count(config); }
   std::vector<ModelTensor> tensors() const override;
   void initialize(std::uint64_t seed) override;
-  AdamStep adam(double learning_rate, std::int64_t step) const override { return adam_step(learning_rate, step); }
-  StepLosses gradients(kernels::Backend& backend, const RayBatch& batch, std::uint64_t seed, std::int64_t step,
-                       std::span<float> gradients, Workspace* workspace) const override;
+  AdamStep adam(double learning_rate, std::int64_t step) const override {
+    return adam_step(learning_rate, step);
+  }
+  StepLosses gradients(kernels::Backend& backend, const RayBatch& batch, std::uint64_t seed,
+                       std::int64_t step, std::span<float> gradients,
+                       Workspace* workspace) const override;
   double loss(const StepSums& sums) const override { return sums.coarse + sums.rgb_mse; }
   void render(kernels::Backend& backend, const RayBatch& batch, const kernels::CompositeOut& out,
               Workspace* workspace) const override;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The stages are tested one by one elsewhere: here, that they are put together rightly. (Both losses and networks: train/step_test.cc.)
+// The stages are tested one by one elsewhere: here, that they are put together rightly. (Both
+// losses and networks: train/step_test.cc.)
 #include "redrive/model/nerf_model.h"
 
 #include <algorithm>
@@ -30,8 +31,8 @@ RayBatch rays_through_cube(int n) {
   return batch;
 }
 
-/// Densities of about 0.3 and colours that do not change with the direction. The coarse densities are the same everywhere, so that the fine
-/// samples stay where they are when a ray moves.
+/// Densities of about 0.3 and colours that do not change with the direction. The coarse densities
+/// are the same everywhere, so that the fine samples stay where they are when a ray moves.
 void make_tiny_nerf(NerfModel& model, int fine_samples) {
   model.config = {32, 3, 2};
   model.samples = 6;
@@ -39,11 +40,13 @@ void make_tiny_nerf(NerfModel& model, int fine_samples) {
   model.far_m = 6;
   model.unit_from_world = {{0.25f, -0.5f, 0}, 0.15f};
   model.initialize(4);
-  const NerfLayerShape density = nerf_layer(model.config, kNerfDensity), colour = nerf_layer(model.config, kNerfColour);
+  const NerfLayerShape density = nerf_layer(model.config, kNerfDensity),
+                       colour = nerf_layer(model.config, kNerfColour);
   for (int network = 0; network < model.networks(); ++network) {
     float* const numbers = &model.parameters[network * nerf_parameter_count(model.config)];
     numbers[density.bias] = 0.3f;
-    if (network == 0 && fine_samples > 0) std::fill_n(numbers + density.weight, density.inputs, 0.0f);
+    if (network == 0 && fine_samples > 0)
+      std::fill_n(numbers + density.weight, density.inputs, 0.0f);
     for (int o = 0; o < colour.outputs; ++o) {
       float* const row = numbers + colour.weight + static_cast<std::size_t>(o) * colour.inputs;
       std::fill(row + model.config.width, row + colour.inputs, 0.0f);
@@ -81,7 +84,8 @@ TEST(NerfModelGradients, OfRaysAreThoseOfTheLoss) {
       };
       const double difference = (loss(moved[1]) - loss(moved[0])) / (2 * 6 * h);
       EXPECT_NEAR(difference, norm, 0.05 * norm) << fine_samples << (turns ? " turned" : " moved");
-      EXPECT_GT(norm, 100 * 0x1p-25 / (6 * h)) << "nothing tested: loss is good to a float's last bits";
+      EXPECT_GT(norm, 100 * 0x1p-25 / (6 * h))
+          << "nothing tested: loss is good to a float's last bits";
     }
     batch.refines = false;
     std::vector<float> of_field(model.size());

@@ -66,7 +66,8 @@ inline RayBatch tiny_batch(int n) {
       d[k] = uniform(4, 3 * ray + k) + (k == 0 ? 1 : 0);
       square += d[k] * d[k];
     }
-    for (int k = 0; k < 3; ++k) batch.direction[k * n + ray] = static_cast<float>(d[k] / std::sqrt(square));
+    for (int k = 0; k < 3; ++k)
+      batch.direction[k * n + ray] = static_cast<float>(d[k] / std::sqrt(square));
     batch.pixel_angle.push_back(0.02f);
     batch.exposure.push_back({ray % 3 - 1, 0.15f * static_cast<float>(ray)});
   }
@@ -77,8 +78,9 @@ struct TinyLosses : StepLosses, StepSums {
   double loss = 0;
 };
 /// Adds to the gradients.
-inline TinyLosses losses_of(const GridModel& model, const RayBatch& batch, std::span<float> gradients,
-                            kernels::Backend& backend, Workspace* workspace, std::uint64_t seed = kTinySeed,
+inline TinyLosses losses_of(const GridModel& model, const RayBatch& batch,
+                            std::span<float> gradients, kernels::Backend& backend,
+                            Workspace* workspace, std::uint64_t seed = kTinySeed,
                             std::int64_t step = kTinyStep) {
   TinyLosses out;
   static_cast<StepLosses&>(out) = model.gradients(backend, batch, seed, step, gradients, workspace);
@@ -86,8 +88,8 @@ inline TinyLosses losses_of(const GridModel& model, const RayBatch& batch, std::
   out.loss = model.loss(out);
   return out;
 }
-inline TinyLosses losses_of(const GridModel& model, const RayBatch& batch, std::vector<float>* gradients,
-                            kernels::Backend& backend) {
+inline TinyLosses losses_of(const GridModel& model, const RayBatch& batch,
+                            std::vector<float>* gradients, kernels::Backend& backend) {
   Workspace workspace;
   return losses_of(model, batch, *gradients, backend, &workspace);
 }
@@ -115,7 +117,8 @@ inline void empty_proposals_ahead(GridModel& model) {
   }
 }
 
-/// On a background, its tables drawn anew, with rays every other one of which meets nothing but what is empty to the proposals.
+/// On a background, its tables drawn anew, with rays every other one of which meets nothing but
+/// what is empty to the proposals.
 inline RayBatch make_half_empty(GridModel& model, int n) {
   make_tiny_on_background(model);
   model.proposal = {2, 1, 3, 4, 9};

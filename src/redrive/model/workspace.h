@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Working memory that is used in the same order again and again: nothing is allocated once every place has been at its largest.
+// Working memory that is used in the same order again and again: nothing is allocated once every
+// place has been at its largest.
 #pragma once
 
 #include <algorithm>
@@ -17,8 +18,9 @@ namespace redrive {
 
 /// What the stages of a step say of it, means but for the last. What a method has not is 0.
 struct StepSums {
-  double opacity = 0;        ///< 0 means a dead field
-  double rgb_mse = 0;        ///< squared error of the colours of rays that were drawn evenly: what PSNR is said of
+  double opacity = 0;  ///< 0 means a dead field
+  double rgb_mse =
+      0;  ///< squared error of the colours of rays that were drawn evenly: what PSNR is said of
   double coarse = 0;         ///< nerf: the same of the coarse network, where a fine one follows
   double colours = 0;        ///< grid: the colours' part of the loss, and the gains'
   double empty_space = 0;    ///< grid: its part
@@ -29,8 +31,9 @@ struct StepSums {
 
 class Workspace {
  public:
-  /// From here on the places are handed out from the first on again, kept by the backend that computes with them: the host fetches what it
-  /// reads of what stages wrote, and puts what they are to read.
+  /// From here on the places are handed out from the first on again, kept by the backend that
+  /// computes with them: the host fetches what it reads of what stages wrote, and puts what they
+  /// are to read.
   void begin(kernels::Backend& backend) {
     backend_ = &backend;
     next_ = 0;
@@ -42,10 +45,12 @@ class Workspace {
     return {reinterpret_cast<T*>(next<T>(n).data()), n};
   }
 
-  /// A place beside them, which begin() leaves as it is: for what outlives a pass. There is one, until the next call.
+  /// A place beside them, which begin() leaves as it is: for what outlives a pass. There is one,
+  /// until the next call.
   std::span<float> set_aside(std::size_t n) { return room_in(&aside_, n).span().first(n); }
 
-  /// Beside them, too, for stages to leave their numbers in: the host has these once it has fetched all, so that it waits but once.
+  /// Beside them, too, for stages to leave their numbers in: the host has these once it has fetched
+  /// all, so that it waits but once.
   StepSums& sums() {
     kernels::keep(*backend_, sums_);
     return sums_[0];
@@ -55,8 +60,9 @@ class Workspace {
     return sums_[0];
   }
 
-  /// Numbers of the host where the backend reads them without copying them anew for each stage: a place with a copy, or where they are if it
-  /// keeps nothing, or these. Valid until the next begin(), and as long as `numbers` are.
+  /// Numbers of the host where the backend reads them without copying them anew for each stage: a
+  /// place with a copy, or where they are if it keeps nothing, or these. Valid until the next
+  /// begin(), and as long as `numbers` are.
   template <class T>
   std::span<const T> put(std::span<const T> numbers) {
     if (backend_->keeps(kernels::as_floats(numbers))) return numbers;

@@ -10,11 +10,13 @@
 
 namespace redrive {
 
-/// One step's constants. m_hat = m * bias1, v_hat = v * bias2 with bias = 1 / (1 - beta^step), step counted from 1.
+/// One step's constants. m_hat = m * bias1, v_hat = v * bias2 with bias = 1 / (1 - beta^step), step
+/// counted from 1.
 struct AdamStep {
   float learning_rate = 5e-4f, beta1 = 0.9f, beta2 = 0.999f, epsilon = 1e-8f;
   float bias1 = 1, bias2 = 1;
-  bool lazy = false;  ///< leaves a parameter alone, moments and all, in steps that say nothing of it (gradient 0)
+  bool lazy = false;  ///< leaves a parameter alone, moments and all, in steps that say nothing of
+                      ///< it (gradient 0)
 };
 
 inline AdamStep adam_step(double learning_rate, std::int64_t step) {
@@ -36,16 +38,16 @@ REDRIVE_HD void adam_update(const AdamStep& s, T gradient, T& parameter, T& m, T
 }
 
 /// Learning rate of step `step` (from 0): initial * gamma^(number of milestones <= step).
-inline double multi_step_rate(double initial, double gamma, std::span<const std::int64_t> milestones,
-                              std::int64_t step) {
+inline double multi_step_rate(double initial, double gamma,
+                              std::span<const std::int64_t> milestones, std::int64_t step) {
   double rate = initial;
   for (const std::int64_t milestone : milestones)
     if (step >= milestone) rate *= gamma;
   return rate;
 }
 
-/// Exponential decay with a warm-up: initial * last_factor^progress, progress 0..1 through the run; the first kWarmUpSteps rise
-/// linearly, since Adam's first moments are of few steps.
+/// Exponential decay with a warm-up: initial * last_factor^progress, progress 0..1 through the run;
+/// the first kWarmUpSteps rise linearly, since Adam's first moments are of few steps.
 constexpr std::int64_t kWarmUpSteps = 100;
 inline double decayed_rate(double initial, double last_factor, double progress, std::int64_t step) {
   const double warm = step < kWarmUpSteps ? static_cast<double>(step + 1) / kWarmUpSteps : 1.0;

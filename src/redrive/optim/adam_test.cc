@@ -10,13 +10,15 @@ namespace redrive {
 namespace {
 
 TEST(Adam, ConstantGradientMovesByTheLearningRate) {
-  // With a constant gradient m_hat = g and v_hat = g^2 at every step, so each step is lr g / (|g| + epsilon).
+  // With a constant gradient m_hat = g and v_hat = g^2 at every step, so each step is lr g / (|g| +
+  // epsilon).
   for (const double gradient : {3.0, -0.01, 1e-6}) {
     double p = 1, m = 0, v = 0;
     for (int step = 1; step <= 50; ++step) {
       const double before = p;
       adam_update(adam_step(1e-3, step), gradient, p, m, v);
-      // bias1 and bias2 are floats: 2^-24 relative each, and 1 - beta2 in float is off by 2^-24 / 1e-3.
+      // bias1 and bias2 are floats: 2^-24 relative each, and 1 - beta2 in float is off by 2^-24 /
+      // 1e-3.
       EXPECT_NEAR(p - before, -1e-3 * gradient / (std::abs(gradient) + 1e-8), 1e-3 * 1e-4) << step;
     }
   }
@@ -31,7 +33,8 @@ TEST(Adam, FollowsTheAlgorithmOverChangingGradients) {
     adam_update(adam_step(rate, step), gradient, p, m, v);
     expected_m = beta1 * expected_m + (1 - beta1) * gradient;
     expected_v = beta2 * expected_v + (1 - beta2) * gradient * gradient;
-    const double m_hat = expected_m / (1 - std::pow(beta1, step)), v_hat = expected_v / (1 - std::pow(beta2, step));
+    const double m_hat = expected_m / (1 - std::pow(beta1, step)),
+                 v_hat = expected_v / (1 - std::pow(beta2, step));
     expected -= rate * m_hat / (std::sqrt(v_hat) + epsilon);
     // Each step is about `rate` long; bias1, bias2 are rounded to float: 2 * 2^-24 relative a step.
     EXPECT_NEAR(p, expected, step * rate * 10 * 4 * 0x1p-24) << step;
@@ -48,7 +51,8 @@ TEST(Adam, ZeroGradientLeavesAFreshParameterAlone) {
 
 TEST(Adam, VanishingGradientStaysFinite) {
   float p = 0.25f, m = 0, v = 0;
-  adam_update(adam_step(5e-4, 1), 1e-30f, p, m, v);  // its square underflows: epsilon carries the division
+  adam_update(adam_step(5e-4, 1), 1e-30f, p, m,
+              v);  // its square underflows: epsilon carries the division
   EXPECT_NEAR(p, 0.25f, 1e-20f);
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The ray of a pixel, E_P,0^-1 E_P,n E_C applied to ((u - cx)/fx, (v - cy)/fy, 1), against values worked out from a real
-// car's calibration and egomotion files apart from this program, with 50 digits.
+// The ray of a pixel, E_P,0^-1 E_P,n E_C applied to ((u - cx)/fx, (v - cy)/fy, 1), against values
+// worked out from a real car's calibration and egomotion files apart from this program, with 50
+// digits.
 #include <algorithm>
 
 #include <gtest/gtest.h>
@@ -52,7 +53,8 @@ TEST(Equation2, RaysOfARealRecording) {
     const std::uint32_t entry = known.v * table.width + known.u;
     view_rays(table, scene.world_from_camera(*view), {&entry, 1}, &rays);
     for (int d = 0; d < 3; ++d) {
-      // Half a float step at 98 m is 3.8e-6; the files' rotations are orthonormal to 1e-7 and are made exactly so.
+      // Half a float step at 98 m is 3.8e-6; the files' rotations are orthonormal to 1e-7 and are
+      // made exactly so.
       EXPECT_NEAR(rays.origin[d], known.origin_m[d], 5e-6) << d;
       EXPECT_NEAR(rays.direction[d], known.direction[d], 3e-7) << d;
     }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// How the LiDAR returns of a training step are drawn and made rays, as rays/pixel_gather.h does it with pixels. LidarSampler says what is drawn,
-// and owns what it is drawn from.
+// How the LiDAR returns of a training step are drawn and made rays, as rays/pixel_gather.h does it
+// with pixels. LidarSampler says what is drawn, and owns what it is drawn from.
 #pragma once
 
 #include <cstddef>
@@ -28,7 +28,9 @@ using LidarSource = GatherSource<LidarSpans>;
 
 /// What a batch of returns is drawn by: LidarSampler::draw.
 struct LidarDraw {
-  std::uint64_t seed = 0, first = 0;  ///< the first one is the `first`-th, counted through all times that all are seen
+  std::uint64_t
+      seed = 0,
+      first = 0;  ///< the first one is the `first`-th, counted through all times that all are seen
 };
 
 /// A batch to be written, RayBatch's numbers.
@@ -38,7 +40,8 @@ struct GatheredReturns {
 
 /// What has become of the world that returns of a time lie in.
 REDRIVE_HD inline PlainMotion motion_since(const LidarSpans& from, std::int64_t t_ns) {
-  const PlainMotion world_from_body = product(inverse(from.ecef_from_world), pose_at(from.poses, t_ns)),
+  const PlainMotion world_from_body =
+                        product(inverse(from.ecef_from_world), pose_at(from.poses, t_ns)),
                     body_from_ecef = inverse(pose_at(from.recorded, t_ns));
   return product(product(world_from_body, body_from_ecef), from.ecef_from_world);
 }
@@ -47,7 +50,8 @@ REDRIVE_HD inline PlainMotion motion_since(const LidarSpans& from, std::int64_t 
 REDRIVE_HD inline void gather_return(const LidarSpans& from, const LidarDraw& draw, std::size_t i,
                                      const GatheredReturns& out) {
   const std::size_t returns = from.range_m.size(), n = out.range_m.size();
-  const std::uint64_t drawn = draw.first + i, key = random_key(draw.seed, kStreamLidar, drawn / returns);
+  const std::uint64_t drawn = draw.first + i,
+                      key = random_key(draw.seed, kStreamLidar, drawn / returns);
   const std::size_t k = permute_index(key, drawn % returns, returns);
   double origin[3], direction[3];
   for (int d = 0; d < 3; ++d) {
@@ -58,7 +62,8 @@ REDRIVE_HD inline void gather_return(const LidarSpans& from, const LidarDraw& dr
   const PlainMotion motion = stays ? PlainMotion() : motion_since(from, from.t_ns[k]);
   for (int d = 0; d < 3; ++d) {
     out.origin[d * n + i] = static_cast<float>(stays ? origin[d] : moved(motion, origin, d));
-    out.direction[d * n + i] = static_cast<float>(stays ? direction[d] : turned(motion, direction, d));
+    out.direction[d * n + i] =
+        static_cast<float>(stays ? direction[d] : turned(motion, direction, d));
   }
   out.pixel_angle[i] = kBeamAngle;
   out.range_m[i] = from.range_m[k];

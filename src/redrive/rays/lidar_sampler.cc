@@ -15,7 +15,8 @@ std::vector<PlainFrame> plain_frames(const std::vector<FramePose>& frames) {
 }  // namespace
 
 LidarSampler::LidarSampler(const LidarReturns& returns, std::uint64_t seed) : seed_(seed) {
-  static_cast<LidarSpans&>(source_) = {returns.origin, returns.direction, returns.range_m, returns.t_ns, {}, {}, {}};
+  static_cast<LidarSpans&>(source_) = {
+      returns.origin, returns.direction, returns.range_m, returns.t_ns, {}, {}, {}};
 }
 
 void LidarSampler::place(const Rigid3d& ecef_from_world, const std::vector<FramePose>& recorded,

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The training rays of a LiDAR: its returns in an order shuffled anew each time all have been seen (as PixelSampler).
+// The training rays of a LiDAR: its returns in an order shuffled anew each time all have been seen
+// (as PixelSampler).
 #pragma once
 
 #include <cstdint>
@@ -18,13 +19,16 @@ class LidarSampler {
   LidarSampler(const LidarSampler&) = delete;
   LidarSampler& operator=(const LidarSampler&) = delete;
 
-  /// Returns that lie in the world as `recorded` has the frames go with them to where these are now.
-  void place(const Rigid3d& ecef_from_world, const std::vector<FramePose>& recorded, const std::vector<FramePose>& now);
+  /// Returns that lie in the world as `recorded` has the frames go with them to where these are
+  /// now.
+  void place(const Rigid3d& ecef_from_world, const std::vector<FramePose>& recorded,
+             const std::vector<FramePose>& now);
 
   /// Batch `step` (from 0): n rays with range_m, without colours. There must be returns.
   void gather(std::int64_t step, int n, RayBatch* batch) const;
 
-  /// gather() in its parts, for backends that gather themselves: what is drawn, room for it, and what it is drawn from.
+  /// gather() in its parts, for backends that gather themselves: what is drawn, room for it, and
+  /// what it is drawn from.
   LidarDraw draw(std::int64_t step, int n) const;
   static GatheredReturns make_room(int n, RayBatch* batch);
   const LidarSource& source() const { return source_; }

@@ -56,7 +56,8 @@ TEST(LidarSampler, IsAFunctionOfSeedAndStep) {
   EXPECT_NE(a.range_m, c.range_m);
 }
 
-// Frame 1 has moved, so returns between it and frame 0 have by a part, and those at frame 0 not at all.
+// Frame 1 has moved, so returns between it and frame 0 have by a part, and those at frame 0 not at
+// all.
 TEST(LidarSampler, ReturnsGoWithTheFramesBetweenWhichTheyLie) {
   LidarReturns r = returns(60);
   for (std::size_t i = 0; i < r.n; ++i) r.t_ns.push_back(static_cast<std::int64_t>(i));
@@ -85,8 +86,11 @@ TEST(LidarSampler, ReturnsGoWithTheFramesBetweenWhichTheyLie) {
     const double t = batch.range_m[i] - 1, part = t / 59;
     const Eigen::Vector3d at(10 * part, 0, 0), up = Eigen::Vector3d::UnitZ();
     const Eigen::AngleAxisd turn(0.01 * part, up);
-    const auto vector = [&](const std::vector<float>& of) { return Eigen::Vector3d(of[i], of[60 + i], of[120 + i]); };
-    const Eigen::Vector3d origin = turn * (vector(before.origin) - at) + at + Eigen::Vector3d(0, 0.2 * part, 0);
+    const auto vector = [&](const std::vector<float>& of) {
+      return Eigen::Vector3d(of[i], of[60 + i], of[120 + i]);
+    };
+    const Eigen::Vector3d origin =
+        turn * (vector(before.origin) - at) + at + Eigen::Vector3d(0, 0.2 * part, 0);
     EXPECT_LT((vector(batch.origin) - origin).norm(), 1e-3) << t;
     EXPECT_LT((vector(batch.direction) - turn * vector(before.direction)).norm(), 1e-6) << t;
   }

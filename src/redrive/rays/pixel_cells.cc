@@ -25,9 +25,11 @@ void PixelCells::add(int width, int height, std::span<const float> share) {
   }
 }
 
-void smooth_errors(std::span<const std::uint32_t> cells, std::span<const float> squares, std::span<float> errors) {
+void smooth_errors(std::span<const std::uint32_t> cells, std::span<const float> squares,
+                   std::span<float> errors) {
   REDRIVE_CHECK_OP(cells.size(), ==, squares.size());
-  for (std::size_t i = 0; i < cells.size(); ++i) errors[cells[i]] = smoothed_error(errors[cells[i]], squares[i]);
+  for (std::size_t i = 0; i < cells.size(); ++i)
+    errors[cells[i]] = smoothed_error(errors[cells[i]], squares[i]);
 }
 
 }  // namespace redrive

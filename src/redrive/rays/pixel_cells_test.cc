@@ -52,16 +52,17 @@ double rate(const PixelCells& cells, const std::vector<float>& errors, int draws
   return static_cast<double>(drawn) / draws;
 }
 
-/// What resampling gives one of n cells that weighs w times as much as each other one: of all candidates k are it with the binomial's
-/// probability, and then it is kept with k w / (k w + rest).
+/// What resampling gives one of n cells that weighs w times as much as each other one: of all
+/// candidates k are it with the binomial's probability, and then it is kept with k w / (k w +
+/// rest).
 double expected_rate(double w, double n) {
   if (w == 0) return 0;
   double rate = 0;
   for (int k = 1; k <= kCellCandidates; ++k) {
-    const double ways =
-        std::exp(std::lgamma(kCellCandidates + 1) - std::lgamma(k + 1) - std::lgamma(kCellCandidates - k + 1));
-    rate +=
-        ways * std::pow(1 / n, k) * std::pow(1 - 1 / n, kCellCandidates - k) * k * w / (k * w + kCellCandidates - k);
+    const double ways = std::exp(std::lgamma(kCellCandidates + 1) - std::lgamma(k + 1) -
+                                 std::lgamma(kCellCandidates - k + 1));
+    rate += ways * std::pow(1 / n, k) * std::pow(1 - 1 / n, kCellCandidates - k) * k * w /
+            (k * w + kCellCandidates - k);
   }
   return rate;
 }
@@ -74,7 +75,8 @@ TEST(PixelCells, AreDrawnByTheirErrorUpToSoManyTimesTheirShare) {
   for (const double w : {0.0, 0.5, 1.0, 2.0, 5.0, 1e4}) {
     std::vector<float> errors(512, 1e-2f);
     errors[7] = static_cast<float>(1e-2 * w);
-    const double expected = w == 0 ? expected_rate(1e-3, 512) : expected_rate(w, 512);  // the floor is 1e-5
+    const double expected =
+        w == 0 ? expected_rate(1e-3, 512) : expected_rate(w, 512);  // the floor is 1e-5
     EXPECT_NEAR(rate(cells, errors, kDraws), expected, 5 * std::sqrt(expected / kDraws)) << w;
     EXPECT_GT(expected, last);
     last = expected;
@@ -91,7 +93,8 @@ TEST(PixelCells, WithFewerPixelsAreDrawnAsRarely) {
     cells.add(64, 32, shares);
     constexpr int kDraws = 400'000;
     const double expected = expected_rate(share, 512);
-    EXPECT_NEAR(rate(cells, std::vector<float>(512, 1e-2f), kDraws), expected, 5 * std::sqrt(expected / kDraws));
+    EXPECT_NEAR(rate(cells, std::vector<float>(512, 1e-2f), kDraws), expected,
+                5 * std::sqrt(expected / kDraws));
   }
 }
 
@@ -108,11 +111,13 @@ TEST(PixelCells, TheOnlyOneWithAPixelIsFound) {
   }
 }
 
-// Two kinds of cells, many of each error: the weighted mean over rays of both ways of any quantity is its mean over all pixels.
+// Two kinds of cells, many of each error: the weighted mean over rays of both ways of any quantity
+// is its mean over all pixels.
 TEST(PixelCells, WeightsUndoWhatTheErrorsDrawMoreOften) {
   constexpr float kHigh = 3, kShare = 0.5f;
   constexpr double kCells = 512,
-                   kHighCells = 8;  // few, so that the other candidates are as good as all of the mean error
+                   kHighCells =
+                       8;  // few, so that the other candidates are as good as all of the mean error
   const double mean = (kHighCells * kHigh + kCells - kHighCells) / kCells;
   const double often = expected_rate(kHigh, kCells) * kCells;
   const double density = 1 - kShare + kShare * often;  // over the even one
@@ -128,7 +133,8 @@ TEST(PixelCells, ErrorsBeginWithTheFirstRayAndAreSmoothedFromThenOn) {
   EXPECT_EQ(errors[0], 1) << "as bad as can be";
   EXPECT_EQ(errors[1], kUnseenError);
   EXPECT_NEAR(errors[2], 0.5 - 0.2 * 0.25, 1e-7);
-  for (int i = 0; i < 200; ++i) smooth_errors(std::vector<std::uint32_t>{2}, std::vector<float>{0.125f}, errors);
+  for (int i = 0; i < 200; ++i)
+    smooth_errors(std::vector<std::uint32_t>{2}, std::vector<float>{0.125f}, errors);
   EXPECT_NEAR(errors[2], 0.125, 1e-6);
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// How the pixels of a training step are drawn and made rays, one ray at a time and from plain numbers, so that a backend which keeps pictures
-// in memory of its own gathers there (kernels.h, gather). PixelSampler says what is drawn, and owns what it is drawn from.
+// How the pixels of a training step are drawn and made rays, one ray at a time and from plain
+// numbers, so that a backend which keeps pictures in memory of its own gathers there (kernels.h,
+// gather). PixelSampler says what is drawn, and owns what it is drawn from.
 #pragma once
 
 #include <algorithm>
@@ -36,7 +37,8 @@ struct TrainingPicture {
   std::span<const std::uint8_t> rgb, alpha, used;  ///< Image8
 };
 
-/// Pixels of a picture: all of its table, or those that UsedPixels says; of those one in `every` an epoch.
+/// Pixels of a picture: all of its table, or those that UsedPixels says; of those one in `every` an
+/// epoch.
 struct PixelPool {
   std::uint32_t picture = 0, every = 1;
   std::span<const std::uint64_t> bits;
@@ -57,7 +59,8 @@ struct PixelSpans {
   std::span<const float> cell_pixels;  ///< PixelCells::pixels
 };
 
-/// A sampler's, on the host. A backend that keeps them elsewhere does so from the first gather on; then one source has one backend.
+/// A sampler's, on the host. A backend that keeps them elsewhere does so from the first gather on;
+/// then one source has one backend.
 template <class Spans>
 struct GatherSource : Spans {
   int placed = 0;  ///< counts on when Spans::poses have changed
@@ -80,15 +83,15 @@ struct GatheredRays {
 };
 
 /// How often a pixel that the camera reaches is drawn beside others, by its mask and alpha.
-REDRIVE_HD inline float share_of(std::span<const std::uint8_t> alpha, std::span<const std::uint8_t> used,
-                                 std::size_t pixel) {
+REDRIVE_HD inline float share_of(std::span<const std::uint8_t> alpha,
+                                 std::span<const std::uint8_t> used, std::size_t pixel) {
   if (!used.empty() && used[pixel] == 0) return 0;
   return !alpha.empty() && alpha[pixel] == 0 ? 1.0f / kEpochsPerEmptyPixel : 1;
 }
 
 /// UsedPixels: the entry that is the k-th in use.
-REDRIVE_HD inline std::size_t used_entry(std::span<const std::uint64_t> bits, std::span<const std::uint32_t> before,
-                                         std::size_t k) {
+REDRIVE_HD inline std::size_t used_entry(std::span<const std::uint64_t> bits,
+                                         std::span<const std::uint32_t> before, std::size_t k) {
   const std::size_t word = std::upper_bound(before.begin(), before.end(), k) - before.begin() - 1;
   std::uint64_t left = bits[word];
   for (std::size_t skip = k - before[word]; skip > 0; --skip) left &= left - 1;
@@ -102,9 +105,11 @@ struct DrawnPixel {
 };
 
 /// The k-th of an epoch.
-REDRIVE_HD inline DrawnPixel pixel_of_epoch(const PixelSpans& from, const PixelDraw& draw, std::uint64_t k) {
+REDRIVE_HD inline DrawnPixel pixel_of_epoch(const PixelSpans& from, const PixelDraw& draw,
+                                            std::uint64_t k) {
   const std::uint64_t drawn = permute_index(draw.epoch_key, k, from.pixels);
-  const std::size_t p = std::upper_bound(from.offsets.begin(), from.offsets.end(), drawn) - from.offsets.begin() - 1;
+  const std::size_t p =
+      std::upper_bound(from.offsets.begin(), from.offsets.end(), drawn) - from.offsets.begin() - 1;
   const PixelPool& pool = from.pools[p];
   std::size_t entry = (drawn - from.offsets[p]) * pool.every + draw.epoch % pool.every;
   if (!pool.before.empty()) {
@@ -114,10 +119,10 @@ REDRIVE_HD inline DrawnPixel pixel_of_epoch(const PixelSpans& from, const PixelD
   return {pool.picture, entry};
 }
 
-/// A pixel of the cell by its share: pixels are drawn evenly until one is taken. Where few can be, that takes long, but such cells are
-/// drawn as rarely.
-REDRIVE_HD inline DrawnPixel pixel_by_error(const PixelSpans& from, std::span<const float> errors, std::uint64_t key,
-                                            CellDraw* cell) {
+/// A pixel of the cell by its share: pixels are drawn evenly until one is taken. Where few can be,
+/// that takes long, but such cells are drawn as rarely.
+REDRIVE_HD inline DrawnPixel pixel_by_error(const PixelSpans& from, std::span<const float> errors,
+                                            std::uint64_t key, CellDraw* cell) {
   *cell = draw_cell(from.cell_pixels, errors, key);
   const CellRect rect = rect_of_cell(from.cell_pictures, cell->cell);
   const TrainingPicture& picture = from.pictures[rect.picture];
@@ -128,23 +133,30 @@ REDRIVE_HD inline DrawnPixel pixel_by_error(const PixelSpans& from, std::span<co
     const auto x = rect.x + static_cast<int>((bits >> 44) * rect.width >> 20),
                y = rect.y + static_cast<int>((bits >> 24 & 0xfffff) * rect.height >> 20);
     const auto pixel = static_cast<std::uint32_t>(y) * table.width + x;
-    if (static_cast<float>(bits & 0xffffff) * 0x1p-24f >= share_of(picture.alpha, picture.used, pixel)) continue;
+    if (static_cast<float>(bits & 0xffffff) * 0x1p-24f >=
+        share_of(picture.alpha, picture.used, pixel))
+      continue;
     const auto drawn = static_cast<std::uint32_t>(rect.picture);
-    if (table.pixel.size() == std::size_t(table.width) * table.height) return {drawn, pixel};  // the camera reaches all
+    if (table.pixel.size() == std::size_t(table.width) * table.height)
+      return {drawn, pixel};  // the camera reaches all
     const auto found = std::lower_bound(table.pixel.begin(), table.pixel.end(), pixel);
     if (found != table.pixel.end() && *found == pixel)
       return {drawn, static_cast<std::size_t>(found - table.pixel.begin())};
   }
 }
 
-/// Origin, direction and width of ray i of n: entry k of the table, turned in double so that its length stays 1 to float's rounding.
-REDRIVE_HD inline void set_ray(const TableSpans& table, std::size_t k, const PlainPose* poses, std::size_t n_poses,
-                               std::size_t i, std::size_t n, const GatheredRays& out) {
+/// Origin, direction and width of ray i of n: entry k of the table, turned in double so that its
+/// length stays 1 to float's rounding.
+REDRIVE_HD inline void set_ray(const TableSpans& table, std::size_t k, const PlainPose* poses,
+                               std::size_t n_poses, std::size_t i, std::size_t n,
+                               const GatheredRays& out) {
   PlainPose of_row;
   if (n_poses > 1)
-    of_row = pose_at_row(poses, n_poses, row_part(static_cast<int>(table.pixel[k]) / table.width, table.height));
+    of_row = pose_at_row(poses, n_poses,
+                         row_part(static_cast<int>(table.pixel[k]) / table.width, table.height));
   const PlainPose& world_from_camera = n_poses > 1 ? of_row : *poses;
-  const double in_camera[3] = {table.direction[3 * k], table.direction[3 * k + 1], table.direction[3 * k + 2]};
+  const double in_camera[3] = {table.direction[3 * k], table.direction[3 * k + 1],
+                               table.direction[3 * k + 2]};
   for (int d = 0; d < 3; ++d) {
     out.origin[d * n + i] = static_cast<float>(world_from_camera.translation[d]);
     out.direction[d * n + i] = static_cast<float>(turned(world_from_camera, in_camera, d));
@@ -153,12 +165,14 @@ REDRIVE_HD inline void set_ray(const TableSpans& table, std::size_t k, const Pla
 }
 
 /// Ray i of the batch, but for its weight. Returns what it was drawn by, if by error.
-REDRIVE_HD inline CellDraw gather_ray(const PixelSpans& from, const PixelDraw& draw, std::span<const float> errors,
-                                      std::size_t i, const GatheredRays& out) {
+REDRIVE_HD inline CellDraw gather_ray(const PixelSpans& from, const PixelDraw& draw,
+                                      std::span<const float> errors, std::size_t i,
+                                      const GatheredRays& out) {
   CellDraw cell;
   const std::size_t even = draw.even, n = even + draw.by_error;
-  const DrawnPixel drawn = i < even ? pixel_of_epoch(from, draw, draw.begin + i)
-                                    : pixel_by_error(from, errors, random_bits(draw.error_key, i - even), &cell);
+  const DrawnPixel drawn =
+      i < even ? pixel_of_epoch(from, draw, draw.begin + i)
+               : pixel_by_error(from, errors, random_bits(draw.error_key, i - even), &cell);
   const TrainingPicture& picture = from.pictures[drawn.picture];
   const TableSpans& table = from.tables[picture.camera];
   set_ray(table, drawn.entry, &from.poses[picture.first_pose], picture.poses, i, n, out);
@@ -169,9 +183,11 @@ REDRIVE_HD inline CellDraw gather_ray(const PixelSpans& from, const PixelDraw& d
     const std::size_t at = c * n + i;
     float colour = picture.rgb[3 * std::size_t{pixel} + c] / 255.0f;
     if (!out.background.empty()) {
-      const float behind = from.random_background ? random_unit(draw.background_key, at) : from.background;
+      const float behind =
+          from.random_background ? random_unit(draw.background_key, at) : from.background;
       out.background[at] = behind;
-      if (from.random_background) colour += (1 - picture.alpha[pixel] / 255.0f) * (behind - from.background);
+      if (from.random_background)
+        colour += (1 - picture.alpha[pixel] / 255.0f) * (behind - from.background);
     }
     out.target[at] = colour;
   }
@@ -180,14 +196,17 @@ REDRIVE_HD inline CellDraw gather_ray(const PixelSpans& from, const PixelDraw& d
 }
 
 /// The weight of ray i: sums over what its fellows by error were drawn by are those of CellDraw.
-REDRIVE_HD inline void weigh_ray(const PixelDraw& draw, std::span<const float> errors, double pixels, double error,
-                                 std::size_t i, const GatheredRays& out) {
+REDRIVE_HD inline void weigh_ray(const PixelDraw& draw, std::span<const float> errors,
+                                 double pixels, double error, std::size_t i,
+                                 const GatheredRays& out) {
   const float mean = static_cast<float>(error / pixels),
-              share = static_cast<float>(draw.by_error) / static_cast<float>(draw.even + draw.by_error);
+              share =
+                  static_cast<float>(draw.by_error) / static_cast<float>(draw.even + draw.by_error);
   out.weight[i] = ray_weight(errors[out.cell[i]], mean, share);
 }
 
 /// All rays of the batch, on the host.
-void gather_rays(const PixelSpans& from, const PixelDraw& draw, std::span<const float> errors, const GatheredRays& out);
+void gather_rays(const PixelSpans& from, const PixelDraw& draw, std::span<const float> errors,
+                 const GatheredRays& out);
 
 }  // namespace redrive

@@ -38,7 +38,8 @@ float mean_pixel_angle(const Camera& camera) {
     for (int i = 0; i < kLattice; ++i) {
       const Eigen::Vector2d pixel((i + 0.5) / kLattice * camera.width - 0.5,
                                   (j + 0.5) / kLattice * camera.height - 0.5);
-      const auto here = camera.unproject(pixel), right = camera.unproject(pixel + Eigen::Vector2d(0.5, 0)),
+      const auto here = camera.unproject(pixel),
+                 right = camera.unproject(pixel + Eigen::Vector2d(0.5, 0)),
                  below = camera.unproject(pixel + Eigen::Vector2d(0, 0.5));
       if (!here || !right || !below) continue;
       sum += 4 * (*right - *here).cross(*below - *here).norm();
@@ -56,16 +57,18 @@ RayTable make_ray_table(const Camera& camera, int threads) {
     std::vector<float> direction;
   };
   std::vector<Rows> parts((camera.height + kRowsOfRange - 1) / kRowsOfRange);
-  ThreadPool(threads).run_ranges(camera.height, kRowsOfRange, [&](std::size_t begin, std::size_t end) {
-    Rows& rows = parts[begin / kRowsOfRange];
-    for (std::size_t y = begin; y < end; ++y)
-      for (int x = 0; x < camera.width; ++x) {
-        const auto direction = camera.unproject({x, y});
-        if (!direction) continue;
-        rows.pixel.push_back(static_cast<std::uint32_t>(y * camera.width + x));
-        for (int d = 0; d < 3; ++d) rows.direction.push_back(static_cast<float>((*direction)[d]));
-      }
-  });
+  ThreadPool(threads).run_ranges(
+      camera.height, kRowsOfRange, [&](std::size_t begin, std::size_t end) {
+        Rows& rows = parts[begin / kRowsOfRange];
+        for (std::size_t y = begin; y < end; ++y)
+          for (int x = 0; x < camera.width; ++x) {
+            const auto direction = camera.unproject({x, y});
+            if (!direction) continue;
+            rows.pixel.push_back(static_cast<std::uint32_t>(y * camera.width + x));
+            for (int d = 0; d < 3; ++d)
+              rows.direction.push_back(static_cast<float>((*direction)[d]));
+          }
+      });
   RayTable table{camera.width, camera.height, {}, {}, mean_pixel_angle(camera)};
   for (const Rows& rows : parts) {
     table.pixel.insert(table.pixel.end(), rows.pixel.begin(), rows.pixel.end());
@@ -78,14 +81,16 @@ PixelSquares squares_of(const RayTable& table) {
   constexpr std::uint32_t kNone = ~0u;
   constexpr int kLarge = 16;
   std::vector<std::uint32_t> entry_of(static_cast<std::size_t>(table.width) * table.height, kNone);
-  for (std::size_t k = 0; k < table.pixel.size(); ++k) entry_of[table.pixel[k]] = static_cast<std::uint32_t>(k);
+  for (std::size_t k = 0; k < table.pixel.size(); ++k)
+    entry_of[table.pixel[k]] = static_cast<std::uint32_t>(k);
   PixelSquares squares;
   squares.entry.reserve(table.pixel.size());
   squares.first = {0};
   const auto add_square = [&](int left, int top) {
     for (int y = top; y < std::min(top + 2, table.height); ++y)
       for (int x = left; x < std::min(left + 2, table.width); ++x)
-        if (const std::uint32_t k = entry_of[static_cast<std::size_t>(y) * table.width + x]; k != kNone)
+        if (const std::uint32_t k = entry_of[static_cast<std::size_t>(y) * table.width + x];
+            k != kNone)
           squares.entry.push_back(k);
     if (squares.entry.size() > squares.first.back())
       squares.first.push_back(static_cast<std::uint32_t>(squares.entry.size()));
@@ -97,8 +102,8 @@ PixelSquares squares_of(const RayTable& table) {
   return squares;
 }
 
-void view_rays(const RayTable& table, const ShutterPoses& world_from_camera, std::span<const std::uint32_t> entries,
-               RayBatch* batch) {
+void view_rays(const RayTable& table, const ShutterPoses& world_from_camera,
+               std::span<const std::uint32_t> entries, RayBatch* batch) {
   resize(batch, static_cast<int>(entries.size()), false);
   GatheredRays out;
   out.origin = batch->origin;
@@ -119,7 +124,8 @@ UsedPixels::UsedPixels(const RayTable& table, const std::vector<std::uint8_t>& u
     before_[word + 1] = before_[word] + std::popcount(bits_[word]);
 }
 
-PixelSampler::PixelSampler(const Scene& scene, const std::vector<Image8>& images, std::uint64_t seed)
+PixelSampler::PixelSampler(const Scene& scene, const std::vector<Image8>& images,
+                           std::uint64_t seed)
     : scene_(scene), seed_(seed), offsets_{0} {
   REDRIVE_CHECK_OP(images.size(), ==, scene.views.size());
   for (const RigCamera& camera : scene.rig) tables_.push_back(make_ray_table(camera.camera));
@@ -132,18 +138,21 @@ PixelSampler::PixelSampler(const Scene& scene, const std::vector<Image8>& images
     REDRIVE_CHECK_OP(image.width, ==, table.width);
     REDRIVE_CHECK_OP(image.height, ==, table.height);
     const int picture = static_cast<int>(pictures_.size());
-    pictures_.push_back({static_cast<std::uint32_t>(i), static_cast<std::uint32_t>(view.camera), 0, 0,
-                         scene.exposure(view), image.rgb, image.alpha, image.used});
+    pictures_.push_back({static_cast<std::uint32_t>(i), static_cast<std::uint32_t>(view.camera), 0,
+                         0, scene.exposure(view), image.rgb, image.alpha, image.used});
     std::vector<float> share(image.rgb.size() / 3);
-    for (const std::uint32_t pixel : table.pixel) share[pixel] = share_of(image.alpha, image.used, pixel);
+    for (const std::uint32_t pixel : table.pixel)
+      share[pixel] = share_of(image.alpha, image.used, pixel);
     cells_.add(image.width, image.height, share);
     if (image.used.empty() && image.alpha.empty()) {
       add(picture, 1, nullptr);
       continue;
     }
-    for (const int every : {1, kEpochsPerEmptyPixel}) {  // what there is to see, and what is wholly transparent
+    for (const int every :
+         {1, kEpochsPerEmptyPixel}) {  // what there is to see, and what is wholly transparent
       std::vector<std::uint8_t> used(share.size());
-      for (std::size_t pixel = 0; pixel < used.size(); ++pixel) used[pixel] = share[pixel] == 1.0f / every;
+      for (std::size_t pixel = 0; pixel < used.size(); ++pixel)
+        used[pixel] = share[pixel] == 1.0f / every;
       UsedPixels pixels(table, used);
       if (pixels.size() == 0) continue;
       used_.push_back(std::move(pixels));
@@ -153,8 +162,9 @@ PixelSampler::PixelSampler(const Scene& scene, const std::vector<Image8>& images
   const auto first = std::ranges::find(scene.views, false, &View::held_out);
   REDRIVE_CHECK(first != scene.views.end());
   if (offsets_.back() == 0)
-    throw InputError(first->image, "", "",
-                     "masks and camera models leave no pixel of this and all other training images");
+    throw InputError(
+        first->image, "", "",
+        "masks and camera models leave no pixel of this and all other training images");
   static_cast<PixelSpans&>(source_) = {offsets_.back(),
                                        rendered_background(scene.background)[0],
                                        scene.random_behind,
@@ -220,7 +230,8 @@ GatheredRays PixelSampler::make_room(const PixelDraw& draw, RayBatch* batch) con
           batch->weight, batch->exposure,  batch->view,   batch->cell};
 }
 
-void PixelSampler::gather(std::uint64_t first, int even, RayBatch* batch, const RaysByError& more) const {
+void PixelSampler::gather(std::uint64_t first, int even, RayBatch* batch,
+                          const RaysByError& more) const {
   REDRIVE_CHECK(more.n == 0 || more.errors.size() == cells_.size());
   const PixelDraw pixels = draw(first, even, more.n);
   gather_rays(source_, pixels, more.errors, make_room(pixels, batch));
@@ -236,7 +247,8 @@ void gather_rays(const PixelSpans& from, const PixelDraw& draw, std::span<const 
     pixels += drawn.pixels;
     error += drawn.error;
   }
-  for (std::size_t i = 0; i < out.weight.size(); ++i) weigh_ray(draw, errors, pixels, error, i, out);
+  for (std::size_t i = 0; i < out.weight.size(); ++i)
+    weigh_ray(draw, errors, pixels, error, i, out);
 }
 
 }  // namespace redrive

@@ -16,7 +16,8 @@ namespace {
 
 class RaysTest : public testing::Test {
  protected:
-  explicit RaysTest(SceneOptions options = {}) : scene_(make_scene(make_test_recording(folder_.path), options)) {
+  explicit RaysTest(SceneOptions options = {})
+      : scene_(make_scene(make_test_recording(folder_.path), options)) {
     ThreadPool pool(1);
     images_ = load_views(scene_, pool);
   }
@@ -25,7 +26,9 @@ class RaysTest : public testing::Test {
   std::vector<Image8> images_;
 };
 
-Eigen::Vector3d column(const std::vector<float>& soa, int n, int i) { return {soa[i], soa[n + i], soa[2 * n + i]}; }
+Eigen::Vector3d column(const std::vector<float>& soa, int n, int i) {
+  return {soa[i], soa[n + i], soa[2 * n + i]};
+}
 
 std::vector<std::uint32_t> entries_from(std::size_t first, std::size_t count) {
   std::vector<std::uint32_t> entries(count);
@@ -44,7 +47,8 @@ TEST_F(RaysTest, TableHoldsEveryPixelThatTheCameraReaches) {
         if (!direction) continue;
         ASSERT_LT(k, table.pixel.size());
         EXPECT_EQ(table.pixel[k], static_cast<std::uint32_t>(y * table.width + x));
-        const Eigen::Vector3d stored(table.direction[3 * k], table.direction[3 * k + 1], table.direction[3 * k + 2]);
+        const Eigen::Vector3d stored(table.direction[3 * k], table.direction[3 * k + 1],
+                                     table.direction[3 * k + 2]);
         EXPECT_LT((stored - *direction).norm(), 1e-7);
         ++k;
       }
@@ -114,7 +118,8 @@ TEST_F(RaysTest, RaysOfAViewHitWhatTheCameraSees) {
   ASSERT_EQ(rays.origin.size(), 144u);
   EXPECT_TRUE(rays.target.empty());
   for (int i = 0; i < rays.n; ++i) {
-    const Eigen::Vector3d origin = column(rays.origin, 48, i), direction = column(rays.direction, 48, i);
+    const Eigen::Vector3d origin = column(rays.origin, 48, i),
+                          direction = column(rays.direction, 48, i);
     EXPECT_NEAR(direction.norm(), 1, 1e-6);
     const auto pixel = camera.project(world_from_camera.inverse() * (origin + 5 * direction));
     ASSERT_TRUE(pixel);
@@ -165,10 +170,12 @@ Ray ray_of(const RayBatch& batch, int i) {
 }
 
 /// Of some epochs in batches of 100, the first of them 37 and 63 alone.
-std::map<Ray, int> count_rays(const PixelSampler& sampler, std::uint64_t first_epoch, std::uint64_t epochs) {
+std::map<Ray, int> count_rays(const PixelSampler& sampler, std::uint64_t first_epoch,
+                              std::uint64_t epochs) {
   std::map<Ray, int> counts;
   RayBatch batch;
-  const std::uint64_t begin = first_epoch * sampler.pixels(), end = begin + epochs * sampler.pixels();
+  const std::uint64_t begin = first_epoch * sampler.pixels(),
+                      end = begin + epochs * sampler.pixels();
   int rays = 37;
   for (std::uint64_t drawn = begin; drawn < end; drawn += batch.n) {
     sampler.gather(drawn, rays, &batch);
@@ -178,7 +185,8 @@ std::map<Ray, int> count_rays(const PixelSampler& sampler, std::uint64_t first_e
   return counts;
 }
 
-// Each epoch visits every training pixel exactly once, with its own ray and colour, and no pixel of a held-out view.
+// Each epoch visits every training pixel exactly once, with its own ray and colour, and no pixel of
+// a held-out view.
 TEST_F(SamplerTest, AnEpochVisitsEveryTrainingPixelOnce) {
   const PixelSampler sampler(scene_, images_, 5);
   ASSERT_EQ(sampler.pixels(), training_pixels());
@@ -203,7 +211,8 @@ TEST_F(SamplerTest, AnEpochVisitsEveryTrainingPixelOnce) {
   }
   ASSERT_NE(sampler.pixels() % 100, 0u);
   EXPECT_EQ(sampler.steps_per_epoch(100), std::int64_t(sampler.pixels() / 100 + 1));
-  for (std::uint64_t epoch = 0; epoch < 2; ++epoch) EXPECT_EQ(count_rays(sampler, epoch, 1), expected) << epoch;
+  for (std::uint64_t epoch = 0; epoch < 2; ++epoch)
+    EXPECT_EQ(count_rays(sampler, epoch, 1), expected) << epoch;
 }
 
 TEST(UsedPixels, FindsTheKthPixelInUse) {
@@ -264,7 +273,8 @@ TEST_F(SamplerTest, MaskedPixelsAreNotDrawn) {
 }
 
 TEST_F(SamplerTest, EmptyPixelsAreDrawnEveryFourthEpoch) {
-  // Of every image but the first the left ten columns are transparent; in the second one a mask leaves half of each part.
+  // Of every image but the first the left ten columns are transparent; in the second one a mask
+  // leaves half of each part.
   const PixelSampler whole(scene_, images_, 5);
   std::vector<std::size_t> training;
   for (std::size_t v = 0; v < scene_.views.size(); ++v)
@@ -291,7 +301,8 @@ TEST_F(SamplerTest, EmptyPixelsAreDrawnEveryFourthEpoch) {
   }
   const PixelSampler sampler(scene_, images_, 5);
   ASSERT_EQ(sampler.pixels(), solid + empty_an_epoch);
-  EXPECT_EQ(count_rays(sampler, 0, 1).size(), sampler.pixels()) << "each once, another fourth of the empty ones";
+  EXPECT_EQ(count_rays(sampler, 0, 1).size(), sampler.pixels())
+      << "each once, another fourth of the empty ones";
   const auto four_epochs = count_rays(sampler, 0, 4);
   EXPECT_EQ(four_epochs.size(), solid + empty);
   std::size_t often = 0;
@@ -324,7 +335,8 @@ TEST_F(SamplerTest, BackgroundsOfABatch) {
     EXPECT_TRUE(batch.background[i] >= 0 && batch.background[i] < 1);
     sum += batch.background[i];
   }
-  EXPECT_NEAR(sum / 192, 0.5, 5 * std::sqrt(1.0 / 12 / 192));  // five standard deviations of the mean
+  EXPECT_NEAR(sum / 192, 0.5,
+              5 * std::sqrt(1.0 / 12 / 192));  // five standard deviations of the mean
   const std::vector<float> before = batch.background;
   sampler.gather(4 * 64, 64, &batch);
   EXPECT_NE(batch.background, before);
@@ -357,7 +369,8 @@ TEST_F(SamplerTest, ABatchIsAFunctionOfSeedAndPlace) {
   EXPECT_NE(one.direction, two.direction);
 }
 
-// Masks leave out half of a picture, another is transparent in one half, cameras do not reach every pixel, frames are held out.
+// Masks leave out half of a picture, another is transparent in one half, cameras do not reach every
+// pixel, frames are held out.
 TEST_F(SamplerTest, RaysByErrorAreTrainingPixelsByShareAndError) {
   std::vector<std::size_t> training;
   for (std::size_t v = 0; v < scene_.views.size(); ++v)
@@ -370,7 +383,8 @@ TEST_F(SamplerTest, RaysByErrorAreTrainingPixelsByShareAndError) {
   for (std::size_t pixel = 0; pixel < transparent.alpha.size(); ++pixel)
     if (static_cast<int>(pixel) % transparent.width < 10) transparent.alpha[pixel] = 0;
   const PixelSampler sampler(scene_, images_, 5);
-  const auto allowed = count_rays(sampler, 0, 4);  // 4 times what is solid, once what is transparent, but for the last
+  const auto allowed = count_rays(
+      sampler, 0, 4);  // 4 times what is solid, once what is transparent, but for the last
   ASSERT_GT(allowed.size(), sampler.pixels());
 
   constexpr int kBatches = 100, kByError = 2000;
@@ -395,10 +409,14 @@ TEST_F(SamplerTest, RaysByErrorAreTrainingPixelsByShareAndError) {
     return sum / (kBatches * kByError);
   };
   const auto at = [&](std::size_t v) {
-    const Eigen::Vector3f origin = scene_.world_from_camera(scene_.views[v]).translation().cast<float>();
-    return [=](const Ray& ray) { return ray[0] == origin.x() && ray[1] == origin.y() && ray[2] == origin.z(); };
+    const Eigen::Vector3f origin =
+        scene_.world_from_camera(scene_.views[v]).translation().cast<float>();
+    return [=](const Ray& ray) {
+      return ray[0] == origin.x() && ray[1] == origin.y() && ray[2] == origin.z();
+    };
   };
-  // Pictures of at most 32 pixels across have a cell a pixel. Where all have the same error, a pixel is drawn by its share.
+  // Pictures of at most 32 pixels across have a cell a pixel. Where all have the same error, a
+  // pixel is drawn by its share.
   std::vector<float> errors(sampler.cells().size(), 0.01f);
   const auto even = draw(errors);
   double shares = 0;  // in quarters
@@ -408,7 +426,9 @@ TEST_F(SamplerTest, RaysByErrorAreTrainingPixelsByShareAndError) {
     for (const auto& [ray, count] : allowed)
       if (at(v)(ray)) of_view += count;
     const double expected = of_view / shares;
-    EXPECT_NEAR(chances(even, at(v)), expected, 5 * std::sqrt(expected / (kBatches * kByError)) + 2 / shares) << v;
+    EXPECT_NEAR(chances(even, at(v)), expected,
+                5 * std::sqrt(expected / (kBatches * kByError)) + 2 / shares)
+        << v;
   }
   // A picture whose error is nine times the others' is drawn more often, and so rarely are they.
   const int picture = 3;
@@ -419,7 +439,8 @@ TEST_F(SamplerTest, RaysByErrorAreTrainingPixelsByShareAndError) {
       ++cells;
     }
   ASSERT_GT(cells, 0u);
-  const double before = chances(even, at(training[picture])), after = chances(draw(errors), at(training[picture]));
+  const double before = chances(even, at(training[picture])),
+               after = chances(draw(errors), at(training[picture]));
   EXPECT_GT(after / before, 3);
   EXPECT_LT(after / before, kCellCandidates);
 }
@@ -449,25 +470,30 @@ TEST_F(SamplerTest, RaysByErrorFollowTheEvenOnesAndSayTheirCells) {
     EXPECT_EQ(rect.width * rect.height, 1);
   }
   EXPECT_TRUE(plain.weight.empty());
-  for (const float weight : batch.weight) EXPECT_NEAR(weight, 1, 1e-5) << "the errors are all the same";
+  for (const float weight : batch.weight)
+    EXPECT_NEAR(weight, 1, 1e-5) << "the errors are all the same";
   errors[batch.cell[3]] = 1;
   sampler.gather(320, 64, &batch, {32, errors});
-  EXPECT_NEAR(batch.weight[3], 1 / (2 / 3.0 + 8 / 3.0), 0.1) << "drawn about 8 times as often by a third of the rays";
+  EXPECT_NEAR(batch.weight[3], 1 / (2 / 3.0 + 8 / 3.0), 0.1)
+      << "drawn about 8 times as often by a third of the rays";
   EXPECT_EQ(batch.weight.size(), 96u);
   errors[batch.cell[3]] = 0.01f;
   sampler.gather(sampler.pixels() - 5, 64, &batch, {32, errors});
   EXPECT_EQ(batch.n, 5 + 32) << "the end of an epoch";
 }
 
-// A batch is drawn from everywhere: of all pixels of both cameras and all training frames a batch of 400 gets its share.
+// A batch is drawn from everywhere: of all pixels of both cameras and all training frames a batch
+// of 400 gets its share.
 TEST_F(SamplerTest, BatchesMixViews) {
   const PixelSampler sampler(scene_, images_, 5);
   RayBatch batch;
   sampler.gather(0, 400, &batch);
   std::map<std::array<float, 3>, int> by_origin;
-  for (int i = 0; i < batch.n; ++i) ++by_origin[{batch.origin[i], batch.origin[400 + i], batch.origin[800 + i]}];
+  for (int i = 0; i < batch.n; ++i)
+    ++by_origin[{batch.origin[i], batch.origin[400 + i], batch.origin[800 + i]}];
   ASSERT_EQ(by_origin.size(), 8u);  // two cameras, four frames
-  // Each view holds at least 1/12 of the pixels: 33 of 400 expected, standard deviation 5.5; six of them below is 0.
+  // Each view holds at least 1/12 of the pixels: 33 of 400 expected, standard deviation 5.5; six of
+  // them below is 0.
   for (const auto& [origin, count] : by_origin) EXPECT_GT(count, 5);
 }
 

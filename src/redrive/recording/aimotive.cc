@@ -45,15 +45,18 @@ std::int64_t frame_id_from_name(const fs::path& path, const std::string& prefix,
   const std::string stem = path.stem().string();
   if (!has_extension(path, extensions) || !stem.starts_with(prefix)) return -1;
   const char *const begin = stem.data() + prefix.size(), *const end = stem.data() + stem.size();
-  if (begin == end || !std::all_of(begin, end, [](unsigned char c) { return std::isdigit(c); })) return -1;
+  if (begin == end || !std::all_of(begin, end, [](unsigned char c) { return std::isdigit(c); }))
+    return -1;
   std::int64_t id = -1;
   const auto [last, error] = std::from_chars(begin, end, id);
   return error == std::errc() && last == end ? id : -1;
 }
 
-/// The files <prefix><id><extension> of a folder by id, one a frame; a finding about `subject` names what else lies there.
+/// The files <prefix><id><extension> of a folder by id, one a frame; a finding about `subject`
+/// names what else lies there.
 std::vector<FrameFile> list_frame_files(const fs::path& folder, const std::string& prefix,
-                                        std::initializer_list<std::string_view> extensions, const std::string& subject,
+                                        std::initializer_list<std::string_view> extensions,
+                                        const std::string& subject,
                                         std::vector<Finding>* findings) {
   std::vector<FrameFile> files;
   std::vector<std::string> strangers;
@@ -65,29 +68,34 @@ std::vector<FrameFile> list_frame_files(const fs::path& folder, const std::strin
       files.push_back({id, path});
     }
   }
-  std::sort(files.begin(), files.end(), [](const auto& a, const auto& b) { return a.frame_id < b.frame_id; });
+  std::sort(files.begin(), files.end(),
+            [](const auto& a, const auto& b) { return a.frame_id < b.frame_id; });
   for (std::size_t i = 1; i < files.size(); ++i) {
     if (files[i].frame_id == files[i - 1].frame_id) {
-      throw InputError(files[i].path, "frame id", std::to_string(files[i].frame_id),
-                       "a second file of this frame, beside " + files[i - 1].path.filename().string());
+      throw InputError(
+          files[i].path, "frame id", std::to_string(files[i].frame_id),
+          "a second file of this frame, beside " + files[i - 1].path.filename().string());
     }
   }
   if (!strangers.empty()) {
     std::string expected = prefix + "<id>";
     for (const std::string_view& extension : extensions) {
-      if (&extension != extensions.begin()) expected += &extension + 1 == extensions.end() ? " or " : ", ";
+      if (&extension != extensions.begin())
+        expected += &extension + 1 == extensions.end() ? " or " : ", ";
       expected += extension;
     }
-    findings->push_back(
-        {subject, counted(strangers.size(), "file") + " not named " + expected + " ignored: " + first_few(strangers)});
+    findings->push_back({subject, counted(strangers.size(), "file") + " not named " + expected +
+                                      " ignored: " + first_few(strangers)});
   }
   return files;
 }
 
 /// The camera's images of frames with a pose; what is dropped or missing goes into `findings`.
 std::vector<ImageFile> collect_images(const fs::path& folder, const std::string& camera,
-                                      const std::vector<FramePose>& frames, std::vector<Finding>* findings) {
-  std::vector<FrameFile> images = list_frame_files(folder, camera + "_", {".jpg", ".jpeg", ".png"}, camera, findings);
+                                      const std::vector<FramePose>& frames,
+                                      std::vector<Finding>* findings) {
+  std::vector<FrameFile> images =
+      list_frame_files(folder, camera + "_", {".jpg", ".jpeg", ".png"}, camera, findings);
   if (images.empty()) return {};
 
   std::set<std::int64_t> posed, seen;
@@ -107,11 +115,12 @@ std::vector<ImageFile> collect_images(const fs::path& folder, const std::string&
   }
   if (!without_pose.empty()) {
     findings->push_back({camera, counted(without_pose.size(), "image") +
-                                     " dropped, the egomotion has no pose for frame " + first_few(without_pose)});
+                                     " dropped, the egomotion has no pose for frame " +
+                                     first_few(without_pose)});
   }
   if (!without_image.empty()) {
-    findings->push_back({camera, "no image for " + counted(without_image.size(), "frame") + " that " +
-                                     (without_image.size() == 1 ? "has" : "have") +
+    findings->push_back({camera, "no image for " + counted(without_image.size(), "frame") +
+                                     " that " + (without_image.size() == 1 ? "has" : "have") +
                                      " a pose: " + first_few(without_image)});
   }
   return kept;
@@ -122,7 +131,8 @@ fs::path egomotion_file(const fs::path& root) {
   for (const char* name : {"egomotion2.json", "egomotion.json"}) {
     if (is_there(folder / name)) return folder / name;
   }
-  throw InputError(folder / "egomotion2.json", "", "", "missing, and so is egomotion.json: there are no poses");
+  throw InputError(folder / "egomotion2.json", "", "",
+                   "missing, and so is egomotion.json: there are no poses");
 }
 
 }  // namespace
@@ -138,7 +148,8 @@ Recording open(const fs::path& root, PoseSource source) {
   const bool truth = source == PoseSource::kTruth;
   const fs::path calibration_file =
       root / "sensor/calibration" / (truth ? "calibration_true.json" : "calibration.json");
-  const fs::path image_root = root / "sensor/camera", true_poses_file = root / "sensor/gnssins/egomotion2_true.json";
+  const fs::path image_root = root / "sensor/camera",
+                 true_poses_file = root / "sensor/gnssins/egomotion2_true.json";
   OtherSensors others;
   const std::vector<CameraCalibration> calibrations =
       parse_calibration(read_file(calibration_file), calibration_file, &others);
@@ -157,36 +168,43 @@ Recording open(const fs::path& root, PoseSource source) {
   for (const CameraCalibration& calibration : calibrations) {
     calibrated.insert(calibration.name);
     const fs::path folder = image_root / calibration.name;
-    std::vector<ImageFile> images = collect_images(folder, calibration.name, recording.frames, &recording.findings);
+    std::vector<ImageFile> images =
+        collect_images(folder, calibration.name, recording.frames, &recording.findings);
     if (!images.empty()) {
       recording.cameras.push_back({calibration, std::move(images)});
     } else {
       recording.findings.push_back(
-          {calibration.name, is_there(folder) ? "calibrated, but no image to use; left out"
-                                              : "calibrated, but there is no folder of its images; left out"});
+          {calibration.name, is_there(folder)
+                                 ? "calibrated, but no image to use; left out"
+                                 : "calibrated, but there is no folder of its images; left out"});
     }
   }
   for (const fs::path& folder : list_folder(image_root)) {
     if (is_folder(folder) && !calibrated.contains(folder.filename().string())) {
       recording.findings.push_back(
-          {folder.filename().string(), "images of a camera that calibration.json does not have; left out"});
+          {folder.filename().string(),
+           "images of a camera that calibration.json does not have; left out"});
     }
   }
   if (recording.cameras.empty()) {
     std::string why;
-    for (const Finding& finding : recording.findings) why += "; " + finding.subject + ": " + finding.what;
-    throw InputError(image_root, "", "", "empty recording: no image of a calibrated camera with a pose" + why);
+    for (const Finding& finding : recording.findings)
+      why += "; " + finding.subject + ": " + finding.what;
+    throw InputError(image_root, "", "",
+                     "empty recording: no image of a calibrated camera with a pose" + why);
   }
 
-  recording.lidar_files = list_frame_files(root / "dynamic/raw-revolutions", "frame_", {".laz", ".las"},
-                                           "dynamic/raw-revolutions", &recording.findings);
-  recording.box_files =
-      list_frame_files(root / "dynamic/box/3d_body", "frame_", {".json"}, "dynamic/box/3d_body", &recording.findings);
+  recording.lidar_files =
+      list_frame_files(root / "dynamic/raw-revolutions", "frame_", {".laz", ".las"},
+                       "dynamic/raw-revolutions", &recording.findings);
+  recording.box_files = list_frame_files(root / "dynamic/box/3d_body", "frame_", {".json"},
+                                         "dynamic/box/3d_body", &recording.findings);
   if (is_there(root / "points.ply")) recording.points_file = root / "points.ply";
   if (!recording.lidar_files.empty() && !recording.body_from_lidar)
-    recording.findings.push_back({"lidar",
-                                  "not used: calibration.json says of no sensor, or of several, that it is a lidar and "
-                                  "where it stands (RT_body_from_sensor)"});
+    recording.findings.push_back(
+        {"lidar",
+         "not used: calibration.json says of no sensor, or of several, that it is a lidar and "
+         "where it stands (RT_body_from_sensor)"});
   for (const fs::path& folder : list_folder(root / "novel")) {
     if (!is_folder(folder)) continue;
     const std::string name = folder.filename().string();

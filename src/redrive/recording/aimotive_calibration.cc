@@ -11,14 +11,19 @@
 namespace redrive::aimotive {
 namespace {
 
-constexpr double kMaxXi = 10;               // Mei: 0 pinhole, 1 parabolic mirror, fisheyes 1..3
-constexpr double kMaxMount_m = 50;          // a sensor further from the body's origin was not given in metres
-constexpr double kMaxTimeOffset_s = 1;      // beyond that it is another frame's image
-constexpr double kMountTolerance_m = 0.01;  // pos_meter and RT agree to the digits they are written with
+constexpr double kMaxXi = 10;  // Mei: 0 pinhole, 1 parabolic mirror, fisheyes 1..3
+constexpr double kMaxMount_m =
+    50;  // a sensor further from the body's origin was not given in metres
+constexpr double kMaxTimeOffset_s = 1;  // beyond that it is another frame's image
+constexpr double kMountTolerance_m =
+    0.01;  // pos_meter and RT agree to the digits they are written with
 
 bool usable_name(const std::string& name) {
-  const auto plain = [](unsigned char c) { return std::isalnum(c) || c == '_' || c == '-' || c == '.'; };
-  return !name.empty() && name.size() <= 128 && name[0] != '.' && std::all_of(name.begin(), name.end(), plain);
+  const auto plain = [](unsigned char c) {
+    return std::isalnum(c) || c == '_' || c == '-' || c == '.';
+  };
+  return !name.empty() && name.size() <= 128 && name[0] != '.' &&
+         std::all_of(name.begin(), name.end(), plain);
 }
 
 bool has_text_type(const JsonField& sensor) {
@@ -33,7 +38,8 @@ bool is_camera(const JsonField& sensor) {
   return sensor.has("model") && sensor.has("focal_length_px");
 }
 
-[[noreturn]] void refuse(const JsonField& field, const std::string& value, const std::string& rule) {
+[[noreturn]] void refuse(const JsonField& field, const std::string& value,
+                         const std::string& rule) {
   throw InputError(field.file(), field.field(), value, rule);
 }
 
@@ -52,9 +58,10 @@ Rigid3d mount_from_json(const JsonField& sensor) {
   return body_from_sensor;
 }
 
-// Where the body stands in the camera instead of the reverse. The file itself often says: the inverse and the
-// mounting position are given, too. Where they are not, a camera is mounted with its y axis pointing down, within 60
-// degrees; if it does not and the y axis of the inverse does, the file holds the inverse.
+// Where the body stands in the camera instead of the reverse. The file itself often says: the
+// inverse and the mounting position are given, too. Where they are not, a camera is mounted with
+// its y axis pointing down, within 60 degrees; if it does not and the y axis of the inverse does,
+// the file holds the inverse.
 void check_direction(const JsonField& sensor, const Rigid3d& body_from_sensor) {
   const JsonField field = sensor.at("RT_body_from_sensor");
   const Rigid3d inverse = body_from_sensor.inverse();
@@ -68,7 +75,9 @@ void check_direction(const JsonField& sensor, const Rigid3d& body_from_sensor) {
     if (!agrees(body_from_sensor)) {
       const std::string value = "translation " + text(body_from_sensor.translation());
       if (agrees(inverse))
-        refuse(field, value, "inverted: not this, but its inverse places the camera at pos_meter " + text(position));
+        refuse(
+            field, value,
+            "inverted: not this, but its inverse places the camera at pos_meter " + text(position));
       refuse(field, value, "disagrees with pos_meter " + text(position) + " by more than 0.01 m");
     }
     position_decides = !agrees(inverse);
@@ -80,12 +89,15 @@ void check_direction(const JsonField& sensor, const Rigid3d& body_from_sensor) {
     const double shift_m = rest.translation().norm();
     if (turn > 2e-3 || shift_m > kMountTolerance_m) {
       char value[96];
-      std::snprintf(value, sizeof value, "off by %.3g in rotation, %.3g m in position", turn, shift_m);
+      std::snprintf(value, sizeof value, "off by %.3g in rotation, %.3g m in position", turn,
+                    shift_m);
       refuse(field, value,
-             "disagrees with RT_sensor_from_body, which has to be its inverse (is one of them inverted?)");
+             "disagrees with RT_sensor_from_body, which has to be its inverse (is one of them "
+             "inverted?)");
     }
   }
-  const double y_down = -body_from_sensor.linear()(2, 1), y_down_of_inverse = -inverse.linear()(2, 1);
+  const double y_down = -body_from_sensor.linear()(2, 1),
+               y_down_of_inverse = -inverse.linear()(2, 1);
   if (!position_decides && y_down < 0.5 && y_down_of_inverse >= 0.5) {
     refuse(field, "y axis " + text(body_from_sensor.linear().col(1)) + " in body axes",
            "inverted: the y axis of a camera points down (body z = -1), that of the inverse does");
@@ -93,15 +105,17 @@ void check_direction(const JsonField& sensor, const Rigid3d& body_from_sensor) {
 }
 
 CameraCalibration camera_from_json(const JsonField& sensor, const std::string& name) {
-  if (!usable_name(name)) sensor.fail("the name of a camera is made of letters, digits, '_', '-' and '.'");
+  if (!usable_name(name))
+    sensor.fail("the name of a camera is made of letters, digits, '_', '-' and '.'");
   CameraCalibration camera;
   camera.name = name;
   camera.model = sensor.at("model").string();
   if (camera.model != "opencv_pinhole" && camera.model != "mei") {
     sensor.at("model").fail("unknown camera model; known are opencv_pinhole and mei");
   }
-  const JsonField resolution = sensor.at("image_resolution_px"), focal = sensor.at("focal_length_px"),
-                  center = sensor.at("principal_point_px"), distortion = sensor.at("distortion_coeffs");
+  const JsonField resolution = sensor.at("image_resolution_px"),
+                  focal = sensor.at("focal_length_px"), center = sensor.at("principal_point_px"),
+                  distortion = sensor.at("distortion_coeffs");
   resolution.numbers(2), focal.numbers(2), center.numbers(2);  // shapes, before the elements
   image_size_from_json(resolution.at(std::size_t{0}), resolution.at(std::size_t{1}), &camera);
   camera.fx = focal_length_from_json(focal.at(std::size_t{0}));
@@ -150,17 +164,20 @@ std::vector<CameraCalibration> cameras_from_json(const JsonField& sensors, Other
     }
   }
   if (lidars > 1) others->body_from_lidar.reset();  // the revolutions do not say whose they are
-  std::sort(cameras.begin(), cameras.end(), [](const auto& a, const auto& b) { return a.name < b.name; });
+  std::sort(cameras.begin(), cameras.end(),
+            [](const auto& a, const auto& b) { return a.name < b.name; });
   return cameras;
 }
 
-std::vector<CameraCalibration> parse_calibration(std::string_view text, const std::filesystem::path& file,
+std::vector<CameraCalibration> parse_calibration(std::string_view text,
+                                                 const std::filesystem::path& file,
                                                  OtherSensors* others) {
   const nlohmann::json root = parse_json(text, file);
   std::vector<CameraCalibration> cameras = cameras_from_json(JsonField(root, file), others);
   if (cameras.empty()) {
-    throw InputError(file, "", "",
-                     "holds no camera: no entry with sensor_type \"camera\", or with model and focal_length_px");
+    throw InputError(
+        file, "", "",
+        "holds no camera: no entry with sensor_type \"camera\", or with model and focal_length_px");
   }
   return cameras;
 }

@@ -19,7 +19,8 @@ std::int64_t frame_id_from_key(const JsonField& entry, const std::string& key) {
   std::int64_t id = -1;
   const auto [end, error] = std::from_chars(key.data(), key.data() + key.size(), id);
   // One spelling per id, or "7" and "007" would be two poses of one frame.
-  if (error != std::errc() || end != key.data() + key.size() || id < 0 || std::to_string(id) != key) {
+  if (error != std::errc() || end != key.data() + key.size() || id < 0 ||
+      std::to_string(id) != key) {
     throw InputError(entry.file(), "key", "\"" + key + "\"",
                      "expected a frame id: a whole number without leading zeros");
   }
@@ -45,14 +46,17 @@ void check_step(const FramePose& a, const FramePose& b, const std::filesystem::p
   if (b.t_ns <= a.t_ns) {
     char value[64];
     std::snprintf(value, sizeof value, "%.9f s", static_cast<double>(b.t_ns) * 1e-9);
-    throw InputError(file, id + ".time", value,
-                     "times have to increase with the frame id, but this is not after frame " + before);
+    throw InputError(
+        file, id + ".time", value,
+        "times have to increase with the frame id, but this is not after frame " + before);
   }
   const double step_m = (b.ecef_from_body.translation() - a.ecef_from_body.translation()).norm();
   if (step_m > kMaxSpeed_m_per_s * dt_s) {
     char value[96];
-    std::snprintf(value, sizeof value, "%.2f m away from frame %s, %.3f s later", step_m, before.c_str(), dt_s);
-    throw InputError(file, id + ".RT_ECEF_body", value, "no car moves so: at most 150 m/s are accepted");
+    std::snprintf(value, sizeof value, "%.2f m away from frame %s, %.3f s later", step_m,
+                  before.c_str(), dt_s);
+    throw InputError(file, id + ".RT_ECEF_body", value,
+                     "no car moves so: at most 150 m/s are accepted");
   }
 }
 

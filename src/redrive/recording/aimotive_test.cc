@@ -38,12 +38,14 @@ TEST(Aimotive, OpensARecording) {
   ASSERT_EQ(recording.cameras.size(), 2u);
   ASSERT_EQ(recording.cameras[0].images.size(), 3u);
   EXPECT_EQ(recording.cameras[0].images[2].frame_id, 11);
-  EXPECT_EQ(recording.cameras[0].images[2].path, folder.path / "sensor/camera/F_CAM/F_CAM_0000011.jpg");
+  EXPECT_EQ(recording.cameras[0].images[2].path,
+            folder.path / "sensor/camera/F_CAM/F_CAM_0000011.jpg");
   EXPECT_EQ(recording.frames.size(), 3u);
   EXPECT_THAT(recording.other_sensors, ElementsAre("Imu0", "M_LIDAR"));
   ASSERT_EQ(recording.lidar_files.size(), 2u);
   EXPECT_EQ(recording.lidar_files[0].frame_id, 9);
-  EXPECT_EQ(recording.lidar_files[0].path, folder.path / "dynamic/raw-revolutions/frame_0000009.laz");
+  EXPECT_EQ(recording.lidar_files[0].path,
+            folder.path / "dynamic/raw-revolutions/frame_0000009.laz");
   EXPECT_EQ(recording.lidar_files[1].frame_id, 10);
   EXPECT_EQ(recording.points_file, folder.path / "points.ply");
   ASSERT_EQ(recording.box_files.size(), 2u);
@@ -64,7 +66,8 @@ TEST(Aimotive, OpensARecording) {
 TEST(Aimotive, ImagesAndPosesThatLackEachOther) {
   TemporaryFolder folder;
   testing::write_recording(folder);
-  for (int id = 12; id < 20; ++id) folder.write("sensor/camera/F_CAM/F_CAM_00000" + std::to_string(id) + ".png", "");
+  for (int id = 12; id < 20; ++id)
+    folder.write("sensor/camera/F_CAM/F_CAM_00000" + std::to_string(id) + ".png", "");
   folder.write("sensor/camera/F_CAM/thumbnail.jpg", "");
   folder.write("sensor/camera/F_CAM/F_CAM_.jpg", "");
   fs::remove(folder.path / "sensor/camera/L_FISH/L_FISH_0000010.jpg");
@@ -75,7 +78,8 @@ TEST(Aimotive, ImagesAndPosesThatLackEachOther) {
                     HasSubstr("2 files not named"), HasSubstr("thumbnail.jpg")));
   ASSERT_EQ(recording.cameras[1].images.size(), 2u);
   EXPECT_EQ(recording.cameras[1].images[1].frame_id, 11);
-  EXPECT_THAT(finding_about(recording, "L_FISH"), AllOf(HasSubstr("no image for 1 frame "), HasSubstr(": 10")));
+  EXPECT_THAT(finding_about(recording, "L_FISH"),
+              AllOf(HasSubstr("no image for 1 frame "), HasSubstr(": 10")));
 }
 
 TEST(Aimotive, CamerasWithoutImagesOrCalibration) {
@@ -106,18 +110,21 @@ TEST(Aimotive, TwoRevolutionsOfOneFrame) {
               AllOf(HasSubstr("frame_0000009.laz"), HasSubstr("frame_0000009.las")));
 }
 
-// What a program is given carries errors; the truth beside it is read where it is, and used where it is asked for.
+// What a program is given carries errors; the truth beside it is read where it is, and used where
+// it is asked for.
 TEST(Aimotive, TruthBesideWhatIsGiven) {
   TemporaryFolder folder;
   testing::write_recording(folder);
   EXPECT_TRUE(open_recording(folder.path).true_frames.empty());
-  EXPECT_THAT(input_error([&] { open_recording(folder.path, PoseSource::kTruth); }), HasSubstr("_true.json"));
+  EXPECT_THAT(input_error([&] { open_recording(folder.path, PoseSource::kTruth); }),
+              HasSubstr("_true.json"));
   nlohmann::json poses = testing::egomotion(), cameras = testing::calibration();
   poses["9"] = testing::pose_at(0.06, 50.0);
   cameras["F_CAM"]["time_offset_s"] = 0.01;
   folder.write("sensor/gnssins/egomotion2_true.json", poses.dump());
   folder.write("sensor/calibration/calibration_true.json", cameras.dump());
-  const Recording given = open_recording(folder.path), truth = open_recording(folder.path, PoseSource::kTruth);
+  const Recording given = open_recording(folder.path),
+                  truth = open_recording(folder.path, PoseSource::kTruth);
   EXPECT_EQ(given.frames[0].ecef_from_body.translation().x(), 4e6);
   EXPECT_EQ(given.true_frames[0].ecef_from_body.translation().x(), 4e6 + 0.06);
   EXPECT_EQ(truth.frames[0].ecef_from_body.translation().x(), 4e6 + 0.06);
@@ -137,7 +144,8 @@ TEST(Aimotive, EmptyRecording) {
 TEST(Aimotive, NoImageHasAPose) {
   TemporaryFolder folder;
   testing::write_recording(folder);
-  folder.write("sensor/gnssins/egomotion2.json", nlohmann::json{{"7", testing::pose_at(0, 0)}}.dump());
+  folder.write("sensor/gnssins/egomotion2.json",
+               nlohmann::json{{"7", testing::pose_at(0, 0)}}.dump());
   EXPECT_THAT(input_error([&] { open_recording(folder.path); }),
               AllOf(HasSubstr("empty recording"), HasSubstr("no pose for frame 9, 10, 11")));
 }
@@ -145,7 +153,8 @@ TEST(Aimotive, NoImageHasAPose) {
 TEST(Aimotive, MissingFiles) {
   TemporaryFolder folder;
   testing::write_recording(folder);
-  fs::rename(folder.path / "sensor/gnssins/egomotion2.json", folder.path / "sensor/gnssins/egomotion.json");
+  fs::rename(folder.path / "sensor/gnssins/egomotion2.json",
+             folder.path / "sensor/gnssins/egomotion.json");
   EXPECT_EQ(open_recording(folder.path).frames.size(), 3u);
   fs::remove(folder.path / "sensor/gnssins/egomotion.json");
   EXPECT_THAT(input_error([&] { open_recording(folder.path); }),
@@ -158,7 +167,8 @@ TEST(Registry, FoldersThatAreNone) {
   TemporaryFolder folder;
   EXPECT_THAT(input_error([&] { open_recording(folder.path); }),
               AllOf(HasSubstr(folder.path.string()), HasSubstr("sensor/calibration")));
-  EXPECT_THAT(input_error([&] { open_recording(folder.path / "nothing"); }), HasSubstr("no such folder"));
+  EXPECT_THAT(input_error([&] { open_recording(folder.path / "nothing"); }),
+              HasSubstr("no such folder"));
   folder.write("file", "");
   EXPECT_THAT(input_error([&] { open_recording(folder.path / "file"); }), HasSubstr("folder"));
 }
@@ -169,7 +179,8 @@ TEST(Aimotive, RealRecording) {
   if (!fs::exists(root)) GTEST_SKIP() << "no recording at " << root;
   const Recording recording = open_recording(root);
   ASSERT_EQ(recording.cameras.size(), 4u);
-  EXPECT_THAT(recording.other_sensors, ElementsAre("B_LRR_C", "F_LRR_C", "Imu0", "M_LIDAR_M", "novatel", "ublox_gps"));
+  EXPECT_THAT(recording.other_sensors,
+              ElementsAre("B_LRR_C", "F_LRR_C", "Imu0", "M_LIDAR_M", "novatel", "ublox_gps"));
   ASSERT_TRUE(recording.body_from_lidar.has_value());
   EXPECT_NEAR(recording.body_from_lidar->translation().z(), 1.6823, 1e-4);
   ASSERT_EQ(recording.frames.size(), 50u);

@@ -7,8 +7,8 @@ namespace redrive {
 namespace {
 
 constexpr std::uint32_t kMinLength = 1u << 24;
-constexpr int kScaleBits =
-    31;  // shares are counts * (2^31 / total), rounded down twice: encoder and decoder have to agree
+constexpr int kScaleBits = 31;  // shares are counts * (2^31 / total), rounded down twice: encoder
+                                // and decoder have to agree
 
 }  // namespace
 
@@ -83,7 +83,8 @@ bool ArithmeticDecoder::bit(BitModel& model) {
 
 std::uint32_t ArithmeticDecoder::symbol(SymbolModel& model) {
   const std::uint32_t unit = length_ >> SymbolModel::kShareBits;
-  // The last symbol whose part begins at or before the value; the last of all also gets what rounding left over.
+  // The last symbol whose part begins at or before the value; the last of all also gets what
+  // rounding left over.
   std::uint32_t symbol = 0;
   for (std::uint32_t n = model.size(); n > 1;) {
     const std::uint32_t half = n / 2;

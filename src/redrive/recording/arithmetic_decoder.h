@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// The adaptive arithmetic code of LASzip: A. Said, "Introduction to Arithmetic Coding", HP Labs 2004 (the coder), M. Isenburg,
-// "LASzip: lossless compression of LiDAR data", PE&RS 79(2), 2013 (its use). Every constant here is part of the format.
+// The adaptive arithmetic code of LASzip: A. Said, "Introduction to Arithmetic Coding", HP Labs
+// 2004 (the coder), M. Isenburg, "LASzip: lossless compression of LiDAR data", PE&RS 79(2), 2013
+// (its use). Every constant here is part of the format.
 //
-// The coder keeps an interval of `length` in 2^24..2^32-1; a model cuts it in proportion to how often each symbol came
-// so far, the next symbol's part becomes the interval, and bytes are shifted in until it has its 24 bits again.
+// The coder keeps an interval of `length` in 2^24..2^32-1; a model cuts it in proportion to how
+// often each symbol came so far, the next symbol's part becomes the interval, and bytes are shifted
+// in until it has its 24 bits again.
 #pragma once
 
 #include <cstddef>
@@ -25,7 +27,8 @@ class BitModel {
 
  private:
   void update();
-  std::uint32_t zeros_ = 1, total_ = 2, zero_share_ = 1u << (kShareBits - 1), cycle_ = 4, until_update_ = 4;
+  std::uint32_t zeros_ = 1, total_ = 2, zero_share_ = 1u << (kShareBits - 1), cycle_ = 4,
+                until_update_ = 4;
 };
 
 /// How often each of `size` symbols came. Shares are of 2^15.
@@ -50,8 +53,8 @@ class SymbolModel {
   std::uint32_t total_ = 0, cycle_ = 0, until_update_ = 0;
 };
 
-/// Reads symbols from `bytes` (which must outlive it). Any bytes can be decoded without harm; whether they meant anything
-/// is what broken() says.
+/// Reads symbols from `bytes` (which must outlive it). Any bytes can be decoded without harm;
+/// whether they meant anything is what broken() says.
 class ArithmeticDecoder {
  public:
   explicit ArithmeticDecoder(std::string_view bytes);
@@ -60,7 +63,8 @@ class ArithmeticDecoder {
   std::uint32_t symbol(SymbolModel& model);
   std::uint32_t bits(int n);  ///< n equally likely bits, 1..32
 
-  /// The bytes ended too early, or hold what no encoder writes; the symbols since then are meaningless.
+  /// The bytes ended too early, or hold what no encoder writes; the symbols since then are
+  /// meaningless.
   bool broken() const { return broken_; }
   void refuse() { broken_ = true; }  ///< the symbols say what no encoder writes
   std::size_t bytes_read() const { return position_; }

@@ -17,7 +17,8 @@ constexpr double kMaxSpeed_m_per_s = 300;  // two cars in opposite directions
 constexpr double kUnitNorm = 1e-3;
 
 /// "<name> X", "<name> Y" and "<name> Z".
-Eigen::Vector3d vector_from_json(const JsonField& object, const std::string& name, double least, double most) {
+Eigen::Vector3d vector_from_json(const JsonField& object, const std::string& name, double least,
+                                 double most) {
   Eigen::Vector3d vector;
   for (int axis = 0; axis < 3; ++axis) {
     const JsonField field = object.at(name + " " + "XYZ"[axis]);
@@ -37,8 +38,8 @@ Eigen::Quaterniond rotation_from_json(const JsonField& object) {
   const JsonField w = object.at(name + " W");
   const Eigen::Quaterniond rotation(w.number(), xyz.x(), xyz.y(), xyz.z());
   if (!(std::abs(rotation.norm() - 1) <= kUnitNorm))
-    throw InputError(object.file(), object.field() + "." + name, "norm " + std::to_string(rotation.norm()),
-                     "must be 1 to 0.001: a rotation");
+    throw InputError(object.file(), object.field() + "." + name,
+                     "norm " + std::to_string(rotation.norm()), "must be 1 to 0.001: a rotation");
   return rotation.normalized();
 }
 
@@ -65,20 +66,25 @@ std::vector<Box> parse_boxes(std::string_view text, const std::filesystem::path&
     const JsonField object = objects.at(i);
     Box box;
     box.object_id = object.at("ObjectId").integer();
-    if (!ids.insert(box.object_id).second) object.at("ObjectId").fail("a second box of this object");
+    if (!ids.insert(box.object_id).second)
+      object.at("ObjectId").fail("a second box of this object");
     box.type = object.at("ObjectType").string();
     box.actor_name = object.at("ActorName").string();
     box.t_ns = t_ns;
     box.body_from_box = Rigid3d::Identity();
     box.body_from_box.linear() = rotation_from_json(object).toRotationMatrix();
-    box.body_from_box.translation() = vector_from_json(object, "BoundingBox3D Origin", -kMaxDistance_m, kMaxDistance_m);
+    box.body_from_box.translation() =
+        vector_from_json(object, "BoundingBox3D Origin", -kMaxDistance_m, kMaxDistance_m);
     box.size_m = vector_from_json(object, "BoundingBox3D Extent", kMinSize_m, kMaxSize_m);
-    box.velocity_in_body_m_per_s = vector_from_json(object, "Relative Velocity", -kMaxSpeed_m_per_s, kMaxSpeed_m_per_s);
+    box.velocity_in_body_m_per_s =
+        vector_from_json(object, "Relative Velocity", -kMaxSpeed_m_per_s, kMaxSpeed_m_per_s);
     boxes.push_back(std::move(box));
   }
   return boxes;
 }
 
-std::vector<Box> read_boxes(const std::filesystem::path& file) { return parse_boxes(read_file(file), file); }
+std::vector<Box> read_boxes(const std::filesystem::path& file) {
+  return parse_boxes(read_file(file), file);
+}
 
 }  // namespace redrive

@@ -34,9 +34,13 @@ json object(int id) {
           {"Truncated", 0}};
 }
 
-json frame() { return {{"CapturedObjects", {object(4), object(7)}}, {"Timestamp", "4833189570000"}}; }
+json frame() {
+  return {{"CapturedObjects", {object(4), object(7)}}, {"Timestamp", "4833189570000"}};
+}
 
-std::vector<Box> parsed_boxes(const json& document) { return parse_boxes(document.dump(), "dir/frame_0000001.json"); }
+std::vector<Box> parsed_boxes(const json& document) {
+  return parse_boxes(document.dump(), "dir/frame_0000001.json");
+}
 
 std::string boxes_message(const std::string& pointer, const json& value) {
   json document = frame();
@@ -60,9 +64,11 @@ TEST(Boxes, KnownValues) {
   EXPECT_EQ(boxes[0].t_ns, 4833189570000);
   EXPECT_EQ(boxes[0].size_m, Eigen::Vector3d(4, 2, 1.5));
   EXPECT_EQ(boxes[0].velocity_in_body_m_per_s, Eigen::Vector3d(-1.5, 0.25, 0.125));
-  EXPECT_TRUE((boxes[0].body_from_box * Eigen::Vector3d(2, 1, 0.5)).isApprox(Eigen::Vector3d(12, -19, 1.25), 1e-15));
+  EXPECT_TRUE((boxes[0].body_from_box * Eigen::Vector3d(2, 1, 0.5))
+                  .isApprox(Eigen::Vector3d(12, -19, 1.25), 1e-15));
   EXPECT_EQ(boxes[1].object_id, 7);
-  EXPECT_TRUE((boxes[1].body_from_box * Eigen::Vector3d(2, 1, 0.5)).isApprox(Eigen::Vector3d(9, -18, 1.25), 1e-15));
+  EXPECT_TRUE((boxes[1].body_from_box * Eigen::Vector3d(2, 1, 0.5))
+                  .isApprox(Eigen::Vector3d(9, -18, 1.25), 1e-15));
   document["CapturedObjects"] = json::array();
   EXPECT_TRUE(parsed_boxes(document).empty());
 }
@@ -71,15 +77,21 @@ TEST(Boxes, Rotations) {
   json document = frame();
   json& quaternion_w = document["CapturedObjects"][0]["BoundingBox3D Orientation Quat W"];
   quaternion_w = 1.0005;  // written with few digits: normalised
-  EXPECT_NEAR((parsed_boxes(document)[0].body_from_box.linear() - Eigen::Matrix3d::Identity()).norm(), 0, 1e-15);
+  EXPECT_NEAR(
+      (parsed_boxes(document)[0].body_from_box.linear() - Eigen::Matrix3d::Identity()).norm(), 0,
+      1e-15);
   quaternion_w = 0;
   EXPECT_THAT(input_error([&] { parsed_boxes(document); }),
-              AllOf(HasSubstr("CapturedObjects[0].BoundingBox3D Orientation Quat = norm 0"), HasSubstr("rotation")));
-  EXPECT_THAT(boxes_message("/CapturedObjects/1/BoundingBox3D Orientation Quat W", 1.002), HasSubstr("norm 1.002"));
-  EXPECT_THAT(boxes_message("/CapturedObjects/1/BoundingBox3D Orientation Quat Z", 0.1), HasSubstr("norm 1.00"));
+              AllOf(HasSubstr("CapturedObjects[0].BoundingBox3D Orientation Quat = norm 0"),
+                    HasSubstr("rotation")));
+  EXPECT_THAT(boxes_message("/CapturedObjects/1/BoundingBox3D Orientation Quat W", 1.002),
+              HasSubstr("norm 1.002"));
+  EXPECT_THAT(boxes_message("/CapturedObjects/1/BoundingBox3D Orientation Quat Z", 0.1),
+              HasSubstr("norm 1.00"));
   EXPECT_THAT(boxes_message("/CapturedObjects/1/BoundingBox3D Orientation Quat X", 1e300),
               HasSubstr("Quat X = 1e+300"));
-  EXPECT_THAT(boxes_message("/CapturedObjects/1/BoundingBox3D Orientation Quat W", 1e300), HasSubstr("norm inf"));
+  EXPECT_THAT(boxes_message("/CapturedObjects/1/BoundingBox3D Orientation Quat W", 1e300),
+              HasSubstr("norm inf"));
 }
 
 TEST(Boxes, ValuesThatAreNone) {
@@ -94,14 +106,18 @@ TEST(Boxes, ValuesThatAreNone) {
   EXPECT_THAT(boxes_message(first + "Relative Velocity Z", -301),
               HasSubstr("CapturedObjects[0].Relative Velocity Z = -301"));
   EXPECT_THAT(boxes_message(first + "Relative Velocity Z", "nan"), HasSubstr("a number"));
-  EXPECT_THAT(boxes_message(first + "ObjectId", 1.5), HasSubstr("CapturedObjects[0].ObjectId = 1.5"));
-  EXPECT_THAT(boxes_message(first + "ObjectType", 3), HasSubstr("CapturedObjects[0].ObjectType = 3"));
-  EXPECT_THAT(boxes_message(first + "ActorName", nullptr), HasSubstr("CapturedObjects[0].ActorName = null"));
+  EXPECT_THAT(boxes_message(first + "ObjectId", 1.5),
+              HasSubstr("CapturedObjects[0].ObjectId = 1.5"));
+  EXPECT_THAT(boxes_message(first + "ObjectType", 3),
+              HasSubstr("CapturedObjects[0].ObjectType = 3"));
+  EXPECT_THAT(boxes_message(first + "ActorName", nullptr),
+              HasSubstr("CapturedObjects[0].ActorName = null"));
   EXPECT_THAT(boxes_message("/CapturedObjects/1/ObjectId", 4),
               AllOf(HasSubstr("CapturedObjects[1].ObjectId = 4"), HasSubstr("second")));
   EXPECT_THAT(boxes_message("/CapturedObjects", {{"a", 1}}), HasSubstr("an array"));
   EXPECT_THAT(boxes_message("/CapturedObjects/0", 5), HasSubstr("CapturedObjects[0] = 5"));
-  for (const json& time : {json(4833189570000), json(""), json("12.5"), json("noon"), json("99999999999999999999")})
+  for (const json& time :
+       {json(4833189570000), json(""), json("12.5"), json("noon"), json("99999999999999999999")})
     EXPECT_THAT(boxes_message("/Timestamp", time), HasSubstr("Timestamp = " + time.dump()));
 }
 
@@ -113,15 +129,18 @@ TEST(Boxes, Missing) {
     if (key == "Occluded" || key == "Truncated") {
       EXPECT_EQ(parsed_boxes(document).size(), 2u);
     } else {
-      EXPECT_THAT(input_error([&] { parsed_boxes(document); }), HasSubstr("CapturedObjects[1]." + key + ": missing"));
+      EXPECT_THAT(input_error([&] { parsed_boxes(document); }),
+                  HasSubstr("CapturedObjects[1]." + key + ": missing"));
     }
   }
   for (const char* key : {"CapturedObjects", "Timestamp"}) {
     json document = frame();
     document.erase(key);
-    EXPECT_THAT(input_error([&] { parsed_boxes(document); }), HasSubstr(std::string(key) + ": missing"));
+    EXPECT_THAT(input_error([&] { parsed_boxes(document); }),
+                HasSubstr(std::string(key) + ": missing"));
   }
-  EXPECT_THAT(input_error([] { parse_boxes("[", "dir/frame_0000001.json"); }), HasSubstr("dir/frame_0000001.json"));
+  EXPECT_THAT(input_error([] { parse_boxes("[", "dir/frame_0000001.json"); }),
+              HasSubstr("dir/frame_0000001.json"));
 }
 
 }  // namespace

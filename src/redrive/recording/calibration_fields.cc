@@ -9,20 +9,23 @@ namespace {
 constexpr std::int64_t kMaxPixels = 1 << 28;  // sixteen times the largest sensors on cars
 constexpr double kMaxImageSize_px = 65536;
 constexpr double kMaxFocalLength_px = 1e6;  // 65536 px across 4 degrees
-constexpr double kMaxDistortion = 1e6;      // beyond: r^6 terms leave the range of float at 45 degrees
+constexpr double kMaxDistortion = 1e6;  // beyond: r^6 terms leave the range of float at 45 degrees
 
 int side_from_json(const JsonField& field) {
   const double size = field.number();
-  if (size < 1 || size > kMaxImageSize_px || size != std::floor(size)) field.fail("expected whole pixels, 1 to 65536");
+  if (size < 1 || size > kMaxImageSize_px || size != std::floor(size))
+    field.fail("expected whole pixels, 1 to 65536");
   return static_cast<int>(size);
 }
 
 }  // namespace
 
-void image_size_from_json(const JsonField& width, const JsonField& height, CameraCalibration* camera) {
+void image_size_from_json(const JsonField& width, const JsonField& height,
+                          CameraCalibration* camera) {
   camera->width = side_from_json(width);
   camera->height = side_from_json(height);
-  if (std::int64_t{camera->width} * camera->height > kMaxPixels) height.fail("expected at most 2^28 pixels in all");
+  if (std::int64_t{camera->width} * camera->height > kMaxPixels)
+    height.fail("expected at most 2^28 pixels in all");
 }
 
 double focal_length_from_json(const JsonField& field) {
@@ -35,14 +38,16 @@ double focal_length_from_json(const JsonField& field) {
 double principal_point_from_json(const JsonField& field, int size) {
   const double c = field.number();
   if (c < -size || c > 2.0 * size) {
-    field.fail("the principal point lies more than one image size (" + std::to_string(size) + " px) outside the image");
+    field.fail("the principal point lies more than one image size (" + std::to_string(size) +
+               " px) outside the image");
   }
   return c;
 }
 
 double distortion_from_json(const JsonField& field) {
   const double coefficient = field.number();
-  if (std::abs(coefficient) > kMaxDistortion) field.fail("expected a coefficient between -1e6 and 1e6");
+  if (std::abs(coefficient) > kMaxDistortion)
+    field.fail("expected a coefficient between -1e6 and 1e6");
   return coefficient;
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Intrinsics from JSON, whatever the format calls them: each function reads one number and refuses (InputError) what no
-// camera has.
+// Intrinsics from JSON, whatever the format calls them: each function reads one number and refuses
+// (InputError) what no camera has.
 #pragma once
 
 #include "redrive/base/json_field.h"
@@ -9,10 +9,11 @@
 namespace redrive {
 
 /// Whole pixels, 1 to 65536 a side, 2^28 in all.
-void image_size_from_json(const JsonField& width, const JsonField& height, CameraCalibration* camera);
+void image_size_from_json(const JsonField& width, const JsonField& height,
+                          CameraCalibration* camera);
 double focal_length_from_json(const JsonField& field);  ///< pixels, above 0, at most 1e6
 double principal_point_from_json(const JsonField& field,
-                                 int size);           ///< pixels, at most one image size outside the image
+                                 int size);  ///< pixels, at most one image size outside the image
 double distortion_from_json(const JsonField& field);  ///< a coefficient between -1e6 and 1e6
 
 }  // namespace redrive

@@ -12,7 +12,8 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using testing::input_error;
 
-std::vector<CameraCalibration> parsed_calibration(const json& document, aimotive::OtherSensors* others = nullptr) {
+std::vector<CameraCalibration> parsed_calibration(const json& document,
+                                                  aimotive::OtherSensors* others = nullptr) {
   return aimotive::parse_calibration(document.dump(), "dir/calibration.json", others);
 }
 
@@ -27,7 +28,8 @@ std::string calibration_message(const std::string& field, const json& value) {
 
 TEST(Calibration, TheOneLidarWithAPlace) {
   json document = calibration();
-  document["M_LIDAR"]["RT_body_from_sensor"] = {{0, -1, 0, 1.2}, {1, 0, 0, 0}, {0, 0, 1, 1.7}, {0, 0, 0, 1}};
+  document["M_LIDAR"]["RT_body_from_sensor"] = {
+      {0, -1, 0, 1.2}, {1, 0, 0, 0}, {0, 0, 1, 1.7}, {0, 0, 0, 1}};
   document["F_RADAR"] = {{"sensor_type", "radar"}, {"RT_body_from_sensor", "not read"}};
   aimotive::OtherSensors others;
   parsed_calibration(document, &others);
@@ -62,15 +64,18 @@ TEST(Calibration, ReadsEveryField) {
   EXPECT_EQ(camera.xi, 0);
   EXPECT_EQ(camera.width, 1280);
   EXPECT_EQ(camera.height, 704);
-  // The camera's z axis is the body's x axis: a point 1 m ahead of the lens is 3 m ahead of the body's origin.
-  EXPECT_TRUE((camera.body_from_sensor * Eigen::Vector3d(0, 0, 1)).isApprox(Eigen::Vector3d(3, 0.5, 1.5), 1e-15));
+  // The camera's z axis is the body's x axis: a point 1 m ahead of the lens is 3 m ahead of the
+  // body's origin.
+  EXPECT_TRUE((camera.body_from_sensor * Eigen::Vector3d(0, 0, 1))
+                  .isApprox(Eigen::Vector3d(3, 0.5, 1.5), 1e-15));
   EXPECT_EQ(cameras[1].model, "mei");
   EXPECT_EQ(cameras[1].xi, 1.02);
 }
 
 TEST(Calibration, OptionalFields) {
   json document = calibration();
-  for (const char* key : {"RT_sensor_from_body", "pos_meter", "sensor_type"}) document["F_CAM"].erase(key);
+  for (const char* key : {"RT_sensor_from_body", "pos_meter", "sensor_type"})
+    document["F_CAM"].erase(key);
   EXPECT_EQ(parsed_calibration(document).size(), 2u) << "a model and a focal length make a camera";
   document["F_CAM"]["sensor_type"] = "radar";
   EXPECT_EQ(parsed_calibration(document).size(), 1u);
@@ -82,7 +87,8 @@ TEST(Calibration, TimeOffsetInSeconds) {
   const auto cameras = parsed_calibration(document);
   EXPECT_EQ(cameras[0].time_offset_ns, -12'500'000);
   EXPECT_EQ(cameras[1].time_offset_ns, 0);
-  EXPECT_THAT(calibration_message("/time_offset_s", 8), AllOf(HasSubstr("F_CAM.time_offset_s"), HasSubstr("8")));
+  EXPECT_THAT(calibration_message("/time_offset_s", 8),
+              AllOf(HasSubstr("F_CAM.time_offset_s"), HasSubstr("8")));
   EXPECT_THAT(calibration_message("/time_offset_s", "late"),
               AllOf(HasSubstr("F_CAM.time_offset_s"), HasSubstr("late")));
 }
@@ -93,8 +99,10 @@ TEST(Calibration, ReadoutInSeconds) {
   const auto cameras = parsed_calibration(document);
   EXPECT_EQ(cameras[0].readout_ns, 30'000'000);
   EXPECT_EQ(cameras[1].readout_ns, 0);
-  EXPECT_THAT(calibration_message("/readout_s", 0.3), AllOf(HasSubstr("F_CAM.readout_s"), HasSubstr("0.3")));
-  EXPECT_THAT(calibration_message("/readout_s", "slow"), AllOf(HasSubstr("F_CAM.readout_s"), HasSubstr("slow")));
+  EXPECT_THAT(calibration_message("/readout_s", 0.3),
+              AllOf(HasSubstr("F_CAM.readout_s"), HasSubstr("0.3")));
+  EXPECT_THAT(calibration_message("/readout_s", "slow"),
+              AllOf(HasSubstr("F_CAM.readout_s"), HasSubstr("slow")));
 }
 
 TEST(Calibration, OtherSensorsAreNotChecked) {
@@ -104,17 +112,19 @@ TEST(Calibration, OtherSensorsAreNotChecked) {
 }
 
 TEST(Calibration, Missing) {
-  for (const char* key : {"model", "RT_body_from_sensor", "focal_length_px", "principal_point_px", "distortion_coeffs",
-                          "image_resolution_px"}) {
+  for (const char* key : {"model", "RT_body_from_sensor", "focal_length_px", "principal_point_px",
+                          "distortion_coeffs", "image_resolution_px"}) {
     json document = calibration();
     document["F_CAM"].erase(key);
     EXPECT_THAT(input_error([&] { parsed_calibration(document); }),
-                AllOf(HasSubstr("dir/calibration.json"), HasSubstr("F_CAM." + std::string(key)), HasSubstr("missing")));
+                AllOf(HasSubstr("dir/calibration.json"), HasSubstr("F_CAM." + std::string(key)),
+                      HasSubstr("missing")));
   }
   json document = calibration();
   document["L_FISH"].erase("xi");
   EXPECT_THAT(input_error([&] { parsed_calibration(document); }), HasSubstr("L_FISH.xi"));
-  EXPECT_THAT(input_error([&] { parsed_calibration(json::object()); }), HasSubstr("holds no camera"));
+  EXPECT_THAT(input_error([&] { parsed_calibration(json::object()); }),
+              HasSubstr("holds no camera"));
 }
 
 TEST(Calibration, NotJson) {
@@ -122,7 +132,8 @@ TEST(Calibration, NotJson) {
     return input_error([&] { aimotive::parse_calibration(text, "c.json", nullptr); });
   };
   EXPECT_THAT(message(""), HasSubstr("c.json"));
-  EXPECT_THAT(message("{\"F_CAM\": {\"focal_length_px\": [NaN, 1]}}"), AllOf(HasSubstr("c.json"), HasSubstr("line 1")));
+  EXPECT_THAT(message("{\"F_CAM\": {\"focal_length_px\": [NaN, 1]}}"),
+              AllOf(HasSubstr("c.json"), HasSubstr("line 1")));
   EXPECT_THAT(message("{\"F_CAM\": {\"focal_length_px\": [1e999, 1]}}"), HasSubstr("c.json"));
   EXPECT_THAT(message("[1, 2]"), HasSubstr("c.json"));
   EXPECT_THAT(message("{\"F_CAM\": 7}"), AllOf(HasSubstr("F_CAM"), HasSubstr("7")));
@@ -146,8 +157,10 @@ TEST(Calibration, WrongShape) {
               AllOf(HasSubstr("F_CAM.focal_length_px"), HasSubstr("[1171]")));
   EXPECT_THAT(calibration_message("/distortion_coeffs", {0, 0, 0, 0}),
               AllOf(HasSubstr("F_CAM.distortion_coeffs"), HasSubstr("5")));
-  EXPECT_THAT(calibration_message("/RT_body_from_sensor", {{1, 0}, {0, 1}}), HasSubstr("F_CAM.RT_body_from_sensor"));
-  EXPECT_THAT(calibration_message("/RT_body_from_sensor/2", {0, -1, 0}), HasSubstr("F_CAM.RT_body_from_sensor[2]"));
+  EXPECT_THAT(calibration_message("/RT_body_from_sensor", {{1, 0}, {0, 1}}),
+              HasSubstr("F_CAM.RT_body_from_sensor"));
+  EXPECT_THAT(calibration_message("/RT_body_from_sensor/2", {0, -1, 0}),
+              HasSubstr("F_CAM.RT_body_from_sensor[2]"));
   EXPECT_THAT(calibration_message("/pos_meter", {1, 2}), HasSubstr("F_CAM.pos_meter"));
 }
 
@@ -181,26 +194,31 @@ TEST(Calibration, NotARotation) {
               AllOf(HasSubstr("F_CAM.RT_body_from_sensor"), HasSubstr("orthonormal")));
   EXPECT_THAT(calibration_message("/RT_body_from_sensor/0/2", -1),
               AllOf(HasSubstr("F_CAM.RT_body_from_sensor"), HasSubstr("det = -1")));
-  EXPECT_THAT(calibration_message("/RT_body_from_sensor/3/3", 0.5), HasSubstr("F_CAM.RT_body_from_sensor"));
-  EXPECT_THAT(calibration_message("/RT_sensor_from_body/0/1", 1), HasSubstr("F_CAM.RT_sensor_from_body"));
+  EXPECT_THAT(calibration_message("/RT_body_from_sensor/3/3", 0.5),
+              HasSubstr("F_CAM.RT_body_from_sensor"));
+  EXPECT_THAT(calibration_message("/RT_sensor_from_body/0/1", 1),
+              HasSubstr("F_CAM.RT_sensor_from_body"));
 }
 
 TEST(Calibration, Inverted) {
   const json camera = testing::front_camera();
   const json inverse = camera["RT_sensor_from_body"];
-  // Recognised by pos_meter, by RT_sensor_from_body, by both having been exchanged, and by the axes alone.
-  EXPECT_THAT(
-      calibration_message("/RT_body_from_sensor", inverse),
-      AllOf(HasSubstr("F_CAM.RT_body_from_sensor"), HasSubstr("inverted"), HasSubstr("(0.500, 1.500, -2.000)")));
+  // Recognised by pos_meter, by RT_sensor_from_body, by both having been exchanged, and by the axes
+  // alone.
+  EXPECT_THAT(calibration_message("/RT_body_from_sensor", inverse),
+              AllOf(HasSubstr("F_CAM.RT_body_from_sensor"), HasSubstr("inverted"),
+                    HasSubstr("(0.500, 1.500, -2.000)")));
   json document = calibration();
   document["F_CAM"]["RT_body_from_sensor"] = inverse;
   document["F_CAM"].erase("pos_meter");
   EXPECT_THAT(input_error([&] { parsed_calibration(document); }),
               AllOf(HasSubstr("RT_sensor_from_body"), HasSubstr("inverted")));
   document["F_CAM"]["RT_sensor_from_body"] = camera["RT_body_from_sensor"];
-  EXPECT_THAT(input_error([&] { parsed_calibration(document); }), AllOf(HasSubstr("inverted"), HasSubstr("y axis")));
+  EXPECT_THAT(input_error([&] { parsed_calibration(document); }),
+              AllOf(HasSubstr("inverted"), HasSubstr("y axis")));
   document["F_CAM"].erase("RT_sensor_from_body");
-  EXPECT_THAT(input_error([&] { parsed_calibration(document); }), AllOf(HasSubstr("inverted"), HasSubstr("y axis")));
+  EXPECT_THAT(input_error([&] { parsed_calibration(document); }),
+              AllOf(HasSubstr("inverted"), HasSubstr("y axis")));
 }
 
 TEST(Calibration, ContradictoryExtrinsic) {
@@ -211,10 +229,12 @@ TEST(Calibration, ContradictoryExtrinsic) {
   EXPECT_THAT(calibration_message("/RT_body_from_sensor/0/3", 2000), HasSubstr("metres"));
 }
 
-// A camera on its side that looks right has the inverse's y axis pointing down; pos_meter vouches for it.
+// A camera on its side that looks right has the inverse's y axis pointing down; pos_meter vouches
+// for it.
 TEST(Calibration, UnusualMountIsTakenWhenThePositionAgrees) {
   json document = calibration();
-  document["F_CAM"]["RT_body_from_sensor"] = {{0, 1, 0, 2}, {0, 0, -1, 0.5}, {-1, 0, 0, 1.5}, {0, 0, 0, 1}};
+  document["F_CAM"]["RT_body_from_sensor"] = {
+      {0, 1, 0, 2}, {0, 0, -1, 0.5}, {-1, 0, 0, 1.5}, {0, 0, 0, 1}};
   document["F_CAM"].erase("RT_sensor_from_body");
   EXPECT_EQ(parsed_calibration(document).size(), 2u);
 }

@@ -53,7 +53,8 @@ TEST(Egomotion, HostTimeIsPreferred) {
   EXPECT_EQ(parsed_egomotion(document)[1].t_ns, 50100000000);
 }
 
-// `time` and `time_host` may be of different clocks: a file that changes from one to the other is refused.
+// `time` and `time_host` may be of different clocks: a file that changes from one to the other is
+// refused.
 TEST(Egomotion, OneClock) {
   json document = egomotion();
   document["11"]["time"] = document["11"]["time_host"];
@@ -89,11 +90,14 @@ TEST(Egomotion, MissingAndMalformed) {
               AllOf(HasSubstr("10.RT_ECEF_body"), HasSubstr("orthonormal")));
   EXPECT_THAT(egomotion_message("/10/RT_ECEF_body/0/0", -1),
               AllOf(HasSubstr("10.RT_ECEF_body"), HasSubstr("det = -1")));
-  EXPECT_THAT(egomotion_message("/10/RT_ECEF_body/0/3", 4e9), AllOf(HasSubstr("10.RT_ECEF_body"), HasSubstr("4e+09")));
-  EXPECT_THAT(egomotion_message("/10/time_host", "noon"), AllOf(HasSubstr("10.time_host"), HasSubstr("noon")));
+  EXPECT_THAT(egomotion_message("/10/RT_ECEF_body/0/3", 4e9),
+              AllOf(HasSubstr("10.RT_ECEF_body"), HasSubstr("4e+09")));
+  EXPECT_THAT(egomotion_message("/10/time_host", "noon"),
+              AllOf(HasSubstr("10.time_host"), HasSubstr("noon")));
   EXPECT_THAT(egomotion_message("/10/time_host", 1.6e18),
               AllOf(HasSubstr("10.time_host"), HasSubstr("1.6e+18"), HasSubstr("seconds")));
-  EXPECT_THAT(egomotion_message("/10/time_host", -1), AllOf(HasSubstr("10.time_host"), HasSubstr("from 0")));
+  EXPECT_THAT(egomotion_message("/10/time_host", -1),
+              AllOf(HasSubstr("10.time_host"), HasSubstr("from 0")));
 }
 
 TEST(Egomotion, TimesIncrease) {

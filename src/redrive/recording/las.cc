@@ -15,7 +15,8 @@ namespace redrive {
 namespace {
 
 constexpr std::size_t kHeaderBytes = 227, kVariableHeaderBytes = 54;
-constexpr std::uint32_t kMaxLasPoints = 4'000'000;  // a revolution of 128 beams at 0.1 degrees has 0.46 million
+constexpr std::uint32_t kMaxLasPoints =
+    4'000'000;  // a revolution of 128 beams at 0.1 degrees has 0.46 million
 constexpr double kMaxLasCoordinate_m = 1e4;
 constexpr double kMaxTime_ns = 9e18;  // int64 ends at 9.22e18
 
@@ -33,19 +34,23 @@ class LasFile {
     if (bytes.size() < kHeaderBytes)
       refuse("", std::to_string(bytes.size()) + " bytes", "truncated: a LAS header has 227");
     const int major = at<std::uint8_t>(24), minor = at<std::uint8_t>(25);
-    if (major != 1 || minor != 2) refuse("version", std::to_string(major) + "." + std::to_string(minor), "must be 1.2");
+    if (major != 1 || minor != 2)
+      refuse("version", std::to_string(major) + "." + std::to_string(minor), "must be 1.2");
     const auto header_bytes = at<std::uint16_t>(94);
     if (header_bytes < kHeaderBytes || header_bytes > bytes.size())
-      refuse("header size", header_bytes, "must be at least 227 and fit in the file's " + size() + " bytes");
+      refuse("header size", header_bytes,
+             "must be at least 227 and fit in the file's " + size() + " bytes");
     points_begin_ = at<std::uint32_t>(96);
     if (points_begin_ < header_bytes || points_begin_ > bytes.size())
       refuse("offset to point data", points_begin_,
              "must lie behind the header and in the file's " + size() + " bytes");
     const auto format = at<std::uint8_t>(104);
     compressed_ = format & 0x80;
-    if ((format & 0x7f) != 1) refuse("point data format", format, "must be 1, or 129 where compressed");
+    if ((format & 0x7f) != 1)
+      refuse("point data format", format, "must be 1, or 129 where compressed");
     const auto record_bytes = at<std::uint16_t>(105);
-    if (record_bytes != kLasRecordBytes) refuse("point data record length", record_bytes, "must be 28, as in format 1");
+    if (record_bytes != kLasRecordBytes)
+      refuse("point data record length", record_bytes, "must be 28, as in format 1");
     points_ = at<std::uint32_t>(107);
     if (points_ > kMaxLasPoints)
       refuse("number of points", points_, "at most 4 million are accepted: a revolution has fewer");
@@ -55,19 +60,23 @@ class LasFile {
       offset_[axis] = at<double>(155 + 8 * static_cast<std::size_t>(axis));
       if (!(scale_[axis] > 0 && std::isfinite(scale_[axis])))
         refuse(name + " scale factor", text(scale_[axis]), "must be > 0 and finite");
-      if (!std::isfinite(offset_[axis])) refuse(name + " offset", text(offset_[axis]), "must be finite");
+      if (!std::isfinite(offset_[axis]))
+        refuse(name + " offset", text(offset_[axis]), "must be finite");
     }
     read_variable_records(header_bytes);
   }
 
   std::vector<LasRecord> records() const {
     if (compressed_)
-      return decode_laz(bytes_, {.begin = points_begin_, .points = points_, .points_per_chunk = points_per_chunk_},
-                        file_);
+      return decode_laz(
+          bytes_,
+          {.begin = points_begin_, .points = points_, .points_per_chunk = points_per_chunk_},
+          file_);
     const std::size_t stored = bytes_.size() - points_begin_;
     if (stored != std::size_t{points_} * kLasRecordBytes)
       refuse("number of points", points_,
-             "of 28 bytes each do not make up the " + std::to_string(stored) + " bytes that follow (truncated?)");
+             "of 28 bytes each do not make up the " + std::to_string(stored) +
+                 " bytes that follow (truncated?)");
     std::vector<LasRecord> records(points_);
     for (std::size_t i = 0; i < records.size(); ++i)
       records[i] = las_record(bytes_.substr(points_begin_ + i * kLasRecordBytes));
@@ -75,7 +84,8 @@ class LasFile {
   }
 
   LidarPoint point(const LasRecord& record, std::size_t index) const {
-    const Eigen::Vector3d in_body_m = Eigen::Vector3d(record.x, record.y, record.z).cwiseProduct(scale_) + offset_;
+    const Eigen::Vector3d in_body_m =
+        Eigen::Vector3d(record.x, record.y, record.z).cwiseProduct(scale_) + offset_;
     for (int axis = 0; axis < 3; ++axis) {
       if (!(std::abs(in_body_m[axis]) <= kMaxLasCoordinate_m))
         refuse("point " + std::to_string(index) + " " + "xyz"[axis], text(in_body_m[axis]),
@@ -85,7 +95,9 @@ class LasFile {
     if (!(std::abs(time_ns) <= kMaxTime_ns))
       refuse("point " + std::to_string(index) + " gps_time", text(time_ns),
              "must be nanoseconds between -9e18 and 9e18");
-    return {.in_body_m = in_body_m.cast<float>(), .intensity = record.intensity, .t_ns = std::llround(time_ns)};
+    return {.in_body_m = in_body_m.cast<float>(),
+            .intensity = record.intensity,
+            .t_ns = std::llround(time_ns)};
   }
 
  private:
@@ -94,10 +106,12 @@ class LasFile {
     return little_endian<T>(bytes_, offset);
   }
   std::string size() const { return std::to_string(bytes_.size()); }
-  [[noreturn]] void refuse(const std::string& field, const std::string& value, const std::string& rule) const {
+  [[noreturn]] void refuse(const std::string& field, const std::string& value,
+                           const std::string& rule) const {
     throw InputError(file_, field, value, rule);
   }
-  [[noreturn]] void refuse(const std::string& field, std::uint32_t value, const std::string& rule) const {
+  [[noreturn]] void refuse(const std::string& field, std::uint32_t value,
+                           const std::string& rule) const {
     refuse(field, std::to_string(value), rule);
   }
 
@@ -108,30 +122,37 @@ class LasFile {
       const std::string name = "variable length record " + std::to_string(i);
       if (points_begin_ - begin < kVariableHeaderBytes)
         refuse(name, "",
-               "must lie before the points, but only " + std::to_string(points_begin_ - begin) + " bytes are left");
+               "must lie before the points, but only " + std::to_string(points_begin_ - begin) +
+                   " bytes are left");
       const std::string_view user = bytes_.substr(begin + 2, 16);
       const auto id = at<std::uint16_t>(begin + 18);
       const std::size_t size = at<std::uint16_t>(begin + 20);
       begin += kVariableHeaderBytes;
       if (points_begin_ - begin < size)
-        refuse(name + " length", static_cast<std::uint32_t>(size),
-               "must end before the points, " + std::to_string(points_begin_ - begin) + " bytes on");
-      if (user.starts_with("laszip encoded") && id == 22204) read_laszip_record(bytes_.substr(begin, size));
+        refuse(
+            name + " length", static_cast<std::uint32_t>(size),
+            "must end before the points, " + std::to_string(points_begin_ - begin) + " bytes on");
+      if (user.starts_with("laszip encoded") && id == 22204)
+        read_laszip_record(bytes_.substr(begin, size));
       begin += size;
     }
     if (compressed_ && points_per_chunk_ == 0)
-      refuse("variable length records", count, "of which none is LASzip's, though the points are compressed");
+      refuse("variable length records", count,
+             "of which none is LASzip's, though the points are compressed");
   }
 
   void read_laszip_record(std::string_view record) {
     if (!compressed_) refuse("point data format", 1, "must be 129: there is a LASzip record");
     constexpr std::size_t kFixedBytes = 34, kItemBytes = 6;
     if (record.size() != kFixedBytes + 2 * kItemBytes)
-      refuse("LASzip record length", static_cast<std::uint32_t>(record.size()), "must be 46, with two items");
-    const auto expect = [&](const char* field, std::size_t offset, std::uint16_t expected, const char* meaning) {
+      refuse("LASzip record length", static_cast<std::uint32_t>(record.size()),
+             "must be 46, with two items");
+    const auto expect = [&](const char* field, std::size_t offset, std::uint16_t expected,
+                            const char* meaning) {
       const auto value = little_endian<std::uint16_t>(record, offset);
       if (value != expected)
-        refuse(std::string("LASzip ") + field, value, "must be " + std::to_string(expected) + ": " + meaning);
+        refuse(std::string("LASzip ") + field, value,
+               "must be " + std::to_string(expected) + ": " + meaning);
     };
     expect("compressor", 0, 2, "pointwise, in chunks");
     expect("coder", 2, 0, "arithmetic");
@@ -166,6 +187,8 @@ std::vector<LidarPoint> parse_las(std::string_view bytes, const std::filesystem:
   return points;
 }
 
-std::vector<LidarPoint> read_las(const std::filesystem::path& file) { return parse_las(read_file(file), file); }
+std::vector<LidarPoint> read_las(const std::filesystem::path& file) {
+  return parse_las(read_file(file), file);
+}
 
 }  // namespace redrive

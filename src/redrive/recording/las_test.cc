@@ -35,7 +35,8 @@ std::vector<LasRecord> few_points(std::size_t count = 10) {
   return points;
 }
 
-/// Points that use every branch of the compressor: steps from 0 to 32 bits, all return numbers, interleaved times.
+/// Points that use every branch of the compressor: steps from 0 to 32 bits, all return numbers,
+/// interleaved times.
 std::vector<LasRecord> wild_points(int count) {
   std::mt19937_64 random(7);
   const auto below = [&](std::uint64_t n) { return static_cast<int>(random() % n); };
@@ -49,7 +50,8 @@ std::vector<LasRecord> wild_points(int count) {
     if (below(50) == 0) bits = below(33);
     for (std::int32_t* coordinate : {&point.x, &point.y, &point.z}) {
       const auto step = static_cast<std::uint32_t>(random() & ((std::uint64_t{1} << bits) - 1));
-      *coordinate = static_cast<std::int32_t>(static_cast<std::uint32_t>(*coordinate) + (below(2) ? step : -step));
+      *coordinate = static_cast<std::int32_t>(static_cast<std::uint32_t>(*coordinate) +
+                                              (below(2) ? step : -step));
     }
     if (below(3) == 0) point.intensity = static_cast<std::uint16_t>(below(below(2) ? 65536 : 256));
     if (below(2) == 0) point.returns = static_cast<std::uint8_t>(below(2) ? below(256) : 011);
@@ -61,7 +63,8 @@ std::vector<LasRecord> wild_points(int count) {
     if (below(100) == 0) steps[sequence] = static_cast<std::int32_t>(random() >> (32 + below(32)));
     const int multiples[] = {1, 1, 1, 0, below(12), below(520), -below(13), below(1200) - 600};
     const std::int64_t jitter = below(4) ? 0 : below(100) - 50;
-    times[sequence] += static_cast<std::uint64_t>(std::int64_t{multiples[below(8)]} * steps[sequence] + jitter);
+    times[sequence] +=
+        static_cast<std::uint64_t>(std::int64_t{multiples[below(8)]} * steps[sequence] + jitter);
     if (below(60) == 0) times[sequence] += random();
     point.gps_time_bits = times[sequence];
     points.push_back(point);
@@ -69,8 +72,10 @@ std::vector<LasRecord> wild_points(int count) {
   return points;
 }
 
-std::vector<LasRecord> decode(const std::string& file, std::uint32_t points, std::uint32_t points_per_chunk) {
-  return decode_laz(file, {little_endian<std::uint32_t>(file, 96), points, points_per_chunk}, "dir/points.laz");
+std::vector<LasRecord> decode(const std::string& file, std::uint32_t points,
+                              std::uint32_t points_per_chunk) {
+  return decode_laz(file, {little_endian<std::uint32_t>(file, 96), points, points_per_chunk},
+                    "dir/points.laz");
 }
 
 TEST(Las, KnownValues) {
@@ -119,8 +124,8 @@ TEST(Laz, RoundTrip) {
   EXPECT_TRUE(decode(laz_file({}, 4), 0, 4).empty());
 }
 
-// laz-perf 0.0.7 (npm), an implementation of its own, reads this very file as the points that were written. The sum keeps
-// decoder and mirror from going astray together.
+// laz-perf 0.0.7 (npm), an implementation of its own, reads this very file as the points that were
+// written. The sum keeps decoder and mirror from going astray together.
 TEST(Laz, WritesWhatOthersRead) {
   std::uint64_t fnv1a = 0xcbf29ce484222325;
   for (const char c : laz_file(wild_points(20000), 6000))
@@ -147,10 +152,12 @@ TEST(Las, Header) {
   EXPECT_THAT(las_message(file, 94, std::uint16_t{226}), HasSubstr("header size = 226"));
   EXPECT_THAT(las_message(file, 94, std::uint16_t{60000}), HasSubstr("header size = 60000"));
   EXPECT_THAT(las_message(file, 96, std::uint32_t{226}), HasSubstr("offset to point data = 226"));
-  EXPECT_THAT(las_message(file, 96, std::uint32_t{4000000000}), HasSubstr("offset to point data = 4000000000"));
+  EXPECT_THAT(las_message(file, 96, std::uint32_t{4000000000}),
+              HasSubstr("offset to point data = 4000000000"));
   EXPECT_THAT(las_message(file, 104, '\3'), HasSubstr("point data format = 3"));
   EXPECT_THAT(las_message(file, 104, '\x83'), HasSubstr("point data format = 131"));
-  EXPECT_THAT(las_message(file, 105, std::uint16_t{34}), HasSubstr("point data record length = 34"));
+  EXPECT_THAT(las_message(file, 105, std::uint16_t{34}),
+              HasSubstr("point data record length = 34"));
   EXPECT_THAT(las_message(file, 107, std::uint32_t{11}),
               AllOf(HasSubstr("number of points = 11"), HasSubstr("280 bytes")));
   EXPECT_THAT(las_message(file, 107, std::uint32_t{9}), HasSubstr("number of points = 9"));
@@ -160,7 +167,8 @@ TEST(Las, Header) {
 }
 
 TEST(Las, Numbers) {
-  constexpr double kNan = std::numeric_limits<double>::quiet_NaN(), kInfinity = std::numeric_limits<double>::infinity();
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN(),
+                   kInfinity = std::numeric_limits<double>::infinity();
   const std::string file = las_file(few_points());
   EXPECT_THAT(las_message(file, 131, 0.0), HasSubstr("x scale factor = 0"));
   EXPECT_THAT(las_message(file, 139, -0.001), HasSubstr("y scale factor = -0.001"));
@@ -168,7 +176,8 @@ TEST(Las, Numbers) {
   EXPECT_THAT(las_message(file, 147, kInfinity), HasSubstr("z scale factor = inf"));
   EXPECT_THAT(las_message(file, 155, kNan), HasSubstr("x offset = nan"));
   EXPECT_THAT(las_message(file, 171, kInfinity), HasSubstr("z offset = inf"));
-  EXPECT_THAT(las_message(file, 163, 500000.0), AllOf(HasSubstr("point 0 y = 500000"), HasSubstr("1e4 m")));
+  EXPECT_THAT(las_message(file, 163, 500000.0),
+              AllOf(HasSubstr("point 0 y = 500000"), HasSubstr("1e4 m")));
   EXPECT_THAT(las_message(file, 131, 1e308), HasSubstr("point 1 x = inf"));
   for (const double time : {kNan, kInfinity, -1e19})
     EXPECT_THAT(las_message(file, 227 + 3 * 28 + 20, time),
@@ -177,13 +186,15 @@ TEST(Las, Numbers) {
 
 TEST(Las, VariableLengthRecords) {
   const std::string content(40, 'x');
-  const std::string file =
-      testing::las_header(0, {testing::variable_record("a", 1, content), testing::variable_record("b", 2, content)});
+  const std::string file = testing::las_header(
+      0, {testing::variable_record("a", 1, content), testing::variable_record("b", 2, content)});
   EXPECT_TRUE(parse_las(file, "points.las").empty());
   EXPECT_THAT(las_message(file, 100, std::uint32_t{3}), HasSubstr("variable length record 2"));
   EXPECT_THAT(las_message(file, 100, UINT32_MAX), HasSubstr("variable length record 2"));
-  EXPECT_THAT(las_message(file, 227 + 20, std::uint16_t{65535}), HasSubstr("variable length record 0 length = 65535"));
-  EXPECT_THAT(las_message(file, 227 + 94 + 20, std::uint16_t{41}), HasSubstr("variable length record 1 length = 41"));
+  EXPECT_THAT(las_message(file, 227 + 20, std::uint16_t{65535}),
+              HasSubstr("variable length record 0 length = 65535"));
+  EXPECT_THAT(las_message(file, 227 + 94 + 20, std::uint16_t{41}),
+              HasSubstr("variable length record 1 length = 41"));
 }
 
 TEST(Laz, LaszipRecord) {
@@ -191,28 +202,40 @@ TEST(Laz, LaszipRecord) {
   const std::size_t record = 227 + 54 + 4 + 54;
   EXPECT_THAT(las_message(las_file(few_points()), 104, '\x81'), HasSubstr("none is LASzip's"));
   EXPECT_THAT(las_message(file, record - 54 + 2, 'L'), HasSubstr("none is LASzip's"));
-  EXPECT_THAT(las_message(file, 104, '\1'), AllOf(HasSubstr("point data format = 1"), HasSubstr("129")));
-  EXPECT_THAT(las_message(file, record - 54 + 20, std::uint16_t{40}), HasSubstr("LASzip record length = 40"));
+  EXPECT_THAT(las_message(file, 104, '\1'),
+              AllOf(HasSubstr("point data format = 1"), HasSubstr("129")));
+  EXPECT_THAT(las_message(file, record - 54 + 20, std::uint16_t{40}),
+              HasSubstr("LASzip record length = 40"));
   EXPECT_THAT(las_message(file, record, std::uint16_t{3}), HasSubstr("LASzip compressor = 3"));
   EXPECT_THAT(las_message(file, record + 2, std::uint16_t{1}), HasSubstr("LASzip coder = 1"));
   EXPECT_THAT(las_message(file, record + 12, std::uint32_t{0}), HasSubstr("LASzip chunk size = 0"));
-  EXPECT_THAT(las_message(file, record + 12, UINT32_MAX), HasSubstr("LASzip chunk size = 4294967295"));
-  EXPECT_THAT(las_message(file, record + 32, std::uint16_t{3}), HasSubstr("LASzip number of items = 3"));
-  EXPECT_THAT(las_message(file, record + 34, std::uint16_t{10}), HasSubstr("LASzip item 0 type = 10"));
-  EXPECT_THAT(las_message(file, record + 36, std::uint16_t{30}), HasSubstr("LASzip item 0 size = 30"));
-  EXPECT_THAT(las_message(file, record + 38, std::uint16_t{1}), HasSubstr("LASzip item 0 version = 1"));
-  EXPECT_THAT(las_message(file, record + 40, std::uint16_t{8}), HasSubstr("LASzip item 1 type = 8"));
-  EXPECT_THAT(las_message(file, record + 42, std::uint16_t{6}), HasSubstr("LASzip item 1 size = 6"));
-  EXPECT_THAT(las_message(file, record + 44, std::uint16_t{1}), HasSubstr("LASzip item 1 version = 1"));
+  EXPECT_THAT(las_message(file, record + 12, UINT32_MAX),
+              HasSubstr("LASzip chunk size = 4294967295"));
+  EXPECT_THAT(las_message(file, record + 32, std::uint16_t{3}),
+              HasSubstr("LASzip number of items = 3"));
+  EXPECT_THAT(las_message(file, record + 34, std::uint16_t{10}),
+              HasSubstr("LASzip item 0 type = 10"));
+  EXPECT_THAT(las_message(file, record + 36, std::uint16_t{30}),
+              HasSubstr("LASzip item 0 size = 30"));
+  EXPECT_THAT(las_message(file, record + 38, std::uint16_t{1}),
+              HasSubstr("LASzip item 0 version = 1"));
+  EXPECT_THAT(las_message(file, record + 40, std::uint16_t{8}),
+              HasSubstr("LASzip item 1 type = 8"));
+  EXPECT_THAT(las_message(file, record + 42, std::uint16_t{6}),
+              HasSubstr("LASzip item 1 size = 6"));
+  EXPECT_THAT(las_message(file, record + 44, std::uint16_t{1}),
+              HasSubstr("LASzip item 1 version = 1"));
 }
 
 TEST(Laz, ChunkTable) {
   const std::string file = laz_file(few_points(), 4);
   const std::size_t begin = little_endian<std::uint32_t>(file, 96), record = begin - 46;
   const auto table = static_cast<std::size_t>(little_endian<std::int64_t>(file, begin));
-  for (const std::int64_t position : {std::int64_t{-1}, std::int64_t{0}, static_cast<std::int64_t>(begin + 7),
-                                      static_cast<std::int64_t>(file.size() - 7), INT64_MAX, INT64_MIN})
-    EXPECT_THAT(las_message(file, begin, position), HasSubstr("chunk table position = " + std::to_string(position)));
+  for (const std::int64_t position :
+       {std::int64_t{-1}, std::int64_t{0}, static_cast<std::int64_t>(begin + 7),
+        static_cast<std::int64_t>(file.size() - 7), INT64_MAX, INT64_MIN})
+    EXPECT_THAT(las_message(file, begin, position),
+                HasSubstr("chunk table position = " + std::to_string(position)));
   EXPECT_THAT(las_message(file, table, std::uint32_t{1}), HasSubstr("chunk table version = 1"));
   EXPECT_THAT(las_message(file, table + 4, std::uint32_t{2}),
               AllOf(HasSubstr("number of chunks = 2"), HasSubstr("must be 3")));
@@ -221,7 +244,8 @@ TEST(Laz, ChunkTable) {
   EXPECT_THAT(las_message(file, table + 9, '\x7f'), HasSubstr("chunk"));
   // The last chunk is to hold two points and would hold three, or one.
   EXPECT_THAT(las_message(file, 107, std::uint32_t{11}), HasSubstr("chunk 2 = point 10"));
-  EXPECT_THAT(las_message(file, 107, std::uint32_t{9}), AllOf(HasSubstr("chunk 2"), HasSubstr("are left")));
+  EXPECT_THAT(las_message(file, 107, std::uint32_t{9}),
+              AllOf(HasSubstr("chunk 2"), HasSubstr("are left")));
   std::string many = laz_file(few_points(), 4);
   overwrite(&many, 107, std::uint32_t{4'000'000});
   overwrite(&many, record + 12, std::uint32_t{1});
@@ -236,8 +260,9 @@ TEST(Laz, ChunkTable) {
 TEST(Laz, TruncatedAnywhere) {
   const std::string file = laz_file(few_points(), 4);
   for (std::size_t size = 0; size < file.size(); ++size)
-    EXPECT_THAT(input_error([&] { parse_las(std::string_view(file).substr(0, size), "dir/points.laz"); }),
-                HasSubstr("dir/points.laz"))
+    EXPECT_THAT(
+        input_error([&] { parse_las(std::string_view(file).substr(0, size), "dir/points.laz"); }),
+        HasSubstr("dir/points.laz"))
         << size;
 }
 

@@ -11,20 +11,23 @@ namespace redrive {
 namespace {
 
 constexpr std::size_t kTablePositionBytes = 8, kTableHeaderBytes = 8;
-constexpr std::size_t kLeastChunkBytes = kLasRecordBytes + 4;  // its first point and what fills the decoder
+constexpr std::size_t kLeastChunkBytes =
+    kLasRecordBytes + 4;  // its first point and what fills the decoder
 
 struct Table {
   std::size_t begin = 0;  ///< in the file: where the last chunk ends
   std::vector<std::size_t> chunk_bytes;
 };
 
-Table read_table(std::string_view bytes, const LazLayout& layout, const std::filesystem::path& file) {
+Table read_table(std::string_view bytes, const LazLayout& layout,
+                 const std::filesystem::path& file) {
   const auto fail = [&](const std::string& field, auto value, const std::string& rule) {
     throw InputError(file, field, std::to_string(value), rule);
   };
   const std::size_t first_chunk = layout.begin + kTablePositionBytes;
   if (first_chunk + kTableHeaderBytes > bytes.size())
-    fail("points", bytes.size() - layout.begin, "bytes are left for them: no room for the chunk table (truncated)");
+    fail("points", bytes.size() - layout.begin,
+         "bytes are left for them: no room for the chunk table (truncated)");
   const auto position = little_endian<std::int64_t>(bytes, layout.begin);
   if (position < static_cast<std::int64_t>(first_chunk) ||
       position > static_cast<std::int64_t>(bytes.size() - kTableHeaderBytes))
@@ -36,12 +39,14 @@ Table read_table(std::string_view bytes, const LazLayout& layout, const std::fil
   const auto version = little_endian<std::uint32_t>(bytes, table.begin);
   if (version != 0) fail("chunk table version", version, "must be 0");
   const auto chunks = little_endian<std::uint32_t>(bytes, table.begin + 4);
-  const std::uint64_t expected = (std::uint64_t{layout.points} + layout.points_per_chunk - 1) / layout.points_per_chunk;
+  const std::uint64_t expected =
+      (std::uint64_t{layout.points} + layout.points_per_chunk - 1) / layout.points_per_chunk;
   if (chunks != expected)
     fail("number of chunks", chunks,
-         "must be " + std::to_string(expected) + ": " + std::to_string(layout.points) + " points in chunks of " +
-             std::to_string(layout.points_per_chunk));
-  // Each chunk takes room in the file, so a number that cannot be is found before its table is decoded.
+         "must be " + std::to_string(expected) + ": " + std::to_string(layout.points) +
+             " points in chunks of " + std::to_string(layout.points_per_chunk));
+  // Each chunk takes room in the file, so a number that cannot be is found before its table is
+  // decoded.
   if (chunks > (table.begin - first_chunk) / kLeastChunkBytes)
     fail("number of chunks", chunks, "do not fit in the file");
 
@@ -52,11 +57,12 @@ Table read_table(std::string_view bytes, const LazLayout& layout, const std::fil
   for (std::uint32_t chunk = 0; chunk < chunks; ++chunk) {
     size = static_cast<std::uint32_t>(sizes.decode(decoder, size, 1));
     if (decoder.broken())
-      fail("chunk table", chunk, "the size of this chunk is not to be had: the table is damaged or truncated");
+      fail("chunk table", chunk,
+           "the size of this chunk is not to be had: the table is damaged or truncated");
     if (size < kLeastChunkBytes || size > room)
       fail("chunk " + std::to_string(chunk) + " size", size,
-           "bytes: must be at least " + std::to_string(kLeastChunkBytes) + " and fit in the " + std::to_string(room) +
-               " before the chunk table");
+           "bytes: must be at least " + std::to_string(kLeastChunkBytes) + " and fit in the " +
+               std::to_string(room) + " before the chunk table");
     room -= size;
     table.chunk_bytes.push_back(size);
   }
@@ -79,7 +85,8 @@ LasRecord las_record(std::string_view bytes) {
           .gps_time_bits = little_endian<std::uint64_t>(bytes, 20)};
 }
 
-std::vector<LasRecord> decode_laz(std::string_view bytes, const LazLayout& layout, const std::filesystem::path& file) {
+std::vector<LasRecord> decode_laz(std::string_view bytes, const LazLayout& layout,
+                                  const std::filesystem::path& file) {
   const Table table = read_table(bytes, layout, file);
   std::vector<LasRecord> records;
   std::size_t begin = layout.begin + kTablePositionBytes;
@@ -91,7 +98,8 @@ std::vector<LasRecord> decode_laz(std::string_view bytes, const LazLayout& layou
     ArithmeticDecoder decoder(code.substr(kLasRecordBytes));
     Point10Decoder fields(first);
     GpsTimeDecoder times(first.gps_time_bits);
-    const std::size_t end = std::min<std::size_t>(layout.points, records.size() - 1 + layout.points_per_chunk);
+    const std::size_t end =
+        std::min<std::size_t>(layout.points, records.size() - 1 + layout.points_per_chunk);
     while (records.size() < end && !decoder.broken()) {
       LasRecord record = fields.decode(decoder);
       record.gps_time_bits = times.decode(decoder);
@@ -101,7 +109,8 @@ std::vector<LasRecord> decode_laz(std::string_view bytes, const LazLayout& layou
     if (decoder.broken())
       throw InputError(file, where, "point " + std::to_string(records.size() - 1),
                        "the compressed data are damaged or truncated");
-    // The encoder writes exactly what its decoder reads; only so is damage in the middle of a chunk noticed.
+    // The encoder writes exactly what its decoder reads; only so is damage in the middle of a chunk
+    // noticed.
     if (const std::size_t rest = code.size() - kLasRecordBytes - decoder.bytes_read(); rest != 0)
       throw InputError(file, where, std::to_string(rest) + " bytes",
                        "are left after its last point: the compressed data are damaged");

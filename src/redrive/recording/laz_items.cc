@@ -7,7 +7,8 @@
 namespace redrive {
 namespace {
 
-constexpr int kUpperBits = 8;  // of an error: these are modelled, the bits below them are as good as random
+constexpr int kUpperBits =
+    8;  // of an error: these are modelled, the bits below them are as good as random
 
 int number_of_return(std::uint8_t returns) { return returns & 7; }
 int returns_of_pulse(std::uint8_t returns) { return returns >> 3 & 7; }
@@ -16,20 +17,25 @@ int scan_direction(std::uint8_t returns) { return returns >> 6 & 1; }
 std::int32_t wrapped(std::uint32_t value) { return static_cast<std::int32_t>(value); }
 std::uint32_t bits_of(std::int32_t value) { return static_cast<std::uint32_t>(value); }
 
-/// The context of an error by how many bits the errors before it had: two of these share one, single returns have their own.
+/// The context of an error by how many bits the errors before it had: two of these share one,
+/// single returns have their own.
 int size_context(int error_bits, int most, bool single_return) {
   return (std::min(error_bits, most) & ~1) + single_return;
 }
 
 }  // namespace
 
-IntegerDecoder::IntegerDecoder(int bits, int contexts) : mask_(bits < 32 ? (1u << bits) - 1 : UINT32_MAX) {
-  bit_counts_.assign(static_cast<std::size_t>(contexts), SymbolModel(static_cast<std::uint32_t>(bits) + 1));
+IntegerDecoder::IntegerDecoder(int bits, int contexts)
+    : mask_(bits < 32 ? (1u << bits) - 1 : UINT32_MAX) {
+  bit_counts_.assign(static_cast<std::size_t>(contexts),
+                     SymbolModel(static_cast<std::uint32_t>(bits) + 1));
   for (int k = 1; k <= bits; ++k) errors_.emplace_back(1u << std::min(k, kUpperBits));
 }
 
-std::int32_t IntegerDecoder::decode(ArithmeticDecoder& decoder, std::uint32_t predicted, int context) {
-  const int k = error_bits_ = static_cast<int>(decoder.symbol(bit_counts_[static_cast<std::size_t>(context)]));
+std::int32_t IntegerDecoder::decode(ArithmeticDecoder& decoder, std::uint32_t predicted,
+                                    int context) {
+  const int k = error_bits_ =
+      static_cast<int>(decoder.symbol(bit_counts_[static_cast<std::size_t>(context)]));
   std::uint32_t error;
   if (k == 0) {
     error = decoder.bit(zero_or_one_);
@@ -38,7 +44,8 @@ std::int32_t IntegerDecoder::decode(ArithmeticDecoder& decoder, std::uint32_t pr
   } else {
     error = decoder.symbol(errors_[static_cast<std::size_t>(k) - 1]);
     if (k > kUpperBits) error = error << (k - kUpperBits) | decoder.bits(k - kUpperBits);
-    // k bits stand for the errors 1 - 2^k .. -2^(k-1) (upper bit 0) and 2^(k-1) + 1 .. 2^k (upper bit 1).
+    // k bits stand for the errors 1 - 2^k .. -2^(k-1) (upper bit 0) and 2^(k-1) + 1 .. 2^k (upper
+    // bit 1).
     error = error >> (k - 1) ? error + 1 : error + 1 - (1u << k);
   }
   return wrapped((predicted + error) & mask_);
@@ -57,10 +64,11 @@ void StreamingMedian::add(std::int32_t value) {
 
 int return_context(std::uint8_t returns) {
   // The r-th of n = 1..5 returns has a context of its own, 0..14; what should not be shares them.
-  static constexpr std::uint8_t kContext[8][8] = {{15, 14, 13, 12, 11, 10, 9, 8},  {14, 0, 1, 3, 6, 10, 10, 9},
-                                                  {13, 1, 2, 4, 7, 11, 11, 10},    {12, 3, 4, 5, 8, 12, 12, 11},
-                                                  {11, 6, 7, 8, 9, 13, 13, 12},    {10, 10, 11, 12, 13, 14, 14, 13},
-                                                  {9, 10, 11, 12, 13, 14, 15, 14}, {8, 9, 10, 11, 12, 13, 14, 15}};
+  static constexpr std::uint8_t kContext[8][8] = {
+      {15, 14, 13, 12, 11, 10, 9, 8},  {14, 0, 1, 3, 6, 10, 10, 9},
+      {13, 1, 2, 4, 7, 11, 11, 10},    {12, 3, 4, 5, 8, 12, 12, 11},
+      {11, 6, 7, 8, 9, 13, 13, 12},    {10, 10, 11, 12, 13, 14, 14, 13},
+      {9, 10, 11, 12, 13, 14, 15, 14}, {8, 9, 10, 11, 12, 13, 14, 15}};
   return kContext[returns_of_pulse(returns)][number_of_return(returns)];
 }
 
@@ -73,7 +81,8 @@ void Point10Decoder::decode_changed_fields(ArithmeticDecoder& decoder) {
   const int context = return_context(last_.returns);
   std::uint16_t& intensity = last_intensity_[static_cast<std::size_t>(context)];
   if (changed & 16)
-    intensity = static_cast<std::uint16_t>(intensity_coder_.decode(decoder, intensity, std::min(context, 3)));
+    intensity = static_cast<std::uint16_t>(
+        intensity_coder_.decode(decoder, intensity, std::min(context, 3)));
   last_.intensity = intensity;
   if (changed & 8) last_.classification = byte_after(classification_, last_.classification);
   if (changed & 4) {
@@ -81,32 +90,37 @@ void Point10Decoder::decode_changed_fields(ArithmeticDecoder& decoder) {
     last_.scan_angle = static_cast<std::uint8_t>(last_.scan_angle + decoder.symbol(model));
   }
   if (changed & 2) last_.user_data = byte_after(user_data_, last_.user_data);
-  if (changed & 1) last_.source_id = static_cast<std::uint16_t>(source_id_coder_.decode(decoder, last_.source_id, 0));
+  if (changed & 1)
+    last_.source_id =
+        static_cast<std::uint16_t>(source_id_coder_.decode(decoder, last_.source_id, 0));
 }
 
 LasRecord Point10Decoder::decode(ArithmeticDecoder& decoder) {
   decode_changed_fields(decoder);
   const bool single = returns_of_pulse(last_.returns) == 1;
   const auto context = static_cast<std::size_t>(return_context(last_.returns));
-  const auto level =
-      static_cast<std::size_t>(std::abs(returns_of_pulse(last_.returns) - number_of_return(last_.returns)));
+  const auto level = static_cast<std::size_t>(
+      std::abs(returns_of_pulse(last_.returns) - number_of_return(last_.returns)));
 
   const std::int32_t dx = dx_coder_.decode(decoder, bits_of(dx_[context].get()), single);
   dx_[context].add(dx);
   last_.x = wrapped(bits_of(last_.x) + bits_of(dx));
   const int dx_bits = dx_coder_.error_bits();
 
-  const std::int32_t dy = dy_coder_.decode(decoder, bits_of(dy_[context].get()), size_context(dx_bits, 20, single));
+  const std::int32_t dy =
+      dy_coder_.decode(decoder, bits_of(dy_[context].get()), size_context(dx_bits, 20, single));
   dy_[context].add(dy);
   last_.y = wrapped(bits_of(last_.y) + bits_of(dy));
   const int mean_bits = (dx_bits + dy_coder_.error_bits()) / 2;
 
-  last_.z = last_z_[level] = z_coder_.decode(decoder, bits_of(last_z_[level]), size_context(mean_bits, 18, single));
+  last_.z = last_z_[level] =
+      z_coder_.decode(decoder, bits_of(last_z_[level]), size_context(mean_bits, 18, single));
   return last_;
 }
 
-// The next time is the last plus a step that was predicted as `multiple` of the usual one. Each range of multiples has
-// its context. Steps that fit no multiple become the usual one when four of them came.
+// The next time is the last plus a step that was predicted as `multiple` of the usual one. Each
+// range of multiples has its context. Steps that fit no multiple become the usual one when four of
+// them came.
 void GpsTimeDecoder::decode_step(ArithmeticDecoder& decoder, Sequence& sequence, int multiple) {
   constexpr int kLeast = -10, kMost = 500;
   const int context = multiple == 1       ? 1
@@ -116,7 +130,8 @@ void GpsTimeDecoder::decode_step(ArithmeticDecoder& decoder, Sequence& sequence,
                       : multiple > 0      ? 2
                       : multiple > kLeast ? 5
                                           : 6;
-  const std::int32_t step = coder_.decode(decoder, bits_of(multiple) * bits_of(sequence.step), context);
+  const std::int32_t step =
+      coder_.decode(decoder, bits_of(multiple) * bits_of(sequence.step), context);
   sequence.time += static_cast<std::uint64_t>(std::int64_t{step});
   if (multiple == 1) sequence.odd_steps = 0;
   if ((multiple == 0 || multiple == kLeast || multiple == kMost) && ++sequence.odd_steps > 3) {
@@ -127,17 +142,17 @@ void GpsTimeDecoder::decode_step(ArithmeticDecoder& decoder, Sequence& sequence,
 
 // A jump of more than 32 bits: the upper half is predicted, the lower one stored as it is.
 void GpsTimeDecoder::start_sequence(ArithmeticDecoder& decoder) {
-  const std::uint32_t upper =
-      bits_of(coder_.decode(decoder, static_cast<std::uint32_t>(sequences_[current_].time >> 32), 8));
+  const std::uint32_t upper = bits_of(
+      coder_.decode(decoder, static_cast<std::uint32_t>(sequences_[current_].time >> 32), 8));
   const std::uint64_t time = std::uint64_t{upper} << 32 | decoder.bits(32);
   current_ = newest_ = (newest_ + 1) % sequences_.size();
   sequences_[current_] = {.time = time};
 }
 
 std::uint64_t GpsTimeDecoder::decode(ArithmeticDecoder& decoder) {
-  // Symbols while the sequence has a step: 0 other, 1..500 that multiple of it, 501..510 minus 1..10 of it, 511 none, 512 a
-  // new sequence, 513..515 one of the other three. While it has none: 0 none, 1 the first step, 2 and 3..5 as 512 and
-  // 513..515.
+  // Symbols while the sequence has a step: 0 other, 1..500 that multiple of it, 501..510
+  // minus 1..10 of it, 511 none, 512 a new sequence, 513..515 one of the other three. While it has
+  // none: 0 none, 1 the first step, 2 and 3..5 as 512 and 513..515.
   constexpr int kMostSteps = 500, kNoStep = 511, kNewSequence = 512;
   for (std::size_t switches = 0; switches < sequences_.size(); ++switches) {
     Sequence& sequence = sequences_[current_];
@@ -150,7 +165,8 @@ std::uint64_t GpsTimeDecoder::decode(ArithmeticDecoder& decoder) {
     }
     if (sequence.step == 0) symbol = symbol == 0 ? kNoStep : symbol - 2 + kNewSequence;
     if (symbol == kNewSequence) start_sequence(decoder);
-    if (symbol < kNoStep) decode_step(decoder, sequence, symbol <= kMostSteps ? symbol : kMostSteps - symbol);
+    if (symbol < kNoStep)
+      decode_step(decoder, sequence, symbol <= kMostSteps ? symbol : kMostSteps - symbol);
     if (symbol <= kNewSequence) return sequences_[current_].time;
     current_ = (current_ + static_cast<std::size_t>(symbol - kNewSequence)) % sequences_.size();
   }

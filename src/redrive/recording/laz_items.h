@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// How LASzip predicts the fields of a LAS point from the points before it and decodes what the prediction missed: items
-// POINT10 version 2 and GPSTIME11 version 2 (M. Isenburg, "LASzip: lossless compression of LiDAR data", PE&RS 79(2), 2013).
-// Integers wrap around as in two's complement. The state lasts for one chunk.
+// How LASzip predicts the fields of a LAS point from the points before it and decodes what the
+// prediction missed: items POINT10 version 2 and GPSTIME11 version 2 (M. Isenburg, "LASzip:
+// lossless compression of LiDAR data", PE&RS 79(2), 2013). Integers wrap around as in two's
+// complement. The state lasts for one chunk.
 #pragma once
 
 #include <array>
@@ -17,7 +18,8 @@ namespace redrive {
 struct LasRecord {
   std::int32_t x = 0, y = 0, z = 0;  ///< times scale plus offset: metres
   std::uint16_t intensity = 0;
-  std::uint8_t returns = 0;  ///< bits 0-2 number of this return, 3-5 returns of the pulse, 6 scan direction, 7 edge
+  std::uint8_t returns =
+      0;  ///< bits 0-2 number of this return, 3-5 returns of the pulse, 6 scan direction, 7 edge
   std::uint8_t classification = 0, scan_angle = 0, user_data = 0;
   std::uint16_t source_id = 0;
   std::uint64_t gps_time_bits = 0;  ///< of the double
@@ -25,7 +27,8 @@ struct LasRecord {
   bool operator==(const LasRecord&) const = default;
 };
 
-/// LASzip's order-0 coder of integers: how many bits the error of a prediction has, in one of `contexts`, then the error.
+/// LASzip's order-0 coder of integers: how many bits the error of a prediction has, in one of
+/// `contexts`, then the error.
 class IntegerDecoder {
  public:
   IntegerDecoder(int bits, int contexts);  ///< bits 16 (results in 0..2^16 - 1) or 32 (signed)
@@ -52,7 +55,8 @@ class ByteModels {
   std::array<std::unique_ptr<SymbolModel>, 256> models_;
 };
 
-/// Roughly the median of the last few values: each new one pushes out the largest or the smallest of five, in turns.
+/// Roughly the median of the last few values: each new one pushes out the largest or the smallest
+/// of five, in turns.
 class StreamingMedian {
  public:
   std::int32_t get() const { return sorted_[2]; }
@@ -78,15 +82,17 @@ class Point10Decoder {
   LasRecord last_;
   std::array<StreamingMedian, 16> dx_, dy_;         ///< by return_context
   std::array<std::uint16_t, 16> last_intensity_{};  ///< by return_context
-  std::array<std::int32_t, 8> last_z_{};            ///< by |returns of the pulse - number of the return|
+  std::array<std::int32_t, 8> last_z_{};  ///< by |returns of the pulse - number of the return|
   SymbolModel changed_{64};
   ByteModels returns_, classification_, user_data_;
-  std::array<SymbolModel, 2> scan_angle_{SymbolModel(256), SymbolModel(256)};  ///< by scan direction
-  IntegerDecoder intensity_coder_{16, 4}, source_id_coder_{16, 1}, dx_coder_{32, 2}, dy_coder_{32, 22},
-      z_coder_{32, 20};
+  std::array<SymbolModel, 2> scan_angle_{SymbolModel(256),
+                                         SymbolModel(256)};  ///< by scan direction
+  IntegerDecoder intensity_coder_{16, 4}, source_id_coder_{16, 1}, dx_coder_{32, 2},
+      dy_coder_{32, 22}, z_coder_{32, 20};
 };
 
-/// Times of up to four interleaved sequences, each with a usual step; the bits of the doubles are treated as integers.
+/// Times of up to four interleaved sequences, each with a usual step; the bits of the doubles are
+/// treated as integers.
 class GpsTimeDecoder {
  public:
   explicit GpsTimeDecoder(std::uint64_t first) { sequences_[0].time = first; }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The coders of LAZ, each against its mirror in test_las.h; that the two share no mistake, the real files show
-// (lidar_real_test.cc) and a file that another program has read (las_test.cc).
+// The coders of LAZ, each against its mirror in test_las.h; that the two share no mistake, the real
+// files show (lidar_real_test.cc) and a file that another program has read (las_test.cc).
 #include "redrive/recording/laz_items.h"
 
 #include <numeric>
@@ -16,7 +16,8 @@ using namespace std::string_view_literals;
 using testing::ArithmeticEncoder;
 
 TEST(ArithmeticDecoder, CutsTheIntervalByShares) {
-  // Four equally likely symbols have a quarter of 2^32 each; the first byte of the code says which quarter is meant.
+  // Four equally likely symbols have a quarter of 2^32 each; the first byte of the code says which
+  // quarter is meant.
   for (const auto& [code, expected] : {std::pair{"\x00\x00\x00\x00"sv, 0u},
                                        {"\x3f\x00\x00\x00"sv, 0u},
                                        {"\x40\x00\x00\x00"sv, 1u},
@@ -43,7 +44,8 @@ TEST(ArithmeticDecoder, SaysWhenTheCodeEnds) {
 }
 
 TEST(ArithmeticDecoder, TakesAsManyBitsAsTheEntropy) {
-  // A source of p = 1/16, 15/16 has 0.3373 bits a symbol; one of 1/2, 1/4, 1/8, 1/8 has 1.75. Adaptive shares cost less than 2 %.
+  // A source of p = 1/16, 15/16 has 0.3373 bits a symbol; one of 1/2, 1/4, 1/8, 1/8 has 1.75.
+  // Adaptive shares cost less than 2 %.
   constexpr int kSymbols = 200000;
   std::mt19937 random(1);
   std::vector<bool> bits;
@@ -128,7 +130,9 @@ TEST(StreamingMedian, PushesOutTheEndsInTurns) {
 
 TEST(GpsTimeDecoder, EverySymbolOnce) {
   std::vector<std::uint64_t> times{1000};
-  const auto step = [&](std::int64_t by) { times.push_back(times.back() + static_cast<std::uint64_t>(by)); };
+  const auto step = [&](std::int64_t by) {
+    times.push_back(times.back() + static_cast<std::uint64_t>(by));
+  };
   const auto jump_to = [&](std::uint64_t time) { times.push_back(time); };
   step(0), step(1000);  // no step yet; the first one
   for (int multiple = -10; multiple <= 500; ++multiple) {
@@ -142,8 +146,10 @@ TEST(GpsTimeDecoder, EverySymbolOnce) {
   step(INT32_MAX), step(INT32_MIN);
   const std::uint64_t sequences[] = {times.back(), 1ull << 40, 1ull << 50, 0xfedcba9876543210};
   for (const std::uint64_t first : sequences) jump_to(first);  // new ones
-  for (const int i : {1, 0, 2, 3}) jump_to(sequences[i]);      // to and fro while they have no steps yet
-  for (const int i : {0, 2, 1, 3, 0, 1, 2, 3, 2, 1, 0, 3, 1, 0, 2}) jump_to(sequences[i] + 5), step(100), step(100);
+  for (const int i : {1, 0, 2, 3})
+    jump_to(sequences[i]);  // to and fro while they have no steps yet
+  for (const int i : {0, 2, 1, 3, 0, 1, 2, 3, 2, 1, 0, 3, 1, 0, 2})
+    jump_to(sequences[i] + 5), step(100), step(100);
   for (const int i : {0, 2, 1, 3, 0, 1, 2, 3, 2, 1, 0, 3, 1, 0, 2}) jump_to(sequences[i]);
   jump_to(1ull << 60);  // pushes out the oldest
   jump_to(sequences[0]);
@@ -151,8 +157,10 @@ TEST(GpsTimeDecoder, EverySymbolOnce) {
   testing::GpsTimeEncoder encoder(times[0]);
   ArithmeticEncoder out;
   for (std::size_t i = 1; i < times.size(); ++i) encoder.encode(out, times[i]);
-  for (std::size_t symbol = 0; symbol < 516; ++symbol) EXPECT_GT(encoder.symbols[symbol], 0) << symbol;
-  for (std::size_t symbol = 0; symbol < 6; ++symbol) EXPECT_GT(encoder.first_symbols[symbol], 0) << symbol;
+  for (std::size_t symbol = 0; symbol < 516; ++symbol)
+    EXPECT_GT(encoder.symbols[symbol], 0) << symbol;
+  for (std::size_t symbol = 0; symbol < 6; ++symbol)
+    EXPECT_GT(encoder.first_symbols[symbol], 0) << symbol;
 
   const std::string code = out.finish();
   ArithmeticDecoder decoder(code);
@@ -176,7 +184,8 @@ TEST(GpsTimeDecoder, SequencesThatOnlyPointAtEachOther) {
 TEST(ReturnContext, EachReturnOfAPulseHasItsOwn) {
   int expected = 0;
   for (int n = 1; n <= 5; ++n)
-    for (int r = 1; r <= n; ++r) EXPECT_EQ(return_context(static_cast<std::uint8_t>(n << 3 | r)), expected++);
+    for (int r = 1; r <= n; ++r)
+      EXPECT_EQ(return_context(static_cast<std::uint8_t>(n << 3 | r)), expected++);
   EXPECT_EQ(return_context(0), 15);
   EXPECT_EQ(return_context(0xc0 | 1 << 3 | 1), 0);  // scan direction and edge do not matter
 }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// LiDAR revolutions and boxes of a real recording, where it is at hand. What is expected stands in its SOURCE.md.
+// LiDAR revolutions and boxes of a real recording, where it is at hand. What is expected stands in
+// its SOURCE.md.
 #include <map>
 
 #include <gtest/gtest.h>
@@ -43,8 +44,10 @@ TEST_F(RealLidar, Revolutions) {
       most_intensity = std::max<int>(most_intensity, point.intensity);
     }
     for (int axis = 0; axis < 3; ++axis) {
-      EXPECT_NEAR(most[axis], little_endian<double>(bytes, 179 + 16 * static_cast<std::size_t>(axis)), 5e-4);
-      EXPECT_NEAR(least[axis], little_endian<double>(bytes, 187 + 16 * static_cast<std::size_t>(axis)), 5e-4);
+      EXPECT_NEAR(most[axis],
+                  little_endian<double>(bytes, 179 + 16 * static_cast<std::size_t>(axis)), 5e-4);
+      EXPECT_NEAR(least[axis],
+                  little_endian<double>(bytes, 187 + 16 * static_cast<std::size_t>(axis)), 5e-4);
     }
     EXPECT_LE(most_intensity, 255);
     EXPECT_GE(most_intensity, 250);
@@ -63,8 +66,8 @@ TEST_F(RealLidar, Revolutions) {
 
     // The revolution before ends in what this one begins with: a third of it, bit for bit.
     if (!before.empty()) {
-      const auto shared =
-          std::find_if(before.begin(), before.end(), [&](const auto& p) { return p.t_ns == points[0].t_ns; });
+      const auto shared = std::find_if(before.begin(), before.end(),
+                                       [&](const auto& p) { return p.t_ns == points[0].t_ns; });
       const auto count = static_cast<std::size_t>(before.end() - shared);
       EXPECT_NEAR(static_cast<double>(count) / static_cast<double>(points.size()), 1.0 / 3, 0.05);
       ASSERT_LE(count, points.size());
@@ -79,13 +82,15 @@ TEST_F(RealLidar, Revolutions) {
   }
 }
 
-/// How many points lie in the box, each moved by `sign` times what the object moved between the point's time and the box's.
+/// How many points lie in the box, each moved by `sign` times what the object moved between the
+/// point's time and the box's.
 int points_inside(const Box& box, const std::vector<LidarPoint>& points, int sign) {
   const Rigid3d box_from_body = box.body_from_box.inverse();
   int inside = 0;
   for (const LidarPoint& point : points) {
     const double dt_s = static_cast<double>(box.t_ns - point.t_ns) * 1e-9;
-    const Eigen::Vector3d in_body_m = point.in_body_m.cast<double>() + sign * dt_s * box.velocity_in_body_m_per_s;
+    const Eigen::Vector3d in_body_m =
+        point.in_body_m.cast<double>() + sign * dt_s * box.velocity_in_body_m_per_s;
     inside += ((box_from_body * in_body_m).array().abs() <= box.size_m.array() / 2).all();
   }
   return inside;
@@ -114,12 +119,14 @@ TEST_F(RealLidar, PointsLieInTheBoxes) {
     all.inside += sum.inside;
     all.uncompensated += sum.uncompensated;
   }
-  // So the velocity is relative and in body axes, and the clocks are one. Slow objects move less than their boxes are wrong.
+  // So the velocity is relative and in body axes, and the clocks are one. Slow objects move less
+  // than their boxes are wrong.
   EXPECT_GT(all.inside, 1.03 * all.uncompensated);
 }
 
 TEST_F(RealLidar, BoxesHeadWhereTheyGo) {
-  // Object 0 changes lanes while the ego vehicle drives straight ahead at 30 m/s: its axis is turned as its way is.
+  // Object 0 changes lanes while the ego vehicle drives straight ahead at 30 m/s: its axis is
+  // turned as its way is.
   int turned = 0;
   for (const FrameFile& file : recording_.box_files) {
     for (const Box& box : read_boxes(file.path)) {
@@ -139,9 +146,11 @@ TEST_F(RealLidar, VelocityIsTheMotionInBodyCoordinates) {
   for (const FrameFile& file : recording_.box_files)
     for (const Box& box : read_boxes(file.path)) objects[box.object_id].push_back(box);
   for (const auto& [id, boxes] : objects) {
-    const Eigen::Vector3d way_m = boxes.back().body_from_box.translation() - boxes.front().body_from_box.translation();
+    const Eigen::Vector3d way_m =
+        boxes.back().body_from_box.translation() - boxes.front().body_from_box.translation();
     Eigen::Vector3d mean = Eigen::Vector3d::Zero();
-    for (const Box& box : boxes) mean += box.velocity_in_body_m_per_s / static_cast<double>(boxes.size());
+    for (const Box& box : boxes)
+      mean += box.velocity_in_body_m_per_s / static_cast<double>(boxes.size());
     const double time_s = static_cast<double>(boxes.back().t_ns - boxes.front().t_ns) * 1e-9;
     EXPECT_LT((way_m / time_s - mean).norm(), 0.05) << id;
   }

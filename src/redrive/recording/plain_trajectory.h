@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The body's pose between the frames (recording/trajectory.h), also in plain numbers, for what runs on a GPU as well.
+// The body's pose between the frames (recording/trajectory.h), also in plain numbers, for what runs
+// on a GPU as well.
 #pragma once
 
 #include <algorithm>
@@ -20,8 +21,8 @@ struct PlainFrame {
 template <class Frame>
 REDRIVE_HD auto pose_at(std::span<const Frame> frames, std::int64_t t_ns) {
   const Frame *const first = frames.data(), *const end = first + frames.size();
-  const Frame* after =
-      std::lower_bound(first, end, t_ns, [](const Frame& frame, std::int64_t t) { return frame.t_ns < t; });
+  const Frame* after = std::lower_bound(
+      first, end, t_ns, [](const Frame& frame, std::int64_t t) { return frame.t_ns < t; });
   if (after != end && after->t_ns == t_ns) return after->ecef_from_body;
   if (frames.size() == 1) return first->ecef_from_body;
   after = after == first ? first + 1 : after == end ? end - 1 : after;

@@ -16,26 +16,29 @@ constexpr std::size_t kMaxPlyPoints = 100'000'000;
 constexpr double kMaxPlyCoordinate_m = 1e6;
 
 /// Bytes of the scalar types, under both of their names.
-const std::map<std::string_view, std::size_t> kSizes = {{"char", 1},  {"int8", 1},    {"uchar", 1},  {"uint8", 1},
-                                                        {"short", 2}, {"int16", 2},   {"ushort", 2}, {"uint16", 2},
-                                                        {"int", 4},   {"int32", 4},   {"uint", 4},   {"uint32", 4},
-                                                        {"float", 4}, {"float32", 4}, {"double", 8}, {"float64", 8}};
+const std::map<std::string_view, std::size_t> kSizes = {
+    {"char", 1},   {"int8", 1},    {"uchar", 1},  {"uint8", 1},  {"short", 2}, {"int16", 2},
+    {"ushort", 2}, {"uint16", 2},  {"int", 4},    {"int32", 4},  {"uint", 4},  {"uint32", 4},
+    {"float", 4},  {"float32", 4}, {"double", 8}, {"float64", 8}};
 
 class PlyFile {
  public:
-  PlyFile(std::string_view bytes, const std::filesystem::path& file) : rest_(bytes), file_(file) { read_header(); }
+  PlyFile(std::string_view bytes, const std::filesystem::path& file) : rest_(bytes), file_(file) {
+    read_header();
+  }
 
   std::vector<Eigen::Vector3d> points() {
     std::vector<Eigen::Vector3d> points;
     if (!ascii_ && count_ > rest_.size() / record_bytes_)
       refuse("element vertex", std::to_string(count_),
-             "of " + std::to_string(record_bytes_) + " bytes each do not fit in the " + std::to_string(rest_.size()) +
-                 " that follow (truncated?)");
+             "of " + std::to_string(record_bytes_) + " bytes each do not fit in the " +
+                 std::to_string(rest_.size()) + " that follow (truncated?)");
     if (ascii_ && count_ > rest_.size() / 2)  // a digit and a line end
       refuse("element vertex", std::to_string(count_),
              "do not fit in the " + std::to_string(rest_.size()) + " bytes that follow");
     points.reserve(count_);
-    for (std::size_t i = 0; i < count_; ++i) points.push_back(ascii_ ? ascii_point(i) : binary_point(i));
+    for (std::size_t i = 0; i < count_; ++i)
+      points.push_back(ascii_ ? ascii_point(i) : binary_point(i));
     return points;
   }
 
@@ -45,7 +48,8 @@ class PlyFile {
     std::size_t size, offset;
   };
 
-  [[noreturn]] void refuse(const std::string& field, std::string_view value, const std::string& rule) const {
+  [[noreturn]] void refuse(const std::string& field, std::string_view value,
+                           const std::string& rule) const {
     throw InputError(file_, field, value.substr(0, 80), rule);
   }
 
@@ -81,13 +85,15 @@ class PlyFile {
         if ((!ascii_ && format != "binary_little_endian") || next_word(&line) != "1.0")
           refuse("format", whole, "must be ascii 1.0 or binary_little_endian 1.0");
       } else if (keyword == "element") {
-        if (element.empty() && !line.starts_with(" vertex")) refuse("element", whole, "the first must be vertex");
+        if (element.empty() && !line.starts_with(" vertex"))
+          refuse("element", whole, "the first must be vertex");
         element = next_word(&line);
         if (element == "vertex") {
           const std::string_view digits = next_word(&line);
-          const auto [end, error] = std::from_chars(digits.data(), digits.data() + digits.size(), count_);
-          if (error != std::errc() || end != digits.data() + digits.size() || count_ > kMaxPlyPoints ||
-              !properties_.empty())
+          const auto [end, error] =
+              std::from_chars(digits.data(), digits.data() + digits.size(), count_);
+          if (error != std::errc() || end != digits.data() + digits.size() ||
+              count_ > kMaxPlyPoints || !properties_.empty())
             refuse("element", whole, "must give a number of points up to 1e8, once");
         }
       } else if (keyword == "property") {
@@ -96,12 +102,14 @@ class PlyFile {
         const auto size = kSizes.find(type);
         if (size == kSizes.end() || name.empty())
           refuse("property", whole, "of a vertex must be a scalar type and a name");
-        if ((name == "x" || name == "y" || name == "z") && !type.starts_with("float") && !type.starts_with("double"))
+        if ((name == "x" || name == "y" || name == "z") && !type.starts_with("float") &&
+            !type.starts_with("double"))
           refuse("property", whole, "must be float or double");
         properties_.push_back({name, size->second, record_bytes_});
         record_bytes_ += size->second;
       } else {
-        refuse("header", whole, "is none of format, element, property, comment, obj_info, end_header");
+        refuse("header", whole,
+               "is none of format, element, property, comment, obj_info, end_header");
       }
     }
     if (!format_given) refuse("format", "", "missing");
@@ -121,7 +129,8 @@ class PlyFile {
     for (int axis = 0; axis < 3; ++axis) {
       const Property& property = properties_[axes_[axis]];
       const std::size_t at = index * record_bytes_ + property.offset;
-      point[axis] = property.size == 4 ? little_endian<float>(rest_, at) : little_endian<double>(rest_, at);
+      point[axis] =
+          property.size == 4 ? little_endian<float>(rest_, at) : little_endian<double>(rest_, at);
     }
     return checked(point, index);
   }
@@ -141,7 +150,8 @@ class PlyFile {
         if (axes_[axis] == p) point[axis] = value;
     }
     if (!next_word(&line).empty())
-      refuse("vertex " + std::to_string(index), whole, "must have " + std::to_string(properties_.size()) + " numbers");
+      refuse("vertex " + std::to_string(index), whole,
+             "must have " + std::to_string(properties_.size()) + " numbers");
     return checked(point, index);
   }
 
@@ -168,6 +178,8 @@ std::vector<Eigen::Vector3d> parse_ply(std::string_view bytes, const std::filesy
   return PlyFile(bytes, file).points();
 }
 
-std::vector<Eigen::Vector3d> read_ply(const std::filesystem::path& file) { return parse_ply(read_file(file), file); }
+std::vector<Eigen::Vector3d> read_ply(const std::filesystem::path& file) {
+  return parse_ply(read_file(file), file);
+}
 
 }  // namespace redrive

@@ -12,9 +12,10 @@ using testing::append;
 using ::testing::HasSubstr;
 using testing::input_error;
 
-std::string header(const std::string& format, const std::string& vertices, const std::string& properties) {
-  return "ply\nformat " + format + " 1.0\ncomment made by hand\nelement vertex " + vertices + "\n" + properties +
-         "element face 1\nproperty list uchar int vertex_indices\nend_header\n";
+std::string header(const std::string& format, const std::string& vertices,
+                   const std::string& properties) {
+  return "ply\nformat " + format + " 1.0\ncomment made by hand\nelement vertex " + vertices + "\n" +
+         properties + "element face 1\nproperty list uchar int vertex_indices\nend_header\n";
 }
 const std::string kXyz = "property float x\nproperty float y\nproperty float z\n";
 
@@ -26,7 +27,8 @@ std::string message(const std::string& bytes) {
 
 TEST(Ply, Ascii) {
   const std::string bytes =
-      header("ascii", "2", "property double y\nproperty uchar red\nproperty float x\nproperty double z\n") +
+      header("ascii", "2",
+             "property double y\nproperty uchar red\nproperty float x\nproperty double z\n") +
       "2.5 255 1 -3e2\r\n  0 0\t-7 0.125\n3 0 1 0\n";
   const auto points = parse_ply(bytes, "points.ply");
   ASSERT_EQ(points.size(), 2u);
@@ -35,10 +37,12 @@ TEST(Ply, Ascii) {
 }
 
 TEST(Ply, BinaryLittleEndian) {
-  std::string bytes = header("binary_little_endian", "2",
-                             "property float x\nproperty ushort ring\nproperty double y\nproperty float z\n");
+  std::string bytes =
+      header("binary_little_endian", "2",
+             "property float x\nproperty ushort ring\nproperty double y\nproperty float z\n");
   for (const int i : {1, 2}) {
-    append(&bytes, 0.5f * i), append(&bytes, std::uint16_t{9}), append(&bytes, 1.0 / i), append(&bytes, -2.0f * i);
+    append(&bytes, 0.5f * i), append(&bytes, std::uint16_t{9}), append(&bytes, 1.0 / i),
+        append(&bytes, -2.0f * i);
   }
   const auto points = parse_ply(bytes + "faces", "points.ply");
   ASSERT_EQ(points.size(), 2u);
@@ -56,12 +60,15 @@ TEST(Ply, WhatIsNoneIsRefused) {
               AllOf(HasSubstr("z"), HasSubstr("missing")));
   EXPECT_THAT(message(header("ascii", "0", kXyz + "property float x\n")), HasSubstr("twice"));
   EXPECT_THAT(message(header("ascii", "0", "property int x\n")), HasSubstr("float or double"));
-  EXPECT_THAT(message(header("ascii", "0", kXyz + "property list uchar int n\n")), HasSubstr("scalar"));
-  EXPECT_THAT(message(header("binary_little_endian", "2", kXyz) + std::string(23, '\0')), HasSubstr("23"));
+  EXPECT_THAT(message(header("ascii", "0", kXyz + "property list uchar int n\n")),
+              HasSubstr("scalar"));
+  EXPECT_THAT(message(header("binary_little_endian", "2", kXyz) + std::string(23, '\0')),
+              HasSubstr("23"));
   EXPECT_THAT(message(header("ascii", "2", kXyz) + "1 2 3\n"), HasSubstr("truncated"));
   EXPECT_THAT(message(header("ascii", "1", kXyz) + "1 2\n"), HasSubstr("3 numbers"));
   EXPECT_THAT(message(header("ascii", "1", kXyz) + "1 2 3 4\n"), HasSubstr("3 numbers"));
-  EXPECT_THAT(message(header("ascii", "1", kXyz) + "1 2 nan\n"), AllOf(HasSubstr("vertex 0 z"), HasSubstr("nan")));
+  EXPECT_THAT(message(header("ascii", "1", kXyz) + "1 2 nan\n"),
+              AllOf(HasSubstr("vertex 0 z"), HasSubstr("nan")));
   EXPECT_THAT(message(header("ascii", "1", kXyz) + "1 2e6 3\n"), HasSubstr("vertex 0 y"));
   EXPECT_THAT(message("ply\nformat ascii 1.0\nelement face 1\nend_header\n"), HasSubstr("vertex"));
   EXPECT_THAT(message("ply\nelement vertex 0\n" + kXyz + "end_header\n"), HasSubstr("format"));

@@ -15,7 +15,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-const fs::path kEgomotion = "sensor/gnssins/egomotion2.json", kCalibration = "sensor/calibration/calibration.json";
+const fs::path kEgomotion = "sensor/gnssins/egomotion2.json",
+               kCalibration = "sensor/calibration/calibration.json";
 constexpr std::int64_t kSameTime_ns =
     1'000'000;  // clocks are written with other digits; the next frame is 10 ms away or more
 
@@ -23,7 +24,8 @@ nlohmann::json rows_of(const Rigid3d& pose) {
   nlohmann::json rows = nlohmann::json::array();
   for (int r = 0; r < 4; ++r) {
     rows.push_back(nlohmann::json::array());
-    for (int c = 0; c < 4; ++c) rows.back().push_back(r < 3 ? pose.matrix()(r, c) : c == 3 ? 1.0 : 0.0);
+    for (int c = 0; c < 4; ++c)
+      rows.back().push_back(r < 3 ? pose.matrix()(r, c) : c == 3 ? 1.0 : 0.0);
   }
   return rows;
 }
@@ -58,7 +60,8 @@ PoseFiles pose_files_of(const Recording& recording, const std::vector<FramePose>
     const Eigen::Vector3d position = camera.body_from_sensor.translation();
     sensor["RT_body_from_sensor"] = rows_of(camera.body_from_sensor);
     sensor["RT_sensor_from_body"] = rows_of(camera.body_from_sensor.inverse(Eigen::Isometry));
-    if (sensor.contains("pos_meter")) sensor["pos_meter"] = {position.x(), position.y(), position.z()};
+    if (sensor.contains("pos_meter"))
+      sensor["pos_meter"] = {position.x(), position.y(), position.z()};
     sensor.erase("yaw_pitch_roll_deg");
     sensor["focal_length_px"] = {camera.fx, camera.fy};
     sensor["principal_point_px"] = {camera.cx, camera.cy};
@@ -71,7 +74,8 @@ PoseFiles pose_files_of(const Recording& recording, const std::vector<FramePose>
 
 void use_pose_files(const PoseFiles& files, const fs::path& folder, Recording* recording) {
   if (!recording->metric)
-    throw InputError(folder, "", "", "poses in these formats belong to a drive, not to photographs");
+    throw InputError(folder, "", "",
+                     "poses in these formats belong to a drive, not to photographs");
   std::vector<FramePose> poses = aimotive::parse_egomotion(files.egomotion, folder / kEgomotion);
   for (FramePose& frame : recording->frames) {
     const auto found = std::ranges::lower_bound(poses, frame.id, {}, &FramePose::id);
@@ -80,13 +84,15 @@ void use_pose_files(const PoseFiles& files, const fs::path& folder, Recording* r
       throw InputError(folder / kEgomotion, id, "", "missing; the recording has this frame");
     if (std::abs(found->t_ns - frame.t_ns) > kSameTime_ns)
       throw InputError(folder / kEgomotion, id + ".time", std::to_string(found->t_ns) + " ns",
-                       "the recording's frame is of " + std::to_string(frame.t_ns) + " ns: poses of another drive");
+                       "the recording's frame is of " + std::to_string(frame.t_ns) +
+                           " ns: poses of another drive");
     frame = *found;
   }
   const std::vector<CameraCalibration> cameras =
       aimotive::parse_calibration(files.calibration, folder / kCalibration, nullptr);
   for (RecordedCamera& camera : recording->cameras) {
-    const auto found = std::ranges::find(cameras, camera.calibration.name, &CameraCalibration::name);
+    const auto found =
+        std::ranges::find(cameras, camera.calibration.name, &CameraCalibration::name);
     if (found == cameras.end())
       throw InputError(folder / kCalibration, camera.calibration.name, "",
                        "missing; the recording has images of this camera");

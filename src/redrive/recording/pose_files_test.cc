@@ -23,9 +23,11 @@ TEST(PoseFiles, ComeBackAsTheyWere) {
   std::vector<FramePose> frames = f.recording.frames;
   std::vector<CameraCalibration> cameras;
   for (const RecordedCamera& camera : f.recording.cameras) cameras.push_back(camera.calibration);
-  frames[1].ecef_from_body = frames[1].ecef_from_body * Eigen::AngleAxisd(0.001, Eigen::Vector3d::UnitZ());
+  frames[1].ecef_from_body =
+      frames[1].ecef_from_body * Eigen::AngleAxisd(0.001, Eigen::Vector3d::UnitZ());
   frames[1].ecef_from_body.translation().x() += 0.0625;
-  cameras[0].body_from_sensor = cameras[0].body_from_sensor * Eigen::AngleAxisd(-0.002, Eigen::Vector3d::UnitY());
+  cameras[0].body_from_sensor =
+      cameras[0].body_from_sensor * Eigen::AngleAxisd(-0.002, Eigen::Vector3d::UnitY());
   cameras[0].body_from_sensor.translation().y() += 0.25;
   cameras[1].time_offset_ns = -12'000'001;
   cameras[1].fx = 1172.125;
@@ -38,7 +40,8 @@ TEST(PoseFiles, ComeBackAsTheyWere) {
     EXPECT_EQ(again.frames[i].t_ns, frames[i].t_ns);
     EXPECT_EQ(again.frames[i].ecef_from_body.translation(), frames[i].ecef_from_body.translation());
     // Rotations are made orthonormal again when they are read.
-    EXPECT_TRUE(again.frames[i].ecef_from_body.linear().isApprox(frames[i].ecef_from_body.linear(), 1e-14));
+    EXPECT_TRUE(
+        again.frames[i].ecef_from_body.linear().isApprox(frames[i].ecef_from_body.linear(), 1e-14));
   }
   for (std::size_t c = 0; c < cameras.size(); ++c) {
     const CameraCalibration& now = again.cameras[c].calibration;
@@ -55,7 +58,9 @@ TEST(PoseFiles, SayNothingOfReadoutsWhereThereIsNothingToSay) {
   Fixture f;
   const CameraCalibration& camera = f.recording.cameras[0].calibration;
   const auto sensor = [&] {
-    return nlohmann::json::parse(pose_files_of(f.recording, f.recording.frames, {camera}).calibration).at(camera.name);
+    return nlohmann::json::parse(
+               pose_files_of(f.recording, f.recording.frames, {camera}).calibration)
+        .at(camera.name);
   };
   EXPECT_FALSE(sensor().contains("readout_s"));
   f.recording.cameras[0].calibration.readout_ns = 30'000'000;
@@ -71,16 +76,20 @@ TEST(PoseFiles, OfAnotherRecordingAreRefused) {
   };
   nlohmann::json poses = testing::egomotion();
   poses.erase("10");
-  EXPECT_THAT(complaint({poses.dump(), files.calibration}), AllOf(HasSubstr("egomotion2.json"), HasSubstr("10")));
+  EXPECT_THAT(complaint({poses.dump(), files.calibration}),
+              AllOf(HasSubstr("egomotion2.json"), HasSubstr("10")));
   poses = testing::egomotion();
   poses["10"]["time_host"] = 50.15;
-  EXPECT_THAT(complaint({poses.dump(), files.calibration}), AllOf(HasSubstr("10.time"), HasSubstr("another drive")));
+  EXPECT_THAT(complaint({poses.dump(), files.calibration}),
+              AllOf(HasSubstr("10.time"), HasSubstr("another drive")));
   nlohmann::json sensors = testing::calibration();
   sensors.erase("L_FISH");
-  EXPECT_THAT(complaint({files.egomotion, sensors.dump()}), AllOf(HasSubstr("calibration.json"), HasSubstr("L_FISH")));
+  EXPECT_THAT(complaint({files.egomotion, sensors.dump()}),
+              AllOf(HasSubstr("calibration.json"), HasSubstr("L_FISH")));
   f.recording.metric = false;
   EXPECT_THAT(complaint(files), HasSubstr("photographs"));
-  EXPECT_THAT(testing::input_error([&] { read_pose_files(f.folder.path / "nothing"); }), HasSubstr("egomotion2.json"));
+  EXPECT_THAT(testing::input_error([&] { read_pose_files(f.folder.path / "nothing"); }),
+              HasSubstr("egomotion2.json"));
 }
 
 }  // namespace

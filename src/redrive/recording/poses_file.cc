@@ -11,8 +11,8 @@
 namespace redrive {
 namespace {
 
-// The name comes from a file that may not be ours and is written to: it must stay inside the output folder, and be
-// spelled in one way only, so that equal files have equal names.
+// The name comes from a file that may not be ours and is written to: it must stay inside the output
+// folder, and be spelled in one way only, so that equal files have equal names.
 std::string output_name_from_json(const JsonField& field) {
   const std::string name = field.string();
   const std::filesystem::path path(name);
@@ -20,8 +20,8 @@ std::string output_name_from_json(const JsonField& field) {
   if (name.empty() || path.is_absolute() || std::any_of(name.begin(), name.end(), odd)) {
     field.fail("expected a relative file name");
   }
-  const bool detour =
-      std::any_of(path.begin(), path.end(), [](const auto& part) { return part == ".." || part == "."; });
+  const bool detour = std::any_of(path.begin(), path.end(),
+                                  [](const auto& part) { return part == ".." || part == "."; });
   if (detour || name.find("//") != name.npos)
     field.fail("expected a relative file name without \"..\", \".\" or \"//\"");
   if (!has_extension(path, {".png", ".jpg", ".jpeg"}))
@@ -43,7 +43,8 @@ RequestedView view_from_json(const JsonField& entry) {
       entry.at("shift_body_m").fail("expected metres, at most 1e4 along each axis");
     }
   }
-  if (!view.ecef_from_body && !view.shift_body_m) entry.fail("has neither RT_ECEF_body nor shift_body_m");
+  if (!view.ecef_from_body && !view.shift_body_m)
+    entry.fail("has neither RT_ECEF_body nor shift_body_m");
   return view;
 }
 
@@ -54,9 +55,11 @@ PosesFile parse_poses(std::string_view text, const std::filesystem::path& file) 
   const JsonField root(document, file);
   PosesFile poses;
   poses.path = file;
-  if (root.has("calibration")) poses.cameras = aimotive::cameras_from_json(root.at("calibration"), nullptr);
+  if (root.has("calibration"))
+    poses.cameras = aimotive::cameras_from_json(root.at("calibration"), nullptr);
   const JsonField images = root.at("images");
-  if (!images.json().is_array() || images.size() == 0) images.fail("expected a list of at least one image");
+  if (!images.json().is_array() || images.size() == 0)
+    images.fail("expected a list of at least one image");
   std::set<std::string> names;
   for (std::size_t i = 0; i < images.size(); ++i) {
     poses.views.push_back(view_from_json(images.at(i)));
@@ -65,14 +68,17 @@ PosesFile parse_poses(std::string_view text, const std::filesystem::path& file) 
     }
   }
   for (std::size_t i = 0; i < poses.views.size(); ++i) {
-    for (std::filesystem::path folder = std::filesystem::path(poses.views[i].file).parent_path(); !folder.empty();
-         folder = folder.parent_path()) {
-      if (names.contains(folder.string())) images.at(i).at("file").fail("its folder is the name of another image");
+    for (std::filesystem::path folder = std::filesystem::path(poses.views[i].file).parent_path();
+         !folder.empty(); folder = folder.parent_path()) {
+      if (names.contains(folder.string()))
+        images.at(i).at("file").fail("its folder is the name of another image");
     }
   }
   return poses;
 }
 
-PosesFile read_poses(const std::filesystem::path& file) { return parse_poses(read_file(file), file); }
+PosesFile read_poses(const std::filesystem::path& file) {
+  return parse_poses(read_file(file), file);
+}
 
 }  // namespace redrive

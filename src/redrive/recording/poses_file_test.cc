@@ -13,7 +13,9 @@ using testing::input_error;
 json view(const std::string& file) {
   return {{"file", file}, {"camera", "F_CAM"}, {"frame_id", 33650}, {"shift_body_m", {0, 0.5, 0}}};
 }
-PosesFile parsed_poses(const json& document) { return parse_poses(document.dump(), "dir/poses.json"); }
+PosesFile parsed_poses(const json& document) {
+  return parse_poses(document.dump(), "dir/poses.json");
+}
 
 std::string poses_message(const std::string& field, const json& value) {
   json document = {{"images", {view("a.png"), view("b.png")}}};
@@ -44,8 +46,8 @@ TEST(PosesFile, ReadsEveryForm) {
 }
 
 TEST(PosesFile, FileNamesStayInTheOutputFolder) {
-  for (const char* name :
-       {"", "/tmp/a.png", "../a.png", "a/../b.png", "./a.png", "a//b.png", "a/", "a.bmp", "a", ".png", "a\n.png"}) {
+  for (const char* name : {"", "/tmp/a.png", "../a.png", "a/../b.png", "./a.png", "a//b.png", "a/",
+                           "a.bmp", "a", ".png", "a\n.png"}) {
     EXPECT_THAT(poses_message("/file", name), HasSubstr("images[1].file")) << name;
   }
   EXPECT_THAT(poses_message("/file", "a.png"), HasSubstr("overwrite"));
@@ -59,25 +61,36 @@ TEST(PosesFile, BadFields) {
   EXPECT_THAT(poses_message("/frame_id", -1), HasSubstr("images[1].frame_id = -1"));
   EXPECT_THAT(poses_message("/frame_id", 1.5), HasSubstr("images[1].frame_id = 1.5"));
   EXPECT_THAT(poses_message("/shift_body_m", {1, 2}), HasSubstr("images[1].shift_body_m = [1,2]"));
-  EXPECT_THAT(poses_message("/shift_body_m/1", "nan"), HasSubstr("images[1].shift_body_m[1] = \"nan\""));
+  EXPECT_THAT(poses_message("/shift_body_m/1", "nan"),
+              HasSubstr("images[1].shift_body_m[1] = \"nan\""));
   EXPECT_THAT(poses_message("/shift_body_m/1", 1e5), HasSubstr("images[1].shift_body_m"));
-  EXPECT_THAT(poses_message("/RT_ECEF_body", {{1, 0}, {0, 1}}), HasSubstr("images[1].RT_ECEF_body"));
+  EXPECT_THAT(poses_message("/RT_ECEF_body", {{1, 0}, {0, 1}}),
+              HasSubstr("images[1].RT_ECEF_body"));
   for (const char* key : {"file", "camera", "frame_id", "shift_body_m"}) {
     json document = {{"images", {view("a.png")}}};
     document["images"][0].erase(key);
-    EXPECT_THAT(input_error([&] { parsed_poses(document); }), AllOf(HasSubstr("images[0]"), HasSubstr(key)));
+    EXPECT_THAT(input_error([&] { parsed_poses(document); }),
+                AllOf(HasSubstr("images[0]"), HasSubstr(key)));
   }
 }
 
 TEST(PosesFile, BadDocuments) {
-  EXPECT_THAT(input_error([] { parsed_poses(json::object()); }), AllOf(HasSubstr("images"), HasSubstr("missing")));
-  EXPECT_THAT(input_error([] { parsed_poses({{"images", json::array()}}); }), HasSubstr("at least one"));
-  EXPECT_THAT(input_error([] { parsed_poses({{"images", {{"a", view("a.png")}}}}); }), HasSubstr("images"));
+  EXPECT_THAT(input_error([] { parsed_poses(json::object()); }),
+              AllOf(HasSubstr("images"), HasSubstr("missing")));
+  EXPECT_THAT(input_error([] {
+                parsed_poses({{"images", json::array()}});
+              }),
+              HasSubstr("at least one"));
+  EXPECT_THAT(input_error([] {
+                parsed_poses({{"images", {{"a", view("a.png")}}}});
+              }),
+              HasSubstr("images"));
   json document = {{"calibration", testing::calibration()}, {"images", {view("a.png")}}};
   document["calibration"]["F_CAM"]["model"] = "f_theta";
   EXPECT_THAT(input_error([&] { parsed_poses(document); }),
               AllOf(HasSubstr("calibration.F_CAM.model"), HasSubstr("f_theta")));
-  EXPECT_THAT(input_error([] { read_poses("/nowhere/poses.json"); }), HasSubstr("/nowhere/poses.json"));
+  EXPECT_THAT(input_error([] { read_poses("/nowhere/poses.json"); }),
+              HasSubstr("/nowhere/poses.json"));
 }
 
 }  // namespace

@@ -25,7 +25,8 @@ Readout parse_readout(const std::string& text) {
   readout.estimated = value == "estimate";
   if (readout.estimated) return readout;
   const auto [end, error] = std::from_chars(value.data(), value.data() + value.size(), readout.ms);
-  if (error != std::errc() || end != value.data() + value.size() || !(std::abs(readout.ms) <= 1e3 * kMostReadout_s))
+  if (error != std::errc() || end != value.data() + value.size() ||
+      !(std::abs(readout.ms) <= 1e3 * kMostReadout_s))
     throw UsageError("--rolling-shutter", text,
                      "must be MS, CAM:MS, estimate or CAM:estimate with milliseconds in -200..200");
   return readout;
@@ -44,19 +45,22 @@ std::vector<bool> set_readouts(const std::vector<std::string>& given, Recording*
         found = true;
       }
     if (!found)
-      throw UsageError("--rolling-shutter", text, "the recording has no camera " + readout.camera + " with images");
+      throw UsageError("--rolling-shutter", text,
+                       "the recording has no camera " + readout.camera + " with images");
   }
   std::vector<bool> estimated(of_camera.size(), false);
   for (std::size_t c = 0; c < of_camera.size(); ++c) {
     if (!of_camera[c]) continue;
     estimated[c] = of_camera[c]->estimated;
-    if (!estimated[c]) recording->cameras[c].calibration.readout_ns = std::llround(1e6 * of_camera[c]->ms);
+    if (!estimated[c])
+      recording->cameras[c].calibration.readout_ns = std::llround(1e6 * of_camera[c]->ms);
   }
   return estimated;
 }
 
 bool estimates_readouts(const std::vector<std::string>& given) {
-  return std::ranges::any_of(given, [](const std::string& text) { return parse_readout(text).estimated; });
+  return std::ranges::any_of(given,
+                             [](const std::string& text) { return parse_readout(text).estimated; });
 }
 
 }  // namespace redrive

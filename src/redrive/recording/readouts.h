@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// --rolling-shutter of train and align: how long cameras take to read their rows, where the calibration does not say.
+// --rolling-shutter of train and align: how long cameras take to read their rows, where the
+// calibration does not say.
 #pragma once
 
 #include <string>
@@ -9,9 +10,10 @@
 
 namespace redrive {
 
-/// Puts what is given in the place of CameraCalibration::readout_ns: "MS" for all cameras, "CAM:MS" for one; "estimate" and "CAM:estimate"
-/// leave the calibration's as what align starts from. Of several that mean a camera the last one counts. By camera: whether its
-/// readout is to be estimated. UsageError: no number, beyond kMostReadout_s, a camera that the recording lacks.
+/// Puts what is given in the place of CameraCalibration::readout_ns: "MS" for all cameras, "CAM:MS"
+/// for one; "estimate" and "CAM:estimate" leave the calibration's as what align starts from. Of
+/// several that mean a camera the last one counts. By camera: whether its readout is to be
+/// estimated. UsageError: no number, beyond kMostReadout_s, a camera that the recording lacks.
 std::vector<bool> set_readouts(const std::vector<std::string>& given, Recording* recording);
 
 /// Whether one of them is to be estimated.

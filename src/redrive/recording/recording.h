@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a drive is, whatever format it came in: cameras with their calibration, the body's pose per frame,
-// image files, and what was odd about them. Nothing is decoded here but the metadata. A set of photographs is one, too: its
-// body is the camera.
+// What a drive is, whatever format it came in: cameras with their calibration, the body's pose per
+// frame, image files, and what was odd about them. Nothing is decoded here but the metadata. A set
+// of photographs is one, too: its body is the camera.
 #pragma once
 
 #include <array>
@@ -21,14 +21,17 @@ constexpr double kMostReadout_s = 0.2;
 /// Calibration of one camera as the file gives it; camera/camera.h makes the model out of it.
 struct CameraCalibration {
   std::string name;
-  std::string model;                      ///< "opencv_pinhole", "mei" or "opencv_fisheye"
-  double fx = 0, fy = 0, cx = 0, cy = 0;  ///< pixels; integer coordinates are pixel centres (OpenCV)
-  std::array<double, 5> distortion{};     ///< k1 k2 p1 p2 k3; of opencv_fisheye k1 k2 k3 k4 0
-  double xi = 0;                          ///< mei only: distance of the projection centre from the sphere's
-  int width = 0, height = 0;              ///< pixels
-  Rigid3d body_from_sensor;               ///< camera axes x right, y down, z forward; body x forward, y left, z up
-  std::int64_t time_offset_ns = 0;        ///< its images are exposed this long after their frame's pose
-  /// Of a rolling shutter: row v is exposed ((v + 1/2) / height - 1/2) readout_ns after that. Below 0: from the lowest row up.
+  std::string model;  ///< "opencv_pinhole", "mei" or "opencv_fisheye"
+  double fx = 0, fy = 0, cx = 0,
+         cy = 0;                       ///< pixels; integer coordinates are pixel centres (OpenCV)
+  std::array<double, 5> distortion{};  ///< k1 k2 p1 p2 k3; of opencv_fisheye k1 k2 k3 k4 0
+  double xi = 0;              ///< mei only: distance of the projection centre from the sphere's
+  int width = 0, height = 0;  ///< pixels
+  Rigid3d
+      body_from_sensor;  ///< camera axes x right, y down, z forward; body x forward, y left, z up
+  std::int64_t time_offset_ns = 0;  ///< its images are exposed this long after their frame's pose
+  /// Of a rolling shutter: row v is exposed ((v + 1/2) / height - 1/2) readout_ns after that. Below
+  /// 0: from the lowest row up.
   std::int64_t readout_ns = 0;
 };
 
@@ -36,7 +39,8 @@ struct CameraCalibration {
 struct FramePose {
   std::int64_t id = 0;
   std::int64_t t_ns = 0;   ///< host clock
-  Rigid3d ecef_from_body;  ///< metres; ECEF magnitudes (6.4e6) are normal. Recording::metric says where it is otherwise
+  Rigid3d ecef_from_body;  ///< metres; ECEF magnitudes (6.4e6) are normal. Recording::metric says
+                           ///< where it is otherwise
 };
 
 /// What a sensor recorded of one frame.
@@ -88,17 +92,19 @@ struct Recording {
   std::vector<std::string> other_sensors;
   std::optional<Rigid3d> body_from_lidar;  ///< of the sensor that lidar_files come from
   std::vector<NovelSet> novel;             ///< by name
-  std::vector<FramePose>
-      true_frames;  ///< exact poses by id, where a made recording ships them; `frames` may carry errors
+  std::vector<FramePose> true_frames;  ///< exact poses by id, where a made recording ships them;
+                                       ///< `frames` may carry errors
   std::vector<FrameFile> lidar_files;  ///< by frame id, with or without a pose: las.h reads them
   std::vector<FrameFile> box_files;    ///< by frame id, with or without a pose: boxes.h reads them
-  std::filesystem::path
-      points_file;  ///< static point cloud, in place of lidar_files; ply.h reads it; empty if there is none
-  /// True: a drive, in metres and ECEF, by a clock. False: pictures in a frame and unit of their own, which take the place
-  /// of ECEF and metre everywhere; the body's axes are those of a camera that looks along body x, and t_ns only counts, 1 s a frame.
+  std::filesystem::path points_file;   ///< static point cloud, in place of lidar_files; ply.h reads
+                                       ///< it; empty if there is none
+  /// True: a drive, in metres and ECEF, by a clock. False: pictures in a frame and unit of their
+  /// own, which take the place of ECEF and metre everywhere; the body's axes are those of a camera
+  /// that looks along body x, and t_ns only counts, 1 s a frame.
   bool metric = true;
-  std::optional<BoundingCube> bounds;  ///< in the frame of the poses (ECEF's place); nothing: unbounded
-  std::vector<Finding> findings;       ///< frames dropped for want of a pose, images missing, ...
+  std::optional<BoundingCube>
+      bounds;                     ///< in the frame of the poses (ECEF's place); nothing: unbounded
+  std::vector<Finding> findings;  ///< frames dropped for want of a pose, images missing, ...
 
   const RecordedCamera* find_camera(const std::string& name) const;
 };
@@ -106,8 +112,8 @@ struct Recording {
 /// What a made recording ships twice: as a program is given it, with realistic errors, and exact.
 enum class PoseSource { kGiven, kTruth };
 
-/// Opens a recording of any known format (recording/registry.cc: one line per format). InputError otherwise, and where
-/// the truth is asked for that it does not ship.
+/// Opens a recording of any known format (recording/registry.cc: one line per format). InputError
+/// otherwise, and where the truth is asked for that it does not ship.
 Recording open_recording(const std::filesystem::path& root, PoseSource source = PoseSource::kGiven);
 
 }  // namespace redrive

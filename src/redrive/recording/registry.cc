@@ -17,7 +17,8 @@ struct Format {
 
 // To add one: its parser in a file of its own, and a line here.
 constexpr Format kFormats[] = {
-    {"aimotive", "sensor/calibration, sensor/camera or sensor/gnssins", aimotive::looks_like, aimotive::open},
+    {"aimotive", "sensor/calibration, sensor/camera or sensor/gnssins", aimotive::looks_like,
+     aimotive::open},
     {"blender", "transforms_train.json", transforms::looks_like_blender, transforms::open_blender},
     {"transforms", "transforms.json", transforms::looks_like, transforms::open},
 };

@@ -10,13 +10,16 @@ DriveSummary summarize_drive(const std::vector<FramePose>& frames) {
   DriveSummary summary;
   if (frames.size() < 2) {
     summary.findings.push_back(
-        {"egomotion", "a single pose: the car does not move, so depth cannot be seen from one camera"});
+        {"egomotion",
+         "a single pose: the car does not move, so depth cannot be seen from one camera"});
     return summary;
   }
   std::vector<double> intervals_s;
   for (std::size_t i = 1; i < frames.size(); ++i) {
     const double interval_s = static_cast<double>(frames[i].t_ns - frames[i - 1].t_ns) * 1e-9;
-    const double step_m = (frames[i].ecef_from_body.translation() - frames[i - 1].ecef_from_body.translation()).norm();
+    const double step_m =
+        (frames[i].ecef_from_body.translation() - frames[i - 1].ecef_from_body.translation())
+            .norm();
     intervals_s.push_back(interval_s);
     summary.driven_m += step_m;
     summary.max_speed_m_per_s = std::max(summary.max_speed_m_per_s, step_m / interval_s);
@@ -35,12 +38,14 @@ DriveSummary summarize_drive(const std::vector<FramePose>& frames) {
     if (intervals_s[i - 1] <= 1.5 * median_s) continue;
     if (++gaps > kShown) continue;
     char what[160];
-    std::snprintf(what, sizeof what, "a gap of %.3f s between frames %lld and %lld, where %.3f s is usual",
-                  intervals_s[i - 1], static_cast<long long>(frames[i - 1].id), static_cast<long long>(frames[i].id),
-                  median_s);
+    std::snprintf(what, sizeof what,
+                  "a gap of %.3f s between frames %lld and %lld, where %.3f s is usual",
+                  intervals_s[i - 1], static_cast<long long>(frames[i - 1].id),
+                  static_cast<long long>(frames[i].id), median_s);
     summary.findings.push_back({"egomotion", what});
   }
-  if (gaps > kShown) summary.findings.push_back({"egomotion", std::to_string(gaps - kShown) + " more gaps"});
+  if (gaps > kShown)
+    summary.findings.push_back({"egomotion", std::to_string(gaps - kShown) + " more gaps"});
   return summary;
 }
 

@@ -14,7 +14,8 @@ FramePose frame(std::int64_t id, double x, std::int64_t t_ms) {
 }
 
 TEST(DriveSummary, AddsUpTheDrive) {
-  const DriveSummary summary = summarize_drive({frame(1, 0, 0), frame(2, 2, 100), frame(3, 5, 200), frame(4, 4, 300)});
+  const DriveSummary summary =
+      summarize_drive({frame(1, 0, 0), frame(2, 2, 100), frame(3, 5, 200), frame(4, 4, 300)});
   EXPECT_DOUBLE_EQ(summary.duration_s, 0.3);
   EXPECT_DOUBLE_EQ(summary.rate_hz, 10);
   EXPECT_DOUBLE_EQ(summary.driven_m, 6);
@@ -24,8 +25,8 @@ TEST(DriveSummary, AddsUpTheDrive) {
 }
 
 TEST(DriveSummary, SaysWhereTimeIsMissing) {
-  const DriveSummary summary =
-      summarize_drive({frame(1, 0, 0), frame(2, 1, 100), frame(5, 2, 400), frame(6, 3, 500), frame(7, 4, 600)});
+  const DriveSummary summary = summarize_drive(
+      {frame(1, 0, 0), frame(2, 1, 100), frame(5, 2, 400), frame(6, 3, 500), frame(7, 4, 600)});
   EXPECT_DOUBLE_EQ(summary.rate_hz, 10);
   ASSERT_EQ(summary.findings.size(), 1u);
   EXPECT_THAT(summary.findings[0].what,

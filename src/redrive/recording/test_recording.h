@@ -25,7 +25,8 @@ std::string input_error(F&& action) {
   return "";
 }
 
-/// A camera 2 m ahead and 1.5 m above the body's origin that looks forward; its extrinsics are exact.
+/// A camera 2 m ahead and 1.5 m above the body's origin that looks forward; its extrinsics are
+/// exact.
 inline nlohmann::json front_camera() {
   return {{"sensor_type", "camera"},
           {"model", "opencv_pinhole"},
@@ -54,7 +55,8 @@ inline nlohmann::json calibration() {
 
 /// Unturned body in ECEF at x metres along the first axis.
 inline nlohmann::json pose_at(double x, double t_s) {
-  return {{"RT_ECEF_body", {{1, 0, 0, 4e6 + x}, {0, 1, 0, 1.4e6}, {0, 0, 1, 4.6e6}, {0, 0, 0, 1}}}, {"time_host", t_s}};
+  return {{"RT_ECEF_body", {{1, 0, 0, 4e6 + x}, {0, 1, 0, 1.4e6}, {0, 0, 1, 4.6e6}, {0, 0, 0, 1}}},
+          {"time_host", t_s}};
 }
 
 /// Frames 9, 10, 11 (in text order 10 and 11 come first), 0.1 s and 2 m apart.
@@ -62,7 +64,8 @@ inline nlohmann::json egomotion() {
   return {{"9", pose_at(0, 50.0)}, {"10", pose_at(2, 50.1)}, {"11", pose_at(4, 50.2)}};
 }
 
-/// A recording of two cameras and three frames; the images are empty files, as nothing here decodes them.
+/// A recording of two cameras and three frames; the images are empty files, as nothing here decodes
+/// them.
 inline void write_recording(const TemporaryFolder& folder) {
   folder.write("sensor/calibration/calibration.json", calibration().dump());
   folder.write("sensor/gnssins/egomotion2.json", egomotion().dump());

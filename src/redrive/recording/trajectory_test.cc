@@ -30,7 +30,8 @@ TEST(Trajectory, FollowsAConstantMotion) {
 
 TEST(Trajectory, KeepsAFramesOwnPoseBitForBit) {
   const std::vector<FramePose> frames = {turning(1000, 0.123), turning(1100, 1.7)};
-  for (const FramePose& frame : frames) EXPECT_EQ(pose_at(frames, frame.t_ns).matrix(), frame.ecef_from_body.matrix());
+  for (const FramePose& frame : frames)
+    EXPECT_EQ(pose_at(frames, frame.t_ns).matrix(), frame.ecef_from_body.matrix());
 }
 
 TEST(Trajectory, ASingleFrameStandsStill) {

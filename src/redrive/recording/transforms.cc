@@ -40,7 +40,8 @@ ImageSize png_size(const fs::path& path) {
   };
   const ImageSize size{big_endian(16), big_endian(20)};
   if (std::memcmp(head, "\x89PNG\r\n\x1a\n", 8) != 0)
-    throw InputError(path, "", "", "no PNG image, and w and h are missing where the focal length stands");
+    throw InputError(path, "", "",
+                     "no PNG image, and w and h are missing where the focal length stands");
   constexpr int kMaxSide = 65536;
   if (size.width < 1 || size.height < 1 || size.width > kMaxSide || size.height > kMaxSide)
     throw InputError(path, "size", std::to_string(size.width) + " x " + std::to_string(size.height),
@@ -53,11 +54,13 @@ MaskFile find_mask(const fs::path& file, const Picture& picture, const fs::path&
   const fs::path dynamic = image.parent_path() / ("dynamic_mask_" + image.stem().string() + ".png");
   if (picture.mask.empty()) return is_there(dynamic) ? MaskFile{dynamic, false} : MaskFile{};
   if (is_there(dynamic))
-    throw InputError(file, "mask_path", picture.mask,
-                     "there is " + dynamic.string() +
-                         ", too; the one leaves out what is black, the other what is white: remove one of them");
+    throw InputError(
+        file, "mask_path", picture.mask,
+        "there is " + dynamic.string() +
+            ", too; the one leaves out what is black, the other what is white: remove one of them");
   const fs::path mask = file.parent_path() / picture.mask;
-  if (!is_there(mask)) throw InputError(mask, "", "", "missing; " + file.string() + " has it as mask_path");
+  if (!is_there(mask))
+    throw InputError(mask, "", "", "missing; " + file.string() + " has it as mask_path");
   return {mask, true};
 }
 
@@ -87,20 +90,24 @@ class Collector {
     const auto id = static_cast<std::int64_t>(recording_.frames.size());
     recording_.frames.push_back({id, id * 1'000'000'000, picture.world_from_body});
     if (!images_.insert(image).second)
-      throw InputError(file, "file_path", picture.file, "a second frame with the image " + image.string());
+      throw InputError(file, "file_path", picture.file,
+                       "a second frame with the image " + image.string());
     const CameraCalibration& c = *picture.camera;
     const auto key = std::tuple(c.model, c.fx, c.fy, c.cx, c.cy, c.distortion, c.width, c.height);
     const auto [found, is_new] = cameras_.try_emplace(key, recording_.cameras.size());
     if (is_new) recording_.cameras.push_back({c, {}});
-    recording_.cameras[found->second].images.push_back({{id, image}, find_mask(file, picture, image), held_out});
+    recording_.cameras[found->second].images.push_back(
+        {{id, image}, find_mask(file, picture, image), held_out});
   }
 
   Recording finish(std::optional<BoundingCube> bounds) {
     std::vector<RecordedCamera>& cameras = recording_.cameras;
     if (!missing_.empty())
       recording_.findings.push_back(
-          {"frames", counted(missing_.size(), "image") + " listed, but not there, left out: " + first_few(missing_)});
-    if (cameras.empty()) throw InputError(recording_.root, "", "", "empty recording: no listed image is there");
+          {"frames", counted(missing_.size(), "image") +
+                         " listed, but not there, left out: " + first_few(missing_)});
+    if (cameras.empty())
+      throw InputError(recording_.root, "", "", "empty recording: no listed image is there");
     // As many digits as the largest number has, so that they stand in their order by name.
     const std::size_t digits = std::to_string(cameras.size()).size();
     for (std::size_t i = 0; i < cameras.size(); ++i) {
@@ -118,19 +125,22 @@ class Collector {
   Recording recording_;
   std::set<fs::path> images_;
   std::vector<std::string> missing_;
-  std::map<std::tuple<std::string, double, double, double, double, std::array<double, 5>, int, int>, std::size_t>
+  std::map<std::tuple<std::string, double, double, double, double, std::array<double, 5>, int, int>,
+           std::size_t>
       cameras_;
 };
 
 /// Numbers in names count as numbers, so that r_10 follows r_9.
 std::vector<Picture> in_file_name_order(std::vector<Picture> pictures) {
-  std::sort(pictures.begin(), pictures.end(),
-            [](const Picture& a, const Picture& b) { return strverscmp(a.file.c_str(), b.file.c_str()) < 0; });
+  std::sort(pictures.begin(), pictures.end(), [](const Picture& a, const Picture& b) {
+    return strverscmp(a.file.c_str(), b.file.c_str()) < 0;
+  });
   return pictures;
 }
 
 void refuse_truth(const fs::path& root, PoseSource source) {
-  if (source == PoseSource::kTruth) throw InputError(root, "", "", "this format ships no other, exact poses");
+  if (source == PoseSource::kTruth)
+    throw InputError(root, "", "", "this format ships no other, exact poses");
 }
 
 }  // namespace
@@ -152,7 +162,8 @@ Recording open(const fs::path& root, PoseSource source) {
   for (const Picture& picture : in_file_name_order(transforms.pictures)) {
     const bool held = held_out.contains(picture.file), trains = train.contains(picture.file);
     if (held && trains)
-      throw InputError(file, "train_filenames", picture.file, "is to be trained on and held out at the same time");
+      throw InputError(file, "train_filenames", picture.file,
+                       "is to be trained on and held out at the same time");
     if (transforms.train && !held && !trains) {
       neither.push_back(picture.file);
     } else {
@@ -161,8 +172,9 @@ Recording open(const fs::path& root, PoseSource source) {
   }
   if (!neither.empty())
     collector.findings().push_back(
-        {"frames", counted(neither.size(), "image") +
-                       " in neither train_filenames nor the held-out list, left out: " + first_few(neither)});
+        {"frames",
+         counted(neither.size(), "image") +
+             " in neither train_filenames nor the held-out list, left out: " + first_few(neither)});
   return collector.finish(transforms.bounds);
 }
 
@@ -172,9 +184,11 @@ Recording open_blender(const fs::path& root, PoseSource source) {
                  val = root / "transforms_val.json";
   Collector collector(root);
   const TransformsFile training = read(train);
-  for (const Picture& picture : in_file_name_order(training.pictures)) collector.add(train, picture, false);
+  for (const Picture& picture : in_file_name_order(training.pictures))
+    collector.add(train, picture, false);
   if (const fs::path held_out = is_there(test) ? test : val; is_there(held_out))
-    for (const Picture& picture : in_file_name_order(read(held_out).pictures)) collector.add(held_out, picture, true);
+    for (const Picture& picture : in_file_name_order(read(held_out).pictures))
+      collector.add(held_out, picture, true);
   return collector.finish(training.bounds ? training.bounds : instant_ngp_cube(1));
 }
 

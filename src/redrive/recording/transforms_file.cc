@@ -15,7 +15,8 @@
 namespace redrive::transforms {
 namespace {
 
-constexpr double kMaxPosition = 1e7;  // as for ECEF: beyond it a float of the field's frame says nothing
+constexpr double kMaxPosition =
+    1e7;  // as for ECEF: beyond it a float of the field's frame says nothing
 constexpr double kMaxScale = 1e6;
 
 /// A frame's own fields before those that all share.
@@ -32,20 +33,23 @@ struct Intrinsics {
 std::string path_from_json(const JsonField& field) {
   std::string path = field.string();
   std::replace(path.begin(), path.end(), '\\', '/');
-  if (path.empty() || path.find('\0') != std::string::npos) field.fail("expected the name of a file");
+  if (path.empty() || path.find('\0') != std::string::npos)
+    field.fail("expected the name of a file");
   return std::filesystem::path(path).lexically_normal().string();
 }
 
 /// What would change the pictures' geometry or colours and is not supported here.
 void refuse_unsupported(const JsonField& object) {
-  for (const char* key : {"rolling_shutter", "ftheta_p0", "latlong", "equirectangular", "fisheye_crop_radius",
-                          "white_transparent", "black_transparent", "transform_matrix_start", "normal_mts_args"}) {
+  for (const char* key :
+       {"rolling_shutter", "ftheta_p0", "latlong", "equirectangular", "fisheye_crop_radius",
+        "white_transparent", "black_transparent", "transform_matrix_start", "normal_mts_args"}) {
     if (!object.has(key)) continue;
     const auto says_nothing = [](const nlohmann::json& value) {
       return value.is_null() || value == false || value == 0;
     };
     const nlohmann::json& value = object.at(key).json();
-    const bool nothing = value.is_array() ? std::all_of(value.begin(), value.end(), says_nothing) : says_nothing(value);
+    const bool nothing = value.is_array() ? std::all_of(value.begin(), value.end(), says_nothing)
+                                          : says_nothing(value);
     if (!nothing) object.at(key).fail("is not supported");
   }
 }
@@ -62,7 +66,9 @@ bool is_fisheye(const Intrinsics& intrinsics) {
   if (name == "OPENCV_FISHEYE") return true;
   for (const char* pinhole : {"OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "RADIAL", "SIMPLE_RADIAL"})
     if (name == pinhole) return false;
-  model->fail("unknown camera model; known are OPENCV, OPENCV_FISHEYE, PINHOLE, SIMPLE_PINHOLE, RADIAL, SIMPLE_RADIAL");
+  model->fail(
+      "unknown camera model; known are OPENCV, OPENCV_FISHEYE, PINHOLE, SIMPLE_PINHOLE, RADIAL, "
+      "SIMPLE_RADIAL");
 }
 
 /// 0 where the field is not there.
@@ -84,7 +90,8 @@ void read_distortion(const Intrinsics& intrinsics, CameraCalibration* camera) {
   constexpr const char* kNotPinhole[] = {"k4", "k5", "k6"};
   for (const char* key : fisheye ? std::span<const char* const>(kNotFisheye) : kNotPinhole)
     if (coefficient(intrinsics, key) != 0)
-      intrinsics.find(key)->fail("must be 0, the model " + camera->model + " has no such coefficient");
+      intrinsics.find(key)->fail("must be 0, the model " + camera->model +
+                                 " has no such coefficient");
 }
 
 /// Along one axis ("x" or "y") of `object`; nothing if it does not say.
@@ -95,7 +102,8 @@ std::optional<double> focal_length(const JsonField& object, const std::string& a
   const JsonField field = object.at(degrees ? axis + "_fov" : "camera_angle_" + axis);
   const double angle_rad = field.number() * (degrees ? std::numbers::pi / 180 : 1);
   if (!(angle_rad > 1e-3 && angle_rad < std::numbers::pi - 1e-3))
-    field.fail(degrees ? "expected degrees between 0.06 and 179.94" : "expected radians between 0.001 and 3.14");
+    field.fail(degrees ? "expected degrees between 0.06 and 179.94"
+                       : "expected radians between 0.001 and 3.14");
   return 0.5 * size / std::tan(0.5 * angle_rad);
 }
 
@@ -104,13 +112,16 @@ CameraCalibration camera_from_json(const Intrinsics& intrinsics, const ImageSize
   camera.width = size.width;
   camera.height = size.height;
   for (const JsonField& object : {intrinsics.frame, intrinsics.all}) {
-    const auto x = focal_length(object, "x", size.width), y = focal_length(object, "y", size.height);
+    const auto x = focal_length(object, "x", size.width),
+               y = focal_length(object, "y", size.height);
     if (!x && !y) continue;
     camera.fx = x ? *x : *y;
     camera.fy = y ? *y : *x;
     break;
   }
-  if (camera.fx == 0) intrinsics.frame.fail("no focal length: neither fl_x nor camera_angle_x, here or for all frames");
+  if (camera.fx == 0)
+    intrinsics.frame.fail(
+        "no focal length: neither fl_x nor camera_angle_x, here or for all frames");
   read_distortion(intrinsics, &camera);
   if (camera.model == "opencv_fisheye" && !intrinsics.find("fl_x"))
     intrinsics.frame.fail("a fisheye needs fl_x: programs disagree about its angle of view");
@@ -125,8 +136,10 @@ CameraCalibration camera_from_json(const Intrinsics& intrinsics, const ImageSize
 
 Rigid3d world_from_body_from_json(const JsonField& field) {
   Rigid3d world_from_body = rigid_from_json(field);
-  if (world_from_body.translation().norm() > kMaxPosition) field.fail("expected a position within 1e7 of the origin");
-  // Columns: the body's x (forward), y (left) and z (up) in OpenGL's camera axes x right, y up, z backward.
+  if (world_from_body.translation().norm() > kMaxPosition)
+    field.fail("expected a position within 1e7 of the origin");
+  // Columns: the body's x (forward), y (left) and z (up) in OpenGL's camera axes x right, y up, z
+  // backward.
   Eigen::Matrix3d opengl_from_body;
   opengl_from_body << 0, -1, 0, 0, 0, 1, -1, 0, 0;
   world_from_body.linear() = world_from_body.linear() * opengl_from_body;
@@ -137,13 +150,15 @@ std::optional<BoundingCube> bounds_from_json(const JsonField& root) {
   if (!root.has("aabb_scale") && !root.has("aabb")) return std::nullopt;
   const auto positive = [](const JsonField& field) {
     const double value = field.number();
-    if (!(value > 1 / kMaxScale && value <= kMaxScale)) field.fail("expected a number above 1e-6, at most 1e6");
+    if (!(value > 1 / kMaxScale && value <= kMaxScale))
+      field.fail("expected a number above 1e-6, at most 1e6");
     return value;
   };
   const double aabb_scale = root.has("aabb_scale") ? positive(root.at("aabb_scale")) : 1;
   if (root.has("aabb")) {
     const JsonField aabb = root.at("aabb");
-    const std::vector<double> low = aabb.at(std::size_t{0}).numbers(3), high = aabb.at(std::size_t{1}).numbers(3);
+    const std::vector<double> low = aabb.at(std::size_t{0}).numbers(3),
+                              high = aabb.at(std::size_t{1}).numbers(3);
     const Eigen::Vector3d a(low[0], low[1], low[2]), b(high[0], high[1], high[2]);
     const double side = (b - a).cwiseAbs().maxCoeff();
     if (!(side > 1 / kMaxScale && a.norm() <= kMaxPosition && b.norm() <= kMaxPosition))
@@ -188,7 +203,8 @@ TransformsFile parse(std::string_view text, const std::filesystem::path& file,
                      const std::function<std::optional<ImageSize>(const std::string&)>& size_of) {
   const nlohmann::json document = parse_json(text, file);
   const JsonField root(document, file), frames = root.at("frames");
-  if (!frames.json().is_array() || frames.size() == 0) frames.fail("expected a list of at least one frame");
+  if (!frames.json().is_array() || frames.size() == 0)
+    frames.fail("expected a list of at least one frame");
   refuse_unsupported(root);
   TransformsFile result;
   std::set<std::string> names;
@@ -206,7 +222,8 @@ TransformsFile parse(std::string_view text, const std::filesystem::path& file,
       (width ? *width : *height).fail("w and h are given together or not at all");
     CameraCalibration size;
     if (width) image_size_from_json(*width, *height, &size);
-    const std::optional<ImageSize> known = width ? ImageSize{size.width, size.height} : size_of(picture.file);
+    const std::optional<ImageSize> known =
+        width ? ImageSize{size.width, size.height} : size_of(picture.file);
     if (known) picture.camera = camera_from_json(intrinsics, *known);
     result.pictures.push_back(std::move(picture));
   }

@@ -15,10 +15,13 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using testing::input_error;
 
-// At (1, 2, 3) looking along the world's x axis, its z axis up. Columns in OpenGL's axes: right, up, backward.
+// At (1, 2, 3) looking along the world's x axis, its z axis up. Columns in OpenGL's axes: right,
+// up, backward.
 const json kLookingAlongX = {{0, 0, -1, 1}, {-1, 0, 0, 2}, {0, 1, 0, 3}, {0, 0, 0, 1}};
 
-json frame(const std::string& file) { return {{"file_path", file}, {"transform_matrix", kLookingAlongX}}; }
+json frame(const std::string& file) {
+  return {{"file_path", file}, {"transform_matrix", kLookingAlongX}};
+}
 
 json document() {
   return {{"fl_x", 100.5}, {"fl_y", 90},
@@ -36,7 +39,9 @@ transforms::TransformsFile parsed_transforms(const json& text) {
   });
 }
 
-CameraCalibration first_camera(const json& text) { return *parsed_transforms(text).pictures.at(0).camera; }
+CameraCalibration first_camera(const json& text) {
+  return *parsed_transforms(text).pictures.at(0).camera;
+}
 
 /// The complaint about a document with `value` at a JSON pointer.
 std::string complaint(const std::string& pointer, const json& value) {
@@ -79,7 +84,8 @@ TEST(Transforms, PrincipalPointCountsFromTheCorner) {
 
 TEST(Transforms, CameraLooksWhereTheMatrixSays) {
   const transforms::Picture picture = parsed_transforms(document()).pictures[0];
-  EXPECT_TRUE(picture.world_from_body.linear().isApprox(Eigen::Matrix3d::Identity(), 1e-15)) << "x forward, z up";
+  EXPECT_TRUE(picture.world_from_body.linear().isApprox(Eigen::Matrix3d::Identity(), 1e-15))
+      << "x forward, z up";
   const Rigid3d world_from_camera = picture.world_from_body * picture.camera->body_from_sensor;
   // 5 ahead, 2 to the right, 1 down.
   const Eigen::Vector3d point = world_from_camera * Eigen::Vector3d(2, 1, 5);
@@ -105,7 +111,8 @@ TEST(Transforms, FocalLengthFromTheAngleOfView) {
   json text = {{"camera_angle_x", 0.6911112070083618}, {"frames", {frame("./train/r_0")}}};
   const CameraCalibration camera = first_camera(text);
   EXPECT_EQ(camera.width, 800) << "asked for, as the file does not say";
-  EXPECT_NEAR(camera.fx, 1111.1110311937682, 1e-9);  // 400 / tan(angle / 2), the well-known sets' figure
+  EXPECT_NEAR(camera.fx, 1111.1110311937682,
+              1e-9);  // 400 / tan(angle / 2), the well-known sets' figure
   EXPECT_EQ(camera.fy, camera.fx);
   EXPECT_EQ(camera.cx, 399.5);
   EXPECT_EQ(camera.cy, 299.5);
@@ -197,7 +204,8 @@ TEST(Transforms, RefusesWhatItCannotUse) {
       {"/train_filenames", {"images/3.png"}, "train_filenames[0] = \"images/3.png\""},
       {"/test_filenames", "all", "test_filenames"},
   };
-  for (const auto& [pointer, value, part] : cases) EXPECT_THAT(complaint(pointer, value), HasSubstr(part)) << pointer;
+  for (const auto& [pointer, value, part] : cases)
+    EXPECT_THAT(complaint(pointer, value), HasSubstr(part)) << pointer;
   EXPECT_EQ(parsed_transforms([] {
               json text = document();
               text["rolling_shutter"] = {0, 0, 0, 0};
@@ -224,7 +232,8 @@ std::string png_head(int width, int height) {
 
 std::string finding(const Recording& recording) {
   std::string all;
-  for (const Finding& finding : recording.findings) all += finding.subject + ": " + finding.what + "\n";
+  for (const Finding& finding : recording.findings)
+    all += finding.subject + ": " + finding.what + "\n";
   return all;
 }
 
@@ -235,8 +244,8 @@ TEST(Transforms, OpensASet) {
   text["frames"][0]["fl_x"] = 200;
   text["frames"][2]["mask_path"] = "masks/2.png";
   text["aabb_scale"] = 2;
-  for (const char* file : {"images/r_10.png", "images/r_9.png", "images/r_2.png", "images/dynamic_mask_r_9.png",
-                           "masks/2.png", "images/r_7.png"})
+  for (const char* file : {"images/r_10.png", "images/r_9.png", "images/r_2.png",
+                           "images/dynamic_mask_r_9.png", "masks/2.png", "images/r_7.png"})
     folder.write(file, "");
   folder.write("transforms.json", text.dump());
   const Recording recording = open_recording(folder.path);
@@ -263,7 +272,8 @@ TEST(Transforms, OpensASet) {
   EXPECT_EQ(recording.cameras[1].images[0].frame_id, 2);
   EXPECT_EQ(recording.cameras[1].images[0].path, folder.path / "images/r_10.png");
   EXPECT_EQ(recording.cameras[1].calibration.fx, 200);
-  EXPECT_THAT(input_error([&] { open_recording(folder.path, PoseSource::kTruth); }), HasSubstr("exact poses"));
+  EXPECT_THAT(input_error([&] { open_recording(folder.path, PoseSource::kTruth); }),
+              HasSubstr("exact poses"));
 }
 
 TEST(Transforms, ImagesAndMasksThatAreMissing) {
@@ -276,7 +286,8 @@ TEST(Transforms, ImagesAndMasksThatAreMissing) {
   EXPECT_EQ(recording.frames.size(), 1u);
   EXPECT_EQ(recording.cameras[0].images.size(), 1u);
   EXPECT_EQ(recording.cameras[0].calibration.name, "camera");
-  EXPECT_THAT(finding(recording), HasSubstr("1 image listed, but not there, left out: images/2.png"));
+  EXPECT_THAT(finding(recording),
+              HasSubstr("1 image listed, but not there, left out: images/2.png"));
   text["frames"][0]["mask_path"] = "masks/1.png";
   folder.write("transforms.json", text.dump());
   EXPECT_THAT(input_error([&] { open_recording(folder.path); }), HasSubstr("masks/1.png: missing"));
@@ -347,13 +358,15 @@ TEST(Transforms, BlenderSets) {
   EXPECT_DOUBLE_EQ(recording.bounds->half_side, 0.5 / 0.33);
 
   folder.write("train/r_3.png", "JFIF");
-  EXPECT_THAT(input_error([&] { open_recording(folder.path); }), AllOf(HasSubstr("r_3.png"), HasSubstr("w and h")));
+  EXPECT_THAT(input_error([&] { open_recording(folder.path); }),
+              AllOf(HasSubstr("r_3.png"), HasSubstr("w and h")));
   folder.write("train/r_3.png", png_head(640, 0));
   EXPECT_THAT(input_error([&] { open_recording(folder.path); }), HasSubstr("640 x 0"));
   folder.write("train/r_3.png", png_head(640, 480));
   json again = {{"camera_angle_x", 0.7}, {"frames", {frame("train/r_1")}}};
   folder.write("transforms_test.json", again.dump());
-  EXPECT_THAT(input_error([&] { open_recording(folder.path); }), HasSubstr("a second frame")) << "would be trained on";
+  EXPECT_THAT(input_error([&] { open_recording(folder.path); }), HasSubstr("a second frame"))
+      << "would be trained on";
 }
 
 }  // namespace

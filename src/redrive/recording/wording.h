@@ -22,7 +22,8 @@ std::string first_few(const std::vector<T>& items) {
       list += items[i];
     }
   }
-  return items.size() <= kShown ? list : list + ", ... (" + std::to_string(items.size()) + " in all)";
+  return items.size() <= kShown ? list
+                                : list + ", ... (" + std::to_string(items.size()) + " in all)";
 }
 
 /// "1 image", "2 images"

@@ -9,18 +9,21 @@
 namespace redrive {
 namespace {
 
-// Rays of a tile: 8192 keep a backend's threads busy. Long rays get fewer, so that what a method keeps of each sample, up to some
-// 200 bytes, stays below a quarter of a gigabyte (2^20 samples).
+// Rays of a tile: 8192 keep a backend's threads busy. Long rays get fewer, so that what a method
+// keeps of each sample, up to some 200 bytes, stays below a quarter of a gigabyte (2^20 samples).
 constexpr int kMaxTileRays = 8192;
 constexpr int kMaxTileSamples = 1 << 20;
 
 }  // namespace
 
-int rays_of_tile(const Model& model) { return std::clamp(kMaxTileSamples / model.samples_per_ray(), 4, kMaxTileRays); }
+int rays_of_tile(const Model& model) {
+  return std::clamp(kMaxTileSamples / model.samples_per_ray(), 4, kMaxTileRays);
+}
 
 RenderedImage render_image(kernels::Backend& backend, const Model& model, const Camera& camera,
                            const ShutterPoses& world_from_camera, const Exposure& exposure) {
-  return render_image(backend, model, make_ray_table(camera, backend.threads()), world_from_camera, exposure);
+  return render_image(backend, model, make_ray_table(camera, backend.threads()), world_from_camera,
+                      exposure);
 }
 
 RenderedImage render_image(kernels::Backend& backend, const Model& model, const RayTable& table,
@@ -68,8 +71,9 @@ RenderedImage render_image(kernels::Backend& backend, const Model& model, const 
 
 Image8 to_image8(const RenderedImage& image) {
   Image8 out{image.width, image.height, std::vector<std::uint8_t>(image.rgb.size())};
-  std::transform(image.rgb.begin(), image.rgb.end(), out.rgb.begin(),
-                 [](float x) { return static_cast<std::uint8_t>(std::lround(255.0f * std::clamp(x, 0.0f, 1.0f))); });
+  std::transform(image.rgb.begin(), image.rgb.end(), out.rgb.begin(), [](float x) {
+    return static_cast<std::uint8_t>(std::lround(255.0f * std::clamp(x, 0.0f, 1.0f)));
+  });
   return out;
 }
 

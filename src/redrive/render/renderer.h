@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Pictures of a model from any camera at any pose, tile by tile through the same kernels as training.
+// Pictures of a model from any camera at any pose, tile by tile through the same kernels as
+// training.
 #pragma once
 
 #include <vector>
@@ -14,8 +15,9 @@ namespace redrive {
 /// Pixels that the camera model does not reach are black with depth 0, opacity 0 and valid 0.
 struct RenderedImage {
   int width = 0, height = 0;
-  std::vector<float> rgb;           ///< [height, width, 3] in [0, 1]
-  std::vector<float> depth;         ///< [height, width] metres along the ray, sum of w t (the ray's length, not z)
+  std::vector<float> rgb;  ///< [height, width, 3] in [0, 1]
+  std::vector<float>
+      depth;  ///< [height, width] metres along the ray, sum of w t (the ray's length, not z)
   std::vector<float> opacity;       ///< [height, width]
   std::vector<std::uint8_t> valid;  ///< [height, width]
 };

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The geometry of rendering, with a backend whose picture is a formula: the colour of a ray is its direction.
+// The geometry of rendering, with a backend whose picture is a formula: the colour of a ray is its
+// direction.
 #include "redrive/render/renderer.h"
 
 #include <cmath>
@@ -15,7 +16,8 @@ namespace {
 
 constexpr int kSamples = 96, kFineSamples = 32;
 
-/// Paints rgb = (direction + 1) / 2, depth = origin x + the network's first parameter, opacity = 1; counts the calls.
+/// Paints rgb = (direction + 1) / 2, depth = origin x + the network's first parameter, opacity = 1;
+/// counts the calls.
 class DirectionBackend final : public PaintBackend {
  public:
   DirectionBackend() : PaintBackend(nullptr) {}
@@ -30,8 +32,9 @@ class DirectionBackend final : public PaintBackend {
     EXPECT_EQ(dt.size(), t.size());
     tiles.push_back(n_rays);
   }
-  void sample_hierarchical(const kernels::Samples& coarse, std::span<const float> weights, int extra, bool jitter,
-                           std::uint64_t, std::span<float> t, std::span<float> dt) override {
+  void sample_hierarchical(const kernels::Samples& coarse, std::span<const float> weights,
+                           int extra, bool jitter, std::uint64_t, std::span<float> t,
+                           std::span<float> dt) override {
     EXPECT_FALSE(jitter);
     EXPECT_EQ(coarse.per_ray, kSamples);
     EXPECT_EQ(extra, kFineSamples);
@@ -41,12 +44,13 @@ class DirectionBackend final : public PaintBackend {
     EXPECT_EQ(dt.size(), t.size());
     ++hierarchical;
   }
-  void render_rays(const kernels::NerfField& field, const kernels::Rays& rays, const kernels::Samples& samples,
-                   const kernels::CompositeOut& out) override {
+  void render_rays(const kernels::NerfField& field, const kernels::Rays& rays,
+                   const kernels::Samples& samples, const kernels::CompositeOut& out) override {
     EXPECT_EQ(rays.origin.size(), 3 * std::size_t(rays.n));
     EXPECT_EQ(samples.t.size(), std::size_t(rays.n) * samples.per_ray);
     for (int i = 0; i < rays.n; ++i) {
-      for (int c = 0; c < 3; ++c) out.rgb[c * rays.n + i] = 0.5f * (rays.direction[c * rays.n + i] + 1);
+      for (int c = 0; c < 3; ++c)
+        out.rgb[c * rays.n + i] = 0.5f * (rays.direction[c * rays.n + i] + 1);
       out.depth[i] = rays.origin[i] + field.parameters[0];
       out.opacity[i] = 1;
     }
@@ -96,23 +100,25 @@ Rigid3d tilted() {
   return world_from_camera;
 }
 
-// A float direction turned in double or float and mapped to [0, 1]: three products and two sums of values below 1, each
-// within half an ulp of 1 (6e-8).
+// A float direction turned in double or float and mapped to [0, 1]: three products and two sums of
+// values below 1, each within half an ulp of 1 (6e-8).
 constexpr float kColourTolerance = 6 * 6e-8f;
 
-void expect_directions(const RenderedImage& image, const RayTable& table, const Rigid3d& world_from_camera,
-                       float depth) {
+void expect_directions(const RenderedImage& image, const RayTable& table,
+                       const Rigid3d& world_from_camera, float depth) {
   std::size_t k = 0;
   for (std::size_t pixel = 0; pixel < image.valid.size(); ++pixel) {
     const bool valid = k < table.pixel.size() && table.pixel[k] == pixel;
     ASSERT_EQ(image.valid[pixel], valid ? 1 : 0) << "pixel " << pixel;
     Eigen::Vector3d colour = Eigen::Vector3d::Zero();
     if (valid) {
-      const Eigen::Vector3d direction(table.direction[3 * k], table.direction[3 * k + 1], table.direction[3 * k + 2]);
+      const Eigen::Vector3d direction(table.direction[3 * k], table.direction[3 * k + 1],
+                                      table.direction[3 * k + 2]);
       colour = (0.5 * (world_from_camera.linear() * direction)).array() + 0.5;
       ++k;
     }
-    for (int c = 0; c < 3; ++c) ASSERT_NEAR(image.rgb[3 * pixel + c], colour[c], kColourTolerance) << "pixel " << pixel;
+    for (int c = 0; c < 3; ++c)
+      ASSERT_NEAR(image.rgb[3 * pixel + c], colour[c], kColourTolerance) << "pixel " << pixel;
     ASSERT_EQ(image.depth[pixel], valid ? depth : 0.0f) << "pixel " << pixel;
     ASSERT_EQ(image.opacity[pixel], valid ? 1.0f : 0.0f) << "pixel " << pixel;
   }
@@ -133,14 +139,16 @@ TEST(Renderer, PutsEachRayAtItsPixelAcrossTiles) {
 TEST(Renderer, TileThatFitsExactlyLeavesNoEmptyOne) {
   const RayTable table = make_table(129, 64);  // 128 * 64 = 8192 rays
   DirectionBackend backend;
-  expect_directions(render_image(backend, *nerf_model(0), table, tilted()), table, tilted(), 103.5f);
+  expect_directions(render_image(backend, *nerf_model(0), table, tilted()), table, tilted(),
+                    103.5f);
   EXPECT_EQ(backend.tiles, std::vector<int>{8192});
 }
 
 TEST(Renderer, FineNetworkPaintsWhereThereIsOne) {
   const RayTable table = make_table(30, 20);
   DirectionBackend backend;
-  expect_directions(render_image(backend, *nerf_model(kFineSamples), table, tilted()), table, tilted(), 203.5f);
+  expect_directions(render_image(backend, *nerf_model(kFineSamples), table, tilted()), table,
+                    tilted(), 203.5f);
   EXPECT_EQ(backend.hierarchical, 1);
 }
 

@@ -13,7 +13,9 @@ namespace {
 constexpr double kWgs84SemiMajorM = 6378137.0;       // defining constant a of WGS84
 constexpr double kWgs84SemiMinorM = 6356752.314245;  // b = a (1 - f), f = 1 / 298.257223563
 
-std::string view_field(std::size_t index, const char* key) { return "images[" + std::to_string(index) + "]." + key; }
+std::string view_field(std::size_t index, const char* key) {
+  return "images[" + std::to_string(index) + "]." + key;
+}
 
 }  // namespace
 
@@ -34,26 +36,30 @@ const FramePose* find_frame(const Recording& recording, std::int64_t id) {
 
 }  // namespace
 
-Exposure exposure_at(const Recording& recording, const Scene& scene, const std::string& camera, std::int64_t frame_id) {
+Exposure exposure_at(const Recording& recording, const Scene& scene, const std::string& camera,
+                     std::int64_t frame_id) {
   const int index = scene.camera_index(camera);
   const FramePose* const frame = find_frame(recording, frame_id);
   return index >= 0 && frame ? scene.exposure(index, frame->t_ns) : Exposure{};
 }
 
-std::optional<Rigid3d> world_from_body(const Recording& recording, const Scene& scene, std::int64_t frame_id,
-                                       const RigCamera& camera) {
+std::optional<Rigid3d> world_from_body(const Recording& recording, const Scene& scene,
+                                       std::int64_t frame_id, const RigCamera& camera) {
   const FramePose* const frame = find_frame(recording, frame_id);
   if (!frame) return std::nullopt;
   return scene.ecef_from_world.inverse(Eigen::Isometry) *
          pose_at(recording.frames, frame->t_ns + camera.time_offset_ns);
 }
 
-std::optional<Eigen::Matrix3d> world_from_local_axes(const Rigid3d& ecef_from_world, const Rigid3d& world_from_body) {
+std::optional<Eigen::Matrix3d> world_from_local_axes(const Rigid3d& ecef_from_world,
+                                                     const Rigid3d& world_from_body) {
   const Rigid3d ecef_from_body = ecef_from_world * world_from_body;
   const Eigen::Vector3d place = ecef_from_body.translation();
   if (place.norm() < 6.2e6 || place.norm() > 6.6e6) return std::nullopt;
-  constexpr double a2 = kWgs84SemiMajorM * kWgs84SemiMajorM, b2 = kWgs84SemiMinorM * kWgs84SemiMinorM;
-  const Eigen::Vector3d up = Eigen::Vector3d(place.x() / a2, place.y() / a2, place.z() / b2).normalized();
+  constexpr double a2 = kWgs84SemiMajorM * kWgs84SemiMajorM,
+                   b2 = kWgs84SemiMinorM * kWgs84SemiMinorM;
+  const Eigen::Vector3d up =
+      Eigen::Vector3d(place.x() / a2, place.y() / a2, place.z() / b2).normalized();
   const Eigen::Vector3d heading = ecef_from_body.linear().col(0);
   const Eigen::Vector3d level = heading - heading.dot(up) * up;
   if (level.norm() < 1e-6) return std::nullopt;
@@ -64,8 +70,9 @@ std::optional<Eigen::Matrix3d> world_from_local_axes(const Rigid3d& ecef_from_wo
   return ecef_from_world.linear().transpose() * ecef_from_local;
 }
 
-Rigid3d shifted_camera(const Rigid3d& ecef_from_world, const Rigid3d& world_from_body, const Rigid3d& body_from_sensor,
-                       ShiftAxes axes, const Eigen::Vector3d& shift_m) {
+Rigid3d shifted_camera(const Rigid3d& ecef_from_world, const Rigid3d& world_from_body,
+                       const Rigid3d& body_from_sensor, ShiftAxes axes,
+                       const Eigen::Vector3d& shift_m) {
   Rigid3d world_from_camera = world_from_body * body_from_sensor;
   Eigen::Matrix3d world_from_axes = Eigen::Matrix3d::Identity();
   switch (axes) {
@@ -99,26 +106,30 @@ std::vector<RigCamera> poses_rig(const PosesFile& poses, const Scene& scene, boo
   return rig;
 }
 
-const RigCamera& requested_camera(const PosesFile& poses, std::size_t index, const std::vector<RigCamera>& rig) {
+const RigCamera& requested_camera(const PosesFile& poses, std::size_t index,
+                                  const std::vector<RigCamera>& rig) {
   const std::string& name = poses.views[index].camera;
   std::string known;
   for (const RigCamera& camera : rig) {
     if (camera.name == name) return camera;
     known += (known.empty() ? "" : ", ") + camera.name;
   }
-  throw InputError(poses.path, view_field(index, "camera"), name, "no such camera; there are: " + known);
+  throw InputError(poses.path, view_field(index, "camera"), name,
+                   "no such camera; there are: " + known);
 }
 
-Rigid3d requested_world_from_body(const PosesFile& poses, std::size_t index, const RigCamera& camera,
-                                  const Recording& recording, const Scene& scene, bool prefer_shift) {
+Rigid3d requested_world_from_body(const PosesFile& poses, std::size_t index,
+                                  const RigCamera& camera, const Recording& recording,
+                                  const Scene& scene, bool prefer_shift) {
   const RequestedView& view = poses.views[index];
   if (view.ecef_from_body && !(prefer_shift && view.shift_body_m))
     return scene.ecef_from_world.inverse(Eigen::Isometry) * *view.ecef_from_body;
   REDRIVE_CHECK(view.shift_body_m.has_value());
   const auto pose = world_from_body(recording, scene, view.frame_id, camera);
   if (!pose)
-    throw InputError(poses.path, view_field(index, "frame_id"), std::to_string(view.frame_id),
-                     "shift_body_m moves a frame of the recording, and it has no such frame with a pose");
+    throw InputError(
+        poses.path, view_field(index, "frame_id"), std::to_string(view.frame_id),
+        "shift_body_m moves a frame of the recording, and it has no such frame with a pose");
   return *pose * Eigen::Translation3d(*view.shift_body_m);
 }
 

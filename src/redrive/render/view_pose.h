@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where the camera of a picture that was never taken stands: a frame's own pose, shifted in axes by name, or a pose
-// that a POSES.json gives.
+// Where the camera of a picture that was never taken stands: a frame's own pose, shifted in axes by
+// name, or a pose that a POSES.json gives.
 #pragma once
 
 #include <cstdint>
@@ -18,39 +18,49 @@ namespace redrive {
 enum class ShiftAxes {
   kBody,    ///< the car's: x forward, y left, z up
   kCamera,  ///< the camera's: x right, y down, z forward
-  kLocal    ///< level at the car's place: z up (normal of the WGS84 ellipsoid), x the heading's horizontal part, y left
+  kLocal    ///< level at the car's place: z up (normal of the WGS84 ellipsoid), x the heading's
+            ///< horizontal part, y left
 };
-std::optional<ShiftAxes> shift_axes_from_name(std::string_view name);  ///< "body", "camera", "local"
+std::optional<ShiftAxes> shift_axes_from_name(
+    std::string_view name);  ///< "body", "camera", "local"
 
-/// world_from_body when `camera` exposes its image of a frame of the recording (RigCamera::time_offset_ns after the frame's
-/// time), also of a frame that the run left out; nothing if there is no such pose.
-std::optional<Rigid3d> world_from_body(const Recording& recording, const Scene& scene, std::int64_t frame_id,
-                                       const RigCamera& camera);
+/// world_from_body when `camera` exposes its image of a frame of the recording
+/// (RigCamera::time_offset_ns after the frame's time), also of a frame that the run left out;
+/// nothing if there is no such pose.
+std::optional<Rigid3d> world_from_body(const Recording& recording, const Scene& scene,
+                                       std::int64_t frame_id, const RigCamera& camera);
 
-/// Of the run's camera of that name at a frame; none where the run has no such camera or the recording no such frame.
-Exposure exposure_at(const Recording& recording, const Scene& scene, const std::string& camera, std::int64_t frame_id);
+/// Of the run's camera of that name at a frame; none where the run has no such camera or the
+/// recording no such frame.
+Exposure exposure_at(const Recording& recording, const Scene& scene, const std::string& camera,
+                     std::int64_t frame_id);
 
-/// The level axes at the body's place, in the world: columns x, y, z as ShiftAxes::kLocal says. Nothing where the pose
-/// is not on the Earth (6.2e6 to 6.6e6 m from its centre) or the heading is vertical. The normal is taken as that of the
-/// ellipsoid through the point, within 1e-6 rad of the geodetic one for heights up to 1 km.
-std::optional<Eigen::Matrix3d> world_from_local_axes(const Rigid3d& ecef_from_world, const Rigid3d& world_from_body);
+/// The level axes at the body's place, in the world: columns x, y, z as ShiftAxes::kLocal says.
+/// Nothing where the pose is not on the Earth (6.2e6 to 6.6e6 m from its centre) or the heading is
+/// vertical. The normal is taken as that of the ellipsoid through the point, within 1e-6 rad of the
+/// geodetic one for heights up to 1 km.
+std::optional<Eigen::Matrix3d> world_from_local_axes(const Rigid3d& ecef_from_world,
+                                                     const Rigid3d& world_from_body);
 
-/// world_from_camera of a camera on the body, moved by shift_m along `axes`; its orientation stays. UsageError where the
-/// local axes do not exist.
-Rigid3d shifted_camera(const Rigid3d& ecef_from_world, const Rigid3d& world_from_body, const Rigid3d& body_from_sensor,
-                       ShiftAxes axes, const Eigen::Vector3d& shift_m);
+/// world_from_camera of a camera on the body, moved by shift_m along `axes`; its orientation stays.
+/// UsageError where the local axes do not exist.
+Rigid3d shifted_camera(const Rigid3d& ecef_from_world, const Rigid3d& world_from_body,
+                       const Rigid3d& body_from_sensor, ShiftAxes axes,
+                       const Eigen::Vector3d& shift_m);
 
-/// The cameras that a poses file's views are of: its own as recorded, with `like_run` undistorted (no fisheye is)
-/// and downscaled as the run's; the run's where it has none.
+/// The cameras that a poses file's views are of: its own as recorded, with `like_run` undistorted
+/// (no fisheye is) and downscaled as the run's; the run's where it has none.
 std::vector<RigCamera> poses_rig(const PosesFile& poses, const Scene& scene, bool like_run);
 
 /// The camera of view `index` among `rig`. InputError: no such camera; the known ones are listed.
-const RigCamera& requested_camera(const PosesFile& poses, std::size_t index, const std::vector<RigCamera>& rig);
+const RigCamera& requested_camera(const PosesFile& poses, std::size_t index,
+                                  const std::vector<RigCamera>& rig);
 
-/// world_from_body of view `index` of a poses file, taken by `camera`: absolute where it says RT_ECEF_body (unless
-/// `prefer_shift` and it says shift_body_m too), else the pose of the camera's exposure of frame_id, shifted in body axes.
-/// InputError: no such frame.
-Rigid3d requested_world_from_body(const PosesFile& poses, std::size_t index, const RigCamera& camera,
-                                  const Recording& recording, const Scene& scene, bool prefer_shift);
+/// world_from_body of view `index` of a poses file, taken by `camera`: absolute where it says
+/// RT_ECEF_body (unless `prefer_shift` and it says shift_body_m too), else the pose of the camera's
+/// exposure of frame_id, shifted in body axes. InputError: no such frame.
+Rigid3d requested_world_from_body(const PosesFile& poses, std::size_t index,
+                                  const RigCamera& camera, const Recording& recording,
+                                  const Scene& scene, bool prefer_shift);
 
 }  // namespace redrive

@@ -34,8 +34,8 @@ Rigid3d front_camera() {
   return body_from_sensor;
 }
 
-Eigen::Vector3d moved(const Rigid3d& ecef_from_world, const Rigid3d& world_from_body, ShiftAxes axes,
-                      const Eigen::Vector3d& shift) {
+Eigen::Vector3d moved(const Rigid3d& ecef_from_world, const Rigid3d& world_from_body,
+                      ShiftAxes axes, const Eigen::Vector3d& shift) {
   const Rigid3d from = world_from_body * front_camera();
   const Rigid3d to = shifted_camera(ecef_from_world, world_from_body, front_camera(), axes, shift);
   EXPECT_TRUE(to.linear().isApprox(from.linear(), 1e-15)) << "the orientation stays";
@@ -45,24 +45,29 @@ Eigen::Vector3d moved(const Rigid3d& ecef_from_world, const Rigid3d& world_from_
 constexpr double kTolerance_m = 1e-8;  // 6.4e6 m in double: one ulp is 9e-10 m
 
 TEST(ViewPose, ShiftsAlongTheAxesItNames) {
-  const Rigid3d level = heading_east(0), identity = Rigid3d::Identity();  // world = body of the first frame
+  const Rigid3d level = heading_east(0),
+                identity = Rigid3d::Identity();  // world = body of the first frame
   const Eigen::Vector3d shift(0.5, 0.25, -1);
   EXPECT_NEAR((moved(level, identity, ShiftAxes::kBody, shift) - shift).norm(), 0, kTolerance_m);
   // camera x right, y down, z forward, in body axes:
-  EXPECT_NEAR((moved(level, identity, ShiftAxes::kCamera, shift) - Eigen::Vector3d(-1, -0.5, -0.25)).norm(), 0,
-              kTolerance_m);
+  EXPECT_NEAR(
+      (moved(level, identity, ShiftAxes::kCamera, shift) - Eigen::Vector3d(-1, -0.5, -0.25)).norm(),
+      0, kTolerance_m);
   EXPECT_NEAR((moved(level, identity, ShiftAxes::kLocal, shift) - shift).norm(), 0, kTolerance_m);
 }
 
 TEST(ViewPose, LocalAxesAreLevelWhereTheCarIsNot) {
   const double pitch = 0.1;  // a turn about y (left) by +0.1 rad lowers the nose
   const Rigid3d ecef_from_world = heading_east(pitch);
-  const Eigen::Vector3d up = moved(ecef_from_world, Rigid3d::Identity(), ShiftAxes::kLocal, Eigen::Vector3d::UnitZ());
+  const Eigen::Vector3d up =
+      moved(ecef_from_world, Rigid3d::Identity(), ShiftAxes::kLocal, Eigen::Vector3d::UnitZ());
   EXPECT_NEAR((up - Eigen::Vector3d(-std::sin(pitch), 0, std::cos(pitch))).norm(), 0, kTolerance_m);
   const Eigen::Vector3d ahead =
       moved(ecef_from_world, Rigid3d::Identity(), ShiftAxes::kLocal, Eigen::Vector3d::UnitX());
-  EXPECT_NEAR((ahead - Eigen::Vector3d(std::cos(pitch), 0, std::sin(pitch))).norm(), 0, kTolerance_m);
-  const Eigen::Vector3d left = moved(ecef_from_world, Rigid3d::Identity(), ShiftAxes::kLocal, Eigen::Vector3d::UnitY());
+  EXPECT_NEAR((ahead - Eigen::Vector3d(std::cos(pitch), 0, std::sin(pitch))).norm(), 0,
+              kTolerance_m);
+  const Eigen::Vector3d left =
+      moved(ecef_from_world, Rigid3d::Identity(), ShiftAxes::kLocal, Eigen::Vector3d::UnitY());
   EXPECT_NEAR((left - Eigen::Vector3d::UnitY()).norm(), 0, kTolerance_m);
 }
 
@@ -75,17 +80,20 @@ TEST(ViewPose, UpIsTheEllipsoidsNormalNotTheRadius) {
   ecef_from_body.linear().col(0) = Eigen::Vector3d::UnitY();  // east
   ecef_from_body.linear().col(1) = Eigen::Vector3d(-std::sin(phi), 0, std::cos(phi));
   ecef_from_body.linear().col(2) = Eigen::Vector3d(std::cos(phi), 0, std::sin(phi));
-  ecef_from_body.translation() = Eigen::Vector3d(n * std::cos(phi), 0, n * (1 - e2) * std::sin(phi));
+  ecef_from_body.translation() =
+      Eigen::Vector3d(n * std::cos(phi), 0, n * (1 - e2) * std::sin(phi));
   const auto axes = world_from_local_axes(ecef_from_body, Rigid3d::Identity());
   ASSERT_TRUE(axes);
-  EXPECT_NEAR((*axes - Eigen::Matrix3d::Identity()).norm(), 0, 1e-11);  // b is rounded to 1e-6 m of 6.4e6 m
+  EXPECT_NEAR((*axes - Eigen::Matrix3d::Identity()).norm(), 0,
+              1e-11);  // b is rounded to 1e-6 m of 6.4e6 m
 }
 
 TEST(ViewPose, NoLevelFrameOffTheEarth) {
   EXPECT_FALSE(world_from_local_axes(Rigid3d::Identity(), Rigid3d::Identity()));
   EXPECT_FALSE(world_from_local_axes(heading_east(std::acos(-1.0) / 2), Rigid3d::Identity()))
       << "heading straight down";
-  EXPECT_THROW(shifted_camera(Rigid3d::Identity(), Rigid3d::Identity(), front_camera(), ShiftAxes::kLocal, {0, 0, 0}),
+  EXPECT_THROW(shifted_camera(Rigid3d::Identity(), Rigid3d::Identity(), front_camera(),
+                              ShiftAxes::kLocal, {0, 0, 0}),
                UsageError);
 }
 
@@ -104,7 +112,8 @@ class Requested : public testing::Test {
     poses.cameras = cameras;
     poses.views = {std::move(view)};
     const std::vector<RigCamera> rig = poses_rig(poses, scene, false);
-    return requested_world_from_body(poses, 0, requested_camera(poses, 0, rig), recording, scene, prefer_shift)
+    return requested_world_from_body(poses, 0, requested_camera(poses, 0, rig), recording, scene,
+                                     prefer_shift)
         .translation();
   }
   Scene scene;
@@ -126,7 +135,8 @@ TEST_F(Requested, AbsoluteOrShiftedAndPreferenceDecidesBetweenThem) {
   EXPECT_NEAR((place(absolute) - Eigen::Vector3d(7, 0, 0)).norm(), 0, kTolerance_m);
 }
 
-// A camera of the run that exposes a quarter of a frame late sees from there; an absolute place stays.
+// A camera of the run that exposes a quarter of a frame late sees from there; an absolute place
+// stays.
 TEST_F(Requested, AShiftMovesThePoseOfTheCamerasOwnExposure) {
   scene.rig[0].time_offset_ns = 25;
   RequestedView view{"a.png", "CAM", 10, std::nullopt, Eigen::Vector3d(0, 1, 0)};
@@ -135,7 +145,8 @@ TEST_F(Requested, AShiftMovesThePoseOfTheCamerasOwnExposure) {
   EXPECT_NEAR(place(view).norm(), 0, kTolerance_m);
 }
 
-// The file's calibration takes the place of the run's whole: its offset counts, not that of the run's camera of this name.
+// The file's calibration takes the place of the run's whole: its offset counts, not that of the
+// run's camera of this name.
 TEST_F(Requested, ACameraOfThePosesFileHasItsOwnOffset) {
   scene.rig[0].time_offset_ns = 25;
   cameras.emplace_back();
@@ -154,17 +165,21 @@ TEST_F(Requested, ComplaintsNameFileFieldAndValue) {
     place({"a.png", "CAM", 12, std::nullopt, Eigen::Vector3d::Zero()});
     FAIL() << "an unknown frame was taken";
   } catch (const InputError& error) {
-    EXPECT_NE(std::string(error.what()).find("poses.json: images[0].frame_id = 12"), std::string::npos) << error.what();
+    EXPECT_NE(std::string(error.what()).find("poses.json: images[0].frame_id = 12"),
+              std::string::npos)
+        << error.what();
   }
   PosesFile poses;
   poses.path = "poses.json";
   poses.views = {{"a.png", "NO_CAM", 10, std::nullopt, Eigen::Vector3d::Zero()}};
-  const std::vector<RigCamera> rig = {{"F_CAM", {}, {}, front_camera()}, {"B_CAM", {}, {}, front_camera()}};
+  const std::vector<RigCamera> rig = {{"F_CAM", {}, {}, front_camera()},
+                                      {"B_CAM", {}, {}, front_camera()}};
   try {
     requested_camera(poses, 0, rig);
     FAIL() << "an unknown camera was taken";
   } catch (const InputError& error) {
-    EXPECT_NE(std::string(error.what()).find("images[0].camera = NO_CAM"), std::string::npos) << error.what();
+    EXPECT_NE(std::string(error.what()).find("images[0].camera = NO_CAM"), std::string::npos)
+        << error.what();
     EXPECT_NE(std::string(error.what()).find("F_CAM, B_CAM"), std::string::npos) << error.what();
   }
 }

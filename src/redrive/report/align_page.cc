@@ -35,8 +35,9 @@ double seconds_of(const Recording& recording, std::size_t frame) {
 }
 
 /// Three components of the corrections over time: from number `first` on, times `scale`.
-std::string corrections_script(const Recording& recording, const AlignResult& result, const PlotAxes& axes, int first,
-                               double scale, const std::array<const char*, 3>& titles) {
+std::string corrections_script(const Recording& recording, const AlignResult& result,
+                               const PlotAxes& axes, int first, double scale,
+                               const std::array<const char*, 3>& titles) {
   TimeCurves curves{axes, titles, {}, {}, {}};
   for (std::size_t f = 0; f < result.corrections.size(); ++f) {
     curves.t_s.push_back(seconds_of(recording, f));
@@ -47,30 +48,36 @@ std::string corrections_script(const Recording& recording, const AlignResult& re
 }
 
 /// From above in the axes of the first body; arrows: the corrections, ten times as long.
-std::string trajectory_script(const Recording& recording, const AlignResult& result, const std::string& name) {
+std::string trajectory_script(const Recording& recording, const AlignResult& result,
+                              const std::string& name) {
   std::ostringstream out;
   out.precision(7);
   out << plot_head({name, "ahead of the first frame (m)", "to its left (m)", 1200, 520})
       << "set size ratio -1\n$data << end\n";
   const Rigid3d first_from_ecef = recording.frames.front().ecef_from_body.inverse(Eigen::Isometry);
   for (std::size_t f = 0; f < result.frames.size(); ++f) {
-    const Eigen::Vector3d given = first_from_ecef * recording.frames[f].ecef_from_body.translation(),
+    const Eigen::Vector3d given =
+                              first_from_ecef * recording.frames[f].ecef_from_body.translation(),
                           aligned = first_from_ecef * result.frames[f].ecef_from_body.translation(),
                           moved = 10 * (aligned - given);
-    out << given.x() << ' ' << given.y() << ' ' << aligned.x() << ' ' << aligned.y() << ' ' << moved.x() << ' '
-        << moved.y() << '\n';
+    out << given.x() << ' ' << given.y() << ' ' << aligned.x() << ' ' << aligned.y() << ' '
+        << moved.x() << ' ' << moved.y() << '\n';
   }
-  out << "end\nplot $data using 1:2 with linespoints pt 7 ps 0.5 lc rgb '#aaaaaa' title 'as given', $data using 3:4 "
+  out << "end\nplot $data using 1:2 with linespoints pt 7 ps 0.5 lc rgb '#aaaaaa' title 'as "
+         "given', $data using 3:4 "
          "with linespoints "
-         "pt 7 ps 0.5 lc rgb '#1f4e8c' title 'aligned', $data using 1:2:5:6 with vectors nohead lc rgb '#c2571a' title "
+         "pt 7 ps 0.5 lc rgb '#1f4e8c' title 'aligned', $data using 1:2:5:6 with vectors nohead lc "
+         "rgb '#c2571a' title "
          "'correction x 10'\n";
   return out.str();
 }
 
 /// RMS of the reprojection error of each camera by frame: thin before, thick after.
-std::string by_frame_script(const Recording& recording, const AlignResult& result, const std::string& name) {
+std::string by_frame_script(const Recording& recording, const AlignResult& result,
+                            const std::string& name) {
   const std::size_t cameras = result.cameras.size(), frames = result.frames.size();
-  std::vector<std::vector<std::array<double, 3>>> sums(frames, std::vector<std::array<double, 3>>(cameras));
+  std::vector<std::vector<std::array<double, 3>>> sums(frames,
+                                                       std::vector<std::array<double, 3>>(cameras));
   for (const SeenResidual& r : result.bundle.residuals) {
     std::array<double, 3>& sum = sums[r.frame][r.camera];
     sum[0] += 1;
@@ -83,15 +90,17 @@ std::string by_frame_script(const Recording& recording, const AlignResult& resul
   for (std::size_t f = 0; f < frames; ++f) {
     out << seconds_of(recording, f);
     for (const auto& sum : sums[f])
-      for (const int k : {1, 2}) out << ' ' << (sum[0] > 0 ? number("%.5g", std::sqrt(sum[k] / sum[0])) : "NaN");
+      for (const int k : {1, 2})
+        out << ' ' << (sum[0] > 0 ? number("%.5g", std::sqrt(sum[k] / sum[0])) : "NaN");
     out << '\n';
   }
   out << "end\nplot ";
   for (std::size_t c = 0; c < cameras; ++c) {
     const std::string colour = plot_colour(c);
-    out << (c ? ", " : "") << "$data using 1:" << 2 * c + 2 << " with lines lw 1 dt 3 lc rgb '" << colour << "' title "
-        << plot_text(result.cameras[c].name + " before") << ", $data using 1:" << 2 * c + 3
-        << " with lines lw 2.5 lc rgb '" << colour << "' title 'after'";
+    out << (c ? ", " : "") << "$data using 1:" << 2 * c + 2 << " with lines lw 1 dt 3 lc rgb '"
+        << colour << "' title " << plot_text(result.cameras[c].name + " before")
+        << ", $data using 1:" << 2 * c + 3 << " with lines lw 2.5 lc rgb '" << colour
+        << "' title 'after'";
   }
   out << "\n";
   return out.str();
@@ -106,38 +115,44 @@ std::string scatter_script(const AlignResult& result, int camera, const std::str
   out.precision(4);
   const double reach = std::max(1.0, 3 * result.bundle.cameras[camera].before_px);
   out << plot_head({name, "error in x (px)", "error in y (px)", 620, 560})
-      << "set size ratio 1\nset key top left inside\nset xrange [" << -reach << ":" << reach << "]\nset yrange ["
-      << -reach << ":" << reach << "]\n$data << end\n";
+      << "set size ratio 1\nset key top left inside\nset xrange [" << -reach << ":" << reach
+      << "]\nset yrange [" << -reach << ":" << reach << "]\n$data << end\n";
   const std::size_t step = 1 + of_camera.size() / kPointsShown;
   for (std::size_t i = 0; i < of_camera.size(); i += step)
-    out << of_camera[i]->before_px.x() << ' ' << of_camera[i]->before_px.y() << ' ' << of_camera[i]->after_px.x() << ' '
-        << of_camera[i]->after_px.y() << '\n';
-  out << "end\nplot $data using 1:2 with points pt 7 ps 0.25 lc rgb '#d9a06f' title 'before', $data using 3:4 with "
+    out << of_camera[i]->before_px.x() << ' ' << of_camera[i]->before_px.y() << ' '
+        << of_camera[i]->after_px.x() << ' ' << of_camera[i]->after_px.y() << '\n';
+  out << "end\nplot $data using 1:2 with points pt 7 ps 0.25 lc rgb '#d9a06f' title 'before', "
+         "$data using 3:4 with "
          "points pt 7 ps 0.25 lc rgb "
          "'#1f4e8c' title 'after'\n";
   return out.str();
 }
 
 std::vector<std::vector<std::string>> camera_rows(const AlignResult& result) {
-  std::vector<std::vector<std::string>> rows{{"camera", "observations used", "before px", "after px", "roll deg",
-                                              "pitch deg", "yaw deg", "+- deg", "moved cm", "+- cm", "time offset ms",
-                                              "+- ms"}};
+  std::vector<std::vector<std::string>> rows{
+      {"camera", "observations used", "before px", "after px", "roll deg", "pitch deg", "yaw deg",
+       "+- deg", "moved cm", "+- cm", "time offset ms", "+- ms"}};
   const bool rolling = std::ranges::any_of(
-      result.camera_corrections, [](const CameraCorrection& k) { return k.readout_s != 0 || k.readout_sigma_s; });
+      result.camera_corrections,
+      [](const CameraCorrection& k) { return k.readout_s != 0 || k.readout_sigma_s; });
   if (rolling) rows[0].insert(rows[0].end(), {"rows within ms", "+- ms"});
   for (std::size_t c = 0; c < result.cameras.size(); ++c) {
     const CameraFit& fit = result.bundle.cameras[c];
     const CameraCorrection& k = result.camera_corrections[c];
-    rows.push_back({k.name, number("%d of %d", fit.used, fit.observations), number("%.2f", fit.before_px),
-                    number("%.2f", fit.after_px), number("%+.3f", k.turned_in_body.x() * kDegrees),
-                    number("%+.3f", k.turned_in_body.y() * kDegrees), number("%+.3f", k.turned_in_body.z() * kDegrees),
+    rows.push_back({k.name, number("%d of %d", fit.used, fit.observations),
+                    number("%.2f", fit.before_px), number("%.2f", fit.after_px),
+                    number("%+.3f", k.turned_in_body.x() * kDegrees),
+                    number("%+.3f", k.turned_in_body.y() * kDegrees),
+                    number("%+.3f", k.turned_in_body.z() * kDegrees),
                     number("%.3f", k.mount.sigma.tail<3>().maxCoeff() * kDegrees),
                     number("%.1f", 100 * k.mount.value.head<3>().norm()),
-                    number("%.1f", 100 * k.mount.sigma.head<3>().maxCoeff()), number("%+.2f", 1e3 * k.offset_s),
+                    number("%.1f", 100 * k.mount.sigma.head<3>().maxCoeff()),
+                    number("%+.2f", 1e3 * k.offset_s),
                     k.offset_sigma_s ? number("%.2f", 1e3 * *k.offset_sigma_s) : "cannot tell"});
     if (rolling) {
       rows.back().push_back(number("%+.2f", 1e3 * k.readout_s));
-      rows.back().push_back(k.readout_sigma_s ? number("%.2f", 1e3 * *k.readout_sigma_s) : "as given");
+      rows.back().push_back(k.readout_sigma_s ? number("%.2f", 1e3 * *k.readout_sigma_s)
+                                              : "as given");
     }
   }
   return rows;
@@ -148,19 +163,21 @@ std::string contrast_script(const AlignResult& result, const std::string& name) 
   const std::vector<ContrastFit>& fits = result.bundle.contrast;
   std::ostringstream out;
   out.precision(5);
-  out << plot_head({name, "exposed later than the calibration says (ms)", "correlation, of its highest"})
+  out << plot_head(
+             {name, "exposed later than the calibration says (ms)", "correlation, of its highest"})
       << "$data << end\n";
   const std::size_t steps = fits.empty() ? 0 : fits[0].correlation.size();
   for (std::size_t k = 0; k < steps; ++k) {
     out << 1e3 * kContrastStep_s * (static_cast<double>(k) - static_cast<double>(steps / 2));
     for (const ContrastFit& fit : fits)
-      out << ' ' << number("%.5g", fit.correlation[k] / std::max(1e-9, std::ranges::max(fit.correlation)));
+      out << ' '
+          << number("%.5g", fit.correlation[k] / std::max(1e-9, std::ranges::max(fit.correlation)));
     out << '\n';
   }
   out << "end\nset yrange [0:1.05]\nplot ";
   for (std::size_t c = 0; c < fits.size(); ++c)
-    out << (c ? ", " : "") << "$data using 1:" << c + 2 << " with lines lw 2 lc rgb '" << plot_colour(c) << "' title "
-        << plot_text(result.cameras[c].name);
+    out << (c ? ", " : "") << "$data using 1:" << c + 2 << " with lines lw 2 lc rgb '"
+        << plot_colour(c) << "' title " << plot_text(result.cameras[c].name);
   out << "\n";
   return out.str();
 }
@@ -180,31 +197,42 @@ std::vector<std::vector<std::string>> contrast_rows(const AlignResult& result) {
 
 }  // namespace
 
-void write_align_page(const std::filesystem::path& folder, const Recording& recording, const AlignResult& result) {
-  const auto drawn = [&](const std::string& name, const std::string& script, const std::string& caption) {
+void write_align_page(const std::filesystem::path& folder, const Recording& recording,
+                      const AlignResult& result) {
+  const auto drawn = [&](const std::string& name, const std::string& script,
+                         const std::string& caption) {
     return plot_figure(folder / "figures", name, script, caption);
   };
   const BundleResult& bundle = result.bundle;
-  std::string body =
-      "<h1>Aligned poses</h1>\n<p>" + html_escape(recording.root.string()) + ": " +
-      number("%zu frames, %d tracks of image points, %d LiDAR points on %d flat patches; %d rounds, %.0f s",
-             result.frames.size(), bundle.tracks, bundle.lidar_points, bundle.patches, bundle.rounds, result.seconds) +
-      "</p>\n";
+  std::string body = "<h1>Aligned poses</h1>\n<p>" + html_escape(recording.root.string()) + ": " +
+                     number(
+                         "%zu frames, %d tracks of image points, %d LiDAR points on %d flat "
+                         "patches; %d rounds, %.0f s",
+                         result.frames.size(), bundle.tracks, bundle.lidar_points, bundle.patches,
+                         bundle.rounds, result.seconds) +
+                     "</p>\n";
   for (const std::string& remark : result.remarks) body += "<p>" + html_escape(remark) + "</p>\n";
   body += "<h2>Cameras</h2>\n" + html_table(camera_rows(result), true) +
-          "<p>Reprojection errors are RMS over the observations used, each point placed as well as the poses allow. +- "
-          "is one standard deviation, if only the observations of one point, and the LiDAR returns of one patch, err "
+          "<p>Reprojection errors are RMS over the observations used, each point placed as well as "
+          "the poses allow. +- "
+          "is one standard deviation, if only the observations of one point, and the LiDAR returns "
+          "of one patch, err "
           "together. What all "
-          "cameras turn by together rests on how LiDAR and images differ by tenths of a millimetre: there, on a drive "
+          "cameras turn by together rests on how LiDAR and images differ by tenths of a "
+          "millimetre: there, on a drive "
           "whose truth is known, "
-          "errors were three times as large. Roll, pitch and yaw are turns of the camera about the body's axes.</p>\n";
+          "errors were three times as large. Roll, pitch and yaw are turns of the camera about the "
+          "body's axes.</p>\n";
   if (bundle.lidar_points > 0)
     body += "<p>LiDAR points off their patches: RMS " +
-            number("%.2f cm before, %.2f cm after", 100 * bundle.lidar_before_m, 100 * bundle.lidar_after_m) + "</p>\n";
+            number("%.2f cm before, %.2f cm after", 100 * bundle.lidar_before_m,
+                   100 * bundle.lidar_after_m) +
+            "</p>\n";
   if (!bundle.contrast.empty())
     body += "<h2>Clocks by the LiDAR</h2>\n" + html_table(contrast_rows(result), true) +
             drawn("contrast", contrast_script(result, "contrast"),
-                  "What is bright to the LiDAR (lane markings, signs, posts) against what is bright in the image where "
+                  "What is bright to the LiDAR (lane markings, signs, posts) against what is "
+                  "bright in the image where "
                   "the camera would see it, had it been exposed at another time");
   if (result.truth_after)
     body += "<h2>Against the truth</h2>\n" +
@@ -217,24 +245,27 @@ void write_align_page(const std::filesystem::path& folder, const Recording& reco
             "<p>After one rigid motion of the whole.</p>\n";
   body += "<h2>Trajectory</h2>\n" +
           drawn("position",
-                corrections_script(recording, result, {"position", "time (s)", "moved (cm)"}, 0, 100,
-                                   {"ahead", "left", "up"}),
-                "What was added to each frame's position, in the axes of the body; the bands are two standard "
+                corrections_script(recording, result, {"position", "time (s)", "moved (cm)"}, 0,
+                                   100, {"ahead", "left", "up"}),
+                "What was added to each frame's position, in the axes of the body; the bands are "
+                "two standard "
                 "deviations of the "
                 "trajectory's shape") +
           drawn("rotation",
-                corrections_script(recording, result, {"rotation", "time (s)", "turned (degrees)"}, 3, kDegrees,
-                                   {"roll", "pitch", "yaw"}),
+                corrections_script(recording, result, {"rotation", "time (s)", "turned (degrees)"},
+                                   3, kDegrees, {"roll", "pitch", "yaw"}),
                 "What was added to each frame's rotation") +
           drawn("trajectory", trajectory_script(recording, result, "trajectory"), "From above");
   if (!bundle.residuals.empty()) {
     body += "<h2>Reprojection errors</h2>\n" +
-            drawn("errors_by_frame", by_frame_script(recording, result, "errors_by_frame"), "By frame") +
+            drawn("errors_by_frame", by_frame_script(recording, result, "errors_by_frame"),
+                  "By frame") +
             "<div class=\"row\">\n";
     for (std::size_t c = 0; c < result.cameras.size(); ++c) {
       if (bundle.cameras[c].used == 0) continue;
       const std::string name = "errors_" + result.cameras[c].name;
-      body += drawn(name, scatter_script(result, static_cast<int>(c), name), result.cameras[c].name);
+      body +=
+          drawn(name, scatter_script(result, static_cast<int>(c), name), result.cameras[c].name);
     }
     body += "</div>\n";
   }

@@ -36,13 +36,15 @@ table.numbers th:not(:first-child), table.numbers td:not(:first-child) { text-al
 }  // namespace
 
 std::string base64(std::string_view bytes) {
-  static constexpr char kDigits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+  static constexpr char kDigits[] =
+      "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
   std::string out;
   out.reserve((bytes.size() + 2) / 3 * 4);
   for (std::size_t i = 0; i < bytes.size(); i += 3) {
     unsigned bits = 0;
     const std::size_t have = std::min<std::size_t>(3, bytes.size() - i);
-    for (std::size_t k = 0; k < 3; ++k) bits = bits << 8 | (k < have ? static_cast<unsigned char>(bytes[i + k]) : 0u);
+    for (std::size_t k = 0; k < 3; ++k)
+      bits = bits << 8 | (k < have ? static_cast<unsigned char>(bytes[i + k]) : 0u);
     for (std::size_t k = 0; k < 4; ++k) out += k <= have ? kDigits[bits >> (18 - 6 * k) & 63] : '=';
   }
   return out;
@@ -71,15 +73,19 @@ std::string html_escape(std::string_view text) {
   return out;
 }
 
-std::string png_address(std::string_view png_bytes) { return "data:image/png;base64," + base64(png_bytes); }
+std::string png_address(std::string_view png_bytes) {
+  return "data:image/png;base64," + base64(png_bytes);
+}
 
 std::string jpeg_address(const Image8& image) {
-  const cv::Mat rgb(image.height, image.width, CV_8UC3, const_cast<std::uint8_t*>(image.rgb.data()));
+  const cv::Mat rgb(image.height, image.width, CV_8UC3,
+                    const_cast<std::uint8_t*>(image.rgb.data()));
   cv::Mat bgr;
   cv::cvtColor(rgb, bgr, cv::COLOR_RGB2BGR);
   std::vector<unsigned char> bytes;
   REDRIVE_CHECK(cv::imencode(".jpg", bgr, bytes, {cv::IMWRITE_JPEG_QUALITY, 90}));
-  return "data:image/jpeg;base64," + base64({reinterpret_cast<const char*>(bytes.data()), bytes.size()});
+  return "data:image/jpeg;base64," +
+         base64({reinterpret_cast<const char*>(bytes.data()), bytes.size()});
 }
 
 std::string html_warning(const std::string& text) {
@@ -88,15 +94,18 @@ std::string html_warning(const std::string& text) {
 
 std::string html_figure(const std::string& address, const std::string& caption) {
   const std::string text = html_escape(caption);
-  return "<figure><img src=\"" + address + "\" alt=\"" + text + "\"><figcaption>" + text + "</figcaption></figure>\n";
+  return "<figure><img src=\"" + address + "\" alt=\"" + text + "\"><figcaption>" + text +
+         "</figcaption></figure>\n";
 }
 
 std::string html_table(const std::vector<std::vector<std::string>>& rows, bool numbers) {
-  std::string out = std::string("<div class=\"wide\"><table") + (numbers ? " class=\"numbers\"" : "") + ">\n";
+  std::string out =
+      std::string("<div class=\"wide\"><table") + (numbers ? " class=\"numbers\"" : "") + ">\n";
   for (std::size_t r = 0; r < rows.size(); ++r) {
     const std::string tag = r == 0 ? "th" : "td";
     out += "<tr>";
-    for (const std::string& cell : rows[r]) out += "<" + tag + ">" + html_escape(cell) + "</" + tag + ">";
+    for (const std::string& cell : rows[r])
+      out += "<" + tag + ">" + html_escape(cell) + "</" + tag + ">";
     out += "</tr>\n";
   }
   return out + "</table></div>\n";

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The pictures of a report: what a camera saw, what the run makes of it, and what it would have seen from elsewhere.
+// The pictures of a report: what a camera saw, what the run makes of it, and what it would have
+// seen from elsewhere.
 #pragma once
 
 #include <string>
@@ -25,23 +26,29 @@ struct PictureRow {
 constexpr double kPerturbationM = 0.5;  ///< the report's shift of the extrinsic, along x
 constexpr int kDifferenceGain = 4;      ///< of difference pictures
 
-/// The training view that the figures show for a camera of the rig: random, but the same for the same seed.
+/// The training view that the figures show for a camera of the rig: random, but the same for the
+/// same seed.
 const View& figure_view(const Run& run, int camera);
 
 /// "nerf, 5.0 min": a run's method and training time.
 std::string method_text(const Run& run);
 
-/// Original, reproduced (by `beside`, too, where it has the view), perturbed along x of the body and of the camera, and depth.
-PictureRow camera_pictures(const Run& run, kernels::Backend& backend, int camera, const Run* beside = nullptr);
+/// Original, reproduced (by `beside`, too, where it has the view), perturbed along x of the body
+/// and of the camera, and depth.
+PictureRow camera_pictures(const Run& run, kernels::Backend& backend, int camera,
+                           const Run* beside = nullptr);
 
-/// Truth, render (of `beside`, too, where it has the view), difference and coverage of the middle view of a novel set, which has at least one.
-PictureRow novel_pictures(const Run& run, kernels::Backend& backend, const NovelTruth& truth, const Coverage& coverage,
-                          const Run* beside = nullptr);
+/// Truth, render (of `beside`, too, where it has the view), difference and coverage of the middle
+/// view of a novel set, which has at least one.
+PictureRow novel_pictures(const Run& run, kernels::Backend& backend, const NovelTruth& truth,
+                          const Coverage& coverage, const Run* beside = nullptr);
 
-/// Depth in the colours of the Turbo map, near_m the first and far_m the last; pixels that are not valid are dark grey.
+/// Depth in the colours of the Turbo map, near_m the first and far_m the last; pixels that are not
+/// valid are dark grey.
 Image8 depth_colours(const RenderedImage& image, double near_m, double far_m);
 
-/// The image in grey, with what is not `seen` (eval/coverage.h) in red; pixels that are not valid stay black.
+/// The image in grey, with what is not `seen` (eval/coverage.h) in red; pixels that are not valid
+/// stay black.
 Image8 coverage_colours(const RenderedImage& image, const std::vector<std::uint8_t>& seen);
 
 /// kDifferenceGain * |a - b| per channel, clamped.

@@ -31,10 +31,12 @@ struct Axis {
   double MetricsRow::*value;
 };
 
-std::string history_script(const std::vector<MetricsRow>& rows, const std::string& title, const Axis& axis) {
+std::string history_script(const std::vector<MetricsRow>& rows, const std::string& title,
+                           const Axis& axis) {
   std::ostringstream out;
   out.precision(8);
-  out << plot_head({axis.name, "step", axis.label, 1200, 560, 14}) << "set title " << plot_text(title) << '\n'
+  out << plot_head({axis.name, "step", axis.label, 1200, 560, 14}) << "set title "
+      << plot_text(title) << '\n'
       << axis.setup << "set grid noxtics\nset key " << axis.key_position << " noautotitle\n"
       << "set xrange [0:" << (rows.empty() ? 1 : rows.back().step) << "]\n";
   const int epochs = rows.empty() ? 0 : rows.back().epoch + 1;
@@ -42,7 +44,8 @@ std::string history_script(const std::vector<MetricsRow>& rows, const std::strin
     if (i > 0 && rows[i].epoch == rows[i - 1].epoch) continue;
     const std::int64_t step = i == 0 ? 0 : rows[i - 1].step;
     if (i > 0)
-      out << "set arrow from " << step << ", graph 0 to " << step << ", graph 1 nohead dt 3 lc rgb '#aaaaaa'\n";
+      out << "set arrow from " << step << ", graph 0 to " << step
+          << ", graph 1 nohead dt 3 lc rgb '#aaaaaa'\n";
     if (epochs <= kLabelledEpochs)
       out << "set label 'epoch " << rows[i].epoch + 1 << "' at " << step
           << ", graph 0.97 offset 0.5,0 tc rgb '#888888'\n";
@@ -52,11 +55,12 @@ std::string history_script(const std::vector<MetricsRow>& rows, const std::strin
   const int radius = static_cast<int>(rows.size() / kMeanParts);
   const std::vector<double> means = running_mean(values, radius);
   out << "$history << end\n";
-  for (std::size_t i = 0; i < rows.size(); ++i) out << rows[i].step << ' ' << values[i] << ' ' << means[i] << '\n';
+  for (std::size_t i = 0; i < rows.size(); ++i)
+    out << rows[i].step << ' ' << values[i] << ' ' << means[i] << '\n';
   out << "end\nplot ";
   if (radius > 0) out << "$history using 1:2 with lines lw 1 lc rgb '#a9c4e6' title 'as logged', ";
-  out << "$history using 1:3 with lines lw 2.5 lc rgb '#1f4e8c' title '" << (radius > 0 ? "running mean" : "as logged")
-      << "'\n";
+  out << "$history using 1:3 with lines lw 2.5 lc rgb '#1f4e8c' title '"
+      << (radius > 0 ? "running mean" : "as logged") << "'\n";
   return out.str();
 }
 
@@ -64,7 +68,8 @@ std::string history_script(const std::vector<MetricsRow>& rows, const std::strin
 
 std::string plot_text(const std::string& text) {
   std::string out = "'";
-  // Nothing is special between single quotes, but '' for one of them is misread at a string's beginning.
+  // Nothing is special between single quotes, but '' for one of them is misread at a string's
+  // beginning.
   for (const char c : text) out += c == '\'' ? std::string(R"('."'".')") : std::string(1, c);
   return out + "'";
 }
@@ -77,9 +82,10 @@ std::string plot_colour(std::size_t index) {
 
 std::string plot_head(const PlotAxes& axes) {
   std::ostringstream out;
-  out << "set terminal pngcairo size " << axes.width_px << "," << axes.height_px << " font 'DejaVu Sans,"
-      << axes.font_pt << "' background '#ffffff' noenhanced\nset output " << plot_text(axes.name + ".png.part")
-      << "\nset xlabel " << plot_text(axes.x_label) << "\nset ylabel " << plot_text(axes.y_label)
+  out << "set terminal pngcairo size " << axes.width_px << "," << axes.height_px
+      << " font 'DejaVu Sans," << axes.font_pt << "' background '#ffffff' noenhanced\nset output "
+      << plot_text(axes.name + ".png.part") << "\nset xlabel " << plot_text(axes.x_label)
+      << "\nset ylabel " << plot_text(axes.y_label)
       << "\nset grid lc rgb '#dddddd' lt 1\nset border 3 lc rgb '#666666'\nset tics nomirror\n"
       << "set key outside right top\n";
   return out.str();
@@ -89,10 +95,12 @@ std::string time_curves_script(const TimeCurves& curves) {
   REDRIVE_CHECK_OP(curves.values.size(), ==, curves.t_s.size());
   const bool bands = !curves.sigmas.empty();
   double most = 0;
-  for (const Eigen::Vector3d& value : curves.values) most = std::max(most, value.cwiseAbs().maxCoeff());
+  for (const Eigen::Vector3d& value : curves.values)
+    most = std::max(most, value.cwiseAbs().maxCoeff());
   std::ostringstream out;
   out.precision(6);
-  out << plot_head(curves.axes) << "set style fill transparent solid 0.2 noborder\nset autoscale xfix\n"
+  out << plot_head(curves.axes)
+      << "set style fill transparent solid 0.2 noborder\nset autoscale xfix\n"
       << "set xzeroaxis lt 1 lc rgb '#999999'\n"
       << (most > 0 || bands ? "" : "set yrange [-1:1]\n") << "$data << end\n";
   for (std::size_t i = 0; i < curves.t_s.size(); ++i) {
@@ -108,12 +116,15 @@ std::string time_curves_script(const TimeCurves& curves) {
     const std::string colour = " lc rgb '" + plot_colour(k) + "' ";
     out << (k ? ", " : "");
     if (bands)
-      out << "$data using 1:" << 3 * k + 3 << ":" << 3 * k + 4 << " with filledcurves" << colour << "notitle, ";
-    out << "$data using 1:" << 3 * k + 2 << " with lines lw 2" << colour << "title " << plot_text(curves.titles[k]);
+      out << "$data using 1:" << 3 * k + 3 << ":" << 3 * k + 4 << " with filledcurves" << colour
+          << "notitle, ";
+    out << "$data using 1:" << 3 * k + 2 << " with lines lw 2" << colour << "title "
+        << plot_text(curves.titles[k]);
   }
   if (curves.bound > 0 && 2 * most > curves.bound)
     for (const double bound : {curves.bound, -curves.bound})
-      out << ", " << bound << " with lines dt 2 lw 2 lc rgb '#b3261e' " << (bound > 0 ? "title 'bound'" : "notitle");
+      out << ", " << bound << " with lines dt 2 lw 2 lc rgb '#b3261e' "
+          << (bound > 0 ? "title 'bound'" : "notitle");
   out << '\n';
   return out.str();
 }
@@ -131,27 +142,33 @@ std::vector<double> running_mean(const std::vector<double>& values, int radius) 
 }
 
 std::string loss_script(const std::vector<MetricsRow>& rows, const std::string& title) {
-  // Labels at 1, 2 and 5 of each decade, and a range with a tenth of a decade to spare: a whole run often stays within one.
+  // Labels at 1, 2 and 5 of each decade, and a range with a tenth of a decade to spare: a whole run
+  // often stays within one.
   std::ostringstream setup;
   setup << "set logscale y\nset format y '%g'\nset ytics (";
   for (int decade = -8; decade <= 1; ++decade)
-    for (const int digit : {1, 2, 5}) setup << (decade == -8 && digit == 1 ? "" : ", ") << digit << "e" << decade;
+    for (const int digit : {1, 2, 5})
+      setup << (decade == -8 && digit == 1 ? "" : ", ") << digit << "e" << decade;
   setup << ")\n";
   double low = std::numeric_limits<double>::infinity(), high = 0;
   for (const MetricsRow& row : rows)
     if (row.loss > 0) low = std::min(low, row.loss), high = std::max(high, row.loss);
   if (high > 0) setup << "set yrange [" << 0.8 * low << ":" << 1.25 * high << "]\n";
-  return history_script(
-      rows, title, {"loss", "training loss", setup.str(), "top right at graph 0.99, graph 0.9", &MetricsRow::loss});
+  return history_script(rows, title,
+                        {"loss", "training loss", setup.str(), "top right at graph 0.99, graph 0.9",
+                         &MetricsRow::loss});
 }
 
 std::string psnr_script(const std::vector<MetricsRow>& rows, const std::string& title) {
-  return history_script(rows, title,
-                        {"psnr", "PSNR of training batches (dB)", "", "inside bottom right", &MetricsRow::psnr_db});
+  return history_script(
+      rows, title,
+      {"psnr", "PSNR of training batches (dB)", "", "inside bottom right", &MetricsRow::psnr_db});
 }
 
-void draw_plot(const std::filesystem::path& folder, const std::string& name, const std::string& script) {
-  const std::filesystem::path script_file = folder / (name + ".gnuplot"), image = folder / (name + ".png"),
+void draw_plot(const std::filesystem::path& folder, const std::string& name,
+               const std::string& script) {
+  const std::filesystem::path script_file = folder / (name + ".gnuplot"),
+                              image = folder / (name + ".png"),
                               part = folder / (name + ".png.part");
   std::error_code error;
   std::filesystem::create_directories(folder, error);
@@ -159,15 +176,18 @@ void draw_plot(const std::filesystem::path& folder, const std::string& name, con
   write_file(script_file, script);
 
   const std::string argument = name + ".gnuplot";
-  char* const arguments[] = {const_cast<char*>("gnuplot"), const_cast<char*>(argument.c_str()), nullptr};
+  char* const arguments[] = {const_cast<char*>("gnuplot"), const_cast<char*>(argument.c_str()),
+                             nullptr};
   posix_spawn_file_actions_t actions;
   posix_spawn_file_actions_init(&actions);
   posix_spawn_file_actions_addchdir_np(&actions, folder.c_str());
   pid_t child = 0;
   const int failed = posix_spawnp(&child, "gnuplot", &actions, nullptr, arguments, environ);
   posix_spawn_file_actions_destroy(&actions);
-  if (failed == ENOENT) throw IoError(image, "gnuplot is not installed (Debian package gnuplot-nox)");
-  if (failed) throw IoError(image, std::string("gnuplot could not be started: ") + std::strerror(failed));
+  if (failed == ENOENT)
+    throw IoError(image, "gnuplot is not installed (Debian package gnuplot-nox)");
+  if (failed)
+    throw IoError(image, std::string("gnuplot could not be started: ") + std::strerror(failed));
   int status = 0;
   while (waitpid(child, &status, 0) < 0 && errno == EINTR) {
   }
@@ -176,7 +196,8 @@ void draw_plot(const std::filesystem::path& folder, const std::string& name, con
     throw IoError(image, "gnuplot failed on " + script_file.string());
   }
   try {
-    read_image(part);  // gnuplot's exit code says nothing of a disk that filled up under its picture
+    read_image(
+        part);  // gnuplot's exit code says nothing of a disk that filled up under its picture
   } catch (const InputError& broken) {
     std::filesystem::remove(part, error);
     throw IoError(image, std::string("gnuplot left no whole picture: ") + broken.what());
@@ -185,8 +206,8 @@ void draw_plot(const std::filesystem::path& folder, const std::string& name, con
   if (error) throw IoError(image, error.message());
 }
 
-std::string plot_figure(const std::filesystem::path& folder, const std::string& name, const std::string& script,
-                        const std::string& caption) {
+std::string plot_figure(const std::filesystem::path& folder, const std::string& name,
+                        const std::string& script, const std::string& caption) {
   draw_plot(folder, name, script);
   return html_figure(png_address(read_file(folder / (name + ".png"))), caption);
 }

@@ -32,22 +32,25 @@ struct TimeCurves {
   std::vector<double> t_s;
   std::vector<Eigen::Vector3d> values;  ///< as t_s
   std::vector<Eigen::Vector3d> sigmas;  ///< as t_s, or none: bands of two of them to either side
-  double bound = 0;                     ///< dashed lines at +-bound where a curve comes to half of it; 0: none
+  double bound = 0;  ///< dashed lines at +-bound where a curve comes to half of it; 0: none
 };
 std::string time_curves_script(const TimeCurves& curves);
 
 /// Mean of each value and its neighbours within `radius`, fewer at the ends.
 std::vector<double> running_mean(const std::vector<double>& values, int radius);
 
-/// gnuplot scripts of the training history, data inline: loss on a logarithmic axis, PSNR on a linear one; each row's value
-/// thin, its running mean thick, the beginning of each epoch marked. They draw loss.png and psnr.png into their own folder.
+/// gnuplot scripts of the training history, data inline: loss on a logarithmic axis, PSNR on a
+/// linear one; each row's value thin, its running mean thick, the beginning of each epoch marked.
+/// They draw loss.png and psnr.png into their own folder.
 std::string loss_script(const std::vector<MetricsRow>& rows, const std::string& title);
 std::string psnr_script(const std::vector<MetricsRow>& rows, const std::string& title);
 
-/// Writes folder/<name>.gnuplot and has gnuplot draw folder/<name>.png; makes the folder. IoError: gnuplot is not installed, or failed.
-void draw_plot(const std::filesystem::path& folder, const std::string& name, const std::string& script);
+/// Writes folder/<name>.gnuplot and has gnuplot draw folder/<name>.png; makes the folder. IoError:
+/// gnuplot is not installed, or failed.
+void draw_plot(const std::filesystem::path& folder, const std::string& name,
+               const std::string& script);
 /// The same, and the picture as part of a page.
-std::string plot_figure(const std::filesystem::path& folder, const std::string& name, const std::string& script,
-                        const std::string& caption);
+std::string plot_figure(const std::filesystem::path& folder, const std::string& name,
+                        const std::string& script, const std::string& caption);
 
 }  // namespace redrive

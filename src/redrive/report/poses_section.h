@@ -9,8 +9,9 @@
 
 namespace redrive {
 
-/// "Poses": of --truth-poses, --align or --poses, or as recorded; where training refined them, how each camera was corrected and, drawn into
-/// `figures` as poses_moved.png and poses_turned.png, each frame, with a warning where a correction is at its bound. `run`: open_run.
+/// "Poses": of --truth-poses, --align or --poses, or as recorded; where training refined them, how
+/// each camera was corrected and, drawn into `figures` as poses_moved.png and poses_turned.png,
+/// each frame, with a warning where a correction is at its bound. `run`: open_run.
 std::string poses_section(const Run& run, const std::filesystem::path& figures);
 
 /// The plots' gnuplot scripts: cm and degrees over time, bounds where a frame comes near.

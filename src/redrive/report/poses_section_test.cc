@@ -36,7 +36,9 @@ class PosesSection : public ::testing::Test {
 TEST_F(PosesSection, SaysWhereThePosesAreFrom) {
   EXPECT_THAT(section(), HasSubstr("As recorded. Training left them as they are."));
   run_.options.poses = "/home/me/<aligned>";
-  EXPECT_THAT(section(), HasSubstr("Aligned before training (<code>--poses /home/me/&lt;aligned&gt;</code>)."));
+  EXPECT_THAT(
+      section(),
+      HasSubstr("Aligned before training (<code>--poses /home/me/&lt;aligned&gt;</code>)."));
   EXPECT_THAT(section(), Not(HasSubstr("href")));
   run_.options.poses = "";
   run_.options.align = true;
@@ -56,9 +58,9 @@ TEST_F(PosesSection, ShowsWhatTheCheckpointHolds) {
   refine(at.at_time(1), -0.0035f);
   refine(at.at_frame(2) + 1, 0.06f);  // to the left
   const std::string html = section();
-  EXPECT_THAT(html,
-              HasSubstr("<td>FRONT</td><td>2.50</td><td>0.00</td><td>0.00</td><td>2.50</td><td>0.573</td><td>0.000"
-                        "</td><td>0.000</td><td>0.573</td><td>-3.50</td><td></td>"));
+  EXPECT_THAT(html, HasSubstr("<td>FRONT</td><td>2.50</td><td>0.00</td><td>0.00</td><td>2.50</"
+                              "td><td>0.573</td><td>0.000"
+                              "</td><td>0.000</td><td>0.573</td><td>-3.50</td><td></td>"));
   EXPECT_THAT(html, HasSubstr("<td>FISHEYE</td><td>0.00</td>"));
   EXPECT_THAT(html, HasSubstr("<td>2.45</td>")) << "6 cm of one of six frames";
   EXPECT_THAT(html, Not(HasSubstr("class=\"warning\"")));
@@ -66,7 +68,8 @@ TEST_F(PosesSection, ShowsWhatTheCheckpointHolds) {
     EXPECT_EQ(read_image(folder_.path / plot).width, 1200);
   const PoseChanges changes = pose_changes(run_.scene, run_.state.poses.corrections);
   // Frame 2 at 2 x 0.066667 s: cm.
-  EXPECT_THAT(frames_moved_script(run_.scene, changes), HasSubstr("\n0.133333 0 0 0 6 6 6 0 0 0\n"));
+  EXPECT_THAT(frames_moved_script(run_.scene, changes),
+              HasSubstr("\n0.133333 0 0 0 6 6 6 0 0 0\n"));
   EXPECT_THAT(frames_moved_script(run_.scene, changes), Not(HasSubstr("bound")));
 }
 
@@ -75,9 +78,9 @@ TEST_F(PosesSection, WarnsWhereACorrectionIsAtItsBound) {
   refine(at.at_frame(4) + 5, -kMostTurned_rad);
   refine(at.at_time(0), kMostLate_s);
   const std::string html = section();
-  EXPECT_THAT(html,
-              HasSubstr("<p class=\"warning\">Warning: Corrections run against their bounds (50 cm and 2.0 degrees "
-                        "along each axis, cameras also at 50 ms): 1 of 6 frames, FISHEYE."));
+  EXPECT_THAT(html, HasSubstr("<p class=\"warning\">Warning: Corrections run against their bounds "
+                              "(50 cm and 2.0 degrees "
+                              "along each axis, cameras also at 50 ms): 1 of 6 frames, FISHEYE."));
   EXPECT_THAT(html, HasSubstr("<td>50.00</td><td>at its bound</td>"));
   EXPECT_THAT(html, HasSubstr("<td>1 at their bounds</td>"));
   const PoseChanges changes = pose_changes(run_.scene, run_.state.poses.corrections);

@@ -35,26 +35,33 @@ std::string offset_by_images(const CameraCheck& check) {
 }
 
 std::string verdicts(const Recording& recording, const Preflight& preflight) {
-  std::vector<std::vector<std::string>> rows = {
-      {"", "verdict", "why", "offset (ms)", "by the LiDAR", "error (px)", "points", "points move (px)"}};
+  std::vector<std::vector<std::string>> rows = {{"", "verdict", "why", "offset (ms)",
+                                                 "by the LiDAR", "error (px)", "points",
+                                                 "points move (px)"}};
   for (const CameraCheck& camera : preflight.cameras) {
     const bool any = !camera.tried.empty();
     rows.push_back({camera.name, verdict_name(camera.verdict), camera.why, offset_by_images(camera),
                     offset_text(camera.by_lidar), any ? fixed(camera.tried[0].error_px, 2) : "-",
                     std::to_string(camera.points), any ? fixed(camera.flow_px, 1) : "-"});
   }
-  rows.push_back({"clock", verdict_name(preflight.clock.verdict), preflight.clock.why, "-", "-", "-", "-", "-"});
-  std::string out = "<h1>" + html_escape(recording.root.lexically_normal().filename().string()) + "</h1>\n<h2>" +
-                    html_escape(preflight.headline()) + "</h2>\n";
+  rows.push_back({"clock", verdict_name(preflight.clock.verdict), preflight.clock.why, "-", "-",
+                  "-", "-", "-"});
+  std::string out = "<h1>" + html_escape(recording.root.lexically_normal().filename().string()) +
+                    "</h1>\n<h2>" + html_escape(preflight.headline()) + "</h2>\n";
   return out + html_table(rows, false) +
-         "<p>Error: how far, in the median, points lie from where a static point can be seen, when the calibration and "
+         "<p>Error: how far, in the median, points lie from where a static point can be seen, when "
+         "the calibration and "
          "the poses say how the "
-         "camera moved between two images a few frames apart. Points are followed without asking the calibration, "
+         "camera moved between two images a few frames apart. Points are followed without asking "
+         "the calibration, "
          "those kept that most "
-         "of their image agree with. It sees directions and turns, not lengths: where the camera is to some decimetres "
-         "it does not see. Offset: when images are exposed, added to what is recorded: where that error is least, and, "
+         "of their image agree with. It sees directions and turns, not lengths: where the camera "
+         "is to some decimetres "
+         "it does not see. Offset: when images are exposed, added to what is recorded: where that "
+         "error is least, and, "
          "by the LiDAR, where what is "
-         "bright to it (lane markings, signs, posts) is bright in the images, too; one standard deviation. A dash: "
+         "bright to it (lane markings, signs, posts) is bright in the images, too; one standard "
+         "deviation. A dash: "
          "cannot be told.</p>\n";
 }
 
@@ -72,7 +79,8 @@ Mask mask_of(const RigImages& images, int camera, int frame) {
   Mask mask = full_mask(usable.cols, usable.rows);
   for (int y = 0; y < mask.height; ++y)
     for (int x = 0; x < mask.width; ++x)
-      mask.used[std::size_t(y) * mask.width + x] = images.may_be_static(camera, frame, Eigen::Vector2d(x, y), moving);
+      mask.used[std::size_t(y) * mask.width + x] =
+          images.may_be_static(camera, frame, Eigen::Vector2d(x, y), moving);
   return mask;
 }
 
@@ -85,32 +93,39 @@ cv::Scalar distance_colour(double distance_m) {
   return cv::Scalar(bgr[2], bgr[1], bgr[0]);
 }
 
-/// Each return where it lay at its own time, in the camera as it was at the image's; near ones over far ones.
-int draw_lidar(const RigImages& images, int camera, int frame, const LidarReturns& lidar, Image8* picture) {
-  const std::int64_t t_ns = images.scene.frames[frame].t_ns + images.scene.rig[camera].time_offset_ns;
+/// Each return where it lay at its own time, in the camera as it was at the image's; near ones over
+/// far ones.
+int draw_lidar(const RigImages& images, int camera, int frame, const LidarReturns& lidar,
+               Image8* picture) {
+  const std::int64_t t_ns =
+      images.scene.frames[frame].t_ns + images.scene.rig[camera].time_offset_ns;
   const Rigid3d camera_from_world = images.world_from_camera[camera][frame].inverse();
   std::vector<std::pair<double, Eigen::Vector2d>> seen;
   const std::size_t n = lidar.n;
   for (std::size_t i = 0; i < n; ++i) {
     if (std::abs(lidar.t_ns[i] - t_ns) > static_cast<std::int64_t>(1e9 * kLidarAround_s)) continue;
-    const auto at = [&](const std::vector<float>& v) { return Eigen::Vector3f(v[i], v[n + i], v[2 * n + i]); };
-    const Eigen::Vector3d in_world = (at(lidar.origin) + lidar.range_m[i] * at(lidar.direction)).cast<double>();
+    const auto at = [&](const std::vector<float>& v) {
+      return Eigen::Vector3f(v[i], v[n + i], v[2 * n + i]);
+    };
+    const Eigen::Vector3d in_world =
+        (at(lidar.origin) + lidar.range_m[i] * at(lidar.direction)).cast<double>();
     const Eigen::Vector3d in_camera = camera_from_world * in_world;
-    if (const auto pixel = images.camera(camera).project(in_camera)) seen.emplace_back(in_camera.norm(), *pixel);
+    if (const auto pixel = images.camera(camera).project(in_camera))
+      seen.emplace_back(in_camera.norm(), *pixel);
   }
   std::ranges::sort(seen, std::greater{}, [](const auto& s) { return s.first; });
   cv::Mat canvas(picture->height, picture->width, CV_8UC3, picture->rgb.data());
   const std::size_t step = 1 + seen.size() / kLidarShown;
   for (std::size_t i = 0; i < seen.size(); i += step) {
     const auto& [distance_m, pixel] = seen[i];
-    cv::circle(canvas, {cvRound(4 * pixel.x()), cvRound(4 * pixel.y())}, 6, distance_colour(distance_m), cv::FILLED,
-               cv::LINE_AA, 2);
+    cv::circle(canvas, {cvRound(4 * pixel.x()), cvRound(4 * pixel.y())}, 6,
+               distance_colour(distance_m), cv::FILLED, cv::LINE_AA, 2);
   }
   return static_cast<int>((seen.size() + step - 1) / step);
 }
 
-std::string picture(const std::filesystem::path& folder, const Recording& recording, const RigImages& images,
-                    int camera, const LidarReturns& lidar) {
+std::string picture(const std::filesystem::path& folder, const Recording& recording,
+                    const RigImages& images, int camera, const LidarReturns& lidar) {
   const int frame = middle_frame(images, camera);
   if (frame < 0) return "";
   SceneOptions options;
@@ -129,10 +144,12 @@ std::string picture(const std::filesystem::path& folder, const Recording& record
   return html_figure(
       name, "frame " + std::to_string(images.scene.frames[frame].id) +
                 "; red: not looked at (a margin around masks, too); " +
-                (points > 0 ? std::to_string(points) + " LiDAR points, 2 m (blue) to 80 m (red)" : "no LiDAR"));
+                (points > 0 ? std::to_string(points) + " LiDAR points, 2 m (blue) to 80 m (red)"
+                            : "no LiDAR"));
 }
 
-/// Ranges of axes with one unit that fill a picture: a box with a margin, widened to the shape of what lies between the axes.
+/// Ranges of axes with one unit that fill a picture: a box with a margin, widened to the shape of
+/// what lies between the axes.
 std::string to_scale(Eigen::AlignedBox2d shown, double margin) {
   constexpr double kUpPerAcross = 0.5;
   const Eigen::Vector2d size = shown.sizes().array() + 2 * margin;
@@ -140,29 +157,33 @@ std::string to_scale(Eigen::AlignedBox2d shown, double margin) {
   const Eigen::Vector2d half(across / 2, across / 2 * kUpPerAcross), low = shown.center() - half,
                                                                      high = shown.center() + half;
   std::ostringstream out;
-  out << "set size ratio -1\nset xrange [" << low.x() << ':' << high.x() << "]\nset yrange [" << low.y() << ':'
-      << high.y() << "]\n";
+  out << "set size ratio -1\nset xrange [" << low.x() << ':' << high.x() << "]\nset yrange ["
+      << low.y() << ':' << high.y() << "]\n";
   return out.str();
 }
 
 /// A third of the page's width: drawn twice as large, for screens that show it.
-PlotAxes axes_of(const std::string& name, const std::string& x_label, const std::string& y_label, int height_px = 560) {
+PlotAxes axes_of(const std::string& name, const std::string& x_label, const std::string& y_label,
+                 int height_px = 560) {
   return {name, x_label, y_label, 1000, height_px, 20};
 }
 
-/// Errors over time offsets, and on an axis of its own how much of what is bright to the LiDAR is bright in the images, too.
+/// Errors over time offsets, and on an axis of its own how much of what is bright to the LiDAR is
+/// bright in the images, too.
 std::string scan_script(const CameraCheck& check, const std::string& name) {
   constexpr const char *kError = "#1f4e8c", *kContrast = "#3a7d44";
   std::ostringstream out, plots;
   out << plot_head(axes_of(name, "time offset (ms), added to the recorded one", "error (px)"))
-      << "set key inside center top\nset autoscale xfix\nset yrange [0:*]\nset offsets 0, 0, graph 0.25, 0\n";
+      << "set key inside center top\nset autoscale xfix\nset yrange [0:*]\nset offsets 0, 0, graph "
+         "0.25, 0\n";
   /// A curve, and a line where it is best.
-  const auto add = [&](const std::string& data, const auto& points, auto value, std::optional<double> best_ms,
-                       const std::string& title, const char* axes, const char* colour) {
+  const auto add = [&](const std::string& data, const auto& points, auto value,
+                       std::optional<double> best_ms, const std::string& title, const char* axes,
+                       const char* colour) {
     const auto [low, high] = std::ranges::minmax(points, {}, value);
     const auto curve = [&](const std::string& name, const char* style, const std::string& of_key) {
-      plots << (plots.str().empty() ? "" : ", ") << "$" << name << " axes " << axes << " with lines " << style
-            << " lc rgb '" << colour << "' " << of_key;
+      plots << (plots.str().empty() ? "" : ", ") << "$" << name << " axes " << axes
+            << " with lines " << style << " lc rgb '" << colour << "' " << of_key;
     };
     out << "$" << data << " << end\n";
     for (const auto& p : points) out << p.offset_ms << ' ' << p.*value << '\n';
@@ -177,17 +198,20 @@ std::string scan_script(const CameraCheck& check, const std::string& name) {
   if (check.scan.empty())
     out << "unset ytics\nset yrange [0:1]\n";
   else
-    add("scan", check.scan, &ScanPoint::error_px, check.offset_told ? std::optional(check.offset_ms) : std::nullopt,
-        check.offset_told ? "error least at " + offset_by_images(check) + " ms" : "error: too flat to tell", "x1y1",
-        kError);
+    add("scan", check.scan, &ScanPoint::error_px,
+        check.offset_told ? std::optional(check.offset_ms) : std::nullopt,
+        check.offset_told ? "error least at " + offset_by_images(check) + " ms"
+                          : "error: too flat to tell",
+        "x1y1", kError);
   if (!check.contrast.empty()) {
     const auto [low, high] = std::ranges::minmax(check.contrast, {}, &ContrastPoint::correlation);
     out << "set border 11\nset y2tics\nset y2label 'correlation with the LiDAR'\nset y2range ["
         << std::min(0.0, low.correlation) << ':' << std::max(1.4 * high.correlation, 0.01) << "]\n";
     add("contrast", check.contrast, &ContrastPoint::correlation,
         check.by_lidar ? std::optional(check.by_lidar->offset_ms) : std::nullopt,
-        check.by_lidar ? "LiDAR agrees most at " + offset_text(check.by_lidar) + " ms" : "LiDAR: no clear peak", "x1y2",
-        kContrast);
+        check.by_lidar ? "LiDAR agrees most at " + offset_text(check.by_lidar) + " ms"
+                       : "LiDAR: no clear peak",
+        "x1y2", kContrast);
   }
   out << "plot " << plots.str() << '\n';
   return out.str();
@@ -197,14 +221,15 @@ std::string tried(const CameraCheck& check) {
   std::vector<std::vector<std::string>> rows = {{"what if", "error (px)"}};
   for (std::size_t i = 0; i < std::min(check.tried.size(), kTriedShown); ++i)
     rows.push_back({check.tried[i].what, fixed(check.tried[i].error_px, 2)});
-  return "<figure>" + html_table(rows, true) + "<figcaption>of " + std::to_string(check.tried.size()) +
-         " that were tried</figcaption></figure>\n";
+  return "<figure>" + html_table(rows, true) + "<figcaption>of " +
+         std::to_string(check.tried.size()) + " that were tried</figcaption></figure>\n";
 }
 
 /// Cameras on the car with their axes, seen along one axis of the body.
 std::string rig_script(const Recording& recording, int right, int up, const std::string& name) {
   constexpr const char* kAxis[] = {"x forward (m)", "y left (m)", "z up (m)"};
-  constexpr const char* kColour[] = {"#c2281a", "#2e933c", "#1f6fb4"};  // as axes are painted: red, green, blue
+  constexpr const char* kColour[] = {"#c2281a", "#2e933c",
+                                     "#1f6fb4"};  // as axes are painted: red, green, blue
   constexpr double kLength_m = 0.6, kAround_m = 0.4, kLabel_m = 1.6, kLine_m = 0.24;
   const Eigen::Vector3d low(-1, -0.95, 0.2), high(3.8, 0.95, 1.5);  // about a car
   const auto flat = [&](const Eigen::Vector3d& p) { return Eigen::Vector2d(p[right], p[up]); };
@@ -217,30 +242,34 @@ std::string rig_script(const Recording& recording, int right, int up, const std:
     const Eigen::Vector2d at = flat(mounting.translation());
     shown.extend(at);
     for (int axis = 0; axis < 3; ++axis) {
-      const Eigen::Vector2d end = flat(mounting * Eigen::Vector3d(kLength_m * Eigen::Vector3d::Unit(axis)));
+      const Eigen::Vector2d end =
+          flat(mounting * Eigen::Vector3d(kLength_m * Eigen::Vector3d::Unit(axis)));
       shown.extend(end);
-      data << at.x() << ' ' << at.y() << ' ' << end.x() - at.x() << ' ' << end.y() - at.y() << ' ' << axis << '\n';
+      data << at.x() << ' ' << at.y() << ' ' << end.x() - at.x() << ' ' << end.y() - at.y() << ' '
+           << axis << '\n';
     }
     if (up != 1) continue;  // from the side they would lie over each other
     Eigen::Vector2d label = flat(mounting * Eigen::Vector3d(0, 0, 1.1 * kLength_m));
     const auto over_another = [&](const Eigen::Vector2d& other) {
-      return std::abs(label.x() - other.x()) < kLabel_m && std::abs(label.y() - other.y()) < 0.9 * kLine_m;
+      return std::abs(label.x() - other.x()) < kLabel_m &&
+             std::abs(label.y() - other.y()) < 0.9 * kLine_m;
     };
     while (std::ranges::any_of(labelled, over_another)) label.y() -= kLine_m;
     labelled.push_back(label);
     shown.extend(Eigen::Vector2d(label + Eigen::Vector2d(kLabel_m, 0)));
-    labels << "set label " << plot_text(camera.calibration.name) << " at " << label.x() << ',' << label.y()
-           << " left font 'DejaVu Sans,16' front\n";
+    labels << "set label " << plot_text(camera.calibration.name) << " at " << label.x() << ','
+           << label.y() << " left font 'DejaVu Sans,16' front\n";
   }
   std::ostringstream out;
   out << plot_head(axes_of(name, kAxis[right], kAxis[up], 600)) << "set key off\n"
-      << to_scale(shown, kAround_m) << labels.str() << "set object 1 rectangle from " << low[right] << ',' << low[up]
-      << " to " << high[right] << ',' << high[up]
+      << to_scale(shown, kAround_m) << labels.str() << "set object 1 rectangle from " << low[right]
+      << ',' << low[up] << " to " << high[right] << ',' << high[up]
       << " behind fillstyle empty border lc rgb '#b6bec8' lw 3\n$axes << end\n"
       << data.str() << "end\nplot ";
   for (int axis = 0; axis < 3; ++axis)
-    out << (axis ? ", " : "") << "$axes using 1:2:($5 == " << axis << " ? $3 : NaN):4 with vectors nohead lw "
-        << (axis == 2 ? 5 : 3) << " lc rgb '" << kColour[axis] << "'";
+    out << (axis ? ", " : "") << "$axes using 1:2:($5 == " << axis
+        << " ? $3 : NaN):4 with vectors nohead lw " << (axis == 2 ? 5 : 3) << " lc rgb '"
+        << kColour[axis] << "'";
   out << '\n';
   return out.str();
 }
@@ -258,7 +287,8 @@ std::string way_script(const RigImages& images, int right, int up, const std::st
   std::ostringstream out;
   out << plot_head(axes_of(name, kAxis[right], kAxis[up])) << "set key off\n"
       << (up == 1 ? to_scale(shown, 0.01 + 0.05 * shown.sizes().maxCoeff()) : "") << "$way << end\n"
-      << data.str() << "end\nplot $way with linespoints lw 3 pt 7 ps 0.4 lc rgb '" << plot_colour(0) << "'\n";
+      << data.str() << "end\nplot $way with linespoints lw 3 pt 7 ps 0.4 lc rgb '" << plot_colour(0)
+      << "'\n";
   return out.str();
 }
 
@@ -275,12 +305,12 @@ std::string exposure_script(const RigImages& images, const std::string& name) {
       if (grey.empty()) continue;
       cv::Mat root;  // grey is the square root of brightness
       grey.convertTo(root, CV_32F, 1 / 255.0);
-      out << 1e-9 * static_cast<double>(images.scene.frames[f].t_ns - images.scene.frames[0].t_ns) << ' '
-          << cv::mean(root.mul(root), images.usable[c][f])[0] << '\n';
+      out << 1e-9 * static_cast<double>(images.scene.frames[f].t_ns - images.scene.frames[0].t_ns)
+          << ' ' << cv::mean(root.mul(root), images.usable[c][f])[0] << '\n';
     }
     out << "end\n";
-    plots << (c ? ", " : "") << "$camera" << c << " with linespoints lw 3 pt 7 ps 0.4 lc rgb '" << plot_colour(c)
-          << "' title " << plot_text(images.scene.rig[c].name);
+    plots << (c ? ", " : "") << "$camera" << c << " with linespoints lw 3 pt 7 ps 0.4 lc rgb '"
+          << plot_colour(c) << "' title " << plot_text(images.scene.rig[c].name);
   }
   out << "plot " << plots.str() << '\n';
   return out.str();
@@ -288,9 +318,11 @@ std::string exposure_script(const RigImages& images, const std::string& name) {
 
 }  // namespace
 
-void write_preflight_page(const std::filesystem::path& folder, const Recording& recording, const RigImages& images,
-                          const LidarReturns& lidar, const Preflight& preflight) {
-  const auto drawn = [&](const std::string& name, const std::string& script, const std::string& caption) {
+void write_preflight_page(const std::filesystem::path& folder, const Recording& recording,
+                          const RigImages& images, const LidarReturns& lidar,
+                          const Preflight& preflight) {
+  const auto drawn = [&](const std::string& name, const std::string& script,
+                         const std::string& caption) {
     return plot_figure(folder / "figures", name, script, caption);
   };
   std::string body = verdicts(recording, preflight);
@@ -299,22 +331,27 @@ void write_preflight_page(const std::filesystem::path& folder, const Recording& 
     body += "<h2>" + html_escape(check.name) + ": " + verdict_name(check.verdict) + "</h2>\n<p>" +
             html_escape(check.why) + "</p>\n";
     std::vector<std::string> figures = {picture(folder, recording, images, c, lidar)};
-    if (const std::string name = "scan_" + check.name; !check.scan.empty() || !check.contrast.empty())
-      figures.push_back(drawn(name, scan_script(check, name),
-                              check.contrast.empty()
-                                  ? "error as if exposed earlier or later"
-                                  : "as if exposed earlier or later: error (blue), agreement with the LiDAR (green)"));
+    if (const std::string name = "scan_" + check.name;
+        !check.scan.empty() || !check.contrast.empty())
+      figures.push_back(drawn(
+          name, scan_script(check, name),
+          check.contrast.empty()
+              ? "error as if exposed earlier or later"
+              : "as if exposed earlier or later: error (blue), agreement with the LiDAR (green)"));
     if (!check.tried.empty()) figures.push_back(tried(check));
     body += row_of(figures);
   }
   if (recording.metric)
-    body += "<h2>Cameras on the car</h2>\n" +
-            row_of({drawn("rig_above", rig_script(recording, 0, 1, "rig_above"),
-                          "from above; red: the camera's x (right), green: y (down), blue: z (where it looks)"),
-                    drawn("rig_side", rig_script(recording, 0, 2, "rig_side"), "from its right side")});
+    body +=
+        "<h2>Cameras on the car</h2>\n" +
+        row_of({drawn("rig_above", rig_script(recording, 0, 1, "rig_above"),
+                      "from above; red: the camera's x (right), green: y (down), blue: z (where it "
+                      "looks)"),
+                drawn("rig_side", rig_script(recording, 0, 2, "rig_side"), "from its right side")});
   body += "<h2>The way</h2>\n" +
           row_of({drawn("way_above", way_script(images, 0, 1, "way_above"), "from above, to scale"),
-                  drawn("way_side", way_script(images, 0, 2, "way_side"), "from the side, heights exaggerated"),
+                  drawn("way_side", way_script(images, 0, 2, "way_side"),
+                        "from the side, heights exaggerated"),
                   drawn("exposure", exposure_script(images, "exposure"),
                         "mean brightness of what is looked at: exposure over time")});
   write_file(folder / "index.html", html_page("Preflight", body));

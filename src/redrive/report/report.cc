@@ -27,7 +27,8 @@ std::string duration(double seconds) {
 
 std::string starts(const TrainState& state) {
   if (state.restarts == 0) return "";
-  return "; " + std::to_string(state.restarts) + (state.restarts == 1 ? " start before it" : " starts before it") +
+  return "; " + std::to_string(state.restarts) +
+         (state.restarts == 1 ? " start before it" : " starts before it") +
          " did not converge and gave way to another seed";
 }
 
@@ -38,12 +39,15 @@ std::string recording_name(const Run& run) {
 
 std::string heading(const Run& run, const kernels::Backend& backend) {
   std::string cameras;
-  for (const RigCamera& camera : run.scene.rig) cameras += (cameras.empty() ? "" : ", ") + camera.name;
+  for (const RigCamera& camera : run.scene.rig)
+    cameras += (cameras.empty() ? "" : ", ") + camera.name;
   std::string out = "<h1>" + html_escape(recording_name(run)) + "</h1>\n";
-  out += "<p>" + html_escape(cameras) + "; " + std::to_string(run.scene.frames.size()) + " frames; method " +
-         run.state.model->method() + ", " + run.state.model->describe() + "</p>\n";
-  out += "<p>" + std::to_string(run.state.step) + " steps in " + duration(run.state.seconds) + " of training" +
-         starts(run.state) + "; pictures rendered with " + html_escape(kernels::describe(backend)) + "</p>\n";
+  out += "<p>" + html_escape(cameras) + "; " + std::to_string(run.scene.frames.size()) +
+         " frames; method " + run.state.model->method() + ", " + run.state.model->describe() +
+         "</p>\n";
+  out += "<p>" + std::to_string(run.state.step) + " steps in " + duration(run.state.seconds) +
+         " of training" + starts(run.state) + "; pictures rendered with " +
+         html_escape(kernels::describe(backend)) + "</p>\n";
   return out;
 }
 
@@ -55,7 +59,8 @@ std::string training(const Run& run, const Written& written) {
   if (rows.empty()) return out + "<p>No metrics yet.</p>\n";
   const std::string title = recording_name(run) + ", " + run.options.method + starts(run.state);
   const std::filesystem::path folder = run.paths.figures();
-  out += "<div class=\"row\">\n" + plot_figure(folder, "loss", loss_script(rows, title), "training loss");
+  out += "<div class=\"row\">\n" +
+         plot_figure(folder, "loss", loss_script(rows, title), "training loss");
   written(folder / "loss.png");
   out += plot_figure(folder, "psnr", psnr_script(rows, title), "PSNR of the training batches");
   written(folder / "psnr.png");
@@ -72,27 +77,34 @@ std::vector<std::string> score_row(const std::string& name, const Score& score) 
 }
 
 /// PSNR and SSIM that another run has in the same row; dashes where it has none.
-void add_beside(const std::map<std::string, Score>& scores, const std::string& name, std::vector<std::string>* row) {
+void add_beside(const std::map<std::string, Score>& scores, const std::string& name,
+                std::vector<std::string>* row) {
   const auto found = scores.find(name);
   row->push_back(found == scores.end() ? "-" : fixed(found->second.psnr_db, 2));
   row->push_back(found == scores.end() ? "-" : fixed(found->second.ssim, 4));
 }
 
 std::string alignment_text(const Alignment& alignment) {
-  return "<p>The run's trajectory is laid over the true one first: " + fixed(100 * alignment.moved_m, 1) + " cm and " +
-         fixed(alignment.turned_deg, 3) + "&deg;. What remains is " + fixed(100 * alignment.rest_m, 1) + " cm and " +
-         fixed(alignment.rest_deg, 3) + "&deg; RMS over " + std::to_string(alignment.frames) + " frames.</p>\n";
+  return "<p>The run's trajectory is laid over the true one first: " +
+         fixed(100 * alignment.moved_m, 1) + " cm and " + fixed(alignment.turned_deg, 3) +
+         "&deg;. What remains is " + fixed(100 * alignment.rest_m, 1) + " cm and " +
+         fixed(alignment.rest_deg, 3) + "&deg; RMS over " + std::to_string(alignment.frames) +
+         " frames.</p>\n";
 }
 
 /// `other`: of the run beside it, which `name` describes; null: none.
-std::string scores(const Evaluation& evaluation, const Evaluation* other, const std::string& name_of_other) {
-  std::string out = "<h2>Scores</h2>\n<p>" +
-                    std::string(evaluation.held_out ? "Images of held-out frames, which training never saw."
-                                                    : "Images of training frames: no frame was held out.") +
-                    " Means over images; FLIP is 0 for equal pictures.</p>\n";
-  std::vector<std::vector<std::string>> rows = {{"camera", "images", "PSNR (dB)", "SSIM", "FLIP", "pixels masked"}};
+std::string scores(const Evaluation& evaluation, const Evaluation* other,
+                   const std::string& name_of_other) {
+  std::string out =
+      "<h2>Scores</h2>\n<p>" +
+      std::string(evaluation.held_out ? "Images of held-out frames, which training never saw."
+                                      : "Images of training frames: no frame was held out.") +
+      " Means over images; FLIP is 0 for equal pictures.</p>\n";
+  std::vector<std::vector<std::string>> rows = {
+      {"camera", "images", "PSNR (dB)", "SSIM", "FLIP", "pixels masked"}};
   const auto add_heads = [&] {
-    if (other) rows[0].insert(rows[0].end(), {"PSNR of " + name_of_other, "SSIM of " + name_of_other});
+    if (other)
+      rows[0].insert(rows[0].end(), {"PSNR of " + name_of_other, "SSIM of " + name_of_other});
   };
   add_heads();
   for (const auto& [name, score] : evaluation.cameras) {
@@ -103,7 +115,8 @@ std::string scores(const Evaluation& evaluation, const Evaluation* other, const 
   if (other) add_beside({{"all", other->overall}}, "all", &rows.back());
   out += html_table(rows, true);
   if (evaluation.novel.empty()) return out;
-  rows = {{"novel views with truth", "images", "PSNR (dB)", "SSIM", "FLIP", "pixels masked", "depth error (%)"}};
+  rows = {{"novel views with truth", "images", "PSNR (dB)", "SSIM", "FLIP", "pixels masked",
+           "depth error (%)"}};
   add_heads();
   for (const auto& [name, score] : evaluation.novel) {
     rows.push_back(score_row(name, score));
@@ -114,13 +127,16 @@ std::string scores(const Evaluation& evaluation, const Evaluation* other, const 
   if (const auto& aligned = evaluation.view_alignment)
     out += "<p>Training refined the poses; those of the " + std::to_string(aligned->views) +
            " held-out images were laid onto the finished field before they were scored: moved by " +
-           fixed(100 * aligned->moved_m, 1) + " cm, turned by " + fixed(aligned->turned_deg, 3) + "&deg; RMS.</p>\n";
+           fixed(100 * aligned->moved_m, 1) + " cm, turned by " + fixed(aligned->turned_deg, 3) +
+           "&deg; RMS.</p>\n";
   if (evaluation.alignment) out += alignment_text(*evaluation.alignment);
   return out + html_table(rows, true) +
-         "<p>Depth error: median over an image's pixels of |depth - truth| / truth, along the ray.</p>\n";
+         "<p>Depth error: median over an image's pixels of |depth - truth| / truth, along the "
+         "ray.</p>\n";
 }
 
-std::string pictures(const std::filesystem::path& folder, const PictureRow& row, const Written& written) {
+std::string pictures(const std::filesystem::path& folder, const PictureRow& row,
+                     const Written& written) {
   std::string out = "<h3>" + html_escape(row.title) + "</h3>\n<div class=\"row\">\n";
   for (const Picture& picture : row.pictures) {
     const std::filesystem::path file = folder / (picture.name + ".png");
@@ -132,15 +148,19 @@ std::string pictures(const std::filesystem::path& folder, const PictureRow& row,
 }
 
 /// Truth beside render for each novel set; empty if there is none.
-std::string novel_views(const Run& run, kernels::Backend& backend, const Run* beside, const Written& written) {
+std::string novel_views(const Run& run, kernels::Backend& backend, const Run* beside,
+                        const Written& written) {
   const std::vector<NovelTruth> truths = novel_truths(run);
   if (truths.empty()) return "";
   const Coverage coverage(run, backend);
   std::string out =
-      "<h2>Views that were never driven</h2>\n<p>Coverage goes by the run's own depth: a surface counts as "
-      "seen where it lies inside a training image, not masked and with nothing in front of it.</p>\n";
+      "<h2>Views that were never driven</h2>\n<p>Coverage goes by the run's own depth: a surface "
+      "counts as "
+      "seen where it lies inside a training image, not masked and with nothing in front of "
+      "it.</p>\n";
   for (const NovelTruth& truth : truths)
-    out += pictures(run.paths.figures(), novel_pictures(run, backend, truth, coverage, beside), written);
+    out += pictures(run.paths.figures(), novel_pictures(run, backend, truth, coverage, beside),
+                    written);
   return out;
 }
 
@@ -148,7 +168,8 @@ std::string option_text(const nlohmann::json& value) {
   if (value.is_string()) return value.get<std::string>();
   if (!value.is_array()) return value.dump();
   std::string text;
-  for (const nlohmann::json& element : value) text += (text.empty() ? "" : ", ") + option_text(element);
+  for (const nlohmann::json& element : value)
+    text += (text.empty() ? "" : ", ") + option_text(element);
   return text;
 }
 
@@ -183,9 +204,10 @@ void write_figures(const Run& run, kernels::Backend& backend, const FigureOption
   if (run.state.poses.refines())
     for (const char* plot : {"poses_moved.png", "poses_turned.png"}) written(folder / plot);
   const int cameras = static_cast<int>(std::min(run.scene.rig.size(), kCamerasShown));
-  std::string seen = "<h2>Pictures</h2>\n<p>A training image of each camera" +
-                     std::string(run.scene.rig.size() > kCamerasShown ? " (the first ones alone)" : "") +
-                     ", chosen at random.</p>\n";
+  std::string seen =
+      "<h2>Pictures</h2>\n<p>A training image of each camera" +
+      std::string(run.scene.rig.size() > kCamerasShown ? " (the first ones alone)" : "") +
+      ", chosen at random.</p>\n";
   for (int camera = 0; camera < cameras; ++camera)
     seen += pictures(folder, camera_pictures(run, backend, camera, options.beside), written);
   const std::string novel = novel_views(run, backend, options.beside, written);

@@ -58,7 +58,8 @@ TEST(Pictures, DepthGoesFromBlueToRedAndMasksInGrey) {
   RenderedImage image;
   image.width = 3;
   image.height = 1;
-  image.depth = {2, 9, 5};  // an eighth and most of the way: the ends of Turbo itself are nearly black
+  image.depth = {2, 9,
+                 5};  // an eighth and most of the way: the ends of Turbo itself are nearly black
   image.valid = {1, 1, 0};
   const Image8 colours = depth_colours(image, 1, 10);
   EXPECT_GT(colours.rgb[2], colours.rgb[0] + 60) << "near is blue";
@@ -68,13 +69,17 @@ TEST(Pictures, DepthGoesFromBlueToRedAndMasksInGrey) {
 }
 
 TEST(Plot, RunningMeanShrinksAtTheEnds) {
-  EXPECT_EQ(running_mean({1, 2, 6, 3, 8}, 1), (std::vector<double>{1.5, 3, 11.0 / 3, 17.0 / 3, 5.5}));
+  EXPECT_EQ(running_mean({1, 2, 6, 3, 8}, 1),
+            (std::vector<double>{1.5, 3, 11.0 / 3, 17.0 / 3, 5.5}));
   EXPECT_EQ(running_mean({4, 5}, 0), (std::vector<double>{4, 5}));
 }
 
 TEST(Plot, TimeCurvesHoldTheirNumbersAndBandsOfTwoSigmas) {
-  TimeCurves curves{
-      {"moved", "time (s)", "moved (cm)"}, {"ahead", "left", "up"}, {0, 0.5}, {{1, 2, 3}, {4, 5, -6}}, {}};
+  TimeCurves curves{{"moved", "time (s)", "moved (cm)"},
+                    {"ahead", "left", "up"},
+                    {0, 0.5},
+                    {{1, 2, 3}, {4, 5, -6}},
+                    {}};
   curves.bound = 50;
   std::string script = time_curves_script(curves);
   EXPECT_NE(script.find("\n0.5 4 4 4 5 5 5 -6 -6 -6\nend\n"), std::string::npos) << script;
@@ -103,7 +108,8 @@ class PlotFolder : public testing::Test {
     }
   }
   const TemporaryFolder above;
-  const std::filesystem::path folder = above.path / "plot's folder";  // a name that has to be quoted
+  const std::filesystem::path folder =
+      above.path / "plot's folder";  // a name that has to be quoted
   std::vector<MetricsRow> rows;
 };
 
@@ -118,8 +124,10 @@ TEST_F(PlotFolder, DrawsAPngOfTheHistory) {
 }
 
 TEST_F(PlotFolder, DrawsTimeCurvesIntoAPage) {
-  TimeCurves curves{{"it's", "x", "'y"}, {"a", "b'", "c"}, {0, 1, 2}, {{1, 2, 3}, {4, 5, -6}, {0, 0, 0}}, {}, 6};
-  const std::string html = plot_figure(folder / "figures", "it's", time_curves_script(curves), "how <far>");
+  TimeCurves curves{
+      {"it's", "x", "'y"}, {"a", "b'", "c"}, {0, 1, 2}, {{1, 2, 3}, {4, 5, -6}, {0, 0, 0}}, {}, 6};
+  const std::string html =
+      plot_figure(folder / "figures", "it's", time_curves_script(curves), "how <far>");
   EXPECT_EQ(read_image(folder / "figures/it's.png").width, 1200);
   EXPECT_NE(html.find("data:image/png;base64,iVBOR"), std::string::npos);
   EXPECT_NE(html.find("how &lt;far&gt;"), std::string::npos);
@@ -139,7 +147,8 @@ TEST_F(PlotFolder, MarksEachEpochWhereItBegins) {
 TEST_F(PlotFolder, AFailingPlotIsAnErrorAndLeavesTheOldOne) {
   draw_plot(folder, "loss", loss_script(rows, "x"));
   const std::string before = read_file(folder / "loss.png");
-  EXPECT_THROW(draw_plot(folder, "loss", "set output 'loss.png.part'\nthis is no gnuplot\n"), IoError);
+  EXPECT_THROW(draw_plot(folder, "loss", "set output 'loss.png.part'\nthis is no gnuplot\n"),
+               IoError);
   EXPECT_EQ(read_file(folder / "loss.png"), before);
   EXPECT_FALSE(std::filesystem::exists(folder / "loss.png.part"));
 }
@@ -148,7 +157,8 @@ TEST_F(PlotFolder, AFailingPlotIsAnErrorAndLeavesTheOldOne) {
 TEST_F(PlotFolder, APictureThatIsNotWholeIsAnErrorAndLeavesTheOldOne) {
   draw_plot(folder, "loss", loss_script(rows, "x"));
   const std::string before = read_file(folder / "loss.png");
-  const std::string cut = loss_script(rows, "x") + "unset output\nsystem 'truncate -s 2000 loss.png.part'\n";
+  const std::string cut =
+      loss_script(rows, "x") + "unset output\nsystem 'truncate -s 2000 loss.png.part'\n";
   EXPECT_THROW(draw_plot(folder, "loss", cut), IoError);
   EXPECT_EQ(read_file(folder / "loss.png"), before);
   EXPECT_FALSE(std::filesystem::exists(folder / "loss.png.part"));

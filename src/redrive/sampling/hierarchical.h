@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Samples of one ray, scalar: stratified (NeRF eq. 2) and hierarchical (section 5.2: inverse transform sampling of the
-// coarse weights). Kernels call or vectorise these.
+// Samples of one ray, scalar: stratified (NeRF eq. 2) and hierarchical (section 5.2: inverse
+// transform sampling of the coarse weights). Kernels call or vectorise these.
 #pragma once
 
 #include <algorithm>
@@ -13,23 +13,29 @@
 namespace redrive {
 
 /// t_i in bin i of `n` equal bins of [near_m, far_m]; dt_i = t_{i+1} - t_i, the last +infinity.
-REDRIVE_HD inline void stratified_ray(int n, float near_m, float far_m, bool jitter, std::uint64_t key,
-                                      std::uint64_t first_index, float* t, float* dt) {
+REDRIVE_HD inline void stratified_ray(int n, float near_m, float far_m, bool jitter,
+                                      std::uint64_t key, std::uint64_t first_index, float* t,
+                                      float* dt) {
   const float bin = (far_m - near_m) / static_cast<float>(n);
   for (int i = 0; i < n; ++i)
-    t[i] = near_m + bin * (static_cast<float>(i) + (jitter ? random_unit(key, first_index + i) : 0.5f));
+    t[i] = near_m +
+           bin * (static_cast<float>(i) + (jitter ? random_unit(key, first_index + i) : 0.5f));
   for (int i = 0; i + 1 < n; ++i) dt[i] = t[i + 1] - t[i];
   dt[n - 1] = std::numeric_limits<float>::infinity();
 }
 
-/// Draws `extra` t from the piecewise-constant density over the intervals between the midpoints of coarse t, interval i
-/// (1 <= i <= n-2) having mass weights[i] + 1e-5 (the paper's code), and merges them with the coarse t into
-/// t[0 .. n + extra), ascending; dt as above. t must not overlap coarse_t. u_k = (k + r) / extra with r = random_unit or 1/2: stratified, so the
-/// inverse walks forward once; in double, as sums of small masses lose digits in float. n >= 3. Non-finite weights give
-/// non-finite t.
-REDRIVE_HD inline void hierarchical_ray(const float* coarse_t, const float* weights, int n, int extra, bool jitter,
-                                        std::uint64_t key, std::uint64_t first_index, float* t, float* dt) {
-  const auto midpoint = [&](int i) { return 0.5 * (double(coarse_t[i]) + double(coarse_t[i + 1])); };
+/// Draws `extra` t from the piecewise-constant density over the intervals between the midpoints of
+/// coarse t, interval i (1 <= i <= n-2) having mass weights[i] + 1e-5 (the paper's code), and
+/// merges them with the coarse t into t[0 .. n + extra), ascending; dt as above. t must not overlap
+/// coarse_t. u_k = (k + r) / extra with r = random_unit or 1/2: stratified, so the inverse walks
+/// forward once; in double, as sums of small masses lose digits in float. n >= 3. Non-finite
+/// weights give non-finite t.
+REDRIVE_HD inline void hierarchical_ray(const float* coarse_t, const float* weights, int n,
+                                        int extra, bool jitter, std::uint64_t key,
+                                        std::uint64_t first_index, float* t, float* dt) {
+  const auto midpoint = [&](int i) {
+    return 0.5 * (double(coarse_t[i]) + double(coarse_t[i + 1]));
+  };
   const auto mass = [&](int i) { return double(weights[i]) + 1e-5; };
   double total = 0;
   for (int i = 1; i <= n - 2; ++i) total += mass(i);
@@ -39,7 +45,8 @@ REDRIVE_HD inline void hierarchical_ray(const float* coarse_t, const float* weig
   int interval = 1;
   double below = 0;  // mass of the intervals before this one
   for (int k = 0; k < extra; ++k) {
-    const double u = (k + (jitter ? double(random_unit(key, first_index + k)) : 0.5)) / extra * total;
+    const double u =
+        (k + (jitter ? double(random_unit(key, first_index + k)) : 0.5)) / extra * total;
     while (interval < n - 2 && below + mass(interval) <= u) below += mass(interval++);
     const double lower = midpoint(interval - 1), upper = midpoint(interval);
     // The clamp: `below` and `total` are rounded sums, so the fraction may pass 1 by an ulp.

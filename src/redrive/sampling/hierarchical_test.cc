@@ -34,7 +34,8 @@ TEST(Stratified, MiddleOfTheBinWithoutJitter) {
 }
 
 TEST(Stratified, IsUniformInTheBin) {
-  // The bin-relative position is U(0, 1): mean 1/2 (standard error sqrt(1/12 n)), mean square 1/3 (sqrt(4/45 n)).
+  // The bin-relative position is U(0, 1): mean 1/2 (standard error sqrt(1/12 n)), mean square 1/3
+  // (sqrt(4/45 n)).
   constexpr int kSamples = 200000;
   std::vector<float> t(kSamples), dt(kSamples);
   double sum = 0, squares = 0;
@@ -52,7 +53,8 @@ struct Fine {
   std::vector<float> t, dt;
 };
 
-Fine draw(const std::vector<float>& coarse, const std::vector<float>& weights, int extra, bool jitter) {
+Fine draw(const std::vector<float>& coarse, const std::vector<float>& weights, int extra,
+          bool jitter) {
   Fine out{std::vector<float>(coarse.size() + extra), std::vector<float>(coarse.size() + extra)};
   hierarchical_ray(coarse.data(), weights.data(), static_cast<int>(coarse.size()), extra, jitter,
                    random_key(9, kStreamTest), 0, out.t.data(), out.dt.data());
@@ -69,14 +71,16 @@ TEST(Hierarchical, AscendsAndContainsTheCoarseSamples) {
         const Fine fine = draw(coarse, weights, extra, jitter);
         EXPECT_TRUE(std::is_sorted(fine.t.begin(), fine.t.end()));
         EXPECT_TRUE(std::includes(fine.t.begin(), fine.t.end(), coarse.begin(), coarse.end()));
-        for (std::size_t i = 0; i + 1 < fine.t.size(); ++i) EXPECT_EQ(fine.dt[i], fine.t[i + 1] - fine.t[i]);
+        for (std::size_t i = 0; i + 1 < fine.t.size(); ++i)
+          EXPECT_EQ(fine.dt[i], fine.t[i + 1] - fine.t[i]);
         EXPECT_EQ(fine.dt.back(), kInfinity);
       }
     }
 }
 
 TEST(Hierarchical, EqualWeightsGiveAUniformDensity) {
-  // Coarse t = 0..10: the midpoints 0.5 .. 9.5 bound the density, so u = (k + 1/2) / 9 lands on 1, 2, ..., 9.
+  // Coarse t = 0..10: the midpoints 0.5 .. 9.5 bound the density, so u = (k + 1/2) / 9 lands on 1,
+  // 2, ..., 9.
   std::vector<float> coarse(11), weights(11, 0.1f);
   for (int i = 0; i < 11; ++i) coarse[i] = static_cast<float>(i);
   const Fine fine = draw(coarse, weights, 9, false);
@@ -93,29 +97,35 @@ TEST(Hierarchical, AllMassInOneIntervalDrawsOnlyThere) {
   weights[4] = 1;
   constexpr int kExtra = 1000;
   const Fine fine = draw(coarse, weights, kExtra, true);
-  // The other eight intervals hold 1e-5 each: 8e-5 * 1000 draws expect 0.08; strata admit at most one at each end.
-  const auto inside = std::count_if(fine.t.begin(), fine.t.end(), [](float t) { return t >= 3.5f && t <= 4.5f; });
+  // The other eight intervals hold 1e-5 each: 8e-5 * 1000 draws expect 0.08; strata admit at most
+  // one at each end.
+  const auto inside =
+      std::count_if(fine.t.begin(), fine.t.end(), [](float t) { return t >= 3.5f && t <= 4.5f; });
   EXPECT_GE(inside, kExtra - 2 + 1);
 }
 
 TEST(Hierarchical, FollowsThePiecewiseConstantDensity) {
-  // Without jitter the k-th draw is the exact quantile (k + 1/2) / extra of the density, hence each interval's share
-  // differs from its mass by at most one draw.
-  const std::vector<float> coarse = {1, 2, 4, 5, 9, 10}, weights = {0.9f, 0.1f, 0.4f, 0.2f, 0.3f, 0.9f};
+  // Without jitter the k-th draw is the exact quantile (k + 1/2) / extra of the density, hence each
+  // interval's share differs from its mass by at most one draw.
+  const std::vector<float> coarse = {1, 2, 4, 5, 9, 10},
+                           weights = {0.9f, 0.1f, 0.4f, 0.2f, 0.3f, 0.9f};
   constexpr int kExtra = 10000;
   Fine fine = draw(coarse, weights, kExtra, false);
   const float edges[] = {1.5f, 3, 4.5f, 7, 9.5f};
   for (int i = 0; i < 4; ++i) {
     const auto count = std::count_if(fine.t.begin(), fine.t.end(), [&](float t) {
-      return t > edges[i] && t <= edges[i + 1] && std::find(coarse.begin(), coarse.end(), t) == coarse.end();
+      return t > edges[i] && t <= edges[i + 1] &&
+             std::find(coarse.begin(), coarse.end(), t) == coarse.end();
     });
-    EXPECT_NEAR(static_cast<double>(count), kExtra * (weights[i + 1] + 1e-5) / (1.0 + 4e-5), 2) << i;
+    EXPECT_NEAR(static_cast<double>(count), kExtra * (weights[i + 1] + 1e-5) / (1.0 + 4e-5), 2)
+        << i;
   }
 }
 
 TEST(Hierarchical, NoWeightAtAllIsUniform) {
   const std::vector<float> coarse = {0, 1, 2, 3}, weights(4, 0.0f);
-  const Fine fine = draw(coarse, weights, 4, false);  // quantiles of [0.5, 2.5]: 0.75, 1.25, 1.75, 2.25
+  const Fine fine =
+      draw(coarse, weights, 4, false);  // quantiles of [0.5, 2.5]: 0.75, 1.25, 1.75, 2.25
   const std::vector<float> expected = {0, 0.75f, 1, 1.25f, 1.75f, 2, 2.25f, 3};
   for (int i = 0; i < 8; ++i) EXPECT_NEAR(fine.t[i], expected[i], 4 * 0x1p-24);
 }

@@ -13,7 +13,8 @@ namespace {
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 constexpr double kRoundoff = 0x1p-24;
 
-std::vector<float> spaced(const RaySpacing& spacing, int n, bool jitter = false, std::uint64_t ray = 0) {
+std::vector<float> spaced(const RaySpacing& spacing, int n, bool jitter = false,
+                          std::uint64_t ray = 0) {
   std::vector<float> edges(n + 1);
   spaced_edges(spacing, n, jitter, random_key(7, kStreamTest), ray, edges.data());
   return edges;
@@ -21,22 +22,24 @@ std::vector<float> spaced(const RaySpacing& spacing, int n, bool jitter = false,
 
 constexpr float kPadding = 0.01f;
 
-std::vector<float> proposed(const std::vector<float>& edges, const std::vector<float>& weights, int to,
-                            bool jitter = false, std::uint64_t ray = 0) {
+std::vector<float> proposed(const std::vector<float>& edges, const std::vector<float>& weights,
+                            int to, bool jitter = false, std::uint64_t ray = 0) {
   std::vector<float> out(to + 1);
-  proposed_edges(edges.data(), weights.data(), static_cast<int>(weights.size()), to, kPadding, jitter,
-                 random_key(8, kStreamTest), ray, out.data());
+  proposed_edges(edges.data(), weights.data(), static_cast<int>(weights.size()), to, kPadding,
+                 jitter, random_key(8, kStreamTest), ray, out.data());
   return out;
 }
 
 TEST(SpacedEdges, AreEvenlySpacedInS) {
-  for (const RaySpacing& spacing : {RaySpacing{0.5f, 1000, 20}, RaySpacing{2, 50, 5}, RaySpacing{0.125f, 8, 1000}})
+  for (const RaySpacing& spacing :
+       {RaySpacing{0.5f, 1000, 20}, RaySpacing{2, 50, 5}, RaySpacing{0.125f, 8, 1000}})
     for (const int n : {1, 2, 7, 64}) {
       const std::vector<float> edges = spaced(spacing, n);
       const auto s = [&](double t) { return t / (t + spacing.half_m); };
       const double first = s(spacing.near_m), last = s(spacing.far_m);
       for (int i = 0; i <= n; ++i) {
-        // s is at most 1 and rounds six times; what the roundings of 1 - s and of t are worth in s is no more.
+        // s is at most 1 and rounds six times; what the roundings of 1 - s and of t are worth in s
+        // is no more.
         EXPECT_NEAR(s(edges[i]), first + (last - first) * i / n, 8 * kRoundoff) << i << " of " << n;
       }
     }
@@ -55,7 +58,8 @@ TEST(SpacedEdges, InfiniteHalfIsEvenInDistance) {
 }
 
 TEST(SpacedEdges, JitterShiftsAllInnerEdgesByOneFraction) {
-  // Evenly in distance, from 0, n = 4 intervals of length 1: edge i is at i + shift, shift ~ U(-1/2, 1/2).
+  // Evenly in distance, from 0, n = 4 intervals of length 1: edge i is at i + shift, shift ~
+  // U(-1/2, 1/2).
   constexpr int kRays = 100000;
   double sum = 0, squares = 0;
   for (int ray = 0; ray < kRays; ++ray) {
@@ -88,7 +92,8 @@ TEST(SpacedEdges, AscendWhateverTheJitter) {
 double share_before(const std::vector<float>& edges, const std::vector<float>& weights, double t) {
   double total = 0, before = 0;
   for (const float w : weights) total += w;
-  const double n = static_cast<double>(weights.size()), padding = (total > 0 ? total : 1) * kPadding / n;
+  const double n = static_cast<double>(weights.size()),
+               padding = (total > 0 ? total : 1) * kPadding / n;
   for (std::size_t i = 0; i < weights.size(); ++i) {
     const double inside = std::clamp((t - edges[i]) / (double(edges[i + 1]) - edges[i]), 0.0, 1.0);
     before += inside * (weights[i] + padding);
@@ -97,18 +102,21 @@ double share_before(const std::vector<float>& edges, const std::vector<float>& w
 }
 
 TEST(ProposedEdges, HandComputedQuantiles) {
-  // One interval holds 1 of 1.01, four hold 0.0025 of padding each. Quarters: 0.2525, 0.505, 0.7575, of which 0.0025 lie before it.
+  // One interval holds 1 of 1.01, four hold 0.0025 of padding each. Quarters: 0.2525, 0.505,
+  // 0.7575, of which 0.0025 lie before it.
   const std::vector<float> out = proposed({0, 1, 3, 4, 8}, {0, 1, 0, 0}, 4);
   EXPECT_EQ(out.front(), 0);
   EXPECT_EQ(out.back(), 8);
-  for (int k = 1; k < 4; ++k) EXPECT_NEAR(out[k], 1 + 2 * (0.2525 * k - 0.0025) / 1.0025, 16 * kRoundoff) << k;
+  for (int k = 1; k < 4; ++k)
+    EXPECT_NEAR(out[k], 1 + 2 * (0.2525 * k - 0.0025) / 1.0025, 16 * kRoundoff) << k;
 }
 
 TEST(ProposedEdges, EqualWeightsOfEqualIntervalsGiveEqualIntervals) {
   const std::vector<float> edges = {2, 3, 4, 5, 6, 7, 8, 9, 10}, weights(8, 0.125f);
   for (const int to : {1, 2, 4, 16}) {
     const std::vector<float> out = proposed(edges, weights, to);
-    for (int k = 0; k <= to; ++k) EXPECT_NEAR(out[k], 2 + 8.0 * k / to, 16 * 10 * kRoundoff) << k << " of " << to;
+    for (int k = 0; k <= to; ++k)
+      EXPECT_NEAR(out[k], 2 + 8.0 * k / to, 16 * 10 * kRoundoff) << k << " of " << to;
   }
 }
 
@@ -136,8 +144,9 @@ TEST(ProposedEdges, LieAtEvenlySpreadQuantiles) {
         const std::vector<float> out = proposed(h.edges, h.weights, to);
         EXPECT_EQ(out.front(), h.edges.front());
         EXPECT_EQ(out.back(), h.edges.back());
-        // Sums of n numbers that add up to 1, and the edge's own rounding, which in a narrow interval of much weight counts for
-        // more: 1 of n at a length of at least 0.01 of at most 64 n metres.
+        // Sums of n numbers that add up to 1, and the edge's own rounding, which in a narrow
+        // interval of much weight counts for more: 1 of n at a length of at least 0.01 of at most
+        // 64 n metres.
         for (int k = 1; k < to; ++k)
           ASSERT_NEAR(share_before(h.edges, h.weights, out[k]), double(k) / to,
                       (2 * n + 8) * kRoundoff + 2 * kRoundoff * out[k] * 1 / 0.01)
@@ -155,7 +164,8 @@ TEST(ProposedEdges, JitterShiftsAllQuantilesByOneFraction) {
     ASSERT_EQ(out.back(), h.edges.back());
     const double shift = kTo * share_before(h.edges, h.weights, out[1]) - 1;
     ASSERT_NEAR(shift, 0, 0.5 + 1e-4);
-    for (int k = 2; k < kTo; ++k) ASSERT_NEAR(kTo * share_before(h.edges, h.weights, out[k]) - k, shift, 1e-4);
+    for (int k = 2; k < kTo; ++k)
+      ASSERT_NEAR(kTo * share_before(h.edges, h.weights, out[k]) - k, shift, 1e-4);
     sum += shift;
     squares += shift * shift;
   }
@@ -164,7 +174,8 @@ TEST(ProposedEdges, JitterShiftsAllQuantilesByOneFraction) {
 }
 
 TEST(ProposedEdges, RayThatMetNothingIsCutByItsIntervals) {
-  // The padding is the same for each interval: as many quantiles as intervals are the edges themselves.
+  // The padding is the same for each interval: as many quantiles as intervals are the edges
+  // themselves.
   const Histogram h(16, 5);
   const std::vector<float> out = proposed(h.edges, std::vector<float>(16, 0.0f), 16);
   for (int k = 0; k <= 16; ++k) EXPECT_NEAR(out[k], h.edges[k], 32 * 64 * 16 * kRoundoff) << k;

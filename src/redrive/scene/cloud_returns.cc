@@ -28,7 +28,8 @@ std::uint64_t cell_of(const Eigen::Vector3d& direction) {
     return std::min(kCellsOfFace - 1, static_cast<int>(0.5 * (x / most + 1) * kCellsOfFace));
   };
   const int face = 2 * axis + (direction[axis] < 0);
-  return (static_cast<std::uint64_t>(face) * kCellsOfFace + side(direction[(axis + 1) % 3])) * kCellsOfFace +
+  return (static_cast<std::uint64_t>(face) * kCellsOfFace + side(direction[(axis + 1) % 3])) *
+             kCellsOfFace +
          side(direction[(axis + 2) % 3]);
 }
 
@@ -48,8 +49,8 @@ CloudPoint place(const Eigen::Vector3d& point, std::span<const CloudOrigin> orig
 
 }  // namespace
 
-LidarReturns cloud_returns(std::span<const Eigen::Vector3d> in_world_m, std::span<const CloudOrigin> origins,
-                           ThreadPool& pool) {
+LidarReturns cloud_returns(std::span<const Eigen::Vector3d> in_world_m,
+                           std::span<const CloudOrigin> origins, ThreadPool& pool) {
   REDRIVE_CHECK(!origins.empty());
   const std::size_t every = (in_world_m.size() + kMostCloudPoints - 1) / kMostCloudPoints;
   std::vector<CloudPoint> points(every > 0 ? (in_world_m.size() + every - 1) / every : 0);
@@ -66,7 +67,8 @@ LidarReturns cloud_returns(std::span<const Eigen::Vector3d> in_world_m, std::spa
   LidarReturns returns;
   std::vector<std::size_t> used;
   for (std::size_t i = 0; i < points.size(); ++i)
-    if (points[i].range_m >= kTooClose_m && kHidden * points[i].range_m <= nearest_m.at(points[i].cell))
+    if (points[i].range_m >= kTooClose_m &&
+        kHidden * points[i].range_m <= nearest_m.at(points[i].cell))
       used.push_back(i);
   returns.n = used.size();
   returns.hidden = points.size() - used.size();
@@ -75,7 +77,8 @@ LidarReturns cloud_returns(std::span<const Eigen::Vector3d> in_world_m, std::spa
   for (std::size_t k = 0; k < returns.n; ++k) {
     const CloudPoint& point = points[used[k]];
     const CloudOrigin& origin = origins[point.origin];
-    const Eigen::Vector3d direction = (in_world_m[used[k] * every] - origin.in_world_m) / point.range_m;
+    const Eigen::Vector3d direction =
+        (in_world_m[used[k] * every] - origin.in_world_m) / point.range_m;
     for (int d = 0; d < 3; ++d) {
       returns.origin[d * returns.n + k] = static_cast<float>(origin.in_world_m[d]);
       returns.direction[d * returns.n + k] = static_cast<float>(direction[d]);

@@ -23,12 +23,14 @@ TEST(CloudReturns, EachPointIsSeenFromTheNearestPlace) {
   EXPECT_FLOAT_EQ(returns.range_m[1], 5);
   for (std::size_t i = 0; i < 4; ++i)
     for (int d = 0; d < 3; ++d)
-      EXPECT_NEAR(returns.origin[d * 4 + i] + returns.range_m[i] * returns.direction[d * 4 + i], points[i][d], 1e-6);
+      EXPECT_NEAR(returns.origin[d * 4 + i] + returns.range_m[i] * returns.direction[d * 4 + i],
+                  points[i][d], 1e-6);
 }
 
 TEST(CloudReturns, WhatStandsBehindSomethingIsHidden) {
   // A wall 4 m to the left with another one behind it, and the first one's own depth: 0.1 m.
-  const LidarReturns returns = returns_of({{0, 4, 1}, {0.01, 8, 1}, {0.005, 4.1, 1}, {0, 8, 1}, {0, -8, 1}});
+  const LidarReturns returns =
+      returns_of({{0, 4, 1}, {0.01, 8, 1}, {0.005, 4.1, 1}, {0, 8, 1}, {0, -8, 1}});
   ASSERT_EQ(returns.n, 3u);
   EXPECT_EQ(returns.hidden, 2u);
   EXPECT_FLOAT_EQ(returns.range_m[0], 4);
@@ -36,7 +38,9 @@ TEST(CloudReturns, WhatStandsBehindSomethingIsHidden) {
   EXPECT_FLOAT_EQ(returns.range_m[2], 8) << "on the other side nothing is in the way";
 }
 
-TEST(CloudReturns, ADegreeAsideHidesNothing) { EXPECT_EQ(returns_of({{0, 4, 1}, {8 * 0.018, 8, 1}}).n, 2u); }
+TEST(CloudReturns, ADegreeAsideHidesNothing) {
+  EXPECT_EQ(returns_of({{0, 4, 1}, {8 * 0.018, 8, 1}}).n, 2u);
+}
 
 TEST(CloudReturns, APointAtTheCameraSaysNothing) {
   const LidarReturns returns = returns_of({{0, 0, 1}, {0.1, 0.1, 1}, {0, 2, 1}});

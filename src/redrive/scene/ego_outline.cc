@@ -10,30 +10,36 @@ namespace {
 
 constexpr std::size_t kMinViews = 8;
 constexpr double kMinDriven_m = 5;
-constexpr std::int64_t kMaxPair_ns = 300'000'000;  // further apart, little of the near road is in both pictures
-constexpr double kMaxGround_m = 40;                // along the ray: beyond, a pixel of road is metres long
+constexpr std::int64_t kMaxPair_ns =
+    300'000'000;                     // further apart, little of the near road is in both pictures
+constexpr double kMaxGround_m = 40;  // along the ray: beyond, a pixel of road is metres long
 
-// Costs of the outline, in units of pixels, found on a night drive with known outlines; each may be doubled or halved.
-constexpr float kCostWithoutEvidence = 0.01f, kCostGround = 0.3f, kGainStanding = 0.2f, kGainStructure = 20,
-                kCostStep = 2;
+// Costs of the outline, in units of pixels, found on a night drive with known outlines; each may be
+// doubled or halved.
+constexpr float kCostWithoutEvidence = 0.01f, kCostGround = 0.3f, kGainStanding = 0.2f,
+                kGainStructure = 20, kCostStep = 2;
 constexpr float kForbidden = 1e4f;
 
 /// What a pixel's ray says before any picture is seen.
 struct PixelGeometry {
-  cv::Mat flow_x, flow_y;  ///< unit direction in which driving moves the picture, float; 0 where there is no ray
+  cv::Mat flow_x, flow_y;  ///< unit direction in which driving moves the picture, float; 0 where
+                           ///< there is no ray
   cv::Mat candidate;       ///< 255 where the vehicle may be, uint8
-  cv::Mat ground_in_body;  ///< float x 3, metres: where the ray meets z = 0; NaN if nowhere within kMaxGround_m
+  cv::Mat ground_in_body;  ///< float x 3, metres: where the ray meets z = 0; NaN if nowhere within
+                           ///< kMaxGround_m
 };
 
 bool meets_vehicle_space(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) {
   const Eigen::Array3d low(-1.5, -1.2, 0.1), high(4.3, 1.2, 1.15);
-  const Eigen::Array3d a = (low - origin.array()) / direction.array(), b = (high - origin.array()) / direction.array();
+  const Eigen::Array3d a = (low - origin.array()) / direction.array(),
+                       b = (high - origin.array()) / direction.array();
   return direction.z() < 0 && b.max(a).minCoeff() > std::max(0.0, a.min(b).maxCoeff());
 }
 
 PixelGeometry pixel_geometry(const Camera& camera, const Rigid3d& body_from_sensor) {
   const cv::Size size(camera.width, camera.height);
-  PixelGeometry geometry{cv::Mat::zeros(size, CV_32F), cv::Mat::zeros(size, CV_32F), cv::Mat::zeros(size, CV_8U),
+  PixelGeometry geometry{cv::Mat::zeros(size, CV_32F), cv::Mat::zeros(size, CV_32F),
+                         cv::Mat::zeros(size, CV_8U),
                          cv::Mat(size, CV_32FC3, cv::Scalar::all(NAN))};
   const Eigen::Vector3d forward_in_camera = body_from_sensor.linear().transpose().col(0);
   const Eigen::Vector3d origin = body_from_sensor.translation();
@@ -53,7 +59,8 @@ PixelGeometry pixel_geometry(const Camera& camera, const Rigid3d& body_from_sens
       const double to_ground_m = -origin.z() / in_body.z();
       if (!(to_ground_m > 0 && to_ground_m < kMaxGround_m)) continue;
       const Eigen::Vector3d ground = origin + to_ground_m * in_body;
-      geometry.ground_in_body.at<cv::Vec3f>(y, x) = {static_cast<float>(ground.x()), static_cast<float>(ground.y()), 0};
+      geometry.ground_in_body.at<cv::Vec3f>(y, x) = {static_cast<float>(ground.x()),
+                                                     static_cast<float>(ground.y()), 0};
     }
   return geometry;
 }
@@ -68,7 +75,8 @@ cv::Mat staying_structure(const std::vector<GreyView>& views, const PixelGeometr
     cv::Sobel(view.grey, gradient_x, CV_32F, 1, 0, 3, 1 / 8.0);
     cv::Sobel(view.grey, gradient_y, CV_32F, 0, 1, 3, 1 / 8.0);
     along_flow.push_back(gradient_x.mul(geometry.flow_x) + gradient_y.mul(geometry.flow_y));
-    across_flow += (gradient_y.mul(geometry.flow_x) - gradient_x.mul(geometry.flow_y)) / double(views.size());
+    across_flow +=
+        (gradient_y.mul(geometry.flow_x) - gradient_x.mul(geometry.flow_y)) / double(views.size());
   }
   cv::Mat strength = cv::Mat::zeros(size, CV_32F), sure = strength.clone();
   std::vector<float> values(views.size());
@@ -83,14 +91,18 @@ cv::Mat staying_structure(const std::vector<GreyView>& views, const PixelGeometr
       const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
       std::nth_element(values.begin(), middle, values.end());
       const double n = static_cast<double>(values.size()), mean = sum / n;
-      // The median of n normal numbers has 1.25 times the standard error of their mean; 0.1: JPEG's rounding.
+      // The median of n normal numbers has 1.25 times the standard error of their mean; 0.1: JPEG's
+      // rounding.
       const double error = 1.25 * std::sqrt(std::max(0.0, squares / n - mean * mean) / n) + 0.1;
       strength.at<float>(y, x) = std::abs(*middle);
-      // A line along the flow seems to cross it a little where it is steep: by what the gradient of 3 x 3 pixels is wrong.
+      // A line along the flow seems to cross it a little where it is steep: by what the gradient of
+      // 3 x 3 pixels is wrong.
       if (std::abs(*middle) > std::max(1.0f, 0.2f * std::abs(across_flow.at<float>(y, x))))
-        sure.at<float>(y, x) = static_cast<float>(std::clamp((std::abs(*middle) / error - 5) / 10, 0.0, 1.0));
+        sure.at<float>(y, x) =
+            static_cast<float>(std::clamp((std::abs(*middle) / error - 5) / 10, 0.0, 1.0));
     }
-  // The crest of an edge alone: the slope of light before a bonnet stays in place as well, but is no edge of it.
+  // The crest of an edge alone: the slope of light before a bonnet stays in place as well, but is
+  // no edge of it.
   cv::Mat crest;
   cv::dilate(strength, crest, cv::Mat::ones(17, 1, CV_8U));
   sure.setTo(0, strength < 0.7 * crest);
@@ -120,8 +132,9 @@ GroundEvidence ground_evidence(const Camera& camera, const Rigid3d& body_from_se
     cv::GaussianBlur(deviation, deviation, {}, 0.8);
     deviations.push_back(deviation);
   }
-  cv::Mat products = cv::Mat::zeros(size, CV_32F), squares_here = products.clone(), squares_there = products.clone(),
-          changes = products.clone(), changes_moved = products.clone(), pairs = products.clone();
+  cv::Mat products = cv::Mat::zeros(size, CV_32F), squares_here = products.clone(),
+          squares_there = products.clone(), changes = products.clone(),
+          changes_moved = products.clone(), pairs = products.clone();
   const Rigid3d sensor_from_body = body_from_sensor.inverse();
   cv::Mat u(size, CV_32F), v(size, CV_32F), there;
   for (std::size_t i = 0; i < views.size(); ++i)
@@ -134,8 +147,11 @@ GroundEvidence ground_evidence(const Camera& camera, const Rigid3d& body_from_se
           u.at<float>(y, x) = v.at<float>(y, x) = -1;
           const cv::Vec3f ground = geometry.ground_in_body.at<cv::Vec3f>(y, x);
           if (std::isnan(ground[0]) || !geometry.candidate.at<std::uint8_t>(y, x)) continue;
-          const auto pixel = camera.project(sensor_from_body_i * Eigen::Vector3d(ground[0], ground[1], ground[2]));
-          if (!pixel || pixel->minCoeff() < 0 || pixel->x() > size.width - 1 || pixel->y() > size.height - 1) continue;
+          const auto pixel =
+              camera.project(sensor_from_body_i * Eigen::Vector3d(ground[0], ground[1], ground[2]));
+          if (!pixel || pixel->minCoeff() < 0 || pixel->x() > size.width - 1 ||
+              pixel->y() > size.height - 1)
+            continue;
           u.at<float>(y, x) = static_cast<float>(pixel->x());
           v.at<float>(y, x) = static_cast<float>(pixel->y());
         }
@@ -159,23 +175,29 @@ GroundEvidence ground_evidence(const Camera& camera, const Rigid3d& body_from_se
     for (int x = 0; x < size.width; ++x) {
       candidates += geometry.candidate.at<std::uint8_t>(y, x) != 0;
       if (pairs.at<float>(y, x) < 5) continue;
-      const double correlation = products.at<float>(y, x) /
-                                 std::sqrt(double(squares_here.at<float>(y, x)) * squares_there.at<float>(y, x) + 1e-3);
-      const double gain = std::log((changes.at<float>(y, x) + 0.1) / (changes_moved.at<float>(y, x) + 0.1));
+      const double correlation =
+          products.at<float>(y, x) /
+          std::sqrt(double(squares_here.at<float>(y, x)) * squares_there.at<float>(y, x) + 1e-3);
+      const double gain =
+          std::log((changes.at<float>(y, x) + 0.1) / (changes_moved.at<float>(y, x) + 0.1));
       seen_moving += gain > 0.3;
-      // A mirror's picture of the road correlates in places, but there, standing still predicts better by far.
+      // A mirror's picture of the road correlates in places, but there, standing still predicts
+      // better by far.
       if (gain > -0.7)
-        evidence.moving.at<float>(y, x) = static_cast<float>(std::clamp((correlation - 0.1) / 0.4, 0.0, 1.0));
-      evidence.standing.at<float>(y, x) = static_cast<float>(std::clamp((-0.2 - gain) / 0.5, 0.0, 1.0));
+        evidence.moving.at<float>(y, x) =
+            static_cast<float>(std::clamp((correlation - 0.1) / 0.4, 0.0, 1.0));
+      evidence.standing.at<float>(y, x) =
+          static_cast<float>(std::clamp((-0.2 - gain) / 0.5, 0.0, 1.0));
     }
-  // What does not move says something only where the road can be seen to: by day 60 to 90 % of the candidates move, at
-  // night, with noise and light that comes along, less than 30 %.
+  // What does not move says something only where the road can be seen to: by day 60 to 90 % of the
+  // candidates move, at night, with noise and light that comes along, less than 30 %.
   const double share = candidates > 0 ? double(seen_moving) / candidates : 0;
   evidence.standing *= std::clamp((share - 0.3) / 0.2, 0.0, 1.0);
   return evidence;
 }
 
-/// The rows b(x) with the least sum over x of cost(b(x), x) + kCostStep |b(x) - b(x - 1)|. cost: [height + 1, width].
+/// The rows b(x) with the least sum over x of cost(b(x), x) + kCostStep |b(x) - b(x - 1)|. cost:
+/// [height + 1, width].
 std::vector<int> cheapest_path(const cv::Mat& cost) {
   const int rows = cost.rows, columns = cost.cols;
   std::vector<float> total(static_cast<std::size_t>(rows));
@@ -195,7 +217,8 @@ std::vector<int> cheapest_path(const cv::Mat& cost) {
     for (int r = 0; r < rows; ++r) total[r] = reach[r] + cost.at<float>(r, x);
   }
   std::vector<int> path(static_cast<std::size_t>(columns));
-  path[columns - 1] = static_cast<int>(std::min_element(total.begin(), total.end()) - total.begin());
+  path[columns - 1] =
+      static_cast<int>(std::min_element(total.begin(), total.end()) - total.begin());
   for (int x = columns - 1; x > 0; --x) path[x - 1] = from.at<int>(path[x], x);
   return path;
 }
@@ -206,7 +229,9 @@ std::vector<int> find_ego_outline(const Camera& camera, const Rigid3d& body_from
                                   const std::vector<GreyView>& views) {
   double driven_m = 0;
   for (std::size_t i = 1; i < views.size(); ++i)
-    driven_m += (views[i].world_from_body.translation() - views[i - 1].world_from_body.translation()).norm();
+    driven_m +=
+        (views[i].world_from_body.translation() - views[i - 1].world_from_body.translation())
+            .norm();
   if (views.size() < kMinViews || driven_m < kMinDriven_m)
     return std::vector<int>(static_cast<std::size_t>(camera.width), camera.height);
   for (const GreyView& view : views) {
@@ -220,17 +245,19 @@ std::vector<int> find_ego_outline(const Camera& camera, const Rigid3d& body_from
   // Cost of the vehicle beginning at a row: that of all pixels from there on down.
   cv::Mat cost = cv::Mat::zeros(camera.height + 1, camera.width, CV_32F);
   for (int x = 0; x < camera.width; ++x) {
-    bool below_candidate = false;  // a lens without a ray at the lower edge does not end the vehicle
+    bool below_candidate =
+        false;  // a lens without a ray at the lower edge does not end the vehicle
     std::vector<float> of_pixel(static_cast<std::size_t>(camera.height), kForbidden);
     for (int y = 0; y < camera.height; ++y) {
       below_candidate = below_candidate || geometry.candidate.at<std::uint8_t>(y, x);
       if (!below_candidate) continue;
       const float road = ground.moving.at<float>(y, x), standing = ground.standing.at<float>(y, x);
       const float edge = geometry.candidate.at<std::uint8_t>(y, x) ? structure.at<float>(y, x) : 0;
-      of_pixel[y] =
-          kCostWithoutEvidence + kCostGround * road - kGainStanding * standing - kGainStructure * edge * (1 - road);
+      of_pixel[y] = kCostWithoutEvidence + kCostGround * road - kGainStanding * standing -
+                    kGainStructure * edge * (1 - road);
     }
-    for (int y = camera.height - 1; y >= 0; --y) cost.at<float>(y, x) = cost.at<float>(y + 1, x) + of_pixel[y];
+    for (int y = camera.height - 1; y >= 0; --y)
+      cost.at<float>(y, x) = cost.at<float>(y + 1, x) + of_pixel[y];
   }
   return cheapest_path(cost);
 }

@@ -10,11 +10,13 @@ namespace {
 
 /// Uniform in 0..1, a function of two integers.
 double noise(std::int64_t a, std::int64_t b) {
-  return random_unit(random_key(1, kStreamTest, static_cast<std::uint64_t>(a)), static_cast<std::uint64_t>(b));
+  return random_unit(random_key(1, kStreamTest, static_cast<std::uint64_t>(a)),
+                     static_cast<std::uint64_t>(b));
 }
 
-/// A drive along x over a plane of grey squares of 0.4 m under an even sky, with lane lines along the way, seen by a camera 1.3 m
-/// up that looks ahead. Where `bonnet` says so (first row by column), the vehicle: even paint, with a crease every 40 columns.
+/// A drive along x over a plane of grey squares of 0.4 m under an even sky, with lane lines along
+/// the way, seen by a camera 1.3 m up that looks ahead. Where `bonnet` says so (first row by
+/// column), the vehicle: even paint, with a crease every 40 columns.
 class EgoOutline : public ::testing::Test {
  protected:
   EgoOutline() {
@@ -29,7 +31,8 @@ class EgoOutline : public ::testing::Test {
   }
 
   /// `road` is the contrast of the squares; `moved_m` the way per frame.
-  std::vector<GreyView> drive(const std::vector<int>& bonnet, double road = 40, double moved_m = 0.7, int frames = 30) {
+  std::vector<GreyView> drive(const std::vector<int>& bonnet, double road = 40,
+                              double moved_m = 0.7, int frames = 30) {
     std::vector<GreyView> views;
     for (int n = 0; n < frames; ++n) {
       Rigid3d world_from_body = Rigid3d::Identity();
@@ -43,13 +46,17 @@ class EgoOutline : public ::testing::Test {
             value = x % 40 == 20 ? 20 : value - 100;
             continue;
           }
-          const Eigen::Vector3d ray = (world_from_body * body_from_camera_).linear() * *camera_.unproject({x, y});
+          const Eigen::Vector3d ray =
+              (world_from_body * body_from_camera_).linear() * *camera_.unproject({x, y});
           if (ray.z() >= 0) continue;
-          const Eigen::Vector3d p = (world_from_body * body_from_camera_).translation() - 1.3 / ray.z() * ray;
-          value += static_cast<float>(road * (noise(std::llround(p.x() / 0.4), std::llround(p.y() / 0.4)) - 1));
+          const Eigen::Vector3d p =
+              (world_from_body * body_from_camera_).translation() - 1.3 / ray.z() * ray;
+          value += static_cast<float>(
+              road * (noise(std::llround(p.x() / 0.4), std::llround(p.y() / 0.4)) - 1));
           // A lens leaves no steps along a line: at least a pixel and a half wide.
           const double width_m = std::max(0.1, 1.5 * (1.3 / -ray.z()) / 110);
-          value += static_cast<float>(90 * std::exp(-std::pow((std::abs(p.y()) - 1.8) / width_m, 2)));
+          value +=
+              static_cast<float>(90 * std::exp(-std::pow((std::abs(p.y()) - 1.8) / width_m, 2)));
         }
       views.push_back({grey, world_from_body, n * 66'666'667ll});
     }
@@ -74,7 +81,8 @@ TEST_F(EgoOutline, ABonnetByDay) {
   EXPECT_GT(both, 0.9 * either);
 }
 
-// Dark, no squares, lane lines that stay in place: only the edge of the bonnet and its creases tell.
+// Dark, no squares, lane lines that stay in place: only the edge of the bonnet and its creases
+// tell.
 TEST_F(EgoOutline, ABonnetWhereTheRoadIsEven) {
   const std::vector<int> bonnet(160, 80);
   const std::vector<int> found = find_ego_outline(camera_, body_from_camera_, drive(bonnet, 0));
@@ -92,7 +100,8 @@ TEST_F(EgoOutline, NothingIsSaidOfACarThatStands) {
   EXPECT_EQ(find_ego_outline(camera_, body_from_camera_, drive(bonnet, 40, 2, 7)), none());
 }
 
-// What does not move above the horizon (dirt on the lens, a cloud) or hangs ahead of the car is none of it.
+// What does not move above the horizon (dirt on the lens, a cloud) or hangs ahead of the car is
+// none of it.
 TEST_F(EgoOutline, OnlyWhereACarCanBe) {
   std::vector<GreyView> views = drive(none());
   for (GreyView& view : views) view.grey(cv::Rect(60, 20, 30, 20)).setTo(20);

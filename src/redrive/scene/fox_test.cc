@@ -33,9 +33,11 @@ TEST(Fox, OpensWithEveryEighthImageHeldOut) {
     const Rigid3d world_from_camera = scene.world_from_camera(view);
     const auto middle = camera.project(world_from_camera.inverse() * Eigen::Vector3d::Zero());
     ASSERT_TRUE(middle) << view.image;
-    EXPECT_TRUE(middle->x() > 0 && middle->x() < camera.width && middle->y() > 0 && middle->y() < camera.height)
+    EXPECT_TRUE(middle->x() > 0 && middle->x() < camera.width && middle->y() > 0 &&
+                middle->y() < camera.height)
         << view.image << ' ' << middle->transpose();
-    EXPECT_LT((world_from_camera.linear() * Eigen::Vector3d::UnitY()).z(), -0.8) << "its y axis points down";
+    EXPECT_LT((world_from_camera.linear() * Eigen::Vector3d::UnitY()).z(), -0.8)
+        << "its y axis points down";
     EXPECT_LT(world_from_camera.translation().norm(), *scene.half_side * std::numbers::sqrt3);
   }
   const Image8 image = load_view(scene, scene.views[49]);

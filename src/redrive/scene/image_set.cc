@@ -16,9 +16,12 @@ namespace redrive {
 namespace {
 
 constexpr int kJpegQuality = 92;
-constexpr std::int64_t kMaxPixels = std::int64_t{1} << 28;  // a header of a few bytes must not claim all memory
+constexpr std::int64_t kMaxPixels = std::int64_t{1}
+                                    << 28;  // a header of a few bytes must not claim all memory
 
-std::string size_text(int width, int height) { return std::to_string(width) + " x " + std::to_string(height); }
+std::string size_text(int width, int height) {
+  return std::to_string(width) + " x " + std::to_string(height);
+}
 
 /// cv::Mat that shares the image's memory. OpenCV's codecs expect BGR: callers convert.
 cv::Mat as_mat(Image8& image) { return {image.height, image.width, CV_8UC3, image.rgb.data()}; }
@@ -35,7 +38,8 @@ Image8 from_mat(const cv::Mat& rgb) {
   return image;
 }
 
-/// TurboJPEG, because it can be told to stop where libjpeg would only warn and fill the rest with grey.
+/// TurboJPEG, because it can be told to stop where libjpeg would only warn and fill the rest with
+/// grey.
 Image8 decode_jpeg(const std::filesystem::path& path, const std::string& bytes) {
   struct Decoder {
     tjhandle handle = tjInitDecompress();
@@ -47,12 +51,14 @@ Image8 decode_jpeg(const std::filesystem::path& path, const std::string& bytes) 
   };
   const auto* data = reinterpret_cast<const unsigned char*>(bytes.data());
   int width = 0, height = 0, subsampling = 0, colourspace = 0;
-  if (tjDecompressHeader3(decoder.handle, data, bytes.size(), &width, &height, &subsampling, &colourspace) != 0)
+  if (tjDecompressHeader3(decoder.handle, data, bytes.size(), &width, &height, &subsampling,
+                          &colourspace) != 0)
     fail("no readable JPEG");
-  if (std::int64_t{width} * height > kMaxPixels) throw InputError(path, "size", size_text(width, height), "too large");
+  if (std::int64_t{width} * height > kMaxPixels)
+    throw InputError(path, "size", size_text(width, height), "too large");
   Image8 image{width, height, std::vector<std::uint8_t>(std::size_t(3) * width * height)};
-  if (tjDecompress2(decoder.handle, data, bytes.size(), image.rgb.data(), width, 0, height, TJPF_RGB,
-                    TJFLAG_STOPONWARNING) != 0)
+  if (tjDecompress2(decoder.handle, data, bytes.size(), image.rgb.data(), width, 0, height,
+                    TJPF_RGB, TJFLAG_STOPONWARNING) != 0)
     fail("the JPEG is truncated or damaged");
   return image;
 }
@@ -60,7 +66,9 @@ Image8 decode_jpeg(const std::filesystem::path& path, const std::string& bytes) 
 cv::Mat decode_png(const std::filesystem::path& path, const std::string& bytes, int flags) {
   cv::Mat decoded;
   try {
-    decoded = cv::imdecode(cv::Mat(1, static_cast<int>(bytes.size()), CV_8UC1, const_cast<char*>(bytes.data())), flags);
+    decoded = cv::imdecode(
+        cv::Mat(1, static_cast<int>(bytes.size()), CV_8UC1, const_cast<char*>(bytes.data())),
+        flags);
   } catch (const cv::Exception& error) {
     throw InputError(path, "", "", "no readable PNG: " + std::string(error.what()));
   }
@@ -73,7 +81,10 @@ Image8 from_png(const cv::Mat& decoded) {
   cv::Mat mat = decoded, rgb;
   if (mat.depth() == CV_16U) mat.convertTo(mat, CV_8U, 1.0 / 257);
   const int channels = mat.channels();
-  cv::cvtColor(mat, rgb, channels == 1 ? cv::COLOR_GRAY2RGB : channels == 4 ? cv::COLOR_BGRA2RGB : cv::COLOR_BGR2RGB);
+  cv::cvtColor(mat, rgb,
+               channels == 1   ? cv::COLOR_GRAY2RGB
+               : channels == 4 ? cv::COLOR_BGRA2RGB
+                               : cv::COLOR_BGR2RGB);
   Image8 image = from_mat(rgb);
   if (channels == 4) {
     image.alpha.resize(rgb.total());
@@ -85,7 +96,8 @@ Image8 from_png(const cv::Mat& decoded) {
 bool is_png(const std::string& bytes) { return bytes.starts_with("\x89PNG\r\n\x1a\n"); }
 bool is_jpeg(const std::string& bytes) { return bytes.starts_with("\xff\xd8\xff"); }
 
-void encode_to_file(const std::filesystem::path& path, const cv::Mat& mat, const std::vector<int>& parameters) {
+void encode_to_file(const std::filesystem::path& path, const cv::Mat& mat,
+                    const std::vector<int>& parameters) {
   const bool png = has_extension(path, {".png"});
   if (!png && !has_extension(path, {".jpg", ".jpeg"}))
     throw UsageError("image file", path.string(), "must end in .png, .jpg or .jpeg");
@@ -94,14 +106,16 @@ void encode_to_file(const std::filesystem::path& path, const cv::Mat& mat, const
   write_file(path, std::string_view(reinterpret_cast<const char*>(bytes.data()), bytes.size()));
 }
 
-void check_recorded_size(const std::filesystem::path& path, int width, int height, const RigCamera& rig) {
+void check_recorded_size(const std::filesystem::path& path, int width, int height,
+                         const RigCamera& rig) {
   if (width != rig.recorded.width || height != rig.recorded.height)
     throw InputError(path, "size", size_text(width, height),
-                     "the calibration of " + rig.name + " says " + size_text(rig.recorded.width, rig.recorded.height));
+                     "the calibration of " + rig.name + " says " +
+                         size_text(rig.recorded.width, rig.recorded.height));
 }
 
-/// Where each pixel of the undistorted picture lies in the recorded one; (-1, -1), which is black, where the camera
-/// has not looked.
+/// Where each pixel of the undistorted picture lies in the recorded one; (-1, -1), which is black,
+/// where the camera has not looked.
 struct UndistortMap {
   cv::Mat u, v;
 };
@@ -139,18 +153,22 @@ void load_mask(const MaskFile& mask, Image8* image) {
 /// Lays the picture over the background. Alpha stays.
 void composite(const std::filesystem::path& path, Background background, Image8* image) {
   if (background == Background::kNone) {
-    if (std::any_of(image->alpha.begin(), image->alpha.end(), [](std::uint8_t alpha) { return alpha != 255; }))
-      throw UsageError("--background", "",
-                       "must be white, black or random: " + path.string() + " has transparent pixels");
+    if (std::any_of(image->alpha.begin(), image->alpha.end(),
+                    [](std::uint8_t alpha) { return alpha != 255; }))
+      throw UsageError(
+          "--background", "",
+          "must be white, black or random: " + path.string() + " has transparent pixels");
     image->alpha.clear();
     return;
   }
   if (image->alpha.empty())
-    throw UsageError("--background", "", "is for images with alpha, and " + path.string() + " has none");
+    throw UsageError("--background", "",
+                     "is for images with alpha, and " + path.string() + " has none");
   const auto behind = static_cast<int>(255 * rendered_background(background)[0]);
   for (std::size_t i = 0; i < image->rgb.size(); ++i) {
     const int alpha = image->alpha[i / 3];
-    image->rgb[i] = static_cast<std::uint8_t>((alpha * image->rgb[i] + (255 - alpha) * behind + 127) / 255);
+    image->rgb[i] =
+        static_cast<std::uint8_t>((alpha * image->rgb[i] + (255 - alpha) * behind + 127) / 255);
   }
 }
 
@@ -168,12 +186,14 @@ Image8 load_with_map(const Scene& scene, const View& view, const UndistortMap* m
     cv::Mat mat = recorded;
     if (map) {
       cv::Mat undistorted;
-      cv::remap(mat, undistorted, map->u, map->v, cv::INTER_LINEAR, cv::BORDER_CONSTANT, cv::Scalar::all(border));
+      cv::remap(mat, undistorted, map->u, map->v, cv::INTER_LINEAR, cv::BORDER_CONSTANT,
+                cv::Scalar::all(border));
       mat = undistorted;
     }
     if (factor > 1) {
       cv::Mat small;
-      cv::resize(mat(cv::Rect(0, 0, width * factor, height * factor)), small, {width, height}, 0, 0, cv::INTER_AREA);
+      cv::resize(mat(cv::Rect(0, 0, width * factor, height * factor)), small, {width, height}, 0, 0,
+                 cv::INTER_AREA);
       mat = small;
     }
     return mat;
@@ -197,7 +217,8 @@ Image8 read_image(const std::filesystem::path& path) {
   const std::string bytes = read_file(path);
   if (is_jpeg(bytes)) return decode_jpeg(path, bytes);
   if (!is_png(bytes))
-    throw InputError(path, "", "", bytes.empty() ? "the file is empty" : "neither a JPEG nor a PNG image");
+    throw InputError(path, "", "",
+                     bytes.empty() ? "the file is empty" : "neither a JPEG nor a PNG image");
   return from_png(decode_png(path, bytes, cv::IMREAD_UNCHANGED));
 }
 
@@ -210,11 +231,13 @@ void write_image(const std::filesystem::path& path, const Image8& image) {
   encode_to_file(path, bgr, {cv::IMWRITE_JPEG_QUALITY, kJpegQuality});
 }
 
-void write_png16(const std::filesystem::path& path, int width, int height, const std::vector<std::uint16_t>& values) {
+void write_png16(const std::filesystem::path& path, int width, int height,
+                 const std::vector<std::uint16_t>& values) {
   REDRIVE_CHECK_OP(values.size(), ==, std::size_t(width) * height);
   if (!has_extension(path, {".png"}))
     throw UsageError("image file", path.string(), "must end in .png: JPEG has no 16 bits");
-  encode_to_file(path, cv::Mat(height, width, CV_16UC1, const_cast<std::uint16_t*>(values.data())), {});
+  encode_to_file(path, cv::Mat(height, width, CV_16UC1, const_cast<std::uint16_t*>(values.data())),
+                 {});
 }
 
 std::vector<std::uint16_t> read_png16(const std::filesystem::path& path, int* width, int* height) {
@@ -257,7 +280,8 @@ std::vector<float> load_depth(const std::filesystem::path& path, const RigCamera
 std::vector<Image8> load_views(const Scene& scene, ThreadPool& pool) {
   cv::setNumThreads(1);  // the images are what is done in parallel
   std::vector<UndistortMap> maps(scene.undistort ? scene.rig.size() : 0);
-  pool.run(static_cast<int>(maps.size()), [&](int camera) { maps[camera] = make_undistort_map(scene.rig[camera]); });
+  pool.run(static_cast<int>(maps.size()),
+           [&](int camera) { maps[camera] = make_undistort_map(scene.rig[camera]); });
   std::vector<Image8> images(scene.views.size());
   pool.run(static_cast<int>(images.size()), [&](int i) {
     const View& view = scene.views[i];

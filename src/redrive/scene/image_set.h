@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The pictures of a scene in memory, 8 bits a channel: 3 bytes a pixel, and one more where they are transparent or masked.
+// The pictures of a scene in memory, 8 bits a channel: 3 bytes a pixel, and one more where they are
+// transparent or masked.
 #pragma once
 
 #include <cstdint>
@@ -16,31 +17,35 @@ struct Image8 {
   int width = 0, height = 0;
   std::vector<std::uint8_t> rgb;
   std::vector<std::uint8_t> alpha;  ///< [height, width], 255 is opaque; empty: all is
-  std::vector<std::uint8_t> used;   ///< [height, width], 0: the mask leaves the pixel out; empty: all are used
+  std::vector<std::uint8_t>
+      used;  ///< [height, width], 0: the mask leaves the pixel out; empty: all are used
 };
 
-/// Decodes a JPEG or PNG as it stands there, colours not multiplied by alpha. InputError if it is missing, no image, truncated or damaged (a decoder's warning is an error here).
+/// Decodes a JPEG or PNG as it stands there, colours not multiplied by alpha. InputError if it is
+/// missing, no image, truncated or damaged (a decoder's warning is an error here).
 Image8 read_image(const std::filesystem::path& path);
 
 /// PNG or JPEG by extension, atomically. JPEG quality 92. PNG keeps alpha.
 void write_image(const std::filesystem::path& path, const Image8& image);
 /// 16-bit single-channel PNG, e.g. depth in millimetres, atomically. values [height, width].
-void write_png16(const std::filesystem::path& path, int width, int height, const std::vector<std::uint16_t>& values);
+void write_png16(const std::filesystem::path& path, int width, int height,
+                 const std::vector<std::uint16_t>& values);
 std::vector<std::uint16_t> read_png16(const std::filesystem::path& path, int* width, int* height);
 
-/// The image of `view` as it is trained on: size and the mask's size checked against the calibration (InputError), laid
-/// over the scene's background, undistorted if the scene says so, area-averaged by the downscale factor. A pixel that the mask
-/// leaves out in part is left out. Alpha stays: on another
-/// colour the pixel is rgb + (1 - alpha) (colour - background). UsageError: transparent pixels without a background, or a background for
-/// images without alpha.
+/// The image of `view` as it is trained on: size and the mask's size checked against the
+/// calibration (InputError), laid over the scene's background, undistorted if the scene says so,
+/// area-averaged by the downscale factor. A pixel that the mask leaves out in part is left out.
+/// Alpha stays: on another colour the pixel is rgb + (1 - alpha) (colour - background). UsageError:
+/// transparent pixels without a background, or a background for images without alpha.
 Image8 load_view(const Scene& scene, const View& view);
 
-/// The true depth of a recorded image (16-bit PNG, mm along the ray, 0 and 65535 say nothing) as `rig.camera` sees it: [height,
-/// width] metres, the nearest pixel's, since depths do not mix; 0 where it is not known. InputError as for images.
+/// The true depth of a recorded image (16-bit PNG, mm along the ray, 0 and 65535 say nothing) as
+/// `rig.camera` sees it: [height, width] metres, the nearest pixel's, since depths do not mix; 0
+/// where it is not known. InputError as for images.
 std::vector<float> load_depth(const std::filesystem::path& path, const RigCamera& rig);
 
-/// All views, decoded in parallel; images[i] belongs to scene.views[i]. Held-out ones are looked at, for what is wrong with
-/// them, and left empty.
+/// All views, decoded in parallel; images[i] belongs to scene.views[i]. Held-out ones are looked
+/// at, for what is wrong with them, and left empty.
 std::vector<Image8> load_views(const Scene& scene, ThreadPool& pool);
 
 }  // namespace redrive

@@ -61,7 +61,8 @@ TEST_F(ImageSetTest, PngKeepsAlpha) {
 
 TEST_F(ImageSetTest, PngOfOneChannelAndOfSixteenBits) {
   write_png16(root_ / "grey.png", 2, 1, {257 * 7, 65535});
-  EXPECT_EQ(read_image(root_ / "grey.png").rgb, (std::vector<std::uint8_t>{7, 7, 7, 255, 255, 255}));
+  EXPECT_EQ(read_image(root_ / "grey.png").rgb,
+            (std::vector<std::uint8_t>{7, 7, 7, 255, 255, 255}));
   EXPECT_TRUE(read_image(root_ / "grey.png").alpha.empty());
 }
 
@@ -70,7 +71,8 @@ TEST_F(ImageSetTest, JpegComesBackAlmost) {
   write_image(root_ / "a.jpg", image);
   const Image8 back = read_image(root_ / "a.jpg");
   ASSERT_EQ(back.rgb.size(), image.rgb.size());
-  // Red, green and blue in their places: the channels differ by up to 200, quality 92 moves a smooth picture by a few levels.
+  // Red, green and blue in their places: the channels differ by up to 200, quality 92 moves a
+  // smooth picture by a few levels.
   for (std::size_t i = 0; i < image.rgb.size(); ++i) ASSERT_NEAR(back.rgb[i], image.rgb[i], 8) << i;
 }
 
@@ -91,7 +93,8 @@ TEST_F(ImageSetTest, TruncatedFilesAreRefused) {
   for (const char* name : {"whole.jpg", "whole.png"}) {
     write_image(root_ / name, gradient(64, 48));
     const std::string bytes = read_file(root_ / name);
-    const auto cut = root_ / (std::string("cut") + std::filesystem::path(name).extension().string());
+    const auto cut =
+        root_ / (std::string("cut") + std::filesystem::path(name).extension().string());
     for (std::size_t size = 0; size < bytes.size(); size += 1 + bytes.size() / 60) {
       write_file(cut, std::string_view(bytes).substr(0, size));
       complaint(cut);
@@ -133,7 +136,8 @@ TEST_F(ImageSetTest, SizeMustAgreeWithTheCalibration) {
     load_view(scene, scene.views[1]);
     FAIL();
   } catch (const InputError& error) {
-    EXPECT_THAT(error.what(), testing::AllOf(HasSubstr("23 x 16"), HasSubstr("24 x 16"), HasSubstr("FRONT")));
+    EXPECT_THAT(error.what(),
+                testing::AllOf(HasSubstr("23 x 16"), HasSubstr("24 x 16"), HasSubstr("FRONT")));
   }
 }
 
@@ -205,10 +209,12 @@ TEST_F(OneView, TransparencyAndBackgroundBelongTogether) {
   image_.alpha.assign(8, 255);
   EXPECT_TRUE(load().alpha.empty()) << "opaque: alpha says nothing";
   image_.alpha[5] = 254;
-  EXPECT_THAT(complaint<UsageError>(), testing::AllOf(HasSubstr("--background"), HasSubstr("image.png")));
+  EXPECT_THAT(complaint<UsageError>(),
+              testing::AllOf(HasSubstr("--background"), HasSubstr("image.png")));
   image_.alpha.clear();
   scene_.background = Background::kBlack;
-  EXPECT_THAT(complaint<UsageError>(), testing::AllOf(HasSubstr("--background"), HasSubstr("alpha")));
+  EXPECT_THAT(complaint<UsageError>(),
+              testing::AllOf(HasSubstr("--background"), HasSubstr("alpha")));
 }
 
 TEST_F(OneView, MasksOfBothKinds) {
@@ -221,13 +227,15 @@ TEST_F(OneView, MasksOfBothKinds) {
   scene_.views[0].mask.black_left_out = false;
   EXPECT_EQ(load().used, (std::vector<std::uint8_t>{255, 0, 255, 255, 0, 255, 255, 255}));
   halve();
-  EXPECT_EQ(load().used, (std::vector<std::uint8_t>{0, 255})) << "what is left out in part is left out";
+  EXPECT_EQ(load().used, (std::vector<std::uint8_t>{0, 255}))
+      << "what is left out in part is left out";
 }
 
 TEST_F(OneView, AMaskHasTheSizeOfItsImage) {
   write_image(root_ / "mask.png", Image8{4, 3, std::vector<std::uint8_t>(36, 255)});
   scene_.views[0].mask = {root_ / "mask.png", true};
-  EXPECT_THAT(complaint<InputError>(), testing::AllOf(HasSubstr("mask.png"), HasSubstr("4 x 3"), HasSubstr("4 x 2")));
+  EXPECT_THAT(complaint<InputError>(),
+              testing::AllOf(HasSubstr("mask.png"), HasSubstr("4 x 3"), HasSubstr("4 x 2")));
 }
 
 TEST_F(ImageSetTest, ViewIsTheFileAsItIs) {
@@ -250,7 +258,8 @@ TEST_F(ImageSetTest, DownscaledPixelsAreMeansOfBlocks) {
   for (int y = 0; y < 5; ++y)
     for (int x = 0; x < 8; ++x) {  // linear in x and y: the mean is the middle one
       const auto colour = test_colour(1, 0, 3 * x + 1, 3 * y + 1);
-      for (int k = 0; k < 3; ++k) ASSERT_EQ(image.rgb[3 * (8 * y + x) + k], colour[k]) << x << ' ' << y;
+      for (int k = 0; k < 3; ++k)
+        ASSERT_EQ(image.rgb[3 * (8 * y + x) + k], colour[k]) << x << ' ' << y;
     }
 }
 
@@ -267,7 +276,8 @@ TEST_F(ImageSetTest, UndistortsAsOpenCvDoes) {
                 cv::Vec<double, 5>(-0.3, 0.08, 0.002, 0.0006, 0));
   int moved = 0;
   for (std::size_t i = 0; i < ours.rgb.size(); ++i) {
-    // Maps in 1/32 pixel on both sides, rounded once more here: neighbours differ by at most 7 levels, so one level.
+    // Maps in 1/32 pixel on both sides, rounded once more here: neighbours differ by at most 7
+    // levels, so one level.
     ASSERT_NEAR(ours.rgb[i], theirs.data[i], 1) << i;
     moved += ours.rgb[i] != recorded.rgb[i];
   }

@@ -16,12 +16,16 @@ constexpr std::int64_t kMaxBeyond_ns =
     60'000'000;  // half a revolution at 10 Hz, and the frame's distance from its middle
 
 // The space that the vehicle takes up, body axes (origin on the ground under the rear axle).
-const Eigen::AlignedBox3d kEgo_m(Eigen::Vector3d(-1.5, -1.15, 0.2), Eigen::Vector3d(4.2, 1.15, 2.2));
+const Eigen::AlignedBox3d kEgo_m(Eigen::Vector3d(-1.5, -1.15, 0.2),
+                                 Eigen::Vector3d(4.2, 1.15, 2.2));
 
-auto identity(const LidarPoint& p) { return std::tuple(p.t_ns, p.in_body_m.x(), p.in_body_m.y(), p.in_body_m.z()); }
+auto identity(const LidarPoint& p) {
+  return std::tuple(p.t_ns, p.in_body_m.x(), p.in_body_m.y(), p.in_body_m.z());
+}
 
 /// Marks the points of `points` that are in `before`, too, bit for bit.
-std::vector<std::uint8_t> mark_repeated(const std::vector<LidarPoint>& points, const std::vector<LidarPoint>& before) {
+std::vector<std::uint8_t> mark_repeated(const std::vector<LidarPoint>& points,
+                                        const std::vector<LidarPoint>& before) {
   std::vector<decltype(identity(points[0]))> known;
   known.reserve(before.size());
   for (const LidarPoint& point : before) known.push_back(identity(point));
@@ -41,8 +45,9 @@ struct Ray {
 };
 
 /// The rays of one revolution; counts what is left out in `counts`.
-std::vector<Ray> rays_of(const std::vector<LidarPoint>& points, const std::vector<LidarPoint>& before,
-                         const Recording& recording, const Rigid3d& world_from_ecef, const MovingObjects& moving,
+std::vector<Ray> rays_of(const std::vector<LidarPoint>& points,
+                         const std::vector<LidarPoint>& before, const Recording& recording,
+                         const Rigid3d& world_from_ecef, const MovingObjects& moving,
                          LidarReturns* counts) {
   const std::vector<std::uint8_t> repeated = mark_repeated(points, before);
   const std::int64_t first_ns = recording.frames.front().t_ns - kMaxBeyond_ns,
@@ -52,7 +57,8 @@ std::vector<Ray> rays_of(const std::vector<LidarPoint>& points, const std::vecto
   rays.reserve(points.size());
   Rigid3d world_from_body = Rigid3d::Identity();
   std::vector<PlacedBox> boxes;
-  std::int64_t placed_ns = points.empty() ? 0 : points[0].t_ns - 1;  // a packet's points share their time
+  std::int64_t placed_ns =
+      points.empty() ? 0 : points[0].t_ns - 1;  // a packet's points share their time
   for (std::size_t i = 0; i < points.size(); ++i) {
     const LidarPoint& point = points[i];
     const Eigen::Vector3d in_body = point.in_body_m.cast<double>();
@@ -73,33 +79,37 @@ std::vector<Ray> rays_of(const std::vector<LidarPoint>& points, const std::vecto
       world_from_body = world_from_ecef * pose_at(recording.frames, placed_ns);
       boxes = moving.at(placed_ns);
     }
-    const Eigen::Vector3d in_world = world_from_body * in_body, origin = world_from_body * sensor_in_body;
-    if (std::any_of(boxes.begin(), boxes.end(), [&](const PlacedBox& box) { return box.contains(in_world); })) {
+    const Eigen::Vector3d in_world = world_from_body * in_body,
+                          origin = world_from_body * sensor_in_body;
+    if (std::any_of(boxes.begin(), boxes.end(),
+                    [&](const PlacedBox& box) { return box.contains(in_world); })) {
       ++counts->on_moving;
       continue;
     }
     const double range_m = (in_world - origin).norm();
-    rays.push_back({origin.cast<float>(), ((in_world - origin) / range_m).cast<float>(), static_cast<float>(range_m),
-                    point.t_ns, point.intensity});
+    rays.push_back({origin.cast<float>(), ((in_world - origin) / range_m).cast<float>(),
+                    static_cast<float>(range_m), point.t_ns, point.intensity});
   }
   return rays;
 }
 
 }  // namespace
 
-LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene, const MovingObjects& moving,
-                                ThreadPool& pool) {
+LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
+                                const MovingObjects& moving, ThreadPool& pool) {
   if (recording.lidar_files.empty() && !recording.points_file.empty()) {
     std::vector<CloudOrigin> origins;
     for (const Frame& frame : scene.frames)
-      origins.push_back({frame.world_from_body * scene.rig[0].body_from_sensor.translation(), frame.t_ns});
+      origins.push_back(
+          {frame.world_from_body * scene.rig[0].body_from_sensor.translation(), frame.t_ns});
     return cloud_returns(read_ply(recording.points_file), origins, pool);
   }
   LidarReturns returns;
   if (!recording.body_from_lidar) return returns;
   std::vector<const FrameFile*> files;
   for (const FrameFile& file : recording.lidar_files)
-    if (file.frame_id >= scene.frames.front().id && file.frame_id <= scene.frames.back().id) files.push_back(&file);
+    if (file.frame_id >= scene.frames.front().id && file.frame_id <= scene.frames.back().id)
+      files.push_back(&file);
   const int count = static_cast<int>(files.size());
   std::vector<std::vector<LidarPoint>> points(files.size());
   pool.run(count, [&](int f) { points[f] = read_las(files[f]->path); });
@@ -109,7 +119,8 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene, 
   std::vector<LidarReturns> counts(files.size());
   const std::vector<LidarPoint> none;
   pool.run(count, [&](int f) {
-    rays[f] = rays_of(points[f], f > 0 ? points[f - 1] : none, recording, world_from_ecef, moving, &counts[f]);
+    rays[f] = rays_of(points[f], f > 0 ? points[f - 1] : none, recording, world_from_ecef, moving,
+                      &counts[f]);
   });
 
   for (int f = 0; f < count; ++f) {

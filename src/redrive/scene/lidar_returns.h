@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// The LiDAR of a drive as rays in the world of the scene: each point where the body was at the point's own time, so that the
-// revolutions are motion compensated. They are known to be free up to `range_m` and to end there.
+// The LiDAR of a drive as rays in the world of the scene: each point where the body was at the
+// point's own time, so that the revolutions are motion compensated. They are known to be free up to
+// `range_m` and to end there.
 //
-// All revolutions of the scene's frames are used, also those of held-out frames: what is held out is their pictures.
+// All revolutions of the scene's frames are used, also those of held-out frames: what is held out
+// is their pictures.
 #pragma once
 
 #include <cstdint>
@@ -31,10 +33,11 @@ struct LidarReturns {
   std::size_t hidden = 0;             ///< of a cloud: cloud_returns.h
 };
 
-/// Returns of the revolutions whose frame id lies within those of scene.frames; of a recording that has a points_file instead,
-/// its cloud_returns. None where there is neither or the recording does not say where its LiDAR stands (Recording::body_from_lidar).
-/// InputError as read_las and read_ply.
-LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene, const MovingObjects& moving,
-                                ThreadPool& pool);
+/// Returns of the revolutions whose frame id lies within those of scene.frames; of a recording that
+/// has a points_file instead, its cloud_returns. None where there is neither or the recording does
+/// not say where its LiDAR stands (Recording::body_from_lidar). InputError as read_las and
+/// read_ply.
+LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
+                                const MovingObjects& moving, ThreadPool& pool);
 
 }  // namespace redrive

@@ -43,7 +43,8 @@ class LidarReturnsTest : public ::testing::Test {
   LidarReturns load(const SceneOptions& options = {}, const std::vector<Box>& boxes = {}) {
     const Scene scene = make_scene(recording_, options);
     ThreadPool pool(3);
-    return load_lidar_returns(recording_, scene, MovingObjects(boxes, recording_.frames, scene.ecef_from_world), pool);
+    return load_lidar_returns(recording_, scene,
+                              MovingObjects(boxes, recording_.frames, scene.ecef_from_world), pool);
   }
   static Vector3d at(const std::vector<float>& values, std::size_t n, std::size_t i) {
     return {values[i], values[n + i], values[2 * n + i]};
@@ -51,10 +52,12 @@ class LidarReturnsTest : public ::testing::Test {
 
   static inline const Vector3d kSensor{1.2, 0.1, 1.7};
   TemporaryFolder folder_;
-  Recording recording_ = make_test_recording(folder_.path);  // frames 10..15, 1/15 s apart from 1 s on
+  Recording recording_ =
+      make_test_recording(folder_.path);  // frames 10..15, 1/15 s apart from 1 s on
 };
 
-// A wall is seen from six places between the frames: one place in the world, and rays that come from where the sensor was.
+// A wall is seen from six places between the frames: one place in the world, and rays that come
+// from where the sensor was.
 TEST_F(LidarReturnsTest, WhatStandsStaysPut) {
   const Vector3d wall(20, -4, 2);
   std::vector<std::int64_t> times;
@@ -67,7 +70,8 @@ TEST_F(LidarReturnsTest, WhatStandsStaysPut) {
   ASSERT_EQ(returns.origin.size(), 18u);
   EXPECT_EQ(returns.t_ns, times);
   ASSERT_EQ(returns.intensity.size(), times.size());
-  for (std::size_t i = 0; i < times.size(); ++i) EXPECT_EQ(returns.intensity[i], times[i] / 1'000'000 % 250);
+  for (std::size_t i = 0; i < times.size(); ++i)
+    EXPECT_EQ(returns.intensity[i], times[i] / 1'000'000 % 250);
   for (std::size_t i = 0; i < returns.n; ++i) {
     const Vector3d origin = at(returns.origin, 6, i), direction = at(returns.direction, 6, i);
     EXPECT_LT((origin - world_from_body(times[i]) * kSensor).norm(), 1e-5) << i;
@@ -88,7 +92,8 @@ TEST_F(LidarReturnsTest, PointsOfTheFileBeforeComeOnce) {
 }
 
 TEST_F(LidarReturnsTest, PointsThatHaveNoPoseAreLeftOut) {
-  const std::int64_t first_ns = recording_.frames.front().t_ns, last_ns = recording_.frames.back().t_ns;
+  const std::int64_t first_ns = recording_.frames.front().t_ns,
+                     last_ns = recording_.frames.back().t_ns;
   add_file(10, {seen({20, 1, 1}, first_ns - 61'000'000), seen({20, 1, 1}, first_ns - 59'000'000),
                 seen({20, 1, 1}, last_ns + 59'000'000), seen({20, 1, 1}, last_ns + 61'000'000)});
   const LidarReturns returns = load();
@@ -100,9 +105,11 @@ TEST_F(LidarReturnsTest, TheVehicleItselfIsLeftOut) {
   const std::int64_t t_ns = recording_.frames[2].t_ns;
   const Rigid3d here = world_from_body(t_ns);
   std::vector<LasRecord> points;
-  for (const Vector3d& on_it : {Vector3d(3, 0.5, 0.9), Vector3d(1.7, -0.6, 1.5), kSensor, Vector3d(-1, 0.9, 1.2)})
+  for (const Vector3d& on_it :
+       {Vector3d(3, 0.5, 0.9), Vector3d(1.7, -0.6, 1.5), kSensor, Vector3d(-1, 0.9, 1.2)})
     points.push_back(seen(here * on_it, t_ns));
-  for (const Vector3d& beside : {Vector3d(3, 1.5, 0.9), Vector3d(5, 0, 0.9), Vector3d(-2, 0, 0.5), Vector3d(2, 0, 0)})
+  for (const Vector3d& beside :
+       {Vector3d(3, 1.5, 0.9), Vector3d(5, 0, 0.9), Vector3d(-2, 0, 0.5), Vector3d(2, 0, 0)})
     points.push_back(seen(here * beside, t_ns));
   add_file(12, points);
   const LidarReturns returns = load();
@@ -124,18 +131,21 @@ TEST_F(LidarReturnsTest, OnlyWhatMovesIsLeftOut) {
     boxes[i].t_ns = frame.t_ns;
     boxes[i].body_from_box = here.inverse() * Eigen::Translation3d(i ? moving : parked);
     boxes[i].size_m = Vector3d(4, 2, 1.6);
-    boxes[i].velocity_in_body_m_per_s = here.linear().transpose() * ((i ? velocity : Vector3d(0, 0, 0)) - ego_m_per_s);
+    boxes[i].velocity_in_body_m_per_s =
+        here.linear().transpose() * ((i ? velocity : Vector3d(0, 0, 0)) - ego_m_per_s);
   }
   const std::int64_t t_ns = frame.t_ns + 40'000'000;
   const Vector3d rear(1.9, 0, 0);
-  add_file(12, {seen(parked + rear, t_ns), seen(moving + 0.04 * velocity + rear, t_ns), seen(moving + rear, t_ns)});
+  add_file(12, {seen(parked + rear, t_ns), seen(moving + 0.04 * velocity + rear, t_ns),
+                seen(moving + rear, t_ns)});
   const LidarReturns returns = load({}, boxes);
   EXPECT_EQ(returns.on_moving, 1u);
   EXPECT_EQ(returns.n, 2u);
 }
 
 TEST_F(LidarReturnsTest, RevolutionsOfHeldOutFramesAreUsedButNoneOutsideTheScene) {
-  for (const FramePose& frame : recording_.frames) add_file(frame.id, {seen({20, 1, 1}, frame.t_ns)});
+  for (const FramePose& frame : recording_.frames)
+    add_file(frame.id, {seen({20, 1, 1}, frame.t_ns)});
   SceneOptions options;
   options.first_frame = 11;
   options.last_frame = 14;
@@ -147,7 +157,8 @@ TEST_F(LidarReturnsTest, RevolutionsOfHeldOutFramesAreUsedButNoneOutsideTheScene
 // In the first frame's body axes, which are the world's, also where the scene begins later.
 TEST_F(LidarReturnsTest, ACloudStandsInForRevolutions) {
   folder_.write("points.ply",
-                "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n"
+                "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float "
+                "y\nproperty float z\n"
                 "end_header\n20 -4 2\n-15 3 1\n");
   recording_.points_file = folder_.path / "points.ply";
   SceneOptions options;
@@ -155,10 +166,12 @@ TEST_F(LidarReturnsTest, ACloudStandsInForRevolutions) {
   const LidarReturns returns = load(options);
   ASSERT_EQ(returns.n, 2u);
   for (std::size_t i = 0; i < 2; ++i) {
-    const Vector3d point = at(returns.origin, 2, i) + returns.range_m[i] * at(returns.direction, 2, i);
+    const Vector3d point =
+        at(returns.origin, 2, i) + returns.range_m[i] * at(returns.direction, 2, i);
     EXPECT_LT((point - (i == 0 ? Vector3d(20, -4, 2) : Vector3d(-15, 3, 1))).norm(), 1e-5) << i;
   }
-  EXPECT_EQ(returns.t_ns[1], recording_.frames[2].t_ns) << "behind: the first of the scene's frames is the nearest";
+  EXPECT_EQ(returns.t_ns[1], recording_.frames[2].t_ns)
+      << "behind: the first of the scene's frames is the nearest";
   add_file(12, {seen({20, 1, 1}, recording_.frames[2].t_ns)});
   EXPECT_EQ(load(options).n, 1u) << "revolutions are there";
 }

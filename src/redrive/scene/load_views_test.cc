@@ -21,7 +21,8 @@ TEST(LoadViews, InParallelAsOneByOne) {
     const Scene scene = make_scene(recording, options);
     const std::vector<Image8> images = load_views(scene, pool);
     ASSERT_EQ(images.size(), scene.views.size());
-    for (std::size_t i = 0; i < images.size(); ++i) EXPECT_EQ(images[i].rgb, load_view(scene, scene.views[i]).rgb) << i;
+    for (std::size_t i = 0; i < images.size(); ++i)
+      EXPECT_EQ(images[i].rgb, load_view(scene, scene.views[i]).rgb) << i;
   }
 }
 
@@ -33,7 +34,8 @@ TEST(LoadViews, HeldOutImagesAreLookedAtAndNotKept) {
   const Scene scene = make_scene(recording, options);
   ThreadPool pool(2);
   const std::vector<Image8> images = load_views(scene, pool);
-  for (std::size_t i = 0; i < images.size(); ++i) EXPECT_EQ(images[i].rgb.empty(), scene.views[i].held_out) << i;
+  for (std::size_t i = 0; i < images.size(); ++i)
+    EXPECT_EQ(images[i].rgb.empty(), scene.views[i].held_out) << i;
   write_file(scene.views[0].image, "no image");
   EXPECT_THROW(load_views(scene, pool), InputError);
 }

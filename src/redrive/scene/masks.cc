@@ -9,7 +9,7 @@
 namespace redrive {
 namespace {
 
-constexpr int kWorkingWidth = 320;      // of the pictures that the vehicle's outline is looked for in
+constexpr int kWorkingWidth = 320;  // of the pictures that the vehicle's outline is looked for in
 constexpr std::size_t kMostViews = 50;  // more say little that is new
 constexpr int kRowMargin = 2;           // rows above broken ones: theirs are dark, and JPEG smears
 constexpr std::uint8_t kBlack = 8, kBright = 50;
@@ -23,7 +23,8 @@ std::vector<std::size_t> choose_views(const Scene& scene, int camera) {
   std::vector<std::size_t> chosen;
   constexpr std::size_t kPairs = kMostViews / 2;
   for (std::size_t p = 0; p < kPairs; ++p)
-    for (const std::size_t next : {0, 1}) chosen.push_back(all[p * (all.size() - 2) / (kPairs - 1) + next]);
+    for (const std::size_t next : {0, 1})
+      chosen.push_back(all[p * (all.size() - 2) / (kPairs - 1) + next]);
   return chosen;
 }
 
@@ -51,10 +52,12 @@ RowStatistics row_statistics(const std::vector<const Image8*>& images, int y) {
     variances += std::max(0.0, squares / n - mean * mean);
   }
   const double mean = sum / count;
-  return {mean, std::sqrt(std::max(0.0, squares_of_means / count - mean * mean)), std::sqrt(variances / count)};
+  return {mean, std::sqrt(std::max(0.0, squares_of_means / count - mean * mean)),
+          std::sqrt(variances / count)};
 }
 
-/// How many rows at the bottom are broken: bright, even, and the same in pictures that differ elsewhere.
+/// How many rows at the bottom are broken: bright, even, and the same in pictures that differ
+/// elsewhere.
 int broken_rows(const std::vector<const Image8*>& images) {
   const int height = images[0]->height;
   double change = 0;
@@ -63,12 +66,15 @@ int broken_rows(const std::vector<const Image8*>& images) {
   int broken = 0;
   for (; broken < height / 4; ++broken) {
     const RowStatistics row = row_statistics(images, height - 1 - broken);
-    if (row.mean < kBright || row.over_columns > 12 || row.over_pictures >= std::min(2.0, change / 2)) break;
+    if (row.mean < kBright || row.over_columns > 12 ||
+        row.over_pictures >= std::min(2.0, change / 2))
+      break;
   }
   return broken == 0 ? 0 : std::min(broken + kRowMargin, height);
 }
 
-/// Sets to 0 what is black in all pictures and hangs together with a corner, and a pixel more, where JPEG smears.
+/// Sets to 0 what is black in all pictures and hangs together with a corner, and a pixel more,
+/// where JPEG smears.
 void leave_out_black_corners(const std::vector<const Image8*>& images, Mask* mask) {
   cv::Mat black(mask->height, mask->width, CV_8U, cv::Scalar(255));
   for (const Image8* image : images)
@@ -98,7 +104,8 @@ void leave_out_vehicle(const Scene& scene, int camera, const std::vector<std::si
                        const std::vector<Image8>& images, int rows, Mask* mask) {
   const RigCamera& rig = scene.rig[camera];
   const int width = std::min(mask->width, kWorkingWidth);
-  const cv::Size size(width, std::max(1, static_cast<int>(std::lround(double(rows) * width / mask->width))));
+  const cv::Size size(
+      width, std::max(1, static_cast<int>(std::lround(double(rows) * width / mask->width))));
   const double x_scale = double(width) / mask->width, y_scale = double(size.height) / rows;
   Camera small = rig.camera;  // as Camera::downscaled
   small.fx *= x_scale;
@@ -110,8 +117,8 @@ void leave_out_vehicle(const Scene& scene, int camera, const std::vector<std::si
   std::vector<GreyView> grey;
   for (const std::size_t i : views) {
     const View& view = scene.views[i];
-    grey.push_back(
-        {grey_of(images[i], rows, size), view.world_from_body, scene.frames[view.frame].t_ns + rig.time_offset_ns});
+    grey.push_back({grey_of(images[i], rows, size), view.world_from_body,
+                    scene.frames[view.frame].t_ns + rig.time_offset_ns});
   }
   const std::vector<int> outline = find_ego_outline(small, rig.body_from_sensor, grey);
   for (int x = 0; x < mask->width; ++x) {
@@ -124,7 +131,8 @@ void leave_out_vehicle(const Scene& scene, int camera, const std::vector<std::si
 
 /// Directions of all pixels in camera axes, [height, width], zero where there is no ray.
 std::vector<Eigen::Vector3f> directions_of(const Camera& camera) {
-  std::vector<Eigen::Vector3f> directions(std::size_t(camera.width) * camera.height, Eigen::Vector3f::Zero());
+  std::vector<Eigen::Vector3f> directions(std::size_t(camera.width) * camera.height,
+                                          Eigen::Vector3f::Zero());
   for (int y = 0; y < camera.height; ++y)
     for (int x = 0; x < camera.width; ++x)
       if (const auto direction = camera.unproject({x, y}))
@@ -132,34 +140,43 @@ std::vector<Eigen::Vector3f> directions_of(const Camera& camera) {
   return directions;
 }
 
-/// Sets to 0 the pixels whose rays meet the box. Most are sorted out by their angle to the box's centre.
+/// Sets to 0 the pixels whose rays meet the box. Most are sorted out by their angle to the box's
+/// centre.
 void leave_out_box(const PlacedBox& box, const Rigid3d& world_from_camera,
                    const std::vector<Eigen::Vector3f>& directions, Mask* mask) {
-  const Eigen::Vector3d centre = world_from_camera.inverse() * box.box_from_world.inverse().translation();
+  const Eigen::Vector3d centre =
+      world_from_camera.inverse() * box.box_from_world.inverse().translation();
   const double distance_m = centre.norm(), radius_m = box.half_size_m.norm();
   // cos of the angle under which the sphere around the box is seen; from inside it, all directions.
   const double least_cos =
-      distance_m > radius_m ? std::sqrt(1 - radius_m * radius_m / (distance_m * distance_m)) - 1e-6 : -2;
-  const Eigen::Vector3f towards =
-      distance_m > 0 ? Eigen::Vector3f((centre / distance_m).cast<float>()) : Eigen::Vector3f::UnitZ();
+      distance_m > radius_m ? std::sqrt(1 - radius_m * radius_m / (distance_m * distance_m)) - 1e-6
+                            : -2;
+  const Eigen::Vector3f towards = distance_m > 0
+                                      ? Eigen::Vector3f((centre / distance_m).cast<float>())
+                                      : Eigen::Vector3f::UnitZ();
   for (std::size_t i = 0; i < directions.size(); ++i) {
-    if (mask->used[i] == 0 || directions[i].isZero() || directions[i].dot(towards) < least_cos) continue;
-    if (box.meets(world_from_camera.translation(), world_from_camera.linear() * directions[i].cast<double>()))
+    if (mask->used[i] == 0 || directions[i].isZero() || directions[i].dot(towards) < least_cos)
+      continue;
+    if (box.meets(world_from_camera.translation(),
+                  world_from_camera.linear() * directions[i].cast<double>()))
       mask->used[i] = 0;
   }
 }
 
-Mask without_moving(const Scene& scene, const View& view, const Mask& of_camera, const MovingObjects& moving,
-                    const std::vector<Eigen::Vector3f>& directions) {
+Mask without_moving(const Scene& scene, const View& view, const Mask& of_camera,
+                    const MovingObjects& moving, const std::vector<Eigen::Vector3f>& directions) {
   Mask mask = of_camera;
-  for (const PlacedBox& box : moving.at(scene.frames[view.frame].t_ns + scene.rig[view.camera].time_offset_ns))
+  for (const PlacedBox& box :
+       moving.at(scene.frames[view.frame].t_ns + scene.rig[view.camera].time_offset_ns))
     leave_out_box(box, scene.world_from_camera(view), directions, &mask);
   return mask;
 }
 
 }  // namespace
 
-std::size_t Mask::left_out() const { return static_cast<std::size_t>(std::count(used.begin(), used.end(), 0)); }
+std::size_t Mask::left_out() const {
+  return static_cast<std::size_t>(std::count(used.begin(), used.end(), 0));
+}
 
 Mask full_mask(int width, int height) {
   return {width, height, std::vector<std::uint8_t>(std::size_t(width) * height, 1)};
@@ -168,9 +185,10 @@ Mask full_mask(int width, int height) {
 Mask read_mask(const std::filesystem::path& file, const RigCamera& camera, int downscale) {
   const Image8 image = read_image(file);
   if (image.width != camera.recorded.width || image.height != camera.recorded.height)
-    throw InputError(file, "size", std::to_string(image.width) + " x " + std::to_string(image.height),
-                     "must be that of the pictures of " + camera.name + ", " + std::to_string(camera.recorded.width) +
-                         " x " + std::to_string(camera.recorded.height));
+    throw InputError(
+        file, "size", std::to_string(image.width) + " x " + std::to_string(image.height),
+        "must be that of the pictures of " + camera.name + ", " +
+            std::to_string(camera.recorded.width) + " x " + std::to_string(camera.recorded.height));
   Mask mask = full_mask(camera.camera.width, camera.camera.height);
   for (int y = 0; y < mask.height * downscale; ++y)
     for (int x = 0; x < mask.width * downscale; ++x)
@@ -179,18 +197,23 @@ Mask read_mask(const std::filesystem::path& file, const RigCamera& camera, int d
   return mask;
 }
 
-void write_mask(const std::filesystem::path& file, const Mask& mask, const RigCamera& camera, int downscale) {
+void write_mask(const std::filesystem::path& file, const Mask& mask, const RigCamera& camera,
+                int downscale) {
   Image8 image{camera.recorded.width, camera.recorded.height, {}};
   image.rgb.reserve(std::size_t(3) * image.width * image.height);
   for (int y = 0; y < image.height; ++y)
-    for (int x = 0; x < image.width; ++x) {  // rows and columns that downscaling cuts off: as their neighbours
-      const int row = std::min(y / downscale, mask.height - 1), column = std::min(x / downscale, mask.width - 1);
-      image.rgb.insert(image.rgb.end(), 3, mask.used[std::size_t(row) * mask.width + column] ? 255 : 0);
+    for (int x = 0; x < image.width;
+         ++x) {  // rows and columns that downscaling cuts off: as their neighbours
+      const int row = std::min(y / downscale, mask.height - 1),
+                column = std::min(x / downscale, mask.width - 1);
+      image.rgb.insert(image.rgb.end(), 3,
+                       mask.used[std::size_t(row) * mask.width + column] ? 255 : 0);
     }
   write_image(file, image);
 }
 
-Mask find_static_mask(const Scene& scene, int camera, const std::vector<Image8>& images, bool on_car) {
+Mask find_static_mask(const Scene& scene, int camera, const std::vector<Image8>& images,
+                      bool on_car) {
   REDRIVE_CHECK_OP(images.size(), ==, scene.views.size());
   const RigCamera& rig = scene.rig[camera];
   Mask mask = full_mask(rig.camera.width, rig.camera.height);
@@ -214,7 +237,8 @@ std::vector<Mask> static_masks(const Scene& scene, const std::vector<Image8>& im
     const RigCamera& rig = scene.rig[c];
     const std::filesystem::path file = mask_file(folder, rig);
     const bool given = !folder.empty() && std::filesystem::exists(file);
-    masks[c] = given ? read_mask(file, rig, scene.downscale) : find_static_mask(scene, c, images, on_car);
+    masks[c] =
+        given ? read_mask(file, rig, scene.downscale) : find_static_mask(scene, c, images, on_car);
   });
   return masks;
 }
@@ -223,10 +247,12 @@ std::filesystem::path mask_file(const std::filesystem::path& folder, const RigCa
   return folder / (camera.name + ".png");
 }
 
-void write_masks(const std::filesystem::path& folder, const std::vector<Mask>& masks, const Scene& scene) {
+void write_masks(const std::filesystem::path& folder, const std::vector<Mask>& masks,
+                 const Scene& scene) {
   REDRIVE_CHECK_OP(masks.size(), ==, scene.rig.size());
   for (std::size_t c = 0; c < masks.size(); ++c)
-    if (masks[c].left_out() > 0) write_mask(mask_file(folder, scene.rig[c]), masks[c], scene.rig[c], scene.downscale);
+    if (masks[c].left_out() > 0)
+      write_mask(mask_file(folder, scene.rig[c]), masks[c], scene.rig[c], scene.downscale);
 }
 
 std::vector<Mask> read_masks(const std::filesystem::path& folder, const Scene& scene) {
@@ -239,9 +265,11 @@ std::vector<Mask> read_masks(const std::filesystem::path& folder, const Scene& s
   return masks;
 }
 
-Mask view_mask(const Scene& scene, const View& view, const Mask& of_camera, const MovingObjects& moving) {
+Mask view_mask(const Scene& scene, const View& view, const Mask& of_camera,
+               const MovingObjects& moving) {
   if (moving.objects() == 0) return of_camera;
-  return without_moving(scene, view, of_camera, moving, directions_of(scene.rig[view.camera].camera));
+  return without_moving(scene, view, of_camera, moving,
+                        directions_of(scene.rig[view.camera].camera));
 }
 
 void leave_out(const Mask& mask, Image8* image) {
@@ -253,17 +281,21 @@ void leave_out(const Mask& mask, Image8* image) {
     if (!mask.used[i]) image->used[i] = 0;
 }
 
-void leave_out_of_views(const Scene& scene, const std::vector<Mask>& of_cameras, const MovingObjects& moving,
-                        ThreadPool& pool, std::vector<Image8>* images) {
+void leave_out_of_views(const Scene& scene, const std::vector<Mask>& of_cameras,
+                        const MovingObjects& moving, ThreadPool& pool,
+                        std::vector<Image8>* images) {
   REDRIVE_CHECK_OP(of_cameras.size(), ==, scene.rig.size());
   REDRIVE_CHECK_OP(images->size(), ==, scene.views.size());
   std::vector<std::vector<Eigen::Vector3f>> directions(scene.rig.size());
   if (moving.objects() > 0)
-    pool.run(static_cast<int>(directions.size()), [&](int c) { directions[c] = directions_of(scene.rig[c].camera); });
+    pool.run(static_cast<int>(directions.size()),
+             [&](int c) { directions[c] = directions_of(scene.rig[c].camera); });
   pool.run(static_cast<int>(images->size()), [&](int i) {
     const View& view = scene.views[i];
     if (!view.held_out)
-      leave_out(without_moving(scene, view, of_cameras[view.camera], moving, directions[view.camera]), &(*images)[i]);
+      leave_out(
+          without_moving(scene, view, of_cameras[view.camera], moving, directions[view.camera]),
+          &(*images)[i]);
   });
 }
 

@@ -28,7 +28,9 @@ class MasksTest : public ::testing::Test {
         std::fill_n(image.rgb.begin() + 3 * (y * image.width + x0), 3 * width, value);
     }
   }
-  static int used(const Mask& mask, int x, int y) { return mask.used[std::size_t(y) * mask.width + x]; }
+  static int used(const Mask& mask, int x, int y) {
+    return mask.used[std::size_t(y) * mask.width + x];
+  }
 
   TemporaryFolder folder_;
   Recording recording_ = make_test_recording(folder_.path);  // FISHEYE 20 x 14, FRONT 24 x 16
@@ -88,7 +90,8 @@ TEST_F(MasksTest, OneOfAnotherSizeIsRefused) {
     static_masks(scene_, images_, folder_.path, pool_, true);
     FAIL() << "not refused";
   } catch (const InputError& error) {
-    EXPECT_THAT(error.what(), AllOf(HasSubstr("FRONT.png"), HasSubstr("20 x 14"), HasSubstr("24 x 16")));
+    EXPECT_THAT(error.what(),
+                AllOf(HasSubstr("FRONT.png"), HasSubstr("20 x 14"), HasSubstr("24 x 16")));
   }
 }
 
@@ -121,7 +124,8 @@ TEST_F(MasksTest, BlackCornersOfAFisheyeAlone) {
   EXPECT_EQ(find_static_mask(scene_, 1, images_, true).left_out(), 0u);
 }
 
-// The box's pixels against the projections of points all over it; both cameras, one of them exposed 20 ms early.
+// The box's pixels against the projections of points all over it; both cameras, one of them exposed
+// 20 ms early.
 TEST_F(MasksTest, MovingObjectsWhereEachPictureHasThem) {
   recording_.cameras[0].calibration.time_offset_ns = -20'000'000;
   load();
@@ -131,7 +135,8 @@ TEST_F(MasksTest, MovingObjectsWhereEachPictureHasThem) {
     box.t_ns = frame.t_ns;
     box.body_from_box = Rigid3d(Eigen::Translation3d(7, 3.5, 0.8));
     box.size_m = Eigen::Vector3d(4, 2, 1.6);
-    box.velocity_in_body_m_per_s = Eigen::Vector3d(0.5, 0, 0);  // so it turns and drives as the ego vehicle does
+    box.velocity_in_body_m_per_s =
+        Eigen::Vector3d(0.5, 0, 0);  // so it turns and drives as the ego vehicle does
     boxes.push_back(box);
   }
   const MovingObjects moving(boxes, recording_.frames, scene_.ecef_from_world);
@@ -154,11 +159,14 @@ TEST_F(MasksTest, MovingObjectsWhereEachPictureHasThem) {
       for (int b = 0; b <= kSteps; ++b)
         for (int face = 0; face < 6; ++face) {
           Eigen::Vector3d p(2.0 * a / kSteps - 1, 2.0 * b / kSteps - 1, face % 2 ? 1 : -1);
-          p = Eigen::Vector3d(p[face / 2], p[(face / 2 + 1) % 3], p[(face / 2 + 2) % 3]).cwiseProduct(box.half_size_m);
-          const auto at = rig.camera.project(camera_from_world * (box.box_from_world.inverse() * p));
+          p = Eigen::Vector3d(p[face / 2], p[(face / 2 + 1) % 3], p[(face / 2 + 2) % 3])
+                  .cwiseProduct(box.half_size_m);
+          const auto at =
+              rig.camera.project(camera_from_world * (box.box_from_world.inverse() * p));
           // A pixel is left out if its centre is in the box: only points next to one say so.
           if (!at || (*at - at->array().round().matrix()).norm() > 0.1) continue;
-          const int x = static_cast<int>(std::lround(at->x())), y = static_cast<int>(std::lround(at->y()));
+          const int x = static_cast<int>(std::lround(at->x())),
+                    y = static_cast<int>(std::lround(at->y()));
           if (x >= 0 && y >= 0 && x < expected.width && y < expected.height)
             expected.used[std::size_t(y) * expected.width + x] = 0;
         }
@@ -166,7 +174,8 @@ TEST_F(MasksTest, MovingObjectsWhereEachPictureHasThem) {
     EXPECT_LT(mask.left_out(), mask.used.size() * 3 / 4) << i;
     // Points near a centre may lie just outside the outline; everything else has to agree.
     std::size_t differ = 0;
-    for (std::size_t k = 0; k < expected.used.size(); ++k) differ += expected.used[k] != mask.used[k];
+    for (std::size_t k = 0; k < expected.used.size(); ++k)
+      differ += expected.used[k] != mask.used[k];
     EXPECT_LE(differ, 2u) << i;
   }
 }
@@ -175,7 +184,8 @@ TEST_F(MasksTest, ParkedObjectsStay) {
   load();
   const std::vector<Mask> whole = {full_mask(20, 14), full_mask(24, 16)};
   const MovingObjects moving({}, recording_.frames, scene_.ecef_from_world);
-  for (const View& view : scene_.views) EXPECT_EQ(view_mask(scene_, view, whole[view.camera], moving).left_out(), 0u);
+  for (const View& view : scene_.views)
+    EXPECT_EQ(view_mask(scene_, view, whole[view.camera], moving).left_out(), 0u);
   leave_out_of_views(scene_, whole, moving, pool_, &images_);
   for (const Image8& image : images_) EXPECT_TRUE(image.used.empty());
 }

@@ -9,8 +9,10 @@
 namespace redrive {
 namespace {
 
-constexpr std::int64_t kMaxAway_ns = 100'000'000;       // a revolution or a frame missing; then the object has left
-constexpr std::int64_t kVelocityOver_ns = 100'000'000;  // either side: errors of single poses average out
+constexpr std::int64_t kMaxAway_ns =
+    100'000'000;  // a revolution or a frame missing; then the object has left
+constexpr std::int64_t kVelocityOver_ns =
+    100'000'000;  // either side: errors of single poses average out
 
 }  // namespace
 
@@ -32,23 +34,28 @@ bool PlacedBox::meets(const Eigen::Vector3d& origin, const Eigen::Vector3d& dire
 MovingObjects::MovingObjects(const std::vector<Box>& boxes, const std::vector<FramePose>& frames,
                              const Rigid3d& ecef_from_world) {
   const Rigid3d world_from_ecef = ecef_from_world.inverse();
-  const auto world_from_body = [&](std::int64_t t_ns) { return world_from_ecef * pose_at(frames, t_ns); };
+  const auto world_from_body = [&](std::int64_t t_ns) {
+    return world_from_ecef * pose_at(frames, t_ns);
+  };
   std::map<std::int64_t, std::vector<Sighting>> by_id;
   for (const Box& box : boxes) {
     const Rigid3d here = world_from_body(box.t_ns);
-    const Eigen::Vector3d ego_m_per_s = (world_from_body(box.t_ns + kVelocityOver_ns).translation() -
-                                         world_from_body(box.t_ns - kVelocityOver_ns).translation()) /
-                                        (2e-9 * static_cast<double>(kVelocityOver_ns));
-    by_id[box.object_id].push_back(
-        {box.t_ns, here * box.body_from_box, box.size_m, here.linear() * box.velocity_in_body_m_per_s + ego_m_per_s});
+    const Eigen::Vector3d ego_m_per_s =
+        (world_from_body(box.t_ns + kVelocityOver_ns).translation() -
+         world_from_body(box.t_ns - kVelocityOver_ns).translation()) /
+        (2e-9 * static_cast<double>(kVelocityOver_ns));
+    by_id[box.object_id].push_back({box.t_ns, here * box.body_from_box, box.size_m,
+                                    here.linear() * box.velocity_in_body_m_per_s + ego_m_per_s});
   }
   for (auto& [id, sightings] : by_id) {
-    if (std::none_of(sightings.begin(), sightings.end(),
-                     [](const Sighting& s) { return s.velocity_in_world_m_per_s.norm() > kMovingSpeed_m_per_s; })) {
+    if (std::none_of(sightings.begin(), sightings.end(), [](const Sighting& s) {
+          return s.velocity_in_world_m_per_s.norm() > kMovingSpeed_m_per_s;
+        })) {
       ++parked_;
       continue;
     }
-    std::sort(sightings.begin(), sightings.end(), [](const auto& a, const auto& b) { return a.t_ns < b.t_ns; });
+    std::sort(sightings.begin(), sightings.end(),
+              [](const auto& a, const auto& b) { return a.t_ns < b.t_ns; });
     objects_.push_back(std::move(sightings));
   }
 }
@@ -64,8 +71,10 @@ std::vector<PlacedBox> MovingObjects::at(std::int64_t t_ns) const {
     const std::int64_t later_ns = t_ns - nearest->t_ns;
     if (std::abs(later_ns) > kMaxAway_ns) continue;
     Rigid3d world_from_box = nearest->world_from_box;
-    world_from_box.translation() += 1e-9 * static_cast<double>(later_ns) * nearest->velocity_in_world_m_per_s;
-    boxes.push_back({world_from_box.inverse(), nearest->size_m / 2 + Eigen::Vector3d::Constant(kBoxMargin_m)});
+    world_from_box.translation() +=
+        1e-9 * static_cast<double>(later_ns) * nearest->velocity_in_world_m_per_s;
+    boxes.push_back(
+        {world_from_box.inverse(), nearest->size_m / 2 + Eigen::Vector3d::Constant(kBoxMargin_m)});
   }
   return boxes;
 }

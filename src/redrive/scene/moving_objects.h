@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Annotated objects that move, in the world: what a static scene has to leave out of pictures and LiDAR.
+// Annotated objects that move, in the world: what a static scene has to leave out of pictures and
+// LiDAR.
 #pragma once
 
 #include <cstdint>
@@ -18,24 +19,28 @@ struct PlacedBox {
   bool contains(const Eigen::Vector3d& in_world) const {
     return ((box_from_world * in_world).cwiseAbs().array() <= half_size_m.array()).all();
   }
-  /// Whether the half-line from `origin` along `direction` meets the box (slab test); both in the world.
+  /// Whether the half-line from `origin` along `direction` meets the box (slab test); both in the
+  /// world.
   bool meets(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) const;
 };
 
 /// Mirrors and wheels that stick out, and how well boxes, poses and exposure times are known.
 constexpr double kBoxMargin_m = 0.3;
 
-/// An object moves, in all frames, if any of its boxes does at more than this. A box's velocity in the world is its relative
-/// velocity plus the ego vehicle's; egomotion with errors of 10 cm over 0.7 s (samples/street) makes up to 0.5 m/s of a parked
-/// car, and what is slower than walking pace all the time stays within a box or two of its own length.
+/// An object moves, in all frames, if any of its boxes does at more than this. A box's velocity in
+/// the world is its relative velocity plus the ego vehicle's; egomotion with errors of 10 cm over
+/// 0.7 s (samples/street) makes up to 0.5 m/s of a parked car, and what is slower than walking pace
+/// all the time stays within a box or two of its own length.
 constexpr double kMovingSpeed_m_per_s = 1;
 
 class MovingObjects {
  public:
   /// Boxes of all frames. They hold at their own time and go on at their own velocity.
-  MovingObjects(const std::vector<Box>& boxes, const std::vector<FramePose>& frames, const Rigid3d& ecef_from_world);
+  MovingObjects(const std::vector<Box>& boxes, const std::vector<FramePose>& frames,
+                const Rigid3d& ecef_from_world);
 
-  /// Of each object the box nearest in time, moved to t_ns; none of an object that has no box within 0.1 s.
+  /// Of each object the box nearest in time, moved to t_ns; none of an object that has no box
+  /// within 0.1 s.
   std::vector<PlacedBox> at(std::int64_t t_ns) const;
 
   std::size_t objects() const { return objects_.size(); }

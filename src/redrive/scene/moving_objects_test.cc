@@ -20,18 +20,21 @@ std::vector<FramePose> turning_drive() {
   return frames;
 }
 
-/// Boxes of one object that is at `start_m` at 1 s and moves at `velocity_m_per_s`, both in the world.
-std::vector<Box> sightings(const std::vector<FramePose>& frames, std::int64_t id, const Vector3d& start_m,
-                           const Vector3d& velocity_m_per_s) {
+/// Boxes of one object that is at `start_m` at 1 s and moves at `velocity_m_per_s`, both in the
+/// world.
+std::vector<Box> sightings(const std::vector<FramePose>& frames, std::int64_t id,
+                           const Vector3d& start_m, const Vector3d& velocity_m_per_s) {
   std::vector<Box> boxes;
   for (std::size_t n = 1; n + 1 < frames.size(); ++n) {
     const Rigid3d& here = frames[n].ecef_from_body;
     const Vector3d ego_m_per_s =
-        (frames[n + 1].ecef_from_body.translation() - frames[n - 1].ecef_from_body.translation()) / 0.2;
+        (frames[n + 1].ecef_from_body.translation() - frames[n - 1].ecef_from_body.translation()) /
+        0.2;
     Box box;
     box.object_id = id;
     box.t_ns = frames[n].t_ns;
-    box.body_from_box = here.inverse() * Eigen::Translation3d(start_m + 0.1 * double(n) * velocity_m_per_s);
+    box.body_from_box =
+        here.inverse() * Eigen::Translation3d(start_m + 0.1 * double(n) * velocity_m_per_s);
     box.size_m = Vector3d(4, 2, 1.6);
     box.velocity_in_body_m_per_s = here.linear().transpose() * (velocity_m_per_s - ego_m_per_s);
     boxes.push_back(box);
@@ -42,7 +45,8 @@ std::vector<Box> sightings(const std::vector<FramePose>& frames, std::int64_t id
 TEST(PlacedBox, MeetsWhatSomePointOfTheHalfLineIsIn) {
   PlacedBox box{Rigid3d::Identity(), Vector3d(2, 1, 0.5)};
   box.box_from_world =
-      (Eigen::Translation3d(5, 3, 1) * Eigen::AngleAxisd(0.7, Vector3d(1, 2, 3).normalized())).inverse();
+      (Eigen::Translation3d(5, 3, 1) * Eigen::AngleAxisd(0.7, Vector3d(1, 2, 3).normalized()))
+          .inverse();
   int met = 0;
   for (int i = 0; i < 500; ++i) {
     const Vector3d origin(0.01 * i, 1, 0);
@@ -66,7 +70,8 @@ TEST(PlacedBox, MeetsWhatSomePointOfTheHalfLineIsIn) {
 
 TEST(MovingObjects, AParkedCarBesideATurningOneStays) {
   const auto frames = turning_drive();
-  const MovingObjects objects(sightings(frames, 7, {30, 8, 0.8}, Vector3d::Zero()), frames, Rigid3d::Identity());
+  const MovingObjects objects(sightings(frames, 7, {30, 8, 0.8}, Vector3d::Zero()), frames,
+                              Rigid3d::Identity());
   EXPECT_EQ(objects.objects(), 0u);
   EXPECT_EQ(objects.parked(), 1u);
   EXPECT_TRUE(objects.at(frames[5].t_ns).empty());

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// LiDAR, boxes and masks of a real recording, where it is at hand. What is expected stands in its SOURCE.md.
+// LiDAR, boxes and masks of a real recording, where it is at hand. What is expected stands in its
+// SOURCE.md.
 #include <gtest/gtest.h>
 
 #include "redrive/scene/lidar_returns.h"
@@ -26,9 +27,12 @@ TEST_F(RealNight, LidarReturns) {
   EXPECT_EQ(moving.parked(), 0u);
   const LidarReturns returns = load_lidar_returns(recording_, scene, moving, pool_);
   EXPECT_GT(returns.n, 3'500'000u);
-  EXPECT_NEAR(static_cast<double>(returns.repeated) / static_cast<double>(returns.n + returns.repeated), 1.0 / 3, 0.05);
-  EXPECT_EQ(returns.beyond_trajectory, 0u);  // the poses reach to within 51 ms of the first and last points
-  EXPECT_GT(returns.on_ego, 1000u);          // roof and its rack
+  EXPECT_NEAR(
+      static_cast<double>(returns.repeated) / static_cast<double>(returns.n + returns.repeated),
+      1.0 / 3, 0.05);
+  EXPECT_EQ(returns.beyond_trajectory,
+            0u);                     // the poses reach to within 51 ms of the first and last points
+  EXPECT_GT(returns.on_ego, 1000u);  // roof and its rack
   EXPECT_LT(returns.on_ego, 20000u);
   EXPECT_GT(returns.on_moving, 50'000u);
   EXPECT_LT(returns.on_moving, 500'000u);
@@ -47,7 +51,8 @@ double outline_row(const std::vector<Eigen::Vector2d>& outline, double x) {
   return std::nan("");
 }
 
-// Rough outlines, so that 0.95 is as good as it gets. At half the size, every 8th frame held out, as a run would.
+// Rough outlines, so that 0.95 is as good as it gets. At half the size, every 8th frame held out,
+// as a run would.
 TEST_F(RealNight, EgoVehicle) {
   struct Known {
     const char* camera;
@@ -61,9 +66,24 @@ TEST_F(RealNight, EgoVehicle) {
        1070,
        844,
        1209},
-      {"F_MIDLONGRANGECAM_CL", {{0, 565}, {320, 600}, {640, 610}, {960, 600}, {1279, 565}}, 0, -1, 0, 704},
-      {"M_FISHEYE_L", {{124, 388}, {373, 508}, {721, 551}, {970, 508}, {1157, 424}}, 970, 1062, 400, 700},
-      {"M_FISHEYE_R", {{124, 426}, {249, 486}, {498, 541}, {746, 558}, {945, 498}, {1157, 402}}, 229, 311, 414, 700}};
+      {"F_MIDLONGRANGECAM_CL",
+       {{0, 565}, {320, 600}, {640, 610}, {960, 600}, {1279, 565}},
+       0,
+       -1,
+       0,
+       704},
+      {"M_FISHEYE_L",
+       {{124, 388}, {373, 508}, {721, 551}, {970, 508}, {1157, 424}},
+       970,
+       1062,
+       400,
+       700},
+      {"M_FISHEYE_R",
+       {{124, 426}, {249, 486}, {498, 541}, {746, 558}, {945, 498}, {1157, 402}},
+       229,
+       311,
+       414,
+       700}};
   SceneOptions options;
   options.downscale = 2;
   options.holdout_every = 8;

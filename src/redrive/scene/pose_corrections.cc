@@ -10,8 +10,8 @@
 namespace redrive {
 namespace {
 
-/// Where a time lies among n ascending ones: `part` of the way from `before` to the next, as recording/trajectory.h has it: at the ends
-/// below 0 and above 1. One alone: at it.
+/// Where a time lies among n ascending ones: `part` of the way from `before` to the next, as
+/// recording/trajectory.h has it: at the ends below 0 and above 1. One alone: at it.
 struct Between {
   std::size_t before = 0;
   double part = 0;
@@ -29,7 +29,8 @@ Between find_between(std::size_t n, std::int64_t t_ns, const TimeOf& time_of) {
 /// Six numbers between those of `a` and, where there are any, the six behind them.
 std::array<float, 6> six_between(const float* a, const float* b, double part) {
   std::array<float, 6> six;
-  for (int k = 0; k < 6; ++k) six[k] = static_cast<float>(part == 0 ? a[k] : a[k] + part * (b[k] - a[k]));
+  for (int k = 0; k < 6; ++k)
+    six[k] = static_cast<float>(part == 0 ? a[k] : a[k] + part * (b[k] - a[k]));
   return six;
 }
 
@@ -39,7 +40,8 @@ struct Twist {
 };
 Twist twist_at(const Scene& scene, int frame) {
   const int last = static_cast<int>(scene.frames.size()) - 1;
-  const Frame &a = scene.frames[std::max(0, frame - 1)], &b = scene.frames[std::min(last, frame + 1)];
+  const Frame &a = scene.frames[std::max(0, frame - 1)],
+              &b = scene.frames[std::min(last, frame + 1)];
   if (a.t_ns == b.t_ns) return {};
   const double seconds = 1e-9 * static_cast<double>(b.t_ns - a.t_ns);
   const Rigid3d step = a.world_from_body.inverse() * b.world_from_body;
@@ -63,8 +65,9 @@ Rigid3d motion_of(const float* six) {
 void fill_held_out(const Scene& scene, PoseCorrections* corrections) {
   std::vector<std::size_t> trained;
   for (std::size_t f = 0; f < scene.frames.size(); ++f)
-    if (std::ranges::any_of(scene.views,
-                            [&](const View& view) { return std::size_t(view.frame) == f && !view.held_out; }))
+    if (std::ranges::any_of(scene.views, [&](const View& view) {
+          return std::size_t(view.frame) == f && !view.held_out;
+        }))
       trained.push_back(f);
   if (trained.empty()) return;
   for (std::size_t f = 0; f < scene.frames.size(); ++f) {
@@ -75,36 +78,42 @@ void fill_held_out(const Scene& scene, PoseCorrections* corrections) {
     const auto of = [&](std::size_t i) {
       return &corrections->values[corrections->at_frame(static_cast<int>(trained[i]))];
     };
-    const auto six = six_between(of(at.before), of(std::min(at.before + 1, trained.size() - 1)), at.part);
+    const auto six =
+        six_between(of(at.before), of(std::min(at.before + 1, trained.size() - 1)), at.part);
     std::ranges::copy(six, &corrections->values[corrections->at_frame(static_cast<int>(f))]);
   }
 }
 
-Recording corrected(const Recording& recording, const Scene& scene, const PoseCorrections& corrections) {
+Recording corrected(const Recording& recording, const Scene& scene,
+                    const PoseCorrections& corrections) {
   REDRIVE_CHECK_OP(corrections.values.size(), ==, corrections.size());
   REDRIVE_CHECK_OP(scene.frames.size(), ==, static_cast<std::size_t>(corrections.frames));
   REDRIVE_CHECK_OP(scene.rig.size(), ==, static_cast<std::size_t>(corrections.cameras));
   Recording out = recording;
   for (FramePose& frame : out.frames) {
-    const Between at =
-        find_between(scene.frames.size(), frame.t_ns, [&](std::size_t i) { return scene.frames[i].t_ns; }).clamped();
-    const float* const first = &corrections.values[corrections.at_frame(static_cast<int>(at.before))];
+    const Between at = find_between(scene.frames.size(), frame.t_ns, [&](std::size_t i) {
+                         return scene.frames[i].t_ns;
+                       }).clamped();
+    const float* const first =
+        &corrections.values[corrections.at_frame(static_cast<int>(at.before))];
     const auto six = six_between(first, first + 6, at.part);
     frame.ecef_from_body = frame.ecef_from_body * motion_of(six.data());
   }
   for (RecordedCamera& camera : out.cameras) {
     const int c = scene.camera_index(camera.calibration.name);
     if (c < 0) continue;
-    camera.calibration.body_from_sensor =
-        camera.calibration.body_from_sensor * motion_of(&corrections.values[corrections.at_camera(c)]);
-    camera.calibration.time_offset_ns += std::llround(1e9 * corrections.values[corrections.at_time(c)]);
+    camera.calibration.body_from_sensor = camera.calibration.body_from_sensor *
+                                          motion_of(&corrections.values[corrections.at_camera(c)]);
+    camera.calibration.time_offset_ns +=
+        std::llround(1e9 * corrections.values[corrections.at_time(c)]);
   }
   return out;
 }
 
 void place_views(const Recording& recording, Scene* scene) {
   const Rigid3d world_from_ecef = scene->ecef_from_world.inverse();
-  for (Frame& frame : scene->frames) frame.world_from_body = world_from_ecef * pose_at(recording.frames, frame.t_ns);
+  for (Frame& frame : scene->frames)
+    frame.world_from_body = world_from_ecef * pose_at(recording.frames, frame.t_ns);
   for (RigCamera& camera : scene->rig) {
     const RecordedCamera* const recorded = recording.find_camera(camera.name);
     REDRIVE_CHECK(recorded != nullptr);
@@ -119,7 +128,8 @@ Vector6d in_body(const Scene& scene, const View& view, const ViewGradient& gradi
   const Eigen::Vector3d by = body_from_world * gradient.d_place,
                         lever = scene.rig[view.camera].body_from_sensor.translation();
   Vector6d six;
-  six << by, body_from_world * gradient.d_turn + lever.cross(by);  // a turn of the body moves the camera, too
+  six << by, body_from_world * gradient.d_turn +
+                 lever.cross(by);  // a turn of the body moves the camera, too
   return six;
 }
 
@@ -138,12 +148,14 @@ std::vector<double> gradient_of_corrections(const Scene& scene, const PoseCorrec
     of_camera << camera_from_world * views[v].d_place, camera_from_world * views[v].d_turn;
     add(corrections.at_camera(view.camera), of_camera);
     const Vector6d of_body = in_body(scene, view, views[v]);
-    const Between at = find_between(scene.frames.size(), scene.frames[view.frame].t_ns + camera.time_offset_ns,
-                                    [&](std::size_t i) { return scene.frames[i].t_ns; });
+    const Between at =
+        find_between(scene.frames.size(), scene.frames[view.frame].t_ns + camera.time_offset_ns,
+                     [&](std::size_t i) { return scene.frames[i].t_ns; });
     add(corrections.at_frame(static_cast<int>(at.before)), (1 - at.part) * of_body);
     if (at.part != 0) add(corrections.at_frame(static_cast<int>(at.before) + 1), at.part * of_body);
     const Twist twist = twist_at(scene, view.frame);
-    out[corrections.at_time(view.camera)] += twist.velocity.dot(of_body.head<3>()) + twist.turn.dot(of_body.tail<3>());
+    out[corrections.at_time(view.camera)] +=
+        twist.velocity.dot(of_body.head<3>()) + twist.turn.dot(of_body.tail<3>());
   }
   return out;
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Small corrections of what a recording says of its poses: of the body at each frame, of each camera on the body, of each camera's
-// time. Training refines poses by them (train/pose_refiner.h); a checkpoint holds them.
+// Small corrections of what a recording says of its poses: of the body at each frame, of each
+// camera on the body, of each camera's time. Training refines poses by them (train/pose_refiner.h);
+// a checkpoint holds them.
 #pragma once
 
 #include <array>
@@ -14,45 +15,53 @@ namespace redrive {
 
 struct PoseCorrections {
   int frames = 0, cameras = 0;  ///< of the scene
-  /// [frames, 6] in the body's axes, [cameras, 6] in the camera's, each a translation (m) and a rotation vector (rad), then
-  /// [cameras] seconds by which images are exposed later. None: nothing is corrected.
+  /// [frames, 6] in the body's axes, [cameras, 6] in the camera's, each a translation (m) and a
+  /// rotation vector (rad), then [cameras] seconds by which images are exposed later. None: nothing
+  /// is corrected.
   std::vector<float> values;
 
   PoseCorrections() = default;
   explicit PoseCorrections(const Scene& scene)
-      : frames(static_cast<int>(scene.frames.size())), cameras(static_cast<int>(scene.rig.size())), values(size()) {}
+      : frames(static_cast<int>(scene.frames.size())),
+        cameras(static_cast<int>(scene.rig.size())),
+        values(size()) {}
 
   std::size_t size() const {
     return 6 * static_cast<std::size_t>(frames + cameras) + static_cast<std::size_t>(cameras);
   }
   std::size_t at_frame(int frame) const { return 6 * static_cast<std::size_t>(frame); }
   std::size_t at_camera(int camera) const { return at_frame(frames + camera); }
-  std::size_t at_time(int camera) const { return at_frame(frames + cameras) + static_cast<std::size_t>(camera); }
+  std::size_t at_time(int camera) const {
+    return at_frame(frames + cameras) + static_cast<std::size_t>(camera);
+  }
 };
 
 /// Translation [3], then rotation vector [3]: a_from_b * motion_of(six) moves b in its own axes.
 Rigid3d motion_of(const float* six);
 
-/// Frames without a picture that is trained on take what lies between the frames before and after that have one, by time; at the ends
-/// the nearest one's.
+/// Frames without a picture that is trained on take what lies between the frames before and after
+/// that have one, by time; at the ends the nearest one's.
 void fill_held_out(const Scene& scene, PoseCorrections* corrections);
 
-/// `recording`, from which `scene` was made, as corrected; a frame that is none of the scene's by what lies between those of the scene.
-Recording corrected(const Recording& recording, const Scene& scene, const PoseCorrections& corrections);
+/// `recording`, from which `scene` was made, as corrected; a frame that is none of the scene's by
+/// what lies between those of the scene.
+Recording corrected(const Recording& recording, const Scene& scene,
+                    const PoseCorrections& corrections);
 
-/// The poses of the scene's frames, rig and views anew from those of the recording, in the world that the scene has.
+/// The poses of the scene's frames, rig and views anew from those of the recording, in the world
+/// that the scene has.
 void place_views(const Recording& recording, Scene* scene);
 
-/// What one view's rays say of its pose, in the world: with its camera's place moved by v and turned by w (rad) the loss grows by
-/// d_place v + d_turn w.
+/// What one view's rays say of its pose, in the world: with its camera's place moved by v and
+/// turned by w (rad) the loss grows by d_place v + d_turn w.
 struct ViewGradient {
   Eigen::Vector3d d_place = Eigen::Vector3d::Zero(), d_turn = Eigen::Vector3d::Zero();
 };
 using Vector6d = Eigen::Matrix<double, 6, 1>;
 /// The same of the motion_of six numbers of the body that carries the camera.
 Vector6d in_body(const Scene& scene, const View& view, const ViewGradient& gradient);
-/// By view of the scene -> by number of corrections, which stand at 0 or at what `scene` was placed by. A view between two frames, as a
-/// time offset puts it, moves by both.
+/// By view of the scene -> by number of corrections, which stand at 0 or at what `scene` was placed
+/// by. A view between two frames, as a time offset puts it, moves by both.
 std::vector<double> gradient_of_corrections(const Scene& scene, const PoseCorrections& corrections,
                                             std::span<const ViewGradient> views);
 

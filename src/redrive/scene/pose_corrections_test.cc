@@ -20,7 +20,9 @@ class PoseCorrectionsTest : public ::testing::Test {
     options.holdout_every = holdout_every;
     return make_scene(recording_, options);
   }
-  static double uniform(std::uint64_t i) { return 2.0 * random_unit(random_key(17, kStreamTest, 3), i) - 1; }
+  static double uniform(std::uint64_t i) {
+    return 2.0 * random_unit(random_key(17, kStreamTest, 3), i) - 1;
+  }
 
   TemporaryFolder folder_;
   Recording recording_ = make_test_recording(folder_.path);
@@ -35,14 +37,16 @@ TEST_F(PoseCorrectionsTest, NoneLeaveEverythingWhereItIs) {
   Scene placed = scene;
   place_views(corrected(recording_, scene, PoseCorrections(scene)), &placed);
   for (std::size_t v = 0; v < scene.views.size(); ++v)
-    expect_same(placed.world_from_camera(placed.views[v]), scene.world_from_camera(scene.views[v]), 1e-8);
+    expect_same(placed.world_from_camera(placed.views[v]), scene.world_from_camera(scene.views[v]),
+                1e-8);
 }
 
 TEST_F(PoseCorrectionsTest, MoveFramesCamerasAndTimesInTheirOwnAxes) {
   recording_.cameras[0].calibration.time_offset_ns = 0;
   const Scene scene = scene_of();
   PoseCorrections corrections(scene);
-  const float frame[6] = {0.3f, -0.1f, 0.05f, 0, 0, 0.02f}, camera[6] = {0.01f, 0, -0.02f, 0.001f, -0.002f, 0.003f};
+  const float frame[6] = {0.3f, -0.1f, 0.05f, 0, 0, 0.02f},
+              camera[6] = {0.01f, 0, -0.02f, 0.001f, -0.002f, 0.003f};
   std::copy_n(frame, 6, &corrections.values[corrections.at_frame(2)]);
   std::copy_n(camera, 6, &corrections.values[corrections.at_camera(1)]);
   corrections.values[corrections.at_time(0)] = 1 / 30.0f;  // half a frame
@@ -51,20 +55,24 @@ TEST_F(PoseCorrectionsTest, MoveFramesCamerasAndTimesInTheirOwnAxes) {
   EXPECT_EQ(placed.rig[0].time_offset_ns, 33'333'335) << "a float's seconds";
   for (std::size_t v = 0; v < scene.views.size(); ++v) {
     const View& view = scene.views[v];
-    const Rigid3d body = view.frame == 2 ? view.world_from_body * motion_of(frame) : view.world_from_body;
+    const Rigid3d body =
+        view.frame == 2 ? view.world_from_body * motion_of(frame) : view.world_from_body;
     if (view.camera == 1)
-      expect_same(placed.world_from_camera(placed.views[v]), body * scene.rig[1].body_from_sensor * motion_of(camera),
-                  1e-7);
+      expect_same(placed.world_from_camera(placed.views[v]),
+                  body * scene.rig[1].body_from_sensor * motion_of(camera), 1e-7);
     else if (view.frame == 3)  // no correction near, half way to the next frame
-      EXPECT_NEAR((placed.views[v].world_from_body.translation() - view.world_from_body.translation()).norm(), 0.5,
-                  1e-5);
+      EXPECT_NEAR(
+          (placed.views[v].world_from_body.translation() - view.world_from_body.translation())
+              .norm(),
+          0.5, 1e-5);
   }
 }
 
 TEST_F(PoseCorrectionsTest, HeldOutFramesTakeWhatLiesBetween) {
   const Scene scene = scene_of(3);  // frames 0 and 3 are held out
   PoseCorrections corrections(scene);
-  for (const int f : {1, 2, 4, 5}) corrections.values[corrections.at_frame(f)] = static_cast<float>(f);
+  for (const int f : {1, 2, 4, 5})
+    corrections.values[corrections.at_frame(f)] = static_cast<float>(f);
   fill_held_out(scene, &corrections);
   EXPECT_EQ(corrections.values[corrections.at_frame(0)], 1) << "before the first";
   EXPECT_NEAR(corrections.values[corrections.at_frame(3)], 3, 1e-5);
@@ -86,7 +94,8 @@ TEST_F(PoseCorrectionsTest, GradientIsThatOfTheViewsPlaces) {
     place_views(corrected(recording_, scene, corrections), &placed);
     double sum = 0;
     for (std::size_t v = 0; v < views.size(); ++v) {
-      const Rigid3d before = scene.world_from_camera(scene.views[v]), after = placed.world_from_camera(placed.views[v]);
+      const Rigid3d before = scene.world_from_camera(scene.views[v]),
+                    after = placed.world_from_camera(placed.views[v]);
       const Eigen::AngleAxisd turn(Eigen::Matrix3d(after.linear() * before.linear().transpose()));
       sum += views[v].d_place.dot(after.translation() - before.translation()) +
              views[v].d_turn.dot(turn.angle() * turn.axis());
@@ -96,13 +105,16 @@ TEST_F(PoseCorrectionsTest, GradientIsThatOfTheViewsPlaces) {
   const std::vector<double> gradient = gradient_of_corrections(scene, none, views);
   ASSERT_EQ(gradient.size(), none.size());
   for (std::size_t i = 0; i < gradient.size(); ++i) {
-    // ECEF metres round to 1e-9, angles of such differences to 1e-8. Between frames poses are chords of arcs of 0.1 rad, along which
-    // corrections are spread by time alone: a few per cent of the motions' own turn.
+    // ECEF metres round to 1e-9, angles of such differences to 1e-8. Between frames poses are
+    // chords of arcs of 0.1 rad, along which corrections are spread by time alone: a few per cent
+    // of the motions' own turn.
     constexpr float h = 1e-3f;
     PoseCorrections more = none, less = none;
     more.values[i] += h;
     less.values[i] -= h;
-    EXPECT_NEAR((loss(more) - loss(less)) / (2 * h), gradient[i], 0.03 * std::abs(gradient[i]) + 0.1) << i;
+    EXPECT_NEAR((loss(more) - loss(less)) / (2 * h), gradient[i],
+                0.03 * std::abs(gradient[i]) + 0.1)
+        << i;
   }
 }
 

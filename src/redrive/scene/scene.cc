@@ -13,7 +13,8 @@ namespace {
 
 std::string joined_names(const std::vector<RecordedCamera>& cameras) {
   std::string names;
-  for (const RecordedCamera& camera : cameras) names += (names.empty() ? "" : ", ") + camera.calibration.name;
+  for (const RecordedCamera& camera : cameras)
+    names += (names.empty() ? "" : ", ") + camera.calibration.name;
   return names;
 }
 
@@ -22,9 +23,10 @@ void check_ranges(const SceneOptions& options) {
     if (!good) throw UsageError(option, std::to_string(value), rule);
   };
   require(options.frame_step >= 1, "--frames step", options.frame_step, "must be at least 1");
-  require(options.downscale >= 1 && options.downscale <= 64, "--downscale", options.downscale, "must be in 1..64");
-  require(options.holdout_every == 0 || options.holdout_every >= 2, "--holdout-every", options.holdout_every,
-          "must be 0 (none) or at least 2");
+  require(options.downscale >= 1 && options.downscale <= 64, "--downscale", options.downscale,
+          "must be in 1..64");
+  require(options.holdout_every == 0 || options.holdout_every >= 2, "--holdout-every",
+          options.holdout_every, "must be 0 (none) or at least 2");
   require(options.near_m > 0 && std::isfinite(options.near_m), "--near", options.near_m,
           "must be a distance above 0 m");
   require(options.far_m > options.near_m && std::isfinite(options.far_m), "--far", options.far_m,
@@ -33,14 +35,16 @@ void check_ranges(const SceneOptions& options) {
 
 /// Whether the recording itself holds images out.
 bool has_split(const Recording& recording) {
-  return std::any_of(recording.cameras.begin(), recording.cameras.end(), [](const RecordedCamera& camera) {
-    return std::any_of(camera.images.begin(), camera.images.end(),
-                       [](const ImageFile& image) { return image.held_out; });
-  });
+  return std::any_of(recording.cameras.begin(), recording.cameras.end(),
+                     [](const RecordedCamera& camera) {
+                       return std::any_of(camera.images.begin(), camera.images.end(),
+                                          [](const ImageFile& image) { return image.held_out; });
+                     });
 }
 
 /// The chosen cameras, in the order of the option; all of them by name where it is empty.
-std::vector<const RecordedCamera*> choose_cameras(const Recording& recording, const SceneOptions& options) {
+std::vector<const RecordedCamera*> choose_cameras(const Recording& recording,
+                                                  const SceneOptions& options) {
   std::vector<const RecordedCamera*> chosen;
   for (const RecordedCamera& camera : recording.cameras)
     if (options.cameras.empty()) chosen.push_back(&camera);
@@ -48,7 +52,8 @@ std::vector<const RecordedCamera*> choose_cameras(const Recording& recording, co
   for (const std::string& name : options.cameras) {
     const RecordedCamera* camera = recording.find_camera(name);
     if (!camera)
-      throw UsageError("--cameras", name, "no such camera with images; there are " + joined_names(recording.cameras));
+      throw UsageError("--cameras", name,
+                       "no such camera with images; there are " + joined_names(recording.cameras));
     if (!seen.insert(name).second) throw UsageError("--cameras", name, "is named twice");
     chosen.push_back(camera);
   }
@@ -66,7 +71,8 @@ std::vector<FramePose> choose_frames(const Recording& recording, const SceneOpti
   if (chosen.empty()) {
     const auto bound = [](std::int64_t id) { return id < 0 ? std::string() : std::to_string(id); };
     throw UsageError("--frames", bound(options.first_frame) + ":" + bound(options.last_frame),
-                     "selects nothing; the recording has frames " + std::to_string(recording.frames.front().id) + ":" +
+                     "selects nothing; the recording has frames " +
+                         std::to_string(recording.frames.front().id) + ":" +
                          std::to_string(recording.frames.back().id));
   }
   return chosen;
@@ -77,18 +83,21 @@ RigCamera make_rig_camera(const CameraCalibration& calibration, const SceneOptio
                    make_camera(calibration),   calibration.body_from_sensor,
                    calibration.time_offset_ns, calibration.readout_ns};
   if (options.undistort && calibration.readout_ns != 0)
-    throw UsageError("--undistort", calibration.name,
-                     "has a rolling shutter, whose rows have times of their own: resampling mixes them");
+    throw UsageError(
+        "--undistort", calibration.name,
+        "has a rolling shutter, whose rows have times of their own: resampling mixes them");
   if (options.undistort && !std::holds_alternative<OpenCvPinhole>(camera.recorded.model))
     throw UsageError("--undistort", calibration.name,
                      "is a fisheye (" + calibration.model +
                          "), which no pinhole image can hold; leave --undistort out, rays are "
                          "exact from the recorded image, or choose --cameras without it");
-  camera.camera = (options.undistort ? camera.recorded.undistorted() : camera.recorded).downscaled(options.downscale);
+  camera.camera = (options.undistort ? camera.recorded.undistorted() : camera.recorded)
+                      .downscaled(options.downscale);
   if (camera.camera.width < 1 || camera.camera.height < 1)
     throw UsageError("--downscale", std::to_string(options.downscale),
-                     "leaves no pixel of " + calibration.name + ", which has " + std::to_string(calibration.width) +
-                         " x " + std::to_string(calibration.height));
+                     "leaves no pixel of " + calibration.name + ", which has " +
+                         std::to_string(calibration.width) + " x " +
+                         std::to_string(calibration.height));
   return camera;
 }
 
@@ -107,13 +116,14 @@ UnitFromWorld enclosing_cube(const Scene& scene) {
 }  // namespace
 
 int Scene::camera_index(const std::string& name) const {
-  const auto found = std::find_if(rig.begin(), rig.end(), [&](const RigCamera& camera) { return camera.name == name; });
+  const auto found = std::find_if(rig.begin(), rig.end(),
+                                  [&](const RigCamera& camera) { return camera.name == name; });
   return found == rig.end() ? -1 : static_cast<int>(found - rig.begin());
 }
 
 int Scene::frame_index(std::int64_t id) const {
-  const auto found =
-      std::lower_bound(frames.begin(), frames.end(), id, [](const Frame& f, std::int64_t i) { return f.id < i; });
+  const auto found = std::lower_bound(frames.begin(), frames.end(), id,
+                                      [](const Frame& f, std::int64_t i) { return f.id < i; });
   return found == frames.end() || found->id != id ? -1 : static_cast<int>(found - frames.begin());
 }
 
@@ -142,8 +152,9 @@ void place_view(const std::vector<FramePose>& frames, const Scene& scene, View* 
   view->by_row.clear();
   for (int key = 0; camera.readout_ns != 0 && key < kKeys; ++key) {
     const double part = key / (kKeys - 1.0) - 0.5;
-    view->by_row.push_back(world_from_ecef *
-                           pose_at(frames, t_ns + std::llround(part * static_cast<double>(camera.readout_ns))));
+    view->by_row.push_back(
+        world_from_ecef *
+        pose_at(frames, t_ns + std::llround(part * static_cast<double>(camera.readout_ns))));
   }
 }
 
@@ -154,8 +165,10 @@ std::array<float, 3> rendered_background(Background background) {
 
 Scene make_scene(const Recording& recording, const SceneOptions& options) {
   check_ranges(options);
-  if (recording.frames.empty()) throw InputError(recording.root, "", "", "the recording has no frame with a pose");
-  if (recording.cameras.empty()) throw InputError(recording.root, "", "", "the recording has no camera with images");
+  if (recording.frames.empty())
+    throw InputError(recording.root, "", "", "the recording has no frame with a pose");
+  if (recording.cameras.empty())
+    throw InputError(recording.root, "", "", "the recording has no camera with images");
 
   Scene scene;
   scene.near_m = options.near_m;
@@ -183,23 +196,33 @@ Scene make_scene(const Recording& recording, const SceneOptions& options) {
     for (const ImageFile& image : recorded->images) {
       const int frame = scene.frame_index(image.frame_id);
       if (frame < 0) continue;
-      const bool held_out = image.held_out || (options.holdout_every > 0 && frame % options.holdout_every == 0);
-      views.push_back(
-          {static_cast<int>(scene.rig.size()), frame, image.path, held_out, Rigid3d::Identity(), image.mask, {}});
+      const bool held_out =
+          image.held_out || (options.holdout_every > 0 && frame % options.holdout_every == 0);
+      views.push_back({static_cast<int>(scene.rig.size()),
+                       frame,
+                       image.path,
+                       held_out,
+                       Rigid3d::Identity(),
+                       image.mask,
+                       {}});
     }
     if (views.empty()) {
       if (options.cameras.empty()) continue;
-      throw UsageError("--cameras", recorded->calibration.name, "has no image in the chosen frames");
+      throw UsageError("--cameras", recorded->calibration.name,
+                       "has no image in the chosen frames");
     }
     scene.rig.push_back(make_rig_camera(recorded->calibration, options));
     for (View& view : views) place_view(recording.frames, scene, &view);
     scene.views.insert(scene.views.end(), views.begin(), views.end());
   }
-  if (scene.views.empty()) throw UsageError("--frames", "", "no camera has an image in the chosen frames");
-  if (std::all_of(scene.views.begin(), scene.views.end(), [](const View& view) { return view.held_out; }))
-    throw UsageError(
-        own_split ? "--frames" : "--holdout-every", own_split ? "" : std::to_string(options.holdout_every),
-        "leaves no image for training: only " + std::to_string(scene.frames.size()) + " frame(s) are chosen");
+  if (scene.views.empty())
+    throw UsageError("--frames", "", "no camera has an image in the chosen frames");
+  if (std::all_of(scene.views.begin(), scene.views.end(),
+                  [](const View& view) { return view.held_out; }))
+    throw UsageError(own_split ? "--frames" : "--holdout-every",
+                     own_split ? "" : std::to_string(options.holdout_every),
+                     "leaves no image for training: only " + std::to_string(scene.frames.size()) +
+                         " frame(s) are chosen");
   scene.unit_from_world = enclosing_cube(scene);
   return scene;
 }

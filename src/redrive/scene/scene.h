@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is trained on: the rig, its trajectory in the world of the first frame, which image is for training and
-// which is held out, and the map from the world into the unit cube.
+// What is trained on: the rig, its trajectory in the world of the first frame, which image is for
+// training and which is held out, and the map from the world into the unit cube.
 #pragma once
 
 #include <array>
@@ -23,8 +23,9 @@ struct RigCamera {
   Camera camera;    ///< at the training resolution (undistorted and downscaled as the options say)
   Camera recorded;  ///< as recorded; the image file must have its size
   Rigid3d body_from_sensor;
-  std::int64_t time_offset_ns = 0;  ///< exposure, of the middle row, minus the time of the frame's pose
-  std::int64_t readout_ns = 0;      ///< CameraCalibration::readout_ns
+  std::int64_t time_offset_ns =
+      0;                        ///< exposure, of the middle row, minus the time of the frame's pose
+  std::int64_t readout_ns = 0;  ///< CameraCalibration::readout_ns
 };
 
 struct Frame {
@@ -39,11 +40,11 @@ struct View {
   int frame = 0;   ///< index into Scene::frames
   std::filesystem::path image;
   bool held_out = false;
-  Rigid3d world_from_body =
-      Rigid3d::Identity();  ///< when the image was exposed: the frame's unless the camera has an offset
+  Rigid3d world_from_body = Rigid3d::Identity();  ///< when the image was exposed: the frame's
+                                                  ///< unless the camera has an offset
   MaskFile mask;
-  std::vector<Rigid3d>
-      by_row;  ///< of a rolling shutter: world_from_body at even times from the upper edge to the lower one
+  std::vector<Rigid3d> by_row;  ///< of a rolling shutter: world_from_body at even times from the
+                                ///< upper edge to the lower one
 };
 
 /// What shows through where an image is transparent, in rendering and evaluation.
@@ -53,29 +54,32 @@ enum class Background {
   kBlack
 };
 
-/// Which part of a recording a run uses. Defaults: all cameras, all frames, full size, nothing held out.
+/// Which part of a recording a run uses. Defaults: all cameras, all frames, full size, nothing held
+/// out.
 struct SceneOptions {
   std::vector<std::string> cameras;                ///< empty: all with images
   std::int64_t first_frame = -1, last_frame = -1;  ///< ids, inclusive; -1: open
   int frame_step = 1;                              ///< every n-th frame that is there, >= 1
   int downscale = 1;                               ///< 1..64
-  int holdout_every = 0;          ///< 0: none; n >= 2: every n-th frame (the first one included), all cameras;
-                                  ///< only of recordings without a split of their own
+  int holdout_every = 0;  ///< 0: none; n >= 2: every n-th frame (the first one included), all
+                          ///< cameras; only of recordings without a split of their own
   bool undistort = false;         ///< the report's way: opencv_pinhole only
   double near_m = 1, far_m = 10;  ///< 0 < near < far
   Background background = Background::kNone;
-  bool random_behind = false;  ///< training: another colour for every ray of every step instead, rays/ray_table.h
+  bool random_behind =
+      false;  ///< training: another colour for every ray of every step instead, rays/ray_table.h
 };
 
 struct Scene {
   std::vector<RigCamera> rig;
   std::vector<Frame> frames;
   std::vector<View> views;  ///< by camera, then frame
-  /// The first pose of the recording (E_P,0): the world's axes are the body's there. Of a bounded recording the axes stay
-  /// those of its poses, and the origin is its cube's center.
+  /// The first pose of the recording (E_P,0): the world's axes are the body's there. Of a bounded
+  /// recording the axes stay those of its poses, and the origin is its cube's center.
   Rigid3d ecef_from_world;
-  std::optional<double> half_side;  ///< of the cube around the world's origin that holds a bounded scene
-  UnitFromWorld unit_from_world;    ///< [-1, 1]^3 holds every point within far_m of a camera centre
+  std::optional<double>
+      half_side;  ///< of the cube around the world's origin that holds a bounded scene
+  UnitFromWorld unit_from_world;  ///< [-1, 1]^3 holds every point within far_m of a camera centre
   double near_m = 1, far_m = 10;
   int downscale = 1;       ///< applied by load_view to each image
   bool undistort = false;  ///< likewise
@@ -83,12 +87,15 @@ struct Scene {
   bool random_behind = false;  ///< SceneOptions::random_behind
   bool metric = true;          ///< Recording::metric: metres and a clock
 
-  int camera_index(const std::string& name) const;     ///< -1 if there is none
-  int frame_index(std::int64_t id) const;              ///< -1 if there is none
-  Rigid3d world_from_camera(const View& view) const;   ///< E_P,0^-1 E_P,n E_C of the report's equation (2)
+  int camera_index(const std::string& name) const;  ///< -1 if there is none
+  int frame_index(std::int64_t id) const;           ///< -1 if there is none
+  Rigid3d world_from_camera(
+      const View& view) const;  ///< E_P,0^-1 E_P,n E_C of the report's equation (2)
   ShutterPoses shutter_poses(const View& view) const;  ///< world_from_camera of each row
   Exposure exposure(int camera, std::int64_t t_ns) const;
-  Exposure exposure(const View& view) const { return exposure(view.camera, frames[view.frame].t_ns); }
+  Exposure exposure(const View& view) const {
+    return exposure(view.camera, frames[view.frame].t_ns);
+  }
 };
 
 /// Puts a view of the scene where its camera, as the rig has it, was when it was exposed.
@@ -97,7 +104,8 @@ void place_view(const std::vector<FramePose>& frames, const Scene& scene, View* 
 /// What pictures are rendered and scored on, rgb in [0, 1].
 std::array<float, 3> rendered_background(Background background);
 
-/// InputError/UsageError for an unknown camera (the known ones are listed), no frames left, --undistort of a fisheye.
+/// InputError/UsageError for an unknown camera (the known ones are listed), no frames left,
+/// --undistort of a fisheye.
 Scene make_scene(const Recording& recording, const SceneOptions& options);
 
 }  // namespace redrive

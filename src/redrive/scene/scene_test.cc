@@ -51,23 +51,28 @@ TEST_F(SceneTest, TakesEverythingByDefault) {
   EXPECT_EQ(scene.frames[2].t_ns, 1133333334);
 }
 
-// Frame n of the drive stands where n steps of "1 m ahead, then 0.1 rad to the left" lead, in the body axes of frame 0.
+// Frame n of the drive stands where n steps of "1 m ahead, then 0.1 rad to the left" lead, in the
+// body axes of frame 0.
 TEST_F(SceneTest, WorldIsTheBodyOfTheFirstFrame) {
   const Scene scene = make_scene(recording_, {});
   Vector3d position(0, 0, 0);
   for (int n = 0; n < 6; ++n) {
     const Rigid3d& pose = scene.frames[n].world_from_body;
     EXPECT_LT((pose.translation() - position).norm(), kEcefRounding_m) << n;
-    EXPECT_LT((pose.linear() * Vector3d::UnitX() - Vector3d(std::cos(0.1 * n), std::sin(0.1 * n), 0)).norm(), 1e-14)
+    EXPECT_LT(
+        (pose.linear() * Vector3d::UnitX() - Vector3d(std::cos(0.1 * n), std::sin(0.1 * n), 0))
+            .norm(),
+        1e-14)
         << n;
     EXPECT_LT((pose.linear() * Vector3d::UnitZ() - Vector3d::UnitZ()).norm(), 1e-14) << n;
     position += Vector3d(std::cos(0.1 * n), std::sin(0.1 * n), 0);
   }
-  // Equation (2) of the front camera at frame 1, turned by 0.1 rad at (1, 0, 0): centre (1, 0, 0) + R (2, 0.1, 1.2), looking along
-  // R (1, 0, 0), its x axis to the right, R (0, -1, 0).
+  // Equation (2) of the front camera at frame 1, turned by 0.1 rad at (1, 0, 0): centre (1, 0, 0) +
+  // R (2, 0.1, 1.2), looking along R (1, 0, 0), its x axis to the right, R (0, -1, 0).
   const double c = std::cos(0.1), s = std::sin(0.1);
   const Rigid3d camera = scene.world_from_camera(scene.views[7]);
-  EXPECT_LT((camera.translation() - Vector3d(1 + 2 * c - 0.1 * s, 2 * s + 0.1 * c, 1.2)).norm(), kEcefRounding_m);
+  EXPECT_LT((camera.translation() - Vector3d(1 + 2 * c - 0.1 * s, 2 * s + 0.1 * c, 1.2)).norm(),
+            kEcefRounding_m);
   EXPECT_LT((camera.linear() * Vector3d::UnitZ() - Vector3d(c, s, 0)).norm(), 1e-14);
   EXPECT_LT((camera.linear() * Vector3d::UnitX() - Vector3d(s, -c, 0)).norm(), 1e-14);
 }
@@ -93,10 +98,12 @@ TEST_F(SceneTest, ACameraWithATimeOffsetStandsWhereItsImageWasExposed) {
   recording_.cameras[1].calibration.time_offset_ns = interval_ns / 2;
   const Scene scene = make_scene(recording_, {});
   for (int n = 0; n < 6; ++n) {
-    EXPECT_EQ(scene.views[n].world_from_body.matrix(), plain.frames[n].world_from_body.matrix()) << "the other camera";
+    EXPECT_EQ(scene.views[n].world_from_body.matrix(), plain.frames[n].world_from_body.matrix())
+        << "the other camera";
     const Rigid3d& late = scene.views[6 + n].world_from_body;
     const Eigen::AngleAxisd turn(0.1 * (n + 0.5), Vector3d::UnitZ());
-    EXPECT_LT((late.linear() - turn.toRotationMatrix()).norm(), 1e-7) << n;  // interval_ns / 2 is rounded
+    EXPECT_LT((late.linear() - turn.toRotationMatrix()).norm(), 1e-7)
+        << n;  // interval_ns / 2 is rounded
     const Vector3d step = plain.frames[std::min(n + 1, 5)].world_from_body.translation() -
                           plain.frames[std::min(n, 4)].world_from_body.translation();
     const Vector3d expected = plain.frames[n].world_from_body.translation() + 0.5 * step;
@@ -118,7 +125,8 @@ TEST_F(SceneTest, HoldsOutEveryNthFrameOfAllCameras) {
   options.first_frame = 11;
   options.holdout_every = 2;
   const Scene scene = make_scene(recording_, options);
-  for (const View& view : scene.views) EXPECT_EQ(view.held_out, scene.frames[view.frame].id % 2 == 1);
+  for (const View& view : scene.views)
+    EXPECT_EQ(view.held_out, scene.frames[view.frame].id % 2 == 1);
 }
 
 TEST_F(SceneTest, TheRecordingsOwnSplitHoldsOut) {
@@ -192,14 +200,15 @@ TEST_F(SceneTest, UnitCubeHoldsWhatTheCamerasSee) {
 TEST_F(SceneTest, RefusesWhatIsNotThere) {
   SceneOptions options;
   options.cameras = {"REAR"};
-  EXPECT_THAT(refusal(options),
-              testing::AllOf(testing::HasSubstr("--cameras REAR"), testing::HasSubstr("FISHEYE, FRONT")));
+  EXPECT_THAT(refusal(options), testing::AllOf(testing::HasSubstr("--cameras REAR"),
+                                               testing::HasSubstr("FISHEYE, FRONT")));
   options.cameras = {"FRONT", "FRONT"};
   EXPECT_THAT(refusal(options), testing::HasSubstr("twice"));
 
   options = {};
   options.first_frame = 16;
-  EXPECT_THAT(refusal(options), testing::AllOf(testing::HasSubstr("--frames 16:"), testing::HasSubstr("10:15")));
+  EXPECT_THAT(refusal(options),
+              testing::AllOf(testing::HasSubstr("--frames 16:"), testing::HasSubstr("10:15")));
   options.first_frame = 14;
   options.last_frame = 12;
   EXPECT_THAT(refusal(options), testing::HasSubstr("--frames 14:12"));

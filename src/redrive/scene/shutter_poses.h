@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where a camera is while it exposes a picture: in one place, or, with a rolling shutter, in another for each row.
+// Where a camera is while it exposes a picture: in one place, or, with a rolling shutter, in
+// another for each row.
 #pragma once
 
 #include <vector>
@@ -11,7 +12,8 @@ namespace redrive {
 
 class ShutterPoses {
  public:
-  ShutterPoses(const Rigid3d& pose) : keys_{plain(pose)} {}  // NOLINT: a pose is what most pictures have
+  ShutterPoses(const Rigid3d& pose)
+      : keys_{plain(pose)} {}  // NOLINT: a pose is what most pictures have
   /// At evenly spaced times from the upper edge of the picture to the lower one; at least one.
   explicit ShutterPoses(const std::vector<Rigid3d>& keys);
 

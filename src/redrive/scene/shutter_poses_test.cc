@@ -10,7 +10,9 @@
 namespace redrive {
 namespace {
 
-double apart(const Rigid3d& a, const Rigid3d& b) { return (a.matrix() - b.matrix()).cwiseAbs().maxCoeff(); }
+double apart(const Rigid3d& a, const Rigid3d& b) {
+  return (a.matrix() - b.matrix()).cwiseAbs().maxCoeff();
+}
 
 // Row v is exposed at time + ((v + 0.5) / height - 0.5) readout.
 TEST(ShutterPoses, RowsHaveTimesOfTheirOwn) {
@@ -26,17 +28,20 @@ TEST(ShutterPoses, RowsHaveTimesOfTheirOwn) {
       const ShutterPoses poses = scene.shutter_poses(view);
       EXPECT_EQ(poses.rolls(), view.camera == 1);
       const int height = scene.rig[view.camera].camera.height;
-      EXPECT_LT(apart(poses.at(0.5), scene.world_from_camera(view)), 1e-4) << "a corner of the path lies within";
+      EXPECT_LT(apart(poses.at(0.5), scene.world_from_camera(view)), 1e-4)
+          << "a corner of the path lies within";
       if (view.camera == 0) continue;
       for (int y = 0; y < height; ++y) {
-        const std::int64_t t_ns =
-            scene.frames[view.frame].t_ns + kOffset_ns + std::llround(((y + 0.5) / height - 0.5) * double(kReadout_ns));
+        const std::int64_t t_ns = scene.frames[view.frame].t_ns + kOffset_ns +
+                                  std::llround(((y + 0.5) / height - 0.5) * double(kReadout_ns));
         const Rigid3d expected = scene.ecef_from_world.inverse() * pose_at(recording.frames, t_ns) *
                                  recording.cameras[1].calibration.body_from_sensor;
-        // Between keys 5 ms apart the path is straight but where it has its corners, at the frames: 0.1 rad in 67 ms.
+        // Between keys 5 ms apart the path is straight but where it has its corners, at the frames:
+        // 0.1 rad in 67 ms.
         EXPECT_LT(apart(poses.at_row(y, height), expected), 5e-3) << view.frame << ", row " << y;
       }
-      EXPECT_GT(apart(poses.at_row(0, height), poses.at_row(height - 1, height)), 0.3) << "nothing tested";
+      EXPECT_GT(apart(poses.at_row(0, height), poses.at_row(height - 1, height)), 0.3)
+          << "nothing tested";
     }
   }
 }

@@ -8,11 +8,13 @@
 
 namespace redrive {
 
-/// When row v of a picture (0 the middle of the first one) is exposed: 0 with the upper edge, 1 with the lower one.
+/// When row v of a picture (0 the middle of the first one) is exposed: 0 with the upper edge, 1
+/// with the lower one.
 REDRIVE_HD inline double row_part(double v, int height) { return (v + 0.5) / height; }
 
-/// By n poses at evenly spaced times from the upper edge (row 0) to the lower one (1); between two of them as recording/trajectory.h:
-/// straight on, and the shortest turn. A single one is that of all rows.
+/// By n poses at evenly spaced times from the upper edge (row 0) to the lower one (1); between two
+/// of them as recording/trajectory.h: straight on, and the shortest turn. A single one is that of
+/// all rows.
 REDRIVE_HD inline PlainPose pose_at_row(const PlainPose* keys, std::size_t n, double row) {
   if (n == 1) return keys[0];
   const double place = (row < 0 ? 0 : row > 1 ? 1 : row) * static_cast<double>(n - 1);

@@ -5,7 +5,8 @@
 
 namespace redrive {
 
-/// World (metres) to unit cube: x_unit = (x_world - center) * scale. The only place where metres end.
+/// World (metres) to unit cube: x_unit = (x_world - center) * scale. The only place where metres
+/// end.
 struct UnitFromWorld {
   std::array<float, 3> center{};
   float scale = 1;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// TrainState as a safetensors file and back. Numbers stand in __metadata__ in their shortest exact form (std::to_chars).
+// TrainState as a safetensors file and back. Numbers stand in __metadata__ in their shortest exact
+// form (std::to_chars).
 #include <charconv>
 #include <cmath>
 
@@ -15,7 +16,8 @@ constexpr const char* kCellErrors = "cell_errors";
 constexpr const char* kPoses[] = {"poses", "poses.first_moment", "poses.second_moment"};
 constexpr const char* kFormat = "redrive-7";
 
-/// The numbers of a state beside its model's by name, each visited once: the one list that writing and reading share.
+/// The numbers of a state beside its model's by name, each visited once: the one list that writing
+/// and reading share.
 template <class State, class Visit>
 void visit_numbers(State& state, const Visit& visit) {
   visit("step", state.step);
@@ -66,20 +68,23 @@ void visit_model(Model& model, const Visit& visit) {
 
 void check_state(const TrainState& state, const std::filesystem::path& file) {
   const auto require = [&](bool holds, const char* field, auto value, const char* rule) {
-    if (!holds) throw InputError(file, std::string("__metadata__.") + field, std::to_string(value), rule);
+    if (!holds)
+      throw InputError(file, std::string("__metadata__.") + field, std::to_string(value), rule);
   };
   require(state.step >= 0, "step", state.step, "must not be negative");
   require(state.seconds >= 0, "seconds", state.seconds, "must not be negative");
-  require(state.field_share >= 0 && state.field_share <= 1, "field_share", state.field_share, "must be in 0..1");
+  require(state.field_share >= 0 && state.field_share <= 1, "field_share", state.field_share,
+          "must be in 0..1");
   require(state.restarts >= 0, "restarts", state.restarts, "must not be negative");
   require(state.rollbacks >= 0, "rollbacks", state.rollbacks, "must not be negative");
   require(state.rate_factor > 0 && state.rate_factor <= 1, "rate_factor", state.rate_factor,
           "must be above 0, at most 1");
-  require(state.poses.corrections.frames >= 0 && state.poses.corrections.frames <= 10'000'000, "poses.frames",
-          state.poses.corrections.frames, "must be in 0..10000000");
-  require(state.poses.corrections.cameras >= 0 && state.poses.corrections.cameras <= 100'000, "poses.cameras",
-          state.poses.corrections.cameras, "must be in 0..100000");
-  require(state.poses.moments.updates >= 0, "poses.updates", state.poses.moments.updates, "must not be negative");
+  require(state.poses.corrections.frames >= 0 && state.poses.corrections.frames <= 10'000'000,
+          "poses.frames", state.poses.corrections.frames, "must be in 0..10000000");
+  require(state.poses.corrections.cameras >= 0 && state.poses.corrections.cameras <= 100'000,
+          "poses.cameras", state.poses.corrections.cameras, "must be in 0..100000");
+  require(state.poses.moments.updates >= 0, "poses.updates", state.poses.moments.updates,
+          "must not be negative");
   require(state.window.steps >= 0, "window.steps", state.window.steps, "must not be negative");
 }
 
@@ -89,13 +94,15 @@ std::size_t product(const std::vector<std::int64_t>& shape) {
   return size;
 }
 
-Safetensors::Tensor& take(Safetensors& parsed, const std::string& name, const std::vector<std::int64_t>& shape,
+Safetensors::Tensor& take(Safetensors& parsed, const std::string& name,
+                          const std::vector<std::int64_t>& shape,
                           const std::filesystem::path& file) {
   const auto found = parsed.tensors.find(name);
   if (found == parsed.tensors.end()) throw InputError(file, name, "", "missing");
   if (found->second.shape != shape) {
     std::string text;
-    for (const std::int64_t size : found->second.shape) text += (text.empty() ? "" : " x ") + std::to_string(size);
+    for (const std::int64_t size : found->second.shape)
+      text += (text.empty() ? "" : " x ") + std::to_string(size);
     throw InputError(file, name + ".shape", text, "does not match the model's numbers");
   }
   return found->second;
@@ -114,15 +121,16 @@ std::string checkpoint_bytes(const TrainState& state) {
   visit_model(*state.model, note);
   std::vector<SafetensorsEntry> entries;
   for (const ModelTensor& tensor : model.tensors())
-    entries.push_back(
-        {tensor.name, tensor.shape, model.parameters.span().subspan(tensor.offset, product(tensor.shape))});
+    entries.push_back({tensor.name, tensor.shape,
+                       model.parameters.span().subspan(tensor.offset, product(tensor.shape))});
   const std::vector<std::int64_t> all = {static_cast<std::int64_t>(model.parameters.size())};
   entries.push_back({"adam.first_moment", all, state.first_moment.span()});
   entries.push_back({"adam.second_moment", all, state.second_moment.span()});
   if (const std::span<const float> errors = state.cell_errors; !errors.empty())
     entries.push_back({kCellErrors, {static_cast<std::int64_t>(errors.size())}, errors});
   if (state.poses.refines()) {
-    const std::vector<std::int64_t> of_poses = {static_cast<std::int64_t>(state.poses.corrections.size())};
+    const std::vector<std::int64_t> of_poses = {
+        static_cast<std::int64_t>(state.poses.corrections.size())};
     entries.push_back({kPoses[0], of_poses, state.poses.corrections.values});
     entries.push_back({kPoses[1], of_poses, state.poses.moments.first});
     entries.push_back({kPoses[2], of_poses, state.poses.moments.second});
@@ -134,11 +142,13 @@ TrainState parse_checkpoint(std::string_view bytes, const std::filesystem::path&
   Safetensors parsed = parse_safetensors(bytes, file);
   const auto text_of = [&](const std::string& name) {
     const auto found = parsed.metadata.find(name);
-    if (found == parsed.metadata.end()) throw InputError(file, "__metadata__." + name, "", "missing");
+    if (found == parsed.metadata.end())
+      throw InputError(file, "__metadata__." + name, "", "missing");
     return found->second;
   };
   if (text_of("format") != kFormat)
-    throw InputError(file, "__metadata__.format", text_of("format"), std::string("must be ") + kFormat);
+    throw InputError(file, "__metadata__.format", text_of("format"),
+                     std::string("must be ") + kFormat);
   TrainState state;
   state.model = make_model(text_of("method"));
   if (!state.model) throw InputError(file, "__metadata__.method", text_of("method"), "unknown");
@@ -146,8 +156,10 @@ TrainState parse_checkpoint(std::string_view bytes, const std::filesystem::path&
   const auto read = [&](const std::string& name, auto& value) {
     const std::string text = text_of(name);
     const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-    if (error != std::errc() || end != text.data() + text.size() || !std::isfinite(static_cast<double>(value)))
-      throw InputError(file, "__metadata__." + name, text.substr(0, 80), "must be a finite number in range");
+    if (error != std::errc() || end != text.data() + text.size() ||
+        !std::isfinite(static_cast<double>(value)))
+      throw InputError(file, "__metadata__." + name, text.substr(0, 80),
+                       "must be a finite number in range");
   };
   visit_numbers(state, read);
   visit_model(model, read);
@@ -160,7 +172,8 @@ TrainState parse_checkpoint(std::string_view bytes, const std::filesystem::path&
     std::copy(from.values.begin(), from.values.end(), to);
     std::vector<float>().swap(from.values);  // so that nothing large is there three times
   };
-  // The largest tensor is looked at first: nothing is allocated for a size that the file does not back.
+  // The largest tensor is looked at first: nothing is allocated for a size that the file does not
+  // back.
   Safetensors::Tensor& first = take(parsed, "adam.first_moment", all, file);
   Safetensors::Tensor& second = take(parsed, "adam.second_moment", all, file);
   state.first_moment = Buffer<float>(total);
@@ -170,11 +183,12 @@ TrainState parse_checkpoint(std::string_view bytes, const std::filesystem::path&
   model.parameters = Buffer<float>(total);
   for (std::size_t i = 0; i < total; ++i)
     if (state.second_moment[i] < 0)
-      throw InputError(file, "adam.second_moment[" + std::to_string(i) + "]", std::to_string(state.second_moment[i]),
-                       "must not be negative");
+      throw InputError(file, "adam.second_moment[" + std::to_string(i) + "]",
+                       std::to_string(state.second_moment[i]), "must not be negative");
   const std::vector<ModelTensor> tensors = model.tensors();
   for (const ModelTensor& tensor : tensors)
-    hand_over(take(parsed, tensor.name, tensor.shape, file), model.parameters.data() + tensor.offset);
+    hand_over(take(parsed, tensor.name, tensor.shape, file),
+              model.parameters.data() + tensor.offset);
   const auto cells = parsed.tensors.find(kCellErrors);
   const bool with_errors = cells != parsed.tensors.end();
   if (with_errors) {
@@ -184,11 +198,12 @@ TrainState parse_checkpoint(std::string_view bytes, const std::filesystem::path&
   }
   for (std::size_t i = 0; i < state.cell_errors.size(); ++i)
     if (state.cell_errors[i] < 0 || state.cell_errors[i] > kUnseenError)
-      throw InputError(file, kCellErrors + ("[" + std::to_string(i) + "]"), std::to_string(state.cell_errors[i]),
-                       "must be in 0..1");
+      throw InputError(file, kCellErrors + ("[" + std::to_string(i) + "]"),
+                       std::to_string(state.cell_errors[i]), "must be in 0..1");
   const bool with_poses = state.poses.corrections.size() > 0;
   if (with_poses) {
-    const std::vector<std::int64_t> of_poses = {static_cast<std::int64_t>(state.poses.corrections.size())};
+    const std::vector<std::int64_t> of_poses = {
+        static_cast<std::int64_t>(state.poses.corrections.size())};
     state.poses.corrections.values = std::move(take(parsed, kPoses[0], of_poses, file).values);
     state.poses.moments.first = std::move(take(parsed, kPoses[1], of_poses, file).values);
     state.poses.moments.second = std::move(take(parsed, kPoses[2], of_poses, file).values);
@@ -206,6 +221,8 @@ void save_checkpoint(const std::filesystem::path& file, const TrainState& state)
   write_file(file, checkpoint_bytes(state));
 }
 
-TrainState load_checkpoint(const std::filesystem::path& file) { return parse_checkpoint(read_file(file), file); }
+TrainState load_checkpoint(const std::filesystem::path& file) {
+  return parse_checkpoint(read_file(file), file);
+}
 
 }  // namespace redrive

@@ -69,7 +69,8 @@ TrainState example_grid_state(int colour_layers = 1) {
   state.cell_errors[1] = 1.0f / 3;
   state.poses.corrections.frames = 2;
   state.poses.corrections.cameras = 1;
-  for (auto* values : {&state.poses.corrections.values, &state.poses.moments.first, &state.poses.moments.second})
+  for (auto* values :
+       {&state.poses.corrections.values, &state.poses.moments.first, &state.poses.moments.second})
     for (std::size_t i = 0; i < state.poses.corrections.size(); ++i)
       values->push_back(1e-3f / static_cast<float>(i + 3));
   state.poses.moments.updates = 41;
@@ -117,7 +118,8 @@ TEST(Checkpoint, GridRoundTripIsBitExact) {
     const std::string bytes = checkpoint_bytes(state);
     const TrainState back = parse_checkpoint(bytes, "c");
     ASSERT_STREQ(back.model->method(), "grid");
-    const auto &a = dynamic_cast<const GridModel&>(*state.model), &b = dynamic_cast<const GridModel&>(*back.model);
+    const auto &a = dynamic_cast<const GridModel&>(*state.model),
+               &b = dynamic_cast<const GridModel&>(*back.model);
     expect_equal(b.parameters, a.parameters);
     expect_equal(back.first_moment, state.first_moment);
     expect_equal(back.second_moment, state.second_moment);
@@ -195,14 +197,17 @@ struct Damage {
 TEST(Checkpoint, DamageIsRefusedAndNamed) {
   const std::string good = checkpoint_bytes(example_state());
   ASSERT_EQ(complaint(good), "");
-  ASSERT_EQ(complaint(Parts(good).bytes()), "") << "taking apart and putting together must not be what is refused";
+  ASSERT_EQ(complaint(Parts(good).bytes()), "")
+      << "taking apart and putting together must not be what is refused";
   const auto metadata = [](const char* key, const char* value) {
     return [=](Parts& p) { p.header["__metadata__"][key] = value; };
   };
   const Damage table[] = {
-      {"other dtype", [](Parts& p) { p.header["coarse.rgb.bias"]["dtype"] = "BF16"; }, "coarse.rgb.bias.dtype"},
+      {"other dtype", [](Parts& p) { p.header["coarse.rgb.bias"]["dtype"] = "BF16"; },
+       "coarse.rgb.bias.dtype"},
       {"no dtype", [](Parts& p) { p.header["coarse.rgb.bias"].erase("dtype"); }, "coarse.rgb.bias"},
-      {"shape of another size", [](Parts& p) { p.header["coarse.rgb.bias"]["shape"] = {4}; }, "coarse.rgb.bias.shape"},
+      {"shape of another size", [](Parts& p) { p.header["coarse.rgb.bias"]["shape"] = {4}; },
+       "coarse.rgb.bias.shape"},
       {"shape turned",
        [](Parts& p) {
          p.header["coarse.trunk.0.weight"]["shape"] = {63, 32};
@@ -217,7 +222,8 @@ TEST(Checkpoint, DamageIsRefusedAndNamed) {
       {"shape no list", [](Parts& p) { p.header["coarse.rgb.bias"]["shape"] = 3; }, "shape"},
       {"offsets swapped",
        [](Parts& p) {
-         std::swap(p.header["coarse.rgb.bias"]["data_offsets"][0], p.header["coarse.rgb.bias"]["data_offsets"][1]);
+         std::swap(p.header["coarse.rgb.bias"]["data_offsets"][0],
+                   p.header["coarse.rgb.bias"]["data_offsets"][1]);
        },
        "data_offsets"},
       {"offsets past the end",
@@ -225,7 +231,8 @@ TEST(Checkpoint, DamageIsRefusedAndNamed) {
          p.header["coarse.rgb.bias"]["data_offsets"] = {1e9, 1e9 + 12};
        },
        "data_offsets"},
-      {"one offset", [](Parts& p) { p.header["coarse.rgb.bias"]["data_offsets"] = {0}; }, "data_offsets"},
+      {"one offset", [](Parts& p) { p.header["coarse.rgb.bias"]["data_offsets"] = {0}; },
+       "data_offsets"},
       {"overlap",
        [](Parts& p) {
          p.header["coarse.rgb.bias"]["data_offsets"] = {0, 12};
@@ -242,8 +249,10 @@ TEST(Checkpoint, DamageIsRefusedAndNamed) {
       {"data too long", [](Parts& p) { p.data += "more"; }, "bytes of data"},
       {"no metadata", [](Parts& p) { p.header.erase("__metadata__"); }, "__metadata__.format"},
       {"metadata no object", [](Parts& p) { p.header["__metadata__"] = 7; }, "__metadata__"},
-      {"metadata no text", [](Parts& p) { p.header["__metadata__"]["step"] = 7; }, "__metadata__.step"},
-      {"step missing", [](Parts& p) { p.header["__metadata__"].erase("step"); }, "__metadata__.step"},
+      {"metadata no text", [](Parts& p) { p.header["__metadata__"]["step"] = 7; },
+       "__metadata__.step"},
+      {"step missing", [](Parts& p) { p.header["__metadata__"].erase("step"); },
+       "__metadata__.step"},
       {"step no number", metadata("step", "12x"), "__metadata__.step"},
       {"step negative", metadata("step", "-1"), "__metadata__.step"},
       {"seconds not finite", metadata("seconds", "nan"), "__metadata__.seconds"},
@@ -275,18 +284,23 @@ TEST(Checkpoint, DamageToAGridIsRefusedAndNamed) {
   const Damage table[] = {
       {"another method's numbers", metadata("method", "nerf"), "__metadata__.position_octaves"},
       {"unknown method", metadata("method", "splats"), "__metadata__.method"},
-      {"method missing", [](Parts& p) { p.header["__metadata__"].erase("method"); }, "__metadata__.method"},
-      {"number missing", [](Parts& p) { p.header["__metadata__"].erase("sky.levels"); }, "__metadata__.sky.levels"},
+      {"method missing", [](Parts& p) { p.header["__metadata__"].erase("method"); },
+       "__metadata__.method"},
+      {"number missing", [](Parts& p) { p.header["__metadata__"].erase("sky.levels"); },
+       "__metadata__.sky.levels"},
       {"levels", metadata("grid.levels", "0"), "__metadata__.grid.levels"},
       {"levels no multiple", metadata("grid.levels", "3"), "__metadata__.grid.levels"},
       {"rows beyond all memory", metadata("grid.log2_rows", "63"), "__metadata__.grid.log2_rows"},
-      {"rows that the file does not hold", metadata("grid.log2_rows", "8"), "adam.first_moment.shape"},
+      {"rows that the file does not hold", metadata("grid.log2_rows", "8"),
+       "adam.first_moment.shape"},
       {"features of a sky", metadata("sky.features", "1"), "__metadata__.sky.features"},
       {"width", metadata("width", "17"), "__metadata__.width"},
       {"width of another network", metadata("width", "32"), "adam.first_moment.shape"},
       {"colour layers", metadata("colour_layers", "3"), "__metadata__.colour_layers"},
-      {"near region of no size", metadata("contraction.half_m", "0"), "__metadata__.contraction.half_m"},
-      {"centre not finite", metadata("contraction.center_x", "nan"), "__metadata__.contraction.center_x"},
+      {"near region of no size", metadata("contraction.half_m", "0"),
+       "__metadata__.contraction.half_m"},
+      {"centre not finite", metadata("contraction.center_x", "nan"),
+       "__metadata__.contraction.center_x"},
       {"far before near", metadata("far_m", "0.125"), "__metadata__.far_m"},
       {"no samples", metadata("samples", "0"), "__metadata__.samples"},
       {"no proposals", metadata("first_proposals", "-1"), "__metadata__.samples"},
@@ -302,19 +316,23 @@ TEST(Checkpoint, DamageToAGridIsRefusedAndNamed) {
        },
        "colour.0.weight.shape"},
       {"poses of more frames than there are", metadata("poses.frames", "3"), "poses.shape"},
-      {"poses of a negative number of frames", metadata("poses.frames", "-2"), "__metadata__.poses.frames"},
-      {"poses of too many cameras", metadata("poses.cameras", "200000"), "__metadata__.poses.cameras"},
+      {"poses of a negative number of frames", metadata("poses.frames", "-2"),
+       "__metadata__.poses.frames"},
+      {"poses of too many cameras", metadata("poses.cameras", "200000"),
+       "__metadata__.poses.cameras"},
       {"updates", metadata("poses.updates", "-1"), "__metadata__.poses.updates"},
       {"poses of no frame and no camera",
        [](Parts& p) {
-         for (const char* name : {"poses.frames", "poses.cameras"}) p.header["__metadata__"][name] = "0";
+         for (const char* name : {"poses.frames", "poses.cameras"})
+           p.header["__metadata__"][name] = "0";
        },
        "tensors"},
       {"a negative square",
        [](Parts& p) {
          const float below = -1;
-         std::memcpy(p.data.data() + p.header["poses.second_moment"]["data_offsets"][0].get<std::size_t>() + 4, &below,
-                     4);
+         std::memcpy(p.data.data() +
+                         p.header["poses.second_moment"]["data_offsets"][0].get<std::size_t>() + 4,
+                     &below, 4);
        },
        "poses.second_moment"},
       {"errors that are no list",
@@ -325,13 +343,17 @@ TEST(Checkpoint, DamageToAGridIsRefusedAndNamed) {
       {"an error beyond what can be",
        [](Parts& p) {
          const float beyond = 1.5f;
-         std::memcpy(p.data.data() + p.header["cell_errors"]["data_offsets"][0].get<std::size_t>() + 4, &beyond, 4);
+         std::memcpy(
+             p.data.data() + p.header["cell_errors"]["data_offsets"][0].get<std::size_t>() + 4,
+             &beyond, 4);
        },
        "cell_errors[1]"},
       {"an error below",
        [](Parts& p) {
          const float below = -0.5f;
-         std::memcpy(p.data.data() + p.header["cell_errors"]["data_offsets"][0].get<std::size_t>() + 8, &below, 4);
+         std::memcpy(
+             p.data.data() + p.header["cell_errors"]["data_offsets"][0].get<std::size_t>() + 8,
+             &below, 4);
        },
        "cell_errors[2]"},
       {"rays drawn", metadata("rays_drawn", "-1"), "__metadata__.rays_drawn"},
@@ -349,15 +371,19 @@ TEST(Checkpoint, DamageToAGridIsRefusedAndNamed) {
 
 TEST(Checkpoint, NonFiniteAndNegativeValuesAreRefused) {
   const std::string good = checkpoint_bytes(example_state());
-  for (const char* tensor : {"coarse.trunk.5.weight", "fine.density.bias", "adam.first_moment", "adam.second_moment"})
-    for (const float value : {std::numeric_limits<float>::quiet_NaN(), -std::numeric_limits<float>::infinity()}) {
+  for (const char* tensor :
+       {"coarse.trunk.5.weight", "fine.density.bias", "adam.first_moment", "adam.second_moment"})
+    for (const float value :
+         {std::numeric_limits<float>::quiet_NaN(), -std::numeric_limits<float>::infinity()}) {
       Parts parts(good);
-      std::memcpy(parts.data.data() + parts.header[tensor]["data_offsets"][0].get<std::size_t>(), &value, 4);
+      std::memcpy(parts.data.data() + parts.header[tensor]["data_offsets"][0].get<std::size_t>(),
+                  &value, 4);
       EXPECT_THAT(complaint(parts.bytes()), HasSubstr(std::string(tensor) + "[0]"));
     }
   Parts parts(good);
   const float negative = -1e-20f;
-  std::memcpy(parts.data.data() + parts.header["adam.second_moment"]["data_offsets"][0].get<std::size_t>() + 8,
+  std::memcpy(parts.data.data() +
+                  parts.header["adam.second_moment"]["data_offsets"][0].get<std::size_t>() + 8,
               &negative, 4);
   EXPECT_THAT(complaint(parts.bytes()), HasSubstr("adam.second_moment[2]"));
 }
@@ -365,7 +391,8 @@ TEST(Checkpoint, NonFiniteAndNegativeValuesAreRefused) {
 TEST(Checkpoint, EveryTruncationIsRefused) {
   const std::string good = checkpoint_bytes(example_state(0));
   const std::size_t header = good.size() - Parts(good).data.size();
-  for (std::size_t size = 0; size < header + 64; ++size) EXPECT_NE(complaint(good.substr(0, size)), "") << size;
+  for (std::size_t size = 0; size < header + 64; ++size)
+    EXPECT_NE(complaint(good.substr(0, size)), "") << size;
   for (std::size_t size = header; size < good.size(); size += 4093)
     EXPECT_NE(complaint(good.substr(0, size)), "") << size;
   EXPECT_NE(complaint(good.substr(0, good.size() - 1)), "");
@@ -374,8 +401,8 @@ TEST(Checkpoint, EveryTruncationIsRefused) {
 TEST(Checkpoint, AHeaderLengthThatCannotBeIsRefused) {
   const std::string good = checkpoint_bytes(example_state(0));
   for (const std::uint64_t length :
-       {std::uint64_t{0}, std::uint64_t{1}, std::uint64_t{good.size()}, std::numeric_limits<std::uint64_t>::max(),
-        std::numeric_limits<std::uint64_t>::max() - 7}) {
+       {std::uint64_t{0}, std::uint64_t{1}, std::uint64_t{good.size()},
+        std::numeric_limits<std::uint64_t>::max(), std::numeric_limits<std::uint64_t>::max() - 7}) {
     std::string bytes = good;
     std::memcpy(bytes.data(), &length, 8);
     EXPECT_THAT(complaint(bytes), HasSubstr("header length")) << length;

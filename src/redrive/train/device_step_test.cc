@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Training and rendering where the backend keeps parameters, moments, gradients and the workspace in memory of its own: the host's copy of
-// what a stage wrote is not a number until it is fetched (kernels/cuda/loop_device.h), so that what is read without that, or changed and
-// not put back, shows.
+// Training and rendering where the backend keeps parameters, moments, gradients and the workspace
+// in memory of its own: the host's copy of what a stage wrote is not a number until it is fetched
+// (kernels/cuda/loop_device.h), so that what is read without that, or changed and not put back,
+// shows.
 #include <cmath>
 #include <functional>
 
@@ -28,11 +29,13 @@ RayBatch batch_for_device(int n, std::uint64_t step) {
     batch.direction.push_back(i < n ? 0.8f : i < 2 * n ? 0.6f : 0.0f);
   }
   batch.pixel_angle.assign(n, 0.02f);
-  for (int ray = 0; ray < n; ++ray) batch.exposure.push_back({ray % 2, 0.1f * static_cast<float>(ray)});
+  for (int ray = 0; ray < n; ++ray)
+    batch.exposure.push_back({ray % 2, 0.1f * static_cast<float>(ray)});
   return batch;
 }
 
-/// Steps of a backend that keeps numbers against the same one's that is given everything each time. The third step is not finite.
+/// Steps of a backend that keeps numbers against the same one's that is given everything each time.
+/// The third step is not finite.
 void expect_that_keeping_changes_nothing(const std::function<TrainState()>& fresh) {
   const auto keeping = kernels::make_loop_backend();
   Interference nothing;
@@ -56,7 +59,8 @@ void expect_that_keeping_changes_nothing(const std::function<TrainState()>& fres
     EXPECT_TRUE(bit_equal(a.d_direction, b.d_direction));
   }
   EXPECT_TRUE(std::isnan(kept.first_moment[0])) << "on the host before it was fetched";
-  for (const Buffer<float>* numbers : {&kept.model->parameters, &kept.first_moment, &kept.second_moment})
+  for (const Buffer<float>* numbers :
+       {&kept.model->parameters, &kept.first_moment, &kept.second_moment})
     keeping->fetch(*numbers);
   EXPECT_TRUE(same_weights(kept, copied));
   EXPECT_FALSE(same_weights(kept, fresh()));
@@ -72,13 +76,16 @@ TrainState grid_for_device() {
 TrainState empty_grid_for_device() {
   TrainState state = grid_for_device();
   for (const ModelTensor& tensor : state.model->tensors())
-    if (tensor.name == "proposal") std::fill_n(&state.model->parameters[tensor.offset], tensor.shape[0], -30.0f);
+    if (tensor.name == "proposal")
+      std::fill_n(&state.model->parameters[tensor.offset], tensor.shape[0], -30.0f);
   return state;
 }
 
 TEST(TrainStepOnADevice, OfAGrid) { expect_that_keeping_changes_nothing(grid_for_device); }
 
-TEST(TrainStepOnADevice, OfAGridWithEmptyRays) { expect_that_keeping_changes_nothing(empty_grid_for_device); }
+TEST(TrainStepOnADevice, OfAGridWithEmptyRays) {
+  expect_that_keeping_changes_nothing(empty_grid_for_device);
+}
 
 TEST(TrainStepOnADevice, OfAGridOnABackground) {
   expect_that_keeping_changes_nothing([] {
@@ -102,8 +109,9 @@ TEST(TrainStepOnADevice, OfANerf) { expect_that_keeping_changes_nothing(nerf_for
 /// Bytes of a batch as the stages of --method grid read it.
 std::size_t bytes_of_device(const RayBatch& batch) {
   std::size_t floats = 0;
-  for (const std::vector<float>* numbers : {&batch.origin, &batch.direction, &batch.pixel_angle, &batch.target,
-                                            &batch.background, &batch.weight, &batch.range_m})
+  for (const std::vector<float>* numbers :
+       {&batch.origin, &batch.direction, &batch.pixel_angle, &batch.target, &batch.background,
+        &batch.weight, &batch.range_m})
     floats += numbers->size();
   return floats * sizeof(float) + batch.exposure.size() * sizeof(Exposure);
 }
@@ -159,7 +167,8 @@ struct PictureOfDevice {
   PictureOfDevice(kernels::Backend& backend, const Model& model, const RayBatch& batch)
       : rgb(3 * batch.n), depth(batch.n), opacity(batch.n) {
     Workspace workspace;
-    for (int again = 0; again < 2; ++again) model.render(backend, batch, {rgb, depth, opacity, {}}, &workspace);
+    for (int again = 0; again < 2; ++again)
+      model.render(backend, batch, {rgb, depth, opacity, {}}, &workspace);
   }
 };
 
@@ -207,7 +216,8 @@ TEST(RenderOnADevice, CopiesRaysThereAndThePictureBack) {
 
 class TrainingOnADevice : public TrainingTest {};
 
-// Steps 4 and 8 move the poses that the next ones' rays are gathered by; the sizes of batches change.
+// Steps 4 and 8 move the poses that the next ones' rays are gathered by; the sizes of batches
+// change.
 TEST_F(TrainingOnADevice, SavesWhatTheDeviceHas) {
   const auto keeping = kernels::make_loop_backend();
   Interference nothing;
@@ -230,9 +240,11 @@ TEST_F(TrainingOnADevice, IsWatchedByItsColours) {
   InterferingBackend copying(*keeping, &nothing);
   StartWatch watches[2];
   for (const bool keep : {true, false}) {
-    redrive::Run run = tiny_grid_run(folder_.path / (keep ? "kept" : "copied"), folder_.path, tiny_options(403));
+    redrive::Run run =
+        tiny_grid_run(folder_.path / (keep ? "kept" : "copied"), folder_.path, tiny_options(403));
     run.state.step = 399;
-    EXPECT_EQ(train(&run, keep ? static_cast<kernels::Backend&>(*keeping) : copying, never_), TrainEnd::kFinished);
+    EXPECT_EQ(train(&run, keep ? static_cast<kernels::Backend&>(*keeping) : copying, never_),
+              TrainEnd::kFinished);
     watches[keep] = run.state.watch;
   }
   EXPECT_GT(watches[0].late_variance, 0);
@@ -290,7 +302,8 @@ struct Gathered {
 TEST_F(TrainingOnADevice, CopiesNothingThereAndAFewNumbersBack) {
   Gathered of(folder_.path);
   of.gather(16);
-  EXPECT_GT(of.copies.to_device, of.data.images[0].rgb.size() + 40 * (7 * sizeof(float) + sizeof(std::int64_t)))
+  EXPECT_GT(of.copies.to_device,
+            of.data.images[0].rgb.size() + 40 * (7 * sizeof(float) + sizeof(std::int64_t)))
       << "what is kept there";
   for (const bool refines : {false, true}) {
     for (int again = 0; again < 2; ++again) {  // what the first time is kept there stays
@@ -299,12 +312,14 @@ TEST_F(TrainingOnADevice, CopiesNothingThereAndAFewNumbersBack) {
       EXPECT_EQ(of.copies.to_host, 0u);
       of.batch.refines = refines;
       of.run.state.step = 0;
-      EXPECT_TRUE(train_step(*of.backend, of.batch, 0, &of.run.state, &of.buffers, &of.lidar).finite);
+      EXPECT_TRUE(
+          train_step(*of.backend, of.batch, 0, &of.run.state, &of.buffers, &of.lidar).finite);
     }
     EXPECT_EQ(of.copies.to_device, 0u);
     const std::size_t of_rays = 24 * (refines ? 3 + 3 + 3 + 1 : 0) * sizeof(float);
     EXPECT_EQ(of.copies.to_host, of_rays + sizeof(StepSums) + sizeof(std::uint32_t))
-        << "derivatives of places and directions, which directions and views these are of; losses and the like, how "
+        << "derivatives of places and directions, which directions and views these are of; losses "
+           "and the like, how "
            "many rays are live";
     EXPECT_EQ(of.copies.waits, 2u + (refines ? 4 : 0));
     EXPECT_EQ(std::isnan(of.batch.direction[0]), !refines) << "on the host before it was fetched";
@@ -322,7 +337,8 @@ TEST_F(TrainingOnADevice, CopiesPosesThereOnceTheyHaveMoved) {
   of.sampler.place();
   of.place_lidar(0.25);
   of.gather(16);
-  EXPECT_EQ(of.copies.to_device, of.sampler.source().poses.size_bytes() + of.lidar_sampler.source().poses.size_bytes());
+  EXPECT_EQ(of.copies.to_device,
+            of.sampler.source().poses.size_bytes() + of.lidar_sampler.source().poses.size_bytes());
   EXPECT_NE(origins(), before);
   of.gather(16);
   EXPECT_EQ(of.copies.to_device, 0u);
@@ -335,7 +351,8 @@ TEST_F(TrainingOnADevice, GathersBatchesOfAllSizes) {
     RayBatch expected;
     of.sampler.gather(0, even, &expected, {8, std::vector<float>(of.sampler.cells().size(), 0.5f)});
     ASSERT_EQ(of.batch.n, even + 8);
-    for (const auto numbers : {&RayBatch::origin, &RayBatch::direction, &RayBatch::target, &RayBatch::pixel_angle}) {
+    for (const auto numbers :
+         {&RayBatch::origin, &RayBatch::direction, &RayBatch::target, &RayBatch::pixel_angle}) {
       kernels::fetch(*of.backend, of.batch.*numbers);
       EXPECT_EQ(of.batch.*numbers, expected.*numbers) << even;
     }
@@ -357,16 +374,17 @@ TEST_F(TrainingOnADevice, ALostDeviceLeavesTheLastCheckpointAndSaysHowToGoOn) {
   for (const std::int64_t works : {0, 1, 300, 700}) {
     kernels::LoopTroubles troubles{.works = works};
     const auto failing = kernels::make_loop_backend(nullptr, true, &troubles);
-    redrive::Run lost = tiny_grid_run(folder_.path / ("lost" + std::to_string(works)), folder_.path, options);
+    redrive::Run lost =
+        tiny_grid_run(folder_.path / ("lost" + std::to_string(works)), folder_.path, options);
     try {
       train(&lost, *failing, never_);
       ADD_FAILURE() << "it did not fail after " << works;
     } catch (const DeviceError& error) {
-      EXPECT_EQ(error.what(),
-                "step " + std::to_string(lost.state.step) +
-                    ": the GPU failed, computing: it was told to; the last checkpoint stands, go on from it "
-                    "with: redrive resume " +
-                    lost.paths.root.string());
+      EXPECT_EQ(error.what(), "step " + std::to_string(lost.state.step) +
+                                  ": the GPU failed, computing: it was told to; the last "
+                                  "checkpoint stands, go on from it "
+                                  "with: redrive resume " +
+                                  lost.paths.root.string());
     }
     redrive::Run resumed = reopened(lost);
     EXPECT_EQ(resumed.state.step % 4, 0);
@@ -385,21 +403,24 @@ TEST_F(TrainingOnADevice, AFullDeviceSaysHowToGoOnWithLessOrLater) {
   constexpr std::int64_t kEnough = 1 << 30;
   kernels::LoopTroubles room{.places = kEnough};
   redrive::Run whole = tiny_grid_run(folder_.path / "whole", folder_.path, options);
-  EXPECT_EQ(train(&whole, *kernels::make_loop_backend(nullptr, true, &room), never_), TrainEnd::kFinished);
+  EXPECT_EQ(train(&whole, *kernels::make_loop_backend(nullptr, true, &room), never_),
+            TrainEnd::kFinished);
   std::int64_t last_step = -1;
-  for (const std::int64_t places : {std::int64_t{0}, std::int64_t{3}, (kEnough - room.places) * 3 / 4}) {
+  for (const std::int64_t places :
+       {std::int64_t{0}, std::int64_t{3}, (kEnough - room.places) * 3 / 4}) {
     kernels::LoopTroubles troubles{.places = places};
     const auto full = kernels::make_loop_backend(nullptr, true, &troubles);
-    redrive::Run run = tiny_grid_run(folder_.path / ("full" + std::to_string(places)), folder_.path, options);
+    redrive::Run run =
+        tiny_grid_run(folder_.path / ("full" + std::to_string(places)), folder_.path, options);
     try {
       train(&run, *full, never_);
       ADD_FAILURE() << "there was room for more than " << places;
     } catch (const DeviceMemoryError& error) {
-      EXPECT_EQ(error.what(),
-                "step " + std::to_string(run.state.step) +
-                    ": --backend loop: the GPU has no memory left: it was told to; the last checkpoint stands, go on "
-                    "from it with: redrive resume " +
-                    run.paths.root.string());
+      EXPECT_EQ(error.what(), "step " + std::to_string(run.state.step) +
+                                  ": --backend loop: the GPU has no memory left: it was told to; "
+                                  "the last checkpoint stands, go on "
+                                  "from it with: redrive resume " +
+                                  run.paths.root.string());
     }
     redrive::Run resumed = reopened(run);
     last_step = resumed.state.step;

@@ -18,7 +18,8 @@ bool is_high(double mse, const LossWatch& watch) {
 }  // namespace
 
 bool is_high(const LossWindow& window, const LossWatch& watch) {
-  return watch.high > 0 || (window.rays >= kRaysOfWindow && is_high(window.mse / window.steps, watch));
+  return watch.high > 0 ||
+         (window.rays >= kRaysOfWindow && is_high(window.mse / window.steps, watch));
 }
 
 void watch_loss(const LossWindow& window, LossWatch* watch) {
@@ -26,7 +27,8 @@ void watch_loss(const LossWindow& window, LossWatch* watch) {
   const auto rays = static_cast<double>(window.rays);
   watch->rays = std::min(watch->rays + rays, kSmoothingRays);
   // The plain mean until there are enough rays, from then on one that forgets.
-  watch->smoothed += rays / std::max(watch->rays, rays) * (window.mse / window.steps - watch->smoothed);
+  watch->smoothed +=
+      rays / std::max(watch->rays, rays) * (window.mse / window.steps - watch->smoothed);
   if (watch->rays < kSmoothingRays) return;
   if (watch->best == 0 || watch->smoothed < watch->best) watch->best = watch->smoothed;
   watch->high = is_high(watch->smoothed, *watch) ? watch->high + 1 : 0;

@@ -1,12 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// A loss that rises and stays high is a divergence, at whatever step (what failed from the first step on, train/start_watch.h sees).
+// A loss that rises and stays high is a divergence, at whatever step (what failed from the first
+// step on, train/start_watch.h sees).
 //
-// Windows of metrics.jsonl are smoothed, mean squared errors weighted by their rays over the last 10^4. The loss is high while that is
-// more than twice the best it has been, and above 1e-4 (40 dB), where a field explains its pictures; it has diverged when ten
-// windows on end (250 steps) are. Twice is far from noise: of a batch's squared errors the standard deviation is two or three times
-// their mean, so over 10^4 rays the mean is known to 3 %, and healthy runs of either method stay within 20 % of their best. Ten times
-// as many rays would be known better, but small batches would need 400 steps for them: a rate far too high lets a grid learn for 150
-// steps and then lose it, which must not be averaged away.
+// Windows of metrics.jsonl are smoothed, mean squared errors weighted by their rays over the last
+// 10^4. The loss is high while that is more than twice the best it has been, and above 1e-4 (40
+// dB), where a field explains its pictures; it has diverged when ten windows on end (250 steps)
+// are. Twice is far from noise: of a batch's squared errors the standard deviation is two or three
+// times their mean, so over 10^4 rays the mean is known to 3 %, and healthy runs of either method
+// stay within 20 % of their best. Ten times as many rays would be known better, but small batches
+// would need 400 steps for them: a rate far too high lets a grid learn for 150 steps and then lose
+// it, which must not be averaged away.
 #pragma once
 
 #include "redrive/train/state.h"
@@ -22,8 +25,8 @@ constexpr int kMaxRollbacks = 4;
 void watch_loss(const LossWindow& window, LossWatch* watch);
 
 inline bool has_diverged(const LossWatch& watch) { return watch.high >= kHighWindows; }
-/// The mean of a window, whole or not, of at least 1000 rays is itself high, or the last ones' was: maybe noise, maybe the beginning of
-/// the end, and no state to go back to.
+/// The mean of a window, whole or not, of at least 1000 rays is itself high, or the last ones' was:
+/// maybe noise, maybe the beginning of the end, and no state to go back to.
 bool is_high(const LossWindow& window, const LossWatch& watch);
 
 }  // namespace redrive

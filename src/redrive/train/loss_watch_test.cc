@@ -12,7 +12,8 @@ namespace {
 
 constexpr int kSteps = 25;
 
-/// Windows of one loss, `rays` a step; the first after which it is said to have diverged, -1 if none.
+/// Windows of one loss, `rays` a step; the first after which it is said to have diverged, -1 if
+/// none.
 int windows_until_diverged(double mse, int windows, int rays, LossWatch* watch) {
   for (int i = 0; i < windows; ++i) {
     LossWindow window;
@@ -27,7 +28,8 @@ int windows_until_diverged(double mse, int windows, int rays, LossWatch* watch) 
 
 TEST(LossWatch, SaysSoAfterTenHighWindows) {
   LossWatch watch;
-  EXPECT_EQ(windows_until_diverged(0.01, 50, 4096, &watch), -1);  // a window is 10^5 rays: no memory
+  EXPECT_EQ(windows_until_diverged(0.01, 50, 4096, &watch),
+            -1);  // a window is 10^5 rays: no memory
   EXPECT_FALSE(is_high({}, watch));
   EXPECT_EQ(windows_until_diverged(0.021, 50, 4096, &watch), kHighWindows - 1);
 }
@@ -65,10 +67,12 @@ TEST(LossWatch, AWindowMayBeHighBeforeTheOthers) {
   EXPECT_FALSE(high(7, 128, 1)) << "too few rays to say so";
 }
 
-// What a grid did at ten times its learning rate with 256 rays: learn for 150 steps, then lose most of it. Two windows are 10^4 rays.
+// What a grid did at ten times its learning rate with 256 rays: learn for 150 steps, then lose most
+// of it. Two windows are 10^4 rays.
 TEST(LossWatch, SeesWhatAFewHundredStepsLostAgain) {
   LossWatch watch;
-  for (const double mse : {0.047, 0.020, 0.015, 0.0148, 0.0137, 0.0127, 0.0128, 0.0141, 0.0141, 0.0161, 0.0242})
+  for (const double mse :
+       {0.047, 0.020, 0.015, 0.0148, 0.0137, 0.0127, 0.0128, 0.0141, 0.0141, 0.0161, 0.0242})
     EXPECT_EQ(windows_until_diverged(mse, 1, 256, &watch), -1);
   EXPECT_NEAR(watch.best, 0.013, 0.0005);
   EXPECT_FALSE(is_high({}, watch));
@@ -83,8 +87,9 @@ TEST(LossWatch, AFieldThatExplainsItsPicturesMayWaver) {
   EXPECT_EQ(windows_until_diverged(9e-5, 100, 4096, &watch), -1);
 }
 
-// Squared errors of single rays whose standard deviation is three times their mean, as of few edges before an even wall: one in ten
-// is 10, the others nothing. The smaller a batch, the more windows are smoothed.
+// Squared errors of single rays whose standard deviation is three times their mean, as of few edges
+// before an even wall: one in ten is 10, the others nothing. The smaller a batch, the more windows
+// are smoothed.
 TEST(LossWatch, NoiseOfSmallBatchesIsNone) {
   for (const int rays : {1, 16, 1024}) {
     LossWatch watch;

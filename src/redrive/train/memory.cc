@@ -16,10 +16,13 @@ namespace {
 
 // Measured with runs of next to nothing.
 constexpr std::uint64_t kProgram = std::uint64_t{56} << 20, kThread = std::uint64_t{4} << 20;
-constexpr std::uint64_t kReturn = 7 * sizeof(float) + sizeof(std::int64_t);  // scene/lidar_returns.h
+constexpr std::uint64_t kReturn =
+    7 * sizeof(float) + sizeof(std::int64_t);  // scene/lidar_returns.h
 constexpr std::uint64_t kSortedRay = 40;
-constexpr std::uint64_t kSample = 128;  // of a batch: places, densities, weights, features and their derivatives
-/// The lanes of kernels/cpu/cpu_backend.cc: gradients of a whole network each, and sixteen floats a neuron and sample of a tile.
+constexpr std::uint64_t kSample =
+    128;  // of a batch: places, densities, weights, features and their derivatives
+/// The lanes of kernels/cpu/cpu_backend.cc: gradients of a whole network each, and sixteen floats a
+/// neuron and sample of a tile.
 constexpr std::uint64_t kLanes = 8, kTileSamples = 192, kTileNeuron = 16 * sizeof(float);
 
 std::uint64_t pixels(const Camera& camera) { return std::uint64_t(camera.width) * camera.height; }
@@ -58,7 +61,8 @@ std::string what_to_lower(std::vector<std::pair<std::uint64_t, std::string>> par
   std::ranges::sort(parts, std::greater<>());
   std::string lower;
   for (const auto& [bytes, what] : parts)
-    if (bytes > 0) lower += (lower.empty() ? "" : ", ") + what + gib(static_cast<double>(bytes)) + ")";
+    if (bytes > 0)
+      lower += (lower.empty() ? "" : ", ") + what + gib(static_cast<double>(bytes)) + ")";
   return lower;
 }
 
@@ -69,26 +73,31 @@ MemoryNeed estimate_memory(const Run& run, int threads) {
   const std::uint64_t parameters = sizeof(float) * run.state.model->size();
   MemoryNeed need;
   need.program = kProgram + std::uint64_t(threads) * kThread;
-  const auto gpus = static_cast<std::uint64_t>(run.options.gpus);  // each with a state and a step of its own
+  const auto gpus =
+      static_cast<std::uint64_t>(run.options.gpus);  // each with a state and a step of its own
   need.state = gpus * 3 * parameters;
   need.saving = (gpus > 1 ? 2 : 1) * 3 * parameters;  // or going over to the others
 
-  // Image8 and lists of what a mask leaves, or of what is and of what is not transparent (UsedPixels): a bit a pixel and a count every 64.
+  // Image8 and lists of what a mask leaves, or of what is and of what is not transparent
+  // (UsedPixels): a bit a pixel and a count every 64.
   const bool masked = run.options.masks != "none" && run.recording.metric;
   std::uint64_t largest = 0;
   for (const View& view : scene.views) {
     const RigCamera& rig = scene.rig[view.camera];
     largest = std::max(largest, pixels(rig.recorded));
     if (view.held_out) continue;
-    const bool used = masked || !view.mask.path.empty(), alpha = scene.background != Background::kNone;
+    const bool used = masked || !view.mask.path.empty(),
+               alpha = scene.background != Background::kNone;
     const std::uint64_t bytes = 3 + alpha + used, lists = alpha ? 2 : used;
     need.pictures += pixels(rig.camera) * bytes + lists * pixels(rig.camera) * 3 / 16;
   }
   // A thread's picture as recorded, the same undistorted, and the bytes of its file.
   need.decoding = std::uint64_t(threads) * 8 * largest;
   if (scene.undistort)
-    for (const RigCamera& rig : scene.rig) need.decoding += 2 * sizeof(float) * pixels(rig.recorded);
-  for (const RigCamera& rig : scene.rig) need.rays += (sizeof(std::uint32_t) + 3 * sizeof(float)) * pixels(rig.camera);
+    for (const RigCamera& rig : scene.rig)
+      need.decoding += 2 * sizeof(float) * pixels(rig.recorded);
+  for (const RigCamera& rig : scene.rig)
+    need.rays += (sizeof(std::uint32_t) + 3 * sizeof(float)) * pixels(rig.camera);
 
   if (run.options.lidar_rays > 0 && run.recording.body_from_lidar) {
     std::uint64_t points = 0;
@@ -98,28 +107,33 @@ MemoryNeed estimate_memory(const Run& run, int threads) {
     need.lidar = points * kReturn * 2 / 3;  // of overlapping revolutions a third is there twice
     need.sorting = points * (sizeof(LidarPoint) + kSortedRay * 2 / 3);
   }
-  if (run.options.lidar_rays > 0 && run.recording.lidar_files.empty() && !run.recording.points_file.empty()) {
+  if (run.options.lidar_rays > 0 && run.recording.lidar_files.empty() &&
+      !run.recording.points_file.empty()) {
     constexpr std::uint64_t kCloudPoint = 64;  // as it is placed, with its cell's nearest
     std::error_code error;
-    const std::uint64_t size = std::filesystem::file_size(run.recording.points_file, error), bytes = error ? 0 : size,
+    const std::uint64_t size = std::filesystem::file_size(run.recording.points_file, error),
+                        bytes = error ? 0 : size,
                         points = bytes / (3 * sizeof(float)),  // at most
         used = std::min<std::uint64_t>(points, kMostCloudPoints);
     need.lidar = used * kReturn;
     need.sorting = bytes + points * sizeof(Eigen::Vector3d) + used * kCloudPoint;
   }
   const int rays = most_rays(run.options) + run.options.lidar_rays;
-  need.step = gpus * (parameters + std::uint64_t(rays) * run.state.model->samples_per_ray() * kSample);
+  need.step =
+      gpus * (parameters + std::uint64_t(rays) * run.state.model->samples_per_ray() * kSample);
   if (run.options.method == "nerf")
-    need.step += kLanes * (parameters + kTileSamples * kTileNeuron * static_cast<std::uint64_t>(run.options.width));
+    need.step += kLanes * (parameters + kTileSamples * kTileNeuron *
+                                            static_cast<std::uint64_t>(run.options.width));
   return need;
 }
 
 std::optional<DeviceNeed> estimate_device_memory(const Run& run, const kernels::Backend& backend,
                                                  const MemoryNeed& host) {
   const Model& model = *run.state.model;
-  const auto bytes = device_bytes(
-      backend, model,
-      {most_rays(run.options), host.lidar > 0 ? run.options.lidar_rays : 0, 0, run.state.poses.refines(), true});
+  const auto bytes =
+      device_bytes(backend, model,
+                   {most_rays(run.options), host.lidar > 0 ? run.options.lidar_rays : 0, 0,
+                    run.state.poses.refines(), true});
   if (!bytes) return std::nullopt;
   DeviceNeed need;
   need.state = 4 * sizeof(float) * model.size();
@@ -130,7 +144,8 @@ std::optional<DeviceNeed> estimate_device_memory(const Run& run, const kernels::
 }
 
 std::string memory_text(std::uint64_t needed, std::uint64_t allowed) {
-  return "needs about " + gib(static_cast<double>(needed)) + " of " + gib(static_cast<double>(allowed)) + " allowed";
+  return "needs about " + gib(static_cast<double>(needed)) + " of " +
+         gib(static_cast<double>(allowed)) + " allowed";
 }
 
 void check_memory(const MemoryNeed& need, std::uint64_t allowed, const TrainOptions& options) {
@@ -144,10 +159,11 @@ void check_memory(const MemoryNeed& need, std::uint64_t allowed, const TrainOpti
 
 void check_memory(const DeviceNeed& need, std::uint64_t allowed, const TrainOptions& options) {
   if (need.total() <= allowed) return;
-  throw UsageError(
-      "--gpu-memory", options.gpu_memory,
-      memory_text(need.total(), allowed) + " on the GPU; lower " +
-          what_to_lower({{need.pictures, kOfPictures}, {need.lidar, kOfLidar}, {need.step, of_batch(options)}}));
+  throw UsageError("--gpu-memory", options.gpu_memory,
+                   memory_text(need.total(), allowed) + " on the GPU; lower " +
+                       what_to_lower({{need.pictures, kOfPictures},
+                                      {need.lidar, kOfLidar},
+                                      {need.step, of_batch(options)}}));
 }
 
 void check_device_work(const Run& run, kernels::Backend& backend, const DeviceWork& work) {
@@ -160,7 +176,8 @@ void check_device_work(const Run& run, kernels::Backend& backend, const DeviceWo
   if (need.total() > allowed)
     throw UsageError("--backend", backend.name(),
                      memory_text(need.total(), allowed) + " on the GPU (the run's --gpu-memory " +
-                         run.options.gpu_memory + "); see what else runs on it, or take --backend cpu");
+                         run.options.gpu_memory +
+                         "); see what else runs on it, or take --backend cpu");
 }
 
 }  // namespace redrive

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// How much memory training will take, before any picture is loaded; of a GPU also what rendering takes, before any picture is made.
+// How much memory training will take, before any picture is loaded; of a GPU also what rendering
+// takes, before any picture is made.
 #pragma once
 
 #include <algorithm>
@@ -20,14 +21,14 @@ struct MemoryNeed {
   std::uint64_t lidar = 0;     ///< all returns
   // First there is more of what is read, then what training works with.
   std::uint64_t decoding = 0;  ///< pictures as recorded
-  std::uint64_t sorting = 0;   ///< LiDAR points as recorded, and their rays, before they are returns
-  std::uint64_t rays = 0;      ///< directions of all pixels of all cameras
-  std::uint64_t step = 0;      ///< gradients and a batch's working memory
-  std::uint64_t saving = 0;    ///< a checkpoint before it is written
+  std::uint64_t sorting = 0;  ///< LiDAR points as recorded, and their rays, before they are returns
+  std::uint64_t rays = 0;     ///< directions of all pixels of all cameras
+  std::uint64_t step = 0;     ///< gradients and a batch's working memory
+  std::uint64_t saving = 0;   ///< a checkpoint before it is written
 
   std::uint64_t total() const {  ///< at the peak
-    const std::uint64_t sum =
-        program + state + pictures + std::max({decoding, lidar + sorting, lidar + rays + step + saving});
+    const std::uint64_t sum = program + state + pictures +
+                              std::max({decoding, lidar + sorting, lidar + rays + step + saving});
     return sum + sum / 20;  // what is too small to count, and gaps between blocks
   }
 };
@@ -53,7 +54,8 @@ std::string memory_text(std::uint64_t needed, std::uint64_t allowed);
 /// UsageError saying what is lowered best, if more is needed than allowed.
 void check_memory(const MemoryNeed& need, std::uint64_t allowed, const TrainOptions& options);
 void check_memory(const DeviceNeed& need, std::uint64_t allowed, const TrainOptions& options);
-/// UsageError if the largest of `work` on a finished run's model takes more of the backend's own memory than the run's options allow.
+/// UsageError if the largest of `work` on a finished run's model takes more of the backend's own
+/// memory than the run's options allow.
 void check_device_work(const Run& run, kernels::Backend& backend, const DeviceWork& work);
 
 }  // namespace redrive

@@ -41,7 +41,9 @@ class MemoryEstimate : public testing::Test {
     run.state = first_state(options, run.scene);
     return run;
   }
-  MemoryNeed of(const TrainOptions& options, int threads = 2) { return estimate_memory(run_of(options), threads); }
+  MemoryNeed of(const TrainOptions& options, int threads = 2) {
+    return estimate_memory(run_of(options), threads);
+  }
 
   TemporaryFolder folder_;
   Recording recording_ = make_test_recording(folder_.path, 6);  // FRONT 24 x 16
@@ -100,8 +102,9 @@ TEST_F(MemoryEstimate, MoreThanAllowedIsRefusedWithWhatToLower) {
     }
     return std::string("not refused");
   };
-  EXPECT_THAT(refused(), AllOf(HasSubstr("--memory"), HasSubstr("70%"), HasSubstr("3.4 GiB of 3.0 GiB allowed"),
-                               HasSubstr("lower --downscale")));
+  EXPECT_THAT(refused(),
+              AllOf(HasSubstr("--memory"), HasSubstr("70%"),
+                    HasSubstr("3.4 GiB of 3.0 GiB allowed"), HasSubstr("lower --downscale")));
   need.step = 8 * kGiB;
   EXPECT_THAT(refused(), HasSubstr("lower --batch (64 rays: 8.0 GiB), --downscale"));
   need.sorting = 9 * kGiB;
@@ -120,7 +123,8 @@ TEST_F(MemoryEstimate, OfAGpuIsTheStateThePicturesAndAStep) {
     const redrive::Run run = run_of(options);
     EXPECT_EQ(one.state, 16 * run.state.model->size()) << "four numbers a parameter";
     EXPECT_EQ(one.pictures, estimate_memory(run, 2).pictures + estimate_memory(run, 2).rays);
-    const std::uint64_t colours = 64u * 12 * 4 * sizeof(float);  // and densities of all samples: the least of a batch
+    const std::uint64_t colours =
+        64u * 12 * 4 * sizeof(float);  // and densities of all samples: the least of a batch
     EXPECT_GT(one.step, colours);
     options.batch_rays *= 4;
     const DeviceNeed more = of_gpu(options);
@@ -150,15 +154,18 @@ TEST_F(MemoryEstimate, MoreThanAGpuMayGiveIsRefusedWithWhatToLower) {
     check_memory(need, 4 * kGiB, options);
     ADD_FAILURE() << "not refused";
   } catch (const UsageError& error) {
-    EXPECT_THAT(error.what(), HasSubstr("--gpu-memory 90%: needs about 4.2 GiB of 4.0 GiB allowed on the GPU; lower "
-                                        "--batch (64 rays: 2.0 GiB), --downscale"));
+    EXPECT_THAT(
+        error.what(),
+        HasSubstr("--gpu-memory 90%: needs about 4.2 GiB of 4.0 GiB allowed on the GPU; lower "
+                  "--batch (64 rays: 2.0 GiB), --downscale"));
   }
   need.lidar = 3 * kGiB;
   try {
     check_memory(need, 4 * kGiB, options);
     ADD_FAILURE() << "not refused";
   } catch (const UsageError& error) {
-    EXPECT_THAT(error.what(), HasSubstr("lower --frames or --lidar-rays 0 (LiDAR: 3.0 GiB), --batch"));
+    EXPECT_THAT(error.what(),
+                HasSubstr("lower --frames or --lidar-rays 0 (LiDAR: 3.0 GiB), --batch"));
   }
 }
 
@@ -175,7 +182,8 @@ TEST_F(MemoryEstimate, RenderingIsRefusedOnAFullGpu) {
     check_device_work(run, *backend, tile);
     ADD_FAILURE() << "not refused";
   } catch (const UsageError& error) {
-    EXPECT_THAT(error.what(), AllOf(HasSubstr("--backend loop: needs about"), HasSubstr("--gpu-memory 90%")));
+    EXPECT_THAT(error.what(),
+                AllOf(HasSubstr("--backend loop: needs about"), HasSubstr("--gpu-memory 90%")));
   }
 }
 

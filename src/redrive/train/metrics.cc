@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// metrics.jsonl: one object a line, appended with one write each, so that a kill cuts at most the last line short.
+// metrics.jsonl: one object a line, appended with one write each, so that a kill cuts at most the
+// last line short.
 #include <fcntl.h>
 #include <unistd.h>
 
@@ -41,7 +42,8 @@ void for_lines(const std::filesystem::path& path, std::string_view bytes,
                const std::function<void(const Line&)>& take) {
   Place place;
   std::int64_t number = 0;
-  for (std::size_t begin = 0, end; (end = bytes.find('\n', begin)) != std::string_view::npos; begin = end + 1) {
+  for (std::size_t begin = 0, end; (end = bytes.find('\n', begin)) != std::string_view::npos;
+       begin = end + 1) {
     Line line;
     line.text = bytes.substr(begin, end + 1 - begin);
     const std::filesystem::path where = path.string() + ":" + std::to_string(++number);
@@ -74,7 +76,8 @@ void for_lines(const std::filesystem::path& path, std::string_view bytes,
 
 std::string bytes_or_nothing(const std::filesystem::path& path) {
   std::error_code error;
-  const bool missing = std::filesystem::status(path, error).type() == std::filesystem::file_type::not_found;
+  const bool missing =
+      std::filesystem::status(path, error).type() == std::filesystem::file_type::not_found;
   return missing ? std::string() : read_file(path);
 }
 
@@ -92,12 +95,15 @@ void append_metrics(const RunPaths& paths, const MetricsRow& row) {
 
 void append_restart(const RunPaths& paths, std::int64_t step, int restarts, std::uint64_t seed,
                     const std::string& reason) {
-  append_line(paths.metrics(),
-              {{"event", "restart"}, {"step", step}, {"restarts", restarts}, {"seed", seed}, {"reason", reason}});
+  append_line(paths.metrics(), {{"event", "restart"},
+                                {"step", step},
+                                {"restarts", restarts},
+                                {"seed", seed},
+                                {"reason", reason}});
 }
 
-void append_rollback(const RunPaths& paths, std::int64_t step, std::int64_t to_step, int rollbacks, double rate_factor,
-                     const std::string& reason) {
+void append_rollback(const RunPaths& paths, std::int64_t step, std::int64_t to_step, int rollbacks,
+                     double rate_factor, const std::string& reason) {
   append_line(paths.metrics(), {{"event", "rollback"},
                                 {"step", step},
                                 {"to_step", to_step},
@@ -127,10 +133,12 @@ std::string kept_metrics(std::string_view bytes, const Place& place) {
     for_lines("metrics.jsonl", bytes, [&](const Line& line) {
       const auto here = std::tie(line.place.restarts, line.place.rollbacks),
                  there = std::tie(place.restarts, place.rollbacks);
-      if (here < there || (here == there && (line.is_event || line.place.step <= place.step))) kept += line.text;
+      if (here < there || (here == there && (line.is_event || line.place.step <= place.step)))
+        kept += line.text;
     });
   } catch (const InputError&) {
-    // The end of what a power cut spared; the steps behind the checkpoint are computed and written again anyway.
+    // The end of what a power cut spared; the steps behind the checkpoint are computed and written
+    // again anyway.
   }
   return kept;
 }

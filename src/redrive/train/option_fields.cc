@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The one list of training options: name, help, range; default values come from TrainOptions itself.
+// The one list of training options: name, help, range; default values come from TrainOptions
+// itself.
 #include <charconv>
 #include <cmath>
 #include <limits>
@@ -24,7 +25,9 @@ T number_of(const std::string& flag, const std::string& text) {
   T value{};
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
   if (error != std::errc() || end != text.data() + text.size())
-    throw UsageError(flag, text, std::is_floating_point_v<T> ? "must be a number" : "must be a whole number in range");
+    throw UsageError(
+        flag, text,
+        std::is_floating_point_v<T> ? "must be a number" : "must be a whole number in range");
   return value;
 }
 
@@ -35,9 +38,10 @@ T number_of(const std::string& flag, const nlohmann::json& json) {
   } else if constexpr (std::is_unsigned_v<T>) {
     if (json.is_number_unsigned()) return json.get<T>();
   } else {
-    const bool fits = json.is_number_unsigned()
-                          ? json.get<std::uint64_t>() <= static_cast<std::uint64_t>(std::numeric_limits<T>::max())
-                          : json.is_number_integer() && json.get<std::int64_t>() >= std::numeric_limits<T>::min();
+    const bool fits =
+        json.is_number_unsigned()
+            ? json.get<std::uint64_t>() <= static_cast<std::uint64_t>(std::numeric_limits<T>::max())
+            : json.is_number_integer() && json.get<std::int64_t>() >= std::numeric_limits<T>::min();
     if (fits) return json.get<T>();
   }
   throw UsageError(flag, json.dump().substr(0, 80), "must be a number in range");
@@ -51,9 +55,10 @@ struct Range {
   int multiple = 1;
 
   std::string rule() const {
-    if (low == std::numeric_limits<T>::lowest() && high == std::numeric_limits<T>::max()) return "any whole number";
-    const std::string from =
-        above ? "above " + text_of(low) + ", at most " + text_of(high) : text_of(low) + ".." + text_of(high);
+    if (low == std::numeric_limits<T>::lowest() && high == std::numeric_limits<T>::max())
+      return "any whole number";
+    const std::string from = above ? "above " + text_of(low) + ", at most " + text_of(high)
+                                   : text_of(low) + ".." + text_of(high);
     return multiple > 1 ? "a multiple of " + std::to_string(multiple) + " in " + from : from;
   }
   bool holds(T value) const {
@@ -64,33 +69,41 @@ struct Range {
 };
 
 template <class T>
-TrainField number(const std::string& name, T TrainOptions::*member, const Range<T>& range, const std::string& help) {
+TrainField number(const std::string& name, T TrainOptions::*member, const Range<T>& range,
+                  const std::string& help) {
   const std::string flag = "--" + name;
   TrainField field;
   field.name = name;
   field.help = help + " (" + range.rule() + "; default: " + text_of(TrainOptions{}.*member) + ")";
-  field.parse = [=](TrainOptions& o, const std::string& text) { o.*member = number_of<T>(flag, text); };
+  field.parse = [=](TrainOptions& o, const std::string& text) {
+    o.*member = number_of<T>(flag, text);
+  };
   field.save = [=](const TrainOptions& o, nlohmann::json& json) { json[name] = o.*member; };
-  field.load = [=](TrainOptions& o, const nlohmann::json& json) { o.*member = number_of<T>(flag, json.at(name)); };
+  field.load = [=](TrainOptions& o, const nlohmann::json& json) {
+    o.*member = number_of<T>(flag, json.at(name));
+  };
   field.check = [=](const TrainOptions& o) {
-    if (!range.holds(o.*member)) throw UsageError(flag, text_of(o.*member), "must be " + range.rule());
+    if (!range.holds(o.*member))
+      throw UsageError(flag, text_of(o.*member), "must be " + range.rule());
   };
   return field;
 }
 
-TrainField text(const std::string& name, std::string TrainOptions::*member, const std::vector<std::string>& choices,
-                const std::string& help) {
+TrainField text(const std::string& name, std::string TrainOptions::*member,
+                const std::vector<std::string>& choices, const std::string& help) {
   TrainField field;
   field.name = name;
   std::string rule;
   for (const std::string& choice : choices)
     if (!choice.empty()) rule += (rule.empty() ? "" : ", ") + choice;
   const std::string standard = TrainOptions{}.*member;
-  field.help = help + (rule.empty() ? "" : ": " + rule) + (standard.empty() ? "" : " (default: " + standard + ")");
+  field.help = help + (rule.empty() ? "" : ": " + rule) +
+               (standard.empty() ? "" : " (default: " + standard + ")");
   field.parse = [=](TrainOptions& o, const std::string& value) { o.*member = value; };
   field.save = [=](const TrainOptions& o, nlohmann::json& json) { json[name] = o.*member; };
   field.load = [=](TrainOptions& o, const nlohmann::json& json) {
-    if (!json.at(name).is_string()) throw UsageError("--" + name, json.at(name).dump().substr(0, 80), "must be a text");
+    if (!json.at(name).is_string())
+      throw UsageError("--" + name, json.at(name).dump().substr(0, 80), "must be a text");
     o.*member = json.at(name).get<std::string>();
   };
   field.check = [=](const TrainOptions& o) {
@@ -122,7 +135,8 @@ std::int64_t element_of(const std::string& flag, const std::string& part, std::i
   return number_of<std::int64_t>(flag, part);
 }
 std::string element_of(const std::string& flag, const nlohmann::json& json, std::string) {
-  if (!json.is_string()) throw UsageError(flag, json.dump().substr(0, 80), "must be a list of texts");
+  if (!json.is_string())
+    throw UsageError(flag, json.dump().substr(0, 80), "must be a list of texts");
   return json.get<std::string>();
 }
 std::int64_t element_of(const std::string& flag, const nlohmann::json& json, std::int64_t) {
@@ -131,7 +145,8 @@ std::int64_t element_of(const std::string& flag, const nlohmann::json& json, std
 
 /// A,B,C on the command line, an array in JSON; validate() checks what the elements have to be.
 template <class T>
-TrainField list(const std::string& name, std::vector<T> TrainOptions::*member, const std::string& help) {
+TrainField list(const std::string& name, std::vector<T> TrainOptions::*member,
+                const std::string& help) {
   const std::string flag = "--" + name;
   TrainField field;
   field.name = name;
@@ -146,9 +161,11 @@ TrainField list(const std::string& name, std::vector<T> TrainOptions::*member, c
   };
   field.save = [=](const TrainOptions& o, nlohmann::json& json) { json[name] = o.*member; };
   field.load = [=](TrainOptions& o, const nlohmann::json& json) {
-    if (!json.at(name).is_array()) throw UsageError(flag, json.at(name).dump().substr(0, 80), "must be a list");
+    if (!json.at(name).is_array())
+      throw UsageError(flag, json.at(name).dump().substr(0, 80), "must be a list");
     (o.*member).clear();
-    for (const nlohmann::json& element : json.at(name)) (o.*member).push_back(element_of(flag, element, T{}));
+    for (const nlohmann::json& element : json.at(name))
+      (o.*member).push_back(element_of(flag, element, T{}));
   };
   field.check = [](const TrainOptions&) {};
   return field;
@@ -161,38 +178,50 @@ std::vector<TrainField> make_fields() {
       text("recording", &O::recording, {}, "folder of the recording"),
       text("method", &O::method, {"nerf", "grid"}, "what is trained"),
       text("preset", &O::preset, {"", "report-1", "report-2", "fast", "best"},
-           "for what is not given: the report's setups of nerf; 1 and 20 minutes of grid, which trains 5 otherwise"),
+           "for what is not given: the report's setups of nerf; 1 and 20 minutes of grid, which "
+           "trains 5 otherwise"),
       list("cameras", &O::cameras, "A,B: the cameras to train on (default: all that have images)"),
-      text("frames", &O::frames, {}, "FIRST:LAST[:STEP]: frame ids, both included, either may be empty (default: all)"),
-      number("downscale", &O::downscale, Range<int>{1, 64}, "train on images this many times smaller"),
+      text("frames", &O::frames, {},
+           "FIRST:LAST[:STEP]: frame ids, both included, either may be empty (default: all)"),
+      number("downscale", &O::downscale, Range<int>{1, 64},
+             "train on images this many times smaller"),
       number("holdout-every", &O::holdout_every, Range<int>{0, 1'000'000},
              "keep every n-th frame for eval; 0: none, not 1"),
       flag("undistort", &O::undistort,
            "resample the images without distortion first, as the report did (pinhole cameras)"),
-      flag(
-          "truth-poses", &O::truth_poses,
-          "use the exact poses and calibration that a made recording ships (*_true.json), to tell what poses cost from "
-          "what the field costs"),
+      flag("truth-poses", &O::truth_poses,
+           "use the exact poses and calibration that a made recording ships (*_true.json), to tell "
+           "what poses cost from "
+           "what the field costs"),
       text("poses", &O::poses, {},
-           "folder that redrive align made: its poses and calibration are used, of which the run keeps a copy"),
-      flag("align", &O::align, "redrive align first; the run keeps what it found in RUN/poses, with its report"),
+           "folder that redrive align made: its poses and calibration are used, of which the run "
+           "keeps a copy"),
+      flag("align", &O::align,
+           "redrive align first; the run keeps what it found in RUN/poses, with its report"),
       list("rolling-shutter", &O::rolling_shutter,
-           "MS or CAM:MS,CAM:MS: cameras read their rows one after another within so many ms, the time of an image "
+           "MS or CAM:MS,CAM:MS: cameras read their rows one after another within so many ms, the "
+           "time of an image "
            "being "
-           "its middle row's; below 0: from the lowest row up; estimate or CAM:estimate: --align finds it (default: as "
+           "its middle row's; below 0: from the lowest row up; estimate or CAM:estimate: --align "
+           "finds it (default: as "
            "the calibration says, readout_s)"),
       text("refine-poses", &O::refine_poses, {"auto", "on", "off"},
-           "put right what the recording says of each frame's pose, each camera's place and time while training; auto: "
+           "put right what the recording says of each frame's pose, each camera's place and time "
+           "while training; auto: "
            "of a drive by grid, but not with --truth-poses; nerf does it if told to"),
-      number("near", &O::near_m, Range<double>{0, kInfinite, true}, "first sample of a ray, metres"),
+      number("near", &O::near_m, Range<double>{0, kInfinite, true},
+             "first sample of a ray, metres"),
       number("far", &O::far_m, Range<double>{0, kInfinite, true}, "last sample of a ray, metres"),
       text("background", &O::background, {"", "white", "black", "random"},
-           "behind transparent pixels, which need one, in rendering and scoring; grid trains on random ones; random is "
+           "behind transparent pixels, which need one, in rendering and scoring; grid trains on "
+           "random ones; random is "
            "black"),
       text("masks", &O::masks, {},
-           "auto finds what is not the static world (the ego vehicle, broken rows, annotated objects that move) and "
+           "auto finds what is not the static world (the ego vehicle, broken rows, annotated "
+           "objects that move) and "
            "leaves "
-           "it out, none leaves nothing out, or a folder with CAM.png as RUN/masks has them, which counts instead of "
+           "it out, none leaves nothing out, or a folder with CAM.png as RUN/masks has them, which "
+           "counts instead of "
            "what "
            "is found"),
       number("width", &O::width, Range<int>{32, 512, false, 32}, "hidden units of the network"),
@@ -200,24 +229,28 @@ std::vector<TrainField> make_fields() {
       number("fine-samples", &O::fine_samples, Range<int>{0, 1024},
              "further samples where the first network found matter"),
       number("batch", &O::batch_rays, Range<int>{1, 65536},
-             "rays of a step, of each GPU; grid takes up to twice as many where part of them meet only empty space"),
-      number(
-          "error-rays", &O::error_rays, Range<double>{0, 0.9},
-          "share of them that grid draws where the error is, up to 8 times as often as elsewhere; the others see every "
-          "pixel once an epoch"),
+             "rays of a step, of each GPU; grid takes up to twice as many where part of them meet "
+             "only empty space"),
+      number("error-rays", &O::error_rays, Range<double>{0, 0.9},
+             "share of them that grid draws where the error is, up to 8 times as often as "
+             "elsewhere; the others see every "
+             "pixel once an epoch"),
       number("lidar-rays", &O::lidar_rays, Range<int>{0, 65536},
              "LiDAR rays of a step besides, of each GPU, where there are any; 0: none"),
-      number("learning-rate", &O::learning_rate, Range<double>{0, 1, true}, "of Adam, at the start"),
+      number("learning-rate", &O::learning_rate, Range<double>{0, 1, true},
+             "of Adam, at the start"),
       number("lr-gamma", &O::lr_gamma, Range<double>{0, 1, true},
              "of the learning rate: nerf: factor at each milestone; grid: what is left at the end"),
       list("lr-milestones", &O::lr_milestones,
-           "A,B,C: steps (default: 1/2, 3/4 and 7/8 of all steps, which are epochs x steps of an epoch, or "
+           "A,B,C: steps (default: 1/2, 3/4 and 7/8 of all steps, which are epochs x steps of an "
+           "epoch, or "
            "--max-steps)"),
       number("epochs", &O::epochs, Range<int>{1, 10000}, "times that every pixel is seen"),
       number("max-steps", &O::max_steps, Range<std::int64_t>{0, 1'000'000'000'000},
              "stop after so many steps; 0: no limit"),
       number("max-seconds", &O::max_seconds, Range<double>{0, kInfinite},
-             "stop after so many seconds of training alone; 0: no limit; the learning rate of grid follows, that of "
+             "stop after so many seconds of training alone; 0: no limit; the learning rate of grid "
+             "follows, that of "
              "nerf goes by steps all the same"),
       number("seed", &O::seed, Range<std::uint64_t>{0, std::numeric_limits<std::uint64_t>::max()},
              "of all random numbers"),
@@ -225,17 +258,21 @@ std::vector<TrainField> make_fields() {
              "steps between checkpoints; one a minute at least"),
       number("threads", &O::threads, Range<int>{0, 1024}, "0: all that this process may use"),
       text("memory", &O::memory, {},
-           "that training may take; more is refused before it begins: bytes, a number of GiB such as 6GiB, or a share "
+           "that training may take; more is refused before it begins: bytes, a number of GiB such "
+           "as 6GiB, or a share "
            "of the "
            "machine's, which a control group may limit"),
       text("gpu-memory", &O::gpu_memory, {},
-           "that training and rendering may take of a GPU's memory; more is refused before it begins: bytes, a number "
+           "that training and rendering may take of a GPU's memory; more is refused before it "
+           "begins: bytes, a number "
            "of GiB, or a share of "
            "what is free there"),
       text("backend", &O::backend, {"auto", "ref", "cpu", "cuda"}, "what computes"),
-      text("isa", &O::isa, {"auto", "avx2", "avx512", "avx512-bf16", "amx-bf16"}, "instruction set of the cpu backend"),
+      text("isa", &O::isa, {"auto", "avx2", "avx512", "avx512-bf16", "amx-bf16"},
+           "instruction set of the cpu backend"),
       number("gpus", &O::gpus, Range<int>{1, 64},
-             "GPUs of this machine that make each step together, as one would with so many times the rays; needs NCCL"),
+             "GPUs of this machine that make each step together, as one would with so many times "
+             "the rays; needs NCCL"),
   };
 }
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Presets and the rules that tie options together; the options themselves stand in option_fields.cc.
+// Presets and the rules that tie options together; the options themselves stand in
+// option_fields.cc.
 #include "redrive/train/options.h"
 
 #include <algorithm>
@@ -21,8 +22,9 @@ constexpr const char* kFrontCamera = "F_MIDLONGRANGECAM_CL";
 constexpr const char* kSecondCamera = "F_MIDRANGECAM_C";
 constexpr const char* kSecondCameraInstead = "B_MIDRANGECAM_C";
 
-/// Samples of a batch: the step keeps about 60 bytes for each (t, dt, weights, raw outputs and their derivatives, twice with
-/// a fine network), so 2^22 of them stay within a quarter of a gigabyte.
+/// Samples of a batch: the step keeps about 60 bytes for each (t, dt, weights, raw outputs and
+/// their derivatives, twice with a fine network), so 2^22 of them stay within a quarter of a
+/// gigabyte.
 constexpr std::int64_t kMaxBatchSamples = std::int64_t{1} << 22;
 
 struct FrameRange {
@@ -37,7 +39,8 @@ FrameRange parse_frames(const std::string& text) {
   const auto number = [&](std::string_view part, std::int64_t low) {
     std::int64_t value = 0;
     const auto [end, error] = std::from_chars(part.data(), part.data() + part.size(), value);
-    if (error != std::errc() || end != part.data() + part.size() || value < low || value > 1'000'000'000'000)
+    if (error != std::errc() || end != part.data() + part.size() || value < low ||
+        value > 1'000'000'000'000)
       fail("must be FIRST:LAST[:STEP], frame ids (either may be empty) and a step of 1 or more");
     return value;
   };
@@ -50,20 +53,25 @@ FrameRange parse_frames(const std::string& text) {
   if (parts.size() < 2 || parts.size() > 3) fail("must be FIRST:LAST[:STEP]");
   if (!parts[0].empty()) range.first = number(parts[0], 0);
   if (!parts[1].empty()) range.last = number(parts[1], 0);
-  if (parts.size() == 3) range.step = static_cast<int>(std::min<std::int64_t>(number(parts[2], 1), 1'000'000'000));
-  if (range.first >= 0 && range.last >= 0 && range.last < range.first) fail("LAST must not be before FIRST");
+  if (parts.size() == 3)
+    range.step = static_cast<int>(std::min<std::int64_t>(number(parts[2], 1), 1'000'000'000));
+  if (range.first >= 0 && range.last >= 0 && range.last < range.first)
+    fail("LAST must not be before FIRST");
   return range;
 }
 
 }  // namespace
 
 void apply_preset(TrainOptions* options, const std::vector<std::string>& given) {
-  const auto is_given = [&](const char* name) { return std::find(given.begin(), given.end(), name) != given.end(); };
+  const auto is_given = [&](const char* name) {
+    return std::find(given.begin(), given.end(), name) != given.end();
+  };
   const auto set = [&](const char* name, auto& field, auto value) {
     if (!is_given(name)) field = value;
   };
   const std::string& preset = options->preset;
-  const bool report = preset == "report-1" || preset == "report-2", timed = preset == "fast" || preset == "best";
+  const bool report = preset == "report-1" || preset == "report-2",
+             timed = preset == "fast" || preset == "best";
   if (!preset.empty() && !report && !timed)
     throw UsageError("--preset", preset, "unknown; known are report-1, report-2, fast and best");
   if (report) set("method", options->method, "nerf");
@@ -94,13 +102,19 @@ void resolve_cameras(TrainOptions* options, const Recording& recording) {
   const bool second = options->preset == "report-2";
   if (!options->cameras.empty() || (options->preset != "report-1" && !second)) return;
   options->cameras = {kFrontCamera};
-  if (second) options->cameras.push_back(recording.find_camera(kSecondCamera) ? kSecondCamera : kSecondCameraInstead);
+  if (second)
+    options->cameras.push_back(recording.find_camera(kSecondCamera) ? kSecondCamera
+                                                                    : kSecondCameraInstead);
 }
 
-void resolve_bounds(TrainOptions* options, const std::vector<std::string>& given, const Recording& recording) {
-  const auto is_given = [&](const char* name) { return std::find(given.begin(), given.end(), name) != given.end(); };
+void resolve_bounds(TrainOptions* options, const std::vector<std::string>& given,
+                    const Recording& recording) {
+  const auto is_given = [&](const char* name) {
+    return std::find(given.begin(), given.end(), name) != given.end();
+  };
   if (!recording.bounds || options->preset.starts_with("report")) return;
-  // Of the half side: cameras inside the cube have it all around them; a pixel is the same a hundred cubes away and further.
+  // Of the half side: cameras inside the cube have it all around them; a pixel is the same a
+  // hundred cubes away and further.
   constexpr double kLeast = 0.02, kFurthest = 100;
   constexpr int kWidth = 64;
   const auto& [center, half_side] = *recording.bounds;
@@ -111,7 +125,8 @@ void resolve_bounds(TrainOptions* options, const std::vector<std::string>& given
     furthest = std::max(furthest, (place.array() + half_side).matrix().norm());
   }
   // The grid contracts what is beyond the cube, where cameras within it see that.
-  const bool grid = options->method == "grid", unbounded = grid && nearest == 0 && options->background.empty();
+  const bool grid = options->method == "grid",
+             unbounded = grid && nearest == 0 && options->background.empty();
   if (grid && !unbounded && !is_given("width")) options->width = kWidth;
   if (is_given("near") || is_given("far")) return;
   options->near_m = std::max(nearest, kLeast * half_side);
@@ -120,7 +135,8 @@ void resolve_bounds(TrainOptions* options, const std::vector<std::string>& given
 
 bool refines_poses(const TrainOptions& options, const Scene& scene) {
   if (options.refine_poses == "on" && !scene.metric)
-    throw UsageError("--refine-poses", "on", "poses are refined of drives alone, which have metres and a clock");
+    throw UsageError("--refine-poses", "on",
+                     "poses are refined of drives alone, which have metres and a clock");
   const bool by_default = options.method == "grid" && scene.metric && !options.truth_poses;
   return options.refine_poses == "on" || (options.refine_poses == "auto" && by_default);
 }
@@ -134,7 +150,8 @@ void validate(const TrainOptions& options) {
       json.dump();  // as config.json will need it
     } catch (const nlohmann::json::type_error&) {
       const std::string flag = std::string("--").append(field.name);
-      throw UsageError(field.name == "recording" ? "RECORDING" : flag, "", "must be UTF-8 text, as config.json is");
+      throw UsageError(field.name == "recording" ? "RECORDING" : flag, "",
+                       "must be UTF-8 text, as config.json is");
     }
   }
   if (options.far_m <= options.near_m)
@@ -142,23 +159,27 @@ void validate(const TrainOptions& options) {
                      "must be greater than --near " + std::to_string(options.near_m));
   if (options.method == "grid") {
     if (options.fine_samples > 0)
-      throw UsageError("--fine-samples", std::to_string(options.fine_samples), "belongs to --method nerf");
+      throw UsageError("--fine-samples", std::to_string(options.fine_samples),
+                       "belongs to --method nerf");
     if (options.width > kMaxGridWidth)
       throw UsageError("--width", std::to_string(options.width),
                        "must be " + std::to_string(kMaxGridWidth) + " or less with --method grid");
     if (!options.lr_milestones.empty())
-      throw UsageError("--lr-milestones", "", "belong to --method nerf; --lr-gamma says what the rate ends at");
+      throw UsageError("--lr-milestones", "",
+                       "belong to --method nerf; --lr-gamma says what the rate ends at");
   }
   if (options.method == "nerf" && options.error_rays > 0)
     throw UsageError("--error-rays", std::to_string(options.error_rays), "belong to --method grid");
   if (options.method == "nerf" && options.background == "random")
-    throw UsageError("--background", "random", "is not for --method nerf, which knows no background; white or black");
+    throw UsageError("--background", "random",
+                     "is not for --method nerf, which knows no background; white or black");
   if (options.truth_poses + options.align + !options.poses.empty() > 1)
     throw UsageError(options.align ? "--align" : "--poses", options.poses,
                      "--truth-poses, --poses and --align exclude each other");
   if (estimates_readouts(options.rolling_shutter) && !options.align)
     throw UsageError("--rolling-shutter", "estimate",
-                     "needs --align, which estimates; or redrive align --rolling-shutter estimate, then --poses");
+                     "needs --align, which estimates; or redrive align --rolling-shutter estimate, "
+                     "then --poses");
   if (options.holdout_every == 1)
     throw UsageError("--holdout-every", "1", "would leave nothing to train on; 0 or 2 and more");
   parse_frames(options.frames);
@@ -171,10 +192,12 @@ void validate(const TrainOptions& options) {
   if (std::ranges::adjacent_find(steps, std::greater_equal<>()) != steps.end() ||
       (!steps.empty() && steps.front() < 1)) {
     std::string list;
-    for (const std::int64_t step : steps) list.append(list.empty() ? "" : ",").append(std::to_string(step));
+    for (const std::int64_t step : steps)
+      list.append(list.empty() ? "" : ",").append(std::to_string(step));
     throw UsageError("--lr-milestones", list, "must be steps of 1 or more, ascending");
   }
-  const std::int64_t samples = std::int64_t{options.batch_rays} * (options.samples + options.fine_samples);
+  const std::int64_t samples =
+      std::int64_t{options.batch_rays} * (options.samples + options.fine_samples);
   if (samples > kMaxBatchSamples)
     throw UsageError("--batch", std::to_string(options.batch_rays),
                      "times samples a ray is " + std::to_string(samples) + ", must be " +
@@ -182,16 +205,16 @@ void validate(const TrainOptions& options) {
 }
 
 Recording open_recording(const TrainOptions& options) {
-  Recording recording =
-      open_recording(options.recording, options.truth_poses ? PoseSource::kTruth : PoseSource::kGiven);
+  Recording recording = open_recording(
+      options.recording, options.truth_poses ? PoseSource::kTruth : PoseSource::kGiven);
   set_readouts(options.rolling_shutter, &recording);
   return recording;
 }
 
 bool has_own_poses(const TrainOptions& options) { return options.align || !options.poses.empty(); }
 
-void use_own_poses(const PoseFiles& files, const std::filesystem::path& folder, const TrainOptions& options,
-                   Recording* recording) {
+void use_own_poses(const PoseFiles& files, const std::filesystem::path& folder,
+                   const TrainOptions& options, Recording* recording) {
   use_pose_files(files, folder, recording);
   set_readouts(options.rolling_shutter, recording);
 }
@@ -209,7 +232,8 @@ SceneOptions scene_options(const TrainOptions& options) {
   scene.near_m = options.near_m;
   scene.far_m = options.far_m;
   if (options.background == "white") scene.background = Background::kWhite;
-  if (options.background == "black" || options.background == "random") scene.background = Background::kBlack;
+  if (options.background == "black" || options.background == "random")
+    scene.background = Background::kBlack;
   scene.random_behind = options.method == "grid" && scene.background != Background::kNone;
   return scene;
 }
@@ -217,14 +241,20 @@ SceneOptions scene_options(const TrainOptions& options) {
 namespace {
 
 /// Of `all` bytes, which are `what`.
-std::uint64_t allowed_of(const char* option, const std::string& text, std::uint64_t all, const char* what) {
+std::uint64_t allowed_of(const char* option, const std::string& text, std::uint64_t all,
+                         const char* what) {
   constexpr double kGiB = 1024.0 * 1024 * 1024;
   double value = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
   const std::string unit(end, text.data() + text.size());
-  const double bytes = unit == "" ? value : unit == "GiB" ? kGiB * value : 0.01 * value * static_cast<double>(all);
-  if (error != std::errc() || !(bytes >= 1 && bytes < 1e18) || (unit != "" && unit != "GiB" && unit != "%"))
-    throw UsageError(option, text, std::string("must be bytes, or a number with GiB or % (of ") + what + ") behind it");
+  const double bytes = unit == ""      ? value
+                       : unit == "GiB" ? kGiB * value
+                                       : 0.01 * value * static_cast<double>(all);
+  if (error != std::errc() || !(bytes >= 1 && bytes < 1e18) ||
+      (unit != "" && unit != "GiB" && unit != "%"))
+    throw UsageError(
+        option, text,
+        std::string("must be bytes, or a number with GiB or % (of ") + what + ") behind it");
   return static_cast<std::uint64_t>(bytes);
 }
 
@@ -257,10 +287,12 @@ nlohmann::json options_to_json(const TrainOptions& options) {
 }
 
 TrainOptions options_from_json(const nlohmann::json& json, const std::filesystem::path& file) {
-  if (!json.is_object()) throw InputError(file, "", json.type_name(), "must be an object with the options of a run");
+  if (!json.is_object())
+    throw InputError(file, "", json.type_name(), "must be an object with the options of a run");
   const std::vector<TrainField>& fields = train_fields();
   for (const auto& [key, value] : json.items())
-    if (std::none_of(fields.begin(), fields.end(), [&key = key](const TrainField& field) { return field.name == key; }))
+    if (std::none_of(fields.begin(), fields.end(),
+                     [&key = key](const TrainField& field) { return field.name == key; }))
       throw InputError(file, key, value.dump().substr(0, 80), "unknown option");
   TrainOptions options;
   for (const TrainField& field : fields) {

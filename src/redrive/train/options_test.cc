@@ -51,29 +51,33 @@ TEST_P(OutOfRange, IsRefusedNamingOptionAndValue) {
   const auto [option, value] = GetParam();
   const std::string what = complaint(option, value);
   EXPECT_THAT(what, HasSubstr(std::string("--") + option)) << value;
-  EXPECT_THAT(what, HasSubstr(std::string(value).substr(0, 3)));  // shown as the number that it is, so not every digit
+  EXPECT_THAT(what, HasSubstr(std::string(value).substr(
+                        0, 3)));  // shown as the number that it is, so not every digit
 }
 
 INSTANTIATE_TEST_SUITE_P(
     Options, OutOfRange,
-    ::testing::Values(Case{"method", "gaussians"}, Case{"frames", "7"}, Case{"frames", "9:7"}, Case{"frames", "1:2:0"},
-                      Case{"frames", "1:2:3:4"}, Case{"frames", "a:b"}, Case{"frames", "-4:7"}, Case{"downscale", "0"},
-                      Case{"downscale", "65"}, Case{"downscale", "2.5"}, Case{"downscale", ""},
-                      Case{"holdout-every", "-1"}, Case{"holdout-every", "1"}, Case{"near", "0"}, Case{"near", "-1"},
-                      Case{"near", "nan"}, Case{"near", "1m"}, Case{"far", "inf"}, Case{"far", "0"}, Case{"far", "0.5"},
-                      Case{"width", "0"}, Case{"width", "16"}, Case{"width", "100"}, Case{"width", "544"},
-                      Case{"samples", "2"}, Case{"samples", "1025"}, Case{"fine-samples", "-1"},
-                      Case{"fine-samples", "1025"}, Case{"batch", "0"}, Case{"batch", "65537"}, Case{"batch", "65536"},
-                      Case{"error-rays", "-0.1"}, Case{"error-rays", "0.95"}, Case{"error-rays", "0.5"},
-                      Case{"error-rays", "half"}, Case{"learning-rate", "0"}, Case{"learning-rate", "1.5"},
-                      Case{"learning-rate", "nan"}, Case{"lr-gamma", "0"}, Case{"lr-gamma", "2"},
-                      Case{"lr-milestones", "0"}, Case{"lr-milestones", "20,10"}, Case{"lr-milestones", "x"},
-                      Case{"epochs", "0"}, Case{"epochs", "10001"}, Case{"epochs", "99999999999999999999"},
-                      Case{"max-steps", "-5"}, Case{"max-seconds", "-0.5"}, Case{"max-seconds", "inf"},
-                      Case{"max-seconds", "nan"}, Case{"seed", "-1"}, Case{"seed", "18446744073709551616"},
-                      Case{"checkpoint-every", "0"}, Case{"threads", "-2"}, Case{"threads", "1025"}, Case{"gpus", "0"},
-                      Case{"gpus", "65"}, Case{"backend", "tpu"}, Case{"isa", "sse2"}, Case{"preset", "report-3"},
-                      Case{"background", "grey"}, Case{"background", "random"}));
+    ::testing::Values(
+        Case{"method", "gaussians"}, Case{"frames", "7"}, Case{"frames", "9:7"},
+        Case{"frames", "1:2:0"}, Case{"frames", "1:2:3:4"}, Case{"frames", "a:b"},
+        Case{"frames", "-4:7"}, Case{"downscale", "0"}, Case{"downscale", "65"},
+        Case{"downscale", "2.5"}, Case{"downscale", ""}, Case{"holdout-every", "-1"},
+        Case{"holdout-every", "1"}, Case{"near", "0"}, Case{"near", "-1"}, Case{"near", "nan"},
+        Case{"near", "1m"}, Case{"far", "inf"}, Case{"far", "0"}, Case{"far", "0.5"},
+        Case{"width", "0"}, Case{"width", "16"}, Case{"width", "100"}, Case{"width", "544"},
+        Case{"samples", "2"}, Case{"samples", "1025"}, Case{"fine-samples", "-1"},
+        Case{"fine-samples", "1025"}, Case{"batch", "0"}, Case{"batch", "65537"},
+        Case{"batch", "65536"}, Case{"error-rays", "-0.1"}, Case{"error-rays", "0.95"},
+        Case{"error-rays", "0.5"}, Case{"error-rays", "half"}, Case{"learning-rate", "0"},
+        Case{"learning-rate", "1.5"}, Case{"learning-rate", "nan"}, Case{"lr-gamma", "0"},
+        Case{"lr-gamma", "2"}, Case{"lr-milestones", "0"}, Case{"lr-milestones", "20,10"},
+        Case{"lr-milestones", "x"}, Case{"epochs", "0"}, Case{"epochs", "10001"},
+        Case{"epochs", "99999999999999999999"}, Case{"max-steps", "-5"},
+        Case{"max-seconds", "-0.5"}, Case{"max-seconds", "inf"}, Case{"max-seconds", "nan"},
+        Case{"seed", "-1"}, Case{"seed", "18446744073709551616"}, Case{"checkpoint-every", "0"},
+        Case{"threads", "-2"}, Case{"threads", "1025"}, Case{"gpus", "0"}, Case{"gpus", "65"},
+        Case{"backend", "tpu"}, Case{"isa", "sse2"}, Case{"preset", "report-3"},
+        Case{"background", "grey"}, Case{"background", "random"}));
 
 TEST(TrainOptions, RefusesCamerasThatAreNamedTwiceOrNot) {
   EXPECT_THAT(complaint("cameras", "A,A"), HasSubstr("--cameras"));
@@ -83,13 +87,14 @@ TEST(TrainOptions, RefusesCamerasThatAreNamedTwiceOrNot) {
 TEST(TrainOptions, TakesWhatIsAtTheEdgeOfTheRange) {
   for (const auto& [option, value] :
        {Case{"downscale", "64"}, Case{"width", "32"}, Case{"width", "512"}, Case{"samples", "3"},
-        Case{"fine-samples", "1024"}, Case{"learning-rate", "1"}, Case{"frames", ":"}, Case{"frames", "5:"},
-        Case{"frames", "5:5:9"}, Case{"seed", "18446744073709551615"}})
+        Case{"fine-samples", "1024"}, Case{"learning-rate", "1"}, Case{"frames", ":"},
+        Case{"frames", "5:"}, Case{"frames", "5:5:9"}, Case{"seed", "18446744073709551615"}})
     EXPECT_THAT(complaint(option, value), IsEmpty()) << option << " " << value;
 }
 
 TEST(TrainOptions, EveryHelpSaysItsDefaultOrIsATextOrSwitch) {
-  for (const TrainField& candidate : train_fields()) EXPECT_FALSE(candidate.help.empty()) << candidate.name;
+  for (const TrainField& candidate : train_fields())
+    EXPECT_FALSE(candidate.help.empty()) << candidate.name;
   EXPECT_THAT(field("near").help, HasSubstr("default: 0.5"));
   EXPECT_THAT(field("learning-rate").help, HasSubstr("default: 0.02"));
 }
@@ -107,8 +112,9 @@ TEST(TrainOptions, BackgroundIsTheScenes) {
   TrainOptions options;
   EXPECT_EQ(scene_options(options).background, Background::kNone);
   EXPECT_FALSE(scene_options(options).random_behind);
-  for (const auto& [name, background] : {std::pair{"white", Background::kWhite}, std::pair{"black", Background::kBlack},
-                                         std::pair{"random", Background::kBlack}}) {
+  for (const auto& [name, background] :
+       {std::pair{"white", Background::kWhite}, std::pair{"black", Background::kBlack},
+        std::pair{"random", Background::kBlack}}) {
     options.background = name;
     EXPECT_EQ(scene_options(options).background, background);
     EXPECT_TRUE(scene_options(options).random_behind);
@@ -117,8 +123,8 @@ TEST(TrainOptions, BackgroundIsTheScenes) {
   EXPECT_FALSE(scene_options(options).random_behind) << "its network is told of no background";
 }
 
-// A cube from -1 to 1 around (10, 0, 0). From 4 ahead of it: 3 to its face, to its far corners (5, 1, 1); from its inside:
-// all around.
+// A cube from -1 to 1 around (10, 0, 0). From 4 ahead of it: 3 to its face, to its far corners (5,
+// 1, 1); from its inside: all around.
 TEST(TrainOptions, BoundsSetRangeAndWidthUnlessTheyAreGiven) {
   Recording recording;
   recording.frames = {{0, 0, Rigid3d(Eigen::Translation3d(6, 0, 0))}};
@@ -139,7 +145,8 @@ TEST(TrainOptions, BoundsSetRangeAndWidthUnlessTheyAreGiven) {
   EXPECT_NEAR(options.near_m, 0.02, 1e-12);
   EXPECT_NEAR(options.far_m, std::sqrt(27.0), 1e-12);
   EXPECT_EQ(options.width, nerf_options().width);
-  options = TrainOptions();  // the grid sees beyond the cube from within, unless that is a background
+  options =
+      TrainOptions();  // the grid sees beyond the cube from within, unless that is a background
   resolve_bounds(&options, {}, recording);
   EXPECT_NEAR(options.far_m, 100, 1e-12);
   EXPECT_EQ(options.width, 32);
@@ -223,7 +230,8 @@ TEST(TrainOptions, RaysByErrorBelongToTheGrid) {
   EXPECT_EQ(nerf_options().error_rays, 0);
   TrainOptions options;
   options.recording = "drive";
-  for (options.error_rays = 0; options.error_rays < 0.95; options.error_rays += 0.3) EXPECT_NO_THROW(validate(options));
+  for (options.error_rays = 0; options.error_rays < 0.95; options.error_rays += 0.3)
+    EXPECT_NO_THROW(validate(options));
   options.method = "nerf";
   apply_preset(&options, {"error-rays"});
   options.error_rays = 0.25;
@@ -355,7 +363,8 @@ TEST(Options, RollingShutterIsOfAllCamerasOrOfEach) {
   const auto readouts = [&](std::vector<std::string> given) {
     options.rolling_shutter = std::move(given);
     std::vector<std::int64_t> out;
-    for (const RecordedCamera& camera : open_recording(options).cameras) out.push_back(camera.calibration.readout_ns);
+    for (const RecordedCamera& camera : open_recording(options).cameras)
+      out.push_back(camera.calibration.readout_ns);
     return out;
   };
   const Recording recording = open_recording(options);
@@ -365,8 +374,10 @@ TEST(Options, RollingShutterIsOfAllCamerasOrOfEach) {
   std::vector<std::int64_t> one(cameras, 0);
   one.back() = -12'500'000;
   EXPECT_EQ(readouts({recording.cameras.back().calibration.name + ":-12.5"}), one);
-  EXPECT_EQ(readouts({"30", recording.cameras.back().calibration.name + ":-12.5"}).back(), -12'500'000);
-  for (const char* wrong : {"", "x", "30ms", "NONE:30", "201", "nan", ":", "NONE:estimate", "estimated"})
+  EXPECT_EQ(readouts({"30", recording.cameras.back().calibration.name + ":-12.5"}).back(),
+            -12'500'000);
+  for (const char* wrong :
+       {"", "x", "30ms", "NONE:30", "201", "nan", ":", "NONE:estimate", "estimated"})
     EXPECT_THROW(readouts({wrong}), UsageError) << wrong;
 }
 
@@ -377,13 +388,15 @@ TEST(Options, RollingShutterIsEstimatedByAlign) {
   const std::size_t n = recording.cameras.size();
   ASSERT_GT(n, 1u);
   EXPECT_EQ(set_readouts({"estimate"}, &recording), std::vector<bool>(n, true));
-  EXPECT_EQ(recording.cameras[0].calibration.readout_ns, 20'000'000) << "as the calibration says, to start from";
+  EXPECT_EQ(recording.cameras[0].calibration.readout_ns, 20'000'000)
+      << "as the calibration says, to start from";
   std::vector<bool> but_last(n, true);
   but_last.back() = false;
   EXPECT_EQ(set_readouts({"estimate", last + ":7"}, &recording), but_last);
   EXPECT_EQ(recording.cameras.back().calibration.readout_ns, 7'000'000);
   EXPECT_EQ(set_readouts({last + ":estimate"}, &recording)[n - 1], true);
-  EXPECT_EQ(set_readouts({last + ":9", "estimate"}, &recording), std::vector<bool>(n, true)) << "the last one counts";
+  EXPECT_EQ(set_readouts({last + ":9", "estimate"}, &recording), std::vector<bool>(n, true))
+      << "the last one counts";
   EXPECT_EQ(recording.cameras.back().calibration.readout_ns, 7'000'000);
 
   TrainOptions options;

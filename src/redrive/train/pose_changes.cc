@@ -28,7 +28,8 @@ PoseChanges pose_changes(const Scene& scene, const PoseCorrections& corrections)
   };
   const auto change_at = [&](std::size_t at) {
     const auto three = [&](std::size_t i) {
-      return Eigen::Vector3d(Eigen::Map<const Eigen::Vector3f>(&corrections.values[i]).cast<double>());
+      return Eigen::Vector3d(
+          Eigen::Map<const Eigen::Vector3f>(&corrections.values[i]).cast<double>());
     };
     PoseChange change{three(at), three(at + 3)};
     for (std::size_t i = at; i < at + 6; ++i) change.at_bound |= near_bound(i);
@@ -46,9 +47,11 @@ PoseChanges pose_changes(const Scene& scene, const PoseCorrections& corrections)
     const std::size_t at = corrections.at_camera(c), time = corrections.at_time(c);
     CameraChange camera{scene.rig[c].name, change_at(at), corrections.values[time]};
     camera.pose.at_bound |= near_bound(time);
-    // body_from_camera is what it was times the motion: back to the axes that the camera had before.
+    // body_from_camera is what it was times the motion: back to the axes that the camera had
+    // before.
     const Eigen::Matrix3d body_from_camera =
-        scene.rig[c].body_from_sensor.linear() * motion_of(&corrections.values[at]).linear().transpose();
+        scene.rig[c].body_from_sensor.linear() *
+        motion_of(&corrections.values[at]).linear().transpose();
     camera.pose.moved_m = body_from_camera * camera.pose.moved_m;
     camera.pose.turned_rad = body_from_camera * camera.pose.turned_rad;
     changes.cameras.push_back(camera);
@@ -67,8 +70,9 @@ std::string describe_changes(const PoseChanges& changes) {
   out += '\n';
   for (const CameraChange& camera : changes.cameras) {
     const PoseChange& pose = camera.pose;
-    std::snprintf(line, sizeof line, ": moved %.1f cm, turned %.3f degrees, %+.1f ms%s\n", 100 * pose.moved_m.norm(),
-                  kInDegrees * pose.turned_rad.norm(), 1e3 * camera.late_s,
+    std::snprintf(line, sizeof line, ": moved %.1f cm, turned %.3f degrees, %+.1f ms%s\n",
+                  100 * pose.moved_m.norm(), kInDegrees * pose.turned_rad.norm(),
+                  1e3 * camera.late_s,
                   pose.at_bound ? "; WARNING: at its bound, see redrive align" : "");
     out += camera.name + line;
   }

@@ -15,7 +15,9 @@ using ::testing::Not;
 
 class PoseChangesTest : public ::testing::Test {
  protected:
-  void set(std::size_t at, const std::vector<float>& values) { std::ranges::copy(values, &corrections_.values[at]); }
+  void set(std::size_t at, const std::vector<float>& values) {
+    std::ranges::copy(values, &corrections_.values[at]);
+  }
   /// Of the scene as the corrections place it.
   PoseChanges changes() const {
     Scene placed = scene_;
@@ -34,7 +36,8 @@ TEST_F(PoseChangesTest, CamerasAreSaidInTheBodysAxes) {
   set(corrections_.at_time(1), {0.004f});
   const CameraChange front = changes().cameras.at(1);
   EXPECT_EQ(front.name, "FRONT");
-  EXPECT_LT((front.pose.moved_m - Eigen::Vector3d(0.4, -0.1, -0.2)).norm(), 1e-7) << front.pose.moved_m.transpose();
+  EXPECT_LT((front.pose.moved_m - Eigen::Vector3d(0.4, -0.1, -0.2)).norm(), 1e-7)
+      << front.pose.moved_m.transpose();
   EXPECT_LT((front.pose.turned_rad - Eigen::Vector3d(0.03, -0.01, -0.02)).norm(), 1e-8);
   EXPECT_NEAR(front.late_s, 0.004, 1e-9);
   EXPECT_FALSE(front.pose.at_bound);
@@ -56,7 +59,8 @@ TEST_F(PoseChangesTest, FramesAreSaidAsTheyStand) {
   EXPECT_NEAR(changes.moved_m, std::sqrt((0.05 * 0.05 + 0.05 * 0.05) / 6), 1e-8);
   EXPECT_NEAR(changes.turned_rad, 0.013 / std::sqrt(6.0), 1e-8);
   EXPECT_EQ(at_bound(changes), "");
-  EXPECT_THAT(describe_changes(changes), HasSubstr("frames moved 2.9 cm, turned 0.304 degrees RMS\n"));
+  EXPECT_THAT(describe_changes(changes),
+              HasSubstr("frames moved 2.9 cm, turned 0.304 degrees RMS\n"));
   EXPECT_THAT(describe_changes(changes), Not(HasSubstr("WARNING")));
 }
 
@@ -73,7 +77,9 @@ TEST_F(PoseChangesTest, SaysWhatIsAtItsBound) {
   EXPECT_EQ(at_bound(changes), "2 of 6 frames, FISHEYE");
   const std::string text = describe_changes(changes);
   EXPECT_THAT(text, HasSubstr("WARNING: 2 of 6 at their bounds"));
-  EXPECT_THAT(text, HasSubstr("FISHEYE: moved 0.0 cm, turned 0.000 degrees, +50.0 ms; WARNING: at its bound"));
+  EXPECT_THAT(
+      text,
+      HasSubstr("FISHEYE: moved 0.0 cm, turned 0.000 degrees, +50.0 ms; WARNING: at its bound"));
   EXPECT_THAT(text, HasSubstr("FRONT: moved 0.0 cm, turned 0.000 degrees, +0.0 ms\n"));
 }
 

@@ -11,11 +11,12 @@ namespace {
 
 // An update hears of some tens of rays a frame: what Adam follows is the mean of twenty.
 constexpr float kBeta1 = 0.95f, kBeta2 = 0.99f;
-/// Small corrections are likelier than large ones: what is 1 m off is pulled back by this share of the rate.
+/// Small corrections are likelier than large ones: what is 1 m off is pulled back by this share of
+/// the rate.
 constexpr double kDecay = 0.3;
 
-/// Takes from all cameras what they have in common, in the body's axes: to the first order the mean of how they moved and turned, and of
-/// their times.
+/// Takes from all cameras what they have in common, in the body's axes: to the first order the mean
+/// of how they moved and turned, and of their times.
 void leave_to_frames(const Scene& scene, PoseCorrections* corrections) {
   const int cameras = corrections->cameras;
   Eigen::Vector3d by = Eigen::Vector3d::Zero(), turn = Eigen::Vector3d::Zero();
@@ -46,8 +47,9 @@ float bound_of(const PoseCorrections& corrections, std::size_t i) {
 
 PoseRates pose_rates(double rate_m) { return {rate_m, rate_m / 10, rate_m / 10}; }
 
-void update_poses(std::span<const double> gradient, const std::function<double(std::size_t i)>& rate_of,
-                  std::span<float> values, AdamMoments* moments) {
+void update_poses(std::span<const double> gradient,
+                  const std::function<double(std::size_t i)>& rate_of, std::span<float> values,
+                  AdamMoments* moments) {
   const double updates = static_cast<double>(++moments->updates);
   AdamStep how;
   how.beta1 = kBeta1;
@@ -58,11 +60,13 @@ void update_poses(std::span<const double> gradient, const std::function<double(s
   how.lazy = true;  // what no ray speaks of
   for (std::size_t i = 0; i < values.size(); ++i) {
     how.learning_rate = static_cast<float>(rate_of(i));
-    adam_update(how, static_cast<float>(gradient[i]), values[i], moments->first[i], moments->second[i]);
+    adam_update(how, static_cast<float>(gradient[i]), values[i], moments->first[i],
+                moments->second[i]);
   }
 }
 
-std::vector<ViewGradient> view_gradients(const Scene& scene, const RayBatch& batch, const StepLosses& losses) {
+std::vector<ViewGradient> view_gradients(const Scene& scene, const RayBatch& batch,
+                                         const StepLosses& losses) {
   const std::size_t n = batch.n;
   std::vector<ViewGradient> views(scene.views.size());
   for (std::size_t ray = 0; ray < n; ++ray) {
@@ -79,7 +83,8 @@ std::vector<ViewGradient> view_gradients(const Scene& scene, const RayBatch& bat
   return views;
 }
 
-void refine_poses(const Scene& scene, std::span<const ViewGradient> views, const PoseRates& rates, PoseState* state) {
+void refine_poses(const Scene& scene, std::span<const ViewGradient> views, const PoseRates& rates,
+                  PoseState* state) {
   PoseCorrections& corrections = state->corrections;
   const std::vector<double> gradient = gradient_of_corrections(scene, corrections, views);
   if (!std::ranges::all_of(gradient, [](double g) { return std::isfinite(g); })) return;
@@ -92,8 +97,8 @@ void refine_poses(const Scene& scene, std::span<const ViewGradient> views, const
   leave_to_frames(scene, &corrections);
   for (std::size_t i = 0; i < corrections.size(); ++i) {
     const float most = bound_of(corrections, i);
-    corrections.values[i] =
-        std::clamp(corrections.values[i] * static_cast<float>(1 - kDecay * rates.by_m), -most, most);
+    corrections.values[i] = std::clamp(
+        corrections.values[i] * static_cast<float>(1 - kDecay * rates.by_m), -most, most);
   }
   fill_held_out(scene, &corrections);
 }

@@ -25,7 +25,8 @@ class PoseRefinerTest : public ::testing::Test {
   Scene scene_ = make_scene(recording_, holdout());
 };
 
-// Two rays of one view and one of another: what moves the camera is added up, what turns it is a ray's direction times its derivative.
+// Two rays of one view and one of another: what moves the camera is added up, what turns it is a
+// ray's direction times its derivative.
 TEST_F(PoseRefinerTest, RaysOfAViewAddUp) {
   RayBatch batch;
   batch.n = 3;
@@ -37,13 +38,15 @@ TEST_F(PoseRefinerTest, RaysOfAViewAddUp) {
   const auto views = view_gradients(scene_, batch, losses);
   ASSERT_EQ(views.size(), scene_.views.size());
   EXPECT_EQ(views[2].d_place, Vector3d(4, 40, 400));
-  EXPECT_EQ(views[2].d_turn, Vector3d(1, 0, 0).cross(Vector3d(0, 4, 0)) + Vector3d(0, 0, 1).cross(Vector3d(0, 0, 7)));
+  EXPECT_EQ(views[2].d_turn, Vector3d(1, 0, 0).cross(Vector3d(0, 4, 0)) +
+                                 Vector3d(0, 0, 1).cross(Vector3d(0, 0, 7)));
   EXPECT_EQ(views[4].d_place, Vector3d(2, 20, 200));
   EXPECT_EQ(views[4].d_turn, Vector3d(0, 1, 0).cross(Vector3d(5, 0, 6)));
   EXPECT_EQ(views[0].d_place, Vector3d::Zero());
 }
 
-/// A loss that is least where every view is where `truth` has it: squared distances of three points on each camera.
+/// A loss that is least where every view is where `truth` has it: squared distances of three points
+/// on each camera.
 class Landmarks {
  public:
   explicit Landmarks(const Scene& truth) : truth_(truth) {}
@@ -55,7 +58,8 @@ class Landmarks {
     double sum = 0;
     for (std::size_t v = 0; v < now.views.size(); ++v) {
       if (now.views[v].held_out) continue;
-      const Rigid3d here = now.world_from_camera(now.views[v]), there = truth_.world_from_camera(truth_.views[v]);
+      const Rigid3d here = now.world_from_camera(now.views[v]),
+                    there = truth_.world_from_camera(truth_.views[v]);
       for (int k = 0; k < 3; ++k) {
         // |o - o'|^2 + 100 |d - d'|^2: directions to what is 10 m away.
         const Vector3d d = here.linear().col(k), off = d - there.linear().col(k),
@@ -69,7 +73,8 @@ class Landmarks {
     }
     const std::size_t n = direction.size();
     batch->n = static_cast<int>(n);
-    for (auto* values : {&batch->direction, &losses->d_origin, &losses->d_direction}) values->resize(3 * n);
+    for (auto* values : {&batch->direction, &losses->d_origin, &losses->d_direction})
+      values->resize(3 * n);
     for (std::size_t i = 0; i < n; ++i)
       for (int k = 0; k < 3; ++k) {
         batch->direction[k * n + i] = static_cast<float>(direction[i][k]);
@@ -83,9 +88,10 @@ class Landmarks {
   const Scene& truth_;
 };
 
-/// Refines from nothing towards landmarks; rates of the first update and of the last. Returns the loss before and after.
-std::pair<double, double> refine(const Recording& recording, const Scene& scene, const Scene& truth, int steps,
-                                 double first_m, double last_m, PoseState* state) {
+/// Refines from nothing towards landmarks; rates of the first update and of the last. Returns the
+/// loss before and after.
+std::pair<double, double> refine(const Recording& recording, const Scene& scene, const Scene& truth,
+                                 int steps, double first_m, double last_m, PoseState* state) {
   const Landmarks landmarks(truth);
   Scene now = scene;
   RayBatch batch;
@@ -103,7 +109,8 @@ std::pair<double, double> refine(const Recording& recording, const Scene& scene,
 TEST_F(PoseRefinerTest, FindsWhatIsWrongWithFramesCamerasAndTimes) {
   PoseCorrections wrong(scene_);
   for (int f = 0; f < wrong.frames; ++f)
-    for (int k = 0; k < 6; ++k) wrong.values[wrong.at_frame(f) + k] = (k < 3 ? 0.05f : 0.004f) * std::sin(2.0f * f + k);
+    for (int k = 0; k < 6; ++k)
+      wrong.values[wrong.at_frame(f) + k] = (k < 3 ? 0.05f : 0.004f) * std::sin(2.0f * f + k);
   wrong.values[wrong.at_camera(1) + 4] = 0.01f;
   wrong.values[wrong.at_camera(0) + 4] = 0.0f;
   wrong.values[wrong.at_time(0)] = 0.005f;
@@ -120,9 +127,9 @@ TEST_F(PoseRefinerTest, FindsWhatIsWrongWithFramesCamerasAndTimes) {
       turn += scene_.rig[c].body_from_sensor.linear().col(k) *
               state.corrections.values[state.corrections.at_camera(c) + 3 + k];
   EXPECT_LT(turn.norm(), 1e-6);
-  EXPECT_NEAR(
-      state.corrections.values[state.corrections.at_time(0)] + state.corrections.values[state.corrections.at_time(1)],
-      0, 1e-7);
+  EXPECT_NEAR(state.corrections.values[state.corrections.at_time(0)] +
+                  state.corrections.values[state.corrections.at_time(1)],
+              0, 1e-7);
 }
 
 TEST_F(PoseRefinerTest, WhatIsNoNumberChangesNothing) {

@@ -12,10 +12,12 @@ namespace redrive {
 std::string progress_line(const ProgressState& state) {
   const auto left = static_cast<long long>(std::ceil(std::clamp(state.seconds_left, 0.0, 1e9)));
   char line[200], of_all[32] = "";
-  if (state.steps > 0) std::snprintf(of_all, sizeof of_all, "/%lld", static_cast<long long>(state.steps));
-  std::snprintf(line, sizeof line, "step %lld%s  loss %.5f  %.2f dB  %.0f rays/s  ETA %lld:%02lld:%02lld",
-                static_cast<long long>(state.step), of_all, state.loss, state.psnr_db, state.rays_per_s, left / 3600,
-                left / 60 % 60, left % 60);
+  if (state.steps > 0)
+    std::snprintf(of_all, sizeof of_all, "/%lld", static_cast<long long>(state.steps));
+  std::snprintf(line, sizeof line,
+                "step %lld%s  loss %.5f  %.2f dB  %.0f rays/s  ETA %lld:%02lld:%02lld",
+                static_cast<long long>(state.step), of_all, state.loss, state.psnr_db,
+                state.rays_per_s, left / 3600, left / 60 % 60, left % 60);
   return line;
 }
 
@@ -24,7 +26,8 @@ Progress::Progress() : terminal_(isatty(STDOUT_FILENO)), next_(Clock::now()) {}
 bool Progress::due() const { return Clock::now() >= next_; }
 
 void Progress::show(const ProgressState& state) {
-  next_ = Clock::now() + (terminal_ ? std::chrono::milliseconds(200) : std::chrono::milliseconds(5000));
+  next_ =
+      Clock::now() + (terminal_ ? std::chrono::milliseconds(200) : std::chrono::milliseconds(5000));
   std::printf(terminal_ ? "\r%s\033[K" : "%s\n", progress_line(state).c_str());
   std::fflush(stdout);
   open_line_ = terminal_;

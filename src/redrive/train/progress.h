@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the user sees of training: one live line on a terminal, a plain line every few seconds where the output is piped.
+// What the user sees of training: one live line on a terminal, a plain line every few seconds where
+// the output is piped.
 #pragma once
 
 #include <chrono>
@@ -21,9 +22,9 @@ class Progress {
   Progress();
   ~Progress() { finish(); }
 
-  bool due() const;                       ///< it is time for the next line (0.2 s on a terminal, 5 s elsewhere)
+  bool due() const;  ///< it is time for the next line (0.2 s on a terminal, 5 s elsewhere)
   void show(const ProgressState& state);  ///< now
-  void finish();                          ///< ends the live line, so that other output begins on its own
+  void finish();  ///< ends the live line, so that other output begins on its own
 
  private:
   using Clock = std::chrono::steady_clock;

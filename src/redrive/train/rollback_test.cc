@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What training does when it diverges. Apart from trainer_test.cc, whose tests run under ThreadSanitizer, too: these take thousands of steps.
+// What training does when it diverges. Apart from trainer_test.cc, whose tests run under
+// ThreadSanitizer, too: these take thousands of steps.
 #include "redrive/train/loss_watch.h"
 
 #include <gmock/gmock.h>
@@ -28,14 +29,16 @@ TEST_F(RollbackTest, FiftyOnEndGoBackToTheLastCheckpointAtHalfTheRate) {
   EXPECT_EQ(run.state.rate_factor, 0.5);
   EXPECT_EQ(run.state.skipped_steps, 50);
   EXPECT_EQ(run.state.step, 1200);
-  EXPECT_THAT(read_file(run.paths.metrics()), AllOf(HasSubstr("\"event\":\"rollback\""), HasSubstr("\"to_step\":1040"),
-                                                    HasSubstr("50 steps on end were not finite")));
+  EXPECT_THAT(read_file(run.paths.metrics()),
+              AllOf(HasSubstr("\"event\":\"rollback\""), HasSubstr("\"to_step\":1040"),
+                    HasSubstr("50 steps on end were not finite")));
   std::int64_t before = 0;
   for (const MetricsRow& row : read_metrics(run.paths)) {
     EXPECT_GT(row.step, before) << "what was undone is not read";
     before = row.step;
-    EXPECT_DOUBLE_EQ(row.learning_rate, options.learning_rate * (row.step > 1040 ? 0.5 : 1) *
-                                            std::pow(0.5, (row.step > 600) + (row.step > 900) + (row.step > 1050)));
+    EXPECT_DOUBLE_EQ(row.learning_rate,
+                     options.learning_rate * (row.step > 1040 ? 0.5 : 1) *
+                         std::pow(0.5, (row.step > 600) + (row.step > 900) + (row.step > 1050)));
   }
   EXPECT_EQ(before, 1200);
 }
@@ -50,9 +53,9 @@ TEST_F(RollbackTest, FourRollBacksAreEnough) {
     train(&run, backend, never_);
     ADD_FAILURE() << "no UsageError";
   } catch (const UsageError& error) {
-    EXPECT_THAT(error.what(),
-                AllOf(HasSubstr("--learning-rate"), HasSubstr("50 steps on end were not finite, as 4 times"),
-                      HasSubstr("checkpoint.safetensors")));
+    EXPECT_THAT(error.what(), AllOf(HasSubstr("--learning-rate"),
+                                    HasSubstr("50 steps on end were not finite, as 4 times"),
+                                    HasSubstr("checkpoint.safetensors")));
   }
   EXPECT_EQ(run.state.skipped_steps, 250);
   const TrainState left = load_checkpoint(run.paths.checkpoint());
@@ -61,7 +64,8 @@ TEST_F(RollbackTest, FourRollBacksAreEnough) {
   EXPECT_EQ(left.rate_factor, 1 / 16.0);
 }
 
-/// 512 rays: a window of 25 steps is more than 10^4 rays, so it is judged alone. Tiny networks learn the two pictures in a few.
+/// 512 rays: a window of 25 steps is more than 10^4 rays, so it is judged alone. Tiny networks
+/// learn the two pictures in a few.
 TrainOptions watched_options(std::int64_t max_steps) {
   TrainOptions options = tiny_options(max_steps);
   options.batch_rays = 512;
@@ -69,8 +73,9 @@ TrainOptions watched_options(std::int64_t max_steps) {
   return options;
 }
 
-// Parameters are spoilt in the middle of a run that went well: the error rises tenfold and stays there, as nothing is left that learns.
-// It happens within what train/start_watch.h looks at, but is none of what that looks for.
+// Parameters are spoilt in the middle of a run that went well: the error rises tenfold and stays
+// there, as nothing is left that learns. It happens within what train/start_watch.h looks at, but
+// is none of what that looks for.
 TEST_F(RollbackTest, ADivergenceIsUndoneAndAResumedRunUndoesTheSame) {
   redrive::Run whole = run_named("whole", watched_options(700));
   Interference interference{.spoil_at = 210};
@@ -105,11 +110,13 @@ TEST_F(RollbackTest, ADivergenceIsUndoneAndAResumedRunUndoesTheSame) {
 // What was high at the end, or when Ctrl-C came, is not what is kept.
 TEST_F(RollbackTest, ARunDoesNotEndWithALossThatRose) {
   for (const bool ctrl_c : {false, true}) {
-    redrive::Run run = run_named(ctrl_c ? "stopped" : "finished", watched_options(ctrl_c ? 1000 : 300));
+    redrive::Run run =
+        run_named(ctrl_c ? "stopped" : "finished", watched_options(ctrl_c ? 1000 : 300));
     Interference interference{.spoil_at = 210};
     if (ctrl_c) interference.stop_after = 300;
     InterferingBackend backend(*backend_, &interference);
-    EXPECT_EQ(train(&run, backend, interference.stop), ctrl_c ? TrainEnd::kInterrupted : TrainEnd::kFinished);
+    EXPECT_EQ(train(&run, backend, interference.stop),
+              ctrl_c ? TrainEnd::kInterrupted : TrainEnd::kFinished);
     EXPECT_EQ(run.state.rollbacks, ctrl_c ? 0 : 1);
     EXPECT_EQ(run.state.step, load_checkpoint(run.paths.checkpoint()).step);
     if (ctrl_c)

@@ -21,8 +21,12 @@ namespace {
 class Numbers final : public NumberVisitor {
  public:
   explicit Numbers(Model& model) { model.visit_numbers(*this); }
-  void operator()(const std::string& name, int& value) override { values.emplace_back(name, value); }
-  void operator()(const std::string& name, float& value) override { values.emplace_back(name, value); }
+  void operator()(const std::string& name, int& value) override {
+    values.emplace_back(name, value);
+  }
+  void operator()(const std::string& name, float& value) override {
+    values.emplace_back(name, value);
+  }
 
   std::vector<std::pair<std::string, double>> values;
 };
@@ -32,25 +36,29 @@ void check_belongs(const Run& run) {
   const std::filesystem::path file = run.paths.checkpoint();
   const std::unique_ptr<Model> expected = model_of(run.options, run.scene);
   if (std::string(run.state.model->method()) != expected->method())
-    throw InputError(file, "method", run.state.model->method(),
-                     std::string("is ") + expected->method() + " in " + run.paths.config().string());
+    throw InputError(
+        file, "method", run.state.model->method(),
+        std::string("is ") + expected->method() + " in " + run.paths.config().string());
   const PoseCorrections& poses = run.state.poses.corrections;
   if (run.state.poses.refines() && (poses.frames != static_cast<int>(run.scene.frames.size()) ||
                                     poses.cameras != static_cast<int>(run.scene.rig.size())))
     throw InputError(
-        file, "poses", std::to_string(poses.frames) + " frames, " + std::to_string(poses.cameras) + " cameras",
+        file, "poses",
+        std::to_string(poses.frames) + " frames, " + std::to_string(poses.cameras) + " cameras",
         run.recording.root.string() + " has " + std::to_string(run.scene.frames.size()) + " and " +
-            std::to_string(run.scene.rig.size()) + " of the run: it is no longer the recording that was trained on");
+            std::to_string(run.scene.rig.size()) +
+            " of the run: it is no longer the recording that was trained on");
   const Numbers there(*run.state.model), here(*expected);
   for (std::size_t i = 0; i < here.values.size(); ++i) {
     const auto& [name, value] = there.values[i];
     const double wanted = here.values[i].second;
-    // Another compiler may round the last bit otherwise; another trajectory or option differs by far more.
+    // Another compiler may round the last bit otherwise; another trajectory or option differs by
+    // far more.
     if (std::abs(value - wanted) > 1e-5 * std::max({0.1, std::abs(value), std::abs(wanted)}))
       throw InputError(file, name, std::to_string(value),
                        "is " + std::to_string(wanted) + " now: " + run.recording.root.string() +
-                           " is no longer the recording that was trained on, or " + run.paths.config().string() +
-                           " of another run");
+                           " is no longer the recording that was trained on, or " +
+                           run.paths.config().string() + " of another run");
   }
 }
 
@@ -63,7 +71,8 @@ void refuse_existing_run(const std::filesystem::path& root) {
   if (error && status.type() == std::filesystem::file_type::none)
     throw UsageError("--out", root.string(), error.message());
   if (std::filesystem::exists(status))
-    throw UsageError("--out", root.string(), "exists already; nothing is overwritten, choose another name");
+    throw UsageError("--out", root.string(),
+                     "exists already; nothing is overwritten, choose another name");
 }
 
 RunPaths create_run(const std::filesystem::path& out, const TrainOptions& options,
@@ -72,8 +81,8 @@ RunPaths create_run(const std::filesystem::path& out, const TrainOptions& option
   const std::filesystem::path root = out.has_filename() ? out : out.parent_path();  // "run/" is run
   std::error_code error;
   if (root.has_parent_path()) std::filesystem::create_directories(root.parent_path(), error);
-  // Made beside it under another name and then renamed: a kill in between must not leave a folder that train refuses
-  // because it exists and resume because it holds no run.
+  // Made beside it under another name and then renamed: a kill in between must not leave a folder
+  // that train refuses because it exists and resume because it holds no run.
   std::filesystem::path temporary = root;
   temporary += ".tmp-" + std::to_string(::getpid());
   if (error || !std::filesystem::create_directory(temporary, error))
@@ -96,18 +105,21 @@ void write_config(const RunPaths& paths, const TrainOptions& options) {
 
 namespace {
 
-/// The near region reaches kNearPadding beyond all cameras: what is further than that from every one of them has its pixels
-/// several centimetres wide (a pixel of 1/500 rad), which the contraction's coarser cells still resolve.
+/// The near region reaches kNearPadding beyond all cameras: what is further than that from every
+/// one of them has its pixels several centimetres wide (a pixel of 1/500 rad), which the
+/// contraction's coarser cells still resolve.
 constexpr double kNearPaddingM = 25;
 
-/// Half of an unbounded ray's first samples lie within so many half sides of the near region, as on the road.
+/// Half of an unbounded ray's first samples lie within so many half sides of the near region, as on
+/// the road.
 constexpr float kHalfSpacing = 3;
 
 std::unique_ptr<Model> grid_model_of(const TrainOptions& options, const Scene& scene) {
   auto model = std::make_unique<GridModel>();
   Eigen::AlignedBox3d cameras;
   for (const View& view : scene.views) cameras.extend(scene.world_from_camera(view).translation());
-  for (int k = 0; k < 3; ++k) model->contraction.center[k] = static_cast<float>(cameras.center()[k]);
+  for (int k = 0; k < 3; ++k)
+    model->contraction.center[k] = static_cast<float>(cameras.center()[k]);
   model->contraction.half_m = static_cast<float>(cameras.sizes().maxCoeff() / 2 + kNearPaddingM);
   if (scene.half_side) {  // its centre is the world's
     const auto half = static_cast<float>(*scene.half_side);
@@ -120,9 +132,12 @@ std::unique_ptr<Model> grid_model_of(const TrainOptions& options, const Scene& s
     model->spacing.half_m = kHalfSpacing * half;
     if (!unbounded) {
       model->field.grid.max_cells = 1024;  // from outside a picture's thousand pixels span the cube
-      model->proposal_padding = 0.4f;      // surfaces behind surfaces, and no LiDAR to say which one is real
-      // Thin things: a proposal sees them when they are anywhere in its interval, and more of them see them again.
-      model->proposal_width = 0.3f;  // level with 0.5, better than 1 and none at all (docs/benchmarks.md)
+      model->proposal_padding =
+          0.4f;  // surfaces behind surfaces, and no LiDAR to say which one is real
+      // Thin things: a proposal sees them when they are anywhere in its interval, and more of them
+      // see them again.
+      model->proposal_width =
+          0.3f;  // level with 0.5, better than 1 and none at all (docs/benchmarks.md)
       model->proposal_samples[1] = 64;
       model->field.colour_layers = 2;  // what shines, seen from all around
       model->empty_space = 1e-4f;      // behind and below, which few views look at
@@ -132,10 +147,12 @@ std::unique_ptr<Model> grid_model_of(const TrainOptions& options, const Scene& s
     model->sky.levels = 0;
     model->background = rendered_background(scene.background)[0];
   }
-  if (!scene.metric) model->huber_edge = 2;  // photographs of what stands still: the mean is asked for
+  if (!scene.metric)
+    model->huber_edge = 2;  // photographs of what stands still: the mean is asked for
   if (scene.metric) {
     const double seconds = scene.exposure(0, scene.frames.back().t_ns).t_s;
-    model->appearance = {static_cast<int>(scene.rig.size()), static_cast<int>(std::ceil(seconds / kKnot_s)) + 1};
+    model->appearance = {static_cast<int>(scene.rig.size()),
+                         static_cast<int>(std::ceil(seconds / kKnot_s)) + 1};
   }
   model->field.width = options.width;
   model->samples = options.samples;
@@ -168,11 +185,13 @@ Run open_run(const std::filesystem::path& root, bool to_resume) {
   Run run;
   run.paths.root = root;
   std::error_code error;
-  if (!std::filesystem::is_directory(root, error)) throw InputError(root, "", "", "no such run folder");
+  if (!std::filesystem::is_directory(root, error))
+    throw InputError(root, "", "", "no such run folder");
   run.options = options_from_json(read_json(run.paths.config()), run.paths.config());
   run.recording = open_recording(run.options);
   if (has_own_poses(run.options))
-    use_own_poses(read_pose_files(run.paths.poses()), run.paths.poses(), run.options, &run.recording);
+    use_own_poses(read_pose_files(run.paths.poses()), run.paths.poses(), run.options,
+                  &run.recording);
   run.scene = make_scene(run.recording, scene_options(run.options));
   const auto there = std::filesystem::status(run.paths.checkpoint(), error).type();
   if (to_resume && there == std::filesystem::file_type::not_found) {

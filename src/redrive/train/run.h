@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A run folder: config.json (resolved options), masks/, poses/ (those of --poses and --align), metrics.jsonl, checkpoint.safetensors, figures/, report.html.
-// Nothing is written outside it.
+// A run folder: config.json (resolved options), masks/, poses/ (those of --poses and --align),
+// metrics.jsonl, checkpoint.safetensors, figures/, report.html. Nothing is written outside it.
 #pragma once
 
 #include <filesystem>
@@ -18,7 +18,9 @@ struct RunPaths {
   std::filesystem::path root;
   std::filesystem::path config() const { return root / "config.json"; }
   std::filesystem::path masks() const { return root / "masks"; }  ///< scene/masks.h write_masks
-  std::filesystem::path poses() const { return root / "poses"; }  ///< recording/pose_files.h, where has_own_poses
+  std::filesystem::path poses() const {
+    return root / "poses";
+  }  ///< recording/pose_files.h, where has_own_poses
   std::filesystem::path metrics() const { return root / "metrics.jsonl"; }
   std::filesystem::path checkpoint() const { return root / "checkpoint.safetensors"; }
   std::filesystem::path figures() const { return root / "figures"; }
@@ -27,12 +29,14 @@ struct RunPaths {
 
 /// UsageError if `root` is empty or exists, whatever is in it.
 void refuse_existing_run(const std::filesystem::path& root);
-/// Makes the folder with config.json and what `fill` puts into it, all or nothing; refuses an existing one.
+/// Makes the folder with config.json and what `fill` puts into it, all or nothing; refuses an
+/// existing one.
 RunPaths create_run(const std::filesystem::path& root, const TrainOptions& options,
                     const std::function<void(const RunPaths&)>& fill = {});
 void write_config(const RunPaths& paths, const TrainOptions& options);
 
-/// A trained run, opened for eval, render, figures or resume: options, recording, scene and state belong together.
+/// A trained run, opened for eval, render, figures or resume: options, recording, scene and state
+/// belong together.
 struct Run {
   RunPaths paths;
   TrainOptions options;
@@ -40,9 +44,10 @@ struct Run {
   Scene scene;
   TrainState state;
 };
-/// InputError if a file is missing or they do not belong together. Recording and scene have the poses that training refined; `to_resume`:
-/// those it began with, and a run that was killed before its first checkpoint opens with the state it would have started from, which
-/// is an error otherwise.
+/// InputError if a file is missing or they do not belong together. Recording and scene have the
+/// poses that training refined; `to_resume`: those it began with, and a run that was killed before
+/// its first checkpoint opens with the state it would have started from, which is an error
+/// otherwise.
 Run open_run(const std::filesystem::path& root, bool to_resume = false);
 /// The model that options and scene ask for, without parameters.
 std::unique_ptr<Model> model_of(const TrainOptions& options, const Scene& scene);
@@ -55,8 +60,9 @@ struct MetricsRow {
   double seconds = 0, loss = 0, psnr_db = 0, learning_rate = 0, rays_per_s = 0;
   int epoch = 0;
 };
-/// The rows of the start that is in use: what came before a restart is left out, and what a roll-back undid. A last line that a kill cut short is
-/// ignored; empty if there is no file yet. InputError names the line that cannot be read.
+/// The rows of the start that is in use: what came before a restart is left out, and what a
+/// roll-back undid. A last line that a kill cut short is ignored; empty if there is no file yet.
+/// InputError names the line that cannot be read.
 std::vector<MetricsRow> read_metrics(const RunPaths& paths);
 /// The same from the bytes of `file`.
 std::vector<MetricsRow> parse_metrics(std::string_view bytes, const std::filesystem::path& file);
@@ -65,20 +71,23 @@ void append_metrics(const RunPaths& paths, const MetricsRow& row);
 /// {"event": "restart", ...}: from here on the rows are of start number `restarts`.
 void append_restart(const RunPaths& paths, std::int64_t step, int restarts, std::uint64_t seed,
                     const std::string& reason);
-/// {"event": "rollback", ...}: from here on the rows go on from `to_step`, after `rollbacks` of them in this start.
-void append_rollback(const RunPaths& paths, std::int64_t step, std::int64_t to_step, int rollbacks, double rate_factor,
-                     const std::string& reason);
-/// Where in a run a state stands: its rows come behind those of earlier starts, and of a start behind those before a roll-back.
+/// {"event": "rollback", ...}: from here on the rows go on from `to_step`, after `rollbacks` of
+/// them in this start.
+void append_rollback(const RunPaths& paths, std::int64_t step, std::int64_t to_step, int rollbacks,
+                     double rate_factor, const std::string& reason);
+/// Where in a run a state stands: its rows come behind those of earlier starts, and of a start
+/// behind those before a roll-back.
 struct Place {
   int restarts = 0, rollbacks = 0;
   std::int64_t step = 0;
 };
-/// Drops what was written after the checkpoint that is resumed from, and everything from the first line on that cannot be
-/// read: a power cut may leave zeros or half a line at the end.
+/// Drops what was written after the checkpoint that is resumed from, and everything from the first
+/// line on that cannot be read: a power cut may leave zeros or half a line at the end.
 void cut_metrics(const RunPaths& paths, const Place& place);
 /// What cut_metrics leaves of `bytes`.
 std::string kept_metrics(std::string_view bytes, const Place& place);
-/// Puts the rows on disk. Before each checkpoint, so that none is ahead of its rows after a power cut.
+/// Puts the rows on disk. Before each checkpoint, so that none is ahead of its rows after a power
+/// cut.
 void sync_metrics(const RunPaths& paths);
 
 }  // namespace redrive

@@ -12,9 +12,12 @@
 
 namespace redrive {
 
-RunLock::RunLock(const std::filesystem::path& root) : fd_(::open(root.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC)) {
+RunLock::RunLock(const std::filesystem::path& root)
+    : fd_(::open(root.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC)) {
   if (fd_ < 0)
-    throw InputError(root, "", "", errno == ENOENT || errno == ENOTDIR ? "no such run folder" : std::strerror(errno));
+    throw InputError(
+        root, "", "",
+        errno == ENOENT || errno == ENOTDIR ? "no such run folder" : std::strerror(errno));
   // A file system that cannot lock folders (some network ones) must not keep anybody from training.
   if (::flock(fd_, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
     ::close(fd_);

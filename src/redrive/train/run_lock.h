@@ -6,7 +6,8 @@
 
 namespace redrive {
 
-/// Holds flock(LOCK_EX) on the run's folder itself: no lock file, and nothing is left behind by a kill.
+/// Holds flock(LOCK_EX) on the run's folder itself: no lock file, and nothing is left behind by a
+/// kill.
 class RunLock {
  public:
   /// UsageError if another process trains this run, InputError if there is no such folder.

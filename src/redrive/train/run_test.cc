@@ -27,8 +27,8 @@ TrainOptions options_of(const std::string& method) {
   return options;
 }
 
-/// A run folder of `method` whose checkpoint is the one that a run of `options` starts with, changed by `change`; what opening it
-/// complains about, "" if nothing.
+/// A run folder of `method` whose checkpoint is the one that a run of `options` starts with,
+/// changed by `change`; what opening it complains about, "" if nothing.
 std::string complaint(const std::string& method, const TrainOptions& options,
                       const std::function<void(Model&)>& change = {}) {
   const TemporaryFolder folder;
@@ -46,7 +46,9 @@ std::string complaint(const std::string& method, const TrainOptions& options,
   return "";
 }
 
-TEST(RunFolder, OpensWithACheckpointOfItsOptions) { EXPECT_EQ(complaint("nerf", options_of("nerf")), ""); }
+TEST(RunFolder, OpensWithACheckpointOfItsOptions) {
+  EXPECT_EQ(complaint("nerf", options_of("nerf")), "");
+}
 
 TEST(RunFolder, IsRefusedWithACheckpointOfOtherOptions) {
   TrainOptions options = options_of("nerf");
@@ -63,18 +65,23 @@ TEST(RunFolder, IsRefusedWithACheckpointOfOtherOptions) {
 
 TEST(RunFolder, IsRefusedWithACheckpointOfAnotherTrajectory) {
   const auto moved_by = [](float metres) {
-    return [=](Model& model) { dynamic_cast<NerfModel&>(model).unit_from_world.center[1] += metres; };
+    return
+        [=](Model& model) { dynamic_cast<NerfModel&>(model).unit_from_world.center[1] += metres; };
   };
   EXPECT_THAT(complaint("nerf", options_of("nerf"), moved_by(0.01f)), HasSubstr("center_y"));
-  EXPECT_EQ(complaint("nerf", options_of("nerf"), moved_by(1e-7f)), "") << "another compiler's rounding";
+  EXPECT_EQ(complaint("nerf", options_of("nerf"), moved_by(1e-7f)), "")
+      << "another compiler's rounding";
 }
 
 TEST(RunFolder, OfAGridIsNoOther) {  // its checkpoint is large: all of it in a few
   TrainOptions options = options_of("grid");
-  EXPECT_EQ(complaint("grid", options, [](Model& m) { dynamic_cast<GridModel&>(m).contraction.center[1] += 1e-7f; }),
+  EXPECT_EQ(complaint("grid", options,
+                      [](Model& m) { dynamic_cast<GridModel&>(m).contraction.center[1] += 1e-7f; }),
             "");
-  EXPECT_THAT(complaint("grid", options, [](Model& m) { dynamic_cast<GridModel&>(m).contraction.center[1] += 0.01f; }),
-              HasSubstr("contraction.center_y"));
+  EXPECT_THAT(
+      complaint("grid", options,
+                [](Model& m) { dynamic_cast<GridModel&>(m).contraction.center[1] += 0.01f; }),
+      HasSubstr("contraction.center_y"));
   const auto small = [](Model& m) { dynamic_cast<GridModel&>(m).field.grid.log2_rows = 4; };
   EXPECT_THAT(complaint("grid", options, small), HasSubstr("grid.log2_rows = 4"));
   EXPECT_THAT(complaint("nerf", options, small), HasSubstr("method = grid"));
@@ -93,7 +100,8 @@ TEST(RunFolder, OpensWithItsRefinedPoses) {
   corrections.values[corrections.at_frame(1)] = 0.25f;
   corrections.values[corrections.at_camera(0) + 2] = -0.125f;
   save_checkpoint(paths.checkpoint(), state);
-  const redrive::Run looked_at = open_run(paths.root), resumed = open_run(paths.root, /*to_resume=*/true);
+  const redrive::Run looked_at = open_run(paths.root),
+                     resumed = open_run(paths.root, /*to_resume=*/true);
   const auto moved = [&](const redrive::Run& run, std::size_t view) {
     return (run.scene.world_from_camera(run.scene.views[view]).translation() -
             scene.world_from_camera(scene.views[view]).translation())
@@ -109,10 +117,10 @@ TEST(RunFolder, OpensWithItsRefinedPoses) {
       EXPECT_NEAR(moved(looked_at, v), 0.125, 1e-6);
     }
   }
-  EXPECT_NEAR(
-      (looked_at.recording.frames[1].ecef_from_body.translation() - recording.frames[1].ecef_from_body.translation())
-          .norm(),
-      0.25, 1e-6);
+  EXPECT_NEAR((looked_at.recording.frames[1].ecef_from_body.translation() -
+               recording.frames[1].ecef_from_body.translation())
+                  .norm(),
+              0.25, 1e-6);
   state.poses = {};
   state.poses.corrections.frames = static_cast<int>(scene.frames.size()) + 1;
   state.poses.corrections.cameras = static_cast<int>(scene.rig.size());

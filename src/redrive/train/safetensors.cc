@@ -37,7 +37,8 @@ std::string safetensors_bytes(const std::map<std::string, std::string>& metadata
   std::size_t offset = 0;
   for (const SafetensorsEntry& entry : entries) {
     const std::size_t end = offset + entry.values.size_bytes();
-    header[entry.name] = {{"dtype", "F32"}, {"shape", entry.shape}, {"data_offsets", {offset, end}}};
+    header[entry.name] = {
+        {"dtype", "F32"}, {"shape", entry.shape}, {"data_offsets", {offset, end}}};
     offset = end;
   }
   std::string text = header.dump();
@@ -54,7 +55,8 @@ std::string safetensors_bytes(const std::map<std::string, std::string>& metadata
 
 Safetensors parse_safetensors(std::string_view bytes, const std::filesystem::path& file) {
   std::uint64_t length = 0;
-  if (bytes.size() < sizeof length) throw InputError(file, "", std::to_string(bytes.size()) + " bytes", "truncated");
+  if (bytes.size() < sizeof length)
+    throw InputError(file, "", std::to_string(bytes.size()) + " bytes", "truncated");
   std::memcpy(&length, bytes.data(), sizeof length);
   const std::size_t rest = bytes.size() - sizeof length;
   if (length < 2 || length > rest || length > kMaxHeader)
@@ -70,21 +72,25 @@ Safetensors parse_safetensors(std::string_view bytes, const std::filesystem::pat
     if (name == "__metadata__") {
       if (!entry.is_object()) throw InputError(file, name, shown(entry), "must be an object");
       for (const auto& [key, value] : entry.items()) {
-        if (!value.is_string()) throw InputError(file, name + "." + key, shown(value), "must be a text");
+        if (!value.is_string())
+          throw InputError(file, name + "." + key, shown(value), "must be a text");
         result.metadata[key] = value.get<std::string>();
       }
       continue;
     }
-    if (!entry.is_object() || !entry.contains("dtype") || !entry.contains("shape") || !entry.contains("data_offsets"))
+    if (!entry.is_object() || !entry.contains("dtype") || !entry.contains("shape") ||
+        !entry.contains("data_offsets"))
       throw InputError(file, name, shown(entry), "must have dtype, shape and data_offsets");
-    if (entry["dtype"] != "F32") throw InputError(file, name + ".dtype", shown(entry["dtype"]), "must be F32");
+    if (entry["dtype"] != "F32")
+      throw InputError(file, name + ".dtype", shown(entry["dtype"]), "must be F32");
     const auto whole = [&, &name = name](const nlohmann::json& list, const char* field) {
       std::vector<std::int64_t> numbers;
       if (!list.is_array() || list.size() > 8)
         throw InputError(file, name + "." + field, shown(list), "must be a short list");
       for (const nlohmann::json& number : list) {
         if (!number.is_number_unsigned() || number.get<std::uint64_t>() > data.size())
-          throw InputError(file, name + "." + field, shown(list), "must be whole numbers that fit in the file's data");
+          throw InputError(file, name + "." + field, shown(list),
+                           "must be whole numbers that fit in the file's data");
         numbers.push_back(number.get<std::int64_t>());
       }
       return numbers;
@@ -95,9 +101,10 @@ Safetensors parse_safetensors(std::string_view bytes, const std::filesystem::pat
     if (offsets.size() != 2 || offsets[0] > offsets[1])
       throw InputError(file, name + ".data_offsets", shown(entry["data_offsets"]),
                        "must be begin and end within the data");
-    const std::size_t begin = static_cast<std::size_t>(offsets[0]), end = static_cast<std::size_t>(offsets[1]);
-    std::size_t count =
-        1;  // each factor is at most the size of the data, so that one check a factor rules out overflow
+    const std::size_t begin = static_cast<std::size_t>(offsets[0]),
+                      end = static_cast<std::size_t>(offsets[1]);
+    std::size_t count = 1;  // each factor is at most the size of the data, so that one check a
+                            // factor rules out overflow
     for (const std::int64_t size : tensor.shape) {
       count *= static_cast<std::size_t>(size);
       if (count > data.size()) break;
@@ -109,23 +116,26 @@ Safetensors parse_safetensors(std::string_view bytes, const std::filesystem::pat
     if (count > 0) std::memcpy(tensor.values.data(), data.data() + begin, count * sizeof(float));
     for (std::size_t i = 0; i < count; ++i)
       if (!std::isfinite(tensor.values[i]))
-        throw InputError(file, name + "[" + std::to_string(i) + "]", std::to_string(tensor.values[i]),
-                         "must be finite");
+        throw InputError(file, name + "[" + std::to_string(i) + "]",
+                         std::to_string(tensor.values[i]), "must be finite");
     extents.push_back({begin, end, name});
     result.tensors.emplace(name, std::move(tensor));
   }
-  std::sort(extents.begin(), extents.end(),
-            [](const Extent& a, const Extent& b) { return std::tie(a.begin, a.end) < std::tie(b.begin, b.end); });
+  std::sort(extents.begin(), extents.end(), [](const Extent& a, const Extent& b) {
+    return std::tie(a.begin, a.end) < std::tie(b.begin, b.end);
+  });
   std::size_t reached = 0;
   for (const Extent& extent : extents) {
     if (extent.begin != reached)
       throw InputError(file, extent.name + ".data_offsets", std::to_string(extent.begin),
-                       "overlaps or leaves a hole: " + std::to_string(reached) + " follows from the tensors before");
+                       "overlaps or leaves a hole: " + std::to_string(reached) +
+                           " follows from the tensors before");
     reached = extent.end;
   }
   if (reached != data.size())
-    throw InputError(file, "", std::to_string(data.size()) + " bytes of data",
-                     "the header speaks of " + std::to_string(reached) + " (truncated, or not ours)");
+    throw InputError(
+        file, "", std::to_string(data.size()) + " bytes of data",
+        "the header speaks of " + std::to_string(reached) + " (truncated, or not ours)");
   return result;
 }
 

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The safetensors container: 8 bytes length of the header (little endian), the header as JSON, the raw data. Float32 only.
-//   {"__metadata__": {name: text, ...}, tensor: {"dtype": "F32", "shape": [...], "data_offsets": [begin, end]}, ...}
+// The safetensors container: 8 bytes length of the header (little endian), the header as JSON, the
+// raw data. Float32 only.
+//   {"__metadata__": {name: text, ...}, tensor: {"dtype": "F32", "shape": [...], "data_offsets":
+//   [begin, end]}, ...}
 #pragma once
 
 #include <cstdint>
@@ -19,7 +21,8 @@ struct SafetensorsEntry {
   std::span<const float> values;  ///< row-major
 };
 
-/// `entries` in the order of their data; the header is padded with spaces so that the data is aligned to 8 bytes.
+/// `entries` in the order of their data; the header is padded with spaces so that the data is
+/// aligned to 8 bytes.
 std::string safetensors_bytes(const std::map<std::string, std::string>& metadata,
                               const std::vector<SafetensorsEntry>& entries);
 
@@ -32,8 +35,9 @@ struct Safetensors {
   std::map<std::string, Tensor> tensors;
 };
 
-/// InputError naming the field: a header that does not fit or is no JSON, a type other than F32, a shape that does not
-/// match its offsets, data that overlaps, has holes or is missing, a value that is not finite.
+/// InputError naming the field: a header that does not fit or is no JSON, a type other than F32, a
+/// shape that does not match its offsets, data that overlaps, has holes or is missing, a value that
+/// is not finite.
 Safetensors parse_safetensors(std::string_view bytes, const std::filesystem::path& file);
 
 }  // namespace redrive

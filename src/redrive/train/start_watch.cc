@@ -10,10 +10,12 @@ namespace {
 constexpr double kDeadOpacity = 1e-4;
 constexpr int kDeadSteps = 20;
 constexpr std::int64_t kFirstSteps = 20, kLateBegin = 400, kLateEnd = 500;
-/// A batch's own variance stands for that of all pixels; over 100 batches of 1024 rays it is known to about 1 %, and the
-/// error of a constant colour scatters about it as much. 1.1 is ten times that.
+/// A batch's own variance stands for that of all pixels; over 100 batches of 1024 rays it is known
+/// to about 1 %, and the error of a constant colour scatters about it as much. 1.1 is ten times
+/// that.
 constexpr double kVarianceMargin = 1.1;
-/// The mean of the first 20 steps may already hold some that diverged; a field that learns is far below it after 400.
+/// The mean of the first 20 steps may already hold some that diverged; a field that learns is far
+/// below it after 400.
 constexpr double kProgress = 0.9;
 
 std::string format(const char* text, double a, double b) {
@@ -41,16 +43,16 @@ double colour_variance(const RayBatch& batch) {
 
 bool watches_colours(std::int64_t step) { return step >= kLateBegin && step < kLateEnd; }
 
-std::optional<std::string> watch_start(const StepResult& result, const RayBatch& batch, std::int64_t step,
-                                       StartWatch* watch) {
+std::optional<std::string> watch_start(const StepResult& result, const RayBatch& batch,
+                                       std::int64_t step, StartWatch* watch) {
   if (step >= kStartSteps) return std::nullopt;
   if (!result.finite) return "diverging: loss or gradients are not finite";
 
   const bool dead = result.opacity < kDeadOpacity && result.rgb_mse > kExplainedMse;
   watch->dead_steps = dead ? watch->dead_steps + 1 : 0;
   if (watch->dead_steps >= kDeadSteps)
-    return format("dead: mean opacity %.1e for %.0f steps on end, no gradient is left", result.opacity,
-                  watch->dead_steps);
+    return format("dead: mean opacity %.1e for %.0f steps on end, no gradient is left",
+                  result.opacity, watch->dead_steps);
 
   if (step < kFirstSteps) watch->first_mse += result.rgb_mse;
   if (watches_colours(step)) {
@@ -58,11 +60,15 @@ std::optional<std::string> watch_start(const StepResult& result, const RayBatch&
     watch->late_variance += colour_variance(batch);
   }
   if (step == kLateEnd - 1) {
-    const double first = watch->first_mse / kFirstSteps, late = watch->late_mse / (kLateEnd - kLateBegin);
+    const double first = watch->first_mse / kFirstSteps,
+                 late = watch->late_mse / (kLateEnd - kLateBegin);
     const double constant_colour = watch->late_variance / (kLateEnd - kLateBegin);
-    if (late >= kProgress * first && late > kExplainedMse && late > kVarianceMargin * constant_colour)
-      return format("diverging: mean squared error %.3g over steps 400 to 499, hardly below the %.3g it began with",
-                    late, first);
+    if (late >= kProgress * first && late > kExplainedMse &&
+        late > kVarianceMargin * constant_colour)
+      return format(
+          "diverging: mean squared error %.3g over steps 400 to 499, hardly below the %.3g it "
+          "began with",
+          late, first);
   }
   return std::nullopt;
 }

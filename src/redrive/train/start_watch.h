@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// The report watched the loss early in the first epoch "to ensure convergence"; this does it. A start has failed when it is
+// The report watched the loss early in the first epoch "to ensure convergence"; this does it. A
+// start has failed when it is
 //   not finite:  a step within the first 1000 gives no finite loss or gradients;
-//   dead:        mean opacity below 1e-4 in 20 steps on end within the first 1000: every density is at or below its ReLU's
+//   dead:        mean opacity below 1e-4 in 20 steps on end within the first 1000: every density is
+//   at or below its ReLU's
 //                kink, all gradients are zero, nothing will ever move again;
 //   diverging:   the mean squared error over steps 400..499 is not 10 % below that of steps 0..19.
-// None of the three is said of a field that explains its pictures: not dead or diverging below an error of 1e-4 (40 dB:
-// black pictures, one constant colour), and not diverging while it is no worse than the best constant colour (noise).
+// None of the three is said of a field that explains its pictures: not dead or diverging below an
+// error of 1e-4 (40 dB: black pictures, one constant colour), and not diverging while it is no
+// worse than the best constant colour (noise).
 #pragma once
 
 #include <optional>
@@ -17,18 +20,22 @@
 
 namespace redrive {
 
-constexpr std::int64_t kStartSteps = 1000;  ///< what counts as the start; later the watch looks on no more
+constexpr std::int64_t kStartSteps =
+    1000;  ///< what counts as the start; later the watch looks on no more
 constexpr int kMaxRestarts = 5;
 constexpr double kExplainedMse = 1e-4;  ///< 40 dB: the field explains its pictures
 
-/// Whether step number `step` is one whose colours it looks at: the host has to have the batch's target.
+/// Whether step number `step` is one whose colours it looks at: the host has to have the batch's
+/// target.
 bool watches_colours(std::int64_t step);
 
-/// Looks at step number `step` (from 0) of this start; the reason to begin anew from another seed, or nothing.
-std::optional<std::string> watch_start(const StepResult& result, const RayBatch& batch, std::int64_t step,
-                                       StartWatch* watch);
+/// Looks at step number `step` (from 0) of this start; the reason to begin anew from another seed,
+/// or nothing.
+std::optional<std::string> watch_start(const StepResult& result, const RayBatch& batch,
+                                       std::int64_t step, StartWatch* watch);
 
-/// Variance of the colours of a batch's even rays about their mean, averaged over the three channels.
+/// Variance of the colours of a batch's even rays about their mean, averaged over the three
+/// channels.
 double colour_variance(const RayBatch& batch);
 
 }  // namespace redrive

@@ -28,7 +28,8 @@ Verdict watch(const RayBatch& batch, const std::function<StepResult(std::int64_t
               std::int64_t steps = 2000) {
   StartWatch state;
   for (std::int64_t step = 0; step < steps; ++step)
-    if (const auto reason = watch_start(result_of(step), batch, step, &state)) return {step, *reason};
+    if (const auto reason = watch_start(result_of(step), batch, step, &state))
+      return {step, *reason};
   return {};
 }
 
@@ -40,7 +41,9 @@ StepResult result(double mse, double opacity = 0.5, bool finite = true) {
   return out;
 }
 
-TEST(StartWatch, VarianceOfTwoColours) { EXPECT_NEAR(colour_variance(two_colours(0.25f, 0.75f)), 0.0625, 1e-12); }
+TEST(StartWatch, VarianceOfTwoColours) {
+  EXPECT_NEAR(colour_variance(two_colours(0.25f, 0.75f)), 0.0625, 1e-12);
+}
 
 TEST(StartWatch, DeadFieldIsRecognisedAfterTwentySteps) {
   const Verdict verdict = watch(two_colours(0, 1), [](auto) { return result(0.5, 0); });
@@ -49,9 +52,10 @@ TEST(StartWatch, DeadFieldIsRecognisedAfterTwentySteps) {
 }
 
 TEST(StartWatch, OpacityThatComesBackIsNotDead) {
-  EXPECT_EQ(
-      watch(two_colours(0, 1), [](auto step) { return result(0.1 / (1 + step), step % 20 == 19 ? 1e-3 : 0); }).step,
-      -1);
+  EXPECT_EQ(watch(two_colours(0, 1),
+                  [](auto step) { return result(0.1 / (1 + step), step % 20 == 19 ? 1e-3 : 0); })
+                .step,
+            -1);
 }
 
 TEST(StartWatch, EmptySpaceInBlackPicturesIsNotDead) {
@@ -60,7 +64,8 @@ TEST(StartWatch, EmptySpaceInBlackPicturesIsNotDead) {
 
 TEST(StartWatch, NotFiniteIsDivergingOnlyInTheStart) {
   const auto bad_at = [](std::int64_t bad) {
-    return watch(two_colours(0, 1), [=](auto step) { return result(0.1 / (1 + step), 0.5, step != bad); });
+    return watch(two_colours(0, 1),
+                 [=](auto step) { return result(0.1 / (1 + step), 0.5, step != bad); });
   };
   EXPECT_EQ(bad_at(7).step, 7);
   EXPECT_THAT(bad_at(7).reason, HasSubstr("diverging"));
@@ -69,22 +74,31 @@ TEST(StartWatch, NotFiniteIsDivergingOnlyInTheStart) {
 }
 
 TEST(StartWatch, LossThatDoesNotFallIsDiverging) {
-  // Half black, half white, and the field says one of them everywhere: error 1/2, a constant grey would have 1/4.
-  const Verdict verdict = watch(two_colours(0, 1), [](auto step) { return result(step < 20 ? 0.52 : 0.5); });
+  // Half black, half white, and the field says one of them everywhere: error 1/2, a constant grey
+  // would have 1/4.
+  const Verdict verdict =
+      watch(two_colours(0, 1), [](auto step) { return result(step < 20 ? 0.52 : 0.5); });
   EXPECT_EQ(verdict.step, 499);
   EXPECT_THAT(verdict.reason, HasSubstr("diverging"));
 }
 
 TEST(StartWatch, LossThatFallsIsNot) {
-  EXPECT_EQ(watch(two_colours(0, 1), [](auto step) { return result(step < 20 ? 0.5 : 0.44); }).step, -1);
+  EXPECT_EQ(watch(two_colours(0, 1), [](auto step) { return result(step < 20 ? 0.5 : 0.44); }).step,
+            -1);
 }
 
 TEST(StartWatch, OneConstantColourIsNot) {  // right from the first step on: nothing to fall
-  EXPECT_EQ(watch(two_colours(0.5f, 0.5f), [](auto step) { return result(step < 20 ? 1e-7 : 2e-6); }).step, -1);
+  EXPECT_EQ(
+      watch(two_colours(0.5f, 0.5f), [](auto step) { return result(step < 20 ? 1e-7 : 2e-6); })
+          .step,
+      -1);
 }
 
 TEST(StartWatch, NoiseIsNot) {  // the mean colour from the start, and nothing better to be had
-  EXPECT_EQ(watch(two_colours(0.25f, 0.75f), [](auto step) { return result(step < 20 ? 0.0624 : 0.0626); }).step, -1);
+  EXPECT_EQ(watch(two_colours(0.25f, 0.75f),
+                  [](auto step) { return result(step < 20 ? 0.0624 : 0.0626); })
+                .step,
+            -1);
 }
 
 }  // namespace

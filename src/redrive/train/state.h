@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What training changes: a model's parameters, their Adam moments, and how far it came. A checkpoint holds exactly this.
+// What training changes: a model's parameters, their Adam moments, and how far it came. A
+// checkpoint holds exactly this.
 #pragma once
 
 #include <cstdint>
@@ -16,10 +17,11 @@ namespace redrive {
 
 /// What the watch over the start of training has seen (train/start_watch.h).
 struct StartWatch {
-  int dead_steps = 0;        ///< in a row
-  double first_mse = 0;      ///< sum over the first steps
-  double late_mse = 0;       ///< sum over the steps that are compared with them
-  double late_variance = 0;  ///< of the colours of those steps: what a constant colour would be worth
+  int dead_steps = 0;    ///< in a row
+  double first_mse = 0;  ///< sum over the first steps
+  double late_mse = 0;   ///< sum over the steps that are compared with them
+  double late_variance =
+      0;  ///< of the colours of those steps: what a constant colour would be worth
 
   bool operator==(const StartWatch&) const = default;
 };
@@ -83,11 +85,13 @@ struct TrainState {
   LossWindow window;
 };
 
-/// safetensors (so that Python reads it): the model's tensors by name, "adam.first_moment", "adam.second_moment" and, if any, "cell_errors" and
-/// "poses" with "poses.first_moment" and "poses.second_moment"; method, step,
-/// seconds, seed and the model's numbers in __metadata__ (strings). Written atomically (base/files.h).
+/// safetensors (so that Python reads it): the model's tensors by name, "adam.first_moment",
+/// "adam.second_moment" and, if any, "cell_errors" and "poses" with "poses.first_moment" and
+/// "poses.second_moment"; method, step, seconds, seed and the model's numbers in __metadata__
+/// (strings). Written atomically (base/files.h).
 void save_checkpoint(const std::filesystem::path& file, const TrainState& state);
-/// InputError names file and field: truncated, wrong header, shape that disagrees with its config, non-finite values.
+/// InputError names file and field: truncated, wrong header, shape that disagrees with its config,
+/// non-finite values.
 TrainState load_checkpoint(const std::filesystem::path& file);
 
 /// The same on bytes; `file` is for messages.

@@ -28,26 +28,30 @@ void KeptBatch::keep(kernels::Backend& backend, RayBatch* batch) {
     if (numbers.data() == kept.numbers && size <= kept.size) return;
     kept.there.reset();
     numbers.resize(numbers.capacity());
-    kept = {numbers.data(), numbers.size(), backend.keep(kernels::as_floats(std::span<const T>(numbers)))};
+    kept = {numbers.data(), numbers.size(),
+            backend.keep(kernels::as_floats(std::span<const T>(numbers)))};
     numbers.resize(size);
   };
-  for (auto* const floats : {&batch->origin, &batch->direction, &batch->target, &batch->background, &batch->pixel_angle,
-                             &batch->weight, &batch->range_m})
+  for (auto* const floats : {&batch->origin, &batch->direction, &batch->target, &batch->background,
+                             &batch->pixel_angle, &batch->weight, &batch->range_m})
     keep(*floats);
   keep(batch->exposure);
   keep(batch->view);
   keep(batch->cell);
 }
 
-void gather_batch(kernels::Backend& backend, const PixelSampler& sampler, int even, int by_error, TrainState* state,
-                  RayBatch* batch, StepBuffers* buffers, const Share& share) {
+void gather_batch(kernels::Backend& backend, const PixelSampler& sampler, int even, int by_error,
+                  TrainState* state, RayBatch* batch, StepBuffers* buffers, const Share& share) {
   const PixelSource& source = sampler.source();
   see(source, &buffers->pictures);
-  // At the end of an epoch there are fewer, but one each at least: then the next epoch's first ones are among them.
-  const std::uint64_t of = share.of, rank = share.rank, left = source.pixels - state->rays_drawn % source.pixels,
+  // At the end of an epoch there are fewer, but one each at least: then the next epoch's first ones
+  // are among them.
+  const std::uint64_t of = share.of, rank = share.rank,
+                      left = source.pixels - state->rays_drawn % source.pixels,
                       all = std::max(of, std::min(of * static_cast<std::uint64_t>(even), left)),
                       first = all * rank / of, next = all * (rank + 1) / of;
-  const PixelDraw draw = sampler.draw(state->rays_drawn + first, static_cast<int>(next - first), by_error);
+  const PixelDraw draw =
+      sampler.draw(state->rays_drawn + first, static_cast<int>(next - first), by_error);
   const GatheredRays room = sampler.make_room(draw, batch);
   batch->first_ray = first + rank * static_cast<std::uint64_t>(by_error);
   buffers->batch.keep(backend, batch);
@@ -55,8 +59,8 @@ void gather_batch(kernels::Backend& backend, const PixelSampler& sampler, int ev
   backend.gather(buffers->pictures, draw, state->cell_errors, room);
 }
 
-void gather_lidar(kernels::Backend& backend, const LidarSampler& sampler, std::int64_t step, int n, RayBatch* batch,
-                  StepBuffers* buffers) {
+void gather_lidar(kernels::Backend& backend, const LidarSampler& sampler, std::int64_t step, int n,
+                  RayBatch* batch, StepBuffers* buffers) {
   see(sampler.source(), &buffers->returns);
   const GatheredReturns room = sampler.make_room(n, batch);
   buffers->lidar.keep(backend, batch);
@@ -66,14 +70,16 @@ void gather_lidar(kernels::Backend& backend, const LidarSampler& sampler, std::i
 StepResult step_gradients(kernels::Backend& backend, const RayBatch& batch, const TrainState& state,
                           StepBuffers* buffers, const RayBatch* lidar) {
   const Model& model = *state.model;
-  if (buffers->gradients.size() != model.size()) buffers->gradients = Buffer<float>(model.size());  // zeros
+  if (buffers->gradients.size() != model.size())
+    buffers->gradients = Buffer<float>(model.size());  // zeros
   const std::span<float> gradients = buffers->gradients;
   kernels::keep(backend, buffers->gradients);
   kernels::keep(backend, state.first_moment);
   kernels::keep(backend, state.second_moment);
   Workspace& workspace = buffers->workspace;
   StepResult result;
-  static_cast<StepLosses&>(result) = model.gradients(backend, batch, state.seed, state.step, gradients, &workspace);
+  static_cast<StepLosses&>(result) =
+      model.gradients(backend, batch, state.seed, state.step, gradients, &workspace);
   const bool ranges = lidar && lidar->n > 0;
   if (ranges) model.range_gradients(backend, *lidar, state.seed, state.step, gradients, &workspace);
   backend.not_finite(model.sentinels(gradients), &workspace.sums().not_finite);
@@ -90,21 +96,23 @@ StepResult step_gradients(kernels::Backend& backend, const RayBatch& batch, cons
   return result;
 }
 
-void apply_step(kernels::Backend& backend, const StepResult& result, std::span<const std::uint32_t> cells,
-                double learning_rate, TrainState* state, StepBuffers* buffers) {
+void apply_step(kernels::Backend& backend, const StepResult& result,
+                std::span<const std::uint32_t> cells, double learning_rate, TrainState* state,
+                StepBuffers* buffers) {
   ++state->step;
   state->rays_drawn += static_cast<std::uint64_t>(result.rays - result.by_error);
   if (!result.finite) return backend.fill(buffers->gradients, 0);
   Model& model = *state->model;
-  backend.adam(model.adam(learning_rate, state->step), buffers->gradients, model.parameters, state->first_moment,
-               state->second_moment);
+  backend.adam(model.adam(learning_rate, state->step), buffers->gradients, model.parameters,
+               state->first_moment, state->second_moment);
   if (!cells.empty()) backend.smooth_errors(cells, result.squares, state->cell_errors);
   if (result.field_rays > 0)
-    state->field_share += kShareSmoothing * (static_cast<double>(result.field_rays) / result.rays - state->field_share);
+    state->field_share += kShareSmoothing * (static_cast<double>(result.field_rays) / result.rays -
+                                             state->field_share);
 }
 
-StepResult train_step(kernels::Backend& backend, const RayBatch& batch, double learning_rate, TrainState* state,
-                      StepBuffers* buffers, const RayBatch* lidar) {
+StepResult train_step(kernels::Backend& backend, const RayBatch& batch, double learning_rate,
+                      TrainState* state, StepBuffers* buffers, const RayBatch* lidar) {
   const StepResult result = step_gradients(backend, batch, *state, buffers, lidar);
   apply_step(backend, result, batch.cell, learning_rate, state, buffers);
   return result;

@@ -11,7 +11,8 @@ namespace redrive {
 /// A batch's vectors, kept where a backend computes.
 class KeptBatch {
  public:
-  /// After they have been sized; all that they have room for is kept, so that a larger batch seldom needs more. The same batch each time.
+  /// After they have been sized; all that they have room for is kept, so that a larger batch seldom
+  /// needs more. The same batch each time.
   void keep(kernels::Backend& backend, RayBatch* batch);
 
  private:
@@ -46,31 +47,38 @@ struct Share {
 /// A step has at most so many times the rays that the options say.
 constexpr double kMostRaysOfBatch = 2;
 
-/// Rays of a step, so that the field is asked about batch_rays of them: TrainState::field_share says how many are not empty.
+/// Rays of a step, so that the field is asked about batch_rays of them: TrainState::field_share
+/// says how many are not empty.
 inline int rays_of_step(int batch_rays, double field_share) {
-  return static_cast<int>(batch_rays * (field_share * kMostRaysOfBatch > 1 ? 1 / field_share : kMostRaysOfBatch));
+  return static_cast<int>(
+      batch_rays * (field_share * kMostRaysOfBatch > 1 ? 1 / field_share : kMostRaysOfBatch));
 }
 
-/// What PixelSampler::gather does from state->rays_drawn on, where the backend computes: the host has of the batch what it fetches, and its
-/// sizes. even, by_error: of this share; the even rays of all shares are those that one backend would draw of them. `buffers` must not
-/// outlive the batch, and see one sampler.
-void gather_batch(kernels::Backend& backend, const PixelSampler& sampler, int even, int by_error, TrainState* state,
-                  RayBatch* batch, StepBuffers* buffers, const Share& share = {});
+/// What PixelSampler::gather does from state->rays_drawn on, where the backend computes: the host
+/// has of the batch what it fetches, and its sizes. even, by_error: of this share; the even rays of
+/// all shares are those that one backend would draw of them. `buffers` must not outlive the batch,
+/// and see one sampler.
+void gather_batch(kernels::Backend& backend, const PixelSampler& sampler, int even, int by_error,
+                  TrainState* state, RayBatch* batch, StepBuffers* buffers,
+                  const Share& share = {});
 
 /// The same with what LidarSampler::gather does.
-void gather_lidar(kernels::Backend& backend, const LidarSampler& sampler, std::int64_t step, int n, RayBatch* batch,
-                  StepBuffers* buffers);
+void gather_lidar(kernels::Backend& backend, const LidarSampler& sampler, std::int64_t step, int n,
+                  RayBatch* batch, StepBuffers* buffers);
 
-/// lidar: rays with ranges, or null. `state->step` counts on by one and rays_drawn by the even rays; where rays have
-/// cells, their errors are taken in. Where the batch refines, its directions and views are fetched. Non-finite loss or gradients: parameters stay as they were.
-StepResult train_step(kernels::Backend& backend, const RayBatch& batch, double learning_rate, TrainState* state,
-                      StepBuffers* buffers, const RayBatch* lidar = nullptr);
+/// lidar: rays with ranges, or null. `state->step` counts on by one and rays_drawn by the even
+/// rays; where rays have cells, their errors are taken in. Where the batch refines, its directions
+/// and views are fetched. Non-finite loss or gradients: parameters stay as they were.
+StepResult train_step(kernels::Backend& backend, const RayBatch& batch, double learning_rate,
+                      TrainState* state, StepBuffers* buffers, const RayBatch* lidar = nullptr);
 
-/// train_step in its parts, for backends that make a step together. Losses and gradients, added to those of the buffers, which are zeros before:
+/// train_step in its parts, for backends that make a step together. Losses and gradients, added to
+/// those of the buffers, which are zeros before:
 StepResult step_gradients(kernels::Backend& backend, const RayBatch& batch, const TrainState& state,
                           StepBuffers* buffers, const RayBatch* lidar);
 /// And what follows from them for the state. cells: of the rays that result.squares is of.
-void apply_step(kernels::Backend& backend, const StepResult& result, std::span<const std::uint32_t> cells,
-                double learning_rate, TrainState* state, StepBuffers* buffers);
+void apply_step(kernels::Backend& backend, const StepResult& result,
+                std::span<const std::uint32_t> cells, double learning_rate, TrainState* state,
+                StepBuffers* buffers);
 
 }  // namespace redrive

@@ -45,12 +45,14 @@ TEST(TrainStep, IsTheCompositionOfThePlainStages) {
   const TrainState before = parse_checkpoint(checkpoint_bytes(state), "");
   StepBuffers buffers;
   const StepResult result = train_step(*backend, batch, 1e-3, &state, &buffers);
-  for (const float left : buffers.gradients.span()) ASSERT_EQ(left, 0);  // the next step adds to them
+  for (const float left : buffers.gradients.span())
+    ASSERT_EQ(left, 0);  // the next step adds to them
   std::vector<float> gradients(before.model->size());
   Workspace workspace;
   before.model->gradients(*backend, batch, before.seed, 0, gradients, &workspace);
 
-  // By hand: sample, render, squared error; then Adam's first step, which moves each weight by lr g / (|g| + eps).
+  // By hand: sample, render, squared error; then Adam's first step, which moves each weight by lr g
+  // / (|g| + eps).
   std::vector<float> t(16 * 8), dt(16 * 8), rgb(48), depth(16), opacity(16);
   backend->sample_stratified(16, {8, 1, 5, true, random_key(5, kStreamSamples, 0)}, t, dt);
   backend->render_rays(nerf(before).field(0), {16, batch.origin, batch.direction}, {8, t, dt},
@@ -65,7 +67,8 @@ TEST(TrainStep, IsTheCompositionOfThePlainStages) {
   EXPECT_EQ(state.step, 1);
   int moved = 0;
   for (std::size_t i = 0; i < state.model->parameters.size(); ++i) {
-    const double gradient = gradients[i], step = state.model->parameters[i] - before.model->parameters[i];
+    const double gradient = gradients[i],
+                 step = state.model->parameters[i] - before.model->parameters[i];
     // One rounding of the parameter (|p| < 1) and a few of the quotient.
     EXPECT_NEAR(step, -1e-3 * gradient / (std::abs(gradient) + 1e-8), 1.2e-7 + 1e-3 * 1e-4) << i;
     moved += step != 0;
@@ -133,7 +136,8 @@ TEST(TrainStep, OfAGridIsNotAppliedWhicheverPartIsBroken) {
     std::size_t size = 1;
     for (const std::int64_t n : tensor.shape) size *= static_cast<std::size_t>(n);
     TrainState state = fresh();
-    std::fill_n(&state.model->parameters[tensor.offset], size, std::numeric_limits<float>::quiet_NaN());
+    std::fill_n(&state.model->parameters[tensor.offset], size,
+                std::numeric_limits<float>::quiet_NaN());
     const std::string before = checkpoint_bytes(state);
     EXPECT_FALSE(train_step(*backend, batch, 1e-2, &state, &buffers).finite) << tensor.name;
     state.step = 0;
@@ -195,7 +199,8 @@ TEST(TrainStep, CountsTheRaysThatTheFieldWasAskedAbout) {
   EXPECT_EQ(train_step(*backend, batch, 0, &state, &buffers).field_rays, 64);
   EXPECT_EQ(state.field_share, 1);
   for (const ModelTensor& tensor : state.model->tensors())
-    if (tensor.name == "proposal") std::fill_n(&state.model->parameters[tensor.offset], tensor.shape[0], -30.0f);
+    if (tensor.name == "proposal")
+      std::fill_n(&state.model->parameters[tensor.offset], tensor.shape[0], -30.0f);
   const int asked = train_step(*backend, batch, 0, &state, &buffers).field_rays;  // one in 16
   EXPECT_LT(asked, 16);
   EXPECT_DOUBLE_EQ(state.field_share, 1 + (asked / 64.0 - 1) / 32);

@@ -5,11 +5,13 @@
 
 namespace redrive {
 
-Team::Team(const std::vector<kernels::Backend*>& backends, kernels::Reduction* reduction, TrainState* state)
+Team::Team(const std::vector<kernels::Backend*>& backends, kernels::Reduction* reduction,
+           TrainState* state)
     : pool_(static_cast<int>(backends.size())), reduction_(reduction) {
   REDRIVE_CHECK(reduction || backends.size() == 1);
   for (kernels::Backend* backend : backends) {
-    members_.push_back(std::make_unique<TeamMember>(TeamMember{*backend, {size(), static_cast<int>(backends.size())}}));
+    members_.push_back(std::make_unique<TeamMember>(
+        TeamMember{*backend, {size(), static_cast<int>(backends.size())}}));
     TeamMember& member = *members_.back();
     member.state = size() == 1 ? state : &member.copy;
   }
@@ -20,7 +22,8 @@ void Team::begin() {
   for (const auto& member : members_) member->copy = {};  // room for the others
   const std::string all = checkpoint_bytes(*first().state);
   for (const auto& member : members_)
-    if (member->state == &member->copy) member->copy = parse_checkpoint(all, "copy for another GPU");
+    if (member->state == &member->copy)
+      member->copy = parse_checkpoint(all, "copy for another GPU");
 }
 
 void Team::each(const std::function<void(TeamMember&)>& work) {
@@ -40,7 +43,8 @@ StepResult Team::step(const std::function<void(TeamMember&)>& gather, double lea
   const bool several = size() > 1;
   each([&](TeamMember& member) {
     gather(member);
-    member.result = step_gradients(member.backend, member.batch, *member.state, &member.buffers, &member.lidar);
+    member.result =
+        step_gradients(member.backend, member.batch, *member.state, &member.buffers, &member.lidar);
     if (!several || member.batch.cell.empty()) return;
     kernels::fetch(member.backend, member.batch.cell);
     member.backend.fetch(member.result.squares);
@@ -78,7 +82,8 @@ StepResult Team::step(const std::function<void(TeamMember&)>& gather, double lea
 std::vector<ViewGradient> Team::view_gradients(const Scene& scene) const {
   std::vector<ViewGradient> mean(scene.views.size());
   for (const auto& member : members_) {
-    const std::vector<ViewGradient> one = redrive::view_gradients(scene, member->batch, member->result);
+    const std::vector<ViewGradient> one =
+        redrive::view_gradients(scene, member->batch, member->result);
     for (std::size_t v = 0; v < mean.size(); ++v) {
       mean[v].d_place += one[v].d_place / size();
       mean[v].d_turn += one[v].d_turn / size();

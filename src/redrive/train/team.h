@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Backends that make every step together: each has a copy of what is trained and a share of the rays, the mean of their gradients goes to all,
-// and each changes its copy alike. So a step of N of them is one backend's with N times the rays. Nobody waits for another but between the parts
-// of a step, so that one that fails ends the step and not the others' patience.
+// Backends that make every step together: each has a copy of what is trained and a share of the
+// rays, the mean of their gradients goes to all, and each changes its copy alike. So a step of N of
+// them is one backend's with N times the rays. Nobody waits for another but between the parts of a
+// step, so that one that fails ends the step and not the others' patience.
 #pragma once
 
 #include <functional>
@@ -29,17 +30,20 @@ struct TeamMember {
 class Team {
  public:
   /// They and `state` outlive it. reduction: may be null of one backend.
-  Team(const std::vector<kernels::Backend*>& backends, kernels::Reduction* reduction, TrainState* state);
+  Team(const std::vector<kernels::Backend*>& backends, kernels::Reduction* reduction,
+       TrainState* state);
 
   int size() const { return static_cast<int>(members_.size()); }
   TeamMember& first() { return *members_.front(); }
   const TeamMember& operator[](int rank) const { return *members_[rank]; }
 
-  /// Before the first step, and when the first one's state is another: all go on from that. Nobody keeps any of it elsewhere yet.
+  /// Before the first step, and when the first one's state is another: all go on from that. Nobody
+  /// keeps any of it elsewhere yet.
   void begin();
 
-  /// train_step of the rays that `gather` puts into each member's batches, called by several threads. What it returns is of all of them: means
-  /// (of StepSums only opacity, rgb_mse, colours and range), counts in sum, no derivatives of rays. DeviceError and DeviceMemoryError say which
+  /// train_step of the rays that `gather` puts into each member's batches, called by several
+  /// threads. What it returns is of all of them: means (of StepSums only opacity, rgb_mse, colours
+  /// and range), counts in sum, no derivatives of rays. DeviceError and DeviceMemoryError say which
   /// member it was.
   StepResult step(const std::function<void(TeamMember&)>& gather, double learning_rate);
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Steps by several devices, loops on the host, whose gradients are brought together there. The same team trains on GPUs, by NCCL, where there are two.
+// Steps by several devices, loops on the host, whose gradients are brought together there. The same
+// team trains on GPUs, by NCCL, where there are two.
 #include "redrive/train/team.h"
 
 #include <algorithm>
@@ -46,7 +47,8 @@ struct Loops {
 
   explicit Loops(int n, int troubled = -1, kernels::LoopTroubles* troubles = nullptr) {
     for (int r = 0; r < n; ++r) {
-      owned.push_back(kernels::make_loop_backend(nullptr, true, r == troubled ? troubles : nullptr));
+      owned.push_back(
+          kernels::make_loop_backend(nullptr, true, r == troubled ? troubles : nullptr));
       all.push_back(owned.back().get());
     }
   }
@@ -71,7 +73,8 @@ struct TeamRun {
   }
   std::function<void(TeamMember&)> gather(int even, int by_error = 0) {
     return [=, this](TeamMember& member) {
-      gather_batch(member.backend, sampler, even, by_error, member.state, &member.batch, &member.buffers, member.share);
+      gather_batch(member.backend, sampler, even, by_error, member.state, &member.batch,
+                   &member.buffers, member.share);
       member.batch.refines = true;
     };
   }
@@ -82,14 +85,17 @@ class TeamTest : public TrainingTest {
   TeamRun team_run(const std::string& name, bool grid = true, double cell_error = -1) {
     const TrainOptions options = tiny_options(1);
     const auto folder = folder_.path / name;
-    return {grid ? tiny_grid_run(folder, folder_.path, options) : tiny_run(folder, folder_.path, options), cell_error};
+    return {grid ? tiny_grid_run(folder, folder_.path, options)
+                 : tiny_run(folder, folder_.path, options),
+            cell_error};
   }
   redrive::Run grid_run(const std::string& name, int max_steps) {
     TrainOptions options = tiny_options(max_steps);
     options.checkpoint_every = 4;
     return tiny_grid_run(folder_.path / name, folder_.path, options);
   }
-  TrainEnd train_by(redrive::Run* run, const std::vector<kernels::Backend*>& backends, kernels::Reduction* reduction) {
+  TrainEnd train_by(redrive::Run* run, const std::vector<kernels::Backend*>& backends,
+                    kernels::Reduction* reduction) {
     ThreadPool pool(1);
     return train(run, load_training_data(*run, pool), backends, reduction, never_);
   }
@@ -97,7 +103,8 @@ class TeamTest : public TrainingTest {
 
 void fetch_state(kernels::Backend& backend, const TrainState& state) {
   const Buffer<float>& parameters = state.model->parameters;
-  for (const Buffer<float>* numbers : {&parameters, &state.first_moment, &state.second_moment, &state.cell_errors})
+  for (const Buffer<float>* numbers :
+       {&parameters, &state.first_moment, &state.second_moment, &state.cell_errors})
     backend.fetch(*numbers);
 }
 
@@ -117,7 +124,8 @@ void add_lidar(TeamMember* member) {
 TEST_F(TeamTest, HalvesOfABatchMakeTheStepOfTheWhole) {
   constexpr int kRays = 64;
   for (const bool grid : {false, true}) {
-    TeamRun whole = team_run(grid ? "whole grid" : "whole", grid), halves = team_run(grid ? "grid" : "halves", grid);
+    TeamRun whole = team_run(grid ? "whole grid" : "whole", grid),
+            halves = team_run(grid ? "grid" : "halves", grid);
     const auto backend = kernels::make_loop_backend();
     RayBatch batch;
     StepBuffers buffers;
@@ -145,14 +153,18 @@ TEST_F(TeamTest, HalvesOfABatchMakeTheStepOfTheWhole) {
     EXPECT_NEAR(result.opacity, expected.opacity, rounding);
     EXPECT_NEAR(result.colours, expected.colours, rounding * expected.colours);
     for (const ModelTensor& tensor : whole.run.state.model->tensors()) {
-      if (tensor.name == "proposal") continue;  // learns from the first quarter of each half, not of the whole
+      if (tensor.name == "proposal")
+        continue;  // learns from the first quarter of each half, not of the whole
       std::size_t size = 1;
       for (const std::int64_t n : tensor.shape) size *= static_cast<std::size_t>(n);
-      const auto of = [&](const TrainState& state) { return state.first_moment.span().subspan(tensor.offset, size); };
+      const auto of = [&](const TrainState& state) {
+        return state.first_moment.span().subspan(tensor.offset, size);
+      };
       float most = 0, difference = 0;
       for (std::size_t i = 0; i < size; ++i) {
         most = std::max(most, std::abs(of(whole.run.state)[i]));
-        difference = std::max(difference, std::abs(of(whole.run.state)[i] - of(halves.run.state)[i]));
+        difference =
+            std::max(difference, std::abs(of(whole.run.state)[i] - of(halves.run.state)[i]));
       }
       EXPECT_LE(difference, rounding * most) << tensor.name;
       EXPECT_TRUE(std::isfinite(most)) << tensor.name;
@@ -205,11 +217,14 @@ TEST_F(TeamTest, StaysOneFieldAndTakesInAllRays) {
       gather(member);
       step_gradients(member.backend, member.batch, state, &member.buffers, &member.lidar);
       member.backend.fetch(member.buffers.gradients);
-      for (std::size_t i = 0; i < gradient.size(); ++i) gradient[i] += member.buffers.gradients[i] / kMembers;
+      for (std::size_t i = 0; i < gradient.size(); ++i)
+        gradient[i] += member.buffers.gradients[i] / kMembers;
     }
     int moved = 0;
     for (std::size_t i = 0; i < gradient.size(); ++i) {
-      ASSERT_NEAR(of.run.state.first_moment[i], 0.1 * gradient[i], 1e-6 * std::abs(gradient[i]) + 1e-12) << i;
+      ASSERT_NEAR(of.run.state.first_moment[i], 0.1 * gradient[i],
+                  1e-6 * std::abs(gradient[i]) + 1e-12)
+          << i;
       moved += gradient[i] != 0;
     }
     EXPECT_GT(moved, 100);
@@ -235,7 +250,8 @@ TEST_F(TeamTest, DrawsEachPixelOnceAnEpoch) {
           EXPECT_LE(batch.n, 3);
           for (int i = 0; i < batch.n; ++i, ++drawn) {
             of.sampler.gather(state.rays_drawn + drawn, 1, &expected);
-            EXPECT_EQ(batch.direction[i], expected.direction[0]) << members << " " << left << " " << drawn;
+            EXPECT_EQ(batch.direction[i], expected.direction[0])
+                << members << " " << left << " " << drawn;
             EXPECT_EQ(batch.view[i], expected.view[0]);
           }
         }
@@ -289,7 +305,8 @@ TEST_F(TeamTest, ADeviceLostAtAnyPartOfAStepEndsIt) {
         team.step(of.gather(8, 4), 1e-2);
         break;
       } catch (const DeviceError& error) {
-        const std::string which = works < 50 ? "GPU " + std::to_string(lost) + ": " : "";  // not while it is fetched
+        const std::string which =
+            works < 50 ? "GPU " + std::to_string(lost) + ": " : "";  // not while it is fetched
         EXPECT_THAT(error.what(), HasSubstr(which + "the GPU failed, computing: it was told to"));
         ++failures;
       }
@@ -306,7 +323,8 @@ TEST_F(TeamTest, ADeviceLostAtAnyPartOfAStepEndsIt) {
       team.step(of.gather(8, 4), 1e-2);
       ADD_FAILURE() << "it had room";
     } catch (const DeviceMemoryError& error) {
-      EXPECT_THAT(error.what(), HasSubstr("GPU " + std::to_string(lost) + ": --backend loop: the GPU has no memory"));
+      EXPECT_THAT(error.what(), HasSubstr("GPU " + std::to_string(lost) +
+                                          ": --backend loop: the GPU has no memory"));
     }
   }
 }
@@ -314,7 +332,8 @@ TEST_F(TeamTest, ADeviceLostAtAnyPartOfAStepEndsIt) {
 TEST_F(TeamTest, TrainsAndResumesWithAnotherNumber) {
   const Loops two(2);
   HostMean mean(two.all);
-  redrive::Run whole = grid_run("whole", 10), again = grid_run("again", 10), fewer = grid_run("fewer", 6);
+  redrive::Run whole = grid_run("whole", 10), again = grid_run("again", 10),
+               fewer = grid_run("fewer", 6);
   EXPECT_EQ(train_by(&whole, two.all, &mean), TrainEnd::kFinished);
   EXPECT_EQ(train_by(&again, two.all, &mean), TrainEnd::kFinished);
   EXPECT_TRUE(same_weights(whole.state, again.state));
@@ -329,7 +348,8 @@ TEST_F(TeamTest, TrainsAndResumesWithAnotherNumber) {
   one.options.max_steps = 10;
   EXPECT_EQ(train_by(&one, {two.all[0]}, nullptr), TrainEnd::kFinished);
   EXPECT_EQ(one.state.step, 10);
-  EXPECT_LT(one.state.rays_drawn - drawn, drawn / 2) << "two thirds of the steps, half as many rays";
+  EXPECT_LT(one.state.rays_drawn - drawn, drawn / 2)
+      << "two thirds of the steps, half as many rays";
 }
 
 TEST_F(TeamTest, InterruptedAndResumedEndsAsUninterrupted) {
@@ -344,7 +364,8 @@ TEST_F(TeamTest, InterruptedAndResumedEndsAsUninterrupted) {
     train_by(&parts, failing.all, &mean_of_failing);
     ADD_FAILURE() << "it did not fail";
   } catch (const DeviceError& error) {
-    EXPECT_THAT(error.what(), HasSubstr("the last checkpoint stands, go on from it with: redrive resume "));
+    EXPECT_THAT(error.what(),
+                HasSubstr("the last checkpoint stands, go on from it with: redrive resume "));
   }
   parts = reopened(parts);
   EXPECT_GT(parts.state.step, 0);
@@ -393,7 +414,8 @@ TEST(NcclReduction, OnGpusIsTheMean) {
   const auto gpus = static_cast<float>(backends.size());
   for (std::size_t r = 0; r < parts.size(); ++r) {
     backends[r]->fetch(parts[r]);
-    for (std::size_t i = 0; i < 1000; ++i) ASSERT_NEAR(parts[r][i], static_cast<float>(i) + gpus - 1, 1e-3) << r;
+    for (std::size_t i = 0; i < 1000; ++i)
+      ASSERT_NEAR(parts[r][i], static_cast<float>(i) + gpus - 1, 1e-3) << r;
     EXPECT_TRUE(bit_equal(parts[r], parts[0]));
   }
 }

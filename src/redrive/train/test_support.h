@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// For tests of training: a run on a tiny drive, and a backend that interrupts, kills or spoils a given step.
+// For tests of training: a run on a tiny drive, and a backend that interrupts, kills or spoils a
+// given step.
 #pragma once
 
 #include <atomic>
@@ -21,8 +22,9 @@ namespace redrive {
 
 /// What happens to the n-th step (from 0) that a backend computes.
 struct Interference {
-  std::int64_t stop_after = -1;             ///< sets `stop`, as Ctrl-C would
-  std::int64_t kill_at = -1;                ///< throws Killed in the middle of it, as nothing would survive kill -9
+  std::int64_t stop_after = -1;  ///< sets `stop`, as Ctrl-C would
+  std::int64_t kill_at =
+      -1;  ///< throws Killed in the middle of it, as nothing would survive kill -9
   std::int64_t nan_from = -1, nan_to = -1;  ///< [from, to): the loss is not a number
   std::int64_t spoil_at = -1;               ///< its parameters are set to what learns no more
   std::atomic<bool> stop{false};
@@ -32,7 +34,8 @@ struct Killed : std::runtime_error {
   Killed() : std::runtime_error("killed") {}
 };
 
-/// Hands everything on to `inner`; a step begins with sample_stratified, in --method grid with its rays' losses.
+/// Hands everything on to `inner`; a step begins with sample_stratified, in --method grid with its
+/// rays' losses.
 class InterferingBackend : public kernels::Backend {
  public:
   InterferingBackend(kernels::Backend& inner, Interference* what) : inner_(inner), what_(*what) {}
@@ -46,8 +49,9 @@ class InterferingBackend : public kernels::Backend {
     if (step_ == what_.stop_after) what_.stop = true;
     inner_.sample_stratified(n_rays, how, t, dt);
   }
-  void sample_hierarchical(const kernels::Samples& coarse, std::span<const float> weights, int extra, bool jitter,
-                           std::uint64_t key, std::span<float> t, std::span<float> dt) override {
+  void sample_hierarchical(const kernels::Samples& coarse, std::span<const float> weights,
+                           int extra, bool jitter, std::uint64_t key, std::span<float> t,
+                           std::span<float> dt) override {
     inner_.sample_hierarchical(coarse, weights, extra, jitter, key, t, dt);
   }
   void nerf_forward(const kernels::NerfField& f, const kernels::Rays& r, const kernels::Samples& s,
@@ -60,32 +64,37 @@ class InterferingBackend : public kernels::Backend {
     inner_.nerf_backward(f, r, s, d_raw, gradients, of_rays);
   }
   void composite_forward(int n, const kernels::Samples& s, std::span<const float> raw,
-                         std::span<const float> background, const kernels::CompositeOut& out) override {
+                         std::span<const float> background,
+                         const kernels::CompositeOut& out) override {
     inner_.composite_forward(n, s, raw, background, out);
   }
   void composite_backward(int n, const kernels::Samples& s, std::span<const float> raw,
-                          std::span<const float> background, const kernels::CompositeAdjoint& adjoint,
+                          std::span<const float> background,
+                          const kernels::CompositeAdjoint& adjoint,
                           std::span<float> d_raw) override {
     inner_.composite_backward(n, s, raw, background, adjoint, d_raw);
   }
   kernels::GridStages& grid() override { return inner_.grid(); }
-  void photometric_loss(std::span<const float> rgb, std::span<const float> target, std::span<float> d_rgb,
-                        double* loss) override {
+  void photometric_loss(std::span<const float> rgb, std::span<const float> target,
+                        std::span<float> d_rgb, double* loss) override {
     ++step_;
     if (step_ == what_.stop_after) what_.stop = true;
     if (step_ == what_.kill_at) throw Killed();
     inner_.photometric_loss(rgb, target, d_rgb, loss);
-    if (step_ >= what_.nan_from && step_ < what_.nan_to) d_rgb[0] = std::numeric_limits<float>::quiet_NaN();
+    if (step_ >= what_.nan_from && step_ < what_.nan_to)
+      d_rgb[0] = std::numeric_limits<float>::quiet_NaN();
   }
   void train_rays(const kernels::NerfField& f, const kernels::Rays& r, const kernels::Samples& s,
-                  std::span<const float> target, const kernels::CompositeOut& out, std::span<float> gradients,
-                  const kernels::RayGradients& of_rays, double* loss) override {
+                  std::span<const float> target, const kernels::CompositeOut& out,
+                  std::span<float> gradients, const kernels::RayGradients& of_rays,
+                  double* loss) override {
     if (step_ == what_.kill_at) throw Killed();
     inner_.train_rays(f, r, s, target, out, gradients, of_rays, loss);
-    if (step_ >= what_.nan_from && step_ < what_.nan_to) *loss = std::numeric_limits<double>::quiet_NaN();
+    if (step_ >= what_.nan_from && step_ < what_.nan_to)
+      *loss = std::numeric_limits<double>::quiet_NaN();
   }
-  void adam(const AdamStep& step, std::span<float> gradients, std::span<float> parameters, std::span<float> first,
-            std::span<float> second) override {
+  void adam(const AdamStep& step, std::span<float> gradients, std::span<float> parameters,
+            std::span<float> first, std::span<float> second) override {
     inner_.adam(step, gradients, parameters, first, second);
     if (step_ == what_.spoil_at)
       std::ranges::fill(parameters, 1.0f);  // white and opaque: colours and opacity are saturated
@@ -127,7 +136,8 @@ inline Run tiny_run(const std::filesystem::path& root, const std::filesystem::pa
   return run;
 }
 
-/// What resume does, the recording being in memory: options and scene as they were, the state from the checkpoint.
+/// What resume does, the recording being in memory: options and scene as they were, the state from
+/// the checkpoint.
 inline Run reopened(const Run& run) {
   Run again;
   again.paths = run.paths;
@@ -138,8 +148,10 @@ inline Run reopened(const Run& run) {
   return again;
 }
 
-/// A fresh run of --method grid with rays by error on the same drive, its tables made small enough for tests.
-inline Run tiny_grid_run(const std::filesystem::path& root, const std::filesystem::path& images, TrainOptions options) {
+/// A fresh run of --method grid with rays by error on the same drive, its tables made small enough
+/// for tests.
+inline Run tiny_grid_run(const std::filesystem::path& root, const std::filesystem::path& images,
+                         TrainOptions options) {
   options.method = "grid";
   options.error_rays = 0.5;
   Run run = tiny_run(root, images, options);
@@ -156,15 +168,18 @@ inline Run tiny_grid_run(const std::filesystem::path& root, const std::filesyste
 
 /// The state's model, which is of --method nerf.
 inline NerfModel& nerf(TrainState& state) { return dynamic_cast<NerfModel&>(*state.model); }
-inline const NerfModel& nerf(const TrainState& state) { return dynamic_cast<const NerfModel&>(*state.model); }
+inline const NerfModel& nerf(const TrainState& state) {
+  return dynamic_cast<const NerfModel&>(*state.model);
+}
 
 inline bool bit_equal(std::span<const float> a, std::span<const float> b) {
   return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size_bytes()) == 0;
 }
 
 inline bool same_weights(const TrainState& a, const TrainState& b) {
-  return bit_equal(a.model->parameters, b.model->parameters) && bit_equal(a.first_moment, b.first_moment) &&
-         bit_equal(a.second_moment, b.second_moment) && bit_equal(a.cell_errors, b.cell_errors);
+  return bit_equal(a.model->parameters, b.model->parameters) &&
+         bit_equal(a.first_moment, b.first_moment) && bit_equal(a.second_moment, b.second_moment) &&
+         bit_equal(a.cell_errors, b.cell_errors);
 }
 
 /// The processor's fastest: reruns are the same bit by bit, which a GPU's are not.
@@ -188,7 +203,8 @@ class TrainingTest : public ::testing::Test {
     std::ostringstream text;
     text.precision(17);
     for (const MetricsRow& row : read_metrics(run.paths))
-      text << row.step << " " << row.epoch << " " << row.loss << " " << row.psnr_db << " " << row.learning_rate << "\n";
+      text << row.step << " " << row.epoch << " " << row.loss << " " << row.psnr_db << " "
+           << row.learning_rate << "\n";
     return text.str();
   }
 

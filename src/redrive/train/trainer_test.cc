@@ -28,7 +28,8 @@ class TrainerTest : public TrainingTest {
  protected:
   using RunNamed = std::function<redrive::Run(const char* name)>;
 
-  /// A run with checkpoints every 30 of 130 steps, which `trained` is, ends the same on one thread, and killed and interrupted on its way.
+  /// A run with checkpoints every 30 of 130 steps, which `trained` is, ends the same on one thread,
+  /// and killed and interrupted on its way.
   void expect_same_end(const redrive::Run& trained, const RunNamed& run_named) {
     redrive::Run single = run_named("single"), parts = run_named("parts");
     const auto expect_same = [&](const redrive::Run& other) {
@@ -52,7 +53,8 @@ class TrainerTest : public TrainingTest {
   }
 
   static bool moved_any(const PoseCorrections& corrections) {
-    return std::ranges::any_of(corrections.values, [](float value) { return std::abs(value) > 1e-4f; });
+    return std::ranges::any_of(corrections.values,
+                               [](float value) { return std::abs(value) > 1e-4f; });
   }
 };
 
@@ -90,10 +92,12 @@ TEST_F(TrainerTest, InterruptedAndResumedEndsAsUninterrupted) {
     TrainOptions options = tiny_options(130);
     options.fine_samples = fine_samples;
     const std::string suffix = std::to_string(fine_samples);
-    redrive::Run whole = run_named("whole" + suffix, options), parts = run_named("parts" + suffix, options);
+    redrive::Run whole = run_named("whole" + suffix, options),
+                 parts = run_named("parts" + suffix, options);
     train(&whole, *backend_, never_);
 
-    for (const std::int64_t steps : {0, 12, 50}) {  // stops after 1, 14 and 65 steps: between rows and checkpoints
+    for (const std::int64_t steps :
+         {0, 12, 50}) {  // stops after 1, 14 and 65 steps: between rows and checkpoints
       Interference interference{.stop_after = steps};
       InterferingBackend backend(*backend_, &interference);
       EXPECT_EQ(train(&parts, backend, interference.stop), TrainEnd::kInterrupted);
@@ -110,9 +114,11 @@ TEST_F(TrainerTest, KilledAndResumedEndsAsUninterrupted) {
   const TrainOptions options = tiny_options(130);
   redrive::Run whole = run_named("whole", options), parts = run_named("parts", options);
   train(&whole, *backend_, never_);
-  for (const std::int64_t at : {30, 77, 20}) {  // the last checkpoints are at 0, 40 (77 + 0 -> 40) and 40
+  for (const std::int64_t at :
+       {30, 77, 20}) {  // the last checkpoints are at 0, 40 (77 + 0 -> 40) and 40
     train_until_killed(&parts, at);
-    std::ofstream(parts.paths.metrics(), std::ios::app) << "{\"step\": 9";  // a line that the kill cut short
+    std::ofstream(parts.paths.metrics(), std::ios::app)
+        << "{\"step\": 9";  // a line that the kill cut short
     parts = reopened(parts);
   }
   EXPECT_EQ(parts.state.step, 40);
@@ -121,11 +127,14 @@ TEST_F(TrainerTest, KilledAndResumedEndsAsUninterrupted) {
   EXPECT_TRUE(same_weights(parts.state, whole.state));
 }
 
-// Rays by error follow what the rays before missed, poses what they said of them: neither threads nor interruptions may change any.
+// Rays by error follow what the rays before missed, poses what they said of them: neither threads
+// nor interruptions may change any.
 TEST_F(TrainerTest, AGridThatFollowsErrorsAndPosesEndsTheSameOnAnyThreadsAndWhenKilled) {
   TrainOptions options = tiny_options(130);
   options.checkpoint_every = 30;
-  const RunNamed grid_run = [&](const char* name) { return tiny_grid_run(folder_.path / name, folder_.path, options); };
+  const RunNamed grid_run = [&](const char* name) {
+    return tiny_grid_run(folder_.path / name, folder_.path, options);
+  };
   redrive::Run whole = grid_run("whole");
   train(&whole, *backend_, never_);
   EXPECT_EQ(whole.state.rays_drawn, 130u * 32);
@@ -264,7 +273,9 @@ TEST(Metrics, ALineThatIsNoneIsRefusedByNumber) {
 TEST(Metrics, WhatARollBackUndidIsNeitherReadNorKept) {
   TemporaryFolder folder;
   const RunPaths paths{folder.path};
-  const auto row = [&](std::int64_t step) { append_metrics(paths, {step, 1, 0.5, 3, 5e-4, 100, 0}); };
+  const auto row = [&](std::int64_t step) {
+    append_metrics(paths, {step, 1, 0.5, 3, 5e-4, 100, 0});
+  };
   const auto steps = [&] {
     std::vector<std::int64_t> steps;
     for (const MetricsRow& read : read_metrics(paths)) steps.push_back(read.step);
@@ -291,7 +302,8 @@ TEST(Metrics, CutEndsAtTheFirstLineThatCannotBeRead) {
   for (const int step : {25, 50, 75}) append_metrics(paths, {step, 1, 0.5, 3, 5e-4, 100, 0});
   const std::string whole = read_file(paths.metrics()), zeros(100, '\0');
   const std::size_t line = whole.find('\n') + 1;
-  for (const std::string& tail : {zeros, zeros + "\n", std::string("{\"step\": 1"), "{\"step\": 1\n" + whole}) {
+  for (const std::string& tail :
+       {zeros, zeros + "\n", std::string("{\"step\": 1"), "{\"step\": 1\n" + whole}) {
     write_file(paths.metrics(), whole + tail);
     cut_metrics(paths, {0, 0, 100});
     EXPECT_EQ(read_file(paths.metrics()), whole);

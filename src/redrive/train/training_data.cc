@@ -12,7 +12,8 @@ namespace {
 LeftOut with_moving(const Run& run, const std::function<std::vector<Mask>()>& masks) {
   if (run.options.masks != "none") return {masks(), read_moving_objects(run.recording, run.scene)};
   std::vector<Mask> full;
-  for (const RigCamera& rig : run.scene.rig) full.push_back(full_mask(rig.camera.width, rig.camera.height));
+  for (const RigCamera& rig : run.scene.rig)
+    full.push_back(full_mask(rig.camera.width, rig.camera.height));
   return {full, MovingObjects({}, run.recording.frames, run.scene.ecef_from_world)};
 }
 
@@ -20,19 +21,23 @@ LeftOut with_moving(const Run& run, const std::function<std::vector<Mask>()>& ma
 std::filesystem::path mask_folder(const Run& run) {
   const std::string& given = run.options.masks;
   if (given == "auto" || given == "none") return {};
-  if (!std::filesystem::is_directory(given)) throw UsageError("--masks", given, "must be auto, none or a folder");
-  if (std::ranges::none_of(run.scene.rig,
-                           [&](const RigCamera& rig) { return std::filesystem::exists(mask_file(given, rig)); }))
-    throw UsageError(
-        "--masks", given,
-        "holds no mask of a camera that is trained on, such as " + mask_file("", run.scene.rig[0]).string());
+  if (!std::filesystem::is_directory(given))
+    throw UsageError("--masks", given, "must be auto, none or a folder");
+  if (std::ranges::none_of(run.scene.rig, [&](const RigCamera& rig) {
+        return std::filesystem::exists(mask_file(given, rig));
+      }))
+    throw UsageError("--masks", given,
+                     "holds no mask of a camera that is trained on, such as " +
+                         mask_file("", run.scene.rig[0]).string());
   return given;
 }
 
-TrainingData applied(const Run& run, ThreadPool& pool, LeftOut left_out, std::vector<Image8> images) {
+TrainingData applied(const Run& run, ThreadPool& pool, LeftOut left_out,
+                     std::vector<Image8> images) {
   leave_out_of_views(run.scene, left_out.masks, left_out.moving, pool, &images);
   LidarReturns lidar;
-  if (run.options.lidar_rays > 0) lidar = load_lidar_returns(run.recording, run.scene, left_out.moving, pool);
+  if (run.options.lidar_rays > 0)
+    lidar = load_lidar_returns(run.recording, run.scene, left_out.moving, pool);
   return {std::move(images), std::move(left_out), std::move(lidar)};
 }
 
@@ -47,10 +52,11 @@ TrainingData load_training_data(const Run& run, ThreadPool& pool) {
 }
 
 TrainingData find_training_data(const Run& run, ThreadPool& pool) {
-  const std::filesystem::path folder = mask_folder(run);  // first: it is said at once if it is wrong
+  const std::filesystem::path folder =
+      mask_folder(run);  // first: it is said at once if it is wrong
   std::vector<Image8> images = load_views(run.scene, pool);
-  LeftOut left_out =
-      with_moving(run, [&] { return static_masks(run.scene, images, folder, pool, run.recording.metric); });
+  LeftOut left_out = with_moving(
+      run, [&] { return static_masks(run.scene, images, folder, pool, run.recording.metric); });
   return applied(run, pool, std::move(left_out), std::move(images));
 }
 

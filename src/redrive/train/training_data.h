@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a run trains on and is scored on: its pictures without what options.masks leaves out of them, and its LiDAR returns.
+// What a run trains on and is scored on: its pictures without what options.masks leaves out of
+// them, and its LiDAR returns.
 #pragma once
 
 #include "redrive/scene/lidar_returns.h"
@@ -14,8 +15,8 @@ struct LeftOut {
   MovingObjects moving;
 };
 
-/// Of a run whose folder is there: its masks/ and the recording's annotated objects; nothing with --masks none. InputError as
-/// read_mask, read_boxes.
+/// Of a run whose folder is there: its masks/ and the recording's annotated objects; nothing with
+/// --masks none. InputError as read_mask, read_boxes.
 LeftOut read_left_out(const Run& run);
 
 struct TrainingData {
@@ -26,8 +27,8 @@ struct TrainingData {
 
 /// Of an existing run.
 TrainingData load_training_data(const Run& run, ThreadPool& pool);
-/// Those of a run to be, whose masks are found, or read from the folder that options.masks names. UsageError if no camera has
-/// a mask there.
+/// Those of a run to be, whose masks are found, or read from the folder that options.masks names.
+/// UsageError if no camera has a mask there.
 TrainingData find_training_data(const Run& run, ThreadPool& pool);
 /// Makes paths.masks() with what find_training_data found: for create_run.
 void keep_masks(const RunPaths& paths, const TrainingData& training, const Scene& scene);

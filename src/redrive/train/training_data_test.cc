@@ -91,9 +91,11 @@ TEST_F(TrainingDataTest, NoneLooksForNothing) {
 TEST_F(TrainingDataTest, AFolderWithoutAMaskIsAMistake) {
   prepare();
   run_.options.masks = masks_;
-  EXPECT_THAT(refused(), AllOf(HasSubstr("--masks"), HasSubstr("FRONT.png"), HasSubstr(masks_.string())));
+  EXPECT_THAT(refused(),
+              AllOf(HasSubstr("--masks"), HasSubstr("FRONT.png"), HasSubstr(masks_.string())));
   run_.options.masks = "nowhere";
-  EXPECT_THAT(refused(), AllOf(HasSubstr("--masks"), HasSubstr("nowhere"), HasSubstr("auto, none or a folder")));
+  EXPECT_THAT(refused(), AllOf(HasSubstr("--masks"), HasSubstr("nowhere"),
+                               HasSubstr("auto, none or a folder")));
 }
 
 }  // namespace

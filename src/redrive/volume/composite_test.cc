@@ -17,7 +17,9 @@ namespace {
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 constexpr double kWhite = 50;  // sigmoid(50) is 1 in double
 
-double uniform(std::uint64_t stream, std::uint64_t i) { return random_unit(random_key(3, kStreamTest, stream), i); }
+double uniform(std::uint64_t stream, std::uint64_t i) {
+  return random_unit(random_key(3, kStreamTest, stream), i);
+}
 
 /// A ray of `n` random intervals that fill [near, far] exactly: t at their starts.
 struct Ray {
@@ -25,7 +27,8 @@ struct Ray {
 
   Ray(int n, double near_m, double far_m, std::uint64_t seed) {
     std::vector<float> edges = {static_cast<float>(near_m), static_cast<float>(far_m)};
-    for (int i = 1; i < n; ++i) edges.push_back(static_cast<float>(near_m + (far_m - near_m) * uniform(seed, i)));
+    for (int i = 1; i < n; ++i)
+      edges.push_back(static_cast<float>(near_m + (far_m - near_m) * uniform(seed, i)));
     std::sort(edges.begin(), edges.end());
     for (int i = 0; i < n; ++i) {
       t.push_back(edges[i]);
@@ -46,7 +49,8 @@ std::vector<double> medium(int n, double density, double colour) {
   return raw;
 }
 
-RayComposite<double> composite(const Ray& ray, const std::vector<double>& raw, double* weights = nullptr) {
+RayComposite<double> composite(const Ray& ray, const std::vector<double>& raw,
+                               double* weights = nullptr) {
   return composite_ray(raw.data(), ray.n(), ray.t.data(), ray.dt.data(), ray.n(), weights);
 }
 
@@ -94,7 +98,8 @@ TEST(Composite, WeightsSumToTheOpacityAndGiveTheDepth) {
 }
 
 TEST(Composite, OneSphere) {
-  // A sphere of radius r and density sigma at distance 5: opacity 1 - exp(-sigma chord), chord = 2 sqrt(r^2 - b^2).
+  // A sphere of radius r and density sigma at distance 5: opacity 1 - exp(-sigma chord), chord = 2
+  // sqrt(r^2 - b^2).
   const double radius = 2, density = 0.8;
   for (const double impact : {0.0, 0.5, 1.9, 2.5})
     for (const int n : {16, 64, 256, 1024}) {
@@ -102,15 +107,17 @@ TEST(Composite, OneSphere) {
       auto raw = medium(n, -1, kWhite);
       double longest = 0;
       for (int i = 0; i < n; ++i) {
-        const double x = ray.t[i] + 0.5 * ray.dt[i] - 5;  // density is taken at the middle of the interval
+        const double x =
+            ray.t[i] + 0.5 * ray.dt[i] - 5;  // density is taken at the middle of the interval
         if (x * x + impact * impact < radius * radius) raw[3 * n + i] = density;
         longest = std::max(longest, double(ray.dt[i]));
       }
       const double chord = impact < radius ? 2 * std::sqrt(radius * radius - impact * impact) : 0;
       const auto sum = composite(ray, raw);
-      // Only the interval that an end of the chord cuts is counted wrongly, by at most half its length; and
-      // d opacity / d chord <= sigma.
-      EXPECT_NEAR(sum.opacity, 1 - std::exp(-density * chord), density * longest + 1e-6) << impact << " " << n;
+      // Only the interval that an end of the chord cuts is counted wrongly, by at most half its
+      // length; and d opacity / d chord <= sigma.
+      EXPECT_NEAR(sum.opacity, 1 - std::exp(-density * chord), density * longest + 1e-6)
+          << impact << " " << n;
       if (impact >= radius) {
         EXPECT_EQ(sum.opacity, 0);
       }
@@ -165,13 +172,15 @@ TEST(Composite, NotANumberIsNotEmptySpace) {
 
 /// d_raw of d_rgb . rgb + d_weights . weights by dual numbers, [4 n].
 template <int kSamples>
-std::vector<double> gradient_by_duals(const Ray& ray, const std::vector<double>& raw, const double d_rgb[3],
-                                      const std::vector<double>& d_weights, const double background[3]) {
+std::vector<double> gradient_by_duals(const Ray& ray, const std::vector<double>& raw,
+                                      const double d_rgb[3], const std::vector<double>& d_weights,
+                                      const double background[3]) {
   using D = Dual<double, 4 * kSamples>;
   std::vector<D> x(raw.size()), weights(kSamples);
   for (std::size_t i = 0; i < raw.size(); ++i) x[i] = D::variable(raw[i], i);
   const D behind[3] = {background[0], background[1], background[2]};
-  const auto sum = composite_ray<D>(x.data(), kSamples, ray.t.data(), ray.dt.data(), kSamples, weights.data(), behind);
+  const auto sum = composite_ray<D>(x.data(), kSamples, ray.t.data(), ray.dt.data(), kSamples,
+                                    weights.data(), behind);
   std::vector<double> gradient(raw.size());
   for (std::size_t i = 0; i < raw.size(); ++i) {
     for (int k = 0; k < 3; ++k) gradient[i] += d_rgb[k] * sum.rgb[k].d[i];
@@ -189,15 +198,17 @@ TEST(CompositeAdjoint, AgreesWithDualNumbers) {
         if (last_infinite) ray.dt.back() = kInfinity;
         std::vector<double> raw(4 * kSamples), d_raw(raw.size());
         for (int i = 0; i < 3 * kSamples; ++i) raw[i] = 6 * uniform(200 + seed, i) - 3;
-        for (int i = 0; i < kSamples; ++i) raw[3 * kSamples + i] = density_scale * (uniform(300 + seed, i) - 0.3);
+        for (int i = 0; i < kSamples; ++i)
+          raw[3 * kSamples + i] = density_scale * (uniform(300 + seed, i) - 0.3);
         const double d_rgb[3] = {0.7, -1.3, 0.2};
         std::vector<double> d_weights(kSamples);
         for (int i = 0; i < kSamples; ++i) d_weights[i] = 2 * uniform(400 + seed, i) - 1;
         const double background[3] = {0.2, 0.9, 0.5};
-        composite_ray_adjoint(raw.data(), kSamples, ray.dt.data(), kSamples, d_rgb, d_raw.data(), d_weights.data(),
-                              background);
+        composite_ray_adjoint(raw.data(), kSamples, ray.dt.data(), kSamples, d_rgb, d_raw.data(),
+                              d_weights.data(), background);
         const auto expected = gradient_by_duals<kSamples>(ray, raw, d_rgb, d_weights, background);
-        // Sums of 3 x kSamples terms, each at most dt (|d_rgb| + 1); every term a product of at most kSamples + 4 factors.
+        // Sums of 3 x kSamples terms, each at most dt (|d_rgb| + 1); every term a product of at
+        // most kSamples + 4 factors.
         const double scale = 9 * 3.2;
         for (std::size_t i = 0; i < raw.size(); ++i)
           EXPECT_NEAR(d_raw[i], expected[i], scale * 3 * kSamples * (kSamples + 4) * 0x1p-53) << i;
@@ -205,7 +216,8 @@ TEST(CompositeAdjoint, AgreesWithDualNumbers) {
 }
 
 TEST(CompositeAdjoint, KeepsTheDigitsOfAThinMediumInFloat) {
-  // w = T_i - T_{i+1} would leave nothing of sigma dt = 1e-7 in float; w = T_i alpha_i keeps it to a few ulp.
+  // w = T_i - T_{i+1} would leave nothing of sigma dt = 1e-7 in float; w = T_i alpha_i keeps it to
+  // a few ulp.
   const int n = 4;
   const std::vector<float> dt(n, 1.0f);
   std::vector<float> raw(4 * n, 0.5f), d_raw(raw.size());

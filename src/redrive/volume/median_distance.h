@@ -6,9 +6,11 @@
 
 namespace redrive {
 
-/// Where half of what a ray meets lies before: unlike the mean it does not care how far behind it the rest is. Within an interval
-/// linear; the end of a ray that meets nothing. edges [n + 1] in metres, weights [n], opacity their sum.
-REDRIVE_HD inline float median_distance(const float* edges, const float* weights, int n, float opacity) {
+/// Where half of what a ray meets lies before: unlike the mean it does not care how far behind it
+/// the rest is. Within an interval linear; the end of a ray that meets nothing. edges [n + 1] in
+/// metres, weights [n], opacity their sum.
+REDRIVE_HD inline float median_distance(const float* edges, const float* weights, int n,
+                                        float opacity) {
   float before = 0;
   for (int i = 0; i < n; ++i) {
     if (before + weights[i] >= 0.5f * opacity && weights[i] > 0)

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// How much each interval of a ray counts (volume/composite.h), from densities alone, and the adjoint; on any scalar type.
+// How much each interval of a ray counts (volume/composite.h), from densities alone, and the
+// adjoint; on any scalar type.
 //   w_i = T_i (1 - exp(-density_i dt_i)), T_i = exp(-sum_{j<i} density_j dt_j).
 #pragma once
 
@@ -22,11 +23,11 @@ REDRIVE_HD void ray_weights(const float* edges, const T* density, int n, T* weig
   }
 }
 
-/// d density_i = dt_i (T_{i+1} d_w_i - sum_{j>i} w_j d_w_j), from the weights that ray_weights gave: T_{i+1} = 1 - sum_{j<=i} w_j
-/// would lose its digits, so it is computed anew.
+/// d density_i = dt_i (T_{i+1} d_w_i - sum_{j>i} w_j d_w_j), from the weights that ray_weights
+/// gave: T_{i+1} = 1 - sum_{j<=i} w_j would lose its digits, so it is computed anew.
 template <class T>
-REDRIVE_HD void ray_weights_adjoint(const float* edges, const T* density, int n, const T* weights, const T* d_weights,
-                                    T* d_density) {
+REDRIVE_HD void ray_weights_adjoint(const float* edges, const T* density, int n, const T* weights,
+                                    const T* d_weights, T* d_density) {
   using std::exp;
   T transmittance(1), behind(0);
   for (int i = 0; i < n; ++i) {

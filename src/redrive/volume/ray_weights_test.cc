@@ -13,7 +13,9 @@
 namespace redrive {
 namespace {
 
-double uniform(std::uint64_t stream, std::uint64_t i) { return random_unit(random_key(4, kStreamTest, stream), i); }
+double uniform(std::uint64_t stream, std::uint64_t i) {
+  return random_unit(random_key(4, kStreamTest, stream), i);
+}
 
 std::vector<float> random_edges(int n, std::uint64_t seed) {
   std::vector<float> edges = {0.5f};
@@ -27,15 +29,17 @@ TEST(RayWeights, ConstantMediumIsExactForAnyIntervals) {
       const std::vector<float> edges = random_edges(n, n);
       std::vector<double> weights(n);
       ray_weights(edges.data(), std::vector<double>(n, density).data(), n, weights.data());
-      double begin =
-          0;  // exp(-density begin) - exp(-density end); a length is the difference of two floats, rounded to one
+      double begin = 0;  // exp(-density begin) - exp(-density end); a length is the difference of
+                         // two floats, rounded to one
       for (int i = 0; i < n; ++i) {
         const double length = edges[i + 1] - edges[i];
         const double expected = std::exp(-density * begin) * -std::expm1(-density * length);
-        EXPECT_NEAR(weights[i], expected, (8 * n + 2 * density * begin) * 0x1p-53 * expected) << i << " of " << n;
+        EXPECT_NEAR(weights[i], expected, (8 * n + 2 * density * begin) * 0x1p-53 * expected)
+            << i << " of " << n;
         begin += length;
       }
-      EXPECT_NEAR(std::accumulate(weights.begin(), weights.end(), 0.0), -std::expm1(-density * begin), 8 * n * 0x1p-53);
+      EXPECT_NEAR(std::accumulate(weights.begin(), weights.end(), 0.0),
+                  -std::expm1(-density * begin), 8 * n * 0x1p-53);
     }
 }
 
@@ -61,8 +65,10 @@ TEST(RayWeights, WallsAndEmptySpace) {
   ray_weights(edges.data(), density.data(), 4, weights.data());
   EXPECT_EQ(weights, (std::vector<double>{0, 0, 1, 0}));  // the second is of no length
   const std::vector<double> d_weights = {1, 2, 3, 5};
-  ray_weights_adjoint(edges.data(), density.data(), 4, weights.data(), d_weights.data(), d_density.data());
-  // What is added before the wall takes from it what it gets itself; nothing changes in and behind a wall.
+  ray_weights_adjoint(edges.data(), density.data(), 4, weights.data(), d_weights.data(),
+                      d_density.data());
+  // What is added before the wall takes from it what it gets itself; nothing changes in and behind
+  // a wall.
   EXPECT_EQ(d_density, (std::vector<double>{1 - 3, 0, 0, 0}));
 }
 
@@ -72,7 +78,8 @@ TEST(RayWeightsAdjoint, AgreesWithDualNumbers) {
   for (const double scale : {1e-6, 0.3, 3.0, 60.0})
     for (std::uint64_t seed = 0; seed < 5; ++seed) {
       const std::vector<float> edges = random_edges(kIntervals, 200 + seed);
-      std::vector<double> density(kIntervals), weights(kIntervals), d_weights(kIntervals), d_density(kIntervals, NAN);
+      std::vector<double> density(kIntervals), weights(kIntervals), d_weights(kIntervals),
+          d_density(kIntervals, NAN);
       std::vector<D> x(kIntervals), w(kIntervals);
       for (int i = 0; i < kIntervals; ++i) {
         density[i] = i == 4 ? 0 : scale * uniform(300 + seed, i);
@@ -81,11 +88,13 @@ TEST(RayWeightsAdjoint, AgreesWithDualNumbers) {
       }
       ray_weights(edges.data(), x.data(), kIntervals, w.data());
       ray_weights(edges.data(), density.data(), kIntervals, weights.data());
-      ray_weights_adjoint(edges.data(), density.data(), kIntervals, weights.data(), d_weights.data(), d_density.data());
+      ray_weights_adjoint(edges.data(), density.data(), kIntervals, weights.data(),
+                          d_weights.data(), d_density.data());
       for (int i = 0; i < kIntervals; ++i) {
         double expected = 0;
         for (int j = 0; j < kIntervals; ++j) expected += d_weights[j] * w[j].d[i];
-        // Sums of at most 12 terms below 1, each of at most 12 factors, one of them an exponential of an argument up to 60 x 12.
+        // Sums of at most 12 terms below 1, each of at most 12 factors, one of them an exponential
+        // of an argument up to 60 x 12.
         EXPECT_NEAR(d_density[i], expected, 12 * (2 * 12 + 2 * scale * 12) * 0x1p-53) << i;
       }
     }
@@ -101,8 +110,10 @@ TEST(RayWeightsAdjoint, KeepsTheDigitsOfAThinMediumInFloat) {
     const double expected = 1e-7f * std::exp(-1e-7 * (i + 0.5));
     EXPECT_NEAR(weights[i], expected, 4 * n * 0x1p-24 * expected);
   }
-  ray_weights_adjoint(edges.data(), density.data(), n, weights.data(), d_weights.data(), d_density.data());
-  // All of it but what the medium takes, 4e-7 of numbers up to 3, and what it takes from those behind.
+  ray_weights_adjoint(edges.data(), density.data(), n, weights.data(), d_weights.data(),
+                      d_density.data());
+  // All of it but what the medium takes, 4e-7 of numbers up to 3, and what it takes from those
+  // behind.
   for (int i = 0; i < n; ++i) EXPECT_NEAR(d_density[i], d_weights[i], 2e-6);
 }
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The cpu backend: cuts batches into tiles and lanes, and calls an instruction set's network and stages on them.
-// The number of lanes is fixed and each has a fixed list of tiles; sums are kept per lane and added in lane order. So the
-// result does not depend on the number of threads.
+// The cpu backend: cuts batches into tiles and lanes, and calls an instruction set's network and
+// stages on them. The number of lanes is fixed and each has a fixed list of tiles; sums are kept
+// per lane and added in lane order. So the result does not depend on the number of threads.
 #include <algorithm>
 #include <iterator>
 #include <numeric>
@@ -20,8 +20,8 @@
 namespace redrive::kernels {
 namespace {
 
-/// Lanes of a batch: enough for a queue of two to eight threads to end together, few enough for their gradients (2.4 MB each
-/// at width 256) to be added up quickly.
+/// Lanes of a batch: enough for a queue of two to eight threads to end together, few enough for
+/// their gradients (2.4 MB each at width 256) to be added up quickly.
 constexpr int kLanesOfBatch = 8;
 
 std::unique_ptr<NerfNetwork> make_network(Isa isa, const NerfConfig& config) {
@@ -63,13 +63,16 @@ struct Engine {
 class CpuBackend final : public Backend {
  public:
   CpuBackend(Isa isa, int threads)
-      : isa_(isa), kernels_(isa == Isa::kAvx2 ? avx2::kCpuKernels : avx512::kCpuKernels), pool_(threads) {}
+      : isa_(isa),
+        kernels_(isa == Isa::kAvx2 ? avx2::kCpuKernels : avx512::kCpuKernels),
+        pool_(threads) {}
 
   std::string name() const override { return "cpu"; }
   std::optional<Isa> isa() const override { return isa_; }
   int threads() const override { return pool_.threads(); }
 
-  void sample_stratified(int n_rays, const StratifiedSampling& how, std::span<float> t, std::span<float> dt) override {
+  void sample_stratified(int n_rays, const StratifiedSampling& how, std::span<float> t,
+                         std::span<float> dt) override {
     check_stratified(n_rays, how, t.size(), dt.size());
     pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
       const std::size_t first = begin * how.per_ray;
@@ -84,30 +87,34 @@ class CpuBackend final : public Backend {
     });
   }
 
-  void sample_hierarchical(const Samples& coarse, std::span<const float> weights, int extra, bool jitter,
-                           std::uint64_t key, std::span<float> t, std::span<float> dt) override {
+  void sample_hierarchical(const Samples& coarse, std::span<const float> weights, int extra,
+                           bool jitter, std::uint64_t key, std::span<float> t,
+                           std::span<float> dt) override {
     const int n_rays = check_hierarchical(coarse, weights.size(), extra, t.size(), dt.size());
     pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
       for (std::size_t ray = begin; ray < end; ++ray) {
         const std::size_t from = ray * coarse.per_ray, to = ray * (coarse.per_ray + extra);
-        hierarchical_ray(&coarse.t[from], &weights[from], coarse.per_ray, extra, jitter, key, ray * extra, &t[to],
-                         &dt[to]);
+        hierarchical_ray(&coarse.t[from], &weights[from], coarse.per_ray, extra, jitter, key,
+                         ray * extra, &t[to], &dt[to]);
       }
     });
   }
 
-  void nerf_forward(const NerfField& field, const Rays& rays, const Samples& samples, std::span<float> raw) override {
+  void nerf_forward(const NerfField& field, const Rays& rays, const Samples& samples,
+                    std::span<float> raw) override {
     check_field(field, rays, samples);
     check_raw(rays.n, samples, raw.size());
     Engine& engine = prepare(field, samples.per_ray);
     const int stride = static_cast<int>(sample_count(rays.n, samples));
     for_each_tile(engine, rays.n, [&](int lane, RayRange tile) {
-      forward_tile(engine, lane, field, rays, samples, tile, false, raw.data() + first_sample(tile, samples), stride);
+      forward_tile(engine, lane, field, rays, samples, tile, false,
+                   raw.data() + first_sample(tile, samples), stride);
     });
   }
 
-  void nerf_backward(const NerfField& field, const Rays& rays, const Samples& samples, std::span<const float> d_raw,
-                     std::span<float> gradients, const RayGradients& of_rays) override {
+  void nerf_backward(const NerfField& field, const Rays& rays, const Samples& samples,
+                     std::span<const float> d_raw, std::span<float> gradients,
+                     const RayGradients& of_rays) override {
     check_field(field, rays, samples);
     check_raw(rays.n, samples, d_raw.size());
     check_ray_gradients(rays.n, of_rays);
@@ -118,8 +125,8 @@ class CpuBackend final : public Backend {
     for_each_tile(engine, rays.n, [&](int lane, RayRange tile) {
       forward_tile(engine, lane, field, rays, samples, tile, true, engine.memory[lane].raw.data(),
                    tile.n * samples.per_ray);
-      backward_tile(engine, lane, field, rays.n, samples, tile, d_raw.data() + first_sample(tile, samples), stride,
-                    of_rays);
+      backward_tile(engine, lane, field, rays.n, samples, tile,
+                    d_raw.data() + first_sample(tile, samples), stride, of_rays);
     });
     engine.network->reduce(engine.lanes, gradients, pool_);
   }
@@ -130,10 +137,11 @@ class CpuBackend final : public Backend {
     pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
       const RayRange range{static_cast<int>(begin), static_cast<int>(end - begin)};
       Buffer<float> scratch(composite_scratch(samples.per_ray));
-      CompositeRays composite =
-          composite_rays(range, samples, raw.data() + first_sample(range, samples), sample_count(n_rays, samples));
+      CompositeRays composite = composite_rays(
+          range, samples, raw.data() + first_sample(range, samples), sample_count(n_rays, samples));
       set_background(&composite, background, n_rays, begin);
-      kernels_.composite_forward(composite, composite_result(range, n_rays, samples, out), scratch.data());
+      kernels_.composite_forward(composite, composite_result(range, n_rays, samples, out),
+                                 scratch.data());
     });
   }
 
@@ -148,19 +156,21 @@ class CpuBackend final : public Backend {
       const std::size_t first = first_sample(range, samples);
       CompositeRays composite = composite_rays(range, samples, raw.data() + first, stride);
       set_background(&composite, background, n_rays, begin);
-      kernels_.composite_backward(composite,
-                                  {.d_rgb = adjoint.d_rgb.data() + begin,
-                                   .d_rgb_stride = static_cast<std::size_t>(n_rays),
-                                   .d_raw = d_raw.data() + first,
-                                   .d_raw_stride = stride,
-                                   .d_weights = adjoint.d_weights.empty() ? nullptr : adjoint.d_weights.data() + first},
-                                  scratch.data());
+      kernels_.composite_backward(
+          composite,
+          {.d_rgb = adjoint.d_rgb.data() + begin,
+           .d_rgb_stride = static_cast<std::size_t>(n_rays),
+           .d_raw = d_raw.data() + first,
+           .d_raw_stride = stride,
+           .d_weights = adjoint.d_weights.empty() ? nullptr : adjoint.d_weights.data() + first},
+          scratch.data());
     });
   }
 
-  void photometric_loss(std::span<const float> rgb, std::span<const float> target, std::span<float> d_rgb,
-                        double* loss) override {
-    *loss = photometric_batch(rgb, target, check_photometric(rgb.size(), target.size(), d_rgb.size()), d_rgb);
+  void photometric_loss(std::span<const float> rgb, std::span<const float> target,
+                        std::span<float> d_rgb, double* loss) override {
+    *loss = photometric_batch(rgb, target,
+                              check_photometric(rgb.size(), target.size(), d_rgb.size()), d_rgb);
   }
 
   void adam(const AdamStep& step, std::span<float> gradients, std::span<float> parameters,
@@ -184,11 +194,13 @@ class CpuBackend final : public Backend {
 
   GridStages& grid() override { return *grid_; }
 
-  PictureScore score(const PicturePair& pictures) override { return score_on_host(pictures, pool_); }
+  PictureScore score(const PicturePair& pictures) override {
+    return score_on_host(pictures, pool_);
+  }
 
-  void train_rays(const NerfField& field, const Rays& rays, const Samples& samples, std::span<const float> target,
-                  const CompositeOut& out, std::span<float> gradients, const RayGradients& of_rays,
-                  double* loss) override {
+  void train_rays(const NerfField& field, const Rays& rays, const Samples& samples,
+                  std::span<const float> target, const CompositeOut& out,
+                  std::span<float> gradients, const RayGradients& of_rays, double* loss) override {
     check_field(field, rays, samples);
     check_composite(rays.n, samples, out);
     check_ray_gradients(rays.n, of_rays);
@@ -202,13 +214,15 @@ class CpuBackend final : public Backend {
       const int stride = tile.n * samples.per_ray;
       forward_tile(engine, lane, field, rays, samples, tile, true, memory.raw.data(), stride);
       const CompositeRays composite = composite_rays(tile, samples, memory.raw.data(), stride);
-      kernels_.composite_forward(composite, composite_result(tile, rays.n, samples, out), memory.composite.data());
+      kernels_.composite_forward(composite, composite_result(tile, rays.n, samples, out),
+                                 memory.composite.data());
       for (int k = 0; k < 3; ++k)
         for (int ray = 0; ray < tile.n; ++ray) {
           const std::size_t at = static_cast<std::size_t>(k) * rays.n + tile.first + ray;
           const auto term = photometric_term<double>(out.rgb[at], target[at], rays.n);
           lane_loss[lane] += term.value;
-          memory.d_rgb[static_cast<std::size_t>(k) * tile.n + ray] = static_cast<float>(term.derivative);
+          memory.d_rgb[static_cast<std::size_t>(k) * tile.n + ray] =
+              static_cast<float>(term.derivative);
         }
       kernels_.composite_backward(composite,
                                   {.d_rgb = memory.d_rgb.data(),
@@ -216,29 +230,35 @@ class CpuBackend final : public Backend {
                                    .d_raw = memory.d_raw.data(),
                                    .d_raw_stride = static_cast<std::size_t>(stride)},
                                   memory.composite.data());
-      backward_tile(engine, lane, field, rays.n, samples, tile, memory.d_raw.data(), stride, of_rays);
+      backward_tile(engine, lane, field, rays.n, samples, tile, memory.d_raw.data(), stride,
+                    of_rays);
     });
     engine.network->reduce(engine.lanes, gradients, pool_);
     *loss = std::accumulate(std::begin(lane_loss), std::end(lane_loss), 0.0);
   }
 
-  void render_rays(const NerfField& field, const Rays& rays, const Samples& samples, const CompositeOut& out) override {
+  void render_rays(const NerfField& field, const Rays& rays, const Samples& samples,
+                   const CompositeOut& out) override {
     check_field(field, rays, samples);
     check_composite(rays.n, samples, out);
     Engine& engine = prepare(field, samples.per_ray);
     while (engine.front_to_back.size() < kLanesOfBatch)
       engine.front_to_back.push_back(
           std::make_unique<FrontToBack>(samples.per_ray, engine.rays_per_tile * samples.per_ray));
-    for_each_block(engine, rays.n, engine.front_to_back.front()->block_rays(), [&](int lane, RayRange block) {
-      FrontToBack& front_to_back = *engine.front_to_back[lane];
-      const float* raw = front_to_back.run(*engine.lanes[lane], kernels_, field, rays, samples, block);
-      kernels_.composite_forward(composite_rays(block, samples, raw, front_to_back.raw_stride()),
-                                 composite_result(block, rays.n, samples, out), engine.memory[lane].composite.data());
-    });
+    for_each_block(
+        engine, rays.n, engine.front_to_back.front()->block_rays(), [&](int lane, RayRange block) {
+          FrontToBack& front_to_back = *engine.front_to_back[lane];
+          const float* raw =
+              front_to_back.run(*engine.lanes[lane], kernels_, field, rays, samples, block);
+          kernels_.composite_forward(
+              composite_rays(block, samples, raw, front_to_back.raw_stride()),
+              composite_result(block, rays.n, samples, out), engine.memory[lane].composite.data());
+        });
   }
 
  private:
-  static constexpr std::size_t kRaysOfRange = 64;  // some thousand samples: well above the cost of a queue entry
+  static constexpr std::size_t kRaysOfRange =
+      64;  // some thousand samples: well above the cost of a queue entry
 
   static std::size_t first_sample(RayRange range, const Samples& samples) {
     return static_cast<std::size_t>(range.first) * samples.per_ray;
@@ -261,19 +281,22 @@ class CpuBackend final : public Backend {
     rays->background_stride = n_rays;
   }
 
-  static CompositeResult composite_result(RayRange range, int n_rays, const Samples& samples, const CompositeOut& out) {
+  static CompositeResult composite_result(RayRange range, int n_rays, const Samples& samples,
+                                          const CompositeOut& out) {
     return {.rgb = out.rgb.data() + range.first,
             .rgb_stride = static_cast<std::size_t>(n_rays),
             .depth = out.depth.data() + range.first,
             .opacity = out.opacity.data() + range.first,
-            .weights = out.weights.empty() ? nullptr : out.weights.data() + first_sample(range, samples)};
+            .weights =
+                out.weights.empty() ? nullptr : out.weights.data() + first_sample(range, samples)};
   }
 
   /// The engine of this shape, made on first use, with the field's parameters.
   Engine& prepare(const NerfField& field, int per_ray) {
-    auto found = std::find_if(engines_.begin(), engines_.end(), [&](const std::unique_ptr<Engine>& engine) {
-      return engine->config == field.config && engine->per_ray == per_ray;
-    });
+    auto found =
+        std::find_if(engines_.begin(), engines_.end(), [&](const std::unique_ptr<Engine>& engine) {
+          return engine->config == field.config && engine->per_ray == per_ray;
+        });
     if (found == engines_.end()) {
       if (engines_.size() == kMaxEngines) engines_.erase(engines_.begin());
       auto engine = std::make_unique<Engine>();
@@ -297,14 +320,15 @@ class CpuBackend final : public Backend {
     for_each_block(engine, n_rays, engine.rays_per_tile, visit);
   }
 
-  /// Shares whole tiles out among the lanes, evenly, and calls visit(lane, range) for blocks of at most block_rays of them;
-  /// those of a lane are consecutive and in order, on one thread.
+  /// Shares whole tiles out among the lanes, evenly, and calls visit(lane, range) for blocks of at
+  /// most block_rays of them; those of a lane are consecutive and in order, on one thread.
   template <class Visit>
   void for_each_block(Engine& engine, int n_rays, int block_rays, const Visit& visit) {
     const std::int64_t tiles = (n_rays + engine.rays_per_tile - 1) / engine.rays_per_tile;
     pool_.run(kLanesOfBatch, [&](int lane) {
       const int begin = static_cast<int>(tiles * lane / kLanesOfBatch) * engine.rays_per_tile;
-      const int end = std::min(n_rays, static_cast<int>(tiles * (lane + 1) / kLanesOfBatch) * engine.rays_per_tile);
+      const int end = std::min(
+          n_rays, static_cast<int>(tiles * (lane + 1) / kLanesOfBatch) * engine.rays_per_tile);
       if (begin >= end) return;
       engine.lanes[lane]->begin();
       for (int first = begin; first < end; first += block_rays)
@@ -313,8 +337,8 @@ class CpuBackend final : public Backend {
     });
   }
 
-  void forward_tile(Engine& engine, int lane, const NerfField& field, const Rays& rays, const Samples& samples,
-                    RayRange tile, bool keep, float* raw, int stride) {
+  void forward_tile(Engine& engine, int lane, const NerfField& field, const Rays& rays,
+                    const Samples& samples, RayRange tile, bool keep, float* raw, int stride) {
     LaneMemory& memory = engine.memory[lane];
     kernels_.points({.n_rays = tile.n,
                      .per_ray = samples.per_ray,
@@ -336,16 +360,19 @@ class CpuBackend final : public Backend {
                                 keep, raw, stride);
   }
 
-  /// The adjoint of forward_tile: adds to the lane's gradients and, where they are wanted, to those of the tile's rays.
-  static void backward_tile(Engine& engine, int lane, const NerfField& field, int n_rays, const Samples& samples,
-                            RayRange tile, const float* d_raw, int stride, const RayGradients& of_rays) {
+  /// The adjoint of forward_tile: adds to the lane's gradients and, where they are wanted, to those
+  /// of the tile's rays.
+  static void backward_tile(Engine& engine, int lane, const NerfField& field, int n_rays,
+                            const Samples& samples, RayRange tile, const float* d_raw, int stride,
+                            const RayGradients& of_rays) {
     float* d_position = of_rays.wanted() ? engine.memory[lane].d_position.data() : nullptr;
     engine.lanes[lane]->backward(d_raw, stride, d_position);
     if (!of_rays.wanted()) return;
     const std::size_t of_tile = static_cast<std::size_t>(tile.n) * samples.per_ray;
     for (int ray = 0; ray < tile.n; ++ray)
       add_ray_gradient(field.unit_from_world, n_rays, samples, tile.first + ray,
-                       d_position + static_cast<std::size_t>(ray) * samples.per_ray, of_tile, of_rays);
+                       d_position + static_cast<std::size_t>(ray) * samples.per_ray, of_tile,
+                       of_rays);
   }
 
   static constexpr std::size_t kMaxEngines = 4;  // coarse and fine, each for training and rendering

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The backend around the kernels: tiles, lanes, threads and the fused stages. (Every stage against ref: tests/conformance.)
+// The backend around the kernels: tiles, lanes, threads and the fused stages. (Every stage against
+// ref: tests/conformance.)
 #include <cmath>
 #include <vector>
 
@@ -67,14 +68,14 @@ TEST_P(CpuBackendTest, SameBitsWhateverTheThreads) {
   const auto one = make_cpu_backend(GetParam(), 1);
   const Batch batch(101, 24, *one);
   Result expected(batch);
-  one->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, expected.out(), expected.gradients,
-                  expected.of_rays(), &expected.loss);
+  one->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, expected.out(),
+                  expected.gradients, expected.of_rays(), &expected.loss);
   for (const int threads : {1, 2, 5}) {
     const auto backend = make_cpu_backend(GetParam(), threads);
     for (int repeat = 0; repeat < 2; ++repeat) {
       Result result(batch);
-      backend->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, result.out(), result.gradients,
-                          result.of_rays(), &result.loss);
+      backend->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, result.out(),
+                          result.gradients, result.of_rays(), &result.loss);
       EXPECT_EQ(result.loss, expected.loss);
       EXPECT_EQ(result.rgb, expected.rgb);
       EXPECT_EQ(result.depth, expected.depth);
@@ -93,12 +94,12 @@ TEST_P(CpuBackendTest, FusedStagesAreTheCompositionOfThePlainOnes) {
     SCOPED_TRACE(testing::Message() << n_rays << " x " << per_ray);
     const Batch batch(n_rays, per_ray, *backend);
     Result fused(batch), plain(batch), rendered(batch), of_field(batch);
-    backend->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, fused.out(), fused.gradients,
-                        fused.of_rays(), &fused.loss);
-    backend->Backend::train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, plain.out(),
-                                 plain.gradients, plain.of_rays(), &plain.loss);
-    backend->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, of_field.out(), of_field.gradients,
-                        {}, &of_field.loss);
+    backend->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, fused.out(),
+                        fused.gradients, fused.of_rays(), &fused.loss);
+    backend->Backend::train_rays(batch.field(), batch.rays(), batch.samples(), batch.target,
+                                 plain.out(), plain.gradients, plain.of_rays(), &plain.loss);
+    backend->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, of_field.out(),
+                        of_field.gradients, {}, &of_field.loss);
     // The same kernels on the same tiles: only the loss is summed in another order.
     EXPECT_NEAR(fused.loss, plain.loss, 3 * n_rays * 0x1p-52 * plain.loss);
     EXPECT_EQ(fused.rgb, plain.rgb);
@@ -114,13 +115,16 @@ TEST_P(CpuBackendTest, FusedStagesAreTheCompositionOfThePlainOnes) {
   }
 }
 
-// Where it is opaque the rest is left out: no more than 1e-4 of the light, and exactly nothing where it is not.
+// Where it is opaque the rest is left out: no more than 1e-4 of the light, and exactly nothing
+// where it is not.
 TEST_P(CpuBackendTest, RenderingStopsBehindWhatIsOpaque) {
   const auto backend = make_cpu_backend(GetParam(), 2);
   for (const int per_ray : {40, 300}) {
     Batch batch(61, per_ray, *backend);
-    // sigma dt of the mean interval (5 m / per_ray): 1/2 on average, so that light ends after some 18 samples.
-    batch.parameters[nerf_layer(batch.config, kNerfDensity).bias] = 0.5f * static_cast<float>(per_ray) / 5;
+    // sigma dt of the mean interval (5 m / per_ray): 1/2 on average, so that light ends after some
+    // 18 samples.
+    batch.parameters[nerf_layer(batch.config, kNerfDensity).bias] =
+        0.5f * static_cast<float>(per_ray) / 5;
     Result exact(batch), rendered(batch);
     std::vector<float> raw(4 * batch.t.size());
     backend->nerf_forward(batch.field(), batch.rays(), batch.samples(), raw);
@@ -137,7 +141,8 @@ TEST_P(CpuBackendTest, RenderingStopsBehindWhatIsOpaque) {
       EXPECT_NEAR(rendered.opacity[ray], exact.opacity[ray], 1e-4 + per_ray * 0x1p-24);
       EXPECT_NEAR(rendered.depth[ray], exact.depth[ray], 6 * (1e-4 + per_ray * 0x1p-24));
       for (int k = 0; k < 3; ++k)
-        EXPECT_NEAR(rendered.rgb[k * batch.n_rays + ray], exact.rgb[k * batch.n_rays + ray], 1e-4 + per_ray * 0x1p-24);
+        EXPECT_NEAR(rendered.rgb[k * batch.n_rays + ray], exact.rgb[k * batch.n_rays + ray],
+                    1e-4 + per_ray * 0x1p-24);
     }
   }
 }
@@ -146,12 +151,12 @@ TEST_P(CpuBackendTest, GradientsAreAddedToWhatIsThere) {
   const auto backend = make_cpu_backend(GetParam(), 1);
   const Batch batch(5, 7, *backend);
   Result once(batch), twice(batch);
-  backend->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, once.out(), once.gradients, {},
-                      &once.loss);
+  backend->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, once.out(),
+                      once.gradients, {}, &once.loss);
   double norm = 0, error = 0;
   for (int i = 0; i < 2; ++i)
-    backend->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, twice.out(), twice.gradients, {},
-                        &twice.loss);
+    backend->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, twice.out(),
+                        twice.gradients, {}, &twice.loss);
   for (std::size_t i = 0; i < once.gradients.size(); ++i) {
     norm += once.gradients[i] * once.gradients[i];
     error += std::pow(twice.gradients[i] - 2.0 * once.gradients[i], 2);
@@ -165,7 +170,8 @@ TEST_P(CpuBackendTest, UnequalShapesAreRefused) {
   const Batch batch(4, 6, *backend);
   Result result(batch);
   result.rgb.pop_back();
-  EXPECT_THROW(backend->render_rays(batch.field(), batch.rays(), batch.samples(), result.out()), std::logic_error);
+  EXPECT_THROW(backend->render_rays(batch.field(), batch.rays(), batch.samples(), result.out()),
+               std::logic_error);
 }
 
 INSTANTIATE_TEST_SUITE_P(Isa, CpuBackendTest,

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The stages around the network, once per vector width, as a table of plain functions over ranges; the backend cuts the
-// work and owns the memory. The formulas are those of volume/composite.h, optim/adam.h and sampling/hierarchical.h.
+// The stages around the network, once per vector width, as a table of plain functions over ranges;
+// the backend cuts the work and owns the memory. The formulas are those of volume/composite.h,
+// optim/adam.h and sampling/hierarchical.h.
 #pragma once
 
 #include <cstddef>
@@ -14,7 +15,8 @@ struct CompositeRays {
   const float* raw = nullptr;
   std::size_t raw_stride = 0;
   const float *t = nullptr, *dt = nullptr;
-  const float* background = nullptr;  ///< channel k of a ray: background[k * background_stride + ray]; may be null
+  const float* background =
+      nullptr;  ///< channel k of a ray: background[k * background_stride + ray]; may be null
   std::size_t background_stride = 0;
 };
 
@@ -25,7 +27,8 @@ struct CompositeResult {
   float *depth = nullptr, *opacity = nullptr, *weights = nullptr;
 };
 
-/// Channel k of a ray: d_rgb[k * d_rgb_stride + ray]; of a sample: d_raw[k * d_raw_stride + i]; d_weights as weights, may be null.
+/// Channel k of a ray: d_rgb[k * d_rgb_stride + ray]; of a sample: d_raw[k * d_raw_stride + i];
+/// d_weights as weights, may be null.
 struct CompositeGradient {
   const float* d_rgb = nullptr;
   std::size_t d_rgb_stride = 0;
@@ -35,7 +38,9 @@ struct CompositeGradient {
 };
 
 /// Floats of working memory the composite stages need: three rows of whole vectors.
-static constexpr std::size_t composite_scratch(int per_ray) { return 3 * (static_cast<std::size_t>(per_ray) + 16); }
+static constexpr std::size_t composite_scratch(int per_ray) {
+  return 3 * (static_cast<std::size_t>(per_ray) + 16);
+}
 
 /// Rays [first_ray, first_ray + n_rays) of a batch; t and dt start at the first of them.
 struct StratifiedRays {
@@ -57,7 +62,8 @@ struct AdamRange {
 /// position[d * stride + ray * per_ray + s] = (origin + t direction - center) * scale.
 struct RayPoints {
   int n_rays = 0, per_ray = 0;
-  const float *origin = nullptr, *direction = nullptr;  ///< coordinate d of a ray at [d * ray_stride + ray]
+  const float *origin = nullptr,
+              *direction = nullptr;  ///< coordinate d of a ray at [d * ray_stride + ray]
   std::size_t ray_stride = 0;
   const float* t = nullptr;
   const float* center = nullptr;
@@ -68,8 +74,10 @@ struct RayPoints {
 
 struct CpuKernels {
   void (*composite_forward)(const CompositeRays& rays, const CompositeResult& out, float* scratch);
-  void (*composite_backward)(const CompositeRays& rays, const CompositeGradient& adjoint, float* scratch);
-  void (*sample_stratified)(const StratifiedRays& rays, float* t, float* dt);  ///< bit-equal to stratified_ray
+  void (*composite_backward)(const CompositeRays& rays, const CompositeGradient& adjoint,
+                             float* scratch);
+  void (*sample_stratified)(const StratifiedRays& rays, float* t,
+                            float* dt);  ///< bit-equal to stratified_ray
   void (*adam)(const AdamRange& range);
   void (*points)(const RayPoints& rays);
 };

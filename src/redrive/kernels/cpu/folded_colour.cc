@@ -20,11 +20,13 @@ typedef float Vec __attribute__((vector_size(32)));
 constexpr int kLanes = 8, kRows = 4, kColumns = 2 * kLanes;
 constexpr int kMaxSteps = 512;  // the widest network
 
-/// out[m][n] += sum over k, ascending, of a(m, k) b(k, n) for columns [n, n + 16); rows a multiple of 4. Every network of
-/// this backend needs AVX2; without FMA the sums are those of plain loops. (SSE2 alone takes twice as long: 1 ms a batch.)
-[[gnu::target("avx2")]] void add_panel(const Matrix& a, const Matrix& b, int rows, int n, int steps, float* out,
-                                       std::ptrdiff_t out_stride) {
-  alignas(32) float panel[kMaxSteps][kColumns];  // of b, side by side: its rows would compete for the same cache sets
+/// out[m][n] += sum over k, ascending, of a(m, k) b(k, n) for columns [n, n + 16); rows a multiple
+/// of 4. Every network of this backend needs AVX2; without FMA the sums are those of plain loops.
+/// (SSE2 alone takes twice as long: 1 ms a batch.)
+[[gnu::target("avx2")]] void add_panel(const Matrix& a, const Matrix& b, int rows, int n, int steps,
+                                       float* out, std::ptrdiff_t out_stride) {
+  alignas(32) float panel[kMaxSteps][kColumns];  // of b, side by side: its rows would compete for
+                                                 // the same cache sets
   for (int k = 0; k < steps; ++k)
     for (int c = 0; c < kColumns; ++c) panel[k][c] = b.data[k * b.row + (n + c) * b.column];
   for (int m = 0; m < rows; m += kRows) {
@@ -42,7 +44,8 @@ constexpr int kMaxSteps = 512;  // the widest network
       }
     }
     for (int r = 0; r < kRows; ++r)
-      for (int c = 0; c < kColumns; ++c) out[(m + r) * out_stride + n + c] += sum[r][c / kLanes][c % kLanes];
+      for (int c = 0; c < kColumns; ++c)
+        out[(m + r) * out_stride + n + c] += sum[r][c / kLanes][c % kLanes];
   }
 }
 
@@ -57,7 +60,8 @@ void add_product(const Matrix& a, const Matrix& b, int rows, int columns, int st
 
 }  // namespace
 
-FoldedColour::FoldedColour(const NerfConfig& config) : config_(config), shape_(nerf_layer(config, kNerfColour)) {
+FoldedColour::FoldedColour(const NerfConfig& config)
+    : config_(config), shape_(nerf_layer(config, kNerfColour)) {
   REDRIVE_CHECK_OP(config.width % 32, ==, 0);
   REDRIVE_CHECK_OP(config.width, <=, kMaxSteps);
   shape_.weight = 0;
@@ -73,7 +77,8 @@ FoldedColour::FoldedColour(const NerfConfig& config) : config_(config), shape_(n
 void FoldedColour::fold(std::span<const float> parameters, ThreadPool& pool) {
   REDRIVE_CHECK_OP(parameters.size(), ==, nerf_parameter_count(config_));
   const int width = config_.width;
-  const NerfLayerShape feature = nerf_layer(config_, kNerfFeature), colour = nerf_layer(config_, kNerfColour);
+  const NerfLayerShape feature = nerf_layer(config_, kNerfFeature),
+                       colour = nerf_layer(config_, kNerfColour);
   std::copy_n(&parameters[feature.weight], feature_.size(), feature_.data());
   std::copy_n(&parameters[feature.bias], width, feature_bias_.data());
   pool.run_ranges(shape_.outputs, 16, [&](std::size_t begin, std::size_t end) {
@@ -88,19 +93,20 @@ void FoldedColour::fold(std::span<const float> parameters, ThreadPool& pool) {
       parameters_[shape_.bias + o] = bias;
     }
   });
-  add_product({colour_.data(), width, 1}, {feature_.data(), width, 1}, shape_.outputs, width, width, parameters_.data(),
-              shape_.inputs, pool);
+  add_product({colour_.data(), width, 1}, {feature_.data(), width, 1}, shape_.outputs, width, width,
+              parameters_.data(), shape_.inputs, pool);
 }
 
 void FoldedColour::unfold(std::span<float> gradients, ThreadPool& pool) {
   REDRIVE_CHECK_OP(gradients.size(), ==, nerf_parameter_count(config_));
   const int width = config_.width;
-  const NerfLayerShape feature = nerf_layer(config_, kNerfFeature), colour = nerf_layer(config_, kNerfColour);
-  add_product({colour_.data(), 1, width}, {gradients_.data(), shape_.inputs, 1}, width, width, shape_.outputs,
-              &gradients[feature.weight], width, pool);
+  const NerfLayerShape feature = nerf_layer(config_, kNerfFeature),
+                       colour = nerf_layer(config_, kNerfColour);
+  add_product({colour_.data(), 1, width}, {gradients_.data(), shape_.inputs, 1}, width, width,
+              shape_.outputs, &gradients[feature.weight], width, pool);
   std::fill_n(d_colour_.data(), d_colour_.size(), 0.0f);
-  add_product({gradients_.data(), shape_.inputs, 1}, {feature_.data(), 1, width}, shape_.outputs, width, width,
-              d_colour_.data(), width, pool);
+  add_product({gradients_.data(), shape_.inputs, 1}, {feature_.data(), 1, width}, shape_.outputs,
+              width, width, d_colour_.data(), width, pool);
   std::vector<float> d_feature_bias(width);
   for (int o = 0; o < shape_.outputs; ++o) {
     const std::size_t first = static_cast<std::size_t>(o) * width;

@@ -24,11 +24,13 @@ struct Sum {
 
 std::vector<float> random_numbers(std::size_t n, std::uint64_t stream) {
   std::vector<float> out;
-  for (std::size_t i = 0; i < n; ++i) out.push_back(2 * random_unit(random_key(5, kStreamTest, stream), i) - 1);
+  for (std::size_t i = 0; i < n; ++i)
+    out.push_back(2 * random_unit(random_key(5, kStreamTest, stream), i) - 1);
   return out;
 }
 
-/// n additions and products, each rounded to 2^-24 of a partial sum, which is at most the sum of the magnitudes.
+/// n additions and products, each rounded to 2^-24 of a partial sum, which is at most the sum of
+/// the magnitudes.
 void expect_near(float got, const Sum& expected, int n, const char* what) {
   ASSERT_NEAR(got, expected.value, (n + 1) * 0x1p-24 * expected.magnitude) << what;
 }
@@ -42,7 +44,8 @@ class FoldedColourTest : public testing::TestWithParam<NerfConfig> {
 
 TEST_P(FoldedColourTest, IsTheProductOfTheLayers) {
   const NerfConfig config = GetParam();
-  const NerfLayerShape feature = nerf_layer(config, kNerfFeature), colour = nerf_layer(config, kNerfColour);
+  const NerfLayerShape feature = nerf_layer(config, kNerfFeature),
+                       colour = nerf_layer(config, kNerfColour);
   const std::vector<float> p = random_numbers(nerf_parameter_count(config), 1);
   ThreadPool pool(2);
   FoldedColour folded(config);
@@ -52,7 +55,8 @@ TEST_P(FoldedColourTest, IsTheProductOfTheLayers) {
   for (int time = 0; time < 2; ++time) folded.fold(p, pool);  // nothing is left of the time before
   for (int o = 0; o < shape.outputs; ++o) {
     const float* row = &p[colour.weight + static_cast<std::size_t>(o) * colour.inputs];
-    const float* got = &folded.parameters()[shape.weight + static_cast<std::size_t>(o) * shape.inputs];
+    const float* got =
+        &folded.parameters()[shape.weight + static_cast<std::size_t>(o) * shape.inputs];
     Sum bias;
     bias.add(p[colour.bias + o]);
     for (int j = 0; j < config.width; ++j) bias.add(double{row[j]} * p[feature.bias + j]);
@@ -60,7 +64,8 @@ TEST_P(FoldedColourTest, IsTheProductOfTheLayers) {
     for (int i = 0; i < config.width; ++i) {
       Sum sum;
       for (int j = 0; j < config.width; ++j)
-        sum.add(double{row[j]} * p[feature.weight + static_cast<std::size_t>(j) * config.width + i]);
+        sum.add(double{row[j]} *
+                p[feature.weight + static_cast<std::size_t>(j) * config.width + i]);
       expect_near(got[i], sum, config.width, "weight");
     }
     for (int i = config.width; i < shape.inputs; ++i) ASSERT_EQ(got[i], row[i]);
@@ -70,7 +75,8 @@ TEST_P(FoldedColourTest, IsTheProductOfTheLayers) {
 TEST_P(FoldedColourTest, UnfoldIsTheAdjointOfFold) {
   const NerfConfig config = GetParam();
   const int width = config.width;
-  const NerfLayerShape feature = nerf_layer(config, kNerfFeature), colour = nerf_layer(config, kNerfColour);
+  const NerfLayerShape feature = nerf_layer(config, kNerfFeature),
+                       colour = nerf_layer(config, kNerfColour);
   const std::vector<float> p = random_numbers(nerf_parameter_count(config), 1);
   ThreadPool pool(2);
   FoldedColour folded(config);
@@ -82,7 +88,9 @@ TEST_P(FoldedColourTest, UnfoldIsTheAdjointOfFold) {
   folded.unfold(gradients, pool);
   for (const float x : folded.gradients()) ASSERT_EQ(x, 0);
 
-  const auto weight = [&](int j, int i) { return p[feature.weight + static_cast<std::size_t>(j) * width + i]; };
+  const auto weight = [&](int j, int i) {
+    return p[feature.weight + static_cast<std::size_t>(j) * width + i];
+  };
   const auto colour_weight = [&](int o, int j) {
     return colour.weight + static_cast<std::size_t>(o) * colour.inputs + j;
   };
@@ -98,23 +106,26 @@ TEST_P(FoldedColourTest, UnfoldIsTheAdjointOfFold) {
       for (int i = 0; i < width; ++i) sum.add(d_folded(o, i) * weight(j, i));
       expect_near(gradients[colour_weight(o, j)], sum, width + 1, "colour.weight");
     }
-    for (int i = width; i < shape.inputs; ++i) ASSERT_EQ(gradients[colour_weight(o, i)], d_folded(o, i));
+    for (int i = width; i < shape.inputs; ++i)
+      ASSERT_EQ(gradients[colour_weight(o, i)], d_folded(o, i));
   }
   for (int j = 0; j < width; ++j) {
     Sum bias;
-    for (int o = 0; o < shape.outputs; ++o) bias.add(p[colour_weight(o, j)] * double{d[shape.bias + o]});
+    for (int o = 0; o < shape.outputs; ++o)
+      bias.add(p[colour_weight(o, j)] * double{d[shape.bias + o]});
     expect_near(gradients[feature.bias + j], bias, shape.outputs, "feature.bias");
     for (int i = 0; i < width; ++i) {
       Sum sum;
       for (int o = 0; o < shape.outputs; ++o) sum.add(p[colour_weight(o, j)] * d_folded(o, i));
-      expect_near(gradients[feature.weight + static_cast<std::size_t>(j) * width + i], sum, shape.outputs,
-                  "feature.weight");
+      expect_near(gradients[feature.weight + static_cast<std::size_t>(j) * width + i], sum,
+                  shape.outputs, "feature.weight");
     }
   }
   // Other layers have no part in it, and everything is added to what stands there.
   double others = 0;
   const std::size_t end = colour.bias + colour.outputs;
-  for (std::size_t i = 0; i < p.size(); ++i) others += i < feature.weight || i >= end ? std::abs(gradients[i]) : 0;
+  for (std::size_t i = 0; i < p.size(); ++i)
+    others += i < feature.weight || i >= end ? std::abs(gradients[i]) : 0;
   EXPECT_EQ(others, 0);
   std::vector<float> twice = gradients;
   std::copy(d.begin(), d.end(), folded.gradients().begin());
@@ -123,8 +134,11 @@ TEST_P(FoldedColourTest, UnfoldIsTheAdjointOfFold) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Widths, FoldedColourTest,
-                         testing::Values(NerfConfig{32, 1, 1}, NerfConfig{96, 2, 2}, NerfConfig{256, 10, 4}),
-                         [](const auto& info) { return "width" + std::to_string(info.param.width); });
+                         testing::Values(NerfConfig{32, 1, 1}, NerfConfig{96, 2, 2},
+                                         NerfConfig{256, 10, 4}),
+                         [](const auto& info) {
+                           return "width" + std::to_string(info.param.width);
+                         });
 
 }  // namespace
 }  // namespace redrive::kernels

@@ -9,7 +9,8 @@
 namespace redrive::kernels {
 namespace {
 
-/// sum of sigma_i dt_i: -log of the transmittance of `count` intervals (volume/composite.h). NaN stays NaN.
+/// sum of sigma_i dt_i: -log of the transmittance of `count` intervals (volume/composite.h). NaN
+/// stays NaN.
 double optical_depth(const float* density, const float* dt, int count) {
   double sum = 0;
   for (int i = 0; i < count; ++i) {
@@ -21,8 +22,8 @@ double optical_depth(const float* density, const float* dt, int count) {
 
 }  // namespace
 
-// Blocks of 16,384 samples: 256 KB of raw stay in the second-level cache, and the last, partly filled tile of a stride is
-// one of ten or more.
+// Blocks of 16,384 samples: 256 KB of raw stay in the second-level cache, and the last, partly
+// filled tile of a stride is one of ten or more.
 FrontToBack::FrontToBack(int per_ray, int tile_samples)
     : per_ray_(per_ray),
       tile_samples_(tile_samples),
@@ -33,8 +34,8 @@ FrontToBack::FrontToBack(int per_ray, int tile_samples)
       position_(3 * static_cast<std::size_t>(tile_samples)),
       direction_(3 * static_cast<std::size_t>(tile_samples)) {}
 
-const float* FrontToBack::run(NerfLane& lane, const CpuKernels& kernels, const NerfField& field, const Rays& rays,
-                              const Samples& samples, RayRange block) {
+const float* FrontToBack::run(NerfLane& lane, const CpuKernels& kernels, const NerfField& field,
+                              const Rays& rays, const Samples& samples, RayRange block) {
   const double opaque_depth = -std::log(kOpaque);
   open_.resize(block.n);
   for (int ray = 0; ray < block.n; ++ray) open_[ray] = ray;
@@ -58,20 +59,26 @@ const float* FrontToBack::run(NerfLane& lane, const CpuKernels& kernels, const N
                         .scale = field.unit_from_world.scale,
                         .position = position_.data() + i * count,
                         .stride = static_cast<std::size_t>(stride)});
-        for (int d = 0; d < 3; ++d) direction_[d * n + i] = rays.direction[static_cast<std::size_t>(d) * rays.n + ray];
+        for (int d = 0; d < 3; ++d)
+          direction_[d * n + i] = rays.direction[static_cast<std::size_t>(d) * rays.n + ray];
       }
-      lane.forward({.n_rays = n, .per_ray = count, .position = position_.data(), .direction = direction_.data()}, false,
-                   tile_raw_.data(), stride);
+      lane.forward({.n_rays = n,
+                    .per_ray = count,
+                    .position = position_.data(),
+                    .direction = direction_.data()},
+                   false, tile_raw_.data(), stride);
       for (int i = 0; i < n; ++i) {
         const int ray = open_[first + i];
         float* raw = raw_.data() + static_cast<std::size_t>(ray) * per_ray_ + from;
         for (int k = 0; k < 4; ++k)
           std::copy_n(tile_raw_.data() + k * stride + i * count, count, raw + k * raw_stride());
-        const float* dt = samples.dt.data() + static_cast<std::size_t>(block.first + ray) * per_ray_ + from;
+        const float* dt =
+            samples.dt.data() + static_cast<std::size_t>(block.first + ray) * per_ray_ + from;
         optical_depth_[ray] += optical_depth(raw + 3 * raw_stride(), dt, count);
         if (optical_depth_[ray] > opaque_depth) {
           const int rest = per_ray_ - from - count;
-          for (int k = 0; k < 4; ++k) std::fill_n(raw + k * raw_stride() + count, rest, k < 3 ? 0.0f : -1.0f);
+          for (int k = 0; k < 4; ++k)
+            std::fill_n(raw + k * raw_stride() + count, rest, k < 3 ? 0.0f : -1.0f);
         } else {
           open_[still_open++] = ray;
         }

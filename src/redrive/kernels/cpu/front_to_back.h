@@ -16,9 +16,10 @@ struct RayRange {
   int first = 0, n = 0;
 };
 
-/// Computes the network for the next few samples of each ray of a block, then drops the rays whose transmittance has fallen below
-/// kOpaque, and so on: what is left out changes colour, opacity and the sum of weights of a ray by less than kOpaque. The
-/// other rays get the bits that the whole ray at once would give.
+/// Computes the network for the next few samples of each ray of a block, then drops the rays whose
+/// transmittance has fallen below kOpaque, and so on: what is left out changes colour, opacity and
+/// the sum of weights of a ray by less than kOpaque. The other rays get the bits that the whole ray
+/// at once would give.
 class FrontToBack {
  public:
   static constexpr double kOpaque = 1e-4;  ///< a fortieth of a step of an 8-bit picture
@@ -27,15 +28,16 @@ class FrontToBack {
   /// `tile_samples`: the most samples of one call of the lane; at least kStride or per_ray.
   FrontToBack(int per_ray, int tile_samples);
 
-  /// raw [4, n * per_ray] of the block's rays, those left out with density -1 (no absorption). Valid until the next call.
-  const float* run(NerfLane& lane, const CpuKernels& kernels, const NerfField& field, const Rays& rays,
-                   const Samples& samples, RayRange block);
+  /// raw [4, n * per_ray] of the block's rays, those left out with density -1 (no absorption).
+  /// Valid until the next call.
+  const float* run(NerfLane& lane, const CpuKernels& kernels, const NerfField& field,
+                   const Rays& rays, const Samples& samples, RayRange block);
   std::size_t raw_stride() const { return static_cast<std::size_t>(block_rays_) * per_ray_; }
   int block_rays() const { return block_rays_; }  ///< the most rays of a block
 
  private:
   const int per_ray_, tile_samples_, block_rays_;
-  std::vector<int> open_;              ///< rays of the block that light still gets through, in order
+  std::vector<int> open_;  ///< rays of the block that light still gets through, in order
   std::vector<double> optical_depth_;  ///< sum of sigma dt so far, by ray of the block
   Buffer<float> raw_, tile_raw_, position_, direction_;
 };

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A device that computes nothing and has no memory, but counts what a GPU would have to give, as cuda_device.h takes it. Stages are asked of it
-// first (Backend::counting), so that what they take is theirs to say, and no second list of it.
+// A device that computes nothing and has no memory, but counts what a GPU would have to give, as
+// cuda_device.h takes it. Stages are asked of it first (Backend::counting), so that what they take
+// is theirs to say, and no second list of it.
 #pragma once
 
 #include <algorithm>
@@ -52,7 +53,9 @@ class CountingDevice {
   static constexpr std::size_t kSamplesAtOnce = samples, kGridSamplesAtOnce = grid_samples;
 
   CountingDevice(CountedBytes* count, bool has_tensor_cores)
-      : count_(count), has_tensor_cores_(has_tensor_cores), places_(std::make_shared<CountedPlaces>(count)) {}
+      : count_(count),
+        has_tensor_cores_(has_tensor_cores),
+        places_(std::make_shared<CountedPlaces>(count)) {}
   bool has_tensor_cores() const { return has_tensor_cores_; }
   std::optional<std::string> description() const { return std::nullopt; }
   std::optional<std::uint64_t> free_memory() const { return std::nullopt; }
@@ -70,7 +73,8 @@ class CountingDevice {
     if (device == live_ && bytes == sizeof live_count_) std::memcpy(host, &live_count_, bytes);
   }
   void sums_before(std::size_t n, const std::uint32_t*, std::uint32_t* sums) {
-    constexpr std::size_t kNumbersOfABlock = 256, kState = 16;  // of CUB's scan, and rather more than it takes
+    constexpr std::size_t kNumbersOfABlock = 256,
+                          kState = 16;  // of CUB's scan, and rather more than it takes
     take(n / kNumbersOfABlock * kState + 4096);
     live_ = sums + n - 1;  // Stage::choose
     live_count_ = static_cast<std::uint32_t>(n > 1 && !count_->all_live ? n - 2 : n - 1);

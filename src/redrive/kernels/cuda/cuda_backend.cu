@@ -43,8 +43,8 @@ std::optional<std::string> cuda_obstacle(int gpu) {
   const cudaError_t error = cudaGetDeviceCount(&devices);
   cudaGetLastError();  // or the next call would be blamed for it
   if (error == cudaErrorInsufficientDriver)
-    return "the NVIDIA driver is for CUDA " + cuda_version(driver) + " and older, this build needs " +
-           cuda_version(CUDART_VERSION);
+    return "the NVIDIA driver is for CUDA " + cuda_version(driver) +
+           " and older, this build needs " + cuda_version(CUDART_VERSION);
   if (error == cudaErrorNoDevice || (error == cudaSuccess && devices == 0)) return "no NVIDIA GPU";
   if (error != cudaSuccess) return std::string("CUDA says: ") + cudaGetErrorString(error);
   cudaDeviceProp device;
@@ -53,17 +53,19 @@ std::optional<std::string> cuda_obstacle(int gpu) {
     return std::string("CUDA says: ") + cudaGetErrorString(asked);
   }
   if (device.major < kLeastMajor || (device.major == kLeastMajor && device.minor < kLeastMinor))
-    return std::string(device.name) + " has compute capability " + std::to_string(device.major) + "." +
-           std::to_string(device.minor) + ", 7.5 is the least";
+    return std::string(device.name) + " has compute capability " + std::to_string(device.major) +
+           "." + std::to_string(device.minor) + ", 7.5 is the least";
   return std::nullopt;
 }
 
 std::string cuda_description(int gpu) {
   const cudaDeviceProp device = properties_of(gpu);
   char memory[32];
-  std::snprintf(memory, sizeof memory, "%.1f GiB", 0x1p-30 * static_cast<double>(device.totalGlobalMem));
+  std::snprintf(memory, sizeof memory, "%.1f GiB",
+                0x1p-30 * static_cast<double>(device.totalGlobalMem));
   return std::string(device.name) + ", compute capability " + std::to_string(device.major) + "." +
-         std::to_string(device.minor) + ", " + memory + ", driver for CUDA " + cuda_version(driver_version());
+         std::to_string(device.minor) + ", " + memory + ", driver for CUDA " +
+         cuda_version(driver_version());
 }
 
 std::unique_ptr<Backend> make_cuda_backend(int threads, bool tensor_cores, int gpu) {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the rest of the program sees of CUDA; what it computes, tests/conformance compares. Encoding apart, whose error these derive.
+// What the rest of the program sees of CUDA; what it computes, tests/conformance compares. Encoding
+// apart, whose error these derive.
 #include "redrive/kernels/cuda/cuda_backend.h"
 
 #include <cmath>
@@ -21,7 +22,8 @@ TEST(CudaBackend, IsThereOrSaysWhyNot) {
     EXPECT_EQ(cuda_obstacle(), obstacle) << "asking changes nothing";
     return;
   }
-  EXPECT_THAT(cuda_description(), testing::ContainsRegex("compute capability [0-9]+\\.[0-9], [0-9.]+ GiB, driver"));
+  EXPECT_THAT(cuda_description(),
+              testing::ContainsRegex("compute capability [0-9]+\\.[0-9], [0-9.]+ GiB, driver"));
   const auto backend = make_cuda_backend(3);
   EXPECT_EQ(backend->name(), "cuda");
   EXPECT_EQ(backend->threads(), 3);
@@ -80,11 +82,14 @@ TEST(EncodePoint, LosesNothingOfFastAngles) {
   std::vector<double> expected(got.size());
   for (std::uint64_t i = 0; i < 1000; ++i) {
     double point[3];
-    for (int k = 0; k < 3; ++k) point[k] = 2.0 * random_unit(random_key(5, kStreamTest), 3 * i + k) - 1;
+    for (int k = 0; k < 3; ++k)
+      point[k] = 2.0 * random_unit(random_key(5, kStreamTest), 3 * i + k) - 1;
     encode_point(point, kOctaves, got.data());
     positional_encoding(point, kOctaves, expected.data());
-    // The angle, at most pi, rounds by 2^-23, its sine and cosine by one unit of 2^-24, the expected one's angle by 2^-53 of 1600, twice.
-    for (std::size_t c = 0; c < got.size(); ++c) ASSERT_NEAR(got[c], expected[c], 0x1p-23 + 0x1p-24 + 4e-13) << c;
+    // The angle, at most pi, rounds by 2^-23, its sine and cosine by one unit of 2^-24, the
+    // expected one's angle by 2^-53 of 1600, twice.
+    for (std::size_t c = 0; c < got.size(); ++c)
+      ASSERT_NEAR(got[c], expected[c], 0x1p-23 + 0x1p-24 + 4e-13) << c;
   }
 }
 
@@ -92,7 +97,8 @@ TEST(EncodePoint, OfQuarterTurns) {
   const double point[3] = {0.5, -0.25, 1};
   float got[9 + 6];
   encode_point(point, 2, got);
-  const double half = std::sqrt(0.5), expected[] = {0.5, -0.25, 1, 1, 0, 0, -1, -half, half, -1, 0, 0, -1, 0, 1};
+  const double half = std::sqrt(0.5),
+               expected[] = {0.5, -0.25, 1, 1, 0, 0, -1, -half, half, -1, 0, 0, -1, 0, 1};
   for (int c = 0; c < 15; ++c) EXPECT_NEAR(got[c], expected[c], 2e-7) << c;
 }
 

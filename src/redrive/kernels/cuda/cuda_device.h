@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// A GPU by the CUDA runtime, for nvcc alone: memory, copies and the one kernel that all functors run in. Everything is put on its default
-// stream, in which one thing follows the other; copies to the host wait for what comes before them. CUDA asks the GPU that the calling thread
-// uses: what is not sure to come behind begin() says use().
+// A GPU by the CUDA runtime, for nvcc alone: memory, copies and the one kernel that all functors
+// run in. Everything is put on its default stream, in which one thing follows the other; copies to
+// the host wait for what comes before them. CUDA asks the GPU that the calling thread uses: what is
+// not sure to come behind begin() says use().
 #pragma once
 
 #include <algorithm>
@@ -34,15 +35,18 @@ struct CudaMemory {
     const cudaError_t error = cudaMalloc(&place, bytes);
     if (error == cudaErrorMemoryAllocation) {
       cudaGetLastError();  // or the next kernel would be blamed for it
-      throw DeviceMemoryError("--backend", "cuda",
-                              "the GPU has no " + std::to_string(bytes >> 20) +
-                                  " MiB left; lower --batch, take fewer or smaller pictures (--frames, --cameras, "
-                                  "--downscale), or see what else runs on it");
+      throw DeviceMemoryError(
+          "--backend", "cuda",
+          "the GPU has no " + std::to_string(bytes >> 20) +
+              " MiB left; lower --batch, take fewer or smaller pictures (--frames, --cameras, "
+              "--downscale), or see what else runs on it");
     }
     check_cuda(error, "allocating");
     return place;
   }
-  void release(void* place) const { cudaFree(place); }  // errors of work before it are the next copy's to tell
+  void release(void* place) const {
+    cudaFree(place);
+  }  // errors of work before it are the next copy's to tell
 };
 
 /// Functor i of each thread, and those a whole grid further.
@@ -53,10 +57,12 @@ __global__ void run_functor(std::size_t n, const Functor functor) {
     functor(i);
 }
 
-/// Functor i of each warp, and those a whole grid further. All lanes have the same i, and the compiler is to know it.
+/// Functor i of each warp, and those a whole grid further. All lanes have the same i, and the
+/// compiler is to know it.
 constexpr int kWarpsOfBlock = 4;
 template <class Functor>
-__global__ void __launch_bounds__(32 * kWarpsOfBlock) run_warp_functor(std::size_t n, const Functor functor) {
+__global__ void __launch_bounds__(32 * kWarpsOfBlock)
+    run_warp_functor(std::size_t n, const Functor functor) {
   const unsigned warp = __shfl_sync(0xFFFFFFFFu, threadIdx.x / 32, 0);
   for (std::size_t i = blockIdx.x * std::size_t{kWarpsOfBlock} + warp; i < n;
        i += std::size_t{gridDim.x} * kWarpsOfBlock) {
@@ -71,20 +77,24 @@ __global__ void do_nothing(T) {}
 
 class CudaDevice {
  public:
-  /// A network of width 256 keeps 15 KB a sample (tensor_layers.h): 0.5 GB; and a layer of it is 4096 warps, three times what an H200 runs at once.
+  /// A network of width 256 keeps 15 KB a sample (tensor_layers.h): 0.5 GB; and a layer of it is
+  /// 4096 warps, three times what an H200 runs at once.
   static constexpr std::size_t kSamplesAtOnce = std::size_t{1} << 15;
   /// 0.2 GB at width 64, and a step's samples in a launch or two.
   static constexpr std::size_t kGridSamplesAtOnce = std::size_t{1} << 18;
-  /// Four rounds of all warps that an H100 has room for, and 256 MiB of copies, five times its cache (device_ceilings.h).
+  /// Four rounds of all warps that an H100 has room for, and 256 MiB of copies, five times its
+  /// cache (device_ceilings.h).
   static constexpr std::size_t kWarpsForClocks = std::size_t{1} << 17;
 
   explicit CudaDevice(int gpu) : gpu_(gpu) {
     use();
-    check_cuda(cudaDeviceGetAttribute(&multiprocessors_, cudaDevAttrMultiProcessorCount, gpu), "asking the GPU");
+    check_cuda(cudaDeviceGetAttribute(&multiprocessors_, cudaDevAttrMultiProcessorCount, gpu),
+               "asking the GPU");
     cudaFuncAttributes kernel{};
     check_cuda(cudaFuncGetAttributes(&kernel, do_nothing<int>), "asking the GPU");
     has_tensor_cores_ =
-        kernel.ptxVersion >= 80;  // of the code that it runs: bf16's are there from compute capability 8.0 on
+        kernel.ptxVersion >=
+        80;  // of the code that it runs: bf16's are there from compute capability 8.0 on
   }
   int gpu() const { return gpu_; }
   /// Next to nothing where the thread uses it already.
@@ -129,7 +139,8 @@ class CudaDevice {
   template <class Functor>
   void for_each(std::size_t n, const Functor& functor) {
     if (n == 0) return;
-    constexpr std::size_t kThreads = 128;  // a warp where these would leave multiprocessors idle, as a batch's rays do
+    constexpr std::size_t kThreads =
+        128;  // a warp where these would leave multiprocessors idle, as a batch's rays do
     const std::size_t threads = n < kThreads * multiprocessors_ ? 32 : kThreads;
     run_functor<<<blocks<Functor>(n, threads), static_cast<unsigned>(threads)>>>(n, functor);
     check_cuda(cudaGetLastError(), "starting a kernel");
@@ -148,7 +159,8 @@ class CudaDevice {
   unsigned blocks(std::size_t n, std::size_t each) const {
     static_assert(std::is_trivially_copyable_v<Functor>, "goes to the GPU byte by byte");
     static_assert(sizeof(Functor) <= 4000, "arguments of a kernel have 4 KiB");
-    constexpr std::size_t kBlocksEach = 64;  // more rounds than these even out what threads differ by
+    constexpr std::size_t kBlocksEach =
+        64;  // more rounds than these even out what threads differ by
     return static_cast<unsigned>(std::min((n + each - 1) / each, kBlocksEach * multiprocessors_));
   }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The backend of a device (stage.h says what that is): every stage copies what it is given there, runs the functors of this folder on it and
-// copies back what it is asked for, but for numbers that are kept there: they stay from stage to stage.
+// The backend of a device (stage.h says what that is): every stage copies what it is given there,
+// runs the functors of this folder on it and copies back what it is asked for, but for numbers that
+// are kept there: they stay from stage to stage.
 #pragma once
 
 #include <memory>
@@ -42,7 +43,8 @@ class DeviceBackend final : public Backend {
   }
   void fetch(std::span<const float> part) override {
     if (const void* const there = device_.kept.find(std::as_bytes(part)))
-      device_.to_host(const_cast<float*>(part.data()), there, part.size_bytes());  // the host's copy is no constant
+      device_.to_host(const_cast<float*>(part.data()), there,
+                      part.size_bytes());  // the host's copy is no constant
   }
   void put(std::span<const float> part) override {
     if (void* const there = device_.kept.find(std::as_bytes(part)))
@@ -79,7 +81,8 @@ class DeviceBackend final : public Backend {
   }
   std::unique_ptr<Backend> counting(CountedBytes* bytes) const override {
     if constexpr (!kCounts)
-      return std::make_unique<DeviceBackend<Counting>>(name_, threads_, bytes, device_.has_tensor_cores());
+      return std::make_unique<DeviceBackend<Counting>>(name_, threads_, bytes,
+                                                       device_.has_tensor_cores());
     return nullptr;
   }
 
@@ -88,26 +91,30 @@ class DeviceBackend final : public Backend {
     check_gather(from, draw, errors.size(), out);
     const PixelSpans& pixels = kernels::there(device_, from);
     Stage stage(device_);
-    const GatheredRays rays = {stage.out(out.origin),     stage.out(out.direction),   stage.out(out.target),
-                               stage.out(out.background), stage.out(out.pixel_angle), stage.out(out.weight),
-                               stage.out(out.exposure),   stage.out(out.view),        stage.out(out.cell)};
+    const GatheredRays rays = {
+        stage.out(out.origin),     stage.out(out.direction),   stage.out(out.target),
+        stage.out(out.background), stage.out(out.pixel_angle), stage.out(out.weight),
+        stage.out(out.exposure),   stage.out(out.view),        stage.out(out.cell)};
     const auto of_cells = stage.in(errors);
     const auto drawn = stage.template scratch<CellDraw>(draw.by_error);
     stage.for_each(rays.view.size(), GatherRays{pixels, draw, of_cells, rays, drawn});
     if (draw.by_error > 0)
-      stage.for_each(rays.view.size(), WeighRays{draw, of_cells, stage.sum_there(drawn.size(), PixelsOfDraw{drawn}),
-                                                 stage.sum_there(drawn.size(), ErrorOfDraw{drawn}), rays});
+      stage.for_each(rays.view.size(),
+                     WeighRays{draw, of_cells, stage.sum_there(drawn.size(), PixelsOfDraw{drawn}),
+                               stage.sum_there(drawn.size(), ErrorOfDraw{drawn}), rays});
     stage.finish();
   }
 
-  void gather_lidar(const LidarSource& from, const LidarDraw& draw, const GatheredReturns& out) override {
+  void gather_lidar(const LidarSource& from, const LidarDraw& draw,
+                    const GatheredReturns& out) override {
     check_gather_lidar(from, out);
     const LidarSpans& returns = kernels::there(device_, from);
     Stage stage(device_);
-    stage.for_each(out.range_m.size(), GatherReturns{returns,
-                                                     draw,
-                                                     {stage.out(out.origin), stage.out(out.direction),
-                                                      stage.out(out.pixel_angle), stage.out(out.range_m)}});
+    stage.for_each(out.range_m.size(),
+                   GatherReturns{returns,
+                                 draw,
+                                 {stage.out(out.origin), stage.out(out.direction),
+                                  stage.out(out.pixel_angle), stage.out(out.range_m)}});
     stage.finish();
   }
 
@@ -124,23 +131,26 @@ class DeviceBackend final : public Backend {
     stage.finish();
   }
 
-  void sample_stratified(int n_rays, const StratifiedSampling& how, std::span<float> t, std::span<float> dt) override {
+  void sample_stratified(int n_rays, const StratifiedSampling& how, std::span<float> t,
+                         std::span<float> dt) override {
     check_stratified(n_rays, how, t.size(), dt.size());
     Stage stage(device_);
     stage.for_each(n_rays, StratifiedRays{how, stage.out(t), stage.out(dt)});
     stage.finish();
   }
 
-  void sample_hierarchical(const Samples& coarse, std::span<const float> weights, int extra, bool jitter,
-                           std::uint64_t key, std::span<float> t, std::span<float> dt) override {
+  void sample_hierarchical(const Samples& coarse, std::span<const float> weights, int extra,
+                           bool jitter, std::uint64_t key, std::span<float> t,
+                           std::span<float> dt) override {
     const int n_rays = check_hierarchical(coarse, weights.size(), extra, t.size(), dt.size());
     Stage stage(device_);
-    stage.for_each(n_rays, HierarchicalRays{there(stage, coarse), stage.in(weights), extra, jitter, key, stage.out(t),
-                                            stage.out(dt)});
+    stage.for_each(n_rays, HierarchicalRays{there(stage, coarse), stage.in(weights), extra, jitter,
+                                            key, stage.out(t), stage.out(dt)});
     stage.finish();
   }
 
-  void nerf_forward(const NerfField& field, const Rays& rays, const Samples& samples, std::span<float> raw) override {
+  void nerf_forward(const NerfField& field, const Rays& rays, const Samples& samples,
+                    std::span<float> raw) override {
     check_field(field, rays, samples);
     check_raw(rays.n, samples, raw.size());
     if (device_.has_tensor_cores())
@@ -149,8 +159,9 @@ class DeviceBackend final : public Backend {
       forward_by<NerfNetworkPass<Device>>(field, rays, samples, raw);
   }
 
-  void nerf_backward(const NerfField& field, const Rays& rays, const Samples& samples, std::span<const float> d_raw,
-                     std::span<float> gradients, const RayGradients& of_rays) override {
+  void nerf_backward(const NerfField& field, const Rays& rays, const Samples& samples,
+                     std::span<const float> d_raw, std::span<float> gradients,
+                     const RayGradients& of_rays) override {
     check_field(field, rays, samples);
     check_raw(rays.n, samples, d_raw.size());
     check_ray_gradients(rays.n, of_rays);
@@ -169,8 +180,8 @@ class DeviceBackend final : public Backend {
                                          there(stage, samples),
                                          stage.in(raw),
                                          stage.in(background),
-                                         {stage.out(out.rgb), stage.out(out.depth), stage.out(out.opacity),
-                                          stage.out(out.weights)}});
+                                         {stage.out(out.rgb), stage.out(out.depth),
+                                          stage.out(out.opacity), stage.out(out.weights)}});
     stage.finish();
   }
 
@@ -179,22 +190,23 @@ class DeviceBackend final : public Backend {
                           std::span<float> d_raw) override {
     check_composite_backward(n_rays, samples, raw.size(), background, adjoint, d_raw.size());
     Stage stage(device_);
-    stage.for_each(n_rays, CompositeRaysAdjoint{static_cast<std::size_t>(n_rays),
-                                                there(stage, samples),
-                                                stage.in(raw),
-                                                stage.in(background),
-                                                {stage.in(adjoint.d_rgb), stage.in(adjoint.d_weights)},
-                                                stage.out(d_raw)});
+    stage.for_each(n_rays,
+                   CompositeRaysAdjoint{static_cast<std::size_t>(n_rays),
+                                        there(stage, samples),
+                                        stage.in(raw),
+                                        stage.in(background),
+                                        {stage.in(adjoint.d_rgb), stage.in(adjoint.d_weights)},
+                                        stage.out(d_raw)});
     stage.finish();
   }
 
-  void photometric_loss(std::span<const float> rgb, std::span<const float> target, std::span<float> d_rgb,
-                        double* loss) override {
+  void photometric_loss(std::span<const float> rgb, std::span<const float> target,
+                        std::span<float> d_rgb, double* loss) override {
     const int n_rays = check_photometric(rgb.size(), target.size(), d_rgb.size());
     Stage stage(device_);
-    stage.put_loss(
-        {stage.sum_there(rgb.size(), PhotometricChannels{stage.in(rgb), stage.in(target), n_rays, stage.out(d_rgb)})},
-        loss);
+    stage.put_loss({stage.sum_there(rgb.size(), PhotometricChannels{stage.in(rgb), stage.in(target),
+                                                                    n_rays, stage.out(d_rgb)})},
+                   loss);
     stage.finish();
   }
 
@@ -202,14 +214,17 @@ class DeviceBackend final : public Backend {
             std::span<float> first_moment, std::span<float> second_moment) override {
     check_adam(gradients.size(), parameters.size(), first_moment.size(), second_moment.size());
     Stage stage(device_);
-    stage.for_each(parameters.size(), AdamParameters{step, stage.in_out(gradients), stage.in_out(parameters),
-                                                     stage.in_out(first_moment), stage.in_out(second_moment)});
+    stage.for_each(parameters.size(),
+                   AdamParameters{step, stage.in_out(gradients), stage.in_out(parameters),
+                                  stage.in_out(first_moment), stage.in_out(second_moment)});
     stage.finish();
   }
 
   GridStages& grid() override { return grid_; }
 
-  PictureScore score(const PicturePair& pictures) override { return score_on_device(device_, pictures); }
+  PictureScore score(const PicturePair& pictures) override {
+    return score_on_device(device_, pictures);
+  }
 
   Device& raw_device() { return device_; }
 
@@ -218,7 +233,8 @@ class DeviceBackend final : public Backend {
   static constexpr bool kCounts = std::is_same_v<Device, Counting>;
 
   template <class Pass>
-  void forward_by(const NerfField& field, const Rays& rays, const Samples& samples, std::span<float> raw) {
+  void forward_by(const NerfField& field, const Rays& rays, const Samples& samples,
+                  std::span<float> raw) {
     const std::size_t n = sample_count(rays.n, samples), most = std::min(n, Device::kSamplesAtOnce);
     Stage stage(device_);
     Pass pass(stage, there(stage, field), most, {}, false);
@@ -226,13 +242,15 @@ class DeviceBackend final : public Backend {
     const Samples samples_there = there(stage, samples);
     const std::span<float> out = stage.out(raw);
     for (std::size_t first = 0; first < n; first += most)
-      pass.forward(rays_there, samples_there, first, std::min(most, n - first), {&out[first], 1, n});
+      pass.forward(rays_there, samples_there, first, std::min(most, n - first),
+                   {&out[first], 1, n});
     stage.finish();
   }
 
   template <class Pass>
-  void backward_by(const NerfField& field, const Rays& rays, const Samples& samples, std::span<const float> d_raw,
-                   std::span<float> gradients, const RayGradients& of_rays) {
+  void backward_by(const NerfField& field, const Rays& rays, const Samples& samples,
+                   std::span<const float> d_raw, std::span<float> gradients,
+                   const RayGradients& of_rays) {
     const std::size_t n = sample_count(rays.n, samples), most = std::min(n, Device::kSamplesAtOnce);
     Stage stage(device_);
     Pass pass(stage, there(stage, field), most, stage.in_out(gradients), of_rays.wanted());
@@ -243,15 +261,16 @@ class DeviceBackend final : public Backend {
     for (std::size_t first = 0; first < n; first += most) {
       const std::size_t count = std::min(most, n - first);
       pass.forward(rays_there, samples_there, first, count, {});
-      pass.backward(count, {&d[first], 1, n}, {d_position.empty() ? nullptr : &d_position[first], 1, n});
+      pass.backward(count, {&d[first], 1, n},
+                    {d_position.empty() ? nullptr : &d_position[first], 1, n});
     }
     if (of_rays.wanted())
-      stage.for_each(rays.n,
-                     RayGradientsOfSamples{field.unit_from_world,
-                                           rays.n,
-                                           samples_there,
-                                           d_position,
-                                           {stage.in_out(of_rays.d_origin), stage.in_out(of_rays.d_direction)}});
+      stage.for_each(rays.n, RayGradientsOfSamples{field.unit_from_world,
+                                                   rays.n,
+                                                   samples_there,
+                                                   d_position,
+                                                   {stage.in_out(of_rays.d_origin),
+                                                    stage.in_out(of_rays.d_direction)}});
     stage.finish();
   }
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A device's roofline, measured by functors like all others: what it copies within its memory, and what it multiplies in registers.
+// A device's roofline, measured by functors like all others: what it copies within its memory, and
+// what it multiplies in registers.
 #pragma once
 
 #include <algorithm>
@@ -22,7 +23,8 @@ struct CopyWords {
   REDRIVE_HD void operator()(std::size_t i) const { to[i] = from[i]; }
 };
 
-/// A warp's products of 16 x 16 by 16 x 8: the latency of one is some thirty cycles, and a sum waits for the one before.
+/// A warp's products of 16 x 16 by 16 x 8: the latency of one is some thirty cycles, and a sum
+/// waits for the one before.
 struct MultiplyMatrices {
   static constexpr int kRounds = 64, kSums = 8;
   static constexpr double kFlops = 2.0 * 16 * 16 * 8 * kSums * kRounds;
@@ -83,7 +85,8 @@ struct MultiplyNumbers {
   }
 };
 
-/// How often `work` is done in a second, at best: runs of several, so that starting a kernel is nothing, until they take 2 ms.
+/// How often `work` is done in a second, at best: runs of several, so that starting a kernel is
+/// nothing, until they take 2 ms.
 template <class Device, class Work>
 double most_a_second(Device& device, const Work& work) {
   constexpr double kTargetSeconds = 0.002;
@@ -94,7 +97,8 @@ double most_a_second(Device& device, const Work& work) {
     const auto start = std::chrono::steady_clock::now();
     for (std::size_t i = 0; i < times; ++i) work();
     device.wait();
-    const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    const double seconds =
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     if (seconds < kTargetSeconds) {
       times *= 2;
       continue;
@@ -105,7 +109,8 @@ double most_a_second(Device& device, const Work& work) {
   return best;
 }
 
-/// Tensor cores are measured by mma, which the networks are made of; an H100's other instruction, of four warps at once, does more.
+/// Tensor cores are measured by mma, which the networks are made of; an H100's other instruction,
+/// of four warps at once, does more.
 template <class Device>
 Ceilings measure_ceilings(Device& device) {
   constexpr std::size_t kWarps = Device::kWarpsForClocks, kThreads = kWarps * kLanes;
@@ -115,10 +120,13 @@ Ceilings measure_ceilings(Device& device) {
   // 256 MiB of a GPU: no cache has them.
   const auto from = stage.template scratch<LaneWords>(4 * kThreads),
              to = stage.template scratch<LaneWords>(4 * kThreads);
-  stage.for_each(from.size_bytes() / sizeof(float),
-                 FillNumbers{{reinterpret_cast<float*>(from.data()), from.size_bytes() / sizeof(float)}, 1});
+  stage.for_each(
+      from.size_bytes() / sizeof(float),
+      FillNumbers{{reinterpret_cast<float*>(from.data()), from.size_bytes() / sizeof(float)}, 1});
   Ceilings ceilings;
-  const double copies = most_a_second(device, [&] { stage.for_each(from.size(), CopyWords{from, to}); });
+  const double copies = most_a_second(device, [&] {
+    stage.for_each(from.size(), CopyWords{from, to});
+  });
   ceilings.copied_gb_s = 1e-9 * 2 * static_cast<double>(from.size_bytes()) * copies;
   if (device.has_tensor_cores()) {
     ceilings.arithmetic = "bf16 mma";

@@ -23,62 +23,72 @@ class DeviceGridStages final : public DeviceRayStages<Device> {
     stage.finish();
   }
 
-  void proposed(int n_rays, const Intervals& from, std::span<const float> weights, const ProposedIntervals& how,
-                std::span<float> edges) override {
+  void proposed(int n_rays, const Intervals& from, std::span<const float> weights,
+                const ProposedIntervals& how, std::span<float> edges) override {
     check_proposed(n_rays, from, weights.size(), how.per_ray, edges.size());
     Stage stage(device_);
-    stage.for_each(n_rays, ProposedRays{there(stage, from), stage.in(weights), how, stage.out(edges)});
+    stage.for_each(n_rays,
+                   ProposedRays{there(stage, from), stage.in(weights), how, stage.out(edges)});
     stage.finish();
   }
 
-  void contract(const Contraction& contraction, const Rays& rays, std::span<const float> pixel_angle,
-                const Intervals& intervals, float least_width, std::span<float> position,
-                std::span<float> footprint) override {
+  void contract(const Contraction& contraction, const Rays& rays,
+                std::span<const float> pixel_angle, const Intervals& intervals, float least_width,
+                std::span<float> position, std::span<float> footprint) override {
     check_contract(rays, intervals, pixel_angle.size(), position.size(), footprint.size());
     Stage stage(device_);
     stage.for_each(footprint.size(),
-                   ContractSamples{contraction, there(stage, rays), stage.in(pixel_angle), there(stage, intervals),
-                                   least_width, stage.out(position), stage.out(footprint)});
+                   ContractSamples{contraction, there(stage, rays), stage.in(pixel_angle),
+                                   there(stage, intervals), least_width, stage.out(position),
+                                   stage.out(footprint)});
     stage.finish();
   }
 
-  void contract_backward(const Contraction& contraction, const Rays& rays, const Intervals& intervals,
-                         std::span<const float> d_position, std::span<float> d_origin,
-                         std::span<float> d_direction) override {
-    check_contract_backward(rays, intervals, d_position.size(), d_origin.size(), d_direction.size());
+  void contract_backward(const Contraction& contraction, const Rays& rays,
+                         const Intervals& intervals, std::span<const float> d_position,
+                         std::span<float> d_origin, std::span<float> d_direction) override {
+    check_contract_backward(rays, intervals, d_position.size(), d_origin.size(),
+                            d_direction.size());
     Stage stage(device_);
-    stage.for_each(rays.n, ContractRaysAdjoint{contraction, there(stage, rays), there(stage, intervals),
-                                               stage.in(d_position), stage.out(d_origin), stage.out(d_direction)});
+    stage.for_each(rays.n, ContractRaysAdjoint{contraction, there(stage, rays),
+                                               there(stage, intervals), stage.in(d_position),
+                                               stage.out(d_origin), stage.out(d_direction)});
     stage.finish();
   }
 
   void encode(const HashGrid& grid, const UnitPoints& points, std::span<float> features) override {
     check_encode(grid, points, features.size());
     Stage stage(device_);
-    stage.for_each(points.n * grid.config.levels,
-                   EncodePoints{GridLevels(there(stage, grid)), there(stage, points), stage.out(features)});
+    stage.for_each(
+        points.n * grid.config.levels,
+        EncodePoints{GridLevels(there(stage, grid)), there(stage, points), stage.out(features)});
     stage.finish();
   }
 
-  void encode_backward(const HashGrid& grid, const UnitPoints& points, std::span<const float> d_features,
-                       std::span<float> d_table, std::span<float> d_position) override {
+  void encode_backward(const HashGrid& grid, const UnitPoints& points,
+                       std::span<const float> d_features, std::span<float> d_table,
+                       std::span<float> d_position) override {
     check_encode_backward(grid, points, d_features.size(), d_table.size(), d_position.size());
     Stage stage(device_);
-    const HashGrid values{grid.config, d_position.empty() ? std::span<const float>() : stage.in(grid.table)};
+    const HashGrid values{grid.config,
+                          d_position.empty() ? std::span<const float>() : stage.in(grid.table)};
     const GridLevels levels(values);
     const UnitPoints points_there = there(stage, points);
     const std::span<const float> d = stage.in(d_features);
     stage.for_each(points.n * grid.config.levels,
                    EncodePointsAdjoint{levels, points_there, d, {stage.in_out(d_table)}});
     if (!d_position.empty())
-      stage.for_each(points.n, EncodePositionsAdjoint{levels, points_there, d, stage.out(d_position)});
+      stage.for_each(points.n,
+                     EncodePositionsAdjoint{levels, points_there, d, stage.out(d_position)});
     stage.finish();
   }
 
-  void network_forward(const GridNetwork& network, int n_rays, int per_ray, std::span<const float> features,
-                       std::span<const float> harmonics, std::span<float> raw) override {
+  void network_forward(const GridNetwork& network, int n_rays, int per_ray,
+                       std::span<const float> features, std::span<const float> harmonics,
+                       std::span<float> raw) override {
     check_network(network, n_rays, per_ray, features.size(), harmonics.size(), raw.size());
-    const std::size_t n = interval_count(n_rays, per_ray), most = std::min(n, Device::kSamplesAtOnce);
+    const std::size_t n = interval_count(n_rays, per_ray),
+                      most = std::min(n, Device::kSamplesAtOnce);
     Stage stage(device_);
     const GridNetwork network_there = there(stage, network);
     const std::span<const float> x = stage.in(features), y = stage.in(harmonics);
@@ -93,16 +103,19 @@ class DeviceGridStages final : public DeviceRayStages<Device> {
     stage.finish();
   }
 
-  void network_backward(const GridNetwork& network, int n_rays, int per_ray, std::span<const float> features,
-                        std::span<const float> harmonics, std::span<const float> d_raw, std::span<float> d_weights,
+  void network_backward(const GridNetwork& network, int n_rays, int per_ray,
+                        std::span<const float> features, std::span<const float> harmonics,
+                        std::span<const float> d_raw, std::span<float> d_weights,
                         std::span<float> d_features) override {
     check_network(network, n_rays, per_ray, features.size(), harmonics.size(), d_raw.size());
     REDRIVE_CHECK_OP(d_weights.size(), ==, network.weights.size());
     REDRIVE_CHECK_OP(d_features.size(), ==, features.size());
-    const std::size_t n = interval_count(n_rays, per_ray), most = std::min(n, Device::kSamplesAtOnce);
+    const std::size_t n = interval_count(n_rays, per_ray),
+                      most = std::min(n, Device::kSamplesAtOnce);
     Stage stage(device_);
     const GridNetwork network_there = there(stage, network);
-    const std::span<const float> x = stage.in(features), y = stage.in(harmonics), d = stage.in(d_raw);
+    const std::span<const float> x = stage.in(features), y = stage.in(harmonics),
+                                 d = stage.in(d_raw);
     const std::span<float> gradients = stage.in_out(d_weights), out = stage.out(d_features);
     if (device_.has_tensor_cores() && fuses(network.config, {x.data(), y.data(), out.data()})) {
       FusedGridNetwork<Device>(stage, network_there, n, per_ray, x, y)
@@ -122,20 +135,22 @@ class DeviceGridStages final : public DeviceRayStages<Device> {
                         std::span<float> density) override {
     check_proposal_density(grid, points, density.size());
     Stage stage(device_);
-    stage.for_each(points.n, ProposalDensities{GridLevels(there(stage, grid)), density_scale, there(stage, points),
-                                               stage.out(density)});
+    stage.for_each(points.n, ProposalDensities{GridLevels(there(stage, grid)), density_scale,
+                                               there(stage, points), stage.out(density)});
     stage.finish();
   }
 
-  void proposal_density_backward(const HashGrid& grid, const UnitPoints& points, std::span<const float> density,
-                                 std::span<const float> d_density, std::span<float> d_table) override {
+  void proposal_density_backward(const HashGrid& grid, const UnitPoints& points,
+                                 std::span<const float> density, std::span<const float> d_density,
+                                 std::span<float> d_table) override {
     check_proposal_density_backward(grid, points, density.size(), d_density.size(), d_table.size());
     Stage stage(device_);
-    stage.for_each(points.n * grid.config.levels, ProposalDensitiesAdjoint{GridLevels({grid.config, {}}),
-                                                                           there(stage, points),
-                                                                           stage.in(density),
-                                                                           stage.in(d_density),
-                                                                           {stage.in_out(d_table)}});
+    stage.for_each(points.n * grid.config.levels,
+                   ProposalDensitiesAdjoint{GridLevels({grid.config, {}}),
+                                            there(stage, points),
+                                            stage.in(density),
+                                            stage.in(d_density),
+                                            {stage.in_out(d_table)}});
     stage.finish();
   }
 
@@ -143,47 +158,56 @@ class DeviceGridStages final : public DeviceRayStages<Device> {
                std::span<float> weights) override {
     check_weights(n_rays, intervals, density.size(), weights.size());
     Stage stage(device_);
-    stage.for_each(n_rays, WeightsOfRays{there(stage, intervals), stage.in(density), stage.out(weights)});
+    stage.for_each(n_rays,
+                   WeightsOfRays{there(stage, intervals), stage.in(density), stage.out(weights)});
     stage.finish();
   }
 
   void weights_backward(int n_rays, const Intervals& intervals, std::span<const float> density,
                         std::span<const float> weights, std::span<const float> d_weights,
                         std::span<float> d_density) override {
-    check_weights_backward(n_rays, intervals, density.size(), weights.size(), d_weights.size(), d_density.size());
+    check_weights_backward(n_rays, intervals, density.size(), weights.size(), d_weights.size(),
+                           d_density.size());
     Stage stage(device_);
-    stage.for_each(n_rays, WeightsOfRaysAdjoint{there(stage, intervals), stage.in(density), stage.in(weights),
-                                                stage.in(d_weights), stage.out(d_density)});
+    stage.for_each(
+        n_rays, WeightsOfRaysAdjoint{there(stage, intervals), stage.in(density), stage.in(weights),
+                                     stage.in(d_weights), stage.out(d_density)});
     stage.finish();
   }
 
-  void proposal(int n_rays, const Intervals& intervals, std::span<const float> weights, const Intervals& proposal,
-                std::span<const float> proposal_weights, std::span<float> d_proposal, double* loss) override {
-    check_proposal(n_rays, intervals, weights.size(), proposal, proposal_weights.size(), d_proposal.size());
+  void proposal(int n_rays, const Intervals& intervals, std::span<const float> weights,
+                const Intervals& proposal, std::span<const float> proposal_weights,
+                std::span<float> d_proposal, double* loss) override {
+    check_proposal(n_rays, intervals, weights.size(), proposal, proposal_weights.size(),
+                   d_proposal.size());
     Stage stage(device_);
-    const auto sum = stage.sum_there(
-        n_rays, ProposalOfRays{n_rays, there(stage, intervals), stage.in(weights), there(stage, proposal),
-                               stage.in(proposal_weights), stage.out(d_proposal)});
+    const auto sum =
+        stage.sum_there(n_rays, ProposalOfRays{n_rays, there(stage, intervals), stage.in(weights),
+                                               there(stage, proposal), stage.in(proposal_weights),
+                                               stage.out(d_proposal)});
     stage.put_loss({sum, static_cast<double>(n_rays)}, loss);
     stage.finish();
   }
 
-  void range(int n_rays, const Intervals& intervals, std::span<const float> weights, std::span<const float> range_m,
-             float spread_m, float factor, std::span<float> d_weights, double* loss) override {
+  void range(int n_rays, const Intervals& intervals, std::span<const float> weights,
+             std::span<const float> range_m, float spread_m, float factor,
+             std::span<float> d_weights, double* loss) override {
     check_range(n_rays, intervals, weights.size(), range_m.size(), spread_m, d_weights.size());
     Stage stage(device_);
-    const auto sum = stage.sum_there(n_rays, RangesOfRays{n_rays, there(stage, intervals), stage.in(weights),
-                                                          stage.in(range_m), spread_m, factor, stage.out(d_weights)});
+    const auto sum = stage.sum_there(
+        n_rays, RangesOfRays{n_rays, there(stage, intervals), stage.in(weights), stage.in(range_m),
+                             spread_m, factor, stage.out(d_weights)});
     stage.put_loss({sum, static_cast<double>(n_rays), factor}, loss);
     stage.finish();
   }
 
-  void empty_space(int n_rays, const Intervals& intervals, std::span<const float> density, float factor,
-                   std::span<float> d_density, double* loss) override {
+  void empty_space(int n_rays, const Intervals& intervals, std::span<const float> density,
+                   float factor, std::span<float> d_density, double* loss) override {
     check_empty_space(n_rays, intervals, density.size(), d_density.size());
     Stage stage(device_);
-    const auto sum = stage.sum_there(
-        n_rays, EmptySpaceOfRays{n_rays, there(stage, intervals), stage.in(density), factor, stage.in_out(d_density)});
+    const auto sum =
+        stage.sum_there(n_rays, EmptySpaceOfRays{n_rays, there(stage, intervals), stage.in(density),
+                                                 factor, stage.in_out(d_density)});
     stage.put_loss({sum, static_cast<double>(n_rays), factor}, loss);
     stage.finish();
   }

@@ -8,7 +8,8 @@
 
 namespace redrive::kernels {
 
-/// a b + c: rounded once on a device, whose other arithmetic is that of the host (no contraction, CMakeLists.txt).
+/// a b + c: rounded once on a device, whose other arithmetic is that of the host (no contraction,
+/// CMakeLists.txt).
 REDRIVE_HD inline float multiply_add(float a, float b, float c) {
 #ifdef __CUDA_ARCH__
   return __fmaf_rn(a, b, c);

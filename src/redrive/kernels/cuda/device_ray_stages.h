@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The stages of --method grid that treat whole rays, on a device: so that nothing between the others has to come to the host but how many
-// rays are live, and losses.
+// The stages of --method grid that treat whole rays, on a device: so that nothing between the
+// others has to come to the host but how many rays are live, and losses.
 #pragma once
 
 #include "redrive/kernels/cuda/grid_functors.h"
@@ -33,8 +33,8 @@ class DeviceRayStages : public GridStages {
             std::span<float> to) override {
     const std::size_t each = check_picked(rays.size(), to.size(), from.size());
     Stage stage(device_);
-    stage.for_each(to.size(),
-                   PickNumbers{place(stage, rays, layout, each, from.size()), stage.in(from), stage.out(to)});
+    stage.for_each(to.size(), PickNumbers{place(stage, rays, layout, each, from.size()),
+                                          stage.in(from), stage.out(to)});
     stage.finish();
   }
 
@@ -44,11 +44,13 @@ class DeviceRayStages : public GridStages {
     Stage stage(device_);
     const std::span<float> all = stage.out(to);
     stage.for_each(to.size(), CopyNumbers{stage.in(elsewhere), all});
-    stage.for_each(from.size(), SpreadNumbers{place(stage, rays, layout, each, to.size()), stage.in(from), all});
+    stage.for_each(from.size(),
+                   SpreadNumbers{place(stage, rays, layout, each, to.size()), stage.in(from), all});
     stage.finish();
   }
 
-  void middles(int n_rays, const Intervals& intervals, std::span<float> t, std::span<float> dt) override {
+  void middles(int n_rays, const Intervals& intervals, std::span<float> t,
+               std::span<float> dt) override {
     check_middles(n_rays, intervals, t.size(), dt.size());
     Stage stage(device_);
     stage.for_each(n_rays, MiddlesOfRays{there(stage, intervals), stage.out(t), stage.out(dt)});
@@ -68,37 +70,42 @@ class DeviceRayStages : public GridStages {
     Stage stage(device_);
     const UnitPoints points = sky_points(stage, rays, pixel_angle);
     const auto features = stage.template scratch<float>(points.n * grid.config.outputs());
-    stage.for_each(points.n * grid.config.levels, EncodePoints{GridLevels(there(stage, grid)), points, features});
+    stage.for_each(points.n * grid.config.levels,
+                   EncodePoints{GridLevels(there(stage, grid)), points, features});
     stage.for_each(points.n, SkyColours{grid.config, points.n, features, stage.out(colour)});
     stage.finish();
   }
 
   void sky_backward(const HashGrid& grid, const Rays& rays, std::span<const float> pixel_angle,
-                    std::span<const float> colour, std::span<const float> opacity, std::span<const float> d_rgb,
-                    std::span<float> d_table, std::span<float> d_direction) override {
-    check_sky_backward(grid, rays, pixel_angle.size(), colour.size(), opacity.size(), d_rgb.size(), d_table.size(),
-                       d_direction.size());
+                    std::span<const float> colour, std::span<const float> opacity,
+                    std::span<const float> d_rgb, std::span<float> d_table,
+                    std::span<float> d_direction) override {
+    check_sky_backward(grid, rays, pixel_angle.size(), colour.size(), opacity.size(), d_rgb.size(),
+                       d_table.size(), d_direction.size());
     Stage stage(device_);
     const UnitPoints points = sky_points(stage, rays, pixel_angle);
     const auto d_features = stage.template scratch<float>(points.n * grid.config.outputs());
-    stage.for_each(points.n, SkyColoursAdjoint{grid.config, points.n, stage.in(colour), stage.in(opacity),
-                                               stage.in(d_rgb), d_features});
+    stage.for_each(points.n, SkyColoursAdjoint{grid.config, points.n, stage.in(colour),
+                                               stage.in(opacity), stage.in(d_rgb), d_features});
     stage.for_each(points.n * grid.config.levels,
-                   EncodePointsAdjoint{GridLevels({grid.config, {}}), points, d_features, {stage.in_out(d_table)}});
+                   EncodePointsAdjoint{
+                       GridLevels({grid.config, {}}), points, d_features, {stage.in_out(d_table)}});
     if (!d_direction.empty()) {
       const auto d_position = stage.template scratch<float>(d_direction.size());
-      stage.for_each(points.n, EncodePositionsAdjoint{GridLevels(there(stage, grid)), points, d_features, d_position});
-      stage.for_each(d_position.size(), SkyDirectionsAdjoint{d_position, stage.in_out(d_direction)});
+      stage.for_each(points.n, EncodePositionsAdjoint{GridLevels(there(stage, grid)), points,
+                                                      d_features, d_position});
+      stage.for_each(d_position.size(),
+                     SkyDirectionsAdjoint{d_position, stage.in_out(d_direction)});
     }
     stage.finish();
   }
 
-  void expose(const Appearance& appearance, std::span<const Exposure> exposure, std::span<float> gains,
-              std::span<float> rgb) override {
+  void expose(const Appearance& appearance, std::span<const Exposure> exposure,
+              std::span<float> gains, std::span<float> rgb) override {
     check_expose(appearance, exposure.size(), gains.size(), rgb.size());
     Stage stage(device_);
-    stage.for_each(exposure.size(),
-                   ExposeRays{there(stage, appearance), stage.in(exposure), stage.out(gains), stage.in_out(rgb)});
+    stage.for_each(exposure.size(), ExposeRays{there(stage, appearance), stage.in(exposure),
+                                               stage.out(gains), stage.in_out(rgb)});
     stage.finish();
   }
 
@@ -106,26 +113,29 @@ class DeviceRayStages : public GridStages {
                     std::span<const float> opacity, std::span<float> depth) override {
     check_median_depth(n_rays, intervals, weights.size(), opacity.size(), depth.size());
     Stage stage(device_);
-    stage.for_each(n_rays,
-                   MedianDepths{there(stage, intervals), stage.in(weights), stage.in(opacity), stage.out(depth)});
+    stage.for_each(n_rays, MedianDepths{there(stage, intervals), stage.in(weights),
+                                        stage.in(opacity), stage.out(depth)});
     stage.finish();
   }
 
-  void robust_colours(const ExposedColours& colours, std::span<float> d_rgb, std::span<float> squares,
-                      std::span<float> d_appearance, double* loss) override {
+  void robust_colours(const ExposedColours& colours, std::span<float> d_rgb,
+                      std::span<float> squares, std::span<float> d_appearance,
+                      double* loss) override {
     check_robust_colours(colours, d_rgb.size(), squares.size(), d_appearance.size());
     Stage stage(device_);
     const ExposedColours here = there(stage, colours);
     const std::span<float> d = stage.in_out(d_rgb);
-    const LossPart of_colours{stage.sum_there(squares.size(), RobustRays{here, d, stage.out(squares)}),
-                              3.0 * static_cast<double>(squares.size())};
+    const LossPart of_colours{
+        stage.sum_there(squares.size(), RobustRays{here, d, stage.out(squares)}),
+        3.0 * static_cast<double>(squares.size())};
     LossPart of_gains;
     if (!here.exposure.empty()) {
       const std::span<float> d_parameters = stage.in_out(d_appearance);
       const std::size_t parameters = d_parameters.size();
       const auto partial = stage.template scratch<float>(kPartsOfRays * parameters);
       stage.for_each(partial.size() / 3, KnotAdjoint{here, d, partial});
-      stage.for_each(parameters, AddSlices{kPartsOfRays, parameters, partial.data(), d_parameters.data()});
+      stage.for_each(parameters,
+                     AddSlices{kPartsOfRays, parameters, partial.data(), d_parameters.data()});
       stage.for_each(d.size(), UnexposeColours{here.gains, d});
       of_gains.sum = stage.sum_there(parameters, HoldGains{here.appearance, d_parameters});
     }
@@ -138,17 +148,22 @@ class DeviceRayStages : public GridStages {
 
  private:
   /// Where `rays` have their numbers, `each`, among `all`.
-  static PickedPlace place(Stage<Device>& stage, std::span<const std::uint32_t> rays, RayLayout layout,
-                           std::size_t each, std::size_t all) {
+  static PickedPlace place(Stage<Device>& stage, std::span<const std::uint32_t> rays,
+                           RayLayout layout, std::size_t each, std::size_t all) {
     return {stage.in(rays), layout == RayLayout::kRows, each, all / each};
   }
   /// Of rays of which nobody asks for the origins.
-  static Rays directions(Stage<Device>& stage, const Rays& rays) { return {rays.n, {}, stage.in(rays.direction)}; }
+  static Rays directions(Stage<Device>& stage, const Rays& rays) {
+    return {rays.n, {}, stage.in(rays.direction)};
+  }
 
-  static UnitPoints sky_points(Stage<Device>& stage, const Rays& rays, std::span<const float> pixel_angle) {
+  static UnitPoints sky_points(Stage<Device>& stage, const Rays& rays,
+                               std::span<const float> pixel_angle) {
     const std::size_t n = rays.n;
-    const auto position = stage.template scratch<float>(3 * n), footprint = stage.template scratch<float>(n);
-    stage.for_each(n, SkyPoints{directions(stage, rays), stage.in(pixel_angle), position, footprint});
+    const auto position = stage.template scratch<float>(3 * n),
+               footprint = stage.template scratch<float>(n);
+    stage.for_each(n,
+                   SkyPoints{directions(stage, rays), stage.in(pixel_angle), position, footprint});
     return {n, position, footprint};
   }
 };

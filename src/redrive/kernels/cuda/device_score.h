@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Backend::score on a device: a functor for each step of score_work.h, and filters, whose taps go to the kernels as arguments.
+// Backend::score on a device: a functor for each step of score_work.h, and filters, whose taps go
+// to the kernels as arguments.
 #pragma once
 
 #include "redrive/kernels/cuda/stage.h"
@@ -28,7 +29,9 @@ struct SsimColumns {
   std::size_t first, width;
   std::span<SsimMeans> columns;
 
-  REDRIVE_HD void operator()(std::size_t i) const { columns[i] = ssim_column_of(taps, planes, first + i, width); }
+  REDRIVE_HD void operator()(std::size_t i) const {
+    columns[i] = ssim_column_of(taps, planes, first + i, width);
+  }
 };
 
 /// i: of all windows of a channel, row by row.
@@ -50,9 +53,11 @@ struct OpponentPixels {
   REDRIVE_HD void operator()(std::size_t pixel) const { opponent_of(picture, pixel); }
 };
 
-/// A filter along a line of numbers that are `stride` apart, about number `at` of `size`; beyond its ends it goes on with the last one.
+/// A filter along a line of numbers that are `stride` apart, about number `at` of `size`; beyond
+/// its ends it goes on with the last one.
 template <std::size_t n>
-REDRIVE_HD float filtered(const std::array<float, n>& taps, const float* line, int at, int size, std::size_t stride) {
+REDRIVE_HD float filtered(const std::array<float, n>& taps, const float* line, int at, int size,
+                          std::size_t stride) {
   float sum = 0;
   for (int i = 0; i < static_cast<int>(n); ++i) {
     const int from = std::clamp(at + i - static_cast<int>(n / 2), 0, size - 1);
@@ -61,7 +66,8 @@ REDRIVE_HD float filtered(const std::array<float, n>& taps, const float* line, i
   return sum;
 }
 
-/// Filters along x: by the terms of colour, and of the luminance smooth, first and second derivative. rows [7, n].
+/// Filters along x: by the terms of colour, and of the luminance smooth, first and second
+/// derivative. rows [7, n].
 constexpr std::size_t kFilteredPlanes = FlipFilters::kTerms + 3;
 struct FilterRows {
   FlipFilters filters;
@@ -75,7 +81,8 @@ struct FilterRows {
     const auto put = [&](std::size_t to, std::size_t plane, const auto& taps) {
       rows[to * n + pixel] = filtered(taps, &picture[plane * n + pixel - x], x, width, 1);
     };
-    for (std::size_t t = 0; t < FlipFilters::kTerms; ++t) put(t, filters.colour[t].channel, filters.colour[t].taps);
+    for (std::size_t t = 0; t < FlipFilters::kTerms; ++t)
+      put(t, filters.colour[t].channel, filters.colour[t].taps);
     put(FlipFilters::kTerms, 3, filters.smooth);
     put(FlipFilters::kTerms + 1, 3, filters.first);
     put(FlipFilters::kTerms + 2, 3, filters.second);
@@ -96,9 +103,12 @@ struct FilterColumns {
       return filtered(taps, &rows[plane * n + pixel % width], y, height, width);
     };
     std::array<float, FlipFilters::kTerms> colour;
-    for (std::size_t t = 0; t < FlipFilters::kTerms; ++t) colour[t] = get(t, filters.colour[t].taps);
-    constexpr std::size_t kSmooth = FlipFilters::kTerms, kFirst = kSmooth + 1, kSecond = kSmooth + 2;
-    seen[pixel] = {flip_lab(filters, colour), flip_length(get(kFirst, filters.smooth), get(kSmooth, filters.first)),
+    for (std::size_t t = 0; t < FlipFilters::kTerms; ++t)
+      colour[t] = get(t, filters.colour[t].taps);
+    constexpr std::size_t kSmooth = FlipFilters::kTerms, kFirst = kSmooth + 1,
+                          kSecond = kSmooth + 2;
+    seen[pixel] = {flip_lab(filters, colour),
+                   flip_length(get(kFirst, filters.smooth), get(kSmooth, filters.first)),
                    flip_length(get(kSecond, filters.smooth), get(kSmooth, filters.second))};
   }
 };
@@ -118,15 +128,16 @@ PictureScore score_on_device(Device& device, const PicturePair& pictures) {
   check_pictures(pictures);
   const std::size_t n = pixels_of(pictures), width = pictures.width;
   Stage stage(device);
-  const PicturePair there = {pictures.width, pictures.height, stage.in(pictures.rgb), stage.in(pictures.truth),
-                             stage.in(pictures.mask)};
+  const PicturePair there = {pictures.width, pictures.height, stage.in(pictures.rgb),
+                             stage.in(pictures.truth), stage.in(pictures.mask)};
   const auto planes = stage.template scratch<float>(2 * kPicturePlanes * n);
   ScoreSums sums;
   stage.for_each(n, FillPlanes{there, planes});
   sums.squares = stage.sum(3 * n, SquaredErrors{planes});
 
   const SsimTaps taps = ssim_taps();
-  const std::size_t down = windows_along(pictures.height), windows = windows_along(pictures.width) * down;
+  const std::size_t down = windows_along(pictures.height),
+                    windows = windows_along(pictures.width) * down;
   const auto columns = stage.template scratch<SsimMeans>(down * width);
   for (std::size_t c = 0; c < 3; ++c) {
     stage.for_each(columns.size(), SsimColumns{taps, planes, c * n, width, columns});

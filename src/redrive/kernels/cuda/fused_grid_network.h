@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// The networks of field/grid_field.h on tensor cores (mma.h): 16 samples go through all layers in a warp's registers, forward and back, rounded
-// to bf16 between layers; densities are fp32. Of the widths, inputs and depths that registers hold: fuses().
+// The networks of field/grid_field.h on tensor cores (mma.h): 16 samples go through all layers in a
+// warp's registers, forward and back, rounded to bf16 between layers; densities are fp32. Of the
+// widths, inputs and depths that registers hold: fuses().
 //
-// Warps are independent: no block, no shared memory. What the derivatives of the weights need of all samples together, the layers' inputs and
-// the derivatives of their outputs, is written in bf16 (0.7 KB a sample at width 64) and multiplied by TensorWeightAdjoint: sums of 10^4 weights
-// have no room in a warp's registers beside its activations. Weights are read tile by tile from the first-level cache, where all of them lie (at
-// most 40 KB): 256 bytes, two of its clocks, a product, so that it and not the tensor cores is what limits.
+// Warps are independent: no block, no shared memory. What the derivatives of the weights need of
+// all samples together, the layers' inputs and the derivatives of their outputs, is written in bf16
+// (0.7 KB a sample at width 64) and multiplied by TensorWeightAdjoint: sums of 10^4 weights have no
+// room in a warp's registers beside its activations. Weights are read tile by tile from the
+// first-level cache, where all of them lie (at most 40 KB): 256 bytes, two of its clocks, a
+// product, so that it and not the tensor cores is what limits.
 #pragma once
 
 #include <array>
@@ -21,8 +24,10 @@ namespace redrive::kernels {
 constexpr int kFusedInputs = 32;
 constexpr int kFusedInputTiles = kFusedInputs / kTensorTile;
 
-/// Whether there is a fused network of this shape. Features of a level are read in pairs, each with one load.
-inline bool fuses(const GridFieldConfig& config, std::initializer_list<const float*> read_in_pairs) {
+/// Whether there is a fused network of this shape. Features of a level are read in pairs, each with
+/// one load.
+inline bool fuses(const GridFieldConfig& config,
+                  std::initializer_list<const float*> read_in_pairs) {
   for (const float* numbers : read_in_pairs)
     if (reinterpret_cast<std::uintptr_t>(numbers) % (2 * sizeof(float)) != 0) return false;
   return config.grid.outputs() == kFusedInputs && config.grid.features % 2 == 0 &&
@@ -36,7 +41,8 @@ struct FusedGridInput {
   std::uint32_t per_ray;
   float density_scale;
   const float *features, *harmonics;
-  const LanePair *forward[kGridLayers], *back[kGridLayers];  ///< each layer's weights (tensor_tiles.h)
+  const LanePair *forward[kGridLayers],
+      *back[kGridLayers];  ///< each layer's weights (tensor_tiles.h)
 
   /// FeaturePlaces::at, without dividing.
   REDRIVE_HD std::size_t place(std::size_t sample, int c) const {
@@ -47,15 +53,19 @@ struct FusedGridInput {
 
 /// Eight columns of W x, from the packed weights of a layer with 16 kTiles inputs; 16 of them.
 template <int kTiles>
-REDRIVE_HD inline Sums fused_product_8(const OperandA (&x)[kTiles], const LanePair* weights, int n_tile) {
+REDRIVE_HD inline Sums fused_product_8(const OperandA (&x)[kTiles], const LanePair* weights,
+                                       int n_tile) {
   Sums sums = no_sums().half[0];
   REDRIVE_UNROLL
-  for (int k = 0; k < kTiles; ++k) multiply_add(sums, x[k], load_b(weights + (n_tile * kTiles + k) * kLanes));
+  for (int k = 0; k < kTiles; ++k)
+    multiply_add(sums, x[k], load_b(weights + (n_tile * kTiles + k) * kLanes));
   return sums;
 }
 template <int kTiles>
-REDRIVE_HD inline Sums16 fused_product(const OperandA (&x)[kTiles], const LanePair* weights, int column_tile) {
-  return {{fused_product_8(x, weights, 2 * column_tile), fused_product_8(x, weights, 2 * column_tile + 1)}};
+REDRIVE_HD inline Sums16 fused_product(const OperandA (&x)[kTiles], const LanePair* weights,
+                                       int column_tile) {
+  return {{fused_product_8(x, weights, 2 * column_tile),
+           fused_product_8(x, weights, 2 * column_tile + 1)}};
 }
 
 template <int kWidth, int kColourLayers>
@@ -73,10 +83,12 @@ struct FusedActivations {
       REDRIVE_UNROLL
       for (int w = 0; w < 4; ++w) {
         const Place at = place_in_a(lane_of(here), w);
-        const std::size_t wanted = first + at.row, sample = wanted < last_sample ? wanted : last_sample;
+        const std::size_t wanted = first + at.row,
+                          sample = wanted < last_sample ? wanted : last_sample;
         REDRIVE_UNROLL
         for (int tile = 0; tile < kFusedInputTiles; ++tile) {
-          const FloatPair pair = load_pair(in.features + in.place(sample, tile * kTensorTile + at.column));
+          const FloatPair pair =
+              load_pair(in.features + in.place(sample, tile * kTensorTile + at.column));
           features[tile].lane[here].at[w] = bf16_word(pair.first, pair.second);
         }
         const std::uint32_t ray = static_cast<std::uint32_t>(sample) / in.per_ray;
@@ -98,7 +110,8 @@ struct FusedActivations {
 
  private:
   template <int kLayer, int kTiles>
-  REDRIVE_HD static void layer(const FusedGridInput& in, const OperandA (&x)[kTiles], OperandA (&y)[kWide]) {
+  REDRIVE_HD static void layer(const FusedGridInput& in, const OperandA (&x)[kTiles],
+                               OperandA (&y)[kWide]) {
     REDRIVE_UNROLL
     for (int tile = 0; tile < kWide; ++tile) {
       Sums16 sums = fused_product(x, in.forward[kLayer], tile);
@@ -132,7 +145,8 @@ struct FusedGridForward {
   }
 };
 
-/// Of 16 samples of those in [begin, end): d_features, and what the weights' derivatives need (columns alone), nothing of samples behind.
+/// Of 16 samples of those in [begin, end): d_features, and what the weights' derivatives need
+/// (columns alone), nothing of samples behind.
 template <int kWidth, int kColourLayers>
 struct FusedGridBackward {
   FusedGridInput in;
@@ -159,7 +173,9 @@ struct FusedGridBackward {
       for (int w = 0; w < 4; ++w) {
         const Place at = place_in_a(lane_of(here), w);
         const std::size_t sample = first + at.row;
-        const auto of = [&](int channel) { return sample < end ? d_raw[channel * n + sample] : 0.0f; };
+        const auto of = [&](int channel) {
+          return sample < end ? d_raw[channel * n + sample] : 0.0f;
+        };
         d_rgb[0].lane[here].at[w] =
             at.column < 3 ? bf16_word(of(at.column), at.column < 2 ? of(at.column + 1) : 0.0f) : 0;
         if (w < 2) d_log_density[here][w] = at.column == 0 ? of(3) * a.density[here][w] : 0.0f;
@@ -169,12 +185,14 @@ struct FusedGridBackward {
 
     OperandA d[kWide];
     REDRIVE_UNROLL
-    for (int t = 0; t < kWide; ++t) d[t] = gated(fused_product(d_rgb, in.back[kGridColourOut], t), a.colour[kLast][t]);
+    for (int t = 0; t < kWide; ++t)
+      d[t] = gated(fused_product(d_rgb, in.back[kGridColourOut], t), a.colour[kLast][t]);
     keep(d_colour[kLast], tile, d);
     if constexpr (kColourLayers == 2) {
       OperandA d_0[kWide];
       REDRIVE_UNROLL
-      for (int t = 0; t < kWide; ++t) d_0[t] = gated(fused_product(d, in.back[kGridColour1], t), a.colour[0][t]);
+      for (int t = 0; t < kWide; ++t)
+        d_0[t] = gated(fused_product(d, in.back[kGridColour1], t), a.colour[0][t]);
       REDRIVE_UNROLL
       for (int t = 0; t < kWide; ++t) d[t] = d_0[t];
       keep(d_colour[0], tile, d);
@@ -182,12 +200,14 @@ struct FusedGridBackward {
     Sums16 of_geometry = fused_product(d, in.back[kGridColour0], 0);
     for (int here = 0; here < kLanesHere; ++here) {
       REDRIVE_UNROLL
-      for (int half = 0; half < 2; ++half) of_geometry.half[0].lane[here][2 * half] += d_log_density[here][half];
+      for (int half = 0; half < 2; ++half)
+        of_geometry.half[0].lane[here][2 * half] += d_log_density[here][half];
     }
     const OperandA d_g[1] = {operand_of(of_geometry)};
     keep(d_geometry, tile, d_g);
     REDRIVE_UNROLL
-    for (int t = 0; t < kWide; ++t) d[t] = gated(fused_product(d_g, in.back[kGridDensity1], t), a.hidden[t]);
+    for (int t = 0; t < kWide; ++t)
+      d[t] = gated(fused_product(d_g, in.back[kGridDensity1], t), a.hidden[t]);
     keep(d_hidden, tile, d);
     REDRIVE_UNROLL
     for (int t = 0; t < kFusedInputTiles; ++t) {
@@ -199,8 +219,9 @@ struct FusedGridBackward {
           for (int i = 0; i < 4; i += 2) {
             const Place at = place_in_sums(lane_of(here), i);
             if (first + at.row >= end) continue;
-            store_pair(d_features + in.place(first + at.row, t * kTensorTile + 8 * half + at.column),
-                       of_features.half[half].lane[here][i], of_features.half[half].lane[here][i + 1]);
+            store_pair(
+                d_features + in.place(first + at.row, t * kTensorTile + 8 * half + at.column),
+                of_features.half[half].lane[here][i], of_features.half[half].lane[here][i + 1]);
           }
         }
       }
@@ -209,7 +230,8 @@ struct FusedGridBackward {
 
  private:
   template <int kTiles>
-  REDRIVE_HD static void keep(const TensorActivations& to, std::size_t tile, const OperandA (&x)[kTiles]) {
+  REDRIVE_HD static void keep(const TensorActivations& to, std::size_t tile,
+                              const OperandA (&x)[kTiles]) {
     REDRIVE_UNROLL
     for (int c = 0; c < kTiles; ++c) to.put(tile, c, x[c]);
   }
@@ -223,8 +245,9 @@ template <class Device>
 class FusedGridNetwork {
  public:
   /// As GridNetworkPass, on all samples, the backward pass on at most `most` at once.
-  FusedGridNetwork(Stage<Device>& stage, const GridNetwork& network, std::size_t n, std::size_t per_ray,
-                   std::span<const float> features, std::span<const float> harmonics)
+  FusedGridNetwork(Stage<Device>& stage, const GridNetwork& network, std::size_t n,
+                   std::size_t per_ray, std::span<const float> features,
+                   std::span<const float> harmonics)
       : stage_(stage), network_(network) {
     REDRIVE_CHECK_OP(n, <, std::size_t{1} << 32);
     in_ = {.n = n,
@@ -240,7 +263,8 @@ class FusedGridNetwork {
 
   void forward(std::span<float> raw) {
     with_shape([&](auto width, auto colour_layers) {
-      stage_.for_each_warp(tensor_tiles(in_.n), FusedGridForward<width.value, colour_layers.value>{in_, raw.data()});
+      stage_.for_each_warp(tensor_tiles(in_.n),
+                           FusedGridForward<width.value, colour_layers.value>{in_, raw.data()});
     });
   }
 
@@ -249,30 +273,33 @@ class FusedGridNetwork {
                 std::span<float> d_features) {
     pack(true, in_.back);
     const int width = network_.config.width, last = network_.config.colour_layers - 1;
-    const auto columns = [&](int numbers) { return tensor_activations(stage_, most, numbers, false, true); };
+    const auto columns = [&](int numbers) {
+      return tensor_activations(stage_, most, numbers, false, true);
+    };
     const TensorActivations features = columns(kFusedInputs), hidden = columns(width),
                             both = columns(kGeometry + kHarmonics), d_hidden = columns(width),
                             d_geometry = columns(kGeometry), d_out = columns(3);
     TensorActivations colour[2], d_colour[2];
     for (int l = 0; l <= last; ++l) colour[l] = columns(width), d_colour[l] = columns(width);
-    const std::span<float> partial = stage_.template scratch<float>(slices_of(most) * gradients.size());
+    const std::span<float> partial =
+        stage_.template scratch<float>(slices_of(most) * gradients.size());
     for (std::size_t first = 0; first < in_.n; first += most) {
       const std::size_t count = std::min(most, in_.n - first);
       with_shape([&](auto w, auto colour_layers) {
-        stage_.for_each_warp(tensor_tiles(count),
-                             FusedGridBackward<w.value, colour_layers.value>{.in = in_,
-                                                                             .begin = first,
-                                                                             .end = first + count,
-                                                                             .d_raw = d_raw.data(),
-                                                                             .d_features = d_features.data(),
-                                                                             .features = features,
-                                                                             .hidden = hidden,
-                                                                             .both = both,
-                                                                             .colour = {colour[0], colour[1]},
-                                                                             .d_hidden = d_hidden,
-                                                                             .d_geometry = d_geometry,
-                                                                             .d_colour = {d_colour[0], d_colour[1]},
-                                                                             .d_out = d_out});
+        stage_.for_each_warp(tensor_tiles(count), FusedGridBackward<w.value, colour_layers.value>{
+                                                      .in = in_,
+                                                      .begin = first,
+                                                      .end = first + count,
+                                                      .d_raw = d_raw.data(),
+                                                      .d_features = d_features.data(),
+                                                      .features = features,
+                                                      .hidden = hidden,
+                                                      .both = both,
+                                                      .colour = {colour[0], colour[1]},
+                                                      .d_hidden = d_hidden,
+                                                      .d_geometry = d_geometry,
+                                                      .d_colour = {d_colour[0], d_colour[1]},
+                                                      .d_out = d_out});
       });
       InTurn<TensorWeightAdjoint, kGridLayers> weights;
       const auto add = [&](int l, const TensorActivations& x, const TensorActivations& d_y) {

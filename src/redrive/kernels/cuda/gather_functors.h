@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The stages of kernels.h that draw training rays and take in what they missed: what is done for one ray. Spans lie on the device.
+// The stages of kernels.h that draw training rays and take in what they missed: what is done for
+// one ray. Spans lie on the device.
 #pragma once
 
 #include "redrive/kernels/cuda/device_math.h"
@@ -38,7 +39,9 @@ struct WeighRays {
   std::span<const double> pixels, error;  ///< sums, a number each
   GatheredRays out;
 
-  REDRIVE_HD void operator()(std::size_t i) const { weigh_ray(draw, errors, pixels[0], error[0], i, out); }
+  REDRIVE_HD void operator()(std::size_t i) const {
+    weigh_ray(draw, errors, pixels[0], error[0], i, out);
+  }
 };
 
 struct GatherReturns {
@@ -67,7 +70,8 @@ struct LinkRays {
     rays.next[i] = atomic_exchange(&rays.first[rays.cells[i]], static_cast<std::uint32_t>(i));
   }
 };
-/// The ray that heads its cell's list takes in all of that cell, by number: lists are short, and sums get an order.
+/// The ray that heads its cell's list takes in all of that cell, by number: lists are short, and
+/// sums get an order.
 struct SmoothErrors {
   RaysOfCells rays;
   std::span<const float> squares;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The stages of grid_stages.h but for the networks: what is done for one ray, or for one point and level, in float, by the scalar
-// functions. Spans lie on the device.
+// The stages of grid_stages.h but for the networks: what is done for one ray, or for one point and
+// level, in float, by the scalar functions. Spans lie on the device.
 #pragma once
 
 #include <cmath>
@@ -29,8 +29,9 @@ struct ProposedRays {
   std::span<float> edges;
 
   REDRIVE_HD void operator()(std::size_t ray) const {
-    proposed_edges(&from.edges[ray * (from.per_ray + 1)], &weights[ray * from.per_ray], from.per_ray, how.per_ray,
-                   how.padding, how.jitter, how.key, ray, &edges[ray * (how.per_ray + 1)]);
+    proposed_edges(&from.edges[ray * (from.per_ray + 1)], &weights[ray * from.per_ray],
+                   from.per_ray, how.per_ray, how.padding, how.jitter, how.key, ray,
+                   &edges[ray * (how.per_ray + 1)]);
   }
 };
 
@@ -43,8 +44,8 @@ struct ContractSamples {
   std::span<float> position, footprint;
 
   REDRIVE_HD void operator()(std::size_t i) const {
-    contract_of(contraction, rays, pixel_angle, intervals, least_width, i / intervals.per_ray, i % intervals.per_ray,
-                position, footprint);
+    contract_of(contraction, rays, pixel_angle, intervals, least_width, i / intervals.per_ray,
+                i % intervals.per_ray, position, footprint);
   }
 };
 
@@ -56,7 +57,8 @@ struct ContractRaysAdjoint {
   std::span<float> d_origin, d_direction;
 
   REDRIVE_HD void operator()(std::size_t ray) const {
-    contract_backward_of<float>(contraction, rays, intervals, d_position, ray, d_origin, d_direction);
+    contract_backward_of<float>(contraction, rays, intervals, d_position, ray, d_origin,
+                                d_direction);
   }
 };
 
@@ -90,15 +92,18 @@ struct EncodePoints {
 
   REDRIVE_HD void operator()(std::size_t i) const {
     const std::size_t point = i % points.n;
-    hash_grid_encode_level(grid.level[i / points.n], grid.features, grid.table.data(), PointPosition(points, point).at,
-                           points.footprint[point], &features[i * grid.features]);
+    hash_grid_encode_level(grid.level[i / points.n], grid.features, grid.table.data(),
+                           PointPosition(points, point).at, points.footprint[point],
+                           &features[i * grid.features]);
   }
 };
 
 struct AddToTable {
   std::span<float> d_table;
 
-  REDRIVE_HD void operator()(std::size_t at, float derivative) const { atomic_add(&d_table[at], derivative); }
+  REDRIVE_HD void operator()(std::size_t at, float derivative) const {
+    atomic_add(&d_table[at], derivative);
+  }
 };
 
 struct EncodePointsAdjoint {
@@ -109,8 +114,9 @@ struct EncodePointsAdjoint {
 
   REDRIVE_HD void operator()(std::size_t i) const {
     const std::size_t point = i % points.n;
-    hash_grid_adjoint_level(grid.level[i / points.n], grid.features, PointPosition(points, point).at,
-                            points.footprint[point], &d_features[i * grid.features], add);
+    hash_grid_adjoint_level(grid.level[i / points.n], grid.features,
+                            PointPosition(points, point).at, points.footprint[point],
+                            &d_features[i * grid.features], add);
   }
 };
 
@@ -125,7 +131,8 @@ struct EncodePositionsAdjoint {
     float d[3]{};
     for (int l = 0; l < grid.levels; ++l)
       hash_grid_position_adjoint_level(grid.level[l], grid.features, grid.table.data(), position.at,
-                                       points.footprint[point], &d_features[(l * points.n + point) * grid.features], d);
+                                       points.footprint[point],
+                                       &d_features[(l * points.n + point) * grid.features], d);
     for (int k = 0; k < 3; ++k) d_position[k * points.n + point] = d[k];
   }
 };
@@ -142,7 +149,8 @@ struct ProposalDensities {
     float sum = 0;
     for (int l = 0; l < grid.levels; ++l) {
       float feature;
-      hash_grid_encode_level(grid.level[l], 1, grid.table.data(), position.at, points.footprint[point], &feature);
+      hash_grid_encode_level(grid.level[l], 1, grid.table.data(), position.at,
+                             points.footprint[point], &feature);
       sum += feature;
     }
     density[point] = density_scale * std::exp(sum > most ? most : sum);
@@ -158,8 +166,8 @@ struct ProposalDensitiesAdjoint {
   REDRIVE_HD void operator()(std::size_t i) const {
     const std::size_t point = i % points.n;
     const float d = density[point] * d_density[point];
-    hash_grid_adjoint_level(grid.level[i / points.n], 1, PointPosition(points, point).at, points.footprint[point], &d,
-                            add);
+    hash_grid_adjoint_level(grid.level[i / points.n], 1, PointPosition(points, point).at,
+                            points.footprint[point], &d, add);
   }
 };
 
@@ -181,8 +189,8 @@ struct WeightsOfRaysAdjoint {
 
   REDRIVE_HD void operator()(std::size_t ray) const {
     const std::size_t first = ray * intervals.per_ray;
-    ray_weights_adjoint(&intervals.edges[first + ray], &density[first], intervals.per_ray, &weights[first],
-                        &d_weights[first], &d_density[first]);
+    ray_weights_adjoint(&intervals.edges[first + ray], &density[first], intervals.per_ray,
+                        &weights[first], &d_weights[first], &d_density[first]);
   }
 };
 
@@ -198,8 +206,9 @@ struct ProposalOfRays {
   REDRIVE_HD double operator()(std::size_t ray) const {
     const std::size_t first = ray * intervals.per_ray, p = ray * proposal.per_ray;
     for (int j = 0; j < proposal.per_ray; ++j) d_proposal[p + j] = 0;
-    return proposal_loss(&intervals.edges[first + ray], &weights[first], intervals.per_ray, &proposal.edges[p + ray],
-                         &proposal_weights[p], proposal.per_ray, 1.0f / static_cast<float>(n_rays), &d_proposal[p]);
+    return proposal_loss(&intervals.edges[first + ray], &weights[first], intervals.per_ray,
+                         &proposal.edges[p + ray], &proposal_weights[p], proposal.per_ray,
+                         1.0f / static_cast<float>(n_rays), &d_proposal[p]);
   }
 };
 
@@ -213,8 +222,9 @@ struct RangesOfRays {
 
   REDRIVE_HD double operator()(std::size_t ray) const {
     const std::size_t first = ray * intervals.per_ray;
-    return range_loss(&intervals.edges[first + ray], &weights[first], intervals.per_ray, range_m[ray], spread_m,
-                      factor / static_cast<float>(n_rays), &d_weights[first]);
+    return range_loss(&intervals.edges[first + ray], &weights[first], intervals.per_ray,
+                      range_m[ray], spread_m, factor / static_cast<float>(n_rays),
+                      &d_weights[first]);
   }
 };
 

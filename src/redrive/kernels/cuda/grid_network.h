@@ -27,7 +27,9 @@ struct GatherFeatures {
   std::span<const float> features;
   float* rows;
 
-  REDRIVE_HD void operator()(std::size_t i) const { rows[i] = features[places.at(first + i / outputs, i % outputs)]; }
+  REDRIVE_HD void operator()(std::size_t i) const {
+    rows[i] = features[places.at(first + i / outputs, i % outputs)];
+  }
 };
 struct ScatterFeatures {
   FeaturePlaces places;
@@ -35,7 +37,9 @@ struct ScatterFeatures {
   const float* rows;
   std::span<float> features;
 
-  REDRIVE_HD void operator()(std::size_t i) const { features[places.at(first + i / outputs, i % outputs)] = rows[i]; }
+  REDRIVE_HD void operator()(std::size_t i) const {
+    features[places.at(first + i / outputs, i % outputs)] = rows[i];
+  }
 };
 
 /// Each sample's copy of its ray's.
@@ -70,24 +74,25 @@ struct DensityOfGeometryAdjoint {
   OfSamples<float> d_geometry;
 
   REDRIVE_HD void operator()(std::size_t sample) const {
-    d_geometry.at(sample, 0) += d_density.at(sample, 0) * grid_density(density_scale, geometry.at(sample, 0));
+    d_geometry.at(sample, 0) +=
+        d_density.at(sample, 0) * grid_density(density_scale, geometry.at(sample, 0));
   }
 };
 
 inline LayerPlace grid_layer_place(const GridFieldConfig& config, int layer) {
   const GridLayerShape shape = grid_layer(config, layer);
-  return {static_cast<std::size_t>(shape.outputs), static_cast<std::size_t>(shape.inputs), shape.offset, false,
-          layer != kGridDensity1 && layer != kGridColourOut};
+  return {static_cast<std::size_t>(shape.outputs), static_cast<std::size_t>(shape.inputs),
+          shape.offset, false, layer != kGridDensity1 && layer != kGridColourOut};
 }
 
 template <class Device>
 class GridNetworkPass {
  public:
-  /// On at most `most` samples at once of n = n_rays * per_ray; features and harmonics as the stage has them, on the device. Empty
-  /// gradients: forward only.
-  GridNetworkPass(Stage<Device>& stage, const GridNetwork& network, std::size_t n, std::size_t per_ray,
-                  std::size_t most, std::span<const float> features, std::span<const float> harmonics,
-                  std::span<float> gradients)
+  /// On at most `most` samples at once of n = n_rays * per_ray; features and harmonics as the stage
+  /// has them, on the device. Empty gradients: forward only.
+  GridNetworkPass(Stage<Device>& stage, const GridNetwork& network, std::size_t n,
+                  std::size_t per_ray, std::size_t most, std::span<const float> features,
+                  std::span<const float> harmonics, std::span<float> gradients)
       : stage_(stage),
         network_(network),
         per_ray_(per_ray),
@@ -98,8 +103,9 @@ class GridNetworkPass {
         last_(network.config.colour_layers == 2 ? kGridColour1 : kGridColour0) {
     for (int l = 0; l < kGridLayers; ++l) {
       place_[l] = grid_layer_place(network.config, l);
-      input_[l] = l == kGridColourOut && last_ == kGridColour0 ? input_[kGridColour1]  // there is no such layer
-                                                               : layers_.rows(most, place_[l].inputs);
+      input_[l] = l == kGridColourOut && last_ == kGridColour0
+                      ? input_[kGridColour1]  // there is no such layer
+                      : layers_.rows(most, place_[l].inputs);
     }
     if (gradients.empty()) return;
     for (OfSamples<float>& d : d_)
@@ -111,18 +117,24 @@ class GridNetworkPass {
   void forward(std::size_t first, std::size_t count, OfSamples<float> raw) {
     const std::size_t outputs = network_.config.grid.outputs();
     const OfSamples<float> geometry = input_[kGridColour0];
-    stage_.for_each(count * outputs, GatherFeatures{places_, outputs, first, features_, input_[kGridDensity0].data});
-    stage_.for_each(count * kHarmonics,
-                    SpreadHarmonics{per_ray_, first, harmonics_, {geometry.data + kGeometry, geometry.sample}});
-    for (int l = kGridDensity0; l <= last_; ++l) layers_.forward(place_[l], count, input_[l], input_[l + 1]);
+    stage_.for_each(count * outputs,
+                    GatherFeatures{places_, outputs, first, features_, input_[kGridDensity0].data});
+    stage_.for_each(
+        count * kHarmonics,
+        SpreadHarmonics{per_ray_, first, harmonics_, {geometry.data + kGeometry, geometry.sample}});
+    for (int l = kGridDensity0; l <= last_; ++l)
+      layers_.forward(place_[l], count, input_[l], input_[l + 1]);
     if (!raw.data) return;
     layers_.forward(place_[kGridColourOut], count, input_[kGridColourOut], raw);
-    stage_.for_each(count, DensityOfGeometry{
-                               network_.density_scale, geometry, {raw.data + 3 * raw.number, raw.sample, raw.number}});
+    stage_.for_each(count, DensityOfGeometry{network_.density_scale,
+                                             geometry,
+                                             {raw.data + 3 * raw.number, raw.sample, raw.number}});
   }
 
-  /// Of the samples that forward was last run on, `first` the same. Writes their d_features, which lie on the device.
-  void backward(std::size_t first, std::size_t count, OfSamples<const float> d_raw, std::span<float> d_features) {
+  /// Of the samples that forward was last run on, `first` the same. Writes their d_features, which
+  /// lie on the device.
+  void backward(std::size_t first, std::size_t count, OfSamples<const float> d_raw,
+                std::span<float> d_features) {
     const std::size_t width = network_.config.width, outputs = network_.config.grid.outputs();
     OfSamples<float> d = d_[0], next = d_[1];
     layers_.weights_adjoint(place_[kGridColourOut], count, input_[kGridColourOut], d_raw);
@@ -134,15 +146,17 @@ class GridNetworkPass {
     };
     if (last_ == kGridColour1) back(kGridColour1, width, input_[kGridColour1]);
     back(kGridColour0, kGeometry, {});
-    stage_.for_each(count, DensityOfGeometryAdjoint{network_.density_scale,
-                                                    input_[kGridColour0],
-                                                    {d_raw.data + 3 * d_raw.number, d_raw.sample, d_raw.number},
-                                                    d});
+    stage_.for_each(
+        count, DensityOfGeometryAdjoint{network_.density_scale,
+                                        input_[kGridColour0],
+                                        {d_raw.data + 3 * d_raw.number, d_raw.sample, d_raw.number},
+                                        d});
     back(kGridDensity1, width, input_[kGridDensity1]);
     layers_.weights_adjoint(place_[kGridDensity0], count, input_[kGridDensity0], read_only(d));
     next.sample = outputs;  // closely packed
     layers_.input_adjoint(place_[kGridDensity0], count, read_only(d), next, outputs);
-    stage_.for_each(count * outputs, ScatterFeatures{places_, outputs, first, next.data, d_features});
+    stage_.for_each(count * outputs,
+                    ScatterFeatures{places_, outputs, first, next.data, d_features});
   }
 
  private:

@@ -21,7 +21,8 @@ class KeptNumbers {
     all_.push_back({std::as_bytes(host), there});
   }
 
-  /// The device's copy of `host`, numbers that are kept or a part of them, whatever their type; null if they are not.
+  /// The device's copy of `host`, numbers that are kept or a part of them, whatever their type;
+  /// null if they are not.
   void* find(std::span<const std::byte> host) const {
     for (const Kept& kept : all_) {
       if (host.empty() || !within(kept.host, host.data())) continue;

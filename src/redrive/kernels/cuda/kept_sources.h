@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What batches are gathered from (rays/pixel_gather.h, lidar_gather.h), on a device: pictures of 8 bits a channel, tables of rays, poses, or LiDAR
-// returns, each in one piece of memory.
+// What batches are gathered from (rays/pixel_gather.h, lidar_gather.h), on a device: pictures of 8
+// bits a channel, tables of rays, poses, or LiDAR returns, each in one piece of memory.
 #pragma once
 
 #include <cstddef>
@@ -44,7 +44,8 @@ PixelSpans with_places(const PixelSpans& from, const Place& place) {
 template <class Place>
 LidarSpans with_places(const LidarSpans& from, const Place& place) {
   LidarSpans out = from;
-  for (auto* const numbers : {&out.origin, &out.direction, &out.range_m}) *numbers = place(*numbers);
+  for (auto* const numbers : {&out.origin, &out.direction, &out.range_m})
+    *numbers = place(*numbers);
   out.t_ns = place(from.t_ns);
   out.recorded = place(from.recorded);
   out.poses = place(from.poses);
@@ -52,7 +53,9 @@ LidarSpans with_places(const LidarSpans& from, const Place& place) {
 }
 
 /// Bytes from one span's place to the next one's.
-constexpr std::size_t room_of(std::size_t bytes) { return (bytes + 15) / 16 * 16; }  // whatever is in it is aligned
+constexpr std::size_t room_of(std::size_t bytes) {
+  return (bytes + 15) / 16 * 16;
+}  // whatever is in it is aligned
 
 template <class Spans>
 struct KeptSource {

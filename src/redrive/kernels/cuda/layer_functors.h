@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A linear layer of a network on a batch of samples: y = W x + b, and its adjoint, in fp32. A thread has a tile of kTile x kTile sums,
-// so that a number that it reads is used kTile times. Sums have a fixed order: the same bits each time.
+// A linear layer of a network on a batch of samples: y = W x + b, and its adjoint, in fp32. A
+// thread has a tile of kTile x kTile sums, so that a number that it reads is used kTile times. Sums
+// have a fixed order: the same bits each time.
 #pragma once
 
 #include <cstddef>
@@ -19,13 +20,17 @@ struct OfSamples {
 
   REDRIVE_HD T& at(std::size_t s, std::size_t c) const { return data[s * sample + c * number]; }
 };
-inline OfSamples<const float> read_only(const OfSamples<float>& x) { return {x.data, x.sample, x.number}; }
+inline OfSamples<const float> read_only(const OfSamples<float>& x) {
+  return {x.data, x.sample, x.number};
+}
 
-constexpr std::size_t kTile = 4;  // 16 sums and the 8 numbers of a step in registers, four products a load
+constexpr std::size_t kTile =
+    4;  // 16 sums and the 8 numbers of a step in registers, four products a load
 
 REDRIVE_HD constexpr std::size_t tiles_of(std::size_t n) { return (n + kTile - 1) / kTile; }
 
-/// The numbers of a tile along one side; behind the end the last one again, whose sums are not kept.
+/// The numbers of a tile along one side; behind the end the last one again, whose sums are not
+/// kept.
 struct TileSide {
   std::size_t at[kTile], count;
 
@@ -61,12 +66,14 @@ struct LayerForward {
       }
     }
     for (std::size_t a = 0; a < s.count; ++a)
-      for (std::size_t b = 0; b < o.count; ++b) y.at(s.at[a], o.at[b]) = has_relu ? relu(sum[a][b]) : sum[a][b];
+      for (std::size_t b = 0; b < o.count; ++b)
+        y.at(s.at[a], o.at[b]) = has_relu ? relu(sum[a][b]) : sum[a][b];
   }
 };
 
-/// d_x = W^T d_y for `columns` of the inputs, those that `weight` begins at (its rows are `inputs` apart), added to what is there where `adds`; then cut to where the ReLU that x came through
-/// was open, if `opened` (x itself) is given.
+/// d_x = W^T d_y for `columns` of the inputs, those that `weight` begins at (its rows are `inputs`
+/// apart), added to what is there where `adds`; then cut to where the ReLU that x came through was
+/// open, if `opened` (x itself) is given.
 struct LayerInputAdjoint {
   std::size_t samples, outputs, inputs, columns;
   const float* weight;
@@ -92,7 +99,8 @@ struct LayerInputAdjoint {
     }
     for (std::size_t a = 0; a < s.count; ++a)
       for (std::size_t b = 0; b < c.count; ++b)
-        d_x.at(s.at[a], c.at[b]) = opened.data && opened.at(s.at[a], c.at[b]) <= 0 ? 0.0f : sum[a][b];
+        d_x.at(s.at[a], c.at[b]) =
+            opened.data && opened.at(s.at[a], c.at[b]) <= 0 ? 0.0f : sum[a][b];
   }
 };
 
@@ -103,8 +111,9 @@ REDRIVE_HD constexpr std::size_t slices_of(std::size_t samples) {
   return (samples + kSamplesOfSlice - 1) / kSamplesOfSlice;
 }
 
-/// Sums over a slice of the samples: partial[slice][size()] = d_y x^T [outputs, inputs] and, where there is a bias, behind it the sums of
-/// d_y [outputs], as they stand in the buffer of all parameters.
+/// Sums over a slice of the samples: partial[slice][size()] = d_y x^T [outputs, inputs] and, where
+/// there is a bias, behind it the sums of d_y [outputs], as they stand in the buffer of all
+/// parameters.
 struct LayerWeightAdjoint {
   std::size_t samples, outputs, inputs;
   bool has_bias;
@@ -115,7 +124,8 @@ struct LayerWeightAdjoint {
   std::size_t tiles() const { return slices_of(samples) * tiles_of(outputs) * tiles_of(inputs); }
 
   REDRIVE_HD void operator()(std::size_t tile) const {
-    const std::size_t across = tiles_of(inputs), of_slice = across * tiles_of(outputs), slice = tile / of_slice;
+    const std::size_t across = tiles_of(inputs), of_slice = across * tiles_of(outputs),
+                      slice = tile / of_slice;
     const TileSide o(tile % of_slice / across, outputs), i(tile % across, inputs);
     const std::size_t begin = slice * kSamplesOfSlice, left = samples - begin,
                       end = begin + (left < kSamplesOfSlice ? left : kSamplesOfSlice);
@@ -154,7 +164,8 @@ struct AddSlicesOfGroup {
   }
 };
 
-/// gradients[i] += the slices' sums, in their order; `apart`: slices from one to the next that counts.
+/// gradients[i] += the slices' sums, in their order; `apart`: slices from one to the next that
+/// counts.
 struct AddSlices {
   std::size_t slices, size;
   const float* partial;

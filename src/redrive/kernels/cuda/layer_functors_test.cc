@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// On small whole numbers, whose products and sums are exact in float: any order, tile and slice gives the same.
+// On small whole numbers, whose products and sums are exact in float: any order, tile and slice
+// gives the same.
 #include "redrive/kernels/cuda/layer_functors.h"
 
 #include <vector>
@@ -16,7 +17,8 @@ namespace {
 std::vector<float> whole_numbers(std::size_t n, std::uint64_t stream) {
   std::vector<float> out(n);
   for (std::size_t i = 0; i < n; ++i)
-    out[i] = static_cast<float>(static_cast<int>(random_bits(random_key(3, kStreamTest, stream), i) % 7) - 3);
+    out[i] = static_cast<float>(
+        static_cast<int>(random_bits(random_key(3, kStreamTest, stream), i) % 7) - 3);
   return out;
 }
 
@@ -56,7 +58,8 @@ TEST(LayerFunctors, Forward) {
 
 TEST(LayerFunctors, InputAdjoint) {
   for (const auto& [samples, outputs, inputs] : kShapes)
-    for (const bool whole : {false, true}) {  // added to what is there, cut to where the ReLU was open
+    for (const bool whole :
+         {false, true}) {  // added to what is there, cut to where the ReLU was open
       const std::size_t columns = whole ? (inputs + 1) / 2 : inputs, row = columns + 1;
       const auto d_y = whole_numbers(samples * outputs, 4), w = whole_numbers(outputs * inputs, 5),
                  x = whole_numbers(samples * inputs, 6), before = whole_numbers(samples * row, 7);
@@ -73,10 +76,13 @@ TEST(LayerFunctors, InputAdjoint) {
       for (std::size_t s = 0; s < samples; ++s) {
         for (std::size_t i = 0; i < columns; ++i) {
           float expected = whole ? before[s * row + i] : 0;
-          for (std::size_t o = 0; o < outputs; ++o) expected += w[o * inputs + i] * d_y[s * outputs + o];
-          EXPECT_EQ(d_x[s * row + i], whole && x[s * inputs + i] <= 0 ? 0 : expected) << s << ", " << i;
+          for (std::size_t o = 0; o < outputs; ++o)
+            expected += w[o * inputs + i] * d_y[s * outputs + o];
+          EXPECT_EQ(d_x[s * row + i], whole && x[s * inputs + i] <= 0 ? 0 : expected)
+              << s << ", " << i;
         }
-        EXPECT_EQ(d_x[s * row + columns], before[s * row + columns]) << "beside the columns that were asked for";
+        EXPECT_EQ(d_x[s * row + columns], before[s * row + columns])
+            << "beside the columns that were asked for";
       }
     }
 }
@@ -85,9 +91,12 @@ TEST(LayerFunctors, WeightAdjointAcrossSlices) {
   for (const std::size_t samples : {std::size_t{1}, kSamplesOfSlice, 2 * kSamplesOfSlice + 37})
     for (const auto& [unused, outputs, inputs] : kShapes)
       for (const bool has_bias : {false, true}) {
-        const auto d_y = whole_numbers(samples * outputs, 8), x = whole_numbers(samples * inputs, 9);
-        LayerWeightAdjoint adjoint{samples, outputs, inputs, has_bias, {d_y.data(), outputs}, {x.data(), inputs}};
-        std::vector<float> partial(slices_of(samples) * adjoint.size(), NAN), gradients(adjoint.size(), 2.0f);
+        const auto d_y = whole_numbers(samples * outputs, 8),
+                   x = whole_numbers(samples * inputs, 9);
+        LayerWeightAdjoint adjoint{
+            samples, outputs, inputs, has_bias, {d_y.data(), outputs}, {x.data(), inputs}};
+        std::vector<float> partial(slices_of(samples) * adjoint.size(), NAN),
+            gradients(adjoint.size(), 2.0f);
         adjoint.partial = partial.data();
         run(adjoint);
         const AddSlices add{slices_of(samples), adjoint.size(), partial.data(), gradients.data()};
@@ -100,7 +109,8 @@ TEST(LayerFunctors, WeightAdjointAcrossSlices) {
           }
           for (std::size_t i = 0; i < inputs; ++i) {
             float expected = 2;
-            for (std::size_t s = 0; s < samples; ++s) expected += d_y[s * outputs + o] * x[s * inputs + i];
+            for (std::size_t s = 0; s < samples; ++s)
+              expected += d_y[s * outputs + o] * x[s * inputs + i];
             ASSERT_EQ(gradients[o * inputs + i], expected) << samples << ": " << o << ", " << i;
           }
         }
@@ -112,7 +122,8 @@ TEST(LayerFunctors, AddsSlicesInGroups) {
   for (const std::size_t slices : {1u, 31u, 32u, 33u, 64u, 100u}) {
     Stage stage(device);
     const std::size_t size = 5;
-    std::vector<float> partial = whole_numbers(slices * size, 10), gradients(size, 2.0f), expected(size, 2.0f);
+    std::vector<float> partial = whole_numbers(slices * size, 10), gradients(size, 2.0f),
+                       expected(size, 2.0f);
     for (std::size_t i = 0; i < partial.size(); ++i) expected[i % size] += partial[i];
     add_slices(stage, slices, size, partial.data(), gradients.data());
     EXPECT_EQ(gradients, expected) << slices;

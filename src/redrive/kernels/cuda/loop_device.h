@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Stands in for a GPU where there is none: the kernels' functors one after the other, in memory of its own, so that the stages of
-// device_backend.h are tested wherever there is a compiler. What a stage forgets to copy is not a number here, what it forgets to
-// bring home stays behind, and of kept numbers the host has none until it fetches them.
+// Stands in for a GPU where there is none: the kernels' functors one after the other, in memory of
+// its own, so that the stages of device_backend.h are tested wherever there is a compiler. What a
+// stage forgets to copy is not a number here, what it forgets to bring home stays behind, and of
+// kept numbers the host has none until it fetches them.
 #pragma once
 
 #include <algorithm>
@@ -23,7 +24,8 @@ namespace redrive::kernels {
 
 class LoopDevice {
  public:
-  static constexpr std::size_t kSamplesAtOnce = 300, kGridSamplesAtOnce = 300;  // few: batches of tests have more
+  static constexpr std::size_t kSamplesAtOnce = 300,
+                               kGridSamplesAtOnce = 300;  // few: batches of tests have more
   static constexpr std::size_t kWarpsForClocks = 1;
 
   bool has_tensor_cores() const { return true; }  // by loops over a warp's lanes (mma.h)
@@ -90,7 +92,8 @@ class LoopDevice {
 
  private:
   void need_life() const {
-    if (troubles_ && troubles_->works == 0) throw DeviceError("the GPU failed, computing: it was told to");
+    if (troubles_ && troubles_->works == 0)
+      throw DeviceError("the GPU failed, computing: it was told to");
   }
   void need_room() {
     if (troubles_ && troubles_->places == 0)
@@ -108,7 +111,8 @@ class LoopDevice {
   DeviceCopies* copies_;
   LoopTroubles* troubles_;
   std::size_t taken_bytes_ = 0;
-  std::shared_ptr<std::size_t> held_bytes_ = std::make_shared<std::size_t>(0);  // handles may outlive the device
+  std::shared_ptr<std::size_t> held_bytes_ =
+      std::make_shared<std::size_t>(0);  // handles may outlive the device
   std::vector<std::unique_ptr<std::byte[]>> taken_;
 };
 

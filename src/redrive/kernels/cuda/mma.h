@@ -1,15 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-// Products of small matrices by a warp, on tensor cores: operands in bf16, sums in fp32. A warp has 32 lanes, and each holds a few numbers
-// of every matrix (a fragment). Written once: on a GPU a thread has the registers of its own lane, on the host those of all 32, so that what
-// lies where is tested wherever there is a compiler. Where a lane's numbers stand in a matrix is NVIDIA's, of mma.m16n8k16 for bf16 ("PTX ISA",
-// Warp-level matrix instructions, figures "fragment layout"); with group = lane / 4 and place = lane % 4:
+// Products of small matrices by a warp, on tensor cores: operands in bf16, sums in fp32. A warp has
+// 32 lanes, and each holds a few numbers of every matrix (a fragment). Written once: on a GPU a
+// thread has the registers of its own lane, on the host those of all 32, so that what lies where is
+// tested wherever there is a compiler. Where a lane's numbers stand in a matrix is NVIDIA's, of
+// mma.m16n8k16 for bf16 ("PTX ISA", Warp-level matrix instructions, figures "fragment layout");
+// with group = lane / 4 and place = lane % 4:
 //
-//   OperandA  16 x 16   word w: row group + 8 (w % 2), columns 2 place + 8 (w / 2) and the next, the first in the lower half
-//   OperandB  16 x  8   word w: rows 2 place + 8 w and the next, column group
-//   Sums      16 x  8   number i: row group + 8 (i / 2), column 2 place + i % 2
+//   OperandA  16 x 16   word w: row group + 8 (w % 2), columns 2 place + 8 (w / 2) and the next,
+//   the first in the lower half OperandB  16 x  8   word w: rows 2 place + 8 w and the next, column
+//   group Sums      16 x  8   number i: row group + 8 (i / 2), column 2 place + i % 2
 //
-// What all of this rests on: two Sums beside each other have their numbers in the very places of an OperandA, so that a layer's outputs
-// become the next one's inputs in the registers they are in (operand_of); and an OperandA transposed has its words in the places of two OperandBs.
+// What all of this rests on: two Sums beside each other have their numbers in the very places of an
+// OperandA, so that a layer's outputs become the next one's inputs in the registers they are in
+// (operand_of); and an OperandA transposed has its words in the places of two OperandBs.
 #pragma once
 
 #include <bit>
@@ -38,7 +41,9 @@ constexpr int lane_of(int here) { return here; }
 
 /// The two numbers of bf16 in a word.
 REDRIVE_HD inline float low_value(std::uint32_t word) { return std::bit_cast<float>(word << 16); }
-REDRIVE_HD inline float high_value(std::uint32_t word) { return std::bit_cast<float>(word & 0xFFFF0000u); }
+REDRIVE_HD inline float high_value(std::uint32_t word) {
+  return std::bit_cast<float>(word & 0xFFFF0000u);
+}
 
 /// The nearest number of bf16, of two that are as near the even one; NaN stays NaN.
 REDRIVE_HD inline std::uint32_t bf16_bits(float x) {
@@ -78,9 +83,15 @@ struct Place {
   int row, column;
 };
 /// Of the lower half of word w, the upper one is beside it; of number i.
-REDRIVE_HD inline Place place_in_a(int lane, int w) { return {lane / 4 + 8 * (w % 2), 2 * (lane % 4) + 8 * (w / 2)}; }
-REDRIVE_HD inline Place place_in_b(int lane, int w) { return {2 * (lane % 4) + 8 * w, lane / 4}; }  // upper: below it
-REDRIVE_HD inline Place place_in_sums(int lane, int i) { return {lane / 4 + 8 * (i / 2), 2 * (lane % 4) + i % 2}; }
+REDRIVE_HD inline Place place_in_a(int lane, int w) {
+  return {lane / 4 + 8 * (w % 2), 2 * (lane % 4) + 8 * (w / 2)};
+}
+REDRIVE_HD inline Place place_in_b(int lane, int w) {
+  return {2 * (lane % 4) + 8 * w, lane / 4};
+}  // upper: below it
+REDRIVE_HD inline Place place_in_sums(int lane, int i) {
+  return {lane / 4 + 8 * (i / 2), 2 * (lane % 4) + i % 2};
+}
 
 /// sums += a b
 REDRIVE_HD inline void multiply_add(Sums& sums, const OperandA& a, const OperandB& b) {
@@ -88,7 +99,8 @@ REDRIVE_HD inline void multiply_add(Sums& sums, const OperandA& a, const Operand
   float* const c = sums.lane[0];
   const std::uint32_t *const x = a.lane[0].at, *const y = b.lane[0].at;
   asm volatile(
-      "mma.sync.aligned.m16n8k16.row.col.f32.bf16.bf16.f32 {%0, %1, %2, %3}, {%4, %5, %6, %7}, {%8, %9}, {%0, %1, %2, "
+      "mma.sync.aligned.m16n8k16.row.col.f32.bf16.bf16.f32 {%0, %1, %2, %3}, {%4, %5, %6, %7}, "
+      "{%8, %9}, {%0, %1, %2, "
       "%3};"
       : "+f"(c[0]), "+f"(c[1]), "+f"(c[2]), "+f"(c[3])
       : "r"(x[0]), "r"(x[1]), "r"(x[2]), "r"(x[3]), "r"(y[0]), "r"(y[1]));
@@ -123,18 +135,24 @@ REDRIVE_HD inline void multiply_add(Sums& sums, const OperandA& a, const Operand
 #endif
 }
 
-/// The matrix with rows and columns exchanged: four blocks of 8 x 8, each transposed by movmatrix, those beside the diagonal exchanged.
+/// The matrix with rows and columns exchanged: four blocks of 8 x 8, each transposed by movmatrix,
+/// those beside the diagonal exchanged.
 REDRIVE_HD inline OperandA transposed(const OperandA& a) {
   OperandA out;
   REDRIVE_UNROLL
   for (int w = 0; w < 4; ++w) {
     const int from = w == 1 ? 2 : w == 2 ? 1 : w;
 #ifdef __CUDA_ARCH__
-    asm volatile("movmatrix.sync.aligned.m8n8.trans.b16 %0, %1;" : "=r"(out.lane[0].at[w]) : "r"(a.lane[0].at[from]));
+    asm volatile("movmatrix.sync.aligned.m8n8.trans.b16 %0, %1;"
+                 : "=r"(out.lane[0].at[w])
+                 : "r"(a.lane[0].at[from]));
 #else
     for (int lane = 0; lane < kLanes; ++lane) {
-      const int group = lane / 4, place = lane % 4;  // has (2 place, group) and (2 place + 1, group) of the block
-      const auto half = [&](int row) { return a.lane[4 * row + group / 2].at[from] >> 16 * (group % 2) & 0xFFFFu; };
+      const int group = lane / 4,
+                place = lane % 4;  // has (2 place, group) and (2 place + 1, group) of the block
+      const auto half = [&](int row) {
+        return a.lane[4 * row + group / 2].at[from] >> 16 * (group % 2) & 0xFFFFu;
+      };
       out.lane[lane].at[w] = half(2 * place) | half(2 * place + 1) << 16;
     }
 #endif
@@ -142,7 +160,8 @@ REDRIVE_HD inline OperandA transposed(const OperandA& a) {
   return out;
 }
 
-/// Half of a transposed matrix as the right operand: with x [16 k, 16 columns] in `of_x_transposed`, columns 8 half and the next seven.
+/// Half of a transposed matrix as the right operand: with x [16 k, 16 columns] in
+/// `of_x_transposed`, columns 8 half and the next seven.
 REDRIVE_HD inline OperandB right_operand(const OperandA& of_x_transposed, int half) {
   OperandB b;
   for (int here = 0; here < kLanesHere; ++here)

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a warp on the host does is what a GPU's does if numbers are where NVIDIA says. So the places are written down here a second time, number
-// by number as the PTX ISA has them ("Matrix Fragments for mma.m16n8k16 with floating point type"), and everything is compared with plain matrices.
+// What a warp on the host does is what a GPU's does if numbers are where NVIDIA says. So the places
+// are written down here a second time, number by number as the PTX ISA has them ("Matrix Fragments
+// for mma.m16n8k16 with floating point type"), and everything is compared with plain matrices.
 #include "redrive/kernels/cuda/mma.h"
 
 #include <array>
@@ -17,7 +18,8 @@ namespace {
 template <int kRows, int kColumns>
 using Matrix = std::array<std::array<float, kColumns>, kRows>;
 
-/// Number i = 0..7 of matrix A, 0..3 of B and C: two of A's and B's are a register, the first in its lower half.
+/// Number i = 0..7 of matrix A, 0..3 of B and C: two of A's and B's are a register, the first in
+/// its lower half.
 Place ptx_a(int lane, int i) {
   const int group = lane >> 2, in_group = lane % 4;
   return {(0 <= i && i < 2) || (4 <= i && i < 6) ? group : group + 8,
@@ -39,7 +41,9 @@ Matrix<kRows, kColumns> whole_matrix(std::uint64_t stream) {
   for (int r = 0; r < kRows; ++r)
     for (int c = 0; c < kColumns; ++c)
       m[r][c] = static_cast<float>(
-          static_cast<int>(random_bits(random_key(4, kStreamTest, stream), r * kColumns + c) % 255) - 127);
+          static_cast<int>(random_bits(random_key(4, kStreamTest, stream), r * kColumns + c) %
+                           255) -
+          127);
   return m;
 }
 
@@ -77,7 +81,8 @@ Sums sums_of(const Matrix<16, 8>& m) {
 }
 void expect_same(const OperandA& a, const OperandA& b) {
   for (int lane = 0; lane < 32; ++lane)
-    for (int w = 0; w < 4; ++w) EXPECT_EQ(a.lane[lane].at[w], b.lane[lane].at[w]) << "lane " << lane << ", word " << w;
+    for (int w = 0; w < 4; ++w)
+      EXPECT_EQ(a.lane[lane].at[w], b.lane[lane].at[w]) << "lane " << lane << ", word " << w;
 }
 
 TEST(Mma, PlacesAreThoseOfTheFigures) {
@@ -117,7 +122,8 @@ TEST(Mma, IsTheProductOfMatrices) {
       for (int k = 0; k < 16; ++k) c[m][n] += a[m][k] * b[k][n];
   const Sums expected = sums_of(c);
   for (int lane = 0; lane < 32; ++lane)
-    for (int i = 0; i < 4; ++i) EXPECT_EQ(sums.lane[lane][i], expected.lane[lane][i]) << lane << ", " << i;
+    for (int i = 0; i < 4; ++i)
+      EXPECT_EQ(sums.lane[lane][i], expected.lane[lane][i]) << lane << ", " << i;
 }
 
 TEST(Mma, Transposes) {
@@ -137,7 +143,8 @@ TEST(Mma, TransposedMatricesAreRightOperands) {
       for (int c = 0; c < 8; ++c) columns[r][c] = m[r][8 * half + c];
     const OperandB got = right_operand(transposed(a_of(m)), half), expected = b_of(columns);
     for (int lane = 0; lane < 32; ++lane)
-      for (int w = 0; w < 2; ++w) EXPECT_EQ(got.lane[lane].at[w], expected.lane[lane].at[w]) << lane << ", " << w;
+      for (int w = 0; w < 2; ++w)
+        EXPECT_EQ(got.lane[lane].at[w], expected.lane[lane].at[w]) << lane << ", " << w;
   }
 }
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// NCCL, which adds up the numbers of several GPUs: looked for where it is needed, so that neither builds nor runs on one GPU ask for it.
+// NCCL, which adds up the numbers of several GPUs: looked for where it is needed, so that neither
+// builds nor runs on one GPU ask for it.
 #pragma once
 
 #include <cstddef>
@@ -8,7 +9,8 @@
 
 namespace redrive::kernels {
 
-/// What is used of it, as its manual declares it (2.10 and later), with pointers for its communicators and CUDA's streams.
+/// What is used of it, as its manual declares it (2.10 and later), with pointers for its
+/// communicators and CUDA's streams.
 struct Nccl {
   static constexpr int kSuccess = 0, kInProgress = 7;  // ncclResult_t
   static constexpr int kFloat32 = 7, kAvg = 4;         // ncclDataType_t, ncclRedOp_t
@@ -21,8 +23,8 @@ struct Nccl {
   int (*ncclCommGetAsyncError)(void* comm, int* result) = nullptr;
   int (*ncclGroupStart)() = nullptr;
   int (*ncclGroupEnd)() = nullptr;
-  int (*ncclAllReduce)(const void* send, void* receive, std::size_t count, int type, int operation, void* comm,
-                       void* stream) = nullptr;
+  int (*ncclAllReduce)(const void* send, void* receive, std::size_t count, int type, int operation,
+                       void* comm, void* stream) = nullptr;
 };
 
 /// Why it cannot be used here: not found, too old. Nothing if it can.

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Means over GPUs by NCCL, for nvcc alone. One thread asks all of them, and waits for all together: one that fails must not leave the others
-// waiting for it.
+// Means over GPUs by NCCL, for nvcc alone. One thread asks all of them, and waits for all together:
+// one that fails must not leave the others waiting for it.
 #pragma once
 
 #include <string>
@@ -19,7 +19,8 @@ class NcclReduction final : public Reduction {
       : devices_(std::move(devices)), comms_(devices_.size()), streams_(devices_.size()) {
     std::vector<int> gpus;
     for (const CudaDevice* device : devices_) gpus.push_back(device->gpu());
-    if (const int result = nccl().ncclCommInitAll(comms_.data(), static_cast<int>(gpus.size()), gpus.data()))
+    if (const int result =
+            nccl().ncclCommInitAll(comms_.data(), static_cast<int>(gpus.size()), gpus.data()))
       throw DeviceError(words(result));
     for (std::size_t r = 0; r < devices_.size(); ++r) {
       devices_[r]->use();
@@ -45,8 +46,8 @@ class NcclReduction final : public Reduction {
     }
     int result = nccl().ncclGroupStart();
     for (std::size_t r = 0; r < parts.size() && result == Nccl::kSuccess; ++r)
-      result = nccl().ncclAllReduce(places[r], places[r], parts[r].size(), Nccl::kFloat32, Nccl::kAvg, comms_[r],
-                                    streams_[r]);
+      result = nccl().ncclAllReduce(places[r], places[r], parts[r].size(), Nccl::kFloat32,
+                                    Nccl::kAvg, comms_[r], streams_[r]);
     const int ended = nccl().ncclGroupEnd();
     if (result == Nccl::kSuccess) result = ended;
     if (result != Nccl::kSuccess) fail(words(result));
@@ -66,7 +67,8 @@ class NcclReduction final : public Reduction {
       devices_[r]->use();
       const cudaError_t state = cudaStreamQuery(streams_[r]);
       if (state != cudaSuccess && state != cudaErrorNotReady)
-        fail("GPU " + std::to_string(r) + ": the GPU failed, adding up gradients: " + cudaGetErrorString(state));
+        fail("GPU " + std::to_string(r) +
+             ": the GPU failed, adding up gradients: " + cudaGetErrorString(state));
       int result = Nccl::kSuccess;
       const int asked = nccl().ncclCommGetAsyncError(comms_[r], &result);
       for (const int failure : {asked, result})

@@ -12,8 +12,8 @@
 
 namespace redrive::kernels {
 
-/// gamma (field/positional_encoding.h) of a point, in float: whole turns are taken off the angles in double, so that none of them
-/// rounds by more than pi 2^-24.
+/// gamma (field/positional_encoding.h) of a point, in float: whole turns are taken off the angles
+/// in double, so that none of them rounds by more than pi 2^-24.
 REDRIVE_HD inline void encode_point(const double point[3], int octaves, float* out) {
   for (int d = 0; d < 3; ++d) {
     out[d] = static_cast<float>(point[d]);
@@ -26,8 +26,8 @@ REDRIVE_HD inline void encode_point(const double point[3], int octaves, float* o
   }
 }
 
-/// Samples first, first + 1, ... of a batch, encoded: the position for the first layer and, if that is asked for, again for the skip's, the
-/// direction.
+/// Samples first, first + 1, ... of a batch, encoded: the position for the first layer and, if that
+/// is asked for, again for the skip's, the direction.
 struct EncodeSamples {
   NerfConfig config;
   UnitFromWorld unit_from_world;
@@ -41,13 +41,15 @@ struct EncodeSamples {
     double x[3], towards[3];
     for (int k = 0; k < 3; ++k) {
       towards[k] = rays.direction[k * n + ray];
-      x[k] = (rays.origin[k * n + ray] + samples.t[sample] * towards[k] - unit_from_world.center[k]) *
-             unit_from_world.scale;
+      x[k] =
+          (rays.origin[k * n + ray] + samples.t[sample] * towards[k] - unit_from_world.center[k]) *
+          unit_from_world.scale;
     }
     float* const gamma = &position.at(i, 0);
     encode_point(x, config.position_octaves, gamma);
     if (position_again.data)
-      for (int c = 0; c < encoded_size(config.position_octaves); ++c) position_again.at(i, c) = gamma[c];
+      for (int c = 0; c < encoded_size(config.position_octaves); ++c)
+        position_again.at(i, c) = gamma[c];
     encode_point(towards, config.direction_octaves, &direction.at(i, 0));
   }
 };
@@ -66,16 +68,17 @@ struct EncodeSamplesAdjoint {
 
 inline LayerPlace nerf_layer_place(const NerfConfig& config, int layer) {
   const NerfLayerShape shape = nerf_layer(config, layer);
-  return {static_cast<std::size_t>(shape.outputs), static_cast<std::size_t>(shape.inputs), shape.weight, true,
-          layer < kNerfHidden || layer == kNerfColour};
+  return {static_cast<std::size_t>(shape.outputs), static_cast<std::size_t>(shape.inputs),
+          shape.weight, true, layer < kNerfHidden || layer == kNerfColour};
 }
 
 template <class Device>
 class NerfNetworkPass {
  public:
-  /// On at most `most` samples at once. Empty gradients: forward only. of_positions: backward gives those, too.
-  NerfNetworkPass(Stage<Device>& stage, const NerfField& field, std::size_t most, std::span<float> gradients,
-                  bool of_positions)
+  /// On at most `most` samples at once. Empty gradients: forward only. of_positions: backward gives
+  /// those, too.
+  NerfNetworkPass(Stage<Device>& stage, const NerfField& field, std::size_t most,
+                  std::span<float> gradients, bool of_positions)
       : stage_(stage), field_(field), layers_(stage, field.parameters, gradients) {
     const std::size_t width = field.config.width;
     for (int l = 0; l < kNerfLayers; ++l) {
@@ -89,11 +92,14 @@ class NerfNetworkPass {
   }
 
   /// Leaves all layers' inputs; raw (4 numbers a sample) unless it is nowhere.
-  void forward(const Rays& rays, const Samples& samples, std::size_t first, std::size_t count, OfSamples<float> raw) {
+  void forward(const Rays& rays, const Samples& samples, std::size_t first, std::size_t count,
+               OfSamples<float> raw) {
     const std::size_t width = field_.config.width;
-    stage_.for_each(count, EncodeSamples{field_.config, field_.unit_from_world, rays, samples, first, input_[0],
-                                         from(input_[kNerfSkip], width), from(input_[kNerfColour], width)});
-    for (int l = 0; l < kNerfHidden; ++l) layers_.forward(place_[l], count, input_[l], input_[l + 1]);
+    stage_.for_each(
+        count, EncodeSamples{field_.config, field_.unit_from_world, rays, samples, first, input_[0],
+                             from(input_[kNerfSkip], width), from(input_[kNerfColour], width)});
+    for (int l = 0; l < kNerfHidden; ++l)
+      layers_.forward(place_[l], count, input_[l], input_[l + 1]);
     layers_.forward(place_[kNerfFeature], count, input_[kNerfFeature], input_[kNerfColour]);
     layers_.forward(place_[kNerfColour], count, input_[kNerfColour], input_[kNerfRgb]);
     if (!raw.data) return;
@@ -101,11 +107,13 @@ class NerfNetworkPass {
     layers_.forward(place_[kNerfRgb], count, input_[kNerfRgb], raw);
   }
 
-  /// Of the samples that forward was last run on. d_position (3 numbers a sample): written, where these are wanted.
+  /// Of the samples that forward was last run on. d_position (3 numbers a sample): written, where
+  /// these are wanted.
   void backward(std::size_t count, OfSamples<const float> d_raw, OfSamples<float> d_position) {
     const std::size_t gamma = encoded_size(field_.config.position_octaves);
     const std::size_t width = field_.config.width;
-    const OfSamples<const float> d_density{d_raw.data + 3 * d_raw.number, d_raw.sample, d_raw.number};
+    const OfSamples<const float> d_density{d_raw.data + 3 * d_raw.number, d_raw.sample,
+                                           d_raw.number};
     OfSamples<float> d = d_[0], next = d_[1];
     layers_.weights_adjoint(place_[kNerfRgb], count, input_[kNerfRgb], d_raw);
     layers_.input_adjoint(place_[kNerfRgb], count, d_raw, d, width / 2, input_[kNerfRgb]);
@@ -118,17 +126,20 @@ class NerfNetworkPass {
     layers_.weights_adjoint(place_[kNerfFeature], count, input_[kNerfFeature], read_only(d));
     layers_.input_adjoint(place_[kNerfFeature], count, read_only(d), next, width);
     layers_.weights_adjoint(place_[kNerfDensity], count, input_[kNerfDensity], d_density);
-    layers_.input_adjoint(place_[kNerfDensity], count, d_density, next, width, input_[kNerfDensity], /*adds=*/true);
+    layers_.input_adjoint(place_[kNerfDensity], count, d_density, next, width, input_[kNerfDensity],
+                          /*adds=*/true);
     std::swap(d, next);
     for (int l = kNerfHidden - 1; l > 0; --l) {
       if (l == kNerfSkip && d_gamma_.data)
-        layers_.input_adjoint(place_[l], count, read_only(d), d_gamma_, gamma, {}, /*adds=*/false, /*first=*/width);
+        layers_.input_adjoint(place_[l], count, read_only(d), d_gamma_, gamma, {}, /*adds=*/false,
+                              /*first=*/width);
       back(l, input_[l]);
     }
     layers_.weights_adjoint(place_[0], count, input_[0], read_only(d));
     if (!d_gamma_.data) return;
     layers_.input_adjoint(place_[0], count, read_only(d), d_gamma_, gamma, {}, /*adds=*/true);
-    stage_.for_each(count, EncodeSamplesAdjoint{field_.config.position_octaves, input_[0], d_gamma_, d_position});
+    stage_.for_each(count, EncodeSamplesAdjoint{field_.config.position_octaves, input_[0], d_gamma_,
+                                                d_position});
   }
 
  private:

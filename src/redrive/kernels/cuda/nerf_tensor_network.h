@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The network of field/nerf_field.h on tensor cores: layer by layer, as NerfNetworkPass, with activations and derivatives in bf16 between them.
+// The network of field/nerf_field.h on tensor cores: layer by layer, as NerfNetworkPass, with
+// activations and derivatives in bf16 between them.
 #pragma once
 
 #include <array>
@@ -15,8 +16,8 @@ template <class Device>
 class NerfTensorPass {
  public:
   /// As NerfNetworkPass.
-  NerfTensorPass(Stage<Device>& stage, const NerfField& field, std::size_t most, std::span<float> gradients,
-                 bool of_positions)
+  NerfTensorPass(Stage<Device>& stage, const NerfField& field, std::size_t most,
+                 std::span<float> gradients, bool of_positions)
       : stage_(stage), field_(field), layers_(stage, gradients), trains_(!gradients.empty()) {
     const std::size_t width = field.config.width;
     TensorWeightPacker<Device, 2 * kNerfLayers + 2> pack(stage);
@@ -48,13 +49,17 @@ class NerfTensorPass {
   }
 
   /// Leaves all layers' inputs; raw (4 numbers a sample) unless it is nowhere.
-  void forward(const Rays& rays, const Samples& samples, std::size_t first, std::size_t count, OfSamples<float> raw) {
+  void forward(const Rays& rays, const Samples& samples, std::size_t first, std::size_t count,
+               OfSamples<float> raw) {
     const std::size_t behind = tensor_tiles(field_.config.width);
-    stage_.for_each(count,
-                    EncodeSamples{field_.config, field_.unit_from_world, rays, samples, first, gamma_, {}, direction_});
+    stage_.for_each(
+        count,
+        EncodeSamples{
+            field_.config, field_.unit_from_world, rays, samples, first, gamma_, {}, direction_});
     put(count, place_[0].inputs, read_only(gamma_), input_[0], 0);
     put(count, place_[0].inputs, read_only(gamma_), input_[kNerfSkip], behind);
-    put(count, encoded_size(field_.config.direction_octaves), read_only(direction_), input_[kNerfColour], behind);
+    put(count, encoded_size(field_.config.direction_octaves), read_only(direction_),
+        input_[kNerfColour], behind);
     for (int l = 0; l < kNerfHidden; ++l) layer(l, count, input_[l + 1], {});
     layer(kNerfFeature, count, input_[kNerfColour], {});
     layer(kNerfColour, count, input_[kNerfRgb], {});
@@ -63,9 +68,11 @@ class NerfTensorPass {
     layer(kNerfRgb, count, {}, raw);
   }
 
-  /// Of the samples that forward was last run on. d_position (3 numbers a sample): written, where these are wanted.
+  /// Of the samples that forward was last run on. d_position (3 numbers a sample): written, where
+  /// these are wanted.
   void backward(std::size_t count, OfSamples<const float> d_raw, OfSamples<float> d_position) {
-    const std::size_t width = field_.config.width, heads = tensor_tiles(width), gamma = place_[0].inputs;
+    const std::size_t width = field_.config.width, heads = tensor_tiles(width),
+                      gamma = place_[0].inputs;
     put(count, 3, d_raw, d_rgb_, 0);
     put(count, 1, {d_raw.data + 3 * d_raw.number, d_raw.sample, d_raw.number}, d_heads_, heads);
     layers_.weights_adjoint(place_[kNerfRgb], count, input_[kNerfRgb], d_rgb_);
@@ -87,7 +94,8 @@ class NerfTensorPass {
     auto of_first = product(count, gamma, d, back_[0], d_gamma_);
     of_first.adds = true;
     run(of_first);
-    stage_.for_each(count, EncodeSamplesAdjoint{field_.config.position_octaves, gamma_, d_gamma_, d_position});
+    stage_.for_each(
+        count, EncodeSamplesAdjoint{field_.config.position_octaves, gamma_, d_gamma_, d_position});
   }
 
  private:
@@ -107,40 +115,47 @@ class NerfTensorPass {
             .row = place_[l].inputs,
             .back = back};
   }
-  /// Feature and density have the same inputs, whose derivatives are one sum over the outputs of both.
+  /// Feature and density have the same inputs, whose derivatives are one sum over the outputs of
+  /// both.
   template <class Packer>
   void add_heads(Packer* pack) {
     PackTensorWeights feature = weights(kNerfFeature, true, 0, place_[kNerfFeature].inputs),
                       density = weights(kNerfDensity, true, 0, place_[kNerfDensity].inputs);
     density.first_k = feature.own_tiles_of_k();
     feature.tiles_of_k = density.tiles_of_k = density.first_k + density.own_tiles_of_k();
-    LanePair* const to = stage_.template scratch<LanePair>((feature.words() + density.words()) / 2).data();
+    LanePair* const to =
+        stage_.template scratch<LanePair>((feature.words() + density.words()) / 2).data();
     back_[kNerfFeature] = pack->add_to(to, feature);
     pack->add_to(to, density);
   }
 
-  void put(std::size_t count, std::size_t columns, OfSamples<const float> from, const TensorActivations& to,
-           std::size_t first_to) {
+  void put(std::size_t count, std::size_t columns, OfSamples<const float> from,
+           const TensorActivations& to, std::size_t first_to) {
     const TensorTilesOfNumbers tiles{count, columns, from, to, first_to};
     stage_.for_each_warp(tiles.warps(), tiles);
   }
 
-  TensorProduct product(std::size_t count, std::size_t columns, const TensorActivations& x, const LanePair* weights,
-                        OfSamples<float> out) const {
-    return {
-        .samples = count, .columns = columns, .tiles_of_k = x.column_tiles, .x = x, .weights = weights, .numbers = out};
+  TensorProduct product(std::size_t count, std::size_t columns, const TensorActivations& x,
+                        const LanePair* weights, OfSamples<float> out) const {
+    return {.samples = count,
+            .columns = columns,
+            .tiles_of_k = x.column_tiles,
+            .x = x,
+            .weights = weights,
+            .numbers = out};
   }
   void run(const TensorProduct& product) { stage_.for_each_warp(product.warps(), product); }
 
   void layer(int l, std::size_t count, const TensorActivations& y, OfSamples<float> out) {
     TensorProduct forward = product(count, place_[l].outputs, input_[l], forward_[l], out);
-    forward.bias = field_.parameters.data() + place_[l].offset + place_[l].outputs * place_[l].inputs;
+    forward.bias =
+        field_.parameters.data() + place_[l].offset + place_[l].outputs * place_[l].inputs;
     forward.has_relu = place_[l].has_relu;
     forward.y = y;
     run(forward);
   }
-  void back(int l, std::size_t count, std::size_t columns, const TensorActivations& d_y, const TensorActivations& d_x,
-            const TensorActivations& opened) {
+  void back(int l, std::size_t count, std::size_t columns, const TensorActivations& d_y,
+            const TensorActivations& d_x, const TensorActivations& opened) {
     TensorProduct adjoint = product(count, columns, d_y, back_[l], {});
     adjoint.opened = opened;
     adjoint.y = d_x;
@@ -153,8 +168,9 @@ class NerfTensorPass {
   bool trains_;
   std::array<LayerPlace, kNerfLayers> place_;
   std::array<TensorActivations, kNerfLayers> input_;
-  std::array<const LanePair*, kNerfLayers> forward_{}, back_{};  // back_[kNerfFeature]: with density behind it
-  const LanePair* back_skip_ = nullptr;                          // to gamma(x) at the skip
+  std::array<const LanePair*, kNerfLayers> forward_{},
+      back_{};                           // back_[kNerfFeature]: with density behind it
+  const LanePair* back_skip_ = nullptr;  // to gamma(x) at the skip
   TensorActivations d_rgb_, d_colour_, d_heads_, d_[2];
   OfSamples<float> gamma_, direction_, d_gamma_;
 };

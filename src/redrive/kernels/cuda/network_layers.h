@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The layers of a network (layer_functors.h) one after the other, on as many samples as its activations are kept for.
+// The layers of a network (layer_functors.h) one after the other, on as many samples as its
+// activations are kept for.
 #pragma once
 
 #include "redrive/kernels/cuda/layer_functors.h"
@@ -7,7 +8,8 @@
 
 namespace redrive::kernels {
 
-/// A layer in the flat buffer of all parameters: weight [outputs, inputs] at `offset`, its bias [outputs] behind it.
+/// A layer in the flat buffer of all parameters: weight [outputs, inputs] at `offset`, its bias
+/// [outputs] behind it.
 struct LayerPlace {
   std::size_t outputs, inputs, offset;
   bool has_bias, has_relu;
@@ -15,15 +17,18 @@ struct LayerPlace {
   std::size_t size() const { return outputs * (inputs + (has_bias ? 1 : 0)); }
 };
 
-/// gradients [size] += partial [slices, size], which is spent, in an order that `slices` alone decides. Many slices are added up in groups
-/// first: a thread that adds hundreds of numbers waits for memory hundreds of times.
+/// gradients [size] += partial [slices, size], which is spent, in an order that `slices` alone
+/// decides. Many slices are added up in groups first: a thread that adds hundreds of numbers waits
+/// for memory hundreds of times.
 template <class Device>
-void add_slices(Stage<Device>& stage, std::size_t slices, std::size_t size, float* partial, float* gradients) {
+void add_slices(Stage<Device>& stage, std::size_t slices, std::size_t size, float* partial,
+                float* gradients) {
   if (slices > kSlicesOfGroup) {
     const AddSlicesOfGroup groups{slices, size, partial};
     stage.for_each(groups.groups() * size, groups);
   }
-  stage.for_each(size, AddSlices{slices, size, partial, gradients, slices > kSlicesOfGroup ? kSlicesOfGroup : 1});
+  stage.for_each(size, AddSlices{slices, size, partial, gradients,
+                                 slices > kSlicesOfGroup ? kSlicesOfGroup : 1});
 }
 
 /// `parameters` lie on the device; `gradients`, if any, too, and are added to.
@@ -44,7 +49,8 @@ class NetworkLayers {
     partial_ = stage_.template scratch<float>(slices_of(samples) * largest);
   }
 
-  void forward(const LayerPlace& layer, std::size_t samples, OfSamples<float> x, OfSamples<float> y) {
+  void forward(const LayerPlace& layer, std::size_t samples, OfSamples<float> x,
+               OfSamples<float> y) {
     const float* const weight = parameters_ + layer.offset;
     run(LayerForward{.samples = samples,
                      .outputs = layer.outputs,
@@ -56,9 +62,11 @@ class NetworkLayers {
                      .y = y});
   }
 
-  /// Of `columns` of the layer's inputs from `first` on; `opened`: these themselves, where they came through a ReLU.
-  void input_adjoint(const LayerPlace& layer, std::size_t samples, OfSamples<const float> d_y, OfSamples<float> d_x,
-                     std::size_t columns, OfSamples<float> opened = {}, bool adds = false, std::size_t first = 0) {
+  /// Of `columns` of the layer's inputs from `first` on; `opened`: these themselves, where they
+  /// came through a ReLU.
+  void input_adjoint(const LayerPlace& layer, std::size_t samples, OfSamples<const float> d_y,
+                     OfSamples<float> d_x, std::size_t columns, OfSamples<float> opened = {},
+                     bool adds = false, std::size_t first = 0) {
     run(LayerInputAdjoint{.samples = samples,
                           .outputs = layer.outputs,
                           .inputs = layer.inputs,
@@ -71,7 +79,8 @@ class NetworkLayers {
   }
 
   /// d_y is what is behind the layer's ReLU, if it has one: zero where that is closed.
-  void weights_adjoint(const LayerPlace& layer, std::size_t samples, OfSamples<float> x, OfSamples<const float> d_y) {
+  void weights_adjoint(const LayerPlace& layer, std::size_t samples, OfSamples<float> x,
+                       OfSamples<const float> d_y) {
     run(LayerWeightAdjoint{.samples = samples,
                            .outputs = layer.outputs,
                            .inputs = layer.inputs,
@@ -79,7 +88,8 @@ class NetworkLayers {
                            .d_y = d_y,
                            .x = read_only(x),
                            .partial = partial_.data()});
-    add_slices(stage_, slices_of(samples), layer.size(), partial_.data(), gradients_ + layer.offset);
+    add_slices(stage_, slices_of(samples), layer.size(), partial_.data(),
+               gradients_ + layer.offset);
   }
 
  private:

@@ -9,7 +9,9 @@ int cuda_gpus() { return 0; }
 
 std::optional<std::string> cuda_obstacle(int) { return "not in this build"; }
 
-std::string cuda_description(int) { check_failed(__FILE__, __LINE__, "cuda_description", *cuda_obstacle()); }
+std::string cuda_description(int) {
+  check_failed(__FILE__, __LINE__, "cuda_description", *cuda_obstacle());
+}
 
 std::unique_ptr<Backend> make_cuda_backend(int, bool, int) {
   check_failed(__FILE__, __LINE__, "make_cuda_backend", *cuda_obstacle());

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The stages of kernels.h but for the network: what is done for one ray or one number, in float, by the scalar functions. Spans lie on
-// the device.
+// The stages of kernels.h but for the network: what is done for one ray or one number, in float, by
+// the scalar functions. Spans lie on the device.
 #pragma once
 
 #include <cmath>
@@ -24,8 +24,8 @@ struct RayGradientsOfSamples {
 
   REDRIVE_HD void operator()(std::size_t ray) const {
     const std::size_t per_ray = samples.per_ray;
-    add_ray_gradient(unit_from_world, n_rays, samples, static_cast<int>(ray), &d_position[ray * per_ray],
-                     n_rays * per_ray, of_rays);
+    add_ray_gradient(unit_from_world, n_rays, samples, static_cast<int>(ray),
+                     &d_position[ray * per_ray], n_rays * per_ray, of_rays);
   }
 };
 
@@ -49,7 +49,8 @@ struct StratifiedRays {
 
   REDRIVE_HD void operator()(std::size_t ray) const {
     const std::size_t first = ray * how.per_ray;
-    stratified_ray(how.per_ray, how.near_m, how.far_m, how.jitter, how.key, first, &t[first], &dt[first]);
+    stratified_ray(how.per_ray, how.near_m, how.far_m, how.jitter, how.key, first, &t[first],
+                   &dt[first]);
   }
 };
 
@@ -63,7 +64,8 @@ struct HierarchicalRays {
 
   REDRIVE_HD void operator()(std::size_t ray) const {
     const std::size_t from = ray * coarse.per_ray, to = ray * (coarse.per_ray + extra);
-    hierarchical_ray(&coarse.t[from], &weights[from], coarse.per_ray, extra, jitter, key, ray * extra, &t[to], &dt[to]);
+    hierarchical_ray(&coarse.t[from], &weights[from], coarse.per_ray, extra, jitter, key,
+                     ray * extra, &t[to], &dt[to]);
   }
 };
 
@@ -87,7 +89,8 @@ struct CompositeRays {
     const ColourOfRay behind(background, n_rays, ray);
     const RayComposite<float> sum =
         composite_ray(&raw[first], n, &samples.t[first], &samples.dt[first], samples.per_ray,
-                      out.weights.empty() ? nullptr : &out.weights[first], background.empty() ? nullptr : behind.value);
+                      out.weights.empty() ? nullptr : &out.weights[first],
+                      background.empty() ? nullptr : behind.value);
     for (int k = 0; k < 3; ++k) out.rgb[k * n_rays + ray] = sum.rgb[k];
     out.depth[ray] = sum.depth;
     out.opacity[ray] = sum.opacity;
@@ -104,7 +107,8 @@ struct CompositeRaysAdjoint {
   REDRIVE_HD void operator()(std::size_t ray) const {
     const std::size_t first = ray * samples.per_ray, n = n_rays * samples.per_ray;
     const ColourOfRay d_rgb(adjoint.d_rgb, n_rays, ray), behind(background, n_rays, ray);
-    composite_ray_adjoint(&raw[first], n, &samples.dt[first], samples.per_ray, d_rgb.value, &d_raw[first],
+    composite_ray_adjoint(&raw[first], n, &samples.dt[first], samples.per_ray, d_rgb.value,
+                          &d_raw[first],
                           adjoint.d_weights.empty() ? nullptr : &adjoint.d_weights[first],
                           background.empty() ? nullptr : behind.value);
   }

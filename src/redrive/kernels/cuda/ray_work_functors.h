@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The stages of grid_stages.h that treat whole rays: what is done for one of them, or for one of its numbers. Spans lie on the device.
+// The stages of grid_stages.h that treat whole rays: what is done for one of them, or for one of
+// its numbers. Spans lie on the device.
 #pragma once
 
 #include "redrive/kernels/ray_work.h"
@@ -11,7 +12,9 @@ struct ChooseLive {
   int per_ray;
   std::span<const float> weights;
 
-  REDRIVE_HD bool operator()(std::size_t ray) const { return is_live(how, &weights[ray * per_ray], per_ray, ray); }
+  REDRIVE_HD bool operator()(std::size_t ray) const {
+    return is_live(how, &weights[ray * per_ray], per_ray, ray);
+  }
 };
 
 struct ListFirstRay {
@@ -73,7 +76,9 @@ struct SkyPoints {
   std::span<const float> pixel_angle;
   std::span<float> position, footprint;
 
-  REDRIVE_HD void operator()(std::size_t ray) const { sky_point_of(rays, pixel_angle, ray, position, footprint); }
+  REDRIVE_HD void operator()(std::size_t ray) const {
+    sky_point_of(rays, pixel_angle, ray, position, footprint);
+  }
 };
 
 struct SkyColours {
@@ -82,7 +87,9 @@ struct SkyColours {
   std::span<const float> features;
   std::span<float> colour;
 
-  REDRIVE_HD void operator()(std::size_t ray) const { sky_colour_of(config, n, features, ray, colour); }
+  REDRIVE_HD void operator()(std::size_t ray) const {
+    sky_colour_of(config, n, features, ray, colour);
+  }
 };
 
 struct SkyColoursAdjoint {
@@ -100,7 +107,9 @@ struct SkyDirectionsAdjoint {
   std::span<const float> d_position;
   std::span<float> d_direction;
 
-  REDRIVE_HD void operator()(std::size_t at) const { d_direction[at] += sky_coordinate_adjoint(d_position[at]); }
+  REDRIVE_HD void operator()(std::size_t at) const {
+    d_direction[at] += sky_coordinate_adjoint(d_position[at]);
+  }
 };
 
 struct ExposeRays {
@@ -108,7 +117,9 @@ struct ExposeRays {
   std::span<const Exposure> exposure;
   std::span<float> gains, rgb;
 
-  REDRIVE_HD void operator()(std::size_t ray) const { expose_of(appearance, exposure, ray, gains, rgb); }
+  REDRIVE_HD void operator()(std::size_t ray) const {
+    expose_of(appearance, exposure, ray, gains, rgb);
+  }
 };
 
 /// Returns the ray's loss.
@@ -116,13 +127,16 @@ struct RobustRays {
   ExposedColours colours;
   std::span<float> d_rgb, squares;
 
-  REDRIVE_HD double operator()(std::size_t ray) const { return robust_of(colours, ray, d_rgb, squares); }
+  REDRIVE_HD double operator()(std::size_t ray) const {
+    return robust_of(colours, ray, d_rgb, squares);
+  }
 };
 
-constexpr std::size_t kPartsOfRays = 64;  // with some hundred knots and more, threads enough for a device
+constexpr std::size_t kPartsOfRays =
+    64;  // with some hundred knots and more, threads enough for a device
 
-/// What rays part, part + kPartsOfRays, ... say of one knot of one camera: partial [parts, parameters]. Knots look for their rays, so that
-/// sums have an order.
+/// What rays part, part + kPartsOfRays, ... say of one knot of one camera: partial [parts,
+/// parameters]. Knots look for their rays, so that sums have an order.
 struct KnotAdjoint {
   ExposedColours colours;
   std::span<const float> d_rgb;
@@ -142,7 +156,8 @@ struct KnotAdjoint {
     const int camera = static_cast<int>(knot / config.knots);
     float sum[3]{};
     for (std::size_t ray = i / knots; ray < colours.exposure.size(); ray += kPartsOfRays)
-      if (colours.exposure[ray].camera == camera) gains_adjoint_of(colours, ray, d_rgb, AddToKnot{3 * knot, sum});
+      if (colours.exposure[ray].camera == camera)
+        gains_adjoint_of(colours, ray, d_rgb, AddToKnot{3 * knot, sum});
     for (int k = 0; k < 3; ++k) partial[3 * i + k] = sum[k];
   }
 };
@@ -171,7 +186,9 @@ struct MedianDepths {
   std::span<const float> weights, opacity;
   std::span<float> depth;
 
-  REDRIVE_HD void operator()(std::size_t ray) const { depth[ray] = median_depth_of(intervals, weights, opacity, ray); }
+  REDRIVE_HD void operator()(std::size_t ray) const {
+    depth[ray] = median_depth_of(intervals, weights, opacity, ray);
+  }
 };
 
 }  // namespace redrive::kernels

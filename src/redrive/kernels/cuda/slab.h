@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Memory that is taken piece by piece and given back all at once: allocating on a GPU waits for all that it does. Once every use has been at
-// its largest, one block serves them all.
+// Memory that is taken piece by piece and given back all at once: allocating on a GPU waits for all
+// that it does. Once every use has been at its largest, one block serves them all.
 #pragma once
 
 #include <algorithm>
@@ -13,7 +13,8 @@ namespace redrive::kernels {
 template <class Source>
 class Slab {
  public:
-  static constexpr std::size_t kAlignment = 256;  // of cudaMalloc: rows begin where a warp reads whole lines
+  static constexpr std::size_t kAlignment =
+      256;  // of cudaMalloc: rows begin where a warp reads whole lines
 
   explicit Slab(Source source = {}) : source_(source) {}
   ~Slab() { release(); }

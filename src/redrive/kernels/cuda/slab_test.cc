@@ -48,7 +48,8 @@ TEST_F(SlabOfCounted, PlacesAreAlignedAndApart) {
     }
     for (std::size_t i = 0; i < places.size(); ++i)
       for (std::size_t b = 0; b < places[i].second; ++b)
-        ASSERT_EQ(std::to_integer<std::size_t>(places[i].first[b]), i) << "round " << round << ", byte " << b;
+        ASSERT_EQ(std::to_integer<std::size_t>(places[i].first[b]), i)
+            << "round " << round << ", byte " << b;
   }
 }
 

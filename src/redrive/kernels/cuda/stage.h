@@ -1,19 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
-// One call of a stage on a device: its spans copied there and back, and what it does there. A Device (loop_device.h, cuda_device.h) has
+// One call of a stage on a device: its spans copied there and back, and what it does there. A
+// Device (loop_device.h, cuda_device.h) has
 //   begin()                       memory that was taken before is free again
 //   take(bytes)                   memory of the device, whatever is in it, aligned for any number
 //   to_device, to_host            copies; to_host waits until it is there
 //   wait()                        until all of that is done
-//   for_each(n, functor)          functor(i) for i in [0, n), in any order and at once; what it needs lies in it or on the device
-//   sums_before(n, x, sums)       sums[i] = x[0] + ... + x[i - 1] for i in [0, n), whole numbers on the device
-//   has_tensor_cores()            whether it runs the warps of mma.h
-//   for_each_warp(n, functor)     functor(i) by a warp each (mma.h)
-//   hold(bytes), kept             memory that stays as long as its handle lives, and what of the host's numbers lies in such
-//   spoil(host)                   is told that the host's copy of kept numbers is out of date
-//   description()                 which one it is, in words, or nothing
-//   free_memory()                 bytes that are left of it, or nothing if it has no end
-//   kWarpsForClocks               work for a while without an end in sight of all that it has (device_ceilings.h)
-//   kSamplesAtOnce                rows that a network's activations are kept for; kGridSamplesAtOnce: a fused one's (fused_grid_network.h)
+//   for_each(n, functor)          functor(i) for i in [0, n), in any order and at once; what it
+//   needs lies in it or on the device sums_before(n, x, sums)       sums[i] = x[0] + ... + x[i - 1]
+//   for i in [0, n), whole numbers on the device has_tensor_cores()            whether it runs the
+//   warps of mma.h for_each_warp(n, functor)     functor(i) by a warp each (mma.h) hold(bytes),
+//   kept             memory that stays as long as its handle lives, and what of the host's numbers
+//   lies in such spoil(host)                   is told that the host's copy of kept numbers is out
+//   of date description()                 which one it is, in words, or nothing free_memory() bytes
+//   that are left of it, or nothing if it has no end kWarpsForClocks               work for a while
+//   without an end in sight of all that it has (device_ceilings.h) kSamplesAtOnce rows that a
+//   network's activations are kept for; kGridSamplesAtOnce: a fused one's (fused_grid_network.h)
 #pragma once
 
 #include <algorithm>
@@ -96,7 +97,8 @@ class Stage {
   Stage(const Stage&) = delete;
   Stage& operator=(const Stage&) = delete;
 
-  /// The device's copy of what lies on the host, if it is not kept there anyway. No numbers: no memory.
+  /// The device's copy of what lies on the host, if it is not kept there anyway. No numbers: no
+  /// memory.
   template <class T>
   std::span<const T> in(std::span<T> host) {
     if (const void* const kept = device_.kept.find(std::as_bytes(host)))
@@ -133,7 +135,8 @@ class Stage {
     device_.for_each_warp(n, functor);
   }
 
-  /// Sum of term(i) over i in [0, n), in an order that n alone decides: the same bits each time. One number on the device; none for n = 0.
+  /// Sum of term(i) over i in [0, n), in an order that n alone decides: the same bits each time.
+  /// One number on the device; none for n = 0.
   template <class Term>
   std::span<const double> sum_there(std::size_t n, const Term& term) {
     constexpr std::size_t kParts = 4096, kFewParts = 64;  // threads enough for a device, then few
@@ -158,7 +161,8 @@ class Stage {
   }
   void put_loss(const LossPart& part, double* loss) { put_loss(part, {}, loss); }
 
-  /// Those i in [0, n) that choose(i) says yes to, ascending, into `list` on the device; returns how many.
+  /// Those i in [0, n) that choose(i) says yes to, ascending, into `list` on the device; returns
+  /// how many.
   template <class Choose>
   std::size_t choose(std::size_t n, const Choose& choose, std::span<std::uint32_t> list) {
     const auto marks = scratch<std::uint32_t>(n + 1), before = scratch<std::uint32_t>(n + 1);
@@ -189,7 +193,8 @@ class Stage {
   }
   template <class T>
   std::span<T> result(std::span<T> host, std::span<T> there) {
-    if (!host.empty()) results_.push_back({std::as_writable_bytes(host), std::as_writable_bytes(there)});
+    if (!host.empty())
+      results_.push_back({std::as_writable_bytes(host), std::as_writable_bytes(there)});
     return there;
   }
   template <class T>

@@ -41,8 +41,13 @@ Appearance there(Stage<Device>& stage, const Appearance& appearance) {
 }
 template <class Device>
 ExposedColours there(Stage<Device>& stage, const ExposedColours& colours) {
-  return {there(stage, colours.appearance), stage.in(colours.exposure), stage.in(colours.rgb), stage.in(colours.gains),
-          stage.in(colours.target),         stage.in(colours.weight),   colours.huber_edge};
+  return {there(stage, colours.appearance),
+          stage.in(colours.exposure),
+          stage.in(colours.rgb),
+          stage.in(colours.gains),
+          stage.in(colours.target),
+          stage.in(colours.weight),
+          colours.huber_edge};
 }
 
 }  // namespace redrive::kernels

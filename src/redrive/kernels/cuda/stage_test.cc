@@ -118,7 +118,8 @@ TEST(Stage, ListsWhatIsChosenInOrder) {
     for (const std::size_t rest : {0u, 2u, 3u}) {
       Stage stage(device);
       std::vector<std::uint32_t> list(n, 99), expected;
-      for (std::size_t i = rest; i < n && rest < 3; i += 3) expected.push_back(static_cast<std::uint32_t>(i));
+      for (std::size_t i = rest; i < n && rest < 3; i += 3)
+        expected.push_back(static_cast<std::uint32_t>(i));
       const std::size_t count = stage.choose(n, OfThree{rest}, stage.out(std::span(list)));
       stage.finish();
       list.resize(count);
@@ -148,7 +149,8 @@ TEST(Stage, SumsEachTermOnce) {
     stage.put_loss({stage.sum_there(n, Index{})}, &sum);
     EXPECT_EQ(sum, 7) << "not before finish";
     stage.finish();
-    EXPECT_EQ(sum, 0.5 * static_cast<double>(n) * static_cast<double>(n - 1)) << n;  // exact: whole numbers
+    EXPECT_EQ(sum, 0.5 * static_cast<double>(n) * static_cast<double>(n - 1))
+        << n;  // exact: whole numbers
   }
 }
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Layers on tensor cores: memory for what goes between them, and the functors of tensor_tiles.h and tensor_product.h on a device.
+// Layers on tensor cores: memory for what goes between them, and the functors of tensor_tiles.h and
+// tensor_product.h on a device.
 #pragma once
 
 #include "redrive/kernels/cuda/network_layers.h"
@@ -32,8 +33,8 @@ class TensorWeightPacker {
 
 /// Room for `columns` numbers of each of so many samples, in the forms that are asked for.
 template <class Device>
-TensorActivations tensor_activations(Stage<Device>& stage, std::size_t samples, std::size_t columns, bool as_rows,
-                                     bool as_columns) {
+TensorActivations tensor_activations(Stage<Device>& stage, std::size_t samples, std::size_t columns,
+                                     bool as_rows, bool as_columns) {
   TensorActivations out{nullptr, nullptr, tensor_tiles(samples), tensor_tiles(columns)};
   const std::size_t words = out.sample_tiles * out.column_tiles * kLanes;
   if (as_rows) out.rows = stage.template scratch<LaneWords>(words).data();
@@ -45,7 +46,8 @@ TensorActivations tensor_activations(Stage<Device>& stage, std::size_t samples, 
 template <class Device>
 class TensorLayers {
  public:
-  TensorLayers(Stage<Device>& stage, std::span<float> gradients) : stage_(stage), gradients_(gradients.data()) {}
+  TensorLayers(Stage<Device>& stage, std::span<float> gradients)
+      : stage_(stage), gradients_(gradients.data()) {}
 
   /// For weights_adjoint of any of these layers and so many samples.
   void reserve_slices(std::size_t samples, std::span<const LayerPlace> layers) {
@@ -54,7 +56,8 @@ class TensorLayers {
     partial_ = stage_.template scratch<float>(slices_of(samples) * largest);
   }
 
-  /// From the columns of x and d_y, whose tile first_d_y begins the layer's outputs. d_y is what is behind the layer's ReLU.
+  /// From the columns of x and d_y, whose tile first_d_y begins the layer's outputs. d_y is what is
+  /// behind the layer's ReLU.
   void weights_adjoint(const LayerPlace& layer, std::size_t samples, const TensorActivations& x,
                        const TensorActivations& d_y, std::size_t first_d_y = 0) {
     const TensorWeightAdjoint adjoint{.samples = samples,
@@ -67,7 +70,8 @@ class TensorLayers {
                                       .partial = partial_.data(),
                                       .row = layer.size()};
     stage_.for_each_warp(adjoint.warps(), adjoint);
-    add_slices(stage_, slices_of(samples), layer.size(), partial_.data(), gradients_ + layer.offset);
+    add_slices(stage_, slices_of(samples), layer.size(), partial_.data(),
+               gradients_ + layer.offset);
   }
 
  private:

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Layers of any width on tensor cores: a product of activations with packed weights (tensor_tiles.h), and what is done with its sums before
-// they leave the registers.
+// Layers of any width on tensor cores: a product of activations with packed weights
+// (tensor_tiles.h), and what is done with its sums before they leave the registers.
 //
-// A warp has 32 samples x 64 columns of sums. Of each 16 of k it loads 1 KiB of activations and 2 KiB of weights, 24 clocks of the first-level
-// cache, for 16 products, 32 clocks of an A100's tensor cores and 16 of an H100's, which the loads hold up; the block's four warps have the
-// same samples where there are 256 columns. Tiles come straight from memory: nothing is staged in shared memory, since they lie as they are
-// read, and nothing hides their latency but the other warps.
+// A warp has 32 samples x 64 columns of sums. Of each 16 of k it loads 1 KiB of activations and 2
+// KiB of weights, 24 clocks of the first-level cache, for 16 products, 32 clocks of an A100's
+// tensor cores and 16 of an H100's, which the loads hold up; the block's four warps have the same
+// samples where there are 256 columns. Tiles come straight from memory: nothing is staged in shared
+// memory, since they lie as they are read, and nothing hides their latency but the other warps.
 #pragma once
 
 #include "redrive/kernels/cuda/tensor_tiles.h"
@@ -22,12 +23,14 @@ struct TensorProduct {
   const float* bias = nullptr;  ///< [columns]
   bool has_relu = false;
   TensorActivations opened =
-      {};                    ///< if it has rows: y is cut to where these, which come from a ReLU, are greater than 0
-  TensorActivations y = {};  ///< in the forms it has room for
+      {};  ///< if it has rows: y is cut to where these, which come from a ReLU, are greater than 0
+  TensorActivations y = {};       ///< in the forms it has room for
   OfSamples<float> numbers = {};  ///< in fp32, if there is room
   bool adds = false;              ///< to the numbers that are there
 
-  std::size_t warps() const { return (tensor_tiles(samples) + kSampleTiles - 1) / kSampleTiles * groups_of(columns); }
+  std::size_t warps() const {
+    return (tensor_tiles(samples) + kSampleTiles - 1) / kSampleTiles * groups_of(columns);
+  }
 
   REDRIVE_HD void operator()(std::size_t warp) const {
     const std::size_t across = groups_of(columns), first_c = warp % across * kColumnTiles,
@@ -49,9 +52,11 @@ struct TensorProduct {
         if (first_c + c >= column_tiles) continue;
         REDRIVE_UNROLL
         for (int half = 0; half < 2; ++half) {
-          const OperandB right = load_b(weights + ((2 * (first_c + c) + half) * tiles_of_k + k) * kLanes);
+          const OperandB right =
+              load_b(weights + ((2 * (first_c + c) + half) * tiles_of_k + k) * kLanes);
           REDRIVE_UNROLL
-          for (int s = 0; s < kSampleTiles; ++s) multiply_add(sums[s][c].half[half], left[s], right);
+          for (int s = 0; s < kSampleTiles; ++s)
+            multiply_add(sums[s][c].half[half], left[s], right);
         }
       }
     }
@@ -59,7 +64,8 @@ struct TensorProduct {
     for (int s = 0; s < kSampleTiles; ++s) {
       REDRIVE_UNROLL
       for (int c = 0; c < kColumnTiles; ++c)
-        if (first_s + s <= last_s && first_c + c < column_tiles) finish(first_s + s, first_c + c, sums[s][c]);
+        if (first_s + s <= last_s && first_c + c < column_tiles)
+          finish(first_s + s, first_c + c, sums[s][c]);
     }
   }
 
@@ -75,7 +81,8 @@ struct TensorProduct {
       for (int here = 0; here < kLanesHere; ++here) {
         REDRIVE_UNROLL
         for (int i = 0; i < 4; ++i) {
-          const std::size_t column = c * kTensorTile + 8 * half + place_in_sums(lane_of(here), i).column;
+          const std::size_t column =
+              c * kTensorTile + 8 * half + place_in_sums(lane_of(here), i).column;
           if (column < columns) sums.half[half].lane[here][i] = bias[column];
         }
       }
@@ -92,7 +99,8 @@ struct TensorProduct {
         REDRIVE_UNROLL
         for (int i = 0; i < 4; ++i) {
           const Place at = place_in_sums(lane_of(here), i);
-          const std::size_t sample = s * kTensorTile + at.row, column = c * kTensorTile + 8 * half + at.column;
+          const std::size_t sample = s * kTensorTile + at.row,
+                            column = c * kTensorTile + 8 * half + at.column;
           if (sample >= samples || column >= columns) continue;
           const float sum = sums.half[half].lane[here][i];
           numbers.at(sample, column) = adds ? numbers.at(sample, column) + sum : sum;

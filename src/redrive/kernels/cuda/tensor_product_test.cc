@@ -15,7 +15,8 @@ namespace {
 struct ProductCase {
   std::size_t samples, outputs, inputs;
 };
-const ProductCase kProducts[] = {{1, 1, 1}, {16, 64, 16}, {37, 3, 63}, {70, 144, 40}, {130, 80, 32}};
+const ProductCase kProducts[] = {
+    {1, 1, 1}, {16, 64, 16}, {37, 3, 63}, {70, 144, 40}, {130, 80, 32}};
 
 std::vector<LanePair> packed_weights(PackTensorWeights pack) {
   pack.tiles_of_k = pack.own_tiles_of_k();
@@ -28,11 +29,12 @@ std::vector<LanePair> packed_weights(PackTensorWeights pack) {
 TEST(TensorProduct, Forward) {
   for (const auto& [samples, outputs, inputs] : kProducts)
     for (const bool whole :
-         {false, true}) {  // with a bias and a ReLU, to tiles; else to numbers, added to what is there
+         {false,
+          true}) {  // with a bias and a ReLU, to tiles; else to numbers, added to what is there
       const auto x = small_numbers(samples * inputs, 1), w = small_numbers(outputs * inputs, 2),
                  b = small_numbers(outputs, 3);
-      const auto packed =
-          packed_weights({.weight = w.data(), .outputs = outputs, .inputs = inputs, .row = inputs, .back = false});
+      const auto packed = packed_weights(
+          {.weight = w.data(), .outputs = outputs, .inputs = inputs, .row = inputs, .back = false});
       TestActivations x_there(samples, inputs), y(samples, outputs);
       x_there.put(x, samples, inputs);
       std::vector<float> numbers(samples * outputs, 0.5f);
@@ -53,7 +55,8 @@ TEST(TensorProduct, Forward) {
       for (std::size_t s = 0; s < samples; ++s)
         for (std::size_t o = 0; o < outputs; ++o) {
           float expected = whole ? b[o] : 0.5f;
-          for (std::size_t i = 0; i < inputs; ++i) expected += w[o * inputs + i] * x[s * inputs + i];
+          for (std::size_t i = 0; i < inputs; ++i)
+            expected += w[o * inputs + i] * x[s * inputs + i];
           if (!whole) {
             ASSERT_EQ(numbers[o * samples + s], expected) << s << ", " << o;
             continue;
@@ -69,8 +72,8 @@ TEST(TensorProduct, InputAdjoint) {
   for (const auto& [samples, outputs, inputs] : kProducts) {
     const auto d_y = small_numbers(samples * outputs, 4), w = small_numbers(outputs * inputs, 5),
                opened = small_numbers(samples * inputs, 6);
-    const auto packed =
-        packed_weights({.weight = w.data(), .outputs = outputs, .inputs = inputs, .row = inputs, .back = true});
+    const auto packed = packed_weights(
+        {.weight = w.data(), .outputs = outputs, .inputs = inputs, .row = inputs, .back = true});
     TestActivations d_there(samples, outputs), opened_there(samples, inputs), d_x(samples, inputs);
     d_there.put(d_y, samples, outputs);
     opened_there.put(opened, samples, inputs);
@@ -85,7 +88,8 @@ TEST(TensorProduct, InputAdjoint) {
       for (std::size_t i = 0; i < inputs; ++i) {
         float expected = 0;
         if (s < samples && opened[s * inputs + i] > 0)
-          for (std::size_t o = 0; o < outputs; ++o) expected += w[o * inputs + i] * d_y[s * outputs + o];
+          for (std::size_t o = 0; o < outputs; ++o)
+            expected += w[o * inputs + i] * d_y[s * outputs + o];
         expected = low_value(bf16_bits(expected));
         ASSERT_EQ(d_x.at(s, i), expected) << s << ", " << i;
         ASSERT_EQ(d_x.at_in_columns(s, i), expected) << s << ", " << i;

@@ -15,7 +15,8 @@ namespace redrive::kernels {
 inline std::vector<float> small_numbers(std::size_t n, std::uint64_t stream) {
   std::vector<float> out(n);
   for (std::size_t i = 0; i < n; ++i)
-    out[i] = static_cast<float>(static_cast<int>(random_bits(random_key(6, kStreamTest, stream), i) % 7) - 3);
+    out[i] = static_cast<float>(
+        static_cast<int>(random_bits(random_key(6, kStreamTest, stream), i) % 7) - 3);
   return out;
 }
 
@@ -36,7 +37,8 @@ struct TestActivations {
         there{rows.data(), columns.data(), tensor_tiles(samples), tensor_tiles(numbers)} {}
 
   /// From tile first_to on, numbers of each sample in [samples, count].
-  void put(const std::vector<float>& from, std::size_t samples, std::size_t count, std::size_t first_to = 0) {
+  void put(const std::vector<float>& from, std::size_t samples, std::size_t count,
+           std::size_t first_to = 0) {
     run_warps(TensorTilesOfNumbers{samples, count, {from.data(), count}, there, first_to});
   }
   float at(std::size_t sample, std::size_t column) const {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Matrices in memory as the warps of mma.h read them: in tiles of 16 x 16, lane by lane, so that a warp's load of a tile is 512 bytes in
-// a row and nothing is rearranged on the way. Activations are tiles of 16 samples; behind the last sample and the last column they are zeros.
+// Matrices in memory as the warps of mma.h read them: in tiles of 16 x 16, lane by lane, so that a
+// warp's load of a tile is 512 bytes in a row and nothing is rearranged on the way. Activations are
+// tiles of 16 samples; behind the last sample and the last column they are zeros.
 #pragma once
 
 #include <span>
@@ -12,7 +13,9 @@ namespace redrive::kernels {
 
 constexpr int kTensorTile = 16;  ///< rows and columns of a tile
 
-REDRIVE_HD constexpr std::size_t tensor_tiles(std::size_t n) { return (n + kTensorTile - 1) / kTensorTile; }
+REDRIVE_HD constexpr std::size_t tensor_tiles(std::size_t n) {
+  return (n + kTensorTile - 1) / kTensorTile;
+}
 
 REDRIVE_HD inline OperandA load_a(const LaneWords* tile) {
   OperandA a;
@@ -48,14 +51,17 @@ struct InTurn {
   }
 };
 
-/// Numbers of samples [samples, columns] in two forms. `rows`: tile (s, c) is an OperandA of 16 samples x 16 columns, left operand of a
-/// product with weights; a sample's tiles lie together. `columns`: the same tile transposed, whose product over samples is a weight's
-/// derivative; a column's tiles lie together. Either may be nowhere.
+/// Numbers of samples [samples, columns] in two forms. `rows`: tile (s, c) is an OperandA of 16
+/// samples x 16 columns, left operand of a product with weights; a sample's tiles lie together.
+/// `columns`: the same tile transposed, whose product over samples is a weight's derivative; a
+/// column's tiles lie together. Either may be nowhere.
 struct TensorActivations {
   LaneWords *rows = nullptr, *columns = nullptr;
   std::size_t sample_tiles = 0, column_tiles = 0;
 
-  REDRIVE_HD LaneWords* row_tile(std::size_t s, std::size_t c) const { return rows + (s * column_tiles + c) * kLanes; }
+  REDRIVE_HD LaneWords* row_tile(std::size_t s, std::size_t c) const {
+    return rows + (s * column_tiles + c) * kLanes;
+  }
   REDRIVE_HD LaneWords* column_tile(std::size_t s, std::size_t c) const {
     return columns + (c * sample_tiles + s) * kLanes;
   }
@@ -92,9 +98,11 @@ struct TensorTilesOfNumbers {
   }
 };
 
-/// A layer's weights as right operands: tile (n, k) of 8 columns x 16 rows of B, [tiles of n][tiles of k]. Forward B = W^T (k: inputs, n:
-/// outputs), backward B = W (k: outputs, n: inputs). weight [outputs, inputs] begins at the first input that counts, its rows are `row`
-/// numbers apart. Of all tiles of k those from first_k on are this layer's: layers that are added up stand one behind the other.
+/// A layer's weights as right operands: tile (n, k) of 8 columns x 16 rows of B, [tiles of n][tiles
+/// of k]. Forward B = W^T (k: inputs, n: outputs), backward B = W (k: outputs, n: inputs). weight
+/// [outputs, inputs] begins at the first input that counts, its rows are `row` numbers apart. Of
+/// all tiles of k those from first_k on are this layer's: layers that are added up stand one behind
+/// the other.
 struct PackTensorWeights {
   const float* weight;
   std::size_t outputs, inputs, row;
@@ -112,7 +120,8 @@ struct PackTensorWeights {
   }
   REDRIVE_HD void operator()(std::size_t i) const {
     const int w = static_cast<int>(i % 2), lane = static_cast<int>(i / 2 % kLanes);
-    const std::size_t tile = i / 2 / kLanes, k = tile % own_tiles_of_k(), n = tile / own_tiles_of_k();
+    const std::size_t tile = i / 2 / kLanes, k = tile % own_tiles_of_k(),
+                      n = tile / own_tiles_of_k();
     const Place at = place_in_b(lane, w);
     const std::size_t row_of_b = k * kTensorTile + at.row, column = n * 8 + at.column;
     to[(n * tiles_of_k + first_k + k) * kLanes + lane].at[w] =
@@ -120,9 +129,10 @@ struct PackTensorWeights {
   }
 };
 
-/// Sums over a slice of the samples, 32 x 64 of them a warp, as LayerWeightAdjoint: partial[slice * row] = d_y^T x [outputs, inputs], behind
-/// it the sums of d_y [outputs] where there is a bias. For 16 samples a warp loads 3 KiB, which takes the first-level cache 24 clocks, and
-/// multiplies 16 times, 32 clocks of an A100's tensor cores and 16 of an H100's, which the loads hold up.
+/// Sums over a slice of the samples, 32 x 64 of them a warp, as LayerWeightAdjoint: partial[slice *
+/// row] = d_y^T x [outputs, inputs], behind it the sums of d_y [outputs] where there is a bias. For
+/// 16 samples a warp loads 3 KiB, which takes the first-level cache 24 clocks, and multiplies 16
+/// times, 32 clocks of an A100's tensor cores and 16 of an H100's, which the loads hold up.
 struct TensorWeightAdjoint {
   static constexpr int kOutputTiles = 2, kInputTiles = 4;
   static constexpr std::size_t kTilesOfSlice = kSamplesOfSlice / kTensorTile;
@@ -135,15 +145,22 @@ struct TensorWeightAdjoint {
   float* partial;
   std::size_t row;  ///< from one slice's sums to the next one's
 
-  REDRIVE_HD std::size_t groups_of_inputs() const { return (tensor_tiles(inputs) + kInputTiles - 1) / kInputTiles; }
-  REDRIVE_HD std::size_t groups_of_outputs() const { return (tensor_tiles(outputs) + kOutputTiles - 1) / kOutputTiles; }
-  std::size_t warps() const { return slices_of(samples) * groups_of_outputs() * groups_of_inputs(); }
+  REDRIVE_HD std::size_t groups_of_inputs() const {
+    return (tensor_tiles(inputs) + kInputTiles - 1) / kInputTiles;
+  }
+  REDRIVE_HD std::size_t groups_of_outputs() const {
+    return (tensor_tiles(outputs) + kOutputTiles - 1) / kOutputTiles;
+  }
+  std::size_t warps() const {
+    return slices_of(samples) * groups_of_outputs() * groups_of_inputs();
+  }
 
   REDRIVE_HD void operator()(std::size_t warp) const {
-    const std::size_t across = groups_of_inputs(), of_slice = across * groups_of_outputs(), slice = warp / of_slice,
-                      first_o = warp % of_slice / across * kOutputTiles, first_i = warp % across * kInputTiles,
-                      output_tiles = tensor_tiles(outputs), input_tiles = tensor_tiles(inputs),
-                      all = tensor_tiles(samples), begin = slice * kTilesOfSlice,
+    const std::size_t across = groups_of_inputs(), of_slice = across * groups_of_outputs(),
+                      slice = warp / of_slice, first_o = warp % of_slice / across * kOutputTiles,
+                      first_i = warp % across * kInputTiles, output_tiles = tensor_tiles(outputs),
+                      input_tiles = tensor_tiles(inputs), all = tensor_tiles(samples),
+                      begin = slice * kTilesOfSlice,
                       end = begin + kTilesOfSlice < all ? begin + kTilesOfSlice : all;
     const bool sums_bias = has_bias && first_i == 0;
     OperandB ones;
@@ -188,9 +205,11 @@ struct TensorWeightAdjoint {
           REDRIVE_UNROLL
           for (int i = 0; i < 2 * kInputTiles; ++i) {
             const std::size_t input = first_i * kTensorTile + 8 * i + at.column;
-            if (input < inputs) out[output * inputs + input] = sums[o][i / 2].half[i % 2].lane[here][n];
+            if (input < inputs)
+              out[output * inputs + input] = sums[o][i / 2].half[i % 2].lane[here][n];
           }
-          if (sums_bias && at.column == 0) out[outputs * inputs + output] = of_bias[o].half[0].lane[here][n];
+          if (sums_bias && at.column == 0)
+            out[outputs * inputs + output] = of_bias[o].half[0].lane[here][n];
         }
       }
     }

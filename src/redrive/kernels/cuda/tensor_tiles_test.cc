@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// As layer_functors_test.cc on small whole numbers, exact in bf16 and their sums in float. Memory begins as NaN: what a functor leaves out shows.
+// As layer_functors_test.cc on small whole numbers, exact in bf16 and their sums in float. Memory
+// begins as NaN: what a functor leaves out shows.
 #include "redrive/kernels/cuda/tensor_tiles.h"
 
 #include <cmath>
@@ -13,7 +14,8 @@ namespace redrive::kernels {
 namespace {
 
 TEST(TensorTiles, OfNumbersInBothForms) {
-  for (const auto& [samples, columns] : {std::pair<std::size_t, std::size_t>{1, 1}, {16, 16}, {37, 63}, {300, 3}}) {
+  for (const auto& [samples, columns] :
+       {std::pair<std::size_t, std::size_t>{1, 1}, {16, 16}, {37, 63}, {300, 3}}) {
     TestActivations tiles(samples, 16 + columns);
     const auto numbers = small_numbers(samples * columns, 1);
     tiles.put(numbers, samples, columns, 1);
@@ -49,7 +51,8 @@ TEST(TensorTiles, PackedWeights) {
         for (int lane = 0; lane < kLanes; ++lane)
           for (int w = 0; w < 2; ++w) {
             const Place at = place_in_b(lane, w);
-            if (static_cast<std::size_t>(at.column) != n % 8 || static_cast<std::size_t>(at.row) != k % 16 / 2 * 2)
+            if (static_cast<std::size_t>(at.column) != n % 8 ||
+                static_cast<std::size_t>(at.row) != k % 16 / 2 * 2)
               continue;
             got = k % 2 == 0 ? low_value(tile.lane[lane].at[w]) : high_value(tile.lane[lane].at[w]);
           }
@@ -83,13 +86,16 @@ TEST(TensorTiles, FunctorsInTurn) {
 
 TEST(TensorTiles, WeightAdjointAcrossSlices) {
   for (const std::size_t samples : {std::size_t{1}, kSamplesOfSlice, 2 * kSamplesOfSlice + 37})
-    for (const auto& [outputs, inputs] : {std::pair<std::size_t, std::size_t>{1, 1}, {3, 64}, {40, 70}, {64, 32}})
+    for (const auto& [outputs, inputs] :
+         {std::pair<std::size_t, std::size_t>{1, 1}, {3, 64}, {40, 70}, {64, 32}})
       for (const bool has_bias : {false, true}) {
-        const auto d_y = small_numbers(samples * outputs, 3), x = small_numbers(samples * inputs, 4);
+        const auto d_y = small_numbers(samples * outputs, 3),
+                   x = small_numbers(samples * inputs, 4);
         TestActivations d_there(samples, 16 + outputs), x_there(samples, inputs);
         d_there.put(d_y, samples, outputs, 1);
         x_there.put(x, samples, inputs);
-        const std::size_t size = outputs * (inputs + has_bias), row = size + 3;  // another layer's stand behind
+        const std::size_t size = outputs * (inputs + has_bias),
+                          row = size + 3;  // another layer's stand behind
         std::vector<float> partial(slices_of(samples) * row, 0.25f);
         TensorWeightAdjoint adjoint{samples, outputs,       inputs,         has_bias, d_there.there,
                                     1,       x_there.there, partial.data(), row};
@@ -97,7 +103,8 @@ TEST(TensorTiles, WeightAdjointAcrossSlices) {
         std::vector<float> gradients(row), expected(row);
         AddSlices add{slices_of(samples), row, partial.data(), gradients.data()};
         for (std::size_t i = 0; i < row; ++i) add(i);
-        for (std::size_t i = size; i < row; ++i) expected[i] = 0.25f * static_cast<float>(slices_of(samples));
+        for (std::size_t i = size; i < row; ++i)
+          expected[i] = 0.25f * static_cast<float>(slices_of(samples));
         for (std::size_t s = 0; s < samples; ++s)
           for (std::size_t o = 0; o < outputs; ++o) {
             for (std::size_t i = 0; i < inputs; ++i)

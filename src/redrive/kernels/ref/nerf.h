@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The network of field/nerf_field.h on one sample, forward and adjoint, on any scalar type: plain loops, the oracle of
-// every NerfNetwork. Tests run it on dual numbers, RefBackend in double.
+// The network of field/nerf_field.h on one sample, forward and adjoint, on any scalar type: plain
+// loops, the oracle of every NerfNetwork. Tests run it on dual numbers, RefBackend in double.
 #pragma once
 
 #include <array>
@@ -12,17 +12,21 @@
 
 namespace redrive::kernels::ref {
 
-/// What the forward pass leaves for the adjoint: each layer's input and output (after its ReLU, if it has one).
+/// What the forward pass leaves for the adjoint: each layer's input and output (after its ReLU, if
+/// it has one).
 template <class T>
 struct NerfActivations {
   std::array<std::vector<T>, kNerfLayers> input, output;
 };
 
-constexpr bool nerf_layer_has_relu(int layer) { return layer < kNerfHidden || layer == kNerfColour; }
+constexpr bool nerf_layer_has_relu(int layer) {
+  return layer < kNerfHidden || layer == kNerfColour;
+}
 
 /// output = W input + b, then ReLU where the layer has one.
 template <class T>
-void nerf_layer_forward(const NerfConfig& config, int layer, const T* parameters, NerfActivations<T>* a) {
+void nerf_layer_forward(const NerfConfig& config, int layer, const T* parameters,
+                        NerfActivations<T>* a) {
   const NerfLayerShape shape = nerf_layer(config, layer);
   const std::vector<T>& input = a->input[layer];
   std::vector<T>& output = a->output[layer];
@@ -35,11 +39,12 @@ void nerf_layer_forward(const NerfConfig& config, int layer, const T* parameters
   }
 }
 
-/// Adds dL/dW = d_output input^T and dL/db = d_output to `gradients` and returns dL/d input = W^T d_output, where d_output
-/// is first cut to where the ReLU was open.
+/// Adds dL/dW = d_output input^T and dL/db = d_output to `gradients` and returns dL/d input = W^T
+/// d_output, where d_output is first cut to where the ReLU was open.
 template <class T>
-std::vector<T> nerf_layer_adjoint(const NerfConfig& config, int layer, const T* parameters, const NerfActivations<T>& a,
-                                  std::vector<T> d_output, T* gradients) {
+std::vector<T> nerf_layer_adjoint(const NerfConfig& config, int layer, const T* parameters,
+                                  const NerfActivations<T>& a, std::vector<T> d_output,
+                                  T* gradients) {
   const NerfLayerShape shape = nerf_layer(config, layer);
   const std::vector<T>& input = a.input[layer];
   std::vector<T> d_input(shape.inputs, T(0));
@@ -55,17 +60,20 @@ std::vector<T> nerf_layer_adjoint(const NerfConfig& config, int layer, const T* 
   return d_input;
 }
 
-/// position: in the unit cube; direction: unit length. raw: r, g, b before the sigmoid, density before the ReLU.
+/// position: in the unit cube; direction: unit length. raw: r, g, b before the sigmoid, density
+/// before the ReLU.
 template <class T>
-void nerf_sample_forward(const NerfConfig& config, const T* parameters, const T position[3], const T direction[3],
-                         NerfActivations<T>* a, T raw[4]) {
-  std::vector<T> gamma_x(encoded_size(config.position_octaves)), gamma_d(encoded_size(config.direction_octaves));
+void nerf_sample_forward(const NerfConfig& config, const T* parameters, const T position[3],
+                         const T direction[3], NerfActivations<T>* a, T raw[4]) {
+  std::vector<T> gamma_x(encoded_size(config.position_octaves)),
+      gamma_d(encoded_size(config.direction_octaves));
   positional_encoding(position, config.position_octaves, gamma_x.data());
   positional_encoding(direction, config.direction_octaves, gamma_d.data());
 
   for (int layer = 0; layer < kNerfHidden; ++layer) {
     a->input[layer] = layer == 0 ? gamma_x : a->output[layer - 1];
-    if (layer == kNerfSkip) a->input[layer].insert(a->input[layer].end(), gamma_x.begin(), gamma_x.end());
+    if (layer == kNerfSkip)
+      a->input[layer].insert(a->input[layer].end(), gamma_x.begin(), gamma_x.end());
     nerf_layer_forward(config, layer, parameters, a);
   }
   a->input[kNerfDensity] = a->input[kNerfFeature] = a->output[kNerfHidden - 1];
@@ -81,24 +89,32 @@ void nerf_sample_forward(const NerfConfig& config, const T* parameters, const T 
   raw[3] = a->output[kNerfDensity][0];
 }
 
-/// Adds d loss / d parameters of this sample to `gradients`, given d_raw = d loss / d raw and the activations of its
-/// forward pass. d_position [3], unless null: d loss / d position, written. What the colour changes with the direction is left out.
+/// Adds d loss / d parameters of this sample to `gradients`, given d_raw = d loss / d raw and the
+/// activations of its forward pass. d_position [3], unless null: d loss / d position, written. What
+/// the colour changes with the direction is left out.
 template <class T>
-void nerf_sample_adjoint(const NerfConfig& config, const T* parameters, const NerfActivations<T>& a, const T d_raw[4],
-                         T* gradients, T* d_position = nullptr) {
-  std::vector<T> d = nerf_layer_adjoint(config, kNerfRgb, parameters, a, {d_raw[0], d_raw[1], d_raw[2]}, gradients);
-  d = nerf_layer_adjoint(config, kNerfColour, parameters, a, std::move(d), gradients);  // of [feature, gamma(d)]
+void nerf_sample_adjoint(const NerfConfig& config, const T* parameters, const NerfActivations<T>& a,
+                         const T d_raw[4], T* gradients, T* d_position = nullptr) {
+  std::vector<T> d = nerf_layer_adjoint(config, kNerfRgb, parameters, a,
+                                        {d_raw[0], d_raw[1], d_raw[2]}, gradients);
+  d = nerf_layer_adjoint(config, kNerfColour, parameters, a, std::move(d),
+                         gradients);  // of [feature, gamma(d)]
   d = nerf_layer_adjoint(config, kNerfFeature, parameters, a, std::move(d), gradients);
-  const std::vector<T> of_density = nerf_layer_adjoint(config, kNerfDensity, parameters, a, {d_raw[3]}, gradients);
+  const std::vector<T> of_density =
+      nerf_layer_adjoint(config, kNerfDensity, parameters, a, {d_raw[3]}, gradients);
   for (int i = 0; i < config.width; ++i) d[i] += of_density[i];
   std::vector<T> d_gamma(encoded_size(config.position_octaves), T(0));
   for (int layer = kNerfHidden - 1; layer >= 0; --layer) {
     d = nerf_layer_adjoint(config, layer, parameters, a, std::move(d), gradients);
-    // At the skip the first `width` entries of d belong to h, the rest to gamma(x), whose first layer 0 has.
+    // At the skip the first `width` entries of d belong to h, the rest to gamma(x), whose first
+    // layer 0 has.
     if (layer == kNerfSkip || layer == 0)
-      for (std::size_t i = 0; i < d_gamma.size(); ++i) d_gamma[i] += d[d.size() - d_gamma.size() + i];
+      for (std::size_t i = 0; i < d_gamma.size(); ++i)
+        d_gamma[i] += d[d.size() - d_gamma.size() + i];
   }
-  if (d_position) positional_encoding_adjoint(a.input[0].data(), config.position_octaves, d_gamma.data(), d_position);
+  if (d_position)
+    positional_encoding_adjoint(a.input[0].data(), config.position_octaves, d_gamma.data(),
+                                d_position);
 }
 
 }  // namespace redrive::kernels::ref

@@ -49,7 +49,8 @@ std::vector<double> gradient(const std::vector<double>& parameters, double* d_po
   NerfActivations<double> activations;
   loss(parameters, &activations);
   std::vector<double> gradients(parameters.size());
-  nerf_sample_adjoint(kConfig, parameters.data(), activations, kWeights, gradients.data(), d_position);
+  nerf_sample_adjoint(kConfig, parameters.data(), activations, kWeights, gradients.data(),
+                      d_position);
   return gradients;
 }
 
@@ -67,15 +68,17 @@ TEST(NerfReference, ZeroWeightsGiveTheBiases) {
 }
 
 TEST(NerfReference, SkipAndDirectionArriveWhereTheLayoutSays) {
-  // Wired by hand: layer 5 copies gamma(x)[j] from behind h into neuron 0, layers 6 and 7 pass it on; the colour layer
-  // copies gamma(d)[j] from behind the feature. So density = relu(gamma(x)[j]) and r = relu(gamma(d)[j]).
+  // Wired by hand: layer 5 copies gamma(x)[j] from behind h into neuron 0, layers 6 and 7 pass it
+  // on; the colour layer copies gamma(d)[j] from behind the feature. So density = relu(gamma(x)[j])
+  // and r = relu(gamma(d)[j]).
   std::vector<double> gamma_x(encoded_size(3)), gamma_d(encoded_size(2));
   positional_encoding(kPosition, 3, gamma_x.data());
   positional_encoding(kDirection, 2, gamma_d.data());
   for (int j = 0; j < encoded_size(2); ++j) {
     std::vector<double> parameters(nerf_parameter_count(kConfig));
     parameters[nerf_layer(kConfig, kNerfSkip).weight + kConfig.width + j] = 1;
-    for (const int layer : {6, 7, int(kNerfDensity)}) parameters[nerf_layer(kConfig, layer).weight] = 1;
+    for (const int layer : {6, 7, int(kNerfDensity)})
+      parameters[nerf_layer(kConfig, layer).weight] = 1;
     parameters[nerf_layer(kConfig, kNerfColour).weight + kConfig.width + j] = 1;
     parameters[nerf_layer(kConfig, kNerfRgb).weight] = 1;
     NerfActivations<double> a;
@@ -90,12 +93,14 @@ TEST(NerfReference, SkipAndDirectionArriveWhereTheLayoutSays) {
 TEST(NerfReference, GradientAgreesWithDualNumbersInEveryTensor) {
   using D = Dual<double, 1>;
   for (std::uint64_t seed = 1; seed <= 3; ++seed) {
-    const std::vector<double> parameters = random_parameters(seed), gradients = gradient(parameters);
+    const std::vector<double> parameters = random_parameters(seed),
+                              gradients = gradient(parameters);
     for (const NerfTensor& tensor : nerf_tensors(kConfig)) {
       // The derivative along a random direction inside this tensor, without a step.
       std::vector<D> dual(parameters.begin(), parameters.end());
       double expected = 0, scale = 0;
-      for (std::size_t i = tensor.offset; i < tensor.offset + std::size_t(tensor.rows) * tensor.columns; ++i) {
+      for (std::size_t i = tensor.offset;
+           i < tensor.offset + std::size_t(tensor.rows) * tensor.columns; ++i) {
         dual[i].d[0] = uniform(100 + seed, i);
         expected += gradients[i] * dual[i].d[0];
         scale += std::abs(gradients[i] * dual[i].d[0]);
@@ -103,7 +108,8 @@ TEST(NerfReference, GradientAgreesWithDualNumbersInEveryTensor) {
       NerfActivations<D> activations;
       EXPECT_GT(scale, 0) << tensor.name << ": nothing tested";
       // Twelve layers of sums over at most 59 inputs, then the sum over the tensor.
-      EXPECT_NEAR(loss(dual, &activations).d[0], expected, scale * (12 * 59 + 32 * 59) * 0x1p-53) << tensor.name;
+      EXPECT_NEAR(loss(dual, &activations).d[0], expected, scale * (12 * 59 + 32 * 59) * 0x1p-53)
+          << tensor.name;
     }
   }
 }
@@ -113,15 +119,19 @@ TEST(NerfReference, DerivativeByThePositionAgreesWithDualNumbers) {
   for (std::uint64_t seed = 1; seed <= 3; ++seed) {
     const std::vector<double> parameters = random_parameters(seed);
     double d_position[3];
-    EXPECT_EQ(gradient(parameters, d_position), gradient(parameters)) << "of the parameters it changes nothing";
-    const D position[3] = {D::variable(kPosition[0], 0), D::variable(kPosition[1], 1), D::variable(kPosition[2], 2)};
+    EXPECT_EQ(gradient(parameters, d_position), gradient(parameters))
+        << "of the parameters it changes nothing";
+    const D position[3] = {D::variable(kPosition[0], 0), D::variable(kPosition[1], 1),
+                           D::variable(kPosition[2], 2)};
     NerfActivations<D> activations;
     const D expected = loss({parameters.begin(), parameters.end()}, &activations, position);
     double scale = 0;
     for (const double d : expected.d) scale = std::max(scale, std::abs(d));
     EXPECT_GT(scale, 0.01) << "nothing tested";
-    // Twelve layers of sums over at most 59 inputs, 8e-14 where nothing cancels, and here no more than a tenth is left.
-    for (int k = 0; k < 3; ++k) EXPECT_NEAR(d_position[k], expected.d[k], 10 * 12 * 59 * 0x1p-53 * scale) << k;
+    // Twelve layers of sums over at most 59 inputs, 8e-14 where nothing cancels, and here no more
+    // than a tenth is left.
+    for (int k = 0; k < 3; ++k)
+      EXPECT_NEAR(d_position[k], expected.d[k], 10 * 12 * 59 * 0x1p-53 * scale) << k;
   }
 }
 
@@ -135,8 +145,9 @@ std::vector<bool> open(const NerfActivations<double>& a) {
 }
 
 TEST(NerfReference, GradientAgreesWithDifferencesAwayFromKinks) {
-  // Central differences: with all ReLUs fixed, L is a polynomial of degree one in any single parameter, so only rounding
-  // is left: |L| eps / h. Steps that open or close a ReLU are left out, and must be rare.
+  // Central differences: with all ReLUs fixed, L is a polynomial of degree one in any single
+  // parameter, so only rounding is left: |L| eps / h. Steps that open or close a ReLU are left out,
+  // and must be rare.
   const double h = 1e-5;
   const std::vector<double> parameters = random_parameters(4), gradients = gradient(parameters);
   NerfActivations<double> activations;

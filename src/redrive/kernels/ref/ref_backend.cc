@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The oracle: every stage as plain loops over the scalar functions, one thread. Spans hold float as everywhere, what
-// happens between them is double, so that its own rounding stays far below that of the kernels it judges.
+// The oracle: every stage as plain loops over the scalar functions, one thread. Spans hold float as
+// everywhere, what happens between them is double, so that its own rounding stays far below that of
+// the kernels it judges.
 #include <vector>
 
 #include "redrive/kernels/check_sizes.h"
@@ -20,18 +21,20 @@ struct FieldPoint {
   FieldPoint(const UnitFromWorld& unit_from_world, const Rays& rays, int ray, float t) {
     for (int k = 0; k < 3; ++k) {
       direction[k] = rays.direction[k * rays.n + ray];
-      position[k] =
-          (rays.origin[k * rays.n + ray] + t * direction[k] - unit_from_world.center[k]) * unit_from_world.scale;
+      position[k] = (rays.origin[k * rays.n + ray] + t * direction[k] - unit_from_world.center[k]) *
+                    unit_from_world.scale;
     }
   }
 };
 
 /// The four channels of one ray as double, [4, per_ray].
-std::vector<double> raw_of_ray(std::span<const float> raw, std::size_t n_samples, int ray, int per_ray) {
+std::vector<double> raw_of_ray(std::span<const float> raw, std::size_t n_samples, int ray,
+                               int per_ray) {
   std::vector<double> out;
   out.reserve(4 * static_cast<std::size_t>(per_ray));
   for (int k = 0; k < 4; ++k)
-    for (int s = 0; s < per_ray; ++s) out.push_back(raw[k * n_samples + static_cast<std::size_t>(ray) * per_ray + s]);
+    for (int s = 0; s < per_ray; ++s)
+      out.push_back(raw[k * n_samples + static_cast<std::size_t>(ray) * per_ray + s]);
   return out;
 }
 
@@ -54,40 +57,47 @@ class RefBackend final : public Backend {
   std::optional<Isa> isa() const override { return std::nullopt; }
   int threads() const override { return 1; }
 
-  void sample_stratified(int n_rays, const StratifiedSampling& how, std::span<float> t, std::span<float> dt) override {
+  void sample_stratified(int n_rays, const StratifiedSampling& how, std::span<float> t,
+                         std::span<float> dt) override {
     check_stratified(n_rays, how, t.size(), dt.size());
     for (int ray = 0; ray < n_rays; ++ray) {
       const std::size_t first = static_cast<std::size_t>(ray) * how.per_ray;
-      stratified_ray(how.per_ray, how.near_m, how.far_m, how.jitter, how.key, first, &t[first], &dt[first]);
+      stratified_ray(how.per_ray, how.near_m, how.far_m, how.jitter, how.key, first, &t[first],
+                     &dt[first]);
     }
   }
 
-  void sample_hierarchical(const Samples& coarse, std::span<const float> weights, int extra, bool jitter,
-                           std::uint64_t key, std::span<float> t, std::span<float> dt) override {
+  void sample_hierarchical(const Samples& coarse, std::span<const float> weights, int extra,
+                           bool jitter, std::uint64_t key, std::span<float> t,
+                           std::span<float> dt) override {
     const int n_rays = check_hierarchical(coarse, weights.size(), extra, t.size(), dt.size());
     for (std::size_t ray = 0; ray < static_cast<std::size_t>(n_rays); ++ray) {
       const std::size_t from = ray * coarse.per_ray, to = ray * (coarse.per_ray + extra);
-      hierarchical_ray(&coarse.t[from], &weights[from], coarse.per_ray, extra, jitter, key, ray * extra, &t[to],
-                       &dt[to]);
+      hierarchical_ray(&coarse.t[from], &weights[from], coarse.per_ray, extra, jitter, key,
+                       ray * extra, &t[to], &dt[to]);
     }
   }
 
-  void nerf_forward(const NerfField& field, const Rays& rays, const Samples& samples, std::span<float> raw) override {
+  void nerf_forward(const NerfField& field, const Rays& rays, const Samples& samples,
+                    std::span<float> raw) override {
     check_field(field, rays, samples);
     check_raw(rays.n, samples, raw.size());
     const std::vector<double> parameters(field.parameters.begin(), field.parameters.end());
     const std::size_t n_samples = sample_count(rays.n, samples);
     ref::NerfActivations<double> activations;
     for (std::size_t i = 0; i < n_samples; ++i) {
-      const FieldPoint point(field.unit_from_world, rays, static_cast<int>(i / samples.per_ray), samples.t[i]);
+      const FieldPoint point(field.unit_from_world, rays, static_cast<int>(i / samples.per_ray),
+                             samples.t[i]);
       double out[4];
-      ref::nerf_sample_forward(field.config, parameters.data(), point.position, point.direction, &activations, out);
+      ref::nerf_sample_forward(field.config, parameters.data(), point.position, point.direction,
+                               &activations, out);
       for (int k = 0; k < 4; ++k) raw[k * n_samples + i] = static_cast<float>(out[k]);
     }
   }
 
-  void nerf_backward(const NerfField& field, const Rays& rays, const Samples& samples, std::span<const float> d_raw,
-                     std::span<float> gradients, const RayGradients& of_rays) override {
+  void nerf_backward(const NerfField& field, const Rays& rays, const Samples& samples,
+                     std::span<const float> d_raw, std::span<float> gradients,
+                     const RayGradients& of_rays) override {
     check_field(field, rays, samples);
     check_raw(rays.n, samples, d_raw.size());
     check_ray_gradients(rays.n, of_rays);
@@ -101,13 +111,17 @@ class RefBackend final : public Backend {
       const FieldPoint point(field.unit_from_world, rays, ray, samples.t[i]);
       double raw[4], d[4], d_point[3];
       for (int k = 0; k < 4; ++k) d[k] = d_raw[k * n_samples + i];
-      ref::nerf_sample_forward(field.config, parameters.data(), point.position, point.direction, &activations, raw);
-      ref::nerf_sample_adjoint(field.config, parameters.data(), activations, d, sums.data(), d_point);
+      ref::nerf_sample_forward(field.config, parameters.data(), point.position, point.direction,
+                               &activations, raw);
+      ref::nerf_sample_adjoint(field.config, parameters.data(), activations, d, sums.data(),
+                               d_point);
       for (int k = 0; k < 3; ++k) d_position[k * per_ray + i % per_ray] = d_point[k];
       if (of_rays.wanted() && i % per_ray == per_ray - 1)
-        add_ray_gradient(field.unit_from_world, rays.n, samples, ray, d_position.data(), per_ray, of_rays);
+        add_ray_gradient(field.unit_from_world, rays.n, samples, ray, d_position.data(), per_ray,
+                         of_rays);
     }
-    for (std::size_t i = 0; i < sums.size(); ++i) gradients[i] = static_cast<float>(gradients[i] + sums[i]);
+    for (std::size_t i = 0; i < sums.size(); ++i)
+      gradients[i] = static_cast<float>(gradients[i] + sums[i]);
   }
 
   void composite_forward(int n_rays, const Samples& samples, std::span<const float> raw,
@@ -117,9 +131,11 @@ class RefBackend final : public Backend {
     std::vector<double> weights(per_ray);
     for (int ray = 0; ray < n_rays; ++ray) {
       const std::size_t first = static_cast<std::size_t>(ray) * per_ray;
-      const std::vector<double> of_ray = raw_of_ray(raw, sample_count(n_rays, samples), ray, per_ray);
-      const RayComposite<double> sum = composite_ray(of_ray.data(), per_ray, &samples.t[first], &samples.dt[first],
-                                                     per_ray, weights.data(), Colour(background, n_rays, ray).data());
+      const std::vector<double> of_ray =
+          raw_of_ray(raw, sample_count(n_rays, samples), ray, per_ray);
+      const RayComposite<double> sum =
+          composite_ray(of_ray.data(), per_ray, &samples.t[first], &samples.dt[first], per_ray,
+                        weights.data(), Colour(background, n_rays, ray).data());
       for (int k = 0; k < 3; ++k) out.rgb[k * n_rays + ray] = static_cast<float>(sum.rgb[k]);
       out.depth[ray] = static_cast<float>(sum.depth);
       out.opacity[ray] = static_cast<float>(sum.opacity);
@@ -139,19 +155,22 @@ class RefBackend final : public Backend {
       const std::size_t first = static_cast<std::size_t>(ray) * per_ray;
       const std::vector<double> of_ray = raw_of_ray(raw, n_samples, ray, per_ray);
       std::vector<double> d_weights;
-      if (!adjoint.d_weights.empty()) d_weights.assign(&adjoint.d_weights[first], &adjoint.d_weights[first] + per_ray);
+      if (!adjoint.d_weights.empty())
+        d_weights.assign(&adjoint.d_weights[first], &adjoint.d_weights[first] + per_ray);
       composite_ray_adjoint(of_ray.data(), per_ray, &samples.dt[first], per_ray,
                             Colour(adjoint.d_rgb, n_rays, ray).data(), d_of_ray.data(),
-                            d_weights.empty() ? nullptr : d_weights.data(), Colour(background, n_rays, ray).data());
+                            d_weights.empty() ? nullptr : d_weights.data(),
+                            Colour(background, n_rays, ray).data());
       for (int k = 0; k < 4; ++k)
         for (int s = 0; s < per_ray; ++s)
           d_raw[k * n_samples + first + s] = static_cast<float>(d_of_ray[k * per_ray + s]);
     }
   }
 
-  void photometric_loss(std::span<const float> rgb, std::span<const float> target, std::span<float> d_rgb,
-                        double* loss) override {
-    *loss = photometric_batch(rgb, target, check_photometric(rgb.size(), target.size(), d_rgb.size()), d_rgb);
+  void photometric_loss(std::span<const float> rgb, std::span<const float> target,
+                        std::span<float> d_rgb, double* loss) override {
+    *loss = photometric_batch(rgb, target,
+                              check_photometric(rgb.size(), target.size(), d_rgb.size()), d_rgb);
   }
 
   void adam(const AdamStep& step, std::span<float> gradients, std::span<float> parameters,

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The composed step of the oracle against dual numbers and differences of the same loss written in one piece.
+// The composed step of the oracle against dual numbers and differences of the same loss written in
+// one piece.
 #include <cmath>
 #include <vector>
 
@@ -50,8 +51,8 @@ struct Batch {
                const RayGradients& of_rays = {}) const {
     std::vector<float> rgb(3 * kRays), depth(kRays), opacity(kRays);
     double loss = 0;
-    make_ref_backend()->train_rays(field(), rays(), samples(), target, {rgb, depth, opacity, {}}, *gradients, of_rays,
-                                   &loss);
+    make_ref_backend()->train_rays(field(), rays(), samples(), target, {rgb, depth, opacity, {}},
+                                   *gradients, of_rays, &loss);
     if (rgb_out) *rgb_out = rgb;
     return loss;
   }
@@ -59,10 +60,11 @@ struct Batch {
   /// The same loss on any scalar type, in one piece. `open` receives which ReLUs are open.
   template <class T>
   T loss(const std::vector<T>& p, std::vector<bool>* open = nullptr) const {
-    return loss(p, std::vector<T>(origin.begin(), origin.end()), std::vector<T>(direction.begin(), direction.end()),
-                open);
+    return loss(p, std::vector<T>(origin.begin(), origin.end()),
+                std::vector<T>(direction.begin(), direction.end()), open);
   }
-  /// The same of rays from and along others; what they show is seen from where the batch's own look.
+  /// The same of rays from and along others; what they show is seen from where the batch's own
+  /// look.
   template <class T>
   T loss(const std::vector<T>& p, const std::vector<T>& from, const std::vector<T>& towards,
          std::vector<bool>* open = nullptr) const {
@@ -86,16 +88,17 @@ struct Batch {
             for (const T& y : activations.output[layer]) open->push_back(y > T(0));
         open->push_back(out[3] > T(0));
       }
-      const RayComposite<T> colour =
-          composite_ray<T>(raw.data(), kPerRay, &t[ray * kPerRay], &dt[ray * kPerRay], kPerRay, nullptr);
-      for (int k = 0; k < 3; ++k) sum += photometric_term<T>(colour.rgb[k], target[k * kRays + ray], kRays).value;
+      const RayComposite<T> colour = composite_ray<T>(raw.data(), kPerRay, &t[ray * kPerRay],
+                                                      &dt[ray * kPerRay], kPerRay, nullptr);
+      for (int k = 0; k < 3; ++k)
+        sum += photometric_term<T>(colour.rgb[k], target[k * kRays + ray], kRays).value;
     }
     return sum;
   }
 };
 
-// The backend's stages hand on raw, rgb, d_rgb and d_raw as float: four roundings of 2^-24, each amplified by less than
-// the number of samples and layers it passes.
+// The backend's stages hand on raw, rgb, d_rgb and d_raw as float: four roundings of 2^-24, each
+// amplified by less than the number of samples and layers it passes.
 constexpr double kStageRounding = 4 * (Batch::kPerRay + 12) * 0x1p-24;
 
 TEST(RefBackend, GradientOfTheComposedStepAgreesWithDualNumbersInEveryTensor) {
@@ -108,7 +111,8 @@ TEST(RefBackend, GradientOfTheComposedStepAgreesWithDualNumbersInEveryTensor) {
   for (const NerfTensor& tensor : nerf_tensors(batch.config)) {
     std::vector<D> dual(batch.parameters.begin(), batch.parameters.end());
     double expected = 0, scale = 0;
-    for (std::size_t i = tensor.offset; i < tensor.offset + std::size_t(tensor.rows) * tensor.columns; ++i) {
+    for (std::size_t i = tensor.offset;
+         i < tensor.offset + std::size_t(tensor.rows) * tensor.columns; ++i) {
       dual[i].d[0] = uniform(10, i);
       expected += gradients[i] * dual[i].d[0];
       scale += std::abs(gradients[i] * dual[i].d[0]);
@@ -122,7 +126,8 @@ TEST(RefBackend, DerivativesByRaysAgreeWithDualNumbers) {
   constexpr int kNumbers = 3 * Batch::kRays;
   using D = Dual<double, 2 * kNumbers>;
   const Batch batch;
-  std::vector<float> gradients(batch.parameters.size()), plain(gradients), d_origin(kNumbers), d_direction(kNumbers);
+  std::vector<float> gradients(batch.parameters.size()), plain(gradients), d_origin(kNumbers),
+      d_direction(kNumbers);
   const double loss = batch.train(&gradients, nullptr, {d_origin, d_direction});
   EXPECT_EQ(loss, batch.train(&plain));
   EXPECT_EQ(gradients, plain) << "of the parameters it changes nothing";
@@ -131,7 +136,8 @@ TEST(RefBackend, DerivativesByRaysAgreeWithDualNumbers) {
     origin.push_back(D::variable(batch.origin[i], i));
     direction.push_back(D::variable(batch.direction[i], kNumbers + i));
   }
-  const D expected = batch.loss(std::vector<D>(batch.parameters.begin(), batch.parameters.end()), origin, direction);
+  const D expected = batch.loss(std::vector<D>(batch.parameters.begin(), batch.parameters.end()),
+                                origin, direction);
   double largest[2] = {0, 0};
   for (int i = 0; i < 2 * kNumbers; ++i)
     largest[i / kNumbers] = std::max(largest[i / kNumbers], std::abs(expected.d[i]));
@@ -143,7 +149,8 @@ TEST(RefBackend, DerivativesByRaysAgreeWithDualNumbers) {
   }
   batch.train(&gradients, nullptr, {d_origin, d_direction});
   for (int i = 0; i < kNumbers; ++i)
-    EXPECT_NEAR(d_origin[i], 2 * expected.d[i], 8 * largest[0] * kStageRounding) << "added to what is there";
+    EXPECT_NEAR(d_origin[i], 2 * expected.d[i], 8 * largest[0] * kStageRounding)
+        << "added to what is there";
 }
 
 TEST(RefBackend, GradientOfTheComposedStepAgreesWithDifferences) {
@@ -169,7 +176,8 @@ TEST(RefBackend, GradientOfTheComposedStepAgreesWithDifferences) {
       continue;
     }
     ++tested;
-    // Rounding of the loss over the step, its third derivative times h^2 (both below 1e-8 here), and the stages' floats.
+    // Rounding of the loss over the step, its third derivative times h^2 (both below 1e-8 here),
+    // and the stages' floats.
     EXPECT_NEAR(gradients[i], (above - below) / (2 * h), 1e-8 + largest * kStageRounding) << i;
   }
   EXPECT_GT(largest, 1e-3);  // else the bound above would hold for zeros
@@ -190,8 +198,10 @@ TEST(RefBackend, RenderingShowsWhatTrainingSaw) {
   const Batch batch;
   std::vector<float> gradients(batch.parameters.size()), trained;
   batch.train(&gradients, &trained);
-  std::vector<float> rgb(3 * Batch::kRays), depth(Batch::kRays), opacity(Batch::kRays), weights(batch.t.size());
-  make_ref_backend()->render_rays(batch.field(), batch.rays(), batch.samples(), {rgb, depth, opacity, weights});
+  std::vector<float> rgb(3 * Batch::kRays), depth(Batch::kRays), opacity(Batch::kRays),
+      weights(batch.t.size());
+  make_ref_backend()->render_rays(batch.field(), batch.rays(), batch.samples(),
+                                  {rgb, depth, opacity, weights});
   EXPECT_EQ(rgb, trained);
   for (int ray = 0; ray < Batch::kRays; ++ray) {
     double sum = 0;
@@ -204,17 +214,22 @@ TEST(RefBackend, SizesAreChecked) {
   const Batch batch;
   const auto backend = make_ref_backend();
   std::vector<float> raw(4 * batch.t.size()), few(7), gradients(batch.parameters.size());
-  EXPECT_THROW(backend->nerf_forward(batch.field(), batch.rays(), batch.samples(), few), std::logic_error);
-  EXPECT_THROW(backend->nerf_backward(batch.field(), batch.rays(), batch.samples(), raw, few, {}), std::logic_error);
-  EXPECT_THROW(backend->nerf_backward(batch.field(), batch.rays(), batch.samples(), raw, gradients, {few, few}),
+  EXPECT_THROW(backend->nerf_forward(batch.field(), batch.rays(), batch.samples(), few),
                std::logic_error);
-  EXPECT_THROW(backend->nerf_backward(batch.field(), batch.rays(), batch.samples(), raw, gradients, {{}, few}),
+  EXPECT_THROW(backend->nerf_backward(batch.field(), batch.rays(), batch.samples(), raw, few, {}),
+               std::logic_error);
+  EXPECT_THROW(backend->nerf_backward(batch.field(), batch.rays(), batch.samples(), raw, gradients,
+                                      {few, few}),
+               std::logic_error);
+  EXPECT_THROW(backend->nerf_backward(batch.field(), batch.rays(), batch.samples(), raw, gradients,
+                                      {{}, few}),
                std::logic_error);
   NerfField field = batch.field();
   field.parameters = few;
   EXPECT_THROW(backend->nerf_forward(field, batch.rays(), batch.samples(), raw), std::logic_error);
-  EXPECT_THROW(backend->composite_forward(Batch::kRays, batch.samples(), raw, {}, {few, few, few, {}}),
-               std::logic_error);
+  EXPECT_THROW(
+      backend->composite_forward(Batch::kRays, batch.samples(), raw, {}, {few, few, few, {}}),
+      std::logic_error);
   double loss = 0;
   EXPECT_THROW(backend->photometric_loss(few, few, few, &loss), std::logic_error);
   EXPECT_THROW(backend->adam({}, gradients, gradients, gradients, few), std::logic_error);
@@ -222,7 +237,8 @@ TEST(RefBackend, SizesAreChecked) {
 }
 
 TEST(RefBackend, PhotometricLossOfABatch) {
-  const std::vector<float> rgb = {1, 0.25f, 0.5f, 1, 0, 0.75f}, target = {0, 0.25f, 0.5f, 0.5f, 0.5f, 0.75f};
+  const std::vector<float> rgb = {1, 0.25f, 0.5f, 1, 0, 0.75f},
+                           target = {0, 0.25f, 0.5f, 0.5f, 0.5f, 0.75f};
   std::vector<float> d_rgb(6);
   double loss = 0;
   make_ref_backend()->photometric_loss(rgb, target, d_rgb, &loss);

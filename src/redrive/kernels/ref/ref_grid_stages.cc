@@ -15,7 +15,9 @@
 namespace redrive::kernels {
 namespace {
 
-std::vector<double> as_double(std::span<const float> values) { return {values.begin(), values.end()}; }
+std::vector<double> as_double(std::span<const float> values) {
+  return {values.begin(), values.end()};
+}
 
 void add_to(std::span<float> sums, const std::vector<double>& addend) {
   for (std::size_t i = 0; i < sums.size(); ++i) sums[i] = static_cast<float>(sums[i] + addend[i]);
@@ -28,7 +30,8 @@ std::array<double, 3> position_of(const UnitPoints& points, std::size_t i) {
 /// Features of point `i` in [levels, n, features] and its place among them.
 class FeaturesOf {
  public:
-  FeaturesOf(const HashGridConfig& config, std::size_t n, std::size_t i) : config_(config), n_(n), i_(i) {}
+  FeaturesOf(const HashGridConfig& config, std::size_t n, std::size_t i)
+      : config_(config), n_(n), i_(i) {}
 
   std::vector<double> get(std::span<const float> features) const {
     std::vector<double> out(config_.outputs());
@@ -54,30 +57,34 @@ class RefGridStages final : public HostRayStages {
     for (int ray = 0; ray < rays.n; ++ray) spaced_edges_of(rays, how, ray, edges);
   }
 
-  void proposed(int n_rays, const Intervals& from, std::span<const float> weights, const ProposedIntervals& how,
-                std::span<float> edges) override {
+  void proposed(int n_rays, const Intervals& from, std::span<const float> weights,
+                const ProposedIntervals& how, std::span<float> edges) override {
     check_proposed(n_rays, from, weights.size(), how.per_ray, edges.size());
     for (int ray = 0; ray < n_rays; ++ray)
-      proposed_edges(&from.edges[interval_count(ray, from.per_ray + 1)], &weights[interval_count(ray, from.per_ray)],
-                     from.per_ray, how.per_ray, how.padding, how.jitter, how.key, ray,
+      proposed_edges(&from.edges[interval_count(ray, from.per_ray + 1)],
+                     &weights[interval_count(ray, from.per_ray)], from.per_ray, how.per_ray,
+                     how.padding, how.jitter, how.key, ray,
                      &edges[interval_count(ray, how.per_ray + 1)]);
   }
 
-  void contract(const Contraction& contraction, const Rays& rays, std::span<const float> pixel_angle,
-                const Intervals& intervals, float least_width, std::span<float> position,
-                std::span<float> footprint) override {
+  void contract(const Contraction& contraction, const Rays& rays,
+                std::span<const float> pixel_angle, const Intervals& intervals, float least_width,
+                std::span<float> position, std::span<float> footprint) override {
     check_contract(rays, intervals, pixel_angle.size(), position.size(), footprint.size());
     for (int ray = 0; ray < rays.n; ++ray)
       for (int s = 0; s < intervals.per_ray; ++s)
-        contract_of(contraction, rays, pixel_angle, intervals, least_width, ray, s, position, footprint);
+        contract_of(contraction, rays, pixel_angle, intervals, least_width, ray, s, position,
+                    footprint);
   }
 
-  void contract_backward(const Contraction& contraction, const Rays& rays, const Intervals& intervals,
-                         std::span<const float> d_position, std::span<float> d_origin,
-                         std::span<float> d_direction) override {
-    check_contract_backward(rays, intervals, d_position.size(), d_origin.size(), d_direction.size());
+  void contract_backward(const Contraction& contraction, const Rays& rays,
+                         const Intervals& intervals, std::span<const float> d_position,
+                         std::span<float> d_origin, std::span<float> d_direction) override {
+    check_contract_backward(rays, intervals, d_position.size(), d_origin.size(),
+                            d_direction.size());
     for (int ray = 0; ray < rays.n; ++ray)
-      contract_backward_of<double>(contraction, rays, intervals, d_position, ray, d_origin, d_direction);
+      contract_backward_of<double>(contraction, rays, intervals, d_position, ray, d_origin,
+                                   d_direction);
   }
 
   void encode(const HashGrid& grid, const UnitPoints& points, std::span<float> features) override {
@@ -85,14 +92,16 @@ class RefGridStages final : public HostRayStages {
     const auto levels = hash_grid_levels(grid.config);
     std::vector<double> out(grid.config.outputs());
     for (std::size_t i = 0; i < points.n; ++i) {
-      hash_grid_encode<float, double, double>(grid.config, levels, grid.table.data(), position_of(points, i).data(),
-                                              points.footprint[i], out.data());
+      hash_grid_encode<float, double, double>(grid.config, levels, grid.table.data(),
+                                              position_of(points, i).data(), points.footprint[i],
+                                              out.data());
       FeaturesOf(grid.config, points.n, i).set(out, features);
     }
   }
 
-  void encode_backward(const HashGrid& grid, const UnitPoints& points, std::span<const float> d_features,
-                       std::span<float> d_table, std::span<float> d_position) override {
+  void encode_backward(const HashGrid& grid, const UnitPoints& points,
+                       std::span<const float> d_features, std::span<float> d_table,
+                       std::span<float> d_position) override {
     check_encode_backward(grid, points, d_features.size(), d_table.size(), d_position.size());
     const auto levels = hash_grid_levels(grid.config);
     const std::vector<double> table = as_double(grid.table);
@@ -100,15 +109,17 @@ class RefGridStages final : public HostRayStages {
     for (std::size_t i = 0; i < points.n; ++i) {
       const std::vector<double> d = FeaturesOf(grid.config, points.n, i).get(d_features);
       double d_point[3]{};
-      hash_grid_adjoint<double>(grid.config, levels, table.data(), position_of(points, i).data(), points.footprint[i],
-                                d.data(), sums.data(), d_point);
-      for (int k = 0; !d_position.empty() && k < 3; ++k) d_position[k * points.n + i] = static_cast<float>(d_point[k]);
+      hash_grid_adjoint<double>(grid.config, levels, table.data(), position_of(points, i).data(),
+                                points.footprint[i], d.data(), sums.data(), d_point);
+      for (int k = 0; !d_position.empty() && k < 3; ++k)
+        d_position[k * points.n + i] = static_cast<float>(d_point[k]);
     }
     add_to(d_table, sums);
   }
 
-  void network_forward(const GridNetwork& network, int n_rays, int per_ray, std::span<const float> features,
-                       std::span<const float> harmonics, std::span<float> raw) override {
+  void network_forward(const GridNetwork& network, int n_rays, int per_ray,
+                       std::span<const float> features, std::span<const float> harmonics,
+                       std::span<float> raw) override {
     check_network(network, n_rays, per_ray, features.size(), harmonics.size(), raw.size());
     const std::size_t n = interval_count(n_rays, per_ray);
     const std::vector<double> weights = as_double(network.weights);
@@ -120,8 +131,9 @@ class RefGridStages final : public HostRayStages {
     }
   }
 
-  void network_backward(const GridNetwork& network, int n_rays, int per_ray, std::span<const float> features,
-                        std::span<const float> harmonics, std::span<const float> d_raw, std::span<float> d_weights,
+  void network_backward(const GridNetwork& network, int n_rays, int per_ray,
+                        std::span<const float> features, std::span<const float> harmonics,
+                        std::span<const float> d_raw, std::span<float> d_weights,
                         std::span<float> d_features) override {
     check_network(network, n_rays, per_ray, features.size(), harmonics.size(), d_raw.size());
     REDRIVE_CHECK_OP(d_weights.size(), ==, network.weights.size());
@@ -147,24 +159,28 @@ class RefGridStages final : public HostRayStages {
     const auto levels = hash_grid_levels(grid.config);
     std::vector<double> features(grid.config.outputs());
     for (std::size_t i = 0; i < points.n; ++i) {
-      hash_grid_encode<float, double, double>(grid.config, levels, grid.table.data(), position_of(points, i).data(),
-                                              points.footprint[i], features.data());
+      hash_grid_encode<float, double, double>(grid.config, levels, grid.table.data(),
+                                              position_of(points, i).data(), points.footprint[i],
+                                              features.data());
       double sum = 0;
       for (const double feature : features) sum += feature;
-      density[i] = static_cast<float>(density_scale * std::exp(std::min<double>(sum, kMaxLogDensity)));
+      density[i] =
+          static_cast<float>(density_scale * std::exp(std::min<double>(sum, kMaxLogDensity)));
     }
   }
 
-  void proposal_density_backward(const HashGrid& grid, const UnitPoints& points, std::span<const float> density,
-                                 std::span<const float> d_density, std::span<float> d_table) override {
+  void proposal_density_backward(const HashGrid& grid, const UnitPoints& points,
+                                 std::span<const float> density, std::span<const float> d_density,
+                                 std::span<float> d_table) override {
     check_proposal_density_backward(grid, points, density.size(), d_density.size(), d_table.size());
     const auto levels = hash_grid_levels(grid.config);
     const std::vector<double> table = as_double(grid.table);
     std::vector<double> sums(table.size());
     for (std::size_t i = 0; i < points.n; ++i) {
-      const std::vector<double> d(grid.config.outputs(), static_cast<double>(density[i]) * d_density[i]);
-      hash_grid_adjoint<double>(grid.config, levels, table.data(), position_of(points, i).data(), points.footprint[i],
-                                d.data(), sums.data(), nullptr);
+      const std::vector<double> d(grid.config.outputs(),
+                                  static_cast<double>(density[i]) * d_density[i]);
+      hash_grid_adjoint<double>(grid.config, levels, table.data(), position_of(points, i).data(),
+                                points.footprint[i], d.data(), sums.data(), nullptr);
     }
     add_to(d_table, sums);
   }
@@ -184,72 +200,83 @@ class RefGridStages final : public HostRayStages {
   void weights_backward(int n_rays, const Intervals& intervals, std::span<const float> density,
                         std::span<const float> weights, std::span<const float> d_weights,
                         std::span<float> d_density) override {
-    check_weights_backward(n_rays, intervals, density.size(), weights.size(), d_weights.size(), d_density.size());
+    check_weights_backward(n_rays, intervals, density.size(), weights.size(), d_weights.size(),
+                           d_density.size());
     const std::size_t n = intervals.per_ray;
     std::vector<double> out(n);
     for (int ray = 0; ray < n_rays; ++ray) {
       const std::size_t first = interval_count(ray, intervals.per_ray);
-      ray_weights_adjoint(&intervals.edges[first + ray], as_double(density.subspan(first, n)).data(), intervals.per_ray,
-                          as_double(weights.subspan(first, n)).data(), as_double(d_weights.subspan(first, n)).data(),
-                          out.data());
+      ray_weights_adjoint(&intervals.edges[first + ray],
+                          as_double(density.subspan(first, n)).data(), intervals.per_ray,
+                          as_double(weights.subspan(first, n)).data(),
+                          as_double(d_weights.subspan(first, n)).data(), out.data());
       std::copy(out.begin(), out.end(), &d_density[first]);
     }
   }
 
-  void proposal(int n_rays, const Intervals& intervals, std::span<const float> weights, const Intervals& proposal,
-                std::span<const float> proposal_weights, std::span<float> d_proposal, double* loss) override {
-    check_proposal(n_rays, intervals, weights.size(), proposal, proposal_weights.size(), d_proposal.size());
+  void proposal(int n_rays, const Intervals& intervals, std::span<const float> weights,
+                const Intervals& proposal, std::span<const float> proposal_weights,
+                std::span<float> d_proposal, double* loss) override {
+    check_proposal(n_rays, intervals, weights.size(), proposal, proposal_weights.size(),
+                   d_proposal.size());
     double sum = 0;
     for (int ray = 0; ray < n_rays; ++ray) {
-      const std::size_t first = interval_count(ray, intervals.per_ray), p = interval_count(ray, proposal.per_ray);
+      const std::size_t first = interval_count(ray, intervals.per_ray),
+                        p = interval_count(ray, proposal.per_ray);
       std::vector<double> d(proposal.per_ray);
-      sum += proposal_loss<double>(
-          &intervals.edges[first + ray], as_double(weights.subspan(first, intervals.per_ray)).data(), intervals.per_ray,
-          &proposal.edges[p + ray], as_double(proposal_weights.subspan(p, proposal.per_ray)).data(), proposal.per_ray,
-          1.0 / n_rays, d.data());
+      sum += proposal_loss<double>(&intervals.edges[first + ray],
+                                   as_double(weights.subspan(first, intervals.per_ray)).data(),
+                                   intervals.per_ray, &proposal.edges[p + ray],
+                                   as_double(proposal_weights.subspan(p, proposal.per_ray)).data(),
+                                   proposal.per_ray, 1.0 / n_rays, d.data());
       std::copy(d.begin(), d.end(), &d_proposal[p]);
     }
     *loss = sum / n_rays;
   }
 
-  void range(int n_rays, const Intervals& intervals, std::span<const float> weights, std::span<const float> range_m,
-             float spread_m, float factor, std::span<float> d_weights, double* loss) override {
+  void range(int n_rays, const Intervals& intervals, std::span<const float> weights,
+             std::span<const float> range_m, float spread_m, float factor,
+             std::span<float> d_weights, double* loss) override {
     check_range(n_rays, intervals, weights.size(), range_m.size(), spread_m, d_weights.size());
     const std::size_t n = intervals.per_ray;
     std::vector<double> d(n);
     double sum = 0;
     for (int ray = 0; ray < n_rays; ++ray) {
       const std::size_t first = interval_count(ray, intervals.per_ray);
-      sum +=
-          range_loss<double>(&intervals.edges[first + ray], as_double(weights.subspan(first, n)).data(),
-                             intervals.per_ray, range_m[ray], spread_m, static_cast<double>(factor) / n_rays, d.data());
+      sum += range_loss<double>(&intervals.edges[first + ray],
+                                as_double(weights.subspan(first, n)).data(), intervals.per_ray,
+                                range_m[ray], spread_m, static_cast<double>(factor) / n_rays,
+                                d.data());
       std::copy(d.begin(), d.end(), &d_weights[first]);
     }
     *loss = factor * (sum / n_rays);
   }
 
-  void empty_space(int n_rays, const Intervals& intervals, std::span<const float> density, float factor,
-                   std::span<float> d_density, double* loss) override {
+  void empty_space(int n_rays, const Intervals& intervals, std::span<const float> density,
+                   float factor, std::span<float> d_density, double* loss) override {
     check_empty_space(n_rays, intervals, density.size(), d_density.size());
     const std::size_t n = intervals.per_ray;
     double sum = 0;
     for (int ray = 0; ray < n_rays; ++ray) {
       const std::size_t first = interval_count(ray, intervals.per_ray);
       std::vector<double> d = as_double(d_density.subspan(first, n));
-      sum += empty_space_loss<double>(&intervals.edges[first + ray], as_double(density.subspan(first, n)).data(),
-                                      intervals.per_ray, static_cast<double>(factor) / n_rays, d.data());
+      sum += empty_space_loss<double>(
+          &intervals.edges[first + ray], as_double(density.subspan(first, n)).data(),
+          intervals.per_ray, static_cast<double>(factor) / n_rays, d.data());
       std::copy(d.begin(), d.end(), &d_density[first]);
     }
     *loss = factor * (sum / n_rays);
   }
 
  private:
-  static void forward_sample(const GridNetwork& network, const std::vector<double>& weights, std::size_t n,
-                             std::size_t sample, std::size_t ray, std::span<const float> features,
-                             std::span<const float> harmonics, GridActivations<double>* activations, double raw[4]) {
-    grid_network_forward<double>(
-        network.config, weights.data(), FeaturesOf(network.config.grid, n, sample).get(features).data(),
-        as_double(harmonics.subspan(ray * kHarmonics, kHarmonics)).data(), network.density_scale, activations, raw);
+  static void forward_sample(const GridNetwork& network, const std::vector<double>& weights,
+                             std::size_t n, std::size_t sample, std::size_t ray,
+                             std::span<const float> features, std::span<const float> harmonics,
+                             GridActivations<double>* activations, double raw[4]) {
+    grid_network_forward<double>(network.config, weights.data(),
+                                 FeaturesOf(network.config.grid, n, sample).get(features).data(),
+                                 as_double(harmonics.subspan(ray * kHarmonics, kHarmonics)).data(),
+                                 network.density_scale, activations, raw);
   }
 };
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The encodings that the kernels feed to the network, in both forms, against field/positional_encoding.h in double.
+// The encodings that the kernels feed to the network, in both forms, against
+// field/positional_encoding.h in double.
 #include <cmath>
 
 #include <gtest/gtest.h>
@@ -12,8 +13,8 @@
 namespace redrive::kernels::bf16 {
 namespace {
 
-/// bf16 has 8 significant bits, so it rounds by at most 2^-8 of the value; the fp32 arithmetic before it is within 5e-6
-/// (encode.h).
+/// bf16 has 8 significant bits, so it rounds by at most 2^-8 of the value; the fp32 arithmetic
+/// before it is within 5e-6 (encode.h).
 double tolerance(double value) { return std::abs(value) * 0x1p-8 + 5e-6; }
 
 class EncodeTest : public testing::TestWithParam<NerfConfig> {};
@@ -29,13 +30,16 @@ TEST_P(EncodeTest, AgreesWithTheFormulaInBothForms) {
     for (std::size_t i = 0; i < position.size(); ++i) position[i] = 2 * random_unit(1, i) - 1;
     for (std::size_t i = 0; i < direction.size(); ++i) direction[i] = 2 * random_unit(2, i) - 1;
     const float special[] = {0, 1, -1, 0.5f, -0.25f, 3.7f, -1000.3125f, 0x1p24f};
-    for (std::size_t i = 0; i < std::size(special) && i < position.size(); ++i) position[i] = special[i];
+    for (std::size_t i = 0; i < std::size(special) && i < position.size(); ++i)
+      position[i] = special[i];
 
     Lane lane(network, samples);
     const LaneMemory& memory = lane.memory();
-    network.stages().encode(plan, memory, TileInput{n_rays, per_ray, position.data(), direction.data()}, true);
+    network.stages().encode(plan, memory,
+                            TileInput{n_rays, per_ray, position.data(), direction.data()}, true);
 
-    const auto check = [&](const Bf16* next, const Bf16* keep, int blocks, int octaves, auto&& point_of) {
+    const auto check = [&](const Bf16* next, const Bf16* keep, int blocks, int octaves,
+                           auto&& point_of) {
       for (int i = 0; i < samples; ++i) {
         double point[3], expected[64] = {};
         point_of(i, point);
@@ -47,7 +51,8 @@ TEST_P(EncodeTest, AgreesWithTheFormulaInBothForms) {
           if (f >= encoded_size(octaves)) {
             ASSERT_EQ(a, 0) << "padding, feature " << f;
           } else {
-            ASSERT_NEAR(from_bf16(a), expected[f], tolerance(expected[f])) << "sample " << i << " feature " << f;
+            ASSERT_NEAR(from_bf16(a), expected[f], tolerance(expected[f]))
+                << "sample " << i << " feature " << f;
           }
         }
       }
@@ -56,17 +61,18 @@ TEST_P(EncodeTest, AgreesWithTheFormulaInBothForms) {
           [&](int i, double* p) {
             for (int d = 0; d < 3; ++d) p[d] = position[d * samples + i];
           });
-    check(memory.direction_next, memory.direction_keep, plan.direction_blocks, config.direction_octaves,
-          [&](int i, double* p) {
+    check(memory.direction_next, memory.direction_keep, plan.direction_blocks,
+          config.direction_octaves, [&](int i, double* p) {
             for (int d = 0; d < 3; ++d) p[d] = direction[d * n_rays + i / per_ray];
           });
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Octaves, EncodeTest,
-                         testing::Values(NerfConfig{.width = 32},
-                                         NerfConfig{.width = 32, .position_octaves = 4, .direction_octaves = 1}),
-                         [](const auto& test) { return "position" + std::to_string(test.param.position_octaves); });
+INSTANTIATE_TEST_SUITE_P(
+    Octaves, EncodeTest,
+    testing::Values(NerfConfig{.width = 32},
+                    NerfConfig{.width = 32, .position_octaves = 4, .direction_octaves = 1}),
+    [](const auto& test) { return "position" + std::to_string(test.param.position_octaves); });
 
 }  // namespace
 }  // namespace redrive::kernels::bf16

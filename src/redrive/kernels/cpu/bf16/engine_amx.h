@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The block product by AMX: registers 0..3 hold C (2 x 2 tiles), 4 and 5 the left operand, 6 and 7 the right one.
-// `Tiles` is the instructions themselves (tiles_hardware.h) or their emulation (tiles_emulated.h).
+// The block product by AMX: registers 0..3 hold C (2 x 2 tiles), 4 and 5 the left operand, 6 and 7
+// the right one. `Tiles` is the instructions themselves (tiles_hardware.h) or their emulation
+// (tiles_emulated.h).
 #pragma once
 
 #include "redrive/kernels/cpu/bf16/product.h"
@@ -10,18 +11,20 @@ namespace {
 
 template <class Tiles>
 struct AmxEngine {
-  /// 512 samples x 256 neurons x 8.5 layers of kept activations are 2.1 MiB, near Sapphire Rapids' L2 of 2 MiB; 256 to
-  /// 1024 were within 10 % there, 128 a third slower (the weights are read again for every tile).
+  /// 512 samples x 256 neurons x 8.5 layers of kept activations are 2.1 MiB, near Sapphire Rapids'
+  /// L2 of 2 MiB; 256 to 1024 were within 10 % there, 128 a third slower (the weights are read
+  /// again for every tile).
   static constexpr int kTileSamples = 512;
 
   static void begin() { Tiles::configure(); }
   static void end() { Tiles::release(); }
 
-  /// c = (bias ? its columns repeated : 0) + products. The pending epilogue, which reads c, runs between the first
-  /// steps: the tile unit is busy for 64 cycles a step while the vector units pack the block before.
+  /// c = (bias ? its columns repeated : 0) + products. The pending epilogue, which reads c, runs
+  /// between the first steps: the tile unit is busy for 64 cycles a step while the vector units
+  /// pack the block before.
   template <class PendingBlock>
-  REDRIVE_INLINE static void product(const Product& p, const float* bias, float* c, PendingBlock& pending,
-                                     Prefetch& prefetch) {
+  REDRIVE_INLINE static void product(const Product& p, const float* bias, float* c,
+                                     PendingBlock& pending, Prefetch& prefetch) {
     if (bias) {
       Tiles::template load<0>(bias);
       Tiles::template load<1>(bias);
@@ -52,8 +55,8 @@ struct AmxEngine {
     store_c(c);
   }
 
-  REDRIVE_INLINE static void accumulate(const Bf16* a, const Bf16* b, int k_blocks, bool clear, float* c,
-                                        const PanelPrefetch& prefetch) {
+  REDRIVE_INLINE static void accumulate(const Bf16* a, const Bf16* b, int k_blocks, bool clear,
+                                        float* c, const PanelPrefetch& prefetch) {
     if (clear) {
       zero();
     } else {
@@ -72,7 +75,8 @@ struct AmxEngine {
  private:
   /// The first `steps` products of k with the pending block's 32 rows spread evenly between them.
   template <int steps, class PendingBlock>
-  REDRIVE_INLINE static int interleaved(const Product& p, PendingBlock& pending, Prefetch& prefetch) {
+  REDRIVE_INLINE static int interleaved(const Product& p, PendingBlock& pending,
+                                        Prefetch& prefetch) {
     constexpr int kRows = kBlock / steps, kLines = kBlockSize * 2 / kLine / steps;
 #pragma GCC unroll 8
     for (int k = 0; k < steps; ++k) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Block products against a double loop. The entries are small whole numbers, so every sum is exact in fp32 whatever its
-// order: |sum| <= 320 * 15 * 15 < 2^24.
+// Block products against a double loop. The entries are small whole numbers, so every sum is exact
+// in fp32 whatever its order: |sum| <= 320 * 15 * 15 < 2^24.
 #include <gtest/gtest.h>
 
 #include "redrive/base/buffer.h"
@@ -25,13 +25,16 @@ class EngineTest : public testing::TestWithParam<EngineCase> {
     a_ = Buffer<Bf16>(static_cast<std::size_t>(k_blocks) * kBlockSize);
     b_ = Buffer<Bf16>(static_cast<std::size_t>(k_blocks) * kBlockSize);
     const auto whole = [&](int k, int side, int index) {
-      return static_cast<int>(random_bits(random_key(key, kStreamTest, side), k * 32 + index) % 31) - 15;
+      return static_cast<int>(random_bits(random_key(key, kStreamTest, side), k * 32 + index) %
+                              31) -
+             15;
     };
     for (double& x : expected_) x = 0;
     for (int k = 0; k < 32 * k_blocks; ++k) {
       for (int i = 0; i < 32; ++i) {
         a_[k / 32 * kBlockSize + row_form(i, k % 32)] = to_bf16(static_cast<float>(whole(k, 0, i)));
-        b_[k / 32 * kBlockSize + pair_form(k % 32, i)] = to_bf16(static_cast<float>(whole(k, 1, i)));
+        b_[k / 32 * kBlockSize + pair_form(k % 32, i)] =
+            to_bf16(static_cast<float>(whole(k, 1, i)));
         for (int j = 0; j < 32; ++j) expected_[i * 32 + j] += whole(k, 0, i) * whole(k, 1, j);
       }
     }
@@ -61,7 +64,8 @@ TEST_P(EngineTest, BiasStartsTheSum) {
   }
   GetParam().stages().product(a_.data(), b_.data(), 2, bias.data(), c_.data());
   for (int i = 0; i < 32; ++i) {
-    for (int j = 0; j < 32; ++j) ASSERT_EQ(c_[c_form(i, j)], expected_[i * 32 + j] + 1000 * i) << i << ' ' << j;
+    for (int j = 0; j < 32; ++j)
+      ASSERT_EQ(c_[c_form(i, j)], expected_[i * 32 + j] + 1000 * i) << i << ' ' << j;
   }
 }
 
@@ -71,7 +75,8 @@ TEST_P(EngineTest, AccumulateAddsOrOverwrites) {
   GetParam().stages().accumulate(a_.data(), b_.data(), 3, true, c_.data());
   GetParam().stages().accumulate(a_.data(), b_.data(), 3, false, c_.data());
   for (int i = 0; i < 32; ++i) {
-    for (int j = 0; j < 32; ++j) ASSERT_EQ(c_[c_form(i, j)], 2 * expected_[i * 32 + j]) << i << ' ' << j;
+    for (int j = 0; j < 32; ++j)
+      ASSERT_EQ(c_[c_form(i, j)], 2 * expected_[i * 32 + j]) << i << ' ' << j;
   }
 }
 

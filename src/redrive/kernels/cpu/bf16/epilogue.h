@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// What happens to a finished fp32 block C between two products: activation, mask, bias gradient, packing to bf16.
-// Rows can be asked for a few at a time, so that an engine can run them between the products of the following block:
-// on AMX the vector units would otherwise wait for the tiles and the other way round (390 -> 277 ns a block of k =
-// 256).
+// What happens to a finished fp32 block C between two products: activation, mask, bias gradient,
+// packing to bf16. Rows can be asked for a few at a time, so that an engine can run them between
+// the products of the following block: on AMX the vector units would otherwise wait for the tiles
+// and the other way round (390 -> 277 ns a block of k = 256).
 #pragma once
 
 #include "redrive/kernels/cpu/bf16/plan.h"
@@ -19,7 +19,8 @@ enum class Epilogue {
   kHead             ///< forward, fp32 outputs: rgb and density
 };
 
-/// Where a pass over blocks (output block ob, sample block n) leaves them. Unused pointers are null.
+/// Where a pass over blocks (output block ob, sample block n) leaves them. Unused pointers are
+/// null.
 struct PassOutput {
   Bf16* next = nullptr;  ///< [n_blocks][next_stride]
   int next_stride = 0;
@@ -28,7 +29,8 @@ struct PassOutput {
   float* d_bias = nullptr;        ///< [out_blocks][32]
   float* c = nullptr;             ///< [n_blocks][out_blocks] C blocks
   int c_stride = 0;               ///< out_blocks
-  float* head = nullptr;          ///< row r of the only output block at head + r * head_stride, samples < head_samples
+  float* head = nullptr;  ///< row r of the only output block at head + r * head_stride, samples <
+                          ///< head_samples
   std::ptrdiff_t head_stride = 0;
   int head_rows = 0, head_samples = 0;
 };
@@ -39,10 +41,12 @@ class Pending {
  public:
   static constexpr bool kActivates = kind == Epilogue::kReluKeep || kind == Epilogue::kRelu;
   static constexpr bool kMasked = kind == Epilogue::kMaskedGradient;
-  static constexpr bool kBackward = kMasked || kind == Epilogue::kInputGradient;  ///< rows are samples
+  static constexpr bool kBackward =
+      kMasked || kind == Epilogue::kInputGradient;  ///< rows are samples
   static constexpr bool kKeeps = kMasked || kind == Epilogue::kReluKeep;
 
-  Pending(const PassOutput& output, int n_blocks, const float* c) : output_(output), n_blocks_(n_blocks), c_(c) {}
+  Pending(const PassOutput& output, int n_blocks, const float* c)
+      : output_(output), n_blocks_(n_blocks), c_(c) {}
 
   bool exists() const { return exists_; }
 
@@ -114,7 +118,8 @@ class Pending {
         Bf16* row = rows_ + (r / 16) * kTileSize + (r % 16) * kBlock;
         store(row, even);
         store(row + kBlock, odd);
-        if constexpr (kind == Epilogue::kReluKeep) {  // active: > 0 as a signed 16-bit number, so neither 0 nor -0
+        if constexpr (kind == Epilogue::kReluKeep) {  // active: > 0 as a signed 16-bit number, so
+                                                      // neither 0 nor -0
           active_[r] = _mm512_cmpgt_epi16_mask(even, _mm512_setzero_si512());
           active_[r + 1] = _mm512_cmpgt_epi16_mask(odd, _mm512_setzero_si512());
         }

@@ -1,30 +1,38 @@
 // SPDX-License-Identifier: Apache-2.0
-// How matrices lie in memory for bf16 products with fp32 sums. Everything is cut into blocks of 32 x 32, because an
-// AMX tile is 16 rows x 64 bytes, there are eight of them, and 2 x 2 accumulators + 2 + 2 operands use them all:
-// 4 tile products per 4 tile loads, twice as good as 1 x 1. vdpbf16ps reads the same layouts.
+// How matrices lie in memory for bf16 products with fp32 sums. Everything is cut into blocks of 32
+// x 32, because an AMX tile is 16 rows x 64 bytes, there are eight of them, and 2 x 2 accumulators
+// + 2 + 2 operands use them all: 4 tile products per 4 tile loads, twice as good as 1 x 1.
+// vdpbf16ps reads the same layouts.
 //
 // A block of 32 x 32 bf16 is two tiles of 16 x 32 (1 KiB each, 2 KiB a block), in one of two forms:
 //
-//   row form        tile t, row r, column c = M[16 t + r][c]            t = 0: | rows  0..15, all 32 columns |
-//   (left operand   offset 512 t + 32 r + c                             t = 1: | rows 16..31, all 32 columns |
+//   row form        tile t, row r, column c = M[16 t + r][c]            t = 0: | rows  0..15, all
+//   32 columns | (left operand   offset 512 t + 32 r + c                             t = 1: |
+//   rows 16..31, all 32 columns |
 //    A, k = columns)
 //
-//   pair form       tile t, row p, pair c   = M[2 p][16 t + c],         t = 0: | columns  0..15 | of rows (0, 1),
-//   (right operand  offset 512 t + 32 p +     M[2 p + 1][16 t + c]      t = 1: | columns 16..31 | (2, 3), ...
+//   pair form       tile t, row p, pair c   = M[2 p][16 t + c],         t = 0: | columns  0..15 |
+//   of rows (0, 1), (right operand  offset 512 t + 32 p +     M[2 p + 1][16 t + c]      t = 1: |
+//   columns 16..31 | (2, 3), ...
 //    B, k = rows)   2 c + (row & 1)         side by side
 //
-//   fp32 block C    tile (i, j), row r, column c = C[16 i + r][16 j + c], offset 512 i + 256 j + 16 r + c
+//   fp32 block C    tile (i, j), row r, column c = C[16 i + r][16 j + c], offset 512 i + 256 j + 16
+//   r + c
 //
 // Nothing is ever transposed but the bits of the ReLU masks:
-//   forward  C = W X     rows = neurons, columns = samples. W in row form; X in pair form (k = inputs).
-//                        A finished C is packed into pair form (X of the next layer: "next") by joining neighbouring
-//                        rows, and into row form (neurons x samples: "keep", left operand of dW) by joining
-//                        neighbouring column tiles.
-//   backward C = D W     rows = samples, columns = the layer's inputs. D in row form (k = outputs), W in pair form.
-//                        A finished C is packed into row form ("next") and pair form (k = samples: "keep").
+//   forward  C = W X     rows = neurons, columns = samples. W in row form; X in pair form (k =
+//   inputs).
+//                        A finished C is packed into pair form (X of the next layer: "next") by
+//                        joining neighbouring rows, and into row form (neurons x samples: "keep",
+//                        left operand of dW) by joining neighbouring column tiles.
+//   backward C = D W     rows = samples, columns = the layer's inputs. D in row form (k = outputs),
+//   W in pair form.
+//                        A finished C is packed into row form ("next") and pair form (k = samples:
+//                        "keep").
 //   weights  dW^T += X D rows = inputs, columns = outputs, k = samples: the two "keep"s.
 //
-// Arrays of blocks: next [n][blocks], keep [blocks][n], n = 32 samples each: contiguous along k for their reader.
+// Arrays of blocks: next [n][blocks], keep [blocks][n], n = 32 samples each: contiguous along k for
+// their reader.
 #pragma once
 
 #include <cstddef>
@@ -34,14 +42,17 @@ namespace redrive::kernels::bf16 {
 
 using Bf16 = std::uint16_t;
 
-constexpr int kBlock = 32;                  ///< rows and columns of a block
-constexpr int kTileSize = 512;              ///< bf16 of a tile
-constexpr int kBlockSize = 2 * kTileSize;   ///< bf16 of a block in either form; also the floats of a C block
-constexpr int kTileFloats = 256;            ///< floats of a quarter of a C block
-constexpr int kBiasTile = 2 * kTileFloats;  ///< floats of 32 biases, each over 16 columns: the left half of a C block
+constexpr int kBlock = 32;      ///< rows and columns of a block
+constexpr int kTileSize = 512;  ///< bf16 of a tile
+constexpr int kBlockSize =
+    2 * kTileSize;                ///< bf16 of a block in either form; also the floats of a C block
+constexpr int kTileFloats = 256;  ///< floats of a quarter of a C block
+constexpr int kBiasTile =
+    2 * kTileFloats;  ///< floats of 32 biases, each over 16 columns: the left half of a C block
 
-/// Samples summed in one visit of a dW block: 8 blocks of k = 256. A visit moves the block's 4 KiB of fp32 in and out
-/// and reads 2 x 16 KiB of operands; longer panels would no longer stand in a 48 KiB L1 together.
+/// Samples summed in one visit of a dW block: 8 blocks of k = 256. A visit moves the block's 4 KiB
+/// of fp32 in and out and reads 2 x 16 KiB of operands; longer panels would no longer stand in a 48
+/// KiB L1 together.
 constexpr int kWeightGradientBlocks = 8;
 
 }  // namespace redrive::kernels::bf16

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The portable half of the bf16 network: sizes, memory and threads. What is computed stands in network_stages.h,
-// compiled once per ISA behind the table of functions of plan.h.
+// The portable half of the bf16 network: sizes, memory and threads. What is computed stands in
+// network_stages.h, compiled once per ISA behind the table of functions of plan.h.
 #include "redrive/kernels/cpu/bf16/network.h"
 
 #include <algorithm>
@@ -34,13 +34,15 @@ class Carver {
 /// With base = null only the size is counted. n: blocks of 32 samples.
 LaneMemory carve(const Plan& plan, int n, Carver& carver) {
   const std::size_t block = static_cast<std::size_t>(n) * kBlockSize;
-  const std::size_t widest = block * static_cast<std::size_t>(std::max(plan.width_blocks, plan.colour_blocks + 1));
+  const std::size_t widest =
+      block * static_cast<std::size_t>(std::max(plan.width_blocks, plan.colour_blocks + 1));
   LaneMemory memory;
   memory.position_next = carver.take<Bf16>(block * plan.position_blocks);
   memory.position_keep = carver.take<Bf16>(block * plan.position_blocks);
   memory.direction_next = carver.take<Bf16>(block * plan.direction_blocks);
   memory.direction_keep = carver.take<Bf16>(block * plan.direction_blocks);
-  memory.ray_code = carver.take<Bf16>(static_cast<std::size_t>(n) * kBlock * kBlock * plan.direction_blocks);
+  memory.ray_code =
+      carver.take<Bf16>(static_cast<std::size_t>(n) * kBlock * kBlock * plan.direction_blocks);
   for (int i = 0; i < 2; ++i) {
     memory.next[i] = carver.take<Bf16>(widest);
     memory.d_next[i] = carver.take<Bf16>(widest);
@@ -48,14 +50,14 @@ LaneMemory carve(const Plan& plan, int n, Carver& carver) {
   }
   for (int layer = 0; layer < kRgb; ++layer) {
     memory.keep[layer] = carver.take<Bf16>(block * plan.layers[layer].out_blocks);
-    memory.mask[layer] =
-        carver.take<std::uint32_t>(static_cast<std::size_t>(n) * kBlock * plan.layers[layer].out_blocks);
+    memory.mask[layer] = carver.take<std::uint32_t>(static_cast<std::size_t>(n) * kBlock *
+                                                    plan.layers[layer].out_blocks);
   }
   memory.d_rgb_next = carver.take<Bf16>(block);
   memory.d_rgb_keep = carver.take<Bf16>(block);
   for (float*& d_gamma : memory.d_gamma) d_gamma = carver.take<float>(block * plan.position_blocks);
-  memory.d_weight =
-      carver.take<float>(plan.d_weight_size + kBlockSize);  // the prefetch of "the next block" stays inside
+  memory.d_weight = carver.take<float>(
+      plan.d_weight_size + kBlockSize);  // the prefetch of "the next block" stays inside
   memory.d_bias = carver.take<float>(plan.d_bias_size);
   return memory;
 }
@@ -76,8 +78,12 @@ Plan make_plan(const NerfConfig& config) {
   plan.direction_blocks = blocks_of(encoded_size(config.direction_octaves));
   for (int i = 0; i < kPlanLayers; ++i) {
     Layer& layer = plan.layers[i];
-    layer.in_blocks = i == 0 ? plan.position_blocks : i == kRgb ? plan.colour_blocks : plan.width_blocks;
-    layer.extra_blocks = i == kNerfSkip ? plan.position_blocks : i == kColour ? plan.direction_blocks : 0;
+    layer.in_blocks = i == 0      ? plan.position_blocks
+                      : i == kRgb ? plan.colour_blocks
+                                  : plan.width_blocks;
+    layer.extra_blocks = i == kNerfSkip ? plan.position_blocks
+                         : i == kColour ? plan.direction_blocks
+                                        : 0;
     layer.k_blocks = layer.in_blocks + layer.extra_blocks;
     layer.backward_blocks = i == kColour ? layer.in_blocks : layer.k_blocks;
     layer.out_blocks = i == kRgb ? 1 : i == kColour ? plan.colour_blocks + 1 : plan.width_blocks;
@@ -92,12 +98,14 @@ Plan make_plan(const NerfConfig& config) {
   }
   for (Layer& layer : plan.layers) {
     layer.backward = plan.packed_size;
-    plan.packed_size += static_cast<std::size_t>(layer.backward_blocks) * layer.out_blocks * kBlockSize;
+    plan.packed_size +=
+        static_cast<std::size_t>(layer.backward_blocks) * layer.out_blocks * kBlockSize;
   }
   return plan;
 }
 
-std::vector<BlockRow> make_block_rows(const NerfConfig& config, const Plan& plan, const NerfLayerShape& folded) {
+std::vector<BlockRow> make_block_rows(const NerfConfig& config, const Plan& plan,
+                                      const NerfLayerShape& folded) {
   std::vector<BlockRow> rows;
   for (int i = 0; i < kPlanLayers; ++i) {
     const Layer& layer = plan.layers[i];
@@ -157,7 +165,8 @@ void Lane::forward(const NerfTile& tile, bool keep, float* raw, int stride) {
 void Lane::backward(const float* d_raw, int stride, float* d_position) {
   REDRIVE_CHECK_OP(kept_samples_, >=, 1);
   REDRIVE_CHECK_OP(stride, >=, kept_samples_);
-  network_.stages().backward(network_.plan(), network_.weights(), memory_, kept_samples_, d_raw, stride, d_position);
+  network_.stages().backward(network_.plan(), network_.weights(), memory_, kept_samples_, d_raw,
+                             stride, d_position);
   memory_.fresh = false;
 }
 
@@ -176,14 +185,18 @@ void Network::pack(std::span<const float> parameters, ThreadPool& pool) {
   folded_.fold(parameters, pool);
   pool.run_ranges(rows_.size(), 2, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
-      stages_.pack(rows_[i], rows_[i].folded ? folded_.parameters().data() : parameters.data(), weights_);
+      stages_.pack(rows_[i], rows_[i].folded ? folded_.parameters().data() : parameters.data(),
+                   weights_);
     }
   });
 }
 
-std::unique_ptr<NerfLane> Network::make_lane(int max_samples) { return std::make_unique<Lane>(*this, max_samples); }
+std::unique_ptr<NerfLane> Network::make_lane(int max_samples) {
+  return std::make_unique<Lane>(*this, max_samples);
+}
 
-void Network::reduce(std::span<const std::unique_ptr<NerfLane>> lanes, std::span<float> gradients, ThreadPool& pool) {
+void Network::reduce(std::span<const std::unique_ptr<NerfLane>> lanes, std::span<float> gradients,
+                     ThreadPool& pool) {
   REDRIVE_CHECK_OP(gradients.size(), ==, nerf_parameter_count(config_));
   std::vector<const LaneMemory*> used;
   for (const auto& lane : lanes) {

@@ -16,7 +16,8 @@ namespace redrive::kernels::bf16 {
 
 Plan make_plan(const NerfConfig& config);
 /// folded: FoldedColour::shape().
-std::vector<BlockRow> make_block_rows(const NerfConfig& config, const Plan& plan, const NerfLayerShape& folded);
+std::vector<BlockRow> make_block_rows(const NerfConfig& config, const Plan& plan,
+                                      const NerfLayerShape& folded);
 
 class Network final : public NerfNetwork {
  public:
@@ -25,7 +26,8 @@ class Network final : public NerfNetwork {
   int tile_samples() const override { return stages_.tile_samples; }
   void pack(std::span<const float> parameters, ThreadPool& pool) override;
   std::unique_ptr<NerfLane> make_lane(int max_samples) override;
-  void reduce(std::span<const std::unique_ptr<NerfLane>> lanes, std::span<float> gradients, ThreadPool& pool) override;
+  void reduce(std::span<const std::unique_ptr<NerfLane>> lanes, std::span<float> gradients,
+              ThreadPool& pool) override;
 
   const Plan& plan() const { return plan_; }
   const Stages& stages() const { return stages_; }

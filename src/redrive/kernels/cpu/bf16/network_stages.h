@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The NeRF network (field/nerf_field.h) on a tile of samples, forward then backward, for any engine. How data lies:
-// layout.h.
+// The NeRF network (field/nerf_field.h) on a tile of samples, forward then backward, for any
+// engine. How data lies: layout.h.
 #pragma once
 
 #include "redrive/kernels/cpu/bf16/encode.h"
@@ -18,8 +18,8 @@ struct NetworkStages {
     encode_directions(plan, memory, tile, keep);
   }
 
-  static void forward(const Plan& plan, const Weights& weights, const LaneMemory& memory, const TileInput& tile,
-                      bool keep, float* raw, int stride) {
+  static void forward(const Plan& plan, const Weights& weights, const LaneMemory& memory,
+                      const TileInput& tile, bool keep, float* raw, int stride) {
     encode(plan, memory, tile, keep);
     if (keep) {
       forward<Epilogue::kReluKeep>(plan, weights, memory, tile, raw, stride);
@@ -28,16 +28,24 @@ struct NetworkStages {
     }
   }
 
-  static void backward(const Plan& plan, const Weights& weights, const LaneMemory& memory, int samples,
-                       const float* d_raw, int stride, float* d_position) {
-    const int n = (samples + kBlock - 1) / kBlock, width = plan.width_blocks, colour = plan.colour_blocks;
+  static void backward(const Plan& plan, const Weights& weights, const LaneMemory& memory,
+                       int samples, const float* d_raw, int stride, float* d_position) {
+    const int n = (samples + kBlock - 1) / kBlock, width = plan.width_blocks,
+              colour = plan.colour_blocks;
     const Layer* layers = plan.layers;
     float* d_bias = memory.d_bias;
 
-    const HeadGradient rgb{
-        d_raw, stride, 3, samples, memory.d_rgb_next, 1, memory.d_rgb_keep, d_bias + layers[kRgb].d_bias};
+    const HeadGradient rgb{d_raw,
+                           stride,
+                           3,
+                           samples,
+                           memory.d_rgb_next,
+                           1,
+                           memory.d_rgb_keep,
+                           d_bias + layers[kRgb].d_bias};
     write_head_gradient(rgb);
-    // The colour's gradient is written to d_next[0] by the rgb layer below; density's stands behind it.
+    // The colour's gradient is written to d_next[0] by the rgb layer below; density's stands behind
+    // it.
     Bf16* density_next = memory.d_next[0] + std::ptrdiff_t(colour) * kBlockSize;
     Bf16* density_keep = memory.d_keep[0] + std::ptrdiff_t(colour) * n * kBlockSize;
     const HeadGradient density{d_raw + 3 * std::ptrdiff_t(stride),
@@ -51,7 +59,8 @@ struct NetworkStages {
     write_head_gradient(density);
 
     const Gradient d_rgb{memory.d_rgb_next, memory.d_rgb_keep};
-    const Gradient even{memory.d_next[0], memory.d_keep[0]}, odd{memory.d_next[1], memory.d_keep[1]};
+    const Gradient even{memory.d_next[0], memory.d_keep[0]},
+        odd{memory.d_next[1], memory.d_keep[1]};
     const Step step{plan, weights, memory, n};
     step.weight_gradient(kRgb, d_rgb);
     step.input_gradient(kRgb, d_rgb, even, colour + 1);
@@ -77,17 +86,20 @@ struct NetworkStages {
   }
 
   static void accumulate(const Bf16* a, const Bf16* b, int k_blocks, bool clear, float* c) {
-    Engine::accumulate(a, b, k_blocks, clear, c, PanelPrefetch{reinterpret_cast<const char*>(c), nullptr});
+    Engine::accumulate(a, b, k_blocks, clear, c,
+                       PanelPrefetch{reinterpret_cast<const char*>(c), nullptr});
   }
 
-  static constexpr Stages kStages{Engine::kTileSamples, Engine::begin, Engine::end, encode, forward, backward, pack_row,
-                                  reduce_row,           product,       accumulate};
+  static constexpr Stages kStages{
+      Engine::kTileSamples, Engine::begin, Engine::end, encode, forward, backward, pack_row,
+      reduce_row,           product,       accumulate};
 
  private:
   template <Epilogue hidden>
-  static void forward(const Plan& plan, const Weights& weights, const LaneMemory& memory, const TileInput& tile,
-                      float* raw, int stride) {
-    const int samples = tile.n_rays * tile.per_ray, n = (samples + kBlock - 1) / kBlock, width = plan.width_blocks;
+  static void forward(const Plan& plan, const Weights& weights, const LaneMemory& memory,
+                      const TileInput& tile, float* raw, int stride) {
+    const int samples = tile.n_rays * tile.per_ray, n = (samples + kBlock - 1) / kBlock,
+              width = plan.width_blocks;
     const Operand position{memory.position_next, plan.position_blocks, plan.position_blocks};
     const Operand direction{memory.direction_next, plan.direction_blocks, plan.direction_blocks};
 
@@ -109,7 +121,8 @@ struct NetworkStages {
         pass.output.mask = memory.mask[index];
         const Layer& following = plan.layers[index + 1];
         pass.prefetch.stream = reinterpret_cast<const char*>(weights.packed + following.forward);
-        pass.prefetch.stream_left = std::ptrdiff_t(following.k_blocks) * following.out_blocks * kBlockSize * 2;
+        pass.prefetch.stream_left =
+            std::ptrdiff_t(following.k_blocks) * following.out_blocks * kBlockSize * 2;
       }
       return pass;
     };
@@ -181,7 +194,8 @@ struct NetworkStages {
       pass.output.mask = memory.mask[index - 1];
       pass.output.d_bias = memory.d_bias + before.d_bias;
       pass.prefetch.stream = reinterpret_cast<const char*>(memory.d_weight + before.d_weight);
-      pass.prefetch.stream_left = std::ptrdiff_t(before.k_blocks) * before.out_blocks * kBlockSize * 4;
+      pass.prefetch.stream_left =
+          std::ptrdiff_t(before.k_blocks) * before.out_blocks * kBlockSize * 4;
       run_pass<Engine, Epilogue::kMaskedGradient>(pass);
     }
 
@@ -189,8 +203,9 @@ struct NetworkStages {
     void position_gradient(int index, const Gradient& d, float* d_gamma) const {
       const Layer& layer = plan.layers[index];
       Pass pass;
-      pass.weights = weights.packed + layer.backward +
-                     std::ptrdiff_t(layer.k_blocks - plan.position_blocks) * layer.out_blocks * kBlockSize;
+      pass.weights =
+          weights.packed + layer.backward +
+          std::ptrdiff_t(layer.k_blocks - plan.position_blocks) * layer.out_blocks * kBlockSize;
       pass.weight_stride = layer.out_blocks;
       pass.in = Operand{d.next, layer.out_blocks, layer.out_blocks};
       pass.out_blocks = plan.position_blocks;

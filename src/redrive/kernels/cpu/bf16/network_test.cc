@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The network against plain loops (reference_network.h): outputs bit for bit, gradients up to their sums in fp32.
+// The network against plain loops (reference_network.h): outputs bit for bit, gradients up to their
+// sums in fp32.
 #include <cmath>
 #include <cstring>
 
@@ -14,12 +15,14 @@
 namespace redrive::kernels::bf16 {
 namespace {
 
-/// Norm of the error of n-term sums in fp32 relative to their norm: every addition rounds a partial sum of about
-/// sqrt(k) terms by 2^-25 of it, together sqrt(n) 2^-24 / 2.4 for terms of random sign; ten times that.
+/// Norm of the error of n-term sums in fp32 relative to their norm: every addition rounds a partial
+/// sum of about sqrt(k) terms by 2^-25 of it, together sqrt(n) 2^-24 / 2.4 for terms of random
+/// sign; ten times that.
 double sum_tolerance(int n) { return 4 * std::sqrt(n) * 0x1p-24; }
 
-/// Real AMX may order its sums otherwise than the manual: then some roundings fall the other way, and differences grow
-/// to bf16's own noise, 2^-8 per layer over 10 layers forward and 10 back, sqrt(20) 2^-8 = 0.02, plus switched ReLUs.
+/// Real AMX may order its sums otherwise than the manual: then some roundings fall the other way,
+/// and differences grow to bf16's own noise, 2^-8 per layer over 10 layers forward and 10 back,
+/// sqrt(20) 2^-8 = 0.02, plus switched ReLUs.
 constexpr double kNoise = 0.1;
 
 struct Tile {
@@ -33,10 +36,11 @@ std::vector<float> random_parameters(const NerfConfig& config) {
   std::vector<float> parameters(nerf_parameter_count(config));
   for (int i = 0; i < kNerfLayers; ++i) {
     const NerfLayerShape shape = nerf_layer(config, i);
-    const float scale =
-        std::sqrt(6.0f / static_cast<float>(shape.inputs));  // uniform, variance 2 / inputs: He et al. 2015
+    const float scale = std::sqrt(
+        6.0f / static_cast<float>(shape.inputs));  // uniform, variance 2 / inputs: He et al. 2015
     for (int k = 0; k < shape.outputs * shape.inputs; ++k) {
-      parameters[shape.weight + k] = scale * (2 * random_unit(random_key(3, kStreamTest, i), k) - 1);
+      parameters[shape.weight + k] =
+          scale * (2 * random_unit(random_key(3, kStreamTest, i), k) - 1);
     }
     for (int k = 0; k < shape.outputs; ++k) {
       parameters[shape.bias + k] = 0.2f * (2 * random_unit(random_key(4, kStreamTest, i), k) - 1);
@@ -49,10 +53,12 @@ Tile random_tile(int n_rays, int per_ray, std::uint64_t seed) {
   const int samples = n_rays * per_ray;
   Tile tile{n_rays, per_ray, std::vector<float>(3 * samples), std::vector<float>(3 * n_rays),
             std::vector<float>(4 * samples)};
-  for (std::size_t i = 0; i < tile.position.size(); ++i) tile.position[i] = 2 * random_unit(random_key(seed, 1), i) - 1;
+  for (std::size_t i = 0; i < tile.position.size(); ++i)
+    tile.position[i] = 2 * random_unit(random_key(seed, 1), i) - 1;
   for (std::size_t i = 0; i < tile.direction.size(); ++i)
     tile.direction[i] = 2 * random_unit(random_key(seed, 2), i) - 1;
-  for (std::size_t i = 0; i < tile.d_raw.size(); ++i) tile.d_raw[i] = 2 * random_unit(random_key(seed, 3), i) - 1;
+  for (std::size_t i = 0; i < tile.d_raw.size(); ++i)
+    tile.d_raw[i] = 2 * random_unit(random_key(seed, 3), i) - 1;
   return tile;
 }
 
@@ -66,19 +72,22 @@ double relative_error(std::span<const double> expected, std::span<const float> g
   return std::sqrt(error / norm);  // NaN fails every comparison below
 }
 
-/// The reference's raw outputs [4, samples], from the very encodings the engine used; adds its gradients and writes d_position [3, samples].
-std::vector<float> run_reference(const ReferenceNetwork& reference, const NerfConfig& config, const LaneMemory& memory,
-                                 const Tile& tile, std::span<double> gradients, std::span<double> d_position) {
+/// The reference's raw outputs [4, samples], from the very encodings the engine used; adds its
+/// gradients and writes d_position [3, samples].
+std::vector<float> run_reference(const ReferenceNetwork& reference, const NerfConfig& config,
+                                 const LaneMemory& memory, const Tile& tile,
+                                 std::span<double> gradients, std::span<double> d_position) {
   const int samples = tile.samples(), blocks = make_plan(config).position_blocks;
   std::vector<float> raw(4 * samples);
   for (int i = 0; i < samples; ++i) {
     std::vector<float> gamma_x, gamma_d;
     for (int f = 0; f < encoded_size(config.position_octaves); ++f) {
-      gamma_x.push_back(
-          from_bf16(memory.position_next[(i / 32 * blocks + f / 32) * kBlockSize + pair_form(f % 32, i % 32)]));
+      gamma_x.push_back(from_bf16(memory.position_next[(i / 32 * blocks + f / 32) * kBlockSize +
+                                                       pair_form(f % 32, i % 32)]));
     }
     for (int f = 0; f < encoded_size(config.direction_octaves); ++f) {
-      gamma_d.push_back(from_bf16(memory.direction_next[i / 32 * kBlockSize + pair_form(f, i % 32)]));
+      gamma_d.push_back(
+          from_bf16(memory.direction_next[i / 32 * kBlockSize + pair_form(f, i % 32)]));
     }
     const ReferenceNetwork::Trace trace = reference.forward(gamma_x, gamma_d);
     float d_raw[4];
@@ -100,7 +109,9 @@ struct NetworkCase {
   NerfConfig config;
   int n_rays, per_ray;
 };
-void PrintTo(const NetworkCase& c, std::ostream* out) { *out << c.engine.name << ' ' << c.config.width; }
+void PrintTo(const NetworkCase& c, std::ostream* out) {
+  *out << c.engine.name << ' ' << c.config.width;
+}
 
 class NetworkTest : public testing::TestWithParam<NetworkCase> {};
 
@@ -114,8 +125,10 @@ TEST_P(NetworkTest, ForwardAndBackwardAgreeWithPlainLoops) {
   Network network(config, engine.stages());
   network.pack(parameters, pool);
 
-  // Lane 0 runs two tiles (the second smaller), lane 1 one, lane 2 none; the gradients are added to what stands there.
-  const Tile tiles[] = {random_tile(n_rays, per_ray, 10), random_tile(1, per_ray, 11), random_tile(1, 33, 12)};
+  // Lane 0 runs two tiles (the second smaller), lane 1 one, lane 2 none; the gradients are added to
+  // what stands there.
+  const Tile tiles[] = {random_tile(n_rays, per_ray, 10), random_tile(1, per_ray, 11),
+                        random_tile(1, 33, 12)};
   std::vector<std::unique_ptr<NerfLane>> lanes;
   for (int i = 0; i < 3; ++i) lanes.push_back(network.make_lane(std::max(n_rays * per_ray, 33)));
   std::vector<double> expected(reference.gradient_size(), 0.0);
@@ -124,7 +137,8 @@ TEST_P(NetworkTest, ForwardAndBackwardAgreeWithPlainLoops) {
   for (int t = 0; t < 3; ++t) {
     const Tile& tile = tiles[t];
     auto& lane = static_cast<Lane&>(*lanes[t / 2]);
-    std::vector<float> raw(4 * tile.samples()), without_keep(4 * tile.samples()), d_position(3 * tile.samples());
+    std::vector<float> raw(4 * tile.samples()), without_keep(4 * tile.samples()),
+        d_position(3 * tile.samples());
     std::vector<double> expected_d_position(d_position.size());
     lane.begin();
     lane.forward(tile.view(), false, without_keep.data(), tile.samples());
@@ -135,9 +149,11 @@ TEST_P(NetworkTest, ForwardAndBackwardAgreeWithPlainLoops) {
     const std::vector<float> expected_raw =
         run_reference(reference, config, lane.memory(), tile, expected, expected_d_position);
     // Sums of 63 terms behind products that are equal bit for bit.
-    EXPECT_LT(relative_error(expected_d_position, d_position), real_amx ? kNoise : sum_tolerance(63));
+    EXPECT_LT(relative_error(expected_d_position, d_position),
+              real_amx ? kNoise : sum_tolerance(63));
     if (real_amx) {
-      EXPECT_LT(relative_error(std::vector<double>(expected_raw.begin(), expected_raw.end()), raw), kNoise);
+      EXPECT_LT(relative_error(std::vector<double>(expected_raw.begin(), expected_raw.end()), raw),
+                kNoise);
     } else {
       for (int i = 0; i < 4 * tile.samples(); ++i)
         ASSERT_EQ(raw[i], expected_raw[i]) << "tile " << t << ", number " << i;
@@ -151,7 +167,9 @@ TEST_P(NetworkTest, ForwardAndBackwardAgreeWithPlainLoops) {
     const auto size = static_cast<std::size_t>(tensor.rows) * tensor.columns;
     EXPECT_LT(relative_error(std::span<const double>(expected).subspan(tensor.offset, size),
                              std::span<const float>(gradients).subspan(tensor.offset, size)),
-              real_amx ? kNoise : sum_tolerance(n_samples + config.width))  // feature, colour: unfolded over the width
+              real_amx ? kNoise
+                       : sum_tolerance(n_samples +
+                                       config.width))  // feature, colour: unfolded over the width
         << tensor.name;
   }
 
@@ -189,24 +207,31 @@ TEST_P(NetworkTest, EqualRunsAreBitEqual) {
     results[run].insert(results[run].end(), gradients.begin(), gradients.end());
   }
   ASSERT_EQ(results[0].size(), results[1].size());
-  EXPECT_EQ(std::memcmp(results[0].data(), results[1].data(), results[0].size() * sizeof(float)), 0);
+  EXPECT_EQ(std::memcmp(results[0].data(), results[1].data(), results[0].size() * sizeof(float)),
+            0);
 }
 
 std::vector<NetworkCase> network_cases() {
   std::vector<NetworkCase> cases;
   for (const EngineCase& engine : engine_cases()) {
-    cases.push_back({engine, {.width = 32}, 7, 77});  // colour width 16; 539 samples: three chunks of dW
+    cases.push_back(
+        {engine, {.width = 32}, 7, 77});  // colour width 16; 539 samples: three chunks of dW
     cases.push_back({engine, {.width = 64}, 1, 1});
-    cases.push_back({engine, {.width = 96, .position_octaves = 5, .direction_octaves = 2}, 5, 19});  // colour width 48
+    cases.push_back({engine,
+                     {.width = 96, .position_octaves = 5, .direction_octaves = 2},
+                     5,
+                     19});  // colour width 48
     cases.push_back({engine, {.width = 128}, 13, 11});
     cases.push_back({engine, {.width = 256}, 3, 21});
     cases.push_back({engine, {.width = 512}, 2, 5});
   }
   return cases;
 }
-INSTANTIATE_TEST_SUITE_P(Networks, NetworkTest, testing::ValuesIn(network_cases()), [](const auto& test) {
-  return std::string(test.param.engine.name) + "_" + std::to_string(test.param.config.width);
-});
+INSTANTIATE_TEST_SUITE_P(Networks, NetworkTest, testing::ValuesIn(network_cases()),
+                         [](const auto& test) {
+                           return std::string(test.param.engine.name) + "_" +
+                                  std::to_string(test.param.config.width);
+                         });
 
 /// Padded samples and outputs past the tile must not be written, nor read from d_raw.
 TEST(NetworkStrideTest, OnlyTheTilesSamplesAreTouched) {
@@ -217,7 +242,8 @@ TEST(NetworkStrideTest, OnlyTheTilesSamplesAreTouched) {
   const auto network = make_nerf_avx512_bf16(config);
   network->pack(parameters, pool);
   const int samples = 37, stride = 64;
-  std::vector<float> position(3 * samples, 0.3f), direction = {1, 0, 0}, raw(4 * stride, -7.0f), gradients[2];
+  std::vector<float> position(3 * samples, 0.3f), direction = {1, 0, 0}, raw(4 * stride, -7.0f),
+                                                  gradients[2];
   for (int run = 0; run < 2; ++run) {
     std::vector<std::unique_ptr<NerfLane>> lanes;
     lanes.push_back(network->make_lane(samples));

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Between the flat fp32 parameters (field/nerf_field.h) and the packed blocks, 32 outputs of a layer at a time.
+// Between the flat fp32 parameters (field/nerf_field.h) and the packed blocks, 32 outputs of a
+// layer at a time.
 #pragma once
 
 #include "redrive/kernels/cpu/bf16/plan.h"
@@ -8,8 +9,9 @@
 namespace redrive::kernels::bf16 {
 namespace {
 
-/// Rows in row form for the forward pass, in pair form (pairs of outputs) for the backward pass, and the bias tile.
-/// Outputs past row.rows and inputs past row.columns are zero, so padded neurons are 0 and stay without gradient.
+/// Rows in row form for the forward pass, in pair form (pairs of outputs) for the backward pass,
+/// and the bias tile. Outputs past row.rows and inputs past row.columns are zero, so padded neurons
+/// are 0 and stay without gradient.
 inline void pack_row(const BlockRow& row, const float* parameters, const Weights& weights) {
   for (int o = 0; o < kBlock; o += 2) {
     const float* even = parameters + row.weight + std::ptrdiff_t(o) * row.columns;
@@ -26,25 +28,29 @@ inline void pack_row(const BlockRow& row, const float* parameters, const Weights
       store(forward, to_bf16(even0, even1));
       store(forward + kBlock, to_bf16(odd0, odd1));
       if (kb >= row.backward_blocks) continue;
-      Bf16* backward =
-          weights.packed + row.backward + std::ptrdiff_t(kb) * row.backward_stride * kBlockSize + o / 2 * kBlock;
+      Bf16* backward = weights.packed + row.backward +
+                       std::ptrdiff_t(kb) * row.backward_stride * kBlockSize + o / 2 * kBlock;
       store(backward, to_bf16_pairs(even0, odd0));
       store(backward + kTileSize, to_bf16_pairs(even1, odd1));
     }
   }
   float* bias = weights.bias + row.bias_tile;
   for (int o = 0; o < kBlock; ++o) {
-    _mm512_store_ps(bias + o * 16, o < row.rows ? _mm512_set1_ps(parameters[row.bias + o]) : _mm512_setzero_ps());
+    _mm512_store_ps(bias + o * 16,
+                    o < row.rows ? _mm512_set1_ps(parameters[row.bias + o]) : _mm512_setzero_ps());
   }
 }
 
-/// gradients += ((lane 0 + lane 1) + lane 2) + ...; the C blocks (inputs x outputs) are transposed 16 x 16 on the way.
-inline void reduce_row(const BlockRow& row, const LaneMemory* const* lanes, int n_lanes, float* gradients) {
+/// gradients += ((lane 0 + lane 1) + lane 2) + ...; the C blocks (inputs x outputs) are transposed
+/// 16 x 16 on the way.
+inline void reduce_row(const BlockRow& row, const LaneMemory* const* lanes, int n_lanes,
+                       float* gradients) {
   for (int quarter = 0; quarter < row.k_blocks * 4; ++quarter) {
     const int k = quarter / 4 * kBlock + quarter / 2 % 2 * 16, o = quarter % 2 * 16;
     const __mmask16 columns = first_lanes(row.columns - k);
     if (!columns || o >= row.rows) continue;
-    const std::ptrdiff_t tile = static_cast<std::ptrdiff_t>(row.d_weight) + std::ptrdiff_t(quarter) * kTileFloats;
+    const std::ptrdiff_t tile =
+        static_cast<std::ptrdiff_t>(row.d_weight) + std::ptrdiff_t(quarter) * kTileFloats;
     __m512 sum[16];
     for (int r = 0; r < 16; ++r) sum[r] = _mm512_load_ps(lanes[0]->d_weight + tile + r * 16);
     for (int lane = 1; lane < n_lanes; ++lane) {
@@ -54,7 +60,8 @@ inline void reduce_row(const BlockRow& row, const LaneMemory* const* lanes, int 
     transpose_16x16(sum);
     float* out = gradients + row.weight + std::ptrdiff_t(o) * row.columns + k;
     for (int r = 0; r < 16 && o + r < row.rows; ++r, out += row.columns) {
-      _mm512_mask_storeu_ps(out, columns, _mm512_add_ps(_mm512_maskz_loadu_ps(columns, out), sum[r]));
+      _mm512_mask_storeu_ps(out, columns,
+                            _mm512_add_ps(_mm512_maskz_loadu_ps(columns, out), sum[r]));
     }
   }
   for (int o = 0; o < row.rows; ++o) {

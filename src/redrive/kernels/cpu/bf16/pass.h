@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Loops of block products over a layer. Every pass keeps the weights of one block of outputs in L1 (k = 256: 16 KiB)
-// and sends the tile's samples past them.
+// Loops of block products over a layer. Every pass keeps the weights of one block of outputs in L1
+// (k = 256: 16 KiB) and sends the tile's samples past them.
 #pragma once
 
 #include "redrive/kernels/cpu/bf16/epilogue.h"
@@ -25,8 +25,8 @@ struct Pass {
   Prefetch prefetch;
 };
 
-/// forward: C[neurons, samples] = W X; backward: C[samples, inputs] = D W. `out_blocks` blocks for each block of
-/// samples.
+/// forward: C[neurons, samples] = W X; backward: C[samples, inputs] = D W. `out_blocks` blocks for
+/// each block of samples.
 template <class Engine, Epilogue kind>
 void run_pass(const Pass& pass) {
   alignas(64) float c[kBlockSize];
@@ -38,10 +38,12 @@ void run_pass(const Pass& pass) {
     const float* bias = pass.bias ? pass.bias + std::ptrdiff_t(ob) * kBiasTile : nullptr;
     for (int n = 0; n < pass.n_blocks; ++n) {
       const Bf16* x0 = pass.in.data + std::ptrdiff_t(n) * pass.in.stride * kBlockSize;
-      const Bf16* x1 =
-          pass.extra.blocks ? pass.extra.data + std::ptrdiff_t(n) * pass.extra.stride * kBlockSize : nullptr;
-      const Product product = Pending<kind>::kBackward ? Product{x0, w0, pass.in.blocks, x1, w1, pass.extra.blocks}
-                                                       : Product{w0, x0, pass.in.blocks, w1, x1, pass.extra.blocks};
+      const Bf16* x1 = pass.extra.blocks
+                           ? pass.extra.data + std::ptrdiff_t(n) * pass.extra.stride * kBlockSize
+                           : nullptr;
+      const Product product = Pending<kind>::kBackward
+                                  ? Product{x0, w0, pass.in.blocks, x1, w1, pass.extra.blocks}
+                                  : Product{w0, x0, pass.in.blocks, w1, x1, pass.extra.blocks};
       prefetch.written = reinterpret_cast<const char*>(pending.keep_of(ob, n));
       Engine::product(product, bias, c, pending, prefetch);
       pending.set(ob, n);
@@ -50,8 +52,8 @@ void run_pass(const Pass& pass) {
   pending.rows(0, kBlock);
 }
 
-/// dW^T of a layer: [out_blocks][x blocks] C blocks += keep of the inputs times keep of the gradients, in chunks of
-/// samples.
+/// dW^T of a layer: [out_blocks][x blocks] C blocks += keep of the inputs times keep of the
+/// gradients, in chunks of samples.
 struct WeightGradient {
   const Bf16 *x = nullptr, *extra = nullptr;  ///< [blocks][n_blocks]
   int x_blocks = 0, extra_blocks = 0;
@@ -65,16 +67,21 @@ template <class Engine>
 void add_weight_gradient(const WeightGradient& g) {
   const std::ptrdiff_t panel = std::ptrdiff_t(g.n_blocks) * kBlockSize;
   const int k_blocks = g.x_blocks + g.extra_blocks;
-  const auto left = [&](int ib) { return ib < g.x_blocks ? g.x + ib * panel : g.extra + (ib - g.x_blocks) * panel; };
+  const auto left = [&](int ib) {
+    return ib < g.x_blocks ? g.x + ib * panel : g.extra + (ib - g.x_blocks) * panel;
+  };
   for (int first = 0; first < g.n_blocks; first += kWeightGradientBlocks) {
-    const int chunk = g.n_blocks - first < kWeightGradientBlocks ? g.n_blocks - first : kWeightGradientBlocks;
+    const int chunk =
+        g.n_blocks - first < kWeightGradientBlocks ? g.n_blocks - first : kWeightGradientBlocks;
     const std::ptrdiff_t offset = std::ptrdiff_t(first) * kBlockSize;
     for (int ob = 0; ob < g.out_blocks; ++ob) {
       for (int ib = 0; ib < k_blocks; ++ib) {
         float* c = g.d_weight + (std::ptrdiff_t(ob) * k_blocks + ib) * kBlockSize;
         PanelPrefetch prefetch{reinterpret_cast<const char*>(c + kBlockSize), nullptr};
-        if (ob == 0 && ib + 1 < k_blocks) prefetch.next_a = reinterpret_cast<const char*>(left(ib + 1) + offset);
-        Engine::accumulate(left(ib) + offset, g.d + ob * panel + offset, chunk, g.clear && first == 0, c, prefetch);
+        if (ob == 0 && ib + 1 < k_blocks)
+          prefetch.next_a = reinterpret_cast<const char*>(left(ib + 1) + offset);
+        Engine::accumulate(left(ib) + offset, g.d + ob * panel + offset, chunk,
+                           g.clear && first == 0, c, prefetch);
       }
     }
   }

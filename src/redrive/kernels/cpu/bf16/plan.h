@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the ISA-specific files and the portable network.cc tell each other: plain structs of sizes, offsets and
-// pointers, and a table of functions. The ISA-specific files see nothing else of the project and keep all they define
-// in unnamed namespaces, so that no inline function compiled with AVX-512 can be linked into code that runs anywhere.
+// What the ISA-specific files and the portable network.cc tell each other: plain structs of sizes,
+// offsets and pointers, and a table of functions. The ISA-specific files see nothing else of the
+// project and keep all they define in unnamed namespaces, so that no inline function compiled with
+// AVX-512 can be linked into code that runs anywhere.
 #pragma once
 
 #include <cstddef>
@@ -11,21 +12,24 @@
 
 namespace redrive::kernels::bf16 {
 
-/// Layers as they are computed: 0..7 trunk, then these. Colour is feature and colour in one (folded_colour.h). Density is
-/// its last block of outputs (row 0), with zero weights for gamma(d).
+/// Layers as they are computed: 0..7 trunk, then these. Colour is feature and colour in one
+/// (folded_colour.h). Density is its last block of outputs (row 0), with zero weights for gamma(d).
 enum PlanLayer { kTrunkLayers = 8, kColour = 8, kRgb = 9, kPlanLayers = 10 };
 
 struct Layer {
-  int in_blocks = 0;     ///< inputs that come from the layer before (layer 0: from gamma(x))
-  int extra_blocks = 0;  ///< behind them: the encoding that is concatenated (skip: gamma(x), colour: gamma(d))
-  int k_blocks = 0;      ///< in_blocks + extra_blocks
+  int in_blocks = 0;  ///< inputs that come from the layer before (layer 0: from gamma(x))
+  int extra_blocks =
+      0;  ///< behind them: the encoding that is concatenated (skip: gamma(x), colour: gamma(d))
+  int k_blocks = 0;  ///< in_blocks + extra_blocks
   int out_blocks = 0;
-  std::size_t forward = 0;    ///< in Weights::packed: [out_blocks][k_blocks] blocks in row form
-  int backward_blocks = 0;    ///< inputs that get a gradient, the first of k_blocks: all but gamma(d)
-  std::size_t backward = 0;   ///< in Weights::packed: [backward_blocks][out_blocks] blocks in pair form
+  std::size_t forward = 0;  ///< in Weights::packed: [out_blocks][k_blocks] blocks in row form
+  int backward_blocks = 0;  ///< inputs that get a gradient, the first of k_blocks: all but gamma(d)
+  std::size_t backward =
+      0;  ///< in Weights::packed: [backward_blocks][out_blocks] blocks in pair form
   std::size_t bias_tile = 0;  ///< in Weights::bias: [out_blocks][kBiasTile]
-  std::size_t d_weight = 0;   ///< in LaneMemory::d_weight: [out_blocks][k_blocks] C blocks, rows = inputs
-  std::size_t d_bias = 0;     ///< in LaneMemory::d_bias: [out_blocks][32]
+  std::size_t d_weight =
+      0;  ///< in LaneMemory::d_weight: [out_blocks][k_blocks] C blocks, rows = inputs
+  std::size_t d_bias = 0;  ///< in LaneMemory::d_bias: [out_blocks][32]
 };
 
 struct Plan {
@@ -35,8 +39,9 @@ struct Plan {
   std::size_t packed_size = 0, bias_size = 0, d_weight_size = 0, d_bias_size = 0;
 };
 
-/// Up to 32 outputs of a layer: the unit of packing and of reduction. In the flat parameters: row o at
-/// weight + o * columns, bias at bias + o, or so in FoldedColour's if `folded`. The rest as in Layer, for this block of outputs.
+/// Up to 32 outputs of a layer: the unit of packing and of reduction. In the flat parameters: row o
+/// at weight + o * columns, bias at bias + o, or so in FoldedColour's if `folded`. The rest as in
+/// Layer, for this block of outputs.
 struct BlockRow {
   bool folded = false;
   std::size_t weight = 0, bias = 0;
@@ -54,13 +59,14 @@ struct Weights {
 struct LaneMemory {
   Bf16 *position_next = nullptr, *position_keep = nullptr;    ///< gamma(x)
   Bf16 *direction_next = nullptr, *direction_keep = nullptr;  ///< gamma(d)
-  Bf16* ray_code = nullptr;                                   ///< gamma(d) of each ray, [n_rays][direction_blocks * 32]
-  Bf16* next[2] = {};                                         ///< activations, alternating between layers
-  Bf16* keep[kRgb] = {};                                      ///< activations of every layer
-  std::uint32_t* mask[kRgb] = {};                             ///< [out_blocks][n][32 samples], bit = neuron active
-  Bf16 *d_next[2] = {}, *d_keep[2] = {};                      ///< gradients, alternating between layers
+  Bf16* ray_code = nullptr;               ///< gamma(d) of each ray, [n_rays][direction_blocks * 32]
+  Bf16* next[2] = {};                     ///< activations, alternating between layers
+  Bf16* keep[kRgb] = {};                  ///< activations of every layer
+  std::uint32_t* mask[kRgb] = {};         ///< [out_blocks][n][32 samples], bit = neuron active
+  Bf16 *d_next[2] = {}, *d_keep[2] = {};  ///< gradients, alternating between layers
   Bf16 *d_rgb_next = nullptr, *d_rgb_keep = nullptr;
-  float* d_gamma[2] = {};  ///< of gamma(x), by the skip and by layer 0: [n][position_blocks] C blocks, rows = samples
+  float* d_gamma[2] = {};  ///< of gamma(x), by the skip and by layer 0: [n][position_blocks] C
+                           ///< blocks, rows = samples
   float* d_weight = nullptr;
   float* d_bias = nullptr;
   bool fresh = true;  ///< d_weight holds nothing yet: the first chunk overwrites instead of adding
@@ -78,18 +84,20 @@ struct Stages {
   int tile_samples = 0;  ///< preferred (nerf_tile.h)
   void (*begin)();
   void (*end)();
-  /// gamma(x) and gamma(d) of a tile into position_* and direction_*; samples past the tile's are zero (keep: *_keep
-  /// too).
+  /// gamma(x) and gamma(d) of a tile into position_* and direction_*; samples past the tile's are
+  /// zero (keep: *_keep too).
   void (*encode)(const Plan& plan, const LaneMemory& memory, const TileInput& tile, bool keep);
   /// encode, then the network. raw [4, stride].
-  void (*forward)(const Plan& plan, const Weights& weights, const LaneMemory& memory, const TileInput& tile, bool keep,
-                  float* raw, int stride);
-  /// Adds to memory.d_weight (overwrites it if memory.fresh) and memory.d_bias. d_position [3, samples], unless null: written.
-  void (*backward)(const Plan& plan, const Weights& weights, const LaneMemory& memory, int samples, const float* d_raw,
-                   int stride, float* d_position);
+  void (*forward)(const Plan& plan, const Weights& weights, const LaneMemory& memory,
+                  const TileInput& tile, bool keep, float* raw, int stride);
+  /// Adds to memory.d_weight (overwrites it if memory.fresh) and memory.d_bias. d_position [3,
+  /// samples], unless null: written.
+  void (*backward)(const Plan& plan, const Weights& weights, const LaneMemory& memory, int samples,
+                   const float* d_raw, int stride, float* d_position);
   void (*pack)(const BlockRow& row, const float* parameters, const Weights& weights);
   /// gradients += sum over lanes, in their order.
-  void (*reduce)(const BlockRow& row, const LaneMemory* const* lanes, int n_lanes, float* gradients);
+  void (*reduce)(const BlockRow& row, const LaneMemory* const* lanes, int n_lanes,
+                 float* gradients);
   /// One block: c = bias (kBiasTile, or null: 0) + sum_k a_k b_k. For tests.
   void (*product)(const Bf16* a, const Bf16* b, int k_blocks, const float* bias, float* c);
   /// c = (clear ? 0 : c) + sum_k a_k b_k. For tests.

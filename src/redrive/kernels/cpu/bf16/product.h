@@ -18,8 +18,9 @@ struct Product {
 
 constexpr int kLine = 64;
 
-/// While a pass over blocks runs: the weights or gradients the next pass needs go towards L2 a few lines per product,
-/// and the "keep" block that this product's epilogue will write comes into L1 for writing.
+/// While a pass over blocks runs: the weights or gradients the next pass needs go towards L2 a few
+/// lines per product, and the "keep" block that this product's epilogue will write comes into L1
+/// for writing.
 struct Prefetch {
   const char* stream = nullptr;
   std::ptrdiff_t stream_left = 0;
@@ -34,21 +35,24 @@ struct Prefetch {
   }
   REDRIVE_INLINE void prepare_write(int first_line, int lines) const {
     if (!written) return;
-    for (int i = first_line; i < first_line + lines; ++i) _mm_prefetch(written + i * kLine, _MM_HINT_ET0);
+    for (int i = first_line; i < first_line + lines; ++i)
+      _mm_prefetch(written + i * kLine, _MM_HINT_ET0);
   }
 };
 
-/// For sums of weight gradients: the next C block (4 KiB, to L1) and the next left panel (k_blocks x 2 KiB, to L2; or
-/// null).
+/// For sums of weight gradients: the next C block (4 KiB, to L1) and the next left panel (k_blocks
+/// x 2 KiB, to L2; or null).
 struct PanelPrefetch {
   const char* next_c = nullptr;
   const char* next_a = nullptr;
 
   REDRIVE_INLINE void step(int k) const {
     constexpr int kLinesOfC = 4096 / kLine / kWeightGradientBlocks, kLinesOfA = 2048 / kLine;
-    for (int i = 0; i < kLinesOfC; ++i) _mm_prefetch(next_c + (k * kLinesOfC + i) * kLine, _MM_HINT_T0);
+    for (int i = 0; i < kLinesOfC; ++i)
+      _mm_prefetch(next_c + (k * kLinesOfC + i) * kLine, _MM_HINT_T0);
     if (!next_a) return;
-    for (int i = 0; i < kLinesOfA; ++i) _mm_prefetch(next_a + (k * kLinesOfA + i) * kLine, _MM_HINT_T1);
+    for (int i = 0; i < kLinesOfA; ++i)
+      _mm_prefetch(next_a + (k * kLinesOfA + i) * kLine, _MM_HINT_T1);
   }
 };
 

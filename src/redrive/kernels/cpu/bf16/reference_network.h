@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// For the tests: one sample through the network of field/nerf_field.h in plain loops over plain matrices, rounded to
-// bf16 where the kernels round: weights, the activations between layers, the gradients between layers. Biases and
-// their gradients are not. Feature and colour are one layer (folded_colour.h), whose weights are rounded as a whole.
+// For the tests: one sample through the network of field/nerf_field.h in plain loops over plain
+// matrices, rounded to bf16 where the kernels round: weights, the activations between layers, the
+// gradients between layers. Biases and their gradients are not. Feature and colour are one layer
+// (folded_colour.h), whose weights are rounded as a whole.
 //
-// The sums that decide about a rounding are done in the order the instructions document, so that the results are
-// equal bit for bit. With another order a few activations would round the other way, and from there differences grow
-// to the rounding noise itself; no tight tolerance could stand. Gradients of parameters feed nothing: double.
+// The sums that decide about a rounding are done in the order the instructions document, so that
+// the results are equal bit for bit. With another order a few activations would round the other
+// way, and from there differences grow to the rounding noise itself; no tight tolerance could
+// stand. Gradients of parameters feed nothing: double.
 #pragma once
 
 #include <algorithm>
@@ -26,7 +28,8 @@ class ReferenceNetwork {
     for (const float p : exact_) rounded_.push_back(round_bf16(p));
   }
 
-  /// Of the arrays that backward and unfold take: the network's parameters, behind them the folded layer's.
+  /// Of the arrays that backward and unfold take: the network's parameters, behind them the folded
+  /// layer's.
   std::size_t gradient_size() const { return exact_.size(); }
 
   struct Trace {
@@ -52,23 +55,28 @@ class ReferenceNetwork {
   }
 
   /// Returns the gradient of gamma(x).
-  std::vector<double> backward(const Trace& trace, const float d_raw[4], std::span<double> gradients) const {
+  std::vector<double> backward(const Trace& trace, const float d_raw[4],
+                               std::span<double> gradients) const {
     std::vector<float> d(d_raw, d_raw + 3);
     d = masked(adjoint(trace, {kNerfRgb}, d, gradients), trace, kNerfColour);
     d.push_back(d_raw[3]);
-    d = adjoint(trace, {kNerfColour, kNerfDensity}, d, gradients);  // one sum over both layers' outputs
+    d = adjoint(trace, {kNerfColour, kNerfDensity}, d,
+                gradients);  // one sum over both layers' outputs
     std::vector<double> d_gamma(trace.input[0].size());
     for (int layer = kNerfHidden - 1; layer >= 0; --layer) {
       d = adjoint(trace, {layer}, masked(d, trace, layer), gradients);
       if (layer == kNerfSkip || layer == 0)
-        for (std::size_t i = 0; i < d_gamma.size(); ++i) d_gamma[i] += d[d.size() - d_gamma.size() + i];
+        for (std::size_t i = 0; i < d_gamma.size(); ++i)
+          d_gamma[i] += d[d.size() - d_gamma.size() + i];
     }
     return d_gamma;
   }
 
-  /// Adds to the gradients of feature and colour what the folded layer's, behind the parameters', mean.
+  /// Adds to the gradients of feature and colour what the folded layer's, behind the parameters',
+  /// mean.
   void unfold(std::span<double> gradients) const {
-    const NerfLayerShape feature = nerf_layer(config_, kNerfFeature), colour = nerf_layer(config_, kNerfColour);
+    const NerfLayerShape feature = nerf_layer(config_, kNerfFeature),
+                         colour = nerf_layer(config_, kNerfColour);
     const NerfLayerShape folded = layer_shape(kNerfColour);
     for (int o = 0; o < colour.outputs; ++o) {
       const std::size_t row = colour.weight + static_cast<std::size_t>(o) * colour.inputs;
@@ -77,7 +85,8 @@ class ReferenceNetwork {
       gradients[colour.bias + o] += d_bias;
       for (int k = config_.width; k < colour.inputs; ++k) gradients[row + k] += d_row[k];
       for (int j = 0; j < config_.width; ++j) {
-        const std::size_t feature_row = feature.weight + static_cast<std::size_t>(j) * feature.inputs;
+        const std::size_t feature_row =
+            feature.weight + static_cast<std::size_t>(j) * feature.inputs;
         double sum = d_bias * exact_[feature.bias + j];
         for (int i = 0; i < feature.inputs; ++i) {
           sum += d_row[i] * exact_[feature_row + i];
@@ -101,15 +110,18 @@ class ReferenceNetwork {
 
   /// Appends the folded layer to exact_; the sums in the order that folded_colour.h documents.
   void fold() {
-    const NerfLayerShape feature = nerf_layer(config_, kNerfFeature), colour = nerf_layer(config_, kNerfColour);
+    const NerfLayerShape feature = nerf_layer(config_, kNerfFeature),
+                         colour = nerf_layer(config_, kNerfColour);
     std::vector<float> weight, bias;
     for (int o = 0; o < colour.outputs; ++o) {
-      const float* colour_row = &exact_[colour.weight + static_cast<std::size_t>(o) * colour.inputs];
+      const float* colour_row =
+          &exact_[colour.weight + static_cast<std::size_t>(o) * colour.inputs];
       std::vector<float> row(colour_row, colour_row + colour.inputs);
       std::fill_n(row.begin(), feature.inputs, 0.0f);
       bias.push_back(exact_[colour.bias + o]);
       for (int j = 0; j < feature.outputs; ++j) {
-        const float* feature_row = &exact_[feature.weight + static_cast<std::size_t>(j) * feature.inputs];
+        const float* feature_row =
+            &exact_[feature.weight + static_cast<std::size_t>(j) * feature.inputs];
         for (int i = 0; i < feature.inputs; ++i) row[i] += colour_row[j] * feature_row[i];
         bias.back() += colour_row[j] * exact_[feature.bias + j];
       }
@@ -144,7 +156,8 @@ class ReferenceNetwork {
     for (int o = 0; o < shape.outputs; ++o) {
       const float* w = &rounded_[shape.weight + static_cast<std::size_t>(o) * shape.inputs];
       trace.output[layer].push_back(dot(
-          exact_[shape.bias + o], shape.inputs, [&](int k) { return w[k]; }, [&](int k) { return input[k]; }));
+          exact_[shape.bias + o], shape.inputs, [&](int k) { return w[k]; },
+          [&](int k) { return input[k]; }));
     }
     return trace.output[layer];
   }
@@ -155,15 +168,17 @@ class ReferenceNetwork {
   }
 
   static std::vector<float> masked(std::vector<float> d, const Trace& trace, int layer) {
-    d.resize(trace.output[layer].size());  // behind the skip stands the encoding's part: it goes to no layer
+    d.resize(trace.output[layer]
+                 .size());  // behind the skip stands the encoding's part: it goes to no layer
     for (std::size_t i = 0; i < d.size(); ++i) d[i] = trace.output[layer][i] > 0 ? d[i] : 0;
     return d;
   }
 
-  /// d: gradients of the outputs of `layers`, one behind the other; all layers begin with the same inputs, the first has
-  /// the most. Adds the gradients of their weights and biases; returns that of the inputs that all have.
-  std::vector<float> adjoint(const Trace& trace, const std::vector<int>& layers, const std::vector<float>& d,
-                             std::span<double> gradients) const {
+  /// d: gradients of the outputs of `layers`, one behind the other; all layers begin with the same
+  /// inputs, the first has the most. Adds the gradients of their weights and biases; returns that
+  /// of the inputs that all have.
+  std::vector<float> adjoint(const Trace& trace, const std::vector<int>& layers,
+                             const std::vector<float>& d, std::span<double> gradients) const {
     std::vector<float> d_rounded;  // of whole blocks of outputs, as kTiles sums them
     std::vector<const float*> rows;
     std::size_t output = 0;
@@ -174,7 +189,8 @@ class ReferenceNetwork {
         const std::size_t row = shape.weight + static_cast<std::size_t>(o) * shape.inputs;
         d_rounded.push_back(round_bf16(d[output]));
         gradients[shape.bias + o] += d[output];
-        for (int k = 0; k < shape.inputs; ++k) gradients[row + k] += static_cast<double>(d_rounded.back()) * input[k];
+        for (int k = 0; k < shape.inputs; ++k)
+          gradients[row + k] += static_cast<double>(d_rounded.back()) * input[k];
         rows.push_back(&rounded_[row]);
       }
       for (; rows.size() % kBlock != 0; rows.push_back(rows.back())) d_rounded.push_back(0);
@@ -182,7 +198,8 @@ class ReferenceNetwork {
     std::vector<float> d_input(trace.input[layers.back()].size());
     for (std::size_t i = 0; i < d_input.size(); ++i) {
       d_input[i] = dot(
-          0, static_cast<int>(rows.size()), [&](int o) { return d_rounded[o]; }, [&](int o) { return rows[o][i]; });
+          0, static_cast<int>(rows.size()), [&](int o) { return d_rounded[o]; },
+          [&](int o) { return rows[o][i]; });
     }
     return d_input;
   }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// For the tests: the engines by name, bf16 as numbers, and the block forms of layout.h read the slow way.
+// For the tests: the engines by name, bf16 as numbers, and the block forms of layout.h read the
+// slow way.
 #pragma once
 
 #include <bit>
@@ -18,7 +19,8 @@
 namespace redrive::kernels::bf16 {
 
 enum class SumOrder {
-  kPairs,  ///< VDPBF16PS: per pair of k a fused multiply-add of the odd member, then of the even one
+  kPairs,  ///< VDPBF16PS: per pair of k a fused multiply-add of the odd member, then of the even
+           ///< one
   kTiles   ///< TDPBF16PS: per 32 k the even and the odd members by themselves, then their sum added
 };
 
@@ -33,7 +35,8 @@ inline void PrintTo(const EngineCase& engine, std::ostream* out) { *out << engin
 
 inline std::vector<EngineCase> engine_cases() {
   return {{"avx512", Isa::kAvx512Bf16, SumOrder::kPairs, avx512_stages, make_nerf_avx512_bf16},
-          {"amx_emulated", Isa::kAvx512Bf16, SumOrder::kTiles, amx_emulated_stages, make_nerf_amx_emulated},
+          {"amx_emulated", Isa::kAvx512Bf16, SumOrder::kTiles, amx_emulated_stages,
+           make_nerf_amx_emulated},
           {"amx", Isa::kAmxBf16, SumOrder::kTiles, amx_stages, make_nerf_amx_bf16}};
 }
 
@@ -51,7 +54,11 @@ inline float round_bf16(float x) { return from_bf16(to_bf16(x)); }
 
 /// Offset of element (row, column) of a block.
 inline int row_form(int row, int column) { return row / 16 * kTileSize + row % 16 * 32 + column; }
-inline int pair_form(int row, int column) { return column / 16 * kTileSize + row / 2 * 32 + column % 16 * 2 + row % 2; }
-inline int c_form(int row, int column) { return row / 16 * 512 + column / 16 * 256 + row % 16 * 16 + column % 16; }
+inline int pair_form(int row, int column) {
+  return column / 16 * kTileSize + row / 2 * 32 + column % 16 * 2 + row % 2;
+}
+inline int c_form(int row, int column) {
+  return row / 16 * 512 + column / 16 * 256 + row % 16 * 16 + column % 16;
+}
 
 }  // namespace redrive::kernels::bf16

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// AMX tile instructions as inline assembly. GCC 12's intrinsics are unsound: _tile_loadconfig names 8 of the 64 bytes
-// it reads and _tile_loadd no memory at all, so stores may be moved behind them (SIGILL, stale data). Here every
-// instruction names the very bytes it reads or writes. No -mamx flag is needed. The order among tile instructions is
-// kept by volatile.
+// AMX tile instructions as inline assembly. GCC 12's intrinsics are unsound: _tile_loadconfig names
+// 8 of the 64 bytes it reads and _tile_loadd no memory at all, so stores may be moved behind them
+// (SIGILL, stale data). Here every instruction names the very bytes it reads or writes. No -mamx
+// flag is needed. The order among tile instructions is kept by volatile.
 #pragma once
 
 #include "redrive/kernels/cpu/bf16/vector.h"
@@ -30,11 +30,15 @@ struct HardwareTiles {
 
   template <int tile>
   REDRIVE_INLINE static void load(const void* p) {
-    asm volatile("tileloadd (%0,%1,1), %%tmm%c2" : : "r"(p), "r"(64L), "i"(tile), "m"(*static_cast<const Tile*>(p)));
+    asm volatile("tileloadd (%0,%1,1), %%tmm%c2"
+                 :
+                 : "r"(p), "r"(64L), "i"(tile), "m"(*static_cast<const Tile*>(p)));
   }
   template <int tile>
   REDRIVE_INLINE static void store(void* p) {
-    asm volatile("tilestored %%tmm%c3, (%1,%2,1)" : "=m"(*static_cast<Tile*>(p)) : "r"(p), "r"(64L), "i"(tile));
+    asm volatile("tilestored %%tmm%c3, (%1,%2,1)"
+                 : "=m"(*static_cast<Tile*>(p))
+                 : "r"(p), "r"(64L), "i"(tile));
   }
   template <int tile>
   REDRIVE_INLINE static void zero() {

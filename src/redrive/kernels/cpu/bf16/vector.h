@@ -25,7 +25,9 @@ struct InterleaveIndex {
 constexpr InterleaveIndex kInterleave;
 
 /// 32 bf16, rounded to nearest even: first, then second.
-REDRIVE_INLINE __m512i to_bf16(__m512 first, __m512 second) { return (__m512i)_mm512_cvtne2ps_pbh(second, first); }
+REDRIVE_INLINE __m512i to_bf16(__m512 first, __m512 second) {
+  return (__m512i)_mm512_cvtne2ps_pbh(second, first);
+}
 
 /// 16 pairs: (first[0], second[0]), (first[1], second[1]), ...
 REDRIVE_INLINE __m512i to_bf16_pairs(__m512 first, __m512 second) {
@@ -34,19 +36,21 @@ REDRIVE_INLINE __m512i to_bf16_pairs(__m512 first, __m512 second) {
 
 REDRIVE_INLINE void store(Bf16* p, __m512i v) { _mm512_store_si512(p, v); }
 
-/// Indices for transposing 32 x 32 bits held as 32 dwords. Bytes are gathered into 8 x 8 bit matrices (four row groups
-/// x four byte columns, rows reversed because gf2p8affineqb counts them from the top), GFNI turns each, and the
-/// bytes are put back as rows of the result.
+/// Indices for transposing 32 x 32 bits held as 32 dwords. Bytes are gathered into 8 x 8 bit
+/// matrices (four row groups x four byte columns, rows reversed because gf2p8affineqb counts them
+/// from the top), GFNI turns each, and the bytes are put back as rows of the result.
 struct BitTransposeIndex {
   alignas(64) std::uint8_t gather[64];
   alignas(64) std::uint8_t scatter[128];
   constexpr BitTransposeIndex() : gather(), scatter() {
     for (int q = 0; q < 8; ++q) {
-      for (int j = 0; j < 8; ++j) gather[q * 8 + j] = static_cast<std::uint8_t>((q / 4 * 8 + 7 - j) * 4 + q % 4);
+      for (int j = 0; j < 8; ++j)
+        gather[q * 8 + j] = static_cast<std::uint8_t>((q / 4 * 8 + 7 - j) * 4 + q % 4);
     }
     for (int n = 0; n < 32; ++n) {
       for (int group = 0; group < 4; ++group) {
-        scatter[n * 4 + group] = static_cast<std::uint8_t>((group < 2 ? 0 : 64) + (group & 1) * 32 + n);
+        scatter[n * 4 + group] =
+            static_cast<std::uint8_t>((group < 2 ? 0 : 64) + (group & 1) * 32 + n);
       }
     }
   }
@@ -85,7 +89,8 @@ REDRIVE_INLINE void transpose_16x16(__m512 v[16]) {
   // v[4 i + j] now holds, in 128-bit lane l, rows 4 i .. 4 i + 3 of column 4 l + j.
 #pragma GCC unroll 4
   for (int j = 0; j < 4; ++j) {
-    const __m512 even0 = _mm512_shuffle_f32x4(v[j], v[4 + j], 0x88), odd0 = _mm512_shuffle_f32x4(v[j], v[4 + j], 0xdd);
+    const __m512 even0 = _mm512_shuffle_f32x4(v[j], v[4 + j], 0x88),
+                 odd0 = _mm512_shuffle_f32x4(v[j], v[4 + j], 0xdd);
     const __m512 even1 = _mm512_shuffle_f32x4(v[8 + j], v[12 + j], 0x88);
     const __m512 odd1 = _mm512_shuffle_f32x4(v[8 + j], v[12 + j], 0xdd);
     a[j] = _mm512_shuffle_f32x4(even0, even1, 0x88);

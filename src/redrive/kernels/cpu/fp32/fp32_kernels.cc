@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compiled once per instruction set: REDRIVE_ISA names the namespace. -ffp-contract=fast: products and sums fuse here.
+// Compiled once per instruction set: REDRIVE_ISA names the namespace. -ffp-contract=fast: products
+// and sums fuse here.
 #include "redrive/kernels/cpu/fp32/fp32_kernels.h"
 
 #include "redrive/kernels/cpu/simd/vector.h"
@@ -7,14 +8,16 @@
 namespace redrive::kernels::REDRIVE_ISA {
 namespace {
 
-// Register block: kRows x 3 sums, 3 vectors of b and one broadcast. AVX-512 has 32 registers: 8 x 3 + 4 = 28; AVX2 16:
-// 4 x 3 + 4. Two FMA units of latency 4 need 8 sums in flight; loads an FMA: (8 + 3) / 24 and (4 + 3) / 12, below one.
+// Register block: kRows x 3 sums, 3 vectors of b and one broadcast. AVX-512 has 32 registers: 8 x 3
+// + 4 = 28; AVX2 16: 4 x 3 + 4. Two FMA units of latency 4 need 8 sums in flight; loads an FMA: (8
+// + 3) / 24 and (4 + 3) / 12, below one.
 constexpr int kRows = kLanes == 16 ? 8 : 4;
 
 /// sum[r][v] += a[r * a_row + k * a_step] * b[k * b_step + v * kLanes] over k < steps.
 template <int V>
-REDRIVE_INLINE void multiply_add(const float* a, std::ptrdiff_t a_row, std::ptrdiff_t a_step, const float* b,
-                                 std::ptrdiff_t b_step, int steps, Vf (&sum)[kRows][V]) {
+REDRIVE_INLINE void multiply_add(const float* a, std::ptrdiff_t a_row, std::ptrdiff_t a_step,
+                                 const float* b, std::ptrdiff_t b_step, int steps,
+                                 Vf (&sum)[kRows][V]) {
   for (int k = 0; k < steps; ++k, a += a_step, b += b_step) {
     Vf column[V];
 #pragma GCC unroll 3
@@ -58,7 +61,9 @@ void dense_panel(const DenseLayer& layer, std::ptrdiff_t first) {
       for (int v = 0; v < V; ++v) sum[r][v] = layer.bias ? splat(layer.bias[o + r]) : Vf{};
     const float* weights = layer.weights + std::ptrdiff_t{o} * (layer.k1 + layer.k2);
     multiply_add<V>(weights, 1, kRows, in1, width, layer.k1, sum);
-    if (layer.k2 > 0) multiply_add<V>(weights + std::ptrdiff_t{layer.k1} * kRows, 1, kRows, in2, width, layer.k2, sum);
+    if (layer.k2 > 0)
+      multiply_add<V>(weights + std::ptrdiff_t{layer.k1} * kRows, 1, kRows, in2, width, layer.k2,
+                      sum);
     const std::ptrdiff_t at = first * layer.outputs + std::ptrdiff_t{o} * width;
     for (int r = 0; r < kRows; ++r)
       for (int v = 0; v < V; ++v) {
@@ -74,7 +79,8 @@ void dense(const DenseLayer& layer, int samples) {
   for_each_panel(samples, [&](int first, auto panel) { dense_panel<panel.vectors>(layer, first); });
 }
 
-/// Transposes a square of kLanes vectors: swaps the off-diagonal halves, then quarters, ... of every block.
+/// Transposes a square of kLanes vectors: swaps the off-diagonal halves, then quarters, ... of
+/// every block.
 REDRIVE_INLINE void transpose_square(Vf (&row)[kLanes]) {
 #pragma GCC unroll 4
   for (int half = kLanes / 2; half > 0; half /= 2) {
@@ -100,7 +106,8 @@ void transpose(const float* in, int features, int samples, float* out) {
       for (int block = 0; block < out_width; block += kLanes)
         for (int v = 0; v < panel.vectors; ++v) {
           Vf square[kLanes];
-          const float* from = in + first * features + std::ptrdiff_t{f + block} * panel.width + v * kLanes;
+          const float* from =
+              in + first * features + std::ptrdiff_t{f + block} * panel.width + v * kLanes;
           for (int j = 0; j < kLanes; ++j) square[j] = load(from + j * panel.width);
           transpose_square(square);
           float* to = out + std::ptrdiff_t{f} * samples + (first + v * kLanes) * out_width + block;
@@ -130,8 +137,9 @@ void weight_gradient_panel(const WeightGradient& p, int first_input, int samples
 }
 
 void weight_gradient(const WeightGradient& product, int samples) {
-  for_each_panel(product.inputs,
-                 [&](int first, auto panel) { weight_gradient_panel<panel.vectors>(product, first, samples); });
+  for_each_panel(product.inputs, [&](int first, auto panel) {
+    weight_gradient_panel<panel.vectors>(product, first, samples);
+  });
 }
 
 void bias_gradient(const float* d_out, int outputs, int samples, float* gradient) {
@@ -145,7 +153,8 @@ void bias_gradient(const float* d_out, int outputs, int samples, float* gradient
   });
 }
 
-void encode(const float* point, std::size_t stride, int count, int octaves, int out_rows, int samples, float* out) {
+void encode(const float* point, std::size_t stride, int count, int octaves, int out_rows,
+            int samples, float* out) {
   for_each_panel(samples, [&](std::ptrdiff_t first, auto panel) {
     for (int v = 0; v < panel.vectors; ++v) {
       const int n = static_cast<int>(first) + v * kLanes, left = count - n;
@@ -172,8 +181,8 @@ void encode(const float* point, std::size_t stride, int count, int octaves, int 
   });
 }
 
-void encode_adjoint(const float* gamma, const float* d1, const float* d2, int octaves, int rows, int samples, int count,
-                    float* d_point) {
+void encode_adjoint(const float* gamma, const float* d1, const float* d2, int octaves, int rows,
+                    int samples, int count, float* d_point) {
   for_each_panel(samples, [&](std::ptrdiff_t first, auto panel) {
     for (int v = 0; v < panel.vectors; ++v) {
       const int n = static_cast<int>(first) + v * kLanes, left = count - n;
@@ -183,8 +192,10 @@ void encode_adjoint(const float* gamma, const float* d1, const float* d2, int oc
         Vf sum = load(d1 + at + d * panel.width) + load(d2 + at + d * panel.width);
         float frequency = 3.14159265358979323846f;
         for (int l = 0; l < octaves; ++l, frequency *= 2) {
-          const std::ptrdiff_t sine = at + (3 + 2 * (d * octaves + l)) * panel.width, cosine = sine + panel.width;
-          const Vf d_sine = load(d1 + sine) + load(d2 + sine), d_cosine = load(d1 + cosine) + load(d2 + cosine);
+          const std::ptrdiff_t sine = at + (3 + 2 * (d * octaves + l)) * panel.width,
+                               cosine = sine + panel.width;
+          const Vf d_sine = load(d1 + sine) + load(d2 + sine),
+                   d_cosine = load(d1 + cosine) + load(d2 + cosine);
           sum += splat(frequency) * (load(gamma + cosine) * d_sine - load(gamma + sine) * d_cosine);
         }
         store_first(d_point + std::ptrdiff_t{d} * count + n, sum, left);

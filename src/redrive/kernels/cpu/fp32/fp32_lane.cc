@@ -21,7 +21,8 @@ void for_each_panel(int samples, int lanes, Visit visit) {
 
 }  // namespace
 
-Fp32Lane::Fp32Lane(const Fp32Network& network, int max_samples) : network_(network), kernels_(network.kernels_) {
+Fp32Lane::Fp32Lane(const Fp32Network& network, int max_samples)
+    : network_(network), kernels_(network.kernels_) {
   max_samples_ = (max_samples + kernels_.lanes - 1) / kernels_.lanes * kernels_.lanes;
   const std::size_t n = max_samples_, width = network_.config_.width, rows = kernels_.rows;
   position_ = Buffer<float>(n * network_.position_rows_);
@@ -44,8 +45,8 @@ void Fp32Lane::clear_gradients() {
 
 void Fp32Lane::encode(const NerfTile& tile) {
   const NerfConfig& config = network_.config_;
-  kernels_.encode(tile.position, count_, count_, config.position_octaves, network_.position_rows_, samples_,
-                  position_.data());
+  kernels_.encode(tile.position, count_, count_, config.position_octaves, network_.position_rows_,
+                  samples_, position_.data());
   // gamma(d) once a ray, then to all its samples (the padding repeats the last ray's).
   const int lanes = kernels_.lanes, rows = network_.direction_rows_;
   const int rays = (tile.n_rays + lanes - 1) / lanes * lanes;
@@ -64,9 +65,11 @@ void Fp32Lane::encode(const NerfTile& tile) {
           ray_panel_width = panel_vectors((rays - ray) / lanes) * lanes;
         }
       }
-      const float* from = ray_direction_.data() + static_cast<std::ptrdiff_t>(ray_panel) * rows + (ray - ray_panel);
+      const float* from =
+          ray_direction_.data() + static_cast<std::ptrdiff_t>(ray_panel) * rows + (ray - ray_panel);
       const int run = ray + 1 < tile.n_rays ? std::min(width - n, ray_end - first - n) : width - n;
-      for (int row = 0; row < rows; ++row) std::fill_n(out + row * width + n, run, from[row * ray_panel_width]);
+      for (int row = 0; row < rows; ++row)
+        std::fill_n(out + row * width + n, run, from[row * ray_panel_width]);
       n += run;
     }
   });
@@ -98,7 +101,8 @@ void Fp32Lane::forward(const NerfTile& tile, bool keep, float* raw, int stride) 
   // Two buffers in turn are enough, and stay in the cache, where no backward pass follows.
   const auto hidden = [&](int l) { return hidden_[keep ? l : l % 2].data(); };
   for (int l = 0; l < kNerfHidden; ++l)
-    dense(l, l == 0 ? position_.data() : hidden(l - 1), l == kNerfSkip ? position_.data() : nullptr, hidden(l), true);
+    dense(l, l == 0 ? position_.data() : hidden(l - 1), l == kNerfSkip ? position_.data() : nullptr,
+          hidden(l), true);
   const float* last = hidden(kNerfHidden - 1);
   dense(kFp32Density, last, nullptr, density_.data(), false);
   dense(kFp32Colour, last, direction_.data(), colour_.data(), true);
@@ -108,14 +112,16 @@ void Fp32Lane::forward(const NerfTile& tile, bool keep, float* raw, int stride) 
   for_each_panel(samples_, kernels_.lanes, [&](int first, int width) {
     const int used = std::min(width, count_ - first);
     for (int k = 0; k < 4; ++k) {
-      const float* from = k < 3 ? rgb_.data() + static_cast<std::ptrdiff_t>(first) * rows + k * width
-                                : density_.data() + static_cast<std::ptrdiff_t>(first) * rows;
+      const float* from = k < 3
+                              ? rgb_.data() + static_cast<std::ptrdiff_t>(first) * rows + k * width
+                              : density_.data() + static_cast<std::ptrdiff_t>(first) * rows;
       std::copy_n(from, used, raw + static_cast<std::ptrdiff_t>(k) * stride + first);
     }
   });
 }
 
-void Fp32Lane::dense_adjoint(int layer, const float* d_out1, const float* d_out2, const float* mask, float* d_in) {
+void Fp32Lane::dense_adjoint(int layer, const float* d_out1, const float* d_out2, const float* mask,
+                             float* d_in) {
   const PackedLayer& l = network_.layers_[layer];
   kernels_.dense({.weights = network_.backward_[layer].data(),
                   .bias = nullptr,
@@ -145,7 +151,8 @@ void Fp32Lane::position_adjoint(int layer, const float* d_out) {
                  samples_);
 }
 
-void Fp32Lane::accumulate_part(int layer, const float* d_out, const float* in, int inputs, int first_column) {
+void Fp32Lane::accumulate_part(int layer, const float* d_out, const float* in, int inputs,
+                               int first_column) {
   const PackedLayer& l = network_.layers_[layer];
   kernels_.transpose(in, inputs, samples_, transposed_.data());
   kernels_.weight_gradient({.d_out = d_out,
@@ -184,8 +191,10 @@ void Fp32Lane::backward(const float* d_raw, int stride, float* d_position) {
     const int used = std::min(panel, count_ - first);
     const std::ptrdiff_t at = static_cast<std::ptrdiff_t>(first) * rows;
     for (int k = 0; k < 3; ++k)
-      std::copy_n(d_raw + static_cast<std::ptrdiff_t>(k) * stride + first, used, d_rgb_.data() + at + k * panel);
-    std::copy_n(d_raw + static_cast<std::ptrdiff_t>(3) * stride + first, used, d_density_.data() + at);
+      std::copy_n(d_raw + static_cast<std::ptrdiff_t>(k) * stride + first, used,
+                  d_rgb_.data() + at + k * panel);
+    std::copy_n(d_raw + static_cast<std::ptrdiff_t>(3) * stride + first, used,
+                d_density_.data() + at);
   });
 
   float *d_out = d_front_.data(), *d_in = d_back_.data();
@@ -203,8 +212,9 @@ void Fp32Lane::backward(const float* d_raw, int stride, float* d_position) {
     if (l > 0) dense_adjoint(l, d_out, nullptr, hidden_[l - 1].data(), d_in);
   }
   if (d_position)
-    kernels_.encode_adjoint(position_.data(), d_gamma_[0].data(), d_gamma_[1].data(), network_.config_.position_octaves,
-                            network_.position_rows_, samples_, count_, d_position);
+    kernels_.encode_adjoint(position_.data(), d_gamma_[0].data(), d_gamma_[1].data(),
+                            network_.config_.position_octaves, network_.position_rows_, samples_,
+                            count_, d_position);
 }
 
 }  // namespace redrive::kernels

@@ -24,12 +24,14 @@ class Fp32Lane final : public NerfLane {
   void encode(const NerfTile& tile);
   void dense(int layer, const float* in1, const float* in2, float* out, bool relu);
   /// d_in = W^T [d_out1; d_out2], 0 where the activation `mask` is.
-  void dense_adjoint(int layer, const float* d_out1, const float* d_out2, const float* mask, float* d_in);
+  void dense_adjoint(int layer, const float* d_out1, const float* d_out2, const float* mask,
+                     float* d_in);
   /// d_gamma_ of the skip layer or the first: W^T d_out.
   void position_adjoint(int layer, const float* d_out);
   /// Adds the gradients of `layer`'s weight and bias.
   void accumulate(int layer, const float* d_out, const float* in1, const float* in2);
-  void accumulate_part(int layer, const float* d_out, const float* in, int inputs, int first_column);
+  void accumulate_part(int layer, const float* d_out, const float* in, int inputs,
+                       int first_column);
 
   const Fp32Network& network_;
   const Fp32Kernels& kernels_;
@@ -39,8 +41,10 @@ class Fp32Lane final : public NerfLane {
   Buffer<float> position_, direction_, ray_direction_;
   std::array<Buffer<float>, kNerfHidden> hidden_;
   Buffer<float> colour_, density_, rgb_;
-  Buffer<float> d_front_, d_back_, d_density_, d_rgb_;  ///< adjoints, made as the first backward needs them
-  std::array<Buffer<float>, 2> d_gamma_;  ///< of gamma(x), by the skip layer and by the first; made when first wanted
+  Buffer<float> d_front_, d_back_, d_density_,
+      d_rgb_;  ///< adjoints, made as the first backward needs them
+  std::array<Buffer<float>, 2>
+      d_gamma_;  ///< of gamma(x), by the skip layer and by the first; made when first wanted
   Buffer<float> transposed_;
   Buffer<float> gradients_;
 };

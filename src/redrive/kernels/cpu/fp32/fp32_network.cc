@@ -45,15 +45,17 @@ Fp32Network::Fp32Network(const NerfConfig& config, const Fp32Kernels& kernels)
     layer.bias_gradient = gradient_size_;
     gradient_size_ += static_cast<std::size_t>(layer.outputs) * kernels.lanes;
   }
-  for (int l = 1; l < kNerfHidden; ++l) backward_[l] = Buffer<float>(static_cast<std::size_t>(width) * width);
+  for (int l = 1; l < kNerfHidden; ++l)
+    backward_[l] = Buffer<float>(static_cast<std::size_t>(width) * width);
   for (Buffer<float>& packed : position_backward_)
     packed = Buffer<float>(static_cast<std::size_t>(width) * position_rows_);
   backward_[kFp32Colour] = Buffer<float>(static_cast<std::size_t>(width) * (width / 2 + rows));
   backward_[kFp32Rgb] = Buffer<float>(static_cast<std::size_t>(width / 2) * rows);
 }
 
-// 192 samples: two rays of 96 or four of 48; their activations (11 KB each at width 256) stay in the cache between forward and
-// backward, and the weights, read once a layer and tile, are 192 multiply-adds an element.
+// 192 samples: two rays of 96 or four of 48; their activations (11 KB each at width 256) stay in
+// the cache between forward and backward, and the weights, read once a layer and tile, are 192
+// multiply-adds an element.
 int Fp32Network::tile_samples() const { return 192; }
 
 NerfLayerShape Fp32Network::shape_of(int layer) const {
@@ -87,8 +89,9 @@ void Fp32Network::pack(std::span<const float> parameters, ThreadPool& pool) {
     pack_rows(layer.outputs, inputs, rows, layer.forward.data(),
               [&](int o, int k) { return plain[static_cast<std::size_t>(o) * inputs + k]; });
     if (l == 0 || l == kNerfSkip)  // whose inputs end with gamma(x)
-      pack_rows(position_rows_, width, rows, position_backward_[l == 0].data(),
-                [&](int k, int o) { return plain[static_cast<std::size_t>(o + 1) * inputs - position_rows_ + k]; });
+      pack_rows(position_rows_, width, rows, position_backward_[l == 0].data(), [&](int k, int o) {
+        return plain[static_cast<std::size_t>(o + 1) * inputs - position_rows_ + k];
+      });
     if (l == 0 || l == kFp32Density) return;
     const float* density = layers_[kFp32Density].plain.data();
     const int d_outputs = l == kFp32Colour ? layer.outputs + rows : layer.outputs;
@@ -103,8 +106,8 @@ std::unique_ptr<NerfLane> Fp32Network::make_lane(int max_samples) {
   return std::make_unique<Fp32Lane>(*this, max_samples);
 }
 
-void Fp32Network::reduce(std::span<const std::unique_ptr<NerfLane>> lanes, std::span<float> gradients,
-                         ThreadPool& pool) {
+void Fp32Network::reduce(std::span<const std::unique_ptr<NerfLane>> lanes,
+                         std::span<float> gradients, ThreadPool& pool) {
   REDRIVE_CHECK_OP(gradients.size(), ==, nerf_parameter_count(config_));
   const int vector = kernels_.lanes;
   // All lanes into the first, in their order; its buffer is then the batch's.
@@ -120,11 +123,13 @@ void Fp32Network::reduce(std::span<const std::unique_ptr<NerfLane>> lanes, std::
     const NerfLayerShape shape = shape_of(l);
     float* sums = l == kFp32Colour ? folded_.gradients().data() : gradients.data();
     for (int o = 0; o < shape.outputs; ++o) {
-      const float* from = total + layer.gradient + static_cast<std::size_t>(o) * (layer.k1 + layer.k2);
+      const float* from =
+          total + layer.gradient + static_cast<std::size_t>(o) * (layer.k1 + layer.k2);
       float* to = sums + shape.weight + static_cast<std::size_t>(o) * shape.inputs;
       for (int k = 0; k < shape.inputs; ++k) to[k] += from[k];
       float bias = 0;
-      for (int v = 0; v < vector; ++v) bias += total[layer.bias_gradient + static_cast<std::size_t>(o) * vector + v];
+      for (int v = 0; v < vector; ++v)
+        bias += total[layer.bias_gradient + static_cast<std::size_t>(o) * vector + v];
       sums[shape.bias + o] += bias;
     }
   });

@@ -13,14 +13,16 @@
 
 namespace redrive::kernels {
 
-/// Layers of the computation: 0..7 trunk, then these. Inputs and outputs are padded with zero weights to what the
-/// inner loops need.
+/// Layers of the computation: 0..7 trunk, then these. Inputs and outputs are padded with zero
+/// weights to what the inner loops need.
 enum Fp32Layer { kFp32Colour = 8, kFp32Density = 9, kFp32Rgb = 10, kFp32Layers = 11 };
 
 struct PackedLayer {
-  int k1 = 0, k2 = 0;             ///< padded inputs: of the layer before (or gamma(x)), of the concatenated encoding
-  int outputs = 0;                ///< padded
-  std::size_t gradient = 0;       ///< offset of the weight's gradient [outputs, k1 + k2] in a lane's buffer
+  int k1 = 0,
+      k2 = 0;  ///< padded inputs: of the layer before (or gamma(x)), of the concatenated encoding
+  int outputs = 0;  ///< padded
+  std::size_t gradient =
+      0;  ///< offset of the weight's gradient [outputs, k1 + k2] in a lane's buffer
   std::size_t bias_gradient = 0;  ///< of the bias's [outputs, lanes]
   Buffer<float> plain;            ///< [outputs, k1 + k2] row-major
   Buffer<float> forward;          ///< plain, packed for DenseLayer
@@ -34,7 +36,8 @@ class Fp32Network final : public NerfNetwork {
   int tile_samples() const override;
   void pack(std::span<const float> parameters, ThreadPool& pool) override;
   std::unique_ptr<NerfLane> make_lane(int max_samples) override;
-  void reduce(std::span<const std::unique_ptr<NerfLane>> lanes, std::span<float> gradients, ThreadPool& pool) override;
+  void reduce(std::span<const std::unique_ptr<NerfLane>> lanes, std::span<float> gradients,
+              ThreadPool& pool) override;
 
  private:
   friend class Fp32Lane;
@@ -45,8 +48,9 @@ class Fp32Network final : public NerfNetwork {
   const Fp32Kernels& kernels_;
   int position_rows_, direction_rows_;  ///< of the encodings, padded
   std::array<PackedLayer, kFp32Layers> layers_;
-  /// The transposes for d_in = W^T d_out, packed for DenseLayer: of trunk 1..7 (index as layers_; the skip layer's part for h
-  /// only), of [colour; density] towards h (kFp32Colour) and of rgb (kFp32Rgb).
+  /// The transposes for d_in = W^T d_out, packed for DenseLayer: of trunk 1..7 (index as layers_;
+  /// the skip layer's part for h only), of [colour; density] towards h (kFp32Colour) and of rgb
+  /// (kFp32Rgb).
   std::array<Buffer<float>, kFp32Layers> backward_;
   /// The same towards gamma(x), of the skip layer and of the first.
   std::array<Buffer<float>, 2> position_backward_;

@@ -37,7 +37,8 @@ struct Problem {
     for (int i = 0; i < 4 * samples; ++i) d_raw.push_back(static_cast<float>(uniform(3, i)));
     nerf_initialize(c.config, 9, parameters);
     for (std::size_t i = 0; i < parameters.size(); ++i)
-      if (parameters[i] == 0) parameters[i] = static_cast<float>(0.2 * uniform(4, i));  // the biases
+      if (parameters[i] == 0)
+        parameters[i] = static_cast<float>(0.2 * uniform(4, i));  // the biases
     raw.resize(4 * static_cast<std::size_t>(samples));
     gradients.resize(parameters.size());
     d_position.resize(3 * static_cast<std::size_t>(samples));
@@ -45,7 +46,8 @@ struct Problem {
     ref::NerfActivations<double> activations;
     for (int i = 0; i < samples; ++i) {
       double x[3], d[3], out[4], d_out[4], d_x[3];
-      for (int k = 0; k < 3; ++k) x[k] = position[k * samples + i], d[k] = direction[k * c.n_rays + i / c.per_ray];
+      for (int k = 0; k < 3; ++k)
+        x[k] = position[k * samples + i], d[k] = direction[k * c.n_rays + i / c.per_ray];
       for (int k = 0; k < 4; ++k) d_out[k] = d_raw[k * samples + i];
       ref::nerf_sample_forward(c.config, p.data(), x, d, &activations, out);
       ref::nerf_sample_adjoint(c.config, p.data(), activations, d_out, gradients.data(), d_x);
@@ -63,12 +65,14 @@ struct Problem {
     Part p;
     const int begin = first * shape.per_ray, count = n * shape.per_ray;
     for (int k = 0; k < 3; ++k) {
-      p.position.insert(p.position.end(), &position[k * samples + begin], &position[k * samples + begin] + count);
+      p.position.insert(p.position.end(), &position[k * samples + begin],
+                        &position[k * samples + begin] + count);
       p.direction.insert(p.direction.end(), &direction[k * shape.n_rays + first],
                          &direction[k * shape.n_rays + first] + n);
     }
     for (int k = 0; k < 4; ++k)
-      p.d_raw.insert(p.d_raw.end(), &d_raw[k * samples + begin], &d_raw[k * samples + begin] + count);
+      p.d_raw.insert(p.d_raw.end(), &d_raw[k * samples + begin],
+                     &d_raw[k * samples + begin] + count);
     p.tile = {n, shape.per_ray, p.position.data(), p.direction.data()};
     return p;
   }
@@ -84,8 +88,9 @@ double relative_error(const float* a, const double* b, std::size_t size) {
   return std::sqrt(error / norm);
 }
 
-// The encoding is wrong by up to 4e-6, each of 11 products by sqrt(K) 2^-24 of its norm (K <= 576, random signs): 1.6e-5;
-// together, and with a factor of 4 for what the following layers make of it: 8e-5.
+// The encoding is wrong by up to 4e-6, each of 11 products by sqrt(K) 2^-24 of its norm (K <= 576,
+// random signs): 1.6e-5; together, and with a factor of 4 for what the following layers make of it:
+// 8e-5.
 constexpr double kTolerance = 8e-5;
 
 using Maker = std::unique_ptr<NerfNetwork> (*)(const NerfConfig&);
@@ -97,13 +102,16 @@ class Fp32NetworkTest : public testing::TestWithParam<std::pair<Isa, Maker>> {
 };
 
 TEST_P(Fp32NetworkTest, MatchesTheOracle) {
-  // Tiles that fill whole panels, parts of vectors, one sample; rays that end inside a vector; every padding.
-  const Case cases[] = {{{32, 10, 4}, 6, 48},  {{64, 3, 2}, 7, 13}, {{96, 10, 4}, 41, 1}, {{160, 6, 1}, 1, 1},
-                        {{256, 10, 4}, 2, 40}, {{32, 1, 1}, 3, 70}, {{512, 10, 4}, 1, 21}};
+  // Tiles that fill whole panels, parts of vectors, one sample; rays that end inside a vector;
+  // every padding.
+  const Case cases[] = {{{32, 10, 4}, 6, 48}, {{64, 3, 2}, 7, 13},   {{96, 10, 4}, 41, 1},
+                        {{160, 6, 1}, 1, 1},  {{256, 10, 4}, 2, 40}, {{32, 1, 1}, 3, 70},
+                        {{512, 10, 4}, 1, 21}};
   ThreadPool pool(2);
   for (const Case& c : cases) {
-    SCOPED_TRACE(testing::Message() << "width " << c.config.width << " octaves " << c.config.position_octaves
-                                    << " rays " << c.n_rays << " x " << c.per_ray);
+    SCOPED_TRACE(testing::Message()
+                 << "width " << c.config.width << " octaves " << c.config.position_octaves
+                 << " rays " << c.n_rays << " x " << c.per_ray);
     const Problem problem(c);
     const auto network = GetParam().second(c.config);
     network->pack(problem.parameters, pool);
@@ -118,7 +126,8 @@ TEST_P(Fp32NetworkTest, MatchesTheOracle) {
     lanes[0]->forward(all.tile, false, raw.data(), problem.samples);
     EXPECT_LT(relative_error(raw.data(), problem.raw.data(), raw.size()), kTolerance);
 
-    // The same in two tiles of unequal size on two lanes, and the larger one first on the lane that then takes the smaller.
+    // The same in two tiles of unequal size on two lanes, and the larger one first on the lane that
+    // then takes the smaller.
     const int cut = c.n_rays > 1 ? c.n_rays - 1 : 1;
     for (int first = 0; first < c.n_rays; first += cut) {
       const Problem::Part part = problem.part(first, std::min(cut, c.n_rays - first));
@@ -127,13 +136,16 @@ TEST_P(Fp32NetworkTest, MatchesTheOracle) {
       lane.forward(part.tile, true, part_raw.data(), part.tile.samples());
       for (int k = 0; k < 4; ++k)
         for (int i = 0; i < part.tile.samples(); ++i)
-          EXPECT_NEAR(part_raw[k * part.tile.samples() + i], raw[k * problem.samples + first * c.per_ray + i],
-                      kTolerance * (1 + std::abs(raw[k * problem.samples + first * c.per_ray + i])));
+          EXPECT_NEAR(
+              part_raw[k * part.tile.samples() + i],
+              raw[k * problem.samples + first * c.per_ray + i],
+              kTolerance * (1 + std::abs(raw[k * problem.samples + first * c.per_ray + i])));
       const int n = part.tile.samples();
       std::vector<float> d_position(3 * n, NAN);
       lane.backward(part.d_raw.data(), n, d_position.data());
       for (int k = 0; k < 3; ++k)
-        EXPECT_LT(relative_error(&d_position[k * n], &problem.d_position[k * problem.samples + first * c.per_ray], n),
+        EXPECT_LT(relative_error(&d_position[k * n],
+                                 &problem.d_position[k * problem.samples + first * c.per_ray], n),
                   kTolerance)
             << "coordinate " << k;
     }
@@ -156,7 +168,8 @@ TEST_P(Fp32NetworkTest, GradientsAreAddedAndCleared) {
   std::vector<std::unique_ptr<NerfLane>> lanes;
   lanes.push_back(network->make_lane(problem.samples));
   const Problem::Part all = problem.part(0, 2);
-  std::vector<float> raw(4 * problem.samples), once(problem.parameters.size(), 0.0f), again(once.size(), 1.0f);
+  std::vector<float> raw(4 * problem.samples), once(problem.parameters.size(), 0.0f),
+      again(once.size(), 1.0f);
   for (std::vector<float>* gradients : {&once, &again}) {
     lanes[0]->clear_gradients();
     lanes[0]->forward(all.tile, true, raw.data(), problem.samples);
@@ -173,7 +186,8 @@ TEST_P(Fp32NetworkTest, NanReachesTheOutput) {
   Problem problem({{32, 2, 1}, 1, 5});
   ThreadPool pool(1);
   const auto network = GetParam().second(problem.shape.config);
-  problem.parameters[nerf_layer(problem.shape.config, 0).weight] = NAN;  // of every sample's first hidden unit
+  problem.parameters[nerf_layer(problem.shape.config, 0).weight] =
+      NAN;  // of every sample's first hidden unit
   network->pack(problem.parameters, pool);
   const auto lane = network->make_lane(problem.samples);
   std::vector<float> raw(4 * problem.samples, 0.0f);
@@ -181,9 +195,11 @@ TEST_P(Fp32NetworkTest, NanReachesTheOutput) {
   for (const float x : raw) EXPECT_TRUE(std::isnan(x));
 }
 
-// gamma(p) from exact arguments: the error is that of the doubling alone, far outside the unit cube too.
+// gamma(p) from exact arguments: the error is that of the doubling alone, far outside the unit cube
+// too.
 TEST_P(Fp32NetworkTest, EncodingIsExactFarOutside) {
-  const Fp32Kernels& kernels = GetParam().first == Isa::kAvx2 ? avx2::kFp32Kernels : avx512::kFp32Kernels;
+  const Fp32Kernels& kernels =
+      GetParam().first == Isa::kAvx2 ? avx2::kFp32Kernels : avx512::kFp32Kernels;
   const float values[] = {0.0f, -0.0f, 1.0f,      -1.0f, 0.25f,      0.3f, -0.77f, 1e-20f,
                           3.1f, -1e3f, 123456.7f, 5e6f,  8388609.0f, 3e7f, -1e30f};
   constexpr int kCount = 15, kOctaves = 10, kRows = 64, kSamples = 16;
@@ -196,9 +212,11 @@ TEST_P(Fp32NetworkTest, EncodingIsExactFarOutside) {
     for (int i = 0; i < kCount; ++i)
       for (int l = 0; l < kOctaves; ++l) {
         // kSamples is one panel: row r of sample i at r * kSamples + i.
-        const double turn = std::fmod(std::ldexp(static_cast<double>(point[d * kCount + i]), l), 2.0);
+        const double turn =
+            std::fmod(std::ldexp(static_cast<double>(point[d * kCount + i]), l), 2.0);
         const int row = 3 + 2 * (d * kOctaves + l);
-        EXPECT_NEAR(out[row * kSamples + i], std::sin(pi * turn), 4e-6) << point[d * kCount + i] << " octave " << l;
+        EXPECT_NEAR(out[row * kSamples + i], std::sin(pi * turn), 4e-6)
+            << point[d * kCount + i] << " octave " << l;
         EXPECT_NEAR(out[(row + 1) * kSamples + i], std::cos(pi * turn), 4e-6)
             << point[d * kCount + i] << " octave " << l;
       }
@@ -208,7 +226,9 @@ TEST_P(Fp32NetworkTest, EncodingIsExactFarOutside) {
 INSTANTIATE_TEST_SUITE_P(Isa, Fp32NetworkTest,
                          testing::Values(std::pair<Isa, Maker>{Isa::kAvx2, make_nerf_avx2},
                                          std::pair<Isa, Maker>{Isa::kAvx512, make_nerf_avx512}),
-                         [](const auto& info) { return info.param.first == Isa::kAvx2 ? "avx2" : "avx512"; });
+                         [](const auto& info) {
+                           return info.param.first == Isa::kAvx2 ? "avx2" : "avx512";
+                         });
 
 }  // namespace
 }  // namespace redrive::kernels

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The networks of --method grid with bf16 products (vdpbf16ps) and fp32 sums. Samples are the lanes: numbers of a layer stand as pairs
-// of neighbours, [numbers / 2][32 samples], weights are broadcast, and a strip of 32 samples goes through all layers, forward and back,
-// before the next. What a weight's gradient multiplies is kept by rows, [strips][numbers][32 samples], and summed at the tile's end.
+// The networks of --method grid with bf16 products (vdpbf16ps) and fp32 sums. Samples are the
+// lanes: numbers of a layer stand as pairs of neighbours, [numbers / 2][32 samples], weights are
+// broadcast, and a strip of 32 samples goes through all layers, forward and back, before the next.
+// What a weight's gradient multiplies is kept by rows, [strips][numbers][32 samples], and summed at
+// the tile's end.
 #include "redrive/kernels/cpu/grid/bf16_network.h"
 
 // First: its REDRIVE_INLINE holds for both.
@@ -21,8 +23,8 @@ constexpr int kGeometry = 16, kHarmonics = 16;
 constexpr float kMaxLogDensity = 15;
 constexpr int kStrip = kGridBf16Strip, kBlock = kGridBf16Block;
 
-/// Numbers that the two sources `a` and `b` of a permutation are joined from: units of kUnit dwords in turn, from their lower or upper
-/// halves.
+/// Numbers that the two sources `a` and `b` of a permutation are joined from: units of kUnit dwords
+/// in turn, from their lower or upper halves.
 template <int kUnit>
 struct InTurn {
   alignas(64) std::int32_t low[16], high[16];
@@ -60,8 +62,8 @@ struct Sums {
   __m512 at[kRows][2];
 };
 
-/// Rows sum_k a[row][k] x[k]: in blocks of kRows, which begin with start(row, sums) and end with finish(row, sums). a: [rows / kRows]
-/// [pairs][kRows] pairs, x: [pairs][32 samples].
+/// Rows sum_k a[row][k] x[k]: in blocks of kRows, which begin with start(row, sums) and end with
+/// finish(row, sums). a: [rows / kRows] [pairs][kRows] pairs, x: [pairs][32 samples].
 template <int kRows, class Start, class Finish>
 REDRIVE_INLINE void product(int rows, int pairs, const Bf16* a, const Pair* x, const Start& start,
                             const Finish& finish) {
@@ -91,21 +93,25 @@ struct FromZero {
   }
 };
 
-/// A layer's numbers: a strip's pairs, and for all strips [strips][numbers][32 samples], unless null.
+/// A layer's numbers: a strip's pairs, and for all strips [strips][numbers][32 samples], unless
+/// null.
 struct Layer {
   Pair* pairs = nullptr;
   Bf16* rows = nullptr;
   int numbers = 0;
 
   /// Of the strip that begins with sample `first`.
-  REDRIVE_LAMBDA Layer at(int first) const { return {pairs, rows ? rows + first * numbers : nullptr, numbers}; }
+  REDRIVE_LAMBDA Layer at(int first) const {
+    return {pairs, rows ? rows + first * numbers : nullptr, numbers};
+  }
   template <bool kRows>
   REDRIVE_LAMBDA void put(int row, const Sums<kBlock>& sums) const {
 #pragma GCC unroll 4
     for (int r = 0; r < kBlock; r += 2)
 #pragma GCC unroll 2
       for (int v = 0; v < 2; ++v)
-        _mm512_store_si512(pairs + (row + r) / 2 * kStrip + v * 16, to_bf16_pairs(sums.at[r][v], sums.at[r + 1][v]));
+        _mm512_store_si512(pairs + (row + r) / 2 * kStrip + v * 16,
+                           to_bf16_pairs(sums.at[r][v], sums.at[r + 1][v]));
     if constexpr (kRows)
 #pragma GCC unroll 8
       for (int r = 0; r < kBlock; ++r)
@@ -121,12 +127,13 @@ struct Layer {
       for (int v = 0; v < 2; ++v) {
         const int at = (row + r) / 2 * kStrip + v * 16;
         const __mmask32 open = _mm512_cmpgt_epi16_mask(_mm512_load_si512(gate.pairs + at), zero);
-        _mm512_store_si512(pairs + at,
-                           _mm512_maskz_permutexvar_epi16(open, order, to_bf16(sums.at[r][v], sums.at[r + 1][v])));
+        _mm512_store_si512(pairs + at, _mm512_maskz_permutexvar_epi16(
+                                           open, order, to_bf16(sums.at[r][v], sums.at[r + 1][v])));
       }
 #pragma GCC unroll 8
     for (int r = 0; r < kBlock; ++r) {
-      const __mmask32 open = _mm512_cmpgt_epi16_mask(_mm512_load_si512(gate.rows + (row + r) * kStrip), zero);
+      const __mmask32 open =
+          _mm512_cmpgt_epi16_mask(_mm512_load_si512(gate.rows + (row + r) * kStrip), zero);
       _mm512_store_si512(rows + (row + r) * kStrip,
                          _mm512_maskz_mov_epi16(open, to_bf16(sums.at[r][0], sums.at[r][1])));
     }
@@ -149,8 +156,10 @@ struct Activations {
   std::int32_t* ray_of;     ///< [samples]
 };
 
-REDRIVE_INLINE Activations activations_in(float* scratch, const GridBf16Weights& w, int samples, bool keep) {
-  char* next = reinterpret_cast<char*>(scratch) + (64 - reinterpret_cast<std::uintptr_t>(scratch) % 64) % 64;
+REDRIVE_INLINE Activations activations_in(float* scratch, const GridBf16Weights& w, int samples,
+                                          bool keep) {
+  char* next =
+      reinterpret_cast<char*>(scratch) + (64 - reinterpret_cast<std::uintptr_t>(scratch) % 64) % 64;
   const auto take = [&](std::size_t bytes) {
     char* const here = next;
     next += bytes;
@@ -159,8 +168,11 @@ REDRIVE_INLINE Activations activations_in(float* scratch, const GridBf16Weights&
   Activations a{};
   a.samples = grid_bf16_samples(samples);
   const auto layer = [&](int numbers) {
-    Layer made{reinterpret_cast<Pair*>(take(numbers / 2 * kStrip * sizeof(Pair))), nullptr, numbers};
-    if (keep) made.rows = reinterpret_cast<Bf16*>(take(static_cast<std::size_t>(numbers) * a.samples * sizeof(Bf16)));
+    Layer made{reinterpret_cast<Pair*>(take(numbers / 2 * kStrip * sizeof(Pair))), nullptr,
+               numbers};
+    if (keep)
+      made.rows = reinterpret_cast<Bf16*>(
+          take(static_cast<std::size_t>(numbers) * a.samples * sizeof(Bf16)));
     return made;
   };
   a.features = layer(w.inputs);
@@ -181,9 +193,11 @@ REDRIVE_INLINE Activations activations_in(float* scratch, const GridBf16Weights&
   return a;
 }
 
-/// A lane a ray: harmonics, and what they add to the first colour layer, which is the same for all samples of a ray.
+/// A lane a ray: harmonics, and what they add to the first colour layer, which is the same for all
+/// samples of a ray.
 template <bool kKeep>
-REDRIVE_INLINE void look_along_rays(const GridBf16Weights& w, const GridNetworkTile& tile, const Activations& a) {
+REDRIVE_INLINE void look_along_rays(const GridBf16Weights& w, const GridNetworkTile& tile,
+                                    const Activations& a) {
   std::int32_t* ray_of = a.ray_of;
   for (int ray = 0; ray < tile.n_rays; ++ray)
     for (int s = 0; s < tile.per_ray; ++s) *ray_of++ = ray;
@@ -192,28 +206,32 @@ REDRIVE_INLINE void look_along_rays(const GridBf16Weights& w, const GridNetworkT
   __m512 harmonics[kHarmonics];
 #pragma GCC unroll 16
   for (int ray = 0; ray < 16; ++ray)
-    harmonics[ray] = ray < tile.n_rays ? _mm512_loadu_ps(tile.harmonics + ray * kHarmonics) : _mm512_setzero_ps();
+    harmonics[ray] = ray < tile.n_rays ? _mm512_loadu_ps(tile.harmonics + ray * kHarmonics)
+                                       : _mm512_setzero_ps();
   bf16::transpose_16x16(harmonics);
   __m512bh pairs[kHarmonics / 2];
 #pragma GCC unroll 8
-  for (int k = 0; k < kHarmonics / 2; ++k) pairs[k] = (__m512bh)to_bf16_pairs(harmonics[2 * k], harmonics[2 * k + 1]);
+  for (int k = 0; k < kHarmonics / 2; ++k)
+    pairs[k] = (__m512bh)to_bf16_pairs(harmonics[2 * k], harmonics[2 * k + 1]);
   const Pair* left = reinterpret_cast<const Pair*>(w.harmonics);
   for (int row = 0; row < w.width; row += kBlock, left += kBlock * kHarmonics / 2)
     for (int r = 0; r < kBlock; ++r) {
       __m512 sum = _mm512_setzero_ps();
 #pragma GCC unroll 8
       for (int k = 0; k < kHarmonics / 2; ++k)
-        sum = _mm512_dpbf16_ps(sum, (__m512bh)_mm512_set1_epi32(static_cast<int>(left[k * kBlock + r])), pairs[k]);
+        sum = _mm512_dpbf16_ps(
+            sum, (__m512bh)_mm512_set1_epi32(static_cast<int>(left[k * kBlock + r])), pairs[k]);
       _mm512_store_ps(a.of_ray + (row + r) * 16, sum);
     }
   if constexpr (kKeep)
     for (int s = 0; s < a.samples; s += kStrip) {
-      const __m512i ray0 = _mm512_load_si512(a.ray_of + s), ray1 = _mm512_load_si512(a.ray_of + s + 16);
+      const __m512i ray0 = _mm512_load_si512(a.ray_of + s),
+                    ray1 = _mm512_load_si512(a.ray_of + s + 16);
 #pragma GCC unroll 16
       for (int k = 0; k < kHarmonics; ++k)
-        _mm512_store_si512(
-            a.geometry.at(s).rows + (kGeometry + k) * kStrip,
-            to_bf16(_mm512_permutexvar_ps(ray0, harmonics[k]), _mm512_permutexvar_ps(ray1, harmonics[k])));
+        _mm512_store_si512(a.geometry.at(s).rows + (kGeometry + k) * kStrip,
+                           to_bf16(_mm512_permutexvar_ps(ray0, harmonics[k]),
+                                   _mm512_permutexvar_ps(ray1, harmonics[k])));
     }
 }
 
@@ -237,10 +255,12 @@ REDRIVE_INLINE void store_first(float* to, int numbers, __m512 x) {
 
 /// The features of up to 32 samples, `count` of them there; kOfLevel of a level lie together.
 template <int kOfLevel, bool kKeep, bool kWhole>
-REDRIVE_INLINE void load_features(const GridNetworkTile& tile, int first, int count, const Layer& to) {
+REDRIVE_INLINE void load_features(const GridNetworkTile& tile, int first, int count,
+                                  const Layer& to) {
   constexpr int kPairs = kOfLevel / 2;
   for (int l = 0; l < tile.levels; ++l) {
-    const float* const from = tile.features + l * tile.level_stride + static_cast<std::size_t>(first) * kOfLevel;
+    const float* const from =
+        tile.features + l * tile.level_stride + static_cast<std::size_t>(first) * kOfLevel;
     __m512i pair[kPairs][2];
 #pragma GCC unroll 2
     for (int v = 0; v < 2; ++v) {
@@ -249,8 +269,8 @@ REDRIVE_INLINE void load_features(const GridNetworkTile& tile, int first, int co
 #pragma GCC unroll 4
       for (int j = 0; j < kPairs; ++j) {
         const float* const here = from + v * 16 * kOfLevel + j * 32;
-        of_samples[j] =
-            to_bf16(load_first<kWhole>(here, numbers - 32 * j), load_first<kWhole>(here + 16, numbers - 32 * j - 16));
+        of_samples[j] = to_bf16(load_first<kWhole>(here, numbers - 32 * j),
+                                load_first<kWhole>(here + 16, numbers - 32 * j - 16));
       }
       const std::int32_t *const even = kEveryOther.even, *const odd = kEveryOther.odd;
       if constexpr (kPairs == 1) pair[0][v] = of_samples[0];
@@ -276,7 +296,8 @@ REDRIVE_INLINE void load_features(const GridNetworkTile& tile, int first, int co
       _mm512_store_si512(pairs + 16, pair[j][1]);
       if constexpr (kKeep) {
         Bf16* const rows = to.rows + (l * kOfLevel + 2 * j) * kStrip;
-        const __m512i even = _mm512_load_si512(kEveryOther.even_words), odd = _mm512_load_si512(kEveryOther.odd_words);
+        const __m512i even = _mm512_load_si512(kEveryOther.even_words),
+                      odd = _mm512_load_si512(kEveryOther.odd_words);
         _mm512_store_si512(rows, _mm512_permutex2var_epi16(pair[j][0], even, pair[j][1]));
         _mm512_store_si512(rows + kStrip, _mm512_permutex2var_epi16(pair[j][0], odd, pair[j][1]));
       }
@@ -286,7 +307,8 @@ REDRIVE_INLINE void load_features(const GridNetworkTile& tile, int first, int co
 
 /// The other way round: a block of rows, its first that of a level, to samples.
 template <int kOfLevel, bool kWhole>
-REDRIVE_INLINE void store_features(const Sums<kBlock>& sums, float* to, std::size_t level_stride, int count) {
+REDRIVE_INLINE void store_features(const Sums<kBlock>& sums, float* to, std::size_t level_stride,
+                                   int count) {
 #pragma GCC unroll 4
   for (int l = 0; l < kBlock / kOfLevel; ++l)
 #pragma GCC unroll 2
@@ -318,9 +340,10 @@ REDRIVE_INLINE void store_features(const Sums<kBlock>& sums, float* to, std::siz
 
 /// Up to the last hidden layer, samples [first, first + count) of the tile.
 template <int kOfLevel, bool kKeep, bool kWhole>
-REDRIVE_INLINE void strip_forward(const GridBf16Weights& w, const GridNetworkTile& tile, const Activations& a,
-                                  int first, int count) {
-  const Layer features = a.features.at(first), hidden = a.hidden.at(first), geometry = a.geometry.at(first);
+REDRIVE_INLINE void strip_forward(const GridBf16Weights& w, const GridNetworkTile& tile,
+                                  const Activations& a, int first, int count) {
+  const Layer features = a.features.at(first), hidden = a.hidden.at(first),
+              geometry = a.geometry.at(first);
   load_features<kOfLevel, kKeep, kWhole>(tile, first, count, features);
   const auto rectified = [](const Layer& to) REDRIVE_LAMBDA {
     return [to](int row, Sums<kBlock>& sums) REDRIVE_LAMBDA {
@@ -334,11 +357,14 @@ REDRIVE_INLINE void strip_forward(const GridBf16Weights& w, const GridNetworkTil
                     geometry.put<kKeep>(row, sums);
                     if (row == 0)
                       for (int v = 0; v < 2; ++v) {
-                        const Vf log_density = minimum(splat(kMaxLogDensity), reinterpret_cast<Vf>(sums.at[0][v]));
-                        store(a.density + 16 * v, splat(w.density_scale) * exponential(log_density).value);
+                        const Vf log_density =
+                            minimum(splat(kMaxLogDensity), reinterpret_cast<Vf>(sums.at[0][v]));
+                        store(a.density + 16 * v,
+                              splat(w.density_scale) * exponential(log_density).value);
                       }
                   });
-  const __m512i ray0 = _mm512_load_si512(a.ray_of + first), ray1 = _mm512_load_si512(a.ray_of + first + 16);
+  const __m512i ray0 = _mm512_load_si512(a.ray_of + first),
+                ray1 = _mm512_load_si512(a.ray_of + first + 16);
   const Layer colour = a.colour[0].at(first);
   product<kBlock>(
       w.width, kGeometry / 2, w.geometry, geometry.pairs,
@@ -352,7 +378,8 @@ REDRIVE_INLINE void strip_forward(const GridBf16Weights& w, const GridNetworkTil
       },
       rectified(colour));
   if (w.colour_layers == 2)
-    product<kBlock>(w.width, w.width / 2, w.colour1, colour.pairs, FromZero(), rectified(a.colour[1].at(first)));
+    product<kBlock>(w.width, w.width / 2, w.colour1, colour.pairs, FromZero(),
+                    rectified(a.colour[1].at(first)));
 }
 
 /// visit(first sample, samples, whether it is a whole one) of a tile's strips.
@@ -376,8 +403,8 @@ void forward(const GridBf16Weights& w, const GridNetworkTile& tile, float* raw, 
                    sums.at[3][v] = _mm512_load_ps(a.density + 16 * v);
 #pragma GCC unroll 4
                    for (int k = 0; k < 4; ++k)
-                     store_first<whole.value>(raw + k * tile.raw_stride + first + 16 * v, count - 16 * v,
-                                              sums.at[k][v]);
+                     store_first<whole.value>(raw + k * tile.raw_stride + first + 16 * v,
+                                              count - 16 * v, sums.at[k][v]);
                  }
                });
   });
@@ -399,9 +426,10 @@ REDRIVE_INLINE __m512 sums_of(const __m512 (&sums)[4][4]) {
   return halves(halves(of_row[0], of_row[1]), halves(of_row[2], of_row[3]));
 }
 
-/// gradient[o][i] += sum over samples of d[o] x[i]; of the first numbers of both. Of the last four outputs not all need be there.
-static __attribute__((noinline)) void add_gradient(int outputs, const Layer& d, int inputs, const Layer& x, int samples,
-                                                   float* gradient) {
+/// gradient[o][i] += sum over samples of d[o] x[i]; of the first numbers of both. Of the last four
+/// outputs not all need be there.
+static __attribute__((noinline)) void add_gradient(int outputs, const Layer& d, int inputs,
+                                                   const Layer& x, int samples, float* gradient) {
   const int d_numbers = d.numbers, x_numbers = x.numbers;
   for (int o = 0; o < outputs; o += 4)
     for (int i = 0; i < inputs; i += 4) {
@@ -411,7 +439,8 @@ static __attribute__((noinline)) void add_gradient(int outputs, const Layer& d, 
 #pragma GCC unroll 4
         for (int n = 0; n < 4; ++n) sums[m][n] = _mm512_setzero_ps();
       const Bf16 *left = d.rows + o * kStrip, *right = x.rows + i * kStrip;
-      for (int s = 0; s < samples; s += kStrip, left += d_numbers * kStrip, right += x_numbers * kStrip) {
+      for (int s = 0; s < samples;
+           s += kStrip, left += d_numbers * kStrip, right += x_numbers * kStrip) {
         __m512bh of_x[4];
 #pragma GCC unroll 4
         for (int n = 0; n < 4; ++n) of_x[n] = (__m512bh)_mm512_load_si512(right + n * kStrip);
@@ -426,7 +455,8 @@ static __attribute__((noinline)) void add_gradient(int outputs, const Layer& d, 
       _mm512_store_ps(added, sums_of(sums));
       float* const to = gradient + o * inputs + i;
       for (int m = 0; m < 4 && o + m < outputs; ++m)
-        _mm_storeu_ps(to + m * inputs, _mm_add_ps(_mm_loadu_ps(to + m * inputs), _mm_load_ps(added + 4 * m)));
+        _mm_storeu_ps(to + m * inputs,
+                      _mm_add_ps(_mm_loadu_ps(to + m * inputs), _mm_load_ps(added + 4 * m)));
     }
 }
 
@@ -444,38 +474,46 @@ void backward(const GridBf16Weights& w, const GridNetworkTile& tile, const float
     for (int k = 0; k < 4; ++k)
 #pragma GCC unroll 2
       for (int v = 0; v < 2; ++v)
-        d[k][v] = load_first<whole.value>(d_raw + k * tile.raw_stride + first + 16 * v, count - 16 * v);
+        d[k][v] =
+            load_first<whole.value>(d_raw + k * tile.raw_stride + first + 16 * v, count - 16 * v);
     const Layer d_out = a.d_out.at(first);
 #pragma GCC unroll 4
     for (int k = 0; k < 4; ++k)
-      _mm512_store_si512(d_out.rows + k * kStrip, k < 3 ? to_bf16(d[k][0], d[k][1]) : _mm512_setzero_si512());
+      _mm512_store_si512(d_out.rows + k * kStrip,
+                         k < 3 ? to_bf16(d[k][0], d[k][1]) : _mm512_setzero_si512());
 #pragma GCC unroll 2
     for (int v = 0; v < 2; ++v) {
       _mm512_store_si512(d_out.pairs + 16 * v, to_bf16_pairs(d[0][v], d[1][v]));
-      _mm512_store_si512(d_out.pairs + kStrip + 16 * v, to_bf16_pairs(d[2][v], _mm512_setzero_ps()));
+      _mm512_store_si512(d_out.pairs + kStrip + 16 * v,
+                         to_bf16_pairs(d[2][v], _mm512_setzero_ps()));
     }
     const auto gated = [first](const Layer& to, const Layer& gate) REDRIVE_LAMBDA {
       return [to = to.at(first), gate = gate.at(first)](int row, Sums<kBlock>& sums)
                  REDRIVE_LAMBDA { to.put_gated(row, sums, gate); };
     };
-    product<kBlock>(width, 2, w.colour_out_back, d_out.pairs, FromZero(), gated(d_last, a.colour[last]));
+    product<kBlock>(width, 2, w.colour_out_back, d_out.pairs, FromZero(),
+                    gated(d_last, a.colour[last]));
     if (last == 1)
-      product<kBlock>(width, width / 2, w.colour1_back, d_last.pairs, FromZero(), gated(a.d_wide, a.colour[0]));
+      product<kBlock>(width, width / 2, w.colour1_back, d_last.pairs, FromZero(),
+                      gated(a.d_wide, a.colour[0]));
     const Layer d_geometry = a.d_geometry.at(first);
     product<kBlock>(
         kGeometry, width / 2, w.geometry_back, a.d_wide.pairs,
         [&](int row, Sums<kBlock>& sums) REDRIVE_LAMBDA {
           FromZero()(row, sums);
           if (row == 0)
-            for (int v = 0; v < 2; ++v) sums.at[0][v] = _mm512_mul_ps(d[3][v], _mm512_load_ps(a.density + 16 * v));
+            for (int v = 0; v < 2; ++v)
+              sums.at[0][v] = _mm512_mul_ps(d[3][v], _mm512_load_ps(a.density + 16 * v));
         },
         [&](int row, Sums<kBlock>& sums) REDRIVE_LAMBDA { d_geometry.put<true>(row, sums); });
-    product<kBlock>(width, kGeometry / 2, w.density1_back, d_geometry.pairs, FromZero(), gated(a.d_hidden, a.hidden));
+    product<kBlock>(width, kGeometry / 2, w.density1_back, d_geometry.pairs, FromZero(),
+                    gated(a.d_hidden, a.hidden));
     product<kBlock>(w.inputs, width / 2, w.density0_back, a.d_hidden.pairs, FromZero(),
                     [&](int row, Sums<kBlock>& sums) REDRIVE_LAMBDA {
                       store_features<kOfLevel, whole.value>(
                           sums,
-                          d_features + row / kOfLevel * tile.level_stride + static_cast<std::size_t>(first) * kOfLevel,
+                          d_features + row / kOfLevel * tile.level_stride +
+                              static_cast<std::size_t>(first) * kOfLevel,
                           tile.level_stride, count);
                     });
   });
@@ -487,7 +525,8 @@ void backward(const GridBf16Weights& w, const GridNetworkTile& tile, const float
   add_gradient(width, a.d_hidden, w.inputs, a.features, n, gradients.density0);
 }
 
-void network_forward(const GridBf16Weights& w, const GridNetworkTile& tile, float* raw, float* scratch) {
+void network_forward(const GridBf16Weights& w, const GridNetworkTile& tile, float* raw,
+                     float* scratch) {
   switch (tile.of_level) {
     case 2: return forward<2>(w, tile, raw, scratch);
     case 4: return forward<4>(w, tile, raw, scratch);

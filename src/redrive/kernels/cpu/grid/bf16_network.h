@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The networks of --method grid with bf16 products and fp32 sums, as grid_kernels.h has them in fp32. Compiled for AVX-512 BF16.
+// The networks of --method grid with bf16 products and fp32 sums, as grid_kernels.h has them in
+// fp32. Compiled for AVX-512 BF16.
 #pragma once
 
 #include "redrive/kernels/cpu/bf16/layout.h"
@@ -8,16 +9,19 @@
 namespace redrive::kernels {
 
 constexpr int kGridBf16Strip = 32;  ///< samples that go through all layers together
-constexpr int kGridBf16Block = 8;   ///< outputs whose sums stay in registers: 8 x 2 vectors of samples
-constexpr int kGridBf16Rays = 16;   ///< of a tile, at most: a lane each
+constexpr int kGridBf16Block =
+    8;  ///< outputs whose sums stay in registers: 8 x 2 vectors of samples
+constexpr int kGridBf16Rays = 16;  ///< of a tile, at most: a lane each
 
-/// Both networks' weights. A matrix [outputs, inputs] stands in blocks of eight outputs, [outputs / 8][inputs / 2][8][2] numbers; with
-/// `_back` its transpose, colour_out's padded to four. colour_out itself is a block of four outputs, the last all zeros.
+/// Both networks' weights. A matrix [outputs, inputs] stands in blocks of eight outputs, [outputs /
+/// 8][inputs / 2][8][2] numbers; with
+/// `_back` its transpose, colour_out's padded to four. colour_out itself is a block of four
+/// outputs, the last all zeros.
 struct GridBf16Weights {
   int width = 0, inputs = 0, colour_layers = 1;
   float density_scale = 1;
-  const bf16::Bf16 *density0 = nullptr, *density1 = nullptr, *geometry = nullptr, *harmonics = nullptr,
-                   *colour1 = nullptr, *colour_out = nullptr;
+  const bf16::Bf16 *density0 = nullptr, *density1 = nullptr, *geometry = nullptr,
+                   *harmonics = nullptr, *colour1 = nullptr, *colour_out = nullptr;
   const bf16::Bf16 *density0_back = nullptr, *density1_back = nullptr, *geometry_back = nullptr,
                    *colour1_back = nullptr, *colour_out_back = nullptr;
 };
@@ -30,16 +34,20 @@ static constexpr int grid_bf16_samples(int samples) {
 /// Floats of working memory of a tile of so many samples, forward and back.
 static constexpr std::size_t grid_bf16_scratch(int samples, int width, int inputs) {
   // Layers: features, six of `width`, geometry with harmonics, its gradient, the four of d_out.
-  const std::size_t numbers = static_cast<std::size_t>(inputs) + 6 * static_cast<std::size_t>(width) + 3 * 16 + 4;
+  const std::size_t numbers =
+      static_cast<std::size_t>(inputs) + 6 * static_cast<std::size_t>(width) + 3 * 16 + 4;
   const std::size_t n = static_cast<std::size_t>(grid_bf16_samples(samples));
-  return numbers / 2 * kGridBf16Strip + numbers * n / 2 + 16 * static_cast<std::size_t>(width) + n + 64;
+  return numbers / 2 * kGridBf16Strip + numbers * n / 2 + 16 * static_cast<std::size_t>(width) + n +
+         64;
 }
 
 /// As those of GridKernels, tiles of up to kGridBf16Rays rays.
 struct GridBf16Kernels {
-  void (*network_forward)(const GridBf16Weights& weights, const GridNetworkTile& tile, float* raw, float* scratch);
-  void (*network_backward)(const GridBf16Weights& weights, const GridNetworkTile& tile, const float* d_raw,
-                           const GridNetworkGradients& gradients, float* d_features, float* scratch);
+  void (*network_forward)(const GridBf16Weights& weights, const GridNetworkTile& tile, float* raw,
+                          float* scratch);
+  void (*network_backward)(const GridBf16Weights& weights, const GridNetworkTile& tile,
+                           const float* d_raw, const GridNetworkGradients& gradients,
+                           float* d_features, float* scratch);
 };
 
 namespace avx512_bf16 {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Cuts the stages of --method grid into ranges and lanes. As in cpu_backend.cc, what is added up is added up per lane of a fixed
-// list and then in lane order: the thread count changes nothing. A grid's gradients are parallel over its levels.
+// Cuts the stages of --method grid into ranges and lanes. As in cpu_backend.cc, what is added up is
+// added up per lane of a fixed list and then in lane order: the thread count changes nothing. A
+// grid's gradients are parallel over its levels.
 #include "redrive/kernels/cpu/grid/cpu_grid_stages.h"
 
 #include <algorithm>
@@ -21,8 +22,9 @@ namespace {
 
 constexpr std::size_t kRaysOfRange = 64;
 constexpr std::size_t kPointsOfRange = 8192;  // a level's table is walked once for so many points
-constexpr int kTileSamples = 256;             // a network's activations stay in the second-level cache
-constexpr int kBf16TileSamples = 384;         // as above, in half the memory; 16 rays of 24 are whole strips
+constexpr int kTileSamples = 256;  // a network's activations stay in the second-level cache
+constexpr int kBf16TileSamples =
+    384;  // as above, in half the memory; 16 rays of 24 are whole strips
 constexpr int kLanesOfBatch = 8;
 
 std::vector<GridLevel> levels_of(const HashGrid& grid) {
@@ -57,19 +59,20 @@ class CpuGridStages final : public HostRayStages {
     });
   }
 
-  void proposed(int n_rays, const Intervals& from, std::span<const float> weights, const ProposedIntervals& how,
-                std::span<float> edges) override {
+  void proposed(int n_rays, const Intervals& from, std::span<const float> weights,
+                const ProposedIntervals& how, std::span<float> edges) override {
     check_proposed(n_rays, from, weights.size(), how.per_ray, edges.size());
     pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
       for (std::size_t ray = begin; ray < end; ++ray)
-        proposed_edges(&from.edges[ray * (from.per_ray + 1)], &weights[ray * from.per_ray], from.per_ray, how.per_ray,
-                       how.padding, how.jitter, how.key, ray, &edges[ray * (how.per_ray + 1)]);
+        proposed_edges(&from.edges[ray * (from.per_ray + 1)], &weights[ray * from.per_ray],
+                       from.per_ray, how.per_ray, how.padding, how.jitter, how.key, ray,
+                       &edges[ray * (how.per_ray + 1)]);
     });
   }
 
-  void contract(const Contraction& contraction, const Rays& rays, std::span<const float> pixel_angle,
-                const Intervals& intervals, float least_width, std::span<float> position,
-                std::span<float> footprint) override {
+  void contract(const Contraction& contraction, const Rays& rays,
+                std::span<const float> pixel_angle, const Intervals& intervals, float least_width,
+                std::span<float> position, std::span<float> footprint) override {
     const int per_ray = intervals.per_ray;
     check_contract(rays, intervals, pixel_angle.size(), position.size(), footprint.size());
     const std::size_t n = interval_count(rays.n, per_ray);
@@ -91,25 +94,30 @@ class CpuGridStages final : public HostRayStages {
     });
   }
 
-  void contract_backward(const Contraction& contraction, const Rays& rays, const Intervals& intervals,
-                         std::span<const float> d_position, std::span<float> d_origin,
-                         std::span<float> d_direction) override {
-    check_contract_backward(rays, intervals, d_position.size(), d_origin.size(), d_direction.size());
+  void contract_backward(const Contraction& contraction, const Rays& rays,
+                         const Intervals& intervals, std::span<const float> d_position,
+                         std::span<float> d_origin, std::span<float> d_direction) override {
+    check_contract_backward(rays, intervals, d_position.size(), d_origin.size(),
+                            d_direction.size());
     pool_.run_ranges(rays.n, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
       for (std::size_t ray = begin; ray < end; ++ray)
-        contract_backward_of<float>(contraction, rays, intervals, d_position, ray, d_origin, d_direction);
+        contract_backward_of<float>(contraction, rays, intervals, d_position, ray, d_origin,
+                                    d_direction);
     });
   }
 
   void encode(const HashGrid& grid, const UnitPoints& points, std::span<float> features) override {
     check_encode(grid, points, features.size());
-    for_each_level_range(grid, points, [&](const GridLevel& level, std::size_t first_feature, const GridPoints& range) {
-      kernels_.encode(grid.config.features, level, range, features.data() + first_feature);
-    });
+    for_each_level_range(
+        grid, points,
+        [&](const GridLevel& level, std::size_t first_feature, const GridPoints& range) {
+          kernels_.encode(grid.config.features, level, range, features.data() + first_feature);
+        });
   }
 
-  void encode_backward(const HashGrid& grid, const UnitPoints& points, std::span<const float> d_features,
-                       std::span<float> d_table, std::span<float> d_position) override {
+  void encode_backward(const HashGrid& grid, const UnitPoints& points,
+                       std::span<const float> d_features, std::span<float> d_table,
+                       std::span<float> d_position) override {
     check_encode_backward(grid, points, d_features.size(), d_table.size(), d_position.size());
     backward_of_levels(grid, points, d_features.data(), points.n * grid.config.features, d_table);
     if (d_position.empty()) return;
@@ -118,24 +126,27 @@ class CpuGridStages final : public HostRayStages {
     pool_.run_ranges(points.n, kPointsOfRange, [&](std::size_t begin, std::size_t end) {
       for (std::size_t l = 0; l < levels.size(); ++l)
         kernels_.encode_backward(grid.config.features, levels[l], range_of(points, begin, end),
-                                 d_features.data() + (l * points.n + begin) * grid.config.features, nullptr,
-                                 d_position.data() + begin);
+                                 d_features.data() + (l * points.n + begin) * grid.config.features,
+                                 nullptr, d_position.data() + begin);
     });
   }
 
-  void network_forward(const GridNetwork& network, int n_rays, int per_ray, std::span<const float> features,
-                       std::span<const float> harmonics, std::span<float> raw) override {
+  void network_forward(const GridNetwork& network, int n_rays, int per_ray,
+                       std::span<const float> features, std::span<const float> harmonics,
+                       std::span<float> raw) override {
     check_network(network, n_rays, per_ray, features.size(), harmonics.size(), raw.size());
     with_weights(network, [&](const auto& kernels, const auto& weights) {
       for_each_tile(network, n_rays, per_ray, [&](int, int first, int count, float* scratch) {
-        kernels.network_forward(weights, tile_of(network, n_rays, per_ray, first, count, features, harmonics),
-                                raw.data() + interval_count(first, per_ray), scratch);
+        kernels.network_forward(
+            weights, tile_of(network, n_rays, per_ray, first, count, features, harmonics),
+            raw.data() + interval_count(first, per_ray), scratch);
       });
     });
   }
 
-  void network_backward(const GridNetwork& network, int n_rays, int per_ray, std::span<const float> features,
-                        std::span<const float> harmonics, std::span<const float> d_raw, std::span<float> d_weights,
+  void network_backward(const GridNetwork& network, int n_rays, int per_ray,
+                        std::span<const float> features, std::span<const float> harmonics,
+                        std::span<const float> d_raw, std::span<float> d_weights,
                         std::span<float> d_features) override {
     check_network(network, n_rays, per_ray, features.size(), harmonics.size(), d_raw.size());
     REDRIVE_CHECK_OP(d_weights.size(), ==, network.weights.size());
@@ -146,10 +157,14 @@ class CpuGridStages final : public HostRayStages {
     with_weights(network, [&](const auto& kernels, const auto& weights) {
       for_each_tile(network, n_rays, per_ray, [&](int lane, int first, int count, float* scratch) {
         const std::size_t sample = interval_count(first, per_ray);
-        const auto at = [&](int layer) { return sums[lane].data() + grid_layer(network.config, layer).offset; };
+        const auto at = [&](int layer) {
+          return sums[lane].data() + grid_layer(network.config, layer).offset;
+        };
         kernels.network_backward(
-            weights, tile_of(network, n_rays, per_ray, first, count, features, harmonics), d_raw.data() + sample,
-            {at(kGridDensity0), at(kGridDensity1), at(kGridColour0), at(kGridColour1), at(kGridColourOut)},
+            weights, tile_of(network, n_rays, per_ray, first, count, features, harmonics),
+            d_raw.data() + sample,
+            {at(kGridDensity0), at(kGridDensity1), at(kGridColour0), at(kGridColour1),
+             at(kGridColourOut)},
             d_features.data() + sample * network.config.grid.features, scratch);
       });
     });
@@ -162,13 +177,14 @@ class CpuGridStages final : public HostRayStages {
     check_proposal_density(grid, points, density.size());
     const auto levels = levels_of(grid);
     pool_.run_ranges(points.n, kPointsOfRange, [&](std::size_t begin, std::size_t end) {
-      kernels_.density(levels.data(), static_cast<int>(levels.size()), density_scale, range_of(points, begin, end),
-                       density.data() + begin);
+      kernels_.density(levels.data(), static_cast<int>(levels.size()), density_scale,
+                       range_of(points, begin, end), density.data() + begin);
     });
   }
 
-  void proposal_density_backward(const HashGrid& grid, const UnitPoints& points, std::span<const float> density,
-                                 std::span<const float> d_density, std::span<float> d_table) override {
+  void proposal_density_backward(const HashGrid& grid, const UnitPoints& points,
+                                 std::span<const float> density, std::span<const float> d_density,
+                                 std::span<float> d_table) override {
     check_proposal_density_backward(grid, points, density.size(), d_density.size(), d_table.size());
     std::vector<float> d_sum(points.n);
     pool_.run_ranges(points.n, kPointsOfRange, [&](std::size_t begin, std::size_t end) {
@@ -183,8 +199,9 @@ class CpuGridStages final : public HostRayStages {
     check_weights(n_rays, intervals, density.size(), weights.size());
     pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
       Buffer<float> scratch(per_ray + 16);
-      kernels_.weights(static_cast<int>(end - begin), per_ray, &intervals.edges[begin * (per_ray + 1)],
-                       &density[begin * per_ray], &weights[begin * per_ray], scratch.data());
+      kernels_.weights(static_cast<int>(end - begin), per_ray,
+                       &intervals.edges[begin * (per_ray + 1)], &density[begin * per_ray],
+                       &weights[begin * per_ray], scratch.data());
     });
   }
 
@@ -192,60 +209,67 @@ class CpuGridStages final : public HostRayStages {
                         std::span<const float> weights, std::span<const float> d_weights,
                         std::span<float> d_density) override {
     const int per_ray = intervals.per_ray;
-    check_weights_backward(n_rays, intervals, density.size(), weights.size(), d_weights.size(), d_density.size());
+    check_weights_backward(n_rays, intervals, density.size(), weights.size(), d_weights.size(),
+                           d_density.size());
     pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
       Buffer<float> scratch(per_ray + 16);
       const std::size_t first = begin * per_ray;
-      kernels_.weights_backward(static_cast<int>(end - begin), per_ray, &intervals.edges[begin * (per_ray + 1)],
-                                &density[first], &weights[first], &d_weights[first], &d_density[first], scratch.data());
+      kernels_.weights_backward(
+          static_cast<int>(end - begin), per_ray, &intervals.edges[begin * (per_ray + 1)],
+          &density[first], &weights[first], &d_weights[first], &d_density[first], scratch.data());
     });
   }
 
-  void proposal(int n_rays, const Intervals& intervals, std::span<const float> weights, const Intervals& proposal,
-                std::span<const float> proposal_weights, std::span<float> d_proposal, double* loss) override {
+  void proposal(int n_rays, const Intervals& intervals, std::span<const float> weights,
+                const Intervals& proposal, std::span<const float> proposal_weights,
+                std::span<float> d_proposal, double* loss) override {
     const int n = intervals.per_ray, m = proposal.per_ray;
-    check_proposal(n_rays, intervals, weights.size(), proposal, proposal_weights.size(), d_proposal.size());
+    check_proposal(n_rays, intervals, weights.size(), proposal, proposal_weights.size(),
+                   d_proposal.size());
     std::vector<double> sums((n_rays + kRaysOfRange - 1) / kRaysOfRange);
     pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
       for (std::size_t ray = begin; ray < end; ++ray) {
         std::fill_n(&d_proposal[ray * m], m, 0.0f);
-        sums[begin / kRaysOfRange] += proposal_loss<float>(&intervals.edges[ray * (n + 1)], &weights[ray * n], n,
-                                                           &proposal.edges[ray * (m + 1)], &proposal_weights[ray * m],
-                                                           m, 1.0f / static_cast<float>(n_rays), &d_proposal[ray * m]);
+        sums[begin / kRaysOfRange] += proposal_loss<float>(
+            &intervals.edges[ray * (n + 1)], &weights[ray * n], n, &proposal.edges[ray * (m + 1)],
+            &proposal_weights[ray * m], m, 1.0f / static_cast<float>(n_rays), &d_proposal[ray * m]);
       }
     });
     *loss = std::accumulate(sums.begin(), sums.end(), 0.0) / n_rays;
   }
 
-  void range(int n_rays, const Intervals& intervals, std::span<const float> weights, std::span<const float> range_m,
-             float spread_m, float factor, std::span<float> d_weights, double* loss) override {
+  void range(int n_rays, const Intervals& intervals, std::span<const float> weights,
+             std::span<const float> range_m, float spread_m, float factor,
+             std::span<float> d_weights, double* loss) override {
     check_range(n_rays, intervals, weights.size(), range_m.size(), spread_m, d_weights.size());
     const int n = intervals.per_ray;
     std::vector<double> sums((n_rays + kRaysOfRange - 1) / kRaysOfRange);
     pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
       for (std::size_t ray = begin; ray < end; ++ray)
         sums[begin / kRaysOfRange] +=
-            range_loss<float>(&intervals.edges[ray * (n + 1)], &weights[ray * n], n, range_m[ray], spread_m,
-                              factor / static_cast<float>(n_rays), &d_weights[ray * n]);
+            range_loss<float>(&intervals.edges[ray * (n + 1)], &weights[ray * n], n, range_m[ray],
+                              spread_m, factor / static_cast<float>(n_rays), &d_weights[ray * n]);
     });
     *loss = factor * (std::accumulate(sums.begin(), sums.end(), 0.0) / n_rays);
   }
 
-  void empty_space(int n_rays, const Intervals& intervals, std::span<const float> density, float factor,
-                   std::span<float> d_density, double* loss) override {
+  void empty_space(int n_rays, const Intervals& intervals, std::span<const float> density,
+                   float factor, std::span<float> d_density, double* loss) override {
     check_empty_space(n_rays, intervals, density.size(), d_density.size());
     const int n = intervals.per_ray;
     std::vector<double> sums((n_rays + kRaysOfRange - 1) / kRaysOfRange);
     pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
       for (std::size_t ray = begin; ray < end; ++ray)
-        sums[begin / kRaysOfRange] += empty_space_loss<float>(&intervals.edges[ray * (n + 1)], &density[ray * n], n,
-                                                              factor / static_cast<float>(n_rays), &d_density[ray * n]);
+        sums[begin / kRaysOfRange] +=
+            empty_space_loss<float>(&intervals.edges[ray * (n + 1)], &density[ray * n], n,
+                                    factor / static_cast<float>(n_rays), &d_density[ray * n]);
     });
     *loss = factor * (std::accumulate(sums.begin(), sums.end(), 0.0) / n_rays);
   }
 
  private:
-  /// visit(level, first feature, points) for all points, the coarsest level first: one table at a time is in the caches.
+  /// visit(level, first feature, points) for all points, the coarsest level first: one table at a
+  /// time is in the caches.
   template <class Visit>
   void for_each_level_range(const HashGrid& grid, const UnitPoints& points, const Visit& visit) {
     const auto levels = levels_of(grid);
@@ -258,26 +282,29 @@ class CpuGridStages final : public HostRayStages {
   }
 
   /// Level l takes d[l * step ...], [n, features]. The finest, which has the most to do, begins.
-  void backward_of_levels(const HashGrid& grid, const UnitPoints& points, const float* d, std::size_t step,
-                          std::span<float> d_table) {
+  void backward_of_levels(const HashGrid& grid, const UnitPoints& points, const float* d,
+                          std::size_t step, std::span<float> d_table) {
     const auto levels = levels_of(grid);
     pool_.run(static_cast<int>(levels.size()), [&](int lane) {
       const std::size_t l = levels.size() - 1 - lane;
-      kernels_.encode_backward(grid.config.features, levels[l], range_of(points, 0, points.n), d + l * step,
-                               d_table.data() + (levels[l].rows - grid.table.data()), nullptr);
+      kernels_.encode_backward(grid.config.features, levels[l], range_of(points, 0, points.n),
+                               d + l * step, d_table.data() + (levels[l].rows - grid.table.data()),
+                               nullptr);
     });
   }
 
-  static GridNetworkTile tile_of(const GridNetwork& network, int n_rays, int per_ray, int first, int count,
-                                 std::span<const float> features, std::span<const float> harmonics) {
-    return {.n_rays = count,
-            .per_ray = per_ray,
-            .features = features.data() + interval_count(first, per_ray) * network.config.grid.features,
-            .harmonics = harmonics.data() + static_cast<std::size_t>(first) * kHarmonics,
-            .levels = network.config.grid.levels,
-            .of_level = network.config.grid.features,
-            .level_stride = interval_count(n_rays, per_ray) * network.config.grid.features,
-            .raw_stride = interval_count(n_rays, per_ray)};
+  static GridNetworkTile tile_of(const GridNetwork& network, int n_rays, int per_ray, int first,
+                                 int count, std::span<const float> features,
+                                 std::span<const float> harmonics) {
+    return {
+        .n_rays = count,
+        .per_ray = per_ray,
+        .features = features.data() + interval_count(first, per_ray) * network.config.grid.features,
+        .harmonics = harmonics.data() + static_cast<std::size_t>(first) * kHarmonics,
+        .levels = network.config.grid.levels,
+        .of_level = network.config.grid.features,
+        .level_stride = interval_count(n_rays, per_ray) * network.config.grid.features,
+        .raw_stride = interval_count(n_rays, per_ray)};
   }
 
   /// visit(kernels, weights) with the networks' arithmetic.
@@ -289,7 +316,8 @@ class CpuGridStages final : public HostRayStages {
       visit(kernels_, PackedNetwork(network).weights());
   }
 
-  /// visit(lane, first ray, rays, scratch) for tiles of whole rays; those of a lane are consecutive and in order.
+  /// visit(lane, first ray, rays, scratch) for tiles of whole rays; those of a lane are consecutive
+  /// and in order.
   template <class Visit>
   void for_each_tile(const GridNetwork& network, int n_rays, int per_ray, const Visit& visit) {
     const int rays = bf16_ ? std::clamp(kBf16TileSamples / per_ray, 1, kGridBf16Rays)
@@ -301,8 +329,9 @@ class CpuGridStages final : public HostRayStages {
       if (begin == end) return;
       Buffer<float>& scratch = scratch_[lane];
       const int width = network.config.width, inputs = network.config.grid.outputs();
-      const std::size_t size = bf16_ ? grid_bf16_scratch(rays * per_ray, width, inputs)
-                                     : grid_network_scratch(interval_count(rays, per_ray), rays, width, inputs);
+      const std::size_t size =
+          bf16_ ? grid_bf16_scratch(rays * per_ray, width, inputs)
+                : grid_network_scratch(interval_count(rays, per_ray), rays, width, inputs);
       if (scratch.size() < size) scratch = Buffer<float>(size);
       for (int tile = begin; tile < end; ++tile)
         visit(lane, tile * rays, std::min(rays, n_rays - tile * rays), scratch.data());

@@ -13,7 +13,8 @@ constexpr float kMaxLogDensity = 15;
 
 REDRIVE_INLINE Vf magnitude(Vf a) { return a < Vf{} ? -a : a; }
 
-/// x^(1/3), x >= 0, relative error below 1e-5: a third of the exponent, then Newton's steps. A footprint needs no more.
+/// x^(1/3), x >= 0, relative error below 1e-5: a third of the exponent, then Newton's steps. A
+/// footprint needs no more.
 REDRIVE_INLINE Vf cube_root(Vf x) {
   x = maximum(x, splat(1e-30f));
   Vf y = reinterpret_cast<Vf>(reinterpret_cast<Vi>(x) / splat_int(3) + splat_int(709921077));
@@ -34,32 +35,37 @@ void contract(const GridRays& rays) {
     }
     for (int i = 0; i < rays.per_ray; i += kLanes) {
       const int count = rays.per_ray - i;
-      const Vf begin = load_first(edges + i, count), end = load_first(edges + i + 1, count), t = half * (begin + end);
+      const Vf begin = load_first(edges + i, count), end = load_first(edges + i + 1, count),
+               t = half * (begin + end);
       Vf u[3], m{};
       for (int k = 0; k < 3; ++k) {
         u[k] = splat(origin[k]) + t * splat(direction[k]);
         m = maximum(m, magnitude(u[k]));
       }
-      const Vf side = splat(angle) * t, length = end - begin, least = splat(rays.least_width) * length,
+      const Vf side = splat(angle) * t, length = end - begin,
+               least = splat(rays.least_width) * length,
                volume = maximum(least * least * least, side * side * length);
       Vf factor, scale, shift;
       if (rays.unbounded) {
         const Vf beyond = maximum(m, one), shrink = (splat(2.0f) - one / beyond) / beyond;
         scale = shrink * splat(0.25f);
         shift = half;
-        factor = cube_root(volume * shrink * shrink / (beyond * beyond)) * splat(0.25f / rays.half_m);
+        factor =
+            cube_root(volume * shrink * shrink / (beyond * beyond)) * splat(0.25f / rays.half_m);
       } else {
         scale = shift = half;
         factor = cube_root(volume) * splat(0.5f / rays.half_m);
       }
-      for (int k = 0; k < 3; ++k) store_first(rays.position + k * rays.stride + first + i, u[k] * scale + shift, count);
+      for (int k = 0; k < 3; ++k)
+        store_first(rays.position + k * rays.stride + first + i, u[k] * scale + shift, count);
       store_first(rays.footprint + first + i, factor, count);
     }
   }
 }
 
 /// 1 - exp(-density dt) and exp(-density dt) of an interval; alpha or transparency may be null.
-REDRIVE_INLINE void absorb(const float* edges, const float* density, int n, float* alpha, float* transparency) {
+REDRIVE_INLINE void absorb(const float* edges, const float* density, int n, float* alpha,
+                           float* transparency) {
   for (int i = 0; i < n; i += kLanes) {
     const int count = n - i;
     const Vf length = load_first(edges + i + 1, count) - load_first(edges + i, count);
@@ -69,8 +75,10 @@ REDRIVE_INLINE void absorb(const float* edges, const float* density, int n, floa
   }
 }
 
-void weights(int n_rays, int per_ray, const float* edges, const float* density, float* weights, float* transparency) {
-  for (int ray = 0; ray < n_rays; ++ray, edges += per_ray + 1, density += per_ray, weights += per_ray) {
+void weights(int n_rays, int per_ray, const float* edges, const float* density, float* weights,
+             float* transparency) {
+  for (int ray = 0; ray < n_rays;
+       ++ray, edges += per_ray + 1, density += per_ray, weights += per_ray) {
     absorb(edges, density, per_ray, weights, transparency);
     float transmittance = 1;
     for (int i = 0; i < per_ray; ++i) {
@@ -80,10 +88,11 @@ void weights(int n_rays, int per_ray, const float* edges, const float* density, 
   }
 }
 
-void weights_backward(int n_rays, int per_ray, const float* edges, const float* density, const float* weights,
-                      const float* d_weights, float* d_density, float* after) {
-  for (int ray = 0; ray < n_rays; ++ray, edges += per_ray + 1, density += per_ray, weights += per_ray,
-           d_weights += per_ray, d_density += per_ray) {
+void weights_backward(int n_rays, int per_ray, const float* edges, const float* density,
+                      const float* weights, const float* d_weights, float* d_density,
+                      float* after) {
+  for (int ray = 0; ray < n_rays; ++ray, edges += per_ray + 1, density += per_ray,
+           weights += per_ray, d_weights += per_ray, d_density += per_ray) {
     absorb(edges, density, per_ray, nullptr, after);
     for (int i = 1; i < per_ray; ++i) after[i] *= after[i - 1];
     float behind = 0;
@@ -94,13 +103,15 @@ void weights_backward(int n_rays, int per_ray, const float* edges, const float* 
   }
 }
 
-/// Features of a tile, kOfLevel of each level: [levels, all samples, kOfLevel] to [samples, inputs], or back.
+/// Features of a tile, kOfLevel of each level: [levels, all samples, kOfLevel] to [samples,
+/// inputs], or back.
 template <int kOfLevel, bool kBack>
 REDRIVE_INLINE void regroup(const GridNetworkTile& tile, const float* from, float* to) {
   const int samples = tile.n_rays * tile.per_ray, levels = tile.levels;
   const std::size_t inputs = static_cast<std::size_t>(levels) * kOfLevel;
   for (int l = 0; l < levels; ++l) {
-    const std::size_t by_level = l * tile.level_stride, by_sample = static_cast<std::size_t>(l) * kOfLevel;
+    const std::size_t by_level = l * tile.level_stride,
+                      by_sample = static_cast<std::size_t>(l) * kOfLevel;
     const float* source = from + (kBack ? by_sample : by_level);
     float* target = to + (kBack ? by_level : by_sample);
     for (int i = 0; i < samples; ++i) {
@@ -135,10 +146,11 @@ struct Activations {
   float *of_ray, *d_of_ray;
 };
 
-REDRIVE_INLINE Activations activations_in(float* scratch, std::size_t samples, std::size_t rays, int width,
-                                          int inputs) {
+REDRIVE_INLINE Activations activations_in(float* scratch, std::size_t samples, std::size_t rays,
+                                          int width, int inputs) {
   Activations a;
-  float* next = scratch + (64 - reinterpret_cast<std::uintptr_t>(scratch) % 64) % 64 / sizeof(float);
+  float* next =
+      scratch + (64 - reinterpret_cast<std::uintptr_t>(scratch) % 64) % 64 / sizeof(float);
   const auto take = [&](std::size_t size) {
     float* const here = next;
     next += (size + 15) / 16 * 16;
@@ -168,17 +180,19 @@ void run_forward(const GridNetworkWeights& w, const GridNetworkTile& tile, const
   regroup<false>(tile, tile.features, a.features);
   product<Start::kZero, Finish::kRectify>(
       {samples, width, w.inputs, rows_of(a.features, w.inputs), w.density0_in, row, a.hidden, row});
-  product<Start::kZero, Finish::kPlain>(
-      {samples, kGeometry, width, rows_of(a.hidden, width), w.density1_in, kGeometry, a.geometry, kGeometry});
+  product<Start::kZero, Finish::kPlain>({samples, kGeometry, width, rows_of(a.hidden, width),
+                                         w.density1_in, kGeometry, a.geometry, kGeometry});
   for (int i = 0; i < samples; i += kLanes) {
     alignas(64) float log_density[kLanes]{};
     for (int j = 0; j < kLanes && i + j < samples; ++j)
       log_density[j] = a.geometry[static_cast<std::size_t>(i + j) * kGeometry];
-    store(a.density + i, splat(w.density_scale) * exponential(minimum(splat(kMaxLogDensity), load(log_density))).value);
+    store(a.density + i, splat(w.density_scale) *
+                             exponential(minimum(splat(kMaxLogDensity), load(log_density))).value);
   }
   // What the direction adds is the same for all samples of a ray.
-  product<Start::kZero, Finish::kPlain>(
-      {tile.n_rays, width, kHarmonics, rows_of(tile.harmonics, kHarmonics), w.harmonics_in, row, a.of_ray, row});
+  product<Start::kZero, Finish::kPlain>({tile.n_rays, width, kHarmonics,
+                                         rows_of(tile.harmonics, kHarmonics), w.harmonics_in, row,
+                                         a.of_ray, row});
   for (int ray = 0; ray < tile.n_rays; ++ray) {
     const std::size_t first = static_cast<std::size_t>(ray) * tile.per_ray;
     product<Start::kRow, Finish::kRectify>({.rows = tile.per_ray,
@@ -196,14 +210,17 @@ void run_forward(const GridNetworkWeights& w, const GridNetworkTile& tile, const
         {samples, width, width, rows_of(a.colour[0], width), w.colour1_in, row, a.colour[1], row});
 }
 
-void network_forward(const GridNetworkWeights& w, const GridNetworkTile& tile, float* raw, float* scratch) {
+void network_forward(const GridNetworkWeights& w, const GridNetworkTile& tile, float* raw,
+                     float* scratch) {
   const int samples = tile.n_rays * tile.per_ray, width = w.width;
   const Activations a = activations_in(scratch, samples, tile.n_rays, w.width, w.inputs);
   run_forward(w, tile, a);
-  product<Start::kZero, Finish::kPlain>({samples, kColours, width, rows_of(a.colour[w.colour_layers - 1], width),
+  product<Start::kZero, Finish::kPlain>({samples, kColours, width,
+                                         rows_of(a.colour[w.colour_layers - 1], width),
                                          w.colour_out_in, kColours, a.out, kColours});
   for (int i = 0; i < samples; ++i)
-    for (int k = 0; k < 3; ++k) raw[k * tile.raw_stride + i] = a.out[static_cast<std::size_t>(i) * kColours + k];
+    for (int k = 0; k < 3; ++k)
+      raw[k * tile.raw_stride + i] = a.out[static_cast<std::size_t>(i) * kColours + k];
   std::memcpy(raw + 3 * tile.raw_stride, a.density, samples * sizeof(float));
 }
 
@@ -214,27 +231,30 @@ void network_backward(const GridNetworkWeights& w, const GridNetworkTile& tile, 
   const Activations a = activations_in(scratch, samples, tile.n_rays, width, w.inputs);
   run_forward(w, tile, a);
   for (int i = 0; i < samples; ++i)
-    for (int k = 0; k < 3; ++k) a.d_out[static_cast<std::size_t>(i) * kColours + k] = d_raw[k * tile.raw_stride + i];
+    for (int k = 0; k < 3; ++k)
+      a.d_out[static_cast<std::size_t>(i) * kColours + k] = d_raw[k * tile.raw_stride + i];
   /// Of the layer `gradient` [outputs, inputs], from d [samples, outputs] and x [samples, inputs].
-  const auto add_gradient = [&](int outputs, int columns, const float* d, int d_row, const float* x, float* gradient,
-                                std::size_t gradient_row) __attribute__((always_inline)) {
+  const auto add_gradient = [&](int outputs, int columns, const float* d, int d_row, const float* x,
+                                float* gradient, std::size_t gradient_row)
+      __attribute__((always_inline)) {
     product<Start::kSum, Finish::kPlain>({outputs, columns, samples, columns_of(d, d_row), x,
-                                          static_cast<std::size_t>(columns), gradient, gradient_row});
+                                          static_cast<std::size_t>(columns), gradient,
+                                          gradient_row});
   };
 
   float* d_colour = a.d_wide;
-  product<Start::kZero, Finish::kGate>(
-      {samples, width, 3, rows_of(a.d_out, kColours), w.colour_out, row, d_colour, row, nullptr, a.colour[last]});
+  product<Start::kZero, Finish::kGate>({samples, width, 3, rows_of(a.d_out, kColours), w.colour_out,
+                                        row, d_colour, row, nullptr, a.colour[last]});
   add_gradient(3, width, a.d_out, kColours, a.colour[last], gradients.colour_out, row);
   if (last == 1) {
-    product<Start::kZero, Finish::kGate>(
-        {samples, width, width, rows_of(d_colour, width), w.colour1, row, a.d_wider, row, nullptr, a.colour[0]});
+    product<Start::kZero, Finish::kGate>({samples, width, width, rows_of(d_colour, width),
+                                          w.colour1, row, a.d_wider, row, nullptr, a.colour[0]});
     add_gradient(width, width, d_colour, width, a.colour[0], gradients.colour1, row);
     d_colour = a.d_wider;
   }
   constexpr int kInputs = kGeometry + kHarmonics;
-  product<Start::kZero, Finish::kPlain>(
-      {samples, kGeometry, width, rows_of(d_colour, width), w.colour0, kInputs, a.d_geometry, kGeometry});
+  product<Start::kZero, Finish::kPlain>({samples, kGeometry, width, rows_of(d_colour, width),
+                                         w.colour0, kInputs, a.d_geometry, kGeometry});
   add_gradient(width, kGeometry, d_colour, width, a.geometry, gradients.colour0, kInputs);
   for (int ray = 0; ray < tile.n_rays; ++ray)
     for (int c = 0; c < width; c += kLanes) {
@@ -243,24 +263,27 @@ void network_backward(const GridNetworkWeights& w, const GridNetworkTile& tile, 
         sum += load(d_colour + (static_cast<std::size_t>(ray) * tile.per_ray + s) * width + c);
       store(a.d_of_ray + static_cast<std::size_t>(ray) * width + c, sum);
     }
-  product<Start::kSum, Finish::kPlain>({width, kHarmonics, tile.n_rays, columns_of(a.d_of_ray, width), tile.harmonics,
-                                        kHarmonics, gradients.colour0 + kGeometry, kInputs});
+  product<Start::kSum, Finish::kPlain>({width, kHarmonics, tile.n_rays,
+                                        columns_of(a.d_of_ray, width), tile.harmonics, kHarmonics,
+                                        gradients.colour0 + kGeometry, kInputs});
   for (int i = 0; i < samples; ++i)
-    a.d_geometry[static_cast<std::size_t>(i) * kGeometry] += d_raw[3 * tile.raw_stride + i] * a.density[i];
+    a.d_geometry[static_cast<std::size_t>(i) * kGeometry] +=
+        d_raw[3 * tile.raw_stride + i] * a.density[i];
 
   float* const d_hidden = a.d_wide;
-  product<Start::kZero, Finish::kGate>(
-      {samples, width, kGeometry, rows_of(a.d_geometry, kGeometry), w.density1, row, d_hidden, row, nullptr, a.hidden});
+  product<Start::kZero, Finish::kGate>({samples, width, kGeometry, rows_of(a.d_geometry, kGeometry),
+                                        w.density1, row, d_hidden, row, nullptr, a.hidden});
   add_gradient(kGeometry, width, a.d_geometry, kGeometry, a.hidden, gradients.density1, row);
-  product<Start::kZero, Finish::kPlain>(
-      {samples, w.inputs, width, rows_of(d_hidden, width), w.density0, inputs, a.d_features, inputs});
+  product<Start::kZero, Finish::kPlain>({samples, w.inputs, width, rows_of(d_hidden, width),
+                                         w.density0, inputs, a.d_features, inputs});
   add_gradient(width, w.inputs, d_hidden, width, a.features, gradients.density0, inputs);
   regroup<true>(tile, a.d_features, d_features);
 }
 
 }  // namespace
 
-extern const GridKernels kGridKernels = {contract, encode,           encode_backward, density,
-                                         weights,  weights_backward, network_forward, network_backward};
+extern const GridKernels kGridKernels = {contract,        encode,          encode_backward,
+                                         density,         weights,         weights_backward,
+                                         network_forward, network_backward};
 
 }  // namespace redrive::kernels::REDRIVE_ISA

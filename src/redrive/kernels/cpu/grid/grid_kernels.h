@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The inner loops of --method grid, once per vector width, as a table of plain functions; cpu_grid_stages.cc cuts the work and
-// owns the memory. The formulas are those of field/hash_grid.h, field/grid_field.h and field/contraction.h.
+// The inner loops of --method grid, once per vector width, as a table of plain functions;
+// cpu_grid_stages.cc cuts the work and owns the memory. The formulas are those of
+// field/hash_grid.h, field/grid_field.h and field/contraction.h.
 #pragma once
 
 #include <cstddef>
@@ -24,23 +25,26 @@ struct GridPoints {
   const float* footprint = nullptr;
 };
 
-/// Both networks' weights, each matrix [inputs, outputs] for the way forward (colour_out padded to 16 outputs) and [outputs, inputs]
-/// for the way back.
+/// Both networks' weights, each matrix [inputs, outputs] for the way forward (colour_out padded to
+/// 16 outputs) and [outputs, inputs] for the way back.
 struct GridNetworkWeights {
   int width = 0, inputs = 0, colour_layers = 1;
   float density_scale = 1;
-  const float *density0_in = nullptr, *density1_in = nullptr, *geometry_in = nullptr, *harmonics_in = nullptr,
-              *colour1_in = nullptr, *colour_out_in = nullptr;
-  const float *density0 = nullptr, *density1 = nullptr, *colour0 = nullptr, *colour1 = nullptr, *colour_out = nullptr;
+  const float *density0_in = nullptr, *density1_in = nullptr, *geometry_in = nullptr,
+              *harmonics_in = nullptr, *colour1_in = nullptr, *colour_out_in = nullptr;
+  const float *density0 = nullptr, *density1 = nullptr, *colour0 = nullptr, *colour1 = nullptr,
+              *colour_out = nullptr;
 };
 
-/// The same for gradients, [outputs, inputs], added to; harmonics' and geometry's share colour0, [width, 32].
+/// The same for gradients, [outputs, inputs], added to; harmonics' and geometry's share colour0,
+/// [width, 32].
 struct GridNetworkGradients {
-  float *density0 = nullptr, *density1 = nullptr, *colour0 = nullptr, *colour1 = nullptr, *colour_out = nullptr;
+  float *density0 = nullptr, *density1 = nullptr, *colour0 = nullptr, *colour1 = nullptr,
+        *colour_out = nullptr;
 };
 
-/// Whole rays of one network pass: number f of level l of sample i at features[l * level_stride + i * of_level + f], harmonics
-/// [n_rays, 16], channel k of sample i at raw[k * raw_stride + i].
+/// Whole rays of one network pass: number f of level l of sample i at features[l * level_stride + i
+/// * of_level + f], harmonics [n_rays, 16], channel k of sample i at raw[k * raw_stride + i].
 struct GridNetworkTile {
   int n_rays = 0, per_ray = 0;
   const float *features = nullptr, *harmonics = nullptr;
@@ -49,22 +53,26 @@ struct GridNetworkTile {
 };
 
 /// Floats of working memory of a tile of so many samples and rays.
-static constexpr std::size_t grid_network_scratch(std::size_t samples, std::size_t rays, int width, int inputs) {
-  return samples * (2 * static_cast<std::size_t>(inputs) + 5 * static_cast<std::size_t>(width) + 4 * 16 + 16) +
+static constexpr std::size_t grid_network_scratch(std::size_t samples, std::size_t rays, int width,
+                                                  int inputs) {
+  return samples * (2 * static_cast<std::size_t>(inputs) + 5 * static_cast<std::size_t>(width) +
+                    4 * 16 + 16) +
          rays * 2 * static_cast<std::size_t>(width) + 256;
 }
 
 /// Middles of intervals (kernels/grid_stages.h contract), rays [0, n_rays).
 struct GridRays {
   int n_rays = 0, per_ray = 0;
-  const float *origin = nullptr, *direction = nullptr;  ///< coordinate k of a ray at [k * ray_stride + ray]
+  const float *origin = nullptr,
+              *direction = nullptr;  ///< coordinate k of a ray at [k * ray_stride + ray]
   std::size_t ray_stride = 0;
   const float *pixel_angle = nullptr, *edges = nullptr;
   const float* center = nullptr;
   float half_m = 1;
   bool unbounded = true;
   float least_width = 0;
-  float *position = nullptr, *footprint = nullptr;  ///< coordinate k of sample i at position[k * stride + i]
+  float *position = nullptr,
+        *footprint = nullptr;  ///< coordinate k of sample i at position[k * stride + i]
   std::size_t stride = 0;
 };
 
@@ -73,17 +81,22 @@ struct GridKernels {
   /// out [n, features].
   void (*encode)(int features, const GridLevel& level, const GridPoints& points, float* out);
   /// Adds to d_rows and to d_position[k * points.stride + i], each unless null.
-  void (*encode_backward)(int features, const GridLevel& level, const GridPoints& points, const float* d_out,
-                          float* d_rows, float* d_position);
+  void (*encode_backward)(int features, const GridLevel& level, const GridPoints& points,
+                          const float* d_out, float* d_rows, float* d_position);
   /// scale exp(sum of the levels), one feature each.
-  void (*density)(const GridLevel* levels, int n_levels, float scale, const GridPoints& points, float* density);
+  void (*density)(const GridLevel* levels, int n_levels, float scale, const GridPoints& points,
+                  float* density);
   /// volume/ray_weights.h, ray by ray; scratch: per_ray + 16 floats.
-  void (*weights)(int n_rays, int per_ray, const float* edges, const float* density, float* weights, float* scratch);
-  void (*weights_backward)(int n_rays, int per_ray, const float* edges, const float* density, const float* weights,
-                           const float* d_weights, float* d_density, float* scratch);
-  void (*network_forward)(const GridNetworkWeights& weights, const GridNetworkTile& tile, float* raw, float* scratch);
-  void (*network_backward)(const GridNetworkWeights& weights, const GridNetworkTile& tile, const float* d_raw,
-                           const GridNetworkGradients& gradients, float* d_features, float* scratch);
+  void (*weights)(int n_rays, int per_ray, const float* edges, const float* density, float* weights,
+                  float* scratch);
+  void (*weights_backward)(int n_rays, int per_ray, const float* edges, const float* density,
+                           const float* weights, const float* d_weights, float* d_density,
+                           float* scratch);
+  void (*network_forward)(const GridNetworkWeights& weights, const GridNetworkTile& tile,
+                          float* raw, float* scratch);
+  void (*network_backward)(const GridNetworkWeights& weights, const GridNetworkTile& tile,
+                           const float* d_raw, const GridNetworkGradients& gradients,
+                           float* d_features, float* scratch);
 };
 
 namespace avx2 {

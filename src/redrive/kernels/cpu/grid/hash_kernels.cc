@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compiled once per instruction set: REDRIVE_ISA names the namespace. A cell's eight rows come as four pairs: the far vertex along
-// x has the row after the near one's (field/hash_grid.h), so that both are one load. A pair wraps where the near one's row is the
-// last of a hashed level.
+// Compiled once per instruction set: REDRIVE_ISA names the namespace. A cell's eight rows come as
+// four pairs: the far vertex along x has the row after the near one's (field/hash_grid.h), so that
+// both are one load. A pair wraps where the near one's row is the last of a hashed level.
 #include "redrive/kernels/cpu/grid/hash_kernels.h"
 
 namespace redrive::kernels::REDRIVE_ISA {
@@ -31,7 +31,8 @@ REDRIVE_INLINE Cells find_cells(const GridLevel& level, const GridPoints& points
     out.corner[k] = __builtin_convertvector(scaled, Vi);
     out.fraction[k] = scaled - __builtin_convertvector(out.corner[k], Vf);
   }
-  const Vf weight = one / maximum(splat(2.0f) * cells * load_first(points.footprint + i, count), one),
+  const Vf weight =
+               one / maximum(splat(2.0f) * cells * load_first(points.footprint + i, count), one),
            above = maximum(weight - splat(kLevelFloor), Vf{});
   out.level_weight = weight < one ? above / splat(1 - kLevelFloor) : one;
   out.counts = lane_bits(out.level_weight > Vf{});
@@ -39,10 +40,12 @@ REDRIVE_INLINE Cells find_cells(const GridLevel& level, const GridPoints& points
   const std::uint32_t side = static_cast<std::uint32_t>(level.cells) + 2;
   const Vu step_y = splat_unsigned(level.dense ? side : 2654435761u),
            step_z = splat_unsigned(level.dense ? side * side : 805459861u);
-  const Vu x = reinterpret_cast<Vu>(out.corner[0]), y = reinterpret_cast<Vu>(out.corner[1]) * step_y,
+  const Vu x = reinterpret_cast<Vu>(out.corner[0]),
+           y = reinterpret_cast<Vu>(out.corner[1]) * step_y,
            z = reinterpret_cast<Vu>(out.corner[2]) * step_z;
   if (level.dense) {
-    for (int p = 0; p < 4; ++p) out.row[p] = x + (p & 1 ? y + step_y : y) + (p & 2 ? z + step_z : z);
+    for (int p = 0; p < 4; ++p)
+      out.row[p] = x + (p & 1 ? y + step_y : y) + (p & 2 ? z + step_z : z);
     out.wraps = false;
   } else {
     const Vu mask = splat_unsigned(level.mask);
@@ -101,19 +104,23 @@ REDRIVE_INLINE typename RowOf<kFeatures>::Type far_of(typename RowOf<kFeatures>:
 
 template <int kFeatures>
 REDRIVE_INLINE typename RowOf<kFeatures>::Type* row_at(float* rows, std::uint32_t row) {
-  return reinterpret_cast<typename RowOf<kFeatures>::Type*>(rows + static_cast<std::size_t>(row) * kFeatures);
+  return reinterpret_cast<typename RowOf<kFeatures>::Type*>(rows + static_cast<std::size_t>(row) *
+                                                                       kFeatures);
 }
 template <int kFeatures>
 REDRIVE_INLINE const typename RowOf<kFeatures>::Type* row_at(const float* rows, std::uint32_t row) {
-  return reinterpret_cast<const typename RowOf<kFeatures>::Type*>(rows + static_cast<std::size_t>(row) * kFeatures);
+  return reinterpret_cast<const typename RowOf<kFeatures>::Type*>(
+      rows + static_cast<std::size_t>(row) * kFeatures);
 }
 
 /// `wraps`: the pair may.
 template <int kFeatures>
-REDRIVE_INLINE typename RowOf<kFeatures>::Pair load_pair(const GridLevel& level, std::uint32_t row, bool wraps) {
+REDRIVE_INLINE typename RowOf<kFeatures>::Pair load_pair(const GridLevel& level, std::uint32_t row,
+                                                         bool wraps) {
   if (wraps && row == level.mask)
     return join<kFeatures>(*row_at<kFeatures>(level.rows, row), *row_at<kFeatures>(level.rows, 0));
-  return *reinterpret_cast<const typename RowOf<kFeatures>::Pair*>(row_at<kFeatures>(level.rows, row));
+  return *reinterpret_cast<const typename RowOf<kFeatures>::Pair*>(
+      row_at<kFeatures>(level.rows, row));
 }
 
 template <int kFeatures>
@@ -130,13 +137,15 @@ REDRIVE_INLINE void add_pair(float* rows, std::uint32_t mask, std::uint32_t row,
 /// What loops over single points read of Cells.
 struct StoredCells {
   alignas(64) std::uint32_t row[4][kLanes];
-  alignas(64) float weight[4][kLanes];  ///< of a pair: the shares along y and z times the level's weight
+  alignas(64) float weight[4][kLanes];  ///< of a pair: the shares along y and z times the level's
+                                        ///< weight
   alignas(64) float x[kLanes];          ///< the far one's share of a pair
 };
 
 REDRIVE_INLINE void store_cells(const Cells& cells, StoredCells* out) {
   const Vf one = splat(1.0f), y[2] = {one - cells.fraction[1], cells.fraction[1]},
-           z[2] = {(one - cells.fraction[2]) * cells.level_weight, cells.fraction[2] * cells.level_weight};
+           z[2] = {(one - cells.fraction[2]) * cells.level_weight,
+                   cells.fraction[2] * cells.level_weight};
   for (int p = 0; p < 4; ++p) {
     std::memcpy(out->row[p], &cells.row[p], sizeof cells.row[p]);
     store(out->weight[p], y[p & 1] * z[p >> 1]);
@@ -145,12 +154,16 @@ REDRIVE_INLINE void store_cells(const Cells& cells, StoredCells* out) {
 }
 
 template <int kFeatures>
-REDRIVE_INLINE void encode_point(const GridLevel& level, const StoredCells& cells, int j, bool wraps, float* out) {
-  // Multiply-adds of one possible rounding: a point's features do not depend on what wraps in its block.
+REDRIVE_INLINE void encode_point(const GridLevel& level, const StoredCells& cells, int j,
+                                 bool wraps, float* out) {
+  // Multiply-adds of one possible rounding: a point's features do not depend on what wraps in its
+  // block.
   typename RowOf<kFeatures>::Pair sum{};
 #pragma GCC unroll 4
-  for (int p = 0; p < 4; ++p) sum += cells.weight[p][j] * load_pair<kFeatures>(level, cells.row[p][j], wraps);
-  const typename RowOf<kFeatures>::Type near = near_of<kFeatures>(sum), step = far_of<kFeatures>(sum) - near;
+  for (int p = 0; p < 4; ++p)
+    sum += cells.weight[p][j] * load_pair<kFeatures>(level, cells.row[p][j], wraps);
+  const typename RowOf<kFeatures>::Type near = near_of<kFeatures>(sum),
+                                        step = far_of<kFeatures>(sum) - near;
   *row_at<kFeatures>(out, static_cast<std::uint32_t>(j)) = near + cells.x[j] * step;
 }
 
@@ -166,7 +179,8 @@ void encode_rows(const GridLevel& level, const GridPoints& points, float* out) {
         if (cells.counts >> j & 1)
           encode_point<kFeatures>(level, stored, j, wraps, out);
         else
-          *row_at<kFeatures>(out, static_cast<std::uint32_t>(j)) = typename RowOf<kFeatures>::Type{};
+          *row_at<kFeatures>(out, static_cast<std::uint32_t>(j)) =
+              typename RowOf<kFeatures>::Type{};
     };
     if (cells.wraps)
       encode_all(true);
@@ -175,8 +189,8 @@ void encode_rows(const GridLevel& level, const GridPoints& points, float* out) {
   }
 }
 
-/// Bit j: point j lies in the same cell as the one before it, and the level counts for that one, too; `before`: the last cells',
-/// `counted`: whether the level counts for the last point.
+/// Bit j: point j lies in the same cell as the one before it, and the level counts for that one,
+/// too; `before`: the last cells', `counted`: whether the level counts for the last point.
 REDRIVE_INLINE unsigned in_same_cell(const Cells& cells, Vi before[3], bool* counted) {
   Vi shift;
   for (int i = 0; i < kLanes; ++i) shift[i] = i == 0 ? 2 * kLanes - 1 : i - 1;
@@ -190,9 +204,11 @@ REDRIVE_INLINE unsigned in_same_cell(const Cells& cells, Vi before[3], bool* cou
   return lane_bits(same) & counted_before;
 }
 
-/// Consecutive points in one cell are summed up before they are added to its rows: along a ray they are many.
+/// Consecutive points in one cell are summed up before they are added to its rows: along a ray they
+/// are many.
 template <int kFeatures>
-void encode_rows_backward(const GridLevel& level, const GridPoints& points, const float* d_out, float* d_rows) {
+void encode_rows_backward(const GridLevel& level, const GridPoints& points, const float* d_out,
+                          float* d_rows) {
   typedef typename RowOf<kFeatures>::Type Row;
   typedef typename RowOf<kFeatures>::Pair Pair;
   StoredCells stored;
@@ -227,7 +243,8 @@ void encode_rows_backward(const GridLevel& level, const GridPoints& points, cons
 }
 
 template <int kFeatures>
-void encode_position_backward(const GridLevel& level, const GridPoints& points, const float* d_out, float* d_position) {
+void encode_position_backward(const GridLevel& level, const GridPoints& points, const float* d_out,
+                              float* d_position) {
   typedef typename RowOf<kFeatures>::Type Row;
   StoredCells stored;
   alignas(64) float y[kLanes], z[kLanes], scale[kLanes];
@@ -245,7 +262,8 @@ void encode_position_backward(const GridLevel& level, const GridPoints& points, 
                   in_z[2] = {1.0f - z[j], z[j]};
       float slope[3]{};
       for (int p = 0; p < 4; ++p) {
-        const auto pair = load_pair<kFeatures>(level, stored.row[p][j], cells.wraps) * join<kFeatures>(d, d);
+        const auto pair =
+            load_pair<kFeatures>(level, stored.row[p][j], cells.wraps) * join<kFeatures>(d, d);
         float near = 0, far = 0;
         for (int f = 0; f < kFeatures; ++f) {
           near += pair[f];
@@ -263,7 +281,8 @@ void encode_position_backward(const GridLevel& level, const GridPoints& points, 
 
 typedef float V4 __attribute__((vector_size(16), may_alias));
 
-/// Pairs of kWidth numbers each from the low (kHigh = 0) or high halves of a's and b's 128-bit parts, a's first.
+/// Pairs of kWidth numbers each from the low (kHigh = 0) or high halves of a's and b's 128-bit
+/// parts, a's first.
 template <int kWidth, int kHigh>
 REDRIVE_INLINE Vf interleave(Vf a, Vf b) {
   Vi index;
@@ -274,10 +293,11 @@ REDRIVE_INLINE Vf interleave(Vf a, Vf b) {
   return __builtin_shuffle(a, b, index);
 }
 
-/// Number m of point 4 q + e stands in lane 4 q + e of v[m] before, in lane 4 q + m of v[e] after; the other way round, too.
+/// Number m of point 4 q + e stands in lane 4 q + e of v[m] before, in lane 4 q + m of v[e] after;
+/// the other way round, too.
 REDRIVE_INLINE void transpose_fours(Vf v[4]) {
-  const Vf a = interleave<1, 0>(v[0], v[1]), b = interleave<1, 0>(v[2], v[3]), c = interleave<1, 1>(v[0], v[1]),
-           d = interleave<1, 1>(v[2], v[3]);
+  const Vf a = interleave<1, 0>(v[0], v[1]), b = interleave<1, 0>(v[2], v[3]),
+           c = interleave<1, 1>(v[0], v[1]), d = interleave<1, 1>(v[2], v[3]);
   v[0] = interleave<2, 0>(a, b);
   v[1] = interleave<2, 1>(a, b);
   v[2] = interleave<2, 0>(c, d);
@@ -285,15 +305,18 @@ REDRIVE_INLINE void transpose_fours(Vf v[4]) {
 }
 
 /// Two pairs of single numbers; one that may wrap is put together number by number.
-REDRIVE_INLINE V4 load_pairs(const GridLevel& level, std::uint32_t first, std::uint32_t second, bool wraps) {
+REDRIVE_INLINE V4 load_pairs(const GridLevel& level, std::uint32_t first, std::uint32_t second,
+                             bool wraps) {
   const float* const rows = level.rows;
-  if (wraps) return V4{rows[first], rows[(first + 1) & level.mask], rows[second], rows[(second + 1) & level.mask]};
+  if (wraps)
+    return V4{rows[first], rows[(first + 1) & level.mask], rows[second],
+              rows[(second + 1) & level.mask]};
   const __m128 low = _mm_loadl_pi(_mm_setzero_ps(), reinterpret_cast<const __m64*>(rows + first));
   return reinterpret_cast<V4>(_mm_loadh_pi(low, reinterpret_cast<const __m64*>(rows + second)));
 }
 
-REDRIVE_INLINE void add_single_pairs(float* rows, std::uint32_t mask, std::uint32_t first, std::uint32_t second,
-                                     bool wraps, V4 sum) {
+REDRIVE_INLINE void add_single_pairs(float* rows, std::uint32_t mask, std::uint32_t first,
+                                     std::uint32_t second, bool wraps, V4 sum) {
   if (wraps) {
     rows[first] += sum[0];
     rows[(first + 1) & mask] += sum[1];
@@ -331,7 +354,8 @@ REDRIVE_INLINE void mix_along_z(const GridLevel& level, bool wraps, StoredSingle
   }
 }
 
-void encode_singles_backward(const GridLevel& level, const GridPoints& points, const float* d_out, float* d_rows) {
+void encode_singles_backward(const GridLevel& level, const GridPoints& points, const float* d_out,
+                             float* d_rows) {
   StoredSingles s;
   Vi before[3] = {splat_int(-1), splat_int(-1), splat_int(-1)};
   V4 near{}, far{};
@@ -345,9 +369,10 @@ void encode_singles_backward(const GridLevel& level, const GridPoints& points, c
     const int count = points.n - i < kLanes ? static_cast<int>(points.n - i) : kLanes;
     const Cells cells = find_cells(level, points, i);
     store_singles(cells, &s);
-    const Vf d = load_first(d_out + i, count) * cells.level_weight, far_y = d * cells.fraction[1], near_y = d - far_y;
-    Vf plane[4] = {near_y - near_y * cells.fraction[0], near_y * cells.fraction[0], far_y - far_y * cells.fraction[0],
-                   far_y * cells.fraction[0]};
+    const Vf d = load_first(d_out + i, count) * cells.level_weight, far_y = d * cells.fraction[1],
+             near_y = d - far_y;
+    Vf plane[4] = {near_y - near_y * cells.fraction[0], near_y * cells.fraction[0],
+                   far_y - far_y * cells.fraction[0], far_y * cells.fraction[0]};
     transpose_fours(plane);
     for (int k = 0; k < 4; ++k) store(s.plane[k], plane[k]);
     const unsigned same = in_same_cell(cells, before, &counted);
@@ -370,8 +395,8 @@ void encode_singles_backward(const GridLevel& level, const GridPoints& points, c
 }
 
 template <int kFeatures>
-void backward_of(const GridLevel& level, const GridPoints& points, const float* d_out, float* d_rows,
-                 float* d_position) {
+void backward_of(const GridLevel& level, const GridPoints& points, const float* d_out,
+                 float* d_rows, float* d_position) {
   if (d_rows) {
     if constexpr (kFeatures == 1)
       encode_singles_backward(level, points, d_out, d_rows);
@@ -392,8 +417,8 @@ void encode(int features, const GridLevel& level, const GridPoints& points, floa
   }
 }
 
-void encode_backward(int features, const GridLevel& level, const GridPoints& points, const float* d_out, float* d_rows,
-                     float* d_position) {
+void encode_backward(int features, const GridLevel& level, const GridPoints& points,
+                     const float* d_out, float* d_rows, float* d_position) {
   switch (features) {
     case 1: return backward_of<1>(level, points, d_out, d_rows, d_position);
     case 2: return backward_of<2>(level, points, d_out, d_rows, d_position);
@@ -402,7 +427,8 @@ void encode_backward(int features, const GridLevel& level, const GridPoints& poi
   }
 }
 
-void density(const GridLevel* levels, int n_levels, float scale, const GridPoints& points, float* density) {
+void density(const GridLevel* levels, int n_levels, float scale, const GridPoints& points,
+             float* density) {
   StoredSingles s;
   for (int l = 0; l < n_levels; ++l)  // one table at a time is in the second-level cache
     for (std::size_t i = 0; i < points.n; i += kLanes) {
@@ -417,11 +443,14 @@ void density(const GridLevel* levels, int n_levels, float scale, const GridPoint
       for (int k = 0; k < 4; ++k) plane[k] = load(s.plane[k]);
       transpose_fours(plane);
       const Vf x = cells.fraction[0], y = cells.fraction[1], near_x = splat(1.0f) - x,
-               of_level =
-                   (splat(1.0f) - y) * (near_x * plane[0] + x * plane[1]) + y * (near_x * plane[2] + x * plane[3]);
-      const Vf sum = cells.level_weight * of_level + (l == 0 ? Vf{} : load_first(density + i, count));
+               of_level = (splat(1.0f) - y) * (near_x * plane[0] + x * plane[1]) +
+                          y * (near_x * plane[2] + x * plane[3]);
+      const Vf sum =
+          cells.level_weight * of_level + (l == 0 ? Vf{} : load_first(density + i, count));
       store_first(density + i,
-                  l + 1 < n_levels ? sum : splat(scale) * exponential(minimum(splat(kMaxLogDensity), sum)).value,
+                  l + 1 < n_levels
+                      ? sum
+                      : splat(scale) * exponential(minimum(splat(kMaxLogDensity), sum)).value,
                   count);
     }
 }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The hash grids' part of GridKernels (grid_kernels.h). Only for files with ISA flags (simd/vector.h).
+// The hash grids' part of GridKernels (grid_kernels.h). Only for files with ISA flags
+// (simd/vector.h).
 #pragma once
 
 #include "redrive/kernels/cpu/grid/grid_kernels.h"
@@ -8,8 +9,9 @@
 namespace redrive::kernels::REDRIVE_ISA {
 
 void encode(int features, const GridLevel& level, const GridPoints& points, float* out);
-void encode_backward(int features, const GridLevel& level, const GridPoints& points, const float* d_out, float* d_rows,
-                     float* d_position);
-void density(const GridLevel* levels, int n_levels, float scale, const GridPoints& points, float* density);
+void encode_backward(int features, const GridLevel& level, const GridPoints& points,
+                     const float* d_out, float* d_rows, float* d_position);
+void density(const GridLevel* levels, int n_levels, float scale, const GridPoints& points,
+             float* density);
 
 }  // namespace redrive::kernels::REDRIVE_ISA

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The weights of --method grid's networks in the orders in which the kernels read them; made once for each pass over a batch.
+// The weights of --method grid's networks in the orders in which the kernels read them; made once
+// for each pass over a batch.
 #pragma once
 
 #include <cstddef>
@@ -32,7 +33,8 @@ class PackedBf16Network {
   const GridBf16Weights& weights() const { return weights_; }
 
  private:
-  /// Number (o, i) from from[o * output + i * input]: of [outputs, inputs], or 0 beyond; in blocks of `block` outputs.
+  /// Number (o, i) from from[o * output + i * input]: of [outputs, inputs], or 0 beyond; in blocks
+  /// of `block` outputs.
   struct Matrix {
     const float* from = nullptr;
     int outputs = 0, inputs = 0, output = 0, input = 1;

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Matrix products of a few dozen columns: c[m, n] = start + sum_k a[m, k] b[k, n]. a is read number by number (any strides), b and c
-// in whole vectors of a row; blocks of rows x columns of c stay in registers, and what a layer does to its sums is done there.
-// Only for files with ISA flags (simd/vector.h).
+// Matrix products of a few dozen columns: c[m, n] = start + sum_k a[m, k] b[k, n]. a is read number
+// by number (any strides), b and c in whole vectors of a row; blocks of rows x columns of c stay in
+// registers, and what a layer does to its sums is done there. Only for files with ISA flags
+// (simd/vector.h).
 #pragma once
 
 #include "redrive/kernels/cpu/simd/vector.h"
@@ -59,7 +60,8 @@ REDRIVE_INLINE void product_block(const Product& p, int row, int column) {
     for (int v = 0; v < kVectors; ++v) {
       Vf out = sum[m][v];
       if constexpr (kFinish == Finish::kRectify) out = out < Vf{} ? Vf{} : out;  // NaN stays NaN
-      if constexpr (kFinish == Finish::kGate) out = load(gate + m * p.c_row + v * kLanes) > Vf{} ? out : Vf{};
+      if constexpr (kFinish == Finish::kGate)
+        out = load(gate + m * p.c_row + v * kLanes) > Vf{} ? out : Vf{};
       store(c + m * p.c_row + v * kLanes, out);
     }
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compiled once per instruction set: REDRIVE_ISA names the namespace. -ffp-contract=off, so that t is bit-equal to the scalar
-// function's; -fno-math-errno for a vector square root.
+// Compiled once per instruction set: REDRIVE_ISA names the namespace. -ffp-contract=off, so that t
+// is bit-equal to the scalar function's; -fno-math-errno for a vector square root.
 #include "redrive/kernels/cpu/cpu_kernels.h"
 
 #include "redrive/kernels/cpu/simd/vector.h"
@@ -12,15 +12,18 @@ REDRIVE_INLINE bool is_infinite(float x) { return x == __builtin_inff(); }
 
 REDRIVE_INLINE Vf sigmoid(Vf x) { return splat(1.0f) / (splat(1.0f) + exponential(-x).value); }
 
-/// alpha and 1 - alpha of every sample of a ray (volume/composite.h, absorption), in whole vectors: beyond n sigma is 0.
-REDRIVE_INLINE void absorb(const float* density, const float* dt, int n, float* alpha, float* transparency) {
+/// alpha and 1 - alpha of every sample of a ray (volume/composite.h, absorption), in whole vectors:
+/// beyond n sigma is 0.
+REDRIVE_INLINE void absorb(const float* density, const float* dt, int n, float* alpha,
+                           float* transparency) {
   const Vf zero{}, one = splat(1.0f);
   for (int i = 0; i < n; i += kLanes) {
     const Vf raw = load_first(density + i, n - i), length = load_first(dt + i, n - i);
     const Vf sigma = raw <= zero ? zero : raw;
     const Vi infinite = length == splat(__builtin_inff());
     const Exponential e = exponential(-sigma * (infinite ? zero : length));
-    const Vf step_alpha = sigma <= zero ? zero : one + zero * sigma, step_rest = sigma <= zero ? one : zero;
+    const Vf step_alpha = sigma <= zero ? zero : one + zero * sigma,
+             step_rest = sigma <= zero ? one : zero;
     store(alpha + i, infinite ? step_alpha : -e.minus_one);
     store(transparency + i, infinite ? step_rest : e.value);
   }
@@ -41,22 +44,27 @@ void composite_forward(const CompositeRays& rays, const CompositeResult& out, fl
     Vf depth{}, opacity{}, rgb[3]{};
     for (int i = 0; i < n; i += kLanes) {
       const Vf w = load_first(weight + i, n - i);
-      for (int k = 0; k < 3; ++k) rgb[k] += w * sigmoid(load_first(raw + k * rays.raw_stride + i, n - i));
+      for (int k = 0; k < 3; ++k)
+        rgb[k] += w * sigmoid(load_first(raw + k * rays.raw_stride + i, n - i));
       depth += w * load_first(rays.t + first + i, n - i);
       opacity += w;
     }
     for (int k = 0; k < 3; ++k) {
-      const float behind = rays.background ? transmittance * rays.background[k * rays.background_stride + ray] : 0.0f;
+      const float behind = rays.background
+                               ? transmittance * rays.background[k * rays.background_stride + ray]
+                               : 0.0f;
       out.rgb[k * out.rgb_stride + ray] = sum(rgb[k]) + behind;
     }
     out.depth[ray] = sum(depth);
     out.opacity[ray] = sum(opacity);
     if (out.weights)
-      for (int i = 0; i < n; i += kLanes) store_first(out.weights + first + i, load(weight + i), n - i);
+      for (int i = 0; i < n; i += kLanes)
+        store_first(out.weights + first + i, load(weight + i), n - i);
   }
 }
 
-void composite_backward(const CompositeRays& rays, const CompositeGradient& adjoint, float* scratch) {
+void composite_backward(const CompositeRays& rays, const CompositeGradient& adjoint,
+                        float* scratch) {
   const int n = rays.per_ray, padded = (n + kLanes - 1) / kLanes * kLanes;
   float *weight = scratch, *after = scratch + padded, *colour = scratch + 2 * padded;
   for (int ray = 0; ray < rays.n_rays; ++ray) {
@@ -79,7 +87,8 @@ void composite_backward(const CompositeRays& rays, const CompositeGradient& adjo
       for (int k = 0; k < 3; ++k) {
         const Vf c = sigmoid(load_first(raw + k * rays.raw_stride + i, n - i));
         dot += c * d_rgb[k];
-        store_first(d_raw + k * adjoint.d_raw_stride + i, w * c * (splat(1.0f) - c) * d_rgb[k], n - i);
+        store_first(d_raw + k * adjoint.d_raw_stride + i, w * c * (splat(1.0f) - c) * d_rgb[k],
+                    n - i);
       }
       store(colour + i, dot);
     }
@@ -107,12 +116,15 @@ REDRIVE_INLINE std::int32_t random_bits24(std::uint64_t key, std::uint64_t index
 }
 
 void sample_stratified(const StratifiedRays& rays, float* __restrict t, float* __restrict dt) {
-  const float near_m = rays.near_m, bin = (rays.far_m - rays.near_m) / static_cast<float>(rays.per_ray);
+  const float near_m = rays.near_m,
+              bin = (rays.far_m - rays.near_m) / static_cast<float>(rays.per_ray);
   for (std::size_t ray = 0; ray < rays.n_rays; ++ray, t += rays.per_ray, dt += rays.per_ray) {
-    const std::uint64_t key = rays.key, first = (rays.first_ray + ray) * static_cast<std::uint64_t>(rays.per_ray);
+    const std::uint64_t key = rays.key,
+                        first = (rays.first_ray + ray) * static_cast<std::uint64_t>(rays.per_ray);
     if (rays.jitter) {
       for (int i = 0; i < rays.per_ray; ++i)
-        t[i] = near_m + bin * (static_cast<float>(i) + static_cast<float>(random_bits24(key, first + i)) * 0x1p-24f);
+        t[i] = near_m + bin * (static_cast<float>(i) +
+                               static_cast<float>(random_bits24(key, first + i)) * 0x1p-24f);
     } else {
       for (int i = 0; i < rays.per_ray; ++i) t[i] = near_m + bin * (static_cast<float>(i) + 0.5f);
     }
@@ -130,10 +142,11 @@ void adam(const AdamRange& range) {
     const Vf gradient = load_first(r.gradients + i, count);
     const Vi says_nothing = gradient == zero;
     if (r.lazy && all_lanes(says_nothing)) continue;
-    const Vf m0 = load_first(r.first_moment + i, count), v0 = load_first(r.second_moment + i, count),
-             p0 = load_first(r.parameters + i, count);
+    const Vf m0 = load_first(r.first_moment + i, count),
+             v0 = load_first(r.second_moment + i, count), p0 = load_first(r.parameters + i, count);
     Vf m = beta1 * m0 + rest1 * gradient, v = beta2 * v0 + rest2 * gradient * gradient;
-    Vf p = p0 - splat(r.learning_rate) * (m * splat(r.bias1)) / (square_root(v * splat(r.bias2)) + splat(r.epsilon));
+    Vf p = p0 - splat(r.learning_rate) * (m * splat(r.bias1)) /
+                    (square_root(v * splat(r.bias2)) + splat(r.epsilon));
     if (r.lazy) {
       m = says_nothing ? m0 : m;
       v = says_nothing ? v0 : v;
@@ -161,6 +174,7 @@ void points(const RayPoints& rays) {
 
 }  // namespace
 
-extern const CpuKernels kCpuKernels = {composite_forward, composite_backward, sample_stratified, adam, points};
+extern const CpuKernels kCpuKernels = {composite_forward, composite_backward, sample_stratified,
+                                       adam, points};
 
 }  // namespace redrive::kernels::REDRIVE_ISA

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Vectors of floats in the width of the instruction set this file is compiled for (GCC vector extensions).
-// Only for files compiled with ISA flags. Everything here has internal linkage in a namespace per ISA, and such files call
-// no inline function of the standard library or of the project: the linker keeps one copy of an inline function,
-// and it must not be the one that needs AVX-512.
+// Vectors of floats in the width of the instruction set this file is compiled for (GCC vector
+// extensions). Only for files compiled with ISA flags. Everything here has internal linkage in a
+// namespace per ISA, and such files call no inline function of the standard library or of the
+// project: the linker keeps one copy of an inline function, and it must not be the one that needs
+// AVX-512.
 #pragma once
 
 #include <immintrin.h>
@@ -77,9 +78,9 @@ REDRIVE_INLINE Vf round_small(Vf x) {
   return (x + magic) - magic;
 }
 
-/// e^x and e^x - 1, each with a relative error below 4e-7; x is clamped to [-87, 88] (no subnormals, no infinity); NaN
-/// stays NaN. x = n ln 2 + r, |r| <= ln(2)/2, ln 2 in two parts (Cody and Waite); e^r - 1 by its series to r^7 / 5040
-/// (the next term is below 6e-9).
+/// e^x and e^x - 1, each with a relative error below 4e-7; x is clamped to [-87, 88] (no
+/// subnormals, no infinity); NaN stays NaN. x = n ln 2 + r, |r| <= ln(2)/2, ln 2 in two parts (Cody
+/// and Waite); e^r - 1 by its series to r^7 / 5040 (the next term is below 6e-9).
 struct Exponential {
   Vf value, minus_one;
 };
@@ -99,8 +100,8 @@ REDRIVE_INLINE Exponential exponential(Vf x) {
   return {p * power + power, p * power + (power - splat(1.0f))};
 }
 
-/// sin(pi x) and cos(pi x) for any finite x, absolute error below 2e-7. The reduction to a quarter turn is exact, since
-/// it subtracts multiples of 1/2 from x itself, not of pi/2 from pi x.
+/// sin(pi x) and cos(pi x) for any finite x, absolute error below 2e-7. The reduction to a quarter
+/// turn is exact, since it subtracts multiples of 1/2 from x itself, not of pi/2 from pi x.
 REDRIVE_INLINE void sincos_pi(Vf x, Vf* sine, Vf* cosine) {
   // Whole turns first: beyond 2^23 every float is an integer, beyond 2^24 an even one.
   const Vf magnitude = x < Vf{} ? -x : x;
@@ -112,7 +113,8 @@ REDRIVE_INLINE void sincos_pi(Vf x, Vf* sine, Vf* cosine) {
   const Vf quarter = round_small(x + x);
   const Vf a = (x - quarter * splat(0.5f)) * splat(3.14159265358979323846f);  // |a| <= pi/4
   const Vf a2 = a * a;
-  // Taylor: the next terms at pi/4 are 3e-10 (sine, a^11/11!) ... 2e-9 (cosine, a^10/10! = 2.5e-8 is kept).
+  // Taylor: the next terms at pi/4 are 3e-10 (sine, a^11/11!) ... 2e-9 (cosine, a^10/10! = 2.5e-8
+  // is kept).
   Vf s = splat(1.0f / 362880);
   s = s * a2 - splat(1.0f / 5040);
   s = s * a2 + splat(1.0f / 120);
@@ -128,7 +130,8 @@ REDRIVE_INLINE void sincos_pi(Vf x, Vf* sine, Vf* cosine) {
   const Vi q = __builtin_convertvector(quarter, Vi);
   const Vi swap = (q & splat_int(1)) != splat_int(0);
   const Vf s0 = swap ? c : s, c0 = swap ? s : c;
-  const Vi sine_sign = (q & splat_int(2)) << 30, cosine_sign = ((q + splat_int(1)) & splat_int(2)) << 30;
+  const Vi sine_sign = (q & splat_int(2)) << 30, cosine_sign = ((q + splat_int(1)) & splat_int(2))
+                                                               << 30;
   *sine = reinterpret_cast<Vf>(reinterpret_cast<Vi>(s0) ^ sine_sign);
   *cosine = reinterpret_cast<Vf>(reinterpret_cast<Vi>(c0) ^ cosine_sign);
 }
