@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-# The CUDA backend (src/redrive/kernels/cuda) is in a build if there is nvcc: REDRIVE_CUDA=AUTO. ON wants it, OFF leaves it out. Sets
+# The CUDA backend (src/redrive/kernels/device) is in a build if there is nvcc: REDRIVE_CUDA=AUTO. ON wants it, OFF leaves it out. Sets
 # REDRIVE_HAVE_CUDA. No GPU is needed to build it.
 set(REDRIVE_CUDA AUTO CACHE STRING "The CUDA backend: AUTO (where there is nvcc), ON or OFF")
 set(REDRIVE_HAVE_CUDA OFF)

@@ -12,7 +12,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   try {
     for (const redrive::FramePose& frame :
          redrive::aimotive::parse_egomotion(text, "egomotion2.json")) {
-      if (!frame.ecef_from_body.matrix().allFinite()) __builtin_trap();
+      if (!frame.global_from_body.matrix().allFinite()) __builtin_trap();
     }
   } catch (const redrive::InputError&) {
   }

@@ -10,9 +10,9 @@
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const std::string_view bytes(reinterpret_cast<const char*>(data), size);
-  const std::string kept = redrive::kept_metrics(bytes, {1, 1, 50});
+  const std::string kept = redrive::truncated_metrics(bytes, {1, 1, 50});
   redrive::parse_metrics(kept, "kept");
-  if (redrive::kept_metrics(kept, {1, 1, 50}) != kept) __builtin_trap();
+  if (redrive::truncated_metrics(kept, {1, 1, 50}) != kept) __builtin_trap();
   try {
     redrive::parse_metrics(bytes, "metrics.jsonl");
   } catch (const redrive::InputError&) {

@@ -5,14 +5,15 @@
 #include <string_view>
 
 #include "redrive/base/error.h"
-#include "redrive/recording/poses_file.h"
+#include "redrive/recording/view_requests.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const std::string_view text(reinterpret_cast<const char*>(data), size);
   try {
-    for (const redrive::RequestedView& view : redrive::parse_poses(text, "poses.json").views) {
+    for (const redrive::RequestedView& view :
+         redrive::parse_view_requests(text, "poses.json").views) {
       if (view.file.empty() || view.file.front() == '/' ||
-          (!view.ecef_from_body && !view.shift_body_m))
+          (!view.global_from_body && !view.shift_body_m))
         __builtin_trap();
     }
   } catch (const redrive::InputError&) {

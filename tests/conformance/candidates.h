@@ -11,7 +11,7 @@
 #include <gtest/gtest.h>
 
 #include "nerf_case.h"
-#include "redrive/kernels/cuda/cuda_backend.h"
+#include "redrive/kernels/device/cuda_backend.h"
 
 namespace redrive::kernels::conformance {
 
@@ -70,7 +70,7 @@ inline std::string name_of(const testing::TestParamInfo<Candidate>& info) {
 }
 
 /// Its tests are of one candidate each, skipped with the obstacle where this machine cannot run it.
-class OneCandidate : public testing::TestWithParam<Candidate> {
+class BackendConformance : public testing::TestWithParam<Candidate> {
  protected:
   void SetUp() override {
     const auto obstacle = GetParam().isa        ? isa_obstacle(*GetParam().isa)

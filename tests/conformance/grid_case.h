@@ -155,8 +155,8 @@ class GridOracle {
         adjoint(kGridColourOut, colour[last], {{d_raw[0], d_raw[1], d_raw[2]}, {0, 0, 0}});
     if (last == 1) d = adjoint(kGridColour1, colour[0], pass(colour[1], d));
     d = adjoint(kGridColour0, both, pass(colour[0], d));
-    d.value.resize(kGeometry);
-    d.variance.resize(kGeometry);
+    d.value.resize(kGeometryFeatures);
+    d.variance.resize(kGeometryFeatures);
     d.value[0] += d_raw[3] * density;
     d.variance[0] += d_raw[3] * d_raw[3] * v_density;
     d = adjoint(kGridDensity1, hidden, d);

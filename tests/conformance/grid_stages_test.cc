@@ -11,10 +11,10 @@
 
 #include <gtest/gtest.h>
 
+#include "all_near.h"
 #include "candidates.h"
-#include "compare.h"
 #include "grid_case.h"
-#include "redrive/loss/proposal.h"
+#include "redrive/optim/proposal_loss.h"
 
 namespace redrive::kernels::conformance {
 namespace {
@@ -29,9 +29,9 @@ std::vector<BatchSize> batch_sizes() {
   return sizes;
 }
 
-class EveryGridBackend : public OneCandidate {};
+class GridStagesTest : public BackendConformance {};
 
-INSTANTIATE_TEST_SUITE_P(Backends, EveryGridBackend, testing::ValuesIn(candidates()), name_of);
+INSTANTIATE_TEST_SUITE_P(Backends, GridStagesTest, testing::ValuesIn(candidates()), name_of);
 
 const RaySpacing kSpacing{0.5f, 500, 20};
 
@@ -58,7 +58,7 @@ struct Rows {
   }
 };
 
-TEST_P(EveryGridBackend, Spaced) {
+TEST_P(GridStagesTest, Spaced) {
   // The scalar function is the definition, bit by bit.
   const auto backend = make(), ref = make_ref_backend();
   for (const BatchSize& size : batch_sizes())
@@ -68,7 +68,7 @@ TEST_P(EveryGridBackend, Spaced) {
         // From outside a cube as well as from within, towards it and not.
         const std::vector<float> origin = random_floats(3 * size.n_rays, 227, -20, 20),
                                  direction = random_floats(3 * size.n_rays, 228, -1, 1);
-        const SpacedIntervals how{size.per_ray, kSpacing, {{1, 2, 3}, 12, unbounded}, jitter, 77};
+        const UniformSampling how{size.per_ray, kSpacing, {{1, 2, 3}, 12, unbounded}, jitter, 77};
         std::vector<float> edges(size.n_rays * (size.per_ray + 1), NAN), expected(edges.size());
         backend->grid().spaced({size.n_rays, origin, direction}, how, edges);
         ref->grid().spaced({size.n_rays, origin, direction}, how, expected);
@@ -76,7 +76,7 @@ TEST_P(EveryGridBackend, Spaced) {
       }
 }
 
-TEST_P(EveryGridBackend, Proposed) {
+TEST_P(GridStagesTest, Proposed) {
   // As above; steep where weights vanish, so that there would be no useful tolerance.
   const auto backend = make(), ref = make_ref_backend();
   for (const BatchSize& size : batch_sizes())
@@ -95,7 +95,7 @@ TEST_P(EveryGridBackend, Proposed) {
     }
 }
 
-TEST_P(EveryGridBackend, Contract) {
+TEST_P(GridStagesTest, Contract) {
   const auto backend = make(), ref = make_ref_backend();
   for (const BatchSize& size : batch_sizes())
     for (const auto& [unbounded, least_width] :
@@ -148,7 +148,7 @@ TEST_P(EveryGridBackend, Contract) {
     }
 }
 
-TEST_P(EveryGridBackend, ContractSamplesOfKnownSize) {
+TEST_P(GridStagesTest, ContractSamplesOfKnownSize) {
   // A pixel is 0.02 m wide at 2 m; its intervals are 1 m and 2 m long, and a metre is an eighth of
   // the cube's side.
   const std::vector<float> origin{0, 0, 0}, direction{1, 0, 0}, angle{0.01f},
@@ -169,7 +169,7 @@ TEST_P(EveryGridBackend, ContractSamplesOfKnownSize) {
   EXPECT_NEAR(position[1], 0.5 + 3.5 / 8, 1e-6);
 }
 
-TEST_P(EveryGridBackend, ContractBackward) {
+TEST_P(GridStagesTest, ContractBackward) {
   const auto backend = make(), ref = make_ref_backend();
   for (const BatchSize& size : batch_sizes())
     for (const bool unbounded : {false, true}) {
@@ -267,11 +267,11 @@ std::vector<std::vector<double>> level_weights(const HashGridConfig& config, con
   for (std::size_t i = 0; i < out.size(); ++i)
     for (const HashGridLevel& level : levels)
       out[i].push_back(hash_grid_level_weight<double>(level, at.footprint[i]) +
-                       kLevelFloor / (1 - kLevelFloor));
+                       kMinLevelWeight / (1 - kMinLevelWeight));
   return out;
 }
 
-TEST_P(EveryGridBackend, Encode) {
+TEST_P(GridStagesTest, Encode) {
   const auto backend = make(), ref = make_ref_backend();
   for (const HashGridConfig& config : grids())
     for (const std::size_t n : point_counts()) {
@@ -300,7 +300,7 @@ TEST_P(EveryGridBackend, Encode) {
     }
 }
 
-TEST_P(EveryGridBackend, EncodeOfAnyPosition) {
+TEST_P(GridStagesTest, EncodeOfAnyPosition) {
   // The place in a cell rounds once, up to the number of cells, and moves a mean of numbers in
   // -1..1 by twice that along each axis.
   const auto backend = make(), ref = make_ref_backend();
@@ -321,7 +321,7 @@ TEST_P(EveryGridBackend, EncodeOfAnyPosition) {
   }
 }
 
-TEST_P(EveryGridBackend, EncodeBackward) {
+TEST_P(GridStagesTest, EncodeBackward) {
   const auto backend = make(), ref = make_ref_backend();
   const float before = 0x1p-6f;  // gradients are added to
   for (const HashGridConfig& config : grids())
@@ -401,7 +401,7 @@ bool too_slow(const Candidate& candidate, const GridCase& grid, BatchSize size) 
          0.1 * candidate.most_macs();
 }
 
-TEST_P(EveryGridBackend, NetworkForward) {
+TEST_P(GridStagesTest, NetworkForward) {
   const auto backend = make();
   const bool bf16 = GetParam().grid_roundoff() == kBf16Roundoff;
   for (const GridCase& grid : cases())
@@ -436,7 +436,7 @@ TEST_P(EveryGridBackend, NetworkForward) {
     }
 }
 
-TEST_P(EveryGridBackend, NetworkBackward) {
+TEST_P(GridStagesTest, NetworkBackward) {
   const auto backend = make();
   const bool bf16 = GetParam().grid_roundoff() == kBf16Roundoff;
   for (const GridCase& grid : cases())
@@ -479,7 +479,7 @@ TEST_P(EveryGridBackend, NetworkBackward) {
     }
 }
 
-TEST_P(EveryGridBackend, ProposalDensity) {
+TEST_P(GridStagesTest, ProposalDensity) {
   const auto backend = make(), ref = make_ref_backend();
   const float scale = 0.25f;
   for (const HashGridConfig& config :
@@ -519,7 +519,7 @@ TEST_P(EveryGridBackend, ProposalDensity) {
     }
 }
 
-TEST_P(EveryGridBackend, ProposalDensityIsBound) {
+TEST_P(GridStagesTest, ProposalDensityIsBound) {
   const auto backend = make();
   const HashGridConfig config{5, 1, 6, 160, 13};
   const std::vector<float> footprint(3), position(9, 0.3f);
@@ -559,7 +559,7 @@ struct Transmittance {
 /// Exponentials end at e^-87.
 constexpr double kTiny = 2e-38;
 
-TEST_P(EveryGridBackend, Weights) {
+TEST_P(GridStagesTest, Weights) {
   const auto backend = make(), ref = make_ref_backend();
   for (const BatchSize& size : batch_sizes()) {
     SCOPED_TRACE(trace(size));
@@ -581,7 +581,7 @@ TEST_P(EveryGridBackend, Weights) {
   }
 }
 
-TEST_P(EveryGridBackend, WeightsBackward) {
+TEST_P(GridStagesTest, WeightsBackward) {
   const auto backend = make(), ref = make_ref_backend();
   for (const BatchSize& size : batch_sizes()) {
     SCOPED_TRACE(trace(size));
@@ -613,7 +613,7 @@ TEST_P(EveryGridBackend, WeightsBackward) {
   }
 }
 
-TEST_P(EveryGridBackend, Range) {
+TEST_P(GridStagesTest, Range) {
   const auto backend = make(), ref = make_ref_backend();
   for (const BatchSize& size : batch_sizes()) {
     SCOPED_TRACE(trace(size));
@@ -642,7 +642,7 @@ TEST_P(EveryGridBackend, Range) {
   }
 }
 
-TEST_P(EveryGridBackend, EmptySpace) {
+TEST_P(GridStagesTest, EmptySpace) {
   const auto backend = make(), ref = make_ref_backend();
   for (const BatchSize& size : batch_sizes()) {
     SCOPED_TRACE(trace(size));
@@ -662,7 +662,7 @@ TEST_P(EveryGridBackend, EmptySpace) {
   }
 }
 
-TEST_P(EveryGridBackend, Proposal) {
+TEST_P(GridStagesTest, Proposal) {
   const auto backend = make(), ref = make_ref_backend();
   int lacking_in_all = 0;
   for (const BatchSize& size : batch_sizes())
@@ -711,12 +711,12 @@ TEST_P(EveryGridBackend, Proposal) {
               2 * share * off + off * off / (w + 1e-7) + (size.per_ray + 3) * u * lacking * share;
         }
         const double off_more = (m + size.per_ray + 4) * u * all,
-                     of_opacity = 2 * kOpacityWeight * more;
-        loss_error += kOpacityWeight * (2 * std::abs(more) * off_more + off_more * off_more);
+                     of_opacity = 2 * kOpacityLossWeight * more;
+        loss_error += kOpacityLossWeight * (2 * std::abs(more) * off_more + off_more * off_more);
         for (int j = 0; j < m; ++j) {
           const std::size_t at = std::size_t(ray) * m + j;
           const double off = error[j] + (size.per_ray + 4) * u * (sum[j] + std::abs(of_opacity)) +
-                             2 * kOpacityWeight * off_more;
+                             2 * kOpacityLossWeight * off_more;
           ASSERT_NEAR(d[at], expected[at], off / size.n_rays) << "ray " << ray << ", " << j;
           ASSERT_NEAR(d[at], (of_opacity - sum[j]) / size.n_rays, off / size.n_rays);
         }
@@ -726,7 +726,7 @@ TEST_P(EveryGridBackend, Proposal) {
   EXPECT_GT(lacking_in_all, 1000);
 }
 
-TEST_P(EveryGridBackend, NetworkDoesNotHideWhatIsNotANumber) {
+TEST_P(GridStagesTest, NetworkPropagatesNaN) {
   // A ReLU that turns NaN into 0 would make a broken network look like an empty scene.
   const auto backend = make();
   for (int layer = 0; layer < kGridLayers; ++layer) {
@@ -747,7 +747,7 @@ TEST_P(EveryGridBackend, NetworkDoesNotHideWhatIsNotANumber) {
   }
 }
 
-TEST_P(EveryGridBackend, DensitiesDoNotHideWhatIsNotANumber) {
+TEST_P(GridStagesTest, ProposalDensityPropagatesNaN) {
   const auto backend = make();
   const HashGridConfig config{5, 1, 6, 160, 13};
   const std::vector<float> table(hash_grid_size(config), NAN), position(9, 0.3f), footprint(3);
@@ -761,7 +761,7 @@ TEST_P(EveryGridBackend, DensitiesDoNotHideWhatIsNotANumber) {
   EXPECT_TRUE(std::isnan(weights[2]));
 }
 
-TEST_P(EveryGridBackend, SizesAreChecked) {
+TEST_P(GridStagesTest, ChecksSizes) {
   const auto backend = make();
   GridStages& stages = backend->grid();
   const GridCase& grid = cases()[0];
@@ -892,7 +892,7 @@ std::map<std::string, std::vector<float>> all_stages(GridStages& stages, const G
   return out;
 }
 
-TEST_P(EveryGridBackend, IsTheSameBitForBitAgainAndOnAnyNumberOfThreads) {
+TEST_P(GridStagesTest, IsTheSameBitForBitAgainAndOnAnyNumberOfThreads) {
   const auto backend = make(2), single = make(1), five = make(5);
   const BatchSize size =
       GetParam().is_oracle() || kSanitized ? BatchSize{37, 9} : BatchSize{401, 24};

@@ -29,8 +29,8 @@
 #include <vector>
 
 #include "redrive/base/rng.h"
-#include "redrive/kernels/kernels.h"
-#include "redrive/kernels/ref/nerf.h"
+#include "redrive/kernels/backend.h"
+#include "redrive/kernels/ref/nerf_network.h"
 
 namespace redrive::kernels::conformance {
 

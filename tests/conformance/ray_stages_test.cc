@@ -8,19 +8,19 @@
 
 #include <gtest/gtest.h>
 
+#include "all_near.h"
 #include "candidates.h"
-#include "compare.h"
 #include "redrive/base/rng.h"
-#include "redrive/loss/photometric.h"
+#include "redrive/optim/photometric_loss.h"
 
 namespace redrive::kernels::conformance {
 namespace {
 
 constexpr double u = kFp32Roundoff;
 
-class RaysOfEveryBackend : public OneCandidate {};
+class RayStages : public BackendConformance {};
 
-INSTANTIATE_TEST_SUITE_P(Backends, RaysOfEveryBackend, testing::ValuesIn(candidates()), name_of);
+INSTANTIATE_TEST_SUITE_P(Backends, RayStages, testing::ValuesIn(candidates()), name_of);
 
 std::vector<std::uint32_t> every_third(std::uint32_t n) {
   std::vector<std::uint32_t> rays;
@@ -28,7 +28,7 @@ std::vector<std::uint32_t> every_third(std::uint32_t n) {
   return rays;
 }
 
-TEST_P(RaysOfEveryBackend, AreLiveWhereTheyMeetSomething) {
+TEST_P(RayStages, CompactRaysFindsTheActiveRays) {
   const auto backend = make();
   constexpr int kPerRay = 3;
   constexpr std::uint64_t kKey = 17;
@@ -57,7 +57,7 @@ TEST_P(RaysOfEveryBackend, AreLiveWhereTheyMeetSomething) {
   EXPECT_EQ(live[0], 0u) << "stages are for at least one ray";
 }
 
-TEST_P(RaysOfEveryBackend, ArePickedAndSpread) {
+TEST_P(RayStages, GatherRaysAndScatterRays) {
   const auto backend = make();
   for (const std::uint32_t n : {2u, 33u, 5000u})
     for (const std::size_t each : {std::size_t{1}, std::size_t{3}, std::size_t{25}})
@@ -102,7 +102,7 @@ std::vector<float> edges_of(int n_rays, int per_ray) {
   return edges;
 }
 
-TEST_P(RaysOfEveryBackend, HaveTheirSamplesInTheMiddle) {
+TEST_P(RayStages, MidpointsOfIntervals) {
   const auto backend = make();
   for (const BatchSize& size : {BatchSize{1, 1}, {7, 3}, {100, 24}}) {
     const std::vector<float> edges = edges_of(size.n_rays, size.per_ray);
@@ -116,7 +116,7 @@ TEST_P(RaysOfEveryBackend, HaveTheirSamplesInTheMiddle) {
   }
 }
 
-TEST_P(RaysOfEveryBackend, HaveHarmonics) {
+TEST_P(RayStages, Harmonics) {
   const auto backend = make();
   for (const int n : {1, 7, 500}) {
     const std::vector<float> direction = random_floats(3 * n, 413, -1, 1);
@@ -159,7 +159,7 @@ struct Sky {
   }
 };
 
-TEST_P(RaysOfEveryBackend, SeeTheSky) {
+TEST_P(RayStages, SkyForward) {
   const auto backend = make();
   for (const int n : {1, 33, 700}) {
     const Sky sky(n);
@@ -180,7 +180,7 @@ TEST_P(RaysOfEveryBackend, SeeTheSky) {
   }
 }
 
-TEST_P(RaysOfEveryBackend, TeachTheSky) {
+TEST_P(RayStages, SkyBackward) {
   const auto backend = make();
   const float before = 0x1p-6f;
   for (const int n : {1, 33, 700})
@@ -245,7 +245,7 @@ struct Seen {
   }
 };
 
-TEST_P(RaysOfEveryBackend, AreExposed) {
+TEST_P(RayStages, ApplyExposure) {
   const auto backend = make();
   for (const std::size_t n : {1u, 50u, 700u}) {
     const Seen seen(n);
@@ -264,7 +264,7 @@ TEST_P(RaysOfEveryBackend, AreExposed) {
   }
 }
 
-TEST_P(RaysOfEveryBackend, SayWhatTheirColoursAreWorth) {
+TEST_P(RayStages, HuberLossAndItsGradients) {
   const auto backend = make();
   for (const std::size_t n : {1u, 50u, 700u})
     for (const bool weighted : {false, true})
@@ -276,12 +276,12 @@ TEST_P(RaysOfEveryBackend, SayWhatTheirColoursAreWorth) {
             d_parameters(6 * 3, before);
         for (std::size_t at = 0; at < gains.size(); ++at)
           gains[at] = static_cast<float>(seen.gains(at % n)[at / n]);
-        ExposedColours colours{seen.appearance(), {}, seen.rgb, gains, seen.target, {}, edge};
+        ColourLossInput colours{seen.appearance(), {}, seen.rgb, gains, seen.target, {}, edge};
         if (exposed) colours.exposure = seen.exposure;
         if (weighted) colours.weight = seen.weight;
         double loss = NAN;
         backend->photometric_loss(seen.rgb, seen.target, d_rgb, &loss);
-        backend->grid().robust_colours(colours, d_rgb, squares, d_parameters, &loss);
+        backend->grid().huber_loss(colours, d_rgb, squares, d_parameters, &loss);
 
         double expected_loss = 0;
         std::vector<double> expected(3 * n), d_expected(6 * 3), magnitude(6 * 3);
@@ -316,7 +316,7 @@ TEST_P(RaysOfEveryBackend, SayWhatTheirColoursAreWorth) {
           EXPECT_LT(beyond, static_cast<int>(n) - 5);
         }
         for (std::size_t i = 0; exposed && i < d_expected.size(); ++i) {
-          const auto term = gain_term(Seen::kConfig, double(seen.parameters[i]));
+          const auto term = gain_regulariser(Seen::kConfig, double(seen.parameters[i]));
           expected_loss += term.value;
           d_expected[i] += term.derivative;
           magnitude[i] += std::abs(term.derivative);
@@ -334,21 +334,21 @@ TEST_P(RaysOfEveryBackend, SayWhatTheirColoursAreWorth) {
       }
 }
 
-TEST_P(RaysOfEveryBackend, DoNotHideAColourThatIsNotANumber) {
+TEST_P(RayStages, HuberLossPropagatesNaN) {
   const auto backend = make();
   Seen seen(8);
   seen.target[9] = NAN;
   std::vector<float> d_rgb(24, 1.0f), squares(8), d_parameters(18);
   const std::vector<float> gains(24, 1.0f);
   double loss = 0;
-  backend->grid().robust_colours(
+  backend->grid().huber_loss(
       {seen.appearance(), seen.exposure, seen.rgb, gains, seen.target, {}, 0.5f}, d_rgb, squares,
       d_parameters, &loss);
   EXPECT_TRUE(std::isnan(loss));
   EXPECT_TRUE(std::isnan(squares[1]));
 }
 
-TEST_P(RaysOfEveryBackend, EndAtTheirMedian) {
+TEST_P(RayStages, MedianDepth) {
   const auto backend = make();
   for (const BatchSize& size : {BatchSize{1, 1}, {7, 3}, {100, 24}}) {
     SCOPED_TRACE(trace(size));
@@ -379,7 +379,7 @@ TEST_P(RaysOfEveryBackend, EndAtTheirMedian) {
   }
 }
 
-TEST_P(RaysOfEveryBackend, HaveTheirSizesChecked) {
+TEST_P(RayStages, ChecksSizes) {
   const auto backend = make();
   GridStages& stages = backend->grid();
   const Sky sky(4);
@@ -413,15 +413,15 @@ TEST_P(RaysOfEveryBackend, HaveTheirSizesChecked) {
   EXPECT_THROW(stages.expose({Seen::kConfig, n5}, seen.exposure, n12, n12), std::logic_error);
   EXPECT_THROW(stages.median_depth(4, {2, n12}, n5, n4, n4), std::logic_error);
   const std::vector<float> gains(12, 1.0f);
-  const ExposedColours colours{
+  const ColourLossInput colours{
       seen.appearance(), seen.exposure, seen.rgb, gains, seen.target, {}, 1};
   double loss = 0;
-  EXPECT_THROW(stages.robust_colours(colours, n5, n4, n18, &loss), std::logic_error);
-  EXPECT_THROW(stages.robust_colours(colours, n12, n5, n18, &loss), std::logic_error);
-  EXPECT_THROW(stages.robust_colours(colours, n12, n4, n5, &loss), std::logic_error);
-  ExposedColours without = colours;
+  EXPECT_THROW(stages.huber_loss(colours, n5, n4, n18, &loss), std::logic_error);
+  EXPECT_THROW(stages.huber_loss(colours, n12, n5, n18, &loss), std::logic_error);
+  EXPECT_THROW(stages.huber_loss(colours, n12, n4, n5, &loss), std::logic_error);
+  ColourLossInput without = colours;
   without.gains = {};
-  EXPECT_THROW(stages.robust_colours(without, n12, n4, n18, &loss), std::logic_error);
+  EXPECT_THROW(stages.huber_loss(without, n12, n4, n18, &loss), std::logic_error);
 }
 
 }  // namespace

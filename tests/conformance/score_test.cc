@@ -14,9 +14,9 @@
 namespace redrive::kernels::conformance {
 namespace {
 
-class ScoreOfEveryBackend : public OneCandidate {};
+class ImageScoreStages : public BackendConformance {};
 
-INSTANTIATE_TEST_SUITE_P(Backends, ScoreOfEveryBackend, testing::ValuesIn(candidates()), name_of);
+INSTANTIATE_TEST_SUITE_P(Backends, ImageScoreStages, testing::ValuesIn(candidates()), name_of);
 
 struct Pictures {
   int width, height;
@@ -24,9 +24,7 @@ struct Pictures {
   std::vector<std::uint8_t> truth, mask;
 
   std::size_t pixels() const { return static_cast<std::size_t>(width) * height; }
-  PictureScore by(Backend& backend) const {
-    return backend.score({width, height, rgb, truth, mask});
-  }
+  ImageScore by(Backend& backend) const { return backend.score({width, height, rgb, truth, mask}); }
   /// The other way round.
   Pictures swapped() const {
     Pictures out = {width, height, {}, {}, mask};
@@ -72,7 +70,7 @@ void mask_some(Pictures* pictures) {
   }
 }
 
-TEST_P(ScoreOfEveryBackend, PsnrIsTenLogOfTheInverseMeanSquare) {
+TEST_P(ImageScoreStages, PsnrIsTenLogOfTheInverseMeanSquare) {
   const auto backend = make();
   EXPECT_DOUBLE_EQ(uniform_pictures(4, 3, {0.7f, 0.7f, 0.7f}, {51, 51, 51}).by(*backend).psnr_db,
                    -20 * std::log10(double{0.7f} - 51 / 255.0f));
@@ -88,29 +86,29 @@ TEST_P(ScoreOfEveryBackend, PsnrIsTenLogOfTheInverseMeanSquare) {
   EXPECT_EQ(one.by(*backend).psnr_db, std::numeric_limits<double>::infinity());
 }
 
-TEST_P(ScoreOfEveryBackend, NothingIsSaidWhereNothingCounts) {
+TEST_P(ImageScoreStages, ReturnsNaNWhereEverythingIsMasked) {
   const auto backend = make();
   Pictures pictures = noisy_pictures(20, 15);
   pictures.mask.assign(pictures.pixels(), 0);
-  const PictureScore none = pictures.by(*backend), narrow = noisy_pictures(10, 30).by(*backend);
+  const ImageScore none = pictures.by(*backend), narrow = noisy_pictures(10, 30).by(*backend);
   EXPECT_TRUE(std::isnan(none.psnr_db) && std::isnan(none.ssim) && std::isnan(none.flip));
   EXPECT_TRUE(std::isnan(narrow.ssim)) << "no window fits in";
   EXPECT_TRUE(std::isfinite(narrow.psnr_db) && std::isfinite(narrow.flip));
 }
 
-TEST_P(ScoreOfEveryBackend, EqualPicturesAreAlike) {
+TEST_P(ImageScoreStages, EqualImagesScorePerfectly) {
   Pictures pictures = noisy_pictures(23, 17);
   pictures.rgb = pictures.swapped().rgb;
-  const PictureScore score = pictures.by(*make());
+  const ImageScore score = pictures.by(*make());
   EXPECT_EQ(score.psnr_db, std::numeric_limits<double>::infinity());
   EXPECT_NEAR(score.ssim, 1, 1e-15);
   EXPECT_EQ(score.flip, 0);
 }
 
-TEST_P(ScoreOfEveryBackend, IsSymmetric) {
+TEST_P(ImageScoreStages, IsSymmetric) {
   const auto backend = make();
   const Pictures pictures = noisy_pictures(29, 31);
-  const PictureScore one = pictures.by(*backend), other = pictures.swapped().by(*backend);
+  const ImageScore one = pictures.by(*backend), other = pictures.swapped().by(*backend);
   EXPECT_DOUBLE_EQ(one.psnr_db, other.psnr_db);
   EXPECT_DOUBLE_EQ(one.ssim, other.ssim);
   EXPECT_NEAR(one.flip, other.flip, 1e-7);
@@ -121,7 +119,7 @@ TEST_P(ScoreOfEveryBackend, IsSymmetric) {
 // Variances are differences of sums of 121 products below 1: 121 x 2.2e-16, against C2 = 9e-4.
 constexpr double kSsimRoundoff = 121 * 2.3e-16 / 9e-4;
 
-TEST_P(ScoreOfEveryBackend, SsimOfUniformPicturesFollowsTheClosedForm) {
+TEST_P(ImageScoreStages, SsimOfUniformImagesFollowsTheClosedForm) {
   const double a = 0.75, b = 51 / 255.0f, c1 = 1e-4;
   EXPECT_NEAR(uniform_pictures(20, 15, {0.75f, 0.75f, 0.75f}, {51, 51, 51}).by(*make()).ssim,
               (2 * a * b + c1) / (a * a + b * b + c1), kSsimRoundoff);
@@ -156,7 +154,7 @@ double ssim_by_brute_force(const Pictures& pictures) {
   return sum / windows;
 }
 
-TEST_P(ScoreOfEveryBackend, SsimAgreesWithEveryWindowOnItsOwn) {
+TEST_P(ImageScoreStages, SsimAgreesWithEveryWindowOnItsOwn) {
   const Pictures pictures = noisy_pictures(31, 24);
   const double expected = ssim_by_brute_force(pictures);
   EXPECT_GT(expected, 0.5);
@@ -164,7 +162,7 @@ TEST_P(ScoreOfEveryBackend, SsimAgreesWithEveryWindowOnItsOwn) {
   EXPECT_NEAR(pictures.by(*make()).ssim, expected, 4 * kSsimRoundoff);
 }
 
-TEST_P(ScoreOfEveryBackend, MaskedWindowsDoNotCountAndMaskedPixelsAreEqual) {
+TEST_P(ImageScoreStages, MaskedWindowsDoNotCountAndMaskedPixelsAreEqual) {
   const auto backend = make();
   Pictures pictures = noisy_pictures(40, 12);  // windows in rows 5 and 6, columns 5..34
   pictures.rgb = pictures.swapped().rgb;
@@ -173,11 +171,11 @@ TEST_P(ScoreOfEveryBackend, MaskedWindowsDoNotCountAndMaskedPixelsAreEqual) {
     if (!pictures.mask[i])
       for (int c = 0; c < 3; ++c) pictures.rgb[3 * i + c] = 0.5f;  // wrong, but masked
   }
-  const PictureScore masked = pictures.by(*backend);
+  const ImageScore masked = pictures.by(*backend);
   EXPECT_NEAR(masked.ssim, 1, 1e-15);
   EXPECT_EQ(masked.flip, 0);
   pictures.mask.clear();
-  const PictureScore all = pictures.by(*backend);
+  const ImageScore all = pictures.by(*backend);
   EXPECT_LT(all.ssim, 0.9);
   EXPECT_GT(all.flip, 0.01);
 }
@@ -187,7 +185,7 @@ TEST_P(ScoreOfEveryBackend, MaskedWindowsDoNotCountAndMaskedPixelsAreEqual) {
 // 100 their HyAB distance is 55.438 + |(-75.612 - 25.575, 72.977 + 34.836)| = 203.30; to the power
 // of 0.7, 41.28: the largest difference. Black and white: 100^0.7 = 25.119, beyond the knee at 0.4
 // * 41.28 = 16.51: 0.95 + 0.05 (25.119 - 16.51) / (41.28 - 16.51).
-TEST_P(ScoreOfEveryBackend, FlipOfUniformPicturesByHand) {
+TEST_P(ImageScoreStages, FlipOfUniformImagesByHand) {
   const auto backend = make();
   EXPECT_NEAR(uniform_pictures(48, 32, {0, 0, 0}, {255, 255, 255}).by(*backend).flip, 0.9674, 2e-4);
   EXPECT_NEAR(uniform_pictures(48, 32, {0, 1, 0}, {0, 0, 255}).by(*backend).flip, 1, 1e-5);
@@ -199,7 +197,7 @@ TEST_P(ScoreOfEveryBackend, FlipOfUniformPicturesByHand) {
 
 // Light adds linearly: from afar a checkerboard is the grey of linear 0.5, sRGB 0.7354. Single
 // pixels (67 of them make a degree) are beyond what the eye resolves, squares of 16 are not.
-TEST_P(ScoreOfEveryBackend, FlipHardlyCountsWhatTheEyeCannotResolve) {
+TEST_P(ImageScoreStages, FlipHardlyCountsWhatTheEyeCannotResolve) {
   const auto backend = make();
   for (const int size : {1, 16}) {
     Pictures pictures = uniform_pictures(48, 32, {0.7354f, 0.7354f, 0.7354f}, {0, 0, 0});
@@ -214,7 +212,7 @@ TEST_P(ScoreOfEveryBackend, FlipHardlyCountsWhatTheEyeCannotResolve) {
   }
 }
 
-TEST_P(ScoreOfEveryBackend, IsTheOraclesWhateverTheThreads) {
+TEST_P(ImageScoreStages, MatchesRefForAnyNumberOfThreads) {
   const auto oracle = make_ref_backend();
   for (const auto& [width, height] : {std::pair(1, 1), {24, 40}, {97, 75}})
     for (const bool masked : {false, true}) {
@@ -222,10 +220,10 @@ TEST_P(ScoreOfEveryBackend, IsTheOraclesWhateverTheThreads) {
                    (masked ? ", masked" : ""));
       Pictures pictures = noisy_pictures(width, height);
       if (masked && width > 1) mask_some(&pictures);
-      const PictureScore expected = pictures.by(*oracle);
+      const ImageScore expected = pictures.by(*oracle);
       EXPECT_FALSE(std::isnan(expected.psnr_db));
       for (const int threads : {1, 3}) {
-        const PictureScore got = pictures.by(*make(threads));
+        const ImageScore got = pictures.by(*make(threads));
         if (!GetParam().is_gpu() && !GetParam().is_loop()) {
           EXPECT_EQ(got.psnr_db, expected.psnr_db);
           EXPECT_EQ(got.flip, expected.flip);
@@ -244,15 +242,15 @@ TEST_P(ScoreOfEveryBackend, IsTheOraclesWhateverTheThreads) {
 
 // As the figures of docs/benchmarks.md were made. FLIP's sums of 21 terms are fused by some
 // backends and not by others: here some 1e-8.
-TEST_P(ScoreOfEveryBackend, StaysWhatItWas) {
+TEST_P(ImageScoreStages, MatchesRecordedScores) {
   const auto backend = make();
   Pictures pictures = noisy_pictures(97, 75);
-  const PictureScore all = pictures.by(*backend);
+  const ImageScore all = pictures.by(*backend);
   EXPECT_NEAR(all.psnr_db, 18.234837751777189, 1e-9);
   EXPECT_NEAR(all.ssim, 0.88233605215964772, 1e-9);
   EXPECT_NEAR(all.flip, 0.25442253651159041, 1e-6);
   mask_some(&pictures);
-  const PictureScore masked = pictures.by(*backend);
+  const ImageScore masked = pictures.by(*backend);
   EXPECT_NEAR(masked.psnr_db, 18.225782435166757, 1e-9);
   EXPECT_NEAR(masked.ssim, 0.90952571984786368, 1e-9);
   EXPECT_NEAR(masked.flip, 0.25127490627456062, 1e-6);

@@ -2,7 +2,7 @@
 // Poses that are not the recording's own: align, train --poses, and what a run keeps of them.
 #include "redrive/recording/pose_files.h"
 #include "redrive/train/run.h"
-#include "tests/e2e/e2e.h"
+#include "tests/e2e/end_to_end.h"
 
 namespace redrive::testing {
 namespace {
@@ -10,31 +10,32 @@ namespace {
 using ::testing::HasSubstr;
 
 // Smooth colours have no points to follow, and there is no LiDAR.
-TEST_F(EndToEnd, AlignSaysWhyItCannot) {
+TEST_F(EndToEnd, AlignSaysWhyItFails) {
   const fs::path out = folder_ / "aligned";
-  Ended ended = redrive({"align", drive_.string(), "--out", out.string()});
-  EXPECT_EQ(ended.exit_code, kExitCannot) << ended.err;
+  ProgramResult ended = redrive({"align", drive_.string(), "--out", out.string()});
+  EXPECT_EQ(ended.exit_code, kExitInsufficientData) << ended.err;
   EXPECT_THAT(ended.err, HasSubstr("cannot: too little is seen"));
   EXPECT_THAT(ended.err, HasSubstr("4 frames"));
   EXPECT_FALSE(fs::exists(out));
   ended = redrive(train_arguments(folder_ / "run", {"--align"}));
-  EXPECT_EQ(ended.exit_code, kExitCannot) << ended.err;
+  EXPECT_EQ(ended.exit_code, kExitInsufficientData) << ended.err;
   EXPECT_FALSE(fs::exists(folder_ / "run"));
 }
 
-TEST_F(EndToEnd, AlignTakesReadoutsAsTrainDoes) {
+TEST_F(EndToEnd, AlignTakesReadoutTimesAsTrainDoes) {
   for (const char* const wrong : {"30ms", "NONE:estimate", "201"}) {
-    const Ended ended = redrive(
+    const ProgramResult ended = redrive(
         {"align", drive_.string(), "--rolling-shutter", std::string("12,estimate,") + wrong});
     EXPECT_EQ(ended.exit_code, kExitUsage) << wrong;
     EXPECT_THAT(ended.err, HasSubstr("--rolling-shutter")) << wrong;
     EXPECT_THAT(ended.err, HasSubstr(wrong));
   }
-  const Ended ended = redrive({"align", "--rolling-shutter", "12,estimate", drive_.string()});
-  EXPECT_EQ(ended.exit_code, kExitCannot) << ended.err << "the folder is no readout";
+  const ProgramResult ended =
+      redrive({"align", "--rolling-shutter", "12,estimate", drive_.string()});
+  EXPECT_EQ(ended.exit_code, kExitInsufficientData) << ended.err << "the folder is no readout";
 }
 
-TEST_F(EndToEnd, TrainKeepsThePosesItIsGiven) {
+TEST_F(EndToEnd, TrainKeepsInitialPoses) {
   const fs::path aligned = folder_ / "aligned", run = folder_ / "run";
   write_pose_files(aligned, read_pose_files(drive_));
   edit_json(tiny_egomotion(aligned), [](nlohmann::json& poses) {
@@ -48,21 +49,22 @@ TEST_F(EndToEnd, TrainKeepsThePosesItIsGiven) {
   fs::remove_all(aligned);
   const auto opened = open_run(run);
   const Recording own = open_recording(drive_);
-  EXPECT_NEAR(opened.recording.frames[1].ecef_from_body.translation().z() -
-                  own.frames[1].ecef_from_body.translation().z(),
+  EXPECT_NEAR(opened.recording.frames[1].global_from_body.translation().z() -
+                  own.frames[1].global_from_body.translation().z(),
               0.125, 1e-9);
   EXPECT_EQ(opened.recording.find_camera(kTinyLeft)->calibration.time_offset_ns, -12'000'000);
   EXPECT_EQ(opened.recording.find_camera(kTinyLeft)->calibration.readout_ns, 20'000'000);
   EXPECT_EQ(redrive({"eval", run.string(), "--max-images", "1"}).exit_code, kExitOk);
   EXPECT_EQ(redrive({"resume", run.string(), "--max-steps", "6"}).exit_code, kExitOk);
   fs::remove_all(run / "poses");
-  const Ended ended = redrive({"eval", run.string()});
+  const ProgramResult ended = redrive({"eval", run.string()});
   EXPECT_EQ(ended.exit_code, kExitBadInput);
   EXPECT_THAT(ended.err, HasSubstr("poses"));
 }
 
-TEST_F(EndToEnd, PosesOfOneKindAlone) {
-  Ended ended = redrive(train_arguments(folder_ / "run", {"--poses", drive_.string(), "--align"}));
+TEST_F(EndToEnd, RefusesTwoSourcesOfPoses) {
+  ProgramResult ended =
+      redrive(train_arguments(folder_ / "run", {"--poses", drive_.string(), "--align"}));
   EXPECT_EQ(ended.exit_code, kExitUsage);
   EXPECT_THAT(ended.err, HasSubstr("exclude each other"));
   ended = redrive(train_arguments(folder_ / "run", {"--poses", (folder_ / "nothing").string()}));

@@ -6,7 +6,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include "tests/e2e/e2e.h"
+#include "tests/e2e/end_to_end.h"
 
 namespace redrive::testing {
 namespace {
@@ -147,7 +147,7 @@ TEST_F(EndToEnd, BadDrivesAreRefusedAndNothingIsWritten) {
     write_tiny_recording(drive_);
     bad.spoil(drive_);
     const auto before = contents(folder_);
-    const Ended ended = redrive(train_arguments(folder_ / "run", {"--max-steps", "2"}));
+    const ProgramResult ended = redrive(train_arguments(folder_ / "run", {"--max-steps", "2"}));
     EXPECT_EQ(ended.exit_code, kExitBadInput) << bad.name << "\n" << ended.out << ended.err;
     for (const std::string& part : bad.message) EXPECT_THAT(ended.err, HasSubstr(part)) << bad.name;
     EXPECT_FALSE(fs::exists(folder_ / "run")) << bad.name;
@@ -157,8 +157,9 @@ TEST_F(EndToEnd, BadDrivesAreRefusedAndNothingIsWritten) {
 
 TEST_F(EndToEnd, FrameWithoutPoseIsDroppedAndListed) {
   edit_json(tiny_egomotion(drive_), [](json& egomotion) { egomotion.erase("102"); });
-  for (const Ended& ended : {redrive({"inspect", drive_.string()}),
-                             redrive(train_arguments(folder_ / "run", {"--max-steps", "2"}))}) {
+  for (const ProgramResult& ended :
+       {redrive({"inspect", drive_.string()}),
+        redrive(train_arguments(folder_ / "run", {"--max-steps", "2"}))}) {
     EXPECT_EQ(ended.exit_code, kExitOk) << ended.err;
     EXPECT_THAT(ended.out + ended.err, HasSubstr("102"));
   }
@@ -166,8 +167,9 @@ TEST_F(EndToEnd, FrameWithoutPoseIsDroppedAndListed) {
 
 TEST_F(EndToEnd, MissingImageIsListed) {
   fs::remove(tiny_image(drive_, kTinyRear, 102));
-  for (const Ended& ended : {redrive({"inspect", drive_.string()}),
-                             redrive(train_arguments(folder_ / "run", {"--max-steps", "2"}))}) {
+  for (const ProgramResult& ended :
+       {redrive({"inspect", drive_.string()}),
+        redrive(train_arguments(folder_ / "run", {"--max-steps", "2"}))}) {
     EXPECT_EQ(ended.exit_code, kExitOk) << ended.err;
     EXPECT_THAT(ended.out + ended.err, HasSubstr("102"));
   }
@@ -212,7 +214,7 @@ TEST_F(EndToEnd, OptionsThatCannotBeUsedAreRefusedAndNothingIsWritten) {
       {"--holdout-every", "2", "--frames", "100:100"}};
   const auto before = contents(folder_);
   for (const std::vector<std::string>& more : table) {
-    const Ended ended = redrive(train_arguments(folder_ / "run", more));
+    const ProgramResult ended = redrive(train_arguments(folder_ / "run", more));
     EXPECT_EQ(ended.exit_code, kExitUsage) << more[0] << "\n" << ended.out << ended.err;
     EXPECT_THAT(ended.err, HasSubstr(more[0]));
     EXPECT_FALSE(fs::exists(folder_ / "run")) << more[0];
@@ -224,7 +226,7 @@ TEST_F(EndToEnd, OptionsThatCannotBeUsedAreRefusedAndNothingIsWritten) {
             kExitUsage)
       << "not UTF-8";
   EXPECT_EQ(redrive({}).exit_code, kExitUsage);
-  const Ended unknown = redrive({"fly"});
+  const ProgramResult unknown = redrive({"fly"});
   EXPECT_EQ(unknown.exit_code, kExitUsage);
   EXPECT_THAT(unknown.err, AllOf(HasSubstr("fly"), HasSubstr("inspect, align, train")))
       << "names the word and what there is";
@@ -239,7 +241,7 @@ TEST_F(EndToEnd, MoreThanTheMemoryAllowedIsRefusedWithItsEstimateAndNothingIsWri
     return redrive(train_arguments(run, {"--memory", memory, "--max-steps", "2"}));
   };
   const auto before = contents(folder_);
-  const Ended refused = with_memory(std::to_string(50 << 20));
+  const ProgramResult refused = with_memory(std::to_string(50 << 20));
   EXPECT_EQ(refused.exit_code, kExitUsage) << refused.out << refused.err;
   EXPECT_THAT(refused.err,
               AllOf(HasSubstr("--memory"), HasSubstr("of 0.05 GiB allowed"), HasSubstr("lower ")));
@@ -252,7 +254,7 @@ TEST_F(EndToEnd, MoreThanTheMemoryAllowedIsRefusedWithItsEstimateAndNothingIsWri
   const double needed_gib = std::stod(refused.err.substr(at + needs.size()));
   EXPECT_EQ(with_memory(std::to_string(needed_gib - 0.006) + "GiB").exit_code, kExitUsage);
   EXPECT_EQ(contents(folder_), before);
-  const Ended enough = with_memory(std::to_string(needed_gib + 0.006) + "GiB");
+  const ProgramResult enough = with_memory(std::to_string(needed_gib + 0.006) + "GiB");
   EXPECT_EQ(enough.exit_code, kExitOk) << enough.err;
 
   const auto trained = contents(run);
@@ -273,7 +275,7 @@ TEST_F(EndToEnd, OptionsOfTheOtherCommandsAreRefusedOutOfRange) {
       {"bench", "--backend", "tpu"}};
   const auto before = contents(folder_);
   for (const std::vector<std::string>& arguments : table) {
-    const Ended ended = redrive(arguments);
+    const ProgramResult ended = redrive(arguments);
     const std::string& option =
         *std::find_if(arguments.begin(), arguments.end(),
                       [](const std::string& word) { return word.starts_with("--"); });
@@ -288,7 +290,7 @@ TEST_F(EndToEnd, OutFolderThatExistsIsRefusedAndLeftAlone) {
   fs::create_directory(folder_ / "run");
   overwrite(folder_ / "run/notes.txt", "mine");
   const auto before = contents(folder_);
-  const Ended ended = redrive(train_arguments(folder_ / "run"));
+  const ProgramResult ended = redrive(train_arguments(folder_ / "run"));
   EXPECT_EQ(ended.exit_code, kExitUsage);
   EXPECT_THAT(ended.err, HasSubstr((folder_ / "run").string()));
   EXPECT_EQ(contents(folder_), before);
@@ -301,7 +303,7 @@ TEST_F(EndToEnd, RunsThatCannotBeUsedAreRefused) {
   const auto refused = [&](const char* name, const std::string& part) {
     const auto before = contents(run);
     for (const char* command : {"resume", "eval", "figures"}) {
-      const Ended ended = redrive({command, run.string()});
+      const ProgramResult ended = redrive({command, run.string()});
       EXPECT_EQ(ended.exit_code, kExitBadInput) << name << " " << command << "\n" << ended.err;
       EXPECT_THAT(ended.err, HasSubstr(part)) << name;
     }
@@ -343,7 +345,7 @@ TEST_F(EndToEnd, RendersThatCannotBeMadeAreRefused) {
   const auto render = [&](std::vector<std::string> arguments) {
     arguments.insert(arguments.begin(), {"render", run.string()});
     const auto before = contents(folder_);
-    const Ended ended = redrive(arguments);
+    const ProgramResult ended = redrive(arguments);
     EXPECT_EQ(contents(folder_), before) << arguments[2];
     return ended.exit_code;
   };
@@ -378,7 +380,7 @@ TEST_F(EndToEnd, RendersThatCannotBeMadeAreRefused) {
   EXPECT_EQ(render({"--poses", poses.string(), "--out", out}), kExitBadInput);
 }
 
-TEST_F(EndToEnd, AFullStandardOutputIsNotSuccess) {
+TEST_F(EndToEnd, FailsOnFullStandardOutput) {
   const std::string command =
       std::string(REDRIVE_BINARY) + " inspect " + drive_.string() + " > /dev/full";
   EXPECT_EQ(Program("/bin/sh", {"-c", command}).wait().exit_code, kExitIo);

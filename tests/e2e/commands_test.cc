@@ -3,9 +3,9 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/model/nerf_model.h"
-#include "redrive/scene/image_set.h"
+#include "redrive/scene/load_views.h"
 #include "redrive/train/run.h"
-#include "tests/e2e/e2e.h"
+#include "tests/e2e/end_to_end.h"
 
 namespace redrive::testing {
 namespace {
@@ -17,7 +17,7 @@ using ::testing::Not;
 TEST_F(EndToEnd, HelpAndVersionSucceed) {
   EXPECT_EQ(redrive({"--help"}).exit_code, kExitOk);
   EXPECT_THAT(redrive({"--version"}).out, HasSubstr("redrive"));
-  const Ended help = redrive({"train", "--help"});
+  const ProgramResult help = redrive({"train", "--help"});
   EXPECT_EQ(help.exit_code, kExitOk);
   for (const TrainField& field : train_fields())
     EXPECT_THAT(help.out, HasSubstr(field.name == "recording" ? "RECORDING" : "--" + field.name));
@@ -25,7 +25,7 @@ TEST_F(EndToEnd, HelpAndVersionSucceed) {
 
 TEST_F(EndToEnd, TrainLeavesACompleteRunAndSaysWhatItDoes) {
   const fs::path run = folder_ / "run";
-  const Ended ended = redrive(
+  const ProgramResult ended = redrive(
       train_arguments(run, {"--epochs", "100", "--max-steps", "60", "--holdout-every", "4"}));
   ASSERT_EQ(ended.exit_code, kExitOk) << ended.err;
   EXPECT_THAT(ended.out, HasSubstr("backend="));
@@ -58,9 +58,9 @@ TEST_F(EndToEnd, OrderOfFlagsDoesNotMatter) {
   EXPECT_EQ(config.at("width"), 32);
 }
 
-TEST_F(EndToEnd, EvalSaysMoreOfALongerRun) {
+TEST_F(EndToEnd, EvalScoresALongerRunHigher) {
   const auto scores = [&](const fs::path& run) {
-    const Ended ended = redrive({"eval", run.string(), "--json"});
+    const ProgramResult ended = redrive({"eval", run.string(), "--json"});
     EXPECT_EQ(ended.exit_code, kExitOk) << ended.err;
     return nlohmann::json::parse(ended.out);
   };
@@ -82,7 +82,7 @@ TEST_F(EndToEnd, EvalSaysMoreOfALongerRun) {
 
 TEST_F(EndToEnd, RendersOneViewWithDepth) {
   const fs::path run = trained("run", 20), image = folder_ / "a.png", depth = folder_ / "d.png";
-  const Ended ended =
+  const ProgramResult ended =
       redrive({"render", run.string(), "--camera", kTinyLeft, "--frame", "101", "--translate",
                "0,-0.5,0", "--axes", "local", "--out", image.string(), "--depth", depth.string()});
   ASSERT_EQ(ended.exit_code, kExitOk) << ended.err;
@@ -112,7 +112,7 @@ TEST_F(EndToEnd, RendersAPosesFileUnderItsOwnNames) {
                                       {"frame_id", 100},
                                       {"shift_body_m", {0, 1, 0}}}}}}
                         .dump());
-  const Ended ended =
+  const ProgramResult ended =
       redrive({"render", run.string(), "--poses", poses.string(), "--out", out.string()});
   ASSERT_EQ(ended.exit_code, kExitOk) << ended.err;
   // The absolute pose is that of frame 102: the same picture as frame 102 shifted by nothing.
@@ -122,7 +122,7 @@ TEST_F(EndToEnd, RendersAPosesFileUnderItsOwnNames) {
 
 TEST_F(EndToEnd, FiguresAndReport) {
   const fs::path run = trained("run", 60);
-  const Ended ended = redrive({"figures", run.string()});
+  const ProgramResult ended = redrive({"figures", run.string()});
   ASSERT_EQ(ended.exit_code, kExitOk) << ended.err;
   for (const std::string camera : {kTinyFront, kTinyRear, kTinyLeft})
     for (const char* figure : {"_original.png", "_reproduced.png", "_perturbed.png",
@@ -136,8 +136,8 @@ TEST_F(EndToEnd, FiguresAndReport) {
 }
 
 TEST_F(EndToEnd, InspectNamesWhatIsThere) {
-  const Ended text = redrive({"inspect", drive_.string()}),
-              json = redrive({"inspect", drive_.string(), "--json"});
+  const ProgramResult text = redrive({"inspect", drive_.string()}),
+                      json = redrive({"inspect", drive_.string(), "--json"});
   EXPECT_EQ(text.exit_code, kExitOk) << text.err;
   for (const char* camera : {kTinyFront, kTinyRear, kTinyLeft}) {
     EXPECT_THAT(text.out, HasSubstr(camera));
@@ -148,20 +148,21 @@ TEST_F(EndToEnd, InspectNamesWhatIsThere) {
 
 TEST_F(EndToEnd, InspectWritesMasks) {
   const std::filesystem::path masks = folder_ / "masks";
-  const Ended ended = redrive({"inspect", drive_.string(), "--masks", masks.string()});
+  const ProgramResult ended = redrive({"inspect", drive_.string(), "--masks", masks.string()});
   ASSERT_EQ(ended.exit_code, kExitOk) << ended.err;
   EXPECT_THAT(ended.out, HasSubstr("mask of " + std::string(kTinyLeft)));
   EXPECT_EQ(read_image(masks / (std::string(kTinyFront) + ".png")).width, 48);
   EXPECT_EQ(read_image(masks / (std::string(kTinyFront) + "_overlay.png")).height, 32);
-  const Ended again = redrive({"inspect", drive_.string(), "--masks", masks.string()});
+  const ProgramResult again = redrive({"inspect", drive_.string(), "--masks", masks.string()});
   EXPECT_EQ(again.exit_code, kExitUsage);
   EXPECT_THAT(again.err, HasSubstr("exists"));
 }
 
 TEST_F(EndToEnd, InspectReportsBeforeTraining) {
   const std::filesystem::path report = folder_ / "report";
-  const Ended ended = redrive({"inspect", drive_.string(), "--json", "--report", report.string()});
-  ASSERT_TRUE(ended.exit_code == kExitOk || ended.exit_code == kExitNotSensible) << ended.err;
+  const ProgramResult ended =
+      redrive({"inspect", drive_.string(), "--json", "--report", report.string()});
+  ASSERT_TRUE(ended.exit_code == kExitOk || ended.exit_code == kExitPreflightFailed) << ended.err;
   const nlohmann::json preflight = nlohmann::json::parse(ended.out)["preflight"];
   EXPECT_EQ(preflight["sensible"].get<bool>(), ended.exit_code == kExitOk);
   EXPECT_EQ(preflight["cameras"].size(), 3u);
@@ -173,7 +174,7 @@ TEST_F(EndToEnd, InspectReportsBeforeTraining) {
   for (const char* plot :
        {"rig_above.png", "rig_side.png", "way_above.png", "way_side.png", "exposure.png"})
     EXPECT_EQ(read_image(report / "figures" / plot).width, 1000) << plot;
-  const Ended again = redrive({"inspect", drive_.string(), "--report", report.string()});
+  const ProgramResult again = redrive({"inspect", drive_.string(), "--report", report.string()});
   EXPECT_EQ(again.exit_code, kExitUsage);
   EXPECT_THAT(again.err, HasSubstr("exists"));
 }

@@ -7,7 +7,7 @@
 #include <thread>
 
 #include "redrive/train/run.h"
-#include "tests/e2e/e2e.h"
+#include "tests/e2e/end_to_end.h"
 
 namespace redrive::testing {
 namespace {
@@ -61,7 +61,7 @@ TEST_F(EndToEnd, KilledAndResumedEndsAsUninterrupted) {
     program.send(SIGKILL);
     EXPECT_EQ(program.wait().signal, SIGKILL);
   }
-  const Ended ended = redrive({"resume", parts.string()});
+  const ProgramResult ended = redrive({"resume", parts.string()});
   ASSERT_EQ(ended.exit_code, kExitOk) << ended.err;
   expect_same_end(whole, parts);
 
@@ -75,14 +75,14 @@ TEST_F(EndToEnd, CtrlCSavesAndSaysHowToResume) {
   Program program(REDRIVE_BINARY, train_arguments(parts, kLong));
   ASSERT_TRUE(wait_for_rows(parts, 2));
   program.send(SIGINT);
-  const Ended ended = program.wait();
+  const ProgramResult ended = program.wait();
   EXPECT_EQ(ended.exit_code, kExitInterrupted);
   EXPECT_THAT(ended.err, HasSubstr("redrive resume " + parts.string()));
   EXPECT_EQ(redrive({"resume", parts.string()}).exit_code, kExitOk);
   expect_same_end(whole, parts);
 }
 
-TEST_F(EndToEnd, AHangUpSavesAsCtrlCDoes) {
+TEST_F(EndToEnd, SighupSavesAsCtrlCDoes) {
   const fs::path run = folder_ / "run";
   Program program(REDRIVE_BINARY, train_arguments(run, kLong));
   ASSERT_TRUE(wait_for_rows(run, 2));
@@ -91,7 +91,7 @@ TEST_F(EndToEnd, AHangUpSavesAsCtrlCDoes) {
   EXPECT_GE(load_checkpoint(run / "checkpoint.safetensors").step, 50);
 }
 
-TEST_F(EndToEnd, AReaderThatGoesAwayDoesNotEndTraining) {
+TEST_F(EndToEnd, AClosedPipeDoesNotEndTraining) {
   const fs::path run = folder_ / "run";
   std::string command = "(sleep 0.2; '" REDRIVE_BINARY "'";
   for (const std::string& argument :
@@ -103,28 +103,28 @@ TEST_F(EndToEnd, AReaderThatGoesAwayDoesNotEndTraining) {
   EXPECT_EQ(load_checkpoint(run / "checkpoint.safetensors").step, 30);
 }
 
-TEST_F(EndToEnd, ARunInTrainingIsNotResumed) {
+TEST_F(EndToEnd, RefusesToResumeARunningTraining) {
   const fs::path run = folder_ / "run";
   Program program(REDRIVE_BINARY, train_arguments(run, kLong));
   ASSERT_TRUE(wait_for_rows(run, 2));
-  const Ended ended = redrive({"resume", run.string()});
+  const ProgramResult ended = redrive({"resume", run.string()});
   EXPECT_EQ(ended.exit_code, kExitUsage);
   EXPECT_THAT(ended.err, HasSubstr(run.string() + ": is being trained by another process"));
 }
 
-TEST_F(EndToEnd, ResumeGoesOnFurtherWhenAsked) {
+TEST_F(EndToEnd, ResumeRaisesTheNumberOfSteps) {
   const fs::path run = trained("run", 30);
-  const Ended ended = redrive({"resume", run.string(), "--max-steps", "50"});
+  const ProgramResult ended = redrive({"resume", run.string(), "--max-steps", "50"});
   ASSERT_EQ(ended.exit_code, kExitOk) << ended.err;
   EXPECT_EQ(load_checkpoint(run / "checkpoint.safetensors").step, 50);
   EXPECT_THAT(read_file(run / "config.json"), HasSubstr("\"max-steps\": 50"));
 }
 
-TEST_F(EndToEnd, FullDiskIsSaidAndLeavesTheLastCheckpoint) {
+TEST_F(EndToEnd, FullDiskIsReportedAndKeepsTheLastCheckpoint) {
   const fs::path run = trained("run", 30);
   const std::string checkpoint = read_file(run / "checkpoint.safetensors");
   ASSERT_GT(checkpoint.size(), 100'000u);
-  const Ended ended = redrive({"resume", run.string(), "--max-steps", "60"}, 50'000);
+  const ProgramResult ended = redrive({"resume", run.string(), "--max-steps", "60"}, 50'000);
   EXPECT_EQ(ended.exit_code, kExitIo) << ended.out << ended.err;
   EXPECT_THAT(ended.err, HasSubstr("checkpoint.safetensors"));
   EXPECT_EQ(read_file(run / "checkpoint.safetensors"), checkpoint);
@@ -138,7 +138,7 @@ TEST_F(EndToEnd, FullDiskIsSaidAndLeavesTheLastCheckpoint) {
 }
 
 TEST_F(EndToEnd, FullDiskAtTheVeryStartLeavesNoRun) {
-  const Ended ended = redrive(train_arguments(folder_ / "run", kLong), 10);
+  const ProgramResult ended = redrive(train_arguments(folder_ / "run", kLong), 10);
   EXPECT_EQ(ended.exit_code, kExitIo) << ended.err;
   for (const auto& entry : fs::directory_iterator(folder_)) EXPECT_EQ(entry.path(), drive_);
 }

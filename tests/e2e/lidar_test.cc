@@ -7,7 +7,7 @@
 
 #include "redrive/base/files.h"
 #include "redrive/train/run.h"
-#include "tests/e2e/e2e.h"
+#include "tests/e2e/end_to_end.h"
 
 namespace redrive::testing {
 namespace {
@@ -20,8 +20,8 @@ class EndToEndLidar : public EndToEnd {
   EndToEndLidar() {
     fs::copy(fs::path(REDRIVE_SAMPLES) / "street_traffic", street_, fs::copy_options::recursive);
   }
-  Ended train(const std::string& name, int steps = 3,
-              const std::vector<std::string>& more = {}) const {
+  ProgramResult train(const std::string& name, int steps = 3,
+                      const std::vector<std::string>& more = {}) const {
     std::vector<std::string> arguments = {"train",       street_.string(),
                                           "--out",       (folder_ / name).string(),
                                           "--downscale", "8",
@@ -40,8 +40,8 @@ class EndToEndLidar : public EndToEnd {
   const fs::path street_ = folder_ / "street";
 };
 
-TEST_F(EndToEndLidar, TeachesTheFieldAndIsResumed) {
-  const Ended once = train("once", 6);
+TEST_F(EndToEndLidar, LidarTrainsAndResumes) {
+  const ProgramResult once = train("once", 6);
   ASSERT_EQ(once.exit_code, kExitOk) << once.err;
   EXPECT_THAT(once.out, AllOf(HasSubstr("LiDAR returns"), HasSubstr("moving objects left out")));
   ASSERT_EQ(train("again", 6).exit_code, kExitOk);
@@ -53,20 +53,21 @@ TEST_F(EndToEndLidar, TeachesTheFieldAndIsResumed) {
   EXPECT_EQ(parameters("once"), parameters("again"));
   ASSERT_EQ(train("without", 6, {"--lidar-rays", "0"}).exit_code, kExitOk);
   EXPECT_NE(parameters("once"), parameters("without"));
-  const Ended resumed = redrive({"resume", (folder_ / "once").string(), "--max-steps", "8"});
+  const ProgramResult resumed =
+      redrive({"resume", (folder_ / "once").string(), "--max-steps", "8"});
   EXPECT_EQ(resumed.exit_code, kExitOk) << resumed.err;
   EXPECT_NE(parameters("once"), parameters("again"));
 }
 
 // Printed, in the report and in eval's JSON: one number.
-TEST_F(EndToEndLidar, RefinedPosesAreSaidAlikeEverywhere) {
-  const Ended trained = train("run", 12);
+TEST_F(EndToEndLidar, ReportsTheSameRefinedPosesEverywhere) {
+  const ProgramResult trained = train("run", 12);
   ASSERT_EQ(trained.exit_code, kExitOk) << trained.err;
   const std::string run = (folder_ / "run").string();
-  const Ended scored = redrive({"eval", run, "--json", "--max-images", "1"});
+  const ProgramResult scored = redrive({"eval", run, "--json", "--max-images", "1"});
   ASSERT_EQ(scored.exit_code, kExitOk) << scored.err;
   const nlohmann::json changes = nlohmann::json::parse(scored.out).at("pose_changes");
-  const Ended drawn = redrive({"figures", run, "--max-images", "1"});
+  const ProgramResult drawn = redrive({"figures", run, "--max-images", "1"});
   ASSERT_EQ(drawn.exit_code, kExitOk) << drawn.err;
   EXPECT_THAT(drawn.out, AllOf(HasSubstr("poses_moved.png"), HasSubstr("poses_turned.png")));
   const std::string html = read_file(folder_ / "run" / "report.html");
@@ -89,21 +90,21 @@ TEST_F(EndToEndLidar, RefinedPosesAreSaidAlikeEverywhere) {
   EXPECT_THAT(html, HasSubstr("<td>" + text("%.2f", frames_cm) + "</td><td></td>"));
 }
 
-TEST_F(EndToEndLidar, ATruncatedRevolutionIsNamedBeforeAnythingIsWritten) {
+TEST_F(EndToEndLidar, RefusesATruncatedRevolution) {
   fs::resize_file(revolution(), fs::file_size(revolution()) / 2);
-  const Ended ended = train("run");
+  const ProgramResult ended = train("run");
   EXPECT_EQ(ended.exit_code, kExitBadInput);
   EXPECT_THAT(ended.err, HasSubstr("frame_0001001.las"));
   EXPECT_FALSE(fs::exists(folder_ / "run"));
 }
 
-TEST_F(EndToEndLidar, BoxesWithoutATimeAreNamedBeforeAnythingIsWritten) {
+TEST_F(EndToEndLidar, RefusesBoxesWithoutATime) {
   std::string text = read_file(boxes());
   const std::size_t at = text.find("\"Timestamp\"");
   ASSERT_NE(at, std::string::npos);
   text.replace(at, 11, "\"Timestomp\"");
   std::ofstream(boxes()) << text;
-  const Ended ended = train("run");
+  const ProgramResult ended = train("run");
   EXPECT_EQ(ended.exit_code, kExitBadInput);
   EXPECT_THAT(ended.err, AllOf(HasSubstr("frame_0001001.json"), HasSubstr("Timestamp")));
   EXPECT_FALSE(fs::exists(folder_ / "run"));

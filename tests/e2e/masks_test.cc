@@ -2,8 +2,8 @@
 // What is left out of the pictures: given, kept in the run, edited, and not scored.
 #include <nlohmann/json.hpp>
 
-#include "redrive/scene/image_set.h"
-#include "tests/e2e/e2e.h"
+#include "redrive/scene/load_views.h"
+#include "tests/e2e/end_to_end.h"
 
 namespace redrive::testing {
 namespace {
@@ -22,14 +22,14 @@ class EndToEndMasks : public EndToEnd {
       if (i / 3 % width >= x0 && i / 3 % width < x1) image.rgb[i] = 0;
     write_image(file, image);
   }
-  Ended train(const std::vector<std::string>& more) const {
+  ProgramResult train(const std::vector<std::string>& more) const {
     std::vector<std::string> arguments = {"--cameras", kTinyFront,    "--epochs",
                                           "1000",      "--max-steps", "3"};
     arguments.insert(arguments.end(), more.begin(), more.end());
     return redrive(train_arguments(folder_ / "run", arguments));
   }
   nlohmann::json score() const {
-    const Ended ended = redrive({"eval", (folder_ / "run").string(), "--json"});
+    const ProgramResult ended = redrive({"eval", (folder_ / "run").string(), "--json"});
     EXPECT_EQ(ended.exit_code, kExitOk) << ended.err;
     return nlohmann::json::parse(ended.out).at("cameras").at(kTinyFront);
   }
@@ -40,9 +40,9 @@ class EndToEndMasks : public EndToEnd {
 };
 
 // 4 frames of 48 x 32 pixels.
-TEST_F(EndToEndMasks, AreKeptEditedAndNotScored) {
+TEST_F(EndToEndMasks, MasksAreKeptEditedAndNotScored) {
   write(of_front_, 48, 32, 24, 48);
-  const Ended trained = train({"--masks", given_.string()});
+  const ProgramResult trained = train({"--masks", given_.string()});
   ASSERT_EQ(trained.exit_code, kExitOk) << trained.err;
   EXPECT_THAT(trained.out,
               AllOf(HasSubstr("48 x 32, 50.0 % masked"), HasSubstr("3072 training pixels")));
@@ -50,7 +50,7 @@ TEST_F(EndToEndMasks, AreKeptEditedAndNotScored) {
   EXPECT_EQ(score().at("left_out_pixels"), 4 * 24 * 32);
 
   write(kept_, 48, 32, 0, 12);
-  const Ended resumed = redrive({"resume", (folder_ / "run").string(), "--max-steps", "6"});
+  const ProgramResult resumed = redrive({"resume", (folder_ / "run").string(), "--max-steps", "6"});
   ASSERT_EQ(resumed.exit_code, kExitOk) << resumed.err;
   EXPECT_THAT(resumed.out, AllOf(HasSubstr("25.0 % masked"), HasSubstr("4608 training pixels")));
   const nlohmann::json masked = score();
@@ -60,11 +60,11 @@ TEST_F(EndToEndMasks, AreKeptEditedAndNotScored) {
   EXPECT_NE(score().at("psnr_db"), masked.at("psnr_db"));
 }
 
-TEST_F(EndToEndMasks, OneOfAnotherSizeIsRefusedBeforeAnythingIsWritten) {
+TEST_F(EndToEndMasks, RefusesAMaskOfAnotherSize) {
   write(of_front_, 40, 32, 0, 1);
   const auto message = AllOf(HasSubstr(std::string(kTinyFront) + ".png"), HasSubstr("size"),
                              HasSubstr("40 x 32"), HasSubstr("48 x 32"));
-  const Ended refused = train({"--masks", given_.string()});
+  const ProgramResult refused = train({"--masks", given_.string()});
   EXPECT_EQ(refused.exit_code, kExitBadInput);
   EXPECT_THAT(refused.err, message);
   EXPECT_FALSE(fs::exists(folder_ / "run"));
@@ -72,15 +72,15 @@ TEST_F(EndToEndMasks, OneOfAnotherSizeIsRefusedBeforeAnythingIsWritten) {
   ASSERT_EQ(train({}).exit_code, kExitOk);
   fs::copy_file(of_front_, kept_);
   for (const char* command : {"resume", "eval"}) {
-    const Ended ended = redrive({command, (folder_ / "run").string()});
+    const ProgramResult ended = redrive({command, (folder_ / "run").string()});
     EXPECT_EQ(ended.exit_code, kExitBadInput) << command;
     EXPECT_THAT(ended.err, message) << command;
   }
 }
 
 // 0.6 m of driving say nothing about a vehicle.
-TEST_F(EndToEndMasks, ADriveTooShortKeepsAllPixels) {
-  const Ended trained = train({});
+TEST_F(EndToEndMasks, KeepsAllPixelsOfAShortDrive) {
+  const ProgramResult trained = train({});
   ASSERT_EQ(trained.exit_code, kExitOk) << trained.err;
   EXPECT_THAT(trained.out, Not(HasSubstr("masked")));
   EXPECT_TRUE(fs::is_empty(folder_ / "run" / "masks"));

@@ -2,8 +2,8 @@
 // A Blender set and a transforms.json from inspect to render, and what is refused about them.
 #include <nlohmann/json.hpp>
 
-#include "redrive/scene/image_set.h"
-#include "tests/e2e/e2e.h"
+#include "redrive/scene/load_views.h"
+#include "tests/e2e/end_to_end.h"
 
 namespace redrive::testing {
 namespace {
@@ -45,7 +45,7 @@ class Photographs : public EndToEnd {
                  json{{"camera_angle_x", 0.7}, {"frames", frames}}.dump());
     }
   }
-  Ended train(const std::vector<std::string>& more) const {
+  ProgramResult train(const std::vector<std::string>& more) const {
     std::vector<std::string> arguments = {
         "train", set_.string(), "--out", (folder_ / "run").string(), "--width", "32", "--samples",
         "12",    "--batch",     "128"};
@@ -57,8 +57,8 @@ class Photographs : public EndToEnd {
   const fs::path set_ = folder_ / "set";
 };
 
-TEST_F(Photographs, FromInspectToRender) {
-  const Ended table = redrive({"inspect", set_.string()});
+TEST_F(Photographs, InspectTrainEvalRender) {
+  const ProgramResult table = redrive({"inspect", set_.string()});
   EXPECT_EQ(table.exit_code, kExitOk) << table.err;
   EXPECT_THAT(table.out,
               AllOf(HasSubstr("(blender)"),
@@ -66,21 +66,21 @@ TEST_F(Photographs, FromInspectToRender) {
                     HasSubstr("1.51515 around 0 0 0"),
                     HasSubstr("2 images by the recording's own split"), HasSubstr("--background")));
   EXPECT_THAT(table.out, ::testing::Not(HasSubstr("driven")));
-  const Ended inspected = redrive({"inspect", set_.string(), "--json"});
+  const ProgramResult inspected = redrive({"inspect", set_.string(), "--json"});
   const json report = json::parse(inspected.out);
   EXPECT_EQ(report.at("metric"), false);
   EXPECT_EQ(report.at("drive"), nullptr);
   EXPECT_EQ(report.at("cameras").at(0).at("held_out"), 2);
   EXPECT_EQ(report.at("cameras").at(0).at("alpha"), true);
 
-  const Ended trained = train({"--background", "white"});
+  const ProgramResult trained = train({"--background", "white"});
   ASSERT_EQ(trained.exit_code, kExitOk) << trained.err;
   EXPECT_THAT(trained.out, HasSubstr("6 frames, 4 images for training, 2 held out"));
   const json config = read_json(folder_ / "run/config.json");
   EXPECT_EQ(config.at("background"), "white");
   EXPECT_GT(config.at("near"), 1) << "cameras stand 4 from the middle of a cube of +-1.5";
   EXPECT_LT(config.at("far"), 8);
-  const Ended scored = redrive({"eval", (folder_ / "run").string(), "--json"});
+  const ProgramResult scored = redrive({"eval", (folder_ / "run").string(), "--json"});
   EXPECT_EQ(scored.exit_code, kExitOk) << scored.err;
   EXPECT_EQ(json::parse(scored.out).at("overall").at("images"), 2);
   const std::string run = (folder_ / "run").string(), picture = (folder_ / "a.png").string();
@@ -90,15 +90,15 @@ TEST_F(Photographs, FromInspectToRender) {
   EXPECT_EQ(read_image(picture).width, kSize);
   std::vector<std::string> level = render;
   level.insert(level.end(), {"--force", "--axes", "local"});
-  const Ended refused = redrive(level);
+  const ProgramResult refused = redrive(level);
   EXPECT_EQ(refused.exit_code, kExitUsage);
   EXPECT_THAT(refused.err, HasSubstr("--axes local"));
 }
 
-TEST_F(Photographs, GridOnABackgroundOfItsOwn) {
+TEST_F(Photographs, TrainsTheGridOnAConstantBackground) {
   // Against the loss of its start, and a picture: red in the middle, and the corner is what
   // pictures of this run stand on.
-  const Ended trained = train({"--background", "random", "--max-steps", "300"});
+  const ProgramResult trained = train({"--background", "random", "--max-steps", "300"});
   ASSERT_EQ(trained.exit_code, kExitOk) << trained.err;
   const std::string run = (folder_ / "run").string(), picture = (folder_ / "a.png").string();
   ASSERT_EQ(
@@ -111,13 +111,13 @@ TEST_F(Photographs, GridOnABackgroundOfItsOwn) {
   for (int k = 0; k < 3; ++k) EXPECT_LT(at(0, 0)[k], 25);
   // A run's background is the run's.
   edit_json(folder_ / "run/config.json", [](json& config) { config["background"] = "white"; });
-  const Ended other = redrive({"eval", run});
+  const ProgramResult other = redrive({"eval", run});
   EXPECT_EQ(other.exit_code, kExitBadInput);
   EXPECT_THAT(other.err, HasSubstr("background"));
 }
 
 TEST_F(Photographs, TransparencyNeedsABackground) {
-  Ended ended = train({});
+  ProgramResult ended = train({});
   EXPECT_EQ(ended.exit_code, kExitUsage);
   EXPECT_THAT(ended.err,
               AllOf(HasSubstr("--background"), HasSubstr("r_0.png"), HasSubstr("transparent")));
@@ -138,7 +138,7 @@ TEST_F(Photographs, TransparencyNeedsABackground) {
 }
 
 TEST_F(Photographs, RefusesWhatDoesNotFit) {
-  Ended ended = train({"--background", "white", "--holdout-every", "2"});
+  ProgramResult ended = train({"--background", "white", "--holdout-every", "2"});
   EXPECT_EQ(ended.exit_code, kExitUsage);
   EXPECT_THAT(ended.err, HasSubstr("--holdout-every 2"));
   ended = train({"--background", "white", "--truth-poses"});
@@ -150,7 +150,7 @@ TEST_F(Photographs, RefusesWhatDoesNotFit) {
   ended = train({"--background", "white"});
   EXPECT_EQ(ended.exit_code, kExitBadInput);
   EXPECT_THAT(ended.err, AllOf(HasSubstr("mask.png"), HasSubstr("20 x 21"), HasSubstr("20 x 20")));
-  const Ended inspected = redrive({"inspect", set_.string()});
+  const ProgramResult inspected = redrive({"inspect", set_.string()});
   EXPECT_EQ(inspected.exit_code, kExitOk) << "it looks at the first and the last image alone";
   edit_json(set_ / "transforms_train.json", [](json& file) {
     file["frames"][3].erase("mask_path");

@@ -7,7 +7,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/align/align.h"
-#include "redrive/align/so3.h"
+#include "redrive/math/so3.h"
 
 namespace redrive {
 namespace {
@@ -16,13 +16,14 @@ constexpr double kDegrees = 180 / std::numbers::pi;
 
 TEST(Street, IsAligned) {
   const std::filesystem::path root = REDRIVE_SAMPLES "/street";
-  const Recording given = open_recording(root), truth = open_recording(root, PoseSource::kTruth);
+  const Recording given = open_recording(root),
+                  truth = open_recording(root, PoseSource::kGroundTruth);
   ThreadPool pool(2);
   const AlignResult result = align(given, {}, pool);
-  EXPECT_GT(result.truth_before->rest_m, 0.05);
-  EXPECT_GT(result.truth_before->rest_deg, 0.15);
-  EXPECT_LT(result.truth_after->rest_m, 0.01);
-  EXPECT_LT(result.truth_after->rest_deg, 0.02);
+  EXPECT_GT(result.initial_vs_ground_truth->residual_m, 0.05);
+  EXPECT_GT(result.initial_vs_ground_truth->residual_deg, 0.15);
+  EXPECT_LT(result.aligned_vs_ground_truth->residual_m, 0.01);
+  EXPECT_LT(result.aligned_vs_ground_truth->residual_deg, 0.02);
   for (std::size_t c = 0; c < result.cameras.size(); ++c) {
     const CameraCalibration &found = result.cameras[c], &right = truth.cameras[c].calibration;
     SCOPED_TRACE(found.name);
@@ -30,7 +31,7 @@ TEST(Street, IsAligned) {
         found.body_from_sensor.linear() * right.body_from_sensor.linear().transpose();
     if (found.name == "F_MIDRANGECAM_C") EXPECT_LT(std::abs(so3_log(rest).z()) * kDegrees, 0.02);
     EXPECT_LT(std::abs(static_cast<double>(found.time_offset_ns - right.time_offset_ns)), 1e6);
-    EXPECT_LT(result.bundle.cameras[c].after_px, 0.5 * result.bundle.cameras[c].before_px);
+    EXPECT_LT(result.bundle.cameras[c].aligned_px, 0.5 * result.bundle.cameras[c].initial_px);
   }
 }
 
@@ -48,7 +49,7 @@ TEST(StreetRolling, ReadoutsAreFound) {
     ASSERT_TRUE(camera.readout_sigma_s);
     EXPECT_NEAR(1e3 * camera.readout_s, 30, 1);
   }
-  EXPECT_LT(result.truth_after->rest_m, result.truth_before->rest_m);
+  EXPECT_LT(result.aligned_vs_ground_truth->residual_m, result.initial_vs_ground_truth->residual_m);
 }
 
 }  // namespace

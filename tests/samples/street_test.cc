@@ -10,7 +10,7 @@
 
 #include <gtest/gtest.h>
 
-#include "redrive/eval/novel_truth.h"
+#include "redrive/eval/novel_ground_truth.h"
 #include "redrive/recording/boxes.h"
 #include "redrive/recording/las.h"
 #include "redrive/recording/trajectory.h"
@@ -39,7 +39,7 @@ TEST(Street, IsComplete) {
   }
   EXPECT_EQ(street.lidar_files.size(), 48u);
   EXPECT_EQ(street.novel.size(), 11u);
-  EXPECT_GT(street.frames[0].ecef_from_body.translation().norm(), 6.3e6);
+  EXPECT_GT(street.frames[0].global_from_body.translation().norm(), 6.3e6);
   EXPECT_NEAR(street.frames[1].t_ns - street.frames[0].t_ns, 1e9 / 15, 1000);
 }
 
@@ -47,12 +47,12 @@ TEST(Street, IsComplete) {
 // logarithm.
 TEST(Street, WhatAProgramIsGivenIsWrongAsStated) {
   const Recording given = open_recording(kStreet),
-                  truth = open_recording(kStreet, PoseSource::kTruth);
+                  truth = open_recording(kStreet, PoseSource::kGroundTruth);
   ASSERT_EQ(given.frames.size(), truth.frames.size());
   Eigen::Array3d squares_m = Eigen::Array3d::Zero(), squares_deg = Eigen::Array3d::Zero();
   for (std::size_t i = 0; i < given.frames.size(); ++i) {
-    const Rigid3d error =
-        truth.frames[i].ecef_from_body.inverse(Eigen::Isometry) * given.frames[i].ecef_from_body;
+    const Rigid3d error = truth.frames[i].global_from_body.inverse(Eigen::Isometry) *
+                          given.frames[i].global_from_body;
     const Eigen::AngleAxisd turn(error.linear());
     squares_m += error.translation().array().square();
     squares_deg += (turn.axis().array() * turn.angle() * kDegrees).square();
@@ -76,7 +76,7 @@ TEST(Street, WhatAProgramIsGivenIsWrongAsStated) {
 /// with.
 Run true_run(const std::filesystem::path& root) {
   Run run;
-  run.recording = open_recording(root, PoseSource::kTruth);
+  run.recording = open_recording(root, PoseSource::kGroundTruth);
   run.scene = make_scene(run.recording, {});
   return run;
 }
@@ -84,17 +84,18 @@ Run true_run(const std::filesystem::path& root) {
 TEST(Street, ShiftsOfTheTruePosesAreWhereTheirPosesSay) {
   const redrive::Run run = true_run(kStreet);
   for (const NovelSet& set : run.recording.novel) {
-    const PosesFile poses = read_poses(set.poses_file);
+    const ViewRequests poses = read_view_requests(set.poses_file);
     EXPECT_EQ(poses.views.size(), 6u) << set.name;
-    EXPECT_EQ(NovelTruth(run, set, {}).size(), 6u) << set.name;
+    EXPECT_EQ(NovelGroundTruth(run, set, {}).size(), 6u) << set.name;
     for (const RequestedView& view : poses.views) {
-      ASSERT_TRUE(view.ecef_from_body.has_value());
+      ASSERT_TRUE(view.global_from_body.has_value());
       const auto frame = std::find_if(run.recording.frames.begin(), run.recording.frames.end(),
                                       [&](const FramePose& f) { return f.id == view.frame_id; });
       ASSERT_NE(frame, run.recording.frames.end());
-      const Rigid3d moved = frame->ecef_from_body.inverse(Eigen::Isometry) * *view.ecef_from_body;
-      const double turned_deg = Eigen::AngleAxisd(moved.linear()).angle() * kDegrees;
-      EXPECT_NEAR(turned_deg, set.name == "yaw_15" ? 15 : 0, 1e-5) << set.name;
+      const Rigid3d moved =
+          frame->global_from_body.inverse(Eigen::Isometry) * *view.global_from_body;
+      const double rotation_deg = Eigen::AngleAxisd(moved.linear()).angle() * kDegrees;
+      EXPECT_NEAR(rotation_deg, set.name == "yaw_15" ? 15 : 0, 1e-5) << set.name;
       if (view.shift_body_m) {
         EXPECT_LT((moved.translation() - *view.shift_body_m).norm(), 1e-6) << set.name;
       }
@@ -111,11 +112,11 @@ TEST(Street, LidarAndDepthAreOfOneWorld) {
   const auto set = std::find_if(run.recording.novel.begin(), run.recording.novel.end(),
                                 [](const NovelSet& s) { return s.name == "left_0.5"; });
   ASSERT_NE(set, run.recording.novel.end());
-  const NovelTruth truth(run, *set, {});
-  const PosesFile poses = read_poses(set->poses_file);
-  const Rigid3d world_from_ecef = run.scene.ecef_from_world.inverse(Eigen::Isometry);
+  const NovelGroundTruth truth(run, *set, {});
+  const ViewRequests poses = read_view_requests(set->poses_file);
+  const Rigid3d world_from_global = run.scene.global_from_world.inverse(Eigen::Isometry);
   for (std::size_t i = 0; i < truth.size(); ++i) {
-    const TruthView view = truth.load(i);
+    const GroundTruthView view = truth.load(i);
     const Rigid3d camera_from_world = view.world_from_camera.inverse(Eigen::Isometry);
     const auto file =
         std::find_if(run.recording.lidar_files.begin(), run.recording.lidar_files.end(),
@@ -123,7 +124,7 @@ TEST(Street, LidarAndDepthAreOfOneWorld) {
     ASSERT_NE(file, run.recording.lidar_files.end());
     std::vector<double> errors;
     for (const LidarPoint& point : read_las(file->path)) {
-      const Eigen::Vector3d world = world_from_ecef * pose_at(run.recording.frames, point.t_ns) *
+      const Eigen::Vector3d world = world_from_global * pose_at(run.recording.frames, point.t_ns) *
                                     point.in_body_m.cast<double>();
       const Eigen::Vector3d in_camera = camera_from_world * world;
       const auto at = view.camera.project(in_camera);
@@ -164,10 +165,10 @@ TEST(Street, ReturnsOfAllRevolutionsStayPut) {
   EXPECT_EQ(returns.on_moving, 0u);
   const auto set = std::find_if(run.recording.novel.begin(), run.recording.novel.end(),
                                 [](const NovelSet& s) { return s.name == "right_1"; });
-  const NovelTruth truth(run, *set, {});
+  const NovelGroundTruth truth(run, *set, {});
   int agree = 0, hidden = 0, nearer = 0;
   for (std::size_t i = 0; i < truth.size(); ++i) {
-    const TruthView view = truth.load(i);
+    const GroundTruthView view = truth.load(i);
     const Rigid3d camera_from_world = view.world_from_camera.inverse(Eigen::Isometry);
     for (std::size_t k = 0; k < returns.n; ++k) {
       const Eigen::Vector3d in_camera =
@@ -202,14 +203,15 @@ TEST(Street, RevolutionsOverlapByAThird) {
 }
 
 TEST(StreetRolling, IsTheFirstHalfOfTheStreetFromTheFrontCameras) {
-  const Recording rolling = open_recording(kRolling, PoseSource::kTruth),
-                  street = open_recording(kStreet, PoseSource::kTruth);
+  const Recording rolling = open_recording(kRolling, PoseSource::kGroundTruth),
+                  street = open_recording(kStreet, PoseSource::kGroundTruth);
   EXPECT_TRUE(rolling.findings.empty());
   ASSERT_EQ(rolling.frames.size(), 24u);
   ASSERT_EQ(rolling.cameras.size(), 2u);
   for (const RecordedCamera& camera : rolling.cameras) EXPECT_EQ(camera.images.size(), 24u);
   for (std::size_t i = 0; i < rolling.frames.size(); ++i)
-    EXPECT_EQ(rolling.frames[i].ecef_from_body.matrix(), street.frames[i].ecef_from_body.matrix())
+    EXPECT_EQ(rolling.frames[i].global_from_body.matrix(),
+              street.frames[i].global_from_body.matrix())
         << i;
 }
 
@@ -218,7 +220,7 @@ TEST(StreetRolling, IsTheFirstHalfOfTheStreetFromTheFrontCameras) {
 // most half of 2.1 m/s^2 / 15 (tools/street/trajectory.py). The LiDAR meets every vehicle (5 cm:
 // its range noise, 2.5 sigma), and nothing in the air above it.
 TEST(StreetTraffic, BoxesHoldTheirVehicles) {
-  const Recording traffic = open_recording(kTraffic, PoseSource::kTruth);
+  const Recording traffic = open_recording(kTraffic, PoseSource::kGroundTruth);
   EXPECT_EQ(traffic.cameras.size(), 2u);
   EXPECT_EQ(traffic.frames.size(), 24u);
   ASSERT_EQ(traffic.box_files.size(), 24u);
@@ -229,7 +231,7 @@ TEST(StreetTraffic, BoxesHoldTheirVehicles) {
     const auto frame = std::find_if(traffic.frames.begin(), traffic.frames.end(),
                                     [&](const FramePose& f) { return f.id == file.frame_id; });
     ASSERT_NE(frame, traffic.frames.end());
-    const Rigid3d later = frame->ecef_from_body.inverse(Eigen::Isometry) *
+    const Rigid3d later = frame->global_from_body.inverse(Eigen::Isometry) *
                           pose_at(traffic.frames, frame->t_ns + 1'000'000);
     const auto cloud =
         std::find_if(traffic.lidar_files.begin(), traffic.lidar_files.end(),
@@ -266,7 +268,7 @@ TEST(StreetTraffic, ReturnsOfMovingVehiclesAreGone) {
   for (std::size_t i = 0; i < without.n; ++i) by_time.emplace(without.t_ns[i], i);
   int same = 0, earlier_on_parked = 0, earlier_elsewhere = 0;
   const std::vector<Box> boxes = read_boxes(run.recording.box_files[0].path);
-  const Rigid3d world_from_body = run.scene.ecef_from_world.inverse(Eigen::Isometry) *
+  const Rigid3d world_from_body = run.scene.global_from_world.inverse(Eigen::Isometry) *
                                   pose_at(run.recording.frames, boxes[0].t_ns);
   ASSERT_EQ(boxes[0].object_id, 1);  // the parked one
   const Rigid3d box_from_world =

@@ -56,11 +56,11 @@ Program::~Program() {
 
 void Program::send(int signal) { kill(pid_, signal); }
 
-Ended Program::wait() {
+ProgramResult Program::wait() {
   int status = 0;
   if (waitpid(pid_, &status, 0) != pid_) throw std::runtime_error("waitpid");
   pid_ = -1;
-  Ended ended;
+  ProgramResult ended;
   if (WIFEXITED(status)) ended.exit_code = WEXITSTATUS(status);
   if (WIFSIGNALED(status)) ended.signal = WTERMSIG(status);
   ended.out = read_file(folder_ / "out");

@@ -11,7 +11,7 @@
 
 namespace redrive::testing {
 
-struct Ended {
+struct ProgramResult {
   int exit_code = -1;  ///< -1: ended by a signal
   int signal = 0;
   std::string out, err;  ///< what it printed
@@ -28,7 +28,7 @@ class Program {
   Program& operator=(const Program&) = delete;
 
   void send(int signal);
-  Ended wait();
+  ProgramResult wait();
 
  private:
   pid_t pid_ = -1;

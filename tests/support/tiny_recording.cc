@@ -6,7 +6,7 @@
 
 #include "redrive/base/files.h"
 #include "redrive/camera/camera.h"
-#include "redrive/scene/image_set.h"
+#include "redrive/scene/load_views.h"
 
 namespace redrive::testing {
 namespace {
@@ -67,7 +67,7 @@ std::vector<CameraCalibration> cameras() {
            mounted({0, 1, 0}, {1, 0.6, 1.5})}};
 }
 
-Rigid3d ecef_from_body(int frame) {
+Rigid3d global_from_body(int frame) {
   Rigid3d pose = Rigid3d::Identity();
   pose.linear() = Eigen::AngleAxisd(0.7, Eigen::Vector3d(1, 2, -1).normalized()).toRotationMatrix();
   pose.translation() = Eigen::Vector3d(4081775.25, 1405467.5, 4679608.75);
@@ -126,7 +126,7 @@ void write_tiny_recording(const fs::path& root) {
   }
   for (int frame = 0; frame < kTinyFrames; ++frame)
     egomotion[std::to_string(kTinyFirstId + frame)] = {
-        {"RT_ECEF_body", rows(ecef_from_body(frame))}, {"time_host", 4833.0 + frame / 15.0}};
+        {"RT_ECEF_body", rows(global_from_body(frame))}, {"time_host", 4833.0 + frame / 15.0}};
   fs::create_directories(tiny_calibration(root).parent_path());
   fs::create_directories(tiny_egomotion(root).parent_path());
   write_file(tiny_calibration(root), calibration.dump(1));

@@ -36,7 +36,7 @@ TEST(Picture, DepthOfEveryPixelIsTheFormulas) {
     const Camera camera = make_camera(calibration);
     const Rigid3d world_from_camera = calibration.body_from_sensor;
     const Vector3d origin = world_from_camera.translation();
-    const Picture picture = take_picture(scene, camera, world_from_camera, pool);
+    const Picture picture = capture_image(scene, camera, world_from_camera, pool);
     int ground = 0, compared = 0;
     for (int y = 0; y < camera.height; ++y)
       for (int x = 0; x < camera.width; ++x) {
@@ -96,8 +96,8 @@ TEST(Sample, ShippedPictureIsWhatTheGeneratorMakes) {
   ThreadPool pool(hardware_threads());
   const CameraCalibration calibration = rig_calibration()[2];
   const int index = 9;
-  const Picture made = take_picture(make_courtyard(1), make_camera(calibration),
-                                    world_from_body(index) * calibration.body_from_sensor, pool);
+  const Picture made = capture_image(make_courtyard(1), make_camera(calibration),
+                                     world_from_body(index) * calibration.body_from_sensor, pool);
   const Image8 shipped = read_image(root / "sensor/camera/M_FISHEYE_L/M_FISHEYE_L_0001209.jpg");
   ASSERT_EQ(shipped.rgb.size(), made.image.rgb.size());
   double squared = 0;
@@ -108,10 +108,10 @@ TEST(Sample, ShippedPictureIsWhatTheGeneratorMakes) {
 }
 
 TEST(Globe, PlaceIsOnTheEllipsoid) {
-  const Vector3d p = ecef_from_world().translation();
+  const Vector3d p = global_from_world().translation();
   const double a = 6378137.0 + 150, b = 6356752.3142 + 150;
   EXPECT_NEAR((p.x() * p.x() + p.y() * p.y()) / (a * a) + p.z() * p.z() / (b * b), 1, 1e-6);
-  EXPECT_NEAR(ecef_from_world().linear().determinant(), 1, 1e-12);
+  EXPECT_NEAR(global_from_world().linear().determinant(), 1, 1e-12);
 }
 
 }  // namespace

@@ -80,7 +80,7 @@ const NovelShift kNovelShifts[] = {{"left_0.5", {0, 0.5, 0}},
                                    {"right_1", {0, -1, 0}},
                                    {"forward_0.5", {0.5, 0, 0}}};
 constexpr std::array kNovelCameras = {"F_MIDLONGRANGECAM_CL", "M_FISHEYE_L"};
-constexpr int kNovelPlaces = 3;
+constexpr int kNovelFrames = 3;
 
 void write_novel(const std::filesystem::path& folder, const NovelShift& novel,
                  const Courtyard& scene, const std::vector<CameraCalibration>& rig,
@@ -91,13 +91,13 @@ void write_novel(const std::filesystem::path& folder, const NovelShift& novel,
     if (std::find(kNovelCameras.begin(), kNovelCameras.end(), calibration.name) ==
         kNovelCameras.end())
       continue;
-    for (int place = 0; place < kNovelPlaces; ++place) {
-      const int index = (2 * place + 1) * options.frames / (2 * kNovelPlaces);
+    for (int place = 0; place < kNovelFrames; ++place) {
+      const int index = (2 * place + 1) * options.frames / (2 * kNovelFrames);
       const std::int64_t id = options.first_id + index;
       Rigid3d shifted = world_from_body(index);
       shifted.translate(novel.shift_body_m);
-      const Picture picture = take_picture(scene, make_camera(calibration),
-                                           shifted * calibration.body_from_sensor, pool);
+      const Picture picture = capture_image(scene, make_camera(calibration),
+                                            shifted * calibration.body_from_sensor, pool);
       const std::string file = image_name(calibration.name, id, ".jpg");
       write_image(folder / file, picture.image);
       write_png16(folder / image_name(calibration.name, id, "_depth.png"), calibration.width,
@@ -106,7 +106,7 @@ void write_novel(const std::filesystem::path& folder, const NovelShift& novel,
           {{"file", file},
            {"camera", calibration.name},
            {"frame_id", id},
-           {"RT_ECEF_body", matrix_json(ecef_from_world() * shifted)},
+           {"RT_ECEF_body", matrix_json(global_from_world() * shifted)},
            {"shift_body_m",
             {novel.shift_body_m.x(), novel.shift_body_m.y(), novel.shift_body_m.z()}}});
     }
@@ -185,7 +185,7 @@ Rigid3d world_from_body(int index) {
   return pose;
 }
 
-Rigid3d ecef_from_world() {
+Rigid3d global_from_world() {
   const double latitude = radians(47.5), longitude = radians(19.0), height_m = 150,
                heading = radians(35);
   const double a = 6378137.0, e2 = 6.69437999014e-3;  // WGS84
@@ -203,8 +203,8 @@ Rigid3d ecef_from_world() {
   return pose;
 }
 
-Picture take_picture(const Courtyard& scene, const Camera& camera, const Rigid3d& world_from_camera,
-                     ThreadPool& pool) {
+Picture capture_image(const Courtyard& scene, const Camera& camera,
+                      const Rigid3d& world_from_camera, ThreadPool& pool) {
   Picture picture;
   picture.image = {camera.width, camera.height,
                    std::vector<std::uint8_t>(3u * camera.width * camera.height)};
@@ -257,12 +257,12 @@ void write_recording(const std::filesystem::path& root, const DriveOptions& opti
     const std::int64_t id = options.first_id + index;
     const double time_s = kFirstTime_s + kFrameInterval_s * index;
     egomotion[std::to_string(id)] = {
-        {"RT_ECEF_body", matrix_json(ecef_from_world() * world_from_body(index))},
+        {"RT_ECEF_body", matrix_json(global_from_world() * world_from_body(index))},
         {"time", time_s},
         {"time_host", time_s}};
     for (const CameraCalibration& camera : rig) {
-      const Picture picture = take_picture(scene, make_camera(camera),
-                                           world_from_body(index) * camera.body_from_sensor, pool);
+      const Picture picture = capture_image(scene, make_camera(camera),
+                                            world_from_body(index) * camera.body_from_sensor, pool);
       write_image(root / "sensor/camera" / camera.name / image_name(camera.name, id, ".jpg"),
                   picture.image);
     }

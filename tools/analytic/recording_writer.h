@@ -8,7 +8,7 @@
 
 #include "redrive/base/parallel.h"
 #include "redrive/camera/camera.h"
-#include "redrive/scene/image_set.h"
+#include "redrive/scene/load_views.h"
 #include "tools/analytic/analytic_scene.h"
 
 namespace redrive::analytic {
@@ -29,7 +29,7 @@ Rigid3d world_from_body(int index);
 
 /// The invented place on the globe: 47.5 N, 19.0 E, 150 m (WGS84), world x towards heading 35
 /// degrees.
-Rigid3d ecef_from_world();
+Rigid3d global_from_world();
 
 struct Picture {
   Image8 image;
@@ -39,8 +39,8 @@ struct Picture {
 
 /// Mean of 4x4 rays a pixel; depth of the pixel's centre. Pixels outside the camera's valid region
 /// are black.
-Picture take_picture(const Courtyard& scene, const Camera& camera, const Rigid3d& world_from_camera,
-                     ThreadPool& pool);
+Picture capture_image(const Courtyard& scene, const Camera& camera,
+                      const Rigid3d& world_from_camera, ThreadPool& pool);
 
 /// The whole recording below `root` (which must not exist), with novel/<name>: poses, truth and
 /// depth.

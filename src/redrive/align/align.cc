@@ -11,9 +11,9 @@
 
 #include <Eigen/Dense>
 
-#include "redrive/align/so3.h"
-#include "redrive/align/untold_clocks.h"
+#include "redrive/align/bundle/unobservable_time_offsets.h"
 #include "redrive/base/error.h"
+#include "redrive/math/so3.h"
 #include "redrive/recording/summary.h"
 #include "redrive/scene/moving_objects.h"
 
@@ -47,33 +47,34 @@ std::string text(const char* format, ...) {
 
 /// What was there to align by, for every message.
 std::string means_of(const Recording& recording, std::size_t tracks, std::size_t lidar) {
-  const double driven_m = recording.frames.empty() ? 0 : summarize_drive(recording.frames).driven_m;
+  const double path_length_m =
+      recording.frames.empty() ? 0 : summarize_drive(recording.frames).path_length_m;
   return text("%zu frames, %.1f m driven, %zu tracks of image points, %zu LiDAR points",
-              recording.frames.size(), driven_m, tracks, lidar);
+              recording.frames.size(), path_length_m, tracks, lidar);
 }
 
 /// Takes the part of the covariance out that is a motion of the whole trajectory: P C P^T with P =
 /// 1 - G (G^T W G)^-1 G^T W, G what such a motion does to the corrections. W weighs a turn as what
-/// it moves at 30 m, as align_trajectories does. Where only the egomotion knows the scale, that is
-/// taken out, too.
+/// it moves at 30 m, as register_trajectories does. Where only the egomotion knows the scale, that
+/// is taken out, too.
 Eigen::MatrixXd without_common_motion(const RigModel& model, const Eigen::MatrixXd& covariance,
                                       bool scale_too) {
   constexpr double kArm_m = 30;
   const int n = static_cast<int>(model.given.size());
   Eigen::Vector3d middle = Eigen::Vector3d::Zero();
-  for (const FramePose& frame : model.given) middle += frame.ecef_from_body.translation() / n;
+  for (const FramePose& frame : model.given) middle += frame.global_from_body.translation() / n;
   Eigen::MatrixXd g(6 * n, scale_too ? 7 : 6);
   Eigen::VectorXd weights(6 * n);
   for (int f = 0; f < n; ++f) {
-    const Eigen::Matrix3d body_from_world = model.given[f].ecef_from_body.linear().transpose();
+    const Eigen::Matrix3d body_from_world = model.given[f].global_from_body.linear().transpose();
     g.block<3, 3>(6 * f, 0) = body_from_world;
     g.block<3, 3>(6 * f, 3) =
-        -body_from_world * skew(model.given[f].ecef_from_body.translation() - middle);
+        -body_from_world * skew(model.given[f].global_from_body.translation() - middle);
     g.block<3, 3>(6 * f + 3, 0).setZero();
     g.block<3, 3>(6 * f + 3, 3) = body_from_world;
     if (scale_too) {
       g.block<3, 1>(6 * f, 6) =
-          body_from_world * (model.given[f].ecef_from_body.translation() - middle);
+          body_from_world * (model.given[f].global_from_body.translation() - middle);
       g.block<3, 1>(6 * f + 3, 6).setZero();
     }
     weights.segment<3>(6 * f).setOnes();
@@ -96,28 +97,28 @@ std::optional<double> sigma_at(const BundleResult& bundle, const std::optional<i
 }
 
 /// A readout as it was found before others were given up.
-struct FoundReadout {
+struct ReadoutEstimate {
   double value_s = 0, sigma_s = 0;
 };
 
 /// Puts readouts back as they were given that the drive does not tell, or not without what others
 /// were given up for, and takes them from what is sought: a line about each. *before: of the last
 /// time, by camera; empty the first time.
-std::vector<std::string> give_up_readouts(const BundleResult& bundle,
-                                          std::vector<FoundReadout>* before, RigModel* model,
-                                          BundleOptions* options) {
+std::vector<std::string> fix_unobservable_readouts(const BundleResult& bundle,
+                                                   std::vector<ReadoutEstimate>* before,
+                                                   RigModel* model, BundleOptions* options) {
   double interval_s = std::numeric_limits<double>::infinity();
   for (std::size_t f = 1; f < model->given.size(); ++f)
     interval_s = std::min(
         interval_s, 1e-9 * static_cast<double>(model->given[f].t_ns - model->given[f - 1].t_ns));
-  const double most_s = std::min(kMostReadout_s, interval_s);
+  const double most_s = std::min(kMaxReadout_s, interval_s);
   std::vector<std::string> remarks;
-  std::vector<FoundReadout> found(model->cameras.size());
+  std::vector<ReadoutEstimate> found(model->cameras.size());
   for (std::size_t c = 0; c < found.size(); ++c) {
-    const std::optional<double> sigma_s = sigma_at(bundle, bundle.readout_at[c]);
+    const std::optional<double> sigma_s = sigma_at(bundle, bundle.readout_index[c]);
     if (!sigma_s) continue;
     RigModelCamera& camera = model->cameras[c];
-    const FoundReadout now{camera.readout_s, *sigma_s};
+    const ReadoutEstimate now{camera.readout_s, *sigma_s};
     found[c] = now;
     std::string why;
     if (now.sigma_s > kMostReadoutSigma_s)
@@ -130,7 +131,7 @@ std::vector<std::string> give_up_readouts(const BundleResult& bundle,
       why = text("%.1f ms with other readouts open, %.1f with those as given",
                  1e3 * (*before)[c].value_s, 1e3 * now.value_s);
     if (why.empty()) continue;
-    camera.readout_s = camera.given_readout_s();
+    camera.readout_s = camera.initial_readout_s();
     options->readouts[c] = false;
     remarks.push_back(
         text("%s: the drive does not tell how long its rows take (%s): %.2f ms stay, as given",
@@ -140,14 +141,14 @@ std::vector<std::string> give_up_readouts(const BundleResult& bundle,
   return remarks;
 }
 
-std::string untold_text(const CameraCorrection& camera, const UntoldClock& clock,
-                        const BundlePriors& priors) {
+std::string unobservable_text(const CameraCorrection& camera, const UnobservableTimeOffset& clock,
+                              const BundlePriors& priors) {
   return text(
       "%s: cannot tell when it exposes (%+.1f +- %.1f ms fits best, and +- %.1f is needed: "
       "straight on at one speed a "
       "late exposure looks like a camera further forward): %.2f ms stay, as given",
       camera.name.c_str(), 1e3 * clock.offset_s, 1e3 * clock.sigma_s,
-      1e3 * sigma_of_told_clock_s(priors.offset_s), 1e3 * camera.offset_s);
+      1e3 * max_observable_sigma_s(priors.offset_s), 1e3 * camera.offset_s);
 }
 
 AlignResult describe(const RigModel& model, BundleResult bundle, bool scale_is_given) {
@@ -165,13 +166,13 @@ AlignResult describe(const RigModel& model, BundleResult bundle, bool scale_is_g
     CameraCorrection correction;
     correction.name = camera.given.name;
     correction.mount = {camera.mount, sigmas_at(bundle.variance, 6 * (n + c))};
-    correction.turned_in_body = camera.given.body_from_sensor.linear() * camera.mount.tail<3>();
+    correction.rotation_in_body = camera.given.body_from_sensor.linear() * camera.mount.tail<3>();
     correction.offset_s = camera.offset_s;
-    correction.offset_before_s = camera.given_offset_s();
-    correction.offset_sigma_s = sigma_at(bundle, bundle.offset_at[c]);
+    correction.initial_offset_s = camera.initial_offset_s();
+    correction.offset_sigma_s = sigma_at(bundle, bundle.offset_index[c]);
     correction.readout_s = camera.readout_s;
-    correction.readout_before_s = camera.given_readout_s();
-    correction.readout_sigma_s = sigma_at(bundle, bundle.readout_at[c]);
+    correction.initial_readout_s = camera.initial_readout_s();
+    correction.readout_sigma_s = sigma_at(bundle, bundle.readout_index[c]);
     correction.intrinsics = camera.intrinsics;
     result.camera_corrections.push_back(correction);
   }
@@ -183,9 +184,9 @@ AlignResult describe(const RigModel& model, BundleResult bundle, bool scale_is_g
 double reach_m(const std::vector<FramePose>& frames) {
   double reach = 0;
   for (const FramePose& frame : frames)
-    reach = std::max(
-        reach,
-        (frame.ecef_from_body.translation() - frames.front().ecef_from_body.translation()).norm());
+    reach = std::max(reach, (frame.global_from_body.translation() -
+                             frames.front().global_from_body.translation())
+                                .norm());
   return reach;
 }
 
@@ -200,13 +201,13 @@ std::string obstacle(const Recording& recording, const AlignResult& result, bool
         "driving shows how far "
         "things are; %.0f m are needed",
         reach_m(recording.frames), reach_m(result.frames), kLeastReach_m);
-  if (!(bundle.last_moved_m < kMostMoving_m && bundle.last_turned_rad < kMostMoving_rad))
+  if (!(bundle.last_translation_m < kMostMoving_m && bundle.last_rotation_rad < kMostMoving_rad))
     return text(
         "the poses still move by %.1f cm and %.3f degrees a round after %d rounds: what is seen "
         "does not agree with "
         "one "
         "motion",
-        100 * bundle.last_moved_m, bundle.last_turned_rad * kDegrees, bundle.rounds);
+        100 * bundle.last_translation_m, bundle.last_rotation_rad * kDegrees, bundle.rounds);
   int all = 0, used = 0;
   for (std::size_t c = 0; c < bundle.cameras.size(); ++c) {
     const CameraFit& fit = bundle.cameras[c];
@@ -249,15 +250,15 @@ std::string obstacle(const Recording& recording, const AlignResult& result, bool
         static_cast<long long>(recording.frames[at_rad].id), worst_rad * kDegrees,
         kMostSigma_rad * kDegrees);
   for (const CameraCorrection& camera : result.camera_corrections) {
-    const double moved_m = camera.mount.value.head<3>().norm(),
-                 turned_rad = camera.mount.value.tail<3>().norm();
-    if (!(moved_m < kMostMount_m && turned_rad < kMostMount_rad &&
+    const double translation_m = camera.mount.value.head<3>().norm(),
+                 rotation_rad = camera.mount.value.tail<3>().norm();
+    if (!(translation_m < kMostMount_m && rotation_rad < kMostMount_rad &&
           std::abs(camera.offset_s) < kMostOffset_s))
       return text(
           "%s would have to move by %.2f m and %.2f degrees and to be exposed %.1f ms from its "
           "frame; that is another "
           "calibration, not an error of this one",
-          camera.name.c_str(), moved_m, turned_rad * kDegrees, 1e3 * camera.offset_s);
+          camera.name.c_str(), translation_m, rotation_rad * kDegrees, 1e3 * camera.offset_s);
   }
   return "";
 }
@@ -266,35 +267,35 @@ std::string obstacle(const Recording& recording, const AlignResult& result, bool
 
 AlignResult align_with(const Recording& recording, const std::vector<Track>& tracks,
                        const std::vector<LidarSample>& lidar, const AlignOptions& options,
-                       ThreadPool& pool, const ContrastSource* contrast) {
+                       ThreadPool& pool, const ContrastData* contrast) {
   const std::string means = means_of(recording, tracks.size(), lidar.size());
   if (recording.frames.size() < 3)
-    throw CannotError(recording.root, "an alignment needs three frames or more", means);
+    throw InsufficientDataError(recording.root, "an alignment needs three frames or more", means);
   if (tracks.size() < kLeastTracks && lidar.size() < kLeastLidarPoints)
-    throw CannotError(
+    throw InsufficientDataError(
         recording.root,
         text("too little is seen to align by: %d tracks or %d LiDAR points are needed",
              kLeastTracks, kLeastLidarPoints),
         means);
   RigModel model = make_rig_model(recording);
   BundleOptions bundle_options = options.bundle;
-  BundleResult bundle = adjust(&model, tracks, lidar, contrast, bundle_options, pool);
-  std::vector<FoundReadout> found_readouts;
+  BundleResult bundle = adjust_bundle(&model, tracks, lidar, contrast, bundle_options, pool);
+  std::vector<ReadoutEstimate> found_readouts;
   std::vector<std::string> remarks;
   for (;;) {
     const std::vector<std::string> given_up =
-        give_up_readouts(bundle, &found_readouts, &model, &bundle_options);
+        fix_unobservable_readouts(bundle, &found_readouts, &model, &bundle_options);
     if (given_up.empty()) break;
     remarks.insert(remarks.end(), given_up.begin(), given_up.end());
-    bundle = adjust(&model, tracks, lidar, contrast, bundle_options, pool);
+    bundle = adjust_bundle(&model, tracks, lidar, contrast, bundle_options, pool);
   }
   AlignResult result = describe(model, std::move(bundle), lidar.empty());
   result.remarks = std::move(remarks);
-  for (const UntoldClock& clock : result.bundle.untold)
+  for (const UnobservableTimeOffset& clock : result.bundle.unobservable)
     result.remarks.push_back(
-        untold_text(result.camera_corrections[clock.camera], clock, options.bundle.priors));
+        unobservable_text(result.camera_corrections[clock.camera], clock, options.bundle.priors));
   if (const std::string why = obstacle(recording, result, !tracks.empty()); !why.empty())
-    throw CannotError(recording.root, why, means);
+    throw InsufficientDataError(recording.root, why, means);
   if (lidar.empty())
     result.remarks.emplace_back(
         "no LiDAR: the scale of the drive and what all cameras share (a turn, a time offset) is "
@@ -303,10 +304,11 @@ AlignResult align_with(const Recording& recording, const std::vector<Track>& tra
     if (result.bundle.cameras[c].used == 0)
       result.remarks.push_back(result.cameras[c].name +
                                ": no image point to use; its mount and time offset are as given");
-  if (!recording.true_frames.empty()) {
-    result.truth_before =
-        align_trajectories(recording.frames, recording.true_frames, recording.root);
-    result.truth_after = align_trajectories(result.frames, recording.true_frames, recording.root);
+  if (!recording.ground_truth_frames.empty()) {
+    result.initial_vs_ground_truth =
+        register_trajectories(recording.frames, recording.ground_truth_frames, recording.root);
+    result.aligned_vs_ground_truth =
+        register_trajectories(result.frames, recording.ground_truth_frames, recording.root);
   }
   return result;
 }
@@ -314,9 +316,9 @@ AlignResult align_with(const Recording& recording, const std::vector<Track>& tra
 AlignResult align(const Recording& recording, const AlignOptions& options, ThreadPool& pool) {
   const auto start = std::chrono::steady_clock::now();
   if (!recording.metric)
-    throw CannotError(recording.root,
-                      "photographs have neither egomotion nor clock; align is for drives",
-                      recording.format);
+    throw InsufficientDataError(recording.root,
+                                "photographs have neither egomotion nor clock; align is for drives",
+                                recording.format);
   std::optional<RigImages> images;
   std::vector<Track> tracks;
   if (options.images) {
@@ -328,9 +330,9 @@ AlignResult align(const Recording& recording, const AlignOptions& options, Threa
     const Scene scene = make_scene(recording, {});
     lidar = load_lidar_samples(recording, scene, read_moving_objects(recording, scene), pool);
   }
-  std::optional<ContrastSource> contrast;
+  std::optional<ContrastData> contrast;
   if (images && !lidar.empty()) contrast.emplace(*images, lidar);
-  AlignResult result = align_with(recording, tracks, evenly_fewer(lidar, kMostPlaneSamples),
+  AlignResult result = align_with(recording, tracks, subsample_evenly(lidar, kMostPlaneSamples),
                                   options, pool, contrast ? &*contrast : nullptr);
   result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   return result;

@@ -8,11 +8,11 @@
 #include <string>
 #include <vector>
 
-#include "redrive/align/bundle.h"
-#include "redrive/align/tracks.h"
+#include "redrive/align/bundle/bundle_adjustment.h"
+#include "redrive/align/tracks/tracks.h"
 #include "redrive/base/parallel.h"
-#include "redrive/eval/align.h"
 #include "redrive/recording/recording.h"
+#include "redrive/recording/register_trajectories.h"
 
 namespace redrive {
 
@@ -31,14 +31,14 @@ struct Correction {
 struct CameraCorrection {
   std::string name;
   Correction mount;
-  Eigen::Vector3d turned_in_body =
+  Eigen::Vector3d rotation_in_body =
       Eigen::Vector3d::Zero();  ///< the mount's turn about the body's axes: roll, pitch, yaw; rad
   double offset_s = 0;          ///< exposure minus pose
   std::optional<double> offset_sigma_s;  ///< how well it is known; nothing where the drive does not
                                          ///< tell it: then it is as given
-  double offset_before_s = 0;
-  double readout_s = 0, readout_before_s = 0;  ///< of a rolling shutter
-  std::optional<double> readout_sigma_s;       ///< where it was sought and found
+  double initial_offset_s = 0;
+  double readout_s = 0, initial_readout_s = 0;  ///< of a rolling shutter
+  std::optional<double> readout_sigma_s;        ///< where it was sought and found
   Eigen::Vector3d intrinsics =
       Eigen::Vector3d::Zero();  ///< relative change of focal length; principal point, px
 };
@@ -54,18 +54,19 @@ struct AlignResult {
   /// What the user should know of: no LiDAR, so the scale is the egomotion's; a readout that the
   /// drive does not tell and stays as given.
   std::vector<std::string> remarks;
-  std::optional<Alignment> truth_before, truth_after;  ///< where the recording ships the truth
+  std::optional<TrajectoryRegistration> initial_vs_ground_truth,
+      aligned_vs_ground_truth;  ///< where the recording ships the truth
   double seconds = 0;
 };
 
-/// Throws CannotError with reason and figures where images and LiDAR do not hold the poses: too
-/// little is seen, nothing moves, what is seen does not agree, or corrections are larger than an
-/// egomotion's errors. InputError as find_tracks and load_lidar_returns.
+/// Throws InsufficientDataError with reason and figures where images and LiDAR do not hold the
+/// poses: too little is seen, nothing moves, what is seen does not agree, or corrections are larger
+/// than an egomotion's errors. InputError as find_tracks and load_lidar_returns.
 AlignResult align(const Recording& recording, const AlignOptions& options, ThreadPool& pool);
 
 /// The same with tracks and LiDAR at hand.
 AlignResult align_with(const Recording& recording, const std::vector<Track>& tracks,
                        const std::vector<LidarSample>& lidar, const AlignOptions& options,
-                       ThreadPool& pool, const ContrastSource* contrast = nullptr);
+                       ThreadPool& pool, const ContrastData* contrast = nullptr);
 
 }  // namespace redrive

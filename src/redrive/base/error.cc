@@ -30,8 +30,8 @@ UsageError::UsageError(std::string_view option, std::string_view value, std::str
 IoError::IoError(const std::filesystem::path& file, std::string_view what)
     : std::runtime_error(file.string() + ": " + std::string(what)) {}
 
-CannotError::CannotError(const std::filesystem::path& recording, std::string_view reason,
-                         std::string_view means)
+InsufficientDataError::InsufficientDataError(const std::filesystem::path& recording,
+                                             std::string_view reason, std::string_view means)
     : std::runtime_error(recording.string() + ": cannot: " + std::string(reason) + " (" +
                          std::string(means) + ")") {}
 

@@ -14,14 +14,14 @@ namespace redrive {
 /// Process exit codes; documented in README.md.
 enum ExitCode {
   kExitOk = 0,
-  kExitInternal = 1,      ///< a bug in redrive (failed check, unexpected exception)
-  kExitUsage = 2,         ///< unknown or out-of-range option, out folder that exists
-  kExitBadInput = 3,      ///< a file that cannot be used: missing, malformed, inconsistent
-  kExitIo = 4,            ///< the disk said no while writing
-  kExitCannot = 5,        ///< the input is in order, but does not determine what was asked for
-  kExitNotSensible = 6,   ///< inspect --report: something is wrong that training would learn
-  kExitDevice = 7,        ///< a GPU failed at its work; what was saved before stands
-  kExitInterrupted = 130  ///< Ctrl-C; the state was saved
+  kExitInternal = 1,          ///< a bug in redrive (failed check, unexpected exception)
+  kExitUsage = 2,             ///< unknown or out-of-range option, out folder that exists
+  kExitBadInput = 3,          ///< a file that cannot be used: missing, malformed, inconsistent
+  kExitIo = 4,                ///< the disk said no while writing
+  kExitInsufficientData = 5,  ///< the input is in order, but does not determine what was asked for
+  kExitPreflightFailed = 6,   ///< inspect --report: something is wrong that training would learn
+  kExitDevice = 7,            ///< a GPU failed at its work; what was saved before stands
+  kExitInterrupted = 130      ///< Ctrl-C; the state was saved
 };
 
 /// A recording, run or poses file that cannot be used. Names file, field and value.
@@ -50,10 +50,10 @@ class IoError : public std::runtime_error {
 
 /// What was asked for cannot be computed from this recording, though nothing about its files is
 /// wrong. Says why, and by what it was tried.
-class CannotError : public std::runtime_error {
+class InsufficientDataError : public std::runtime_error {
  public:
-  CannotError(const std::filesystem::path& recording, std::string_view reason,
-              std::string_view means);
+  InsufficientDataError(const std::filesystem::path& recording, std::string_view reason,
+                        std::string_view means);
 };
 
 /// A device that failed at its work, whatever it was: what it has in memory is lost. Says it in its

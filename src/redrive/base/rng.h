@@ -23,13 +23,13 @@ constexpr std::uint64_t random_key(std::uint64_t seed, std::uint64_t stream,
 }
 
 /// The key whose numbers are those of `key` from the `first`-th on.
-constexpr std::uint64_t key_from(std::uint64_t key, std::uint64_t first) {
+constexpr std::uint64_t advance_key(std::uint64_t key, std::uint64_t first) {
   return key + first * 0xD1342543DE82EF95ull;
 }
 
 /// 64 random bits: the `index`-th of the stream.
 constexpr std::uint64_t random_bits(std::uint64_t key, std::uint64_t index) {
-  return mix64(key_from(key, index));
+  return mix64(advance_key(key, index));
 }
 
 /// Uniform in [0, 1), a multiple of 2^-24 (exact in float).

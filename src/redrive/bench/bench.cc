@@ -23,7 +23,8 @@ struct Cost {
 
 // Arithmetic of the scalar formulas, per sample (Adam: per parameter), counted from the files
 // named.
-constexpr double kStratifiedFlops = 4;  // sampling/hierarchical.h: two for t, one for u, one for dt
+constexpr double kStratifiedFlops =
+    4;  // volume/hierarchical_sampling.h: two for t, one for u, one for dt
 constexpr double kCompositeFlops = 24;  // volume/composite.h: alpha 3, w 1, three colours of 6, T 2
 constexpr double kCompositeAdjointFlops =
     44;                            // volume/composite.h: T and w 6, three colours of 12, sigma 2
@@ -33,9 +34,9 @@ constexpr double kAdamFlops = 14;  // optim/adam.h: m 3, v 4, parameter 7
 // whatever a kernel reads again or keeps between its passes. Those of a ray are shared by its
 // samples, parameters by all of a run.
 constexpr double kNumber = sizeof(float);
-constexpr double kRayBytes = 6 * kNumber;      // origin and direction
-constexpr double kColourBytes = 3 * kNumber;   // of a ray: to meet, or its derivative
-constexpr double kPictureBytes = 5 * kNumber;  // of a ray: colour, depth, opacity
+constexpr double kRayBytes = 6 * kNumber;          // origin and direction
+constexpr double kColourBytes = 3 * kNumber;       // of a ray: to meet, or its derivative
+constexpr double kRenderedRayBytes = 5 * kNumber;  // of a ray: colour, depth, opacity
 constexpr double kRawBytes = 4 * kNumber;  // of a sample: colour and density, or their derivatives
 constexpr double kIntervalBytes = 2 * kNumber;  // t and dt
 constexpr double kAdamBytes =
@@ -68,8 +69,8 @@ class Runner {
     result.bytes = samples * cost.bytes;
     result.gflops = 1e-9 * result.flops / median;
     const double computing = 1e-9 * result.flops / report_->ceilings.gflops,
-                 copying = 1e-9 * result.bytes / report_->ceilings.copied_gb_s;
-    result.limited_by_copies = copying > computing;
+                 copying = 1e-9 * result.bytes / report_->ceilings.copy_gb_per_s;
+    result.memory_bound = copying > computing;
     result.percent_of_roofline = 100 * std::max(computing, copying) / median;
     report_->results.push_back(result);
     on_result_(result);
@@ -109,7 +110,7 @@ void time_step(Runner& runner, kernels::Backend& backend, const SyntheticDrive& 
                const std::string& name, const TrainOptions& options, double forward_macs) {
   if (!runner.wanted(name)) return;
   const PixelSampler sampler(drive.scene, drive.images, 1);
-  TrainState state = first_state(options, drive.scene);
+  TrainState state = make_initial_state(options, drive.scene);
   RayBatch batch;
   StepBuffers buffers;
   const double samples = 1.0 * options.batch_rays * options.samples,
@@ -131,10 +132,10 @@ void time_render(Runner& runner, kernels::Backend& backend, const SyntheticDrive
   if (!runner.wanted(name)) return;
   // The oracle would take hours; a filter that names the picture gets it all the same.
   if (backend.name() == "ref" && filter.empty()) return;
-  const TrainState state = first_state(options, drive.scene);
+  const TrainState state = make_initial_state(options, drive.scene);
   const Camera& camera = drive.scene.rig[0].camera;
   const double samples = 1.0 * camera.width * camera.height * options.samples,
-               bytes = (kRayBytes + kPictureBytes) / options.samples +
+               bytes = (kRayBytes + kRenderedRayBytes) / options.samples +
                        kNumber * static_cast<double>(state.model->size()) / samples;
   runner.time(name, samples, {2 * forward_macs, bytes}, [&] {
     render_image(backend, *state.model, camera,
@@ -163,7 +164,7 @@ void time_kernels(Runner& runner, kernels::Backend& backend, const SyntheticDriv
                                       {});
               });
   runner.time("kernel/composite_forward", samples,
-              {kCompositeFlops, kIntervalBytes + kRawBytes + kPictureBytes / per_ray}, [&] {
+              {kCompositeFlops, kIntervalBytes + kRawBytes + kRenderedRayBytes / per_ray}, [&] {
                 backend.composite_forward(b.rays.n, b.sample_spans(), b.raw, {},
                                           {b.rgb, b.depth, b.opacity, {}});
               });
@@ -231,11 +232,11 @@ Report run(kernels::Backend& backend, const Options& options,
   } else {
     ThreadPool pool(backend.threads());
     report.ceilings = {measure_peak_gflops(backend.isa(), pool),
-                       report.isa == "none" ? "sse2" : report.isa, measure_copied_gb_s(pool)};
+                       report.isa == "none" ? "sse2" : report.isa, measure_copy_gb_per_s(pool)};
   }
 
   Runner runner(backend, options, &report, on_result);
-  const SyntheticDrive drive = make_drive();
+  const SyntheticDrive drive = make_synthetic_drive();
   const TrainOptions wide = options_of("nerf", 256, 96), narrow = options_of("nerf", 128, 48),
                      grid = options_of("grid", 32, 24);
   const double wide_macs = nerf_macs_per_sample({wide.width}),
@@ -262,7 +263,7 @@ nlohmann::json to_json(const Report& report) {
                             {"threads", report.threads},
                             {"peak_gflops", report.ceilings.gflops},
                             {"peak_arithmetic", report.ceilings.arithmetic},
-                            {"peak_copied_gb_s", report.ceilings.copied_gb_s}};
+                            {"peak_copied_gb_s", report.ceilings.copy_gb_per_s}};
   if (!report.gpu.empty()) machine["gpu"] = report.gpu;
   if (!report.commit.empty()) machine["commit"] = report.commit;
   nlohmann::json results = nlohmann::json::array();
@@ -275,7 +276,7 @@ nlohmann::json to_json(const Report& report) {
                        {"bytes", r.bytes},
                        {"gflops", r.gflops},
                        {"percent_of_roofline", r.percent_of_roofline},
-                       {"limit", r.limited_by_copies ? "copies" : "arithmetic"}});
+                       {"limit", r.memory_bound ? "copies" : "arithmetic"}});
   return {{"machine", machine}, {"results", results}};
 }
 

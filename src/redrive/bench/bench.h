@@ -10,7 +10,7 @@
 
 #include <nlohmann/json_fwd.hpp>
 
-#include "redrive/kernels/kernels.h"
+#include "redrive/kernels/backend.h"
 
 namespace redrive::bench {
 
@@ -33,7 +33,7 @@ struct Result {
   /// The least time that the report's ceilings leave for these, of the median. May pass 100: by
   /// what a kernel saves of the arithmetic, and where its numbers were in a cache.
   double percent_of_roofline = 0;
-  bool limited_by_copies = false;  ///< rather than by arithmetic: which ceiling leaves that time
+  bool memory_bound = false;  ///< rather than by arithmetic: which ceiling leaves that time
 };
 
 struct Report {

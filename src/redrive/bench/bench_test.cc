@@ -9,7 +9,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/bench/peak.h"
-#include "redrive/kernels/cuda/cuda_backend.h"
+#include "redrive/kernels/device/cuda_backend.h"
 
 namespace redrive::bench {
 namespace {
@@ -45,9 +45,9 @@ TEST(Bench, ReportsWhatWasAskedFor) {
   // The figures belong together: 14 operations a parameter.
   EXPECT_NEAR(r.gflops, 14e-9 * r.samples_per_s, 1e-12 * r.gflops);
   const double parameters = r.flops / 14,
-               ms = 1e3 * 1e-9 * 32 * parameters / report.ceilings.copied_gb_s;
+               ms = 1e3 * 1e-9 * 32 * parameters / report.ceilings.copy_gb_per_s;
   EXPECT_EQ(r.bytes, 32 * parameters) << "four numbers there and back";
-  EXPECT_TRUE(r.limited_by_copies);
+  EXPECT_TRUE(r.memory_bound);
   EXPECT_NEAR(r.percent_of_roofline, 100 * ms / r.median_ms, 1e-9 * r.percent_of_roofline);
 
   const nlohmann::json json = to_json(report);
@@ -67,10 +67,10 @@ TEST(Bench, ADeviceHasARooflineOfItsOwn) {
     EXPECT_EQ(report.ceilings.arithmetic, tensor_cores ? "bf16 mma" : "fp32 fma");
     EXPECT_GT(report.ceilings.gflops, 1e-3);
     EXPECT_LT(report.ceilings.gflops, 1e3) << "of one thread's loops";
-    EXPECT_GT(report.ceilings.copied_gb_s, 0.01);
-    EXPECT_LT(report.ceilings.copied_gb_s, 1e4);
+    EXPECT_GT(report.ceilings.copy_gb_per_s, 0.01);
+    EXPECT_LT(report.ceilings.copy_gb_per_s, 1e4);
     const Result& r = report.results[0];
-    EXPECT_FALSE(r.limited_by_copies) << "a thousand products a sample, and its 36 features";
+    EXPECT_FALSE(r.memory_bound) << "a thousand products a sample, and its 36 features";
     EXPECT_NEAR(r.percent_of_roofline, 100 * r.gflops / report.ceilings.gflops,
                 1e-9 * r.percent_of_roofline);
     EXPECT_EQ(report.gpu, "") << "it is none";
@@ -79,7 +79,7 @@ TEST(Bench, ADeviceHasARooflineOfItsOwn) {
 
 TEST(Peak, CopiesAreMeasured) {
   ThreadPool pool(2);
-  const double gb_s = measure_copied_gb_s(pool);
+  const double gb_s = measure_copy_gb_per_s(pool);
   EXPECT_GT(gb_s, 0.1);
   EXPECT_LT(gb_s, 1e4);
 }

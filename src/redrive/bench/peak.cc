@@ -56,7 +56,7 @@ double measure_peak_gflops(std::optional<Isa> isa, ThreadPool& pool) {
   return std::accumulate(gflops.begin(), gflops.end(), 0.0);
 }
 
-double measure_copied_gb_s(ThreadPool& pool) {
+double measure_copy_gb_per_s(ThreadPool& pool) {
   constexpr std::size_t kOfThread = std::size_t{64} << 20, kLeast = std::size_t{256} << 20;
   constexpr int kRuns = 20;
   const std::size_t threads = pool.threads(), each = std::max(kOfThread, kLeast / threads);

@@ -18,7 +18,7 @@ double measure_peak_gflops(std::optional<Isa> isa, ThreadPool& pool);
 /// 1e9 bytes a second that all threads together copy from one place to another in memory, read and
 /// written, at best; each 64 MiB of its own, all of them 256 MiB at least: more than a processor
 /// has caches.
-double measure_copied_gb_s(ThreadPool& pool);
+double measure_copy_gb_per_s(ThreadPool& pool);
 
 // bench/peak_loops.cc, one per ISA: `iterations` rounds of independent multiply-adds; returns their
 // floating-point operations.

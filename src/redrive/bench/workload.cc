@@ -5,12 +5,12 @@
 #include <cmath>
 
 #include "redrive/base/rng.h"
-#include "redrive/sampling/hierarchical.h"
 #include "redrive/train/run.h"
+#include "redrive/volume/hierarchical_sampling.h"
 
 namespace redrive::bench {
 
-SyntheticDrive make_drive() {
+SyntheticDrive make_synthetic_drive() {
   constexpr int kWidth = 1280, kHeight = 704, kViews = 4;
   SyntheticDrive drive;
   Camera camera;
@@ -24,7 +24,7 @@ SyntheticDrive make_drive() {
   Rigid3d body_from_sensor = Rigid3d::Identity();
   body_from_sensor.linear() << 0, 0, 1, -1, 0, 0, 0, -1, 0;
   drive.scene.rig.push_back({"SYNTHETIC", camera, camera, body_from_sensor});
-  drive.scene.ecef_from_world = Rigid3d::Identity();
+  drive.scene.global_from_world = Rigid3d::Identity();
   drive.scene.unit_from_world = {{1, 0, 0}, 1.0f / 12};
   for (int i = 0; i < kViews; ++i) {
     Frame frame;
@@ -57,7 +57,7 @@ TrainOptions options_of(const std::string& method, int width, int samples) {
 
 KernelBatch::KernelBatch(kernels::Backend& backend, const SyntheticDrive& drive,
                          const NerfConfig& config, int samples)
-    : state(first_state(options_of("nerf", config.width, samples), drive.scene)) {
+    : state(make_initial_state(options_of("nerf", config.width, samples), drive.scene)) {
   PixelSampler(drive.scene, drive.images, 1).gather(0, kBatchRays, &rays);
   const std::size_t n = static_cast<std::size_t>(rays.n) * samples;
   t = Buffer<float>(n);
@@ -92,7 +92,7 @@ kernels::StratifiedSampling KernelBatch::sampling() const {
 }
 
 GridBatch::GridBatch(kernels::Backend& backend, const SyntheticDrive& drive)
-    : state(first_state(options_of("grid", 32, per_ray), drive.scene)) {
+    : state(make_initial_state(options_of("grid", 32, per_ray), drive.scene)) {
   constexpr int kRays = 2048;
   PixelSampler(drive.scene, drive.images, 1).gather(0, kRays, &rays);
   const std::size_t n = static_cast<std::size_t>(rays.n) * per_ray;

@@ -8,7 +8,7 @@
 #include "redrive/model/grid_model.h"
 #include "redrive/model/nerf_model.h"
 #include "redrive/rays/ray_table.h"
-#include "redrive/scene/image_set.h"
+#include "redrive/scene/load_views.h"
 #include "redrive/scene/scene.h"
 #include "redrive/train/run.h"
 
@@ -22,7 +22,7 @@ struct SyntheticDrive {
   Scene scene;
   std::vector<Image8> images;
 };
-SyntheticDrive make_drive();
+SyntheticDrive make_synthetic_drive();
 
 /// What a fresh run of the method would take, at this width and these samples a ray.
 TrainOptions options_of(const std::string& method, int width, int samples);

@@ -9,7 +9,7 @@
 #include <opencv2/calib3d.hpp>
 
 #include "redrive/base/error.h"
-#include "redrive/camera/example_cameras.h"
+#include "redrive/camera/example_cameras_testing.h"
 #include "redrive/math/dual.h"
 
 namespace redrive {
@@ -40,7 +40,7 @@ TEST(Camera, RoundTripsOverTheWholeImage) {
           ++refused;
           const double distance =
               std::hypot((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy);
-          ASSERT_GT(distance, sure_reach(camera) - 1e-9) << u << ' ' << v;
+          ASSERT_GT(distance, covered_radius(camera) - 1e-9) << u << ' ' << v;
           continue;
         }
         ++seen;
@@ -58,7 +58,7 @@ TEST(Camera, RoundTripsOverTheWholeImage) {
 }
 
 // One-to-one: what is projected is found again from its pixel, whatever the direction.
-TEST(Camera, ProjectedDirectionsComeBack) {
+TEST(Camera, UnprojectInvertsProject) {
   for (const ExampleCamera& example : example_cameras()) {
     SCOPED_TRACE(example.name);
     int seen = 0;
@@ -90,7 +90,7 @@ TEST(BrownConrady, FoldRadiusIsTheFirstRootOfTheDerivative) {
   EXPECT_NEAR(BrownConrady({0, 0, 0, 0, -1.0 / 7}).max_radius, 1, 1e-14);  // 1 - s^3
 }
 
-TEST(BrownConrady, TangentialTermsMakeTheDiscSmaller) {
+TEST(BrownConrady, TangentialTermsShrinkTheValidRegion) {
   const std::array<double, 5> coefficients{-0.4, 0.01, 0.004, -0.003, 0};
   const BrownConrady lens(coefficients);
   ASSERT_TRUE(std::isfinite(lens.max_radius));
@@ -111,7 +111,7 @@ TEST(BrownConrady, TangentialTermsMakeTheDiscSmaller) {
   EXPECT_LT(smallest_determinant(lens.max_radius * 1.01), 0);
 }
 
-TEST(Camera, RefusesWhatItCannotSee) {
+TEST(Camera, RejectsPointsOutsideTheValidRegion) {
   for (const ExampleCamera& example : example_cameras()) {
     SCOPED_TRACE(example.name);
     const Camera& camera = example.camera;
@@ -141,7 +141,7 @@ TEST(Camera, RefusesTheFoldedBackPoint) {
   EXPECT_NEAR(direction->x() / direction->z(), 0.8, 1e-12);
 }
 
-TEST(Mei, SeesToTheEdgeOfItsSphere) {
+TEST(Mei, ValidRegionEndsAtTheEdgeOfTheSphere) {
   const Camera camera =
       example_cameras()[8].camera;  // xi = 1.5: cos a > -1/xi, r < 1/sqrt(xi^2 - 1)
   const auto at_angle = [](double a) { return Eigen::Vector3d(std::sin(a), 0, std::cos(a)); };
@@ -162,7 +162,7 @@ TEST(Mei, ParabolicMirrorIsStereographic) {  // xi = 1: r = sin a / (1 + cos a) 
   }
 }
 
-TEST(OpenCvFisheye, EquidistantSeesBehindItself) {
+TEST(OpenCvFisheye, EquidistantProjectsBehindTheCamera) {
   const Camera camera = example_cameras()[11].camera;
   for (const double angle : {0.1, 1.0, 2.0, 3.0}) {
     const auto pixel = camera.project({0, 5 * std::sin(angle), 5 * std::cos(angle)});
@@ -177,7 +177,7 @@ TEST(OpenCvFisheye, EquidistantSeesBehindItself) {
 }
 
 // theta = a - 0.1 a^3 rises to a = 1 / sqrt(0.3).
-TEST(OpenCvFisheye, EndsWhereThetaFalls) {
+TEST(OpenCvFisheye, ValidRegionEndsWhereThetaFalls) {
   const OpenCvFisheye fisheye({-0.1, 0, 0, 0, 0});
   EXPECT_NEAR(fisheye.max_angle_rad, 1 / std::sqrt(0.3), 1e-12);
   const auto at = [](double a) { return std::array<double, 3>{std::sin(a), 0, std::cos(a)}; };
@@ -214,7 +214,7 @@ TEST(OpenCvFisheye, AgreesWithOpenCv) {
   EXPECT_EQ(compared, 3);
 }
 
-TEST(Camera, GradientByDualNumbersMeetsDifferences) {
+TEST(Camera, DualNumbersAgreeWithFiniteDifferences) {
   using D = Dual<double, 3>;
   // Central differences of a function of order 1 on points of length 1: step^2 f'''/6 (f''' <= 1e3
   // this far from the edge) and 2e-16 / step of rounding.

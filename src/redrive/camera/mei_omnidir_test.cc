@@ -2,7 +2,7 @@
 #include <gtest/gtest.h>
 #include <opencv2/ccalib/omnidir.hpp>
 
-#include "redrive/camera/example_cameras.h"
+#include "redrive/camera/example_cameras_testing.h"
 
 namespace redrive {
 namespace {

@@ -5,7 +5,7 @@
 #include <CLI/App.hpp>
 
 #include "redrive/base/error.h"
-#include "redrive/kernels/kernels.h"
+#include "redrive/kernels/backend.h"
 
 namespace redrive {
 

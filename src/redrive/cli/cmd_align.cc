@@ -8,9 +8,9 @@
 
 #include "redrive/base/cpu_features.h"
 #include "redrive/base/error.h"
-#include "redrive/cli/aligning.h"
+#include "redrive/cli/alignment.h"
 #include "redrive/cli/command.h"
-#include "redrive/recording/readouts.h"
+#include "redrive/recording/readout_options.h"
 #include "redrive/train/run.h"
 
 namespace redrive {
@@ -25,13 +25,13 @@ struct AlignArguments {
 };
 
 int run_align(AlignArguments arguments) {
-  if (!arguments.out.empty()) refuse_existing_run(arguments.out);  // said at once
+  if (!arguments.out.empty()) check_run_is_new(arguments.out);  // said at once
   arguments.options.images = !arguments.no_images;
   arguments.options.lidar = !arguments.no_lidar;
   Recording recording = open_recording(arguments.recording);
-  arguments.options.bundle.readouts = set_readouts(arguments.rolling_shutter, &recording);
+  arguments.options.bundle.readouts = apply_readout_options(arguments.rolling_shutter, &recording);
   ThreadPool pool(arguments.threads > 0 ? arguments.threads : hardware_threads());
-  const AlignResult result = align_aloud(recording, arguments.options, pool);
+  const AlignResult result = align_verbose(recording, arguments.options, pool);
   if (arguments.out.empty()) return kExitOk;
   write_alignment(arguments.out, recording, result);
   std::printf("%s: redrive train %s --poses %s\n",

@@ -7,7 +7,7 @@
 #include "redrive/bench/bench.h"
 #include "redrive/cli/backend_options.h"
 #include "redrive/cli/command.h"
-#include "redrive/kernels/cuda/cuda_backend.h"
+#include "redrive/kernels/device/cuda_backend.h"
 
 namespace redrive {
 
@@ -39,8 +39,7 @@ Action configure_bench(CLI::App& command) {
     const bench::Report report = bench::run(*backend, s->options, [&](const bench::Result& r) {
       std::fprintf(out, "%-30s %10.3f %10.3f %11.2f %10.3f %9.1f %8.2f %7.1f  %s\n", r.name.c_str(),
                    r.median_ms, r.min_ms, 1e-6 * r.samples_per_s, 1e-9 * r.flops, r.gflops,
-                   1e-6 * r.bytes, r.percent_of_roofline,
-                   r.limited_by_copies ? "copies" : "arithmetic");
+                   1e-6 * r.bytes, r.percent_of_roofline, r.memory_bound ? "copies" : "arithmetic");
       std::fflush(out);
     });
     std::fprintf(out,
@@ -48,7 +47,7 @@ Action configure_bench(CLI::App& command) {
                  "the paper's arithmetic, of "
                  "which folded layers save a tenth, MB what goes in and comes out\n",
                  report.ceilings.gflops, report.ceilings.arithmetic.c_str(),
-                 report.ceilings.copied_gb_s);
+                 report.ceilings.copy_gb_per_s);
     if (s->json) std::printf("%s\n", bench::to_json(report).dump(2).c_str());
     return kExitOk;
   };

@@ -10,9 +10,9 @@
 #include "redrive/base/cpu_features.h"
 #include "redrive/base/error.h"
 #include "redrive/cli/command.h"
-#include "redrive/kernels/cuda/cuda_backend.h"
-#include "redrive/kernels/cuda/nccl.h"
-#include "redrive/kernels/kernels.h"
+#include "redrive/kernels/backend.h"
+#include "redrive/kernels/device/cuda_backend.h"
+#include "redrive/kernels/device/nccl.h"
 #include "redrive/kernels/self_test.h"
 
 namespace redrive {

@@ -46,13 +46,13 @@ void print_table(const Evaluation& evaluation) {
     std::printf(
         "held-out images laid onto the field before they are scored: moved %.1f cm, turned %.3f "
         "deg RMS over %d\n",
-        100 * aligned->moved_m, aligned->turned_deg, aligned->views);
+        100 * aligned->translation_m, aligned->rotation_deg, aligned->views);
   if (const auto& alignment = evaluation.alignment)
     std::printf(
         "the run's trajectory laid over the true one: moved %.1f cm, turned %.3f deg; rest %.1f "
         "cm, %.3f deg RMS\n",
-        100 * alignment->moved_m, alignment->turned_deg, 100 * alignment->rest_m,
-        alignment->rest_deg);
+        100 * alignment->translation_m, alignment->rotation_deg, 100 * alignment->residual_m,
+        alignment->residual_deg);
   std::printf("%-28s %6s %8s %8s %8s %10s %14s\n", "novel views with truth", "images", "PSNR dB",
               "SSIM", "FLIP", "px masked", "depth error %");
   for (const auto& [name, score] : evaluation.novel) print_row(name, score);
@@ -62,7 +62,7 @@ int run_eval(EvalCommandOptions options) {
   const Run run = open_run(options.run);
   const auto backend = make_checked_backend(options.backend);
   if (!options.json) std::printf("%s\n", kernels::describe(*backend).c_str());
-  check_device_work(run, *backend, work_of_evaluation(run));
+  check_device_memory(run, *backend, work_of_evaluation(run));
   options.eval.progress = image_progress();
   const Evaluation evaluation = evaluate(run, *backend, options.eval);
   if (options.json)

@@ -33,7 +33,7 @@ int run_figures(FiguresCommandOptions options) {
   }
   const auto backend = make_checked_backend(options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
-  check_device_work(run, *backend, work_of_evaluation(run));
+  check_device_memory(run, *backend, work_of_evaluation(run));
   options.figures.eval.progress = image_progress();
   options.figures.written = [](const std::filesystem::path& file) {
     std::printf("%s\n", file.c_str());

@@ -11,15 +11,15 @@
 
 #include <nlohmann/json.hpp>
 
-#include "redrive/align/patch.h"
-#include "redrive/align/preflight.h"
+#include "redrive/align/preflight/preflight.h"
+#include "redrive/align/tracks/patch.h"
 #include "redrive/base/error.h"
 #include "redrive/camera/camera.h"
 #include "redrive/cli/command.h"
 #include "redrive/recording/recording.h"
 #include "redrive/recording/summary.h"
 #include "redrive/report/preflight_page.h"
-#include "redrive/scene/image_set.h"
+#include "redrive/scene/load_views.h"
 #include "redrive/scene/masks.h"
 
 namespace redrive {
@@ -160,10 +160,10 @@ void write_masks(const std::filesystem::path& folder, Inspection* result) {
   }
 }
 
-constexpr int kPreflightWidest = 640;  // pixels: wider images are averaged down
+constexpr int kPreflightMaxWidth = 640;  // pixels: wider images are averaged down
 
 /// Nothing is overwritten: the folder must be new or empty.
-void refuse_filled_folder(const std::filesystem::path& folder) {
+void require_empty_folder(const std::filesystem::path& folder) {
   std::error_code error;
   const bool exists = std::filesystem::exists(folder, error);
   if (exists &&
@@ -174,8 +174,9 @@ void refuse_filled_folder(const std::filesystem::path& folder) {
 
 void write_report(const std::filesystem::path& folder, Inspection* result) {
   ThreadPool pool(static_cast<int>(std::max(1u, std::thread::hardware_concurrency())));
-  const RigImages images = narrowed(load_rig_images(result->recording, {}, kPatchHalf, pool),
-                                    kPreflightWidest, kPatchHalf, pool);
+  const RigImages images =
+      downscaled_to_width(load_rig_images(result->recording, {}, kPatchHalf, pool),
+                          kPreflightMaxWidth, kPatchHalf, pool);
   const LidarReturns lidar =
       load_lidar_returns(result->recording, images.scene, images.moving, pool);
   std::vector<LidarSample> samples;
@@ -210,7 +211,7 @@ nlohmann::ordered_json preflight_to_json(const Preflight& preflight) {
       camera["error_px"] = c.tried[0].error_px;
       camera["flow_px"] = c.flow_px;
     }
-    if (c.offset_told)
+    if (c.offset_observable)
       camera["best_offset"] = {{"offset_ms", c.offset_ms},
                                {"sigma_ms", c.offset_sigma_ms},
                                {"error_px", c.offset_error_px}};
@@ -245,7 +246,7 @@ nlohmann::ordered_json to_json(const Inspection& result) {
   nlohmann::ordered_json cameras = nlohmann::ordered_json::array();
   for (const CameraReport& report : result.cameras) {
     const CameraCalibration& c = report.recorded->calibration;
-    const auto mount_m = c.body_from_sensor.translation();
+    const auto camera_position_m = c.body_from_sensor.translation();
     nlohmann::ordered_json camera = {
         {"name", c.name},
         {"model", c.model},
@@ -256,7 +257,8 @@ nlohmann::ordered_json to_json(const Inspection& result) {
         {"distortion_coeffs", c.distortion},
         {"horizontal_fov_deg", report.horizontal_fov_deg},
         {"percent_without_ray", report.percent_without_ray},
-        {"position_in_body_m", {mount_m.x(), mount_m.y(), mount_m.z()}},
+        {"position_in_body_m",
+         {camera_position_m.x(), camera_position_m.y(), camera_position_m.z()}},
         {"images", report.recorded->images.size()},
         {"held_out", report.held_out},
         {"masks", report.masks},
@@ -279,7 +281,7 @@ nlohmann::ordered_json to_json(const Inspection& result) {
   if (result.drive) {
     rate_hz = result.drive->rate_hz;
     duration_s = result.drive->duration_s;
-    drive = {{"length_m", result.drive->driven_m},
+    drive = {{"length_m", result.drive->path_length_m},
              {"mean_speed_m_per_s", result.drive->mean_speed_m_per_s},
              {"max_speed_m_per_s", result.drive->max_speed_m_per_s}};
   }
@@ -330,11 +332,12 @@ void print_table(const Inspection& result) {
               "fy px", "h-fov deg", "images", "position in body m");
   for (const CameraReport& report : result.cameras) {
     const CameraCalibration& c = report.recorded->calibration;
-    const auto mount_m = c.body_from_sensor.translation();
+    const auto camera_position_m = c.body_from_sensor.translation();
     const std::string size = std::to_string(c.width) + "x" + std::to_string(c.height);
     std::printf("%-24s %-14s %11s %8.1f %8.1f %9.1f %6zu  %.2f %.2f %.2f\n", c.name.c_str(),
                 c.model.c_str(), size.c_str(), c.fx, c.fy, report.horizontal_fov_deg,
-                report.recorded->images.size(), mount_m.x(), mount_m.y(), mount_m.z());
+                report.recorded->images.size(), camera_position_m.x(), camera_position_m.y(),
+                camera_position_m.z());
   }
   for (const CameraReport& report : result.cameras)
     if (report.percent_masked)
@@ -346,7 +349,7 @@ void print_table(const Inspection& result) {
               static_cast<long long>(recording.frames.back().id));
   if (const auto& drive = result.drive) {
     std::printf(", %.2f Hz, %.2f s\ndriven         %.1f m, mean %.2f m/s, at most %.2f m/s\n",
-                drive->rate_hz, drive->duration_s, drive->driven_m, drive->mean_speed_m_per_s,
+                drive->rate_hz, drive->duration_s, drive->path_length_m, drive->mean_speed_m_per_s,
                 drive->max_speed_m_per_s);
   } else {
     std::printf(" in file-name order; no metres, no clock\n");
@@ -382,7 +385,7 @@ void print_table(const Inspection& result) {
 
 int run_inspect(const std::string& root, bool json, const std::string& masks,
                 const std::string& report) {
-  if (!report.empty()) refuse_filled_folder(report);
+  if (!report.empty()) require_empty_folder(report);
   Inspection result = inspect(root);
   if (!masks.empty() && result.problems.empty()) write_masks(masks, &result);
   if (!report.empty() && result.problems.empty()) write_report(report, &result);
@@ -395,7 +398,7 @@ int run_inspect(const std::string& root, bool json, const std::string& masks,
     print_table(result);
   }
   if (!result.problems.empty()) return kExitBadInput;
-  return !result.preflight || result.preflight->sensible() ? kExitOk : kExitNotSensible;
+  return !result.preflight || result.preflight->sensible() ? kExitOk : kExitPreflightFailed;
 }
 
 }  // namespace

@@ -107,11 +107,11 @@ int render_one(const RenderOptions& options) {
                          std::to_string(run.recording.frames.front().id) + " to " +
                          std::to_string(run.recording.frames.back().id));
   const Rigid3d world_from_camera =
-      shifted_camera(run.scene.ecef_from_world, *pose, camera.body_from_sensor,
+      shifted_camera(run.scene.global_from_world, *pose, camera.body_from_sensor,
                      *shift_axes_from_name(options.axes), shift_m);
   const auto backend = make_checked_backend(options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
-  check_device_work(run, *backend, {.tile_rays = rays_of_tile(*run.state.model)});
+  check_device_memory(run, *backend, {.tile_rays = max_tile_rays(*run.state.model)});
   const RenderedImage image =
       render_image(*backend, *run.state.model, camera.camera, world_from_camera,
                    exposure_of(options, run, camera.name, frame));
@@ -126,7 +126,7 @@ int render_one(const RenderOptions& options) {
 }
 
 int render_poses(const RenderOptions& options) {
-  const PosesFile poses = read_poses(options.poses);
+  const ViewRequests poses = read_view_requests(options.poses);
   const fs::path out = options.out;
   if (fs::exists(out) && !fs::is_directory(out))
     throw UsageError("--out", options.out, "is a file; --poses writes into a folder");
@@ -153,7 +153,7 @@ int render_poses(const RenderOptions& options) {
 
   const auto backend = make_checked_backend(options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
-  check_device_work(run, *backend, {.tile_rays = rays_of_tile(*run.state.model)});
+  check_device_memory(run, *backend, {.tile_rays = max_tile_rays(*run.state.model)});
   for (std::size_t i = 0; i < poses.views.size(); ++i) {
     const fs::path file = out / poses.views[i].file;
     const RenderedImage image = render_image(*backend, *run.state.model, cameras[i]->camera,

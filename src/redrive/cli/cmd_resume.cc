@@ -33,9 +33,9 @@ int run_resume(const ResumeArguments& arguments) {
   Run run = open_run(arguments.run, /*to_resume=*/true);
   for (const auto& [name, value] : arguments.given) field_named(name).parse(run.options, value);
   validate(run.options);
-  const kernels::BackendTeam team = team_of(run.options);
+  const kernels::BackendGroup team = make_backends(run.options);
   const std::atomic<bool>& stop = stop_on_signal();
-  announce_memory(run, team);
+  check_run_memory(run, team);
   const TrainingData training = [&] {
     ThreadPool pool(team.backends.front()->threads());
     return load_training_data(run, pool);

@@ -6,11 +6,11 @@
 #include <optional>
 
 #include "redrive/base/error.h"
-#include "redrive/cli/aligning.h"
+#include "redrive/cli/alignment.h"
 #include "redrive/cli/command.h"
 #include "redrive/cli/training.h"
 #include "redrive/recording/pose_files.h"
-#include "redrive/recording/readouts.h"
+#include "redrive/recording/readout_options.h"
 #include "redrive/report/align_page.h"
 #include "redrive/train/run_lock.h"
 
@@ -44,55 +44,55 @@ TrainOptions parse_options(const TrainArguments& arguments) {
 }
 
 /// Poses that are not the recording's own, for the run to keep.
-struct OwnPoses {
+struct ExternalPoses {
   PoseFiles files;
   std::optional<AlignResult> alignment;
   Recording recording;  ///< as it was aligned
 };
 
 /// What --poses and --align name, put into run->recording.
-std::optional<OwnPoses> own_poses(Run* run, int threads) {
-  if (!has_own_poses(run->options)) return std::nullopt;
-  OwnPoses own;
+std::optional<ExternalPoses> load_external_poses(Run* run, int threads) {
+  if (!has_external_poses(run->options)) return std::nullopt;
+  ExternalPoses own;
   if (run->options.align) {
     ThreadPool pool(threads);
     AlignOptions options;
     if (std::filesystem::is_directory(run->options.masks))
       options.tracks.masks = run->options.masks;
-    options.bundle.readouts = set_readouts(run->options.rolling_shutter, &run->recording);
+    options.bundle.readouts = apply_readout_options(run->options.rolling_shutter, &run->recording);
     own.recording = run->recording;
-    own.alignment = align_aloud(run->recording, options, pool);
-    own.files = pose_files_of(run->recording, own.alignment->frames, own.alignment->cameras);
+    own.alignment = align_verbose(run->recording, options, pool);
+    own.files = make_pose_files(run->recording, own.alignment->frames, own.alignment->cameras);
   } else {
     own.files = read_pose_files(run->options.poses);
   }
   // From the text in both cases: a resumed run reads the same bits.
-  use_own_poses(own.files, run->options.align ? run->options.recording : run->options.poses,
-                run->options, &run->recording);
+  use_external_poses(own.files, run->options.align ? run->options.recording : run->options.poses,
+                     run->options, &run->recording);
   return own;
 }
 
 int run_train(const TrainArguments& arguments) {
   Run run;
   run.options = parse_options(arguments);
-  refuse_existing_run(arguments.out);
-  const kernels::BackendTeam team = team_of(run.options);
+  check_run_is_new(arguments.out);
+  const kernels::BackendGroup team = make_backends(run.options);
   const int threads = team.backends.front()->threads();
   run.recording = open_recording(run.options);
-  const std::optional<OwnPoses> poses = own_poses(&run, threads);
+  const std::optional<ExternalPoses> poses = load_external_poses(&run, threads);
   resolve_cameras(&run.options, run.recording);
   resolve_bounds(&run.options, given_names(arguments), run.recording);
   run.scene = make_scene(run.recording, scene_options(run.options));
-  run.state = first_state(run.options, run.scene);
+  run.state = make_initial_state(run.options, run.scene);
   const std::atomic<bool>& stop = stop_on_signal();
-  announce_memory(run, team);
+  check_run_memory(run, team);
   const TrainingData training = [&] {
     ThreadPool pool(threads);
-    return find_training_data(run, pool);
+    return prepare_training_data(run, pool);
   }();
   // Only now, when nothing about the input can be wrong any more, is something written.
   run.paths = create_run(arguments.out, run.options, [&](const RunPaths& paths) {
-    keep_masks(paths, training, run.scene);
+    write_run_masks(paths, training, run.scene);
     if (poses) write_pose_files(paths.poses(), poses->files);
     if (poses && poses->alignment)
       write_align_page(paths.poses(), poses->recording, *poses->alignment);

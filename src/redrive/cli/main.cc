@@ -84,8 +84,8 @@ int main(int argc, char** argv) {
     return complain(error, redrive::kExitUsage);
   } catch (const redrive::InputError& error) {
     return complain(error, redrive::kExitBadInput);
-  } catch (const redrive::CannotError& error) {
-    return complain(error, redrive::kExitCannot);
+  } catch (const redrive::InsufficientDataError& error) {
+    return complain(error, redrive::kExitInsufficientData);
   } catch (const redrive::IoError& error) {
     return complain(error, redrive::kExitIo);
   } catch (const redrive::DeviceError& error) {

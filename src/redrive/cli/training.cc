@@ -34,13 +34,13 @@ const std::atomic<bool>& stop_on_signal() {
   return stop_flag;
 }
 
-kernels::BackendTeam team_of(const TrainOptions& options) {
-  return kernels::make_team({options.backend, options.isa, options.threads}, options.gpus);
+kernels::BackendGroup make_backends(const TrainOptions& options) {
+  return kernels::make_backend_group({options.backend, options.isa, options.threads}, options.gpus);
 }
 
-void announce_memory(const Run& run, const kernels::BackendTeam& team) {
+void check_run_memory(const Run& run, const kernels::BackendGroup& team) {
   const kernels::Backend& backend = *team.backends.front();
-  const MemoryNeed need = estimate_memory(run, backend.threads());
+  const MemoryEstimate need = estimate_memory(run, backend.threads());
   const std::uint64_t allowed = allowed_memory(run.options, memory_bytes());
   std::printf("%s\n", memory_text(need.total(), allowed).c_str());
   std::fflush(stdout);
@@ -57,7 +57,8 @@ void announce_memory(const Run& run, const kernels::BackendTeam& team) {
   check_memory(*of_gpu, allowed_there, run.options);
 }
 
-void print_summary(const Run& run, const TrainingData& training, const kernels::BackendTeam& team) {
+void print_summary(const Run& run, const TrainingData& training,
+                   const kernels::BackendGroup& team) {
   std::printf("%s", kernels::describe(*team.backends.front()).c_str());
   if (team.backends.size() > 1)
     std::printf(" gpus=%zu, %d rays a step each", team.backends.size(), run.options.batch_rays);
@@ -120,7 +121,7 @@ int report_end(const Run& run, TrainEnd end) {
 
 }  // namespace
 
-int train_to_end(Run* run, const TrainingData& training, const kernels::BackendTeam& team,
+int train_to_end(Run* run, const TrainingData& training, const kernels::BackendGroup& team,
                  const std::atomic<bool>& stop) {
   std::vector<kernels::Backend*> backends;
   for (const auto& backend : team.backends) backends.push_back(backend.get());

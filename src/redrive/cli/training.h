@@ -4,7 +4,7 @@
 
 #include <atomic>
 
-#include "redrive/kernels/backend_team.h"
+#include "redrive/kernels/backend_group.h"
 #include "redrive/train/trainer.h"
 #include "redrive/train/training_data.h"
 
@@ -15,18 +15,18 @@ namespace redrive {
 const std::atomic<bool>& stop_on_signal();
 
 /// What the options choose to compute with. UsageError.
-kernels::BackendTeam team_of(const TrainOptions& options);
+kernels::BackendGroup make_backends(const TrainOptions& options);
 
 /// Says how much memory the run will need of what --memory allows, and on a GPU of what
 /// --gpu-memory does; UsageError if that is too much.
-void announce_memory(const Run& run, const kernels::BackendTeam& team);
+void check_run_memory(const Run& run, const kernels::BackendGroup& team);
 
 /// Backend, cameras and what is left out of their pictures, frames, pixels, training and held-out
 /// views, steps.
-void print_summary(const Run& run, const TrainingData& training, const kernels::BackendTeam& team);
+void print_summary(const Run& run, const TrainingData& training, const kernels::BackendGroup& team);
 
 /// Trains, says how it ended and how to go on; the exit code.
-int train_to_end(Run* run, const TrainingData& training, const kernels::BackendTeam& team,
+int train_to_end(Run* run, const TrainingData& training, const kernels::BackendGroup& team,
                  const std::atomic<bool>& stop);
 
 }  // namespace redrive

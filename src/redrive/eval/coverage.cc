@@ -29,7 +29,7 @@ std::size_t centre(int small, int factor) {
 
 Coverage::Coverage(const Run& run, kernels::Backend& backend) : far_m_(run.scene.far_m) {
   const Scene& scene = run.scene;
-  const LeftOut left_out = read_left_out(run);
+  const Exclusions left_out = read_exclusions(run);
   for (int c = 0; c < static_cast<int>(scene.rig.size()); ++c) {
     std::vector<const View*> training;
     for (const View& view : scene.views)

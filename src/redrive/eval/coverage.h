@@ -17,7 +17,7 @@ namespace redrive {
 class Coverage {
  public:
   /// Renders at most kMaxViews training views, evenly spaced over each camera. What the run leaves
-  /// out of them (train/training_data.h) saw nothing. InputError as read_left_out.
+  /// out of them (train/training_data.h) saw nothing. InputError as read_exclusions.
   Coverage(const Run& run, kernels::Backend& backend);
 
   /// [height, width]: 1 where the surface that `rendered` shows lies inside a training image, is

@@ -4,9 +4,9 @@
 
 #include <gtest/gtest.h>
 
-#include "redrive/base/temporary_folder.h"
+#include "redrive/base/temporary_folder_testing.h"
 #include "redrive/model/nerf_model.h"
-#include "redrive/render/paint_backend.h"
+#include "redrive/render/paint_backend_testing.h"
 #include "redrive/scene/masks.h"
 
 namespace redrive {

@@ -88,13 +88,13 @@ nlohmann::json changes_to_json(const PoseChanges& changes) {
   const auto three = [](const Eigen::Vector3d& v) { return nlohmann::json{v.x(), v.y(), v.z()}; };
   nlohmann::json cameras = nlohmann::json::object();
   for (const CameraChange& camera : changes.cameras)
-    cameras[camera.name] = {{"moved_m", three(camera.pose.moved_m)},
-                            {"turned_deg", three(kInDegrees * camera.pose.turned_rad)},
-                            {"late_s", camera.late_s},
+    cameras[camera.name] = {{"moved_m", three(camera.pose.translation_m)},
+                            {"turned_deg", three(kInDegrees * camera.pose.rotation_rad)},
+                            {"late_s", camera.time_offset_s},
                             {"at_bound", camera.pose.at_bound}};
   return {{"frames",
-           {{"moved_m", changes.moved_m},
-            {"turned_deg", kInDegrees * changes.turned_rad},
+           {{"moved_m", changes.translation_m},
+            {"turned_deg", kInDegrees * changes.rotation_rad},
             {"at_bound", changes.frames_at_bound()}}},
           {"cameras", cameras}};
 }
@@ -120,14 +120,14 @@ Score score_image(kernels::Backend& backend, const RenderedImage& rendered, cons
     mask[i] = 0;
     ++left_out;
   }
-  const kernels::PictureScore score =
+  const kernels::ImageScore score =
       backend.score({rendered.width, rendered.height, rendered.rgb, truth.rgb, mask});
   return {std::min(score.psnr_db, kPsnrCapDb),         score.ssim, score.flip,
           median_depth_error(rendered, mask, depth_m), 1,          left_out};
 }
 
 DeviceWork work_of_evaluation(const Run& run) {
-  DeviceWork work{.tile_rays = rays_of_tile(*run.state.model)};
+  DeviceWork work{.tile_rays = max_tile_rays(*run.state.model)};
   // Novel views are taken to have no larger pictures.
   const auto pixels = [](const RigCamera& rig) {
     return std::int64_t{rig.camera.width} * rig.camera.height;
@@ -136,7 +136,7 @@ DeviceWork work_of_evaluation(const Run& run) {
   work.scored_width = largest.width;
   work.scored_height = largest.height;
   if (run.state.poses.refines() && std::ranges::any_of(run.scene.views, &View::held_out)) {
-    work.step_rays = kMostAlignedRays;
+    work.step_rays = kMaxAlignedRays;
     work.refines = true;
   }
   return work;
@@ -149,8 +149,8 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
   evaluation.held_out =
       std::any_of(views.begin(), views.end(), [](const View& view) { return view.held_out; });
 
-  const LeftOut left_out = read_left_out(run);
-  evaluation.alignment = align_run(run);
+  const Exclusions left_out = read_exclusions(run);
+  evaluation.alignment = register_with_ground_truth(run);
   if (run.state.poses.refines())
     evaluation.pose_changes = pose_changes(run.scene, run.state.poses.corrections);
   const auto by_camera = views_to_score(scene, evaluation.held_out, options);
@@ -159,13 +159,13 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
     for (const auto& chosen : by_camera) all.insert(all.end(), chosen.begin(), chosen.end());
     evaluation.view_alignment = align_views(run, backend, all, left_out, &scene);
   }
-  const std::vector<NovelTruth> truths = novel_truths(run);
-  const auto chosen_of = [&](const NovelTruth& truth) {
+  const std::vector<NovelGroundTruth> truths = novel_ground_truths(run);
+  const auto chosen_of = [&](const NovelGroundTruth& truth) {
     return evenly_spaced(truth.size(), options.all ? 0 : options.max_images);
   };
   std::size_t total = 0, done = 0;
   for (const auto& chosen : by_camera) total += chosen.size();
-  for (const NovelTruth& truth : truths) total += chosen_of(truth).size();
+  for (const NovelGroundTruth& truth : truths) total += chosen_of(truth).size();
   const auto tell = [&] {
     ++done;
     if (options.progress) options.progress(static_cast<int>(done), static_cast<int>(total));
@@ -179,7 +179,7 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
     for (const std::size_t v : by_camera[c]) {
       const View& view = views[v];
       Image8 truth = load_view(scene, view);  // first: a broken file must not cost a rendering
-      leave_out(view_mask(scene, view, left_out.masks[c], left_out.moving), &truth);
+      apply_mask(view_mask(scene, view, left_out.masks[c], left_out.moving), &truth);
       const Score score = score_image(backend,
                                       render_image(backend, *run.state.model, table,
                                                    scene.shutter_poses(view), scene.exposure(view)),
@@ -192,10 +192,10 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
   }
   evaluation.overall = overall.mean();
 
-  for (const NovelTruth& truth : truths) {
+  for (const NovelGroundTruth& truth : truths) {
     ScoreMean mean;
     for (const std::size_t i : chosen_of(truth)) {
-      const TruthView view = truth.load(i);
+      const GroundTruthView view = truth.load(i);
       mean.add(score_image(backend,
                            render_image(backend, *run.state.model, view.camera,
                                         view.world_from_camera, view.exposure),
@@ -217,14 +217,14 @@ nlohmann::json evaluation_to_json(const Evaluation& evaluation) {
                          {"pose_changes", nullptr}};
   if (evaluation.pose_changes) json["pose_changes"] = changes_to_json(*evaluation.pose_changes);
   if (const auto& aligned = evaluation.view_alignment)
-    json["view_alignment"] = {{"moved_m", aligned->moved_m},
-                              {"turned_deg", aligned->turned_deg},
+    json["view_alignment"] = {{"moved_m", aligned->translation_m},
+                              {"turned_deg", aligned->rotation_deg},
                               {"views", aligned->views}};
   if (const auto& alignment = evaluation.alignment)
-    json["alignment"] = {{"moved_m", alignment->moved_m},
-                         {"turned_deg", alignment->turned_deg},
-                         {"rest_m", alignment->rest_m},
-                         {"rest_deg", alignment->rest_deg},
+    json["alignment"] = {{"moved_m", alignment->translation_m},
+                         {"turned_deg", alignment->rotation_deg},
+                         {"rest_m", alignment->residual_m},
+                         {"rest_deg", alignment->residual_deg},
                          {"frames", alignment->frames}};
   for (const auto& [name, score] : evaluation.cameras) json["cameras"][name] = score_to_json(score);
   for (const auto& [name, score] : evaluation.novel) json["novel"][name] = score_to_json(score);

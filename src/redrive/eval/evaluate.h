@@ -12,7 +12,7 @@
 
 #include <nlohmann/json_fwd.hpp>
 
-#include "redrive/eval/novel_truth.h"
+#include "redrive/eval/novel_ground_truth.h"
 #include "redrive/eval/view_alignment.h"
 #include "redrive/model/device_memory.h"
 #include "redrive/render/renderer.h"
@@ -40,7 +40,7 @@ struct EvalOptions {
 /// window, depth_error where no true depth ships.
 struct Score {
   double psnr_db = 0, ssim = 0;
-  double flip = 0;  ///< loss/flip.h, 0..1, less is better
+  double flip = 0;  ///< optim/flip.h, 0..1, less is better
   double depth_error =
       0;  ///< median over an image's pixels of |depth - truth| / truth, along the ray
   int images = 0;
@@ -55,14 +55,14 @@ struct Evaluation {
   std::map<std::string, Score> novel;  ///< by novel/<name>; empty where there is no truth
   std::optional<ViewAlignment>
       view_alignment;  ///< of the held-out pictures, where training refined poses
-  std::optional<Alignment>
+  std::optional<TrajectoryRegistration>
       alignment;  ///< of the run's trajectory with the true one, where that ships
   std::optional<PoseChanges>
       pose_changes;  ///< what training made of the poses, where it refined them
 };
 
 /// Score of one picture over the pixels that the camera model reaches and the truth's mask uses.
-/// `depth_m`: as in TruthView.
+/// `depth_m`: as in GroundTruthView.
 Score score_image(kernels::Backend& backend, const RenderedImage& rendered, const Image8& truth,
                   std::span<const float> depth_m = {});
 
@@ -76,10 +76,10 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
 DeviceWork work_of_evaluation(const Run& run);
 
 /// {"overall": SCORE, "cameras": {CAM: SCORE}, "novel": {NAME: SCORE}, "held_out": bool,
-/// "alignment": {"moved_m", "turned_deg", "rest_m", "rest_deg", "frames"} or null,
-/// "view_alignment": {"moved_m", "turned_deg", "views"} or null, "pose_changes": {"frames":
-/// {"moved_m", "turned_deg", "at_bound"}, "cameras": {CAM: {"moved_m": [3], "turned_deg": [3],
-/// "late_s", "at_bound"}}} or null}, SCORE =
+/// "alignment": {"translation_m", "rotation_deg", "residual_m", "residual_deg", "frames"} or null,
+/// "view_alignment": {"translation_m", "rotation_deg", "views"} or null, "pose_changes": {"frames":
+/// {"translation_m", "rotation_deg", "at_bound"}, "cameras": {CAM: {"translation_m": [3],
+/// "rotation_deg": [3], "time_offset_s", "at_bound"}}} or null}, SCORE =
 /// {"psnr_db", "ssim", "flip", "depth_error", "images", "left_out_pixels"}, null for NaN.
 nlohmann::json evaluation_to_json(const Evaluation& evaluation);
 

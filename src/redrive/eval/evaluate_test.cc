@@ -10,9 +10,9 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
-#include "redrive/base/temporary_folder.h"
+#include "redrive/base/temporary_folder_testing.h"
 #include "redrive/model/nerf_model.h"
-#include "redrive/render/paint_backend.h"
+#include "redrive/render/paint_backend_testing.h"
 #include "redrive/scene/masks.h"
 
 namespace redrive {
@@ -43,7 +43,7 @@ class EvaluateTest : public testing::Test {
     calibration.height = kHeight;
     calibration.body_from_sensor = Rigid3d::Identity();
     Scene& scene = run_.scene;
-    scene.ecef_from_world = Rigid3d::Identity();
+    scene.global_from_world = Rigid3d::Identity();
     for (const char* name : {"A", "B"})
       scene.rig.push_back(
           {name, make_camera(calibration), make_camera(calibration), calibration.body_from_sensor});
@@ -133,13 +133,13 @@ TEST_F(EvaluateTest, SaysWhatTrainingMadeOfThePoses) {
   EXPECT_FALSE(evaluate(run_, black_).pose_changes.has_value());
   run_.state.poses = PoseState(run_.scene);
   PoseCorrections& corrections = run_.state.poses.corrections;
-  corrections.values[corrections.at_frame(3) + 1] = 0.25f;
-  corrections.values[corrections.at_time(1)] = -0.03125f;
+  corrections.values[corrections.frame_slot(3) + 1] = 0.25f;
+  corrections.values[corrections.time_slot(1)] = -0.03125f;
   const auto changes = evaluate(run_, black_).pose_changes;
   ASSERT_TRUE(changes.has_value());
-  EXPECT_EQ(changes->frames.at(3).moved_m, Eigen::Vector3d(0, 0.25, 0));
-  EXPECT_EQ(changes->moved_m, 0.125);
-  EXPECT_EQ(changes->cameras.at(1).late_s, -0.03125);
+  EXPECT_EQ(changes->frames.at(3).translation_m, Eigen::Vector3d(0, 0.25, 0));
+  EXPECT_EQ(changes->translation_m, 0.125);
+  EXPECT_EQ(changes->cameras.at(1).time_offset_s, -0.03125);
 }
 
 TEST_F(EvaluateTest, NovelViewsAreScoredAtTheirPoseWhereTruthIs) {
@@ -266,8 +266,8 @@ TEST_F(EvaluateTest, TruePosesGoThroughTheAlignment) {
   true_from_run.translation() = Eigen::Vector3d(7, 8, 9);
   true_from_run.linear() << 0, -1, 0, 1, 0, 0, 0, 0, 1;
   for (const FramePose& frame : run_.recording.frames)
-    run_.recording.true_frames.push_back(
-        {frame.id, frame.t_ns, true_from_run * frame.ecef_from_body});
+    run_.recording.ground_truth_frames.push_back(
+        {frame.id, frame.t_ns, true_from_run * frame.global_from_body});
   // The true place of x = 2.5 in the run: (7, 8 + 2.5, 9), turned.
   poses(R"({"images": [{"file": "a.png", "camera": "A", "frame_id": 102,
                         "RT_ECEF_body": [[0, -1, 0, 7], [1, 0, 0, 10.5], [0, 0, 1, 9], [0, 0, 0, 1]]}]})");
@@ -278,8 +278,8 @@ TEST_F(EvaluateTest, TruePosesGoThroughTheAlignment) {
   const Evaluation result = evaluate(run_, place);
   EXPECT_NEAR(result.novel.at("aside").psnr_db, psnr_of(0.3), 1e-4);
   ASSERT_TRUE(result.alignment.has_value());
-  EXPECT_NEAR(result.alignment->turned_deg, 90, 1e-6);
-  EXPECT_LT(result.alignment->rest_m, 1e-6);
+  EXPECT_NEAR(result.alignment->rotation_deg, 90, 1e-6);
+  EXPECT_LT(result.alignment->residual_m, 1e-6);
 }
 
 TEST(EvaluationJson, HasTheNamesThatScriptsRead) {
@@ -288,7 +288,7 @@ TEST(EvaluationJson, HasTheNamesThatScriptsRead) {
   evaluation.overall = {20.5, 0.5, 0.25, std::nan(""), 3};
   evaluation.cameras["F_CAM"] = {20.5, std::nan(""), 0.25, 0.125, 3, 7};
   evaluation.view_alignment = ViewAlignment{8, 0.25, 0.5};
-  evaluation.alignment = Alignment{Rigid3d::Identity(), 5, 0.5, 0.25, 0.125, 1};
+  evaluation.alignment = TrajectoryRegistration{Rigid3d::Identity(), 5, 0.5, 0.25, 0.125, 1};
   EXPECT_TRUE(
       nlohmann::json::parse(evaluation_to_json(evaluation).dump()).at("pose_changes").is_null());
   const PoseChange change{{0.5, -0.25, 2}, {0, std::numbers::pi / 2, 0}, true};

@@ -24,7 +24,7 @@ View moved(View view, const Rigid3d& motion, bool held_out) {
 }  // namespace
 
 ViewAlignment align_views(const Run& run, kernels::Backend& backend,
-                          std::span<const std::size_t> views, const LeftOut& left_out,
+                          std::span<const std::size_t> views, const Exclusions& left_out,
                           Scene* scene) {
   REDRIVE_CHECK(!views.empty());
   // To the sampler these are the pictures to train on.
@@ -35,7 +35,7 @@ ViewAlignment align_views(const Run& run, kernels::Backend& backend,
     View& view = turned.views[v];
     view.held_out = false;
     images[v] = load_view(turned, view);
-    leave_out(view_mask(turned, view, left_out.masks[view.camera], left_out.moving), &images[v]);
+    apply_mask(view_mask(turned, view, left_out.masks[view.camera], left_out.moving), &images[v]);
   }
   PixelSampler sampler(turned, images, run.options.seed);
 
@@ -45,7 +45,7 @@ ViewAlignment align_views(const Run& run, kernels::Backend& backend,
   std::vector<double> gradient(numbers);
   std::vector<float> unused(run.state.model->size());  // the field stays
   const int rays =
-      static_cast<int>(std::min<std::size_t>(kRaysOfView * views.size(), kMostAlignedRays));
+      static_cast<int>(std::min<std::size_t>(kRaysOfView * views.size(), kMaxAlignedRays));
   RayBatch batch;
   Workspace workspace;
   std::uint64_t drawn = 0;
@@ -53,7 +53,7 @@ ViewAlignment align_views(const Run& run, kernels::Backend& backend,
     sampler.gather(drawn, rays, &batch);
     drawn += static_cast<std::uint64_t>(batch.n);
     batch.refines = true;
-    const StepLosses losses =
+    const StepOutput losses =
         run.state.model->gradients(backend, batch, run.options.seed, step, unused, &workspace);
     const std::vector<ViewGradient> of_views = view_gradients(turned, batch, losses);
     for (const std::size_t v : views) {
@@ -62,23 +62,27 @@ ViewAlignment align_views(const Run& run, kernels::Backend& backend,
     }
     const PoseRates rates = pose_rates(kFirstRate_m * std::pow(kLastRate, step / (kSteps - 1.0)));
     update_poses(
-        gradient, [&](std::size_t i) { return i % 6 < 3 ? rates.by_m : rates.turn_rad; }, motions,
-        &moments);
+        gradient,
+        [&](std::size_t i) {
+          return i % 6 < 3 ? rates.translation_rate_m : rates.rotation_rate_rad;
+        },
+        motions, &moments);
     for (const std::size_t v : views)
-      turned.views[v] = moved(scene->views[v], motion_of(&motions[6 * v]), /*held_out=*/false);
+      turned.views[v] =
+          moved(scene->views[v], rigid_from_vector(&motions[6 * v]), /*held_out=*/false);
     sampler.place();
   }
 
   ViewAlignment alignment{static_cast<int>(views.size()), 0, 0};
   for (const std::size_t v : views) {
-    scene->views[v] = moved(scene->views[v], motion_of(&motions[6 * v]), /*held_out=*/true);
+    scene->views[v] = moved(scene->views[v], rigid_from_vector(&motions[6 * v]), /*held_out=*/true);
     for (int k = 0; k < 3; ++k) {
-      alignment.moved_m += double(motions[6 * v + k]) * motions[6 * v + k];
-      alignment.turned_deg += double(motions[6 * v + 3 + k]) * motions[6 * v + 3 + k];
+      alignment.translation_m += double(motions[6 * v + k]) * motions[6 * v + k];
+      alignment.rotation_deg += double(motions[6 * v + 3 + k]) * motions[6 * v + 3 + k];
     }
   }
-  alignment.moved_m = std::sqrt(alignment.moved_m / alignment.views);
-  alignment.turned_deg = std::sqrt(alignment.turned_deg / alignment.views) * 180 / M_PI;
+  alignment.translation_m = std::sqrt(alignment.translation_m / alignment.views);
+  alignment.rotation_deg = std::sqrt(alignment.rotation_deg / alignment.views) * 180 / M_PI;
   return alignment;
 }
 

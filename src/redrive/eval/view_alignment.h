@@ -6,7 +6,7 @@
 
 #include <span>
 
-#include "redrive/kernels/kernels.h"
+#include "redrive/kernels/backend.h"
 #include "redrive/train/run.h"
 #include "redrive/train/training_data.h"
 
@@ -15,16 +15,16 @@ namespace redrive {
 /// By how much, RMS over the pictures.
 struct ViewAlignment {
   int views = 0;
-  double moved_m = 0, turned_deg = 0;
+  double translation_m = 0, rotation_deg = 0;
 };
 
 /// A step of it has so many, at most.
-constexpr int kMostAlignedRays = 16384;
+constexpr int kMaxAlignedRays = 16384;
 
 /// Moves scene->views[i] for each i of `views`, at least one, by the six numbers that make their
 /// pictures most alike. `scene` is the run's. InputError as load_view.
 ViewAlignment align_views(const Run& run, kernels::Backend& backend,
-                          std::span<const std::size_t> views, const LeftOut& left_out,
+                          std::span<const std::size_t> views, const Exclusions& left_out,
                           Scene* scene);
 
 }  // namespace redrive

@@ -6,9 +6,9 @@
 #include <gtest/gtest.h>
 
 #include "redrive/model/nerf_model.h"
-#include "redrive/model/tiny_grid_model.h"
+#include "redrive/model/tiny_grid_model_testing.h"
 #include "redrive/render/renderer.h"
-#include "redrive/scene/test_recording.h"
+#include "redrive/scene/scene_testing.h"
 
 namespace redrive {
 namespace {
@@ -66,13 +66,14 @@ void expect_to_be_found(const std::function<std::unique_ptr<Model>(const Scene&)
                                                    run.scene.world_from_camera(view))));
   }
   ASSERT_EQ(held_out.size(), 4u);
-  LeftOut left_out{{}, MovingObjects({}, run.recording.frames, run.scene.ecef_from_world)};
+  Exclusions left_out{{}, MovingObjects({}, run.recording.frames, run.scene.global_from_world)};
   for (const RigCamera& rig : run.scene.rig)
     left_out.masks.push_back(full_mask(rig.camera.width, rig.camera.height));
 
   const Scene truth = run.scene;
   const float aside[6] = {0.06f, -0.05f, 0.04f, 0.012f, -0.01f, 0.015f};
-  for (View& view : run.scene.views) view.world_from_body = view.world_from_body * motion_of(aside);
+  for (View& view : run.scene.views)
+    view.world_from_body = view.world_from_body * rigid_from_vector(aside);
   Scene scene = run.scene;
   const ViewAlignment found = align_views(run, *backend, held_out, left_out, &scene);
   EXPECT_EQ(found.views, 4);
@@ -87,8 +88,8 @@ void expect_to_be_found(const std::function<std::unique_ptr<Model>(const Scene&)
   }
   // Eight bits of three hundred pixels, half of which see next to nothing, say no more.
   EXPECT_LT(after, before / 2);
-  EXPECT_GT(found.moved_m, 0.02);
-  EXPECT_GT(found.turned_deg, 0.3);
+  EXPECT_GT(found.translation_m, 0.02);
+  EXPECT_GT(found.rotation_deg, 0.3);
   for (std::size_t v = 0; v < scene.views.size(); ++v)
     if (!scene.views[v].held_out) {
       EXPECT_EQ(off(scene, v), off(run.scene, v));

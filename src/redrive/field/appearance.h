@@ -10,18 +10,18 @@
 #include <cstddef>
 
 #include "redrive/base/host_device.h"
-#include "redrive/scene/exposure.h"
+#include "redrive/field/exposure.h"
 
 namespace redrive {
 
-/// Log gains stand every kKnot_s of each camera's drive, linear between them: exposure control
-/// takes about as long, and what lies between training pictures has its gains, too.
-constexpr float kKnot_s = 0.5f;
+/// Log gains stand every kKnotSpacing_s of each camera's drive, linear between them: exposure
+/// control takes about as long, and what lies between training pictures has its gains, too.
+constexpr float kKnotSpacing_s = 0.5f;
 /// A log gain is so many times its parameter, which slows it down against the field's.
-constexpr float kGainOfParameter = 0.05f;
+constexpr float kLogGainScale = 0.05f;
 /// Of the mean square of all log gains against the colours' loss: a hundredth of what a camera's
 /// pictures say of one.
-constexpr float kGainWeight = 5e-4f;
+constexpr float kGainRegulariserWeight = 5e-4f;
 
 struct AppearanceConfig {
   int cameras = 0, knots = 0;  ///< 0: none
@@ -30,12 +30,13 @@ struct AppearanceConfig {
 };
 
 /// The two knots around a time, and the second one's share.
-struct KnotShare {
+struct KnotWeights {
   std::size_t first, second;  ///< of their red in [cameras, knots, 3]
   float of_second;
 };
-REDRIVE_HD inline KnotShare knots_at(const AppearanceConfig& config, const Exposure& exposure) {
-  const float at = std::clamp(exposure.t_s / kKnot_s, 0.0f, static_cast<float>(config.knots - 1));
+REDRIVE_HD inline KnotWeights knots_at(const AppearanceConfig& config, const Exposure& exposure) {
+  const float at =
+      std::clamp(exposure.t_s / kKnotSpacing_s, 0.0f, static_cast<float>(config.knots - 1));
   const int first = static_cast<int>(at), second = std::min(first + 1, config.knots - 1);
   const std::size_t row = static_cast<std::size_t>(exposure.camera) * config.knots;
   return {3 * (row + first), 3 * (row + second), at - static_cast<float>(first)};
@@ -47,11 +48,11 @@ REDRIVE_HD std::array<T, 3> colour_gains(const AppearanceConfig& config, const T
                                          const Exposure& exposure) {
   using std::exp;
   if (exposure.camera < 0 || config.size() == 0) return {T(1), T(1), T(1)};
-  const KnotShare at = knots_at(config, exposure);
+  const KnotWeights at = knots_at(config, exposure);
   std::array<T, 3> gains;
   for (int k = 0; k < 3; ++k)
-    gains[k] = exp(T(kGainOfParameter) * (parameters[at.first + k] * T(1 - at.of_second) +
-                                          parameters[at.second + k] * T(at.of_second)));
+    gains[k] = exp(T(kLogGainScale) * (parameters[at.first + k] * T(1 - at.of_second) +
+                                       parameters[at.second + k] * T(at.of_second)));
   return gains;
 }
 
@@ -62,23 +63,23 @@ REDRIVE_HD void colour_gains_adjoint(const AppearanceConfig& config, const Expos
                                      const std::array<T, 3>& gains, const std::array<T, 3>& d_gains,
                                      const Add& add) {
   if (exposure.camera < 0 || config.size() == 0) return;
-  const KnotShare at = knots_at(config, exposure);
+  const KnotWeights at = knots_at(config, exposure);
   for (int k = 0; k < 3; ++k) {
-    const T d = T(kGainOfParameter) * gains[k] * d_gains[k];
+    const T d = T(kLogGainScale) * gains[k] * d_gains[k];
     add(at.first + k, T(1 - at.of_second) * d);
     add(at.second + k, T(at.of_second) * d);
   }
 }
 
-/// A parameter's share of the loss that keeps gains near 1: kGainWeight times the mean square of
-/// all log gains.
+/// A parameter's share of the loss that keeps gains near 1: kGainRegulariserWeight times the mean
+/// square of all log gains.
 template <class T>
-struct GainTerm {
+struct GainRegulariser {
   T value, derivative;
 };
 template <class T>
-REDRIVE_HD GainTerm<T> gain_term(const AppearanceConfig& config, T parameter) {
-  const T factor(kGainWeight * kGainOfParameter * kGainOfParameter /
+REDRIVE_HD GainRegulariser<T> gain_regulariser(const AppearanceConfig& config, T parameter) {
+  const T factor(kGainRegulariserWeight * kLogGainScale * kLogGainScale /
                  static_cast<float>(config.size()));
   return {factor * parameter * parameter, T(2) * factor * parameter};
 }

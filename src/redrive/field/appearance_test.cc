@@ -32,9 +32,9 @@ TEST(Appearance, IsNeutralWithoutACameraAndAtZero) {
 TEST(Appearance, LogGainsAreLinearBetweenKnotsAndGoOnBeyond) {
   const std::vector<double> p = parameters();
   const auto log_gain = [&](int camera, double knots, int k) {
-    return std::log(
-               colour_gains(kConfig, p.data(), {camera, static_cast<float>(knots * kKnot_s)})[k]) /
-           kGainOfParameter;
+    return std::log(colour_gains(kConfig, p.data(),
+                                 {camera, static_cast<float>(knots * kKnotSpacing_s)})[k]) /
+           kLogGainScale;
   };
   for (int camera = 0; camera < 2; ++camera)
     for (int k = 0; k < 3; ++k) {
@@ -71,12 +71,12 @@ TEST(Appearance, LogGainsAreHeldByTheirMeanSquare) {
   const std::vector<double> p = parameters();
   double loss = 0, square = 0;
   for (const double parameter : p) {
-    const auto term = gain_term(kConfig, D::variable(parameter, 0));
+    const auto term = gain_regulariser(kConfig, D::variable(parameter, 0));
     EXPECT_NEAR(term.derivative.value, term.value.d[0], 4 * 0x1p-53 * std::abs(term.value.d[0]));
     loss += term.value.value;
-    square += kGainOfParameter * parameter * kGainOfParameter * parameter / kSize;
+    square += kLogGainScale * parameter * kLogGainScale * parameter / kSize;
   }
-  EXPECT_NEAR(loss, kGainWeight * square, 1e-6 * loss) << "the factor is a float";
+  EXPECT_NEAR(loss, kGainRegulariserWeight * square, 1e-6 * loss) << "the factor is a float";
 }
 
 }  // namespace

@@ -11,7 +11,7 @@
 #include <limits>
 
 #include "redrive/base/host_device.h"
-#include "redrive/sampling/proposal.h"
+#include "redrive/volume/ray_intervals.h"
 
 namespace redrive {
 
@@ -84,9 +84,9 @@ REDRIVE_HD void contract_adjoint(const Contraction& contraction, const T world[3
 
 /// Where a ray is sampled: as `spacing` says, but of a bounded scene only within its cube, evenly.
 /// A ray that misses the cube gets no length, at near_m.
-REDRIVE_HD inline RaySpacing spacing_of_ray(const RaySpacing& spacing,
-                                            const Contraction& contraction, const float origin[3],
-                                            const float direction[3]) {
+REDRIVE_HD inline RaySpacing clip_to_scene(const RaySpacing& spacing,
+                                           const Contraction& contraction, const float origin[3],
+                                           const float direction[3]) {
   if (contraction.unbounded) return spacing;
   float enter = spacing.near_m, leave = spacing.far_m;
   for (int k = 0; k < 3; ++k) {

@@ -147,23 +147,23 @@ TEST(Contraction, BoundedSceneIsItsNearRegion) {
   EXPECT_EQ(unit[1], 0.5);
 }
 
-// ---- spacing_of_ray
+// ---- clip_to_scene
 
 constexpr RaySpacing kNearToFar{0.5f, 100, 20};
 
 RaySpacing spacing_in_room(std::array<float, 3> origin, std::array<float, 3> direction) {
-  return spacing_of_ray(kNearToFar, kRoom, origin.data(), direction.data());
+  return clip_to_scene(kNearToFar, kRoom, origin.data(), direction.data());
 }
 
-TEST(SpacingOfRay, OfAnUnboundedSceneIsWhatItIs) {
+TEST(ClipToScene, OfAnUnboundedSceneIsWhatItIs) {
   const float origin[3] = {50, 0, 0}, direction[3] = {1, 0, 0};
-  const RaySpacing spacing = spacing_of_ray(kNearToFar, kRoad, origin, direction);
+  const RaySpacing spacing = clip_to_scene(kNearToFar, kRoad, origin, direction);
   EXPECT_EQ(spacing.near_m, 0.5f);
   EXPECT_EQ(spacing.far_m, 100);
   EXPECT_EQ(spacing.half_m, 20);
 }
 
-TEST(SpacingOfRay, GoesFromFaceToFace) {
+TEST(ClipToScene, GoesFromFaceToFace) {
   // The room is [-5, 11] x [-9, 7] x [-7.5, 8.5].
   const auto expect = [](const RaySpacing& spacing, float enter, float leave) {
     EXPECT_FLOAT_EQ(spacing.near_m, enter);
@@ -180,7 +180,7 @@ TEST(SpacingOfRay, GoesFromFaceToFace) {
   expect(spacing_in_room({3, -9, 0}, {1, 0, 0}), 0.5f, 8);  // along a face
 }
 
-TEST(SpacingOfRay, OfARayThatMissesHasNoLength) {
+TEST(ClipToScene, OfARayThatMissesHasNoLength) {
   for (const RaySpacing& spacing :
        {spacing_in_room({-25, 0, 0}, {-1, 0, 0}), spacing_in_room({-25, 8, 0}, {1, 0, 0}),
         spacing_in_room({-10, 0, 0}, {0.3f, 0.95f, 0}), spacing_in_room({12, 0, 0}, {0, 0, 1})}) {
@@ -189,7 +189,7 @@ TEST(SpacingOfRay, OfARayThatMissesHasNoLength) {
   }
 }
 
-TEST(SpacingOfRay, EndsOnTheCubeWhereverItBegins) {
+TEST(ClipToScene, EndsOnTheCubeWhereverItBegins) {
   int hits = 0;
   for (int i = 0; i < 2000; ++i) {
     std::array<float, 3> origin, direction;

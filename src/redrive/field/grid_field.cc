@@ -11,11 +11,12 @@ GridLayerShape grid_layer(const GridFieldConfig& config, int layer) {
   REDRIVE_CHECK(config.width >= 16 && config.width <= kMaxGridWidth && config.width % 16 == 0);
   REDRIVE_CHECK(config.colour_layers == 1 || config.colour_layers == 2);
   const int width = config.width, colour_1 = config.colour_layers == 2 ? width : 0;
-  const GridLayerShape shapes[kGridLayers] = {{"density.0.weight", width, config.grid.outputs()},
-                                              {"density.1.weight", kGeometry, width},
-                                              {"colour.0.weight", width, kGeometry + kHarmonics},
-                                              {"colour.1.weight", colour_1, width},
-                                              {"colour.out.weight", 3, width}};
+  const GridLayerShape shapes[kGridLayers] = {
+      {"density.0.weight", width, config.grid.outputs()},
+      {"density.1.weight", kGeometryFeatures, width},
+      {"colour.0.weight", width, kGeometryFeatures + kHarmonics},
+      {"colour.1.weight", colour_1, width},
+      {"colour.out.weight", 3, width}};
   GridLayerShape shape = shapes[layer];
   for (int l = 0; l < layer; ++l)
     shape.offset += static_cast<std::size_t>(shapes[l].outputs) * shapes[l].inputs;

@@ -20,7 +20,8 @@
 
 namespace redrive {
 
-constexpr int kGeometry = 16;  ///< numbers that the density network hands on to the colour network
+constexpr int kGeometryFeatures =
+    16;  ///< numbers that the density network hands on to the colour network
 constexpr float kMaxLogDensity =
     15;  ///< g_0 above this counts as this, its derivative does not vanish
 constexpr int kMaxGridWidth = 128;
@@ -63,8 +64,8 @@ void grid_network_initialize(const GridFieldConfig& config, std::uint64_t seed,
 template <class T>
 struct GridActivations {
   std::vector<T> features;
-  T hidden[kMaxGridWidth], geometry[kGeometry], harmonics[kHarmonics], colour[2][kMaxGridWidth],
-      density;
+  T hidden[kMaxGridWidth], geometry[kGeometryFeatures], harmonics[kHarmonics],
+      colour[2][kMaxGridWidth], density;
 };
 
 /// raw: r, g, b before the sigmoid, density in 1/m.
@@ -87,13 +88,13 @@ void grid_network_forward(const GridFieldConfig& config, const T* weights, const
   std::fill_n(a->hidden, config.width, T(0));
   product(kGridDensity0, 0, features, config.grid.outputs(), a->hidden);
   rectify(a->hidden);
-  std::fill_n(a->geometry, kGeometry, T(0));
+  std::fill_n(a->geometry, kGeometryFeatures, T(0));
   product(kGridDensity1, 0, a->hidden, config.width, a->geometry);
   const T log_density = a->geometry[0] > T(kMaxLogDensity) ? T(kMaxLogDensity) : a->geometry[0];
   a->density = density_scale * exp(log_density);
   std::fill_n(a->colour[0], config.width, T(0));
-  product(kGridColour0, 0, a->geometry, kGeometry, a->colour[0]);
-  product(kGridColour0, kGeometry, harmonics, kHarmonics, a->colour[0]);
+  product(kGridColour0, 0, a->geometry, kGeometryFeatures, a->colour[0]);
+  product(kGridColour0, kGeometryFeatures, harmonics, kHarmonics, a->colour[0]);
   rectify(a->colour[0]);
   if (config.colour_layers == 2) {
     std::fill_n(a->colour[1], config.width, T(0));
@@ -123,7 +124,7 @@ void grid_network_adjoint(const GridFieldConfig& config, const T* weights,
     for (int i = 0; i < config.width; ++i)
       if (!(x[i] > T(0))) d[i] = T(0);
   };
-  T d_colour[2][kMaxGridWidth]{}, d_geometry[kGeometry]{}, d_hidden[kMaxGridWidth]{};
+  T d_colour[2][kMaxGridWidth]{}, d_geometry[kGeometryFeatures]{}, d_hidden[kMaxGridWidth]{};
   const int last = config.colour_layers - 1;
   back(kGridColourOut, 0, d_raw, a.colour[last], config.width, d_colour[last]);
   rectify(a.colour[last], d_colour[last]);
@@ -131,8 +132,9 @@ void grid_network_adjoint(const GridFieldConfig& config, const T* weights,
     back(kGridColour1, 0, d_colour[1], a.colour[0], config.width, d_colour[0]);
     rectify(a.colour[0], d_colour[0]);
   }
-  back(kGridColour0, 0, d_colour[0], a.geometry, kGeometry, d_geometry);
-  back(kGridColour0, kGeometry, d_colour[0], a.harmonics, kHarmonics, static_cast<T*>(nullptr));
+  back(kGridColour0, 0, d_colour[0], a.geometry, kGeometryFeatures, d_geometry);
+  back(kGridColour0, kGeometryFeatures, d_colour[0], a.harmonics, kHarmonics,
+       static_cast<T*>(nullptr));
   d_geometry[0] += d_raw[3] * a.density;
   back(kGridDensity1, 0, d_geometry, a.hidden, config.width, d_hidden);
   rectify(a.hidden, d_hidden);

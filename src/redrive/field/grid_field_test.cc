@@ -199,7 +199,7 @@ TEST(GridField, LogDensityIsBoundButItsDerivativeDoesNotVanish) {
   }
 }
 
-TEST(GridField, NotANumberIsNotHidden) {
+TEST(GridField, PropagatesNaN) {
   ByHand net(kOneLayer);
   for (std::size_t i = 0; i < net.weights.size(); ++i) net.weights[i] = uniform(5, i);
   net.features[0] = std::nan("");

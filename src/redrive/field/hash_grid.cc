@@ -12,20 +12,22 @@ std::vector<HashGridLevel> hash_grid_levels(const HashGridConfig& config) {
   REDRIVE_CHECK(config.levels >= 1 && config.levels <= 16);
   REDRIVE_CHECK(config.features == 1 || config.features == 2 || config.features == 4 ||
                 config.features == 8);
-  REDRIVE_CHECK(config.log2_rows >= 4 && config.log2_rows <= 24);
-  REDRIVE_CHECK(config.base_cells >= 1 && config.base_cells <= config.max_cells &&
-                config.max_cells <= 1 << 20);
-  const double growth = config.levels > 1 ? std::pow(double(config.max_cells) / config.base_cells,
-                                                     1.0 / (config.levels - 1))
-                                          : 1;
+  REDRIVE_CHECK(config.log2_hashmap_size >= 4 && config.log2_hashmap_size <= 24);
+  REDRIVE_CHECK(config.base_resolution >= 1 && config.base_resolution <= config.max_resolution &&
+                config.max_resolution <= 1 << 20);
+  const double growth = config.levels > 1
+                            ? std::pow(double(config.max_resolution) / config.base_resolution,
+                                       1.0 / (config.levels - 1))
+                            : 1;
   std::vector<HashGridLevel> levels;
   std::size_t offset = 0;
   for (int l = 0; l < config.levels; ++l) {
     HashGridLevel level;
-    level.cells = static_cast<int>(std::lround(config.base_cells * std::pow(growth, l)));
+    level.cells = static_cast<int>(std::lround(config.base_resolution * std::pow(growth, l)));
     const double vertices = std::pow(level.cells + 2.0, 3);
-    level.dense = vertices <= double(1u << config.log2_rows);
-    level.rows = level.dense ? static_cast<std::uint32_t>(vertices) : 1u << config.log2_rows;
+    level.dense = vertices <= double(1u << config.log2_hashmap_size);
+    level.rows =
+        level.dense ? static_cast<std::uint32_t>(vertices) : 1u << config.log2_hashmap_size;
     level.offset = offset;
     offset += std::size_t(level.rows) * config.features;
     offset = (offset + 15) / 16 * 16;  // levels begin at a cache line

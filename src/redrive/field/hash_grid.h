@@ -5,9 +5,9 @@
 //
 // A level is a grid of `cells` cells a side over the unit cube, with a row of `features` numbers at
 // each vertex; the feature of a point is the trilinear mean of its cell's eight rows. Levels grow
-// geometrically from base_cells to max_cells. Where a level has more vertices than 2^log2_rows,
-// they share that many rows by a hash. Grids are shifted by half a cell, so that no two levels have
-// their kinks in the same place.
+// geometrically from base_resolution to max_resolution. Where a level has more vertices than
+// 2^log2_hashmap_size, they share that many rows by a hash. Grids are shifted by half a cell, so
+// that no two levels have their kinks in the same place.
 #pragma once
 
 #include <cmath>
@@ -20,11 +20,11 @@
 namespace redrive {
 
 struct HashGridConfig {
-  int levels = 8;        ///< 1..16
-  int features = 4;      ///< of a level: 1, 2, 4 or 8
-  int base_cells = 16;   ///< a side, of the coarsest level
-  int max_cells = 2048;  ///< of the finest, up to 2^20
-  int log2_rows = 17;    ///< at most this many rows a level, 4..24
+  int levels = 8;              ///< 1..16
+  int features = 4;            ///< of a level: 1, 2, 4 or 8
+  int base_resolution = 16;    ///< a side, of the coarsest level
+  int max_resolution = 2048;   ///< of the finest, up to 2^20
+  int log2_hashmap_size = 17;  ///< at most this many rows a level, 4..24
 
   int outputs() const { return levels * features; }
   bool operator==(const HashGridConfig&) const = default;
@@ -59,7 +59,7 @@ REDRIVE_HD inline std::uint32_t hash_grid_row(const HashGridLevel& level, std::u
 /// A level that would count for less than this counts for nothing, so that it need not be looked
 /// up; those above are stretched to 0..1. Chosen by measurement among 0, 0.1, 0.2 and 0.3
 /// (docs/benchmarks.md).
-constexpr float kLevelFloor = 0.2f;
+constexpr float kMinLevelWeight = 0.2f;
 
 /// What a level finer than the sample is long counts for: w = 1 / max(1, 2 cells footprint)
 /// (Tonderski et al., "NeuRAD", 2024, section 3.1), of which what is above the floor. `footprint`:
@@ -68,8 +68,8 @@ template <class T>
 REDRIVE_HD T hash_grid_level_weight(const HashGridLevel& level, T footprint) {
   const T widths = T(2.0 * level.cells) * footprint;
   if (!(widths > T(1))) return T(1);
-  const T above = T(1) / widths - T(kLevelFloor);
-  return above > T(0) ? above / (T(1) - T(kLevelFloor)) : T(0);
+  const T above = T(1) / widths - T(kMinLevelWeight);
+  return above > T(0) ? above / (T(1) - T(kMinLevelWeight)) : T(0);
 }
 
 /// Vertex coordinates of the cell that holds a point, and where in it the point lies.

@@ -6,9 +6,9 @@
 #include <cstdint>
 #include <numeric>
 
+#include "redrive/kernels/backend.h"
 #include "redrive/kernels/check_sizes.h"
-#include "redrive/kernels/host_score.h"
-#include "redrive/kernels/kernels.h"
+#include "redrive/kernels/host_image_score.h"
 
 namespace redrive::kernels {
 
@@ -31,7 +31,7 @@ void Backend::not_finite(std::span<const float> numbers, double* count) {
 void Backend::gather(const PixelSource& from, const PixelDraw& draw, std::span<const float> errors,
                      const GatheredRays& out) {
   check_gather(from, draw, errors.size(), out);
-  gather_rays(from, draw, errors, out);
+  gather_pixels(from, draw, errors, out);
 }
 
 void Backend::gather_lidar(const LidarSource& from, const LidarDraw& draw,
@@ -40,18 +40,18 @@ void Backend::gather_lidar(const LidarSource& from, const LidarDraw& draw,
   gather_returns(from, draw, out);
 }
 
-void Backend::smooth_errors(std::span<const std::uint32_t> cells, std::span<const float> squares,
-                            std::span<float> errors) {
-  redrive::smooth_errors(cells, squares, errors);
+void Backend::update_error_map(std::span<const std::uint32_t> cells, std::span<const float> squares,
+                               std::span<float> errors) {
+  redrive::update_error_map(cells, squares, errors);
 }
 
-PictureScore Backend::score(const PicturePair& pictures) {
+ImageScore Backend::score(const ImagePair& pictures) {
   ThreadPool one(1);
   return score_on_host(pictures, one);
 }
 
-std::span<float> Backend::between_stages(int which, std::size_t n) {
-  Buffer<float>& room = between_stages_[which];
+std::span<float> Backend::scratch_between_stages(int which, std::size_t n) {
+  Buffer<float>& room = scratch_between_stages_[which];
   if (room.size() < n) room = Buffer<float>(n);
   kernels::keep(*this, room);
   return room.span().first(n);
@@ -62,8 +62,8 @@ void Backend::train_rays(const NerfField& field, const Rays& rays, const Samples
                          std::span<float> gradients, const RayGradients& of_rays, double* loss) {
   check_field(field, rays, samples);
   const std::size_t n = sample_count(rays.n, samples);
-  const auto raw = between_stages(0, 4 * n), d_raw = between_stages(1, 4 * n),
-             d_rgb = between_stages(2, 3 * static_cast<std::size_t>(rays.n));
+  const auto raw = scratch_between_stages(0, 4 * n), d_raw = scratch_between_stages(1, 4 * n),
+             d_rgb = scratch_between_stages(2, 3 * static_cast<std::size_t>(rays.n));
   nerf_forward(field, rays, samples, raw);
   composite_forward(rays.n, samples, raw, {}, out);
   photometric_loss(out.rgb, target, d_rgb, loss);
@@ -74,7 +74,7 @@ void Backend::train_rays(const NerfField& field, const Rays& rays, const Samples
 void Backend::render_rays(const NerfField& field, const Rays& rays, const Samples& samples,
                           const CompositeOut& out) {
   check_field(field, rays, samples);
-  const auto raw = between_stages(0, 4 * sample_count(rays.n, samples));
+  const auto raw = scratch_between_stages(0, 4 * sample_count(rays.n, samples));
   nerf_forward(field, rays, samples, raw);
   composite_forward(rays.n, samples, raw, {}, out);
 }

@@ -6,7 +6,7 @@
 #include <cmath>
 
 #include "redrive/base/error.h"
-#include "redrive/kernels/kernels.h"
+#include "redrive/kernels/backend.h"
 
 namespace redrive::kernels {
 
@@ -26,33 +26,33 @@ inline void check_intervals(int n_rays, const Intervals& intervals, std::size_t 
   REDRIVE_CHECK_OP(numbers, ==, interval_count(n_rays, intervals.per_ray));
 }
 
-inline void check_spaced(const Rays& rays, int per_ray, std::size_t edges) {
+inline void check_sample_uniform(const Rays& rays, int per_ray, std::size_t edges) {
   check_edges(rays.n, per_ray, edges);
   REDRIVE_CHECK_OP(rays.origin.size(), ==, 3 * static_cast<std::size_t>(rays.n));
   REDRIVE_CHECK_OP(rays.direction.size(), ==, 3 * static_cast<std::size_t>(rays.n));
 }
 
 /// Stage `spaced` of one ray.
-REDRIVE_HD inline void spaced_edges_of(const Rays& rays, const SpacedIntervals& how,
-                                       std::size_t ray, std::span<float> edges) {
+REDRIVE_HD inline void uniform_edges_of_ray(const Rays& rays, const UniformSampling& how,
+                                            std::size_t ray, std::span<float> edges) {
   float origin[3], direction[3];
   for (int k = 0; k < 3; ++k) {
     origin[k] = rays.origin[k * rays.n + ray];
     direction[k] = rays.direction[k * rays.n + ray];
   }
-  spaced_edges(spacing_of_ray(how.spacing, how.contraction, origin, direction), how.per_ray,
-               how.jitter, how.key, ray, &edges[ray * (how.per_ray + 1)]);
+  uniform_edges(clip_to_scene(how.spacing, how.contraction, origin, direction), how.per_ray,
+                how.jitter, how.key, ray, &edges[ray * (how.per_ray + 1)]);
 }
 
-inline void check_proposed(int n_rays, const Intervals& from, std::size_t weights, int per_ray,
-                           std::size_t edges) {
+inline void check_sample_pdf(int n_rays, const Intervals& from, std::size_t weights, int per_ray,
+                             std::size_t edges) {
   check_intervals(n_rays, from, weights);
   check_edges(n_rays, per_ray, edges);
 }
 
 inline void check_contract(const Rays& rays, const Intervals& intervals, std::size_t pixel_angle,
                            std::size_t position, std::size_t footprint) {
-  check_spaced(rays, intervals.per_ray, intervals.edges.size());
+  check_sample_uniform(rays, intervals.per_ray, intervals.edges.size());
   const std::size_t n = interval_count(rays.n, intervals.per_ray);
   REDRIVE_CHECK_OP(pixel_angle, ==, static_cast<std::size_t>(rays.n));
   REDRIVE_CHECK_OP(position, ==, 3 * n);
@@ -60,10 +60,11 @@ inline void check_contract(const Rays& rays, const Intervals& intervals, std::si
 }
 
 /// Stage `contract` of sample `s` of one ray, in double.
-REDRIVE_HD inline void contract_of(const Contraction& contraction, const Rays& rays,
-                                   std::span<const float> pixel_angle, const Intervals& intervals,
-                                   float least_width, std::size_t ray, std::size_t s,
-                                   std::span<float> position, std::span<float> footprint) {
+REDRIVE_HD inline void contract_sample(const Contraction& contraction, const Rays& rays,
+                                       std::span<const float> pixel_angle,
+                                       const Intervals& intervals, float least_width,
+                                       std::size_t ray, std::size_t s, std::span<float> position,
+                                       std::span<float> footprint) {
   const std::size_t n_rays = rays.n, n = n_rays * intervals.per_ray,
                     i = ray * intervals.per_ray + s, edge = i + ray;
   const double begin = intervals.edges[edge], end = intervals.edges[edge + 1],
@@ -80,7 +81,7 @@ REDRIVE_HD inline void contract_of(const Contraction& contraction, const Rays& r
 inline void check_contract_backward(const Rays& rays, const Intervals& intervals,
                                     std::size_t d_position, std::size_t d_origin,
                                     std::size_t d_direction) {
-  check_spaced(rays, intervals.per_ray, intervals.edges.size());
+  check_sample_uniform(rays, intervals.per_ray, intervals.edges.size());
   REDRIVE_CHECK_OP(d_position, ==, 3 * interval_count(rays.n, intervals.per_ray));
   REDRIVE_CHECK_OP(d_origin, ==, rays.origin.size());
   REDRIVE_CHECK_OP(d_direction, ==, rays.origin.size());
@@ -88,10 +89,10 @@ inline void check_contract_backward(const Rays& rays, const Intervals& intervals
 
 /// Stage `contract_backward` of one ray, in T.
 template <class T>
-REDRIVE_HD void contract_backward_of(const Contraction& contraction, const Rays& rays,
-                                     const Intervals& intervals, std::span<const float> d_position,
-                                     std::size_t ray, std::span<float> d_origin,
-                                     std::span<float> d_direction) {
+REDRIVE_HD void contract_ray_backward(const Contraction& contraction, const Rays& rays,
+                                      const Intervals& intervals, std::span<const float> d_position,
+                                      std::size_t ray, std::span<float> d_origin,
+                                      std::span<float> d_direction) {
   const std::size_t n_rays = rays.n, n = n_rays * intervals.per_ray;
   T origin[3]{}, direction[3]{};
   for (int s = 0; s < intervals.per_ray; ++s) {
@@ -190,8 +191,8 @@ inline void check_range(int n_rays, const Intervals& intervals, std::size_t weig
   REDRIVE_CHECK_OP(d_weights, ==, weights);
 }
 
-inline void check_empty_space(int n_rays, const Intervals& intervals, std::size_t density,
-                              std::size_t d_density) {
+inline void check_sparsity(int n_rays, const Intervals& intervals, std::size_t density,
+                           std::size_t d_density) {
   check_intervals(n_rays, intervals, density);
   REDRIVE_CHECK_OP(d_density, ==, density);
 }

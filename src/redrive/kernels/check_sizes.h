@@ -4,7 +4,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/host_device.h"
-#include "redrive/kernels/kernels.h"
+#include "redrive/kernels/backend.h"
 
 namespace redrive::kernels {
 
@@ -15,18 +15,18 @@ inline std::size_t sample_count(int n_rays, const Samples& samples) {
 inline void check_gather(const PixelSpans& from, const PixelDraw& draw, std::size_t errors,
                          const GatheredRays& out) {
   REDRIVE_CHECK_OP(draw.even, >=, 1);
-  REDRIVE_CHECK_OP(draw.by_error, >=, 0);
+  REDRIVE_CHECK_OP(draw.error_map_rays, >=, 0);
   REDRIVE_CHECK_OP(draw.begin + draw.even, <=, from.pixels);
-  const std::size_t n = static_cast<std::size_t>(draw.even) + draw.by_error;
+  const std::size_t n = static_cast<std::size_t>(draw.even) + draw.error_map_rays;
   for (const std::span<float> xyz : {out.origin, out.direction, out.target})
     REDRIVE_CHECK_OP(xyz.size(), ==, 3 * n);
   for (const std::size_t size : {out.pixel_angle.size(), out.exposure.size(), out.view.size()})
     REDRIVE_CHECK_OP(size, ==, n);
   if (!out.background.empty()) REDRIVE_CHECK_OP(out.background.size(), ==, 3 * n);
   REDRIVE_CHECK(!from.random_background || !out.background.empty());
-  REDRIVE_CHECK_OP(out.cell.size(), ==, draw.by_error > 0 ? n : 0);
+  REDRIVE_CHECK_OP(out.cell.size(), ==, draw.error_map_rays > 0 ? n : 0);
   REDRIVE_CHECK_OP(out.weight.size(), ==, out.cell.size());
-  if (draw.by_error > 0) REDRIVE_CHECK_OP(errors, ==, from.cell_pixels.size());
+  if (draw.error_map_rays > 0) REDRIVE_CHECK_OP(errors, ==, from.cell_pixels.size());
 }
 
 inline void check_gather_lidar(const LidarSpans& from, const GatheredReturns& out) {

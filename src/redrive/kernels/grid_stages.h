@@ -10,9 +10,9 @@
 #include "redrive/base/host_device.h"
 #include "redrive/field/appearance.h"
 #include "redrive/field/contraction.h"
+#include "redrive/field/exposure.h"
 #include "redrive/field/grid_field.h"
-#include "redrive/sampling/proposal.h"
-#include "redrive/scene/exposure.h"
+#include "redrive/volume/ray_intervals.h"
 
 namespace redrive::kernels {
 
@@ -53,9 +53,9 @@ struct GridNetwork {
   std::span<const float> weights;
 };
 
-/// How the first intervals of rays are laid: field/contraction.h spacing_of_ray,
-/// sampling/proposal.h spaced_edges.
-struct SpacedIntervals {
+/// How the first intervals of rays are laid: field/contraction.h clip_to_scene,
+/// volume/ray_intervals.h uniform_edges.
+struct UniformSampling {
   int per_ray = 0;
   RaySpacing spacing;
   Contraction contraction;
@@ -63,8 +63,8 @@ struct SpacedIntervals {
   std::uint64_t key = 0;
 };
 
-/// How further intervals are drawn: sampling/proposal.h proposed_edges.
-struct ProposedIntervals {
+/// How further intervals are drawn: volume/ray_intervals.h pdf_edges.
+struct PdfSampling {
   int per_ray = 0;
   float padding = 0.01f;
   bool jitter = true;
@@ -73,8 +73,8 @@ struct ProposedIntervals {
 
 /// Which rays the field is asked about: those that weigh at least so much, and of the others a
 /// share, by random_unit(key, ray).
-struct LiveRays {
-  float least_opacity = 0, share_of_others = 0;
+struct RayCompaction {
+  float min_opacity = 0, keep_probability = 0;
   std::uint64_t key = 0;
 };
 
@@ -88,13 +88,13 @@ struct Appearance {
 };
 
 /// Colours as the cameras show them against what they recorded: rgb, gains, target [3, n].
-struct ExposedColours {
+struct ColourLossInput {
   Appearance appearance;
   std::span<const Exposure> exposure;  ///< [n]; empty: as the field shows them, without gains
   std::span<const float> rgb, gains;   ///< as `expose` left them
   std::span<const float> target;
   std::span<const float> weight;  ///< [n], what rays count; empty: all 1
-  float huber_edge = 0;           ///< loss/photometric.h
+  float huber_delta = 0;          ///< optim/photometric_loss.h
 };
 
 class GridStages {
@@ -105,7 +105,7 @@ class GridStages {
   /// Rays by how, or whose weights [n_rays, per_ray] are no numbers, ascending in the first of
   /// `live` [n_rays]; returns how many. Ray 0 where there is none: stages are for at least one.
   virtual int live_rays(int n_rays, int per_ray, std::span<const float> weights,
-                        const LiveRays& how, std::span<std::uint32_t> live) = 0;
+                        const RayCompaction& how, std::span<std::uint32_t> live) = 0;
   /// What each of `rays` has in `from`, in their order. Rays may be there several times.
   virtual void pick(std::span<const std::uint32_t> rays, RayLayout layout,
                     std::span<const float> from, std::span<float> to) = 0;
@@ -116,10 +116,10 @@ class GridStages {
                       std::span<float> to) = 0;
 
   // ---- sampling/
-  virtual void spaced(const Rays& rays, const SpacedIntervals& how, std::span<float> edges) = 0;
+  virtual void spaced(const Rays& rays, const UniformSampling& how, std::span<float> edges) = 0;
   /// New intervals from those of `from` and their weights [n_rays, from.per_ray].
   virtual void proposed(int n_rays, const Intervals& from, std::span<const float> weights,
-                        const ProposedIntervals& how, std::span<float> edges) = 0;
+                        const PdfSampling& how, std::span<float> edges) = 0;
 
   /// Where samples are and how long their intervals: t, dt [n_rays, per_ray].
   virtual void middles(int n_rays, const Intervals& intervals, std::span<float> t,
@@ -197,21 +197,22 @@ class GridStages {
   // ---- loss/
   /// Makes of the squared error's d_rgb (Backend::photometric_loss) that of Huber's loss, weighted
   /// by ray, and takes it back through the exposure, whose derivatives, with those of the loss on
-  /// gains (gain_term), are added to d_appearance. loss: of both, the colours' as a mean over rays
-  /// and channels; squares [n]: each ray's squared error, mean of its channels.
-  virtual void robust_colours(const ExposedColours& colours, std::span<float> d_rgb,
-                              std::span<float> squares, std::span<float> d_appearance,
-                              double* loss) = 0;
-  /// loss/proposal.h proposal_loss, mean over rays; writes d_proposal [n_rays, proposal.per_ray].
+  /// gains (gain_regulariser), are added to d_appearance. loss: of both, the colours' as a mean
+  /// over rays and channels; squares [n]: each ray's squared error, mean of its channels.
+  virtual void huber_loss(const ColourLossInput& colours, std::span<float> d_rgb,
+                          std::span<float> squares, std::span<float> d_appearance,
+                          double* loss) = 0;
+  /// optim/proposal_loss.h proposal_loss, mean over rays; writes d_proposal [n_rays,
+  /// proposal.per_ray].
   virtual void proposal(int n_rays, const Intervals& intervals, std::span<const float> weights,
                         const Intervals& proposal, std::span<const float> proposal_weights,
                         std::span<float> d_proposal, double* loss) = 0;
-  /// loss/range.h range_loss of returns at range_m [n_rays], `factor` times its mean over rays;
-  /// writes d_weights [n_rays, per_ray].
+  /// optim/range_loss.h range_loss of returns at range_m [n_rays], `factor` times its mean over
+  /// rays; writes d_weights [n_rays, per_ray].
   virtual void range(int n_rays, const Intervals& intervals, std::span<const float> weights,
                      std::span<const float> range_m, float spread_m, float factor,
                      std::span<float> d_weights, double* loss) = 0;
-  /// loss/empty_space.h empty_space_loss, `factor` times its mean over rays; adds to d_density
+  /// optim/sparsity_loss.h sparsity_loss, `factor` times its mean over rays; adds to d_density
   /// [n_rays, per_ray].
   virtual void empty_space(int n_rays, const Intervals& intervals, std::span<const float> density,
                            float factor, std::span<float> d_density, double* loss) = 0;

@@ -10,7 +10,7 @@ namespace redrive::kernels {
 
 class HostRayStages : public GridStages {
  public:
-  int live_rays(int n_rays, int per_ray, std::span<const float> weights, const LiveRays& how,
+  int live_rays(int n_rays, int per_ray, std::span<const float> weights, const RayCompaction& how,
                 std::span<std::uint32_t> live) override;
   void pick(std::span<const std::uint32_t> rays, RayLayout layout, std::span<const float> from,
             std::span<float> to) override;
@@ -29,9 +29,8 @@ class HostRayStages : public GridStages {
               std::span<float> gains, std::span<float> rgb) override;
   void median_depth(int n_rays, const Intervals& intervals, std::span<const float> weights,
                     std::span<const float> opacity, std::span<float> depth) override;
-  void robust_colours(const ExposedColours& colours, std::span<float> d_rgb,
-                      std::span<float> squares, std::span<float> d_appearance,
-                      double* loss) override;
+  void huber_loss(const ColourLossInput& colours, std::span<float> d_rgb, std::span<float> squares,
+                  std::span<float> d_appearance, double* loss) override;
 
  private:
   /// The first n numbers of a buffer that is kept from call to call.

@@ -1,34 +1,34 @@
 // SPDX-License-Identifier: Apache-2.0
 // The stages of grid_stages.h that treat whole rays: what all backends check of their sizes, and
 // what they do for one ray by the scalar functions, the host in loops (host_ray_stages.h), devices
-// in kernels (cuda/device_ray_stages.h).
+// in kernels (kernels/device/device_ray_stages.h).
 #pragma once
 
 #include "redrive/base/rng.h"
 #include "redrive/field/sky.h"
 #include "redrive/kernels/check_grid_sizes.h"
-#include "redrive/loss/photometric.h"
+#include "redrive/optim/photometric_loss.h"
 #include "redrive/volume/median_distance.h"
 
 namespace redrive::kernels {
 
-inline void check_live_rays(int n_rays, int per_ray, std::size_t weights, std::size_t live) {
+inline void check_compact_rays(int n_rays, int per_ray, std::size_t weights, std::size_t live) {
   REDRIVE_CHECK_OP(n_rays, >=, 1);
   REDRIVE_CHECK_OP(per_ray, >=, 1);
   REDRIVE_CHECK_OP(weights, ==, interval_count(n_rays, per_ray));
   REDRIVE_CHECK_OP(live, ==, static_cast<std::size_t>(n_rays));
 }
 
-REDRIVE_HD inline bool is_live(const LiveRays& how, const float* weights, int per_ray,
-                               std::size_t ray) {
+REDRIVE_HD inline bool is_active(const RayCompaction& how, const float* weights, int per_ray,
+                                 std::size_t ray) {
   float opacity = 0;
   for (int i = 0; i < per_ray; ++i) opacity += weights[i];
   // Not "below": what is not a number goes on into the loss.
-  return !(opacity < how.least_opacity) || random_unit(how.key, ray) < how.share_of_others;
+  return !(opacity < how.min_opacity) || random_unit(how.key, ray) < how.keep_probability;
 }
 
 /// Returns the numbers of a ray: `few` are those of `rays`, `all` those of all.
-inline std::size_t check_picked(std::size_t rays, std::size_t few, std::size_t all) {
+inline std::size_t check_gather_rays(std::size_t rays, std::size_t few, std::size_t all) {
   REDRIVE_CHECK_OP(rays, >, 0u);
   REDRIVE_CHECK_OP(few, >, 0u);
   REDRIVE_CHECK_OP(few % rays, ==, 0u);
@@ -38,19 +38,19 @@ inline std::size_t check_picked(std::size_t rays, std::size_t few, std::size_t a
   return each;
 }
 
-inline std::size_t check_spread(std::size_t rays, std::size_t from, std::size_t elsewhere,
-                                std::size_t to) {
+inline std::size_t check_scatter_rays(std::size_t rays, std::size_t from, std::size_t elsewhere,
+                                      std::size_t to) {
   if (elsewhere > 0) REDRIVE_CHECK_OP(elsewhere, ==, to);
-  return check_picked(rays, from, to);
+  return check_gather_rays(rays, from, to);
 }
 
-inline void check_middles(int n_rays, const Intervals& intervals, std::size_t t, std::size_t dt) {
+inline void check_midpoints(int n_rays, const Intervals& intervals, std::size_t t, std::size_t dt) {
   check_intervals(n_rays, intervals, t);
   REDRIVE_CHECK_OP(dt, ==, t);
 }
 
-REDRIVE_HD inline void middles_of(const Intervals& intervals, std::size_t ray, std::span<float> t,
-                                  std::span<float> dt) {
+REDRIVE_HD inline void midpoints_of_ray(const Intervals& intervals, std::size_t ray,
+                                        std::span<float> t, std::span<float> dt) {
   const std::size_t first = ray * intervals.per_ray;
   const float* const edges = &intervals.edges[first + ray];
   for (int s = 0; s < intervals.per_ray; ++s) {
@@ -69,7 +69,8 @@ inline void check_harmonics(const Rays& rays, std::size_t harmonics) {
   REDRIVE_CHECK_OP(harmonics, ==, static_cast<std::size_t>(rays.n) * kHarmonics);
 }
 
-REDRIVE_HD inline void harmonics_of(const Rays& rays, std::size_t ray, std::span<float> harmonics) {
+REDRIVE_HD inline void harmonics_of_ray(const Rays& rays, std::size_t ray,
+                                        std::span<float> harmonics) {
   const std::size_t n = rays.n;
   const float direction[3] = {rays.direction[ray], rays.direction[n + ray],
                               rays.direction[2 * n + ray]};
@@ -95,28 +96,28 @@ inline void check_sky_backward(const HashGrid& grid, const Rays& rays, std::size
   if (d_direction > 0) REDRIVE_CHECK_OP(d_direction, ==, colour);
 }
 
-REDRIVE_HD inline void sky_point_of(const Rays& rays, std::span<const float> pixel_angle,
-                                    std::size_t ray, std::span<float> position,
-                                    std::span<float> footprint) {
+REDRIVE_HD inline void sky_point_of_ray(const Rays& rays, std::span<const float> pixel_angle,
+                                        std::size_t ray, std::span<float> position,
+                                        std::span<float> footprint) {
   for (std::size_t at = ray; at < position.size(); at += rays.n)
     position[at] = sky_coordinate(rays.direction[at]);
   footprint[ray] = sky_footprint(pixel_angle[ray]);
 }
 
 /// features [levels, n, features of a level].
-REDRIVE_HD inline void sky_colour_of(const HashGridConfig& config, std::size_t n,
-                                     std::span<const float> features, std::size_t ray,
-                                     std::span<float> colour) {
+REDRIVE_HD inline void sky_colour_of_ray(const HashGridConfig& config, std::size_t n,
+                                         std::span<const float> features, std::size_t ray,
+                                         std::span<float> colour) {
   for (int k = 0; k < 3; ++k)
     colour[k * n + ray] =
         sky_colour(&features[ray * config.features + k], config.levels, n * config.features);
 }
 
-REDRIVE_HD inline void sky_colour_adjoint_of(const HashGridConfig& config, std::size_t n,
-                                             std::span<const float> colour,
-                                             std::span<const float> opacity,
-                                             std::span<const float> d_rgb, std::size_t ray,
-                                             std::span<float> d_features) {
+REDRIVE_HD inline void sky_colour_of_ray_backward(const HashGridConfig& config, std::size_t n,
+                                                  std::span<const float> colour,
+                                                  std::span<const float> opacity,
+                                                  std::span<const float> d_rgb, std::size_t ray,
+                                                  std::span<float> d_features) {
   for (int k = 0; k < config.features; ++k) {
     const std::size_t at = k * n + ray;
     const float d = k < 3 ? sky_colour_adjoint(colour[at], (1 - opacity[ray]) * d_rgb[at]) : 0.0f;
@@ -124,16 +125,17 @@ REDRIVE_HD inline void sky_colour_adjoint_of(const HashGridConfig& config, std::
   }
 }
 
-inline void check_expose(const Appearance& appearance, std::size_t exposure, std::size_t gains,
-                         std::size_t rgb) {
+inline void check_apply_exposure(const Appearance& appearance, std::size_t exposure,
+                                 std::size_t gains, std::size_t rgb) {
   REDRIVE_CHECK_OP(exposure, >, 0u);
   REDRIVE_CHECK_OP(appearance.parameters.size(), ==, appearance.config.size());
   REDRIVE_CHECK_OP(gains, ==, 3 * exposure);
   REDRIVE_CHECK_OP(rgb, ==, gains);
 }
 
-REDRIVE_HD inline void expose_of(const Appearance& appearance, std::span<const Exposure> exposure,
-                                 std::size_t ray, std::span<float> gains, std::span<float> rgb) {
+REDRIVE_HD inline void apply_exposure_to_ray(const Appearance& appearance,
+                                             std::span<const Exposure> exposure, std::size_t ray,
+                                             std::span<float> gains, std::span<float> rgb) {
   const auto of_ray = colour_gains(appearance.config, appearance.parameters.data(), exposure[ray]);
   for (int k = 0; k < 3; ++k) {
     const std::size_t at = k * exposure.size() + ray;
@@ -142,15 +144,15 @@ REDRIVE_HD inline void expose_of(const Appearance& appearance, std::span<const E
   }
 }
 
-inline void check_robust_colours(const ExposedColours& colours, std::size_t d_rgb,
-                                 std::size_t squares, std::size_t d_appearance) {
+inline void check_huber_loss(const ColourLossInput& colours, std::size_t d_rgb, std::size_t squares,
+                             std::size_t d_appearance) {
   const std::size_t n = squares, parameters = colours.appearance.parameters.size();
   REDRIVE_CHECK_OP(n, >, 0u);
   REDRIVE_CHECK_OP(colours.rgb.size(), ==, 3 * n);
   REDRIVE_CHECK_OP(colours.target.size(), ==, 3 * n);
   REDRIVE_CHECK_OP(d_rgb, ==, 3 * n);
   if (!colours.weight.empty()) REDRIVE_CHECK_OP(colours.weight.size(), ==, n);
-  REDRIVE_CHECK_OP(colours.huber_edge, >, 0);
+  REDRIVE_CHECK_OP(colours.huber_delta, >, 0);
   if (colours.exposure.empty()) return;
   REDRIVE_CHECK_OP(colours.exposure.size(), ==, n);
   REDRIVE_CHECK_OP(colours.gains.size(), ==, 3 * n);
@@ -158,9 +160,9 @@ inline void check_robust_colours(const ExposedColours& colours, std::size_t d_rg
   REDRIVE_CHECK_OP(d_appearance, ==, parameters);
 }
 
-/// The first half of `robust_colours`: returns the ray's loss, the sum over its channels.
-REDRIVE_HD inline float robust_of(const ExposedColours& colours, std::size_t ray,
-                                  std::span<float> d_rgb, std::span<float> squares) {
+/// The first half of `huber_loss`: returns the ray's loss, the sum over its channels.
+REDRIVE_HD inline float huber_loss_of_ray(const ColourLossInput& colours, std::size_t ray,
+                                          std::span<float> d_rgb, std::span<float> squares) {
   const std::size_t n = squares.size();
   float square = 0;
   for (std::size_t at = ray; at < 3 * n; at += n) {
@@ -168,17 +170,17 @@ REDRIVE_HD inline float robust_of(const ExposedColours& colours, std::size_t ray
     square += error * error;
   }
   squares[ray] = square / 3;
-  const HuberTerm<float> huber = huber_term(square, colours.huber_edge);
+  const HuberTerm<float> huber = huber_term(square, colours.huber_delta);
   const float weight = colours.weight.empty() ? 1.0f : colours.weight[ray];
   for (std::size_t at = ray; at < 3 * n; at += n) d_rgb[at] *= weight * huber.factor;
   return weight * huber.value;
 }
 
-/// Its second half, for the gains: d_rgb as robust_of left it. Calls add(number of the appearance's
-/// parameters, its derivative).
+/// Its second half, for the gains: d_rgb as huber_loss_of_ray left it. Calls add(number of the
+/// appearance's parameters, its derivative).
 template <class Add>
-REDRIVE_HD void gains_adjoint_of(const ExposedColours& colours, std::size_t ray,
-                                 std::span<const float> d_rgb, const Add& add) {
+REDRIVE_HD void gains_of_ray_backward(const ColourLossInput& colours, std::size_t ray,
+                                      std::span<const float> d_rgb, const Add& add) {
   std::array<float, 3> gains, d_gains;
   for (int k = 0; k < 3; ++k) {
     const std::size_t at = k * colours.exposure.size() + ray;
@@ -195,8 +197,9 @@ inline void check_median_depth(int n_rays, const Intervals& intervals, std::size
   REDRIVE_CHECK_OP(depth, ==, opacity);
 }
 
-REDRIVE_HD inline float median_depth_of(const Intervals& intervals, std::span<const float> weights,
-                                        std::span<const float> opacity, std::size_t ray) {
+REDRIVE_HD inline float median_depth_of_ray(const Intervals& intervals,
+                                            std::span<const float> weights,
+                                            std::span<const float> opacity, std::size_t ray) {
   const std::size_t first = ray * intervals.per_ray;
   return median_distance(&intervals.edges[first + ray], &weights[first], intervals.per_ray,
                          opacity[ray]);

@@ -205,7 +205,7 @@ class SelfTest {
                   other = random_numbers(rgb.size(), 12, 0, 255);
     const std::vector<std::uint8_t> truth(other.begin(), other.end());
     compare("score", kFp32, [&](Backend& backend) -> std::vector<Numbers> {
-      const PictureScore score = backend.score({kWidth, kHeight, rgb, truth, {}});
+      const ImageScore score = backend.score({kWidth, kHeight, rgb, truth, {}});
       return {{static_cast<float>(score.psnr_db)},
               {static_cast<float>(score.ssim)},
               {static_cast<float>(score.flip)}};
@@ -228,7 +228,8 @@ std::optional<std::string> self_test(Backend& backend) {
   }
 }
 
-std::unique_ptr<Backend> unless_it_errs(const std::function<std::unique_ptr<Backend>()>& make) {
+std::unique_ptr<Backend> make_if_self_test_passes(
+    const std::function<std::unique_ptr<Backend>()>& make) {
   std::string failure;
   try {
     auto backend = make();

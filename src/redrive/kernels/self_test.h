@@ -8,7 +8,7 @@
 #include <optional>
 #include <string>
 
-#include "redrive/kernels/kernels.h"
+#include "redrive/kernels/backend.h"
 
 namespace redrive::kernels {
 
@@ -18,6 +18,7 @@ std::optional<std::string> self_test(Backend& backend);
 
 /// The backend that `make` makes of a GPU, or null where its self-test fails, which is said on
 /// stderr.
-std::unique_ptr<Backend> unless_it_errs(const std::function<std::unique_ptr<Backend>()>& make);
+std::unique_ptr<Backend> make_if_self_test_passes(
+    const std::function<std::unique_ptr<Backend>()>& make);
 
 }  // namespace redrive::kernels

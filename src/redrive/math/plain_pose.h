@@ -10,34 +10,34 @@
 namespace redrive {
 
 /// A Rigid3d (math/rigid3.h): its rotation, row-major, and its translation.
-struct PlainMotion {
+struct PlainTransform {
   double rotation[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
   double translation[3] = {0, 0, 0};
 };
 
 /// The same with its rotation as a unit quaternion x, y, z, w, too (math/rigid3.h, plain).
-struct PlainPose : PlainMotion {
+struct PlainPose : PlainTransform {
   double quaternion[4] = {0, 0, 0, 1};
 };
 
 /// Coordinate k of the vector, turned. The third sum is Eigen's, too, which adds it the other way
 /// round: rays keep their bits.
-REDRIVE_HD inline double turned(const PlainMotion& motion, const double* vector, int k) {
+REDRIVE_HD inline double turned(const PlainTransform& motion, const double* vector, int k) {
   const double x = motion.rotation[3 * k] * vector[0], y = motion.rotation[3 * k + 1] * vector[1],
                z = motion.rotation[3 * k + 2] * vector[2];
   return k < 2 ? (x + y) + z : x + (y + z);
 }
 
 /// Coordinate k of the point, moved; added up as Eigen does.
-REDRIVE_HD inline double moved(const PlainMotion& motion, const double* point, int k) {
+REDRIVE_HD inline double moved(const PlainTransform& motion, const double* point, int k) {
   const double x = motion.rotation[3 * k] * point[0], y = motion.rotation[3 * k + 1] * point[1],
                z = motion.rotation[3 * k + 2] * point[2];
   return ((x + y) + z) + motion.translation[k];
 }
 
 /// a_from_c, from a_from_b and b_from_c.
-REDRIVE_HD inline PlainMotion product(const PlainMotion& a, const PlainMotion& b) {
-  PlainMotion out;
+REDRIVE_HD inline PlainTransform product(const PlainTransform& a, const PlainTransform& b) {
+  PlainTransform out;
   for (int column = 0; column < 3; ++column) {
     const double axis[3] = {b.rotation[column], b.rotation[3 + column], b.rotation[6 + column]};
     for (int k = 0; k < 3; ++k) out.rotation[3 * k + column] = turned(a, axis, k);
@@ -47,8 +47,8 @@ REDRIVE_HD inline PlainMotion product(const PlainMotion& a, const PlainMotion& b
 }
 
 /// b_from_a, from a_from_b.
-REDRIVE_HD inline PlainMotion inverse(const PlainMotion& a) {
-  PlainMotion out;
+REDRIVE_HD inline PlainTransform inverse(const PlainTransform& a) {
+  PlainTransform out;
   for (int i = 0; i < 9; ++i) out.rotation[i] = a.rotation[3 * (i % 3) + i / 3];
   for (int k = 0; k < 3; ++k) out.translation[k] = -turned(out, a.translation, k);
   return out;

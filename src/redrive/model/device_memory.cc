@@ -7,7 +7,7 @@ namespace redrive {
 namespace {
 
 /// Rays of which nobody asks where they go, with all that a batch may have.
-RayBatch rays_for_counting(int n, bool refines) {
+RayBatch make_counting_batch(int n, bool refines) {
   RayBatch batch;
   batch.n = n;
   batch.refines = refines;
@@ -37,9 +37,9 @@ class Unkept {
 
 }  // namespace
 
-std::optional<std::uint64_t> device_bytes(const kernels::Backend& backend, const Model& model,
-                                          const DeviceWork& work) {
-  kernels::CountedBytes count;
+std::optional<std::uint64_t> count_device_bytes(const kernels::Backend& backend, const Model& model,
+                                                const DeviceWork& work) {
+  kernels::MemoryCount count;
   const auto counting = backend.counting(&count);
   if (!counting) return std::nullopt;
   const Unkept unkept(model.parameters);
@@ -52,18 +52,18 @@ std::optional<std::uint64_t> device_bytes(const kernels::Backend& backend, const
   Workspace workspace;
   // Which places of the workspace a batch takes, depends on whether some of its rays are empty;
   // each keeps what it once had.
-  for (const bool all_live : {true, false, true}) {
-    count.all_live = all_live;
+  for (const bool all_active : {true, false, true}) {
+    count.all_active = all_active;
     if (work.step_rays > 0)
-      model.gradients(*counting, rays_for_counting(work.step_rays, work.refines), 0, 0, gradients,
+      model.gradients(*counting, make_counting_batch(work.step_rays, work.refines), 0, 0, gradients,
                       &workspace);
     if (work.lidar_rays > 0) {
-      RayBatch lidar = rays_for_counting(work.lidar_rays, false);
+      RayBatch lidar = make_counting_batch(work.lidar_rays, false);
       lidar.range_m.resize(work.lidar_rays);
       model.range_gradients(*counting, lidar, 0, 0, gradients, &workspace);
     }
     if (work.tile_rays > 0) {
-      RayBatch tile = rays_for_counting(work.tile_rays, false);
+      RayBatch tile = make_counting_batch(work.tile_rays, false);
       for (int ray = 0; ray <= work.tile_rays; ++ray) tile.group.push_back(ray);
       std::vector<float> picture(5 * static_cast<std::size_t>(work.tile_rays));
       const std::span<float> all(picture);

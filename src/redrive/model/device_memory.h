@@ -20,7 +20,7 @@ struct DeviceWork {
 
 /// Bytes at the peak, counted by going through all of it without computing
 /// (kernels::Backend::counting); nothing where the backend works in the host's memory.
-std::optional<std::uint64_t> device_bytes(const kernels::Backend& backend, const Model& model,
-                                          const DeviceWork& work);
+std::optional<std::uint64_t> count_device_bytes(const kernels::Backend& backend, const Model& model,
+                                                const DeviceWork& work);
 
 }  // namespace redrive

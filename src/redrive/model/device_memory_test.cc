@@ -3,9 +3,9 @@
 
 #include <gtest/gtest.h>
 
-#include "redrive/kernels/cuda/cuda_backend.h"
+#include "redrive/kernels/device/cuda_backend.h"
 #include "redrive/model/nerf_model.h"
-#include "redrive/model/tiny_grid_model.h"
+#include "redrive/model/tiny_grid_model_testing.h"
 
 namespace redrive {
 namespace {
@@ -26,9 +26,9 @@ RayBatch batch_of(int n, bool refines) {
 }
 
 /// What the loops take: of the same work, but place by place where a GPU's blocks are cut from one
-/// (kernels/cuda/slab.h).
+/// (kernels/device/arena.h).
 std::size_t taken(const Model& model, const DeviceWork& work, bool tensor_cores) {
-  kernels::DeviceCopies copies;
+  kernels::TransferCounts copies;
   const auto backend = kernels::make_loop_backend(&copies, tensor_cores);
   Workspace workspace;
   Buffer<float> gradients(model.size());
@@ -59,7 +59,7 @@ std::size_t taken(const Model& model, const DeviceWork& work, bool tensor_cores)
     }
   }
   model.parameters.elsewhere = nullptr;
-  return copies.most_there;
+  return copies.peak_bytes;
 }
 
 void expect_what_is_taken(const Model& model) {
@@ -75,7 +75,7 @@ void expect_what_is_taken(const Model& model) {
                    std::to_string(work.scored_width) + " pixels wide, tensor cores " +
                    std::to_string(tensor_cores));
       const auto backend = kernels::make_loop_backend(nullptr, tensor_cores);
-      const auto bytes = device_bytes(*backend, model, work);
+      const auto bytes = count_device_bytes(*backend, model, work);
       const std::size_t real = taken(model, work, tensor_cores);
       ASSERT_TRUE(bytes);
       EXPECT_GE(*bytes, real) << "batches are counted at their worst";
@@ -106,7 +106,7 @@ TEST(DeviceMemory, WhatIsKeptStaysKeptAndAsItWas) {
   kernels::keep(*backend, model.parameters);
   const void* const kept = model.parameters.elsewhere.get();
   const float first = model.parameters[0];
-  EXPECT_TRUE(device_bytes(*backend, model, {.step_rays = 10, .tile_rays = 10}));
+  EXPECT_TRUE(count_device_bytes(*backend, model, {.step_rays = 10, .tile_rays = 10}));
   EXPECT_EQ(model.parameters.elsewhere.get(), kept);
   EXPECT_EQ(model.parameters[0], first);
 }
@@ -114,7 +114,7 @@ TEST(DeviceMemory, WhatIsKeptStaysKeptAndAsItWas) {
 TEST(DeviceMemory, OfTheHostIsNotADevices) {
   GridModel model;
   make_tiny(model);
-  EXPECT_FALSE(device_bytes(*kernels::make_ref_backend(), model, {.tile_rays = 10}));
+  EXPECT_FALSE(count_device_bytes(*kernels::make_ref_backend(), model, {.tile_rays = 10}));
   EXPECT_FALSE(kernels::make_ref_backend()->free_memory());
 }
 

@@ -63,7 +63,7 @@ struct GridModel::Chance {
   Chance(std::uint64_t seed, std::uint64_t stream, std::int64_t step, const RayBatch& batch) {
     const auto first = 4 * static_cast<std::uint64_t>(step);
     const auto key = [&](int k) {
-      return key_from(random_key(seed, stream, first + k), batch.first_ray);
+      return advance_key(random_key(seed, stream, first + k), batch.first_ray);
     };
     for (int round = 0; round < 3; ++round) of_round[round] = key(round);
     of_empty = key(3);
@@ -77,7 +77,7 @@ struct GridModel::Beams {
 
   Beams() = default;
   Beams(const RayBatch& batch, Workspace* workspace)
-      : rays(put_rays(batch, workspace)),
+      : rays(upload_rays(batch, workspace)),
         pixel_angle(workspace->put(std::span(batch.pixel_angle).first(batch.n))) {}
 };
 
@@ -134,8 +134,8 @@ GridModel::Round GridModel::place(kernels::Backend& backend, const Beams& beams,
   return round;
 }
 
-void GridModel::look_at_sky(kernels::Backend& backend, const RayBatch& batch, Pass* pass,
-                            Workspace* workspace) const {
+void GridModel::evaluate_sky(kernels::Backend& backend, const RayBatch& batch, Pass* pass,
+                             Workspace* workspace) const {
   if (sky.levels == 0 && !batch.background.empty()) {
     pass->background = workspace->put(batch.background);
     return;
@@ -160,11 +160,11 @@ GridModel::Pass GridModel::propose(kernels::Backend& backend, const RayBatch& ba
   const auto draw = [&](int n, const Round& from, int per_ray, int round) {
     const auto edges = edges_for(n, per_ray);
     stages.proposed(n, from.intervals, from.weights,
-                    {per_ray, proposal_padding, jitter, key(round)}, edges);
+                    {per_ray, histogram_padding, jitter, key(round)}, edges);
     return edges;
   };
   const auto look = [&](const Beams& beams, int per_ray, std::span<const float> edges) {
-    Round round = place(backend, beams, per_ray, edges, proposal_width, workspace);
+    Round round = place(backend, beams, per_ray, edges, min_proposal_footprint, workspace);
     round.density = workspace->take(round.points.n);
     round.weights = workspace->take(round.points.n);
     stages.proposal_density(grid(kProposalGrid), density_scale(), round.points, round.density);
@@ -198,7 +198,7 @@ void GridModel::find_live(kernels::Backend& backend, const Chance* chance, Pass*
   kernels::GridStages& stages = backend.grid();
   const Beams& all = pass->all;
   const Round& round = pass->proposal[1];
-  kernels::LiveRays how{kEmptyOpacity};
+  kernels::RayCompaction how{kEmptyOpacity};
   if (chance) how = {kEmptyOpacity, kEmptyRaysKept, chance->of_empty};
   const auto list = workspace->take<std::uint32_t>(all.rays.n);
   const int n = stages.live_rays(all.rays.n, round.intervals.per_ray, round.weights, how, list);
@@ -232,7 +232,7 @@ GridModel::Pass GridModel::forward(kernels::Backend& backend, const RayBatch& ba
   using kernels::RayLayout;
   kernels::GridStages& stages = backend.grid();
   Pass pass = propose(backend, batch, chance, workspace);
-  look_at_sky(backend, batch, &pass, workspace);
+  evaluate_sky(backend, batch, &pass, workspace);
   find_live(backend, chance, &pass, workspace);
   sample(backend, &pass, workspace);
   const int live = pass.live.rays.n;
@@ -271,7 +271,7 @@ void GridModel::render(kernels::Backend& backend, const RayBatch& batch,
   workspace->get(opacity, out.opacity);
 }
 
-StepLosses GridModel::gradients(kernels::Backend& backend, const RayBatch& batch,
+StepOutput GridModel::gradients(kernels::Backend& backend, const RayBatch& batch,
                                 std::uint64_t seed, std::int64_t step, std::span<float> gradients,
                                 Workspace* workspace) const {
   kernels::GridStages& stages = backend.grid();
@@ -284,17 +284,23 @@ StepLosses GridModel::gradients(kernels::Backend& backend, const RayBatch& batch
   const Chance chance(seed, kStreamSamples, step, batch);
   const Pass pass = forward(backend, batch, &chance, out, workspace);
 
-  StepLosses losses;
-  losses.field_rays = pass.live.rays.n;
-  StepSums& sums = workspace->sums();
+  StepOutput losses;
+  losses.active_rays = pass.live.rays.n;
+  LossTerms& sums = workspace->sums();
   backend.mean(opacity, &sums.opacity);
   const auto target = workspace->put(std::span(batch.target).first(3 * rays)),
              weight = workspace->put(batch.weight);
   backend.photometric_loss(rgb, target, d_rgb, &sums.rgb_mse);
-  stages.robust_colours(
-      {{appearance, part(kAppearance)}, pass.exposure, rgb, pass.gains, target, weight, huber_edge},
-      d_rgb, squares, part_of(gradients, kAppearance), &sums.colours);
-  if (batch.by_error > 0) backend.mean(squares.first(rays - batch.by_error), &sums.rgb_mse);
+  stages.huber_loss({{appearance, part(kAppearance)},
+                     pass.exposure,
+                     rgb,
+                     pass.gains,
+                     target,
+                     weight,
+                     huber_delta},
+                    d_rgb, squares, part_of(gradients, kAppearance), &sums.colours);
+  if (batch.error_map_rays > 0)
+    backend.mean(squares.first(rays - batch.error_map_rays), &sums.rgb_mse);
   losses.squares = squares;
 
   const auto d_raw = workspace->take(pass.raw.size()),
@@ -302,14 +308,14 @@ StepLosses GridModel::gradients(kernels::Backend& backend, const RayBatch& batch
              d_origin = workspace->take(batch.refines ? 3 * rays : 0),
              d_direction = workspace->take(batch.refines ? 3 * rays : 0);
   const auto d_seen = pass.of_live(stages, kernels::RayLayout::kColumns, 3, d_rgb, workspace);
-  backend.composite_backward(losses.field_rays, pass.samples, pass.raw, pass.background_of_live,
+  backend.composite_backward(losses.active_rays, pass.samples, pass.raw, pass.background_of_live,
                              {d_seen, {}}, d_raw);
   if (empty_space >
       0) {  // of the mean over all rays the live ones' part: the others have nothing to lose
     const std::size_t points = pass.field.points.n;
     const float part =
-        empty_space * static_cast<float>(losses.field_rays) / static_cast<float>(rays);
-    stages.empty_space(losses.field_rays, pass.field.intervals, pass.raw.last(points), part,
+        empty_space * static_cast<float>(losses.active_rays) / static_cast<float>(rays);
+    stages.empty_space(losses.active_rays, pass.field.intervals, pass.raw.last(points), part,
                        d_raw.last(points), &sums.empty_space);
   }
   backward_field(backend, pass, d_raw, gradients, d_field, workspace);

@@ -11,7 +11,7 @@
 #include "redrive/field/contraction.h"
 #include "redrive/field/grid_field.h"
 #include "redrive/model/model.h"
-#include "redrive/sampling/proposal.h"
+#include "redrive/volume/ray_intervals.h"
 
 namespace redrive {
 
@@ -24,8 +24,8 @@ struct GridModel final : Model {
   HashGridConfig sky{
       4, 4, 8, 256,
       15};  ///< over directions; three features are colours, the sum of the levels counts
-  float huber_edge =
-      0.2f;  ///< of colours in [0, 1], loss/photometric.h; 2 and more: none, no two differ by more
+  float huber_delta = 0.2f;  ///< of colours in [0, 1], optim/photometric_loss.h; 2 and more: none,
+                             ///< no two differ by more
   AppearanceConfig appearance;  ///< of no camera unless somebody says how many there are
   float background =
       0;  ///< where sky.levels is 0: grey behind rays whose batch names no colour, as in rendering
@@ -33,10 +33,10 @@ struct GridModel final : Model {
   RaySpacing spacing{0.5f, 1000.0f, 20.0f};
   std::array<int, 2> proposal_samples{64, 32};  ///< per ray, first and second round
   int samples = 24;                             ///< per ray, of the field
-  float proposal_padding = 0.1f;  ///< sampling/proposal.h; chosen by measurement, as that of
-                                  ///< bounded scenes (train/run.cc)
-  float empty_space = 0;  ///< what the loss of loss/empty_space.h counts against the colours'
-  float proposal_width =
+  float histogram_padding = 0.1f;  ///< volume/ray_intervals.h; chosen by measurement, as that of
+                                   ///< bounded scenes (train/run.cc)
+  float empty_space = 0;  ///< what the loss of optim/sparsity_loss.h counts against the colours'
+  float min_proposal_footprint =
       0;  ///< least_width (kernels/grid_stages.h, contract) of proposals' points; chosen likewise
 
   const char* method() const override { return "grid"; }
@@ -56,13 +56,13 @@ struct GridModel final : Model {
   }
   /// Mueller et al. 2022, section 4.
   AdamStep adam(double learning_rate, std::int64_t step) const override;
-  StepLosses gradients(kernels::Backend& backend, const RayBatch& batch, std::uint64_t seed,
+  StepOutput gradients(kernels::Backend& backend, const RayBatch& batch, std::uint64_t seed,
                        std::int64_t step, std::span<float> gradients,
                        Workspace* workspace) const override;
   void range_gradients(kernels::Backend& backend, const RayBatch& batch, std::uint64_t seed,
                        std::int64_t step, std::span<float> gradients,
                        Workspace* workspace) const override;
-  double loss(const StepSums& sums) const override {
+  double loss(const LossTerms& sums) const override {
     return sums.colours + sums.empty_space + (sums.proposals[0] + sums.proposals[1]);
   }
   void render(kernels::Backend& backend, const RayBatch& batch, const kernels::CompositeOut& out,
@@ -83,8 +83,8 @@ struct GridModel final : Model {
   Round place(kernels::Backend& backend, const Beams& beams, int per_ray,
               std::span<const float> edges, float least_width, Workspace* workspace) const;
   /// What stands behind everything.
-  void look_at_sky(kernels::Backend& backend, const RayBatch& batch, Pass* pass,
-                   Workspace* workspace) const;
+  void evaluate_sky(kernels::Backend& backend, const RayBatch& batch, Pass* pass,
+                    Workspace* workspace) const;
   /// Two rounds of proposals and the edges of the field's intervals where the second one found
   /// something. Null: without any chance.
   Pass propose(kernels::Backend& backend, const RayBatch& batch, const Chance* chance,

@@ -6,9 +6,9 @@
 
 #include <gtest/gtest.h>
 
-#include "redrive/kernels/cuda/cuda_backend.h"
+#include "redrive/kernels/device/cuda_backend.h"
 #include "redrive/model/grid_model.h"
-#include "redrive/model/tiny_grid_model.h"
+#include "redrive/model/tiny_grid_model_testing.h"
 
 namespace redrive {
 namespace {
@@ -85,7 +85,7 @@ TEST(GridModelGradients, OfRaysAreThoseOfTheColours) {
     if (tensor.name == "proposal") std::fill_n(values, size_of(tensor), 0.0f);
     if (tensor.name == "colour.0.weight")
       for (std::int64_t row = 0; row < tensor.shape[0]; ++row)
-        std::fill_n(values + row * tensor.shape[1] + kGeometry, kHarmonics, 0.0f);
+        std::fill_n(values + row * tensor.shape[1] + kGeometryFeatures, kHarmonics, 0.0f);
   }
   RayBatch batch = tiny_batch(8);
   batch.refines = true;

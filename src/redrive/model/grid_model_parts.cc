@@ -30,7 +30,7 @@ kernels::HashGrid GridModel::grid(Part which) const {
 
 std::string GridModel::describe() const {
   return std::to_string(field.grid.levels) + " levels x " + std::to_string(field.grid.features) +
-         " of 2^" + std::to_string(field.grid.log2_rows) + " rows, width " +
+         " of 2^" + std::to_string(field.grid.log2_hashmap_size) + " rows, width " +
          std::to_string(field.width) + ", " + std::to_string(proposal_samples[0]) + " + " +
          std::to_string(proposal_samples[1]) + " + " + std::to_string(samples) + " samples per ray";
 }
@@ -39,9 +39,9 @@ void GridModel::visit_numbers(NumberVisitor& visit) {
   const auto visit_grid = [&](const std::string& name, HashGridConfig& grid) {
     visit(name + ".levels", grid.levels);
     visit(name + ".features", grid.features);
-    visit(name + ".base_cells", grid.base_cells);
-    visit(name + ".max_cells", grid.max_cells);
-    visit(name + ".log2_rows", grid.log2_rows);
+    visit(name + ".base_cells", grid.base_resolution);
+    visit(name + ".max_cells", grid.max_resolution);
+    visit(name + ".log2_rows", grid.log2_hashmap_size);
   };
   visit_grid("grid", field.grid);
   visit("width", field.width);
@@ -49,7 +49,7 @@ void GridModel::visit_numbers(NumberVisitor& visit) {
   visit_grid("proposal", proposal);
   visit_grid("sky", sky);
   visit("background", background);
-  visit("huber_edge", huber_edge);
+  visit("huber_edge", huber_delta);
   visit("appearance.cameras", appearance.cameras);
   visit("appearance.knots", appearance.knots);
   visit("contraction.center_x", contraction.center[0]);
@@ -65,8 +65,8 @@ void GridModel::visit_numbers(NumberVisitor& visit) {
   visit("first_proposals", proposal_samples[0]);
   visit("second_proposals", proposal_samples[1]);
   visit("samples", samples);
-  visit("proposal_padding", proposal_padding);
-  visit("proposal_width", proposal_width);
+  visit("proposal_padding", histogram_padding);
+  visit("proposal_width", min_proposal_footprint);
   visit("empty_space", empty_space);
 }
 
@@ -84,12 +84,12 @@ void GridModel::check(const std::filesystem::path& file) const {
     else
       require(grid.features == 2 || grid.features == 4 || grid.features == 8, name + ".features",
               grid.features, "must be 2, 4 or 8");
-    require(grid.base_cells >= 1 && grid.base_cells <= 1 << 20, name + ".base_cells",
-            grid.base_cells, "must be in 1..2^20");
-    require(grid.max_cells >= grid.base_cells && grid.max_cells <= 1 << 20, name + ".max_cells",
-            grid.max_cells, "must be in base_cells..2^20");
-    require(grid.log2_rows >= 4 && grid.log2_rows <= 24, name + ".log2_rows", grid.log2_rows,
-            "must be in 4..24");
+    require(grid.base_resolution >= 1 && grid.base_resolution <= 1 << 20, name + ".base_cells",
+            grid.base_resolution, "must be in 1..2^20");
+    require(grid.max_resolution >= grid.base_resolution && grid.max_resolution <= 1 << 20,
+            name + ".max_cells", grid.max_resolution, "must be in base_cells..2^20");
+    require(grid.log2_hashmap_size >= 4 && grid.log2_hashmap_size <= 24, name + ".log2_rows",
+            grid.log2_hashmap_size, "must be in 4..24");
   };
   check_grid("grid", field.grid, 0);
   require(field.grid.outputs() % 16 == 0, "grid.levels", field.grid.levels,
@@ -101,7 +101,7 @@ void GridModel::check(const std::filesystem::path& file) const {
   check_grid("proposal", proposal, 1);
   if (sky.levels != 0) check_grid("sky", sky, 4);
   require(background >= 0 && background <= 1, "background", background, "must be in 0..1");
-  require(huber_edge > 0, "huber_edge", huber_edge, "must be above 0");
+  require(huber_delta > 0, "huber_edge", huber_delta, "must be above 0");
   require(appearance.cameras >= 0 && appearance.cameras <= 1024, "appearance.cameras",
           appearance.cameras, "must be in 0..1024");
   require(appearance.knots >= 0 && appearance.knots <= 100'000, "appearance.knots",
@@ -112,10 +112,10 @@ void GridModel::check(const std::filesystem::path& file) const {
   require(spacing.half_m > 0, "spacing.half_m", spacing.half_m, "must be above 0");
   for (const int count : {proposal_samples[0], proposal_samples[1], samples})
     require(count >= 1 && count <= 1024, "samples", count, "must be in 1..1024");
-  require(proposal_padding > 0 && proposal_padding <= 1000, "proposal_padding", proposal_padding,
+  require(histogram_padding > 0 && histogram_padding <= 1000, "proposal_padding", histogram_padding,
           "must be above 0, up to 1000");
-  require(proposal_width >= 0 && proposal_width <= 10, "proposal_width", proposal_width,
-          "must be in 0..10");
+  require(min_proposal_footprint >= 0 && min_proposal_footprint <= 10, "proposal_width",
+          min_proposal_footprint, "must be in 0..10");
   require(empty_space >= 0 && empty_space <= 1, "empty_space", empty_space, "must be in 0..1");
 }
 

@@ -8,7 +8,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/error.h"
-#include "redrive/model/tiny_grid_model.h"
+#include "redrive/model/tiny_grid_model_testing.h"
 
 namespace redrive {
 namespace {
@@ -90,9 +90,9 @@ TEST(GridModel, NumbersAreAllThatItIsMadeOf) {
   model.proposal_samples = {40, 20};
   model.samples = 10;
   model.appearance = {5, 20};
-  model.huber_edge = 0.75f;
-  model.proposal_padding = 0.25f;
-  model.proposal_width = 0.75f;
+  model.huber_delta = 0.75f;
+  model.histogram_padding = 0.25f;
+  model.min_proposal_footprint = 0.75f;
   model.empty_space = 0.125f;
   const Numbers numbers(model);
   EXPECT_EQ(numbers.visited, static_cast<int>(numbers.values.size())) << "two of one name";
@@ -110,9 +110,9 @@ TEST(GridModel, NumbersAreAllThatItIsMadeOf) {
   EXPECT_EQ(copy.proposal_samples, model.proposal_samples);
   EXPECT_EQ(copy.samples, model.samples);
   EXPECT_EQ(copy.appearance.size(), 3u * 5 * 20);
-  EXPECT_EQ(copy.huber_edge, 0.75f);
-  EXPECT_EQ(copy.proposal_padding, 0.25f);
-  EXPECT_EQ(copy.proposal_width, 0.75f);
+  EXPECT_EQ(copy.huber_delta, 0.75f);
+  EXPECT_EQ(copy.histogram_padding, 0.25f);
+  EXPECT_EQ(copy.min_proposal_footprint, 0.75f);
   EXPECT_EQ(copy.empty_space, 0.125f);
   EXPECT_EQ(copy.size(), model.size());
   EXPECT_EQ(copy.samples_per_ray(), 40 + 20 + 10);

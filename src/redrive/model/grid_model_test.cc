@@ -11,8 +11,8 @@
 
 #include "redrive/base/rng.h"
 #include "redrive/field/activation.h"
-#include "redrive/kernels/cuda/cuda_backend.h"
-#include "redrive/model/tiny_grid_model.h"
+#include "redrive/kernels/device/cuda_backend.h"
+#include "redrive/model/tiny_grid_model_testing.h"
 
 namespace redrive {
 namespace {
@@ -192,7 +192,7 @@ TEST(GridModel, RaysThatMissTheCubeShowTheirBackground) {
       origin[k] = batch.origin[k * batch.n + ray];
       direction[k] = batch.direction[k * batch.n + ray];
     }
-    const RaySpacing within = spacing_of_ray(model.spacing, model.contraction, origin, direction);
+    const RaySpacing within = clip_to_scene(model.spacing, model.contraction, origin, direction);
     const bool misses = within.near_m == within.far_m;
     missed += misses;
     EXPECT_EQ(picture.opacity[ray] == 0, misses);
@@ -255,7 +255,7 @@ TEST(GridModel, RaysAreWeightedAndTheirErrorsHandedOut) {
     batch.weight[ray] = 0;
   }
   EXPECT_NEAR(sum, 2 * (plain.colours - gains), 1e-6 * sum);
-  batch.by_error = 5;
+  batch.error_map_rays = 5;
   EXPECT_NEAR(losses_of(model, batch, &ignored, *backend).rgb_mse,
               (squares[0] + squares[1] + squares[2]) / 3, 1e-6)
       << "of the even ones";
@@ -283,8 +283,8 @@ TEST(GridModel, EmptyRaysCostTheFieldNothing) {
   std::vector<float> gradients(model.size());
   const TinyLosses losses = losses_of(model, batch, &gradients, *backend);
   // Of 128 empty rays one in 16 is looked at all the same: 8 with a standard deviation of 2.7.
-  EXPECT_GT(losses.field_rays, kRays / 2);
-  EXPECT_LT(losses.field_rays, kRays / 2 + 8 + 5 * 3);
+  EXPECT_GT(losses.active_rays, kRays / 2);
+  EXPECT_LT(losses.active_rays, kRays / 2 + 8 + 5 * 3);
 
   const Picture picture(model, batch);
   for (int ray = 0; ray < kRays; ++ray) {

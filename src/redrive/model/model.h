@@ -13,7 +13,7 @@
 #include <vector>
 
 #include "redrive/base/buffer.h"
-#include "redrive/kernels/kernels.h"
+#include "redrive/kernels/backend.h"
 #include "redrive/model/workspace.h"
 #include "redrive/optim/adam.h"
 #include "redrive/rays/ray_table.h"
@@ -21,8 +21,8 @@
 namespace redrive {
 
 /// What the rays of a batch missed.
-struct StepLosses {
-  int field_rays = 0;  ///< grid: rays that met enough for the field to be asked
+struct StepOutput {
+  int active_rays = 0;  ///< grid: rays that met enough for the field to be asked
   /// grid: [n], squared error of each ray's colour, mean of its channels; where the backend
   /// computes, in the workspace until the next gradients()
   std::span<const float> squares;
@@ -72,15 +72,15 @@ class Model {
   /// Returns what the batch's rays missed, leaves losses in workspace->sums() and adds their
   /// derivatives to gradients [size()]. Random numbers are those of (seed, step), from those of
   /// batch.first_ray on.
-  virtual StepLosses gradients(kernels::Backend& backend, const RayBatch& batch, std::uint64_t seed,
+  virtual StepOutput gradients(kernels::Backend& backend, const RayBatch& batch, std::uint64_t seed,
                                std::int64_t step, std::span<float> gradients,
                                Workspace* workspace) const = 0;
-  /// The same of rays that end at batch.range_m: StepSums::range. Nothing in a method that does not
-  /// use LiDAR.
+  /// The same of rays that end at batch.range_m: LossTerms::range. Nothing in a method that does
+  /// not use LiDAR.
   virtual void range_gradients(kernels::Backend&, const RayBatch&, std::uint64_t, std::int64_t,
                                std::span<float>, Workspace*) const {}
   /// What is optimised, but for the LiDAR's part.
-  virtual double loss(const StepSums& sums) const = 0;
+  virtual double loss(const LossTerms& sums) const = 0;
   /// rgb, depth (metres along the ray) and opacity of the batch's rays, without any chance;
   /// out.weights stay as they are.
   virtual void render(kernels::Backend& backend, const RayBatch& batch,
@@ -99,7 +99,7 @@ inline kernels::Rays rays_of(const RayBatch& batch) {
   return {batch.n, std::span(batch.origin).first(3 * n), std::span(batch.direction).first(3 * n)};
 }
 /// The same where the backend reads them.
-inline kernels::Rays put_rays(const RayBatch& batch, Workspace* workspace) {
+inline kernels::Rays upload_rays(const RayBatch& batch, Workspace* workspace) {
   const kernels::Rays rays = rays_of(batch);
   return {rays.n, workspace->put(rays.origin), workspace->put(rays.direction)};
 }

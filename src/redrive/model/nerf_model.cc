@@ -72,13 +72,13 @@ void NerfModel::initialize(std::uint64_t seed) {
                     parameters.span().subspan(count * network, count));
 }
 
-StepLosses NerfModel::gradients(kernels::Backend& backend, const RayBatch& batch,
+StepOutput NerfModel::gradients(kernels::Backend& backend, const RayBatch& batch,
                                 std::uint64_t seed, std::int64_t step, std::span<float> gradients,
                                 Workspace* workspace) const {
   kernels::keep(backend, parameters);
   const std::size_t n = batch.n, coarse = n * samples, fine = n * (samples + fine_samples);
   workspace->begin(backend);
-  const kernels::Rays rays = put_rays(batch, workspace);
+  const kernels::Rays rays = upload_rays(batch, workspace);
   const auto target = workspace->put(std::span(batch.target).first(3 * n));
   const auto opacity = workspace->take(n), depth = workspace->take(n);
 
@@ -88,18 +88,18 @@ StepLosses NerfModel::gradients(kernels::Backend& backend, const RayBatch& batch
              weights = workspace->take(fine_samples > 0 ? coarse : 0);
   // Random numbers of this step: `each` a ray.
   const auto key = [&](std::uint64_t stream, int each) {
-    return key_from(random_key(seed, stream, step), batch.first_ray * each);
+    return advance_key(random_key(seed, stream, step), batch.first_ray * each);
   };
   backend.sample_stratified(batch.n, {samples, near_m, far_m, true, key(kStreamSamples, samples)},
                             t, dt);
   const kernels::Samples coarse_samples{samples, t, dt};
-  StepLosses losses;
+  StepOutput losses;
   const std::size_t refined = batch.refines ? 3 * n : 0;
   const kernels::RayGradients of_rays{workspace->take(refined),
                                       workspace->take(refined)};  // both networks add to them
   backend.fill(of_rays.d_origin, 0);
   backend.fill(of_rays.d_direction, 0);
-  StepSums& sums = workspace->sums();
+  LossTerms& sums = workspace->sums();
   backend.train_rays(field(0), rays, coarse_samples, target,
                      {workspace->take(3 * n), depth, opacity, weights},
                      gradients.first(nerf_parameter_count(config)), of_rays,
@@ -131,7 +131,7 @@ void NerfModel::render(kernels::Backend& backend, const RayBatch& batch,
   const std::size_t n = batch.n, coarse_size = n * samples,
                     fine_size = n * (samples + fine_samples);
   workspace->begin(backend);
-  const kernels::Rays rays = put_rays(batch, workspace);
+  const kernels::Rays rays = upload_rays(batch, workspace);
   const auto rgb = workspace->take(3 * n), depth = workspace->take(n), opacity = workspace->take(n),
              t = workspace->take(coarse_size), dt = workspace->take(coarse_size),
              weights = workspace->take(fine_samples > 0 ? coarse_size : 0);

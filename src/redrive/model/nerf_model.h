@@ -4,8 +4,8 @@
 #pragma once
 
 #include "redrive/field/nerf_field.h"
+#include "redrive/field/unit_from_world.h"
 #include "redrive/model/model.h"
-#include "redrive/scene/unit_from_world.h"
 
 namespace redrive {
 
@@ -30,10 +30,10 @@ struct NerfModel final : Model {
   AdamStep adam(double learning_rate, std::int64_t step) const override {
     return adam_step(learning_rate, step);
   }
-  StepLosses gradients(kernels::Backend& backend, const RayBatch& batch, std::uint64_t seed,
+  StepOutput gradients(kernels::Backend& backend, const RayBatch& batch, std::uint64_t seed,
                        std::int64_t step, std::span<float> gradients,
                        Workspace* workspace) const override;
-  double loss(const StepSums& sums) const override { return sums.coarse + sums.rgb_mse; }
+  double loss(const LossTerms& sums) const override { return sums.coarse + sums.rgb_mse; }
   void render(kernels::Backend& backend, const RayBatch& batch, const kernels::CompositeOut& out,
               Workspace* workspace) const override;
 };

@@ -9,7 +9,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/rng.h"
-#include "redrive/model/tiny_grid_model.h"
+#include "redrive/model/tiny_grid_model_testing.h"
 
 namespace redrive {
 namespace {
@@ -63,7 +63,7 @@ TEST(NerfModelGradients, OfRaysAreThoseOfTheLoss) {
     batch.refines = true;
     std::vector<float> gradients(model.size()), ignored(gradients);
     Workspace workspace;
-    const StepLosses losses = model.gradients(*backend, batch, 9, 3, gradients, &workspace);
+    const StepOutput losses = model.gradients(*backend, batch, 9, 3, gradients, &workspace);
     ASSERT_EQ(losses.d_origin.size(), 36u);
     ASSERT_EQ(losses.d_direction.size(), 36u);
     constexpr float h = 0x1p-11f;

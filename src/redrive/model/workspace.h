@@ -12,12 +12,12 @@
 #include <vector>
 
 #include "redrive/base/buffer.h"
-#include "redrive/kernels/kernels.h"
+#include "redrive/kernels/backend.h"
 
 namespace redrive {
 
 /// What the stages of a step say of it, means but for the last. What a method has not is 0.
-struct StepSums {
+struct LossTerms {
   double opacity = 0;  ///< 0 means a dead field
   double rgb_mse =
       0;  ///< squared error of the colours of rays that were drawn evenly: what PSNR is said of
@@ -51,11 +51,11 @@ class Workspace {
 
   /// Beside them, too, for stages to leave their numbers in: the host has these once it has fetched
   /// all, so that it waits but once.
-  StepSums& sums() {
+  LossTerms& sums() {
     kernels::keep(*backend_, sums_);
     return sums_[0];
   }
-  const StepSums& fetch_sums() {
+  const LossTerms& fetch_sums() {
     backend_->fetch(kernels::as_floats(std::as_const(sums_).span()));
     return sums_[0];
   }
@@ -102,7 +102,7 @@ class Workspace {
   kernels::Backend* backend_ = nullptr;
   std::vector<Buffer<float>> places_;
   Buffer<float> aside_;
-  Buffer<StepSums> sums_{1};
+  Buffer<LossTerms> sums_{1};
   std::size_t next_ = 0;
 };
 

@@ -38,8 +38,9 @@ REDRIVE_HD void adam_update(const AdamStep& s, T gradient, T& parameter, T& m, T
 }
 
 /// Learning rate of step `step` (from 0): initial * gamma^(number of milestones <= step).
-inline double multi_step_rate(double initial, double gamma,
-                              std::span<const std::int64_t> milestones, std::int64_t step) {
+inline double multi_step_learning_rate(double initial, double gamma,
+                                       std::span<const std::int64_t> milestones,
+                                       std::int64_t step) {
   double rate = initial;
   for (const std::int64_t milestone : milestones)
     if (step >= milestone) rate *= gamma;
@@ -49,7 +50,8 @@ inline double multi_step_rate(double initial, double gamma,
 /// Exponential decay with a warm-up: initial * last_factor^progress, progress 0..1 through the run;
 /// the first kWarmUpSteps rise linearly, since Adam's first moments are of few steps.
 constexpr std::int64_t kWarmUpSteps = 100;
-inline double decayed_rate(double initial, double last_factor, double progress, std::int64_t step) {
+inline double exponential_decay_rate(double initial, double last_factor, double progress,
+                                     std::int64_t step) {
   const double warm = step < kWarmUpSteps ? static_cast<double>(step + 1) / kWarmUpSteps : 1.0;
   return initial * std::pow(last_factor, progress) * warm;
 }

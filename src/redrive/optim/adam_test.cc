@@ -73,23 +73,23 @@ TEST(Adam, LazyStepForgetsNothingOfWhatItIsNotTold) {
   EXPECT_EQ(lazy_p, plain_p);
 }
 
-TEST(DecayedRate, RisesThenDecaysToTheLastFactor) {
-  EXPECT_DOUBLE_EQ(decayed_rate(0.02, 0.1, 0, 0), 0.02 / kWarmUpSteps);
-  EXPECT_DOUBLE_EQ(decayed_rate(0.02, 0.1, 0, kWarmUpSteps / 2 - 1), 0.01);
-  EXPECT_DOUBLE_EQ(decayed_rate(0.02, 0.1, 0, kWarmUpSteps - 1), 0.02);
-  EXPECT_DOUBLE_EQ(decayed_rate(0.02, 0.1, 0, kWarmUpSteps), 0.02);
-  EXPECT_DOUBLE_EQ(decayed_rate(0.02, 0.01, 0.5, 1000000), 0.002);
-  EXPECT_DOUBLE_EQ(decayed_rate(0.02, 0.1, 1, 1000000), 0.002);
+TEST(ExponentialDecayRate, RisesThenDecaysToTheLastFactor) {
+  EXPECT_DOUBLE_EQ(exponential_decay_rate(0.02, 0.1, 0, 0), 0.02 / kWarmUpSteps);
+  EXPECT_DOUBLE_EQ(exponential_decay_rate(0.02, 0.1, 0, kWarmUpSteps / 2 - 1), 0.01);
+  EXPECT_DOUBLE_EQ(exponential_decay_rate(0.02, 0.1, 0, kWarmUpSteps - 1), 0.02);
+  EXPECT_DOUBLE_EQ(exponential_decay_rate(0.02, 0.1, 0, kWarmUpSteps), 0.02);
+  EXPECT_DOUBLE_EQ(exponential_decay_rate(0.02, 0.01, 0.5, 1000000), 0.002);
+  EXPECT_DOUBLE_EQ(exponential_decay_rate(0.02, 0.1, 1, 1000000), 0.002);
 }
 
-TEST(MultiStepRate, HalvesAtEachMilestone) {
+TEST(MultiStepLearningRate, HalvesAtEachMilestone) {
   const std::array<std::int64_t, 2> milestones = {10, 20};
-  EXPECT_EQ(multi_step_rate(8, 0.5, milestones, 0), 8);
-  EXPECT_EQ(multi_step_rate(8, 0.5, milestones, 9), 8);
-  EXPECT_EQ(multi_step_rate(8, 0.5, milestones, 10), 4);
-  EXPECT_EQ(multi_step_rate(8, 0.5, milestones, 19), 4);
-  EXPECT_EQ(multi_step_rate(8, 0.5, milestones, 20), 2);
-  EXPECT_EQ(multi_step_rate(8, 0.5, {}, 1000), 8);
+  EXPECT_EQ(multi_step_learning_rate(8, 0.5, milestones, 0), 8);
+  EXPECT_EQ(multi_step_learning_rate(8, 0.5, milestones, 9), 8);
+  EXPECT_EQ(multi_step_learning_rate(8, 0.5, milestones, 10), 4);
+  EXPECT_EQ(multi_step_learning_rate(8, 0.5, milestones, 19), 4);
+  EXPECT_EQ(multi_step_learning_rate(8, 0.5, milestones, 20), 2);
+  EXPECT_EQ(multi_step_learning_rate(8, 0.5, {}, 1000), 8);
 }
 
 }  // namespace

@@ -8,7 +8,7 @@ namespace {
 
 std::vector<PlainFrame> plain_frames(const std::vector<FramePose>& frames) {
   std::vector<PlainFrame> out;
-  for (const FramePose& frame : frames) out.push_back({frame.t_ns, plain(frame.ecef_from_body)});
+  for (const FramePose& frame : frames) out.push_back({frame.t_ns, plain(frame.global_from_body)});
   return out;
 }
 
@@ -19,13 +19,13 @@ LidarSampler::LidarSampler(const LidarReturns& returns, std::uint64_t seed) : se
       returns.origin, returns.direction, returns.range_m, returns.t_ns, {}, {}, {}};
 }
 
-void LidarSampler::place(const Rigid3d& ecef_from_world, const std::vector<FramePose>& recorded,
+void LidarSampler::place(const Rigid3d& global_from_world, const std::vector<FramePose>& recorded,
                          const std::vector<FramePose>& now) {
   REDRIVE_CHECK(!recorded.empty());
   REDRIVE_CHECK_OP(now.size(), ==, recorded.size());
   recorded_ = plain_frames(recorded);
   now_ = plain_frames(now);
-  source_.ecef_from_world = plain(ecef_from_world);
+  source_.global_from_world = plain(global_from_world);
   source_.recorded = recorded_;
   source_.poses = now_;
   ++source_.placed;
@@ -36,7 +36,7 @@ LidarDraw LidarSampler::draw(std::int64_t step, int n) const {
   return {seed_, static_cast<std::uint64_t>(step) * static_cast<std::uint64_t>(n)};
 }
 
-GatheredReturns LidarSampler::make_room(int n, RayBatch* batch) {
+GatheredReturns LidarSampler::resize_batch(int n, RayBatch* batch) {
   const std::size_t rays = n;
   batch->n = n;
   for (auto* xyz : {&batch->origin, &batch->direction}) xyz->resize(3 * rays);
@@ -49,7 +49,7 @@ GatheredReturns LidarSampler::make_room(int n, RayBatch* batch) {
 
 void LidarSampler::gather(std::int64_t step, int n, RayBatch* batch) const {
   REDRIVE_CHECK_OP(source_.range_m.size(), >, 0u);
-  gather_returns(source_, draw(step, n), make_room(n, batch));
+  gather_returns(source_, draw(step, n), resize_batch(n, batch));
 }
 
 void gather_returns(const LidarSpans& from, const LidarDraw& draw, const GatheredReturns& out) {

@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "redrive/rays/lidar_gather.h"
+#include "redrive/kernels/gather/gather_returns.h"
 #include "redrive/rays/ray_table.h"
 #include "redrive/scene/lidar_returns.h"
 
@@ -21,7 +21,7 @@ class LidarSampler {
 
   /// Returns that lie in the world as `recorded` has the frames go with them to where these are
   /// now.
-  void place(const Rigid3d& ecef_from_world, const std::vector<FramePose>& recorded,
+  void place(const Rigid3d& global_from_world, const std::vector<FramePose>& recorded,
              const std::vector<FramePose>& now);
 
   /// Batch `step` (from 0): n rays with range_m, without colours. There must be returns.
@@ -30,7 +30,7 @@ class LidarSampler {
   /// gather() in its parts, for backends that gather themselves: what is drawn, room for it, and
   /// what it is drawn from.
   LidarDraw draw(std::int64_t step, int n) const;
-  static GatheredReturns make_room(int n, RayBatch* batch);
+  static GatheredReturns resize_batch(int n, RayBatch* batch);
   const LidarSource& source() const { return source_; }
 
  private:

@@ -61,25 +61,25 @@ TEST(LidarSampler, IsAFunctionOfSeedAndStep) {
 TEST(LidarSampler, ReturnsGoWithTheFramesBetweenWhichTheyLie) {
   LidarReturns r = returns(60);
   for (std::size_t i = 0; i < r.n; ++i) r.t_ns.push_back(static_cast<std::int64_t>(i));
-  Rigid3d ecef_from_world(Eigen::AngleAxisd(0.9, Eigen::Vector3d(1, -2, 3).normalized()));
-  ecef_from_world.translation() = Eigen::Vector3d(4e6, 1e6, 5e6);
+  Rigid3d global_from_world(Eigen::AngleAxisd(0.9, Eigen::Vector3d(1, -2, 3).normalized()));
+  global_from_world.translation() = Eigen::Vector3d(4e6, 1e6, 5e6);
   std::vector<FramePose> recorded(2), now;
   recorded[1].t_ns = 59;
-  recorded[0].ecef_from_body = recorded[1].ecef_from_body = ecef_from_world;
-  recorded[1].ecef_from_body.translate(Eigen::Vector3d(10, 0, 0));
+  recorded[0].global_from_body = recorded[1].global_from_body = global_from_world;
+  recorded[1].global_from_body.translate(Eigen::Vector3d(10, 0, 0));
   now = recorded;
-  now[1].ecef_from_body.translate(Eigen::Vector3d(0, 0.2, 0));
-  now[1].ecef_from_body.rotate(Eigen::AngleAxisd(0.01, Eigen::Vector3d::UnitZ()));
+  now[1].global_from_body.translate(Eigen::Vector3d(0, 0.2, 0));
+  now[1].global_from_body.rotate(Eigen::AngleAxisd(0.01, Eigen::Vector3d::UnitZ()));
   LidarSampler sampler(r, 5);
   RayBatch before, batch;
   sampler.gather(0, 60, &before);
-  sampler.place(ecef_from_world, recorded, recorded);
+  sampler.place(global_from_world, recorded, recorded);
   sampler.gather(0, 60, &batch);
   for (std::size_t i = 0; i < 180; ++i) {
     EXPECT_NEAR(batch.origin[i], before.origin[i], 2e-4);
     EXPECT_NEAR(batch.direction[i], before.direction[i], 1e-6);
   }
-  sampler.place(ecef_from_world, recorded, now);
+  sampler.place(global_from_world, recorded, now);
   sampler.gather(0, 60, &batch);
   EXPECT_EQ(batch.range_m, before.range_m);
   for (std::size_t i = 0; i < 60; ++i) {

@@ -22,10 +22,10 @@ void resize(RayBatch* batch, int n, bool with_target) {
   batch->background.clear();
   batch->weight.clear();
   batch->cell.clear();
-  batch->by_error = 0;
+  batch->error_map_rays = 0;
 }
 
-TableSpans spans_of(const RayTable& table) {
+RayTableSpans spans_of(const RayTable& table) {
   return {table.width, table.height, table.pixel_angle, table.pixel, table.direction};
 }
 
@@ -51,15 +51,15 @@ float mean_pixel_angle(const Camera& camera) {
 }  // namespace
 
 RayTable make_ray_table(const Camera& camera, int threads) {
-  constexpr int kRowsOfRange = 16;
+  constexpr int kRowsPerRange = 16;
   struct Rows {
     std::vector<std::uint32_t> pixel;
     std::vector<float> direction;
   };
-  std::vector<Rows> parts((camera.height + kRowsOfRange - 1) / kRowsOfRange);
+  std::vector<Rows> parts((camera.height + kRowsPerRange - 1) / kRowsPerRange);
   ThreadPool(threads).run_ranges(
-      camera.height, kRowsOfRange, [&](std::size_t begin, std::size_t end) {
-        Rows& rows = parts[begin / kRowsOfRange];
+      camera.height, kRowsPerRange, [&](std::size_t begin, std::size_t end) {
+        Rows& rows = parts[begin / kRowsPerRange];
         for (std::size_t y = begin; y < end; ++y)
           for (int x = 0; x < camera.width; ++x) {
             const auto direction = camera.unproject({x, y});
@@ -77,7 +77,7 @@ RayTable make_ray_table(const Camera& camera, int threads) {
   return table;
 }
 
-PixelSquares squares_of(const RayTable& table) {
+PixelSquares make_pixel_squares(const RayTable& table) {
   constexpr std::uint32_t kNone = ~0u;
   constexpr int kLarge = 16;
   std::vector<std::uint32_t> entry_of(static_cast<std::size_t>(table.width) * table.height, kNone);
@@ -109,10 +109,10 @@ void view_rays(const RayTable& table, const ShutterPoses& world_from_camera,
   out.origin = batch->origin;
   out.direction = batch->direction;
   out.pixel_angle = batch->pixel_angle;
-  const TableSpans spans = spans_of(table);
+  const RayTableSpans spans = spans_of(table);
   const std::vector<PlainPose>& keys = world_from_camera.keys();
   for (std::size_t i = 0; i < entries.size(); ++i)
-    set_ray(spans, entries[i], keys.data(), keys.size(), i, entries.size(), out);
+    write_ray(spans, entries[i], keys.data(), keys.size(), i, entries.size(), out);
 }
 
 UsedPixels::UsedPixels(const RayTable& table, const std::vector<std::uint8_t>& used)
@@ -142,14 +142,14 @@ PixelSampler::PixelSampler(const Scene& scene, const std::vector<Image8>& images
                          0, scene.exposure(view), image.rgb, image.alpha, image.used});
     std::vector<float> share(image.rgb.size() / 3);
     for (const std::uint32_t pixel : table.pixel)
-      share[pixel] = share_of(image.alpha, image.used, pixel);
+      share[pixel] = pixel_sampling_weight(image.alpha, image.used, pixel);
     cells_.add(image.width, image.height, share);
     if (image.used.empty() && image.alpha.empty()) {
       add(picture, 1, nullptr);
       continue;
     }
     for (const int every :
-         {1, kEpochsPerEmptyPixel}) {  // what there is to see, and what is wholly transparent
+         {1, kEpochsPerTransparentPixel}) {  // what there is to see, and what is wholly transparent
       std::vector<std::uint8_t> used(share.size());
       for (std::size_t pixel = 0; pixel < used.size(); ++pixel)
         used[pixel] = share[pixel] == 1.0f / every;
@@ -166,8 +166,8 @@ PixelSampler::PixelSampler(const Scene& scene, const std::vector<Image8>& images
         first->image, "", "",
         "masks and camera models leave no pixel of this and all other training images");
   static_cast<PixelSpans&>(source_) = {offsets_.back(),
-                                       rendered_background(scene.background)[0],
-                                       scene.random_behind,
+                                       background_colour(scene.background)[0],
+                                       scene.random_background,
                                        table_spans_,
                                        pictures_,
                                        pools_,
@@ -180,7 +180,7 @@ PixelSampler::PixelSampler(const Scene& scene, const std::vector<Image8>& images
 
 void PixelSampler::place() {
   poses_.clear();
-  for (TrainingPicture& picture : pictures_) {
+  for (TrainingImage& picture : pictures_) {
     const ShutterPoses poses = scene_.shutter_poses(scene_.views[picture.view]);
     picture.first_pose = poses_.size();
     picture.poses = poses.keys().size();
@@ -205,11 +205,11 @@ std::int64_t PixelSampler::steps_per_epoch(int rays) const {
   return static_cast<std::int64_t>((pixels() + rays - 1) / rays);
 }
 
-PixelDraw PixelSampler::draw(std::uint64_t first, int even, int by_error) const {
+PixelDraw PixelSampler::draw(std::uint64_t first, int even, int error_map_rays) const {
   REDRIVE_CHECK_OP(even, >=, 1);
   const std::uint64_t epoch = first / pixels(), begin = first % pixels();
   return {static_cast<int>(std::min<std::uint64_t>(even, pixels() - begin)),
-          by_error,
+          error_map_rays,
           epoch,
           begin,
           random_key(seed_, kStreamPixels, epoch),
@@ -217,13 +217,13 @@ PixelDraw PixelSampler::draw(std::uint64_t first, int even, int by_error) const 
           random_key(seed_, kStreamBackground, first)};
 }
 
-GatheredRays PixelSampler::make_room(const PixelDraw& draw, RayBatch* batch) const {
-  resize(batch, draw.even + draw.by_error, true);
+GatheredRays PixelSampler::resize_batch(const PixelDraw& draw, RayBatch* batch) const {
+  resize(batch, draw.even + draw.error_map_rays, true);
   const std::size_t n = batch->n;
-  batch->by_error = draw.by_error;
+  batch->error_map_rays = draw.error_map_rays;
   batch->exposure.resize(n);
   batch->view.resize(n);
-  batch->cell.resize(draw.by_error > 0 ? n : 0);
+  batch->cell.resize(draw.error_map_rays > 0 ? n : 0);
   batch->weight.resize(batch->cell.size());
   batch->background.resize(scene_.background == Background::kNone ? 0 : 3 * n);
   return {batch->origin, batch->direction, batch->target, batch->background, batch->pixel_angle,
@@ -231,24 +231,24 @@ GatheredRays PixelSampler::make_room(const PixelDraw& draw, RayBatch* batch) con
 }
 
 void PixelSampler::gather(std::uint64_t first, int even, RayBatch* batch,
-                          const RaysByError& more) const {
+                          const ErrorMapRays& more) const {
   REDRIVE_CHECK(more.n == 0 || more.errors.size() == cells_.size());
   const PixelDraw pixels = draw(first, even, more.n);
-  gather_rays(source_, pixels, more.errors, make_room(pixels, batch));
+  gather_pixels(source_, pixels, more.errors, resize_batch(pixels, batch));
 }
 
-void gather_rays(const PixelSpans& from, const PixelDraw& draw, std::span<const float> errors,
-                 const GatheredRays& out) {
-  const std::size_t even = draw.even, n = even + draw.by_error;
-  for (std::size_t i = 0; i < even; ++i) gather_ray(from, draw, errors, i, out);
+void gather_pixels(const PixelSpans& from, const PixelDraw& draw, std::span<const float> errors,
+                   const GatheredRays& out) {
+  const std::size_t even = draw.even, n = even + draw.error_map_rays;
+  for (std::size_t i = 0; i < even; ++i) gather_pixel(from, draw, errors, i, out);
   double pixels = 0, error = 0;
   for (std::size_t i = even; i < n; ++i) {
-    const CellDraw drawn = gather_ray(from, draw, errors, i, out);
+    const CellSample drawn = gather_pixel(from, draw, errors, i, out);
     pixels += drawn.pixels;
     error += drawn.error;
   }
   for (std::size_t i = 0; i < out.weight.size(); ++i)
-    weigh_ray(draw, errors, pixels, error, i, out);
+    write_ray_weight(draw, errors, pixels, error, i, out);
 }
 
 }  // namespace redrive

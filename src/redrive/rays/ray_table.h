@@ -8,9 +8,9 @@
 #include <vector>
 
 #include "redrive/camera/camera.h"
-#include "redrive/rays/pixel_cells.h"
-#include "redrive/rays/pixel_gather.h"
-#include "redrive/scene/image_set.h"
+#include "redrive/kernels/gather/error_map.h"
+#include "redrive/kernels/gather/gather_pixels.h"
+#include "redrive/scene/load_views.h"
 #include "redrive/scene/scene.h"
 
 namespace redrive {
@@ -30,9 +30,10 @@ RayTable make_ray_table(const Camera& camera, int threads = 1);
 /// (Background::kNone) background is empty.
 struct RayBatch {
   int n = 0;
-  int by_error = 0;  ///< of them the last, which PixelSampler drew by error, the others evenly
-  std::uint64_t first_ray =
-      0;  ///< rays of the same step before these, which other backends have (train/team.h)
+  int error_map_rays =
+      0;  ///< of them the last, which PixelSampler drew by error, the others evenly
+  std::uint64_t first_ray = 0;  ///< rays of the same step before these, which other backends have
+                                ///< (train/data_parallel_group.h)
   std::vector<float> origin, direction, target, background;
   std::vector<float> pixel_angle;  ///< [n], rad: of the ray's camera
   std::vector<Exposure> exposure;  ///< [n], empty: none
@@ -53,7 +54,7 @@ struct PixelSquares {
   std::vector<std::uint32_t>
       first;  ///< [squares + 1]: where in `entry` each square of 2 x 2 begins; none is empty
 };
-PixelSquares squares_of(const RayTable& table);
+PixelSquares make_pixel_squares(const RayTable& table);
 
 /// Rays of one view for rendering: ray k is entries[k] of the table.
 void view_rays(const RayTable& table, const ShutterPoses& world_from_camera,
@@ -79,10 +80,10 @@ class UsedPixels {
 
 /// Rays of a batch beside the even ones, drawn by what the rays of each of PixelSampler::cells
 /// lately missed.
-struct RaysByError {
+struct ErrorMapRays {
   int n = 0;
   std::span<const float>
-      errors;  ///< [cells().size()], as smooth_errors keeps them; may be empty if n is 0
+      errors;  ///< [cells().size()], as update_error_map keeps them; may be empty if n is 0
 };
 
 /// The training pixels of a scene: every valid pixel of every view that is not held out and that no
@@ -101,19 +102,19 @@ class PixelSampler {
   void place();
 
   std::uint64_t pixels() const { return source_.pixels; }  ///< of one epoch
-  const PixelCells& cells() const { return cells_; }       ///< of the training views
+  const ErrorMapLayout& cells() const { return cells_; }   ///< of the training views
   std::int64_t steps_per_epoch(int rays) const;  ///< of so many even rays; the last may have fewer
 
   /// The `even` pixels from the `first`-th on, counted from 0 through all epochs, fewer at the end
   /// of an epoch; then those by error, transparent ones a fourth as often as others, too. Where a
-  /// pixel is drawn more often its rays weigh less (ray_weight). A function of the seed, `first`
-  /// and the errors.
-  void gather(std::uint64_t first, int even, RayBatch* batch, const RaysByError& more = {}) const;
+  /// pixel is drawn more often its rays weigh less (balance_heuristic_weight). A function of the
+  /// seed, `first` and the errors.
+  void gather(std::uint64_t first, int even, RayBatch* batch, const ErrorMapRays& more = {}) const;
 
   /// gather() in its parts, for backends that gather themselves: what is drawn, room for it, and
   /// what it is drawn from.
-  PixelDraw draw(std::uint64_t first, int even, int by_error) const;
-  GatheredRays make_room(const PixelDraw& draw, RayBatch* batch) const;
+  PixelDraw draw(std::uint64_t first, int even, int error_map_rays) const;
+  GatheredRays resize_batch(const PixelDraw& draw, RayBatch* batch) const;
   const PixelSource& source() const { return source_; }
 
  private:
@@ -123,10 +124,10 @@ class PixelSampler {
   std::uint64_t seed_;
   std::vector<RayTable> tables_;  ///< by camera of the rig
   std::vector<UsedPixels> used_;  ///< of the pools that are not whole tables
-  PixelCells cells_;              ///< a picture a training view
+  ErrorMapLayout cells_;          ///< a picture a training view
   // What source_ speaks of:
-  std::vector<TableSpans> table_spans_;
-  std::vector<TrainingPicture> pictures_;
+  std::vector<RayTableSpans> table_spans_;
+  std::vector<TrainingImage> pictures_;
   std::vector<PixelPool> pools_;
   std::vector<std::uint64_t> offsets_;
   std::vector<PlainPose> poses_;

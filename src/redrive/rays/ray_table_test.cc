@@ -9,7 +9,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/error.h"
-#include "redrive/scene/test_recording.h"
+#include "redrive/scene/scene_testing.h"
 
 namespace redrive {
 namespace {
@@ -72,7 +72,7 @@ TEST(PixelSquares, HoldEachPixelOnceBesideItsNeighbours) {
         table.pixel.push_back(y * table.width + x);
         expected.insert({x / 2, y / 2});
       }
-  const PixelSquares squares = squares_of(table);
+  const PixelSquares squares = make_pixel_squares(table);
   EXPECT_EQ(std::set(squares.entry.begin(), squares.entry.end()).size(), table.pixel.size());
   ASSERT_EQ(squares.entry.size(), table.pixel.size());
   ASSERT_EQ(squares.first.front(), 0u);
@@ -96,7 +96,7 @@ TEST(PixelSquares, OfNothingAreNone) {
   RayTable table;
   table.width = 5;
   table.height = 3;
-  EXPECT_EQ(squares_of(table).first, std::vector<std::uint32_t>{0});
+  EXPECT_EQ(make_pixel_squares(table).first, std::vector<std::uint32_t>{0});
 }
 
 TEST_F(RaysTest, TableIsTheSameOnAnyNumberOfThreads) {
@@ -324,7 +324,7 @@ TEST_F(SamplerTest, BackgroundsOfABatch) {
   expect_all(Background::kBlack, 0);
 
   scene_.background = Background::kWhite;
-  scene_.random_behind = true;
+  scene_.random_background = true;
   for (Image8& image : images_) image.alpha.assign(image.rgb.size() / 3, 204);  // 0.8
   const PixelSampler sampler(scene_, images_, 5);
   sampler.gather(3 * 64, 64, &batch);
@@ -394,7 +394,7 @@ TEST_F(SamplerTest, RaysByErrorAreTrainingPixelsByShareAndError) {
     for (int i = 0; i < kBatches; ++i) {
       sampler.gather(3 * i, 3, &batch, {kByError, errors});
       EXPECT_EQ(batch.n, 3 + kByError);
-      EXPECT_EQ(batch.by_error, kByError);
+      EXPECT_EQ(batch.error_map_rays, kByError);
       EXPECT_EQ(batch.cell.size(), 3u + kByError);
       for (int k = 3; k < batch.n; ++k) ++counts[ray_of(batch, k)];
     }
@@ -451,7 +451,7 @@ TEST_F(SamplerTest, RaysByErrorFollowTheEvenOnesAndSayTheirCells) {
   RayBatch plain, batch, again, elsewhere;
   sampler.gather(320, 64, &plain);
   EXPECT_TRUE(plain.cell.empty());
-  EXPECT_EQ(plain.by_error, 0);
+  EXPECT_EQ(plain.error_map_rays, 0);
   sampler.gather(320, 64, &batch, {32, errors});
   ASSERT_EQ(batch.n, 96);
   for (int i = 0; i < 64; ++i) EXPECT_EQ(ray_of(batch, i), ray_of(plain, i));

@@ -145,7 +145,7 @@ bool looks_like(const fs::path& root) {
 Recording open(const fs::path& root, PoseSource source) {
   Recording recording;
   recording.root = root;
-  const bool truth = source == PoseSource::kTruth;
+  const bool truth = source == PoseSource::kGroundTruth;
   const fs::path calibration_file =
       root / "sensor/calibration" / (truth ? "calibration_true.json" : "calibration.json");
   const fs::path image_root = root / "sensor/camera",
@@ -156,9 +156,9 @@ Recording open(const fs::path& root, PoseSource source) {
   recording.other_sensors = others.names;
   recording.body_from_lidar = others.body_from_lidar;
   if (truth || is_there(true_poses_file))
-    recording.true_frames = parse_egomotion(read_file(true_poses_file), true_poses_file);
+    recording.ground_truth_frames = parse_egomotion(read_file(true_poses_file), true_poses_file);
   if (truth) {
-    recording.frames = recording.true_frames;
+    recording.frames = recording.ground_truth_frames;
   } else {
     const fs::path poses_file = egomotion_file(root);
     recording.frames = parse_egomotion(read_file(poses_file), poses_file);

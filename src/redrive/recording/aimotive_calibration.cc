@@ -12,10 +12,10 @@ namespace redrive::aimotive {
 namespace {
 
 constexpr double kMaxXi = 10;  // Mei: 0 pinhole, 1 parabolic mirror, fisheyes 1..3
-constexpr double kMaxMount_m =
+constexpr double kMaxSensorDistance_m =
     50;  // a sensor further from the body's origin was not given in metres
 constexpr double kMaxTimeOffset_s = 1;  // beyond that it is another frame's image
-constexpr double kMountTolerance_m =
+constexpr double kPositionTolerance_m =
     0.01;  // pos_meter and RT agree to the digits they are written with
 
 bool usable_name(const std::string& name) {
@@ -49,9 +49,9 @@ std::string text(const Eigen::Vector3d& v) {
   return buffer;
 }
 
-Rigid3d mount_from_json(const JsonField& sensor) {
+Rigid3d extrinsics_from_json(const JsonField& sensor) {
   const Rigid3d body_from_sensor = rigid_from_json(sensor.at("RT_body_from_sensor"));
-  if (body_from_sensor.translation().norm() > kMaxMount_m) {
+  if (body_from_sensor.translation().norm() > kMaxSensorDistance_m) {
     refuse(sensor.at("RT_body_from_sensor"), "translation " + text(body_from_sensor.translation()),
            "the sensor is more than 50 m from the body's origin; metres are expected");
   }
@@ -70,7 +70,7 @@ void check_direction(const JsonField& sensor, const Rigid3d& body_from_sensor) {
     const std::vector<double> values = sensor.at("pos_meter").numbers(3);
     const Eigen::Vector3d position(values[0], values[1], values[2]);
     const auto agrees = [&](const Rigid3d& pose) {
-      return (pose.translation() - position).norm() <= kMountTolerance_m;
+      return (pose.translation() - position).norm() <= kPositionTolerance_m;
     };
     if (!agrees(body_from_sensor)) {
       const std::string value = "translation " + text(body_from_sensor.translation());
@@ -87,7 +87,7 @@ void check_direction(const JsonField& sensor, const Rigid3d& body_from_sensor) {
     const Rigid3d rest = sensor_from_body * body_from_sensor;
     const double turn = (rest.linear() - Eigen::Matrix3d::Identity()).norm();
     const double shift_m = rest.translation().norm();
-    if (turn > 2e-3 || shift_m > kMountTolerance_m) {
+    if (turn > 2e-3 || shift_m > kPositionTolerance_m) {
       char value[96];
       std::snprintf(value, sizeof value, "off by %.3g in rotation, %.3g m in position", turn,
                     shift_m);
@@ -128,12 +128,12 @@ CameraCalibration camera_from_json(const JsonField& sensor, const std::string& n
     camera.xi = sensor.at("xi").number();
     if (camera.xi < 0 || camera.xi > kMaxXi) sensor.at("xi").fail("expected 0 <= xi <= 10");
   }
-  camera.body_from_sensor = mount_from_json(sensor);
+  camera.body_from_sensor = extrinsics_from_json(sensor);
   check_direction(sensor, camera.body_from_sensor);
   if (sensor.has("readout_s")) {
     const JsonField readout = sensor.at("readout_s");
     const double readout_s = readout.number();
-    if (std::abs(readout_s) > kMostReadout_s) readout.fail("expected seconds between -0.2 and 0.2");
+    if (std::abs(readout_s) > kMaxReadout_s) readout.fail("expected seconds between -0.2 and 0.2");
     camera.readout_ns = std::llround(readout_s * 1e9);
   }
   if (sensor.has("time_offset_s")) {
@@ -158,7 +158,7 @@ std::vector<CameraCalibration> cameras_from_json(const JsonField& sensors, Other
     } else if (others) {
       others->names.push_back(name);
       if (has_type(sensor, "lidar") && sensor.has("RT_body_from_sensor")) {
-        others->body_from_lidar = mount_from_json(sensor);
+        others->body_from_lidar = extrinsics_from_json(sensor);
         ++lidars;
       }
     }

@@ -50,7 +50,8 @@ void check_step(const FramePose& a, const FramePose& b, const std::filesystem::p
         file, id + ".time", value,
         "times have to increase with the frame id, but this is not after frame " + before);
   }
-  const double step_m = (b.ecef_from_body.translation() - a.ecef_from_body.translation()).norm();
+  const double step_m =
+      (b.global_from_body.translation() - a.global_from_body.translation()).norm();
   if (step_m > kMaxSpeed_m_per_s * dt_s) {
     char value[96];
     std::snprintf(value, sizeof value, "%.2f m away from frame %s, %.3f s later", step_m,
@@ -88,7 +89,7 @@ std::vector<FramePose> parse_egomotion(std::string_view text, const std::filesys
     frame.id = frame_id_from_key(entry, key);
     const std::optional<Rigid3d> pose = ecef_from_body_in(entry);
     if (!pose) entry.fail("has neither RT_ECEF_body nor ECEF_RT_body");
-    frame.ecef_from_body = *pose;
+    frame.global_from_body = *pose;
     frame.t_ns = t_ns_from_json(entry.at(time));
     frames.push_back(frame);
   }

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/recording/aimotive.h"
 
+#include "redrive/recording/recording_testing.h"
 #include "redrive/recording/summary.h"
-#include "redrive/recording/test_recording.h"
 
 namespace redrive {
 namespace {
@@ -112,11 +112,11 @@ TEST(Aimotive, TwoRevolutionsOfOneFrame) {
 
 // What a program is given carries errors; the truth beside it is read where it is, and used where
 // it is asked for.
-TEST(Aimotive, TruthBesideWhatIsGiven) {
+TEST(Aimotive, ReadsGroundTruthPosesAndCalibration) {
   TemporaryFolder folder;
   testing::write_recording(folder);
-  EXPECT_TRUE(open_recording(folder.path).true_frames.empty());
-  EXPECT_THAT(input_error([&] { open_recording(folder.path, PoseSource::kTruth); }),
+  EXPECT_TRUE(open_recording(folder.path).ground_truth_frames.empty());
+  EXPECT_THAT(input_error([&] { open_recording(folder.path, PoseSource::kGroundTruth); }),
               HasSubstr("_true.json"));
   nlohmann::json poses = testing::egomotion(), cameras = testing::calibration();
   poses["9"] = testing::pose_at(0.06, 50.0);
@@ -124,10 +124,10 @@ TEST(Aimotive, TruthBesideWhatIsGiven) {
   folder.write("sensor/gnssins/egomotion2_true.json", poses.dump());
   folder.write("sensor/calibration/calibration_true.json", cameras.dump());
   const Recording given = open_recording(folder.path),
-                  truth = open_recording(folder.path, PoseSource::kTruth);
-  EXPECT_EQ(given.frames[0].ecef_from_body.translation().x(), 4e6);
-  EXPECT_EQ(given.true_frames[0].ecef_from_body.translation().x(), 4e6 + 0.06);
-  EXPECT_EQ(truth.frames[0].ecef_from_body.translation().x(), 4e6 + 0.06);
+                  truth = open_recording(folder.path, PoseSource::kGroundTruth);
+  EXPECT_EQ(given.frames[0].global_from_body.translation().x(), 4e6);
+  EXPECT_EQ(given.ground_truth_frames[0].global_from_body.translation().x(), 4e6 + 0.06);
+  EXPECT_EQ(truth.frames[0].global_from_body.translation().x(), 4e6 + 0.06);
   EXPECT_EQ(given.cameras[0].calibration.time_offset_ns, 0);
   EXPECT_EQ(truth.cameras[0].calibration.time_offset_ns, 10'000'000);
   EXPECT_EQ(given.findings.size(), truth.findings.size());
@@ -163,7 +163,7 @@ TEST(Aimotive, MissingFiles) {
   EXPECT_THAT(input_error([&] { open_recording(folder.path); }), HasSubstr("calibration.json"));
 }
 
-TEST(Registry, FoldersThatAreNone) {
+TEST(Registry, RejectsUnknownFolders) {
   TemporaryFolder folder;
   EXPECT_THAT(input_error([&] { open_recording(folder.path); }),
               AllOf(HasSubstr(folder.path.string()), HasSubstr("sensor/calibration")));
@@ -187,9 +187,9 @@ TEST(Aimotive, RealRecording) {
   EXPECT_EQ(recording.frames.front().id, 33643);
   EXPECT_EQ(recording.frames.back().id, 33692);
   EXPECT_EQ(recording.frames[1].t_ns, 4833238566000);
-  EXPECT_EQ(recording.frames[0].ecef_from_body.translation(),
+  EXPECT_EQ(recording.frames[0].global_from_body.translation(),
             Eigen::Vector3d(4081775.097907977, 1405467.8774478436, 4679608.337586997));
-  EXPECT_NEAR(recording.frames[0].ecef_from_body.linear()(0, 1), 0.7577768261156472, 1e-12);
+  EXPECT_NEAR(recording.frames[0].global_from_body.linear()(0, 1), 0.7577768261156472, 1e-12);
   for (const RecordedCamera& camera : recording.cameras)
     EXPECT_EQ(camera.images.size(), 50u) << camera.calibration.name;
   EXPECT_TRUE(recording.findings.empty());
@@ -211,7 +211,7 @@ TEST(Aimotive, RealRecording) {
   // SOURCE.md of the recording: 3.27 s, 98 m, 15 Hz, 30.10 to 29.88 m/s.
   const DriveSummary drive = summarize_drive(recording.frames);
   EXPECT_NEAR(drive.duration_s, 3.27, 0.005);
-  EXPECT_NEAR(drive.driven_m, 98, 0.5);
+  EXPECT_NEAR(drive.path_length_m, 98, 0.5);
   EXPECT_NEAR(drive.rate_hz, 15, 0.02);
   EXPECT_GT(drive.mean_speed_m_per_s, 29.88);
   EXPECT_LT(drive.mean_speed_m_per_s, 30.10);

@@ -14,24 +14,25 @@ constexpr int kScaleBits = 31;  // shares are counts * (2^31 / total), rounded d
 
 // A share is worth computing anew ever less often: each cycle is 5/4 of the last, up to a limit.
 void BitModel::update() {
-  constexpr std::uint32_t kMaxTotal = 1u << kShareBits, kMaxCycle = 64;
+  constexpr std::uint32_t kMaxTotal = 1u << kProbabilityBits, kMaxCycle = 64;
   total_ += cycle_;
   if (total_ > kMaxTotal) {
     total_ = (total_ + 1) / 2;
     zeros_ = (zeros_ + 1) / 2;
     total_ += zeros_ == total_;
   }
-  zero_share_ = (zeros_ * ((1u << kScaleBits) / total_)) >> (kScaleBits - kShareBits);
+  zero_probability_ = (zeros_ * ((1u << kScaleBits) / total_)) >> (kScaleBits - kProbabilityBits);
   until_update_ = cycle_ = std::min(5 * cycle_ / 4, kMaxCycle);
 }
 
-SymbolModel::SymbolModel(std::uint32_t size) : counts_(size, 1), shares_below_(size), cycle_(size) {
+SymbolModel::SymbolModel(std::uint32_t size)
+    : counts_(size, 1), cumulative_probabilities_(size), cycle_(size) {
   update();
   until_update_ = cycle_ = (size + 6) / 2;
 }
 
 void SymbolModel::update() {
-  constexpr std::uint32_t kMaxTotal = 1u << kShareBits;
+  constexpr std::uint32_t kMaxTotal = 1u << kProbabilityBits;
   total_ += cycle_;
   if (total_ > kMaxTotal) {
     total_ = 0;
@@ -43,7 +44,8 @@ void SymbolModel::update() {
   const std::uint32_t scale = (1u << kScaleBits) / total_;
   std::uint32_t below = 0;
   for (std::size_t i = 0; i < counts_.size(); ++i) {
-    shares_below_[i] = static_cast<std::uint16_t>((below * scale) >> (kScaleBits - kShareBits));
+    cumulative_probabilities_[i] =
+        static_cast<std::uint16_t>((below * scale) >> (kScaleBits - kProbabilityBits));
     below += counts_[i];
   }
   until_update_ = cycle_ = std::min(5 * cycle_ / 4, 8 * (size() + 6));
@@ -68,7 +70,8 @@ void ArithmeticDecoder::refill() {
 }
 
 bool ArithmeticDecoder::bit(BitModel& model) {
-  const std::uint32_t zero_length = model.zero_share() * (length_ >> BitModel::kShareBits);
+  const std::uint32_t zero_length =
+      model.zero_probability() * (length_ >> BitModel::kProbabilityBits);
   const bool bit = value_ >= zero_length;
   if (bit) {
     value_ -= zero_length;
@@ -82,17 +85,19 @@ bool ArithmeticDecoder::bit(BitModel& model) {
 }
 
 std::uint32_t ArithmeticDecoder::symbol(SymbolModel& model) {
-  const std::uint32_t unit = length_ >> SymbolModel::kShareBits;
+  const std::uint32_t unit = length_ >> SymbolModel::kProbabilityBits;
   // The last symbol whose part begins at or before the value; the last of all also gets what
   // rounding left over.
   std::uint32_t symbol = 0;
   for (std::uint32_t n = model.size(); n > 1;) {
     const std::uint32_t half = n / 2;
-    symbol += model.share_below(symbol + half) * unit <= value_ ? half : 0;
+    symbol += model.cumulative_probability(symbol + half) * unit <= value_ ? half : 0;
     n -= half;
   }
-  const std::uint32_t begin = model.share_below(symbol) * unit;
-  length_ = (symbol + 1 < model.size() ? model.share_below(symbol + 1) * unit : length_) - begin;
+  const std::uint32_t begin = model.cumulative_probability(symbol) * unit;
+  length_ =
+      (symbol + 1 < model.size() ? model.cumulative_probability(symbol + 1) * unit : length_) -
+      begin;
   value_ -= begin;
   refill();
   model.count(symbol);

@@ -18,8 +18,8 @@ namespace redrive {
 /// How often a bit was 0. Shares are of 2^13.
 class BitModel {
  public:
-  static constexpr int kShareBits = 13;
-  std::uint32_t zero_share() const { return zero_share_; }
+  static constexpr int kProbabilityBits = 13;
+  std::uint32_t zero_probability() const { return zero_probability_; }
   void count(bool bit) {
     zeros_ += !bit;
     if (--until_update_ == 0) update();
@@ -27,19 +27,21 @@ class BitModel {
 
  private:
   void update();
-  std::uint32_t zeros_ = 1, total_ = 2, zero_share_ = 1u << (kShareBits - 1), cycle_ = 4,
-                until_update_ = 4;
+  std::uint32_t zeros_ = 1, total_ = 2, zero_probability_ = 1u << (kProbabilityBits - 1),
+                cycle_ = 4, until_update_ = 4;
 };
 
 /// How often each of `size` symbols came. Shares are of 2^15.
 class SymbolModel {
  public:
-  static constexpr int kShareBits = 15;
+  static constexpr int kProbabilityBits = 15;
   explicit SymbolModel(std::uint32_t size);
 
   std::uint32_t size() const { return static_cast<std::uint32_t>(counts_.size()); }
   /// Share of all symbols below `symbol` (< size()); rises strictly with it.
-  std::uint32_t share_below(std::uint32_t symbol) const { return shares_below_[symbol]; }
+  std::uint32_t cumulative_probability(std::uint32_t symbol) const {
+    return cumulative_probabilities_[symbol];
+  }
   void count(std::uint32_t symbol) {
     ++counts_[symbol];
     if (--until_update_ == 0) update();
@@ -49,7 +51,7 @@ class SymbolModel {
   void update();
   std::vector<std::uint16_t>
       counts_;  ///< halved when they exceed 2^15 in all; at most 4176 more come before that is seen
-  std::vector<std::uint16_t> shares_below_;  ///< as of the last update
+  std::vector<std::uint16_t> cumulative_probabilities_;  ///< as of the last update
   std::uint32_t total_ = 0, cycle_ = 0, until_update_ = 0;
 };
 

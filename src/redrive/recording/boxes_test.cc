@@ -3,7 +3,7 @@
 
 #include <numbers>
 
-#include "redrive/recording/test_recording.h"
+#include "redrive/recording/recording_testing.h"
 
 namespace redrive {
 namespace {
@@ -94,7 +94,7 @@ TEST(Boxes, Rotations) {
               HasSubstr("norm inf"));
 }
 
-TEST(Boxes, ValuesThatAreNone) {
+TEST(Boxes, RejectsInvalidValues) {
   const std::string first = "/CapturedObjects/0/";
   EXPECT_THAT(boxes_message(first + "BoundingBox3D Extent Y", 0),
               AllOf(HasSubstr("CapturedObjects[0].BoundingBox3D Extent Y = 0"), HasSubstr("0.01")));

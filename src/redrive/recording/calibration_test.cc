@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/recording/aimotive.h"
-#include "redrive/recording/test_recording.h"
+#include "redrive/recording/recording_testing.h"
 
 namespace redrive {
 namespace {
@@ -26,7 +26,7 @@ std::string calibration_message(const std::string& field, const json& value) {
   return message;
 }
 
-TEST(Calibration, TheOneLidarWithAPlace) {
+TEST(Calibration, FindsTheOnlyLidarWithExtrinsics) {
   json document = calibration();
   document["M_LIDAR"]["RT_body_from_sensor"] = {
       {0, -1, 0, 1.2}, {1, 0, 0, 0}, {0, 0, 1, 1.7}, {0, 0, 0, 1}};
@@ -231,7 +231,7 @@ TEST(Calibration, ContradictoryExtrinsic) {
 
 // A camera on its side that looks right has the inverse's y axis pointing down; pos_meter vouches
 // for it.
-TEST(Calibration, UnusualMountIsTakenWhenThePositionAgrees) {
+TEST(Calibration, AcceptsUnusualExtrinsicsWhenThePositionAgrees) {
   json document = calibration();
   document["F_CAM"]["RT_body_from_sensor"] = {
       {0, 1, 0, 2}, {0, 0, -1, 0.5}, {-1, 0, 0, 1.5}, {0, 0, 0, 1}};

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/recording/aimotive.h"
-#include "redrive/recording/test_recording.h"
+#include "redrive/recording/recording_testing.h"
 
 namespace redrive {
 namespace {
@@ -31,7 +31,7 @@ TEST(Egomotion, ReadsPosesInTheOrderOfTheirIds) {
   EXPECT_EQ(frames[1].id, 10);
   EXPECT_EQ(frames[2].id, 11);
   EXPECT_EQ(frames[1].t_ns, 50100000000);
-  EXPECT_EQ(frames[2].ecef_from_body.translation(), Eigen::Vector3d(4e6 + 4, 1.4e6, 4.6e6));
+  EXPECT_EQ(frames[2].global_from_body.translation(), Eigen::Vector3d(4e6 + 4, 1.4e6, 4.6e6));
 }
 
 TEST(Egomotion, BothSpellings) {
@@ -44,7 +44,7 @@ TEST(Egomotion, BothSpellings) {
   }
   const auto frames = parsed_egomotion(document);
   EXPECT_EQ(frames[1].t_ns, 50100000000);
-  EXPECT_EQ(frames[1].ecef_from_body.translation().x(), 4e6 + 2);
+  EXPECT_EQ(frames[1].global_from_body.translation().x(), 4e6 + 2);
 }
 
 TEST(Egomotion, HostTimeIsPreferred) {

@@ -4,9 +4,9 @@
 #include <limits>
 #include <random>
 
+#include "redrive/recording/las_testing.h"
 #include "redrive/recording/little_endian.h"
-#include "redrive/recording/test_las.h"
-#include "redrive/recording/test_recording.h"
+#include "redrive/recording/recording_testing.h"
 
 namespace redrive {
 namespace {

@@ -11,7 +11,7 @@ namespace redrive {
 namespace {
 
 constexpr std::size_t kTablePositionBytes = 8, kTableHeaderBytes = 8;
-constexpr std::size_t kLeastChunkBytes =
+constexpr std::size_t kMinChunkBytes =
     kLasRecordBytes + 4;  // its first point and what fills the decoder
 
 struct Table {
@@ -47,7 +47,7 @@ Table read_table(std::string_view bytes, const LazLayout& layout,
              " points in chunks of " + std::to_string(layout.points_per_chunk));
   // Each chunk takes room in the file, so a number that cannot be is found before its table is
   // decoded.
-  if (chunks > (table.begin - first_chunk) / kLeastChunkBytes)
+  if (chunks > (table.begin - first_chunk) / kMinChunkBytes)
     fail("number of chunks", chunks, "do not fit in the file");
 
   ArithmeticDecoder decoder(bytes.substr(table.begin + kTableHeaderBytes));
@@ -59,9 +59,9 @@ Table read_table(std::string_view bytes, const LazLayout& layout,
     if (decoder.broken())
       fail("chunk table", chunk,
            "the size of this chunk is not to be had: the table is damaged or truncated");
-    if (size < kLeastChunkBytes || size > room)
+    if (size < kMinChunkBytes || size > room)
       fail("chunk " + std::to_string(chunk) + " size", size,
-           "bytes: must be at least " + std::to_string(kLeastChunkBytes) + " and fit in the " +
+           "bytes: must be at least " + std::to_string(kMinChunkBytes) + " and fit in the " +
                std::to_string(room) + " before the chunk table");
     room -= size;
     table.chunk_bytes.push_back(size);

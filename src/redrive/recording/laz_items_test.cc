@@ -6,8 +6,8 @@
 #include <numeric>
 #include <random>
 
-#include "redrive/recording/test_las.h"
-#include "redrive/recording/test_recording.h"
+#include "redrive/recording/las_testing.h"
+#include "redrive/recording/recording_testing.h"
 
 namespace redrive {
 namespace {
@@ -15,7 +15,7 @@ namespace {
 using namespace std::string_view_literals;
 using testing::ArithmeticEncoder;
 
-TEST(ArithmeticDecoder, CutsTheIntervalByShares) {
+TEST(ArithmeticDecoder, DividesTheIntervalByProbability) {
   // Four equally likely symbols have a quarter of 2^32 each; the first byte of the code says which
   // quarter is meant.
   for (const auto& [code, expected] : {std::pair{"\x00\x00\x00\x00"sv, 0u},
@@ -32,7 +32,7 @@ TEST(ArithmeticDecoder, CutsTheIntervalByShares) {
   EXPECT_EQ(decoder.bits(8), 0xabu);
 }
 
-TEST(ArithmeticDecoder, SaysWhenTheCodeEnds) {
+TEST(ArithmeticDecoder, ReportsTheEndOfTheCode) {
   EXPECT_TRUE(ArithmeticDecoder("\x12\x34\x56"sv).broken());
   ArithmeticDecoder decoder("\x12\x34\x56\x78\x9a"sv);
   decoder.bits(8);

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/recording/ply.h"
 
-#include "redrive/recording/test_las.h"
-#include "redrive/recording/test_recording.h"
+#include "redrive/recording/las_testing.h"
+#include "redrive/recording/recording_testing.h"
 
 namespace redrive {
 namespace {
@@ -50,7 +50,7 @@ TEST(Ply, BinaryLittleEndian) {
   EXPECT_EQ(points[1], Eigen::Vector3d(1, 0.5, -4));
 }
 
-TEST(Ply, WhatIsNoneIsRefused) {
+TEST(Ply, RejectsInvalidFiles) {
   EXPECT_THAT(message("solid\n"), HasSubstr("ply"));
   EXPECT_THAT(message("ply\nformat ascii 1.0\n"), HasSubstr("truncated"));
   EXPECT_THAT(message(header("binary_big_endian", "0", kXyz)), HasSubstr("binary_little_endian"));

@@ -46,13 +46,13 @@ void write_pose_files(const fs::path& folder, const PoseFiles& files) {
   }
 }
 
-PoseFiles pose_files_of(const Recording& recording, const std::vector<FramePose>& frames,
-                        const std::vector<CameraCalibration>& cameras) {
+PoseFiles make_pose_files(const Recording& recording, const std::vector<FramePose>& frames,
+                          const std::vector<CameraCalibration>& cameras) {
   nlohmann::json poses = nlohmann::json::object();
   for (const FramePose& frame : frames) {
     const double t_s = static_cast<double>(frame.t_ns) * 1e-9;
     poses[std::to_string(frame.id)] = {
-        {"RT_ECEF_body", rows_of(frame.ecef_from_body)}, {"time", t_s}, {"time_host", t_s}};
+        {"RT_ECEF_body", rows_of(frame.global_from_body)}, {"time", t_s}, {"time_host", t_s}};
   }
   nlohmann::json sensors = read_json(recording.root / kCalibration);
   for (const CameraCalibration& camera : cameras) {
@@ -72,7 +72,7 @@ PoseFiles pose_files_of(const Recording& recording, const std::vector<FramePose>
   return {poses.dump(1) + "\n", sensors.dump(1) + "\n"};
 }
 
-void use_pose_files(const PoseFiles& files, const fs::path& folder, Recording* recording) {
+void apply_pose_files(const PoseFiles& files, const fs::path& folder, Recording* recording) {
   if (!recording->metric)
     throw InputError(folder, "", "",
                      "poses in these formats belong to a drive, not to photographs");

@@ -26,13 +26,13 @@ void write_pose_files(const std::filesystem::path& folder, const PoseFiles& file
 /// Frames and cameras as files. The calibration is that of `recording` with these cameras' lenses,
 /// mounts, time offsets and readouts; other sensors stay as they are, and so does what else stands
 /// there, but for angles that the new mount belies (yaw_pitch_roll_deg).
-PoseFiles pose_files_of(const Recording& recording, const std::vector<FramePose>& frames,
-                        const std::vector<CameraCalibration>& cameras);
+PoseFiles make_pose_files(const Recording& recording, const std::vector<FramePose>& frames,
+                          const std::vector<CameraCalibration>& cameras);
 
 /// Puts them in the place of the recording's own. InputError (`folder` is for messages): a file
 /// that cannot be parsed, that lacks a frame or a camera with images, or whose times are not the
 /// recording's; a recording that is no drive.
-void use_pose_files(const PoseFiles& files, const std::filesystem::path& folder,
-                    Recording* recording);
+void apply_pose_files(const PoseFiles& files, const std::filesystem::path& folder,
+                      Recording* recording);
 
 }  // namespace redrive

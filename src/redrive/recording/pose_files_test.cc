@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/recording/pose_files.h"
 
-#include "redrive/recording/test_recording.h"
+#include "redrive/recording/recording_testing.h"
 
 namespace redrive {
 namespace {
@@ -18,30 +18,31 @@ struct Fixture {
   }
 };
 
-TEST(PoseFiles, ComeBackAsTheyWere) {
+TEST(PoseFiles, RoundTrip) {
   Fixture f;
   std::vector<FramePose> frames = f.recording.frames;
   std::vector<CameraCalibration> cameras;
   for (const RecordedCamera& camera : f.recording.cameras) cameras.push_back(camera.calibration);
-  frames[1].ecef_from_body =
-      frames[1].ecef_from_body * Eigen::AngleAxisd(0.001, Eigen::Vector3d::UnitZ());
-  frames[1].ecef_from_body.translation().x() += 0.0625;
+  frames[1].global_from_body =
+      frames[1].global_from_body * Eigen::AngleAxisd(0.001, Eigen::Vector3d::UnitZ());
+  frames[1].global_from_body.translation().x() += 0.0625;
   cameras[0].body_from_sensor =
       cameras[0].body_from_sensor * Eigen::AngleAxisd(-0.002, Eigen::Vector3d::UnitY());
   cameras[0].body_from_sensor.translation().y() += 0.25;
   cameras[1].time_offset_ns = -12'000'001;
   cameras[1].fx = 1172.125;
   cameras[1].readout_ns = 29'999'999;
-  write_pose_files(f.folder.path / "aligned", pose_files_of(f.recording, frames, cameras));
+  write_pose_files(f.folder.path / "aligned", make_pose_files(f.recording, frames, cameras));
   Recording again = f.recording;
-  use_pose_files(read_pose_files(f.folder.path / "aligned"), f.folder.path / "aligned", &again);
+  apply_pose_files(read_pose_files(f.folder.path / "aligned"), f.folder.path / "aligned", &again);
   for (std::size_t i = 0; i < frames.size(); ++i) {
     EXPECT_EQ(again.frames[i].id, frames[i].id);
     EXPECT_EQ(again.frames[i].t_ns, frames[i].t_ns);
-    EXPECT_EQ(again.frames[i].ecef_from_body.translation(), frames[i].ecef_from_body.translation());
+    EXPECT_EQ(again.frames[i].global_from_body.translation(),
+              frames[i].global_from_body.translation());
     // Rotations are made orthonormal again when they are read.
-    EXPECT_TRUE(
-        again.frames[i].ecef_from_body.linear().isApprox(frames[i].ecef_from_body.linear(), 1e-14));
+    EXPECT_TRUE(again.frames[i].global_from_body.linear().isApprox(
+        frames[i].global_from_body.linear(), 1e-14));
   }
   for (std::size_t c = 0; c < cameras.size(); ++c) {
     const CameraCalibration& now = again.cameras[c].calibration;
@@ -54,12 +55,12 @@ TEST(PoseFiles, ComeBackAsTheyWere) {
   }
 }
 
-TEST(PoseFiles, SayNothingOfReadoutsWhereThereIsNothingToSay) {
+TEST(PoseFiles, OmitReadoutsThatAreZero) {
   Fixture f;
   const CameraCalibration& camera = f.recording.cameras[0].calibration;
   const auto sensor = [&] {
     return nlohmann::json::parse(
-               pose_files_of(f.recording, f.recording.frames, {camera}).calibration)
+               make_pose_files(f.recording, f.recording.frames, {camera}).calibration)
         .at(camera.name);
   };
   EXPECT_FALSE(sensor().contains("readout_s"));
@@ -67,12 +68,12 @@ TEST(PoseFiles, SayNothingOfReadoutsWhereThereIsNothingToSay) {
   EXPECT_EQ(sensor().at("readout_s"), 0.03);
 }
 
-TEST(PoseFiles, OfAnotherRecordingAreRefused) {
+TEST(PoseFiles, RejectsFilesOfAnotherRecording) {
   Fixture f;
   PoseFiles files = read_pose_files(f.folder.path);
   const auto complaint = [&](const PoseFiles& changed) {
     Recording recording = f.recording;
-    return testing::input_error([&] { use_pose_files(changed, "other", &recording); });
+    return testing::input_error([&] { apply_pose_files(changed, "other", &recording); });
   };
   nlohmann::json poses = testing::egomotion();
   poses.erase("10");

@@ -16,7 +16,7 @@
 namespace redrive {
 
 /// No rolling shutter takes longer, up or down.
-constexpr double kMostReadout_s = 0.2;
+constexpr double kMaxReadout_s = 0.2;
 
 /// Calibration of one camera as the file gives it; camera/camera.h makes the model out of it.
 struct CameraCalibration {
@@ -38,9 +38,9 @@ struct CameraCalibration {
 /// The body's pose at one frame.
 struct FramePose {
   std::int64_t id = 0;
-  std::int64_t t_ns = 0;   ///< host clock
-  Rigid3d ecef_from_body;  ///< metres; ECEF magnitudes (6.4e6) are normal. Recording::metric says
-                           ///< where it is otherwise
+  std::int64_t t_ns = 0;     ///< host clock
+  Rigid3d global_from_body;  ///< metres; ECEF magnitudes (6.4e6) are normal. Recording::metric says
+                             ///< where it is otherwise
 };
 
 /// What a sensor recorded of one frame.
@@ -51,8 +51,8 @@ struct FrameFile {
 
 /// A picture as large as an image that says which of its pixels are left out.
 struct MaskFile {
-  std::filesystem::path path;  ///< empty: there is none
-  bool black_left_out = true;  ///< false: black is used and all the rest is left out
+  std::filesystem::path path;   ///< empty: there is none
+  bool black_is_masked = true;  ///< false: black is used and all the rest is left out
 };
 
 /// What a camera recorded of one frame.
@@ -90,10 +90,10 @@ struct Recording {
   std::vector<RecordedCamera> cameras;  ///< by name; only those with images
   std::vector<FramePose> frames;        ///< by id
   std::vector<std::string> other_sensors;
-  std::optional<Rigid3d> body_from_lidar;  ///< of the sensor that lidar_files come from
-  std::vector<NovelSet> novel;             ///< by name
-  std::vector<FramePose> true_frames;  ///< exact poses by id, where a made recording ships them;
-                                       ///< `frames` may carry errors
+  std::optional<Rigid3d> body_from_lidar;      ///< of the sensor that lidar_files come from
+  std::vector<NovelSet> novel;                 ///< by name
+  std::vector<FramePose> ground_truth_frames;  ///< exact poses by id, where a made recording ships
+                                               ///< them; `frames` may carry errors
   std::vector<FrameFile> lidar_files;  ///< by frame id, with or without a pose: las.h reads them
   std::vector<FrameFile> box_files;    ///< by frame id, with or without a pose: boxes.h reads them
   std::filesystem::path points_file;   ///< static point cloud, in place of lidar_files; ply.h reads
@@ -110,10 +110,11 @@ struct Recording {
 };
 
 /// What a made recording ships twice: as a program is given it, with realistic errors, and exact.
-enum class PoseSource { kGiven, kTruth };
+enum class PoseSource { kRecorded, kGroundTruth };
 
 /// Opens a recording of any known format (recording/registry.cc: one line per format). InputError
 /// otherwise, and where the truth is asked for that it does not ship.
-Recording open_recording(const std::filesystem::path& root, PoseSource source = PoseSource::kGiven);
+Recording open_recording(const std::filesystem::path& root,
+                         PoseSource source = PoseSource::kRecorded);
 
 }  // namespace redrive

@@ -18,14 +18,14 @@ DriveSummary summarize_drive(const std::vector<FramePose>& frames) {
   for (std::size_t i = 1; i < frames.size(); ++i) {
     const double interval_s = static_cast<double>(frames[i].t_ns - frames[i - 1].t_ns) * 1e-9;
     const double step_m =
-        (frames[i].ecef_from_body.translation() - frames[i - 1].ecef_from_body.translation())
+        (frames[i].global_from_body.translation() - frames[i - 1].global_from_body.translation())
             .norm();
     intervals_s.push_back(interval_s);
-    summary.driven_m += step_m;
+    summary.path_length_m += step_m;
     summary.max_speed_m_per_s = std::max(summary.max_speed_m_per_s, step_m / interval_s);
   }
   summary.duration_s = static_cast<double>(frames.back().t_ns - frames.front().t_ns) * 1e-9;
-  summary.mean_speed_m_per_s = summary.driven_m / summary.duration_s;
+  summary.mean_speed_m_per_s = summary.path_length_m / summary.duration_s;
   std::vector<double> sorted = intervals_s;
   std::sort(sorted.begin(), sorted.end());
   const double median_s = (sorted[(sorted.size() - 1) / 2] + sorted[sorted.size() / 2]) / 2;

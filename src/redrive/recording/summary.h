@@ -11,8 +11,8 @@ namespace redrive {
 struct DriveSummary {
   double duration_s = 0;          ///< last minus first time
   double rate_hz = 0;             ///< 1 / median interval; 0 with fewer than two frames
-  double driven_m = 0;            ///< sum of the distances between consecutive poses
-  double mean_speed_m_per_s = 0;  ///< driven_m / duration_s
+  double path_length_m = 0;       ///< sum of the distances between consecutive poses
+  double mean_speed_m_per_s = 0;  ///< path_length_m / duration_s
   double max_speed_m_per_s = 0;   ///< largest distance / interval of two consecutive poses
   std::vector<Finding> findings;  ///< gaps in the ids and in time
 };

@@ -9,22 +9,22 @@ namespace {
 
 FramePose frame(std::int64_t id, double x, std::int64_t t_ms) {
   FramePose pose{id, t_ms * 1000000, Rigid3d::Identity()};
-  pose.ecef_from_body.translation().x() = x;
+  pose.global_from_body.translation().x() = x;
   return pose;
 }
 
-TEST(DriveSummary, AddsUpTheDrive) {
+TEST(DriveSummary, SumsPathAndDuration) {
   const DriveSummary summary =
       summarize_drive({frame(1, 0, 0), frame(2, 2, 100), frame(3, 5, 200), frame(4, 4, 300)});
   EXPECT_DOUBLE_EQ(summary.duration_s, 0.3);
   EXPECT_DOUBLE_EQ(summary.rate_hz, 10);
-  EXPECT_DOUBLE_EQ(summary.driven_m, 6);
+  EXPECT_DOUBLE_EQ(summary.path_length_m, 6);
   EXPECT_DOUBLE_EQ(summary.mean_speed_m_per_s, 20);
   EXPECT_DOUBLE_EQ(summary.max_speed_m_per_s, 30);
   EXPECT_TRUE(summary.findings.empty());
 }
 
-TEST(DriveSummary, SaysWhereTimeIsMissing) {
+TEST(DriveSummary, ReportsGapsInTime) {
   const DriveSummary summary = summarize_drive(
       {frame(1, 0, 0), frame(2, 1, 100), frame(5, 2, 400), frame(6, 3, 500), frame(7, 4, 600)});
   EXPECT_DOUBLE_EQ(summary.rate_hz, 10);

@@ -2,7 +2,7 @@
 #include "redrive/recording/trajectory.h"
 
 #include "redrive/base/error.h"
-#include "redrive/recording/plain_trajectory.h"
+#include "redrive/math/plain_trajectory.h"
 
 namespace redrive {
 

@@ -9,7 +9,7 @@
 
 namespace redrive {
 
-/// ecef_from_body at time t_ns: between two frames the position is interpolated linearly and the
+/// global_from_body at time t_ns: between two frames the position is interpolated linearly and the
 /// rotation along the shortest arc; before the first and after the last frame the motion of the two
 /// frames there goes on. `frames`: at least one, times increasing; a single one stands still. At a
 /// frame's own time its own pose, bit for bit.

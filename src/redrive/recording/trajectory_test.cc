@@ -11,8 +11,8 @@ constexpr double kTurn_rad = 0.3, kRadius_m = 6.4e6;
 FramePose turning(std::int64_t t_ns, double turns) {
   FramePose frame;
   frame.t_ns = t_ns;
-  frame.ecef_from_body = Eigen::Translation3d(kRadius_m + 2 * turns, 5, 7) *
-                         Eigen::AngleAxisd(turns * kTurn_rad, Eigen::Vector3d(1, 2, 2) / 3);
+  frame.global_from_body = Eigen::Translation3d(kRadius_m + 2 * turns, 5, 7) *
+                           Eigen::AngleAxisd(turns * kTurn_rad, Eigen::Vector3d(1, 2, 2) / 3);
   return frame;
 }
 
@@ -21,7 +21,7 @@ TEST(Trajectory, FollowsAConstantMotion) {
   const std::vector<FramePose> frames = {turning(1000, 0), turning(1100, 1), turning(1300, 3)};
   for (const double turns : {-0.5, 0.0, 0.25, 1.0, 1.5, 2.9, 3.0, 3.4}) {
     const Rigid3d pose = pose_at(frames, 1000 + static_cast<std::int64_t>(100 * turns));
-    const Rigid3d expected = turning(0, turns).ecef_from_body;
+    const Rigid3d expected = turning(0, turns).global_from_body;
     // 1e-9: a step of a double at 6.4e6.
     EXPECT_LT((pose.translation() - expected.translation()).norm(), 4e-9) << turns;
     EXPECT_LT((pose.linear() - expected.linear()).norm(), 1e-14) << turns;
@@ -31,13 +31,13 @@ TEST(Trajectory, FollowsAConstantMotion) {
 TEST(Trajectory, KeepsAFramesOwnPoseBitForBit) {
   const std::vector<FramePose> frames = {turning(1000, 0.123), turning(1100, 1.7)};
   for (const FramePose& frame : frames)
-    EXPECT_EQ(pose_at(frames, frame.t_ns).matrix(), frame.ecef_from_body.matrix());
+    EXPECT_EQ(pose_at(frames, frame.t_ns).matrix(), frame.global_from_body.matrix());
 }
 
 TEST(Trajectory, ASingleFrameStandsStill) {
   const std::vector<FramePose> frames = {turning(1000, 0.5)};
   for (const std::int64_t t_ns : {0, 1000, 5000})
-    EXPECT_EQ(pose_at(frames, t_ns).matrix(), frames[0].ecef_from_body.matrix());
+    EXPECT_EQ(pose_at(frames, t_ns).matrix(), frames[0].global_from_body.matrix());
 }
 
 }  // namespace

@@ -138,8 +138,8 @@ std::vector<Picture> in_file_name_order(std::vector<Picture> pictures) {
   return pictures;
 }
 
-void refuse_truth(const fs::path& root, PoseSource source) {
-  if (source == PoseSource::kTruth)
+void reject_ground_truth(const fs::path& root, PoseSource source) {
+  if (source == PoseSource::kGroundTruth)
     throw InputError(root, "", "", "this format ships no other, exact poses");
 }
 
@@ -149,7 +149,7 @@ bool looks_like(const fs::path& root) { return is_there(root / "transforms.json"
 bool looks_like_blender(const fs::path& root) { return is_there(root / "transforms_train.json"); }
 
 Recording open(const fs::path& root, PoseSource source) {
-  refuse_truth(root, source);
+  reject_ground_truth(root, source);
   const fs::path file = root / "transforms.json";
   const TransformsFile transforms = read(file);
   const auto set_of = [](const std::optional<std::vector<std::string>>& names) {
@@ -179,7 +179,7 @@ Recording open(const fs::path& root, PoseSource source) {
 }
 
 Recording open_blender(const fs::path& root, PoseSource source) {
-  refuse_truth(root, source);
+  reject_ground_truth(root, source);
   const fs::path train = root / "transforms_train.json", test = root / "transforms_test.json",
                  val = root / "transforms_val.json";
   Collector collector(root);

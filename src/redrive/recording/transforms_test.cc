@@ -3,7 +3,7 @@
 
 #include <numbers>
 
-#include "redrive/recording/test_recording.h"
+#include "redrive/recording/recording_testing.h"
 
 namespace redrive {
 namespace {
@@ -173,7 +173,7 @@ TEST(Transforms, BoundsAreInstantNgpsCube) {
   EXPECT_EQ(file.bounds->half_side, 2) << "half of the longest side";
 }
 
-TEST(Transforms, RefusesWhatItCannotUse) {
+TEST(Transforms, RejectsUnsupportedFields) {
   const std::vector<std::tuple<std::string, json, std::string>> cases = {
       {"/frames", json::array(), "frames"},
       {"/frames/1/file_path", "images/1.png", "frames[1].file_path = \"images/1.png\""},
@@ -263,16 +263,16 @@ TEST(Transforms, OpensASet) {
   EXPECT_EQ(images[0].frame_id, 0);
   EXPECT_EQ(images[0].path, folder.path / "images/r_2.png") << "2, 9, 10";
   EXPECT_EQ(images[0].mask.path, folder.path / "masks/2.png");
-  EXPECT_TRUE(images[0].mask.black_left_out);
+  EXPECT_TRUE(images[0].mask.black_is_masked);
   EXPECT_FALSE(images[0].held_out);
   EXPECT_EQ(images[1].frame_id, 1);
   EXPECT_EQ(images[1].mask.path, folder.path / "images/dynamic_mask_r_9.png");
-  EXPECT_FALSE(images[1].mask.black_left_out);
+  EXPECT_FALSE(images[1].mask.black_is_masked);
   ASSERT_EQ(recording.cameras[1].images.size(), 1u);
   EXPECT_EQ(recording.cameras[1].images[0].frame_id, 2);
   EXPECT_EQ(recording.cameras[1].images[0].path, folder.path / "images/r_10.png");
   EXPECT_EQ(recording.cameras[1].calibration.fx, 200);
-  EXPECT_THAT(input_error([&] { open_recording(folder.path, PoseSource::kTruth); }),
+  EXPECT_THAT(input_error([&] { open_recording(folder.path, PoseSource::kGroundTruth); }),
               HasSubstr("exact poses"));
 }
 

@@ -16,7 +16,7 @@ constexpr int kMaxTileSamples = 1 << 20;
 
 }  // namespace
 
-int rays_of_tile(const Model& model) {
+int max_tile_rays(const Model& model) {
   return std::clamp(kMaxTileSamples / model.samples_per_ray(), 4, kMaxTileRays);
 }
 
@@ -40,8 +40,8 @@ RenderedImage render_image(kernels::Backend& backend, const Model& model, const 
   RayBatch batch;
   Workspace workspace;
   std::vector<float> rgb, depth, opacity;
-  const PixelSquares squares = squares_of(table);
-  const std::size_t most = rays_of_tile(model);
+  const PixelSquares squares = make_pixel_squares(table);
+  const std::size_t most = max_tile_rays(model);
   for (std::size_t square = 0; square + 1 < squares.first.size();) {
     const std::uint32_t first = squares.first[square];
     batch.group.clear();

@@ -8,7 +8,7 @@
 #include "redrive/camera/camera.h"
 #include "redrive/model/model.h"
 #include "redrive/rays/ray_table.h"
-#include "redrive/scene/image_set.h"
+#include "redrive/scene/load_views.h"
 
 namespace redrive {
 
@@ -23,7 +23,7 @@ struct RenderedImage {
 };
 
 /// A picture is made so many rays at a time, at most.
-int rays_of_tile(const Model& model);
+int max_tile_rays(const Model& model);
 
 /// As the camera of the run shows it that `exposure` names.
 RenderedImage render_image(kernels::Backend& backend, const Model& model, const Camera& camera,

@@ -9,7 +9,7 @@
 
 #include "redrive/model/nerf_model.h"
 
-#include "redrive/render/paint_backend.h"
+#include "redrive/render/paint_backend_testing.h"
 
 namespace redrive {
 namespace {

@@ -10,8 +10,8 @@
 namespace redrive {
 namespace {
 
-constexpr double kWgs84SemiMajorM = 6378137.0;       // defining constant a of WGS84
-constexpr double kWgs84SemiMinorM = 6356752.314245;  // b = a (1 - f), f = 1 / 298.257223563
+constexpr double kWgs84SemiMajor_m = 6378137.0;       // defining constant a of WGS84
+constexpr double kWgs84SemiMinor_m = 6356752.314245;  // b = a (1 - f), f = 1 / 298.257223563
 
 std::string view_field(std::size_t index, const char* key) {
   return "images[" + std::to_string(index) + "]." + key;
@@ -47,30 +47,30 @@ std::optional<Rigid3d> world_from_body(const Recording& recording, const Scene& 
                                        std::int64_t frame_id, const RigCamera& camera) {
   const FramePose* const frame = find_frame(recording, frame_id);
   if (!frame) return std::nullopt;
-  return scene.ecef_from_world.inverse(Eigen::Isometry) *
+  return scene.global_from_world.inverse(Eigen::Isometry) *
          pose_at(recording.frames, frame->t_ns + camera.time_offset_ns);
 }
 
-std::optional<Eigen::Matrix3d> world_from_local_axes(const Rigid3d& ecef_from_world,
+std::optional<Eigen::Matrix3d> world_from_local_axes(const Rigid3d& global_from_world,
                                                      const Rigid3d& world_from_body) {
-  const Rigid3d ecef_from_body = ecef_from_world * world_from_body;
-  const Eigen::Vector3d place = ecef_from_body.translation();
+  const Rigid3d global_from_body = global_from_world * world_from_body;
+  const Eigen::Vector3d place = global_from_body.translation();
   if (place.norm() < 6.2e6 || place.norm() > 6.6e6) return std::nullopt;
-  constexpr double a2 = kWgs84SemiMajorM * kWgs84SemiMajorM,
-                   b2 = kWgs84SemiMinorM * kWgs84SemiMinorM;
+  constexpr double a2 = kWgs84SemiMajor_m * kWgs84SemiMajor_m,
+                   b2 = kWgs84SemiMinor_m * kWgs84SemiMinor_m;
   const Eigen::Vector3d up =
       Eigen::Vector3d(place.x() / a2, place.y() / a2, place.z() / b2).normalized();
-  const Eigen::Vector3d heading = ecef_from_body.linear().col(0);
+  const Eigen::Vector3d heading = global_from_body.linear().col(0);
   const Eigen::Vector3d level = heading - heading.dot(up) * up;
   if (level.norm() < 1e-6) return std::nullopt;
   Eigen::Matrix3d ecef_from_local;
   ecef_from_local.col(0) = level.normalized();
   ecef_from_local.col(1) = up.cross(ecef_from_local.col(0));
   ecef_from_local.col(2) = up;
-  return ecef_from_world.linear().transpose() * ecef_from_local;
+  return global_from_world.linear().transpose() * ecef_from_local;
 }
 
-Rigid3d shifted_camera(const Rigid3d& ecef_from_world, const Rigid3d& world_from_body,
+Rigid3d shifted_camera(const Rigid3d& global_from_world, const Rigid3d& world_from_body,
                        const Rigid3d& body_from_sensor, ShiftAxes axes,
                        const Eigen::Vector3d& shift_m) {
   Rigid3d world_from_camera = world_from_body * body_from_sensor;
@@ -79,7 +79,7 @@ Rigid3d shifted_camera(const Rigid3d& ecef_from_world, const Rigid3d& world_from
     case ShiftAxes::kBody: world_from_axes = world_from_body.linear(); break;
     case ShiftAxes::kCamera: world_from_axes = world_from_camera.linear(); break;
     case ShiftAxes::kLocal: {
-      const auto local = world_from_local_axes(ecef_from_world, world_from_body);
+      const auto local = world_from_local_axes(global_from_world, world_from_body);
       if (!local)
         throw UsageError("--axes", "local",
                          "the poses of this recording are not near the Earth's surface or head "
@@ -91,7 +91,7 @@ Rigid3d shifted_camera(const Rigid3d& ecef_from_world, const Rigid3d& world_from
   return world_from_camera;
 }
 
-std::vector<RigCamera> poses_rig(const PosesFile& poses, const Scene& scene, bool like_run) {
+std::vector<RigCamera> poses_rig(const ViewRequests& poses, const Scene& scene, bool like_run) {
   if (poses.cameras.empty()) return scene.rig;
   std::vector<RigCamera> rig;
   for (const CameraCalibration& calibration : poses.cameras) {
@@ -106,7 +106,7 @@ std::vector<RigCamera> poses_rig(const PosesFile& poses, const Scene& scene, boo
   return rig;
 }
 
-const RigCamera& requested_camera(const PosesFile& poses, std::size_t index,
+const RigCamera& requested_camera(const ViewRequests& poses, std::size_t index,
                                   const std::vector<RigCamera>& rig) {
   const std::string& name = poses.views[index].camera;
   std::string known;
@@ -118,12 +118,12 @@ const RigCamera& requested_camera(const PosesFile& poses, std::size_t index,
                    "no such camera; there are: " + known);
 }
 
-Rigid3d requested_world_from_body(const PosesFile& poses, std::size_t index,
+Rigid3d requested_world_from_body(const ViewRequests& poses, std::size_t index,
                                   const RigCamera& camera, const Recording& recording,
                                   const Scene& scene, bool prefer_shift) {
   const RequestedView& view = poses.views[index];
-  if (view.ecef_from_body && !(prefer_shift && view.shift_body_m))
-    return scene.ecef_from_world.inverse(Eigen::Isometry) * *view.ecef_from_body;
+  if (view.global_from_body && !(prefer_shift && view.shift_body_m))
+    return scene.global_from_world.inverse(Eigen::Isometry) * *view.global_from_body;
   REDRIVE_CHECK(view.shift_body_m.has_value());
   const auto pose = world_from_body(recording, scene, view.frame_id, camera);
   if (!pose)

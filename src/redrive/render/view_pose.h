@@ -9,7 +9,7 @@
 #include <string_view>
 #include <vector>
 
-#include "redrive/recording/poses_file.h"
+#include "redrive/recording/view_requests.h"
 #include "redrive/scene/scene.h"
 
 namespace redrive {
@@ -39,27 +39,27 @@ Exposure exposure_at(const Recording& recording, const Scene& scene, const std::
 /// Nothing where the pose is not on the Earth (6.2e6 to 6.6e6 m from its centre) or the heading is
 /// vertical. The normal is taken as that of the ellipsoid through the point, within 1e-6 rad of the
 /// geodetic one for heights up to 1 km.
-std::optional<Eigen::Matrix3d> world_from_local_axes(const Rigid3d& ecef_from_world,
+std::optional<Eigen::Matrix3d> world_from_local_axes(const Rigid3d& global_from_world,
                                                      const Rigid3d& world_from_body);
 
 /// world_from_camera of a camera on the body, moved by shift_m along `axes`; its orientation stays.
 /// UsageError where the local axes do not exist.
-Rigid3d shifted_camera(const Rigid3d& ecef_from_world, const Rigid3d& world_from_body,
+Rigid3d shifted_camera(const Rigid3d& global_from_world, const Rigid3d& world_from_body,
                        const Rigid3d& body_from_sensor, ShiftAxes axes,
                        const Eigen::Vector3d& shift_m);
 
 /// The cameras that a poses file's views are of: its own as recorded, with `like_run` undistorted
 /// (no fisheye is) and downscaled as the run's; the run's where it has none.
-std::vector<RigCamera> poses_rig(const PosesFile& poses, const Scene& scene, bool like_run);
+std::vector<RigCamera> poses_rig(const ViewRequests& poses, const Scene& scene, bool like_run);
 
 /// The camera of view `index` among `rig`. InputError: no such camera; the known ones are listed.
-const RigCamera& requested_camera(const PosesFile& poses, std::size_t index,
+const RigCamera& requested_camera(const ViewRequests& poses, std::size_t index,
                                   const std::vector<RigCamera>& rig);
 
 /// world_from_body of view `index` of a poses file, taken by `camera`: absolute where it says
 /// RT_ECEF_body (unless `prefer_shift` and it says shift_body_m too), else the pose of the camera's
 /// exposure of frame_id, shifted in body axes. InputError: no such frame.
-Rigid3d requested_world_from_body(const PosesFile& poses, std::size_t index,
+Rigid3d requested_world_from_body(const ViewRequests& poses, std::size_t index,
                                   const RigCamera& camera, const Recording& recording,
                                   const Scene& scene, bool prefer_shift);
 

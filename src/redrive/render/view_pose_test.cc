@@ -12,14 +12,14 @@ namespace {
 
 // On the equator at longitude 0: up is ECEF x, east is y, north is z. The body heads east.
 Rigid3d heading_east(double pitch_rad) {
-  Rigid3d ecef_from_body = Rigid3d::Identity();
+  Rigid3d global_from_body = Rigid3d::Identity();
   Eigen::Matrix3d axes;  // columns: body x (east), y (left: north), z (up)
   axes.col(0) = Eigen::Vector3d::UnitY();
   axes.col(1) = Eigen::Vector3d::UnitZ();
   axes.col(2) = Eigen::Vector3d::UnitX();
-  ecef_from_body.linear() = axes * Eigen::AngleAxisd(pitch_rad, Eigen::Vector3d::UnitY());
-  ecef_from_body.translation() = Eigen::Vector3d(6378137.0, 0, 0);
-  return ecef_from_body;
+  global_from_body.linear() = axes * Eigen::AngleAxisd(pitch_rad, Eigen::Vector3d::UnitY());
+  global_from_body.translation() = Eigen::Vector3d(6378137.0, 0, 0);
+  return global_from_body;
 }
 
 // The camera looks along body x: x right = -y, y down = -z, z forward = x; 2 m ahead, 1.5 m up.
@@ -34,10 +34,11 @@ Rigid3d front_camera() {
   return body_from_sensor;
 }
 
-Eigen::Vector3d moved(const Rigid3d& ecef_from_world, const Rigid3d& world_from_body,
+Eigen::Vector3d moved(const Rigid3d& global_from_world, const Rigid3d& world_from_body,
                       ShiftAxes axes, const Eigen::Vector3d& shift) {
   const Rigid3d from = world_from_body * front_camera();
-  const Rigid3d to = shifted_camera(ecef_from_world, world_from_body, front_camera(), axes, shift);
+  const Rigid3d to =
+      shifted_camera(global_from_world, world_from_body, front_camera(), axes, shift);
   EXPECT_TRUE(to.linear().isApprox(from.linear(), 1e-15)) << "the orientation stays";
   return to.translation() - from.translation();
 }
@@ -58,16 +59,16 @@ TEST(ViewPose, ShiftsAlongTheAxesItNames) {
 
 TEST(ViewPose, LocalAxesAreLevelWhereTheCarIsNot) {
   const double pitch = 0.1;  // a turn about y (left) by +0.1 rad lowers the nose
-  const Rigid3d ecef_from_world = heading_east(pitch);
+  const Rigid3d global_from_world = heading_east(pitch);
   const Eigen::Vector3d up =
-      moved(ecef_from_world, Rigid3d::Identity(), ShiftAxes::kLocal, Eigen::Vector3d::UnitZ());
+      moved(global_from_world, Rigid3d::Identity(), ShiftAxes::kLocal, Eigen::Vector3d::UnitZ());
   EXPECT_NEAR((up - Eigen::Vector3d(-std::sin(pitch), 0, std::cos(pitch))).norm(), 0, kTolerance_m);
   const Eigen::Vector3d ahead =
-      moved(ecef_from_world, Rigid3d::Identity(), ShiftAxes::kLocal, Eigen::Vector3d::UnitX());
+      moved(global_from_world, Rigid3d::Identity(), ShiftAxes::kLocal, Eigen::Vector3d::UnitX());
   EXPECT_NEAR((ahead - Eigen::Vector3d(std::cos(pitch), 0, std::sin(pitch))).norm(), 0,
               kTolerance_m);
   const Eigen::Vector3d left =
-      moved(ecef_from_world, Rigid3d::Identity(), ShiftAxes::kLocal, Eigen::Vector3d::UnitY());
+      moved(global_from_world, Rigid3d::Identity(), ShiftAxes::kLocal, Eigen::Vector3d::UnitY());
   EXPECT_NEAR((left - Eigen::Vector3d::UnitY()).norm(), 0, kTolerance_m);
 }
 
@@ -76,13 +77,13 @@ TEST(ViewPose, UpIsTheEllipsoidsNormalNotTheRadius) {
   // N (cos phi, 0, (1 - e^2) sin phi) with N = a / sqrt(1 - e^2 sin^2 phi) (WGS84).
   const double a = 6378137.0, f = 1 / 298.257223563, e2 = f * (2 - f), phi = 0.8;
   const double n = a / std::sqrt(1 - e2 * std::sin(phi) * std::sin(phi));
-  Rigid3d ecef_from_body = Rigid3d::Identity();
-  ecef_from_body.linear().col(0) = Eigen::Vector3d::UnitY();  // east
-  ecef_from_body.linear().col(1) = Eigen::Vector3d(-std::sin(phi), 0, std::cos(phi));
-  ecef_from_body.linear().col(2) = Eigen::Vector3d(std::cos(phi), 0, std::sin(phi));
-  ecef_from_body.translation() =
+  Rigid3d global_from_body = Rigid3d::Identity();
+  global_from_body.linear().col(0) = Eigen::Vector3d::UnitY();  // east
+  global_from_body.linear().col(1) = Eigen::Vector3d(-std::sin(phi), 0, std::cos(phi));
+  global_from_body.linear().col(2) = Eigen::Vector3d(std::cos(phi), 0, std::sin(phi));
+  global_from_body.translation() =
       Eigen::Vector3d(n * std::cos(phi), 0, n * (1 - e2) * std::sin(phi));
-  const auto axes = world_from_local_axes(ecef_from_body, Rigid3d::Identity());
+  const auto axes = world_from_local_axes(global_from_body, Rigid3d::Identity());
   ASSERT_TRUE(axes);
   EXPECT_NEAR((*axes - Eigen::Matrix3d::Identity()).norm(), 0,
               1e-11);  // b is rounded to 1e-6 m of 6.4e6 m
@@ -100,14 +101,14 @@ TEST(ViewPose, NoLevelFrameOffTheEarth) {
 class Requested : public testing::Test {
  protected:
   Requested() {
-    scene.ecef_from_world = heading_east(0);
-    Rigid3d second = scene.ecef_from_world;
+    scene.global_from_world = heading_east(0);
+    Rigid3d second = scene.global_from_world;
     second.translate(Eigen::Vector3d(3, 0, 0));
     scene.rig = {{"CAM", {}, {}, Rigid3d::Identity()}};
-    recording.frames = {{10, 0, scene.ecef_from_world}, {11, 100, second}};
+    recording.frames = {{10, 0, scene.global_from_world}, {11, 100, second}};
   }
   Eigen::Vector3d place(RequestedView view, bool prefer_shift = false) {
-    PosesFile poses;
+    ViewRequests poses;
     poses.path = "poses.json";
     poses.cameras = cameras;
     poses.views = {std::move(view)};
@@ -125,7 +126,7 @@ TEST_F(Requested, AbsoluteOrShiftedAndPreferenceDecidesBetweenThem) {
   RequestedView shift{"a.png", "CAM", 11, std::nullopt, Eigen::Vector3d(0, 1, 0)};
   EXPECT_NEAR((place(shift) - Eigen::Vector3d(3, 1, 0)).norm(), 0, kTolerance_m);
   RequestedView both = shift;
-  both.ecef_from_body = scene.ecef_from_world * Eigen::Translation3d(7, 0, 0);
+  both.global_from_body = scene.global_from_world * Eigen::Translation3d(7, 0, 0);
   EXPECT_NEAR((place(both) - Eigen::Vector3d(7, 0, 0)).norm(), 0, kTolerance_m);
   EXPECT_NEAR((place(both, true) - Eigen::Vector3d(3, 1, 0)).norm(), 0, kTolerance_m);
   RequestedView absolute = both;
@@ -141,7 +142,7 @@ TEST_F(Requested, AShiftMovesThePoseOfTheCamerasOwnExposure) {
   scene.rig[0].time_offset_ns = 25;
   RequestedView view{"a.png", "CAM", 10, std::nullopt, Eigen::Vector3d(0, 1, 0)};
   EXPECT_NEAR((place(view) - Eigen::Vector3d(0.75, 1, 0)).norm(), 0, kTolerance_m);
-  view.ecef_from_body = scene.ecef_from_world;
+  view.global_from_body = scene.global_from_world;
   EXPECT_NEAR(place(view).norm(), 0, kTolerance_m);
 }
 
@@ -169,7 +170,7 @@ TEST_F(Requested, ComplaintsNameFileFieldAndValue) {
               std::string::npos)
         << error.what();
   }
-  PosesFile poses;
+  ViewRequests poses;
   poses.path = "poses.json";
   poses.views = {{"a.png", "NO_CAM", 10, std::nullopt, Eigen::Vector3d::Zero()}};
   const std::vector<RigCamera> rig = {{"F_CAM", {}, {}, front_camera()},

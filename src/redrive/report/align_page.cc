@@ -52,13 +52,15 @@ std::string trajectory_script(const Recording& recording, const AlignResult& res
                               const std::string& name) {
   std::ostringstream out;
   out.precision(7);
-  out << plot_head({name, "ahead of the first frame (m)", "to its left (m)", 1200, 520})
+  out << plot_preamble({name, "ahead of the first frame (m)", "to its left (m)", 1200, 520})
       << "set size ratio -1\n$data << end\n";
-  const Rigid3d first_from_ecef = recording.frames.front().ecef_from_body.inverse(Eigen::Isometry);
+  const Rigid3d first_from_global =
+      recording.frames.front().global_from_body.inverse(Eigen::Isometry);
   for (std::size_t f = 0; f < result.frames.size(); ++f) {
-    const Eigen::Vector3d given =
-                              first_from_ecef * recording.frames[f].ecef_from_body.translation(),
-                          aligned = first_from_ecef * result.frames[f].ecef_from_body.translation(),
+    const Eigen::Vector3d given = first_from_global *
+                                  recording.frames[f].global_from_body.translation(),
+                          aligned =
+                              first_from_global * result.frames[f].global_from_body.translation(),
                           moved = 10 * (aligned - given);
     out << given.x() << ' ' << given.y() << ' ' << aligned.x() << ' ' << aligned.y() << ' '
         << moved.x() << ' ' << moved.y() << '\n';
@@ -78,15 +80,15 @@ std::string by_frame_script(const Recording& recording, const AlignResult& resul
   const std::size_t cameras = result.cameras.size(), frames = result.frames.size();
   std::vector<std::vector<std::array<double, 3>>> sums(frames,
                                                        std::vector<std::array<double, 3>>(cameras));
-  for (const SeenResidual& r : result.bundle.residuals) {
+  for (const ImageResidual& r : result.bundle.residuals) {
     std::array<double, 3>& sum = sums[r.frame][r.camera];
     sum[0] += 1;
-    sum[1] += r.before_px.squaredNorm();
-    sum[2] += r.after_px.squaredNorm();
+    sum[1] += r.initial_px.squaredNorm();
+    sum[2] += r.aligned_px.squaredNorm();
   }
   std::ostringstream out;
   out.precision(5);
-  out << plot_head({name, "time (s)", "RMS (px)"}) << "set logscale y\n$data << end\n";
+  out << plot_preamble({name, "time (s)", "RMS (px)"}) << "set logscale y\n$data << end\n";
   for (std::size_t f = 0; f < frames; ++f) {
     out << seconds_of(recording, f);
     for (const auto& sum : sums[f])
@@ -98,7 +100,7 @@ std::string by_frame_script(const Recording& recording, const AlignResult& resul
   for (std::size_t c = 0; c < cameras; ++c) {
     const std::string colour = plot_colour(c);
     out << (c ? ", " : "") << "$data using 1:" << 2 * c + 2 << " with lines lw 1 dt 3 lc rgb '"
-        << colour << "' title " << plot_text(result.cameras[c].name + " before")
+        << colour << "' title " << gnuplot_string(result.cameras[c].name + " before")
         << ", $data using 1:" << 2 * c + 3 << " with lines lw 2.5 lc rgb '" << colour
         << "' title 'after'";
   }
@@ -108,19 +110,19 @@ std::string by_frame_script(const Recording& recording, const AlignResult& resul
 
 /// The errors of one camera as points.
 std::string scatter_script(const AlignResult& result, int camera, const std::string& name) {
-  std::vector<const SeenResidual*> of_camera;
-  for (const SeenResidual& r : result.bundle.residuals)
+  std::vector<const ImageResidual*> of_camera;
+  for (const ImageResidual& r : result.bundle.residuals)
     if (r.camera == camera) of_camera.push_back(&r);
   std::ostringstream out;
   out.precision(4);
-  const double reach = std::max(1.0, 3 * result.bundle.cameras[camera].before_px);
-  out << plot_head({name, "error in x (px)", "error in y (px)", 620, 560})
+  const double reach = std::max(1.0, 3 * result.bundle.cameras[camera].initial_px);
+  out << plot_preamble({name, "error in x (px)", "error in y (px)", 620, 560})
       << "set size ratio 1\nset key top left inside\nset xrange [" << -reach << ":" << reach
       << "]\nset yrange [" << -reach << ":" << reach << "]\n$data << end\n";
   const std::size_t step = 1 + of_camera.size() / kPointsShown;
   for (std::size_t i = 0; i < of_camera.size(); i += step)
-    out << of_camera[i]->before_px.x() << ' ' << of_camera[i]->before_px.y() << ' '
-        << of_camera[i]->after_px.x() << ' ' << of_camera[i]->after_px.y() << '\n';
+    out << of_camera[i]->initial_px.x() << ' ' << of_camera[i]->initial_px.y() << ' '
+        << of_camera[i]->aligned_px.x() << ' ' << of_camera[i]->aligned_px.y() << '\n';
   out << "end\nplot $data using 1:2 with points pt 7 ps 0.25 lc rgb '#d9a06f' title 'before', "
          "$data using 3:4 with "
          "points pt 7 ps 0.25 lc rgb "
@@ -140,10 +142,10 @@ std::vector<std::vector<std::string>> camera_rows(const AlignResult& result) {
     const CameraFit& fit = result.bundle.cameras[c];
     const CameraCorrection& k = result.camera_corrections[c];
     rows.push_back({k.name, number("%d of %d", fit.used, fit.observations),
-                    number("%.2f", fit.before_px), number("%.2f", fit.after_px),
-                    number("%+.3f", k.turned_in_body.x() * kDegrees),
-                    number("%+.3f", k.turned_in_body.y() * kDegrees),
-                    number("%+.3f", k.turned_in_body.z() * kDegrees),
+                    number("%.2f", fit.initial_px), number("%.2f", fit.aligned_px),
+                    number("%+.3f", k.rotation_in_body.x() * kDegrees),
+                    number("%+.3f", k.rotation_in_body.y() * kDegrees),
+                    number("%+.3f", k.rotation_in_body.z() * kDegrees),
                     number("%.3f", k.mount.sigma.tail<3>().maxCoeff() * kDegrees),
                     number("%.1f", 100 * k.mount.value.head<3>().norm()),
                     number("%.1f", 100 * k.mount.sigma.head<3>().maxCoeff()),
@@ -163,7 +165,7 @@ std::string contrast_script(const AlignResult& result, const std::string& name) 
   const std::vector<ContrastFit>& fits = result.bundle.contrast;
   std::ostringstream out;
   out.precision(5);
-  out << plot_head(
+  out << plot_preamble(
              {name, "exposed later than the calibration says (ms)", "correlation, of its highest"})
       << "$data << end\n";
   const std::size_t steps = fits.empty() ? 0 : fits[0].correlation.size();
@@ -177,7 +179,7 @@ std::string contrast_script(const AlignResult& result, const std::string& name) 
   out << "end\nset yrange [0:1.05]\nplot ";
   for (std::size_t c = 0; c < fits.size(); ++c)
     out << (c ? ", " : "") << "$data using 1:" << c + 2 << " with lines lw 2 lc rgb '"
-        << plot_colour(c) << "' title " << plot_text(result.cameras[c].name);
+        << plot_colour(c) << "' title " << gnuplot_string(result.cameras[c].name);
   out << "\n";
   return out.str();
 }
@@ -225,8 +227,8 @@ void write_align_page(const std::filesystem::path& folder, const Recording& reco
           "body's axes.</p>\n";
   if (bundle.lidar_points > 0)
     body += "<p>LiDAR points off their patches: RMS " +
-            number("%.2f cm before, %.2f cm after", 100 * bundle.lidar_before_m,
-                   100 * bundle.lidar_after_m) +
+            number("%.2f cm before, %.2f cm after", 100 * bundle.initial_lidar_rms_m,
+                   100 * bundle.lidar_rms_m) +
             "</p>\n";
   if (!bundle.contrast.empty())
     body += "<h2>Clocks by the LiDAR</h2>\n" + html_table(contrast_rows(result), true) +
@@ -234,15 +236,16 @@ void write_align_page(const std::filesystem::path& folder, const Recording& reco
                   "What is bright to the LiDAR (lane markings, signs, posts) against what is "
                   "bright in the image where "
                   "the camera would see it, had it been exposed at another time");
-  if (result.truth_after)
-    body += "<h2>Against the truth</h2>\n" +
-            html_table({{"trajectory", "position cm RMS", "rotation deg RMS"},
-                        {"as given", number("%.2f", 100 * result.truth_before->rest_m),
-                         number("%.4f", result.truth_before->rest_deg)},
-                        {"aligned", number("%.2f", 100 * result.truth_after->rest_m),
-                         number("%.4f", result.truth_after->rest_deg)}},
-                       true) +
-            "<p>After one rigid motion of the whole.</p>\n";
+  if (result.aligned_vs_ground_truth)
+    body +=
+        "<h2>Against the truth</h2>\n" +
+        html_table({{"trajectory", "position cm RMS", "rotation deg RMS"},
+                    {"as given", number("%.2f", 100 * result.initial_vs_ground_truth->residual_m),
+                     number("%.4f", result.initial_vs_ground_truth->residual_deg)},
+                    {"aligned", number("%.2f", 100 * result.aligned_vs_ground_truth->residual_m),
+                     number("%.4f", result.aligned_vs_ground_truth->residual_deg)}},
+                   true) +
+        "<p>After one rigid motion of the whole.</p>\n";
   body += "<h2>Trajectory</h2>\n" +
           drawn("position",
                 corrections_script(recording, result, {"position", "time (s)", "moved (cm)"}, 0,

@@ -73,11 +73,11 @@ std::string html_escape(std::string_view text) {
   return out;
 }
 
-std::string png_address(std::string_view png_bytes) {
+std::string png_data_uri(std::string_view png_bytes) {
   return "data:image/png;base64," + base64(png_bytes);
 }
 
-std::string jpeg_address(const Image8& image) {
+std::string jpeg_data_uri(const Image8& image) {
   const cv::Mat rgb(image.height, image.width, CV_8UC3,
                     const_cast<std::uint8_t*>(image.rgb.data()));
   cv::Mat bgr;

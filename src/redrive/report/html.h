@@ -6,7 +6,7 @@
 #include <string_view>
 #include <vector>
 
-#include "redrive/scene/image_set.h"
+#include "redrive/scene/load_views.h"
 
 namespace redrive {
 
@@ -16,8 +16,8 @@ std::string fixed(double value, int digits);  ///< so many behind the point; "-"
 
 /// data: addresses of a PNG file's bytes, and of an image (as a JPEG of quality 90: photographs, a
 /// tenth of a PNG).
-std::string png_address(std::string_view png_bytes);
-std::string jpeg_address(const Image8& image);
+std::string png_data_uri(std::string_view png_bytes);
+std::string jpeg_data_uri(const Image8& image);
 
 std::string html_warning(const std::string& text);  ///< a paragraph that is seen
 std::string html_figure(const std::string& address, const std::string& caption);

@@ -14,7 +14,7 @@
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
 #include "redrive/report/html.h"
-#include "redrive/scene/image_set.h"
+#include "redrive/scene/load_views.h"
 
 namespace redrive {
 namespace {
@@ -35,8 +35,8 @@ std::string history_script(const std::vector<MetricsRow>& rows, const std::strin
                            const Axis& axis) {
   std::ostringstream out;
   out.precision(8);
-  out << plot_head({axis.name, "step", axis.label, 1200, 560, 14}) << "set title "
-      << plot_text(title) << '\n'
+  out << plot_preamble({axis.name, "step", axis.label, 1200, 560, 14}) << "set title "
+      << gnuplot_string(title) << '\n'
       << axis.setup << "set grid noxtics\nset key " << axis.key_position << " noautotitle\n"
       << "set xrange [0:" << (rows.empty() ? 1 : rows.back().step) << "]\n";
   const int epochs = rows.empty() ? 0 : rows.back().epoch + 1;
@@ -66,7 +66,7 @@ std::string history_script(const std::vector<MetricsRow>& rows, const std::strin
 
 }  // namespace
 
-std::string plot_text(const std::string& text) {
+std::string gnuplot_string(const std::string& text) {
   std::string out = "'";
   // Nothing is special between single quotes, but '' for one of them is misread at a string's
   // beginning.
@@ -80,12 +80,12 @@ std::string plot_colour(std::size_t index) {
   return kColours[index % std::size(kColours)];
 }
 
-std::string plot_head(const PlotAxes& axes) {
+std::string plot_preamble(const PlotAxes& axes) {
   std::ostringstream out;
   out << "set terminal pngcairo size " << axes.width_px << "," << axes.height_px
       << " font 'DejaVu Sans," << axes.font_pt << "' background '#ffffff' noenhanced\nset output "
-      << plot_text(axes.name + ".png.part") << "\nset xlabel " << plot_text(axes.x_label)
-      << "\nset ylabel " << plot_text(axes.y_label)
+      << gnuplot_string(axes.name + ".png.part") << "\nset xlabel " << gnuplot_string(axes.x_label)
+      << "\nset ylabel " << gnuplot_string(axes.y_label)
       << "\nset grid lc rgb '#dddddd' lt 1\nset border 3 lc rgb '#666666'\nset tics nomirror\n"
       << "set key outside right top\n";
   return out.str();
@@ -99,7 +99,7 @@ std::string time_curves_script(const TimeCurves& curves) {
     most = std::max(most, value.cwiseAbs().maxCoeff());
   std::ostringstream out;
   out.precision(6);
-  out << plot_head(curves.axes)
+  out << plot_preamble(curves.axes)
       << "set style fill transparent solid 0.2 noborder\nset autoscale xfix\n"
       << "set xzeroaxis lt 1 lc rgb '#999999'\n"
       << (most > 0 || bands ? "" : "set yrange [-1:1]\n") << "$data << end\n";
@@ -119,7 +119,7 @@ std::string time_curves_script(const TimeCurves& curves) {
       out << "$data using 1:" << 3 * k + 3 << ":" << 3 * k + 4 << " with filledcurves" << colour
           << "notitle, ";
     out << "$data using 1:" << 3 * k + 2 << " with lines lw 2" << colour << "title "
-        << plot_text(curves.titles[k]);
+        << gnuplot_string(curves.titles[k]);
   }
   if (curves.bound > 0 && 2 * most > curves.bound)
     for (const double bound : {curves.bound, -curves.bound})
@@ -209,7 +209,7 @@ void draw_plot(const std::filesystem::path& folder, const std::string& name,
 std::string plot_figure(const std::filesystem::path& folder, const std::string& name,
                         const std::string& script, const std::string& caption) {
   draw_plot(folder, name, script);
-  return html_figure(png_address(read_file(folder / (name + ".png"))), caption);
+  return html_figure(png_data_uri(read_file(folder / (name + ".png"))), caption);
 }
 
 }  // namespace redrive

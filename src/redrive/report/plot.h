@@ -19,9 +19,9 @@ struct PlotAxes {
   int width_px = 1200, height_px = 420, font_pt = 13;
 };
 /// The beginning of a script: a white picture, axes with a grid, the key beside them.
-std::string plot_head(const PlotAxes& axes);
+std::string plot_preamble(const PlotAxes& axes);
 /// A string of a script, whatever is in it.
-std::string plot_text(const std::string& text);
+std::string gnuplot_string(const std::string& text);
 /// Of distinct hue, by index: "#1f4e8c".
 std::string plot_colour(std::size_t index);
 

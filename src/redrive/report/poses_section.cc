@@ -16,9 +16,9 @@ constexpr int kWidth_px = 1200, kHeight_px = 560, kFont_pt = 14;  // as the curv
 /// A sentence, as HTML.
 std::string source_of(const Run& run) {
   const TrainOptions& options = run.options;
-  if (options.truth_poses)
+  if (options.ground_truth_poses)
     return "The exact ones that the recording ships (<code>--truth-poses</code>).";
-  if (!has_own_poses(options)) return "As recorded.";
+  if (!has_external_poses(options)) return "As recorded.";
   std::string out = "Aligned before training ";
   if (options.align)
     out += "(<code>--align</code>).";
@@ -47,43 +47,43 @@ std::vector<std::vector<std::string>> rows_of(const PoseChanges& changes) {
        "yaw (deg)", "turned (deg)", "exposed later (ms)", ""}};
   for (const CameraChange& camera : changes.cameras) {
     std::vector<std::string> row{camera.name};
-    const Eigen::Vector3d moved_cm = 100 * camera.pose.moved_m,
-                          turned_deg = kTurnInDegrees * camera.pose.turned_rad;
+    const Eigen::Vector3d moved_cm = 100 * camera.pose.translation_m,
+                          rotation_deg = kTurnInDegrees * camera.pose.rotation_rad;
     for (const double value : moved_cm) row.push_back(fixed(value, 2));
     row.push_back(fixed(moved_cm.norm(), 2));
-    for (const double value : turned_deg) row.push_back(fixed(value, 3));
-    row.insert(row.end(), {fixed(turned_deg.norm(), 3), fixed(1e3 * camera.late_s, 2),
+    for (const double value : rotation_deg) row.push_back(fixed(value, 3));
+    row.insert(row.end(), {fixed(rotation_deg.norm(), 3), fixed(1e3 * camera.time_offset_s, 2),
                            camera.pose.at_bound ? "at its bound" : ""});
     rows.push_back(row);
   }
   const int at_bound = changes.frames_at_bound();
-  rows.push_back({"frames, RMS", "", "", "", fixed(100 * changes.moved_m, 2), "", "", "",
-                  fixed(kTurnInDegrees * changes.turned_rad, 3), "",
+  rows.push_back({"frames, RMS", "", "", "", fixed(100 * changes.translation_m, 2), "", "", "",
+                  fixed(kTurnInDegrees * changes.rotation_rad, 3), "",
                   at_bound > 0 ? std::to_string(at_bound) + " at their bounds" : ""});
   return rows;
 }
 
 }  // namespace
 
-std::string frames_moved_script(const Scene& scene, const PoseChanges& changes) {
-  return curves_script(scene, changes, &PoseChange::moved_m, 100,
+std::string frame_translations_script(const Scene& scene, const PoseChanges& changes) {
+  return curves_script(scene, changes, &PoseChange::translation_m, 100,
                        {{"poses_moved", "time (s)", "moved (cm)", kWidth_px, kHeight_px, kFont_pt},
                         {"ahead", "left", "up"},
                         {},
                         {},
                         {},
-                        100.0 * kMostMoved_m});
+                        100.0 * kMaxTranslation_m});
 }
 
-std::string frames_turned_script(const Scene& scene, const PoseChanges& changes) {
+std::string frame_rotations_script(const Scene& scene, const PoseChanges& changes) {
   return curves_script(
-      scene, changes, &PoseChange::turned_rad, kTurnInDegrees,
+      scene, changes, &PoseChange::rotation_rad, kTurnInDegrees,
       {{"poses_turned", "time (s)", "turned (degrees)", kWidth_px, kHeight_px, kFont_pt},
        {"roll", "pitch", "yaw"},
        {},
        {},
        {},
-       kTurnInDegrees * kMostTurned_rad});
+       kTurnInDegrees * kMaxRotation_rad});
 }
 
 std::string poses_section(const Run& run, const std::filesystem::path& figures) {
@@ -91,8 +91,8 @@ std::string poses_section(const Run& run, const std::filesystem::path& figures) 
   if (!run.state.poses.refines()) return out + " Training left them as they are.</p>\n";
   const PoseChanges changes = pose_changes(run.scene, run.state.poses.corrections);
   const std::string bounds =
-      fixed(100 * kMostMoved_m, 0) + " cm and " + fixed(kTurnInDegrees * kMostTurned_rad, 1) +
-      " degrees along each axis, cameras also at " + fixed(1e3 * kMostLate_s, 0) + " ms";
+      fixed(100 * kMaxTranslation_m, 0) + " cm and " + fixed(kTurnInDegrees * kMaxRotation_rad, 1) +
+      " degrees along each axis, cameras also at " + fixed(1e3 * kMaxTimeOffset_s, 0) + " ms";
   out +=
       " While training, each frame, each camera on the body and each camera's clock were corrected "
       "by what their "
@@ -107,9 +107,9 @@ std::string poses_section(const Run& run, const std::filesystem::path& figures) 
          "common is in the "
          "frames. Corrections end at " +
          bounds + ".</p>\n<div class=\"row\">\n" +
-         plot_figure(figures, "poses_moved", frames_moved_script(run.scene, changes),
+         plot_figure(figures, "poses_moved", frame_translations_script(run.scene, changes),
                      "how far each frame was moved") +
-         plot_figure(figures, "poses_turned", frames_turned_script(run.scene, changes),
+         plot_figure(figures, "poses_turned", frame_rotations_script(run.scene, changes),
                      "how far each frame was turned") +
          "</div>\n";
   return out;

@@ -15,7 +15,7 @@ namespace redrive {
 std::string poses_section(const Run& run, const std::filesystem::path& figures);
 
 /// The plots' gnuplot scripts: cm and degrees over time, bounds where a frame comes near.
-std::string frames_moved_script(const Scene& scene, const PoseChanges& changes);
-std::string frames_turned_script(const Scene& scene, const PoseChanges& changes);
+std::string frame_translations_script(const Scene& scene, const PoseChanges& changes);
+std::string frame_rotations_script(const Scene& scene, const PoseChanges& changes);
 
 }  // namespace redrive

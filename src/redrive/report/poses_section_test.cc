@@ -5,7 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/files.h"
-#include "redrive/scene/test_recording.h"
+#include "redrive/scene/scene_testing.h"
 #include "redrive/train/pose_refiner.h"
 
 namespace redrive {
@@ -27,7 +27,8 @@ class PosesSection : public ::testing::Test {
     Scene recorded = make_scene(run_.recording, {});
     if (!run_.state.poses.refines()) run_.state.poses = PoseState(recorded);
     run_.state.poses.corrections.values[at] = value;
-    place_views(corrected(run_.recording, recorded, run_.state.poses.corrections), &run_.scene);
+    update_view_poses(corrected(run_.recording, recorded, run_.state.poses.corrections),
+                      &run_.scene);
   }
   TemporaryFolder folder_;
   redrive::Run run_;
@@ -46,17 +47,17 @@ TEST_F(PosesSection, SaysWhereThePosesAreFrom) {
   write_file(run_.paths.poses() / "report.html", "");
   EXPECT_THAT(section(), HasSubstr("(<code>--align</code>). <a href=\"poses/report.html\">"));
   run_.options.align = false;
-  run_.options.truth_poses = true;
+  run_.options.ground_truth_poses = true;
   EXPECT_THAT(section(), HasSubstr("--truth-poses"));
   EXPECT_FALSE(std::filesystem::exists(folder_.path / "figures")) << "nothing to draw";
 }
 
 TEST_F(PosesSection, ShowsWhatTheCheckpointHolds) {
   const PoseCorrections at(run_.scene);
-  refine(at.at_camera(1) + 2, 0.025f);  // FRONT ahead
-  refine(at.at_camera(1) + 5, 0.01f);   // rolled
-  refine(at.at_time(1), -0.0035f);
-  refine(at.at_frame(2) + 1, 0.06f);  // to the left
+  refine(at.camera_slot(1) + 2, 0.025f);  // FRONT ahead
+  refine(at.camera_slot(1) + 5, 0.01f);   // rolled
+  refine(at.time_slot(1), -0.0035f);
+  refine(at.frame_slot(2) + 1, 0.06f);  // to the left
   const std::string html = section();
   EXPECT_THAT(html, HasSubstr("<td>FRONT</td><td>2.50</td><td>0.00</td><td>0.00</td><td>2.50</"
                               "td><td>0.573</td><td>0.000"
@@ -68,15 +69,15 @@ TEST_F(PosesSection, ShowsWhatTheCheckpointHolds) {
     EXPECT_EQ(read_image(folder_.path / plot).width, 1200);
   const PoseChanges changes = pose_changes(run_.scene, run_.state.poses.corrections);
   // Frame 2 at 2 x 0.066667 s: cm.
-  EXPECT_THAT(frames_moved_script(run_.scene, changes),
+  EXPECT_THAT(frame_translations_script(run_.scene, changes),
               HasSubstr("\n0.133333 0 0 0 6 6 6 0 0 0\n"));
-  EXPECT_THAT(frames_moved_script(run_.scene, changes), Not(HasSubstr("bound")));
+  EXPECT_THAT(frame_translations_script(run_.scene, changes), Not(HasSubstr("bound")));
 }
 
 TEST_F(PosesSection, WarnsWhereACorrectionIsAtItsBound) {
   const PoseCorrections at(run_.scene);
-  refine(at.at_frame(4) + 5, -kMostTurned_rad);
-  refine(at.at_time(0), kMostLate_s);
+  refine(at.frame_slot(4) + 5, -kMaxRotation_rad);
+  refine(at.time_slot(0), kMaxTimeOffset_s);
   const std::string html = section();
   EXPECT_THAT(html, HasSubstr("<p class=\"warning\">Warning: Corrections run against their bounds "
                               "(50 cm and 2.0 degrees "
@@ -84,8 +85,8 @@ TEST_F(PosesSection, WarnsWhereACorrectionIsAtItsBound) {
   EXPECT_THAT(html, HasSubstr("<td>50.00</td><td>at its bound</td>"));
   EXPECT_THAT(html, HasSubstr("<td>1 at their bounds</td>"));
   const PoseChanges changes = pose_changes(run_.scene, run_.state.poses.corrections);
-  EXPECT_THAT(frames_turned_script(run_.scene, changes), HasSubstr("title 'bound'"));
-  EXPECT_THAT(frames_moved_script(run_.scene, changes), Not(HasSubstr("bound")));
+  EXPECT_THAT(frame_rotations_script(run_.scene, changes), HasSubstr("title 'bound'"));
+  EXPECT_THAT(frame_translations_script(run_.scene, changes), Not(HasSubstr("bound")));
 }
 
 }  // namespace

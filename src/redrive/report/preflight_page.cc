@@ -25,13 +25,13 @@ std::string row_of(const std::vector<std::string>& figures) {
 }
 
 /// "-8.8 ± 1.2", or "-" of a clock that is not told.
-std::string offset_text(const std::optional<ClockReading>& clock) {
+std::string offset_text(const std::optional<TimeOffsetEstimate>& clock) {
   if (!clock) return "-";
   return fixed(clock->offset_ms, 1) +
          (std::isfinite(clock->sigma_ms) ? "\u00a0\u00b1\u00a0" + fixed(clock->sigma_ms, 1) : "");
 }
 std::string offset_by_images(const CameraCheck& check) {
-  return offset_text(check.offset_told ? std::optional(check.by_images()) : std::nullopt);
+  return offset_text(check.offset_observable ? std::optional(check.by_images()) : std::nullopt);
 }
 
 std::string verdicts(const Recording& recording, const Preflight& preflight) {
@@ -73,7 +73,7 @@ int middle_frame(const RigImages& images, int camera) {
   return with_image.empty() ? -1 : with_image[with_image.size() / 2];
 }
 
-Mask mask_of(const RigImages& images, int camera, int frame) {
+Mask static_mask_at(const RigImages& images, int camera, int frame) {
   const cv::Mat& usable = images.usable[camera][frame];
   const auto moving = images.moving_at(camera, frame);
   Mask mask = full_mask(usable.cols, usable.rows);
@@ -137,7 +137,7 @@ std::string picture(const std::filesystem::path& folder, const Recording& record
   Image8 image = load_view(scene, *view);
   image.alpha.clear();
   image.used.clear();
-  Image8 tinted = overlay(image, mask_of(images, camera, frame));
+  Image8 tinted = overlay(image, static_mask_at(images, camera, frame));
   const int points = draw_lidar(images, camera, frame, lidar, &tinted);
   const std::string name = scene.rig[0].name + ".jpg";
   write_image(folder / name, tinted);
@@ -173,7 +173,7 @@ PlotAxes axes_of(const std::string& name, const std::string& x_label, const std:
 std::string scan_script(const CameraCheck& check, const std::string& name) {
   constexpr const char *kError = "#1f4e8c", *kContrast = "#3a7d44";
   std::ostringstream out, plots;
-  out << plot_head(axes_of(name, "time offset (ms), added to the recorded one", "error (px)"))
+  out << plot_preamble(axes_of(name, "time offset (ms), added to the recorded one", "error (px)"))
       << "set key inside center top\nset autoscale xfix\nset yrange [0:*]\nset offsets 0, 0, graph "
          "0.25, 0\n";
   /// A curve, and a line where it is best.
@@ -188,7 +188,7 @@ std::string scan_script(const CameraCheck& check, const std::string& name) {
     out << "$" << data << " << end\n";
     for (const auto& p : points) out << p.offset_ms << ' ' << p.*value << '\n';
     out << "end\n";
-    curve(data, "lw 3", "title " + plot_text(title));
+    curve(data, "lw 3", "title " + gnuplot_string(title));
     if (!best_ms) return;
     out << "$" << data << "_best << end\n"
         << *best_ms << ' ' << std::min(0.0, low.*value) << '\n'
@@ -199,9 +199,9 @@ std::string scan_script(const CameraCheck& check, const std::string& name) {
     out << "unset ytics\nset yrange [0:1]\n";
   else
     add("scan", check.scan, &ScanPoint::error_px,
-        check.offset_told ? std::optional(check.offset_ms) : std::nullopt,
-        check.offset_told ? "error least at " + offset_by_images(check) + " ms"
-                          : "error: too flat to tell",
+        check.offset_observable ? std::optional(check.offset_ms) : std::nullopt,
+        check.offset_observable ? "error least at " + offset_by_images(check) + " ms"
+                                : "error: too flat to tell",
         "x1y1", kError);
   if (!check.contrast.empty()) {
     const auto [low, high] = std::ranges::minmax(check.contrast, {}, &ContrastPoint::correlation);
@@ -257,11 +257,11 @@ std::string rig_script(const Recording& recording, int right, int up, const std:
     while (std::ranges::any_of(labelled, over_another)) label.y() -= kLine_m;
     labelled.push_back(label);
     shown.extend(Eigen::Vector2d(label + Eigen::Vector2d(kLabel_m, 0)));
-    labels << "set label " << plot_text(camera.calibration.name) << " at " << label.x() << ','
+    labels << "set label " << gnuplot_string(camera.calibration.name) << " at " << label.x() << ','
            << label.y() << " left font 'DejaVu Sans,16' front\n";
   }
   std::ostringstream out;
-  out << plot_head(axes_of(name, kAxis[right], kAxis[up], 600)) << "set key off\n"
+  out << plot_preamble(axes_of(name, kAxis[right], kAxis[up], 600)) << "set key off\n"
       << to_scale(shown, kAround_m) << labels.str() << "set object 1 rectangle from " << low[right]
       << ',' << low[up] << " to " << high[right] << ',' << high[up]
       << " behind fillstyle empty border lc rgb '#b6bec8' lw 3\n$axes << end\n"
@@ -285,7 +285,7 @@ std::string way_script(const RigImages& images, int right, int up, const std::st
     data << at.x() << ' ' << at.y() << '\n';
   }
   std::ostringstream out;
-  out << plot_head(axes_of(name, kAxis[right], kAxis[up])) << "set key off\n"
+  out << plot_preamble(axes_of(name, kAxis[right], kAxis[up])) << "set key off\n"
       << (up == 1 ? to_scale(shown, 0.01 + 0.05 * shown.sizes().maxCoeff()) : "") << "$way << end\n"
       << data.str() << "end\nplot $way with linespoints lw 3 pt 7 ps 0.4 lc rgb '" << plot_colour(0)
       << "'\n";
@@ -295,7 +295,7 @@ std::string way_script(const RigImages& images, int right, int up, const std::st
 std::string exposure_script(const RigImages& images, const std::string& name) {
   constexpr int kInKey = 8;  // photographs may have a camera each
   std::ostringstream out, plots;
-  out << plot_head(axes_of(name, "time (s)", "brightness (0..1)")) << "set key "
+  out << plot_preamble(axes_of(name, "time (s)", "brightness (0..1)")) << "set key "
       << (images.cameras() > kInKey ? "off" : "inside top right")
       << "\nset autoscale xfix\nset yrange [0:*]\nset offsets 0, 0, graph 0.6, 0\n";
   for (int c = 0; c < images.cameras(); ++c) {
@@ -310,7 +310,7 @@ std::string exposure_script(const RigImages& images, const std::string& name) {
     }
     out << "end\n";
     plots << (c ? ", " : "") << "$camera" << c << " with linespoints lw 3 pt 7 ps 0.4 lc rgb '"
-          << plot_colour(c) << "' title " << plot_text(images.scene.rig[c].name);
+          << plot_colour(c) << "' title " << gnuplot_string(images.scene.rig[c].name);
   }
   out << "plot " << plots.str() << '\n';
   return out.str();

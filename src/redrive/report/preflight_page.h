@@ -5,7 +5,7 @@
 
 #include <filesystem>
 
-#include "redrive/align/preflight.h"
+#include "redrive/align/preflight/preflight.h"
 #include "redrive/scene/lidar_returns.h"
 
 namespace redrive {

@@ -10,9 +10,9 @@
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
 #include "redrive/report/html.h"
-#include "redrive/report/pictures.h"
 #include "redrive/report/plot.h"
 #include "redrive/report/poses_section.h"
+#include "redrive/report/report_images.h"
 
 namespace redrive {
 namespace {
@@ -77,18 +77,18 @@ std::vector<std::string> score_row(const std::string& name, const Score& score) 
 }
 
 /// PSNR and SSIM that another run has in the same row; dashes where it has none.
-void add_beside(const std::map<std::string, Score>& scores, const std::string& name,
-                std::vector<std::string>* row) {
+void add_compared_scores(const std::map<std::string, Score>& scores, const std::string& name,
+                         std::vector<std::string>* row) {
   const auto found = scores.find(name);
   row->push_back(found == scores.end() ? "-" : fixed(found->second.psnr_db, 2));
   row->push_back(found == scores.end() ? "-" : fixed(found->second.ssim, 4));
 }
 
-std::string alignment_text(const Alignment& alignment) {
+std::string alignment_text(const TrajectoryRegistration& alignment) {
   return "<p>The run's trajectory is laid over the true one first: " +
-         fixed(100 * alignment.moved_m, 1) + " cm and " + fixed(alignment.turned_deg, 3) +
-         "&deg;. What remains is " + fixed(100 * alignment.rest_m, 1) + " cm and " +
-         fixed(alignment.rest_deg, 3) + "&deg; RMS over " + std::to_string(alignment.frames) +
+         fixed(100 * alignment.translation_m, 1) + " cm and " + fixed(alignment.rotation_deg, 3) +
+         "&deg;. What remains is " + fixed(100 * alignment.residual_m, 1) + " cm and " +
+         fixed(alignment.residual_deg, 3) + "&deg; RMS over " + std::to_string(alignment.frames) +
          " frames.</p>\n";
 }
 
@@ -109,10 +109,10 @@ std::string scores(const Evaluation& evaluation, const Evaluation* other,
   add_heads();
   for (const auto& [name, score] : evaluation.cameras) {
     rows.push_back(score_row(name, score));
-    if (other) add_beside(other->cameras, name, &rows.back());
+    if (other) add_compared_scores(other->cameras, name, &rows.back());
   }
   rows.push_back(score_row("all", evaluation.overall));
-  if (other) add_beside({{"all", other->overall}}, "all", &rows.back());
+  if (other) add_compared_scores({{"all", other->overall}}, "all", &rows.back());
   out += html_table(rows, true);
   if (evaluation.novel.empty()) return out;
   rows = {{"novel views with truth", "images", "PSNR (dB)", "SSIM", "FLIP", "pixels masked",
@@ -121,28 +121,28 @@ std::string scores(const Evaluation& evaluation, const Evaluation* other,
   for (const auto& [name, score] : evaluation.novel) {
     rows.push_back(score_row(name, score));
     rows.back().push_back(fixed(100 * score.depth_error, 1));
-    if (other) add_beside(other->novel, name, &rows.back());
+    if (other) add_compared_scores(other->novel, name, &rows.back());
   }
   out += "<h3>Views that were never driven</h3>\n";
   if (const auto& aligned = evaluation.view_alignment)
     out += "<p>Training refined the poses; those of the " + std::to_string(aligned->views) +
            " held-out images were laid onto the finished field before they were scored: moved by " +
-           fixed(100 * aligned->moved_m, 1) + " cm, turned by " + fixed(aligned->turned_deg, 3) +
-           "&deg; RMS.</p>\n";
+           fixed(100 * aligned->translation_m, 1) + " cm, turned by " +
+           fixed(aligned->rotation_deg, 3) + "&deg; RMS.</p>\n";
   if (evaluation.alignment) out += alignment_text(*evaluation.alignment);
   return out + html_table(rows, true) +
          "<p>Depth error: median over an image's pixels of |depth - truth| / truth, along the "
          "ray.</p>\n";
 }
 
-std::string pictures(const std::filesystem::path& folder, const PictureRow& row,
+std::string pictures(const std::filesystem::path& folder, const ImageRow& row,
                      const Written& written) {
   std::string out = "<h3>" + html_escape(row.title) + "</h3>\n<div class=\"row\">\n";
   for (const Picture& picture : row.pictures) {
     const std::filesystem::path file = folder / (picture.name + ".png");
     write_image(file, picture.image);
     written(file);
-    out += html_figure(jpeg_address(picture.image), picture.caption);
+    out += html_figure(jpeg_data_uri(picture.image), picture.caption);
   }
   return out + "</div>\n";
 }
@@ -150,7 +150,7 @@ std::string pictures(const std::filesystem::path& folder, const PictureRow& row,
 /// Truth beside render for each novel set; empty if there is none.
 std::string novel_views(const Run& run, kernels::Backend& backend, const Run* beside,
                         const Written& written) {
-  const std::vector<NovelTruth> truths = novel_truths(run);
+  const std::vector<NovelGroundTruth> truths = novel_ground_truths(run);
   if (truths.empty()) return "";
   const Coverage coverage(run, backend);
   std::string out =
@@ -158,8 +158,8 @@ std::string novel_views(const Run& run, kernels::Backend& backend, const Run* be
       "counts as "
       "seen where it lies inside a training image, not masked and with nothing in front of "
       "it.</p>\n";
-  for (const NovelTruth& truth : truths)
-    out += pictures(run.paths.figures(), novel_pictures(run, backend, truth, coverage, beside),
+  for (const NovelGroundTruth& truth : truths)
+    out += pictures(run.paths.figures(), novel_image_row(run, backend, truth, coverage, beside),
                     written);
   return out;
 }
@@ -209,7 +209,7 @@ void write_figures(const Run& run, kernels::Backend& backend, const FigureOption
       std::string(run.scene.rig.size() > kCamerasShown ? " (the first ones alone)" : "") +
       ", chosen at random.</p>\n";
   for (int camera = 0; camera < cameras; ++camera)
-    seen += pictures(folder, camera_pictures(run, backend, camera, options.beside), written);
+    seen += pictures(folder, camera_image_row(run, backend, camera, options.beside), written);
   const std::string novel = novel_views(run, backend, options.beside, written);
   const Evaluation own = evaluate(run, backend, options.eval);
   if (options.beside) {

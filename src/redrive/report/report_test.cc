@@ -7,10 +7,10 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
-#include "redrive/base/temporary_folder.h"
+#include "redrive/base/temporary_folder_testing.h"
 #include "redrive/report/html.h"
-#include "redrive/report/pictures.h"
 #include "redrive/report/plot.h"
+#include "redrive/report/report_images.h"
 
 namespace redrive {
 namespace {

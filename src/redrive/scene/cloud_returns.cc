@@ -10,7 +10,7 @@
 namespace redrive {
 namespace {
 
-constexpr std::size_t kPointsOfRange = 4096;
+constexpr std::size_t kPointsPerRange = 4096;
 constexpr int kCellsOfFace = 180;  // a face of the cube around an origin spans 90 degrees
 constexpr float kHidden = 0.95f, kTooClose_m = 0.5f;
 
@@ -52,9 +52,9 @@ CloudPoint place(const Eigen::Vector3d& point, std::span<const CloudOrigin> orig
 LidarReturns cloud_returns(std::span<const Eigen::Vector3d> in_world_m,
                            std::span<const CloudOrigin> origins, ThreadPool& pool) {
   REDRIVE_CHECK(!origins.empty());
-  const std::size_t every = (in_world_m.size() + kMostCloudPoints - 1) / kMostCloudPoints;
+  const std::size_t every = (in_world_m.size() + kMaxCloudPoints - 1) / kMaxCloudPoints;
   std::vector<CloudPoint> points(every > 0 ? (in_world_m.size() + every - 1) / every : 0);
-  pool.run_ranges(points.size(), kPointsOfRange, [&](std::size_t begin, std::size_t end) {
+  pool.run_ranges(points.size(), kPointsPerRange, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) points[i] = place(in_world_m[i * every], origins);
   });
   std::unordered_map<std::uint64_t, float> nearest_m;

@@ -19,7 +19,7 @@ struct CloudOrigin {
 };
 
 /// At most so many points of a cloud are used, evenly picked as they lie in the file.
-constexpr std::size_t kMostCloudPoints = 4'000'000;
+constexpr std::size_t kMaxCloudPoints = 4'000'000;
 
 /// Rays from `origins` (at least one) to the points, in the order of the points. A point is hidden
 /// if another one of the same origin lies in the same cell of directions (half a degree, a cube's

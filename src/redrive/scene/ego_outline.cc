@@ -227,12 +227,12 @@ std::vector<int> cheapest_path(const cv::Mat& cost) {
 
 std::vector<int> find_ego_outline(const Camera& camera, const Rigid3d& body_from_sensor,
                                   const std::vector<GreyView>& views) {
-  double driven_m = 0;
+  double path_length_m = 0;
   for (std::size_t i = 1; i < views.size(); ++i)
-    driven_m +=
+    path_length_m +=
         (views[i].world_from_body.translation() - views[i - 1].world_from_body.translation())
             .norm();
-  if (views.size() < kMinViews || driven_m < kMinDriven_m)
+  if (views.size() < kMinViews || path_length_m < kMinDriven_m)
     return std::vector<int>(static_cast<std::size_t>(camera.width), camera.height);
   for (const GreyView& view : views) {
     REDRIVE_CHECK_OP(view.grey.cols, ==, camera.width);

@@ -30,13 +30,13 @@ class EgoOutline : public ::testing::Test {
     body_from_camera_.translation() = Eigen::Vector3d(1.5, 0, 1.3);
   }
 
-  /// `road` is the contrast of the squares; `moved_m` the way per frame.
+  /// `road` is the contrast of the squares; `translation_m` the way per frame.
   std::vector<GreyView> drive(const std::vector<int>& bonnet, double road = 40,
-                              double moved_m = 0.7, int frames = 30) {
+                              double translation_m = 0.7, int frames = 30) {
     std::vector<GreyView> views;
     for (int n = 0; n < frames; ++n) {
       Rigid3d world_from_body = Rigid3d::Identity();
-      world_from_body.translation().x() = n * moved_m;
+      world_from_body.translation().x() = n * translation_m;
       cv::Mat grey(camera_.height, camera_.width, CV_32F, 180.0f);
       for (int y = 0; y < camera_.height; ++y)
         for (int x = 0; x < camera_.width; ++x) {

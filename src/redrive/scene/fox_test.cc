@@ -4,7 +4,7 @@
 
 #include <gtest/gtest.h>
 
-#include "redrive/scene/image_set.h"
+#include "redrive/scene/load_views.h"
 
 namespace redrive {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/scene/image_set.h"
+#include "redrive/scene/load_views.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -8,7 +8,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
-#include "redrive/scene/test_recording.h"
+#include "redrive/scene/scene_testing.h"
 
 namespace redrive {
 namespace {
@@ -224,7 +224,7 @@ TEST_F(OneView, MasksOfBothKinds) {
   write_image(root_ / "mask.png", mask);
   scene_.views[0].mask = {root_ / "mask.png", true};
   EXPECT_EQ(load().used, (std::vector<std::uint8_t>{0, 255, 0, 0, 255, 0, 0, 0}));
-  scene_.views[0].mask.black_left_out = false;
+  scene_.views[0].mask.black_is_masked = false;
   EXPECT_EQ(load().used, (std::vector<std::uint8_t>{255, 0, 255, 255, 0, 255, 255, 255}));
   halve();
   EXPECT_EQ(load().used, (std::vector<std::uint8_t>{0, 255}))

@@ -47,7 +47,7 @@ struct Ray {
 /// The rays of one revolution; counts what is left out in `counts`.
 std::vector<Ray> rays_of(const std::vector<LidarPoint>& points,
                          const std::vector<LidarPoint>& before, const Recording& recording,
-                         const Rigid3d& world_from_ecef, const MovingObjects& moving,
+                         const Rigid3d& world_from_global, const MovingObjects& moving,
                          LidarReturns* counts) {
   const std::vector<std::uint8_t> repeated = mark_repeated(points, before);
   const std::int64_t first_ns = recording.frames.front().t_ns - kMaxBeyond_ns,
@@ -56,7 +56,7 @@ std::vector<Ray> rays_of(const std::vector<LidarPoint>& points,
   std::vector<Ray> rays;
   rays.reserve(points.size());
   Rigid3d world_from_body = Rigid3d::Identity();
-  std::vector<PlacedBox> boxes;
+  std::vector<MovingBox> boxes;
   std::int64_t placed_ns =
       points.empty() ? 0 : points[0].t_ns - 1;  // a packet's points share their time
   for (std::size_t i = 0; i < points.size(); ++i) {
@@ -76,13 +76,13 @@ std::vector<Ray> rays_of(const std::vector<LidarPoint>& points,
     }
     if (placed_ns != point.t_ns) {
       placed_ns = point.t_ns;
-      world_from_body = world_from_ecef * pose_at(recording.frames, placed_ns);
+      world_from_body = world_from_global * pose_at(recording.frames, placed_ns);
       boxes = moving.at(placed_ns);
     }
     const Eigen::Vector3d in_world = world_from_body * in_body,
                           origin = world_from_body * sensor_in_body;
     if (std::any_of(boxes.begin(), boxes.end(),
-                    [&](const PlacedBox& box) { return box.contains(in_world); })) {
+                    [&](const MovingBox& box) { return box.contains(in_world); })) {
       ++counts->on_moving;
       continue;
     }
@@ -114,12 +114,12 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
   std::vector<std::vector<LidarPoint>> points(files.size());
   pool.run(count, [&](int f) { points[f] = read_las(files[f]->path); });
 
-  const Rigid3d world_from_ecef = scene.ecef_from_world.inverse();
+  const Rigid3d world_from_global = scene.global_from_world.inverse();
   std::vector<std::vector<Ray>> rays(files.size());
   std::vector<LidarReturns> counts(files.size());
   const std::vector<LidarPoint> none;
   pool.run(count, [&](int f) {
-    rays[f] = rays_of(points[f], f > 0 ? points[f - 1] : none, recording, world_from_ecef, moving,
+    rays[f] = rays_of(points[f], f > 0 ? points[f - 1] : none, recording, world_from_global, moving,
                       &counts[f]);
   });
 

@@ -3,9 +3,9 @@
 
 #include <gtest/gtest.h>
 
-#include "redrive/recording/test_las.h"
+#include "redrive/recording/las_testing.h"
 #include "redrive/recording/trajectory.h"
-#include "redrive/scene/test_recording.h"
+#include "redrive/scene/scene_testing.h"
 
 namespace redrive {
 namespace {
@@ -33,7 +33,7 @@ class LidarReturnsTest : public ::testing::Test {
     return record;
   }
   Rigid3d world_from_body(std::int64_t t_ns) const {
-    return recording_.frames[0].ecef_from_body.inverse() * pose_at(recording_.frames, t_ns);
+    return recording_.frames[0].global_from_body.inverse() * pose_at(recording_.frames, t_ns);
   }
   void add_file(std::int64_t frame, const std::vector<LasRecord>& points) {
     const std::string name = "frame_" + std::to_string(frame) + ".las";
@@ -43,8 +43,8 @@ class LidarReturnsTest : public ::testing::Test {
   LidarReturns load(const SceneOptions& options = {}, const std::vector<Box>& boxes = {}) {
     const Scene scene = make_scene(recording_, options);
     ThreadPool pool(3);
-    return load_lidar_returns(recording_, scene,
-                              MovingObjects(boxes, recording_.frames, scene.ecef_from_world), pool);
+    return load_lidar_returns(
+        recording_, scene, MovingObjects(boxes, recording_.frames, scene.global_from_world), pool);
   }
   static Vector3d at(const std::vector<float>& values, std::size_t n, std::size_t i) {
     return {values[i], values[n + i], values[2 * n + i]};

@@ -3,8 +3,8 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
-#include "redrive/scene/image_set.h"
-#include "redrive/scene/test_recording.h"
+#include "redrive/scene/load_views.h"
+#include "redrive/scene/scene_testing.h"
 
 namespace redrive {
 namespace {

@@ -75,7 +75,7 @@ int broken_rows(const std::vector<const Image8*>& images) {
 
 /// Sets to 0 what is black in all pictures and hangs together with a corner, and a pixel more,
 /// where JPEG smears.
-void leave_out_black_corners(const std::vector<const Image8*>& images, Mask* mask) {
+void mask_black_corners(const std::vector<const Image8*>& images, Mask* mask) {
   cv::Mat black(mask->height, mask->width, CV_8U, cv::Scalar(255));
   for (const Image8* image : images)
     for (std::size_t i = 0; i < black.total(); ++i)
@@ -100,8 +100,8 @@ cv::Mat grey_of(const Image8& image, int rows, cv::Size size) {
 }
 
 /// Sets to 0 what find_ego_outline says, and a working pixel more above it.
-void leave_out_vehicle(const Scene& scene, int camera, const std::vector<std::size_t>& views,
-                       const std::vector<Image8>& images, int rows, Mask* mask) {
+void mask_ego_vehicle(const Scene& scene, int camera, const std::vector<std::size_t>& views,
+                      const std::vector<Image8>& images, int rows, Mask* mask) {
   const RigCamera& rig = scene.rig[camera];
   const int width = std::min(mask->width, kWorkingWidth);
   const cv::Size size(
@@ -142,8 +142,8 @@ std::vector<Eigen::Vector3f> directions_of(const Camera& camera) {
 
 /// Sets to 0 the pixels whose rays meet the box. Most are sorted out by their angle to the box's
 /// centre.
-void leave_out_box(const PlacedBox& box, const Rigid3d& world_from_camera,
-                   const std::vector<Eigen::Vector3f>& directions, Mask* mask) {
+void mask_box(const MovingBox& box, const Rigid3d& world_from_camera,
+              const std::vector<Eigen::Vector3f>& directions, Mask* mask) {
   const Eigen::Vector3d centre =
       world_from_camera.inverse() * box.box_from_world.inverse().translation();
   const double distance_m = centre.norm(), radius_m = box.half_size_m.norm();
@@ -163,12 +163,13 @@ void leave_out_box(const PlacedBox& box, const Rigid3d& world_from_camera,
   }
 }
 
-Mask without_moving(const Scene& scene, const View& view, const Mask& of_camera,
-                    const MovingObjects& moving, const std::vector<Eigen::Vector3f>& directions) {
+Mask without_moving_objects(const Scene& scene, const View& view, const Mask& of_camera,
+                            const MovingObjects& moving,
+                            const std::vector<Eigen::Vector3f>& directions) {
   Mask mask = of_camera;
-  for (const PlacedBox& box :
+  for (const MovingBox& box :
        moving.at(scene.frames[view.frame].t_ns + scene.rig[view.camera].time_offset_ns))
-    leave_out_box(box, scene.world_from_camera(view), directions, &mask);
+    mask_box(box, scene.world_from_camera(view), directions, &mask);
   return mask;
 }
 
@@ -224,8 +225,8 @@ Mask find_static_mask(const Scene& scene, int camera, const std::vector<Image8>&
 
   const int rows = mask.height - (on_car ? broken_rows(pictures) : 0);
   std::fill(mask.used.begin() + static_cast<std::ptrdiff_t>(rows) * mask.width, mask.used.end(), 0);
-  if (std::holds_alternative<Mei>(rig.camera.model)) leave_out_black_corners(pictures, &mask);
-  if (on_car) leave_out_vehicle(scene, camera, views, images, rows, &mask);
+  if (std::holds_alternative<Mei>(rig.camera.model)) mask_black_corners(pictures, &mask);
+  if (on_car) mask_ego_vehicle(scene, camera, views, images, rows, &mask);
   return mask;
 }
 
@@ -268,11 +269,11 @@ std::vector<Mask> read_masks(const std::filesystem::path& folder, const Scene& s
 Mask view_mask(const Scene& scene, const View& view, const Mask& of_camera,
                const MovingObjects& moving) {
   if (moving.objects() == 0) return of_camera;
-  return without_moving(scene, view, of_camera, moving,
-                        directions_of(scene.rig[view.camera].camera));
+  return without_moving_objects(scene, view, of_camera, moving,
+                                directions_of(scene.rig[view.camera].camera));
 }
 
-void leave_out(const Mask& mask, Image8* image) {
+void apply_mask(const Mask& mask, Image8* image) {
   REDRIVE_CHECK_OP(image->width, ==, mask.width);
   REDRIVE_CHECK_OP(image->height, ==, mask.height);
   if (mask.left_out() == 0) return;
@@ -281,10 +282,9 @@ void leave_out(const Mask& mask, Image8* image) {
     if (!mask.used[i]) image->used[i] = 0;
 }
 
-void leave_out_of_views(const Scene& scene, const std::vector<Mask>& of_cameras,
-                        const MovingObjects& moving, ThreadPool& pool,
-                        std::vector<Image8>* images) {
-  REDRIVE_CHECK_OP(of_cameras.size(), ==, scene.rig.size());
+void apply_masks(const Scene& scene, const std::vector<Mask>& camera_masks,
+                 const MovingObjects& moving, ThreadPool& pool, std::vector<Image8>* images) {
+  REDRIVE_CHECK_OP(camera_masks.size(), ==, scene.rig.size());
   REDRIVE_CHECK_OP(images->size(), ==, scene.views.size());
   std::vector<std::vector<Eigen::Vector3f>> directions(scene.rig.size());
   if (moving.objects() > 0)
@@ -293,9 +293,9 @@ void leave_out_of_views(const Scene& scene, const std::vector<Mask>& of_cameras,
   pool.run(static_cast<int>(images->size()), [&](int i) {
     const View& view = scene.views[i];
     if (!view.held_out)
-      leave_out(
-          without_moving(scene, view, of_cameras[view.camera], moving, directions[view.camera]),
-          &(*images)[i]);
+      apply_mask(without_moving_objects(scene, view, camera_masks[view.camera], moving,
+                                        directions[view.camera]),
+                 &(*images)[i]);
   });
 }
 

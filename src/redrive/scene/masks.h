@@ -9,7 +9,7 @@
 #include <filesystem>
 #include <vector>
 
-#include "redrive/scene/image_set.h"
+#include "redrive/scene/load_views.h"
 #include "redrive/scene/moving_objects.h"
 #include "redrive/scene/scene.h"
 
@@ -63,11 +63,11 @@ Mask view_mask(const Scene& scene, const View& view, const Mask& of_camera,
 
 /// Adds what the mask leaves out to what the picture's own mask does (Image8::used): it is neither
 /// trained on nor scored.
-void leave_out(const Mask& mask, Image8* image);
+void apply_mask(const Mask& mask, Image8* image);
 /// The same for the pictures of all views that are not held out, each with its view_mask; images[i]
 /// belongs to scene.views[i].
-void leave_out_of_views(const Scene& scene, const std::vector<Mask>& of_cameras,
-                        const MovingObjects& moving, ThreadPool& pool, std::vector<Image8>* images);
+void apply_masks(const Scene& scene, const std::vector<Mask>& camera_masks,
+                 const MovingObjects& moving, ThreadPool& pool, std::vector<Image8>* images);
 
 /// The picture with what is left out tinted red, to look at.
 Image8 overlay(const Image8& image, const Mask& mask);

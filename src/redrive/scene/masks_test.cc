@@ -5,7 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/error.h"
-#include "redrive/scene/test_recording.h"
+#include "redrive/scene/scene_testing.h"
 
 namespace redrive {
 namespace {
@@ -139,11 +139,11 @@ TEST_F(MasksTest, MovingObjectsWhereEachPictureHasThem) {
         Eigen::Vector3d(0.5, 0, 0);  // so it turns and drives as the ego vehicle does
     boxes.push_back(box);
   }
-  const MovingObjects moving(boxes, recording_.frames, scene_.ecef_from_world);
+  const MovingObjects moving(boxes, recording_.frames, scene_.global_from_world);
   ASSERT_EQ(moving.objects(), 1u);
   const std::vector<Mask> whole = {full_mask(20, 14), full_mask(24, 16)};
   scene_.views[5].held_out = true;
-  leave_out_of_views(scene_, whole, moving, pool_, &images_);
+  apply_masks(scene_, whole, moving, pool_, &images_);
   ASSERT_EQ(scene_.views.size(), 12u);
   for (std::size_t i = 0; i < scene_.views.size(); ++i) {
     const View& view = scene_.views[i];
@@ -152,7 +152,7 @@ TEST_F(MasksTest, MovingObjectsWhereEachPictureHasThem) {
       ASSERT_EQ(images_[i].used[k] != 0, mask.used[k] != 0) << i;
     const RigCamera& rig = scene_.rig[view.camera];
     const Rigid3d camera_from_world = scene_.world_from_camera(view).inverse();
-    const PlacedBox box = moving.at(scene_.frames[view.frame].t_ns + rig.time_offset_ns)[0];
+    const MovingBox box = moving.at(scene_.frames[view.frame].t_ns + rig.time_offset_ns)[0];
     Mask expected = whole[view.camera];
     constexpr int kSteps = 60;
     for (int a = 0; a <= kSteps; ++a)
@@ -183,23 +183,23 @@ TEST_F(MasksTest, MovingObjectsWhereEachPictureHasThem) {
 TEST_F(MasksTest, ParkedObjectsStay) {
   load();
   const std::vector<Mask> whole = {full_mask(20, 14), full_mask(24, 16)};
-  const MovingObjects moving({}, recording_.frames, scene_.ecef_from_world);
+  const MovingObjects moving({}, recording_.frames, scene_.global_from_world);
   for (const View& view : scene_.views)
     EXPECT_EQ(view_mask(scene_, view, whole[view.camera], moving).left_out(), 0u);
-  leave_out_of_views(scene_, whole, moving, pool_, &images_);
+  apply_masks(scene_, whole, moving, pool_, &images_);
   for (const Image8& image : images_) EXPECT_TRUE(image.used.empty());
 }
 
 TEST_F(MasksTest, LeavesOutWhatEitherMaskDoes) {
   Image8 image{3, 1, std::vector<std::uint8_t>(9, 7)};
-  leave_out(full_mask(3, 1), &image);
+  apply_mask(full_mask(3, 1), &image);
   EXPECT_TRUE(image.used.empty());
   Mask mask = full_mask(3, 1);
   mask.used[1] = 0;
-  leave_out(mask, &image);
+  apply_mask(mask, &image);
   EXPECT_EQ(image.used, (std::vector<std::uint8_t>{255, 0, 255}));
   image.used[0] = 0;
-  leave_out(mask, &image);
+  apply_mask(mask, &image);
   EXPECT_EQ(image.used, (std::vector<std::uint8_t>{0, 0, 255}));
 }
 

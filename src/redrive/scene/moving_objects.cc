@@ -16,7 +16,7 @@ constexpr std::int64_t kVelocityOver_ns =
 
 }  // namespace
 
-bool PlacedBox::meets(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) const {
+bool MovingBox::meets(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) const {
   const Eigen::Vector3d o = box_from_world * origin, d = box_from_world.linear() * direction;
   double enter = 0, leave = std::numeric_limits<double>::infinity();
   for (int k = 0; k < 3; ++k) {
@@ -32,10 +32,10 @@ bool PlacedBox::meets(const Eigen::Vector3d& origin, const Eigen::Vector3d& dire
 }
 
 MovingObjects::MovingObjects(const std::vector<Box>& boxes, const std::vector<FramePose>& frames,
-                             const Rigid3d& ecef_from_world) {
-  const Rigid3d world_from_ecef = ecef_from_world.inverse();
+                             const Rigid3d& global_from_world) {
+  const Rigid3d world_from_global = global_from_world.inverse();
   const auto world_from_body = [&](std::int64_t t_ns) {
-    return world_from_ecef * pose_at(frames, t_ns);
+    return world_from_global * pose_at(frames, t_ns);
   };
   std::map<std::int64_t, std::vector<Sighting>> by_id;
   for (const Box& box : boxes) {
@@ -60,8 +60,8 @@ MovingObjects::MovingObjects(const std::vector<Box>& boxes, const std::vector<Fr
   }
 }
 
-std::vector<PlacedBox> MovingObjects::at(std::int64_t t_ns) const {
-  std::vector<PlacedBox> boxes;
+std::vector<MovingBox> MovingObjects::at(std::int64_t t_ns) const {
+  std::vector<MovingBox> boxes;
   for (const std::vector<Sighting>& sightings : objects_) {
     auto nearest = std::lower_bound(sightings.begin(), sightings.end(), t_ns,
                                     [](const Sighting& s, std::int64_t t) { return s.t_ns < t; });
@@ -85,7 +85,7 @@ MovingObjects read_moving_objects(const Recording& recording, const Scene& scene
     const std::vector<Box> of_frame = read_boxes(file.path);
     boxes.insert(boxes.end(), of_frame.begin(), of_frame.end());
   }
-  return {boxes, recording.frames, scene.ecef_from_world};
+  return {boxes, recording.frames, scene.global_from_world};
 }
 
 }  // namespace redrive

@@ -12,7 +12,7 @@
 namespace redrive {
 
 /// Where an object is at one instant; grown by kBoxMargin_m on every side.
-struct PlacedBox {
+struct MovingBox {
   Rigid3d box_from_world;
   Eigen::Vector3d half_size_m;
 
@@ -37,11 +37,11 @@ class MovingObjects {
  public:
   /// Boxes of all frames. They hold at their own time and go on at their own velocity.
   MovingObjects(const std::vector<Box>& boxes, const std::vector<FramePose>& frames,
-                const Rigid3d& ecef_from_world);
+                const Rigid3d& global_from_world);
 
   /// Of each object the box nearest in time, moved to t_ns; none of an object that has no box
   /// within 0.1 s.
-  std::vector<PlacedBox> at(std::int64_t t_ns) const;
+  std::vector<MovingBox> at(std::int64_t t_ns) const;
 
   std::size_t objects() const { return objects_.size(); }
   std::size_t parked() const { return parked_; }  ///< objects that do not move

@@ -26,10 +26,10 @@ std::vector<Box> sightings(const std::vector<FramePose>& frames, std::int64_t id
                            const Vector3d& start_m, const Vector3d& velocity_m_per_s) {
   std::vector<Box> boxes;
   for (std::size_t n = 1; n + 1 < frames.size(); ++n) {
-    const Rigid3d& here = frames[n].ecef_from_body;
-    const Vector3d ego_m_per_s =
-        (frames[n + 1].ecef_from_body.translation() - frames[n - 1].ecef_from_body.translation()) /
-        0.2;
+    const Rigid3d& here = frames[n].global_from_body;
+    const Vector3d ego_m_per_s = (frames[n + 1].global_from_body.translation() -
+                                  frames[n - 1].global_from_body.translation()) /
+                                 0.2;
     Box box;
     box.object_id = id;
     box.t_ns = frames[n].t_ns;
@@ -42,8 +42,8 @@ std::vector<Box> sightings(const std::vector<FramePose>& frames, std::int64_t id
   return boxes;
 }
 
-TEST(PlacedBox, MeetsWhatSomePointOfTheHalfLineIsIn) {
-  PlacedBox box{Rigid3d::Identity(), Vector3d(2, 1, 0.5)};
+TEST(MovingBox, MeetsWhatSomePointOfTheHalfLineIsIn) {
+  MovingBox box{Rigid3d::Identity(), Vector3d(2, 1, 0.5)};
   box.box_from_world =
       (Eigen::Translation3d(5, 3, 1) * Eigen::AngleAxisd(0.7, Vector3d(1, 2, 3).normalized()))
           .inverse();

@@ -19,7 +19,7 @@ struct Between {
   Between clamped() const { return {before, std::clamp(part, 0.0, 1.0)}; }
 };
 template <class TimeOf>
-Between find_between(std::size_t n, std::int64_t t_ns, const TimeOf& time_of) {
+Between find_interval(std::size_t n, std::int64_t t_ns, const TimeOf& time_of) {
   if (n == 1) return {};
   std::size_t after = 1;
   while (after + 1 < n && time_of(after) <= t_ns) ++after;
@@ -27,7 +27,7 @@ Between find_between(std::size_t n, std::int64_t t_ns, const TimeOf& time_of) {
   return {after - 1, static_cast<double>(t_ns - a) / static_cast<double>(b - a)};
 }
 /// Six numbers between those of `a` and, where there are any, the six behind them.
-std::array<float, 6> six_between(const float* a, const float* b, double part) {
+std::array<float, 6> interpolate_vector6(const float* a, const float* b, double part) {
   std::array<float, 6> six;
   for (int k = 0; k < 6; ++k)
     six[k] = static_cast<float>(part == 0 ? a[k] : a[k] + part * (b[k] - a[k]));
@@ -35,10 +35,10 @@ std::array<float, 6> six_between(const float* a, const float* b, double part) {
 }
 
 /// The body's velocity and turn rate in its own axes at a frame, from its neighbours.
-struct Twist {
+struct BodyTwist {
   Eigen::Vector3d velocity = Eigen::Vector3d::Zero(), turn = Eigen::Vector3d::Zero();
 };
-Twist twist_at(const Scene& scene, int frame) {
+BodyTwist body_twist(const Scene& scene, int frame) {
   const int last = static_cast<int>(scene.frames.size()) - 1;
   const Frame &a = scene.frames[std::max(0, frame - 1)],
               &b = scene.frames[std::min(last, frame + 1)];
@@ -53,7 +53,7 @@ Twist twist_at(const Scene& scene, int frame) {
 
 }  // namespace
 
-Rigid3d motion_of(const float* six) {
+Rigid3d rigid_from_vector(const float* six) {
   const Eigen::Vector3d by(six[0], six[1], six[2]), turn(six[3], six[4], six[5]);
   Rigid3d motion = Rigid3d::Identity();
   motion.translation() = by;
@@ -62,7 +62,7 @@ Rigid3d motion_of(const float* six) {
   return motion;
 }
 
-void fill_held_out(const Scene& scene, PoseCorrections* corrections) {
+void interpolate_held_out(const Scene& scene, PoseCorrections* corrections) {
   std::vector<std::size_t> trained;
   for (std::size_t f = 0; f < scene.frames.size(); ++f)
     if (std::ranges::any_of(scene.views, [&](const View& view) {
@@ -72,15 +72,15 @@ void fill_held_out(const Scene& scene, PoseCorrections* corrections) {
   if (trained.empty()) return;
   for (std::size_t f = 0; f < scene.frames.size(); ++f) {
     if (std::ranges::binary_search(trained, f)) continue;
-    const Between at = find_between(trained.size(), scene.frames[f].t_ns, [&](std::size_t i) {
+    const Between at = find_interval(trained.size(), scene.frames[f].t_ns, [&](std::size_t i) {
                          return scene.frames[trained[i]].t_ns;
                        }).clamped();
     const auto of = [&](std::size_t i) {
-      return &corrections->values[corrections->at_frame(static_cast<int>(trained[i]))];
+      return &corrections->values[corrections->frame_slot(static_cast<int>(trained[i]))];
     };
-    const auto six =
-        six_between(of(at.before), of(std::min(at.before + 1, trained.size() - 1)), at.part);
-    std::ranges::copy(six, &corrections->values[corrections->at_frame(static_cast<int>(f))]);
+    const auto six = interpolate_vector6(of(at.before),
+                                         of(std::min(at.before + 1, trained.size() - 1)), at.part);
+    std::ranges::copy(six, &corrections->values[corrections->frame_slot(static_cast<int>(f))]);
   }
 }
 
@@ -91,44 +91,45 @@ Recording corrected(const Recording& recording, const Scene& scene,
   REDRIVE_CHECK_OP(scene.rig.size(), ==, static_cast<std::size_t>(corrections.cameras));
   Recording out = recording;
   for (FramePose& frame : out.frames) {
-    const Between at = find_between(scene.frames.size(), frame.t_ns, [&](std::size_t i) {
+    const Between at = find_interval(scene.frames.size(), frame.t_ns, [&](std::size_t i) {
                          return scene.frames[i].t_ns;
                        }).clamped();
     const float* const first =
-        &corrections.values[corrections.at_frame(static_cast<int>(at.before))];
-    const auto six = six_between(first, first + 6, at.part);
-    frame.ecef_from_body = frame.ecef_from_body * motion_of(six.data());
+        &corrections.values[corrections.frame_slot(static_cast<int>(at.before))];
+    const auto six = interpolate_vector6(first, first + 6, at.part);
+    frame.global_from_body = frame.global_from_body * rigid_from_vector(six.data());
   }
   for (RecordedCamera& camera : out.cameras) {
     const int c = scene.camera_index(camera.calibration.name);
     if (c < 0) continue;
-    camera.calibration.body_from_sensor = camera.calibration.body_from_sensor *
-                                          motion_of(&corrections.values[corrections.at_camera(c)]);
+    camera.calibration.body_from_sensor =
+        camera.calibration.body_from_sensor *
+        rigid_from_vector(&corrections.values[corrections.camera_slot(c)]);
     camera.calibration.time_offset_ns +=
-        std::llround(1e9 * corrections.values[corrections.at_time(c)]);
+        std::llround(1e9 * corrections.values[corrections.time_slot(c)]);
   }
   return out;
 }
 
-void place_views(const Recording& recording, Scene* scene) {
-  const Rigid3d world_from_ecef = scene->ecef_from_world.inverse();
+void update_view_poses(const Recording& recording, Scene* scene) {
+  const Rigid3d world_from_global = scene->global_from_world.inverse();
   for (Frame& frame : scene->frames)
-    frame.world_from_body = world_from_ecef * pose_at(recording.frames, frame.t_ns);
+    frame.world_from_body = world_from_global * pose_at(recording.frames, frame.t_ns);
   for (RigCamera& camera : scene->rig) {
     const RecordedCamera* const recorded = recording.find_camera(camera.name);
     REDRIVE_CHECK(recorded != nullptr);
     camera.body_from_sensor = recorded->calibration.body_from_sensor;
     camera.time_offset_ns = recorded->calibration.time_offset_ns;
   }
-  for (View& view : scene->views) place_view(recording.frames, *scene, &view);
+  for (View& view : scene->views) update_view_pose(recording.frames, *scene, &view);
 }
 
 Vector6d in_body(const Scene& scene, const View& view, const ViewGradient& gradient) {
   const Eigen::Matrix3d body_from_world = view.world_from_body.linear().transpose();
-  const Eigen::Vector3d by = body_from_world * gradient.d_place,
+  const Eigen::Vector3d by = body_from_world * gradient.d_translation,
                         lever = scene.rig[view.camera].body_from_sensor.translation();
   Vector6d six;
-  six << by, body_from_world * gradient.d_turn +
+  six << by, body_from_world * gradient.d_rotation +
                  lever.cross(by);  // a turn of the body moves the camera, too
   return six;
 }
@@ -145,16 +146,18 @@ std::vector<double> gradient_of_corrections(const Scene& scene, const PoseCorrec
     const RigCamera& camera = scene.rig[view.camera];
     const Eigen::Matrix3d camera_from_world = scene.world_from_camera(view).linear().transpose();
     Vector6d of_camera;
-    of_camera << camera_from_world * views[v].d_place, camera_from_world * views[v].d_turn;
-    add(corrections.at_camera(view.camera), of_camera);
+    of_camera << camera_from_world * views[v].d_translation,
+        camera_from_world * views[v].d_rotation;
+    add(corrections.camera_slot(view.camera), of_camera);
     const Vector6d of_body = in_body(scene, view, views[v]);
     const Between at =
-        find_between(scene.frames.size(), scene.frames[view.frame].t_ns + camera.time_offset_ns,
-                     [&](std::size_t i) { return scene.frames[i].t_ns; });
-    add(corrections.at_frame(static_cast<int>(at.before)), (1 - at.part) * of_body);
-    if (at.part != 0) add(corrections.at_frame(static_cast<int>(at.before) + 1), at.part * of_body);
-    const Twist twist = twist_at(scene, view.frame);
-    out[corrections.at_time(view.camera)] +=
+        find_interval(scene.frames.size(), scene.frames[view.frame].t_ns + camera.time_offset_ns,
+                      [&](std::size_t i) { return scene.frames[i].t_ns; });
+    add(corrections.frame_slot(static_cast<int>(at.before)), (1 - at.part) * of_body);
+    if (at.part != 0)
+      add(corrections.frame_slot(static_cast<int>(at.before) + 1), at.part * of_body);
+    const BodyTwist twist = body_twist(scene, view.frame);
+    out[corrections.time_slot(view.camera)] +=
         twist.velocity.dot(of_body.head<3>()) + twist.turn.dot(of_body.tail<3>());
   }
   return out;

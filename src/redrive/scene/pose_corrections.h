@@ -29,19 +29,20 @@ struct PoseCorrections {
   std::size_t size() const {
     return 6 * static_cast<std::size_t>(frames + cameras) + static_cast<std::size_t>(cameras);
   }
-  std::size_t at_frame(int frame) const { return 6 * static_cast<std::size_t>(frame); }
-  std::size_t at_camera(int camera) const { return at_frame(frames + camera); }
-  std::size_t at_time(int camera) const {
-    return at_frame(frames + cameras) + static_cast<std::size_t>(camera);
+  std::size_t frame_slot(int frame) const { return 6 * static_cast<std::size_t>(frame); }
+  std::size_t camera_slot(int camera) const { return frame_slot(frames + camera); }
+  std::size_t time_slot(int camera) const {
+    return frame_slot(frames + cameras) + static_cast<std::size_t>(camera);
   }
 };
 
-/// Translation [3], then rotation vector [3]: a_from_b * motion_of(six) moves b in its own axes.
-Rigid3d motion_of(const float* six);
+/// Translation [3], then rotation vector [3]: a_from_b * rigid_from_vector(six) moves b in its own
+/// axes.
+Rigid3d rigid_from_vector(const float* six);
 
 /// Frames without a picture that is trained on take what lies between the frames before and after
 /// that have one, by time; at the ends the nearest one's.
-void fill_held_out(const Scene& scene, PoseCorrections* corrections);
+void interpolate_held_out(const Scene& scene, PoseCorrections* corrections);
 
 /// `recording`, from which `scene` was made, as corrected; a frame that is none of the scene's by
 /// what lies between those of the scene.
@@ -50,15 +51,15 @@ Recording corrected(const Recording& recording, const Scene& scene,
 
 /// The poses of the scene's frames, rig and views anew from those of the recording, in the world
 /// that the scene has.
-void place_views(const Recording& recording, Scene* scene);
+void update_view_poses(const Recording& recording, Scene* scene);
 
 /// What one view's rays say of its pose, in the world: with its camera's place moved by v and
-/// turned by w (rad) the loss grows by d_place v + d_turn w.
+/// turned by w (rad) the loss grows by d_translation v + d_rotation w.
 struct ViewGradient {
-  Eigen::Vector3d d_place = Eigen::Vector3d::Zero(), d_turn = Eigen::Vector3d::Zero();
+  Eigen::Vector3d d_translation = Eigen::Vector3d::Zero(), d_rotation = Eigen::Vector3d::Zero();
 };
 using Vector6d = Eigen::Matrix<double, 6, 1>;
-/// The same of the motion_of six numbers of the body that carries the camera.
+/// The same of the rigid_from_vector six numbers of the body that carries the camera.
 Vector6d in_body(const Scene& scene, const View& view, const ViewGradient& gradient);
 /// By view of the scene -> by number of corrections, which stand at 0 or at what `scene` was placed
 /// by. A view between two frames, as a time offset puts it, moves by both.

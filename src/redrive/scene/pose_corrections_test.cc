@@ -4,7 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/rng.h"
-#include "redrive/scene/test_recording.h"
+#include "redrive/scene/scene_testing.h"
 
 namespace redrive {
 namespace {
@@ -35,7 +35,7 @@ void expect_same(const Rigid3d& a, const Rigid3d& b, double tolerance) {
 TEST_F(PoseCorrectionsTest, NoneLeaveEverythingWhereItIs) {
   const Scene scene = scene_of();
   Scene placed = scene;
-  place_views(corrected(recording_, scene, PoseCorrections(scene)), &placed);
+  update_view_poses(corrected(recording_, scene, PoseCorrections(scene)), &placed);
   for (std::size_t v = 0; v < scene.views.size(); ++v)
     expect_same(placed.world_from_camera(placed.views[v]), scene.world_from_camera(scene.views[v]),
                 1e-8);
@@ -47,19 +47,19 @@ TEST_F(PoseCorrectionsTest, MoveFramesCamerasAndTimesInTheirOwnAxes) {
   PoseCorrections corrections(scene);
   const float frame[6] = {0.3f, -0.1f, 0.05f, 0, 0, 0.02f},
               camera[6] = {0.01f, 0, -0.02f, 0.001f, -0.002f, 0.003f};
-  std::copy_n(frame, 6, &corrections.values[corrections.at_frame(2)]);
-  std::copy_n(camera, 6, &corrections.values[corrections.at_camera(1)]);
-  corrections.values[corrections.at_time(0)] = 1 / 30.0f;  // half a frame
+  std::copy_n(frame, 6, &corrections.values[corrections.frame_slot(2)]);
+  std::copy_n(camera, 6, &corrections.values[corrections.camera_slot(1)]);
+  corrections.values[corrections.time_slot(0)] = 1 / 30.0f;  // half a frame
   Scene placed = scene;
-  place_views(corrected(recording_, scene, corrections), &placed);
+  update_view_poses(corrected(recording_, scene, corrections), &placed);
   EXPECT_EQ(placed.rig[0].time_offset_ns, 33'333'335) << "a float's seconds";
   for (std::size_t v = 0; v < scene.views.size(); ++v) {
     const View& view = scene.views[v];
     const Rigid3d body =
-        view.frame == 2 ? view.world_from_body * motion_of(frame) : view.world_from_body;
+        view.frame == 2 ? view.world_from_body * rigid_from_vector(frame) : view.world_from_body;
     if (view.camera == 1)
       expect_same(placed.world_from_camera(placed.views[v]),
-                  body * scene.rig[1].body_from_sensor * motion_of(camera), 1e-7);
+                  body * scene.rig[1].body_from_sensor * rigid_from_vector(camera), 1e-7);
     else if (view.frame == 3)  // no correction near, half way to the next frame
       EXPECT_NEAR(
           (placed.views[v].world_from_body.translation() - view.world_from_body.translation())
@@ -72,11 +72,11 @@ TEST_F(PoseCorrectionsTest, HeldOutFramesTakeWhatLiesBetween) {
   const Scene scene = scene_of(3);  // frames 0 and 3 are held out
   PoseCorrections corrections(scene);
   for (const int f : {1, 2, 4, 5})
-    corrections.values[corrections.at_frame(f)] = static_cast<float>(f);
-  fill_held_out(scene, &corrections);
-  EXPECT_EQ(corrections.values[corrections.at_frame(0)], 1) << "before the first";
-  EXPECT_NEAR(corrections.values[corrections.at_frame(3)], 3, 1e-5);
-  EXPECT_EQ(corrections.values[corrections.at_frame(4)], 4);
+    corrections.values[corrections.frame_slot(f)] = static_cast<float>(f);
+  interpolate_held_out(scene, &corrections);
+  EXPECT_EQ(corrections.values[corrections.frame_slot(0)], 1) << "before the first";
+  EXPECT_NEAR(corrections.values[corrections.frame_slot(3)], 3, 1e-5);
+  EXPECT_EQ(corrections.values[corrections.frame_slot(4)], 4);
 }
 
 // A view's place and turn against differences, for each number.
@@ -86,19 +86,19 @@ TEST_F(PoseCorrectionsTest, GradientIsThatOfTheViewsPlaces) {
   std::vector<ViewGradient> views(scene.views.size());
   for (std::size_t i = 0; i < views.size(); ++i)
     for (int k = 0; k < 3; ++k) {
-      views[i].d_place[k] = uniform(6 * i + k);
-      views[i].d_turn[k] = uniform(6 * i + 3 + k);
+      views[i].d_translation[k] = uniform(6 * i + k);
+      views[i].d_rotation[k] = uniform(6 * i + 3 + k);
     }
   const auto loss = [&](const PoseCorrections& corrections) {
     Scene placed = scene;
-    place_views(corrected(recording_, scene, corrections), &placed);
+    update_view_poses(corrected(recording_, scene, corrections), &placed);
     double sum = 0;
     for (std::size_t v = 0; v < views.size(); ++v) {
       const Rigid3d before = scene.world_from_camera(scene.views[v]),
                     after = placed.world_from_camera(placed.views[v]);
       const Eigen::AngleAxisd turn(Eigen::Matrix3d(after.linear() * before.linear().transpose()));
-      sum += views[v].d_place.dot(after.translation() - before.translation()) +
-             views[v].d_turn.dot(turn.angle() * turn.axis());
+      sum += views[v].d_translation.dot(after.translation() - before.translation()) +
+             views[v].d_rotation.dot(turn.angle() * turn.axis());
     }
     return sum;
   };

@@ -143,22 +143,22 @@ ShutterPoses Scene::shutter_poses(const View& view) const {
   return ShutterPoses(keys);
 }
 
-void place_view(const std::vector<FramePose>& frames, const Scene& scene, View* view) {
+void update_view_pose(const std::vector<FramePose>& frames, const Scene& scene, View* view) {
   constexpr int kKeys = 9;  // rows of a readout of 30 ms have one every 4 ms
   const RigCamera& camera = scene.rig[view->camera];
   const std::int64_t t_ns = scene.frames[view->frame].t_ns + camera.time_offset_ns;
-  const Rigid3d world_from_ecef = scene.ecef_from_world.inverse();
-  view->world_from_body = world_from_ecef * pose_at(frames, t_ns);
+  const Rigid3d world_from_global = scene.global_from_world.inverse();
+  view->world_from_body = world_from_global * pose_at(frames, t_ns);
   view->by_row.clear();
   for (int key = 0; camera.readout_ns != 0 && key < kKeys; ++key) {
     const double part = key / (kKeys - 1.0) - 0.5;
     view->by_row.push_back(
-        world_from_ecef *
+        world_from_global *
         pose_at(frames, t_ns + std::llround(part * static_cast<double>(camera.readout_ns))));
   }
 }
 
-std::array<float, 3> rendered_background(Background background) {
+std::array<float, 3> background_colour(Background background) {
   const float value = background == Background::kWhite ? 1.0f : 0.0f;
   return {value, value, value};
 }
@@ -176,20 +176,20 @@ Scene make_scene(const Recording& recording, const SceneOptions& options) {
   scene.downscale = options.downscale;
   scene.undistort = options.undistort;
   scene.background = options.background;
-  scene.random_behind = options.random_behind;
+  scene.random_background = options.random_background;
   scene.metric = recording.metric;
-  scene.ecef_from_world = recording.frames.front().ecef_from_body;
+  scene.global_from_world = recording.frames.front().global_from_body;
   if (recording.bounds) {
-    scene.ecef_from_world = Eigen::Translation3d(recording.bounds->center);
+    scene.global_from_world = Eigen::Translation3d(recording.bounds->center);
     scene.half_side = recording.bounds->half_side;
   }
   const bool own_split = has_split(recording);
   if (own_split && options.holdout_every > 0)
     throw UsageError("--holdout-every", std::to_string(options.holdout_every),
                      "this recording says itself which images are held out; leave the option out");
-  const Rigid3d world_from_ecef = scene.ecef_from_world.inverse();
+  const Rigid3d world_from_global = scene.global_from_world.inverse();
   for (const FramePose& frame : choose_frames(recording, options))
-    scene.frames.push_back({frame.id, frame.t_ns, world_from_ecef * frame.ecef_from_body});
+    scene.frames.push_back({frame.id, frame.t_ns, world_from_global * frame.global_from_body});
 
   for (const RecordedCamera* recorded : choose_cameras(recording, options)) {
     std::vector<View> views;
@@ -212,7 +212,7 @@ Scene make_scene(const Recording& recording, const SceneOptions& options) {
                        "has no image in the chosen frames");
     }
     scene.rig.push_back(make_rig_camera(recorded->calibration, options));
-    for (View& view : views) place_view(recording.frames, scene, &view);
+    for (View& view : views) update_view_pose(recording.frames, scene, &view);
     scene.views.insert(scene.views.end(), views.begin(), views.end());
   }
   if (scene.views.empty())

@@ -11,10 +11,10 @@
 #include <vector>
 
 #include "redrive/camera/camera.h"
+#include "redrive/field/exposure.h"
+#include "redrive/field/unit_from_world.h"
 #include "redrive/recording/recording.h"
-#include "redrive/scene/exposure.h"
 #include "redrive/scene/shutter_poses.h"
-#include "redrive/scene/unit_from_world.h"
 
 namespace redrive {
 
@@ -31,7 +31,7 @@ struct RigCamera {
 struct Frame {
   std::int64_t id = 0;
   std::int64_t t_ns = 0;
-  Rigid3d world_from_body;  ///< metres; Scene::ecef_from_world says what the world is
+  Rigid3d world_from_body;  ///< metres; Scene::global_from_world says what the world is
 };
 
 /// One image: a camera of the rig at a frame.
@@ -61,12 +61,12 @@ struct SceneOptions {
   std::int64_t first_frame = -1, last_frame = -1;  ///< ids, inclusive; -1: open
   int frame_step = 1;                              ///< every n-th frame that is there, >= 1
   int downscale = 1;                               ///< 1..64
-  int holdout_every = 0;  ///< 0: none; n >= 2: every n-th frame (the first one included), all
-                          ///< cameras; only of recordings without a split of their own
-  bool undistort = false;         ///< the report's way: opencv_pinhole only
+  int holdout_every = 0;   ///< 0: none; n >= 2: every n-th frame (the first one included), all
+                           ///< cameras; only of recordings without a split of their own
+  bool undistort = false;  ///< the report's way: opencv_pinhole only
   double near_m = 1, far_m = 10;  ///< 0 < near < far
   Background background = Background::kNone;
-  bool random_behind =
+  bool random_background =
       false;  ///< training: another colour for every ray of every step instead, rays/ray_table.h
 };
 
@@ -76,7 +76,7 @@ struct Scene {
   std::vector<View> views;  ///< by camera, then frame
   /// The first pose of the recording (E_P,0): the world's axes are the body's there. Of a bounded
   /// recording the axes stay those of its poses, and the origin is its cube's center.
-  Rigid3d ecef_from_world;
+  Rigid3d global_from_world;
   std::optional<double>
       half_side;  ///< of the cube around the world's origin that holds a bounded scene
   UnitFromWorld unit_from_world;  ///< [-1, 1]^3 holds every point within far_m of a camera centre
@@ -84,8 +84,8 @@ struct Scene {
   int downscale = 1;       ///< applied by load_view to each image
   bool undistort = false;  ///< likewise
   Background background = Background::kNone;
-  bool random_behind = false;  ///< SceneOptions::random_behind
-  bool metric = true;          ///< Recording::metric: metres and a clock
+  bool random_background = false;  ///< SceneOptions::random_background
+  bool metric = true;              ///< Recording::metric: metres and a clock
 
   int camera_index(const std::string& name) const;  ///< -1 if there is none
   int frame_index(std::int64_t id) const;           ///< -1 if there is none
@@ -99,10 +99,10 @@ struct Scene {
 };
 
 /// Puts a view of the scene where its camera, as the rig has it, was when it was exposed.
-void place_view(const std::vector<FramePose>& frames, const Scene& scene, View* view);
+void update_view_pose(const std::vector<FramePose>& frames, const Scene& scene, View* view);
 
 /// What pictures are rendered and scored on, rgb in [0, 1].
-std::array<float, 3> rendered_background(Background background);
+std::array<float, 3> background_colour(Background background);
 
 /// InputError/UsageError for an unknown camera (the known ones are listed), no frames left,
 /// --undistort of a fisheye.

@@ -5,7 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/error.h"
-#include "redrive/scene/test_recording.h"
+#include "redrive/scene/scene_testing.h"
 
 namespace redrive {
 namespace {
@@ -13,7 +13,7 @@ namespace {
 using Eigen::Vector3d;
 
 // ECEF coordinates of 4.7e6 step by 9e-10 in double; a few roundings of those.
-constexpr double kEcefRounding_m = 1e-8;
+constexpr double kGlobalRounding_m = 1e-8;
 
 class SceneTest : public ::testing::Test {
  protected:
@@ -58,7 +58,7 @@ TEST_F(SceneTest, WorldIsTheBodyOfTheFirstFrame) {
   Vector3d position(0, 0, 0);
   for (int n = 0; n < 6; ++n) {
     const Rigid3d& pose = scene.frames[n].world_from_body;
-    EXPECT_LT((pose.translation() - position).norm(), kEcefRounding_m) << n;
+    EXPECT_LT((pose.translation() - position).norm(), kGlobalRounding_m) << n;
     EXPECT_LT(
         (pose.linear() * Vector3d::UnitX() - Vector3d(std::cos(0.1 * n), std::sin(0.1 * n), 0))
             .norm(),
@@ -72,7 +72,7 @@ TEST_F(SceneTest, WorldIsTheBodyOfTheFirstFrame) {
   const double c = std::cos(0.1), s = std::sin(0.1);
   const Rigid3d camera = scene.world_from_camera(scene.views[7]);
   EXPECT_LT((camera.translation() - Vector3d(1 + 2 * c - 0.1 * s, 2 * s + 0.1 * c, 1.2)).norm(),
-            kEcefRounding_m);
+            kGlobalRounding_m);
   EXPECT_LT((camera.linear() * Vector3d::UnitZ() - Vector3d(c, s, 0)).norm(), 1e-14);
   EXPECT_LT((camera.linear() * Vector3d::UnitX() - Vector3d(s, -c, 0)).norm(), 1e-14);
 }
@@ -88,7 +88,7 @@ TEST_F(SceneTest, WorldDoesNotDependOnTheSelection) {
   EXPECT_EQ(part.frames[0].id, 12);
   EXPECT_EQ(part.frames[1].id, 14);
   EXPECT_EQ(part.frames[0].world_from_body.matrix(), all.frames[2].world_from_body.matrix());
-  EXPECT_EQ(part.ecef_from_world.matrix(), recording_.frames[0].ecef_from_body.matrix());
+  EXPECT_EQ(part.global_from_world.matrix(), recording_.frames[0].global_from_body.matrix());
 }
 
 // Half a frame late at 1 m and 0.1 rad a frame: half way along, and on beyond the last frame.
@@ -146,7 +146,7 @@ TEST_F(SceneTest, MasksComeWithTheirImages) {
   recording_.cameras[1].images[4].mask = {"mask.png", false};
   const Scene scene = make_scene(recording_, {});
   EXPECT_EQ(scene.views[10].mask.path, "mask.png");
-  EXPECT_FALSE(scene.views[10].mask.black_left_out);
+  EXPECT_FALSE(scene.views[10].mask.black_is_masked);
   EXPECT_TRUE(scene.views[9].mask.path.empty());
 }
 
@@ -157,8 +157,8 @@ TEST_F(SceneTest, ABoundedWorldIsThatOfItsCube) {
   const Scene scene = make_scene(recording_, {});
   EXPECT_EQ(scene.half_side, 2000);
   const Rigid3d& pose = scene.frames[0].world_from_body;
-  EXPECT_EQ(pose.linear(), recording_.frames[0].ecef_from_body.linear());
-  EXPECT_LT((pose.translation() - Vector3d(775.25, 467.5, 608.75)).norm(), kEcefRounding_m);
+  EXPECT_EQ(pose.linear(), recording_.frames[0].global_from_body.linear());
+  EXPECT_LT((pose.translation() - Vector3d(775.25, 467.5, 608.75)).norm(), kGlobalRounding_m);
 }
 
 TEST_F(SceneTest, MissingImagesAreNoViews) {

@@ -5,7 +5,7 @@
 
 #include "redrive/recording/trajectory.h"
 #include "redrive/scene/pose_corrections.h"
-#include "redrive/scene/test_recording.h"
+#include "redrive/scene/scene_testing.h"
 
 namespace redrive {
 namespace {
@@ -23,10 +23,10 @@ TEST(ShutterPoses, RowsHaveTimesOfTheirOwn) {
   recording.cameras[1].calibration.time_offset_ns = kOffset_ns;
   Scene scene = make_scene(recording, {});
   for (const bool again : {false, true}) {  // as corrections place them
-    if (again) place_views(recording, &scene);
+    if (again) update_view_poses(recording, &scene);
     for (const View& view : scene.views) {
       const ShutterPoses poses = scene.shutter_poses(view);
-      EXPECT_EQ(poses.rolls(), view.camera == 1);
+      EXPECT_EQ(poses.is_rolling(), view.camera == 1);
       const int height = scene.rig[view.camera].camera.height;
       EXPECT_LT(apart(poses.at(0.5), scene.world_from_camera(view)), 1e-4)
           << "a corner of the path lies within";
@@ -34,7 +34,8 @@ TEST(ShutterPoses, RowsHaveTimesOfTheirOwn) {
       for (int y = 0; y < height; ++y) {
         const std::int64_t t_ns = scene.frames[view.frame].t_ns + kOffset_ns +
                                   std::llround(((y + 0.5) / height - 0.5) * double(kReadout_ns));
-        const Rigid3d expected = scene.ecef_from_world.inverse() * pose_at(recording.frames, t_ns) *
+        const Rigid3d expected = scene.global_from_world.inverse() *
+                                 pose_at(recording.frames, t_ns) *
                                  recording.cameras[1].calibration.body_from_sensor;
         // Between keys 5 ms apart the path is straight but where it has its corners, at the frames:
         // 0.1 rad in 67 ms.
@@ -50,7 +51,7 @@ TEST(ShutterPoses, OnePoseIsThatOfAllRows) {
   Rigid3d pose = Rigid3d::Identity();
   pose.translation() = Eigen::Vector3d(1, 2, 3);
   const ShutterPoses poses = pose;
-  EXPECT_FALSE(poses.rolls());
+  EXPECT_FALSE(poses.is_rolling());
   EXPECT_EQ(apart(poses.at(0.9), pose), 0);
   EXPECT_EQ(apart(poses.at_row(3, 10), pose), 0);
 }

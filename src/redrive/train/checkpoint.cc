@@ -22,7 +22,7 @@ template <class State, class Visit>
 void visit_numbers(State& state, const Visit& visit) {
   visit("step", state.step);
   visit("rays_drawn", state.rays_drawn);
-  visit("field_share", state.field_share);
+  visit("field_share", state.active_fraction);
   visit("seconds", state.seconds);
   visit("seed", state.seed);
   visit("restarts", state.restarts);
@@ -73,8 +73,8 @@ void check_state(const TrainState& state, const std::filesystem::path& file) {
   };
   require(state.step >= 0, "step", state.step, "must not be negative");
   require(state.seconds >= 0, "seconds", state.seconds, "must not be negative");
-  require(state.field_share >= 0 && state.field_share <= 1, "field_share", state.field_share,
-          "must be in 0..1");
+  require(state.active_fraction >= 0 && state.active_fraction <= 1, "field_share",
+          state.active_fraction, "must be in 0..1");
   require(state.restarts >= 0, "restarts", state.restarts, "must not be negative");
   require(state.rollbacks >= 0, "rollbacks", state.rollbacks, "must not be negative");
   require(state.rate_factor > 0 && state.rate_factor <= 1, "rate_factor", state.rate_factor,
@@ -197,7 +197,7 @@ TrainState parse_checkpoint(std::string_view bytes, const std::filesystem::path&
     std::ranges::copy(take(parsed, kCellErrors, {count}, file).values, state.cell_errors.data());
   }
   for (std::size_t i = 0; i < state.cell_errors.size(); ++i)
-    if (state.cell_errors[i] < 0 || state.cell_errors[i] > kUnseenError)
+    if (state.cell_errors[i] < 0 || state.cell_errors[i] > kInitialError)
       throw InputError(file, kCellErrors + ("[" + std::to_string(i) + "]"),
                        std::to_string(state.cell_errors[i]), "must be in 0..1");
   const bool with_poses = state.poses.corrections.size() > 0;

@@ -11,7 +11,7 @@
 #include "redrive/base/rng.h"
 #include "redrive/model/grid_model.h"
 #include "redrive/train/safetensors.h"
-#include "redrive/train/test_support.h"
+#include "redrive/train/train_testing.h"
 
 namespace redrive {
 namespace {
@@ -26,7 +26,7 @@ TrainState midway(TrainState state) {
   }
   state.step = 123456789012;
   state.rays_drawn = 9876543210987;
-  state.field_share = 0.625;
+  state.active_fraction = 0.625;
   state.seconds = 0.1 + 0.2;
   state.seed = 18446744073709551615ull;
   state.restarts = 2;
@@ -50,7 +50,7 @@ TrainState example_state(int fine_samples = 8) {
   options.width = 32;
   options.samples = 16;
   options.fine_samples = fine_samples;
-  return midway(first_state(options, scene));
+  return midway(make_initial_state(options, scene));
 }
 
 /// The smallest tables there are.
@@ -65,7 +65,7 @@ TrainState example_grid_state(int colour_layers = 1) {
   model->samples = 5;
   TrainState state = midway(initial_state(std::move(model), 3));
   state.cell_errors = Buffer<float>(3);
-  state.cell_errors[0] = kUnseenError;
+  state.cell_errors[0] = kInitialError;
   state.cell_errors[1] = 1.0f / 3;
   state.poses.corrections.frames = 2;
   state.poses.corrections.cameras = 1;
@@ -98,7 +98,7 @@ TEST(Checkpoint, RoundTripIsBitExact) {
     EXPECT_EQ(nerf(back).unit_from_world.scale, nerf(state).unit_from_world.scale);
     EXPECT_EQ(back.step, state.step);
     EXPECT_EQ(back.rays_drawn, state.rays_drawn);
-    EXPECT_EQ(back.field_share, state.field_share);
+    EXPECT_EQ(back.active_fraction, state.active_fraction);
     EXPECT_EQ(back.seconds, state.seconds);
     EXPECT_EQ(back.seed, state.seed);
     EXPECT_EQ(back.restarts, state.restarts);

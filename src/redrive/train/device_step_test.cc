@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Training and rendering where the backend keeps parameters, moments, gradients and the workspace
 // in memory of its own: the host's copy of what a stage wrote is not a number until it is fetched
-// (kernels/cuda/loop_device.h), so that what is read without that, or changed and not put back,
+// (kernels/device/loop_device.h), so that what is read without that, or changed and not put back,
 // shows.
 #include <cmath>
 #include <functional>
@@ -9,10 +9,10 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/error.h"
-#include "redrive/kernels/cuda/cuda_backend.h"
-#include "redrive/model/tiny_grid_model.h"
+#include "redrive/kernels/device/cuda_backend.h"
+#include "redrive/model/tiny_grid_model_testing.h"
 #include "redrive/train/step.h"
-#include "redrive/train/test_support.h"
+#include "redrive/train/train_testing.h"
 #include "redrive/train/training_data.h"
 
 namespace redrive {
@@ -119,7 +119,7 @@ std::size_t bytes_of_device(const RayBatch& batch) {
 TEST(TrainStepOnADevice, CopiesTheBatchThereAndAFewNumbersBack) {
   for (const bool empty : {false, true})
     for (const bool refines : {false, true}) {
-      kernels::DeviceCopies copies;
+      kernels::TransferCounts copies;
       const auto backend = kernels::make_loop_backend(&copies);
       TrainState state = empty ? empty_grid_for_device() : grid_for_device();
       StepBuffers buffers;
@@ -136,17 +136,17 @@ TEST(TrainStepOnADevice, CopiesTheBatchThereAndAFewNumbersBack) {
         result = train_step(*backend, batch, 0, &state, &buffers, &lidar);
       }
       EXPECT_TRUE(result.finite);
-      EXPECT_EQ(result.field_rays < 24, empty);
+      EXPECT_EQ(result.active_rays < 24, empty);
       EXPECT_EQ(copies.to_device, bytes_of_device(batch) + bytes_of_device(lidar));
       const std::size_t of_rays = 24 * (refines ? 3 + 3 : 0) * sizeof(float);
-      EXPECT_EQ(copies.to_host, of_rays + sizeof(StepSums) + sizeof(std::uint32_t))
+      EXPECT_EQ(copies.to_host, of_rays + sizeof(LossTerms) + sizeof(std::uint32_t))
           << "derivatives of places and directions, losses and the like, how many rays are live";
       EXPECT_EQ(copies.waits, 2u + (refines ? 2 : 0));
     }
 }
 
 TEST(TrainStepOnADevice, CopiesTheBatchOfANerfThereAndAFewNumbersBack) {
-  kernels::DeviceCopies copies;
+  kernels::TransferCounts copies;
   const auto backend = kernels::make_loop_backend(&copies);
   TrainState state = nerf_for_device();
   StepBuffers buffers;
@@ -156,7 +156,7 @@ TEST(TrainStepOnADevice, CopiesTheBatchOfANerfThereAndAFewNumbersBack) {
     EXPECT_TRUE(train_step(*backend, batch, 0, &state, &buffers).finite);
   }
   EXPECT_EQ(copies.to_device, 3 * 72 * sizeof(float)) << "origins, directions, colours";
-  EXPECT_EQ(copies.to_host, 2 * 72 * sizeof(float) + sizeof(StepSums))
+  EXPECT_EQ(copies.to_host, 2 * 72 * sizeof(float) + sizeof(LossTerms))
       << "derivatives of places and directions, losses and the like";
   EXPECT_EQ(copies.waits, 2u + 1);
 }
@@ -194,7 +194,7 @@ TEST(RenderOnADevice, IsTheSameWhereNumbersAreKept) {
 TEST(RenderOnADevice, CopiesRaysThereAndThePictureBack) {
   for (const bool grid : {false, true})
     for (const bool grouped : {false, true}) {
-      kernels::DeviceCopies copies;
+      kernels::TransferCounts copies;
       const auto backend = kernels::make_loop_backend(&copies);
       const TrainState state = grid ? empty_grid_for_device() : nerf_for_device();
       RayBatch batch = batch_for_device(12, 3);
@@ -231,7 +231,7 @@ TEST_F(TrainingOnADevice, SavesWhatTheDeviceHas) {
   EXPECT_TRUE(same_weights(load_checkpoint(kept.paths.checkpoint()), copied.state));
   EXPECT_EQ(kept.state.poses.moments.updates, 2);
   EXPECT_EQ(kept.state.poses.corrections.values, copied.state.poses.corrections.values);
-  EXPECT_LT(*std::ranges::min_element(kept.state.cell_errors.span()), kUnseenError);
+  EXPECT_LT(*std::ranges::min_element(kept.state.cell_errors.span()), kInitialError);
 }
 
 TEST_F(TrainingOnADevice, IsWatchedByItsColours) {
@@ -271,7 +271,7 @@ struct Gathered {
   PixelSampler sampler;
   const LidarReturns returns = returns_for_device(40);
   LidarSampler lidar_sampler{returns, 1};
-  kernels::DeviceCopies copies;
+  kernels::TransferCounts copies;
   std::unique_ptr<kernels::Backend> backend = kernels::make_loop_backend(&copies);
   RayBatch batch, lidar;
   StepBuffers buffers;
@@ -287,10 +287,11 @@ struct Gathered {
     std::ranges::fill(run.state.cell_errors.span(), 0.5f);
     place_lidar(0);
   }
-  void place_lidar(double moved_m) {
+  void place_lidar(double translation_m) {
     std::vector<FramePose> frames = run.recording.frames;
-    for (FramePose& frame : frames) frame.ecef_from_body.translate(Eigen::Vector3d(moved_m, 0, 0));
-    lidar_sampler.place(run.scene.ecef_from_world, run.recording.frames, frames);
+    for (FramePose& frame : frames)
+      frame.global_from_body.translate(Eigen::Vector3d(translation_m, 0, 0));
+    lidar_sampler.place(run.scene.global_from_world, run.recording.frames, frames);
   }
   void gather(int even) {
     copies = {};
@@ -317,7 +318,7 @@ TEST_F(TrainingOnADevice, CopiesNothingThereAndAFewNumbersBack) {
     }
     EXPECT_EQ(of.copies.to_device, 0u);
     const std::size_t of_rays = 24 * (refines ? 3 + 3 + 3 + 1 : 0) * sizeof(float);
-    EXPECT_EQ(of.copies.to_host, of_rays + sizeof(StepSums) + sizeof(std::uint32_t))
+    EXPECT_EQ(of.copies.to_host, of_rays + sizeof(LossTerms) + sizeof(std::uint32_t))
         << "derivatives of places and directions, which directions and views these are of; losses "
            "and the like, how "
            "many rays are live";
@@ -372,8 +373,8 @@ TEST_F(TrainingOnADevice, ALostDeviceLeavesTheLastCheckpointAndSaysHowToGoOn) {
   // In the first step, somewhere later, while a checkpoint is fetched.
   std::int64_t last_step = -1;
   for (const std::int64_t works : {0, 1, 300, 700}) {
-    kernels::LoopTroubles troubles{.works = works};
-    const auto failing = kernels::make_loop_backend(nullptr, true, &troubles);
+    kernels::InjectedFaults faults{.works = works};
+    const auto failing = kernels::make_loop_backend(nullptr, true, &faults);
     redrive::Run lost =
         tiny_grid_run(folder_.path / ("lost" + std::to_string(works)), folder_.path, options);
     try {
@@ -401,15 +402,15 @@ TEST_F(TrainingOnADevice, AFullDeviceSaysHowToGoOnWithLessOrLater) {
   TrainOptions options = tiny_options(12);
   options.checkpoint_every = 4;
   constexpr std::int64_t kEnough = 1 << 30;
-  kernels::LoopTroubles room{.places = kEnough};
+  kernels::InjectedFaults room{.places = kEnough};
   redrive::Run whole = tiny_grid_run(folder_.path / "whole", folder_.path, options);
   EXPECT_EQ(train(&whole, *kernels::make_loop_backend(nullptr, true, &room), never_),
             TrainEnd::kFinished);
   std::int64_t last_step = -1;
   for (const std::int64_t places :
        {std::int64_t{0}, std::int64_t{3}, (kEnough - room.places) * 3 / 4}) {
-    kernels::LoopTroubles troubles{.places = places};
-    const auto full = kernels::make_loop_backend(nullptr, true, &troubles);
+    kernels::InjectedFaults faults{.places = places};
+    const auto full = kernels::make_loop_backend(nullptr, true, &faults);
     redrive::Run run =
         tiny_grid_run(folder_.path / ("full" + std::to_string(places)), folder_.path, options);
     try {

@@ -47,7 +47,7 @@ std::uint64_t lidar_points(const std::filesystem::path& file) {
 
 /// Rays of the largest batch, LiDAR's apart.
 int most_rays(const TrainOptions& options) {
-  return static_cast<int>(options.batch_rays * (options.method == "grid" ? kMostRaysOfBatch : 1));
+  return static_cast<int>(options.batch_rays * (options.method == "grid" ? kMaxBatchFactor : 1));
 }
 
 constexpr const char* kOfPictures = "--downscale, --frames or --cameras (pictures and their rays: ";
@@ -68,10 +68,10 @@ std::string what_to_lower(std::vector<std::pair<std::uint64_t, std::string>> par
 
 }  // namespace
 
-MemoryNeed estimate_memory(const Run& run, int threads) {
+MemoryEstimate estimate_memory(const Run& run, int threads) {
   const Scene& scene = run.scene;
   const std::uint64_t parameters = sizeof(float) * run.state.model->size();
-  MemoryNeed need;
+  MemoryEstimate need;
   need.program = kProgram + std::uint64_t(threads) * kThread;
   const auto gpus =
       static_cast<std::uint64_t>(run.options.gpus);  // each with a state and a step of its own
@@ -114,7 +114,7 @@ MemoryNeed estimate_memory(const Run& run, int threads) {
     const std::uint64_t size = std::filesystem::file_size(run.recording.points_file, error),
                         bytes = error ? 0 : size,
                         points = bytes / (3 * sizeof(float)),  // at most
-        used = std::min<std::uint64_t>(points, kMostCloudPoints);
+        used = std::min<std::uint64_t>(points, kMaxCloudPoints);
     need.lidar = used * kReturn;
     need.sorting = bytes + points * sizeof(Eigen::Vector3d) + used * kCloudPoint;
   }
@@ -127,15 +127,16 @@ MemoryNeed estimate_memory(const Run& run, int threads) {
   return need;
 }
 
-std::optional<DeviceNeed> estimate_device_memory(const Run& run, const kernels::Backend& backend,
-                                                 const MemoryNeed& host) {
+std::optional<DeviceMemoryEstimate> estimate_device_memory(const Run& run,
+                                                           const kernels::Backend& backend,
+                                                           const MemoryEstimate& host) {
   const Model& model = *run.state.model;
   const auto bytes =
-      device_bytes(backend, model,
-                   {most_rays(run.options), host.lidar > 0 ? run.options.lidar_rays : 0, 0,
-                    run.state.poses.refines(), true});
+      count_device_bytes(backend, model,
+                         {most_rays(run.options), host.lidar > 0 ? run.options.lidar_rays : 0, 0,
+                          run.state.poses.refines(), true});
   if (!bytes) return std::nullopt;
-  DeviceNeed need;
+  DeviceMemoryEstimate need;
   need.state = 4 * sizeof(float) * model.size();
   need.pictures = host.pictures + host.rays;
   need.lidar = host.lidar;
@@ -148,7 +149,7 @@ std::string memory_text(std::uint64_t needed, std::uint64_t allowed) {
          gib(static_cast<double>(allowed)) + " allowed";
 }
 
-void check_memory(const MemoryNeed& need, std::uint64_t allowed, const TrainOptions& options) {
+void check_memory(const MemoryEstimate& need, std::uint64_t allowed, const TrainOptions& options) {
   if (need.total() <= allowed) return;
   throw UsageError("--memory", options.memory,
                    memory_text(need.total(), allowed) + "; lower " +
@@ -157,7 +158,8 @@ void check_memory(const MemoryNeed& need, std::uint64_t allowed, const TrainOpti
                                       {need.step, of_batch(options)}}));
 }
 
-void check_memory(const DeviceNeed& need, std::uint64_t allowed, const TrainOptions& options) {
+void check_memory(const DeviceMemoryEstimate& need, std::uint64_t allowed,
+                  const TrainOptions& options) {
   if (need.total() <= allowed) return;
   throw UsageError("--gpu-memory", options.gpu_memory,
                    memory_text(need.total(), allowed) + " on the GPU; lower " +
@@ -166,11 +168,11 @@ void check_memory(const DeviceNeed& need, std::uint64_t allowed, const TrainOpti
                                       {need.step, of_batch(options)}}));
 }
 
-void check_device_work(const Run& run, kernels::Backend& backend, const DeviceWork& work) {
-  const auto bytes = device_bytes(backend, *run.state.model, work);
+void check_device_memory(const Run& run, kernels::Backend& backend, const DeviceWork& work) {
+  const auto bytes = count_device_bytes(backend, *run.state.model, work);
   const auto free = backend.free_memory();
   if (!bytes || !free) return;
-  DeviceNeed need;
+  DeviceMemoryEstimate need;
   need.step = *bytes;
   const std::uint64_t allowed = allowed_gpu_memory(run.options, *free);
   if (need.total() > allowed)

@@ -14,7 +14,7 @@
 namespace redrive {
 
 /// Bytes, from the sizes of what is allocated.
-struct MemoryNeed {
+struct MemoryEstimate {
   std::uint64_t program = 0;   ///< code, libraries, threads
   std::uint64_t state = 0;     ///< parameters and moments
   std::uint64_t pictures = 0;  ///< of all training views with what is masked of them
@@ -32,10 +32,10 @@ struct MemoryNeed {
     return sum + sum / 20;  // what is too small to count, and gaps between blocks
   }
 };
-MemoryNeed estimate_memory(const Run& run, int threads);
+MemoryEstimate estimate_memory(const Run& run, int threads);
 
 /// The same of a GPU's memory. What batches are gathered from lies there as on the host.
-struct DeviceNeed {
+struct DeviceMemoryEstimate {
   std::uint64_t state = 0;     ///< parameters, gradients and moments
   std::uint64_t pictures = 0;  ///< of all training views, and the directions of their pixels
   std::uint64_t lidar = 0;     ///< all returns
@@ -46,16 +46,18 @@ struct DeviceNeed {
   }
 };
 /// Nothing where the backend works in the host's. `host`: of the same run.
-std::optional<DeviceNeed> estimate_device_memory(const Run& run, const kernels::Backend& backend,
-                                                 const MemoryNeed& host);
+std::optional<DeviceMemoryEstimate> estimate_device_memory(const Run& run,
+                                                           const kernels::Backend& backend,
+                                                           const MemoryEstimate& host);
 
 /// "needs about 1.3 GiB of 16.8 GiB allowed", of bytes.
 std::string memory_text(std::uint64_t needed, std::uint64_t allowed);
 /// UsageError saying what is lowered best, if more is needed than allowed.
-void check_memory(const MemoryNeed& need, std::uint64_t allowed, const TrainOptions& options);
-void check_memory(const DeviceNeed& need, std::uint64_t allowed, const TrainOptions& options);
+void check_memory(const MemoryEstimate& need, std::uint64_t allowed, const TrainOptions& options);
+void check_memory(const DeviceMemoryEstimate& need, std::uint64_t allowed,
+                  const TrainOptions& options);
 /// UsageError if the largest of `work` on a finished run's model takes more of the backend's own
 /// memory than the run's options allow.
-void check_device_work(const Run& run, kernels::Backend& backend, const DeviceWork& work);
+void check_device_memory(const Run& run, kernels::Backend& backend, const DeviceWork& work);
 
 }  // namespace redrive

@@ -5,8 +5,8 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/error.h"
-#include "redrive/kernels/cuda/cuda_backend.h"
-#include "redrive/train/test_support.h"
+#include "redrive/kernels/device/cuda_backend.h"
+#include "redrive/train/train_testing.h"
 
 namespace redrive {
 namespace {
@@ -31,17 +31,17 @@ TEST(Memory, AllowedAsBytesGiBOrShare) {
     EXPECT_THROW(allowed(text), UsageError) << text;
 }
 
-class MemoryEstimate : public testing::Test {
+class MemoryEstimateTest : public testing::Test {
  protected:
   redrive::Run run_of(const TrainOptions& options) {
     redrive::Run run;
     run.options = options;
     run.recording = recording_;
     run.scene = make_scene(recording_, scene_options(options));
-    run.state = first_state(options, run.scene);
+    run.state = make_initial_state(options, run.scene);
     return run;
   }
-  MemoryNeed of(const TrainOptions& options, int threads = 2) {
+  MemoryEstimate of(const TrainOptions& options, int threads = 2) {
     return estimate_memory(run_of(options), threads);
   }
 
@@ -49,7 +49,7 @@ class MemoryEstimate : public testing::Test {
   Recording recording_ = make_test_recording(folder_.path, 6);  // FRONT 24 x 16
 };
 
-TEST_F(MemoryEstimate, CountsWhatIsKeptOfEachPixel) {
+TEST_F(MemoryEstimateTest, CountsWhatIsKeptOfEachPixel) {
   TrainOptions options = tiny_options(1);
   options.masks = "none";
   EXPECT_EQ(of(options).pictures, 6u * 24 * 16 * 3);
@@ -63,9 +63,9 @@ TEST_F(MemoryEstimate, CountsWhatIsKeptOfEachPixel) {
   EXPECT_EQ(of(options).decoding, of(tiny_options(1)).decoding) << "they are decoded as recorded";
 }
 
-TEST_F(MemoryEstimate, GrowsWithTheModelAndTheBatch) {
+TEST_F(MemoryEstimateTest, GrowsWithTheModelAndTheBatch) {
   TrainOptions options = tiny_options(1);
-  const MemoryNeed one = of(options);
+  const MemoryEstimate one = of(options);
   options.batch_rays *= 2;
   const std::uint64_t batch = of(options).step - one.step;
   options.batch_rays *= 2;
@@ -74,22 +74,22 @@ TEST_F(MemoryEstimate, GrowsWithTheModelAndTheBatch) {
   EXPECT_GT(of(options).state, one.state);
 }
 
-TEST_F(MemoryEstimate, CountsAStateAndAStepForEachGpu) {
+TEST_F(MemoryEstimateTest, CountsAStateAndAStepForEachGpu) {
   TrainOptions options = tiny_options(1);
-  const MemoryNeed one = of(options);
+  const MemoryEstimate one = of(options);
   options.gpus = 2;
   const std::uint64_t step = of(options).step - one.step;
   EXPECT_GT(step, one.state / 3) << "gradients, and rays";
   options.gpus = 3;
-  const MemoryNeed three = of(options);
+  const MemoryEstimate three = of(options);
   EXPECT_EQ(three.state, 3 * one.state);
   EXPECT_EQ(three.step, one.step + 2 * step);
   EXPECT_EQ(three.pictures, one.pictures);
 }
 
-TEST_F(MemoryEstimate, MoreThanAllowedIsRefusedWithWhatToLower) {
+TEST_F(MemoryEstimateTest, MoreThanAllowedIsRefusedWithWhatToLower) {
   TrainOptions options = tiny_options(1);
-  MemoryNeed need;
+  MemoryEstimate need;
   need.pictures = 3 * kGiB;
   need.step = kGiB / 4;
   check_memory(need, 4 * kGiB, options);
@@ -111,7 +111,7 @@ TEST_F(MemoryEstimate, MoreThanAllowedIsRefusedWithWhatToLower) {
   EXPECT_THAT(refused(), HasSubstr("lower --frames or --lidar-rays 0 (LiDAR: 9.0 GiB), --batch"));
 }
 
-TEST_F(MemoryEstimate, OfAGpuIsTheStateThePicturesAndAStep) {
+TEST_F(MemoryEstimateTest, OfAGpuIsTheStateThePicturesAndAStep) {
   const auto of_gpu = [&](const TrainOptions& options) {
     const redrive::Run run = run_of(options);
     return *estimate_device_memory(run, *kernels::make_loop_backend(), estimate_memory(run, 2));
@@ -119,7 +119,7 @@ TEST_F(MemoryEstimate, OfAGpuIsTheStateThePicturesAndAStep) {
   for (const char* method : {"nerf", "grid"}) {
     TrainOptions options = tiny_options(1);
     options.method = method;
-    const DeviceNeed one = of_gpu(options);
+    const DeviceMemoryEstimate one = of_gpu(options);
     const redrive::Run run = run_of(options);
     EXPECT_EQ(one.state, 16 * run.state.model->size()) << "four numbers a parameter";
     EXPECT_EQ(one.pictures, estimate_memory(run, 2).pictures + estimate_memory(run, 2).rays);
@@ -127,18 +127,18 @@ TEST_F(MemoryEstimate, OfAGpuIsTheStateThePicturesAndAStep) {
         64u * 12 * 4 * sizeof(float);  // and densities of all samples: the least of a batch
     EXPECT_GT(one.step, colours);
     options.batch_rays *= 4;
-    const DeviceNeed more = of_gpu(options);
+    const DeviceMemoryEstimate more = of_gpu(options);
     EXPECT_GT(more.step, one.step + 3 * colours);
     EXPECT_EQ(more.state, one.state);
   }
   const redrive::Run run = run_of(tiny_options(1));
-  MemoryNeed with_lidar = estimate_memory(run, 2);
+  MemoryEstimate with_lidar = estimate_memory(run, 2);
   with_lidar.lidar = kGiB;
   EXPECT_EQ(estimate_device_memory(run, *kernels::make_loop_backend(), with_lidar)->lidar, kGiB);
   EXPECT_FALSE(estimate_device_memory(run, *kernels::make_ref_backend(), estimate_memory(run, 2)));
 }
 
-TEST_F(MemoryEstimate, MoreThanAGpuMayGiveIsRefusedWithWhatToLower) {
+TEST_F(MemoryEstimateTest, MoreThanAGpuMayGiveIsRefusedWithWhatToLower) {
   TrainOptions options = tiny_options(1);
   EXPECT_EQ(allowed_gpu_memory(options, 10 * kGiB), 9 * kGiB);
   options.gpu_memory = "2GiB";
@@ -146,7 +146,7 @@ TEST_F(MemoryEstimate, MoreThanAGpuMayGiveIsRefusedWithWhatToLower) {
   options.gpu_memory = "all";
   EXPECT_THROW(validate(options), UsageError);
   options.gpu_memory = "90%";
-  DeviceNeed need;
+  DeviceMemoryEstimate need;
   need.state = need.pictures = kGiB;
   need.step = 2 * kGiB;
   check_memory(need, 5 * kGiB, options);
@@ -169,17 +169,17 @@ TEST_F(MemoryEstimate, MoreThanAGpuMayGiveIsRefusedWithWhatToLower) {
   }
 }
 
-TEST_F(MemoryEstimate, RenderingIsRefusedOnAFullGpu) {
+TEST_F(MemoryEstimateTest, RenderingIsRefusedOnAFullGpu) {
   const redrive::Run run = run_of(tiny_options(1));
   const DeviceWork tile{.tile_rays = 100};
-  kernels::LoopTroubles troubles;
-  const auto backend = kernels::make_loop_backend(nullptr, true, &troubles);
-  check_device_work(run, *backend, tile);  // without an end
-  troubles.free_memory = kGiB;
-  check_device_work(run, *backend, tile);
-  troubles.free_memory = 4 * run.state.model->size();  // the parameters alone
+  kernels::InjectedFaults faults;
+  const auto backend = kernels::make_loop_backend(nullptr, true, &faults);
+  check_device_memory(run, *backend, tile);  // without an end
+  faults.free_memory = kGiB;
+  check_device_memory(run, *backend, tile);
+  faults.free_memory = 4 * run.state.model->size();  // the parameters alone
   try {
-    check_device_work(run, *backend, tile);
+    check_device_memory(run, *backend, tile);
     ADD_FAILURE() << "not refused";
   } catch (const UsageError& error) {
     EXPECT_THAT(error.what(),

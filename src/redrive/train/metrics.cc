@@ -127,7 +127,7 @@ std::vector<MetricsRow> parse_metrics(std::string_view bytes, const std::filesys
   return rows;
 }
 
-std::string kept_metrics(std::string_view bytes, const Place& place) {
+std::string truncated_metrics(std::string_view bytes, const Place& place) {
   std::string kept;
   try {
     for_lines("metrics.jsonl", bytes, [&](const Line& line) {
@@ -143,8 +143,9 @@ std::string kept_metrics(std::string_view bytes, const Place& place) {
   return kept;
 }
 
-void cut_metrics(const RunPaths& paths, const Place& place) {
-  const std::string bytes = bytes_or_nothing(paths.metrics()), kept = kept_metrics(bytes, place);
+void truncate_metrics(const RunPaths& paths, const Place& place) {
+  const std::string bytes = bytes_or_nothing(paths.metrics()),
+                    kept = truncated_metrics(bytes, place);
   if (kept != bytes) write_file(paths.metrics(), kept);
 }
 

@@ -189,7 +189,7 @@ std::vector<TrainField> make_fields() {
              "keep every n-th frame for eval; 0: none, not 1"),
       flag("undistort", &O::undistort,
            "resample the images without distortion first, as the report did (pinhole cameras)"),
-      flag("truth-poses", &O::truth_poses,
+      flag("truth-poses", &O::ground_truth_poses,
            "use the exact poses and calibration that a made recording ships (*_true.json), to tell "
            "what poses cost from "
            "what the field costs"),

@@ -13,7 +13,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/field/grid_field.h"
-#include "redrive/recording/readouts.h"
+#include "redrive/recording/readout_options.h"
 
 namespace redrive {
 namespace {
@@ -120,7 +120,7 @@ void resolve_bounds(TrainOptions* options, const std::vector<std::string>& given
   const auto& [center, half_side] = *recording.bounds;
   double nearest = std::numeric_limits<double>::infinity(), furthest = 0;
   for (const FramePose& frame : recording.frames) {
-    const Eigen::Vector3d place = (frame.ecef_from_body.translation() - center).cwiseAbs();
+    const Eigen::Vector3d place = (frame.global_from_body.translation() - center).cwiseAbs();
     nearest = std::min(nearest, (place.array() - half_side).max(0).matrix().norm());
     furthest = std::max(furthest, (place.array() + half_side).matrix().norm());
   }
@@ -137,7 +137,7 @@ bool refines_poses(const TrainOptions& options, const Scene& scene) {
   if (options.refine_poses == "on" && !scene.metric)
     throw UsageError("--refine-poses", "on",
                      "poses are refined of drives alone, which have metres and a clock");
-  const bool by_default = options.method == "grid" && scene.metric && !options.truth_poses;
+  const bool by_default = options.method == "grid" && scene.metric && !options.ground_truth_poses;
   return options.refine_poses == "on" || (options.refine_poses == "auto" && by_default);
 }
 
@@ -173,7 +173,7 @@ void validate(const TrainOptions& options) {
   if (options.method == "nerf" && options.background == "random")
     throw UsageError("--background", "random",
                      "is not for --method nerf, which knows no background; white or black");
-  if (options.truth_poses + options.align + !options.poses.empty() > 1)
+  if (options.ground_truth_poses + options.align + !options.poses.empty() > 1)
     throw UsageError(options.align ? "--align" : "--poses", options.poses,
                      "--truth-poses, --poses and --align exclude each other");
   if (estimates_readouts(options.rolling_shutter) && !options.align)
@@ -205,18 +205,21 @@ void validate(const TrainOptions& options) {
 }
 
 Recording open_recording(const TrainOptions& options) {
-  Recording recording = open_recording(
-      options.recording, options.truth_poses ? PoseSource::kTruth : PoseSource::kGiven);
-  set_readouts(options.rolling_shutter, &recording);
+  Recording recording =
+      open_recording(options.recording,
+                     options.ground_truth_poses ? PoseSource::kGroundTruth : PoseSource::kRecorded);
+  apply_readout_options(options.rolling_shutter, &recording);
   return recording;
 }
 
-bool has_own_poses(const TrainOptions& options) { return options.align || !options.poses.empty(); }
+bool has_external_poses(const TrainOptions& options) {
+  return options.align || !options.poses.empty();
+}
 
-void use_own_poses(const PoseFiles& files, const std::filesystem::path& folder,
-                   const TrainOptions& options, Recording* recording) {
-  use_pose_files(files, folder, recording);
-  set_readouts(options.rolling_shutter, recording);
+void use_external_poses(const PoseFiles& files, const std::filesystem::path& folder,
+                        const TrainOptions& options, Recording* recording) {
+  apply_pose_files(files, folder, recording);
+  apply_readout_options(options.rolling_shutter, recording);
 }
 
 SceneOptions scene_options(const TrainOptions& options) {
@@ -234,7 +237,7 @@ SceneOptions scene_options(const TrainOptions& options) {
   if (options.background == "white") scene.background = Background::kWhite;
   if (options.background == "black" || options.background == "random")
     scene.background = Background::kBlack;
-  scene.random_behind = options.method == "grid" && scene.background != Background::kNone;
+  scene.random_background = options.method == "grid" && scene.background != Background::kNone;
   return scene;
 }
 

@@ -28,14 +28,14 @@ struct TrainOptions {
   int downscale = 1;
   int holdout_every = 0;
   bool undistort = false;
-  bool truth_poses = false;  ///< the exact poses and calibration that a made recording ships
+  bool ground_truth_poses = false;  ///< the exact poses and calibration that a made recording ships
   std::string poses;   ///< folder of other poses and another calibration (recording/pose_files.h);
                        ///< "": the recording's own
   bool align = false;  ///< those that redrive align finds
   std::vector<std::string>
-      rolling_shutter;                ///< recording/readouts.h: what the calibration does not say
+      rolling_shutter;  ///< recording/readout_options.h: what the calibration does not say
   std::string refine_poses = "auto";  ///< "auto", "on", "off": while training; auto: of a drive by
-                                      ///< grid, but not with truth_poses
+                                      ///< grid, but not with ground_truth_poses
   double near_m = 0.5, far_m = 1000;
   std::string background;  ///< "", "white", "black", "random" (black): behind transparent pixels
   std::string masks = "auto";  ///< what is not the static world: "auto" finds it, "none" trains on
@@ -100,11 +100,11 @@ SceneOptions scene_options(const TrainOptions& options);
 /// is put into it by its run (train/run.h). InputError as redrive::open_recording.
 Recording open_recording(const TrainOptions& options);
 /// Whether a run keeps poses of its own beside the recording's: --poses or --align.
-bool has_own_poses(const TrainOptions& options);
+bool has_external_poses(const TrainOptions& options);
 /// Those, put into the recording; readouts that --rolling-shutter gives count before theirs.
-/// InputError as use_pose_files.
-void use_own_poses(const PoseFiles& files, const std::filesystem::path& folder,
-                   const TrainOptions& options, Recording* recording);
+/// InputError as apply_pose_files.
+void use_external_poses(const PoseFiles& files, const std::filesystem::path& folder,
+                        const TrainOptions& options, Recording* recording);
 
 /// Whether poses are refined. UsageError where they cannot be: of photographs.
 bool refines_poses(const TrainOptions& options, const Scene& scene);

@@ -6,7 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
-#include "redrive/recording/readouts.h"
+#include "redrive/recording/readout_options.h"
 
 namespace redrive {
 namespace {
@@ -111,16 +111,16 @@ TEST(TrainOptions, FramesBecomeARangeOfTheScene) {
 TEST(TrainOptions, BackgroundIsTheScenes) {
   TrainOptions options;
   EXPECT_EQ(scene_options(options).background, Background::kNone);
-  EXPECT_FALSE(scene_options(options).random_behind);
+  EXPECT_FALSE(scene_options(options).random_background);
   for (const auto& [name, background] :
        {std::pair{"white", Background::kWhite}, std::pair{"black", Background::kBlack},
         std::pair{"random", Background::kBlack}}) {
     options.background = name;
     EXPECT_EQ(scene_options(options).background, background);
-    EXPECT_TRUE(scene_options(options).random_behind);
+    EXPECT_TRUE(scene_options(options).random_background);
   }
   options.method = "nerf";
-  EXPECT_FALSE(scene_options(options).random_behind) << "its network is told of no background";
+  EXPECT_FALSE(scene_options(options).random_background) << "its network is told of no background";
 }
 
 // A cube from -1 to 1 around (10, 0, 0). From 4 ahead of it: 3 to its face, to its far corners (5,
@@ -342,9 +342,9 @@ TEST(Options, PosesAreRefinedOfDrivesByTheGridUnlessSaidOtherwise) {
   for (const char* method : {"grid", "nerf"}) {
     options.method = method;
     const bool grid = options.method == "grid";
-    for (options.truth_poses = false;; options.truth_poses = true) {
+    for (options.ground_truth_poses = false;; options.ground_truth_poses = true) {
       options.refine_poses = "auto";
-      EXPECT_EQ(refines_poses(options, drive), grid && !options.truth_poses) << method;
+      EXPECT_EQ(refines_poses(options, drive), grid && !options.ground_truth_poses) << method;
       EXPECT_FALSE(refines_poses(options, photographs));
       options.refine_poses = "on";
       EXPECT_TRUE(refines_poses(options, drive)) << method;
@@ -352,7 +352,7 @@ TEST(Options, PosesAreRefinedOfDrivesByTheGridUnlessSaidOtherwise) {
       options.refine_poses = "off";
       EXPECT_FALSE(refines_poses(options, drive));
       EXPECT_FALSE(refines_poses(options, photographs));
-      if (options.truth_poses) break;
+      if (options.ground_truth_poses) break;
     }
   }
 }
@@ -387,15 +387,16 @@ TEST(Options, RollingShutterIsEstimatedByAlign) {
   for (RecordedCamera& camera : recording.cameras) camera.calibration.readout_ns = 20'000'000;
   const std::size_t n = recording.cameras.size();
   ASSERT_GT(n, 1u);
-  EXPECT_EQ(set_readouts({"estimate"}, &recording), std::vector<bool>(n, true));
+  EXPECT_EQ(apply_readout_options({"estimate"}, &recording), std::vector<bool>(n, true));
   EXPECT_EQ(recording.cameras[0].calibration.readout_ns, 20'000'000)
       << "as the calibration says, to start from";
   std::vector<bool> but_last(n, true);
   but_last.back() = false;
-  EXPECT_EQ(set_readouts({"estimate", last + ":7"}, &recording), but_last);
+  EXPECT_EQ(apply_readout_options({"estimate", last + ":7"}, &recording), but_last);
   EXPECT_EQ(recording.cameras.back().calibration.readout_ns, 7'000'000);
-  EXPECT_EQ(set_readouts({last + ":estimate"}, &recording)[n - 1], true);
-  EXPECT_EQ(set_readouts({last + ":9", "estimate"}, &recording), std::vector<bool>(n, true))
+  EXPECT_EQ(apply_readout_options({last + ":estimate"}, &recording)[n - 1], true);
+  EXPECT_EQ(apply_readout_options({last + ":9", "estimate"}, &recording),
+            std::vector<bool>(n, true))
       << "the last one counts";
   EXPECT_EQ(recording.cameras.back().calibration.readout_ns, 7'000'000);
 
@@ -419,9 +420,9 @@ TEST(Options, ReadoutsOfOwnPoses) {
     aligned.push_back(camera.calibration);
     aligned.back().readout_ns = 15'000'000;
   }
-  const PoseFiles files = pose_files_of(recording, recording.frames, aligned);
+  const PoseFiles files = make_pose_files(recording, recording.frames, aligned);
   options.rolling_shutter = {"estimate", last + ":7"};
-  use_own_poses(files, "aligned", options, &recording);
+  use_external_poses(files, "aligned", options, &recording);
   EXPECT_EQ(recording.cameras[0].calibration.readout_ns, 15'000'000);
   EXPECT_EQ(recording.cameras.back().calibration.readout_ns, 7'000'000);
 }

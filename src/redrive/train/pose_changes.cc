@@ -37,23 +37,23 @@ PoseChanges pose_changes(const Scene& scene, const PoseCorrections& corrections)
   };
   PoseChanges changes;
   for (int f = 0; f < corrections.frames; ++f) {
-    changes.frames.push_back(change_at(corrections.at_frame(f)));
-    changes.moved_m += changes.frames.back().moved_m.squaredNorm() / corrections.frames;
-    changes.turned_rad += changes.frames.back().turned_rad.squaredNorm() / corrections.frames;
+    changes.frames.push_back(change_at(corrections.frame_slot(f)));
+    changes.translation_m += changes.frames.back().translation_m.squaredNorm() / corrections.frames;
+    changes.rotation_rad += changes.frames.back().rotation_rad.squaredNorm() / corrections.frames;
   }
-  changes.moved_m = std::sqrt(changes.moved_m);
-  changes.turned_rad = std::sqrt(changes.turned_rad);
+  changes.translation_m = std::sqrt(changes.translation_m);
+  changes.rotation_rad = std::sqrt(changes.rotation_rad);
   for (int c = 0; c < corrections.cameras; ++c) {
-    const std::size_t at = corrections.at_camera(c), time = corrections.at_time(c);
+    const std::size_t at = corrections.camera_slot(c), time = corrections.time_slot(c);
     CameraChange camera{scene.rig[c].name, change_at(at), corrections.values[time]};
     camera.pose.at_bound |= near_bound(time);
     // body_from_camera is what it was times the motion: back to the axes that the camera had
     // before.
     const Eigen::Matrix3d body_from_camera =
         scene.rig[c].body_from_sensor.linear() *
-        motion_of(&corrections.values[at]).linear().transpose();
-    camera.pose.moved_m = body_from_camera * camera.pose.moved_m;
-    camera.pose.turned_rad = body_from_camera * camera.pose.turned_rad;
+        rigid_from_vector(&corrections.values[at]).linear().transpose();
+    camera.pose.translation_m = body_from_camera * camera.pose.translation_m;
+    camera.pose.rotation_rad = body_from_camera * camera.pose.rotation_rad;
     changes.cameras.push_back(camera);
   }
   return changes;
@@ -62,7 +62,7 @@ PoseChanges pose_changes(const Scene& scene, const PoseCorrections& corrections)
 std::string describe_changes(const PoseChanges& changes) {
   char line[200];
   std::snprintf(line, sizeof line, "poses refined: frames moved %.1f cm, turned %.3f degrees RMS",
-                100 * changes.moved_m, kInDegrees * changes.turned_rad);
+                100 * changes.translation_m, kInDegrees * changes.rotation_rad);
   std::string out = line;
   if (const int frames = changes.frames_at_bound(); frames > 0)
     out += "; WARNING: " + std::to_string(frames) + " of " + std::to_string(changes.frames.size()) +
@@ -71,8 +71,8 @@ std::string describe_changes(const PoseChanges& changes) {
   for (const CameraChange& camera : changes.cameras) {
     const PoseChange& pose = camera.pose;
     std::snprintf(line, sizeof line, ": moved %.1f cm, turned %.3f degrees, %+.1f ms%s\n",
-                  100 * pose.moved_m.norm(), kInDegrees * pose.turned_rad.norm(),
-                  1e3 * camera.late_s,
+                  100 * pose.translation_m.norm(), kInDegrees * pose.rotation_rad.norm(),
+                  1e3 * camera.time_offset_s,
                   pose.at_bound ? "; WARNING: at its bound, see redrive align" : "");
     out += camera.name + line;
   }

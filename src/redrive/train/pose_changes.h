@@ -11,20 +11,20 @@
 namespace redrive {
 
 struct PoseChange {
-  Eigen::Vector3d moved_m = Eigen::Vector3d::Zero(),
-                  turned_rad = Eigen::Vector3d::Zero();  ///< axes of the body
+  Eigen::Vector3d translation_m = Eigen::Vector3d::Zero(),
+                  rotation_rad = Eigen::Vector3d::Zero();  ///< axes of the body
   bool at_bound = false;  ///< one of its numbers, of a camera its time, too
 };
 struct CameraChange {
   std::string name;
-  PoseChange pose;    ///< on the body
-  double late_s = 0;  ///< images are exposed so much later
+  PoseChange pose;           ///< on the body
+  double time_offset_s = 0;  ///< images are exposed so much later
 };
 
 struct PoseChanges {
-  std::vector<PoseChange> frames;      ///< as Scene::frames
-  std::vector<CameraChange> cameras;   ///< as Scene::rig
-  double moved_m = 0, turned_rad = 0;  ///< of frames, RMS of their lengths
+  std::vector<PoseChange> frames;              ///< as Scene::frames
+  std::vector<CameraChange> cameras;           ///< as Scene::rig
+  double translation_m = 0, rotation_rad = 0;  ///< of frames, RMS of their lengths
   int frames_at_bound() const;
 };
 

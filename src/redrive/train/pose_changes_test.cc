@@ -4,7 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "redrive/scene/test_recording.h"
+#include "redrive/scene/scene_testing.h"
 #include "redrive/train/pose_refiner.h"
 
 namespace redrive {
@@ -21,7 +21,7 @@ class PoseChangesTest : public ::testing::Test {
   /// Of the scene as the corrections place it.
   PoseChanges changes() const {
     Scene placed = scene_;
-    place_views(corrected(recording_, scene_, corrections_), &placed);
+    update_view_poses(corrected(recording_, scene_, corrections_), &placed);
     return pose_changes(placed, corrections_);
   }
   TemporaryFolder folder_;
@@ -32,32 +32,32 @@ class PoseChangesTest : public ::testing::Test {
 
 TEST_F(PoseChangesTest, CamerasAreSaidInTheBodysAxes) {
   // FRONT's z looks along the body's x, its x to the right, its y down.
-  set(corrections_.at_camera(1), {0.1f, 0.2f, 0.4f, 0.01f, 0.02f, 0.03f});
-  set(corrections_.at_time(1), {0.004f});
+  set(corrections_.camera_slot(1), {0.1f, 0.2f, 0.4f, 0.01f, 0.02f, 0.03f});
+  set(corrections_.time_slot(1), {0.004f});
   const CameraChange front = changes().cameras.at(1);
   EXPECT_EQ(front.name, "FRONT");
-  EXPECT_LT((front.pose.moved_m - Eigen::Vector3d(0.4, -0.1, -0.2)).norm(), 1e-7)
-      << front.pose.moved_m.transpose();
-  EXPECT_LT((front.pose.turned_rad - Eigen::Vector3d(0.03, -0.01, -0.02)).norm(), 1e-8);
-  EXPECT_NEAR(front.late_s, 0.004, 1e-9);
+  EXPECT_LT((front.pose.translation_m - Eigen::Vector3d(0.4, -0.1, -0.2)).norm(), 1e-7)
+      << front.pose.translation_m.transpose();
+  EXPECT_LT((front.pose.rotation_rad - Eigen::Vector3d(0.03, -0.01, -0.02)).norm(), 1e-8);
+  EXPECT_NEAR(front.time_offset_s, 0.004, 1e-9);
   EXPECT_FALSE(front.pose.at_bound);
   // That is by how much it has moved and turned on the car.
   const Recording after = corrected(recording_, scene_, corrections_);
   const Rigid3d &was = recording_.cameras[1].calibration.body_from_sensor,
                 &is = after.cameras[1].calibration.body_from_sensor;
-  EXPECT_LT((is.translation() - was.translation() - front.pose.moved_m).norm(), 1e-7);
+  EXPECT_LT((is.translation() - was.translation() - front.pose.translation_m).norm(), 1e-7);
   const Eigen::AngleAxisd turn(is.linear() * was.linear().transpose());
-  EXPECT_LT((turn.angle() * turn.axis() - front.pose.turned_rad).norm(), 1e-7);
+  EXPECT_LT((turn.angle() * turn.axis() - front.pose.rotation_rad).norm(), 1e-7);
 }
 
 TEST_F(PoseChangesTest, FramesAreSaidAsTheyStand) {
-  set(corrections_.at_frame(2), {0.03f, 0, 0.04f, 0, 0.012f, 0});
-  set(corrections_.at_frame(4), {0, -0.05f, 0, 0.005f, 0, 0});
+  set(corrections_.frame_slot(2), {0.03f, 0, 0.04f, 0, 0.012f, 0});
+  set(corrections_.frame_slot(4), {0, -0.05f, 0, 0.005f, 0, 0});
   const PoseChanges changes = this->changes();
   ASSERT_EQ(changes.frames.size(), 6u);
-  EXPECT_LT((changes.frames[2].moved_m - Eigen::Vector3d(0.03, 0, 0.04)).norm(), 1e-8);
-  EXPECT_NEAR(changes.moved_m, std::sqrt((0.05 * 0.05 + 0.05 * 0.05) / 6), 1e-8);
-  EXPECT_NEAR(changes.turned_rad, 0.013 / std::sqrt(6.0), 1e-8);
+  EXPECT_LT((changes.frames[2].translation_m - Eigen::Vector3d(0.03, 0, 0.04)).norm(), 1e-8);
+  EXPECT_NEAR(changes.translation_m, std::sqrt((0.05 * 0.05 + 0.05 * 0.05) / 6), 1e-8);
+  EXPECT_NEAR(changes.rotation_rad, 0.013 / std::sqrt(6.0), 1e-8);
   EXPECT_EQ(at_bound(changes), "");
   EXPECT_THAT(describe_changes(changes),
               HasSubstr("frames moved 2.9 cm, turned 0.304 degrees RMS\n"));
@@ -65,10 +65,10 @@ TEST_F(PoseChangesTest, FramesAreSaidAsTheyStand) {
 }
 
 TEST_F(PoseChangesTest, SaysWhatIsAtItsBound) {
-  set(corrections_.at_frame(1), {0, -kMostMoved_m});
-  set(corrections_.at_frame(3) + 5, {0.99f * kMostTurned_rad});
-  set(corrections_.at_frame(4), {0.9f * kMostMoved_m});
-  set(corrections_.at_time(0), {kMostLate_s});
+  set(corrections_.frame_slot(1), {0, -kMaxTranslation_m});
+  set(corrections_.frame_slot(3) + 5, {0.99f * kMaxRotation_rad});
+  set(corrections_.frame_slot(4), {0.9f * kMaxTranslation_m});
+  set(corrections_.time_slot(0), {kMaxTimeOffset_s});
   const PoseChanges changes = this->changes();
   EXPECT_EQ(changes.frames_at_bound(), 2);
   EXPECT_TRUE(changes.frames[1].at_bound && changes.frames[3].at_bound);

@@ -17,32 +17,32 @@ constexpr double kDecay = 0.3;
 
 /// Takes from all cameras what they have in common, in the body's axes: to the first order the mean
 /// of how they moved and turned, and of their times.
-void leave_to_frames(const Scene& scene, PoseCorrections* corrections) {
+void move_common_part_to_frames(const Scene& scene, PoseCorrections* corrections) {
   const int cameras = corrections->cameras;
   Eigen::Vector3d by = Eigen::Vector3d::Zero(), turn = Eigen::Vector3d::Zero();
   double time = 0;
   const auto part = [&](int c, int first) {
-    return Eigen::Map<Eigen::Vector3f>(&corrections->values[corrections->at_camera(c) + first]);
+    return Eigen::Map<Eigen::Vector3f>(&corrections->values[corrections->camera_slot(c) + first]);
   };
   for (int c = 0; c < cameras; ++c) {
     const Eigen::Matrix3d body_from_camera = scene.rig[c].body_from_sensor.linear();
     turn += body_from_camera * part(c, 3).cast<double>() / cameras;
     by += body_from_camera * part(c, 0).cast<double>() / cameras;
-    time += corrections->values[corrections->at_time(c)] / cameras;
+    time += corrections->values[corrections->time_slot(c)] / cameras;
   }
   for (int c = 0; c < cameras; ++c) {
     const Eigen::Matrix3d camera_from_body = scene.rig[c].body_from_sensor.linear().transpose();
     part(c, 0) -= (camera_from_body * by).cast<float>();
     part(c, 3) -= (camera_from_body * turn).cast<float>();
-    corrections->values[corrections->at_time(c)] -= static_cast<float>(time);
+    corrections->values[corrections->time_slot(c)] -= static_cast<float>(time);
   }
 }
 
 }  // namespace
 
 float bound_of(const PoseCorrections& corrections, std::size_t i) {
-  if (i >= corrections.at_time(0)) return kMostLate_s;
-  return i % 6 < 3 ? kMostMoved_m : kMostTurned_rad;
+  if (i >= corrections.time_slot(0)) return kMaxTimeOffset_s;
+  return i % 6 < 3 ? kMaxTranslation_m : kMaxRotation_rad;
 }
 
 PoseRates pose_rates(double rate_m) { return {rate_m, rate_m / 10, rate_m / 10}; }
@@ -66,7 +66,7 @@ void update_poses(std::span<const double> gradient,
 }
 
 std::vector<ViewGradient> view_gradients(const Scene& scene, const RayBatch& batch,
-                                         const StepLosses& losses) {
+                                         const StepOutput& losses) {
   const std::size_t n = batch.n;
   std::vector<ViewGradient> views(scene.views.size());
   for (std::size_t ray = 0; ray < n; ++ray) {
@@ -77,8 +77,8 @@ std::vector<ViewGradient> view_gradients(const Scene& scene, const RayBatch& bat
       d_direction[k] = losses.d_direction[k * n + ray];
     }
     ViewGradient& view = views[batch.view[ray]];
-    view.d_place += d_origin;
-    view.d_turn += direction.cross(d_direction);
+    view.d_translation += d_origin;
+    view.d_rotation += direction.cross(d_direction);
   }
   return views;
 }
@@ -91,16 +91,19 @@ void refine_poses(const Scene& scene, std::span<const ViewGradient> views, const
   update_poses(
       gradient,
       [&](std::size_t i) {
-        return i >= corrections.at_time(0) ? rates.time_s : i % 6 < 3 ? rates.by_m : rates.turn_rad;
+        return i >= corrections.time_slot(0) ? rates.time_s
+               : i % 6 < 3                   ? rates.translation_rate_m
+                                             : rates.rotation_rate_rad;
       },
       corrections.values, &state->moments);
-  leave_to_frames(scene, &corrections);
+  move_common_part_to_frames(scene, &corrections);
   for (std::size_t i = 0; i < corrections.size(); ++i) {
     const float most = bound_of(corrections, i);
     corrections.values[i] = std::clamp(
-        corrections.values[i] * static_cast<float>(1 - kDecay * rates.by_m), -most, most);
+        corrections.values[i] * static_cast<float>(1 - kDecay * rates.translation_rate_m), -most,
+        most);
   }
-  fill_held_out(scene, &corrections);
+  interpolate_held_out(scene, &corrections);
 }
 
 }  // namespace redrive

@@ -11,13 +11,13 @@ namespace redrive {
 
 /// How far corrections may go: what is further off wants redrive align, or is a mistake that no
 /// refinement should hide.
-constexpr float kMostMoved_m = 0.5f, kMostTurned_rad = 0.035f, kMostLate_s = 0.05f;
+constexpr float kMaxTranslation_m = 0.5f, kMaxRotation_rad = 0.035f, kMaxTimeOffset_s = 0.05f;
 /// That of number i.
 float bound_of(const PoseCorrections& corrections, std::size_t i);
 
 /// How far one update may move what is of metres, radians and seconds.
 struct PoseRates {
-  double by_m = 0, turn_rad = 0, time_s = 0;
+  double translation_rate_m = 0, rotation_rate_rad = 0, time_s = 0;
 };
 
 /// With `rate_m` of place as the measure: a place that moves by x moves what is seen at 10 m as far
@@ -31,7 +31,7 @@ void update_poses(std::span<const double> gradient,
 
 /// By view of the scene: from the rays of a batch that says their views.
 std::vector<ViewGradient> view_gradients(const Scene& scene, const RayBatch& batch,
-                                         const StepLosses& losses);
+                                         const StepOutput& losses);
 
 /// One update, from a step's view_gradients. `scene`: as placed by the state's corrections; the
 /// caller places it anew. What all cameras have in common, of place, turn and time, is the frames'

@@ -5,7 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/rays/ray_table.h"
-#include "redrive/scene/test_recording.h"
+#include "redrive/scene/scene_testing.h"
 #include "redrive/train/pose_changes.h"
 
 namespace redrive {
@@ -32,17 +32,17 @@ TEST_F(PoseRefinerTest, RaysOfAViewAddUp) {
   batch.n = 3;
   batch.view = {2, 4, 2};
   batch.direction = {1, 0, 0, 0, 1, 0, 0, 0, 1};  // x, y, z
-  StepLosses losses;
+  StepOutput losses;
   losses.d_origin = {1, 2, 3, 10, 20, 30, 100, 200, 300};
   losses.d_direction = {0, 5, 0, 4, 0, 0, 0, 6, 7};
   const auto views = view_gradients(scene_, batch, losses);
   ASSERT_EQ(views.size(), scene_.views.size());
-  EXPECT_EQ(views[2].d_place, Vector3d(4, 40, 400));
-  EXPECT_EQ(views[2].d_turn, Vector3d(1, 0, 0).cross(Vector3d(0, 4, 0)) +
-                                 Vector3d(0, 0, 1).cross(Vector3d(0, 0, 7)));
-  EXPECT_EQ(views[4].d_place, Vector3d(2, 20, 200));
-  EXPECT_EQ(views[4].d_turn, Vector3d(0, 1, 0).cross(Vector3d(5, 0, 6)));
-  EXPECT_EQ(views[0].d_place, Vector3d::Zero());
+  EXPECT_EQ(views[2].d_translation, Vector3d(4, 40, 400));
+  EXPECT_EQ(views[2].d_rotation, Vector3d(1, 0, 0).cross(Vector3d(0, 4, 0)) +
+                                     Vector3d(0, 0, 1).cross(Vector3d(0, 0, 7)));
+  EXPECT_EQ(views[4].d_translation, Vector3d(2, 20, 200));
+  EXPECT_EQ(views[4].d_rotation, Vector3d(0, 1, 0).cross(Vector3d(5, 0, 6)));
+  EXPECT_EQ(views[0].d_translation, Vector3d::Zero());
 }
 
 /// A loss that is least where every view is where `truth` has it: squared distances of three points
@@ -52,7 +52,7 @@ class Landmarks {
   explicit Landmarks(const Scene& truth) : truth_(truth) {}
 
   /// A batch of three rays a view that says so.
-  double losses(const Scene& now, RayBatch* batch, StepLosses* losses) const {
+  double losses(const Scene& now, RayBatch* batch, StepOutput* losses) const {
     std::vector<Vector3d> d_origin, direction, d_direction;
     batch->view.clear();
     double sum = 0;
@@ -95,13 +95,13 @@ std::pair<double, double> refine(const Recording& recording, const Scene& scene,
   const Landmarks landmarks(truth);
   Scene now = scene;
   RayBatch batch;
-  StepLosses losses;
+  StepOutput losses;
   const double before = landmarks.losses(now, &batch, &losses);
   for (int step = 0; step < steps; ++step) {
     landmarks.losses(now, &batch, &losses);
     refine_poses(now, view_gradients(now, batch, losses),
                  pose_rates(first_m * std::pow(last_m / first_m, double(step) / steps)), state);
-    place_views(corrected(recording, scene, state->corrections), &now);
+    update_view_poses(corrected(recording, scene, state->corrections), &now);
   }
   return {before, landmarks.losses(now, &batch, &losses)};
 }
@@ -110,12 +110,12 @@ TEST_F(PoseRefinerTest, FindsWhatIsWrongWithFramesCamerasAndTimes) {
   PoseCorrections wrong(scene_);
   for (int f = 0; f < wrong.frames; ++f)
     for (int k = 0; k < 6; ++k)
-      wrong.values[wrong.at_frame(f) + k] = (k < 3 ? 0.05f : 0.004f) * std::sin(2.0f * f + k);
-  wrong.values[wrong.at_camera(1) + 4] = 0.01f;
-  wrong.values[wrong.at_camera(0) + 4] = 0.0f;
-  wrong.values[wrong.at_time(0)] = 0.005f;
+      wrong.values[wrong.frame_slot(f) + k] = (k < 3 ? 0.05f : 0.004f) * std::sin(2.0f * f + k);
+  wrong.values[wrong.camera_slot(1) + 4] = 0.01f;
+  wrong.values[wrong.camera_slot(0) + 4] = 0.0f;
+  wrong.values[wrong.time_slot(0)] = 0.005f;
   Scene truth = scene_;
-  place_views(corrected(recording_, scene_, wrong), &truth);
+  update_view_poses(corrected(recording_, scene_, wrong), &truth);
   PoseState state(scene_);
   const auto [before, after] = refine(recording_, scene_, truth, 600, 3e-3, 3e-5, &state);
   EXPECT_GT(before, 1e-3);
@@ -125,17 +125,17 @@ TEST_F(PoseRefinerTest, FindsWhatIsWrongWithFramesCamerasAndTimes) {
   for (int c = 0; c < 2; ++c)
     for (int k = 0; k < 3; ++k)
       turn += scene_.rig[c].body_from_sensor.linear().col(k) *
-              state.corrections.values[state.corrections.at_camera(c) + 3 + k];
+              state.corrections.values[state.corrections.camera_slot(c) + 3 + k];
   EXPECT_LT(turn.norm(), 1e-6);
-  EXPECT_NEAR(state.corrections.values[state.corrections.at_time(0)] +
-                  state.corrections.values[state.corrections.at_time(1)],
+  EXPECT_NEAR(state.corrections.values[state.corrections.time_slot(0)] +
+                  state.corrections.values[state.corrections.time_slot(1)],
               0, 1e-7);
 }
 
 TEST_F(PoseRefinerTest, WhatIsNoNumberChangesNothing) {
   PoseState state(scene_);
   RayBatch batch;
-  StepLosses losses;
+  StepOutput losses;
   Landmarks(scene_).losses(scene_, &batch, &losses);
   losses.d_origin[5] = NAN;
   refine_poses(scene_, view_gradients(scene_, batch, losses), pose_rates(1), &state);
@@ -145,13 +145,14 @@ TEST_F(PoseRefinerTest, WhatIsNoNumberChangesNothing) {
 
 TEST_F(PoseRefinerTest, CorrectionsEndAtTheirBoundsAloud) {
   PoseCorrections wrong(scene_);
-  for (int f = 0; f < wrong.frames; ++f) wrong.values[wrong.at_frame(f) + 1] = 2;  // metres
+  for (int f = 0; f < wrong.frames; ++f) wrong.values[wrong.frame_slot(f) + 1] = 2;  // metres
   Scene truth = scene_;
-  place_views(corrected(recording_, scene_, wrong), &truth);
+  update_view_poses(corrected(recording_, scene_, wrong), &truth);
   PoseState state(scene_);
   refine(recording_, scene_, truth, 100, 0.02, 0.02, &state);
   for (int f = 0; f < wrong.frames; ++f)
-    EXPECT_EQ(state.corrections.values[state.corrections.at_frame(f) + 1], kMostMoved_m) << f;
+    EXPECT_EQ(state.corrections.values[state.corrections.frame_slot(f) + 1], kMaxTranslation_m)
+        << f;
   EXPECT_EQ(at_bound(pose_changes(scene_, state.corrections)), "6 of 6 frames");
 }
 

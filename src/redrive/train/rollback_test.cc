@@ -8,7 +8,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
-#include "redrive/train/test_support.h"
+#include "redrive/train/train_testing.h"
 
 namespace redrive {
 namespace {

@@ -34,7 +34,7 @@ class Numbers final : public NumberVisitor {
 /// The checkpoint belongs to these options and this recording, or InputError.
 void check_belongs(const Run& run) {
   const std::filesystem::path file = run.paths.checkpoint();
-  const std::unique_ptr<Model> expected = model_of(run.options, run.scene);
+  const std::unique_ptr<Model> expected = make_run_model(run.options, run.scene);
   if (std::string(run.state.model->method()) != expected->method())
     throw InputError(
         file, "method", run.state.model->method(),
@@ -64,7 +64,7 @@ void check_belongs(const Run& run) {
 
 }  // namespace
 
-void refuse_existing_run(const std::filesystem::path& root) {
+void check_run_is_new(const std::filesystem::path& root) {
   if (root.empty()) throw UsageError("--out", "", "must name a folder");
   std::error_code error;
   const std::filesystem::file_status status = std::filesystem::symlink_status(root, error);
@@ -77,7 +77,7 @@ void refuse_existing_run(const std::filesystem::path& root) {
 
 RunPaths create_run(const std::filesystem::path& out, const TrainOptions& options,
                     const std::function<void(const RunPaths&)>& fill) {
-  refuse_existing_run(out);
+  check_run_is_new(out);
   const std::filesystem::path root = out.has_filename() ? out : out.parent_path();  // "run/" is run
   std::error_code error;
   if (root.has_parent_path()) std::filesystem::create_directories(root.parent_path(), error);
@@ -131,12 +131,13 @@ std::unique_ptr<Model> grid_model_of(const TrainOptions& options, const Scene& s
     model->contraction = {{0, 0, 0}, half, unbounded};
     model->spacing.half_m = kHalfSpacing * half;
     if (!unbounded) {
-      model->field.grid.max_cells = 1024;  // from outside a picture's thousand pixels span the cube
-      model->proposal_padding =
+      model->field.grid.max_resolution =
+          1024;  // from outside a picture's thousand pixels span the cube
+      model->histogram_padding =
           0.4f;  // surfaces behind surfaces, and no LiDAR to say which one is real
       // Thin things: a proposal sees them when they are anywhere in its interval, and more of them
       // see them again.
-      model->proposal_width =
+      model->min_proposal_footprint =
           0.3f;  // level with 0.5, better than 1 and none at all (docs/benchmarks.md)
       model->proposal_samples[1] = 64;
       model->field.colour_layers = 2;  // what shines, seen from all around
@@ -145,14 +146,14 @@ std::unique_ptr<Model> grid_model_of(const TrainOptions& options, const Scene& s
   }
   if (scene.background != Background::kNone) {  // nothing to learn of it
     model->sky.levels = 0;
-    model->background = rendered_background(scene.background)[0];
+    model->background = background_colour(scene.background)[0];
   }
   if (!scene.metric)
-    model->huber_edge = 2;  // photographs of what stands still: the mean is asked for
+    model->huber_delta = 2;  // photographs of what stands still: the mean is asked for
   if (scene.metric) {
     const double seconds = scene.exposure(0, scene.frames.back().t_ns).t_s;
     model->appearance = {static_cast<int>(scene.rig.size()),
-                         static_cast<int>(std::ceil(seconds / kKnot_s)) + 1};
+                         static_cast<int>(std::ceil(seconds / kKnotSpacing_s)) + 1};
   }
   model->field.width = options.width;
   model->samples = options.samples;
@@ -163,7 +164,7 @@ std::unique_ptr<Model> grid_model_of(const TrainOptions& options, const Scene& s
 
 }  // namespace
 
-std::unique_ptr<Model> model_of(const TrainOptions& options, const Scene& scene) {
+std::unique_ptr<Model> make_run_model(const TrainOptions& options, const Scene& scene) {
   if (options.method == "grid") return grid_model_of(options, scene);
   auto model = std::make_unique<NerfModel>();
   model->config.width = options.width;
@@ -175,8 +176,8 @@ std::unique_ptr<Model> model_of(const TrainOptions& options, const Scene& scene)
   return model;
 }
 
-TrainState first_state(const TrainOptions& options, const Scene& scene) {
-  TrainState state = initial_state(model_of(options, scene), options.seed);
+TrainState make_initial_state(const TrainOptions& options, const Scene& scene) {
+  TrainState state = initial_state(make_run_model(options, scene), options.seed);
   if (refines_poses(options, scene)) state.poses = PoseState(scene);
   return state;
 }
@@ -189,19 +190,19 @@ Run open_run(const std::filesystem::path& root, bool to_resume) {
     throw InputError(root, "", "", "no such run folder");
   run.options = options_from_json(read_json(run.paths.config()), run.paths.config());
   run.recording = open_recording(run.options);
-  if (has_own_poses(run.options))
-    use_own_poses(read_pose_files(run.paths.poses()), run.paths.poses(), run.options,
-                  &run.recording);
+  if (has_external_poses(run.options))
+    use_external_poses(read_pose_files(run.paths.poses()), run.paths.poses(), run.options,
+                       &run.recording);
   run.scene = make_scene(run.recording, scene_options(run.options));
   const auto there = std::filesystem::status(run.paths.checkpoint(), error).type();
   if (to_resume && there == std::filesystem::file_type::not_found) {
-    run.state = first_state(run.options, run.scene);
+    run.state = make_initial_state(run.options, run.scene);
   } else {
     run.state = load_checkpoint(run.paths.checkpoint());
     check_belongs(run);
     if (!to_resume && run.state.poses.refines()) {
       run.recording = corrected(run.recording, run.scene, run.state.poses.corrections);
-      place_views(run.recording, &run.scene);
+      update_view_poses(run.recording, &run.scene);
     }
   }
   return run;

@@ -20,7 +20,7 @@ struct RunPaths {
   std::filesystem::path masks() const { return root / "masks"; }  ///< scene/masks.h write_masks
   std::filesystem::path poses() const {
     return root / "poses";
-  }  ///< recording/pose_files.h, where has_own_poses
+  }  ///< recording/pose_files.h, where has_external_poses
   std::filesystem::path metrics() const { return root / "metrics.jsonl"; }
   std::filesystem::path checkpoint() const { return root / "checkpoint.safetensors"; }
   std::filesystem::path figures() const { return root / "figures"; }
@@ -28,7 +28,7 @@ struct RunPaths {
 };
 
 /// UsageError if `root` is empty or exists, whatever is in it.
-void refuse_existing_run(const std::filesystem::path& root);
+void check_run_is_new(const std::filesystem::path& root);
 /// Makes the folder with config.json and what `fill` puts into it, all or nothing; refuses an
 /// existing one.
 RunPaths create_run(const std::filesystem::path& root, const TrainOptions& options,
@@ -50,9 +50,9 @@ struct Run {
 /// otherwise.
 Run open_run(const std::filesystem::path& root, bool to_resume = false);
 /// The model that options and scene ask for, without parameters.
-std::unique_ptr<Model> model_of(const TrainOptions& options, const Scene& scene);
+std::unique_ptr<Model> make_run_model(const TrainOptions& options, const Scene& scene);
 /// The state a run starts from.
-TrainState first_state(const TrainOptions& options, const Scene& scene);
+TrainState make_initial_state(const TrainOptions& options, const Scene& scene);
 
 /// One line of metrics.jsonl.
 struct MetricsRow {
@@ -83,9 +83,9 @@ struct Place {
 };
 /// Drops what was written after the checkpoint that is resumed from, and everything from the first
 /// line on that cannot be read: a power cut may leave zeros or half a line at the end.
-void cut_metrics(const RunPaths& paths, const Place& place);
-/// What cut_metrics leaves of `bytes`.
-std::string kept_metrics(std::string_view bytes, const Place& place);
+void truncate_metrics(const RunPaths& paths, const Place& place);
+/// What truncate_metrics leaves of `bytes`.
+std::string truncated_metrics(std::string_view bytes, const Place& place);
 /// Puts the rows on disk. Before each checkpoint, so that none is ahead of its rows after a power
 /// cut.
 void sync_metrics(const RunPaths& paths);

@@ -8,7 +8,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/error.h"
-#include "redrive/base/temporary_folder.h"
+#include "redrive/base/temporary_folder_testing.h"
 #include "redrive/model/grid_model.h"
 #include "redrive/model/nerf_model.h"
 
@@ -34,7 +34,7 @@ std::string complaint(const std::string& method, const TrainOptions& options,
   const TemporaryFolder folder;
   const RunPaths paths = create_run(folder.path / "run", options_of(method));
   const Scene scene = make_scene(open_recording(options), scene_options(options));
-  std::unique_ptr<Model> model = model_of(options, scene);
+  std::unique_ptr<Model> model = make_run_model(options, scene);
   if (change) change(*model);
   save_checkpoint(paths.checkpoint(), initial_state(std::move(model), 1));
   try {
@@ -82,7 +82,7 @@ TEST(RunFolder, OfAGridIsNoOther) {  // its checkpoint is large: all of it in a 
       complaint("grid", options,
                 [](Model& m) { dynamic_cast<GridModel&>(m).contraction.center[1] += 0.01f; }),
       HasSubstr("contraction.center_y"));
-  const auto small = [](Model& m) { dynamic_cast<GridModel&>(m).field.grid.log2_rows = 4; };
+  const auto small = [](Model& m) { dynamic_cast<GridModel&>(m).field.grid.log2_hashmap_size = 4; };
   EXPECT_THAT(complaint("grid", options, small), HasSubstr("grid.log2_rows = 4"));
   EXPECT_THAT(complaint("nerf", options, small), HasSubstr("method = grid"));
 }
@@ -94,11 +94,11 @@ TEST(RunFolder, OpensWithItsRefinedPoses) {
   const RunPaths paths = create_run(folder.path / "run", options);
   const Recording recording = open_recording(options);
   const Scene scene = make_scene(recording, scene_options(options));
-  TrainState state = first_state(options, scene);
+  TrainState state = make_initial_state(options, scene);
   ASSERT_TRUE(state.poses.refines()) << "a drive";
   PoseCorrections& corrections = state.poses.corrections;
-  corrections.values[corrections.at_frame(1)] = 0.25f;
-  corrections.values[corrections.at_camera(0) + 2] = -0.125f;
+  corrections.values[corrections.frame_slot(1)] = 0.25f;
+  corrections.values[corrections.camera_slot(0) + 2] = -0.125f;
   save_checkpoint(paths.checkpoint(), state);
   const redrive::Run looked_at = open_run(paths.root),
                      resumed = open_run(paths.root, /*to_resume=*/true);
@@ -117,8 +117,8 @@ TEST(RunFolder, OpensWithItsRefinedPoses) {
       EXPECT_NEAR(moved(looked_at, v), 0.125, 1e-6);
     }
   }
-  EXPECT_NEAR((looked_at.recording.frames[1].ecef_from_body.translation() -
-               recording.frames[1].ecef_from_body.translation())
+  EXPECT_NEAR((looked_at.recording.frames[1].global_from_body.translation() -
+               recording.frames[1].global_from_body.translation())
                   .norm(),
               0.25, 1e-6);
   state.poses = {};
@@ -147,7 +147,7 @@ TEST(ModelOf, ACubeIsAllThereIsSeenFromOutsideOrOnABackground) {
     View view;
     view.world_from_body = Eigen::Translation3d(x, 0, 0);
     scene.views = {view};
-    const auto model = model_of(options, scene);
+    const auto model = make_run_model(options, scene);
     const auto& grid = dynamic_cast<const GridModel&>(*model);
     EXPECT_EQ(grid.contraction.half_m, 2);
     return std::tuple(grid.contraction.unbounded, grid.sky.levels > 0, grid.field.colour_layers);

@@ -28,7 +28,7 @@ std::string format(const char* text, double a, double b) {
 
 double colour_variance(const RayBatch& batch) {
   double sum_of_channels = 0;
-  const int n = batch.n - batch.by_error;
+  const int n = batch.n - batch.error_map_rays;
   for (int k = 0; k < 3; ++k) {
     double sum = 0, squares = 0;
     for (int i = 0; i < n; ++i) {

@@ -72,7 +72,7 @@ struct TrainState {
   std::int64_t step = 0;         ///< steps done
   std::uint64_t rays_drawn = 0;  ///< in the epochs' order; those by error do not count
   Buffer<float> cell_errors;     ///< of PixelSampler::cells; empty: nothing is drawn by error
-  double field_share = 1;        ///< of the last steps' rays, those that the field was asked about
+  double active_fraction = 1;    ///< of the last steps' rays, those that the field was asked about
   double seconds = 0;            ///< spent in training, resumed runs added up
   std::uint64_t seed = 0;        ///< in use; differs from the option after a restart
   int restarts = 0;

@@ -19,7 +19,7 @@ void see(const GatherSource<Spans>& source, GatherSource<Spans>* own) {
 
 }  // namespace
 
-void KeptBatch::keep(kernels::Backend& backend, RayBatch* batch) {
+void DeviceBatch::keep(kernels::Backend& backend, RayBatch* batch) {
   Room* room = rooms_;
   const auto keep = [&](auto& numbers) {
     using T = typename std::remove_reference_t<decltype(numbers)>::value_type;
@@ -40,8 +40,9 @@ void KeptBatch::keep(kernels::Backend& backend, RayBatch* batch) {
   keep(batch->cell);
 }
 
-void gather_batch(kernels::Backend& backend, const PixelSampler& sampler, int even, int by_error,
-                  TrainState* state, RayBatch* batch, StepBuffers* buffers, const Share& share) {
+void gather_batch(kernels::Backend& backend, const PixelSampler& sampler, int even,
+                  int error_map_rays, TrainState* state, RayBatch* batch, StepBuffers* buffers,
+                  const Share& share) {
   const PixelSource& source = sampler.source();
   see(source, &buffers->pictures);
   // At the end of an epoch there are fewer, but one each at least: then the next epoch's first ones
@@ -51,9 +52,9 @@ void gather_batch(kernels::Backend& backend, const PixelSampler& sampler, int ev
                       all = std::max(of, std::min(of * static_cast<std::uint64_t>(even), left)),
                       first = all * rank / of, next = all * (rank + 1) / of;
   const PixelDraw draw =
-      sampler.draw(state->rays_drawn + first, static_cast<int>(next - first), by_error);
-  const GatheredRays room = sampler.make_room(draw, batch);
-  batch->first_ray = first + rank * static_cast<std::uint64_t>(by_error);
+      sampler.draw(state->rays_drawn + first, static_cast<int>(next - first), error_map_rays);
+  const GatheredRays room = sampler.resize_batch(draw, batch);
+  batch->first_ray = first + rank * static_cast<std::uint64_t>(error_map_rays);
   buffers->batch.keep(backend, batch);
   kernels::keep(backend, state->cell_errors);
   backend.gather(buffers->pictures, draw, state->cell_errors, room);
@@ -62,7 +63,7 @@ void gather_batch(kernels::Backend& backend, const PixelSampler& sampler, int ev
 void gather_lidar(kernels::Backend& backend, const LidarSampler& sampler, std::int64_t step, int n,
                   RayBatch* batch, StepBuffers* buffers) {
   see(sampler.source(), &buffers->returns);
-  const GatheredReturns room = sampler.make_room(n, batch);
+  const GatheredReturns room = sampler.resize_batch(n, batch);
   buffers->lidar.keep(backend, batch);
   backend.gather_lidar(buffers->returns, sampler.draw(step, n), room);
 }
@@ -78,12 +79,12 @@ StepResult step_gradients(kernels::Backend& backend, const RayBatch& batch, cons
   kernels::keep(backend, state.second_moment);
   Workspace& workspace = buffers->workspace;
   StepResult result;
-  static_cast<StepLosses&>(result) =
+  static_cast<StepOutput&>(result) =
       model.gradients(backend, batch, state.seed, state.step, gradients, &workspace);
   const bool ranges = lidar && lidar->n > 0;
   if (ranges) model.range_gradients(backend, *lidar, state.seed, state.step, gradients, &workspace);
   backend.not_finite(model.sentinels(gradients), &workspace.sums().not_finite);
-  static_cast<StepSums&>(result) = workspace.fetch_sums();
+  static_cast<LossTerms&>(result) = workspace.fetch_sums();
   if (!ranges) result.range = 0;  // an earlier step's
   result.loss = model.loss(result);
   result.finite = std::isfinite(result.loss + result.range) && result.not_finite == 0;
@@ -92,7 +93,7 @@ StepResult step_gradients(kernels::Backend& backend, const RayBatch& batch, cons
     kernels::fetch(backend, batch.view);
   }
   result.rays = batch.n;
-  result.by_error = batch.by_error;
+  result.error_map_rays = batch.error_map_rays;
   return result;
 }
 
@@ -100,15 +101,16 @@ void apply_step(kernels::Backend& backend, const StepResult& result,
                 std::span<const std::uint32_t> cells, double learning_rate, TrainState* state,
                 StepBuffers* buffers) {
   ++state->step;
-  state->rays_drawn += static_cast<std::uint64_t>(result.rays - result.by_error);
+  state->rays_drawn += static_cast<std::uint64_t>(result.rays - result.error_map_rays);
   if (!result.finite) return backend.fill(buffers->gradients, 0);
   Model& model = *state->model;
   backend.adam(model.adam(learning_rate, state->step), buffers->gradients, model.parameters,
                state->first_moment, state->second_moment);
-  if (!cells.empty()) backend.smooth_errors(cells, result.squares, state->cell_errors);
-  if (result.field_rays > 0)
-    state->field_share += kShareSmoothing * (static_cast<double>(result.field_rays) / result.rays -
-                                             state->field_share);
+  if (!cells.empty()) backend.update_error_map(cells, result.squares, state->cell_errors);
+  if (result.active_rays > 0)
+    state->active_fraction +=
+        kShareSmoothing *
+        (static_cast<double>(result.active_rays) / result.rays - state->active_fraction);
 }
 
 StepResult train_step(kernels::Backend& backend, const RayBatch& batch, double learning_rate,

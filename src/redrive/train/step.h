@@ -9,7 +9,7 @@
 namespace redrive {
 
 /// A batch's vectors, kept where a backend computes.
-class KeptBatch {
+class DeviceBatch {
  public:
   /// After they have been sized; all that they have room for is kept, so that a larger batch seldom
   /// needs more. The same batch each time.
@@ -28,15 +28,15 @@ class KeptBatch {
 struct StepBuffers {
   Workspace workspace;
   Buffer<float> gradients;
-  KeptBatch batch, lidar;
+  DeviceBatch batch, lidar;
   PixelSource pictures;  ///< the samplers', as this backend keeps them
   LidarSource returns;
 };
 
-struct StepResult : StepLosses, StepSums {
-  double loss = 0;             ///< Model::loss
-  bool finite = true;          ///< false: the step is not applied
-  int rays = 0, by_error = 0;  ///< of the batch
+struct StepResult : StepOutput, LossTerms {
+  double loss = 0;                   ///< Model::loss
+  bool finite = true;                ///< false: the step is not applied
+  int rays = 0, error_map_rays = 0;  ///< of the batch
 };
 
 /// Which part of each step's rays a backend has: one of `of`, all of a size.
@@ -45,21 +45,21 @@ struct Share {
 };
 
 /// A step has at most so many times the rays that the options say.
-constexpr double kMostRaysOfBatch = 2;
+constexpr double kMaxBatchFactor = 2;
 
-/// Rays of a step, so that the field is asked about batch_rays of them: TrainState::field_share
+/// Rays of a step, so that the field is asked about batch_rays of them: TrainState::active_fraction
 /// says how many are not empty.
-inline int rays_of_step(int batch_rays, double field_share) {
+inline int rays_per_step(int batch_rays, double active_fraction) {
   return static_cast<int>(
-      batch_rays * (field_share * kMostRaysOfBatch > 1 ? 1 / field_share : kMostRaysOfBatch));
+      batch_rays * (active_fraction * kMaxBatchFactor > 1 ? 1 / active_fraction : kMaxBatchFactor));
 }
 
 /// What PixelSampler::gather does from state->rays_drawn on, where the backend computes: the host
-/// has of the batch what it fetches, and its sizes. even, by_error: of this share; the even rays of
-/// all shares are those that one backend would draw of them. `buffers` must not outlive the batch,
-/// and see one sampler.
-void gather_batch(kernels::Backend& backend, const PixelSampler& sampler, int even, int by_error,
-                  TrainState* state, RayBatch* batch, StepBuffers* buffers,
+/// has of the batch what it fetches, and its sizes. even, error_map_rays: of this share; the even
+/// rays of all shares are those that one backend would draw of them. `buffers` must not outlive the
+/// batch, and see one sampler.
+void gather_batch(kernels::Backend& backend, const PixelSampler& sampler, int even,
+                  int error_map_rays, TrainState* state, RayBatch* batch, StepBuffers* buffers,
                   const Share& share = {});
 
 /// The same with what LidarSampler::gather does.

@@ -5,7 +5,7 @@
 
 #include "redrive/base/rng.h"
 #include "redrive/model/grid_model.h"
-#include "redrive/train/test_support.h"
+#include "redrive/train/train_testing.h"
 
 namespace redrive {
 namespace {
@@ -35,7 +35,7 @@ TrainState small_state(int fine_samples) {
   options.samples = 8;
   options.fine_samples = fine_samples;
   options.seed = 5;
-  return first_state(options, scene);
+  return make_initial_state(options, scene);
 }
 
 TEST(TrainStep, IsTheCompositionOfThePlainStages) {
@@ -151,7 +151,7 @@ TEST(TrainStep, TakesInWhatItsRaysMissed) {
   const auto backend = kernels::make_ref_backend();
   RayBatch batch = example_batch(8);
   batch.pixel_angle.assign(8, 0.01f);
-  batch.by_error = 3;
+  batch.error_map_rays = 3;
   batch.cell = {0, 1, 2, 3, 4, 5, 6, 6};
   auto model = std::make_unique<GridModel>();
   model->field = {{2, 8, 2, 8, 6}, 16, 2};
@@ -159,7 +159,7 @@ TEST(TrainStep, TakesInWhatItsRaysMissed) {
   model->sky = {1, 4, 2, 2, 6};
   TrainState state = initial_state(std::move(model), 3);
   state.cell_errors = Buffer<float>(9);
-  std::ranges::fill(state.cell_errors.span(), kUnseenError);
+  std::ranges::fill(state.cell_errors.span(), kInitialError);
   StepBuffers buffers;
   const StepResult result = train_step(*backend, batch, 0, &state, &buffers);
   EXPECT_EQ(state.rays_drawn, 5u);
@@ -167,11 +167,11 @@ TEST(TrainStep, TakesInWhatItsRaysMissed) {
   double even = 0;
   for (int i = 0; i < 5; ++i) even += result.squares[i] / 5.0;
   EXPECT_NEAR(result.rgb_mse, even, 1e-6 * even);
-  std::vector<float> expected(9, kUnseenError);
-  smooth_errors(batch.cell, result.squares, expected);
+  std::vector<float> expected(9, kInitialError);
+  update_error_map(batch.cell, result.squares, expected);
   EXPECT_TRUE(bit_equal(state.cell_errors, expected));
-  EXPECT_LT(expected[6], kUnseenError);
-  EXPECT_EQ(expected[7], kUnseenError);
+  EXPECT_LT(expected[6], kInitialError);
+  EXPECT_EQ(expected[7], kInitialError);
 
   batch.target[5] = std::numeric_limits<float>::quiet_NaN();
   EXPECT_FALSE(train_step(*backend, batch, 1e-2, &state, &buffers).finite);
@@ -180,10 +180,10 @@ TEST(TrainStep, TakesInWhatItsRaysMissed) {
 }
 
 TEST(RaysOfStep, AreMoreWhereManyAreEmpty) {
-  EXPECT_EQ(rays_of_step(2048, 1), 2048);
-  EXPECT_EQ(rays_of_step(2048, 0.8), 2560);
-  EXPECT_EQ(rays_of_step(2048, 0.5), 4096);
-  EXPECT_EQ(rays_of_step(2048, 0), 4096);
+  EXPECT_EQ(rays_per_step(2048, 1), 2048);
+  EXPECT_EQ(rays_per_step(2048, 0.8), 2560);
+  EXPECT_EQ(rays_per_step(2048, 0.5), 4096);
+  EXPECT_EQ(rays_per_step(2048, 0), 4096);
 }
 
 TEST(TrainStep, CountsTheRaysThatTheFieldWasAskedAbout) {
@@ -196,14 +196,14 @@ TEST(TrainStep, CountsTheRaysThatTheFieldWasAskedAbout) {
   model->sky = {1, 4, 2, 2, 6};
   TrainState state = initial_state(std::move(model), 3);
   StepBuffers buffers;
-  EXPECT_EQ(train_step(*backend, batch, 0, &state, &buffers).field_rays, 64);
-  EXPECT_EQ(state.field_share, 1);
+  EXPECT_EQ(train_step(*backend, batch, 0, &state, &buffers).active_rays, 64);
+  EXPECT_EQ(state.active_fraction, 1);
   for (const ModelTensor& tensor : state.model->tensors())
     if (tensor.name == "proposal")
       std::fill_n(&state.model->parameters[tensor.offset], tensor.shape[0], -30.0f);
-  const int asked = train_step(*backend, batch, 0, &state, &buffers).field_rays;  // one in 16
+  const int asked = train_step(*backend, batch, 0, &state, &buffers).active_rays;  // one in 16
   EXPECT_LT(asked, 16);
-  EXPECT_DOUBLE_EQ(state.field_share, 1 + (asked / 64.0 - 1) / 32);
+  EXPECT_DOUBLE_EQ(state.active_fraction, 1 + (asked / 64.0 - 1) / 32);
 }
 
 TEST(TrainStep, DeadFieldHasNoOpacityAndNoGradient) {

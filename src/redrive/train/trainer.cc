@@ -10,11 +10,11 @@
 #include "redrive/base/error.h"
 #include "redrive/base/rng.h"
 #include "redrive/rays/lidar_sampler.h"
+#include "redrive/train/data_parallel_group.h"
 #include "redrive/train/loss_watch.h"
 #include "redrive/train/pose_refiner.h"
 #include "redrive/train/progress.h"
 #include "redrive/train/start_watch.h"
-#include "redrive/train/team.h"
 #include "redrive/train/training_data.h"
 
 namespace redrive {
@@ -37,7 +37,7 @@ double decibels(double mse) { return -10 * std::log10(std::max(mse, 1e-10)); }
 class Trainer {
  public:
   Trainer(Run* run, const TrainingData& data, const std::vector<kernels::Backend*>& backends,
-          kernels::Reduction* reduction)
+          kernels::AllReduce* reduction)
       : run_(*run),
         state_(run->state),
         options_(run->options),
@@ -48,15 +48,15 @@ class Trainer {
         team_(backends, reduction, &run->state),
         saved_seconds_(run->state.seconds) {
     const std::int64_t per_epoch =
-        sampler_.steps_per_epoch(team_.size() * (rays() - rays_by_error()));
+        sampler_.steps_per_epoch(team_.size() * (rays() - n_error_map_rays()));
     steps_ = total_steps(options_, per_epoch);
     milestones_ = milestones(options_, per_epoch);
     steps_per_epoch_ = per_epoch;
-    suit_state();
+    adapt_state();
   }
 
   TrainEnd run(const std::atomic<bool>& stop) {
-    cut_metrics(run_.paths, {state_.restarts, state_.rollbacks, state_.step});
+    truncate_metrics(run_.paths, {state_.restarts, state_.rollbacks, state_.step});
     print_schedule();
     if (state_.step == 0) save();
     while (true) {
@@ -74,14 +74,14 @@ class Trainer {
   double learning_rate(std::int64_t step) const {
     const double rate = state_.rate_factor * options_.learning_rate;
     if (options_.method == "nerf")
-      return multi_step_rate(rate, options_.lr_gamma, milestones_, step);
-    return decayed_rate(rate, options_.lr_gamma, std::min(progress(), 1.0), step);
+      return multi_step_learning_rate(rate, options_.lr_gamma, milestones_, step);
+    return exponential_decay_rate(rate, options_.lr_gamma, std::min(progress(), 1.0), step);
   }
 
   double pose_rate() const { return kFirstPoseRate_m * std::pow(kLastPoseRate, progress()); }
   // Of each member of the team:
-  int rays() const { return rays_of_step(options_.batch_rays, state_.field_share); }
-  int rays_by_error() const { return static_cast<int>(options_.error_rays * rays()); }
+  int rays() const { return rays_per_step(options_.batch_rays, state_.active_fraction); }
+  int n_error_map_rays() const { return static_cast<int>(options_.error_rays * rays()); }
 
   /// Of the run, by the limit that is nearest: 1 is its end.
   double progress() const {
@@ -98,12 +98,12 @@ class Trainer {
 
   /// What the state knows of the pixels, where they are others than before, as after masks were
   /// edited, or it is fresh.
-  void suit_state() {
+  void adapt_state() {
     if (state_.loss_watch.pixels != sampler_.pixels()) state_.loss_watch = {sampler_.pixels()};
-    const std::size_t cells = rays_by_error() > 0 ? sampler_.cells().size() : 0;
+    const std::size_t cells = n_error_map_rays() > 0 ? sampler_.cells().size() : 0;
     if (state_.cell_errors.size() != cells) {
       state_.cell_errors = Buffer<float>(cells);
-      std::ranges::fill(state_.cell_errors.span(), kUnseenError);
+      std::ranges::fill(state_.cell_errors.span(), kInitialError);
     }
     team_.begin();
     place();
@@ -113,9 +113,9 @@ class Trainer {
   void place() {
     if (!state_.poses.refines()) return;
     Recording placed = corrected(run_.recording, run_.scene, state_.poses.corrections);
-    place_views(placed, &scene_);
+    update_view_poses(placed, &scene_);
     sampler_.place();
-    lidar_sampler_.place(scene_.ecef_from_world, run_.recording.frames, placed.frames);
+    lidar_sampler_.place(scene_.global_from_world, run_.recording.frames, placed.frames);
   }
 
   bool refines() const {
@@ -123,9 +123,9 @@ class Trainer {
            progress() > kFirstRefinement;
   }
 
-  void gather(TeamMember* member) const {
+  void gather(Rank* member) const {
     const auto [rank, of] = member->share;
-    gather_batch(member->backend, sampler_, rays() - rays_by_error(), rays_by_error(),
+    gather_batch(member->backend, sampler_, rays() - n_error_map_rays(), n_error_map_rays(),
                  member->state, &member->batch, &member->buffers, member->share);
     member->batch.refines = refines();
     if (!use_lidar_) return;
@@ -138,8 +138,8 @@ class Trainer {
     const auto begin = std::chrono::steady_clock::now();
     const std::int64_t number = state_.step;
     const StepResult result =
-        team_.step([this](TeamMember& member) { gather(&member); }, learning_rate(number));
-    const TeamMember& first = team_.first();
+        team_.step([this](Rank& member) { gather(&member); }, learning_rate(number));
+    const Rank& first = team_.first();
     if (first.batch.refines && result.finite) {
       refine_poses(scene_, team_.view_gradients(scene_), pose_rates(pose_rate()), &state_.poses);
       place();
@@ -197,7 +197,7 @@ class Trainer {
                  static_cast<long long>(state_.step), reason.c_str(), restarts, kMaxRestarts);
     append_restart(run_.paths, state_.step, restarts, fresh.seed, reason);
     state_ = std::move(fresh);
-    suit_state();
+    adapt_state();
     last_was_high_ = false;
     save();
   }
@@ -246,7 +246,7 @@ class Trainer {
                  kMaxRollbacks);
     append_rollback(run_.paths, state_.step, good.step, good.rollbacks, good.rate_factor, reason);
     state_ = std::move(good);
-    suit_state();
+    adapt_state();
     last_was_high_ = false;
     save();
   }
@@ -318,7 +318,7 @@ class Trainer {
   PixelSampler sampler_;
   LidarSampler lidar_sampler_;
   bool use_lidar_;
-  Team team_;
+  DataParallelGroup team_;
   double saved_seconds_;        // state_.seconds at the last checkpoint
   bool save_due_ = false;       // since then
   bool last_was_high_ = false;  // the last whole window; false at every checkpoint
@@ -330,7 +330,7 @@ class Trainer {
 }  // namespace
 
 TrainEnd train(Run* run, const TrainingData& data, const std::vector<kernels::Backend*>& backends,
-               kernels::Reduction* reduction, const std::atomic<bool>& stop) {
+               kernels::AllReduce* reduction, const std::atomic<bool>& stop) {
   const auto how_to_go_on = [&](const std::exception& error) {
     return "step " + std::to_string(run->state.step) + ": " + error.what() +
            "; the last checkpoint stands, go on from it with: redrive resume " +

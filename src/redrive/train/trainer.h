@@ -5,7 +5,7 @@
 
 #include <atomic>
 
-#include "redrive/kernels/backend_team.h"
+#include "redrive/kernels/backend_group.h"
 #include "redrive/train/run.h"
 #include "redrive/train/training_data.h"
 
@@ -19,8 +19,8 @@ enum class TrainEnd { kFinished, kInterrupted };
 /// checkpoint, and when that was written may depend on the clock and on Ctrl-C, too.
 TrainEnd train(Run* run, kernels::Backend& backend, const std::atomic<bool>& stop);
 /// The same with the pictures of run->scene.views already loaded (train/training_data.h), by
-/// backends that make each step together (train/team.h); one needs no reduction.
+/// backends that make each step together (train/data_parallel_group.h); one needs no reduction.
 TrainEnd train(Run* run, const TrainingData& data, const std::vector<kernels::Backend*>& backends,
-               kernels::Reduction* reduction, const std::atomic<bool>& stop);
+               kernels::AllReduce* reduction, const std::atomic<bool>& stop);
 
 }  // namespace redrive

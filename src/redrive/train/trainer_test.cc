@@ -11,7 +11,7 @@
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
 #include "redrive/train/run_lock.h"
-#include "redrive/train/test_support.h"
+#include "redrive/train/train_testing.h"
 
 namespace redrive {
 namespace {
@@ -139,7 +139,7 @@ TEST_F(TrainerTest, AGridThatFollowsErrorsAndPosesEndsTheSameOnAnyThreadsAndWhen
   train(&whole, *backend_, never_);
   EXPECT_EQ(whole.state.rays_drawn, 130u * 32);
   const auto best = std::ranges::min_element(whole.state.cell_errors.span());
-  EXPECT_LT(*best, 0.1f * kUnseenError);
+  EXPECT_LT(*best, 0.1f * kInitialError);
   EXPECT_GE(*best, 0);
   EXPECT_TRUE(moved_any(whole.state.poses.corrections));
   expect_same_end(whole, grid_run);
@@ -286,10 +286,10 @@ TEST(Metrics, WhatARollBackUndidIsNeitherReadNorKept) {
   EXPECT_EQ(steps(), (std::vector<std::int64_t>{25}));
   for (const int step : {50, 75, 100}) row(step);
   EXPECT_EQ(steps(), (std::vector<std::int64_t>{25, 50, 75, 100}));
-  cut_metrics(paths, {0, 1, 60});
+  truncate_metrics(paths, {0, 1, 60});
   EXPECT_EQ(steps(), (std::vector<std::int64_t>{25, 50}));
   EXPECT_THAT(read_file(paths.metrics()), HasSubstr("why"));
-  cut_metrics(paths, {0, 0, 60});  // the checkpoint from before the roll-back
+  truncate_metrics(paths, {0, 0, 60});  // the checkpoint from before the roll-back
   EXPECT_EQ(steps(), (std::vector<std::int64_t>{25, 50}));
   EXPECT_THAT(read_file(paths.metrics()), Not(HasSubstr("why")));
   append_restart(paths, 60, 1, 9, "another");
@@ -305,10 +305,10 @@ TEST(Metrics, CutEndsAtTheFirstLineThatCannotBeRead) {
   for (const std::string& tail :
        {zeros, zeros + "\n", std::string("{\"step\": 1"), "{\"step\": 1\n" + whole}) {
     write_file(paths.metrics(), whole + tail);
-    cut_metrics(paths, {0, 0, 100});
+    truncate_metrics(paths, {0, 0, 100});
     EXPECT_EQ(read_file(paths.metrics()), whole);
     write_file(paths.metrics(), whole.substr(0, line) + tail);
-    cut_metrics(paths, {0, 0, 100});
+    truncate_metrics(paths, {0, 0, 100});
     EXPECT_EQ(read_file(paths.metrics()), whole.substr(0, line));
   }
 }

@@ -9,12 +9,12 @@ namespace redrive {
 namespace {
 
 /// `masks`, with what the recording knows to move; nothing at all with --masks none.
-LeftOut with_moving(const Run& run, const std::function<std::vector<Mask>()>& masks) {
+Exclusions with_moving(const Run& run, const std::function<std::vector<Mask>()>& masks) {
   if (run.options.masks != "none") return {masks(), read_moving_objects(run.recording, run.scene)};
   std::vector<Mask> full;
   for (const RigCamera& rig : run.scene.rig)
     full.push_back(full_mask(rig.camera.width, rig.camera.height));
-  return {full, MovingObjects({}, run.recording.frames, run.scene.ecef_from_world)};
+  return {full, MovingObjects({}, run.recording.frames, run.scene.global_from_world)};
 }
 
 /// The folder that --masks names, empty if none is.
@@ -32,9 +32,9 @@ std::filesystem::path mask_folder(const Run& run) {
   return given;
 }
 
-TrainingData applied(const Run& run, ThreadPool& pool, LeftOut left_out,
+TrainingData applied(const Run& run, ThreadPool& pool, Exclusions left_out,
                      std::vector<Image8> images) {
-  leave_out_of_views(run.scene, left_out.masks, left_out.moving, pool, &images);
+  apply_masks(run.scene, left_out.masks, left_out.moving, pool, &images);
   LidarReturns lidar;
   if (run.options.lidar_rays > 0)
     lidar = load_lidar_returns(run.recording, run.scene, left_out.moving, pool);
@@ -43,24 +43,24 @@ TrainingData applied(const Run& run, ThreadPool& pool, LeftOut left_out,
 
 }  // namespace
 
-LeftOut read_left_out(const Run& run) {
+Exclusions read_exclusions(const Run& run) {
   return with_moving(run, [&] { return read_masks(run.paths.masks(), run.scene); });
 }
 
 TrainingData load_training_data(const Run& run, ThreadPool& pool) {
-  return applied(run, pool, read_left_out(run), load_views(run.scene, pool));
+  return applied(run, pool, read_exclusions(run), load_views(run.scene, pool));
 }
 
-TrainingData find_training_data(const Run& run, ThreadPool& pool) {
+TrainingData prepare_training_data(const Run& run, ThreadPool& pool) {
   const std::filesystem::path folder =
       mask_folder(run);  // first: it is said at once if it is wrong
   std::vector<Image8> images = load_views(run.scene, pool);
-  LeftOut left_out = with_moving(
+  Exclusions left_out = with_moving(
       run, [&] { return static_masks(run.scene, images, folder, pool, run.recording.metric); });
   return applied(run, pool, std::move(left_out), std::move(images));
 }
 
-void keep_masks(const RunPaths& paths, const TrainingData& training, const Scene& scene) {
+void write_run_masks(const RunPaths& paths, const TrainingData& training, const Scene& scene) {
   std::error_code error;
   std::filesystem::create_directory(paths.masks(), error);
   if (error) throw IoError(paths.masks(), error.message());

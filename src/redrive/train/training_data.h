@@ -10,18 +10,18 @@
 namespace redrive {
 
 /// What is left out of a run's pictures.
-struct LeftOut {
+struct Exclusions {
   std::vector<Mask> masks;  ///< by camera of the rig
   MovingObjects moving;
 };
 
 /// Of a run whose folder is there: its masks/ and the recording's annotated objects; nothing with
 /// --masks none. InputError as read_mask, read_boxes.
-LeftOut read_left_out(const Run& run);
+Exclusions read_exclusions(const Run& run);
 
 struct TrainingData {
   std::vector<Image8> images;  ///< of scene.views, held-out ones empty
-  LeftOut left_out;            ///< of them
+  Exclusions left_out;         ///< of them
   LidarReturns lidar;          ///< none if options.lidar_rays is 0
 };
 
@@ -29,8 +29,8 @@ struct TrainingData {
 TrainingData load_training_data(const Run& run, ThreadPool& pool);
 /// Those of a run to be, whose masks are found, or read from the folder that options.masks names.
 /// UsageError if no camera has a mask there.
-TrainingData find_training_data(const Run& run, ThreadPool& pool);
-/// Makes paths.masks() with what find_training_data found: for create_run.
-void keep_masks(const RunPaths& paths, const TrainingData& training, const Scene& scene);
+TrainingData prepare_training_data(const Run& run, ThreadPool& pool);
+/// Makes paths.masks() with what prepare_training_data found: for create_run.
+void write_run_masks(const RunPaths& paths, const TrainingData& training, const Scene& scene);
 
 }  // namespace redrive

@@ -5,7 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/error.h"
-#include "redrive/train/test_support.h"
+#include "redrive/train/train_testing.h"
 
 namespace redrive {
 namespace {
@@ -29,7 +29,7 @@ class TrainingDataTest : public testing::Test {
   }
   std::string refused() {
     try {
-      find_training_data(run_, pool_);
+      prepare_training_data(run_, pool_);
     } catch (const UsageError& error) {
       return error.what();
     }
@@ -49,15 +49,16 @@ TEST_F(TrainingDataTest, WhatIsFoundIsWhatTheRunKeeps) {
   run_.options.holdout_every = 3;
   prepare();
   write(masks_);
-  const TrainingData found = find_training_data(run_, pool_);
+  const TrainingData found = prepare_training_data(run_, pool_);
   ASSERT_EQ(found.images.size(), 4u);
   EXPECT_TRUE(found.images[0].rgb.empty()) << "held out";
   ASSERT_EQ(found.images[1].used.size(), 8u * 5);
   EXPECT_EQ(std::ranges::count(found.images[1].used, 0), 1);
   EXPECT_EQ(found.images[1].used[1 * 8 + 1], 0);
 
-  run_.paths = create_run(folder_.path / "run", run_.options,
-                          [&](const RunPaths& paths) { keep_masks(paths, found, run_.scene); });
+  run_.paths = create_run(folder_.path / "run", run_.options, [&](const RunPaths& paths) {
+    write_run_masks(paths, found, run_.scene);
+  });
   std::filesystem::remove_all(masks_);
   const TrainingData loaded = load_training_data(run_, pool_);
   for (std::size_t i = 0; i < loaded.images.size(); ++i) {
@@ -70,9 +71,10 @@ TEST_F(TrainingDataTest, AMaskThatIsTakenAwayLeavesNothingOut) {
   run_.options.masks = masks_;
   prepare();
   write(masks_);
-  const TrainingData found = find_training_data(run_, pool_);
-  run_.paths = create_run(folder_.path / "run", run_.options,
-                          [&](const RunPaths& paths) { keep_masks(paths, found, run_.scene); });
+  const TrainingData found = prepare_training_data(run_, pool_);
+  run_.paths = create_run(folder_.path / "run", run_.options, [&](const RunPaths& paths) {
+    write_run_masks(paths, found, run_.scene);
+  });
   ASSERT_TRUE(std::filesystem::remove(run_.paths.masks() / "FRONT.png"));
   EXPECT_TRUE(load_training_data(run_, pool_).images[0].used.empty());
 }
@@ -85,7 +87,7 @@ TEST_F(TrainingDataTest, NoneLooksForNothing) {
   write(run_.paths.masks());
   run_.recording.box_files = {{10, folder_.path / "missing.json"}};
   EXPECT_TRUE(load_training_data(run_, pool_).images[0].used.empty());
-  EXPECT_TRUE(find_training_data(run_, pool_).images[0].used.empty());
+  EXPECT_TRUE(prepare_training_data(run_, pool_).images[0].used.empty());
 }
 
 TEST_F(TrainingDataTest, AFolderWithoutAMaskIsAMistake) {

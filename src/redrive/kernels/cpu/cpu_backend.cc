@@ -13,16 +13,16 @@
 #include "redrive/kernels/cpu/front_to_back.h"
 #include "redrive/kernels/cpu/grid/cpu_grid_stages.h"
 #include "redrive/kernels/cpu/nerf_tile.h"
-#include "redrive/kernels/host_score.h"
-#include "redrive/loss/photometric.h"
-#include "redrive/sampling/hierarchical.h"
+#include "redrive/kernels/host_image_score.h"
+#include "redrive/optim/photometric_loss.h"
+#include "redrive/volume/hierarchical_sampling.h"
 
 namespace redrive::kernels {
 namespace {
 
 /// Lanes of a batch: enough for a queue of two to eight threads to end together, few enough for
 /// their gradients (2.4 MB each at width 256) to be added up quickly.
-constexpr int kLanesOfBatch = 8;
+constexpr int kChunksPerBatch = 8;
 
 std::unique_ptr<NerfNetwork> make_network(Isa isa, const NerfConfig& config) {
   switch (isa) {
@@ -37,10 +37,10 @@ std::unique_ptr<NerfNetwork> make_network(Isa isa, const NerfConfig& config) {
 }
 
 /// What a lane needs for one tile.
-struct LaneMemory {
+struct ChunkMemory {
   Buffer<float> position, direction, raw, d_raw, d_rgb, d_position, composite;
 
-  LaneMemory(int max_rays, int per_ray)
+  ChunkMemory(int max_rays, int per_ray)
       : position(3 * static_cast<std::size_t>(max_rays) * per_ray),
         direction(3 * static_cast<std::size_t>(max_rays)),
         raw(4 * static_cast<std::size_t>(max_rays) * per_ray),
@@ -55,8 +55,8 @@ struct Engine {
   NerfConfig config;
   int per_ray = 0, rays_per_tile = 0;
   std::unique_ptr<NerfNetwork> network;
-  std::vector<std::unique_ptr<NerfLane>> lanes;
-  std::vector<LaneMemory> memory;
+  std::vector<std::unique_ptr<NerfChunk>> lanes;
+  std::vector<ChunkMemory> memory;
   std::vector<std::unique_ptr<FrontToBack>> front_to_back;  ///< by lane; made when first rendering
 };
 
@@ -74,7 +74,7 @@ class CpuBackend final : public Backend {
   void sample_stratified(int n_rays, const StratifiedSampling& how, std::span<float> t,
                          std::span<float> dt) override {
     check_stratified(n_rays, how, t.size(), dt.size());
-    pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
+    pool_.run_ranges(n_rays, kRaysPerRange, [&](std::size_t begin, std::size_t end) {
       const std::size_t first = begin * how.per_ray;
       kernels_.sample_stratified({.first_ray = begin,
                                   .n_rays = end - begin,
@@ -91,7 +91,7 @@ class CpuBackend final : public Backend {
                            bool jitter, std::uint64_t key, std::span<float> t,
                            std::span<float> dt) override {
     const int n_rays = check_hierarchical(coarse, weights.size(), extra, t.size(), dt.size());
-    pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
+    pool_.run_ranges(n_rays, kRaysPerRange, [&](std::size_t begin, std::size_t end) {
       for (std::size_t ray = begin; ray < end; ++ray) {
         const std::size_t from = ray * coarse.per_ray, to = ray * (coarse.per_ray + extra);
         hierarchical_ray(&coarse.t[from], &weights[from], coarse.per_ray, extra, jitter, key,
@@ -121,7 +121,7 @@ class CpuBackend final : public Backend {
     REDRIVE_CHECK_OP(gradients.size(), ==, field.parameters.size());
     Engine& engine = prepare(field, samples.per_ray);
     const int stride = static_cast<int>(sample_count(rays.n, samples));
-    pool_.run(kLanesOfBatch, [&](int lane) { engine.lanes[lane]->clear_gradients(); });
+    pool_.run(kChunksPerBatch, [&](int lane) { engine.lanes[lane]->clear_gradients(); });
     for_each_tile(engine, rays.n, [&](int lane, RayRange tile) {
       forward_tile(engine, lane, field, rays, samples, tile, true, engine.memory[lane].raw.data(),
                    tile.n * samples.per_ray);
@@ -134,10 +134,10 @@ class CpuBackend final : public Backend {
   void composite_forward(int n_rays, const Samples& samples, std::span<const float> raw,
                          std::span<const float> background, const CompositeOut& out) override {
     check_composite_forward(n_rays, samples, raw.size(), background, out);
-    pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
+    pool_.run_ranges(n_rays, kRaysPerRange, [&](std::size_t begin, std::size_t end) {
       const RayRange range{static_cast<int>(begin), static_cast<int>(end - begin)};
       Buffer<float> scratch(composite_scratch(samples.per_ray));
-      CompositeRays composite = composite_rays(
+      CompositeForward composite = composite_rays(
           range, samples, raw.data() + first_sample(range, samples), sample_count(n_rays, samples));
       set_background(&composite, background, n_rays, begin);
       kernels_.composite_forward(composite, composite_result(range, n_rays, samples, out),
@@ -150,11 +150,11 @@ class CpuBackend final : public Backend {
                           std::span<float> d_raw) override {
     check_composite_backward(n_rays, samples, raw.size(), background, adjoint, d_raw.size());
     const std::size_t stride = sample_count(n_rays, samples);
-    pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
+    pool_.run_ranges(n_rays, kRaysPerRange, [&](std::size_t begin, std::size_t end) {
       const RayRange range{static_cast<int>(begin), static_cast<int>(end - begin)};
       Buffer<float> scratch(composite_scratch(samples.per_ray));
       const std::size_t first = first_sample(range, samples);
-      CompositeRays composite = composite_rays(range, samples, raw.data() + first, stride);
+      CompositeForward composite = composite_rays(range, samples, raw.data() + first, stride);
       set_background(&composite, background, n_rays, begin);
       kernels_.composite_backward(
           composite,
@@ -194,9 +194,7 @@ class CpuBackend final : public Backend {
 
   GridStages& grid() override { return *grid_; }
 
-  PictureScore score(const PicturePair& pictures) override {
-    return score_on_host(pictures, pool_);
-  }
+  ImageScore score(const ImagePair& pictures) override { return score_on_host(pictures, pool_); }
 
   void train_rays(const NerfField& field, const Rays& rays, const Samples& samples,
                   std::span<const float> target, const CompositeOut& out,
@@ -207,20 +205,20 @@ class CpuBackend final : public Backend {
     check_photometric(out.rgb.size(), target.size(), out.rgb.size());
     REDRIVE_CHECK_OP(gradients.size(), ==, field.parameters.size());
     Engine& engine = prepare(field, samples.per_ray);
-    double lane_loss[kLanesOfBatch]{};
-    pool_.run(kLanesOfBatch, [&](int lane) { engine.lanes[lane]->clear_gradients(); });
+    double chunk_loss[kChunksPerBatch]{};
+    pool_.run(kChunksPerBatch, [&](int lane) { engine.lanes[lane]->clear_gradients(); });
     for_each_tile(engine, rays.n, [&](int lane, RayRange tile) {
-      LaneMemory& memory = engine.memory[lane];
+      ChunkMemory& memory = engine.memory[lane];
       const int stride = tile.n * samples.per_ray;
       forward_tile(engine, lane, field, rays, samples, tile, true, memory.raw.data(), stride);
-      const CompositeRays composite = composite_rays(tile, samples, memory.raw.data(), stride);
+      const CompositeForward composite = composite_rays(tile, samples, memory.raw.data(), stride);
       kernels_.composite_forward(composite, composite_result(tile, rays.n, samples, out),
                                  memory.composite.data());
       for (int k = 0; k < 3; ++k)
         for (int ray = 0; ray < tile.n; ++ray) {
           const std::size_t at = static_cast<std::size_t>(k) * rays.n + tile.first + ray;
           const auto term = photometric_term<double>(out.rgb[at], target[at], rays.n);
-          lane_loss[lane] += term.value;
+          chunk_loss[lane] += term.value;
           memory.d_rgb[static_cast<std::size_t>(k) * tile.n + ray] =
               static_cast<float>(term.derivative);
         }
@@ -234,7 +232,7 @@ class CpuBackend final : public Backend {
                     of_rays);
     });
     engine.network->reduce(engine.lanes, gradients, pool_);
-    *loss = std::accumulate(std::begin(lane_loss), std::end(lane_loss), 0.0);
+    *loss = std::accumulate(std::begin(chunk_loss), std::end(chunk_loss), 0.0);
   }
 
   void render_rays(const NerfField& field, const Rays& rays, const Samples& samples,
@@ -242,7 +240,7 @@ class CpuBackend final : public Backend {
     check_field(field, rays, samples);
     check_composite(rays.n, samples, out);
     Engine& engine = prepare(field, samples.per_ray);
-    while (engine.front_to_back.size() < kLanesOfBatch)
+    while (engine.front_to_back.size() < kChunksPerBatch)
       engine.front_to_back.push_back(
           std::make_unique<FrontToBack>(samples.per_ray, engine.rays_per_tile * samples.per_ray));
     for_each_block(
@@ -257,15 +255,15 @@ class CpuBackend final : public Backend {
   }
 
  private:
-  static constexpr std::size_t kRaysOfRange =
+  static constexpr std::size_t kRaysPerRange =
       64;  // some thousand samples: well above the cost of a queue entry
 
   static std::size_t first_sample(RayRange range, const Samples& samples) {
     return static_cast<std::size_t>(range.first) * samples.per_ray;
   }
 
-  static CompositeRays composite_rays(RayRange range, const Samples& samples, const float* raw,
-                                      std::size_t raw_stride) {
+  static CompositeForward composite_rays(RayRange range, const Samples& samples, const float* raw,
+                                         std::size_t raw_stride) {
     const std::size_t first = first_sample(range, samples);
     return {.n_rays = range.n,
             .per_ray = samples.per_ray,
@@ -275,7 +273,7 @@ class CpuBackend final : public Backend {
             .dt = samples.dt.data() + first};
   }
 
-  static void set_background(CompositeRays* rays, std::span<const float> background, int n_rays,
+  static void set_background(CompositeForward* rays, std::span<const float> background, int n_rays,
                              std::size_t first_ray) {
     rays->background = background.empty() ? nullptr : background.data() + first_ray;
     rays->background_stride = n_rays;
@@ -304,8 +302,8 @@ class CpuBackend final : public Backend {
       engine->per_ray = per_ray;
       engine->network = make_network(isa_, field.config);
       engine->rays_per_tile = std::max(1, engine->network->tile_samples() / per_ray);
-      for (int lane = 0; lane < kLanesOfBatch; ++lane) {
-        engine->lanes.push_back(engine->network->make_lane(engine->rays_per_tile * per_ray));
+      for (int lane = 0; lane < kChunksPerBatch; ++lane) {
+        engine->lanes.push_back(engine->network->make_chunk(engine->rays_per_tile * per_ray));
         engine->memory.emplace_back(engine->rays_per_tile, per_ray);
       }
       engines_.push_back(std::move(engine));
@@ -325,10 +323,10 @@ class CpuBackend final : public Backend {
   template <class Visit>
   void for_each_block(Engine& engine, int n_rays, int block_rays, const Visit& visit) {
     const std::int64_t tiles = (n_rays + engine.rays_per_tile - 1) / engine.rays_per_tile;
-    pool_.run(kLanesOfBatch, [&](int lane) {
-      const int begin = static_cast<int>(tiles * lane / kLanesOfBatch) * engine.rays_per_tile;
+    pool_.run(kChunksPerBatch, [&](int lane) {
+      const int begin = static_cast<int>(tiles * lane / kChunksPerBatch) * engine.rays_per_tile;
       const int end = std::min(
-          n_rays, static_cast<int>(tiles * (lane + 1) / kLanesOfBatch) * engine.rays_per_tile);
+          n_rays, static_cast<int>(tiles * (lane + 1) / kChunksPerBatch) * engine.rays_per_tile);
       if (begin >= end) return;
       engine.lanes[lane]->begin();
       for (int first = begin; first < end; first += block_rays)
@@ -339,7 +337,7 @@ class CpuBackend final : public Backend {
 
   void forward_tile(Engine& engine, int lane, const NerfField& field, const Rays& rays,
                     const Samples& samples, RayRange tile, bool keep, float* raw, int stride) {
-    LaneMemory& memory = engine.memory[lane];
+    ChunkMemory& memory = engine.memory[lane];
     kernels_.points({.n_rays = tile.n,
                      .per_ray = samples.per_ray,
                      .origin = rays.origin.data() + tile.first,

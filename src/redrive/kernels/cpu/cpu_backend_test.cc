@@ -8,7 +8,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/rng.h"
-#include "redrive/kernels/kernels.h"
+#include "redrive/kernels/backend.h"
 
 namespace redrive::kernels {
 namespace {

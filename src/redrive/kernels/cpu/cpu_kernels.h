@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The stages around the network, once per vector width, as a table of plain functions over ranges;
 // the backend cuts the work and owns the memory. The formulas are those of volume/composite.h,
-// optim/adam.h and sampling/hierarchical.h.
+// optim/adam.h and volume/hierarchical_sampling.h.
 #pragma once
 
 #include <cstddef>
@@ -10,7 +10,7 @@
 namespace redrive::kernels {
 
 /// Rays with their samples: channel k of sample i = ray * per_ray + s is raw[k * raw_stride + i].
-struct CompositeRays {
+struct CompositeForward {
   int n_rays = 0, per_ray = 0;
   const float* raw = nullptr;
   std::size_t raw_stride = 0;
@@ -43,7 +43,7 @@ static constexpr std::size_t composite_scratch(int per_ray) {
 }
 
 /// Rays [first_ray, first_ray + n_rays) of a batch; t and dt start at the first of them.
-struct StratifiedRays {
+struct SampleStratified {
   std::size_t first_ray = 0, n_rays = 0;
   int per_ray = 0;
   float near_m = 0, far_m = 0;
@@ -73,10 +73,11 @@ struct RayPoints {
 };
 
 struct CpuKernels {
-  void (*composite_forward)(const CompositeRays& rays, const CompositeResult& out, float* scratch);
-  void (*composite_backward)(const CompositeRays& rays, const CompositeGradient& adjoint,
+  void (*composite_forward)(const CompositeForward& rays, const CompositeResult& out,
+                            float* scratch);
+  void (*composite_backward)(const CompositeForward& rays, const CompositeGradient& adjoint,
                              float* scratch);
-  void (*sample_stratified)(const StratifiedRays& rays, float* t,
+  void (*sample_stratified)(const SampleStratified& rays, float* t,
                             float* dt);  ///< bit-equal to stratified_ray
   void (*adam)(const AdamRange& range);
   void (*points)(const RayPoints& rays);

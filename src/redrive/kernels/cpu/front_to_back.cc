@@ -34,9 +34,9 @@ FrontToBack::FrontToBack(int per_ray, int tile_samples)
       position_(3 * static_cast<std::size_t>(tile_samples)),
       direction_(3 * static_cast<std::size_t>(tile_samples)) {}
 
-const float* FrontToBack::run(NerfLane& lane, const CpuKernels& kernels, const NerfField& field,
+const float* FrontToBack::run(NerfChunk& lane, const CpuKernels& kernels, const NerfField& field,
                               const Rays& rays, const Samples& samples, RayRange block) {
-  const double opaque_depth = -std::log(kOpaque);
+  const double opaque_depth = -std::log(kMinTransmittance);
   open_.resize(block.n);
   for (int ray = 0; ray < block.n; ++ray) open_[ray] = ray;
   std::fill_n(optical_depth_.begin(), block.n, 0.0);

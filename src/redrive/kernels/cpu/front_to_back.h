@@ -5,9 +5,9 @@
 #include <vector>
 
 #include "redrive/base/buffer.h"
+#include "redrive/kernels/backend.h"
 #include "redrive/kernels/cpu/cpu_kernels.h"
 #include "redrive/kernels/cpu/nerf_tile.h"
-#include "redrive/kernels/kernels.h"
 
 namespace redrive::kernels {
 
@@ -17,20 +17,20 @@ struct RayRange {
 };
 
 /// Computes the network for the next few samples of each ray of a block, then drops the rays whose
-/// transmittance has fallen below kOpaque, and so on: what is left out changes colour, opacity and
-/// the sum of weights of a ray by less than kOpaque. The other rays get the bits that the whole ray
-/// at once would give.
+/// transmittance has fallen below kMinTransmittance, and so on: what is left out changes colour,
+/// opacity and the sum of weights of a ray by less than kMinTransmittance. The other rays get the
+/// bits that the whole ray at once would give.
 class FrontToBack {
  public:
-  static constexpr double kOpaque = 1e-4;  ///< a fortieth of a step of an 8-bit picture
-  static constexpr int kStride = 16;       ///< samples between two looks: one vector of AVX-512
+  static constexpr double kMinTransmittance = 1e-4;  ///< a fortieth of a step of an 8-bit picture
+  static constexpr int kStride = 16;  ///< samples between two looks: one vector of AVX-512
 
   /// `tile_samples`: the most samples of one call of the lane; at least kStride or per_ray.
   FrontToBack(int per_ray, int tile_samples);
 
   /// raw [4, n * per_ray] of the block's rays, those left out with density -1 (no absorption).
   /// Valid until the next call.
-  const float* run(NerfLane& lane, const CpuKernels& kernels, const NerfField& field,
+  const float* run(NerfChunk& lane, const CpuKernels& kernels, const NerfField& field,
                    const Rays& rays, const Samples& samples, RayRange block);
   std::size_t raw_stride() const { return static_cast<std::size_t>(block_rays_) * per_ray_; }
   int block_rays() const { return block_rays_; }  ///< the most rays of a block

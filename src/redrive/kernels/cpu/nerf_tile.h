@@ -23,9 +23,9 @@ struct NerfTile {
   int samples() const { return n_rays * per_ray; }
 };
 
-class NerfLane {
+class NerfChunk {
  public:
-  virtual ~NerfLane() = default;
+  virtual ~NerfChunk() = default;
   /// Must be called on the thread that runs the lane, before its first tile of a batch (AMX: loads
   /// the tile shapes).
   virtual void begin() = 0;
@@ -48,9 +48,9 @@ class NerfNetwork {
   /// Takes the parameters (field/nerf_field.h layout) into this ISA's layout; every batch, in
   /// parallel.
   virtual void pack(std::span<const float> parameters, ThreadPool& pool) = 0;
-  virtual std::unique_ptr<NerfLane> make_lane(int max_samples) = 0;
+  virtual std::unique_ptr<NerfChunk> make_chunk(int max_samples) = 0;
   /// Adds the gradients of the lanes, in their order, to `gradients` (field/nerf_field.h layout).
-  virtual void reduce(std::span<const std::unique_ptr<NerfLane>> lanes, std::span<float> gradients,
+  virtual void reduce(std::span<const std::unique_ptr<NerfChunk>> lanes, std::span<float> gradients,
                       ThreadPool& pool) = 0;
 };
 

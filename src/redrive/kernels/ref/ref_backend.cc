@@ -5,11 +5,11 @@
 #include <vector>
 
 #include "redrive/kernels/check_sizes.h"
-#include "redrive/kernels/ref/nerf.h"
+#include "redrive/kernels/ref/nerf_network.h"
 #include "redrive/kernels/ref/ref_grid_stages.h"
-#include "redrive/loss/photometric.h"
-#include "redrive/sampling/hierarchical.h"
+#include "redrive/optim/photometric_loss.h"
 #include "redrive/volume/composite.h"
+#include "redrive/volume/hierarchical_sampling.h"
 
 namespace redrive::kernels {
 namespace {

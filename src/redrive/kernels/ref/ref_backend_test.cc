@@ -7,10 +7,10 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/rng.h"
-#include "redrive/kernels/kernels.h"
-#include "redrive/kernels/ref/nerf.h"
-#include "redrive/loss/photometric.h"
+#include "redrive/kernels/backend.h"
+#include "redrive/kernels/ref/nerf_network.h"
 #include "redrive/math/dual.h"
+#include "redrive/optim/photometric_loss.h"
 #include "redrive/volume/composite.h"
 
 namespace redrive::kernels {
@@ -210,7 +210,7 @@ TEST(RefBackend, RenderingShowsWhatTrainingSaw) {
   }
 }
 
-TEST(RefBackend, SizesAreChecked) {
+TEST(RefBackend, ChecksSizes) {
   const Batch batch;
   const auto backend = make_ref_backend();
   std::vector<float> raw(4 * batch.t.size()), few(7), gradients(batch.parameters.size());

@@ -7,9 +7,9 @@
 
 #include "redrive/kernels/check_grid_sizes.h"
 #include "redrive/kernels/host_ray_stages.h"
-#include "redrive/loss/empty_space.h"
-#include "redrive/loss/proposal.h"
-#include "redrive/loss/range.h"
+#include "redrive/optim/proposal_loss.h"
+#include "redrive/optim/range_loss.h"
+#include "redrive/optim/sparsity_loss.h"
 #include "redrive/volume/ray_weights.h"
 
 namespace redrive::kernels {
@@ -52,19 +52,18 @@ class FeaturesOf {
 
 class RefGridStages final : public HostRayStages {
  public:
-  void spaced(const Rays& rays, const SpacedIntervals& how, std::span<float> edges) override {
-    check_spaced(rays, how.per_ray, edges.size());
-    for (int ray = 0; ray < rays.n; ++ray) spaced_edges_of(rays, how, ray, edges);
+  void spaced(const Rays& rays, const UniformSampling& how, std::span<float> edges) override {
+    check_sample_uniform(rays, how.per_ray, edges.size());
+    for (int ray = 0; ray < rays.n; ++ray) uniform_edges_of_ray(rays, how, ray, edges);
   }
 
   void proposed(int n_rays, const Intervals& from, std::span<const float> weights,
-                const ProposedIntervals& how, std::span<float> edges) override {
-    check_proposed(n_rays, from, weights.size(), how.per_ray, edges.size());
+                const PdfSampling& how, std::span<float> edges) override {
+    check_sample_pdf(n_rays, from, weights.size(), how.per_ray, edges.size());
     for (int ray = 0; ray < n_rays; ++ray)
-      proposed_edges(&from.edges[interval_count(ray, from.per_ray + 1)],
-                     &weights[interval_count(ray, from.per_ray)], from.per_ray, how.per_ray,
-                     how.padding, how.jitter, how.key, ray,
-                     &edges[interval_count(ray, how.per_ray + 1)]);
+      pdf_edges(&from.edges[interval_count(ray, from.per_ray + 1)],
+                &weights[interval_count(ray, from.per_ray)], from.per_ray, how.per_ray, how.padding,
+                how.jitter, how.key, ray, &edges[interval_count(ray, how.per_ray + 1)]);
   }
 
   void contract(const Contraction& contraction, const Rays& rays,
@@ -73,8 +72,8 @@ class RefGridStages final : public HostRayStages {
     check_contract(rays, intervals, pixel_angle.size(), position.size(), footprint.size());
     for (int ray = 0; ray < rays.n; ++ray)
       for (int s = 0; s < intervals.per_ray; ++s)
-        contract_of(contraction, rays, pixel_angle, intervals, least_width, ray, s, position,
-                    footprint);
+        contract_sample(contraction, rays, pixel_angle, intervals, least_width, ray, s, position,
+                        footprint);
   }
 
   void contract_backward(const Contraction& contraction, const Rays& rays,
@@ -83,8 +82,8 @@ class RefGridStages final : public HostRayStages {
     check_contract_backward(rays, intervals, d_position.size(), d_origin.size(),
                             d_direction.size());
     for (int ray = 0; ray < rays.n; ++ray)
-      contract_backward_of<double>(contraction, rays, intervals, d_position, ray, d_origin,
-                                   d_direction);
+      contract_ray_backward<double>(contraction, rays, intervals, d_position, ray, d_origin,
+                                    d_direction);
   }
 
   void encode(const HashGrid& grid, const UnitPoints& points, std::span<float> features) override {
@@ -254,15 +253,15 @@ class RefGridStages final : public HostRayStages {
 
   void empty_space(int n_rays, const Intervals& intervals, std::span<const float> density,
                    float factor, std::span<float> d_density, double* loss) override {
-    check_empty_space(n_rays, intervals, density.size(), d_density.size());
+    check_sparsity(n_rays, intervals, density.size(), d_density.size());
     const std::size_t n = intervals.per_ray;
     double sum = 0;
     for (int ray = 0; ray < n_rays; ++ray) {
       const std::size_t first = interval_count(ray, intervals.per_ray);
       std::vector<double> d = as_double(d_density.subspan(first, n));
-      sum += empty_space_loss<double>(
-          &intervals.edges[first + ray], as_double(density.subspan(first, n)).data(),
-          intervals.per_ray, static_cast<double>(factor) / n_rays, d.data());
+      sum += sparsity_loss<double>(&intervals.edges[first + ray],
+                                   as_double(density.subspan(first, n)).data(), intervals.per_ray,
+                                   static_cast<double>(factor) / n_rays, d.data());
       std::copy(d.begin(), d.end(), &d_density[first]);
     }
     *loss = factor * (sum / n_rays);

@@ -66,7 +66,7 @@ REDRIVE_INLINE void encode_16(const __m512 point[3], int octaves, float* out, in
 
 /// gamma(x) of every sample; n = samples rounded up to blocks of 32, points past the tile's are the
 /// origin.
-inline void encode_positions(const Plan& plan, const LaneMemory& memory, const float* position,
+inline void encode_positions(const Plan& plan, const ChunkMemory& memory, const float* position,
                              int samples, bool keep) {
   constexpr int kMaxRows = 64;  // 3 + 6 * 10, rounded up to blocks
   alignas(64) float code[kMaxRows * kBlock];
@@ -103,7 +103,7 @@ inline void encode_positions(const Plan& plan, const LaneMemory& memory, const f
 /// The adjoint of gamma(x) (field/positional_encoding.h positional_encoding_adjoint), its sines and
 /// cosines as the network saw them (memory.position_keep), of the sum of memory.d_gamma. d_position
 /// [3, samples].
-inline void encode_positions_adjoint(const Plan& plan, const LaneMemory& memory, int samples,
+inline void encode_positions_adjoint(const Plan& plan, const ChunkMemory& memory, int samples,
                                      float* d_position) {
   constexpr int kMaxRows = 64;
   alignas(64) float d_code[kMaxRows * 16];
@@ -145,7 +145,7 @@ inline void encode_positions_adjoint(const Plan& plan, const LaneMemory& memory,
 
 /// gamma(d), once per ray, then spread over its samples: memory.ray_code holds a row of 32 bf16 per
 /// ray.
-inline void encode_directions(const Plan& plan, const LaneMemory& memory, const TileInput& tile,
+inline void encode_directions(const Plan& plan, const ChunkMemory& memory, const TileInput& tile,
                               bool keep) {
   alignas(64) float code[kBlock * 16];
   const int rows = 3 + 6 * plan.direction_octaves, samples = tile.n_rays * tile.per_ray;

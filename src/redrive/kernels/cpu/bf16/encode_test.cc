@@ -7,8 +7,8 @@
 
 #include "redrive/base/rng.h"
 #include "redrive/field/positional_encoding.h"
+#include "redrive/kernels/cpu/bf16/bf16_testing.h"
 #include "redrive/kernels/cpu/bf16/network.h"
-#include "redrive/kernels/cpu/bf16/test_support.h"
 
 namespace redrive::kernels::bf16 {
 namespace {
@@ -34,7 +34,7 @@ TEST_P(EncodeTest, AgreesWithTheFormulaInBothForms) {
       position[i] = special[i];
 
     Lane lane(network, samples);
-    const LaneMemory& memory = lane.memory();
+    const ChunkMemory& memory = lane.memory();
     network.stages().encode(plan, memory,
                             TileInput{n_rays, per_ray, position.data(), direction.data()}, true);
 

@@ -5,7 +5,7 @@
 
 #include "redrive/base/buffer.h"
 #include "redrive/base/rng.h"
-#include "redrive/kernels/cpu/bf16/test_support.h"
+#include "redrive/kernels/cpu/bf16/bf16_testing.h"
 
 namespace redrive::kernels::bf16 {
 namespace {

@@ -32,11 +32,11 @@ class Carver {
 };
 
 /// With base = null only the size is counted. n: blocks of 32 samples.
-LaneMemory carve(const Plan& plan, int n, Carver& carver) {
+ChunkMemory carve(const Plan& plan, int n, Carver& carver) {
   const std::size_t block = static_cast<std::size_t>(n) * kBlockSize;
   const std::size_t widest =
       block * static_cast<std::size_t>(std::max(plan.width_blocks, plan.colour_blocks + 1));
-  LaneMemory memory;
+  ChunkMemory memory;
   memory.position_next = carver.take<Bf16>(block * plan.position_blocks);
   memory.position_keep = carver.take<Bf16>(block * plan.position_blocks);
   memory.direction_next = carver.take<Bf16>(block * plan.direction_blocks);
@@ -191,16 +191,16 @@ void Network::pack(std::span<const float> parameters, ThreadPool& pool) {
   });
 }
 
-std::unique_ptr<NerfLane> Network::make_lane(int max_samples) {
+std::unique_ptr<NerfChunk> Network::make_chunk(int max_samples) {
   return std::make_unique<Lane>(*this, max_samples);
 }
 
-void Network::reduce(std::span<const std::unique_ptr<NerfLane>> lanes, std::span<float> gradients,
+void Network::reduce(std::span<const std::unique_ptr<NerfChunk>> lanes, std::span<float> gradients,
                      ThreadPool& pool) {
   REDRIVE_CHECK_OP(gradients.size(), ==, nerf_parameter_count(config_));
-  std::vector<const LaneMemory*> used;
+  std::vector<const ChunkMemory*> used;
   for (const auto& lane : lanes) {
-    const LaneMemory& memory = static_cast<const Lane&>(*lane).memory();
+    const ChunkMemory& memory = static_cast<const Lane&>(*lane).memory();
     if (!memory.fresh) used.push_back(&memory);
   }
   if (used.empty()) return;

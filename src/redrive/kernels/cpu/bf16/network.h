@@ -25,8 +25,8 @@ class Network final : public NerfNetwork {
 
   int tile_samples() const override { return stages_.tile_samples; }
   void pack(std::span<const float> parameters, ThreadPool& pool) override;
-  std::unique_ptr<NerfLane> make_lane(int max_samples) override;
-  void reduce(std::span<const std::unique_ptr<NerfLane>> lanes, std::span<float> gradients,
+  std::unique_ptr<NerfChunk> make_chunk(int max_samples) override;
+  void reduce(std::span<const std::unique_ptr<NerfChunk>> lanes, std::span<float> gradients,
               ThreadPool& pool) override;
 
   const Plan& plan() const { return plan_; }
@@ -45,7 +45,7 @@ class Network final : public NerfNetwork {
 };
 
 /// `network` must outlive the lane.
-class Lane final : public NerfLane {
+class Lane final : public NerfChunk {
  public:
   Lane(const Network& network, int max_samples);
 
@@ -55,14 +55,14 @@ class Lane final : public NerfLane {
   void forward(const NerfTile& tile, bool keep, float* raw, int stride) override;
   void backward(const float* d_raw, int stride, float* d_position) override;
 
-  const LaneMemory& memory() const { return memory_; }
+  const ChunkMemory& memory() const { return memory_; }
 
  private:
   const Network& network_;
   int max_samples_;
   int kept_samples_ = 0;  ///< of the last forward pass, 0 if it kept nothing
   Buffer<std::byte> storage_;
-  LaneMemory memory_;
+  ChunkMemory memory_;
 };
 
 }  // namespace redrive::kernels::bf16

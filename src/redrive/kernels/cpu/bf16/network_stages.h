@@ -13,12 +13,13 @@ namespace {
 
 template <class Engine>
 struct NetworkStages {
-  static void encode(const Plan& plan, const LaneMemory& memory, const TileInput& tile, bool keep) {
+  static void encode(const Plan& plan, const ChunkMemory& memory, const TileInput& tile,
+                     bool keep) {
     encode_positions(plan, memory, tile.position, tile.n_rays * tile.per_ray, keep);
     encode_directions(plan, memory, tile, keep);
   }
 
-  static void forward(const Plan& plan, const Weights& weights, const LaneMemory& memory,
+  static void forward(const Plan& plan, const Weights& weights, const ChunkMemory& memory,
                       const TileInput& tile, bool keep, float* raw, int stride) {
     encode(plan, memory, tile, keep);
     if (keep) {
@@ -28,7 +29,7 @@ struct NetworkStages {
     }
   }
 
-  static void backward(const Plan& plan, const Weights& weights, const LaneMemory& memory,
+  static void backward(const Plan& plan, const Weights& weights, const ChunkMemory& memory,
                        int samples, const float* d_raw, int stride, float* d_position) {
     const int n = (samples + kBlock - 1) / kBlock, width = plan.width_blocks,
               colour = plan.colour_blocks;
@@ -96,7 +97,7 @@ struct NetworkStages {
 
  private:
   template <Epilogue hidden>
-  static void forward(const Plan& plan, const Weights& weights, const LaneMemory& memory,
+  static void forward(const Plan& plan, const Weights& weights, const ChunkMemory& memory,
                       const TileInput& tile, float* raw, int stride) {
     const int samples = tile.n_rays * tile.per_ray, n = (samples + kBlock - 1) / kBlock,
               width = plan.width_blocks;
@@ -162,7 +163,7 @@ struct NetworkStages {
   struct Step {
     const Plan& plan;
     const Weights& weights;
-    const LaneMemory& memory;
+    const ChunkMemory& memory;
     int n = 0;
 
     void weight_gradient(int index, const Gradient& d) const {

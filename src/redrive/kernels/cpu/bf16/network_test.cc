@@ -8,9 +8,9 @@
 
 #include "redrive/base/rng.h"
 #include "redrive/field/positional_encoding.h"
+#include "redrive/kernels/cpu/bf16/bf16_testing.h"
 #include "redrive/kernels/cpu/bf16/network.h"
-#include "redrive/kernels/cpu/bf16/reference_network.h"
-#include "redrive/kernels/cpu/bf16/test_support.h"
+#include "redrive/kernels/cpu/bf16/reference_network_testing.h"
 
 namespace redrive::kernels::bf16 {
 namespace {
@@ -75,7 +75,7 @@ double relative_error(std::span<const double> expected, std::span<const float> g
 /// The reference's raw outputs [4, samples], from the very encodings the engine used; adds its
 /// gradients and writes d_position [3, samples].
 std::vector<float> run_reference(const ReferenceNetwork& reference, const NerfConfig& config,
-                                 const LaneMemory& memory, const Tile& tile,
+                                 const ChunkMemory& memory, const Tile& tile,
                                  std::span<double> gradients, std::span<double> d_position) {
   const int samples = tile.samples(), blocks = make_plan(config).position_blocks;
   std::vector<float> raw(4 * samples);
@@ -129,8 +129,8 @@ TEST_P(NetworkTest, ForwardAndBackwardAgreeWithPlainLoops) {
   // what stands there.
   const Tile tiles[] = {random_tile(n_rays, per_ray, 10), random_tile(1, per_ray, 11),
                         random_tile(1, 33, 12)};
-  std::vector<std::unique_ptr<NerfLane>> lanes;
-  for (int i = 0; i < 3; ++i) lanes.push_back(network.make_lane(std::max(n_rays * per_ray, 33)));
+  std::vector<std::unique_ptr<NerfChunk>> lanes;
+  for (int i = 0; i < 3; ++i) lanes.push_back(network.make_chunk(std::max(n_rays * per_ray, 33)));
   std::vector<double> expected(reference.gradient_size(), 0.0);
   for (auto& lane : lanes) lane->clear_gradients();
   int n_samples = 0;
@@ -188,8 +188,8 @@ TEST_P(NetworkTest, EqualRunsAreBitEqual) {
     ThreadPool pool(1 + run);
     const auto network = engine.make(config);
     network->pack(parameters, pool);
-    std::vector<std::unique_ptr<NerfLane>> lanes;
-    for (int i = 0; i < 2; ++i) lanes.push_back(network->make_lane(tile.samples()));
+    std::vector<std::unique_ptr<NerfChunk>> lanes;
+    for (int i = 0; i < 2; ++i) lanes.push_back(network->make_chunk(tile.samples()));
     std::vector<float> raw(4 * tile.samples()), gradients(parameters.size());
     pool.run(2, [&](int i) {
       lanes[i]->begin();
@@ -245,8 +245,8 @@ TEST(NetworkStrideTest, OnlyTheTilesSamplesAreTouched) {
   std::vector<float> position(3 * samples, 0.3f), direction = {1, 0, 0}, raw(4 * stride, -7.0f),
                                                   gradients[2];
   for (int run = 0; run < 2; ++run) {
-    std::vector<std::unique_ptr<NerfLane>> lanes;
-    lanes.push_back(network->make_lane(samples));
+    std::vector<std::unique_ptr<NerfChunk>> lanes;
+    lanes.push_back(network->make_chunk(samples));
     lanes[0]->begin();
     lanes[0]->clear_gradients();
     lanes[0]->forward({1, samples, position.data(), direction.data()}, true, raw.data(), stride);

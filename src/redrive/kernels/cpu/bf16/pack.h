@@ -43,7 +43,7 @@ inline void pack_row(const BlockRow& row, const float* parameters, const Weights
 
 /// gradients += ((lane 0 + lane 1) + lane 2) + ...; the C blocks (inputs x outputs) are transposed
 /// 16 x 16 on the way.
-inline void reduce_row(const BlockRow& row, const LaneMemory* const* lanes, int n_lanes,
+inline void reduce_row(const BlockRow& row, const ChunkMemory* const* lanes, int n_lanes,
                        float* gradients) {
   for (int quarter = 0; quarter < row.k_blocks * 4; ++quarter) {
     const int k = quarter / 4 * kBlock + quarter / 2 % 2 * 16, o = quarter % 2 * 16;

@@ -28,8 +28,8 @@ struct Layer {
       0;  ///< in Weights::packed: [backward_blocks][out_blocks] blocks in pair form
   std::size_t bias_tile = 0;  ///< in Weights::bias: [out_blocks][kBiasTile]
   std::size_t d_weight =
-      0;  ///< in LaneMemory::d_weight: [out_blocks][k_blocks] C blocks, rows = inputs
-  std::size_t d_bias = 0;  ///< in LaneMemory::d_bias: [out_blocks][32]
+      0;  ///< in ChunkMemory::d_weight: [out_blocks][k_blocks] C blocks, rows = inputs
+  std::size_t d_bias = 0;  ///< in ChunkMemory::d_bias: [out_blocks][32]
 };
 
 struct Plan {
@@ -56,7 +56,7 @@ struct Weights {
 };
 
 /// A lane's buffers, for up to `n` blocks of 32 samples. Forms and orders: layout.h.
-struct LaneMemory {
+struct ChunkMemory {
   Bf16 *position_next = nullptr, *position_keep = nullptr;    ///< gamma(x)
   Bf16 *direction_next = nullptr, *direction_keep = nullptr;  ///< gamma(d)
   Bf16* ray_code = nullptr;               ///< gamma(d) of each ray, [n_rays][direction_blocks * 32]
@@ -86,17 +86,17 @@ struct Stages {
   void (*end)();
   /// gamma(x) and gamma(d) of a tile into position_* and direction_*; samples past the tile's are
   /// zero (keep: *_keep too).
-  void (*encode)(const Plan& plan, const LaneMemory& memory, const TileInput& tile, bool keep);
+  void (*encode)(const Plan& plan, const ChunkMemory& memory, const TileInput& tile, bool keep);
   /// encode, then the network. raw [4, stride].
-  void (*forward)(const Plan& plan, const Weights& weights, const LaneMemory& memory,
+  void (*forward)(const Plan& plan, const Weights& weights, const ChunkMemory& memory,
                   const TileInput& tile, bool keep, float* raw, int stride);
   /// Adds to memory.d_weight (overwrites it if memory.fresh) and memory.d_bias. d_position [3,
   /// samples], unless null: written.
-  void (*backward)(const Plan& plan, const Weights& weights, const LaneMemory& memory, int samples,
+  void (*backward)(const Plan& plan, const Weights& weights, const ChunkMemory& memory, int samples,
                    const float* d_raw, int stride, float* d_position);
   void (*pack)(const BlockRow& row, const float* parameters, const Weights& weights);
   /// gradients += sum over lanes, in their order.
-  void (*reduce)(const BlockRow& row, const LaneMemory* const* lanes, int n_lanes,
+  void (*reduce)(const BlockRow& row, const ChunkMemory* const* lanes, int n_lanes,
                  float* gradients);
   /// One block: c = bias (kBiasTile, or null: 0) + sum_k a_k b_k. For tests.
   void (*product)(const Bf16* a, const Bf16* b, int k_blocks, const float* bias, float* c);

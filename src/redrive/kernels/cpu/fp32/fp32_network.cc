@@ -4,7 +4,7 @@
 #include <algorithm>
 
 #include "redrive/base/error.h"
-#include "redrive/kernels/cpu/fp32/fp32_lane.h"
+#include "redrive/kernels/cpu/fp32/fp32_chunk.h"
 
 namespace redrive::kernels {
 namespace {
@@ -102,19 +102,19 @@ void Fp32Network::pack(std::span<const float> parameters, ThreadPool& pool) {
   });
 }
 
-std::unique_ptr<NerfLane> Fp32Network::make_lane(int max_samples) {
-  return std::make_unique<Fp32Lane>(*this, max_samples);
+std::unique_ptr<NerfChunk> Fp32Network::make_chunk(int max_samples) {
+  return std::make_unique<Fp32Chunk>(*this, max_samples);
 }
 
-void Fp32Network::reduce(std::span<const std::unique_ptr<NerfLane>> lanes,
+void Fp32Network::reduce(std::span<const std::unique_ptr<NerfChunk>> lanes,
                          std::span<float> gradients, ThreadPool& pool) {
   REDRIVE_CHECK_OP(gradients.size(), ==, nerf_parameter_count(config_));
   const int vector = kernels_.lanes;
   // All lanes into the first, in their order; its buffer is then the batch's.
-  float* total = static_cast<Fp32Lane&>(*lanes.front()).gradients().data();
+  float* total = static_cast<Fp32Chunk&>(*lanes.front()).gradients().data();
   pool.run_ranges(gradient_size_, 1 << 14, [&](std::size_t begin, std::size_t end) {
     for (std::size_t lane = 1; lane < lanes.size(); ++lane) {
-      const float* part = static_cast<Fp32Lane&>(*lanes[lane]).gradients().data();
+      const float* part = static_cast<Fp32Chunk&>(*lanes[lane]).gradients().data();
       for (std::size_t i = begin; i < end; ++i) total[i] += part[i];
     }
   });

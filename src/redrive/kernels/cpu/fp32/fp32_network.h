@@ -35,12 +35,12 @@ class Fp32Network final : public NerfNetwork {
 
   int tile_samples() const override;
   void pack(std::span<const float> parameters, ThreadPool& pool) override;
-  std::unique_ptr<NerfLane> make_lane(int max_samples) override;
-  void reduce(std::span<const std::unique_ptr<NerfLane>> lanes, std::span<float> gradients,
+  std::unique_ptr<NerfChunk> make_chunk(int max_samples) override;
+  void reduce(std::span<const std::unique_ptr<NerfChunk>> lanes, std::span<float> gradients,
               ThreadPool& pool) override;
 
  private:
-  friend class Fp32Lane;
+  friend class Fp32Chunk;
   /// Where the layer stands in the parameters, colour in folded_'s.
   NerfLayerShape shape_of(int layer) const;
 

@@ -9,7 +9,7 @@
 #include "redrive/base/rng.h"
 #include "redrive/kernels/cpu/fp32/fp32_kernels.h"
 #include "redrive/kernels/cpu/nerf_tile.h"
-#include "redrive/kernels/ref/nerf.h"
+#include "redrive/kernels/ref/nerf_network.h"
 
 namespace redrive::kernels {
 namespace {
@@ -116,8 +116,8 @@ TEST_P(Fp32NetworkTest, MatchesTheOracle) {
     const auto network = GetParam().second(c.config);
     network->pack(problem.parameters, pool);
     network->pack(problem.parameters, pool);  // leaves nothing behind
-    std::vector<std::unique_ptr<NerfLane>> lanes;
-    for (int i = 0; i < 2; ++i) lanes.push_back(network->make_lane(problem.samples));
+    std::vector<std::unique_ptr<NerfChunk>> lanes;
+    for (int i = 0; i < 2; ++i) lanes.push_back(network->make_chunk(problem.samples));
     for (auto& lane : lanes) lane->clear_gradients();
 
     std::vector<float> raw(4 * problem.samples, NAN), exact(raw);
@@ -131,7 +131,7 @@ TEST_P(Fp32NetworkTest, MatchesTheOracle) {
     const int cut = c.n_rays > 1 ? c.n_rays - 1 : 1;
     for (int first = 0; first < c.n_rays; first += cut) {
       const Problem::Part part = problem.part(first, std::min(cut, c.n_rays - first));
-      NerfLane& lane = *lanes[first == 0 ? 0 : 1];
+      NerfChunk& lane = *lanes[first == 0 ? 0 : 1];
       std::vector<float> part_raw(4 * part.tile.samples());
       lane.forward(part.tile, true, part_raw.data(), part.tile.samples());
       for (int k = 0; k < 4; ++k)
@@ -165,8 +165,8 @@ TEST_P(Fp32NetworkTest, GradientsAreAddedAndCleared) {
   ThreadPool pool(1);
   const auto network = GetParam().second(problem.shape.config);
   network->pack(problem.parameters, pool);
-  std::vector<std::unique_ptr<NerfLane>> lanes;
-  lanes.push_back(network->make_lane(problem.samples));
+  std::vector<std::unique_ptr<NerfChunk>> lanes;
+  lanes.push_back(network->make_chunk(problem.samples));
   const Problem::Part all = problem.part(0, 2);
   std::vector<float> raw(4 * problem.samples), once(problem.parameters.size(), 0.0f),
       again(once.size(), 1.0f);
@@ -189,7 +189,7 @@ TEST_P(Fp32NetworkTest, NanReachesTheOutput) {
   problem.parameters[nerf_layer(problem.shape.config, 0).weight] =
       NAN;  // of every sample's first hidden unit
   network->pack(problem.parameters, pool);
-  const auto lane = network->make_lane(problem.samples);
+  const auto lane = network->make_chunk(problem.samples);
   std::vector<float> raw(4 * problem.samples, 0.0f);
   lane->forward(problem.part(0, 1).tile, false, raw.data(), problem.samples);
   for (const float x : raw) EXPECT_TRUE(std::isnan(x));

@@ -19,16 +19,16 @@ namespace {
 using bf16::Bf16, bf16::first_lanes, bf16::to_bf16, bf16::to_bf16_pairs;
 using Pair [[gnu::may_alias]] = std::uint32_t;
 
-constexpr int kGeometry = 16, kHarmonics = 16;
+constexpr int kGeometryFeatures = 16, kHarmonics = 16;
 constexpr float kMaxLogDensity = 15;
 constexpr int kStrip = kGridBf16Strip, kBlock = kGridBf16Block;
 
 /// Numbers that the two sources `a` and `b` of a permutation are joined from: units of kUnit dwords
 /// in turn, from their lower or upper halves.
 template <int kUnit>
-struct InTurn {
+struct ConcatenatedFunctors {
   alignas(64) std::int32_t low[16], high[16];
-  constexpr InTurn() : low(), high() {
+  constexpr ConcatenatedFunctors() : low(), high() {
     for (int i = 0; i < 16; ++i) {
       low[i] = i / kUnit / 2 * kUnit + i % kUnit + (i / kUnit % 2) * 16;
       high[i] = low[i] + 8;
@@ -36,7 +36,7 @@ struct InTurn {
   }
 };
 template <int kUnit>
-constexpr InTurn<kUnit> kInTurn;
+constexpr ConcatenatedFunctors<kUnit> kInTurn;
 
 /// Every other dword, or 16-bit word, of two vectors.
 struct EveryOther {
@@ -177,14 +177,14 @@ REDRIVE_INLINE Activations activations_in(float* scratch, const GridBf16Weights&
   };
   a.features = layer(w.inputs);
   a.hidden = layer(w.width);
-  a.geometry = layer(kGeometry + kHarmonics);
+  a.geometry = layer(kGeometryFeatures + kHarmonics);
   a.colour[0] = layer(w.width);
   a.colour[1] = layer(w.width);
   if (keep) {
     a.d_out = layer(4);
     a.d_wide = layer(w.width);
     a.d_wider = layer(w.width);
-    a.d_geometry = layer(kGeometry);
+    a.d_geometry = layer(kGeometryFeatures);
     a.d_hidden = layer(w.width);
   }
   a.of_ray = reinterpret_cast<float*>(take(w.width * 16 * sizeof(float)));
@@ -196,8 +196,8 @@ REDRIVE_INLINE Activations activations_in(float* scratch, const GridBf16Weights&
 /// A lane a ray: harmonics, and what they add to the first colour layer, which is the same for all
 /// samples of a ray.
 template <bool kKeep>
-REDRIVE_INLINE void look_along_rays(const GridBf16Weights& w, const GridNetworkTile& tile,
-                                    const Activations& a) {
+REDRIVE_INLINE void encode_ray_directions(const GridBf16Weights& w, const GridNetworkTile& tile,
+                                          const Activations& a) {
   std::int32_t* ray_of = a.ray_of;
   for (int ray = 0; ray < tile.n_rays; ++ray)
     for (int s = 0; s < tile.per_ray; ++s) *ray_of++ = ray;
@@ -229,7 +229,7 @@ REDRIVE_INLINE void look_along_rays(const GridBf16Weights& w, const GridNetworkT
                     ray1 = _mm512_load_si512(a.ray_of + s + 16);
 #pragma GCC unroll 16
       for (int k = 0; k < kHarmonics; ++k)
-        _mm512_store_si512(a.geometry.at(s).rows + (kGeometry + k) * kStrip,
+        _mm512_store_si512(a.geometry.at(s).rows + (kGeometryFeatures + k) * kStrip,
                            to_bf16(_mm512_permutexvar_ps(ray0, harmonics[k]),
                                    _mm512_permutexvar_ps(ray1, harmonics[k])));
     }
@@ -352,7 +352,7 @@ REDRIVE_INLINE void strip_forward(const GridBf16Weights& w, const GridNetworkTil
     };
   };
   product<kBlock>(w.width, w.inputs / 2, w.density0, features.pairs, FromZero(), rectified(hidden));
-  product<kBlock>(kGeometry, w.width / 2, w.density1, hidden.pairs, FromZero(),
+  product<kBlock>(kGeometryFeatures, w.width / 2, w.density1, hidden.pairs, FromZero(),
                   [&](int row, Sums<kBlock>& sums) REDRIVE_LAMBDA {
                     geometry.put<kKeep>(row, sums);
                     if (row == 0)
@@ -367,7 +367,7 @@ REDRIVE_INLINE void strip_forward(const GridBf16Weights& w, const GridNetworkTil
                 ray1 = _mm512_load_si512(a.ray_of + first + 16);
   const Layer colour = a.colour[0].at(first);
   product<kBlock>(
-      w.width, kGeometry / 2, w.geometry, geometry.pairs,
+      w.width, kGeometryFeatures / 2, w.geometry, geometry.pairs,
       [&](int row, Sums<kBlock>& sums) REDRIVE_LAMBDA {
 #pragma GCC unroll 8
         for (int r = 0; r < kBlock; ++r) {
@@ -394,7 +394,7 @@ template <int kOfLevel>
 void forward(const GridBf16Weights& w, const GridNetworkTile& tile, float* raw, float* scratch) {
   const int samples = tile.n_rays * tile.per_ray;
   const Activations a = activations_in(scratch, w, samples, false);
-  look_along_rays<false>(w, tile, a);
+  encode_ray_directions<false>(w, tile, a);
   for_each_strip(samples, [&](int first, int count, auto whole) REDRIVE_LAMBDA {
     strip_forward<kOfLevel, false, whole.value>(w, tile, a, first, count);
     product<4>(4, w.width / 2, w.colour_out, a.colour[w.colour_layers - 1].pairs, FromZero(),
@@ -465,7 +465,7 @@ void backward(const GridBf16Weights& w, const GridNetworkTile& tile, const float
               const GridNetworkGradients& gradients, float* d_features, float* scratch) {
   const int samples = tile.n_rays * tile.per_ray, last = w.colour_layers - 1, width = w.width;
   const Activations a = activations_in(scratch, w, samples, true);
-  look_along_rays<true>(w, tile, a);
+  encode_ray_directions<true>(w, tile, a);
   const Layer& d_last = last == 1 ? a.d_wider : a.d_wide;
   for_each_strip(samples, [&](int first, int count, auto whole) REDRIVE_LAMBDA {
     strip_forward<kOfLevel, true, whole.value>(w, tile, a, first, count);
@@ -498,7 +498,7 @@ void backward(const GridBf16Weights& w, const GridNetworkTile& tile, const float
                       gated(a.d_wide, a.colour[0]));
     const Layer d_geometry = a.d_geometry.at(first);
     product<kBlock>(
-        kGeometry, width / 2, w.geometry_back, a.d_wide.pairs,
+        kGeometryFeatures, width / 2, w.geometry_back, a.d_wide.pairs,
         [&](int row, Sums<kBlock>& sums) REDRIVE_LAMBDA {
           FromZero()(row, sums);
           if (row == 0)
@@ -506,7 +506,7 @@ void backward(const GridBf16Weights& w, const GridNetworkTile& tile, const float
               sums.at[0][v] = _mm512_mul_ps(d[3][v], _mm512_load_ps(a.density + 16 * v));
         },
         [&](int row, Sums<kBlock>& sums) REDRIVE_LAMBDA { d_geometry.put<true>(row, sums); });
-    product<kBlock>(width, kGeometry / 2, w.density1_back, d_geometry.pairs, FromZero(),
+    product<kBlock>(width, kGeometryFeatures / 2, w.density1_back, d_geometry.pairs, FromZero(),
                     gated(a.d_hidden, a.hidden));
     product<kBlock>(w.inputs, width / 2, w.density0_back, a.d_hidden.pairs, FromZero(),
                     [&](int row, Sums<kBlock>& sums) REDRIVE_LAMBDA {
@@ -520,8 +520,8 @@ void backward(const GridBf16Weights& w, const GridNetworkTile& tile, const float
   const int n = a.samples;
   add_gradient(3, a.d_out, width, a.colour[last], n, gradients.colour_out);
   if (last == 1) add_gradient(width, a.d_wider, width, a.colour[0], n, gradients.colour1);
-  add_gradient(width, a.d_wide, kGeometry + kHarmonics, a.geometry, n, gradients.colour0);
-  add_gradient(kGeometry, a.d_geometry, width, a.hidden, n, gradients.density1);
+  add_gradient(width, a.d_wide, kGeometryFeatures + kHarmonics, a.geometry, n, gradients.colour0);
+  add_gradient(kGeometryFeatures, a.d_geometry, width, a.hidden, n, gradients.density1);
   add_gradient(width, a.d_hidden, w.inputs, a.features, n, gradients.density0);
 }
 

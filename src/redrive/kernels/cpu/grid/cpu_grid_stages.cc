@@ -13,19 +13,19 @@
 #include "redrive/kernels/check_grid_sizes.h"
 #include "redrive/kernels/cpu/grid/packed_network.h"
 #include "redrive/kernels/host_ray_stages.h"
-#include "redrive/loss/empty_space.h"
-#include "redrive/loss/proposal.h"
-#include "redrive/loss/range.h"
+#include "redrive/optim/proposal_loss.h"
+#include "redrive/optim/range_loss.h"
+#include "redrive/optim/sparsity_loss.h"
 
 namespace redrive::kernels {
 namespace {
 
-constexpr std::size_t kRaysOfRange = 64;
-constexpr std::size_t kPointsOfRange = 8192;  // a level's table is walked once for so many points
+constexpr std::size_t kRaysPerRange = 64;
+constexpr std::size_t kPointsPerRange = 8192;  // a level's table is walked once for so many points
 constexpr int kTileSamples = 256;  // a network's activations stay in the second-level cache
 constexpr int kBf16TileSamples =
     384;  // as above, in half the memory; 16 rays of 24 are whole strips
-constexpr int kLanesOfBatch = 8;
+constexpr int kChunksPerBatch = 8;
 
 std::vector<GridLevel> levels_of(const HashGrid& grid) {
   std::vector<GridLevel> levels;
@@ -47,26 +47,26 @@ class CpuGridStages final : public HostRayStages {
         bf16_(isa == Isa::kAvx512Bf16 ? &avx512_bf16::kGridBf16Kernels : nullptr),
         pool_(*pool) {}
 
-  void spaced(const Rays& rays, const SpacedIntervals& how, std::span<float> edges) override {
-    check_spaced(rays, how.per_ray, edges.size());
-    pool_.run_ranges(rays.n, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
+  void spaced(const Rays& rays, const UniformSampling& how, std::span<float> edges) override {
+    check_sample_uniform(rays, how.per_ray, edges.size());
+    pool_.run_ranges(rays.n, kRaysPerRange, [&](std::size_t begin, std::size_t end) {
       const std::size_t count = how.per_ray + 1;
       for (std::size_t ray = begin; ray < end; ++ray)
         if (how.jitter || !how.contraction.unbounded || ray == begin)
-          spaced_edges_of(rays, how, ray, edges);
+          uniform_edges_of_ray(rays, how, ray, edges);
         else  // all alike
           std::copy_n(&edges[begin * count], count, &edges[ray * count]);
     });
   }
 
   void proposed(int n_rays, const Intervals& from, std::span<const float> weights,
-                const ProposedIntervals& how, std::span<float> edges) override {
-    check_proposed(n_rays, from, weights.size(), how.per_ray, edges.size());
-    pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
+                const PdfSampling& how, std::span<float> edges) override {
+    check_sample_pdf(n_rays, from, weights.size(), how.per_ray, edges.size());
+    pool_.run_ranges(n_rays, kRaysPerRange, [&](std::size_t begin, std::size_t end) {
       for (std::size_t ray = begin; ray < end; ++ray)
-        proposed_edges(&from.edges[ray * (from.per_ray + 1)], &weights[ray * from.per_ray],
-                       from.per_ray, how.per_ray, how.padding, how.jitter, how.key, ray,
-                       &edges[ray * (how.per_ray + 1)]);
+        pdf_edges(&from.edges[ray * (from.per_ray + 1)], &weights[ray * from.per_ray], from.per_ray,
+                  how.per_ray, how.padding, how.jitter, how.key, ray,
+                  &edges[ray * (how.per_ray + 1)]);
     });
   }
 
@@ -76,7 +76,7 @@ class CpuGridStages final : public HostRayStages {
     const int per_ray = intervals.per_ray;
     check_contract(rays, intervals, pixel_angle.size(), position.size(), footprint.size());
     const std::size_t n = interval_count(rays.n, per_ray);
-    pool_.run_ranges(rays.n, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
+    pool_.run_ranges(rays.n, kRaysPerRange, [&](std::size_t begin, std::size_t end) {
       kernels_.contract({.n_rays = static_cast<int>(end - begin),
                          .per_ray = per_ray,
                          .origin = rays.origin.data() + begin,
@@ -99,10 +99,10 @@ class CpuGridStages final : public HostRayStages {
                          std::span<float> d_origin, std::span<float> d_direction) override {
     check_contract_backward(rays, intervals, d_position.size(), d_origin.size(),
                             d_direction.size());
-    pool_.run_ranges(rays.n, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
+    pool_.run_ranges(rays.n, kRaysPerRange, [&](std::size_t begin, std::size_t end) {
       for (std::size_t ray = begin; ray < end; ++ray)
-        contract_backward_of<float>(contraction, rays, intervals, d_position, ray, d_origin,
-                                    d_direction);
+        contract_ray_backward<float>(contraction, rays, intervals, d_position, ray, d_origin,
+                                     d_direction);
     });
   }
 
@@ -123,7 +123,7 @@ class CpuGridStages final : public HostRayStages {
     if (d_position.empty()) return;
     std::ranges::fill(d_position, 0.0f);
     const auto levels = levels_of(grid);
-    pool_.run_ranges(points.n, kPointsOfRange, [&](std::size_t begin, std::size_t end) {
+    pool_.run_ranges(points.n, kPointsPerRange, [&](std::size_t begin, std::size_t end) {
       for (std::size_t l = 0; l < levels.size(); ++l)
         kernels_.encode_backward(grid.config.features, levels[l], range_of(points, begin, end),
                                  d_features.data() + (l * points.n + begin) * grid.config.features,
@@ -152,7 +152,7 @@ class CpuGridStages final : public HostRayStages {
     REDRIVE_CHECK_OP(d_weights.size(), ==, network.weights.size());
     REDRIVE_CHECK_OP(d_features.size(), ==, features.size());
     const std::size_t size = network.weights.size();
-    std::vector<Buffer<float>> sums(kLanesOfBatch);
+    std::vector<Buffer<float>> sums(kChunksPerBatch);
     for (Buffer<float>& sum : sums) sum = Buffer<float>(size);
     with_weights(network, [&](const auto& kernels, const auto& weights) {
       for_each_tile(network, n_rays, per_ray, [&](int lane, int first, int count, float* scratch) {
@@ -176,7 +176,7 @@ class CpuGridStages final : public HostRayStages {
                         std::span<float> density) override {
     check_proposal_density(grid, points, density.size());
     const auto levels = levels_of(grid);
-    pool_.run_ranges(points.n, kPointsOfRange, [&](std::size_t begin, std::size_t end) {
+    pool_.run_ranges(points.n, kPointsPerRange, [&](std::size_t begin, std::size_t end) {
       kernels_.density(levels.data(), static_cast<int>(levels.size()), density_scale,
                        range_of(points, begin, end), density.data() + begin);
     });
@@ -187,7 +187,7 @@ class CpuGridStages final : public HostRayStages {
                                  std::span<float> d_table) override {
     check_proposal_density_backward(grid, points, density.size(), d_density.size(), d_table.size());
     std::vector<float> d_sum(points.n);
-    pool_.run_ranges(points.n, kPointsOfRange, [&](std::size_t begin, std::size_t end) {
+    pool_.run_ranges(points.n, kPointsPerRange, [&](std::size_t begin, std::size_t end) {
       for (std::size_t i = begin; i < end; ++i) d_sum[i] = density[i] * d_density[i];
     });
     backward_of_levels(grid, points, d_sum.data(), 0, d_table);
@@ -197,7 +197,7 @@ class CpuGridStages final : public HostRayStages {
                std::span<float> weights) override {
     const int per_ray = intervals.per_ray;
     check_weights(n_rays, intervals, density.size(), weights.size());
-    pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
+    pool_.run_ranges(n_rays, kRaysPerRange, [&](std::size_t begin, std::size_t end) {
       Buffer<float> scratch(per_ray + 16);
       kernels_.weights(static_cast<int>(end - begin), per_ray,
                        &intervals.edges[begin * (per_ray + 1)], &density[begin * per_ray],
@@ -211,7 +211,7 @@ class CpuGridStages final : public HostRayStages {
     const int per_ray = intervals.per_ray;
     check_weights_backward(n_rays, intervals, density.size(), weights.size(), d_weights.size(),
                            d_density.size());
-    pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
+    pool_.run_ranges(n_rays, kRaysPerRange, [&](std::size_t begin, std::size_t end) {
       Buffer<float> scratch(per_ray + 16);
       const std::size_t first = begin * per_ray;
       kernels_.weights_backward(
@@ -226,11 +226,11 @@ class CpuGridStages final : public HostRayStages {
     const int n = intervals.per_ray, m = proposal.per_ray;
     check_proposal(n_rays, intervals, weights.size(), proposal, proposal_weights.size(),
                    d_proposal.size());
-    std::vector<double> sums((n_rays + kRaysOfRange - 1) / kRaysOfRange);
-    pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
+    std::vector<double> sums((n_rays + kRaysPerRange - 1) / kRaysPerRange);
+    pool_.run_ranges(n_rays, kRaysPerRange, [&](std::size_t begin, std::size_t end) {
       for (std::size_t ray = begin; ray < end; ++ray) {
         std::fill_n(&d_proposal[ray * m], m, 0.0f);
-        sums[begin / kRaysOfRange] += proposal_loss<float>(
+        sums[begin / kRaysPerRange] += proposal_loss<float>(
             &intervals.edges[ray * (n + 1)], &weights[ray * n], n, &proposal.edges[ray * (m + 1)],
             &proposal_weights[ray * m], m, 1.0f / static_cast<float>(n_rays), &d_proposal[ray * m]);
       }
@@ -243,10 +243,10 @@ class CpuGridStages final : public HostRayStages {
              std::span<float> d_weights, double* loss) override {
     check_range(n_rays, intervals, weights.size(), range_m.size(), spread_m, d_weights.size());
     const int n = intervals.per_ray;
-    std::vector<double> sums((n_rays + kRaysOfRange - 1) / kRaysOfRange);
-    pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
+    std::vector<double> sums((n_rays + kRaysPerRange - 1) / kRaysPerRange);
+    pool_.run_ranges(n_rays, kRaysPerRange, [&](std::size_t begin, std::size_t end) {
       for (std::size_t ray = begin; ray < end; ++ray)
-        sums[begin / kRaysOfRange] +=
+        sums[begin / kRaysPerRange] +=
             range_loss<float>(&intervals.edges[ray * (n + 1)], &weights[ray * n], n, range_m[ray],
                               spread_m, factor / static_cast<float>(n_rays), &d_weights[ray * n]);
     });
@@ -255,14 +255,14 @@ class CpuGridStages final : public HostRayStages {
 
   void empty_space(int n_rays, const Intervals& intervals, std::span<const float> density,
                    float factor, std::span<float> d_density, double* loss) override {
-    check_empty_space(n_rays, intervals, density.size(), d_density.size());
+    check_sparsity(n_rays, intervals, density.size(), d_density.size());
     const int n = intervals.per_ray;
-    std::vector<double> sums((n_rays + kRaysOfRange - 1) / kRaysOfRange);
-    pool_.run_ranges(n_rays, kRaysOfRange, [&](std::size_t begin, std::size_t end) {
+    std::vector<double> sums((n_rays + kRaysPerRange - 1) / kRaysPerRange);
+    pool_.run_ranges(n_rays, kRaysPerRange, [&](std::size_t begin, std::size_t end) {
       for (std::size_t ray = begin; ray < end; ++ray)
-        sums[begin / kRaysOfRange] +=
-            empty_space_loss<float>(&intervals.edges[ray * (n + 1)], &density[ray * n], n,
-                                    factor / static_cast<float>(n_rays), &d_density[ray * n]);
+        sums[begin / kRaysPerRange] +=
+            sparsity_loss<float>(&intervals.edges[ray * (n + 1)], &density[ray * n], n,
+                                 factor / static_cast<float>(n_rays), &d_density[ray * n]);
     });
     *loss = factor * (std::accumulate(sums.begin(), sums.end(), 0.0) / n_rays);
   }
@@ -273,11 +273,11 @@ class CpuGridStages final : public HostRayStages {
   template <class Visit>
   void for_each_level_range(const HashGrid& grid, const UnitPoints& points, const Visit& visit) {
     const auto levels = levels_of(grid);
-    const std::size_t ranges = (points.n + kPointsOfRange - 1) / kPointsOfRange;
+    const std::size_t ranges = (points.n + kPointsPerRange - 1) / kPointsPerRange;
     pool_.run(static_cast<int>(levels.size() * ranges), [&](int lane) {
-      const std::size_t l = lane / ranges, begin = lane % ranges * kPointsOfRange;
+      const std::size_t l = lane / ranges, begin = lane % ranges * kPointsPerRange;
       visit(levels[l], (l * points.n + begin) * grid.config.features,
-            range_of(points, begin, std::min(points.n, begin + kPointsOfRange)));
+            range_of(points, begin, std::min(points.n, begin + kPointsPerRange)));
     });
   }
 
@@ -323,9 +323,9 @@ class CpuGridStages final : public HostRayStages {
     const int rays = bf16_ ? std::clamp(kBf16TileSamples / per_ray, 1, kGridBf16Rays)
                            : std::max(1, kTileSamples / per_ray),
               tiles = (n_rays + rays - 1) / rays;
-    pool_.run(kLanesOfBatch, [&](int lane) {
-      const int begin = static_cast<int>(std::int64_t{tiles} * lane / kLanesOfBatch),
-                end = static_cast<int>(std::int64_t{tiles} * (lane + 1) / kLanesOfBatch);
+    pool_.run(kChunksPerBatch, [&](int lane) {
+      const int begin = static_cast<int>(std::int64_t{tiles} * lane / kChunksPerBatch),
+                end = static_cast<int>(std::int64_t{tiles} * (lane + 1) / kChunksPerBatch);
       if (begin == end) return;
       Buffer<float>& scratch = scratch_[lane];
       const int width = network.config.width, inputs = network.config.grid.outputs();
@@ -341,7 +341,7 @@ class CpuGridStages final : public HostRayStages {
   const GridKernels& kernels_;
   const GridBf16Kernels* const bf16_;  ///< the networks', unless they are fp32
   ThreadPool& pool_;
-  Buffer<float> scratch_[kLanesOfBatch];  ///< of the networks, by lane; kept from call to call
+  Buffer<float> scratch_[kChunksPerBatch];  ///< of the networks, by lane; kept from call to call
 };
 
 }  // namespace

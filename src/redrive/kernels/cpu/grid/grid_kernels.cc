@@ -8,7 +8,8 @@
 namespace redrive::kernels::REDRIVE_ISA {
 namespace {
 
-constexpr int kGeometry = 16, kHarmonics = 16, kColours = 16;  // the last: three of them used
+constexpr int kGeometryFeatures = 16, kHarmonics = 16,
+              kColours = 16;  // the last: three of them used
 constexpr float kMaxLogDensity = 15;
 
 REDRIVE_INLINE Vf magnitude(Vf a) { return a < Vf{} ? -a : a; }
@@ -163,8 +164,8 @@ REDRIVE_INLINE Activations activations_in(float* scratch, std::size_t samples, s
   a.colour[1] = take(samples * width);
   a.d_wide = take(samples * width);
   a.d_wider = take(samples * width);
-  a.geometry = take(samples * kGeometry);
-  a.d_geometry = take(samples * kGeometry);
+  a.geometry = take(samples * kGeometryFeatures);
+  a.d_geometry = take(samples * kGeometryFeatures);
   a.out = take(samples * kColours);
   a.d_out = take(samples * kColours);
   a.density = take(samples);
@@ -178,14 +179,15 @@ void run_forward(const GridNetworkWeights& w, const GridNetworkTile& tile, const
   const int width = w.width, samples = tile.n_rays * tile.per_ray;
   const std::size_t row = width;
   regroup<false>(tile, tile.features, a.features);
-  product<Start::kZero, Finish::kRectify>(
+  product<Start::kZero, Finish::kRelu>(
       {samples, width, w.inputs, rows_of(a.features, w.inputs), w.density0_in, row, a.hidden, row});
-  product<Start::kZero, Finish::kPlain>({samples, kGeometry, width, rows_of(a.hidden, width),
-                                         w.density1_in, kGeometry, a.geometry, kGeometry});
+  product<Start::kZero, Finish::kPlain>({samples, kGeometryFeatures, width,
+                                         rows_of(a.hidden, width), w.density1_in, kGeometryFeatures,
+                                         a.geometry, kGeometryFeatures});
   for (int i = 0; i < samples; i += kLanes) {
     alignas(64) float log_density[kLanes]{};
     for (int j = 0; j < kLanes && i + j < samples; ++j)
-      log_density[j] = a.geometry[static_cast<std::size_t>(i + j) * kGeometry];
+      log_density[j] = a.geometry[static_cast<std::size_t>(i + j) * kGeometryFeatures];
     store(a.density + i, splat(w.density_scale) *
                              exponential(minimum(splat(kMaxLogDensity), load(log_density))).value);
   }
@@ -195,18 +197,19 @@ void run_forward(const GridNetworkWeights& w, const GridNetworkTile& tile, const
                                          a.of_ray, row});
   for (int ray = 0; ray < tile.n_rays; ++ray) {
     const std::size_t first = static_cast<std::size_t>(ray) * tile.per_ray;
-    product<Start::kRow, Finish::kRectify>({.rows = tile.per_ray,
-                                            .columns = width,
-                                            .depth = kGeometry,
-                                            .a = rows_of(a.geometry + first * kGeometry, kGeometry),
-                                            .b = w.geometry_in,
-                                            .b_row = row,
-                                            .c = a.colour[0] + first * row,
-                                            .c_row = row,
-                                            .start = a.of_ray + ray * row});
+    product<Start::kRow, Finish::kRelu>(
+        {.rows = tile.per_ray,
+         .columns = width,
+         .depth = kGeometryFeatures,
+         .a = rows_of(a.geometry + first * kGeometryFeatures, kGeometryFeatures),
+         .b = w.geometry_in,
+         .b_row = row,
+         .c = a.colour[0] + first * row,
+         .c_row = row,
+         .start = a.of_ray + ray * row});
   }
   if (w.colour_layers == 2)
-    product<Start::kZero, Finish::kRectify>(
+    product<Start::kZero, Finish::kRelu>(
         {samples, width, width, rows_of(a.colour[0], width), w.colour1_in, row, a.colour[1], row});
 }
 
@@ -243,19 +246,22 @@ void network_backward(const GridNetworkWeights& w, const GridNetworkTile& tile, 
   };
 
   float* d_colour = a.d_wide;
-  product<Start::kZero, Finish::kGate>({samples, width, 3, rows_of(a.d_out, kColours), w.colour_out,
-                                        row, d_colour, row, nullptr, a.colour[last]});
+  product<Start::kZero, Finish::kReluAdjoint>({samples, width, 3, rows_of(a.d_out, kColours),
+                                               w.colour_out, row, d_colour, row, nullptr,
+                                               a.colour[last]});
   add_gradient(3, width, a.d_out, kColours, a.colour[last], gradients.colour_out, row);
   if (last == 1) {
-    product<Start::kZero, Finish::kGate>({samples, width, width, rows_of(d_colour, width),
-                                          w.colour1, row, a.d_wider, row, nullptr, a.colour[0]});
+    product<Start::kZero, Finish::kReluAdjoint>({samples, width, width, rows_of(d_colour, width),
+                                                 w.colour1, row, a.d_wider, row, nullptr,
+                                                 a.colour[0]});
     add_gradient(width, width, d_colour, width, a.colour[0], gradients.colour1, row);
     d_colour = a.d_wider;
   }
-  constexpr int kInputs = kGeometry + kHarmonics;
-  product<Start::kZero, Finish::kPlain>({samples, kGeometry, width, rows_of(d_colour, width),
-                                         w.colour0, kInputs, a.d_geometry, kGeometry});
-  add_gradient(width, kGeometry, d_colour, width, a.geometry, gradients.colour0, kInputs);
+  constexpr int kInputs = kGeometryFeatures + kHarmonics;
+  product<Start::kZero, Finish::kPlain>({samples, kGeometryFeatures, width,
+                                         rows_of(d_colour, width), w.colour0, kInputs, a.d_geometry,
+                                         kGeometryFeatures});
+  add_gradient(width, kGeometryFeatures, d_colour, width, a.geometry, gradients.colour0, kInputs);
   for (int ray = 0; ray < tile.n_rays; ++ray)
     for (int c = 0; c < width; c += kLanes) {
       Vf sum{};
@@ -265,15 +271,17 @@ void network_backward(const GridNetworkWeights& w, const GridNetworkTile& tile, 
     }
   product<Start::kSum, Finish::kPlain>({width, kHarmonics, tile.n_rays,
                                         columns_of(a.d_of_ray, width), tile.harmonics, kHarmonics,
-                                        gradients.colour0 + kGeometry, kInputs});
+                                        gradients.colour0 + kGeometryFeatures, kInputs});
   for (int i = 0; i < samples; ++i)
-    a.d_geometry[static_cast<std::size_t>(i) * kGeometry] +=
+    a.d_geometry[static_cast<std::size_t>(i) * kGeometryFeatures] +=
         d_raw[3 * tile.raw_stride + i] * a.density[i];
 
   float* const d_hidden = a.d_wide;
-  product<Start::kZero, Finish::kGate>({samples, width, kGeometry, rows_of(a.d_geometry, kGeometry),
-                                        w.density1, row, d_hidden, row, nullptr, a.hidden});
-  add_gradient(kGeometry, width, a.d_geometry, kGeometry, a.hidden, gradients.density1, row);
+  product<Start::kZero, Finish::kReluAdjoint>({samples, width, kGeometryFeatures,
+                                               rows_of(a.d_geometry, kGeometryFeatures), w.density1,
+                                               row, d_hidden, row, nullptr, a.hidden});
+  add_gradient(kGeometryFeatures, width, a.d_geometry, kGeometryFeatures, a.hidden,
+               gradients.density1, row);
   product<Start::kZero, Finish::kPlain>({samples, w.inputs, width, rows_of(d_hidden, width),
                                          w.density0, inputs, a.d_features, inputs});
   add_gradient(width, w.inputs, d_hidden, width, a.features, gradients.density0, inputs);

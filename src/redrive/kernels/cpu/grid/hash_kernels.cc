@@ -9,7 +9,7 @@ namespace {
 
 constexpr float kMaxLogDensity = 15;
 
-constexpr float kLevelFloor = 0.2f;  // field/hash_grid.h: nothing of it may be compiled here
+constexpr float kMinLevelWeight = 0.2f;  // field/hash_grid.h: nothing of it may be compiled here
 
 /// The cells of kLanes points; those beyond the last lie at the origin.
 struct Cells {
@@ -33,8 +33,8 @@ REDRIVE_INLINE Cells find_cells(const GridLevel& level, const GridPoints& points
   }
   const Vf weight =
                one / maximum(splat(2.0f) * cells * load_first(points.footprint + i, count), one),
-           above = maximum(weight - splat(kLevelFloor), Vf{});
-  out.level_weight = weight < one ? above / splat(1 - kLevelFloor) : one;
+           above = maximum(weight - splat(kMinLevelWeight), Vf{});
+  out.level_weight = weight < one ? above / splat(1 - kMinLevelWeight) : one;
   out.counts = lane_bits(out.level_weight > Vf{});
   // Unsigned: a hash may wrap around.
   const std::uint32_t side = static_cast<std::uint32_t>(level.cells) + 2;

@@ -9,7 +9,7 @@
 namespace redrive::kernels {
 namespace {
 
-constexpr int kColourInputs = kGeometry + kHarmonics;
+constexpr int kColourInputs = kGeometryFeatures + kHarmonics;
 
 /// Nearest, ties to even; NaN stays NaN.
 bf16::Bf16 nearest_bf16(float x) {
@@ -42,10 +42,11 @@ PackedNetwork::PackedNetwork(const GridNetwork& network)
   weights_.colour1 = at(kGridColour1);
   weights_.colour_out = at(kGridColourOut);
   weights_.density0_in = pack(weights_.density0, weights_.inputs, width, weights_.inputs, width);
-  weights_.density1_in = pack(weights_.density1, width, kGeometry, width, kGeometry);
-  weights_.geometry_in = pack(weights_.colour0, kColourInputs, width, kGeometry, width);
+  weights_.density1_in =
+      pack(weights_.density1, width, kGeometryFeatures, width, kGeometryFeatures);
+  weights_.geometry_in = pack(weights_.colour0, kColourInputs, width, kGeometryFeatures, width);
   weights_.harmonics_in =
-      pack(weights_.colour0 + kGeometry, kColourInputs, width, kHarmonics, width);
+      pack(weights_.colour0 + kGeometryFeatures, kColourInputs, width, kHarmonics, width);
   if (config.colour_layers == 2)
     weights_.colour1_in = pack(weights_.colour1, width, width, width, width);
   weights_.colour_out_in = pack(weights_.colour_out, width, 3, width, 16);
@@ -74,9 +75,9 @@ PackedBf16Network::PackedBf16Network(const GridNetwork& network)
     return Matrix{m.from, m.inputs, m.outputs, m.input, m.output};
   };
   const Matrix density0{at(kGridDensity0), width, inputs, inputs},
-      density1{at(kGridDensity1), kGeometry, width, width},
-      geometry{at(kGridColour0), width, kGeometry, kColourInputs},
-      harmonics{at(kGridColour0) + kGeometry, width, kHarmonics, kColourInputs},
+      density1{at(kGridDensity1), kGeometryFeatures, width, width},
+      geometry{at(kGridColour0), width, kGeometryFeatures, kColourInputs},
+      harmonics{at(kGridColour0) + kGeometryFeatures, width, kHarmonics, kColourInputs},
       colour1{at(kGridColour1), width, width, width},
       colour_out{at(kGridColourOut), 3, width, width};
   weights_.density0 = pack(density0);

@@ -6,8 +6,8 @@
 #include <cstddef>
 
 #include "redrive/base/buffer.h"
+#include "redrive/kernels/backend.h"
 #include "redrive/kernels/cpu/grid/bf16_network.h"
-#include "redrive/kernels/kernels.h"
 
 namespace redrive::kernels {
 

@@ -14,8 +14,12 @@ struct ProductInput {
   std::size_t row = 0, column = 0;  ///< strides in numbers
 };
 
-enum class Start { kZero, kSum, kRow };         ///< c as it is, Product::start
-enum class Finish { kPlain, kRectify, kGate };  ///< max(0, c); 0 where Product::gate is not above 0
+enum class Start { kZero, kSum, kRow };  ///< c as it is, Product::start
+enum class Finish {
+  kPlain,
+  kRelu,
+  kReluAdjoint
+};  ///< max(0, c); 0 where Product::gate is not above 0
 
 struct Product {
   int rows = 0, columns = 0, depth = 0;  ///< columns: a multiple of 16
@@ -53,14 +57,15 @@ REDRIVE_INLINE void product_block(const Product& p, int row, int column) {
       for (int v = 0; v < kVectors; ++v) sum[m][v] += left * right[v];
     }
   }
-  const float* const gate = kFinish == Finish::kGate ? p.gate + row * p.c_row + column : nullptr;
+  const float* const gate =
+      kFinish == Finish::kReluAdjoint ? p.gate + row * p.c_row + column : nullptr;
 #pragma GCC unroll 16
   for (int m = 0; m < kRows; ++m)
 #pragma GCC unroll 4
     for (int v = 0; v < kVectors; ++v) {
       Vf out = sum[m][v];
-      if constexpr (kFinish == Finish::kRectify) out = out < Vf{} ? Vf{} : out;  // NaN stays NaN
-      if constexpr (kFinish == Finish::kGate)
+      if constexpr (kFinish == Finish::kRelu) out = out < Vf{} ? Vf{} : out;  // NaN stays NaN
+      if constexpr (kFinish == Finish::kReluAdjoint)
         out = load(gate + m * p.c_row + v * kLanes) > Vf{} ? out : Vf{};
       store(c + m * p.c_row + v * kLanes, out);
     }

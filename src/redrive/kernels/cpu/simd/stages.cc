@@ -29,7 +29,7 @@ REDRIVE_INLINE void absorb(const float* density, const float* dt, int n, float* 
   }
 }
 
-void composite_forward(const CompositeRays& rays, const CompositeResult& out, float* scratch) {
+void composite_forward(const CompositeForward& rays, const CompositeResult& out, float* scratch) {
   const int n = rays.per_ray, padded = (n + kLanes - 1) / kLanes * kLanes;
   float *weight = scratch, *transparency = scratch + padded;
   for (int ray = 0; ray < rays.n_rays; ++ray) {
@@ -63,7 +63,7 @@ void composite_forward(const CompositeRays& rays, const CompositeResult& out, fl
   }
 }
 
-void composite_backward(const CompositeRays& rays, const CompositeGradient& adjoint,
+void composite_backward(const CompositeForward& rays, const CompositeGradient& adjoint,
                         float* scratch) {
   const int n = rays.per_ray, padded = (n + kLanes - 1) / kLanes * kLanes;
   float *weight = scratch, *after = scratch + padded, *colour = scratch + 2 * padded;
@@ -115,7 +115,7 @@ REDRIVE_INLINE std::int32_t random_bits24(std::uint64_t key, std::uint64_t index
   return static_cast<std::int32_t>((x ^ (x >> 31)) >> 40);
 }
 
-void sample_stratified(const StratifiedRays& rays, float* __restrict t, float* __restrict dt) {
+void sample_stratified(const SampleStratified& rays, float* __restrict t, float* __restrict dt) {
   const float near_m = rays.near_m,
               bin = (rays.far_m - rays.near_m) / static_cast<float>(rays.per_ray);
   for (std::size_t ray = 0; ray < rays.n_rays; ++ray, t += rays.per_ray, dt += rays.per_ray) {

@@ -10,8 +10,8 @@
 #include "redrive/base/rng.h"
 #include "redrive/kernels/cpu/cpu_kernels.h"
 #include "redrive/optim/adam.h"
-#include "redrive/sampling/hierarchical.h"
 #include "redrive/volume/composite.h"
+#include "redrive/volume/hierarchical_sampling.h"
 
 namespace redrive::kernels {
 namespace {
@@ -47,7 +47,7 @@ struct Volume {
       t.push_back(i % samples == 0 ? 1.0f : t.back() + dt[i - 1]);
     }
   }
-  CompositeRays rays() const {
+  CompositeForward rays() const {
     return {n_rays,   per_ray,  raw.data(), static_cast<std::size_t>(n_rays) * per_ray,
             t.data(), dt.data()};
   }

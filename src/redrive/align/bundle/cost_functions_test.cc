@@ -1,0 +1,205 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/align/bundle/cost_functions.h"
+
+#include <ceres/cost_function.h>
+
+#include "redrive/align/bundle/synthetic_rig_testing.h"
+#include "redrive/camera/example_cameras_testing.h"
+#include "redrive/math/so3.h"
+
+namespace redrive {
+namespace {
+
+using testing::SyntheticNoise;
+
+/// Compares every Jacobian with central differences. A difference over 2 h is off by h^2 f''' / 6
+/// and by the residual's rounding over h.
+void expect_slopes(const ceres::CostFunction& term, std::vector<std::vector<double>> blocks,
+                   double tolerance) {
+  const auto& sizes = term.parameter_block_sizes();
+  ASSERT_EQ(blocks.size(), sizes.size());
+  std::vector<double*> at;
+  std::vector<std::vector<double>> slopes;
+  std::vector<double*> slope_at;
+  for (std::size_t b = 0; b < blocks.size(); ++b) {
+    ASSERT_EQ(static_cast<int>(blocks[b].size()), sizes[b]);
+    at.push_back(blocks[b].data());
+    slopes.emplace_back(term.num_residuals() * sizes[b]);
+  }
+  for (auto& s : slopes) slope_at.push_back(s.data());
+  std::vector<double> r(term.num_residuals()), plus(r), minus(r);
+  ASSERT_TRUE(term.Evaluate(at.data(), r.data(), slope_at.data()));
+  ASSERT_LT(std::abs(r[0]), kUnseen);
+  constexpr double h = 1e-5;
+  for (std::size_t b = 0; b < blocks.size(); ++b)
+    for (std::size_t k = 0; k < blocks[b].size(); ++k) {
+      const double value = blocks[b][k];
+      blocks[b][k] = value + h;
+      term.Evaluate(at.data(), plus.data(), nullptr);
+      blocks[b][k] = value - h;
+      term.Evaluate(at.data(), minus.data(), nullptr);
+      blocks[b][k] = value;
+      for (int i = 0; i < term.num_residuals(); ++i) {
+        const double difference = (plus[i] - minus[i]) / (2 * h);
+        EXPECT_NEAR(slopes[b][i * sizes[b] + k], difference, tolerance * (1 + std::abs(difference)))
+            << "block " << b << " number " << k << " residual " << i;
+      }
+    }
+}
+
+std::vector<double> random_block(SyntheticNoise* noise, std::vector<double> sizes) {
+  for (double& s : sizes) s *= noise->uniform(-1, 1);
+  return sizes;
+}
+const std::vector<double> kCorrectionSizes{0.5, 0.5, 0.5, 0.1, 0.1, 0.1};
+
+Instant some_instant() {
+  const testing::SyntheticRig rig = testing::make_synthetic_rig({.points = 0, .lidar_points = 0});
+  Instant instant = make_rig_model(rig.recording).at(rig.recording.frames[11].t_ns + 20'000'000);
+  instant.turn = {0.2, -0.3, 0.6};
+  return instant;
+}
+
+TEST(Terms, ReprojectionOfEveryModel) {
+  SyntheticNoise noise(3);
+  const Instant instant = some_instant();
+  for (const ExampleCamera& example : example_cameras()) {
+    SCOPED_TRACE(example.name);
+    RigModelCamera camera;
+    camera.given = testing::synthetic_camera(1);
+    camera.camera = example.camera;
+    camera.offset_s = 0.004;
+    camera.readout_s = 0.025;
+    const Eigen::Vector2d pixel(180, 110);
+    const auto ray = example.camera.unproject(pixel);
+    ASSERT_TRUE(ray);
+    InverseDepthPoint point;
+    const Rigid3d world_from_camera = instant.world_from_body * camera.given.body_from_sensor;
+    point.anchor = world_from_camera.translation() + Eigen::Vector3d(0.3, -0.2, 0.1);
+    point.axes.col(2) = world_from_camera.linear() * *ray;
+    point.axes.col(0) = point.axes.col(2).unitOrthogonal();
+    point.axes.col(1) = point.axes.col(2).cross(point.axes.col(0));
+    const auto term = reprojection_cost(camera, instant, pixel, 0.3, point);
+    for (const double inverse_m : {0.0, 0.02, 0.3})
+      expect_slopes(*term,
+                    {random_block(&noise, kCorrectionSizes),
+                     random_block(&noise, kCorrectionSizes),
+                     random_block(&noise, {0.05, 0.05, 0.05, 0.02, 0.02, 0.02}),
+                     {noise.uniform(-0.01, 0.01)},
+                     {noise.uniform(-0.05, 0.05)},
+                     random_block(&noise, {0.01, 2, 2}),
+                     {0.01, -0.02, inverse_m}},
+                    2e-5);
+  }
+}
+
+TEST(Terms, ReprojectionIsThatOfTheModel) {
+  testing::SyntheticRig rig = testing::make_synthetic_rig({.points = 0, .lidar_points = 0});
+  RigModel model = make_rig_model(rig.recording);
+  SyntheticNoise noise(4);
+  for (Vector6d& c : model.correction)
+    for (int k = 0; k < 6; ++k) c[k] = noise.uniform(-0.1, 0.1);
+  RigModelCamera& camera = model.cameras[1];
+  for (int k = 0; k < 6; ++k) camera.mount[k] = noise.uniform(-0.02, 0.02);
+  const Instant with_initial_values = model.of_image(1, 7);
+  const RigModelCamera before = camera;
+  const auto held = reprojection_cost(before, with_initial_values, {0, 0}, 0.5, {});
+  constexpr double kLater_s = 0.013;
+  camera.offset_s = kLater_s;  // on the way to frame 8, as the given motion goes on
+  camera.intrinsics = {0.01, 1.5, -2};
+  Instant later = with_initial_values;
+  Rigid3d moved = Rigid3d::Identity();
+  moved.linear() = so3_exp(with_initial_values.turn * kLater_s);
+  moved.translation() = with_initial_values.velocity * kLater_s;
+  later.world_from_body = with_initial_values.world_from_body * moved;
+  later.weight += kLater_s / later.duration_s;
+  const Eigen::Vector3d in_world =
+      model.corrected(later) * model.body_from_sensor(1) * Eigen::Vector3d(0.4, -0.3, 5);
+  const std::array<double, 3> point{in_world.x() / in_world.z(), in_world.y() / in_world.z(),
+                                    1 / in_world.z()};
+  const double* blocks[] = {
+      model.correction[7].data(), model.correction[8].data(), camera.mount.data(), &camera.offset_s,
+      &camera.readout_s,          camera.intrinsics.data(),   point.data()};
+  Eigen::Vector2d residual;
+  held->Evaluate(blocks, residual.data(), nullptr);
+  const auto pixel = model.camera(1).project({0.4, -0.3, 5});
+  ASSERT_TRUE(pixel);
+  EXPECT_LT((0.5 * residual - *pixel).norm(),
+            1e-7);  // metres near 0, pixels in hundreds: 1e-9 and less
+
+  // The upper edge of the image comes half a readout before its middle.
+  constexpr double kReadout_s = 0.014;
+  camera.offset_s = kLater_s + kReadout_s / 2;
+  camera.readout_s = kReadout_s;
+  const auto upper_edge = reprojection_cost(before, with_initial_values, {0, -0.5}, 0.5, {});
+  upper_edge->Evaluate(blocks, residual.data(), nullptr);
+  EXPECT_LT((0.5 * residual - *pixel - Eigen::Vector2d(0, 0.5)).norm(), 1e-7);
+}
+
+TEST(Terms, RowsHaveTimesOfTheirOwn) {
+  const testing::SyntheticRig rig = testing::make_synthetic_rig({.points = 0, .lidar_points = 0});
+  RigModel model = make_rig_model(rig.recording);
+  RigModelCamera& camera = model.cameras[1];
+  camera.offset_s = 0.004;
+  const double height = camera.camera.height;
+  const std::int64_t t_ns = model.given[7].t_ns;
+  const auto apart = [](const Instant& a, const Instant& b) {
+    return (a.world_from_body.matrix() - b.world_from_body.matrix()).norm() +
+           std::abs(a.weight - b.weight);
+  };
+  EXPECT_EQ(apart(model.of_row(1, 7, 12), model.of_image(1, 7)), 0);  // one time for all
+  camera.readout_s = 0.03;
+  EXPECT_LT(apart(model.of_row(1, 7, (height - 1) / 2), model.of_image(1, 7)), 1e-9);
+  EXPECT_LT(apart(model.of_row(1, 7, -0.5), model.at(t_ns + 4'000'000 - 15'000'000)), 1e-9);
+  EXPECT_EQ(model.of_row(1, 7, -0.5).segment, 6);  // before its frame
+  EXPECT_LT(apart(model.of_row(1, 7, height - 0.5), model.at(t_ns + 4'000'000 + 15'000'000)), 1e-9);
+  EXPECT_EQ(model.corrected_calibration(1).readout_ns, 30'000'000);
+}
+
+TEST(Terms, UnseenHasNoSlope) {
+  const Instant instant = some_instant();
+  RigModelCamera camera;
+  camera.given = testing::synthetic_camera(0);
+  camera.camera = make_camera(camera.given);
+  InverseDepthPoint behind;
+  behind.anchor = instant.world_from_body.translation();
+  behind.axes.col(2) = -instant.world_from_body.linear().col(0);
+  behind.axes.col(0) = behind.axes.col(2).unitOrthogonal();
+  behind.axes.col(1) = behind.axes.col(2).cross(behind.axes.col(0));
+  const auto term = reprojection_cost(camera, instant, {100, 100}, 1, behind);
+  const Vector6d zero = Vector6d::Zero();
+  const double offset = 0, readout = 0, point[3] = {0, 0, 0.1};
+  const double* blocks[] = {zero.data(), zero.data(), zero.data(), &offset,
+                            &readout,    zero.data(), point};
+  double residual[2], slope[12] = {1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1};
+  double* slopes[] = {slope, nullptr, nullptr, nullptr, nullptr, nullptr, nullptr};
+  ASSERT_TRUE(term->Evaluate(blocks, residual, slopes));
+  EXPECT_EQ(residual[0], kUnseen);
+  for (const double s : slope) EXPECT_EQ(s, 0);
+}
+
+TEST(Terms, PlaneAndPriors) {
+  SyntheticNoise noise(5);
+  PlaneParameters plane;
+  plane.centre = {12, 3, 1};
+  plane.axes = so3_exp({0.4, 0.9, -0.3});
+  const auto term = point_to_plane_cost(some_instant(), {6, -2, 0.7}, 0.02, plane);
+  for (int i = 0; i < 3; ++i)
+    expect_slopes(*term,
+                  {random_block(&noise, kCorrectionSizes), random_block(&noise, kCorrectionSizes),
+                   random_block(&noise, {0.05, 0.05, 0.1})},
+                  2e-5);
+  const Vector6d sigmas = (Vector6d() << 0.1, 0.2, 0.3, 0.01, 0.02, 0.03).finished();
+  expect_slopes(*pose_prior_cost(sigmas), {random_block(&noise, kCorrectionSizes)}, 1e-6);
+  expect_slopes(*smoothness_cost(sigmas),
+                {random_block(&noise, kCorrectionSizes), random_block(&noise, kCorrectionSizes)},
+                1e-6);
+  expect_slopes(*scalar_prior_cost(6, 4, 0.3), {random_block(&noise, kCorrectionSizes)}, 1e-6);
+  const double value = 0.5, *block = &value;
+  double residual = 0;
+  scalar_prior_cost(1, 0, 0.25, 0.1)->Evaluate(&block, &residual, nullptr);
+  EXPECT_DOUBLE_EQ(residual, 1.6);
+}
+
+}  // namespace
+}  // namespace redrive

@@ -1,0 +1,215 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/align/lidar/planes.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <optional>
+#include <tuple>
+
+#include <Eigen/Eigenvalues>
+
+#include "redrive/recording/trajectory.h"
+
+namespace redrive {
+namespace {
+
+constexpr int kMinPoints = 10;
+constexpr std::int64_t kApart_ns = 50'000'000;  // half a revolution
+constexpr int kLeastTimes = 3;
+constexpr std::size_t kMostOfPatch =
+    40;  // where there is a choice: more points say little that is new, they share its roughness
+constexpr double kLeastSigma_m = 0.005;
+constexpr double kLeastShare = 0.75;  // of a cube's points that have to lie on its plane
+
+using Key = std::array<std::int64_t, 3>;
+
+struct Placed {
+  const std::vector<LidarSample>& samples;
+  std::vector<Eigen::Vector3d> in_world;
+};
+
+int times_apart(const Placed& points, const std::vector<int>& chosen) {
+  std::vector<std::int64_t> times;
+  for (const int i : chosen) times.push_back(points.samples[i].t_ns);
+  std::sort(times.begin(), times.end());
+  int count = 0;
+  std::int64_t last = times.front() - kApart_ns;
+  for (const std::int64_t t : times)
+    if (t - last >= kApart_ns) {
+      ++count;
+      last = t;
+    }
+  return count;
+}
+
+/// The plane of most of the points, by principal axes of what is left when the farthest are
+/// dropped, three times.
+std::optional<PlanarPatch> fit(const Placed& points, const std::vector<int>& chosen,
+                               const PlaneOptions& options) {
+  std::vector<int> on = chosen;
+  PlanarPatch patch;
+  double sigma_m = 0;
+  for (int round = 0; round < 4; ++round) {
+    if (static_cast<int>(on.size()) < kMinPoints) return std::nullopt;
+    Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+    for (const int i : on) mean += points.in_world[i];
+    mean /= static_cast<double>(on.size());
+    Eigen::Matrix3d spread = Eigen::Matrix3d::Zero();
+    for (const int i : on)
+      spread += (points.in_world[i] - mean) * (points.in_world[i] - mean).transpose();
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(spread /
+                                                                static_cast<double>(on.size()));
+    const Eigen::Vector3d sd = solver.eigenvalues().cwiseMax(0).cwiseSqrt();
+    sigma_m = sd[0];
+    if (sd[1] < 0.08 || sd[1] < 3 * sd[0]) return std::nullopt;  // a line, or a lump
+    patch.plane.centre = mean;
+    patch.plane.axes.col(0) = solver.eigenvectors().col(2);
+    patch.plane.axes.col(1) = solver.eigenvectors().col(1);
+    patch.plane.axes.col(2) = solver.eigenvectors().col(0);
+    if (round == 3) break;
+    on.clear();
+    const double far_m = std::max(2.5 * sigma_m, 0.02);
+    for (const int i : chosen)
+      if (std::abs(patch.plane.axes.col(2).dot(points.in_world[i] - mean)) <= far_m)
+        on.push_back(i);
+  }
+  if (sigma_m > options.max_plane_sigma_m ||
+      static_cast<double>(on.size()) < kLeastShare * static_cast<double>(chosen.size()))
+    return std::nullopt;
+  if (times_apart(points, on) < kLeastTimes) return std::nullopt;
+  const double n = static_cast<double>(on.size());
+  patch.sigma_m = std::max(kLeastSigma_m, sigma_m * std::sqrt(n / (n - 3)));
+  patch.samples = std::move(on);
+  return patch;
+}
+
+void divide(const Placed& points, const std::vector<int>& chosen, const Eigen::Vector3d& corner,
+            double edge_m, const PlaneOptions& options, std::vector<PlanarPatch>* patches) {
+  if (static_cast<int>(chosen.size()) < kMinPoints) return;
+  if (auto patch = fit(points, chosen, options)) {
+    patches->push_back(std::move(*patch));
+    return;
+  }
+  const double half_m = edge_m / 2;
+  if (half_m < options.min_cell_m) return;
+  std::array<std::vector<int>, 8> parts;
+  for (const int i : chosen) {
+    const Eigen::Vector3d inside = points.in_world[i] - corner;
+    parts[(inside.x() >= half_m) + 2 * (inside.y() >= half_m) + 4 * (inside.z() >= half_m)]
+        .push_back(i);
+  }
+  for (int k = 0; k < 8; ++k)
+    divide(points, parts[k], corner + half_m * Eigen::Vector3d(k & 1, k >> 1 & 1, k >> 2), half_m,
+           options, patches);
+}
+
+/// Evenly fewer of them, in their order.
+template <class T>
+void keep_evenly(std::vector<T>* values, std::size_t most) {
+  const std::size_t n = values->size();
+  if (n <= most) return;
+  for (std::size_t i = 0; i < most; ++i)
+    if (const std::size_t from = i * n / most; from != i) (*values)[i] = std::move((*values)[from]);
+  values->resize(most);
+}
+
+/// At most as many samples as all patches may have together. A third of them goes to patches that
+/// face along each axis of the world: on a motorway nearly all is road, and the few that hold the
+/// motion along it must not drown.
+void thin_out(std::vector<PlanarPatch>* patches, int most) {
+  std::size_t all = 0;
+  for (const PlanarPatch& patch : *patches) all += patch.samples.size();
+  if (all <= static_cast<std::size_t>(most)) return;
+  std::array<std::vector<PlanarPatch>, 3> facing;
+  for (PlanarPatch& patch : *patches) {
+    keep_evenly(&patch.samples, kMostOfPatch);
+    Eigen::Index axis = 0;
+    patch.plane.axes.col(2).cwiseAbs().maxCoeff(&axis);
+    facing[axis].push_back(std::move(patch));
+  }
+  std::ranges::sort(facing, {}, [](const std::vector<PlanarPatch>& a) { return a.size(); });
+  std::size_t left = static_cast<std::size_t>(most);
+  patches->clear();
+  for (std::size_t k = 0; k < 3; ++k) {
+    keep_evenly(&facing[k], left / (3 - k) / kMostOfPatch);
+    for (PlanarPatch& patch : facing[k]) {
+      left -= std::min(left, patch.samples.size());
+      patches->push_back(std::move(patch));
+    }
+  }
+}
+
+}  // namespace
+
+std::vector<LidarSample> lidar_samples(const Recording& recording, const Scene& scene,
+                                       const LidarReturns& returns) {
+  const Rigid3d world_from_global = scene.global_from_world.inverse(Eigen::Isometry);
+  std::vector<LidarSample> samples;
+  samples.reserve(returns.n);
+  Rigid3d body_from_world = Rigid3d::Identity();
+  std::int64_t placed_ns = -1;
+  for (std::size_t i = 0; i < returns.n; ++i) {
+    const std::int64_t t_ns = returns.t_ns[i];
+    if (t_ns < recording.frames.front().t_ns || t_ns > recording.frames.back().t_ns) continue;
+    if (t_ns != placed_ns) {
+      placed_ns = t_ns;
+      body_from_world =
+          (world_from_global * pose_at(recording.frames, t_ns)).inverse(Eigen::Isometry);
+    }
+    Eigen::Vector3d in_world;
+    for (int d = 0; d < 3; ++d)
+      in_world[d] =
+          double(returns.origin[std::size_t(d) * returns.n + i]) +
+          double(returns.range_m[i]) * double(returns.direction[std::size_t(d) * returns.n + i]);
+    samples.push_back({body_from_world * in_world, t_ns, returns.intensity[i]});
+  }
+  return samples;
+}
+
+std::vector<LidarSample> load_lidar_samples(const Recording& recording, const Scene& scene,
+                                            const MovingObjects& moving, ThreadPool& pool) {
+  return lidar_samples(recording, scene, load_lidar_returns(recording, scene, moving, pool));
+}
+
+std::vector<LidarSample> subsample_evenly(std::vector<LidarSample> samples, std::size_t most) {
+  keep_evenly(&samples, most);
+  return samples;
+}
+
+std::vector<PlanarPatch> find_planar_patches(const RigModel& model,
+                                             const std::vector<LidarSample>& samples,
+                                             const PlaneOptions& options, ThreadPool& pool) {
+  Placed points{samples, std::vector<Eigen::Vector3d>(samples.size())};
+  std::vector<std::pair<Key, int>> cells(samples.size());
+  transform_samples(model, samples, pool, [&](std::size_t i, const Eigen::Vector3d& in_world) {
+    points.in_world[i] = in_world;
+    for (int d = 0; d < 3; ++d)
+      cells[i].first[d] = std::llround(std::floor(in_world[d] / options.max_cell_m));
+    cells[i].second = static_cast<int>(i);
+  });
+  std::sort(cells.begin(), cells.end());
+  std::vector<std::size_t> starts;
+  for (std::size_t i = 0; i < cells.size(); ++i)
+    if (i == 0 || cells[i].first != cells[i - 1].first) starts.push_back(i);
+  starts.push_back(cells.size());
+
+  std::vector<std::vector<PlanarPatch>> found(starts.size() - 1);
+  pool.run_ranges(found.size(), 64, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t c = begin; c < end; ++c) {
+      std::vector<int> chosen;
+      for (std::size_t i = starts[c]; i < starts[c + 1]; ++i) chosen.push_back(cells[i].second);
+      const Key& key = cells[starts[c]].first;
+      const Eigen::Vector3d corner =
+          options.max_cell_m * Eigen::Vector3d(double(key[0]), double(key[1]), double(key[2]));
+      divide(points, chosen, corner, options.max_cell_m, options, &found[c]);
+    }
+  });
+  std::vector<PlanarPatch> patches;
+  for (std::vector<PlanarPatch>& of_cell : found)
+    for (PlanarPatch& patch : of_cell) patches.push_back(std::move(patch));
+  thin_out(&patches, options.most_terms);
+  return patches;
+}
+
+}  // namespace redrive

@@ -1,0 +1,16 @@
+// SPDX-License-Identifier: Apache-2.0
+// Points followed from image to image of one camera: corners (Shi, Tomasi 1994) on a grid,
+// pyramidal Lucas-Kanade from where the poses as recorded would have them, registration with the
+// track's first patch.
+#pragma once
+
+#include "redrive/align/rig/rig_images.h"
+#include "redrive/align/tracks/tracks.h"
+
+namespace redrive {
+
+/// Tracks of two and more observations of one camera. Not yet checked against each other
+/// (drop_epipolar_outliers).
+std::vector<Track> track_features(const RigImages& images, int camera, const TrackOptions& options);
+
+}  // namespace redrive

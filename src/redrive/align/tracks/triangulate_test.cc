@@ -1,0 +1,132 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/align/tracks/triangulate.h"
+
+#include <gtest/gtest.h>
+
+namespace redrive {
+namespace {
+
+/// A camera at (x, y, 0) that looks along z.
+Rigid3d at(double x, double y) { return Rigid3d(Eigen::Translation3d(x, y, 0)); }
+
+CameraCalibration pinhole() {
+  return {"FRONT", "opencv_pinhole", 300, 290, 159.5, 119.5, {-0.3, 0.08, 0.002, 0.0006, 0}, 0, 320,
+          240};
+}
+CameraCalibration fisheye() {
+  return {"FISHEYE", "mei", 150, 140, 159.5, 119.5, {0.03, -0.08, 0, 0, 0}, 1.02, 320, 240};
+}
+
+class Triangulate : public ::testing::Test {
+ protected:
+  std::vector<Camera> cameras_ = {make_camera(pinhole()), make_camera(fisheye())};
+  std::vector<Rigid3d> poses_;
+  Track track_;
+
+  void see(const Eigen::Vector3d& point, int camera, const Rigid3d& pose) {
+    const auto pixel = cameras_[camera].project(pose.inverse() * point);
+    ASSERT_TRUE(pixel);
+    track_.seen.push_back({camera, static_cast<int>(poses_.size()), *pixel});
+    poses_.push_back(pose);
+  }
+};
+
+TEST_F(Triangulate, IsExactForExactPixelsOfBothModels) {
+  const Eigen::Vector3d point(0.7, -0.4, 5);
+  see(point, 0, at(0, 0));
+  see(point, 1, at(0.5, 0.1) * Eigen::AngleAxisd(0.3, Eigen::Vector3d::UnitY()));
+  const auto two = triangulate(track_, poses_, cameras_);
+  ASSERT_TRUE(two);
+  EXPECT_LT((*two - point).norm(),
+            1e-5);  // unproject is exact to 1e-6 px, 300 px a radian, 10 times the baseline away
+  see(point, 0, at(1, 0));
+  const auto three = triangulate(track_, poses_, cameras_);
+  ASSERT_TRUE(three);
+  EXPECT_LT((*three - point).norm(), 1e-5);
+}
+
+TEST_F(Triangulate, SaysNothingWithoutParallax) {
+  const Eigen::Vector3d point(0.7, -0.4, 5);
+  see(point, 0, at(0, 0));
+  EXPECT_FALSE(triangulate(track_, poses_, cameras_));  // one ray
+  see(point, 0, at(0, 0));
+  EXPECT_FALSE(triangulate(track_, poses_, cameras_));  // the same one twice
+  see(point, 1, at(0, 0));
+  EXPECT_FALSE(triangulate(track_, poses_, cameras_));
+}
+
+TEST_F(Triangulate, TakesParallaxFromTheAngleOn) {
+  const Eigen::Vector3d point(0, 0, 10);
+  see(point, 0, at(-0.1, 0));
+  see(point, 0, at(0.1, 0));  // 0.02 rad
+  EXPECT_TRUE(triangulate(track_, poses_, cameras_, {.min_angle_rad = 0.019}));
+  EXPECT_FALSE(triangulate(track_, poses_, cameras_, {.min_angle_rad = 0.021}));
+}
+
+TEST_F(Triangulate, SaysNothingOfRaysThatMeetBehind) {
+  see({1, 0, 5}, 0, at(0, 0));
+  see({-1, 0, 5}, 0, at(0, 0));
+  poses_[0] = at(0.5, 0);  // the rays part from here on
+  poses_[1] = at(-0.5, 0);
+  EXPECT_FALSE(triangulate(track_, poses_, cameras_));
+}
+
+TEST_F(Triangulate, OutvotesOutliers) {
+  const Eigen::Vector3d point(0.7, -0.4, 5);
+  for (int i = 0; i < 5; ++i) see(point, 0, at(0.3 * i, 0.02 * i * i));
+  track_.seen[1].pixel += Eigen::Vector2d(20, -15);
+  track_.seen[4].pixel += Eigen::Vector2d(-30, 25);
+  const auto found = triangulate(track_, poses_, cameras_);
+  ASSERT_TRUE(found);
+  EXPECT_LT((*found - point).norm(), 0.02);  // Geman-McClure at 25 px of 3: a weight of 2e-4
+}
+
+TEST_F(Triangulate, TwoThatDisagreeAreNoPoint) {
+  const Eigen::Vector3d point(0.7, -0.4, 5);
+  see(point, 0, at(0, 0));
+  see(point, 0, at(1, 0));
+  track_.seen[1].pixel.y() += 20;  // off the epipolar line
+  EXPECT_FALSE(triangulate(track_, poses_, cameras_));
+}
+
+TEST_F(Triangulate, MinimisesTheDistanceInPixels) {
+  const Eigen::Vector3d point(0.7, -0.4, 5);
+  for (int i = 0; i < 6; ++i) {
+    see(point, i % 2, at(0.3 * i, 0.1 * (i % 3)));
+    track_.seen[i].pixel += 0.3 * Eigen::Vector2d(std::sin(3 * i), std::cos(5 * i));
+  }
+  const auto cost = [&](const Eigen::Vector3d& p) {
+    double sum = 0;
+    for (std::size_t i = 0; i < track_.seen.size(); ++i) {
+      const double sq =
+          reprojection_residual(p, track_.seen[i], poses_[i], cameras_[track_.seen[i].camera])
+              ->squaredNorm();
+      sum += sq / (sq + 9);
+    }
+    return sum;
+  };
+  const auto found = triangulate(track_, poses_, cameras_);
+  ASSERT_TRUE(found);
+  for (int d = 0; d < 3; ++d)
+    for (const double step : {-1e-3, 1e-3})
+      EXPECT_GT(cost(*found + step * Eigen::Vector3d::Unit(d)), cost(*found));
+}
+
+TEST(WorldFromCameraAt, IsThePoseAtTheImagesOwnTime) {
+  Recording recording;
+  recording.cameras.resize(1);
+  recording.cameras[0].calibration = pinhole();
+  recording.cameras[0].calibration.body_from_sensor = Eigen::Translation3d(1, 2, 3);
+  recording.cameras[0].calibration.time_offset_ns = 25'000'000;
+  const Rigid3d far(Eigen::Translation3d(4e6, 1e6, 4e6));
+  recording.frames = {{0, 0, far}, {1, 100'000'000, far * Eigen::Translation3d(8, 0, 0)}};
+  const Eigen::Vector3d of_first =
+      world_from_camera_at(recording, far.inverse(), 0, 0).translation();
+  const Eigen::Vector3d of_second =
+      world_from_camera_at(recording, far.inverse(), 0, 1).translation();
+  EXPECT_LT((of_first - Eigen::Vector3d(1 + 2, 2, 3)).norm(), 1e-8);
+  EXPECT_LT((of_second - Eigen::Vector3d(1 + 10, 2, 3)).norm(), 1e-8);  // the motion goes on
+}
+
+}  // namespace
+}  // namespace redrive

@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/eval/novel_ground_truth.h"
+
+#include "redrive/base/error.h"
+#include "redrive/render/view_pose.h"
+
+namespace redrive {
+
+NovelGroundTruth::NovelGroundTruth(const Run& run, const NovelSet& set,
+                                   const TrajectoryRegistration& alignment)
+    : run_(run),
+      name_(set.name),
+      poses_(read_view_requests(set.poses_file)),
+      rig_(poses_rig(poses_, run.scene, /*like_run=*/true)),
+      ground_truth_global_from_world_(alignment.run_from_ground_truth.inverse(Eigen::Isometry) *
+                                      run.scene.global_from_world) {
+  // A run of some of the cameras is no error of the set: views of the others are not its business.
+  for (std::size_t i = 0; i < poses_.views.size(); ++i)
+    if (run.scene.camera_index(poses_.views[i].camera) >= 0 &&
+        std::filesystem::exists(poses_.path.parent_path() / poses_.views[i].file))
+      views_.push_back(i);
+}
+
+GroundTruthView NovelGroundTruth::load(std::size_t index) const {
+  REDRIVE_CHECK_OP(index, <, views_.size());
+  const RequestedView& view = poses_.views[views_[index]];
+  const std::filesystem::path image = poses_.path.parent_path() / view.file;
+
+  // load_view knows how a run sees an image (size check, undistortion, downscaling): a scene of one
+  // picture.
+  Scene scene;
+  const RigCamera& camera = requested_camera(poses_, views_[index], rig_);
+  scene.rig = {camera};
+  scene.downscale = run_.scene.downscale;
+  scene.undistort =
+      run_.scene.undistort && std::holds_alternative<OpenCvPinhole>(camera.recorded.model);
+  scene.background = run_.scene.background;
+  scene.views = {
+      {0, 0, image, false,
+       view.global_from_body
+           ? ground_truth_global_from_world_.inverse(Eigen::Isometry) * *view.global_from_body
+           : requested_world_from_body(poses_, views_[index], camera, run_.recording, run_.scene,
+                                       false)}};
+  GroundTruthView truth{view.file,
+                        camera.camera,
+                        scene.world_from_camera(scene.views[0]),
+                        exposure_at(run_.recording, run_.scene, camera.name, view.frame_id),
+                        load_view(scene, scene.views[0]),
+                        {}};
+  const std::filesystem::path depth = image.parent_path() / (image.stem().string() + "_depth.png");
+  if (std::filesystem::exists(depth)) truth.depth_m = load_depth(depth, camera);
+  return truth;
+}
+
+std::optional<TrajectoryRegistration> register_with_ground_truth(const Run& run) {
+  if (run.recording.ground_truth_frames.empty()) return std::nullopt;
+  std::vector<FramePose> used;
+  for (const FramePose& frame : run.recording.frames)
+    if (run.scene.frame_index(frame.id) >= 0) used.push_back(frame);
+  return register_trajectories(used, run.recording.ground_truth_frames, run.recording.root);
+}
+
+std::vector<NovelGroundTruth> novel_ground_truths(const Run& run) {
+  const TrajectoryRegistration alignment =
+      register_with_ground_truth(run).value_or(TrajectoryRegistration{});
+  std::vector<NovelGroundTruth> truths;
+  for (const NovelSet& set : run.recording.novel)
+    if (NovelGroundTruth truth(run, set, alignment); truth.size() > 0)
+      truths.push_back(std::move(truth));
+  return truths;
+}
+
+}  // namespace redrive

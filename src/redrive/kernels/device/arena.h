@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: Apache-2.0
+// Memory that is taken piece by piece and given back all at once: allocating on a GPU waits for all
+// that it does. Once every use has been at its largest, one block serves them all.
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <vector>
+
+namespace redrive::kernels {
+
+/// Source has allocate(bytes), aligned to kAlignment, and release(block).
+template <class Source>
+class Arena {
+ public:
+  static constexpr std::size_t kAlignment =
+      256;  // of cudaMalloc: rows begin where a warp reads whole lines
+
+  explicit Arena(Source source = {}) : source_(source) {}
+  ~Arena() { release(); }
+  Arena(const Arena&) = delete;
+  Arena& operator=(const Arena&) = delete;
+
+  /// All that was taken is free again.
+  void begin() {
+    used_ = 0;
+    if (blocks_.size() < 2) return;
+    std::size_t all = 0;
+    for (const Block& block : blocks_) all += block.bytes;
+    release();
+    add(all);
+  }
+
+  void* take(std::size_t bytes) {
+    bytes = std::max<std::size_t>(1, (bytes + kAlignment - 1) / kAlignment) * kAlignment;
+    if (blocks_.empty() || blocks_.back().bytes - used_ < bytes) {
+      add(bytes);
+      used_ = 0;
+    }
+    void* const place = static_cast<std::byte*>(blocks_.back().place) + used_;
+    used_ += bytes;
+    return place;
+  }
+
+ private:
+  struct Block {
+    void* place;
+    std::size_t bytes;
+  };
+
+  void add(std::size_t bytes) {
+    blocks_.reserve(blocks_.size() + 1);  // or what is allocated next would be lost
+    blocks_.push_back({source_.allocate(bytes), bytes});
+  }
+  void release() {
+    for (const Block& block : blocks_) source_.release(block.place);
+    blocks_.clear();
+  }
+
+  Source source_;
+  std::vector<Block> blocks_;
+  std::size_t used_ = 0;  // of the last block
+};
+
+}  // namespace redrive::kernels

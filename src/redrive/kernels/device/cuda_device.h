@@ -1,0 +1,173 @@
+// SPDX-License-Identifier: Apache-2.0
+// A GPU by the CUDA runtime, for nvcc alone: memory, copies and the one kernel that all functors
+// run in. Everything is put on its default stream, in which one thing follows the other; copies to
+// the host wait for what comes before them. CUDA asks the GPU that the calling thread uses: what is
+// not sure to come behind begin() says use().
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <type_traits>
+
+#include <cuda_runtime.h>
+#include <cub/device/device_scan.cuh>
+
+#include "redrive/base/error.h"
+#include "redrive/kernels/device/arena.h"
+#include "redrive/kernels/device/cuda_backend.h"
+#include "redrive/kernels/device/resident_buffers.h"
+
+namespace redrive::kernels {
+
+inline void check_cuda(cudaError_t error, const char* doing) {
+  if (error != cudaSuccess)
+    throw DeviceError(std::string("the GPU failed, ") + doing + ": " + cudaGetErrorString(error));
+}
+
+struct CudaAllocator {
+  void* allocate(std::size_t bytes) const {
+    void* place = nullptr;
+    const cudaError_t error = cudaMalloc(&place, bytes);
+    if (error == cudaErrorMemoryAllocation) {
+      cudaGetLastError();  // or the next kernel would be blamed for it
+      throw DeviceMemoryError(
+          "--backend", "cuda",
+          "the GPU has no " + std::to_string(bytes >> 20) +
+              " MiB left; lower --batch, take fewer or smaller pictures (--frames, --cameras, "
+              "--downscale), or see what else runs on it");
+    }
+    check_cuda(error, "allocating");
+    return place;
+  }
+  void release(void* place) const {
+    cudaFree(place);
+  }  // errors of work before it are the next copy's to tell
+};
+
+/// Functor i of each thread, and those a whole grid further.
+template <class Functor>
+__global__ void run_functor(std::size_t n, const Functor functor) {
+  for (std::size_t i = blockIdx.x * std::size_t{blockDim.x} + threadIdx.x; i < n;
+       i += std::size_t{gridDim.x} * blockDim.x)
+    functor(i);
+}
+
+/// Functor i of each warp, and those a whole grid further. All lanes have the same i, and the
+/// compiler is to know it.
+constexpr int kWarpsPerBlock = 4;
+template <class Functor>
+__global__ void __launch_bounds__(32 * kWarpsPerBlock)
+    run_warp_functor(std::size_t n, const Functor functor) {
+  const unsigned warp = __shfl_sync(0xFFFFFFFFu, threadIdx.x / 32, 0);
+  for (std::size_t i = blockIdx.x * std::size_t{kWarpsPerBlock} + warp; i < n;
+       i += std::size_t{gridDim.x} * kWarpsPerBlock) {
+    functor(i);
+    __syncwarp();  // lanes that had nothing to store go on with the others
+  }
+}
+
+/// To be asked what it was compiled for.
+template <class T>
+__global__ void do_nothing(T) {}
+
+class CudaDevice {
+ public:
+  /// A network of width 256 keeps 15 KB a sample (tensor_layers.h): 0.5 GB; and a layer of it is
+  /// 4096 warps, three times what an H200 runs at once.
+  static constexpr std::size_t kMaxSamplesPerPass = std::size_t{1} << 15;
+  /// 0.2 GB at width 64, and a step's samples in a launch or two.
+  static constexpr std::size_t kMaxGridSamplesPerPass = std::size_t{1} << 18;
+  /// Four rounds of all warps that an H100 has room for, and 256 MiB of copies, five times its
+  /// cache (device_ceilings.h).
+  static constexpr std::size_t kBenchmarkWarps = std::size_t{1} << 17;
+
+  explicit CudaDevice(int gpu) : gpu_(gpu) {
+    use();
+    check_cuda(cudaDeviceGetAttribute(&multiprocessors_, cudaDevAttrMultiProcessorCount, gpu),
+               "asking the GPU");
+    cudaFuncAttributes kernel{};
+    check_cuda(cudaFuncGetAttributes(&kernel, do_nothing<int>), "asking the GPU");
+    has_tensor_cores_ =
+        kernel.ptxVersion >=
+        80;  // of the code that it runs: bf16's are there from compute capability 8.0 on
+  }
+  int gpu() const { return gpu_; }
+  /// Next to nothing where the thread uses it already.
+  void use() const { check_cuda(cudaSetDevice(gpu_), "choosing a GPU"); }
+  bool has_tensor_cores() const { return has_tensor_cores_; }
+  std::optional<std::string> description() const { return cuda_description(gpu_); }
+  std::optional<std::uint64_t> free_memory() const {
+    use();
+    std::size_t free = 0, all = 0;
+    check_cuda(cudaMemGetInfo(&free, &all), "asking how much memory is free");
+    return free;
+  }
+
+  void begin() {
+    use();
+    memory_.begin();
+  }
+  void* take(std::size_t bytes) { return memory_.take(bytes); }
+  std::shared_ptr<void> hold(std::size_t bytes) {
+    use();
+    return {CudaAllocator().allocate(bytes), [](void* place) { CudaAllocator().release(place); }};
+  }
+  void spoil(std::span<std::byte>) {}
+  void wait() {
+    use();
+    check_cuda(cudaDeviceSynchronize(), "computing");
+  }
+  void to_device(void* device, const void* host, std::size_t bytes) {
+    use();
+    check_cuda(cudaMemcpy(device, host, bytes, cudaMemcpyHostToDevice), "copying to the GPU");
+  }
+  void to_host(void* host, const void* device, std::size_t bytes) {
+    use();
+    check_cuda(cudaMemcpy(host, device, bytes, cudaMemcpyDeviceToHost), "computing");
+  }
+  void exclusive_sum(std::size_t n, const std::uint32_t* numbers, std::uint32_t* sums) {
+    std::size_t bytes = 0;
+    check_cuda(cub::DeviceScan::ExclusiveSum(nullptr, bytes, numbers, sums, n), "asking for room");
+    check_cuda(cub::DeviceScan::ExclusiveSum(take(bytes), bytes, numbers, sums, n), "adding up");
+  }
+
+  template <class Functor>
+  void for_each(std::size_t n, const Functor& functor) {
+    if (n == 0) return;
+    constexpr std::size_t kThreads =
+        128;  // a warp where these would leave multiprocessors idle, as a batch's rays do
+    const std::size_t threads = n < kThreads * multiprocessors_ ? 32 : kThreads;
+    run_functor<<<blocks<Functor>(n, threads), static_cast<unsigned>(threads)>>>(n, functor);
+    check_cuda(cudaGetLastError(), "starting a kernel");
+  }
+  template <class Functor>
+  void for_each_warp(std::size_t n, const Functor& functor) {
+    if (n == 0) return;
+    run_warp_functor<<<blocks<Functor>(n, kWarpsPerBlock), 32 * kWarpsPerBlock>>>(n, functor);
+    check_cuda(cudaGetLastError(), "starting a kernel");
+  }
+
+  ResidentBuffers kept;
+
+ private:
+  template <class Functor>
+  unsigned blocks(std::size_t n, std::size_t each) const {
+    static_assert(std::is_trivially_copyable_v<Functor>, "goes to the GPU byte by byte");
+    static_assert(sizeof(Functor) <= 4000, "arguments of a kernel have 4 KiB");
+    constexpr std::size_t kBlocksEach =
+        64;  // more rounds than these even out what threads differ by
+    return static_cast<unsigned>(std::min((n + each - 1) / each, kBlocksEach * multiprocessors_));
+  }
+
+  int gpu_;
+  int multiprocessors_ = 1;
+  bool has_tensor_cores_ = false;
+  Arena<CudaAllocator> memory_;
+};
+
+}  // namespace redrive::kernels

@@ -1,0 +1,286 @@
+// SPDX-License-Identifier: Apache-2.0
+// The backend of a device (stage.h says what that is): every stage copies what it is given there,
+// runs the functors of this folder on it and copies back what it is asked for, but for numbers that
+// are kept there: they stay from stage to stage.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <type_traits>
+
+#include "redrive/kernels/check_sizes.h"
+#include "redrive/kernels/device/counting_device.h"
+#include "redrive/kernels/device/device_grid_stages.h"
+#include "redrive/kernels/device/device_image_score.h"
+#include "redrive/kernels/device/gather_functors.h"
+#include "redrive/kernels/device/measure_ceilings.h"
+#include "redrive/kernels/device/nerf_tensor_network.h"
+#include "redrive/kernels/device/ray_functors.h"
+#include "redrive/kernels/device/resident_sources.h"
+#include "redrive/kernels/device/spans_on_device.h"
+
+namespace redrive::kernels {
+
+template <class Device>
+class DeviceBackend final : public Backend {
+ public:
+  /// threads: the host's, which read pictures.
+  template <class... OfDevice>
+  DeviceBackend(std::string name, int threads, const OfDevice&... of_device)
+      : name_(std::move(name)), threads_(threads), device_(of_device...) {}
+
+  std::string name() const override { return name_; }
+  std::optional<Isa> isa() const override { return std::nullopt; }
+  int threads() const override { return threads_; }
+
+  std::shared_ptr<void> keep(std::span<const float> numbers) override {
+    if (numbers.empty()) return nullptr;
+    auto there = device_.hold(numbers.size_bytes());
+    device_.to_device(there.get(), numbers.data(), numbers.size_bytes());
+    device_.kept.add(numbers, there);
+    return there;
+  }
+  void fetch(std::span<const float> part) override {
+    if (const void* const there = device_.kept.find(std::as_bytes(part)))
+      device_.to_host(const_cast<float*>(part.data()), there,
+                      part.size_bytes());  // the host's copy is no constant
+  }
+  void put(std::span<const float> part) override {
+    if (void* const there = device_.kept.find(std::as_bytes(part)))
+      device_.to_device(there, part.data(), part.size_bytes());
+  }
+
+  bool keeps(std::span<const float> numbers) const override {
+    return device_.kept.find(std::as_bytes(numbers)) != nullptr;
+  }
+
+  void fill(std::span<float> numbers, float value) override {
+    Stage stage(device_);
+    stage.for_each(numbers.size(), Fill{stage.out(numbers), value});
+    stage.finish();
+  }
+  void mean(std::span<const float> numbers, double* mean) override {
+    REDRIVE_CHECK_OP(numbers.size(), >, 0u);
+    Stage stage(device_);
+    const auto sum = stage.sum_on_device(numbers.size(), ValueTerm<float>{stage.in(numbers)});
+    stage.put_loss({sum, static_cast<double>(numbers.size())}, mean);
+    stage.finish();
+  }
+  void not_finite(std::span<const float> numbers, double* count) override {
+    Stage stage(device_);
+    stage.put_loss({stage.sum_on_device(numbers.size(), IsNotFinite{stage.in(numbers)})}, count);
+    stage.finish();
+  }
+  void wait() override { device_.wait(); }
+  std::optional<std::string> device() const override { return device_.description(); }
+  std::optional<std::uint64_t> free_memory() override { return device_.free_memory(); }
+  std::optional<Ceilings> ceilings() override {
+    if constexpr (!kCounts) return measure_ceilings(device_);
+    return std::nullopt;
+  }
+  std::unique_ptr<Backend> counting(MemoryCount* bytes) const override {
+    if constexpr (!kCounts)
+      return std::make_unique<DeviceBackend<Counting>>(name_, threads_, bytes,
+                                                       device_.has_tensor_cores());
+    return nullptr;
+  }
+
+  void gather(const PixelSource& from, const PixelDraw& draw, std::span<const float> errors,
+              const GatheredRays& out) override {
+    check_gather(from, draw, errors.size(), out);
+    const PixelSpans& pixels = kernels::there(device_, from);
+    Stage stage(device_);
+    const GatheredRays rays = {
+        stage.out(out.origin),     stage.out(out.direction),   stage.out(out.target),
+        stage.out(out.background), stage.out(out.pixel_angle), stage.out(out.weight),
+        stage.out(out.exposure),   stage.out(out.view),        stage.out(out.cell)};
+    const auto of_cells = stage.in(errors);
+    const auto drawn = stage.template scratch<CellSample>(draw.error_map_rays);
+    stage.for_each(rays.view.size(), GatherRays{pixels, draw, of_cells, rays, drawn});
+    if (draw.error_map_rays > 0)
+      stage.for_each(
+          rays.view.size(),
+          WeightRays{draw, of_cells, stage.sum_on_device(drawn.size(), DrawnPixelSum{drawn}),
+                     stage.sum_on_device(drawn.size(), DrawnErrorSum{drawn}), rays});
+    stage.finish();
+  }
+
+  void gather_lidar(const LidarSource& from, const LidarDraw& draw,
+                    const GatheredReturns& out) override {
+    check_gather_lidar(from, out);
+    const LidarSpans& returns = kernels::there(device_, from);
+    Stage stage(device_);
+    stage.for_each(out.range_m.size(),
+                   GatherReturns{returns,
+                                 draw,
+                                 {stage.out(out.origin), stage.out(out.direction),
+                                  stage.out(out.pixel_angle), stage.out(out.range_m)}});
+    stage.finish();
+  }
+
+  void update_error_map(std::span<const std::uint32_t> cells, std::span<const float> squares,
+                        std::span<float> errors) override {
+    REDRIVE_CHECK_OP(cells.size(), ==, squares.size());
+    Stage stage(device_);
+    const std::size_t n = cells.size();
+    const CellRayLists rays = {stage.in(cells),
+                               stage.template scratch<std::uint32_t>(errors.size()),
+                               stage.template scratch<std::uint32_t>(n)};
+    stage.for_each(n, ClearRayLists{rays});
+    stage.for_each(n, LinkRays{rays});
+    stage.for_each(n, SmoothErrors{rays, stage.in(squares), stage.in_out(errors)});
+    stage.finish();
+  }
+
+  void sample_stratified(int n_rays, const StratifiedSampling& how, std::span<float> t,
+                         std::span<float> dt) override {
+    check_stratified(n_rays, how, t.size(), dt.size());
+    Stage stage(device_);
+    stage.for_each(n_rays, SampleStratified{how, stage.out(t), stage.out(dt)});
+    stage.finish();
+  }
+
+  void sample_hierarchical(const Samples& coarse, std::span<const float> weights, int extra,
+                           bool jitter, std::uint64_t key, std::span<float> t,
+                           std::span<float> dt) override {
+    const int n_rays = check_hierarchical(coarse, weights.size(), extra, t.size(), dt.size());
+    Stage stage(device_);
+    stage.for_each(n_rays, SampleHierarchical{there(stage, coarse), stage.in(weights), extra,
+                                              jitter, key, stage.out(t), stage.out(dt)});
+    stage.finish();
+  }
+
+  void nerf_forward(const NerfField& field, const Rays& rays, const Samples& samples,
+                    std::span<float> raw) override {
+    check_field(field, rays, samples);
+    check_raw(rays.n, samples, raw.size());
+    if (device_.has_tensor_cores())
+      forward_by<NerfTensorNetwork<Device>>(field, rays, samples, raw);
+    else
+      forward_by<NerfFp32Network<Device>>(field, rays, samples, raw);
+  }
+
+  void nerf_backward(const NerfField& field, const Rays& rays, const Samples& samples,
+                     std::span<const float> d_raw, std::span<float> gradients,
+                     const RayGradients& of_rays) override {
+    check_field(field, rays, samples);
+    check_raw(rays.n, samples, d_raw.size());
+    check_ray_gradients(rays.n, of_rays);
+    REDRIVE_CHECK_OP(gradients.size(), ==, field.parameters.size());
+    if (device_.has_tensor_cores())
+      backward_by<NerfTensorNetwork<Device>>(field, rays, samples, d_raw, gradients, of_rays);
+    else
+      backward_by<NerfFp32Network<Device>>(field, rays, samples, d_raw, gradients, of_rays);
+  }
+
+  void composite_forward(int n_rays, const Samples& samples, std::span<const float> raw,
+                         std::span<const float> background, const CompositeOut& out) override {
+    check_composite_forward(n_rays, samples, raw.size(), background, out);
+    Stage stage(device_);
+    stage.for_each(n_rays, CompositeForward{static_cast<std::size_t>(n_rays),
+                                            there(stage, samples),
+                                            stage.in(raw),
+                                            stage.in(background),
+                                            {stage.out(out.rgb), stage.out(out.depth),
+                                             stage.out(out.opacity), stage.out(out.weights)}});
+    stage.finish();
+  }
+
+  void composite_backward(int n_rays, const Samples& samples, std::span<const float> raw,
+                          std::span<const float> background, const CompositeAdjoint& adjoint,
+                          std::span<float> d_raw) override {
+    check_composite_backward(n_rays, samples, raw.size(), background, adjoint, d_raw.size());
+    Stage stage(device_);
+    stage.for_each(n_rays, CompositeBackward{static_cast<std::size_t>(n_rays),
+                                             there(stage, samples),
+                                             stage.in(raw),
+                                             stage.in(background),
+                                             {stage.in(adjoint.d_rgb), stage.in(adjoint.d_weights)},
+                                             stage.out(d_raw)});
+    stage.finish();
+  }
+
+  void photometric_loss(std::span<const float> rgb, std::span<const float> target,
+                        std::span<float> d_rgb, double* loss) override {
+    const int n_rays = check_photometric(rgb.size(), target.size(), d_rgb.size());
+    Stage stage(device_);
+    stage.put_loss({stage.sum_on_device(rgb.size(), PhotometricLoss{stage.in(rgb), stage.in(target),
+                                                                    n_rays, stage.out(d_rgb)})},
+                   loss);
+    stage.finish();
+  }
+
+  void adam(const AdamStep& step, std::span<float> gradients, std::span<float> parameters,
+            std::span<float> first_moment, std::span<float> second_moment) override {
+    check_adam(gradients.size(), parameters.size(), first_moment.size(), second_moment.size());
+    Stage stage(device_);
+    stage.for_each(parameters.size(),
+                   AdamUpdate{step, stage.in_out(gradients), stage.in_out(parameters),
+                              stage.in_out(first_moment), stage.in_out(second_moment)});
+    stage.finish();
+  }
+
+  GridStages& grid() override { return grid_; }
+
+  ImageScore score(const ImagePair& pictures) override {
+    return score_on_device(device_, pictures);
+  }
+
+  Device& raw_device() { return device_; }
+
+ private:
+  using Counting = CountingDevice<Device::kMaxSamplesPerPass, Device::kMaxGridSamplesPerPass>;
+  static constexpr bool kCounts = std::is_same_v<Device, Counting>;
+
+  template <class Pass>
+  void forward_by(const NerfField& field, const Rays& rays, const Samples& samples,
+                  std::span<float> raw) {
+    const std::size_t n = sample_count(rays.n, samples),
+                      most = std::min(n, Device::kMaxSamplesPerPass);
+    Stage stage(device_);
+    Pass pass(stage, there(stage, field), most, {}, false);
+    const Rays rays_there = there(stage, rays);
+    const Samples samples_there = there(stage, samples);
+    const std::span<float> out = stage.out(raw);
+    for (std::size_t first = 0; first < n; first += most)
+      pass.forward(rays_there, samples_there, first, std::min(most, n - first),
+                   {&out[first], 1, n});
+    stage.finish();
+  }
+
+  template <class Pass>
+  void backward_by(const NerfField& field, const Rays& rays, const Samples& samples,
+                   std::span<const float> d_raw, std::span<float> gradients,
+                   const RayGradients& of_rays) {
+    const std::size_t n = sample_count(rays.n, samples),
+                      most = std::min(n, Device::kMaxSamplesPerPass);
+    Stage stage(device_);
+    Pass pass(stage, there(stage, field), most, stage.in_out(gradients), of_rays.wanted());
+    const Rays rays_there = there(stage, rays);
+    const Samples samples_there = there(stage, samples);
+    const std::span<const float> d = stage.in(d_raw);
+    const std::span<float> d_position = stage.template scratch<float>(of_rays.wanted() ? 3 * n : 0);
+    for (std::size_t first = 0; first < n; first += most) {
+      const std::size_t count = std::min(most, n - first);
+      pass.forward(rays_there, samples_there, first, count, {});
+      pass.backward(count, {&d[first], 1, n},
+                    {d_position.empty() ? nullptr : &d_position[first], 1, n});
+    }
+    if (of_rays.wanted())
+      stage.for_each(rays.n, AddRayGradients{field.unit_from_world,
+                                             rays.n,
+                                             samples_there,
+                                             d_position,
+                                             {stage.in_out(of_rays.d_origin),
+                                              stage.in_out(of_rays.d_direction)}});
+    stage.finish();
+  }
+
+  std::string name_;
+  int threads_;
+  Device device_;
+  DeviceGridStages<Device> grid_{device_};
+};
+
+}  // namespace redrive::kernels

@@ -1,0 +1,119 @@
+// SPDX-License-Identifier: Apache-2.0
+// Stands in for a GPU where there is none: the kernels' functors one after the other, in memory of
+// its own, so that the stages of device_backend.h are tested wherever there is a compiler. What a
+// stage forgets to copy is not a number here, what it forgets to bring home stays behind, and of
+// kept numbers the host has none until it fetches them.
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <memory>
+#include <numeric>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "redrive/base/error.h"
+#include "redrive/kernels/device/cuda_backend.h"
+#include "redrive/kernels/device/resident_buffers.h"
+
+namespace redrive::kernels {
+
+class LoopDevice {
+ public:
+  static constexpr std::size_t kMaxSamplesPerPass = 300,
+                               kMaxGridSamplesPerPass = 300;  // few: batches of tests have more
+  static constexpr std::size_t kBenchmarkWarps = 1;
+
+  bool has_tensor_cores() const { return true; }  // by loops over a warp's lanes (mma.h)
+
+  /// copies: is told of every copy, faults: what goes wrong; unless null.
+  explicit LoopDevice(TransferCounts* copies = nullptr, InjectedFaults* faults = nullptr)
+      : copies_(copies), faults_(faults) {}
+
+  std::optional<std::string> description() const { return std::nullopt; }
+  std::optional<std::uint64_t> free_memory() const {
+    return faults_ ? faults_->free_memory : std::optional<std::uint64_t>();
+  }
+  void begin() {
+    taken_.clear();
+    taken_bytes_ = 0;
+  }
+  void* take(std::size_t bytes) {  // each of its own size, for AddressSanitizer
+    need_room();
+    taken_.push_back(std::make_unique_for_overwrite<std::byte[]>(bytes));
+    taken_bytes_ += bytes;
+    note_memory();
+    return std::memset(taken_.back().get(), 0xFF, bytes);  // NaN
+  }
+  std::shared_ptr<void> hold(std::size_t bytes) {
+    need_room();
+    *held_bytes_ += bytes;
+    note_memory();
+    return {new std::byte[bytes], [bytes, held = held_bytes_](void* place) {
+              delete[] static_cast<std::byte*>(place);
+              *held -= bytes;
+            }};
+  }
+  void spoil(std::span<std::byte> host) { std::memset(host.data(), 0xFF, host.size()); }  // NaN
+  void wait() {}
+  void to_device(void* device, const void* host, std::size_t bytes) {
+    std::memcpy(device, host, bytes);
+    if (copies_) copies_->to_device += bytes;
+  }
+  void to_host(void* host, const void* device, std::size_t bytes) {
+    need_life();
+    std::memcpy(host, device, bytes);
+    if (!copies_) return;
+    copies_->to_host += bytes;
+    ++copies_->waits;
+  }
+  void exclusive_sum(std::size_t n, const std::uint32_t* numbers, std::uint32_t* sums) {
+    std::exclusive_scan(numbers, numbers + n, sums, std::uint32_t{0});
+  }
+
+  template <class Functor>
+  void for_each(std::size_t n, const Functor& functor) {
+    work();
+    for (std::size_t i = 0; i < n; ++i) functor(i);
+  }
+
+  template <class Functor>
+  void for_each_warp(std::size_t n, const Functor& functor) {
+    work();
+    const bool loses_one = faults_ && faults_->skips_first_warp;
+    for (std::size_t i = loses_one; i < n; ++i) functor(i);
+  }
+
+  ResidentBuffers kept;
+
+ private:
+  void need_life() const {
+    if (faults_ && faults_->works == 0)
+      throw DeviceError("the GPU failed, computing: it was told to");
+  }
+  void need_room() {
+    if (faults_ && faults_->places == 0)
+      throw DeviceMemoryError("--backend", "loop", "the GPU has no memory left: it was told to");
+    if (faults_ && faults_->places > 0) --faults_->places;
+  }
+  void work() {
+    need_life();
+    if (faults_ && faults_->works > 0) --faults_->works;
+  }
+  void note_memory() {
+    if (copies_) copies_->peak_bytes = std::max(copies_->peak_bytes, *held_bytes_ + taken_bytes_);
+  }
+
+  TransferCounts* copies_;
+  InjectedFaults* faults_;
+  std::size_t taken_bytes_ = 0;
+  std::shared_ptr<std::size_t> held_bytes_ =
+      std::make_shared<std::size_t>(0);  // handles may outlive the device
+  std::vector<std::unique_ptr<std::byte[]>> taken_;
+};
+
+}  // namespace redrive::kernels

@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: Apache-2.0
+// Means over GPUs by NCCL, for nvcc alone. One thread asks all of them, and waits for all together:
+// one that fails must not leave the others waiting for it.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "redrive/kernels/backend_group.h"
+#include "redrive/kernels/device/cuda_device.h"
+#include "redrive/kernels/device/nccl.h"
+
+namespace redrive::kernels {
+
+class NcclAllReduce final : public AllReduce {
+ public:
+  /// One of each GPU, which outlive it.
+  explicit NcclAllReduce(std::vector<CudaDevice*> devices)
+      : devices_(std::move(devices)), comms_(devices_.size()), streams_(devices_.size()) {
+    std::vector<int> gpus;
+    for (const CudaDevice* device : devices_) gpus.push_back(device->gpu());
+    if (const int result =
+            nccl().ncclCommInitAll(comms_.data(), static_cast<int>(gpus.size()), gpus.data()))
+      throw DeviceError(words(result));
+    for (std::size_t r = 0; r < devices_.size(); ++r) {
+      devices_[r]->use();
+      // One that waits for the default stream, as that for it.
+      check_cuda(cudaStreamCreate(&streams_[r]), "making a stream");
+    }
+  }
+  ~NcclAllReduce() override {
+    abort();
+    for (std::size_t r = 0; r < devices_.size(); ++r)
+      if (streams_[r]) cudaStreamDestroy(streams_[r]);
+  }
+  NcclAllReduce(const NcclAllReduce&) = delete;
+  NcclAllReduce& operator=(const NcclAllReduce&) = delete;
+
+  void mean(std::span<const std::span<float>> parts) override {
+    REDRIVE_CHECK_OP(parts.size(), ==, devices_.size());
+    std::vector<void*> places;
+    for (std::size_t r = 0; r < parts.size(); ++r) {
+      REDRIVE_CHECK_OP(parts[r].size(), ==, parts[0].size());
+      places.push_back(devices_[r]->kept.find(std::as_bytes(parts[r])));
+      REDRIVE_CHECK(places.back() != nullptr);
+    }
+    int result = nccl().ncclGroupStart();
+    for (std::size_t r = 0; r < parts.size() && result == Nccl::kSuccess; ++r)
+      result = nccl().ncclAllReduce(places[r], places[r], parts[r].size(), Nccl::kFloat32,
+                                    Nccl::kAvg, comms_[r], streams_[r]);
+    const int ended = nccl().ncclGroupEnd();
+    if (result == Nccl::kSuccess) result = ended;
+    if (result != Nccl::kSuccess) fail(words(result));
+    while (!all_there()) {
+    }
+    cudaGetLastError();  // "not ready" is none, but the next call would be blamed for it
+  }
+
+ private:
+  static std::string words(int result) {
+    return std::string("NCCL failed, adding up gradients: ") + nccl().ncclGetErrorString(result);
+  }
+
+  bool all_there() {
+    bool all = true;
+    for (std::size_t r = 0; r < devices_.size(); ++r) {
+      devices_[r]->use();
+      const cudaError_t state = cudaStreamQuery(streams_[r]);
+      if (state != cudaSuccess && state != cudaErrorNotReady)
+        fail("GPU " + std::to_string(r) +
+             ": the GPU failed, adding up gradients: " + cudaGetErrorString(state));
+      int result = Nccl::kSuccess;
+      const int asked = nccl().ncclCommGetAsyncError(comms_[r], &result);
+      for (const int failure : {asked, result})
+        if (failure != Nccl::kSuccess && failure != Nccl::kInProgress) fail(words(failure));
+      all = all && state == cudaSuccess;
+    }
+    return all;
+  }
+
+  [[noreturn]] void fail(const std::string& what) {
+    abort();
+    throw DeviceError(what);
+  }
+  /// Ends what still waits for others.
+  void abort() {
+    for (void*& comm : comms_)
+      if (comm) nccl().ncclCommAbort(std::exchange(comm, nullptr));
+  }
+
+  std::vector<CudaDevice*> devices_;
+  std::vector<void*> comms_;
+  std::vector<cudaStream_t> streams_;
+};
+
+}  // namespace redrive::kernels

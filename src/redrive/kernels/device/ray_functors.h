@@ -1,0 +1,140 @@
+// SPDX-License-Identifier: Apache-2.0
+// The stages of kernels.h but for the network: what is done for one ray or one number, in float, by
+// the scalar functions. Spans lie on the device.
+#pragma once
+
+#include <cmath>
+
+#include "redrive/base/host_device.h"
+#include "redrive/kernels/backend.h"
+#include "redrive/kernels/check_sizes.h"
+#include "redrive/optim/photometric_loss.h"
+#include "redrive/volume/composite.h"
+#include "redrive/volume/hierarchical_sampling.h"
+
+namespace redrive::kernels {
+
+/// From d_position [3, n] of a ray's samples.
+struct AddRayGradients {
+  UnitFromWorld unit_from_world;
+  int n_rays;
+  Samples samples;
+  std::span<const float> d_position;
+  RayGradients of_rays;
+
+  REDRIVE_HD void operator()(std::size_t ray) const {
+    const std::size_t per_ray = samples.per_ray;
+    add_ray_gradient(unit_from_world, n_rays, samples, static_cast<int>(ray),
+                     &d_position[ray * per_ray], n_rays * per_ray, of_rays);
+  }
+};
+
+struct Fill {
+  std::span<float> numbers;
+  float value;
+
+  REDRIVE_HD void operator()(std::size_t i) const { numbers[i] = value; }
+};
+
+/// Returns 1 for what is infinite or not a number.
+struct IsNotFinite {
+  std::span<const float> numbers;
+
+  REDRIVE_HD double operator()(std::size_t i) const { return std::isfinite(numbers[i]) ? 0 : 1; }
+};
+
+struct SampleStratified {
+  StratifiedSampling how;
+  std::span<float> t, dt;
+
+  REDRIVE_HD void operator()(std::size_t ray) const {
+    const std::size_t first = ray * how.per_ray;
+    stratified_ray(how.per_ray, how.near_m, how.far_m, how.jitter, how.key, first, &t[first],
+                   &dt[first]);
+  }
+};
+
+struct SampleHierarchical {
+  Samples coarse;
+  std::span<const float> weights;
+  int extra;
+  bool jitter;
+  std::uint64_t key;
+  std::span<float> t, dt;
+
+  REDRIVE_HD void operator()(std::size_t ray) const {
+    const std::size_t from = ray * coarse.per_ray, to = ray * (coarse.per_ray + extra);
+    hierarchical_ray(&coarse.t[from], &weights[from], coarse.per_ray, extra, jitter, key,
+                     ray * extra, &t[to], &dt[to]);
+  }
+};
+
+/// A ray's three channels of [3, n_rays].
+struct ColourOfRay {
+  float value[3];
+
+  REDRIVE_HD ColourOfRay(std::span<const float> rgb, std::size_t n_rays, std::size_t ray) {
+    for (int k = 0; k < 3; ++k) value[k] = rgb.empty() ? 0.0f : rgb[k * n_rays + ray];
+  }
+};
+
+struct CompositeForward {
+  std::size_t n_rays;
+  Samples samples;
+  std::span<const float> raw, background;
+  CompositeOut out;
+
+  REDRIVE_HD void operator()(std::size_t ray) const {
+    const std::size_t first = ray * samples.per_ray, n = n_rays * samples.per_ray;
+    const ColourOfRay behind(background, n_rays, ray);
+    const RayComposite<float> sum =
+        composite_ray(&raw[first], n, &samples.t[first], &samples.dt[first], samples.per_ray,
+                      out.weights.empty() ? nullptr : &out.weights[first],
+                      background.empty() ? nullptr : behind.value);
+    for (int k = 0; k < 3; ++k) out.rgb[k * n_rays + ray] = sum.rgb[k];
+    out.depth[ray] = sum.depth;
+    out.opacity[ray] = sum.opacity;
+  }
+};
+
+struct CompositeBackward {
+  std::size_t n_rays;
+  Samples samples;
+  std::span<const float> raw, background;
+  CompositeAdjoint adjoint;
+  std::span<float> d_raw;
+
+  REDRIVE_HD void operator()(std::size_t ray) const {
+    const std::size_t first = ray * samples.per_ray, n = n_rays * samples.per_ray;
+    const ColourOfRay d_rgb(adjoint.d_rgb, n_rays, ray), behind(background, n_rays, ray);
+    composite_ray_adjoint(&raw[first], n, &samples.dt[first], samples.per_ray, d_rgb.value,
+                          &d_raw[first],
+                          adjoint.d_weights.empty() ? nullptr : &adjoint.d_weights[first],
+                          background.empty() ? nullptr : behind.value);
+  }
+};
+
+/// Returns a channel's share of the loss.
+struct PhotometricLoss {
+  std::span<const float> rgb, target;
+  int n_rays;
+  std::span<float> d_rgb;
+
+  REDRIVE_HD double operator()(std::size_t i) const {
+    const PhotometricTerm<double> term = photometric_term<double>(rgb[i], target[i], n_rays);
+    d_rgb[i] = static_cast<float>(term.derivative);
+    return term.value;
+  }
+};
+
+struct AdamUpdate {
+  AdamStep step;
+  std::span<float> gradients, parameters, first_moment, second_moment;
+
+  REDRIVE_HD void operator()(std::size_t i) const {
+    adam_update(step, gradients[i], parameters[i], first_moment[i], second_moment[i]);
+    gradients[i] = 0;
+  }
+};
+
+}  // namespace redrive::kernels

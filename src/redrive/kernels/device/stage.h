@@ -1,0 +1,219 @@
+// SPDX-License-Identifier: Apache-2.0
+// One call of a stage on a device: its spans copied there and back, and what it does there. A
+// Device (loop_device.h, cuda_device.h) has
+//   begin()                       memory that was taken before is free again
+//   take(bytes)                   memory of the device, whatever is in it, aligned for any number
+//   to_device, to_host            copies; to_host waits until it is there
+//   wait()                        until all of that is done
+//   for_each(n, functor)          functor(i) for i in [0, n), in any order and at once; what it
+//   needs lies in it or on the device exclusive_sum(n, x, sums)       sums[i] = x[0] + ... + x[i -
+//   1] for i in [0, n), whole numbers on the device has_tensor_cores()            whether it runs
+//   the warps of mma.h for_each_warp(n, functor)     functor(i) by a warp each (mma.h) hold(bytes),
+//   kept             memory that stays as long as its handle lives, and what of the host's numbers
+//   lies in such spoil(host)                   is told that the host's copy of kept numbers is out
+//   of date description()                 which one it is, in words, or nothing free_memory() bytes
+//   that are left of it, or nothing if it has no end kBenchmarkWarps               work for a while
+//   without an end in sight of all that it has (device_ceilings.h) kMaxSamplesPerPass rows that a
+//   network's activations are kept for; kMaxGridSamplesPerPass: a fused one's
+//   (fused_grid_network.h)
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "redrive/base/host_device.h"
+
+namespace redrive::kernels {
+
+/// The terms i = part, part + parts, ... of a sum.
+template <class Term>
+struct PartialSum {
+  Term term;
+  std::size_t n;
+  std::span<double> parts;
+
+  REDRIVE_HD void operator()(std::size_t part) const {
+    double sum = 0;
+    for (std::size_t i = part; i < n; i += parts.size()) sum += term(i);
+    parts[part] = sum;
+  }
+};
+
+/// A number as a term of a sum.
+template <class T>
+struct ValueTerm {
+  std::span<const T> numbers;
+
+  REDRIVE_HD double operator()(std::size_t i) const { return numbers[i]; }
+};
+
+/// A sum of the device as a part of a loss; 0 where there is none.
+struct LossTerm {
+  std::span<const double> sum;
+  double over = 1, factor = 1;
+
+  REDRIVE_HD double value() const { return sum.empty() ? 0 : factor * (sum[0] / over); }
+};
+struct AddLossTerms {
+  LossTerm a, b;
+  std::span<double> loss;
+
+  REDRIVE_HD void operator()(std::size_t i) const { loss[i] = a.value() + b.value(); }
+};
+
+/// 1 for what is chosen, 0 for the rest and behind the end.
+template <class Choose>
+struct MarkSelected {
+  Choose choose;
+  std::size_t n;
+  std::span<std::uint32_t> marks;
+
+  REDRIVE_HD void operator()(std::size_t i) const { marks[i] = i < n && choose(i) ? 1 : 0; }
+};
+
+/// Those marked to the places that the marks before them leave.
+struct ListSelected {
+  std::span<const std::uint32_t> marks, before;
+  std::span<std::uint32_t> list;
+
+  REDRIVE_HD void operator()(std::size_t i) const {
+    if (marks[i] != 0) list[before[i]] = static_cast<std::uint32_t>(i);
+  }
+};
+
+/// As a GPU before compute capability 8.0: networks in fp32.
+template <class Device>
+class WithoutTensorCores : public Device {
+ public:
+  using Device::Device;
+  bool has_tensor_cores() const { return false; }
+};
+
+template <class Device>
+class Stage {
+ public:
+  explicit Stage(Device& device) : device_(device) { device.begin(); }
+  Stage(const Stage&) = delete;
+  Stage& operator=(const Stage&) = delete;
+
+  /// The device's copy of what lies on the host, if it is not kept there anyway. No numbers: no
+  /// memory.
+  template <class T>
+  std::span<const T> in(std::span<T> host) {
+    if (const void* const kept = device_.kept.find(std::as_bytes(host)))
+      return {static_cast<const T*>(kept), host.size()};
+    return copy(std::span<const T>(host));
+  }
+  std::span<const float> in(std::span<const float> host) { return in<const float>(host); }
+
+  /// Memory of the device that finish() copies to `host`, or where these numbers are kept.
+  template <class T>
+  std::span<T> out(std::span<T> host) {
+    if (const auto kept = change_kept(host); !kept.empty()) return kept;
+    return result(host, scratch<T>(host.size()));
+  }
+  std::span<float> out(std::span<float> host) { return out<float>(host); }
+
+  /// Both.
+  std::span<float> in_out(std::span<float> host) {
+    if (const auto kept = change_kept(host); !kept.empty()) return kept;
+    return result(host, copy(std::span<const float>(host)));
+  }
+  template <class T>
+  std::span<T> scratch(std::size_t n) {
+    return n > 0 ? std::span<T>(static_cast<T*>(device_.take(n * sizeof(T))), n) : std::span<T>();
+  }
+
+  template <class Functor>
+  void for_each(std::size_t n, const Functor& functor) {
+    device_.for_each(n, functor);
+  }
+
+  template <class Functor>
+  void for_each_warp(std::size_t n, const Functor& functor) {
+    device_.for_each_warp(n, functor);
+  }
+
+  /// Sum of term(i) over i in [0, n), in an order that n alone decides: the same bits each time.
+  /// One number on the device; none for n = 0.
+  template <class Term>
+  std::span<const double> sum_on_device(std::size_t n, const Term& term) {
+    constexpr std::size_t kParts = 4096, kFewParts = 64;  // threads enough for a device, then few
+    auto parts = scratch<double>(std::min(n, kParts));
+    for_each(parts.size(), PartialSum<Term>{term, n, parts});
+    while (parts.size() > 1) {
+      const auto fewer = scratch<double>(parts.size() > kFewParts ? kFewParts : 1);
+      for_each(fewer.size(), PartialSum<ValueTerm<double>>{{parts}, parts.size(), fewer});
+      parts = fewer;
+    }
+    return parts;
+  }
+  /// The same for the host, which waits for it.
+  template <class Term>
+  double sum(std::size_t n, const Term& term) {
+    const auto there = sum_on_device(n, term);
+    return there.empty() ? 0 : on_host(there[0]);
+  }
+  /// To where the host or the device has it.
+  void put_loss(const LossTerm& a, const LossTerm& b, double* loss) {
+    for_each(1, AddLossTerms{a, b, out(std::span(loss, 1))});
+  }
+  void put_loss(const LossTerm& part, double* loss) { put_loss(part, {}, loss); }
+
+  /// Those i in [0, n) that choose(i) says yes to, ascending, into `list` on the device; returns
+  /// how many.
+  template <class Choose>
+  std::size_t choose(std::size_t n, const Choose& choose, std::span<std::uint32_t> list) {
+    const auto marks = scratch<std::uint32_t>(n + 1), before = scratch<std::uint32_t>(n + 1);
+    for_each(n + 1, MarkSelected<Choose>{choose, n, marks});
+    device_.exclusive_sum(n + 1, marks.data(), before.data());
+    for_each(n, ListSelected{marks, before, list});
+    return on_host(before[n]);
+  }
+
+  /// Brings the results home: the last thing that a stage does.
+  void finish() {
+    for (const Result& result : results_)
+      device_.to_host(result.host.data(), result.there.data(), result.host.size_bytes());
+    results_.clear();
+  }
+
+ private:
+  struct Result {
+    std::span<std::byte> host, there;
+  };
+
+  template <class T>
+  std::span<T> change_kept(std::span<T> host) {
+    void* const kept = device_.kept.find(std::as_bytes(host));
+    if (!kept) return {};
+    device_.spoil(std::as_writable_bytes(host));
+    return {static_cast<T*>(kept), host.size()};
+  }
+  template <class T>
+  std::span<T> result(std::span<T> host, std::span<T> there) {
+    if (!host.empty())
+      results_.push_back({std::as_writable_bytes(host), std::as_writable_bytes(there)});
+    return there;
+  }
+  template <class T>
+  std::span<T> copy(std::span<const T> host) {
+    const auto there = scratch<T>(host.size());
+    if (!host.empty()) device_.to_device(there.data(), host.data(), host.size_bytes());
+    return there;
+  }
+  /// A number on the device.
+  template <class T>
+  T on_host(const T& there) {
+    T here;
+    device_.to_host(&here, &there, sizeof here);
+    return here;
+  }
+
+  Device& device_;
+  std::vector<Result> results_;
+};
+
+}  // namespace redrive::kernels

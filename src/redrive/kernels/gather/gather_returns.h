@@ -1,0 +1,76 @@
+// SPDX-License-Identifier: Apache-2.0
+// How the LiDAR returns of a training step are drawn and made rays, as
+// kernels/gather/gather_pixels.h does it with pixels. LidarSampler says what is drawn, and owns
+// what it is drawn from.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+
+#include "redrive/base/rng.h"
+#include "redrive/kernels/gather/gather_pixels.h"
+#include "redrive/math/plain_trajectory.h"
+
+namespace redrive {
+
+/// A beam is a cone, too: data sheets of the sensors in use say 0.1 to 0.2 degrees.
+constexpr float kLidarBeamAngle_rad = 0.002f;
+
+/// Where all lies that a gather of returns reads.
+struct LidarSpans {
+  std::span<const float> origin, direction, range_m;  ///< LidarReturns
+  std::span<const std::int64_t> t_ns;
+  PlainTransform global_from_world;
+  std::span<const PlainFrame> recorded;  ///< the frames between which returns lie
+  std::span<const PlainFrame> poses;     ///< where these are now; none: where they were
+};
+using LidarSource = GatherSource<LidarSpans>;
+
+/// What a batch of returns is drawn by: LidarSampler::draw.
+struct LidarDraw {
+  std::uint64_t
+      seed = 0,
+      first = 0;  ///< the first one is the `first`-th, counted through all times that all are seen
+};
+
+/// A batch to be written, RayBatch's numbers.
+struct GatheredReturns {
+  std::span<float> origin, direction, pixel_angle, range_m;
+};
+
+/// What has become of the world that returns of a time lie in.
+REDRIVE_HD inline PlainTransform world_from_recorded(const LidarSpans& from, std::int64_t t_ns) {
+  const PlainTransform world_from_body =
+                           product(inverse(from.global_from_world), pose_at(from.poses, t_ns)),
+                       body_from_global = inverse(pose_at(from.recorded, t_ns));
+  return product(product(world_from_body, body_from_global), from.global_from_world);
+}
+
+/// Ray i of the batch.
+REDRIVE_HD inline void gather_return(const LidarSpans& from, const LidarDraw& draw, std::size_t i,
+                                     const GatheredReturns& out) {
+  const std::size_t returns = from.range_m.size(), n = out.range_m.size();
+  const std::uint64_t drawn = draw.first + i,
+                      key = random_key(draw.seed, kStreamLidar, drawn / returns);
+  const std::size_t k = permute_index(key, drawn % returns, returns);
+  double origin[3], direction[3];
+  for (int d = 0; d < 3; ++d) {
+    origin[d] = from.origin[d * returns + k];
+    direction[d] = from.direction[d * returns + k];
+  }
+  const bool stays = from.poses.empty();
+  const PlainTransform motion = stays ? PlainTransform() : world_from_recorded(from, from.t_ns[k]);
+  for (int d = 0; d < 3; ++d) {
+    out.origin[d * n + i] = static_cast<float>(stays ? origin[d] : moved(motion, origin, d));
+    out.direction[d * n + i] =
+        static_cast<float>(stays ? direction[d] : turned(motion, direction, d));
+  }
+  out.pixel_angle[i] = kLidarBeamAngle_rad;
+  out.range_m[i] = from.range_m[k];
+}
+
+/// All rays of the batch, on the host.
+void gather_returns(const LidarSpans& from, const LidarDraw& draw, const GatheredReturns& out);
+
+}  // namespace redrive

@@ -1,0 +1,113 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/kernels/host_image_score.h"
+
+#include <memory>
+#include <vector>
+
+#include <opencv2/imgproc.hpp>
+
+#include "redrive/kernels/image_score.h"
+
+namespace redrive::kernels {
+namespace {
+
+/// Rows of a plane, by one filter along x and one along y; rows beside them are looked at, too.
+template <std::size_t n>
+cv::Mat filtered(const cv::Mat& rows, const std::array<float, n>& along_x,
+                 const std::array<float, n>& along_y) {
+  const auto kernel = [](const std::array<float, n>& taps) {
+    return cv::Mat(static_cast<int>(n), 1, CV_32F, const_cast<float*>(taps.data()));
+  };
+  cv::Mat out;
+  cv::sepFilter2D(rows, out, CV_32F, kernel(along_x), kernel(along_y), {-1, -1}, 0,
+                  cv::BORDER_REPLICATE);
+  return out;
+}
+
+/// What is seen of some rows of a picture, whose planes are given.
+std::vector<FlipPixel> seen_rows(const FlipFilters& filters, std::span<const cv::Mat> rows) {
+  cv::Mat colour[FlipFilters::kTerms];
+  for (int t = 0; t < FlipFilters::kTerms; ++t) {
+    const FlipFilters::Term& term = filters.colour[t];
+    colour[t] = filtered(rows[term.channel], term.taps, term.taps);
+  }
+  const auto &luminance = rows[3], first_x = filtered(luminance, filters.first, filters.smooth),
+             first_y = filtered(luminance, filters.smooth, filters.first),
+             second_x = filtered(luminance, filters.second, filters.smooth),
+             second_y = filtered(luminance, filters.smooth, filters.second);
+  std::vector<FlipPixel> seen(luminance.total());
+  for (std::size_t i = 0; i < seen.size(); ++i) {
+    std::array<float, FlipFilters::kTerms> of_pixel;
+    for (int t = 0; t < FlipFilters::kTerms; ++t) of_pixel[t] = colour[t].ptr<float>()[i];
+    seen[i] = {flip_lab(filters, of_pixel),
+               flip_magnitude(first_x.ptr<float>()[i], first_y.ptr<float>()[i]),
+               flip_magnitude(second_x.ptr<float>()[i], second_y.ptr<float>()[i])};
+  }
+  return seen;
+}
+
+}  // namespace
+
+ImageScore score_on_host(const ImagePair& pictures, ThreadPool& pool) {
+  check_image_pair(pictures);
+  const std::size_t width = pictures.width, height = pictures.height, n = pixel_count_of(pictures);
+  const std::size_t rows_at_once = height / (2 * pool.threads()) + 1;
+  const auto for_rows = [&](std::size_t rows, const auto& body) {
+    pool.run_ranges(rows, rows_at_once, body);
+  };
+  const auto for_pixels = [&](const auto& body) {
+    for_rows(height, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t pixel = begin * width; pixel < end * width; ++pixel) body(pixel);
+    });
+  };
+  const auto memory = std::make_unique_for_overwrite<float[]>(2 * kImagePlanes * n);
+  const std::span<float> planes(memory.get(), 2 * kImagePlanes * n);
+  const std::span<float> picture[] = {planes.first(planes.size() / 2),
+                                      planes.last(planes.size() / 2)};
+  std::vector<double> terms(n);  // of a sum; 0 where nothing counts
+  ScoreSums sums;
+
+  for_pixels([&](std::size_t pixel) { fill_planes_of_pixel(pictures, pixel, planes); });
+  for (std::size_t pixel = 0; pixel < n; ++pixel)
+    for (std::size_t c = 0; c < 3; ++c) sums.squares += squared_error_at(planes, c * n + pixel);
+
+  const SsimTaps taps = ssim_taps();
+  const std::size_t across = window_count(pictures.width), down = window_count(pictures.height);
+  for (std::size_t c = 0; c < 3; ++c) {
+    for_rows(down, [&](std::size_t begin, std::size_t end) {
+      std::vector<SsimMoments> columns(width);
+      for (std::size_t y = begin; y < end; ++y) {
+        for (std::size_t x = 0; x < width; ++x)
+          columns[x] = ssim_column(taps, planes, c * n + y * width + x, width);
+        for (std::size_t x = 0; x < across; ++x)
+          terms[y * across + x] = counts(pictures.mask, (y + kSsimRadius) * width + x + kSsimRadius)
+                                      ? ssim_window(taps, &columns[x])
+                                      : 0;
+      }
+    });
+    for (std::size_t i = 0; i < across * down; ++i) sums.ssim += terms[i];
+  }
+
+  const FlipFilters filters = flip_filters();
+  for_pixels([&](std::size_t pixel) {
+    for (const std::span<float> planes_of_one : picture)
+      opponent_colour_of_pixel(planes_of_one, pixel);
+  });
+  for_rows(height, [&](std::size_t begin, std::size_t end) {
+    std::vector<FlipPixel> seen[2];
+    for (int which = 0; which < 2; ++which) {
+      cv::Mat rows[kImagePlanes];
+      for (std::size_t k = 0; k < kImagePlanes; ++k)
+        rows[k] = cv::Mat(pictures.height, pictures.width, CV_32F, &picture[which][k * n])
+                      .rowRange(static_cast<int>(begin), static_cast<int>(end));
+      seen[which] = seen_rows(filters, rows);
+    }
+    for (std::size_t i = 0, pixel = begin * width; i < seen[0].size(); ++i, ++pixel)
+      terms[pixel] =
+          counts(pictures.mask, pixel) ? flip_difference(filters, seen[0][i], seen[1][i]) : 0;
+  });
+  for (const double term : terms) sums.flip += term;
+  return score_from_sums(pictures, sums);
+}
+
+}  // namespace redrive::kernels

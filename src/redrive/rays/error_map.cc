@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/kernels/gather/error_map.h"
+
+#include "redrive/base/error.h"
+
+namespace redrive {
+namespace {
+
+constexpr int kCellsAcross = 32;  // along the longer side of a picture
+
+}  // namespace
+
+void ErrorMapLayout::add(int width, int height, std::span<const float> share) {
+  REDRIVE_CHECK_OP(share.size(), ==, std::size_t(width) * height);
+  const int side = (std::max(width, height) + kCellsAcross - 1) / kCellsAcross;
+  const int columns = (width + side - 1) / side, rows = (height + side - 1) / side;
+  pictures_.push_back({width, height, side, columns, size()});
+  const std::size_t cells = std::size_t(columns) * rows;
+  REDRIVE_CHECK_OP(size() + cells, <, std::size_t{1} << 32);
+  for (std::size_t cell = 0; cell < cells; ++cell) {
+    pixels_.push_back(0);
+    const CellRect r = rect(pixels_.size() - 1);
+    for (int y = r.y; y < r.y + r.height; ++y)
+      for (int x = r.x; x < r.x + r.width; ++x) pixels_.back() += share[std::size_t(y) * width + x];
+  }
+}
+
+void update_error_map(std::span<const std::uint32_t> cells, std::span<const float> squares,
+                      std::span<float> errors) {
+  REDRIVE_CHECK_OP(cells.size(), ==, squares.size());
+  for (std::size_t i = 0; i < cells.size(); ++i)
+    errors[cells[i]] = updated_error(errors[cells[i]], squares[i]);
+}
+
+}  // namespace redrive

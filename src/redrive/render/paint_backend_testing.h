@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: Apache-2.0
+// For tests: a backend without a network, whose picture is a formula of the ray.
+#pragma once
+
+#include <array>
+#include <functional>
+
+#include <gtest/gtest.h>
+
+#include "redrive/kernels/backend.h"
+
+namespace redrive {
+
+/// render_rays gives rgb = paint(origin, direction) [world], depth = `range` of the same, else 2 m,
+/// opacity 1. Training stages fail the test.
+class PaintBackend : public kernels::Backend {
+ public:
+  using Paint = std::function<std::array<float, 3>(const std::array<float, 3>& origin,
+                                                   const std::array<float, 3>& direction)>;
+  using Range = std::function<float(const std::array<float, 3>& origin,
+                                    const std::array<float, 3>& direction)>;
+  explicit PaintBackend(Paint paint, Range range = {})
+      : paint_(std::move(paint)), range_(std::move(range)) {}
+
+  std::string name() const override { return "paint"; }
+  std::optional<Isa> isa() const override { return std::nullopt; }
+  int threads() const override { return 1; }
+  void sample_stratified(int, const kernels::StratifiedSampling&, std::span<float>,
+                         std::span<float>) override {}
+  void sample_hierarchical(const kernels::Samples&, std::span<const float>, int, bool,
+                           std::uint64_t, std::span<float>, std::span<float>) override {}
+  void render_rays(const kernels::NerfField&, const kernels::Rays& rays, const kernels::Samples&,
+                   const kernels::CompositeOut& out) override {
+    const int n = rays.n;
+    for (int i = 0; i < n; ++i) {
+      const auto of = [&](std::span<const float> v) {
+        return std::array<float, 3>{v[i], v[n + i], v[2 * n + i]};
+      };
+      const auto origin = of(rays.origin), direction = of(rays.direction);
+      const std::array<float, 3> rgb = paint_(origin, direction);
+      for (int c = 0; c < 3; ++c) out.rgb[c * n + i] = rgb[c];
+      out.depth[i] = range_ ? range_(origin, direction) : 2.0f;
+      out.opacity[i] = 1;
+    }
+  }
+
+  void nerf_forward(const kernels::NerfField&, const kernels::Rays&, const kernels::Samples&,
+                    std::span<float>) override {
+    unexpected();
+  }
+  void nerf_backward(const kernels::NerfField&, const kernels::Rays&, const kernels::Samples&,
+                     std::span<const float>, std::span<float>,
+                     const kernels::RayGradients&) override {
+    unexpected();
+  }
+  void composite_forward(int, const kernels::Samples&, std::span<const float>,
+                         std::span<const float>, const kernels::CompositeOut&) override {
+    unexpected();
+  }
+  void composite_backward(int, const kernels::Samples&, std::span<const float>,
+                          std::span<const float>, const kernels::CompositeAdjoint&,
+                          std::span<float>) override {
+    unexpected();
+  }
+  kernels::GridStages& grid() override { throw std::logic_error("no test paints a grid field"); }
+  void photometric_loss(std::span<const float>, std::span<const float>, std::span<float>,
+                        double*) override {
+    unexpected();
+  }
+  void adam(const AdamStep&, std::span<float>, std::span<float>, std::span<float>,
+            std::span<float>) override {
+    unexpected();
+  }
+
+ private:
+  static void unexpected() { ADD_FAILURE() << "rendering called a training stage"; }
+  Paint paint_;
+  Range range_;
+};
+
+}  // namespace redrive

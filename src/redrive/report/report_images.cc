@@ -1,0 +1,194 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/report/report_images.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <span>
+
+#include <opencv2/imgproc.hpp>
+
+#include "redrive/base/error.h"
+#include "redrive/base/rng.h"
+#include "redrive/render/view_pose.h"
+#include "redrive/train/training_data.h"
+
+namespace redrive {
+namespace {
+
+std::string scored(kernels::Backend& backend, const std::string& what,
+                   const RenderedImage& rendered, const Image8& truth,
+                   std::span<const float> depth_m = {}) {
+  char text[96], depth[48] = "";
+  const Score score = score_image(backend, rendered, truth, depth_m);
+  if (!std::isnan(score.depth_error))
+    std::snprintf(depth, sizeof depth, ", depth off by %.1f %%", 100 * score.depth_error);
+  std::snprintf(text, sizeof text, " (PSNR %.1f dB, SSIM %.3f, FLIP %.3f", score.psnr_db,
+                score.ssim, score.flip);
+  return what + text + depth + ")";
+}
+
+/// The view of another run that a camera took at a frame; null if it has none.
+const View* same_view(const Run& run, const std::string& camera, std::int64_t frame_id) {
+  for (const View& view : run.scene.views)
+    if (run.scene.rig[view.camera].name == camera && run.scene.frames[view.frame].id == frame_id)
+      return &view;
+  return nullptr;
+}
+
+/// "0.5 m", and "0.5" where a recording has no metres.
+std::string length_text(const Run& run, double value) {
+  char text[32];
+  std::snprintf(text, sizeof text, run.recording.metric ? "%g m" : "%g", value);
+  return text;
+}
+
+}  // namespace
+
+std::string method_text(const Run& run) {
+  char text[64];
+  std::snprintf(text, sizeof text, "%s, %.1f min", run.state.model->method(),
+                run.state.seconds / 60);
+  return text;
+}
+
+const View& figure_view(const Run& run, int camera) {
+  std::vector<const View*> views;
+  for (const View& view : run.scene.views)
+    if (view.camera == camera && !view.held_out) views.push_back(&view);
+  if (views.empty())  // a camera of a single, held-out frame
+    for (const View& view : run.scene.views)
+      if (view.camera == camera) views.push_back(&view);
+  REDRIVE_CHECK(!views.empty());
+  return *views[random_bits(random_key(run.state.seed, kStreamFigures, camera), 0) % views.size()];
+}
+
+ImageRow camera_image_row(const Run& run, kernels::Backend& backend, int camera,
+                          const Run* beside) {
+  const RigCamera& rig = run.scene.rig[camera];
+  const View& view = figure_view(run, camera);
+  const Frame& frame = run.scene.frames[view.frame];
+  Image8 original = load_view(run.scene, view);
+  const Exclusions left_out = read_exclusions(run);
+  apply_mask(view_mask(run.scene, view, left_out.masks[camera], left_out.moving), &original);
+  original.alpha.clear();  // as it is scored: on what pictures are rendered on
+  const RayTable table = make_ray_table(rig.camera);
+  const auto render_shifted = [&](ShiftAxes axes, double x_m) {
+    std::vector<Rigid3d> keys;  // the picture's own shutter
+    for (const Rigid3d& world_from_body :
+         view.by_row.empty() ? std::vector{view.world_from_body} : view.by_row)
+      keys.push_back(shifted_camera(run.scene.global_from_world, world_from_body,
+                                    rig.body_from_sensor, axes, Eigen::Vector3d(x_m, 0, 0)));
+    return render_image(backend, *run.state.model, table, ShutterPoses(keys),
+                        run.scene.exposure(view));
+  };
+  const RenderedImage reproduced = render_shifted(ShiftAxes::kBody, 0);
+
+  ImageRow row;
+  row.title = rig.name + ", frame " + std::to_string(frame.id);
+  row.pictures.push_back({rig.name + "_original", "original", original});
+  row.pictures.push_back({rig.name + "_reproduced",
+                          scored(backend, "reproduced", reproduced, original),
+                          to_image8(reproduced)});
+  if (const View* const same = beside ? same_view(*beside, rig.name, frame.id) : nullptr) {
+    const RenderedImage other =
+        render_image(backend, *beside->state.model, beside->scene.rig[same->camera].camera,
+                     beside->scene.world_from_camera(*same), beside->scene.exposure(*same));
+    if (other.width == original.width && other.height == original.height)
+      row.pictures.push_back({rig.name + "_beside",
+                              scored(backend, method_text(*beside), other, original),
+                              to_image8(other)});
+  }
+  row.pictures.push_back(
+      {rig.name + "_perturbed",
+       "moved " + length_text(run, kPerturbation_m) + " along x of the body (forward)",
+       to_image8(render_shifted(ShiftAxes::kBody, kPerturbation_m))});
+  row.pictures.push_back(
+      {rig.name + "_perturbed_camera_axes",
+       "moved " + length_text(run, kPerturbation_m) + " along x of the camera (to its right)",
+       to_image8(render_shifted(ShiftAxes::kCamera, kPerturbation_m))});
+  row.pictures.push_back({rig.name + "_depth",
+                          "depth, " + length_text(run, run.scene.near_m) + " (blue) to " +
+                              length_text(run, run.scene.far_m) +
+                              " (red), equal ratios equally far apart",
+                          depth_colours(reproduced, run.scene.near_m, run.scene.far_m)});
+  return row;
+}
+
+ImageRow novel_image_row(const Run& run, kernels::Backend& backend, const NovelGroundTruth& truth,
+                         const Coverage& coverage, const Run* beside) {
+  REDRIVE_CHECK_OP(truth.size(), >, 0u);
+  const GroundTruthView view = truth.load(evenly_spaced(truth.size(), 1)[0]);
+  const RenderedImage rendered =
+      render_image(backend, *run.state.model, view.camera, view.world_from_camera, view.exposure);
+  const Image8 image = to_image8(rendered);
+  const std::vector<std::uint8_t> seen =
+      coverage.seen(view.camera, view.world_from_camera, rendered);
+  const auto valid = std::count(rendered.valid.begin(), rendered.valid.end(), 1);
+  char share[96];
+  std::snprintf(share, sizeof share, "coverage: %.1f %% was in a training image, red was not",
+                100.0 * static_cast<double>(std::count(seen.begin(), seen.end(), 1)) /
+                    static_cast<double>(valid));
+  const std::string& set = truth.name();
+  ImageRow row;
+  row.title = set + ": " + view.name;
+  row.pictures.push_back({set + "_truth", "truth", view.truth});
+  row.pictures.push_back(
+      {set + "_render", scored(backend, "rendered", rendered, view.truth, view.depth_m), image});
+  if (beside)
+    for (const NovelGroundTruth& same : novel_ground_truths(*beside)) {
+      if (same.name() != set || same.size() != truth.size()) continue;
+      const GroundTruthView there = same.load(evenly_spaced(same.size(), 1)[0]);
+      const RenderedImage other = render_image(backend, *beside->state.model, there.camera,
+                                               there.world_from_camera, there.exposure);
+      row.pictures.push_back(
+          {set + "_beside",
+           scored(backend, method_text(*beside), other, there.truth, there.depth_m),
+           to_image8(other)});
+    }
+  row.pictures.push_back({set + "_difference",
+                          "difference, " + std::to_string(kDifferenceGain) + " times",
+                          difference(image, view.truth)});
+  row.pictures.push_back({set + "_coverage", share, coverage_colours(rendered, seen)});
+  return row;
+}
+
+Image8 coverage_colours(const RenderedImage& image, const std::vector<std::uint8_t>& seen) {
+  REDRIVE_CHECK_OP(image.valid.size(), ==, seen.size());
+  Image8 out = to_image8(image);
+  for (std::size_t i = 0; i < seen.size(); ++i) {
+    if (!image.valid[i]) continue;
+    std::uint8_t* const rgb = &out.rgb[3 * i];
+    const int grey = (rgb[0] + 2 * rgb[1] + rgb[2]) / 4;
+    rgb[0] = static_cast<std::uint8_t>(seen[i] ? grey : 128 + grey / 2);
+    rgb[1] = rgb[2] = static_cast<std::uint8_t>(seen[i] ? grey : grey / 2);
+  }
+  return out;
+}
+
+Image8 depth_colours(const RenderedImage& image, double near_m, double far_m) {
+  cv::Mat levels(image.height, image.width, CV_8UC1), colours;
+  for (std::size_t i = 0; i < image.depth.size(); ++i) {
+    const double depth_m = std::clamp<double>(image.depth[i], near_m, far_m);
+    const double unit = std::log(depth_m / near_m) / std::log(far_m / near_m);
+    levels.data[i] = static_cast<std::uint8_t>(std::lround(255 * unit));
+  }
+  cv::applyColorMap(levels, colours, cv::COLORMAP_TURBO);  // BGR
+  Image8 out{image.width, image.height, std::vector<std::uint8_t>(3 * image.depth.size())};
+  for (std::size_t i = 0; i < image.depth.size(); ++i)
+    for (int c = 0; c < 3; ++c)
+      out.rgb[3 * i + c] = image.valid[i] ? colours.data[3 * i + 2 - c] : 40;
+  return out;
+}
+
+Image8 difference(const Image8& a, const Image8& b) {
+  REDRIVE_CHECK_OP(a.rgb.size(), ==, b.rgb.size());
+  Image8 out{a.width, a.height, std::vector<std::uint8_t>(a.rgb.size())};
+  for (std::size_t i = 0; i < a.rgb.size(); ++i)
+    out.rgb[i] =
+        static_cast<std::uint8_t>(std::min(255, kDifferenceGain * std::abs(a.rgb[i] - b.rgb[i])));
+  return out;
+}
+
+}  // namespace redrive

@@ -1,0 +1,205 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/volume/ray_intervals.h"
+
+#include <algorithm>
+#include <limits>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+namespace redrive {
+namespace {
+
+constexpr float kInfinity = std::numeric_limits<float>::infinity();
+constexpr double kRoundoff = 0x1p-24;
+
+std::vector<float> spaced(const RaySpacing& spacing, int n, bool jitter = false,
+                          std::uint64_t ray = 0) {
+  std::vector<float> edges(n + 1);
+  uniform_edges(spacing, n, jitter, random_key(7, kStreamTest), ray, edges.data());
+  return edges;
+}
+
+constexpr float kPadding = 0.01f;
+
+std::vector<float> proposed(const std::vector<float>& edges, const std::vector<float>& weights,
+                            int to, bool jitter = false, std::uint64_t ray = 0) {
+  std::vector<float> out(to + 1);
+  pdf_edges(edges.data(), weights.data(), static_cast<int>(weights.size()), to, kPadding, jitter,
+            random_key(8, kStreamTest), ray, out.data());
+  return out;
+}
+
+TEST(UniformEdges, AreEvenlySpacedInS) {
+  for (const RaySpacing& spacing :
+       {RaySpacing{0.5f, 1000, 20}, RaySpacing{2, 50, 5}, RaySpacing{0.125f, 8, 1000}})
+    for (const int n : {1, 2, 7, 64}) {
+      const std::vector<float> edges = spaced(spacing, n);
+      const auto s = [&](double t) { return t / (t + spacing.half_m); };
+      const double first = s(spacing.near_m), last = s(spacing.far_m);
+      for (int i = 0; i <= n; ++i) {
+        // s is at most 1 and rounds six times; what the roundings of 1 - s and of t are worth in s
+        // is no more.
+        EXPECT_NEAR(s(edges[i]), first + (last - first) * i / n, 8 * kRoundoff) << i << " of " << n;
+      }
+    }
+}
+
+TEST(UniformEdges, HalfOfThemLieWithinHalf) {
+  const std::vector<float> edges = spaced({0, 1e6f, 20}, 64);
+  EXPECT_EQ(edges[0], 0);
+  EXPECT_NEAR(edges[32], 20, 20 * 4.1e-5);  // s(1e6) is 2e-5 short of 1, and dt/ds is 80 at s = 1/2
+  EXPECT_GT(edges[64], 9e5);
+}
+
+TEST(UniformEdges, InfiniteHalfIsEvenInDistance) {
+  const std::vector<float> edges = spaced({2, 10, kInfinity}, 4);
+  EXPECT_EQ(edges, (std::vector<float>{2, 4, 6, 8, 10}));
+}
+
+TEST(UniformEdges, JitterShiftsAllInnerEdgesByOneFraction) {
+  // Evenly in distance, from 0, n = 4 intervals of length 1: edge i is at i + shift, shift ~
+  // U(-1/2, 1/2).
+  constexpr int kRays = 100000;
+  double sum = 0, squares = 0;
+  for (int ray = 0; ray < kRays; ++ray) {
+    const std::vector<float> edges = spaced({0, 4, kInfinity}, 4, true, ray);
+    ASSERT_EQ(edges[0], 0);
+    ASSERT_EQ(edges[4], 4);
+    const double shift = edges[1] - 1.0;
+    ASSERT_GE(shift, -0.5);
+    ASSERT_LT(shift, 0.5);
+    for (int i = 2; i < 4; ++i) ASSERT_NEAR(edges[i] - i, shift, 8 * kRoundoff);
+    sum += shift;
+    squares += shift * shift;
+  }
+  // Mean 0 with standard error sqrt(1/12 n), mean square 1/12 with sqrt(1/180 n). Five of each.
+  EXPECT_NEAR(sum / kRays, 0, 5 * std::sqrt(1.0 / 12 / kRays));
+  EXPECT_NEAR(squares / kRays, 1.0 / 12, 5 * std::sqrt(1.0 / 180 / kRays));
+}
+
+TEST(UniformEdges, AscendWhateverTheJitter) {
+  for (const int n : {1, 2, 3, 64})
+    for (std::uint64_t ray = 0; ray < 1000; ++ray) {
+      const std::vector<float> edges = spaced({0.5f, 1000, 20}, n, true, ray);
+      ASSERT_TRUE(std::is_sorted(edges.begin(), edges.end()));
+      EXPECT_EQ(edges.front(), spaced({0.5f, 1000, 20}, n).front());
+      EXPECT_EQ(edges.back(), spaced({0.5f, 1000, 20}, n).back());
+    }
+}
+
+/// How much of the histogram with its padding lies before t, 0..1.
+double share_before(const std::vector<float>& edges, const std::vector<float>& weights, double t) {
+  double total = 0, before = 0;
+  for (const float w : weights) total += w;
+  const double n = static_cast<double>(weights.size()),
+               padding = (total > 0 ? total : 1) * kPadding / n;
+  for (std::size_t i = 0; i < weights.size(); ++i) {
+    const double inside = std::clamp((t - edges[i]) / (double(edges[i + 1]) - edges[i]), 0.0, 1.0);
+    before += inside * (weights[i] + padding);
+  }
+  return before / (total + n * padding);
+}
+
+TEST(PdfEdges, HandComputedQuantiles) {
+  // One interval holds 1 of 1.01, four hold 0.0025 of padding each. Quarters: 0.2525, 0.505,
+  // 0.7575, of which 0.0025 lie before it.
+  const std::vector<float> out = proposed({0, 1, 3, 4, 8}, {0, 1, 0, 0}, 4);
+  EXPECT_EQ(out.front(), 0);
+  EXPECT_EQ(out.back(), 8);
+  for (int k = 1; k < 4; ++k)
+    EXPECT_NEAR(out[k], 1 + 2 * (0.2525 * k - 0.0025) / 1.0025, 16 * kRoundoff) << k;
+}
+
+TEST(PdfEdges, EqualWeightsOfEqualIntervalsGiveEqualIntervals) {
+  const std::vector<float> edges = {2, 3, 4, 5, 6, 7, 8, 9, 10}, weights(8, 0.125f);
+  for (const int to : {1, 2, 4, 16}) {
+    const std::vector<float> out = proposed(edges, weights, to);
+    for (int k = 0; k <= to; ++k)
+      EXPECT_NEAR(out[k], 2 + 8.0 * k / to, 16 * 10 * kRoundoff) << k << " of " << to;
+  }
+}
+
+/// Random edges and weights, some of them 0.
+struct Histogram {
+  std::vector<float> edges, weights;
+
+  Histogram(int n, std::uint64_t seed) {
+    float t = 0.5f;
+    for (int i = 0; i < n; ++i) {
+      edges.push_back(t);
+      t += 0.01f + std::exp2(6 * random_unit(random_key(seed, kStreamTest, 1), i));
+      const float w = random_unit(random_key(seed, kStreamTest, 2), i);
+      weights.push_back(w < 0.3f ? 0 : w / static_cast<float>(n));
+    }
+    edges.push_back(t);
+  }
+};
+
+TEST(PdfEdges, LieAtEvenlySpreadQuantiles) {
+  for (const int n : {1, 3, 32, 64})
+    for (const int to : {1, 2, 24, 32})
+      for (std::uint64_t seed = 0; seed < 20; ++seed) {
+        const Histogram h(n, seed);
+        const std::vector<float> out = proposed(h.edges, h.weights, to);
+        EXPECT_EQ(out.front(), h.edges.front());
+        EXPECT_EQ(out.back(), h.edges.back());
+        // Sums of n numbers that add up to 1, and the edge's own rounding, which in a narrow
+        // interval of much weight counts for more: 1 of n at a length of at least 0.01 of at most
+        // 64 n metres.
+        for (int k = 1; k < to; ++k)
+          ASSERT_NEAR(share_before(h.edges, h.weights, out[k]), double(k) / to,
+                      (2 * n + 8) * kRoundoff + 2 * kRoundoff * out[k] * 1 / 0.01)
+              << k << " of " << to;
+      }
+}
+
+TEST(PdfEdges, JitterShiftsAllQuantilesByOneFraction) {
+  constexpr int kRays = 50000, kTo = 5;
+  const Histogram h(12, 3);
+  double sum = 0, squares = 0;
+  for (int ray = 0; ray < kRays; ++ray) {
+    const std::vector<float> out = proposed(h.edges, h.weights, kTo, true, ray);
+    ASSERT_EQ(out.front(), h.edges.front());
+    ASSERT_EQ(out.back(), h.edges.back());
+    const double shift = kTo * share_before(h.edges, h.weights, out[1]) - 1;
+    ASSERT_NEAR(shift, 0, 0.5 + 1e-4);
+    for (int k = 2; k < kTo; ++k)
+      ASSERT_NEAR(kTo * share_before(h.edges, h.weights, out[k]) - k, shift, 1e-4);
+    sum += shift;
+    squares += shift * shift;
+  }
+  EXPECT_NEAR(sum / kRays, 0, 5 * std::sqrt(1.0 / 12 / kRays));
+  EXPECT_NEAR(squares / kRays, 1.0 / 12, 5 * std::sqrt(1.0 / 180 / kRays));
+}
+
+TEST(PdfEdges, RayThatMetNothingIsCutByItsIntervals) {
+  // The padding is the same for each interval: as many quantiles as intervals are the edges
+  // themselves.
+  const Histogram h(16, 5);
+  const std::vector<float> out = proposed(h.edges, std::vector<float>(16, 0.0f), 16);
+  for (int k = 0; k <= 16; ++k) EXPECT_NEAR(out[k], h.edges[k], 32 * 64 * 16 * kRoundoff) << k;
+}
+
+TEST(PdfEdges, OnlyRatiosOfWeightsMatter) {
+  const Histogram h(24, 6);
+  std::vector<float> faint = h.weights;
+  for (float& w : faint) w *= 0x1p-60f;
+  EXPECT_EQ(proposed(h.edges, faint, 13, true, 4), proposed(h.edges, h.weights, 13, true, 4));
+}
+
+TEST(PdfEdges, AscendWhateverTheWeights) {
+  for (std::uint64_t seed = 0; seed < 2000; ++seed) {
+    Histogram h(1 + seed % 40, seed);
+    const float scale = seed % 3 == 0 ? 1 : seed % 3 == 1 ? 0x1p-140f : 1e30f;
+    for (float& w : h.weights) w *= scale;
+    const std::vector<float> out = proposed(h.edges, h.weights, 1 + seed % 33, true, seed);
+    ASSERT_TRUE(std::is_sorted(out.begin(), out.end())) << seed;
+    ASSERT_EQ(out.front(), h.edges.front());
+    ASSERT_EQ(out.back(), h.edges.back());
+    for (const float t : out) ASSERT_TRUE(std::isfinite(t)) << seed;
+  }
+}
+
+}  // namespace
+}  // namespace redrive

@@ -1,0 +1,294 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/scene/load_views.h"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include <turbojpeg.h>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "redrive/base/error.h"
+#include "redrive/base/files.h"
+
+namespace redrive {
+namespace {
+
+constexpr int kJpegQuality = 92;
+constexpr std::int64_t kMaxPixels = std::int64_t{1}
+                                    << 28;  // a header of a few bytes must not claim all memory
+
+std::string size_text(int width, int height) {
+  return std::to_string(width) + " x " + std::to_string(height);
+}
+
+/// cv::Mat that shares the image's memory. OpenCV's codecs expect BGR: callers convert.
+cv::Mat as_mat(Image8& image) { return {image.height, image.width, CV_8UC3, image.rgb.data()}; }
+cv::Mat as_mat(const Image8& image) { return as_mat(const_cast<Image8&>(image)); }
+
+/// Plane of the image's size that shares its memory.
+cv::Mat plane(const Image8& image, std::vector<std::uint8_t>& values) {
+  return {image.height, image.width, CV_8UC1, values.data()};
+}
+
+Image8 from_mat(const cv::Mat& rgb) {
+  Image8 image{rgb.cols, rgb.rows, std::vector<std::uint8_t>(3 * rgb.total())};
+  rgb.copyTo(as_mat(image));
+  return image;
+}
+
+/// TurboJPEG, because it can be told to stop where libjpeg would only warn and fill the rest with
+/// grey.
+Image8 decode_jpeg(const std::filesystem::path& path, const std::string& bytes) {
+  struct Decoder {
+    tjhandle handle = tjInitDecompress();
+    ~Decoder() { tjDestroy(handle); }
+  } decoder;
+  REDRIVE_CHECK(decoder.handle != nullptr);
+  const auto fail = [&](const char* what) -> void {
+    throw InputError(path, "", "", std::string(what) + ": " + tjGetErrorStr2(decoder.handle));
+  };
+  const auto* data = reinterpret_cast<const unsigned char*>(bytes.data());
+  int width = 0, height = 0, subsampling = 0, colourspace = 0;
+  if (tjDecompressHeader3(decoder.handle, data, bytes.size(), &width, &height, &subsampling,
+                          &colourspace) != 0)
+    fail("no readable JPEG");
+  if (std::int64_t{width} * height > kMaxPixels)
+    throw InputError(path, "size", size_text(width, height), "too large");
+  Image8 image{width, height, std::vector<std::uint8_t>(std::size_t(3) * width * height)};
+  if (tjDecompress2(decoder.handle, data, bytes.size(), image.rgb.data(), width, 0, height,
+                    TJPF_RGB, TJFLAG_STOPONWARNING) != 0)
+    fail("the JPEG is truncated or damaged");
+  return image;
+}
+
+cv::Mat decode_png(const std::filesystem::path& path, const std::string& bytes, int flags) {
+  cv::Mat decoded;
+  try {
+    decoded = cv::imdecode(
+        cv::Mat(1, static_cast<int>(bytes.size()), CV_8UC1, const_cast<char*>(bytes.data())),
+        flags);
+  } catch (const cv::Exception& error) {
+    throw InputError(path, "", "", "no readable PNG: " + std::string(error.what()));
+  }
+  if (decoded.empty()) throw InputError(path, "", "", "the PNG is truncated or damaged");
+  return decoded;
+}
+
+/// One to four channels of 8 or 16 bits.
+Image8 from_png(const cv::Mat& decoded) {
+  cv::Mat mat = decoded, rgb;
+  if (mat.depth() == CV_16U) mat.convertTo(mat, CV_8U, 1.0 / 257);
+  const int channels = mat.channels();
+  cv::cvtColor(mat, rgb,
+               channels == 1   ? cv::COLOR_GRAY2RGB
+               : channels == 4 ? cv::COLOR_BGRA2RGB
+                               : cv::COLOR_BGR2RGB);
+  Image8 image = from_mat(rgb);
+  if (channels == 4) {
+    image.alpha.resize(rgb.total());
+    cv::extractChannel(mat, plane(image, image.alpha), 3);
+  }
+  return image;
+}
+
+bool is_png(const std::string& bytes) { return bytes.starts_with("\x89PNG\r\n\x1a\n"); }
+bool is_jpeg(const std::string& bytes) { return bytes.starts_with("\xff\xd8\xff"); }
+
+void encode_to_file(const std::filesystem::path& path, const cv::Mat& mat,
+                    const std::vector<int>& parameters) {
+  const bool png = has_extension(path, {".png"});
+  if (!png && !has_extension(path, {".jpg", ".jpeg"}))
+    throw UsageError("image file", path.string(), "must end in .png, .jpg or .jpeg");
+  std::vector<unsigned char> bytes;
+  REDRIVE_CHECK(cv::imencode(png ? ".png" : ".jpg", mat, bytes, parameters));
+  write_file(path, std::string_view(reinterpret_cast<const char*>(bytes.data()), bytes.size()));
+}
+
+void check_recorded_size(const std::filesystem::path& path, int width, int height,
+                         const RigCamera& rig) {
+  if (width != rig.recorded.width || height != rig.recorded.height)
+    throw InputError(path, "size", size_text(width, height),
+                     "the calibration of " + rig.name + " says " +
+                         size_text(rig.recorded.width, rig.recorded.height));
+}
+
+/// Where each pixel of the undistorted picture lies in the recorded one; (-1, -1), which is black,
+/// where the camera has not looked.
+struct UndistortMap {
+  cv::Mat u, v;
+};
+
+UndistortMap make_undistort_map(const RigCamera& rig) {
+  const Camera plain = rig.recorded.undistorted();
+  UndistortMap map{cv::Mat(plain.height, plain.width, CV_32F, -1.0f),
+                   cv::Mat(plain.height, plain.width, CV_32F, -1.0f)};
+  for (int y = 0; y < plain.height; ++y)
+    for (int x = 0; x < plain.width; ++x) {
+      const auto direction = plain.unproject({x, y});
+      const auto recorded = direction ? rig.recorded.project(*direction) : std::nullopt;
+      if (!recorded) continue;
+      map.u.at<float>(y, x) = static_cast<float>(recorded->x());
+      map.v.at<float>(y, x) = static_cast<float>(recorded->y());
+    }
+  return map;
+}
+
+/// `used` of the image from its mask.
+void load_mask(const MaskFile& mask, Image8* image) {
+  if (mask.path.empty()) return;
+  const Image8 picture = read_image(mask.path);
+  if (picture.width != image->width || picture.height != image->height)
+    throw InputError(mask.path, "size", size_text(picture.width, picture.height),
+                     "the image that it masks has " + size_text(image->width, image->height));
+  image->used.resize(std::size_t(image->width) * image->height);
+  for (std::size_t i = 0; i < image->used.size(); ++i) {
+    const std::uint8_t* rgb = &picture.rgb[3 * i];
+    const bool black = rgb[0] == 0 && rgb[1] == 0 && rgb[2] == 0;
+    image->used[i] = black == mask.black_is_masked ? 0 : 255;
+  }
+}
+
+/// Lays the picture over the background. Alpha stays.
+void composite(const std::filesystem::path& path, Background background, Image8* image) {
+  if (background == Background::kNone) {
+    if (std::any_of(image->alpha.begin(), image->alpha.end(),
+                    [](std::uint8_t alpha) { return alpha != 255; }))
+      throw UsageError(
+          "--background", "",
+          "must be white, black or random: " + path.string() + " has transparent pixels");
+    image->alpha.clear();
+    return;
+  }
+  if (image->alpha.empty())
+    throw UsageError("--background", "",
+                     "is for images with alpha, and " + path.string() + " has none");
+  const auto behind = static_cast<int>(255 * background_colour(background)[0]);
+  for (std::size_t i = 0; i < image->rgb.size(); ++i) {
+    const int alpha = image->alpha[i / 3];
+    image->rgb[i] =
+        static_cast<std::uint8_t>((alpha * image->rgb[i] + (255 - alpha) * behind + 127) / 255);
+  }
+}
+
+/// `map` is null unless the scene undistorts.
+Image8 load_with_map(const Scene& scene, const View& view, const UndistortMap* map) {
+  const RigCamera& rig = scene.rig[view.camera];
+  Image8 image = read_image(view.image);
+  check_recorded_size(view.image, image.width, image.height, rig);
+  composite(view.image, scene.background, &image);
+  load_mask(view.mask, &image);
+  if (!map && scene.downscale == 1) return image;
+
+  const int width = rig.camera.width, height = rig.camera.height, factor = scene.downscale;
+  const auto resample = [&](const cv::Mat& recorded, int border) {
+    cv::Mat mat = recorded;
+    if (map) {
+      cv::Mat undistorted;
+      cv::remap(mat, undistorted, map->u, map->v, cv::INTER_LINEAR, cv::BORDER_CONSTANT,
+                cv::Scalar::all(border));
+      mat = undistorted;
+    }
+    if (factor > 1) {
+      cv::Mat small;
+      cv::resize(mat(cv::Rect(0, 0, width * factor, height * factor)), small, {width, height}, 0, 0,
+                 cv::INTER_AREA);
+      mat = small;
+    }
+    return mat;
+  };
+  const auto resample_plane = [&](std::vector<std::uint8_t>& values, int border) {
+    const cv::Mat mat = resample(plane(image, values), border);
+    return std::vector<std::uint8_t>(mat.begin<std::uint8_t>(), mat.end<std::uint8_t>());
+  };
+  Image8 result = from_mat(resample(as_mat(image), 0));
+  if (!image.alpha.empty()) result.alpha = resample_plane(image.alpha, 0);
+  if (!image.used.empty()) {
+    result.used = resample_plane(image.used, 255);
+    for (std::uint8_t& used : result.used) used = used == 255 ? 255 : 0;
+  }
+  return result;
+}
+
+}  // namespace
+
+Image8 read_image(const std::filesystem::path& path) {
+  const std::string bytes = read_file(path);
+  if (is_jpeg(bytes)) return decode_jpeg(path, bytes);
+  if (!is_png(bytes))
+    throw InputError(path, "", "",
+                     bytes.empty() ? "the file is empty" : "neither a JPEG nor a PNG image");
+  return from_png(decode_png(path, bytes, cv::IMREAD_UNCHANGED));
+}
+
+void write_image(const std::filesystem::path& path, const Image8& image) {
+  REDRIVE_CHECK_OP(image.rgb.size(), ==, std::size_t(3) * image.width * image.height);
+  cv::Mat bgr;
+  cv::cvtColor(as_mat(image), bgr, image.alpha.empty() ? cv::COLOR_RGB2BGR : cv::COLOR_RGB2BGRA);
+  if (!image.alpha.empty())
+    cv::insertChannel(plane(image, const_cast<std::vector<std::uint8_t>&>(image.alpha)), bgr, 3);
+  encode_to_file(path, bgr, {cv::IMWRITE_JPEG_QUALITY, kJpegQuality});
+}
+
+void write_png16(const std::filesystem::path& path, int width, int height,
+                 const std::vector<std::uint16_t>& values) {
+  REDRIVE_CHECK_OP(values.size(), ==, std::size_t(width) * height);
+  if (!has_extension(path, {".png"}))
+    throw UsageError("image file", path.string(), "must end in .png: JPEG has no 16 bits");
+  encode_to_file(path, cv::Mat(height, width, CV_16UC1, const_cast<std::uint16_t*>(values.data())),
+                 {});
+}
+
+std::vector<std::uint16_t> read_png16(const std::filesystem::path& path, int* width, int* height) {
+  const std::string bytes = read_file(path);
+  if (!is_png(bytes)) throw InputError(path, "", "", "no PNG image");
+  const cv::Mat mat = decode_png(path, bytes, cv::IMREAD_UNCHANGED);
+  if (mat.type() != CV_16UC1) throw InputError(path, "", "", "must have one channel of 16 bits");
+  *width = mat.cols;
+  *height = mat.rows;
+  return {mat.begin<std::uint16_t>(), mat.end<std::uint16_t>()};
+}
+
+Image8 load_view(const Scene& scene, const View& view) {
+  if (!scene.undistort) return load_with_map(scene, view, nullptr);
+  const UndistortMap map = make_undistort_map(scene.rig[view.camera]);
+  return load_with_map(scene, view, &map);
+}
+
+std::vector<float> load_depth(const std::filesystem::path& path, const RigCamera& rig) {
+  constexpr std::uint16_t kUnknown = 0, kBeyond = 65535;
+  int width = 0, height = 0;
+  const std::vector<std::uint16_t> depth_mm = read_png16(path, &width, &height);
+  check_recorded_size(path, width, height, rig);
+  const Camera& camera = rig.camera;
+  std::vector<float> depth_m(static_cast<std::size_t>(camera.width) * camera.height, 0.0f);
+  for (int y = 0; y < camera.height; ++y)
+    for (int x = 0; x < camera.width; ++x) {
+      const auto direction = camera.unproject({x, y});
+      const auto recorded = direction ? rig.recorded.project(*direction) : std::nullopt;
+      if (!recorded) continue;
+      const long u = std::lround(recorded->x()), v = std::lround(recorded->y());
+      if (u < 0 || v < 0 || u >= width || v >= height) continue;
+      const std::uint16_t value = depth_mm[static_cast<std::size_t>(v) * width + u];
+      if (value != kUnknown && value != kBeyond)
+        depth_m[static_cast<std::size_t>(y) * camera.width + x] = 0.001f * value;
+    }
+  return depth_m;
+}
+
+std::vector<Image8> load_views(const Scene& scene, ThreadPool& pool) {
+  cv::setNumThreads(1);  // the images are what is done in parallel
+  std::vector<UndistortMap> maps(scene.undistort ? scene.rig.size() : 0);
+  pool.run(static_cast<int>(maps.size()),
+           [&](int camera) { maps[camera] = make_undistort_map(scene.rig[camera]); });
+  std::vector<Image8> images(scene.views.size());
+  pool.run(static_cast<int>(images.size()), [&](int i) {
+    const View& view = scene.views[i];
+    Image8 image = load_with_map(scene, view, scene.undistort ? &maps[view.camera] : nullptr);
+    if (!view.held_out) images[i] = std::move(image);
+  });
+  return images;
+}
+
+}  // namespace redrive

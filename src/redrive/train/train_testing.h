@@ -1,0 +1,216 @@
+// SPDX-License-Identifier: Apache-2.0
+// For tests of training: a run on a tiny drive, and a backend that interrupts, kills or spoils a
+// given step.
+#pragma once
+
+#include <atomic>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <sstream>
+#include <stdexcept>
+
+#include <gtest/gtest.h>
+
+#include "redrive/model/grid_model.h"
+#include "redrive/model/nerf_model.h"
+#include "redrive/scene/scene_testing.h"
+#include "redrive/train/run.h"
+#include "redrive/train/trainer.h"
+
+namespace redrive {
+
+/// What happens to the n-th step (from 0) that a backend computes.
+struct Interference {
+  std::int64_t stop_after = -1;  ///< sets `stop`, as Ctrl-C would
+  std::int64_t kill_at =
+      -1;  ///< throws Killed in the middle of it, as nothing would survive kill -9
+  std::int64_t nan_from = -1, nan_to = -1;  ///< [from, to): the loss is not a number
+  std::int64_t spoil_at = -1;               ///< its parameters are set to what learns no more
+  std::atomic<bool> stop{false};
+};
+
+struct Killed : std::runtime_error {
+  Killed() : std::runtime_error("killed") {}
+};
+
+/// Hands everything on to `inner`; a step begins with sample_stratified, in --method grid with its
+/// rays' losses.
+class InterferingBackend : public kernels::Backend {
+ public:
+  InterferingBackend(kernels::Backend& inner, Interference* what) : inner_(inner), what_(*what) {}
+
+  std::string name() const override { return inner_.name(); }
+  std::optional<Isa> isa() const override { return inner_.isa(); }
+  int threads() const override { return inner_.threads(); }
+  void sample_stratified(int n_rays, const kernels::StratifiedSampling& how, std::span<float> t,
+                         std::span<float> dt) override {
+    ++step_;
+    if (step_ == what_.stop_after) what_.stop = true;
+    inner_.sample_stratified(n_rays, how, t, dt);
+  }
+  void sample_hierarchical(const kernels::Samples& coarse, std::span<const float> weights,
+                           int extra, bool jitter, std::uint64_t key, std::span<float> t,
+                           std::span<float> dt) override {
+    inner_.sample_hierarchical(coarse, weights, extra, jitter, key, t, dt);
+  }
+  void nerf_forward(const kernels::NerfField& f, const kernels::Rays& r, const kernels::Samples& s,
+                    std::span<float> raw) override {
+    inner_.nerf_forward(f, r, s, raw);
+  }
+  void nerf_backward(const kernels::NerfField& f, const kernels::Rays& r, const kernels::Samples& s,
+                     std::span<const float> d_raw, std::span<float> gradients,
+                     const kernels::RayGradients& of_rays) override {
+    inner_.nerf_backward(f, r, s, d_raw, gradients, of_rays);
+  }
+  void composite_forward(int n, const kernels::Samples& s, std::span<const float> raw,
+                         std::span<const float> background,
+                         const kernels::CompositeOut& out) override {
+    inner_.composite_forward(n, s, raw, background, out);
+  }
+  void composite_backward(int n, const kernels::Samples& s, std::span<const float> raw,
+                          std::span<const float> background,
+                          const kernels::CompositeAdjoint& adjoint,
+                          std::span<float> d_raw) override {
+    inner_.composite_backward(n, s, raw, background, adjoint, d_raw);
+  }
+  kernels::GridStages& grid() override { return inner_.grid(); }
+  void photometric_loss(std::span<const float> rgb, std::span<const float> target,
+                        std::span<float> d_rgb, double* loss) override {
+    ++step_;
+    if (step_ == what_.stop_after) what_.stop = true;
+    if (step_ == what_.kill_at) throw Killed();
+    inner_.photometric_loss(rgb, target, d_rgb, loss);
+    if (step_ >= what_.nan_from && step_ < what_.nan_to)
+      d_rgb[0] = std::numeric_limits<float>::quiet_NaN();
+  }
+  void train_rays(const kernels::NerfField& f, const kernels::Rays& r, const kernels::Samples& s,
+                  std::span<const float> target, const kernels::CompositeOut& out,
+                  std::span<float> gradients, const kernels::RayGradients& of_rays,
+                  double* loss) override {
+    if (step_ == what_.kill_at) throw Killed();
+    inner_.train_rays(f, r, s, target, out, gradients, of_rays, loss);
+    if (step_ >= what_.nan_from && step_ < what_.nan_to)
+      *loss = std::numeric_limits<double>::quiet_NaN();
+  }
+  void adam(const AdamStep& step, std::span<float> gradients, std::span<float> parameters,
+            std::span<float> first, std::span<float> second) override {
+    inner_.adam(step, gradients, parameters, first, second);
+    if (step_ == what_.spoil_at)
+      std::ranges::fill(parameters, 1.0f);  // white and opaque: colours and opacity are saturated
+  }
+
+ private:
+  kernels::Backend& inner_;
+  Interference& what_;
+  std::int64_t step_ = -1;
+};
+
+/// Options of a run that takes milliseconds: width 32, 64 rays of 12 samples.
+inline TrainOptions tiny_options(std::int64_t max_steps) {
+  TrainOptions options;
+  options.recording = "in memory";
+  options.method = "nerf";
+  apply_preset(&options, {});
+  options.cameras = {"FRONT"};
+  options.width = 32;
+  options.samples = 12;
+  options.batch_rays = 64;
+  options.epochs = 10000;
+  options.max_steps = max_steps;
+  options.checkpoint_every = 40;
+  options.far_m = 6;
+  options.learning_rate = 2e-3;
+  return options;
+}
+
+/// A fresh run in `root` on the first two frames of a drive whose images stand in `images`.
+inline Run tiny_run(const std::filesystem::path& root, const std::filesystem::path& images,
+                    const TrainOptions& options) {
+  Run run;
+  run.options = options;
+  run.recording = make_test_recording(images, 2);
+  run.scene = make_scene(run.recording, scene_options(options));
+  run.state = make_initial_state(options, run.scene);
+  run.paths = create_run(root, options);
+  return run;
+}
+
+/// What resume does, the recording being in memory: options and scene as they were, the state from
+/// the checkpoint.
+inline Run reopened(const Run& run) {
+  Run again;
+  again.paths = run.paths;
+  again.options = run.options;
+  again.recording = run.recording;
+  again.scene = run.scene;
+  again.state = load_checkpoint(run.paths.checkpoint());
+  return again;
+}
+
+/// A fresh run of --method grid with rays by error on the same drive, its tables made small enough
+/// for tests.
+inline Run tiny_grid_run(const std::filesystem::path& root, const std::filesystem::path& images,
+                         TrainOptions options) {
+  options.method = "grid";
+  options.error_rays = 0.5;
+  Run run = tiny_run(root, images, options);
+  auto& model = dynamic_cast<GridModel&>(*run.state.model);
+  model.field = {{4, 4, 4, 64, 8}, 16, 1};
+  model.proposal.log2_hashmap_size = 8;
+  model.sky.log2_hashmap_size = 6;
+  model.proposal_samples = {12, 8};
+  model.samples = 6;
+  run.state = initial_state(std::move(run.state.model), options.seed);
+  run.state.poses = PoseState(run.scene);
+  return run;
+}
+
+/// The state's model, which is of --method nerf.
+inline NerfModel& nerf(TrainState& state) { return dynamic_cast<NerfModel&>(*state.model); }
+inline const NerfModel& nerf(const TrainState& state) {
+  return dynamic_cast<const NerfModel&>(*state.model);
+}
+
+inline bool bit_equal(std::span<const float> a, std::span<const float> b) {
+  return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size_bytes()) == 0;
+}
+
+inline bool same_weights(const TrainState& a, const TrainState& b) {
+  return bit_equal(a.model->parameters, b.model->parameters) &&
+         bit_equal(a.first_moment, b.first_moment) && bit_equal(a.second_moment, b.second_moment) &&
+         bit_equal(a.cell_errors, b.cell_errors);
+}
+
+/// The processor's fastest: reruns are the same bit by bit, which a GPU's are not.
+inline std::unique_ptr<kernels::Backend> processor_backend(int threads) {
+  return best_isa() ? kernels::make_cpu_backend(*best_isa(), threads) : kernels::make_ref_backend();
+}
+
+/// Runs in a folder of their own.
+class TrainingTest : public ::testing::Test {
+ protected:
+  redrive::Run run_named(const std::string& name, const TrainOptions& options) {
+    return tiny_run(folder_.path / name, folder_.path, options);
+  }
+  void train_until_killed(redrive::Run* run, std::int64_t at) {
+    Interference interference{.kill_at = at};
+    InterferingBackend backend(*backend_, &interference);
+    EXPECT_THROW(train(run, backend, never_), Killed);
+  }
+  /// Loss, PSNR and learning rate of every row: what has to be equal, the clock apart.
+  static std::string curve(const redrive::Run& run) {
+    std::ostringstream text;
+    text.precision(17);
+    for (const MetricsRow& row : read_metrics(run.paths))
+      text << row.step << " " << row.epoch << " " << row.loss << " " << row.psnr_db << " "
+           << row.learning_rate << "\n";
+    return text.str();
+  }
+
+  TemporaryFolder folder_;
+  std::unique_ptr<kernels::Backend> backend_ = processor_backend(2);
+  const std::atomic<bool> never_{false};
+};
+
+}  // namespace redrive

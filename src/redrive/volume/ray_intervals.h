@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: Apache-2.0
+// Where a ray is sampled, coarse to fine (Barron et al., "Mip-NeRF 360", 2022, section 3):
+// intervals that tile the ray, first spread over all distances, then drawn anew from what a cheap
+// proposal field found in them. Scalar, one ray.
+#pragma once
+
+#include <cmath>
+#include <cstdint>
+
+#include "redrive/base/host_device.h"
+#include "redrive/base/rng.h"
+
+namespace redrive {
+
+/// Distances evenly spaced in s(t) = t / (t + half_m): half of all within half_m (Tonderski et al.,
+/// "NeuRAD", 2024, with 20 m); half_m = +infinity: evenly in t.
+struct RaySpacing {
+  float near_m = 0, far_m = 0, half_m = 0;
+
+  REDRIVE_HD float distance(float u) const {  ///< u in [0, 1]: near to far
+    if (std::isinf(half_m)) return near_m + u * (far_m - near_m);
+    const float first = near_m / (near_m + half_m), last = far_m / (far_m + half_m),
+                s = first + u * (last - first);
+    return half_m * s / (1 - s);
+  }
+};
+
+/// edges [n + 1] of n intervals; with jitter all edges but the outer two are shifted by one random
+/// fraction of an interval, -1/2..1/2: the interval of any distance is uniformly random.
+REDRIVE_HD inline void uniform_edges(const RaySpacing& spacing, int n, bool jitter,
+                                     std::uint64_t key, std::uint64_t ray, float* edges) {
+  const float shift = jitter ? random_unit(key, ray) - 0.5f : 0.0f;
+  for (int i = 0; i <= n; ++i) {
+    const bool outer = i == 0 || i == n;
+    edges[i] =
+        spacing.distance((static_cast<float>(i) + (outer ? 0.0f : shift)) / static_cast<float>(n));
+  }
+}
+
+/// Edges [to + 1] at evenly spread quantiles of the histogram (edges [from + 1], weights [from] >=
+/// 0), within an interval linear; the outer two stay. `padding` > 0: what all intervals together
+/// weigh alike beside their own weights, against the sum of these: places that a proposal is wrong
+/// about stay reachable. With jitter one random shift for all quantiles of the ray, as in
+/// uniform_edges.
+REDRIVE_HD inline void pdf_edges(const float* edges, const float* weights, int from, int to,
+                                 float padding, bool jitter, std::uint64_t key, std::uint64_t ray,
+                                 float* out) {
+  float total = 0;
+  for (int i = 0; i < from; ++i) total += weights[i];
+  // A ray that met nothing is as long as it is: its padding is all there is.
+  const float each = (total > 0 ? total : 1.0f) * padding / static_cast<float>(from);
+  const float sum = total + each * static_cast<float>(from);
+  const float shift = jitter ? random_unit(key, ray) - 0.5f : 0.0f;
+  int i = 0;
+  float before = 0, here = weights[0] + each;
+  out[0] = edges[0];
+  for (int k = 1; k < to; ++k) {
+    const float target = sum * (static_cast<float>(k) + shift) / static_cast<float>(to);
+    while (i + 1 < from && before + here < target) {
+      before += here;
+      here = weights[++i] + each;
+    }
+    const float part = (target - before) / here;
+    out[k] = edges[i] + (part > 1 ? 1.0f : part) * (edges[i + 1] - edges[i]);  // NaN stays NaN
+  }
+  out[to] = edges[from];
+}
+
+}  // namespace redrive

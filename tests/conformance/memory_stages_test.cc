@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: Apache-2.0
+// What every backend does to numbers wherever they are: on the host, or kept in memory of its own.
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "all_near.h"
+#include "candidates.h"
+#include "redrive/base/buffer.h"
+
+namespace redrive::kernels::conformance {
+namespace {
+
+class MemoryStages : public BackendConformance {};
+
+INSTANTIATE_TEST_SUITE_P(Backends, MemoryStages, testing::ValuesIn(candidates()), name_of);
+
+double mean_of(Backend& backend, std::span<const float> numbers) {
+  double mean = NAN;
+  backend.mean(numbers, &mean);
+  return mean;
+}
+
+TEST_P(MemoryStages, FillSetsEveryValue) {
+  const auto backend = make();
+  Buffer<float> kept(1000);
+  std::vector<float> here(1000);
+  keep(*backend, kept);
+  for (const std::span<float> numbers : {kept.span(), std::span(here)}) {
+    backend->fill(numbers.subspan(100, 700), 0.75f);
+    backend->fill(numbers.first(0), 3);
+    backend->fetch(numbers);
+    for (std::size_t i = 0; i < numbers.size(); ++i)
+      ASSERT_EQ(numbers[i], i >= 100 && i < 800 ? 0.75f : 0) << i;
+  }
+}
+
+TEST_P(MemoryStages, MeanIsSummedInDouble) {
+  const auto backend = make();
+  for (const std::size_t n : {1u, 63u, 64u, 65u, 4096u, 4097u, 20011u}) {
+    // Whole numbers, whose sum float does not hold, but double does.
+    Buffer<float> kept(n);
+    double expected = 0;
+    for (std::size_t i = 0; i < n; ++i) expected += kept[i] = static_cast<float>((1 << 23) + 3 * i);
+    expected /= n;
+    EXPECT_EQ(mean_of(*backend, kept), expected);
+    keep(*backend, kept);
+    EXPECT_EQ(mean_of(*backend, kept), expected);
+    EXPECT_EQ(mean_of(*backend, kept.span().last(1)), kept[n - 1]);
+  }
+  EXPECT_THROW(mean_of(*backend, {}), std::logic_error);
+  const std::vector<float> numbers = random_floats(5000, 400, -1, 1);
+  EXPECT_EQ(mean_of(*backend, numbers), mean_of(*make(), numbers)) << "the same bits again";
+}
+
+TEST_P(MemoryStages, ResultsStayOnTheDevice) {
+  const auto backend = make();
+  Buffer<double> kept(3);
+  keep(*backend, kept);
+  const std::vector<float> numbers = {1, 2, 6}, spoilt = {NAN};
+  backend->mean(numbers, &kept[0]);
+  backend->not_finite(spoilt, &kept[2]);
+  backend->fetch(as_floats(std::as_const(kept).span()));
+  EXPECT_EQ(kept[0], 3);
+  EXPECT_EQ(kept[1], 0);
+  EXPECT_GT(kept[2], 0);
+}
+
+TEST_P(MemoryStages, NotFiniteFindsInfinityAndNaN) {
+  const auto backend = make();
+  const auto finite = [&](std::span<const float> numbers) {
+    double count = NAN;
+    backend->not_finite(numbers, &count);
+    return count == 0;
+  };
+  EXPECT_TRUE(finite({}));
+  for (const std::size_t n : {1u, 100u, 5000u}) {
+    std::vector<float> numbers(n, std::numeric_limits<float>::max());
+    EXPECT_TRUE(finite(numbers));
+    for (const float bad : {INFINITY, -INFINITY, NAN})
+      for (const std::size_t at : {std::size_t{0}, n / 2, n - 1}) {
+        std::vector<float> spoilt = numbers;
+        spoilt[at] = bad;
+        EXPECT_FALSE(finite(spoilt)) << bad << " at " << at << " of " << n;
+      }
+  }
+}
+
+}  // namespace
+}  // namespace redrive::kernels::conformance
