@@ -1,13 +1,14 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""The yardstick of `redrive bench`: the same training step of --method nerf in PyTorch, on the same GPU, in the same run.
+"""A reference for `redrive bench`: the training step of --method nerf in PyTorch, on the same GPU, in the same run.
 
-A step is what src/redrive/train/step.h does: 1024 rays drawn from a table, samples stratified between 1 m and 10 m (NeRF equation 2),
-both encodings (section 5.1), the network of src/redrive/field/nerf_field.h, volume rendering (equation 3), mean squared error, backward
-pass, Adam. Matrix products in bf16 (autocast), everything compiled (torch.compile), Adam fused.
+A step draws 1024 rays from a table, samples them stratified between 1 m and 10 m (NeRF equation 2), encodes positions
+and directions (section 5.1), evaluates the network of src/redrive/field/nerf_field.h, renders (equation 3), takes the
+mean squared error, runs backward and applies Adam. Matrix products are bf16 (autocast), everything is compiled
+(torch.compile), Adam is fused.
 
     bench/pytorch_step.py                                   # PyTorch alone
-    bench/pytorch_step.py --redrive build/release/redrive   # and redrive bench --backend cuda beside it, with the ratio
+    bench/pytorch_step.py --redrive build/release/redrive   # compares with redrive bench --backend cuda
 
 Needs PyTorch 2 (written for 2.11) and a CUDA GPU; --device cpu only shows that it runs. redrive itself needs neither.
 """
@@ -27,7 +28,7 @@ SIZES = [(256, 96), (128, 48)]  # width, samples a ray: the report's, and the sm
 
 
 def encode(points, octaves):
-    """gamma of [..., 3]: the coordinates, and sine and cosine of 2^l pi times each."""
+    """Returns gamma of [..., 3]: the coordinates, and sine and cosine of 2^l pi times each."""
     angle = points[..., None] * (math.pi * 2.0 ** torch.arange(octaves, device=points.device))
     return torch.cat([points, torch.sin(angle).flatten(-2), torch.cos(angle).flatten(-2)], -1)
 
@@ -75,14 +76,14 @@ def step_ms(width, samples, device, repetitions):
     pixels = 4 * 1280 * 704  # the bench's drive
     direction = nn.functional.normalize(torch.randn(pixels, 3, device=device), dim=-1)
     origin, target = torch.rand(pixels, 3, device=device), torch.rand(pixels, 3, device=device)
-    # The density's last interval is without end: any depth of 1e10 m and more is opaque, in fp32 as well.
+    # The last interval has infinite length: 1e10 m and more is opaque in fp32, too.
     loss_compiled = torch.compile(loss_of) if device.type == "cuda" else loss_of
 
     def step():
-        pick = torch.randint(pixels, (RAYS,), device=device)
+        batch = torch.randint(pixels, (RAYS,), device=device)
         optimiser.zero_grad(set_to_none=True)
         with torch.autocast(device.type, dtype=torch.bfloat16):
-            loss = loss_compiled(field, origin[pick], direction[pick], target[pick], samples)
+            loss = loss_compiled(field, origin[batch], direction[batch], target[batch], samples)
         loss.backward()
         optimiser.step()
         return loss

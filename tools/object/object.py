@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A toy excavator of plastic bricks, seen from all around: an object scene in the Blender format, to measure with.
+"""A toy excavator of plastic bricks, seen from all around: an object scene in the Blender format, for benchmarks.
 
     blender --background --python-exit-code 1 --python tools/object/object.py -- build/object
 
-Everything is computed from a seed. Pictures that are there already are kept, so a run that was stopped goes on.
+Everything is computed from a seed. Existing images are kept, so an interrupted run continues.
 """
 import argparse
 import json
@@ -17,7 +17,7 @@ from pathlib import Path
 import bpy
 from mathutils import Matrix, Vector
 
-FOV_RAD = 0.6911112070083618  # that of the well-known sets of this format, as is the distance
+FOV_RAD = 0.6911112070083618  # field of view and distance of the well-known sets of this format
 DISTANCE = 4.031128874149275
 PLASTIC = {  # linear RGB, roughness, metallic
     "yellow": ((0.80, 0.42, 0.02), 0.22, 0),
@@ -36,7 +36,7 @@ PLASTIC = {  # linear RGB, roughness, metallic
 
 
 class Parts:
-    """Polygons by material, placed by a stack of transforms; one Blender mesh a material in the end."""
+    """Polygons by material, placed by a stack of transforms; become one Blender mesh a material."""
 
     def __init__(self):
         self.soup = {name: ([], [], []) for name in PLASTIC}  # vertices, faces, smooth
@@ -150,7 +150,7 @@ class Parts:
     def stud(self, material, x, y, z, pitch):
         r = 0.3 * pitch
         self.cylinder(material, (x, y, z), (x, y, z + 0.2 * pitch), r, 20)
-        # What the maker's name is on a real one: four raised strokes.
+        # Four raised strokes in place of a real stud's lettering.
         top = z + 0.2 * pitch
         for k in range(4):
             u, h = x + (k - 1.5) * 0.26 * r, 0.5 * r if k % 3 else 0.32 * r
@@ -218,7 +218,7 @@ def material(name):
         return node("ShaderNodeVectorMath", vector, (0, 0, 0), (0, 0, 0), factor, operation="SCALE").outputs[0]
 
     def light_from(direction):
-        """Between the ground's and the sky's, by height."""
+        """Interpolates between ground and sky by height."""
         z = node("ShaderNodeSeparateXYZ", direction).outputs[2]
         up = node("ShaderNodeMapRange", z, -1.0, 1.0, 0.0, 1.0).outputs[0]
         return node("ShaderNodeMixRGB", up, (0.14, 0.12, 0.10, 1), (0.60, 0.66, 0.72, 1)).outputs[0]
@@ -244,7 +244,7 @@ def material(name):
 
 
 def text(words, size, name, world_from_text):
-    """Raised letters that are read from +z of their frame."""
+    """Raised letters, legible from +z of their frame."""
     curve = bpy.data.curves.new("text", "FONT")
     curve.body, curve.size, curve.align_x, curve.align_y = words, size, "CENTER", "CENTER"
     curve.extrude, curve.bevel_depth, curve.resolution_u = 0.05 * size, 0.01 * size, 4
@@ -542,7 +542,7 @@ def settings(size, threads):
 
 
 def camera_poses(count, phase):
-    """world_from_camera, OpenGL axes: evenly over the upper hemisphere, a little below the horizon, too."""
+    """Returns world_from_camera with OpenGL axes, evenly over the upper hemisphere and a little below the horizon."""
     poses = []
     for k in range(count):
         z = -0.08 + 1.03 * (k + 0.5) / count
@@ -559,8 +559,8 @@ def main():
     parser.add_argument("--train", type=int, default=100)
     parser.add_argument("--test", type=int, default=12)
     parser.add_argument("--size", type=int, default=800)
-    parser.add_argument("--samples", type=int, default=16, help="of a training picture")
-    parser.add_argument("--test-samples", type=int, default=48, help="of a test picture: its noise counts as an error")
+    parser.add_argument("--samples", type=int, default=16, help="light paths a pixel of a training image")
+    parser.add_argument("--test-samples", type=int, default=48, help="of a test image, whose noise counts as an error")
     parser.add_argument("--threads", type=int, default=os.cpu_count())
     options = parser.parse_args(sys.argv[sys.argv.index("--") + 1 :])
     make_scene()

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The rig, its exact camera models, and how pictures get from Blender's lens to theirs.
+"""The rig, its exact camera models, and the resampling from Blender's lens to them.
 
 Blender renders through its polynomial fisheye lens, angle(radius), fitted to the camera's own angle(distorted radius):
-the render is the distorted picture but for a scale and fractions of a pixel, which `to_render` states exactly. Its
-rows are rows of the picture (within the tangential distortion), which is what a rolling shutter needs.
+the render is the distorted image up to a scale and fractions of a pixel, which `to_render` states exactly. Rows of
+the render are rows of the image (within the tangential distortion), as a rolling shutter requires.
 
 Pixels: integer coordinates are pixel centres. Camera axes: x right, y down, z ahead.
 """
@@ -45,7 +45,7 @@ class Camera:
         return m
 
 
-# Proportions of the dataset's cameras (focal lengths, distortion, mounting), other sizes.
+# Focal lengths, distortion and extrinsics in proportion to the dataset's cameras, at other sizes.
 RIG = (
     Camera(
         "F_MIDLONGRANGECAM_CL",
@@ -109,7 +109,7 @@ def distort(x, y, coefficients):
 
 
 def fold_radius(coefficients):
-    """Undistorted radius up to which the radial distortion grows; 10 if it always does."""
+    """Returns the undistorted radius up to which the radial distortion grows; 10 if it always does."""
     k1, k2, _, _, k3 = coefficients
     roots = np.roots([7 * k3, 5 * k2, 3 * k1, 1.0])
     real = [z.real for z in roots if abs(z.imag) < 1e-12 and z.real > 0]
@@ -117,7 +117,7 @@ def fold_radius(coefficients):
 
 
 def undistort(xd, yd, coefficients):
-    """Inverse of distort; also where it exists (inside the fold)."""
+    """Returns the inverse of distort, and where it exists (inside the fold)."""
     k1, k2, p1, p2, k3 = coefficients
     r = np.linspace(0, fold_radius(coefficients), 4001)
     r2 = r * r
@@ -144,7 +144,7 @@ def undistort(xd, yd, coefficients):
 
 
 def project(camera, points):
-    """[n, 3] points in the camera -> [n, 2] pixels."""
+    """Projects [n, 3] points in the camera to [n, 2] pixels."""
     p = np.asarray(points, float)
     if camera.model == "mei":
         p = p / np.linalg.norm(p, axis=1, keepdims=True) + np.array([0, 0, camera.xi])
@@ -153,7 +153,7 @@ def project(camera, points):
 
 
 def unproject(camera, u, v):
-    """Pixels of any shape -> unit rays [..., 3] in the camera, and where the model reaches."""
+    """Returns unit rays [..., 3] in the camera for pixels of any shape, and whether each is in the valid region."""
     xd, yd = (u - camera.center_px[0]) / camera.focal_px[0], (v - camera.center_px[1]) / camera.focal_px[1]
     x, y, inside = undistort(xd, yd, camera.distortion)
     if camera.model == "mei":
@@ -169,7 +169,7 @@ def unproject(camera, u, v):
 
 @dataclass(frozen=True)
 class RenderPlan:
-    """Blender's fisheye picture for a camera: angle = sum_k polynomial[k] radius^(k+1), radius in its own pixels."""
+    """Blender's fisheye image for a camera: angle = sum_k polynomial[k] radius^(k+1), radius in its own pixels."""
 
     size_px: tuple
     polynomial: tuple
@@ -186,7 +186,7 @@ def render_plan(camera, supersampling=SUPERSAMPLING):
     xd, yd = (u - camera.center_px[0]) / camera.focal_px[0], (v - camera.center_px[1]) / camera.focal_px[1]
     radius = (scale * np.hypot(xd, yd))[inside]
     reach = radius.max()
-    near = radius < (0.97 if camera.model == "mei" else 1.0) * reach  # at the fold the slope is infinite
+    near = radius < (0.97 if camera.model == "mei" else 1.0) * reach  # the slope is infinite at the fold
     basis = np.stack([(radius[near] / reach) ** k for k in (1, 2, 3, 4)], 1)
     fit = np.linalg.lstsq(basis, angle[near], rcond=None)[0]
     polynomial = tuple(fit / reach ** np.arange(1, 5))
@@ -206,13 +206,13 @@ def _radial(plan, rays):
 
 
 def to_render(plan, rays):
-    """Unit rays [..., 3] in the camera -> column and row in the rendered picture (integers: pixel centres)."""
+    """Returns column and row in the rendered image of unit rays [..., 3] in the camera (integers: pixel centres)."""
     px, py = _radial(plan, rays)
     return plan.size_px[0] / 2 + px - 0.5, plan.size_px[1] / 2 + py - 0.5
 
 
 def self_test():
-    """Round trips: pixel -> ray -> pixel within 1e-6 px wherever the model reaches."""
+    """Checks pixel -> ray -> pixel to 1e-6 px in the valid region."""
     for camera in RIG:
         v, u = np.mgrid[0 : camera.size_px[1] : 7, 0 : camera.size_px[0] : 7].astype(float)
         rays, inside = unproject(camera, u, v)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From Blender's linear picture to the camera's: exact resampling and one fixed tone curve."""
+"""From Blender's linear image to the camera's: exact resampling and one fixed tone curve."""
 import functools
 import os
 
@@ -11,21 +11,21 @@ import cameras  # noqa: E402
 
 EXPOSURE = 1.08
 SHOULDER = 0.6  # linear up to here, then an exponential roll-off to 1
-BRIGHTEST = 2.0  # radiance at which highlights are cut, so that the cubic filter cannot ring around them
+BRIGHTEST = 2.0  # highlights are clipped at this radiance, so that the cubic filter cannot ring around them
 JPEG_QUALITY = 88
 
 
 def read_exr(path):
-    """[h, w, 3] float32, BGR."""
-    picture = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    if picture is None:
+    """Returns [h, w, 3] float32, BGR."""
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if image is None:
         raise OSError(f"{path}: not readable as EXR")
-    return np.ascontiguousarray(picture[..., :3], np.float32)
+    return np.ascontiguousarray(image[..., :3], np.float32)
 
 
 @functools.lru_cache(maxsize=8)
 def _maps(camera):
-    """For 3 x 3 points of every pixel: column, row in the render and a weight, 0 where the lens does not reach."""
+    """Returns column, row in the render and a weight of 3 x 3 points of every pixel; 0 outside the valid region."""
     plan = cameras.render_plan(camera)
     v, u = np.mgrid[0 : camera.size_px[1], 0 : camera.size_px[0]].astype(float)
     maps = []
@@ -38,7 +38,7 @@ def _maps(camera):
 
 
 def resample(camera, render):
-    """Mean of 3 x 3 points a pixel, cubic, linear light. Pixels whose centre the lens does not reach are black."""
+    """Averages 3 x 3 points a pixel, cubic, in linear light. Pixels centred outside the valid region are black."""
     maps = _maps(camera)
     source = np.minimum(render, BRIGHTEST)
     total = np.zeros((*maps[0][0].shape, 3), np.float32)
@@ -49,18 +49,18 @@ def resample(camera, render):
 
 
 def tone(radiance):
-    """Linear radiance -> 8 bit: exposure, shoulder, sRGB transfer (IEC 61966-2-1)."""
+    """Maps linear radiance to 8 bits: exposure, shoulder, sRGB transfer (IEC 61966-2-1)."""
     x = EXPOSURE * radiance
     x = np.where(x < SHOULDER, x, SHOULDER + (1 - SHOULDER) * (1 - np.exp(-(x - SHOULDER) / (1 - SHOULDER))))
     encoded = np.where(x < 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 1e-9) ** (1 / 2.4) - 0.055)
     return np.clip(np.round(255 * encoded), 0, 255).astype(np.uint8)
 
 
-def write_image(path, picture, *options):
-    """As cv2.imwrite; the file appears whole."""
+def write_image(path, image, *options):
+    """Writes as cv2.imwrite, atomically."""
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(path.name + ".part")
-    temporary.write_bytes(cv2.imencode(path.suffix, picture, options)[1])
+    temporary.write_bytes(cv2.imencode(path.suffix, image, options)[1])
     temporary.replace(path)
 
 

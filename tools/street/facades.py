@@ -278,13 +278,13 @@ def build(stage, settings, end):
             house.upper_floors()
             house.shop() if house.rng.random() < 0.68 else house.dwelling()
             house.roof()
-            place = road.side_frame(side, s + width / share / 2, road.FACADE_T, 0.0)
-            stage.add("house", house.mesh, place)
+            world_from_local = road.side_frame(side, s + width / share / 2, road.FACADE_T, 0.0)
+            stage.add("house", house.mesh, world_from_local)
             for text in house.texts:
-                stage.text(text[0], text[1], text[2], place, *text[3:])
+                stage.text(text[0], text[1], text[2], world_from_local, *text[3:])
             style += 1
             s += width / share + 0.06
             if rng.random() < 0.16:
-                s += rng.uniform(2.5, 4.0)  # a lane between the houses
+                s += rng.uniform(2.5, 4.0)  # an alley between the houses
     _end_block(stage, rng, end - 25, np.pi / 2)
     _end_block(stage, rng, road.START_S + 8, -np.pi / 2)

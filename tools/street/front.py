@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the front of a house is put together from: walls, windows, shutters, balconies.
+"""Parts of the front of a house: walls, windows, shutters, balconies.
 
 Local frame: x along the front, y towards the street, z up, front at y = 0."""
 
@@ -27,7 +27,7 @@ class Front:
             )
 
     def bar(self, xa, xb, ya, yb, za, zb, material):
-        """Box against the wall: nobody sees its back."""
+        """Adds a box against the wall, without its back."""
         self.mesh.box(xa, xb, ya, yb, za, zb, material, back=False)
 
     def window(self, x, width, za, zb, recess, glass, bars, frame, rim=0.055):
@@ -50,7 +50,7 @@ class Front:
             piece(a, c, m - 0.025, m + 0.025)
 
     def pierced(self, z0, z1, openings, za, zb, material):
-        """Wall band from z0 to z1 with openings [(xa, xb)] from za to zb."""
+        """Adds a wall band from z0 to z1 with openings [(xa, xb)] from za to zb."""
         self.plane(self.x0, self.x1, z0, za, material)
         self.plane(self.x0, self.x1, zb, z1, material)
         edges = [self.x0, *[x for o in openings for x in o], self.x1]

@@ -46,7 +46,7 @@ def _lamp():
 
 def _sign(stage, s, side, kind, words):
     """Faces the traffic of its side."""
-    place = road.frame(s, side * (KERB_T + 0.40), turn=-side * math.pi / 2)
+    world_from_local = road.frame(s, side * (KERB_T + 0.40), turn=-side * math.pi / 2)
     mesh, z = Mesh(), 2.4
     mesh.cylinder((0, 0, -0.1), (0, 0, 2.75), 0.03, 0.03, "metal_grey", 10)
     if kind == "round":
@@ -70,10 +70,10 @@ def _sign(stage, s, side, kind, words):
                     2.12 + 0.12 * j,
                     "sign_white" if (i + j) % 2 else "sign_black",
                 )
-    stage.add("sign", mesh, place)
+    stage.add("sign", mesh, world_from_local)
     if words:
         size, height = (0.22, 2.34) if kind == "triangle" else (0.30, z)
-        stage.text(words, size, "sign_white" if kind == "square" else "sign_black", place, 0, 0.058, height)
+        stage.text(words, size, "sign_white" if kind == "square" else "sign_black", world_from_local, 0, 0.058, height)
 
 
 def _bench():

@@ -52,7 +52,7 @@ def _surface(stage, end):
 
 
 def _sheet(mesh, s0, s1, t0, t1, material, lift=0.004):
-    """Thin layer on the road that follows its bend and camber."""
+    """Adds a thin layer on the road that follows its bend and camber."""
     t0, t1 = min(t0, t1), max(t0, t1)
     pieces = max(1, math.ceil(s1 - s0))
     across = sorted({t0, t1} | {t for t in _CUTS_T if t0 < t < t1})
@@ -124,7 +124,7 @@ def _markings(stage, end, rng):
 
 
 def pebbles(mesh, rng, count, x, y, z, size=(0.012, 0.035)):
-    """Octahedra strewn over the rectangle |x| by |y| at height z of a local frame."""
+    """Scatters octahedra over the rectangle |x| by |y| at height z of a local frame."""
     for _ in range(count):
         c = np.array([rng.uniform(-x, x), rng.uniform(-y, y), z])
         r = [rng.uniform(*size) for _ in range(3)]

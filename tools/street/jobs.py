@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The list of pictures, in the order in which an interrupted run is most useful."""
+"""The list of images, most useful first in case a run is interrupted."""
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -33,20 +33,20 @@ class Job:
 
     @property
     def exposure_s(self):
-        """Seconds after the first frame; the middle row's, where rows are exposed one after the other."""
+        """Returns seconds after the first frame; of a rolling shutter, of its middle row."""
         offset = 0.0 if self.novel else trajectory.TIME_OFFSET_S.get(self.camera, 0.0)
         return frame_time_s(self.index) + offset
 
     def world_from_body(self, time_s):
         return trajectory.shifted(trajectory.world_from_body(time_s), *NOVEL_VIEWS.get(self.novel, ((0, 0, 0), 0.0)))
 
-    def picture(self, settings):
+    def image(self, settings):
         folder = settings.folder(self.variant)
         folder = folder / "novel" / self.novel if self.novel else folder / "sensor" / "camera" / self.camera
         return folder / f"{self.name}.jpg"
 
     def depth(self, settings):
-        return self.picture(settings).with_name(f"{self.name}_depth.png")
+        return self.image(settings).with_name(f"{self.name}_depth.png")
 
     def render(self, settings):
         return Path(settings.work) / "exr" / f"{self.key}.exr"

@@ -22,7 +22,7 @@ WALLS = (
 )
 GLASS = ("glass_a", "glass_a", "glass_b", "glass_c", "blinds", "curtain", "curtain")
 
-# What bounced light sees, by the beginning of the name.
+# Flat reflectance for bounced light, by the beginning of the material's name.
 FLAT = {
     "glass": (0.05, 0.05, 0.055),
     "car": (0.2, 0.2, 0.2),
@@ -156,10 +156,10 @@ def _slabs(m):
 
 
 def _poster(m, index, rng):
-    picture = textures.poster(index, rng)
-    image = bpy.data.images.new(f"poster{index}", picture.shape[1], picture.shape[0])
-    rgba = np.ones((*picture.shape[:2], 4), np.float32)
-    rgba[..., :3] = picture[::-1]
+    pixels = textures.poster(index, rng)
+    image = bpy.data.images.new(f"poster{index}", pixels.shape[1], pixels.shape[0])
+    rgba = np.ones((*pixels.shape[:2], 4), np.float32)
+    rgba[..., :3] = pixels[::-1]
     image.pixels.foreach_set(rgba.ravel())
     image.pack()
     at = m.uv()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Polygon soup with materials and texture coordinates in metres, and its way into Blender."""
+"""Polygons with materials and texture coordinates in metres, and their conversion to Blender meshes."""
 import math
 
 import bpy
@@ -22,7 +22,7 @@ class Mesh:
         self.smooth.append(smooth)
 
     def quad(self, a, b, c, d, material, uvs=None):
-        """Texture coordinates are the two coordinates along which the quad extends, unless given."""
+        """Adds a quad. Texture coordinates default to the two coordinates along which it extends."""
         if uvs is None:
             normal = abs(np.cross(np.subtract(b, a), np.subtract(d, a)))
             axis = int(np.argmax(normal))
@@ -31,7 +31,7 @@ class Mesh:
         self.polygon([a, b, c, d], material, uvs)
 
     def box(self, x0, x1, y0, y1, z0, z1, material, back=True):
-        """Axis-parallel box; without the face at y0 if back is false."""
+        """Adds an axis-parallel box; without the face at y0 if back is false."""
         q = self.quad
         q((x0, y1, z0), (x1, y1, z0), (x1, y1, z1), (x0, y1, z1), material)
         if back:
@@ -42,7 +42,7 @@ class Mesh:
         q((x0, y1, z0), (x0, y0, z0), (x1, y0, z0), (x1, y1, z0), material)
 
     def cylinder(self, p0, p1, r0, r1, material, sides=12, caps=True, smooth=True):
-        """Truncated cone from p0 (radius r0) to p1 (r1)."""
+        """Adds a truncated cone from p0 (radius r0) to p1 (r1)."""
         p0, p1 = np.array(p0, float), np.array(p1, float)
         length = np.linalg.norm(p1 - p0)
         axis = (p1 - p0) / length
@@ -67,7 +67,7 @@ class Mesh:
             self.cylinder(p, q, radius, radius, material, sides, caps=False)
 
     def leaf(self, center, half_length, half_width, rng, material):
-        """A rhombus of random orientation."""
+        """Adds a rhombus of random orientation."""
         d1 = np.array([rng.gauss(0, 1) for _ in range(3)])
         d1 /= np.linalg.norm(d1)
         d2 = np.cross(d1, [rng.gauss(0, 1) for _ in range(3)])
@@ -78,7 +78,7 @@ class Mesh:
         )
 
     def data(self, name, materials, weld=False):
-        """Blender mesh; weld joins coincident vertices, for smooth shading across faces."""
+        """Returns a Blender mesh; weld joins coincident vertices, for smooth shading across faces."""
         mesh = bpy.data.meshes.new(name)
         vertices, faces = self.vertices, self.faces
         if weld:
@@ -107,7 +107,7 @@ def to_matrix(m):
 
 
 class Stage:
-    """The Blender scene that is being furnished, with its materials."""
+    """The Blender scene under construction, with its materials."""
 
     def __init__(self, materials):
         self.materials = materials
@@ -125,7 +125,7 @@ class Stage:
         return self.place(name, mesh.data(name, self.materials), world_from_local, color)
 
     def text(self, words, size_m, material, world_from_local, x, y, z):
-        """Letters in the plane y = const of a local frame, read by somebody who looks along -y."""
+        """Adds letters in the plane y = const of a local frame, legible when viewed along -y."""
         face = np.eye(4)
         face[:3, :3] = np.array([(-1, 0, 0), (0, 0, 1), (0, 1, 0)]).T
         face[:3, 3] = (x, y, z)

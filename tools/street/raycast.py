@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rays against the scene's polygons, inside Blender: the LiDAR's revolutions, and depth of the new views."""
+"""Casts rays against the scene's polygons, inside Blender: LiDAR revolutions, and depth of the novel views."""
 import cv2
 import bpy
 import numpy as np
@@ -15,17 +15,17 @@ from lidar import ELEVATIONS_DEG, NEAR_M, POSITION_M, RANGE_M, RANGE_NOISE_M, RE
 from settings import FIRST_ID, FIRST_TIME_S, frame_time_s
 from traffic import TRAFFIC
 
-DEPTH_LIMIT_MM = 65535  # what 16 bits hold
+DEPTH_LIMIT_MM = 65535  # the largest 16-bit number
 
 
 def coarse(depth_mm):
-    """Rounded to nine significant bits (0.2 %) and to no less than 16 mm, which halves the files."""
+    """Rounds to nine significant bits (0.2 %) and at least 16 mm, which halves the files."""
     step = 2.0 ** np.maximum(4, np.floor(np.log2(np.maximum(depth_mm, 1))) - 8)
     return np.minimum(step * np.round(depth_mm / step), DEPTH_LIMIT_MM)
 
 
 class Caster:
-    """Polygons of some objects in the frame of `origin` (the world by default)."""
+    """Returns polygons of some objects in the frame of `origin` (the world by default)."""
 
     def __init__(self, items, origin=None):
         graph = bpy.context.evaluated_depsgraph_get()
@@ -52,7 +52,7 @@ class Caster:
         self.tree = BVHTree.FromPolygons(vertices, faces)
 
     def cast(self, origin, directions, limit):
-        """Distance [n] (inf: nothing) and intensity [n] along unit directions [n, 3] from one origin."""
+        """Returns distance [n] (inf: no hit) and intensity [n] along unit directions [n, 3] from one origin."""
         hit, at, cast = Vector(origin), [], self.tree.ray_cast
         for d in directions.tolist():
             _, _, face, distance = cast(hit, Vector(d), limit)
@@ -67,7 +67,7 @@ def _static():
 
 
 def _packets(settings, variant, static, moving):
-    """All packets of a drive: {packet number: (time_s, points in the body at that time, intensity)}."""
+    """Returns all packets of a drive: {packet number: (time_s, points in the body at that time, intensity)}."""
     frames = settings.frames_of(variant)
     step = REVOLUTION_S / STEPS
     packets = {}
@@ -95,7 +95,7 @@ def _packets(settings, variant, static, moving):
 
 
 def _revolutions(settings, variant, packets):
-    """File i holds the revolution around frame i's time; frames are 2/3 of a revolution apart."""
+    """Writes file i with the revolution around frame i's time; frames are 2/3 of a revolution apart."""
     folder = settings.folder(variant) / "dynamic" / "raw-revolutions"
     folder.mkdir(parents=True, exist_ok=True)
     counts = []
@@ -114,7 +114,7 @@ def _revolutions(settings, variant, packets):
 
 
 def _depths(settings, static):
-    """Millimetres along the ray through each pixel's centre, coarse; 0: sky, 65.535 m and more is 65535."""
+    """Returns millimetres along the ray through each pixel's centre, rounded; 0: sky, 65535: 65.535 m and more."""
     rig = cameras.rig(settings.size)
     for job in job_list.all_jobs(settings):
         target = job.depth(settings)

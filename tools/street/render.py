@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Renders the job list with Cycles, inside Blender. Several processes may share a list: each job is locked while it is
-made and appears whole."""
+"""Renders the job list with Cycles, inside Blender. Several processes may share a list: each locks the job that it
+renders and writes it atomically."""
 import fcntl
 import os
 import time
@@ -15,7 +15,7 @@ from mesh import to_matrix
 from traffic import TRAFFIC
 
 OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
-ROLLING_KEYS = 5  # camera poses a rolling picture, interpolated linearly: 7.5 ms apart
+ROLLING_KEYS = 5  # camera poses of an image with a rolling shutter, interpolated linearly: 7.5 ms apart
 
 
 def cycles_settings(samples, threads=1):
@@ -42,7 +42,7 @@ def cycles_settings(samples, threads=1):
 
 
 class Lens:
-    """The Blender camera as the lens of a rig camera."""
+    """Configures the Blender camera as the lens of a rig camera."""
 
     def __init__(self):
         self.data = bpy.data.cameras.new("camera")
@@ -100,7 +100,7 @@ class Lens:
 
 
 def _dress(job):
-    """Shows what this picture may see: traffic, the ego vehicle."""
+    """Shows the objects that belong into this image: traffic, the ego vehicle."""
     for vehicle in TRAFFIC:
         name = f"traffic_{vehicle.object_id}"
         for item in (bpy.data.objects[name], bpy.data.objects[name + "_plate"]):
@@ -152,6 +152,6 @@ def render(settings):
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
-                continue  # another process is at it
+                continue  # another process renders it
             if not target.exists():
                 render_job(job, settings, lens, rig, target)

@@ -38,7 +38,7 @@ def _sky(settings):
     background = tree.nodes["Background"]
     tree.links.new(texture.outputs[0], background.inputs[0])
     background.inputs[1].default_value = SKY_STRENGTH
-    # Bounces find the smooth sky by themselves; sampled as a light it would take every second sample from the sun.
+    # The sky is smooth enough to be hit by bounces. As a sampled light it would take half of the sun's samples.
     world.cycles.sampling_method = "NONE"
 
 

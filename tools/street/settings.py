@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is generated: the options of one street, and the constants that all its parts share."""
+"""Options of one street, and constants that all its parts share."""
 import json
 import random
 from dataclasses import asdict, dataclass, field
@@ -38,7 +38,7 @@ class Settings:
     novel: list = field(default_factory=lambda: list(NOVEL_VIEWS))
 
     def save(self):
-        """Into the scratch folder, which must not hold renders of another street."""
+        """Writes the settings into the scratch folder, which must not hold renders of another street."""
         file = Path(self.work) / "settings.json"
         if file.exists():
             before = Settings.load(self.work)
@@ -62,7 +62,7 @@ class Settings:
         return Path(self.out + VARIANTS[variant])
 
     def rng(self, *part):
-        """random.Random of its own for each part, so that a change in one part leaves the others as they are."""
+        """Returns a random.Random for each part, so that a change in one part leaves the others as they are."""
         return random.Random("/".join(map(str, (self.seed, *part))))
 
     def np_rng(self, *part):

@@ -12,7 +12,7 @@ class Shader:
         self.tree = self.material.node_tree
         self.tree.nodes.clear()
         self.flat = flat
-        self.material.diffuse_color = (*flat, 1)  # what the LiDAR's intensity is taken from
+        self.material.diffuse_color = (*flat, 1)  # gives the LiDAR's intensity
 
     def node(self, kind, inputs=None, **properties):
         node = self.tree.nodes.new("ShaderNode" + kind)
@@ -40,7 +40,7 @@ class Shader:
         ]
 
     def warped(self, at, scale, detail):
-        """at + noise, for irregular cracks."""
+        """Returns at + noise, for irregular cracks."""
         noise = self.node("TexNoise", {"Vector": at, "Scale": scale, "Detail": detail}).outputs["Color"]
         return self.node("VectorMath", {0: at, 1: noise}, operation="ADD").outputs[0]
 
@@ -83,7 +83,7 @@ class Shader:
         return self.node("MixShader", {0: factor, 1: a, 2: b}).outputs[0]
 
     def _finish(self, shader):
-        """Light that arrives from here by a bounce sees one flat shade: textures are evaluated for the camera alone."""
+        """Evaluates textures for camera rays alone; bounced light gets one flat shade."""
         flat = self.node("BsdfDiffuse", {"Color": self.flat}).outputs[0]
         seen = self.node("LightPath").outputs["Is Camera Ray"]
         self.node("OutputMaterial", {0: self._mix_shaders(seen, flat, shader)})

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Makes the project's street recording: see README.md beside this file.
+"""Makes the project's street recording: see README.md in this folder.
 
     python3 street.py OUT [--work DIR] [--stages build,render,raycast,write] ...
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures that are computed: posters and the sky. numpy and OpenCV only."""
+"""Computed images: posters and the sky. numpy and OpenCV only."""
 import math
 
 import cv2
@@ -11,7 +11,7 @@ SUN_AZIMUTH_DEG, SUN_ELEVATION_DEG = 205.0, 50.0  # azimuth from world x towards
 
 
 def fractal_noise(size, rng, octaves=6, gain=0.55, base=4):
-    """Value noise, size x size, in [0, 1]."""
+    """Returns value noise, size x size, in [0, 1]."""
     out, amplitude = np.zeros((size, size), np.float32), 1.0
     for octave in range(octaves):
         grid = rng.random((min(base * 2**octave, size) + 3,) * 2).astype(np.float32)
@@ -38,23 +38,23 @@ def _pattern(kind, rng, h, w):
         clouds = np.stack([fractal_noise(512, rng, 7, 0.7) for _ in range(3)], -1)
         return (cv2.resize(clouds, (w, h)) - 0.5) * 1.6 + 0.5
     else:
-        picture = np.where((y // 9 % 2)[..., None] > 0, light, dark).astype(np.float32)
+        image = np.where((y // 9 % 2)[..., None] > 0, light, dark).astype(np.float32)
         for _ in range(26):
             at = tuple(int(c) for c in rng.integers(0, (w, h)))
-            cv2.circle(picture, at, int(rng.integers(12, 60)), tuple(map(float, rng.uniform(0, 1, 3))), -1)
-        return picture
+            cv2.circle(image, at, int(rng.integers(12, 60)), tuple(map(float, rng.uniform(0, 1, 3))), -1)
+        return image
     return np.where(mask, light, dark)
 
 
 def poster(index, rng):
     """[768, 512, 3] float, sRGB: a pattern, a title, small print."""
     h, w = 768, 512
-    picture = np.ascontiguousarray(np.clip(_pattern(index % 6, rng, h, w), 0.01, 0.97), np.float32)
+    image = np.ascontiguousarray(np.clip(_pattern(index % 6, rng, h, w), 0.01, 0.97), np.float32)
     top = int(rng.integers(40, 90))
     color = lambda low, high: tuple(map(float, rng.uniform(low, high, 3)))
-    cv2.rectangle(picture, (0, top), (w, top + 130), color(0, 0.3), -1)
+    cv2.rectangle(image, (0, top), (w, top + 130), color(0, 0.3), -1)
     cv2.putText(
-        picture,
+        image,
         WORDS[index % len(WORDS)],
         (18, top + 100),
         cv2.FONT_HERSHEY_TRIPLEX,
@@ -66,9 +66,9 @@ def poster(index, rng):
     letters = list("abcdefghijklmnopqrstuvwxyz    0123456789")
     for line in range(7):
         y = h - 190 + 26 * line
-        cv2.rectangle(picture, (24, y - 20), (w - 24, y + 4), (0.85, 0.85, 0.82), -1)
+        cv2.rectangle(image, (24, y - 20), (w - 24, y + 4), (0.85, 0.85, 0.82), -1)
         cv2.putText(
-            picture,
+            image,
             "".join(rng.choice(letters, 28)),
             (30, y),
             cv2.FONT_HERSHEY_SIMPLEX,
@@ -77,8 +77,8 @@ def poster(index, rng):
             2,
             cv2.LINE_AA,
         )
-    cv2.rectangle(picture, (0, 0), (w - 1, h - 1), (0.9, 0.9, 0.9), 14)
-    return picture
+    cv2.rectangle(image, (0, 0), (w - 1, h - 1), (0.9, 0.9, 0.9), 14)
+    return image
 
 
 def sun_direction():

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import road
 
 PARKED_T = 4.32  # |t| of parked cars
-RESERVED_S = (29.0, 37.0)  # right-hand bay that is kept free for the parked vehicle
+RESERVED_S = (29.0, 37.0)  # right-hand bay reserved for the parked vehicle
 COLORS = (
     (0.55, 0.56, 0.58),
     (0.02, 0.02, 0.022),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the car is, exactly, and the errors of what a program is told about it."""
+"""The exact trajectory of the car, and the errors of the egomotion file."""
 import math
 
 import numpy as np
@@ -34,7 +34,7 @@ def rotation(yaw, pitch_up, roll_left_up):
 
 
 def world_from_body(t):
-    """Body pose (x ahead, y left, z up; on the ground under the rear axle) t seconds after the first frame."""
+    """Returns the body pose t seconds after the first frame. Body: x ahead, y left, z up, origin at the rear axle."""
     wave = lambda amplitude, period, phase=0.0: amplitude * math.sin(2 * math.pi * t / period + phase)
     here, step = np.array(road.xy(_s(t), _t(t))), 0.02
     ahead = np.array(road.xy(_s(t + step), _t(t + step))) - np.array(road.xy(_s(t - step), _t(t - step)))
@@ -52,7 +52,7 @@ def world_from_body(t):
 
 
 def shifted(world_from_body_, shift_m, yaw_left_deg):
-    """A pose moved in its own axes: by shift_m, then turned to the left."""
+    """Returns a pose translated in its own axes by shift_m, then rotated to the left."""
     d = np.eye(4)
     d[:3, 3] = shift_m
     d[:3, :3] = rotation(math.radians(yaw_left_deg), 0, 0)
@@ -60,21 +60,22 @@ def shifted(world_from_body_, shift_m, yaw_left_deg):
 
 
 def ecef_from_world():
-    """The invented place: 47.5 N, 19.05 E, 120 m (WGS84); the first frame heads 30 degrees east of north."""
+    """Returns ECEF from world of an invented location: 47.5 N, 19.05 E, 120 m (WGS84); the first frame heads 30 degrees
+    east of north."""
     a, flattening = 6378137.0, 1 / 298.257223563
     e2 = flattening * (2 - flattening)
     lat, lon, height = math.radians(47.5), math.radians(19.05), 120.0
     n = a / math.sqrt(1 - e2 * math.sin(lat) ** 2)
     up = np.array([math.cos(lat) * math.cos(lon), math.cos(lat) * math.sin(lon), math.sin(lat)])
     east = np.array([-math.sin(lon), math.cos(lon), 0.0])
-    place = np.eye(4)
-    place[:3, :3] = np.stack([east, np.cross(up, east), up], 1)
-    place[:3, 3] = (n + height) * up - np.array([0, 0, e2 * n * math.sin(lat)])
+    ecef_from_enu = np.eye(4)
+    ecef_from_enu[:3, :3] = np.stack([east, np.cross(up, east), up], 1)
+    ecef_from_enu[:3, 3] = (n + height) * up - np.array([0, 0, e2 * n * math.sin(lat)])
     first = world_from_body(0.0)
     turn = np.eye(4)
     turn[:3, :3] = rotation(math.radians(60.0) - math.atan2(first[1, 0], first[0, 0]), 0, 0)
     turn[:3, 3] = -turn[:3, :3] @ first[:3, 3]
-    return place @ turn
+    return ecef_from_enu @ turn
 
 
 def pose_noise(settings: Settings, frames):

@@ -72,11 +72,11 @@ def build(stage, settings, end):
             if rng.random() < 0.2 or near_crossing(s):
                 continue
             at = s + rng.uniform(-1, 1)
-            place = road.frame(at, side * PIT_T, turn=rng.uniform(0, 6))
-            place[:3, :3] *= rng.uniform(0.85, 1.12)
-            stage.place("tree", rng.choice(kinds), place)
+            world_from_local = road.frame(at, side * PIT_T, turn=rng.uniform(0, 6))
+            world_from_local[:3, :3] *= rng.uniform(0.85, 1.12)
+            stage.place("tree", rng.choice(kinds), world_from_local)
             stage.place("pit", pit, road.frame(at, side * PIT_T))
     for _ in range(16):  # crowns behind the houses
-        place = road.frame(rng.uniform(-40, end - 50), rng.choice([-1, 1]) * rng.uniform(19, 26), 0)
-        place[:3, :3] *= rng.uniform(1.5, 2.2)
-        stage.place("tree", rng.choice(kinds), place)
+        world_from_local = road.frame(rng.uniform(-40, end - 50), rng.choice([-1, 1]) * rng.uniform(19, 26), 0)
+        world_from_local[:3, :3] *= rng.uniform(1.5, 2.2)
+        stage.place("tree", rng.choice(kinds), world_from_local)

@@ -69,7 +69,7 @@ SHAPES = {
 
 
 def _curve(stations, x):
-    """Cubic Hermite interpolation, tangents limited so that it never overshoots."""
+    """Cubic Hermite interpolation with limited tangents, so that it never overshoots."""
     px, py = np.array(stations, float).T
     slope = np.diff(py) / np.diff(px)
     tangent = np.concatenate(
@@ -91,7 +91,7 @@ def _curve(stations, x):
 
 
 def _section(shape, x):
-    """Half a cross section, from the floor's middle up to the roof's: [13, 2] of y, z."""
+    """Returns half a cross section from the floor's middle to the roof's: [13, 2] of y, z."""
     w, deck, sill = (_curve(c, x) for c in (shape.half_width, shape.deck, shape.sill))
     foot, rear = shape.cabin[0][0], shape.cabin[-1][0]
     top, top_w = deck + 0.03, 0.88 * w
@@ -275,15 +275,15 @@ def build(stage, settings, end):
                 continue
             kind = rng.choice(["sedan", "sedan", "hatch", "hatch", "van"])
             against = (side > 0) != (rng.random() < 0.12)
-            place = road.frame(
+            world_from_local = road.frame(
                 s + rng.uniform(-0.3, 0.3),
                 side * (PARKED_T + rng.uniform(-0.07, 0.1)),
                 turn=(math.pi if against else 0) + rng.uniform(-0.025, 0.025),
             )
             if side < 0 and RESERVED_S[0] - 2 < s < RESERVED_S[1] + 2:
                 continue
-            stage.place(f"car {kind}", meshes[kind], place, COLORS[color % len(COLORS)])
-            _plate_text(stage, rng, place, kind)
+            stage.place(f"car {kind}", meshes[kind], world_from_local, COLORS[color % len(COLORS)])
+            _plate_text(stage, rng, world_from_local, kind)
             color += 1
     for vehicle in TRAFFIC:
         item = stage.place(

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measures the pictures against what the files say: marker scene -> projection error and row times; two renders with
-different seeds -> noise floor. render_* run inside Blender, report outside."""
+"""Compares images with the files. A marker scene gives projection errors and row times, two renders with different
+seeds give the noise floor. render_* run inside Blender, report outside."""
 import json
 import math
 from pathlib import Path
@@ -15,7 +15,7 @@ from settings import ROLLING_READOUT_S
 
 MARKER_FRAMES = (0, 31)
 ROLLING_FRAME = 12
-SPIN_DEG_S = 150.0  # of the body, added for the rolling marker pictures: 0.2 ms are 0.3 px then
+SPIN_DEG_S = 150.0  # of the body, added for the rolling marker images: 0.2 ms are 0.3 px then
 NOISE_FRAME = 20
 
 
@@ -35,13 +35,13 @@ def _cases():
 
 
 def _markers(settings, case, camera, t, pose_at):
-    """World points [n, 3] in view, 3 to 25 m away, on a jittered grid of pixels; their distances."""
+    """Returns world points [n, 3] in view, 3 to 25 m away, on a jittered grid of pixels, and their distances."""
     rng = settings.np_rng("markers", case)
     width, height = camera.size_px
     v, u = np.mgrid[14 : height - 15 : 9j, 14 : width - 15 : 13j]
     u, v = u + rng.uniform(-5, 5, u.shape), v + rng.uniform(-5, 5, v.shape)
     rays, inside = cameras.unproject(camera, u, v)
-    if camera.model == "mei":  # where a marker is still a spot
+    if camera.model == "mei":  # where a marker is still round
         inside &= np.degrees(np.arccos(rays[..., 2])) < 92
     distance = rng.uniform(3, 25, u.shape)[inside]
     world_from_camera = pose_at(t) @ camera.body_from_camera()
@@ -49,7 +49,7 @@ def _markers(settings, case, camera, t, pose_at):
 
 
 def _seen_at(camera, points, t, pose_at, readout_s):
-    """Pixels [n, 2] of world points under a rolling shutter (fixed point of row -> time -> row); their speed, px/s."""
+    """Returns pixels [n, 2] of world points under a rolling shutter, and their speed in px/s. Iterates row times."""
 
     def at(times):
         out = np.empty((len(points), 2))
@@ -119,13 +119,13 @@ def render_noise(settings):
                 render_job(job, settings, lens, rig, folder / f"{name}_{seed}.exr", seed)
 
 
-def _spots(picture):
-    """Centroids [n, 2] of the bright spots, weighted by radiance."""
+def _spots(image):
+    """Returns centroids [n, 2] of the bright spots, weighted by radiance."""
     import cv2
 
-    count, labels = cv2.connectedComponents((picture > 0.02 * picture.max()).astype(np.uint8))
-    labels, weight = labels.ravel(), picture.ravel()
-    v, u = np.indices(picture.shape).reshape(2, -1)
+    count, labels = cv2.connectedComponents((image > 0.02 * image.max()).astype(np.uint8))
+    labels, weight = labels.ravel(), image.ravel()
+    v, u = np.indices(image.shape).reshape(2, -1)
     total = np.bincount(labels, weight, count)
     return np.stack([np.bincount(labels, weight * c, count) / total for c in (u, v)], 1)[1:]
 
@@ -140,10 +140,10 @@ def _projection(settings):
         errors, row_times, missing = [], [], 0
         for case, name, t, pose_at, readout_s in cases:
             camera = rig[name]
-            picture = develop.resample(camera, develop.read_exr(Path(settings.work) / "markers" / f"{case}.exr")).mean(
+            image = develop.resample(camera, develop.read_exr(Path(settings.work) / "markers" / f"{case}.exr")).mean(
                 -1
             )
-            found = _spots(picture)
+            found = _spots(image)
             points, _ = _markers(settings, case, camera, t, pose_at)
             pixels, speed = _seen_at(camera, points, t, pose_at, readout_s)
             for pixel, flow in zip(pixels, speed):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The recording's files in the aiMotive layout: pictures, calibration, egomotion, boxes, poses of the new views."""
+"""The recording's files in the aiMotive layout: images, calibration, egomotion, boxes, poses of the novel views."""
 import json
 from dataclasses import replace
 
@@ -26,7 +26,7 @@ def _dump(value, path):
     path.write_text(json.dumps(value, indent=1) + "\n")
 
 
-def _mounting(body_from_sensor, position_m, angles_deg):
+def _extrinsic(body_from_sensor, position_m, angles_deg):
     return {
         "RT_body_from_sensor": body_from_sensor.tolist(),
         "RT_sensor_from_body": np.linalg.inv(body_from_sensor).tolist(),
@@ -43,7 +43,7 @@ def _camera_entry(camera, yaw_error_deg):
     camera = replace(camera, yaw_pitch_roll_deg=(yaw + yaw_error_deg, pitch, roll))
     distortion = [0 if c == 0 else c for c in camera.distortion]  # integer zeros, as in the dataset
     entry = {
-        **_mounting(camera.body_from_camera(), camera.position_m, camera.yaw_pitch_roll_deg),
+        **_extrinsic(camera.body_from_camera(), camera.position_m, camera.yaw_pitch_roll_deg),
         "distortion_coeffs": distortion,
         "focal_length_px": list(camera.focal_px),
         "image_resolution_px": list(camera.size_px),
@@ -59,7 +59,7 @@ def _camera_entry(camera, yaw_error_deg):
 
 
 def calibration(settings, variant, exact):
-    """calibration.json; if exact, calibration_true.json, which also says when the rows are exposed."""
+    """Returns calibration.json; if exact, calibration_true.json, which also has time offsets and readout times."""
     rig = cameras.rig(settings.size)
     sensors = {
         "Imu0": {
@@ -76,10 +76,10 @@ def calibration(settings, variant, exact):
             sensors[name]["time_offset_s"] = trajectory.TIME_OFFSET_S.get(name, 0.0)
             sensors[name]["readout_s"] = ROLLING_READOUT_S if variant == "rolling" else 0.0
     if variant != "rolling":
-        mount = np.eye(4)
-        mount[:3, 3] = lidar.POSITION_M
+        body_from_lidar = np.eye(4)
+        body_from_lidar[:3, 3] = lidar.POSITION_M
         sensors["M_LIDAR_M"] = {
-            **_mounting(mount, lidar.POSITION_M, (0, 0, 0)),
+            **_extrinsic(body_from_lidar, lidar.POSITION_M, (0, 0, 0)),
             "label": "M_LIDAR_M",
             "sensor_type": "lidar",
             "laser_count": len(lidar.ELEVATIONS_DEG),
@@ -89,13 +89,13 @@ def calibration(settings, variant, exact):
 
 
 def _egomotion(settings, frames, exact):
-    """Keyed by id. Poses hold at the frame's time."""
-    place = trajectory.ecef_from_world()
+    """Returns poses at the frames' times, keyed by id."""
+    ecef_from_world = trajectory.ecef_from_world()
     noise = trajectory.pose_noise(settings, frames)
     entries = {}
     for i in range(frames):
         pose = trajectory.world_from_body(frame_time_s(i))
-        pose = place @ (pose if exact else trajectory.with_noise(pose, noise[i]))
+        pose = ecef_from_world @ (pose if exact else trajectory.with_noise(pose, noise[i]))
         time_s = FIRST_TIME_S + frame_time_s(i)
         entries[str(FIRST_ID + i)] = {"RT_ECEF_body": pose.tolist(), "time": time_s, "time_host": time_s}
     return entries
@@ -134,7 +134,7 @@ def _boxes(settings, index):
 
 
 def _novel_poses(settings, name):
-    place = trajectory.ecef_from_world()
+    ecef_from_world = trajectory.ecef_from_world()
     images = []
     for i in job_list.novel_indices(settings):
         job = job_list.Job("street", cameras.NOVEL_CAMERA, i, name)
@@ -142,7 +142,7 @@ def _novel_poses(settings, name):
             "file": f"{job.name}.jpg",
             "camera": job.camera,
             "frame_id": job.frame_id,
-            "RT_ECEF_body": (place @ job.world_from_body(job.exposure_s)).tolist(),
+            "RT_ECEF_body": (ecef_from_world @ job.world_from_body(job.exposure_s)).tolist(),
         }
         shift, yaw = NOVEL_VIEWS[name]
         if yaw == 0:
@@ -152,16 +152,16 @@ def _novel_poses(settings, name):
     return {"calibration": {camera.name: _camera_entry(camera, 0.0)}, "images": images}
 
 
-def _pictures(settings):
+def _images(settings):
     rig, missing = cameras.rig(settings.size), []
     for job in job_list.all_jobs(settings):
-        exr, jpeg = job.render(settings), job.picture(settings)
+        exr, jpeg = job.render(settings), job.image(settings)
         if not exr.exists():
             missing.append(job.key)
         elif not jpeg.exists() or jpeg.stat().st_mtime < exr.stat().st_mtime:
             develop.develop(rig[job.camera], exr, jpeg)
     if missing:
-        print(f"write: {len(missing)} pictures are not rendered yet, the first is {missing[0]}")
+        print(f"write: {len(missing)} images are not rendered yet, the first is {missing[0]}")
 
 
 def write(settings):
@@ -177,4 +177,4 @@ def write(settings):
             for name in settings.novel:
                 _dump(_novel_poses(settings, name), folder / "novel" / name / "poses.json")
         (folder / "LICENSE").write_text(LICENSE)
-    _pictures(settings)
+    _images(settings)
