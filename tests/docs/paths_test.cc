@@ -81,7 +81,9 @@ TEST_P(Documents, NamePathsThatExist) {
       ++found;
       EXPECT_TRUE(fs::exists(root / path)) << GetParam() << " names " << path;
     }
-  if (std::string(GetParam()) == "ARCHITECTURE.md") EXPECT_GT(found, 0) << "the scan finds nothing";
+  if (std::string(GetParam()) == "ARCHITECTURE.md") {
+    EXPECT_GT(found, 0) << "the scan finds nothing";
+  }
 }
 
 TEST_P(Documents, LinkToFilesAndHeadingsThatExist) {
