@@ -27,8 +27,7 @@ class PosesSection : public ::testing::Test {
     Scene recorded = make_scene(run_.recording, {});
     if (!run_.state.poses.refines()) run_.state.poses = PoseState(recorded);
     run_.state.poses.corrections.values[at] = value;
-    update_view_poses(corrected(run_.recording, recorded, run_.state.poses.corrections),
-                      &run_.scene);
+    apply_corrections(recorded, run_.recording.frames, run_.state.poses.corrections, &run_.scene);
   }
   TemporaryFolder folder_;
   redrive::Run run_;

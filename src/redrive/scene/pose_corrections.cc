@@ -84,44 +84,36 @@ void interpolate_held_out(const Scene& scene, PoseCorrections* corrections) {
   }
 }
 
-Recording corrected(const Recording& recording, const Scene& scene,
-                    const PoseCorrections& corrections) {
+std::vector<FramePose> apply_corrections(const Scene& initial,
+                                         const std::vector<FramePose>& trajectory,
+                                         const PoseCorrections& corrections, Scene* corrected) {
   REDRIVE_CHECK_OP(corrections.values.size(), ==, corrections.size());
-  REDRIVE_CHECK_OP(scene.frames.size(), ==, static_cast<std::size_t>(corrections.frames));
-  REDRIVE_CHECK_OP(scene.rig.size(), ==, static_cast<std::size_t>(corrections.cameras));
-  Recording out = recording;
-  for (FramePose& frame : out.frames) {
-    const Between at = find_interval(scene.frames.size(), frame.t_ns, [&](std::size_t i) {
-                         return scene.frames[i].t_ns;
+  REDRIVE_CHECK_OP(initial.frames.size(), ==, static_cast<std::size_t>(corrections.frames));
+  REDRIVE_CHECK_OP(initial.rig.size(), ==, static_cast<std::size_t>(corrections.cameras));
+  std::vector<FramePose> poses = trajectory;
+  for (FramePose& pose : poses) {
+    const Between at = find_interval(initial.frames.size(), pose.t_ns, [&](std::size_t i) {
+                         return initial.frames[i].t_ns;
                        }).clamped();
     const float* const first =
         &corrections.values[corrections.frame_slot(static_cast<int>(at.before))];
     const auto six = interpolate_vector6(first, first + 6, at.part);
-    frame.global_from_body = frame.global_from_body * rigid_from_vector(six.data());
+    pose.global_from_body = pose.global_from_body * rigid_from_vector(six.data());
   }
-  for (RecordedCamera& camera : out.cameras) {
-    const int c = scene.camera_index(camera.calibration.name);
-    if (c < 0) continue;
-    camera.calibration.body_from_sensor =
-        camera.calibration.body_from_sensor *
-        rigid_from_vector(&corrections.values[corrections.camera_slot(c)]);
-    camera.calibration.time_offset_ns +=
-        std::llround(1e9 * corrections.values[corrections.time_slot(c)]);
+  for (std::size_t c = 0; c < initial.rig.size(); ++c) {
+    const int camera = static_cast<int>(c);
+    corrected->rig[c].body_from_sensor =
+        initial.rig[c].body_from_sensor *
+        rigid_from_vector(&corrections.values[corrections.camera_slot(camera)]);
+    corrected->rig[c].time_offset_ns =
+        initial.rig[c].time_offset_ns +
+        std::llround(1e9 * corrections.values[corrections.time_slot(camera)]);
   }
-  return out;
-}
-
-void update_view_poses(const Recording& recording, Scene* scene) {
-  const Rigid3d world_from_global = scene->global_from_world.inverse();
-  for (Frame& frame : scene->frames)
-    frame.world_from_body = world_from_global * pose_at(recording.frames, frame.t_ns);
-  for (RigCamera& camera : scene->rig) {
-    const RecordedCamera* const recorded = recording.find_camera(camera.name);
-    REDRIVE_CHECK(recorded != nullptr);
-    camera.body_from_sensor = recorded->calibration.body_from_sensor;
-    camera.time_offset_ns = recorded->calibration.time_offset_ns;
-  }
-  for (View& view : scene->views) update_view_pose(recording.frames, *scene, &view);
+  const Rigid3d world_from_global = initial.global_from_world.inverse();
+  for (Frame& frame : corrected->frames)
+    frame.world_from_body = world_from_global * pose_at(poses, frame.t_ns);
+  for (View& view : corrected->views) update_view_pose(poses, *corrected, &view);
+  return poses;
 }
 
 Vector6d in_body(const Scene& scene, const View& view, const ViewGradient& gradient) {

@@ -44,14 +44,13 @@ Rigid3d rigid_from_vector(const float* six);
 /// that have one, by time; at the ends the nearest one's.
 void interpolate_held_out(const Scene& scene, PoseCorrections* corrections);
 
-/// `recording`, from which `scene` was made, as corrected; a frame that is none of the scene's by
-/// what lies between those of the scene.
-Recording corrected(const Recording& recording, const Scene& scene,
-                    const PoseCorrections& corrections);
-
-/// The poses of the scene's frames, rig and views anew from those of the recording, in the world
-/// that the scene has.
-void update_view_poses(const Recording& recording, Scene* scene);
+/// Sets the poses of frames, rig and views of `*corrected`, a copy of `initial`, to those of
+/// `initial` with the corrections. `trajectory`: of the recording that the scene was made from;
+/// returned with the corrections, in the same frame of reference (global_from_body). A pose at none
+/// of the scene's frames is corrected by the interpolated corrections of the frames around it.
+std::vector<FramePose> apply_corrections(const Scene& initial,
+                                         const std::vector<FramePose>& trajectory,
+                                         const PoseCorrections& corrections, Scene* corrected);
 
 /// What one view's rays say of its pose, in the world: with its camera's place moved by v and
 /// turned by w (rad) the loss grows by d_translation v + d_rotation w.

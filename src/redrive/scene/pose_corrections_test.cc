@@ -35,7 +35,7 @@ void expect_same(const Rigid3d& a, const Rigid3d& b, double tolerance) {
 TEST_F(PoseCorrectionsTest, NoneLeaveEverythingWhereItIs) {
   const Scene scene = scene_of();
   Scene placed = scene;
-  update_view_poses(corrected(recording_, scene, PoseCorrections(scene)), &placed);
+  apply_corrections(scene, recording_.frames, PoseCorrections(scene), &placed);
   for (std::size_t v = 0; v < scene.views.size(); ++v)
     expect_same(placed.world_from_camera(placed.views[v]), scene.world_from_camera(scene.views[v]),
                 1e-8);
@@ -51,7 +51,7 @@ TEST_F(PoseCorrectionsTest, MoveFramesCamerasAndTimesInTheirOwnAxes) {
   std::copy_n(camera, 6, &corrections.values[corrections.camera_slot(1)]);
   corrections.values[corrections.time_slot(0)] = 1 / 30.0f;  // half a frame
   Scene placed = scene;
-  update_view_poses(corrected(recording_, scene, corrections), &placed);
+  apply_corrections(scene, recording_.frames, corrections, &placed);
   EXPECT_EQ(placed.rig[0].time_offset_ns, 33'333'335) << "a float's seconds";
   for (std::size_t v = 0; v < scene.views.size(); ++v) {
     const View& view = scene.views[v];
@@ -91,7 +91,7 @@ TEST_F(PoseCorrectionsTest, GradientIsThatOfTheViewsPlaces) {
     }
   const auto loss = [&](const PoseCorrections& corrections) {
     Scene placed = scene;
-    update_view_poses(corrected(recording_, scene, corrections), &placed);
+    apply_corrections(scene, recording_.frames, corrections, &placed);
     double sum = 0;
     for (std::size_t v = 0; v < views.size(); ++v) {
       const Rigid3d before = scene.world_from_camera(scene.views[v]),

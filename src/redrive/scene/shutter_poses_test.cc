@@ -23,7 +23,10 @@ TEST(ShutterPoses, RowsHaveTimesOfTheirOwn) {
   recording.cameras[1].calibration.time_offset_ns = kOffset_ns;
   Scene scene = make_scene(recording, {});
   for (const bool again : {false, true}) {  // as corrections place them
-    if (again) update_view_poses(recording, &scene);
+    if (again) {
+      const Scene initial = scene;
+      apply_corrections(initial, recording.frames, PoseCorrections(initial), &scene);
+    }
     for (const View& view : scene.views) {
       const ShutterPoses poses = scene.shutter_poses(view);
       EXPECT_EQ(poses.is_rolling(), view.camera == 1);

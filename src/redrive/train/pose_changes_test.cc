@@ -21,7 +21,7 @@ class PoseChangesTest : public ::testing::Test {
   /// Of the scene as the corrections place it.
   PoseChanges changes() const {
     Scene placed = scene_;
-    update_view_poses(corrected(recording_, scene_, corrections_), &placed);
+    apply_corrections(scene_, recording_.frames, corrections_, &placed);
     return pose_changes(placed, corrections_);
   }
   TemporaryFolder folder_;
@@ -42,9 +42,9 @@ TEST_F(PoseChangesTest, CamerasAreSaidInTheBodysAxes) {
   EXPECT_NEAR(front.time_offset_s, 0.004, 1e-9);
   EXPECT_FALSE(front.pose.at_bound);
   // That is by how much it has moved and turned on the car.
-  const Recording after = corrected(recording_, scene_, corrections_);
-  const Rigid3d &was = recording_.cameras[1].calibration.body_from_sensor,
-                &is = after.cameras[1].calibration.body_from_sensor;
+  Scene after = scene_;
+  apply_corrections(scene_, recording_.frames, corrections_, &after);
+  const Rigid3d &was = scene_.rig[1].body_from_sensor, &is = after.rig[1].body_from_sensor;
   EXPECT_LT((is.translation() - was.translation() - front.pose.translation_m).norm(), 1e-7);
   const Eigen::AngleAxisd turn(is.linear() * was.linear().transpose());
   EXPECT_LT((turn.angle() * turn.axis() - front.pose.rotation_rad).norm(), 1e-7);

@@ -101,7 +101,7 @@ std::pair<double, double> refine(const Recording& recording, const Scene& scene,
     landmarks.losses(now, &batch, &losses);
     refine_poses(now, view_gradients(now, batch, losses),
                  pose_rates(first_m * std::pow(last_m / first_m, double(step) / steps)), state);
-    update_view_poses(corrected(recording, scene, state->corrections), &now);
+    apply_corrections(scene, recording.frames, state->corrections, &now);
   }
   return {before, landmarks.losses(now, &batch, &losses)};
 }
@@ -115,7 +115,7 @@ TEST_F(PoseRefinerTest, FindsWhatIsWrongWithFramesCamerasAndTimes) {
   wrong.values[wrong.camera_slot(0) + 4] = 0.0f;
   wrong.values[wrong.time_slot(0)] = 0.005f;
   Scene truth = scene_;
-  update_view_poses(corrected(recording_, scene_, wrong), &truth);
+  apply_corrections(scene_, recording_.frames, wrong, &truth);
   PoseState state(scene_);
   const auto [before, after] = refine(recording_, scene_, truth, 600, 3e-3, 3e-5, &state);
   EXPECT_GT(before, 1e-3);
@@ -147,7 +147,7 @@ TEST_F(PoseRefinerTest, CorrectionsEndAtTheirBoundsAloud) {
   PoseCorrections wrong(scene_);
   for (int f = 0; f < wrong.frames; ++f) wrong.values[wrong.frame_slot(f) + 1] = 2;  // metres
   Scene truth = scene_;
-  update_view_poses(corrected(recording_, scene_, wrong), &truth);
+  apply_corrections(scene_, recording_.frames, wrong, &truth);
   PoseState state(scene_);
   refine(recording_, scene_, truth, 100, 0.02, 0.02, &state);
   for (int f = 0; f < wrong.frames; ++f)

@@ -201,8 +201,9 @@ Run open_run(const std::filesystem::path& root, bool to_resume) {
     run.state = load_checkpoint(run.paths.checkpoint());
     check_belongs(run);
     if (!to_resume && run.state.poses.refines()) {
-      run.recording = corrected(run.recording, run.scene, run.state.poses.corrections);
-      update_view_poses(run.recording, &run.scene);
+      const Scene initial = run.scene;
+      run.recording.frames =
+          apply_corrections(initial, run.recording.frames, run.state.poses.corrections, &run.scene);
     }
   }
   return run;

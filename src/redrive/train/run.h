@@ -44,10 +44,10 @@ struct Run {
   Scene scene;
   TrainState state;
 };
-/// InputError if a file is missing or they do not belong together. Recording and scene have the
-/// poses that training refined; `to_resume`: those it began with, and a run that was killed before
-/// its first checkpoint opens with the state it would have started from, which is an error
-/// otherwise.
+/// InputError if a file is missing or they do not belong together. The recording's frames and the
+/// scene have the poses that training refined; `to_resume`: those it began with, and a run that was
+/// killed before its first checkpoint opens with the state it would have started from, which is an
+/// error otherwise.
 Run open_run(const std::filesystem::path& root, bool to_resume = false);
 /// The model that options and scene ask for, without parameters.
 std::unique_ptr<Model> make_run_model(const TrainOptions& options, const Scene& scene);

@@ -112,10 +112,11 @@ class Trainer {
   /// Everything where the corrections put it.
   void place() {
     if (!state_.poses.refines()) return;
-    Recording placed = corrected(run_.recording, run_.scene, state_.poses.corrections);
-    update_view_poses(placed, &scene_);
+    const std::vector<FramePose>& recorded = run_.recording.frames;
+    const std::vector<FramePose> trajectory =
+        apply_corrections(run_.scene, recorded, state_.poses.corrections, &scene_);
     sampler_.place();
-    lidar_sampler_.place(scene_.global_from_world, run_.recording.frames, placed.frames);
+    lidar_sampler_.place(scene_.global_from_world, recorded, trajectory);
   }
 
   bool refines() const {
