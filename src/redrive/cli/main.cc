@@ -15,6 +15,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/cli/command.h"
+#include "redrive/cli/manual.h"
 
 namespace {
 
@@ -53,6 +54,7 @@ int run(int argc, char** argv) {
     CLI::App* sub = app.add_subcommand(command.name, command.summary);
     actions[sub] = command.configure(*sub);
   }
+  redrive::add_generate_option(app, REDRIVE_VERSION);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

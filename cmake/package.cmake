@@ -1,0 +1,27 @@
+# SPDX-License-Identifier: Apache-2.0
+# The Debian packages (scripts/package): redrive has what src/redrive/cli installs, redrive-samples the sample street.
+install(FILES LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR} RENAME copyright COMPONENT program)
+install(FILES README.md CHANGELOG.md DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT program)
+install(DIRECTORY samples/street DESTINATION ${CMAKE_INSTALL_DATADIR}/redrive/samples COMPONENT samples)
+install(FILES samples/street/LICENSE DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/redrive-samples RENAME copyright COMPONENT samples)
+
+set(CPACK_GENERATOR DEB)
+set(CPACK_PACKAGE_CONTACT "redrive maintainers")
+set(CPACK_PACKAGING_INSTALL_PREFIX /usr)
+set(CPACK_STRIP_FILES ON)
+set(CPACK_COMPONENTS_ALL program samples)
+set(CPACK_DEB_COMPONENT_INSTALL ON)
+set(CPACK_DEBIAN_PACKAGE_SECTION science)
+set(CPACK_DEBIAN_PROGRAM_PACKAGE_NAME redrive)
+set(CPACK_DEBIAN_PROGRAM_FILE_NAME DEB-DEFAULT)
+set(CPACK_DEBIAN_PROGRAM_PACKAGE_SHLIBDEPS ON)
+set(CPACK_DEBIAN_PROGRAM_PACKAGE_RECOMMENDS "gnuplot-nox, fonts-dejavu-core")  # redrive figures
+set(CPACK_DEBIAN_PROGRAM_PACKAGE_SUGGESTS redrive-samples)
+set(CPACK_COMPONENT_PROGRAM_DESCRIPTION "radiance fields from the recordings of sensor cars
+ Turns cameras, LiDAR and egomotion of a drive into a radiance field, and that into images from new positions.")
+set(CPACK_DEBIAN_SAMPLES_PACKAGE_NAME redrive-samples)
+set(CPACK_DEBIAN_SAMPLES_FILE_NAME DEB-DEFAULT)
+set(CPACK_DEBIAN_SAMPLES_PACKAGE_ARCHITECTURE all)
+set(CPACK_COMPONENT_SAMPLES_DESCRIPTION "sample recording for redrive
+ A street of 48 frames, with LiDAR and with ground truth beside the car's own path.")
+include(CPack)
