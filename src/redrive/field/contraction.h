@@ -5,13 +5,10 @@
 // 2) / 4. A bounded scene (objects, rooms) has its near region alone: unit = (u + 1) / 2.
 #pragma once
 
-#include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 
 #include "redrive/base/host_device.h"
-#include "redrive/volume/ray_intervals.h"
 
 namespace redrive {
 
@@ -80,28 +77,6 @@ REDRIVE_HD void contract_adjoint(const Contraction& contraction, const T world[3
   const T slope = T(2) * (T(1) / m - T(1)) / (m * m),
           along = u[0] * d_unit[0] + u[1] * d_unit[1] + u[2] * d_unit[2];
   d_world[largest] += scale * (u[largest] < T(0) ? -slope : slope) * along;
-}
-
-/// Where a ray is sampled: as `spacing` says, but of a bounded scene only within its cube, evenly.
-/// A ray that misses the cube gets no length, at near_m.
-REDRIVE_HD inline RaySpacing clip_to_scene(const RaySpacing& spacing,
-                                           const Contraction& contraction, const float origin[3],
-                                           const float direction[3]) {
-  if (contraction.unbounded) return spacing;
-  float enter = spacing.near_m, leave = spacing.far_m;
-  for (int k = 0; k < 3; ++k) {
-    const float low = contraction.center[k] - contraction.half_m - origin[k],
-                high = contraction.center[k] + contraction.half_m - origin[k];
-    if (direction[k] == 0) {  // along the slab: inside or outside all the way
-      if (low > 0 || high < 0) leave = -1;
-      continue;
-    }
-    const float a = low / direction[k], b = high / direction[k];
-    enter = std::max(enter, std::min(a, b));
-    leave = std::min(leave, std::max(a, b));
-  }
-  if (!(enter < leave)) enter = leave = spacing.near_m;
-  return {enter, leave, std::numeric_limits<float>::infinity()};
 }
 
 }  // namespace redrive

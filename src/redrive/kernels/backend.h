@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// THE SEAM between what is computed and how. `what` is the scalar functions of field/, volume/,
-// loss/, optim/ and sampling/; `how` is a Backend: batched stages over 10^4..10^6 samples, the same
+// THE SEAM between what is computed and how. `what` is the scalar functions of field/, volume/
+// and optim/; `how` is a Backend: batched stages over 10^4..10^6 samples, the same
 // signature on every backend. Spans and sizes only. Sizes are checked (REDRIVE_CHECK); non-finite
 // results are the caller's to look for. A stage leaves its loss in `loss`, a number of the
 // caller's: where that is kept, nobody waits for it before it is fetched. The fused stages at the
@@ -161,7 +161,7 @@ class Backend {
   virtual void update_error_map(std::span<const std::uint32_t> cells,
                                 std::span<const float> squares, std::span<float> errors);
 
-  // ---- sampling/
+  // ---- volume/
   virtual void sample_stratified(int n_rays, const StratifiedSampling& how, std::span<float> t,
                                  std::span<float> dt) = 0;
   /// Hierarchical sampling (NeRF section 5.2): `extra` further samples per ray from the
@@ -190,7 +190,7 @@ class Backend {
                                   std::span<const float> background,
                                   const CompositeAdjoint& adjoint, std::span<float> d_raw) = 0;
 
-  // ---- loss/
+  // ---- optim/
   /// Mean squared error over n_rays x 3 (optim/photometric_loss.h); d_rgb [3, n_rays]. Summed in
   /// double, in a fixed order.
   virtual void photometric_loss(std::span<const float> rgb, std::span<const float> target,

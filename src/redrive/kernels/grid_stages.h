@@ -115,7 +115,7 @@ class GridStages {
                       std::span<const float> from, std::span<const float> elsewhere,
                       std::span<float> to) = 0;
 
-  // ---- sampling/
+  // ---- volume/
   virtual void spaced(const Rays& rays, const UniformSampling& how, std::span<float> edges) = 0;
   /// New intervals from those of `from` and their weights [n_rays, from.per_ray].
   virtual void proposed(int n_rays, const Intervals& from, std::span<const float> weights,
@@ -194,7 +194,7 @@ class GridStages {
   virtual void median_depth(int n_rays, const Intervals& intervals, std::span<const float> weights,
                             std::span<const float> opacity, std::span<float> depth) = 0;
 
-  // ---- loss/
+  // ---- optim/
   /// Makes of the squared error's d_rgb (Backend::photometric_loss) that of Huber's loss, weighted
   /// by ray, and takes it back through the exposure, whose derivatives, with those of the loss on
   /// gains (gain_regulariser), are added to d_appearance. loss: of both, the colours' as a mean

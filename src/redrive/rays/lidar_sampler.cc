@@ -52,8 +52,4 @@ void LidarSampler::gather(std::int64_t step, int n, RayBatch* batch) const {
   gather_returns(source_, draw(step, n), resize_batch(n, batch));
 }
 
-void gather_returns(const LidarSpans& from, const LidarDraw& draw, const GatheredReturns& out) {
-  for (std::size_t i = 0; i < out.range_m.size(); ++i) gather_return(from, draw, i, out);
-}
-
 }  // namespace redrive

@@ -4,11 +4,14 @@
 // proposal field found in them. Scalar, one ray.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <limits>
 
 #include "redrive/base/host_device.h"
 #include "redrive/base/rng.h"
+#include "redrive/field/contraction.h"
 
 namespace redrive {
 
@@ -64,6 +67,28 @@ REDRIVE_HD inline void pdf_edges(const float* edges, const float* weights, int f
     out[k] = edges[i] + (part > 1 ? 1.0f : part) * (edges[i + 1] - edges[i]);  // NaN stays NaN
   }
   out[to] = edges[from];
+}
+
+/// Where a ray is sampled: as `spacing` says, but of a bounded scene only within its cube, evenly.
+/// A ray that misses the cube gets no length, at near_m.
+REDRIVE_HD inline RaySpacing clip_to_scene(const RaySpacing& spacing,
+                                           const Contraction& contraction, const float origin[3],
+                                           const float direction[3]) {
+  if (contraction.unbounded) return spacing;
+  float enter = spacing.near_m, leave = spacing.far_m;
+  for (int k = 0; k < 3; ++k) {
+    const float low = contraction.center[k] - contraction.half_m - origin[k],
+                high = contraction.center[k] + contraction.half_m - origin[k];
+    if (direction[k] == 0) {  // along the slab: inside or outside all the way
+      if (low > 0 || high < 0) leave = -1;
+      continue;
+    }
+    const float a = low / direction[k], b = high / direction[k];
+    enter = std::max(enter, std::min(a, b));
+    leave = std::min(leave, std::max(a, b));
+  }
+  if (!(enter < leave)) enter = leave = spacing.near_m;
+  return {enter, leave, std::numeric_limits<float>::infinity()};
 }
 
 }  // namespace redrive

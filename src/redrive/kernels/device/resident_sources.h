@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What batches are gathered from (kernels/gather/gather_pixels.h, lidar_gather.h), on a device:
+// What batches are gathered from (kernels/gather/gather_pixels.h, gather_returns.h), on a device:
 // pictures of 8 bits a channel, tables of rays, poses, or LiDAR returns, each in one piece of
 // memory.
 #pragma once

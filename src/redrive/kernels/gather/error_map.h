@@ -8,8 +8,8 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
-#include <vector>
 
+#include "redrive/base/error.h"
 #include "redrive/base/host_device.h"
 #include "redrive/base/rng.h"
 
@@ -80,28 +80,6 @@ REDRIVE_HD inline CellSample sample_cell(std::span<const float> pixels,
   return drawn;
 }
 
-/// The cells of some pictures.
-class ErrorMapLayout {
- public:
-  /// A further picture, from 0. share [height, width]: how often a pixel is drawn beside others, 0
-  /// never, at most 1.
-  void add(int width, int height, std::span<const float> share);
-
-  std::size_t size() const { return pixels_.size(); }
-  std::span<const ErrorMapImage> pictures() const { return pictures_; }
-  std::span<const float> pixels() const {
-    return pixels_;
-  }  ///< [size()], sum of the shares in each cell
-  std::uint32_t at(int picture, std::uint32_t pixel) const {
-    return cell_of_pixel(pictures_[picture], pixel);
-  }
-  CellRect rect(std::size_t cell) const { return rect_of_cell(pictures_, cell); }
-
- private:
-  std::vector<ErrorMapImage> pictures_;
-  std::vector<float> pixels_;
-};
-
 /// What a ray counts where a share of the rays is drawn by error: the even chance of its pixel over
 /// the one that both ways to draw it have together (the balance heuristic of Veach and Guibas
 /// 1995), so that the loss stays the mean over all pixels, about: the other candidates are taken to
@@ -120,8 +98,13 @@ REDRIVE_HD inline float updated_error(float error, float square) {
   return error == kInitialError ? seen : error + kSmoothing * (seen - error);
 }
 
-/// Takes in the squared errors of rays that were drawn in cells [n], one after the other.
-void update_error_map(std::span<const std::uint32_t> cells, std::span<const float> squares,
-                      std::span<float> errors);
+/// Updates the errors of cells by the squared errors of rays drawn in them, cells [n] and squares
+/// [n], in order.
+inline void update_error_map(std::span<const std::uint32_t> cells, std::span<const float> squares,
+                             std::span<float> errors) {
+  REDRIVE_CHECK_OP(cells.size(), ==, squares.size());
+  for (std::size_t i = 0; i < cells.size(); ++i)
+    errors[cells[i]] = updated_error(errors[cells[i]], squares[i]);
+}
 
 }  // namespace redrive

@@ -208,7 +208,18 @@ REDRIVE_HD inline void write_ray_weight(const PixelDraw& draw, std::span<const f
 }
 
 /// All rays of the batch, on the host.
-void gather_pixels(const PixelSpans& from, const PixelDraw& draw, std::span<const float> errors,
-                   const GatheredRays& out);
+inline void gather_pixels(const PixelSpans& from, const PixelDraw& draw,
+                          std::span<const float> errors, const GatheredRays& out) {
+  const std::size_t even = draw.even, n = even + draw.error_map_rays;
+  for (std::size_t i = 0; i < even; ++i) gather_pixel(from, draw, errors, i, out);
+  double pixels = 0, error = 0;
+  for (std::size_t i = even; i < n; ++i) {
+    const CellSample drawn = gather_pixel(from, draw, errors, i, out);
+    pixels += drawn.pixels;
+    error += drawn.error;
+  }
+  for (std::size_t i = 0; i < out.weight.size(); ++i)
+    write_ray_weight(draw, errors, pixels, error, i, out);
+}
 
 }  // namespace redrive

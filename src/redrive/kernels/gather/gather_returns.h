@@ -71,6 +71,9 @@ REDRIVE_HD inline void gather_return(const LidarSpans& from, const LidarDraw& dr
 }
 
 /// All rays of the batch, on the host.
-void gather_returns(const LidarSpans& from, const LidarDraw& draw, const GatheredReturns& out);
+inline void gather_returns(const LidarSpans& from, const LidarDraw& draw,
+                           const GatheredReturns& out) {
+  for (std::size_t i = 0; i < out.range_m.size(); ++i) gather_return(from, draw, i, out);
+}
 
 }  // namespace redrive

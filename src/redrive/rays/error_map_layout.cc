@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/kernels/gather/error_map.h"
+#include "redrive/rays/error_map_layout.h"
 
 #include "redrive/base/error.h"
 
@@ -23,13 +23,6 @@ void ErrorMapLayout::add(int width, int height, std::span<const float> share) {
     for (int y = r.y; y < r.y + r.height; ++y)
       for (int x = r.x; x < r.x + r.width; ++x) pixels_.back() += share[std::size_t(y) * width + x];
   }
-}
-
-void update_error_map(std::span<const std::uint32_t> cells, std::span<const float> squares,
-                      std::span<float> errors) {
-  REDRIVE_CHECK_OP(cells.size(), ==, squares.size());
-  for (std::size_t i = 0; i < cells.size(); ++i)
-    errors[cells[i]] = updated_error(errors[cells[i]], squares[i]);
 }
 
 }  // namespace redrive

@@ -201,5 +201,83 @@ TEST(PdfEdges, AscendWhateverTheWeights) {
   }
 }
 
+const Contraction kRoad{{3, -1, 0.5f}, 8, true}, kRoom{{3, -1, 0.5f}, 8, false};
+
+double coordinate(std::uint64_t stream, std::uint64_t i) {
+  return 2.0 * random_unit(random_key(42, kStreamTest, stream), i) - 1;
+}
+
+constexpr RaySpacing kNearToFar{0.5f, 100, 20};
+
+RaySpacing spacing_in_room(std::array<float, 3> origin, std::array<float, 3> direction) {
+  return clip_to_scene(kNearToFar, kRoom, origin.data(), direction.data());
+}
+
+TEST(ClipToScene, OfAnUnboundedSceneIsWhatItIs) {
+  const float origin[3] = {50, 0, 0}, direction[3] = {1, 0, 0};
+  const RaySpacing spacing = clip_to_scene(kNearToFar, kRoad, origin, direction);
+  EXPECT_EQ(spacing.near_m, 0.5f);
+  EXPECT_EQ(spacing.far_m, 100);
+  EXPECT_EQ(spacing.half_m, 20);
+}
+
+TEST(ClipToScene, GoesFromFaceToFace) {
+  // The room is [-5, 11] x [-9, 7] x [-7.5, 8.5].
+  const auto expect = [](const RaySpacing& spacing, float enter, float leave) {
+    EXPECT_FLOAT_EQ(spacing.near_m, enter);
+    EXPECT_FLOAT_EQ(spacing.far_m, leave);
+    EXPECT_TRUE(std::isinf(spacing.half_m)) << "evenly";
+  };
+  expect(spacing_in_room({-25, 0, 0}, {1, 0, 0}), 20, 36);
+  expect(spacing_in_room({3, -1, 40.5f}, {0, 0, -1}), 32, 48);
+  expect(spacing_in_room({0, 0, 0}, {0, 1, 0}), 0.5f, 7);        // from within, from near_m on
+  expect(spacing_in_room({-205, 0, 0}, {1, 0, 0}), 0.5f, 0.5f);  // beyond far_m
+  expect(spacing_in_room({-95, 0, 0}, {1, 0, 0}), 90, 100);      // far_m ends it
+  expect(spacing_in_room({-10, 0, 0}, {0.6f, 0.8f, 0}), 25.0f / 3,
+         8.75f);                                            // in by x = -5, out by y = 7
+  expect(spacing_in_room({3, -9, 0}, {1, 0, 0}), 0.5f, 8);  // along a face
+}
+
+TEST(ClipToScene, OfARayThatMissesHasNoLength) {
+  for (const RaySpacing& spacing :
+       {spacing_in_room({-25, 0, 0}, {-1, 0, 0}), spacing_in_room({-25, 8, 0}, {1, 0, 0}),
+        spacing_in_room({-10, 0, 0}, {0.3f, 0.95f, 0}), spacing_in_room({12, 0, 0}, {0, 0, 1})}) {
+    EXPECT_EQ(spacing.near_m, 0.5f);
+    EXPECT_EQ(spacing.far_m, 0.5f);
+  }
+}
+
+TEST(ClipToScene, EndsOnTheCubeWhereverItBegins) {
+  int hits = 0;
+  for (int i = 0; i < 2000; ++i) {
+    std::array<float, 3> origin, direction;
+    double square = 0;
+    for (int k = 0; k < 3; ++k) {
+      origin[k] = static_cast<float>(30 * coordinate(21, 3 * i + k));
+      direction[k] = static_cast<float>(coordinate(22, 3 * i + k));
+      square += direction[k] * direction[k];
+    }
+    for (float& d : direction) d /= static_cast<float>(std::sqrt(square));
+    const RaySpacing spacing = spacing_in_room(origin, direction);
+    const auto norm_at = [&](double t) {  // 1 on the cube
+      double m = 0;
+      for (int k = 0; k < 3; ++k)
+        m = std::max(m, std::abs(origin[k] + t * direction[k] - kRoom.center[k]) / kRoom.half_m);
+      return m;
+    };
+    if (spacing.near_m == spacing.far_m) {
+      for (int s = 0; s <= 400; ++s) ASSERT_GT(norm_at(0.5 + 0.25 * s), 1 - 1e-4);
+      continue;
+    }
+    ++hits;
+    EXPECT_NEAR(norm_at(spacing.far_m), 1, 1e-5);
+    if (spacing.near_m > 0.5f) {
+      EXPECT_NEAR(norm_at(spacing.near_m), 1, 1e-5);
+    }
+    EXPECT_LT(norm_at(0.5 * (spacing.near_m + spacing.far_m)), 1);
+  }
+  EXPECT_GT(hits, 100);
+}
+
 }  // namespace
 }  // namespace redrive

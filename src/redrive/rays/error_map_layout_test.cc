@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/kernels/gather/error_map.h"
+#include "redrive/rays/error_map_layout.h"
 
 #include <cmath>
 #include <numeric>
