@@ -53,7 +53,7 @@ struct GridNetwork {
   std::span<const float> weights;
 };
 
-/// How the first intervals of rays are laid: field/contraction.h clip_to_scene,
+/// How the first intervals of rays are laid: volume/ray_intervals.h clip_to_scene,
 /// volume/ray_intervals.h uniform_edges.
 struct UniformSampling {
   int per_ray = 0;
