@@ -2,8 +2,8 @@
 // Every command on a small run, and what it leaves behind.
 #include <nlohmann/json.hpp>
 
+#include "redrive/image/image_io.h"
 #include "redrive/model/nerf_model.h"
-#include "redrive/scene/load_views.h"
 #include "redrive/train/run.h"
 #include "tests/e2e/end_to_end.h"
 
@@ -89,10 +89,9 @@ TEST_F(EndToEnd, RendersOneViewWithDepth) {
   const Image8 picture = read_image(image);
   EXPECT_EQ(picture.width, 44);
   EXPECT_EQ(picture.height, 36);
-  int width = 0, height = 0;
-  for (const std::uint16_t depth_mm : read_png16(depth, &width, &height))
-    ASSERT_LE(depth_mm, 10001);  // sum w t <= far
-  EXPECT_EQ(width, 44);
+  const Image16 depth_mm = read_png16(depth);
+  EXPECT_THAT(depth_mm.values, testing::Each(testing::Le(10001)));  // sum w t <= far
+  EXPECT_EQ(depth_mm.width, 44);
 }
 
 TEST_F(EndToEnd, RendersAPosesFileUnderItsOwnNames) {

@@ -2,7 +2,7 @@
 // What is left out of the pictures: given, kept in the run, edited, and not scored.
 #include <nlohmann/json.hpp>
 
-#include "redrive/scene/load_views.h"
+#include "redrive/image/image_io.h"
 #include "tests/e2e/end_to_end.h"
 
 namespace redrive::testing {

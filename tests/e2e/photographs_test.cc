@@ -2,7 +2,7 @@
 // A Blender set and a transforms.json from inspect to render, and what is refused about them.
 #include <nlohmann/json.hpp>
 
-#include "redrive/scene/load_views.h"
+#include "redrive/image/image_io.h"
 #include "tests/e2e/end_to_end.h"
 
 namespace redrive::testing {

@@ -15,6 +15,7 @@
 #include "redrive/recording/las.h"
 #include "redrive/recording/trajectory.h"
 #include "redrive/scene/lidar_returns.h"
+#include "redrive/scene/load_views.h"
 #include "redrive/scene/masks.h"
 #include "redrive/train/run.h"
 

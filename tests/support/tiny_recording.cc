@@ -6,7 +6,7 @@
 
 #include "redrive/base/files.h"
 #include "redrive/camera/camera.h"
-#include "redrive/scene/load_views.h"
+#include "redrive/image/image_io.h"
 
 namespace redrive::testing {
 namespace {

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/cpu_features.h"
+#include "redrive/image/image_io.h"
 #include "tools/analytic/recording_writer.h"
 
 namespace redrive::analytic {

@@ -10,6 +10,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/image/image_io.h"
 
 namespace redrive::analytic {
 namespace {
@@ -100,8 +101,8 @@ void write_novel(const std::filesystem::path& folder, const NovelShift& novel,
                                             shifted * calibration.body_from_sensor, pool);
       const std::string file = image_name(calibration.name, id, ".jpg");
       write_image(folder / file, picture.image);
-      write_png16(folder / image_name(calibration.name, id, "_depth.png"), calibration.width,
-                  calibration.height, picture.depth_mm);
+      write_png16(folder / image_name(calibration.name, id, "_depth.png"),
+                  {calibration.width, calibration.height, picture.depth_mm});
       images.push_back(
           {{"file", file},
            {"camera", calibration.name},

@@ -8,7 +8,7 @@
 
 #include "redrive/base/parallel.h"
 #include "redrive/camera/camera.h"
-#include "redrive/scene/load_views.h"
+#include "redrive/image/image.h"
 #include "tools/analytic/analytic_scene.h"
 
 namespace redrive::analytic {

@@ -10,7 +10,7 @@
 #include "redrive/align/tracks/triangulate.h"
 #include "redrive/base/rng.h"
 #include "redrive/base/temporary_folder_testing.h"
-#include "redrive/scene/load_views.h"
+#include "redrive/image/image_io.h"
 
 namespace redrive {
 

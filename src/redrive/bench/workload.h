@@ -5,10 +5,10 @@
 #include <vector>
 
 #include "redrive/base/buffer.h"
+#include "redrive/image/image.h"
 #include "redrive/model/grid_model.h"
 #include "redrive/model/nerf_model.h"
 #include "redrive/rays/ray_table.h"
-#include "redrive/scene/load_views.h"
 #include "redrive/scene/scene.h"
 #include "redrive/train/run.h"
 

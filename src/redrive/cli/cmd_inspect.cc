@@ -16,6 +16,7 @@
 #include "redrive/base/error.h"
 #include "redrive/camera/camera.h"
 #include "redrive/cli/command.h"
+#include "redrive/image/image_io.h"
 #include "redrive/recording/recording.h"
 #include "redrive/recording/summary.h"
 #include "redrive/report/preflight_page.h"

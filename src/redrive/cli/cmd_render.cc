@@ -11,6 +11,7 @@
 #include "redrive/base/files.h"
 #include "redrive/cli/backend_options.h"
 #include "redrive/cli/command.h"
+#include "redrive/image/image_io.h"
 #include "redrive/render/renderer.h"
 #include "redrive/render/view_pose.h"
 #include "redrive/train/memory.h"
@@ -118,7 +119,7 @@ int render_one(const RenderOptions& options) {
   write_image(options.out, to_image8(image));
   std::printf("%s: %d x %d\n", options.out.c_str(), image.width, image.height);
   if (!options.depth.empty()) {
-    write_png16(options.depth, image.width, image.height, depth_mm(image));
+    write_png16(options.depth, {image.width, image.height, depth_mm(image)});
     std::printf("%s: depth along the ray in mm, 16 bit, 65535: 65.535 m and more\n",
                 options.depth.c_str());
   }

@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
+#include "redrive/scene/load_views.h"
 #include "redrive/train/training_data.h"
 
 namespace redrive {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Evaluation of a run whose picture is a formula: the scores follow by hand.
 #include "redrive/eval/evaluate.h"
+#include "redrive/image/image_io.h"
 
 #include <cmath>
 #include <fstream>
@@ -250,12 +251,12 @@ TEST_F(EvaluateTest, DepthErrorIsTheMedianWhereTruthIsKnown) {
     constexpr std::uint16_t kValues[] = {0, 65535, 2500, 2500, 1000};
     depth_mm[i] = kValues[i % 5];
   }
-  write_png16(folder_ / "novel/aside/a_depth.png", kWidth, kHeight, depth_mm);
+  write_png16(folder_ / "novel/aside/a_depth.png", {kWidth, kHeight, depth_mm});
   const Evaluation result = evaluate(run_, black_);
   EXPECT_NEAR(result.novel.at("aside").depth_error, 0.2, 1e-6)
       << "b.png has no depth: a.png's counts alone";
   EXPECT_TRUE(std::isnan(result.overall.depth_error));
-  write_png16(folder_ / "novel/aside/b_depth.png", 1, 1, {7});
+  write_png16(folder_ / "novel/aside/b_depth.png", {1, 1, {7}});
   EXPECT_THROW(evaluate(run_, black_), InputError) << "of another size";
 }
 

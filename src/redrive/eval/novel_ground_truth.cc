@@ -3,6 +3,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/render/view_pose.h"
+#include "redrive/scene/load_views.h"
 
 namespace redrive {
 

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "redrive/base/error.h"
+#include "redrive/scene/load_views.h"
 #include "redrive/train/pose_refiner.h"
 
 namespace redrive {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/eval/view_alignment.h"
+#include "redrive/image/image_io.h"
 
 #include <functional>
 

@@ -8,9 +8,9 @@
 #include <vector>
 
 #include "redrive/camera/camera.h"
+#include "redrive/image/image.h"
 #include "redrive/kernels/gather/gather_pixels.h"
 #include "redrive/rays/error_map_layout.h"
-#include "redrive/scene/load_views.h"
 #include "redrive/scene/scene.h"
 
 namespace redrive {

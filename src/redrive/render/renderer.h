@@ -6,9 +6,9 @@
 #include <vector>
 
 #include "redrive/camera/camera.h"
+#include "redrive/image/image.h"
 #include "redrive/model/model.h"
 #include "redrive/rays/ray_table.h"
-#include "redrive/scene/load_views.h"
 
 namespace redrive {
 

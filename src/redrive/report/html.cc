@@ -5,10 +5,7 @@
 #include <cmath>
 #include <cstdio>
 
-#include <opencv2/imgcodecs.hpp>
-#include <opencv2/imgproc.hpp>
-
-#include "redrive/base/error.h"
+#include "redrive/image/jpeg.h"
 
 namespace redrive {
 namespace {
@@ -78,14 +75,8 @@ std::string png_data_uri(std::string_view png_bytes) {
 }
 
 std::string jpeg_data_uri(const Image8& image) {
-  const cv::Mat rgb(image.height, image.width, CV_8UC3,
-                    const_cast<std::uint8_t*>(image.rgb.data()));
-  cv::Mat bgr;
-  cv::cvtColor(rgb, bgr, cv::COLOR_RGB2BGR);
-  std::vector<unsigned char> bytes;
-  REDRIVE_CHECK(cv::imencode(".jpg", bgr, bytes, {cv::IMWRITE_JPEG_QUALITY, 90}));
-  return "data:image/jpeg;base64," +
-         base64({reinterpret_cast<const char*>(bytes.data()), bytes.size()});
+  constexpr int kQuality = 90;
+  return "data:image/jpeg;base64," + base64(encode_jpeg(image, kQuality));
 }
 
 std::string html_warning(const std::string& text) {

@@ -6,7 +6,7 @@
 #include <string_view>
 #include <vector>
 
-#include "redrive/scene/load_views.h"
+#include "redrive/image/image.h"
 
 namespace redrive {
 

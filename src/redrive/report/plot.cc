@@ -13,8 +13,8 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/image/image_io.h"
 #include "redrive/report/html.h"
-#include "redrive/scene/load_views.h"
 
 namespace redrive {
 namespace {

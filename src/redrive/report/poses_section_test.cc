@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/report/poses_section.h"
+#include "redrive/image/image_io.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/report/preflight_page.h"
+#include "redrive/image/image_io.h"
 
 #include <sstream>
 
@@ -8,6 +9,7 @@
 #include "redrive/base/files.h"
 #include "redrive/report/html.h"
 #include "redrive/report/plot.h"
+#include "redrive/scene/load_views.h"
 #include "redrive/scene/masks.h"
 
 namespace redrive {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/report/report.h"
+#include "redrive/image/image_io.h"
 
 #include <algorithm>
 #include <cmath>

@@ -12,6 +12,7 @@
 #include "redrive/base/error.h"
 #include "redrive/base/rng.h"
 #include "redrive/render/view_pose.h"
+#include "redrive/scene/load_views.h"
 #include "redrive/train/training_data.h"
 
 namespace redrive {

@@ -5,29 +5,18 @@
 #include <cmath>
 #include <string>
 
-#include <turbojpeg.h>
-#include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include "redrive/base/error.h"
-#include "redrive/base/files.h"
+#include "redrive/image/image_io.h"
 
 namespace redrive {
 namespace {
 
-constexpr int kJpegQuality = 92;
-constexpr std::int64_t kMaxPixels = std::int64_t{1}
-                                    << 28;  // a header of a few bytes must not claim all memory
-
-std::string size_text(int width, int height) {
-  return std::to_string(width) + " x " + std::to_string(height);
-}
-
-/// cv::Mat that shares the image's memory. OpenCV's codecs expect BGR: callers convert.
+/// Shares the image's memory.
 cv::Mat as_mat(Image8& image) { return {image.height, image.width, CV_8UC3, image.rgb.data()}; }
-cv::Mat as_mat(const Image8& image) { return as_mat(const_cast<Image8&>(image)); }
 
-/// Plane of the image's size that shares its memory.
+/// A plane of the image's size; shares the memory of `values`.
 cv::Mat plane(const Image8& image, std::vector<std::uint8_t>& values) {
   return {image.height, image.width, CV_8UC1, values.data()};
 }
@@ -36,74 +25,6 @@ Image8 from_mat(const cv::Mat& rgb) {
   Image8 image{rgb.cols, rgb.rows, std::vector<std::uint8_t>(3 * rgb.total())};
   rgb.copyTo(as_mat(image));
   return image;
-}
-
-/// TurboJPEG, because it can be told to stop where libjpeg would only warn and fill the rest with
-/// grey.
-Image8 decode_jpeg(const std::filesystem::path& path, const std::string& bytes) {
-  struct Decoder {
-    tjhandle handle = tjInitDecompress();
-    ~Decoder() { tjDestroy(handle); }
-  } decoder;
-  REDRIVE_CHECK(decoder.handle != nullptr);
-  const auto fail = [&](const char* what) -> void {
-    throw InputError(path, "", "", std::string(what) + ": " + tjGetErrorStr2(decoder.handle));
-  };
-  const auto* data = reinterpret_cast<const unsigned char*>(bytes.data());
-  int width = 0, height = 0, subsampling = 0, colourspace = 0;
-  if (tjDecompressHeader3(decoder.handle, data, bytes.size(), &width, &height, &subsampling,
-                          &colourspace) != 0)
-    fail("no readable JPEG");
-  if (std::int64_t{width} * height > kMaxPixels)
-    throw InputError(path, "size", size_text(width, height), "too large");
-  Image8 image{width, height, std::vector<std::uint8_t>(std::size_t(3) * width * height)};
-  if (tjDecompress2(decoder.handle, data, bytes.size(), image.rgb.data(), width, 0, height,
-                    TJPF_RGB, TJFLAG_STOPONWARNING) != 0)
-    fail("the JPEG is truncated or damaged");
-  return image;
-}
-
-cv::Mat decode_png(const std::filesystem::path& path, const std::string& bytes, int flags) {
-  cv::Mat decoded;
-  try {
-    decoded = cv::imdecode(
-        cv::Mat(1, static_cast<int>(bytes.size()), CV_8UC1, const_cast<char*>(bytes.data())),
-        flags);
-  } catch (const cv::Exception& error) {
-    throw InputError(path, "", "", "no readable PNG: " + std::string(error.what()));
-  }
-  if (decoded.empty()) throw InputError(path, "", "", "the PNG is truncated or damaged");
-  return decoded;
-}
-
-/// One to four channels of 8 or 16 bits.
-Image8 from_png(const cv::Mat& decoded) {
-  cv::Mat mat = decoded, rgb;
-  if (mat.depth() == CV_16U) mat.convertTo(mat, CV_8U, 1.0 / 257);
-  const int channels = mat.channels();
-  cv::cvtColor(mat, rgb,
-               channels == 1   ? cv::COLOR_GRAY2RGB
-               : channels == 4 ? cv::COLOR_BGRA2RGB
-                               : cv::COLOR_BGR2RGB);
-  Image8 image = from_mat(rgb);
-  if (channels == 4) {
-    image.alpha.resize(rgb.total());
-    cv::extractChannel(mat, plane(image, image.alpha), 3);
-  }
-  return image;
-}
-
-bool is_png(const std::string& bytes) { return bytes.starts_with("\x89PNG\r\n\x1a\n"); }
-bool is_jpeg(const std::string& bytes) { return bytes.starts_with("\xff\xd8\xff"); }
-
-void encode_to_file(const std::filesystem::path& path, const cv::Mat& mat,
-                    const std::vector<int>& parameters) {
-  const bool png = has_extension(path, {".png"});
-  if (!png && !has_extension(path, {".jpg", ".jpeg"}))
-    throw UsageError("image file", path.string(), "must end in .png, .jpg or .jpeg");
-  std::vector<unsigned char> bytes;
-  REDRIVE_CHECK(cv::imencode(png ? ".png" : ".jpg", mat, bytes, parameters));
-  write_file(path, std::string_view(reinterpret_cast<const char*>(bytes.data()), bytes.size()));
 }
 
 void check_recorded_size(const std::filesystem::path& path, int width, int height,
@@ -213,43 +134,6 @@ Image8 load_with_map(const Scene& scene, const View& view, const UndistortMap* m
 
 }  // namespace
 
-Image8 read_image(const std::filesystem::path& path) {
-  const std::string bytes = read_file(path);
-  if (is_jpeg(bytes)) return decode_jpeg(path, bytes);
-  if (!is_png(bytes))
-    throw InputError(path, "", "",
-                     bytes.empty() ? "the file is empty" : "neither a JPEG nor a PNG image");
-  return from_png(decode_png(path, bytes, cv::IMREAD_UNCHANGED));
-}
-
-void write_image(const std::filesystem::path& path, const Image8& image) {
-  REDRIVE_CHECK_OP(image.rgb.size(), ==, std::size_t(3) * image.width * image.height);
-  cv::Mat bgr;
-  cv::cvtColor(as_mat(image), bgr, image.alpha.empty() ? cv::COLOR_RGB2BGR : cv::COLOR_RGB2BGRA);
-  if (!image.alpha.empty())
-    cv::insertChannel(plane(image, const_cast<std::vector<std::uint8_t>&>(image.alpha)), bgr, 3);
-  encode_to_file(path, bgr, {cv::IMWRITE_JPEG_QUALITY, kJpegQuality});
-}
-
-void write_png16(const std::filesystem::path& path, int width, int height,
-                 const std::vector<std::uint16_t>& values) {
-  REDRIVE_CHECK_OP(values.size(), ==, std::size_t(width) * height);
-  if (!has_extension(path, {".png"}))
-    throw UsageError("image file", path.string(), "must end in .png: JPEG has no 16 bits");
-  encode_to_file(path, cv::Mat(height, width, CV_16UC1, const_cast<std::uint16_t*>(values.data())),
-                 {});
-}
-
-std::vector<std::uint16_t> read_png16(const std::filesystem::path& path, int* width, int* height) {
-  const std::string bytes = read_file(path);
-  if (!is_png(bytes)) throw InputError(path, "", "", "no PNG image");
-  const cv::Mat mat = decode_png(path, bytes, cv::IMREAD_UNCHANGED);
-  if (mat.type() != CV_16UC1) throw InputError(path, "", "", "must have one channel of 16 bits");
-  *width = mat.cols;
-  *height = mat.rows;
-  return {mat.begin<std::uint16_t>(), mat.end<std::uint16_t>()};
-}
-
 Image8 load_view(const Scene& scene, const View& view) {
   if (!scene.undistort) return load_with_map(scene, view, nullptr);
   const UndistortMap map = make_undistort_map(scene.rig[view.camera]);
@@ -258,9 +142,8 @@ Image8 load_view(const Scene& scene, const View& view) {
 
 std::vector<float> load_depth(const std::filesystem::path& path, const RigCamera& rig) {
   constexpr std::uint16_t kUnknown = 0, kBeyond = 65535;
-  int width = 0, height = 0;
-  const std::vector<std::uint16_t> depth_mm = read_png16(path, &width, &height);
-  check_recorded_size(path, width, height, rig);
+  const Image16 depth_mm = read_png16(path);
+  check_recorded_size(path, depth_mm.width, depth_mm.height, rig);
   const Camera& camera = rig.camera;
   std::vector<float> depth_m(static_cast<std::size_t>(camera.width) * camera.height, 0.0f);
   for (int y = 0; y < camera.height; ++y)
@@ -269,8 +152,8 @@ std::vector<float> load_depth(const std::filesystem::path& path, const RigCamera
       const auto recorded = direction ? rig.recorded.project(*direction) : std::nullopt;
       if (!recorded) continue;
       const long u = std::lround(recorded->x()), v = std::lround(recorded->y());
-      if (u < 0 || v < 0 || u >= width || v >= height) continue;
-      const std::uint16_t value = depth_mm[static_cast<std::size_t>(v) * width + u];
+      if (u < 0 || v < 0 || u >= depth_mm.width || v >= depth_mm.height) continue;
+      const std::uint16_t value = depth_mm.values[static_cast<std::size_t>(v) * depth_mm.width + u];
       if (value != kUnknown && value != kBeyond)
         depth_m[static_cast<std::size_t>(y) * camera.width + x] = 0.001f * value;
     }

@@ -3,34 +3,14 @@
 // transparent or masked.
 #pragma once
 
-#include <cstdint>
 #include <filesystem>
 #include <vector>
 
 #include "redrive/base/parallel.h"
+#include "redrive/image/image.h"
 #include "redrive/scene/scene.h"
 
 namespace redrive {
-
-/// RGB, row-major, [height, width, 3].
-struct Image8 {
-  int width = 0, height = 0;
-  std::vector<std::uint8_t> rgb;
-  std::vector<std::uint8_t> alpha;  ///< [height, width], 255 is opaque; empty: all is
-  std::vector<std::uint8_t>
-      used;  ///< [height, width], 0: the mask leaves the pixel out; empty: all are used
-};
-
-/// Decodes a JPEG or PNG as it stands there, colours not multiplied by alpha. InputError if it is
-/// missing, no image, truncated or damaged (a decoder's warning is an error here).
-Image8 read_image(const std::filesystem::path& path);
-
-/// PNG or JPEG by extension, atomically. JPEG quality 92. PNG keeps alpha.
-void write_image(const std::filesystem::path& path, const Image8& image);
-/// 16-bit single-channel PNG, e.g. depth in millimetres, atomically. values [height, width].
-void write_png16(const std::filesystem::path& path, int width, int height,
-                 const std::vector<std::uint16_t>& values);
-std::vector<std::uint16_t> read_png16(const std::filesystem::path& path, int* width, int* height);
 
 /// The image of `view` as it is trained on: size and the mask's size checked against the
 /// calibration (InputError), laid over the scene's background, undistorted if the scene says so,

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/scene/masks.h"
+#include "redrive/image/image_io.h"
 
 #include <opencv2/imgproc.hpp>
 

@@ -9,7 +9,8 @@
 #include <filesystem>
 #include <vector>
 
-#include "redrive/scene/load_views.h"
+#include "redrive/base/parallel.h"
+#include "redrive/image/image.h"
 #include "redrive/scene/moving_objects.h"
 #include "redrive/scene/scene.h"
 

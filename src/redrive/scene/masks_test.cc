@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/error.h"
+#include "redrive/scene/load_views.h"
 #include "redrive/scene/scene_testing.h"
 
 namespace redrive {

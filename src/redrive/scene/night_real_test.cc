@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/scene/lidar_returns.h"
+#include "redrive/scene/load_views.h"
 #include "redrive/scene/masks.h"
 
 namespace redrive {

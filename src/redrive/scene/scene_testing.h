@@ -6,8 +6,8 @@
 #include <string>
 
 #include "redrive/base/temporary_folder_testing.h"
+#include "redrive/image/image_io.h"
 #include "redrive/recording/recording.h"
-#include "redrive/scene/load_views.h"
 
 namespace redrive {
 

@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "redrive/base/error.h"
+#include "redrive/scene/load_views.h"
 
 namespace redrive {
 namespace {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/align/tracks/tracks.h"
+#include "redrive/image/image_io.h"
 
 #include <set>
 

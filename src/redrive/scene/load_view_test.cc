@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "redrive/image/image_io.h"
 #include "redrive/scene/load_views.h"
 
 #include <gmock/gmock.h>
@@ -40,93 +41,6 @@ class ImageSetTest : public ::testing::Test {
     return "";
   }
 };
-
-TEST_F(ImageSetTest, PngComesBackExactly) {
-  const Image8 image = gradient(37, 21);
-  write_image(root_ / "a.png", image);
-  const Image8 back = read_image(root_ / "a.png");
-  EXPECT_EQ(back.width, 37);
-  EXPECT_EQ(back.height, 21);
-  EXPECT_EQ(back.rgb, image.rgb);
-}
-
-TEST_F(ImageSetTest, PngKeepsAlpha) {
-  Image8 image = gradient(37, 21);
-  for (int i = 0; i < 37 * 21; ++i) image.alpha.push_back(static_cast<std::uint8_t>(3 * i));
-  write_image(root_ / "a.png", image);
-  const Image8 back = read_image(root_ / "a.png");
-  EXPECT_EQ(back.rgb, image.rgb) << "not multiplied";
-  EXPECT_EQ(back.alpha, image.alpha);
-}
-
-TEST_F(ImageSetTest, PngOfOneChannelAndOfSixteenBits) {
-  write_png16(root_ / "grey.png", 2, 1, {257 * 7, 65535});
-  EXPECT_EQ(read_image(root_ / "grey.png").rgb,
-            (std::vector<std::uint8_t>{7, 7, 7, 255, 255, 255}));
-  EXPECT_TRUE(read_image(root_ / "grey.png").alpha.empty());
-}
-
-TEST_F(ImageSetTest, JpegComesBackAlmost) {
-  const Image8 image = gradient(64, 48);
-  write_image(root_ / "a.jpg", image);
-  const Image8 back = read_image(root_ / "a.jpg");
-  ASSERT_EQ(back.rgb.size(), image.rgb.size());
-  // Red, green and blue in their places: the channels differ by up to 200, quality 92 moves a
-  // smooth picture by a few levels.
-  for (std::size_t i = 0; i < image.rgb.size(); ++i) ASSERT_NEAR(back.rgb[i], image.rgb[i], 8) << i;
-}
-
-TEST_F(ImageSetTest, DepthComesBackExactly) {
-  std::vector<std::uint16_t> values;
-  for (int i = 0; i < 12; ++i) values.push_back(static_cast<std::uint16_t>(5957 * i));
-  write_png16(root_ / "d.png", 4, 3, values);
-  int width = 0, height = 0;
-  EXPECT_EQ(read_png16(root_ / "d.png", &width, &height), values);
-  EXPECT_EQ(width, 4);
-  EXPECT_EQ(height, 3);
-  write_image(root_ / "a.png", gradient(4, 3));
-  EXPECT_THROW(read_png16(root_ / "a.png", &width, &height), InputError);
-}
-
-// Whatever byte a file ends at, it is an error, never a picture with a grey rest.
-TEST_F(ImageSetTest, TruncatedFilesAreRefused) {
-  for (const char* name : {"whole.jpg", "whole.png"}) {
-    write_image(root_ / name, gradient(64, 48));
-    const std::string bytes = read_file(root_ / name);
-    const auto cut =
-        root_ / (std::string("cut") + std::filesystem::path(name).extension().string());
-    for (std::size_t size = 0; size < bytes.size(); size += 1 + bytes.size() / 60) {
-      write_file(cut, std::string_view(bytes).substr(0, size));
-      complaint(cut);
-    }
-    write_file(cut, std::string_view(bytes).substr(0, bytes.size() - (name[6] == 'p' ? 13 : 3)));
-    complaint(cut);
-  }
-}
-
-TEST_F(ImageSetTest, DamagedFilesAreRefused) {
-  write_image(root_ / "a.jpg", gradient(64, 48));
-  std::string bytes = read_file(root_ / "a.jpg");
-  bytes.replace(bytes.size() - 100, 2, "\xff\xd3", 2);  // a restart marker where none belongs
-  write_file(root_ / "damaged.jpg", bytes);
-  EXPECT_THAT(complaint(root_ / "damaged.jpg"), HasSubstr("damaged"));
-
-  write_image(root_ / "a.png", gradient(64, 48));
-  bytes = read_file(root_ / "a.png");
-  bytes[bytes.size() - 30] ^= 0x55;  // the checksum of the pixels no longer holds
-  write_file(root_ / "damaged.png", bytes);
-  EXPECT_THAT(complaint(root_ / "damaged.png"), HasSubstr("damaged"));
-}
-
-TEST_F(ImageSetTest, OtherFilesAreRefused) {
-  EXPECT_THROW(read_image(root_ / "missing.jpg"), InputError);
-  write_file(root_ / "text.jpg", "this is no picture");
-  EXPECT_THAT(complaint(root_ / "text.jpg"), HasSubstr("neither"));
-  write_file(root_ / "empty.png", "");
-  EXPECT_THAT(complaint(root_ / "empty.png"), HasSubstr("empty"));
-  EXPECT_THROW(write_image(root_ / "a.bmp", gradient(4, 4)), UsageError);
-  EXPECT_THROW(write_image(root_ / "no/such/folder/a.png", gradient(4, 4)), IoError);
-}
 
 TEST_F(ImageSetTest, SizeMustAgreeWithTheCalibration) {
   const Recording recording = make_test_recording(root_, 1);
