@@ -55,13 +55,27 @@ function(redrive_library name)
   add_library(redrive::${name} ALIAS redrive_${name})
 endfunction()
 
-# Unit tests sit beside the source: redrive_test(camera SOURCES mei_test.cc DEPENDS redrive::camera [LABELS threads] [GPU pattern] [TOGETHER])
-# makes the program test_camera; labelled `slow` it is not in builds with a sanitizer. Those of its tests that the pattern names are labelled
-# `gpu` instead. The paths of the shipped samples and of the optional private recordings are compiled in; a test that needs the latter skips
-# visibly where they are not.
+# The target `tests` builds all tests of a preset.
+if(REDRIVE_TESTS)
+  add_custom_target(tests)
+endif()
+
+# Unit tests sit beside the source:
+#   redrive_test(camera SOURCES mei_test.cc DEPENDS redrive::camera [SANITIZE address|thread|none...] [GPU pattern] [TOGETHER])
+# makes the program test_camera. A build with a sanitizer has only the tests that name it. SANITIZE is `address` if it is not given: it is
+# for what parses or indexes, `thread` for what runs on several threads, and `none` for optimisations and trainings as a whole, whose
+# parts have tests of their own. Those of its tests that the GPU pattern names are labelled `gpu`. The paths of the shipped samples and of
+# the optional private recordings are compiled in; a test that needs the latter skips visibly where they are not.
 function(redrive_test name)
-  cmake_parse_arguments(ARG "TOGETHER" "GPU" "SOURCES;DEPENDS;LABELS" ${ARGN})
-  if(NOT REDRIVE_TESTS OR (REDRIVE_SANITIZE AND "slow" IN_LIST ARG_LABELS))
+  cmake_parse_arguments(ARG "TOGETHER" "GPU" "SOURCES;DEPENDS;SANITIZE" ${ARGN})
+  if(ARG_UNPARSED_ARGUMENTS)
+    message(FATAL_ERROR "redrive_test(${name}): unknown arguments ${ARG_UNPARSED_ARGUMENTS}")
+  endif()
+  if(NOT ARG_SANITIZE)
+    set(ARG_SANITIZE address)
+  endif()
+  string(REGEX MATCH "address|thread" sanitizer "${REDRIVE_SANITIZE}")
+  if(NOT REDRIVE_TESTS OR (sanitizer AND NOT sanitizer IN_LIST ARG_SANITIZE))
     return()
   endif()
   add_executable(test_${name} ${ARG_SOURCES})
@@ -74,23 +88,11 @@ function(redrive_test name)
   target_compile_definitions(test_${name} PRIVATE
     REDRIVE_SAMPLES="${CMAKE_SOURCE_DIR}/samples" REDRIVE_SHARED="${CMAKE_SOURCE_DIR}/../shared"
     REDRIVE_SOURCE="${CMAKE_SOURCE_DIR}" REDRIVE_BINARY="${CMAKE_BINARY_DIR}/redrive")
-  if(REDRIVE_SANITIZE MATCHES "thread")
-    target_sources(test_${name} PRIVATE ${CMAKE_SOURCE_DIR}/cmake/tsan_suppressions.cc)
-  endif()
-  foreach(label ${ARG_LABELS})  # target tests_threads: builds the tests labelled `threads`, nothing else
-    if(NOT TARGET tests_${label})
-      add_custom_target(tests_${label})
-    endif()
-    add_dependencies(tests_${label} test_${name})
-  endforeach()
-  set(properties TIMEOUT 600)
-  if(ARG_LABELS)  # an empty one would take the next word for its value
-    list(APPEND properties LABELS "${ARG_LABELS}")
-  endif()
+  add_dependencies(tests test_${name})
   set(others "")
   if(ARG_GPU)
     set(others TEST_FILTER "-${ARG_GPU}")
     gtest_discover_tests(test_${name} TEST_FILTER "${ARG_GPU}" DISCOVERY_TIMEOUT 60 PROPERTIES TIMEOUT 600 LABELS gpu)
   endif()
-  gtest_discover_tests(test_${name} ${others} DISCOVERY_TIMEOUT 60 PROPERTIES ${properties})
+  gtest_discover_tests(test_${name} ${others} DISCOVERY_TIMEOUT 60 PROPERTIES TIMEOUT 600)
 endfunction()
