@@ -20,7 +20,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     for (const redrive::transforms::Picture& picture : transforms.pictures) {
       if (!picture.world_from_body.matrix().allFinite()) __builtin_trap();
       if (picture.camera &&
-          !(picture.camera->fx > 0 && picture.camera->fy > 0 && picture.camera->width > 0))
+          !(picture.camera->fx() > 0 && picture.camera->fy() > 0 && picture.camera->width > 0))
         __builtin_trap();
     }
     if (transforms.bounds &&

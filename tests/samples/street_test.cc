@@ -36,7 +36,7 @@ TEST(Street, IsComplete) {
     EXPECT_EQ(camera.images.size(), 48u) << camera.calibration.name;
     EXPECT_EQ(camera.calibration.model,
               camera.calibration.name.starts_with("F_") ? "opencv_pinhole" : "mei");
-    EXPECT_NE(camera.calibration.fx, camera.calibration.fy);
+    EXPECT_NE(camera.calibration.fx(), camera.calibration.fy());
   }
   EXPECT_EQ(street.lidar_files.size(), 48u);
   EXPECT_EQ(street.novel.size(), 11u);
@@ -69,7 +69,7 @@ TEST(Street, WhatAProgramIsGivenIsWrongAsStated) {
     EXPECT_NEAR(yaw_deg, a.name == "F_MIDRANGECAM_C" ? 0.15 : 0, 1e-6) << a.name;
     EXPECT_EQ(a.time_offset_ns, 0);
     EXPECT_EQ(b.time_offset_ns, a.name == "M_FISHEYE_L" ? -12'000'000 : 0);
-    EXPECT_EQ(a.fx, b.fx);
+    EXPECT_EQ(a.parameters, b.parameters);
   }
 }
 

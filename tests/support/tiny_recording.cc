@@ -34,34 +34,19 @@ Rigid3d mounted(const Eigen::Vector3d& forward, const Eigen::Vector3d& position)
 std::vector<CameraCalibration> cameras() {
   return {{kTinyRear,
            "opencv_pinhole",
-           30,
-           28,
-           19.5,
-           11.5,
-           {-0.05, 0.01, 0, 0, 0},
-           0,
+           {30, 28, 19.5, 11.5, -0.05, 0.01, 0, 0, 0},
            40,
            24,
            mounted({-1, 0, 0}, {-1, 0, 1.5})},
           {kTinyFront,
            "opencv_pinhole",
-           44,
-           38,
-           24,
-           15,
-           {-0.2, 0.05, 0.001, 0.0005, 0},
-           0,
+           {44, 38, 24, 15, -0.2, 0.05, 0.001, 0.0005, 0},
            48,
            32,
            mounted({1, 0, 0}, {2, 0.1, 1.5})},
           {kTinyLeft,
            "mei",
-           20,
-           18,
-           21.5,
-           17,
-           {0.03, -0.08, 0, 0, 0},
-           1.02,
+           {20, 18, 21.5, 17, 0.03, -0.08, 0, 0, 0, 1.02},
            44,
            36,
            mounted({0, 1, 0}, {1, 0.6, 1.5})}};
@@ -109,14 +94,15 @@ void write_tiny_recording(const fs::path& root) {
     const Eigen::Vector3d position = camera.body_from_sensor.translation();
     calibration[camera.name] = {{"sensor_type", "camera"},
                                 {"model", camera.model},
-                                {"focal_length_px", {camera.fx, camera.fy}},
-                                {"principal_point_px", {camera.cx, camera.cy}},
+                                {"focal_length_px", {camera.fx(), camera.fy()}},
+                                {"principal_point_px", {camera.cx(), camera.cy()}},
                                 {"image_resolution_px", {camera.width, camera.height}},
-                                {"distortion_coeffs", camera.distortion},
+                                {"distortion_coeffs", distortion(camera)},
                                 {"RT_body_from_sensor", rows(camera.body_from_sensor)},
                                 {"RT_sensor_from_body", rows(camera.body_from_sensor.inverse())},
                                 {"pos_meter", {position.x(), position.y(), position.z()}}};
-    if (camera.model == "mei") calibration[camera.name]["xi"] = camera.xi;
+    for (const auto& [name, value] : other_parameters(camera))
+      calibration[camera.name][name] = value;
     const Image8 image = picture(camera);
     for (int frame = 0; frame < kTinyFrames; ++frame) {
       const fs::path file = tiny_image(root, camera.name, kTinyFirstId + frame);

@@ -54,14 +54,14 @@ json camera_json(const CameraCalibration& camera) {
   json entry = {{"sensor_type", "camera"},
                 {"label", camera.name},
                 {"model", camera.model},
-                {"focal_length_px", {camera.fx, camera.fy}},
-                {"principal_point_px", {camera.cx, camera.cy}},
+                {"focal_length_px", {camera.fx(), camera.fy()}},
+                {"principal_point_px", {camera.cx(), camera.cy()}},
                 {"image_resolution_px", {camera.width, camera.height}},
-                {"distortion_coeffs", camera.distortion},
+                {"distortion_coeffs", distortion(camera)},
                 {"RT_body_from_sensor", matrix_json(camera.body_from_sensor)},
                 {"RT_sensor_from_body", matrix_json(camera.body_from_sensor.inverse())},
                 {"pos_meter", {position.x(), position.y(), position.z()}}};
-  if (camera.model == "mei") entry["xi"] = camera.xi;
+  for (const auto& [name, value] : other_parameters(camera)) entry[name] = value;
   return entry;
 }
 
@@ -121,48 +121,20 @@ std::vector<CameraCalibration> rig_calibration() {
   std::vector<CameraCalibration> rig(4);
   rig[0] = {"F_MIDLONGRANGECAM_CL",
             "opencv_pinhole",
-            438,
-            376,
-            240.5,
-            131,
-            {-0.30, 0.084, 0.002, 0.0006, 0},
-            0,
+            {438, 376, 240.5, 131, -0.30, 0.084, 0.002, 0.0006, 0},
             480,
             264,
             mount({1.9, 0.1, 1.25}, 0.4, 2.0, 0.2)};
   rig[1] = {"B_MIDRANGECAM_C",
             "opencv_pinhole",
-            242,
-            243.5,
-            240,
-            152,
-            {-0.33, 0.10, -0.001, 0.0013, 0},
-            0,
+            {242, 243.5, 240, 152, -0.33, 0.10, -0.001, 0.0013, 0},
             480,
             304,
             mount({0.05, 0, 1.37}, 179.2, 1.0, -0.3)};
-  rig[2] = {"M_FISHEYE_L",
-            "mei",
-            216,
-            188,
-            240.7,
-            129.3,
-            {0.034, -0.084, 0, 0, 0},
-            1.02,
-            480,
-            264,
-            mount({1.05, 0.64, 1.41}, 91.0, 18.0, 0.5)};
-  rig[3] = {"M_FISHEYE_R",
-            "mei",
-            216.5,
-            188.6,
-            241.4,
-            129.4,
-            {0.027, -0.081, 0, 0, 0},
-            1.017,
-            480,
-            264,
-            mount({1.05, -0.64, 1.41}, -89.5, 18.5, -0.4)};
+  rig[2] = {"M_FISHEYE_L", "mei", {216, 188, 240.7, 129.3, 0.034, -0.084, 0, 0, 0, 1.02},
+            480,           264,   mount({1.05, 0.64, 1.41}, 91.0, 18.0, 0.5)};
+  rig[3] = {"M_FISHEYE_R", "mei", {216.5, 188.6, 241.4, 129.4, 0.027, -0.081, 0, 0, 0, 1.017},
+            480,           264,   mount({1.05, -0.64, 1.41}, -89.5, 18.5, -0.4)};
   return rig;
 }
 

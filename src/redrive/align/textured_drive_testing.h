@@ -60,11 +60,11 @@ inline Recording make_test_drive(const std::filesystem::path& folder, int frames
   recording.root = folder;
   recording.format = "test";
   RecordedCamera fisheye, front;
-  fisheye.calibration = {
-      "FISHEYE",           "mei",     90, 88, 99.5, 69.5, {0.03, -0.08, 0, 0, 0}, 1.02, 200, 140,
-      Rigid3d::Identity(), 20'000'000};
+  fisheye.calibration = {"FISHEYE", "mei", {90, 88, 99.5, 69.5, 0.03, -0.08, 0, 0, 0, 1.02},
+                         200,       140,   Rigid3d::Identity(),
+                         20'000'000};
   front.calibration = {
-      "FRONT", "opencv_pinhole",   130, 128, 99.5, 69.5, {-0.2, 0.03, 0.002, 0.0006, 0}, 0, 200,
+      "FRONT", "opencv_pinhole",   {130, 128, 99.5, 69.5, -0.2, 0.03, 0.002, 0.0006, 0}, 200,
       140,     Rigid3d::Identity()};
   Eigen::Matrix3d ahead;  // columns: the camera's x, y, z axes in body axes
   ahead << 0, 0, 1, -1, 0, 0, 0, -1, 0;

@@ -32,12 +32,18 @@ double undistorted_radius(const BrownConrady& lens, double distorted_radius) {
 
 }  // namespace
 
-BrownConrady::BrownConrady(const std::array<double, 5>& c)
+BrownConrady::BrownConrady(std::span<const double, 5> c)
     : k1(c[0]), k2(c[1]), p1(c[2]), p2(c[3]), k3(c[4]) {
   const double p = std::hypot(p1, p2);
   const std::vector<double> folds =
       sign_changes({1, -20.0 / 3 * p, 3 * k1, 0, 5 * k2, 0, 7 * k3}, kFarRadius);
   if (!folds.empty()) max_radius = folds.front();
+}
+
+double BrownConrady::covered_radius() const {
+  if (!std::isfinite(max_radius)) return max_radius;
+  const double r = max_radius, s = r * r;
+  return r * (1 + s * (k1 + s * (k2 + s * k3))) - 6 * std::hypot(p1, p2) * s;
 }
 
 std::optional<Eigen::Vector2d> BrownConrady::undistort(const Eigen::Vector2d& distorted) const {

@@ -9,12 +9,17 @@
 #include <array>
 #include <limits>
 #include <optional>
+#include <span>
 
 #include <Eigen/Core>
+
+#include "redrive/camera/calibration.h"
 
 namespace redrive {
 
 struct BrownConrady {
+  static constexpr std::array<CameraParameter, 5> kParameters{
+      {{"k1"}, {"k2"}, {"p1"}, {"p2"}, {"k3"}}};
   double k1 = 0, k2 = 0, p1 = 0, p2 = 0, k3 = 0;
 
   /// Undistorted radius of the disc on which the map is one-to-one. Beyond it the polynomial folds
@@ -28,7 +33,11 @@ struct BrownConrady {
   /// exactly where the derivative reaches 0, and with p != 0 the bound keeps det J > 0 for every
   /// angle (the radial entry of J is at least the derivative - 6 |p| r, the tangential one at least
   /// g - 2 |p| r, the mixed one 2 |p| r sin(angle)).
-  explicit BrownConrady(const std::array<double, 5>& coefficients);
+  explicit BrownConrady(std::span<const double, 5> coefficients);
+
+  /// Distance from the principal point, normalised and distorted, within which every point is the
+  /// image of one on the disc: r g - 6 |p| r^2 at its edge. Infinity if there is no edge.
+  double covered_radius() const;
 
   template <class T>
   std::array<T, 2> distort(const std::array<T, 2>& point) const {

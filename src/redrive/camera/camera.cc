@@ -35,35 +35,32 @@ Camera Camera::downscaled(int factor) const {
 }
 
 Camera Camera::undistorted() const {
-  REDRIVE_CHECK(
-      std::holds_alternative<OpenCvPinhole>(model));  // a fisheye sees what no pinhole can
+  REDRIVE_CHECK(info().perspective);
   Camera plain = *this;
   plain.model = OpenCvPinhole{};
   return plain;
 }
 
-const char* Camera::model_name() const {
-  return std::visit([](const auto& m) { return m.kName; }, model);
+double Camera::covered_radius() const {
+  return std::visit([](const auto& m) { return m.covered_radius(); }, model);
 }
 
 Camera make_camera(const CameraCalibration& calibration) {
-  Camera camera;
-  if (calibration.model == OpenCvPinhole::kName)
-    camera.model = OpenCvPinhole{BrownConrady(calibration.distortion)};
-  else if (calibration.model == Mei::kName)
-    camera.model = Mei(calibration.distortion, calibration.xi);
-  else if (calibration.model == OpenCvFisheye::kName)
-    camera.model = OpenCvFisheye(calibration.distortion);
-  else
+  const CameraModelInfo* model = find_camera_model(calibration.model);
+  if (!model)
     throw InputError("calibration", calibration.name + ".model", calibration.model,
-                     "known are opencv_pinhole, mei and opencv_fisheye");
-  camera.fx = calibration.fx;
-  camera.fy = calibration.fy;
-  camera.cx = calibration.cx;
-  camera.cy = calibration.cy;
+                     "known are " + camera_model_names());
+  REDRIVE_CHECK_OP(calibration.parameters.size(), ==,
+                   4 + model->distortion.size() + model->other.size());
+  Camera camera;
+  camera.model = model->make(std::span(calibration.parameters).subspan(4));
+  camera.fx = calibration.fx();
+  camera.fy = calibration.fy();
+  camera.cx = calibration.cx();
+  camera.cy = calibration.cy();
   camera.width = calibration.width;
   camera.height = calibration.height;
-  REDRIVE_CHECK(camera.fx > 0 && camera.fy > 0);  // the recording's parser has seen to it
+  REDRIVE_CHECK(camera.fx > 0 && camera.fy > 0);  // readers of calibrations have checked it
   return camera;
 }
 

@@ -1,32 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 // A camera: one model, exact in both directions for every pixel of the image as it was recorded.
-//
-// How to add a model:
-// 1. camera/<model>.h: a plain struct on normalised coordinates (no focal lengths) with kName (its
-// name in calibration
-//    files), `template <class T> std::optional<std::array<T, 2>> project(const std::array<T, 3>&
-//    point) const`, which also works on dual numbers (math/dual.h), and
-//    `std::optional<Eigen::Vector3d> unproject(const Eigen::Vector2d&) const`. Both say nothing
-//    beyond the region where the model is one-to-one.
-// 2. Its type in CameraModel below, a line in make_camera, and its fields in the recording's
-// parser.
-// 3. An example in camera_test.cc: every test there walks the list.
+// camera/models.h tells how to add a model.
 #pragma once
 
 #include <optional>
 #include <string>
-#include <variant>
 
 #include <Eigen/Core>
 
-#include "redrive/camera/mei.h"
-#include "redrive/camera/opencv_fisheye.h"
-#include "redrive/camera/opencv_pinhole.h"
-#include "redrive/recording/recording.h"
+#include "redrive/camera/models.h"
 
 namespace redrive {
-
-using CameraModel = std::variant<OpenCvPinhole, Mei, OpenCvFisheye>;
 
 /// Intrinsics: model, focal lengths, principal point and image size, in pixels. Integer coordinates
 /// are centres.
@@ -53,9 +37,14 @@ struct Camera {
   /// same f and c.
   Camera undistorted() const;
 
-  const char* model_name() const;  ///< "opencv_pinhole", "mei", "opencv_fisheye"
+  const CameraModelInfo& info() const { return info_of(model); }
+
+  /// Distance from the principal point in normalised coordinates, ((u - cx) / fx, (v - cy) / fy),
+  /// within which every pixel has a direction; infinity if all have.
+  double covered_radius() const;
 };
 
+/// InputError for an unknown model.
 Camera make_camera(const CameraCalibration& calibration);
 
 }  // namespace redrive

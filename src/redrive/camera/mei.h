@@ -13,26 +13,38 @@
 #include <array>
 #include <cmath>
 #include <optional>
+#include <span>
 
 #include <Eigen/Core>
 
 #include "redrive/camera/brown_conrady.h"
+#include "redrive/camera/calibration.h"
 
 namespace redrive {
 
 struct Mei {
   static constexpr const char* kName = "mei";
-  BrownConrady
-      distortion;  ///< its max_radius is that of the lens and of the sphere, whichever is smaller
-  double xi = 0;   ///< >= 0: distance of the projection centre from the sphere's; 0 is a pinhole
+  static constexpr auto kDistortion = BrownConrady::kParameters;
+  static constexpr std::array<CameraParameter, 1> kOther{{{"xi", 0, 10}}};
+  static constexpr std::array<std::string_view, 0> kTransformsNames{};
+  static constexpr bool kPerspective = false, kImageCircle = true;
+  static constexpr std::array<double, 6> kTypical{0.03, -0.08, 0, 0, 0, 1.02};
+
+  BrownConrady distortion;  ///< max_radius: of the lens or of the sphere, whichever is smaller
+  double xi = 0;            ///< distance of the projection centre from the sphere's centre, >= 0:
+                            ///< 0 pinhole, 1 parabolic mirror, fisheyes up to 3
 
   Mei() = default;
-  Mei(const std::array<double, 5>& coefficients, double xi_) : distortion(coefficients), xi(xi_) {
+  /// k1 k2 p1 p2 k3 xi, all finite.
+  explicit Mei(std::span<const double> parameters)
+      : distortion(parameters.first<5>()), xi(parameters[5]) {
     // 1e-9: on the sphere's very edge the angle is only known to the square root of a rounding
     // error.
     if (xi > 1)
       distortion.max_radius = std::min(distortion.max_radius, (1 - 1e-9) / std::sqrt(xi * xi - 1));
   }
+
+  double covered_radius() const { return distortion.covered_radius(); }
 
   /// Distorted normalised coordinates of a point (any length > 0). Nothing beyond the edge of the
   /// sphere or the fold.

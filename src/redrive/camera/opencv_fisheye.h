@@ -9,15 +9,23 @@
 #include <cmath>
 #include <numbers>
 #include <optional>
+#include <span>
 
 #include <Eigen/Core>
 
+#include "redrive/camera/calibration.h"
 #include "redrive/camera/roots.h"
 
 namespace redrive {
 
 struct OpenCvFisheye {
   static constexpr const char* kName = "opencv_fisheye";
+  static constexpr std::array<CameraParameter, 4> kDistortion{{{"k1"}, {"k2"}, {"k3"}, {"k4"}}};
+  static constexpr std::array<CameraParameter, 0> kOther{};
+  static constexpr std::array<std::string_view, 1> kTransformsNames{"OPENCV_FISHEYE"};
+  static constexpr bool kPerspective = false, kImageCircle = false;
+  static constexpr std::array<double, 4> kTypical{0.03, 0.005, 0.0007, -0.0001};
+
   double k1 = 0, k2 = 0, k3 = 0, k4 = 0;
 
   /// Angles up to here are seen: beyond it theta falls, and a second, wrong direction would land in
@@ -25,8 +33,8 @@ struct OpenCvFisheye {
   double max_angle_rad = std::numbers::pi * (1 - 1e-9);
 
   OpenCvFisheye() = default;
-  /// k1 k2 k3 k4 and one that is not used, all finite.
-  explicit OpenCvFisheye(const std::array<double, 5>& c) : k1(c[0]), k2(c[1]), k3(c[2]), k4(c[3]) {
+  /// k1 k2 k3 k4, all finite.
+  explicit OpenCvFisheye(std::span<const double> c) : k1(c[0]), k2(c[1]), k3(c[2]), k4(c[3]) {
     const std::vector<double> folds =
         sign_changes({1, 0, 3 * k1, 0, 5 * k2, 0, 7 * k3, 0, 9 * k4}, max_angle_rad);
     if (!folds.empty()) max_angle_rad = folds.front();
@@ -38,6 +46,8 @@ struct OpenCvFisheye {
     const T s = a * a;
     return a * (T(1) + s * (T(k1) + s * (T(k2) + s * (T(k3) + s * T(k4)))));
   }
+
+  double covered_radius() const { return distort(max_angle_rad); }
 
   /// Distorted normalised coordinates of a point (any length > 0). Nothing beyond max_angle_rad.
   template <class T>

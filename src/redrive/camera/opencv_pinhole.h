@@ -5,16 +5,31 @@
 
 #include <array>
 #include <optional>
+#include <span>
 
 #include <Eigen/Core>
 
 #include "redrive/camera/brown_conrady.h"
+#include "redrive/camera/calibration.h"
 
 namespace redrive {
 
 struct OpenCvPinhole {
   static constexpr const char* kName = "opencv_pinhole";
+  static constexpr auto kDistortion = BrownConrady::kParameters;
+  static constexpr std::array<CameraParameter, 0> kOther{};
+  static constexpr std::array<std::string_view, 5> kTransformsNames{
+      "OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "RADIAL", "SIMPLE_RADIAL"};
+  static constexpr bool kPerspective = true, kImageCircle = false;
+  static constexpr std::array<double, 5> kTypical{-0.3, 0.08, 0.002, 0.0006, 0};
+
   BrownConrady distortion;
+
+  OpenCvPinhole() = default;
+  /// k1 k2 p1 p2 k3, all finite.
+  explicit OpenCvPinhole(std::span<const double> parameters) : distortion(parameters.first<5>()) {}
+
+  double covered_radius() const { return distortion.covered_radius(); }
 
   /// Distorted normalised coordinates of a point (any length). Nothing behind the camera or beyond
   /// the fold.

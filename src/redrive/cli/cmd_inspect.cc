@@ -253,9 +253,9 @@ nlohmann::ordered_json to_json(const Inspection& result) {
         {"model", c.model},
         {"width", c.width},
         {"height", c.height},
-        {"focal_length_px", {c.fx, c.fy}},
-        {"principal_point_px", {c.cx, c.cy}},
-        {"distortion_coeffs", c.distortion},
+        {"focal_length_px", {c.fx(), c.fy()}},
+        {"principal_point_px", {c.cx(), c.cy()}},
+        {"distortion_coeffs", distortion(c)},
         {"horizontal_fov_deg", report.horizontal_fov_deg},
         {"percent_without_ray", report.percent_without_ray},
         {"position_in_body_m",
@@ -266,7 +266,7 @@ nlohmann::ordered_json to_json(const Inspection& result) {
         {"alpha", report.alpha},
         {"first_id", report.recorded->images.front().frame_id},
         {"last_id", report.recorded->images.back().frame_id}};
-    if (c.model == "mei") camera["xi"] = c.xi;
+    for (const auto& [name, value] : other_parameters(c)) camera[name] = value;
     if (report.percent_masked) camera["percent_masked"] = *report.percent_masked;
     cameras.push_back(camera);
   }
@@ -336,7 +336,7 @@ void print_table(const Inspection& result) {
     const auto camera_position_m = c.body_from_sensor.translation();
     const std::string size = std::to_string(c.width) + "x" + std::to_string(c.height);
     std::printf("%-24s %-14s %11s %8.1f %8.1f %9.1f %6zu  %.2f %.2f %.2f\n", c.name.c_str(),
-                c.model.c_str(), size.c_str(), c.fx, c.fy, report.horizontal_fov_deg,
+                c.model.c_str(), size.c_str(), c.fx(), c.fy(), report.horizontal_fov_deg,
                 report.recorded->images.size(), camera_position_m.x(), camera_position_m.y(),
                 camera_position_m.z());
   }

@@ -74,8 +74,9 @@ void print_summary(const Run& run, const TrainingData& training,
   for (std::size_t c = 0; c < std::min(run.scene.rig.size(), kCamerasShown); ++c) {
     const RigCamera& camera = run.scene.rig[c];
     const Mask& mask = training.left_out.masks[c];
-    std::printf("camera %s: %s, %d x %d", camera.name.c_str(), camera.camera.model_name(),
-                camera.camera.width, camera.camera.height);
+    std::printf("camera %s: %s, %d x %d", camera.name.c_str(),
+                std::string(camera.camera.info().name).c_str(), camera.camera.width,
+                camera.camera.height);
     if (mask.left_out() > 0)
       std::printf(", %.1f %% masked", 100.0 * static_cast<double>(mask.left_out()) /
                                           static_cast<double>(mask.used.size()));

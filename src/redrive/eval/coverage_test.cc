@@ -19,9 +19,8 @@ constexpr int kColumns = 41, kRows = 11;
 Camera front_camera(int finer = 1) {
   CameraCalibration calibration;
   calibration.model = "opencv_pinhole";
-  calibration.fx = calibration.fy = 20 * finer;
-  calibration.cx = 20.5 * finer - 0.5;
-  calibration.cy = 5.5 * finer - 0.5;
+  calibration.parameters = {
+      20.0 * finer, 20.0 * finer, 20.5 * finer - 0.5, 5.5 * finer - 0.5, 0, 0, 0, 0, 0};
   calibration.width = kColumns * finer;
   calibration.height = kRows * finer;
   return make_camera(calibration);

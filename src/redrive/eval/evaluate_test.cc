@@ -37,9 +37,7 @@ class EvaluateTest : public testing::Test {
     std::filesystem::create_directories(folder_ / "novel" / "aside");
     CameraCalibration calibration;
     calibration.model = "opencv_pinhole";
-    calibration.fx = calibration.fy = 20;
-    calibration.cx = 11.5;
-    calibration.cy = 7.5;
+    calibration.parameters = {20, 20, 11.5, 7.5, 0, 0, 0, 0, 0};
     calibration.width = kWidth;
     calibration.height = kHeight;
     calibration.body_from_sensor = Rigid3d::Identity();

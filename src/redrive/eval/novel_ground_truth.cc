@@ -33,8 +33,7 @@ GroundTruthView NovelGroundTruth::load(std::size_t index) const {
   const RigCamera& camera = requested_camera(poses_, views_[index], rig_);
   scene.rig = {camera};
   scene.downscale = run_.scene.downscale;
-  scene.undistort =
-      run_.scene.undistort && std::holds_alternative<OpenCvPinhole>(camera.recorded.model);
+  scene.undistort = run_.scene.undistort && camera.recorded.info().perspective;
   scene.background = run_.scene.background;
   scene.views = {
       {0, 0, image, false,

@@ -5,13 +5,13 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/camera/models.h"
 #include "redrive/recording/aimotive.h"
 #include "redrive/recording/calibration_fields.h"
 
 namespace redrive::aimotive {
 namespace {
 
-constexpr double kMaxXi = 10;  // Mei: 0 pinhole, 1 parabolic mirror, fisheyes 1..3
 constexpr double kMaxSensorDistance_m =
     50;  // a sensor further from the body's origin was not given in metres
 constexpr double kMaxTimeOffset_s = 1;  // beyond that it is another frame's image
@@ -110,24 +110,22 @@ CameraCalibration camera_from_json(const JsonField& sensor, const std::string& n
   CameraCalibration camera;
   camera.name = name;
   camera.model = sensor.at("model").string();
-  if (camera.model != "opencv_pinhole" && camera.model != "mei") {
-    sensor.at("model").fail("unknown camera model; known are opencv_pinhole and mei");
-  }
+  const CameraModelInfo* model = find_camera_model(camera.model);
+  if (!model) sensor.at("model").fail("unknown camera model; known are " + camera_model_names());
   const JsonField resolution = sensor.at("image_resolution_px"),
                   focal = sensor.at("focal_length_px"), center = sensor.at("principal_point_px"),
                   distortion = sensor.at("distortion_coeffs");
   resolution.numbers(2), focal.numbers(2), center.numbers(2);  // shapes, before the elements
   image_size_from_json(resolution.at(std::size_t{0}), resolution.at(std::size_t{1}), &camera);
-  camera.fx = focal_length_from_json(focal.at(std::size_t{0}));
-  camera.fy = focal_length_from_json(focal.at(std::size_t{1}));
-  camera.cx = principal_point_from_json(center.at(std::size_t{0}), camera.width);
-  camera.cy = principal_point_from_json(center.at(std::size_t{1}), camera.height);
-  distortion.numbers(5);
-  for (std::size_t i = 0; i < 5; ++i) camera.distortion[i] = distortion_from_json(distortion.at(i));
-  if (camera.model == "mei") {
-    camera.xi = sensor.at("xi").number();
-    if (camera.xi < 0 || camera.xi > kMaxXi) sensor.at("xi").fail("expected 0 <= xi <= 10");
-  }
+  camera.parameters = {focal_length_from_json(focal.at(std::size_t{0})),
+                       focal_length_from_json(focal.at(std::size_t{1})),
+                       principal_point_from_json(center.at(std::size_t{0}), camera.width),
+                       principal_point_from_json(center.at(std::size_t{1}), camera.height)};
+  distortion.numbers(model->distortion.size());
+  for (std::size_t i = 0; i < model->distortion.size(); ++i)
+    camera.parameters.push_back(parameter_from_json(distortion.at(i), model->distortion[i]));
+  for (const CameraParameter& parameter : model->other)
+    camera.parameters.push_back(parameter_from_json(sensor.at(parameter.name), parameter));
   camera.body_from_sensor = extrinsics_from_json(sensor);
   check_direction(sensor, camera.body_from_sensor);
   if (sensor.has("readout_s")) {

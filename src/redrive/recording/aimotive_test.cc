@@ -197,15 +197,15 @@ TEST(Aimotive, RealRecording) {
   EXPECT_EQ(recording.box_files.size(), 50u);
 
   const CameraCalibration& front = recording.find_camera("F_MIDLONGRANGECAM_CL")->calibration;
-  EXPECT_EQ(front.fx, 1170.7994384765625);
-  EXPECT_EQ(front.fy, 1001.1844482421875);
-  EXPECT_EQ(front.cy, 352);
-  EXPECT_EQ(front.distortion[2], 0.002034867648035288);
+  EXPECT_EQ(front.fx(), 1170.7994384765625);
+  EXPECT_EQ(front.fy(), 1001.1844482421875);
+  EXPECT_EQ(front.cy(), 352);
+  EXPECT_EQ(front.parameters[6], 0.002034867648035288);
   EXPECT_EQ(front.body_from_sensor.translation().x(), 1.9311000108718872);
   EXPECT_NEAR(front.body_from_sensor.linear()(0, 2), 0.9997145375588449, 1e-12);
   const CameraCalibration& left = recording.find_camera("M_FISHEYE_L")->calibration;
   EXPECT_EQ(left.model, "mei");
-  EXPECT_EQ(left.xi, 1.0222136193840399);
+  EXPECT_EQ(left.parameters.back(), 1.0222136193840399);
   EXPECT_EQ(recording.find_camera("B_MIDRANGECAM_C")->calibration.height, 1216);
 
   // SOURCE.md of the recording: 3.27 s, 98 m, 15 Hz, 30.10 to 29.88 m/s.

@@ -2,6 +2,7 @@
 #include "redrive/recording/calibration_fields.h"
 
 #include <cmath>
+#include <cstdio>
 
 namespace redrive {
 namespace {
@@ -9,7 +10,6 @@ namespace {
 constexpr std::int64_t kMaxPixels = 1 << 28;  // sixteen times the largest sensors on cars
 constexpr double kMaxImageSize_px = 65536;
 constexpr double kMaxFocalLength_px = 1e6;  // 65536 px across 4 degrees
-constexpr double kMaxDistortion = 1e6;  // beyond: r^6 terms leave the range of float at 45 degrees
 
 int side_from_json(const JsonField& field) {
   const double size = field.number();
@@ -44,11 +44,15 @@ double principal_point_from_json(const JsonField& field, int size) {
   return c;
 }
 
-double distortion_from_json(const JsonField& field) {
-  const double coefficient = field.number();
-  if (std::abs(coefficient) > kMaxDistortion)
-    field.fail("expected a coefficient between -1e6 and 1e6");
-  return coefficient;
+double parameter_from_json(const JsonField& field, const CameraParameter& parameter) {
+  const double value = field.number();
+  if (!(value >= parameter.min && value <= parameter.max)) {
+    char rule[96];
+    std::snprintf(rule, sizeof rule, "expected %g <= %.*s <= %g", parameter.min,
+                  static_cast<int>(parameter.name.size()), parameter.name.data(), parameter.max);
+    field.fail(rule);
+  }
+  return value;
 }
 
 }  // namespace redrive

@@ -14,6 +14,7 @@ void image_size_from_json(const JsonField& width, const JsonField& height,
 double focal_length_from_json(const JsonField& field);  ///< pixels, above 0, at most 1e6
 double principal_point_from_json(const JsonField& field,
                                  int size);  ///< pixels, at most one image size outside the image
-double distortion_from_json(const JsonField& field);  ///< a coefficient between -1e6 and 1e6
+/// A parameter of the camera model, within its range.
+double parameter_from_json(const JsonField& field, const CameraParameter& parameter);
 
 }  // namespace redrive

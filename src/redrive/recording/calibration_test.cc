@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "redrive/camera/models.h"
 #include "redrive/recording/aimotive.h"
 #include "redrive/recording/recording_testing.h"
 
@@ -56,12 +57,12 @@ TEST(Calibration, ReadsEveryField) {
   const CameraCalibration& camera = cameras[0];
   EXPECT_EQ(camera.name, "F_CAM");
   EXPECT_EQ(camera.model, "opencv_pinhole");
-  EXPECT_EQ(camera.fx, 1171.5);
-  EXPECT_EQ(camera.fy, 1001.25);
-  EXPECT_EQ(camera.cx, 640);
-  EXPECT_EQ(camera.cy, 352.5);
-  EXPECT_THAT(camera.distortion, ElementsAre(-0.3, 0.08, 0.002, 0.0006, 0));
-  EXPECT_EQ(camera.xi, 0);
+  EXPECT_EQ(camera.fx(), 1171.5);
+  EXPECT_EQ(camera.fy(), 1001.25);
+  EXPECT_EQ(camera.cx(), 640);
+  EXPECT_EQ(camera.cy(), 352.5);
+  EXPECT_THAT(distortion(camera), ElementsAre(-0.3, 0.08, 0.002, 0.0006, 0));
+  EXPECT_THAT(other_parameters(camera), ElementsAre());
   EXPECT_EQ(camera.width, 1280);
   EXPECT_EQ(camera.height, 704);
   // The camera's z axis is the body's x axis: a point 1 m ahead of the lens is 3 m ahead of the
@@ -69,7 +70,7 @@ TEST(Calibration, ReadsEveryField) {
   EXPECT_TRUE((camera.body_from_sensor * Eigen::Vector3d(0, 0, 1))
                   .isApprox(Eigen::Vector3d(3, 0.5, 1.5), 1e-15));
   EXPECT_EQ(cameras[1].model, "mei");
-  EXPECT_EQ(cameras[1].xi, 1.02);
+  EXPECT_THAT(other_parameters(cameras[1]), ElementsAre(std::pair("xi", 1.02)));
 }
 
 TEST(Calibration, OptionalFields) {

@@ -63,8 +63,8 @@ PoseFiles make_pose_files(const Recording& recording, const std::vector<FramePos
     if (sensor.contains("pos_meter"))
       sensor["pos_meter"] = {position.x(), position.y(), position.z()};
     sensor.erase("yaw_pitch_roll_deg");
-    sensor["focal_length_px"] = {camera.fx, camera.fy};
-    sensor["principal_point_px"] = {camera.cx, camera.cy};
+    sensor["focal_length_px"] = {camera.fx(), camera.fy()};
+    sensor["principal_point_px"] = {camera.cx(), camera.cy()};
     sensor["time_offset_s"] = static_cast<double>(camera.time_offset_ns) * 1e-9;
     if (camera.readout_ns != 0 || sensor.contains("readout_s"))
       sensor["readout_s"] = static_cast<double>(camera.readout_ns) / 1e9;

@@ -30,7 +30,7 @@ TEST(PoseFiles, RoundTrip) {
       cameras[0].body_from_sensor * Eigen::AngleAxisd(-0.002, Eigen::Vector3d::UnitY());
   cameras[0].body_from_sensor.translation().y() += 0.25;
   cameras[1].time_offset_ns = -12'000'001;
-  cameras[1].fx = 1172.125;
+  cameras[1].parameters[0] = 1172.125;
   cameras[1].readout_ns = 29'999'999;
   write_pose_files(f.folder.path / "aligned", make_pose_files(f.recording, frames, cameras));
   Recording again = f.recording;
@@ -49,8 +49,7 @@ TEST(PoseFiles, RoundTrip) {
     EXPECT_TRUE(now.body_from_sensor.isApprox(cameras[c].body_from_sensor, 1e-14));
     EXPECT_EQ(now.time_offset_ns, cameras[c].time_offset_ns);
     EXPECT_EQ(now.readout_ns, cameras[c].readout_ns);
-    EXPECT_EQ(now.fx, cameras[c].fx);
-    EXPECT_EQ(now.distortion, cameras[c].distortion);
+    EXPECT_EQ(now.parameters, cameras[c].parameters);
     EXPECT_EQ(again.cameras[c].images.size(), 3u);
   }
 }

@@ -11,29 +11,10 @@
 #include <string>
 #include <vector>
 
+#include "redrive/camera/calibration.h"
 #include "redrive/math/rigid3.h"
 
 namespace redrive {
-
-/// No rolling shutter takes longer, up or down.
-constexpr double kMaxReadout_s = 0.2;
-
-/// Calibration of one camera as the file gives it; camera/camera.h makes the model out of it.
-struct CameraCalibration {
-  std::string name;
-  std::string model;  ///< "opencv_pinhole", "mei" or "opencv_fisheye"
-  double fx = 0, fy = 0, cx = 0,
-         cy = 0;                       ///< pixels; integer coordinates are pixel centres (OpenCV)
-  std::array<double, 5> distortion{};  ///< k1 k2 p1 p2 k3; of opencv_fisheye k1 k2 k3 k4 0
-  double xi = 0;              ///< mei only: distance of the projection centre from the sphere's
-  int width = 0, height = 0;  ///< pixels
-  Rigid3d
-      body_from_sensor;  ///< camera axes x right, y down, z forward; body x forward, y left, z up
-  std::int64_t time_offset_ns = 0;  ///< its images are exposed this long after their frame's pose
-  /// Of a rolling shutter: row v is exposed ((v + 1/2) / height - 1/2) readout_ns after that. Below
-  /// 0: from the lowest row up.
-  std::int64_t readout_ns = 0;
-};
 
 /// The body's pose at one frame.
 struct FramePose {

@@ -93,7 +93,7 @@ class Collector {
       throw InputError(file, "file_path", picture.file,
                        "a second frame with the image " + image.string());
     const CameraCalibration& c = *picture.camera;
-    const auto key = std::tuple(c.model, c.fx, c.fy, c.cx, c.cy, c.distortion, c.width, c.height);
+    const auto key = std::tuple(c.model, c.parameters, c.width, c.height);
     const auto [found, is_new] = cameras_.try_emplace(key, recording_.cameras.size());
     if (is_new) recording_.cameras.push_back({c, {}});
     recording_.cameras[found->second].images.push_back(
@@ -125,9 +125,7 @@ class Collector {
   Recording recording_;
   std::set<fs::path> images_;
   std::vector<std::string> missing_;
-  std::map<std::tuple<std::string, double, double, double, double, std::array<double, 5>, int, int>,
-           std::size_t>
-      cameras_;
+  std::map<std::tuple<std::string, std::vector<double>, int, int>, std::size_t> cameras_;
 };
 
 /// Numbers in names count as numbers, so that r_10 follows r_9.

@@ -9,6 +9,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/camera/models.h"
 #include "redrive/recording/calibration_fields.h"
 #include "redrive/recording/transforms.h"
 
@@ -54,42 +55,45 @@ void refuse_unsupported(const JsonField& object) {
   }
 }
 
-bool is_fisheye(const Intrinsics& intrinsics) {
-  bool fisheye = false;
+/// The model that "camera_model" names; without it a pinhole, or OPENCV_FISHEYE by "is_fisheye".
+const CameraModelInfo& camera_model_of(const Intrinsics& intrinsics) {
+  std::string name = "OPENCV";
   if (const auto flag = intrinsics.find("is_fisheye")) {
     if (!flag->json().is_boolean()) flag->fail("true or false was expected");
-    fisheye = flag->json().get<bool>();
+    if (flag->json().get<bool>()) name = "OPENCV_FISHEYE";
   }
-  const auto model = intrinsics.find("camera_model");
-  if (!model) return fisheye;
-  const std::string name = model->string();
-  if (name == "OPENCV_FISHEYE") return true;
-  for (const char* pinhole : {"OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "RADIAL", "SIMPLE_RADIAL"})
-    if (name == pinhole) return false;
-  model->fail(
-      "unknown camera model; known are OPENCV, OPENCV_FISHEYE, PINHOLE, SIMPLE_PINHOLE, RADIAL, "
-      "SIMPLE_RADIAL");
+  const auto field = intrinsics.find("camera_model");
+  if (field) name = field->string();
+  std::string known;
+  for (const CameraModelInfo& model : camera_models())
+    for (const std::string_view known_name : model.transforms_names) {
+      if (known_name == name) return model;
+      known += (known.empty() ? "" : ", ") + std::string(known_name);
+    }
+  field->fail("unknown camera model; known are " + known);
 }
 
-/// 0 where the field is not there.
-double coefficient(const Intrinsics& intrinsics, const char* key) {
-  const auto field = intrinsics.find(key);
-  return field ? distortion_from_json(*field) : 0;
+/// 0 where the field is missing.
+double coefficient(const Intrinsics& intrinsics, const CameraParameter& parameter) {
+  const auto field = intrinsics.find(parameter.name);
+  return field ? parameter_from_json(*field, parameter) : 0;
 }
 
-void read_distortion(const Intrinsics& intrinsics, CameraCalibration* camera) {
-  const bool fisheye = is_fisheye(intrinsics);
-  camera->model = fisheye ? "opencv_fisheye" : "opencv_pinhole";
-  constexpr const char* kFisheye[] = {"k1", "k2", "k3", "k4"};
-  constexpr const char* kPinhole[] = {"k1", "k2", "p1", "p2", "k3"};
-  int i = 0;
-  for (const char* key : fisheye ? std::span<const char* const>(kFisheye) : kPinhole)
-    camera->distortion[i++] = coefficient(intrinsics, key);
+void read_distortion(const Intrinsics& intrinsics, const CameraModelInfo& model,
+                     CameraCalibration* camera) {
+  camera->model = model.name;
+  for (const CameraParameter& parameter : model.distortion)
+    camera->parameters.push_back(coefficient(intrinsics, parameter));
+  for (const CameraParameter& parameter : model.other) {
+    const auto field = intrinsics.find(parameter.name);
+    if (!field) intrinsics.frame.at(parameter.name);  // throws: missing
+    camera->parameters.push_back(parameter_from_json(*field, parameter));
+  }
   // Programs disagree about what k4 of a pinhole is.
-  constexpr const char* kNotFisheye[] = {"p1", "p2", "k5", "k6"};
-  constexpr const char* kNotPinhole[] = {"k4", "k5", "k6"};
-  for (const char* key : fisheye ? std::span<const char* const>(kNotFisheye) : kNotPinhole)
-    if (coefficient(intrinsics, key) != 0)
+  for (const char* key : {"k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"})
+    if (std::ranges::find(model.distortion, key, &CameraParameter::name) ==
+            model.distortion.end() &&
+        coefficient(intrinsics, {key}) != 0)
       intrinsics.find(key)->fail("must be 0, the model " + camera->model +
                                  " has no such coefficient");
 }
@@ -111,23 +115,26 @@ CameraCalibration camera_from_json(const Intrinsics& intrinsics, const ImageSize
   CameraCalibration camera;
   camera.width = size.width;
   camera.height = size.height;
+  double fx = 0, fy = 0;
   for (const JsonField& object : {intrinsics.frame, intrinsics.all}) {
     const auto x = focal_length(object, "x", size.width),
                y = focal_length(object, "y", size.height);
     if (!x && !y) continue;
-    camera.fx = x ? *x : *y;
-    camera.fy = y ? *y : *x;
+    fx = x ? *x : *y;
+    fy = y ? *y : *x;
     break;
   }
-  if (camera.fx == 0)
+  if (fx == 0)
     intrinsics.frame.fail(
         "no focal length: neither fl_x nor camera_angle_x, here or for all frames");
-  read_distortion(intrinsics, &camera);
-  if (camera.model == "opencv_fisheye" && !intrinsics.find("fl_x"))
-    intrinsics.frame.fail("a fisheye needs fl_x: programs disagree about its angle of view");
+  const CameraModelInfo& model = camera_model_of(intrinsics);
   const auto cx = intrinsics.find("cx"), cy = intrinsics.find("cy");
-  camera.cx = (cx ? principal_point_from_json(*cx, size.width) : 0.5 * size.width) - 0.5;
-  camera.cy = (cy ? principal_point_from_json(*cy, size.height) : 0.5 * size.height) - 0.5;
+  camera.parameters = {
+      fx, fy, (cx ? principal_point_from_json(*cx, size.width) : 0.5 * size.width) - 0.5,
+      (cy ? principal_point_from_json(*cy, size.height) : 0.5 * size.height) - 0.5};
+  read_distortion(intrinsics, model, &camera);
+  if (!model.perspective && !intrinsics.find("fl_x"))
+    intrinsics.frame.fail("a fisheye needs fl_x: programs disagree about its angle of view");
   // Columns: the camera's x (right), y (down) and z (forward) in body axes x forward, y left, z up.
   camera.body_from_sensor = Rigid3d::Identity();
   camera.body_from_sensor.linear() << 0, 0, 1, -1, 0, 0, 0, -1, 0;

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/recording/transforms.h"
 
+#include "redrive/camera/models.h"
+
 #include <numbers>
 
 #include "redrive/recording/recording_testing.h"
@@ -11,6 +13,7 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 using ::testing::AllOf;
+using ::testing::Each;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using testing::input_error;
@@ -64,22 +67,22 @@ TEST(Transforms, ReadsEveryField) {
   EXPECT_FALSE(file.train);
   const CameraCalibration& camera = *file.pictures[1].camera;
   EXPECT_EQ(camera.model, "opencv_pinhole");
-  EXPECT_EQ(camera.fx, 100.5);
-  EXPECT_EQ(camera.fy, 90);
+  EXPECT_EQ(camera.fx(), 100.5);
+  EXPECT_EQ(camera.fy(), 90);
   EXPECT_EQ(camera.width, 100);
   EXPECT_EQ(camera.height, 80);
-  EXPECT_THAT(camera.distortion, ElementsAre(0.1, -0.02, 1e-3, -2e-3, 4e-3));
+  EXPECT_THAT(distortion(camera), ElementsAre(0.1, -0.02, 1e-3, -2e-3, 4e-3));
 }
 
 TEST(Transforms, PrincipalPointCountsFromTheCorner) {
   const CameraCalibration camera = first_camera(document());
-  EXPECT_EQ(camera.cx, 51.5);
-  EXPECT_EQ(camera.cy, 39);
+  EXPECT_EQ(camera.cx(), 51.5);
+  EXPECT_EQ(camera.cy(), 39);
   json text = document();
   text.erase("cx");
   text.erase("cy");
-  EXPECT_EQ(first_camera(text).cx, 49.5) << "the middle of pixels 0 to 99";
-  EXPECT_EQ(first_camera(text).cy, 39.5);
+  EXPECT_EQ(first_camera(text).cx(), 49.5) << "the middle of pixels 0 to 99";
+  EXPECT_EQ(first_camera(text).cy(), 39.5);
 }
 
 TEST(Transforms, CameraLooksWhereTheMatrixSays) {
@@ -96,32 +99,32 @@ TEST(Transforms, AFramesOwnIntrinsicsCount) {
   json text = document();
   text["frames"][1].update({{"fl_x", 200}, {"cx", 10.5}, {"w", 50}, {"h", 40}, {"k1", 0}});
   const auto pictures = parsed_transforms(text).pictures;
-  EXPECT_EQ(pictures[0].camera->fx, 100.5);
+  EXPECT_EQ(pictures[0].camera->fx(), 100.5);
   const CameraCalibration& own = *pictures[1].camera;
-  EXPECT_EQ(own.fx, 200);
-  EXPECT_EQ(own.fy, 200) << "its own along both axes";
-  EXPECT_EQ(own.cx, 10);
-  EXPECT_EQ(own.cy, 39) << "that of all frames";
+  EXPECT_EQ(own.fx(), 200);
+  EXPECT_EQ(own.fy(), 200) << "its own along both axes";
+  EXPECT_EQ(own.cx(), 10);
+  EXPECT_EQ(own.cy(), 39) << "that of all frames";
   EXPECT_EQ(own.width, 50);
-  EXPECT_EQ(own.distortion[0], 0);
-  EXPECT_EQ(own.distortion[1], -0.02);
+  EXPECT_EQ(distortion(own)[0], 0);
+  EXPECT_EQ(distortion(own)[1], -0.02);
 }
 
 TEST(Transforms, FocalLengthFromTheAngleOfView) {
   json text = {{"camera_angle_x", 0.6911112070083618}, {"frames", {frame("./train/r_0")}}};
   const CameraCalibration camera = first_camera(text);
   EXPECT_EQ(camera.width, 800) << "asked for, as the file does not say";
-  EXPECT_NEAR(camera.fx, 1111.1110311937682,
+  EXPECT_NEAR(camera.fx(), 1111.1110311937682,
               1e-9);  // 400 / tan(angle / 2), the well-known sets' figure
-  EXPECT_EQ(camera.fy, camera.fx);
-  EXPECT_EQ(camera.cx, 399.5);
-  EXPECT_EQ(camera.cy, 299.5);
-  EXPECT_EQ(camera.distortion, (std::array<double, 5>{}));
+  EXPECT_EQ(camera.fy(), camera.fx());
+  EXPECT_EQ(camera.cx(), 399.5);
+  EXPECT_EQ(camera.cy(), 299.5);
+  EXPECT_THAT(distortion(camera), Each(0));
   text["camera_angle_y"] = std::numbers::pi / 2;
-  EXPECT_NEAR(first_camera(text).fy, 300, 1e-12);
-  EXPECT_NEAR(first_camera(text).fx, 1111.1110311937682, 1e-9);
+  EXPECT_NEAR(first_camera(text).fy(), 300, 1e-12);
+  EXPECT_NEAR(first_camera(text).fx(), 1111.1110311937682, 1e-9);
   text["x_fov"] = 90;
-  EXPECT_NEAR(first_camera(text).fx, 400, 1e-12);
+  EXPECT_NEAR(first_camera(text).fx(), 400, 1e-12);
 }
 
 TEST(Transforms, FisheyesOfBothDialects) {
@@ -134,7 +137,7 @@ TEST(Transforms, FisheyesOfBothDialects) {
   for (const json& fisheye : {nerfstudio, ngp}) {
     const CameraCalibration camera = first_camera(fisheye);
     EXPECT_EQ(camera.model, "opencv_fisheye");
-    EXPECT_THAT(camera.distortion, ElementsAre(0.1, -0.02, 4e-3, 5e-4, 0));
+    EXPECT_THAT(distortion(camera), ElementsAre(0.1, -0.02, 4e-3, 5e-4));
   }
   nerfstudio["p1"] = 0.01;
   EXPECT_THAT(input_error([&] { parsed_transforms(nerfstudio); }), HasSubstr("p1 = 0.01"));
@@ -271,7 +274,7 @@ TEST(Transforms, OpensASet) {
   ASSERT_EQ(recording.cameras[1].images.size(), 1u);
   EXPECT_EQ(recording.cameras[1].images[0].frame_id, 2);
   EXPECT_EQ(recording.cameras[1].images[0].path, folder.path / "images/r_10.png");
-  EXPECT_EQ(recording.cameras[1].calibration.fx, 200);
+  EXPECT_EQ(recording.cameras[1].calibration.fx(), 200);
   EXPECT_THAT(input_error([&] { open_recording(folder.path, PoseSource::kGroundTruth); }),
               HasSubstr("exact poses"));
 }

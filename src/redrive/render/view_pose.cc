@@ -98,7 +98,7 @@ std::vector<RigCamera> poses_rig(const ViewRequests& poses, const Scene& scene, 
     RigCamera camera{calibration.name,           make_camera(calibration),
                      make_camera(calibration),   calibration.body_from_sensor,
                      calibration.time_offset_ns, calibration.readout_ns};
-    if (like_run && scene.undistort && std::holds_alternative<OpenCvPinhole>(camera.camera.model))
+    if (like_run && scene.undistort && camera.camera.info().perspective)
       camera.camera = camera.camera.undistorted();
     if (like_run) camera.camera = camera.camera.downscaled(scene.downscale);
     rig.push_back(std::move(camera));

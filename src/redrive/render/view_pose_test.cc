@@ -153,7 +153,8 @@ TEST_F(Requested, ACameraOfThePosesFileHasItsOwnOffset) {
   cameras.emplace_back();
   cameras[0].name = "CAM";
   cameras[0].model = "opencv_pinhole";
-  cameras[0].fx = cameras[0].fy = cameras[0].width = cameras[0].height = 8;
+  cameras[0].parameters = {8, 8, 0, 0, 0, 0, 0, 0, 0};
+  cameras[0].width = cameras[0].height = 8;
   cameras[0].body_from_sensor = Rigid3d::Identity();
   const RequestedView view{"a.png", "CAM", 10, std::nullopt, Eigen::Vector3d(0, 1, 0)};
   EXPECT_NEAR((place(view) - Eigen::Vector3d(0, 1, 0)).norm(), 0, kTolerance_m) << "it says none";

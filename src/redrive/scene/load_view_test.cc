@@ -59,9 +59,8 @@ TEST_F(ImageSetTest, SizeMustAgreeWithTheCalibration) {
 class OneView : public ImageSetTest {
  protected:
   OneView() {
-    CameraCalibration calibration{"CAM", "opencv_pinhole", 4, 4, 1.5, 0.5};
-    calibration.width = 4;
-    calibration.height = 2;
+    const CameraCalibration calibration{
+        "CAM", "opencv_pinhole", {4, 4, 1.5, 0.5, 0, 0, 0, 0, 0}, 4, 2};
     scene_.rig = {{"CAM", make_camera(calibration), make_camera(calibration), Rigid3d::Identity()}};
     scene_.views = {{0, 0, root_ / "image.png"}};
     image_ = {4, 2, std::vector<std::uint8_t>(24, 200)};

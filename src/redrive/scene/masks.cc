@@ -226,7 +226,7 @@ Mask find_static_mask(const Scene& scene, int camera, const std::vector<Image8>&
 
   const int rows = mask.height - (on_car ? broken_rows(pictures) : 0);
   std::fill(mask.used.begin() + static_cast<std::ptrdiff_t>(rows) * mask.width, mask.used.end(), 0);
-  if (std::holds_alternative<Mei>(rig.camera.model)) mask_black_corners(pictures, &mask);
+  if (rig.camera.info().image_circle) mask_black_corners(pictures, &mask);
   if (on_car) mask_ego_vehicle(scene, camera, views, images, rows, &mask);
   return mask;
 }

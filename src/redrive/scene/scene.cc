@@ -86,7 +86,7 @@ RigCamera make_rig_camera(const CameraCalibration& calibration, const SceneOptio
     throw UsageError(
         "--undistort", calibration.name,
         "has a rolling shutter, whose rows have times of their own: resampling mixes them");
-  if (options.undistort && !std::holds_alternative<OpenCvPinhole>(camera.recorded.model))
+  if (options.undistort && !camera.recorded.info().perspective)
     throw UsageError("--undistort", calibration.name,
                      "is a fisheye (" + calibration.model +
                          "), which no pinhole image can hold; leave --undistort out, rays are "

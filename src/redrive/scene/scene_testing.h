@@ -26,10 +26,10 @@ inline Recording make_test_recording(const std::filesystem::path& folder, int fr
   recording.root = folder;
   recording.format = "test";
   RecordedCamera fisheye, front;
-  fisheye.calibration = {
-      "FISHEYE", "mei", 9, 9, 9.5, 6.5, {0.03, -0.08, 0, 0, 0}, 1.02, 20, 14, Rigid3d::Identity()};
+  fisheye.calibration = {"FISHEYE", "mei", {9, 9, 9.5, 6.5, 0.03, -0.08, 0, 0, 0, 1.02},
+                         20,        14,    Rigid3d::Identity()};
   front.calibration = {
-      "FRONT", "opencv_pinhole",   22, 20, 11.5, 7.5, {-0.3, 0.08, 0.002, 0.0006, 0}, 0, 24,
+      "FRONT", "opencv_pinhole",   {22, 20, 11.5, 7.5, -0.3, 0.08, 0.002, 0.0006, 0}, 24,
       16,      Rigid3d::Identity()};
   // Columns: the camera's x, y, z axes in body axes.
   fisheye.calibration.body_from_sensor.linear() << 1, 0, 0, 0, 0, 1, 0, -1, 0;

@@ -61,15 +61,12 @@ inline CameraCalibration synthetic_camera(int which) {
   CameraCalibration c;
   c.name = which == 0 ? "A_FRONT" : which == 1 ? "B_LEFT" : "C_RIGHT";
   c.model = which == 0 ? "opencv_pinhole" : "mei";
-  c.distortion = which == 0 ? std::array<double, 5>{-0.2, 0.03, 0.001, 0.0005, 0}
-                            : std::array<double, 5>{0.03, -0.08, 0, 0, 0};
-  c.xi = which == 0 ? 0 : 1.02;
-  c.fx = which == 0 ? 300 : 210;
-  c.fy = which == 0 ? 295 : 212;
+  if (which == 0)
+    c.parameters = {300, 295, 240.5, 131, -0.2, 0.03, 0.001, 0.0005, 0};
+  else
+    c.parameters = {210, 212, 240.5, 131, 0.03, -0.08, 0, 0, 0, 1.02};
   c.width = 480;
   c.height = 264;
-  c.cx = 240.5;
-  c.cy = 131;
   Eigen::Matrix3d front;  // columns: the camera's axes in the body's
   front << 0, 0, 1, -1, 0, 0, 0, -1, 0;
   const double yaw = which == 0 ? 0.02 : which == 1 ? 1.3 : -1.35;

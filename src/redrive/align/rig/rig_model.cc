@@ -182,10 +182,7 @@ std::vector<FramePose> RigModel::corrected_frames() const {
 CameraCalibration RigModel::corrected_calibration(int index) const {
   CameraCalibration calibration = cameras[index].given;
   const Camera now = camera(index);
-  calibration.fx = now.fx;
-  calibration.fy = now.fy;
-  calibration.cx = now.cx;
-  calibration.cy = now.cy;
+  std::ranges::copy(std::array{now.fx, now.fy, now.cx, now.cy}, calibration.parameters.begin());
   calibration.body_from_sensor = body_from_sensor(index);
   calibration.time_offset_ns = std::llround(cameras[index].offset_s * 1e9);
   calibration.readout_ns = std::llround(cameras[index].readout_s * 1e9);

@@ -12,9 +12,9 @@ namespace {
 class Epipolar : public ::testing::Test {
  protected:
   Camera a_ = make_camera(
-      {"A", "opencv_pinhole", 300, 290, 159.5, 119.5, {-0.3, 0.08, 0.002, 0.0006, 0}, 0, 320, 240});
+      {"A", "opencv_pinhole", {300, 290, 159.5, 119.5, -0.3, 0.08, 0.002, 0.0006, 0}, 320, 240});
   Camera b_ =
-      make_camera({"B", "mei", 150, 140, 159.5, 119.5, {0.03, -0.08, 0, 0, 0}, 1.02, 320, 240});
+      make_camera({"B", "mei", {150, 140, 159.5, 119.5, 0.03, -0.08, 0, 0, 0, 1.02}, 320, 240});
   Rigid3d b_from_a_ = Eigen::Translation3d(0.4, -0.1, 0.3) *
                       Rigid3d(Eigen::AngleAxisd(0.3, Eigen::Vector3d::UnitY()));
 

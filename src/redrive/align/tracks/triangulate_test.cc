@@ -10,11 +10,11 @@ namespace {
 Rigid3d at(double x, double y) { return Rigid3d(Eigen::Translation3d(x, y, 0)); }
 
 CameraCalibration pinhole() {
-  return {"FRONT", "opencv_pinhole", 300, 290, 159.5, 119.5, {-0.3, 0.08, 0.002, 0.0006, 0}, 0, 320,
-          240};
+  return {
+      "FRONT", "opencv_pinhole", {300, 290, 159.5, 119.5, -0.3, 0.08, 0.002, 0.0006, 0}, 320, 240};
 }
 CameraCalibration fisheye() {
-  return {"FISHEYE", "mei", 150, 140, 159.5, 119.5, {0.03, -0.08, 0, 0, 0}, 1.02, 320, 240};
+  return {"FISHEYE", "mei", {150, 140, 159.5, 119.5, 0.03, -0.08, 0, 0, 0, 1.02}, 320, 240};
 }
 
 class Triangulate : public ::testing::Test {

@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: Apache-2.0
+// The registry of camera models.
+//
+// How to add a model:
+// 1. camera/<model>.h: a plain struct on normalised coordinates (pixel = f x + c), like
+// camera/mei.h:
+//    - kName: its name in calibration files.
+//    - kDistortion: coefficients in the order of "distortion_coeffs"; kOther: further parameters,
+//      each a field of its own ("xi").
+//    - kTransformsNames: values of "camera_model" in transforms.json that mean it; may be empty.
+//    - kPerspective: straight lines stay straight once undistorted, so --undistort is possible.
+//    - kImageCircle: images are black beyond a circle, which masks look for.
+//    - kTypical: parameters of a common lens, which every test of camera_test.cc then walks.
+//    - a constructor from std::span<const double>: kDistortion, then kOther.
+//    - covered_radius(): Camera::covered_radius.
+//    - `template <class T> std::optional<std::array<T, 2>> project(const std::array<T, 3>& point)
+//      const`, which also takes dual numbers (math/dual.h), and `std::optional<Eigen::Vector3d>
+//      unproject(const Eigen::Vector2d&) const`. Both return nothing outside the region where the
+//      model is one-to-one.
+// 2. Its type in CameraModel below.
+// 3. camera/<model>_test.cc: what only this model promises.
+#pragma once
+
+#include <span>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <variant>
+#include <vector>
+
+#include "redrive/camera/calibration.h"
+#include "redrive/camera/mei.h"
+#include "redrive/camera/opencv_fisheye.h"
+#include "redrive/camera/opencv_pinhole.h"
+
+namespace redrive {
+
+using CameraModel = std::variant<OpenCvPinhole, Mei, OpenCvFisheye>;
+
+/// A model's description, for readers and writers of calibrations.
+struct CameraModelInfo {
+  std::string_view name;
+  std::span<const CameraParameter> distortion;  ///< parameters 4.. of CameraCalibration
+  std::span<const CameraParameter> other;       ///< the parameters behind them
+  std::span<const std::string_view> transforms_names;
+  std::span<const double> typical;  ///< distortion, then other: of a common lens
+  bool perspective, image_circle;
+  /// `parameters`: distortion, then other.
+  CameraModel (*make)(std::span<const double> parameters);
+};
+
+/// All models, in the order of CameraModel.
+std::span<const CameraModelInfo> camera_models();
+/// The model of that name; null if there is none.
+const CameraModelInfo* find_camera_model(std::string_view name);
+/// "opencv_pinhole, mei, ...", for messages.
+std::string camera_model_names();
+/// The description of the model in `model`.
+const CameraModelInfo& info_of(const CameraModel& model);
+
+/// Distortion coefficients of a calibration whose model is known, in the model's order.
+std::vector<double> distortion(const CameraCalibration& calibration);
+/// Its parameters behind these, by name.
+std::vector<std::pair<std::string, double>> other_parameters(const CameraCalibration& calibration);
+
+}  // namespace redrive
