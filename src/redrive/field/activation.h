@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The two nonlinearities of the original NeRF, scalar, on any scalar type.
+// Activation functions of NeRF, on any scalar type.
 #pragma once
 
 #include <cmath>
@@ -8,8 +8,8 @@
 
 namespace redrive {
 
-/// max(0, x); its derivative at 0 is 0. NaN stays NaN, so that a broken network cannot pass for an
-/// empty scene.
+/// max(0, x); the derivative at 0 is 0. NaN stays NaN, so that a diverged network does not look
+/// like an empty scene.
 template <class T>
 REDRIVE_HD T relu(T x) {
   return x <= T(0) ? T(0) : x;

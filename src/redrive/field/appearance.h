@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a camera makes of light over time: gains of the three colours, for exposure and white
-// balance, learned with the field so that it need not explain them by places. Scalar, one ray, and
-// the adjoint.
+// Exposure and white balance of each camera over time: three colour gains, learned with the field,
+// so that the field need not explain them by the position in space. For one ray, with adjoints.
+//   gain_c(t) = exp(kLogGainScale * p_c(t)),
+// p_c(t) linear between knots every kKnotSpacing_s seconds, constant before the first and after the
+// last. Parameters [cameras, knots, 3]; all 0 means gains of 1.
 #pragma once
 
 #include <algorithm>
@@ -14,25 +16,25 @@
 
 namespace redrive {
 
-/// Log gains stand every kKnotSpacing_s of each camera's drive, linear between them: exposure
-/// control takes about as long, and what lies between training pictures has its gains, too.
+/// Distance of the knots. Exposure control takes about as long to settle; held-out images between
+/// two training images get interpolated gains.
 constexpr float kKnotSpacing_s = 0.5f;
-/// A log gain is so many times its parameter, which slows it down against the field's.
+/// A log gain is this times its parameter, which lowers its learning rate against the field's.
 constexpr float kLogGainScale = 0.05f;
-/// Of the mean square of all log gains against the colours' loss: a hundredth of what a camera's
-/// pictures say of one.
+/// Weight of the mean square of all log gains against the colour loss: a hundredth of the gradient
+/// that one camera's images give.
 constexpr float kGainRegulariserWeight = 5e-4f;
 
 struct AppearanceConfig {
-  int cameras = 0, knots = 0;  ///< 0: none
+  int cameras = 0, knots = 0;  ///< 0: no gains
 
   REDRIVE_HD std::size_t size() const { return 3 * static_cast<std::size_t>(cameras) * knots; }
 };
 
-/// The two knots around a time, and the second one's share.
+/// The two knots around a time and the weight of the second.
 struct KnotWeights {
-  std::size_t first, second;  ///< of their red in [cameras, knots, 3]
-  float of_second;
+  std::size_t first, second;  ///< index of the knot's red parameter in [cameras, knots, 3]
+  float second_weight;
 };
 REDRIVE_HD inline KnotWeights knots_at(const AppearanceConfig& config, const Exposure& exposure) {
   const float at =
@@ -42,7 +44,7 @@ REDRIVE_HD inline KnotWeights knots_at(const AppearanceConfig& config, const Exp
   return {3 * (row + first), 3 * (row + second), at - static_cast<float>(first)};
 }
 
-/// Factors of r, g, b; 1 where exposure.camera is -1 or there is no appearance.
+/// Returns the gains of r, g, b; 1 where exposure.camera is -1 or the model has no gains.
 template <class T>
 REDRIVE_HD std::array<T, 3> colour_gains(const AppearanceConfig& config, const T* parameters,
                                          const Exposure& exposure) {
@@ -51,13 +53,13 @@ REDRIVE_HD std::array<T, 3> colour_gains(const AppearanceConfig& config, const T
   const KnotWeights at = knots_at(config, exposure);
   std::array<T, 3> gains;
   for (int k = 0; k < 3; ++k)
-    gains[k] = exp(T(kLogGainScale) * (parameters[at.first + k] * T(1 - at.of_second) +
-                                       parameters[at.second + k] * T(at.of_second)));
+    gains[k] = exp(T(kLogGainScale) * (parameters[at.first + k] * T(1 - at.second_weight) +
+                                       parameters[at.second + k] * T(at.second_weight)));
   return gains;
 }
 
-/// From gains as colour_gains gave them: calls add(number of the parameters, its derivative), first
-/// knot first.
+/// Calls add(index of the parameter, its derivative) for the two knots of each channel, from the
+/// gains that colour_gains returned; the first knot first.
 template <class T, class Add>
 REDRIVE_HD void colour_gains_adjoint(const AppearanceConfig& config, const Exposure& exposure,
                                      const std::array<T, 3>& gains, const std::array<T, 3>& d_gains,
@@ -66,13 +68,13 @@ REDRIVE_HD void colour_gains_adjoint(const AppearanceConfig& config, const Expos
   const KnotWeights at = knots_at(config, exposure);
   for (int k = 0; k < 3; ++k) {
     const T d = T(kLogGainScale) * gains[k] * d_gains[k];
-    add(at.first + k, T(1 - at.of_second) * d);
-    add(at.second + k, T(at.of_second) * d);
+    add(at.first + k, T(1 - at.second_weight) * d);
+    add(at.second + k, T(at.second_weight) * d);
   }
 }
 
-/// A parameter's share of the loss that keeps gains near 1: kGainRegulariserWeight times the mean
-/// square of all log gains.
+/// One parameter's term of the regulariser kGainRegulariserWeight * mean over all parameters of
+/// (log gain)^2, which keeps gains near 1.
 template <class T>
 struct GainRegulariser {
   T value, derivative;

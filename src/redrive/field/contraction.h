@@ -1,8 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// The unbounded world in the unit cube (Barron et al., "Mip-NeRF 360", 2022, eq. 10, with the
-// maximum norm as NeuRAD has it): with u = (x - center) / half_m and m = max |u_k|,  y = u inside
-// the near region (m <= 1), (2 - 1/m) u/m beyond it, so that infinity lies at |y| = 2;  unit = (y +
-// 2) / 4. A bounded scene (objects, rooms) has its near region alone: unit = (u + 1) / 2.
+// Scene contraction: maps the world into the unit cube (Barron et al., "Mip-NeRF 360", CVPR 2022,
+// eq. 10, with the maximum norm in place of the Euclidean one, as Tonderski et al., "NeuRAD",
+// 2024). With u = (x - center) / half_m and m = max_k |u_k|:
+//   y = u                   in the near region, m <= 1,
+//   y = (2 - 1/m) u / m     beyond it; infinity maps to max_k |y_k| = 2,
+//   unit = (y + 2) / 4.
+// A bounded scene (object, room) consists of the near region only: unit = (u + 1) / 2.
+// The map is continuous with a continuous first derivative along rays through the centre at m = 1.
 #pragma once
 
 #include <array>
@@ -13,15 +17,17 @@
 namespace redrive {
 
 struct Contraction {
-  std::array<float, 3> center{};  ///< world, metres
-  float half_m = 1;               ///< half the side of the near region, a cube
+  std::array<float, 3> center{};  ///< metres, world frame
+  float half_m = 1;               ///< half the side of the near region, a cube; > 0
   bool unbounded = true;
 
   bool operator==(const Contraction&) const = default;
 };
 
-/// Position in the unit cube; also works on dual numbers. Returns the cube root of the map's volume
-/// factor, which turns the standard deviation of a sample's volume in metres into the unit cube's.
+/// Writes the position in the unit cube and returns the cube root of the map's volume factor
+/// |det d unit / d world|, in 1/m: it turns the standard deviation of a sample's volume in metres
+/// into that in the unit cube. T may be a dual number; the factor is then a constant. In a bounded
+/// scene points outside the near region map outside [0, 1]^3.
 template <class T>
 REDRIVE_HD T contract(const Contraction& contraction, const T world[3], T unit[3]) {
   using std::abs;
@@ -38,7 +44,7 @@ REDRIVE_HD T contract(const Contraction& contraction, const T world[3], T unit[3
   const bool beyond = m > T(1);
   const T shrink = beyond ? (T(2) - T(1) / m) / m : T(1);
   for (int k = 0; k < 3; ++k) unit[k] = (u[k] * shrink + T(2)) * T(0.25);
-  // Along the radius by 1/m^2, across it by `shrink`, twice.
+  // Eigenvalues of dy/du: 1/m^2 along the radius, `shrink` across it, twice.
   double factor = 1;
   if (beyond) {
     double along = 0;
@@ -52,8 +58,8 @@ REDRIVE_HD T contract(const Contraction& contraction, const T world[3], T unit[3
   return T(0.25 / contraction.half_m * factor);
 }
 
-/// d_world from d_unit, the derivative of contract's position alone: footprints are taken as they
-/// are.
+/// Writes d_world = (d unit / d world)^T d_unit, the vector-Jacobian product of contract's
+/// position. The returned factor is taken as constant.
 template <class T>
 REDRIVE_HD void contract_adjoint(const Contraction& contraction, const T world[3],
                                  const T d_unit[3], T d_world[3]) {

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// By which camera a picture is taken and when: what its exposure and white balance depend on.
+// The camera and the time that the exposure and white balance of an image depend on.
 #pragma once
 
 namespace redrive {
 
 struct Exposure {
-  int camera = -1;  ///< of the run's rig; -1: none of them, as the field itself looks
-  float t_s = 0;    ///< since the first frame of the scene
+  int camera = -1;  ///< index in the run's rig; -1: no gains, the field's own colours
+  float t_s = 0;    ///< seconds since the first frame of the scene
 };
 
 }  // namespace redrive

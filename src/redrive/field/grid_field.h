@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The field of --method grid: features of a hash grid (hash_grid.h), a small network to density and
-// geometry features, a second one to colour (Mueller et al. 2022, section 5.4). Networks without
-// biases; scalar, on any scalar type, with their adjoint.
-//   h = relu(D0 features), g = D1 h (16 numbers), density = density_scale exp(g_0),
-//   c = relu(C0 [g, Y(direction)]), with two colour layers c = relu(C1 c), raw rgb = C c (before
-//   the sigmoid).
+// The field of --method grid: a hash grid (field/hash_grid.h), a density MLP and a colour MLP
+// (Mueller et al. 2022, section 5.4). MLPs without biases, on any scalar type, with their adjoint:
+//   h = relu(D0 features), g = D1 h (16 numbers), density = density_scale exp(min(g_0, 15)),
+//   c = relu(C0 [g, Y(direction)]), with two colour layers c = relu(C1 c), raw rgb = C c
+// (the sigmoid is applied by volume/composite.h). Y: field/spherical_harmonics.h.
 #pragma once
 
 #include <algorithm>
@@ -20,16 +19,15 @@
 
 namespace redrive {
 
-constexpr int kGeometryFeatures =
-    16;  ///< numbers that the density network hands on to the colour network
+constexpr int kGeometryFeatures = 16;  ///< outputs of the density MLP; the first is the log density
 constexpr float kMaxLogDensity =
-    15;  ///< g_0 above this counts as this, its derivative does not vanish
+    15;  ///< larger g_0 are clamped to this in the value only: the adjoint still lowers them
 constexpr int kMaxGridWidth = 128;
 
 struct GridFieldConfig {
   HashGridConfig grid;
-  int width = 32;         ///< hidden units of both networks, a multiple of 16 in 16..128
-  int colour_layers = 1;  ///< hidden ones, 1 or 2
+  int width = 32;         ///< hidden units of both MLPs, a multiple of 16 in 16..128
+  int colour_layers = 1;  ///< hidden layers of the colour MLP, 1 or 2
 
   bool operator==(const GridFieldConfig&) const = default;
 };
@@ -43,24 +41,24 @@ enum GridLayer {
   kGridLayers
 };
 
-/// A weight matrix [outputs, inputs], row-major, at `offset` of the flat buffer; inputs of
-/// kGridColour0: geometry, then harmonics. kGridColour1 has no outputs where there is one colour
-/// layer.
+/// A weight matrix [outputs, inputs], row-major, at `offset` of the flat buffer. Inputs of
+/// kGridColour0: geometry features, then harmonics. kGridColour1 has no outputs if there is one
+/// colour layer.
 struct GridLayerShape {
   const char* name = "";
   int outputs = 0, inputs = 0;
   std::size_t offset = 0;
 };
 GridLayerShape grid_layer(const GridFieldConfig& config, int layer);
-std::size_t grid_network_size(const GridFieldConfig& config);  ///< numbers of all matrices
+std::size_t grid_network_size(const GridFieldConfig& config);  ///< floats of all matrices
 double grid_macs_per_sample(
-    const GridFieldConfig& config);  ///< multiply-adds of both networks, forward
+    const GridFieldConfig& config);  ///< multiply-adds of both MLPs, forward
 
-/// He uniform: U(-a, a), a = sqrt(6 / inputs). Deterministic in seed.
+/// Fills the weights with U(-a, a), a = sqrt(6 / inputs) (He et al. 2015). A function of the seed.
 void grid_network_initialize(const GridFieldConfig& config, std::uint64_t seed,
                              std::span<float> weights);
 
-/// What the adjoint needs of a sample; sized for the widest network.
+/// Activations of one sample, kept for the adjoint; sized for the widest network.
 template <class T>
 struct GridActivations {
   std::vector<T> features;
@@ -68,7 +66,7 @@ struct GridActivations {
       colour[2][kMaxGridWidth], density;
 };
 
-/// raw: r, g, b before the sigmoid, density in 1/m.
+/// Writes raw[4]: r, g, b before the sigmoid, density in 1/m (>= 0; NaN stays NaN).
 template <class T>
 void grid_network_forward(const GridFieldConfig& config, const T* weights, const T* features,
                           const T harmonics[kHarmonics], T density_scale, GridActivations<T>* a,
@@ -106,7 +104,7 @@ void grid_network_forward(const GridFieldConfig& config, const T* weights, const
   raw[3] = a->density;
 }
 
-/// Adds to d_weights and to d_features [grid.outputs()] what d_raw (4 numbers) says.
+/// Adds to d_weights and to d_features [grid.outputs()] the vector-Jacobian product of d_raw[4].
 template <class T>
 void grid_network_adjoint(const GridFieldConfig& config, const T* weights,
                           const GridActivations<T>& a, const T d_raw[4], T* d_weights,

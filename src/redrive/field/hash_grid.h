@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // Multiresolution hash encoding of a position (Mueller et al., "Instant Neural Graphics Primitives
-// with a Multiresolution Hash Encoding", 2022, section 3), scalar, on any scalar type, with its
+// with a Multiresolution Hash Encoding", SIGGRAPH 2022, section 3), on any scalar type, with its
 // adjoint.
 //
-// A level is a grid of `cells` cells a side over the unit cube, with a row of `features` numbers at
-// each vertex; the feature of a point is the trilinear mean of its cell's eight rows. Levels grow
-// geometrically from base_resolution to max_resolution. Where a level has more vertices than
-// 2^log2_hashmap_size, they share that many rows by a hash. Grids are shifted by half a cell, so
-// that no two levels have their kinks in the same place.
+// A level is a grid of cells over the unit cube with a row of features at each vertex; a point's
+// feature is the trilinear interpolation of its cell's eight rows. Resolutions grow geometrically
+// from base_resolution to max_resolution. A level with more than 2^log2_hashmap_size vertices
+// stores that many rows and finds them by a hash. Grids are offset by half a cell, so that the
+// kinks of different levels do not coincide.
 #pragma once
 
 #include <cmath>
@@ -20,35 +20,35 @@
 namespace redrive {
 
 struct HashGridConfig {
-  int levels = 8;              ///< 1..16
-  int features = 4;            ///< of a level: 1, 2, 4 or 8
-  int base_resolution = 16;    ///< a side, of the coarsest level
-  int max_resolution = 2048;   ///< of the finest, up to 2^20
-  int log2_hashmap_size = 17;  ///< at most this many rows a level, 4..24
+  int levels = 8;              ///< number of levels, 1..16
+  int features = 4;            ///< per level: 1, 2, 4 or 8
+  int base_resolution = 16;    ///< cells along a side of the coarsest level, >= 1
+  int max_resolution = 2048;   ///< cells along a side of the finest level, base_resolution..2^20
+  int log2_hashmap_size = 17;  ///< log2 of the most rows of a level, 4..24
 
   int outputs() const { return levels * features; }
   bool operator==(const HashGridConfig&) const = default;
 };
 
 struct HashGridLevel {
-  int cells = 0;
+  int cells = 0;           ///< along a side
   std::uint32_t rows = 0;  ///< a power of two where hashed
-  bool dense = true;       ///< every vertex has a row of its own
-  std::size_t offset = 0;  ///< of its first row, in numbers of the table
+  bool dense = true;       ///< one row for each vertex, no hash
+  std::size_t offset = 0;  ///< index of its first row's first feature in the table
 };
 
-/// Coarsest first.
+/// Returns the levels, coarsest first. Throws std::logic_error for a config out of range.
 std::vector<HashGridLevel> hash_grid_levels(const HashGridConfig& config);
-std::size_t hash_grid_size(const HashGridConfig& config);  ///< numbers of the table
+std::size_t hash_grid_size(const HashGridConfig& config);  ///< floats of the table
 
-/// U(-1e-4, 1e-4), as the paper. Deterministic in seed.
+/// Fills the table with U(-1e-4, 1e-4), as the paper. A function of the seed.
 void hash_grid_initialize(const HashGridConfig& config, std::uint64_t seed, std::span<float> table);
 
 constexpr std::uint32_t kHashPrimeY = 2654435761u, kHashPrimeZ = 805459861u;
 
-/// The row of a vertex, counted within its level; coordinates in 0..cells + 1. The paper's hash
-/// with x added instead of xored: the rows of neighbours along x follow each other, hashed or not,
-/// up to the level's end.
+/// Returns the row of a vertex within its level; coordinates in 0..cells + 1. The paper's hash (eq.
+/// 4) with x added instead of xored: rows of neighbours along x are consecutive, so that both are
+/// one load, except that the last row of a hashed level is followed by its first.
 REDRIVE_HD inline std::uint32_t hash_grid_row(const HashGridLevel& level, std::uint32_t x,
                                               std::uint32_t y, std::uint32_t z) {
   const std::uint32_t side = static_cast<std::uint32_t>(level.cells) + 2;
@@ -56,14 +56,14 @@ REDRIVE_HD inline std::uint32_t hash_grid_row(const HashGridLevel& level, std::u
   return (x + ((y * kHashPrimeY) ^ (z * kHashPrimeZ))) & (level.rows - 1);
 }
 
-/// A level that would count for less than this counts for nothing, so that it need not be looked
-/// up; those above are stretched to 0..1. Chosen by measurement among 0, 0.1, 0.2 and 0.3
-/// (docs/benchmarks.md).
+/// Levels with a smaller weight are skipped; the weights above are rescaled to 0..1. Chosen by
+/// measurement among 0, 0.1, 0.2 and 0.3 (docs/experiments.md).
 constexpr float kMinLevelWeight = 0.2f;
 
-/// What a level finer than the sample is long counts for: w = 1 / max(1, 2 cells footprint)
-/// (Tonderski et al., "NeuRAD", 2024, section 3.1), of which what is above the floor. `footprint`:
-/// standard deviation of the sample's volume in the unit cube.
+/// Returns the weight of a level in 0..1 by the size of the sample (Tonderski et al., "NeuRAD",
+/// 2024, section 3.1): w = 1 / max(1, 2 cells footprint), then max(0, w - kMinLevelWeight) / (1 -
+/// kMinLevelWeight) where w < 1. `footprint`: standard deviation of the sample's volume in the unit
+/// cube; 0 gives weight 1, infinity 0, NaN 1.
 template <class T>
 REDRIVE_HD T hash_grid_level_weight(const HashGridLevel& level, T footprint) {
   const T widths = T(2.0 * level.cells) * footprint;
@@ -72,13 +72,14 @@ REDRIVE_HD T hash_grid_level_weight(const HashGridLevel& level, T footprint) {
   return above > T(0) ? above / (T(1) - T(kMinLevelWeight)) : T(0);
 }
 
-/// Vertex coordinates of the cell that holds a point, and where in it the point lies.
+/// The cell that holds a point: coordinates of its first vertex, and the position within it in [0,
+/// 1).
 template <class T>
 struct HashGridCell {
   std::uint32_t corner[3];
   T fraction[3];
 
-  /// Coordinates outside the unit cube count as on its face; NaN as 0.
+  /// Clamps positions outside the unit cube to its faces; NaN becomes 0.
   REDRIVE_HD HashGridCell(const HashGridLevel& level, const T position[3]) {
     for (int k = 0; k < 3; ++k) {
       const T inside = position[k] > T(0) ? (position[k] < T(1) ? position[k] : T(1)) : T(0);
@@ -93,7 +94,7 @@ struct HashGridCell {
     }
   }
 
-  /// Row of vertex `c` (bit k: the far one along axis k), and its share of the mean.
+  /// Row of vertex `c` (bit k of c set: the far one along axis k), and its interpolation weight.
   REDRIVE_HD std::uint32_t row(const HashGridLevel& level, int c) const {
     return hash_grid_row(level, corner[0] + (c & 1), corner[1] + (c >> 1 & 1),
                          corner[2] + (c >> 2 & 1));
@@ -104,7 +105,8 @@ struct HashGridCell {
   REDRIVE_HD T weight(int c) const { return share(c, 0) * share(c, 1) * share(c, 2); }
 };
 
-/// The features of one level, features[f]. Table and position may be of different types.
+/// Writes the features of one level, features[features_of_level]. Table and position may differ in
+/// type.
 template <class Table, class T, class Out>
 REDRIVE_HD void hash_grid_encode_level(const HashGridLevel& level, int features_of_level,
                                        const Table* table, const T position[3], T footprint,
@@ -120,7 +122,7 @@ REDRIVE_HD void hash_grid_encode_level(const HashGridLevel& level, int features_
   for (int f = 0; f < features_of_level; ++f) features[f] *= Out(weight);
 }
 
-/// features[level * config.features + f]. `levels`: of the config.
+/// Writes features[level * config.features + f] of all levels. `levels`: hash_grid_levels(config).
 template <class Table, class T, class Out>
 void hash_grid_encode(const HashGridConfig& config, std::span<const HashGridLevel> levels,
                       const Table* table, const T position[3], T footprint, Out* features) {
@@ -129,8 +131,8 @@ void hash_grid_encode(const HashGridConfig& config, std::span<const HashGridLeve
                            features + l * config.features);
 }
 
-/// One level's part: calls add(number of the table, its derivative), which has to know what else
-/// adds to that number.
+/// Calls add(index in the table, its derivative) for each row of one level. The caller decides how
+/// concurrent additions are ordered.
 template <class T, class Add>
 REDRIVE_HD void hash_grid_adjoint_level(const HashGridLevel& level, int features_of_level,
                                         const T position[3], T footprint, const T* d_features,
@@ -144,7 +146,7 @@ REDRIVE_HD void hash_grid_adjoint_level(const HashGridLevel& level, int features
   }
 }
 
-/// One level's part of d_position[3], which is added to. The footprint is taken for constant.
+/// Adds one level's part to d_position[3]. The footprint is taken as constant.
 template <class T>
 REDRIVE_HD void hash_grid_position_adjoint_level(const HashGridLevel& level, int features_of_level,
                                                  const T* table, const T position[3], T footprint,

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // The field of the original NeRF (Mildenhall et al., ECCV 2020, section 5.1 and figure 7 of the
 // supplement):
-//   gamma(x) -> 5 x [width, ReLU] -> skip: concatenated with gamma(x) again -> 3 x [width, ReLU]
-//   -> density (1, linear here; ReLU is applied by volume/composite.h) and feature (width, linear);
-//   [feature, gamma(d)] -> [width/2, ReLU] -> rgb (3, linear here; sigmoid is applied by
-//   volume/composite.h)
-// gamma(p) = (p, sin(2^0 pi p), cos(2^0 pi p), ..., sin(2^(L-1) pi p), cos(2^(L-1) pi p)) per
-// coordinate, p in [-1, 1]. All parameters stand in one flat float buffer; this file says where.
+//   gamma(x) -> 5 x [width, ReLU] -> skip: concatenated with gamma(x) -> 3 x [width, ReLU]
+//   -> density (1, linear) and feature (width, linear);
+//   [feature, gamma(d)] -> [width/2, ReLU] -> rgb (3, linear)
+// volume/composite.h applies the density's ReLU and the colours' sigmoid. gamma:
+// field/positional_encoding.h. All parameters are one flat float buffer; this header has its
+// layout.
 #pragma once
 
 #include <cstddef>
@@ -30,8 +30,8 @@ constexpr int kNerfSkip = 5;    ///< the layer (from 0) whose input is [h, gamma
 
 constexpr int encoded_size(int octaves) { return 3 + 6 * octaves; }
 
-/// One tensor in the flat buffer: row-major [rows, columns] = [outputs, inputs] for weights, [rows,
-/// 1] for biases.
+/// One tensor of the flat buffer: weights row-major [rows, columns] = [outputs, inputs], biases
+/// [rows, 1].
 struct NerfTensor {
   std::string
       name;  ///< "trunk.0.weight" ... "trunk.7.bias", "density.*", "feature.*", "colour.*", "rgb.*"
@@ -48,9 +48,9 @@ enum NerfLayer {
   kNerfLayers = 12
 };
 
-/// Where a layer's weight [outputs, inputs] and bias [outputs] stand. Inputs of layer kNerfSkip: h
-/// first, then gamma(x); of kNerfColour: feature first, then gamma(d). gamma is ordered
-/// coordinate-major: [x, y, z, then for x: sin0 cos0 sin1 cos1 ..., then for y, then for z].
+/// Offsets of a layer's weight [outputs, inputs] and bias [outputs]. Inputs of kNerfSkip: h, then
+/// gamma(x); of kNerfColour: feature, then gamma(d). gamma is coordinate-major: x, y, z, then sin0
+/// cos0 sin1 cos1 ... of x, then of y, then of z.
 struct NerfLayerShape {
   int outputs = 0, inputs = 0;
   std::size_t weight = 0, bias = 0;  ///< offsets into the flat buffer
@@ -60,11 +60,11 @@ NerfLayerShape nerf_layer(const NerfConfig& config, int layer);
 std::size_t nerf_parameter_count(const NerfConfig& config);
 std::vector<NerfTensor> nerf_tensors(const NerfConfig& config);
 
-/// Multiply-adds of one sample, forward (1.19 MFLOP / 2 at width 256).
+/// Returns the multiply-adds of one sample, forward: 593,408 at width 256 (1.19 MFLOP).
 double nerf_macs_per_sample(const NerfConfig& config);
 
-/// U(-a, a), a = sqrt(6 / (inputs + outputs)) (Glorot and Bengio 2010, as the paper's code), biases
-/// 0. Deterministic in seed.
+/// Fills weights with U(-a, a), a = sqrt(6 / (inputs + outputs)) (Glorot and Bengio 2010, as the
+/// paper's code), biases with 0. A function of the seed.
 void nerf_initialize(const NerfConfig& config, std::uint64_t seed, std::span<float> parameters);
 
 }  // namespace redrive

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// gamma of NeRF section 5.1, scalar; the kernels' oracle.
+// Positional encoding gamma (Mildenhall et al., ECCV 2020, section 5.1, eq. 4), for one point.
 #pragma once
 
 #include <cmath>
@@ -8,8 +8,10 @@
 
 namespace redrive {
 
-/// out[0..3+6*octaves): x y z, then per coordinate sin(2^l pi p), cos(2^l pi p) for l =
-/// 0..octaves-1. p in [-1, 1] (any finite value is allowed; the period is 2).
+/// Writes out[3 + 6 * octaves]: x, y, z, then for each coordinate p
+///   sin(2^0 pi p), cos(2^0 pi p), ..., sin(2^(octaves-1) pi p), cos(2^(octaves-1) pi p).
+/// p is meant to lie in [-1, 1]; any finite value is allowed, the sines have period 2. Infinity
+/// gives NaN.
 template <class T>
 void positional_encoding(const T point[3], int octaves, T* out) {
   using std::cos;
@@ -24,9 +26,8 @@ void positional_encoding(const T point[3], int octaves, T* out) {
   }
 }
 
-/// The adjoint, from what positional_encoding gave, since (sin a)' = cos a and (cos a)' = -sin a
-/// with a = 2^l pi p:
-///   d_point = d_out of p + sum over l of 2^l pi (cos a d_sin - sin a d_cos), written.
+/// Writes d_point from the output of positional_encoding and its adjoint d_out:
+///   d_point = d_p + sum over l of 2^l pi (cos_l d_sin_l - sin_l d_cos_l).
 template <class T>
 REDRIVE_HD void positional_encoding_adjoint(const T* out, int octaves, const T* d_out,
                                             T d_point[3]) {

@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// The 16 real spherical harmonics of degree 0..3 of a unit direction (e.g. Sloan, "Stupid Spherical
-// Harmonics (SH) Tricks", 2008, appendix A2), on any scalar type. Order: l = 0, 1 (m = -1, 0, 1), 2
-// (-2..2), 3 (-3..3).
+// Real spherical harmonics of degree 0..3 of a unit direction (Sloan, "Stupid Spherical Harmonics
+// (SH) Tricks", 2008, appendix A2), on any scalar type: the view direction's encoding, as in
+// instant-ngp. Order: degree l ascending, and m = -l..l within a degree. Orthonormal over the unit
+// sphere.
 #pragma once
 
 #include "redrive/base/host_device.h"
 
 namespace redrive {
 
-constexpr int kHarmonics = 16;
+constexpr int kHarmonics = 16;  ///< coefficients of degrees 0..3
 
 template <class T>
 REDRIVE_HD void spherical_harmonics(const T d[3], T out[kHarmonics]) {

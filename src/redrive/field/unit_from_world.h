@@ -5,8 +5,8 @@
 
 namespace redrive {
 
-/// World (metres) to unit cube: x_unit = (x_world - center) * scale. The only place where metres
-/// end.
+/// x_unit = (x_world - center) * scale: from world metres to the cube [-1, 1]^3 of the NeRF field.
+/// Metres end here and in Contraction (field/contraction.h) only.
 struct UnitFromWorld {
   std::array<float, 3> center{};
   float scale = 1;

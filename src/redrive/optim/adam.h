@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Adam (Kingma and Ba, ICLR 2015, algorithm 1), scalar; and the MultiStepLR schedule.
+// Adam (Kingma and Ba, ICLR 2015, algorithm 1) of one parameter, and learning rate schedules.
 #pragma once
 
 #include <cmath>
@@ -10,13 +10,13 @@
 
 namespace redrive {
 
-/// One step's constants. m_hat = m * bias1, v_hat = v * bias2 with bias = 1 / (1 - beta^step), step
+/// Constants of one step: m_hat = m * bias1, v_hat = v * bias2, bias = 1 / (1 - beta^step), step
 /// counted from 1.
 struct AdamStep {
   float learning_rate = 5e-4f, beta1 = 0.9f, beta2 = 0.999f, epsilon = 1e-8f;
   float bias1 = 1, bias2 = 1;
-  bool lazy = false;  ///< leaves a parameter alone, moments and all, in steps that say nothing of
-                      ///< it (gradient 0)
+  bool lazy = false;  ///< skips a parameter whose gradient is exactly 0, its moments included: hash
+                      ///< grid rows that no sample of the step touched
 };
 
 inline AdamStep adam_step(double learning_rate, std::int64_t step) {
@@ -27,7 +27,8 @@ inline AdamStep adam_step(double learning_rate, std::int64_t step) {
   return s;
 }
 
-/// p -= lr * m_hat / (sqrt(v_hat) + epsilon).
+/// Updates parameter, m and v: p -= learning_rate * m_hat / (sqrt(v_hat) + epsilon). A NaN or
+/// infinite gradient makes the parameter NaN.
 template <class T>
 REDRIVE_HD void adam_update(const AdamStep& s, T gradient, T& parameter, T& m, T& v) {
   using std::sqrt;
@@ -37,7 +38,7 @@ REDRIVE_HD void adam_update(const AdamStep& s, T gradient, T& parameter, T& m, T
   parameter -= T(s.learning_rate) * (m * T(s.bias1)) / (sqrt(v * T(s.bias2)) + T(s.epsilon));
 }
 
-/// Learning rate of step `step` (from 0): initial * gamma^(number of milestones <= step).
+/// MultiStepLR: returns initial * gamma^(number of milestones <= step), step counted from 0.
 inline double multi_step_learning_rate(double initial, double gamma,
                                        std::span<const std::int64_t> milestones,
                                        std::int64_t step) {
@@ -47,8 +48,8 @@ inline double multi_step_learning_rate(double initial, double gamma,
   return rate;
 }
 
-/// Exponential decay with a warm-up: initial * last_factor^progress, progress 0..1 through the run;
-/// the first kWarmUpSteps rise linearly, since Adam's first moments are of few steps.
+/// Returns initial * last_factor^progress, progress 0..1 through the run, with a linear warm-up
+/// over the first kWarmUpSteps, while Adam's moments are averages of few gradients.
 constexpr std::int64_t kWarmUpSteps = 100;
 inline double exponential_decay_rate(double initial, double last_factor, double progress,
                                      std::int64_t step) {

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// FLIP (Andersson et al. 2020, "FLIP: A Difference Evaluator for Alternating Images", LDR form):
-// how different two pictures look to somebody who flips between them. Needs no trained network.
-// Here is what is done for one pixel, and the taps of the filters between:
-//   flip_opponent -> filters of colour -> flip_lab;  flip_luminance -> filters of features ->
-//   flip_magnitude;  both pictures' -> flip_difference
-// Filters are separable and repeat what is at the border, as the paper does.
+// FLIP (Andersson et al., "FLIP: A Difference Evaluator for Alternating Images", HPG 2020, LDR
+// form): the perceived difference of two images when flipping between them. Here are the operations
+// of one pixel and the filters' taps:
+//   flip_opponent -> colour filters -> flip_lab;  flip_luminance -> feature filters ->
+//   flip_magnitude;  both images' -> flip_difference
+// Filters are separable and replicate the border, as in the paper.
 #pragma once
 
 #include <algorithm>
@@ -20,7 +20,8 @@ namespace redrive {
 using FlipColour = std::array<float, 3>;
 using FlipMatrix = std::array<FlipColour, 3>;  // rows
 
-/// Pixels per degree of the paper's viewer: a 3840 pixels wide, 0.7 m wide screen, 0.7 m away.
+/// Pixels per degree in the paper's viewing conditions: a 3840 pixels wide, 0.7 m wide screen at
+/// 0.7 m.
 constexpr double kFlipPixelsPerDegree = 3840 * std::numbers::pi / 180;
 
 REDRIVE_HD constexpr FlipColour flip_product(const FlipMatrix& m, const FlipColour& v) {
@@ -37,7 +38,7 @@ REDRIVE_HD constexpr FlipMatrix flip_xyz_from_rgb() {
            {0.0193339f, 0.1191920f, 0.9503041f}}};
 }
 
-/// Its inverse, by cofactors.
+/// Inverse of flip_xyz_from_rgb, by cofactors.
 REDRIVE_HD constexpr FlipMatrix flip_rgb_from_xyz() {
   constexpr FlipMatrix m = flip_xyz_from_rgb();
   constexpr float determinant = m[0][0] * (m[1][1] * m[2][2] - m[2][1] * m[1][2]) -
@@ -60,7 +61,7 @@ REDRIVE_HD inline float linear_from_srgb(float x) {
   return x <= 0.04045f ? x / 12.92f : std::pow((x + 0.055f) / 1.055f, 2.4f);
 }
 
-/// YCxCz, linear in XYZ, so that it may be filtered; of sRGB (clamped to [0, 1]).
+/// Converts sRGB (clamped to [0, 1]) to YCxCz, which is linear in XYZ and may be filtered.
 REDRIVE_HD inline FlipColour flip_opponent(const FlipColour& srgb) {
   constexpr FlipMatrix kXyzFromRgb = flip_xyz_from_rgb();
   constexpr FlipColour kWhite = flip_white();
@@ -71,12 +72,13 @@ REDRIVE_HD inline FlipColour flip_opponent(const FlipColour& srgb) {
   return {116 * y - 16, 500 * (x - y), 200 * (y - z)};
 }
 
-/// The achromatic channel in [0, 1].
+/// Returns the achromatic channel in [0, 1].
 REDRIVE_HD inline float flip_luminance(const FlipColour& opponent) {
   return (opponent[0] + 16) / 116;
 }
 
-/// L*a*b* with the chroma scaled by 0.01 L (Hunt: colours of dark surfaces look less colourful).
+/// Converts linear sRGB to L*a*b* with the chroma scaled by 0.01 L (Hunt effect: dark colours look
+/// less colourful).
 REDRIVE_HD inline FlipColour flip_hunt_lab(const FlipColour& linear) {
   constexpr FlipMatrix kXyzFromRgb = flip_xyz_from_rgb();
   constexpr FlipColour kWhite = flip_white();
@@ -100,7 +102,7 @@ REDRIVE_HD inline double flip_hyab(const FlipColour& p, const FlipColour& q) {
 constexpr double kFlipColourExponent = 0.7, kFlipKneeAt = 0.4, kFlipKneeValue = 0.95,
                  kFlipFeatureExponent = 0.5;
 
-/// A filter's numbers at whole pixels around the middle one.
+/// Taps of a filter at whole pixels around its centre.
 template <int radius>
 using FlipTaps = std::array<float, 2 * radius + 1>;
 
@@ -109,7 +111,7 @@ struct FlipFilters {
   // pi^2)) 67.02 = 9.05; of features, 3 0.041 67.02 = 8.24.
   static constexpr int kColourRadius = 10, kFeatureRadius = 9, kTerms = 4;
 
-  /// The eye's contrast sensitivity: a channel is the weighted sum of its terms, times its scale.
+  /// Contrast sensitivity: a channel is the weighted sum of its terms, times its scale.
   struct Term {
     int channel;
     float weight;
@@ -117,10 +119,10 @@ struct FlipFilters {
   };
   std::array<Term, kTerms> colour;
   FlipColour scale;
-  /// Of edges (the length of the gradient) and points (of the second derivatives): the derivative
-  /// one way, smooth the other.
+  /// Edge filter (first derivative) and point filter (second derivative) along one axis; smooth
+  /// along the other.
   FlipTaps<kFeatureRadius> smooth, first, second;
-  double largest;  ///< colour difference, green against blue
+  double largest;  ///< the maximum colour difference: green against blue
 };
 
 /// Samples of exp(-x^2 / (2 sigma^2)) at whole pixels, scaled to sum 1; `sum` is the sum before.
@@ -185,8 +187,8 @@ inline FlipFilters flip_filters() {
   return filters;
 }
 
-/// The picture as the eye resolves it, in Hunt-adjusted L*a*b*; `filtered`: the opponent channels
-/// by each term's filter.
+/// Returns the Hunt-adjusted L*a*b* of a pixel; `filtered`: its opponent channel after each term's
+/// filter.
 REDRIVE_HD inline FlipColour flip_lab(const FlipFilters& filters,
                                       const std::array<float, FlipFilters::kTerms>& filtered) {
   constexpr FlipColour kWhite = flip_white();
@@ -202,18 +204,18 @@ REDRIVE_HD inline FlipColour flip_lab(const FlipFilters& filters,
   return flip_hunt_lab(linear);
 }
 
-/// Of a feature, from its two directions.
+/// Magnitude of a feature from its responses along x and y.
 REDRIVE_HD inline float flip_magnitude(float x, float y) {
   return std::sqrt(std::fma(x, x, y * y));
 }
 
-/// What is seen at a pixel of a picture.
+/// A pixel of one image after the filters.
 struct FlipPixel {
   FlipColour lab;
   float edges, points;
 };
 
-/// In [0, 1], 0 for what is seen alike.
+/// Returns the FLIP error of a pixel in [0, 1], 0 for equal pixels.
 REDRIVE_HD inline double flip_difference(const FlipFilters& filters, const FlipPixel& a,
                                          const FlipPixel& b) {
   const double value = std::pow(flip_hyab(a.lab, b.lab), kFlipColourExponent),

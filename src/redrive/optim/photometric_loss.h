@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Mean squared error of a batch of n_rays colours: L = 1 / (3 n) sum (c - target)^2, dL/dc = 2 (c -
-// target) / (3 n).
+// Photometric loss: the mean squared error of n_rays colours, L = 1 / (3 n_rays) sum (c -
+// target)^2, dL/dc = 2 (c - target) / (3 n_rays); and the Huber loss of a ray's colour.
 #pragma once
 
 #include <cmath>
@@ -13,7 +13,7 @@ namespace redrive {
 
 template <class T>
 struct PhotometricTerm {
-  T value;       ///< this channel's share of the batch's loss
+  T value;       ///< this channel's term of the batch's loss
   T derivative;  ///< with respect to the rendered channel
 };
 
@@ -23,8 +23,8 @@ REDRIVE_HD PhotometricTerm<T> photometric_term(T rendered, T target, int n_rays)
   return {error * error * scale, T(2) * error * scale};
 }
 
-/// The whole batch, in one order: returns its loss and fills d_rgb; all three [3, n_rays], whatever
-/// the order inside.
+/// Returns the loss of a batch and writes d_rgb. rgb, target and d_rgb have 3 n_rays values in the
+/// same order; summed in double, in that order.
 inline double photometric_batch(std::span<const float> rgb, std::span<const float> target,
                                 int n_rays, std::span<float> d_rgb) {
   double loss = 0;
@@ -36,20 +36,20 @@ inline double photometric_batch(std::span<const float> rgb, std::span<const floa
   return loss;
 }
 
-/// A ray's colour that is further off than `edge` counts by its distance and no longer by its
-/// square (Huber 1964), so that what moved through a few pictures does not pull the place behind it
-/// to its own colour.
+/// Huber loss (Huber 1964) of a ray's colour, delta in units of colour: the squared error e^2 up to
+/// e = delta, 2 delta e - delta^2 beyond it. Outliers, such as what moved through a few images,
+/// pull with a bounded gradient.
 template <class T>
 struct HuberTerm {
-  T value;   ///< instead of the ray's squared error, the sum over its channels
-  T factor;  ///< of that squared error's derivative
+  T value;   ///< replaces the squared error, the sum over the channels
+  T factor;  ///< multiplies the derivative of the squared error, in (0, 1]
 };
 template <class T>
-REDRIVE_HD HuberTerm<T> huber_term(T squared_error, T edge) {
+REDRIVE_HD HuberTerm<T> huber_term(T squared_error, T delta) {
   using std::sqrt;
-  if (!(squared_error > edge * edge)) return {squared_error, T(1)};  // NaN goes on into the loss
+  if (!(squared_error > delta * delta)) return {squared_error, T(1)};  // NaN reaches the loss
   const T distance = sqrt(squared_error);
-  return {edge * (T(2) * distance - edge), edge / distance};
+  return {delta * (T(2) * distance - delta), delta / distance};
 }
 
 }  // namespace redrive

@@ -1,18 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the proposals learn from; scalar, one ray, value and derivative together.
+// Losses that train the proposal field, for one ray, value and derivative together.
 #pragma once
 
 #include "redrive/base/host_device.h"
 
 namespace redrive {
 
-/// The proposal must be an upper envelope of the field's weights (Barron et al., "Mip-NeRF 360",
-/// 2022, eq. 13): with bound_i the sum of the proposal's weights whose intervals overlap interval
-/// i,
+/// Interlevel loss (Barron et al., "Mip-NeRF 360", CVPR 2022, eq. 13): the proposal's weights must
+/// be an upper envelope of the field's. With bound_i the sum of the proposal's weights whose
+/// intervals overlap interval i,
 ///   L = sum_i max(0, w_i - bound_i)^2 / (w_i + 1e-7).
-/// The field's weights count as constants. Adds scale * dL/d proposal weight to d_proposal [m];
-/// returns L. edges [n + 1], weights [n]; proposal_edges [m + 1], proposal [m]; both tile the same
-/// ray.
+/// The field's weights are constants. edges [n + 1], weights [n]; proposal_edges [m + 1], proposal
+/// [m]; both tile the same ray. Adds scale * dL/d proposal to d_proposal [m]; returns L.
 template <class T>
 REDRIVE_HD T interlevel_loss(const float* edges, const T* weights, int n,
                              const float* proposal_edges, const T* proposal, int m, T scale,
@@ -25,7 +24,7 @@ REDRIVE_HD T interlevel_loss(const float* edges, const T* weights, int n,
     T bound = proposal[first];
     while (last + 1 < m && proposal_edges[last + 1] < edges[i + 1]) bound += proposal[++last];
     const T lacking = weights[i] - bound;
-    if (lacking <= T(0)) continue;  // NaN goes on into the loss
+    if (lacking <= T(0)) continue;  // NaN reaches the loss
     const T share = lacking / (weights[i] + T(1e-7));
     loss += lacking * share;
     for (int j = first; j <= last; ++j) d_proposal[j] -= T(2) * scale * share;
@@ -33,9 +32,9 @@ REDRIVE_HD T interlevel_loss(const float* edges, const T* weights, int n,
   return loss;
 }
 
-/// An envelope may be too wide, but not where a ray meets nothing: (sum of the proposal's weights -
-/// sum of the field's)^2. Otherwise nothing takes back what a proposal once saw in empty space.
-/// Adds scale * dL/d proposal weight; returns L.
+/// Opacity loss: (sum of the proposal's weights - sum of the field's)^2. The envelope may be too
+/// wide, but its opacity has to match: nothing else would remove weights that the proposal has in
+/// empty space. Adds scale * dL/d proposal to d_proposal [m]; returns L.
 template <class T>
 REDRIVE_HD T opacity_loss(const T* weights, int n, const T* proposal, int m, T scale,
                           T* d_proposal) {
@@ -46,10 +45,11 @@ REDRIVE_HD T opacity_loss(const T* weights, int n, const T* proposal, int m, T s
   return more * more;
 }
 
-/// Of the proposal's opacity against its envelope. Chosen by measurement among 0, 0.1 and 1.
+/// Weight of the opacity loss against the interlevel loss. Chosen by measurement among 0, 0.1
+/// and 1.
 constexpr double kOpacityLossWeight = 0.1;
 
-/// Both, arguments as interlevel_loss's.
+/// Returns interlevel_loss + kOpacityLossWeight * opacity_loss; arguments as interlevel_loss.
 template <class T>
 REDRIVE_HD T proposal_loss(const float* edges, const T* weights, int n, const float* proposal_edges,
                            const T* proposal, int m, T scale, T* d_proposal) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a LiDAR ray says of the weights along it; scalar, one ray, value and derivative together.
+// LiDAR supervision of the weights along one ray, value and derivative together.
 #pragma once
 
 #include <cmath>
@@ -8,12 +8,12 @@
 
 namespace redrive {
 
-/// A return at `range` means: free before, a surface there, nothing known behind. The line-of-sight
-/// terms of Rematas et al., "Urban Radiance Fields" (2022), eq. 12 to 14, as one sum over
-/// intervals: with g_i the part of a normal distribution around the range, of standard deviation
-/// `spread`, that lies in interval i,
-///   L = sum over intervals that begin before range + 3 spread of (w_i - g_i)^2.
-/// edges [n + 1] and range, spread > 0 in metres. Writes scale * dL/dw to d_weights [n]; returns L.
+/// Line-of-sight loss (Rematas et al., "Urban Radiance Fields", CVPR 2022, eq. 12 to 14) as one sum
+/// over intervals: with g_i the mass of a normal distribution around `range`, standard deviation
+/// `spread`, in interval i,
+///   L = sum over intervals that begin before range + 3 spread of (w_i - g_i)^2:
+/// empty before the return, a surface there, unknown behind it. edges [n + 1], range and spread > 0
+/// in metres, weights [n]. Writes scale * dL/dw to d_weights [n]; returns L.
 template <class T>
 REDRIVE_HD T range_loss(const float* edges, const T* weights, int n, float range, float spread,
                         T scale, T* d_weights) {

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What matter costs, so that there is none where no colour speaks for it; scalar, one ray, value
-// and derivative together.
+// Sparsity regulariser of the density along one ray, value and derivative together.
 #pragma once
 
 #include <cmath>
@@ -9,13 +8,13 @@
 
 namespace redrive {
 
-/// What is seen from a few views alone, or by nobody any more, keeps whatever matter once was put
-/// there: behind a lattice, below a car.
 ///   L = sum over intervals of log(1 + x_i), x_i = density_i * length_i
-/// (after the sparsity loss of Hedman et al., "Baking Neural Radiance Fields for Real-Time View
-/// Synthesis", 2021, which has the squared density; here of the optical depth, so that the unit of
-/// length does not count). Rising ever slower, it does not ask surfaces to be thin. edges [n + 1],
-/// ascending; density >= 0. Adds scale * dL/d density to d_density [n]; returns L.
+/// after the sparsity loss of Hedman et al., "Baking Neural Radiance Fields for Real-Time View
+/// Synthesis", ICCV 2021 (eq. 6), with the optical depth x_i in place of the squared density, so
+/// that L does not depend on the unit of length. It removes density that no colour supports (behind
+/// a lattice, below a car), which would otherwise stay where early steps put it. The logarithm
+/// keeps it from making surfaces thin. edges [n + 1] ascending; density [n] >= 0. Adds scale * dL/d
+/// density to d_density [n]; returns L (0 for no density; NaN stays NaN).
 template <class T>
 REDRIVE_HD T sparsity_loss(const float* edges, const T* density, int n, T scale, T* d_density) {
   using std::log;

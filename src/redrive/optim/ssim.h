@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// SSIM of one window of one channel: Wang et al. 2004 as scikit-image computes it with
-// gaussian_weights=True, sigma=1.5, use_sample_covariance=False, data_range=1 (11x11 window, K1
-// 0.01, K2 0.03). In [-1, 1], 1 for equal windows; symmetric.
+// SSIM of one window of one channel (Wang et al., 2004) as scikit-image computes it with
+// gaussian_weights=True, sigma=1.5, use_sample_covariance=False, data_range=1 (11x11 window, K1 =
+// 0.01, K2 = 0.03). In [-1, 1], 1 for equal windows; symmetric.
 #pragma once
 
 #include <array>
@@ -25,16 +25,17 @@ inline SsimTaps ssim_taps() {
   return taps;
 }
 
-/// Means over a window, or over one of its columns, of x, y, x^2, y^2 and x y: pictures in [0, 1].
+/// Weighted means of x, y, x^2, y^2 and x y over a window, or over one of its columns; values in
+/// [0, 1].
 struct SsimMoments {
   double x = 0, y = 0, xx = 0, yy = 0, xy = 0;
 
-  REDRIVE_HD void add(double tap, double of_x, double of_y) {
-    x += tap * of_x;
-    y += tap * of_y;
-    xx += tap * of_x * of_x;
-    yy += tap * of_y * of_y;
-    xy += tap * of_x * of_y;
+  REDRIVE_HD void add(double tap, double value_x, double value_y) {
+    x += tap * value_x;
+    y += tap * value_y;
+    xx += tap * value_x * value_x;
+    yy += tap * value_y * value_y;
+    xy += tap * value_x * value_y;
   }
   REDRIVE_HD void add(double tap, const SsimMoments& column) {
     x += tap * column.x;

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Volume rendering of one ray by quadrature (NeRF eq. 3; Max 1995) and its adjoint, scalar, on any
-// scalar type.
+// Volume rendering of one ray by quadrature (NeRF eq. 3; Max 1995) and its adjoint, on any scalar
+// type:
 //   sigma_i = max(0, raw density), c_i = sigmoid(raw rgb), alpha_i = 1 - exp(-sigma_i dt_i),
-//   T_i = prod_{j<i} (1 - alpha_j), w_i = T_i alpha_i, C = sum w_i c_i, depth = sum w_i t_i,
-//   opacity = sum w_i.
-// Behind the last sample stands a background, black unless one is given: C += T_n background.
-// dt_i may be +infinity (the last interval, as in the paper's code): alpha is then 1 where sigma >
-// 0, else 0, and the gradient of sigma_i is 0.
+//   T_i = prod_{j<i} (1 - alpha_j), w_i = T_i alpha_i,
+//   C = sum w_i c_i + T_n background, depth = sum w_i t_i, opacity = sum w_i.
+// Without a background it is black. Lengths in metres, densities in 1/m. dt_i may be +infinity (the
+// last interval, as in the paper's code): alpha is then 1 where sigma > 0, else 0, and the
+// derivative by sigma_i is 0. NaN stays NaN.
 #pragma once
 
 #include <cmath>
@@ -17,15 +17,15 @@
 
 namespace redrive {
 
-/// One ray in structure-of-arrays form: channel k of sample i is raw[k * stride + i], k = r, g, b,
-/// density.
+/// Result of one ray. Samples are in structure-of-arrays form: channel k of sample i is raw[k *
+/// stride + i], k = r, g, b, density.
 template <class T>
 struct RayComposite {
   T rgb[3]{}, depth{}, opacity{};
 };
 
-/// What an interval takes and what it lets through; each to its own relative precision (1 - alpha
-/// would lose the digits of a dense interval, 1 - transparency those of a thin one).
+/// Opacity alpha and transparency 1 - alpha of an interval, each to its own relative precision: 1 -
+/// alpha would cancel for dense intervals, 1 - transparency for thin ones.
 template <class T>
 struct Absorption {
   T alpha, transparency;
@@ -44,7 +44,8 @@ REDRIVE_HD Absorption<T> absorption(T raw_density, float dt) {
   return {-expm1(-depth), exp(-depth)};
 }
 
-/// `weights` may be null; else [n]. `background`: 3 values, or null.
+/// Composites n samples at distances t [n] with lengths dt [n]. weights [n] or null: written.
+/// background [3] or null.
 template <class T>
 REDRIVE_HD RayComposite<T> composite_ray(const T* raw, std::size_t stride, const float* t,
                                          const float* dt, int n, T* weights,
@@ -64,16 +65,16 @@ REDRIVE_HD RayComposite<T> composite_ray(const T* raw, std::size_t stride, const
   return out;
 }
 
-/// d_raw[k * stride + i] = d loss / d raw, given d loss / d rgb (3 values) and, unless null, d loss
-/// / d weights [n]. With g_i = c_i . d_rgb + d_w_i the suffix sums R_i = sum_{j>i} w_j g_j + T_n
-/// background . d_rgb make it one backward pass:
+/// Writes d_raw, laid out as raw, given d_rgb [3] and, unless null, d_weights [n]. With g_i = c_i .
+/// d_rgb + d_w_i and the suffix sums R_i = sum_{j>i} w_j g_j + T_n background . d_rgb, in one
+/// backward pass:
 ///   d sigma_i = dt_i (T_{i+1} g_i - R_i),   d raw_rgb = w_i c_i (1 - c_i) d_rgb.
-/// The background's own derivative is T_n d_rgb.
+/// The derivative by the background is T_n d_rgb.
 template <class T>
 REDRIVE_HD void composite_ray_adjoint(const T* raw, std::size_t stride, const float* dt, int n,
                                       const T d_rgb[3], T* d_raw, const T* d_weights = nullptr,
                                       const T* background = nullptr) {
-  // Forward once more for T_i; kept in d_raw's density channel until it is overwritten.
+  // Recomputes T_i; d_raw's density channel holds it until it is overwritten.
   T transmittance(1);
   for (int i = 0; i < n; ++i) {
     d_raw[3 * stride + i] = transmittance;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Samples of one ray, scalar: stratified (NeRF eq. 2) and hierarchical (section 5.2: inverse
-// transform sampling of the coarse weights). Kernels call or vectorise these.
+// Samples of one ray as in NeRF (Mildenhall et al. 2020): stratified (eq. 2) and hierarchical
+// (section 5.2, inverse transform sampling of the coarse weights).
 #pragma once
 
 #include <algorithm>
@@ -12,7 +12,9 @@
 
 namespace redrive {
 
-/// t_i in bin i of `n` equal bins of [near_m, far_m]; dt_i = t_{i+1} - t_i, the last +infinity.
+/// Writes t [n], one sample in each of n equal bins of [near_m, far_m], in metres, and dt_i =
+/// t_{i+1} - t_i, the last +infinity. With jitter the position in bin i is random_unit(key,
+/// first_index + i), else 1/2. n >= 1.
 REDRIVE_HD inline void stratified_ray(int n, float near_m, float far_m, bool jitter,
                                       std::uint64_t key, std::uint64_t first_index, float* t,
                                       float* dt) {
@@ -24,12 +26,12 @@ REDRIVE_HD inline void stratified_ray(int n, float near_m, float far_m, bool jit
   dt[n - 1] = std::numeric_limits<float>::infinity();
 }
 
-/// Draws `extra` t from the piecewise-constant density over the intervals between the midpoints of
-/// coarse t, interval i (1 <= i <= n-2) having mass weights[i] + 1e-5 (the paper's code), and
-/// merges them with the coarse t into t[0 .. n + extra), ascending; dt as above. t must not overlap
-/// coarse_t. u_k = (k + r) / extra with r = random_unit or 1/2: stratified, so the inverse walks
-/// forward once; in double, as sums of small masses lose digits in float. n >= 3. Non-finite
-/// weights give non-finite t.
+/// Draws `extra` samples from the piecewise-constant PDF over the intervals between the midpoints
+/// of coarse_t [n], interval i (1 <= i <= n - 2) with mass weights[i] + 1e-5 (as the paper's code),
+/// and merges them with the coarse ones into t [n + extra], ascending; dt as in stratified_ray. t
+/// must not overlap coarse_t. u_k = (k + r) / extra, r = random_unit(key, first_index + k) or 1/2:
+/// stratified, so the inverse CDF is one forward walk; in double, since sums of small masses lose
+/// digits in float. n >= 3. Non-finite weights give non-finite t.
 REDRIVE_HD inline void hierarchical_ray(const float* coarse_t, const float* weights, int n,
                                         int extra, bool jitter, std::uint64_t key,
                                         std::uint64_t first_index, float* t, float* dt) {
@@ -40,7 +42,7 @@ REDRIVE_HD inline void hierarchical_ray(const float* coarse_t, const float* weig
   double total = 0;
   for (int i = 1; i <= n - 2; ++i) total += mass(i);
 
-  // The new samples ascend with k; they wait in the tail of t for the merge.
+  // The new samples ascend with k; they wait at the end of t for the merge.
   float* fine = t + n;
   int interval = 1;
   double below = 0;  // mass of the intervals before this one

@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where a ray ends, as a picture shows it.
+// Median distance of a ray: the depth that is shown and scored.
 #pragma once
 
 #include "redrive/base/host_device.h"
 
 namespace redrive {
 
-/// Where half of what a ray meets lies before: unlike the mean it does not care how far behind it
-/// the rest is. Within an interval linear; the end of a ray that meets nothing. edges [n + 1] in
-/// metres, weights [n], opacity their sum.
+/// Returns the distance in metres at which the accumulated weight reaches half of the opacity,
+/// linear within the interval. Unlike the mean it does not depend on how far behind the rest lies.
+/// Returns the far edge if all weights are 0. edges [n + 1] in metres, weights [n], opacity their
+/// sum.
 REDRIVE_HD inline float median_distance(const float* edges, const float* weights, int n,
                                         float opacity) {
   float before = 0;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where a ray is sampled, coarse to fine (Barron et al., "Mip-NeRF 360", 2022, section 3):
-// intervals that tile the ray, first spread over all distances, then drawn anew from what a cheap
-// proposal field found in them. Scalar, one ray.
+// Intervals that tile a ray, coarse to fine (Barron et al., "Mip-NeRF 360", CVPR 2022, section 3):
+// first uniform in a warped distance, then PDF sampling of the weights that a proposal field gave
+// to the intervals of the iteration before. For one ray.
 #pragma once
 
 #include <algorithm>
@@ -15,12 +15,13 @@
 
 namespace redrive {
 
-/// Distances evenly spaced in s(t) = t / (t + half_m): half of all within half_m (Tonderski et al.,
-/// "NeuRAD", 2024, with 20 m); half_m = +infinity: evenly in t.
+/// Spacing of a ray: distances are uniform in s(t) = t / (t + half_m), so that half of them lie
+/// within half_m (Tonderski et al., "NeuRAD", 2024, with 20 m). half_m = +infinity: uniform in t.
+/// Metres, 0 <= near_m <= far_m < infinity, half_m > 0.
 struct RaySpacing {
   float near_m = 0, far_m = 0, half_m = 0;
 
-  REDRIVE_HD float distance(float u) const {  ///< u in [0, 1]: near to far
+  REDRIVE_HD float distance(float u) const {  ///< u in [0, 1]: from near_m to far_m
     if (std::isinf(half_m)) return near_m + u * (far_m - near_m);
     const float first = near_m / (near_m + half_m), last = far_m / (far_m + half_m),
                 s = first + u * (last - first);
@@ -28,8 +29,9 @@ struct RaySpacing {
   }
 };
 
-/// edges [n + 1] of n intervals; with jitter all edges but the outer two are shifted by one random
-/// fraction of an interval, -1/2..1/2: the interval of any distance is uniformly random.
+/// Uniform sampling: writes edges [n + 1] of n >= 1 intervals, uniform in s. With jitter all edges
+/// but the outer two are shifted by one random fraction of an interval, -1/2..1/2: the edges stay
+/// ascending, and the interval that holds a distance is uniformly random.
 REDRIVE_HD inline void uniform_edges(const RaySpacing& spacing, int n, bool jitter,
                                      std::uint64_t key, std::uint64_t ray, float* edges) {
   const float shift = jitter ? random_unit(key, ray) - 0.5f : 0.0f;
@@ -40,17 +42,18 @@ REDRIVE_HD inline void uniform_edges(const RaySpacing& spacing, int n, bool jitt
   }
 }
 
-/// Edges [to + 1] at evenly spread quantiles of the histogram (edges [from + 1], weights [from] >=
-/// 0), within an interval linear; the outer two stay. `padding` > 0: what all intervals together
-/// weigh alike beside their own weights, against the sum of these: places that a proposal is wrong
-/// about stay reachable. With jitter one random shift for all quantiles of the ray, as in
-/// uniform_edges.
+/// PDF sampling: writes the edges out [to + 1] at the quantiles k / to of a histogram (edges [from
+/// + 1], weights [from] >= 0), linear within an interval; the outer two edges stay. Histogram
+/// padding: `padding` > 0 is the weight added to all intervals in equal parts, relative to the sum
+/// of the weights, so that regions where the proposal is wrong still get samples. If all weights
+/// are 0 the padding decides alone. With jitter the quantiles are (k + r) / to, r one random number
+/// of the ray in -1/2..1/2. NaN weights give NaN edges.
 REDRIVE_HD inline void pdf_edges(const float* edges, const float* weights, int from, int to,
                                  float padding, bool jitter, std::uint64_t key, std::uint64_t ray,
                                  float* out) {
   float total = 0;
   for (int i = 0; i < from; ++i) total += weights[i];
-  // A ray that met nothing is as long as it is: its padding is all there is.
+  // Of a ray through empty space the padding is all there is.
   const float each = (total > 0 ? total : 1.0f) * padding / static_cast<float>(from);
   const float sum = total + each * static_cast<float>(from);
   const float shift = jitter ? random_unit(key, ray) - 0.5f : 0.0f;
@@ -69,8 +72,9 @@ REDRIVE_HD inline void pdf_edges(const float* edges, const float* weights, int f
   out[to] = edges[from];
 }
 
-/// Where a ray is sampled: as `spacing` says, but of a bounded scene only within its cube, evenly.
-/// A ray that misses the cube gets no length, at near_m.
+/// Clips a ray's spacing to the scene: unchanged if the scene is unbounded, else the segment of
+/// [near_m, far_m] within the scene's cube, uniform in distance. A ray that misses the cube gets
+/// length 0, at near_m. origin [3] in metres, direction [3] a unit vector.
 REDRIVE_HD inline RaySpacing clip_to_scene(const RaySpacing& spacing,
                                            const Contraction& contraction, const float origin[3],
                                            const float direction[3]) {
@@ -79,7 +83,7 @@ REDRIVE_HD inline RaySpacing clip_to_scene(const RaySpacing& spacing,
   for (int k = 0; k < 3; ++k) {
     const float low = contraction.center[k] - contraction.half_m - origin[k],
                 high = contraction.center[k] + contraction.half_m - origin[k];
-    if (direction[k] == 0) {  // along the slab: inside or outside all the way
+    if (direction[k] == 0) {  // parallel to the slab: inside or outside throughout
       if (low > 0 || high < 0) leave = -1;
       continue;
     }

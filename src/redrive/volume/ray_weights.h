@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// How much each interval of a ray counts (volume/composite.h), from densities alone, and the
-// adjoint; on any scalar type.
+// Volume rendering weights of a ray's intervals (volume/composite.h) from densities alone, and the
+// adjoint, on any scalar type:
 //   w_i = T_i (1 - exp(-density_i dt_i)), T_i = exp(-sum_{j<i} density_j dt_j).
 #pragma once
 
@@ -10,7 +10,8 @@
 
 namespace redrive {
 
-/// edges [n + 1], density [n] >= 0, weights [n].
+/// Writes weights [n], in [0, 1]. edges [n + 1] ascending, metres; density [n] >= 0, 1/m; intervals
+/// of length 0 get weight 0.
 template <class T>
 REDRIVE_HD void ray_weights(const float* edges, const T* density, int n, T* weights) {
   using std::exp;
@@ -23,8 +24,9 @@ REDRIVE_HD void ray_weights(const float* edges, const T* density, int n, T* weig
   }
 }
 
-/// d density_i = dt_i (T_{i+1} d_w_i - sum_{j>i} w_j d_w_j), from the weights that ray_weights
-/// gave: T_{i+1} = 1 - sum_{j<=i} w_j would lose its digits, so it is computed anew.
+/// Writes d_density [n] from the weights that ray_weights returned:
+///   d density_i = dt_i (T_{i+1} d_w_i - sum_{j>i} w_j d_w_j).
+/// T is recomputed, since T_{i+1} = 1 - sum_{j<=i} w_j would cancel.
 template <class T>
 REDRIVE_HD void ray_weights_adjoint(const float* edges, const T* density, int n, const T* weights,
                                     const T* d_weights, T* d_density) {
