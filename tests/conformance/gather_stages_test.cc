@@ -121,7 +121,7 @@ TEST_P(GatherStages, PixelsMatchTheHost) {
     for (const bool moved : {false, true}) {
       if (moved) {
         pictures.move(1);
-        sampler.place();
+        sampler.update_poses();
       }
       for (const std::uint64_t first :
            {std::uint64_t{0}, sampler.pixels() - 100, 3 * sampler.pixels() + 777})
@@ -133,7 +133,7 @@ TEST_P(GatherStages, PixelsMatchTheHost) {
           RayBatch got, expected;
           sampler.gather(first, 400, &expected, {error_map_rays, errors});
           const PixelDraw draw = sampler.draw(first, 400, error_map_rays);
-          EXPECT_EQ(draw.even, first == sampler.pixels() - 100 ? 100 : 400);
+          EXPECT_EQ(draw.epoch_rays, first == sampler.pixels() - 100 ? 100 : 400);
           const GatheredRays room = sampler.resize_batch(draw, &got);
           backend->gather(sampler.source(), draw, errors, room);
           expect_same(got, expected, !GetParam().is_gpu());
@@ -174,7 +174,7 @@ TEST_P(GatherStages, LidarReturnsMatchTheHost) {
         frame.global_from_body.translate(Eigen::Vector3d(0.1 * moved, 0, 0.01 * f));
         frame.global_from_body.rotate(Eigen::AngleAxisd(0.02 * f, Eigen::Vector3d::UnitY()));
       }
-      if (refines) sampler.place(recorded[0].global_from_body, recorded, now);
+      if (refines) sampler.update_poses(recorded[0].global_from_body, recorded, now);
       for (const std::int64_t step : {0, 40})
         for (const int n : {1, 700}) {
           SCOPED_TRACE(testing::Message() << n << " rays of step " << step << ", refines "

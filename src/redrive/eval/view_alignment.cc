@@ -71,7 +71,7 @@ ViewAlignment align_views(const Run& run, kernels::Backend& backend,
     for (const std::size_t v : views)
       turned.views[v] =
           moved(scene->views[v], rigid_from_vector(&motions[6 * v]), /*held_out=*/false);
-    sampler.place();
+    sampler.update_poses();
   }
 
   ViewAlignment alignment{static_cast<int>(views.size()), 0, 0};

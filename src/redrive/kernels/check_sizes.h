@@ -14,10 +14,10 @@ inline std::size_t sample_count(int n_rays, const Samples& samples) {
 
 inline void check_gather(const PixelSpans& from, const PixelDraw& draw, std::size_t errors,
                          const GatheredRays& out) {
-  REDRIVE_CHECK_OP(draw.even, >=, 1);
+  REDRIVE_CHECK_OP(draw.epoch_rays, >=, 1);
   REDRIVE_CHECK_OP(draw.error_map_rays, >=, 0);
-  REDRIVE_CHECK_OP(draw.begin + draw.even, <=, from.pixels);
-  const std::size_t n = static_cast<std::size_t>(draw.even) + draw.error_map_rays;
+  REDRIVE_CHECK_OP(draw.begin + draw.epoch_rays, <=, from.pixels);
+  const std::size_t n = static_cast<std::size_t>(draw.epoch_rays) + draw.error_map_rays;
   for (const std::span<float> xyz : {out.origin, out.direction, out.target})
     REDRIVE_CHECK_OP(xyz.size(), ==, 3 * n);
   for (const std::size_t size : {out.pixel_angle.size(), out.exposure.size(), out.view.size()})

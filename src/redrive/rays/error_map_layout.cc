@@ -6,22 +6,23 @@
 namespace redrive {
 namespace {
 
-constexpr int kCellsAcross = 32;  // along the longer side of a picture
+constexpr int kCellsAcross = 32;  // along the longer side of an image
 
 }  // namespace
 
-void ErrorMapLayout::add(int width, int height, std::span<const float> share) {
-  REDRIVE_CHECK_OP(share.size(), ==, std::size_t(width) * height);
+void ErrorMapLayout::add(int width, int height, std::span<const float> sampling_weight) {
+  REDRIVE_CHECK_OP(sampling_weight.size(), ==, std::size_t(width) * height);
   const int side = (std::max(width, height) + kCellsAcross - 1) / kCellsAcross;
   const int columns = (width + side - 1) / side, rows = (height + side - 1) / side;
-  pictures_.push_back({width, height, side, columns, size()});
+  images_.push_back({width, height, side, columns, size()});
   const std::size_t cells = std::size_t(columns) * rows;
   REDRIVE_CHECK_OP(size() + cells, <, std::size_t{1} << 32);
   for (std::size_t cell = 0; cell < cells; ++cell) {
     pixels_.push_back(0);
     const CellRect r = rect(pixels_.size() - 1);
     for (int y = r.y; y < r.y + r.height; ++y)
-      for (int x = r.x; x < r.x + r.width; ++x) pixels_.back() += share[std::size_t(y) * width + x];
+      for (int x = r.x; x < r.x + r.width; ++x)
+        pixels_.back() += sampling_weight[std::size_t(y) * width + x];
   }
 }
 

@@ -8,25 +8,25 @@
 
 namespace redrive {
 
-/// The cells of some pictures.
+/// The cells of all training images, and the sampling weights in each.
 class ErrorMapLayout {
  public:
-  /// A further picture, from 0. share [height, width]: how often a pixel is drawn beside others, 0
-  /// never, at most 1.
-  void add(int width, int height, std::span<const float> share);
+  /// Appends an image. sampling_weight [height, width]: relative probability of a pixel in 0..1, 0
+  /// for never.
+  void add(int width, int height, std::span<const float> sampling_weight);
 
   std::size_t size() const { return pixels_.size(); }
-  std::span<const ErrorMapImage> pictures() const { return pictures_; }
+  std::span<const ErrorMapImage> images() const { return images_; }
   std::span<const float> pixels() const {
     return pixels_;
-  }  ///< [size()], sum of the shares in each cell
-  std::uint32_t at(int picture, std::uint32_t pixel) const {
-    return cell_of_pixel(pictures_[picture], pixel);
+  }  ///< [size()], sum of the sampling weights of its pixels
+  std::uint32_t at(int image, std::uint32_t pixel) const {
+    return cell_of_pixel(images_[image], pixel);
   }
-  CellRect rect(std::size_t cell) const { return rect_of_cell(pictures_, cell); }
+  CellRect rect(std::size_t cell) const { return rect_of_cell(images_, cell); }
 
  private:
-  std::vector<ErrorMapImage> pictures_;
+  std::vector<ErrorMapImage> images_;
   std::vector<float> pixels_;
 };
 

@@ -22,14 +22,14 @@ TEST(ErrorMapLayout, TileThePicturesInOrder) {
   cells.add(33, 65, std::vector<float>(33 * 65, 1));  // side 3: 11 x 22, the last row 2 high
   ASSERT_EQ(cells.size(), 25u * 18 + 11 * 22);
   std::vector<int> pixels(cells.size());
-  for (const auto& [picture, width, height] : {std::array{0, 100, 70}, std::array{1, 33, 65}})
+  for (const auto& [image, width, height] : {std::array{0, 100, 70}, std::array{1, 33, 65}})
     for (int y = 0; y < height; ++y)
       for (int x = 0; x < width; ++x) {
-        const std::uint32_t cell = cells.at(picture, y * width + x);
+        const std::uint32_t cell = cells.at(image, y * width + x);
         ASSERT_LT(cell, cells.size());
         ++pixels[cell];
         const CellRect r = cells.rect(cell);
-        ASSERT_EQ(r.picture, picture);
+        ASSERT_EQ(r.image, image);
         ASSERT_TRUE(x >= r.x && x < r.x + r.width && y >= r.y && y < r.y + r.height);
       }
   for (std::size_t cell = 0; cell < cells.size(); ++cell)

@@ -19,8 +19,9 @@ LidarSampler::LidarSampler(const LidarReturns& returns, std::uint64_t seed) : se
       returns.origin, returns.direction, returns.range_m, returns.t_ns, {}, {}, {}};
 }
 
-void LidarSampler::place(const Rigid3d& global_from_world, const std::vector<FramePose>& recorded,
-                         const std::vector<FramePose>& now) {
+void LidarSampler::update_poses(const Rigid3d& global_from_world,
+                                const std::vector<FramePose>& recorded,
+                                const std::vector<FramePose>& now) {
   REDRIVE_CHECK(!recorded.empty());
   REDRIVE_CHECK_OP(now.size(), ==, recorded.size());
   recorded_ = plain_frames(recorded);
@@ -28,7 +29,7 @@ void LidarSampler::place(const Rigid3d& global_from_world, const std::vector<Fra
   source_.global_from_world = plain(global_from_world);
   source_.recorded = recorded_;
   source_.poses = now_;
-  ++source_.placed;
+  ++source_.pose_version;
 }
 
 LidarDraw LidarSampler::draw(std::int64_t step, int n) const {

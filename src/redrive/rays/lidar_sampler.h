@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The training rays of a LiDAR: its returns in an order shuffled anew each time all have been seen
-// (as PixelSampler).
+// Sampler of LiDAR returns as training rays, in an order shuffled anew each epoch (as
+// PixelSampler).
 #pragma once
 
 #include <cstdint>
@@ -14,21 +14,21 @@ namespace redrive {
 
 class LidarSampler {
  public:
-  /// The returns have to outlive it, and to stay as they are.
+  /// The returns must outlive the sampler and stay unchanged.
   LidarSampler(const LidarReturns& returns, std::uint64_t seed);
   LidarSampler(const LidarSampler&) = delete;
   LidarSampler& operator=(const LidarSampler&) = delete;
 
-  /// Returns that lie in the world as `recorded` has the frames go with them to where these are
-  /// now.
-  void place(const Rigid3d& global_from_world, const std::vector<FramePose>& recorded,
-             const std::vector<FramePose>& now);
+  /// Moves the returns with the frames: from the world by the `recorded` poses to that by the poses
+  /// `now`.
+  void update_poses(const Rigid3d& global_from_world, const std::vector<FramePose>& recorded,
+                    const std::vector<FramePose>& now);
 
-  /// Batch `step` (from 0): n rays with range_m, without colours. There must be returns.
+  /// Gathers batch `step` (from 0): n rays with range_m, without colours. There must be returns.
   void gather(std::int64_t step, int n, RayBatch* batch) const;
 
-  /// gather() in its parts, for backends that gather themselves: what is drawn, room for it, and
-  /// what it is drawn from.
+  /// The parts of gather(), for backends that gather on a device: what is drawn, the resized batch,
+  /// the source.
   LidarDraw draw(std::int64_t step, int n) const;
   static GatheredReturns resize_batch(int n, RayBatch* batch);
   const LidarSource& source() const { return source_; }

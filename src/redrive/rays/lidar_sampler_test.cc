@@ -73,13 +73,13 @@ TEST(LidarSampler, ReturnsGoWithTheFramesBetweenWhichTheyLie) {
   LidarSampler sampler(r, 5);
   RayBatch before, batch;
   sampler.gather(0, 60, &before);
-  sampler.place(global_from_world, recorded, recorded);
+  sampler.update_poses(global_from_world, recorded, recorded);
   sampler.gather(0, 60, &batch);
   for (std::size_t i = 0; i < 180; ++i) {
     EXPECT_NEAR(batch.origin[i], before.origin[i], 2e-4);
     EXPECT_NEAR(batch.direction[i], before.direction[i], 1e-6);
   }
-  sampler.place(global_from_world, recorded, now);
+  sampler.update_poses(global_from_world, recorded, now);
   sampler.gather(0, 60, &batch);
   EXPECT_EQ(batch.range_m, before.range_m);
   for (std::size_t i = 0; i < 60; ++i) {

@@ -137,15 +137,15 @@ PixelSampler::PixelSampler(const Scene& scene, const std::vector<Image8>& images
     const Image8& image = images[i];
     REDRIVE_CHECK_OP(image.width, ==, table.width);
     REDRIVE_CHECK_OP(image.height, ==, table.height);
-    const int picture = static_cast<int>(pictures_.size());
-    pictures_.push_back({static_cast<std::uint32_t>(i), static_cast<std::uint32_t>(view.camera), 0,
-                         0, scene.exposure(view), image.rgb, image.alpha, image.used});
+    const int index = static_cast<int>(images_.size());
+    images_.push_back({static_cast<std::uint32_t>(i), static_cast<std::uint32_t>(view.camera), 0, 0,
+                       scene.exposure(view), image.rgb, image.alpha, image.used});
     std::vector<float> share(image.rgb.size() / 3);
     for (const std::uint32_t pixel : table.pixel)
       share[pixel] = pixel_sampling_weight(image.alpha, image.used, pixel);
     cells_.add(image.width, image.height, share);
     if (image.used.empty() && image.alpha.empty()) {
-      add(picture, 1, nullptr);
+      add(index, 1, nullptr);
       continue;
     }
     for (const int every :
@@ -156,7 +156,7 @@ PixelSampler::PixelSampler(const Scene& scene, const std::vector<Image8>& images
       UsedPixels pixels(table, used);
       if (pixels.size() == 0) continue;
       used_.push_back(std::move(pixels));
-      add(picture, every, &used_.back());
+      add(index, every, &used_.back());
     }
   }
   const auto first = std::ranges::find(scene.views, false, &View::held_out);
@@ -169,32 +169,32 @@ PixelSampler::PixelSampler(const Scene& scene, const std::vector<Image8>& images
                                        background_colour(scene.background)[0],
                                        scene.random_background,
                                        table_spans_,
-                                       pictures_,
+                                       images_,
                                        pools_,
                                        offsets_,
                                        {},
-                                       cells_.pictures(),
+                                       cells_.images(),
                                        cells_.pixels()};
-  place();
+  update_poses();
 }
 
-void PixelSampler::place() {
+void PixelSampler::update_poses() {
   poses_.clear();
-  for (TrainingImage& picture : pictures_) {
-    const ShutterPoses poses = scene_.shutter_poses(scene_.views[picture.view]);
-    picture.first_pose = poses_.size();
-    picture.poses = poses.keys().size();
+  for (TrainingImage& image : images_) {
+    const ShutterPoses poses = scene_.shutter_poses(scene_.views[image.view]);
+    image.first_pose = poses_.size();
+    image.poses = poses.keys().size();
     poses_.insert(poses_.end(), poses.keys().begin(), poses.keys().end());
   }
-  if (source_.placed > 0) REDRIVE_CHECK_OP(poses_.size(), ==, source_.poses.size());
+  if (source_.pose_version > 0) REDRIVE_CHECK_OP(poses_.size(), ==, source_.poses.size());
   source_.poses = poses_;
-  ++source_.placed;
+  ++source_.pose_version;
 }
 
-void PixelSampler::add(int picture, int every, const UsedPixels* used) {
-  const std::size_t size = used ? used->size() : tables_[pictures_[picture].camera].pixel.size();
+void PixelSampler::add(int index, int every, const UsedPixels* used) {
+  const std::size_t size = used ? used->size() : tables_[images_[index].camera].pixel.size();
   offsets_.push_back(offsets_.back() + (size + every - 1) / every);
-  pools_.push_back({static_cast<std::uint32_t>(picture), static_cast<std::uint32_t>(every)});
+  pools_.push_back({static_cast<std::uint32_t>(index), static_cast<std::uint32_t>(every)});
   if (!used) return;
   pools_.back().bits = used->bits();
   pools_.back().before = used->before();
@@ -205,10 +205,10 @@ std::int64_t PixelSampler::steps_per_epoch(int rays) const {
   return static_cast<std::int64_t>((pixels() + rays - 1) / rays);
 }
 
-PixelDraw PixelSampler::draw(std::uint64_t first, int even, int error_map_rays) const {
-  REDRIVE_CHECK_OP(even, >=, 1);
+PixelDraw PixelSampler::draw(std::uint64_t first, int epoch_rays, int error_map_rays) const {
+  REDRIVE_CHECK_OP(epoch_rays, >=, 1);
   const std::uint64_t epoch = first / pixels(), begin = first % pixels();
-  return {static_cast<int>(std::min<std::uint64_t>(even, pixels() - begin)),
+  return {static_cast<int>(std::min<std::uint64_t>(epoch_rays, pixels() - begin)),
           error_map_rays,
           epoch,
           begin,
@@ -218,7 +218,7 @@ PixelDraw PixelSampler::draw(std::uint64_t first, int even, int error_map_rays) 
 }
 
 GatheredRays PixelSampler::resize_batch(const PixelDraw& draw, RayBatch* batch) const {
-  resize(batch, draw.even + draw.error_map_rays, true);
+  resize(batch, draw.epoch_rays + draw.error_map_rays, true);
   const std::size_t n = batch->n;
   batch->error_map_rays = draw.error_map_rays;
   batch->exposure.resize(n);
@@ -230,10 +230,10 @@ GatheredRays PixelSampler::resize_batch(const PixelDraw& draw, RayBatch* batch) 
           batch->weight, batch->exposure,  batch->view,   batch->cell};
 }
 
-void PixelSampler::gather(std::uint64_t first, int even, RayBatch* batch,
+void PixelSampler::gather(std::uint64_t first, int epoch_rays, RayBatch* batch,
                           const ErrorMapRays& more) const {
   REDRIVE_CHECK(more.n == 0 || more.errors.size() == cells_.size());
-  const PixelDraw pixels = draw(first, even, more.n);
+  const PixelDraw pixels = draw(first, epoch_rays, more.n);
   gather_pixels(source_, pixels, more.errors, resize_batch(pixels, batch));
 }
 

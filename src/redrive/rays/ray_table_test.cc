@@ -370,7 +370,7 @@ TEST_F(SamplerTest, ABatchIsAFunctionOfSeedAndPlace) {
   EXPECT_NE(one.direction, two.direction);
 }
 
-// Masks leave out half of a picture, another is transparent in one half, cameras do not reach every
+// Masks leave out half of an image, another is transparent in one half, cameras do not reach every
 // pixel, frames are held out.
 TEST_F(SamplerTest, RaysByErrorAreTrainingPixelsByShareAndError) {
   std::vector<std::size_t> training;
@@ -431,17 +431,17 @@ TEST_F(SamplerTest, RaysByErrorAreTrainingPixelsByShareAndError) {
                 5 * std::sqrt(expected / (kBatches * kByError)) + 2 / shares)
         << v;
   }
-  // A picture whose error is nine times the others' is drawn more often, and so rarely are they.
-  const int picture = 3;
+  // An image whose error is nine times the others' is drawn more often, and so rarely are they.
+  const int image = 3;
   std::size_t cells = 0;
   for (std::size_t cell = 0; cell < errors.size(); ++cell)
-    if (sampler.cells().rect(cell).picture == picture) {
+    if (sampler.cells().rect(cell).image == image) {
       errors[cell] *= 9;
       ++cells;
     }
   ASSERT_GT(cells, 0u);
-  const double before = chances(even, at(training[picture])),
-               after = chances(draw(errors), at(training[picture]));
+  const double before = chances(even, at(training[image])),
+               after = chances(draw(errors), at(training[image]));
   EXPECT_GT(after / before, 3);
   EXPECT_LT(after / before, kCellCandidates);
 }

@@ -291,7 +291,7 @@ struct Gathered {
     std::vector<FramePose> frames = run.recording.frames;
     for (FramePose& frame : frames)
       frame.global_from_body.translate(Eigen::Vector3d(translation_m, 0, 0));
-    lidar_sampler.place(run.scene.global_from_world, run.recording.frames, frames);
+    lidar_sampler.update_poses(run.scene.global_from_world, run.recording.frames, frames);
   }
   void gather(int even) {
     copies = {};
@@ -335,7 +335,7 @@ TEST_F(TrainingOnADevice, CopiesPosesThereOnceTheyHaveMoved) {
     return of.lidar.origin;
   };
   const std::vector<float> before = origins();
-  of.sampler.place();
+  of.sampler.update_poses();
   of.place_lidar(0.25);
   of.gather(16);
   EXPECT_EQ(of.copies.to_device,

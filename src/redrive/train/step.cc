@@ -14,7 +14,7 @@ constexpr double kShareSmoothing = 1.0 / 32;  // per step
 template <class Spans>
 void see(const GatherSource<Spans>& source, GatherSource<Spans>* own) {
   static_cast<Spans&>(*own) = source;
-  own->placed = source.placed;
+  own->pose_version = source.pose_version;
 }
 
 }  // namespace

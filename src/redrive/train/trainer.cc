@@ -115,8 +115,8 @@ class Trainer {
     const std::vector<FramePose>& recorded = run_.recording.frames;
     const std::vector<FramePose> trajectory =
         apply_corrections(run_.scene, recorded, state_.poses.corrections, &scene_);
-    sampler_.place();
-    lidar_sampler_.place(scene_.global_from_world, recorded, trajectory);
+    sampler_.update_poses();
+    lidar_sampler_.update_poses(scene_.global_from_world, recorded, trajectory);
   }
 
   bool refines() const {

@@ -18,7 +18,7 @@ struct GatherRays {
 
   REDRIVE_HD void operator()(std::size_t i) const {
     const CellSample error_map_rays = gather_pixel(from, draw, errors, i, out);
-    if (i >= static_cast<std::size_t>(draw.even)) drawn[i - draw.even] = error_map_rays;
+    if (i >= static_cast<std::size_t>(draw.epoch_rays)) drawn[i - draw.epoch_rays] = error_map_rays;
   }
 };
 

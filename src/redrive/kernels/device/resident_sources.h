@@ -23,9 +23,9 @@ PixelSpans with_relocated_spans(const PixelSpans& from, const Place& place) {
     table.pixel = place(table.pixel);
     table.direction = place(table.direction);
   }
-  std::vector<TrainingImage> pictures(from.pictures.begin(), from.pictures.end());
-  for (TrainingImage& picture : pictures)
-    for (auto* const bytes : {&picture.rgb, &picture.alpha, &picture.used}) *bytes = place(*bytes);
+  std::vector<TrainingImage> images(from.images.begin(), from.images.end());
+  for (TrainingImage& image : images)
+    for (auto* const bytes : {&image.rgb, &image.alpha, &image.used}) *bytes = place(*bytes);
   std::vector<PixelPool> pools(from.pools.begin(), from.pools.end());
   for (PixelPool& pool : pools) {
     pool.bits = place(pool.bits);
@@ -33,11 +33,11 @@ PixelSpans with_relocated_spans(const PixelSpans& from, const Place& place) {
   }
   PixelSpans out = from;
   out.tables = place(std::span<const RayTableSpans>(tables));
-  out.pictures = place(std::span<const TrainingImage>(pictures));
+  out.images = place(std::span<const TrainingImage>(images));
   out.pools = place(std::span<const PixelPool>(pools));
   out.offsets = place(from.offsets);
   out.poses = place(from.poses);
-  out.cell_pictures = place(from.cell_pictures);
+  out.cell_images = place(from.cell_images);
   out.cell_pixels = place(from.cell_pixels);
   return out;
 }
@@ -62,7 +62,7 @@ template <class Spans>
 struct ResidentSource {
   std::shared_ptr<void> memory;
   Spans there;
-  int placed = 0;  ///< GatherSource's, as of the poses there
+  int pose_version = 0;  ///< GatherSource's, as of the poses there
 };
 
 template <class Device, class Spans>
@@ -83,7 +83,7 @@ std::shared_ptr<ResidentSource<Spans>> copy_source_to_device(Device& device,
     return decltype(span)(reinterpret_cast<decltype(span.data())>(place), span.size());
   });
   REDRIVE_CHECK_OP(used, ==, bytes);
-  kept->placed = from.placed;
+  kept->pose_version = from.pose_version;
   return kept;
 }
 
@@ -92,11 +92,11 @@ template <class Device, class Spans>
 const Spans& there(Device& device, const GatherSource<Spans>& from) {
   if (!from.elsewhere) from.elsewhere = copy_source_to_device(device, from);
   auto& kept = *static_cast<ResidentSource<Spans>*>(from.elsewhere.get());
-  if (kept.placed != from.placed) {
+  if (kept.pose_version != from.pose_version) {
     REDRIVE_CHECK_OP(kept.there.poses.size(), ==, from.poses.size());
     const void* const poses = kept.there.poses.data();
     device.to_device(const_cast<void*>(poses), from.poses.data(), from.poses.size_bytes());
-    kept.placed = from.placed;
+    kept.pose_version = from.pose_version;
   }
   return kept.there;
 }

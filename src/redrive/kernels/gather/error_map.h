@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where to draw more rays: the training pictures in square cells, each with what the rays drawn in
-// it lately missed their colours by (as instant-ngp's error map, but resampled instead of by a
-// distribution function).
+// Error map: importance sampling of training rays by their recent error (as instant-ngp's error
+// map). Training images are cut into square cells, each with a smoothed squared error. Cells are
+// sampled by resampled importance sampling (Talbot et al. 2005) instead of by a distribution
+// function.
 #pragma once
 
 #include <algorithm>
@@ -15,55 +16,54 @@
 
 namespace redrive {
 
-/// Cells are drawn by resampling (Talbot et al. 2005): of so many drawn evenly one is kept, by its
-/// weight. So no table has to be kept up, and no whole cell is drawn more than so many times as
-/// often as evenly, however large its error: noise and what moves never fall.
+/// Of this many uniformly drawn candidates one is kept, with a probability proportional to its
+/// weight. So no table has to be maintained, and no cell is drawn more than this many times as
+/// often as uniformly, however large its error: noise and moving objects never lose theirs.
 constexpr int kCellCandidates = 8;
 
-/// The squared error (mean over channels, smoothed over rays) of a cell that no ray has been drawn
-/// in, as bad as can be.
+/// Squared error (mean over channels, smoothed over rays) of a cell without a ray yet: the maximum,
+/// so that new cells are visited.
 constexpr float kInitialError = 1;
-constexpr float kMinCellError = 1e-5f;  ///< 50 dB are good enough anywhere
+constexpr float kMinCellError = 1e-5f;  ///< 50 dB PSNR: cells below it count as equal
 
-/// How a picture is cut into cells.
+/// The cells of one image.
 struct ErrorMapImage {
   int width = 0, height = 0,
-      side = 0;  ///< pixels; the last cells of rows and columns may be smaller
+      side = 0;  ///< pixels; cells at the right and bottom border may be smaller
   int columns = 0;
-  std::size_t first = 0;  ///< its first cell
+  std::size_t first = 0;  ///< index of its first cell
 };
 
-/// The cell of a pixel, y * width + x.
-REDRIVE_HD inline std::uint32_t cell_of_pixel(const ErrorMapImage& picture, std::uint32_t pixel) {
-  const int x = static_cast<int>(pixel % picture.width),
-            y = static_cast<int>(pixel / picture.width);
-  return static_cast<std::uint32_t>(
-      picture.first + std::size_t(y / picture.side) * picture.columns + x / picture.side);
+/// Returns the cell of a pixel, given as y * width + x.
+REDRIVE_HD inline std::uint32_t cell_of_pixel(const ErrorMapImage& image, std::uint32_t pixel) {
+  const int x = static_cast<int>(pixel % image.width), y = static_cast<int>(pixel / image.width);
+  return static_cast<std::uint32_t>(image.first + std::size_t(y / image.side) * image.columns +
+                                    x / image.side);
 }
 
-/// Where a cell is.
+/// The pixels of a cell.
 struct CellRect {
-  int picture = 0, x = 0, y = 0, width = 0, height = 0;  ///< pixels
+  int image = 0, x = 0, y = 0, width = 0, height = 0;  ///< pixels
 };
-REDRIVE_HD inline CellRect rect_of_cell(std::span<const ErrorMapImage> pictures, std::size_t cell) {
+REDRIVE_HD inline CellRect rect_of_cell(std::span<const ErrorMapImage> images, std::size_t cell) {
   const auto after =
-      std::upper_bound(pictures.begin(), pictures.end(), cell,
+      std::upper_bound(images.begin(), images.end(), cell,
                        [](std::size_t c, const ErrorMapImage& p) { return c < p.first; });
   const ErrorMapImage& p = *(after - 1);
   const int k = static_cast<int>(cell - p.first), x = k % p.columns * p.side,
             y = k / p.columns * p.side;
-  return {static_cast<int>(after - 1 - pictures.begin()), x, y, std::min(p.side, p.width - x),
+  return {static_cast<int>(after - 1 - images.begin()), x, y, std::min(p.side, p.width - x),
           std::min(p.side, p.height - y)};
 }
 
-/// A cell that was drawn, and what its candidates were like: sums of shares, and of errors over
-/// them.
+/// A sampled cell, and sums over its candidates: of sampling weights, and of errors times sampling
+/// weights.
 struct CellSample {
   std::uint32_t cell = 0;
   float pixels = 0, error = 0;
 };
-/// A cell by `pixels`, the sum of the shares in each, and the errors of their pixels; a function of
-/// key. There must be a pixel with a share.
+/// Samples a cell. pixels [cells]: sum of the sampling weights of its pixels, not all 0; errors
+/// [cells]: their smoothed squared errors. A function of key.
 REDRIVE_HD inline CellSample sample_cell(std::span<const float> pixels,
                                          std::span<const float> errors, std::uint64_t key) {
   CellSample drawn;
@@ -80,20 +80,21 @@ REDRIVE_HD inline CellSample sample_cell(std::span<const float> pixels,
   return drawn;
 }
 
-/// What a ray counts where a share of the rays is drawn by error: the even chance of its pixel over
-/// the one that both ways to draw it have together (the balance heuristic of Veach and Guibas
-/// 1995), so that the loss stays the mean over all pixels, about: the other candidates are taken to
-/// have the mean error. At most 1 / (1 - share), at least 1 / (1 - share + share *
-/// kCellCandidates).
+/// Weight of a ray's loss if a `share` of the rays is drawn by the error map: the uniform
+/// probability of its pixel over that of both strategies together (balance heuristic, Veach and
+/// Guibas 1995), so that the loss remains approximately the mean over all pixels. The other
+/// candidates are assumed to have the mean error. In [1 / (1 - share + share * kCellCandidates), 1
+/// / (1 - share)].
 REDRIVE_HD inline float balance_heuristic_weight(float error, float mean_error, float share) {
   const float relative = (error + kMinCellError) / mean_error;
   const float as_often = kCellCandidates * relative / (relative + kCellCandidates - 1);
   return 1 / (1 - share + share * as_often);
 }
 
-/// A cell's error, once a ray has been drawn there that missed by `square`.
+/// Returns a cell's error after a ray with squared error `square`: exponential smoothing, squares
+/// capped at kInitialError.
 REDRIVE_HD inline float updated_error(float error, float square) {
-  constexpr float kSmoothing = 0.2f;  // of a ray in its cell's error: the last ten or so count
+  constexpr float kSmoothing = 0.2f;  // weight of the newest ray: about the last ten count
   const float seen = square > kInitialError ? kInitialError : square;
   return error == kInitialError ? seen : error + kSmoothing * (seen - error);
 }

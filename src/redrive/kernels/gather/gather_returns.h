@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// How the LiDAR returns of a training step are drawn and made rays, as
-// kernels/gather/gather_pixels.h does it with pixels. LidarSampler says what is drawn, and owns
-// what it is drawn from.
+// Draws the LiDAR returns of a training step and makes them rays, as kernels/gather/gather_pixels.h
+// does with pixels. LidarSampler (rays/lidar_sampler.h) decides what is drawn and owns the source.
 #pragma once
 
 #include <cstddef>
@@ -14,32 +13,32 @@
 
 namespace redrive {
 
-/// A beam is a cone, too: data sheets of the sensors in use say 0.1 to 0.2 degrees.
+/// Divergence of a LiDAR beam, rad: data sheets of common sensors say 0.1 to 0.2 degrees.
 constexpr float kLidarBeamAngle_rad = 0.002f;
 
-/// Where all lies that a gather of returns reads.
+/// Everything that a gather of returns reads.
 struct LidarSpans {
   std::span<const float> origin, direction, range_m;  ///< LidarReturns
   std::span<const std::int64_t> t_ns;
   PlainTransform global_from_world;
-  std::span<const PlainFrame> recorded;  ///< the frames between which returns lie
-  std::span<const PlainFrame> poses;     ///< where these are now; none: where they were
+  std::span<const PlainFrame>
+      recorded;                       ///< recorded frames, by whose poses the returns were placed
+  std::span<const PlainFrame> poses;  ///< their present poses; empty: unchanged
 };
 using LidarSource = GatherSource<LidarSpans>;
 
-/// What a batch of returns is drawn by: LidarSampler::draw.
+/// Parameters of one batch, made by LidarSampler::draw.
 struct LidarDraw {
-  std::uint64_t
-      seed = 0,
-      first = 0;  ///< the first one is the `first`-th, counted through all times that all are seen
+  std::uint64_t seed = 0,
+                first = 0;  ///< index of the first ray, counted through all epochs
 };
 
-/// A batch to be written, RayBatch's numbers.
+/// The batch to write, spans of RayBatch.
 struct GatheredReturns {
   std::span<float> origin, direction, pixel_angle, range_m;
 };
 
-/// What has become of the world that returns of a time lie in.
+/// Returns the transform from the recorded world at a time to the world by the present poses.
 REDRIVE_HD inline PlainTransform world_from_recorded(const LidarSpans& from, std::int64_t t_ns) {
   const PlainTransform world_from_body =
                            product(inverse(from.global_from_world), pose_at(from.poses, t_ns)),
@@ -47,7 +46,7 @@ REDRIVE_HD inline PlainTransform world_from_recorded(const LidarSpans& from, std
   return product(product(world_from_body, body_from_global), from.global_from_world);
 }
 
-/// Ray i of the batch.
+/// Writes ray i of the batch.
 REDRIVE_HD inline void gather_return(const LidarSpans& from, const LidarDraw& draw, std::size_t i,
                                      const GatheredReturns& out) {
   const std::size_t returns = from.range_m.size(), n = out.range_m.size();
@@ -70,7 +69,7 @@ REDRIVE_HD inline void gather_return(const LidarSpans& from, const LidarDraw& dr
   out.range_m[i] = from.range_m[k];
 }
 
-/// All rays of the batch, on the host.
+/// Writes all rays of the batch, on the host.
 inline void gather_returns(const LidarSpans& from, const LidarDraw& draw,
                            const GatheredReturns& out) {
   for (std::size_t i = 0; i < out.range_m.size(); ++i) gather_return(from, draw, i, out);
