@@ -227,11 +227,15 @@ TEST_P(ImageScoreStages, MatchesRefForAnyNumberOfThreads) {
         if (!GetParam().is_gpu() && !GetParam().is_loop()) {
           EXPECT_EQ(got.psnr_db, expected.psnr_db);
           EXPECT_EQ(got.flip, expected.flip);
-          if (width > 10) EXPECT_EQ(got.ssim, expected.ssim);
+          if (width > 10) {
+            EXPECT_EQ(got.ssim, expected.ssim);
+          }
           continue;
         }
         EXPECT_NEAR(got.psnr_db, expected.psnr_db, 1e-9);  // sums in another order
-        if (width > 10) EXPECT_NEAR(got.ssim, expected.ssim, kSsimRoundoff);
+        if (width > 10) {
+          EXPECT_NEAR(got.ssim, expected.ssim, kSsimRoundoff);
+        }
         // Two sums of 21 terms, of which the oracle's are fused: 42 u of a luminance of 1, of which
         // L* has up to 903 in the dark. Of a colour difference of 1 and more, the 0.7th power times
         // 0.95 / 16.51 has up to 0.04 a unit.

@@ -29,7 +29,9 @@ TEST(Street, IsAligned) {
     SCOPED_TRACE(found.name);
     const Eigen::Matrix3d rest =
         found.body_from_sensor.linear() * right.body_from_sensor.linear().transpose();
-    if (found.name == "F_MIDRANGECAM_C") EXPECT_LT(std::abs(so3_log(rest).z()) * kDegrees, 0.02);
+    if (found.name == "F_MIDRANGECAM_C") {
+      EXPECT_LT(std::abs(so3_log(rest).z()) * kDegrees, 0.02);
+    }
     EXPECT_LT(std::abs(static_cast<double>(found.time_offset_ns - right.time_offset_ns)), 1e6);
     EXPECT_LT(result.bundle.cameras[c].aligned_px, 0.5 * result.bundle.cameras[c].initial_px);
   }

@@ -70,7 +70,7 @@ void write_file(const std::filesystem::path& path, std::string_view bytes) {
   // A fixed name: what a killed process left behind is overwritten by the next write, not piled up.
   // Hidden and with our name in it: nobody's own file is called so.
   const std::filesystem::path temporary =
-      path.parent_path() / ("." + path.filename().string() + ".redrive-tmp");
+      path.parent_path() / std::string(".").append(path.filename().string()).append(".redrive-tmp");
   const auto fail = [&](const char* what) {
     const int error = errno;
     ::unlink(temporary.c_str());

@@ -40,7 +40,9 @@ TEST(LidarSampler, DrawsEachReturnOnceBeforeAnyTwice) {
       }
       EXPECT_GT(batch.pixel_angle[i], 0);
     }
-    if (step % 4 == 3) EXPECT_EQ(drawn.size(), 60u);
+    if (step % 4 == 3) {
+      EXPECT_EQ(drawn.size(), 60u);
+    }
     for (const auto& [range, times] : drawn) EXPECT_LE(times, step < 4 ? 1 : 2);
   }
   EXPECT_FALSE(in_order) << "not shuffled";
