@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-# The CUDA backend (src/redrive/kernels/device) is in a build if there is nvcc: REDRIVE_CUDA=AUTO. ON wants it, OFF leaves it out. Sets
-# REDRIVE_HAVE_CUDA. No GPU is needed to build it.
+# The CUDA backend (src/redrive/kernels/device) is in a build if there is nvcc: REDRIVE_CUDA=AUTO.
+# ON wants it, OFF leaves it out. Sets REDRIVE_HAVE_CUDA. No GPU is needed to build it.
 set(REDRIVE_CUDA AUTO CACHE STRING "The CUDA backend: AUTO (where there is nvcc), ON or OFF")
 set(REDRIVE_HAVE_CUDA OFF)
 if(REDRIVE_CUDA STREQUAL "OFF")
@@ -25,9 +25,11 @@ if(CMAKE_CUDA_COMPILER)
     set(CMAKE_CUDA20_EXTENSION_COMPILE_OPTION -std=c++20)
   endif()
   set(REDRIVE_HAVE_CUDA ON)
-  message(STATUS "CUDA backend: nvcc ${CMAKE_CUDA_COMPILER_VERSION}, architectures ${CMAKE_CUDA_ARCHITECTURES}")
+  message(STATUS
+    "CUDA backend: nvcc ${CMAKE_CUDA_COMPILER_VERSION}, architectures ${CMAKE_CUDA_ARCHITECTURES}")
 elseif(REDRIVE_CUDA STREQUAL "AUTO")
   message(STATUS "CUDA backend: left out, there is no nvcc that works (REDRIVE_CUDA=ON says why)")
 else()
-  message(FATAL_ERROR "REDRIVE_CUDA=ON, but there is no nvcc that works: set CUDACXX to it; see CMakeFiles/CMakeError.log")
+  message(FATAL_ERROR
+    "REDRIVE_CUDA=ON, but there is no nvcc that works: set CUDACXX to it; see CMakeError.log")
 endif()

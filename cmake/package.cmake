@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-# The Debian packages (scripts/package): redrive has what src/redrive/cli installs, redrive-samples the sample street.
+# The Debian packages (scripts/package): redrive has what src/redrive/cli installs, redrive-samples
+# the sample street.
 install(FILES LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR} RENAME copyright COMPONENT program)
 install(FILES README.md CHANGELOG.md DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT program)
-install(DIRECTORY samples/street DESTINATION ${CMAKE_INSTALL_DATADIR}/redrive/samples COMPONENT samples)
-install(FILES samples/street/LICENSE DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/redrive-samples RENAME copyright COMPONENT samples)
+install(DIRECTORY samples/street DESTINATION ${CMAKE_INSTALL_DATADIR}/redrive/samples 
+  COMPONENT samples)
+install(FILES samples/street/LICENSE DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/redrive-samples 
+  RENAME copyright COMPONENT samples)
 
 set(CPACK_GENERATOR DEB)
 set(CPACK_PACKAGE_CONTACT "redrive maintainers")
@@ -18,7 +21,7 @@ set(CPACK_DEBIAN_PROGRAM_PACKAGE_SHLIBDEPS ON)
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_RECOMMENDS "gnuplot-nox, fonts-dejavu-core")  # redrive figures
 set(CPACK_DEBIAN_PROGRAM_PACKAGE_SUGGESTS redrive-samples)
 set(CPACK_COMPONENT_PROGRAM_DESCRIPTION "radiance fields from the recordings of sensor cars
- Turns cameras, LiDAR and egomotion of a drive into a radiance field, and that into images from new positions.")
+ Turns cameras, LiDAR and egomotion of a drive into a radiance field and renders new images of it.")
 set(CPACK_DEBIAN_SAMPLES_PACKAGE_NAME redrive-samples)
 set(CPACK_DEBIAN_SAMPLES_FILE_NAME DEB-DEFAULT)
 set(CPACK_DEBIAN_SAMPLES_PACKAGE_ARCHITECTURE all)

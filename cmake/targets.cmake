@@ -1,28 +1,34 @@
 # SPDX-License-Identifier: Apache-2.0
-# Parsing Eigen, JSON and GoogleTest takes most of a file's compile time: precompiled once for the libraries and once for
-# the tests. Kernels have ISA flags of their own and stay without.
+# Parsing Eigen, JSON and GoogleTest takes most of a file's compile time: precompiled once for the
+# libraries and once for the tests. Kernels have ISA flags of their own and stay without.
 file(WRITE ${CMAKE_BINARY_DIR}/pch.cc.new "")
 file(COPY_FILE ${CMAKE_BINARY_DIR}/pch.cc.new ${CMAKE_BINARY_DIR}/pch.cc ONLY_IF_DIFFERENT)
-set(redrive_headers <algorithm> <array> <cmath> <cstdint> <filesystem> <fstream> <functional> <memory> <optional> <span>
+set(redrive_headers <algorithm> <array> <cmath> <cstdint> <filesystem> <fstream> <functional>
+  <memory> <optional> <span>
   <string> <vector> <Eigen/Geometry> <nlohmann/json.hpp>)
 add_library(redrive_pch OBJECT ${CMAKE_BINARY_DIR}/pch.cc)
 target_link_libraries(redrive_pch PRIVATE Eigen3::Eigen nlohmann_json::nlohmann_json)
 target_precompile_headers(redrive_pch PRIVATE ${redrive_headers})
 if(REDRIVE_TESTS)
-  # Tests are compiled once for every run: no time for optimisation, and alignment is the libraries' to keep.
+  # Tests are compiled once for every run: no time for optimisation, and alignment is the libraries'
+  # to keep.
   set(redrive_test_options $<$<CONFIG:Release>:-O1>)
   if(REDRIVE_SANITIZE MATCHES "undefined")
     list(APPEND redrive_test_options -fno-sanitize=alignment)
   endif()
   add_library(redrive_test_pch OBJECT ${CMAKE_BINARY_DIR}/pch.cc)
-  target_link_libraries(redrive_test_pch PRIVATE Eigen3::Eigen nlohmann_json::nlohmann_json GTest::gtest GTest::gmock)
+  target_link_libraries(redrive_test_pch PRIVATE Eigen3::Eigen nlohmann_json::nlohmann_json
+    GTest::gtest GTest::gmock)
   target_compile_options(redrive_test_pch PRIVATE ${redrive_test_options})
-  target_precompile_headers(redrive_test_pch PRIVATE ${redrive_headers} <gmock/gmock.h> <gtest/gtest.h>)
+  target_precompile_headers(redrive_test_pch PRIVATE ${redrive_headers} <gmock/gmock.h>
+    <gtest/gtest.h>)
 endif()
 
-# Compiles a target's files together: what they share, templates above all, is compiled once. For what is built whole; a change of one
-# file compiles all. Names in a folder's anonymous namespaces must differ.
-set(REDRIVE_UNITY "" CACHE STRING "What is compiled together: nothing, `tests` (those marked TOGETHER), or `all` (libraries, too)")
+# Compiles a target's files together: what they share, templates above all, is compiled once. For
+# what is built whole; a change of one file compiles all. Names in a folder's anonymous namespaces
+# must differ.
+set(REDRIVE_UNITY "" CACHE STRING
+  "What is compiled together: nothing, `tests` (those marked TOGETHER), or `all` (libraries, too)")
 function(redrive_unity_build target)
   set_target_properties(${target} PROPERTIES UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE 8)
 endfunction()
@@ -61,11 +67,14 @@ if(REDRIVE_TESTS)
 endif()
 
 # Unit tests sit beside the source:
-#   redrive_test(camera SOURCES mei_test.cc DEPENDS redrive::camera [SANITIZE address|thread|none...] [GPU pattern] [TOGETHER])
-# makes the program test_camera. A build with a sanitizer has only the tests that name it. SANITIZE is `address` if it is not given: it is
-# for what parses or indexes, `thread` for what runs on several threads, and `none` for optimisations and trainings as a whole, whose
-# parts have tests of their own. Those of its tests that the GPU pattern names are labelled `gpu`. The paths of the shipped samples and of
-# the optional private recordings are compiled in; a test that needs the latter skips visibly where they are not.
+#   redrive_test(camera SOURCES mei_test.cc DEPENDS redrive::camera
+#     [SANITIZE address|thread|none...] [GPU pattern] [TOGETHER])
+# makes the program test_camera. A build with a sanitizer has only the tests that name it. SANITIZE
+# is `address` if it is not given: it is for what parses or indexes, `thread` for what runs on
+# several threads, and `none` for optimisations and trainings as a whole, whose parts have tests of
+# their own. Those of its tests that the GPU pattern names are labelled `gpu`. The paths of the
+# shipped samples and of the optional private recordings are compiled in; a test that needs the
+# latter skips visibly where they are not.
 function(redrive_test name)
   cmake_parse_arguments(ARG "TOGETHER" "GPU" "SOURCES;DEPENDS;SANITIZE" ${ARGN})
   if(ARG_UNPARSED_ARGUMENTS)
@@ -79,7 +88,8 @@ function(redrive_test name)
     return()
   endif()
   add_executable(test_${name} ${ARG_SOURCES})
-  target_link_libraries(test_${name} PRIVATE ${ARG_DEPENDS} GTest::gtest GTest::gmock GTest::gtest_main)
+  target_link_libraries(test_${name} PRIVATE ${ARG_DEPENDS} GTest::gtest GTest::gmock
+    GTest::gtest_main)
   target_compile_options(test_${name} PRIVATE ${redrive_test_options})
   target_precompile_headers(test_${name} REUSE_FROM redrive_test_pch)
   if(ARG_TOGETHER AND REDRIVE_UNITY MATCHES "^(tests|all)$")
@@ -92,7 +102,8 @@ function(redrive_test name)
   set(others "")
   if(ARG_GPU)
     set(others TEST_FILTER "-${ARG_GPU}")
-    gtest_discover_tests(test_${name} TEST_FILTER "${ARG_GPU}" DISCOVERY_TIMEOUT 60 PROPERTIES TIMEOUT 600 LABELS gpu)
+    gtest_discover_tests(test_${name} TEST_FILTER "${ARG_GPU}" DISCOVERY_TIMEOUT 60
+      PROPERTIES TIMEOUT 600 LABELS gpu)
   endif()
   gtest_discover_tests(test_${name} ${others} DISCOVERY_TIMEOUT 60 PROPERTIES TIMEOUT 600)
 endfunction()
