@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The networks of the cpu backend one by one, at the level of tiles and lanes: also the AMX path
+// The networks of the cpu backend one by one, at the level of tiles and chunks: also the AMX path
 // with emulated tile instructions, which no backend offers.
 #include <cmath>
 #include <memory>
@@ -110,26 +110,26 @@ TEST_P(EveryNetwork, TwoLanesOfTiles) {
       ASSERT_GT(expected.smallest_margin, kDeviations / 2)
           << "a ReLU stands at its kink: choose other points";
 
-      // Lane 0 runs the first ray, then one more; lane 1 the rest.
+      // Chunk 0 runs the first ray, then one more; chunk 1 the rest.
       std::vector<TileData> tiles;
       tiles.emplace_back(nerf, batch, 0, 1, factor, vector);
       tiles.emplace_back(nerf, batch, 1, 1, factor, vector);
       tiles.emplace_back(nerf, batch, 2, n_rays - 2, factor, vector);
-      std::vector<std::unique_ptr<NerfChunk>> lanes;
-      for (int lane = 0; lane < 2; ++lane)
-        lanes.push_back(network->make_chunk((n_rays - 2) * per_ray));
-      pool.run(2, [&](int lane) {
-        lanes[lane]->begin();
-        lanes[lane]->clear_gradients();
-        for (const int tile : lane == 0 ? std::vector<int>{0, 1} : std::vector<int>{2}) {
+      std::vector<std::unique_ptr<NerfChunk>> chunks;
+      for (int chunk = 0; chunk < 2; ++chunk)
+        chunks.push_back(network->make_chunk((n_rays - 2) * per_ray));
+      pool.run(2, [&](int chunk) {
+        chunks[chunk]->begin();
+        chunks[chunk]->clear_gradients();
+        for (const int tile : chunk == 0 ? std::vector<int>{0, 1} : std::vector<int>{2}) {
           TileData& data = tiles[tile];
-          lanes[lane]->forward(data.tile, true, data.raw.data(), data.stride);
-          lanes[lane]->backward(data.d_raw.data(), data.stride, data.d_position.data());
+          chunks[chunk]->forward(data.tile, true, data.raw.data(), data.stride);
+          chunks[chunk]->backward(data.d_raw.data(), data.stride, data.d_position.data());
         }
-        lanes[lane]->end();
+        chunks[chunk]->end();
       });
       std::vector<float> gradients(nerf.parameters.size());
-      network->reduce(lanes, gradients, pool);
+      network->reduce(chunks, gradients, pool);
 
       for (const TileData& data : tiles)
         for (int k = 0; k < 4; ++k)
@@ -165,9 +165,9 @@ TEST_P(EveryNetwork, TwoLanesOfTiles) {
       TileData again = tiles[2];
       again.tile.position = again.position.data();
       again.tile.direction = again.direction.data();
-      lanes[0]->begin();
-      lanes[0]->forward(again.tile, false, again.raw.data(), again.stride);
-      lanes[0]->end();
+      chunks[0]->begin();
+      chunks[0]->forward(again.tile, false, again.raw.data(), again.stride);
+      chunks[0]->end();
       for (int k = 0; k < 4; ++k)
         ASSERT_TRUE(
             bit_equal(std::span(again.raw).subspan(k * again.stride, again.point.size()),

@@ -14,14 +14,12 @@
 #include <vector>
 
 #include "redrive/field/activation.h"
+#include "redrive/field/constants.h"
 #include "redrive/field/hash_grid.h"
 #include "redrive/field/spherical_harmonics.h"
 
 namespace redrive {
 
-constexpr int kGeometryFeatures = 16;  ///< outputs of the density MLP; the first is the log density
-constexpr float kMaxLogDensity =
-    15;  ///< larger g_0 are clamped to this in the value only: the adjoint still lowers them
 constexpr int kMaxGridWidth = 128;
 
 struct GridFieldConfig {

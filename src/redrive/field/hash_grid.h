@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "redrive/base/host_device.h"
+#include "redrive/field/constants.h"
 
 namespace redrive {
 
@@ -44,8 +45,6 @@ std::size_t hash_grid_size(const HashGridConfig& config);  ///< floats of the ta
 /// Fills the table with U(-1e-4, 1e-4), as the paper. A function of the seed.
 void hash_grid_initialize(const HashGridConfig& config, std::uint64_t seed, std::span<float> table);
 
-constexpr std::uint32_t kHashPrimeY = 2654435761u, kHashPrimeZ = 805459861u;
-
 /// Returns the row of a vertex within its level; coordinates in 0..cells + 1. The paper's hash (eq.
 /// 4) with x added instead of xored: rows of neighbours along x are consecutive, so that both are
 /// one load, except that the last row of a hashed level is followed by its first.
@@ -55,10 +54,6 @@ REDRIVE_HD inline std::uint32_t hash_grid_row(const HashGridLevel& level, std::u
   if (level.dense) return x + side * (y + side * z);
   return (x + ((y * kHashPrimeY) ^ (z * kHashPrimeZ))) & (level.rows - 1);
 }
-
-/// Levels with a smaller weight are skipped; the weights above are rescaled to 0..1. Chosen by
-/// measurement among 0, 0.1, 0.2 and 0.3 (docs/experiments.md).
-constexpr float kMinLevelWeight = 0.2f;
 
 /// Returns the weight of a level in 0..1 by the size of the sample (Tonderski et al., "NeuRAD",
 /// 2024, section 3.1): w = 1 / max(1, 2 cells footprint), then max(0, w - kMinLevelWeight) / (1 -

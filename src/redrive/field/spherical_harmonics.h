@@ -6,10 +6,9 @@
 #pragma once
 
 #include "redrive/base/host_device.h"
+#include "redrive/field/constants.h"
 
 namespace redrive {
-
-constexpr int kHarmonics = 16;  ///< coefficients of degrees 0..3
 
 template <class T>
 REDRIVE_HD void spherical_harmonics(const T d[3], T out[kHarmonics]) {

@@ -28,10 +28,8 @@ std::unique_ptr<NerfNetwork> make_network(Isa isa, const NerfConfig& config) {
   switch (isa) {
     case Isa::kAvx2: return make_nerf_avx2(config);
     case Isa::kAvx512: return make_nerf_avx512(config);
-#ifdef REDRIVE_HAVE_BF16
     case Isa::kAvx512Bf16: return make_nerf_avx512_bf16(config);
     case Isa::kAmxBf16: return make_nerf_amx_bf16(config);
-#endif
     default: throw UsageError("--isa", isa_name(isa), "not in this build");
   }
 }

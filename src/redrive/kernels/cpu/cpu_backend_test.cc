@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The backend around the kernels: tiles, lanes, threads and the fused stages. (Every stage against
+// The backend around the kernels: tiles, chunks, threads and the fused stages. (Every stage against
 // ref: tests/conformance.)
 #include <cmath>
 #include <vector>
@@ -89,7 +89,7 @@ TEST_P(CpuBackendTest, SameBitsWhateverTheThreads) {
 
 TEST_P(CpuBackendTest, FusedStagesAreTheCompositionOfThePlainOnes) {
   const auto backend = make_cpu_backend(GetParam(), 2);
-  // Fewer tiles than lanes; a last tile with fewer rays; a ray longer than a tile.
+  // Fewer tiles than chunks; a last tile with fewer rays; a ray longer than a tile.
   for (const auto& [n_rays, per_ray] : {std::pair{1, 3}, {37, 48}, {2, 1100}}) {
     SCOPED_TRACE(testing::Message() << n_rays << " x " << per_ray);
     const Batch batch(n_rays, per_ray, *backend);

@@ -34,7 +34,7 @@ FrontToBack::FrontToBack(int per_ray, int tile_samples)
       position_(3 * static_cast<std::size_t>(tile_samples)),
       direction_(3 * static_cast<std::size_t>(tile_samples)) {}
 
-const float* FrontToBack::run(NerfChunk& lane, const CpuKernels& kernels, const NerfField& field,
+const float* FrontToBack::run(NerfChunk& chunk, const CpuKernels& kernels, const NerfField& field,
                               const Rays& rays, const Samples& samples, RayRange block) {
   const double opaque_depth = -std::log(kMinTransmittance);
   open_.resize(block.n);
@@ -62,11 +62,11 @@ const float* FrontToBack::run(NerfChunk& lane, const CpuKernels& kernels, const 
         for (int d = 0; d < 3; ++d)
           direction_[d * n + i] = rays.direction[static_cast<std::size_t>(d) * rays.n + ray];
       }
-      lane.forward({.n_rays = n,
-                    .per_ray = count,
-                    .position = position_.data(),
-                    .direction = direction_.data()},
-                   false, tile_raw_.data(), stride);
+      chunk.forward({.n_rays = n,
+                     .per_ray = count,
+                     .position = position_.data(),
+                     .direction = direction_.data()},
+                    false, tile_raw_.data(), stride);
       for (int i = 0; i < n; ++i) {
         const int ray = open_[first + i];
         float* raw = raw_.data() + static_cast<std::size_t>(ray) * per_ray_ + from;

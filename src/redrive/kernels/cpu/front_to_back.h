@@ -25,12 +25,12 @@ class FrontToBack {
   static constexpr double kMinTransmittance = 1e-4;  ///< a fortieth of a step of an 8-bit picture
   static constexpr int kStride = 16;  ///< samples between two looks: one vector of AVX-512
 
-  /// `tile_samples`: the most samples of one call of the lane; at least kStride or per_ray.
+  /// `tile_samples`: the most samples of one call of the chunk; at least kStride or per_ray.
   FrontToBack(int per_ray, int tile_samples);
 
   /// raw [4, n * per_ray] of the block's rays, those left out with density -1 (no absorption).
   /// Valid until the next call.
-  const float* run(NerfChunk& lane, const CpuKernels& kernels, const NerfField& field,
+  const float* run(NerfChunk& chunk, const CpuKernels& kernels, const NerfField& field,
                    const Rays& rays, const Samples& samples, RayRange block);
   std::size_t raw_stride() const { return static_cast<std::size_t>(block_rays_) * per_ray_; }
   int block_rays() const { return block_rays_; }  ///< the most rays of a block

@@ -33,8 +33,8 @@ TEST_P(EncodeTest, AgreesWithTheFormulaInBothForms) {
     for (std::size_t i = 0; i < std::size(special) && i < position.size(); ++i)
       position[i] = special[i];
 
-    Lane lane(network, samples);
-    const ChunkMemory& memory = lane.memory();
+    Chunk chunk(network, samples);
+    const ChunkMemory& memory = chunk.memory();
     network.stages().encode(plan, memory,
                             TileInput{n_rays, per_ray, position.data(), direction.data()}, true);
 

@@ -136,7 +136,8 @@ std::vector<BlockRow> make_block_rows(const NerfConfig& config, const Plan& plan
   return rows;
 }
 
-Lane::Lane(const Network& network, int max_samples) : network_(network), max_samples_(max_samples) {
+Chunk::Chunk(const Network& network, int max_samples)
+    : network_(network), max_samples_(max_samples) {
   REDRIVE_CHECK_OP(max_samples, >=, 1);
   Carver counter(nullptr);
   carve(network.plan(), blocks_of(max_samples), counter);
@@ -145,15 +146,15 @@ Lane::Lane(const Network& network, int max_samples) : network_(network), max_sam
   memory_ = carve(network.plan(), blocks_of(max_samples), carver);
 }
 
-void Lane::begin() { network_.stages().begin(); }
-void Lane::end() { network_.stages().end(); }
+void Chunk::begin() { network_.stages().begin(); }
+void Chunk::end() { network_.stages().end(); }
 
-void Lane::clear_gradients() {
+void Chunk::clear_gradients() {
   memory_.fresh = true;
   std::fill_n(memory_.d_bias, network_.plan().d_bias_size, 0.0f);
 }
 
-void Lane::forward(const NerfTile& tile, bool keep, float* raw, int stride) {
+void Chunk::forward(const NerfTile& tile, bool keep, float* raw, int stride) {
   REDRIVE_CHECK_OP(tile.samples(), >=, 1);
   REDRIVE_CHECK_OP(tile.samples(), <=, max_samples_);
   REDRIVE_CHECK_OP(stride, >=, tile.samples());
@@ -162,7 +163,7 @@ void Lane::forward(const NerfTile& tile, bool keep, float* raw, int stride) {
   network_.stages().forward(network_.plan(), network_.weights(), memory_, input, keep, raw, stride);
 }
 
-void Lane::backward(const float* d_raw, int stride, float* d_position) {
+void Chunk::backward(const float* d_raw, int stride, float* d_position) {
   REDRIVE_CHECK_OP(kept_samples_, >=, 1);
   REDRIVE_CHECK_OP(stride, >=, kept_samples_);
   network_.stages().backward(network_.plan(), network_.weights(), memory_, kept_samples_, d_raw,
@@ -192,15 +193,15 @@ void Network::pack(std::span<const float> parameters, ThreadPool& pool) {
 }
 
 std::unique_ptr<NerfChunk> Network::make_chunk(int max_samples) {
-  return std::make_unique<Lane>(*this, max_samples);
+  return std::make_unique<Chunk>(*this, max_samples);
 }
 
-void Network::reduce(std::span<const std::unique_ptr<NerfChunk>> lanes, std::span<float> gradients,
+void Network::reduce(std::span<const std::unique_ptr<NerfChunk>> chunks, std::span<float> gradients,
                      ThreadPool& pool) {
   REDRIVE_CHECK_OP(gradients.size(), ==, nerf_parameter_count(config_));
   std::vector<const ChunkMemory*> used;
-  for (const auto& lane : lanes) {
-    const ChunkMemory& memory = static_cast<const Lane&>(*lane).memory();
+  for (const auto& chunk : chunks) {
+    const ChunkMemory& memory = static_cast<const Chunk&>(*chunk).memory();
     if (!memory.fresh) used.push_back(&memory);
   }
   if (used.empty()) return;

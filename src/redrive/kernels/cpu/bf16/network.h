@@ -26,7 +26,7 @@ class Network final : public NerfNetwork {
   int tile_samples() const override { return stages_.tile_samples; }
   void pack(std::span<const float> parameters, ThreadPool& pool) override;
   std::unique_ptr<NerfChunk> make_chunk(int max_samples) override;
-  void reduce(std::span<const std::unique_ptr<NerfChunk>> lanes, std::span<float> gradients,
+  void reduce(std::span<const std::unique_ptr<NerfChunk>> chunks, std::span<float> gradients,
               ThreadPool& pool) override;
 
   const Plan& plan() const { return plan_; }
@@ -44,10 +44,10 @@ class Network final : public NerfNetwork {
   Weights weights_;
 };
 
-/// `network` must outlive the lane.
-class Lane final : public NerfChunk {
+/// `network` must outlive the chunk.
+class Chunk final : public NerfChunk {
  public:
-  Lane(const Network& network, int max_samples);
+  Chunk(const Network& network, int max_samples);
 
   void begin() override;
   void end() override;

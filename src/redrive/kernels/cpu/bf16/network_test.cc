@@ -125,29 +125,29 @@ TEST_P(NetworkTest, ForwardAndBackwardAgreeWithPlainLoops) {
   Network network(config, engine.stages());
   network.pack(parameters, pool);
 
-  // Lane 0 runs two tiles (the second smaller), lane 1 one, lane 2 none; the gradients are added to
-  // what stands there.
+  // Chunk 0 runs two tiles (the second smaller), chunk 1 one, chunk 2 none; the gradients are added
+  // to what stands there.
   const Tile tiles[] = {random_tile(n_rays, per_ray, 10), random_tile(1, per_ray, 11),
                         random_tile(1, 33, 12)};
-  std::vector<std::unique_ptr<NerfChunk>> lanes;
-  for (int i = 0; i < 3; ++i) lanes.push_back(network.make_chunk(std::max(n_rays * per_ray, 33)));
+  std::vector<std::unique_ptr<NerfChunk>> chunks;
+  for (int i = 0; i < 3; ++i) chunks.push_back(network.make_chunk(std::max(n_rays * per_ray, 33)));
   std::vector<double> expected(reference.gradient_size(), 0.0);
-  for (auto& lane : lanes) lane->clear_gradients();
+  for (auto& chunk : chunks) chunk->clear_gradients();
   int n_samples = 0;
   for (int t = 0; t < 3; ++t) {
     const Tile& tile = tiles[t];
-    auto& lane = static_cast<Lane&>(*lanes[t / 2]);
+    auto& chunk = static_cast<Chunk&>(*chunks[t / 2]);
     std::vector<float> raw(4 * tile.samples()), without_keep(4 * tile.samples()),
         d_position(3 * tile.samples());
     std::vector<double> expected_d_position(d_position.size());
-    lane.begin();
-    lane.forward(tile.view(), false, without_keep.data(), tile.samples());
-    lane.forward(tile.view(), true, raw.data(), tile.samples());
-    lane.backward(tile.d_raw.data(), tile.samples(), d_position.data());
-    lane.end();
+    chunk.begin();
+    chunk.forward(tile.view(), false, without_keep.data(), tile.samples());
+    chunk.forward(tile.view(), true, raw.data(), tile.samples());
+    chunk.backward(tile.d_raw.data(), tile.samples(), d_position.data());
+    chunk.end();
     EXPECT_EQ(raw, without_keep);
     const std::vector<float> expected_raw =
-        run_reference(reference, config, lane.memory(), tile, expected, expected_d_position);
+        run_reference(reference, config, chunk.memory(), tile, expected, expected_d_position);
     // Sums of 63 terms behind products that are equal bit for bit.
     EXPECT_LT(relative_error(expected_d_position, d_position),
               real_amx ? kNoise : sum_tolerance(63));
@@ -162,7 +162,7 @@ TEST_P(NetworkTest, ForwardAndBackwardAgreeWithPlainLoops) {
   }
   reference.unfold(expected);
   std::vector<float> gradients(parameters.size());
-  network.reduce(lanes, gradients, pool);
+  network.reduce(chunks, gradients, pool);
   for (const NerfTensor& tensor : nerf_tensors(config)) {
     const auto size = static_cast<std::size_t>(tensor.rows) * tensor.columns;
     EXPECT_LT(relative_error(std::span<const double>(expected).subspan(tensor.offset, size),
@@ -174,7 +174,7 @@ TEST_P(NetworkTest, ForwardAndBackwardAgreeWithPlainLoops) {
   }
 
   std::vector<float> twice = gradients;
-  network.reduce(lanes, twice, pool);
+  network.reduce(chunks, twice, pool);
   for (std::size_t i = 0; i < twice.size(); ++i) ASSERT_EQ(twice[i], 2 * gradients[i]);
 }
 
@@ -188,21 +188,21 @@ TEST_P(NetworkTest, EqualRunsAreBitEqual) {
     ThreadPool pool(1 + run);
     const auto network = engine.make(config);
     network->pack(parameters, pool);
-    std::vector<std::unique_ptr<NerfChunk>> lanes;
-    for (int i = 0; i < 2; ++i) lanes.push_back(network->make_chunk(tile.samples()));
+    std::vector<std::unique_ptr<NerfChunk>> chunks;
+    for (int i = 0; i < 2; ++i) chunks.push_back(network->make_chunk(tile.samples()));
     std::vector<float> raw(4 * tile.samples()), gradients(parameters.size());
     pool.run(2, [&](int i) {
-      lanes[i]->begin();
-      std::vector<float> lane_raw(4 * tile.samples());
+      chunks[i]->begin();
+      std::vector<float> chunk_raw(4 * tile.samples());
       for (int batch = 0; batch < 2; ++batch) {  // what a batch leaves must not show in the next
-        lanes[i]->clear_gradients();
-        lanes[i]->forward(tile.view(), true, lane_raw.data(), tile.samples());
-        lanes[i]->backward(tile.d_raw.data(), tile.samples(), nullptr);
+        chunks[i]->clear_gradients();
+        chunks[i]->forward(tile.view(), true, chunk_raw.data(), tile.samples());
+        chunks[i]->backward(tile.d_raw.data(), tile.samples(), nullptr);
       }
-      lanes[i]->end();
-      if (i == 1) raw = lane_raw;
+      chunks[i]->end();
+      if (i == 1) raw = chunk_raw;
     });
-    network->reduce(lanes, gradients, pool);
+    network->reduce(chunks, gradients, pool);
     results[run] = raw;
     results[run].insert(results[run].end(), gradients.begin(), gradients.end());
   }
@@ -245,20 +245,20 @@ TEST(NetworkStrideTest, OnlyTheTilesSamplesAreTouched) {
   std::vector<float> position(3 * samples, 0.3f), direction = {1, 0, 0}, raw(4 * stride, -7.0f),
                                                   gradients[2];
   for (int run = 0; run < 2; ++run) {
-    std::vector<std::unique_ptr<NerfChunk>> lanes;
-    lanes.push_back(network->make_chunk(samples));
-    lanes[0]->begin();
-    lanes[0]->clear_gradients();
-    lanes[0]->forward({1, samples, position.data(), direction.data()}, true, raw.data(), stride);
+    std::vector<std::unique_ptr<NerfChunk>> chunks;
+    chunks.push_back(network->make_chunk(samples));
+    chunks[0]->begin();
+    chunks[0]->clear_gradients();
+    chunks[0]->forward({1, samples, position.data(), direction.data()}, true, raw.data(), stride);
     std::vector<float> d_raw(4 * stride, run == 0 ? 0.0f : NAN);
     for (int k = 0; k < 4; ++k) {
       for (int i = 0; i < samples; ++i) d_raw[k * stride + i] = 1.0f;
       for (int i = samples; i < stride; ++i) EXPECT_EQ(raw[k * stride + i], -7.0f);
     }
-    lanes[0]->backward(d_raw.data(), stride, nullptr);
-    lanes[0]->end();
+    chunks[0]->backward(d_raw.data(), stride, nullptr);
+    chunks[0]->end();
     gradients[run].resize(parameters.size());
-    network->reduce(lanes, gradients[run], pool);
+    network->reduce(chunks, gradients[run], pool);
   }
   EXPECT_EQ(gradients[0], gradients[1]);
 }

@@ -41,9 +41,9 @@ inline void pack_row(const BlockRow& row, const float* parameters, const Weights
   }
 }
 
-/// gradients += ((lane 0 + lane 1) + lane 2) + ...; the C blocks (inputs x outputs) are transposed
-/// 16 x 16 on the way.
-inline void reduce_row(const BlockRow& row, const ChunkMemory* const* lanes, int n_lanes,
+/// gradients += ((chunk 0 + chunk 1) + chunk 2) + ...; the C blocks (inputs x outputs) are
+/// transposed 16 x 16 on the way.
+inline void reduce_row(const BlockRow& row, const ChunkMemory* const* chunks, int n_chunks,
                        float* gradients) {
   for (int quarter = 0; quarter < row.k_blocks * 4; ++quarter) {
     const int k = quarter / 4 * kBlock + quarter / 2 % 2 * 16, o = quarter % 2 * 16;
@@ -52,9 +52,9 @@ inline void reduce_row(const BlockRow& row, const ChunkMemory* const* lanes, int
     const std::ptrdiff_t tile =
         static_cast<std::ptrdiff_t>(row.d_weight) + std::ptrdiff_t(quarter) * kTileFloats;
     __m512 sum[16];
-    for (int r = 0; r < 16; ++r) sum[r] = _mm512_load_ps(lanes[0]->d_weight + tile + r * 16);
-    for (int lane = 1; lane < n_lanes; ++lane) {
-      const float* c = lanes[lane]->d_weight + tile;
+    for (int r = 0; r < 16; ++r) sum[r] = _mm512_load_ps(chunks[0]->d_weight + tile + r * 16);
+    for (int chunk = 1; chunk < n_chunks; ++chunk) {
+      const float* c = chunks[chunk]->d_weight + tile;
       for (int r = 0; r < 16; ++r) sum[r] = _mm512_add_ps(sum[r], _mm512_load_ps(c + r * 16));
     }
     transpose_16x16(sum);
@@ -65,8 +65,8 @@ inline void reduce_row(const BlockRow& row, const ChunkMemory* const* lanes, int
     }
   }
   for (int o = 0; o < row.rows; ++o) {
-    float sum = lanes[0]->d_bias[row.d_bias + o];
-    for (int lane = 1; lane < n_lanes; ++lane) sum += lanes[lane]->d_bias[row.d_bias + o];
+    float sum = chunks[0]->d_bias[row.d_bias + o];
+    for (int chunk = 1; chunk < n_chunks; ++chunk) sum += chunks[chunk]->d_bias[row.d_bias + o];
     gradients[row.bias + o] += sum;
   }
 }

@@ -55,7 +55,7 @@ struct Weights {
   float* bias = nullptr;
 };
 
-/// A lane's buffers, for up to `n` blocks of 32 samples. Forms and orders: layout.h.
+/// A chunk's buffers, for up to `n` blocks of 32 samples. Forms and orders: layout.h.
 struct ChunkMemory {
   Bf16 *position_next = nullptr, *position_keep = nullptr;    ///< gamma(x)
   Bf16 *direction_next = nullptr, *direction_keep = nullptr;  ///< gamma(d)
@@ -95,8 +95,8 @@ struct Stages {
   void (*backward)(const Plan& plan, const Weights& weights, const ChunkMemory& memory, int samples,
                    const float* d_raw, int stride, float* d_position);
   void (*pack)(const BlockRow& row, const float* parameters, const Weights& weights);
-  /// gradients += sum over lanes, in their order.
-  void (*reduce)(const BlockRow& row, const ChunkMemory* const* lanes, int n_lanes,
+  /// gradients += sum over chunks, in their order.
+  void (*reduce)(const BlockRow& row, const ChunkMemory* const* chunks, int n_chunks,
                  float* gradients);
   /// One block: c = bias (kBiasTile, or null: 0) + sum_k a_k b_k. For tests.
   void (*product)(const Bf16* a, const Bf16* b, int k_blocks, const float* bias, float* c);

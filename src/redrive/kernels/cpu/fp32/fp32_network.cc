@@ -106,15 +106,15 @@ std::unique_ptr<NerfChunk> Fp32Network::make_chunk(int max_samples) {
   return std::make_unique<Fp32Chunk>(*this, max_samples);
 }
 
-void Fp32Network::reduce(std::span<const std::unique_ptr<NerfChunk>> lanes,
+void Fp32Network::reduce(std::span<const std::unique_ptr<NerfChunk>> chunks,
                          std::span<float> gradients, ThreadPool& pool) {
   REDRIVE_CHECK_OP(gradients.size(), ==, nerf_parameter_count(config_));
   const int vector = kernels_.lanes;
-  // All lanes into the first, in their order; its buffer is then the batch's.
-  float* total = static_cast<Fp32Chunk&>(*lanes.front()).gradients().data();
+  // All chunks into the first, in their order; its buffer is then the batch's.
+  float* total = static_cast<Fp32Chunk&>(*chunks.front()).gradients().data();
   pool.run_ranges(gradient_size_, 1 << 14, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t lane = 1; lane < lanes.size(); ++lane) {
-      const float* part = static_cast<Fp32Chunk&>(*lanes[lane]).gradients().data();
+    for (std::size_t chunk = 1; chunk < chunks.size(); ++chunk) {
+      const float* part = static_cast<Fp32Chunk&>(*chunks[chunk]).gradients().data();
       for (std::size_t i = begin; i < end; ++i) total[i] += part[i];
     }
   });

@@ -22,7 +22,7 @@ struct PackedLayer {
       k2 = 0;  ///< padded inputs: of the layer before (or gamma(x)), of the concatenated encoding
   int outputs = 0;  ///< padded
   std::size_t gradient =
-      0;  ///< offset of the weight's gradient [outputs, k1 + k2] in a lane's buffer
+      0;  ///< offset of the weight's gradient [outputs, k1 + k2] in a chunk's buffer
   std::size_t bias_gradient = 0;  ///< of the bias's [outputs, lanes]
   Buffer<float> plain;            ///< [outputs, k1 + k2] row-major
   Buffer<float> forward;          ///< plain, packed for DenseLayer
@@ -36,7 +36,7 @@ class Fp32Network final : public NerfNetwork {
   int tile_samples() const override;
   void pack(std::span<const float> parameters, ThreadPool& pool) override;
   std::unique_ptr<NerfChunk> make_chunk(int max_samples) override;
-  void reduce(std::span<const std::unique_ptr<NerfChunk>> lanes, std::span<float> gradients,
+  void reduce(std::span<const std::unique_ptr<NerfChunk>> chunks, std::span<float> gradients,
               ThreadPool& pool) override;
 
  private:
@@ -54,7 +54,7 @@ class Fp32Network final : public NerfNetwork {
   std::array<Buffer<float>, kFp32Layers> backward_;
   /// The same towards gamma(x), of the skip layer and of the first.
   std::array<Buffer<float>, 2> position_backward_;
-  std::size_t gradient_size_ = 0;  ///< floats of a lane's buffer
+  std::size_t gradient_size_ = 0;  ///< floats of a chunk's buffer
   FoldedColour folded_;
 };
 

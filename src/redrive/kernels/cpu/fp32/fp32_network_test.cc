@@ -116,24 +116,24 @@ TEST_P(Fp32NetworkTest, MatchesTheOracle) {
     const auto network = GetParam().second(c.config);
     network->pack(problem.parameters, pool);
     network->pack(problem.parameters, pool);  // leaves nothing behind
-    std::vector<std::unique_ptr<NerfChunk>> lanes;
-    for (int i = 0; i < 2; ++i) lanes.push_back(network->make_chunk(problem.samples));
-    for (auto& lane : lanes) lane->clear_gradients();
+    std::vector<std::unique_ptr<NerfChunk>> chunks;
+    for (int i = 0; i < 2; ++i) chunks.push_back(network->make_chunk(problem.samples));
+    for (auto& chunk : chunks) chunk->clear_gradients();
 
     std::vector<float> raw(4 * problem.samples, NAN), exact(raw);
     const Problem::Part all = problem.part(0, c.n_rays);
-    lanes[0]->begin();
-    lanes[0]->forward(all.tile, false, raw.data(), problem.samples);
+    chunks[0]->begin();
+    chunks[0]->forward(all.tile, false, raw.data(), problem.samples);
     EXPECT_LT(relative_error(raw.data(), problem.raw.data(), raw.size()), kTolerance);
 
-    // The same in two tiles of unequal size on two lanes, and the larger one first on the lane that
-    // then takes the smaller.
+    // The same in two tiles of unequal size on two chunks, and the larger one first on the chunk
+    // that then takes the smaller.
     const int cut = c.n_rays > 1 ? c.n_rays - 1 : 1;
     for (int first = 0; first < c.n_rays; first += cut) {
       const Problem::Part part = problem.part(first, std::min(cut, c.n_rays - first));
-      NerfChunk& lane = *lanes[first == 0 ? 0 : 1];
+      NerfChunk& chunk = *chunks[first == 0 ? 0 : 1];
       std::vector<float> part_raw(4 * part.tile.samples());
-      lane.forward(part.tile, true, part_raw.data(), part.tile.samples());
+      chunk.forward(part.tile, true, part_raw.data(), part.tile.samples());
       for (int k = 0; k < 4; ++k)
         for (int i = 0; i < part.tile.samples(); ++i)
           EXPECT_NEAR(
@@ -142,16 +142,16 @@ TEST_P(Fp32NetworkTest, MatchesTheOracle) {
               kTolerance * (1 + std::abs(raw[k * problem.samples + first * c.per_ray + i])));
       const int n = part.tile.samples();
       std::vector<float> d_position(3 * n, NAN);
-      lane.backward(part.d_raw.data(), n, d_position.data());
+      chunk.backward(part.d_raw.data(), n, d_position.data());
       for (int k = 0; k < 3; ++k)
         EXPECT_LT(relative_error(&d_position[k * n],
                                  &problem.d_position[k * problem.samples + first * c.per_ray], n),
                   kTolerance)
             << "coordinate " << k;
     }
-    lanes[0]->end();
+    chunks[0]->end();
     std::vector<float> gradients(problem.parameters.size(), 0.0f);
-    network->reduce(lanes, gradients, pool);
+    network->reduce(chunks, gradients, pool);
     for (const NerfTensor& tensor : nerf_tensors(c.config))
       EXPECT_LT(relative_error(&gradients[tensor.offset], &problem.gradients[tensor.offset],
                                static_cast<std::size_t>(tensor.rows) * tensor.columns),
@@ -165,16 +165,16 @@ TEST_P(Fp32NetworkTest, GradientsAreAddedAndCleared) {
   ThreadPool pool(1);
   const auto network = GetParam().second(problem.shape.config);
   network->pack(problem.parameters, pool);
-  std::vector<std::unique_ptr<NerfChunk>> lanes;
-  lanes.push_back(network->make_chunk(problem.samples));
+  std::vector<std::unique_ptr<NerfChunk>> chunks;
+  chunks.push_back(network->make_chunk(problem.samples));
   const Problem::Part all = problem.part(0, 2);
   std::vector<float> raw(4 * problem.samples), once(problem.parameters.size(), 0.0f),
       again(once.size(), 1.0f);
   for (std::vector<float>* gradients : {&once, &again}) {
-    lanes[0]->clear_gradients();
-    lanes[0]->forward(all.tile, true, raw.data(), problem.samples);
-    lanes[0]->backward(all.d_raw.data(), problem.samples, nullptr);
-    network->reduce(lanes, *gradients, pool);
+    chunks[0]->clear_gradients();
+    chunks[0]->forward(all.tile, true, raw.data(), problem.samples);
+    chunks[0]->backward(all.d_raw.data(), problem.samples, nullptr);
+    network->reduce(chunks, *gradients, pool);
   }
   for (std::size_t i = 0; i < once.size(); ++i) {
     // Up to 128 additions in another order, each rounding what is no larger than 1 + |g| by 2^-24.
@@ -189,9 +189,9 @@ TEST_P(Fp32NetworkTest, NanReachesTheOutput) {
   problem.parameters[nerf_layer(problem.shape.config, 0).weight] =
       NAN;  // of every sample's first hidden unit
   network->pack(problem.parameters, pool);
-  const auto lane = network->make_chunk(problem.samples);
+  const auto chunk = network->make_chunk(problem.samples);
   std::vector<float> raw(4 * problem.samples, 0.0f);
-  lane->forward(problem.part(0, 1).tile, false, raw.data(), problem.samples);
+  chunk->forward(problem.part(0, 1).tile, false, raw.data(), problem.samples);
   for (const float x : raw) EXPECT_TRUE(std::isnan(x));
 }
 

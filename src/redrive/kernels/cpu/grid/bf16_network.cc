@@ -6,6 +6,8 @@
 // the tile's end.
 #include "redrive/kernels/cpu/grid/bf16_network.h"
 
+#include "redrive/field/constants.h"
+
 // First: its REDRIVE_INLINE holds for both.
 #include "redrive/kernels/cpu/simd/vector.h"
 
@@ -19,8 +21,6 @@ namespace {
 using bf16::Bf16, bf16::first_lanes, bf16::to_bf16, bf16::to_bf16_pairs;
 using Pair [[gnu::may_alias]] = std::uint32_t;
 
-constexpr int kGeometryFeatures = 16, kHarmonics = 16;
-constexpr float kMaxLogDensity = 15;
 constexpr int kStrip = kGridBf16Strip, kBlock = kGridBf16Block;
 
 /// Numbers that the two sources `a` and `b` of a permutation are joined from: units of kUnit dwords

@@ -2,15 +2,14 @@
 // Compiled once per instruction set: REDRIVE_ISA names the namespace.
 #include "redrive/kernels/cpu/grid/grid_kernels.h"
 
+#include "redrive/field/constants.h"
 #include "redrive/kernels/cpu/grid/hash_kernels.h"
 #include "redrive/kernels/cpu/grid/small_product.h"
 
 namespace redrive::kernels::REDRIVE_ISA {
 namespace {
 
-constexpr int kGeometryFeatures = 16, kHarmonics = 16,
-              kColours = 16;  // the last: three of them used
-constexpr float kMaxLogDensity = 15;
+constexpr int kColours = 16;  // columns of the colour output, three of them used
 
 REDRIVE_INLINE Vf magnitude(Vf a) { return a < Vf{} ? -a : a; }
 

@@ -4,12 +4,10 @@
 // both are one load. A pair wraps where the near one's row is the last of a hashed level.
 #include "redrive/kernels/cpu/grid/hash_kernels.h"
 
+#include "redrive/field/constants.h"
+
 namespace redrive::kernels::REDRIVE_ISA {
 namespace {
-
-constexpr float kMaxLogDensity = 15;
-
-constexpr float kMinLevelWeight = 0.2f;  // field/hash_grid.h: nothing of it may be compiled here
 
 /// The cells of kLanes points; those beyond the last lie at the origin.
 struct Cells {
@@ -38,8 +36,8 @@ REDRIVE_INLINE Cells find_cells(const GridLevel& level, const GridPoints& points
   out.counts = lane_bits(out.level_weight > Vf{});
   // Unsigned: a hash may wrap around.
   const std::uint32_t side = static_cast<std::uint32_t>(level.cells) + 2;
-  const Vu step_y = splat_unsigned(level.dense ? side : 2654435761u),
-           step_z = splat_unsigned(level.dense ? side * side : 805459861u);
+  const Vu step_y = splat_unsigned(level.dense ? side : kHashPrimeY),
+           step_z = splat_unsigned(level.dense ? side * side : kHashPrimeZ);
   const Vu x = reinterpret_cast<Vu>(out.corner[0]),
            y = reinterpret_cast<Vu>(out.corner[1]) * step_y,
            z = reinterpret_cast<Vu>(out.corner[2]) * step_z;
