@@ -21,7 +21,7 @@ std::vector<double> parameters() {
   return p;
 }
 
-TEST(Appearance, IsNeutralWithoutACameraAndAtZero) {
+TEST(Appearance, GainsAreOneWithoutACameraAndForZeroParameters) {
   const std::vector<double> p = parameters(), zero(kSize);
   for (const auto& gains :
        {colour_gains(kConfig, p.data(), {-1, 0.3f}), colour_gains({}, p.data(), {1, 0.3f}),
@@ -29,7 +29,7 @@ TEST(Appearance, IsNeutralWithoutACameraAndAtZero) {
     for (const double gain : gains) EXPECT_EQ(gain, 1);
 }
 
-TEST(Appearance, LogGainsAreLinearBetweenKnotsAndGoOnBeyond) {
+TEST(Appearance, LogGainsAreLinearBetweenKnotsAndConstantBeyond) {
   const std::vector<double> p = parameters();
   const auto log_gain = [&](int camera, double knots, int k) {
     return std::log(colour_gains(kConfig, p.data(),
@@ -66,7 +66,7 @@ TEST(Appearance, AdjointAgreesWithDualNumbers) {
   }
 }
 
-TEST(Appearance, LogGainsAreHeldByTheirMeanSquare) {
+TEST(Appearance, RegulariserIsTheMeanSquareOfLogGains) {
   using D = Dual<double, 1>;
   const std::vector<double> p = parameters();
   double loss = 0, square = 0;

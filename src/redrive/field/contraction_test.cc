@@ -47,7 +47,7 @@ struct Jacobian {
   }
 };
 
-TEST(Contraction, NearRegionIsMappedByScaleAlone) {
+TEST(Contraction, NearRegionIsScaled) {
   for (int i = 0; i < 50; ++i) {
     const double u[3] = {uniform(1, 3 * i), uniform(1, 3 * i + 1), uniform(1, 3 * i + 2)};
     const std::array<double, 3> world = world_at(kRoad, u, 1);
@@ -82,7 +82,7 @@ TEST(Contraction, AdjointIsTheJacobianTransposed) {
     }
 }
 
-TEST(Contraction, InfinityLiesOnTheFaces) {
+TEST(Contraction, InfinityMapsToTheFaces) {
   const double direction[3] = {-0.5, 1, 0.25};
   double before = 0.75;
   for (const double m : {2.0, 10.0, 1e3, 1e6, 1e12}) {
@@ -119,7 +119,7 @@ TEST(Contraction, IsSmoothWhereTheNearRegionEnds) {
   EXPECT_NE(inside.factor, beyond.factor);
 }
 
-TEST(Contraction, FactorIsTheCubeRootOfTheVolumesChange) {
+TEST(Contraction, FactorIsTheCubeRootOfTheJacobiansDeterminant) {
   int beyond = 0;
   for (const Contraction& contraction : {kRoad, kRoom})
     for (int i = 0; i < 200; ++i) {
@@ -135,7 +135,7 @@ TEST(Contraction, FactorIsTheCubeRootOfTheVolumesChange) {
   EXPECT_LT(beyond, 150);
 }
 
-TEST(Contraction, BoundedSceneIsItsNearRegion) {
+TEST(Contraction, BoundedSceneFillsTheUnitCube) {
   const double low[3] = {-5, -9, -7.5}, high[3] = {11, 7, 8.5}, beyond[3] = {19, -1, 0.5};
   double unit[3];
   EXPECT_EQ(contract(kRoom, low, unit), 0.5 / 8);

@@ -48,7 +48,7 @@ TEST(GridField, LayersTileTheBufferInOrder) {
   }
 }
 
-TEST(GridField, RefusesWhatTheHeaderDoesNotAllow) {
+TEST(GridField, RejectsConfigsOutOfRange) {
   EXPECT_THROW(grid_layer(kOneLayer, kGridLayers), std::logic_error);
   EXPECT_THROW(grid_layer(kOneLayer, -1), std::logic_error);
   for (const int width : {0, 8, 24, 144})
@@ -184,7 +184,7 @@ TEST(GridField, AdjointAgreesWithDualNumbers) {
   }
 }
 
-TEST(GridField, LogDensityIsBoundButItsDerivativeDoesNotVanish) {
+TEST(GridField, LogDensityIsClampedButItsDerivativeIsNot) {
   for (const double g0 : {-100.0, 14.0, 16.0, 1e4}) {
     ByHand net(kOneLayer);
     net.features[3] = std::abs(g0);

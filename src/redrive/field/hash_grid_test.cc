@@ -54,7 +54,7 @@ TEST(HashGridLevels, GrowGeometrically) {
   for (int l = 0; l < 16; ++l) EXPECT_NEAR(uneven[l].cells, 16 * std::exp2(l), 0.5);
 }
 
-TEST(HashGridLevels, HaveARowForEachVertexUpToTheirLimit) {
+TEST(HashGridLevels, HaveOneRowPerVertexUpToTheHashmapSize) {
   // (14 + 2)^3 = 2^12 vertices: dense with 2^12 rows, and one cell more is not.
   for (const auto& [cells, dense, rows] :
        {std::tuple{14, true, 4096u}, {15, false, 4096u}, {4, true, 216u}}) {
@@ -67,7 +67,7 @@ TEST(HashGridLevels, HaveARowForEachVertexUpToTheirLimit) {
   EXPECT_FALSE(hash_grid_levels({1, 1, 127, 127, 21})[0].dense);
 }
 
-TEST(HashGridLevels, FollowEachOtherAtCacheLines) {
+TEST(HashGridLevels, AreConsecutiveAndAlignedToCacheLines) {
   for (const HashGridConfig& config :
        {HashGridConfig{8, 4, 16, 2048, 14}, HashGridConfig{5, 1, 3, 100, 10},
         HashGridConfig{16, 2, 1, 1 << 20, 4}}) {
@@ -83,7 +83,7 @@ TEST(HashGridLevels, FollowEachOtherAtCacheLines) {
   }
 }
 
-TEST(HashGridLevels, RefuseWhatTheHeaderDoesNotAllow) {
+TEST(HashGridLevels, RejectConfigsOutOfRange) {
   for (const HashGridConfig& bad :
        {HashGridConfig{0, 4, 16, 2048, 17}, HashGridConfig{17, 4, 16, 2048, 17},
         HashGridConfig{8, 3, 16, 2048, 17}, HashGridConfig{8, 16, 16, 2048, 17},
@@ -93,7 +93,7 @@ TEST(HashGridLevels, RefuseWhatTheHeaderDoesNotAllow) {
     EXPECT_THROW(hash_grid_levels(bad), std::logic_error);
 }
 
-TEST(HashGridRow, IsEachDenseVertexsOwn) {
+TEST(HashGridRow, IsUniqueInDenseLevels) {
   for (const int cells : {1, 2, 13, 14}) {
     const HashGridLevel level = hash_grid_levels({1, 1, cells, cells, 12})[0];
     ASSERT_TRUE(level.dense);
@@ -108,7 +108,7 @@ TEST(HashGridRow, IsEachDenseVertexsOwn) {
   }
 }
 
-TEST(HashGridRow, SpreadsAHashedLevelOverAllItsRows) {
+TEST(HashGridRow, UsesAllRowsOfAHashedLevel) {
   const HashGridLevel level = hash_grid_levels({1, 1, 62, 62, 12})[0];
   ASSERT_FALSE(level.dense);
   std::vector<int> count(level.rows);
@@ -128,7 +128,7 @@ TEST(HashGridRow, SpreadsAHashedLevelOverAllItsRows) {
   for (const int n : count) EXPECT_NEAR(n, 64, 7 * 8);
 }
 
-TEST(HashGridRow, FollowsItsNeighboursAlongX) {
+TEST(HashGridRow, NeighboursAlongXAreConsecutive) {
   for (const int cells : {14, 62}) {  // dense and hashed
     const HashGridLevel level = hash_grid_levels({1, 1, cells, cells, 12})[0];
     ASSERT_EQ(level.dense, cells == 14);
@@ -170,7 +170,7 @@ TEST(HashGrid, EncodesALinearFunctionExactly) {
   }
 }
 
-TEST(HashGrid, SharesAreAPartitionOfUnity) {
+TEST(HashGrid, VertexWeightsSumToOne) {
   const HashGridConfig config{6, 2, 3, 3000, 8};
   const Levels levels = hash_grid_levels(config);
   ASSERT_TRUE(levels.front().dense);
@@ -186,7 +186,7 @@ TEST(HashGrid, SharesAreAPartitionOfUnity) {
   }
 }
 
-TEST(HashGrid, LevelsFinerThanTheFootprintCountForLess) {
+TEST(HashGrid, LevelsFinerThanTheFootprintWeighLess) {
   HashGridLevel level;
   level.cells = 64;
   EXPECT_EQ(hash_grid_level_weight(level, 0.0), 1);
@@ -209,7 +209,7 @@ TEST(HashGrid, LevelsFinerThanTheFootprintCountForLess) {
   EXPECT_NE(blurred.back(), sharp.back());  // 2 x 32 x 0.05 is not
 }
 
-TEST(HashGrid, VerticesThatCollideShareARow) {
+TEST(HashGrid, CollidingVerticesShareARow) {
   const HashGridConfig config{1, 2, 16, 16, 6};
   const Levels levels = hash_grid_levels(config);
   ASSERT_FALSE(levels[0].dense);
@@ -238,7 +238,7 @@ TEST(HashGrid, VerticesThatCollideShareARow) {
   EXPECT_EQ(d_table[2 * row + 1], 20);
 }
 
-TEST(HashGrid, WhatIsOutsideCountsAsOnTheFace) {
+TEST(HashGrid, ClampsPositionsToTheUnitCube) {
   const HashGridConfig config{5, 2, 2, 1 << 20, 9};
   const std::vector<double> table = random_table(config);
   constexpr double kInfinity = std::numeric_limits<double>::infinity(),

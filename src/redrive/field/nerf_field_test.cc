@@ -9,7 +9,7 @@
 namespace redrive {
 namespace {
 
-TEST(NerfField, HasThePapersSize) {
+TEST(NerfField, HasTheParameterCountOfThePaper) {
   // Figure 7 with 63 + 27 inputs at width 256: the paper's network with its biases, counted by
   // hand.
   const std::size_t trunk = 63 * 256 + 6 * 256 * 256 + (256 + 63) * 256 + 8 * 256;

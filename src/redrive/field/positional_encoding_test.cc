@@ -58,7 +58,7 @@ TEST(PositionalEncoding, HasPeriodTwo) {
   for (std::size_t i = 3; i < a.size(); ++i) EXPECT_NEAR(a[i], b[i], 4 * kAngleError);
 }
 
-TEST(PositionalEncoding, DerivativeIsTheOtherHalfTimesTheFrequency) {
+TEST(PositionalEncoding, DerivativeSwapsSineAndCosineTimesTheFrequency) {
   using D = Dual<double, 3>;
   constexpr int kOctaves = 4;
   const D p[3] = {D::variable(0.21, 0), D::variable(-0.83, 1), D::variable(0.5, 2)};

@@ -10,7 +10,7 @@
 namespace redrive {
 namespace {
 
-TEST(Sky, LiesInTheUnitCube) {
+TEST(Sky, DirectionsLieInTheUnitCube) {
   EXPECT_EQ(sky_coordinate(-1.0f), 0);
   EXPECT_EQ(sky_coordinate(0.0f), 0.5f);
   EXPECT_EQ(sky_coordinate(1.0f), 1);
@@ -19,7 +19,7 @@ TEST(Sky, LiesInTheUnitCube) {
   EXPECT_FLOAT_EQ(sky_footprint(0.01f), 0.0025f);
 }
 
-TEST(Sky, ColourIsTheSigmoidOfItsLevelsSum) {
+TEST(Sky, ColourIsTheSigmoidOfTheSumOverLevels) {
   const double features[] = {0.5, 9, -2, 9, 0.25, 9};  // every other one is another colour's
   EXPECT_DOUBLE_EQ(sky_colour(features, 3, 2), 1 / (1 + std::exp(1.25)));
   EXPECT_DOUBLE_EQ(sky_colour(features, 1, 2), 1 / (1 + std::exp(-0.5)));

@@ -19,7 +19,7 @@ struct Direction {
                    std::cos(polar)};
 };
 
-TEST(SphericalHarmonics, AreTheDefinitionInTheOrderThatTheHeaderSays) {
+TEST(SphericalHarmonics, MatchTheDefinitionInTheDocumentedOrder) {
   // sqrt(2) times real and imaginary part of Y_l^m (std::sph_legendre: normalised, with the phase
   // of Condon and Shortley).
   for (const Direction& at :
@@ -60,7 +60,7 @@ TEST(SphericalHarmonics, AreOrthonormalOverTheSphere) {
       EXPECT_NEAR(integral[a][b], a == b, 1e-14) << a << " " << b;
 }
 
-TEST(SphericalHarmonics, TurnAboutZIntoEachOther) {
+TEST(SphericalHarmonics, RotationAboutZMixesOrdersPlusAndMinusM) {
   // The derivative of order m along the azimuth is -m times order -m.
   using D = Dual<double, 1>;
   const Direction at{1.0, 0.7};

@@ -41,7 +41,7 @@ TEST(Adam, FollowsTheAlgorithmOverChangingGradients) {
   }
 }
 
-TEST(Adam, ZeroGradientLeavesAFreshParameterAlone) {
+TEST(Adam, ZeroGradientKeepsAFreshParameter) {
   float p = 0.25f, m = 0, v = 0;
   adam_update(adam_step(5e-4, 1), 0.0f, p, m, v);
   EXPECT_EQ(p, 0.25f);
@@ -56,7 +56,7 @@ TEST(Adam, VanishingGradientStaysFinite) {
   EXPECT_NEAR(p, 0.25f, 1e-20f);
 }
 
-TEST(Adam, LazyStepForgetsNothingOfWhatItIsNotTold) {
+TEST(Adam, LazyStepKeepsMomentsOfZeroGradients) {
   AdamStep how = adam_step(5e-4, 7);
   double p = 0.25, m = 1e-3, v = 1e-6, plain_p = p, plain_m = m, plain_v = v;
   adam_update(how, 0.0, plain_p, plain_m, plain_v);
@@ -73,7 +73,7 @@ TEST(Adam, LazyStepForgetsNothingOfWhatItIsNotTold) {
   EXPECT_EQ(lazy_p, plain_p);
 }
 
-TEST(ExponentialDecayRate, RisesThenDecaysToTheLastFactor) {
+TEST(ExponentialDecayRate, WarmsUpThenDecaysToTheLastFactor) {
   EXPECT_DOUBLE_EQ(exponential_decay_rate(0.02, 0.1, 0, 0), 0.02 / kWarmUpSteps);
   EXPECT_DOUBLE_EQ(exponential_decay_rate(0.02, 0.1, 0, kWarmUpSteps / 2 - 1), 0.01);
   EXPECT_DOUBLE_EQ(exponential_decay_rate(0.02, 0.1, 0, kWarmUpSteps - 1), 0.02);
@@ -82,7 +82,7 @@ TEST(ExponentialDecayRate, RisesThenDecaysToTheLastFactor) {
   EXPECT_DOUBLE_EQ(exponential_decay_rate(0.02, 0.1, 1, 1000000), 0.002);
 }
 
-TEST(MultiStepLearningRate, HalvesAtEachMilestone) {
+TEST(MultiStepLearningRate, DecaysAtEachMilestone) {
   const std::array<std::int64_t, 2> milestones = {10, 20};
   EXPECT_EQ(multi_step_learning_rate(8, 0.5, milestones, 0), 8);
   EXPECT_EQ(multi_step_learning_rate(8, 0.5, milestones, 9), 8);

@@ -17,7 +17,7 @@ TEST(Photometric, IsTheMeanSquaredErrorOfTheBatch) {
   EXPECT_DOUBLE_EQ(loss, 0.25);
 }
 
-TEST(Photometric, BatchIsTheSumOfItsTerms) {
+TEST(Photometric, BatchLossIsTheSumOfItsTerms) {
   const float rendered[6] = {1, 0.25, 0.5, 1, 0, 0.75}, target[6] = {0, 0.25, 0.5, 0.5, 0.5, 0.75};
   float d_rgb[6];
   EXPECT_DOUBLE_EQ(photometric_batch(rendered, target, 2, d_rgb), 0.25);
@@ -34,7 +34,7 @@ TEST(Photometric, DerivativeAgreesWithDualNumbers) {
     }
 }
 
-TEST(Huber, IsTheSquareUpToItsEdgeAndALineBeyond) {
+TEST(Huber, IsQuadraticUpToDeltaAndLinearBeyond) {
   EXPECT_EQ(huber_term(0.0625, 0.5).value, 0.0625);
   EXPECT_EQ(huber_term(0.0625, 0.5).factor, 1);
   EXPECT_DOUBLE_EQ(huber_term(0.25, 0.5).value, 0.25);
@@ -42,7 +42,7 @@ TEST(Huber, IsTheSquareUpToItsEdgeAndALineBeyond) {
   EXPECT_TRUE(std::isnan(huber_term(std::nan(""), 0.5).value));
 }
 
-TEST(Huber, FactorIsThatOfTheDerivative) {
+TEST(Huber, FactorIsTheDerivativeByTheSquaredError) {
   using D = Dual<double, 1>;
   for (const double square : {0.01, 0.2, 0.3, 2.0}) {
     const auto term = huber_term(D::variable(square, 0), D(0.5));

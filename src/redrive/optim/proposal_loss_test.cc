@@ -39,7 +39,7 @@ double loss_of(const Histogram& field, const Histogram& proposal,
                          proposal_weights.data(), proposal.n(), scale, d_proposal->data());
 }
 
-TEST(InterlevelLoss, IsZeroForAnEnvelope) {
+TEST(InterlevelLoss, IsZeroForAnUpperEnvelope) {
   const Histogram field(24, 0.9, 1);
   std::vector<double> d(24, 0.5);
   // The same histogram; and one interval with all of the weight, or a little more than that for the
@@ -98,7 +98,7 @@ TEST(OpacityLoss, IsTheSquareOfTheDifference) {
   EXPECT_EQ(d[2], 12);
 }
 
-TEST(ProposalLoss, EnvelopesGoDownWhereTheFieldIsEmpty) {
+TEST(ProposalLoss, LowersTheProposalWhereTheFieldIsEmpty) {
   const Histogram field(24, 0, 1), proposal(16, 0.5, 2);
   double sum = 0;
   for (const double w : proposal.weights) sum += w;

@@ -15,7 +15,7 @@ namespace {
 const std::vector<float> kEdges = {1, 2, 3.5f, 4, 4.25f, 4.5f, 5, 7, 20, 90};
 constexpr int kIntervals = 9;
 
-TEST(RangeLoss, IsZeroWhereTheWeightsAreTheSurface) {
+TEST(RangeLoss, IsZeroForWeightsOfTheSurface) {
   // All of a surface at 4.4 m that is known to 1 mm lies in [4.25, 4.5]: nothing before, anything
   // behind.
   const double weights[kIntervals] = {0, 0, 0, 0, 1, 0.3, 0, 0.2, 0.1};
@@ -34,7 +34,7 @@ TEST(RangeLoss, HandComputed) {
   for (int i = 0; i < kIntervals; ++i) EXPECT_NEAR(d[i], expected[i], 1e-5) << i;
 }
 
-TEST(RangeLoss, WidthOfTheSurfaceIsThatOfANormalDistribution) {
+TEST(RangeLoss, SurfaceIsANormalDistribution) {
   // Within one spread lies erf(1 / sqrt(2)) of it.
   const float edges[] = {0, 8, 12, 30};
   const double weights[3] = {0, 0, 0};

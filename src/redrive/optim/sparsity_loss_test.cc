@@ -36,7 +36,7 @@ TEST(SparsityLoss, DerivativeAgreesWithDualNumbers) {
   for (int i = 0; i < kParts; ++i) EXPECT_NEAR(d[i], 3 * loss.d[i], 1e-12) << i;
 }
 
-TEST(SparsityLoss, UnitsOfLengthDoNotCount) {
+TEST(SparsityLoss, IsIndependentOfTheUnitOfLength) {
   const float metres[] = {0, 1, 5}, centimetres[] = {0, 100, 500};
   const double per_m[] = {0.5, 2}, per_cm[] = {0.005, 0.02};
   double d[2] = {};

@@ -17,7 +17,7 @@ ErrorMapLayout cells_of(int width, int height, float share = 1) {
   return cells;
 }
 
-TEST(ErrorMapLayout, TileThePicturesInOrder) {
+TEST(ErrorMapLayout, TilesTheImagesInOrder) {
   ErrorMapLayout cells = cells_of(100, 70);           // side 4: 25 x 18, the last row 2 high
   cells.add(33, 65, std::vector<float>(33 * 65, 1));  // side 3: 11 x 22, the last row 2 high
   ASSERT_EQ(cells.size(), 25u * 18 + 11 * 22);
@@ -67,7 +67,7 @@ double expected_rate(double w, double n) {
   return rate;
 }
 
-TEST(ErrorMapLayout, AreDrawnByTheirErrorUpToSoManyTimesTheirShare) {
+TEST(ErrorMapLayout, SamplesByErrorUpToTheNumberOfCandidates) {
   const ErrorMapLayout cells = cells_of(64, 32);  // 512 cells of 2 x 2
   ASSERT_EQ(cells.size(), 512u);
   constexpr int kDraws = 400'000;
@@ -85,7 +85,7 @@ TEST(ErrorMapLayout, AreDrawnByTheirErrorUpToSoManyTimesTheirShare) {
   EXPECT_LT(last, kCellCandidates / 512.0);
 }
 
-TEST(ErrorMapLayout, WithFewerPixelsAreDrawnAsRarely) {
+TEST(ErrorMapLayout, SamplesCellsInProportionToTheirPixels) {
   for (const float share : {0.25f, 0.0f}) {
     std::vector<float> shares(64 * 32, 1);
     for (const int pixel : {14, 15, 64 + 14, 64 + 15}) shares[pixel] = share;
@@ -99,7 +99,7 @@ TEST(ErrorMapLayout, WithFewerPixelsAreDrawnAsRarely) {
 }
 
 // Of 512 cells all candidates are empty again and again.
-TEST(ErrorMapLayout, TheOnlyOneWithAPixelIsFound) {
+TEST(ErrorMapLayout, FindsTheOnlyCellWithAPixel) {
   std::vector<float> shares(64 * 32);
   shares[15] = 0.25f;
   ErrorMapLayout cells;
@@ -113,7 +113,7 @@ TEST(ErrorMapLayout, TheOnlyOneWithAPixelIsFound) {
 
 // Two kinds of cells, many of each error: the weighted mean over rays of both ways of any quantity
 // is its mean over all pixels.
-TEST(ErrorMapLayout, WeightsUndoWhatTheErrorsDrawMoreOften) {
+TEST(ErrorMapLayout, BalanceHeuristicKeepsTheMean) {
   constexpr float kHigh = 3, kShare = 0.5f;
   constexpr double kCells = 512,
                    kHighCells =
@@ -127,7 +127,7 @@ TEST(ErrorMapLayout, WeightsUndoWhatTheErrorsDrawMoreOften) {
   EXPECT_NEAR(balance_heuristic_weight(0, 1, 0.75f), 4, 1e-3);
 }
 
-TEST(ErrorMapLayout, ErrorsBeginWithTheFirstRayAndAreSmoothedFromThenOn) {
+TEST(ErrorMapLayout, ErrorsStartWithTheFirstRayAndAreSmoothed) {
   std::vector<float> errors(3, kInitialError);
   update_error_map(std::vector<std::uint32_t>{2, 0, 2}, std::vector<float>{0.5f, 7.0f, 0.25f},
                    errors);

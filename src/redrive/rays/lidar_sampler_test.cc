@@ -20,7 +20,7 @@ LidarReturns returns(std::size_t n) {
   return r;
 }
 
-TEST(LidarSampler, DrawsEachReturnOnceBeforeAnyTwice) {
+TEST(LidarSampler, VisitsEachReturnOncePerEpoch) {
   const LidarReturns r = returns(60);
   const LidarSampler sampler(r, 5);
   RayBatch batch;
@@ -60,7 +60,7 @@ TEST(LidarSampler, IsAFunctionOfSeedAndStep) {
 
 // Frame 1 has moved, so returns between it and frame 0 have by a part, and those at frame 0 not at
 // all.
-TEST(LidarSampler, ReturnsGoWithTheFramesBetweenWhichTheyLie) {
+TEST(LidarSampler, ReturnsMoveWithTheirFrames) {
   LidarReturns r = returns(60);
   for (std::size_t i = 0; i < r.n; ++i) r.t_ns.push_back(static_cast<std::int64_t>(i));
   Rigid3d global_from_world(Eigen::AngleAxisd(0.9, Eigen::Vector3d(1, -2, 3).normalized()));

@@ -37,7 +37,7 @@ std::vector<std::uint32_t> entries_from(std::size_t first, std::size_t count) {
   return entries;
 }
 
-TEST_F(RaysTest, TableHoldsEveryPixelThatTheCameraReaches) {
+TEST_F(RaysTest, TableHoldsEveryPixelOfTheValidRegion) {
   for (const RigCamera& rig : scene_.rig) {
     SCOPED_TRACE(rig.name);
     const RayTable table = make_ray_table(rig.camera);
@@ -59,7 +59,7 @@ TEST_F(RaysTest, TableHoldsEveryPixelThatTheCameraReaches) {
   }
 }
 
-TEST(PixelSquares, HoldEachPixelOnceBesideItsNeighbours) {
+TEST(PixelSquares, HoldEachPixelOnceNextToItsNeighbours) {
   RayTable table;
   table.width = 37;
   table.height = 19;
@@ -93,14 +93,14 @@ TEST(PixelSquares, HoldEachPixelOnceBesideItsNeighbours) {
   EXPECT_EQ(squares.first.size() - 1, expected.size());
 }
 
-TEST(PixelSquares, OfNothingAreNone) {
+TEST(PixelSquares, OfAnEmptyTableAreNone) {
   RayTable table;
   table.width = 5;
   table.height = 3;
   EXPECT_EQ(make_pixel_squares(table).first, std::vector<std::uint32_t>{0});
 }
 
-TEST_F(RaysTest, TableIsTheSameOnAnyNumberOfThreads) {
+TEST_F(RaysTest, TableDoesNotDependOnTheNumberOfThreads) {
   for (const RigCamera& rig : scene_.rig) {
     const RayTable one = make_ray_table(rig.camera), many = make_ray_table(rig.camera, 3);
     EXPECT_EQ(one.pixel, many.pixel);
@@ -108,7 +108,7 @@ TEST_F(RaysTest, TableIsTheSameOnAnyNumberOfThreads) {
   }
 }
 
-TEST_F(RaysTest, RaysOfAViewHitWhatTheCameraSees) {
+TEST_F(RaysTest, RaysOfAViewHitTheProjectedPoints) {
   const View& view = scene_.views[9];  // FRONT at frame 3
   const Rigid3d world_from_camera = scene_.world_from_camera(view);
   const Camera& camera = scene_.rig[view.camera].camera;
@@ -129,7 +129,7 @@ TEST_F(RaysTest, RaysOfAViewHitWhatTheCameraSees) {
   }
 }
 
-TEST_F(RaysTest, RowsOfARollingShutterStartWhereTheyWereExposed) {
+TEST_F(RaysTest, RollingShutterRowsStartAtTheirExposurePose) {
   const RayTable table = make_ray_table(scene_.rig[1].camera);
   const auto at = [](double x) { return Rigid3d(Eigen::Translation3d(x, 0, 0)); };
   const ShutterPoses poses({at(0), at(16)});  // of 16 rows
@@ -273,7 +273,7 @@ TEST_F(SamplerTest, MaskedPixelsAreNotDrawn) {
   EXPECT_THROW(PixelSampler(scene_, images_, 5), InputError);
 }
 
-TEST_F(SamplerTest, EmptyPixelsAreDrawnEveryFourthEpoch) {
+TEST_F(SamplerTest, TransparentPixelsAreDrawnEveryFourthEpoch) {
   // Of every image but the first the left ten columns are transparent; in the second one a mask
   // leaves half of each part.
   const PixelSampler whole(scene_, images_, 5);
@@ -354,7 +354,7 @@ TEST_F(SamplerTest, TheLastBatchOfAnEpochIsSmaller) {
   EXPECT_EQ(batch.n, 64);
 }
 
-TEST_F(SamplerTest, ABatchIsAFunctionOfSeedAndPlace) {
+TEST_F(SamplerTest, ABatchIsAFunctionOfSeedAndPosition) {
   const PixelSampler a(scene_, images_, 5), b(scene_, images_, 5), other(scene_, images_, 6);
   RayBatch one, two;
   b.gather(150, 50, &two);  // in another order
@@ -372,7 +372,7 @@ TEST_F(SamplerTest, ABatchIsAFunctionOfSeedAndPlace) {
 
 // Masks leave out half of an image, another is transparent in one half, cameras do not reach every
 // pixel, frames are held out.
-TEST_F(SamplerTest, RaysByErrorAreTrainingPixelsByShareAndError) {
+TEST_F(SamplerTest, ErrorMapRaysFollowSamplingWeightsAndErrors) {
   std::vector<std::size_t> training;
   for (std::size_t v = 0; v < scene_.views.size(); ++v)
     if (!scene_.views[v].held_out) training.push_back(v);
@@ -446,7 +446,7 @@ TEST_F(SamplerTest, RaysByErrorAreTrainingPixelsByShareAndError) {
   EXPECT_LT(after / before, kCellCandidates);
 }
 
-TEST_F(SamplerTest, RaysByErrorFollowTheEvenOnesAndSayTheirCells) {
+TEST_F(SamplerTest, ErrorMapRaysFollowTheUniformOnesWithTheirCells) {
   const PixelSampler sampler(scene_, images_, 5);
   std::vector<float> errors(sampler.cells().size(), 0.01f);
   RayBatch plain, batch, again, elsewhere;

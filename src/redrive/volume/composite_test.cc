@@ -135,7 +135,7 @@ TEST(Composite, EmptySpaceIsBlackAndTransparent) {
   }
 }
 
-TEST(Composite, InfiniteLastIntervalTakesTheRest) {
+TEST(Composite, InfiniteLastIntervalAbsorbsTheRest) {
   Ray ray(8, 1, 10, 2);
   ray.dt.back() = kInfinity;
   const auto raw = medium(8, 0.01, kWhite);
@@ -145,7 +145,7 @@ TEST(Composite, InfiniteLastIntervalTakesTheRest) {
   EXPECT_NEAR(weights[7], std::exp(-0.01 * (ray.t[7] - ray.t[0])), 1e-7);
 }
 
-TEST(Composite, HugeDensityIsAWallAtTheFirstSample) {
+TEST(Composite, HugeDensityIsOpaqueAtTheFirstSample) {
   for (const double density : {1e3, 1e12, 1e30}) {
     Ray ray(8, 1, 10, 3);
     ray.dt.back() = kInfinity;
@@ -160,7 +160,7 @@ TEST(Composite, HugeDensityIsAWallAtTheFirstSample) {
   }
 }
 
-TEST(Composite, NotANumberIsNotEmptySpace) {
+TEST(Composite, PropagatesNaN) {
   Ray ray(4, 1, 10, 4);
   ray.dt.back() = kInfinity;
   for (int broken = 0; broken < 4; ++broken) {
@@ -215,7 +215,7 @@ TEST(CompositeAdjoint, AgreesWithDualNumbers) {
       }
 }
 
-TEST(CompositeAdjoint, KeepsTheDigitsOfAThinMediumInFloat) {
+TEST(CompositeAdjoint, IsAccurateForAThinMediumInFloat) {
   // w = T_i - T_{i+1} would leave nothing of sigma dt = 1e-7 in float; w = T_i alpha_i keeps it to
   // a few ulp.
   const int n = 4;

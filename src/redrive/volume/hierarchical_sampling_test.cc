@@ -78,7 +78,7 @@ TEST(Hierarchical, AscendsAndContainsTheCoarseSamples) {
     }
 }
 
-TEST(Hierarchical, EqualWeightsGiveAUniformDensity) {
+TEST(Hierarchical, EqualWeightsGiveAUniformPdf) {
   // Coarse t = 0..10: the midpoints 0.5 .. 9.5 bound the density, so u = (k + 1/2) / 9 lands on 1,
   // 2, ..., 9.
   std::vector<float> coarse(11), weights(11, 0.1f);
@@ -91,7 +91,7 @@ TEST(Hierarchical, EqualWeightsGiveAUniformDensity) {
   }
 }
 
-TEST(Hierarchical, AllMassInOneIntervalDrawsOnlyThere) {
+TEST(Hierarchical, SamplesOnlyTheIntervalWithAllTheMass) {
   std::vector<float> coarse(11), weights(11, 0.0f);
   for (int i = 0; i < 11; ++i) coarse[i] = static_cast<float>(i);
   weights[4] = 1;
@@ -104,7 +104,7 @@ TEST(Hierarchical, AllMassInOneIntervalDrawsOnlyThere) {
   EXPECT_GE(inside, kExtra - 2 + 1);
 }
 
-TEST(Hierarchical, FollowsThePiecewiseConstantDensity) {
+TEST(Hierarchical, FollowsThePiecewiseConstantPdf) {
   // Without jitter the k-th draw is the exact quantile (k + 1/2) / extra of the density, hence each
   // interval's share differs from its mass by at most one draw.
   const std::vector<float> coarse = {1, 2, 4, 5, 9, 10},
@@ -122,7 +122,7 @@ TEST(Hierarchical, FollowsThePiecewiseConstantDensity) {
   }
 }
 
-TEST(Hierarchical, NoWeightAtAllIsUniform) {
+TEST(Hierarchical, ZeroWeightsGiveAUniformPdf) {
   const std::vector<float> coarse = {0, 1, 2, 3}, weights(4, 0.0f);
   const Fine fine =
       draw(coarse, weights, 4, false);  // quantiles of [0.5, 2.5]: 0.75, 1.25, 1.75, 2.25
@@ -130,7 +130,7 @@ TEST(Hierarchical, NoWeightAtAllIsUniform) {
   for (int i = 0; i < 8; ++i) EXPECT_NEAR(fine.t[i], expected[i], 4 * 0x1p-24);
 }
 
-TEST(Hierarchical, NonFiniteWeightsEnd) {
+TEST(Hierarchical, TerminatesForNonFiniteWeights) {
   const std::vector<float> coarse = {0, 1, 2, 3}, weights(4, std::nanf(""));
   const Fine fine = draw(coarse, weights, 4, true);
   EXPECT_EQ(std::count_if(fine.t.begin(), fine.t.end(), [](float t) { return std::isnan(t); }), 4);

@@ -14,7 +14,7 @@ float median(const float (&weights)[4]) {
   return median_distance(kEdges, weights, 4, weights[0] + weights[1] + weights[2] + weights[3]);
 }
 
-TEST(MedianDistance, LiesWhereHalfIsBefore) {
+TEST(MedianDistance, IsWhereHalfTheOpacityIsReached) {
   EXPECT_EQ(median({0, 0.5f, 0, 0}), 3)
       << "the middle of the only interval that there is anything in";
   EXPECT_EQ(median({0.25f, 0.125f, 0.125f, 0}), 2) << "the end of the first";
@@ -22,7 +22,7 @@ TEST(MedianDistance, LiesWhereHalfIsBefore) {
   EXPECT_EQ(median({0.25f, 0, 0, 0.25f}), 2) << "and not somewhere between the two";
 }
 
-TEST(MedianDistance, OfARayThatMeetsNothingIsItsEnd) {
+TEST(MedianDistance, IsTheFarEdgeOfAnEmptyRay) {
   EXPECT_EQ(median({0, 0, 0, 0}), 16);
   EXPECT_EQ(median({std::numeric_limits<float>::quiet_NaN(), 0, 0, 0}), 16);
 }

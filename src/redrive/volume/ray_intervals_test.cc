@@ -45,14 +45,14 @@ TEST(UniformEdges, AreEvenlySpacedInS) {
     }
 }
 
-TEST(UniformEdges, HalfOfThemLieWithinHalf) {
+TEST(UniformEdges, HalfOfThemLieWithinHalfM) {
   const std::vector<float> edges = spaced({0, 1e6f, 20}, 64);
   EXPECT_EQ(edges[0], 0);
   EXPECT_NEAR(edges[32], 20, 20 * 4.1e-5);  // s(1e6) is 2e-5 short of 1, and dt/ds is 80 at s = 1/2
   EXPECT_GT(edges[64], 9e5);
 }
 
-TEST(UniformEdges, InfiniteHalfIsEvenInDistance) {
+TEST(UniformEdges, InfiniteHalfMIsUniformInDistance) {
   const std::vector<float> edges = spaced({2, 10, kInfinity}, 4);
   EXPECT_EQ(edges, (std::vector<float>{2, 4, 6, 8, 10}));
 }
@@ -78,7 +78,7 @@ TEST(UniformEdges, JitterShiftsAllInnerEdgesByOneFraction) {
   EXPECT_NEAR(squares / kRays, 1.0 / 12, 5 * std::sqrt(1.0 / 180 / kRays));
 }
 
-TEST(UniformEdges, AscendWhateverTheJitter) {
+TEST(UniformEdges, AscendForAnyJitter) {
   for (const int n : {1, 2, 3, 64})
     for (std::uint64_t ray = 0; ray < 1000; ++ray) {
       const std::vector<float> edges = spaced({0.5f, 1000, 20}, n, true, ray);
@@ -136,7 +136,7 @@ struct Histogram {
   }
 };
 
-TEST(PdfEdges, LieAtEvenlySpreadQuantiles) {
+TEST(PdfEdges, LieAtUniformQuantiles) {
   for (const int n : {1, 3, 32, 64})
     for (const int to : {1, 2, 24, 32})
       for (std::uint64_t seed = 0; seed < 20; ++seed) {
@@ -173,7 +173,7 @@ TEST(PdfEdges, JitterShiftsAllQuantilesByOneFraction) {
   EXPECT_NEAR(squares / kRays, 1.0 / 12, 5 * std::sqrt(1.0 / 180 / kRays));
 }
 
-TEST(PdfEdges, RayThatMetNothingIsCutByItsIntervals) {
+TEST(PdfEdges, KeepTheIntervalsOfAnEmptyRay) {
   // The padding is the same for each interval: as many quantiles as intervals are the edges
   // themselves.
   const Histogram h(16, 5);
@@ -181,14 +181,14 @@ TEST(PdfEdges, RayThatMetNothingIsCutByItsIntervals) {
   for (int k = 0; k <= 16; ++k) EXPECT_NEAR(out[k], h.edges[k], 32 * 64 * 16 * kRoundoff) << k;
 }
 
-TEST(PdfEdges, OnlyRatiosOfWeightsMatter) {
+TEST(PdfEdges, DependOnRatiosOfWeightsOnly) {
   const Histogram h(24, 6);
   std::vector<float> faint = h.weights;
   for (float& w : faint) w *= 0x1p-60f;
   EXPECT_EQ(proposed(h.edges, faint, 13, true, 4), proposed(h.edges, h.weights, 13, true, 4));
 }
 
-TEST(PdfEdges, AscendWhateverTheWeights) {
+TEST(PdfEdges, AscendForAnyWeights) {
   for (std::uint64_t seed = 0; seed < 2000; ++seed) {
     Histogram h(1 + seed % 40, seed);
     const float scale = seed % 3 == 0 ? 1 : seed % 3 == 1 ? 0x1p-140f : 1e30f;
@@ -213,7 +213,7 @@ RaySpacing spacing_in_room(std::array<float, 3> origin, std::array<float, 3> dir
   return clip_to_scene(kNearToFar, kRoom, origin.data(), direction.data());
 }
 
-TEST(ClipToScene, OfAnUnboundedSceneIsWhatItIs) {
+TEST(ClipToScene, KeepsTheSpacingOfAnUnboundedScene) {
   const float origin[3] = {50, 0, 0}, direction[3] = {1, 0, 0};
   const RaySpacing spacing = clip_to_scene(kNearToFar, kRoad, origin, direction);
   EXPECT_EQ(spacing.near_m, 0.5f);
@@ -221,7 +221,7 @@ TEST(ClipToScene, OfAnUnboundedSceneIsWhatItIs) {
   EXPECT_EQ(spacing.half_m, 20);
 }
 
-TEST(ClipToScene, GoesFromFaceToFace) {
+TEST(ClipToScene, ClipsToTheCube) {
   // The room is [-5, 11] x [-9, 7] x [-7.5, 8.5].
   const auto expect = [](const RaySpacing& spacing, float enter, float leave) {
     EXPECT_FLOAT_EQ(spacing.near_m, enter);
@@ -238,7 +238,7 @@ TEST(ClipToScene, GoesFromFaceToFace) {
   expect(spacing_in_room({3, -9, 0}, {1, 0, 0}), 0.5f, 8);  // along a face
 }
 
-TEST(ClipToScene, OfARayThatMissesHasNoLength) {
+TEST(ClipToScene, GivesNoLengthToARayThatMisses) {
   for (const RaySpacing& spacing :
        {spacing_in_room({-25, 0, 0}, {-1, 0, 0}), spacing_in_room({-25, 8, 0}, {1, 0, 0}),
         spacing_in_room({-10, 0, 0}, {0.3f, 0.95f, 0}), spacing_in_room({12, 0, 0}, {0, 0, 1})}) {
@@ -247,7 +247,7 @@ TEST(ClipToScene, OfARayThatMissesHasNoLength) {
   }
 }
 
-TEST(ClipToScene, EndsOnTheCubeWhereverItBegins) {
+TEST(ClipToScene, EndsOnTheCubeForAnyOrigin) {
   int hits = 0;
   for (int i = 0; i < 2000; ++i) {
     std::array<float, 3> origin, direction;

@@ -43,7 +43,7 @@ TEST(RayWeights, ConstantMediumIsExactForAnyIntervals) {
     }
 }
 
-TEST(RayWeights, AreThoseOfCompositing) {
+TEST(RayWeights, MatchCompositing) {
   const int n = 33;
   const std::vector<float> edges = random_edges(n, 100);
   std::vector<float> t, dt;
@@ -58,7 +58,7 @@ TEST(RayWeights, AreThoseOfCompositing) {
   EXPECT_EQ(weights, composited);
 }
 
-TEST(RayWeights, WallsAndEmptySpace) {
+TEST(RayWeights, OpaqueWallsAndEmptySpace) {
   const std::vector<float> edges = {1, 2, 2, 3, 4};
   const std::vector<double> density = {0, 1e30, 1e30, 1e30};
   std::vector<double> weights(4), d_density(4);
@@ -100,7 +100,7 @@ TEST(RayWeightsAdjoint, AgreesWithDualNumbers) {
     }
 }
 
-TEST(RayWeightsAdjoint, KeepsTheDigitsOfAThinMediumInFloat) {
+TEST(RayWeightsAdjoint, IsAccurateForAThinMediumInFloat) {
   // 1 - exp(-1e-7) would have no digits left in float.
   const int n = 4;
   const std::vector<float> edges = {1, 2, 3, 4, 5}, density(n, 1e-7f), d_weights = {1, 2, -1, 3};

@@ -64,7 +64,7 @@ class CpuBackendTest : public testing::TestWithParam<Isa> {
   }
 };
 
-TEST_P(CpuBackendTest, SameBitsWhateverTheThreads) {
+TEST_P(CpuBackendTest, BitEqualForAnyNumberOfThreads) {
   const auto one = make_cpu_backend(GetParam(), 1);
   const Batch batch(101, 24, *one);
   Result expected(batch);
@@ -117,7 +117,7 @@ TEST_P(CpuBackendTest, FusedStagesAreTheCompositionOfThePlainOnes) {
 
 // Where it is opaque the rest is left out: no more than 1e-4 of the light, and exactly nothing
 // where it is not.
-TEST_P(CpuBackendTest, RenderingStopsBehindWhatIsOpaque) {
+TEST_P(CpuBackendTest, RenderingSkipsOccludedSamples) {
   const auto backend = make_cpu_backend(GetParam(), 2);
   for (const int per_ray : {40, 300}) {
     Batch batch(61, per_ray, *backend);
@@ -147,7 +147,7 @@ TEST_P(CpuBackendTest, RenderingStopsBehindWhatIsOpaque) {
   }
 }
 
-TEST_P(CpuBackendTest, GradientsAreAddedToWhatIsThere) {
+TEST_P(CpuBackendTest, GradientsAccumulate) {
   const auto backend = make_cpu_backend(GetParam(), 1);
   const Batch batch(5, 7, *backend);
   Result once(batch), twice(batch);
@@ -165,7 +165,7 @@ TEST_P(CpuBackendTest, GradientsAreAddedToWhatIsThere) {
   EXPECT_LT(std::sqrt(error / norm), 1e-5);  // some hundred roundings of 2^-24 in another order
 }
 
-TEST_P(CpuBackendTest, UnequalShapesAreRefused) {
+TEST_P(CpuBackendTest, RejectsMismatchedShapes) {
   const auto backend = make_cpu_backend(GetParam(), 1);
   const Batch batch(4, 6, *backend);
   Result result(batch);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The stages around the network, once per vector width, as a table of plain functions over ranges;
-// the backend cuts the work and owns the memory. The formulas are those of volume/composite.h,
-// optim/adam.h and volume/hierarchical_sampling.h.
+// The stages around the networks as a table of functions over ranges, compiled once per vector
+// width. The backend cuts the work and owns the memory. Formulas: volume/composite.h, optim/adam.h
+// and volume/hierarchical_sampling.h.
 #pragma once
 
 #include <cstddef>
@@ -37,7 +37,7 @@ struct CompositeGradient {
   const float* d_weights = nullptr;
 };
 
-/// Floats of working memory the composite stages need: three rows of whole vectors.
+/// Floats of scratch memory of the composite stages: three rows of whole vectors.
 static constexpr std::size_t composite_scratch(int per_ray) {
   return 3 * (static_cast<std::size_t>(per_ray) + 16);
 }
@@ -51,7 +51,7 @@ struct SampleStratified {
   std::uint64_t key = 0;
 };
 
-/// AdamStep's constants (optim/adam.h), and arrays [n].
+/// Constants of AdamStep (optim/adam.h), and arrays [n].
 struct AdamRange {
   float learning_rate, beta1, beta2, epsilon, bias1, bias2;
   bool lazy;

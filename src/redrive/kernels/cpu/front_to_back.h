@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rendering from near to far: samples behind what is already opaque are not computed.
+// Rendering front to back with early ray termination: samples behind an opaque surface are not
+// computed.
 #pragma once
 
 #include <vector>
@@ -16,28 +17,28 @@ struct RayRange {
   int first = 0, n = 0;
 };
 
-/// Computes the network for the next few samples of each ray of a block, then drops the rays whose
-/// transmittance has fallen below kMinTransmittance, and so on: what is left out changes colour,
-/// opacity and the sum of weights of a ray by less than kMinTransmittance. The other rays get the
-/// bits that the whole ray at once would give.
+/// Computes the network for the next kStride samples of each active ray of a block, then drops the
+/// rays whose transmittance fell below kMinTransmittance, and so on. Skipped samples change a ray's
+/// colour, opacity and sum of weights by less than kMinTransmittance; rays that are not dropped get
+/// the same bits as in one pass.
 class FrontToBack {
  public:
-  static constexpr double kMinTransmittance = 1e-4;  ///< a fortieth of a step of an 8-bit picture
-  static constexpr int kStride = 16;  ///< samples between two looks: one vector of AVX-512
+  static constexpr double kMinTransmittance = 1e-4;  ///< a fortieth of a step of an 8-bit image
+  static constexpr int kStride = 16;  ///< samples between two tests: one vector of AVX-512
 
-  /// `tile_samples`: the most samples of one call of the chunk; at least kStride or per_ray.
+  /// `tile_samples`: the maximum of samples per call of the chunk; at least kStride or per_ray.
   FrontToBack(int per_ray, int tile_samples);
 
-  /// raw [4, n * per_ray] of the block's rays, those left out with density -1 (no absorption).
-  /// Valid until the next call.
+  /// Returns raw [4, n * per_ray] of the block's rays; skipped samples have density -1 (no
+  /// absorption). Valid until the next call.
   const float* run(NerfChunk& chunk, const CpuKernels& kernels, const NerfField& field,
                    const Rays& rays, const Samples& samples, RayRange block);
   std::size_t raw_stride() const { return static_cast<std::size_t>(block_rays_) * per_ray_; }
-  int block_rays() const { return block_rays_; }  ///< the most rays of a block
+  int block_rays() const { return block_rays_; }  ///< maximum of rays per block
 
  private:
   const int per_ray_, tile_samples_, block_rays_;
-  std::vector<int> open_;  ///< rays of the block that light still gets through, in order
+  std::vector<int> open_;              ///< active rays of the block, in order
   std::vector<double> optical_depth_;  ///< sum of sigma dt so far, by ray of the block
   Buffer<float> raw_, tile_raw_, position_, direction_;
 };

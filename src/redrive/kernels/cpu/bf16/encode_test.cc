@@ -19,7 +19,7 @@ double tolerance(double value) { return std::abs(value) * 0x1p-8 + 5e-6; }
 
 class EncodeTest : public testing::TestWithParam<NerfConfig> {};
 
-TEST_P(EncodeTest, AgreesWithTheFormulaInBothForms) {
+TEST_P(EncodeTest, MatchesTheFormulaInBothLayouts) {
   SKIP_WITHOUT(Isa::kAvx512Bf16);
   const NerfConfig config = GetParam();
   Network network(config, avx512_stages());

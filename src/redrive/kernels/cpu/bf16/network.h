@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The bf16 network behind nerf_tile.h, for any engine.
+// The bf16 network (nerf_tile.h) for any engine.
 #pragma once
 
 #include <cstddef>

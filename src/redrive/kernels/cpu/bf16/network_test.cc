@@ -234,7 +234,7 @@ INSTANTIATE_TEST_SUITE_P(Networks, NetworkTest, testing::ValuesIn(network_cases(
                          });
 
 /// Padded samples and outputs past the tile must not be written, nor read from d_raw.
-TEST(NetworkStrideTest, OnlyTheTilesSamplesAreTouched) {
+TEST(NetworkStrideTest, TouchesOnlyTheTilesSamples) {
   SKIP_WITHOUT(Isa::kAvx512Bf16);
   const NerfConfig config{.width = 32};
   const std::vector<float> parameters = random_parameters(config);

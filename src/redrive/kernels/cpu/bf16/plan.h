@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the ISA-specific files and the portable network.cc tell each other: plain structs of sizes,
-// offsets and pointers, and a table of functions. The ISA-specific files see nothing else of the
-// project and keep all they define in unnamed namespaces, so that no inline function compiled with
-// AVX-512 can be linked into code that runs anywhere.
+// Interface between the ISA-specific files and the portable network.cc: plain structs of sizes,
+// offsets and pointers, and a table of functions. The ISA-specific files include nothing else of
+// the project and keep all they define in unnamed namespaces, so that no inline function compiled
+// with AVX-512 can be linked into code that runs anywhere.
 #pragma once
 
 #include <cstddef>
@@ -12,7 +12,7 @@
 
 namespace redrive::kernels::bf16 {
 
-/// Layers as they are computed: 0..7 trunk, then these. Colour is feature and colour in one
+/// Layers as computed: 0..7 trunk, then these. Colour is feature and colour folded
 /// (folded_colour.h). Density is its last block of outputs (row 0), with zero weights for gamma(d).
 enum PlanLayer { kTrunkLayers = 8, kColour = 8, kRgb = 9, kPlanLayers = 10 };
 
@@ -55,7 +55,7 @@ struct Weights {
   float* bias = nullptr;
 };
 
-/// A chunk's buffers, for up to `n` blocks of 32 samples. Forms and orders: layout.h.
+/// Buffers of a chunk, for up to `n` blocks of 32 samples. Layouts: layout.h.
 struct ChunkMemory {
   Bf16 *position_next = nullptr, *position_keep = nullptr;    ///< gamma(x)
   Bf16 *direction_next = nullptr, *direction_keep = nullptr;  ///< gamma(d)
@@ -79,7 +79,7 @@ struct TileInput {
   const float* direction = nullptr;
 };
 
-/// What one ISA provides.
+/// The functions of one instruction set.
 struct Stages {
   int tile_samples = 0;  ///< preferred (nerf_tile.h)
   void (*begin)();

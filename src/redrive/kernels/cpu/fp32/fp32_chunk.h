@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// One chunk of the fp32 network: the activations of a tile and the gradients of all its tiles.
+// A chunk of the fp32 network: the activations of a tile and the gradients of all its tiles.
 #pragma once
 
 #include <span>

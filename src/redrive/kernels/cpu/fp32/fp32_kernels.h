@@ -1,13 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// The inner loops of the fp32 NeRF network, once per instruction set (fp32_kernels.cc is compiled
-// for each), as a table of plain functions. What is called in which order, and who owns the memory,
-// is fp32_network.cc.
+// Inner loops of the fp32 NeRF network as a table of functions, compiled once per instruction set.
+// fp32_network.cc decides what is called and owns the memory.
 //
-// Panels: the samples of a tile stand in vectors of `lanes` floats. A row of vectors is cut into
-// panels of three, the last ones of two where a single one would be left over (panel_vectors). A
+// Panels: the samples of a tile are stored in vectors of `lanes` floats. A row of vectors is cut
+// into panels of three; the last ones have two where one would be left over (panel_vectors). A
 // matrix [features, samples] is stored panel after panel, each [features, panel width], so that the
 // panel a product works on is contiguous: 48 samples x 256 features x 4 bytes = 48 KB, the L1
-// cache. Sample n0 starting a panel: the panel is at n0 * features.
+// cache. A panel that starts at sample n0 is at n0 * features.
 #pragma once
 
 #include <cstddef>
@@ -43,7 +42,7 @@ struct WeightGradient {
 };
 
 struct Fp32Kernels {
-  int lanes;  ///< floats a vector
+  int lanes;  ///< floats per vector
   int rows;   ///< outputs a register block: every `outputs` above is a multiple
   void (*dense)(const DenseLayer& layer,
                 int samples);  ///< samples: a multiple of lanes, here and below

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The NeRF network in fp32 on the inner loops of one instruction set. Compiled without ISA flags.
-// Feature and colour are one layer: folded_colour.h.
+// Feature and colour layers are one (folded_colour.h).
 #pragma once
 
 #include <array>
@@ -13,8 +13,8 @@
 
 namespace redrive::kernels {
 
-/// Layers of the computation: 0..7 trunk, then these. Inputs and outputs are padded with zero
-/// weights to what the inner loops need.
+/// Layers as computed: 0..7 trunk, then these. Inputs and outputs are padded with zero weights to
+/// the inner loops' block sizes.
 enum Fp32Layer { kFp32Colour = 8, kFp32Density = 9, kFp32Rgb = 10, kFp32Layers = 11 };
 
 struct PackedLayer {
@@ -41,7 +41,7 @@ class Fp32Network final : public NerfNetwork {
 
  private:
   friend class Fp32Chunk;
-  /// Where the layer stands in the parameters, colour in folded_'s.
+  /// Layout of the layer in the parameters; of kFp32Colour in folded_'s.
   NerfLayerShape shape_of(int layer) const;
 
   NerfConfig config_;

@@ -182,7 +182,7 @@ TEST_P(Fp32NetworkTest, GradientsAreAddedAndCleared) {
   }
 }
 
-TEST_P(Fp32NetworkTest, NanReachesTheOutput) {
+TEST_P(Fp32NetworkTest, PropagatesNaN) {
   Problem problem({{32, 2, 1}, 1, 5});
   ThreadPool pool(1);
   const auto network = GetParam().second(problem.shape.config);
@@ -197,7 +197,7 @@ TEST_P(Fp32NetworkTest, NanReachesTheOutput) {
 
 // gamma(p) from exact arguments: the error is that of the doubling alone, far outside the unit cube
 // too.
-TEST_P(Fp32NetworkTest, EncodingIsExactFarOutside) {
+TEST_P(Fp32NetworkTest, EncodingIsExactFarOutsideTheUnitCube) {
   const Fp32Kernels& kernels =
       GetParam().first == Isa::kAvx2 ? avx2::kFp32Kernels : avx512::kFp32Kernels;
   const float values[] = {0.0f, -0.0f, 1.0f,      -1.0f, 0.25f,      0.3f, -0.77f, 1e-20f,

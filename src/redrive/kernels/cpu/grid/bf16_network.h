@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The networks of --method grid with bf16 products and fp32 sums, as grid_kernels.h has them in
-// fp32. Compiled for AVX-512 BF16.
+// MLPs of --method grid with bf16 products and fp32 sums, for AVX-512 BF16; grid_kernels.h has them
+// in fp32.
 #pragma once
 
 #include "redrive/kernels/cpu/bf16/layout.h"
@@ -8,15 +8,14 @@
 
 namespace redrive::kernels {
 
-constexpr int kGridBf16Strip = 32;  ///< samples that go through all layers together
+constexpr int kGridBf16Strip = 32;  ///< samples that pass through all layers together
 constexpr int kGridBf16Block =
-    8;  ///< outputs whose sums stay in registers: 8 x 2 vectors of samples
-constexpr int kGridBf16Rays = 16;  ///< of a tile, at most: a lane each
+    8;  ///< outputs whose sums are kept in registers: 8 x 2 vectors of samples
+constexpr int kGridBf16Rays = 16;  ///< maximum of rays per tile: one SIMD lane each
 
-/// Both networks' weights. A matrix [outputs, inputs] stands in blocks of eight outputs, [outputs /
-/// 8][inputs / 2][8][2] numbers; with
-/// `_back` its transpose, colour_out's padded to four. colour_out itself is a block of four
-/// outputs, the last all zeros.
+/// Weights of both MLPs. A matrix [outputs, inputs] is stored in blocks of eight outputs,
+/// [outputs / 8][inputs / 2][8][2]; suffix _back: its transpose, colour_out's padded to four.
+/// colour_out itself is a block of four outputs, the last all zeros.
 struct GridBf16Weights {
   int width = 0, inputs = 0, colour_layers = 1;
   float density_scale = 1;
@@ -26,12 +25,12 @@ struct GridBf16Weights {
                    *colour1_back = nullptr, *colour_out_back = nullptr;
 };
 
-/// Whole strips.
+/// Rounds up to whole strips.
 static constexpr int grid_bf16_samples(int samples) {
   return (samples + kGridBf16Strip - 1) / kGridBf16Strip * kGridBf16Strip;
 }
 
-/// Floats of working memory of a tile of so many samples, forward and back.
+/// Floats of scratch memory of a tile, forward and backward.
 static constexpr std::size_t grid_bf16_scratch(int samples, int width, int inputs) {
   // Layers: features, six of `width`, geometry with harmonics, its gradient, the four of d_out.
   const std::size_t numbers =
@@ -41,7 +40,7 @@ static constexpr std::size_t grid_bf16_scratch(int samples, int width, int input
          64;
 }
 
-/// As those of GridKernels, tiles of up to kGridBf16Rays rays.
+/// As in GridKernels, for tiles of up to kGridBf16Rays rays.
 struct GridBf16Kernels {
   void (*network_forward)(const GridBf16Weights& weights, const GridNetworkTile& tile, float* raw,
                           float* scratch);

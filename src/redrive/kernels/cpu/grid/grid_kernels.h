@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The inner loops of --method grid, once per vector width, as a table of plain functions;
-// cpu_grid_stages.cc cuts the work and owns the memory. The formulas are those of
-// field/hash_grid.h, field/grid_field.h and field/contraction.h.
+// Inner loops of --method grid as a table of functions, compiled once per vector width.
+// cpu_grid_stages.cc cuts the work and owns the memory. Formulas: field/hash_grid.h,
+// field/grid_field.h and field/contraction.h.
 #pragma once
 
 #include <cstddef>
@@ -9,10 +9,10 @@
 
 namespace redrive::kernels {
 
-/// A level of a hash grid; `rows` points at its first number.
+/// A level of a hash grid; `rows` points at its first feature.
 struct GridLevel {
   int cells = 0;
-  std::uint32_t mask = 0;  ///< rows - 1, of a hashed level
+  std::uint32_t mask = 0;  ///< rows - 1, for a hashed level
   bool dense = true;
   const float* rows = nullptr;
 };
@@ -25,8 +25,8 @@ struct GridPoints {
   const float* footprint = nullptr;
 };
 
-/// Both networks' weights, each matrix [inputs, outputs] for the way forward (colour_out padded to
-/// 16 outputs) and [outputs, inputs] for the way back.
+/// Weights of both MLPs: each matrix [inputs, outputs] for the forward pass (suffix _in; colour_out
+/// padded to 16 outputs) and [outputs, inputs] for the backward pass.
 struct GridNetworkWeights {
   int width = 0, inputs = 0, colour_layers = 1;
   float density_scale = 1;
@@ -36,15 +36,15 @@ struct GridNetworkWeights {
               *colour_out = nullptr;
 };
 
-/// The same for gradients, [outputs, inputs], added to; harmonics' and geometry's share colour0,
-/// [width, 32].
+/// Gradients of both MLPs, [outputs, inputs], added to; harmonics and geometry features share
+/// colour0, [width, 32].
 struct GridNetworkGradients {
   float *density0 = nullptr, *density1 = nullptr, *colour0 = nullptr, *colour1 = nullptr,
         *colour_out = nullptr;
 };
 
-/// Whole rays of one network pass: number f of level l of sample i at features[l * level_stride + i
-/// * of_level + f], harmonics [n_rays, 16], channel k of sample i at raw[k * raw_stride + i].
+/// Whole rays of one network pass: feature f of level l of sample i at features[l * level_stride +
+/// i * of_level + f], harmonics [n_rays, 16], channel k of sample i at raw[k * raw_stride + i].
 struct GridNetworkTile {
   int n_rays = 0, per_ray = 0;
   const float *features = nullptr, *harmonics = nullptr;
@@ -52,7 +52,7 @@ struct GridNetworkTile {
   std::size_t level_stride = 0, raw_stride = 0;
 };
 
-/// Floats of working memory of a tile of so many samples and rays.
+/// Floats of scratch memory of a tile.
 static constexpr std::size_t grid_network_scratch(std::size_t samples, std::size_t rays, int width,
                                                   int inputs) {
   return samples * (2 * static_cast<std::size_t>(inputs) + 5 * static_cast<std::size_t>(width) +
@@ -60,7 +60,7 @@ static constexpr std::size_t grid_network_scratch(std::size_t samples, std::size
          rays * 2 * static_cast<std::size_t>(width) + 256;
 }
 
-/// Middles of intervals (kernels/grid_stages.h contract), rays [0, n_rays).
+/// Midpoints of intervals to contract (kernels/grid_stages.h), rays [0, n_rays).
 struct GridRays {
   int n_rays = 0, per_ray = 0;
   const float *origin = nullptr,
@@ -78,15 +78,15 @@ struct GridRays {
 
 struct GridKernels {
   void (*contract)(const GridRays& rays);
-  /// out [n, features].
+  /// Writes out [n, features].
   void (*encode)(int features, const GridLevel& level, const GridPoints& points, float* out);
-  /// Adds to d_rows and to d_position[k * points.stride + i], each unless null.
+  /// Adds to d_rows and to d_position[k * points.stride + i]; either may be null.
   void (*encode_backward)(int features, const GridLevel& level, const GridPoints& points,
                           const float* d_out, float* d_rows, float* d_position);
-  /// scale exp(sum of the levels), one feature each.
+  /// Writes scale * exp(sum over the levels), one feature each.
   void (*density)(const GridLevel* levels, int n_levels, float scale, const GridPoints& points,
                   float* density);
-  /// volume/ray_weights.h, ray by ray; scratch: per_ray + 16 floats.
+  /// volume/ray_weights.h for each ray; scratch: per_ray + 16 floats.
   void (*weights)(int n_rays, int per_ray, const float* edges, const float* density, float* weights,
                   float* scratch);
   void (*weights_backward)(int n_rays, int per_ray, const float* edges, const float* density,

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The weights of --method grid's networks in the orders in which the kernels read them; made once
-// for each pass over a batch.
+// Weights of --method grid's MLPs in the kernels' layouts, packed once per pass over a batch.
 #pragma once
 
 #include <cstddef>
@@ -11,14 +10,15 @@
 
 namespace redrive::kernels {
 
-/// Each matrix in both orders; refers to the network's weights.
+/// fp32: each matrix in both orders; refers to the network's weights.
 class PackedNetwork {
  public:
   explicit PackedNetwork(const GridNetwork& network);
   const GridNetworkWeights& weights() const { return weights_; }
 
  private:
-  /// [columns, to_row] of a matrix [rows, from_row], its first `columns` numbers of each row.
+  /// Returns [columns, to_row] of a matrix [rows, from_row], the first `columns` numbers of each
+  /// row.
   const float* pack(const float* from, int from_row, int rows, int columns, int to_row);
 
   Buffer<float> memory_;
@@ -26,15 +26,15 @@ class PackedNetwork {
   GridNetworkWeights weights_;
 };
 
-/// The same, rounded to bf16, in blocks.
+/// bf16: rounded, in blocks.
 class PackedBf16Network {
  public:
   explicit PackedBf16Network(const GridNetwork& network);
   const GridBf16Weights& weights() const { return weights_; }
 
  private:
-  /// Number (o, i) from from[o * output + i * input]: of [outputs, inputs], or 0 beyond; in blocks
-  /// of `block` outputs.
+  /// A matrix [outputs, inputs], element (o, i) at from[o * output + i * input], 0 beyond; packed
+  /// in blocks of `block` outputs.
   struct Matrix {
     const float* from = nullptr;
     int outputs = 0, inputs = 0, output = 0, input = 1;

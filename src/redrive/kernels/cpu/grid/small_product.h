@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Matrix products of a few dozen columns: c[m, n] = start + sum_k a[m, k] b[k, n]. a is read number
-// by number (any strides), b and c in whole vectors of a row; blocks of rows x columns of c stay in
-// registers, and what a layer does to its sums is done there. Only for files with ISA flags
+// Matrix products with a few dozen columns: c[m, n] = start + sum_k a[m, k] b[k, n], with the
+// layer's activation applied to the sums. a is read by scalars (any strides), b and c in whole
+// vectors of a row; blocks of rows x columns of c stay in registers. Only for files with ISA flags
 // (simd/vector.h).
 #pragma once
 
@@ -14,12 +14,8 @@ struct ProductInput {
   std::size_t row = 0, column = 0;  ///< strides in numbers
 };
 
-enum class Start { kZero, kSum, kRow };  ///< c as it is, Product::start
-enum class Finish {
-  kPlain,
-  kRelu,
-  kReluAdjoint
-};  ///< max(0, c); 0 where Product::gate is not above 0
+enum class Start { kZero, kSum, kRow };             ///< kSum: c as it is; kRow: Product::start
+enum class Finish { kPlain, kRelu, kReluAdjoint };  ///< kReluAdjoint: 0 where gate <= 0
 
 struct Product {
   int rows = 0, columns = 0, depth = 0;  ///< columns: a multiple of 16
@@ -28,8 +24,8 @@ struct Product {
   std::size_t b_row = 0;
   float* c = nullptr;
   std::size_t c_row = 0;
-  const float* start = nullptr;  ///< a row
-  const float* gate = nullptr;   ///< in rows as c's
+  const float* start = nullptr;  ///< one row
+  const float* gate = nullptr;   ///< activations, in rows like c
 };
 
 template <int kRows, int kVectors, Start kStart, Finish kFinish>

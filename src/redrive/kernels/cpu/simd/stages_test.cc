@@ -97,7 +97,7 @@ TEST_P(CpuStagesTest, CompositingMatchesTheScalarFunctions) {
     }
 }
 
-TEST_P(CpuStagesTest, ThinIntervalsKeepTheirDigits) {
+TEST_P(CpuStagesTest, ThinIntervalsAreAccurate) {
   // One sample of optical depth x: opacity 1 - e^-x to relative precision, from 1e-12 to opaque.
   for (double x = 1e-12; x < 200; x *= 1.7) {
     const float raw[4] = {0, 0, 0, static_cast<float>(x)}, t = 1, dt = 1;
@@ -110,7 +110,7 @@ TEST_P(CpuStagesTest, ThinIntervalsKeepTheirDigits) {
   }
 }
 
-TEST_P(CpuStagesTest, NanIsNotHidden) {
+TEST_P(CpuStagesTest, PropagatesNaN) {
   for (int channel = 0; channel < 4; ++channel)
     for (const float length : {0.5f, kInfinity}) {
       float raw[4] = {0.1f, 0.2f, 0.3f, 1}, t = 1, rgb[3], depth, opacity, weight, scratch[64];
