@@ -52,9 +52,9 @@ double rate(const ErrorMapLayout& cells, const std::vector<float>& errors, int d
   return static_cast<double>(drawn) / draws;
 }
 
-/// What resampling gives one of n cells that weighs w times as much as each other one: of all
-/// candidates k are it with the binomial's probability, and then it is kept with k w / (k w +
-/// rest).
+/// Expected rate of one of n cells that weighs w times as much as each other one: k of the
+/// candidates are it with the binomial's probability, and it is then kept with probability k w / (k
+/// w + rest).
 double expected_rate(double w, double n) {
   if (w == 0) return 0;
   double rate = 0;
@@ -98,7 +98,7 @@ TEST(ErrorMapLayout, SamplesCellsInProportionToTheirPixels) {
   }
 }
 
-// Of 512 cells all candidates are empty again and again.
+// The candidates are empty again and again, out of 512 cells.
 TEST(ErrorMapLayout, FindsTheOnlyCellWithAPixel) {
   std::vector<float> shares(64 * 32);
   shares[15] = 0.25f;
@@ -111,8 +111,8 @@ TEST(ErrorMapLayout, FindsTheOnlyCellWithAPixel) {
   }
 }
 
-// Two kinds of cells, many of each error: the weighted mean over rays of both ways of any quantity
-// is its mean over all pixels.
+// Two kinds of cells, many of each error: the weighted mean of any quantity over the rays of both
+// strategies is its mean over all pixels.
 TEST(ErrorMapLayout, BalanceHeuristicKeepsTheMean) {
   constexpr float kHigh = 3, kShare = 0.5f;
   constexpr double kCells = 512,

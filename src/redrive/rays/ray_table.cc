@@ -29,7 +29,8 @@ RayTableSpans spans_of(const RayTable& table) {
   return {table.width, table.height, table.pixel_angle, table.pixel, table.direction};
 }
 
-/// Mean over a coarse lattice of pixels; the smallest positive float of a camera that sees nothing.
+/// Returns the mean over a coarse lattice of pixels; the smallest positive float if no pixel is
+/// valid.
 float mean_pixel_angle(const Camera& camera) {
   constexpr int kLattice = 32;
   double sum = 0;
@@ -149,7 +150,7 @@ PixelSampler::PixelSampler(const Scene& scene, const std::vector<Image8>& images
       continue;
     }
     for (const int every :
-         {1, kEpochsPerTransparentPixel}) {  // what there is to see, and what is wholly transparent
+         {1, kEpochsPerTransparentPixel}) {  // visible pixels, then fully transparent ones
       std::vector<std::uint8_t> used(share.size());
       for (std::size_t pixel = 0; pixel < used.size(); ++pixel)
         used[pixel] = share[pixel] == 1.0f / every;

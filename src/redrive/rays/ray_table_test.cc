@@ -416,7 +416,7 @@ TEST_F(SamplerTest, ErrorMapRaysFollowSamplingWeightsAndErrors) {
       return ray[0] == origin.x() && ray[1] == origin.y() && ray[2] == origin.z();
     };
   };
-  // Pictures of at most 32 pixels across have a cell a pixel. Where all have the same error, a
+  // Images of at most 32 pixels across have one cell per pixel. Where all have the same error, a
   // pixel is drawn by its share.
   std::vector<float> errors(sampler.cells().size(), 0.01f);
   const auto even = draw(errors);

@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// The networks of --method grid with bf16 products (vdpbf16ps) and fp32 sums. Samples are the
-// lanes: numbers of a layer stand as pairs of neighbours, [numbers / 2][32 samples], weights are
-// broadcast, and a strip of 32 samples goes through all layers, forward and back, before the next.
-// What a weight's gradient multiplies is kept by rows, [strips][numbers][32 samples], and summed at
-// the tile's end.
+// MLPs of --method grid with bf16 products (vdpbf16ps) and fp32 sums. SIMD lanes are samples: a
+// layer is stored as pairs of neighbouring neurons, [neurons / 2][32 samples], weights are
+// broadcast, and a strip of 32 samples passes through all layers, forward and backward, before the
+// next. Operands of weight gradients are kept by rows, [strips][neurons][32 samples], and
+// multiplied at the end of the tile.
 #include "redrive/kernels/cpu/grid/bf16_network.h"
 
 #include "redrive/field/constants.h"
 
-// First: its REDRIVE_INLINE holds for both.
+// Included first: its REDRIVE_INLINE is used by both.
 #include "redrive/kernels/cpu/simd/vector.h"
 
 #include "redrive/kernels/cpu/bf16/vector.h"
@@ -23,8 +23,8 @@ using Pair [[gnu::may_alias]] = std::uint32_t;
 
 constexpr int kStrip = kGridBf16Strip, kBlock = kGridBf16Block;
 
-/// Numbers that the two sources `a` and `b` of a permutation are joined from: units of kUnit dwords
-/// in turn, from their lower or upper halves.
+/// Permutation of two sources `a` and `b`: units of kUnit dwords alternately from their lower or
+/// upper halves.
 template <int kUnit>
 struct ConcatenatedFunctors {
   alignas(64) std::int32_t low[16], high[16];
@@ -38,7 +38,7 @@ struct ConcatenatedFunctors {
 template <int kUnit>
 constexpr ConcatenatedFunctors<kUnit> kInTurn;
 
-/// Every other dword, or 16-bit word, of two vectors.
+/// Even and odd dwords, or 16-bit words, of two vectors.
 struct EveryOther {
   alignas(64) std::int32_t even[16], odd[16];
   alignas(64) std::uint16_t even_words[32], odd_words[32];
@@ -56,14 +56,14 @@ REDRIVE_INLINE __m512i joined(const std::int32_t* index, __m512i a, __m512i b) {
   return _mm512_permutex2var_epi32(a, _mm512_load_si512(index), b);
 }
 
-/// Sums of kRows rows of a product for the strip's samples.
+/// Sums of kRows rows of a product for the samples of a strip.
 template <int kRows>
 struct Sums {
   __m512 at[kRows][2];
 };
 
-/// Rows sum_k a[row][k] x[k]: in blocks of kRows, which begin with start(row, sums) and end with
-/// finish(row, sums). a: [rows / kRows] [pairs][kRows] pairs, x: [pairs][32 samples].
+/// Computes rows sum_k a[row][k] x[k] in blocks of kRows, which begin with start(row, sums) and end
+/// with finish(row, sums). a: [rows / kRows][pairs][kRows] pairs, x: [pairs][32 samples].
 template <int kRows, class Start, class Finish>
 REDRIVE_INLINE void product(int rows, int pairs, const Bf16* a, const Pair* x, const Start& start,
                             const Finish& finish) {
@@ -93,14 +93,14 @@ struct FromZero {
   }
 };
 
-/// A layer's numbers: a strip's pairs, and for all strips [strips][numbers][32 samples], unless
-/// null.
+/// Activations of a layer: pairs of one strip, and rows of all strips, [strips][numbers][32
+/// samples], or null.
 struct Layer {
   Pair* pairs = nullptr;
   Bf16* rows = nullptr;
   int numbers = 0;
 
-  /// Of the strip that begins with sample `first`.
+  /// Returns the layer at the strip that begins with sample `first`.
   REDRIVE_LAMBDA Layer at(int first) const {
     return {pairs, rows ? rows + first * numbers : nullptr, numbers};
   }
@@ -117,7 +117,7 @@ struct Layer {
       for (int r = 0; r < kBlock; ++r)
         _mm512_store_si512(rows + (row + r) * kStrip, to_bf16(sums.at[r][0], sums.at[r][1]));
   }
-  /// Zero where `gate` has nothing above zero.
+  /// ReLU adjoint: writes the sums, 0 where `gate` <= 0.
   REDRIVE_LAMBDA void put_gated(int row, const Sums<kBlock>& sums, const Layer& gate) const {
     const __m512i zero = _mm512_setzero_si512();
     const __m512i order = _mm512_load_si512(bf16::kInterleave.at);
@@ -147,10 +147,10 @@ REDRIVE_INLINE void rectify(Sums<kRows>& sums) {
     for (int v = 0; v < 2; ++v) sums.at[r][v] = _mm512_max_ps(_mm512_setzero_ps(), sums.at[r][v]);
 }
 
-/// Everything of one tile. Rows are there on the way back alone.
+/// Activations of one tile. Rows are allocated for the backward pass only.
 struct Activations {
   int samples;                                  ///< whole strips
-  Layer features, hidden, geometry, colour[2];  ///< with geometry's rows the harmonics'
+  Layer features, hidden, geometry, colour[2];  ///< rows of the harmonics follow those of geometry
   Layer d_out, d_wide, d_wider, d_geometry, d_hidden;
   float *of_ray, *density;  ///< [width][16 rays], [32 samples]
   std::int32_t* ray_of;     ///< [samples]
@@ -193,8 +193,8 @@ REDRIVE_INLINE Activations activations_in(float* scratch, const GridBf16Weights&
   return a;
 }
 
-/// A lane a ray: harmonics, and what they add to the first colour layer, which is the same for all
-/// samples of a ray.
+/// Per ray, one SIMD lane each: transposes the harmonics and computes their part of the first
+/// colour layer, which all samples of a ray share.
 template <bool kKeep>
 REDRIVE_INLINE void encode_ray_directions(const GridBf16Weights& w, const GridNetworkTile& tile,
                                           const Activations& a) {
@@ -236,11 +236,12 @@ REDRIVE_INLINE void encode_ray_directions(const GridBf16Weights& w, const GridNe
 }
 
 template <bool kValue>
-struct Whole {
+struct IsWhole {
   static constexpr bool value = kValue;
 };
 
-/// Of vectors of which the first `numbers` are there. Whole strips, nearly all, ask no questions.
+/// Loads or stores the first `numbers` elements of a vector. Whole strips, nearly all, need no
+/// mask.
 template <bool kWhole>
 REDRIVE_INLINE __m512 load_first(const float* from, int numbers) {
   return kWhole ? _mm512_loadu_ps(from) : _mm512_maskz_loadu_ps(first_lanes(numbers), from);
@@ -253,7 +254,8 @@ REDRIVE_INLINE void store_first(float* to, int numbers, __m512 x) {
     _mm512_mask_storeu_ps(to, first_lanes(numbers), x);
 }
 
-/// The features of up to 32 samples, `count` of them there; kOfLevel of a level lie together.
+/// Loads the features of up to 32 samples, `count` of them valid; kOfLevel features of a level are
+/// adjacent.
 template <int kOfLevel, bool kKeep, bool kWhole>
 REDRIVE_INLINE void load_features(const GridNetworkTile& tile, int first, int count,
                                   const Layer& to) {
@@ -305,7 +307,7 @@ REDRIVE_INLINE void load_features(const GridNetworkTile& tile, int first, int co
   }
 }
 
-/// The other way round: a block of rows, its first that of a level, to samples.
+/// The inverse: stores a block of rows, its first one that of a level, by samples.
 template <int kOfLevel, bool kWhole>
 REDRIVE_INLINE void store_features(const Sums<kBlock>& sums, float* to, std::size_t level_stride,
                                    int count) {
@@ -338,7 +340,7 @@ REDRIVE_INLINE void store_features(const Sums<kBlock>& sums, float* to, std::siz
     }
 }
 
-/// Up to the last hidden layer, samples [first, first + count) of the tile.
+/// Computes the layers up to the last hidden one for samples [first, first + count) of the tile.
 template <int kOfLevel, bool kKeep, bool kWhole>
 REDRIVE_INLINE void strip_forward(const GridBf16Weights& w, const GridNetworkTile& tile,
                                   const Activations& a, int first, int count) {
@@ -382,12 +384,12 @@ REDRIVE_INLINE void strip_forward(const GridBf16Weights& w, const GridNetworkTil
                     rectified(a.colour[1].at(first)));
 }
 
-/// visit(first sample, samples, whether it is a whole one) of a tile's strips.
+/// Calls visit(first sample, samples, whether the strip is whole) for each strip of a tile.
 template <class Visit>
 REDRIVE_INLINE void for_each_strip(int samples, const Visit& visit) {
   int first = 0;
-  for (; first + kStrip <= samples; first += kStrip) visit(first, kStrip, Whole<true>());
-  if (first < samples) visit(first, samples - first, Whole<false>());
+  for (; first + kStrip <= samples; first += kStrip) visit(first, kStrip, IsWhole<true>());
+  if (first < samples) visit(first, samples - first, IsWhole<false>());
 }
 
 template <int kOfLevel>
@@ -410,7 +412,7 @@ void forward(const GridBf16Weights& w, const GridNetworkTile& tile, float* raw, 
   });
 }
 
-/// Lane i of the four 4 x 4 sums: of sums[i / 4][i % 4].
+/// Returns the 4 x 4 sums over lanes: lane i is the sum of sums[i / 4][i % 4].
 REDRIVE_INLINE __m512 sums_of(const __m512 (&sums)[4][4]) {
   __m512 of_row[4];
 #pragma GCC unroll 4
@@ -426,8 +428,8 @@ REDRIVE_INLINE __m512 sums_of(const __m512 (&sums)[4][4]) {
   return halves(halves(of_row[0], of_row[1]), halves(of_row[2], of_row[3]));
 }
 
-/// gradient[o][i] += sum over samples of d[o] x[i]; of the first numbers of both. Of the last four
-/// outputs not all need be there.
+/// gradient[o][i] += sum over samples of d[o] x[i], over the first `outputs` and `inputs` rows;
+/// `outputs` need not be a multiple of 4.
 static __attribute__((noinline)) void add_gradient(int outputs, const Layer& d, int inputs,
                                                    const Layer& x, int samples, float* gradient) {
   const int d_numbers = d.numbers, x_numbers = x.numbers;

@@ -13,8 +13,8 @@ constexpr int kColours = 16;  // columns of the colour output, three of them use
 
 REDRIVE_INLINE Vf magnitude(Vf a) { return a < Vf{} ? -a : a; }
 
-/// x^(1/3), x >= 0, relative error below 1e-5: a third of the exponent, then Newton's steps. A
-/// footprint needs no more.
+/// Cube root of x >= 0 with a relative error below 1e-5, enough for footprints: a third of the
+/// exponent, then Newton steps.
 REDRIVE_INLINE Vf cube_root(Vf x) {
   x = maximum(x, splat(1e-30f));
   Vf y = reinterpret_cast<Vf>(reinterpret_cast<Vi>(x) / splat_int(3) + splat_int(709921077));
@@ -63,7 +63,7 @@ void contract(const GridRays& rays) {
   }
 }
 
-/// 1 - exp(-density dt) and exp(-density dt) of an interval; alpha or transparency may be null.
+/// Writes 1 - exp(-density dt) (alpha, may be null) and exp(-density dt) of each interval.
 REDRIVE_INLINE void absorb(const float* edges, const float* density, int n, float* alpha,
                            float* transparency) {
   for (int i = 0; i < n; i += kLanes) {
@@ -103,8 +103,8 @@ void weights_backward(int n_rays, int per_ray, const float* edges, const float* 
   }
 }
 
-/// Features of a tile, kOfLevel of each level: [levels, all samples, kOfLevel] to [samples,
-/// inputs], or back.
+/// Transposes the features of a tile from [levels, all samples, kOfLevel] to [samples, inputs], or
+/// back.
 template <int kOfLevel, bool kBack>
 REDRIVE_INLINE void regroup(const GridNetworkTile& tile, const float* from, float* to) {
   const int samples = tile.n_rays * tile.per_ray, levels = tile.levels;
@@ -115,7 +115,7 @@ REDRIVE_INLINE void regroup(const GridNetworkTile& tile, const float* from, floa
     const float* source = from + (kBack ? by_sample : by_level);
     float* target = to + (kBack ? by_level : by_sample);
     for (int i = 0; i < samples; ++i) {
-      if (!kBack) __builtin_prefetch(source + samples * kOfLevel);  // the next tile's
+      if (!kBack) __builtin_prefetch(source + samples * kOfLevel);  // of the next tile
       std::memcpy(target, source, kOfLevel * sizeof(float));
       source += kBack ? inputs : kOfLevel;
       target += kBack ? kOfLevel : inputs;
@@ -131,11 +131,11 @@ void regroup(const GridNetworkTile& tile, const float* from, float* to) {
   }
 }
 
-/// Rows [samples, columns] one after the other.
+/// Rows [samples, columns].
 REDRIVE_INLINE ProductInput rows_of(const float* data, int columns) {
   return {data, static_cast<std::size_t>(columns), 1};
 }
-/// The same, transposed.
+/// The transpose of rows [samples, columns].
 REDRIVE_INLINE ProductInput columns_of(const float* data, int columns) {
   return {data, 1, static_cast<std::size_t>(columns)};
 }
@@ -173,7 +173,7 @@ REDRIVE_INLINE Activations activations_in(float* scratch, std::size_t samples, s
   return a;
 }
 
-/// Up to the last hidden layer.
+/// Computes the layers up to the last hidden one.
 void run_forward(const GridNetworkWeights& w, const GridNetworkTile& tile, const Activations& a) {
   const int width = w.width, samples = tile.n_rays * tile.per_ray;
   const std::size_t row = width;
@@ -190,7 +190,7 @@ void run_forward(const GridNetworkWeights& w, const GridNetworkTile& tile, const
     store(a.density + i, splat(w.density_scale) *
                              exponential(minimum(splat(kMaxLogDensity), load(log_density))).value);
   }
-  // What the direction adds is the same for all samples of a ray.
+  // The direction's part is the same for all samples of a ray.
   product<Start::kZero, Finish::kPlain>({tile.n_rays, width, kHarmonics,
                                          rows_of(tile.harmonics, kHarmonics), w.harmonics_in, row,
                                          a.of_ray, row});
@@ -235,7 +235,8 @@ void network_backward(const GridNetworkWeights& w, const GridNetworkTile& tile, 
   for (int i = 0; i < samples; ++i)
     for (int k = 0; k < 3; ++k)
       a.d_out[static_cast<std::size_t>(i) * kColours + k] = d_raw[k * tile.raw_stride + i];
-  /// Of the layer `gradient` [outputs, inputs], from d [samples, outputs] and x [samples, inputs].
+  /// Adds the gradient of a layer [outputs, inputs], from d [samples, outputs] and x [samples,
+  /// inputs].
   const auto add_gradient = [&](int outputs, int columns, const float* d, int d_row, const float* x,
                                 float* gradient, std::size_t gradient_row)
       __attribute__((always_inline)) {

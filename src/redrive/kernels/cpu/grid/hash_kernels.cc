@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compiled once per instruction set: REDRIVE_ISA names the namespace. A cell's eight rows come as
+// Compiled once per instruction set: REDRIVE_ISA names the namespace. The eight rows of a cell are
 // four pairs: the far vertex along x has the row after the near one's (field/hash_grid.h), so that
-// both are one load. A pair wraps where the near one's row is the last of a hashed level.
+// both are one load. A pair wraps around if the near one's row is the last of a hashed level.
 #include "redrive/kernels/cpu/grid/hash_kernels.h"
 
 #include "redrive/field/constants.h"
@@ -9,13 +9,13 @@
 namespace redrive::kernels::REDRIVE_ISA {
 namespace {
 
-/// The cells of kLanes points; those beyond the last lie at the origin.
+/// The cells of kLanes points; lanes without a point are at the origin.
 struct Cells {
   Vi corner[3];
   Vf fraction[3], level_weight;
-  unsigned counts;  ///< bit j: the level counts for point j
+  unsigned counts;  ///< bit j: the level has a weight above 0 for point j
   Vu row[4];        ///< of pair p: at y + (p & 1), z + (p >> 1)
-  bool wraps;       ///< some pair
+  bool wraps;       ///< whether any pair wraps around
 };
 
 REDRIVE_INLINE Cells find_cells(const GridLevel& level, const GridPoints& points, std::size_t i) {
@@ -34,7 +34,7 @@ REDRIVE_INLINE Cells find_cells(const GridLevel& level, const GridPoints& points
            above = maximum(weight - splat(kMinLevelWeight), Vf{});
   out.level_weight = weight < one ? above / splat(1 - kMinLevelWeight) : one;
   out.counts = lane_bits(out.level_weight > Vf{});
-  // Unsigned: a hash may wrap around.
+  // Unsigned: a hash may overflow.
   const std::uint32_t side = static_cast<std::uint32_t>(level.cells) + 2;
   const Vu step_y = splat_unsigned(level.dense ? side : kHashPrimeY),
            step_z = splat_unsigned(level.dense ? side * side : kHashPrimeZ);
@@ -57,7 +57,7 @@ REDRIVE_INLINE Cells find_cells(const GridLevel& level, const GridPoints& points
   return out;
 }
 
-/// A row of kFeatures numbers, and two of them.
+/// A row of kFeatures numbers, and a pair of rows.
 template <int kFeatures>
 struct RowOf {
   typedef float Type __attribute__((vector_size(kFeatures * 4), aligned(4), may_alias));
@@ -111,7 +111,7 @@ REDRIVE_INLINE const typename RowOf<kFeatures>::Type* row_at(const float* rows, 
       rows + static_cast<std::size_t>(row) * kFeatures);
 }
 
-/// `wraps`: the pair may.
+/// `wraps`: whether the pair may wrap around.
 template <int kFeatures>
 REDRIVE_INLINE typename RowOf<kFeatures>::Pair load_pair(const GridLevel& level, std::uint32_t row,
                                                          bool wraps) {
@@ -132,12 +132,12 @@ REDRIVE_INLINE void add_pair(float* rows, std::uint32_t mask, std::uint32_t row,
   }
 }
 
-/// What loops over single points read of Cells.
+/// The part of Cells that loops over single points read.
 struct StoredCells {
   alignas(64) std::uint32_t row[4][kLanes];
-  alignas(64) float weight[4][kLanes];  ///< of a pair: the shares along y and z times the level's
-                                        ///< weight
-  alignas(64) float x[kLanes];          ///< the far one's share of a pair
+  alignas(64) float weight[4][kLanes];  ///< of a pair: interpolation weights along y and z times
+                                        ///< the level's weight
+  alignas(64) float x[kLanes];          ///< interpolation weight of a pair's far vertex
 };
 
 REDRIVE_INLINE void store_cells(const Cells& cells, StoredCells* out) {
@@ -154,8 +154,8 @@ REDRIVE_INLINE void store_cells(const Cells& cells, StoredCells* out) {
 template <int kFeatures>
 REDRIVE_INLINE void encode_point(const GridLevel& level, const StoredCells& cells, int j,
                                  bool wraps, float* out) {
-  // Multiply-adds of one possible rounding: a point's features do not depend on what wraps in its
-  // block.
+  // Multiply-adds with one possible rounding: a point's features do not depend on whether another
+  // pair of its vector wraps.
   typename RowOf<kFeatures>::Pair sum{};
 #pragma GCC unroll 4
   for (int p = 0; p < 4; ++p)
@@ -187,8 +187,9 @@ void encode_rows(const GridLevel& level, const GridPoints& points, float* out) {
   }
 }
 
-/// Bit j: point j lies in the same cell as the one before it, and the level counts for that one,
-/// too; `before`: the last cells', `counted`: whether the level counts for the last point.
+/// Bit j: point j is in the same cell as point j - 1, for which the level has a weight. `before`:
+/// the cells of the vector before; `counted`: whether the level has a weight for its last point.
+/// Both are updated.
 REDRIVE_INLINE unsigned in_same_cell(const Cells& cells, Vi before[3], bool* counted) {
   Vi shift;
   for (int i = 0; i < kLanes; ++i) shift[i] = i == 0 ? 2 * kLanes - 1 : i - 1;
@@ -202,8 +203,7 @@ REDRIVE_INLINE unsigned in_same_cell(const Cells& cells, Vi before[3], bool* cou
   return lane_bits(same) & counted_before;
 }
 
-/// Consecutive points in one cell are summed up before they are added to its rows: along a ray they
-/// are many.
+/// Sums consecutive points in one cell before adding to its rows: along a ray there are many.
 template <int kFeatures>
 void encode_rows_backward(const GridLevel& level, const GridPoints& points, const float* d_out,
                           float* d_rows) {
@@ -211,7 +211,7 @@ void encode_rows_backward(const GridLevel& level, const GridPoints& points, cons
   typedef typename RowOf<kFeatures>::Pair Pair;
   StoredCells stored;
   Vi before[3] = {splat_int(-1), splat_int(-1), splat_int(-1)};
-  Pair sum[4]{};  // of the run of points in one cell; adding nothing to rows 0 and 1 does not hurt
+  Pair sum[4]{};  // of the run of points in one cell; adds zeros to rows 0 and 1 at the start
   std::uint32_t row[4]{};
   bool wraps = false, counted = false;
   for (std::size_t i = 0; i < points.n; i += kLanes, d_out += kLanes * kFeatures) {
@@ -291,8 +291,8 @@ REDRIVE_INLINE Vf interleave(Vf a, Vf b) {
   return __builtin_shuffle(a, b, index);
 }
 
-/// Number m of point 4 q + e stands in lane 4 q + e of v[m] before, in lane 4 q + m of v[e] after;
-/// the other way round, too.
+/// Element m of point 4 q + e moves from lane 4 q + e of v[m] to lane 4 q + m of v[e]. Its own
+/// inverse.
 REDRIVE_INLINE void transpose_fours(Vf v[4]) {
   const Vf a = interleave<1, 0>(v[0], v[1]), b = interleave<1, 0>(v[2], v[3]),
            c = interleave<1, 1>(v[0], v[1]), d = interleave<1, 1>(v[2], v[3]);
@@ -302,7 +302,7 @@ REDRIVE_INLINE void transpose_fours(Vf v[4]) {
   v[3] = interleave<2, 1>(c, d);
 }
 
-/// Two pairs of single numbers; one that may wrap is put together number by number.
+/// Loads two pairs of single features; a pair that may wrap around is loaded element by element.
 REDRIVE_INLINE V4 load_pairs(const GridLevel& level, std::uint32_t first, std::uint32_t second,
                              bool wraps) {
   const float* const rows = level.rows;
@@ -322,7 +322,7 @@ REDRIVE_INLINE void add_single_pairs(float* rows, std::uint32_t mask, std::uint3
     rows[(second + 1) & mask] += sum[3];
     return;
   }
-  // One after the other: they may overlap.
+  // One after the other: the pairs may overlap.
   __m64* const low = reinterpret_cast<__m64*>(rows + first);
   const __m128 addend = reinterpret_cast<__m128>(sum);
   _mm_storel_pi(low, _mm_add_ps(_mm_loadl_pi(_mm_setzero_ps(), low), addend));
@@ -330,10 +330,10 @@ REDRIVE_INLINE void add_single_pairs(float* rows, std::uint32_t mask, std::uint3
   _mm_storeh_pi(high, _mm_add_ps(_mm_loadh_pi(_mm_setzero_ps(), high), addend));
 }
 
-/// Of single numbers: z first, point by point, then y and x of all points at once.
+/// Cells of single features: interpolated along z point by point, then along y and x in vectors.
 struct StoredSingles {
   alignas(64) std::uint32_t row[4][kLanes];
-  alignas(64) float z[kLanes];         ///< the far pairs' share
+  alignas(64) float z[kLanes];         ///< interpolation weight of the far pairs
   alignas(64) float plane[4][kLanes];  ///< as transpose_fours leaves them
 
   float* plane_of(int j) { return &plane[j % 4][j / 4 * 4]; }
@@ -428,7 +428,7 @@ void encode_backward(int features, const GridLevel& level, const GridPoints& poi
 void density(const GridLevel* levels, int n_levels, float scale, const GridPoints& points,
              float* density) {
   StoredSingles s;
-  for (int l = 0; l < n_levels; ++l)  // one table at a time is in the second-level cache
+  for (int l = 0; l < n_levels; ++l)  // one level's table at a time is in the L2 cache
     for (std::size_t i = 0; i < points.n; i += kLanes) {
       const int count = points.n - i < kLanes ? static_cast<int>(points.n - i) : kLanes;
       const Cells cells = find_cells(levels[l], points, i);

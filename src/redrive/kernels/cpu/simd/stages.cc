@@ -12,8 +12,8 @@ REDRIVE_INLINE bool is_infinite(float x) { return x == __builtin_inff(); }
 
 REDRIVE_INLINE Vf sigmoid(Vf x) { return splat(1.0f) / (splat(1.0f) + exponential(-x).value); }
 
-/// alpha and 1 - alpha of every sample of a ray (volume/composite.h, absorption), in whole vectors:
-/// beyond n sigma is 0.
+/// Writes alpha and 1 - alpha of every sample of a ray (volume/composite.h, absorption) in whole
+/// vectors; sigma is 0 beyond n.
 REDRIVE_INLINE void absorb(const float* density, const float* dt, int n, float* alpha,
                            float* transparency) {
   const Vf zero{}, one = splat(1.0f);
@@ -140,17 +140,17 @@ void adam(const AdamRange& range) {
   for (std::size_t i = 0; i < r.n; i += kLanes) {
     const int count = r.n - i < kLanes ? static_cast<int>(r.n - i) : kLanes;
     const Vf gradient = load_first(r.gradients + i, count);
-    const Vi says_nothing = gradient == zero;
-    if (r.lazy && all_lanes(says_nothing)) continue;
+    const Vi no_gradient = gradient == zero;
+    if (r.lazy && all_lanes(no_gradient)) continue;
     const Vf m0 = load_first(r.first_moment + i, count),
              v0 = load_first(r.second_moment + i, count), p0 = load_first(r.parameters + i, count);
     Vf m = beta1 * m0 + rest1 * gradient, v = beta2 * v0 + rest2 * gradient * gradient;
     Vf p = p0 - splat(r.learning_rate) * (m * splat(r.bias1)) /
                     (square_root(v * splat(r.bias2)) + splat(r.epsilon));
     if (r.lazy) {
-      m = says_nothing ? m0 : m;
-      v = says_nothing ? v0 : v;
-      p = says_nothing ? p0 : p;
+      m = no_gradient ? m0 : m;
+      v = no_gradient ? v0 : v;
+      p = no_gradient ? p0 : p;
     }
     store_first(r.first_moment + i, m, count);
     store_first(r.second_moment + i, v, count);

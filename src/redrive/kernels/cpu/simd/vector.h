@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Vectors of floats in the width of the instruction set this file is compiled for (GCC vector
-// extensions). Only for files compiled with ISA flags. Everything here has internal linkage in a
-// namespace per ISA, and such files call no inline function of the standard library or of the
-// project: the linker keeps one copy of an inline function, and it must not be the one that needs
-// AVX-512.
+// extensions). Only for files with ISA flags: everything here has internal linkage in a namespace
+// per ISA, and such files call no inline function of the standard library or of the project. The
+// linker keeps one copy of an inline function, and it must not be the one that needs AVX-512.
 #pragma once
 
 #include <immintrin.h>
@@ -32,7 +31,7 @@ REDRIVE_INLINE Vu splat_unsigned(std::uint32_t x) { return x - Vu{}; }
 REDRIVE_INLINE Vf load(const float* p) { return *reinterpret_cast<const UnalignedVf*>(p); }
 REDRIVE_INLINE void store(float* p, Vf v) { *reinterpret_cast<UnalignedVf*>(p) = v; }
 
-/// The first min(count, kLanes) of p; the other lanes are 0.
+/// Loads the first min(count, kLanes) numbers of p; the other lanes are 0.
 REDRIVE_INLINE Vf load_first(const float* p, int count) {
   if (count >= kLanes) return load(p);
   Vf v{};
@@ -50,7 +49,7 @@ REDRIVE_INLINE float sum(Vf v) {
   return s;
 }
 
-/// Of a comparison's result: bit i is lane i's.
+/// Returns the result of a comparison as bits: bit i is lane i's.
 REDRIVE_INLINE unsigned lane_bits(Vi holds) {
 #ifdef __AVX512F__
   return _mm512_movepi32_mask(reinterpret_cast<__m512i>(holds));
