@@ -5,13 +5,12 @@
 #include <string_view>
 
 #include "redrive/base/error.h"
-#include "redrive/recording/aimotive.h"
+#include "redrive/recording/egomotion_json.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const std::string_view text(reinterpret_cast<const char*>(data), size);
   try {
-    for (const redrive::FramePose& frame :
-         redrive::aimotive::parse_egomotion(text, "egomotion2.json")) {
+    for (const redrive::FramePose& frame : redrive::parse_egomotion(text, "egomotion2.json")) {
       if (!frame.global_from_body.matrix().allFinite()) __builtin_trap();
     }
   } catch (const redrive::InputError&) {

@@ -16,11 +16,11 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   };
   try {
     const auto transforms = redrive::transforms::parse(text, "transforms.json", size_of);
-    if (transforms.pictures.empty()) __builtin_trap();
-    for (const redrive::transforms::Picture& picture : transforms.pictures) {
-      if (!picture.world_from_body.matrix().allFinite()) __builtin_trap();
-      if (picture.camera &&
-          !(picture.camera->fx() > 0 && picture.camera->fy() > 0 && picture.camera->width > 0))
+    if (transforms.entries.empty()) __builtin_trap();
+    for (const redrive::transforms::FrameEntry& entry : transforms.entries) {
+      if (!entry.global_from_body.matrix().allFinite()) __builtin_trap();
+      if (entry.camera &&
+          !(entry.camera->fx() > 0 && entry.camera->fy() > 0 && entry.camera->width > 0))
         __builtin_trap();
     }
     if (transforms.bounds &&

@@ -37,7 +37,7 @@ TEST_F(EndToEnd, AlignTakesReadoutTimesAsTrainDoes) {
 
 TEST_F(EndToEnd, TrainKeepsInitialPoses) {
   const fs::path aligned = folder_ / "aligned", run = folder_ / "run";
-  write_pose_files(aligned, read_pose_files(drive_));
+  write_pose_files(aligned, read_pose_files(open_recording(drive_), drive_));
   edit_json(tiny_egomotion(aligned), [](nlohmann::json& poses) {
     poses["101"]["RT_ECEF_body"][2][3] = poses["101"]["RT_ECEF_body"][2][3].get<double>() + 0.125;
   });

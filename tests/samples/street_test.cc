@@ -11,8 +11,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/eval/novel_ground_truth.h"
-#include "redrive/recording/boxes.h"
-#include "redrive/recording/las.h"
+#include "redrive/recording/recording_reader.h"
 #include "redrive/recording/trajectory.h"
 #include "redrive/scene/lidar_returns.h"
 #include "redrive/scene/load_views.h"
@@ -124,7 +123,7 @@ TEST(Street, LidarAndDepthAreOfOneWorld) {
                      [&](const FrameFile& f) { return f.frame_id == poses.views[i].frame_id; });
     ASSERT_NE(file, run.recording.lidar_files.end());
     std::vector<double> errors;
-    for (const LidarPoint& point : read_las(file->path)) {
+    for (const LidarPoint& point : run.recording.reader->read_lidar(*file)) {
       const Eigen::Vector3d world = world_from_global * pose_at(run.recording.frames, point.t_ns) *
                                     point.in_body_m.cast<double>();
       const Eigen::Vector3d in_camera = camera_from_world * world;
@@ -194,7 +193,7 @@ TEST(Street, RevolutionsOverlapByAThird) {
   std::set<std::int64_t> before;
   for (const FrameFile& file : street.lidar_files) {
     std::set<std::int64_t> packets;
-    for (const LidarPoint& point : read_las(file.path)) packets.insert(point.t_ns);
+    for (const LidarPoint& point : street.reader->read_lidar(file)) packets.insert(point.t_ns);
     EXPECT_EQ(packets.size(), 120u) << file.path;
     const auto shared = std::count_if(packets.begin(), packets.end(),
                                       [&](std::int64_t t_ns) { return before.contains(t_ns); });
@@ -227,7 +226,7 @@ TEST(StreetTraffic, BoxesHoldTheirVehicles) {
   ASSERT_EQ(traffic.box_files.size(), 24u);
   int parked = 0;
   for (const FrameFile& file : traffic.box_files) {
-    const std::vector<Box> boxes = read_boxes(file.path);
+    const std::vector<Box> boxes = traffic.reader->read_boxes(file);
     ASSERT_EQ(boxes.size(), 3u);
     const auto frame = std::find_if(traffic.frames.begin(), traffic.frames.end(),
                                     [&](const FramePose& f) { return f.id == file.frame_id; });
@@ -237,7 +236,7 @@ TEST(StreetTraffic, BoxesHoldTheirVehicles) {
     const auto cloud =
         std::find_if(traffic.lidar_files.begin(), traffic.lidar_files.end(),
                      [&](const FrameFile& f) { return f.frame_id == file.frame_id; });
-    const std::vector<LidarPoint> points = read_las(cloud->path);
+    const std::vector<LidarPoint> points = traffic.reader->read_lidar(*cloud);
     for (const Box& box : boxes) {
       EXPECT_EQ(box.t_ns, frame->t_ns);
       parked += (box.velocity_in_body_m_per_s + later.translation() / 1e-3).norm() < 0.07;
@@ -268,7 +267,7 @@ TEST(StreetTraffic, ReturnsOfMovingVehiclesAreGone) {
   std::multimap<std::int64_t, std::size_t> by_time;
   for (std::size_t i = 0; i < without.n; ++i) by_time.emplace(without.t_ns[i], i);
   int same = 0, earlier_on_parked = 0, earlier_elsewhere = 0;
-  const std::vector<Box> boxes = read_boxes(run.recording.box_files[0].path);
+  const std::vector<Box> boxes = run.recording.reader->read_boxes(run.recording.box_files[0]);
   const Rigid3d world_from_body = run.scene.global_from_world.inverse(Eigen::Isometry) *
                                   pose_at(run.recording.frames, boxes[0].t_ns);
   ASSERT_EQ(boxes[0].object_id, 1);  // the parked one

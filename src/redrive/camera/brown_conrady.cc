@@ -12,11 +12,11 @@
 namespace redrive {
 namespace {
 
-/// Radii above this are 1e-6 rad from 90 degrees: no image has them, and powers of them lose
-/// meaning.
+/// Radii above this are less than 1e-6 rad from 90 degrees, beyond any image.
 constexpr double kFarRadius = 1e6;
 
-/// r in [0, max_radius] with r g(r^2) = distorted_radius, else about the edge.
+/// Returns r in [0, max_radius] with r g(r^2) = distorted_radius, or about the edge if there is
+/// none.
 double undistorted_radius(const BrownConrady& lens, double distorted_radius) {
   const auto distorted = [&](double r) {
     const double s = r * r;
@@ -51,7 +51,7 @@ std::optional<Eigen::Vector2d> BrownConrady::undistort(const Eigen::Vector2d& di
   if (!std::isfinite(distorted_radius)) return std::nullopt;
   if (distorted_radius == 0) return distorted;
   if (std::isfinite(max_radius)) {
-    // No point of the disc gets further out than its edge: |x_d| <= r g + 3 |p| r^2.
+    // The image of the disc ends at |x_d| <= r g + 3 |p| r^2.
     const double s = max_radius * max_radius;
     const double reach =
         max_radius * (1 + s * (k1 + s * (k2 + s * k3))) + 3 * std::hypot(p1, p2) * s;
@@ -72,8 +72,8 @@ std::optional<Eigen::Vector2d> BrownConrady::undistort(const Eigen::Vector2d& di
     jacobian(0, 0) = g + 2 * a * a * dg + 2 * p1 * b + 6 * p2 * a;
     jacobian(1, 1) = g + 2 * b * b * dg + 6 * p1 * b + 2 * p2 * a;
     jacobian(0, 1) = jacobian(1, 0) = 2 * a * b * dg + 2 * p1 * a + 2 * p2 * b;
-    // Solving in the disc is minimising a convex function there: a step that leaves it or gains
-    // nothing is halved.
+    // The root minimises a convex function on the disc: halve steps that leave it or do not lower
+    // the residual.
     Eigen::Vector2d step = jacobian.inverse() * error, next = x - step;
     Eigen::Vector2d next_error = residual(next);
     int halvings = 0;
@@ -83,7 +83,7 @@ std::optional<Eigen::Vector2d> BrownConrady::undistort(const Eigen::Vector2d& di
       next_error = residual(next);
       ++halvings;
     }
-    if (halvings == 30) break;  // at rounding, or at the edge of the disc
+    if (halvings == 30) break;  // rounding error, or the edge of the disc
     x = next;
     error = next_error;
   }

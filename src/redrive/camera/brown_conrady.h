@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Lens distortion of OpenCV's five coefficients (Brown 1966, Conrady 1919), shared by the pinhole
-// and the mei model.
+// Lens distortion with OpenCV's five coefficients (Brown 1966, Conrady 1919), for the models
+// pinhole and mei.
 //   s = x^2 + y^2,  g(s) = 1 + k1 s + k2 s^2 + k3 s^3
 //   x_d = x g + 2 p1 x y + p2 (s + 2 x^2),   y_d = y g + p1 (s + 2 y^2) + 2 p2 x y
 // on normalised coordinates (no unit; pixel = f x_d + c).
@@ -22,8 +22,8 @@ struct BrownConrady {
       {{"k1"}, {"k2"}, {"p1"}, {"p2"}, {"k3"}}};
   double k1 = 0, k2 = 0, p1 = 0, p2 = 0, k3 = 0;
 
-  /// Undistorted radius of the disc on which the map is one-to-one. Beyond it the polynomial folds
-  /// back: a second, wrong point would be seen at the same place. Infinity if it never folds.
+  /// Undistorted radius of the disc on which the map is one-to-one: the valid region. Beyond it the
+  /// polynomial folds back, and two points have the same image. Infinity if it never folds.
   double max_radius = std::numeric_limits<double>::infinity();
 
   BrownConrady() = default;
@@ -49,8 +49,8 @@ struct BrownConrady {
             y * g + T(p1) * (s + T(2) * yy) + T(2 * p2) * xy};
   }
 
-  /// The point of the disc that is distorted to `distorted`: Newton, to 1e-12 (1 + |distorted|) or
-  /// better. Nothing if the image of the disc does not contain it.
+  /// Returns the point of the disc whose image is `distorted`, by Newton's method to
+  /// 1e-12 (1 + |distorted|), or nothing if the image of the disc does not contain it.
   std::optional<Eigen::Vector2d> undistort(const Eigen::Vector2d& distorted) const;
 };
 

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// The unified model of Mei and Rives (ICRA 2007, section II) for fisheyes, as in OpenCV's omnidir
-// ("mei"):
+// "mei", for fisheyes: the unified model of Mei and Rives (ICRA 2007, section II), as in OpenCV's
+// omnidir.
 //   (X, Y, Z)/|.| -> (x, y) = (X/(Z + xi), Y/(Z + xi)) on the unit sphere, then
 //   camera/brown_conrady.h.
 // Inverse (the lift): with s = x^2 + y^2, f = (xi + sqrt(1 + (1 - xi^2) s)) / (s + 1), direction (f
 // x, f y, f - xi). At angle a from the axis r = sin a / (cos a + xi) grows until cos a = -xi (xi <=
 // 1, r = infinity) or cos a = -1/xi (xi > 1, r = 1/sqrt(xi^2 - 1), where the root of the lift is
-// 0); what lies further back is not seen.
+// 0); directions further back have no pixel.
 #pragma once
 
 #include <algorithm>
@@ -38,16 +38,15 @@ struct Mei {
   /// k1 k2 p1 p2 k3 xi, all finite.
   explicit Mei(std::span<const double> parameters)
       : distortion(parameters.first<5>()), xi(parameters[5]) {
-    // 1e-9: on the sphere's very edge the angle is only known to the square root of a rounding
-    // error.
+    // 1e-9: on the edge of the sphere the angle is accurate to the square root of a rounding error.
     if (xi > 1)
       distortion.max_radius = std::min(distortion.max_radius, (1 - 1e-9) / std::sqrt(xi * xi - 1));
   }
 
   double covered_radius() const { return distortion.covered_radius(); }
 
-  /// Distorted normalised coordinates of a point (any length > 0). Nothing beyond the edge of the
-  /// sphere or the fold.
+  /// Returns the distorted normalised coordinates of a point (any length > 0), or nothing beyond
+  /// the edge of the sphere or the fold.
   template <class T>
   std::optional<std::array<T, 2>> project(const std::array<T, 3>& point) const {
     using std::sqrt;
@@ -61,7 +60,7 @@ struct Mei {
     return distortion.distort(m);
   }
 
-  /// Unit direction that is projected to `distorted`; nothing if there is none.
+  /// Returns the unit direction that is projected to `distorted`, or nothing.
   std::optional<Eigen::Vector3d> unproject(const Eigen::Vector2d& distorted) const {
     const std::optional<Eigen::Vector2d> m = distortion.undistort(distorted);
     if (!m) return std::nullopt;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The fisheye of Kannala and Brandt (PAMI 2006, eq. 6) with OpenCV's four coefficients
-// ("opencv_fisheye"): at angle a from the axis
+// "opencv_fisheye": the fisheye of Kannala and Brandt (PAMI 2006, eq. 6) with OpenCV's four
+// coefficients. At angle a from the axis
 //   (X, Y, Z) -> theta(a) (X, Y) / sqrt(X^2 + Y^2),   theta(a) = a (1 + k1 a^2 + k2 a^4 + k3 a^6 +
 //   k4 a^8).
 #pragma once
@@ -28,8 +28,8 @@ struct OpenCvFisheye {
 
   double k1 = 0, k2 = 0, k3 = 0, k4 = 0;
 
-  /// Angles up to here are seen: beyond it theta falls, and a second, wrong direction would land in
-  /// the image. At most pi (1 - 1e-9): what lies straight behind has no place.
+  /// Edge of the valid region. Beyond it theta falls, and a second, wrong direction would land in
+  /// the image. At most pi (1 - 1e-9): the direction straight behind has no pixel.
   double max_angle_rad = std::numbers::pi * (1 - 1e-9);
 
   OpenCvFisheye() = default;
@@ -49,23 +49,24 @@ struct OpenCvFisheye {
 
   double covered_radius() const { return distort(max_angle_rad); }
 
-  /// Distorted normalised coordinates of a point (any length > 0). Nothing beyond max_angle_rad.
+  /// Returns the distorted normalised coordinates of a point (any length > 0), or nothing beyond
+  /// max_angle_rad.
   template <class T>
   std::optional<std::array<T, 2>> project(const std::array<T, 3>& point) const {
     using std::atan2;
     using std::sqrt;
     const T rr = point[0] * point[0] + point[1] * point[1];
-    // So close to the axis theta / r is 1 / Z to rounding; on it the quotient is 0 / 0.
+    // This close to the axis theta / r is 1 / Z to rounding; on it the quotient is 0 / 0.
     if (point[2] > T(0) && rr <= T(1e-18) * point[2] * point[2])
       return std::array<T, 2>{point[0] / point[2], point[1] / point[2]};
     const T r = sqrt(rr), angle = atan2(r, point[2]);
-    // 1e-12: room for the rounding of a ray that unproject has found on the edge itself.
+    // 1e-12: margin for rounding of a ray that unproject returned on the edge.
     if (!(r > T(0)) || !(angle <= T(max_angle_rad * (1 + 1e-12)))) return std::nullopt;
     const T scale = distort(angle) / r;
     return std::array<T, 2>{scale * point[0], scale * point[1]};
   }
 
-  /// Unit direction that is projected to `distorted`; nothing if there is none.
+  /// Returns the unit direction that is projected to `distorted`, or nothing.
   std::optional<Eigen::Vector3d> unproject(const Eigen::Vector2d& distorted) const {
     const double theta = distorted.norm();
     if (!(theta <= distort(max_angle_rad))) return std::nullopt;

@@ -12,8 +12,8 @@ double horner(const std::vector<double>& polynomial, double x) {
 
 }  // namespace
 
-// Between neighbouring extrema, which are the derivative's sign changes, the polynomial is
-// monotone, so bisection finds every one.
+// The polynomial is monotone between neighbouring extrema, the sign changes of its derivative, so
+// bisection finds every root.
 std::vector<double> sign_changes(const std::vector<double>& polynomial, double end) {
   if (polynomial.size() < 2) return {};
   std::vector<double> derivative(polynomial.size() - 1);

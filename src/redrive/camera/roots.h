@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Roots of the polynomials that lens models are made of.
+// Roots of lens polynomials.
 #pragma once
 
 #include <algorithm>
@@ -8,11 +8,12 @@
 
 namespace redrive {
 
-/// Where the polynomial (ascending coefficients) changes sign in (0, end), ascending.
+/// Returns the x in (0, end), ascending, where a polynomial (ascending coefficients) changes sign.
 std::vector<double> sign_changes(const std::vector<double>& polynomial, double end);
 
-/// x in [0, edge] with f(x) = target, to 1e-12 x, for f growing from f(0) <= target there; about
-/// the edge where f does not get as far. Newton kept inside a bracket, which begins at `guess`.
+/// Returns x in [0, edge] with f(x) = target, to 1e-12 x, for an f that increases from
+/// f(0) <= target, or about the edge if f stays below target. Newton's method in a bracket that
+/// begins at `guess`.
 template <class Function, class Slope>
 double increasing_root(const Function& f, const Slope& slope, double target, double guess,
                        double edge) {

@@ -78,7 +78,8 @@ AlignResult align_verbose(const Recording& recording, AlignOptions options, Thre
 
 void write_alignment(const std::filesystem::path& folder, const Recording& recording,
                      const AlignResult& result) {
-  write_pose_files(folder, make_pose_files(recording, result.frames, result.cameras));
+  write_pose_files(folder,
+                   recording.reader->make_pose_files(recording, result.frames, result.cameras));
   write_align_page(folder, recording, result);
 }
 

@@ -62,9 +62,10 @@ std::optional<ExternalPoses> load_external_poses(Run* run, int threads) {
     options.bundle.readouts = apply_readout_options(run->options.rolling_shutter, &run->recording);
     own.recording = run->recording;
     own.alignment = align_verbose(run->recording, options, pool);
-    own.files = make_pose_files(run->recording, own.alignment->frames, own.alignment->cameras);
+    own.files = run->recording.reader->make_pose_files(run->recording, own.alignment->frames,
+                                                       own.alignment->cameras);
   } else {
-    own.files = read_pose_files(run->options.poses);
+    own.files = read_pose_files(run->recording, run->options.poses);
   }
   // From the text in both cases: a resumed run reads the same bits.
   use_external_poses(own.files, run->options.align ? run->options.recording : run->options.poses,

@@ -3,8 +3,6 @@
 
 #include <sstream>
 
-#include <Eigen/SVD>
-
 namespace redrive {
 
 namespace {
@@ -49,18 +47,6 @@ std::string rigid_obstacle(const Eigen::Matrix4d& matrix) {
     why << "not a rotation: det = " << det << ", a reflection";
   }
   return why.str();
-}
-
-Rigid3d rigid_from_json(const JsonField& field) {
-  const Eigen::Matrix4d matrix = field.matrix4();
-  if (const std::string why = rigid_obstacle(matrix); !why.empty()) field.fail(why);
-  // Nearest rotation in the Frobenius norm (Schoenemann 1966): R = U V^T; det > 0 is checked above.
-  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(matrix.topLeftCorner<3, 3>(),
-                                              Eigen::ComputeFullU | Eigen::ComputeFullV);
-  Rigid3d transform = Rigid3d::Identity();
-  transform.linear() = svd.matrixU() * svd.matrixV().transpose();
-  transform.translation() = matrix.topRightCorner<3, 1>();
-  return transform;
 }
 
 }  // namespace redrive

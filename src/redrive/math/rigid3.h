@@ -7,7 +7,6 @@
 
 #include <Eigen/Geometry>
 
-#include "redrive/base/json_field.h"
 #include "redrive/math/plain_pose.h"
 
 namespace redrive {
@@ -25,9 +24,5 @@ Rigid3d between(const Rigid3d& a, const Rigid3d& b, double part);
 /// ...), or empty. Tolerance: 1e-3 on R R^T - I (files carry 6 to 16 digits), last row 0 0 0 1 to
 /// 1e-9.
 std::string rigid_obstacle(const Eigen::Matrix4d& matrix);
-
-/// Reads a row-major 4x4 and checks it; its rotation is re-orthonormalised (nearest rotation by
-/// SVD).
-Rigid3d rigid_from_json(const JsonField& field);
 
 }  // namespace redrive

@@ -4,8 +4,6 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "redrive/base/error.h"
-
 namespace redrive {
 namespace {
 
@@ -32,27 +30,6 @@ TEST(RigidObstacle, AcceptsARotationAndSaysWhatIsWrongWithOthers) {
   m(0, 0) = NAN;
   EXPECT_EQ(rigid_obstacle(m), "not finite");
   EXPECT_NE(rigid_obstacle(Eigen::Matrix4d::Zero()), "");
-}
-
-TEST(RigidFromJson, ReadsRowMajorAndRestoresTheNearestRotation) {
-  const nlohmann::json json = {
-      {0, -1.0003, 0, 4e6}, {0.9998, 0, 0, 20}, {0, 0, 1, 30}, {0, 0, 0, 1}};
-  const Rigid3d transform = rigid_from_json(JsonField(json, "pose.json"));
-  EXPECT_EQ(transform.translation(), Eigen::Vector3d(4e6, 20, 30));
-  const Eigen::Matrix3d r = transform.linear();
-  EXPECT_LT((r * r.transpose() - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff(), 1e-14);
-  EXPECT_LT((r - quarter_turn().topLeftCorner<3, 3>()).cwiseAbs().maxCoeff(), 1e-14);
-}
-
-TEST(RigidFromJson, NamesFileFieldAndRule) {
-  const nlohmann::json json = {{"pose", {{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, -1, 0}, {0, 0, 0, 1}}}};
-  try {
-    rigid_from_json(JsonField(json, "pose.json").at("pose"));
-    FAIL() << "a reflection was accepted";
-  } catch (const InputError& error) {
-    EXPECT_THAT(error.what(),
-                testing::AllOf(HasSubstr("pose.json: pose = [["), HasSubstr("det = -1")));
-  }
 }
 
 // In plain numbers as by Eigen, to a few units in the last place: short turns, half turns, none,

@@ -8,6 +8,10 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/recording/aimotive_boxes.h"
+#include "redrive/recording/calibration_json.h"
+#include "redrive/recording/egomotion_json.h"
+#include "redrive/recording/las.h"
 #include "redrive/recording/wording.h"
 
 namespace redrive::aimotive {
@@ -126,6 +130,40 @@ std::vector<ImageFile> collect_images(const fs::path& folder, const std::string&
   return kept;
 }
 
+const fs::path kCalibrationFile = "sensor/calibration/calibration.json",
+               kEgomotionFile = "sensor/gnssins/egomotion2.json";
+
+class Reader : public RecordingReader {
+ public:
+  std::vector<LidarPoint> read_lidar(const FrameFile& file) const override {
+    return read_las(file.path);
+  }
+  std::uint64_t lidar_point_count(const FrameFile& file) const override {
+    return las_point_count(file.path);
+  }
+  std::vector<Box> read_boxes(const FrameFile& file) const override {
+    return aimotive::read_boxes(file.path);
+  }
+
+  std::vector<fs::path> pose_file_names() const override {
+    return {kEgomotionFile, kCalibrationFile};
+  }
+  /// The calibration is the recording's with these cameras: other sensors and fields stay.
+  PoseFiles make_pose_files(const Recording& recording, const std::vector<FramePose>& frames,
+                            const std::vector<CameraCalibration>& cameras) const override {
+    nlohmann::json sensors = read_json(recording.root / kCalibrationFile);
+    for (const CameraCalibration& camera : cameras)
+      update_calibration(camera, &sensors.at(camera.name));
+    return {{kEgomotionFile, egomotion_to_json(frames).dump(1) + "\n"},
+            {kCalibrationFile, sensors.dump(1) + "\n"}};
+  }
+  CalibratedPoses parse_pose_files(const PoseFiles& files, const fs::path& folder) const override {
+    const fs::path frames = folder / kEgomotionFile, cameras = folder / kCalibrationFile;
+    return {parse_egomotion(files.at(kEgomotionFile), frames),
+            parse_calibration(files.at(kCalibrationFile), cameras, nullptr), frames, cameras};
+  }
+};
+
 fs::path egomotion_file(const fs::path& root) {
   const fs::path folder = root / "sensor/gnssins";
   for (const char* name : {"egomotion2.json", "egomotion.json"}) {
@@ -142,12 +180,15 @@ bool looks_like(const fs::path& root) {
          is_folder(root / "sensor/gnssins");
 }
 
+std::shared_ptr<const RecordingReader> make_reader() { return std::make_shared<const Reader>(); }
+
 Recording open(const fs::path& root, PoseSource source) {
   Recording recording;
   recording.root = root;
+  recording.reader = make_reader();
   const bool truth = source == PoseSource::kGroundTruth;
   const fs::path calibration_file =
-      root / "sensor/calibration" / (truth ? "calibration_true.json" : "calibration.json");
+      truth ? root / "sensor/calibration/calibration_true.json" : root / kCalibrationFile;
   const fs::path image_root = root / "sensor/camera",
                  true_poses_file = root / "sensor/gnssins/egomotion2_true.json";
   OtherSensors others;

@@ -3,9 +3,9 @@
 // 2004 (the coder), M. Isenburg, "LASzip: lossless compression of LiDAR data", PE&RS 79(2), 2013
 // (its use). Every constant here is part of the format.
 //
-// The coder keeps an interval of `length` in 2^24..2^32-1; a model cuts it in proportion to how
-// often each symbol came so far, the next symbol's part becomes the interval, and bytes are shifted
-// in until it has its 24 bits again.
+// The coder keeps an interval of `length` in 2^24..2^32-1. A model divides it in proportion to the
+// frequencies of the symbols so far. The part of the next symbol becomes the interval, and bytes
+// are shifted in until its length has 24 bits again.
 #pragma once
 
 #include <cstddef>
@@ -15,7 +15,7 @@
 
 namespace redrive {
 
-/// How often a bit was 0. Shares are of 2^13.
+/// Frequency of zeros of a bit. Probabilities are in units of 2^-13.
 class BitModel {
  public:
   static constexpr int kProbabilityBits = 13;
@@ -31,14 +31,14 @@ class BitModel {
                 cycle_ = 4, until_update_ = 4;
 };
 
-/// How often each of `size` symbols came. Shares are of 2^15.
+/// Frequencies of `size` symbols. Probabilities are in units of 2^-15.
 class SymbolModel {
  public:
   static constexpr int kProbabilityBits = 15;
   explicit SymbolModel(std::uint32_t size);
 
   std::uint32_t size() const { return static_cast<std::uint32_t>(counts_.size()); }
-  /// Share of all symbols below `symbol` (< size()); rises strictly with it.
+  /// Returns the probability of all symbols below `symbol` (< size()); strictly increasing.
   std::uint32_t cumulative_probability(std::uint32_t symbol) const {
     return cumulative_probabilities_[symbol];
   }
@@ -50,13 +50,13 @@ class SymbolModel {
  private:
   void update();
   std::vector<std::uint16_t>
-      counts_;  ///< halved when they exceed 2^15 in all; at most 4176 more come before that is seen
+      counts_;  ///< halved by the next update once their sum exceeds 2^15, by at most 4176
   std::vector<std::uint16_t> cumulative_probabilities_;  ///< as of the last update
   std::uint32_t total_ = 0, cycle_ = 0, until_update_ = 0;
 };
 
-/// Reads symbols from `bytes` (which must outlive it). Any bytes can be decoded without harm;
-/// whether they meant anything is what broken() says.
+/// Decodes symbols from `bytes` (which must outlive it). Any bytes can be decoded without harm;
+/// broken() returns whether they were a code.
 class ArithmeticDecoder {
  public:
   explicit ArithmeticDecoder(std::string_view bytes);
@@ -65,10 +65,10 @@ class ArithmeticDecoder {
   std::uint32_t symbol(SymbolModel& model);
   std::uint32_t bits(int n);  ///< n equally likely bits, 1..32
 
-  /// The bytes ended too early, or hold what no encoder writes; the symbols since then are
+  /// Whether the bytes ended too early, or hold what no encoder writes. The symbols since then are
   /// meaningless.
   bool broken() const { return broken_; }
-  void refuse() { broken_ = true; }  ///< the symbols say what no encoder writes
+  void refuse() { broken_ = true; }  ///< sets broken: no encoder writes these symbols
   std::size_t bytes_read() const { return position_; }
 
  private:
@@ -76,7 +76,7 @@ class ArithmeticDecoder {
   void refill();
   std::string_view bytes_;
   std::size_t position_ = 0;
-  std::uint32_t value_ = 0;  ///< where in the interval the code points
+  std::uint32_t value_ = 0;  ///< position of the code in the interval
   std::uint32_t length_ = UINT32_MAX;
   bool broken_ = false;
 };

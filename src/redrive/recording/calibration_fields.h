@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Intrinsics from JSON, whatever the format calls them: each function reads one number and refuses
-// (InputError) what no camera has.
+// Intrinsics from JSON, whatever the format calls them. Each function reads one number; InputError
+// if no camera has it.
 #pragma once
 
 #include "redrive/base/json_field.h"

@@ -4,7 +4,7 @@
 
 #include "redrive/base/files.h"
 #include "redrive/camera/camera.h"
-#include "redrive/recording/aimotive.h"
+#include "redrive/recording/calibration_json.h"
 
 namespace redrive {
 namespace {
@@ -13,7 +13,7 @@ TEST(RealCameras, RoundTripOverTheWholeImage) {
   const std::filesystem::path file =
       REDRIVE_SHARED "/data/aimotive_night/sensor/calibration/calibration.json";
   if (!std::filesystem::exists(file)) GTEST_SKIP() << file << " is not here";
-  const auto cameras = aimotive::parse_calibration(read_file(file), file, nullptr);
+  const auto cameras = parse_calibration(read_file(file), file, nullptr);
   ASSERT_EQ(cameras.size(), 4u);
   for (const CameraCalibration& calibration : cameras) {
     SCOPED_TRACE(calibration.name);

@@ -4,6 +4,7 @@
 #include <bit>
 #include <cmath>
 #include <cstdio>
+#include <fstream>
 #include <string>
 
 #include "redrive/base/error.h"
@@ -14,7 +15,7 @@
 namespace redrive {
 namespace {
 
-constexpr std::size_t kHeaderBytes = 227, kVariableHeaderBytes = 54;
+constexpr std::size_t kHeaderBytes = 227, kVariableHeaderBytes = 54, kPointCountOffset = 107;
 constexpr std::uint32_t kMaxLasPoints =
     4'000'000;  // a revolution of 128 beams at 0.1 degrees has 0.46 million
 constexpr double kMaxLasCoordinate_m = 1e4;
@@ -51,7 +52,7 @@ class LasFile {
     const auto record_bytes = at<std::uint16_t>(105);
     if (record_bytes != kLasRecordBytes)
       refuse("point data record length", record_bytes, "must be 28, as in format 1");
-    points_ = at<std::uint32_t>(107);
+    points_ = at<std::uint32_t>(kPointCountOffset);
     if (points_ > kMaxLasPoints)
       refuse("number of points", points_, "at most 4 million are accepted: a revolution has fewer");
     for (int axis = 0; axis < 3; ++axis) {
@@ -189,6 +190,13 @@ std::vector<LidarPoint> parse_las(std::string_view bytes, const std::filesystem:
 
 std::vector<LidarPoint> read_las(const std::filesystem::path& file) {
   return parse_las(read_file(file), file);
+}
+
+std::uint64_t las_point_count(const std::filesystem::path& file) {
+  char header[kPointCountOffset + 4]{};
+  std::ifstream(file, std::ios::binary).read(header, sizeof header);
+  const std::string_view bytes(header, sizeof header);
+  return bytes.starts_with("LASF") ? little_endian<std::uint32_t>(bytes, kPointCountOffset) : 0;
 }
 
 }  // namespace redrive

@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// LiDAR points: LAS 1.2 (ASPRS, "LAS Specification Version 1.2", 2008), point format 1, as it is
-// (.las) or compressed by LASzip
-// (.laz: chunked pointwise compressor, items POINT10 and GPSTIME11, each version 2). Which one a
-// file is stands in the file; its name does not matter.
+// LiDAR points from LAS 1.2 (ASPRS, "LAS Specification Version 1.2", 2008), point format 1, plain
+// (.las) or compressed by LASzip (.laz: chunked pointwise compressor, items POINT10 and GPSTIME11,
+// each version 2). The header tells them apart; the name of the file does not matter.
 #pragma once
 
 #include <cstdint>
@@ -10,23 +9,17 @@
 #include <string_view>
 #include <vector>
 
-#include <Eigen/Core>
+#include "redrive/recording/lidar_point.h"
 
 namespace redrive {
 
-/// A return. Not motion compensated: each point is where the body frame was at the point's own
-/// time.
-struct LidarPoint {
-  Eigen::Vector3f in_body_m;  ///< |coordinate| <= 1e4, so that a float is exact to 0.5 mm, and to 8
-                              ///< um within 128 m
-  std::uint16_t intensity = 0;  ///< as recorded, of the sensor's own scale
-  std::int64_t t_ns = 0;        ///< host clock; the file's gps_time is taken for nanoseconds
-};
-
-/// The points in the order of the file. InputError for anything else than the above, and for
-/// counts, offsets and sizes that disagree with the file, damaged compressed data, a scale that is
-/// not > 0, or numbers that are not finite.
+/// Returns the points in the order of the file. gps_time is taken for nanoseconds. InputError for
+/// other versions and formats, counts, offsets and sizes that contradict the file, damaged
+/// compressed data, scales <= 0, and numbers that are not finite.
 std::vector<LidarPoint> parse_las(std::string_view bytes, const std::filesystem::path& file);
 std::vector<LidarPoint> read_las(const std::filesystem::path& file);
+
+/// Returns the number of points by the header alone, or 0 if that is damaged.
+std::uint64_t las_point_count(const std::filesystem::path& file);
 
 }  // namespace redrive

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// How LASzip predicts the fields of a LAS point from the points before it and decodes what the
-// prediction missed: items POINT10 version 2 and GPSTIME11 version 2 (M. Isenburg, "LASzip:
-// lossless compression of LiDAR data", PE&RS 79(2), 2013). Integers wrap around as in two's
-// complement. The state lasts for one chunk.
+// LASzip's prediction of a LAS point's fields from the points before it, and the decoding of the
+// residuals: items POINT10 version 2 and GPSTIME11 version 2 (M. Isenburg, "LASzip: lossless
+// compression of LiDAR data", PE&RS 79(2), 2013). Integers wrap around as in two's complement. The
+// state lasts for one chunk.
 #pragma once
 
 #include <array>
@@ -27,8 +27,8 @@ struct LasRecord {
   bool operator==(const LasRecord&) const = default;
 };
 
-/// LASzip's order-0 coder of integers: how many bits the error of a prediction has, in one of
-/// `contexts`, then the error.
+/// LASzip's order-0 coder of integers: decodes the number of bits of a prediction's error, in one
+/// of `contexts`, then the error.
 class IntegerDecoder {
  public:
   IntegerDecoder(int bits, int contexts);  ///< bits 16 (results in 0..2^16 - 1) or 32 (signed)
@@ -43,7 +43,7 @@ class IntegerDecoder {
   std::vector<SymbolModel> errors_;  ///< [bits]: the upper 8 bits of errors of 1..bits bits
 };
 
-/// One model of bytes for each value that the byte had before, made when first used.
+/// One model of bytes for each previous value of the byte, created on first use.
 class ByteModels {
  public:
   SymbolModel& after(std::uint8_t before) {
@@ -55,8 +55,8 @@ class ByteModels {
   std::array<std::unique_ptr<SymbolModel>, 256> models_;
 };
 
-/// Roughly the median of the last few values: each new one pushes out the largest or the smallest
-/// of five, in turns.
+/// Approximate median of the last values: each new one replaces the largest or the smallest of
+/// five, alternately.
 class StreamingMedian {
  public:
   std::int32_t get() const { return sorted_[2]; }
@@ -67,10 +67,10 @@ class StreamingMedian {
   bool drop_largest_ = true;
 };
 
-/// Which model of 16 a return uses: [returns of the pulse][number of the return].
+/// Returns the context, 0..15, of a return: by returns of the pulse and number of the return.
 int return_context(std::uint8_t returns);
 
-/// Everything of a point but its time.
+/// Decodes all fields of a point but its time.
 class Point10Decoder {
  public:
   explicit Point10Decoder(const LasRecord& first) : last_(first) {}
@@ -91,8 +91,8 @@ class Point10Decoder {
       dy_coder_{32, 22}, z_coder_{32, 20};
 };
 
-/// Times of up to four interleaved sequences, each with a usual step; the bits of the doubles are
-/// treated as integers.
+/// Decodes times of up to four interleaved sequences, each with a usual step. The bits of the
+/// doubles are treated as integers.
 class GpsTimeDecoder {
  public:
   explicit GpsTimeDecoder(std::uint64_t first) { sequences_[0].time = first; }
@@ -102,7 +102,7 @@ class GpsTimeDecoder {
   struct Sequence {
     std::uint64_t time = 0;
     std::int32_t step = 0;
-    int odd_steps = 0;  ///< since the last usual one: those that fit no multiple of it
+    int odd_steps = 0;  ///< consecutive steps that are no multiple of the usual one
   };
   void decode_step(ArithmeticDecoder& decoder, Sequence& sequence, int multiple);
   void start_sequence(ArithmeticDecoder& decoder);

@@ -6,7 +6,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/base/files.h"
-#include "redrive/recording/boxes.h"
+#include "redrive/recording/aimotive_boxes.h"
 #include "redrive/recording/las.h"
 #include "redrive/recording/little_endian.h"
 #include "redrive/recording/recording.h"
@@ -60,7 +60,7 @@ TEST_F(RealLidar, Revolutions) {
     EXPECT_EQ(packets_ns.size(), 602u);
     for (std::size_t i = 1; i < packets_ns.size(); ++i)
       EXPECT_NEAR(static_cast<double>(packets_ns[i] - packets_ns[i - 1]), 167e3, 2e3);
-    const std::int64_t box_ns = read_boxes(recording_.box_files[frame].path)[0].t_ns;
+    const std::int64_t box_ns = aimotive::read_boxes(recording_.box_files[frame].path)[0].t_ns;
     EXPECT_NEAR(static_cast<double>(packets_ns.front() - box_ns), -67.7e6, 0.4e6);
     EXPECT_NEAR(static_cast<double>(packets_ns.back() - box_ns), 32.4e6, 0.4e6);
 
@@ -103,7 +103,7 @@ TEST_F(RealLidar, PointsLieInTheBoxes) {
   std::map<std::int64_t, Sum> objects;
   for (std::size_t frame = 0; frame < 50; frame += 7) {
     const std::vector<LidarPoint> points = read_las(recording_.lidar_files[frame].path);
-    for (const Box& box : read_boxes(recording_.box_files[frame].path)) {
+    for (const Box& box : aimotive::read_boxes(recording_.box_files[frame].path)) {
       Sum& sum = objects[box.object_id];
       ++sum.frames;
       sum.inside += points_inside(box, points, 1);
@@ -129,7 +129,7 @@ TEST_F(RealLidar, BoxesHeadWhereTheyGo) {
   // turned as its way is.
   int turned = 0;
   for (const FrameFile& file : recording_.box_files) {
-    for (const Box& box : read_boxes(file.path)) {
+    for (const Box& box : aimotive::read_boxes(file.path)) {
       if (box.object_id != 0 || box.velocity_in_body_m_per_s.y() < 0.5) continue;
       const Eigen::Vector3d way = box.velocity_in_body_m_per_s + Eigen::Vector3d(30, 0, 0);
       const Eigen::Vector3d axis = box.body_from_box.linear().col(0);
@@ -144,7 +144,7 @@ TEST_F(RealLidar, BoxesHeadWhereTheyGo) {
 TEST_F(RealLidar, VelocityIsTheMotionInBodyCoordinates) {
   std::map<std::int64_t, std::vector<Box>> objects;
   for (const FrameFile& file : recording_.box_files)
-    for (const Box& box : read_boxes(file.path)) objects[box.object_id].push_back(box);
+    for (const Box& box : aimotive::read_boxes(file.path)) objects[box.object_id].push_back(box);
   for (const auto& [id, boxes] : objects) {
     const Eigen::Vector3d way_m =
         boxes.back().body_from_box.translation() - boxes.front().body_from_box.translation();

@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Point clouds: PLY 1.0 (G. Turk, "The PLY Polygon File Format", 1994), ascii or
-// binary_little_endian. Of the element `vertex` the properties x, y and z are read, float or
-// double; other scalar properties and later elements are passed over. A recording's points.ply
-// holds its static world, metres, in the body axes of the first frame, which is the world of the
-// scene. Debian packages no PLY reader but assimp's, a mesh loader that repairs what it cannot
-// read.
+// Point clouds from PLY 1.0 (G. Turk, "The PLY Polygon File Format", 1994), ascii or
+// binary_little_endian. Reads the properties x, y and z of the element `vertex`, float or double,
+// and skips other scalar properties and later elements. A recording's points.ply holds its static
+// world in metres, in the body axes of the first frame, which are the scene's world axes. Debian's
+// only PLY reader is assimp's, a mesh loader that repairs damaged files instead of rejecting them.
 #pragma once
 
 #include <filesystem>
@@ -15,8 +14,8 @@
 
 namespace redrive {
 
-/// |coordinate| <= 1e6 m. InputError for anything else than the above, and for a file that ends too
-/// early, has more than 1e8 points, or coordinates that are not finite.
+/// Returns the points, |coordinate| <= 1e6 m. InputError for other versions and formats, truncated
+/// files, more than 1e8 points, and coordinates that are not finite.
 std::vector<Eigen::Vector3d> parse_ply(std::string_view bytes, const std::filesystem::path& file);
 std::vector<Eigen::Vector3d> read_ply(const std::filesystem::path& file);
 

@@ -9,6 +9,9 @@ namespace {
 using ::testing::AllOf;
 using ::testing::HasSubstr;
 
+constexpr const char *kEgomotion = "sensor/gnssins/egomotion2.json",
+                     *kCalibration = "sensor/calibration/calibration.json";
+
 struct Fixture {
   TemporaryFolder folder;
   Recording recording;
@@ -18,8 +21,7 @@ struct Fixture {
   }
 };
 
-TEST(PoseFiles, RoundTrip) {
-  Fixture f;
+void expect_round_trip(const Fixture& f) {
   std::vector<FramePose> frames = f.recording.frames;
   std::vector<CameraCalibration> cameras;
   for (const RecordedCamera& camera : f.recording.cameras) cameras.push_back(camera.calibration);
@@ -32,9 +34,11 @@ TEST(PoseFiles, RoundTrip) {
   cameras[1].time_offset_ns = -12'000'001;
   cameras[1].parameters[0] = 1172.125;
   cameras[1].readout_ns = 29'999'999;
-  write_pose_files(f.folder.path / "aligned", make_pose_files(f.recording, frames, cameras));
+  write_pose_files(f.folder.path / "aligned",
+                   f.recording.reader->make_pose_files(f.recording, frames, cameras));
   Recording again = f.recording;
-  apply_pose_files(read_pose_files(f.folder.path / "aligned"), f.folder.path / "aligned", &again);
+  apply_pose_files(read_pose_files(f.recording, f.folder.path / "aligned"),
+                   f.folder.path / "aligned", &again);
   for (std::size_t i = 0; i < frames.size(); ++i) {
     EXPECT_EQ(again.frames[i].id, frames[i].id);
     EXPECT_EQ(again.frames[i].t_ns, frames[i].t_ns);
@@ -54,13 +58,24 @@ TEST(PoseFiles, RoundTrip) {
   }
 }
 
+TEST(PoseFiles, RoundTrip) {
+  Fixture f;
+  expect_round_trip(f);
+}
+
+TEST(PoseFiles, RoundTripOfFormatsWithoutTheirOwn) {
+  Fixture f;
+  f.recording.reader = basic_reader();
+  expect_round_trip(f);
+}
+
 TEST(PoseFiles, OmitReadoutsThatAreZero) {
   Fixture f;
   const CameraCalibration& camera = f.recording.cameras[0].calibration;
   const auto sensor = [&] {
-    return nlohmann::json::parse(
-               make_pose_files(f.recording, f.recording.frames, {camera}).calibration)
-        .at(camera.name);
+    const PoseFiles files =
+        f.recording.reader->make_pose_files(f.recording, f.recording.frames, {camera});
+    return nlohmann::json::parse(files.at(kCalibration)).at(camera.name);
   };
   EXPECT_FALSE(sensor().contains("readout_s"));
   f.recording.cameras[0].calibration.readout_ns = 30'000'000;
@@ -69,27 +84,29 @@ TEST(PoseFiles, OmitReadoutsThatAreZero) {
 
 TEST(PoseFiles, RejectsFilesOfAnotherRecording) {
   Fixture f;
-  PoseFiles files = read_pose_files(f.folder.path);
-  const auto complaint = [&](const PoseFiles& changed) {
+  const PoseFiles files = read_pose_files(f.recording, f.folder.path);
+  const auto complaint = [&](const char* name, const nlohmann::json& document) {
     Recording recording = f.recording;
+    PoseFiles changed = files;
+    changed[name] = document.dump();
     return testing::input_error([&] { apply_pose_files(changed, "other", &recording); });
   };
   nlohmann::json poses = testing::egomotion();
   poses.erase("10");
-  EXPECT_THAT(complaint({poses.dump(), files.calibration}),
-              AllOf(HasSubstr("egomotion2.json"), HasSubstr("10")));
+  EXPECT_THAT(complaint(kEgomotion, poses), AllOf(HasSubstr("egomotion2.json"), HasSubstr("10")));
   poses = testing::egomotion();
   poses["10"]["time_host"] = 50.15;
-  EXPECT_THAT(complaint({poses.dump(), files.calibration}),
+  EXPECT_THAT(complaint(kEgomotion, poses),
               AllOf(HasSubstr("10.time"), HasSubstr("another drive")));
   nlohmann::json sensors = testing::calibration();
   sensors.erase("L_FISH");
-  EXPECT_THAT(complaint({files.egomotion, sensors.dump()}),
+  EXPECT_THAT(complaint(kCalibration, sensors),
               AllOf(HasSubstr("calibration.json"), HasSubstr("L_FISH")));
   f.recording.metric = false;
-  EXPECT_THAT(complaint(files), HasSubstr("photographs"));
-  EXPECT_THAT(testing::input_error([&] { read_pose_files(f.folder.path / "nothing"); }),
-              HasSubstr("egomotion2.json"));
+  EXPECT_THAT(complaint(kEgomotion, testing::egomotion()), HasSubstr("photographs"));
+  EXPECT_THAT(
+      testing::input_error([&] { read_pose_files(f.recording, f.folder.path / "nothing"); }),
+      HasSubstr("egomotion2.json"));
 }
 
 }  // namespace

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// --rolling-shutter of train and align: how long cameras take to read their rows, where the
-// calibration does not say.
+// --rolling-shutter of train and align: readout times of cameras, in place of the calibration's.
 #pragma once
 
 #include <string>
@@ -10,14 +9,14 @@
 
 namespace redrive {
 
-/// Puts what is given in the place of CameraCalibration::readout_ns: "MS" for all cameras, "CAM:MS"
-/// for one; "estimate" and "CAM:estimate" leave the calibration's as what align starts from. Of
-/// several that mean a camera the last one counts. By camera: whether its readout is to be
-/// estimated. UsageError: no number, beyond kMaxReadout_s, a camera that the recording lacks.
+/// Sets CameraCalibration::readout_ns: "MS" for all cameras, "CAM:MS" for one. "estimate" and
+/// "CAM:estimate" keep the calibration's as the initial value of align. The last option that names
+/// a camera counts. Returns by camera whether to estimate its readout. UsageError: not a number,
+/// beyond kMaxReadout_s, unknown camera.
 std::vector<bool> apply_readout_options(const std::vector<std::string>& given,
                                         Recording* recording);
 
-/// Whether one of them is to be estimated.
+/// Whether to estimate the readout of any camera.
 bool estimates_readouts(const std::vector<std::string>& given);
 
 }  // namespace redrive

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a drive is, whatever format it came in: cameras with their calibration, the body's pose per
-// frame, image files, and what was odd about them. Nothing is decoded here but the metadata. A set
-// of photographs is one, too: its body is the camera.
+// A recording, whatever its format: cameras with their calibration, the body's pose per frame,
+// image files, and findings about what is missing or odd. Only metadata is decoded here. A set of
+// photographs is a recording, too: its body is the camera.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -16,39 +16,46 @@
 
 namespace redrive {
 
+class RecordingReader;  // recording/recording_reader.h
+
 /// The body's pose at one frame.
 struct FramePose {
   std::int64_t id = 0;
   std::int64_t t_ns = 0;     ///< host clock
-  Rigid3d global_from_body;  ///< metres; ECEF magnitudes (6.4e6) are normal. Recording::metric says
-                             ///< where it is otherwise
+  Rigid3d global_from_body;  ///< Recording::global_frame; of ECEF magnitude (6.4e6 m) in drives
 };
 
-/// What a sensor recorded of one frame.
+/// The frame that poses are given in.
+enum class GlobalFrame {
+  kEcef,      ///< Earth-centred, Earth-fixed; metres
+  kArbitrary  ///< of the recording's own; metres only where Recording::metric says so
+};
+
+/// A file that a sensor recorded of one frame.
 struct FrameFile {
   std::int64_t frame_id = 0;
   std::filesystem::path path;
 };
 
-/// A picture as large as an image that says which of its pixels are left out.
+/// An image of the same size that masks pixels of another.
 struct MaskFile {
-  std::filesystem::path path;   ///< empty: there is none
-  bool black_is_masked = true;  ///< false: black is used and all the rest is left out
+  std::filesystem::path path;   ///< empty: no mask
+  bool black_is_masked = true;  ///< false: everything but black is masked
 };
 
-/// What a camera recorded of one frame.
+/// A camera's image of one frame.
 struct ImageFile : FrameFile {
   MaskFile mask;
   bool held_out = false;  ///< by the recording's own split: not for training
 };
 
-/// Where the scene of a bounded recording is: |x - center| <= half_side along each axis.
+/// Extent of a bounded scene: |x - center| <= half_side along each axis.
 struct BoundingCube {
   Eigen::Vector3d center;
   double half_side = 0;
 };
 
-/// Something worth telling the user that does not stop the work.
+/// A remark for the user that does not stop the work.
 struct Finding {
   std::string subject;  ///< camera, sensor or file
   std::string what;     ///< what is missing or odd, and what is done about it
@@ -59,42 +66,46 @@ struct RecordedCamera {
   std::vector<ImageFile> images;  ///< by frame id; only frames that have a pose
 };
 
-/// Truth or request for views that were never driven: novel/<name>/poses.json.
+/// Views that were never driven, with images as ground truth or to be rendered.
 struct NovelSet {
   std::string name;
-  std::filesystem::path poses_file;
+  std::filesystem::path poses_file;  ///< recording/view_requests.h
 };
+
+/// RecordingReader of formats without LiDAR and boxes.
+std::shared_ptr<const RecordingReader> basic_reader();
 
 struct Recording {
   std::filesystem::path root;
-  std::string format;                   ///< "aimotive", "blender", "transforms"
-  std::vector<RecordedCamera> cameras;  ///< by name; only those with images
-  std::vector<FramePose> frames;        ///< by id
+  std::string format;  ///< "aimotive", "blender", "transforms": for messages
+  std::shared_ptr<const RecordingReader> reader = basic_reader();  ///< never null
+  std::vector<RecordedCamera> cameras;                             ///< by name; only with images
+  std::vector<FramePose> frames;                                   ///< by id
   std::vector<std::string> other_sensors;
   std::optional<Rigid3d> body_from_lidar;      ///< of the sensor that lidar_files come from
   std::vector<NovelSet> novel;                 ///< by name
   std::vector<FramePose> ground_truth_frames;  ///< exact poses by id, where a made recording ships
                                                ///< them; `frames` may carry errors
-  std::vector<FrameFile> lidar_files;  ///< by frame id, with or without a pose: las.h reads them
-  std::vector<FrameFile> box_files;    ///< by frame id, with or without a pose: boxes.h reads them
-  std::filesystem::path points_file;   ///< static point cloud, in place of lidar_files; ply.h reads
-                                       ///< it; empty if there is none
-  /// True: a drive, in metres and ECEF, by a clock. False: pictures in a frame and unit of their
-  /// own, which take the place of ECEF and metre everywhere; the body's axes are those of a camera
-  /// that looks along body x, and t_ns only counts, 1 s a frame.
+  std::vector<FrameFile> lidar_files;          ///< by frame id, with or without a pose; for reader
+  std::vector<FrameFile> box_files;            ///< by frame id, with or without a pose; for reader
+  std::filesystem::path points_file;           ///< static point cloud instead of lidar_files
+                                               ///< (recording/ply.h); empty: none
+  GlobalFrame global_frame = GlobalFrame::kEcef;
+  /// True: a drive, in metres, with a clock. False: photographs in a unit of their own, which takes
+  /// the place of the metre everywhere; the body's axes are those of a camera that looks along body
+  /// x, and t_ns counts frames, 1 s each.
   bool metric = true;
-  std::optional<BoundingCube>
-      bounds;                     ///< in the frame of the poses (ECEF's place); nothing: unbounded
-  std::vector<Finding> findings;  ///< frames dropped for want of a pose, images missing, ...
+  std::optional<BoundingCube> bounds;  ///< in the global frame; nothing: unbounded
+  std::vector<Finding> findings;       ///< frames dropped for want of a pose, images missing, ...
 
   const RecordedCamera* find_camera(const std::string& name) const;
 };
 
-/// What a made recording ships twice: as a program is given it, with realistic errors, and exact.
+/// Poses and calibration to open. Made recordings ship both: with realistic errors, and exact.
 enum class PoseSource { kRecorded, kGroundTruth };
 
-/// Opens a recording of any known format (recording/registry.cc: one line per format). InputError
-/// otherwise, and where the truth is asked for that it does not ship.
+/// Opens a recording of any known format (recording/registry.cc). InputError if the format is
+/// unknown, or if it ships no ground truth and that is asked for.
 Recording open_recording(const std::filesystem::path& root,
                          PoseSource source = PoseSource::kRecorded);
 

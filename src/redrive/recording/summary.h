@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a trajectory amounts to: how far, how fast, how often.
+// Length, speed and frame rate of a trajectory.
 #pragma once
 
 #include <vector>
@@ -17,7 +17,7 @@ struct DriveSummary {
   std::vector<Finding> findings;  ///< gaps in the ids and in time
 };
 
-/// `frames` by id with increasing times, as a Recording holds them. All zero with fewer than two.
+/// `frames`: by id, with increasing times, as in Recording. All zero for fewer than two.
 DriveSummary summarize_drive(const std::vector<FramePose>& frames);
 
 }  // namespace redrive

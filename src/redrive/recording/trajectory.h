@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The body's pose between the frames: cameras and LiDAR points have times of their own.
+// The body's pose between the frames, for cameras and LiDAR points with times of their own.
 #pragma once
 
 #include <cstdint>

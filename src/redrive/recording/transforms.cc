@@ -50,15 +50,15 @@ ImageSize png_size(const fs::path& path) {
 }
 
 /// nerfstudio's mask of the frame, or instant-ngp's beside the image; they mean the opposite.
-MaskFile find_mask(const fs::path& file, const Picture& picture, const fs::path& image) {
+MaskFile find_mask(const fs::path& file, const FrameEntry& entry, const fs::path& image) {
   const fs::path dynamic = image.parent_path() / ("dynamic_mask_" + image.stem().string() + ".png");
-  if (picture.mask.empty()) return is_there(dynamic) ? MaskFile{dynamic, false} : MaskFile{};
+  if (entry.mask.empty()) return is_there(dynamic) ? MaskFile{dynamic, false} : MaskFile{};
   if (is_there(dynamic))
     throw InputError(
-        file, "mask_path", picture.mask,
+        file, "mask_path", entry.mask,
         "there is " + dynamic.string() +
             ", too; the one leaves out what is black, the other what is white: remove one of them");
-  const fs::path mask = file.parent_path() / picture.mask;
+  const fs::path mask = file.parent_path() / entry.mask;
   if (!is_there(mask))
     throw InputError(mask, "", "", "missing; " + file.string() + " has it as mask_path");
   return {mask, true};
@@ -78,26 +78,27 @@ class Collector {
  public:
   explicit Collector(const fs::path& root) {
     recording_.root = root;
+    recording_.global_frame = GlobalFrame::kArbitrary;
     recording_.metric = false;
   }
 
-  void add(const fs::path& file, const Picture& picture, bool held_out) {
-    const fs::path image = find_image(file.parent_path(), picture.file);
+  void add(const fs::path& file, const FrameEntry& entry, bool held_out) {
+    const fs::path image = find_image(file.parent_path(), entry.file);
     if (image.empty()) {
-      missing_.push_back(picture.file);
+      missing_.push_back(entry.file);
       return;
     }
     const auto id = static_cast<std::int64_t>(recording_.frames.size());
-    recording_.frames.push_back({id, id * 1'000'000'000, picture.world_from_body});
+    recording_.frames.push_back({id, id * 1'000'000'000, entry.global_from_body});
     if (!images_.insert(image).second)
-      throw InputError(file, "file_path", picture.file,
+      throw InputError(file, "file_path", entry.file,
                        "a second frame with the image " + image.string());
-    const CameraCalibration& c = *picture.camera;
+    const CameraCalibration& c = *entry.camera;
     const auto key = std::tuple(c.model, c.parameters, c.width, c.height);
     const auto [found, is_new] = cameras_.try_emplace(key, recording_.cameras.size());
     if (is_new) recording_.cameras.push_back({c, {}});
     recording_.cameras[found->second].images.push_back(
-        {{id, image}, find_mask(file, picture, image), held_out});
+        {{id, image}, find_mask(file, entry, image), held_out});
   }
 
   Recording finish(std::optional<BoundingCube> bounds) {
@@ -129,11 +130,11 @@ class Collector {
 };
 
 /// Numbers in names count as numbers, so that r_10 follows r_9.
-std::vector<Picture> in_file_name_order(std::vector<Picture> pictures) {
-  std::sort(pictures.begin(), pictures.end(), [](const Picture& a, const Picture& b) {
+std::vector<FrameEntry> in_file_name_order(std::vector<FrameEntry> entries) {
+  std::sort(entries.begin(), entries.end(), [](const FrameEntry& a, const FrameEntry& b) {
     return strverscmp(a.file.c_str(), b.file.c_str()) < 0;
   });
-  return pictures;
+  return entries;
 }
 
 void reject_ground_truth(const fs::path& root, PoseSource source) {
@@ -157,15 +158,15 @@ Recording open(const fs::path& root, PoseSource source) {
                               held_out = set_of(transforms.test ? transforms.test : transforms.val);
   Collector collector(root);
   std::vector<std::string> neither;
-  for (const Picture& picture : in_file_name_order(transforms.pictures)) {
-    const bool held = held_out.contains(picture.file), trains = train.contains(picture.file);
+  for (const FrameEntry& entry : in_file_name_order(transforms.entries)) {
+    const bool held = held_out.contains(entry.file), trains = train.contains(entry.file);
     if (held && trains)
-      throw InputError(file, "train_filenames", picture.file,
+      throw InputError(file, "train_filenames", entry.file,
                        "is to be trained on and held out at the same time");
     if (transforms.train && !held && !trains) {
-      neither.push_back(picture.file);
+      neither.push_back(entry.file);
     } else {
-      collector.add(file, picture, held);
+      collector.add(file, entry, held);
     }
   }
   if (!neither.empty())
@@ -182,11 +183,11 @@ Recording open_blender(const fs::path& root, PoseSource source) {
                  val = root / "transforms_val.json";
   Collector collector(root);
   const TransformsFile training = read(train);
-  for (const Picture& picture : in_file_name_order(training.pictures))
-    collector.add(train, picture, false);
+  for (const FrameEntry& entry : in_file_name_order(training.entries))
+    collector.add(train, entry, false);
   if (const fs::path held_out = is_there(test) ? test : val; is_there(held_out))
-    for (const Picture& picture : in_file_name_order(read(held_out).pictures))
-      collector.add(held_out, picture, true);
+    for (const FrameEntry& entry : in_file_name_order(read(held_out).entries))
+      collector.add(held_out, entry, true);
   return collector.finish(training.bounds ? training.bounds : instant_ngp_cube(1));
 }
 

@@ -11,6 +11,7 @@
 #include "redrive/base/files.h"
 #include "redrive/camera/models.h"
 #include "redrive/recording/calibration_fields.h"
+#include "redrive/recording/rigid_json.h"
 #include "redrive/recording/transforms.h"
 
 namespace redrive::transforms {
@@ -39,7 +40,7 @@ std::string path_from_json(const JsonField& field) {
   return std::filesystem::path(path).lexically_normal().string();
 }
 
-/// What would change the pictures' geometry or colours and is not supported here.
+/// InputError for fields that change geometry or colours of the images and are not supported.
 void refuse_unsupported(const JsonField& object) {
   for (const char* key :
        {"rolling_shutter", "ftheta_p0", "latlong", "equirectangular", "fisheye_crop_radius",
@@ -141,16 +142,16 @@ CameraCalibration camera_from_json(const Intrinsics& intrinsics, const ImageSize
   return camera;
 }
 
-Rigid3d world_from_body_from_json(const JsonField& field) {
-  Rigid3d world_from_body = rigid_from_json(field);
-  if (world_from_body.translation().norm() > kMaxPosition)
+Rigid3d global_from_body_from_matrix(const JsonField& field) {
+  Rigid3d global_from_body = rigid_from_json(field);
+  if (global_from_body.translation().norm() > kMaxPosition)
     field.fail("expected a position within 1e7 of the origin");
   // Columns: the body's x (forward), y (left) and z (up) in OpenGL's camera axes x right, y up, z
   // backward.
   Eigen::Matrix3d opengl_from_body;
   opengl_from_body << 0, -1, 0, 0, 0, 1, -1, 0, 0;
-  world_from_body.linear() = world_from_body.linear() * opengl_from_body;
-  return world_from_body;
+  global_from_body.linear() = global_from_body.linear() * opengl_from_body;
+  return global_from_body;
 }
 
 std::optional<BoundingCube> bounds_from_json(const JsonField& root) {
@@ -219,20 +220,20 @@ TransformsFile parse(std::string_view text, const std::filesystem::path& file,
     const JsonField frame = frames.at(i);
     refuse_unsupported(frame);
     const Intrinsics intrinsics{frame, root};
-    Picture picture;
-    picture.file = path_from_json(frame.at("file_path"));
-    if (!names.insert(picture.file).second) frame.at("file_path").fail("is listed twice");
-    if (frame.has("mask_path")) picture.mask = path_from_json(frame.at("mask_path"));
-    picture.world_from_body = world_from_body_from_json(frame.at("transform_matrix"));
+    FrameEntry entry;
+    entry.file = path_from_json(frame.at("file_path"));
+    if (!names.insert(entry.file).second) frame.at("file_path").fail("is listed twice");
+    if (frame.has("mask_path")) entry.mask = path_from_json(frame.at("mask_path"));
+    entry.global_from_body = global_from_body_from_matrix(frame.at("transform_matrix"));
     const auto width = intrinsics.find("w"), height = intrinsics.find("h");
     if (width.has_value() != height.has_value())
       (width ? *width : *height).fail("w and h are given together or not at all");
     CameraCalibration size;
     if (width) image_size_from_json(*width, *height, &size);
     const std::optional<ImageSize> known =
-        width ? ImageSize{size.width, size.height} : size_of(picture.file);
-    if (known) picture.camera = camera_from_json(intrinsics, *known);
-    result.pictures.push_back(std::move(picture));
+        width ? ImageSize{size.width, size.height} : size_of(entry.file);
+    if (known) entry.camera = camera_from_json(intrinsics, *known);
+    result.entries.push_back(std::move(entry));
   }
   result.bounds = bounds_from_json(root);
   result.train = names_from_json(root, "train_filenames", names);

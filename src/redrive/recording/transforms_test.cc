@@ -43,7 +43,7 @@ transforms::TransformsFile parsed_transforms(const json& text) {
 }
 
 CameraCalibration first_camera(const json& text) {
-  return *parsed_transforms(text).pictures.at(0).camera;
+  return *parsed_transforms(text).entries.at(0).camera;
 }
 
 /// The complaint about a document with `value` at a JSON pointer.
@@ -59,13 +59,13 @@ TEST(Transforms, ReadsEveryField) {
   json text = document();
   text["frames"][1]["mask_path"] = "masks\\2.png";
   const transforms::TransformsFile file = parsed_transforms(text);
-  ASSERT_EQ(file.pictures.size(), 2u);
-  EXPECT_EQ(file.pictures[0].file, "images/1.png");
-  EXPECT_EQ(file.pictures[0].mask, "");
-  EXPECT_EQ(file.pictures[1].mask, "masks/2.png");
+  ASSERT_EQ(file.entries.size(), 2u);
+  EXPECT_EQ(file.entries[0].file, "images/1.png");
+  EXPECT_EQ(file.entries[0].mask, "");
+  EXPECT_EQ(file.entries[1].mask, "masks/2.png");
   EXPECT_FALSE(file.bounds);
   EXPECT_FALSE(file.train);
-  const CameraCalibration& camera = *file.pictures[1].camera;
+  const CameraCalibration& camera = *file.entries[1].camera;
   EXPECT_EQ(camera.model, "opencv_pinhole");
   EXPECT_EQ(camera.fx(), 100.5);
   EXPECT_EQ(camera.fy(), 90);
@@ -86,10 +86,10 @@ TEST(Transforms, PrincipalPointCountsFromTheCorner) {
 }
 
 TEST(Transforms, CameraLooksWhereTheMatrixSays) {
-  const transforms::Picture picture = parsed_transforms(document()).pictures[0];
-  EXPECT_TRUE(picture.world_from_body.linear().isApprox(Eigen::Matrix3d::Identity(), 1e-15))
+  const transforms::FrameEntry entry = parsed_transforms(document()).entries[0];
+  EXPECT_TRUE(entry.global_from_body.linear().isApprox(Eigen::Matrix3d::Identity(), 1e-15))
       << "x forward, z up";
-  const Rigid3d world_from_camera = picture.world_from_body * picture.camera->body_from_sensor;
+  const Rigid3d world_from_camera = entry.global_from_body * entry.camera->body_from_sensor;
   // 5 ahead, 2 to the right, 1 down.
   const Eigen::Vector3d point = world_from_camera * Eigen::Vector3d(2, 1, 5);
   EXPECT_TRUE(point.isApprox(Eigen::Vector3d(1 + 5, 2 - 2, 3 - 1), 1e-15)) << point.transpose();
@@ -98,9 +98,9 @@ TEST(Transforms, CameraLooksWhereTheMatrixSays) {
 TEST(Transforms, AFramesOwnIntrinsicsCount) {
   json text = document();
   text["frames"][1].update({{"fl_x", 200}, {"cx", 10.5}, {"w", 50}, {"h", 40}, {"k1", 0}});
-  const auto pictures = parsed_transforms(text).pictures;
-  EXPECT_EQ(pictures[0].camera->fx(), 100.5);
-  const CameraCalibration& own = *pictures[1].camera;
+  const auto entries = parsed_transforms(text).entries;
+  EXPECT_EQ(entries[0].camera->fx(), 100.5);
+  const CameraCalibration& own = *entries[1].camera;
   EXPECT_EQ(own.fx(), 200);
   EXPECT_EQ(own.fy(), 200) << "its own along both axes";
   EXPECT_EQ(own.cx(), 10);
@@ -215,7 +215,7 @@ TEST(Transforms, RejectsUnsupportedFields) {
               text["white_transparent"] = false;
               return text;
             }())
-                .pictures.size(),
+                .entries.size(),
             2u);
   for (const char* key : {"w", "fl_x", "frames"}) {
     json text = document();

@@ -6,7 +6,8 @@
 
 #include "redrive/base/files.h"
 #include "redrive/base/json_field.h"
-#include "redrive/recording/aimotive.h"
+#include "redrive/recording/calibration_json.h"
+#include "redrive/recording/egomotion_json.h"
 
 namespace redrive {
 namespace {
@@ -35,7 +36,7 @@ RequestedView view_from_json(const JsonField& entry) {
   view.camera = entry.at("camera").string();
   view.frame_id = entry.at("frame_id").integer();
   if (view.frame_id < 0) entry.at("frame_id").fail("expected a frame id, >= 0");
-  view.global_from_body = aimotive::ecef_from_body_in(entry);
+  view.global_from_body = global_from_body_from_json(entry);
   if (entry.has("shift_body_m")) {
     const std::vector<double> shift = entry.at("shift_body_m").numbers(3);
     view.shift_body_m = Eigen::Vector3d(shift[0], shift[1], shift[2]);
@@ -55,8 +56,7 @@ ViewRequests parse_view_requests(std::string_view text, const std::filesystem::p
   const JsonField root(document, file);
   ViewRequests poses;
   poses.path = file;
-  if (root.has("calibration"))
-    poses.cameras = aimotive::cameras_from_json(root.at("calibration"), nullptr);
+  if (root.has("calibration")) poses.cameras = cameras_from_json(root.at("calibration"), nullptr);
   const JsonField images = root.at("images");
   if (!images.json().is_array() || images.size() == 0)
     images.fail("expected a list of at least one image");

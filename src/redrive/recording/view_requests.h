@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// POSES.json: views to render.
+// POSES.json, the views to render.
 //   {"calibration": {as calibration.json, optional}, "images": [{"file", "camera", "frame_id",
 //    "RT_ECEF_body" and/or "shift_body_m": [x, y, z]}]}
 #pragma once
@@ -16,7 +16,7 @@
 
 namespace redrive {
 
-/// Shifts are metres; more along an axis is a mistake (and floats would lose millimetres).
+/// Longest accepted shift along an axis; beyond it floats lose millimetres.
 constexpr double kMaxShift_m = 1e4;
 
 struct RequestedView {

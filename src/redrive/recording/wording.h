@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// How findings count and list.
+// Lists and counts in findings.
 #pragma once
 
 #include <algorithm>

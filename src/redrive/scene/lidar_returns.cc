@@ -4,8 +4,8 @@
 #include <algorithm>
 #include <tuple>
 
-#include "redrive/recording/las.h"
 #include "redrive/recording/ply.h"
+#include "redrive/recording/recording_reader.h"
 #include "redrive/recording/trajectory.h"
 #include "redrive/scene/cloud_returns.h"
 
@@ -112,7 +112,7 @@ LidarReturns load_lidar_returns(const Recording& recording, const Scene& scene,
       files.push_back(&file);
   const int count = static_cast<int>(files.size());
   std::vector<std::vector<LidarPoint>> points(files.size());
-  pool.run(count, [&](int f) { points[f] = read_las(files[f]->path); });
+  pool.run(count, [&](int f) { points[f] = recording.reader->read_lidar(*files[f]); });
 
   const Rigid3d world_from_global = scene.global_from_world.inverse();
   std::vector<std::vector<Ray>> rays(files.size());

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include "redrive/recording/aimotive.h"
 #include "redrive/recording/las_testing.h"
 #include "redrive/recording/trajectory.h"
 #include "redrive/scene/scene_testing.h"
@@ -17,6 +18,7 @@ constexpr double kMillimetre_m = 1e-3;  // what the files are rounded to
 class LidarReturnsTest : public ::testing::Test {
  protected:
   LidarReturnsTest() {
+    recording_.reader = aimotive::make_reader();
     recording_.body_from_lidar = Rigid3d(Eigen::Translation3d(kSensor));
     recording_.body_from_lidar->rotate(Eigen::AngleAxisd(1.5, Vector3d::UnitZ()));
   }

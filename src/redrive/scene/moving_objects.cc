@@ -82,7 +82,7 @@ std::vector<MovingBox> MovingObjects::at(std::int64_t t_ns) const {
 MovingObjects read_moving_objects(const Recording& recording, const Scene& scene) {
   std::vector<Box> boxes;
   for (const FrameFile& file : recording.box_files) {
-    const std::vector<Box> of_frame = read_boxes(file.path);
+    const std::vector<Box> of_frame = recording.reader->read_boxes(file);
     boxes.insert(boxes.end(), of_frame.begin(), of_frame.end());
   }
   return {boxes, recording.frames, scene.global_from_world};

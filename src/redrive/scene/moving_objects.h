@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "redrive/recording/boxes.h"
+#include "redrive/recording/recording_reader.h"
 #include "redrive/scene/scene.h"
 
 namespace redrive {
@@ -56,7 +56,7 @@ class MovingObjects {
   std::size_t parked_ = 0;
 };
 
-/// Reads all box files. InputError as read_boxes.
+/// Reads all box files. InputError as RecordingReader::read_boxes.
 MovingObjects read_moving_objects(const Recording& recording, const Scene& scene);
 
 }  // namespace redrive

@@ -3,11 +3,9 @@
 
 #include <algorithm>
 #include <cstdio>
-#include <cstring>
-#include <fstream>
 
 #include "redrive/base/error.h"
-#include "redrive/recording/las.h"
+#include "redrive/recording/recording_reader.h"
 #include "redrive/scene/cloud_returns.h"
 #include "redrive/train/step.h"
 
@@ -32,17 +30,6 @@ std::string gib(double bytes) {
   char text[32];
   std::snprintf(text, sizeof text, bytes < 0.995 * kGiB ? "%.2f GiB" : "%.1f GiB", bytes / kGiB);
   return text;
-}
-
-/// What a LAS header says; 0 for what is none, which its reader will complain about.
-std::uint64_t lidar_points(const std::filesystem::path& file) {
-  constexpr std::size_t kCountAt = 107;
-  char header[kCountAt + 4]{};
-  std::ifstream(file, std::ios::binary).read(header, sizeof header);
-  if (std::memcmp(header, "LASF", 4) != 0) return 0;
-  std::uint32_t count = 0;  // little endian, as this machine
-  std::memcpy(&count, header + kCountAt, sizeof count);
-  return count;
 }
 
 /// Rays of the largest batch, LiDAR's apart.
@@ -103,7 +90,7 @@ MemoryEstimate estimate_memory(const Run& run, int threads) {
     std::uint64_t points = 0;
     for (const FrameFile& file : run.recording.lidar_files)
       if (file.frame_id >= scene.frames.front().id && file.frame_id <= scene.frames.back().id)
-        points += lidar_points(file.path);
+        points += run.recording.reader->lidar_point_count(file);
     need.lidar = points * kReturn * 2 / 3;  // of overlapping revolutions a third is there twice
     need.sorting = points * (sizeof(LidarPoint) + kSortedRay * 2 / 3);
   }

@@ -420,7 +420,7 @@ TEST(Options, ReadoutsOfOwnPoses) {
     aligned.push_back(camera.calibration);
     aligned.back().readout_ns = 15'000'000;
   }
-  const PoseFiles files = make_pose_files(recording, recording.frames, aligned);
+  const PoseFiles files = recording.reader->make_pose_files(recording, recording.frames, aligned);
   options.rolling_shutter = {"estimate", last + ":7"};
   use_external_poses(files, "aligned", options, &recording);
   EXPECT_EQ(recording.cameras[0].calibration.readout_ns, 15'000'000);

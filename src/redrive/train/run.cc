@@ -191,8 +191,8 @@ Run open_run(const std::filesystem::path& root, bool to_resume) {
   run.options = options_from_json(read_json(run.paths.config()), run.paths.config());
   run.recording = open_recording(run.options);
   if (has_external_poses(run.options))
-    use_external_poses(read_pose_files(run.paths.poses()), run.paths.poses(), run.options,
-                       &run.recording);
+    use_external_poses(read_pose_files(run.recording, run.paths.poses()), run.paths.poses(),
+                       run.options, &run.recording);
   run.scene = make_scene(run.recording, scene_options(run.options));
   const auto there = std::filesystem::status(run.paths.checkpoint(), error).type();
   if (to_resume && there == std::filesystem::file_type::not_found) {

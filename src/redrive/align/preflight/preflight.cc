@@ -4,7 +4,7 @@
 #include <cmath>
 #include <limits>
 
-#include "redrive/recording/las.h"
+#include "redrive/recording/recording_reader.h"
 #include "redrive/recording/trajectory.h"
 
 namespace redrive {
@@ -382,7 +382,7 @@ ClockCheck check_clock(const Recording& recording) {
   for (std::size_t i = 0; i < files.size(); i += step) {
     const auto frame = std::ranges::find(recording.frames, files[i].frame_id, &FramePose::id);
     if (frame == recording.frames.end()) continue;
-    std::vector<LidarPoint> points = read_las(files[i].path);
+    std::vector<LidarPoint> points = recording.reader->read_lidar(files[i]);
     if (points.empty()) continue;
     const auto middle = points.begin() + static_cast<std::ptrdiff_t>(points.size() / 2);
     std::ranges::nth_element(points, middle, {}, &LidarPoint::t_ns);

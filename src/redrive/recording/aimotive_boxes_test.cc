@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/recording/boxes.h"
+#include "redrive/recording/aimotive_boxes.h"
 
 #include <numbers>
 
@@ -39,7 +39,7 @@ json frame() {
 }
 
 std::vector<Box> parsed_boxes(const json& document) {
-  return parse_boxes(document.dump(), "dir/frame_0000001.json");
+  return aimotive::parse_boxes(document.dump(), "dir/frame_0000001.json");
 }
 
 std::string boxes_message(const std::string& pointer, const json& value) {
@@ -139,7 +139,7 @@ TEST(Boxes, Missing) {
     EXPECT_THAT(input_error([&] { parsed_boxes(document); }),
                 HasSubstr(std::string(key) + ": missing"));
   }
-  EXPECT_THAT(input_error([] { parse_boxes("[", "dir/frame_0000001.json"); }),
+  EXPECT_THAT(input_error([] { aimotive::parse_boxes("[", "dir/frame_0000001.json"); }),
               HasSubstr("dir/frame_0000001.json"));
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/recording/boxes.h"
+#include "redrive/recording/aimotive_boxes.h"
 
 #include <charconv>
 #include <cmath>
@@ -7,8 +7,9 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/base/json_field.h"
 
-namespace redrive {
+namespace redrive::aimotive {
 namespace {
 
 constexpr double kMinSize_m = 0.01, kMaxSize_m = 100;  // road trains have 50
@@ -87,4 +88,4 @@ std::vector<Box> read_boxes(const std::filesystem::path& file) {
   return parse_boxes(read_file(file), file);
 }
 
-}  // namespace redrive
+}  // namespace redrive::aimotive

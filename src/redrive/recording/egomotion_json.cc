@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "redrive/recording/egomotion_json.h"
+
 #include <algorithm>
 #include <charconv>
 #include <cmath>
@@ -6,9 +8,9 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
-#include "redrive/recording/aimotive.h"
+#include "redrive/recording/rigid_json.h"
 
-namespace redrive::aimotive {
+namespace redrive {
 namespace {
 
 constexpr double kMaxRadius_m = 1e7;  // the Earth's surface is at 6.4e6
@@ -63,7 +65,7 @@ void check_step(const FramePose& a, const FramePose& b, const std::filesystem::p
 
 }  // namespace
 
-std::optional<Rigid3d> ecef_from_body_in(const JsonField& entry) {
+std::optional<Rigid3d> global_from_body_from_json(const JsonField& entry) {
   const char* const key = entry.has("RT_ECEF_body") ? "RT_ECEF_body" : "ECEF_RT_body";
   if (!entry.has(key)) return std::nullopt;
   const JsonField field = entry.at(key);
@@ -87,7 +89,7 @@ std::vector<FramePose> parse_egomotion(std::string_view text, const std::filesys
     if (!time) time = time_field(entry);
     FramePose frame;
     frame.id = frame_id_from_key(entry, key);
-    const std::optional<Rigid3d> pose = ecef_from_body_in(entry);
+    const std::optional<Rigid3d> pose = global_from_body_from_json(entry);
     if (!pose) entry.fail("has neither RT_ECEF_body nor ECEF_RT_body");
     frame.global_from_body = *pose;
     frame.t_ns = t_ns_from_json(entry.at(time));
@@ -99,4 +101,14 @@ std::vector<FramePose> parse_egomotion(std::string_view text, const std::filesys
   return frames;
 }
 
-}  // namespace redrive::aimotive
+nlohmann::json egomotion_to_json(const std::vector<FramePose>& frames) {
+  nlohmann::json poses = nlohmann::json::object();
+  for (const FramePose& frame : frames) {
+    const double t_s = static_cast<double>(frame.t_ns) * 1e-9;
+    poses[std::to_string(frame.id)] = {
+        {"RT_ECEF_body", rigid_to_json(frame.global_from_body)}, {"time", t_s}, {"time_host", t_s}};
+  }
+  return poses;
+}
+
+}  // namespace redrive

@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "redrive/recording/calibration_json.h"
+
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -6,10 +8,10 @@
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
 #include "redrive/camera/models.h"
-#include "redrive/recording/aimotive.h"
 #include "redrive/recording/calibration_fields.h"
+#include "redrive/recording/rigid_json.h"
 
-namespace redrive::aimotive {
+namespace redrive {
 namespace {
 
 constexpr double kMaxSensorDistance_m =
@@ -180,4 +182,29 @@ std::vector<CameraCalibration> parse_calibration(std::string_view text,
   return cameras;
 }
 
-}  // namespace redrive::aimotive
+nlohmann::json calibration_to_json(const CameraCalibration& camera) {
+  nlohmann::json entry = {{"sensor_type", "camera"},
+                          {"model", camera.model},
+                          {"image_resolution_px", {camera.width, camera.height}},
+                          {"distortion_coeffs", distortion(camera)}};
+  for (const auto& [name, value] : other_parameters(camera)) entry[name] = value;
+  update_calibration(camera, &entry);
+  return entry;
+}
+
+void update_calibration(const CameraCalibration& camera, nlohmann::json* entry) {
+  nlohmann::json& sensor = *entry;
+  const Eigen::Vector3d position = camera.body_from_sensor.translation();
+  sensor["RT_body_from_sensor"] = rigid_to_json(camera.body_from_sensor);
+  sensor["RT_sensor_from_body"] = rigid_to_json(camera.body_from_sensor.inverse(Eigen::Isometry));
+  if (sensor.contains("pos_meter"))
+    sensor["pos_meter"] = {position.x(), position.y(), position.z()};
+  sensor.erase("yaw_pitch_roll_deg");
+  sensor["focal_length_px"] = {camera.fx(), camera.fy()};
+  sensor["principal_point_px"] = {camera.cx(), camera.cy()};
+  sensor["time_offset_s"] = static_cast<double>(camera.time_offset_ns) * 1e-9;
+  if (camera.readout_ns != 0 || sensor.contains("readout_s"))
+    sensor["readout_s"] = static_cast<double>(camera.readout_ns) / 1e9;
+}
+
+}  // namespace redrive

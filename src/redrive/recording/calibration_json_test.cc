@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "redrive/recording/calibration_json.h"
 #include "redrive/camera/models.h"
-#include "redrive/recording/aimotive.h"
 #include "redrive/recording/recording_testing.h"
 
 namespace redrive {
@@ -14,8 +14,8 @@ using ::testing::HasSubstr;
 using testing::input_error;
 
 std::vector<CameraCalibration> parsed_calibration(const json& document,
-                                                  aimotive::OtherSensors* others = nullptr) {
-  return aimotive::parse_calibration(document.dump(), "dir/calibration.json", others);
+                                                  OtherSensors* others = nullptr) {
+  return parse_calibration(document.dump(), "dir/calibration.json", others);
 }
 
 /// The message for a calibration whose F_CAM has `value` in `field` (a JSON pointer).
@@ -32,7 +32,7 @@ TEST(Calibration, FindsTheOnlyLidarWithExtrinsics) {
   document["M_LIDAR"]["RT_body_from_sensor"] = {
       {0, -1, 0, 1.2}, {1, 0, 0, 0}, {0, 0, 1, 1.7}, {0, 0, 0, 1}};
   document["F_RADAR"] = {{"sensor_type", "radar"}, {"RT_body_from_sensor", "not read"}};
-  aimotive::OtherSensors others;
+  OtherSensors others;
   parsed_calibration(document, &others);
   ASSERT_TRUE(others.body_from_lidar.has_value());
   EXPECT_EQ(others.body_from_lidar->translation(), Eigen::Vector3d(1.2, 0, 1.7));
@@ -49,7 +49,7 @@ TEST(Calibration, FindsTheOnlyLidarWithExtrinsics) {
 }
 
 TEST(Calibration, ReadsEveryField) {
-  aimotive::OtherSensors others;
+  OtherSensors others;
   const auto cameras = parsed_calibration(calibration(), &others);
   ASSERT_EQ(cameras.size(), 2u);
   EXPECT_THAT(others.names, ElementsAre("Imu0", "M_LIDAR"));
@@ -130,7 +130,7 @@ TEST(Calibration, Missing) {
 
 TEST(Calibration, NotJson) {
   const auto message = [](const std::string& text) {
-    return input_error([&] { aimotive::parse_calibration(text, "c.json", nullptr); });
+    return input_error([&] { parse_calibration(text, "c.json", nullptr); });
   };
   EXPECT_THAT(message(""), HasSubstr("c.json"));
   EXPECT_THAT(message("{\"F_CAM\": {\"focal_length_px\": [NaN, 1]}}"),

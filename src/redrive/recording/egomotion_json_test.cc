@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/recording/aimotive.h"
+#include "redrive/recording/egomotion_json.h"
 #include "redrive/recording/recording_testing.h"
 
 namespace redrive {
@@ -13,7 +13,7 @@ using testing::input_error;
 using testing::pose_at;
 
 std::vector<FramePose> parsed_egomotion(const json& document) {
-  return aimotive::parse_egomotion(document.dump(), "dir/egomotion2.json");
+  return parse_egomotion(document.dump(), "dir/egomotion2.json");
 }
 
 std::string egomotion_message(const std::string& field, const json& value) {
@@ -81,7 +81,7 @@ TEST(Egomotion, MissingAndMalformed) {
   }
   EXPECT_THAT(input_error([] { parsed_egomotion(json::object()); }), HasSubstr("no pose"));
   EXPECT_THAT(input_error([] { parsed_egomotion(json::array()); }), HasSubstr("egomotion2.json"));
-  EXPECT_THAT(input_error([] { aimotive::parse_egomotion("{\"9\": {", "e.json"); }),
+  EXPECT_THAT(input_error([] { parse_egomotion("{\"9\": {", "e.json"); }),
               AllOf(HasSubstr("e.json"), HasSubstr("line 1")));
   EXPECT_THAT(egomotion_message("/10/RT_ECEF_body/0/3", "nan"),
               AllOf(HasSubstr("10.RT_ECEF_body"), HasSubstr("\"nan\"")));

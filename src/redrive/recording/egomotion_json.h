@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: Apache-2.0
+// Trajectories as JSON, by frame id:
+//   {"9": {"RT_ECEF_body": 4x4 (or "ECEF_RT_body"), "time_host": s (or "time")}}
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string_view>
+#include <vector>
+
+#include "redrive/base/json_field.h"
+#include "redrive/recording/recording.h"
+
+namespace redrive {
+
+/// Poses by id. InputError: ids with leading zeros, times that do not increase, more than 150 m/s.
+std::vector<FramePose> parse_egomotion(std::string_view text, const std::filesystem::path& file);
+
+nlohmann::json egomotion_to_json(const std::vector<FramePose>& frames);
+
+/// RT_ECEF_body or ECEF_RT_body of an entry, at most 1e7 m from the origin; nothing if it has
+/// neither.
+std::optional<Rigid3d> global_from_body_from_json(const JsonField& entry);
+
+}  // namespace redrive

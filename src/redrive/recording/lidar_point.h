@@ -1,0 +1,17 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+
+#include <Eigen/Core>
+
+namespace redrive {
+
+/// A LiDAR return, not motion compensated: in the body frame at the point's own time.
+struct LidarPoint {
+  Eigen::Vector3f in_body_m;    ///< |coordinate| <= 1e4: exact to 0.5 mm, to 8 um within 128 m
+  std::uint16_t intensity = 0;  ///< as recorded, on the sensor's own scale
+  std::int64_t t_ns = 0;        ///< host clock
+};
+
+}  // namespace redrive

@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the format of a recording supplies beyond the metadata in Recording: how its LiDAR and boxes
+// are read, and how poses and calibration are written back. The function that opens a recording
+// sets Recording::reader; nothing else knows the folders of a data set.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "redrive/recording/box.h"
+#include "redrive/recording/lidar_point.h"
+#include "redrive/recording/recording.h"
+
+namespace redrive {
+
+/// Poses and calibration as files: text by name, relative to their folder.
+using PoseFiles = std::map<std::filesystem::path, std::string>;
+
+/// Poses and calibration of a recording, and the files they come from, for messages.
+struct CalibratedPoses {
+  std::vector<FramePose> frames;           ///< by id
+  std::vector<CameraCalibration> cameras;  ///< by name
+  std::filesystem::path frames_file, cameras_file;
+};
+
+/// The base class serves formats without LiDAR and boxes; its pose files are egomotion.json
+/// (recording/egomotion_json.h) and calibration.json (recording/calibration_json.h).
+class RecordingReader {
+ public:
+  virtual ~RecordingReader() = default;
+
+  /// Points of one of Recording::lidar_files. InputError for a damaged file.
+  virtual std::vector<LidarPoint> read_lidar(const FrameFile& file) const;
+  /// Number of points that read_lidar returns, from the file's header; 0 if that is damaged.
+  virtual std::uint64_t lidar_point_count(const FrameFile& file) const;
+  /// Boxes of one of Recording::box_files, each object once. InputError for a damaged file.
+  virtual std::vector<Box> read_boxes(const FrameFile& file) const;
+
+  /// Names of the files that make_pose_files returns.
+  virtual std::vector<std::filesystem::path> pose_file_names() const;
+  /// `frames` and `cameras` in the format of `recording`.
+  virtual PoseFiles make_pose_files(const Recording& recording,
+                                    const std::vector<FramePose>& frames,
+                                    const std::vector<CameraCalibration>& cameras) const;
+  /// InputError for damaged files; `folder`, where they stand, is for messages.
+  virtual CalibratedPoses parse_pose_files(const PoseFiles& files,
+                                           const std::filesystem::path& folder) const;
+};
+
+}  // namespace redrive

@@ -1,0 +1,16 @@
+// SPDX-License-Identifier: Apache-2.0
+// Rigid transforms as row-major 4x4 matrices in JSON.
+#pragma once
+
+#include "redrive/base/json_field.h"
+#include "redrive/math/rigid3.h"
+
+namespace redrive {
+
+/// InputError if the matrix is no rigid transform (rigid_obstacle); its rotation becomes the
+/// nearest one that is orthonormal.
+Rigid3d rigid_from_json(const JsonField& field);
+
+nlohmann::json rigid_to_json(const Rigid3d& transform);
+
+}  // namespace redrive
