@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// calibration.json: any bytes are read or refused with an InputError, nothing else.
+// calibration.json: parses any bytes or throws an InputError.
 #include <cstddef>
 #include <cstdint>
 #include <string_view>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// checkpoint.safetensors: any bytes are read or refused with an InputError, nothing else; what is
-// read is written back the same.
+// checkpoint.safetensors: parses any bytes, and writes them back unchanged, or throws an
+// InputError.
 #include <cstddef>
 #include <cstdint>
 #include <string_view>

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// config.json: any bytes are read or refused with an InputError, nothing else; what is read is
-// written back the same.
+// config.json: parses any bytes, and writes them back unchanged, or throws an InputError.
 #include <cstddef>
 #include <cstdint>
 #include <string_view>

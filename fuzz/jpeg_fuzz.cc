@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// JPEG: any bytes are decoded or refused with an InputError, nothing else.
+// JPEG: decodes any bytes or throws an InputError.
 #include <cstddef>
 #include <cstdint>
 #include <string_view>

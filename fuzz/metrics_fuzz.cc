@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// metrics.jsonl: any bytes are read or refused with an InputError, nothing else; what resume keeps
-// of them is readable.
+// metrics.jsonl: parses any bytes or throws an InputError. The part that resume keeps is valid.
 #include <cstddef>
 #include <cstdint>
 #include <string_view>

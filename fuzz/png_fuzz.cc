@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// PNG: any bytes are decoded or refused with an InputError, nothing else.
+// PNG: decodes any bytes or throws an InputError.
 #include <cstddef>
 #include <cstdint>
 #include <string_view>

@@ -62,7 +62,7 @@ TEST_F(Photographs, InspectTrainEvalRender) {
   EXPECT_EQ(table.exit_code, kExitOk) << table.err;
   EXPECT_THAT(table.out,
               AllOf(HasSubstr("(blender)"),
-                    HasSubstr("6, ids 0 to 5 in file-name order; no metres, no clock"),
+                    HasSubstr("6, ids 0 to 5 in file-name order; neither metres nor clock"),
                     HasSubstr("1.51515 around 0 0 0"),
                     HasSubstr("2 images by the recording's own split"), HasSubstr("--background")));
   EXPECT_THAT(table.out, ::testing::Not(HasSubstr("driven")));

@@ -19,7 +19,7 @@ TEST(BrownConrady, FoldRadiusIsTheFirstRootOfTheDerivative) {
   // 1 + 3 k1 s + 5 k2 s^2 has no real root: 9 k1^2 < 20 k2.
   EXPECT_TRUE(std::isinf(lens({-0.3, 0.08, 0, 0, 0}).max_radius));
   EXPECT_NEAR(lens({-0.4, 0, 0, 0, 0}).max_radius, std::sqrt(1 / 1.2), 1e-14);
-  // 9 k1^2 > 20 k2: two roots, s = (-3 k1 -+ sqrt(9 k1^2 - 20 k2)) / (10 k2); the nearer one
+  // 9 k1^2 > 20 k2: two roots, s = (-3 k1 -+ sqrt(9 k1^2 - 20 k2)) / (10 k2), of which the smaller
   // counts.
   const double near_root = (1.2 - std::sqrt(1.44 - 20 * 0.06)) / 0.6;
   EXPECT_NEAR(lens({-0.4, 0.06, 0, 0, 0}).max_radius, std::sqrt(near_root), 1e-13);
@@ -42,8 +42,8 @@ TEST(BrownConrady, TangentialTermsShrinkTheValidRegion) {
     return smallest;
   };
   for (int i = 0; i <= 100; ++i) EXPECT_GT(smallest_determinant(lens.max_radius * i / 100), 0) << i;
-  // Not smaller than need be: the radial derivative falls with slope 6 k1 r = -2 there, and the
-  // bound gives away 2/3 |p| r.
+  // The bound is tight: the radial derivative falls with slope 6 k1 r = -2 there, and the bound is
+  // loose by 2/3 |p| r.
   EXPECT_LT(smallest_determinant(lens.max_radius * 1.01), 0);
 }
 

@@ -12,50 +12,49 @@
 namespace redrive {
 namespace {
 
-// Every whole and half pixel: what is unprojected comes back, and what is refused lies outside the
-// image of the valid disc.
+// Tests every whole and half pixel. Pixels without a direction are outside the covered radius.
 TEST(Camera, RoundTripsOverTheWholeImage) {
   for (const ExampleCamera& example : example_cameras()) {
     SCOPED_TRACE(example.name);
     const Camera& camera = example.camera;
-    int seen = 0, refused = 0;
+    int valid = 0, invalid = 0;
     for (double v = -0.5; v < camera.height; v += 0.5)
       for (double u = -0.5; u < camera.width; u += 0.5) {
         const Eigen::Vector2d pixel(u, v);
         const auto direction = camera.unproject(pixel);
         if (!direction) {
-          ++refused;
+          ++invalid;
           const double distance =
               std::hypot((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy);
           ASSERT_GT(distance, camera.covered_radius() - 1e-9) << u << ' ' << v;
           continue;
         }
-        ++seen;
+        ++valid;
         ASSERT_NEAR(direction->norm(), 1, 1e-15 * 4);
         const auto back = camera.project(*direction * 3.7);
         ASSERT_TRUE(back) << u << ' ' << v;
         ASSERT_LT((*back - pixel).norm(), 1e-6) << u << ' ' << v;
       }
-    EXPECT_GT(seen, 0);
+    EXPECT_GT(valid, 0);
     const bool expected = example.name.find("fold") != std::string::npos ||
                           example.name.find("sphere") != std::string::npos ||
                           example.name == "sixth order" || example.name == "fisheye";
     if (!example.name.starts_with("typical")) {
-      EXPECT_EQ(refused > 0, expected) << refused;
+      EXPECT_EQ(invalid > 0, expected) << invalid;
     }
   }
 }
 
-// One-to-one: what is projected is found again from its pixel, whatever the direction.
+// The model is one-to-one: every direction that has a pixel is the direction of that pixel.
 TEST(Camera, UnprojectInvertsProject) {
   for (const ExampleCamera& example : example_cameras()) {
     SCOPED_TRACE(example.name);
     const Camera& camera = example.camera;
-    int seen = 0;
+    int valid = 0;
     for (const Eigen::Vector3d& direction : directions(20000)) {
       const auto pixel = camera.project(direction);
       if (!pixel) continue;
-      ++seen;
+      ++valid;
       const auto back = camera.unproject(*pixel);
       ASSERT_TRUE(back) << direction.transpose();
       // On the edge of the valid region a pixel determines its radius to the square root of its own
@@ -65,7 +64,7 @@ TEST(Camera, UnprojectInvertsProject) {
       const bool at_edge = distance > 0.999 * camera.covered_radius();
       ASSERT_LT((*back - direction).norm(), at_edge ? 1e-5 : 1e-9) << direction.transpose();
     }
-    EXPECT_GT(seen, 1000);
+    EXPECT_GT(valid, 1000);
   }
 }
 
@@ -84,17 +83,17 @@ TEST(Camera, RejectsPointsOutsideTheValidRegion) {
   }
 }
 
-TEST(Camera, RefusesTheFoldedBackPoint) {
-  // r g(r^2) with k1 = -0.4: r = 0.8 and r = 1.0198... are seen at the same distance from the
-  // centre; only the first is true.
+TEST(Camera, RejectsPointsBeyondTheFold) {
+  // r g(r^2) with k1 = -0.4: r = 0.8 and r = 1.0198... have the same image; only the first is
+  // valid.
   const Camera camera = example_cameras()[3].camera;
-  const double seen_at = 0.8 * (1 - 0.4 * 0.64);
-  // 0.4 r^3 - r + seen_at = 0 divided by (r - 0.8): 0.4 r^2 + 0.32 r - 0.744.
+  const double distorted_radius = 0.8 * (1 - 0.4 * 0.64);
+  // 0.4 r^3 - r + distorted_radius = 0 divided by (r - 0.8): 0.4 r^2 + 0.32 r - 0.744.
   const double folded = (-0.32 + std::sqrt(0.32 * 0.32 + 4 * 0.4 * 0.744)) / 0.8;
-  ASSERT_NEAR(folded * (1 - 0.4 * folded * folded), seen_at, 1e-12);
+  ASSERT_NEAR(folded * (1 - 0.4 * folded * folded), distorted_radius, 1e-12);
   EXPECT_TRUE(camera.project({0.8, 0, 1}));
   EXPECT_FALSE(camera.project({folded, 0, 1}));
-  const auto direction = camera.unproject({camera.cx + camera.fx * seen_at, camera.cy});
+  const auto direction = camera.unproject({camera.cx + camera.fx * distorted_radius, camera.cy});
   ASSERT_TRUE(direction);
   EXPECT_NEAR(direction->x() / direction->z(), 0.8, 1e-12);
 }
@@ -161,7 +160,7 @@ TEST(Camera, UndistortedIsThePinholeOfTheSameMatrix) {
   EXPECT_THROW(example_cameras()[6].camera.undistorted(), std::logic_error);
 }
 
-TEST(Camera, UnknownModelIsRefused) {
+TEST(Camera, RejectsUnknownModels) {
   CameraCalibration calibration;
   calibration.name = "CAM";
   calibration.model = "rational";

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Cameras that the tests walk: every model of the registry, and lenses of every character.
+// Cameras for tests that hold for every model: each of the registry, and lenses of every character.
 #pragma once
 
 #include <cmath>

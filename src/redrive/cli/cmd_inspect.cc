@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// redrive inspect: what a recording holds, what is missing or odd, and why.
+// redrive inspect: contents of a recording, and findings about what is missing or odd.
 #include <cmath>
 #include <cstdio>
 #include <memory>
@@ -29,24 +29,23 @@ namespace {
 struct CameraReport {
   const RecordedCamera* recorded = nullptr;
   double horizontal_fov_deg = 0;
-  double percent_without_ray = 0;        ///< pixels that the model does not reach
+  double percent_without_ray = 0;        ///< pixels outside the model's valid region
   std::optional<double> percent_masked;  ///< with --masks
-  bool alpha = false;                    ///< of an image that was looked at
+  bool alpha = false;                    ///< whether a decoded image has an alpha channel
   std::size_t held_out = 0, masks = 0;
 };
 
 struct Inspection {
   Recording recording;
-  std::optional<DriveSummary>
-      drive;  ///< nothing where places are not in metres and times not of a clock
+  std::optional<DriveSummary> drive;  ///< nothing for photographs
   std::vector<CameraReport> cameras;
   std::vector<Finding> findings;       ///< odd, but the recording can be used
-  std::vector<Finding> problems;       ///< training would refuse it
+  std::vector<Finding> problems;       ///< training would reject the recording
   std::optional<Preflight> preflight;  ///< with --report
 };
 
-/// Angle between the optical axis and what is seen at column u of the principal row; walks towards
-/// the principal point where the model does not reach that far.
+/// Returns the angle between the optical axis and the direction at column u of the principal row,
+/// or at the nearest column towards the principal point that is in the valid region.
 double angle_at_column(const Camera& camera, double u) {
   const double step = u < camera.cx ? 0.5 : -0.5;
   for (; (camera.cx - u) * step > 0; u += step) {
@@ -56,17 +55,17 @@ double angle_at_column(const Camera& camera, double u) {
   return 0;
 }
 
-/// The two sides are added up, so that more than 180 degrees come out right.
+/// Adds up the two sides, so that fields of view may exceed 180 degrees.
 double horizontal_fov_deg(const Camera& camera) {
   const double left = angle_at_column(camera, -0.5),
                right = angle_at_column(camera, camera.width - 0.5);
-  // A principal point beside the image: both edges lie on the same side of the axis.
+  // Principal point outside the image: both edges are on the same side of the axis.
   const bool same_side = camera.cx < -0.5 || camera.cx > camera.width - 0.5;
   return (same_side ? std::abs(left - right) : left + right) * 180 / std::numbers::pi;
 }
 
 double percent_without_ray(const Camera& camera) {
-  const int step = std::max(1, camera.width / 160);  // some 10^4 pixels
+  const int step = std::max(1, camera.width / 160);  // about 10^4 pixels
   int all = 0, without = 0;
   for (int v = 0; v < camera.height; v += step) {
     for (int u = 0; u < camera.width; u += step, ++all)
@@ -75,7 +74,7 @@ double percent_without_ray(const Camera& camera) {
   return 100.0 * without / all;
 }
 
-/// Decodes the first and the last image with their masks; the others are read in training.
+/// Decodes the first and the last image with their masks. Training reads the others.
 void check_images(const RecordedCamera& camera, CameraReport* report,
                   std::vector<Finding>* problems) {
   const CameraCalibration& calibration = camera.calibration;
@@ -133,8 +132,8 @@ Inspection inspect(const std::string& root) {
   return result;
 }
 
-/// <CAM>.png, to be edited, and <CAM>_overlay.png, to be looked at: the middle picture with all
-/// that is left out of it in red.
+/// Writes <CAM>.png, to be edited, and <CAM>_overlay.png, to be inspected: the middle image with
+/// masked pixels in red.
 void write_masks(const std::filesystem::path& folder, Inspection* result) {
   std::error_code error;
   if (!std::filesystem::create_directory(folder, error)) {
@@ -143,7 +142,7 @@ void write_masks(const std::filesystem::path& folder, Inspection* result) {
                      "exists already; nothing is overwritten, choose another name");
   }
   ThreadPool pool(static_cast<int>(std::max(1u, std::thread::hardware_concurrency())));
-  for (CameraReport& report : result->cameras) {  // one after the other: so much memory is there
+  for (CameraReport& report : result->cameras) {  // one at a time, to save memory
     const CameraCalibration& calibration = report.recorded->calibration;
     SceneOptions options;
     options.cameras = {calibration.name};
@@ -161,9 +160,9 @@ void write_masks(const std::filesystem::path& folder, Inspection* result) {
   }
 }
 
-constexpr int kPreflightMaxWidth = 640;  // pixels: wider images are averaged down
+constexpr int kPreflightMaxWidth = 640;  // pixels; wider images are downscaled
 
-/// Nothing is overwritten: the folder must be new or empty.
+/// UsageError if the folder exists and is not empty.
 void require_empty_folder(const std::filesystem::path& folder) {
   std::error_code error;
   const bool exists = std::filesystem::exists(folder, error);
@@ -216,7 +215,7 @@ nlohmann::ordered_json preflight_to_json(const Preflight& preflight) {
       camera["best_offset"] = {{"offset_ms", c.offset_ms},
                                {"sigma_ms", c.offset_sigma_ms},
                                {"error_px", c.offset_error_px}};
-    camera["clock"] = nullptr;  // cannot be told
+    camera["clock"] = nullptr;  // unobservable
     if (const auto clock = c.clock())
       camera["clock"] = {{"offset_ms", clock->offset_ms},
                          {"sigma_ms", clock->sigma_ms},
@@ -273,7 +272,7 @@ nlohmann::ordered_json to_json(const Inspection& result) {
   nlohmann::json novel = nlohmann::json::array();
   for (const NovelSet& set : recording.novel)
     novel.push_back({{"name", set.name}, {"poses_file", set.poses_file.string()}});
-  nlohmann::json bounds, drive, rate_hz, duration_s;  // null where they say nothing
+  nlohmann::json bounds, drive, rate_hz, duration_s;  // null for photographs or unbounded scenes
   if (recording.bounds) {
     const Eigen::Vector3d& center = recording.bounds->center;
     bounds = {{"center", {center.x(), center.y(), center.z()}},
@@ -342,7 +341,7 @@ void print_table(const Inspection& result) {
   }
   for (const CameraReport& report : result.cameras)
     if (report.percent_masked)
-      std::printf("%smask of %s: %.1f %% of the pixels are left out\n",
+      std::printf("%smask of %s: %.1f %% of the pixels are masked\n",
                   &report == &result.cameras[0] ? "\n" : "",
                   report.recorded->calibration.name.c_str(), *report.percent_masked);
   std::printf("\nframes         %zu, ids %lld to %lld", recording.frames.size(),
@@ -353,7 +352,7 @@ void print_table(const Inspection& result) {
                 drive->rate_hz, drive->duration_s, drive->path_length_m, drive->mean_speed_m_per_s,
                 drive->max_speed_m_per_s);
   } else {
-    std::printf(" in file-name order; no metres, no clock\n");
+    std::printf(" in file-name order; neither metres nor clock\n");
   }
   if (const auto& bounds = recording.bounds)
     std::printf("bounds         %g around %g %g %g along each axis\n", bounds->half_side,
@@ -391,7 +390,7 @@ int run_inspect(const std::string& root, bool json, const std::string& masks,
   if (!masks.empty() && result.problems.empty()) write_masks(masks, &result);
   if (!report.empty() && result.problems.empty()) write_report(report, &result);
   if (json) {
-    // File names need not be UTF-8, JSON has to be.
+    // File names may not be UTF-8, JSON must be.
     std::printf(
         "%s\n",
         to_json(result).dump(2, ' ', false, nlohmann::json::error_handler_t::replace).c_str());
@@ -412,12 +411,14 @@ Action configure_inspect(CLI::App& command) {
   auto options = std::make_shared<Options>();
   command.add_option("recording", options->recording, "recording folder")->required();
   command.add_flag("--json", options->json, "JSON on standard output instead of the table");
-  command.add_option("--masks", options->masks,
-                     "new folder for what training leaves out: CAM.png, to be edited, and "
-                     "CAM_overlay.png, to look at");
-  command.add_option("--report", options->report,
-                     "new folder for a page (index.html) that checks calibration, poses and clocks "
-                     "against the images");
+  command.add_option(
+      "--masks", options->masks,
+      "new folder for masks of pixels that training ignores: CAM.png, to be edited, and "
+      "CAM_overlay.png, to inspect them");
+  command.add_option(
+      "--report", options->report,
+      "new folder for a page (index.html) that checks calibration, poses and time offsets "
+      "against the images");
   return [options] {
     return run_inspect(options->recording, options->json, options->masks, options->report);
   };

@@ -19,7 +19,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// The forms that throw would turn a folder without permission into a bug of ours.
+// Overloads without error_code would report a folder without permission as an internal error.
 bool is_there(const fs::path& path) {
   std::error_code error;
   return fs::exists(path, error);
@@ -29,7 +29,7 @@ bool is_folder(const fs::path& path) {
   return fs::is_directory(path, error);
 }
 
-/// Entries of a folder by name, hidden ones left out; none if there is no such folder.
+/// Returns the entries of a folder by name, without hidden ones; none if there is no such folder.
 std::vector<fs::path> list_folder(const fs::path& folder) {
   std::vector<fs::path> entries;
   std::error_code error;
@@ -43,7 +43,7 @@ std::vector<fs::path> list_folder(const fs::path& folder) {
   return entries;
 }
 
-/// The id of <prefix><id><extension>, or -1.
+/// Returns the id of <prefix><id><extension>, or -1.
 std::int64_t frame_id_from_name(const fs::path& path, const std::string& prefix,
                                 std::initializer_list<std::string_view> extensions) {
   const std::string stem = path.stem().string();
@@ -56,18 +56,18 @@ std::int64_t frame_id_from_name(const fs::path& path, const std::string& prefix,
   return error == std::errc() && last == end ? id : -1;
 }
 
-/// The files <prefix><id><extension> of a folder by id, one a frame; a finding about `subject`
-/// names what else lies there.
+/// Returns the files <prefix><id><extension> of a folder by id, one per frame. A finding about
+/// `subject` lists files of other names.
 std::vector<FrameFile> list_frame_files(const fs::path& folder, const std::string& prefix,
                                         std::initializer_list<std::string_view> extensions,
                                         const std::string& subject,
                                         std::vector<Finding>* findings) {
   std::vector<FrameFile> files;
-  std::vector<std::string> strangers;
+  std::vector<std::string> unexpected;
   for (const fs::path& path : list_folder(folder)) {
     const std::int64_t id = frame_id_from_name(path, prefix, extensions);
     if (id < 0) {
-      strangers.push_back(path.filename().string());
+      unexpected.push_back(path.filename().string());
     } else {
       files.push_back({id, path});
     }
@@ -81,20 +81,21 @@ std::vector<FrameFile> list_frame_files(const fs::path& folder, const std::strin
           "a second file of this frame, beside " + files[i - 1].path.filename().string());
     }
   }
-  if (!strangers.empty()) {
+  if (!unexpected.empty()) {
     std::string expected = prefix + "<id>";
     for (const std::string_view& extension : extensions) {
       if (&extension != extensions.begin())
         expected += &extension + 1 == extensions.end() ? " or " : ", ";
       expected += extension;
     }
-    findings->push_back({subject, counted(strangers.size(), "file") + " not named " + expected +
-                                      " ignored: " + first_few(strangers)});
+    findings->push_back({subject, counted(unexpected.size(), "file") + " not named " + expected +
+                                      " ignored: " + first_few(unexpected)});
   }
   return files;
 }
 
-/// The camera's images of frames with a pose; what is dropped or missing goes into `findings`.
+/// Returns the camera's images of frames with a pose. `findings` lists images that are dropped or
+/// missing.
 std::vector<ImageFile> collect_images(const fs::path& folder, const std::string& camera,
                                       const std::vector<FramePose>& frames,
                                       std::vector<Finding>* findings) {

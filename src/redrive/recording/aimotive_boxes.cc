@@ -12,12 +12,12 @@
 namespace redrive::aimotive {
 namespace {
 
-constexpr double kMinSize_m = 0.01, kMaxSize_m = 100;  // road trains have 50
+constexpr double kMinSize_m = 0.01, kMaxSize_m = 100;  // road trains are 50 m long
 constexpr double kMaxDistance_m = 1e4;
 constexpr double kMaxSpeed_m_per_s = 300;  // two cars in opposite directions
 constexpr double kUnitNorm = 1e-3;
 
-/// "<name> X", "<name> Y" and "<name> Z".
+/// Reads "<name> X", "<name> Y" and "<name> Z".
 Eigen::Vector3d vector_from_json(const JsonField& object, const std::string& name, double least,
                                  double most) {
   Eigen::Vector3d vector;

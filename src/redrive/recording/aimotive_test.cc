@@ -110,8 +110,8 @@ TEST(Aimotive, TwoRevolutionsOfOneFrame) {
               AllOf(HasSubstr("frame_0000009.laz"), HasSubstr("frame_0000009.las")));
 }
 
-// What a program is given carries errors; the truth beside it is read where it is, and used where
-// it is asked for.
+// Recorded poses carry errors; ground truth is read where a recording ships it, and used on
+// request.
 TEST(Aimotive, ReadsGroundTruthPosesAndCalibration) {
   TemporaryFolder folder;
   testing::write_recording(folder);
@@ -173,7 +173,7 @@ TEST(Registry, RejectsUnknownFolders) {
   EXPECT_THAT(input_error([&] { open_recording(folder.path / "file"); }), HasSubstr("folder"));
 }
 
-// The real recording; the expected values were read off its files by eye.
+// A real recording; the expected values are copied from its files.
 TEST(Aimotive, RealRecording) {
   const fs::path root = fs::path(REDRIVE_SHARED) / "data/aimotive_night";
   if (!fs::exists(root)) GTEST_SKIP() << "no recording at " << root;

@@ -7,12 +7,12 @@ namespace redrive {
 namespace {
 
 constexpr std::uint32_t kMinLength = 1u << 24;
-constexpr int kScaleBits = 31;  // shares are counts * (2^31 / total), rounded down twice: encoder
-                                // and decoder have to agree
+constexpr int kScaleBits = 31;  // probabilities are counts * (2^31 / total), rounded down twice, as
+                                // in the encoder
 
 }  // namespace
 
-// A share is worth computing anew ever less often: each cycle is 5/4 of the last, up to a limit.
+// Probabilities are updated ever less often: each cycle is 5/4 of the last, up to a limit.
 void BitModel::update() {
   constexpr std::uint32_t kMaxTotal = 1u << kProbabilityBits, kMaxCycle = 64;
   total_ += cycle_;
@@ -86,8 +86,8 @@ bool ArithmeticDecoder::bit(BitModel& model) {
 
 std::uint32_t ArithmeticDecoder::symbol(SymbolModel& model) {
   const std::uint32_t unit = length_ >> SymbolModel::kProbabilityBits;
-  // The last symbol whose part begins at or before the value; the last of all also gets what
-  // rounding left over.
+  // Finds the last symbol whose part begins at or before the value. The last symbol also gets the
+  // remainder of rounding.
   std::uint32_t symbol = 0;
   for (std::uint32_t n = model.size(); n > 1;) {
     const std::uint32_t half = n / 2;

@@ -7,7 +7,7 @@
 namespace redrive {
 namespace {
 
-constexpr std::int64_t kMaxPixels = 1 << 28;  // sixteen times the largest sensors on cars
+constexpr std::int64_t kMaxPixels = 1 << 28;  // sixteen times the largest automotive sensors
 constexpr double kMaxImageSize_px = 65536;
 constexpr double kMaxFocalLength_px = 1e6;  // 65536 px across 4 degrees
 

@@ -14,11 +14,9 @@
 namespace redrive {
 namespace {
 
-constexpr double kMaxSensorDistance_m =
-    50;  // a sensor further from the body's origin was not given in metres
-constexpr double kMaxTimeOffset_s = 1;  // beyond that it is another frame's image
-constexpr double kPositionTolerance_m =
-    0.01;  // pos_meter and RT agree to the digits they are written with
+constexpr double kMaxSensorDistance_m = 50;    // further from the body's origin: not in metres
+constexpr double kMaxTimeOffset_s = 1;         // beyond: another frame's image
+constexpr double kPositionTolerance_m = 0.01;  // rounding of pos_meter and RT in files
 
 bool usable_name(const std::string& name) {
   const auto plain = [](unsigned char c) {
@@ -60,10 +58,9 @@ Rigid3d extrinsics_from_json(const JsonField& sensor) {
   return body_from_sensor;
 }
 
-// Where the body stands in the camera instead of the reverse. The file itself often says: the
-// inverse and the mounting position are given, too. Where they are not, a camera is mounted with
-// its y axis pointing down, within 60 degrees; if it does not and the y axis of the inverse does,
-// the file holds the inverse.
+// InputError if the extrinsics are inverted (sensor from body). RT_sensor_from_body and pos_meter
+// decide if they are given. Otherwise a camera's y axis points down within 60 degrees: extrinsics
+// for which only the inverse's does are inverted.
 void check_direction(const JsonField& sensor, const Rigid3d& body_from_sensor) {
   const JsonField field = sensor.at("RT_body_from_sensor");
   const Rigid3d inverse = body_from_sensor.inverse();
@@ -86,13 +83,13 @@ void check_direction(const JsonField& sensor, const Rigid3d& body_from_sensor) {
   }
   if (sensor.has("RT_sensor_from_body")) {
     const Rigid3d sensor_from_body = rigid_from_json(sensor.at("RT_sensor_from_body"));
-    const Rigid3d rest = sensor_from_body * body_from_sensor;
-    const double turn = (rest.linear() - Eigen::Matrix3d::Identity()).norm();
-    const double shift_m = rest.translation().norm();
-    if (turn > 2e-3 || shift_m > kPositionTolerance_m) {
+    const Rigid3d residual = sensor_from_body * body_from_sensor;
+    const double rotation = (residual.linear() - Eigen::Matrix3d::Identity()).norm();
+    const double translation_m = residual.translation().norm();
+    if (rotation > 2e-3 || translation_m > kPositionTolerance_m) {
       char value[96];
-      std::snprintf(value, sizeof value, "off by %.3g in rotation, %.3g m in position", turn,
-                    shift_m);
+      std::snprintf(value, sizeof value, "off by %.3g in rotation, %.3g m in position", rotation,
+                    translation_m);
       refuse(field, value,
              "disagrees with RT_sensor_from_body, which has to be its inverse (is one of them "
              "inverted?)");
@@ -163,7 +160,7 @@ std::vector<CameraCalibration> cameras_from_json(const JsonField& sensors, Other
       }
     }
   }
-  if (lidars > 1) others->body_from_lidar.reset();  // the revolutions do not say whose they are
+  if (lidars > 1) others->body_from_lidar.reset();  // revolutions do not name their sensor
   std::sort(cameras.begin(), cameras.end(),
             [](const auto& a, const auto& b) { return a.name < b.name; });
   return cameras;

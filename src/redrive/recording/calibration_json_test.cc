@@ -18,7 +18,7 @@ std::vector<CameraCalibration> parsed_calibration(const json& document,
   return parse_calibration(document.dump(), "dir/calibration.json", others);
 }
 
-/// The message for a calibration whose F_CAM has `value` in `field` (a JSON pointer).
+/// Returns the message for a calibration whose F_CAM has `value` in `field` (a JSON pointer).
 std::string calibration_message(const std::string& field, const json& value) {
   json document = calibration();
   document["F_CAM"][json::json_pointer(field)] = value;
@@ -53,7 +53,7 @@ TEST(Calibration, ReadsEveryField) {
   const auto cameras = parsed_calibration(calibration(), &others);
   ASSERT_EQ(cameras.size(), 2u);
   EXPECT_THAT(others.names, ElementsAre("Imu0", "M_LIDAR"));
-  EXPECT_FALSE(others.body_from_lidar.has_value());  // M_LIDAR has no place
+  EXPECT_FALSE(others.body_from_lidar.has_value());  // M_LIDAR has no extrinsics
   const CameraCalibration& camera = cameras[0];
   EXPECT_EQ(camera.name, "F_CAM");
   EXPECT_EQ(camera.model, "opencv_pinhole");
@@ -204,8 +204,7 @@ TEST(Calibration, NotARotation) {
 TEST(Calibration, Inverted) {
   const json camera = testing::front_camera();
   const json inverse = camera["RT_sensor_from_body"];
-  // Recognised by pos_meter, by RT_sensor_from_body, by both having been exchanged, and by the axes
-  // alone.
+  // Detected by pos_meter, by RT_sensor_from_body, with both exchanged, and by the axes alone.
   EXPECT_THAT(calibration_message("/RT_body_from_sensor", inverse),
               AllOf(HasSubstr("F_CAM.RT_body_from_sensor"), HasSubstr("inverted"),
                     HasSubstr("(0.500, 1.500, -2.000)")));
@@ -230,8 +229,8 @@ TEST(Calibration, ContradictoryExtrinsic) {
   EXPECT_THAT(calibration_message("/RT_body_from_sensor/0/3", 2000), HasSubstr("metres"));
 }
 
-// A camera on its side that looks right has the inverse's y axis pointing down; pos_meter vouches
-// for it.
+// Of a camera on its side that looks right, the y axis of the inverse points down. pos_meter
+// decides.
 TEST(Calibration, AcceptsUnusualExtrinsicsWhenThePositionAgrees) {
   json document = calibration();
   document["F_CAM"]["RT_body_from_sensor"] = {

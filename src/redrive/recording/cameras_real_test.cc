@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The cameras of a real car, where its recording is at hand.
+// The cameras of a real car; skipped where its recording is missing.
 #include <gtest/gtest.h>
 
 #include "redrive/base/files.h"

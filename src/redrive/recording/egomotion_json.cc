@@ -20,7 +20,7 @@ constexpr double kMaxSpeed_m_per_s = 150;
 std::int64_t frame_id_from_key(const JsonField& entry, const std::string& key) {
   std::int64_t id = -1;
   const auto [end, error] = std::from_chars(key.data(), key.data() + key.size(), id);
-  // One spelling per id, or "7" and "007" would be two poses of one frame.
+  // One spelling per id: "7" and "007" would be two poses of one frame.
   if (error != std::errc() || end != key.data() + key.size() || id < 0 ||
       std::to_string(id) != key) {
     throw InputError(entry.file(), "key", "\"" + key + "\"",
@@ -29,7 +29,8 @@ std::int64_t frame_id_from_key(const JsonField& entry, const std::string& key) {
   return id;
 }
 
-/// The field that holds the time: one for the whole file, since the two may be of different clocks.
+/// Returns the name of the time field. It is the same in all entries: the two may be of different
+/// clocks.
 const char* time_field(const JsonField& first_entry) {
   for (const char* name : {"time_host", "time"})
     if (first_entry.has(name)) return name;

@@ -53,8 +53,7 @@ TEST(Egomotion, HostTimeIsPreferred) {
   EXPECT_EQ(parsed_egomotion(document)[1].t_ns, 50100000000);
 }
 
-// `time` and `time_host` may be of different clocks: a file that changes from one to the other is
-// refused.
+// `time` and `time_host` may be of different clocks: mixing them is an error.
 TEST(Egomotion, OneClock) {
   json document = egomotion();
   document["11"]["time"] = document["11"]["time_host"];
@@ -108,7 +107,7 @@ TEST(Egomotion, TimesIncrease) {
 }
 
 TEST(Egomotion, Teleport) {
-  // A gap in the recording may be long; 16 m in 0.1 s are 160 m/s.
+  // Gaps may be long; 16 m in 0.1 s are 160 m/s.
   json document = {{"1", pose_at(0, 0)}, {"2", pose_at(400, 20)}};
   EXPECT_EQ(parsed_egomotion(document).size(), 2u);
   document["2"] = pose_at(14, 0.1);

@@ -27,7 +27,7 @@ std::string text(double value) {
   return buffer;
 }
 
-/// The parts of a LAS file, checked against its size.
+/// Parses a LAS file; checks its header against its size.
 class LasFile {
  public:
   LasFile(std::string_view bytes, const std::filesystem::path& file) : bytes_(bytes), file_(file) {
@@ -116,7 +116,7 @@ class LasFile {
     refuse(field, std::to_string(value), rule);
   }
 
-  // LASzip's record says how the points are compressed; the others do not matter here.
+  // Only LASzip's record is needed: it describes the compression.
   void read_variable_records(std::size_t begin) {
     const auto count = at<std::uint32_t>(100);
     for (std::uint32_t i = 0; i < count; ++i) {

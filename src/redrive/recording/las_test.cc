@@ -20,7 +20,7 @@ using testing::overwrite;
 
 std::uint64_t time_bits(double time_ns) { return std::bit_cast<std::uint64_t>(time_ns); }
 
-/// Some points of one packet after the other.
+/// Points of consecutive packets.
 std::vector<LasRecord> few_points(std::size_t count = 10) {
   std::vector<LasRecord> points;
   for (std::size_t i = 0; i < count; ++i) {
@@ -124,8 +124,8 @@ TEST(Laz, RoundTrip) {
   EXPECT_TRUE(decode(laz_file({}, 4), 0, 4).empty());
 }
 
-// laz-perf 0.0.7 (npm), an implementation of its own, reads this very file as the points that were
-// written. The sum keeps decoder and mirror from going astray together.
+// laz-perf 0.0.7 (npm), an independent implementation, decodes exactly this file. The checksum
+// prevents decoder and encoder from changing together.
 TEST(Laz, WritesWhatOthersRead) {
   std::uint64_t fnv1a = 0xcbf29ce484222325;
   for (const char c : laz_file(wild_points(20000), 6000))
@@ -242,7 +242,7 @@ TEST(Laz, ChunkTable) {
   EXPECT_THAT(las_message(file, 107, std::uint32_t{13}),
               AllOf(HasSubstr("number of chunks = 3"), HasSubstr("must be 4")));
   EXPECT_THAT(las_message(file, table + 9, '\x7f'), HasSubstr("chunk"));
-  // The last chunk is to hold two points and would hold three, or one.
+  // The last chunk holds two points; the header claims three, or one.
   EXPECT_THAT(las_message(file, 107, std::uint32_t{11}), HasSubstr("chunk 2 = point 10"));
   EXPECT_THAT(las_message(file, 107, std::uint32_t{9}),
               AllOf(HasSubstr("chunk 2"), HasSubstr("are left")));
@@ -251,7 +251,7 @@ TEST(Laz, ChunkTable) {
   overwrite(&many, record + 12, std::uint32_t{1});
   EXPECT_THAT(las_message(many, table + 4, std::uint32_t{4'000'000}),
               AllOf(HasSubstr("number of chunks = 4000000"), HasSubstr("do not fit")));
-  std::string gap = file;  // one byte more between the last chunk and the table
+  std::string gap = file;  // a byte between the last chunk and the table
   gap.insert(table, 1, '\0');
   EXPECT_THAT(las_message(gap, begin, static_cast<std::int64_t>(table + 1)),
               AllOf(HasSubstr("chunk table = 1"), HasSubstr("between")));
@@ -267,7 +267,7 @@ TEST(Laz, TruncatedAnywhere) {
 }
 
 TEST(Laz, DamagedChunks) {
-  // There is no checksum, but hardly a flipped bit leaves a code of the same length.
+  // LAZ has no checksum, but a flipped bit almost always changes the length of the code.
   const std::string file = laz_file(few_points(200), 100);
   const std::size_t begin = little_endian<std::uint32_t>(file, 96);
   const auto table = static_cast<std::size_t>(little_endian<std::int64_t>(file, begin));

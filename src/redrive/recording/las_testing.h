@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// LAS and LAZ files for the tests: a writer of both. The LAZ half is the mirror of laz_items.h.
+// Writers of LAS and LAZ files for tests. The LAZ encoders mirror laz_items.h.
 #pragma once
 
 #include <algorithm>
@@ -32,8 +32,8 @@ inline void append(std::string* bytes, const LasRecord& r) {
   append(bytes, r.gps_time_bits);
 }
 
-/// A LAS 1.2 header of scale 0.001, offset 0 and point format 1; `variable_records` go behind it,
-/// then the points.
+/// Returns a LAS 1.2 header of scale 0.001, offset 0 and point format 1, and `variable_records`.
+/// The points follow.
 inline std::string las_header(std::uint32_t points,
                               const std::vector<std::string>& variable_records = {}) {
   std::string bytes(227, '\0');
@@ -86,10 +86,10 @@ class ArithmeticEncoder {
     }
     narrow(value * (length_ >> n), length_ >> n);
   }
-  /// The code, of exactly the length that the decoder reads. It cannot be gone on with.
+  /// Returns the code, of exactly the length that the decoder reads, and ends the encoder.
   std::string finish() {
-    // Any value in the interval will do. One byte if it is long, else two; zeros are what the
-    // decoder reads ahead.
+    // Writes any value in the interval: one byte if it is long, else two. The decoder then reads
+    // zeros ahead.
     constexpr std::uint32_t kMinLength = 1u << 24;
     const bool one_byte = length_ > 2 * kMinLength;
     one_byte ? narrow(kMinLength, kMinLength / 2) : narrow(kMinLength / 2, kMinLength / 512);
@@ -195,8 +195,7 @@ class Point10Encoder {
       z_coder_{32, 20};
 };
 
-/// `symbols` says how often each symbol was used, so that a test can see that it has met all of
-/// them.
+/// `symbols` counts the uses of each symbol, so that a test can check that it covers all.
 class GpsTimeEncoder {
  public:
   explicit GpsTimeEncoder(std::uint64_t first) { sequences_[0].time = first; }
@@ -278,7 +277,7 @@ inline std::string laszip_record(std::uint32_t points_per_chunk) {
   return variable_record("laszip encoded", 22204, content);
 }
 
-/// A whole LAZ file.
+/// Returns a LAZ file.
 inline std::string laz_file(std::span<const LasRecord> points, std::uint32_t points_per_chunk) {
   std::string bytes =
       las_header(static_cast<std::uint32_t>(points.size()),

@@ -12,10 +12,10 @@ namespace {
 
 constexpr std::size_t kTablePositionBytes = 8, kTableHeaderBytes = 8;
 constexpr std::size_t kMinChunkBytes =
-    kLasRecordBytes + 4;  // its first point and what fills the decoder
+    kLasRecordBytes + 4;  // its first point, and the bytes that fill the decoder
 
 struct Table {
-  std::size_t begin = 0;  ///< in the file: where the last chunk ends
+  std::size_t begin = 0;  ///< offset in the file, the end of the last chunk
   std::vector<std::size_t> chunk_bytes;
 };
 
@@ -45,8 +45,7 @@ Table read_table(std::string_view bytes, const LazLayout& layout,
     fail("number of chunks", chunks,
          "must be " + std::to_string(expected) + ": " + std::to_string(layout.points) +
              " points in chunks of " + std::to_string(layout.points_per_chunk));
-  // Each chunk takes room in the file, so a number that cannot be is found before its table is
-  // decoded.
+  // Check the number of chunks against the size of the file before decoding the table.
   if (chunks > (table.begin - first_chunk) / kMinChunkBytes)
     fail("number of chunks", chunks, "do not fit in the file");
 
@@ -109,8 +108,8 @@ std::vector<LasRecord> decode_laz(std::string_view bytes, const LazLayout& layou
     if (decoder.broken())
       throw InputError(file, where, "point " + std::to_string(records.size() - 1),
                        "the compressed data are damaged or truncated");
-    // The encoder writes exactly what its decoder reads; only so is damage in the middle of a chunk
-    // noticed.
+    // The encoder writes exactly the bytes that the decoder reads. No other check detects damage in
+    // the middle of a chunk.
     if (const std::size_t rest = code.size() - kLasRecordBytes - decoder.bytes_read(); rest != 0)
       throw InputError(file, where, std::to_string(rest) + " bytes",
                        "are left after its last point: the compressed data are damaged");

@@ -7,8 +7,7 @@
 namespace redrive {
 namespace {
 
-constexpr int kUpperBits =
-    8;  // of an error: these are modelled, the bits below them are as good as random
+constexpr int kUpperBits = 8;  // of an error: these are modelled, lower bits are nearly random
 
 int number_of_return(std::uint8_t returns) { return returns & 7; }
 int returns_of_pulse(std::uint8_t returns) { return returns >> 3 & 7; }
@@ -17,8 +16,8 @@ int scan_direction(std::uint8_t returns) { return returns >> 6 & 1; }
 std::int32_t wrapped(std::uint32_t value) { return static_cast<std::int32_t>(value); }
 std::uint32_t bits_of(std::int32_t value) { return static_cast<std::uint32_t>(value); }
 
-/// The context of an error by how many bits the errors before it had: two of these share one,
-/// single returns have their own.
+/// Returns the context of an error by the number of bits of the previous errors. Two numbers share
+/// a context; single returns have contexts of their own.
 int size_context(int error_bits, int most, bool single_return) {
   return (std::min(error_bits, most) & ~1) + single_return;
 }
@@ -53,17 +52,17 @@ std::int32_t IntegerDecoder::decode(ArithmeticDecoder& decoder, std::uint32_t pr
 
 void StreamingMedian::add(std::int32_t value) {
   const std::int32_t median = get();
-  // A run of values on one side of the median keeps pushing out the other side's end.
+  // Values on one side of the median replace the extreme of the other side.
   const bool below = drop_largest_ ? value < median : value <= median;
-  auto place = drop_largest_ ? sorted_.end() - 1 : sorted_.begin();
-  *place = value;
-  for (; place != sorted_.begin() && place[-1] > place[0]; --place) std::swap(place[-1], place[0]);
-  for (; place != sorted_.end() - 1 && place[0] > place[1]; ++place) std::swap(place[0], place[1]);
+  auto slot = drop_largest_ ? sorted_.end() - 1 : sorted_.begin();
+  *slot = value;
+  for (; slot != sorted_.begin() && slot[-1] > slot[0]; --slot) std::swap(slot[-1], slot[0]);
+  for (; slot != sorted_.end() - 1 && slot[0] > slot[1]; ++slot) std::swap(slot[0], slot[1]);
   drop_largest_ = below;
 }
 
 int return_context(std::uint8_t returns) {
-  // The r-th of n = 1..5 returns has a context of its own, 0..14; what should not be shares them.
+  // The r-th of n = 1..5 returns has a context of its own, 0..14. Invalid combinations share them.
   static constexpr std::uint8_t kContext[8][8] = {
       {15, 14, 13, 12, 11, 10, 9, 8},  {14, 0, 1, 3, 6, 10, 10, 9},
       {13, 1, 2, 4, 7, 11, 11, 10},    {12, 3, 4, 5, 8, 12, 12, 11},
@@ -118,9 +117,8 @@ LasRecord Point10Decoder::decode(ArithmeticDecoder& decoder) {
   return last_;
 }
 
-// The next time is the last plus a step that was predicted as `multiple` of the usual one. Each
-// range of multiples has its context. Steps that fit no multiple become the usual one when four of
-// them came.
+// The next time is the last plus a step, predicted as `multiple` of the usual one. Each range of
+// multiples has a context. After four steps that fit no multiple, the last becomes the usual one.
 void GpsTimeDecoder::decode_step(ArithmeticDecoder& decoder, Sequence& sequence, int multiple) {
   constexpr int kLeast = -10, kMost = 500;
   const int context = multiple == 1       ? 1
@@ -140,7 +138,7 @@ void GpsTimeDecoder::decode_step(ArithmeticDecoder& decoder, Sequence& sequence,
   }
 }
 
-// A jump of more than 32 bits: the upper half is predicted, the lower one stored as it is.
+// A jump of more than 32 bits: the upper half is predicted, the lower half is stored.
 void GpsTimeDecoder::start_sequence(ArithmeticDecoder& decoder) {
   const std::uint32_t upper = bits_of(
       coder_.decode(decoder, static_cast<std::uint32_t>(sequences_[current_].time >> 32), 8));
@@ -170,7 +168,7 @@ std::uint64_t GpsTimeDecoder::decode(ArithmeticDecoder& decoder) {
     if (symbol <= kNewSequence) return sequences_[current_].time;
     current_ = (current_ + static_cast<std::size_t>(symbol - kNewSequence)) % sequences_.size();
   }
-  decoder.refuse();  // came back to where it began
+  decoder.refuse();  // a cycle of sequences
   return 0;
 }
 

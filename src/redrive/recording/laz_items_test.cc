@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The coders of LAZ, each against its mirror in test_las.h; that the two share no mistake, the real
-// files show (lidar_real_test.cc) and a file that another program has read (las_test.cc).
+// The decoders of LAZ against the encoders in las_testing.h. Real files (lidar_real_test.cc) and a
+// file decoded by another program (las_test.cc) guard against mistakes in both.
 #include "redrive/recording/laz_items.h"
 
 #include <numeric>
@@ -16,8 +16,8 @@ using namespace std::string_view_literals;
 using testing::ArithmeticEncoder;
 
 TEST(ArithmeticDecoder, DividesTheIntervalByProbability) {
-  // Four equally likely symbols have a quarter of 2^32 each; the first byte of the code says which
-  // quarter is meant.
+  // Four equally likely symbols have a quarter of 2^32 each; the first byte of the code selects
+  // one.
   for (const auto& [code, expected] : {std::pair{"\x00\x00\x00\x00"sv, 0u},
                                        {"\x3f\x00\x00\x00"sv, 0u},
                                        {"\x40\x00\x00\x00"sv, 1u},
@@ -45,7 +45,7 @@ TEST(ArithmeticDecoder, ReportsTheEndOfTheCode) {
 
 TEST(ArithmeticDecoder, TakesAsManyBitsAsTheEntropy) {
   // A source of p = 1/16, 15/16 has 0.3373 bits a symbol; one of 1/2, 1/4, 1/8, 1/8 has 1.75.
-  // Adaptive shares cost less than 2 %.
+  // Adaptation costs less than 2 %.
   constexpr int kSymbols = 200000;
   std::mt19937 random(1);
   std::vector<bool> bits;
@@ -115,10 +115,10 @@ TEST(StreamingMedian, PushesOutTheEndsInTurns) {
       {10, 0},    // 0 0 0 10 10
       {10, 10},   // 0 0 10 10 10
       {20, 10},   // 0 10 10 10 20
-      {-5, 10},   // -5 10 10 10 20: below the median, so now the largest goes
+      {-5, 10},   // -5 10 10 10 20: below the median, replaces the largest
       {-7, 10},   // -7 -5 10 10 10
       {-9, -5},   // -9 -7 -5 10 10
-      {-5, -5},   // -9 -7 -5 -5 10: not below, the smallest goes
+      {-5, -5},   // -9 -7 -5 -5 10: not below, replaces the smallest
       {100, -5},  // -7 -5 -5 10 100
       {100, 10},  // -5 -5 10 100 100
   };
@@ -147,11 +147,11 @@ TEST(GpsTimeDecoder, EverySymbolOnce) {
   const std::uint64_t sequences[] = {times.back(), 1ull << 40, 1ull << 50, 0xfedcba9876543210};
   for (const std::uint64_t first : sequences) jump_to(first);  // new ones
   for (const int i : {1, 0, 2, 3})
-    jump_to(sequences[i]);  // to and fro while they have no steps yet
+    jump_to(sequences[i]);  // back and forth while they have no steps
   for (const int i : {0, 2, 1, 3, 0, 1, 2, 3, 2, 1, 0, 3, 1, 0, 2})
     jump_to(sequences[i] + 5), step(100), step(100);
   for (const int i : {0, 2, 1, 3, 0, 1, 2, 3, 2, 1, 0, 3, 1, 0, 2}) jump_to(sequences[i]);
-  jump_to(1ull << 60);  // pushes out the oldest
+  jump_to(1ull << 60);  // replaces the oldest
   jump_to(sequences[0]);
 
   testing::GpsTimeEncoder encoder(times[0]);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// LiDAR revolutions and boxes of a real recording, where it is at hand. What is expected stands in
-// its SOURCE.md.
+// LiDAR revolutions and boxes of a real recording; skipped where it is missing. The expected values
+// are those of its SOURCE.md.
 #include <map>
 
 #include <gtest/gtest.h>
@@ -35,7 +35,7 @@ TEST_F(RealLidar, Revolutions) {
     const std::vector<LidarPoint> points = parse_las(bytes, file);
     ASSERT_EQ(points.size(), little_endian<std::uint32_t>(bytes, 107));
 
-    // The header's box, to half its scale of 1 mm.
+    // The bounding box of the header, to half its scale of 1 mm.
     Eigen::Array3f least = points[0].in_body_m, most = least;
     int most_intensity = 0;
     for (const LidarPoint& point : points) {
@@ -64,7 +64,7 @@ TEST_F(RealLidar, Revolutions) {
     EXPECT_NEAR(static_cast<double>(packets_ns.front() - box_ns), -67.7e6, 0.4e6);
     EXPECT_NEAR(static_cast<double>(packets_ns.back() - box_ns), 32.4e6, 0.4e6);
 
-    // The revolution before ends in what this one begins with: a third of it, bit for bit.
+    // The previous revolution ends with the first third of this one, bit for bit.
     if (!before.empty()) {
       const auto shared = std::find_if(before.begin(), before.end(),
                                        [&](const auto& p) { return p.t_ns == points[0].t_ns; });
@@ -82,8 +82,8 @@ TEST_F(RealLidar, Revolutions) {
   }
 }
 
-/// How many points lie in the box, each moved by `sign` times what the object moved between the
-/// point's time and the box's.
+/// Returns the number of points in the box, each translated by `sign` times the object's motion
+/// between the times of point and box.
 int points_inside(const Box& box, const std::vector<LidarPoint>& points, int sign) {
   const Rigid3d box_from_body = box.body_from_box.inverse();
   int inside = 0;
@@ -119,14 +119,14 @@ TEST_F(RealLidar, PointsLieInTheBoxes) {
     all.inside += sum.inside;
     all.uncompensated += sum.uncompensated;
   }
-  // So the velocity is relative and in body axes, and the clocks are one. Slow objects move less
-  // than their boxes are wrong.
+  // So velocities are relative and in body axes, with one clock. Slow objects move less than the
+  // errors of their boxes.
   EXPECT_GT(all.inside, 1.03 * all.uncompensated);
 }
 
 TEST_F(RealLidar, BoxesHeadWhereTheyGo) {
-  // Object 0 changes lanes while the ego vehicle drives straight ahead at 30 m/s: its axis is
-  // turned as its way is.
+  // Object 0 changes lanes while the ego vehicle drives straight ahead at 30 m/s: its x axis
+  // follows its path.
   int turned = 0;
   for (const FrameFile& file : recording_.box_files) {
     for (const Box& box : aimotive::read_boxes(file.path)) {

@@ -15,7 +15,7 @@ namespace {
 constexpr std::size_t kMaxPlyPoints = 100'000'000;
 constexpr double kMaxPlyCoordinate_m = 1e6;
 
-/// Bytes of the scalar types, under both of their names.
+/// Sizes in bytes of the scalar types, under both names.
 const std::map<std::string_view, std::size_t> kSizes = {
     {"char", 1},   {"int8", 1},    {"uchar", 1},  {"uint8", 1},  {"short", 2}, {"int16", 2},
     {"ushort", 2}, {"uint16", 2},  {"int", 4},    {"int32", 4},  {"uint", 4},  {"uint32", 4},
@@ -33,7 +33,7 @@ class PlyFile {
       refuse("element vertex", std::to_string(count_),
              "of " + std::to_string(record_bytes_) + " bytes each do not fit in the " +
                  std::to_string(rest_.size()) + " that follow (truncated?)");
-    if (ascii_ && count_ > rest_.size() / 2)  // a digit and a line end
+    if (ascii_ && count_ > rest_.size() / 2)  // at least a digit and a line end each
       refuse("element vertex", std::to_string(count_),
              "do not fit in the " + std::to_string(rest_.size()) + " bytes that follow");
     points.reserve(count_);

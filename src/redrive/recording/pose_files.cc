@@ -13,7 +13,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::int64_t kSameTime_ns =
-    1'000'000;  // clocks are written with other digits; the next frame is 10 ms away or more
+    1'000'000;  // rounding of times in files; the next frame is 10 ms away or more
 
 }  // namespace
 

@@ -44,7 +44,7 @@ void expect_round_trip(const Fixture& f) {
     EXPECT_EQ(again.frames[i].t_ns, frames[i].t_ns);
     EXPECT_EQ(again.frames[i].global_from_body.translation(),
               frames[i].global_from_body.translation());
-    // Rotations are made orthonormal again when they are read.
+    // Reading makes rotations orthonormal.
     EXPECT_TRUE(again.frames[i].global_from_body.linear().isApprox(
         frames[i].global_from_body.linear(), 1e-14));
   }

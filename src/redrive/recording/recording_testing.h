@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Small recordings for the tests of this folder: valid ones, to be spoilt in one place.
+// Small valid recordings for tests, which then break one field.
 #pragma once
 
 #include <string>
@@ -13,7 +13,7 @@
 
 namespace redrive::testing {
 
-/// Runs `action` and returns the message of the InputError it has to throw.
+/// Runs `action` and returns the message of the InputError that it must throw.
 template <class F>
 std::string input_error(F&& action) {
   try {
@@ -25,8 +25,8 @@ std::string input_error(F&& action) {
   return "";
 }
 
-/// A camera 2 m ahead and 1.5 m above the body's origin that looks forward; its extrinsics are
-/// exact.
+/// Returns a camera that looks forward, 2 m ahead of and 1.5 m above the body's origin, with exact
+/// extrinsics.
 inline nlohmann::json front_camera() {
   return {{"sensor_type", "camera"},
           {"model", "opencv_pinhole"},
@@ -53,7 +53,7 @@ inline nlohmann::json calibration() {
           {"M_LIDAR", {{"sensor_type", "lidar"}, {"rpm", "nan"}}}};
 }
 
-/// Unturned body in ECEF at x metres along the first axis.
+/// Returns a pose without rotation, at x metres along the first axis of ECEF.
 inline nlohmann::json pose_at(double x, double t_s) {
   return {{"RT_ECEF_body", {{1, 0, 0, 4e6 + x}, {0, 1, 0, 1.4e6}, {0, 0, 1, 4.6e6}, {0, 0, 0, 1}}},
           {"time_host", t_s}};
@@ -64,8 +64,7 @@ inline nlohmann::json egomotion() {
   return {{"9", pose_at(0, 50.0)}, {"10", pose_at(2, 50.1)}, {"11", pose_at(4, 50.2)}};
 }
 
-/// A recording of two cameras and three frames; the images are empty files, as nothing here decodes
-/// them.
+/// Writes a recording of two cameras and three frames with empty image files.
 inline void write_recording(const TemporaryFolder& folder) {
   folder.write("sensor/calibration/calibration.json", calibration().dump());
   folder.write("sensor/gnssins/egomotion2.json", egomotion().dump());

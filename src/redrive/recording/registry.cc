@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The formats that recordings come in.
+// The registry of recording formats.
 #include "redrive/base/error.h"
 #include "redrive/recording/aimotive.h"
 #include "redrive/recording/recording.h"
@@ -10,12 +10,15 @@ namespace {
 
 struct Format {
   const char* name;
-  const char* looks_for;  ///< what the error for an unknown folder lists
+  const char* looks_for;  ///< listed by the error for an unknown folder
   bool (*looks_like)(const std::filesystem::path& root);
   Recording (*open)(const std::filesystem::path& root, PoseSource source);
 };
 
-// To add one: its parser in a file of its own, and a line here.
+// To add a format: recording/<format>.{h,cc} with looks_like and open, which fills a Recording and
+// sets Recording::reader (recording/recording_reader.h), its test, a fuzz target per parser, and a
+// line here. recording/aimotive.cc is the model for drives, recording/transforms.cc for
+// photographs.
 constexpr Format kFormats[] = {
     {"aimotive", "sensor/calibration, sensor/camera or sensor/gnssins", aimotive::looks_like,
      aimotive::open},

@@ -34,7 +34,7 @@ DriveSummary summarize_drive(const std::vector<FramePose>& frames) {
   constexpr std::size_t kShown = 5;
   std::size_t gaps = 0;
   for (std::size_t i = 1; i < frames.size(); ++i) {
-    // Half an interval is lost or a whole one: a clock that jitters by less is normal.
+    // At least half an interval is missing; less is normal jitter.
     if (intervals_s[i - 1] <= 1.5 * median_s) continue;
     if (++gaps > kShown) continue;
     char what[160];

@@ -16,7 +16,7 @@ FramePose turning(std::int64_t t_ns, double turns) {
   return frame;
 }
 
-// Constant speed and constant turning: every time has its pose, also beyond both ends.
+// Constant speed and yaw rate, also beyond both ends.
 TEST(Trajectory, FollowsAConstantMotion) {
   const std::vector<FramePose> frames = {turning(1000, 0), turning(1100, 1), turning(1300, 3)};
   for (const double turns : {-0.5, 0.0, 0.25, 1.0, 1.5, 2.9, 3.0, 3.4}) {

@@ -23,7 +23,7 @@ bool is_there(const fs::path& path) {
   return fs::is_regular_file(path, error);
 }
 
-/// The image that file_path means, with or without its extension; empty if there is none.
+/// Returns the image of file_path, with or without its extension; empty if there is none.
 fs::path find_image(const fs::path& folder, const std::string& file_path) {
   const fs::path path = folder / file_path;
   for (const char* extension : {"", ".png", ".jpg", ".jpeg"})
@@ -31,7 +31,7 @@ fs::path find_image(const fs::path& folder, const std::string& file_path) {
   return {};
 }
 
-/// Of a PNG, from its first chunk.
+/// Returns the size of a PNG from its first chunk.
 ImageSize png_size(const fs::path& path) {
   unsigned char head[24] = {};
   std::ifstream(path, std::ios::binary).read(reinterpret_cast<char*>(head), sizeof head);
@@ -49,7 +49,8 @@ ImageSize png_size(const fs::path& path) {
   return size;
 }
 
-/// nerfstudio's mask of the frame, or instant-ngp's beside the image; they mean the opposite.
+/// Returns nerfstudio's mask of the entry, or instant-ngp's beside the image. Their colours have
+/// opposite meanings.
 MaskFile find_mask(const fs::path& file, const FrameEntry& entry, const fs::path& image) {
   const fs::path dynamic = image.parent_path() / ("dynamic_mask_" + image.stem().string() + ".png");
   if (entry.mask.empty()) return is_there(dynamic) ? MaskFile{dynamic, false} : MaskFile{};
@@ -73,7 +74,7 @@ TransformsFile read(const fs::path& file) {
   return parse(read_file(file), file, size_of);
 }
 
-/// Collects frames and images; cameras are told apart by their intrinsics.
+/// Collects frames and images. Images with equal intrinsics are of one camera.
 class Collector {
  public:
   explicit Collector(const fs::path& root) {
@@ -109,7 +110,7 @@ class Collector {
                          " listed, but not there, left out: " + first_few(missing_)});
     if (cameras.empty())
       throw InputError(recording_.root, "", "", "empty recording: no listed image is there");
-    // As many digits as the largest number has, so that they stand in their order by name.
+    // Numbers of equal length, so that names sort by number.
     const std::size_t digits = std::to_string(cameras.size()).size();
     for (std::size_t i = 0; i < cameras.size(); ++i) {
       std::string number = std::to_string(i + 1);
@@ -129,7 +130,7 @@ class Collector {
   std::map<std::tuple<std::string, std::vector<double>, int, int>, std::size_t> cameras_;
 };
 
-/// Numbers in names count as numbers, so that r_10 follows r_9.
+/// Compares numbers in names as numbers, so that r_10 follows r_9.
 std::vector<FrameEntry> in_file_name_order(std::vector<FrameEntry> entries) {
   std::sort(entries.begin(), entries.end(), [](const FrameEntry& a, const FrameEntry& b) {
     return strverscmp(a.file.c_str(), b.file.c_str()) < 0;

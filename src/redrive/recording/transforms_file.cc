@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// transforms.json from bytes; transforms.cc finds the files.
+// The parser of transforms.json; transforms.cc finds the files.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -17,11 +17,10 @@
 namespace redrive::transforms {
 namespace {
 
-constexpr double kMaxPosition =
-    1e7;  // as for ECEF: beyond it a float of the field's frame says nothing
+constexpr double kMaxPosition = 1e7;  // as for ECEF
 constexpr double kMaxScale = 1e6;
 
-/// A frame's own fields before those that all share.
+/// Fields of a frame, which take precedence over those of the file.
 struct Intrinsics {
   JsonField frame, all;
 
@@ -56,7 +55,7 @@ void refuse_unsupported(const JsonField& object) {
   }
 }
 
-/// The model that "camera_model" names; without it a pinhole, or OPENCV_FISHEYE by "is_fisheye".
+/// Returns the model of "camera_model", else OPENCV_FISHEYE by "is_fisheye", else OPENCV.
 const CameraModelInfo& camera_model_of(const Intrinsics& intrinsics) {
   std::string name = "OPENCV";
   if (const auto flag = intrinsics.find("is_fisheye")) {
@@ -74,7 +73,7 @@ const CameraModelInfo& camera_model_of(const Intrinsics& intrinsics) {
   field->fail("unknown camera model; known are " + known);
 }
 
-/// 0 where the field is missing.
+/// Returns the coefficient, or 0 if the field is missing.
 double coefficient(const Intrinsics& intrinsics, const CameraParameter& parameter) {
   const auto field = intrinsics.find(parameter.name);
   return field ? parameter_from_json(*field, parameter) : 0;
@@ -90,7 +89,7 @@ void read_distortion(const Intrinsics& intrinsics, const CameraModelInfo& model,
     if (!field) intrinsics.frame.at(parameter.name);  // throws: missing
     camera->parameters.push_back(parameter_from_json(*field, parameter));
   }
-  // Programs disagree about what k4 of a pinhole is.
+  // Programs disagree about the meaning of a pinhole's k4.
   for (const char* key : {"k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"})
     if (std::ranges::find(model.distortion, key, &CameraParameter::name) ==
             model.distortion.end() &&
@@ -99,7 +98,7 @@ void read_distortion(const Intrinsics& intrinsics, const CameraModelInfo& model,
                                  " has no such coefficient");
 }
 
-/// Along one axis ("x" or "y") of `object`; nothing if it does not say.
+/// Returns the focal length along `axis` ("x" or "y"), or nothing if `object` has none.
 std::optional<double> focal_length(const JsonField& object, const std::string& axis, int size) {
   if (object.has("fl_" + axis)) return focal_length_from_json(object.at("fl_" + axis));
   const bool degrees = object.has(axis + "_fov");

@@ -46,7 +46,7 @@ CameraCalibration first_camera(const json& text) {
   return *parsed_transforms(text).entries.at(0).camera;
 }
 
-/// The complaint about a document with `value` at a JSON pointer.
+/// Returns the message for a document with `value` at a JSON pointer.
 std::string complaint(const std::string& pointer, const json& value) {
   json text = document();
   text[json::json_pointer(pointer)] = value;
@@ -115,7 +115,7 @@ TEST(Transforms, FocalLengthFromTheAngleOfView) {
   const CameraCalibration camera = first_camera(text);
   EXPECT_EQ(camera.width, 800) << "asked for, as the file does not say";
   EXPECT_NEAR(camera.fx(), 1111.1110311937682,
-              1e-9);  // 400 / tan(angle / 2), the well-known sets' figure
+              1e-9);  // 400 / tan(angle / 2), as in the published sets
   EXPECT_EQ(camera.fy(), camera.fx());
   EXPECT_EQ(camera.cx(), 399.5);
   EXPECT_EQ(camera.cy(), 299.5);
@@ -225,7 +225,7 @@ TEST(Transforms, RejectsUnsupportedFields) {
   }
 }
 
-/// A PNG's first 24 bytes.
+/// Returns the first 24 bytes of a PNG.
 std::string png_head(int width, int height) {
   std::string head("\x89PNG\r\n\x1a\n\0\0\0\rIHDR", 16);
   for (const int size : {width, height})
