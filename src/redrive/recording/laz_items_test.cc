@@ -111,7 +111,7 @@ TEST(IntegerDecoder, ErrorsOfEverySize) {
 TEST(StreamingMedian, PushesOutTheEndsInTurns) {
   StreamingMedian median;  // 0 0 0 0 0
   const std::pair<int, int> value_and_median[] = {
-      {10, 0},    // 0 0 0 0 10, from here on the smallest goes
+      {10, 0},    // 0 0 0 0 10, now replaces the smallest
       {10, 0},    // 0 0 0 10 10
       {10, 10},   // 0 0 10 10 10
       {20, 10},   // 0 10 10 10 20
