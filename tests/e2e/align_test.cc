@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Poses that are not the recording's own: align, train --poses, and what a run keeps of them.
+// align, train --poses and --align, and the copy of the poses that a run keeps.
 #include "redrive/recording/pose_files.h"
 #include "redrive/train/run.h"
 #include "tests/e2e/end_to_end.h"
@@ -9,7 +9,7 @@ namespace {
 
 using ::testing::HasSubstr;
 
-// Smooth colours have no points to follow, and there is no LiDAR.
+// The drive has no texture to track and no LiDAR.
 TEST_F(EndToEnd, AlignSaysWhyItFails) {
   const fs::path out = folder_ / "aligned";
   ProgramResult ended = redrive({"align", drive_.string(), "--out", out.string()});

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Input that cannot be used: the exit code, a message that names it, and nothing written or
-// overwritten.
+// Invalid input: checks the exit code, that the message names the fault, and that no file is
+// written or overwritten.
 #include <algorithm>
 #include <functional>
 
@@ -17,7 +17,7 @@ using ::testing::HasSubstr;
 struct BadDrive {
   const char* name;
   std::function<void(const fs::path& drive)> spoil;
-  std::vector<std::string> message;  ///< parts of what stderr says
+  std::vector<std::string> message;  ///< parts of the message on stderr
 };
 
 void front(const fs::path& drive, const char* key, const json& value) {
@@ -141,7 +141,7 @@ std::vector<BadDrive> bad_drives() {
   };
 }
 
-TEST_F(EndToEnd, BadDrivesAreRefusedAndNothingIsWritten) {
+TEST_F(EndToEnd, RefusesInvalidDrives) {
   for (const BadDrive& bad : bad_drives()) {
     fs::remove_all(drive_);
     write_tiny_recording(drive_);
@@ -155,7 +155,7 @@ TEST_F(EndToEnd, BadDrivesAreRefusedAndNothingIsWritten) {
   }
 }
 
-TEST_F(EndToEnd, FrameWithoutPoseIsDroppedAndListed) {
+TEST_F(EndToEnd, DropsAndListsFramesWithoutPose) {
   edit_json(tiny_egomotion(drive_), [](json& egomotion) { egomotion.erase("102"); });
   for (const ProgramResult& ended :
        {redrive({"inspect", drive_.string()}),
@@ -165,7 +165,7 @@ TEST_F(EndToEnd, FrameWithoutPoseIsDroppedAndListed) {
   }
 }
 
-TEST_F(EndToEnd, MissingImageIsListed) {
+TEST_F(EndToEnd, ListsMissingImages) {
   fs::remove(tiny_image(drive_, kTinyRear, 102));
   for (const ProgramResult& ended :
        {redrive({"inspect", drive_.string()}),
@@ -175,7 +175,7 @@ TEST_F(EndToEnd, MissingImageIsListed) {
   }
 }
 
-TEST_F(EndToEnd, OptionsThatCannotBeUsedAreRefusedAndNothingIsWritten) {
+TEST_F(EndToEnd, RefusesInvalidTrainingOptions) {
   const std::vector<std::vector<std::string>> table = {
       {"--cameras", "NO_SUCH_CAMERA"},
       {"--cameras", "Imu0"},
@@ -233,9 +233,9 @@ TEST_F(EndToEnd, OptionsThatCannotBeUsedAreRefusedAndNothingIsWritten) {
   EXPECT_EQ(contents(folder_), before);
 }
 
-// The program and its threads alone take more than 50 MiB; what is needed is said, and that much is
-// enough.
-TEST_F(EndToEnd, MoreThanTheMemoryAllowedIsRefusedWithItsEstimateAndNothingIsWritten) {
+// The program and its threads take more than 50 MiB. The message estimates the need, and training
+// succeeds with that much.
+TEST_F(EndToEnd, RefusesToExceedTheMemoryLimit) {
   const fs::path run = folder_ / "run";
   const auto with_memory = [&](const std::string& memory) {
     return redrive(train_arguments(run, {"--memory", memory, "--max-steps", "2"}));
@@ -248,7 +248,7 @@ TEST_F(EndToEnd, MoreThanTheMemoryAllowedIsRefusedWithItsEstimateAndNothingIsWri
   EXPECT_FALSE(fs::exists(run));
   EXPECT_EQ(contents(folder_), before);
 
-  const std::string needs = "needs about ";  // 0.08 GiB, say
+  const std::string needs = "needs about ";  // e.g. 0.08 GiB
   const std::size_t at = refused.err.find(needs);
   ASSERT_NE(at, std::string::npos) << refused.err;
   const double needed_gib = std::stod(refused.err.substr(at + needs.size()));
@@ -263,7 +263,7 @@ TEST_F(EndToEnd, MoreThanTheMemoryAllowedIsRefusedWithItsEstimateAndNothingIsWri
   EXPECT_EQ(contents(run), trained);
 }
 
-TEST_F(EndToEnd, OptionsOfTheOtherCommandsAreRefusedOutOfRange) {
+TEST_F(EndToEnd, RefusesInvalidOptionsOfOtherCommands) {
   const std::string run = trained("run", 3).string();
   const std::vector<std::vector<std::string>> table = {
       {"eval", run, "--max-images", "0"},    {"eval", run, "--max-images", "3", "--all"},
@@ -286,7 +286,7 @@ TEST_F(EndToEnd, OptionsOfTheOtherCommandsAreRefusedOutOfRange) {
   EXPECT_EQ(contents(folder_), before);
 }
 
-TEST_F(EndToEnd, OutFolderThatExistsIsRefusedAndLeftAlone) {
+TEST_F(EndToEnd, RefusesAnExistingOutputFolder) {
   fs::create_directory(folder_ / "run");
   overwrite(folder_ / "run/notes.txt", "mine");
   const auto before = contents(folder_);
@@ -296,7 +296,7 @@ TEST_F(EndToEnd, OutFolderThatExistsIsRefusedAndLeftAlone) {
   EXPECT_EQ(contents(folder_), before);
 }
 
-TEST_F(EndToEnd, RunsThatCannotBeUsedAreRefused) {
+TEST_F(EndToEnd, RefusesInvalidRuns) {
   const fs::path run = trained("run", 3);
   const std::string config = read_file(run / "config.json"),
                     checkpoint = read_file(run / "checkpoint.safetensors");
@@ -338,7 +338,7 @@ TEST_F(EndToEnd, RunsThatCannotBeUsedAreRefused) {
         << command;
 }
 
-TEST_F(EndToEnd, RendersThatCannotBeMadeAreRefused) {
+TEST_F(EndToEnd, RefusesInvalidRenderRequests) {
   const fs::path run = trained("run", 3), poses = folder_ / "poses.json";
   overwrite(folder_ / "taken.png", "mine");
   const std::string out = (folder_ / "out.png").string(), front = kTinyFront;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Every command on a small run, and what it leaves behind.
+// Every command on a small run, and the files that it writes.
 #include <nlohmann/json.hpp>
 
 #include "redrive/image/image_io.h"
@@ -23,7 +23,7 @@ TEST_F(EndToEnd, HelpAndVersionSucceed) {
     EXPECT_THAT(help.out, HasSubstr(field.name == "recording" ? "RECORDING" : "--" + field.name));
 }
 
-TEST_F(EndToEnd, TrainLeavesACompleteRunAndSaysWhatItDoes) {
+TEST_F(EndToEnd, TrainWritesACompleteRunAndPrintsProgress) {
   const fs::path run = folder_ / "run";
   const ProgramResult ended = redrive(
       train_arguments(run, {"--epochs", "100", "--max-steps", "60", "--holdout-every", "4"}));
@@ -70,7 +70,7 @@ TEST_F(EndToEnd, EvalScoresALongerRunHigher) {
   EXPECT_EQ(after.at("overall").at("images"), 3);
   for (const char* camera : {kTinyFront, kTinyRear, kTinyLeft}) {
     EXPECT_EQ(after.at("cameras").at(camera).at("images"), 1);
-    // A tenfold smaller squared error is 10 dB; half of that is asked of each camera.
+    // A tenfold smaller squared error is 10 dB; each camera has to gain half of that.
     EXPECT_GT(after["cameras"][camera]["psnr_db"].get<double>(),
               before["cameras"][camera]["psnr_db"].get<double>() + 5)
         << camera;
@@ -86,15 +86,15 @@ TEST_F(EndToEnd, RendersOneViewWithDepth) {
       redrive({"render", run.string(), "--camera", kTinyLeft, "--frame", "101", "--translate",
                "0,-0.5,0", "--axes", "local", "--out", image.string(), "--depth", depth.string()});
   ASSERT_EQ(ended.exit_code, kExitOk) << ended.err;
-  const Image8 picture = read_image(image);
-  EXPECT_EQ(picture.width, 44);
-  EXPECT_EQ(picture.height, 36);
+  const Image8 rendered = read_image(image);
+  EXPECT_EQ(rendered.width, 44);
+  EXPECT_EQ(rendered.height, 36);
   const Image16 depth_mm = read_png16(depth);
   EXPECT_THAT(depth_mm.values, testing::Each(testing::Le(10001)));  // sum w t <= far
   EXPECT_EQ(depth_mm.width, 44);
 }
 
-TEST_F(EndToEnd, RendersAPosesFileUnderItsOwnNames) {
+TEST_F(EndToEnd, RendersTheImagesOfAPosesFile) {
   const fs::path run = trained("run", 20), poses = folder_ / "poses.json", out = folder_ / "novel";
   const nlohmann::json pose = read_json(tiny_egomotion(drive_)).at("102").at("RT_ECEF_body");
   write_file(poses, nlohmann::json{{"images",
@@ -114,7 +114,7 @@ TEST_F(EndToEnd, RendersAPosesFileUnderItsOwnNames) {
   const ProgramResult ended =
       redrive({"render", run.string(), "--poses", poses.string(), "--out", out.string()});
   ASSERT_EQ(ended.exit_code, kExitOk) << ended.err;
-  // The absolute pose is that of frame 102: the same picture as frame 102 shifted by nothing.
+  // The absolute pose is that of frame 102: the same image as of frame 102 without a shift.
   EXPECT_EQ(read_image(out / "x/absolute.png").rgb, read_image(out / "frame.png").rgb);
   EXPECT_EQ(read_image(out / "shifted.jpg").width, 40);
 }
@@ -134,7 +134,7 @@ TEST_F(EndToEnd, FiguresAndReport) {
   EXPECT_THAT(html, Not(ContainsRegex("(src|href)=\"(https?:)?//"))) << "self-contained";
 }
 
-TEST_F(EndToEnd, InspectNamesWhatIsThere) {
+TEST_F(EndToEnd, InspectListsTheRecording) {
   const ProgramResult text = redrive({"inspect", drive_.string()}),
                       json = redrive({"inspect", drive_.string(), "--json"});
   EXPECT_EQ(text.exit_code, kExitOk) << text.err;

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the end-to-end tests share: a temporary folder with a tiny drive in it, and the program that
-// was built.
+// Fixture of the end-to-end tests: runs the built program on a tiny drive in a temporary folder.
 #pragma once
 
 #include <stdlib.h>
@@ -33,7 +32,7 @@ class EndToEnd : public ::testing::Test {
     return Program(REDRIVE_BINARY, arguments, file_limit_bytes).wait();
   }
 
-  /// train with options that take milliseconds a step, and `more` behind them.
+  /// Arguments of a training that takes milliseconds a step, followed by `more`.
   std::vector<std::string> train_arguments(const fs::path& run,
                                            const std::vector<std::string>& more = {}) const {
     std::vector<std::string> arguments = {"train",           drive_.string(),
@@ -48,7 +47,7 @@ class EndToEnd : public ::testing::Test {
     return arguments;
   }
 
-  /// A finished run of `steps` steps; its exit code is expected to be 0.
+  /// Trains `steps` steps and returns the run's folder. Expects exit code 0.
   fs::path trained(const std::string& name, int steps, std::vector<std::string> more = {}) const {
     more.insert(more.end(), {"--epochs", "1000", "--max-steps", std::to_string(steps)});
     const ProgramResult ended = redrive(train_arguments(folder_ / name, more));
@@ -64,7 +63,7 @@ class EndToEnd : public ::testing::Test {
   const fs::path folder_ = new_folder(), drive_ = folder_ / "drive";
 };
 
-/// Every file below a folder with its bytes: equal before and after means that nothing was touched.
+/// The bytes of every file below a folder, by path.
 inline std::map<std::string, std::string> contents(const fs::path& folder) {
   std::map<std::string, std::string> files;
   for (const auto& entry : fs::recursive_directory_iterator(folder))

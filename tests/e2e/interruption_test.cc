@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// kill -9, Ctrl-C and a full disk, each on the real program.
+// kill -9, Ctrl-C, a closed pipe and a full disk while the program trains.
 #include <signal.h>
 
 #include <chrono>
@@ -43,8 +43,8 @@ bool wait_for_rows(const fs::path& run, std::size_t rows) {
   return false;
 }
 
-/// A second of training, of which the first quarter is waited for: no program is done before it is
-/// killed.
+/// A second of training. The tests wait for its first quarter at most, so that the program still
+/// trains when it is killed.
 const std::vector<std::string> kLong = {"--epochs",           "1000", "--max-steps", "700",
                                         "--checkpoint-every", "70"};
 
@@ -52,8 +52,7 @@ TEST_F(EndToEnd, KilledAndResumedEndsAsUninterrupted) {
   const fs::path whole = folder_ / "whole", parts = folder_ / "parts";
   ASSERT_EQ(redrive(train_arguments(whole, kLong)).exit_code, kExitOk);
 
-  for (const std::size_t rows :
-       {0u, 3u, 7u}) {  // 0: at once, when the first checkpoint may not yet be there
+  for (const std::size_t rows : {0u, 3u, 7u}) {  // 0: before the first checkpoint, perhaps
     Program program(REDRIVE_BINARY, fs::exists(parts)
                                         ? std::vector<std::string>{"resume", parts.string()}
                                         : train_arguments(parts, kLong));
@@ -69,7 +68,7 @@ TEST_F(EndToEnd, KilledAndResumedEndsAsUninterrupted) {
   expect_same_end(whole, parts);
 }
 
-TEST_F(EndToEnd, CtrlCSavesAndSaysHowToResume) {
+TEST_F(EndToEnd, CtrlCSavesAndPrintsHowToResume) {
   const fs::path whole = folder_ / "whole", parts = folder_ / "parts";
   ASSERT_EQ(redrive(train_arguments(whole, kLong)).exit_code, kExitOk);
   Program program(REDRIVE_BINARY, train_arguments(parts, kLong));
@@ -137,7 +136,7 @@ TEST_F(EndToEnd, FullDiskIsReportedAndKeepsTheLastCheckpoint) {
   EXPECT_EQ(load_checkpoint(run / "checkpoint.safetensors").step, 60);
 }
 
-TEST_F(EndToEnd, FullDiskAtTheVeryStartLeavesNoRun) {
+TEST_F(EndToEnd, FullDiskAtTheStartLeavesNoRun) {
   const ProgramResult ended = redrive(train_arguments(folder_ / "run", kLong), 10);
   EXPECT_EQ(ended.exit_code, kExitIo) << ended.err;
   for (const auto& entry : fs::directory_iterator(folder_)) EXPECT_EQ(entry.path(), drive_);

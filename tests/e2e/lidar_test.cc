@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The grid method with a LiDAR and annotated vehicles, as a user runs it.
+// The grid method on a drive with LiDAR and annotated vehicles.
 #include <array>
 #include <cmath>
 #include <cstdio>
@@ -59,7 +59,7 @@ TEST_F(EndToEndLidar, LidarTrainsAndResumes) {
   EXPECT_NE(parameters("once"), parameters("again"));
 }
 
-// Printed, in the report and in eval's JSON: one number.
+// The terminal, the report and eval's JSON show the same numbers.
 TEST_F(EndToEndLidar, ReportsTheSameRefinedPosesEverywhere) {
   const ProgramResult trained = train("run", 12);
   ASSERT_EQ(trained.exit_code, kExitOk) << trained.err;

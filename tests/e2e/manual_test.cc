@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The man page and the completion that the packages ship.
+// The man page and the bash completion of the packages.
 #include "tests/e2e/end_to_end.h"
 
 namespace redrive::testing {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is left out of the pictures: given, kept in the run, edited, and not scored.
+// Masks: kept in the run, editable, and excluded from scores.
 #include <nlohmann/json.hpp>
 
 #include "redrive/image/image_io.h"
@@ -14,8 +14,8 @@ using ::testing::Not;
 
 class EndToEndMasks : public EndToEnd {
  protected:
-  EndToEndMasks() { fs::create_directory(given_); }
-  /// White, but for columns [x0, x1).
+  EndToEndMasks() { fs::create_directory(masks_); }
+  /// Writes a white mask with columns [x0, x1) black.
   static void write(const fs::path& file, int width, int height, int x0, int x1) {
     Image8 image{width, height, std::vector<std::uint8_t>(3 * width * height, 255)};
     for (int i = 0; i < 3 * width * height; ++i)
@@ -34,15 +34,15 @@ class EndToEndMasks : public EndToEnd {
     return nlohmann::json::parse(ended.out).at("cameras").at(kTinyFront);
   }
 
-  const fs::path given_ = folder_ / "given",
-                 of_front_ = given_ / (std::string(kTinyFront) + ".png"),
+  const fs::path masks_ = folder_ / "masks",
+                 of_front_ = masks_ / (std::string(kTinyFront) + ".png"),
                  kept_ = folder_ / "run" / "masks" / (std::string(kTinyFront) + ".png");
 };
 
 // 4 frames of 48 x 32 pixels.
 TEST_F(EndToEndMasks, MasksAreKeptEditedAndNotScored) {
   write(of_front_, 48, 32, 24, 48);
-  const ProgramResult trained = train({"--masks", given_.string()});
+  const ProgramResult trained = train({"--masks", masks_.string()});
   ASSERT_EQ(trained.exit_code, kExitOk) << trained.err;
   EXPECT_THAT(trained.out,
               AllOf(HasSubstr("48 x 32, 50.0 % masked"), HasSubstr("3072 training pixels")));
@@ -64,7 +64,7 @@ TEST_F(EndToEndMasks, RefusesAMaskOfAnotherSize) {
   write(of_front_, 40, 32, 0, 1);
   const auto message = AllOf(HasSubstr(std::string(kTinyFront) + ".png"), HasSubstr("size"),
                              HasSubstr("40 x 32"), HasSubstr("48 x 32"));
-  const ProgramResult refused = train({"--masks", given_.string()});
+  const ProgramResult refused = train({"--masks", masks_.string()});
   EXPECT_EQ(refused.exit_code, kExitBadInput);
   EXPECT_THAT(refused.err, message);
   EXPECT_FALSE(fs::exists(folder_ / "run"));
@@ -78,7 +78,7 @@ TEST_F(EndToEndMasks, RefusesAMaskOfAnotherSize) {
   }
 }
 
-// 0.6 m of driving say nothing about a vehicle.
+// 0.6 m are too short to find the ego vehicle.
 TEST_F(EndToEndMasks, KeepsAllPixelsOfAShortDrive) {
   const ProgramResult trained = train({});
   ASSERT_EQ(trained.exit_code, kExitOk) << trained.err;

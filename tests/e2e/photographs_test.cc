@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A Blender set and a transforms.json from inspect to render, and what is refused about them.
+// A Blender data set and a transforms.json, from inspect to render, and their faults.
 #include <nlohmann/json.hpp>
 
 #include "redrive/image/image_io.h"
@@ -14,8 +14,8 @@ using ::testing::HasSubstr;
 
 constexpr int kSize = 20;
 
-/// A red disc on nothing, seen from four units away: opaque in the middle, its edge half, 20 x 20
-/// pixels.
+/// A red disc on a transparent background from four units away: opaque in the middle, half
+/// transparent at its edge, 20 x 20 pixels.
 Image8 disc() {
   Image8 image{kSize, kSize, {}};
   for (int i = 0; i < kSize * kSize; ++i) {
@@ -35,7 +35,7 @@ class Photographs : public EndToEnd {
       for (int i = 0; i < count; ++i) {
         const double a = 1.3 * i + (split[1] == 'e' ? 0.5 : 0), c = std::cos(a), s = std::sin(a);
         const std::string name = std::string(split) + "/r_" + std::to_string(i);
-        // Right, up and backward of a camera on a circle that looks at its middle.
+        // Right, up and backward axes of a camera on a circle that looks at the centre.
         frames.push_back({{"file_path", "./" + name},
                           {"transform_matrix",
                            {{-s, 0, c, 4 * c}, {c, 0, s, 4 * s}, {0, 1, 0, 0}, {0, 0, 0, 1}}}});
@@ -83,11 +83,11 @@ TEST_F(Photographs, InspectTrainEvalRender) {
   const ProgramResult scored = redrive({"eval", (folder_ / "run").string(), "--json"});
   EXPECT_EQ(scored.exit_code, kExitOk) << scored.err;
   EXPECT_EQ(json::parse(scored.out).at("overall").at("images"), 2);
-  const std::string run = (folder_ / "run").string(), picture = (folder_ / "a.png").string();
+  const std::string run = (folder_ / "run").string(), rendered = (folder_ / "a.png").string();
   const std::vector<std::string> render = {"render",  run, "--camera", "camera",
-                                           "--frame", "5", "--out",    picture};
+                                           "--frame", "5", "--out",    rendered};
   EXPECT_EQ(redrive(render).exit_code, kExitOk);
-  EXPECT_EQ(read_image(picture).width, kSize);
+  EXPECT_EQ(read_image(rendered).width, kSize);
   std::vector<std::string> level = render;
   level.insert(level.end(), {"--force", "--axes", "local"});
   const ProgramResult refused = redrive(level);
@@ -96,20 +96,19 @@ TEST_F(Photographs, InspectTrainEvalRender) {
 }
 
 TEST_F(Photographs, TrainsTheGridOnAConstantBackground) {
-  // Against the loss of its start, and a picture: red in the middle, and the corner is what
-  // pictures of this run stand on.
+  // The loss falls; an image is red in the middle and has the run's background in its corner.
   const ProgramResult trained = train({"--background", "random", "--max-steps", "300"});
   ASSERT_EQ(trained.exit_code, kExitOk) << trained.err;
-  const std::string run = (folder_ / "run").string(), picture = (folder_ / "a.png").string();
+  const std::string run = (folder_ / "run").string(), rendered = (folder_ / "a.png").string();
   ASSERT_EQ(
-      redrive({"render", run, "--camera", "camera", "--frame", "0", "--out", picture}).exit_code,
+      redrive({"render", run, "--camera", "camera", "--frame", "0", "--out", rendered}).exit_code,
       kExitOk);
-  const Image8 image = read_image(picture);
+  const Image8 image = read_image(rendered);
   const auto at = [&](int x, int y) { return &image.rgb[3 * (y * kSize + x)]; };
   EXPECT_NEAR(at(10, 10)[0], 200, 30);
   EXPECT_LT(at(10, 10)[1], 60);
   for (int k = 0; k < 3; ++k) EXPECT_LT(at(0, 0)[k], 25);
-  // A run's background is the run's.
+  // A run whose config.json names another background is invalid.
   edit_json(folder_ / "run/config.json", [](json& config) { config["background"] = "white"; });
   const ProgramResult other = redrive({"eval", run});
   EXPECT_EQ(other.exit_code, kExitBadInput);

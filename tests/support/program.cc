@@ -15,13 +15,13 @@
 namespace redrive::testing {
 namespace {
 
-/// Between fork and exec: system calls only.
-[[noreturn]] void become(const char* binary, char* const* arguments, const char* out,
-                         const char* err, const std::optional<std::size_t>& file_limit_bytes) {
+/// Runs between fork and exec, so it makes system calls only.
+[[noreturn]] void run_child(const char* binary, char* const* arguments, const char* out,
+                            const char* err, const std::optional<std::size_t>& file_limit_bytes) {
   dup2(open(out, O_WRONLY | O_CREAT | O_TRUNC, 0600), STDOUT_FILENO);
   dup2(open(err, O_WRONLY | O_CREAT | O_TRUNC, 0600), STDERR_FILENO);
   if (file_limit_bytes) {
-    signal(SIGXFSZ, SIG_IGN);  // the write fails instead of the process
+    signal(SIGXFSZ, SIG_IGN);  // a write fails in place of the process
     const rlimit limit{*file_limit_bytes, *file_limit_bytes};
     setrlimit(RLIMIT_FSIZE, &limit);
   }
@@ -40,9 +40,9 @@ Program::Program(const std::filesystem::path& binary, const std::vector<std::str
   std::vector<char*> argv = {const_cast<char*>(name.c_str())};
   for (const std::string& argument : arguments) argv.push_back(const_cast<char*>(argument.c_str()));
   argv.push_back(nullptr);
-  setenv("CUDA_VISIBLE_DEVICES", "", 1);  // `auto` is the processor: reruns are compared bit by bit
+  setenv("CUDA_VISIBLE_DEVICES", "", 1);  // --backend auto takes the CPU: bit-equal reruns
   pid_ = fork();
-  if (pid_ == 0) become(name.c_str(), argv.data(), out.c_str(), err.c_str(), file_limit_bytes);
+  if (pid_ == 0) run_child(name.c_str(), argv.data(), out.c_str(), err.c_str(), file_limit_bytes);
   if (pid_ < 0) throw std::runtime_error("fork");
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Runs a program as a user would and looks at what it says and how it ends.
+// Runs a program in a process of its own and collects its output and exit code.
 #pragma once
 
 #include <sys/types.h>
@@ -14,16 +14,16 @@ namespace redrive::testing {
 struct ProgramResult {
   int exit_code = -1;  ///< -1: ended by a signal
   int signal = 0;
-  std::string out, err;  ///< what it printed
+  std::string out, err;  ///< standard output and standard error
 };
 
 class Program {
  public:
-  /// Starts it. `file_limit_bytes`: no file may grow beyond it, writing further fails (as on a full
-  /// disk, with EFBIG).
+  /// Starts the program. A write that makes a file larger than `file_limit_bytes` fails with EFBIG,
+  /// as on a full disk.
   Program(const std::filesystem::path& binary, const std::vector<std::string>& arguments,
           std::optional<std::size_t> file_limit_bytes = {});
-  ~Program();  ///< kills it if it still runs
+  ~Program();  ///< kills the program if it still runs
   Program(const Program&) = delete;
   Program& operator=(const Program&) = delete;
 
@@ -32,7 +32,7 @@ class Program {
 
  private:
   pid_t pid_ = -1;
-  std::filesystem::path folder_;  ///< of its output
+  std::filesystem::path folder_;  ///< holds the output
 };
 
 }  // namespace redrive::testing

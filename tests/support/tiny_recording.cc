@@ -23,7 +23,7 @@ nlohmann::json rows(const Rigid3d& transform) {
 }
 
 /// A level camera whose optical axis points along `forward` (body axes) at 1.5 m height.
-Rigid3d mounted(const Eigen::Vector3d& forward, const Eigen::Vector3d& position) {
+Rigid3d level_camera(const Eigen::Vector3d& forward, const Eigen::Vector3d& position) {
   const Eigen::Vector3d down(0, 0, -1);
   Rigid3d body_from_sensor = Rigid3d::Identity();
   body_from_sensor.linear() << down.cross(forward), down, forward;
@@ -37,19 +37,19 @@ std::vector<CameraCalibration> cameras() {
            {30, 28, 19.5, 11.5, -0.05, 0.01, 0, 0, 0},
            40,
            24,
-           mounted({-1, 0, 0}, {-1, 0, 1.5})},
+           level_camera({-1, 0, 0}, {-1, 0, 1.5})},
           {kTinyFront,
            "opencv_pinhole",
            {44, 38, 24, 15, -0.2, 0.05, 0.001, 0.0005, 0},
            48,
            32,
-           mounted({1, 0, 0}, {2, 0.1, 1.5})},
+           level_camera({1, 0, 0}, {2, 0.1, 1.5})},
           {kTinyLeft,
            "mei",
            {20, 18, 21.5, 17, 0.03, -0.08, 0, 0, 0, 1.02},
            44,
            36,
-           mounted({0, 1, 0}, {1, 0.6, 1.5})}};
+           level_camera({0, 1, 0}, {1, 0.6, 1.5})}};
 }
 
 Rigid3d global_from_body(int frame) {
@@ -59,17 +59,17 @@ Rigid3d global_from_body(int frame) {
   return pose * Eigen::Translation3d(0.2 * frame, 0, 0);
 }
 
-Image8 picture(const CameraCalibration& calibration) {
+Image8 render_sphere(const CameraCalibration& calibration) {
   const Camera camera = make_camera(calibration);
   Image8 image{camera.width, camera.height, {}};
   for (int y = 0; y < camera.height; ++y)
     for (int x = 0; x < camera.width; ++x) {
       const auto direction = camera.unproject({double(x), double(y)});
       for (int k = 0; k < 3; ++k) {
-        const double turned =
+        const double component =
             direction ? (calibration.body_from_sensor.linear() * *direction)((k + 1) % 3) : 0;
-        image.rgb.push_back(
-            static_cast<std::uint8_t>(std::lround(255 * (0.5 + 0.4 * std::sin(3 * turned + k)))));
+        image.rgb.push_back(static_cast<std::uint8_t>(
+            std::lround(255 * (0.5 + 0.4 * std::sin(3 * component + k)))));
       }
     }
   return image;
@@ -103,7 +103,7 @@ void write_tiny_recording(const fs::path& root) {
                                 {"pos_meter", {position.x(), position.y(), position.z()}}};
     for (const auto& [name, value] : other_parameters(camera))
       calibration[camera.name][name] = value;
-    const Image8 image = picture(camera);
+    const Image8 image = render_sphere(camera);
     for (int frame = 0; frame < kTinyFrames; ++frame) {
       const fs::path file = tiny_image(root, camera.name, kTinyFirstId + frame);
       fs::create_directories(file.parent_path());

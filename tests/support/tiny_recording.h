@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A drive of a few small pictures in the aiMotive layout, for tests: the world is a sphere of
-// smooth colours around the car, so that colour is a function of direction, and a network of width
-// 32 learns it in a second.
+// A drive of a few small images in the aiMotive layout, for tests. The world is a sphere of smooth
+// colours around the car: colour is a function of direction, which a network of width 32 learns in
+// a second.
 #pragma once
 
 #include <filesystem>
