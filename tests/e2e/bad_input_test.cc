@@ -370,13 +370,13 @@ TEST_F(EndToEnd, RefusesInvalidRenderRequests) {
   EXPECT_EQ(render({"--poses", poses.string(), "--out", out}), kExitBadInput) << "missing";
   overwrite(poses, "[]");
   EXPECT_EQ(render({"--poses", poses.string(), "--out", out}), kExitBadInput);
-  overwrite(
-      poses,
-      R"({"images": [{"file": "../up.png", "camera": "F_MIDLONGRANGECAM_CL", "frame_id": 100, "shift_body_m": [0, 0, 0]}]})");
+  overwrite(poses,
+            R"({"images": [{"file": "../up.png", "camera": "F_MIDLONGRANGECAM_CL", "frame_id": 100,
+          "shift_body_m": [0, 0, 0]}]})");
   EXPECT_EQ(render({"--poses", poses.string(), "--out", out}), kExitBadInput);
-  overwrite(
-      poses,
-      R"({"images": [{"file": "a.png", "camera": "NO", "frame_id": 100, "shift_body_m": [0, 0, 0]}]})");
+  overwrite(poses,
+            R"({"images": [{"file": "a.png", "camera": "NO", "frame_id": 100,
+          "shift_body_m": [0, 0, 0]}]})");
   EXPECT_EQ(render({"--poses", poses.string(), "--out", out}), kExitBadInput);
 }
 

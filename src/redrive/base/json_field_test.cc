@@ -25,7 +25,8 @@ class JsonFieldTest : public ::testing::Test {
  protected:
   const nlohmann::json json_ =
       parse_json(R"({"CAM": {"f": [1, 2.5], "n": 7, "x": 7.5, "whole": 3.0, "s": "mei",
-    "big": 18446744073709551615, "m": [[1,2,3,4],[5,6,7,8],[9,10,11,12],[0,0,0,1]], "ragged": [[1],[2],[3],[4]]}})",
+    "big": 18446744073709551615, "m": [[1,2,3,4],[5,6,7,8],[9,10,11,12],[0,0,0,1]],
+      "ragged": [[1],[2],[3],[4]]}})",
                  "c.json");
   const JsonField root_{json_, "c.json"};
   const JsonField cam_ = root_.at("CAM");

@@ -148,8 +148,10 @@ TEST_F(EvaluateTest, NovelViewsAreScoredAtTheirPoseWhereTruthIs) {
   });
   poses(
       R"({"images": [{"file": "a.png", "camera": "A", "frame_id": 102, "shift_body_m": [0.5, 0, 0]},
-                       {"file": "none.png", "camera": "A", "frame_id": 101, "shift_body_m": [0, 0, 0]},
-                       {"file": "other.png", "camera": "UNTRAINED", "frame_id": 101, "shift_body_m": [0, 0, 0]}]})");
+                       {"file": "none.png", "camera": "A", "frame_id": 101,
+                         "shift_body_m": [0, 0, 0]},
+                       {"file": "other.png", "camera": "UNTRAINED", "frame_id": 101,
+                         "shift_body_m": [0, 0, 0]}]})");
   grey("novel/aside/a.png", 51);  // 0.2: off by 0.3
   grey("novel/aside/other.png", 51);
   EvalOptions options;
@@ -163,7 +165,8 @@ TEST_F(EvaluateTest, NovelViewsAreScoredAtTheirPoseWhereTruthIs) {
 
 TEST_F(EvaluateTest, NovelTruthOfAnotherSizeIsRefused) {
   poses(
-      R"({"images": [{"file": "a.png", "camera": "A", "frame_id": 102, "shift_body_m": [0, 0, 0]}]})");
+      R"({"images": [{"file": "a.png", "camera": "A", "frame_id": 102,
+          "shift_body_m": [0, 0, 0]}]})");
   grey("novel/aside/a.png", 51, kWidth + 1, kHeight);
   EXPECT_THROW(evaluate(run_, black_), InputError);
 }
@@ -226,7 +229,8 @@ TEST_F(EvaluateTest, AFisheyeOfTheSetIsNoMatterForARunThatUndistorts) {
       "RT_body_from_sensor": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]})";
   poses(R"({"calibration": {"A": {"model": "opencv_pinhole", )" + rest +
         R"(, "FISH": {"model": "mei", "xi": 1, )" + rest + R"(},
-            "images": [{"file": "a.png", "camera": "A", "frame_id": 102, "shift_body_m": [0, 0, 0]}]})");
+            "images": [{"file": "a.png", "camera": "A", "frame_id": 102,
+              "shift_body_m": [0, 0, 0]}]})");
   grey("novel/aside/a.png", 51);
   run_.scene.undistort = true;
   EXPECT_NEAR(evaluate(run_, black_).novel.at("aside").psnr_db, psnr_of(0.2), kTolerance);
@@ -241,7 +245,8 @@ TEST_F(EvaluateTest, MissingImageIsRefused) {
 // m: the median error is 0.5 / 2.5. Millimetres 0 and 65535 say nothing.
 TEST_F(EvaluateTest, DepthErrorIsTheMedianWhereTruthIsKnown) {
   poses(R"({"images": [{"file": "a.png", "camera": "A", "frame_id": 102, "shift_body_m": [0, 0, 0]},
-                       {"file": "b.png", "camera": "A", "frame_id": 102, "shift_body_m": [0, 0, 0]}]})");
+                       {"file": "b.png", "camera": "A", "frame_id": 102,
+                         "shift_body_m": [0, 0, 0]}]})");
   grey("novel/aside/a.png", 0);
   grey("novel/aside/b.png", 0);
   std::vector<std::uint16_t> depth_mm(kWidth * kHeight);
@@ -269,7 +274,8 @@ TEST_F(EvaluateTest, TruePosesGoThroughTheAlignment) {
         {frame.id, frame.t_ns, true_from_run * frame.global_from_body});
   // The true place of x = 2.5 in the run: (7, 8 + 2.5, 9), turned.
   poses(R"({"images": [{"file": "a.png", "camera": "A", "frame_id": 102,
-                        "RT_ECEF_body": [[0, -1, 0, 7], [1, 0, 0, 10.5], [0, 0, 1, 9], [0, 0, 0, 1]]}]})");
+                        "RT_ECEF_body": [[0, -1, 0, 7], [1, 0, 0, 10.5], [0, 0, 1, 9],
+                          [0, 0, 0, 1]]}]})");
   grey("novel/aside/a.png", 51);  // 0.2
   PaintBackend place([](const auto& origin, const auto&) {
     return std::array<float, 3>{origin[0] / 5, origin[0] / 5, origin[0] / 5};
@@ -295,13 +301,16 @@ TEST(EvaluationJson, HasTheNamesThatScriptsRead) {
       PoseChanges{{change, {}}, {{"F_CAM", change, 0.125}}, 0.75, std::numbers::pi};
   const auto json = nlohmann::json::parse(evaluation_to_json(evaluation).dump());
   EXPECT_EQ(json, nlohmann::json::parse(R"({
-    "overall": {"psnr_db": 20.5, "ssim": 0.5, "flip": 0.25, "depth_error": null, "images": 3, "left_out_pixels": 0},
-    "cameras": {"F_CAM": {"psnr_db": 20.5, "ssim": null, "flip": 0.25, "depth_error": 0.125, "images": 3, "left_out_pixels": 7}},
+    "overall": {"psnr_db": 20.5, "ssim": 0.5, "flip": 0.25, "depth_error": null, "images": 3,
+      "left_out_pixels": 0},
+    "cameras": {"F_CAM": {"psnr_db": 20.5, "ssim": null, "flip": 0.25, "depth_error": 0.125,
+      "images": 3, "left_out_pixels": 7}},
     "novel": {}, "held_out": false,
     "alignment": {"moved_m": 0.5, "turned_deg": 0.25, "rest_m": 0.125, "rest_deg": 1, "frames": 5},
     "view_alignment": {"moved_m": 0.25, "turned_deg": 0.5, "views": 8},
     "pose_changes": {"frames": {"moved_m": 0.75, "turned_deg": 180, "at_bound": 1},
-                     "cameras": {"F_CAM": {"moved_m": [0.5, -0.25, 2], "turned_deg": [0, 90, 0], "late_s": 0.125, "at_bound": true}}}})"));
+                     "cameras": {"F_CAM": {"moved_m": [0.5, -0.25, 2], "turned_deg": [0, 90, 0],
+                       "late_s": 0.125, "at_bound": true}}}})"));
 }
 
 }  // namespace

@@ -12,22 +12,28 @@ namespace {
 
 constexpr char kStyle[] = R"(
 :root { color-scheme: light; --ink: #1d2733; --faint: #5f6b7a; --line: #dde3ea; }
-body { margin: 0 auto; max-width: 1560px; padding: 24px 32px 64px; font: 15px/1.5 system-ui, sans-serif; color: var(--ink); }
+body { margin: 0 auto; max-width: 1560px; padding: 24px 32px 64px;
+  font: 15px/1.5 system-ui, sans-serif; color: var(--ink); }
 h1 { font-size: 26px; margin: 0 0 4px; }
-h2 { font-size: 19px; margin: 36px 0 10px; padding-bottom: 4px; border-bottom: 1px solid var(--line); }
+h2 { font-size: 19px; margin: 36px 0 10px; padding-bottom: 4px;
+  border-bottom: 1px solid var(--line); }
 h3 { font-size: 15px; margin: 18px 0 8px; }
 p { margin: 4px 0; color: var(--faint); }
-p.warning { margin: 10px 0; padding: 8px 12px; color: #8c1d18; background: #fdeceb; border-left: 4px solid #b3261e; }
-.row { display: grid; grid-auto-flow: column; grid-auto-columns: minmax(240px, 1fr); gap: 14px; overflow-x: auto; }
+p.warning { margin: 10px 0; padding: 8px 12px; color: #8c1d18; background: #fdeceb;
+  border-left: 4px solid #b3261e; }
+.row { display: grid; grid-auto-flow: column; grid-auto-columns: minmax(240px, 1fr); gap: 14px;
+  overflow-x: auto; }
 figure { margin: 0; }
 figure img { display: block; width: 100%; height: auto; border-radius: 3px; }
 figcaption { font-size: 13px; color: var(--faint); padding: 3px 0 0; }
 .wide { overflow-x: auto; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
-th, td { text-align: left; padding: 4px 22px 4px 0; border-bottom: 1px solid var(--line); vertical-align: top; }
+th, td { text-align: left; padding: 4px 22px 4px 0; border-bottom: 1px solid var(--line);
+  vertical-align: top; }
 th { color: var(--faint); font-weight: 600; }
 table.numbers th:not(:first-child), table.numbers td:not(:first-child) { text-align: right; }
-@media print { body { max-width: none; padding: 0; } .row { grid-auto-columns: minmax(0, 1fr); break-inside: avoid; } }
+@media print { body { max-width: none; padding: 0; }
+  .row { grid-auto-columns: minmax(0, 1fr); break-inside: avoid; } }
 )";
 
 }  // namespace
