@@ -78,7 +78,7 @@ class BackendConformance : public testing::TestWithParam<Candidate> {
                                                 : std::nullopt;
     if (obstacle) GTEST_SKIP() << GetParam().name << ": " << *obstacle;
 #if defined(__SANITIZE_THREAD__)
-    if (GetParam().is_loop()) GTEST_SKIP() << GetParam().name << ": it has one thread";
+    if (GetParam().is_slow()) GTEST_SKIP() << GetParam().name << ": it has one thread";
 #endif
   }
   std::unique_ptr<Backend> make(int threads = 2) const {
