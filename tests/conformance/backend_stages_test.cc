@@ -99,7 +99,8 @@ struct Volume {
   std::vector<float> t, dt, raw;
 
   explicit Volume(BatchSize size) : size(size), t(size.n_rays * size.per_ray), dt(t.size()) {
-    make_ref_backend()->sample_stratified(size.n_rays, {size.per_ray, 1, 10, true, 5}, t, dt);
+    make_ref_backend()->nerf().sample_stratified(size.n_rays, {size.per_ray, 1, 10, true, 5}, t,
+                                                 dt);
     raw = random_floats(4 * t.size(), 50, -4, 4);
     for (std::size_t i = 0; i < t.size(); ++i) {
       if (i % 11 == 3) dt[i] = 0;
@@ -144,8 +145,8 @@ TEST_P(BackendStages, SamplesStratified) {
       const StratifiedSampling how{size.per_ray, 0.7f, 12.3f, jitter, 99};
       std::vector<float> t(size.n_rays * size.per_ray), dt(t.size()), expected(t.size()),
           expected_dt(t.size());
-      backend->sample_stratified(size.n_rays, how, t, dt);
-      ref->sample_stratified(size.n_rays, how, expected, expected_dt);
+      backend->nerf().sample_stratified(size.n_rays, how, t, dt);
+      ref->nerf().sample_stratified(size.n_rays, how, expected, expected_dt);
       // A fused multiply-add may round once where the oracle rounds twice.
       EXPECT_TRUE(all_near(
           t, [&](auto i) { return expected[i]; }, [&](auto i) { return kUlp * expected[i]; }));
@@ -169,9 +170,9 @@ TEST_P(BackendStages, SamplesHierarchical) {
             random_floats(volume.t.size(), 60, 0, 2.0 / size.per_ray);
         std::vector<float> t(size.n_rays * (size.per_ray + extra)), dt(t.size()),
             expected(t.size()), expected_dt(t.size());
-        backend->sample_hierarchical(volume.samples(), weights, extra, jitter, 7, t, dt);
-        ref->sample_hierarchical(volume.samples(), weights, extra, jitter, 7, expected,
-                                 expected_dt);
+        backend->nerf().sample_hierarchical(volume.samples(), weights, extra, jitter, 7, t, dt);
+        ref->nerf().sample_hierarchical(volume.samples(), weights, extra, jitter, 7, expected,
+                                        expected_dt);
         ASSERT_TRUE(bit_equal(t, expected));
         ASSERT_TRUE(bit_equal(dt, expected_dt));
       }
@@ -197,7 +198,7 @@ TEST_P(BackendStages, NerfForward) {
       SCOPED_TRACE(trace(size));
       const NerfBatch batch(nerf, size.n_rays, size.per_ray);
       std::vector<float> raw(4 * batch.samples(), NAN);
-      backend->nerf_forward(nerf.field(), batch.rays(), batch.sampling(), raw);
+      backend->nerf().network_forward(nerf.field(), batch.rays(), batch.sampling(), raw);
       ASSERT_TRUE(all_near(
           raw,
           [&](std::size_t i) {
@@ -227,8 +228,8 @@ TEST_P(BackendStages, NerfBackward) {
       const float before = 0x1p-12f;  // gradients are added to
       std::vector<float> gradients(nerf.parameters.size(), before);
       std::vector<float> d_origin(3 * size.n_rays, before), d_direction(d_origin);
-      backend->nerf_backward(nerf.field(), batch.rays(), batch.sampling(), upstream.d_raw,
-                             gradients, {d_origin, d_direction});
+      backend->nerf().network_backward(nerf.field(), batch.rays(), batch.sampling(), upstream.d_raw,
+                                       gradients, {d_origin, d_direction});
       for (const bool turns : {false, true}) {
         const Uncertain rays = of_rays(nerf, batch, upstream, expected, turns);
         const std::vector<float>& got = turns ? d_direction : d_origin;
@@ -275,7 +276,7 @@ TEST_P(BackendStages, PropagatesNaN) {
   nerf.parameters[nerf_layer(nerf.config, 3).weight + 5] = NAN;
   const NerfBatch batch(nerf, 7, 48);
   std::vector<float> raw(4 * batch.samples());
-  backend->nerf_forward(nerf.field(), batch.rays(), batch.sampling(), raw);
+  backend->nerf().network_forward(nerf.field(), batch.rays(), batch.sampling(), raw);
   EXPECT_TRUE(std::isnan(raw[0]));
   EXPECT_TRUE(std::isnan(raw[4 * batch.samples() - 1]));
 
@@ -444,7 +445,7 @@ TEST_P(BackendStages, RendersAndTrainsRays) {
       const auto allowed = [&](std::size_t i) { return tolerance[i]; };
 
       Composited rendered(size.n_rays, size.per_ray), trained = rendered, composed = rendered;
-      backend->render_rays(nerf.field(), batch.rays(), batch.sampling(), rendered.out());
+      backend->nerf().render_rays(nerf.field(), batch.rays(), batch.sampling(), rendered.out());
       ASSERT_TRUE(all_near(rendered.rgb, value, allowed));
       std::vector<float> gradients(nerf.parameters.size()), composed_gradients(gradients.size());
       std::vector<float> d_rays[2], composed_d_rays[2];  // places, directions
@@ -452,15 +453,16 @@ TEST_P(BackendStages, RendersAndTrainsRays) {
            {&d_rays[0], &d_rays[1], &composed_d_rays[0], &composed_d_rays[1]})
         one->assign(3 * size.n_rays, 0.0f);
       double loss = NAN, composed_loss = NAN;
-      backend->train_rays(nerf.field(), batch.rays(), batch.sampling(), target,
-                          trained.without_weights(), gradients, {d_rays[0], d_rays[1]}, &loss);
+      backend->nerf().train_rays(nerf.field(), batch.rays(), batch.sampling(), target,
+                                 trained.without_weights(), gradients, {d_rays[0], d_rays[1]},
+                                 &loss);
       ASSERT_TRUE(all_near(trained.rgb, value, allowed));
 
       // The fused stages against the composition of this backend's own plain stages, which the
       // tests above hold.
-      backend->Backend::train_rays(nerf.field(), batch.rays(), batch.sampling(), target,
-                                   composed.out(), composed_gradients,
-                                   {composed_d_rays[0], composed_d_rays[1]}, &composed_loss);
+      backend->nerf().NerfStages::train_rays(
+          nerf.field(), batch.rays(), batch.sampling(), target, composed.out(), composed_gradients,
+          {composed_d_rays[0], composed_d_rays[1]}, &composed_loss);
       const double order = composite_tolerance(size.per_ray);
       const auto same = [&](std::size_t) { return order; };
       ASSERT_NEAR(loss, composed_loss, 4 * order * std::sqrt(composed_loss) + order * order);
@@ -512,8 +514,9 @@ TEST_P(BackendStages, RendersOpaqueRays) {
     NerfBatch batch(nerf, GetParam().is_slow() ? 1 : size.n_rays, size.per_ray);
     for (float& dt : batch.dt) dt *= 16;
     Composited rendered(batch.n_rays, batch.per_ray), all = rendered;
-    backend->render_rays(nerf.field(), batch.rays(), batch.sampling(), rendered.out());
-    backend->Backend::render_rays(nerf.field(), batch.rays(), batch.sampling(), all.out());
+    backend->nerf().render_rays(nerf.field(), batch.rays(), batch.sampling(), rendered.out());
+    backend->nerf().NerfStages::render_rays(nerf.field(), batch.rays(), batch.sampling(),
+                                            all.out());
     const double unit = kLeftOut + composite_tolerance(batch.per_ray);
     const auto allowed = [&](std::size_t) { return unit; };
     ASSERT_TRUE(all_near(
@@ -534,14 +537,14 @@ std::map<std::string, std::vector<float>> all_stages(Backend& backend, const Ner
   const int n = batch.samples();
   auto& t = out["t"] = std::vector<float>(n);
   auto& dt = out["dt"] = std::vector<float>(n);
-  backend.sample_stratified(batch.n_rays, {batch.per_ray, 1, 10, true, 3}, t, dt);
+  backend.nerf().sample_stratified(batch.n_rays, {batch.per_ray, 1, 10, true, 3}, t, dt);
   auto& raw = out["raw"] = std::vector<float>(4 * n);
-  backend.nerf_forward(nerf.field(), batch.rays(), batch.sampling(), raw);
+  backend.nerf().network_forward(nerf.field(), batch.rays(), batch.sampling(), raw);
   Composited image(batch.n_rays, batch.per_ray);
   backend.composite_forward(batch.n_rays, batch.sampling(), raw, {}, image.out());
   auto& fine = out["fine"] = std::vector<float>(batch.n_rays * (batch.per_ray + 64));
   auto& fine_dt = out["fine dt"] = std::vector<float>(fine.size());
-  backend.sample_hierarchical(batch.sampling(), image.weights, 64, true, 4, fine, fine_dt);
+  backend.nerf().sample_hierarchical(batch.sampling(), image.weights, 64, true, 4, fine, fine_dt);
   out["rgb"] = image.rgb;
   const std::vector<float> target = random_floats(image.rgb.size(), 110, 0, 1);
   auto& d_rgb = out["d_rgb"] = std::vector<float>(target.size());
@@ -553,15 +556,15 @@ std::map<std::string, std::vector<float>> all_stages(Backend& backend, const Ner
   auto& gradients = out["gradients"] = std::vector<float>(nerf.parameters.size());
   auto& d_origin = out["d_origin"] = std::vector<float>(image.rgb.size());
   auto& d_direction = out["d_direction"] = std::vector<float>(image.rgb.size());
-  backend.nerf_backward(nerf.field(), batch.rays(), batch.sampling(), d_raw, gradients,
-                        {d_origin, d_direction});
+  backend.nerf().network_backward(nerf.field(), batch.rays(), batch.sampling(), d_raw, gradients,
+                                  {d_origin, d_direction});
   auto& fused = out["fused gradients"] = std::vector<float>(nerf.parameters.size());
-  backend.train_rays(nerf.field(), batch.rays(), batch.sampling(), target, image.out(), fused,
-                     {d_origin, d_direction}, &loss);
+  backend.nerf().train_rays(nerf.field(), batch.rays(), batch.sampling(), target, image.out(),
+                            fused, {d_origin, d_direction}, &loss);
   out["fused loss"] = {static_cast<float>(loss),
                        static_cast<float>(loss * 0x1p30 - std::floor(loss * 0x1p30))};
   out["trained rgb"] = image.rgb;
-  backend.render_rays(nerf.field(), batch.rays(), batch.sampling(), image.without_weights());
+  backend.nerf().render_rays(nerf.field(), batch.rays(), batch.sampling(), image.without_weights());
   out["rendered rgb"] = image.rgb;
   auto& p = out["parameters"] = nerf.parameters;
   std::vector<float> m(p.size()), v(p.size());

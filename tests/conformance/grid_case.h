@@ -13,6 +13,8 @@
 
 #include "nerf_case.h"
 
+#include "redrive/kernels/grid_stages.h"
+
 namespace redrive::kernels::conformance {
 
 /// The largest relative error of simd/vector.h's exponential.

@@ -14,6 +14,7 @@
 #include "all_near.h"
 #include "candidates.h"
 #include "grid_case.h"
+#include "redrive/kernels/grid_stages.h"
 #include "redrive/optim/proposal_loss.h"
 
 namespace redrive::kernels::conformance {
@@ -43,8 +44,8 @@ struct Rows {
   explicit Rows(BatchSize size, std::uint64_t key = 5)
       : size(size), edges(size.n_rays * (size.per_ray + 1)) {
     const std::vector<float> unused(3 * size.n_rays);
-    make_ref_backend()->grid().spaced({size.n_rays, unused, unused},
-                                      {size.per_ray, kSpacing, {}, true, key}, edges);
+    make_ref_backend()->grid().sample_uniform({size.n_rays, unused, unused},
+                                              {size.per_ray, kSpacing, {}, true, key}, edges);
     for (int ray = 0; ray < size.n_rays; ++ray)
       for (int i = 1; i < size.per_ray; ++i) {
         float* const edge = &edges[ray * (size.per_ray + 1) + i];
@@ -70,8 +71,8 @@ TEST_P(GridStagesTest, Spaced) {
                                  direction = random_floats(3 * size.n_rays, 228, -1, 1);
         const UniformSampling how{size.per_ray, kSpacing, {{1, 2, 3}, 12, unbounded}, jitter, 77};
         std::vector<float> edges(size.n_rays * (size.per_ray + 1), NAN), expected(edges.size());
-        backend->grid().spaced({size.n_rays, origin, direction}, how, edges);
-        ref->grid().spaced({size.n_rays, origin, direction}, how, expected);
+        backend->grid().sample_uniform({size.n_rays, origin, direction}, how, edges);
+        ref->grid().sample_uniform({size.n_rays, origin, direction}, how, expected);
         ASSERT_TRUE(bit_equal(edges, expected));
       }
 }
@@ -88,9 +89,10 @@ TEST_P(GridStagesTest, Proposed) {
       for (float& w : weights) w = std::max(w, 0.0f);
       std::fill_n(weights.begin(), size.per_ray, 0.0f);  // the first ray met nothing
       std::vector<float> edges(size.n_rays * (to + 1), NAN), expected(edges.size());
-      backend->grid().proposed(size.n_rays, from.intervals(), weights, {to, 0.05f, true, 78},
-                               edges);
-      ref->grid().proposed(size.n_rays, from.intervals(), weights, {to, 0.05f, true, 78}, expected);
+      backend->grid().sample_pdf(size.n_rays, from.intervals(), weights, {to, 0.05f, true, 78},
+                                 edges);
+      ref->grid().sample_pdf(size.n_rays, from.intervals(), weights, {to, 0.05f, true, 78},
+                             expected);
       ASSERT_TRUE(bit_equal(edges, expected));
     }
 }
@@ -623,9 +625,10 @@ TEST_P(GridStagesTest, Range) {
     for (const float spread_m : {0.05f, 2.0f}) {
       std::vector<float> d(rows.count(), NAN), expected(rows.count());
       double loss = NAN, expected_loss = NAN;
-      backend->grid().range(size.n_rays, rows.intervals(), weights, range_m, spread_m, 5, d, &loss);
-      ref->grid().range(size.n_rays, rows.intervals(), weights, range_m, spread_m, 5, expected,
-                        &expected_loss);
+      backend->grid().range_loss(size.n_rays, rows.intervals(), weights, range_m, spread_m, 5, d,
+                                 &loss);
+      ref->grid().range_loss(size.n_rays, rows.intervals(), weights, range_m, spread_m, 5, expected,
+                             &expected_loss);
       // w - g with g from two values of one function in [0, 1] that both sides round alike: one
       // rounding in the difference, two in the products. Squares of at most 1 summed over a ray, in
       // double over rays.
@@ -651,8 +654,8 @@ TEST_P(GridStagesTest, EmptySpace) {
                              before = random_floats(density.size(), 277, -1, 1);
     std::vector<float> d = before, expected = before;
     double loss = NAN, expected_loss = NAN;
-    backend->grid().empty_space(size.n_rays, rows.intervals(), density, 5, d, &loss);
-    ref->grid().empty_space(size.n_rays, rows.intervals(), density, 5, expected, &expected_loss);
+    backend->grid().sparsity_loss(size.n_rays, rows.intervals(), density, 5, d, &loss);
+    ref->grid().sparsity_loss(size.n_rays, rows.intervals(), density, 5, expected, &expected_loss);
     // 1 + x is off by 3 roundings of itself, so its logarithm by as many u and two of its own; sums
     // of a ray in fp32.
     EXPECT_NEAR(loss, expected_loss,
@@ -676,10 +679,10 @@ TEST_P(GridStagesTest, Proposal) {
           weights[i] = 0;
       std::vector<float> d(proposal.count(), NAN), expected(proposal.count());
       double loss = NAN, expected_loss = NAN;
-      backend->grid().proposal(size.n_rays, rows.intervals(), weights, proposal.intervals(), bounds,
-                               d, &loss);
-      ref->grid().proposal(size.n_rays, rows.intervals(), weights, proposal.intervals(), bounds,
-                           expected, &expected_loss);
+      backend->grid().proposal_loss(size.n_rays, rows.intervals(), weights, proposal.intervals(),
+                                    bounds, d, &loss);
+      ref->grid().proposal_loss(size.n_rays, rows.intervals(), weights, proposal.intervals(),
+                                bounds, expected, &expected_loss);
       // In a bound up to m sums round; what is lacking is off by that, its share by two more
       // roundings, and their sum over n intervals (the loss's, weighted) n times. Of the opacities
       // m + n sums round.
@@ -773,10 +776,11 @@ TEST_P(GridStagesTest, ChecksSizes) {
   std::vector<float> few(7), n(15), n4(60), n3(45), n9(9), d_table(table.size()),
       d_weights(grid.weights.size()), d_features(batch.features.size()), encoded(5 * 15);
   const Intervals short_edges{5, few};
-  EXPECT_THROW(stages.spaced({3, origin, direction}, {5, kSpacing}, few), std::logic_error);
-  EXPECT_THROW(stages.spaced({3, few, direction}, {5, kSpacing}, encoded), std::logic_error);
-  EXPECT_THROW(stages.proposed(3, rows.intervals(), few, {1}, few), std::logic_error);
-  EXPECT_THROW(stages.proposed(3, short_edges, n, {1}, few), std::logic_error);
+  EXPECT_THROW(stages.sample_uniform({3, origin, direction}, {5, kSpacing}, few), std::logic_error);
+  EXPECT_THROW(stages.sample_uniform({3, few, direction}, {5, kSpacing}, encoded),
+               std::logic_error);
+  EXPECT_THROW(stages.sample_pdf(3, rows.intervals(), few, {1}, few), std::logic_error);
+  EXPECT_THROW(stages.sample_pdf(3, short_edges, n, {1}, few), std::logic_error);
   EXPECT_THROW(stages.contract({}, {3, origin, direction}, angle, rows.intervals(), 0, few, n),
                std::logic_error);
   EXPECT_THROW(stages.contract({}, {3, origin, direction}, few, rows.intervals(), 0, n3, n),
@@ -813,14 +817,15 @@ TEST_P(GridStagesTest, ChecksSizes) {
   EXPECT_THROW(stages.weights(3, rows.intervals(), few, n), std::logic_error);
   EXPECT_THROW(stages.weights_backward(3, rows.intervals(), n, n, n, few), std::logic_error);
   double loss = 0;
-  EXPECT_THROW(stages.proposal(3, rows.intervals(), n, rows.intervals(), n, few, &loss),
+  EXPECT_THROW(stages.proposal_loss(3, rows.intervals(), n, rows.intervals(), n, few, &loss),
                std::logic_error);
-  EXPECT_THROW(stages.range(3, rows.intervals(), n, few, 0.1f, 1, n, &loss), std::logic_error);
-  EXPECT_THROW(stages.range(3, rows.intervals(), n, std::vector<float>(3), 0.1f, 1, few, &loss),
+  EXPECT_THROW(stages.range_loss(3, rows.intervals(), n, few, 0.1f, 1, n, &loss), std::logic_error);
+  EXPECT_THROW(
+      stages.range_loss(3, rows.intervals(), n, std::vector<float>(3), 0.1f, 1, few, &loss),
+      std::logic_error);
+  EXPECT_THROW(stages.range_loss(3, rows.intervals(), n, std::vector<float>(3), 0, 1, n, &loss),
                std::logic_error);
-  EXPECT_THROW(stages.range(3, rows.intervals(), n, std::vector<float>(3), 0, 1, n, &loss),
-               std::logic_error);
-  EXPECT_THROW(stages.empty_space(3, rows.intervals(), n, 1, few, &loss), std::logic_error);
+  EXPECT_THROW(stages.sparsity_loss(3, rows.intervals(), n, 1, few, &loss), std::logic_error);
 }
 
 /// Everything that the stages compute for one batch, end to end.
@@ -847,7 +852,8 @@ std::map<std::string, std::vector<float>> all_stages(GridStages& stages, const G
     return UnitPoints{count, position, footprint};
   };
   auto& edges = made("edges", n_rays * (first + 1));
-  stages.spaced({n_rays, origin, direction}, {first, kSpacing, contraction, true, 1}, edges);
+  stages.sample_uniform({n_rays, origin, direction}, {first, kSpacing, contraction, true, 1},
+                        edges);
   const Intervals proposal{first, edges};
   const UnitPoints proposal_points = points_of("proposal", proposal);
   auto& density = made("density", proposal_points.n);
@@ -855,7 +861,7 @@ std::map<std::string, std::vector<float>> all_stages(GridStages& stages, const G
   auto& weights = made("weights", density.size());
   stages.weights(n_rays, proposal, density, weights);
   auto& field_edges = made("field edges", n_rays * (per_ray + 1));
-  stages.proposed(n_rays, proposal, weights, {per_ray, 0.1f, true, 2}, field_edges);
+  stages.sample_pdf(n_rays, proposal, weights, {per_ray, 0.1f, true, 2}, field_edges);
   const Intervals intervals{per_ray, field_edges};
   const UnitPoints points = points_of("field", intervals);
   auto& features = made("features", n * field.outputs());
@@ -874,14 +880,14 @@ std::map<std::string, std::vector<float>> all_stages(GridStages& stages, const G
   auto& field_weights = made("field weights", n);
   stages.weights(n_rays, intervals, std::span(raw).subspan(3 * n), field_weights);
   double loss = NAN;
-  stages.range(n_rays, intervals, field_weights, random_floats(n_rays, 284, 1, 30), 0.5f, 2,
-               made("range d_weights", n), &loss);
+  stages.range_loss(n_rays, intervals, field_weights, random_floats(n_rays, 284, 1, 30), 0.5f, 2,
+                    made("range d_weights", n), &loss);
   out["range loss"] = {static_cast<float>(loss)};
-  stages.empty_space(n_rays, intervals, std::span(raw).subspan(3 * n), 2,
-                     made("empty space d_density", n), &loss);
+  stages.sparsity_loss(n_rays, intervals, std::span(raw).subspan(3 * n), 2,
+                       made("empty space d_density", n), &loss);
   out["empty space loss"] = {static_cast<float>(loss)};
   auto& d_weights = made("d_weights", weights.size());
-  stages.proposal(n_rays, intervals, field_weights, proposal, weights, d_weights, &loss);
+  stages.proposal_loss(n_rays, intervals, field_weights, proposal, weights, d_weights, &loss);
   out["loss"] = {static_cast<float>(loss),
                  static_cast<float>(loss * 0x1p30 - std::floor(loss * 0x1p30))};
   auto& d_density = made("d_density", density.size());

@@ -27,11 +27,11 @@ TEST_P(MemoryStages, FillSetsEveryValue) {
   const auto backend = make();
   Buffer<float> kept(1000);
   std::vector<float> here(1000);
-  keep(*backend, kept);
+  make_resident(*backend, kept);
   for (const std::span<float> numbers : {kept.span(), std::span(here)}) {
     backend->fill(numbers.subspan(100, 700), 0.75f);
     backend->fill(numbers.first(0), 3);
-    backend->fetch(numbers);
+    backend->download(numbers);
     for (std::size_t i = 0; i < numbers.size(); ++i)
       ASSERT_EQ(numbers[i], i >= 100 && i < 800 ? 0.75f : 0) << i;
   }
@@ -46,7 +46,7 @@ TEST_P(MemoryStages, MeanIsSummedInDouble) {
     for (std::size_t i = 0; i < n; ++i) expected += kept[i] = static_cast<float>((1 << 23) + 3 * i);
     expected /= n;
     EXPECT_EQ(mean_of(*backend, kept), expected);
-    keep(*backend, kept);
+    make_resident(*backend, kept);
     EXPECT_EQ(mean_of(*backend, kept), expected);
     EXPECT_EQ(mean_of(*backend, kept.span().last(1)), kept[n - 1]);
   }
@@ -58,11 +58,11 @@ TEST_P(MemoryStages, MeanIsSummedInDouble) {
 TEST_P(MemoryStages, ResultsStayOnTheDevice) {
   const auto backend = make();
   Buffer<double> kept(3);
-  keep(*backend, kept);
+  make_resident(*backend, kept);
   const std::vector<float> numbers = {1, 2, 6}, spoilt = {NAN};
   backend->mean(numbers, &kept[0]);
   backend->not_finite(spoilt, &kept[2]);
-  backend->fetch(as_floats(std::as_const(kept).span()));
+  backend->download(as_floats(std::as_const(kept).span()));
   EXPECT_EQ(kept[0], 3);
   EXPECT_EQ(kept[1], 0);
   EXPECT_GT(kept[2], 0);

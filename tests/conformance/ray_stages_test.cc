@@ -11,6 +11,7 @@
 #include "all_near.h"
 #include "candidates.h"
 #include "redrive/base/rng.h"
+#include "redrive/kernels/grid_stages.h"
 #include "redrive/optim/photometric_loss.h"
 
 namespace redrive::kernels::conformance {
@@ -47,13 +48,13 @@ TEST_P(RayStages, CompactRaysFindsTheActiveRays) {
           expected.push_back(ray);
       }
       std::vector<std::uint32_t> live(n, 12345);
-      live.resize(backend->grid().live_rays(n, kPerRay, weights, {0.375f, others, kKey}, live));
+      live.resize(backend->grid().compact_rays(n, kPerRay, weights, {0.375f, others, kKey}, live));
       if (expected.empty()) expected = {0};
       EXPECT_EQ(live, expected);
       EXPECT_GE(live.size(), n < 5000 ? 1u : others > 0 ? 3000u : 2800u);
     }
   std::vector<std::uint32_t> live(100, 12345);
-  EXPECT_EQ(backend->grid().live_rays(100, 1, std::vector<float>(100), {0.01f}, live), 1);
+  EXPECT_EQ(backend->grid().compact_rays(100, 1, std::vector<float>(100), {0.01f}, live), 1);
   EXPECT_EQ(live[0], 0u) << "stages are for at least one ray";
 }
 
@@ -70,9 +71,9 @@ TEST_P(RayStages, GatherRaysAndScatterRays) {
         const std::vector<std::uint32_t> rays = every_third(n);
         std::vector<float> few(rays.size() * each, NAN), spread(n * each, NAN),
             on_nothing(n * each, NAN);
-        backend->grid().pick(rays, layout, all, few);
-        backend->grid().spread(rays, layout, few, other, spread);
-        backend->grid().spread(rays, layout, few, {}, on_nothing);
+        backend->grid().gather_rays(rays, layout, all, few);
+        backend->grid().scatter_rays(rays, layout, few, other, spread);
+        backend->grid().scatter_rays(rays, layout, few, {}, on_nothing);
         for (std::size_t k = 0; k < each; ++k) {
           for (std::size_t i = 0; i < rays.size(); ++i)
             ASSERT_EQ(few[at(i, k, rays.size())], all[at(rays[i], k, n)]) << i << ", " << k;
@@ -88,7 +89,7 @@ TEST_P(RayStages, GatherRaysAndScatterRays) {
   // Neighbours that share a row.
   const std::vector<std::uint32_t> group = {0, 0, 0, 1, 2, 2};
   std::vector<float> rows(12);
-  backend->grid().pick(group, RayLayout::kRows, std::vector<float>{1, 2, 3, 4, 5, 6}, rows);
+  backend->grid().gather_rays(group, RayLayout::kRows, std::vector<float>{1, 2, 3, 4, 5, 6}, rows);
   EXPECT_EQ(rows, (std::vector<float>{1, 2, 1, 2, 1, 2, 3, 4, 5, 6, 5, 6}));
 }
 
@@ -107,7 +108,7 @@ TEST_P(RayStages, MidpointsOfIntervals) {
   for (const BatchSize& size : {BatchSize{1, 1}, {7, 3}, {100, 24}}) {
     const std::vector<float> edges = edges_of(size.n_rays, size.per_ray);
     std::vector<float> t(size.n_rays * size.per_ray, NAN), dt = t;
-    backend->grid().middles(size.n_rays, {size.per_ray, edges}, t, dt);
+    backend->grid().midpoints(size.n_rays, {size.per_ray, edges}, t, dt);
     for (std::size_t i = 0; i < t.size(); ++i) {
       const float* const edge = &edges[i + i / size.per_ray];
       ASSERT_EQ(t[i], 0.5f * (edge[0] + edge[1]));
@@ -250,7 +251,7 @@ TEST_P(RayStages, ApplyExposure) {
   for (const std::size_t n : {1u, 50u, 700u}) {
     const Seen seen(n);
     std::vector<float> gains(3 * n, NAN), rgb = seen.rgb;
-    backend->grid().expose(seen.appearance(), seen.exposure, gains, rgb);
+    backend->grid().apply_exposure(seen.appearance(), seen.exposure, gains, rgb);
     for (std::size_t ray = 0; ray < n; ++ray) {
       const auto expected = seen.gains(ray);
       for (std::size_t k = 0; k < 3; ++k) {
@@ -387,15 +388,15 @@ TEST_P(RayStages, ChecksSizes) {
   std::vector<std::uint32_t> live(4), fewer(3);
   std::vector<float> n3(3), n4(4), n5(5), n12(12), n18(18), n64(64), d_table(sky.table.size());
   const std::vector<std::uint32_t> none, rays = {0, 2};
-  EXPECT_THROW(stages.live_rays(4, 3, n4, {}, live), std::logic_error);
-  EXPECT_THROW(stages.live_rays(4, 3, n12, {}, fewer), std::logic_error);
-  EXPECT_THROW(stages.pick(rays, RayLayout::kRows, n12, n5), std::logic_error);
-  EXPECT_THROW(stages.pick(rays, RayLayout::kRows, n5, n4), std::logic_error);
-  EXPECT_THROW(stages.pick(none, RayLayout::kRows, n12, n4), std::logic_error);
-  EXPECT_THROW(stages.spread(rays, RayLayout::kColumns, n5, {}, n12), std::logic_error);
-  EXPECT_THROW(stages.spread(rays, RayLayout::kColumns, n4, n5, n12), std::logic_error);
-  EXPECT_THROW(stages.middles(3, {3, n12}, n4, n12), std::logic_error);
-  EXPECT_THROW(stages.middles(4, {2, n12}, n5, n5), std::logic_error);
+  EXPECT_THROW(stages.compact_rays(4, 3, n4, {}, live), std::logic_error);
+  EXPECT_THROW(stages.compact_rays(4, 3, n12, {}, fewer), std::logic_error);
+  EXPECT_THROW(stages.gather_rays(rays, RayLayout::kRows, n12, n5), std::logic_error);
+  EXPECT_THROW(stages.gather_rays(rays, RayLayout::kRows, n5, n4), std::logic_error);
+  EXPECT_THROW(stages.gather_rays(none, RayLayout::kRows, n12, n4), std::logic_error);
+  EXPECT_THROW(stages.scatter_rays(rays, RayLayout::kColumns, n5, {}, n12), std::logic_error);
+  EXPECT_THROW(stages.scatter_rays(rays, RayLayout::kColumns, n4, n5, n12), std::logic_error);
+  EXPECT_THROW(stages.midpoints(3, {3, n12}, n4, n12), std::logic_error);
+  EXPECT_THROW(stages.midpoints(4, {2, n12}, n5, n5), std::logic_error);
   EXPECT_THROW(stages.harmonics(sky.rays(), n12), std::logic_error);
   EXPECT_THROW(stages.harmonics({4, {}, n5}, n64), std::logic_error);
   EXPECT_THROW(stages.sky(sky.grid(), sky.rays(), n5, n12), std::logic_error);
@@ -409,8 +410,9 @@ TEST_P(RayStages, ChecksSizes) {
   EXPECT_THROW(
       stages.sky_backward(sky.grid(), sky.rays(), sky.pixel_angle, n12, n5, n12, d_table, {}),
       std::logic_error);
-  EXPECT_THROW(stages.expose(seen.appearance(), seen.exposure, n12, n5), std::logic_error);
-  EXPECT_THROW(stages.expose({Seen::kConfig, n5}, seen.exposure, n12, n12), std::logic_error);
+  EXPECT_THROW(stages.apply_exposure(seen.appearance(), seen.exposure, n12, n5), std::logic_error);
+  EXPECT_THROW(stages.apply_exposure({Seen::kConfig, n5}, seen.exposure, n12, n12),
+               std::logic_error);
   EXPECT_THROW(stages.median_depth(4, {2, n12}, n5, n4, n4), std::logic_error);
   const std::vector<float> gains(12, 1.0f);
   const ColourLossInput colours{

@@ -40,8 +40,8 @@ class Buffer {
   operator std::span<T>() { return span(); }
   operator std::span<const T>() const { return span(); }
 
-  mutable std::shared_ptr<void>
-      elsewhere;  ///< what a backend keeps of these numbers in memory of its own (kernels.h, keep)
+  /// The copy in a backend's own memory, if there is one (kernels/backend.h, make_resident).
+  mutable std::shared_ptr<void> resident;
 
  private:
   struct Free {

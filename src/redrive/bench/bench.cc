@@ -10,6 +10,8 @@
 #include "redrive/bench/commit.h"
 #include "redrive/bench/peak.h"
 #include "redrive/bench/workload.h"
+#include "redrive/kernels/grid_stages.h"
+#include "redrive/kernels/nerf_stages.h"
 #include "redrive/render/renderer.h"
 #include "redrive/train/step.h"
 
@@ -154,14 +156,15 @@ void time_kernels(Runner& runner, kernels::Backend& backend, const SyntheticDriv
   const double field_bytes = kRayBytes / per_ray + kNumber + kRawBytes + kNumber * parameters;
   const auto field = b.model().field(0);
   runner.time("kernel/sample_stratified", samples, {kStratifiedFlops, kIntervalBytes},
-              [&] { backend.sample_stratified(b.rays.n, b.sampling(), b.t, b.dt); });
-  runner.time("kernel/nerf_forward-256", samples, {forward_flops, field_bytes},
-              [&] { backend.nerf_forward(field, b.ray_spans(), b.sample_spans(), b.raw); });
+              [&] { backend.nerf().sample_stratified(b.rays.n, b.sampling(), b.t, b.dt); });
+  runner.time("kernel/nerf_forward-256", samples, {forward_flops, field_bytes}, [&] {
+    backend.nerf().network_forward(field, b.ray_spans(), b.sample_spans(), b.raw);
+  });
   // Includes the forward pass that it does over.
   runner.time("kernel/nerf_backward-256", samples,
               {3 * forward_flops, field_bytes + kGradientBytes * parameters}, [&] {
-                backend.nerf_backward(field, b.ray_spans(), b.sample_spans(), b.d_raw, b.gradients,
-                                      {});
+                backend.nerf().network_backward(field, b.ray_spans(), b.sample_spans(), b.d_raw,
+                                                b.gradients, {});
               });
   runner.time("kernel/composite_forward", samples,
               {kCompositeFlops, kIntervalBytes + kRawBytes + kRenderedRayBytes / per_ray}, [&] {

@@ -84,7 +84,7 @@ KernelBatch::KernelBatch(kernels::Backend& backend, const SyntheticDrive& drive,
   for (const Buffer<float>* numbers :
        {&t, &dt, &raw, &d_raw, &rgb, &depth, &opacity, &d_rgb, &gradients, &state.model->parameters,
         &state.first_moment, &state.second_moment})
-    kernels::keep(backend, *numbers);
+    kernels::make_resident(backend, *numbers);
 }
 
 kernels::StratifiedSampling KernelBatch::sampling() const {
@@ -110,9 +110,9 @@ GridBatch::GridBatch(kernels::Backend& backend, const SyntheticDrive& drive)
   for (const Buffer<float>* numbers :
        {&edges, &position, &footprint, &features, &d_features, &harmonics, &raw, &d_table,
         &d_weights, &state.model->parameters})
-    kernels::keep(backend, *numbers);
+    kernels::make_resident(backend, *numbers);
   kernels::GridStages& stages = backend.grid();
-  stages.spaced(
+  stages.sample_uniform(
       rays_of(rays),
       {per_ray, model().spacing, model().contraction, true, random_key(1, kStreamSamples)}, edges);
   stages.contract(model().contraction, rays_of(rays), rays.pixel_angle, {per_ray, edges}, 0,

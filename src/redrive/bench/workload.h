@@ -6,6 +6,8 @@
 
 #include "redrive/base/buffer.h"
 #include "redrive/image/image.h"
+#include "redrive/kernels/grid_stages.h"
+#include "redrive/kernels/nerf_stages.h"
 #include "redrive/model/grid_model.h"
 #include "redrive/model/nerf_model.h"
 #include "redrive/rays/ray_table.h"

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Defaults: what is done to numbers on the host, and the fused stages as the composition of the
-// plain ones.
+// Defaults of the stages that a backend on the host leaves as they are.
 #include <algorithm>
 #include <bit>
 #include <cstdint>
@@ -28,16 +27,16 @@ void Backend::not_finite(std::span<const float> numbers, double* count) {
   *count = bad;
 }
 
-void Backend::gather(const PixelSource& from, const PixelDraw& draw, std::span<const float> errors,
-                     const GatheredRays& out) {
-  check_gather(from, draw, errors.size(), out);
-  gather_pixels(from, draw, errors, out);
+void Backend::gather_pixels(const PixelSource& from, const PixelDraw& draw,
+                            std::span<const float> errors, const GatheredRays& out) {
+  check_gather_pixels(from, draw, errors.size(), out);
+  redrive::gather_pixels(from, draw, errors, out);
 }
 
-void Backend::gather_lidar(const LidarSource& from, const LidarDraw& draw,
-                           const GatheredReturns& out) {
-  check_gather_lidar(from, out);
-  gather_returns(from, draw, out);
+void Backend::gather_returns(const LidarSource& from, const LidarDraw& draw,
+                             const GatheredReturns& out) {
+  check_gather_returns(from, out);
+  redrive::gather_returns(from, draw, out);
 }
 
 void Backend::update_error_map(std::span<const std::uint32_t> cells, std::span<const float> squares,
@@ -45,38 +44,9 @@ void Backend::update_error_map(std::span<const std::uint32_t> cells, std::span<c
   redrive::update_error_map(cells, squares, errors);
 }
 
-ImageScore Backend::score(const ImagePair& pictures) {
+ImageScore Backend::score(const ImagePair& images) {
   ThreadPool one(1);
-  return score_on_host(pictures, one);
-}
-
-std::span<float> Backend::scratch_between_stages(int which, std::size_t n) {
-  Buffer<float>& room = scratch_between_stages_[which];
-  if (room.size() < n) room = Buffer<float>(n);
-  kernels::keep(*this, room);
-  return room.span().first(n);
-}
-
-void Backend::train_rays(const NerfField& field, const Rays& rays, const Samples& samples,
-                         std::span<const float> target, const CompositeOut& out,
-                         std::span<float> gradients, const RayGradients& of_rays, double* loss) {
-  check_field(field, rays, samples);
-  const std::size_t n = sample_count(rays.n, samples);
-  const auto raw = scratch_between_stages(0, 4 * n), d_raw = scratch_between_stages(1, 4 * n),
-             d_rgb = scratch_between_stages(2, 3 * static_cast<std::size_t>(rays.n));
-  nerf_forward(field, rays, samples, raw);
-  composite_forward(rays.n, samples, raw, {}, out);
-  photometric_loss(out.rgb, target, d_rgb, loss);
-  composite_backward(rays.n, samples, raw, {}, {d_rgb, {}}, d_raw);
-  nerf_backward(field, rays, samples, d_raw, gradients, of_rays);
-}
-
-void Backend::render_rays(const NerfField& field, const Rays& rays, const Samples& samples,
-                          const CompositeOut& out) {
-  check_field(field, rays, samples);
-  const auto raw = scratch_between_stages(0, 4 * sample_count(rays.n, samples));
-  nerf_forward(field, rays, samples, raw);
-  composite_forward(rays.n, samples, raw, {}, out);
+  return score_on_host(images, one);
 }
 
 }  // namespace redrive::kernels

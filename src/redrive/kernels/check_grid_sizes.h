@@ -6,7 +6,7 @@
 #include <cmath>
 
 #include "redrive/base/error.h"
-#include "redrive/kernels/backend.h"
+#include "redrive/kernels/grid_stages.h"
 
 namespace redrive::kernels {
 

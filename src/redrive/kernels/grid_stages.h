@@ -12,11 +12,10 @@
 #include "redrive/field/contraction.h"
 #include "redrive/field/exposure.h"
 #include "redrive/field/grid_field.h"
+#include "redrive/kernels/rays.h"
 #include "redrive/volume/ray_intervals.h"
 
 namespace redrive::kernels {
-
-struct Rays;
 
 /// Intervals of each ray of a batch.
 struct Intervals {
@@ -104,26 +103,27 @@ class GridStages {
   // ---- rays
   /// Rays by how, or whose weights [n_rays, per_ray] are no numbers, ascending in the first of
   /// `live` [n_rays]; returns how many. Ray 0 where there is none: stages are for at least one.
-  virtual int live_rays(int n_rays, int per_ray, std::span<const float> weights,
-                        const RayCompaction& how, std::span<std::uint32_t> live) = 0;
+  virtual int compact_rays(int n_rays, int per_ray, std::span<const float> weights,
+                           const RayCompaction& how, std::span<std::uint32_t> live) = 0;
   /// What each of `rays` has in `from`, in their order. Rays may be there several times.
-  virtual void pick(std::span<const std::uint32_t> rays, RayLayout layout,
-                    std::span<const float> from, std::span<float> to) = 0;
+  virtual void gather_rays(std::span<const std::uint32_t> rays, RayLayout layout,
+                           std::span<const float> from, std::span<float> to) = 0;
   /// The other way, each ray once: what all others have in `to` is that of `elsewhere`, or 0 where
   /// that is empty.
-  virtual void spread(std::span<const std::uint32_t> rays, RayLayout layout,
-                      std::span<const float> from, std::span<const float> elsewhere,
-                      std::span<float> to) = 0;
+  virtual void scatter_rays(std::span<const std::uint32_t> rays, RayLayout layout,
+                            std::span<const float> from, std::span<const float> elsewhere,
+                            std::span<float> to) = 0;
 
   // ---- volume/
-  virtual void spaced(const Rays& rays, const UniformSampling& how, std::span<float> edges) = 0;
+  virtual void sample_uniform(const Rays& rays, const UniformSampling& how,
+                              std::span<float> edges) = 0;
   /// New intervals from those of `from` and their weights [n_rays, from.per_ray].
-  virtual void proposed(int n_rays, const Intervals& from, std::span<const float> weights,
-                        const PdfSampling& how, std::span<float> edges) = 0;
+  virtual void sample_pdf(int n_rays, const Intervals& from, std::span<const float> weights,
+                          const PdfSampling& how, std::span<float> edges) = 0;
 
   /// Where samples are and how long their intervals: t, dt [n_rays, per_ray].
-  virtual void middles(int n_rays, const Intervals& intervals, std::span<float> t,
-                       std::span<float> dt) = 0;
+  virtual void midpoints(int n_rays, const Intervals& intervals, std::span<float> t,
+                         std::span<float> dt) = 0;
 
   // ---- field/
   /// Middles of all intervals in the unit cube. pixel_angle [n_rays]: side of a pixel, rad. A
@@ -179,8 +179,8 @@ class GridStages {
                             std::span<const float> opacity, std::span<const float> d_rgb,
                             std::span<float> d_table, std::span<float> d_direction) = 0;
   /// rgb [3, n] times the gains of exposure [n], which are left in gains [3, n].
-  virtual void expose(const Appearance& appearance, std::span<const Exposure> exposure,
-                      std::span<float> gains, std::span<float> rgb) = 0;
+  virtual void apply_exposure(const Appearance& appearance, std::span<const Exposure> exposure,
+                              std::span<float> gains, std::span<float> rgb) = 0;
 
   // ---- volume/
   /// volume/ray_weights.h: density, weights [n_rays, per_ray].
@@ -204,18 +204,18 @@ class GridStages {
                           double* loss) = 0;
   /// optim/proposal_loss.h proposal_loss, mean over rays; writes d_proposal [n_rays,
   /// proposal.per_ray].
-  virtual void proposal(int n_rays, const Intervals& intervals, std::span<const float> weights,
-                        const Intervals& proposal, std::span<const float> proposal_weights,
-                        std::span<float> d_proposal, double* loss) = 0;
+  virtual void proposal_loss(int n_rays, const Intervals& intervals, std::span<const float> weights,
+                             const Intervals& proposal, std::span<const float> proposal_weights,
+                             std::span<float> d_proposal, double* loss) = 0;
   /// optim/range_loss.h range_loss of returns at range_m [n_rays], `factor` times its mean over
   /// rays; writes d_weights [n_rays, per_ray].
-  virtual void range(int n_rays, const Intervals& intervals, std::span<const float> weights,
-                     std::span<const float> range_m, float spread_m, float factor,
-                     std::span<float> d_weights, double* loss) = 0;
+  virtual void range_loss(int n_rays, const Intervals& intervals, std::span<const float> weights,
+                          std::span<const float> range_m, float spread_m, float factor,
+                          std::span<float> d_weights, double* loss) = 0;
   /// optim/sparsity_loss.h sparsity_loss, `factor` times its mean over rays; adds to d_density
   /// [n_rays, per_ray].
-  virtual void empty_space(int n_rays, const Intervals& intervals, std::span<const float> density,
-                           float factor, std::span<float> d_density, double* loss) = 0;
+  virtual void sparsity_loss(int n_rays, const Intervals& intervals, std::span<const float> density,
+                             float factor, std::span<float> d_density, double* loss) = 0;
 };
 
 }  // namespace redrive::kernels

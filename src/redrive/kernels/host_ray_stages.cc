@@ -23,8 +23,8 @@ void for_each_run(std::span<const std::uint32_t> rays, RayLayout layout, std::si
 
 }  // namespace
 
-int HostRayStages::live_rays(int n_rays, int per_ray, std::span<const float> weights,
-                             const RayCompaction& how, std::span<std::uint32_t> live) {
+int HostRayStages::compact_rays(int n_rays, int per_ray, std::span<const float> weights,
+                                const RayCompaction& how, std::span<std::uint32_t> live) {
   check_compact_rays(n_rays, per_ray, weights.size(), live.size());
   int count = 0;
   for (int ray = 0; ray < n_rays; ++ray)
@@ -34,8 +34,8 @@ int HostRayStages::live_rays(int n_rays, int per_ray, std::span<const float> wei
   return count;
 }
 
-void HostRayStages::pick(std::span<const std::uint32_t> rays, RayLayout layout,
-                         std::span<const float> from, std::span<float> to) {
+void HostRayStages::gather_rays(std::span<const std::uint32_t> rays, RayLayout layout,
+                                std::span<const float> from, std::span<float> to) {
   const std::size_t each = check_gather_rays(rays.size(), to.size(), from.size());
   for_each_run(rays, layout, each, from.size(),
                [&](std::size_t here, std::size_t there, std::size_t numbers) {
@@ -43,9 +43,9 @@ void HostRayStages::pick(std::span<const std::uint32_t> rays, RayLayout layout,
                });
 }
 
-void HostRayStages::spread(std::span<const std::uint32_t> rays, RayLayout layout,
-                           std::span<const float> from, std::span<const float> elsewhere,
-                           std::span<float> to) {
+void HostRayStages::scatter_rays(std::span<const std::uint32_t> rays, RayLayout layout,
+                                 std::span<const float> from, std::span<const float> elsewhere,
+                                 std::span<float> to) {
   const std::size_t each =
       check_scatter_rays(rays.size(), from.size(), elsewhere.size(), to.size());
   if (elsewhere.empty())
@@ -58,8 +58,8 @@ void HostRayStages::spread(std::span<const std::uint32_t> rays, RayLayout layout
                });
 }
 
-void HostRayStages::middles(int n_rays, const Intervals& intervals, std::span<float> t,
-                            std::span<float> dt) {
+void HostRayStages::midpoints(int n_rays, const Intervals& intervals, std::span<float> t,
+                              std::span<float> dt) {
   check_midpoints(n_rays, intervals, t.size(), dt.size());
   for (int ray = 0; ray < n_rays; ++ray) midpoints_of_ray(intervals, ray, t, dt);
 }
@@ -108,8 +108,8 @@ void HostRayStages::sky_backward(const HashGrid& grid, const Rays& rays,
     d_direction[at] += sky_coordinate_adjoint(d_position[at]);
 }
 
-void HostRayStages::expose(const Appearance& appearance, std::span<const Exposure> exposure,
-                           std::span<float> gains, std::span<float> rgb) {
+void HostRayStages::apply_exposure(const Appearance& appearance, std::span<const Exposure> exposure,
+                                   std::span<float> gains, std::span<float> rgb) {
   check_apply_exposure(appearance, exposure.size(), gains.size(), rgb.size());
   for (std::size_t ray = 0; ray < exposure.size(); ++ray)
     apply_exposure_to_ray(appearance, exposure, ray, gains, rgb);

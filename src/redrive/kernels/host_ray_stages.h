@@ -10,14 +10,15 @@ namespace redrive::kernels {
 
 class HostRayStages : public GridStages {
  public:
-  int live_rays(int n_rays, int per_ray, std::span<const float> weights, const RayCompaction& how,
-                std::span<std::uint32_t> live) override;
-  void pick(std::span<const std::uint32_t> rays, RayLayout layout, std::span<const float> from,
-            std::span<float> to) override;
-  void spread(std::span<const std::uint32_t> rays, RayLayout layout, std::span<const float> from,
-              std::span<const float> elsewhere, std::span<float> to) override;
-  void middles(int n_rays, const Intervals& intervals, std::span<float> t,
-               std::span<float> dt) override;
+  int compact_rays(int n_rays, int per_ray, std::span<const float> weights,
+                   const RayCompaction& how, std::span<std::uint32_t> live) override;
+  void gather_rays(std::span<const std::uint32_t> rays, RayLayout layout,
+                   std::span<const float> from, std::span<float> to) override;
+  void scatter_rays(std::span<const std::uint32_t> rays, RayLayout layout,
+                    std::span<const float> from, std::span<const float> elsewhere,
+                    std::span<float> to) override;
+  void midpoints(int n_rays, const Intervals& intervals, std::span<float> t,
+                 std::span<float> dt) override;
   void harmonics(const Rays& rays, std::span<float> harmonics) override;
   void sky(const HashGrid& grid, const Rays& rays, std::span<const float> pixel_angle,
            std::span<float> colour) override;
@@ -25,8 +26,8 @@ class HostRayStages : public GridStages {
                     std::span<const float> colour, std::span<const float> opacity,
                     std::span<const float> d_rgb, std::span<float> d_table,
                     std::span<float> d_direction) override;
-  void expose(const Appearance& appearance, std::span<const Exposure> exposure,
-              std::span<float> gains, std::span<float> rgb) override;
+  void apply_exposure(const Appearance& appearance, std::span<const Exposure> exposure,
+                      std::span<float> gains, std::span<float> rgb) override;
   void median_depth(int n_rays, const Intervals& intervals, std::span<const float> weights,
                     std::span<const float> opacity, std::span<float> depth) override;
   void huber_loss(const ColourLossInput& colours, std::span<float> d_rgb, std::span<float> squares,

@@ -10,6 +10,8 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/rng.h"
+#include "redrive/kernels/grid_stages.h"
+#include "redrive/kernels/nerf_stages.h"
 
 namespace redrive::kernels {
 namespace {
@@ -99,13 +101,13 @@ class SelfTest {
   void memory() {
     compare("memory", 0, [](Backend& backend) -> std::vector<Numbers> {
       Buffer<float> kept(1000);
-      keep(backend, kept);
+      make_resident(backend, kept);
       backend.fill(kept.span().first(600), 2);
       kept[700] = 3;
-      backend.put(kept.span().subspan(700, 1));
+      backend.upload(kept.span().subspan(700, 1));
       double mean = 0;
       backend.mean(kept, &mean);
-      backend.fetch(kept);
+      backend.download(kept);
       return {Numbers(kept.data(), kept.data() + kept.size()), {static_cast<float>(mean)}};
     });
   }
@@ -113,14 +115,14 @@ class SelfTest {
   void rays() {
     compare("sample_stratified", kFp32, [](Backend& backend) -> std::vector<Numbers> {
       Numbers t(kSamples), dt(kSamples);
-      backend.sample_stratified(kRays, {kPerRay, 1, 5, true, 9}, t, dt);
+      backend.nerf().sample_stratified(kRays, {kPerRay, 1, 5, true, 9}, t, dt);
       return {t};
     });
     compare("live_rays", 0, [this](Backend& backend) -> std::vector<Numbers> {
       std::vector<std::uint32_t> live(kRays);
       Numbers list(kRays, -1);
       const auto weights = std::span(given_.raw).first(kSamples);  // about ten a ray
-      std::copy_n(live.begin(), backend.grid().live_rays(kRays, kPerRay, weights, {10}, live),
+      std::copy_n(live.begin(), backend.grid().compact_rays(kRays, kPerRay, weights, {10}, live),
                   list.begin());
       return {list};
     });
@@ -187,14 +189,14 @@ class SelfTest {
     compare("nerf network, forward", after_products(10),
             [&](Backend& backend) -> std::vector<Numbers> {
               Numbers raw(4 * kSamples);
-              backend.nerf_forward(field, given_.rays(), given_.samples(), raw);
+              backend.nerf().network_forward(field, given_.rays(), given_.samples(), raw);
               return {raw};
             });
     compare("nerf network, backward", behind_relus(9),
             [&](Backend& backend) -> std::vector<Numbers> {
               Numbers gradients(parameters.size());
-              backend.nerf_backward(field, given_.rays(), given_.samples(), given_.d_raw, gradients,
-                                    {});
+              backend.nerf().network_backward(field, given_.rays(), given_.samples(), given_.d_raw,
+                                              gradients, {});
               return {gradients};
             });
   }

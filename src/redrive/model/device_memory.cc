@@ -25,8 +25,8 @@ RayBatch make_counting_batch(int n, bool refines) {
 class Unkept {
  public:
   explicit Unkept(const Buffer<float>& numbers)
-      : numbers_(numbers), kept_(std::exchange(numbers.elsewhere, nullptr)) {}
-  ~Unkept() { numbers_.elsewhere = std::move(kept_); }
+      : numbers_(numbers), kept_(std::exchange(numbers.resident, nullptr)) {}
+  ~Unkept() { numbers_.resident = std::move(kept_); }
   Unkept(const Unkept&) = delete;
   Unkept& operator=(const Unkept&) = delete;
 
@@ -46,8 +46,8 @@ std::optional<std::uint64_t> count_device_bytes(const kernels::Backend& backend,
   Buffer<float> gradients(work.step_rays > 0 ? model.size() : 0);
   std::shared_ptr<void> moments[2];
   if (work.trains) {
-    kernels::keep(*counting, gradients);
-    for (auto& moment : moments) moment = counting->keep(gradients.span());
+    kernels::make_resident(*counting, gradients);
+    for (auto& moment : moments) moment = counting->make_resident(gradients.span());
   }
   Workspace workspace;
   // Which places of the workspace a batch takes, depends on whether some of its rays are empty;

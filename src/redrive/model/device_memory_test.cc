@@ -34,8 +34,8 @@ std::size_t taken(const Model& model, const DeviceWork& work, bool tensor_cores)
   Buffer<float> gradients(model.size());
   std::shared_ptr<void> moments[2];
   if (work.trains) {
-    kernels::keep(*backend, gradients);
-    for (auto& moment : moments) moment = backend->keep(gradients.span());
+    kernels::make_resident(*backend, gradients);
+    for (auto& moment : moments) moment = backend->make_resident(gradients.span());
   }
   for (int again = 0; again < 2; ++again) {
     if (work.step_rays > 0)
@@ -58,7 +58,7 @@ std::size_t taken(const Model& model, const DeviceWork& work, bool tensor_cores)
                       std::vector<std::uint8_t>(3 * n), std::vector<std::uint8_t>(n, 1)});
     }
   }
-  model.parameters.elsewhere = nullptr;
+  model.parameters.resident = nullptr;
   return copies.peak_bytes;
 }
 
@@ -80,7 +80,7 @@ void expect_what_is_taken(const Model& model) {
       ASSERT_TRUE(bytes);
       EXPECT_GE(*bytes, real) << "batches are counted at their worst";
       EXPECT_LE(*bytes, 2 * real) << "blocks that were too small are there beside the next one";
-      EXPECT_EQ(model.parameters.elsewhere, nullptr);
+      EXPECT_EQ(model.parameters.resident, nullptr);
     }
 }
 
@@ -103,11 +103,11 @@ TEST(DeviceMemory, WhatIsKeptStaysKeptAndAsItWas) {
   GridModel model;
   make_tiny(model);
   const auto backend = kernels::make_loop_backend();
-  kernels::keep(*backend, model.parameters);
-  const void* const kept = model.parameters.elsewhere.get();
+  kernels::make_resident(*backend, model.parameters);
+  const void* const kept = model.parameters.resident.get();
   const float first = model.parameters[0];
   EXPECT_TRUE(count_device_bytes(*backend, model, {.step_rays = 10, .tile_rays = 10}));
-  EXPECT_EQ(model.parameters.elsewhere.get(), kept);
+  EXPECT_EQ(model.parameters.resident.get(), kept);
   EXPECT_EQ(model.parameters[0], first);
 }
 

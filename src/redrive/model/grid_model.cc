@@ -108,7 +108,7 @@ struct GridModel::Pass {
                                  std::span<const float> from, Workspace* workspace) const {
     if (live_rays.empty()) return from;
     const auto out = workspace->take(live_rays.size() * each);
-    stages.pick(live_rays, layout, from, out);
+    stages.gather_rays(live_rays, layout, from, out);
     return out;
   }
   /// Room for the numbers of live rays that to_all() brings to `all`.
@@ -117,7 +117,7 @@ struct GridModel::Pass {
   }
   void to_all(kernels::GridStages& stages, kernels::RayLayout layout, std::span<const float> from,
               std::span<const float> elsewhere, std::span<float> all) const {
-    if (!live_rays.empty()) stages.spread(live_rays, layout, from, elsewhere, all);
+    if (!live_rays.empty()) stages.scatter_rays(live_rays, layout, from, elsewhere, all);
   }
 };
 
@@ -150,7 +150,7 @@ void GridModel::evaluate_sky(kernels::Backend& backend, const RayBatch& batch, P
 
 GridModel::Pass GridModel::propose(kernels::Backend& backend, const RayBatch& batch,
                                    const Chance* chance, Workspace* workspace) const {
-  kernels::keep(backend, parameters);
+  kernels::make_resident(backend, parameters);
   kernels::GridStages& stages = backend.grid();
   const bool jitter = chance != nullptr;
   const auto key = [&](int round) { return chance ? chance->of_round[round] : 0; };
@@ -159,8 +159,8 @@ GridModel::Pass GridModel::propose(kernels::Backend& backend, const RayBatch& ba
   };
   const auto draw = [&](int n, const Round& from, int per_ray, int round) {
     const auto edges = edges_for(n, per_ray);
-    stages.proposed(n, from.intervals, from.weights,
-                    {per_ray, histogram_padding, jitter, key(round)}, edges);
+    stages.sample_pdf(n, from.intervals, from.weights,
+                      {per_ray, histogram_padding, jitter, key(round)}, edges);
     return edges;
   };
   const auto look = [&](const Beams& beams, int per_ray, std::span<const float> edges) {
@@ -178,14 +178,14 @@ GridModel::Pass GridModel::propose(kernels::Backend& backend, const RayBatch& ba
   const RayBatch middles = grouped ? middles_of_groups(batch) : RayBatch();
   const Beams first = grouped ? Beams(middles, workspace) : pass.all;
   const auto spaced = edges_for(first.rays.n, coarse);
-  stages.spaced(first.rays, {coarse, spacing, contraction, jitter, key(0)}, spaced);
+  stages.sample_uniform(first.rays, {coarse, spacing, contraction, jitter, key(0)}, spaced);
   pass.proposal[0] = look(first, coarse, spaced);
   auto edges = draw(first.rays.n, pass.proposal[0], fine, 1);
   if (grouped) {
     const std::vector<std::uint32_t> group = groups_of_rays(batch.group);
     const auto of_groups = edges;
     edges = edges_for(batch.n, fine);
-    stages.pick(workspace->put(group), kernels::RayLayout::kRows, of_groups, edges);
+    stages.gather_rays(workspace->put(group), kernels::RayLayout::kRows, of_groups, edges);
   }
   pass.proposal[1] = look(pass.all, fine, edges);
   pass.intervals = {samples, draw(batch.n, pass.proposal[1], samples, 2)};
@@ -201,7 +201,7 @@ void GridModel::find_live(kernels::Backend& backend, const Chance* chance, Pass*
   kernels::RayCompaction how{kEmptyOpacity};
   if (chance) how = {kEmptyOpacity, kEmptyRaysKept, chance->of_empty};
   const auto list = workspace->take<std::uint32_t>(all.rays.n);
-  const int n = stages.live_rays(all.rays.n, round.intervals.per_ray, round.weights, how, list);
+  const int n = stages.compact_rays(all.rays.n, round.intervals.per_ray, round.weights, how, list);
   if (n < all.rays.n) pass->live_rays = list.first(n);
   const auto of_live = [&](RayLayout layout, int each, std::span<const float> from) {
     return pass->of_live(stages, layout, each, from, workspace);
@@ -238,7 +238,7 @@ GridModel::Pass GridModel::forward(kernels::Backend& backend, const RayBatch& ba
   const int live = pass.live.rays.n;
   const std::size_t count = static_cast<std::size_t>(live) * samples;
   const auto t = workspace->take(count), dt = workspace->take(count);
-  stages.middles(live, pass.field.intervals, t, dt);
+  stages.midpoints(live, pass.field.intervals, t, dt);
   pass.samples = {samples, t, dt};
   const kernels::CompositeOut seen = {pass.room_of_live(out.rgb, 3, workspace),
                                       pass.room_of_live(out.depth, 1, workspace),
@@ -252,7 +252,7 @@ GridModel::Pass GridModel::forward(kernels::Backend& backend, const RayBatch& ba
   if (appearance.size() > 0 && !batch.exposure.empty()) {
     pass.exposure = workspace->put(batch.exposure);
     const auto gains = workspace->take(out.rgb.size());
-    stages.expose({appearance, part(kAppearance)}, pass.exposure, gains, out.rgb);
+    stages.apply_exposure({appearance, part(kAppearance)}, pass.exposure, gains, out.rgb);
     pass.gains = gains;
   }
   return pass;
@@ -315,8 +315,8 @@ StepOutput GridModel::gradients(kernels::Backend& backend, const RayBatch& batch
     const std::size_t points = pass.field.points.n;
     const float part =
         empty_space * static_cast<float>(losses.active_rays) / static_cast<float>(rays);
-    stages.empty_space(losses.active_rays, pass.field.intervals, pass.raw.last(points), part,
-                       d_raw.last(points), &sums.empty_space);
+    stages.sparsity_loss(losses.active_rays, pass.field.intervals, pass.raw.last(points), part,
+                         d_raw.last(points), &sums.empty_space);
   }
   backward_field(backend, pass, d_raw, gradients, d_field, workspace);
   if (batch.refines) backward_rays(backend, pass, d_field, d_origin, d_direction, workspace);
@@ -347,8 +347,8 @@ void GridModel::range_gradients(kernels::Backend& backend, const RayBatch& batch
   stages.weights(batch.n, pass.intervals, density, weights);
   const float spread_m = std::max(
       kLastSpread_m, kFirstSpread_m * std::exp2(-static_cast<float>(step) / kSpreadHalvesIn));
-  stages.range(batch.n, pass.intervals, weights, workspace->put(batch.range_m), spread_m,
-               kRangeWeight, d_weights, &workspace->sums().range);
+  stages.range_loss(batch.n, pass.intervals, weights, workspace->put(batch.range_m), spread_m,
+                    kRangeWeight, d_weights, &workspace->sums().range);
   backend.fill(d_raw.first(3 * count), 0);  // nobody asks for the colour
   stages.weights_backward(batch.n, pass.intervals, density, weights, d_weights,
                           d_raw.subspan(3 * count));
@@ -397,9 +397,9 @@ void GridModel::backward_proposals(kernels::Backend& backend, const Pass& pass,
     const kernels::Intervals intervals = of_taught(round.intervals);
     const auto density = round.density.first(count), found = round.weights.first(count),
                d_found = workspace->take(count), d_density = workspace->take(count);
-    stages.proposal(taught, of_taught(pass.intervals),
-                    weights.first(static_cast<std::size_t>(taught) * samples), intervals, found,
-                    d_found, &losses[i]);
+    stages.proposal_loss(taught, of_taught(pass.intervals),
+                         weights.first(static_cast<std::size_t>(taught) * samples), intervals,
+                         found, d_found, &losses[i]);
     stages.weights_backward(taught, intervals, density, found, d_found, d_density);
     stages.proposal_density_backward(grid(kProposalGrid), round.points.first(count), density,
                                      d_density, part_of(gradients, kProposalGrid));

@@ -10,6 +10,7 @@
 #include "redrive/field/appearance.h"
 #include "redrive/field/contraction.h"
 #include "redrive/field/grid_field.h"
+#include "redrive/kernels/grid_stages.h"
 #include "redrive/model/model.h"
 #include "redrive/volume/ray_intervals.h"
 

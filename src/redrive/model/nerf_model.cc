@@ -75,7 +75,7 @@ void NerfModel::initialize(std::uint64_t seed) {
 StepOutput NerfModel::gradients(kernels::Backend& backend, const RayBatch& batch,
                                 std::uint64_t seed, std::int64_t step, std::span<float> gradients,
                                 Workspace* workspace) const {
-  kernels::keep(backend, parameters);
+  kernels::make_resident(backend, parameters);
   const std::size_t n = batch.n, coarse = n * samples, fine = n * (samples + fine_samples);
   workspace->begin(backend);
   const kernels::Rays rays = upload_rays(batch, workspace);
@@ -90,8 +90,8 @@ StepOutput NerfModel::gradients(kernels::Backend& backend, const RayBatch& batch
   const auto key = [&](std::uint64_t stream, int each) {
     return advance_key(random_key(seed, stream, step), batch.first_ray * each);
   };
-  backend.sample_stratified(batch.n, {samples, near_m, far_m, true, key(kStreamSamples, samples)},
-                            t, dt);
+  backend.nerf().sample_stratified(
+      batch.n, {samples, near_m, far_m, true, key(kStreamSamples, samples)}, t, dt);
   const kernels::Samples coarse_samples{samples, t, dt};
   StepOutput losses;
   const std::size_t refined = batch.refines ? 3 * n : 0;
@@ -100,19 +100,19 @@ StepOutput NerfModel::gradients(kernels::Backend& backend, const RayBatch& batch
   backend.fill(of_rays.d_origin, 0);
   backend.fill(of_rays.d_direction, 0);
   LossTerms& sums = workspace->sums();
-  backend.train_rays(field(0), rays, coarse_samples, target,
-                     {workspace->take(3 * n), depth, opacity, weights},
-                     gradients.first(nerf_parameter_count(config)), of_rays,
-                     fine_samples > 0 ? &sums.coarse : &sums.rgb_mse);
+  backend.nerf().train_rays(field(0), rays, coarse_samples, target,
+                            {workspace->take(3 * n), depth, opacity, weights},
+                            gradients.first(nerf_parameter_count(config)), of_rays,
+                            fine_samples > 0 ? &sums.coarse : &sums.rgb_mse);
 
   // Section 5.2: further samples where the coarse network found matter, seen by the fine network.
   if (fine_samples > 0) {
     const auto fine_t = workspace->take(fine), fine_dt = workspace->take(fine);
-    backend.sample_hierarchical(coarse_samples, weights, fine_samples, true,
-                                key(kStreamFineSamples, fine_samples), fine_t, fine_dt);
-    backend.train_rays(field(1), rays, {samples + fine_samples, fine_t, fine_dt}, target,
-                       {workspace->take(3 * n), depth, opacity, {}},
-                       gradients.last(nerf_parameter_count(config)), of_rays, &sums.rgb_mse);
+    backend.nerf().sample_hierarchical(coarse_samples, weights, fine_samples, true,
+                                       key(kStreamFineSamples, fine_samples), fine_t, fine_dt);
+    backend.nerf().train_rays(field(1), rays, {samples + fine_samples, fine_t, fine_dt}, target,
+                              {workspace->take(3 * n), depth, opacity, {}},
+                              gradients.last(nerf_parameter_count(config)), of_rays, &sums.rgb_mse);
   }
   backend.mean(opacity, &sums.opacity);
   losses.d_origin.resize(refined);
@@ -127,7 +127,7 @@ StepOutput NerfModel::gradients(kernels::Backend& backend, const RayBatch& batch
 /// colours count.
 void NerfModel::render(kernels::Backend& backend, const RayBatch& batch,
                        const kernels::CompositeOut& out, Workspace* workspace) const {
-  kernels::keep(backend, parameters);
+  kernels::make_resident(backend, parameters);
   const std::size_t n = batch.n, coarse_size = n * samples,
                     fine_size = n * (samples + fine_samples);
   workspace->begin(backend);
@@ -135,15 +135,16 @@ void NerfModel::render(kernels::Backend& backend, const RayBatch& batch,
   const auto rgb = workspace->take(3 * n), depth = workspace->take(n), opacity = workspace->take(n),
              t = workspace->take(coarse_size), dt = workspace->take(coarse_size),
              weights = workspace->take(fine_samples > 0 ? coarse_size : 0);
-  backend.sample_stratified(batch.n, {samples, near_m, far_m, /*jitter=*/false, /*key=*/0}, t, dt);
+  backend.nerf().sample_stratified(batch.n, {samples, near_m, far_m, /*jitter=*/false, /*key=*/0},
+                                   t, dt);
   const kernels::Samples coarse{samples, t, dt};
-  backend.render_rays(field(0), rays, coarse, {rgb, depth, opacity, weights});
+  backend.nerf().render_rays(field(0), rays, coarse, {rgb, depth, opacity, weights});
   if (fine_samples > 0) {
     const auto fine_t = workspace->take(fine_size), fine_dt = workspace->take(fine_size);
-    backend.sample_hierarchical(coarse, weights, fine_samples, /*jitter=*/false, /*key=*/0, fine_t,
-                                fine_dt);
-    backend.render_rays(field(1), rays, {samples + fine_samples, fine_t, fine_dt},
-                        {rgb, depth, opacity, {}});
+    backend.nerf().sample_hierarchical(coarse, weights, fine_samples, /*jitter=*/false, /*key=*/0,
+                                       fine_t, fine_dt);
+    backend.nerf().render_rays(field(1), rays, {samples + fine_samples, fine_t, fine_dt},
+                               {rgb, depth, opacity, {}});
   }
   workspace->get(rgb, out.rgb);
   workspace->get(depth, out.depth);

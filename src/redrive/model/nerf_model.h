@@ -5,6 +5,7 @@
 
 #include "redrive/field/nerf_field.h"
 #include "redrive/field/unit_from_world.h"
+#include "redrive/kernels/nerf_stages.h"
 #include "redrive/model/model.h"
 
 namespace redrive {

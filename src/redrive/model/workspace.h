@@ -52,11 +52,11 @@ class Workspace {
   /// Beside them, too, for stages to leave their numbers in: the host has these once it has fetched
   /// all, so that it waits but once.
   LossTerms& sums() {
-    kernels::keep(*backend_, sums_);
+    kernels::make_resident(*backend_, sums_);
     return sums_[0];
   }
   const LossTerms& fetch_sums() {
-    backend_->fetch(kernels::as_floats(std::as_const(sums_).span()));
+    backend_->download(kernels::as_floats(std::as_const(sums_).span()));
     return sums_[0];
   }
 
@@ -65,11 +65,11 @@ class Workspace {
   /// begin(), and as long as `numbers` are.
   template <class T>
   std::span<const T> put(std::span<const T> numbers) {
-    if (backend_->keeps(kernels::as_floats(numbers))) return numbers;
+    if (backend_->is_resident(kernels::as_floats(numbers))) return numbers;
     Buffer<float>& place = next<T>(numbers.size());
-    if (!place.elsewhere || numbers.empty()) return numbers;
+    if (!place.resident || numbers.empty()) return numbers;
     std::memcpy(place.data(), numbers.data(), numbers.size_bytes());
-    backend_->put(place.span().first(floats<T>(numbers.size())));
+    backend_->upload(place.span().first(floats<T>(numbers.size())));
     return {reinterpret_cast<const T*>(place.data()), numbers.size()};
   }
   template <class T>
@@ -78,7 +78,7 @@ class Workspace {
   }
   /// The other way: what stages wrote, for the host.
   void get(std::span<const float> numbers, std::span<float> out) const {
-    backend_->fetch(numbers);
+    backend_->download(numbers);
     std::ranges::copy(numbers, out.begin());
   }
 
@@ -95,7 +95,7 @@ class Workspace {
   }
   Buffer<float>& room_in(Buffer<float>* place, std::size_t n) {
     if (place->size() < n) *place = Buffer<float>(n);
-    kernels::keep(*backend_, *place);
+    kernels::make_resident(*backend_, *place);
     return *place;
   }
 

@@ -8,19 +8,22 @@
 #include <gtest/gtest.h>
 
 #include "redrive/kernels/backend.h"
+#include "redrive/kernels/nerf_stages.h"
 
 namespace redrive {
 
 /// render_rays gives rgb = paint(origin, direction) [world], depth = `range` of the same, else 2 m,
 /// opacity 1. Training stages fail the test.
-class PaintBackend : public kernels::Backend {
+class PaintBackend : public kernels::Backend, public kernels::NerfStages {
  public:
   using Paint = std::function<std::array<float, 3>(const std::array<float, 3>& origin,
                                                    const std::array<float, 3>& direction)>;
   using Range = std::function<float(const std::array<float, 3>& origin,
                                     const std::array<float, 3>& direction)>;
   explicit PaintBackend(Paint paint, Range range = {})
-      : paint_(std::move(paint)), range_(std::move(range)) {}
+      : NerfStages(static_cast<kernels::Backend&>(*this)),
+        paint_(std::move(paint)),
+        range_(std::move(range)) {}
 
   std::string name() const override { return "paint"; }
   std::optional<Isa> isa() const override { return std::nullopt; }
@@ -44,13 +47,13 @@ class PaintBackend : public kernels::Backend {
     }
   }
 
-  void nerf_forward(const kernels::NerfField&, const kernels::Rays&, const kernels::Samples&,
-                    std::span<float>) override {
+  void network_forward(const kernels::NerfField&, const kernels::Rays&, const kernels::Samples&,
+                       std::span<float>) override {
     unexpected();
   }
-  void nerf_backward(const kernels::NerfField&, const kernels::Rays&, const kernels::Samples&,
-                     std::span<const float>, std::span<float>,
-                     const kernels::RayGradients&) override {
+  void network_backward(const kernels::NerfField&, const kernels::Rays&, const kernels::Samples&,
+                        std::span<const float>, std::span<float>,
+                        const kernels::RayGradients&) override {
     unexpected();
   }
   void composite_forward(int, const kernels::Samples&, std::span<const float>,
@@ -62,6 +65,7 @@ class PaintBackend : public kernels::Backend {
                           std::span<float>) override {
     unexpected();
   }
+  kernels::NerfStages& nerf() override { return *this; }
   kernels::GridStages& grid() override { throw std::logic_error("no test paints a grid field"); }
   void photometric_loss(std::span<const float>, std::span<const float>, std::span<float>,
                         double*) override {

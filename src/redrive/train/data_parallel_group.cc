@@ -46,8 +46,8 @@ StepResult DataParallelGroup::step(const std::function<void(Rank&)>& gather, dou
     member.result =
         step_gradients(member.backend, member.batch, *member.state, &member.buffers, &member.lidar);
     if (!several || member.batch.cell.empty()) return;
-    kernels::fetch(member.backend, member.batch.cell);
-    member.backend.fetch(member.result.squares);
+    kernels::download(member.backend, member.batch.cell);
+    member.backend.download(member.result.squares);
   });
 
   StepResult all;

@@ -27,13 +27,13 @@ class HostMean final : public kernels::AllReduce {
   explicit HostMean(const std::vector<kernels::Backend*>& backends) : backends_(backends) {}
   void mean(std::span<const std::span<float>> parts) override {
     ASSERT_EQ(parts.size(), backends_.size());
-    for (std::size_t r = 0; r < parts.size(); ++r) backends_[r]->fetch(parts[r]);
+    for (std::size_t r = 0; r < parts.size(); ++r) backends_[r]->download(parts[r]);
     for (std::size_t i = 0; i < parts[0].size(); ++i) {
       float sum = 0;
       for (const std::span<float> part : parts) sum += part[i];
       for (const std::span<float> part : parts) part[i] = sum / static_cast<float>(parts.size());
     }
-    for (std::size_t r = 0; r < parts.size(); ++r) backends_[r]->put(parts[r]);
+    for (std::size_t r = 0; r < parts.size(); ++r) backends_[r]->upload(parts[r]);
   }
 
  private:
@@ -104,7 +104,7 @@ void fetch_state(kernels::Backend& backend, const TrainState& state) {
   const Buffer<float>& parameters = state.model->parameters;
   for (const Buffer<float>* numbers :
        {&parameters, &state.first_moment, &state.second_moment, &state.cell_errors})
-    backend.fetch(*numbers);
+    backend.download(*numbers);
 }
 
 /// A few LiDAR rays, others for each member.
@@ -215,7 +215,7 @@ TEST_F(TeamTest, StaysOneFieldAndTakesInAllRays) {
       Rank member{*loops.all[rank], {rank, kMembers}, &state};
       gather(member);
       step_gradients(member.backend, member.batch, state, &member.buffers, &member.lidar);
-      member.backend.fetch(member.buffers.gradients);
+      member.backend.download(member.buffers.gradients);
       for (std::size_t i = 0; i < gradient.size(); ++i)
         gradient[i] += member.buffers.gradients[i] / kMembers;
     }
@@ -272,9 +272,9 @@ TEST_F(TeamTest, WhatIsNotFiniteForOneIsAppliedByNone) {
         [&](Rank& member) {
           gather(member);
           if (member.share.rank != bad) return;
-          kernels::fetch(member.backend, member.batch.target);
+          kernels::download(member.backend, member.batch.target);
           member.batch.target[5] = std::numeric_limits<float>::quiet_NaN();
-          member.backend.put(kernels::as_floats(std::span<const float>(member.batch.target)));
+          member.backend.upload(kernels::as_floats(std::span<const float>(member.batch.target)));
         },
         1e-2);
     EXPECT_FALSE(result.finite);
@@ -405,14 +405,14 @@ TEST(NcclAllReduce, OnGpusIsTheMean) {
     backends.push_back(kernels::make_cuda_backend(1, true, gpu));
     numbers.emplace_back(1000);
     for (std::size_t i = 0; i < 1000; ++i) numbers.back()[i] = static_cast<float>(i + 2 * gpu);
-    kernels::keep(*backends.back(), numbers.back());
+    kernels::make_resident(*backends.back(), numbers.back());
   }
   const auto reduction = kernels::make_nccl_all_reduce(backends);
   const std::vector<std::span<float>> parts(numbers.begin(), numbers.end());
   reduction->mean(parts);
   const auto gpus = static_cast<float>(backends.size());
   for (std::size_t r = 0; r < parts.size(); ++r) {
-    backends[r]->fetch(parts[r]);
+    backends[r]->download(parts[r]);
     for (std::size_t i = 0; i < 1000; ++i)
       ASSERT_NEAR(parts[r][i], static_cast<float>(i) + gpus - 1, 1e-3) << r;
     EXPECT_TRUE(bit_equal(parts[r], parts[0]));

@@ -61,7 +61,7 @@ void expect_that_keeping_changes_nothing(const std::function<TrainState()>& fres
   EXPECT_TRUE(std::isnan(kept.first_moment[0])) << "on the host before it was fetched";
   for (const Buffer<float>* numbers :
        {&kept.model->parameters, &kept.first_moment, &kept.second_moment})
-    keeping->fetch(*numbers);
+    keeping->download(*numbers);
   EXPECT_TRUE(same_weights(kept, copied));
   EXPECT_FALSE(same_weights(kept, fresh()));
 }
@@ -331,7 +331,7 @@ TEST_F(TrainingOnADevice, CopiesPosesThereOnceTheyHaveMoved) {
   Gathered of(folder_.path);
   of.gather(16);
   const auto origins = [&] {
-    kernels::fetch(*of.backend, of.lidar.origin);
+    kernels::download(*of.backend, of.lidar.origin);
     return of.lidar.origin;
   };
   const std::vector<float> before = origins();
@@ -354,11 +354,11 @@ TEST_F(TrainingOnADevice, GathersBatchesOfAllSizes) {
     ASSERT_EQ(of.batch.n, even + 8);
     for (const auto numbers :
          {&RayBatch::origin, &RayBatch::direction, &RayBatch::target, &RayBatch::pixel_angle}) {
-      kernels::fetch(*of.backend, of.batch.*numbers);
+      kernels::download(*of.backend, of.batch.*numbers);
       EXPECT_EQ(of.batch.*numbers, expected.*numbers) << even;
     }
     for (const auto numbers : {&RayBatch::view, &RayBatch::cell}) {
-      kernels::fetch(*of.backend, of.batch.*numbers);
+      kernels::download(*of.backend, of.batch.*numbers);
       EXPECT_EQ(of.batch.*numbers, expected.*numbers) << even;
     }
   }

@@ -29,7 +29,7 @@ void DeviceBatch::keep(kernels::Backend& backend, RayBatch* batch) {
     kept.there.reset();
     numbers.resize(numbers.capacity());
     kept = {numbers.data(), numbers.size(),
-            backend.keep(kernels::as_floats(std::span<const T>(numbers)))};
+            backend.make_resident(kernels::as_floats(std::span<const T>(numbers)))};
     numbers.resize(size);
   };
   for (auto* const floats : {&batch->origin, &batch->direction, &batch->target, &batch->background,
@@ -56,8 +56,8 @@ void gather_batch(kernels::Backend& backend, const PixelSampler& sampler, int ev
   const GatheredRays room = sampler.resize_batch(draw, batch);
   batch->first_ray = first + rank * static_cast<std::uint64_t>(error_map_rays);
   buffers->batch.keep(backend, batch);
-  kernels::keep(backend, state->cell_errors);
-  backend.gather(buffers->pictures, draw, state->cell_errors, room);
+  kernels::make_resident(backend, state->cell_errors);
+  backend.gather_pixels(buffers->pictures, draw, state->cell_errors, room);
 }
 
 void gather_lidar(kernels::Backend& backend, const LidarSampler& sampler, std::int64_t step, int n,
@@ -65,7 +65,7 @@ void gather_lidar(kernels::Backend& backend, const LidarSampler& sampler, std::i
   see(sampler.source(), &buffers->returns);
   const GatheredReturns room = sampler.resize_batch(n, batch);
   buffers->lidar.keep(backend, batch);
-  backend.gather_lidar(buffers->returns, sampler.draw(step, n), room);
+  backend.gather_returns(buffers->returns, sampler.draw(step, n), room);
 }
 
 StepResult step_gradients(kernels::Backend& backend, const RayBatch& batch, const TrainState& state,
@@ -74,9 +74,9 @@ StepResult step_gradients(kernels::Backend& backend, const RayBatch& batch, cons
   if (buffers->gradients.size() != model.size())
     buffers->gradients = Buffer<float>(model.size());  // zeros
   const std::span<float> gradients = buffers->gradients;
-  kernels::keep(backend, buffers->gradients);
-  kernels::keep(backend, state.first_moment);
-  kernels::keep(backend, state.second_moment);
+  kernels::make_resident(backend, buffers->gradients);
+  kernels::make_resident(backend, state.first_moment);
+  kernels::make_resident(backend, state.second_moment);
   Workspace& workspace = buffers->workspace;
   StepResult result;
   static_cast<StepOutput&>(result) =
@@ -89,8 +89,8 @@ StepResult step_gradients(kernels::Backend& backend, const RayBatch& batch, cons
   result.loss = model.loss(result);
   result.finite = std::isfinite(result.loss + result.range) && result.not_finite == 0;
   if (batch.refines) {
-    kernels::fetch(backend, batch.direction);
-    kernels::fetch(backend, batch.view);
+    kernels::download(backend, batch.direction);
+    kernels::download(backend, batch.view);
   }
   result.rays = batch.n;
   result.error_map_rays = batch.error_map_rays;

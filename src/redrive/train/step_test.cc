@@ -54,9 +54,9 @@ TEST(TrainStep, IsTheCompositionOfThePlainStages) {
   // By hand: sample, render, squared error; then Adam's first step, which moves each weight by lr g
   // / (|g| + eps).
   std::vector<float> t(16 * 8), dt(16 * 8), rgb(48), depth(16), opacity(16);
-  backend->sample_stratified(16, {8, 1, 5, true, random_key(5, kStreamSamples, 0)}, t, dt);
-  backend->render_rays(nerf(before).field(0), {16, batch.origin, batch.direction}, {8, t, dt},
-                       {rgb, depth, opacity, {}});
+  backend->nerf().sample_stratified(16, {8, 1, 5, true, random_key(5, kStreamSamples, 0)}, t, dt);
+  backend->nerf().render_rays(nerf(before).field(0), {16, batch.origin, batch.direction},
+                              {8, t, dt}, {rgb, depth, opacity, {}});
   double loss = 0, mean_opacity = 0;
   for (int i = 0; i < 48; ++i) loss += std::pow(double(rgb[i]) - batch.target[i], 2) / 48;
   for (const float value : opacity) mean_opacity += value / 16.0;

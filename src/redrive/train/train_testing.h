@@ -12,6 +12,8 @@
 
 #include <gtest/gtest.h>
 
+#include "redrive/kernels/grid_stages.h"
+#include "redrive/kernels/nerf_stages.h"
 #include "redrive/model/grid_model.h"
 #include "redrive/model/nerf_model.h"
 #include "redrive/scene/scene_testing.h"
@@ -36,9 +38,10 @@ struct Killed : std::runtime_error {
 
 /// Hands everything on to `inner`; a step begins with sample_stratified, in --method grid with its
 /// rays' losses.
-class InterferingBackend : public kernels::Backend {
+class InterferingBackend : public kernels::Backend, public kernels::NerfStages {
  public:
-  InterferingBackend(kernels::Backend& inner, Interference* what) : inner_(inner), what_(*what) {}
+  InterferingBackend(kernels::Backend& inner, Interference* what)
+      : NerfStages(static_cast<kernels::Backend&>(*this)), inner_(inner), what_(*what) {}
 
   std::string name() const override { return inner_.name(); }
   std::optional<Isa> isa() const override { return inner_.isa(); }
@@ -47,21 +50,21 @@ class InterferingBackend : public kernels::Backend {
                          std::span<float> dt) override {
     ++step_;
     if (step_ == what_.stop_after) what_.stop = true;
-    inner_.sample_stratified(n_rays, how, t, dt);
+    inner_.nerf().sample_stratified(n_rays, how, t, dt);
   }
   void sample_hierarchical(const kernels::Samples& coarse, std::span<const float> weights,
                            int extra, bool jitter, std::uint64_t key, std::span<float> t,
                            std::span<float> dt) override {
-    inner_.sample_hierarchical(coarse, weights, extra, jitter, key, t, dt);
+    inner_.nerf().sample_hierarchical(coarse, weights, extra, jitter, key, t, dt);
   }
-  void nerf_forward(const kernels::NerfField& f, const kernels::Rays& r, const kernels::Samples& s,
-                    std::span<float> raw) override {
-    inner_.nerf_forward(f, r, s, raw);
+  void network_forward(const kernels::NerfField& f, const kernels::Rays& r,
+                       const kernels::Samples& s, std::span<float> raw) override {
+    inner_.nerf().network_forward(f, r, s, raw);
   }
-  void nerf_backward(const kernels::NerfField& f, const kernels::Rays& r, const kernels::Samples& s,
-                     std::span<const float> d_raw, std::span<float> gradients,
-                     const kernels::RayGradients& of_rays) override {
-    inner_.nerf_backward(f, r, s, d_raw, gradients, of_rays);
+  void network_backward(const kernels::NerfField& f, const kernels::Rays& r,
+                        const kernels::Samples& s, std::span<const float> d_raw,
+                        std::span<float> gradients, const kernels::RayGradients& of_rays) override {
+    inner_.nerf().network_backward(f, r, s, d_raw, gradients, of_rays);
   }
   void composite_forward(int n, const kernels::Samples& s, std::span<const float> raw,
                          std::span<const float> background,
@@ -74,6 +77,7 @@ class InterferingBackend : public kernels::Backend {
                           std::span<float> d_raw) override {
     inner_.composite_backward(n, s, raw, background, adjoint, d_raw);
   }
+  kernels::NerfStages& nerf() override { return *this; }
   kernels::GridStages& grid() override { return inner_.grid(); }
   void photometric_loss(std::span<const float> rgb, std::span<const float> target,
                         std::span<float> d_rgb, double* loss) override {
@@ -89,7 +93,7 @@ class InterferingBackend : public kernels::Backend {
                   std::span<float> gradients, const kernels::RayGradients& of_rays,
                   double* loss) override {
     if (step_ == what_.kill_at) throw Killed();
-    inner_.train_rays(f, r, s, target, out, gradients, of_rays, loss);
+    inner_.nerf().train_rays(f, r, s, target, out, gradients, of_rays, loss);
     if (step_ >= what_.nan_from && step_ < what_.nan_to)
       *loss = std::numeric_limits<double>::quiet_NaN();
   }

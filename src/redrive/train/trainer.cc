@@ -149,7 +149,7 @@ class Trainer {
         std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     state_.seconds += seconds;
 
-    if (watches_colours(number)) kernels::fetch(first.backend, first.batch.target);
+    if (watches_colours(number)) kernels::download(first.backend, first.batch.target);
     if (const auto reason = watch_start(result, first.batch, number, &state_.watch))
       return restart(*reason);
     if (!result.finite) return skip();
@@ -172,7 +172,7 @@ class Trainer {
     sync_metrics(run_.paths);
     for (const Buffer<float>* numbers : {&state_.model->parameters, &state_.first_moment,
                                          &state_.second_moment, &state_.cell_errors})
-      team_.first().backend.fetch(*numbers);
+      team_.first().backend.download(*numbers);
     save_checkpoint(run_.paths.checkpoint(), state_);
     saved_seconds_ = state_.seconds;
     save_due_ = false;

@@ -1,62 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
-// The cpu backend: cuts batches into tiles and lanes, and calls an instruction set's network and
-// stages on them. The number of lanes is fixed and each has a fixed list of tiles; sums are kept
-// per lane and added in lane order. So the result does not depend on the number of threads.
-#include <algorithm>
-#include <iterator>
-#include <numeric>
-#include <vector>
-
+// The cpu backend's stages that every method uses: ranges of rays or numbers through an instruction
+// set's kernels.
 #include "redrive/base/buffer.h"
 #include "redrive/kernels/check_sizes.h"
+#include "redrive/kernels/cpu/composite_range.h"
 #include "redrive/kernels/cpu/cpu_kernels.h"
-#include "redrive/kernels/cpu/front_to_back.h"
+#include "redrive/kernels/cpu/cpu_nerf_stages.h"
 #include "redrive/kernels/cpu/grid/cpu_grid_stages.h"
-#include "redrive/kernels/cpu/nerf_tile.h"
 #include "redrive/kernels/host_image_score.h"
 #include "redrive/optim/photometric_loss.h"
-#include "redrive/volume/hierarchical_sampling.h"
 
 namespace redrive::kernels {
 namespace {
 
-/// Lanes of a batch: enough for a queue of two to eight threads to end together, few enough for
-/// their gradients (2.4 MB each at width 256) to be added up quickly.
-constexpr int kChunksPerBatch = 8;
-
-std::unique_ptr<NerfNetwork> make_network(Isa isa, const NerfConfig& config) {
-  switch (isa) {
-    case Isa::kAvx2: return make_nerf_avx2(config);
-    case Isa::kAvx512: return make_nerf_avx512(config);
-    case Isa::kAvx512Bf16: return make_nerf_avx512_bf16(config);
-    case Isa::kAmxBf16: return make_nerf_amx_bf16(config);
-    default: throw UsageError("--isa", isa_name(isa), "not in this build");
-  }
+void set_background(CompositeForward* rays, std::span<const float> background, int n_rays,
+                    std::size_t first_ray) {
+  rays->background = background.empty() ? nullptr : background.data() + first_ray;
+  rays->background_stride = n_rays;
 }
-
-/// What a lane needs for one tile.
-struct ChunkMemory {
-  Buffer<float> position, direction, raw, d_raw, d_rgb, d_position, composite;
-
-  ChunkMemory(int max_rays, int per_ray)
-      : position(3 * static_cast<std::size_t>(max_rays) * per_ray),
-        direction(3 * static_cast<std::size_t>(max_rays)),
-        raw(4 * static_cast<std::size_t>(max_rays) * per_ray),
-        d_raw(raw.size()),
-        d_rgb(direction.size()),
-        d_position(position.size()),
-        composite(composite_scratch(per_ray)) {}
-};
-
-/// A network for batches of one shape, with its lanes; packed anew for every batch.
-struct Engine {
-  NerfConfig config;
-  int per_ray = 0, rays_per_tile = 0;
-  std::unique_ptr<NerfNetwork> network;
-  std::vector<std::unique_ptr<NerfChunk>> lanes;
-  std::vector<ChunkMemory> memory;
-  std::vector<std::unique_ptr<FrontToBack>> front_to_back;  ///< by lane; made when first rendering
-};
 
 class CpuBackend final : public Backend {
  public:
@@ -68,66 +29,6 @@ class CpuBackend final : public Backend {
   std::string name() const override { return "cpu"; }
   std::optional<Isa> isa() const override { return isa_; }
   int threads() const override { return pool_.threads(); }
-
-  void sample_stratified(int n_rays, const StratifiedSampling& how, std::span<float> t,
-                         std::span<float> dt) override {
-    check_stratified(n_rays, how, t.size(), dt.size());
-    pool_.run_ranges(n_rays, kRaysPerRange, [&](std::size_t begin, std::size_t end) {
-      const std::size_t first = begin * how.per_ray;
-      kernels_.sample_stratified({.first_ray = begin,
-                                  .n_rays = end - begin,
-                                  .per_ray = how.per_ray,
-                                  .near_m = how.near_m,
-                                  .far_m = how.far_m,
-                                  .jitter = how.jitter,
-                                  .key = how.key},
-                                 t.data() + first, dt.data() + first);
-    });
-  }
-
-  void sample_hierarchical(const Samples& coarse, std::span<const float> weights, int extra,
-                           bool jitter, std::uint64_t key, std::span<float> t,
-                           std::span<float> dt) override {
-    const int n_rays = check_hierarchical(coarse, weights.size(), extra, t.size(), dt.size());
-    pool_.run_ranges(n_rays, kRaysPerRange, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t ray = begin; ray < end; ++ray) {
-        const std::size_t from = ray * coarse.per_ray, to = ray * (coarse.per_ray + extra);
-        hierarchical_ray(&coarse.t[from], &weights[from], coarse.per_ray, extra, jitter, key,
-                         ray * extra, &t[to], &dt[to]);
-      }
-    });
-  }
-
-  void nerf_forward(const NerfField& field, const Rays& rays, const Samples& samples,
-                    std::span<float> raw) override {
-    check_field(field, rays, samples);
-    check_raw(rays.n, samples, raw.size());
-    Engine& engine = prepare(field, samples.per_ray);
-    const int stride = static_cast<int>(sample_count(rays.n, samples));
-    for_each_tile(engine, rays.n, [&](int lane, RayRange tile) {
-      forward_tile(engine, lane, field, rays, samples, tile, false,
-                   raw.data() + first_sample(tile, samples), stride);
-    });
-  }
-
-  void nerf_backward(const NerfField& field, const Rays& rays, const Samples& samples,
-                     std::span<const float> d_raw, std::span<float> gradients,
-                     const RayGradients& of_rays) override {
-    check_field(field, rays, samples);
-    check_raw(rays.n, samples, d_raw.size());
-    check_ray_gradients(rays.n, of_rays);
-    REDRIVE_CHECK_OP(gradients.size(), ==, field.parameters.size());
-    Engine& engine = prepare(field, samples.per_ray);
-    const int stride = static_cast<int>(sample_count(rays.n, samples));
-    pool_.run(kChunksPerBatch, [&](int lane) { engine.lanes[lane]->clear_gradients(); });
-    for_each_tile(engine, rays.n, [&](int lane, RayRange tile) {
-      forward_tile(engine, lane, field, rays, samples, tile, true, engine.memory[lane].raw.data(),
-                   tile.n * samples.per_ray);
-      backward_tile(engine, lane, field, rays.n, samples, tile,
-                    d_raw.data() + first_sample(tile, samples), stride, of_rays);
-    });
-    engine.network->reduce(engine.lanes, gradients, pool_);
-  }
 
   void composite_forward(int n_rays, const Samples& samples, std::span<const float> raw,
                          std::span<const float> background, const CompositeOut& out) override {
@@ -190,193 +91,17 @@ class CpuBackend final : public Backend {
     });
   }
 
+  NerfStages& nerf() override { return *nerf_; }
   GridStages& grid() override { return *grid_; }
 
-  ImageScore score(const ImagePair& pictures) override { return score_on_host(pictures, pool_); }
-
-  void train_rays(const NerfField& field, const Rays& rays, const Samples& samples,
-                  std::span<const float> target, const CompositeOut& out,
-                  std::span<float> gradients, const RayGradients& of_rays, double* loss) override {
-    check_field(field, rays, samples);
-    check_composite(rays.n, samples, out);
-    check_ray_gradients(rays.n, of_rays);
-    check_photometric(out.rgb.size(), target.size(), out.rgb.size());
-    REDRIVE_CHECK_OP(gradients.size(), ==, field.parameters.size());
-    Engine& engine = prepare(field, samples.per_ray);
-    double chunk_loss[kChunksPerBatch]{};
-    pool_.run(kChunksPerBatch, [&](int lane) { engine.lanes[lane]->clear_gradients(); });
-    for_each_tile(engine, rays.n, [&](int lane, RayRange tile) {
-      ChunkMemory& memory = engine.memory[lane];
-      const int stride = tile.n * samples.per_ray;
-      forward_tile(engine, lane, field, rays, samples, tile, true, memory.raw.data(), stride);
-      const CompositeForward composite = composite_rays(tile, samples, memory.raw.data(), stride);
-      kernels_.composite_forward(composite, composite_result(tile, rays.n, samples, out),
-                                 memory.composite.data());
-      for (int k = 0; k < 3; ++k)
-        for (int ray = 0; ray < tile.n; ++ray) {
-          const std::size_t at = static_cast<std::size_t>(k) * rays.n + tile.first + ray;
-          const auto term = photometric_term<double>(out.rgb[at], target[at], rays.n);
-          chunk_loss[lane] += term.value;
-          memory.d_rgb[static_cast<std::size_t>(k) * tile.n + ray] =
-              static_cast<float>(term.derivative);
-        }
-      kernels_.composite_backward(composite,
-                                  {.d_rgb = memory.d_rgb.data(),
-                                   .d_rgb_stride = static_cast<std::size_t>(tile.n),
-                                   .d_raw = memory.d_raw.data(),
-                                   .d_raw_stride = static_cast<std::size_t>(stride)},
-                                  memory.composite.data());
-      backward_tile(engine, lane, field, rays.n, samples, tile, memory.d_raw.data(), stride,
-                    of_rays);
-    });
-    engine.network->reduce(engine.lanes, gradients, pool_);
-    *loss = std::accumulate(std::begin(chunk_loss), std::end(chunk_loss), 0.0);
-  }
-
-  void render_rays(const NerfField& field, const Rays& rays, const Samples& samples,
-                   const CompositeOut& out) override {
-    check_field(field, rays, samples);
-    check_composite(rays.n, samples, out);
-    Engine& engine = prepare(field, samples.per_ray);
-    while (engine.front_to_back.size() < kChunksPerBatch)
-      engine.front_to_back.push_back(
-          std::make_unique<FrontToBack>(samples.per_ray, engine.rays_per_tile * samples.per_ray));
-    for_each_block(
-        engine, rays.n, engine.front_to_back.front()->block_rays(), [&](int lane, RayRange block) {
-          FrontToBack& front_to_back = *engine.front_to_back[lane];
-          const float* raw =
-              front_to_back.run(*engine.lanes[lane], kernels_, field, rays, samples, block);
-          kernels_.composite_forward(
-              composite_rays(block, samples, raw, front_to_back.raw_stride()),
-              composite_result(block, rays.n, samples, out), engine.memory[lane].composite.data());
-        });
-  }
+  ImageScore score(const ImagePair& images) override { return score_on_host(images, pool_); }
 
  private:
-  static constexpr std::size_t kRaysPerRange =
-      64;  // some thousand samples: well above the cost of a queue entry
-
-  static std::size_t first_sample(RayRange range, const Samples& samples) {
-    return static_cast<std::size_t>(range.first) * samples.per_ray;
-  }
-
-  static CompositeForward composite_rays(RayRange range, const Samples& samples, const float* raw,
-                                         std::size_t raw_stride) {
-    const std::size_t first = first_sample(range, samples);
-    return {.n_rays = range.n,
-            .per_ray = samples.per_ray,
-            .raw = raw,
-            .raw_stride = raw_stride,
-            .t = samples.t.data() + first,
-            .dt = samples.dt.data() + first};
-  }
-
-  static void set_background(CompositeForward* rays, std::span<const float> background, int n_rays,
-                             std::size_t first_ray) {
-    rays->background = background.empty() ? nullptr : background.data() + first_ray;
-    rays->background_stride = n_rays;
-  }
-
-  static CompositeResult composite_result(RayRange range, int n_rays, const Samples& samples,
-                                          const CompositeOut& out) {
-    return {.rgb = out.rgb.data() + range.first,
-            .rgb_stride = static_cast<std::size_t>(n_rays),
-            .depth = out.depth.data() + range.first,
-            .opacity = out.opacity.data() + range.first,
-            .weights =
-                out.weights.empty() ? nullptr : out.weights.data() + first_sample(range, samples)};
-  }
-
-  /// The engine of this shape, made on first use, with the field's parameters.
-  Engine& prepare(const NerfField& field, int per_ray) {
-    auto found =
-        std::find_if(engines_.begin(), engines_.end(), [&](const std::unique_ptr<Engine>& engine) {
-          return engine->config == field.config && engine->per_ray == per_ray;
-        });
-    if (found == engines_.end()) {
-      if (engines_.size() == kMaxEngines) engines_.erase(engines_.begin());
-      auto engine = std::make_unique<Engine>();
-      engine->config = field.config;
-      engine->per_ray = per_ray;
-      engine->network = make_network(isa_, field.config);
-      engine->rays_per_tile = std::max(1, engine->network->tile_samples() / per_ray);
-      for (int lane = 0; lane < kChunksPerBatch; ++lane) {
-        engine->lanes.push_back(engine->network->make_chunk(engine->rays_per_tile * per_ray));
-        engine->memory.emplace_back(engine->rays_per_tile, per_ray);
-      }
-      engines_.push_back(std::move(engine));
-      found = engines_.end() - 1;
-    }
-    (*found)->network->pack(field.parameters, pool_);
-    return **found;
-  }
-
-  template <class Visit>
-  void for_each_tile(Engine& engine, int n_rays, const Visit& visit) {
-    for_each_block(engine, n_rays, engine.rays_per_tile, visit);
-  }
-
-  /// Shares whole tiles out among the lanes, evenly, and calls visit(lane, range) for blocks of at
-  /// most block_rays of them; those of a lane are consecutive and in order, on one thread.
-  template <class Visit>
-  void for_each_block(Engine& engine, int n_rays, int block_rays, const Visit& visit) {
-    const std::int64_t tiles = (n_rays + engine.rays_per_tile - 1) / engine.rays_per_tile;
-    pool_.run(kChunksPerBatch, [&](int lane) {
-      const int begin = static_cast<int>(tiles * lane / kChunksPerBatch) * engine.rays_per_tile;
-      const int end = std::min(
-          n_rays, static_cast<int>(tiles * (lane + 1) / kChunksPerBatch) * engine.rays_per_tile);
-      if (begin >= end) return;
-      engine.lanes[lane]->begin();
-      for (int first = begin; first < end; first += block_rays)
-        visit(lane, RayRange{first, std::min(block_rays, end - first)});
-      engine.lanes[lane]->end();
-    });
-  }
-
-  void forward_tile(Engine& engine, int lane, const NerfField& field, const Rays& rays,
-                    const Samples& samples, RayRange tile, bool keep, float* raw, int stride) {
-    ChunkMemory& memory = engine.memory[lane];
-    kernels_.points({.n_rays = tile.n,
-                     .per_ray = samples.per_ray,
-                     .origin = rays.origin.data() + tile.first,
-                     .direction = rays.direction.data() + tile.first,
-                     .ray_stride = static_cast<std::size_t>(rays.n),
-                     .t = samples.t.data() + first_sample(tile, samples),
-                     .center = field.unit_from_world.center.data(),
-                     .scale = field.unit_from_world.scale,
-                     .position = memory.position.data(),
-                     .stride = static_cast<std::size_t>(tile.n) * samples.per_ray});
-    for (int d = 0; d < 3; ++d)
-      std::copy_n(rays.direction.data() + static_cast<std::size_t>(d) * rays.n + tile.first, tile.n,
-                  memory.direction.data() + static_cast<std::size_t>(d) * tile.n);
-    engine.lanes[lane]->forward({.n_rays = tile.n,
-                                 .per_ray = samples.per_ray,
-                                 .position = memory.position.data(),
-                                 .direction = memory.direction.data()},
-                                keep, raw, stride);
-  }
-
-  /// The adjoint of forward_tile: adds to the lane's gradients and, where they are wanted, to those
-  /// of the tile's rays.
-  static void backward_tile(Engine& engine, int lane, const NerfField& field, int n_rays,
-                            const Samples& samples, RayRange tile, const float* d_raw, int stride,
-                            const RayGradients& of_rays) {
-    float* d_position = of_rays.wanted() ? engine.memory[lane].d_position.data() : nullptr;
-    engine.lanes[lane]->backward(d_raw, stride, d_position);
-    if (!of_rays.wanted()) return;
-    const std::size_t of_tile = static_cast<std::size_t>(tile.n) * samples.per_ray;
-    for (int ray = 0; ray < tile.n; ++ray)
-      add_ray_gradient(field.unit_from_world, n_rays, samples, tile.first + ray,
-                       d_position + static_cast<std::size_t>(ray) * samples.per_ray, of_tile,
-                       of_rays);
-  }
-
-  static constexpr std::size_t kMaxEngines = 4;  // coarse and fine, each for training and rendering
   const Isa isa_;
   const CpuKernels& kernels_;
   ThreadPool pool_;
+  std::unique_ptr<NerfStages> nerf_ = make_cpu_nerf_stages(*this, isa_, kernels_, &pool_);
   std::unique_ptr<GridStages> grid_ = make_cpu_grid_stages(isa_, &pool_);
-  std::vector<std::unique_ptr<Engine>> engines_;
 };
 
 }  // namespace

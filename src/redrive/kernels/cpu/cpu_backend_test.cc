@@ -9,6 +9,7 @@
 #include "redrive/base/error.h"
 #include "redrive/base/rng.h"
 #include "redrive/kernels/backend.h"
+#include "redrive/kernels/nerf_stages.h"
 
 namespace redrive::kernels {
 namespace {
@@ -35,7 +36,7 @@ struct Batch {
     }
     nerf_initialize(config, 3, parameters);
     parameters[nerf_layer(config, kNerfDensity).bias] = 0.3f;
-    backend.sample_stratified(rays, {samples, 1, 6, true, 5}, t, dt);
+    backend.nerf().sample_stratified(rays, {samples, 1, 6, true, 5}, t, dt);
   }
   Rays rays() const { return {n_rays, origin, direction}; }
   Samples samples() const { return {per_ray, t, dt}; }
@@ -68,14 +69,14 @@ TEST_P(CpuBackendTest, BitEqualForAnyNumberOfThreads) {
   const auto one = make_cpu_backend(GetParam(), 1);
   const Batch batch(101, 24, *one);
   Result expected(batch);
-  one->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, expected.out(),
-                  expected.gradients, expected.of_rays(), &expected.loss);
+  one->nerf().train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, expected.out(),
+                         expected.gradients, expected.of_rays(), &expected.loss);
   for (const int threads : {1, 2, 5}) {
     const auto backend = make_cpu_backend(GetParam(), threads);
     for (int repeat = 0; repeat < 2; ++repeat) {
       Result result(batch);
-      backend->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, result.out(),
-                          result.gradients, result.of_rays(), &result.loss);
+      backend->nerf().train_rays(batch.field(), batch.rays(), batch.samples(), batch.target,
+                                 result.out(), result.gradients, result.of_rays(), &result.loss);
       EXPECT_EQ(result.loss, expected.loss);
       EXPECT_EQ(result.rgb, expected.rgb);
       EXPECT_EQ(result.depth, expected.depth);
@@ -94,12 +95,13 @@ TEST_P(CpuBackendTest, FusedStagesAreTheCompositionOfThePlainOnes) {
     SCOPED_TRACE(testing::Message() << n_rays << " x " << per_ray);
     const Batch batch(n_rays, per_ray, *backend);
     Result fused(batch), plain(batch), rendered(batch), of_field(batch);
-    backend->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, fused.out(),
-                        fused.gradients, fused.of_rays(), &fused.loss);
-    backend->Backend::train_rays(batch.field(), batch.rays(), batch.samples(), batch.target,
-                                 plain.out(), plain.gradients, plain.of_rays(), &plain.loss);
-    backend->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, of_field.out(),
-                        of_field.gradients, {}, &of_field.loss);
+    backend->nerf().train_rays(batch.field(), batch.rays(), batch.samples(), batch.target,
+                               fused.out(), fused.gradients, fused.of_rays(), &fused.loss);
+    backend->nerf().NerfStages::train_rays(batch.field(), batch.rays(), batch.samples(),
+                                           batch.target, plain.out(), plain.gradients,
+                                           plain.of_rays(), &plain.loss);
+    backend->nerf().train_rays(batch.field(), batch.rays(), batch.samples(), batch.target,
+                               of_field.out(), of_field.gradients, {}, &of_field.loss);
     // The same kernels on the same tiles: only the loss is summed in another order.
     EXPECT_NEAR(fused.loss, plain.loss, 3 * n_rays * 0x1p-52 * plain.loss);
     EXPECT_EQ(fused.rgb, plain.rgb);
@@ -108,7 +110,7 @@ TEST_P(CpuBackendTest, FusedStagesAreTheCompositionOfThePlainOnes) {
     EXPECT_EQ(fused.d_origin, plain.d_origin);
     EXPECT_EQ(fused.d_direction, plain.d_direction);
     EXPECT_EQ(fused.gradients, of_field.gradients) << "rays' derivatives change nothing of it";
-    backend->render_rays(batch.field(), batch.rays(), batch.samples(), rendered.out());
+    backend->nerf().render_rays(batch.field(), batch.rays(), batch.samples(), rendered.out());
     EXPECT_EQ(rendered.rgb, plain.rgb);
     EXPECT_EQ(rendered.depth, plain.depth);
     EXPECT_EQ(rendered.opacity, plain.opacity);
@@ -127,9 +129,9 @@ TEST_P(CpuBackendTest, RenderingSkipsOccludedSamples) {
         0.5f * static_cast<float>(per_ray) / 5;
     Result exact(batch), rendered(batch);
     std::vector<float> raw(4 * batch.t.size());
-    backend->nerf_forward(batch.field(), batch.rays(), batch.samples(), raw);
+    backend->nerf().network_forward(batch.field(), batch.rays(), batch.samples(), raw);
     backend->composite_forward(batch.n_rays, batch.samples(), raw, {}, exact.out());
-    backend->render_rays(batch.field(), batch.rays(), batch.samples(), rendered.out());
+    backend->nerf().render_rays(batch.field(), batch.rays(), batch.samples(), rendered.out());
     int left_out = 0;
     for (std::size_t i = 0; i < batch.t.size(); ++i) {
       left_out += rendered.weights[i] == 0 && exact.weights[i] > 0;
@@ -151,12 +153,12 @@ TEST_P(CpuBackendTest, GradientsAccumulate) {
   const auto backend = make_cpu_backend(GetParam(), 1);
   const Batch batch(5, 7, *backend);
   Result once(batch), twice(batch);
-  backend->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, once.out(),
-                      once.gradients, {}, &once.loss);
+  backend->nerf().train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, once.out(),
+                             once.gradients, {}, &once.loss);
   double norm = 0, error = 0;
   for (int i = 0; i < 2; ++i)
-    backend->train_rays(batch.field(), batch.rays(), batch.samples(), batch.target, twice.out(),
-                        twice.gradients, {}, &twice.loss);
+    backend->nerf().train_rays(batch.field(), batch.rays(), batch.samples(), batch.target,
+                               twice.out(), twice.gradients, {}, &twice.loss);
   for (std::size_t i = 0; i < once.gradients.size(); ++i) {
     norm += once.gradients[i] * once.gradients[i];
     error += std::pow(twice.gradients[i] - 2.0 * once.gradients[i], 2);
@@ -170,8 +172,9 @@ TEST_P(CpuBackendTest, RejectsMismatchedShapes) {
   const Batch batch(4, 6, *backend);
   Result result(batch);
   result.rgb.pop_back();
-  EXPECT_THROW(backend->render_rays(batch.field(), batch.rays(), batch.samples(), result.out()),
-               std::logic_error);
+  EXPECT_THROW(
+      backend->nerf().render_rays(batch.field(), batch.rays(), batch.samples(), result.out()),
+      std::logic_error);
 }
 
 INSTANTIATE_TEST_SUITE_P(Isa, CpuBackendTest,

@@ -6,16 +6,11 @@
 #include <vector>
 
 #include "redrive/base/buffer.h"
-#include "redrive/kernels/backend.h"
-#include "redrive/kernels/cpu/cpu_kernels.h"
+#include "redrive/kernels/cpu/composite_range.h"
 #include "redrive/kernels/cpu/nerf_tile.h"
+#include "redrive/kernels/nerf_stages.h"
 
 namespace redrive::kernels {
-
-/// Rays [first, first + n) of a batch.
-struct RayRange {
-  int first = 0, n = 0;
-};
 
 /// Computes the network for the next kStride samples of each active ray of a block, then drops the
 /// rays whose transmittance fell below kMinTransmittance, and so on. Skipped samples change a ray's

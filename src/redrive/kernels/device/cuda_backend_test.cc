@@ -34,11 +34,11 @@ TEST(LoopBackend, FetchesAndPutsKeptNumbers) {
   const auto backend = make_loop_backend();
   Buffer<float> p(8);
   std::vector<float> m(8), v(8), gradients(8, 1.0f);
-  keep(*backend, p);
+  make_resident(*backend, p);
   const auto step = [&] { backend->adam(adam_step(0.5, 1), gradients, p, m, v); };
   step();
   EXPECT_EQ(gradients, std::vector<float>(8));
-  backend->fetch(p.span().subspan(2, 3));
+  backend->download(p.span().subspan(2, 3));
   for (std::size_t i = 0; i < 8; ++i) {
     if (i < 2 || i > 4)
       EXPECT_TRUE(std::isnan(p[i])) << i;
@@ -46,15 +46,15 @@ TEST(LoopBackend, FetchesAndPutsKeptNumbers) {
       EXPECT_NEAR(p[i], -0.5, 1e-6) << i;  // Adam's first step is the learning rate
   }
   p[3] = 7;
-  backend->put(p.span().subspan(3, 1));
-  backend->fetch(p.span());
+  backend->upload(p.span().subspan(3, 1));
+  backend->download(p.span());
   EXPECT_EQ(p[3], 7);
   EXPECT_NEAR(p[7], -0.5, 1e-6);
   Buffer<float> other = std::move(p);  // goes with its numbers
   backend->adam(adam_step(0, 1), gradients, other, m, v);
   EXPECT_TRUE(std::isnan(other[7]));
   other = {};
-  EXPECT_EQ(backend->keep({}), nullptr);
+  EXPECT_EQ(backend->make_resident({}), nullptr);
 }
 
 TEST(LoopBackend, CountsWhatIsCopied) {
@@ -62,7 +62,7 @@ TEST(LoopBackend, CountsWhatIsCopied) {
   const auto backend = make_loop_backend(&copies);
   Buffer<float> kept(100);
   const std::vector<float> other(10, 2.0f);
-  keep(*backend, kept);
+  make_resident(*backend, kept);
   EXPECT_EQ(copies.to_device, 400u);
   backend->fill(kept.span().first(50), 1);
   EXPECT_EQ(copies.to_host, 0u);

@@ -13,9 +13,9 @@
 #include "redrive/kernels/device/counting_device.h"
 #include "redrive/kernels/device/device_grid_stages.h"
 #include "redrive/kernels/device/device_image_score.h"
+#include "redrive/kernels/device/device_nerf_stages.h"
 #include "redrive/kernels/device/gather_functors.h"
 #include "redrive/kernels/device/measure_ceilings.h"
-#include "redrive/kernels/device/nerf_tensor_network.h"
 #include "redrive/kernels/device/ray_functors.h"
 #include "redrive/kernels/device/resident_sources.h"
 #include "redrive/kernels/device/spans_on_device.h"
@@ -34,24 +34,24 @@ class DeviceBackend final : public Backend {
   std::optional<Isa> isa() const override { return std::nullopt; }
   int threads() const override { return threads_; }
 
-  std::shared_ptr<void> keep(std::span<const float> numbers) override {
+  std::shared_ptr<void> make_resident(std::span<const float> numbers) override {
     if (numbers.empty()) return nullptr;
     auto there = device_.hold(numbers.size_bytes());
     device_.to_device(there.get(), numbers.data(), numbers.size_bytes());
     device_.kept.add(numbers, there);
     return there;
   }
-  void fetch(std::span<const float> part) override {
+  void download(std::span<const float> part) override {
     if (const void* const there = device_.kept.find(std::as_bytes(part)))
       device_.to_host(const_cast<float*>(part.data()), there,
                       part.size_bytes());  // the host's copy is no constant
   }
-  void put(std::span<const float> part) override {
+  void upload(std::span<const float> part) override {
     if (void* const there = device_.kept.find(std::as_bytes(part)))
       device_.to_device(there, part.data(), part.size_bytes());
   }
 
-  bool keeps(std::span<const float> numbers) const override {
+  bool is_resident(std::span<const float> numbers) const override {
     return device_.kept.find(std::as_bytes(numbers)) != nullptr;
   }
 
@@ -86,9 +86,9 @@ class DeviceBackend final : public Backend {
     return nullptr;
   }
 
-  void gather(const PixelSource& from, const PixelDraw& draw, std::span<const float> errors,
-              const GatheredRays& out) override {
-    check_gather(from, draw, errors.size(), out);
+  void gather_pixels(const PixelSource& from, const PixelDraw& draw, std::span<const float> errors,
+                     const GatheredRays& out) override {
+    check_gather_pixels(from, draw, errors.size(), out);
     const PixelSpans& pixels = kernels::there(device_, from);
     Stage stage(device_);
     const GatheredRays rays = {
@@ -106,9 +106,9 @@ class DeviceBackend final : public Backend {
     stage.finish();
   }
 
-  void gather_lidar(const LidarSource& from, const LidarDraw& draw,
-                    const GatheredReturns& out) override {
-    check_gather_lidar(from, out);
+  void gather_returns(const LidarSource& from, const LidarDraw& draw,
+                      const GatheredReturns& out) override {
+    check_gather_returns(from, out);
     const LidarSpans& returns = kernels::there(device_, from);
     Stage stage(device_);
     stage.for_each(out.range_m.size(),
@@ -133,57 +133,16 @@ class DeviceBackend final : public Backend {
     stage.finish();
   }
 
-  void sample_stratified(int n_rays, const StratifiedSampling& how, std::span<float> t,
-                         std::span<float> dt) override {
-    check_stratified(n_rays, how, t.size(), dt.size());
-    Stage stage(device_);
-    stage.for_each(n_rays, SampleStratified{how, stage.out(t), stage.out(dt)});
-    stage.finish();
-  }
-
-  void sample_hierarchical(const Samples& coarse, std::span<const float> weights, int extra,
-                           bool jitter, std::uint64_t key, std::span<float> t,
-                           std::span<float> dt) override {
-    const int n_rays = check_hierarchical(coarse, weights.size(), extra, t.size(), dt.size());
-    Stage stage(device_);
-    stage.for_each(n_rays, SampleHierarchical{there(stage, coarse), stage.in(weights), extra,
-                                              jitter, key, stage.out(t), stage.out(dt)});
-    stage.finish();
-  }
-
-  void nerf_forward(const NerfField& field, const Rays& rays, const Samples& samples,
-                    std::span<float> raw) override {
-    check_field(field, rays, samples);
-    check_raw(rays.n, samples, raw.size());
-    if (device_.has_tensor_cores())
-      forward_by<NerfTensorNetwork<Device>>(field, rays, samples, raw);
-    else
-      forward_by<NerfFp32Network<Device>>(field, rays, samples, raw);
-  }
-
-  void nerf_backward(const NerfField& field, const Rays& rays, const Samples& samples,
-                     std::span<const float> d_raw, std::span<float> gradients,
-                     const RayGradients& of_rays) override {
-    check_field(field, rays, samples);
-    check_raw(rays.n, samples, d_raw.size());
-    check_ray_gradients(rays.n, of_rays);
-    REDRIVE_CHECK_OP(gradients.size(), ==, field.parameters.size());
-    if (device_.has_tensor_cores())
-      backward_by<NerfTensorNetwork<Device>>(field, rays, samples, d_raw, gradients, of_rays);
-    else
-      backward_by<NerfFp32Network<Device>>(field, rays, samples, d_raw, gradients, of_rays);
-  }
-
   void composite_forward(int n_rays, const Samples& samples, std::span<const float> raw,
                          std::span<const float> background, const CompositeOut& out) override {
     check_composite_forward(n_rays, samples, raw.size(), background, out);
     Stage stage(device_);
-    stage.for_each(n_rays, CompositeForward{static_cast<std::size_t>(n_rays),
-                                            there(stage, samples),
-                                            stage.in(raw),
-                                            stage.in(background),
-                                            {stage.out(out.rgb), stage.out(out.depth),
-                                             stage.out(out.opacity), stage.out(out.weights)}});
+    stage.for_each(n_rays, CompositeRays{static_cast<std::size_t>(n_rays),
+                                         there(stage, samples),
+                                         stage.in(raw),
+                                         stage.in(background),
+                                         {stage.out(out.rgb), stage.out(out.depth),
+                                          stage.out(out.opacity), stage.out(out.weights)}});
     stage.finish();
   }
 
@@ -192,12 +151,13 @@ class DeviceBackend final : public Backend {
                           std::span<float> d_raw) override {
     check_composite_backward(n_rays, samples, raw.size(), background, adjoint, d_raw.size());
     Stage stage(device_);
-    stage.for_each(n_rays, CompositeBackward{static_cast<std::size_t>(n_rays),
-                                             there(stage, samples),
-                                             stage.in(raw),
-                                             stage.in(background),
-                                             {stage.in(adjoint.d_rgb), stage.in(adjoint.d_weights)},
-                                             stage.out(d_raw)});
+    stage.for_each(n_rays,
+                   CompositeRaysBackward{static_cast<std::size_t>(n_rays),
+                                         there(stage, samples),
+                                         stage.in(raw),
+                                         stage.in(background),
+                                         {stage.in(adjoint.d_rgb), stage.in(adjoint.d_weights)},
+                                         stage.out(d_raw)});
     stage.finish();
   }
 
@@ -221,6 +181,7 @@ class DeviceBackend final : public Backend {
     stage.finish();
   }
 
+  NerfStages& nerf() override { return nerf_; }
   GridStages& grid() override { return grid_; }
 
   ImageScore score(const ImagePair& pictures) override {
@@ -233,53 +194,10 @@ class DeviceBackend final : public Backend {
   using Counting = CountingDevice<Device::kMaxSamplesPerPass, Device::kMaxGridSamplesPerPass>;
   static constexpr bool kCounts = std::is_same_v<Device, Counting>;
 
-  template <class Pass>
-  void forward_by(const NerfField& field, const Rays& rays, const Samples& samples,
-                  std::span<float> raw) {
-    const std::size_t n = sample_count(rays.n, samples),
-                      most = std::min(n, Device::kMaxSamplesPerPass);
-    Stage stage(device_);
-    Pass pass(stage, there(stage, field), most, {}, false);
-    const Rays rays_there = there(stage, rays);
-    const Samples samples_there = there(stage, samples);
-    const std::span<float> out = stage.out(raw);
-    for (std::size_t first = 0; first < n; first += most)
-      pass.forward(rays_there, samples_there, first, std::min(most, n - first),
-                   {&out[first], 1, n});
-    stage.finish();
-  }
-
-  template <class Pass>
-  void backward_by(const NerfField& field, const Rays& rays, const Samples& samples,
-                   std::span<const float> d_raw, std::span<float> gradients,
-                   const RayGradients& of_rays) {
-    const std::size_t n = sample_count(rays.n, samples),
-                      most = std::min(n, Device::kMaxSamplesPerPass);
-    Stage stage(device_);
-    Pass pass(stage, there(stage, field), most, stage.in_out(gradients), of_rays.wanted());
-    const Rays rays_there = there(stage, rays);
-    const Samples samples_there = there(stage, samples);
-    const std::span<const float> d = stage.in(d_raw);
-    const std::span<float> d_position = stage.template scratch<float>(of_rays.wanted() ? 3 * n : 0);
-    for (std::size_t first = 0; first < n; first += most) {
-      const std::size_t count = std::min(most, n - first);
-      pass.forward(rays_there, samples_there, first, count, {});
-      pass.backward(count, {&d[first], 1, n},
-                    {d_position.empty() ? nullptr : &d_position[first], 1, n});
-    }
-    if (of_rays.wanted())
-      stage.for_each(rays.n, AddRayGradients{field.unit_from_world,
-                                             rays.n,
-                                             samples_there,
-                                             d_position,
-                                             {stage.in_out(of_rays.d_origin),
-                                              stage.in_out(of_rays.d_direction)}});
-    stage.finish();
-  }
-
   std::string name_;
   int threads_;
   Device device_;
+  DeviceNerfStages<Device> nerf_{*this, device_};
   DeviceGridStages<Device> grid_{device_};
 };
 

@@ -16,15 +16,16 @@ class DeviceGridStages final : public DeviceRayStages<Device> {
  public:
   explicit DeviceGridStages(Device& device) : DeviceRayStages<Device>(device) {}
 
-  void spaced(const Rays& rays, const UniformSampling& how, std::span<float> edges) override {
+  void sample_uniform(const Rays& rays, const UniformSampling& how,
+                      std::span<float> edges) override {
     check_sample_uniform(rays, how.per_ray, edges.size());
     Stage stage(device_);
     stage.for_each(rays.n, SampleUniform{there(stage, rays), how, stage.out(edges)});
     stage.finish();
   }
 
-  void proposed(int n_rays, const Intervals& from, std::span<const float> weights,
-                const PdfSampling& how, std::span<float> edges) override {
+  void sample_pdf(int n_rays, const Intervals& from, std::span<const float> weights,
+                  const PdfSampling& how, std::span<float> edges) override {
     check_sample_pdf(n_rays, from, weights.size(), how.per_ray, edges.size());
     Stage stage(device_);
     stage.for_each(n_rays, SamplePdf{there(stage, from), stage.in(weights), how, stage.out(edges)});
@@ -174,9 +175,9 @@ class DeviceGridStages final : public DeviceRayStages<Device> {
     stage.finish();
   }
 
-  void proposal(int n_rays, const Intervals& intervals, std::span<const float> weights,
-                const Intervals& proposal, std::span<const float> proposal_weights,
-                std::span<float> d_proposal, double* loss) override {
+  void proposal_loss(int n_rays, const Intervals& intervals, std::span<const float> weights,
+                     const Intervals& proposal, std::span<const float> proposal_weights,
+                     std::span<float> d_proposal, double* loss) override {
     check_proposal(n_rays, intervals, weights.size(), proposal, proposal_weights.size(),
                    d_proposal.size());
     Stage stage(device_);
@@ -188,9 +189,9 @@ class DeviceGridStages final : public DeviceRayStages<Device> {
     stage.finish();
   }
 
-  void range(int n_rays, const Intervals& intervals, std::span<const float> weights,
-             std::span<const float> range_m, float spread_m, float factor,
-             std::span<float> d_weights, double* loss) override {
+  void range_loss(int n_rays, const Intervals& intervals, std::span<const float> weights,
+                  std::span<const float> range_m, float spread_m, float factor,
+                  std::span<float> d_weights, double* loss) override {
     check_range(n_rays, intervals, weights.size(), range_m.size(), spread_m, d_weights.size());
     Stage stage(device_);
     const auto sum = stage.sum_on_device(
@@ -200,8 +201,8 @@ class DeviceGridStages final : public DeviceRayStages<Device> {
     stage.finish();
   }
 
-  void empty_space(int n_rays, const Intervals& intervals, std::span<const float> density,
-                   float factor, std::span<float> d_density, double* loss) override {
+  void sparsity_loss(int n_rays, const Intervals& intervals, std::span<const float> density,
+                     float factor, std::span<float> d_density, double* loss) override {
     check_sparsity(n_rays, intervals, density.size(), d_density.size());
     Stage stage(device_);
     const auto sum =

@@ -15,8 +15,8 @@ class DeviceRayStages : public GridStages {
  public:
   explicit DeviceRayStages(Device& device) : device_(device) {}
 
-  int live_rays(int n_rays, int per_ray, std::span<const float> weights, const RayCompaction& how,
-                std::span<std::uint32_t> live) override {
+  int compact_rays(int n_rays, int per_ray, std::span<const float> weights,
+                   const RayCompaction& how, std::span<std::uint32_t> live) override {
     check_compact_rays(n_rays, per_ray, weights.size(), live.size());
     Stage stage(device_);
     const std::span<std::uint32_t> list = stage.out(live);
@@ -29,8 +29,8 @@ class DeviceRayStages : public GridStages {
     return static_cast<int>(count);
   }
 
-  void pick(std::span<const std::uint32_t> rays, RayLayout layout, std::span<const float> from,
-            std::span<float> to) override {
+  void gather_rays(std::span<const std::uint32_t> rays, RayLayout layout,
+                   std::span<const float> from, std::span<float> to) override {
     const std::size_t each = check_gather_rays(rays.size(), to.size(), from.size());
     Stage stage(device_);
     stage.for_each(to.size(), GatherRayValues{place(stage, rays, layout, each, from.size()),
@@ -38,8 +38,9 @@ class DeviceRayStages : public GridStages {
     stage.finish();
   }
 
-  void spread(std::span<const std::uint32_t> rays, RayLayout layout, std::span<const float> from,
-              std::span<const float> elsewhere, std::span<float> to) override {
+  void scatter_rays(std::span<const std::uint32_t> rays, RayLayout layout,
+                    std::span<const float> from, std::span<const float> elsewhere,
+                    std::span<float> to) override {
     const std::size_t each =
         check_scatter_rays(rays.size(), from.size(), elsewhere.size(), to.size());
     Stage stage(device_);
@@ -50,8 +51,8 @@ class DeviceRayStages : public GridStages {
     stage.finish();
   }
 
-  void middles(int n_rays, const Intervals& intervals, std::span<float> t,
-               std::span<float> dt) override {
+  void midpoints(int n_rays, const Intervals& intervals, std::span<float> t,
+                 std::span<float> dt) override {
     check_midpoints(n_rays, intervals, t.size(), dt.size());
     Stage stage(device_);
     stage.for_each(n_rays, IntervalMidpoints{there(stage, intervals), stage.out(t), stage.out(dt)});
@@ -101,8 +102,8 @@ class DeviceRayStages : public GridStages {
     stage.finish();
   }
 
-  void expose(const Appearance& appearance, std::span<const Exposure> exposure,
-              std::span<float> gains, std::span<float> rgb) override {
+  void apply_exposure(const Appearance& appearance, std::span<const Exposure> exposure,
+                      std::span<float> gains, std::span<float> rgb) override {
     check_apply_exposure(appearance, exposure.size(), gains.size(), rgb.size());
     Stage stage(device_);
     stage.for_each(exposure.size(), ApplyExposure{there(stage, appearance), stage.in(exposure),

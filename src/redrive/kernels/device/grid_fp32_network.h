@@ -6,8 +6,8 @@
 #include <cmath>
 #include <utility>
 
-#include "redrive/kernels/backend.h"
 #include "redrive/kernels/device/fp32_layers.h"
+#include "redrive/kernels/grid_stages.h"
 
 namespace redrive::kernels {
 

@@ -7,8 +7,8 @@
 #include <utility>
 
 #include "redrive/field/positional_encoding.h"
-#include "redrive/kernels/backend.h"
 #include "redrive/kernels/device/fp32_layers.h"
+#include "redrive/kernels/nerf_stages.h"
 
 namespace redrive::kernels {
 

@@ -10,24 +10,8 @@
 #include "redrive/kernels/check_sizes.h"
 #include "redrive/optim/photometric_loss.h"
 #include "redrive/volume/composite.h"
-#include "redrive/volume/hierarchical_sampling.h"
 
 namespace redrive::kernels {
-
-/// From d_position [3, n] of a ray's samples.
-struct AddRayGradients {
-  UnitFromWorld unit_from_world;
-  int n_rays;
-  Samples samples;
-  std::span<const float> d_position;
-  RayGradients of_rays;
-
-  REDRIVE_HD void operator()(std::size_t ray) const {
-    const std::size_t per_ray = samples.per_ray;
-    add_ray_gradient(unit_from_world, n_rays, samples, static_cast<int>(ray),
-                     &d_position[ray * per_ray], n_rays * per_ray, of_rays);
-  }
-};
 
 struct Fill {
   std::span<float> numbers;
@@ -43,32 +27,6 @@ struct IsNotFinite {
   REDRIVE_HD double operator()(std::size_t i) const { return std::isfinite(numbers[i]) ? 0 : 1; }
 };
 
-struct SampleStratified {
-  StratifiedSampling how;
-  std::span<float> t, dt;
-
-  REDRIVE_HD void operator()(std::size_t ray) const {
-    const std::size_t first = ray * how.per_ray;
-    stratified_ray(how.per_ray, how.near_m, how.far_m, how.jitter, how.key, first, &t[first],
-                   &dt[first]);
-  }
-};
-
-struct SampleHierarchical {
-  Samples coarse;
-  std::span<const float> weights;
-  int extra;
-  bool jitter;
-  std::uint64_t key;
-  std::span<float> t, dt;
-
-  REDRIVE_HD void operator()(std::size_t ray) const {
-    const std::size_t from = ray * coarse.per_ray, to = ray * (coarse.per_ray + extra);
-    hierarchical_ray(&coarse.t[from], &weights[from], coarse.per_ray, extra, jitter, key,
-                     ray * extra, &t[to], &dt[to]);
-  }
-};
-
 /// A ray's three channels of [3, n_rays].
 struct ColourOfRay {
   float value[3];
@@ -78,7 +36,7 @@ struct ColourOfRay {
   }
 };
 
-struct CompositeForward {
+struct CompositeRays {
   std::size_t n_rays;
   Samples samples;
   std::span<const float> raw, background;
@@ -97,7 +55,7 @@ struct CompositeForward {
   }
 };
 
-struct CompositeBackward {
+struct CompositeRaysBackward {
   std::size_t n_rays;
   Samples samples;
   std::span<const float> raw, background;

@@ -90,8 +90,8 @@ std::shared_ptr<ResidentSource<Spans>> copy_source_to_device(Device& device,
 /// Where `from` is kept, its poses as they are now.
 template <class Device, class Spans>
 const Spans& there(Device& device, const GatherSource<Spans>& from) {
-  if (!from.elsewhere) from.elsewhere = copy_source_to_device(device, from);
-  auto& kept = *static_cast<ResidentSource<Spans>*>(from.elsewhere.get());
+  if (!from.resident) from.resident = copy_source_to_device(device, from);
+  auto& kept = *static_cast<ResidentSource<Spans>*>(from.resident.get());
   if (kept.pose_version != from.pose_version) {
     REDRIVE_CHECK_OP(kept.there.poses.size(), ==, from.poses.size());
     const void* const poses = kept.there.poses.data();

@@ -2,8 +2,9 @@
 // What stages are given, with its spans on the device (stage.h, in).
 #pragma once
 
-#include "redrive/kernels/backend.h"
 #include "redrive/kernels/device/stage.h"
+#include "redrive/kernels/grid_stages.h"
+#include "redrive/kernels/nerf_stages.h"
 
 namespace redrive::kernels {
 

@@ -65,7 +65,7 @@ struct PixelSpans {
 template <class Spans>
 struct GatherSource : Spans {
   int pose_version = 0;  ///< incremented when Spans::poses change
-  mutable std::shared_ptr<void> elsewhere;
+  mutable std::shared_ptr<void> resident;
 };
 using PixelSource = GatherSource<PixelSpans>;
 

@@ -5,27 +5,13 @@
 #include <vector>
 
 #include "redrive/kernels/check_sizes.h"
-#include "redrive/kernels/ref/nerf_network.h"
 #include "redrive/kernels/ref/ref_grid_stages.h"
+#include "redrive/kernels/ref/ref_nerf_stages.h"
 #include "redrive/optim/photometric_loss.h"
 #include "redrive/volume/composite.h"
-#include "redrive/volume/hierarchical_sampling.h"
 
 namespace redrive::kernels {
 namespace {
-
-/// Position in the unit cube and direction of sample `s` of `ray`.
-struct FieldPoint {
-  double position[3], direction[3];
-
-  FieldPoint(const UnitFromWorld& unit_from_world, const Rays& rays, int ray, float t) {
-    for (int k = 0; k < 3; ++k) {
-      direction[k] = rays.direction[k * rays.n + ray];
-      position[k] = (rays.origin[k * rays.n + ray] + t * direction[k] - unit_from_world.center[k]) *
-                    unit_from_world.scale;
-    }
-  }
-};
 
 /// The four channels of one ray as double, [4, per_ray].
 std::vector<double> raw_of_ray(std::span<const float> raw, std::size_t n_samples, int ray,
@@ -56,73 +42,6 @@ class RefBackend final : public Backend {
   std::string name() const override { return "ref"; }
   std::optional<Isa> isa() const override { return std::nullopt; }
   int threads() const override { return 1; }
-
-  void sample_stratified(int n_rays, const StratifiedSampling& how, std::span<float> t,
-                         std::span<float> dt) override {
-    check_stratified(n_rays, how, t.size(), dt.size());
-    for (int ray = 0; ray < n_rays; ++ray) {
-      const std::size_t first = static_cast<std::size_t>(ray) * how.per_ray;
-      stratified_ray(how.per_ray, how.near_m, how.far_m, how.jitter, how.key, first, &t[first],
-                     &dt[first]);
-    }
-  }
-
-  void sample_hierarchical(const Samples& coarse, std::span<const float> weights, int extra,
-                           bool jitter, std::uint64_t key, std::span<float> t,
-                           std::span<float> dt) override {
-    const int n_rays = check_hierarchical(coarse, weights.size(), extra, t.size(), dt.size());
-    for (std::size_t ray = 0; ray < static_cast<std::size_t>(n_rays); ++ray) {
-      const std::size_t from = ray * coarse.per_ray, to = ray * (coarse.per_ray + extra);
-      hierarchical_ray(&coarse.t[from], &weights[from], coarse.per_ray, extra, jitter, key,
-                       ray * extra, &t[to], &dt[to]);
-    }
-  }
-
-  void nerf_forward(const NerfField& field, const Rays& rays, const Samples& samples,
-                    std::span<float> raw) override {
-    check_field(field, rays, samples);
-    check_raw(rays.n, samples, raw.size());
-    const std::vector<double> parameters(field.parameters.begin(), field.parameters.end());
-    const std::size_t n_samples = sample_count(rays.n, samples);
-    ref::NerfActivations<double> activations;
-    for (std::size_t i = 0; i < n_samples; ++i) {
-      const FieldPoint point(field.unit_from_world, rays, static_cast<int>(i / samples.per_ray),
-                             samples.t[i]);
-      double out[4];
-      ref::nerf_sample_forward(field.config, parameters.data(), point.position, point.direction,
-                               &activations, out);
-      for (int k = 0; k < 4; ++k) raw[k * n_samples + i] = static_cast<float>(out[k]);
-    }
-  }
-
-  void nerf_backward(const NerfField& field, const Rays& rays, const Samples& samples,
-                     std::span<const float> d_raw, std::span<float> gradients,
-                     const RayGradients& of_rays) override {
-    check_field(field, rays, samples);
-    check_raw(rays.n, samples, d_raw.size());
-    check_ray_gradients(rays.n, of_rays);
-    REDRIVE_CHECK_OP(gradients.size(), ==, field.parameters.size());
-    const std::vector<double> parameters(field.parameters.begin(), field.parameters.end());
-    const std::size_t n_samples = sample_count(rays.n, samples), per_ray = samples.per_ray;
-    std::vector<double> sums(gradients.size()), d_position(3 * per_ray);  // the latter of one ray
-    ref::NerfActivations<double> activations;
-    for (std::size_t i = 0; i < n_samples; ++i) {
-      const int ray = static_cast<int>(i / per_ray);
-      const FieldPoint point(field.unit_from_world, rays, ray, samples.t[i]);
-      double raw[4], d[4], d_point[3];
-      for (int k = 0; k < 4; ++k) d[k] = d_raw[k * n_samples + i];
-      ref::nerf_sample_forward(field.config, parameters.data(), point.position, point.direction,
-                               &activations, raw);
-      ref::nerf_sample_adjoint(field.config, parameters.data(), activations, d, sums.data(),
-                               d_point);
-      for (int k = 0; k < 3; ++k) d_position[k * per_ray + i % per_ray] = d_point[k];
-      if (of_rays.wanted() && i % per_ray == per_ray - 1)
-        add_ray_gradient(field.unit_from_world, rays.n, samples, ray, d_position.data(), per_ray,
-                         of_rays);
-    }
-    for (std::size_t i = 0; i < sums.size(); ++i)
-      gradients[i] = static_cast<float>(gradients[i] + sums[i]);
-  }
 
   void composite_forward(int n_rays, const Samples& samples, std::span<const float> raw,
                          std::span<const float> background, const CompositeOut& out) override {
@@ -186,9 +105,11 @@ class RefBackend final : public Backend {
     }
   }
 
+  NerfStages& nerf() override { return *nerf_; }
   GridStages& grid() override { return *grid_; }
 
  private:
+  std::unique_ptr<NerfStages> nerf_ = make_ref_nerf_stages(*this);
   std::unique_ptr<GridStages> grid_ = make_ref_grid_stages();
 };
 

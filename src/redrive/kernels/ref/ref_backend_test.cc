@@ -8,6 +8,7 @@
 
 #include "redrive/base/rng.h"
 #include "redrive/kernels/backend.h"
+#include "redrive/kernels/nerf_stages.h"
 #include "redrive/kernels/ref/nerf_network.h"
 #include "redrive/math/dual.h"
 #include "redrive/optim/photometric_loss.h"
@@ -39,7 +40,7 @@ struct Batch {
     for (std::size_t i = 0; i < parameters.size(); ++i)
       if (parameters[i] == 0) parameters[i] = static_cast<float>(0.3 * uniform(3, i));
     parameters[nerf_layer(config, kNerfDensity).bias] = 0.4f;  // a field that is not dead
-    make_ref_backend()->sample_stratified(kRays, {kPerRay, 1, 6, true, 77}, t, dt);
+    make_ref_backend()->nerf().sample_stratified(kRays, {kPerRay, 1, 6, true, 77}, t, dt);
   }
 
   Rays rays() const { return {kRays, origin, direction}; }
@@ -51,8 +52,8 @@ struct Batch {
                const RayGradients& of_rays = {}) const {
     std::vector<float> rgb(3 * kRays), depth(kRays), opacity(kRays);
     double loss = 0;
-    make_ref_backend()->train_rays(field(), rays(), samples(), target, {rgb, depth, opacity, {}},
-                                   *gradients, of_rays, &loss);
+    make_ref_backend()->nerf().train_rays(field(), rays(), samples(), target,
+                                          {rgb, depth, opacity, {}}, *gradients, of_rays, &loss);
     if (rgb_out) *rgb_out = rgb;
     return loss;
   }
@@ -200,8 +201,8 @@ TEST(RefBackend, RenderingShowsWhatTrainingSaw) {
   batch.train(&gradients, &trained);
   std::vector<float> rgb(3 * Batch::kRays), depth(Batch::kRays), opacity(Batch::kRays),
       weights(batch.t.size());
-  make_ref_backend()->render_rays(batch.field(), batch.rays(), batch.samples(),
-                                  {rgb, depth, opacity, weights});
+  make_ref_backend()->nerf().render_rays(batch.field(), batch.rays(), batch.samples(),
+                                         {rgb, depth, opacity, weights});
   EXPECT_EQ(rgb, trained);
   for (int ray = 0; ray < Batch::kRays; ++ray) {
     double sum = 0;
@@ -214,26 +215,29 @@ TEST(RefBackend, ChecksSizes) {
   const Batch batch;
   const auto backend = make_ref_backend();
   std::vector<float> raw(4 * batch.t.size()), few(7), gradients(batch.parameters.size());
-  EXPECT_THROW(backend->nerf_forward(batch.field(), batch.rays(), batch.samples(), few),
+  EXPECT_THROW(backend->nerf().network_forward(batch.field(), batch.rays(), batch.samples(), few),
                std::logic_error);
-  EXPECT_THROW(backend->nerf_backward(batch.field(), batch.rays(), batch.samples(), raw, few, {}),
+  EXPECT_THROW(
+      backend->nerf().network_backward(batch.field(), batch.rays(), batch.samples(), raw, few, {}),
+      std::logic_error);
+  EXPECT_THROW(backend->nerf().network_backward(batch.field(), batch.rays(), batch.samples(), raw,
+                                                gradients, {few, few}),
                std::logic_error);
-  EXPECT_THROW(backend->nerf_backward(batch.field(), batch.rays(), batch.samples(), raw, gradients,
-                                      {few, few}),
-               std::logic_error);
-  EXPECT_THROW(backend->nerf_backward(batch.field(), batch.rays(), batch.samples(), raw, gradients,
-                                      {{}, few}),
+  EXPECT_THROW(backend->nerf().network_backward(batch.field(), batch.rays(), batch.samples(), raw,
+                                                gradients, {{}, few}),
                std::logic_error);
   NerfField field = batch.field();
   field.parameters = few;
-  EXPECT_THROW(backend->nerf_forward(field, batch.rays(), batch.samples(), raw), std::logic_error);
+  EXPECT_THROW(backend->nerf().network_forward(field, batch.rays(), batch.samples(), raw),
+               std::logic_error);
   EXPECT_THROW(
       backend->composite_forward(Batch::kRays, batch.samples(), raw, {}, {few, few, few, {}}),
       std::logic_error);
   double loss = 0;
   EXPECT_THROW(backend->photometric_loss(few, few, few, &loss), std::logic_error);
   EXPECT_THROW(backend->adam({}, gradients, gradients, gradients, few), std::logic_error);
-  EXPECT_THROW(backend->sample_stratified(2, {5, 3, 3, false, 0}, raw, raw), std::logic_error);
+  EXPECT_THROW(backend->nerf().sample_stratified(2, {5, 3, 3, false, 0}, raw, raw),
+               std::logic_error);
 }
 
 TEST(RefBackend, PhotometricLossOfABatch) {

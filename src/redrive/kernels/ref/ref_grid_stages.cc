@@ -52,13 +52,14 @@ class FeaturesOf {
 
 class RefGridStages final : public HostRayStages {
  public:
-  void spaced(const Rays& rays, const UniformSampling& how, std::span<float> edges) override {
+  void sample_uniform(const Rays& rays, const UniformSampling& how,
+                      std::span<float> edges) override {
     check_sample_uniform(rays, how.per_ray, edges.size());
     for (int ray = 0; ray < rays.n; ++ray) uniform_edges_of_ray(rays, how, ray, edges);
   }
 
-  void proposed(int n_rays, const Intervals& from, std::span<const float> weights,
-                const PdfSampling& how, std::span<float> edges) override {
+  void sample_pdf(int n_rays, const Intervals& from, std::span<const float> weights,
+                  const PdfSampling& how, std::span<float> edges) override {
     check_sample_pdf(n_rays, from, weights.size(), how.per_ray, edges.size());
     for (int ray = 0; ray < n_rays; ++ray)
       pdf_edges(&from.edges[interval_count(ray, from.per_ray + 1)],
@@ -213,9 +214,9 @@ class RefGridStages final : public HostRayStages {
     }
   }
 
-  void proposal(int n_rays, const Intervals& intervals, std::span<const float> weights,
-                const Intervals& proposal, std::span<const float> proposal_weights,
-                std::span<float> d_proposal, double* loss) override {
+  void proposal_loss(int n_rays, const Intervals& intervals, std::span<const float> weights,
+                     const Intervals& proposal, std::span<const float> proposal_weights,
+                     std::span<float> d_proposal, double* loss) override {
     check_proposal(n_rays, intervals, weights.size(), proposal, proposal_weights.size(),
                    d_proposal.size());
     double sum = 0;
@@ -223,45 +224,45 @@ class RefGridStages final : public HostRayStages {
       const std::size_t first = interval_count(ray, intervals.per_ray),
                         p = interval_count(ray, proposal.per_ray);
       std::vector<double> d(proposal.per_ray);
-      sum += proposal_loss<double>(&intervals.edges[first + ray],
-                                   as_double(weights.subspan(first, intervals.per_ray)).data(),
-                                   intervals.per_ray, &proposal.edges[p + ray],
-                                   as_double(proposal_weights.subspan(p, proposal.per_ray)).data(),
-                                   proposal.per_ray, 1.0 / n_rays, d.data());
+      sum += redrive::proposal_loss<double>(
+          &intervals.edges[first + ray],
+          as_double(weights.subspan(first, intervals.per_ray)).data(), intervals.per_ray,
+          &proposal.edges[p + ray], as_double(proposal_weights.subspan(p, proposal.per_ray)).data(),
+          proposal.per_ray, 1.0 / n_rays, d.data());
       std::copy(d.begin(), d.end(), &d_proposal[p]);
     }
     *loss = sum / n_rays;
   }
 
-  void range(int n_rays, const Intervals& intervals, std::span<const float> weights,
-             std::span<const float> range_m, float spread_m, float factor,
-             std::span<float> d_weights, double* loss) override {
+  void range_loss(int n_rays, const Intervals& intervals, std::span<const float> weights,
+                  std::span<const float> range_m, float spread_m, float factor,
+                  std::span<float> d_weights, double* loss) override {
     check_range(n_rays, intervals, weights.size(), range_m.size(), spread_m, d_weights.size());
     const std::size_t n = intervals.per_ray;
     std::vector<double> d(n);
     double sum = 0;
     for (int ray = 0; ray < n_rays; ++ray) {
       const std::size_t first = interval_count(ray, intervals.per_ray);
-      sum += range_loss<double>(&intervals.edges[first + ray],
-                                as_double(weights.subspan(first, n)).data(), intervals.per_ray,
-                                range_m[ray], spread_m, static_cast<double>(factor) / n_rays,
-                                d.data());
+      sum += redrive::range_loss<double>(&intervals.edges[first + ray],
+                                         as_double(weights.subspan(first, n)).data(),
+                                         intervals.per_ray, range_m[ray], spread_m,
+                                         static_cast<double>(factor) / n_rays, d.data());
       std::copy(d.begin(), d.end(), &d_weights[first]);
     }
     *loss = factor * (sum / n_rays);
   }
 
-  void empty_space(int n_rays, const Intervals& intervals, std::span<const float> density,
-                   float factor, std::span<float> d_density, double* loss) override {
+  void sparsity_loss(int n_rays, const Intervals& intervals, std::span<const float> density,
+                     float factor, std::span<float> d_density, double* loss) override {
     check_sparsity(n_rays, intervals, density.size(), d_density.size());
     const std::size_t n = intervals.per_ray;
     double sum = 0;
     for (int ray = 0; ray < n_rays; ++ray) {
       const std::size_t first = interval_count(ray, intervals.per_ray);
       std::vector<double> d = as_double(d_density.subspan(first, n));
-      sum += sparsity_loss<double>(&intervals.edges[first + ray],
-                                   as_double(density.subspan(first, n)).data(), intervals.per_ray,
-                                   static_cast<double>(factor) / n_rays, d.data());
+      sum += redrive::sparsity_loss<double>(
+          &intervals.edges[first + ray], as_double(density.subspan(first, n)).data(),
+          intervals.per_ray, static_cast<double>(factor) / n_rays, d.data());
       std::copy(d.begin(), d.end(), &d_density[first]);
     }
     *loss = factor * (sum / n_rays);

@@ -47,7 +47,8 @@ class CpuGridStages final : public HostRayStages {
         bf16_(isa == Isa::kAvx512Bf16 ? &avx512_bf16::kGridBf16Kernels : nullptr),
         pool_(*pool) {}
 
-  void spaced(const Rays& rays, const UniformSampling& how, std::span<float> edges) override {
+  void sample_uniform(const Rays& rays, const UniformSampling& how,
+                      std::span<float> edges) override {
     check_sample_uniform(rays, how.per_ray, edges.size());
     pool_.run_ranges(rays.n, kRaysPerRange, [&](std::size_t begin, std::size_t end) {
       const std::size_t count = how.per_ray + 1;
@@ -59,8 +60,8 @@ class CpuGridStages final : public HostRayStages {
     });
   }
 
-  void proposed(int n_rays, const Intervals& from, std::span<const float> weights,
-                const PdfSampling& how, std::span<float> edges) override {
+  void sample_pdf(int n_rays, const Intervals& from, std::span<const float> weights,
+                  const PdfSampling& how, std::span<float> edges) override {
     check_sample_pdf(n_rays, from, weights.size(), how.per_ray, edges.size());
     pool_.run_ranges(n_rays, kRaysPerRange, [&](std::size_t begin, std::size_t end) {
       for (std::size_t ray = begin; ray < end; ++ray)
@@ -220,9 +221,9 @@ class CpuGridStages final : public HostRayStages {
     });
   }
 
-  void proposal(int n_rays, const Intervals& intervals, std::span<const float> weights,
-                const Intervals& proposal, std::span<const float> proposal_weights,
-                std::span<float> d_proposal, double* loss) override {
+  void proposal_loss(int n_rays, const Intervals& intervals, std::span<const float> weights,
+                     const Intervals& proposal, std::span<const float> proposal_weights,
+                     std::span<float> d_proposal, double* loss) override {
     const int n = intervals.per_ray, m = proposal.per_ray;
     check_proposal(n_rays, intervals, weights.size(), proposal, proposal_weights.size(),
                    d_proposal.size());
@@ -230,7 +231,7 @@ class CpuGridStages final : public HostRayStages {
     pool_.run_ranges(n_rays, kRaysPerRange, [&](std::size_t begin, std::size_t end) {
       for (std::size_t ray = begin; ray < end; ++ray) {
         std::fill_n(&d_proposal[ray * m], m, 0.0f);
-        sums[begin / kRaysPerRange] += proposal_loss<float>(
+        sums[begin / kRaysPerRange] += redrive::proposal_loss<float>(
             &intervals.edges[ray * (n + 1)], &weights[ray * n], n, &proposal.edges[ray * (m + 1)],
             &proposal_weights[ray * m], m, 1.0f / static_cast<float>(n_rays), &d_proposal[ray * m]);
       }
@@ -238,31 +239,31 @@ class CpuGridStages final : public HostRayStages {
     *loss = std::accumulate(sums.begin(), sums.end(), 0.0) / n_rays;
   }
 
-  void range(int n_rays, const Intervals& intervals, std::span<const float> weights,
-             std::span<const float> range_m, float spread_m, float factor,
-             std::span<float> d_weights, double* loss) override {
+  void range_loss(int n_rays, const Intervals& intervals, std::span<const float> weights,
+                  std::span<const float> range_m, float spread_m, float factor,
+                  std::span<float> d_weights, double* loss) override {
     check_range(n_rays, intervals, weights.size(), range_m.size(), spread_m, d_weights.size());
     const int n = intervals.per_ray;
     std::vector<double> sums((n_rays + kRaysPerRange - 1) / kRaysPerRange);
     pool_.run_ranges(n_rays, kRaysPerRange, [&](std::size_t begin, std::size_t end) {
       for (std::size_t ray = begin; ray < end; ++ray)
-        sums[begin / kRaysPerRange] +=
-            range_loss<float>(&intervals.edges[ray * (n + 1)], &weights[ray * n], n, range_m[ray],
-                              spread_m, factor / static_cast<float>(n_rays), &d_weights[ray * n]);
+        sums[begin / kRaysPerRange] += redrive::range_loss<float>(
+            &intervals.edges[ray * (n + 1)], &weights[ray * n], n, range_m[ray], spread_m,
+            factor / static_cast<float>(n_rays), &d_weights[ray * n]);
     });
     *loss = factor * (std::accumulate(sums.begin(), sums.end(), 0.0) / n_rays);
   }
 
-  void empty_space(int n_rays, const Intervals& intervals, std::span<const float> density,
-                   float factor, std::span<float> d_density, double* loss) override {
+  void sparsity_loss(int n_rays, const Intervals& intervals, std::span<const float> density,
+                     float factor, std::span<float> d_density, double* loss) override {
     check_sparsity(n_rays, intervals, density.size(), d_density.size());
     const int n = intervals.per_ray;
     std::vector<double> sums((n_rays + kRaysPerRange - 1) / kRaysPerRange);
     pool_.run_ranges(n_rays, kRaysPerRange, [&](std::size_t begin, std::size_t end) {
       for (std::size_t ray = begin; ray < end; ++ray)
         sums[begin / kRaysPerRange] +=
-            sparsity_loss<float>(&intervals.edges[ray * (n + 1)], &density[ray * n], n,
-                                 factor / static_cast<float>(n_rays), &d_density[ray * n]);
+            redrive::sparsity_loss<float>(&intervals.edges[ray * (n + 1)], &density[ray * n], n,
+                                          factor / static_cast<float>(n_rays), &d_density[ray * n]);
     });
     *loss = factor * (std::accumulate(sums.begin(), sums.end(), 0.0) / n_rays);
   }

@@ -5,8 +5,8 @@
 #include <cstddef>
 
 #include "redrive/base/buffer.h"
-#include "redrive/kernels/backend.h"
 #include "redrive/kernels/cpu/grid/bf16_network.h"
+#include "redrive/kernels/grid_stages.h"
 
 namespace redrive::kernels {
 

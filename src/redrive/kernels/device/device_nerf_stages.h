@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: Apache-2.0
+// The stages of --method nerf on a device.
+#pragma once
+
+#include <algorithm>
+
+#include "redrive/kernels/check_nerf_sizes.h"
+#include "redrive/kernels/device/nerf_functors.h"
+#include "redrive/kernels/device/nerf_tensor_network.h"
+#include "redrive/kernels/device/spans_on_device.h"
+
+namespace redrive::kernels {
+
+template <class Device>
+class DeviceNerfStages final : public NerfStages {
+ public:
+  DeviceNerfStages(Backend& backend, Device& device) : NerfStages(backend), device_(device) {}
+
+  void sample_stratified(int n_rays, const StratifiedSampling& how, std::span<float> t,
+                         std::span<float> dt) override {
+    check_stratified(n_rays, how, t.size(), dt.size());
+    Stage stage(device_);
+    stage.for_each(n_rays, StratifiedRays{how, stage.out(t), stage.out(dt)});
+    stage.finish();
+  }
+
+  void sample_hierarchical(const Samples& coarse, std::span<const float> weights, int extra,
+                           bool jitter, std::uint64_t key, std::span<float> t,
+                           std::span<float> dt) override {
+    const int n_rays = check_hierarchical(coarse, weights.size(), extra, t.size(), dt.size());
+    Stage stage(device_);
+    stage.for_each(n_rays, HierarchicalRays{there(stage, coarse), stage.in(weights), extra, jitter,
+                                            key, stage.out(t), stage.out(dt)});
+    stage.finish();
+  }
+
+  void network_forward(const NerfField& field, const Rays& rays, const Samples& samples,
+                       std::span<float> raw) override {
+    check_field(field, rays, samples);
+    check_raw(rays.n, samples, raw.size());
+    if (device_.has_tensor_cores())
+      forward_by<NerfTensorNetwork<Device>>(field, rays, samples, raw);
+    else
+      forward_by<NerfFp32Network<Device>>(field, rays, samples, raw);
+  }
+
+  void network_backward(const NerfField& field, const Rays& rays, const Samples& samples,
+                        std::span<const float> d_raw, std::span<float> gradients,
+                        const RayGradients& of_rays) override {
+    check_field(field, rays, samples);
+    check_raw(rays.n, samples, d_raw.size());
+    check_ray_gradients(rays.n, of_rays);
+    REDRIVE_CHECK_OP(gradients.size(), ==, field.parameters.size());
+    if (device_.has_tensor_cores())
+      backward_by<NerfTensorNetwork<Device>>(field, rays, samples, d_raw, gradients, of_rays);
+    else
+      backward_by<NerfFp32Network<Device>>(field, rays, samples, d_raw, gradients, of_rays);
+  }
+
+ private:
+  template <class Pass>
+  void forward_by(const NerfField& field, const Rays& rays, const Samples& samples,
+                  std::span<float> raw) {
+    const std::size_t n = sample_count(rays.n, samples),
+                      most = std::min(n, Device::kMaxSamplesPerPass);
+    Stage stage(device_);
+    Pass pass(stage, there(stage, field), most, {}, false);
+    const Rays rays_there = there(stage, rays);
+    const Samples samples_there = there(stage, samples);
+    const std::span<float> out = stage.out(raw);
+    for (std::size_t first = 0; first < n; first += most)
+      pass.forward(rays_there, samples_there, first, std::min(most, n - first),
+                   {&out[first], 1, n});
+    stage.finish();
+  }
+
+  template <class Pass>
+  void backward_by(const NerfField& field, const Rays& rays, const Samples& samples,
+                   std::span<const float> d_raw, std::span<float> gradients,
+                   const RayGradients& of_rays) {
+    const std::size_t n = sample_count(rays.n, samples),
+                      most = std::min(n, Device::kMaxSamplesPerPass);
+    Stage stage(device_);
+    Pass pass(stage, there(stage, field), most, stage.in_out(gradients), of_rays.wanted());
+    const Rays rays_there = there(stage, rays);
+    const Samples samples_there = there(stage, samples);
+    const std::span<const float> d = stage.in(d_raw);
+    const std::span<float> d_position = stage.template scratch<float>(of_rays.wanted() ? 3 * n : 0);
+    for (std::size_t first = 0; first < n; first += most) {
+      const std::size_t count = std::min(most, n - first);
+      pass.forward(rays_there, samples_there, first, count, {});
+      pass.backward(count, {&d[first], 1, n},
+                    {d_position.empty() ? nullptr : &d_position[first], 1, n});
+    }
+    if (of_rays.wanted())
+      stage.for_each(rays.n, AddRayGradients{field.unit_from_world,
+                                             rays.n,
+                                             samples_there,
+                                             d_position,
+                                             {stage.in_out(of_rays.d_origin),
+                                              stage.in_out(of_rays.d_direction)}});
+    stage.finish();
+  }
+
+  Device& device_;
+};
+
+}  // namespace redrive::kernels

@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: Apache-2.0
+// Plain loops over the scalar functions, in double between the spans (ref_backend.cc).
+#include "redrive/kernels/ref/ref_nerf_stages.h"
+
+#include <vector>
+
+#include "redrive/kernels/add_ray_gradient.h"
+#include "redrive/kernels/check_nerf_sizes.h"
+#include "redrive/kernels/ref/nerf_network.h"
+#include "redrive/volume/hierarchical_sampling.h"
+
+namespace redrive::kernels {
+namespace {
+
+/// Position in the unit cube and direction of sample `s` of `ray`.
+struct FieldPoint {
+  double position[3], direction[3];
+
+  FieldPoint(const UnitFromWorld& unit_from_world, const Rays& rays, int ray, float t) {
+    for (int k = 0; k < 3; ++k) {
+      direction[k] = rays.direction[k * rays.n + ray];
+      position[k] = (rays.origin[k * rays.n + ray] + t * direction[k] - unit_from_world.center[k]) *
+                    unit_from_world.scale;
+    }
+  }
+};
+
+class RefNerfStages final : public NerfStages {
+ public:
+  using NerfStages::NerfStages;
+
+  void sample_stratified(int n_rays, const StratifiedSampling& how, std::span<float> t,
+                         std::span<float> dt) override {
+    check_stratified(n_rays, how, t.size(), dt.size());
+    for (int ray = 0; ray < n_rays; ++ray) {
+      const std::size_t first = static_cast<std::size_t>(ray) * how.per_ray;
+      stratified_ray(how.per_ray, how.near_m, how.far_m, how.jitter, how.key, first, &t[first],
+                     &dt[first]);
+    }
+  }
+
+  void sample_hierarchical(const Samples& coarse, std::span<const float> weights, int extra,
+                           bool jitter, std::uint64_t key, std::span<float> t,
+                           std::span<float> dt) override {
+    const int n_rays = check_hierarchical(coarse, weights.size(), extra, t.size(), dt.size());
+    for (std::size_t ray = 0; ray < static_cast<std::size_t>(n_rays); ++ray) {
+      const std::size_t from = ray * coarse.per_ray, to = ray * (coarse.per_ray + extra);
+      hierarchical_ray(&coarse.t[from], &weights[from], coarse.per_ray, extra, jitter, key,
+                       ray * extra, &t[to], &dt[to]);
+    }
+  }
+
+  void network_forward(const NerfField& field, const Rays& rays, const Samples& samples,
+                       std::span<float> raw) override {
+    check_field(field, rays, samples);
+    check_raw(rays.n, samples, raw.size());
+    const std::vector<double> parameters(field.parameters.begin(), field.parameters.end());
+    const std::size_t n_samples = sample_count(rays.n, samples);
+    ref::NerfActivations<double> activations;
+    for (std::size_t i = 0; i < n_samples; ++i) {
+      const FieldPoint point(field.unit_from_world, rays, static_cast<int>(i / samples.per_ray),
+                             samples.t[i]);
+      double out[4];
+      ref::nerf_sample_forward(field.config, parameters.data(), point.position, point.direction,
+                               &activations, out);
+      for (int k = 0; k < 4; ++k) raw[k * n_samples + i] = static_cast<float>(out[k]);
+    }
+  }
+
+  void network_backward(const NerfField& field, const Rays& rays, const Samples& samples,
+                        std::span<const float> d_raw, std::span<float> gradients,
+                        const RayGradients& of_rays) override {
+    check_field(field, rays, samples);
+    check_raw(rays.n, samples, d_raw.size());
+    check_ray_gradients(rays.n, of_rays);
+    REDRIVE_CHECK_OP(gradients.size(), ==, field.parameters.size());
+    const std::vector<double> parameters(field.parameters.begin(), field.parameters.end());
+    const std::size_t n_samples = sample_count(rays.n, samples), per_ray = samples.per_ray;
+    std::vector<double> sums(gradients.size()), d_position(3 * per_ray);  // the latter of one ray
+    ref::NerfActivations<double> activations;
+    for (std::size_t i = 0; i < n_samples; ++i) {
+      const int ray = static_cast<int>(i / per_ray);
+      const FieldPoint point(field.unit_from_world, rays, ray, samples.t[i]);
+      double raw[4], d[4], d_point[3];
+      for (int k = 0; k < 4; ++k) d[k] = d_raw[k * n_samples + i];
+      ref::nerf_sample_forward(field.config, parameters.data(), point.position, point.direction,
+                               &activations, raw);
+      ref::nerf_sample_adjoint(field.config, parameters.data(), activations, d, sums.data(),
+                               d_point);
+      for (int k = 0; k < 3; ++k) d_position[k * per_ray + i % per_ray] = d_point[k];
+      if (of_rays.wanted() && i % per_ray == per_ray - 1)
+        add_ray_gradient(field.unit_from_world, rays.n, samples, ray, d_position.data(), per_ray,
+                         of_rays);
+    }
+    for (std::size_t i = 0; i < sums.size(); ++i)
+      gradients[i] = static_cast<float>(gradients[i] + sums[i]);
+  }
+};
+
+}  // namespace
+
+std::unique_ptr<NerfStages> make_ref_nerf_stages(Backend& backend) {
+  return std::make_unique<RefNerfStages>(backend);
+}
+
+}  // namespace redrive::kernels
