@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Ranges of a batch's rays as the compositing kernels (cpu_kernels.h) take them.
+// How the cpu backend cuts a batch, and ranges of rays as the compositing kernels (cpu_kernels.h)
+// take them.
 #pragma once
 
 #include "redrive/kernels/backend.h"
@@ -10,6 +11,10 @@ namespace redrive::kernels {
 /// Rays that one entry of the thread pool's queue takes: some thousand samples, well above the cost
 /// of an entry.
 constexpr std::size_t kRaysPerRange = 64;
+
+/// Chunks of a batch, each with its own gradient sums: enough for two to eight threads to end
+/// together, few enough for their gradients (2.4 MB each at width 256) to be added up quickly.
+constexpr int kChunksPerBatch = 8;
 
 /// Rays [first, first + n) of a batch.
 struct RayRange {

@@ -21,10 +21,6 @@
 namespace redrive::kernels {
 namespace {
 
-/// Lanes of a batch: enough for a queue of two to eight threads to end together, few enough for
-/// their gradients (2.4 MB each at width 256) to be added up quickly.
-constexpr int kChunksPerBatch = 8;
-
 std::unique_ptr<NerfNetwork> make_network(Isa isa, const NerfConfig& config) {
   switch (isa) {
     case Isa::kAvx2: return make_nerf_avx2(config);

@@ -11,6 +11,7 @@
 
 #include "redrive/base/buffer.h"
 #include "redrive/kernels/check_grid_sizes.h"
+#include "redrive/kernels/cpu/composite_range.h"
 #include "redrive/kernels/cpu/grid/packed_network.h"
 #include "redrive/kernels/host_ray_stages.h"
 #include "redrive/optim/proposal_loss.h"
@@ -20,12 +21,10 @@
 namespace redrive::kernels {
 namespace {
 
-constexpr std::size_t kRaysPerRange = 64;
 constexpr std::size_t kPointsPerRange = 8192;  // a level's table is walked once for so many points
 constexpr int kTileSamples = 256;  // a network's activations stay in the second-level cache
 constexpr int kBf16TileSamples =
     384;  // as above, in half the memory; 16 rays of 24 are whole strips
-constexpr int kChunksPerBatch = 8;
 
 std::vector<GridLevel> levels_of(const HashGrid& grid) {
   std::vector<GridLevel> levels;
