@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Documents name files that exist, and link to documents and headings that exist.
+#include <algorithm>
 #include <cctype>
 #include <cstring>
 #include <filesystem>
@@ -74,7 +75,9 @@ TEST_P(Documents, NamePathsThatExist) {
        {"src/", "tests/", "tools/", "samples/", "scripts/", "fuzz/", "cmake/", "docs/", "bench/"})
     for (auto at = body.find(folder); at != std::string::npos; at = body.find(folder, at + 1)) {
       if (at > 0 && !std::strchr(" \n\t`(", body[at - 1])) continue;
-      std::string path = body.substr(at, body.find_first_not_of(kPathCharacters, at) - at);
+      const auto end = std::min(body.find_first_not_of(kPathCharacters, at), body.size());
+      std::string path = body.substr(at, end - at);
+      if (body.substr(end, 1) == "<") path.erase(path.rfind('/'));  // src/x/<name>.h: the folder
       while (path.ends_with('.') || path.ends_with('/'))
         path.pop_back();                          // the end of a sentence, or of a folder
       if (path.size() < folder.size()) continue;  // the folder alone
