@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Poses as plain numbers, for what runs on a GPU as well: rays turned into the world, and the way
-// between two poses.
+// Poses as plain numbers for host and GPU: rigid transforms of rays, and interpolation of poses.
 #pragma once
 
 #include <cmath>
@@ -15,60 +14,60 @@ struct PlainTransform {
   double translation[3] = {0, 0, 0};
 };
 
-/// The same with its rotation as a unit quaternion x, y, z, w, too (math/rigid3.h, plain).
+/// A PlainTransform with its rotation also as a unit quaternion x, y, z, w (math/rigid3.h, plain).
 struct PlainPose : PlainTransform {
   double quaternion[4] = {0, 0, 0, 1};
 };
 
-/// Coordinate k of the vector, turned. The third sum is Eigen's, too, which adds it the other way
-/// round: rays keep their bits.
-REDRIVE_HD inline double turned(const PlainTransform& motion, const double* vector, int k) {
+/// Returns coordinate k of the rotated vector, in Eigen's order of summation, which differs for the
+/// third: bit for bit the same.
+REDRIVE_HD inline double rotated(const PlainTransform& motion, const double* vector, int k) {
   const double x = motion.rotation[3 * k] * vector[0], y = motion.rotation[3 * k + 1] * vector[1],
                z = motion.rotation[3 * k + 2] * vector[2];
   return k < 2 ? (x + y) + z : x + (y + z);
 }
 
-/// Coordinate k of the point, moved; added up as Eigen does.
-REDRIVE_HD inline double moved(const PlainTransform& motion, const double* point, int k) {
+/// Returns coordinate k of the transformed point, in Eigen's order of summation.
+REDRIVE_HD inline double transformed(const PlainTransform& motion, const double* point, int k) {
   const double x = motion.rotation[3 * k] * point[0], y = motion.rotation[3 * k + 1] * point[1],
                z = motion.rotation[3 * k + 2] * point[2];
   return ((x + y) + z) + motion.translation[k];
 }
 
-/// a_from_c, from a_from_b and b_from_c.
+/// Returns a_from_c, from a_from_b and b_from_c.
 REDRIVE_HD inline PlainTransform product(const PlainTransform& a, const PlainTransform& b) {
   PlainTransform out;
   for (int column = 0; column < 3; ++column) {
     const double axis[3] = {b.rotation[column], b.rotation[3 + column], b.rotation[6 + column]};
-    for (int k = 0; k < 3; ++k) out.rotation[3 * k + column] = turned(a, axis, k);
+    for (int k = 0; k < 3; ++k) out.rotation[3 * k + column] = rotated(a, axis, k);
   }
-  for (int k = 0; k < 3; ++k) out.translation[k] = turned(a, b.translation, k) + a.translation[k];
+  for (int k = 0; k < 3; ++k) out.translation[k] = rotated(a, b.translation, k) + a.translation[k];
   return out;
 }
 
-/// b_from_a, from a_from_b.
+/// Returns b_from_a, from a_from_b.
 REDRIVE_HD inline PlainTransform inverse(const PlainTransform& a) {
   PlainTransform out;
   for (int i = 0; i < 9; ++i) out.rotation[i] = a.rotation[3 * (i % 3) + i / 3];
-  for (int k = 0; k < 3; ++k) out.translation[k] = -turned(out, a.translation, k);
+  for (int k = 0; k < 3; ++k) out.translation[k] = -rotated(out, a.translation, k);
   return out;
 }
 
-/// The product of quaternions as vectors, added up as Eigen does.
+/// Returns the dot product of quaternions, in Eigen's order of summation.
 REDRIVE_HD inline double quaternion_dot(const double* a, const double* b) {
   return (a[0] * b[0] + a[2] * b[2]) + (a[1] * b[1] + a[3] * b[3]);
 }
 
-/// `part` of the way from a (0) to b (1), or beyond: straight on, along the shortest turn (Shoemake
-/// 1985, slerp), at one speed.
-REDRIVE_HD inline PlainPose between(const PlainPose& a, const PlainPose& b, double part) {
-  constexpr double kSame = 1 - 0x1p-52;  // no turn to speak of: its sine would be 0
+/// Interpolates from a (fraction 0) to b (1), or extrapolates: linear in position, slerp in
+/// rotation (Shoemake 1985).
+REDRIVE_HD inline PlainPose interpolate(const PlainPose& a, const PlainPose& b, double fraction) {
+  constexpr double kSame = 1 - 0x1p-52;  // the sine of a smaller angle is 0
   const double cosine = quaternion_dot(a.quaternion, b.quaternion), least = std::fabs(cosine);
-  double of_a = 1 - part, of_b = part;
+  double of_a = 1 - fraction, of_b = fraction;
   if (least < kSame) {
     const double angle = std::acos(least), sine = std::sin(angle);
-    of_a = std::sin((1 - part) * angle) / sine;
-    of_b = std::sin(part * angle) / sine;
+    of_a = std::sin((1 - fraction) * angle) / sine;
+    of_b = std::sin(fraction * angle) / sine;
   }
   if (cosine < 0) of_b = -of_b;
   PlainPose pose;
@@ -77,7 +76,7 @@ REDRIVE_HD inline PlainPose between(const PlainPose& a, const PlainPose& b, doub
   const double length = std::sqrt(quaternion_dot(q, q));
   for (int i = 0; i < 4; ++i) q[i] /= length;
   for (int i = 0; i < 3; ++i)
-    pose.translation[i] = a.translation[i] + part * (b.translation[i] - a.translation[i]);
+    pose.translation[i] = a.translation[i] + fraction * (b.translation[i] - a.translation[i]);
 
   const double x = 2 * q[0], y = 2 * q[1], z = 2 * q[2];
   const double wx = x * q[3], wy = y * q[3], wz = z * q[3], xx = x * q[0], xy = y * q[0],

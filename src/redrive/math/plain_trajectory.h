@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The body's pose between the frames (recording/trajectory.h), also in plain numbers, for what runs
-// on a GPU as well.
+// The body's pose between the frames (recording/trajectory.h), also in plain numbers for GPUs.
 #pragma once
 
 #include <algorithm>
@@ -17,7 +16,7 @@ struct PlainFrame {
   PlainPose global_from_body;
 };
 
-/// recording/trajectory.h, of frames of either kind.
+/// Returns the pose at t_ns of frames of either kind, as recording/trajectory.h.
 template <class Frame>
 REDRIVE_HD auto pose_at(std::span<const Frame> frames, std::int64_t t_ns) {
   const Frame *const first = frames.data(), *const end = first + frames.size();
@@ -28,7 +27,7 @@ REDRIVE_HD auto pose_at(std::span<const Frame> frames, std::int64_t t_ns) {
   after = after == first ? first + 1 : after == end ? end - 1 : after;
   const Frame &b = *after, &a = *(after - 1);
   const double u = static_cast<double>(t_ns - a.t_ns) / static_cast<double>(b.t_ns - a.t_ns);
-  return between(a.global_from_body, b.global_from_body, u);
+  return interpolate(a.global_from_body, b.global_from_body, u);
 }
 
 }  // namespace redrive

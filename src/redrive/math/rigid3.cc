@@ -26,8 +26,8 @@ Rigid3d rigid(const PlainPose& pose) {
   return out;
 }
 
-Rigid3d between(const Rigid3d& a, const Rigid3d& b, double part) {
-  return rigid(between(plain(a), plain(b), part));
+Rigid3d interpolate(const Rigid3d& a, const Rigid3d& b, double fraction) {
+  return rigid(interpolate(plain(a), plain(b), fraction));
 }
 
 std::string rigid_obstacle(const Eigen::Matrix4d& matrix) {

@@ -16,13 +16,13 @@ using Rigid3d = Eigen::Isometry3d;
 PlainPose plain(const Rigid3d& pose);
 Rigid3d rigid(const PlainPose& pose);
 
-/// `part` of the way from a (0) to b (1), or beyond: straight on, along the shortest turn
-/// (math/plain_pose.h).
-Rigid3d between(const Rigid3d& a, const Rigid3d& b, double part);
+/// Interpolates from a (fraction 0) to b (1), or extrapolates: linear in position, slerp in
+/// rotation (math/plain_pose.h).
+Rigid3d interpolate(const Rigid3d& a, const Rigid3d& b, double fraction);
 
-/// Why `matrix` is not a rigid transform ("det = -1: a reflection", "rows not orthonormal by 0.02",
-/// ...), or empty. Tolerance: 1e-3 on R R^T - I (files carry 6 to 16 digits), last row 0 0 0 1 to
-/// 1e-9.
+/// Returns why `matrix` is not a rigid transform ("det = -1, a reflection", "rows not orthonormal
+/// by 0.02", ...), or an empty string. Tolerance: 1e-3 on R R^T - I (files carry 6 to 16 digits),
+/// last row 0 0 0 1 to 1e-9.
 std::string rigid_obstacle(const Eigen::Matrix4d& matrix);
 
 }  // namespace redrive

@@ -15,7 +15,7 @@ Eigen::Matrix4d quarter_turn() {
   return m;
 }
 
-TEST(RigidObstacle, AcceptsARotationAndSaysWhatIsWrongWithOthers) {
+TEST(RigidObstacle, AcceptsRotationsAndDescribesErrors) {
   EXPECT_EQ(rigid_obstacle(quarter_turn()), "");
   Eigen::Matrix4d m = quarter_turn();
   m.row(2).head<3>() *= -1;
@@ -32,9 +32,9 @@ TEST(RigidObstacle, AcceptsARotationAndSaysWhatIsWrongWithOthers) {
   EXPECT_NE(rigid_obstacle(Eigen::Matrix4d::Zero()), "");
 }
 
-// In plain numbers as by Eigen, to a few units in the last place: short turns, half turns, none,
-// and quaternions of either sign.
-TEST(PlainPose, LiesBetweenTwoAsEigensSlerpSays) {
+// Agrees with Eigen to a few units in the last place: small angles, half turns, none, quaternions
+// of either sign.
+TEST(PlainPose, InterpolatesAsEigensSlerp) {
   for (int i = 0; i < 200; ++i) {
     const Eigen::Vector3d axis = Eigen::Vector3d(std::sin(i), std::cos(3 * i), 0.3).normalized();
     Rigid3d a(Eigen::AngleAxisd(0.7 * i, axis));
@@ -45,28 +45,29 @@ TEST(PlainPose, LiesBetweenTwoAsEigensSlerpSays) {
                                             : 0.015 * i,
                                axis.cross(a.linear().col(0)).normalized()));
     b.translation() += Eigen::Vector3d(1, 2, 3);
-    for (const double part : {0.0, 0.25, 1.0, 1.5}) {
-      const Rigid3d got = between(a, b, part);
+    for (const double fraction : {0.0, 0.25, 1.0, 1.5}) {
+      const Rigid3d got = interpolate(a, b, fraction);
       const Eigen::Matrix3d expected = Eigen::Quaterniond(a.linear())
-                                           .slerp(part, Eigen::Quaterniond(b.linear()))
+                                           .slerp(fraction, Eigen::Quaterniond(b.linear()))
                                            .toRotationMatrix();
-      EXPECT_LT((got.linear() - expected).cwiseAbs().maxCoeff(), 2e-15) << i << ", " << part;
-      EXPECT_LT((got.translation() - (a.translation() + part * Eigen::Vector3d(1, 2, 3))).norm(),
-                1e-13);
+      EXPECT_LT((got.linear() - expected).cwiseAbs().maxCoeff(), 2e-15) << i << ", " << fraction;
+      EXPECT_LT(
+          (got.translation() - (a.translation() + fraction * Eigen::Vector3d(1, 2, 3))).norm(),
+          1e-13);
     }
   }
 }
 
-TEST(PlainPose, TurnsVectorsAsItsMatrix) {
+TEST(PlainPose, RotatesVectorsAsItsMatrix) {
   Rigid3d pose(Eigen::AngleAxisd(0.9, Eigen::Vector3d(1, -2, 3).normalized()));
   pose.translation() = Eigen::Vector3d(4, 5, 6);
   const Eigen::Vector3d vector(0.3, -0.7, 0.2), expected = pose.linear() * vector;
   for (int k = 0; k < 3; ++k)
-    EXPECT_NEAR(turned(plain(pose), vector.data(), k), expected[k], 1e-15);
+    EXPECT_NEAR(rotated(plain(pose), vector.data(), k), expected[k], 1e-15);
   EXPECT_EQ((rigid(plain(pose)).matrix() - pose.matrix()).cwiseAbs().maxCoeff(), 0);
 }
 
-TEST(PlainTransform, MovesPointsAndIsChainedAndInvertedAsEigenDoes) {
+TEST(PlainTransform, TransformsPointsComposesAndInvertsAsEigen) {
   for (int i = 0; i < 100; ++i) {
     Rigid3d a(Eigen::AngleAxisd(0.7 * i,
                                 Eigen::Vector3d(std::sin(i), std::cos(3 * i), 0.3).normalized())),
@@ -76,7 +77,7 @@ TEST(PlainTransform, MovesPointsAndIsChainedAndInvertedAsEigenDoes) {
     const Eigen::Vector3d point(0.3 * i, -0.7, 20), expected = a * b.inverse() * point;
     const PlainTransform motion = product(plain(a), inverse(plain(b)));
     for (int k = 0; k < 3; ++k)
-      EXPECT_NEAR(moved(motion, point.data(), k), expected[k], 2e-9) << "a step at 6.4e6";
+      EXPECT_NEAR(transformed(motion, point.data(), k), expected[k], 2e-9) << "a step at 6.4e6";
   }
 }
 

@@ -190,9 +190,8 @@ std::vector<TrainField> make_fields() {
       flag("undistort", &O::undistort,
            "resample the images without distortion first, as the report did (pinhole cameras)"),
       flag("truth-poses", &O::ground_truth_poses,
-           "use the exact poses and calibration that a made recording ships (*_true.json), to tell "
-           "what poses cost from "
-           "what the field costs"),
+           "use the exact poses and calibration that a made recording ships, to tell errors of poses "
+           "from errors of the field"),
       text("poses", &O::poses, {},
            "folder that redrive align made: its poses and calibration are used, of which the run "
            "keeps a copy"),

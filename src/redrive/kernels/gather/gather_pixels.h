@@ -164,7 +164,7 @@ REDRIVE_HD inline void write_ray(const RayTableSpans& table, std::size_t k, cons
                                table.direction[3 * k + 2]};
   for (int d = 0; d < 3; ++d) {
     out.origin[d * n + i] = static_cast<float>(world_from_camera.translation[d]);
-    out.direction[d * n + i] = static_cast<float>(turned(world_from_camera, in_camera, d));
+    out.direction[d * n + i] = static_cast<float>(rotated(world_from_camera, in_camera, d));
   }
   out.pixel_angle[i] = table.pixel_angle;
 }

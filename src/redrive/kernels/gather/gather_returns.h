@@ -61,9 +61,9 @@ REDRIVE_HD inline void gather_return(const LidarSpans& from, const LidarDraw& dr
   const bool stays = from.poses.empty();
   const PlainTransform motion = stays ? PlainTransform() : world_from_recorded(from, from.t_ns[k]);
   for (int d = 0; d < 3; ++d) {
-    out.origin[d * n + i] = static_cast<float>(stays ? origin[d] : moved(motion, origin, d));
+    out.origin[d * n + i] = static_cast<float>(stays ? origin[d] : transformed(motion, origin, d));
     out.direction[d * n + i] =
-        static_cast<float>(stays ? direction[d] : turned(motion, direction, d));
+        static_cast<float>(stays ? direction[d] : rotated(motion, direction, d));
   }
   out.pixel_angle[i] = kLidarBeamAngle_rad;
   out.range_m[i] = from.range_m[k];
