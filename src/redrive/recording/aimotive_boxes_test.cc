@@ -50,7 +50,7 @@ std::string boxes_message(const std::string& pointer, const json& value) {
   return message;
 }
 
-TEST(Boxes, KnownValues) {
+TEST(Boxes, ReadsKnownValues) {
   json document = frame();
   // A quarter turn to the left: forward, the box's x axis, points along the body's y axis.
   const double half = std::numbers::pi / 4;
@@ -73,7 +73,7 @@ TEST(Boxes, KnownValues) {
   EXPECT_TRUE(parsed_boxes(document).empty());
 }
 
-TEST(Boxes, Rotations) {
+TEST(Boxes, ReadsRotations) {
   json document = frame();
   json& quaternion_w = document["CapturedObjects"][0]["BoundingBox3D Orientation Quat W"];
   quaternion_w = 1.0005;  // written with few digits: normalised
@@ -121,7 +121,7 @@ TEST(Boxes, RejectsInvalidValues) {
     EXPECT_THAT(boxes_message("/Timestamp", time), HasSubstr("Timestamp = " + time.dump()));
 }
 
-TEST(Boxes, Missing) {
+TEST(Boxes, RejectsMissingFields) {
   const json whole = object(4);
   for (const auto& [key, value] : whole.items()) {
     json document = frame();

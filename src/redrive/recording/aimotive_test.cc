@@ -63,7 +63,7 @@ TEST(Aimotive, OpensARecording) {
   EXPECT_FALSE(recording.find_camera("R_FISH"));
 }
 
-TEST(Aimotive, ImagesAndPosesThatLackEachOther) {
+TEST(Aimotive, ReportsImagesWithoutPosesAndPosesWithoutImages) {
   TemporaryFolder folder;
   testing::write_recording(folder);
   for (int id = 12; id < 20; ++id)
@@ -82,7 +82,7 @@ TEST(Aimotive, ImagesAndPosesThatLackEachOther) {
               AllOf(HasSubstr("no image for 1 frame "), HasSubstr(": 10")));
 }
 
-TEST(Aimotive, CamerasWithoutImagesOrCalibration) {
+TEST(Aimotive, ReportsCamerasWithoutImagesOrCalibration) {
   TemporaryFolder folder;
   testing::write_recording(folder);
   fs::remove_all(folder.path / "sensor/camera/L_FISH");
@@ -93,7 +93,7 @@ TEST(Aimotive, CamerasWithoutImagesOrCalibration) {
   EXPECT_THAT(finding_about(recording, "R_FISH"), HasSubstr("calibration.json does not have"));
 }
 
-TEST(Aimotive, TwoImagesOfOneFrame) {
+TEST(Aimotive, RejectsTwoImagesOfOneFrame) {
   TemporaryFolder folder;
   testing::write_recording(folder);
   folder.write("sensor/camera/F_CAM/F_CAM_10.jpeg", "");
@@ -101,7 +101,7 @@ TEST(Aimotive, TwoImagesOfOneFrame) {
               AllOf(HasSubstr("F_CAM_10.jpeg"), HasSubstr("F_CAM_0000010.jpg")));
 }
 
-TEST(Aimotive, TwoRevolutionsOfOneFrame) {
+TEST(Aimotive, RejectsTwoRevolutionsOfOneFrame) {
   TemporaryFolder folder;
   testing::write_recording(folder);
   folder.write("dynamic/raw-revolutions/frame_0000009.laz", "");
@@ -133,7 +133,7 @@ TEST(Aimotive, ReadsGroundTruthPosesAndCalibration) {
   EXPECT_EQ(given.findings.size(), truth.findings.size());
 }
 
-TEST(Aimotive, EmptyRecording) {
+TEST(Aimotive, RejectsEmptyRecordings) {
   TemporaryFolder folder;
   testing::write_recording(folder);
   fs::remove_all(folder.path / "sensor/camera");
@@ -141,7 +141,7 @@ TEST(Aimotive, EmptyRecording) {
               AllOf(HasSubstr("sensor/camera"), HasSubstr("empty recording"), HasSubstr("F_CAM")));
 }
 
-TEST(Aimotive, NoImageHasAPose) {
+TEST(Aimotive, RejectsRecordingsWithoutPosedImages) {
   TemporaryFolder folder;
   testing::write_recording(folder);
   folder.write("sensor/gnssins/egomotion2.json",
@@ -150,7 +150,7 @@ TEST(Aimotive, NoImageHasAPose) {
               AllOf(HasSubstr("empty recording"), HasSubstr("no pose for frame 9, 10, 11")));
 }
 
-TEST(Aimotive, MissingFiles) {
+TEST(Aimotive, ReportsMissingFiles) {
   TemporaryFolder folder;
   testing::write_recording(folder);
   fs::rename(folder.path / "sensor/gnssins/egomotion2.json",
@@ -174,7 +174,7 @@ TEST(Registry, RejectsUnknownFolders) {
 }
 
 // A real recording; the expected values are copied from its files.
-TEST(Aimotive, RealRecording) {
+TEST(Aimotive, OpensARealRecording) {
   const fs::path root = fs::path(REDRIVE_SHARED) / "data/aimotive_night";
   if (!fs::exists(root)) GTEST_SKIP() << "no recording at " << root;
   const Recording recording = open_recording(root);

@@ -73,7 +73,7 @@ TEST(Calibration, ReadsEveryField) {
   EXPECT_THAT(other_parameters(cameras[1]), ElementsAre(std::pair("xi", 1.02)));
 }
 
-TEST(Calibration, OptionalFields) {
+TEST(Calibration, AcceptsMissingOptionalFields) {
   json document = calibration();
   for (const char* key : {"RT_sensor_from_body", "pos_meter", "sensor_type"})
     document["F_CAM"].erase(key);
@@ -82,7 +82,7 @@ TEST(Calibration, OptionalFields) {
   EXPECT_EQ(parsed_calibration(document).size(), 1u);
 }
 
-TEST(Calibration, TimeOffsetInSeconds) {
+TEST(Calibration, ReadsTimeOffsetInSeconds) {
   json document = calibration();
   document["F_CAM"]["time_offset_s"] = -0.0125;
   const auto cameras = parsed_calibration(document);
@@ -94,7 +94,7 @@ TEST(Calibration, TimeOffsetInSeconds) {
               AllOf(HasSubstr("F_CAM.time_offset_s"), HasSubstr("late")));
 }
 
-TEST(Calibration, ReadoutInSeconds) {
+TEST(Calibration, ReadsReadoutInSeconds) {
   json document = calibration();
   document["F_CAM"]["readout_s"] = 0.03;
   const auto cameras = parsed_calibration(document);
@@ -106,13 +106,13 @@ TEST(Calibration, ReadoutInSeconds) {
               AllOf(HasSubstr("F_CAM.readout_s"), HasSubstr("slow")));
 }
 
-TEST(Calibration, OtherSensorsAreNotChecked) {
+TEST(Calibration, IgnoresOtherSensors) {
   json document = calibration();
   document["M_LIDAR"]["RT_body_from_sensor"] = "nan";
   EXPECT_EQ(parsed_calibration(document).size(), 2u);
 }
 
-TEST(Calibration, Missing) {
+TEST(Calibration, RejectsMissingFields) {
   for (const char* key : {"model", "RT_body_from_sensor", "focal_length_px", "principal_point_px",
                           "distortion_coeffs", "image_resolution_px"}) {
     json document = calibration();
@@ -128,7 +128,7 @@ TEST(Calibration, Missing) {
               HasSubstr("holds no camera"));
 }
 
-TEST(Calibration, NotJson) {
+TEST(Calibration, RejectsInvalidJson) {
   const auto message = [](const std::string& text) {
     return input_error([&] { parse_calibration(text, "c.json", nullptr); });
   };
@@ -140,7 +140,7 @@ TEST(Calibration, NotJson) {
   EXPECT_THAT(message("{\"F_CAM\": 7}"), AllOf(HasSubstr("F_CAM"), HasSubstr("7")));
 }
 
-TEST(Calibration, NotANumber) {
+TEST(Calibration, RejectsNonNumbers) {
   EXPECT_THAT(calibration_message("/focal_length_px/0", "nan"),
               AllOf(HasSubstr("F_CAM.focal_length_px[0]"), HasSubstr("\"nan\"")));
   EXPECT_THAT(calibration_message("/focal_length_px/1", nullptr),
@@ -153,7 +153,7 @@ TEST(Calibration, NotANumber) {
               AllOf(HasSubstr("F_CAM.distortion_coeffs[0]"), HasSubstr("1e+300")));
 }
 
-TEST(Calibration, WrongShape) {
+TEST(Calibration, RejectsWrongShapes) {
   EXPECT_THAT(calibration_message("/focal_length_px", {1171}),
               AllOf(HasSubstr("F_CAM.focal_length_px"), HasSubstr("[1171]")));
   EXPECT_THAT(calibration_message("/distortion_coeffs", {0, 0, 0, 0}),
@@ -165,7 +165,7 @@ TEST(Calibration, WrongShape) {
   EXPECT_THAT(calibration_message("/pos_meter", {1, 2}), HasSubstr("F_CAM.pos_meter"));
 }
 
-TEST(Calibration, OutOfRange) {
+TEST(Calibration, RejectsValuesOutOfRange) {
   EXPECT_THAT(calibration_message("/model", "kannala_brandt"),
               AllOf(HasSubstr("F_CAM.model"), HasSubstr("kannala_brandt"), HasSubstr("mei")));
   EXPECT_THAT(calibration_message("/focal_length_px/0", 0),
@@ -190,7 +190,7 @@ TEST(Calibration, OutOfRange) {
   EXPECT_THAT(input_error([&] { parsed_calibration(document); }), HasSubstr("../F_CAM"));
 }
 
-TEST(Calibration, NotARotation) {
+TEST(Calibration, RejectsInvalidRotations) {
   EXPECT_THAT(calibration_message("/RT_body_from_sensor/0/2", 1.1),
               AllOf(HasSubstr("F_CAM.RT_body_from_sensor"), HasSubstr("orthonormal")));
   EXPECT_THAT(calibration_message("/RT_body_from_sensor/0/2", -1),
@@ -201,7 +201,7 @@ TEST(Calibration, NotARotation) {
               HasSubstr("F_CAM.RT_sensor_from_body"));
 }
 
-TEST(Calibration, Inverted) {
+TEST(Calibration, RejectsInvertedExtrinsics) {
   const json camera = testing::front_camera();
   const json inverse = camera["RT_sensor_from_body"];
   // Detected by pos_meter, by RT_sensor_from_body, with both exchanged, and by the axes alone.
@@ -221,7 +221,7 @@ TEST(Calibration, Inverted) {
               AllOf(HasSubstr("inverted"), HasSubstr("y axis")));
 }
 
-TEST(Calibration, ContradictoryExtrinsic) {
+TEST(Calibration, RejectsContradictoryExtrinsics) {
   EXPECT_THAT(calibration_message("/RT_body_from_sensor/0/3", 2.1),
               AllOf(HasSubstr("disagrees with pos_meter"), HasSubstr("2.100")));
   EXPECT_THAT(calibration_message("/RT_sensor_from_body/0/3", 0.6),

@@ -24,7 +24,7 @@ std::string egomotion_message(const std::string& field, const json& value) {
   return message;
 }
 
-TEST(Egomotion, ReadsPosesInTheOrderOfTheirIds) {
+TEST(Egomotion, ReadsPosesInOrderOfIds) {
   const auto frames = parsed_egomotion(egomotion());
   ASSERT_EQ(frames.size(), 3u);
   EXPECT_EQ(frames[0].id, 9);
@@ -34,7 +34,7 @@ TEST(Egomotion, ReadsPosesInTheOrderOfTheirIds) {
   EXPECT_EQ(frames[2].global_from_body.translation(), Eigen::Vector3d(4e6 + 4, 1.4e6, 4.6e6));
 }
 
-TEST(Egomotion, BothSpellings) {
+TEST(Egomotion, AcceptsBothSpellings) {
   json document = egomotion();
   document["10"]["ECEF_RT_body"] = document["10"]["RT_ECEF_body"];
   document["10"].erase("RT_ECEF_body");
@@ -47,14 +47,14 @@ TEST(Egomotion, BothSpellings) {
   EXPECT_EQ(frames[1].global_from_body.translation().x(), 4e6 + 2);
 }
 
-TEST(Egomotion, HostTimeIsPreferred) {
+TEST(Egomotion, PrefersHostTime) {
   json document = egomotion();
   document["10"]["time"] = 7;
   EXPECT_EQ(parsed_egomotion(document)[1].t_ns, 50100000000);
 }
 
 // `time` and `time_host` may be of different clocks: mixing them is an error.
-TEST(Egomotion, OneClock) {
+TEST(Egomotion, RejectsMixedClocks) {
   json document = egomotion();
   document["11"]["time"] = document["11"]["time_host"];
   document["11"].erase("time_host");
@@ -62,7 +62,7 @@ TEST(Egomotion, OneClock) {
               AllOf(HasSubstr("egomotion2.json: 11"), HasSubstr("time_host")));
 }
 
-TEST(Egomotion, BadKeys) {
+TEST(Egomotion, RejectsInvalidIds) {
   for (const char* key : {"frame_12", "0012", "+12", "-12", "12.0", "", "99999999999999999999"}) {
     json document = egomotion();
     document[key] = pose_at(6, 50.3);
@@ -71,7 +71,7 @@ TEST(Egomotion, BadKeys) {
   }
 }
 
-TEST(Egomotion, MissingAndMalformed) {
+TEST(Egomotion, RejectsMissingAndMalformedFields) {
   for (const char* key : {"RT_ECEF_body", "time_host"}) {
     json document = egomotion();
     document["10"].erase(key);
@@ -99,14 +99,14 @@ TEST(Egomotion, MissingAndMalformed) {
               AllOf(HasSubstr("10.time_host"), HasSubstr("from 0")));
 }
 
-TEST(Egomotion, TimesIncrease) {
+TEST(Egomotion, RejectsDecreasingTimes) {
   EXPECT_THAT(egomotion_message("/10/time_host", 50.0),
               AllOf(HasSubstr("10.time"), HasSubstr("50.000"), HasSubstr("frame 9")));
   EXPECT_THAT(egomotion_message("/11/time_host", 49.9),
               AllOf(HasSubstr("11.time"), HasSubstr("49.900"), HasSubstr("frame 10")));
 }
 
-TEST(Egomotion, Teleport) {
+TEST(Egomotion, RejectsImplausibleSpeeds) {
   // Gaps may be long; 16 m in 0.1 s are 160 m/s.
   json document = {{"1", pose_at(0, 0)}, {"2", pose_at(400, 20)}};
   EXPECT_EQ(parsed_egomotion(document).size(), 2u);

@@ -78,7 +78,7 @@ std::vector<LasRecord> decode(const std::string& file, std::uint32_t points,
                     "dir/points.laz");
 }
 
-TEST(Las, KnownValues) {
+TEST(Las, ReadsKnownValues) {
   std::string file = las_file(std::vector<LasRecord>{
       {.x = 1500, .y = -250, .z = 1, .intensity = 255, .gps_time_bits = time_bits(4833121676000)},
       {.x = INT16_MIN, .y = 0, .z = -3, .intensity = 65535, .gps_time_bits = time_bits(-0.6)}});
@@ -95,7 +95,7 @@ TEST(Las, KnownValues) {
   EXPECT_TRUE(parse_las(las_file({}), "points.las").empty());
 }
 
-TEST(Las, TheFileAndNotItsNameSaysWhetherItIsCompressed) {
+TEST(Las, DetectsCompressionByTheHeader) {
   TemporaryFolder folder;
   const std::vector<LasRecord> points = few_points();
   folder.write("a.laz", las_file(points));
@@ -126,7 +126,7 @@ TEST(Laz, RoundTrip) {
 
 // laz-perf 0.0.7 (npm), an independent implementation, decodes exactly this file. The checksum
 // prevents decoder and encoder from changing together.
-TEST(Laz, WritesWhatOthersRead) {
+TEST(Laz, AgreesWithLazPerf) {
   std::uint64_t fnv1a = 0xcbf29ce484222325;
   for (const char c : laz_file(wild_points(20000), 6000))
     fnv1a = (fnv1a ^ static_cast<unsigned char>(c)) * 0x100000001b3;
@@ -141,7 +141,7 @@ std::string las_message(std::string file, std::size_t offset, T value) {
   return message;
 }
 
-TEST(Las, Header) {
+TEST(Las, RejectsInvalidHeaders) {
   const std::string file = las_file(few_points());
   EXPECT_THAT(las_message(file, 3, 'X'), HasSubstr("signature"));
   EXPECT_THAT(input_error([&] { parse_las("", "dir/points.las"); }), HasSubstr("signature"));
@@ -166,7 +166,7 @@ TEST(Las, Header) {
               AllOf(HasSubstr("number of points = 10"), HasSubstr("279 bytes")));
 }
 
-TEST(Las, Numbers) {
+TEST(Las, RejectsInvalidNumbers) {
   constexpr double kNan = std::numeric_limits<double>::quiet_NaN(),
                    kInfinity = std::numeric_limits<double>::infinity();
   const std::string file = las_file(few_points());
@@ -184,7 +184,7 @@ TEST(Las, Numbers) {
                 AllOf(HasSubstr("point 3 gps_time"), HasSubstr("nanoseconds")));
 }
 
-TEST(Las, VariableLengthRecords) {
+TEST(Las, RejectsInvalidVariableLengthRecords) {
   const std::string content(40, 'x');
   const std::string file = testing::las_header(
       0, {testing::variable_record("a", 1, content), testing::variable_record("b", 2, content)});
@@ -197,7 +197,7 @@ TEST(Las, VariableLengthRecords) {
               HasSubstr("variable length record 1 length = 41"));
 }
 
-TEST(Laz, LaszipRecord) {
+TEST(Laz, RejectsUnsupportedLaszipRecords) {
   const std::string file = laz_file(few_points(), 4);
   const std::size_t record = 227 + 54 + 4 + 54;
   EXPECT_THAT(las_message(las_file(few_points()), 104, '\x81'), HasSubstr("none is LASzip's"));
@@ -227,7 +227,7 @@ TEST(Laz, LaszipRecord) {
               HasSubstr("LASzip item 1 version = 1"));
 }
 
-TEST(Laz, ChunkTable) {
+TEST(Laz, RejectsInvalidChunkTables) {
   const std::string file = laz_file(few_points(), 4);
   const std::size_t begin = little_endian<std::uint32_t>(file, 96), record = begin - 46;
   const auto table = static_cast<std::size_t>(little_endian<std::int64_t>(file, begin));
@@ -257,7 +257,7 @@ TEST(Laz, ChunkTable) {
               AllOf(HasSubstr("chunk table = 1"), HasSubstr("between")));
 }
 
-TEST(Laz, TruncatedAnywhere) {
+TEST(Laz, RejectsTruncatedFiles) {
   const std::string file = laz_file(few_points(), 4);
   for (std::size_t size = 0; size < file.size(); ++size)
     EXPECT_THAT(
@@ -266,7 +266,7 @@ TEST(Laz, TruncatedAnywhere) {
         << size;
 }
 
-TEST(Laz, DamagedChunks) {
+TEST(Laz, RejectsDamagedChunks) {
   // LAZ has no checksum, but a flipped bit almost always changes the length of the code.
   const std::string file = laz_file(few_points(200), 100);
   const std::size_t begin = little_endian<std::uint32_t>(file, 96);

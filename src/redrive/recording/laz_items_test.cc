@@ -43,7 +43,7 @@ TEST(ArithmeticDecoder, ReportsTheEndOfTheCode) {
   EXPECT_TRUE(ArithmeticDecoder("\xff\xff\xff\xff"sv).broken());  // the interval ends before
 }
 
-TEST(ArithmeticDecoder, TakesAsManyBitsAsTheEntropy) {
+TEST(ArithmeticDecoder, ReachesTheEntropy) {
   // A source of p = 1/16, 15/16 has 0.3373 bits a symbol; one of 1/2, 1/4, 1/8, 1/8 has 1.75.
   // Adaptation costs less than 2 %.
   constexpr int kSymbols = 200000;
@@ -77,7 +77,7 @@ TEST(ArithmeticDecoder, TakesAsManyBitsAsTheEntropy) {
   EXPECT_FALSE(bit_decoder.broken() || symbol_decoder.broken());
 }
 
-TEST(IntegerDecoder, ErrorsOfEverySize) {
+TEST(IntegerDecoder, DecodesErrorsOfEverySize) {
   for (const int bits : {16, 32}) {
     SCOPED_TRACE(bits);
     const std::uint32_t mask = bits == 16 ? 0xffff : 0xffffffff;
@@ -108,7 +108,7 @@ TEST(IntegerDecoder, ErrorsOfEverySize) {
   }
 }
 
-TEST(StreamingMedian, PushesOutTheEndsInTurns) {
+TEST(StreamingMedian, ReplacesSmallestAndLargestAlternately) {
   StreamingMedian median;  // 0 0 0 0 0
   const std::pair<int, int> value_and_median[] = {
       {10, 0},    // 0 0 0 0 10, now replaces the smallest
@@ -128,7 +128,7 @@ TEST(StreamingMedian, PushesOutTheEndsInTurns) {
   }
 }
 
-TEST(GpsTimeDecoder, EverySymbolOnce) {
+TEST(GpsTimeDecoder, DecodesEverySymbol) {
   std::vector<std::uint64_t> times{1000};
   const auto step = [&](std::int64_t by) {
     times.push_back(times.back() + static_cast<std::uint64_t>(by));
@@ -170,7 +170,7 @@ TEST(GpsTimeDecoder, EverySymbolOnce) {
   EXPECT_EQ(decoder.bytes_read(), code.size());
 }
 
-TEST(GpsTimeDecoder, SequencesThatOnlyPointAtEachOther) {
+TEST(GpsTimeDecoder, RejectsCyclesOfSequences) {
   ArithmeticEncoder out;
   SymbolModel first_step(6);
   for (int i = 0; i < 5; ++i) out.symbol(first_step, 3);
@@ -181,7 +181,7 @@ TEST(GpsTimeDecoder, SequencesThatOnlyPointAtEachOther) {
   EXPECT_TRUE(decoder.broken());
 }
 
-TEST(ReturnContext, EachReturnOfAPulseHasItsOwn) {
+TEST(ReturnContext, IsUniqueForEachReturnOfAPulse) {
   int expected = 0;
   for (int n = 1; n <= 5; ++n)
     for (int r = 1; r <= n; ++r)

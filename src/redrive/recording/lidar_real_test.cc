@@ -26,7 +26,7 @@ class RealLidar : public ::testing::Test {
   Recording recording_;
 };
 
-TEST_F(RealLidar, Revolutions) {
+TEST_F(RealLidar, ReadsRevolutions) {
   std::vector<LidarPoint> before;
   for (std::size_t frame = 0; frame < 50; ++frame) {
     const std::filesystem::path& file = recording_.lidar_files[frame].path;
@@ -124,7 +124,7 @@ TEST_F(RealLidar, PointsLieInTheBoxes) {
   EXPECT_GT(all.inside, 1.03 * all.uncompensated);
 }
 
-TEST_F(RealLidar, BoxesHeadWhereTheyGo) {
+TEST_F(RealLidar, BoxesPointAlongTheirMotion) {
   // Object 0 changes lanes while the ego vehicle drives straight ahead at 30 m/s: its x axis
   // follows its path.
   int turned = 0;

@@ -25,7 +25,7 @@ std::string message(const std::string& bytes) {
   return text;
 }
 
-TEST(Ply, Ascii) {
+TEST(Ply, ReadsAscii) {
   const std::string bytes =
       header("ascii", "2",
              "property double y\nproperty uchar red\nproperty float x\nproperty double z\n") +
@@ -36,7 +36,7 @@ TEST(Ply, Ascii) {
   EXPECT_EQ(points[1], Eigen::Vector3d(-7, 0, 0.125));
 }
 
-TEST(Ply, BinaryLittleEndian) {
+TEST(Ply, ReadsBinaryLittleEndian) {
   std::string bytes =
       header("binary_little_endian", "2",
              "property float x\nproperty ushort ring\nproperty double y\nproperty float z\n");

@@ -33,7 +33,7 @@ TEST(DriveSummary, ReportsGapsInTime) {
               ::testing::AllOf(::testing::HasSubstr("0.300 s"), ::testing::HasSubstr("2 and 5")));
 }
 
-TEST(DriveSummary, OneFrame) {
+TEST(DriveSummary, IsZeroForOneFrame) {
   const DriveSummary summary = summarize_drive({frame(1, 0, 0)});
   EXPECT_EQ(summary.rate_hz, 0);
   EXPECT_EQ(summary.findings.size(), 1u);

@@ -17,7 +17,7 @@ FramePose turning(std::int64_t t_ns, double turns) {
 }
 
 // Constant speed and yaw rate, also beyond both ends.
-TEST(Trajectory, FollowsAConstantMotion) {
+TEST(Trajectory, FollowsConstantMotion) {
   const std::vector<FramePose> frames = {turning(1000, 0), turning(1100, 1), turning(1300, 3)};
   for (const double turns : {-0.5, 0.0, 0.25, 1.0, 1.5, 2.9, 3.0, 3.4}) {
     const Rigid3d pose = pose_at(frames, 1000 + static_cast<std::int64_t>(100 * turns));
@@ -28,13 +28,13 @@ TEST(Trajectory, FollowsAConstantMotion) {
   }
 }
 
-TEST(Trajectory, KeepsAFramesOwnPoseBitForBit) {
+TEST(Trajectory, ReturnsAFramesPoseExactly) {
   const std::vector<FramePose> frames = {turning(1000, 0.123), turning(1100, 1.7)};
   for (const FramePose& frame : frames)
     EXPECT_EQ(pose_at(frames, frame.t_ns).matrix(), frame.global_from_body.matrix());
 }
 
-TEST(Trajectory, ASingleFrameStandsStill) {
+TEST(Trajectory, IsConstantForASingleFrame) {
   const std::vector<FramePose> frames = {turning(1000, 0.5)};
   for (const std::int64_t t_ns : {0, 1000, 5000})
     EXPECT_EQ(pose_at(frames, t_ns).matrix(), frames[0].global_from_body.matrix());

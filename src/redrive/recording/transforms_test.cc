@@ -74,7 +74,7 @@ TEST(Transforms, ReadsEveryField) {
   EXPECT_THAT(distortion(camera), ElementsAre(0.1, -0.02, 1e-3, -2e-3, 4e-3));
 }
 
-TEST(Transforms, PrincipalPointCountsFromTheCorner) {
+TEST(Transforms, ReadsPrincipalPointsRelativeToTheCorner) {
   const CameraCalibration camera = first_camera(document());
   EXPECT_EQ(camera.cx(), 51.5);
   EXPECT_EQ(camera.cy(), 39);
@@ -85,7 +85,7 @@ TEST(Transforms, PrincipalPointCountsFromTheCorner) {
   EXPECT_EQ(first_camera(text).cy(), 39.5);
 }
 
-TEST(Transforms, CameraLooksWhereTheMatrixSays) {
+TEST(Transforms, ConvertsOpenGlAxes) {
   const transforms::FrameEntry entry = parsed_transforms(document()).entries[0];
   EXPECT_TRUE(entry.global_from_body.linear().isApprox(Eigen::Matrix3d::Identity(), 1e-15))
       << "x forward, z up";
@@ -95,7 +95,7 @@ TEST(Transforms, CameraLooksWhereTheMatrixSays) {
   EXPECT_TRUE(point.isApprox(Eigen::Vector3d(1 + 5, 2 - 2, 3 - 1), 1e-15)) << point.transpose();
 }
 
-TEST(Transforms, AFramesOwnIntrinsicsCount) {
+TEST(Transforms, FrameIntrinsicsTakePrecedence) {
   json text = document();
   text["frames"][1].update({{"fl_x", 200}, {"cx", 10.5}, {"w", 50}, {"h", 40}, {"k1", 0}});
   const auto entries = parsed_transforms(text).entries;
@@ -110,7 +110,7 @@ TEST(Transforms, AFramesOwnIntrinsicsCount) {
   EXPECT_EQ(distortion(own)[1], -0.02);
 }
 
-TEST(Transforms, FocalLengthFromTheAngleOfView) {
+TEST(Transforms, ReadsFocalLengthsFromTheAngleOfView) {
   json text = {{"camera_angle_x", 0.6911112070083618}, {"frames", {frame("./train/r_0")}}};
   const CameraCalibration camera = first_camera(text);
   EXPECT_EQ(camera.width, 800) << "asked for, as the file does not say";
@@ -127,7 +127,7 @@ TEST(Transforms, FocalLengthFromTheAngleOfView) {
   EXPECT_NEAR(first_camera(text).fx(), 400, 1e-12);
 }
 
-TEST(Transforms, FisheyesOfBothDialects) {
+TEST(Transforms, ReadsFisheyesOfBothDialects) {
   json text = document();
   for (const char* key : {"camera_model", "p1", "p2"}) text.erase(key);
   text["k4"] = 5e-4;
@@ -146,7 +146,7 @@ TEST(Transforms, FisheyesOfBothDialects) {
   EXPECT_THAT(input_error([&] { parsed_transforms(ngp); }), HasSubstr("fl_x"));
 }
 
-TEST(Transforms, ModelsThatArePinholes) {
+TEST(Transforms, ReadsModelsThatArePinholes) {
   for (const char* model : {"OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "RADIAL", "SIMPLE_RADIAL"}) {
     json text = document();
     text["camera_model"] = model;
@@ -154,7 +154,7 @@ TEST(Transforms, ModelsThatArePinholes) {
   }
 }
 
-TEST(Transforms, BoundsAreInstantNgpsCube) {
+TEST(Transforms, ReadsBoundsAsInstantNgp) {
   json text = document();
   text["aabb_scale"] = 4;
   transforms::TransformsFile file = parsed_transforms(text);
@@ -279,7 +279,7 @@ TEST(Transforms, OpensASet) {
               HasSubstr("exact poses"));
 }
 
-TEST(Transforms, ImagesAndMasksThatAreMissing) {
+TEST(Transforms, ReportsMissingImagesAndMasks) {
   const TemporaryFolder folder;
   json text = document();
   folder.write("transforms.json", text.dump());
@@ -300,7 +300,7 @@ TEST(Transforms, ImagesAndMasksThatAreMissing) {
               AllOf(HasSubstr("mask_path = masks/1.png"), HasSubstr("dynamic_mask_1.png")));
 }
 
-TEST(Transforms, TheFilesOwnSplit) {
+TEST(Transforms, UsesTheSplitOfTheFile) {
   const TemporaryFolder folder;
   json text = document();
   text["frames"] = json::array();
@@ -327,7 +327,7 @@ TEST(Transforms, TheFilesOwnSplit) {
   EXPECT_THAT(input_error(open), HasSubstr("train_filenames = 3.png"));
 }
 
-TEST(Transforms, BlenderSets) {
+TEST(Transforms, OpensBlenderSets) {
   const TemporaryFolder folder;
   const auto write = [&](const std::string& split, int count) {
     json text = {{"camera_angle_x", 0.6911112}, {"frames", json::array()}};

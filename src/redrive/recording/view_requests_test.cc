@@ -45,7 +45,7 @@ TEST(ViewRequests, ReadsEveryForm) {
   EXPECT_TRUE(poses.views[2].shift_body_m);
 }
 
-TEST(ViewRequests, FileNamesStayInTheOutputFolder) {
+TEST(ViewRequests, RejectsFileNamesOutsideTheOutputFolder) {
   for (const char* name : {"", "/tmp/a.png", "../a.png", "a/../b.png", "./a.png", "a//b.png", "a/",
                            "a.bmp", "a", ".png", "a\n.png"}) {
     EXPECT_THAT(poses_message("/file", name), HasSubstr("images[1].file")) << name;
@@ -55,7 +55,7 @@ TEST(ViewRequests, FileNamesStayInTheOutputFolder) {
   EXPECT_THAT(poses_message("/file", 7), HasSubstr("images[1].file = 7"));
 }
 
-TEST(ViewRequests, BadFields) {
+TEST(ViewRequests, RejectsInvalidFields) {
   EXPECT_THAT(poses_message("/camera", 3), HasSubstr("images[1].camera = 3"));
   EXPECT_THAT(poses_message("/frame_id", "33650"), HasSubstr("images[1].frame_id = \"33650\""));
   EXPECT_THAT(poses_message("/frame_id", -1), HasSubstr("images[1].frame_id = -1"));
@@ -74,7 +74,7 @@ TEST(ViewRequests, BadFields) {
   }
 }
 
-TEST(ViewRequests, BadDocuments) {
+TEST(ViewRequests, RejectsInvalidDocuments) {
   EXPECT_THAT(input_error([] { parsed_poses(json::object()); }),
               AllOf(HasSubstr("images"), HasSubstr("missing")));
   EXPECT_THAT(input_error([] {
