@@ -130,8 +130,30 @@ TEST_F(EndToEnd, FiguresAndReport) {
   EXPECT_GT(read_image(run / "figures/loss.png").width, 0);
   const std::string html = read_file(run / "report.html");
   EXPECT_THAT(html, HasSubstr("data:image/png;base64,"));
-  EXPECT_THAT(html, HasSubstr("As recorded. Training left them as they are."));
+  EXPECT_THAT(html, HasSubstr("As recorded. Not refined by training."));
   EXPECT_THAT(html, Not(ContainsRegex("(src|href)=\"(https?:)?//"))) << "self-contained";
+}
+
+TEST_F(EndToEnd, FiguresCompareTwoRunsOfARecording) {
+  const fs::path run = trained("run", 3), other = trained("other", 3);
+  const ProgramResult ended =
+      redrive({"figures", run.string(), "--max-images", "1", "--compare", other.string()});
+  ASSERT_EQ(ended.exit_code, kExitOk) << ended.err;
+  // The same options and seed: the same image.
+  const std::string camera = kTinyFront;
+  EXPECT_EQ(read_image(run / "figures" / (camera + "_beside.png")).rgb,
+            read_image(run / "figures" / (camera + "_reproduced.png")).rgb);
+  EXPECT_THAT(read_file(run / "report.html"), HasSubstr("<th>PSNR of nerf, 0.0 min</th>"));
+
+  write_tiny_recording(folder_ / "other_drive");
+  std::vector<std::string> arguments = train_arguments(folder_ / "elsewhere");
+  *std::ranges::find(arguments, drive_.string()) = (folder_ / "other_drive").string();
+  arguments.insert(arguments.end(), {"--max-steps", "3"});
+  ASSERT_EQ(redrive(arguments).exit_code, kExitOk);
+  const ProgramResult refused =
+      redrive({"figures", run.string(), "--compare", (folder_ / "elsewhere").string()});
+  EXPECT_EQ(refused.exit_code, kExitUsage);
+  EXPECT_THAT(refused.err, HasSubstr("--compare"));
 }
 
 TEST_F(EndToEnd, InspectListsTheRecording) {

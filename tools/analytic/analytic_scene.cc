@@ -225,8 +225,8 @@ Courtyard make_courtyard(unsigned seed) {
   return scene;
 }
 
-Seen trace(const Courtyard& scene, const Eigen::Vector3d& origin,
-           const Eigen::Vector3d& direction) {
+RayColour trace(const Courtyard& scene, const Eigen::Vector3d& origin,
+                const Eigen::Vector3d& direction) {
   const Closest found = closest(scene, origin, direction);
   Vector3d linear;
   double distance = 0;

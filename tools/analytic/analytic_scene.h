@@ -34,12 +34,14 @@ struct Courtyard {
 /// The scene that ships; `seed` moves crates and balls and draws their colours.
 Courtyard make_courtyard(unsigned seed);
 
-struct Seen {
+/// Colour and distance along a ray.
+struct RayColour {
   Eigen::Vector3d colour;  ///< display-referred sRGB in [0, 1]
   double distance_m;       ///< along the ray; 0 for the sky
 };
 
-/// What a ray (unit direction) sees.
-Seen trace(const Courtyard& scene, const Eigen::Vector3d& origin, const Eigen::Vector3d& direction);
+/// Traces a ray of unit direction.
+RayColour trace(const Courtyard& scene, const Eigen::Vector3d& origin,
+                const Eigen::Vector3d& direction);
 
 }  // namespace redrive::analytic

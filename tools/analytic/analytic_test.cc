@@ -27,7 +27,7 @@ TEST(Trace, DistancesAreThoseOfTheFormulas) {
 
 // Every pixel's depth against the closed form: inside the sphere's tangent cone the near root of
 // its quadratic, else the ground plane, else sky.
-TEST(Picture, DepthOfEveryPixelIsTheFormulas) {
+TEST(CaptureImage, DepthOfEveryPixelIsTheFormulas) {
   Courtyard scene;
   scene.to_sun = Vector3d(0, 0, 1);
   const Sphere sphere{{6, 0.4, 1.2}, 0.7, Texture::kStripes, Vector3d::Ones(), Vector3d::Zero()};
@@ -37,7 +37,7 @@ TEST(Picture, DepthOfEveryPixelIsTheFormulas) {
     const Camera camera = make_camera(calibration);
     const Rigid3d world_from_camera = calibration.body_from_sensor;
     const Vector3d origin = world_from_camera.translation();
-    const Picture picture = capture_image(scene, camera, world_from_camera, pool);
+    const CapturedImage picture = capture_image(scene, camera, world_from_camera, pool);
     int ground = 0, compared = 0;
     for (int y = 0; y < camera.height; ++y)
       for (int x = 0; x < camera.width; ++x) {
@@ -67,7 +67,7 @@ TEST(Picture, DepthOfEveryPixelIsTheFormulas) {
 }
 
 // A crate's corner is where the camera model says: the picture changes object across it.
-TEST(Picture, KnownPointLandsWithinAThirdOfAPixel) {
+TEST(CaptureImage, KnownPointLandsWithinAThirdOfAPixel) {
   const Courtyard scene = [] {
     Courtyard s;
     s.to_sun = Vector3d(0, 0, 1);
@@ -97,8 +97,9 @@ TEST(Sample, ShippedPictureIsWhatTheGeneratorMakes) {
   ThreadPool pool(hardware_threads());
   const CameraCalibration calibration = rig_calibration()[2];
   const int index = 9;
-  const Picture made = capture_image(make_courtyard(1), make_camera(calibration),
-                                     world_from_body(index) * calibration.body_from_sensor, pool);
+  const CapturedImage made =
+      capture_image(make_courtyard(1), make_camera(calibration),
+                    world_from_body(index) * calibration.body_from_sensor, pool);
   const Image8 shipped = read_image(root / "sensor/camera/M_FISHEYE_L/M_FISHEYE_L_0001209.jpg");
   ASSERT_EQ(shipped.rgb.size(), made.image.rgb.size());
   double squared = 0;

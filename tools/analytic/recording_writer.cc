@@ -26,7 +26,8 @@ double radians(double degrees) { return degrees * M_PI / 180; }
 
 // Camera axes (x right, y down, z forward) in body axes for a camera that looks along `yaw`,
 // pitched down.
-Rigid3d mount(const Vector3d& position, double yaw_deg, double pitch_down_deg, double roll_deg) {
+Rigid3d extrinsic(const Vector3d& position, double yaw_deg, double pitch_down_deg,
+                  double roll_deg) {
   Matrix3d body_from_forward_camera;
   body_from_forward_camera << 0, 0, 1, -1, 0, 0, 0, -1, 0;
   Rigid3d body_from_sensor = Rigid3d::Identity();
@@ -97,8 +98,8 @@ void write_novel(const std::filesystem::path& folder, const NovelShift& novel,
       const std::int64_t id = options.first_id + index;
       Rigid3d shifted = world_from_body(index);
       shifted.translate(novel.shift_body_m);
-      const Picture picture = capture_image(scene, make_camera(calibration),
-                                            shifted * calibration.body_from_sensor, pool);
+      const CapturedImage picture = capture_image(scene, make_camera(calibration),
+                                                  shifted * calibration.body_from_sensor, pool);
       const std::string file = image_name(calibration.name, id, ".jpg");
       write_image(folder / file, picture.image);
       write_png16(folder / image_name(calibration.name, id, "_depth.png"),
@@ -124,17 +125,17 @@ std::vector<CameraCalibration> rig_calibration() {
             {438, 376, 240.5, 131, -0.30, 0.084, 0.002, 0.0006, 0},
             480,
             264,
-            mount({1.9, 0.1, 1.25}, 0.4, 2.0, 0.2)};
+            extrinsic({1.9, 0.1, 1.25}, 0.4, 2.0, 0.2)};
   rig[1] = {"B_MIDRANGECAM_C",
             "opencv_pinhole",
             {242, 243.5, 240, 152, -0.33, 0.10, -0.001, 0.0013, 0},
             480,
             304,
-            mount({0.05, 0, 1.37}, 179.2, 1.0, -0.3)};
+            extrinsic({0.05, 0, 1.37}, 179.2, 1.0, -0.3)};
   rig[2] = {"M_FISHEYE_L", "mei", {216, 188, 240.7, 129.3, 0.034, -0.084, 0, 0, 0, 1.02},
-            480,           264,   mount({1.05, 0.64, 1.41}, 91.0, 18.0, 0.5)};
+            480,           264,   extrinsic({1.05, 0.64, 1.41}, 91.0, 18.0, 0.5)};
   rig[3] = {"M_FISHEYE_R", "mei", {216.5, 188.6, 241.4, 129.4, 0.027, -0.081, 0, 0, 0, 1.017},
-            480,           264,   mount({1.05, -0.64, 1.41}, -89.5, 18.5, -0.4)};
+            480,           264,   extrinsic({1.05, -0.64, 1.41}, -89.5, 18.5, -0.4)};
   return rig;
 }
 
@@ -176,13 +177,13 @@ Rigid3d global_from_world() {
   return pose;
 }
 
-Picture capture_image(const Courtyard& scene, const Camera& camera,
-                      const Rigid3d& world_from_camera, ThreadPool& pool) {
-  Picture picture;
+CapturedImage capture_image(const Courtyard& scene, const Camera& camera,
+                            const Rigid3d& world_from_camera, ThreadPool& pool) {
+  CapturedImage picture;
   picture.image = {camera.width, camera.height,
                    std::vector<std::uint8_t>(3u * camera.width * camera.height)};
   picture.depth_mm.resize(std::size_t(camera.width) * camera.height);
-  const auto see = [&](double x, double y) -> std::optional<Seen> {
+  const auto see = [&](double x, double y) -> std::optional<RayColour> {
     const auto direction = camera.unproject({x, y});
     if (!direction) return std::nullopt;
     return trace(scene, world_from_camera.translation(), world_from_camera.linear() * *direction);
@@ -234,8 +235,8 @@ void write_recording(const std::filesystem::path& root, const DriveOptions& opti
         {"time", time_s},
         {"time_host", time_s}};
     for (const CameraCalibration& camera : rig) {
-      const Picture picture = capture_image(scene, make_camera(camera),
-                                            world_from_body(index) * camera.body_from_sensor, pool);
+      const CapturedImage picture = capture_image(
+          scene, make_camera(camera), world_from_body(index) * camera.body_from_sensor, pool);
       write_image(root / "sensor/camera" / camera.name / image_name(camera.name, id, ".jpg"),
                   picture.image);
     }

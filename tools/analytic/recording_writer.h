@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Drives a four-camera car through the courtyard and writes what it sees in the aiMotive layout.
+// Writes the recording of a four-camera car that drives through the courtyard, in the aiMotive
+// layout.
 #pragma once
 
 #include <filesystem>
@@ -31,7 +32,7 @@ Rigid3d world_from_body(int index);
 /// degrees.
 Rigid3d global_from_world();
 
-struct Picture {
+struct CapturedImage {
   Image8 image;
   std::vector<std::uint16_t>
       depth_mm;  ///< [height, width] along the ray, 0 for the sky and unseen pixels
@@ -39,11 +40,11 @@ struct Picture {
 
 /// Mean of 4x4 rays a pixel; depth of the pixel's centre. Pixels outside the camera's valid region
 /// are black.
-Picture capture_image(const Courtyard& scene, const Camera& camera,
-                      const Rigid3d& world_from_camera, ThreadPool& pool);
+CapturedImage capture_image(const Courtyard& scene, const Camera& camera,
+                            const Rigid3d& world_from_camera, ThreadPool& pool);
 
-/// The whole recording below `root` (which must not exist), with novel/<name>: poses, truth and
-/// depth.
+/// Writes the recording below `root`, which must not exist, with novel/<name>: poses, ground truth
+/// and depth.
 void write_recording(const std::filesystem::path& root, const DriveOptions& options,
                      ThreadPool& pool);
 

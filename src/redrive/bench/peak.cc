@@ -52,7 +52,7 @@ double best_gflops(Loop loop) {
 double measure_peak_gflops(std::optional<Isa> isa, ThreadPool& pool) {
   // At the same time on all threads, because they share the clock's power budget.
   std::vector<double> gflops(pool.threads());
-  pool.run(pool.threads(), [&](int lane) { gflops[lane] = best_gflops(loop_of(isa)); });
+  pool.run(pool.threads(), [&](int chunk) { gflops[chunk] = best_gflops(loop_of(isa)); });
   return std::accumulate(gflops.begin(), gflops.end(), 0.0);
 }
 
@@ -65,7 +65,7 @@ double measure_copy_gb_per_s(ThreadPool& pool) {
   for (int run = 0; run < kRuns; ++run) {
     const auto start = std::chrono::steady_clock::now();
     pool.run(pool.threads(),
-             [&](int lane) { std::memcpy(&to[lane * each], &from[lane * each], each); });
+             [&](int chunk) { std::memcpy(&to[chunk * each], &from[chunk * each], each); });
     const double seconds =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     best = std::max(best, 2e-9 * static_cast<double>(from.size()) / seconds);

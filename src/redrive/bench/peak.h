@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the processor can do at best: multiply-adds from registers, with the instruction the kernels
-// use, and copies from memory to memory.
+// Measures the processor's peaks: multiply-adds from registers, with the kernels' instructions, and
+// copies from memory to memory.
 #pragma once
 
 #include <optional>
@@ -15,9 +15,8 @@ namespace redrive::bench {
 /// with what any x86-64 has (SSE2). The ISA must be usable here.
 double measure_peak_gflops(std::optional<Isa> isa, ThreadPool& pool);
 
-/// 1e9 bytes a second that all threads together copy from one place to another in memory, read and
-/// written, at best; each 64 MiB of its own, all of them 256 MiB at least: more than a processor
-/// has caches.
+/// Returns the best rate, in 1e9 bytes per second read and written, at which all threads together
+/// copy memory: 64 MiB per thread and at least 256 MiB in all, more than a processor's caches.
 double measure_copy_gb_per_s(ThreadPool& pool);
 
 // bench/peak_loops.cc, one per ISA: `iterations` rounds of independent multiply-adds; returns their

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is timed: a small drive of formulas, and the buffers of one batch.
+// The input of the benchmarks: a small synthetic drive, and the buffers of one batch.
 #pragma once
 
 #include <vector>

@@ -19,12 +19,12 @@ Action configure_bench(CLI::App& command) {
   };
   auto s = std::make_shared<Settings>();
   add_backend_options(command, &s->backend);
-  command.add_flag("--json", s->json, "print the results as JSON alone");
+  command.add_flag("--json", s->json, "prints the results as JSON");
   command.add_option("--filter", s->options.filter,
-                     "only benchmarks whose name contains this (default: all)");
+                     "runs only benchmarks whose name contains this (default: all)");
   command.add_option(
       "--repetitions", s->options.repetitions,
-      "0..10000; 0: at least 5 and for 3 s, once where one run takes over 20 s (default: 0)");
+      "0..10000; 0: at least 5 and for 3 s, but one run where it takes over 20 s (default: 0)");
   return [s] {
     if (s->options.repetitions < 0 || s->options.repetitions > 10'000)
       throw UsageError("--repetitions", std::to_string(s->options.repetitions),
@@ -43,9 +43,9 @@ Action configure_bench(CLI::App& command) {
       std::fflush(out);
     });
     std::fprintf(out,
-                 "measured roof: %.0f GFLOP/s (%s), copies %.0f GB/s read and written; GFLOP are "
-                 "the paper's arithmetic, of "
-                 "which folded layers save a tenth, MB what goes in and comes out\n",
+                 "measured ceilings: %.0f GFLOP/s (%s), copies %.0f GB/s read and written; GFLOP "
+                 "counts the formulas' arithmetic, of which folded layers save a tenth, MB inputs "
+                 "and outputs\n",
                  report.ceilings.gflops, report.ceilings.arithmetic.c_str(),
                  report.ceilings.copy_gb_per_s);
     if (s->json) std::printf("%s\n", bench::to_json(report).dump(2).c_str());

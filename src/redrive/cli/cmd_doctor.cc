@@ -18,7 +18,7 @@
 namespace redrive {
 namespace {
 
-/// How a GPU's self-test ended.
+/// Runs a GPU's self-test and returns its result as text.
 std::string tested_gpu(int gpu) {
   const auto start = std::chrono::steady_clock::now();
   std::optional<std::string> failure;
@@ -29,7 +29,7 @@ std::string tested_gpu(int gpu) {
   }
   if (failure) return "failed: " + *failure;
   char text[80];
-  std::snprintf(text, sizeof text, "passed in %.1f s: the GPU computes what the reference does",
+  std::snprintf(text, sizeof text, "passed in %.1f s: the GPU agrees with the reference",
                 std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
   return text;
 }
@@ -65,8 +65,8 @@ int doctor() {
   if (best_isa() == Isa::kAvx512 && !isa_obstacle(Isa::kAvx512Bf16))
     std::printf(
         "note: avx512-bf16 works here but is slower than avx512 on Intel processors; --isa "
-        "avx512-bf16 takes it\n");
-  std::printf("chosen       %s (the fastest of these; --backend and --isa take another)\n",
+        "avx512-bf16 selects it\n");
+  std::printf("chosen       %s (the fastest of these; --backend and --isa select another)\n",
               describe(*kernels::make_backend({})).c_str());
   return kExitOk;
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// redrive eval: PSNR, SSIM, FLIP and depth error of a run.
+// redrive eval: prints PSNR, SSIM, FLIP and depth error of a run.
 #include <cmath>
 #include <cstdio>
 #include <memory>
@@ -39,22 +39,23 @@ void print_table(const Evaluation& evaluation) {
   print_row("all", evaluation.overall);
   if (const auto& changes = evaluation.pose_changes)
     if (const std::string which = at_bound(*changes); !which.empty())
-      std::printf("WARNING: refined poses run against their bounds: %s; see redrive align\n",
+      std::printf("WARNING: pose corrections at their bounds: %s; see redrive align\n",
                   which.c_str());
-  if (evaluation.novel.empty()) return;
   if (const auto& aligned = evaluation.view_alignment)
     std::printf(
-        "held-out images laid onto the field before they are scored: moved %.1f cm, turned %.3f "
-        "deg RMS over %d\n",
-        100 * aligned->translation_m, aligned->rotation_deg, aligned->views);
+        "poses of %d held-out images refined against the trained model before scoring: %.1f cm, "
+        "%.3f deg RMS\n",
+        aligned->views, 100 * aligned->translation_m, aligned->rotation_deg);
+  if (evaluation.novel.empty()) return;
   if (const auto& alignment = evaluation.alignment)
     std::printf(
-        "the run's trajectory laid over the true one: moved %.1f cm, turned %.3f deg; rest %.1f "
-        "cm, %.3f deg RMS\n",
+        "trajectory aligned to the ground truth by %.1f cm and %.3f deg; residual %.1f cm, %.3f "
+        "deg "
+        "RMS\n",
         100 * alignment->translation_m, alignment->rotation_deg, 100 * alignment->residual_m,
         alignment->residual_deg);
-  std::printf("%-28s %6s %8s %8s %8s %10s %14s\n", "novel views with truth", "images", "PSNR dB",
-              "SSIM", "FLIP", "px masked", "depth error %");
+  std::printf("%-28s %6s %8s %8s %8s %10s %14s\n", "novel views", "images", "PSNR dB", "SSIM",
+              "FLIP", "px masked", "depth error %");
   for (const auto& [name, score] : evaluation.novel) print_row(name, score);
 }
 
@@ -76,11 +77,11 @@ int run_eval(EvalCommandOptions options) {
 
 Action configure_eval(CLI::App& command) {
   auto options = std::make_shared<EvalCommandOptions>();
-  command.add_option("RUN", options->run, "folder that train made")->required();
+  command.add_option("RUN", options->run, "run folder, as train makes it")->required();
   command.add_flag("--json", options->json, "JSON on standard output instead of the table");
   auto* limit = command
                     .add_option("--max-images", options->eval.max_images,
-                                "at most so many images per camera and per novel set, evenly "
+                                "number of images per camera and per novel set, evenly "
                                 "spaced (default: every held-out image; " +
                                     std::to_string(kTrainingImagesPerCamera) +
                                     " training images per camera where none is held out)")

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// redrive figures: the run's figures as PNG, and report.html.
+// redrive figures: writes a run's figures as PNG, and report.html.
 #include <cstdio>
 #include <memory>
 #include <optional>
@@ -15,21 +15,21 @@ namespace redrive {
 namespace {
 
 struct FiguresCommandOptions {
-  std::string run, beside;
+  std::string run, compare;
   FigureOptions figures;
   kernels::BackendChoice backend;
 };
 
 int run_figures(FiguresCommandOptions options) {
   const Run run = open_run(options.run);
-  std::optional<Run> beside;
-  if (!options.beside.empty()) {
-    beside = open_run(options.beside);
-    if (!std::filesystem::equivalent(beside->recording.root, run.recording.root))
-      throw UsageError("--beside", options.beside,
-                       "is of another recording: " + beside->recording.root.string() + ", not " +
+  std::optional<Run> compared;
+  if (!options.compare.empty()) {
+    compared = open_run(options.compare);
+    if (!std::filesystem::equivalent(compared->recording.root, run.recording.root))
+      throw UsageError("--compare", options.compare,
+                       "is of another recording: " + compared->recording.root.string() + ", not " +
                            run.recording.root.string());
-    options.figures.beside = &*beside;
+    options.figures.compared = &*compared;
   }
   const auto backend = make_checked_backend(options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
@@ -47,13 +47,13 @@ int run_figures(FiguresCommandOptions options) {
 
 Action configure_figures(CLI::App& command) {
   auto options = std::make_shared<FiguresCommandOptions>();
-  command.add_option("RUN", options->run, "folder that train made")->required();
-  command.add_option("--beside", options->beside,
-                     "another run of the same recording, e.g. of --method nerf: its pictures and "
-                     "scores are shown beside");
+  command.add_option("RUN", options->run, "run folder, as train makes it")->required();
+  command.add_option("--compare", options->compare,
+                     "another run of the same recording, e.g. of --method nerf, to compare with: "
+                     "adds its images and scores to the figures and the report");
   command
       .add_option("--max-images", options->figures.eval.max_images,
-                  "images scored for the report, per camera and per novel set, evenly spaced "
+                  "number of images to score per camera and per novel set, evenly spaced "
                   "(default: as eval)")
       ->check(CLI::Range(1, 1000000));
   add_backend_options(command, &options->backend);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// redrive render: one picture of a frame's camera, shifted; or all pictures of a POSES.json.
+// redrive render: renders one image of a frame's camera, shifted; or all images of a POSES.json.
 #include <charconv>
 #include <cmath>
 #include <cstdio>
@@ -29,7 +29,7 @@ struct RenderOptions {
   kernels::BackendChoice backend;
 };
 
-/// Frame ids are decimal, with or without leading zeros.
+/// Parses a decimal frame id, with or without leading zeros.
 std::int64_t parse_frame(const char* option, const std::string& text) {
   std::int64_t id = -1;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), id);
@@ -53,8 +53,8 @@ Eigen::Vector3d parse_translation(const std::string& text) {
   return shift_m;
 }
 
-/// Before anything is rendered: the name says an image format, its folder is there, and nothing is
-/// overwritten.
+/// Checks, before anything is rendered, that the extension is an image format, the folder exists
+/// and nothing is overwritten.
 void check_output(const char* option, const fs::path& file, bool force, bool jpeg_too) {
   if (!has_extension(file, {".png"}) && !(jpeg_too && has_extension(file, {".jpg", ".jpeg"})))
     throw UsageError(option, file.string(),
@@ -62,7 +62,7 @@ void check_output(const char* option, const fs::path& file, bool force, bool jpe
   if (const fs::path folder = file.parent_path(); !folder.empty() && !fs::is_directory(folder))
     throw UsageError(option, file.string(), "its folder does not exist");
   if (fs::exists(file) && !force)
-    throw UsageError(option, file.string(), "exists already; --force overwrites it");
+    throw UsageError(option, file.string(), "exists; --force overwrites it");
 }
 
 const RigCamera& find_camera(const Scene& scene, const std::string& name) {
@@ -73,7 +73,7 @@ const RigCamera& find_camera(const Scene& scene, const std::string& name) {
   throw UsageError("--camera", name, "the run has no such camera; it has: " + known);
 }
 
-/// --exposure, for a view of `camera` at `frame`.
+/// Resolves --exposure for a view of `camera` at `frame`.
 Exposure exposure_of(const RenderOptions& options, const Run& run, const std::string& camera,
                      std::int64_t frame) {
   if (options.exposure == "own") return exposure_at(run.recording, run.scene, camera, frame);
@@ -136,17 +136,15 @@ int render_poses(const RenderOptions& options) {
     throw UsageError("--out", options.out, "is a file; --poses writes into a folder");
   for (const RequestedView& view : poses.views)
     if (fs::exists(out / view.file) && !options.force)
-      throw UsageError("--out", (out / view.file).string(),
-                       "exists already; --force overwrites it");
+      throw UsageError("--out", (out / view.file).string(), "exists; --force overwrites it");
 
   const Run run = open_run(options.run);
-  // A file's own cameras are rendered at their full size; the run's as they were trained on.
+  // Cameras that the file defines are rendered at full size, the run's at the size of training.
   const std::vector<RigCamera> rig = poses_rig(poses, run.scene, /*like_run=*/false);
   std::vector<Rigid3d> world_from_camera;
   std::vector<const RigCamera*> cameras;
   std::vector<Exposure> exposures;
-  for (std::size_t i = 0; i < poses.views.size();
-       ++i) {  // all of them, before the first is rendered
+  for (std::size_t i = 0; i < poses.views.size(); ++i) {  // check all before the first is rendered
     const RigCamera& camera = requested_camera(poses, i, rig);
     cameras.push_back(&camera);
     world_from_camera.push_back(
@@ -184,49 +182,43 @@ int render(const RenderOptions& options) {
 
 Action configure_render(CLI::App& command) {
   auto options = std::make_shared<RenderOptions>();
-  command.add_option("RUN", options->run, "folder that train made")->required();
+  command.add_option("RUN", options->run, "run folder, as train makes it")->required();
   CLI::Option* poses = command.add_option(
       "--poses", options->poses,
-      "POSES.json: every view of it, each under its own file name in the folder --out. "
-      "RT_ECEF_body places the body "
-      "absolutely, shift_body_m moves the recording's pose of frame_id in body axes");
+      "POSES.json: renders each of its views under its own file name into the folder --out. "
+      "RT_ECEF_body is an absolute pose of the body, shift_body_m a translation of the recording's "
+      "pose of frame_id in body axes");
   command
       .add_flag("--relative", options->relative,
-                "with --poses: where a view has both, use shift_body_m")
+                "with --poses: uses shift_body_m where a view has both")
       ->needs(poses);
   for (CLI::Option* option :
        {command.add_option("--camera", options->camera, "camera of the run"),
         command.add_option("--frame", options->frame,
-                           "frame id of the recording; its pose is where the car stands"),
+                           "frame id of the recording, whose pose the body has"),
         command
             .add_option("--translate", options->translate,
-                        "moves the camera by X,Y,Z metres along --axes")
+                        "translation of the camera by X,Y,Z metres along --axes")
             ->capture_default_str(),
         command
             .add_option("--axes", options->axes,
-                        "what --translate is measured along: body (x forward, y left, z up, of the "
-                        "car), camera (x "
-                        "right, y down, "
-                        "z forward, of the camera) or local (level at the car's place: z straight "
-                        "up, x the heading's "
-                        "horizontal "
-                        "part, y left)")
+                        "axes of --translate: body (x forward, y left, z up), camera (x right, y "
+                        "down, z forward) or local (level: z up, x along the horizontal heading, y "
+                        "left)")
             ->check(CLI::IsMember({"body", "camera", "local"}))
             ->capture_default_str(),
         command.add_option("--depth", options->depth,
-                           "also writes depth along the ray in mm as a 16-bit PNG; 65535 stands "
-                           "for 65.535 m and more")})
+                           "16-bit PNG to write depth along the ray to, in mm; 65535: 65.535 m and "
+                           "more")})
     option->excludes(poses);
   command
       .add_option("--exposure", options->exposure,
-                  "whose exposure and white balance the picture has: own (the view's camera at its "
-                  "frame), none (the field's "
-                  "own colours) or those of CAMERA:FRAME")
+                  "exposure and white balance of the image: own (those of the view's camera at its "
+                  "frame), none (the field's colours unchanged) or those of CAMERA:FRAME")
       ->capture_default_str();
-  command
-      .add_option("--out", options->out, "image to write, .png or .jpg; with --poses the folder")
+  command.add_option("--out", options->out, "image to write, .png or .jpg; with --poses a folder")
       ->required();
-  command.add_flag("--force", options->force, "overwrite images that exist");
+  command.add_flag("--force", options->force, "overwrites existing images");
   add_backend_options(command, &options->backend);
   return [options] { return render(*options); };
 }

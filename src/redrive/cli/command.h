@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A command of the program: registers its options on its subcommand and returns what to run once
-// they are parsed. The action returns an exit code (base/error.h) or throws InputError, UsageError,
-// IoError.
+// A command of the program registers its options on its subcommand and returns the action to run
+// once they are parsed. The action returns an exit code or throws one of the errors of
+// base/error.h.
 #pragma once
 
 #include <functional>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// "3/12 images scored" on a terminal; nothing where standard error is piped.
+// Prints "3/12 images scored" on a terminal; nothing where standard error is piped.
 #pragma once
 
 #include <cstdio>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The table of commands, and the one place where errors become exit codes.
+// The table of commands. Errors become exit codes here and nowhere else.
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -20,21 +20,21 @@
 namespace {
 
 constexpr redrive::Command kCommands[] = {
-    {"inspect", "what a recording holds, what is missing or odd, and why",
+    {"inspect", "check a recording: content, missing or inconsistent parts",
      redrive::configure_inspect},
     {"align",
-     "poses and calibration worth training on: image points, LiDAR and egomotion brought into "
-     "agreement",
+     "refine poses, extrinsics and time offsets by bundle adjustment of images, LiDAR and "
+     "egomotion",
      redrive::configure_align},
-    {"train", "train a field on a recording", redrive::configure_train},
-    {"resume", "go on with an interrupted run", redrive::configure_resume},
-    {"eval",
-     "PSNR, SSIM and FLIP of a run, per camera and in all; depth error where the truth ships",
+    {"train", "train a radiance field on a recording", redrive::configure_train},
+    {"resume", "continue an interrupted run", redrive::configure_resume},
+    {"eval", "score a run: PSNR, SSIM, FLIP, and depth error where there is ground truth",
      redrive::configure_eval},
-    {"render", "pictures that were never taken", redrive::configure_render},
-    {"figures", "the run's figures as PNG and one report.html", redrive::configure_figures},
+    {"render", "render images of novel views", redrive::configure_render},
+    {"figures", "write a run's figures as PNG and one report.html", redrive::configure_figures},
     {"bench", "time kernels and whole training steps on this machine", redrive::configure_bench},
-    {"doctor", "what this machine offers, and what redrive chooses", redrive::configure_doctor},
+    {"doctor", "show what this machine offers and which backend is chosen",
+     redrive::configure_doctor},
 };
 
 std::string known_commands() {
@@ -45,7 +45,7 @@ std::string known_commands() {
 }
 
 int run(int argc, char** argv) {
-  CLI::App app("redrive: from the recording of a sensor car to a radiance field and its pictures",
+  CLI::App app("redrive: from the recording of a sensor car to a radiance field and novel views",
                "redrive");
   app.require_subcommand(1);
   app.set_version_flag("--version", "redrive " REDRIVE_VERSION);
@@ -63,7 +63,7 @@ int run(int argc, char** argv) {
     return app.exit(error) == 0 ? redrive::kExitOk : redrive::kExitUsage;
   }
   const int code = actions.at(app.get_subcommands().front())();
-  // A reader that went away (| head) had enough; a file that could not be written is an error.
+  // A closed pipe (| head) is no error; a file that could not be written is.
   struct stat out {};
   const bool pipe =
       fstat(STDOUT_FILENO, &out) == 0 && (S_ISFIFO(out.st_mode) || S_ISSOCK(out.st_mode));
@@ -72,7 +72,7 @@ int run(int argc, char** argv) {
   return code;
 }
 
-int complain(const std::exception& error, redrive::ExitCode code) {
+int print_error(const std::exception& error, redrive::ExitCode code) {
   std::fprintf(stderr, "redrive: %s\n", error.what());
   return code;
 }
@@ -83,21 +83,21 @@ int main(int argc, char** argv) {
   try {
     return run(argc, argv);
   } catch (const redrive::UsageError& error) {
-    return complain(error, redrive::kExitUsage);
+    return print_error(error, redrive::kExitUsage);
   } catch (const redrive::InputError& error) {
-    return complain(error, redrive::kExitBadInput);
+    return print_error(error, redrive::kExitBadInput);
   } catch (const redrive::InsufficientDataError& error) {
-    return complain(error, redrive::kExitInsufficientData);
+    return print_error(error, redrive::kExitInsufficientData);
   } catch (const redrive::IoError& error) {
-    return complain(error, redrive::kExitIo);
+    return print_error(error, redrive::kExitIo);
   } catch (const redrive::DeviceError& error) {
-    return complain(error, redrive::kExitDevice);
+    return print_error(error, redrive::kExitDevice);
   } catch (const std::filesystem::filesystem_error& error) {  // a name too long, a loop of links
-    return complain(error, redrive::kExitBadInput);
+    return print_error(error, redrive::kExitBadInput);
   } catch (const std::bad_alloc&) {
     std::fprintf(stderr, "redrive: out of memory\n");
     return redrive::kExitInternal;
   } catch (const std::exception& error) {
-    return complain(error, redrive::kExitInternal);
+    return print_error(error, redrive::kExitInternal);
   }
 }

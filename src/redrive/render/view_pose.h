@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where the camera of a picture that was never taken stands: a frame's own pose, shifted in axes by
-// name, or a pose that a POSES.json gives.
+// Poses of novel views: the pose of a frame, shifted along named axes, or a pose of a POSES.json.
 #pragma once
 
 #include <cstdint>
@@ -14,10 +13,10 @@
 
 namespace redrive {
 
-/// The axes in which a camera is moved.
+/// The axes along which a camera is shifted.
 enum class ShiftAxes {
-  kBody,    ///< the car's: x forward, y left, z up
-  kCamera,  ///< the camera's: x right, y down, z forward
+  kBody,    ///< of the body: x forward, y left, z up
+  kCamera,  ///< of the camera: x right, y down, z forward
   kLocal    ///< level at the car's place: z up (normal of the WGS84 ellipsoid), x the heading's
             ///< horizontal part, y left
 };
@@ -30,8 +29,8 @@ std::optional<ShiftAxes> shift_axes_from_name(
 std::optional<Rigid3d> world_from_body(const Recording& recording, const Scene& scene,
                                        std::int64_t frame_id, const RigCamera& camera);
 
-/// Of the run's camera of that name at a frame; none where the run has no such camera or the
-/// recording no such frame.
+/// Returns the exposure of a camera of the run at a frame; none where the run has no such camera or
+/// the recording no such frame.
 Exposure exposure_at(const Recording& recording, const Scene& scene, const std::string& camera,
                      std::int64_t frame_id);
 
@@ -48,11 +47,12 @@ Rigid3d shifted_camera(const Rigid3d& global_from_world, const Rigid3d& world_fr
                        const Rigid3d& body_from_sensor, ShiftAxes axes,
                        const Eigen::Vector3d& shift_m);
 
-/// The cameras that a poses file's views are of: its own as recorded, with `like_run` undistorted
-/// (no fisheye is) and downscaled as the run's; the run's where it has none.
+/// Returns the cameras of a poses file: its own as recorded, or with `like_run` undistorted (except
+/// fisheyes) and downscaled as the run's; the run's where the file has none.
 std::vector<RigCamera> poses_rig(const ViewRequests& poses, const Scene& scene, bool like_run);
 
-/// The camera of view `index` among `rig`. InputError: no such camera; the known ones are listed.
+/// Returns the camera of view `index` among `rig`. InputError, with the known names: no such
+/// camera.
 const RigCamera& requested_camera(const ViewRequests& poses, std::size_t index,
                                   const std::vector<RigCamera>& rig);
 

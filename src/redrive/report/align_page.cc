@@ -34,7 +34,7 @@ double seconds_of(const Recording& recording, std::size_t frame) {
   return 1e-9 * static_cast<double>(recording.frames[frame].t_ns - recording.frames.front().t_ns);
 }
 
-/// Three components of the corrections over time: from number `first` on, times `scale`.
+/// Plots three components of the corrections over time: from component `first` on, times `scale`.
 std::string corrections_script(const Recording& recording, const AlignResult& result,
                                const PlotAxes& axes, int first, double scale,
                                const std::array<const char*, 3>& titles) {
@@ -47,34 +47,34 @@ std::string corrections_script(const Recording& recording, const AlignResult& re
   return time_curves_script(curves);
 }
 
-/// From above in the axes of the first body; arrows: the corrections, ten times as long.
+/// Plots the trajectory from above in the axes of the first body, with the corrections as arrows of
+/// ten times their length.
 std::string trajectory_script(const Recording& recording, const AlignResult& result,
                               const std::string& name) {
   std::ostringstream out;
   out.precision(7);
-  out << plot_preamble({name, "ahead of the first frame (m)", "to its left (m)", 1200, 520})
+  out << plot_preamble({name, "forward of the first frame (m)", "left of it (m)", 1200, 520})
       << "set size ratio -1\n$data << end\n";
   const Rigid3d first_from_global =
       recording.frames.front().global_from_body.inverse(Eigen::Isometry);
   for (std::size_t f = 0; f < result.frames.size(); ++f) {
-    const Eigen::Vector3d given = first_from_global *
-                                  recording.frames[f].global_from_body.translation(),
+    const Eigen::Vector3d initial = first_from_global *
+                                    recording.frames[f].global_from_body.translation(),
                           aligned =
                               first_from_global * result.frames[f].global_from_body.translation(),
-                          moved = 10 * (aligned - given);
-    out << given.x() << ' ' << given.y() << ' ' << aligned.x() << ' ' << aligned.y() << ' '
+                          moved = 10 * (aligned - initial);
+    out << initial.x() << ' ' << initial.y() << ' ' << aligned.x() << ' ' << aligned.y() << ' '
         << moved.x() << ' ' << moved.y() << '\n';
   }
-  out << "end\nplot $data using 1:2 with linespoints pt 7 ps 0.5 lc rgb '#aaaaaa' title 'as "
-         "given', $data using 3:4 "
-         "with linespoints "
-         "pt 7 ps 0.5 lc rgb '#1f4e8c' title 'aligned', $data using 1:2:5:6 with vectors nohead lc "
+  out << "end\nplot $data using 1:2 with linespoints pt 7 ps 0.5 lc rgb '#aaaaaa' title "
+         "'initial', $data using 3:4 with linespoints pt 7 ps 0.5 lc rgb '#1f4e8c' title "
+         "'aligned', $data using 1:2:5:6 with vectors nohead lc "
          "rgb '#c2571a' title "
          "'correction x 10'\n";
   return out.str();
 }
 
-/// RMS of the reprojection error of each camera by frame: thin before, thick after.
+/// Plots the RMS reprojection error of each camera by frame: thin before, thick after.
 std::string by_frame_script(const Recording& recording, const AlignResult& result,
                             const std::string& name) {
   const std::size_t cameras = result.cameras.size(), frames = result.frames.size();
@@ -108,7 +108,7 @@ std::string by_frame_script(const Recording& recording, const AlignResult& resul
   return out.str();
 }
 
-/// The errors of one camera as points.
+/// Plots the reprojection errors of one camera as points.
 std::string scatter_script(const AlignResult& result, int camera, const std::string& name) {
   std::vector<const ImageResidual*> of_camera;
   for (const ImageResidual& r : result.bundle.residuals)
@@ -133,11 +133,11 @@ std::string scatter_script(const AlignResult& result, int camera, const std::str
 std::vector<std::vector<std::string>> camera_rows(const AlignResult& result) {
   std::vector<std::vector<std::string>> rows{
       {"camera", "observations used", "before px", "after px", "roll deg", "pitch deg", "yaw deg",
-       "+- deg", "moved cm", "+- cm", "time offset ms", "+- ms"}};
+       "+- deg", "translation cm", "+- cm", "time offset ms", "+- ms"}};
   const bool rolling = std::ranges::any_of(
       result.camera_corrections,
       [](const CameraCorrection& k) { return k.readout_s != 0 || k.readout_sigma_s; });
-  if (rolling) rows[0].insert(rows[0].end(), {"rows within ms", "+- ms"});
+  if (rolling) rows[0].insert(rows[0].end(), {"readout ms", "+- ms"});
   for (std::size_t c = 0; c < result.cameras.size(); ++c) {
     const CameraFit& fit = result.bundle.cameras[c];
     const CameraCorrection& k = result.camera_corrections[c];
@@ -150,23 +150,23 @@ std::vector<std::vector<std::string>> camera_rows(const AlignResult& result) {
                     number("%.1f", 100 * k.mount.value.head<3>().norm()),
                     number("%.1f", 100 * k.mount.sigma.head<3>().maxCoeff()),
                     number("%+.2f", 1e3 * k.offset_s),
-                    k.offset_sigma_s ? number("%.2f", 1e3 * *k.offset_sigma_s) : "cannot tell"});
+                    k.offset_sigma_s ? number("%.2f", 1e3 * *k.offset_sigma_s) : "unobservable"});
     if (rolling) {
       rows.back().push_back(number("%+.2f", 1e3 * k.readout_s));
       rows.back().push_back(k.readout_sigma_s ? number("%.2f", 1e3 * *k.readout_sigma_s)
-                                              : "as given");
+                                              : "not refined");
     }
   }
   return rows;
 }
 
-/// Where the images' contrast is that of the LiDAR's intensities.
+/// Plots the correlation of the images' contrast with the LiDAR's intensities over time offsets.
 std::string contrast_script(const AlignResult& result, const std::string& name) {
   const std::vector<ContrastFit>& fits = result.bundle.contrast;
   std::ostringstream out;
   out.precision(5);
-  out << plot_preamble(
-             {name, "exposed later than the calibration says (ms)", "correlation, of its highest"})
+  out << plot_preamble({name, "time offset, added to the calibration's (ms)",
+                        "correlation, relative to its maximum"})
       << "$data << end\n";
   const std::size_t steps = fits.empty() ? 0 : fits[0].correlation.size();
   for (std::size_t k = 0; k < steps; ++k) {
@@ -186,7 +186,7 @@ std::string contrast_script(const AlignResult& result, const std::string& name) 
 
 std::vector<std::vector<std::string>> contrast_rows(const AlignResult& result) {
   std::vector<std::vector<std::string>> rows{
-      {"camera", "places compared", "highest correlation", "there, ms", "+- ms"}};
+      {"camera", "cells compared", "highest correlation", "at, ms", "+- ms"}};
   for (std::size_t c = 0; c < result.bundle.contrast.size(); ++c) {
     const ContrastFit& fit = result.bundle.contrast[c];
     rows.push_back({result.cameras[c].name, std::to_string(fit.cells),
@@ -215,49 +215,42 @@ void write_align_page(const std::filesystem::path& folder, const Recording& reco
                      "</p>\n";
   for (const std::string& remark : result.remarks) body += "<p>" + html_escape(remark) + "</p>\n";
   body += "<h2>Cameras</h2>\n" + html_table(camera_rows(result), true) +
-          "<p>Reprojection errors are RMS over the observations used, each point placed as well as "
-          "the poses allow. +- "
-          "is one standard deviation, if only the observations of one point, and the LiDAR returns "
-          "of one patch, err "
-          "together. What all "
-          "cameras turn by together rests on how LiDAR and images differ by tenths of a "
-          "millimetre: there, on a drive "
-          "whose truth is known, "
-          "errors were three times as large. Roll, pitch and yaw are turns of the camera about the "
-          "body's axes.</p>\n";
+          "<p>Reprojection errors are RMS over the observations used, with each point triangulated "
+          "anew. +- is one standard deviation, assuming that only the observations of one point, "
+          "and the LiDAR returns of one patch, have correlated errors. The rotation that all "
+          "cameras share is the least certain: on a drive with ground truth its errors were three "
+          "times as large. Roll, pitch and yaw are rotations of the camera about the body's "
+          "axes.</p>\n";
   if (bundle.lidar_points > 0)
-    body += "<p>LiDAR points off their patches: RMS " +
+    body += "<p>Distance of LiDAR points from their planes: RMS " +
             number("%.2f cm before, %.2f cm after", 100 * bundle.initial_lidar_rms_m,
                    100 * bundle.lidar_rms_m) +
             "</p>\n";
   if (!bundle.contrast.empty())
-    body += "<h2>Clocks by the LiDAR</h2>\n" + html_table(contrast_rows(result), true) +
+    body += "<h2>Time offsets by the LiDAR</h2>\n" + html_table(contrast_rows(result), true) +
             drawn("contrast", contrast_script(result, "contrast"),
-                  "What is bright to the LiDAR (lane markings, signs, posts) against what is "
-                  "bright in the image where "
-                  "the camera would see it, had it been exposed at another time");
+                  "Correlation of LiDAR intensities (lane markings, signs, posts) with image "
+                  "brightness, as if the camera had been exposed at another time");
   if (result.aligned_vs_ground_truth)
     body +=
-        "<h2>Against the truth</h2>\n" +
+        "<h2>Errors against the ground truth</h2>\n" +
         html_table({{"trajectory", "position cm RMS", "rotation deg RMS"},
-                    {"as given", number("%.2f", 100 * result.initial_vs_ground_truth->residual_m),
+                    {"initial", number("%.2f", 100 * result.initial_vs_ground_truth->residual_m),
                      number("%.4f", result.initial_vs_ground_truth->residual_deg)},
                     {"aligned", number("%.2f", 100 * result.aligned_vs_ground_truth->residual_m),
                      number("%.4f", result.aligned_vs_ground_truth->residual_deg)}},
                    true) +
-        "<p>After one rigid motion of the whole.</p>\n";
+        "<p>After a rigid alignment of the whole trajectory.</p>\n";
   body += "<h2>Trajectory</h2>\n" +
           drawn("position",
-                corrections_script(recording, result, {"position", "time (s)", "moved (cm)"}, 0,
-                                   100, {"ahead", "left", "up"}),
-                "What was added to each frame's position, in the axes of the body; the bands are "
-                "two standard "
-                "deviations of the "
-                "trajectory's shape") +
+                corrections_script(recording, result, {"position", "time (s)", "translation (cm)"},
+                                   0, 100, {"forward", "left", "up"}),
+                "Correction of each frame's position, in the axes of the body; bands: two standard "
+                "deviations of the trajectory's shape") +
           drawn("rotation",
-                corrections_script(recording, result, {"rotation", "time (s)", "turned (degrees)"},
-                                   3, kDegrees, {"roll", "pitch", "yaw"}),
-                "What was added to each frame's rotation") +
+                corrections_script(recording, result, {"rotation", "time (s)", "rotation (deg)"}, 3,
+                                   kDegrees, {"roll", "pitch", "yaw"}),
+                "Correction of each frame's rotation") +
           drawn("trajectory", trajectory_script(recording, result, "trajectory"), "From above");
   if (!bundle.residuals.empty()) {
     body += "<h2>Reprojection errors</h2>\n" +

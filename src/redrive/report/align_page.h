@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What redrive align did, as a page to look at.
+// The report of redrive align.
 #pragma once
 
 #include <filesystem>
@@ -8,9 +8,9 @@
 
 namespace redrive {
 
-/// folder/report.html with the figures inside, and folder/figures with them and their gnuplot
-/// scripts: corrections over time with their uncertainty, the trajectory from above, reprojection
-/// errors by frame and as points. IoError where gnuplot is missing.
+/// Writes folder/report.html with its figures inside, and folder/figures with the same figures and
+/// their gnuplot scripts: corrections over time with their uncertainty, the trajectory from above,
+/// reprojection errors by frame and as points. IoError where gnuplot is missing.
 void write_align_page(const std::filesystem::path& folder, const Recording& recording,
                       const AlignResult& result);
 

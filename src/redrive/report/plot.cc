@@ -19,15 +19,15 @@
 namespace redrive {
 namespace {
 
-constexpr std::size_t kMeanParts = 60;  // the running mean looks at 1/60 of the run to either side
-constexpr int kLabelledEpochs = 12;     // more labels than that would run into each other
+constexpr std::size_t kMeanParts = 60;  // the running mean spans 1/60 of the run to either side
+constexpr int kLabelledEpochs = 12;     // more labels would overlap
 
-/// What differs between the two plots.
+/// The differences between the two plots.
 struct Axis {
   const char* name;  ///< of the files
   const char* label;
   std::string setup;         ///< gnuplot lines
-  const char* key_position;  ///< where the curve is not
+  const char* key_position;  ///< away from the curve
   double MetricsRow::*value;
 };
 
@@ -68,8 +68,7 @@ std::string history_script(const std::vector<MetricsRow>& rows, const std::strin
 
 std::string gnuplot_string(const std::string& text) {
   std::string out = "'";
-  // Nothing is special between single quotes, but '' for one of them is misread at a string's
-  // beginning.
+  // Single quotes take everything literally, but gnuplot misreads '' at a string's beginning.
   for (const char c : text) out += c == '\'' ? std::string(R"('."'".')") : std::string(1, c);
   return out + "'";
 }
@@ -142,8 +141,8 @@ std::vector<double> running_mean(const std::vector<double>& values, int radius) 
 }
 
 std::string loss_script(const std::vector<MetricsRow>& rows, const std::string& title) {
-  // Labels at 1, 2 and 5 of each decade, and a range with a tenth of a decade to spare: a whole run
-  // often stays within one.
+  // Labels at 1, 2 and 5 of each decade, and a margin of a tenth of a decade: a whole run often
+  // stays within one decade.
   std::ostringstream setup;
   setup << "set logscale y\nset format y '%g'\nset ytics (";
   for (int decade = -8; decade <= 1; ++decade)
@@ -196,11 +195,10 @@ void draw_plot(const std::filesystem::path& folder, const std::string& name,
     throw IoError(image, "gnuplot failed on " + script_file.string());
   }
   try {
-    read_image(
-        part);  // gnuplot's exit code says nothing of a disk that filled up under its picture
+    read_image(part);  // gnuplot exits with 0 even where the disk was full
   } catch (const InputError& broken) {
     std::filesystem::remove(part, error);
-    throw IoError(image, std::string("gnuplot left no whole picture: ") + broken.what());
+    throw IoError(image, std::string("gnuplot wrote a truncated image: ") + broken.what());
   }
   std::filesystem::rename(part, image, error);
   if (error) throw IoError(image, error.message());

@@ -10,25 +10,24 @@
 namespace redrive {
 namespace {
 
-constexpr double kTurnInDegrees = 180 / std::numbers::pi;
-constexpr int kWidth_px = 1200, kHeight_px = 560, kFont_pt = 14;  // as the curves of training
+constexpr double kDegreesPerRadian = 180 / std::numbers::pi;
+constexpr int kWidth_px = 1200, kHeight_px = 560, kFont_pt = 14;  // as the training curves
 
 /// A sentence, as HTML.
 std::string source_of(const Run& run) {
   const TrainOptions& options = run.options;
   if (options.ground_truth_poses)
-    return "The exact ones that the recording ships (<code>--truth-poses</code>).";
+    return "The ground truth that the recording ships (<code>--truth-poses</code>).";
   if (!has_external_poses(options)) return "As recorded.";
   std::string out = "Aligned before training ";
   if (options.align)
     out += "(<code>--align</code>).";
   else
     out += "(<code>--poses " + html_escape(options.poses) + "</code>).";
-  // Beside the report, and not there when the report alone was handed on: the sentence says what it
-  // needs without the link.
+  // A relative link: broken where the report alone was passed on, so nothing depends on it.
   std::error_code error;
   if (std::filesystem::is_regular_file(run.paths.poses() / "report.html", error))
-    out += " <a href=\"poses/report.html\">What that changed.</a>";
+    out += " <a href=\"poses/report.html\">Report of the alignment.</a>";
   return out;
 }
 
@@ -43,14 +42,14 @@ std::string curves_script(const Scene& scene, const PoseChanges& changes,
 
 std::vector<std::vector<std::string>> rows_of(const PoseChanges& changes) {
   std::vector<std::vector<std::string>> rows{
-      {"", "ahead (cm)", "left (cm)", "up (cm)", "moved (cm)", "roll (deg)", "pitch (deg)",
-       "yaw (deg)", "turned (deg)", "exposed later (ms)", ""}};
+      {"", "forward (cm)", "left (cm)", "up (cm)", "translation (cm)", "roll (deg)", "pitch (deg)",
+       "yaw (deg)", "rotation (deg)", "time offset (ms)", ""}};
   for (const CameraChange& camera : changes.cameras) {
     std::vector<std::string> row{camera.name};
-    const Eigen::Vector3d moved_cm = 100 * camera.pose.translation_m,
-                          rotation_deg = kTurnInDegrees * camera.pose.rotation_rad;
-    for (const double value : moved_cm) row.push_back(fixed(value, 2));
-    row.push_back(fixed(moved_cm.norm(), 2));
+    const Eigen::Vector3d translation_cm = 100 * camera.pose.translation_m,
+                          rotation_deg = kDegreesPerRadian * camera.pose.rotation_rad;
+    for (const double value : translation_cm) row.push_back(fixed(value, 2));
+    row.push_back(fixed(translation_cm.norm(), 2));
     for (const double value : rotation_deg) row.push_back(fixed(value, 3));
     row.insert(row.end(), {fixed(rotation_deg.norm(), 3), fixed(1e3 * camera.time_offset_s, 2),
                            camera.pose.at_bound ? "at its bound" : ""});
@@ -58,7 +57,7 @@ std::vector<std::vector<std::string>> rows_of(const PoseChanges& changes) {
   }
   const int at_bound = changes.frames_at_bound();
   rows.push_back({"frames, RMS", "", "", "", fixed(100 * changes.translation_m, 2), "", "", "",
-                  fixed(kTurnInDegrees * changes.rotation_rad, 3), "",
+                  fixed(kDegreesPerRadian * changes.rotation_rad, 3), "",
                   at_bound > 0 ? std::to_string(at_bound) + " at their bounds" : ""});
   return rows;
 }
@@ -66,51 +65,50 @@ std::vector<std::vector<std::string>> rows_of(const PoseChanges& changes) {
 }  // namespace
 
 std::string frame_translations_script(const Scene& scene, const PoseChanges& changes) {
-  return curves_script(scene, changes, &PoseChange::translation_m, 100,
-                       {{"poses_moved", "time (s)", "moved (cm)", kWidth_px, kHeight_px, kFont_pt},
-                        {"ahead", "left", "up"},
-                        {},
-                        {},
-                        {},
-                        100.0 * kMaxTranslation_m});
+  return curves_script(
+      scene, changes, &PoseChange::translation_m, 100,
+      {{"poses_moved", "time (s)", "translation (cm)", kWidth_px, kHeight_px, kFont_pt},
+       {"forward", "left", "up"},
+       {},
+       {},
+       {},
+       100.0 * kMaxTranslation_m});
 }
 
 std::string frame_rotations_script(const Scene& scene, const PoseChanges& changes) {
   return curves_script(
-      scene, changes, &PoseChange::rotation_rad, kTurnInDegrees,
-      {{"poses_turned", "time (s)", "turned (degrees)", kWidth_px, kHeight_px, kFont_pt},
+      scene, changes, &PoseChange::rotation_rad, kDegreesPerRadian,
+      {{"poses_turned", "time (s)", "rotation (deg)", kWidth_px, kHeight_px, kFont_pt},
        {"roll", "pitch", "yaw"},
        {},
        {},
        {},
-       kTurnInDegrees * kMaxRotation_rad});
+       kDegreesPerRadian * kMaxRotation_rad});
 }
 
 std::string poses_section(const Run& run, const std::filesystem::path& figures) {
   std::string out = "<h2>Poses</h2>\n<p>" + source_of(run);
-  if (!run.state.poses.refines()) return out + " Training left them as they are.</p>\n";
+  if (!run.state.poses.refines()) return out + " Not refined by training.</p>\n";
   const PoseChanges changes = pose_changes(run.scene, run.state.poses.corrections);
-  const std::string bounds =
-      fixed(100 * kMaxTranslation_m, 0) + " cm and " + fixed(kTurnInDegrees * kMaxRotation_rad, 1) +
-      " degrees along each axis, cameras also at " + fixed(1e3 * kMaxTimeOffset_s, 0) + " ms";
+  const std::string bounds = fixed(100 * kMaxTranslation_m, 0) + " cm and " +
+                             fixed(kDegreesPerRadian * kMaxRotation_rad, 1) +
+                             " degrees along each axis, cameras also at " +
+                             fixed(1e3 * kMaxTimeOffset_s, 0) + " ms";
   out +=
-      " While training, each frame, each camera on the body and each camera's clock were corrected "
-      "by what their "
-      "rays say of them (<code>--refine-poses</code>).</p>\n";
+      " Training refined the pose of each frame and the extrinsics and time offset of each camera "
+      "(<code>--refine-poses</code>).</p>\n";
   if (const std::string which = at_bound(changes); !which.empty())
-    out += html_warning("Corrections run against their bounds (" + bounds + "): " + which +
-                        ". What is further off is put right by redrive align; redrive inspect "
-                        "--report says whether "
-                        "calibration and clocks fit the images.");
+    out += html_warning("Corrections are at their bounds (" + bounds + "): " + which +
+                        ". redrive align corrects larger errors; redrive inspect --report checks "
+                        "calibration and time offsets against the images.");
   out += html_table(rows_of(changes), true) +
-         "<p>In the axes of the body, added to what training began with. What all cameras have in "
-         "common is in the "
-         "frames. Corrections end at " +
+         "<p>In the axes of the body, relative to the initial poses. The part that all cameras "
+         "share is in the frames. Corrections are bounded by " +
          bounds + ".</p>\n<div class=\"row\">\n" +
          plot_figure(figures, "poses_moved", frame_translations_script(run.scene, changes),
-                     "how far each frame was moved") +
+                     "translation of each frame") +
          plot_figure(figures, "poses_turned", frame_rotations_script(run.scene, changes),
-                     "how far each frame was turned") +
+                     "rotation of each frame") +
          "</div>\n";
   return out;
 }

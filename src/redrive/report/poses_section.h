@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where a run's poses come from and what training made of them, as a part of its report.
+// The part of a run's report about its poses: their source and the corrections by training.
 #pragma once
 
 #include <string>
@@ -9,12 +9,14 @@
 
 namespace redrive {
 
-/// "Poses": of --truth-poses, --align or --poses, or as recorded; where training refined them, how
-/// each camera was corrected and, drawn into `figures` as poses_moved.png and poses_turned.png,
-/// each frame, with a warning where a correction is at its bound. `run`: open_run.
+/// Returns the section as HTML: whether the poses are the ground truth, aligned or as recorded;
+/// where training refined them, a table of the cameras' corrections and plots of the frames'
+/// (written to `figures` as poses_moved.png and poses_turned.png), with a warning where a
+/// correction is at its bound. `run`: from open_run.
 std::string poses_section(const Run& run, const std::filesystem::path& figures);
 
-/// The plots' gnuplot scripts: cm and degrees over time, bounds where a frame comes near.
+/// gnuplot scripts of the frames' corrections over time, in cm and degrees; bounds are drawn where
+/// a frame comes near them.
 std::string frame_translations_script(const Scene& scene, const PoseChanges& changes);
 std::string frame_rotations_script(const Scene& scene, const PoseChanges& changes);
 

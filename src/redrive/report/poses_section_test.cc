@@ -35,7 +35,7 @@ class PosesSection : public ::testing::Test {
 };
 
 TEST_F(PosesSection, SaysWhereThePosesAreFrom) {
-  EXPECT_THAT(section(), HasSubstr("As recorded. Training left them as they are."));
+  EXPECT_THAT(section(), HasSubstr("As recorded. Not refined by training."));
   run_.options.poses = "/home/me/<aligned>";
   EXPECT_THAT(
       section(),
@@ -79,7 +79,7 @@ TEST_F(PosesSection, WarnsWhereACorrectionIsAtItsBound) {
   refine(at.frame_slot(4) + 5, -kMaxRotation_rad);
   refine(at.time_slot(0), kMaxTimeOffset_s);
   const std::string html = section();
-  EXPECT_THAT(html, HasSubstr("<p class=\"warning\">Warning: Corrections run against their bounds "
+  EXPECT_THAT(html, HasSubstr("<p class=\"warning\">Warning: Corrections are at their bounds "
                               "(50 cm and 2.0 degrees "
                               "along each axis, cameras also at 50 ms): 1 of 6 frames, FISHEYE."));
   EXPECT_THAT(html, HasSubstr("<td>50.00</td><td>at its bound</td>"));

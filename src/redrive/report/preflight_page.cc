@@ -16,7 +16,7 @@ namespace redrive {
 namespace {
 
 constexpr double kNearest_m = 2, kFarthest_m = 80;  // of LiDAR's colours
-constexpr double kLidarAround_s = 0.06;             // a revolution around an image
+constexpr double kLidarAround_s = 0.06;             // about a revolution
 constexpr std::size_t kLidarShown = 6000;           // points: more would hide the image
 constexpr std::size_t kTriedShown = 6;
 
@@ -26,7 +26,7 @@ std::string row_of(const std::vector<std::string>& figures) {
   return out + "</div>\n";
 }
 
-/// "-8.8 ± 1.2", or "-" of a clock that is not told.
+/// "-8.8 ± 1.2", or "-" for an unobservable time offset.
 std::string offset_text(const std::optional<TimeOffsetEstimate>& clock) {
   if (!clock) return "-";
   return fixed(clock->offset_ms, 1) +
@@ -39,7 +39,7 @@ std::string offset_by_images(const CameraCheck& check) {
 std::string verdicts(const Recording& recording, const Preflight& preflight) {
   std::vector<std::vector<std::string>> rows = {{"", "verdict", "why", "offset (ms)",
                                                  "by the LiDAR", "error (px)", "points",
-                                                 "points move (px)"}};
+                                                 "motion of points (px)"}};
   for (const CameraCheck& camera : preflight.cameras) {
     const bool any = !camera.tried.empty();
     rows.push_back({camera.name, verdict_name(camera.verdict), camera.why, offset_by_images(camera),
@@ -51,23 +51,18 @@ std::string verdicts(const Recording& recording, const Preflight& preflight) {
   std::string out = "<h1>" + html_escape(recording.root.lexically_normal().filename().string()) +
                     "</h1>\n<h2>" + html_escape(preflight.headline()) + "</h2>\n";
   return out + html_table(rows, false) +
-         "<p>Error: how far, in the median, points lie from where a static point can be seen, when "
-         "the calibration and "
-         "the poses say how the "
-         "camera moved between two images a few frames apart. Points are followed without asking "
-         "the calibration, "
-         "those kept that most "
-         "of their image agree with. It sees directions and turns, not lengths: where the camera "
-         "is to some decimetres "
-         "it does not see. Offset: when images are exposed, added to what is recorded: where that "
-         "error is least, and, "
-         "by the LiDAR, where what is "
-         "bright to it (lane markings, signs, posts) is bright in the images, too; one standard "
-         "deviation. A dash: "
-         "cannot be told.</p>\n";
+         "<p>Error: median distance of tracked points from their epipolar lines, by the "
+         "calibration "
+         "and the poses, between two images a few frames apart. Points are tracked without the "
+         "calibration; points that contradict most of their image are dropped. The error depends "
+         "on "
+         "rotations and directions of motion, hardly on the camera's position (some decimetres). "
+         "Offset: the time offset, added to the recorded one, with the least error, and, by the "
+         "LiDAR, the one where LiDAR intensities (lane markings, signs, posts) correlate best with "
+         "the images; +- one standard deviation. A dash: unobservable.</p>\n";
 }
 
-/// The frame in the middle of the camera's images.
+/// The middle one of the camera's frames; -1 if it has none.
 int middle_frame(const RigImages& images, int camera) {
   std::vector<int> with_image;
   for (int f = 0; f < images.frames(); ++f)
@@ -95,10 +90,10 @@ cv::Scalar distance_colour(double distance_m) {
   return cv::Scalar(bgr[2], bgr[1], bgr[0]);
 }
 
-/// Each return where it lay at its own time, in the camera as it was at the image's; near ones over
-/// far ones.
+/// Draws each return at its position when it was measured, seen by the camera at the image's time;
+/// near ones over far ones. Returns the number of points drawn.
 int draw_lidar(const RigImages& images, int camera, int frame, const LidarReturns& lidar,
-               Image8* picture) {
+               Image8* image) {
   const std::int64_t t_ns =
       images.scene.frames[frame].t_ns + images.scene.rig[camera].time_offset_ns;
   const Rigid3d camera_from_world = images.world_from_camera[camera][frame].inverse();
@@ -116,7 +111,7 @@ int draw_lidar(const RigImages& images, int camera, int frame, const LidarReturn
       seen.emplace_back(in_camera.norm(), *pixel);
   }
   std::ranges::sort(seen, std::greater{}, [](const auto& s) { return s.first; });
-  cv::Mat canvas(picture->height, picture->width, CV_8UC3, picture->rgb.data());
+  cv::Mat canvas(image->height, image->width, CV_8UC3, image->rgb.data());
   const std::size_t step = 1 + seen.size() / kLidarShown;
   for (std::size_t i = 0; i < seen.size(); i += step) {
     const auto& [distance_m, pixel] = seen[i];
@@ -126,8 +121,8 @@ int draw_lidar(const RigImages& images, int camera, int frame, const LidarReturn
   return static_cast<int>((seen.size() + step - 1) / step);
 }
 
-std::string picture(const std::filesystem::path& folder, const Recording& recording,
-                    const RigImages& images, int camera, const LidarReturns& lidar) {
+std::string camera_image(const std::filesystem::path& folder, const Recording& recording,
+                         const RigImages& images, int camera, const LidarReturns& lidar) {
   const int frame = middle_frame(images, camera);
   if (frame < 0) return "";
   SceneOptions options;
@@ -145,13 +140,12 @@ std::string picture(const std::filesystem::path& folder, const Recording& record
   write_image(folder / name, tinted);
   return html_figure(
       name, "frame " + std::to_string(images.scene.frames[frame].id) +
-                "; red: not looked at (a margin around masks, too); " +
+                "; red: masked, with a margin; " +
                 (points > 0 ? std::to_string(points) + " LiDAR points, 2 m (blue) to 80 m (red)"
                             : "no LiDAR"));
 }
 
-/// Ranges of axes with one unit that fill a picture: a box with a margin, widened to the shape of
-/// what lies between the axes.
+/// Sets axis ranges to scale: a box with a margin, widened to the aspect ratio of the plot.
 std::string to_scale(Eigen::AlignedBox2d shown, double margin) {
   constexpr double kUpPerAcross = 0.5;
   const Eigen::Vector2d size = shown.sizes().array() + 2 * margin;
@@ -164,21 +158,21 @@ std::string to_scale(Eigen::AlignedBox2d shown, double margin) {
   return out.str();
 }
 
-/// A third of the page's width: drawn twice as large, for screens that show it.
+/// A third of the page's width, drawn twice as large for screens of high resolution.
 PlotAxes axes_of(const std::string& name, const std::string& x_label, const std::string& y_label,
                  int height_px = 560) {
   return {name, x_label, y_label, 1000, height_px, 20};
 }
 
-/// Errors over time offsets, and on an axis of its own how much of what is bright to the LiDAR is
-/// bright in the images, too.
+/// Plots the error over time offsets and, on a second axis, the correlation of the images with the
+/// LiDAR's intensities.
 std::string scan_script(const CameraCheck& check, const std::string& name) {
   constexpr const char *kError = "#1f4e8c", *kContrast = "#3a7d44";
   std::ostringstream out, plots;
   out << plot_preamble(axes_of(name, "time offset (ms), added to the recorded one", "error (px)"))
       << "set key inside center top\nset autoscale xfix\nset yrange [0:*]\nset offsets 0, 0, graph "
          "0.25, 0\n";
-  /// A curve, and a line where it is best.
+  /// Adds a curve, and a line at its best offset.
   const auto add = [&](const std::string& data, const auto& points, auto value,
                        std::optional<double> best_ms, const std::string& title, const char* axes,
                        const char* colour) {
@@ -202,8 +196,8 @@ std::string scan_script(const CameraCheck& check, const std::string& name) {
   else
     add("scan", check.scan, &ScanPoint::error_px,
         check.offset_observable ? std::optional(check.offset_ms) : std::nullopt,
-        check.offset_observable ? "error least at " + offset_by_images(check) + " ms"
-                                : "error: too flat to tell",
+        check.offset_observable ? "least error at " + offset_by_images(check) + " ms"
+                                : "error: no clear minimum",
         "x1y1", kError);
   if (!check.contrast.empty()) {
     const auto [low, high] = std::ranges::minmax(check.contrast, {}, &ContrastPoint::correlation);
@@ -211,7 +205,7 @@ std::string scan_script(const CameraCheck& check, const std::string& name) {
         << std::min(0.0, low.correlation) << ':' << std::max(1.4 * high.correlation, 0.01) << "]\n";
     add("contrast", check.contrast, &ContrastPoint::correlation,
         check.by_lidar ? std::optional(check.by_lidar->offset_ms) : std::nullopt,
-        check.by_lidar ? "LiDAR agrees most at " + offset_text(check.by_lidar) + " ms"
+        check.by_lidar ? "LiDAR correlates best at " + offset_text(check.by_lidar) + " ms"
                        : "LiDAR: no clear peak",
         "x1y2", kContrast);
   }
@@ -219,19 +213,19 @@ std::string scan_script(const CameraCheck& check, const std::string& name) {
   return out.str();
 }
 
-std::string tried(const CameraCheck& check) {
-  std::vector<std::vector<std::string>> rows = {{"what if", "error (px)"}};
+std::string hypotheses_table(const CameraCheck& check) {
+  std::vector<std::vector<std::string>> rows = {{"hypothesis", "error (px)"}};
   for (std::size_t i = 0; i < std::min(check.tried.size(), kTriedShown); ++i)
     rows.push_back({check.tried[i].what, fixed(check.tried[i].error_px, 2)});
-  return "<figure>" + html_table(rows, true) + "<figcaption>of " +
-         std::to_string(check.tried.size()) + " that were tried</figcaption></figure>\n";
+  return "<figure>" + html_table(rows, true) + "<figcaption>best of " +
+         std::to_string(check.tried.size()) + " hypotheses</figcaption></figure>\n";
 }
 
-/// Cameras on the car with their axes, seen along one axis of the body.
+/// Plots the cameras with their axes, seen along one axis of the body.
 std::string rig_script(const Recording& recording, int right, int up, const std::string& name) {
   constexpr const char* kAxis[] = {"x forward (m)", "y left (m)", "z up (m)"};
   constexpr const char* kColour[] = {"#c2281a", "#2e933c",
-                                     "#1f6fb4"};  // as axes are painted: red, green, blue
+                                     "#1f6fb4"};  // axes are red, green, blue by convention
   constexpr double kLength_m = 0.6, kAround_m = 0.4, kLabel_m = 1.6, kLine_m = 0.24;
   const Eigen::Vector3d low(-1, -0.95, 0.2), high(3.8, 0.95, 1.5);  // about a car
   const auto flat = [&](const Eigen::Vector3d& p) { return Eigen::Vector2d(p[right], p[up]); };
@@ -240,18 +234,18 @@ std::string rig_script(const Recording& recording, int right, int up, const std:
   std::ostringstream data, labels;
   std::vector<Eigen::Vector2d> labelled;
   for (const RecordedCamera& camera : recording.cameras) {
-    const Rigid3d& mounting = camera.calibration.body_from_sensor;
-    const Eigen::Vector2d at = flat(mounting.translation());
+    const Rigid3d& body_from_camera = camera.calibration.body_from_sensor;
+    const Eigen::Vector2d at = flat(body_from_camera.translation());
     shown.extend(at);
     for (int axis = 0; axis < 3; ++axis) {
       const Eigen::Vector2d end =
-          flat(mounting * Eigen::Vector3d(kLength_m * Eigen::Vector3d::Unit(axis)));
+          flat(body_from_camera * Eigen::Vector3d(kLength_m * Eigen::Vector3d::Unit(axis)));
       shown.extend(end);
       data << at.x() << ' ' << at.y() << ' ' << end.x() - at.x() << ' ' << end.y() - at.y() << ' '
            << axis << '\n';
     }
-    if (up != 1) continue;  // from the side they would lie over each other
-    Eigen::Vector2d label = flat(mounting * Eigen::Vector3d(0, 0, 1.1 * kLength_m));
+    if (up != 1) continue;  // from the side labels would overlap
+    Eigen::Vector2d label = flat(body_from_camera * Eigen::Vector3d(0, 0, 1.1 * kLength_m));
     const auto over_another = [&](const Eigen::Vector2d& other) {
       return std::abs(label.x() - other.x()) < kLabel_m &&
              std::abs(label.y() - other.y()) < 0.9 * kLine_m;
@@ -276,13 +270,13 @@ std::string rig_script(const Recording& recording, int right, int up, const std:
   return out.str();
 }
 
-std::string way_script(const RigImages& images, int right, int up, const std::string& name) {
+std::string drive_script(const RigImages& images, int right, int up, const std::string& name) {
   constexpr const char* kAxis[] = {"x of the first pose, forward (m)", "y, left (m)", "z, up (m)"};
   std::ostringstream data;
   Eigen::AlignedBox2d shown;
   for (const Frame& frame : images.scene.frames) {
-    const Eigen::Vector3d place = frame.world_from_body.translation();
-    const Eigen::Vector2d at(place[right], place[up]);
+    const Eigen::Vector3d position = frame.world_from_body.translation();
+    const Eigen::Vector2d at(position[right], position[up]);
     shown.extend(at);
     data << at.x() << ' ' << at.y() << '\n';
   }
@@ -332,30 +326,32 @@ void write_preflight_page(const std::filesystem::path& folder, const Recording& 
     const CameraCheck& check = preflight.cameras[c];
     body += "<h2>" + html_escape(check.name) + ": " + verdict_name(check.verdict) + "</h2>\n<p>" +
             html_escape(check.why) + "</p>\n";
-    std::vector<std::string> figures = {picture(folder, recording, images, c, lidar)};
+    std::vector<std::string> figures = {camera_image(folder, recording, images, c, lidar)};
     if (const std::string name = "scan_" + check.name;
         !check.scan.empty() || !check.contrast.empty())
-      figures.push_back(drawn(
-          name, scan_script(check, name),
-          check.contrast.empty()
-              ? "error as if exposed earlier or later"
-              : "as if exposed earlier or later: error (blue), agreement with the LiDAR (green)"));
-    if (!check.tried.empty()) figures.push_back(tried(check));
+      figures.push_back(
+          drawn(name, scan_script(check, name),
+                check.contrast.empty()
+                    ? "error over time offsets"
+                    : "over time offsets: error (blue), correlation with the LiDAR (green)"));
+    if (!check.tried.empty()) figures.push_back(hypotheses_table(check));
     body += row_of(figures);
   }
   if (recording.metric)
     body +=
-        "<h2>Cameras on the car</h2>\n" +
-        row_of({drawn("rig_above", rig_script(recording, 0, 1, "rig_above"),
-                      "from above; red: the camera's x (right), green: y (down), blue: z (where it "
-                      "looks)"),
-                drawn("rig_side", rig_script(recording, 0, 2, "rig_side"), "from its right side")});
-  body += "<h2>The way</h2>\n" +
-          row_of({drawn("way_above", way_script(images, 0, 1, "way_above"), "from above, to scale"),
-                  drawn("way_side", way_script(images, 0, 2, "way_side"),
-                        "from the side, heights exaggerated"),
-                  drawn("exposure", exposure_script(images, "exposure"),
-                        "mean brightness of what is looked at: exposure over time")});
+        "<h2>Extrinsics</h2>\n" +
+        row_of(
+            {drawn(
+                 "rig_above", rig_script(recording, 0, 1, "rig_above"),
+                 "from above; the camera's axes: x (right) red, y (down) green, z (forward) blue"),
+             drawn("rig_side", rig_script(recording, 0, 2, "rig_side"), "from the right side")});
+  body +=
+      "<h2>Trajectory</h2>\n" +
+      row_of({drawn("way_above", drive_script(images, 0, 1, "way_above"), "from above, to scale"),
+              drawn("way_side", drive_script(images, 0, 2, "way_side"),
+                    "from the side, heights exaggerated"),
+              drawn("exposure", exposure_script(images, "exposure"),
+                    "exposure: mean brightness of the unmasked pixels over time")});
   write_file(folder / "index.html", html_page("Preflight", body));
 }
 

@@ -18,7 +18,7 @@
 namespace redrive {
 namespace {
 
-constexpr std::size_t kCamerasShown = 8;  // with pictures: photographs may have a camera each
+constexpr std::size_t kCamerasShown = 8;  // with images: photographs may have a camera each
 
 std::string duration(double seconds) {
   if (seconds < 60) return fixed(seconds, 1) + " s";
@@ -26,11 +26,10 @@ std::string duration(double seconds) {
   return fixed(seconds / 3600, 2) + " h";
 }
 
-std::string starts(const TrainState& state) {
+std::string restarts_text(const TrainState& state) {
   if (state.restarts == 0) return "";
-  return "; " + std::to_string(state.restarts) +
-         (state.restarts == 1 ? " start before it" : " starts before it") +
-         " did not converge and gave way to another seed";
+  return "; " + std::to_string(state.restarts) + (state.restarts == 1 ? " restart" : " restarts") +
+         " from another seed, since training did not converge";
 }
 
 std::string recording_name(const Run& run) {
@@ -47,24 +46,25 @@ std::string heading(const Run& run, const kernels::Backend& backend) {
          " frames; method " + run.state.model->method() + ", " + run.state.model->describe() +
          "</p>\n";
   out += "<p>" + std::to_string(run.state.step) + " steps in " + duration(run.state.seconds) +
-         " of training" + starts(run.state) + "; pictures rendered with " +
+         " of training" + restarts_text(run.state) + "; images rendered with " +
          html_escape(kernels::describe(backend)) + "</p>\n";
   return out;
 }
 
-using Written = std::function<void(const std::filesystem::path&)>;
+using OnFile = std::function<void(const std::filesystem::path&)>;
 
-std::string training(const Run& run, const Written& written) {
+std::string training(const Run& run, const OnFile& on_file) {
   std::string out = "<h2>Training</h2>\n";
   const std::vector<MetricsRow> rows = read_metrics(run.paths);
   if (rows.empty()) return out + "<p>No metrics yet.</p>\n";
-  const std::string title = recording_name(run) + ", " + run.options.method + starts(run.state);
+  const std::string title =
+      recording_name(run) + ", " + run.options.method + restarts_text(run.state);
   const std::filesystem::path folder = run.paths.figures();
   out += "<div class=\"row\">\n" +
          plot_figure(folder, "loss", loss_script(rows, title), "training loss");
-  written(folder / "loss.png");
+  on_file(folder / "loss.png");
   out += plot_figure(folder, "psnr", psnr_script(rows, title), "PSNR of the training batches");
-  written(folder / "psnr.png");
+  on_file(folder / "psnr.png");
   return out + "</div>\n";
 }
 
@@ -77,7 +77,7 @@ std::vector<std::string> score_row(const std::string& name, const Score& score) 
           std::to_string(score.left_out)};
 }
 
-/// PSNR and SSIM that another run has in the same row; dashes where it has none.
+/// Adds PSNR and SSIM of another run to a row; dashes where it has none.
 void add_compared_scores(const std::map<std::string, Score>& scores, const std::string& name,
                          std::vector<std::string>* row) {
   const auto found = scores.find(name);
@@ -86,21 +86,26 @@ void add_compared_scores(const std::map<std::string, Score>& scores, const std::
 }
 
 std::string alignment_text(const TrajectoryRegistration& alignment) {
-  return "<p>The run's trajectory is laid over the true one first: " +
+  return "<p>The run's trajectory is aligned to the ground truth first, by a rigid motion of " +
          fixed(100 * alignment.translation_m, 1) + " cm and " + fixed(alignment.rotation_deg, 3) +
-         "&deg;. What remains is " + fixed(100 * alignment.residual_m, 1) + " cm and " +
+         "&deg;. Residual: " + fixed(100 * alignment.residual_m, 1) + " cm and " +
          fixed(alignment.residual_deg, 3) + "&deg; RMS over " + std::to_string(alignment.frames) +
          " frames.</p>\n";
 }
 
-/// `other`: of the run beside it, which `name` describes; null: none.
+/// `other`: of the compared run, which `name_of_other` describes; null: none.
 std::string scores(const Evaluation& evaluation, const Evaluation* other,
                    const std::string& name_of_other) {
   std::string out =
       "<h2>Scores</h2>\n<p>" +
-      std::string(evaluation.held_out ? "Images of held-out frames, which training never saw."
+      std::string(evaluation.held_out ? "Images of held-out frames."
                                       : "Images of training frames: no frame was held out.") +
-      " Means over images; FLIP is 0 for equal pictures.</p>\n";
+      " Means over images; FLIP is 0 for equal images.</p>\n";
+  if (const auto& aligned = evaluation.view_alignment)
+    out += "<p>Training refined the poses; those of the " + std::to_string(aligned->views) +
+           " held-out images were refined against the trained model before scoring: translation " +
+           fixed(100 * aligned->translation_m, 1) + " cm, rotation " +
+           fixed(aligned->rotation_deg, 3) + "&deg; RMS.</p>\n";
   std::vector<std::vector<std::string>> rows = {
       {"camera", "images", "PSNR (dB)", "SSIM", "FLIP", "pixels masked"}};
   const auto add_heads = [&] {
@@ -116,52 +121,45 @@ std::string scores(const Evaluation& evaluation, const Evaluation* other,
   if (other) add_compared_scores({{"all", other->overall}}, "all", &rows.back());
   out += html_table(rows, true);
   if (evaluation.novel.empty()) return out;
-  rows = {{"novel views with truth", "images", "PSNR (dB)", "SSIM", "FLIP", "pixels masked",
-           "depth error (%)"}};
+  rows = {
+      {"novel views", "images", "PSNR (dB)", "SSIM", "FLIP", "pixels masked", "depth error (%)"}};
   add_heads();
   for (const auto& [name, score] : evaluation.novel) {
     rows.push_back(score_row(name, score));
     rows.back().push_back(fixed(100 * score.depth_error, 1));
     if (other) add_compared_scores(other->novel, name, &rows.back());
   }
-  out += "<h3>Views that were never driven</h3>\n";
-  if (const auto& aligned = evaluation.view_alignment)
-    out += "<p>Training refined the poses; those of the " + std::to_string(aligned->views) +
-           " held-out images were laid onto the finished field before they were scored: moved by " +
-           fixed(100 * aligned->translation_m, 1) + " cm, turned by " +
-           fixed(aligned->rotation_deg, 3) + "&deg; RMS.</p>\n";
+  out += "<h3>Novel views with ground truth</h3>\n";
   if (evaluation.alignment) out += alignment_text(*evaluation.alignment);
   return out + html_table(rows, true) +
-         "<p>Depth error: median over an image's pixels of |depth - truth| / truth, along the "
-         "ray.</p>\n";
+         "<p>Depth error: median over an image's pixels of |depth - ground truth| / ground truth, "
+         "along the ray.</p>\n";
 }
 
-std::string pictures(const std::filesystem::path& folder, const ImageRow& row,
-                     const Written& written) {
+std::string image_row(const std::filesystem::path& folder, const ImageRow& row,
+                      const OnFile& on_file) {
   std::string out = "<h3>" + html_escape(row.title) + "</h3>\n<div class=\"row\">\n";
-  for (const Picture& picture : row.pictures) {
-    const std::filesystem::path file = folder / (picture.name + ".png");
-    write_image(file, picture.image);
-    written(file);
-    out += html_figure(jpeg_data_uri(picture.image), picture.caption);
+  for (const ReportImage& image : row.images) {
+    const std::filesystem::path file = folder / (image.name + ".png");
+    write_image(file, image.image);
+    on_file(file);
+    out += html_figure(jpeg_data_uri(image.image), image.caption);
   }
   return out + "</div>\n";
 }
 
-/// Truth beside render for each novel set; empty if there is none.
-std::string novel_views(const Run& run, kernels::Backend& backend, const Run* beside,
-                        const Written& written) {
+/// The novel sets with ground truth; empty if there is none.
+std::string novel_views(const Run& run, kernels::Backend& backend, const Run* compared,
+                        const OnFile& on_file) {
   const std::vector<NovelGroundTruth> truths = novel_ground_truths(run);
   if (truths.empty()) return "";
   const Coverage coverage(run, backend);
   std::string out =
-      "<h2>Views that were never driven</h2>\n<p>Coverage goes by the run's own depth: a surface "
-      "counts as "
-      "seen where it lies inside a training image, not masked and with nothing in front of "
-      "it.</p>\n";
+      "<h2>Novel views</h2>\n<p>Coverage by the run's own depth: a surface counts as seen where a "
+      "training image shows it, neither masked nor occluded.</p>\n";
   for (const NovelGroundTruth& truth : truths)
-    out += pictures(run.paths.figures(), novel_image_row(run, backend, truth, coverage, beside),
-                    written);
+    out += image_row(run.paths.figures(), novel_image_row(run, backend, truth, coverage, compared),
+                     on_file);
   return out;
 }
 
@@ -175,7 +173,7 @@ std::string option_text(const nlohmann::json& value) {
 }
 
 std::string options_table(const TrainOptions& options) {
-  constexpr std::size_t kPairs = 3;  // options beside each other
+  constexpr std::size_t kPairs = 3;  // of columns
   std::vector<std::vector<std::string>> rows(1);
   for (std::size_t i = 0; i < kPairs; ++i) rows[0].insert(rows[0].end(), {"option", "value"});
   const nlohmann::json json = options_to_json(options);
@@ -193,35 +191,36 @@ std::string options_table(const TrainOptions& options) {
 }  // namespace
 
 void write_figures(const Run& run, kernels::Backend& backend, const FigureOptions& options) {
-  const Written written = options.written ? options.written : [](const std::filesystem::path&) {};
+  const OnFile on_file = options.written ? options.written : [](const std::filesystem::path&) {};
   const std::filesystem::path folder = run.paths.figures();
   std::error_code error;
   std::filesystem::create_directories(folder, error);
   if (error) throw IoError(folder, error.message());
 
   std::string body = heading(run, backend);
-  body += training(run, written);  // first: it says at once if gnuplot is missing
+  body += training(run, on_file);  // first: fails at once where gnuplot is missing
   body += poses_section(run, folder);
   if (run.state.poses.refines())
-    for (const char* plot : {"poses_moved.png", "poses_turned.png"}) written(folder / plot);
+    for (const char* plot : {"poses_moved.png", "poses_turned.png"}) on_file(folder / plot);
   const int cameras = static_cast<int>(std::min(run.scene.rig.size(), kCamerasShown));
-  std::string seen =
-      "<h2>Pictures</h2>\n<p>A training image of each camera" +
-      std::string(run.scene.rig.size() > kCamerasShown ? " (the first ones alone)" : "") +
-      ", chosen at random.</p>\n";
+  std::string images = "<h2>Training views</h2>\n<p>A training image of each camera" +
+                       std::string(run.scene.rig.size() > kCamerasShown
+                                       ? " (the first " + std::to_string(kCamerasShown) + ")"
+                                       : "") +
+                       ", drawn at random.</p>\n";
   for (int camera = 0; camera < cameras; ++camera)
-    seen += pictures(folder, camera_image_row(run, backend, camera, options.beside), written);
-  const std::string novel = novel_views(run, backend, options.beside, written);
+    images += image_row(folder, camera_image_row(run, backend, camera, options.compared), on_file);
+  const std::string novel = novel_views(run, backend, options.compared, on_file);
   const Evaluation own = evaluate(run, backend, options.eval);
-  if (options.beside) {
-    const Evaluation other = evaluate(*options.beside, backend, options.eval);
-    body += scores(own, &other, method_text(*options.beside));
+  if (options.compared) {
+    const Evaluation other = evaluate(*options.compared, backend, options.eval);
+    body += scores(own, &other, method_text(*options.compared));
   } else {
     body += scores(own, nullptr, "");
   }
-  body += seen + novel + options_table(run.options);
+  body += images + novel + options_table(run.options);
   write_file(run.paths.report(), html_page("redrive: " + recording_name(run), body));
-  written(run.paths.report());
+  on_file(run.paths.report());
 }
 
 }  // namespace redrive

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The report's figures from a run, as PNG, and one self-contained HTML page (images inside, no
-// network).
+// Writes the figures of a run as PNG, and one self-contained HTML page.
 #pragma once
 
 #include <filesystem>
@@ -12,20 +11,23 @@
 namespace redrive {
 
 struct FigureOptions {
-  const Run* beside = nullptr;  ///< another run of the recording, to compare with; null: none
-  EvalOptions eval;             ///< of the scores
+  const Run* compared = nullptr;  ///< another run of the same recording; null: none
+  EvalOptions eval;               ///< which images are scored
   std::function<void(const std::filesystem::path&)>
-      written;  ///< called with each file once it is there; may be empty
+      written;  ///< called with each file after it was written; may be empty
 };
 
-/// figures/loss.png and psnr.png (history of training) and, where it refined poses, poses_moved.png
-/// and poses_turned.png (frames over time), with their gnuplot scripts beside them; per camera CAM
-/// of a randomly chosen (seeded) training image: figures/CAM_original.png, CAM_reproduced.png,
-/// CAM_perturbed.png (extrinsic translated by 0.5 m along x, body axes),
-/// CAM_perturbed_camera_axes.png, CAM_depth.png (false colours); of each novel set NAME with truth:
-/// NAME_truth.png, NAME_render.png, NAME_difference.png, NAME_coverage.png; of options.beside
-/// CAM_beside.png and NAME_beside.png; then report.html with all of them, the options and the
-/// scores. IoError where gnuplot is missing.
+/// Writes below figures/:
+/// - loss.png and psnr.png (training history) and, where training refined poses, poses_moved.png
+/// and
+///   poses_turned.png (corrections of the frames over time), each with its gnuplot script;
+/// - per camera CAM, for a training image drawn by the run's seed: CAM_original.png,
+///   CAM_reproduced.png, CAM_perturbed.png (camera shifted by 0.5 m along x of the body),
+///   CAM_perturbed_camera_axes.png (along x of the camera), CAM_depth.png;
+/// - per novel set NAME with ground truth: NAME_truth.png, NAME_render.png, NAME_difference.png,
+///   NAME_coverage.png;
+/// - CAM_beside.png and NAME_beside.png by options.compared;
+/// then report.html with all of them, the options and the scores. IoError where gnuplot is missing.
 void write_figures(const Run& run, kernels::Backend& backend, const FigureOptions& options = {});
 
 }  // namespace redrive

@@ -18,19 +18,20 @@
 namespace redrive {
 namespace {
 
-std::string scored(kernels::Backend& backend, const std::string& what,
-                   const RenderedImage& rendered, const Image8& truth,
-                   std::span<const float> depth_m = {}) {
+/// A caption with the scores of a rendering.
+std::string scored_caption(kernels::Backend& backend, const std::string& what,
+                           const RenderedImage& rendered, const Image8& truth,
+                           std::span<const float> depth_m = {}) {
   char text[96], depth[48] = "";
   const Score score = score_image(backend, rendered, truth, depth_m);
   if (!std::isnan(score.depth_error))
-    std::snprintf(depth, sizeof depth, ", depth off by %.1f %%", 100 * score.depth_error);
+    std::snprintf(depth, sizeof depth, ", depth error %.1f %%", 100 * score.depth_error);
   std::snprintf(text, sizeof text, " (PSNR %.1f dB, SSIM %.3f, FLIP %.3f", score.psnr_db,
                 score.ssim, score.flip);
   return what + text + depth + ")";
 }
 
-/// The view of another run that a camera took at a frame; null if it has none.
+/// The view of a camera at a frame in another run; null if there is none.
 const View* same_view(const Run& run, const std::string& camera, std::int64_t frame_id) {
   for (const View& view : run.scene.views)
     if (run.scene.rig[view.camera].name == camera && run.scene.frames[view.frame].id == frame_id)
@@ -38,7 +39,7 @@ const View* same_view(const Run& run, const std::string& camera, std::int64_t fr
   return nullptr;
 }
 
-/// "0.5 m", and "0.5" where a recording has no metres.
+/// "0.5 m", or "0.5" where the recording has no metric scale.
 std::string length_text(const Run& run, double value) {
   char text[32];
   std::snprintf(text, sizeof text, run.recording.metric ? "%g m" : "%g", value);
@@ -66,17 +67,17 @@ const View& figure_view(const Run& run, int camera) {
 }
 
 ImageRow camera_image_row(const Run& run, kernels::Backend& backend, int camera,
-                          const Run* beside) {
+                          const Run* compared) {
   const RigCamera& rig = run.scene.rig[camera];
   const View& view = figure_view(run, camera);
   const Frame& frame = run.scene.frames[view.frame];
   Image8 original = load_view(run.scene, view);
   const Exclusions left_out = read_exclusions(run);
   apply_mask(view_mask(run.scene, view, left_out.masks[camera], left_out.moving), &original);
-  original.alpha.clear();  // as it is scored: on what pictures are rendered on
+  original.alpha.clear();  // composited over the background, as it is scored
   const RayTable table = make_ray_table(rig.camera);
   const auto render_shifted = [&](ShiftAxes axes, double x_m) {
-    std::vector<Rigid3d> keys;  // the picture's own shutter
+    std::vector<Rigid3d> keys;  // of the image's own shutter
     for (const Rigid3d& world_from_body :
          view.by_row.empty() ? std::vector{view.world_from_body} : view.by_row)
       keys.push_back(shifted_camera(run.scene.global_from_world, world_from_body,
@@ -88,37 +89,36 @@ ImageRow camera_image_row(const Run& run, kernels::Backend& backend, int camera,
 
   ImageRow row;
   row.title = rig.name + ", frame " + std::to_string(frame.id);
-  row.pictures.push_back({rig.name + "_original", "original", original});
-  row.pictures.push_back({rig.name + "_reproduced",
-                          scored(backend, "reproduced", reproduced, original),
-                          to_image8(reproduced)});
-  if (const View* const same = beside ? same_view(*beside, rig.name, frame.id) : nullptr) {
+  row.images.push_back({rig.name + "_original", "original", original});
+  row.images.push_back({rig.name + "_reproduced",
+                        scored_caption(backend, "reproduced", reproduced, original),
+                        to_image8(reproduced)});
+  if (const View* const same = compared ? same_view(*compared, rig.name, frame.id) : nullptr) {
     const RenderedImage other =
-        render_image(backend, *beside->state.model, beside->scene.rig[same->camera].camera,
-                     beside->scene.world_from_camera(*same), beside->scene.exposure(*same));
+        render_image(backend, *compared->state.model, compared->scene.rig[same->camera].camera,
+                     compared->scene.world_from_camera(*same), compared->scene.exposure(*same));
     if (other.width == original.width && other.height == original.height)
-      row.pictures.push_back({rig.name + "_beside",
-                              scored(backend, method_text(*beside), other, original),
-                              to_image8(other)});
+      row.images.push_back({rig.name + "_beside",
+                            scored_caption(backend, method_text(*compared), other, original),
+                            to_image8(other)});
   }
-  row.pictures.push_back(
+  row.images.push_back(
       {rig.name + "_perturbed",
-       "moved " + length_text(run, kPerturbation_m) + " along x of the body (forward)",
+       "shifted by " + length_text(run, kPerturbation_m) + " along x of the body (forward)",
        to_image8(render_shifted(ShiftAxes::kBody, kPerturbation_m))});
-  row.pictures.push_back(
+  row.images.push_back(
       {rig.name + "_perturbed_camera_axes",
-       "moved " + length_text(run, kPerturbation_m) + " along x of the camera (to its right)",
+       "shifted by " + length_text(run, kPerturbation_m) + " along x of the camera (to its right)",
        to_image8(render_shifted(ShiftAxes::kCamera, kPerturbation_m))});
-  row.pictures.push_back({rig.name + "_depth",
-                          "depth, " + length_text(run, run.scene.near_m) + " (blue) to " +
-                              length_text(run, run.scene.far_m) +
-                              " (red), equal ratios equally far apart",
-                          depth_colours(reproduced, run.scene.near_m, run.scene.far_m)});
+  row.images.push_back({rig.name + "_depth",
+                        "depth, " + length_text(run, run.scene.near_m) + " (blue) to " +
+                            length_text(run, run.scene.far_m) + " (red), logarithmic",
+                        depth_colours(reproduced, run.scene.near_m, run.scene.far_m)});
   return row;
 }
 
 ImageRow novel_image_row(const Run& run, kernels::Backend& backend, const NovelGroundTruth& truth,
-                         const Coverage& coverage, const Run* beside) {
+                         const Coverage& coverage, const Run* compared) {
   REDRIVE_CHECK_OP(truth.size(), >, 0u);
   const GroundTruthView view = truth.load(evenly_spaced(truth.size(), 1)[0]);
   const RenderedImage rendered =
@@ -128,30 +128,31 @@ ImageRow novel_image_row(const Run& run, kernels::Backend& backend, const NovelG
       coverage.seen(view.camera, view.world_from_camera, rendered);
   const auto valid = std::count(rendered.valid.begin(), rendered.valid.end(), 1);
   char share[96];
-  std::snprintf(share, sizeof share, "coverage: %.1f %% was in a training image, red was not",
+  std::snprintf(share, sizeof share, "coverage: %.1f %% seen by a training image; the rest in red",
                 100.0 * static_cast<double>(std::count(seen.begin(), seen.end(), 1)) /
                     static_cast<double>(valid));
   const std::string& set = truth.name();
   ImageRow row;
   row.title = set + ": " + view.name;
-  row.pictures.push_back({set + "_truth", "truth", view.truth});
-  row.pictures.push_back(
-      {set + "_render", scored(backend, "rendered", rendered, view.truth, view.depth_m), image});
-  if (beside)
-    for (const NovelGroundTruth& same : novel_ground_truths(*beside)) {
+  row.images.push_back({set + "_truth", "ground truth", view.truth});
+  row.images.push_back({set + "_render",
+                        scored_caption(backend, "rendered", rendered, view.truth, view.depth_m),
+                        image});
+  if (compared)
+    for (const NovelGroundTruth& same : novel_ground_truths(*compared)) {
       if (same.name() != set || same.size() != truth.size()) continue;
       const GroundTruthView there = same.load(evenly_spaced(same.size(), 1)[0]);
-      const RenderedImage other = render_image(backend, *beside->state.model, there.camera,
+      const RenderedImage other = render_image(backend, *compared->state.model, there.camera,
                                                there.world_from_camera, there.exposure);
-      row.pictures.push_back(
+      row.images.push_back(
           {set + "_beside",
-           scored(backend, method_text(*beside), other, there.truth, there.depth_m),
+           scored_caption(backend, method_text(*compared), other, there.truth, there.depth_m),
            to_image8(other)});
     }
-  row.pictures.push_back({set + "_difference",
-                          "difference, " + std::to_string(kDifferenceGain) + " times",
-                          difference(image, view.truth)});
-  row.pictures.push_back({set + "_coverage", share, coverage_colours(rendered, seen)});
+  row.images.push_back({set + "_difference",
+                        "difference, " + std::to_string(kDifferenceGain) + " times",
+                        difference(image, view.truth)});
+  row.images.push_back({set + "_coverage", share, coverage_colours(rendered, seen)});
   return row;
 }
 

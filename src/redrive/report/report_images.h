@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The pictures of a report: what a camera saw, what the run makes of it, and what it would have
-// seen from elsewhere.
+// The images of a report: recorded images, renderings of their views and of novel views.
 #pragma once
 
 #include <string>
@@ -12,46 +11,47 @@
 
 namespace redrive {
 
-struct Picture {
+struct ReportImage {
   std::string name;  ///< file name without extension: "F_CAM_original"
   std::string caption;
   Image8 image;
 };
 
+/// Images that the report shows side by side.
 struct ImageRow {
   std::string title;  ///< "F_CAM, frame 33650", "aside: A_0001.png"
-  std::vector<Picture> pictures;
+  std::vector<ReportImage> images;
 };
 
-constexpr double kPerturbation_m = 0.5;  ///< the report's shift of the extrinsic, along x
-constexpr int kDifferenceGain = 4;       ///< of difference pictures
+constexpr double kPerturbation_m = 0.5;  ///< shift of the extrinsic along x
+constexpr int kDifferenceGain = 4;       ///< of difference images
 
-/// The training view that the figures show for a camera of the rig: random, but the same for the
-/// same seed.
+/// Returns the training view that the figures show for a camera of the rig: drawn at random by the
+/// run's seed.
 const View& figure_view(const Run& run, int camera);
 
-/// "nerf, 5.0 min": a run's method and training time.
+/// Returns a run's method and training time: "nerf, 5.0 min".
 std::string method_text(const Run& run);
 
-/// Original, reproduced (by `beside`, too, where it has the view), perturbed along x of the body
-/// and of the camera, and depth.
+/// Renders a training view: original, reproduced (by `compared`, too, where it has the view),
+/// shifted along x of the body and of the camera, and depth.
 ImageRow camera_image_row(const Run& run, kernels::Backend& backend, int camera,
-                          const Run* beside = nullptr);
+                          const Run* compared = nullptr);
 
-/// Truth, render (of `beside`, too, where it has the view), difference and coverage of the middle
-/// view of a novel set, which has at least one.
+/// Renders the middle view of a novel set, which has at least one: ground truth, rendering (by
+/// `compared`, too, where it has the view), difference and coverage.
 ImageRow novel_image_row(const Run& run, kernels::Backend& backend, const NovelGroundTruth& truth,
-                         const Coverage& coverage, const Run* beside = nullptr);
+                         const Coverage& coverage, const Run* compared = nullptr);
 
-/// Depth in the colours of the Turbo map, near_m the first and far_m the last; pixels that are not
-/// valid are dark grey.
+/// Maps depth to the Turbo colours by its logarithm, near_m to the first and far_m to the last one;
+/// invalid pixels are dark grey.
 Image8 depth_colours(const RenderedImage& image, double near_m, double far_m);
 
-/// The image in grey, with what is not `seen` (eval/coverage.h) in red; pixels that are not valid
-/// stay black.
+/// Returns the image in grey, with the pixels that are not `seen` (eval/coverage.h) in red; invalid
+/// pixels stay black.
 Image8 coverage_colours(const RenderedImage& image, const std::vector<std::uint8_t>& seen);
 
-/// kDifferenceGain * |a - b| per channel, clamped.
+/// Returns kDifferenceGain * |a - b| per channel, clamped.
 Image8 difference(const Image8& a, const Image8& b);
 
 }  // namespace redrive

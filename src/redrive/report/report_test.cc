@@ -40,12 +40,12 @@ TEST(Html, TextCannotBecomeMarkup) {
   EXPECT_EQ(html_figure("data:,", "\"><script>").find("<script>"), std::string::npos);
 }
 
-TEST(Pictures, DifferenceIsAmplifiedAndClamped) {
+TEST(ReportImages, DifferenceIsAmplifiedAndClamped) {
   const Image8 a{1, 2, {10, 20, 30, 255, 0, 7}}, b{1, 2, {12, 20, 25, 0, 255, 8}};
   EXPECT_EQ(difference(a, b).rgb, (std::vector<std::uint8_t>{8, 0, 20, 255, 255, 4}));
 }
 
-TEST(Pictures, CoverageMarksWhatWasNotSeen) {
+TEST(ReportImages, CoverageMarksWhatWasNotSeen) {
   RenderedImage image;
   image.width = 3;
   image.height = 1;
@@ -55,7 +55,7 @@ TEST(Pictures, CoverageMarksWhatWasNotSeen) {
   EXPECT_EQ(colours.rgb, (std::vector<std::uint8_t>{51, 51, 51, 153, 25, 25, 0, 0, 0}));
 }
 
-TEST(Pictures, DepthGoesFromBlueToRedAndMasksInGrey) {
+TEST(ReportImages, DepthGoesFromBlueToRedAndMasksInGrey) {
   RenderedImage image;
   image.width = 3;
   image.height = 1;

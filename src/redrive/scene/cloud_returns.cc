@@ -11,39 +11,41 @@ namespace redrive {
 namespace {
 
 constexpr std::size_t kPointsPerRange = 4096;
-constexpr int kCellsOfFace = 180;  // a face of the cube around an origin spans 90 degrees
-constexpr float kHidden = 0.95f, kTooClose_m = 0.5f;
+constexpr int kCellsPerFace = 180;  // a face of the cube around an origin spans 90 degrees
+constexpr float kHiddenRange = 0.95f, kMinRange_m = 0.5f;
 
 struct CloudPoint {
   std::uint32_t origin = 0;
-  std::uint64_t cell = 0;  ///< of the origin's directions
+  std::uint64_t cell = 0;  ///< of directions from the origin
   float range_m = 0;
 };
 
-/// Which of the cells around an origin a direction lies in.
+/// Returns the cell of a direction on the cube around an origin.
 std::uint64_t cell_of(const Eigen::Vector3d& direction) {
   int axis;
   const double most = direction.cwiseAbs().maxCoeff(&axis);
   const auto side = [&](double x) {
-    return std::min(kCellsOfFace - 1, static_cast<int>(0.5 * (x / most + 1) * kCellsOfFace));
+    return std::min(kCellsPerFace - 1, static_cast<int>(0.5 * (x / most + 1) * kCellsPerFace));
   };
   const int face = 2 * axis + (direction[axis] < 0);
-  return (static_cast<std::uint64_t>(face) * kCellsOfFace + side(direction[(axis + 1) % 3])) *
-             kCellsOfFace +
+  return (static_cast<std::uint64_t>(face) * kCellsPerFace + side(direction[(axis + 1) % 3])) *
+             kCellsPerFace +
          side(direction[(axis + 2) % 3]);
 }
 
-CloudPoint place(const Eigen::Vector3d& point, std::span<const CloudOrigin> origins) {
+CloudPoint assign_to_origin(const Eigen::Vector3d& point, std::span<const CloudOrigin> origins) {
   double least = std::numeric_limits<double>::infinity();
   CloudPoint out;
   for (std::size_t o = 0; o < origins.size(); ++o)
-    if (const double square = (point - origins[o].in_world_m).squaredNorm(); square < least) {
+    if (const double square = (point - origins[o].position_in_world_m).squaredNorm();
+        square < least) {
       least = square;
       out.origin = static_cast<std::uint32_t>(o);
     }
   out.range_m = static_cast<float>(std::sqrt(least));
-  constexpr std::uint64_t kCells = 6ull * kCellsOfFace * kCellsOfFace;
-  if (least > 0) out.cell = out.origin * kCells + cell_of(point - origins[out.origin].in_world_m);
+  constexpr std::uint64_t kCells = 6ull * kCellsPerFace * kCellsPerFace;
+  if (least > 0)
+    out.cell = out.origin * kCells + cell_of(point - origins[out.origin].position_in_world_m);
   return out;
 }
 
@@ -55,7 +57,8 @@ LidarReturns cloud_returns(std::span<const Eigen::Vector3d> in_world_m,
   const std::size_t every = (in_world_m.size() + kMaxCloudPoints - 1) / kMaxCloudPoints;
   std::vector<CloudPoint> points(every > 0 ? (in_world_m.size() + every - 1) / every : 0);
   pool.run_ranges(points.size(), kPointsPerRange, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) points[i] = place(in_world_m[i * every], origins);
+    for (std::size_t i = begin; i < end; ++i)
+      points[i] = assign_to_origin(in_world_m[i * every], origins);
   });
   std::unordered_map<std::uint64_t, float> nearest_m;
   nearest_m.reserve(points.size());
@@ -67,8 +70,8 @@ LidarReturns cloud_returns(std::span<const Eigen::Vector3d> in_world_m,
   LidarReturns returns;
   std::vector<std::size_t> used;
   for (std::size_t i = 0; i < points.size(); ++i)
-    if (points[i].range_m >= kTooClose_m &&
-        kHidden * points[i].range_m <= nearest_m.at(points[i].cell))
+    if (points[i].range_m >= kMinRange_m &&
+        kHiddenRange * points[i].range_m <= nearest_m.at(points[i].cell))
       used.push_back(i);
   returns.n = used.size();
   returns.hidden = points.size() - used.size();
@@ -78,9 +81,9 @@ LidarReturns cloud_returns(std::span<const Eigen::Vector3d> in_world_m,
     const CloudPoint& point = points[used[k]];
     const CloudOrigin& origin = origins[point.origin];
     const Eigen::Vector3d direction =
-        (in_world_m[used[k] * every] - origin.in_world_m) / point.range_m;
+        (in_world_m[used[k] * every] - origin.position_in_world_m) / point.range_m;
     for (int d = 0; d < 3; ++d) {
-      returns.origin[d * returns.n + k] = static_cast<float>(origin.in_world_m[d]);
+      returns.origin[d * returns.n + k] = static_cast<float>(origin.position_in_world_m[d]);
       returns.direction[d * returns.n + k] = static_cast<float>(direction[d]);
     }
     returns.range_m.push_back(point.range_m);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A static point cloud as the rays of a LiDAR that was never there. A cloud does not say from where
-// its points were seen: each is given to the nearest place that the vehicle came by, and of a
-// place's points those alone are used that none of its others may hide.
+// Makes LiDAR rays of a static point cloud. A cloud does not record from where its points were
+// measured: each point is assigned to the nearest camera position of the drive, and points that
+// others of the same position may occlude are dropped.
 #pragma once
 
 #include <span>
@@ -12,18 +12,18 @@
 
 namespace redrive {
 
-/// Where the cameras were at a time.
+/// A camera position of the drive.
 struct CloudOrigin {
-  Eigen::Vector3d in_world_m;
+  Eigen::Vector3d position_in_world_m;
   std::int64_t t_ns = 0;
 };
 
-/// At most so many points of a cloud are used, evenly picked as they lie in the file.
+/// Larger clouds are thinned evenly, in file order.
 constexpr std::size_t kMaxCloudPoints = 4'000'000;
 
-/// Rays from `origins` (at least one) to the points, in the order of the points. A point is hidden
-/// if another one of the same origin lies in the same cell of directions (half a degree, a cube's
-/// faces) at less than 0.95 of its range. Points closer than 0.5 m to their origin count as hidden.
+/// Returns rays from `origins` (at least one) to the points, in the order of the points. A point is
+/// hidden where another point of the same origin lies in the same cell of directions (half a degree
+/// on a cube's faces) at less than 0.95 of its range, or where it is closer than 0.5 m.
 LidarReturns cloud_returns(std::span<const Eigen::Vector3d> in_world_m,
                            std::span<const CloudOrigin> origins, ThreadPool& pool);
 

@@ -11,25 +11,24 @@ namespace {
 constexpr std::size_t kMinViews = 8;
 constexpr double kMinDriven_m = 5;
 constexpr std::int64_t kMaxPair_ns =
-    300'000'000;                     // further apart, little of the near road is in both pictures
-constexpr double kMaxGround_m = 40;  // along the ray: beyond, a pixel of road is metres long
+    300'000'000;                     // further apart, images share little of the near road
+constexpr double kMaxGround_m = 40;  // along the ray; beyond, a pixel of road is metres long
 
 // Costs of the outline, in units of pixels, found on a night drive with known outlines; each may be
 // doubled or halved.
-constexpr float kCostWithoutEvidence = 0.01f, kCostGround = 0.3f, kGainStanding = 0.2f,
+constexpr float kCostWithoutEvidence = 0.01f, kCostGround = 0.3f, kGainStatic = 0.2f,
                 kGainStructure = 20, kCostStep = 2;
 constexpr float kForbidden = 1e4f;
 
-/// What a pixel's ray says before any picture is seen.
+/// Geometry of the pixels' rays.
 struct PixelGeometry {
-  cv::Mat flow_x, flow_y;  ///< unit direction in which driving moves the picture, float; 0 where
-                           ///< there is no ray
-  cv::Mat candidate;       ///< 255 where the vehicle may be, uint8
-  cv::Mat ground_in_body;  ///< float x 3, metres: where the ray meets z = 0; NaN if nowhere within
+  cv::Mat flow_x, flow_y;  ///< unit direction of the optical flow, float; 0 where there is no ray
+  cv::Mat candidate;       ///< uint8: 255 where the vehicle may be
+  cv::Mat ground_in_body;  ///< float x 3, metres: intersection of the ray with z = 0; NaN beyond
                            ///< kMaxGround_m
 };
 
-bool meets_vehicle_space(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) {
+bool intersects_vehicle_volume(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) {
   const Eigen::Array3d low(-1.5, -1.2, 0.1), high(4.3, 1.2, 1.15);
   const Eigen::Array3d a = (low - origin.array()) / direction.array(),
                        b = (high - origin.array()) / direction.array();
@@ -55,7 +54,8 @@ PixelGeometry pixel_geometry(const Camera& camera, const Rigid3d& body_from_sens
         }
       }
       const Eigen::Vector3d in_body = body_from_sensor.linear() * *direction;
-      if (meets_vehicle_space(origin, in_body)) geometry.candidate.at<std::uint8_t>(y, x) = 255;
+      if (intersects_vehicle_volume(origin, in_body))
+        geometry.candidate.at<std::uint8_t>(y, x) = 255;
       const double to_ground_m = -origin.z() / in_body.z();
       if (!(to_ground_m > 0 && to_ground_m < kMaxGround_m)) continue;
       const Eigen::Vector3d ground = origin + to_ground_m * in_body;
@@ -65,8 +65,8 @@ PixelGeometry pixel_geometry(const Camera& camera, const Rigid3d& body_from_sens
   return geometry;
 }
 
-/// 0..1: how sure it is that a sharp edge across the flow stays in place.
-cv::Mat staying_structure(const std::vector<GreyView>& views, const PixelGeometry& geometry) {
+/// Returns, 0..1, the confidence that a sharp edge across the flow is static.
+cv::Mat static_structure(const std::vector<GreyView>& views, const PixelGeometry& geometry) {
   const cv::Size size = geometry.candidate.size();
   std::vector<cv::Mat> along_flow;
   cv::Mat across_flow = cv::Mat::zeros(size, CV_32F);  // mean
@@ -78,7 +78,7 @@ cv::Mat staying_structure(const std::vector<GreyView>& views, const PixelGeometr
     across_flow +=
         (gradient_y.mul(geometry.flow_x) - gradient_x.mul(geometry.flow_y)) / double(views.size());
   }
-  cv::Mat strength = cv::Mat::zeros(size, CV_32F), sure = strength.clone();
+  cv::Mat strength = cv::Mat::zeros(size, CV_32F), confidence = strength.clone();
   std::vector<float> values(views.size());
   for (int y = 0; y < size.height; ++y)
     for (int x = 0; x < size.width; ++x) {
@@ -95,28 +95,27 @@ cv::Mat staying_structure(const std::vector<GreyView>& views, const PixelGeometr
       // rounding.
       const double error = 1.25 * std::sqrt(std::max(0.0, squares / n - mean * mean) / n) + 0.1;
       strength.at<float>(y, x) = std::abs(*middle);
-      // A line along the flow seems to cross it a little where it is steep: by what the gradient of
-      // 3 x 3 pixels is wrong.
+      // A steep line along the flow seems to cross it a little, by the error of a 3 x 3 gradient.
       if (std::abs(*middle) > std::max(1.0f, 0.2f * std::abs(across_flow.at<float>(y, x))))
-        sure.at<float>(y, x) =
+        confidence.at<float>(y, x) =
             static_cast<float>(std::clamp((std::abs(*middle) / error - 5) / 10, 0.0, 1.0));
     }
-  // The crest of an edge alone: the slope of light before a bonnet stays in place as well, but is
-  // no edge of it.
+  // Keep only the crest of an edge: the gradient of light in front of a bonnet is static, too, but
+  // not its edge.
   cv::Mat crest;
   cv::dilate(strength, crest, cv::Mat::ones(17, 1, CV_8U));
-  sure.setTo(0, strength < 0.7 * crest);
-  // At the end of the lens's reach the picture ends in an edge that stays.
+  confidence.setTo(0, strength < 0.7 * crest);
+  // The border of the lens's image circle is a static edge, too.
   cv::Mat without_ray = (geometry.flow_x == 0) & (geometry.flow_y == 0);
   cv::rectangle(without_ray, cv::Rect({}, size), 255);  // nor is there a gradient at the border
   cv::dilate(without_ray, without_ray, cv::Mat::ones(3, 3, CV_8U));
-  sure.setTo(0, without_ray);
-  return sure;
+  confidence.setTo(0, without_ray);
+  return confidence;
 }
 
 struct GroundEvidence {
-  cv::Mat moving;    ///< 0..1: how well the picture there moves as the ground does
-  cv::Mat standing;  ///< 0..1: how much better standing still explains it
+  cv::Mat moving;  ///< 0..1: how well the motion of the ground explains the image
+  cv::Mat fixed;   ///< 0..1: how much better no motion explains it
 };
 
 GroundEvidence ground_evidence(const Camera& camera, const Rigid3d& body_from_sensor,
@@ -127,7 +126,7 @@ GroundEvidence ground_evidence(const Camera& camera, const Rigid3d& body_from_se
   std::vector<cv::Mat> deviations;
   for (const GreyView& view : views) {
     cv::Mat deviation = view.grey - mean, coarse;
-    cv::GaussianBlur(deviation, coarse, {}, 6);  // exposure and light that wanders
+    cv::GaussianBlur(deviation, coarse, {}, 6);  // exposure and moving light
     deviation = cv::max(cv::min(deviation - coarse, 30), -30);
     cv::GaussianBlur(deviation, deviation, {}, 0.8);
     deviations.push_back(deviation);
@@ -181,23 +180,22 @@ GroundEvidence ground_evidence(const Camera& camera, const Rigid3d& body_from_se
       const double gain =
           std::log((changes.at<float>(y, x) + 0.1) / (changes_moved.at<float>(y, x) + 0.1));
       seen_moving += gain > 0.3;
-      // A mirror's picture of the road correlates in places, but there, standing still predicts
-      // better by far.
+      // Reflections of the road correlate in places, but no motion predicts them better by far.
       if (gain > -0.7)
         evidence.moving.at<float>(y, x) =
             static_cast<float>(std::clamp((correlation - 0.1) / 0.4, 0.0, 1.0));
-      evidence.standing.at<float>(y, x) =
+      evidence.fixed.at<float>(y, x) =
           static_cast<float>(std::clamp((-0.2 - gain) / 0.5, 0.0, 1.0));
     }
-  // What does not move says something only where the road can be seen to: by day 60 to 90 % of the
-  // candidates move, at night, with noise and light that comes along, less than 30 %.
+  // Lack of motion is evidence only where the motion of the road is visible: by day 60 to 90 % of
+  // the candidates move, at night, with noise and the car's own light, less than 30 %.
   const double share = candidates > 0 ? double(seen_moving) / candidates : 0;
-  evidence.standing *= std::clamp((share - 0.3) / 0.2, 0.0, 1.0);
+  evidence.fixed *= std::clamp((share - 0.3) / 0.2, 0.0, 1.0);
   return evidence;
 }
 
-/// The rows b(x) with the least sum over x of cost(b(x), x) + kCostStep |b(x) - b(x - 1)|. cost:
-/// [height + 1, width].
+/// Returns the rows b(x) that minimise the sum over x of cost(b(x), x) + kCostStep |b(x) - b(x -
+/// 1)|. cost: [height + 1, width].
 std::vector<int> cheapest_path(const cv::Mat& cost) {
   const int rows = cost.rows, columns = cost.cols;
   std::vector<float> total(static_cast<std::size_t>(rows));
@@ -239,21 +237,20 @@ std::vector<int> find_ego_outline(const Camera& camera, const Rigid3d& body_from
     REDRIVE_CHECK_OP(view.grey.rows, ==, camera.height);
   }
   const PixelGeometry geometry = pixel_geometry(camera, body_from_sensor);
-  const cv::Mat structure = staying_structure(views, geometry);
+  const cv::Mat structure = static_structure(views, geometry);
   const GroundEvidence ground = ground_evidence(camera, body_from_sensor, views, geometry);
 
-  // Cost of the vehicle beginning at a row: that of all pixels from there on down.
+  // Cost of an outline at a row: the sum over all pixels from there on down.
   cv::Mat cost = cv::Mat::zeros(camera.height + 1, camera.width, CV_32F);
   for (int x = 0; x < camera.width; ++x) {
-    bool below_candidate =
-        false;  // a lens without a ray at the lower edge does not end the vehicle
+    bool below_candidate = false;  // pixels without a ray at the lower edge do not end the vehicle
     std::vector<float> of_pixel(static_cast<std::size_t>(camera.height), kForbidden);
     for (int y = 0; y < camera.height; ++y) {
       below_candidate = below_candidate || geometry.candidate.at<std::uint8_t>(y, x);
       if (!below_candidate) continue;
-      const float road = ground.moving.at<float>(y, x), standing = ground.standing.at<float>(y, x);
+      const float road = ground.moving.at<float>(y, x), standing = ground.fixed.at<float>(y, x);
       const float edge = geometry.candidate.at<std::uint8_t>(y, x) ? structure.at<float>(y, x) : 0;
-      of_pixel[y] = kCostWithoutEvidence + kCostGround * road - kGainStanding * standing -
+      of_pixel[y] = kCostWithoutEvidence + kCostGround * road - kGainStatic * standing -
                     kGainStructure * edge * (1 - road);
     }
     for (int y = camera.height - 1; y >= 0; --y)

@@ -13,9 +13,9 @@ namespace redrive {
 namespace {
 
 constexpr std::int64_t kMaxBeyond_ns =
-    60'000'000;  // half a revolution at 10 Hz, and the frame's distance from its middle
+    60'000'000;  // half a revolution at 10 Hz and the frame's distance from its middle
 
-// The space that the vehicle takes up, body axes (origin on the ground under the rear axle).
+// Bounding box of the ego vehicle in body axes (origin on the ground under the rear axle).
 const Eigen::AlignedBox3d kEgo_m(Eigen::Vector3d(-1.5, -1.15, 0.2),
                                  Eigen::Vector3d(4.2, 1.15, 2.2));
 
@@ -23,7 +23,7 @@ auto identity(const LidarPoint& p) {
   return std::tuple(p.t_ns, p.in_body_m.x(), p.in_body_m.y(), p.in_body_m.z());
 }
 
-/// Marks the points of `points` that are in `before`, too, bit for bit.
+/// Marks the points that are bit for bit in `before`, too.
 std::vector<std::uint8_t> mark_repeated(const std::vector<LidarPoint>& points,
                                         const std::vector<LidarPoint>& before) {
   std::vector<decltype(identity(points[0]))> known;
@@ -44,7 +44,7 @@ struct Ray {
   std::uint16_t intensity;
 };
 
-/// The rays of one revolution; counts what is left out in `counts`.
+/// Makes rays of one revolution; counts dropped points in `counts`.
 std::vector<Ray> rays_of(const std::vector<LidarPoint>& points,
                          const std::vector<LidarPoint>& before, const Recording& recording,
                          const Rigid3d& world_from_global, const MovingObjects& moving,

@@ -35,8 +35,7 @@ void check_recorded_size(const std::filesystem::path& path, int width, int heigh
                          size_text(rig.recorded.width, rig.recorded.height));
 }
 
-/// Where each pixel of the undistorted picture lies in the recorded one; (-1, -1), which is black,
-/// where the camera has not looked.
+/// Position of each undistorted pixel in the recorded image; (-1, -1), which is black, outside it.
 struct UndistortMap {
   cv::Mat u, v;
 };
@@ -56,22 +55,22 @@ UndistortMap make_undistort_map(const RigCamera& rig) {
   return map;
 }
 
-/// `used` of the image from its mask.
+/// Sets `used` of the image from its mask file.
 void load_mask(const MaskFile& mask, Image8* image) {
   if (mask.path.empty()) return;
-  const Image8 picture = read_image(mask.path);
-  if (picture.width != image->width || picture.height != image->height)
-    throw InputError(mask.path, "size", size_text(picture.width, picture.height),
+  const Image8 mask_image = read_image(mask.path);
+  if (mask_image.width != image->width || mask_image.height != image->height)
+    throw InputError(mask.path, "size", size_text(mask_image.width, mask_image.height),
                      "the image that it masks has " + size_text(image->width, image->height));
   image->used.resize(std::size_t(image->width) * image->height);
   for (std::size_t i = 0; i < image->used.size(); ++i) {
-    const std::uint8_t* rgb = &picture.rgb[3 * i];
+    const std::uint8_t* rgb = &mask_image.rgb[3 * i];
     const bool black = rgb[0] == 0 && rgb[1] == 0 && rgb[2] == 0;
     image->used[i] = black == mask.black_is_masked ? 0 : 255;
   }
 }
 
-/// Lays the picture over the background. Alpha stays.
+/// Composites the image over the background; keeps alpha.
 void composite(const std::filesystem::path& path, Background background, Image8* image) {
   if (background == Background::kNone) {
     if (std::any_of(image->alpha.begin(), image->alpha.end(),
@@ -93,7 +92,7 @@ void composite(const std::filesystem::path& path, Background background, Image8*
   }
 }
 
-/// `map` is null unless the scene undistorts.
+/// `map`: null unless the scene undistorts.
 Image8 load_with_map(const Scene& scene, const View& view, const UndistortMap* map) {
   const RigCamera& rig = scene.rig[view.camera];
   Image8 image = read_image(view.image);
@@ -161,7 +160,7 @@ std::vector<float> load_depth(const std::filesystem::path& path, const RigCamera
 }
 
 std::vector<Image8> load_views(const Scene& scene, ThreadPool& pool) {
-  cv::setNumThreads(1);  // the images are what is done in parallel
+  cv::setNumThreads(1);  // parallel over images instead
   std::vector<UndistortMap> maps(scene.undistort ? scene.rig.size() : 0);
   pool.run(static_cast<int>(maps.size()),
            [&](int camera) { maps[camera] = make_undistort_map(scene.rig[camera]); });

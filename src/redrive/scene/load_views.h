@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The pictures of a scene in memory, 8 bits a channel: 3 bytes a pixel, and one more where they are
-// transparent or masked.
+// Loads the images of a scene as they are trained on.
 #pragma once
 
 #include <filesystem>
@@ -12,20 +11,21 @@
 
 namespace redrive {
 
-/// The image of `view` as it is trained on: size and the mask's size checked against the
-/// calibration (InputError), laid over the scene's background, undistorted if the scene says so,
-/// area-averaged by the downscale factor. A pixel that the mask leaves out in part is left out.
-/// Alpha stays: on another colour the pixel is rgb + (1 - alpha) (colour - background). UsageError:
-/// transparent pixels without a background, or a background for images without alpha.
+/// Loads the image of `view` as it is trained on: composited over the scene's background,
+/// undistorted if the scene demands it, area-averaged by the downscale factor. A pixel that is
+/// masked in part is masked. Alpha is kept: over another colour the pixel is rgb + (1 - alpha)
+/// (colour - background). InputError: the image's or its mask's size differs from the
+/// calibration's. UsageError: transparent pixels without a background, or a background for images
+/// without alpha.
 Image8 load_view(const Scene& scene, const View& view);
 
-/// The true depth of a recorded image (16-bit PNG, mm along the ray, 0 and 65535 say nothing) as
-/// `rig.camera` sees it: [height, width] metres, the nearest pixel's, since depths do not mix; 0
-/// where it is not known. InputError as for images.
+/// Loads the ground-truth depth of a recorded image (16-bit PNG, mm along the ray; 0 and 65535:
+/// unknown) for the pixels of `rig.camera`: [height, width] metres, of the nearest recorded pixel,
+/// since depths cannot be averaged; 0 where unknown. InputError as for images.
 std::vector<float> load_depth(const std::filesystem::path& path, const RigCamera& rig);
 
-/// All views, decoded in parallel; images[i] belongs to scene.views[i]. Held-out ones are looked
-/// at, for what is wrong with them, and left empty.
+/// Loads all views in parallel; images[i] belongs to scene.views[i]. Held-out images are loaded, so
+/// that errors are found, and left empty.
 std::vector<Image8> load_views(const Scene& scene, ThreadPool& pool);
 
 }  // namespace redrive

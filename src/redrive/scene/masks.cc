@@ -10,30 +10,30 @@
 namespace redrive {
 namespace {
 
-constexpr int kWorkingWidth = 320;  // of the pictures that the vehicle's outline is looked for in
-constexpr std::size_t kMostViews = 50;  // more say little that is new
-constexpr int kRowMargin = 2;           // rows above broken ones: theirs are dark, and JPEG smears
+constexpr int kWorkingWidth = 320;     // of the images for find_ego_outline
+constexpr std::size_t kMaxViews = 50;  // more add little
+constexpr int kRowMargin = 2;          // rows above broken ones are dark, and JPEG blurs
 constexpr std::uint8_t kBlack = 8, kBright = 50;
 
-/// Training views of a camera; of many, pairs of neighbours spread over the drive.
+/// Selects training views of a camera; of many, pairs of neighbours spread over the drive.
 std::vector<std::size_t> choose_views(const Scene& scene, int camera) {
   std::vector<std::size_t> all;
   for (std::size_t i = 0; i < scene.views.size(); ++i)
     if (scene.views[i].camera == camera && !scene.views[i].held_out) all.push_back(i);
-  if (all.size() <= kMostViews) return all;
+  if (all.size() <= kMaxViews) return all;
   std::vector<std::size_t> chosen;
-  constexpr std::size_t kPairs = kMostViews / 2;
+  constexpr std::size_t kPairs = kMaxViews / 2;
   for (std::size_t p = 0; p < kPairs; ++p)
     for (const std::size_t next : {0, 1})
       chosen.push_back(all[p * (all.size() - 2) / (kPairs - 1) + next]);
   return chosen;
 }
 
-/// Brightness of one row in several pictures.
+/// Brightness of one row in several images.
 struct RowStatistics {
   double mean = 0;
-  double over_columns = 0;   ///< standard deviation of the pixels' means
-  double over_pictures = 0;  ///< RMS of the pixels' standard deviations
+  double over_columns = 0;  ///< standard deviation of the pixels' means
+  double over_images = 0;   ///< RMS of the pixels' standard deviations
 };
 
 RowStatistics row_statistics(const std::vector<const Image8*>& images, int y) {
@@ -57,25 +57,24 @@ RowStatistics row_statistics(const std::vector<const Image8*>& images, int y) {
           std::sqrt(variances / count)};
 }
 
-/// How many rows at the bottom are broken: bright, even, and the same in pictures that differ
-/// elsewhere.
+/// Returns the number of broken rows at the bottom: bright, uniform, and constant over images that
+/// differ elsewhere.
 int broken_rows(const std::vector<const Image8*>& images) {
   const int height = images[0]->height;
   double change = 0;
   for (const int y : {height / 4, height / 2, height * 3 / 4})
-    change = std::max(change, row_statistics(images, y).over_pictures);
+    change = std::max(change, row_statistics(images, y).over_images);
   int broken = 0;
   for (; broken < height / 4; ++broken) {
     const RowStatistics row = row_statistics(images, height - 1 - broken);
-    if (row.mean < kBright || row.over_columns > 12 ||
-        row.over_pictures >= std::min(2.0, change / 2))
+    if (row.mean < kBright || row.over_columns > 12 || row.over_images >= std::min(2.0, change / 2))
       break;
   }
   return broken == 0 ? 0 : std::min(broken + kRowMargin, height);
 }
 
-/// Sets to 0 what is black in all pictures and hangs together with a corner, and a pixel more,
-/// where JPEG smears.
+/// Masks the pixels that are black in all images and connected to a corner, and a pixel more, where
+/// JPEG blurs.
 void mask_black_corners(const std::vector<const Image8*>& images, Mask* mask) {
   cv::Mat black(mask->height, mask->width, CV_8U, cv::Scalar(255));
   for (const Image8* image : images)
@@ -90,7 +89,7 @@ void mask_black_corners(const std::vector<const Image8*>& images, Mask* mask) {
     if (outside.data[i]) mask->used[i] = 0;
 }
 
-/// The first `rows` rows, averaged to `size`.
+/// Returns the first `rows` rows in grey, averaged to `size`.
 cv::Mat grey_of(const Image8& image, int rows, cv::Size size) {
   const cv::Mat rgb(rows, image.width, CV_8UC3, const_cast<std::uint8_t*>(image.rgb.data()));
   cv::Mat grey, small;
@@ -100,7 +99,7 @@ cv::Mat grey_of(const Image8& image, int rows, cv::Size size) {
   return small;
 }
 
-/// Sets to 0 what find_ego_outline says, and a working pixel more above it.
+/// Masks the ego vehicle below find_ego_outline, and a pixel of its working size more above it.
 void mask_ego_vehicle(const Scene& scene, int camera, const std::vector<std::size_t>& views,
                       const std::vector<Image8>& images, int rows, Mask* mask) {
   const RigCamera& rig = scene.rig[camera];
@@ -130,7 +129,8 @@ void mask_ego_vehicle(const Scene& scene, int camera, const std::vector<std::siz
   }
 }
 
-/// Directions of all pixels in camera axes, [height, width], zero where there is no ray.
+/// Returns the directions of all pixels in camera axes, [height, width], zero where there is no
+/// ray.
 std::vector<Eigen::Vector3f> directions_of(const Camera& camera) {
   std::vector<Eigen::Vector3f> directions(std::size_t(camera.width) * camera.height,
                                           Eigen::Vector3f::Zero());
@@ -141,14 +141,13 @@ std::vector<Eigen::Vector3f> directions_of(const Camera& camera) {
   return directions;
 }
 
-/// Sets to 0 the pixels whose rays meet the box. Most are sorted out by their angle to the box's
-/// centre.
+/// Masks the pixels whose rays intersect the box. Most are rejected by their angle to its centre.
 void mask_box(const MovingBox& box, const Rigid3d& world_from_camera,
               const std::vector<Eigen::Vector3f>& directions, Mask* mask) {
   const Eigen::Vector3d centre =
       world_from_camera.inverse() * box.box_from_world.inverse().translation();
   const double distance_m = centre.norm(), radius_m = box.half_size_m.norm();
-  // cos of the angle under which the sphere around the box is seen; from inside it, all directions.
+  // cos of the angular radius of the box's bounding sphere; from inside it, all directions.
   const double least_cos =
       distance_m > radius_m ? std::sqrt(1 - radius_m * radius_m / (distance_m * distance_m)) - 1e-6
                             : -2;
@@ -158,8 +157,8 @@ void mask_box(const MovingBox& box, const Rigid3d& world_from_camera,
   for (std::size_t i = 0; i < directions.size(); ++i) {
     if (mask->used[i] == 0 || directions[i].isZero() || directions[i].dot(towards) < least_cos)
       continue;
-    if (box.meets(world_from_camera.translation(),
-                  world_from_camera.linear() * directions[i].cast<double>()))
+    if (box.intersects(world_from_camera.translation(),
+                       world_from_camera.linear() * directions[i].cast<double>()))
       mask->used[i] = 0;
   }
 }
@@ -189,7 +188,7 @@ Mask read_mask(const std::filesystem::path& file, const RigCamera& camera, int d
   if (image.width != camera.recorded.width || image.height != camera.recorded.height)
     throw InputError(
         file, "size", std::to_string(image.width) + " x " + std::to_string(image.height),
-        "must be that of the pictures of " + camera.name + ", " +
+        "must be that of the images of " + camera.name + ", " +
             std::to_string(camera.recorded.width) + " x " + std::to_string(camera.recorded.height));
   Mask mask = full_mask(camera.camera.width, camera.camera.height);
   for (int y = 0; y < mask.height * downscale; ++y)
@@ -205,7 +204,7 @@ void write_mask(const std::filesystem::path& file, const Mask& mask, const RigCa
   image.rgb.reserve(std::size_t(3) * image.width * image.height);
   for (int y = 0; y < image.height; ++y)
     for (int x = 0; x < image.width;
-         ++x) {  // rows and columns that downscaling cuts off: as their neighbours
+         ++x) {  // rows and columns cut off by downscaling repeat their neighbours
       const int row = std::min(y / downscale, mask.height - 1),
                 column = std::min(x / downscale, mask.width - 1);
       image.rgb.insert(image.rgb.end(), 3,
@@ -220,27 +219,27 @@ Mask find_static_mask(const Scene& scene, int camera, const std::vector<Image8>&
   const RigCamera& rig = scene.rig[camera];
   Mask mask = full_mask(rig.camera.width, rig.camera.height);
   const std::vector<std::size_t> views = choose_views(scene, camera);
-  if (views.size() < 2) return mask;  // nothing can be told to stay the same
-  std::vector<const Image8*> pictures;
-  for (const std::size_t i : views) pictures.push_back(&images[i]);
+  if (views.size() < 2) return mask;  // too few to find constant pixels
+  std::vector<const Image8*> training_images;
+  for (const std::size_t i : views) training_images.push_back(&images[i]);
 
-  const int rows = mask.height - (on_car ? broken_rows(pictures) : 0);
+  const int rows = mask.height - (on_car ? broken_rows(training_images) : 0);
   std::fill(mask.used.begin() + static_cast<std::ptrdiff_t>(rows) * mask.width, mask.used.end(), 0);
-  if (rig.camera.info().image_circle) mask_black_corners(pictures, &mask);
+  if (rig.camera.info().image_circle) mask_black_corners(training_images, &mask);
   if (on_car) mask_ego_vehicle(scene, camera, views, images, rows, &mask);
   return mask;
 }
 
 std::vector<Mask> static_masks(const Scene& scene, const std::vector<Image8>& images,
                                const std::filesystem::path& folder, ThreadPool& pool, bool on_car) {
-  cv::setNumThreads(1);  // the cameras are what is done in parallel
+  cv::setNumThreads(1);  // parallel over cameras instead
   std::vector<Mask> masks(scene.rig.size());
   pool.run(static_cast<int>(masks.size()), [&](int c) {
     const RigCamera& rig = scene.rig[c];
     const std::filesystem::path file = mask_file(folder, rig);
-    const bool given = !folder.empty() && std::filesystem::exists(file);
-    masks[c] =
-        given ? read_mask(file, rig, scene.downscale) : find_static_mask(scene, c, images, on_car);
+    const bool has_file = !folder.empty() && std::filesystem::exists(file);
+    masks[c] = has_file ? read_mask(file, rig, scene.downscale)
+                        : find_static_mask(scene, c, images, on_car);
   });
   return masks;
 }

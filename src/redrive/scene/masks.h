@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which pixels of the pictures show the static world. What is left out is of two kinds: what is the
-// same in all pictures of a camera (the vehicle that carries it, broken rows, the black around a
-// fisheye's image circle), kept as one editable PNG a camera, and annotated objects that move,
-// which each picture has elsewhere.
+// Masks of the pixels that show the static world. Two kinds of pixels are masked: those that are
+// the same in all images of a camera (the ego vehicle, broken rows, the black around a fisheye's
+// image circle), kept as one editable PNG per camera, and annotated moving objects, elsewhere in
+// each image.
 #pragma once
 
 #include <cstdint>
@@ -16,7 +16,7 @@
 
 namespace redrive {
 
-/// [height, width]: 1 used, 0 left out.
+/// [height, width]: 1 used, 0 masked.
 struct Mask {
   int width = 0, height = 0;
   std::vector<std::uint8_t> used;
@@ -24,53 +24,52 @@ struct Mask {
   std::size_t left_out() const;
 };
 
-Mask full_mask(int width, int height);  ///< all used
+Mask full_mask(int width, int height);  ///< nothing masked
 
-/// The mask of `camera` at the size it is trained on, from an 8-bit PNG of the size it was recorded
-/// at, so that one file serves runs of any --downscale: white (128 and more) used, black left out;
-/// a pixel is used if all that it is the average of are. With --undistort it belongs to the
-/// undistorted pictures, which have the same size. InputError for another size.
+/// Reads the mask of `camera` at the size of training from an 8-bit PNG of the recorded size, so
+/// that one file serves runs of any --downscale: white (128 and more) used, black masked; a
+/// downscaled pixel is used if all pixels it averages are. With --undistort it belongs to the
+/// undistorted images, which have the same size. InputError for another size.
 Mask read_mask(const std::filesystem::path& file, const RigCamera& camera, int downscale);
 void write_mask(const std::filesystem::path& file, const Mask& mask, const RigCamera& camera,
                 int downscale);
 
-/// What is the same in all pictures of one camera of the rig, from those of its views that are not
-/// held out, at the size they are trained on. images[i] belongs to scene.views[i]. See
-/// ego_outline.h; with too few views or too little driving only the image circle and broken rows
-/// are looked for. `on_car`: the body is that of a car that drives on its x-y plane; what is no car
-/// (a hand-held camera, an object on a table) has neither vehicle nor broken rows.
+/// Finds the static mask of a camera of the rig in its training images, at the size of training.
+/// images[i] belongs to scene.views[i]. See ego_outline.h; too few views or too little driving give
+/// the image circle and broken rows alone. `on_car`: the body is a car that drives on its x-y
+/// plane; otherwise (hand-held cameras, an object on a table) neither vehicle nor broken rows are
+/// searched.
 Mask find_static_mask(const Scene& scene, int camera, const std::vector<Image8>& images,
                       bool on_car);
 
 /// FOLDER/<CAM>.png.
 std::filesystem::path mask_file(const std::filesystem::path& folder, const RigCamera& camera);
 
-/// By camera of the rig: FOLDER/<CAM>.png where that exists, else found. `folder` may be empty.
-/// InputError as read_mask.
+/// Returns the static mask of each camera of the rig: FOLDER/<CAM>.png where that exists, else
+/// find_static_mask. `folder` may be empty. InputError as read_mask.
 std::vector<Mask> static_masks(const Scene& scene, const std::vector<Image8>& images,
                                const std::filesystem::path& folder, ThreadPool& pool, bool on_car);
 
-/// Masks by camera of the rig: the mask_file of each that leaves something out. It must exist; a
-/// camera without a file has a full mask.
+/// Writes the mask_file of each camera whose mask masks a pixel. The folder must exist. read_masks
+/// gives cameras without a file a full mask.
 void write_masks(const std::filesystem::path& folder, const std::vector<Mask>& masks,
                  const Scene& scene);
 /// InputError as read_mask.
 std::vector<Mask> read_masks(const std::filesystem::path& folder, const Scene& scene);
 
-/// A camera's mask without the pixels whose rays meet an annotated moving object when the picture
-/// of `view` was exposed.
+/// Returns the camera's mask with the pixels masked, too, whose rays intersect an annotated moving
+/// object when `view` was exposed.
 Mask view_mask(const Scene& scene, const View& view, const Mask& of_camera,
                const MovingObjects& moving);
 
-/// Adds what the mask leaves out to what the picture's own mask does (Image8::used): it is neither
-/// trained on nor scored.
+/// Adds the mask to the image's own (Image8::used): masked pixels are neither trained on nor
+/// scored.
 void apply_mask(const Mask& mask, Image8* image);
-/// The same for the pictures of all views that are not held out, each with its view_mask; images[i]
-/// belongs to scene.views[i].
+/// Applies its view_mask to each training view. images[i] belongs to scene.views[i].
 void apply_masks(const Scene& scene, const std::vector<Mask>& camera_masks,
                  const MovingObjects& moving, ThreadPool& pool, std::vector<Image8>* images);
 
-/// The picture with what is left out tinted red, to look at.
+/// Returns the image with masked pixels tinted red.
 Image8 overlay(const Image8& image, const Mask& mask);
 
 }  // namespace redrive

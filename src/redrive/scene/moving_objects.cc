@@ -9,14 +9,13 @@
 namespace redrive {
 namespace {
 
-constexpr std::int64_t kMaxAway_ns =
-    100'000'000;  // a revolution or a frame missing; then the object has left
+constexpr std::int64_t kMaxExtrapolation_ns = 100'000'000;  // bridges a missing revolution or frame
 constexpr std::int64_t kVelocityOver_ns =
-    100'000'000;  // either side: errors of single poses average out
+    100'000'000;  // to either side, to average errors of single poses
 
 }  // namespace
 
-bool MovingBox::meets(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) const {
+bool MovingBox::intersects(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) const {
   const Eigen::Vector3d o = box_from_world * origin, d = box_from_world.linear() * direction;
   double enter = 0, leave = std::numeric_limits<double>::infinity();
   for (int k = 0; k < 3; ++k) {
@@ -37,7 +36,7 @@ MovingObjects::MovingObjects(const std::vector<Box>& boxes, const std::vector<Fr
   const auto world_from_body = [&](std::int64_t t_ns) {
     return world_from_global * pose_at(frames, t_ns);
   };
-  std::map<std::int64_t, std::vector<Sighting>> by_id;
+  std::map<std::int64_t, std::vector<BoxAtTime>> by_id;
   for (const Box& box : boxes) {
     const Rigid3d here = world_from_body(box.t_ns);
     const Eigen::Vector3d ego_m_per_s =
@@ -47,29 +46,29 @@ MovingObjects::MovingObjects(const std::vector<Box>& boxes, const std::vector<Fr
     by_id[box.object_id].push_back({box.t_ns, here * box.body_from_box, box.size_m,
                                     here.linear() * box.velocity_in_body_m_per_s + ego_m_per_s});
   }
-  for (auto& [id, sightings] : by_id) {
-    if (std::none_of(sightings.begin(), sightings.end(), [](const Sighting& s) {
+  for (auto& [id, boxes_of_object] : by_id) {
+    if (std::none_of(boxes_of_object.begin(), boxes_of_object.end(), [](const BoxAtTime& s) {
           return s.velocity_in_world_m_per_s.norm() > kMovingSpeed_m_per_s;
         })) {
       ++parked_;
       continue;
     }
-    std::sort(sightings.begin(), sightings.end(),
+    std::sort(boxes_of_object.begin(), boxes_of_object.end(),
               [](const auto& a, const auto& b) { return a.t_ns < b.t_ns; });
-    objects_.push_back(std::move(sightings));
+    objects_.push_back(std::move(boxes_of_object));
   }
 }
 
 std::vector<MovingBox> MovingObjects::at(std::int64_t t_ns) const {
   std::vector<MovingBox> boxes;
-  for (const std::vector<Sighting>& sightings : objects_) {
-    auto nearest = std::lower_bound(sightings.begin(), sightings.end(), t_ns,
-                                    [](const Sighting& s, std::int64_t t) { return s.t_ns < t; });
-    if (nearest == sightings.end() ||
-        (nearest != sightings.begin() && t_ns - (nearest - 1)->t_ns < nearest->t_ns - t_ns))
+  for (const std::vector<BoxAtTime>& boxes_of_object : objects_) {
+    auto nearest = std::lower_bound(boxes_of_object.begin(), boxes_of_object.end(), t_ns,
+                                    [](const BoxAtTime& s, std::int64_t t) { return s.t_ns < t; });
+    if (nearest == boxes_of_object.end() ||
+        (nearest != boxes_of_object.begin() && t_ns - (nearest - 1)->t_ns < nearest->t_ns - t_ns))
       --nearest;
     const std::int64_t later_ns = t_ns - nearest->t_ns;
-    if (std::abs(later_ns) > kMaxAway_ns) continue;
+    if (std::abs(later_ns) > kMaxExtrapolation_ns) continue;
     Rigid3d world_from_box = nearest->world_from_box;
     world_from_box.translation() +=
         1e-9 * static_cast<double>(later_ns) * nearest->velocity_in_world_m_per_s;

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Annotated objects that move, in the world: what a static scene has to leave out of pictures and
-// LiDAR.
+// Annotated moving objects in the world, which are masked in images and dropped from LiDAR returns.
 #pragma once
 
 #include <cstdint>
@@ -11,7 +10,7 @@
 
 namespace redrive {
 
-/// Where an object is at one instant; grown by kBoxMargin_m on every side.
+/// The box of a moving object at one time, grown by kBoxMargin_m on every side.
 struct MovingBox {
   Rigid3d box_from_world;
   Eigen::Vector3d half_size_m;
@@ -19,40 +18,40 @@ struct MovingBox {
   bool contains(const Eigen::Vector3d& in_world) const {
     return ((box_from_world * in_world).cwiseAbs().array() <= half_size_m.array()).all();
   }
-  /// Whether the half-line from `origin` along `direction` meets the box (slab test); both in the
-  /// world.
-  bool meets(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) const;
+  /// Whether the ray from `origin` along `direction`, both in the world, intersects the box (slab
+  /// test).
+  bool intersects(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) const;
 };
 
-/// Mirrors and wheels that stick out, and how well boxes, poses and exposure times are known.
+/// Covers protruding mirrors and wheels, and errors of boxes, poses and exposure times.
 constexpr double kBoxMargin_m = 0.3;
 
-/// An object moves, in all frames, if any of its boxes does at more than this. A box's velocity in
-/// the world is its relative velocity plus the ego vehicle's; egomotion with errors of 10 cm over
-/// 0.7 s (samples/street) makes up to 0.5 m/s of a parked car, and what is slower than walking pace
-/// all the time stays within a box or two of its own length.
+/// An object counts as moving, in all frames, if any of its boxes is faster than this. A box's
+/// velocity in the world is its relative velocity plus the ego vehicle's: egomotion errors of 10 cm
+/// over 0.7 s (samples/street) give a parked car up to 0.5 m/s, and an object slower than walking
+/// pace moves by few of its own lengths.
 constexpr double kMovingSpeed_m_per_s = 1;
 
 class MovingObjects {
  public:
-  /// Boxes of all frames. They hold at their own time and go on at their own velocity.
+  /// `boxes`: of all frames. Each holds at its own time and is extrapolated by its velocity.
   MovingObjects(const std::vector<Box>& boxes, const std::vector<FramePose>& frames,
                 const Rigid3d& global_from_world);
 
-  /// Of each object the box nearest in time, moved to t_ns; none of an object that has no box
-  /// within 0.1 s.
+  /// Returns the box of each object at t_ns, extrapolated from the one nearest in time; objects
+  /// without a box within 0.1 s are left out.
   std::vector<MovingBox> at(std::int64_t t_ns) const;
 
   std::size_t objects() const { return objects_.size(); }
-  std::size_t parked() const { return parked_; }  ///< objects that do not move
+  std::size_t parked() const { return parked_; }  ///< number of objects that do not move
 
  private:
-  struct Sighting {
+  struct BoxAtTime {
     std::int64_t t_ns;
     Rigid3d world_from_box;
     Eigen::Vector3d size_m, velocity_in_world_m_per_s;
   };
-  std::vector<std::vector<Sighting>> objects_;  ///< moving ones by id, sightings by time
+  std::vector<std::vector<BoxAtTime>> objects_;  ///< moving ones by id, boxes by time
   std::size_t parked_ = 0;
 };
 

@@ -59,13 +59,13 @@ TEST(MovingBox, MeetsWhatSomePointOfTheHalfLineIsIn) {
       inside = inside || box.contains(origin + t * direction);
     }
     if (std::abs(closest) < 0.01) continue;
-    EXPECT_EQ(box.meets(origin, direction), inside) << i;
-    EXPECT_FALSE(inside && box.meets(origin - 30 * direction, -direction)) << i;  // behind
+    EXPECT_EQ(box.intersects(origin, direction), inside) << i;
+    EXPECT_FALSE(inside && box.intersects(origin - 30 * direction, -direction)) << i;  // behind
     met += inside;
   }
   EXPECT_GT(met, 50);
   EXPECT_LT(met, 450);
-  EXPECT_TRUE(box.meets({5, 3, 1}, {0, 0, 1}));  // from inside, along an axis
+  EXPECT_TRUE(box.intersects({5, 3, 1}, {0, 0, 1}));  // from inside, along an axis
 }
 
 TEST(MovingObjects, AParkedCarBesideATurningOneStays) {

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Small corrections of what a recording says of its poses: of the body at each frame, of each
-// camera on the body, of each camera's time. Training refines poses by them (train/pose_refiner.h);
-// a checkpoint holds them.
+// Small corrections of the initial poses: of the body at each frame, of each camera's extrinsics
+// and time offset. Training refines poses by them (train/pose_refiner.h); a checkpoint holds them.
 #pragma once
 
 #include <array>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is trained on: the rig, its trajectory in the world of the first frame, which image is for
-// training and which is held out, and the map from the world into the unit cube.
+// The part of a recording that a run uses: the rig, its trajectory in the world of the first frame,
+// the images for training and the held-out ones, and the map from the world into the unit cube.
 #pragma once
 
 #include <array>
@@ -20,18 +20,18 @@ namespace redrive {
 
 struct RigCamera {
   std::string name;
-  Camera camera;    ///< at the training resolution (undistorted and downscaled as the options say)
+  Camera camera;    ///< at the training resolution, undistorted and downscaled by the options
   Camera recorded;  ///< as recorded; the image file must have its size
   Rigid3d body_from_sensor;
   std::int64_t time_offset_ns =
-      0;                        ///< exposure, of the middle row, minus the time of the frame's pose
+      0;                        ///< exposure of the middle row minus the time of the frame's pose
   std::int64_t readout_ns = 0;  ///< CameraCalibration::readout_ns
 };
 
 struct Frame {
   std::int64_t id = 0;
   std::int64_t t_ns = 0;
-  Rigid3d world_from_body;  ///< metres; Scene::global_from_world says what the world is
+  Rigid3d world_from_body;  ///< metres; see Scene::global_from_world
 };
 
 /// One image: a camera of the rig at a frame.
@@ -47,15 +47,15 @@ struct View {
                                 ///< upper edge to the lower one
 };
 
-/// What shows through where an image is transparent, in rendering and evaluation.
+/// The colour behind transparent pixels, in rendering and evaluation.
 enum class Background {
   kNone,  ///< images have to be opaque
   kWhite,
   kBlack
 };
 
-/// Which part of a recording a run uses. Defaults: all cameras, all frames, full size, nothing held
-/// out.
+/// Selects the part of a recording that a run uses. Defaults: all cameras and frames, full size,
+/// nothing held out.
 struct SceneOptions {
   std::vector<std::string> cameras;                ///< empty: all with images
   std::int64_t first_frame = -1, last_frame = -1;  ///< ids, inclusive; -1: open
@@ -63,7 +63,7 @@ struct SceneOptions {
   int downscale = 1;                               ///< 1..64
   int holdout_every = 0;   ///< 0: none; n >= 2: every n-th frame (the first one included), all
                            ///< cameras; only of recordings without a split of their own
-  bool undistort = false;  ///< the report's way: opencv_pinhole only
+  bool undistort = false;  ///< resamples pinhole images without distortion first
   double near_m = 1, far_m = 10;  ///< 0 < near < far
   Background background = Background::kNone;
   bool random_background =
@@ -98,10 +98,10 @@ struct Scene {
   }
 };
 
-/// Puts a view of the scene where its camera, as the rig has it, was when it was exposed.
+/// Sets the pose of a view to that of the body when its camera exposed it.
 void update_view_pose(const std::vector<FramePose>& frames, const Scene& scene, View* view);
 
-/// What pictures are rendered and scored on, rgb in [0, 1].
+/// Returns the colour that images are rendered and scored over, rgb in [0, 1].
 std::array<float, 3> background_colour(Background background);
 
 /// InputError/UsageError for an unknown camera (the known ones are listed), no frames left,

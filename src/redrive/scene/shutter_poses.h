@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where a camera is while it exposes a picture: in one place, or, with a rolling shutter, in
-// another for each row.
+// The pose of a camera during an exposure: one, or, with a rolling shutter, one per row.
 #pragma once
 
 #include <vector>
@@ -12,16 +11,16 @@ namespace redrive {
 
 class ShutterPoses {
  public:
-  ShutterPoses(const Rigid3d& pose)
-      : keys_{plain(pose)} {}  // NOLINT: a pose is what most pictures have
-  /// At evenly spaced times from the upper edge of the picture to the lower one; at least one.
+  ShutterPoses(const Rigid3d& pose) : keys_{plain(pose)} {}  // NOLINT: most images have one pose
+  /// `keys`: at evenly spaced times from the upper edge of the image to the lower one; at least
+  /// one.
   explicit ShutterPoses(const std::vector<Rigid3d>& keys);
 
   bool is_rolling() const { return keys_.size() > 1; }
   const std::vector<PlainPose>& keys() const { return keys_; }
-  /// 0 the upper edge, 1 the lower one (pose_at_row).
+  /// `row`: 0 at the upper edge, 1 at the lower one (pose_at_row).
   Rigid3d at(double row) const { return rigid(pose_at_row(keys_.data(), keys_.size(), row)); }
-  /// The middle of row y of a picture.
+  /// The pose in the middle of row y.
   Rigid3d at_row(int y, int height) const { return at(row_fraction(y, height)); }
 
  private:

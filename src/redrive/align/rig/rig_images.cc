@@ -58,7 +58,7 @@ bool RigImages::may_be_static(int camera, int frame, const Eigen::Vector2d& pixe
   if (!ray) return false;
   const Rigid3d& pose = world_from_camera[camera][frame];
   return std::ranges::none_of(boxes, [&](const MovingBox& box) {
-    return box.meets(pose.translation(), pose.linear() * *ray);
+    return box.intersects(pose.translation(), pose.linear() * *ray);
   });
 }
 
