@@ -72,8 +72,8 @@ TEST(Street, WhatAProgramIsGivenIsWrongAsStated) {
   }
 }
 
-/// A run of the street that has not been trained: its scene is what the truth of new views is read
-/// with.
+/// A run of the street that has not been trained: its scene is what the ground truth of new views
+/// is read with.
 Run true_run(const std::filesystem::path& root) {
   Run run;
   run.recording = open_recording(root, PoseSource::kGroundTruth);
@@ -103,7 +103,7 @@ TEST(Street, ShiftsOfTheTruePosesAreWhereTheirPosesSay) {
   }
 }
 
-// A LiDAR point at its own time, in a picture from half a metre aside: the picture's depth there is
+// A LiDAR point at its own time, in an image from half a metre aside: the image's depth there is
 // the point's distance, but for edges, what one of the two does not see, 2 cm of noise and half a
 // pixel. The latter is most on the road, where a pixel spans distance / (camera height * focal
 // length) of the distance: 10 m / (1.25 m * 375) = 2 %, half of it to either side.
@@ -153,8 +153,8 @@ Eigen::Vector3d column(const std::vector<float>& values, std::size_t n, std::siz
   return {values[i], values[n + i], values[2 * n + i]};
 }
 
-// Returns of all revolutions in pictures of single frames: what stands is where the picture has it,
-// or hidden behind something, or (an edge, noise) a little nearer.
+// Returns of all revolutions in images of single frames: static points are where the image has
+// them, or hidden behind something, or (an edge, noise) a little nearer.
 TEST(Street, ReturnsOfAllRevolutionsStayPut) {
   const redrive::Run run = true_run(kStreet);
   const LidarReturns returns = returns_of(run);
@@ -302,8 +302,8 @@ double share_left_out(const Mask& mask, int first_row, int last_row) {
   return static_cast<double>(std::count(begin, end, 0)) / static_cast<double>(end - begin);
 }
 
-// The bonnet is in the pictures of one camera, below row 203 of 256; it is 11.5 % of them, as
-// counted in the pictures by hand.
+// The bonnet is in the images of one camera, below row 203 of 256; it is 11.5 % of them, as
+// counted in the images by hand.
 TEST(Street, MasksHideTheBonnetAndNothingElse) {
   for (const std::filesystem::path& root : {kStreet, kTraffic, kRolling}) {
     SCOPED_TRACE(root);
@@ -322,7 +322,7 @@ TEST(Street, MasksHideTheBonnetAndNothingElse) {
       } else if (scene.rig[c].name.starts_with("F_")) {
         EXPECT_EQ(mask.left_out(), 0u);
       } else {
-        // The lens does not reach the corners: 12.1 % of a picture (redrive inspect).
+        // The lens does not reach the corners: 12.1 % of an image (redrive inspect).
         EXPECT_NEAR(share_left_out(mask, 0, mask.height), 0.12, 0.01);
         EXPECT_EQ(mask.used[std::size_t(mask.height / 2) * mask.width + mask.width / 2], 1);
       }

@@ -12,7 +12,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-TEST(Trace, DistancesAreThoseOfTheFormulas) {
+TEST(Trace, DistancesFollowTheFormulas) {
   Courtyard scene;
   scene.to_sun = Vector3d(0, 0, 1);
   scene.spheres.push_back({{5, 0, 1}, 0.5, Texture::kStripes, Vector3d::Ones(), Vector3d::Zero()});
@@ -27,7 +27,7 @@ TEST(Trace, DistancesAreThoseOfTheFormulas) {
 
 // Every pixel's depth against the closed form: inside the sphere's tangent cone the near root of
 // its quadratic, else the ground plane, else sky.
-TEST(CaptureImage, DepthOfEveryPixelIsTheFormulas) {
+TEST(CaptureImage, DepthOfEveryPixelFollowsTheFormula) {
   Courtyard scene;
   scene.to_sun = Vector3d(0, 0, 1);
   const Sphere sphere{{6, 0.4, 1.2}, 0.7, Texture::kStripes, Vector3d::Ones(), Vector3d::Zero()};
@@ -37,7 +37,7 @@ TEST(CaptureImage, DepthOfEveryPixelIsTheFormulas) {
     const Camera camera = make_camera(calibration);
     const Rigid3d world_from_camera = calibration.body_from_sensor;
     const Vector3d origin = world_from_camera.translation();
-    const CapturedImage picture = capture_image(scene, camera, world_from_camera, pool);
+    const CapturedImage image = capture_image(scene, camera, world_from_camera, pool);
     int ground = 0, compared = 0;
     for (int y = 0; y < camera.height; ++y)
       for (int x = 0; x < camera.width; ++x) {
@@ -57,7 +57,7 @@ TEST(CaptureImage, DepthOfEveryPixelIsTheFormulas) {
           ++ground;
         ++compared;
         // Half a millimetre of rounding; 16 bits end at 65.535 m.
-        ASSERT_NEAR(picture.depth_mm[std::size_t(y) * camera.width + x] / 1000.0,
+        ASSERT_NEAR(image.depth_mm[std::size_t(y) * camera.width + x] / 1000.0,
                     std::min(expected, 65.535), 0.000501)
             << calibration.name << " " << x << "," << y;
       }
@@ -66,7 +66,7 @@ TEST(CaptureImage, DepthOfEveryPixelIsTheFormulas) {
   }
 }
 
-// A crate's corner is where the camera model says: the picture changes object across it.
+// A crate's corner is where the camera model says: the image changes object across it.
 TEST(CaptureImage, KnownPointLandsWithinAThirdOfAPixel) {
   const Courtyard scene = [] {
     Courtyard s;
@@ -92,7 +92,7 @@ TEST(CaptureImage, KnownPointLandsWithinAThirdOfAPixel) {
   EXPECT_GT(std::abs(distance_at(0.3, -0.3) - expected), 1);
 }
 
-TEST(Sample, ShippedPictureIsWhatTheGeneratorMakes) {
+TEST(Sample, ShippedImageEqualsTheGenerated) {
   const std::filesystem::path root = std::filesystem::path(REDRIVE_SAMPLES) / "analytic";
   ThreadPool pool(hardware_threads());
   const CameraCalibration calibration = rig_calibration()[2];

@@ -98,12 +98,12 @@ void write_novel(const std::filesystem::path& folder, const NovelShift& novel,
       const std::int64_t id = options.first_id + index;
       Rigid3d shifted = world_from_body(index);
       shifted.translate(novel.shift_body_m);
-      const CapturedImage picture = capture_image(scene, make_camera(calibration),
-                                                  shifted * calibration.body_from_sensor, pool);
+      const CapturedImage captured = capture_image(scene, make_camera(calibration),
+                                                   shifted * calibration.body_from_sensor, pool);
       const std::string file = image_name(calibration.name, id, ".jpg");
-      write_image(folder / file, picture.image);
+      write_image(folder / file, captured.image);
       write_png16(folder / image_name(calibration.name, id, "_depth.png"),
-                  {calibration.width, calibration.height, picture.depth_mm});
+                  {calibration.width, calibration.height, captured.depth_mm});
       images.push_back(
           {{"file", file},
            {"camera", calibration.name},
@@ -179,10 +179,10 @@ Rigid3d global_from_world() {
 
 CapturedImage capture_image(const Courtyard& scene, const Camera& camera,
                             const Rigid3d& world_from_camera, ThreadPool& pool) {
-  CapturedImage picture;
-  picture.image = {camera.width, camera.height,
-                   std::vector<std::uint8_t>(3u * camera.width * camera.height)};
-  picture.depth_mm.resize(std::size_t(camera.width) * camera.height);
+  CapturedImage captured;
+  captured.image = {camera.width, camera.height,
+                    std::vector<std::uint8_t>(3u * camera.width * camera.height)};
+  captured.depth_mm.resize(std::size_t(camera.width) * camera.height);
   const auto see = [&](double x, double y) -> std::optional<RayColour> {
     const auto direction = camera.unproject({x, y});
     if (!direction) return std::nullopt;
@@ -193,7 +193,7 @@ CapturedImage capture_image(const Courtyard& scene, const Camera& camera,
       const std::size_t pixel = std::size_t(y) * camera.width + x;
       const auto center = see(x, y);
       if (!center) continue;
-      picture.depth_mm[pixel] = static_cast<std::uint16_t>(
+      captured.depth_mm[pixel] = static_cast<std::uint16_t>(
           std::clamp(std::lround(1000 * center->distance_m), 0l, 65535l));
       Vector3d sum = Vector3d::Zero();
       int seen = 0;
@@ -203,11 +203,11 @@ CapturedImage capture_image(const Courtyard& scene, const Camera& camera,
         if (const auto sample = see(x + dx, y + dy)) sum += sample->colour, ++seen;
       }
       for (int k = 0; k < 3; ++k)
-        picture.image.rgb[3 * pixel + k] = static_cast<std::uint8_t>(
+        captured.image.rgb[3 * pixel + k] = static_cast<std::uint8_t>(
             std::lround(255 * (seen ? sum[k] / seen : center->colour[k])));
     }
   });
-  return picture;
+  return captured;
 }
 
 void write_recording(const std::filesystem::path& root, const DriveOptions& options,
@@ -235,10 +235,10 @@ void write_recording(const std::filesystem::path& root, const DriveOptions& opti
         {"time", time_s},
         {"time_host", time_s}};
     for (const CameraCalibration& camera : rig) {
-      const CapturedImage picture = capture_image(
+      const CapturedImage captured = capture_image(
           scene, make_camera(camera), world_from_body(index) * camera.body_from_sensor, pool);
       write_image(root / "sensor/camera" / camera.name / image_name(camera.name, id, ".jpg"),
-                  picture.image);
+                  captured.image);
     }
   }
   write_file(root / "sensor/gnssins/egomotion2.json", egomotion.dump(1));

@@ -67,8 +67,8 @@ std::string read_file(const std::filesystem::path& path) {
 }
 
 void write_file(const std::filesystem::path& path, std::string_view bytes) {
-  // A fixed name: what a killed process left behind is overwritten by the next write, not piled up.
-  // Hidden and with our name in it: nobody's own file is called so.
+  // A fixed name, so that the next write replaces the leftover of a killed process; hidden and with
+  // our name in it, so that it is no user's file.
   const std::filesystem::path temporary =
       path.parent_path() / std::string(".").append(path.filename().string()).append(".redrive-tmp");
   const auto fail = [&](const char* what) {
@@ -82,8 +82,8 @@ void write_file(const std::filesystem::path& path, std::string_view bytes) {
   if (::fsync(file.get()) != 0) fail("write to disk");
   if (!file.close()) fail("close");
   if (::rename(temporary.c_str(), path.c_str()) != 0) fail("replace");
-  // The new name lasts only once the folder is on disk too. Some file systems refuse to sync
-  // folders; the data is whole anyway.
+  // The new name is durable once the folder is on disk, too. Some file systems cannot sync folders;
+  // the file is whole anyway.
   const Descriptor folder(path.has_parent_path() ? path.parent_path() : ".",
                           O_RDONLY | O_DIRECTORY);
   if (folder.ok()) ::fsync(folder.get());
@@ -98,8 +98,8 @@ bool has_extension(const std::filesystem::path& path,
 }
 
 nlohmann::json parse_json(std::string_view text, const std::filesystem::path& path) {
-  // Writing a value out, as messages do, recurses once per level: without a limit a file of
-  // brackets ends the stack.
+  // Printing a value, as messages do, recurses once per level: a file of brackets would overflow
+  // the stack.
   const auto shallow = [&](int depth, nlohmann::json::parse_event_t, nlohmann::json&) {
     if (depth > 64) throw InputError(path, "", "", "not usable JSON: nested deeper than 64 levels");
     return true;

@@ -60,7 +60,7 @@ TEST_F(Files, LeftoverOfAKilledProcessIsReplaced) {
   EXPECT_EQ(entries(), 1u);
 }
 
-TEST_F(Files, ADiskThatIsFullLeavesTheOldFileAndNoTemporary) {
+TEST_F(Files, AFullDiskKeepsTheOldFileAndNoTemporary) {
   write_file(folder_ / "a", "old");
   // A limit on file size fails in the middle of a write just as a full disk does.
   rlimit before{};

@@ -50,7 +50,7 @@ TEST_F(JsonFieldTest, Reads) {
   EXPECT_EQ(m(1, 0), 5);
 }
 
-TEST_F(JsonFieldTest, EveryComplaintNamesFileFieldAndValue) {
+TEST_F(JsonFieldTest, ErrorsNameFileFieldAndValue) {
   EXPECT_EQ(message_of([&] { cam_.at("k"); }), "c.json: CAM.k: missing");
   EXPECT_EQ(message_of([&] { cam_.at("s").number(); }),
             "c.json: CAM.s = \"mei\": a number was expected");
@@ -74,7 +74,7 @@ TEST_F(JsonFieldTest, EveryComplaintNamesFileFieldAndValue) {
             "c.json: CAM.f = [1,2.5]: a 4x4 matrix (four rows) was expected");
 }
 
-TEST_F(JsonFieldTest, LongValuesAreCutAndBadUtf8IsPrintable) {
+TEST_F(JsonFieldTest, ErrorsTruncateLongValuesAndEscapeBadUtf8) {
   const nlohmann::json json = std::string(500, '\xff');
   EXPECT_LT(message_of([&] { JsonField(json, "c.json").number(); }).size(), 200u);
 }

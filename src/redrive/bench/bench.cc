@@ -132,7 +132,7 @@ void time_render(Runner& runner, kernels::Backend& backend, const SyntheticDrive
                  const std::string& name, const TrainOptions& options, double forward_macs,
                  const std::string& filter) {
   if (!runner.wanted(name)) return;
-  // The oracle would take hours; a filter that names the picture gets it all the same.
+  // The oracle would take hours; a filter that names the image runs it all the same.
   if (backend.name() == "ref" && filter.empty()) return;
   const TrainState state = make_initial_state(options, drive.scene);
   const Camera& camera = drive.scene.rig[0].camera;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// For tests: a backend without a network, whose picture is a formula of the ray.
+// For tests: a backend without a network, whose image is a formula of the ray.
 #pragma once
 
 #include <array>

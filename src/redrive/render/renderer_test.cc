@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The geometry of rendering, with a backend whose picture is a formula: the colour of a ray is its
+// The geometry of rendering, with a backend whose image is a formula: the colour of a ray is its
 // direction.
 #include "redrive/render/renderer.h"
 

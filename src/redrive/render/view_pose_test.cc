@@ -45,7 +45,7 @@ Eigen::Vector3d moved(const Rigid3d& global_from_world, const Rigid3d& world_fro
 
 constexpr double kTolerance_m = 1e-8;  // 6.4e6 m in double: one ulp is 9e-10 m
 
-TEST(ViewPose, ShiftsAlongTheAxesItNames) {
+TEST(ViewPose, ShiftsAlongNamedAxes) {
   const Rigid3d level = heading_east(0),
                 identity = Rigid3d::Identity();  // world = body of the first frame
   const Eigen::Vector3d shift(0.5, 0.25, -1);
@@ -89,7 +89,7 @@ TEST(ViewPose, UpIsTheEllipsoidsNormalNotTheRadius) {
               1e-11);  // b is rounded to 1e-6 m of 6.4e6 m
 }
 
-TEST(ViewPose, NoLevelFrameOffTheEarth) {
+TEST(ViewPose, HasNoLocalAxesOffTheEarth) {
   EXPECT_FALSE(world_from_local_axes(Rigid3d::Identity(), Rigid3d::Identity()));
   EXPECT_FALSE(world_from_local_axes(heading_east(std::acos(-1.0) / 2), Rigid3d::Identity()))
       << "heading straight down";
@@ -162,7 +162,7 @@ TEST_F(Requested, ACameraOfThePosesFileHasItsOwnOffset) {
   EXPECT_NEAR((place(view) - Eigen::Vector3d(1.5, 1, 0)).norm(), 0, kTolerance_m);
 }
 
-TEST_F(Requested, ComplaintsNameFileFieldAndValue) {
+TEST_F(Requested, ErrorsNameFileFieldAndValue) {
   try {
     place({"a.png", "CAM", 12, std::nullopt, Eigen::Vector3d::Zero()});
     FAIL() << "an unknown frame was taken";

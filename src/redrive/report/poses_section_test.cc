@@ -34,7 +34,7 @@ class PosesSection : public ::testing::Test {
   redrive::Run run_;
 };
 
-TEST_F(PosesSection, SaysWhereThePosesAreFrom) {
+TEST_F(PosesSection, NamesTheSourceOfThePoses) {
   EXPECT_THAT(section(), HasSubstr("As recorded. Not refined by training."));
   run_.options.poses = "/home/me/<aligned>";
   EXPECT_THAT(
@@ -52,7 +52,7 @@ TEST_F(PosesSection, SaysWhereThePosesAreFrom) {
   EXPECT_FALSE(std::filesystem::exists(folder_.path / "figures")) << "nothing to draw";
 }
 
-TEST_F(PosesSection, ShowsWhatTheCheckpointHolds) {
+TEST_F(PosesSection, ShowsTheCheckpointsCorrections) {
   const PoseCorrections at(run_.scene);
   refine(at.camera_slot(1) + 2, 0.025f);  // FRONT ahead
   refine(at.camera_slot(1) + 5, 0.01f);   // rolled

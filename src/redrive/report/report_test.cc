@@ -25,7 +25,7 @@ TEST(Html, Base64OfTheStandardsExamples) {  // RFC 4648, section 10
   EXPECT_EQ(base64("\xff\xfe\xfd"), "//79");
 }
 
-TEST(Html, NumbersToBeRead) {
+TEST(Html, FormatsNumbers) {
   EXPECT_EQ(fixed(-1.256, 2), "-1.26");
   EXPECT_EQ(fixed(-0.004, 2), "0.00");
   EXPECT_EQ(fixed(-0.0, 0), "0");
@@ -33,7 +33,7 @@ TEST(Html, NumbersToBeRead) {
   EXPECT_EQ(fixed(std::nan(""), 2), "-");
 }
 
-TEST(Html, TextCannotBecomeMarkup) {
+TEST(Html, EscapesText) {
   EXPECT_EQ(html_escape("<a href=\"x\">'&'"), "&lt;a href=&quot;x&quot;&gt;&#39;&amp;&#39;");
   EXPECT_EQ(html_table({{"<b>"}}, false).find("<b>"), std::string::npos);
   EXPECT_EQ(html_warning("<script>").find("<script>"), std::string::npos);
@@ -45,7 +45,7 @@ TEST(ReportImages, DifferenceIsAmplifiedAndClamped) {
   EXPECT_EQ(difference(a, b).rgb, (std::vector<std::uint8_t>{8, 0, 20, 255, 255, 4}));
 }
 
-TEST(ReportImages, CoverageMarksWhatWasNotSeen) {
+TEST(ReportImages, CoverageMarksUnseenPixels) {
   RenderedImage image;
   image.width = 3;
   image.height = 1;
@@ -55,7 +55,7 @@ TEST(ReportImages, CoverageMarksWhatWasNotSeen) {
   EXPECT_EQ(colours.rgb, (std::vector<std::uint8_t>{51, 51, 51, 153, 25, 25, 0, 0, 0}));
 }
 
-TEST(ReportImages, DepthGoesFromBlueToRedAndMasksInGrey) {
+TEST(ReportImages, DepthGoesFromBlueToRedWithInvalidPixelsGrey) {
   RenderedImage image;
   image.width = 3;
   image.height = 1;
@@ -75,7 +75,7 @@ TEST(Plot, RunningMeanShrinksAtTheEnds) {
   EXPECT_EQ(running_mean({4, 5}, 0), (std::vector<double>{4, 5}));
 }
 
-TEST(Plot, TimeCurvesHoldTheirNumbersAndBandsOfTwoSigmas) {
+TEST(Plot, TimeCurvesHaveBandsOfTwoSigmas) {
   TimeCurves curves{{"moved", "time (s)", "moved (cm)"},
                     {"ahead", "left", "up"},
                     {0, 0.5},
@@ -145,7 +145,7 @@ TEST_F(PlotFolder, MarksEachEpochWhereItBegins) {
   EXPECT_EQ(script.find("epoch 5"), std::string::npos);
 }
 
-TEST_F(PlotFolder, AFailingPlotIsAnErrorAndLeavesTheOldOne) {
+TEST_F(PlotFolder, AFailingPlotThrowsAndKeepsTheOldImage) {
   draw_plot(folder, "loss", loss_script(rows, "x"));
   const std::string before = read_file(folder / "loss.png");
   EXPECT_THROW(draw_plot(folder, "loss", "set output 'loss.png.part'\nthis is no gnuplot\n"),
@@ -155,7 +155,7 @@ TEST_F(PlotFolder, AFailingPlotIsAnErrorAndLeavesTheOldOne) {
 }
 
 // gnuplot ends well although what it wrote is cut short, as on a disk that filled up under it.
-TEST_F(PlotFolder, APictureThatIsNotWholeIsAnErrorAndLeavesTheOldOne) {
+TEST_F(PlotFolder, ATruncatedPlotThrowsAndKeepsTheOldImage) {
   draw_plot(folder, "loss", loss_script(rows, "x"));
   const std::string before = read_file(folder / "loss.png");
   const std::string cut =
@@ -165,7 +165,7 @@ TEST_F(PlotFolder, APictureThatIsNotWholeIsAnErrorAndLeavesTheOldOne) {
   EXPECT_FALSE(std::filesystem::exists(folder / "loss.png.part"));
 }
 
-TEST_F(PlotFolder, SaysWhichPackageIsMissing) {
+TEST_F(PlotFolder, NamesTheMissingPackage) {
   const std::string path = std::getenv("PATH");
   setenv("PATH", folder.c_str(), 1);  // a folder without gnuplot
   std::string what;

@@ -13,7 +13,7 @@ LidarReturns returns_of(const std::vector<Eigen::Vector3d>& points) {
   return cloud_returns(points, kOrigins, pool);
 }
 
-TEST(CloudReturns, EachPointIsSeenFromTheNearestPlace) {
+TEST(CloudReturns, AssignsEachPointToTheNearestOrigin) {
   const std::vector<Eigen::Vector3d> points{{-3, 4, 1}, {14, 3, 1}, {4.9, 5, 1}, {5.1, 5, 1}};
   const LidarReturns returns = returns_of(points);
   ASSERT_EQ(returns.n, 4u);
@@ -27,7 +27,7 @@ TEST(CloudReturns, EachPointIsSeenFromTheNearestPlace) {
                   points[i][d], 1e-6);
 }
 
-TEST(CloudReturns, WhatStandsBehindSomethingIsHidden) {
+TEST(CloudReturns, HidesOccludedPoints) {
   // A wall 4 m to the left with another one behind it, and the first one's own depth: 0.1 m.
   const LidarReturns returns =
       returns_of({{0, 4, 1}, {0.01, 8, 1}, {0.005, 4.1, 1}, {0, 8, 1}, {0, -8, 1}});
@@ -38,17 +38,17 @@ TEST(CloudReturns, WhatStandsBehindSomethingIsHidden) {
   EXPECT_FLOAT_EQ(returns.range_m[2], 8) << "on the other side nothing is in the way";
 }
 
-TEST(CloudReturns, ADegreeAsideHidesNothing) {
+TEST(CloudReturns, KeepsPointsADegreeApart) {
   EXPECT_EQ(returns_of({{0, 4, 1}, {8 * 0.018, 8, 1}}).n, 2u);
 }
 
-TEST(CloudReturns, APointAtTheCameraSaysNothing) {
+TEST(CloudReturns, DropsPointsAtTheCamera) {
   const LidarReturns returns = returns_of({{0, 0, 1}, {0.1, 0.1, 1}, {0, 2, 1}});
   ASSERT_EQ(returns.n, 1u);
   EXPECT_FLOAT_EQ(returns.range_m[0], 2);
 }
 
-TEST(CloudReturns, OfNoPointsThereAreNone) { EXPECT_EQ(returns_of({}).n, 0u); }
+TEST(CloudReturns, AcceptsEmptyClouds) { EXPECT_EQ(returns_of({}).n, 0u); }
 
 }  // namespace
 }  // namespace redrive

@@ -68,7 +68,7 @@ class EgoOutline : public ::testing::Test {
   Rigid3d body_from_camera_ = Rigid3d::Identity();
 };
 
-TEST_F(EgoOutline, ABonnetByDay) {
+TEST_F(EgoOutline, FindsABonnetByDay) {
   std::vector<int> bonnet = none();
   for (int x = 25; x < 140; ++x) bonnet[x] = 78 + (x - 80) * (x - 80) / 400;
   const std::vector<int> found = find_ego_outline(camera_, body_from_camera_, drive(bonnet));
@@ -83,18 +83,18 @@ TEST_F(EgoOutline, ABonnetByDay) {
 
 // Dark, no squares, lane lines that stay in place: only the edge of the bonnet and its creases
 // tell.
-TEST_F(EgoOutline, ABonnetWhereTheRoadIsEven) {
+TEST_F(EgoOutline, FindsABonnetOnAUniformRoad) {
   const std::vector<int> bonnet(160, 80);
   const std::vector<int> found = find_ego_outline(camera_, body_from_camera_, drive(bonnet, 0));
   for (int x = 0; x < 160; ++x) EXPECT_NEAR(found[x], 80, 2) << x;
 }
 
-TEST_F(EgoOutline, NeitherRoadNorSkyNorLaneLinesAreTheVehicle) {
+TEST_F(EgoOutline, DoesNotTakeRoadSkyOrLaneLinesForTheVehicle) {
   for (const double road : {0.0, 5.0, 40.0})
     EXPECT_EQ(find_ego_outline(camera_, body_from_camera_, drive(none(), road)), none()) << road;
 }
 
-TEST_F(EgoOutline, NothingIsSaidOfACarThatStands) {
+TEST_F(EgoOutline, FindsNothingWithoutDriving) {
   const std::vector<int> bonnet(160, 80);
   EXPECT_EQ(find_ego_outline(camera_, body_from_camera_, drive(bonnet, 40, 0.01)), none());
   EXPECT_EQ(find_ego_outline(camera_, body_from_camera_, drive(bonnet, 40, 2, 7)), none());
@@ -102,7 +102,7 @@ TEST_F(EgoOutline, NothingIsSaidOfACarThatStands) {
 
 // What does not move above the horizon (dirt on the lens, a cloud) or hangs ahead of the car is
 // none of it.
-TEST_F(EgoOutline, OnlyWhereACarCanBe) {
+TEST_F(EgoOutline, SearchesTheVolumeOfACarOnly) {
   std::vector<GreyView> views = drive(none());
   for (GreyView& view : views) view.grey(cv::Rect(60, 20, 30, 20)).setTo(20);
   EXPECT_EQ(find_ego_outline(camera_, body_from_camera_, views), none());

@@ -60,7 +60,7 @@ class LidarReturnsTest : public ::testing::Test {
 
 // A wall is seen from six places between the frames: one place in the world, and rays that come
 // from where the sensor was.
-TEST_F(LidarReturnsTest, WhatStandsStaysPut) {
+TEST_F(LidarReturnsTest, StaticPointsAreFixedInTheWorld) {
   const Vector3d wall(20, -4, 2);
   std::vector<std::int64_t> times;
   for (const FramePose& frame : recording_.frames) {
@@ -82,7 +82,7 @@ TEST_F(LidarReturnsTest, WhatStandsStaysPut) {
   }
 }
 
-TEST_F(LidarReturnsTest, PointsOfTheFileBeforeComeOnce) {
+TEST_F(LidarReturnsTest, DropsPointsRepeatedFromThePreviousFile) {
   const std::int64_t t_ns = recording_.frames[1].t_ns;
   const auto a = seen({20, 1, 1}, t_ns), b = seen({20, 2, 1}, t_ns), c = seen({20, 3, 1}, t_ns);
   const auto later = seen({20, 2, 1}, t_ns + 1000);
@@ -93,7 +93,7 @@ TEST_F(LidarReturnsTest, PointsOfTheFileBeforeComeOnce) {
   EXPECT_EQ(returns.repeated, 1u);
 }
 
-TEST_F(LidarReturnsTest, PointsThatHaveNoPoseAreLeftOut) {
+TEST_F(LidarReturnsTest, DropsPointsBeyondTheTrajectory) {
   const std::int64_t first_ns = recording_.frames.front().t_ns,
                      last_ns = recording_.frames.back().t_ns;
   add_file(10, {seen({20, 1, 1}, first_ns - 61'000'000), seen({20, 1, 1}, first_ns - 59'000'000),
@@ -103,7 +103,7 @@ TEST_F(LidarReturnsTest, PointsThatHaveNoPoseAreLeftOut) {
   EXPECT_EQ(returns.beyond_trajectory, 2u);
 }
 
-TEST_F(LidarReturnsTest, TheVehicleItselfIsLeftOut) {
+TEST_F(LidarReturnsTest, DropsPointsOnTheEgoVehicle) {
   const std::int64_t t_ns = recording_.frames[2].t_ns;
   const Rigid3d here = world_from_body(t_ns);
   std::vector<LasRecord> points;
@@ -120,7 +120,7 @@ TEST_F(LidarReturnsTest, TheVehicleItselfIsLeftOut) {
 }
 
 // Two cars side by side, one parked; the points on both are measured 40 ms after the boxes hold.
-TEST_F(LidarReturnsTest, OnlyWhatMovesIsLeftOut) {
+TEST_F(LidarReturnsTest, DropsPointsOnMovingObjectsOnly) {
   const FramePose& frame = recording_.frames[2];
   const Rigid3d here = world_from_body(frame.t_ns);
   const Vector3d ego_m_per_s = (world_from_body(frame.t_ns + 100'000'000).translation() -
@@ -145,7 +145,7 @@ TEST_F(LidarReturnsTest, OnlyWhatMovesIsLeftOut) {
   EXPECT_EQ(returns.n, 2u);
 }
 
-TEST_F(LidarReturnsTest, RevolutionsOfHeldOutFramesAreUsedButNoneOutsideTheScene) {
+TEST_F(LidarReturnsTest, UsesRevolutionsOfAllFramesOfTheScene) {
   for (const FramePose& frame : recording_.frames)
     add_file(frame.id, {seen({20, 1, 1}, frame.t_ns)});
   SceneOptions options;
@@ -157,7 +157,7 @@ TEST_F(LidarReturnsTest, RevolutionsOfHeldOutFramesAreUsedButNoneOutsideTheScene
 }
 
 // In the first frame's body axes, which are the world's, also where the scene begins later.
-TEST_F(LidarReturnsTest, ACloudStandsInForRevolutions) {
+TEST_F(LidarReturnsTest, UsesAPointCloudWithoutRevolutions) {
   folder_.write("points.ply",
                 "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float "
                 "y\nproperty float z\n"
@@ -178,7 +178,7 @@ TEST_F(LidarReturnsTest, ACloudStandsInForRevolutions) {
   EXPECT_EQ(load(options).n, 1u) << "revolutions are there";
 }
 
-TEST_F(LidarReturnsTest, NoneWithoutAPlaceOfTheSensor) {
+TEST_F(LidarReturnsTest, IsEmptyWithoutExtrinsics) {
   add_file(10, {seen({20, 1, 1}, recording_.frames[0].t_ns)});
   recording_.body_from_lidar.reset();
   EXPECT_EQ(load().n, 0u);

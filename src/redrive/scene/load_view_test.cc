@@ -16,7 +16,7 @@ namespace {
 
 using testing::HasSubstr;
 
-class ImageSetTest : public ::testing::Test {
+class LoadViewTest : public ::testing::Test {
  protected:
   TemporaryFolder folder_;
   const std::filesystem::path& root_ = folder_.path;
@@ -42,7 +42,7 @@ class ImageSetTest : public ::testing::Test {
   }
 };
 
-TEST_F(ImageSetTest, SizeMustAgreeWithTheCalibration) {
+TEST_F(LoadViewTest, SizeMustAgreeWithTheCalibration) {
   const Recording recording = make_test_recording(root_, 1);
   write_image(recording.cameras[1].images[0].path, gradient(23, 16));
   const Scene scene = make_scene(recording, {});
@@ -56,7 +56,7 @@ TEST_F(ImageSetTest, SizeMustAgreeWithTheCalibration) {
 }
 
 /// A scene of one 4 x 2 pinhole image.
-class OneView : public ImageSetTest {
+class OneView : public LoadViewTest {
  protected:
   OneView() {
     const CameraCalibration calibration{
@@ -93,7 +93,7 @@ class OneView : public ImageSetTest {
 };
 
 // 200 at opacities 255, 0, 51 (a fifth) and 102 (two fifths).
-TEST_F(OneView, IsLaidOverTheBackground) {
+TEST_F(OneView, CompositesOverTheBackground) {
   image_.alpha = {255, 0, 51, 102, 255, 0, 51, 102};
   scene_.background = Background::kWhite;
   Image8 image = load();
@@ -106,7 +106,7 @@ TEST_F(OneView, IsLaidOverTheBackground) {
 }
 
 // Means of what is seen: a transparent pixel's own colour does not count.
-TEST_F(OneView, AlphaIsScaledWithTheColours) {
+TEST_F(OneView, DownscalesCompositedColoursAndAlpha) {
   image_.alpha = {255, 0, 51, 102, 255, 0, 51, 102};
   for (const int i : {1, 5}) image_.rgb[3 * i] = 10;
   halve();
@@ -118,7 +118,7 @@ TEST_F(OneView, AlphaIsScaledWithTheColours) {
   EXPECT_EQ(image.alpha, (std::vector<std::uint8_t>{128, 77}));  // 127.5, 76.5
 }
 
-TEST_F(OneView, TransparencyAndBackgroundBelongTogether) {
+TEST_F(OneView, TransparencyNeedsABackgroundAndViceVersa) {
   image_.alpha.assign(8, 255);
   EXPECT_TRUE(load().alpha.empty()) << "opaque: alpha says nothing";
   image_.alpha[5] = 254;
@@ -130,7 +130,7 @@ TEST_F(OneView, TransparencyAndBackgroundBelongTogether) {
               testing::AllOf(HasSubstr("--background"), HasSubstr("alpha")));
 }
 
-TEST_F(OneView, MasksOfBothKinds) {
+TEST_F(OneView, ReadsMasksOfEitherPolarity) {
   EXPECT_TRUE(load().used.empty());
   Image8 mask{4, 2, std::vector<std::uint8_t>(24, 0)};
   for (const int i : {1, 4}) mask.rgb[3 * i + 2] = 1;  // barely not black
@@ -144,14 +144,14 @@ TEST_F(OneView, MasksOfBothKinds) {
       << "what is left out in part is left out";
 }
 
-TEST_F(OneView, AMaskHasTheSizeOfItsImage) {
+TEST_F(OneView, RejectsMasksOfAnotherSize) {
   write_image(root_ / "mask.png", Image8{4, 3, std::vector<std::uint8_t>(36, 255)});
   scene_.views[0].mask = {root_ / "mask.png", true};
   EXPECT_THAT(complaint<InputError>(),
               testing::AllOf(HasSubstr("mask.png"), HasSubstr("4 x 3"), HasSubstr("4 x 2")));
 }
 
-TEST_F(ImageSetTest, ViewIsTheFileAsItIs) {
+TEST_F(LoadViewTest, LoadsTheFileUnchanged) {
   const Scene scene = make_scene(make_test_recording(root_, 2), {});
   const Image8 image = load_view(scene, scene.views[3]);
   for (int y = 0; y < 16; ++y)
@@ -161,7 +161,7 @@ TEST_F(ImageSetTest, ViewIsTheFileAsItIs) {
     }
 }
 
-TEST_F(ImageSetTest, DownscaledPixelsAreMeansOfBlocks) {
+TEST_F(LoadViewTest, DownscaledPixelsAreMeansOfBlocks) {
   SceneOptions options;
   options.downscale = 3;
   const Scene scene = make_scene(make_test_recording(root_, 1), options);
@@ -176,7 +176,7 @@ TEST_F(ImageSetTest, DownscaledPixelsAreMeansOfBlocks) {
     }
 }
 
-TEST_F(ImageSetTest, UndistortsAsOpenCvDoes) {
+TEST_F(LoadViewTest, UndistortsAsOpenCvDoes) {
   SceneOptions options;
   options.undistort = true;
   options.cameras = {"FRONT"};

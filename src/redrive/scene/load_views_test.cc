@@ -9,7 +9,7 @@
 namespace redrive {
 namespace {
 
-TEST(LoadViews, InParallelAsOneByOne) {
+TEST(LoadViews, InParallelEqualsOneByOne) {
   const TemporaryFolder folder;
   const Recording recording = make_test_recording(folder.path, 8);
   SceneOptions plain, undistorted;
@@ -26,7 +26,7 @@ TEST(LoadViews, InParallelAsOneByOne) {
   }
 }
 
-TEST(LoadViews, HeldOutImagesAreLookedAtAndNotKept) {
+TEST(LoadViews, ChecksHeldOutImagesAndLeavesThemEmpty) {
   const TemporaryFolder folder;
   const Recording recording = make_test_recording(folder.path, 4);
   SceneOptions options;
@@ -40,7 +40,7 @@ TEST(LoadViews, HeldOutImagesAreLookedAtAndNotKept) {
   EXPECT_THROW(load_views(scene, pool), InputError);
 }
 
-TEST(LoadViews, ADamagedImageIsNamed) {
+TEST(LoadViews, ErrorsNameTheDamagedImage) {
   const TemporaryFolder folder;
   const Recording recording = make_test_recording(folder.path, 8);
   write_file(recording.cameras[1].images[5].path, "no image");

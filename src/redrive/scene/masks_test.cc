@@ -20,7 +20,7 @@ class MasksTest : public ::testing::Test {
     scene_ = make_scene(recording_, options_);
     images_ = load_views(scene_, pool_);
   }
-  /// The same in all pictures of a camera.
+  /// The same in all images of a camera.
   void paint(int camera, int x0, int y0, int width, int height, std::uint8_t value) {
     for (std::size_t i = 0; i < images_.size(); ++i) {
       if (scene_.views[i].camera != camera) continue;
@@ -41,7 +41,7 @@ class MasksTest : public ::testing::Test {
   ThreadPool pool_{2};
 };
 
-TEST_F(MasksTest, AnEditedOneIsPickedUp) {
+TEST_F(MasksTest, ReadsEditedMasks) {
   load();
   std::vector<Mask> masks = static_masks(scene_, images_, folder_.path, pool_, true);
   ASSERT_EQ(masks.size(), 2u);
@@ -53,7 +53,7 @@ TEST_F(MasksTest, AnEditedOneIsPickedUp) {
   EXPECT_EQ(again[1].used, masks[1].used);
 }
 
-TEST_F(MasksTest, AFolderHoldsThoseThatLeaveSomethingOut) {
+TEST_F(MasksTest, WritesMasksThatMaskAPixel) {
   load();
   std::vector<Mask> masks = {full_mask(20, 14), full_mask(24, 16)};
   masks[0].used[2 * 20 + 7] = 0;
@@ -84,7 +84,7 @@ TEST_F(MasksTest, OneFileServesEverySize) {
   EXPECT_EQ(read_mask(file, scene_.rig[1], 5).used, small.used);
 }
 
-TEST_F(MasksTest, OneOfAnotherSizeIsRefused) {
+TEST_F(MasksTest, RejectsMasksOfAnotherSize) {
   load();
   write_mask(folder_.path / "FRONT.png", full_mask(20, 14), scene_.rig[0], 1);
   try {
@@ -96,7 +96,7 @@ TEST_F(MasksTest, OneOfAnotherSizeIsRefused) {
   }
 }
 
-TEST_F(MasksTest, BrokenRowsAndAMarginAboveThem) {
+TEST_F(MasksTest, MasksBrokenRowsAndAMargin) {
   load();
   paint(1, 0, 13, 24, 1, 0);
   paint(1, 0, 14, 24, 2, 253);
@@ -105,14 +105,14 @@ TEST_F(MasksTest, BrokenRowsAndAMarginAboveThem) {
   EXPECT_EQ(find_static_mask(scene_, 1, images_, false).left_out(), 0u);
 }
 
-// A car that stands, or a picture of even colour: all rows are the same, none is broken.
-TEST_F(MasksTest, NoRowIsBrokenWhereNothingChanges) {
+// A car that stands, or an image of even colour: all rows are the same, none is broken.
+TEST_F(MasksTest, ConstantImagesHaveNoBrokenRows) {
   load();
   paint(1, 0, 0, 24, 16, 200);
   EXPECT_EQ(find_static_mask(scene_, 1, images_, true).left_out(), 0u);
 }
 
-TEST_F(MasksTest, BlackCornersOfAFisheyeAlone) {
+TEST_F(MasksTest, MasksBlackCornersOfFisheyesOnly) {
   load();
   for (const int camera : {0, 1}) {
     paint(camera, 0, 0, 4, 3, 5);
@@ -127,7 +127,7 @@ TEST_F(MasksTest, BlackCornersOfAFisheyeAlone) {
 
 // The box's pixels against the projections of points all over it; both cameras, one of them exposed
 // 20 ms early.
-TEST_F(MasksTest, MovingObjectsWhereEachPictureHasThem) {
+TEST_F(MasksTest, MasksMovingObjectsAtEachImagesTime) {
   recording_.cameras[0].calibration.time_offset_ns = -20'000'000;
   load();
   std::vector<Box> boxes;
@@ -181,7 +181,7 @@ TEST_F(MasksTest, MovingObjectsWhereEachPictureHasThem) {
   }
 }
 
-TEST_F(MasksTest, ParkedObjectsStay) {
+TEST_F(MasksTest, DoesNotMaskParkedObjects) {
   load();
   const std::vector<Mask> whole = {full_mask(20, 14), full_mask(24, 16)};
   const MovingObjects moving({}, recording_.frames, scene_.global_from_world);
@@ -191,7 +191,7 @@ TEST_F(MasksTest, ParkedObjectsStay) {
   for (const Image8& image : images_) EXPECT_TRUE(image.used.empty());
 }
 
-TEST_F(MasksTest, LeavesOutWhatEitherMaskDoes) {
+TEST_F(MasksTest, CombinesMasks) {
   Image8 image{3, 1, std::vector<std::uint8_t>(9, 7)};
   apply_mask(full_mask(3, 1), &image);
   EXPECT_TRUE(image.used.empty());
@@ -204,7 +204,7 @@ TEST_F(MasksTest, LeavesOutWhatEitherMaskDoes) {
   EXPECT_EQ(image.used, (std::vector<std::uint8_t>{0, 0, 255}));
 }
 
-TEST_F(MasksTest, AnOverlayTintsWhatIsLeftOut) {
+TEST_F(MasksTest, OverlayTintsMaskedPixels) {
   Image8 image{2, 1, {10, 20, 30, 10, 20, 30}};
   Mask mask = full_mask(2, 1);
   mask.used[1] = 0;

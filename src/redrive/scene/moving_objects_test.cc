@@ -42,7 +42,7 @@ std::vector<Box> sightings(const std::vector<FramePose>& frames, std::int64_t id
   return boxes;
 }
 
-TEST(MovingBox, MeetsWhatSomePointOfTheHalfLineIsIn) {
+TEST(MovingBox, IntersectsRaysThatHaveAPointInside) {
   MovingBox box{Rigid3d::Identity(), Vector3d(2, 1, 0.5)};
   box.box_from_world =
       (Eigen::Translation3d(5, 3, 1) * Eigen::AngleAxisd(0.7, Vector3d(1, 2, 3).normalized()))
@@ -68,7 +68,7 @@ TEST(MovingBox, MeetsWhatSomePointOfTheHalfLineIsIn) {
   EXPECT_TRUE(box.intersects({5, 3, 1}, {0, 0, 1}));  // from inside, along an axis
 }
 
-TEST(MovingObjects, AParkedCarBesideATurningOneStays) {
+TEST(MovingObjects, AParkedCarBesideATurningEgoVehicleIsParked) {
   const auto frames = turning_drive();
   const MovingObjects objects(sightings(frames, 7, {30, 8, 0.8}, Vector3d::Zero()), frames,
                               Rigid3d::Identity());
@@ -77,7 +77,7 @@ TEST(MovingObjects, AParkedCarBesideATurningOneStays) {
   EXPECT_TRUE(objects.at(frames[5].t_ns).empty());
 }
 
-TEST(MovingObjects, AMovingOneIsFollowedBetweenItsBoxes) {
+TEST(MovingObjects, ExtrapolatesBoxesByTheirVelocity) {
   const auto frames = turning_drive();
   const Vector3d start(30, 8, 0.8), velocity(-3, 1, 0);
   const MovingObjects objects(sightings(frames, 7, start, velocity), frames, Rigid3d::Identity());
@@ -93,7 +93,7 @@ TEST(MovingObjects, AMovingOneIsFollowedBetweenItsBoxes) {
 }
 
 // It waits, then drives off: where it waited is empty later on.
-TEST(MovingObjects, OneThatDrivesOffIsLeftOutBeforeThat) {
+TEST(MovingObjects, AnObjectThatMovesLaterIsMovingInAllFrames) {
   const auto frames = turning_drive();
   std::vector<Box> boxes = sightings(frames, 7, {30, 8, 0.8}, Vector3d::Zero());
   boxes.back().velocity_in_body_m_per_s += Vector3d(1.5, 0, 0);

@@ -32,7 +32,7 @@ void expect_same(const Rigid3d& a, const Rigid3d& b, double tolerance) {
   EXPECT_LT((a.matrix() - b.matrix()).cwiseAbs().maxCoeff(), tolerance);
 }
 
-TEST_F(PoseCorrectionsTest, NoneLeaveEverythingWhereItIs) {
+TEST_F(PoseCorrectionsTest, ZeroCorrectionsChangeNothing) {
   const Scene scene = scene_of();
   Scene placed = scene;
   apply_corrections(scene, recording_.frames, PoseCorrections(scene), &placed);
@@ -41,7 +41,7 @@ TEST_F(PoseCorrectionsTest, NoneLeaveEverythingWhereItIs) {
                 1e-8);
 }
 
-TEST_F(PoseCorrectionsTest, MoveFramesCamerasAndTimesInTheirOwnAxes) {
+TEST_F(PoseCorrectionsTest, CorrectFramesExtrinsicsAndTimeOffsetsInTheirOwnAxes) {
   recording_.cameras[0].calibration.time_offset_ns = 0;
   const Scene scene = scene_of();
   PoseCorrections corrections(scene);
@@ -68,7 +68,7 @@ TEST_F(PoseCorrectionsTest, MoveFramesCamerasAndTimesInTheirOwnAxes) {
   }
 }
 
-TEST_F(PoseCorrectionsTest, HeldOutFramesTakeWhatLiesBetween) {
+TEST_F(PoseCorrectionsTest, HeldOutFramesAreInterpolated) {
   const Scene scene = scene_of(3);  // frames 0 and 3 are held out
   PoseCorrections corrections(scene);
   for (const int f : {1, 2, 4, 5})
@@ -80,7 +80,7 @@ TEST_F(PoseCorrectionsTest, HeldOutFramesTakeWhatLiesBetween) {
 }
 
 // A view's place and turn against differences, for each number.
-TEST_F(PoseCorrectionsTest, GradientIsThatOfTheViewsPlaces) {
+TEST_F(PoseCorrectionsTest, GradientAgreesWithDifferencesOfViewPoses) {
   const Scene scene = scene_of();
   const PoseCorrections none(scene);
   std::vector<ViewGradient> views(scene.views.size());

@@ -53,7 +53,7 @@ TEST_F(SceneTest, TakesEverythingByDefault) {
 
 // Frame n of the drive stands where n steps of "1 m ahead, then 0.1 rad to the left" lead, in the
 // body axes of frame 0.
-TEST_F(SceneTest, WorldIsTheBodyOfTheFirstFrame) {
+TEST_F(SceneTest, TheWorldIsTheBodyOfTheFirstFrame) {
   const Scene scene = make_scene(recording_, {});
   Vector3d position(0, 0, 0);
   for (int n = 0; n < 6; ++n) {
@@ -92,7 +92,7 @@ TEST_F(SceneTest, WorldDoesNotDependOnTheSelection) {
 }
 
 // Half a frame late at 1 m and 0.1 rad a frame: half way along, and on beyond the last frame.
-TEST_F(SceneTest, ACameraWithATimeOffsetStandsWhereItsImageWasExposed) {
+TEST_F(SceneTest, ViewsHaveThePoseAtTheirExposure) {
   const Scene plain = make_scene(recording_, {});
   const std::int64_t interval_ns = recording_.frames[1].t_ns - recording_.frames[0].t_ns;
   recording_.cameras[1].calibration.time_offset_ns = interval_ns / 2;
@@ -111,7 +111,7 @@ TEST_F(SceneTest, ACameraWithATimeOffsetStandsWhereItsImageWasExposed) {
   }
 }
 
-TEST_F(SceneTest, CamerasComeInTheOrderAskedFor) {
+TEST_F(SceneTest, KeepsTheOrderOfCamerasInTheOptions) {
   SceneOptions options;
   options.cameras = {"FRONT", "FISHEYE"};
   const Scene scene = make_scene(recording_, options);
@@ -129,7 +129,7 @@ TEST_F(SceneTest, HoldsOutEveryNthFrameOfAllCameras) {
     EXPECT_EQ(view.held_out, scene.frames[view.frame].id % 2 == 1);
 }
 
-TEST_F(SceneTest, TheRecordingsOwnSplitHoldsOut) {
+TEST_F(SceneTest, UsesTheRecordingsOwnSplit) {
   recording_.cameras[0].images[2].held_out = true;
   const Scene scene = make_scene(recording_, {});
   for (int i = 0; i < 12; ++i) EXPECT_EQ(scene.views[i].held_out, i == 2);
@@ -142,7 +142,7 @@ TEST_F(SceneTest, TheRecordingsOwnSplitHoldsOut) {
   EXPECT_THAT(refusal(options), testing::HasSubstr("leaves no image for training"));
 }
 
-TEST_F(SceneTest, MasksComeWithTheirImages) {
+TEST_F(SceneTest, ViewsCarryTheirMasks) {
   recording_.cameras[1].images[4].mask = {"mask.png", false};
   const Scene scene = make_scene(recording_, {});
   EXPECT_EQ(scene.views[10].mask.path, "mask.png");
@@ -151,7 +151,7 @@ TEST_F(SceneTest, MasksComeWithTheirImages) {
 }
 
 // The world keeps the axes of the poses and has its origin in the middle of the cube.
-TEST_F(SceneTest, ABoundedWorldIsThatOfItsCube) {
+TEST_F(SceneTest, ABoundedWorldIsCentredOnItsCube) {
   EXPECT_FALSE(make_scene(recording_, {}).half_side);
   recording_.bounds = BoundingCube{{4081000, 1405000, 4679000}, 2000};
   const Scene scene = make_scene(recording_, {});
@@ -178,7 +178,7 @@ TEST_F(SceneTest, DownscalesTheCamera) {
   EXPECT_EQ(scene.downscale, 3);
 }
 
-TEST_F(SceneTest, UnitCubeHoldsWhatTheCamerasSee) {
+TEST_F(SceneTest, UnitCubeContainsAllPointsWithinFar) {
   SceneOptions options;
   options.far_m = 7;
   const Scene scene = make_scene(recording_, options);
@@ -197,7 +197,7 @@ TEST_F(SceneTest, UnitCubeHoldsWhatTheCamerasSee) {
   EXPECT_GT(furthest, 1 - 1e-5);  // and no larger than that
 }
 
-TEST_F(SceneTest, RefusesWhatIsNotThere) {
+TEST_F(SceneTest, RejectsUnknownCamerasAndFrames) {
   SceneOptions options;
   options.cameras = {"REAR"};
   EXPECT_THAT(refusal(options), testing::AllOf(testing::HasSubstr("--cameras REAR"),
@@ -220,7 +220,7 @@ TEST_F(SceneTest, RefusesWhatIsNotThere) {
   EXPECT_THAT(refusal(options), testing::HasSubstr("--cameras FRONT"));
 }
 
-TEST_F(SceneTest, RefusesToUndistortAFisheye) {
+TEST_F(SceneTest, RejectsUndistortingAFisheye) {
   SceneOptions options;
   options.undistort = true;
   EXPECT_THAT(refusal(options), testing::HasSubstr("--undistort FISHEYE"));
@@ -231,14 +231,14 @@ TEST_F(SceneTest, RefusesToUndistortAFisheye) {
   EXPECT_EQ(std::get<OpenCvPinhole>(scene.rig[0].recorded.model).distortion.k1, -0.3);
 }
 
-TEST_F(SceneTest, RefusesToHoldOutEverything) {
+TEST_F(SceneTest, RejectsHoldingOutEverything) {
   SceneOptions options;
   options.first_frame = options.last_frame = 12;
   options.holdout_every = 5;
   EXPECT_THAT(refusal(options), testing::HasSubstr("--holdout-every 5"));
 }
 
-TEST_F(SceneTest, RefusesOptionsOutOfRange) {
+TEST_F(SceneTest, RejectsOptionsOutOfRange) {
   const auto with = [&](auto change) {
     SceneOptions options;
     change(options);
@@ -256,7 +256,7 @@ TEST_F(SceneTest, RefusesOptionsOutOfRange) {
   EXPECT_THAT(with([](SceneOptions& o) { o.far_m = INFINITY; }), HasSubstr("--far"));
 }
 
-TEST_F(SceneTest, EmptyRecordingIsBadInput) {
+TEST_F(SceneTest, RejectsEmptyRecordings) {
   Recording empty = recording_;
   empty.frames.clear();
   EXPECT_THROW(make_scene(empty, {}), InputError);

@@ -15,7 +15,7 @@ double apart(const Rigid3d& a, const Rigid3d& b) {
 }
 
 // Row v is exposed at time + ((v + 0.5) / height - 0.5) readout.
-TEST(ShutterPoses, RowsHaveTimesOfTheirOwn) {
+TEST(ShutterPoses, EachRowHasItsOwnTime) {
   const TemporaryFolder folder;
   Recording recording = make_test_recording(folder.path);
   constexpr std::int64_t kReadout_ns = 40'000'000, kOffset_ns = 7'000'000;
@@ -50,7 +50,7 @@ TEST(ShutterPoses, RowsHaveTimesOfTheirOwn) {
   }
 }
 
-TEST(ShutterPoses, OnePoseIsThatOfAllRows) {
+TEST(ShutterPoses, ASinglePoseHoldsForAllRows) {
   Rigid3d pose = Rigid3d::Identity();
   pose.translation() = Eigen::Vector3d(1, 2, 3);
   const ShutterPoses poses = pose;
@@ -59,7 +59,7 @@ TEST(ShutterPoses, OnePoseIsThatOfAllRows) {
   EXPECT_EQ(apart(poses.at_row(3, 10), pose), 0);
 }
 
-TEST(ShutterPoses, LieBetweenTheirKeys) {
+TEST(ShutterPoses, InterpolatesBetweenKeys) {
   const auto key = [](double x, double turn) {
     Rigid3d pose(Eigen::AngleAxisd(turn, Eigen::Vector3d::UnitZ()));
     pose.translation().x() = x;
