@@ -111,8 +111,8 @@ int render_one(const RenderOptions& options) {
   if (axes == ShiftAxes::kLocal && run.recording.global_frame != GlobalFrame::kEcef)
     throw UsageError("--axes", options.axes,
                      "needs a recording whose poses are in ECEF; use body or camera");
-  const Rigid3d world_from_camera = shifted_camera(run.scene.global_from_world, *pose,
-                                                   camera.body_from_sensor, axes, shift_m);
+  const Rigid3d world_from_camera =
+      shifted_camera(run.scene.global_from_world, *pose, camera.body_from_sensor, axes, shift_m);
   const auto backend = make_checked_backend(options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
   check_device_memory(run, *backend, {.tile_rays = max_tile_rays(*run.state.model)});
