@@ -235,28 +235,17 @@ REDRIVE_INLINE void encode_ray_directions(const GridBf16Weights& w, const GridNe
     }
 }
 
-template <bool kValue>
-struct IsWhole {
-  static constexpr bool value = kValue;
-};
-
-/// Loads or stores the first `numbers` elements of a vector. Whole strips, nearly all, need no
-/// mask.
-template <bool kWhole>
-REDRIVE_INLINE __m512 load_first(const float* from, int numbers) {
-  return kWhole ? _mm512_loadu_ps(from) : _mm512_maskz_loadu_ps(first_lanes(numbers), from);
+/// Loads or stores the first `numbers` elements of a vector, none if negative.
+REDRIVE_INLINE __m512 load_masked(const float* from, int numbers) {
+  return _mm512_maskz_loadu_ps(first_lanes(numbers), from);
 }
-template <bool kWhole>
-REDRIVE_INLINE void store_first(float* to, int numbers, __m512 x) {
-  if constexpr (kWhole)
-    _mm512_storeu_ps(to, x);
-  else
-    _mm512_mask_storeu_ps(to, first_lanes(numbers), x);
+REDRIVE_INLINE void store_masked(float* to, int numbers, __m512 x) {
+  _mm512_mask_storeu_ps(to, first_lanes(numbers), x);
 }
 
 /// Loads the features of up to 32 samples, `count` of them valid; kOfLevel features of a level are
 /// adjacent.
-template <int kOfLevel, bool kKeep, bool kWhole>
+template <int kOfLevel, bool kKeep>
 REDRIVE_INLINE void load_features(const GridNetworkTile& tile, int first, int count,
                                   const Layer& to) {
   constexpr int kPairs = kOfLevel / 2;
@@ -271,8 +260,8 @@ REDRIVE_INLINE void load_features(const GridNetworkTile& tile, int first, int co
 #pragma GCC unroll 4
       for (int j = 0; j < kPairs; ++j) {
         const float* const here = from + v * 16 * kOfLevel + j * 32;
-        of_samples[j] = to_bf16(load_first<kWhole>(here, numbers - 32 * j),
-                                load_first<kWhole>(here + 16, numbers - 32 * j - 16));
+        of_samples[j] = to_bf16(load_masked(here, numbers - 32 * j),
+                                load_masked(here + 16, numbers - 32 * j - 16));
       }
       const std::int32_t *const even = kEveryOther.even, *const odd = kEveryOther.odd;
       if constexpr (kPairs == 1) pair[0][v] = of_samples[0];
@@ -308,7 +297,7 @@ REDRIVE_INLINE void load_features(const GridNetworkTile& tile, int first, int co
 }
 
 /// The inverse: stores a block of rows, its first one that of a level, by samples.
-template <int kOfLevel, bool kWhole>
+template <int kOfLevel>
 REDRIVE_INLINE void store_features(const Sums<kBlock>& sums, float* to, std::size_t level_stride,
                                    int count) {
 #pragma GCC unroll 4
@@ -336,17 +325,17 @@ REDRIVE_INLINE void store_features(const Sums<kBlock>& sums, float* to, std::siz
       float* const here = to + l * level_stride + v * 16 * kOfLevel;
 #pragma GCC unroll 8
       for (int r = 0; r < kOfLevel; ++r)
-        store_first<kWhole>(here + 16 * r, numbers - 16 * r, _mm512_castsi512_ps(x[r]));
+        store_masked(here + 16 * r, numbers - 16 * r, _mm512_castsi512_ps(x[r]));
     }
 }
 
 /// Computes the layers up to the last hidden one for samples [first, first + count) of the tile.
-template <int kOfLevel, bool kKeep, bool kWhole>
+template <int kOfLevel, bool kKeep>
 REDRIVE_INLINE void strip_forward(const GridBf16Weights& w, const GridNetworkTile& tile,
                                   const Activations& a, int first, int count) {
   const Layer features = a.features.at(first), hidden = a.hidden.at(first),
               geometry = a.geometry.at(first);
-  load_features<kOfLevel, kKeep, kWhole>(tile, first, count, features);
+  load_features<kOfLevel, kKeep>(tile, first, count, features);
   const auto rectified = [](const Layer& to) REDRIVE_LAMBDA {
     return [to](int row, Sums<kBlock>& sums) REDRIVE_LAMBDA {
       rectify(sums);
@@ -384,12 +373,11 @@ REDRIVE_INLINE void strip_forward(const GridBf16Weights& w, const GridNetworkTil
                     rectified(a.colour[1].at(first)));
 }
 
-/// Calls visit(first sample, samples, whether the strip is whole) for each strip of a tile.
+/// Calls visit(first sample, samples) for each strip of a tile.
 template <class Visit>
 REDRIVE_INLINE void for_each_strip(int samples, const Visit& visit) {
-  int first = 0;
-  for (; first + kStrip <= samples; first += kStrip) visit(first, kStrip, IsWhole<true>());
-  if (first < samples) visit(first, samples - first, IsWhole<false>());
+  for (int first = 0; first < samples; first += kStrip)
+    visit(first, samples - first < kStrip ? samples - first : kStrip);
 }
 
 template <int kOfLevel>
@@ -397,16 +385,16 @@ void forward(const GridBf16Weights& w, const GridNetworkTile& tile, float* raw, 
   const int samples = tile.n_rays * tile.per_ray;
   const Activations a = activations_in(scratch, w, samples, false);
   encode_ray_directions<false>(w, tile, a);
-  for_each_strip(samples, [&](int first, int count, auto whole) REDRIVE_LAMBDA {
-    strip_forward<kOfLevel, false, whole.value>(w, tile, a, first, count);
+  for_each_strip(samples, [&](int first, int count) REDRIVE_LAMBDA {
+    strip_forward<kOfLevel, false>(w, tile, a, first, count);
     product<4>(4, w.width / 2, w.colour_out, a.colour[w.colour_layers - 1].pairs, FromZero(),
                [&](int, Sums<4>& sums) REDRIVE_LAMBDA {
                  for (int v = 0; v < 2; ++v) {
                    sums.at[3][v] = _mm512_load_ps(a.density + 16 * v);
 #pragma GCC unroll 4
                    for (int k = 0; k < 4; ++k)
-                     store_first<whole.value>(raw + k * tile.raw_stride + first + 16 * v,
-                                              count - 16 * v, sums.at[k][v]);
+                     store_masked(raw + k * tile.raw_stride + first + 16 * v, count - 16 * v,
+                                  sums.at[k][v]);
                  }
                });
   });
@@ -469,15 +457,14 @@ void backward(const GridBf16Weights& w, const GridNetworkTile& tile, const float
   const Activations a = activations_in(scratch, w, samples, true);
   encode_ray_directions<true>(w, tile, a);
   const Layer& d_last = last == 1 ? a.d_wider : a.d_wide;
-  for_each_strip(samples, [&](int first, int count, auto whole) REDRIVE_LAMBDA {
-    strip_forward<kOfLevel, true, whole.value>(w, tile, a, first, count);
+  for_each_strip(samples, [&](int first, int count) REDRIVE_LAMBDA {
+    strip_forward<kOfLevel, true>(w, tile, a, first, count);
     __m512 d[4][2];
 #pragma GCC unroll 4
     for (int k = 0; k < 4; ++k)
 #pragma GCC unroll 2
       for (int v = 0; v < 2; ++v)
-        d[k][v] =
-            load_first<whole.value>(d_raw + k * tile.raw_stride + first + 16 * v, count - 16 * v);
+        d[k][v] = load_masked(d_raw + k * tile.raw_stride + first + 16 * v, count - 16 * v);
     const Layer d_out = a.d_out.at(first);
 #pragma GCC unroll 4
     for (int k = 0; k < 4; ++k)
@@ -512,11 +499,10 @@ void backward(const GridBf16Weights& w, const GridNetworkTile& tile, const float
                     gated(a.d_hidden, a.hidden));
     product<kBlock>(w.inputs, width / 2, w.density0_back, a.d_hidden.pairs, FromZero(),
                     [&](int row, Sums<kBlock>& sums) REDRIVE_LAMBDA {
-                      store_features<kOfLevel, whole.value>(
-                          sums,
-                          d_features + row / kOfLevel * tile.level_stride +
-                              static_cast<std::size_t>(first) * kOfLevel,
-                          tile.level_stride, count);
+                      store_features<kOfLevel>(sums,
+                                               d_features + row / kOfLevel * tile.level_stride +
+                                                   static_cast<std::size_t>(first) * kOfLevel,
+                                               tile.level_stride, count);
                     });
   });
   const int n = a.samples;
