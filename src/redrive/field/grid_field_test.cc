@@ -84,7 +84,7 @@ TEST(GridField, InitialisationIsHeUniformAndFollowsTheSeed) {
   EXPECT_THROW(grid_network_initialize(config, 1, wrong), std::logic_error);
 }
 
-/// Weights set one by one, the others 0; and what they make of a sample.
+/// A network whose weights are set one by one, the others 0, and its result for one sample.
 struct ByHand {
   GridFieldConfig config;
   std::vector<double> weights, features, harmonics, d_weights, d_features;
@@ -153,7 +153,7 @@ TEST(GridField, AdjointAgreesWithDualNumbers) {
     for (std::size_t i = 0; i < net.features.size(); ++i) net.features[i] = uniform(2, i);
     for (int i = 0; i < kHarmonics; ++i) net.harmonics[i] = uniform(3, i);
     const double d_raw[4] = {0.7, -1.3, 0.4, 2.1}, scale = 0.3,
-                 before = 0.125;  // what is there is added to
+                 before = 0.125;  // adjoints are added to it
     std::ranges::fill(net.d_weights, before);
     std::ranges::fill(net.d_features, before);
     net.forward(scale);

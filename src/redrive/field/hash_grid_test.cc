@@ -301,7 +301,7 @@ TEST(HashGridAdjoint, AgreesWithDualNumbers) {
                               without.data(), nullptr);
     EXPECT_EQ(without, d_table);
     for (int k = 0; k < kTable + 3; ++k) {
-      double expected = 0.25;  // what was there is added to
+      double expected = 0.25;  // adjoints are added to it
       for (int o = 0; o < config.outputs(); ++o) expected += d_features[o] * features[o].d[k];
       // Sums of up to 2 x 8 x 2 terms of at most five times a share, six roundings each.
       EXPECT_NEAR(k < kTable ? d_table[k] : d_position[k - kTable], expected, 32 * 6 * 5 * 0x1p-53)

@@ -385,7 +385,7 @@ TEST_F(SamplerTest, ErrorMapRaysFollowSamplingWeightsAndErrors) {
     if (static_cast<int>(pixel) % transparent.width < 10) transparent.alpha[pixel] = 0;
   const PixelSampler sampler(scene_, images_, 5);
   const auto allowed = count_rays(
-      sampler, 0, 4);  // 4 times what is solid, once what is transparent, but for the last
+      sampler, 0, 4);  // opaque pixels four times, transparent ones once, except the last
   ASSERT_GT(allowed.size(), sampler.pixels());
 
   constexpr int kBatches = 100, kByError = 2000;
@@ -463,7 +463,7 @@ TEST_F(SamplerTest, ErrorMapRaysFollowTheUniformOnesWithTheirCells) {
   int same = 0;
   for (int i = 64; i < 96; ++i) same += ray_of(batch, i) == ray_of(elsewhere, i);
   EXPECT_LT(same, 8);
-  for (int i = 0; i < 96; ++i) {  // the colour says the pixel, and a cell is one
+  for (int i = 0; i < 96; ++i) {  // the colour identifies the pixel; each cell has one pixel
     const Ray ray = ray_of(batch, i);
     const CellRect rect = sampler.cells().rect(batch.cell[i]);
     EXPECT_EQ(std::lround(ray[6] * 255), 5 * rect.x);

@@ -67,7 +67,7 @@ TEST(Composite, ConstantMediumIsExactForAnySampling) {
 }
 
 TEST(Composite, WhiteFurnace) {
-  // All colours 1: what comes back is the opacity, whatever the densities.
+  // All colours 1: the result is the opacity, for any densities.
   const int n = 64;
   const Ray ray(n, 1, 10, 5);
   auto raw = medium(n, 0, kWhite);

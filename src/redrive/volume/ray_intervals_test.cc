@@ -38,8 +38,8 @@ TEST(UniformEdges, AreEvenlySpacedInS) {
       const auto s = [&](double t) { return t / (t + spacing.half_m); };
       const double first = s(spacing.near_m), last = s(spacing.far_m);
       for (int i = 0; i <= n; ++i) {
-        // s is at most 1 and rounds six times; what the roundings of 1 - s and of t are worth in s
-        // is no more.
+        // s is at most 1 and is rounded six times; the roundings of 1 - s and of t change s by no
+        // more.
         EXPECT_NEAR(s(edges[i]), first + (last - first) * i / n, 8 * kRoundoff) << i << " of " << n;
       }
     }

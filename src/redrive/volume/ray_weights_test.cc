@@ -67,8 +67,7 @@ TEST(RayWeights, OpaqueWallsAndEmptySpace) {
   const std::vector<double> d_weights = {1, 2, 3, 5};
   ray_weights_adjoint(edges.data(), density.data(), 4, weights.data(), d_weights.data(),
                       d_density.data());
-  // What is added before the wall takes from it what it gets itself; nothing changes in and behind
-  // a wall.
+  // Weight gained before the wall is lost by the wall; density in and behind it changes nothing.
   EXPECT_EQ(d_density, (std::vector<double>{1 - 3, 0, 0, 0}));
 }
 

@@ -117,8 +117,7 @@ TEST_P(CpuBackendTest, FusedStagesAreTheCompositionOfThePlainOnes) {
   }
 }
 
-// Where it is opaque the rest is left out: no more than 1e-4 of the light, and exactly nothing
-// where it is not.
+// Opaque rays skip the rest: colours change by at most 1e-4, and not at all for other rays.
 TEST_P(CpuBackendTest, RenderingSkipsOccludedSamples) {
   const auto backend = make_cpu_backend(GetParam(), 2);
   for (const int per_ray : {40, 300}) {

@@ -121,7 +121,7 @@ TEST_P(FoldedColourTest, UnfoldIsTheAdjointOfFold) {
                   shape.outputs, "feature.weight");
     }
   }
-  // Other layers have no part in it, and everything is added to what stands there.
+  // Other layers are unchanged; gradients are added to the previous values.
   double others = 0;
   const std::size_t end = colour.bias + colour.outputs;
   for (std::size_t i = 0; i < p.size(); ++i)

@@ -26,7 +26,7 @@ enum class SumOrder {
 
 struct EngineCase {
   const char* name;
-  Isa isa;  ///< what the processor must have
+  Isa isa;  ///< required of the processor
   SumOrder order;
   const Stages& (*stages)();
   std::unique_ptr<NerfNetwork> (*make)(const NerfConfig&);

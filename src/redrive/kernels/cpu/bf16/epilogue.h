@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// What happens to a finished fp32 block C between two products: activation, mask, bias gradient,
-// packing to bf16. Rows can be asked for a few at a time, so that an engine can run them between
-// the products of the following block: on AMX the vector units would otherwise wait for the tiles
-// and the other way round (390 -> 277 ns a block of k = 256).
+// Epilogue of a finished fp32 block C, run between two products: activation, mask, bias gradient,
+// packing to bf16. It runs a few rows at a time, so that an engine can interleave it with the
+// products of the next block: on AMX the vector units and the tiles would otherwise wait for each
+// other (390 -> 277 ns per block of k = 256).
 #pragma once
 
 #include "redrive/kernels/cpu/bf16/plan.h"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The portable half of the bf16 network: sizes, memory and threads. What is computed stands in
+// The portable half of the bf16 network: sizes, memory and threads. The arithmetic is in
 // network_stages.h, compiled once per ISA behind the table of functions of plan.h.
 #include "redrive/kernels/cpu/bf16/network.h"
 
@@ -57,7 +57,7 @@ ChunkMemory carve(const Plan& plan, int n, Carver& carver) {
   memory.d_rgb_keep = carver.take<Bf16>(block);
   for (float*& d_gamma : memory.d_gamma) d_gamma = carver.take<float>(block * plan.position_blocks);
   memory.d_weight = carver.take<float>(
-      plan.d_weight_size + kBlockSize);  // the prefetch of "the next block" stays inside
+      plan.d_weight_size + kBlockSize);  // so that prefetching "the next block" stays inside
   memory.d_bias = carver.take<float>(plan.d_bias_size);
   return memory;
 }

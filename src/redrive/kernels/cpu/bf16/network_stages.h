@@ -200,7 +200,7 @@ struct NetworkStages {
       run_pass<Engine, Epilogue::kMaskedGradient>(pass);
     }
 
-    /// What gamma(x), the last of the layer's inputs, gets.
+    /// The gradient of gamma(x), the last of the layer's inputs.
     void position_gradient(int index, const Gradient& d, float* d_gamma) const {
       const Layer& layer = plan.layers[index];
       Pass pass;

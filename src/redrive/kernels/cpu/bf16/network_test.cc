@@ -194,7 +194,7 @@ TEST_P(NetworkTest, EqualRunsAreBitEqual) {
     pool.run(2, [&](int i) {
       chunks[i]->begin();
       std::vector<float> chunk_raw(4 * tile.samples());
-      for (int batch = 0; batch < 2; ++batch) {  // what a batch leaves must not show in the next
+      for (int batch = 0; batch < 2; ++batch) {  // a batch must not affect the next
         chunks[i]->clear_gradients();
         chunks[i]->forward(tile.view(), true, chunk_raw.data(), tile.samples());
         chunks[i]->backward(tile.d_raw.data(), tile.samples(), nullptr);

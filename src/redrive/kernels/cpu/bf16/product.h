@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What an engine is asked to multiply, and what it may fetch meanwhile.
+// Operands of an engine's products, and the prefetches of a pass.
 #pragma once
 
 #include "redrive/kernels/cpu/bf16/plan.h"
@@ -18,9 +18,9 @@ struct Product {
 
 constexpr int kLine = 64;
 
-/// While a pass over blocks runs: the weights or gradients the next pass needs go towards L2 a few
-/// lines per product, and the "keep" block that this product's epilogue will write comes into L1
-/// for writing.
+/// Prefetches during a pass over blocks: a few lines per product of the weights or gradients of the
+/// next pass (to L2), and the "keep" block that the epilogue of this product will write (to L1, for
+/// writing).
 struct Prefetch {
   const char* stream = nullptr;
   std::ptrdiff_t stream_left = 0;

@@ -146,7 +146,7 @@ TEST_P(CpuStagesTest, AdamIsBitEqualToTheScalarFunctionAndLeavesGradientsZero) {
       AdamStep s = adam_step(5e-4, step);
       s.lazy = lazy;
       for (std::size_t i = 0; i < kSize; ++i) {
-        // From the second step on a whole vector says nothing, and every third number.
+        // From the second step on, a whole vector and every third parameter have gradient 0.
         const bool nothing = i == 0 || (step > 1 && (i / 16 == 2 || i % 3 == 0));
         g[i] = nothing ? 0.0f
                        : static_cast<float>(std::pow(10.0, 6 * uniform(6, i)) *
