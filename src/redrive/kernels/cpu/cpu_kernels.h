@@ -42,15 +42,6 @@ static constexpr std::size_t composite_scratch(int per_ray) {
   return 3 * (static_cast<std::size_t>(per_ray) + 16);
 }
 
-/// Rays [first_ray, first_ray + n_rays) of a batch; t and dt start at the first of them.
-struct SampleStratified {
-  std::size_t first_ray = 0, n_rays = 0;
-  int per_ray = 0;
-  float near_m = 0, far_m = 0;
-  bool jitter = true;
-  std::uint64_t key = 0;
-};
-
 /// Constants of AdamStep (optim/adam.h), and arrays [n].
 struct AdamRange {
   float learning_rate, beta1, beta2, epsilon, bias1, bias2;
@@ -59,28 +50,12 @@ struct AdamRange {
   std::size_t n;
 };
 
-/// position[d * stride + ray * per_ray + s] = (origin + t direction - center) * scale.
-struct RayPoints {
-  int n_rays = 0, per_ray = 0;
-  const float *origin = nullptr,
-              *direction = nullptr;  ///< coordinate d of a ray at [d * ray_stride + ray]
-  std::size_t ray_stride = 0;
-  const float* t = nullptr;
-  const float* center = nullptr;
-  float scale = 1;
-  float* position = nullptr;
-  std::size_t stride = 0;
-};
-
 struct CpuKernels {
   void (*composite_forward)(const CompositeForward& rays, const CompositeResult& out,
                             float* scratch);
   void (*composite_backward)(const CompositeForward& rays, const CompositeGradient& adjoint,
                              float* scratch);
-  void (*sample_stratified)(const SampleStratified& rays, float* t,
-                            float* dt);  ///< bit-equal to stratified_ray
   void (*adam)(const AdamRange& range);
-  void (*points)(const RayPoints& rays);
 };
 
 namespace avx2 {

@@ -15,6 +15,7 @@
 #include "redrive/kernels/cpu/composite_range.h"
 #include "redrive/kernels/cpu/front_to_back.h"
 #include "redrive/kernels/cpu/nerf_tile.h"
+#include "redrive/kernels/cpu/ray_points.h"
 #include "redrive/optim/photometric_loss.h"
 #include "redrive/volume/hierarchical_sampling.h"
 
@@ -31,7 +32,7 @@ std::unique_ptr<NerfNetwork> make_network(Isa isa, const NerfConfig& config) {
   }
 }
 
-/// What a lane needs for one tile.
+/// Memory of a chunk for one tile.
 struct ChunkMemory {
   Buffer<float> position, direction, raw, d_raw, d_rgb, d_position, composite;
 
@@ -45,14 +46,14 @@ struct ChunkMemory {
         composite(composite_scratch(per_ray)) {}
 };
 
-/// A network for batches of one shape, with its lanes; packed anew for every batch.
+/// A network for batches of one shape, with its chunks; packed anew for every batch.
 struct Engine {
   NerfConfig config;
   int per_ray = 0, rays_per_tile = 0;
   std::unique_ptr<NerfNetwork> network;
-  std::vector<std::unique_ptr<NerfChunk>> lanes;
+  std::vector<std::unique_ptr<NerfChunk>> chunks;
   std::vector<ChunkMemory> memory;
-  std::vector<std::unique_ptr<FrontToBack>> front_to_back;  ///< by lane; made when first rendering
+  std::vector<std::unique_ptr<FrontToBack>> front_to_back;  ///< by chunk; made when first rendering
 };
 
 class CpuNerfStages final : public NerfStages {
@@ -64,15 +65,11 @@ class CpuNerfStages final : public NerfStages {
                          std::span<float> dt) override {
     check_stratified(n_rays, how, t.size(), dt.size());
     pool_.run_ranges(n_rays, kRaysPerRange, [&](std::size_t begin, std::size_t end) {
-      const std::size_t first = begin * how.per_ray;
-      kernels_.sample_stratified({.first_ray = begin,
-                                  .n_rays = end - begin,
-                                  .per_ray = how.per_ray,
-                                  .near_m = how.near_m,
-                                  .far_m = how.far_m,
-                                  .jitter = how.jitter,
-                                  .key = how.key},
-                                 t.data() + first, dt.data() + first);
+      for (std::size_t ray = begin; ray < end; ++ray) {
+        const std::size_t first = ray * how.per_ray;
+        stratified_ray(how.per_ray, how.near_m, how.far_m, how.jitter, how.key, first, &t[first],
+                       &dt[first]);
+      }
     });
   }
 
@@ -95,8 +92,8 @@ class CpuNerfStages final : public NerfStages {
     check_raw(rays.n, samples, raw.size());
     Engine& engine = prepare(field, samples.per_ray);
     const int stride = static_cast<int>(sample_count(rays.n, samples));
-    for_each_tile(engine, rays.n, [&](int lane, RayRange tile) {
-      forward_tile(engine, lane, field, rays, samples, tile, false,
+    for_each_tile(engine, rays.n, [&](int chunk, RayRange tile) {
+      forward_tile(engine, chunk, field, rays, samples, tile, false,
                    raw.data() + first_sample(tile, samples), stride);
     });
   }
@@ -110,14 +107,14 @@ class CpuNerfStages final : public NerfStages {
     REDRIVE_CHECK_OP(gradients.size(), ==, field.parameters.size());
     Engine& engine = prepare(field, samples.per_ray);
     const int stride = static_cast<int>(sample_count(rays.n, samples));
-    pool_.run(kChunksPerBatch, [&](int lane) { engine.lanes[lane]->clear_gradients(); });
-    for_each_tile(engine, rays.n, [&](int lane, RayRange tile) {
-      forward_tile(engine, lane, field, rays, samples, tile, true, engine.memory[lane].raw.data(),
+    pool_.run(kChunksPerBatch, [&](int chunk) { engine.chunks[chunk]->clear_gradients(); });
+    for_each_tile(engine, rays.n, [&](int chunk, RayRange tile) {
+      forward_tile(engine, chunk, field, rays, samples, tile, true, engine.memory[chunk].raw.data(),
                    tile.n * samples.per_ray);
-      backward_tile(engine, lane, field, rays.n, samples, tile,
+      backward_tile(engine, chunk, field, rays.n, samples, tile,
                     d_raw.data() + first_sample(tile, samples), stride, of_rays);
     });
-    engine.network->reduce(engine.lanes, gradients, pool_);
+    engine.network->reduce(engine.chunks, gradients, pool_);
   }
 
   void train_rays(const NerfField& field, const Rays& rays, const Samples& samples,
@@ -130,11 +127,11 @@ class CpuNerfStages final : public NerfStages {
     REDRIVE_CHECK_OP(gradients.size(), ==, field.parameters.size());
     Engine& engine = prepare(field, samples.per_ray);
     double chunk_loss[kChunksPerBatch]{};
-    pool_.run(kChunksPerBatch, [&](int lane) { engine.lanes[lane]->clear_gradients(); });
-    for_each_tile(engine, rays.n, [&](int lane, RayRange tile) {
-      ChunkMemory& memory = engine.memory[lane];
+    pool_.run(kChunksPerBatch, [&](int chunk) { engine.chunks[chunk]->clear_gradients(); });
+    for_each_tile(engine, rays.n, [&](int chunk, RayRange tile) {
+      ChunkMemory& memory = engine.memory[chunk];
       const int stride = tile.n * samples.per_ray;
-      forward_tile(engine, lane, field, rays, samples, tile, true, memory.raw.data(), stride);
+      forward_tile(engine, chunk, field, rays, samples, tile, true, memory.raw.data(), stride);
       const CompositeForward composite = composite_rays(tile, samples, memory.raw.data(), stride);
       kernels_.composite_forward(composite, composite_result(tile, rays.n, samples, out),
                                  memory.composite.data());
@@ -142,7 +139,7 @@ class CpuNerfStages final : public NerfStages {
         for (int ray = 0; ray < tile.n; ++ray) {
           const std::size_t at = static_cast<std::size_t>(k) * rays.n + tile.first + ray;
           const auto term = photometric_term<double>(out.rgb[at], target[at], rays.n);
-          chunk_loss[lane] += term.value;
+          chunk_loss[chunk] += term.value;
           memory.d_rgb[static_cast<std::size_t>(k) * tile.n + ray] =
               static_cast<float>(term.derivative);
         }
@@ -152,10 +149,10 @@ class CpuNerfStages final : public NerfStages {
                                    .d_raw = memory.d_raw.data(),
                                    .d_raw_stride = static_cast<std::size_t>(stride)},
                                   memory.composite.data());
-      backward_tile(engine, lane, field, rays.n, samples, tile, memory.d_raw.data(), stride,
+      backward_tile(engine, chunk, field, rays.n, samples, tile, memory.d_raw.data(), stride,
                     of_rays);
     });
-    engine.network->reduce(engine.lanes, gradients, pool_);
+    engine.network->reduce(engine.chunks, gradients, pool_);
     *loss = std::accumulate(std::begin(chunk_loss), std::end(chunk_loss), 0.0);
   }
 
@@ -168,13 +165,12 @@ class CpuNerfStages final : public NerfStages {
       engine.front_to_back.push_back(
           std::make_unique<FrontToBack>(samples.per_ray, engine.rays_per_tile * samples.per_ray));
     for_each_block(
-        engine, rays.n, engine.front_to_back.front()->block_rays(), [&](int lane, RayRange block) {
-          FrontToBack& front_to_back = *engine.front_to_back[lane];
-          const float* raw =
-              front_to_back.run(*engine.lanes[lane], kernels_, field, rays, samples, block);
+        engine, rays.n, engine.front_to_back.front()->block_rays(), [&](int chunk, RayRange block) {
+          FrontToBack& front_to_back = *engine.front_to_back[chunk];
+          const float* raw = front_to_back.run(*engine.chunks[chunk], field, rays, samples, block);
           kernels_.composite_forward(
               composite_rays(block, samples, raw, front_to_back.raw_stride()),
-              composite_result(block, rays.n, samples, out), engine.memory[lane].composite.data());
+              composite_result(block, rays.n, samples, out), engine.memory[chunk].composite.data());
         });
   }
 
@@ -192,8 +188,8 @@ class CpuNerfStages final : public NerfStages {
       engine->per_ray = per_ray;
       engine->network = make_network(isa_, field.config);
       engine->rays_per_tile = std::max(1, engine->network->tile_samples() / per_ray);
-      for (int lane = 0; lane < kChunksPerBatch; ++lane) {
-        engine->lanes.push_back(engine->network->make_chunk(engine->rays_per_tile * per_ray));
+      for (int chunk = 0; chunk < kChunksPerBatch; ++chunk) {
+        engine->chunks.push_back(engine->network->make_chunk(engine->rays_per_tile * per_ray));
         engine->memory.emplace_back(engine->rays_per_tile, per_ray);
       }
       engines_.push_back(std::move(engine));
@@ -208,53 +204,53 @@ class CpuNerfStages final : public NerfStages {
     for_each_block(engine, n_rays, engine.rays_per_tile, visit);
   }
 
-  /// Shares whole tiles out among the lanes, evenly, and calls visit(lane, range) for blocks of at
-  /// most block_rays of them; those of a lane are consecutive and in order, on one thread.
+  /// Shares whole tiles out among the chunks, evenly, and calls visit(chunk, range) for blocks of
+  /// at most block_rays of them; those of a chunk are consecutive and in order, on one thread.
   template <class Visit>
   void for_each_block(Engine& engine, int n_rays, int block_rays, const Visit& visit) {
     const std::int64_t tiles = (n_rays + engine.rays_per_tile - 1) / engine.rays_per_tile;
-    pool_.run(kChunksPerBatch, [&](int lane) {
-      const int begin = static_cast<int>(tiles * lane / kChunksPerBatch) * engine.rays_per_tile;
+    pool_.run(kChunksPerBatch, [&](int chunk) {
+      const int begin = static_cast<int>(tiles * chunk / kChunksPerBatch) * engine.rays_per_tile;
       const int end = std::min(
-          n_rays, static_cast<int>(tiles * (lane + 1) / kChunksPerBatch) * engine.rays_per_tile);
+          n_rays, static_cast<int>(tiles * (chunk + 1) / kChunksPerBatch) * engine.rays_per_tile);
       if (begin >= end) return;
-      engine.lanes[lane]->begin();
+      engine.chunks[chunk]->begin();
       for (int first = begin; first < end; first += block_rays)
-        visit(lane, RayRange{first, std::min(block_rays, end - first)});
-      engine.lanes[lane]->end();
+        visit(chunk, RayRange{first, std::min(block_rays, end - first)});
+      engine.chunks[chunk]->end();
     });
   }
 
-  void forward_tile(Engine& engine, int lane, const NerfField& field, const Rays& rays,
+  void forward_tile(Engine& engine, int chunk, const NerfField& field, const Rays& rays,
                     const Samples& samples, RayRange tile, bool keep, float* raw, int stride) {
-    ChunkMemory& memory = engine.memory[lane];
-    kernels_.points({.n_rays = tile.n,
-                     .per_ray = samples.per_ray,
-                     .origin = rays.origin.data() + tile.first,
-                     .direction = rays.direction.data() + tile.first,
-                     .ray_stride = static_cast<std::size_t>(rays.n),
-                     .t = samples.t.data() + first_sample(tile, samples),
-                     .center = field.unit_from_world.center.data(),
-                     .scale = field.unit_from_world.scale,
-                     .position = memory.position.data(),
-                     .stride = static_cast<std::size_t>(tile.n) * samples.per_ray});
+    ChunkMemory& memory = engine.memory[chunk];
+    compute_points({.n_rays = tile.n,
+                    .per_ray = samples.per_ray,
+                    .origin = rays.origin.data() + tile.first,
+                    .direction = rays.direction.data() + tile.first,
+                    .ray_stride = static_cast<std::size_t>(rays.n),
+                    .t = samples.t.data() + first_sample(tile, samples),
+                    .center = field.unit_from_world.center.data(),
+                    .scale = field.unit_from_world.scale,
+                    .position = memory.position.data(),
+                    .stride = static_cast<std::size_t>(tile.n) * samples.per_ray});
     for (int d = 0; d < 3; ++d)
       std::copy_n(rays.direction.data() + static_cast<std::size_t>(d) * rays.n + tile.first, tile.n,
                   memory.direction.data() + static_cast<std::size_t>(d) * tile.n);
-    engine.lanes[lane]->forward({.n_rays = tile.n,
-                                 .per_ray = samples.per_ray,
-                                 .position = memory.position.data(),
-                                 .direction = memory.direction.data()},
-                                keep, raw, stride);
+    engine.chunks[chunk]->forward({.n_rays = tile.n,
+                                   .per_ray = samples.per_ray,
+                                   .position = memory.position.data(),
+                                   .direction = memory.direction.data()},
+                                  keep, raw, stride);
   }
 
-  /// The adjoint of forward_tile: adds to the lane's gradients and, where they are wanted, to those
-  /// of the tile's rays.
-  static void backward_tile(Engine& engine, int lane, const NerfField& field, int n_rays,
+  /// The adjoint of forward_tile: adds to the chunk's gradients and, where they are wanted, to
+  /// those of the tile's rays.
+  static void backward_tile(Engine& engine, int chunk, const NerfField& field, int n_rays,
                             const Samples& samples, RayRange tile, const float* d_raw, int stride,
                             const RayGradients& of_rays) {
-    float* d_position = of_rays.wanted() ? engine.memory[lane].d_position.data() : nullptr;
-    engine.lanes[lane]->backward(d_raw, stride, d_position);
+    float* d_position = of_rays.wanted() ? engine.memory[chunk].d_position.data() : nullptr;
+    engine.chunks[chunk]->backward(d_raw, stride, d_position);
     if (!of_rays.wanted()) return;
     const std::size_t of_tile = static_cast<std::size_t>(tile.n) * samples.per_ray;
     for (int ray = 0; ray < tile.n; ++ray)

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "redrive/field/activation.h"
+#include "redrive/kernels/cpu/ray_points.h"
 
 namespace redrive::kernels {
 namespace {
@@ -34,8 +35,8 @@ FrontToBack::FrontToBack(int per_ray, int tile_samples)
       position_(3 * static_cast<std::size_t>(tile_samples)),
       direction_(3 * static_cast<std::size_t>(tile_samples)) {}
 
-const float* FrontToBack::run(NerfChunk& chunk, const CpuKernels& kernels, const NerfField& field,
-                              const Rays& rays, const Samples& samples, RayRange block) {
+const float* FrontToBack::run(NerfChunk& chunk, const NerfField& field, const Rays& rays,
+                              const Samples& samples, RayRange block) {
   const double opaque_depth = -std::log(kMinTransmittance);
   open_.resize(block.n);
   for (int ray = 0; ray < block.n; ++ray) open_[ray] = ray;
@@ -49,7 +50,7 @@ const float* FrontToBack::run(NerfChunk& chunk, const CpuKernels& kernels, const
       const int n = static_cast<int>(std::min(tile_rays, open_.size() - first)), stride = n * count;
       for (int i = 0; i < n; ++i) {
         const std::size_t ray = block.first + open_[first + i];
-        kernels.points({.n_rays = 1,
+        compute_points({.n_rays = 1,
                         .per_ray = count,
                         .origin = rays.origin.data() + ray,
                         .direction = rays.direction.data() + ray,

@@ -26,8 +26,8 @@ class FrontToBack {
 
   /// Returns raw [4, n * per_ray] of the block's rays; skipped samples have density -1 (no
   /// absorption). Valid until the next call.
-  const float* run(NerfChunk& chunk, const CpuKernels& kernels, const NerfField& field,
-                   const Rays& rays, const Samples& samples, RayRange block);
+  const float* run(NerfChunk& chunk, const NerfField& field, const Rays& rays,
+                   const Samples& samples, RayRange block);
   std::size_t raw_stride() const { return static_cast<std::size_t>(block_rays_) * per_ray_; }
   int block_rays() const { return block_rays_; }  ///< maximum of rays per block
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Cuts the stages of --method grid into ranges and lanes. As in cpu_backend.cc, what is added up is
-// added up per lane of a fixed list and then in lane order: the thread count changes nothing. A
-// grid's gradients are parallel over its levels.
+// Cuts the stages of --method grid into ranges and chunks. Sums are kept by chunk and added in
+// their order, so that the number of threads changes nothing. A grid's gradients are parallel over
+// its levels.
 #include "redrive/kernels/cpu/grid/cpu_grid_stages.h"
 
 #include <algorithm>
@@ -50,12 +50,7 @@ class CpuGridStages final : public HostRayStages {
                       std::span<float> edges) override {
     check_sample_uniform(rays, how.per_ray, edges.size());
     pool_.run_ranges(rays.n, kRaysPerRange, [&](std::size_t begin, std::size_t end) {
-      const std::size_t count = how.per_ray + 1;
-      for (std::size_t ray = begin; ray < end; ++ray)
-        if (how.jitter || !how.contraction.unbounded || ray == begin)
-          uniform_edges_of_ray(rays, how, ray, edges);
-        else  // all alike
-          std::copy_n(&edges[begin * count], count, &edges[ray * count]);
+      for (std::size_t ray = begin; ray < end; ++ray) uniform_edges_of_ray(rays, how, ray, edges);
     });
   }
 
@@ -155,10 +150,10 @@ class CpuGridStages final : public HostRayStages {
     std::vector<Buffer<float>> sums(kChunksPerBatch);
     for (Buffer<float>& sum : sums) sum = Buffer<float>(size);
     with_weights(network, [&](const auto& kernels, const auto& weights) {
-      for_each_tile(network, n_rays, per_ray, [&](int lane, int first, int count, float* scratch) {
+      for_each_tile(network, n_rays, per_ray, [&](int chunk, int first, int count, float* scratch) {
         const std::size_t sample = interval_count(first, per_ray);
         const auto at = [&](int layer) {
-          return sums[lane].data() + grid_layer(network.config, layer).offset;
+          return sums[chunk].data() + grid_layer(network.config, layer).offset;
         };
         kernels.network_backward(
             weights, tile_of(network, n_rays, per_ray, first, count, features, harmonics),
@@ -274,8 +269,8 @@ class CpuGridStages final : public HostRayStages {
   void for_each_level_range(const HashGrid& grid, const UnitPoints& points, const Visit& visit) {
     const auto levels = levels_of(grid);
     const std::size_t ranges = (points.n + kPointsPerRange - 1) / kPointsPerRange;
-    pool_.run(static_cast<int>(levels.size() * ranges), [&](int lane) {
-      const std::size_t l = lane / ranges, begin = lane % ranges * kPointsPerRange;
+    pool_.run(static_cast<int>(levels.size() * ranges), [&](int task) {
+      const std::size_t l = task / ranges, begin = task % ranges * kPointsPerRange;
       visit(levels[l], (l * points.n + begin) * grid.config.features,
             range_of(points, begin, std::min(points.n, begin + kPointsPerRange)));
     });
@@ -285,8 +280,8 @@ class CpuGridStages final : public HostRayStages {
   void backward_of_levels(const HashGrid& grid, const UnitPoints& points, const float* d,
                           std::size_t step, std::span<float> d_table) {
     const auto levels = levels_of(grid);
-    pool_.run(static_cast<int>(levels.size()), [&](int lane) {
-      const std::size_t l = levels.size() - 1 - lane;
+    pool_.run(static_cast<int>(levels.size()), [&](int task) {
+      const std::size_t l = levels.size() - 1 - task;
       kernels_.encode_backward(grid.config.features, levels[l], range_of(points, 0, points.n),
                                d + l * step, d_table.data() + (levels[l].rows - grid.table.data()),
                                nullptr);
@@ -316,32 +311,32 @@ class CpuGridStages final : public HostRayStages {
       visit(kernels_, PackedNetwork(network).weights());
   }
 
-  /// visit(lane, first ray, rays, scratch) for tiles of whole rays; those of a lane are consecutive
-  /// and in order.
+  /// visit(chunk, first ray, rays, scratch) for tiles of whole rays; those of a chunk are
+  /// consecutive and in order.
   template <class Visit>
   void for_each_tile(const GridNetwork& network, int n_rays, int per_ray, const Visit& visit) {
     const int rays = bf16_ ? std::clamp(kBf16TileSamples / per_ray, 1, kGridBf16Rays)
                            : std::max(1, kTileSamples / per_ray),
               tiles = (n_rays + rays - 1) / rays;
-    pool_.run(kChunksPerBatch, [&](int lane) {
-      const int begin = static_cast<int>(std::int64_t{tiles} * lane / kChunksPerBatch),
-                end = static_cast<int>(std::int64_t{tiles} * (lane + 1) / kChunksPerBatch);
+    pool_.run(kChunksPerBatch, [&](int chunk) {
+      const int begin = static_cast<int>(std::int64_t{tiles} * chunk / kChunksPerBatch),
+                end = static_cast<int>(std::int64_t{tiles} * (chunk + 1) / kChunksPerBatch);
       if (begin == end) return;
-      Buffer<float>& scratch = scratch_[lane];
+      Buffer<float>& scratch = scratch_[chunk];
       const int width = network.config.width, inputs = network.config.grid.outputs();
       const std::size_t size =
           bf16_ ? grid_bf16_scratch(rays * per_ray, width, inputs)
                 : grid_network_scratch(interval_count(rays, per_ray), rays, width, inputs);
       if (scratch.size() < size) scratch = Buffer<float>(size);
       for (int tile = begin; tile < end; ++tile)
-        visit(lane, tile * rays, std::min(rays, n_rays - tile * rays), scratch.data());
+        visit(chunk, tile * rays, std::min(rays, n_rays - tile * rays), scratch.data());
     });
   }
 
   const GridKernels& kernels_;
   const GridBf16Kernels* const bf16_;  ///< the networks', unless they are fp32
   ThreadPool& pool_;
-  Buffer<float> scratch_[kChunksPerBatch];  ///< of the networks, by lane; kept from call to call
+  Buffer<float> scratch_[kChunksPerBatch];  ///< of the networks, by chunk; kept from call to call
 };
 
 }  // namespace

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compiled once per instruction set: REDRIVE_ISA names the namespace. -ffp-contract=off, so that t
-// is bit-equal to the scalar function's; -fno-math-errno for a vector square root.
+// Compiled once per instruction set: REDRIVE_ISA names the namespace. -ffp-contract=off, so that
+// Adam is bit-equal to the scalar function; -fno-math-errno for a vector square root.
 #include "redrive/kernels/cpu/cpu_kernels.h"
 
 #include "redrive/kernels/cpu/simd/vector.h"
@@ -107,32 +107,6 @@ void composite_backward(const CompositeForward& rays, const CompositeGradient& a
   }
 }
 
-/// base/rng.h, as a loop the compiler turns into 64-bit vectors: bits of random_unit, 24 of them.
-REDRIVE_INLINE std::int32_t random_bits24(std::uint64_t key, std::uint64_t index) {
-  std::uint64_t x = key + index * 0xD1342543DE82EF95ull + 0x9E3779B97F4A7C15ull;
-  x = (x ^ (x >> 30)) * 0xBF58476D1CE4E5B9ull;
-  x = (x ^ (x >> 27)) * 0x94D049BB133111EBull;
-  return static_cast<std::int32_t>((x ^ (x >> 31)) >> 40);
-}
-
-void sample_stratified(const SampleStratified& rays, float* __restrict t, float* __restrict dt) {
-  const float near_m = rays.near_m,
-              bin = (rays.far_m - rays.near_m) / static_cast<float>(rays.per_ray);
-  for (std::size_t ray = 0; ray < rays.n_rays; ++ray, t += rays.per_ray, dt += rays.per_ray) {
-    const std::uint64_t key = rays.key,
-                        first = (rays.first_ray + ray) * static_cast<std::uint64_t>(rays.per_ray);
-    if (rays.jitter) {
-      for (int i = 0; i < rays.per_ray; ++i)
-        t[i] = near_m + bin * (static_cast<float>(i) +
-                               static_cast<float>(random_bits24(key, first + i)) * 0x1p-24f);
-    } else {
-      for (int i = 0; i < rays.per_ray; ++i) t[i] = near_m + bin * (static_cast<float>(i) + 0.5f);
-    }
-    for (int i = 0; i + 1 < rays.per_ray; ++i) dt[i] = t[i + 1] - t[i];
-    dt[rays.per_ray - 1] = __builtin_inff();
-  }
-}
-
 void adam(const AdamRange& range) {
   const AdamRange r = range;
   const Vf zero{}, beta1 = splat(r.beta1), beta2 = splat(r.beta2), rest1 = splat(1 - r.beta1),
@@ -159,22 +133,8 @@ void adam(const AdamRange& range) {
   }
 }
 
-void points(const RayPoints& rays) {
-  for (int ray = 0; ray < rays.n_rays; ++ray) {
-    const std::size_t first = static_cast<std::size_t>(ray) * rays.per_ray;
-    for (int d = 0; d < 3; ++d) {
-      const float origin = rays.origin[d * rays.ray_stride + ray] - rays.center[d];
-      const float direction = rays.direction[d * rays.ray_stride + ray], scale = rays.scale;
-      const float* __restrict t = rays.t + first;
-      float* __restrict out = rays.position + d * rays.stride + first;
-      for (int i = 0; i < rays.per_ray; ++i) out[i] = (origin + t[i] * direction) * scale;
-    }
-  }
-}
-
 }  // namespace
 
-extern const CpuKernels kCpuKernels = {composite_forward, composite_backward, sample_stratified,
-                                       adam, points};
+extern const CpuKernels kCpuKernels = {composite_forward, composite_backward, adam};
 
 }  // namespace redrive::kernels::REDRIVE_ISA

@@ -11,7 +11,6 @@
 #include "redrive/kernels/cpu/cpu_kernels.h"
 #include "redrive/optim/adam.h"
 #include "redrive/volume/composite.h"
-#include "redrive/volume/hierarchical_sampling.h"
 
 namespace redrive::kernels {
 namespace {
@@ -118,21 +117,6 @@ TEST_P(CpuStagesTest, PropagatesNaN) {
       kernels().composite_forward({1, 1, raw, 1, &t, &length}, {rgb, 1, &depth, &opacity, &weight},
                                   scratch);
       EXPECT_TRUE(std::isnan(rgb[channel % 3])) << channel;
-    }
-}
-
-TEST_P(CpuStagesTest, StratifiedSamplesAreBitEqualToTheScalarOnes) {
-  for (const int per_ray : {1, 3, 48, 96, 97})
-    for (const bool jitter : {true, false}) {
-      constexpr std::size_t kFirst = 11, kRays = 9;
-      std::vector<float> t(kRays * per_ray), dt(t.size()), expected_t(t), expected_dt(t);
-      kernels().sample_stratified(
-          {kFirst, kRays, per_ray, 0.7f, 9.3f, jitter, 0xFEDCBA9876543210ull}, t.data(), dt.data());
-      for (std::size_t ray = 0; ray < kRays; ++ray)
-        stratified_ray(per_ray, 0.7f, 9.3f, jitter, 0xFEDCBA9876543210ull, (kFirst + ray) * per_ray,
-                       &expected_t[ray * per_ray], &expected_dt[ray * per_ray]);
-      EXPECT_EQ(t, expected_t);
-      EXPECT_EQ(dt, expected_dt);
     }
 }
 
