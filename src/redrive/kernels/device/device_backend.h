@@ -18,7 +18,7 @@
 #include "redrive/kernels/device/measure_ceilings.h"
 #include "redrive/kernels/device/ray_functors.h"
 #include "redrive/kernels/device/resident_sources.h"
-#include "redrive/kernels/device/spans_on_device.h"
+#include "redrive/kernels/stage_spans.h"
 
 namespace redrive::kernels {
 
@@ -63,13 +63,13 @@ class DeviceBackend final : public Backend {
   void mean(std::span<const float> numbers, double* mean) override {
     REDRIVE_CHECK_OP(numbers.size(), >, 0u);
     Stage stage(device_);
-    const auto sum = stage.sum_on_device(numbers.size(), ValueTerm<float>{stage.in(numbers)});
+    const auto sum = stage.reduce(numbers.size(), ValueTerm<float>{stage.in(numbers)});
     stage.put_loss({sum, static_cast<double>(numbers.size())}, mean);
     stage.finish();
   }
   void not_finite(std::span<const float> numbers, double* count) override {
     Stage stage(device_);
-    stage.put_loss({stage.sum_on_device(numbers.size(), IsNotFinite{stage.in(numbers)})}, count);
+    stage.put_loss({stage.reduce(numbers.size(), IsNotFinite{stage.in(numbers)})}, count);
     stage.finish();
   }
   void wait() override { device_.wait(); }
@@ -99,10 +99,9 @@ class DeviceBackend final : public Backend {
     const auto drawn = stage.template scratch<CellSample>(draw.error_map_rays);
     stage.for_each(rays.view.size(), GatherRays{pixels, draw, of_cells, rays, drawn});
     if (draw.error_map_rays > 0)
-      stage.for_each(
-          rays.view.size(),
-          WeightRays{draw, of_cells, stage.sum_on_device(drawn.size(), DrawnPixelSum{drawn}),
-                     stage.sum_on_device(drawn.size(), DrawnErrorSum{drawn}), rays});
+      stage.for_each(rays.view.size(),
+                     WeightRays{draw, of_cells, stage.reduce(drawn.size(), DrawnPixelSum{drawn}),
+                                stage.reduce(drawn.size(), DrawnErrorSum{drawn}), rays});
     stage.finish();
   }
 
@@ -165,8 +164,8 @@ class DeviceBackend final : public Backend {
                         std::span<float> d_rgb, double* loss) override {
     const int n_rays = check_photometric(rgb.size(), target.size(), d_rgb.size());
     Stage stage(device_);
-    stage.put_loss({stage.sum_on_device(rgb.size(), PhotometricLoss{stage.in(rgb), stage.in(target),
-                                                                    n_rays, stage.out(d_rgb)})},
+    stage.put_loss({stage.reduce(rgb.size(), PhotometricLoss{stage.in(rgb), stage.in(target),
+                                                             n_rays, stage.out(d_rgb)})},
                    loss);
     stage.finish();
   }

@@ -1,58 +1,99 @@
 // SPDX-License-Identifier: Apache-2.0
-// The stages of --method grid on a device.
+// The stages of --method grid on a device: CommonGridStages in kernels, and those that a device
+// runs in another way than the host. Between stages nothing comes to the host but the number of
+// active rays and the losses.
 #pragma once
 
-#include "redrive/kernels/check_grid_sizes.h"
-#include "redrive/kernels/device/device_ray_stages.h"
+#include <algorithm>
+
+#include "redrive/kernels/common_grid_stages.h"
 #include "redrive/kernels/device/fused_grid_network.h"
 #include "redrive/kernels/device/grid_fp32_network.h"
-#include "redrive/kernels/device/grid_functors.h"
-#include "redrive/kernels/device/spans_on_device.h"
+#include "redrive/kernels/device/hash_grid_functors.h"
+#include "redrive/kernels/device/ray_compaction_functors.h"
+#include "redrive/kernels/device/stage.h"
 
 namespace redrive::kernels {
 
 template <class Device>
-class DeviceGridStages final : public DeviceRayStages<Device> {
+struct DeviceExecutor {
+  Device* device = nullptr;
+  Stage<Device> stage() const { return Stage<Device>(*device); }
+};
+
+/// Adds the derivatives of all rays with respect to the parameters of the gains (CommonGridStages::
+/// huber_loss): each knot sums its rays in kRayParts parts, so that the sums have a fixed order.
+template <class Device>
+void add_gain_gradients(Stage<Device>& stage, const ColourLossInput& colours,
+                        std::span<const float> d_rgb, std::span<float> d_appearance) {
+  const std::size_t parameters = d_appearance.size();
+  const auto partial = stage.template scratch<float>(kRayParts * parameters);
+  stage.for_each(partial.size() / 3, ExposureKnotBackward{colours, d_rgb, partial});
+  stage.for_each(parameters,
+                 ReduceSlices{kRayParts, parameters, partial.data(), d_appearance.data()});
+}
+
+template <class Device>
+class DeviceGridStages final : public CommonGridStages<DeviceExecutor<Device>> {
  public:
-  explicit DeviceGridStages(Device& device) : DeviceRayStages<Device>(device) {}
+  explicit DeviceGridStages(Device& device)
+      : CommonGridStages<DeviceExecutor<Device>>({&device}), device_(device) {}
 
-  void sample_uniform(const Rays& rays, const UniformSampling& how,
-                      std::span<float> edges) override {
-    check_sample_uniform(rays, how.per_ray, edges.size());
+  void gather_rays(std::span<const std::uint32_t> rays, RayLayout layout,
+                   std::span<const float> from, std::span<float> to) override {
+    const std::size_t each = check_gather_rays(rays.size(), to.size(), from.size());
     Stage stage(device_);
-    stage.for_each(rays.n, SampleUniform{there(stage, rays), how, stage.out(edges)});
+    stage.for_each(to.size(), GatherRayValues{offset_of(stage, rays, layout, each, from.size()),
+                                              stage.in(from), stage.out(to)});
     stage.finish();
   }
 
-  void sample_pdf(int n_rays, const Intervals& from, std::span<const float> weights,
-                  const PdfSampling& how, std::span<float> edges) override {
-    check_sample_pdf(n_rays, from, weights.size(), how.per_ray, edges.size());
+  void scatter_rays(std::span<const std::uint32_t> rays, RayLayout layout,
+                    std::span<const float> from, std::span<const float> otherwise,
+                    std::span<float> to) override {
+    const std::size_t each =
+        check_scatter_rays(rays.size(), from.size(), otherwise.size(), to.size());
     Stage stage(device_);
-    stage.for_each(n_rays, SamplePdf{there(stage, from), stage.in(weights), how, stage.out(edges)});
+    const std::span<float> all = stage.out(to);
+    stage.for_each(to.size(), CopyOrZero{stage.in(otherwise), all});
+    stage.for_each(from.size(), ScatterRayValues{offset_of(stage, rays, layout, each, to.size()),
+                                                 stage.in(from), all});
     stage.finish();
   }
 
-  void contract(const Contraction& contraction, const Rays& rays,
-                std::span<const float> pixel_angle, const Intervals& intervals, float least_width,
-                std::span<float> position, std::span<float> footprint) override {
-    check_contract(rays, intervals, pixel_angle.size(), position.size(), footprint.size());
+  void sky(const HashGrid& grid, const Rays& rays, std::span<const float> pixel_angle,
+           std::span<float> colour) override {
+    check_sky(grid, rays, pixel_angle.size(), colour.size());
     Stage stage(device_);
-    stage.for_each(footprint.size(),
-                   ContractSamples{contraction, there(stage, rays), stage.in(pixel_angle),
-                                   there(stage, intervals), least_width, stage.out(position),
-                                   stage.out(footprint)});
+    const UnitPoints points = sky_points(stage, rays, pixel_angle);
+    const auto features = stage.template scratch<float>(points.n * grid.config.outputs());
+    stage.for_each(points.n * grid.config.levels,
+                   EncodePoints{GridLevels(there(stage, grid)), points, features});
+    stage.for_each(points.n, SkyColours{grid.config, points.n, features, stage.out(colour)});
     stage.finish();
   }
 
-  void contract_backward(const Contraction& contraction, const Rays& rays,
-                         const Intervals& intervals, std::span<const float> d_position,
-                         std::span<float> d_origin, std::span<float> d_direction) override {
-    check_contract_backward(rays, intervals, d_position.size(), d_origin.size(),
-                            d_direction.size());
+  void sky_backward(const HashGrid& grid, const Rays& rays, std::span<const float> pixel_angle,
+                    std::span<const float> colour, std::span<const float> opacity,
+                    std::span<const float> d_rgb, std::span<float> d_table,
+                    std::span<float> d_direction) override {
+    check_sky_backward(grid, rays, pixel_angle.size(), colour.size(), opacity.size(), d_rgb.size(),
+                       d_table.size(), d_direction.size());
     Stage stage(device_);
-    stage.for_each(rays.n, ContractBackward{contraction, there(stage, rays),
-                                            there(stage, intervals), stage.in(d_position),
-                                            stage.out(d_origin), stage.out(d_direction)});
+    const UnitPoints points = sky_points(stage, rays, pixel_angle);
+    const auto d_features = stage.template scratch<float>(points.n * grid.config.outputs());
+    stage.for_each(points.n, SkyColoursBackward{grid.config, points.n, stage.in(colour),
+                                                stage.in(opacity), stage.in(d_rgb), d_features});
+    stage.for_each(points.n * grid.config.levels,
+                   EncodeTableBackward{
+                       GridLevels({grid.config, {}}), points, d_features, {stage.in_out(d_table)}});
+    if (!d_direction.empty()) {
+      const auto d_position = stage.template scratch<float>(d_direction.size());
+      stage.for_each(points.n, EncodePositionBackward{GridLevels(there(stage, grid)), points,
+                                                      d_features, d_position});
+      stage.for_each(d_position.size(),
+                     SkyDirectionsBackward{d_position, stage.in_out(d_direction)});
+    }
     stage.finish();
   }
 
@@ -154,66 +195,23 @@ class DeviceGridStages final : public DeviceRayStages<Device> {
     stage.finish();
   }
 
-  void weights(int n_rays, const Intervals& intervals, std::span<const float> density,
-               std::span<float> weights) override {
-    check_weights(n_rays, intervals, density.size(), weights.size());
-    Stage stage(device_);
-    stage.for_each(n_rays,
-                   RayWeights{there(stage, intervals), stage.in(density), stage.out(weights)});
-    stage.finish();
-  }
-
-  void weights_backward(int n_rays, const Intervals& intervals, std::span<const float> density,
-                        std::span<const float> weights, std::span<const float> d_weights,
-                        std::span<float> d_density) override {
-    check_weights_backward(n_rays, intervals, density.size(), weights.size(), d_weights.size(),
-                           d_density.size());
-    Stage stage(device_);
-    stage.for_each(n_rays,
-                   RayWeightsBackward{there(stage, intervals), stage.in(density), stage.in(weights),
-                                      stage.in(d_weights), stage.out(d_density)});
-    stage.finish();
-  }
-
-  void proposal_loss(int n_rays, const Intervals& intervals, std::span<const float> weights,
-                     const Intervals& proposal, std::span<const float> proposal_weights,
-                     std::span<float> d_proposal, double* loss) override {
-    check_proposal(n_rays, intervals, weights.size(), proposal, proposal_weights.size(),
-                   d_proposal.size());
-    Stage stage(device_);
-    const auto sum =
-        stage.sum_on_device(n_rays, ProposalLoss{n_rays, there(stage, intervals), stage.in(weights),
-                                                 there(stage, proposal), stage.in(proposal_weights),
-                                                 stage.out(d_proposal)});
-    stage.put_loss({sum, static_cast<double>(n_rays)}, loss);
-    stage.finish();
-  }
-
-  void range_loss(int n_rays, const Intervals& intervals, std::span<const float> weights,
-                  std::span<const float> range_m, float spread_m, float factor,
-                  std::span<float> d_weights, double* loss) override {
-    check_range(n_rays, intervals, weights.size(), range_m.size(), spread_m, d_weights.size());
-    Stage stage(device_);
-    const auto sum = stage.sum_on_device(
-        n_rays, RangeLoss{n_rays, there(stage, intervals), stage.in(weights), stage.in(range_m),
-                          spread_m, factor, stage.out(d_weights)});
-    stage.put_loss({sum, static_cast<double>(n_rays), factor}, loss);
-    stage.finish();
-  }
-
-  void sparsity_loss(int n_rays, const Intervals& intervals, std::span<const float> density,
-                     float factor, std::span<float> d_density, double* loss) override {
-    check_sparsity(n_rays, intervals, density.size(), d_density.size());
-    Stage stage(device_);
-    const auto sum =
-        stage.sum_on_device(n_rays, SparsityLoss{n_rays, there(stage, intervals), stage.in(density),
-                                                 factor, stage.in_out(d_density)});
-    stage.put_loss({sum, static_cast<double>(n_rays), factor}, loss);
-    stage.finish();
-  }
-
  private:
-  using DeviceRayStages<Device>::device_;
+  /// Offsets of the numbers of `rays`, `each` a ray, in an array of size `all`.
+  static GatherOffset offset_of(Stage<Device>& stage, std::span<const std::uint32_t> rays,
+                                RayLayout layout, std::size_t each, std::size_t all) {
+    return {stage.in(rays), layout == RayLayout::kRows, each, all / each};
+  }
+  static UnitPoints sky_points(Stage<Device>& stage, const Rays& rays,
+                               std::span<const float> pixel_angle) {
+    const std::size_t n = rays.n;
+    const auto position = stage.template scratch<float>(3 * n),
+               footprint = stage.template scratch<float>(n);
+    stage.for_each(
+        n, SkyPoints{directions_there(stage, rays), stage.in(pixel_angle), position, footprint});
+    return {n, position, footprint};
+  }
+
+  Device& device_;
 };
 
 }  // namespace redrive::kernels

@@ -7,7 +7,7 @@
 #include "redrive/kernels/check_nerf_sizes.h"
 #include "redrive/kernels/device/nerf_functors.h"
 #include "redrive/kernels/device/nerf_tensor_network.h"
-#include "redrive/kernels/device/spans_on_device.h"
+#include "redrive/kernels/stage_spans.h"
 
 namespace redrive::kernels {
 

@@ -24,6 +24,7 @@
 #include <vector>
 
 #include "redrive/base/host_device.h"
+#include "redrive/kernels/loss_term.h"
 
 namespace redrive::kernels {
 
@@ -49,13 +50,6 @@ struct ValueTerm {
   REDRIVE_HD double operator()(std::size_t i) const { return numbers[i]; }
 };
 
-/// A sum of the device as a part of a loss; 0 where there is none.
-struct LossTerm {
-  std::span<const double> sum;
-  double over = 1, factor = 1;
-
-  REDRIVE_HD double value() const { return sum.empty() ? 0 : factor * (sum[0] / over); }
-};
 struct AddLossTerms {
   LossTerm a, b;
   std::span<double> loss;
@@ -139,7 +133,7 @@ class Stage {
   /// Sum of term(i) over i in [0, n), in an order that n alone decides: the same bits each time.
   /// One number on the device; none for n = 0.
   template <class Term>
-  std::span<const double> sum_on_device(std::size_t n, const Term& term) {
+  std::span<const double> reduce(std::size_t n, const Term& term) {
     constexpr std::size_t kParts = 4096, kFewParts = 64;  // threads enough for a device, then few
     auto parts = scratch<double>(std::min(n, kParts));
     for_each(parts.size(), PartialSum<Term>{term, n, parts});
@@ -153,7 +147,7 @@ class Stage {
   /// The same for the host, which waits for it.
   template <class Term>
   double sum(std::size_t n, const Term& term) {
-    const auto there = sum_on_device(n, term);
+    const auto there = reduce(n, term);
     return there.empty() ? 0 : on_host(there[0]);
   }
   /// To where the host or the device has it.

@@ -134,7 +134,7 @@ TEST(Stage, NothingIsNothing) {
   EXPECT_TRUE(stage.out({}).empty());
   EXPECT_TRUE(stage.in_out({}).empty());
   EXPECT_TRUE(stage.scratch<double>(0).empty());
-  EXPECT_TRUE(stage.sum_on_device(0, ValueTerm<float>{}).empty());
+  EXPECT_TRUE(stage.reduce(0, ValueTerm<float>{}).empty());
   stage.finish();
 }
 
@@ -146,7 +146,7 @@ TEST(Stage, SumsEachTermOnce) {
   for (const std::size_t n : {1u, 4095u, 4096u, 4097u, 100000u}) {
     Stage stage(device);
     double sum = 7;
-    stage.put_loss({stage.sum_on_device(n, Index{})}, &sum);
+    stage.put_loss({stage.reduce(n, Index{})}, &sum);
     EXPECT_EQ(sum, 7) << "not before finish";
     stage.finish();
     EXPECT_EQ(sum, 0.5 * static_cast<double>(n) * static_cast<double>(n - 1))
@@ -158,7 +158,7 @@ TEST(Stage, LossesHaveParts) {
   LoopDevice device;
   Stage stage(device);
   const std::vector<float> numbers = {1, 2, 5};
-  const auto sum = stage.sum_on_device(3, ValueTerm<float>{stage.in(numbers)});
+  const auto sum = stage.reduce(3, ValueTerm<float>{stage.in(numbers)});
   double both = 0, none = 7;
   stage.put_loss({sum, 4}, {sum, 2, 3}, &both);
   stage.put_loss({}, &none);

@@ -5,8 +5,7 @@
 #include <array>
 #include <vector>
 
-#include "redrive/kernels/check_grid_sizes.h"
-#include "redrive/kernels/host_ray_stages.h"
+#include "redrive/kernels/host_grid_stages.h"
 #include "redrive/optim/proposal_loss.h"
 #include "redrive/optim/range_loss.h"
 #include "redrive/optim/sparsity_loss.h"
@@ -50,41 +49,14 @@ class FeaturesOf {
   std::size_t n_, i_;
 };
 
-class RefGridStages final : public HostRayStages {
+class RefGridStages final : public HostGridStages {
  public:
-  void sample_uniform(const Rays& rays, const UniformSampling& how,
-                      std::span<float> edges) override {
-    check_sample_uniform(rays, how.per_ray, edges.size());
-    for (int ray = 0; ray < rays.n; ++ray) uniform_edges_of_ray(rays, how, ray, edges);
-  }
-
-  void sample_pdf(int n_rays, const Intervals& from, std::span<const float> weights,
-                  const PdfSampling& how, std::span<float> edges) override {
-    check_sample_pdf(n_rays, from, weights.size(), how.per_ray, edges.size());
-    for (int ray = 0; ray < n_rays; ++ray)
-      pdf_edges(&from.edges[interval_count(ray, from.per_ray + 1)],
-                &weights[interval_count(ray, from.per_ray)], from.per_ray, how.per_ray, how.padding,
-                how.jitter, how.key, ray, &edges[interval_count(ray, how.per_ray + 1)]);
-  }
-
-  void contract(const Contraction& contraction, const Rays& rays,
-                std::span<const float> pixel_angle, const Intervals& intervals, float least_width,
-                std::span<float> position, std::span<float> footprint) override {
-    check_contract(rays, intervals, pixel_angle.size(), position.size(), footprint.size());
-    for (int ray = 0; ray < rays.n; ++ray)
-      for (int s = 0; s < intervals.per_ray; ++s)
-        contract_sample(contraction, rays, pixel_angle, intervals, least_width, ray, s, position,
-                        footprint);
-  }
+  RefGridStages() : HostGridStages(HostExecutor()) {}
 
   void contract_backward(const Contraction& contraction, const Rays& rays,
                          const Intervals& intervals, std::span<const float> d_position,
                          std::span<float> d_origin, std::span<float> d_direction) override {
-    check_contract_backward(rays, intervals, d_position.size(), d_origin.size(),
-                            d_direction.size());
-    for (int ray = 0; ray < rays.n; ++ray)
-      contract_ray_backward<double>(contraction, rays, intervals, d_position, ray, d_origin,
-                                    d_direction);
+    contract_backward_in<double>(contraction, rays, intervals, d_position, d_origin, d_direction);
   }
 
   void encode(const HashGrid& grid, const UnitPoints& points, std::span<float> features) override {

@@ -6,17 +6,12 @@
 
 #include <algorithm>
 #include <cstring>
-#include <numeric>
 #include <vector>
 
 #include "redrive/base/buffer.h"
-#include "redrive/kernels/check_grid_sizes.h"
 #include "redrive/kernels/cpu/composite_range.h"
 #include "redrive/kernels/cpu/grid/packed_network.h"
-#include "redrive/kernels/host_ray_stages.h"
-#include "redrive/optim/proposal_loss.h"
-#include "redrive/optim/range_loss.h"
-#include "redrive/optim/sparsity_loss.h"
+#include "redrive/kernels/host_grid_stages.h"
 
 namespace redrive::kernels {
 namespace {
@@ -39,31 +34,13 @@ GridPoints range_of(const UnitPoints& points, std::size_t begin, std::size_t end
           points.footprint.data() + begin};
 }
 
-class CpuGridStages final : public HostRayStages {
+class CpuGridStages final : public HostGridStages {
  public:
   CpuGridStages(Isa isa, ThreadPool* pool)
-      : kernels_(isa == Isa::kAvx2 ? avx2::kGridKernels : avx512::kGridKernels),
+      : HostGridStages(HostExecutor{pool}),
+        kernels_(isa == Isa::kAvx2 ? avx2::kGridKernels : avx512::kGridKernels),
         bf16_(isa == Isa::kAvx512Bf16 ? &avx512_bf16::kGridBf16Kernels : nullptr),
         pool_(*pool) {}
-
-  void sample_uniform(const Rays& rays, const UniformSampling& how,
-                      std::span<float> edges) override {
-    check_sample_uniform(rays, how.per_ray, edges.size());
-    pool_.run_ranges(rays.n, kRaysPerRange, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t ray = begin; ray < end; ++ray) uniform_edges_of_ray(rays, how, ray, edges);
-    });
-  }
-
-  void sample_pdf(int n_rays, const Intervals& from, std::span<const float> weights,
-                  const PdfSampling& how, std::span<float> edges) override {
-    check_sample_pdf(n_rays, from, weights.size(), how.per_ray, edges.size());
-    pool_.run_ranges(n_rays, kRaysPerRange, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t ray = begin; ray < end; ++ray)
-        pdf_edges(&from.edges[ray * (from.per_ray + 1)], &weights[ray * from.per_ray], from.per_ray,
-                  how.per_ray, how.padding, how.jitter, how.key, ray,
-                  &edges[ray * (how.per_ray + 1)]);
-    });
-  }
 
   void contract(const Contraction& contraction, const Rays& rays,
                 std::span<const float> pixel_angle, const Intervals& intervals, float least_width,
@@ -86,18 +63,6 @@ class CpuGridStages final : public HostRayStages {
                          .position = position.data() + begin * per_ray,
                          .footprint = footprint.data() + begin * per_ray,
                          .stride = n});
-    });
-  }
-
-  void contract_backward(const Contraction& contraction, const Rays& rays,
-                         const Intervals& intervals, std::span<const float> d_position,
-                         std::span<float> d_origin, std::span<float> d_direction) override {
-    check_contract_backward(rays, intervals, d_position.size(), d_origin.size(),
-                            d_direction.size());
-    pool_.run_ranges(rays.n, kRaysPerRange, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t ray = begin; ray < end; ++ray)
-        contract_ray_backward<float>(contraction, rays, intervals, d_position, ray, d_origin,
-                                     d_direction);
     });
   }
 
@@ -213,53 +178,6 @@ class CpuGridStages final : public HostRayStages {
           static_cast<int>(end - begin), per_ray, &intervals.edges[begin * (per_ray + 1)],
           &density[first], &weights[first], &d_weights[first], &d_density[first], scratch.data());
     });
-  }
-
-  void proposal_loss(int n_rays, const Intervals& intervals, std::span<const float> weights,
-                     const Intervals& proposal, std::span<const float> proposal_weights,
-                     std::span<float> d_proposal, double* loss) override {
-    const int n = intervals.per_ray, m = proposal.per_ray;
-    check_proposal(n_rays, intervals, weights.size(), proposal, proposal_weights.size(),
-                   d_proposal.size());
-    std::vector<double> sums((n_rays + kRaysPerRange - 1) / kRaysPerRange);
-    pool_.run_ranges(n_rays, kRaysPerRange, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t ray = begin; ray < end; ++ray) {
-        std::fill_n(&d_proposal[ray * m], m, 0.0f);
-        sums[begin / kRaysPerRange] += redrive::proposal_loss<float>(
-            &intervals.edges[ray * (n + 1)], &weights[ray * n], n, &proposal.edges[ray * (m + 1)],
-            &proposal_weights[ray * m], m, 1.0f / static_cast<float>(n_rays), &d_proposal[ray * m]);
-      }
-    });
-    *loss = std::accumulate(sums.begin(), sums.end(), 0.0) / n_rays;
-  }
-
-  void range_loss(int n_rays, const Intervals& intervals, std::span<const float> weights,
-                  std::span<const float> range_m, float spread_m, float factor,
-                  std::span<float> d_weights, double* loss) override {
-    check_range(n_rays, intervals, weights.size(), range_m.size(), spread_m, d_weights.size());
-    const int n = intervals.per_ray;
-    std::vector<double> sums((n_rays + kRaysPerRange - 1) / kRaysPerRange);
-    pool_.run_ranges(n_rays, kRaysPerRange, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t ray = begin; ray < end; ++ray)
-        sums[begin / kRaysPerRange] += redrive::range_loss<float>(
-            &intervals.edges[ray * (n + 1)], &weights[ray * n], n, range_m[ray], spread_m,
-            factor / static_cast<float>(n_rays), &d_weights[ray * n]);
-    });
-    *loss = factor * (std::accumulate(sums.begin(), sums.end(), 0.0) / n_rays);
-  }
-
-  void sparsity_loss(int n_rays, const Intervals& intervals, std::span<const float> density,
-                     float factor, std::span<float> d_density, double* loss) override {
-    check_sparsity(n_rays, intervals, density.size(), d_density.size());
-    const int n = intervals.per_ray;
-    std::vector<double> sums((n_rays + kRaysPerRange - 1) / kRaysPerRange);
-    pool_.run_ranges(n_rays, kRaysPerRange, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t ray = begin; ray < end; ++ray)
-        sums[begin / kRaysPerRange] +=
-            redrive::sparsity_loss<float>(&intervals.edges[ray * (n + 1)], &density[ray * n], n,
-                                          factor / static_cast<float>(n_rays), &d_density[ray * n]);
-    });
-    *loss = factor * (std::accumulate(sums.begin(), sums.end(), 0.0) / n_rays);
   }
 
  private:

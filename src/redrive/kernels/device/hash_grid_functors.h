@@ -1,0 +1,122 @@
+// SPDX-License-Identifier: Apache-2.0
+// The hash grid's stages of grid_stages.h on a device, as functors for one point, or one point in
+// one level, in float. Their spans lie on the device.
+#pragma once
+
+#include <cmath>
+
+#include "redrive/kernels/device/device_math.h"
+#include "redrive/kernels/grid_stages.h"
+
+namespace redrive::kernels {
+
+/// A hash grid as functors carry it.
+struct GridLevels {
+  static constexpr int kMost = 16;
+  HashGridLevel level[kMost];
+  int levels, features;
+  std::span<const float> table;
+
+  explicit GridLevels(const HashGrid& grid)
+      : levels(grid.config.levels), features(grid.config.features), table(grid.table) {
+    const auto all = hash_grid_levels(grid.config);
+    std::copy(all.begin(), all.end(), level);
+  }
+};
+
+struct PointPosition {
+  float at[3];
+
+  REDRIVE_HD PointPosition(const UnitPoints& points, std::size_t i) {
+    for (int k = 0; k < 3; ++k) at[k] = points.coordinate(k, i);
+  }
+};
+
+/// Point i % n in level i / n: neighbours look into the same table.
+struct EncodePoints {
+  GridLevels grid;
+  UnitPoints points;
+  std::span<float> features;
+
+  REDRIVE_HD void operator()(std::size_t i) const {
+    const std::size_t point = i % points.n;
+    hash_grid_encode_level(grid.level[i / points.n], grid.features, grid.table.data(),
+                           PointPosition(points, point).at, points.footprint[point],
+                           &features[i * grid.features]);
+  }
+};
+
+struct AtomicAddToTable {
+  std::span<float> d_table;
+
+  REDRIVE_HD void operator()(std::size_t at, float derivative) const {
+    atomic_add(&d_table[at], derivative);
+  }
+};
+
+struct EncodeTableBackward {
+  GridLevels grid;
+  UnitPoints points;
+  std::span<const float> d_features;
+  AtomicAddToTable add;
+
+  REDRIVE_HD void operator()(std::size_t i) const {
+    const std::size_t point = i % points.n;
+    hash_grid_adjoint_level(grid.level[i / points.n], grid.features,
+                            PointPosition(points, point).at, points.footprint[point],
+                            &d_features[i * grid.features], add);
+  }
+};
+
+struct EncodePositionBackward {
+  GridLevels grid;
+  UnitPoints points;
+  std::span<const float> d_features;
+  std::span<float> d_position;
+
+  REDRIVE_HD void operator()(std::size_t point) const {
+    const PointPosition position(points, point);
+    float d[3]{};
+    for (int l = 0; l < grid.levels; ++l)
+      hash_grid_position_adjoint_level(grid.level[l], grid.features, grid.table.data(), position.at,
+                                       points.footprint[point],
+                                       &d_features[(l * points.n + point) * grid.features], d);
+    for (int k = 0; k < 3; ++k) d_position[k * points.n + point] = d[k];
+  }
+};
+
+struct ProposalDensity {
+  GridLevels grid;
+  float density_scale;
+  UnitPoints points;
+  std::span<float> density;
+
+  REDRIVE_HD void operator()(std::size_t point) const {
+    const PointPosition position(points, point);
+    const float most = kMaxLogDensity;
+    float sum = 0;
+    for (int l = 0; l < grid.levels; ++l) {
+      float feature;
+      hash_grid_encode_level(grid.level[l], 1, grid.table.data(), position.at,
+                             points.footprint[point], &feature);
+      sum += feature;
+    }
+    density[point] = density_scale * std::exp(sum > most ? most : sum);
+  }
+};
+
+struct ProposalDensityBackward {
+  GridLevels grid;
+  UnitPoints points;
+  std::span<const float> density, d_density;
+  AtomicAddToTable add;
+
+  REDRIVE_HD void operator()(std::size_t i) const {
+    const std::size_t point = i % points.n;
+    const float d = density[point] * d_density[point];
+    hash_grid_adjoint_level(grid.level[i / points.n], 1, PointPosition(points, point).at,
+                            points.footprint[point], &d, add);
+  }
+};
+
+}  // namespace redrive::kernels
