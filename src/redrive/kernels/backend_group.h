@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Several GPUs of one machine, each with its share of every training step
+// Backends of several GPUs of one machine, each with its part of every training step
 // (train/data_parallel_group.h).
 #pragma once
 
@@ -11,23 +11,24 @@
 
 namespace redrive::kernels {
 
-/// What makes one of what several backends have computed.
+/// Averages arrays over several backends.
 class AllReduce {
  public:
   virtual ~AllReduce() = default;
-  /// parts[r]: numbers that backend r keeps, as many as the others. Each of them becomes their
-  /// mean, the same bits on all backends. DeviceError: one of them failed, and nobody waits for it.
+  /// Replaces each number of parts[r], resident on backend r and of the same size on all, by its
+  /// mean over the backends, with the same bits on all of them. DeviceError: a backend failed; the
+  /// others do not wait for it.
   virtual void mean(std::span<const std::span<float>> parts) = 0;
 };
 
-/// The first backend is the one for what a run does once.
+/// The first backend also does what a run does once.
 struct BackendGroup {
   std::vector<std::unique_ptr<Backend>> backends;
-  std::unique_ptr<AllReduce> reduction;  ///< none of one backend
+  std::unique_ptr<AllReduce> reduction;  ///< null for one backend
 };
 
-/// --gpus, beside what chooses one backend; 1: make_backend. UsageError says why there are not so
-/// many, or that there is no NCCL.
+/// Returns backends on `gpus` GPUs (--gpus); for 1 that of make_backend. UsageError: there are not
+/// so many usable GPUs, or no NCCL.
 BackendGroup make_backend_group(const BackendChoice& choice, int gpus);
 
 }  // namespace redrive::kernels

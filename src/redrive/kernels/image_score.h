@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Scoring a picture: what all backends check, and what they do for one pixel by the scalar
-// functions, the host in loops (host_score.h), devices in kernels
-// (kernels/device/device_image_score.h). Both pictures lie in planes [2, 4, height, width]: red,
-// green, blue, black where they are masked, and one of room; then FLIP's opponent channels in their
-// places, with the luminance behind them.
+// Backend::score for one pixel or window, by the scalar functions of optim/ssim.h and optim/flip.h:
+// the host runs them in loops (host_image_score.h), devices in kernels
+// (device/device_image_score.h). Both images lie in planes [2, 4, height, width]: red, green, blue
+// (black where masked) and an unused one; later FLIP's opponent colour channels and the luminance.
 #pragma once
 
 #include <algorithm>

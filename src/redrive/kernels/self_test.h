@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Whether a backend computes what `ref` does, asked of a handful of small stages before `--backend
-// auto` takes it: a few tenths of a second. The whole of it is for tests/conformance.
+// Compares a few small stages of a backend with `ref` before `--backend auto` takes it, in a few
+// tenths of a second. tests/conformance compares all of them.
 #pragma once
 
 #include <functional>
@@ -12,12 +12,12 @@
 
 namespace redrive::kernels {
 
-/// The first stage that is off, and by how much, or what the backend died of; nothing where all is
-/// well.
+/// Returns the first stage that disagrees, and by how much, or the error that the backend threw;
+/// nothing if all agree.
 std::optional<std::string> self_test(Backend& backend);
 
-/// The backend that `make` makes of a GPU, or null where its self-test fails, which is said on
-/// stderr.
+/// Returns the GPU's backend that `make` returns, or null if its self-test fails, which it reports
+/// on stderr.
 std::unique_ptr<Backend> make_if_self_test_passes(
     const std::function<std::unique_ptr<Backend>()>& make);
 

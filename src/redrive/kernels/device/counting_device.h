@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A device that computes nothing and has no memory, but counts what a GPU would have to give, as
-// cuda_device.h takes it. Stages are asked of it first (Backend::counting), so that what they take
-// is theirs to say, and no second list of it.
+// A device that computes nothing and has no memory, but counts what the stages would take of a
+// GPU's (Backend::counting), as cuda_device.h takes it. So memory needs follow from the stages
+// themselves instead of from a list beside them.
 #pragma once
 
 #include <algorithm>
@@ -20,7 +20,7 @@
 
 namespace redrive::kernels {
 
-/// Places that nobody may look at.
+/// Addresses without memory behind them.
 class CountedAllocations {
  public:
   explicit CountedAllocations(MemoryCount* count) : count_(count) {}

@@ -82,7 +82,7 @@ struct FusedActivations {
     for (int here = 0; here < kLanesHere; ++here) {
       REDRIVE_UNROLL
       for (int w = 0; w < 4; ++w) {
-        const Place at = position_in_a(lane_of(here), w);
+        const MatrixPosition at = position_in_a(lane_of(here), w);
         const std::size_t wanted = first + at.row,
                           sample = wanted < last_sample ? wanted : last_sample;
         REDRIVE_UNROLL
@@ -135,7 +135,7 @@ struct FusedGridForward {
     for (int here = 0; here < kLanesHere; ++here) {
       REDRIVE_UNROLL
       for (int i = 0; i < 4; ++i) {
-        const Place at = position_in_sums(lane_of(here), i);
+        const MatrixPosition at = position_in_sums(lane_of(here), i);
         const std::size_t sample = first + at.row;
         if (sample >= n) continue;
         if (at.column < 3) raw[at.column * n + sample] = colour.lane[here][i];
@@ -171,7 +171,7 @@ struct FusedGridBackward {
     for (int here = 0; here < kLanesHere; ++here) {
       REDRIVE_UNROLL
       for (int w = 0; w < 4; ++w) {
-        const Place at = position_in_a(lane_of(here), w);
+        const MatrixPosition at = position_in_a(lane_of(here), w);
         const std::size_t sample = first + at.row;
         const auto of = [&](int channel) {
           return sample < end ? d_raw[channel * n + sample] : 0.0f;
@@ -217,7 +217,7 @@ struct FusedGridBackward {
         for (int half = 0; half < 2; ++half) {
           REDRIVE_UNROLL
           for (int i = 0; i < 4; i += 2) {
-            const Place at = position_in_sums(lane_of(here), i);
+            const MatrixPosition at = position_in_sums(lane_of(here), i);
             if (first + at.row >= end) continue;
             store_pair(
                 d_features + in.place(first + at.row, t * kTensorTile + 8 * half + at.column),

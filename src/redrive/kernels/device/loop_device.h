@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Stands in for a GPU where there is none: the kernels' functors one after the other, in memory of
-// its own, so that the stages of device_backend.h are tested wherever there is a compiler. What a
-// stage forgets to copy is not a number here, what it forgets to bring home stays behind, and of
-// kept numbers the host has none until it fetches them.
+// Stands in for a GPU in tests: runs the kernels' functors one after the other, in memory of its
+// own, so that the stages of device_backend.h are tested wherever there is a compiler. Memory that
+// a stage forgets to copy is NaN, results that it forgets to copy back are missing, and the host's
+// copy of resident arrays is NaN until it is downloaded.
 #pragma once
 
 #include <algorithm>
@@ -30,7 +30,7 @@ class LoopDevice {
 
   bool has_tensor_cores() const { return true; }  // by loops over a warp's lanes (mma.h)
 
-  /// copies: is told of every copy, faults: what goes wrong; unless null.
+  /// copies: counts transfers; faults: injected failures; both may be null.
   explicit LoopDevice(TransferCounts* copies = nullptr, InjectedFaults* faults = nullptr)
       : copies_(copies), faults_(faults) {}
 

@@ -1,18 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-// Products of small matrices by a warp, on tensor cores: operands in bf16, sums in fp32. A warp has
-// 32 lanes, and each holds a few numbers of every matrix (a fragment). Written once: on a GPU a
-// thread has the registers of its own lane, on the host those of all 32, so that what lies where is
-// tested wherever there is a compiler. Where a lane's numbers stand in a matrix is NVIDIA's, of
-// mma.m16n8k16 for bf16 ("PTX ISA", Warp-level matrix instructions, figures "fragment layout");
-// with group = lane / 4 and place = lane % 4:
+// Products of small matrices by a warp on tensor cores: operands in bf16, sums in fp32. A warp has
+// 32 lanes, and each holds a fragment of every matrix. The code is written once: on a GPU a thread
+// has the registers of its own lane, on the host those of all 32, so that tests of the layout run
+// wherever there is a compiler. The layout is that of mma.m16n8k16 for bf16 (NVIDIA, "PTX ISA",
+// warp-level matrix instructions), with group = lane / 4 and member = lane % 4:
 //
-//   OperandA  16 x 16   word w: row group + 8 (w % 2), columns 2 place + 8 (w / 2) and the next,
-//   the first in the lower half OperandB  16 x  8   word w: rows 2 place + 8 w and the next, column
-//   group Sums      16 x  8   number i: row group + 8 (i / 2), column 2 place + i % 2
+// - OperandA, 16 x 16: word w has row group + 8 (w % 2), columns 2 member + 8 (w / 2) and the next,
+//   the first in the lower half.
+// - OperandB, 16 x 8: word w has rows 2 member + 8 w and the next, column group.
+// - Sums, 16 x 8: number i has row group + 8 (i / 2), column 2 member + i % 2.
 //
-// What all of this rests on: two Sums beside each other have their numbers in the very places of an
-// OperandA, so that a layer's outputs become the next one's inputs in the registers they are in
-// (operand_of); and an OperandA transposed has its words in the places of two OperandBs.
+// Two consequences: two Sums side by side have the layout of an OperandA, so a layer's outputs are
+// the next one's inputs in the registers they are in (operand_of); and an OperandA transposed has
+// its words in the layout of two OperandBs.
 #pragma once
 
 #include <bit>
@@ -79,17 +79,17 @@ struct Sums {
   float lane[kLanesHere][4];
 };
 
-struct Place {
+struct MatrixPosition {
   int row, column;
 };
 /// Of the lower half of word w, the upper one is beside it; of number i.
-REDRIVE_HD inline Place position_in_a(int lane, int w) {
+REDRIVE_HD inline MatrixPosition position_in_a(int lane, int w) {
   return {lane / 4 + 8 * (w % 2), 2 * (lane % 4) + 8 * (w / 2)};
 }
-REDRIVE_HD inline Place position_in_b(int lane, int w) {
+REDRIVE_HD inline MatrixPosition position_in_b(int lane, int w) {
   return {2 * (lane % 4) + 8 * w, lane / 4};
 }  // upper: below it
-REDRIVE_HD inline Place position_in_sums(int lane, int i) {
+REDRIVE_HD inline MatrixPosition position_in_sums(int lane, int i) {
   return {lane / 4 + 8 * (i / 2), 2 * (lane % 4) + i % 2};
 }
 
@@ -110,17 +110,17 @@ REDRIVE_HD inline void multiply_add(Sums& sums, const OperandA& a, const Operand
   float left[16][16], right[16][8], c[16][8];
   for (int lane = 0; lane < kLanes; ++lane) {
     for (int w = 0; w < 4; ++w) {
-      const Place at = position_in_a(lane, w);
+      const MatrixPosition at = position_in_a(lane, w);
       left[at.row][at.column] = low_value(a.lane[lane].at[w]);
       left[at.row][at.column + 1] = high_value(a.lane[lane].at[w]);
     }
     for (int w = 0; w < 2; ++w) {
-      const Place at = position_in_b(lane, w);
+      const MatrixPosition at = position_in_b(lane, w);
       right[at.row][at.column] = low_value(b.lane[lane].at[w]);
       right[at.row + 1][at.column] = high_value(b.lane[lane].at[w]);
     }
     for (int i = 0; i < 4; ++i) {
-      const Place at = position_in_sums(lane, i);
+      const MatrixPosition at = position_in_sums(lane, i);
       c[at.row][at.column] = sums.lane[lane][i];
     }
   }
@@ -129,7 +129,7 @@ REDRIVE_HD inline void multiply_add(Sums& sums, const OperandA& a, const Operand
       for (int n = 0; n < 8; ++n) c[m][n] += left[m][k] * right[k][n];
   for (int lane = 0; lane < kLanes; ++lane)
     for (int i = 0; i < 4; ++i) {
-      const Place at = position_in_sums(lane, i);
+      const MatrixPosition at = position_in_sums(lane, i);
       sums.lane[lane][i] = c[at.row][at.column];
     }
 #endif
@@ -149,11 +149,11 @@ REDRIVE_HD inline OperandA transposed(const OperandA& a) {
 #else
     for (int lane = 0; lane < kLanes; ++lane) {
       const int group = lane / 4,
-                place = lane % 4;  // has (2 place, group) and (2 place + 1, group) of the block
+                member = lane % 4;  // has (2 member, group) and (2 member + 1, group) of the block
       const auto half = [&](int row) {
         return a.lane[4 * row + group / 2].at[from] >> 16 * (group % 2) & 0xFFFFu;
       };
-      out.lane[lane].at[w] = half(2 * place) | half(2 * place + 1) << 16;
+      out.lane[lane].at[w] = half(2 * member) | half(2 * member + 1) << 16;
     }
 #endif
   }

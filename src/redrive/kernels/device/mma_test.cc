@@ -20,16 +20,16 @@ using Matrix = std::array<std::array<float, kColumns>, kRows>;
 
 /// Number i = 0..7 of matrix A, 0..3 of B and C: two of A's and B's are a register, the first in
 /// its lower half.
-Place ptx_a(int lane, int i) {
+MatrixPosition ptx_a(int lane, int i) {
   const int group = lane >> 2, in_group = lane % 4;
   return {(0 <= i && i < 2) || (4 <= i && i < 6) ? group : group + 8,
           i < 4 ? in_group * 2 + (i & 1) : in_group * 2 + (i & 1) + 8};
 }
-Place ptx_b(int lane, int i) {
+MatrixPosition ptx_b(int lane, int i) {
   const int group = lane >> 2, in_group = lane % 4;
   return {i < 2 ? in_group * 2 + (i & 1) : in_group * 2 + (i & 1) + 8, group};
 }
-Place ptx_c(int lane, int i) {
+MatrixPosition ptx_c(int lane, int i) {
   const int group = lane >> 2, in_group = lane % 4;
   return {i < 2 ? group : group + 8, in_group * 2 + (i & 1)};
 }
@@ -56,7 +56,7 @@ OperandA a_of(const Matrix<16, 16>& m) {
   OperandA a{};
   for (int lane = 0; lane < 32; ++lane)
     for (int i = 0; i < 8; ++i) {
-      const Place at = ptx_a(lane, i);
+      const MatrixPosition at = ptx_a(lane, i);
       a.lane[lane].at[i / 2] |= exact_bits(m[at.row][at.column]) << 16 * (i % 2);
     }
   return a;
@@ -65,7 +65,7 @@ OperandB b_of(const Matrix<16, 8>& m) {
   OperandB b{};
   for (int lane = 0; lane < 32; ++lane)
     for (int i = 0; i < 4; ++i) {
-      const Place at = ptx_b(lane, i);
+      const MatrixPosition at = ptx_b(lane, i);
       b.lane[lane].at[i / 2] |= exact_bits(m[at.row][at.column]) << 16 * (i % 2);
     }
   return b;
@@ -74,7 +74,7 @@ Sums sums_of(const Matrix<16, 8>& m) {
   Sums sums;
   for (int lane = 0; lane < 32; ++lane)
     for (int i = 0; i < 4; ++i) {
-      const Place at = ptx_c(lane, i);
+      const MatrixPosition at = ptx_c(lane, i);
       sums.lane[lane][i] = m[at.row][at.column];
     }
   return sums;
@@ -87,7 +87,7 @@ void expect_same(const OperandA& a, const OperandA& b) {
 
 TEST(Mma, FragmentLayoutMatchesThePtxFigures) {
   // Corners of the PTX ISA's figures: of A, B and C who has what.
-  const auto expect = [](Place at, int row, int column) {
+  const auto expect = [](MatrixPosition at, int row, int column) {
     EXPECT_EQ(at.row, row);
     EXPECT_EQ(at.column, column);
   };

@@ -1,21 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
-// One call of a stage on a device: its spans copied there and back, and what it does there. A
-// Device (loop_device.h, cuda_device.h) has
-//   begin()                       memory that was taken before is free again
-//   take(bytes)                   memory of the device, whatever is in it, aligned for any number
-//   to_device, to_host            copies; to_host waits until it is there
-//   wait()                        until all of that is done
-//   for_each(n, functor)          functor(i) for i in [0, n), in any order and at once; what it
-//   needs lies in it or on the device exclusive_sum(n, x, sums)       sums[i] = x[0] + ... + x[i -
-//   1] for i in [0, n), whole numbers on the device has_tensor_cores()            whether it runs
-//   the warps of mma.h for_each_warp(n, functor)     functor(i) by a warp each (mma.h) hold(bytes),
-//   kept             memory that stays as long as its handle lives, and what of the host's numbers
-//   lies in such spoil(host)                   is told that the host's copy of kept numbers is out
-//   of date description()                 which one it is, in words, or nothing free_memory() bytes
-//   that are left of it, or nothing if it has no end kBenchmarkWarps               work for a while
-//   without an end in sight of all that it has (device_ceilings.h) kMaxSamplesPerPass rows that a
-//   network's activations are kept for; kMaxGridSamplesPerPass: a fused one's
-//   (fused_grid_network.h)
+// One call of a stage on a device: copies its arguments there and its results back, and runs its
+// functors. A Device (cuda_device.h, loop_device.h, counting_device.h) has
+//
+// - begin(): frees the memory that the last stage took.
+// - take(bytes): returns device memory, uninitialised, aligned for any number.
+// - hold(bytes): returns a handle on memory that stays as long as the handle lives.
+// - kept: the host arrays that are resident in such memory (resident_buffers.h).
+// - spoil(host): learns that the host's copy of a resident array is out of date.
+// - to_device, to_host: copies; to_host waits for the result. wait(): waits for everything.
+// - for_each(n, functor): runs functor(i) for i in [0, n), in any order and concurrently. What the
+//   functor reads lies in it or on the device.
+// - has_tensor_cores(), for_each_warp(n, functor): functor(i) by one warp each (mma.h).
+// - exclusive_sum(n, x, sums): sums[i] = x[0] + ... + x[i - 1], integers on the device.
+// - description(), free_memory(): the device in words and its free bytes, where it has them.
+// - kMaxSamplesPerPass, kMaxGridSamplesPerPass: samples whose activations are kept at once by a
+//   network layer by layer, and by a fused one (fused_grid_network.h).
+// - kBenchmarkWarps: warps that keep the device busy while measure_ceilings.h measures it.
 #pragma once
 
 #include <algorithm>
@@ -28,7 +28,7 @@
 
 namespace redrive::kernels {
 
-/// The terms i = part, part + parts, ... of a sum.
+/// Sums the terms i = part, part + parts, ...
 template <class Term>
 struct PartialSum {
   Term term;
@@ -57,7 +57,7 @@ struct AddLossTerms {
   REDRIVE_HD void operator()(std::size_t i) const { loss[i] = a.value() + b.value(); }
 };
 
-/// 1 for what is chosen, 0 for the rest and behind the end.
+/// Marks 1 for what is chosen, 0 for the rest and past the end.
 template <class Choose>
 struct MarkSelected {
   Choose choose;
@@ -67,7 +67,7 @@ struct MarkSelected {
   REDRIVE_HD void operator()(std::size_t i) const { marks[i] = i < n && choose(i) ? 1 : 0; }
 };
 
-/// Those marked to the places that the marks before them leave.
+/// Writes each marked index to the position that the number of marks before it gives.
 struct ListSelected {
   std::span<const std::uint32_t> marks, before;
   std::span<std::uint32_t> list;
@@ -77,7 +77,7 @@ struct ListSelected {
   }
 };
 
-/// As a GPU before compute capability 8.0: networks in fp32.
+/// Behaves as a GPU before compute capability 8.0, whose networks are fp32.
 template <class Device>
 class WithoutTensorCores : public Device {
  public:
@@ -92,7 +92,7 @@ class Stage {
   Stage(const Stage&) = delete;
   Stage& operator=(const Stage&) = delete;
 
-  /// The device's copy of what lies on the host, if it is not kept there anyway. No numbers: no
+  /// Returns the resident copy of `host` or else makes one for this stage. Empty spans take no
   /// memory.
   template <class T>
   std::span<const T> in(std::span<T> host) {
@@ -102,7 +102,7 @@ class Stage {
   }
   std::span<const float> in(std::span<const float> host) { return in<const float>(host); }
 
-  /// Memory of the device that finish() copies to `host`, or where these numbers are kept.
+  /// Returns the resident copy of `host`, or else memory that finish() copies to it.
   template <class T>
   std::span<T> out(std::span<T> host) {
     if (const auto kept = change_kept(host); !kept.empty()) return kept;
@@ -110,7 +110,7 @@ class Stage {
   }
   std::span<float> out(std::span<float> host) { return out<float>(host); }
 
-  /// Both.
+  /// Like out, with the values of `host` to begin with.
   std::span<float> in_out(std::span<float> host) {
     if (const auto kept = change_kept(host); !kept.empty()) return kept;
     return result(host, copy(std::span<const float>(host)));
@@ -130,8 +130,8 @@ class Stage {
     device_.for_each_warp(n, functor);
   }
 
-  /// Sum of term(i) over i in [0, n), in an order that n alone decides: the same bits each time.
-  /// One number on the device; none for n = 0.
+  /// Sums term(i) over i in [0, n) in an order that n alone determines: the same bits each time.
+  /// Returns one number on the device, none for n = 0.
   template <class Term>
   std::span<const double> reduce(std::size_t n, const Term& term) {
     constexpr std::size_t kParts = 4096, kFewParts = 64;  // threads enough for a device, then few
@@ -144,19 +144,19 @@ class Stage {
     }
     return parts;
   }
-  /// The same for the host, which waits for it.
+  /// Returns the sum to the host, which waits for it.
   template <class Term>
   double sum(std::size_t n, const Term& term) {
     const auto there = reduce(n, term);
     return there.empty() ? 0 : on_host(there[0]);
   }
-  /// To where the host or the device has it.
+  /// Writes the loss to the host, or to the resident copy of it.
   void put_loss(const LossTerm& a, const LossTerm& b, double* loss) {
     for_each(1, AddLossTerms{a, b, out(std::span(loss, 1))});
   }
   void put_loss(const LossTerm& part, double* loss) { put_loss(part, {}, loss); }
 
-  /// Those i in [0, n) that choose(i) says yes to, ascending, into `list` on the device; returns
+  /// Writes those i in [0, n) that choose(i) accepts, ascending, to `list` on the device; returns
   /// how many.
   template <class Choose>
   std::size_t choose(std::size_t n, const Choose& choose, std::span<std::uint32_t> list) {
@@ -167,7 +167,7 @@ class Stage {
     return on_host(before[n]);
   }
 
-  /// Brings the results home: the last thing that a stage does.
+  /// Copies the results to the host: the last call of a stage.
   void finish() {
     for (const Result& result : results_)
       device_.to_host(result.host.data(), result.there.data(), result.host.size_bytes());

@@ -98,7 +98,7 @@ struct TensorProduct {
       for (int half = 0; half < 2; ++half) {
         REDRIVE_UNROLL
         for (int i = 0; i < 4; ++i) {
-          const Place at = position_in_sums(lane_of(here), i);
+          const MatrixPosition at = position_in_sums(lane_of(here), i);
           const std::size_t sample = s * kTensorTile + at.row,
                             column = c * kTensorTile + 8 * half + at.column;
           if (sample >= samples || column >= columns) continue;

@@ -52,7 +52,7 @@ struct TestActivations {
   static float number(const OperandA& a, int row, int column) {
     for (int lane = 0; lane < kLanes; ++lane)
       for (int w = 0; w < 4; ++w) {
-        const Place at = position_in_a(lane, w);
+        const MatrixPosition at = position_in_a(lane, w);
         if (at.row == row && at.column == column / 2 * 2)
           return column % 2 == 0 ? low_value(a.lane[lane].at[w]) : high_value(a.lane[lane].at[w]);
       }

@@ -89,7 +89,7 @@ struct PackTensorActivations {
     for (int here = 0; here < kLanesHere; ++here) {
       REDRIVE_UNROLL
       for (int w = 0; w < 4; ++w) {
-        const Place at = position_in_a(lane_of(here), w);
+        const MatrixPosition at = position_in_a(lane_of(here), w);
         const std::size_t sample = s * kTensorTile + at.row, column = c * kTensorTile + at.column;
         a.lane[here].at[w] = bf16_word(number(sample, column), number(sample, column + 1));
       }
@@ -122,7 +122,7 @@ struct PackTensorWeights {
     const int w = static_cast<int>(i % 2), lane = static_cast<int>(i / 2 % kLanes);
     const std::size_t tile = i / 2 / kLanes, k = tile % own_tiles_of_k(),
                       n = tile / own_tiles_of_k();
-    const Place at = position_in_b(lane, w);
+    const MatrixPosition at = position_in_b(lane, w);
     const std::size_t row_of_b = k * kTensorTile + at.row, column = n * 8 + at.column;
     to[(n * tiles_of_k + first_k + k) * kLanes + lane].at[w] =
         bf16_word(number(row_of_b, column), number(row_of_b + 1, column));
@@ -199,7 +199,7 @@ struct TensorWeightBackward {
       for (int o = 0; o < kOutputTiles; ++o) {
         REDRIVE_UNROLL
         for (int n = 0; n < 4; ++n) {
-          const Place at = position_in_sums(lane_of(here), n);
+          const MatrixPosition at = position_in_sums(lane_of(here), n);
           const std::size_t output = (first_o + o) * kTensorTile + at.row;
           if (output >= outputs) continue;
           REDRIVE_UNROLL

@@ -50,7 +50,7 @@ TEST(TensorTiles, PackedWeights) {
         float got = INFINITY;
         for (int lane = 0; lane < kLanes; ++lane)
           for (int w = 0; w < 2; ++w) {
-            const Place at = position_in_b(lane, w);
+            const MatrixPosition at = position_in_b(lane, w);
             if (static_cast<std::size_t>(at.column) != n % 8 ||
                 static_cast<std::size_t>(at.row) != k % 16 / 2 * 2)
               continue;
