@@ -103,8 +103,8 @@ inline void encode_positions(const Plan& plan, const ChunkMemory& memory, const 
 /// The adjoint of gamma(x) (field/positional_encoding.h positional_encoding_adjoint), its sines and
 /// cosines as the network saw them (memory.position_keep), of the sum of memory.d_gamma. d_position
 /// [3, samples].
-inline void encode_positions_adjoint(const Plan& plan, const ChunkMemory& memory, int samples,
-                                     float* d_position) {
+inline void encode_positions_backward(const Plan& plan, const ChunkMemory& memory, int samples,
+                                      float* d_position) {
   constexpr int kMaxRows = 64;
   alignas(64) float d_code[kMaxRows * 16];
   const int blocks = plan.position_blocks, octaves = plan.position_octaves,

@@ -76,7 +76,7 @@ struct NetworkStages {
     step.weight_gradient(0, even);
     if (!d_position) return;
     step.position_gradient(0, even, memory.d_gamma[1]);
-    encode_positions_adjoint(plan, memory, samples, d_position);
+    encode_positions_backward(plan, memory, samples, d_position);
   }
 
   static void product(const Bf16* a, const Bf16* b, int k_blocks, const float* bias, float* c) {

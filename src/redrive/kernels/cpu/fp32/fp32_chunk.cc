@@ -120,8 +120,8 @@ void Fp32Chunk::forward(const NerfTile& tile, bool keep, float* raw, int stride)
   });
 }
 
-void Fp32Chunk::dense_adjoint(int layer, const float* d_out1, const float* d_out2,
-                              const float* mask, float* d_in) {
+void Fp32Chunk::dense_backward(int layer, const float* d_out1, const float* d_out2,
+                               const float* mask, float* d_in) {
   const PackedLayer& l = network_.layers_[layer];
   kernels_.dense({.weights = network_.backward_[layer].data(),
                   .bias = nullptr,
@@ -136,7 +136,7 @@ void Fp32Chunk::dense_adjoint(int layer, const float* d_out1, const float* d_out
                  samples_);
 }
 
-void Fp32Chunk::position_adjoint(int layer, const float* d_out) {
+void Fp32Chunk::position_backward(int layer, const float* d_out) {
   const int part = layer == 0;
   kernels_.dense({.weights = network_.position_backward_[part].data(),
                   .bias = nullptr,
@@ -200,21 +200,21 @@ void Fp32Chunk::backward(const float* d_raw, int stride, float* d_position) {
   float *d_out = d_front_.data(), *d_in = d_back_.data();
   const float* last = hidden_[kNerfHidden - 1].data();
   accumulate(kFp32Rgb, d_rgb_.data(), colour_.data(), nullptr);
-  dense_adjoint(kFp32Rgb, d_rgb_.data(), nullptr, colour_.data(), d_out);
+  dense_backward(kFp32Rgb, d_rgb_.data(), nullptr, colour_.data(), d_out);
   accumulate(kFp32Colour, d_out, last, direction_.data());
   accumulate(kFp32Density, d_density_.data(), last, nullptr);
-  dense_adjoint(kFp32Colour, d_out, d_density_.data(), last, d_in);
+  dense_backward(kFp32Colour, d_out, d_density_.data(), last, d_in);
   for (int l = kNerfHidden - 1; l >= 0; --l) {
     std::swap(d_out, d_in);
     accumulate(l, d_out, l == 0 ? position_.data() : hidden_[l - 1].data(),
                l == kNerfSkip ? position_.data() : nullptr);
-    if (d_position && (l == kNerfSkip || l == 0)) position_adjoint(l, d_out);
-    if (l > 0) dense_adjoint(l, d_out, nullptr, hidden_[l - 1].data(), d_in);
+    if (d_position && (l == kNerfSkip || l == 0)) position_backward(l, d_out);
+    if (l > 0) dense_backward(l, d_out, nullptr, hidden_[l - 1].data(), d_in);
   }
   if (d_position)
-    kernels_.encode_adjoint(position_.data(), d_gamma_[0].data(), d_gamma_[1].data(),
-                            network_.config_.position_octaves, network_.position_rows_, samples_,
-                            count_, d_position);
+    kernels_.encode_backward(position_.data(), d_gamma_[0].data(), d_gamma_[1].data(),
+                             network_.config_.position_octaves, network_.position_rows_, samples_,
+                             count_, d_position);
 }
 
 }  // namespace redrive::kernels

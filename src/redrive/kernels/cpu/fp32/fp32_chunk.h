@@ -24,10 +24,10 @@ class Fp32Chunk final : public NerfChunk {
   void encode(const NerfTile& tile);
   void dense(int layer, const float* in1, const float* in2, float* out, bool relu);
   /// d_in = W^T [d_out1; d_out2], 0 where the activation `mask` is.
-  void dense_adjoint(int layer, const float* d_out1, const float* d_out2, const float* mask,
-                     float* d_in);
+  void dense_backward(int layer, const float* d_out1, const float* d_out2, const float* mask,
+                      float* d_in);
   /// d_gamma_ of the skip layer or the first: W^T d_out.
-  void position_adjoint(int layer, const float* d_out);
+  void position_backward(int layer, const float* d_out);
   /// Adds the gradients of `layer`'s weight and bias.
   void accumulate(int layer, const float* d_out, const float* in1, const float* in2);
   void accumulate_part(int layer, const float* d_out, const float* in, int inputs,

@@ -181,8 +181,8 @@ void encode(const float* point, std::size_t stride, int count, int octaves, int 
   });
 }
 
-void encode_adjoint(const float* gamma, const float* d1, const float* d2, int octaves, int rows,
-                    int samples, int count, float* d_point) {
+void encode_backward(const float* gamma, const float* d1, const float* d2, int octaves, int rows,
+                     int samples, int count, float* d_point) {
   for_each_panel(samples, [&](std::ptrdiff_t first, auto panel) {
     for (int v = 0; v < panel.vectors; ++v) {
       const int n = static_cast<int>(first) + v * kLanes, left = count - n;
@@ -207,6 +207,6 @@ void encode_adjoint(const float* gamma, const float* d1, const float* d2, int oc
 }  // namespace
 
 extern const Fp32Kernels kFp32Kernels = {kLanes,          kRows,         dense,  transpose,
-                                         weight_gradient, bias_gradient, encode, encode_adjoint};
+                                         weight_gradient, bias_gradient, encode, encode_backward};
 
 }  // namespace redrive::kernels::REDRIVE_ISA

@@ -60,8 +60,8 @@ struct Fp32Kernels {
   /// positional_encoding_adjoint (field/positional_encoding.h) of gamma as `encode` left it, rows
   /// as out_rows, and the sum of d1 and d2, likewise [rows, samples] in panels: d_point[d * count +
   /// n] for n < count.
-  void (*encode_adjoint)(const float* gamma, const float* d1, const float* d2, int octaves,
-                         int rows, int samples, int count, float* d_point);
+  void (*encode_backward)(const float* gamma, const float* d1, const float* d2, int octaves,
+                          int rows, int samples, int count, float* d_point);
 };
 
 namespace avx2 {
