@@ -48,9 +48,9 @@ std::vector<FlipPixel> seen_rows(const FlipFilters& filters, std::span<const cv:
 
 }  // namespace
 
-ImageScore score_on_host(const ImagePair& pictures, ThreadPool& pool) {
-  check_image_pair(pictures);
-  const std::size_t width = pictures.width, height = pictures.height, n = pixel_count_of(pictures);
+ImageScore score_on_host(const ImagePair& images, ThreadPool& pool) {
+  check_image_pair(images);
+  const std::size_t width = images.width, height = images.height, n = pixel_count_of(images);
   const std::size_t rows_at_once = height / (2 * pool.threads()) + 1;
   const auto for_rows = [&](std::size_t rows, const auto& body) {
     pool.run_ranges(rows, rows_at_once, body);
@@ -67,12 +67,12 @@ ImageScore score_on_host(const ImagePair& pictures, ThreadPool& pool) {
   std::vector<double> terms(n);  // of a sum; 0 where nothing counts
   ScoreSums sums;
 
-  for_pixels([&](std::size_t pixel) { fill_planes_of_pixel(pictures, pixel, planes); });
+  for_pixels([&](std::size_t pixel) { fill_planes_of_pixel(images, pixel, planes); });
   for (std::size_t pixel = 0; pixel < n; ++pixel)
     for (std::size_t c = 0; c < 3; ++c) sums.squares += squared_error_at(planes, c * n + pixel);
 
   const SsimTaps taps = ssim_taps();
-  const std::size_t across = window_count(pictures.width), down = window_count(pictures.height);
+  const std::size_t across = window_count(images.width), down = window_count(images.height);
   for (std::size_t c = 0; c < 3; ++c) {
     for_rows(down, [&](std::size_t begin, std::size_t end) {
       std::vector<SsimMoments> columns(width);
@@ -80,7 +80,7 @@ ImageScore score_on_host(const ImagePair& pictures, ThreadPool& pool) {
         for (std::size_t x = 0; x < width; ++x)
           columns[x] = ssim_column(taps, planes, c * n + y * width + x, width);
         for (std::size_t x = 0; x < across; ++x)
-          terms[y * across + x] = counts(pictures.mask, (y + kSsimRadius) * width + x + kSsimRadius)
+          terms[y * across + x] = counts(images.mask, (y + kSsimRadius) * width + x + kSsimRadius)
                                       ? ssim_window(taps, &columns[x])
                                       : 0;
       }
@@ -98,16 +98,16 @@ ImageScore score_on_host(const ImagePair& pictures, ThreadPool& pool) {
     for (int which = 0; which < 2; ++which) {
       cv::Mat rows[kImagePlanes];
       for (std::size_t k = 0; k < kImagePlanes; ++k)
-        rows[k] = cv::Mat(pictures.height, pictures.width, CV_32F, &picture[which][k * n])
+        rows[k] = cv::Mat(images.height, images.width, CV_32F, &picture[which][k * n])
                       .rowRange(static_cast<int>(begin), static_cast<int>(end));
       seen[which] = seen_rows(filters, rows);
     }
     for (std::size_t i = 0, pixel = begin * width; i < seen[0].size(); ++i, ++pixel)
       terms[pixel] =
-          counts(pictures.mask, pixel) ? flip_difference(filters, seen[0][i], seen[1][i]) : 0;
+          counts(images.mask, pixel) ? flip_difference(filters, seen[0][i], seen[1][i]) : 0;
   });
   for (const double term : terms) sums.flip += term;
-  return score_from_sums(pictures, sums);
+  return score_from_sums(images, sums);
 }
 
 }  // namespace redrive::kernels

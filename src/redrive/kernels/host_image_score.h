@@ -7,8 +7,8 @@
 
 namespace redrive::kernels {
 
-/// The pixels are shared among threads, sums go over all of them in order: the threads change no
-/// bit.
-ImageScore score_on_host(const ImagePair& pictures, ThreadPool& pool);
+/// Distributes the pixels among the threads and sums over all of them in order, so that the number
+/// of threads changes no bit.
+ImageScore score_on_host(const ImagePair& images, ThreadPool& pool);
 
 }  // namespace redrive::kernels

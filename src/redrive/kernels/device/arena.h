@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Memory that is taken piece by piece and given back all at once: allocating on a GPU waits for all
-// that it does. Once every use has been at its largest, one block serves them all.
+// An arena: memory that is taken piece by piece and freed all at once, since allocating on a GPU
+// waits for all its work. Once every use has been at its largest, one block serves them all.
 #pragma once
 
 #include <algorithm>

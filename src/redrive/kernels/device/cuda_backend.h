@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// --backend cuda, as the rest of the program sees it: no CUDA type. Without nvcc at build time:
-// no_cuda.cc.
+// --backend cuda for the rest of the program, without CUDA types. Builds without nvcc have
+// no_cuda.cc instead.
 #pragma once
 
 #include <cstdint>
@@ -13,42 +13,43 @@
 
 namespace redrive::kernels {
 
-/// GPUs that CUDA_VISIBLE_DEVICES shows; they have numbers from 0 on. 0: cuda_obstacle says why.
+/// Returns the number of GPUs that CUDA_VISIBLE_DEVICES shows, numbered from 0. If there is none,
+/// cuda_obstacle returns why.
 int cuda_gpus();
 
-/// Why there is no cuda backend here: not in this build, no driver, no GPU, that one too old.
-/// Nothing if there is one.
+/// Returns why there is no cuda backend (not in this build, no driver, no GPU, too old a GPU), or
+/// nothing if there is one.
 std::optional<std::string> cuda_obstacle(int gpu = 0);
 
 /// "NVIDIA H200, compute capability 9.0, 139.8 GiB, driver for CUDA 13.0". There must be no
 /// obstacle.
 std::string cuda_description(int gpu = 0);
 
-/// There must be no obstacle. threads: the host's. What a GPU says no to later is a
-/// DeviceMemoryError where it has none left, else a DeviceError with CUDA's words. Any thread may
-/// use it, one at a time. Without tensor cores networks are fp32, for tests.
+/// Returns the backend of a GPU; there must be no obstacle. threads: the host's. Stages throw
+/// DeviceMemoryError if the GPU has no memory left, else DeviceError with CUDA's message. Any
+/// thread may use the backend, one at a time. Without tensor cores networks are fp32, for tests.
 std::unique_ptr<Backend> make_cuda_backend(int threads, bool tensor_cores = true, int gpu = 0);
 
-/// Of such backends, which outlive it, each on a GPU of its own. There must be no nccl_obstacle
-/// (nccl.h). DeviceError.
+/// Returns the all-reduce of cuda backends on different GPUs, which outlive it. There must be no
+/// nccl_obstacle (nccl.h). DeviceError: NCCL failed.
 std::unique_ptr<AllReduce> make_nccl_all_reduce(std::span<const std::unique_ptr<Backend>> backends);
 
-/// Bytes that went there and back, how often the host waited for such, and how many were taken of
-/// its memory at most.
+/// Bytes copied to and from the device, copies that the host waited for, and the maximum of device
+/// memory taken at once.
 struct TransferCounts {
   std::size_t to_device = 0, to_host = 0, waits = 0, peak_bytes = 0;
 };
-/// What is to go wrong.
+/// Failures of the loop backend for tests.
 struct InjectedFaults {
-  std::optional<std::uint64_t> free_memory;  ///< that it says it has
-  std::int64_t works =
-      -1;  ///< so many kernels more, then everything is a DeviceError; negative: always
-  std::int64_t places =
-      -1;  ///< so many pieces of memory more, then DeviceMemoryError; negative: always
-  bool skips_first_warp = false;  ///< the first of every kernel
+  std::optional<std::uint64_t> free_memory;  ///< bytes that it reports as free
+  /// Kernels that still run before everything throws DeviceError; negative: no limit.
+  std::int64_t works = -1;
+  /// Allocations that still succeed before DeviceMemoryError; negative: no limit.
+  std::int64_t places = -1;
+  bool skips_first_warp = false;  ///< of every kernel
 };
-/// The same stages and functors in plain loops on the host (loop_device.h): for tests. Counts
-/// copies unless `copies` is null.
+/// Returns a backend that runs the same stages and functors in loops on the host (loop_device.h),
+/// for tests. copies, faults: may be null.
 std::unique_ptr<Backend> make_loop_backend(TransferCounts* copies = nullptr,
                                            bool tensor_cores = true,
                                            InjectedFaults* faults = nullptr);

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The backend of a device (stage.h says what that is): every stage copies what it is given there,
-// runs the functors of this folder on it and copies back what it is asked for, but for numbers that
-// are kept there: they stay from stage to stage.
+// The backend of a Device (stage.h): every stage copies its arguments there, runs functors on them
+// and copies its results back, except for arrays that are resident on the device.
 #pragma once
 
 #include <memory>
@@ -25,7 +24,7 @@ namespace redrive::kernels {
 template <class Device>
 class DeviceBackend final : public Backend {
  public:
-  /// threads: the host's, which read pictures.
+  /// threads: the host's, which load images.
   template <class... OfDevice>
   DeviceBackend(std::string name, int threads, const OfDevice&... of_device)
       : name_(std::move(name)), threads_(threads), device_(of_device...) {}

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which of the host's numbers a device keeps (kernels.h, keep), and where.
+// The host arrays that are resident on a device (backend.h, make_resident), and their addresses.
 #pragma once
 
 #include <algorithm>
@@ -15,19 +15,19 @@ namespace redrive::kernels {
 
 class ResidentBuffers {
  public:
-  /// `there` is the device's memory; whoever has a handle on it decides for how long.
+  /// `there`: the device's memory; the array is resident as long as a handle on it lives.
   void add(std::span<const float> host, const std::shared_ptr<void>& there) {
     std::erase_if(all_, [](const Kept& kept) { return kept.there.expired(); });
     all_.push_back({std::as_bytes(host), there});
   }
 
-  /// The device's copy of `host`, numbers that are kept or a part of them, whatever their type;
-  /// null if they are not.
+  /// Returns the device's copy of `host`, a resident array or a part of one, of any type; null if
+  /// it is not resident.
   void* find(std::span<const std::byte> host) const {
     for (const Kept& kept : all_) {
       if (host.empty() || !within(kept.host, host.data())) continue;
       const auto there = kept.there.lock();
-      if (!there) continue;  // numbers that are gone, others may stand in their place
+      if (!there) continue;  // freed; another array may have its address
       const std::size_t first = host.data() - kept.host.data();
       REDRIVE_CHECK_OP(first + host.size(), <=, kept.host.size());
       return static_cast<std::byte*>(there.get()) + first;
