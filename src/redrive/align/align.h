@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// redrive align: from a recording to poses and a calibration worth training on, or to a clear
-// "cannot".
+// redrive align: aligns poses and calibration of a recording to its images and LiDAR, or reports
+// why that is not possible.
 #pragma once
 
-#include <filesystem>
 #include <optional>
 #include <string>
 #include <vector>
@@ -17,54 +16,52 @@
 namespace redrive {
 
 struct AlignOptions {
-  bool images = true, lidar = true;  ///< what is used, where the recording has it
+  bool images = true, lidar = true;  ///< whether to use them where the recording has them
   TrackOptions tracks;
   BundleOptions bundle;
 };
 
-/// What was changed about one frame's pose, or one camera's mount, with its standard deviation.
+/// The correction of one frame's pose or one camera's extrinsics, with its standard deviation.
 struct Correction {
   Vector6d value = Vector6d::Zero(),
-           sigma = Vector6d::Zero();  ///< m and rad; axes of the body, or of the sensor
+           sigma = Vector6d::Zero();  ///< m and rad, in the axes of the body or of the sensor
 };
 
 struct CameraCorrection {
   std::string name;
-  Correction mount;
+  Correction extrinsics;
   Eigen::Vector3d rotation_in_body =
-      Eigen::Vector3d::Zero();  ///< the mount's turn about the body's axes: roll, pitch, yaw; rad
-  double offset_s = 0;          ///< exposure minus pose
-  std::optional<double> offset_sigma_s;  ///< how well it is known; nothing where the drive does not
-                                         ///< tell it: then it is as given
-  double initial_offset_s = 0;
+      Eigen::Vector3d::Zero();  ///< of the camera about the body's axes: roll, pitch, yaw; rad
+  double offset_s = 0, initial_offset_s = 0;  ///< exposure minus time of the pose
+  std::optional<double> offset_sigma_s;       ///< nothing: unobservable, the initial value is kept
   double readout_s = 0, initial_readout_s = 0;  ///< of a rolling shutter
-  std::optional<double> readout_sigma_s;        ///< where it was sought and found
+  std::optional<double> readout_sigma_s;        ///< where the readout was estimated
   Eigen::Vector3d intrinsics =
       Eigen::Vector3d::Zero();  ///< relative change of focal length; principal point, px
 };
 
 struct AlignResult {
-  std::vector<FramePose> frames;           ///< ECEF, all of the recording
+  std::vector<FramePose> frames;           ///< all of the recording
   std::vector<CameraCalibration> cameras;  ///< as Recording::cameras
-  /// By frame. Sigmas are those of the trajectory's shape: without the motion of the whole, which
-  /// nothing measures, and where there is no LiDAR without its scale, which is the egomotion's.
+  /// By frame. Sigmas are those of the trajectory's shape: they exclude a rigid motion of the
+  /// whole, which nothing measures, and without LiDAR the scale, which is the egomotion's.
   std::vector<Correction> corrections;
   std::vector<CameraCorrection> camera_corrections;
   BundleResult bundle;
-  /// What the user should know of: no LiDAR, so the scale is the egomotion's; a readout that the
-  /// drive does not tell and stays as given.
+  /// Sentences for the user, such as: no LiDAR, so the scale is the egomotion's; an unobservable
+  /// readout keeps its initial value.
   std::vector<std::string> remarks;
-  std::optional<TrajectoryRegistration> initial_vs_ground_truth,
-      aligned_vs_ground_truth;  ///< where the recording ships the truth
+  /// Registration with the ground truth, where the recording ships it.
+  std::optional<TrajectoryRegistration> initial_vs_ground_truth, aligned_vs_ground_truth;
   double seconds = 0;
 };
 
-/// Throws InsufficientDataError with reason and figures where images and LiDAR do not hold the
-/// poses: too little is seen, nothing moves, what is seen does not agree, or corrections are larger
-/// than an egomotion's errors. InputError as find_tracks and load_lidar_returns.
+/// Throws InsufficientDataError with reason and figures where images and LiDAR do not determine the
+/// poses: too few observations, no motion, observations that contradict each other, or corrections
+/// larger than the errors of an egomotion. InputError as find_tracks and load_lidar_returns.
 AlignResult align(const Recording& recording, const AlignOptions& options, ThreadPool& pool);
 
-/// The same with tracks and LiDAR at hand.
+/// The same from tracks and LiDAR samples. `contrast`: nullptr where images are not available.
 AlignResult align_with(const Recording& recording, const std::vector<Track>& tracks,
                        const std::vector<LidarSample>& lidar, const AlignOptions& options,
                        ThreadPool& pool, const ContrastData* contrast = nullptr);

@@ -7,10 +7,11 @@
 #include <limits>
 
 #include "redrive/align/lidar/planes.h"
-#include "redrive/align/tracks/triangulate.h"
 #include "redrive/base/rng.h"
 #include "redrive/base/temporary_folder_testing.h"
+#include "redrive/camera/camera.h"
 #include "redrive/image/image_io.h"
+#include "redrive/recording/trajectory.h"
 
 namespace redrive {
 
@@ -49,6 +50,16 @@ inline double street_texture(const Eigen::Vector3d& point) {
     }
   }
   return value;
+}
+
+/// The pose of `camera` at the time of its image of `frame`. `world_from_global`: usually the
+/// inverse of the first pose.
+inline Rigid3d world_from_camera_at(const Recording& recording, const Rigid3d& world_from_global,
+                                    int camera, int frame) {
+  const CameraCalibration& calibration = recording.cameras[camera].calibration;
+  return world_from_global *
+         pose_at(recording.frames, recording.frames[frame].t_ns + calibration.time_offset_ns) *
+         calibration.body_from_sensor;
 }
 
 /// FISHEYE (mei) half left and FRONT (barrel pinhole), 200 x 140 both, in a vehicle that drives 0.4
@@ -114,7 +125,7 @@ inline std::vector<LidarSample> make_test_returns(const Recording& drive, int co
     };
     LidarSample sample;
     sample.t_ns = first_ns + (last_ns - first_ns) * (i / 100) / (count / 100);
-    const Rigid3d pose = model.at(sample.t_ns).world_from_body;
+    const Rigid3d pose = model.motion_at(sample.t_ns).world_from_body;
     const Eigen::Vector3d from = pose * Eigen::Vector3d(1, 0, 1.8);
     const Eigen::Vector3d direction(uniform(0, -1, 1), uniform(1, -1, 1), uniform(2, -0.6, 0.2));
     const Eigen::Vector3d hit = hit_street(from, direction.normalized());

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What align and train --align share.
+// Shared by align and train --align.
 #pragma once
 
 #include <filesystem>
@@ -8,10 +8,10 @@
 
 namespace redrive {
 
-/// Aligns, with a line on standard output for each round, and says what was found.
+/// Aligns, and prints a line for each round and a summary.
 AlignResult align_verbose(const Recording& recording, AlignOptions options, ThreadPool& pool);
 
-/// Poses, calibration and report.html. `recording`: with its own poses.
+/// Writes poses, calibration and report.html. `recording`: with its initial poses.
 void write_alignment(const std::filesystem::path& folder, const Recording& recording,
                      const AlignResult& result);
 

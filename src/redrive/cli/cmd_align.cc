@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// redrive align RECORDING [--out FOLDER]: moves poses, mounts and time offsets until images and
-// LiDAR agree with them.
+// redrive align RECORDING [--out FOLDER]: aligns poses, extrinsics and time offsets to images and
+// LiDAR.
 #include <cstdio>
 #include <memory>
 #include <string>
@@ -25,7 +25,7 @@ struct AlignArguments {
 };
 
 int run_align(AlignArguments arguments) {
-  if (!arguments.out.empty()) check_run_is_new(arguments.out);  // said at once
+  if (!arguments.out.empty()) check_run_is_new(arguments.out);  // before minutes of work
   arguments.options.images = !arguments.no_images;
   arguments.options.lidar = !arguments.no_lidar;
   Recording recording = open_recording(arguments.recording);
@@ -45,26 +45,25 @@ int run_align(AlignArguments arguments) {
 Action configure_align(CLI::App& command) {
   auto arguments = std::make_shared<AlignArguments>();
   command.add_option("RECORDING", arguments->recording, "folder of the recording")->required();
-  command.add_option("--out", arguments->out,
-                     "folder for poses, calibration and report.html; must not exist (default: "
-                     "figures are printed, "
-                     "nothing is written)");
+  command.add_option(
+      "--out", arguments->out,
+      "folder for poses, calibration and report.html; must not exist (default: prints "
+      "figures and writes nothing)");
   command.add_option(
       "--masks", arguments->options.tracks.masks,
-      "folder with CAM.png as inspect --masks writes them: counts instead of what is found");
-  auto* no_lidar = command.add_flag("--no-lidar", arguments->no_lidar, "images alone");
+      "folder with CAM.png as inspect --masks writes them, in place of computed masks");
+  auto* no_lidar = command.add_flag("--no-lidar", arguments->no_lidar, "use images only");
   command
-      .add_flag("--no-images", arguments->no_images, "LiDAR alone: the trajectory, but no camera")
+      .add_flag("--no-images", arguments->no_images,
+                "use LiDAR only: aligns the trajectory, but no camera")
       ->excludes(no_lidar);
   command.add_flag("--intrinsics", arguments->options.bundle.intrinsics,
-                   "focal length and principal point of each camera, too");
+                   "also estimate focal length and principal point of each camera");
   command
       .add_option("--rolling-shutter", arguments->rolling_shutter,
-                  "MS, or CAM:MS,CAM:MS: rows are read one after another within so many ms, the "
-                  "middle one at the image's "
-                  "time; below 0: from the lowest row up. estimate, or CAM:estimate: find it, too "
-                  "(default: as the "
-                  "calibration says, readout_s)")
+                  "MS, or CAM:MS,CAM:MS: readout time of the rows, the middle one at the image's "
+                  "time; negative: from the lowest row up. estimate, or CAM:estimate: estimates it "
+                  "(default: readout_s of the calibration)")
       ->delimiter(',')
       ->allow_extra_args(false);
   command.add_option("--threads", arguments->threads, "0: all that this process may use")

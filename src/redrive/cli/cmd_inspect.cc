@@ -216,16 +216,16 @@ nlohmann::ordered_json preflight_to_json(const Preflight& preflight) {
                                {"sigma_ms", c.offset_sigma_ms},
                                {"error_px", c.offset_error_px}};
     camera["clock"] = nullptr;  // unobservable
-    if (const auto clock = c.clock())
-      camera["clock"] = {{"offset_ms", clock->offset_ms},
-                         {"sigma_ms", clock->sigma_ms},
-                         {"by", clock->by_lidar ? "lidar" : "images"}};
+    if (const auto offset = c.time_offset())
+      camera["clock"] = {{"offset_ms", offset->offset_ms},
+                         {"sigma_ms", offset->sigma_ms},
+                         {"by", offset->by_lidar ? "lidar" : "images"}};
     camera["tried"] = tried;
     camera["scan"] = scan;
     camera["contrast"] = contrast;
     cameras.push_back(camera);
   }
-  return {{"sensible", preflight.sensible()},
+  return {{"sensible", preflight.passes()},
           {"headline", preflight.headline()},
           {"clock",
            {{"verdict", verdict_name(preflight.clock.verdict)},
@@ -398,7 +398,7 @@ int run_inspect(const std::string& root, bool json, const std::string& masks,
     print_table(result);
   }
   if (!result.problems.empty()) return kExitBadInput;
-  return !result.preflight || result.preflight->sensible() ? kExitOk : kExitPreflightFailed;
+  return !result.preflight || result.preflight->passes() ? kExitOk : kExitPreflightFailed;
 }
 
 }  // namespace

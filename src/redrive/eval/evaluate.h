@@ -76,10 +76,10 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
 DeviceWork work_of_evaluation(const Run& run);
 
 /// {"overall": SCORE, "cameras": {CAM: SCORE}, "novel": {NAME: SCORE}, "held_out": bool,
-/// "alignment": {"translation_m", "rotation_deg", "residual_m", "residual_deg", "frames"} or null,
-/// "view_alignment": {"translation_m", "rotation_deg", "views"} or null, "pose_changes": {"frames":
-/// {"translation_m", "rotation_deg", "at_bound"}, "cameras": {CAM: {"translation_m": [3],
-/// "rotation_deg": [3], "time_offset_s", "at_bound"}}} or null}, SCORE =
+/// "alignment": {"moved_m", "turned_deg", "rest_m", "rest_deg", "frames"} or null,
+/// "view_alignment": {"moved_m", "turned_deg", "views"} or null, "pose_changes": {"frames":
+/// {"moved_m", "turned_deg", "at_bound"}, "cameras": {CAM: {"moved_m": [3],
+/// "turned_deg": [3], "late_s", "at_bound"}}} or null}, SCORE =
 /// {"psnr_db", "ssim", "flip", "depth_error", "images", "left_out_pixels"}, null for NaN.
 nlohmann::json evaluation_to_json(const Evaluation& evaluation);
 

@@ -12,6 +12,8 @@
 namespace redrive {
 
 using Rigid3d = Eigen::Isometry3d;
+/// A small motion: translation x y z (m), then rotation vector (axis times angle, rad).
+using Vector6d = Eigen::Matrix<double, 6, 1>;
 
 PlainPose plain(const Rigid3d& pose);
 Rigid3d rigid(const PlainPose& pose);

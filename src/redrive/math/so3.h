@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rotations as vectors (axis times angle, radians) and how they change: what the Jacobians of align
-// are made of. Formulas: Sola, Deray, Atchuthan, "A micro Lie theory for state estimation in
-// robotics" (arXiv:1812.01537), appendix B.
+// Rotation vectors (axis times angle, radians), their exponential map, logarithm and right
+// Jacobian. Formulas: Sola, Deray, Atchuthan, "A micro Lie theory for state estimation in robotics"
+// (arXiv:1812.01537), appendix B.
 #pragma once
 
 #include <cmath>
 
-#include <Eigen/Geometry>
+#include "redrive/math/rigid3.h"
 
 namespace redrive {
 
@@ -30,14 +30,22 @@ inline Eigen::Vector3d so3_log(const Eigen::Matrix3d& rotation) {
   return turn.angle() * turn.axis();
 }
 
-/// so3_exp(v + e) = so3_exp(v) so3_exp(J e) to first order in e. Below 1e-4 rad the series: what is
-/// left out is |v|^3 / 24.
+/// so3_exp(v + e) = so3_exp(v) so3_exp(J e) to first order in e. Below 1e-4 rad by the series, with
+/// an error of |v|^3 / 24.
 inline Eigen::Matrix3d so3_right_jacobian(const Eigen::Vector3d& v) {
   const double aa = v.squaredNorm(), angle = std::sqrt(aa);
   const Eigen::Matrix3d m = skew(v);
   if (angle < 1e-4) return Eigen::Matrix3d::Identity() - 0.5 * m + m * m / 6;
   return Eigen::Matrix3d::Identity() - (1 - std::cos(angle)) / aa * m +
          (angle - std::sin(angle)) / (aa * angle) * m * m;
+}
+
+/// The motion of a Vector6d: a_from_b * rigid_from_vector(v) moves b in its own axes.
+inline Rigid3d rigid_from_vector(const Vector6d& v) {
+  Rigid3d motion = Rigid3d::Identity();
+  motion.linear() = so3_exp(v.tail<3>());
+  motion.translation() = v.head<3>();
+  return motion;
 }
 
 }  // namespace redrive

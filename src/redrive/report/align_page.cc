@@ -146,9 +146,9 @@ std::vector<std::vector<std::string>> camera_rows(const AlignResult& result) {
                     number("%+.3f", k.rotation_in_body.x() * kDegrees),
                     number("%+.3f", k.rotation_in_body.y() * kDegrees),
                     number("%+.3f", k.rotation_in_body.z() * kDegrees),
-                    number("%.3f", k.mount.sigma.tail<3>().maxCoeff() * kDegrees),
-                    number("%.1f", 100 * k.mount.value.head<3>().norm()),
-                    number("%.1f", 100 * k.mount.sigma.head<3>().maxCoeff()),
+                    number("%.3f", k.extrinsics.sigma.tail<3>().maxCoeff() * kDegrees),
+                    number("%.1f", 100 * k.extrinsics.value.head<3>().norm()),
+                    number("%.1f", 100 * k.extrinsics.sigma.head<3>().maxCoeff()),
                     number("%+.2f", 1e3 * k.offset_s),
                     k.offset_sigma_s ? number("%.2f", 1e3 * *k.offset_sigma_s) : "unobservable"});
     if (rolling) {
@@ -191,8 +191,8 @@ std::vector<std::vector<std::string>> contrast_rows(const AlignResult& result) {
     const ContrastFit& fit = result.bundle.contrast[c];
     rows.push_back({result.cameras[c].name, std::to_string(fit.cells),
                     number("%.3f", std::ranges::max(fit.correlation)),
-                    fit.told ? number("%+.2f", 1e3 * fit.offset_s) : "no peak: not used",
-                    fit.told ? number("%.2f", 1e3 * fit.sigma_s) : ""});
+                    fit.observable ? number("%+.2f", 1e3 * fit.offset_s) : "no peak: not used",
+                    fit.observable ? number("%.2f", 1e3 * fit.sigma_s) : ""});
   }
   return rows;
 }

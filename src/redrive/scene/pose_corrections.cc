@@ -5,13 +5,14 @@
 #include <cmath>
 
 #include "redrive/base/error.h"
+#include "redrive/math/so3.h"
 #include "redrive/recording/trajectory.h"
 
 namespace redrive {
 namespace {
 
-/// Where a time lies among n ascending ones: `part` of the way from `before` to the next, as
-/// recording/trajectory.h has it: at the ends below 0 and above 1. One alone: at it.
+/// The interval that contains a time among n ascending ones, and the fraction `part` of it, below 0
+/// and above 1 at the ends as in recording/trajectory.h. With a single time: that one.
 struct Between {
   std::size_t before = 0;
   double part = 0;
@@ -26,7 +27,7 @@ Between find_interval(std::size_t n, std::int64_t t_ns, const TimeOf& time_of) {
   const std::int64_t a = time_of(after - 1), b = time_of(after);
   return {after - 1, static_cast<double>(t_ns - a) / static_cast<double>(b - a)};
 }
-/// Six numbers between those of `a` and, where there are any, the six behind them.
+/// Interpolates six numbers; with part = 0 reads only `a`.
 std::array<float, 6> interpolate_vector6(const float* a, const float* b, double part) {
   std::array<float, 6> six;
   for (int k = 0; k < 6; ++k)
@@ -34,7 +35,7 @@ std::array<float, 6> interpolate_vector6(const float* a, const float* b, double 
   return six;
 }
 
-/// The body's velocity and turn rate in its own axes at a frame, from its neighbours.
+/// Velocity and angular velocity of the body in its own axes at a frame, from its neighbours.
 struct BodyTwist {
   Eigen::Vector3d velocity = Eigen::Vector3d::Zero(), turn = Eigen::Vector3d::Zero();
 };
@@ -54,12 +55,8 @@ BodyTwist body_twist(const Scene& scene, int frame) {
 }  // namespace
 
 Rigid3d rigid_from_vector(const float* six) {
-  const Eigen::Vector3d by(six[0], six[1], six[2]), turn(six[3], six[4], six[5]);
-  Rigid3d motion = Rigid3d::Identity();
-  motion.translation() = by;
-  if (const double angle = turn.norm(); angle > 0)
-    motion.linear() = Eigen::AngleAxisd(angle, turn / angle).toRotationMatrix();
-  return motion;
+  return rigid_from_vector(
+      Vector6d(Eigen::Map<const Eigen::Matrix<float, 6, 1>>(six).cast<double>()));
 }
 
 void interpolate_held_out(const Scene& scene, PoseCorrections* corrections) {
@@ -122,7 +119,7 @@ Vector6d in_body(const Scene& scene, const View& view, const ViewGradient& gradi
                         lever = scene.rig[view.camera].body_from_sensor.translation();
   Vector6d six;
   six << by, body_from_world * gradient.d_rotation +
-                 lever.cross(by);  // a turn of the body moves the camera, too
+                 lever.cross(by);  // a rotation of the body also translates the camera
   return six;
 }
 

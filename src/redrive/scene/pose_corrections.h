@@ -35,8 +35,7 @@ struct PoseCorrections {
   }
 };
 
-/// Translation [3], then rotation vector [3]: a_from_b * rigid_from_vector(six) moves b in its own
-/// axes.
+/// The motion of a Vector6d (math/so3.h) in single precision.
 Rigid3d rigid_from_vector(const float* six);
 
 /// Frames without a picture that is trained on take what lies between the frames before and after
@@ -56,7 +55,6 @@ std::vector<FramePose> apply_corrections(const Scene& initial,
 struct ViewGradient {
   Eigen::Vector3d d_translation = Eigen::Vector3d::Zero(), d_rotation = Eigen::Vector3d::Zero();
 };
-using Vector6d = Eigen::Matrix<double, 6, 1>;
 /// The same of the rigid_from_vector six numbers of the body that carries the camera.
 Vector6d in_body(const Scene& scene, const View& view, const ViewGradient& gradient);
 /// By view of the scene -> by number of corrections, which stand at 0 or at what `scene` was placed

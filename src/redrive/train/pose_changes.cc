@@ -47,8 +47,7 @@ PoseChanges pose_changes(const Scene& scene, const PoseCorrections& corrections)
     const std::size_t at = corrections.camera_slot(c), time = corrections.time_slot(c);
     CameraChange camera{scene.rig[c].name, change_at(at), corrections.values[time]};
     camera.pose.at_bound |= near_bound(time);
-    // body_from_camera is what it was times the motion: back to the axes that the camera had
-    // before.
+    // Removes the correction from body_from_camera: corrections are in the initial axes.
     const Eigen::Matrix3d body_from_camera =
         scene.rig[c].body_from_sensor.linear() *
         rigid_from_vector(&corrections.values[at]).linear().transpose();

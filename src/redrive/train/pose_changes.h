@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What refined poses come to, to be read: printed after training, drawn in the report, written by
-// eval.
+// Summary of the pose corrections of training: printed after training, drawn in the report, written
+// by eval.
 #pragma once
 
 #include <string>
@@ -13,30 +13,29 @@ namespace redrive {
 struct PoseChange {
   Eigen::Vector3d translation_m = Eigen::Vector3d::Zero(),
                   rotation_rad = Eigen::Vector3d::Zero();  ///< axes of the body
-  bool at_bound = false;  ///< one of its numbers, of a camera its time, too
+  bool at_bound = false;  ///< one of its numbers is at its bound, of a camera also its time offset
 };
 struct CameraChange {
   std::string name;
-  PoseChange pose;           ///< on the body
-  double time_offset_s = 0;  ///< images are exposed so much later
+  PoseChange pose;           ///< of the extrinsics
+  double time_offset_s = 0;  ///< change of exposure time
 };
 
 struct PoseChanges {
   std::vector<PoseChange> frames;              ///< as Scene::frames
   std::vector<CameraChange> cameras;           ///< as Scene::rig
-  double translation_m = 0, rotation_rad = 0;  ///< of frames, RMS of their lengths
+  double translation_m = 0, rotation_rad = 0;  ///< RMS over frames
   int frames_at_bound() const;
 };
 
-/// `scene`: as the corrections place it (open_run); as recorded, axes in which cameras have moved
-/// are turned by what they have turned. At its bound (train/pose_refiner.h) is what has come within
-/// a fiftieth of it: noise keeps it from standing there exactly.
+/// `scene`: with the corrections applied (open_run). A number counts as at its bound
+/// (train/pose_refiner.h) within 2 % of it, since noise keeps it from reaching the bound exactly.
 PoseChanges pose_changes(const Scene& scene, const PoseCorrections& corrections);
 
 /// A line for the trajectory and one for each camera, in cm, degrees and ms, with a warning where a
 /// number is at its bound.
 std::string describe_changes(const PoseChanges& changes);
-/// "3 of 30 frames, F_CAM": what is at its bound; empty: nothing.
+/// Frames and cameras at their bounds, such as "3 of 30 frames, F_CAM"; empty if none are.
 std::string at_bound(const PoseChanges& changes);
 
 }  // namespace redrive

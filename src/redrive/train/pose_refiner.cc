@@ -9,14 +9,14 @@
 namespace redrive {
 namespace {
 
-// An update hears of some tens of rays a frame: what Adam follows is the mean of twenty.
+// An update has some tens of rays a frame: Adam averages about twenty updates.
 constexpr float kBeta1 = 0.95f, kBeta2 = 0.99f;
-/// Small corrections are likelier than large ones: what is 1 m off is pulled back by this share of
-/// the rate.
+/// Weight decay, since small corrections are likelier than large ones: a correction of 1 m decays
+/// by this fraction of the rate.
 constexpr double kDecay = 0.3;
 
-/// Takes from all cameras what they have in common, in the body's axes: to the first order the mean
-/// of how they moved and turned, and of their times.
+/// Subtracts from all cameras their mean correction in the body's axes, to first order:
+/// translation, rotation and time offset.
 void move_common_part_to_frames(const Scene& scene, PoseCorrections* corrections) {
   const int cameras = corrections->cameras;
   Eigen::Vector3d by = Eigen::Vector3d::Zero(), turn = Eigen::Vector3d::Zero();
@@ -57,7 +57,7 @@ void update_poses(std::span<const double> gradient,
   how.epsilon = 1e-20f;
   how.bias1 = static_cast<float>(1 / (1 - std::pow(double(kBeta1), updates)));
   how.bias2 = static_cast<float>(1 / (1 - std::pow(double(kBeta2), updates)));
-  how.lazy = true;  // what no ray speaks of
+  how.lazy = true;  // numbers without a gradient keep their values
   for (std::size_t i = 0; i < values.size(); ++i) {
     how.learning_rate = static_cast<float>(rate_of(i));
     adam_update(how, static_cast<float>(gradient[i]), values[i], moments->first[i],

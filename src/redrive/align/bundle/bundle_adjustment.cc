@@ -18,23 +18,21 @@
 namespace redrive {
 namespace {
 
-constexpr double kStartSigma_px =
-    4;  // before anything is known; the median of the residuals says more
-constexpr double kUsualSigma_px = 0.1;   // Observation::sigma_px of a good point
-constexpr double kLeastSigma_px = 0.05;  // no image is better than that
-constexpr double kLeastPose_m = 0.01,
-                 kLeastPose_rad =
-                     3e-4;            // what an egomotion without errors is believed to be good for
-constexpr double kCorrelation = 2.5;  // integral of a squared exponential's correlation over time,
-                                      // in correlation times: sqrt(2 pi)
-// Clocks are asked of the LiDAR's contrast with calibration and poses as given: at night tracks
-// turn a camera by more than it is wrong. Where poses are too far off for that, once more when the
-// first rounds have put them right.
-constexpr int kSecondLook = 2;
-constexpr int kRoundsWithout = 3;  // for all else to settle once clocks are back as given
-constexpr double kFarOff = 4;      // sigmas at which an observation is left out
-constexpr double kSettled_m = 1e-3, kSettled_rad = 3e-5,
-                 kSettled_s = 1e-4;  // a round that moves no pose further was the last one
+constexpr double kStartSigma_px = 4;      // of the first round; later the median of the residuals
+constexpr double kTypicalSigma_px = 0.1;  // Observation::sigma_px of a well-localised point
+constexpr double kMinSigma_px = 0.05;     // lower bound of the noise of an image
+constexpr double kMinPose_m = 0.01,
+                 kMinPose_rad = 3e-4;  // lower bounds of the prior of the egomotion
+constexpr double kCorrelation = 2.5;  // integral of a squared exponential over time, in correlation
+                                      // times: sqrt(2 pi)
+// Time offsets are estimated from the LiDAR's contrast with initial calibration and poses: at night
+// tracks rotate a camera by more than its calibration error. Where the initial poses are too far
+// off for that, the contrast is evaluated again with the poses of this round.
+constexpr int kSecondContrastRound = 2;
+constexpr int kRoundsAfterReset = 3;  // to converge again after time offsets were reset
+constexpr double kOutlierSigmas = 4;  // standard deviations of an outlier
+constexpr double kConverged_m = 1e-3, kConverged_rad = 3e-5,
+                 kConverged_s = 1e-4;  // change of a round that counts as converged
 
 struct TriangulatedTrack {
   int track = 0;
@@ -43,10 +41,10 @@ struct TriangulatedTrack {
   std::vector<Eigen::Vector2d> errors;
 };
 
-/// Of one observation: the camera's, more where the surroundings of the pixel hold it less than is
-/// usual.
+/// Standard deviation of one observation: the camera's noise, more where the image around the pixel
+/// determines it less than typically.
 double sigma_of(const Observation& seen, const std::vector<double>& sigma_px) {
-  return sigma_px[seen.camera] * std::max(1.0, seen.sigma_px / kUsualSigma_px);
+  return sigma_px[seen.camera] * std::max(1.0, seen.sigma_px / kTypicalSigma_px);
 }
 
 double median_of(std::vector<double>* values) {
@@ -56,7 +54,7 @@ double median_of(std::vector<double>* values) {
   return *middle;
 }
 
-/// All tracks that have a point with the corrections of now, by track.
+/// All tracks that can be triangulated with the present corrections, by track.
 std::vector<TriangulatedTrack> triangulate_tracks(const RigModel& model,
                                                   const std::vector<Track>& tracks,
                                                   const std::vector<double>& sigma_px,
@@ -70,20 +68,20 @@ std::vector<TriangulatedTrack> triangulate_tracks(const RigModel& model,
                                      std::vector<std::uint8_t>(tracks[i].seen.size(), 1),
                                      reprojection_errors(model, times, tracks[i], *point)};
   });
-  std::vector<TriangulatedTrack> located;
+  std::vector<TriangulatedTrack> triangulated;
   for (auto& entry : found)
-    if (entry) located.push_back(std::move(*entry));
-  return located;
+    if (entry) triangulated.push_back(std::move(*entry));
+  return triangulated;
 }
 
-/// Noise of each camera by the median: 0.6745 sigma of a component's absolute value; a point takes
-/// three numbers.
+/// Noise of each camera from the median of the components' absolute values, which is 0.6745 sigma.
+/// A point takes three degrees of freedom.
 std::vector<double> measure_noise(const RigModel& model, const std::vector<Track>& tracks,
-                                  const std::vector<TriangulatedTrack>& located) {
+                                  const std::vector<TriangulatedTrack>& triangulated) {
   std::vector<std::vector<double>> sizes(model.cameras.size());
-  for (const TriangulatedTrack& entry : located) {
+  for (const TriangulatedTrack& entry : triangulated) {
     const double n = 2 * static_cast<double>(entry.errors.size());
-    if (n < 5) continue;  // two observations agree in all but one number
+    if (n < 5) continue;  // two observations leave one degree of freedom
     for (std::size_t i = 0; i < entry.errors.size(); ++i)
       for (int k = 0; k < 2; ++k)
         sizes[tracks[entry.track].seen[i].camera].push_back(std::abs(entry.errors[i][k]) *
@@ -93,33 +91,33 @@ std::vector<double> measure_noise(const RigModel& model, const std::vector<Track
   for (std::vector<double>& of_camera : sizes)
     sigma_px.push_back(of_camera.size() < 20
                            ? kStartSigma_px
-                           : std::max(kLeastSigma_px, median_of(&of_camera) / 0.6745));
+                           : std::max(kMinSigma_px, median_of(&of_camera) / 0.6745));
   return sigma_px;
 }
 
-/// Leaves out what is far off, and tracks with fewer than two observations left.
-void leave_out_far_off(const std::vector<Track>& tracks, const std::vector<double>& sigma_px,
-                       std::vector<TriangulatedTrack>* located) {
+/// Rejects outliers, and tracks with fewer than two inliers.
+void reject_outliers(const std::vector<Track>& tracks, const std::vector<double>& sigma_px,
+                     std::vector<TriangulatedTrack>* triangulated) {
   std::vector<TriangulatedTrack> kept;
-  for (TriangulatedTrack& entry : *located) {
+  for (TriangulatedTrack& entry : *triangulated) {
     int used = 0;
     for (std::size_t i = 0; i < entry.errors.size(); ++i) {
-      entry.used[i] =
-          entry.errors[i].norm() <= kFarOff * sigma_of(tracks[entry.track].seen[i], sigma_px);
+      entry.used[i] = entry.errors[i].norm() <=
+                      kOutlierSigmas * sigma_of(tracks[entry.track].seen[i], sigma_px);
       used += entry.used[i];
     }
     if (used >= 2) kept.push_back(std::move(entry));
   }
-  *located = std::move(kept);
+  *triangulated = std::move(kept);
 }
 
-/// The problem of one round.
-class Round {
+/// The least-squares problem of one round.
+class AdjustmentProblem {
  public:
-  /// `unobservable`: their clocks stay as they are.
-  Round(RigModel* model, const std::vector<Track>& tracks, const std::vector<LidarSample>& lidar,
-        const BundleOptions& options, const std::vector<UnobservableTimeOffset>& unobservable,
-        std::size_t landmarks)
+  /// `unobservable`: time offsets that are held constant.
+  AdjustmentProblem(RigModel* model, const std::vector<Track>& tracks,
+                    const std::vector<LidarSample>& lidar, const BundleOptions& options,
+                    const std::vector<UnobservableTimeOffset>& unobservable, std::size_t landmarks)
       : model_(*model),
         tracks_(tracks),
         lidar_(lidar),
@@ -129,21 +127,21 @@ class Round {
     landmarks_.reserve(landmarks);  // Ceres keeps pointers
   }
 
-  void add(std::vector<TriangulatedTrack>* located, const std::vector<double>& sigma_px) {
+  void add(std::vector<TriangulatedTrack>* triangulated, const std::vector<double>& sigma_px) {
     const ExposureMotions times(model_);
-    for (TriangulatedTrack& entry : *located) {
+    for (TriangulatedTrack& entry : *triangulated) {
       double* const point = landmark(&entry.point.value);
       for (std::size_t i = 0; i < entry.used.size(); ++i) {
         if (!entry.used[i]) continue;
         const Observation& seen = tracks_[entry.track].seen[i];
-        const Instant instant = times.of(seen);
+        const LocalMotion motion = times.of(seen);
         RigModelCamera& camera = model_.cameras[seen.camera];
         problem_.AddResidualBlock(
-            reprojection_cost(camera, instant, seen.pixel, sigma_of(seen, sigma_px), entry.point)
+            reprojection_cost(camera, motion, seen.pixel, sigma_of(seen, sigma_px), entry.point)
                 .release(),
-            &image_loss_, model_.correction[instant.segment].data(),
-            model_.correction[instant.segment + 1].data(), camera.mount.data(), &camera.offset_s,
-            &camera.readout_s, camera.intrinsics.data(), point);
+            &image_loss_, model_.corrections[motion.segment].data(),
+            model_.corrections[motion.segment + 1].data(), camera.extrinsics.data(),
+            &camera.offset_s, &camera.readout_s, camera.intrinsics.data(), point);
       }
     }
   }
@@ -152,52 +150,53 @@ class Round {
     for (PlanarPatch& patch : *patches) {
       double* const plane = landmark(&patch.plane.value);
       for (const int i : patch.samples) {
-        const Instant instant = model_.at(lidar_[i].t_ns);
+        const LocalMotion motion = model_.motion_at(lidar_[i].t_ns);
         problem_.AddResidualBlock(
-            point_to_plane_cost(instant, lidar_[i].in_body, patch.sigma_m, patch.plane).release(),
-            &lidar_loss_, model_.correction[instant.segment].data(),
-            model_.correction[instant.segment + 1].data(), plane);
+            point_to_plane_cost(motion, lidar_[i].in_body, patch.sigma_m, patch.plane).release(),
+            &lidar_loss_, model_.corrections[motion.segment].data(),
+            model_.corrections[motion.segment + 1].data(), plane);
       }
     }
   }
 
   void add(const std::vector<ContrastFit>& fits) {
     for (std::size_t c = 0; c < fits.size(); ++c)
-      if (fits[c].told)
+      if (fits[c].observable)
         problem_.AddResidualBlock(
             scalar_prior_cost(1, 0, fits[c].sigma_s, fits[c].offset_s).release(), nullptr,
             &model_.cameras[c].offset_s);
   }
 
   void add_priors(const BundlePriors& priors) {
-    const double seconds =
-                     static_cast<double>(model_.given.back().t_ns - model_.given.front().t_ns) *
-                     1e-9,
-                 at_a_time = static_cast<double>(model_.given.size()) * kCorrelation *
+    const double seconds = static_cast<double>(model_.initial_frames.back().t_ns -
+                                               model_.initial_frames.front().t_ns) *
+                           1e-9,
+                 at_a_time = static_cast<double>(model_.initial_frames.size()) * kCorrelation *
                              priors.correlation_s / seconds;
-    for (std::size_t f = 0; f < model_.correction.size(); ++f) {
-      rig_.push_back(model_.correction[f].data());
+    for (std::size_t f = 0; f < model_.corrections.size(); ++f) {
+      rig_.push_back(model_.corrections[f].data());
       problem_.AddResidualBlock(
           pose_prior_cost(priors.pose * std::sqrt(std::max(1.0, at_a_time))).release(), nullptr,
-          model_.correction[f].data());
+          model_.corrections[f].data());
       if (f == 0) continue;
       const double step_s =
-          static_cast<double>(model_.given[f].t_ns - model_.given[f - 1].t_ns) * 1e-9;
+          static_cast<double>(model_.initial_frames[f].t_ns - model_.initial_frames[f - 1].t_ns) *
+          1e-9;
       problem_.AddResidualBlock(
           smoothness_cost(priors.pose * (step_s / priors.correlation_s)).release(), nullptr,
-          model_.correction[f - 1].data(), model_.correction[f].data());
+          model_.corrections[f - 1].data(), model_.corrections[f].data());
     }
     for (RigModelCamera& camera : model_.cameras) {
-      rig_.push_back(camera.mount.data());
-      for (int k = 0; k < 6; ++k)  // a position is measured with a rule; an angle is not, and one
-                                   // camera may have been knocked
-        problem_.AddResidualBlock(scalar_prior_cost(6, k, priors.mount[k]).release(),
-                                  k < 3 ? nullptr : &prior_loss_, camera.mount.data());
+      rig_.push_back(camera.extrinsics.data());
+      for (int k = 0; k < 6; ++k)  // robust for angles: one camera may have been knocked
+        problem_.AddResidualBlock(scalar_prior_cost(6, k, priors.extrinsics[k]).release(),
+                                  k < 3 ? nullptr : &prior_loss_, camera.extrinsics.data());
     }
-    auto at = static_cast<int>(6 * (model_.correction.size() + model_.cameras.size()));
-    const auto seek = [&](bool sought, double* number, std::vector<std::optional<int>>* places) {
-      places->push_back(sought ? std::optional(at++) : std::nullopt);
-      if (sought)
+    auto at = static_cast<int>(6 * (model_.corrections.size() + model_.cameras.size()));
+    const auto estimate = [&](bool is_free, double* number,
+                              std::vector<std::optional<int>>* indices) {
+      indices->push_back(is_free ? std::optional(at++) : std::nullopt);
+      if (is_free)
         rig_.push_back(number);
       else
         problem_.SetParameterBlockConstant(number);
@@ -207,16 +206,16 @@ class Round {
       problem_.AddResidualBlock(
           scalar_prior_cost(1, 0, priors.offset_s, camera.initial_offset_s()).release(),
           &prior_loss_, &camera.offset_s);
-      seek(std::ranges::find(unobservable_, static_cast<int>(c), &UnobservableTimeOffset::camera) ==
-               unobservable_.end(),
-           &camera.offset_s, &offset_index_);
+      estimate(std::ranges::find(unobservable_, static_cast<int>(c),
+                                 &UnobservableTimeOffset::camera) == unobservable_.end(),
+               &camera.offset_s, &offset_index_);
     }
     for (std::size_t c = 0; c < model_.cameras.size(); ++c) {
       RigModelCamera& camera = model_.cameras[c];
       problem_.AddResidualBlock(
           scalar_prior_cost(1, 0, priors.readout_s, camera.initial_readout_s()).release(), nullptr,
           &camera.readout_s);
-      seek(options_.seeks_readout(c), &camera.readout_s, &readout_index_);
+      estimate(options_.estimates_readout(c), &camera.readout_s, &readout_index_);
     }
     for (RigModelCamera& camera : model_.cameras) {
       for (int k = 0; k < 3; ++k)
@@ -231,8 +230,7 @@ class Round {
 
   ceres::Solver::Summary solve(int iterations) {
     ceres::Solver::Options solver;
-    // One thread: with more the order of sums, and so the last digits, would differ from run to
-    // run.
+    // One thread: with more, the order of sums and so the last digits differ from run to run.
     solver.num_threads = 1;
     solver.max_num_iterations = iterations;
     solver.function_tolerance = 1e-7;
@@ -242,11 +240,11 @@ class Round {
                                                      : ceres::SPARSE_SCHUR;
     solver.linear_solver_ordering = std::make_shared<ceres::ParameterBlockOrdering>();
     for (double* point : points_) solver.linear_solver_ordering->AddElementToGroup(point, 0);
-    for (Vector6d& correction : model_.correction)
+    for (Vector6d& correction : model_.corrections)
       solver.linear_solver_ordering->AddElementToGroup(correction.data(), 1);
     for (RigModelCamera& camera : model_.cameras)
-      for (double* block :
-           {camera.mount.data(), &camera.offset_s, &camera.readout_s, camera.intrinsics.data()})
+      for (double* block : {camera.extrinsics.data(), &camera.offset_s, &camera.readout_s,
+                            camera.intrinsics.data()})
         solver.linear_solver_ordering->AddElementToGroup(block, 2);
     ceres::Solver::Summary summary;
     ceres::Solve(solver, &problem_, &summary);
@@ -254,8 +252,8 @@ class Round {
     return summary;
   }
 
-  /// What the terms say of how sure all of it is.
-  void measure_certainty(BundleResult* result) {
+  /// Covariance of the rig's parameters.
+  void compute_covariance(BundleResult* result) {
     ReducedCovariance covariance = reduced_covariance(problem_, rig_, points_);
     result->covariance = std::move(covariance.matrix);
     result->variance = std::move(covariance.variance);
@@ -264,9 +262,8 @@ class Round {
   }
 
  private:
-  /// The block that stands for `target` while it is solved. Within a group Ceres orders blocks by
-  /// their addresses: side by side in one array they are in the same order in every run, and so are
-  /// the sums.
+  /// A copy of `target` that is solved in its place. Ceres orders the blocks of a group by their
+  /// addresses: contiguous copies have the same order, and so the same sums, in every run.
   double* landmark(std::array<double, 3>* target) {
     REDRIVE_CHECK_OP(landmarks_.size(), <, landmarks_.capacity());
     landmarks_.push_back(*target);
@@ -294,26 +291,26 @@ class Round {
   std::vector<std::optional<int>> offset_index_, readout_index_;
 };
 
-BundlePriors priors_of_round(const BundlePriors& given, const RigModel& model, int round) {
-  BundlePriors priors = given;
+BundlePriors priors_of_round(const BundlePriors& initial, const RigModel& model, int round) {
+  BundlePriors priors = initial;
   if (round < 2) return priors;
   double squares_m = 0, squares_rad = 0;
-  for (const Vector6d& correction : model.correction) {
+  for (const Vector6d& correction : model.corrections) {
     squares_m += correction.head<3>().squaredNorm();
     squares_rad += correction.tail<3>().squaredNorm();
   }
-  const double n = 3 * static_cast<double>(model.correction.size());
+  const double n = 3 * static_cast<double>(model.corrections.size());
   priors.pose.head<3>() =
-      given.pose.head<3>().cwiseMin(std::max(kLeastPose_m, 1.5 * std::sqrt(squares_m / n)));
+      initial.pose.head<3>().cwiseMin(std::max(kMinPose_m, 1.5 * std::sqrt(squares_m / n)));
   priors.pose.tail<3>() =
-      given.pose.tail<3>().cwiseMin(std::max(kLeastPose_rad, 1.5 * std::sqrt(squares_rad / n)));
+      initial.pose.tail<3>().cwiseMin(std::max(kMinPose_rad, 1.5 * std::sqrt(squares_rad / n)));
   return priors;
 }
 
 double patch_distance_m(const RigModel& model, const LidarSample& sample,
                         const PlaneParameters& plane) {
   const Eigen::Vector3d from_centre =
-      model.corrected(model.at(sample.t_ns)) * sample.in_body - plane.centre;
+      model.corrected_pose(model.motion_at(sample.t_ns)) * sample.in_body - plane.centre;
   return (plane.axes * Eigen::Vector3d(plane.value[0], plane.value[1], 1)).dot(from_centre) -
          plane.value[2];
 }
@@ -333,11 +330,11 @@ double rms(const std::vector<double>& values) {
   return values.empty() ? 0 : std::sqrt(sum / static_cast<double>(values.size()));
 }
 
-/// The rest of each patch's points from the plane through them that the poses as given make.
+/// RMS distance of each patch's points to the plane fitted to them with the initial poses.
 double initial_plane_rms_m(const RigModel& model, const std::vector<LidarSample>& lidar,
                            const std::vector<PlanarPatch>& patches) {
-  RigModel given = model;
-  for (Vector6d& correction : given.correction) correction.setZero();
+  RigModel initial = model;
+  for (Vector6d& correction : initial.corrections) correction.setZero();
   std::vector<double> distances;
   for (const PlanarPatch& patch : patches) {
     Eigen::MatrixXd a(patch.samples.size(), 3);
@@ -346,7 +343,8 @@ double initial_plane_rms_m(const RigModel& model, const std::vector<LidarSample>
       const LidarSample& sample = lidar[patch.samples[i]];
       const Eigen::Vector3d x =
           patch.plane.axes.transpose() *
-          (given.corrected(given.at(sample.t_ns)) * sample.in_body - patch.plane.centre);
+          (initial.corrected_pose(initial.motion_at(sample.t_ns)) * sample.in_body -
+           patch.plane.centre);
       a.row(i) << x.x(), x.y(), 1;
       b[i] = x.z();
     }
@@ -356,11 +354,11 @@ double initial_plane_rms_m(const RigModel& model, const std::vector<LidarSample>
   return rms(distances);
 }
 
-/// With nothing corrected.
+/// The model with initial values in place of corrections.
 RigModel with_initial_values(RigModel model) {
-  for (Vector6d& correction : model.correction) correction.setZero();
+  for (Vector6d& correction : model.corrections) correction.setZero();
   for (RigModelCamera& camera : model.cameras) {
-    camera.mount.setZero();
+    camera.extrinsics.setZero();
     camera.intrinsics.setZero();
     camera.offset_s = camera.initial_offset_s();
     camera.readout_s = camera.initial_readout_s();
@@ -370,32 +368,32 @@ RigModel with_initial_values(RigModel model) {
 
 void fill_result(const RigModel& model, const std::vector<Track>& tracks,
                  const std::vector<LidarSample>& lidar,
-                 const std::vector<TriangulatedTrack>& located,
+                 const std::vector<TriangulatedTrack>& triangulated,
                  const std::vector<PlanarPatch>& patches, const std::vector<double>& sigma_px,
                  ThreadPool& pool, BundleResult* result) {
   result->cameras.assign(model.cameras.size(), {});
-  result->observations_in_frame.assign(model.given.size(), 0);
+  result->observations_in_frame.assign(model.initial_frames.size(), 0);
   for (const Track& track : tracks)
     for (const Observation& seen : track.seen) ++result->cameras[seen.camera].observations;
 
-  const RigModel given = with_initial_values(model);  // the same tracks, and no less robust
+  const RigModel initial = with_initial_values(model);  // the same tracks, equally robust
   std::vector<Track> used;
-  for (const TriangulatedTrack& entry : located) {
+  for (const TriangulatedTrack& entry : triangulated) {
     used.emplace_back();
     for (std::size_t i = 0; i < entry.used.size(); ++i)
       if (entry.used[i]) used.back().seen.push_back(tracks[entry.track].seen[i]);
   }
-  const ExposureMotions now(model), before(given);
+  const ExposureMotions now(model), before(initial);
   const std::vector<double> wide(model.cameras.size(), kStartSigma_px);
-  std::vector<std::optional<InverseDepthPoint>> given_points(used.size());
+  std::vector<std::optional<InverseDepthPoint>> initial_points(used.size());
   pool.run_ranges(used.size(), 64, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i)
-      given_points[i] = fit_inverse_depth_point(given, before, used[i], wide);
+      initial_points[i] = fit_inverse_depth_point(initial, before, used[i], wide);
   });
   for (std::size_t t = 0; t < used.size(); ++t) {
-    if (!given_points[t]) continue;
-    const auto errors = reprojection_errors(model, now, used[t], located[t].point);
-    const auto errors_before = reprojection_errors(given, before, used[t], *given_points[t]);
+    if (!initial_points[t]) continue;
+    const auto errors = reprojection_errors(model, now, used[t], triangulated[t].point);
+    const auto errors_before = reprojection_errors(initial, before, used[t], *initial_points[t]);
     for (std::size_t i = 0; i < used[t].seen.size(); ++i) {
       if (errors_before[i].x() == kUnseen) continue;
       const Observation& seen = used[t].seen[i];
@@ -416,7 +414,7 @@ void fill_result(const RigModel& model, const std::vector<Track>& tracks,
     }
     fit.sigma_px = sigma_px[c];
   }
-  result->tracks = static_cast<int>(located.size());
+  result->tracks = static_cast<int>(triangulated.size());
   result->patches = static_cast<int>(patches.size());
   const std::vector<double> distances = patch_distances_m(model, lidar, patches);
   result->lidar_points = static_cast<int>(distances.size());
@@ -424,25 +422,26 @@ void fill_result(const RigModel& model, const std::vector<Track>& tracks,
   result->initial_lidar_rms_m = initial_plane_rms_m(model, lidar, patches);
 }
 
-/// Observations by camera.
+/// Inlier observations by camera.
 std::vector<int> count_used(const std::vector<Track>& tracks,
-                            const std::vector<TriangulatedTrack>& located, std::size_t cameras) {
+                            const std::vector<TriangulatedTrack>& triangulated,
+                            std::size_t cameras) {
   std::vector<int> used(cameras);
-  for (const TriangulatedTrack& entry : located)
+  for (const TriangulatedTrack& entry : triangulated)
     for (std::size_t i = 0; i < entry.used.size(); ++i)
       used[tracks[entry.track].seen[i].camera] += entry.used[i];
   return used;
 }
 
 bool all_observable(const std::vector<ContrastFit>& fits) {
-  return std::ranges::all_of(fits, &ContrastFit::told);
+  return std::ranges::all_of(fits, &ContrastFit::observable);
 }
 
-/// The new ones of cameras that have said nothing yet.
+/// Adds the fits of cameras without an observable one so far.
 void keep_observable(const std::vector<ContrastFit>& fits, std::vector<ContrastFit>* kept) {
   kept->resize(fits.size());
   for (std::size_t c = 0; c < fits.size(); ++c)
-    if (!(*kept)[c].told) (*kept)[c] = fits[c];
+    if (!(*kept)[c].observable) (*kept)[c] = fits[c];
 }
 
 }  // namespace
@@ -456,36 +455,38 @@ BundleResult adjust_bundle(RigModel* model, const std::vector<Track>& tracks,
   bool offsets_judged = false;
   for (int round = 0; round < rounds && !result.converged; ++round) {
     const RigModel before = *model;
-    std::vector<TriangulatedTrack> located = triangulate_tracks(*model, tracks, sigma_px, pool);
-    sigma_px = measure_noise(*model, tracks, located);
-    leave_out_far_off(tracks, sigma_px, &located);
+    std::vector<TriangulatedTrack> triangulated =
+        triangulate_tracks(*model, tracks, sigma_px, pool);
+    sigma_px = measure_noise(*model, tracks, triangulated);
+    reject_outliers(tracks, sigma_px, &triangulated);
 
-    // While the poses are off by decimetres, what is flat looks thick.
+    // Poses with errors of decimetres make planes thick.
     PlaneOptions planes = options.planes;
     planes.max_plane_sigma_m *= round == 0 ? 3 : round == 1 ? 1.5 : 1;
     std::vector<PlanarPatch> patches;
     if (!lidar.empty() && (round > 0 || tracks.empty()))
       patches = find_planar_patches(*model, lidar, planes, pool);
-    if (contrast && (round == 0 || (round == kSecondLook && !all_observable(result.contrast)))) {
+    if (contrast &&
+        (round == 0 || (round == kSecondContrastRound && !all_observable(result.contrast)))) {
       std::vector<ContrastFit> fits = fit_time_offsets(*model, *contrast, pool);
       for (std::size_t c = 0; c < fits.size();
-           ++c)  // what is bright is low in the image: its rows' time looks like the clock's
-        if (round == 0 && options.seeks_readout(c)) fits[c].told = false;
+           ++c)  // bright features lie low in the image, where the readout acts like a time offset
+        if (round == 0 && options.estimates_readout(c)) fits[c].observable = false;
       keep_observable(fits, &result.contrast);
     }
-    Round problem(model, tracks, lidar, options, result.unobservable,
-                  located.size() + patches.size());
-    problem.add(&located, sigma_px);
+    AdjustmentProblem problem(model, tracks, lidar, options, result.unobservable,
+                              triangulated.size() + patches.size());
+    problem.add(&triangulated, sigma_px);
     problem.add(&patches);
     problem.add(result.contrast);
     problem.add_priors(priors_of_round(options.priors, *model, round));
     const ceres::Solver::Summary summary = problem.solve(round == 0 ? 20 : 12);
 
-    // Of the shape: the whole is held by next to nothing, and where it is does not matter.
-    const TrajectoryRegistration moved =
+    // Change of the shape: a rigid motion of the whole is next to unobservable and irrelevant.
+    const TrajectoryRegistration change =
         register_trajectories(model->corrected_frames(), before.corrected_frames(), "");
-    const double translation_m = moved.residual_m,
-                 rotation_rad = moved.residual_deg * std::numbers::pi / 180;
+    const double translation_m = change.residual_m,
+                 rotation_rad = change.residual_deg * std::numbers::pi / 180;
     result.rounds = round + 1;
     result.last_translation_m = translation_m;
     result.last_rotation_rad = rotation_rad;
@@ -495,38 +496,39 @@ BundleResult adjust_bundle(RigModel* model, const std::vector<Track>& tracks,
       shifted_s = std::max({shifted_s, std::abs(now.offset_s - then.offset_s),
                             std::abs(now.readout_s - then.readout_s) / 2});
     }
-    result.converged = round >= 3 && translation_m < kSettled_m && rotation_rad < kSettled_rad &&
-                       shifted_s < kSettled_s;
-    if (options.say) {
-      std::printf("round %d: %zu of %zu tracks,", round + 1, located.size(), tracks.size());
+    result.converged = round >= 3 && translation_m < kConverged_m &&
+                       rotation_rad < kConverged_rad && shifted_s < kConverged_s;
+    if (options.verbose) {
+      std::printf("round %d: %zu of %zu tracks,", round + 1, triangulated.size(), tracks.size());
       for (const double s : sigma_px) std::printf(" %.2f", s);
       const std::vector<double> distances = patch_distances_m(*model, lidar, patches);
       std::printf(
-          " px; %zu LiDAR points on %zu patches, %.2f cm; poses moved by %.2f cm, %.4f deg RMS; %d "
+          " px; %zu LiDAR points on %zu patches, %.2f cm; poses changed by %.2f cm, %.4f deg RMS; "
+          "%d "
           "steps, %.1f s\n",
           distances.size(), patches.size(), 100 * rms(distances), 100 * translation_m,
           rotation_rad * 57.29578, summary.num_successful_steps, summary.total_time_in_seconds);
       for (std::size_t c = 0; c < model->cameras.size(); ++c)
-        if (options.seeks_readout(c))
-          std::printf("  readout of %s: %.2f ms\n", model->cameras[c].given.name.c_str(),
+        if (options.estimates_readout(c))
+          std::printf("  readout of %s: %.2f ms\n", model->cameras[c].initial.name.c_str(),
                       1e3 * model->cameras[c].readout_s);
       std::fflush(stdout);
     }
     if (!offsets_judged && (result.converged || 2 * (round + 1) >= rounds)) {
       offsets_judged = true;
-      problem.measure_certainty(&result);
+      problem.compute_covariance(&result);
       result.unobservable = unobservable_time_offsets(
-          *model, result, count_used(tracks, located, model->cameras.size()),
+          *model, result, count_used(tracks, triangulated, model->cameras.size()),
           options.priors.offset_s, !lidar.empty());
-      for (const UnobservableTimeOffset& clock : result.unobservable) {
-        model->cameras[clock.camera].offset_s = model->cameras[clock.camera].initial_offset_s();
+      for (const UnobservableTimeOffset& offset : result.unobservable) {
+        model->cameras[offset.camera].offset_s = model->cameras[offset.camera].initial_offset_s();
         result.converged = false;
-        rounds = std::max(rounds, round + 1 + kRoundsWithout);
+        rounds = std::max(rounds, round + 1 + kRoundsAfterReset);
       }
     }
     if (!result.converged && round + 1 < rounds) continue;
-    problem.measure_certainty(&result);
-    fill_result(*model, tracks, lidar, located, patches, sigma_px, pool, &result);
+    problem.compute_covariance(&result);
+    fill_result(*model, tracks, lidar, triangulated, patches, sigma_px, pool, &result);
   }
   return result;
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The bundle adjustment of a rig: moves a RigModel until image points and flat patches of the LiDAR
-// agree with it, in rounds: place each observation at its time, find the points and patches anew,
-// measure the noise, leave out what is far off, solve.
+// Bundle adjustment of a rig: changes a RigModel until image points and planar patches of the LiDAR
+// agree with it. Each round computes the motion at each observation's time, triangulates the points
+// and finds the patches again, measures the noise, rejects outliers, and solves.
 #pragma once
 
 #include <optional>
@@ -15,50 +15,49 @@
 
 namespace redrive {
 
-/// Standard deviations of what is known before.
+/// Standard deviations of the priors.
 struct BundlePriors {
-  /// Of the egomotion, at most: from the third round on it is 1.5 times what was corrected so far.
-  /// And over what time an error is about the same: so long, poses say nothing new.
+  /// Of the egomotion, at most: from the third round on it is 1.5 times the RMS of the corrections
+  /// so far. Errors of the egomotion are about constant over correlation_s, so that poses within
+  /// that time count as one.
   Vector6d pose = (Vector6d() << 0.5, 0.5, 0.5, 0.0175, 0.0175, 0.0175).finished();
   double correlation_s = 0.7;
-  /// Of a camera's position; of its angles and its time offset the scale of a Cauchy distribution:
-  /// most are as the calibration says, one may be far off.
-  Vector6d mount = (Vector6d() << 0.01, 0.01, 0.01, 0.0005, 0.0005, 0.0005).finished();
+  /// Of a camera's position. Of its angles and its time offset they are scales of a Cauchy
+  /// distribution: most cameras are as calibrated, one may be far off.
+  Vector6d extrinsics = (Vector6d() << 0.01, 0.01, 0.01, 0.0005, 0.0005, 0.0005).finished();
   double offset_s = 0.002;
-  double readout_s =
-      0.03;  ///< of a readout that is sought, about what is given: no more than that it is one
+  double readout_s = 0.03;  ///< of an estimated readout: weak
   Eigen::Vector3d intrinsics{0.003, 2, 2};
 };
 
 struct BundleOptions {
   BundlePriors priors;
-  bool intrinsics = false;     ///< focal length and principal point, too
-  std::vector<bool> readouts;  ///< of which cameras the readout is sought, too; empty: of none
+  bool intrinsics = false;     ///< whether to estimate focal length and principal point
+  std::vector<bool> readouts;  ///< by camera, whether to estimate the readout; empty: of none
   PlaneOptions planes;
   int rounds = 10;
-  bool say = false;  ///< a line a round on standard output
+  bool verbose = false;  ///< prints a line a round
 
-  bool seeks_readout(std::size_t camera) const {
+  bool estimates_readout(std::size_t camera) const {
     return camera < readouts.size() && readouts[camera];
   }
 };
 
-/// How well one camera's images agree.
+/// Reprojection errors of one camera.
 struct CameraFit {
   int observations = 0, used = 0;
-  double initial_px = 0,
-         aligned_px = 0;  ///< RMS over those used: with the poses as given and as they are now
-  double sigma_px = 0;    ///< robust: by the median
+  double initial_px = 0, aligned_px = 0;  ///< RMS over the used ones, with initial and final poses
+  double sigma_px = 0;                    ///< robust, from the median
 };
 
-/// A clock that nothing tells well enough, and that stays as given: what would fit, and how well
-/// the terms alone would hold it.
+/// An unobservable time offset, which keeps its initial value: the best fit and its standard
+/// deviation by the residual terms alone.
 struct UnobservableTimeOffset {
   int camera = 0;
   double offset_s = 0, sigma_s = 0;
 };
 
-/// A residual, for the plot.
+/// Residuals of one observation, for plots.
 struct ImageResidual {
   int camera = 0, frame = 0;
   Eigen::Vector2d pixel, initial_px, aligned_px;
@@ -66,28 +65,28 @@ struct ImageResidual {
 
 struct BundleResult {
   std::vector<CameraFit> cameras;
-  std::vector<ImageResidual> residuals;  ///< of the observations used
-  int tracks = 0;                        ///< used
-  int lidar_points = 0, patches = 0;     ///< used
-  double initial_lidar_rms_m = 0, lidar_rms_m = 0;
-  std::vector<ContrastFit> contrast;       ///< by camera; empty: not looked at
-  std::vector<int> observations_in_frame;  ///< observations by frame
+  std::vector<ImageResidual> residuals;             ///< of the inliers
+  int tracks = 0, lidar_points = 0, patches = 0;    ///< inliers
+  double initial_lidar_rms_m = 0, lidar_rms_m = 0;  ///< distance of LiDAR points to their planes
+  std::vector<ContrastFit> contrast;                ///< by camera; empty: not computed
+  std::vector<int> observations_in_frame;           ///< by frame
   bool converged = false;
   int rounds = 0;
   double last_translation_m = 0,
-         last_rotation_rad = 0;  ///< RMS of what the last round did to the trajectory's shape
+         last_rotation_rad = 0;  ///< RMS change of the trajectory's shape in the last round
   std::vector<UnobservableTimeOffset> unobservable;
-  /// Of corrections (6 a frame), mounts (6 a camera), and then what cameras have of their own.
+  /// Of pose corrections (6 a frame), extrinsics (6 a camera), and then each camera's other
+  /// estimated numbers.
   Eigen::MatrixXd covariance;
   Eigen::VectorXd variance;  ///< ReducedCovariance::variance, in the same order
-  /// By camera: where its time offset and its readout are in these; nothing where they were not
-  /// sought.
+  /// By camera: the index of its time offset and its readout in these; nothing where they were not
+  /// estimated.
   std::vector<std::optional<int>> offset_index, readout_index;
 };
 
-/// `contrast`: nullptr where there are no images at hand. Once settled, at the latest after half of
-/// the rounds, clocks that neither it nor the tracks tell (unobservable_time_offsets) are put back
-/// as given, and all else settles again.
+/// `contrast`: nullptr where images are not available. Once converged, at the latest after half of
+/// the rounds, unobservable time offsets (unobservable_time_offsets) return to their initial values
+/// and the other unknowns converge again.
 BundleResult adjust_bundle(RigModel* model, const std::vector<Track>& tracks,
                            const std::vector<LidarSample>& lidar, const ContrastData* contrast,
                            const BundleOptions& options, ThreadPool& pool);

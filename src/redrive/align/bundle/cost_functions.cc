@@ -24,24 +24,25 @@ block(double* values) {
       values);
 }
 
-/// A correction between its two frames.
-struct Between {
-  Vector6d value, slope;  ///< slope: by time, per second
+/// The correction between two frames.
+struct InterpolatedCorrection {
+  Vector6d value, rate;  ///< rate: per second
   double weight;
 };
 
-Between between(const double* a, const double* b, const Instant& instant, double later_s) {
+InterpolatedCorrection interpolate(const double* a, const double* b, const LocalMotion& motion,
+                                   double later_s) {
   const Map<const Vector6d> from(a), to(b);
-  Between out;
-  out.weight = instant.weight + later_s / instant.duration_s;
+  InterpolatedCorrection out;
+  out.weight = motion.weight + later_s / motion.duration_s;
   out.value = from + out.weight * (to - from);
-  out.slope = (to - from) / instant.duration_s;
+  out.rate = (to - from) / motion.duration_s;
   return out;
 }
 
-/// Normalised projection and its derivative by the point; false where the camera does not reach.
+/// Normalised projection and its Jacobian; false outside the valid region of the camera model.
 bool project(const CameraModel& model, const Vector3d& point, Eigen::Vector2d* projected,
-             Eigen::Matrix<double, 2, 3>* slope) {
+             Eigen::Matrix<double, 2, 3>* jacobian) {
   using D = Dual<double, 3>;
   const std::array<D, 3> p{D::variable(point.x(), 0), D::variable(point.y(), 1),
                            D::variable(point.z(), 2)};
@@ -50,27 +51,27 @@ bool project(const CameraModel& model, const Vector3d& point, Eigen::Vector2d* p
   if (!m) return false;
   for (int i = 0; i < 2; ++i) {
     (*projected)[i] = (*m)[i].value;
-    for (int k = 0; k < 3; ++k) (*slope)(i, k) = (*m)[i].d[k];
+    for (int k = 0; k < 3; ++k) (*jacobian)(i, k) = (*m)[i].d[k];
   }
   return true;
 }
 
-// In homogeneous coordinates (x, w) with w the inverse distance, so that nothing divides by it:
-//   y = exp(turn s)^T (R^T (x - w p) - w velocity s)      given(t + s)^-1
+// In homogeneous coordinates (x, w) with w the inverse depth, so that nothing divides by it:
+//   y = exp(angular_velocity s)^T (R^T (x - w p) - w velocity s)  initial pose(t + s)^-1
 //   b = exp(phi)^T (y - w rho)                            in the body
 //   c = exp(epsilon)^T (S^T (b - w m) - w eta)            in the camera
-class Reprojection final : public ceres::SizedCostFunction<2, 6, 6, 6, 1, 1, 3, 3> {
+class ReprojectionCost final : public ceres::SizedCostFunction<2, 6, 6, 6, 1, 1, 3, 3> {
  public:
-  Reprojection(const RigModelCamera& camera, const Instant& instant, const Eigen::Vector2d& pixel,
-               double sigma_px, const InverseDepthPoint& point)
+  ReprojectionCost(const RigModelCamera& camera, const LocalMotion& motion,
+                   const Eigen::Vector2d& pixel, double sigma_px, const InverseDepthPoint& point)
       : camera_(camera),
-        instant_(instant),
+        motion_(motion),
         offset_s_(camera.offset_s),
         readout_s_(camera.readout_s),
         after_middle_(camera.from_middle_row(pixel.y())),
         pixel_(pixel),
         sigma_px_(sigma_px) {
-    const Rigid3d& pose = instant.world_from_body;
+    const Rigid3d& pose = motion.world_from_body;
     axes_ = pose.linear().transpose() * point.axes;
     anchor_ = pose.linear().transpose() * (point.anchor - pose.translation());
   }
@@ -79,20 +80,22 @@ class Reprojection final : public ceres::SizedCostFunction<2, 6, 6, 6, 1, 1, 3, 
                 double** jacobians) const override {
     const double later_s =
         parameters[3][0] - offset_s_ + after_middle_ * (parameters[4][0] - readout_s_);
-    const Between correction = between(parameters[0], parameters[1], instant_, later_s);
-    const Map<const Vector6d> mount(parameters[2]);
+    const InterpolatedCorrection correction =
+        interpolate(parameters[0], parameters[1], motion_, later_s);
+    const Map<const Vector6d> extrinsics(parameters[2]);
     const Map<const Vector3d> intrinsics(parameters[5]), point(parameters[6]);
     const double w = point.z();
-    const Matrix3d unturn = so3_exp(instant_.turn * later_s).transpose(),
+    const Matrix3d unturn = so3_exp(motion_.angular_velocity * later_s).transpose(),
                    unphi = so3_exp(correction.value.tail<3>()).transpose(),
-                   unepsilon = so3_exp(mount.tail<3>()).transpose(),
-                   sensor_from_body = camera_.given.body_from_sensor.linear().transpose();
+                   unepsilon = so3_exp(extrinsics.tail<3>()).transpose(),
+                   sensor_from_body = camera_.initial.body_from_sensor.linear().transpose();
     const Vector3d rho = correction.value.head<3>(),
-                   mounted_at = camera_.given.body_from_sensor.translation();
+                   sensor_in_body = camera_.initial.body_from_sensor.translation();
     const Vector3d direction = axes_ * Vector3d(point.x(), point.y(), 1);
-    const Vector3d y = unturn * (direction + w * (anchor_ - instant_.velocity * later_s));
+    const Vector3d y = unturn * (direction + w * (anchor_ - motion_.velocity * later_s));
     const Vector3d b = unphi * (y - w * rho);
-    const Vector3d c = unepsilon * (sensor_from_body * (b - w * mounted_at) - w * mount.head<3>());
+    const Vector3d c =
+        unepsilon * (sensor_from_body * (b - w * sensor_in_body) - w * extrinsics.head<3>());
 
     Eigen::Vector2d seen;
     Eigen::Matrix<double, 2, 3> slope;
@@ -120,11 +123,11 @@ class Reprojection final : public ceres::SizedCostFunction<2, 6, 6, 6, 1, 1, 3, 
     if (jacobians[1]) block<2, 6>(jacobians[1]) = correction.weight * by_correction;
     if (jacobians[2])
       block<2, 6>(jacobians[2]) << -w * by_c * unepsilon,
-          by_c * skew(c) * so3_right_jacobian(mount.tail<3>());
+          by_c * skew(c) * so3_right_jacobian(extrinsics.tail<3>());
     if (jacobians[3] || jacobians[4]) {
       const Eigen::Vector2d by_time =
-          by_b * unphi * (y.cross(instant_.turn) - w * (unturn * instant_.velocity)) +
-          by_correction * correction.slope;
+          by_b * unphi * (y.cross(motion_.angular_velocity) - w * (unturn * motion_.velocity)) +
+          by_correction * correction.rate;
       if (jacobians[3]) block<2, 1>(jacobians[3]) = by_time;
       if (jacobians[4]) block<2, 1>(jacobians[4]) = after_middle_ * by_time;
     }
@@ -139,8 +142,8 @@ class Reprojection final : public ceres::SizedCostFunction<2, 6, 6, 6, 1, 1, 3, 
       const Vector3d c_by_w =
           unepsilon *
           (sensor_from_body *
-               (unphi * (unturn * (anchor_ - instant_.velocity * later_s) - rho) - mounted_at) -
-           mount.head<3>());
+               (unphi * (unturn * (anchor_ - motion_.velocity * later_s) - rho) - sensor_in_body) -
+           extrinsics.head<3>());
       auto by_point = block<2, 3>(jacobians[6]);
       by_point.leftCols<2>() = by_b * body_by_x * axes_.leftCols<2>();
       by_point.col(2) = by_c * c_by_w;
@@ -149,21 +152,20 @@ class Reprojection final : public ceres::SizedCostFunction<2, 6, 6, 6, 1, 1, 3, 
   }
 
  private:
-  const RigModelCamera&
-      camera_;  // its lens and its mount as given; what the solver moves comes as parameters
-  Instant instant_;
+  const RigModelCamera& camera_;  // initial values; the solver's come as parameters
+  LocalMotion motion_;
   double offset_s_, readout_s_, after_middle_;
   Eigen::Vector2d pixel_;
   double sigma_px_;
-  Matrix3d axes_;    // of the point, in the given body's axes
+  Matrix3d axes_;    // of the point, in the axes of the initial body
   Vector3d anchor_;  // likewise
 };
 
-class PlaneDistance final : public ceres::SizedCostFunction<1, 6, 6, 3> {
+class PointToPlaneCost final : public ceres::SizedCostFunction<1, 6, 6, 3> {
  public:
-  PlaneDistance(const Instant& instant, const Vector3d& in_body, double sigma_m,
-                const PlaneParameters& plane)
-      : instant_(instant),
+  PointToPlaneCost(const LocalMotion& motion, const Vector3d& in_body, double sigma_m,
+                   const PlaneParameters& plane)
+      : motion_(motion),
         in_body_(in_body),
         sigma_m_(sigma_m),
         centre_(plane.centre),
@@ -171,19 +173,19 @@ class PlaneDistance final : public ceres::SizedCostFunction<1, 6, 6, 3> {
 
   bool Evaluate(double const* const* parameters, double* residuals,
                 double** jacobians) const override {
-    const Between correction = between(parameters[0], parameters[1], instant_, 0);
+    const InterpolatedCorrection correction = interpolate(parameters[0], parameters[1], motion_, 0);
     const Map<const Vector3d> plane(parameters[2]);
-    const Matrix3d turned = so3_exp(correction.value.tail<3>());
+    const Matrix3d rotation = so3_exp(correction.value.tail<3>());
     const Vector3d from_centre =
-        instant_.world_from_body * (turned * in_body_ + correction.value.head<3>()) - centre_;
+        motion_.world_from_body * (rotation * in_body_ + correction.value.head<3>()) - centre_;
     const Vector3d normal = axes_ * Vector3d(plane.x(), plane.y(), 1);
     residuals[0] = (normal.dot(from_centre) - plane.z()) / sigma_m_;
     if (!jacobians) return true;
     const Eigen::RowVector3d by_body =
-        normal.transpose() * instant_.world_from_body.linear() / sigma_m_;
+        normal.transpose() * motion_.world_from_body.linear() / sigma_m_;
     Eigen::Matrix<double, 1, 6> by_correction;
     by_correction << by_body,
-        -by_body * turned * skew(in_body_) * so3_right_jacobian(correction.value.tail<3>());
+        -by_body * rotation * skew(in_body_) * so3_right_jacobian(correction.value.tail<3>());
     if (jacobians[0]) block<1, 6>(jacobians[0]) = (1 - correction.weight) * by_correction;
     if (jacobians[1]) block<1, 6>(jacobians[1]) = correction.weight * by_correction;
     if (jacobians[2])
@@ -193,16 +195,16 @@ class PlaneDistance final : public ceres::SizedCostFunction<1, 6, 6, 3> {
   }
 
  private:
-  Instant instant_;
+  LocalMotion motion_;
   Vector3d in_body_;
   double sigma_m_;
   Vector3d centre_;
   Matrix3d axes_;
 };
 
-class Zero final : public ceres::CostFunction {
+class ScalarPrior final : public ceres::CostFunction {
  public:
-  Zero(int size, int k, double sigma, double expected)
+  ScalarPrior(int size, int k, double sigma, double expected)
       : size_(size), k_(k), sigma_(sigma), expected_(expected) {
     set_num_residuals(1);
     mutable_parameter_block_sizes()->push_back(size);
@@ -222,9 +224,9 @@ class Zero final : public ceres::CostFunction {
   double sigma_, expected_;
 };
 
-class Small final : public ceres::SizedCostFunction<6, 6> {
+class PosePrior final : public ceres::SizedCostFunction<6, 6> {
  public:
-  explicit Small(const Vector6d& sigmas) : weights_(sigmas.cwiseInverse()) {}
+  explicit PosePrior(const Vector6d& sigmas) : weights_(sigmas.cwiseInverse()) {}
   bool Evaluate(double const* const* parameters, double* residuals,
                 double** jacobians) const override {
     Map<Vector6d> residual(residuals);
@@ -237,9 +239,9 @@ class Small final : public ceres::SizedCostFunction<6, 6> {
   Vector6d weights_;
 };
 
-class Smooth final : public ceres::SizedCostFunction<6, 6, 6> {
+class Smoothness final : public ceres::SizedCostFunction<6, 6, 6> {
  public:
-  explicit Smooth(const Vector6d& sigmas) : weights_(sigmas.cwiseInverse()) {}
+  explicit Smoothness(const Vector6d& sigmas) : weights_(sigmas.cwiseInverse()) {}
   bool Evaluate(double const* const* parameters, double* residuals,
                 double** jacobians) const override {
     Map<Vector6d> residual(residuals);
@@ -257,29 +259,29 @@ class Smooth final : public ceres::SizedCostFunction<6, 6, 6> {
 }  // namespace
 
 std::unique_ptr<ceres::CostFunction> reprojection_cost(const RigModelCamera& camera,
-                                                       const Instant& instant,
+                                                       const LocalMotion& motion,
                                                        const Eigen::Vector2d& pixel,
                                                        double sigma_px,
                                                        const InverseDepthPoint& point) {
-  return std::make_unique<Reprojection>(camera, instant, pixel, sigma_px, point);
+  return std::make_unique<ReprojectionCost>(camera, motion, pixel, sigma_px, point);
 }
 
-std::unique_ptr<ceres::CostFunction> point_to_plane_cost(const Instant& instant,
+std::unique_ptr<ceres::CostFunction> point_to_plane_cost(const LocalMotion& motion,
                                                          const Eigen::Vector3d& in_body,
                                                          double sigma_m,
                                                          const PlaneParameters& plane) {
-  return std::make_unique<PlaneDistance>(instant, in_body, sigma_m, plane);
+  return std::make_unique<PointToPlaneCost>(motion, in_body, sigma_m, plane);
 }
 
 std::unique_ptr<ceres::CostFunction> scalar_prior_cost(int size, int k, double sigma,
                                                        double expected) {
-  return std::make_unique<Zero>(size, k, sigma, expected);
+  return std::make_unique<ScalarPrior>(size, k, sigma, expected);
 }
 std::unique_ptr<ceres::CostFunction> pose_prior_cost(const Vector6d& sigmas) {
-  return std::make_unique<Small>(sigmas);
+  return std::make_unique<PosePrior>(sigmas);
 }
 std::unique_ptr<ceres::CostFunction> smoothness_cost(const Vector6d& sigmas) {
-  return std::make_unique<Smooth>(sigmas);
+  return std::make_unique<Smoothness>(sigmas);
 }
 
 }  // namespace redrive

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/align/bundle/cost_functions.h"
 
+#include <gtest/gtest.h>
+
 #include <ceres/cost_function.h>
 
 #include "redrive/align/bundle/synthetic_rig_testing.h"
@@ -53,20 +55,21 @@ std::vector<double> random_block(SyntheticNoise* noise, std::vector<double> size
 }
 const std::vector<double> kCorrectionSizes{0.5, 0.5, 0.5, 0.1, 0.1, 0.1};
 
-Instant some_instant() {
+LocalMotion some_instant() {
   const testing::SyntheticRig rig = testing::make_synthetic_rig({.points = 0, .lidar_points = 0});
-  Instant instant = make_rig_model(rig.recording).at(rig.recording.frames[11].t_ns + 20'000'000);
-  instant.turn = {0.2, -0.3, 0.6};
-  return instant;
+  LocalMotion motion =
+      make_rig_model(rig.recording).motion_at(rig.recording.frames[11].t_ns + 20'000'000);
+  motion.angular_velocity = {0.2, -0.3, 0.6};
+  return motion;
 }
 
 TEST(Terms, ReprojectionOfEveryModel) {
   SyntheticNoise noise(3);
-  const Instant instant = some_instant();
+  const LocalMotion motion = some_instant();
   for (const ExampleCamera& example : example_cameras()) {
     SCOPED_TRACE(example.name);
     RigModelCamera camera;
-    camera.given = testing::synthetic_camera(1);
+    camera.initial = testing::synthetic_camera(1);
     camera.camera = example.camera;
     camera.offset_s = 0.004;
     camera.readout_s = 0.025;
@@ -74,12 +77,12 @@ TEST(Terms, ReprojectionOfEveryModel) {
     const auto ray = example.camera.unproject(pixel);
     ASSERT_TRUE(ray);
     InverseDepthPoint point;
-    const Rigid3d world_from_camera = instant.world_from_body * camera.given.body_from_sensor;
+    const Rigid3d world_from_camera = motion.world_from_body * camera.initial.body_from_sensor;
     point.anchor = world_from_camera.translation() + Eigen::Vector3d(0.3, -0.2, 0.1);
     point.axes.col(2) = world_from_camera.linear() * *ray;
     point.axes.col(0) = point.axes.col(2).unitOrthogonal();
     point.axes.col(1) = point.axes.col(2).cross(point.axes.col(0));
-    const auto term = reprojection_cost(camera, instant, pixel, 0.3, point);
+    const auto term = reprojection_cost(camera, motion, pixel, 0.3, point);
     for (const double inverse_m : {0.0, 0.02, 0.3})
       expect_slopes(*term,
                     {random_block(&noise, kCorrectionSizes),
@@ -97,29 +100,33 @@ TEST(Terms, ReprojectionIsThatOfTheModel) {
   testing::SyntheticRig rig = testing::make_synthetic_rig({.points = 0, .lidar_points = 0});
   RigModel model = make_rig_model(rig.recording);
   SyntheticNoise noise(4);
-  for (Vector6d& c : model.correction)
+  for (Vector6d& c : model.corrections)
     for (int k = 0; k < 6; ++k) c[k] = noise.uniform(-0.1, 0.1);
   RigModelCamera& camera = model.cameras[1];
-  for (int k = 0; k < 6; ++k) camera.mount[k] = noise.uniform(-0.02, 0.02);
-  const Instant with_initial_values = model.of_image(1, 7);
+  for (int k = 0; k < 6; ++k) camera.extrinsics[k] = noise.uniform(-0.02, 0.02);
+  const LocalMotion with_initial_values = model.image_motion(1, 7);
   const RigModelCamera before = camera;
   const auto held = reprojection_cost(before, with_initial_values, {0, 0}, 0.5, {});
   constexpr double kLater_s = 0.013;
   camera.offset_s = kLater_s;  // on the way to frame 8, as the given motion goes on
   camera.intrinsics = {0.01, 1.5, -2};
-  Instant later = with_initial_values;
+  LocalMotion later = with_initial_values;
   Rigid3d moved = Rigid3d::Identity();
-  moved.linear() = so3_exp(with_initial_values.turn * kLater_s);
+  moved.linear() = so3_exp(with_initial_values.angular_velocity * kLater_s);
   moved.translation() = with_initial_values.velocity * kLater_s;
   later.world_from_body = with_initial_values.world_from_body * moved;
   later.weight += kLater_s / later.duration_s;
   const Eigen::Vector3d in_world =
-      model.corrected(later) * model.body_from_sensor(1) * Eigen::Vector3d(0.4, -0.3, 5);
+      model.corrected_pose(later) * model.body_from_sensor(1) * Eigen::Vector3d(0.4, -0.3, 5);
   const std::array<double, 3> point{in_world.x() / in_world.z(), in_world.y() / in_world.z(),
                                     1 / in_world.z()};
-  const double* blocks[] = {
-      model.correction[7].data(), model.correction[8].data(), camera.mount.data(), &camera.offset_s,
-      &camera.readout_s,          camera.intrinsics.data(),   point.data()};
+  const double* blocks[] = {model.corrections[7].data(),
+                            model.corrections[8].data(),
+                            camera.extrinsics.data(),
+                            &camera.offset_s,
+                            &camera.readout_s,
+                            camera.intrinsics.data(),
+                            point.data()};
   Eigen::Vector2d residual;
   held->Evaluate(blocks, residual.data(), nullptr);
   const auto pixel = model.camera(1).project({0.4, -0.3, 5});
@@ -142,31 +149,34 @@ TEST(Terms, RowsHaveTimesOfTheirOwn) {
   RigModelCamera& camera = model.cameras[1];
   camera.offset_s = 0.004;
   const double height = camera.camera.height;
-  const std::int64_t t_ns = model.given[7].t_ns;
-  const auto apart = [](const Instant& a, const Instant& b) {
+  const std::int64_t t_ns = model.initial_frames[7].t_ns;
+  const auto apart = [](const LocalMotion& a, const LocalMotion& b) {
     return (a.world_from_body.matrix() - b.world_from_body.matrix()).norm() +
            std::abs(a.weight - b.weight);
   };
-  EXPECT_EQ(apart(model.of_row(1, 7, 12), model.of_image(1, 7)), 0);  // one time for all
+  EXPECT_EQ(apart(model.row_motion(1, 7, 12), model.image_motion(1, 7)), 0);  // one time for all
   camera.readout_s = 0.03;
-  EXPECT_LT(apart(model.of_row(1, 7, (height - 1) / 2), model.of_image(1, 7)), 1e-9);
-  EXPECT_LT(apart(model.of_row(1, 7, -0.5), model.at(t_ns + 4'000'000 - 15'000'000)), 1e-9);
-  EXPECT_EQ(model.of_row(1, 7, -0.5).segment, 6);  // before its frame
-  EXPECT_LT(apart(model.of_row(1, 7, height - 0.5), model.at(t_ns + 4'000'000 + 15'000'000)), 1e-9);
+  EXPECT_LT(apart(model.row_motion(1, 7, (height - 1) / 2), model.image_motion(1, 7)), 1e-9);
+  EXPECT_LT(apart(model.row_motion(1, 7, -0.5), model.motion_at(t_ns + 4'000'000 - 15'000'000)),
+            1e-9);
+  EXPECT_EQ(model.row_motion(1, 7, -0.5).segment, 6);  // before its frame
+  EXPECT_LT(
+      apart(model.row_motion(1, 7, height - 0.5), model.motion_at(t_ns + 4'000'000 + 15'000'000)),
+      1e-9);
   EXPECT_EQ(model.corrected_calibration(1).readout_ns, 30'000'000);
 }
 
 TEST(Terms, UnseenHasNoSlope) {
-  const Instant instant = some_instant();
+  const LocalMotion motion = some_instant();
   RigModelCamera camera;
-  camera.given = testing::synthetic_camera(0);
-  camera.camera = make_camera(camera.given);
+  camera.initial = testing::synthetic_camera(0);
+  camera.camera = make_camera(camera.initial);
   InverseDepthPoint behind;
-  behind.anchor = instant.world_from_body.translation();
-  behind.axes.col(2) = -instant.world_from_body.linear().col(0);
+  behind.anchor = motion.world_from_body.translation();
+  behind.axes.col(2) = -motion.world_from_body.linear().col(0);
   behind.axes.col(0) = behind.axes.col(2).unitOrthogonal();
   behind.axes.col(1) = behind.axes.col(2).cross(behind.axes.col(0));
-  const auto term = reprojection_cost(camera, instant, {100, 100}, 1, behind);
+  const auto term = reprojection_cost(camera, motion, {100, 100}, 1, behind);
   const Vector6d zero = Vector6d::Zero();
   const double offset = 0, readout = 0, point[3] = {0, 0, 0.1};
   const double* blocks[] = {zero.data(), zero.data(), zero.data(), &offset,

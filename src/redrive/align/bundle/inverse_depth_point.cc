@@ -11,12 +11,12 @@ namespace redrive {
 namespace {
 
 constexpr double kInverseDepths[] = {0, 0.015, 0.03, 0.06, 0.12, 0.25, 0.5, 1};  // 1/m
-constexpr double kBehindInfinity = -0.01;  // 1/m: noise of what is far away, not more
+constexpr double kBehindInfinity = -0.01;  // 1/m: the noise of distant points may go this far
 
 using Terms = std::vector<std::unique_ptr<ceres::CostFunction>>;
 
 struct Parameters {
-  std::vector<std::array<const double*, 7>> of;  // by observation; the point's is filled in
+  std::vector<std::array<const double*, 7>> of;  // by observation; the last is the point's
 };
 
 Terms terms_of(const RigModel& model, const ExposureMotions& times, const Track& track,
@@ -24,13 +24,13 @@ Terms terms_of(const RigModel& model, const ExposureMotions& times, const Track&
                Parameters* parameters) {
   Terms terms;
   for (const Observation& seen : track.seen) {
-    const Instant instant = times.of(seen);
+    const LocalMotion motion = times.of(seen);
     const RigModelCamera& camera = model.cameras[seen.camera];
-    terms.push_back(reprojection_cost(camera, instant, seen.pixel, sigma_px[seen.camera], point));
-    parameters->of.push_back({model.correction[instant.segment].data(),
-                              model.correction[instant.segment + 1].data(), camera.mount.data(),
-                              &camera.offset_s, &camera.readout_s, camera.intrinsics.data(),
-                              nullptr});
+    terms.push_back(reprojection_cost(camera, motion, seen.pixel, sigma_px[seen.camera], point));
+    parameters->of.push_back({model.corrections[motion.segment].data(),
+                              model.corrections[motion.segment + 1].data(),
+                              camera.extrinsics.data(), &camera.offset_s, &camera.readout_s,
+                              camera.intrinsics.data(), nullptr});
   }
   return terms;
 }
@@ -41,7 +41,8 @@ struct Normal {
   Eigen::Vector3d g = Eigen::Vector3d::Zero();
 };
 
-Normal evaluate(const Terms& terms, Parameters& parameters, const double* value, bool slopes) {
+Normal evaluate(const Terms& terms, Parameters& parameters, const double* value,
+                bool with_jacobians) {
   constexpr double kScale = 4;  // 2 sigma, squared
   Normal sum;
   for (std::size_t i = 0; i < terms.size(); ++i) {
@@ -49,9 +50,9 @@ Normal evaluate(const Terms& terms, Parameters& parameters, const double* value,
     Eigen::Vector2d r;
     Eigen::Matrix<double, 2, 3, Eigen::RowMajor> j;
     double* jacobians[7] = {nullptr, nullptr, nullptr, nullptr, nullptr, nullptr, j.data()};
-    terms[i]->Evaluate(parameters.of[i].data(), r.data(), slopes ? jacobians : nullptr);
+    terms[i]->Evaluate(parameters.of[i].data(), r.data(), with_jacobians ? jacobians : nullptr);
     sum.cost += kScale * std::log1p(r.squaredNorm() / kScale);
-    if (!slopes) continue;
+    if (!with_jacobians) continue;
     const double weight = 1 / (1 + r.squaredNorm() / kScale);
     sum.h += weight * j.transpose() * j;
     sum.g += weight * j.transpose() * r;
@@ -63,15 +64,15 @@ Normal evaluate(const Terms& terms, Parameters& parameters, const double* value,
 
 ExposureMotions::ExposureMotions(const RigModel& model) : model_(model) {
   for (std::size_t c = 0; c < model.cameras.size(); ++c) {
-    instants_.emplace_back();
-    for (std::size_t f = 0; f < model.given.size(); ++f)
-      instants_.back().push_back(model.of_image(static_cast<int>(c), static_cast<int>(f)));
+    motions_.emplace_back();
+    for (std::size_t f = 0; f < model.initial_frames.size(); ++f)
+      motions_.back().push_back(model.image_motion(static_cast<int>(c), static_cast<int>(f)));
   }
 }
 
-Instant ExposureMotions::of(const Observation& seen) const {
-  if (model_.cameras[seen.camera].readout_s == 0) return instants_[seen.camera][seen.frame];
-  return model_.of_row(seen.camera, seen.frame, seen.pixel.y());
+LocalMotion ExposureMotions::of(const Observation& seen) const {
+  if (model_.cameras[seen.camera].readout_s == 0) return motions_[seen.camera][seen.frame];
+  return model_.row_motion(seen.camera, seen.frame, seen.pixel.y());
 }
 
 std::optional<InverseDepthPoint> fit_inverse_depth_point(const RigModel& model,
@@ -82,7 +83,7 @@ std::optional<InverseDepthPoint> fit_inverse_depth_point(const RigModel& model,
   const auto ray = model.camera(middle.camera).unproject(middle.pixel);
   if (!ray) return std::nullopt;
   const Rigid3d world_from_camera =
-      model.corrected(times.of(middle)) * model.body_from_sensor(middle.camera);
+      model.corrected_pose(times.of(middle)) * model.body_from_sensor(middle.camera);
   InverseDepthPoint point;
   point.anchor = world_from_camera.translation();
   const Eigen::Vector3d direction = world_from_camera.linear() * *ray;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where the point of a track is, as far as the poses of now say.
+// Triangulates tracks with the present poses of the rig model.
 #pragma once
 
 #include <optional>
@@ -11,21 +11,21 @@
 
 namespace redrive {
 
-/// When observations were exposed: of cameras without a rolling shutter computed once for all of an
-/// image. `model` has to outlive it and to stay as it is.
+/// The motion of the rig at the exposure of each observation. For cameras without a rolling shutter
+/// it is computed once an image. `model` has to outlive it unchanged.
 class ExposureMotions {
  public:
   explicit ExposureMotions(const RigModel& model);
-  Instant of(const Observation& seen) const;
+  LocalMotion of(const Observation& seen) const;
 
  private:
   const RigModel& model_;
-  std::vector<std::vector<Instant>> instants_;  ///< by camera and frame
+  std::vector<std::vector<LocalMotion>> motions_;  ///< by camera and frame
 };
 
-/// The point that robustly (Cauchy, sigma_px[camera] by 2) explains the observations:
-/// Levenberg-Marquardt from the best of several distances along the ray of the observation in the
-/// middle. Nothing where that has no ray or the point would lie behind infinity.
+/// The point that minimises the reprojection errors under a Cauchy loss of 2 sigma_px[camera]:
+/// Levenberg-Marquardt from the best of several depths along the ray of the middle observation.
+/// Nothing where that pixel has no ray or the point would lie behind infinity.
 std::optional<InverseDepthPoint> fit_inverse_depth_point(const RigModel& model,
                                                          const ExposureMotions& times,
                                                          const Track& track,

@@ -15,29 +15,28 @@
 namespace redrive {
 namespace {
 
-constexpr double kLeastShare =
-    0.2;  // less curvature would be that of residuals which nothing explains
+constexpr double kMinFraction = 0.2;  // lower bound: less curvature comes from gross outliers
 
-/// What residuals say of one parameter of the rig.
-struct OfRig {
+/// Terms of an eliminated block with one parameter of the rig.
+struct RigTerms {
   Eigen::Vector3d with_own = Eigen::Vector3d::Zero();  ///< columns of the normal matrix
   double gradient = 0;
 };
 
-/// One eliminated block: its own part of the normal matrix and gradient, and those with the rig.
+/// One eliminated block: its own blocks of the normal matrix and gradient, and those with the rig.
 struct Eliminated {
-  double curvature = 1;  ///< share of the normal matrix: curvature_shares
+  double curvature = 1;  ///< as a fraction of the normal matrix: curvature_fractions
   Eigen::Matrix3d own = Eigen::Matrix3d::Zero();
   Eigen::Vector3d gradient = Eigen::Vector3d::Zero();
-  std::map<int, OfRig> with_rig;  ///< by parameter of the rig
+  std::map<int, RigTerms> with_rig;  ///< by parameter of the rig
 };
 
-/// By row: how much of a residual's weight the curvature of its robust loss is, in the mean over
-/// all residuals of that loss (a single one that is far off curves the other way); 1 without one.
-/// Of normal errors and a Cauchy loss of 2 sigma three quarters.
-std::vector<double> curvature_shares(const ceres::Problem& problem,
-                                     const std::vector<ceres::ResidualBlockId>& blocks,
-                                     const std::vector<double>& residuals) {
+/// By row: the curvature of the robust loss as a fraction of its weight, averaged over all
+/// residuals of that loss, since the curvature of a single outlier is negative. 1 without a loss;
+/// 3/4 for normal errors and a Cauchy loss of 2 sigma.
+std::vector<double> curvature_fractions(const ceres::Problem& problem,
+                                        const std::vector<ceres::ResidualBlockId>& blocks,
+                                        const std::vector<double>& residuals) {
   struct Sums {
     double weight = 0, curvature = 0;
   };
@@ -55,24 +54,24 @@ std::vector<double> curvature_shares(const ceres::Problem& problem,
     of_loss[loss].weight += rho[1];
     of_loss[loss].curvature += rho[1] + 2 * rho[2] * squares / rows;
   }
-  std::vector<double> shares;
+  std::vector<double> fractions;
   for (const ceres::LossFunction* loss : losses)
-    shares.push_back(loss ? std::max(kLeastShare, of_loss[loss].curvature / of_loss[loss].weight)
-                          : 1);
-  return shares;
+    fractions.push_back(
+        loss ? std::max(kMinFraction, of_loss[loss].curvature / of_loss[loss].weight) : 1);
+  return fractions;
 }
 
-/// Columns are metres and radians: scaled to one another before. Where nothing holds a direction,
-/// next to nothing does.
+/// Inverse after scaling columns to a unit diagonal, since they are metres and radians. Damped by
+/// 1e-12 where it is singular.
 Eigen::MatrixXd inverse_of(const Eigen::MatrixXd& normal) {
   const Eigen::Index n = normal.rows();
   const Eigen::VectorXd scale = normal.diagonal().cwiseMax(1e-12).cwiseSqrt().cwiseInverse();
   const Eigen::MatrixXd scaled = scale.asDiagonal() * normal * scale.asDiagonal();
   Eigen::LDLT<Eigen::MatrixXd> solver(scaled);
   if (!(solver.vectorD().minCoeff() > 1e-14)) {
-    Eigen::MatrixXd held = scaled;
-    held.diagonal().array() += 1e-12;
-    solver.compute(held);
+    Eigen::MatrixXd damped = scaled;
+    damped.diagonal().array() += 1e-12;
+    solver.compute(damped);
   }
   return scale.asDiagonal() * solver.solve(Eigen::MatrixXd::Identity(n, n)) * scale.asDiagonal();
 }
@@ -91,7 +90,8 @@ ReducedCovariance reduced_covariance(ceres::Problem& problem, const std::vector<
   problem.GetResidualBlocks(&options.residual_blocks);
   options.apply_loss_function = false;
   REDRIVE_CHECK(problem.Evaluate(options, nullptr, &residuals, nullptr, nullptr));
-  const std::vector<double> shares = curvature_shares(problem, options.residual_blocks, residuals);
+  const std::vector<double> fractions =
+      curvature_fractions(problem, options.residual_blocks, residuals);
   options.apply_loss_function = true;
   REDRIVE_CHECK(problem.Evaluate(options, nullptr, &residuals, nullptr, &jacobian));
 
@@ -113,21 +113,21 @@ ReducedCovariance reduced_covariance(ceres::Problem& problem, const std::vector<
       for (int b = begin; b < split; ++b) {
         const double product = jacobian.values[a] * jacobian.values[b];
         normal(jacobian.cols[b], jacobian.cols[a]) += product;
-        curved(jacobian.cols[b], jacobian.cols[a]) += (block < 0 ? 1 : shares[row]) * product;
+        curved(jacobian.cols[b], jacobian.cols[a]) += (block < 0 ? 1 : fractions[row]) * product;
         if (block < 0) spread(jacobian.cols[b], jacobian.cols[a]) += product;
       }
       if (block < 0) continue;
-      OfRig& of_rig = eliminated[block].with_rig[jacobian.cols[a]];
-      of_rig.with_own += jacobian.values[a] * own;
-      of_rig.gradient += jacobian.values[a] * residuals[row];
+      RigTerms& terms = eliminated[block].with_rig[jacobian.cols[a]];
+      terms.with_own += jacobian.values[a] * own;
+      terms.gradient += jacobian.values[a] * residuals[row];
     }
     if (block < 0) continue;
-    eliminated[block].curvature = shares[row];
+    eliminated[block].curvature = fractions[row];
     eliminated[block].own += own * own.transpose();
     eliminated[block].gradient += own * residuals[row];
   }
   for (const Eliminated& e : eliminated) {
-    // 1e-12 of the largest: a direction that no residual sees takes nothing away.
+    // Directions without information, below 1e-12 of the largest eigenvalue, remove nothing.
     const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(e.own);
     Eigen::Matrix3d inverse = Eigen::Matrix3d::Zero();
     for (int k = 0; k < 3; ++k)

@@ -137,7 +137,7 @@ inline SyntheticRig make_synthetic_rig(const SyntheticOptions& options = {}) {
   const Rigid3d street_from_world =
       ecef_from_street.inverse(Eigen::Isometry) * true_motion.global_from_world;
   const auto street_from_body = [&](std::int64_t t_ns) {
-    return street_from_world * true_motion.at(t_ns).world_from_body;
+    return street_from_world * true_motion.motion_at(t_ns).world_from_body;
   };
   /// At the image's time, or what a row before or after its middle has more.
   const auto camera_from_street_at = [&](const CameraCalibration& camera, int f,

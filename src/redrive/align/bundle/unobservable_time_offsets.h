@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which clocks an adjusted rig does not tell. Straight on at one speed, a camera that exposes late
-// sees what one further forward would: what is left of its clock's certainty comes from where the
-// camera is said to be, from few points that other cameras see as well, and from what the tracks'
-// errors have in common. Then the calibration's word is better than what fits best.
+// Decides which time offsets of an adjusted rig are unobservable. At constant velocity a camera
+// that exposes late sees the same as a camera further forward. Its offset then is determined by the
+// prior of the camera's position, by few points that other cameras see, and by errors that its
+// tracks have in common; the calibration's value is better than the best fit.
 #pragma once
 
 #include <vector>
@@ -11,15 +11,16 @@
 
 namespace redrive {
 
-/// The largest standard deviation of a clock that is told: half of prior_s, the calibration's own,
-/// so that most of what is known of it is the drive's.
+/// The largest standard deviation of an observable time offset: half of prior_s, the calibration's
+/// own, so that the drive contributes most of the information.
 inline double max_observable_sigma_s(double prior_s) { return prior_s / 2; }
 
-/// Of the cameras with observations in `used` [cameras] and an offset in result.covariance those
-/// whose clock the drive tells neither by itself nor against the mean of the others'. Told is what
-/// is known so well, or what is three standard deviations from what is given; and what the LiDAR's
-/// contrast has told (result.contrast). Without LiDAR nothing but the egomotion holds all clocks
-/// together, and one camera's alone is right by definition.
+/// Cameras with observations in `used` [cameras] and an offset in result.covariance whose time
+/// offset is observable neither by itself nor relative to the mean of the others'. Observable is an
+/// offset with a standard deviation of at most max_observable_sigma_s, one that differs from its
+/// initial value by three standard deviations, and one that the LiDAR's contrast determined
+/// (result.contrast). Without LiDAR only the egomotion ties the offsets to an absolute time, and
+/// the offset of a single camera counts as observable.
 std::vector<UnobservableTimeOffset> unobservable_time_offsets(const RigModel& model,
                                                               const BundleResult& result,
                                                               const std::vector<int>& used,

@@ -17,7 +17,7 @@ struct Clocks {
   Clocks(const std::vector<double>& moved_s, const Eigen::MatrixXd& covariance) {
     for (std::size_t c = 0; c < moved_s.size(); ++c) {
       RigModelCamera camera;
-      camera.given.time_offset_ns = 5'000'000;
+      camera.initial.time_offset_ns = 5'000'000;
       camera.offset_s = 5e-3 + moved_s[c];
       model.cameras.push_back(camera);
       result.offset_index.push_back(static_cast<int>(c));
@@ -58,7 +58,7 @@ TEST(UntoldClocks, LeaveOutWhatTheLidarTellsAndWhatWasNotSought) {
   Clocks clocks({0, 0, 0}, independent({2e-3, 2e-3, 2e-3}));
   EXPECT_EQ(clocks.unobservable().size(), 3u);
   clocks.result.contrast.resize(3);
-  clocks.result.contrast[0].told = true;
+  clocks.result.contrast[0].observable = true;
   clocks.used[1] = 0;
   EXPECT_EQ(clocks.unobservable(), (std::vector<int>{2}));
   clocks.result.offset_index[2].reset();

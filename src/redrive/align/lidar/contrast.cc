@@ -12,33 +12,33 @@ namespace redrive {
 namespace {
 
 constexpr int kImages = 16;        // a camera
-constexpr double kMargin_s = 0.2;  // images this close to the ends are left out: what they see was
-                                   // passed before the drive began
+constexpr double kMargin_s = 0.2;  // images this close to the ends are not used: the LiDAR passed
+                                   // their scene before the drive began
 constexpr double kClosest_m = 1, kFarthest_m = 50;
 constexpr int kCell_px = 2;
-// A return counts where no other is nearer by 15 % within a block of pixels or its neighbours:
-// beams are further apart than pixels.
+// A return is visible where no other is nearer by 15 % within its block of pixels or the
+// neighbouring ones, since beams are further apart than pixels.
 constexpr int kBlock_px = 6;
 constexpr float kHidden = 1.15f;
 constexpr double kAround_px =
-    8;  // sd of the surroundings that contrast is against, in LiDAR and image
-constexpr double kLevel_px = 20;  // sd over which the image's contrast is brought to one strength
-constexpr float kLeastAround = 0.1f;  // share of the surroundings that LiDAR has seen
-constexpr float kNoise = 1;           // grey levels: contrast less than that is not made stronger
-constexpr double kFine_px = 1.2;      // low-pass of the image
-constexpr int kSteps = 20;            // of the scan, to each side
-constexpr int kPeak = 4;              // steps to each side that a peak is fitted to
-// Known that well, by leaving out one image after the other. Along the road, what is bright to one
-// and to the other may differ by so much, however many places agree.
-constexpr double kMostSigma_s = 0.01, kMostSigma_m = 0.15, kLeastAlong_m = 0.03;
-constexpr double kLeastSpeed_m_per_s = 1;
-// How much higher the peak has to be than anything further away from it, in sigmas, likewise: rails
-// and dashes repeat.
+    8;  // sd of the local mean that contrast is relative to, in LiDAR and image
+constexpr double kLevel_px = 20;    // sd over which the image's contrast is normalised
+constexpr float kMinAround = 0.1f;  // fraction of the surroundings with LiDAR returns
+constexpr float kNoise = 1;         // grey levels: weaker contrast is not amplified
+constexpr double kFine_px = 1.2;    // low-pass of the image
+constexpr int kSteps = 20;          // of the search, to each side
+constexpr int kPeak = 4;            // steps to each side that a peak is fitted to
+// Largest jackknife deviations over images. Along the road, features of LiDAR and image may differ
+// by kMinAlong_m however many agree.
+constexpr double kMaxSigma_s = 0.01, kMaxSigma_m = 0.15, kMinAlong_m = 0.03;
+constexpr double kMinSpeed_m_per_s = 1;
+// By how many jackknife sigmas the peak has to exceed everything further away: rails and dashes
+// repeat.
 constexpr double kSignificant = 3;
-constexpr int kFurther = 8;                   // steps
-constexpr double kLeastLidarContrast = 0.02;  // RMS of log intensity: less is rounding
-constexpr int kLeastCells = 500;
-constexpr int kLeastOnPath = 5;  // places along a path with returns
+constexpr int kFurther = 8;                 // steps
+constexpr double kMinLidarContrast = 0.02;  // RMS of log intensity: less is rounding
+constexpr int kMinCells = 500;
+constexpr int kMinOnPath = 5;  // cells along a path with returns
 
 cv::Mat blurred(const cv::Mat& image, double sd) {
   cv::Mat out;
@@ -46,7 +46,7 @@ cv::Mat blurred(const cv::Mat& image, double sd) {
   return out;
 }
 
-/// Contrast of an image against its surroundings, about 1 strong everywhere.
+/// Contrast of an image relative to its surroundings, normalised to about 1.
 cv::Mat contrast_of(const cv::Mat& grey) {
   cv::Mat image, strength;
   grey.convertTo(image, CV_32F);
@@ -55,7 +55,7 @@ cv::Mat contrast_of(const cv::Mat& grey) {
   return contrast / (strength + kNoise);
 }
 
-/// Between pixels; nothing outside.
+/// Bilinear interpolation; nothing outside the image.
 std::optional<double> sample(const cv::Mat& image, const Eigen::Vector2d& at) {
   const int x = static_cast<int>(std::floor(at.x())), y = static_cast<int>(std::floor(at.y()));
   if (!(x >= 0 && y >= 0 && x + 1 < image.cols && y + 1 < image.rows)) return std::nullopt;
@@ -72,7 +72,7 @@ struct Hit {
   float distance_m = 0;
 };
 
-/// Those of the returns that the camera sees, nothing nearer before them.
+/// The returns that the camera sees and nothing nearer occludes.
 std::vector<Hit> visible(const Camera& camera, const Rigid3d& camera_from_world,
                          const cv::Mat& usable, const std::vector<Eigen::Vector3f>& in_world) {
   const int across = usable.cols / kBlock_px + 1, down = usable.rows / kBlock_px + 1;
@@ -106,22 +106,22 @@ std::vector<Hit> visible(const Camera& camera, const Rigid3d& camera_from_world,
   return hits;
 }
 
-/// The way of a static point over the image as the camera passes: a parabola through three of its
-/// places.
+/// The path of a static point over the image as the camera passes: a parabola through three of its
+/// positions.
 struct Path {
   Eigen::Vector2d now, slope, bend;
-  Eigen::Vector2d at(int k) const {  ///< k - kSteps steps later
+  Eigen::Vector2d at(int k) const {  ///< the position k - kSteps steps later
     const double t = static_cast<double>(k - kSteps) / kSteps;
     return now + t * slope + t * t * bend;
   }
-  void begin_later(double later_s) {
+  void shift(double later_s) {
     const double t = later_s / (kSteps * kContrastStep_s);
     now += t * (slope + t * bend);
     slope += 2 * t * bend;
   }
 };
 
-/// camera_from_world at both ends of the scan, and in between.
+/// camera_from_world at both ends of the search and in its middle.
 std::array<Rigid3d, 3> poses_around(const RigModel& model, int camera, int frame) {
   std::array<Rigid3d, 3> poses;
   for (int k = 0; k < 3; ++k)
@@ -138,7 +138,7 @@ std::optional<Path> path_of(const Camera& camera, const std::array<Rigid3d, 3>& 
   return Path{*now, 0.5 * (*after - *before), 0.5 * (*after + *before) - *now};
 }
 
-/// Products of both contrasts of one image, by time offset.
+/// Products of both contrasts, by time offset.
 struct Sums {
   int cells = 0;  ///< compared
   std::array<double, 2 * kSteps + 1> product{}, lidar{}, image{};
@@ -158,8 +158,8 @@ struct Sums {
   }
 };
 
-/// Where correlation is highest: the vertex of the parabola through the values around the highest
-/// one (least squares). Nothing where that is close to an end.
+/// The time offset of the highest correlation: the vertex of a parabola fitted to the values around
+/// it (least squares). Nothing close to an end.
 std::optional<double> peak_s(const std::vector<double>& correlation) {
   const auto best = static_cast<int>(std::ranges::max_element(correlation) - correlation.begin());
   if (best < kPeak || best > 2 * kSteps - kPeak) return std::nullopt;
@@ -179,41 +179,41 @@ std::optional<double> peak_s(const std::vector<double>& correlation) {
          (best - kSteps + std::clamp(-0.5 * slope / bend, -1.0 * kPeak, 1.0 * kPeak));
 }
 
-/// Frames whose images are looked at, evenly chosen.
+/// Frames whose images are used, evenly chosen.
 std::vector<int> frames_of(const RigModel& model, const RigImages& images, int camera) {
   const auto margin_ns = static_cast<std::int64_t>(kMargin_s * 1e9);
   std::vector<int> all, chosen;
   for (int f = 0; f < images.frames(); ++f)
     if (!images.grey[camera][f].empty() &&
-        model.given[f].t_ns >= model.given.front().t_ns + margin_ns &&
-        model.given[f].t_ns <= model.given.back().t_ns - margin_ns)
+        model.initial_frames[f].t_ns >= model.initial_frames.front().t_ns + margin_ns &&
+        model.initial_frames[f].t_ns <= model.initial_frames.back().t_ns - margin_ns)
       all.push_back(f);
   const int count = static_cast<int>(all.size()), n = std::min(kImages, count);
   for (int i = 0; i < n; ++i) chosen.push_back(all[(2 * i + 1) * count / (2 * n)]);
   return chosen;
 }
 
-/// The LiDAR's picture as a camera sees it, in cells of kCell_px.
+/// LiDAR intensities as a camera sees them, in cells of kCell_px.
 struct LidarImage {
-  cv::Mat_<int> sample;  ///< the first one there, -1 where there is none
+  cv::Mat_<int> sample;  ///< index of the first sample in the cell, -1 where there is none
   cv::Mat_<float>
-      contrast;  ///< log intensity against the mean around; 0 where too little is around
+      contrast;  ///< log intensity minus the local mean; 0 where too few returns are around
   bool has(int x, int y) const {
     return x >= 0 && y >= 0 && x < sample.cols && y < sample.rows && sample(y, x) >= 0;
   }
 };
 
-LidarImage draw(const std::vector<Hit>& hits, const std::vector<LidarSample>& samples,
-                const cv::Size& image) {
+LidarImage rasterize(const std::vector<Hit>& hits, const std::vector<LidarSample>& samples,
+                     const cv::Size& image) {
   const cv::Size size((image.width + kCell_px - 1) / kCell_px,
                       (image.height + kCell_px - 1) / kCell_px);
-  LidarImage picture{cv::Mat_<int>(size, -1), cv::Mat_<float>(size, 0.0f)};
+  LidarImage out{cv::Mat_<int>(size, -1), cv::Mat_<float>(size, 0.0f)};
   cv::Mat_<float> sum(size, 0.0f), count(size, 0.0f);
   for (const Hit& hit : hits) {
     const int x = hit.x / kCell_px, y = hit.y / kCell_px;
     sum(y, x) += std::log1p(static_cast<float>(samples[hit.sample].intensity));
     count(y, x) += 1;
-    if (picture.sample(y, x) < 0) picture.sample(y, x) = hit.sample;
+    if (out.sample(y, x) < 0) out.sample(y, x) = hit.sample;
   }
   cv::Mat_<float> there;
   cv::Mat(count > 0).convertTo(there, CV_32F, 1 / 255.0);
@@ -222,29 +222,29 @@ LidarImage draw(const std::vector<Hit>& hits, const std::vector<LidarSample>& sa
                         seen = blurred(there, kAround_px / kCell_px);
   for (int y = 0; y < size.height; ++y)
     for (int x = 0; x < size.width; ++x)
-      if (picture.sample(y, x) >= 0 && seen(y, x) >= kLeastAround)
-        picture.contrast(y, x) = mean(y, x) - around(y, x) / seen(y, x);
+      if (out.sample(y, x) >= 0 && seen(y, x) >= kMinAround)
+        out.contrast(y, x) = mean(y, x) - around(y, x) / seen(y, x);
       else
-        picture.sample(y, x) = -1;
-  return picture;
+        out.sample(y, x) = -1;
+  return out;
 }
 
-/// Contrast of the LiDAR at `cell` against what lies before and behind it on the way that it takes
-/// over the image: what is the same all along the road, a guard rail say, tells no time. Nothing
-/// where that is too little.
+/// Contrast of the LiDAR at `cell` relative to its mean along the path over the image: features
+/// that are constant along the road, such as guard rails, say nothing about time. Nothing where too
+/// few cells of the path have returns.
 std::optional<double> against_path(const LidarImage& lidar, const cv::Point& cell,
                                    const Path& path) {
   double sum = 0;
-  int places = 0;
+  int cells = 0;
   for (int k = 0; k <= 2 * kSteps; ++k) {
     const Eigen::Vector2d at = (path.at(k) / kCell_px).array().floor();
     const int x = static_cast<int>(at.x()), y = static_cast<int>(at.y());
     if (!lidar.has(x, y)) continue;
     sum += lidar.contrast(y, x);
-    ++places;
+    ++cells;
   }
-  if (places < kLeastOnPath) return std::nullopt;
-  return lidar.contrast(cell) - sum / places;
+  if (cells < kMinOnPath) return std::nullopt;
+  return lidar.contrast(cell) - sum / cells;
 }
 
 Sums compare(const RigModel& model, const ContrastData& source,
@@ -253,8 +253,8 @@ Sums compare(const RigModel& model, const ContrastData& source,
   const cv::Mat& grey = images.grey[camera][frame];
   const Camera& lens = images.camera(camera);
   const std::array<Rigid3d, 3> poses = poses_around(model, camera, frame);
-  const LidarImage lidar = draw(visible(lens, poses[1], images.usable[camera][frame], in_world),
-                                source.samples, grey.size());
+  const LidarImage lidar = rasterize(
+      visible(lens, poses[1], images.usable[camera][frame], in_world), source.samples, grey.size());
   const cv::Mat image = contrast_of(grey);
   const auto moving = images.moving_at(camera, frame);
   Sums sums;
@@ -266,8 +266,7 @@ Sums compare(const RigModel& model, const ContrastData& source,
       auto path = path_of(lens, poses, in_world[lidar.sample(y, x)].cast<double>());
       if (!path) continue;
       const double row = images.recorded_pixel(camera, path->now).y();
-      path->begin_later(model.cameras[camera].from_middle_row(row) *
-                        model.cameras[camera].readout_s);
+      path->shift(model.cameras[camera].from_middle_row(row) * model.cameras[camera].readout_s);
       const auto contrast = against_path(lidar, {x, y}, *path);
       if (!contrast) continue;
       ++sums.cells;
@@ -278,7 +277,7 @@ Sums compare(const RigModel& model, const ContrastData& source,
         if ((values[k] = sample(image, path->at(k)))) mean += *values[k], ++inside;
       for (int k = 0; k <= 2 * kSteps; ++k) {
         if (!values[k]) continue;
-        const double value = *values[k] - mean / inside;  // against its path, too
+        const double value = *values[k] - mean / inside;  // relative to its path, too
         sums.product[k] += *contrast * value;
         sums.lidar[k] += *contrast * *contrast;
         sums.image[k] += value * value;
@@ -287,7 +286,7 @@ Sums compare(const RigModel& model, const ContrastData& source,
   return sums;
 }
 
-/// How much the highest value, and what is near it, stands out.
+/// By how much the peak exceeds all values further away.
 double prominence(const std::vector<double>& correlation) {
   const auto best = std::ranges::max_element(correlation);
   double other = 0;
@@ -304,8 +303,8 @@ ContrastFit fit_time_offset(const std::vector<Sums>& of_image, double offset_s,
   fit.cells = all.cells;
   fit.correlation = all.correlation();
   const auto peak = peak_s(fit.correlation);
-  if (fit.cells < kLeastCells || !peak) return fit;
-  // Jackknife: how far the peak moves when an image is left out (Efron & Stein 1981).
+  if (fit.cells < kMinCells || !peak) return fit;
+  // Jackknife: the change of the peak when an image is left out (Efron & Stein 1981).
   double squares = 0, prominence_squares = 0;
   const double n = static_cast<double>(of_image.size()), stands_out = prominence(fit.correlation);
   for (const Sums& sums : of_image) {
@@ -320,14 +319,14 @@ ContrastFit fit_time_offset(const std::vector<Sums>& of_image, double offset_s,
   const double sigma_s = std::sqrt(squares * (n - 1) / n),
                prominence_sigma = std::sqrt(prominence_squares * (n - 1) / n);
   if (stands_out < kSignificant * prominence_sigma ||
-      all.lidar[kSteps] < all.cells * kLeastLidarContrast * kLeastLidarContrast)
+      all.lidar[kSteps] < all.cells * kMinLidarContrast * kMinLidarContrast)
     return fit;
-  if (sigma_s > kMostSigma_s || sigma_s * speed_m_per_s > kMostSigma_m ||
-      speed_m_per_s < kLeastSpeed_m_per_s)
+  if (sigma_s > kMaxSigma_s || sigma_s * speed_m_per_s > kMaxSigma_m ||
+      speed_m_per_s < kMinSpeed_m_per_s)
     return fit;
-  fit.told = true;
+  fit.observable = true;
   fit.offset_s = offset_s + *peak;
-  fit.sigma_s = std::hypot(sigma_s, kLeastAlong_m / speed_m_per_s);
+  fit.sigma_s = std::hypot(sigma_s, kMinAlong_m / speed_m_per_s);
   return fit;
 }
 
@@ -355,7 +354,7 @@ std::vector<ContrastFit> fit_time_offsets(const RigModel& model, const ContrastD
   std::vector<ContrastFit> fits;
   for (int c = 0; c < cameras; ++c) {
     double speed_m_per_s = 0;
-    for (const int frame : frames[c]) speed_m_per_s += model.of_image(c, frame).velocity.norm();
+    for (const int frame : frames[c]) speed_m_per_s += model.image_motion(c, frame).velocity.norm();
     fits.push_back(
         fit_time_offset(sums[c], model.cameras[c].offset_s,
                         speed_m_per_s / std::max(1.0, static_cast<double>(frames[c].size()))));

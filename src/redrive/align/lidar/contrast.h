@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is bright to the LiDAR and to a camera as well: lane markings, signs, posts. Where the two
-// pictures of it lie upon each other tells when a camera exposes. Tracks alone cannot tell a camera
-// that exposes late from one mounted further forward while the vehicle drives straight on at one
-// speed, and at night there are few of them; LiDAR planes know of no camera.
+// Time offsets of cameras from features that are bright in LiDAR intensities and in images: lane
+// markings, signs, posts. The offset at which both contrasts correlate best is the camera's. At
+// constant velocity tracks alone cannot distinguish a late exposure from a camera further forward,
+// at night there are few tracks, and LiDAR planes do not involve the cameras.
 #pragma once
 
 #include <vector>
@@ -14,26 +14,26 @@
 
 namespace redrive {
 
-/// What it takes.
+/// Input of fit_time_offsets.
 struct ContrastData {
-  const RigImages& images;                  ///< of any size, averaged or not; the larger, the finer
-  const std::vector<LidarSample>& samples;  ///< the more, the better
+  const RigImages& images;                  ///< of any size; larger ones give a finer estimate
+  const std::vector<LidarSample>& samples;  ///< all that there are
 };
 
-/// What one camera's images say of its clock.
+/// Correlation of one camera's images with the LiDAR.
 struct ContrastFit {
-  int cells = 0;  ///< compared: places of an image with LiDAR returns
-  /// Correlation of both contrasts, -1..1, over time offsets: kContrastStep_s apart, the middle one
-  /// is the model's as it is.
+  int cells = 0;  ///< image cells with LiDAR returns that were compared
+  /// Correlation of both contrasts, -1..1, over time offsets kContrastStep_s apart around the
+  /// model's present one.
   std::vector<double> correlation;
-  bool told = false;                 ///< it has a peak, and all images together agree where
-  double offset_s = 0, sigma_s = 0;  ///< there, with the rest of the model as it is
+  bool observable = false;           ///< whether there is a peak on which all images agree
+  double offset_s = 0, sigma_s = 0;  ///< of the peak, with the rest of the model fixed
   double now() const { return correlation[correlation.size() / 2]; }
 };
 constexpr double kContrastStep_s = 2e-3;
 
-/// By camera, of at most 16 of its images. Poses and cameras of `model` may be wrong by some
-/// pixels; all but the clocks is taken as it is.
+/// Estimates by camera, each from at most 16 of its images. Poses and cameras of `model` may be off
+/// by some pixels; only time offsets are estimated.
 std::vector<ContrastFit> fit_time_offsets(const RigModel& model, const ContrastData& source,
                                           ThreadPool& pool);
 

@@ -47,7 +47,7 @@ TEST_F(ContrastOfLidar, FindsClocks) {
     Recording recording = drive();
     recording.cameras[0].calibration.time_offset_ns = std::int64_t{1'000'000} * said_ms;
     const ContrastFit found = fit(recording, 0, returns());
-    ASSERT_TRUE(found.told) << said_ms;
+    ASSERT_TRUE(found.observable) << said_ms;
     EXPECT_GT(found.cells, 5000);
     EXPECT_NEAR(found.offset_s, 0.020, 0.010) << "4 cm at 4 m/s, less than a pixel at 5 m";
     EXPECT_LT(std::abs(found.offset_s - 0.020), 2 * found.sigma_s);
@@ -64,8 +64,8 @@ TEST_F(ContrastOfLidar, AveragedImagesSayTheSame) {
   ASSERT_EQ(half.factor[0], 2);
   const ContrastFit of_all = fit_time_offsets(model, {images(), returns()}, pool_)[0],
                     of_half = fit_time_offsets(model, {half, returns()}, pool_)[0];
-  ASSERT_TRUE(of_all.told);
-  ASSERT_TRUE(of_half.told);
+  ASSERT_TRUE(of_all.observable);
+  ASSERT_TRUE(of_half.observable);
   EXPECT_NEAR(of_half.offset_s, of_all.offset_s, 0.008)
       << "taken for rows of the whole image they would be 20 ms early";
 }
@@ -82,19 +82,19 @@ TEST_F(ContrastOfLidar, ComparesPictures) {
 TEST_F(ContrastOfLidar, SaysNothingWhereNothingIsInCommon) {
   std::vector<LidarSample> grey = returns();
   for (LidarSample& sample : grey) sample.intensity = 100;
-  EXPECT_FALSE(fit(drive(), 0, grey).told) << "all alike";
+  EXPECT_FALSE(fit(drive(), 0, grey).observable) << "all alike";
   testing::SyntheticNoise noise(12);
   for (LidarSample& sample : grey)
     sample.intensity = static_cast<std::uint16_t>(noise.uniform(0, 250));
   const ContrastFit random = fit(drive(), 0, grey);
-  EXPECT_FALSE(random.told);
+  EXPECT_FALSE(random.observable);
   EXPECT_EQ(random.offset_s, 0);
   EXPECT_LT(std::abs(random.now()), 0.05);
 }
 
 TEST_F(ContrastOfLidar, SaysNothingWithoutReturns) {
   const ContrastFit nothing = fit(drive(), 0, {});
-  EXPECT_FALSE(nothing.told);
+  EXPECT_FALSE(nothing.observable);
   EXPECT_EQ(nothing.cells, 0);
 }
 

@@ -16,20 +16,22 @@ namespace {
 
 constexpr int kMinPoints = 10;
 constexpr std::int64_t kApart_ns = 50'000'000;  // half a revolution
-constexpr int kLeastTimes = 3;
-constexpr std::size_t kMostOfPatch =
-    40;  // where there is a choice: more points say little that is new, they share its roughness
-constexpr double kLeastSigma_m = 0.005;
-constexpr double kLeastShare = 0.75;  // of a cube's points that have to lie on its plane
+constexpr int kMinTimes = 3;
+constexpr std::size_t kMaxSamplesOfPatch =
+    40;  // more points of one patch add little: they share its roughness
+constexpr double kMinSigma_m = 0.005;
+constexpr double kMinInliers = 0.75;  // of a cell's points that have to lie on its plane
 
 using Key = std::array<std::int64_t, 3>;
 
-struct Placed {
+/// Samples and their positions by the present corrections.
+struct WorldSamples {
   const std::vector<LidarSample>& samples;
   std::vector<Eigen::Vector3d> in_world;
 };
 
-int times_apart(const Placed& points, const std::vector<int>& chosen) {
+/// The number of times, at least kApart_ns apart, at which the chosen samples were measured.
+int count_times(const WorldSamples& points, const std::vector<int>& chosen) {
   std::vector<std::int64_t> times;
   for (const int i : chosen) times.push_back(points.samples[i].t_ns);
   std::sort(times.begin(), times.end());
@@ -43,9 +45,8 @@ int times_apart(const Placed& points, const std::vector<int>& chosen) {
   return count;
 }
 
-/// The plane of most of the points, by principal axes of what is left when the farthest are
-/// dropped, three times.
-std::optional<PlanarPatch> fit(const Placed& points, const std::vector<int>& chosen,
+/// Fits a plane by principal axes, and again three times to the inliers of the last fit.
+std::optional<PlanarPatch> fit(const WorldSamples& points, const std::vector<int>& chosen,
                                const PlaneOptions& options) {
   std::vector<int> on = chosen;
   PlanarPatch patch;
@@ -62,7 +63,7 @@ std::optional<PlanarPatch> fit(const Placed& points, const std::vector<int>& cho
                                                                 static_cast<double>(on.size()));
     const Eigen::Vector3d sd = solver.eigenvalues().cwiseMax(0).cwiseSqrt();
     sigma_m = sd[0];
-    if (sd[1] < 0.08 || sd[1] < 3 * sd[0]) return std::nullopt;  // a line, or a lump
+    if (sd[1] < 0.08 || sd[1] < 3 * sd[0]) return std::nullopt;  // a line or a volume
     patch.plane.centre = mean;
     patch.plane.axes.col(0) = solver.eigenvectors().col(2);
     patch.plane.axes.col(1) = solver.eigenvectors().col(1);
@@ -75,17 +76,18 @@ std::optional<PlanarPatch> fit(const Placed& points, const std::vector<int>& cho
         on.push_back(i);
   }
   if (sigma_m > options.max_plane_sigma_m ||
-      static_cast<double>(on.size()) < kLeastShare * static_cast<double>(chosen.size()))
+      static_cast<double>(on.size()) < kMinInliers * static_cast<double>(chosen.size()))
     return std::nullopt;
-  if (times_apart(points, on) < kLeastTimes) return std::nullopt;
+  if (count_times(points, on) < kMinTimes) return std::nullopt;
   const double n = static_cast<double>(on.size());
-  patch.sigma_m = std::max(kLeastSigma_m, sigma_m * std::sqrt(n / (n - 3)));
+  patch.sigma_m = std::max(kMinSigma_m, sigma_m * std::sqrt(n / (n - 3)));
   patch.samples = std::move(on);
   return patch;
 }
 
-void divide(const Placed& points, const std::vector<int>& chosen, const Eigen::Vector3d& corner,
-            double edge_m, const PlaneOptions& options, std::vector<PlanarPatch>* patches) {
+void divide(const WorldSamples& points, const std::vector<int>& chosen,
+            const Eigen::Vector3d& corner, double edge_m, const PlaneOptions& options,
+            std::vector<PlanarPatch>* patches) {
   if (static_cast<int>(chosen.size()) < kMinPoints) return;
   if (auto patch = fit(points, chosen, options)) {
     patches->push_back(std::move(*patch));
@@ -104,35 +106,36 @@ void divide(const Placed& points, const std::vector<int>& chosen, const Eigen::V
            options, patches);
 }
 
-/// Evenly fewer of them, in their order.
+/// Keeps at most max_values of them, evenly chosen, in their order.
 template <class T>
-void keep_evenly(std::vector<T>* values, std::size_t most) {
+void keep_evenly(std::vector<T>* values, std::size_t max_values) {
   const std::size_t n = values->size();
-  if (n <= most) return;
-  for (std::size_t i = 0; i < most; ++i)
-    if (const std::size_t from = i * n / most; from != i) (*values)[i] = std::move((*values)[from]);
-  values->resize(most);
+  if (n <= max_values) return;
+  for (std::size_t i = 0; i < max_values; ++i)
+    if (const std::size_t from = i * n / max_values; from != i)
+      (*values)[i] = std::move((*values)[from]);
+  values->resize(max_values);
 }
 
-/// At most as many samples as all patches may have together. A third of them goes to patches that
-/// face along each axis of the world: on a motorway nearly all is road, and the few that hold the
-/// motion along it must not drown.
-void thin_out(std::vector<PlanarPatch>* patches, int most) {
+/// Reduces patches to max_samples in all. A third of them goes to patches that face along each axis
+/// of the world: on a motorway nearly all patches are road, and the few that constrain the motion
+/// along it have to stay.
+void subsample_patches(std::vector<PlanarPatch>* patches, int max_samples) {
   std::size_t all = 0;
   for (const PlanarPatch& patch : *patches) all += patch.samples.size();
-  if (all <= static_cast<std::size_t>(most)) return;
+  if (all <= static_cast<std::size_t>(max_samples)) return;
   std::array<std::vector<PlanarPatch>, 3> facing;
   for (PlanarPatch& patch : *patches) {
-    keep_evenly(&patch.samples, kMostOfPatch);
+    keep_evenly(&patch.samples, kMaxSamplesOfPatch);
     Eigen::Index axis = 0;
     patch.plane.axes.col(2).cwiseAbs().maxCoeff(&axis);
     facing[axis].push_back(std::move(patch));
   }
   std::ranges::sort(facing, {}, [](const std::vector<PlanarPatch>& a) { return a.size(); });
-  std::size_t left = static_cast<std::size_t>(most);
+  std::size_t left = static_cast<std::size_t>(max_samples);
   patches->clear();
   for (std::size_t k = 0; k < 3; ++k) {
-    keep_evenly(&facing[k], left / (3 - k) / kMostOfPatch);
+    keep_evenly(&facing[k], left / (3 - k) / kMaxSamplesOfPatch);
     for (PlanarPatch& patch : facing[k]) {
       left -= std::min(left, patch.samples.size());
       patches->push_back(std::move(patch));
@@ -148,12 +151,12 @@ std::vector<LidarSample> lidar_samples(const Recording& recording, const Scene& 
   std::vector<LidarSample> samples;
   samples.reserve(returns.n);
   Rigid3d body_from_world = Rigid3d::Identity();
-  std::int64_t placed_ns = -1;
+  std::int64_t pose_ns = -1;
   for (std::size_t i = 0; i < returns.n; ++i) {
     const std::int64_t t_ns = returns.t_ns[i];
     if (t_ns < recording.frames.front().t_ns || t_ns > recording.frames.back().t_ns) continue;
-    if (t_ns != placed_ns) {
-      placed_ns = t_ns;
+    if (t_ns != pose_ns) {
+      pose_ns = t_ns;
       body_from_world =
           (world_from_global * pose_at(recording.frames, t_ns)).inverse(Eigen::Isometry);
     }
@@ -172,15 +175,16 @@ std::vector<LidarSample> load_lidar_samples(const Recording& recording, const Sc
   return lidar_samples(recording, scene, load_lidar_returns(recording, scene, moving, pool));
 }
 
-std::vector<LidarSample> subsample_evenly(std::vector<LidarSample> samples, std::size_t most) {
-  keep_evenly(&samples, most);
+std::vector<LidarSample> subsample_evenly(std::vector<LidarSample> samples,
+                                          std::size_t max_samples) {
+  keep_evenly(&samples, max_samples);
   return samples;
 }
 
 std::vector<PlanarPatch> find_planar_patches(const RigModel& model,
                                              const std::vector<LidarSample>& samples,
                                              const PlaneOptions& options, ThreadPool& pool) {
-  Placed points{samples, std::vector<Eigen::Vector3d>(samples.size())};
+  WorldSamples points{samples, std::vector<Eigen::Vector3d>(samples.size())};
   std::vector<std::pair<Key, int>> cells(samples.size());
   transform_samples(model, samples, pool, [&](std::size_t i, const Eigen::Vector3d& in_world) {
     points.in_world[i] = in_world;
@@ -208,7 +212,7 @@ std::vector<PlanarPatch> find_planar_patches(const RigModel& model,
   std::vector<PlanarPatch> patches;
   for (std::vector<PlanarPatch>& of_cell : found)
     for (PlanarPatch& patch : of_cell) patches.push_back(std::move(patch));
-  thin_out(&patches, options.most_terms);
+  subsample_patches(&patches, options.max_terms);
   return patches;
 }
 

@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where the LiDAR's revolutions together see something flat. Patches are found in the points of all
-// revolutions, each placed at its own time, and become unknowns of the bundle adjustment as image
-// points are: what moves the poses is that all revolutions have to see one and the same plane. So
-// sparse revolutions help, too, of which none alone holds a normal.
+// Planar patches in the LiDAR points of all revolutions, each point transformed by the pose at its
+// own time. Their planes become unknowns of the bundle adjustment as image points do: the poses are
+// corrected until all revolutions agree on one plane. So sparse revolutions contribute, too, none
+// of which alone would determine a normal.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <vector>
 
-#include "redrive/align/bundle/cost_functions.h"
 #include "redrive/align/rig/rig_model.h"
 #include "redrive/base/parallel.h"
 #include "redrive/recording/recording.h"
@@ -18,38 +18,39 @@
 
 namespace redrive {
 
-/// A static return, where the body was at the point's own time.
+/// A static LiDAR return in the axes of the body at the return's own time.
 struct LidarSample {
   Eigen::Vector3d in_body;
   std::int64_t t_ns = 0;
-  std::uint16_t intensity = 0;  ///< of the sensor's own scale
+  std::uint16_t intensity = 0;  ///< in the sensor's own scale
 };
 
-/// Those of `returns`, of the recording in the world of `scene`, that lie between the first and the
-/// last frame.
+/// The `returns`, in the world of `scene`, between the times of the recording's first and last
+/// frame.
 std::vector<LidarSample> lidar_samples(const Recording& recording, const Scene& scene,
                                        const LidarReturns& returns);
 
-/// Returns between the first and the last frame but for those on the vehicle and on objects that
-/// move, each once.
+/// All returns between the first and the last frame except those on the vehicle and on moving
+/// objects.
 std::vector<LidarSample> load_lidar_samples(const Recording& recording, const Scene& scene,
                                             const MovingObjects& moving, ThreadPool& pool);
 
-/// At most so many of them, evenly chosen, in their order.
-std::vector<LidarSample> subsample_evenly(std::vector<LidarSample> samples, std::size_t most);
+/// At most `max_samples` of them, evenly chosen, in their order.
+std::vector<LidarSample> subsample_evenly(std::vector<LidarSample> samples,
+                                          std::size_t max_samples);
 
-/// Calls use(i, in_world) for each sample where the corrections of now put it, in any order, on all
-/// threads.
+/// Calls use(i, in_world) for each sample with its position by the present corrections, in any
+/// order, on all threads.
 template <class Use>
 void transform_samples(const RigModel& model, const std::vector<LidarSample>& samples,
                        ThreadPool& pool, const Use& use) {
   pool.run_ranges(samples.size(), 4096, [&](std::size_t begin, std::size_t end) {
     Rigid3d world_from_body = Rigid3d::Identity();
-    std::int64_t placed_ns = -1;
+    std::int64_t pose_ns = -1;
     for (std::size_t i = begin; i < end; ++i) {
-      if (samples[i].t_ns != placed_ns) {  // a packet's points share their time
-        placed_ns = samples[i].t_ns;
-        world_from_body = model.corrected(model.at(placed_ns));
+      if (samples[i].t_ns != pose_ns) {  // a packet's points share their time
+        pose_ns = samples[i].t_ns;
+        world_from_body = model.corrected_pose(model.motion_at(pose_ns));
       }
       use(i, Eigen::Vector3d(world_from_body * samples[i].in_body));
     }
@@ -57,22 +58,30 @@ void transform_samples(const RigModel& model, const std::vector<LidarSample>& sa
 }
 
 struct PlaneOptions {
-  double
-      max_cell_m = 4,
-      min_cell_m =
-          0.5;  ///< edges of the cubes that are looked into: each is cut in eight until it is flat
-  double max_plane_sigma_m = 0.06;  ///< standard deviation from its plane, at most
-  int most_terms = 60'000;          ///< samples of all patches together
+  double max_cell_m = 4,
+         min_cell_m =
+             0.5;  ///< edges of the octree cells; each is divided until its points are planar
+  double max_plane_sigma_m = 0.06;  ///< largest standard deviation from the plane
+  int max_terms = 60'000;           ///< samples of all patches together
+};
+
+/// n (X - centre) = h with n = axes (x, y, 1): a plane near `centre`, whose normal differs little
+/// from axes.col(2).
+struct PlaneParameters {
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();
+  Eigen::Matrix3d axes = Eigen::Matrix3d::Identity();
+  std::array<double, 3> value{};  ///< x, y, h (m)
 };
 
 struct PlanarPatch {
   PlaneParameters plane;
   std::vector<int> samples;  ///< on it, by index
-  double sigma_m = 0;        ///< of their distances: what the poses leave, noise along the ray,
-                             ///< roughness; at least 5 mm
+  double sigma_m = 0;  ///< of their distances (errors of the poses, range noise, roughness); at
+                       ///< least 5 mm
 };
 
-/// Patches with the corrections of now. Each is seen at three times 50 ms apart or more.
+/// Finds patches with the present corrections. Each has samples at three times at least 50 ms
+/// apart.
 std::vector<PlanarPatch> find_planar_patches(const RigModel& model,
                                              const std::vector<LidarSample>& samples,
                                              const PlaneOptions& options, ThreadPool& pool);

@@ -10,12 +10,11 @@ namespace {
 constexpr int kWindow = 17, kLevels = 4;
 constexpr double kReturn_px = 0.5;
 constexpr double kNearest_m = 0.3, kBelowGround_m = 1;
-constexpr double kLeastMove_px =
-    0.25;  // what does not move at all is dirt or a reflection, or so far away that it says nothing
-constexpr double kMostEpipolar_px = 1;
+constexpr double kMinMove_px = 0.25;  // less is dirt, a reflection, or infinitely far
+constexpr double kMaxEpipolar_px = 1;
 // Least mean square of the gradient in its weaker direction, of 2 grey levels a pixel, in OpenCV's
 // unit: its derivatives are 32 times too large, their squares 2^20 times too small.
-constexpr double kLeastEigenvalue = 2.0 * 2.0 * 32 * 32 / (1 << 20);
+constexpr double kMinEigenvalue = 2.0 * 2.0 * 32 * 32 / (1 << 20);
 constexpr double kQuality = 0.005;  // of a corner, against the image's best
 
 std::vector<cv::Mat> pyramid_of(const cv::Mat& grey) {
@@ -24,8 +23,7 @@ std::vector<cv::Mat> pyramid_of(const cv::Mat& grey) {
   return pyramid;
 }
 
-/// The next image but `most` frames away in which the vehicle has driven far enough; -1 if there is
-/// none.
+/// The next image, at most options.max_frames away, after min_driven_m; -1 if there is none.
 int partner(const RigImages& images, int camera, int a, const CorrespondenceOptions& options) {
   const auto& frames = images.scene.frames;
   for (int b = a + 1; b < images.frames() && b <= a + options.max_frames; ++b) {
@@ -37,7 +35,7 @@ int partner(const RigImages& images, int camera, int a, const CorrespondenceOpti
   return -1;
 }
 
-/// Points of image a in image b, NaN where lost, followed through all images between.
+/// Tracks points of image a to image b through all images between; far outside where lost.
 std::vector<cv::Point2f> follow(const RigImages& images, int camera, int a, int b,
                                 const std::vector<cv::Point2f>& start) {
   const cv::TermCriteria until(cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 30, 0.01);
@@ -49,29 +47,29 @@ std::vector<cv::Point2f> follow(const RigImages& images, int camera, int a, int 
     std::vector<std::uint8_t> there, returned;
     std::vector<float> error;
     cv::calcOpticalFlowPyrLK(from, to, at, next, there, error, {kWindow, kWindow}, kLevels, until,
-                             0, kLeastEigenvalue);
+                             0, kMinEigenvalue);
     cv::calcOpticalFlowPyrLK(to, from, next, back, returned, error, {kWindow, kWindow}, kLevels,
-                             until, 0, kLeastEigenvalue);
+                             until, 0, kMinEigenvalue);
     for (std::size_t i = 0; i < at.size(); ++i)
       if (!there[i] || !returned[i] || !(cv::norm(back[i] - at[i]) < kReturn_px))
-        next[i] = {-1e6f, -1e6f};  // stays lost: outside
+        next[i] = {-1e6f, -1e6f};  // lost: outside the image
     at = next;
     from = std::move(to);
   }
   return at;
 }
 
-/// What most points of two images agree in, whatever calibration and poses say; nothing where less
-/// than half of them do.
+/// The pairs that agree with the relative pose fitted to them, independent of calibration and
+/// poses; none where less than half of them do.
 std::vector<RayPair> consistent(const std::vector<RayPair>& pairs) {
   std::vector<Rigid3d> starts;
-  for (int axis = 0; axis < 3; ++axis)  // an epipolar error knows no sign
+  for (int axis = 0; axis < 3; ++axis)  // an epipolar error has no sign
     starts.push_back(Rigid3d(Eigen::Translation3d(Eigen::Vector3d::Unit(axis))));
   const auto pose = fit_relative_pose(pairs, starts);
   std::vector<RayPair> kept;
   if (!pose) return kept;
   for (const RayPair& pair : pairs)
-    if (std::abs(sampson_error_px(pair, *pose)) < kMostEpipolar_px) kept.push_back(pair);
+    if (std::abs(sampson_error_px(pair, *pose)) < kMaxEpipolar_px) kept.push_back(pair);
   if (2 * kept.size() < pairs.size()) kept.clear();
   return kept;
 }
@@ -108,7 +106,7 @@ std::vector<Correspondence> find_correspondences(const RigImages& images, int ca
       if (!images.may_be_static(camera, a, pixel_a, moving_a) ||
           !images.may_be_static(camera, b, pixel_b, moving_b))
         continue;
-      if ((pixel_b - pixel_a).norm() < kLeastMove_px) continue;
+      if ((pixel_b - pixel_a).norm() < kMinMove_px) continue;
       if (const auto rays = make_ray_pair(model, pixel_a, model, pixel_b)) all.push_back(*rays);
     }
     for (const RayPair& rays : consistent(all)) sights.push_back({a, b, rays});
@@ -118,8 +116,8 @@ std::vector<Correspondence> find_correspondences(const RigImages& images, int ca
 
 double correspondence_error_px(const RayPair& rays, const PairGeometry& pose) {
   const Eigen::Vector3d far = pose.b_from_a.linear() * rays.ray_a, t = pose.b_from_a.translation();
-  // The point at inverse depth w is seen along far + w t: the w that ray_b is nearest to, of those
-  // allowed.
+  // The point at inverse depth w lies along far + w t: the allowed w whose direction is nearest to
+  // ray_b.
   const Eigen::Vector3d off = far.cross(rays.ray_b), step = t.cross(rays.ray_b);
   const double down = -rays.ray_a.dot(pose.up_in_a), most = 1 / kNearest_m;
   const double least = std::clamp(down / std::max(0.3, pose.height_m + kBelowGround_m), 0.0, most);
@@ -129,7 +127,7 @@ double correspondence_error_px(const RayPair& rays, const PairGeometry& pose) {
     const Eigen::Vector3d seen = far + inverse_depth * t;
     return std::atan2(seen.cross(rays.ray_b).norm(), seen.dot(rays.ray_b));
   };
-  // Where the nearest on the line lies opposite to ray_b, an end of what is allowed is nearer.
+  // Where the nearest point on the line lies opposite to ray_b, an end of the interval is nearer.
   return rays.px_per_rad_b * std::min({error_at(w), error_at(least), error_at(most)});
 }
 

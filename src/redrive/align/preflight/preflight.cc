@@ -10,29 +10,26 @@
 namespace redrive {
 namespace {
 
-constexpr double kLeastFlow_px = 1.5;
+constexpr double kMinFlow_px = 1.5;
 constexpr double kScan_ms = 100, kScanStep_ms = 5;
-constexpr double kGood_px =
-    1;  // half of the points: 6 cm and 0.12 degrees of poses' noise make up to 0.5
-constexpr double kUsable_px = 2;       // what redrive align puts right
-constexpr double kFactor = 2.5;        // a fault has to explain the images so much better
-constexpr double kMutualFactor = 1.3;  // less where each of two cameras fits the other's mounting
+constexpr double kGood_px = 1;  // median error; pose noise of 6 cm and 0.12 degrees makes up to 0.5
+constexpr double kUsable_px = 2;  // correctable by redrive align
+constexpr double kFactor = 2.5;   // by which a hypothesis has to lower the error
+constexpr double kMutualFactor =
+    1.3;  // the same where each of two cameras fits the other's extrinsics
 constexpr double kSynchronous_ms = 5, kAlignable_ms = 30;
-constexpr double kObservableFactor = 1.4;  // of the scan's ends and its minimum
-constexpr double kScanFactor = 0.8;        // the scan's minimum has to be so much lower,
-constexpr double kSigmas = 2;      // or be so far from 0: to say "usable" in vain costs little
-constexpr double kNearTie = 1.25;  // of errors whose explanations are named together
-constexpr std::size_t kMostNamed = 3;
+constexpr double kObservableFactor = 1.4;  // ratio of the scan's ends to its minimum
+constexpr double kScanFactor = 0.8;        // by which the scan's minimum has to be lower,
+constexpr double kSigmas = 2;      // or standard deviations from 0: a false "usable" costs little
+constexpr double kNearTie = 1.25;  // ratio of errors whose hypotheses are named together
+constexpr std::size_t kMaxNamed = 3;
 const char* const kUnobservableByImages =
-    "; when it exposes cannot be told: as it drives, any time looks the same";
+    "; its time offset is unobservable: with this motion any time looks the same";
 const char* const kUnobservableByAll =
-    "; when it exposes cannot be told: as it drives, any time looks the same, and what is bright "
-    "to the LiDAR does not "
-    "say";
+    "; its time offset is unobservable: with this motion any time looks the same, and the LiDAR's "
+    "contrast does not determine it";
 
-std::string mounted_as(const std::string& other) {
-  return "it is mounted where " + other + " is said to be";
-}
+std::string extrinsics_of(const std::string& other) { return "it has the extrinsics of " + other; }
 
 std::string px_text(double px) {
   char text[40];
@@ -44,33 +41,34 @@ std::string then_agree(const std::string& px, double recorded_px) {
          px_text(recorded_px) + " px";
 }
 
-/// How much better the camera's images agree with the other's mounting; 0 where that was not tried.
+/// Ratio of the recorded error to the error with the other's extrinsics; 0 where that was not
+/// tried.
 double gain_as(const CameraCheck& camera, const std::string& other) {
   for (const Hypothesis& h : camera.tried)
-    if (h.what == mounted_as(other)) return camera.tried[0].error_px / h.error_px;
+    if (h.what == extrinsics_of(other)) return camera.tried[0].error_px / h.error_px;
   return 0;
 }
 
-/// Two that look nearly the same way: each is only a little better off where the other is, but both
-/// are.
+/// Finds swapped cameras that look nearly the same way: each fits the other's extrinsics only a
+/// little better, but both do.
 void find_swapped(std::vector<CameraCheck>* cameras) {
   for (CameraCheck& a : *cameras)
     for (const CameraCheck& b : *cameras) {
       if (a.verdict == Verdict::kCannotTell || a.fault == Fault::kSwappedCameras) continue;
       if (gain_as(a, b.name) < kMutualFactor || gain_as(b, a.name) < kMutualFactor) continue;
       const auto best = std::ranges::min_element(a.tried, {}, &Hypothesis::error_px);
-      if (best->what != mounted_as(b.name)) continue;
+      if (best->what != extrinsics_of(b.name)) continue;
       a.verdict = Verdict::kWrong;
       a.fault = Fault::kSwappedCameras;
       a.why = best->what + then_agree(px_text(best->error_px), a.tried[0].error_px);
     }
 }
 
-/// A camera's mounting and the clock by which it takes images, as recorded or as it might be.
+/// A camera's extrinsics and times, as recorded or as a hypothesis.
 struct Setup {
   Rigid3d body_from_sensor;
   double offset_s = 0;  ///< exposure minus its frame's time
-  double rate = 1;  ///< time that passes from image to image, of what passes from frame to frame
+  double rate = 1;      ///< interval between images relative to that between frames
 };
 
 class Checker {
@@ -102,8 +100,8 @@ class Checker {
     std::vector<double> moved = flow();
     check_.flow_px = median_of(&moved);
     try_setup(Fault::kNone, "as recorded", recorded_);
-    if (check_.flow_px < kLeastFlow_px) {
-      check_.why = "the vehicle hardly moves: nothing can be seen of directions and times";
+    if (check_.flow_px < kMinFlow_px) {
+      check_.why = "the vehicle hardly moves: directions and times are unobservable";
       return check_;
     }
     try_extrinsics();
@@ -122,7 +120,7 @@ class Checker {
     const int middle = static_cast<int>(fit.correlation.size() / 2);
     for (int k = 0; k <= 2 * middle; ++k)
       check_.contrast.push_back({1e3 * kContrastStep_s * (k - middle), fit.correlation[k]});
-    if (fit.told)
+    if (fit.observable)
       check_.by_lidar =
           TimeOffsetEstimate{1e3 * (fit.offset_s - recorded_.offset_s), 1e3 * fit.sigma_s, true};
   }
@@ -140,7 +138,7 @@ class Checker {
     return t_s >= -0.001 && t_s <= end_s + 0.001;
   }
 
-  /// By sight; NaN for images for which there would be no poses.
+  /// By correspondence; NaN for images without poses.
   std::vector<double> errors(const Setup& setup) const {
     std::vector<double> all;
     all.reserve(correspondences_.size());
@@ -165,7 +163,7 @@ class Checker {
     return all;
   }
 
-  /// How far points move, whatever the calibration says.
+  /// Displacement of each point, independent of the calibration.
   std::vector<double> flow() const {
     std::vector<double> all;
     for (const Correspondence& s : correspondences_)
@@ -191,14 +189,14 @@ class Checker {
   }
 
   void try_extrinsics() {
-    const Rigid3d& mounting = recorded_.body_from_sensor;
+    const Rigid3d& extrinsics = recorded_.body_from_sensor;
     try_extrinsic(Fault::kInvertedExtrinsic, "the extrinsic is inverted (sensor_from_body)",
-                  mounting.inverse());
+                  extrinsics.inverse());
     for (const RecordedCamera& other : recording_.cameras)
       if (other.calibration.name != check_.name)
-        try_extrinsic(Fault::kSwappedCameras, mounted_as(other.calibration.name),
+        try_extrinsic(Fault::kSwappedCameras, extrinsics_of(other.calibration.name),
                       other.calibration.body_from_sensor);
-    // Columns: the axes that the file may mean, in those that it should mean.
+    // Columns: the axes that the file may use, in those that it should use.
     const auto axes = [](std::initializer_list<double> rows) {
       Eigen::Matrix3d m;
       std::copy(rows.begin(), rows.end(), m.data());
@@ -219,8 +217,8 @@ class Checker {
         {"the image is turned by -90 degrees", axes({0, 1, 0, -1, 0, 0, 0, 0, 1})},
         {"the camera's axes are x left, y down, z back", axes({-1, 0, 0, 0, 1, 0, 0, 0, -1})}};
     for (const Axes& a : of_camera) {
-      Rigid3d fixed = mounting;
-      fixed.linear() = mounting.linear() * a.ours_from_theirs.transpose();
+      Rigid3d fixed = extrinsics;
+      fixed.linear() = extrinsics.linear() * a.ours_from_theirs.transpose();
       try_extrinsic(Fault::kAxesConvention, a.what, fixed);
     }
     const Axes of_body[] = {
@@ -228,7 +226,7 @@ class Checker {
         {"the body's axes are x right, y forward, z up", axes({0, 1, 0, -1, 0, 0, 0, 0, 1})},
         {"the body's axes are x back, y right, z up", axes({-1, 0, 0, 0, -1, 0, 0, 0, 1})}};
     for (const Axes& a : of_body)
-      try_extrinsic(Fault::kAxesConvention, a.what, Rigid3d(a.ours_from_theirs) * mounting);
+      try_extrinsic(Fault::kAxesConvention, a.what, Rigid3d(a.ours_from_theirs) * extrinsics);
   }
 
   void try_time_offsets() {
@@ -243,7 +241,7 @@ class Checker {
     const double frame_s = 1e-9 * static_cast<double>(frames_.back().t_ns - frames_[0].t_ns) /
                            static_cast<double>(frames_.size() - 1);
     for (int shift = -5; shift <= 5; ++shift) {
-      if (std::abs(shift) * frame_s * 1e3 < kScan_ms) continue;  // the scan has it
+      if (std::abs(shift) * frame_s * 1e3 < kScan_ms) continue;  // covered by the scan
       Setup setup = recorded_;
       setup.offset_s += shift * frame_s;
       try_setup(Fault::kUnsynchronised,
@@ -280,24 +278,26 @@ class Checker {
     const double recorded_px = check_.tried[0].error_px;
     const bool better = std::abs(check_.offset_ms) > kSynchronous_ms &&
                         check_.offset_error_px < kScanFactor * recorded_px;
-    const std::optional<TimeOffsetEstimate> clock = better ? check_.by_images() : check_.clock();
-    const double beside_ms = clock ? std::abs(clock->offset_ms) : 0;
-    const bool beside = clock && beside_ms > std::max(kSynchronous_ms, kSigmas * clock->sigma_ms);
+    const std::optional<TimeOffsetEstimate> offset =
+        better ? check_.by_images() : check_.time_offset();
+    const double distance_ms = offset ? std::abs(offset->offset_ms) : 0;
+    const bool is_off =
+        offset && distance_ms > std::max(kSynchronous_ms, kSigmas * offset->sigma_ms);
     const Hypothesis* best = check_.tried.size() > 1 ? &check_.tried[1] : nullptr;
     if (best && kFactor * best->error_px < recorded_px && recorded_px > kGood_px &&
         best->error_px < check_.offset_error_px) {
       check_.verdict = Verdict::kWrong;
       check_.fault = best->fault;
       check_.why = explanation_of(check_.tried);
-    } else if (better || (beside && recorded_px <= kUsable_px)) {
-      check_.verdict = better && beside_ms > kAlignable_ms ? Verdict::kWrong : Verdict::kUsable;
+    } else if (better || (is_off && recorded_px <= kUsable_px)) {
+      check_.verdict = better && distance_ms > kAlignable_ms ? Verdict::kWrong : Verdict::kUsable;
       check_.fault = Fault::kUnsynchronised;
       char text[160], sure[40] = "";
-      if (std::isfinite(clock->sigma_ms))
-        std::snprintf(sure, sizeof sure, " (+- %.0f)", clock->sigma_ms);
-      std::snprintf(text, sizeof text, "clock off by about %.0f ms%s%s, exposed %s than recorded",
-                    beside_ms, sure, clock->by_lidar ? " as the LiDAR has it" : "",
-                    clock->offset_ms > 0 ? "later" : "earlier");
+      if (std::isfinite(offset->sigma_ms))
+        std::snprintf(sure, sizeof sure, " (+- %.0f)", offset->sigma_ms);
+      std::snprintf(text, sizeof text, "time offset of about %.0f ms%s%s, exposed %s than recorded",
+                    distance_ms, sure, offset->by_lidar ? " by the LiDAR's contrast" : "",
+                    offset->offset_ms > 0 ? "later" : "earlier");
       check_.why = text + (better ? then_agree(px_text(check_.offset_error_px), recorded_px)
                                   : "; half of the points agree to " + px_text(recorded_px) +
                                         " px as recorded");
@@ -305,18 +305,18 @@ class Checker {
       check_.verdict = Verdict::kWrong;
       check_.fault = Fault::kUnexplained;
       check_.why = "half of the points agree to " + px_text(recorded_px) +
-                   " px only, and nothing tried explains it";
+                   " px only, and no hypothesis explains it";
     } else {
       check_.verdict = recorded_px > kGood_px ? Verdict::kUsable : Verdict::kGood;
       check_.why = "half of the points agree to " + px_text(recorded_px) + " px" +
-                   (check_.verdict == Verdict::kUsable ? ": redrive align may do better" : "");
-      if (!clock)
+                   (check_.verdict == Verdict::kUsable ? ": redrive align may improve it" : "");
+      if (!offset)
         check_.why += check_.contrast.empty() ? kUnobservableByImages : kUnobservableByAll;
     }
   }
 
   const Recording& recording_;
-  std::vector<FramePose> frames_;  ///< global_from_body: from the scene's world
+  std::vector<FramePose> frames_;  ///< with the scene's world as the global frame
   std::vector<Correspondence> correspondences_;
   Setup recorded_;
   CameraCheck check_;
@@ -336,7 +336,7 @@ const char* fault_name(Fault fault) {
   return kNames[static_cast<int>(fault)];
 }
 
-std::optional<TimeOffsetEstimate> CameraCheck::clock() const {
+std::optional<TimeOffsetEstimate> CameraCheck::time_offset() const {
   if (by_lidar && !(offset_observable && offset_sigma_ms < by_lidar->sigma_ms)) return by_lidar;
   if (offset_observable) return by_images();
   return std::nullopt;
@@ -344,7 +344,7 @@ std::optional<TimeOffsetEstimate> CameraCheck::clock() const {
 
 std::string explanation_of(const std::vector<Hypothesis>& tried) {
   std::string what = tried[1].what, px = px_text(tried[1].error_px);
-  const std::size_t named = std::min(tried.size(), kMostNamed + 1);
+  const std::size_t named = std::min(tried.size(), kMaxNamed + 1);
   for (std::size_t i = 2; i < named && tried[i].error_px <= kNearTie * tried[1].error_px; ++i) {
     what += ", or " + tried[i].what;
     px += " or " + px_text(tried[i].error_px);
@@ -353,22 +353,21 @@ std::string explanation_of(const std::vector<Hypothesis>& tried) {
 }
 
 std::string Preflight::headline() const {
-  if (!sensible()) return "Training makes no sense before this is put right";
-  std::string unobservable;
+  if (!passes()) return "Training makes no sense before this is corrected";
+  std::string unchecked;
   bool all = true;
   for (const CameraCheck& camera : cameras) {
     if (camera.verdict != Verdict::kCannotTell)
       all = false;
     else
-      unobservable += (unobservable.empty() ? "" : ", ") + camera.name;
+      unchecked += (unchecked.empty() ? "" : ", ") + camera.name;
   }
-  if (all)
-    return "Nothing can be told of any camera: this check says neither yes nor no to training";
+  if (all) return "No camera could be checked: this check says neither yes nor no to training";
   return "Nothing speaks against training" +
-         (unobservable.empty() ? "" : "; nothing can be told of " + unobservable);
+         (unchecked.empty() ? "" : "; could not be checked: " + unchecked);
 }
 
-bool Preflight::sensible() const {
+bool Preflight::passes() const {
   return clock.verdict != Verdict::kWrong &&
          std::ranges::none_of(cameras,
                               [](const CameraCheck& c) { return c.verdict == Verdict::kWrong; });
@@ -430,7 +429,7 @@ Preflight check_recording(const Recording& recording, const RigImages& images,
   result.cameras.resize(recording.cameras.size());
   if (!recording.metric || recording.frames.size() < 3) {
     const char* const why =
-        recording.metric ? "too few frames" : "photographs have neither metres nor a clock";
+        recording.metric ? "too few frames" : "photographs have neither metres nor times";
     for (std::size_t c = 0; c < recording.cameras.size(); ++c) {
       result.cameras[c].name = recording.cameras[c].calibration.name;
       result.cameras[c].why = why;
@@ -438,7 +437,7 @@ Preflight check_recording(const Recording& recording, const RigImages& images,
     result.clock.why = why;
     return result;
   }
-  cv::setNumThreads(1);  // the cameras are what is done in parallel
+  cv::setNumThreads(1);  // cameras run in parallel
   std::vector<ContrastFit> contrast;
   if (!lidar.empty()) contrast = fit_time_offsets(make_rig_model(recording), {images, lidar}, pool);
   pool.run(images.cameras(), [&](int c) {

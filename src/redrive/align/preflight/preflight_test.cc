@@ -57,7 +57,7 @@ class StreetPreflight : public ::testing::Test {
       else
         EXPECT_EQ(camera.verdict, Verdict::kWrong);
     }
-    EXPECT_EQ(result.sensible(), wrong.empty());
+    EXPECT_EQ(result.passes(), wrong.empty());
   }
   static Rigid3d& mounting(Recording* r, int camera) {
     return r->cameras[camera].calibration.body_from_sensor;
@@ -89,10 +89,10 @@ TEST(Preflight, HeadlineSaysWhatCannotBeTold) {
   }
   EXPECT_EQ(result.headline(), "Nothing speaks against training");
   result.cameras[0].verdict = result.cameras[2].verdict = Verdict::kCannotTell;
-  EXPECT_EQ(result.headline(), "Nothing speaks against training; nothing can be told of A, C");
+  EXPECT_EQ(result.headline(), "Nothing speaks against training; could not be checked: A, C");
   result.cameras[1].verdict = Verdict::kCannotTell;
   EXPECT_EQ(result.headline(),
-            "Nothing can be told of any camera: this check says neither yes nor no to training");
+            "No camera could be checked: this check says neither yes nor no to training");
   result.cameras[1].verdict = Verdict::kWrong;
   EXPECT_EQ(result.headline(), "Training makes no sense before this is put right");
 }
@@ -101,15 +101,15 @@ TEST(Preflight, TheSurerReadingOfAClockCounts) {
   CameraCheck check;
   check.offset_ms = -10;
   check.offset_sigma_ms = 4;
-  EXPECT_FALSE(check.clock()) << "a scan without a minimum";
+  EXPECT_FALSE(check.time_offset()) << "a scan without a minimum";
   check.offset_observable = true;
-  EXPECT_EQ(check.clock()->offset_ms, -10);
+  EXPECT_EQ(check.time_offset()->offset_ms, -10);
   check.by_lidar = TimeOffsetEstimate{-12, 3, true};
-  EXPECT_EQ(check.clock()->offset_ms, -12);
+  EXPECT_EQ(check.time_offset()->offset_ms, -12);
   check.by_lidar->sigma_ms = 5;
-  EXPECT_EQ(check.clock()->offset_ms, -10);
+  EXPECT_EQ(check.time_offset()->offset_ms, -10);
   check.offset_observable = false;
-  EXPECT_TRUE(check.clock()->by_lidar);
+  EXPECT_TRUE(check.time_offset()->by_lidar);
 }
 
 // The test drive's fisheye exposes 20 ms late, and is said not to. It drives nearly straight on:
@@ -148,12 +148,12 @@ TEST_F(StreetPreflight, AsRecordedNothingIsWrong) {
   EXPECT_EQ(left.verdict, Verdict::kUsable) << left.why << " +- " << left.offset_sigma_ms;
   EXPECT_EQ(left.fault, Fault::kUnsynchronised);
   EXPECT_THAT(left.why, ::testing::MatchesRegex(
-                            "clock off by about [0-9]+ ms \\(\\+- [0-9]+\\).*, exposed earlier "
+                            "time offset of about [0-9]+ ms \\(\\+- [0-9]+\\).*, exposed earlier "
                             "than recorded.*"));
   ASSERT_TRUE(left.by_lidar);
   EXPECT_NEAR(left.by_lidar->offset_ms, -12, 3 * left.by_lidar->sigma_ms);
   EXPECT_LT(left.by_lidar->sigma_ms, 8);
-  EXPECT_LE(left.clock()->sigma_ms, std::min(left.offset_sigma_ms, left.by_lidar->sigma_ms));
+  EXPECT_LE(left.time_offset()->sigma_ms, std::min(left.offset_sigma_ms, left.by_lidar->sigma_ms));
   for (const int c : {kFrontLong, kFront, kRight}) {
     EXPECT_EQ(result.cameras[c].verdict, Verdict::kGood) << result.cameras[c].why;
     EXPECT_EQ(result.cameras[c].fault, Fault::kNone);
@@ -183,12 +183,12 @@ TEST_F(StreetPreflight, SaysHowFarAClockIsOff) {
     EXPECT_THAT(
         left.why,
         ::testing::MatchesRegex(
-            "clock off by about [0-9]+ ms \\(\\+- [0-9]+\\), exposed earlier than recorded.*"));
+            "time offset of about [0-9]+ ms \\(\\+- [0-9]+\\), exposed earlier than recorded.*"));
     for (const int c : {kFrontLong, kFront, kRight}) {
       const CameraCheck& camera = result.cameras[c];
       EXPECT_EQ(camera.verdict, Verdict::kGood) << camera.name << ": " << camera.why;
       EXPECT_LT(std::abs(camera.offset_ms), 3) << camera.name;
-      EXPECT_EQ(camera.why.find("clock"), std::string::npos) << camera.why;
+      EXPECT_EQ(camera.why.find("time offset"), std::string::npos) << camera.why;
     }
   }
 }
@@ -241,7 +241,7 @@ TEST_F(StreetPreflight, NamesWrongTimes) {
     });
     EXPECT_EQ(result.clock.verdict, Verdict::kWrong);
     EXPECT_NEAR(result.clock.frame_seconds_per_lidar_second, rate, 0.02);
-    EXPECT_FALSE(result.sensible());
+    EXPECT_FALSE(result.passes());
     for (const CameraCheck& camera : result.cameras)
       EXPECT_NE(camera.verdict, Verdict::kWrong) << camera.why;
   }

@@ -10,7 +10,7 @@
 namespace redrive {
 namespace {
 
-constexpr std::size_t kLeastForSigma = 4;  // pairs of images
+constexpr std::size_t kMinForSigma = 4;  // pairs of images
 constexpr double kBottom =
     1.12;  // of the least error: wide enough for several points, narrow enough for a parabola
 
@@ -64,7 +64,7 @@ double scan_minimum_sigma_ms(const OffsetErrors& errors) {
   for (int pair = 0; pair < pairs; ++pair)
     if (const auto scan = error_scan(errors, pair); !scan.empty())
       without.push_back(scan_minimum(scan).offset_ms);
-  if (without.size() < kLeastForSigma) return std::numeric_limits<double>::infinity();
+  if (without.size() < kMinForSigma) return std::numeric_limits<double>::infinity();
   const double n = static_cast<double>(without.size());
   double mean = 0, squares = 0;
   for (const double offset_ms : without) mean += offset_ms / n;

@@ -1,36 +1,36 @@
 // SPDX-License-Identifier: Apache-2.0
-// How well a camera's images agree with the poses if they were exposed earlier or later than
-// recorded, where that is best, and how sure.
+// Error of a camera's images over hypothetical time offsets, its minimum, and the minimum's
+// standard deviation.
 #pragma once
 
 #include <vector>
 
 namespace redrive {
 
-/// Fewer points say nothing.
+/// Least number of points for an error.
 constexpr int kMinPoints = 100;
 
 struct ScanPoint {
   double offset_ms = 0, error_px = 0;
 };
 
-/// By offset, evenly spaced and ascending, the error of each point.
+/// The error of each point by offset; offsets are evenly spaced and ascending.
 struct OffsetErrors {
   std::vector<double> offsets_ms;
   std::vector<std::vector<double>> px;  ///< [offsets, points]; NaN where there is no pose
   std::vector<int> pair;  ///< [points], ascending from 0: points of the same two images
 };
 
-/// Of values that are not empty; reorders them.
+/// Median of a non-empty vector, which it reorders.
 double median_of(std::vector<double>* values);
 
-/// Medians by offset, of all points but those of the pair `without`; none for offsets at which less
-/// than kMinPoints have poses.
+/// Medians by offset of all points except those of the pair `without`, for offsets at which at
+/// least kMinPoints have poses.
 std::vector<ScanPoint> error_scan(const OffsetErrors& errors, int without = -1);
 
-/// Where a scan, not empty, is least: the error of its least point; the offset by a parabola fitted
-/// to the squares of the errors around that point that are at most an eighth larger, and of the two
-/// beside it. (Errors of the poses and of a time offset add up in squares.)
+/// The minimum of a non-empty scan. Its error is the least one. Its offset is the vertex of a
+/// parabola fitted to the squared errors of the two neighbours and of the points around it whose
+/// errors are at most an eighth larger: errors of poses and of a time offset add in squares.
 ScanPoint scan_minimum(const std::vector<ScanPoint>& scan);
 
 /// Standard deviation of that offset by the jackknife over pairs of images (Efron & Tibshirani

@@ -19,7 +19,7 @@ cv::Mat root_of_brightness(const Image8& image) {
   return grey;
 }
 
-/// 255 where nothing within margin_px is left out.
+/// 255 where no pixel within margin_px is masked.
 cv::Mat with_margin(const cv::Mat& used, int margin_px) {
   cv::Mat usable;
   const int size = 2 * margin_px + 1;
@@ -32,7 +32,7 @@ cv::Mat with_margin(const std::vector<std::uint8_t>& used, const Camera& camera,
       margin_px);
 }
 
-/// Averaged by a whole factor; the remainder is cut off, as Camera::downscaled does.
+/// Area-averages by a whole factor; the remainder is cropped, as Camera::downscaled does.
 cv::Mat averaged(const cv::Mat& image, int factor) {
   cv::Mat small;
   const cv::Size size(image.cols / factor, image.rows / factor);
@@ -94,18 +94,18 @@ RigImages load_rig_images(const Recording& recording, const std::filesystem::pat
   return rig;
 }
 
-RigImages downscaled_to_width(const RigImages& full, int widest, int margin_px, ThreadPool& pool) {
+RigImages downscaled_to_width(const RigImages& full, int max_width, int margin_px,
+                              ThreadPool& pool) {
   RigImages rig = full;  // matrices are shared until they are replaced
   pool.run(rig.cameras(), [&](int c) {
-    const int factor = (full.model[c].width + widest - 1) / widest;
+    const int factor = (full.model[c].width + max_width - 1) / max_width;
     if (factor == 1) return;
     rig.factor[c] = factor * full.factor[c];
     rig.model[c] = full.model[c].downscaled(factor);
     for (int f = 0; f < rig.frames(); ++f)
       if (!full.grey[c][f].empty()) {
         rig.grey[c][f] = averaged(full.grey[c][f], factor);
-        // What is usable here is margin_px from the nearest pixel left out there already: the rest
-        // of the margin.
+        // Usable pixels already are margin_px full-size pixels from masked ones: adds the rest.
         rig.usable[c][f] =
             with_margin(averaged(full.usable[c][f], factor) == 255, margin_px - margin_px / factor);
       }

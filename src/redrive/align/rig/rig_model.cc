@@ -10,30 +10,23 @@
 namespace redrive {
 namespace {
 
-Rigid3d rigid_of(const Vector6d& v) {
-  Rigid3d motion = Rigid3d::Identity();
-  motion.linear() = so3_exp(v.tail<3>());
-  motion.translation() = v.head<3>();
-  return motion;
-}
-
-/// How poses move at one of them.
+/// Time derivative of a trajectory at a frame.
 struct Slope {
-  Eigen::Vector3d velocity, turn;  ///< m/s in the world; rad/s in the body
+  Eigen::Vector3d velocity, angular_velocity;  ///< m/s in the world; rad/s in the body
 };
 
-Slope between_frames(const std::vector<FramePose>& frames, int a) {
+Slope between_frames(const std::vector<Frame>& frames, int a) {
   const double h = static_cast<double>(frames[a + 1].t_ns - frames[a].t_ns) * 1e-9;
   return {
-      (frames[a + 1].global_from_body.translation() - frames[a].global_from_body.translation()) / h,
-      so3_log(frames[a].global_from_body.linear().transpose() *
-              frames[a + 1].global_from_body.linear()) /
+      (frames[a + 1].world_from_body.translation() - frames[a].world_from_body.translation()) / h,
+      so3_log(frames[a].world_from_body.linear().transpose() *
+              frames[a + 1].world_from_body.linear()) /
           h};
 }
 
-/// Of the parabola through the frame and its neighbours, at an end through the three there; of two
-/// frames the line.
-Slope slope_at(const std::vector<FramePose>& frames, int frame) {
+/// Slope of the parabola through the frame and its neighbours, or through the three frames at an
+/// end; of the line through two frames if there are no more.
+Slope slope_at(const std::vector<Frame>& frames, int frame) {
   const int last = static_cast<int>(frames.size()) - 1;
   if (last == 1) return between_frames(frames, 0);
   const int middle = std::clamp(frame, 1, last - 1);
@@ -46,10 +39,10 @@ Slope slope_at(const std::vector<FramePose>& frames, int frame) {
                     : frame > middle ? 1 + h_after / all
                                      : h_before / all;
   return {before.velocity + at * (after.velocity - before.velocity),
-          before.turn + at * (after.turn - before.turn)};
+          before.angular_velocity + at * (after.angular_velocity - before.angular_velocity)};
 }
 
-/// The cubic from 0 with slope `from` to `end` with slope `to` in h seconds; u in 0..1.
+/// The cubic from 0 with slope `from` to `end` with slope `to` in h seconds, at u in 0..1.
 class Hermite {
  public:
   Hermite(const Eigen::Vector3d& end, const Eigen::Vector3d& from, const Eigen::Vector3d& to,
@@ -70,95 +63,97 @@ class Hermite {
 
 }  // namespace
 
-Instant RigModel::at(std::int64_t t_ns) const {
-  Instant instant = smooth_at(t_ns);
-  // What the corrections of now add, linear in time, is taken out again: what is left is a motion
-  // to which changed corrections can be added.
-  const int a = instant.segment;
-  const Vector6d slope = (correction[a + 1] - correction[a]) / instant.duration_s,
-                 added = correction[a] + instant.weight * instant.duration_s * slope;
-  const Rigid3d now = rigid_of(added);
-  const Eigen::Vector3d rho = added.head<3>(), turn = now.linear() * instant.turn,
-                        own_turn =
+LocalMotion RigModel::motion_at(std::int64_t t_ns) const {
+  LocalMotion motion = smooth_motion_at(t_ns);
+  // Removes the present corrections, which are linear in time, so that changed ones can be added.
+  const int a = motion.segment;
+  const Vector6d slope = (corrections[a + 1] - corrections[a]) / motion.duration_s,
+                 added = corrections[a] + motion.weight * motion.duration_s * slope;
+  const Rigid3d now = rigid_from_vector(added);
+  const Eigen::Vector3d rho = added.head<3>(), rate = now.linear() * motion.angular_velocity,
+                        own_rate =
                             now.linear() * so3_right_jacobian(added.tail<3>()) * slope.tail<3>();
-  instant.velocity = now.linear() * instant.velocity + rho.cross(turn - own_turn) - slope.head<3>();
-  instant.turn = turn - own_turn;
-  instant.world_from_body = instant.world_from_body * now.inverse(Eigen::Isometry);
-  return instant;
+  motion.velocity = now.linear() * motion.velocity + rho.cross(rate - own_rate) - slope.head<3>();
+  motion.angular_velocity = rate - own_rate;
+  motion.world_from_body = motion.world_from_body * now.inverse(Eigen::Isometry);
+  return motion;
 }
 
-Instant RigModel::smooth_at(std::int64_t t_ns) const {
-  const auto after =
-      std::upper_bound(given.begin(), given.end(), t_ns,
-                       [](std::int64_t t, const FramePose& f) { return t < f.t_ns; });
-  Instant instant;
-  instant.segment = static_cast<int>(std::clamp<std::ptrdiff_t>(
-      after - given.begin() - 1, 0, static_cast<std::ptrdiff_t>(given.size()) - 2));
+LocalMotion RigModel::smooth_motion_at(std::int64_t t_ns) const {
+  const auto after = std::upper_bound(initial_frames.begin(), initial_frames.end(), t_ns,
+                                      [](std::int64_t t, const Frame& f) { return t < f.t_ns; });
+  LocalMotion motion;
+  motion.segment = static_cast<int>(
+      std::clamp<std::ptrdiff_t>(after - initial_frames.begin() - 1, 0,
+                                 static_cast<std::ptrdiff_t>(initial_frames.size()) - 2));
   // The frames that the slopes at both ends need.
-  const int first = std::max(0, instant.segment - 1),
-            end =
-                std::min(static_cast<int>(given.size()), std::max(instant.segment + 3, first + 3));
+  const int first = std::max(0, motion.segment - 1),
+            end = std::min(static_cast<int>(initial_frames.size()),
+                           std::max(motion.segment + 3, first + 3));
   const int start = std::max(0, std::min(first, end - 3));
-  std::vector<FramePose> frames(given.begin() + start, given.begin() + end);
+  std::vector<Frame> frames(initial_frames.begin() + start, initial_frames.begin() + end);
   for (int f = start; f < end; ++f)
-    frames[f - start].global_from_body = given[f].global_from_body * rigid_of(correction[f]);
-  const int here = instant.segment - start;
-  const FramePose &a = frames[here], &b = frames[here + 1];
+    frames[f - start].world_from_body =
+        initial_frames[f].world_from_body * rigid_from_vector(corrections[f]);
+  const int here = motion.segment - start;
+  const Frame &a = frames[here], &b = frames[here + 1];
   const double h = static_cast<double>(b.t_ns - a.t_ns) * 1e-9;
-  instant.duration_s = h;
-  instant.weight = static_cast<double>(t_ns - a.t_ns) * 1e-9 / h;
+  motion.duration_s = h;
+  motion.weight = static_cast<double>(t_ns - a.t_ns) * 1e-9 / h;
   const Slope at_a = slope_at(frames, here), at_b = slope_at(frames, here + 1);
-  if (instant.weight < 0 || instant.weight > 1) {
-    const bool before = instant.weight < 0;
-    const double beyond_s = (before ? instant.weight : instant.weight - 1) * h;
+  if (motion.weight < 0 || motion.weight > 1) {
+    const bool before = motion.weight < 0;
+    const double beyond_s = (before ? motion.weight : motion.weight - 1) * h;
     const Slope& slope = before ? at_a : at_b;
-    const Eigen::Matrix3d turned = so3_exp(slope.turn * beyond_s);
-    instant.world_from_body = (before ? a : b).global_from_body;
-    instant.velocity =
-        turned.transpose() * instant.world_from_body.linear().transpose() * slope.velocity;
-    instant.world_from_body.translation() += slope.velocity * beyond_s;
-    instant.world_from_body.linear() = instant.world_from_body.linear() * turned;
-    instant.turn = slope.turn;
-    return instant;
+    const Eigen::Matrix3d rotation = so3_exp(slope.angular_velocity * beyond_s);
+    motion.world_from_body = (before ? a : b).world_from_body;
+    motion.velocity =
+        rotation.transpose() * motion.world_from_body.linear().transpose() * slope.velocity;
+    motion.world_from_body.translation() += slope.velocity * beyond_s;
+    motion.world_from_body.linear() = motion.world_from_body.linear() * rotation;
+    motion.angular_velocity = slope.angular_velocity;
+    return motion;
   }
-  const Hermite position(b.global_from_body.translation() - a.global_from_body.translation(),
+  const Hermite position(b.world_from_body.translation() - a.world_from_body.translation(),
                          at_a.velocity, at_b.velocity, h);
-  // Rotation vectors from a's: at b their rate is the inverse right Jacobian times the turn, v +
-  // arc x v / 2 + O(arc^2 v).
+  // Rotation vectors relative to a. Their rate at b is the inverse right Jacobian times the angular
+  // velocity v: v + arc x v / 2 + O(arc^2 v).
   const Eigen::Vector3d arc =
-      so3_log(a.global_from_body.linear().transpose() * b.global_from_body.linear());
-  const Hermite rotation(arc, at_a.turn, at_b.turn + arc.cross(at_b.turn) / 2, h);
-  const Eigen::Vector3d turned = rotation.value(instant.weight);
-  instant.world_from_body.linear() = a.global_from_body.linear() * so3_exp(turned);
-  instant.world_from_body.translation() =
-      a.global_from_body.translation() + position.value(instant.weight);
-  instant.velocity = instant.world_from_body.linear().transpose() * position.slope(instant.weight);
-  instant.turn = so3_right_jacobian(turned) * rotation.slope(instant.weight);
-  return instant;
+      so3_log(a.world_from_body.linear().transpose() * b.world_from_body.linear());
+  const Hermite rotation(arc, at_a.angular_velocity,
+                         at_b.angular_velocity + arc.cross(at_b.angular_velocity) / 2, h);
+  const Eigen::Vector3d angle = rotation.value(motion.weight);
+  motion.world_from_body.linear() = a.world_from_body.linear() * so3_exp(angle);
+  motion.world_from_body.translation() =
+      a.world_from_body.translation() + position.value(motion.weight);
+  motion.velocity = motion.world_from_body.linear().transpose() * position.slope(motion.weight);
+  motion.angular_velocity = so3_right_jacobian(angle) * rotation.slope(motion.weight);
+  return motion;
 }
 
-Instant RigModel::of_image(int camera, int frame) const {
-  return at(given[frame].t_ns + std::llround(cameras[camera].offset_s * 1e9));
+LocalMotion RigModel::image_motion(int camera, int frame) const {
+  return motion_at(initial_frames[frame].t_ns + std::llround(cameras[camera].offset_s * 1e9));
 }
 
-Instant RigModel::of_row(int camera, int frame, double v) const {
+LocalMotion RigModel::row_motion(int camera, int frame, double v) const {
   const RigModelCamera& c = cameras[camera];
-  return at(given[frame].t_ns +
-            std::llround((c.offset_s + c.from_middle_row(v) * c.readout_s) * 1e9));
+  return motion_at(initial_frames[frame].t_ns +
+                   std::llround((c.offset_s + c.from_middle_row(v) * c.readout_s) * 1e9));
 }
 
-Rigid3d RigModel::corrected(const Instant& instant) const {
-  const Vector6d &a = correction[instant.segment], &b = correction[instant.segment + 1];
-  return instant.world_from_body * rigid_of(a + instant.weight * (b - a));
+Rigid3d RigModel::corrected_pose(const LocalMotion& motion) const {
+  const Vector6d &a = corrections[motion.segment], &b = corrections[motion.segment + 1];
+  return motion.world_from_body * rigid_from_vector(a + motion.weight * (b - a));
 }
 
 Rigid3d RigModel::body_from_sensor(int camera) const {
-  return cameras[camera].given.body_from_sensor * rigid_of(cameras[camera].mount);
+  return cameras[camera].initial.body_from_sensor * rigid_from_vector(cameras[camera].extrinsics);
 }
 
 Rigid3d RigModel::world_from_camera(int camera, int frame, double later_s) const {
   const double after_s = cameras[camera].offset_s + later_s;
-  return corrected(at(given[frame].t_ns + std::llround(after_s * 1e9))) * body_from_sensor(camera);
+  return corrected_pose(motion_at(initial_frames[frame].t_ns + std::llround(after_s * 1e9))) *
+         body_from_sensor(camera);
 }
 
 Camera RigModel::camera(int index) const {
@@ -172,15 +167,16 @@ Camera RigModel::camera(int index) const {
 }
 
 std::vector<FramePose> RigModel::corrected_frames() const {
-  std::vector<FramePose> frames = given;
-  for (std::size_t i = 0; i < frames.size(); ++i)
-    frames[i].global_from_body =
-        global_from_world * given[i].global_from_body * rigid_of(correction[i]);
+  std::vector<FramePose> frames;
+  for (std::size_t i = 0; i < initial_frames.size(); ++i)
+    frames.push_back({initial_frames[i].id, initial_frames[i].t_ns,
+                      global_from_world * initial_frames[i].world_from_body *
+                          rigid_from_vector(corrections[i])});
   return frames;
 }
 
 CameraCalibration RigModel::corrected_calibration(int index) const {
-  CameraCalibration calibration = cameras[index].given;
+  CameraCalibration calibration = cameras[index].initial;
   const Camera now = camera(index);
   std::ranges::copy(std::array{now.fx, now.fy, now.cx, now.cy}, calibration.parameters.begin());
   calibration.body_from_sensor = body_from_sensor(index);
@@ -193,14 +189,14 @@ RigModel make_rig_model(const Recording& recording) {
   REDRIVE_CHECK_OP(recording.frames.size(), >=, 2u);
   RigModel model;
   model.global_from_world = recording.frames.front().global_from_body;
-  model.given = recording.frames;
-  for (FramePose& frame : model.given)
-    frame.global_from_body =
-        model.global_from_world.inverse(Eigen::Isometry) * frame.global_from_body;
-  model.correction.assign(model.given.size(), Vector6d::Zero());
+  const Rigid3d world_from_global = model.global_from_world.inverse(Eigen::Isometry);
+  for (const FramePose& frame : recording.frames)
+    model.initial_frames.push_back(
+        {frame.id, frame.t_ns, world_from_global * frame.global_from_body});
+  model.corrections.assign(model.initial_frames.size(), Vector6d::Zero());
   for (const RecordedCamera& camera : recording.cameras) {
     RigModelCamera entry;
-    entry.given = camera.calibration;
+    entry.initial = camera.calibration;
     entry.camera = make_camera(camera.calibration);
     entry.offset_s = entry.initial_offset_s();
     entry.readout_s = entry.initial_readout_s();

@@ -1,81 +1,83 @@
 // SPDX-License-Identifier: Apache-2.0
-// What align moves: the egomotion as given, and the corrections to it and to the cameras.
-//   world_from_body(t_f) = given_f [exp(phi_f), rho_f],   body_from_sensor = given [exp(epsilon),
-//   eta], row v of an image of frame f is exposed at t_f + offset + ((v + 1/2) / height - 1/2)
-//   readout.
-// Between the frames the body moves smoothly through its corrected poses (cubic Hermite, slopes of
-// parabolas through three frames): a straight line would cut the corners of a car that pitches and
-// steers by 0.02 degrees at 15 Hz, and time offsets would make up for it. While the corrections of
-// a round change, what they add is linear between two frames; the next round is smooth again. The
-// world is the body of the first frame as given: metres near 0, where ECEF's 4e6 would cost digits.
+// The rig as the alignment adjusts it: initial poses and extrinsics, and corrections to them.
+//   world_from_body(t_f) = initial_f [exp(phi_f), rho_f]
+//   body_from_sensor = initial [exp(epsilon), eta]
+//   Row v of an image of frame f is exposed at t_f + offset + ((v + 1/2) / height - 1/2) readout.
+// Between the frames the body moves smoothly through its corrected poses: a cubic Hermite spline
+// whose slopes are those of parabolas through three frames. Linear interpolation would cut the
+// corners of a car that pitches and steers by 0.02 degrees at 15 Hz, and time offsets would absorb
+// the error. Within a round of the adjustment the change of the corrections is linear in time
+// between two frames; the next round starts from a smooth motion again. The world is the initial
+// body of the first frame, since ECEF's 4e6 m would cost digits.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <vector>
 
 #include "redrive/camera/camera.h"
+#include "redrive/math/rigid3.h"
+#include "redrive/math/shutter_row.h"
 #include "redrive/recording/recording.h"
-#include "redrive/scene/shutter_poses.h"
+#include "redrive/scene/scene.h"
 
 namespace redrive {
 
-using Vector6d = Eigen::Matrix<double, 6, 1>;  ///< metres x y z, then radians about x y z
-
-/// A camera of the rig: what is known and what is sought.
+/// A camera of the rig: its calibration and the unknowns of the adjustment.
 struct RigModelCamera {
-  CameraCalibration given;
+  CameraCalibration initial;
   Camera camera;
-  Vector6d mount = Vector6d::Zero();  ///< (eta, epsilon): in the axes of the sensor
+  Vector6d extrinsics = Vector6d::Zero();  ///< (eta, epsilon), in the axes of the sensor
   double offset_s = 0;   ///< exposure of the middle row minus the time of the frame's pose
   double readout_s = 0;  ///< from the upper edge to the lower one
   Eigen::Vector3d intrinsics = Eigen::Vector3d::Zero();  ///< f (1 + x), c + (y, z) pixels
 
-  double initial_offset_s() const { return 1e-9 * static_cast<double>(given.time_offset_ns); }
-  double initial_readout_s() const { return 1e-9 * static_cast<double>(given.readout_ns); }
-  /// Of the readout, by which row v of the recorded image comes after the middle one: -1/2 at the
-  /// upper edge, 1/2 at the lower one.
+  double initial_offset_s() const { return 1e-9 * static_cast<double>(initial.time_offset_ns); }
+  double initial_readout_s() const { return 1e-9 * static_cast<double>(initial.readout_ns); }
+  /// Exposure of row v of the recorded image after the middle row, as a fraction of the readout:
+  /// -1/2 at the upper edge, 1/2 at the lower one.
   double from_middle_row(double v) const { return row_fraction(v, camera.height) - 0.5; }
 };
 
-/// The motion around one instant without corrections: (t + s) -> world_from_body [exp(turn s),
-/// velocity s] while it stays between the two frames `segment` and `segment` + 1, whose corrections
-/// are added with weights that are linear in time, that of the second one weight + s / duration_s.
-struct Instant {
+/// The motion around a time t without corrections: (t + s) -> world_from_body [exp(angular_velocity
+/// s), velocity s] between the frames `segment` and `segment` + 1. Their corrections are added with
+/// weights that are linear in time; that of the second frame is weight + s / duration_s.
+struct LocalMotion {
   int segment = 0;
   double weight = 0, duration_s = 1;
   Rigid3d world_from_body = Rigid3d::Identity();
   Eigen::Vector3d velocity = Eigen::Vector3d::Zero(),
-                  turn = Eigen::Vector3d::Zero();  ///< m/s and rad/s, body axes
+                  angular_velocity = Eigen::Vector3d::Zero();  ///< m/s and rad/s, body axes
 };
 
 struct RigModel {
   Rigid3d global_from_world = Rigid3d::Identity();
-  std::vector<FramePose>
-      given;  ///< in the world: global_from_body stands for world_from_body; at least two
-  std::vector<Vector6d> correction;  ///< (rho, phi) by frame, body axes
-  std::vector<RigModelCamera> cameras;
+  std::vector<Frame> initial_frames;    ///< at least two
+  std::vector<Vector6d> corrections;    ///< (rho, phi) by frame, body axes
+  std::vector<RigModelCamera> cameras;  ///< as Recording::cameras
 
-  /// With the corrections of now added again it is the smooth motion. Before the first and after
-  /// the last frame that goes on evenly.
-  Instant at(std::int64_t t_ns) const;
-  /// Of an image's middle row, or its row v: where the camera's offset and readout of now put it.
-  Instant of_image(int camera, int frame) const;
-  Instant of_row(int camera, int frame, double v) const;
+  /// The motion that, with the present corrections added, is the smooth motion. Before the first
+  /// and after the last frame it continues uniformly.
+  LocalMotion motion_at(std::int64_t t_ns) const;
+  /// The motion at an image's middle row, or its row v, with the camera's present offset and
+  /// readout.
+  LocalMotion image_motion(int camera, int frame) const;
+  LocalMotion row_motion(int camera, int frame, double v) const;
 
-  Instant smooth_at(std::int64_t t_ns) const;  ///< the smooth motion itself, corrections included
+  /// The smooth motion itself, corrections included.
+  LocalMotion smooth_motion_at(std::int64_t t_ns) const;
 
-  Rigid3d corrected(const Instant& instant) const;  ///< world_from_body with the corrections of now
-  /// Of the middle row, or so much later.
+  /// world_from_body with the present corrections.
+  Rigid3d corrected_pose(const LocalMotion& motion) const;
+  /// At the exposure of the middle row, or later_s after it.
   Rigid3d world_from_camera(int camera, int frame, double later_s = 0) const;
   Rigid3d body_from_sensor(int camera) const;
-  Camera camera(int camera) const;  ///< with its intrinsics of now
+  Camera camera(int camera) const;  ///< with its present intrinsics
 
-  std::vector<FramePose> corrected_frames() const;  ///< in ECEF
+  std::vector<FramePose> corrected_frames() const;
   CameraCalibration corrected_calibration(int camera) const;
 };
 
-/// Without corrections. At least two frames (REDRIVE_CHECK).
+/// The model without corrections. At least two frames (REDRIVE_CHECK).
 RigModel make_rig_model(const Recording& recording);
 
 }  // namespace redrive

@@ -11,19 +11,19 @@ namespace redrive {
 namespace {
 
 constexpr double kCalibrationError_rad = 0.02,
-                 kCalibrationError_m = 0.5;  // of the calibration as it comes
+                 kCalibrationError_m = 0.5;  // of the recorded calibration
 constexpr double kWidestSearch_px = 40, kNarrowSearch_px = 5;
-constexpr double kLeastScale = 0.6,
-                 kMostScale = 4;           // pixels of the first camera per pixel of the other
-constexpr double kLeastCorrelation = 0.7;  // of a whole pixel's shift; registration asks for more
+constexpr double kMinScale = 0.6,
+                 kMaxScale = 4;          // pixels of the first camera per pixel of the other
+constexpr double kMinCorrelation = 0.7;  // at whole pixels; registration requires more
 constexpr double kAmbiguous =
-    0.08;  // how much better the best place has to be than any other, in the wide search
-constexpr std::size_t kLeastMatches = 20;
+    0.08;  // by how much the best position has to exceed any other, in the wide search
+constexpr std::size_t kMinMatches = 20;
 constexpr int kSampledFrames = 16;       // of the first pass
 constexpr std::size_t kWidePoints = 40;  // a frame and pair in the first pass
-constexpr double kMostCorrection_rad = 0.08,
-                 kMostCorrection_m = 1.5;  // beyond, matches agree by chance
-constexpr double kApart_px = 2;  // the same track's matches, from where their depth has them
+constexpr double kMaxCorrection_rad = 0.08,
+                 kMaxCorrection_m = 1.5;  // beyond, matches agree by chance
+constexpr double kApart_px = 2;           // spread of a track's matches around the prediction
 
 /// An observation of a track whose depth is known.
 struct Source {
@@ -35,12 +35,12 @@ struct Match {
   std::size_t track;
   int frame;
   PatchFit fit;                ///< in the other camera
-  Eigen::Vector2d from_guess;  ///< how far it lies from where the depth has it
+  Eigen::Vector2d from_guess;  ///< offset from the predicted position
   RayPair rays;
   double depth_m;  ///< of the first camera
 };
 
-/// Two cameras of the rig, points of the first looked for in the other.
+/// Two cameras of the rig; points of the first are searched for in the second.
 struct CameraPair {
   int a, b;
   Rigid3d b_from_a;
@@ -130,7 +130,7 @@ class CrossCameraMatcher {
     return all;
   }
 
-  /// Points of camera a that should be in the image of camera b; for the wide search some of them.
+  /// Points of camera a that project into the image of camera b; for the wide search some of them.
   std::vector<Source> visible(const CameraPair& pair, int frame) const {
     std::vector<Source> all, some;
     const Camera& camera = images_.camera(pair.b);
@@ -155,10 +155,10 @@ class CrossCameraMatcher {
     return {facing, b_from_body.col(2), b_from_body.col(1), b_from_body.col(0)};
   }
 
-  /// The surroundings of the source as camera b would see them around `guess`.
-  std::optional<Patch> drawn(const CameraPair& pair, const Source& source,
-                             const Eigen::Vector3d& in_b, const Eigen::Vector2d& guess,
-                             const Eigen::Vector3d& normal, const SmoothImage& a) const {
+  /// The patch around the source, warped into camera b around `guess`.
+  std::optional<Patch> warped_patch(const CameraPair& pair, const Source& source,
+                                    const Eigen::Vector3d& in_b, const Eigen::Vector2d& guess,
+                                    const Eigen::Vector3d& normal, const SmoothImage& a) const {
     const Rigid3d a_from_b = pair.b_from_a.inverse();
     const auto to_a = [&](const Eigen::Vector2d& offset) -> std::optional<Eigen::Vector2d> {
       const auto ray = images_.camera(pair.b).unproject(guess + offset);
@@ -174,7 +174,7 @@ class CrossCameraMatcher {
     Eigen::Matrix2d warp;
     warp << (*right - *left) / (2 * kStep_px), (*below - *above) / (2 * kStep_px);
     const double scale = std::sqrt(std::abs(warp.determinant()));
-    if (scale < kLeastScale || scale > kMostScale) return std::nullopt;
+    if (scale < kMinScale || scale > kMaxScale) return std::nullopt;
     return sample_patch(a, of_camera_[pair.a][source.track].seen[source.seen].pixel, warp);
   }
 
@@ -198,11 +198,11 @@ class CrossCameraMatcher {
                               image;
     if (searched.width < kPatchSize + 2 || searched.height < kPatchSize + 2) return std::nullopt;
 
-    double best = kLeastCorrelation;
+    double best = kMinCorrelation;
     Eigen::Vector2d at;
     std::optional<Patch> patch;
     for (const Eigen::Vector3d& normal : likely_normals(pair, in_b)) {
-      auto looks = drawn(pair, source, in_b, *guess, normal, a);
+      auto looks = warped_patch(pair, source, in_b, *guess, normal, a);
       if (!looks) continue;
       const cv::Mat wanted(kPatchSize, kPatchSize, CV_32F, looks->data());
       cv::Mat correlation;
@@ -237,11 +237,11 @@ class CrossCameraMatcher {
     return rays;
   }
 
-  /// What the matches say of the calibration; nothing if they do not agree in anything. The length
-  /// of the way between the cameras is the one that depths along the tracks go with.
+  /// The relative pose of the cameras fitted to the matches; nothing if they do not agree on one.
+  /// The length of the baseline follows from the depths along the tracks.
   std::optional<Rigid3d> corrected_pose(const CameraPair& pair,
                                         const std::vector<Match>& matches) const {
-    if (matches.size() < kLeastMatches) return std::nullopt;
+    if (matches.size() < kMinMatches) return std::nullopt;
     auto pose = fit_relative_pose(rays_of(matches), {pair.b_from_a});
     if (!pose) return std::nullopt;
     std::vector<double> lengths;
@@ -254,16 +254,16 @@ class CrossCameraMatcher {
       if (const auto depth = ray_depth(match.rays.ray_a, match.rays.ray_b, *pose))
         lengths.push_back(match.depth_m / *depth);
     }
-    if (agreeing < kLeastMatches || 3 * agreeing < matches.size()) return std::nullopt;
+    if (agreeing < kMinMatches || 3 * agreeing < matches.size()) return std::nullopt;
     double length = pair.b_from_a.translation().norm();
-    if (lengths.size() >= kLeastMatches) {
+    if (lengths.size() >= kMinMatches) {
       std::ranges::nth_element(lengths, lengths.begin() + lengths.size() / 2);
       if (lengths[lengths.size() / 2] > 0.05) length = lengths[lengths.size() / 2];
     }
     pose->translation() *= length;
     const Rigid3d correction = *pose * pair.b_from_a.inverse();
-    if (Eigen::AngleAxisd(correction.linear()).angle() > kMostCorrection_rad ||
-        (pose->translation() - pair.b_from_a.translation()).norm() > kMostCorrection_m)
+    if (Eigen::AngleAxisd(correction.linear()).angle() > kMaxCorrection_rad ||
+        (pose->translation() - pair.b_from_a.translation()).norm() > kMaxCorrection_m)
       return std::nullopt;
     return pose;
   }
@@ -277,7 +277,8 @@ class CrossCameraMatcher {
     std::vector<std::vector<const Match*>> of_track(of_camera_[pair.a].size());
     for (const Match& match : matches) of_track[match.track].push_back(&match);
     for (std::size_t t = 0; t < of_track.size(); ++t) {
-      if (of_track[t].size() < 2) continue;  // one alone may lie anywhere along its epipolar line
+      if (of_track[t].size() < 2)
+        continue;  // a single match may lie anywhere along its epipolar line
       Eigen::Vector2d middle;
       for (int d = 0; d < 2; ++d) {
         std::vector<double> values;

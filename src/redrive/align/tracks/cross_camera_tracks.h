@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The same points in other cameras of the rig: where views overlap, the surroundings of a point are
-// drawn as the other camera would see them and searched for where its depth and the calibration
-// have it. Cameras are rigid to each other, so the matches of all frames have one relative pose to
-// agree in.
+// Matches tracks across cameras of the rig: where views overlap, the patch around a point is warped
+// into the other camera and searched for around its predicted position, from its depth and the
+// calibration. Cameras are rigid to each other, so the matches of all frames share one relative
+// pose.
 #pragma once
 
 #include <vector>
@@ -12,8 +12,8 @@
 
 namespace redrive {
 
-/// Adds to tracks of each camera (*of_camera)[c] what other cameras see of them at the same frames.
-/// options[c]: for what is seen by camera c.
+/// Adds observations by other cameras at the same frames to the tracks (*of_camera)[c] of each
+/// camera. options[c]: for observations by camera c.
 void match_across_cameras(const RigImages& images, const std::vector<TrackOptions>& options,
                           ThreadPool& pool, std::vector<std::vector<Track>>* of_camera);
 

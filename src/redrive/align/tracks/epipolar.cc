@@ -6,9 +6,9 @@
 namespace redrive {
 namespace {
 
-constexpr std::size_t kLeastPairs = 12;  // twice what the pose has, and two
+constexpr std::size_t kMinPairs = 12;  // twice the degrees of freedom of the pose, and two
 
-/// Pixels per radian: the root of how much image a solid angle covers.
+/// Pixels per radian: the root of the image area per solid angle.
 std::optional<double> pixels_per_radian(const Camera& camera, const Eigen::Vector2d& pixel) {
   const auto right = camera.unproject(pixel + Eigen::Vector2d(1, 0)),
              left = camera.unproject(pixel - Eigen::Vector2d(1, 0));
@@ -18,9 +18,9 @@ std::optional<double> pixels_per_radian(const Camera& camera, const Eigen::Vecto
   return 2 / std::sqrt((*right - *left).cross(*below - *above).norm());
 }
 
-/// The pose moved: rotated by the first three numbers (rad), its unit translation shifted by the
-/// others and made unit again.
-Rigid3d moved(const Rigid3d& pose, const Eigen::Matrix<double, 6, 1>& by) {
+/// The pose rotated by the first three numbers (rad), with its unit translation shifted by the
+/// others and normalised again.
+Rigid3d perturbed(const Rigid3d& pose, const Eigen::Matrix<double, 6, 1>& by) {
   Rigid3d result = Rigid3d::Identity();
   const double angle = by.head<3>().norm();
   result.linear() = pose.linear();
@@ -45,7 +45,7 @@ Rigid3d fit_from(const std::vector<RayPair>& pairs, Rigid3d pose) {
       Eigen::Matrix<double, 6, 1> g = Eigen::Matrix<double, 6, 1>::Zero();
       std::array<Rigid3d, 6> ahead;
       for (int k = 0; k < 6; ++k)
-        ahead[k] = moved(pose, kStep * Eigen::Matrix<double, 6, 1>::Unit(k));
+        ahead[k] = perturbed(pose, kStep * Eigen::Matrix<double, 6, 1>::Unit(k));
       for (const RayPair& pair : pairs) {
         const double error = sampson_error_px(pair, pose);
         Eigen::Matrix<double, 6, 1> j;
@@ -55,7 +55,7 @@ Rigid3d fit_from(const std::vector<RayPair>& pairs, Rigid3d pose) {
         g += weight * error * j;
       }
       h.diagonal().array() += damping * h.trace() / 6 + 1e-9;
-      const Rigid3d next = moved(pose, -h.ldlt().solve(g));
+      const Rigid3d next = perturbed(pose, -h.ldlt().solve(g));
       const double next_cost = robust_cost(pairs, next, scale_px);
       const bool better = next_cost < cost;
       const bool settled = std::abs(next_cost - cost) < 1e-4 * cost;
@@ -102,7 +102,7 @@ std::optional<double> ray_depth(const Eigen::Vector3d& ray_a, const Eigen::Vecto
 
 std::optional<Rigid3d> fit_relative_pose(const std::vector<RayPair>& pairs,
                                          const std::vector<Rigid3d>& starts) {
-  if (pairs.size() < kLeastPairs) return std::nullopt;
+  if (pairs.size() < kMinPairs) return std::nullopt;
   std::optional<Rigid3d> best;
   double best_cost = 0;
   for (Rigid3d start : starts) {

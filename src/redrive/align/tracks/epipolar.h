@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// What two images of one static scene have to agree in, whatever its depth: rays to a point and the
-// way between the cameras lie in a plane. In pixels, for any camera model.
+// Epipolar geometry of two images of a static scene, in pixels, for any camera model: the rays to a
+// point and the baseline lie in one plane.
 #pragma once
 
 #include <optional>
 #include <vector>
 
-#include "redrive/align/tracks/tracks.h"
 #include "redrive/camera/camera.h"
 #include "redrive/math/rigid3.h"
 
@@ -17,7 +16,7 @@ struct RayPair {
   Eigen::Vector3d ray_a, ray_b;
   double px_per_rad_a = 1, px_per_rad_b = 1;
 };
-/// Nothing where a camera's model does not reach.
+/// Nothing outside the valid region of a camera model.
 std::optional<RayPair> make_ray_pair(const Camera& a, const Eigen::Vector2d& pixel_a,
                                      const Camera& b, const Eigen::Vector2d& pixel_b);
 
@@ -26,15 +25,16 @@ std::optional<RayPair> make_ray_pair(const Camera& a, const Eigen::Vector2d& pix
 /// t = 0.
 double sampson_error_px(const RayPair& pair, const Rigid3d& b_from_a);
 
-/// How far along ray_a the point is that both unit rays lead to, in the unit of b_from_a's
-/// translation. Nothing where they are parallel to 0.01 rad or it lies behind.
+/// Depth along ray_a of the point that both unit rays meet in, in the unit of b_from_a's
+/// translation. Nothing where the rays are parallel to 0.01 rad or the point lies behind.
 std::optional<double> ray_depth(const Eigen::Vector3d& ray_a, const Eigen::Vector3d& ray_b,
                                 const Rigid3d& b_from_a);
 
-/// The relative pose that most pairs agree with: a local minimum of sum of log(1 + (error / 1
-/// px)^2), the best of those reached from the starts with errors' scale going down from 16 px to 1
-/// px. Its translation is a unit vector: pixels say nothing of its length. Nothing of less than 12
-/// pairs. From a start 2 degrees off, a quarter of outliers at 30 px may lead it astray.
+/// The relative pose that most pairs agree with: the lowest local minimum of the sum of log(1 +
+/// (error / 1 px)^2) reached from the starts, with the scale of errors decreasing from 16 px to 1
+/// px. Its translation is a unit vector, since its length is unobservable. Nothing for fewer than
+/// 12 pairs. From a start 2 degrees off, a quarter of outliers at 30 px may lead to another
+/// minimum.
 std::optional<Rigid3d> fit_relative_pose(const std::vector<RayPair>& pairs,
                                          const std::vector<Rigid3d>& starts);
 

@@ -8,14 +8,15 @@
 namespace redrive {
 namespace {
 
-constexpr std::array<int, 3> kApart = {1, 2, 4};
+constexpr std::array<int, 3> kImageSteps = {1, 2, 4};
 
-/// The same track in two images, by its places in Track::seen.
+/// One track in two images: indices into Track::seen.
 struct Seen {
   std::size_t track, a, b;
 };
 
-/// The pose as recorded, and two that drive straight on, in case the recorded way is noise.
+/// The recorded relative pose, and one that drives straight ahead, in case the recorded translation
+/// is noise.
 std::vector<Rigid3d> likely_poses(const Rigid3d& body_from_camera, const Rigid3d& b_from_a) {
   std::vector<Rigid3d> starts = {b_from_a};
   Rigid3d ahead = b_from_a;  // the older camera lies behind the newer one
@@ -34,7 +35,7 @@ void drop_epipolar_outliers(const RigImages& images, const TrackOptions& options
   for (std::size_t t = 0; t < tracks->size(); ++t) {
     const auto& seen = (*tracks)[t].seen;
     for (std::size_t a = 0; a < seen.size(); ++a)
-      for (const int apart : kApart)
+      for (const int apart : kImageSteps)
         if (a + apart < seen.size())
           by_images[{seen[a].frame, seen[a + apart].frame}].push_back({t, a, a + apart});
   }
@@ -59,7 +60,7 @@ void drop_epipolar_outliers(const RigImages& images, const TrackOptions& options
     const auto b_from_a = fit_relative_pose(
         pairs, likely_poses(images.scene.rig[camera].body_from_sensor,
                             poses[frames.second].inverse() * poses[frames.first]));
-    if (!b_from_a) continue;  // too few to tell
+    if (!b_from_a) continue;  // too few points
     for (std::size_t i = 0; i < pairs.size(); ++i) {
       const bool good =
           std::abs(sampson_error_px(pairs[i], *b_from_a)) <= options.max_epipolar_error_px;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which observations agree with the others of their images: the static world is what most of them
-// show.
+// Rejects observations that do not agree with the epipolar geometry of most points of their images,
+// which are those of the static world.
 #pragma once
 
 #include "redrive/align/rig/rig_images.h"
@@ -8,10 +8,9 @@
 
 namespace redrive {
 
-/// Drops the observations of one camera's tracks that lie too far (options.max_epipolar_error_px)
-/// from what most points do between two images, and tracks that are left with too few
-/// (options.min_observations). Compared are images 1, 2 and 4 apart; their relative pose is
-/// fitted to the tracks.
+/// Drops observations of one camera's tracks with an epipolar error above
+/// options.max_epipolar_error_px, and tracks with fewer than options.min_observations left.
+/// Compares images 1, 2 and 4 apart; their relative pose is fitted to the tracks.
 void drop_epipolar_outliers(const RigImages& images, const TrackOptions& options,
                             std::vector<Track>* tracks);
 

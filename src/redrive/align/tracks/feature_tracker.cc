@@ -11,24 +11,25 @@ namespace redrive {
 namespace {
 
 constexpr int kPyramidLevels = 3;
-constexpr double kNearest_px = 4;          // two points closer than this are one
-constexpr double kForwardBackward_px = 1;  // of Lucas-Kanade there and back; registration is finer
-constexpr double kRegister_px = 3;         // how far registration may move what Lucas-Kanade found
+constexpr double kNearest_px = 4;  // points closer than this are duplicates
+constexpr double kForwardBackward_px =
+    1;  // error of Lucas-Kanade forward and backward; registration is finer
+constexpr double kRegister_px = 3;  // largest correction of Lucas-Kanade by registration
 constexpr double kLargestScale =
-    1.6;  // of a patch and its first one: beyond, the last one is the new first
+    1.6;  // of a patch relative to its first one; beyond, the last patch becomes the reference
 constexpr double kFar_m = 1e5;
 constexpr float kCornerLevels =
     1.5f;  // least gradient of a corner in its weaker direction, grey levels per pixel
 
-/// A track that goes on.
-struct Live {
+/// A track that is not finished.
+struct ActiveTrack {
   Track track;
-  Patch patch;  ///< of the image that the others are registered with
+  Patch patch;  ///< reference that the other images are registered with
   Eigen::Matrix2d warp = Eigen::Matrix2d::Identity();  ///< from it to the last image
   const Eigen::Vector2d& pixel() const { return track.seen.back().pixel; }
 };
 
-/// One image made ready.
+/// One image prepared for tracking.
 struct PreparedImage {
   int frame = -1;
   SmoothImage smooth;
@@ -47,11 +48,11 @@ class FeatureTracker {
       if (grey.empty()) continue;
       PreparedImage next{frame, smooth_image(grey), {}, images_.moving_at(camera_, frame)};
       cv::buildOpticalFlowPyramid(grey, next.pyramid, {kPatchSize, kPatchSize}, kPyramidLevels);
-      if (now_.frame >= 0 && !live_.empty()) advance(next);
+      if (now_.frame >= 0 && !active_.empty()) advance(next);
       now_ = std::move(next);
       add_corners();
     }
-    for (Live& live : live_) finish(std::move(live));
+    for (ActiveTrack& active : active_) finish(std::move(active));
     return std::move(done_);
   }
 
@@ -61,8 +62,8 @@ class FeatureTracker {
     Eigen::Matrix2d warp;  ///< from the last image to the next
   };
 
-  void finish(Live&& live) {
-    if (live.track.seen.size() >= 2) done_.push_back(std::move(live.track));
+  void finish(ActiveTrack&& active) {
+    if (active.track.seen.size() >= 2) done_.push_back(std::move(active.track));
   }
 
   /// Depth along the ray to the ground on which the vehicle stands; nothing above the horizon.
@@ -74,7 +75,7 @@ class FeatureTracker {
     return height / down;
   }
 
-  /// Where the track has it, by its first and last rays; nothing while they do not tell.
+  /// Depth by triangulation of the first and last ray of the track; nothing without parallax.
   std::optional<double> own_depth(const Track& track) const {
     const Observation& first = track.seen[track.seen.size() > 5 ? track.seen.size() - 5 : 0];
     const Observation& last = track.seen.back();
@@ -85,7 +86,7 @@ class FeatureTracker {
     return ray_depth(*to, *from, poses[first.frame].inverse() * poses[last.frame]);
   }
 
-  /// Where a point of the last image is in the next if it lies as deep as `depth` says of a ray.
+  /// Predicts a point of the last image in the next one, with its depth from `depth`(ray).
   template <class Depth>
   std::optional<Guess> guess(const Eigen::Vector2d& pixel, const Rigid3d& next_from_now,
                              const Depth& depth) const {
@@ -108,14 +109,15 @@ class FeatureTracker {
     return g;
   }
 
-  /// By the track's own depth, on the ground, and far away.
-  std::array<std::optional<Guess>, 3> guesses(const Live& live,
+  /// Predictions by the track's own depth, on the ground, and at infinity.
+  std::array<std::optional<Guess>, 3> guesses(const ActiveTrack& active,
                                               const Rigid3d& next_from_now) const {
     std::array<std::optional<Guess>, 3> all;
-    if (const auto depth = own_depth(live.track))
-      all[0] = guess(live.pixel(), next_from_now, [&](const auto&) { return depth; });
-    all[1] = guess(live.pixel(), next_from_now, [&](const auto& ray) { return ground_depth(ray); });
-    all[2] = guess(live.pixel(), next_from_now,
+    if (const auto depth = own_depth(active.track))
+      all[0] = guess(active.pixel(), next_from_now, [&](const auto&) { return depth; });
+    all[1] =
+        guess(active.pixel(), next_from_now, [&](const auto& ray) { return ground_depth(ray); });
+    all[2] = guess(active.pixel(), next_from_now,
                    [&](const auto&) { return std::optional<double>(kFar_m); });
     return all;
   }
@@ -130,12 +132,12 @@ class FeatureTracker {
                              cv::OPTFLOW_USE_INITIAL_FLOW, 1e-4);
   }
 
-  /// All live tracks into `next`; those that are lost are finished.
+  /// Continues all active tracks into `next` and finishes the lost ones.
   void advance(const PreparedImage& next) {
     const Rigid3d next_from_now = images_.world_from_camera[camera_][next.frame].inverse() *
                                   images_.world_from_camera[camera_][now_.frame];
     struct Candidate {
-      std::size_t live;
+      std::size_t active;
       Guess guess;
     };
     std::vector<Candidate> candidates;
@@ -143,37 +145,38 @@ class FeatureTracker {
     const auto point = [](const Eigen::Vector2d& p) {
       return cv::Point2f(static_cast<float>(p.x()), static_cast<float>(p.y()));
     };
-    for (std::size_t i = 0; i < live_.size(); ++i)
-      for (const auto& g : guesses(live_[i], next_from_now))
+    for (std::size_t i = 0; i < active_.size(); ++i)
+      for (const auto& g : guesses(active_[i], next_from_now))
         if (g) {
           candidates.push_back({i, *g});
-          from.push_back(point(live_[i].pixel()));
+          from.push_back(point(active_[i].pixel()));
           to.push_back(point(g->pixel));
         }
-    std::vector<std::optional<PatchFit>> best(live_.size());
-    std::vector<Patch> patches(live_.size());  // what the best fit was registered with
-    std::vector<std::uint8_t> renewed(live_.size());
+    std::vector<std::optional<PatchFit>> best(active_.size());
+    std::vector<Patch> patches(active_.size());  // references of the best fits
+    std::vector<std::uint8_t> renewed(active_.size());
     if (!candidates.empty()) {
       std::vector<std::uint8_t> there, back;
       lucas_kanade(now_, next, from, &to, &there);
       std::vector<cv::Point2f> returned = from;
       lucas_kanade(next, now_, to, &returned, &back);
       for (std::size_t k = 0; k < candidates.size(); ++k) {
-        const std::size_t i = candidates[k].live;
+        const std::size_t i = candidates[k].active;
         if (!there[k] || !back[k] || cv::norm(returned[k] - from[k]) > kForwardBackward_px)
           continue;
         const Eigen::Vector2d start(to[k].x, to[k].y);
-        if (best[i] && (best[i]->pixel - start).norm() < 0.3) continue;  // another guess came here
-        const Live& live = live_[i];
-        auto fit = good_fit(live.patch, next, start, candidates[k].guess.warp * live.warp);
+        if (best[i] && (best[i]->pixel - start).norm() < 0.3)
+          continue;  // another prediction converged here
+        const ActiveTrack& active = active_[i];
+        auto fit = good_fit(active.patch, next, start, candidates[k].guess.warp * active.warp);
         if (fit && (!best[i] || fit->correlation > best[i]->correlation)) {
           best[i] = fit;
-          patches[i] = live.patch;
+          patches[i] = active.patch;
           renewed[i] = 0;
         }
         if (fit || best[i]) continue;
         const auto last =
-            sample_patch(now_.smooth, live.pixel());  // has its looks changed too much?
+            sample_patch(now_.smooth, active.pixel());  // the appearance may have changed too much
         if (last) fit = good_fit(*last, next, start, candidates[k].guess.warp);
         if (!fit) continue;
         best[i] = fit;
@@ -196,35 +199,35 @@ class FeatureTracker {
 
   void keep(const PreparedImage& next, const std::vector<std::optional<PatchFit>>& best,
             const std::vector<Patch>& patches) {
-    std::vector<Live> going;
+    std::vector<ActiveTrack> continued;
     cv::Mat taken(next.smooth.value.size(), CV_8U, cv::Scalar(0));
-    for (std::size_t i = 0; i < live_.size(); ++i) {  // older ones come first
-      Live& live = live_[i];
+    for (std::size_t i = 0; i < active_.size(); ++i) {  // older tracks have precedence
+      ActiveTrack& active = active_[i];
       const cv::Point at = best[i]
                                ? cv::Point(cvRound(best[i]->pixel.x()), cvRound(best[i]->pixel.y()))
                                : cv::Point();
       if (!best[i] || !images_.may_be_static(camera_, next.frame, best[i]->pixel, next.moving) ||
           taken.at<std::uint8_t>(at)) {
-        finish(std::move(live));
+        finish(std::move(active));
         continue;
       }
       cv::circle(taken, at, static_cast<int>(kNearest_px), cv::Scalar(255), cv::FILLED);
-      live.track.seen.push_back({camera_, next.frame, best[i]->pixel, best[i]->sigma_px});
-      live.patch = patches[i];
-      live.warp = best[i]->warp;
-      const double scale = std::sqrt(std::abs(live.warp.determinant()));
+      active.track.seen.push_back({camera_, next.frame, best[i]->pixel, best[i]->sigma_px});
+      active.patch = patches[i];
+      active.warp = best[i]->warp;
+      const double scale = std::sqrt(std::abs(active.warp.determinant()));
       if (scale > kLargestScale || scale < 1 / kLargestScale) {
-        const auto patch = sample_patch(next.smooth, live.pixel());
+        const auto patch = sample_patch(next.smooth, active.pixel());
         if (!patch) {
-          finish(std::move(live));
+          finish(std::move(active));
           continue;
         }
-        live.patch = *patch;
-        live.warp.setIdentity();
+        active.patch = *patch;
+        active.warp.setIdentity();
       }
-      going.push_back(std::move(live));
+      continued.push_back(std::move(active));
     }
-    live_ = std::move(going);
+    active_ = std::move(continued);
   }
 
   /// The best corner of each cell of the grid without a track.
@@ -238,8 +241,8 @@ class FeatureTracker {
     // OpenCV sums squared Sobel gradients (8 x gradient) times (1 / (4 block))^2 over block^2
     // pixels: 4 mean of gradient^2.
     const float least = 4 * kCornerLevels * kCornerLevels;
-    for (const Live& live : live_)
-      cv::circle(occupied, {cvRound(live.pixel().x()), cvRound(live.pixel().y())}, cell / 2,
+    for (const ActiveTrack& active : active_)
+      cv::circle(occupied, {cvRound(active.pixel().x()), cvRound(active.pixel().y())}, cell / 2,
                  cv::Scalar(255), cv::FILLED);
     const cv::Mat& usable = images_.usable[camera_][now_.frame];
     for (int top = 0; top < value.rows; top += cell)
@@ -257,7 +260,7 @@ class FeatureTracker {
         if (at.x < 0 || !images_.may_be_static(camera_, now_.frame, pixel, now_.moving)) continue;
         const auto patch = sample_patch(now_.smooth, pixel);
         if (!patch) continue;
-        live_.push_back({Track{{{camera_, now_.frame, pixel}}}, *patch});
+        active_.push_back({Track{{{camera_, now_.frame, pixel}}}, *patch});
         cv::circle(occupied, at, static_cast<int>(kNearest_px), cv::Scalar(255), cv::FILLED);
       }
   }
@@ -267,7 +270,7 @@ class FeatureTracker {
   const TrackOptions& options_;
   Camera model_;
   PreparedImage now_;
-  std::vector<Live> live_;
+  std::vector<ActiveTrack> active_;
   std::vector<Track> done_;
 };
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Points followed from image to image of one camera: corners (Shi, Tomasi 1994) on a grid,
-// pyramidal Lucas-Kanade from where the poses as recorded would have them, registration with the
+// Tracks features over the images of one camera: corners (Shi, Tomasi 1994) on a grid, pyramidal
+// Lucas-Kanade from the positions that the recorded poses predict, and registration with the
 // track's first patch.
 #pragma once
 
@@ -9,8 +9,7 @@
 
 namespace redrive {
 
-/// Tracks of two and more observations of one camera. Not yet checked against each other
-/// (drop_epipolar_outliers).
+/// Tracks of two and more observations of one camera, not yet checked by drop_epipolar_outliers.
 std::vector<Track> track_features(const RigImages& images, int camera, const TrackOptions& options);
 
 }  // namespace redrive

@@ -9,12 +9,12 @@
 namespace redrive {
 namespace {
 
-constexpr double kWarpSigma = 0.1;  // how well a warp's start is known
-constexpr double kNoise = 3;        // grey levels: what the warp's prior is weighed against
-constexpr double kSettled_px = 0.005;
-constexpr int kMostIterations = 20;
+constexpr double kWarpSigma = 0.1;  // prior of the warp
+constexpr double kNoise = 3;  // grey levels, relative to which the prior of the warp is weighted
+constexpr double kConverged_px = 0.005;
+constexpr int kMaxIterations = 20;
 
-/// Gaussian window: the middle counts more than what may be another surface.
+/// Gaussian window, since the border may show another surface.
 const std::array<float, kPatchSize * kPatchSize>& window() {
   static const auto weights = [] {
     std::array<float, kPatchSize * kPatchSize> w;
@@ -103,7 +103,7 @@ std::optional<PatchFit> fit_patch(const Patch& patch, const SmoothImage& image,
   PatchFit fit{start, start_warp};
   double gain = 1, shift = 0;
   const double prior = kNoise * kNoise / (kWarpSigma * kWarpSigma);
-  for (int iteration = 0; iteration < kMostIterations; ++iteration) {
+  for (int iteration = 0; iteration < kMaxIterations; ++iteration) {
     if (!inside(image.value, fit.pixel, fit.warp)) return std::nullopt;
     std::array<float, kPatchSize * kPatchSize> value;
     double mean = 0, cross = 0, square = 0;
@@ -153,7 +153,7 @@ std::optional<PatchFit> fit_patch(const Patch& patch, const SmoothImage& image,
     fit.warp += limit * (Eigen::Matrix2d() << step[2], step[3], step[4], step[5]).finished();
     if ((fit.pixel - start).norm() > max_move_px || (fit.warp - start_warp).norm() > 1)
       return std::nullopt;
-    if (step.head<2>().norm() < kSettled_px) {
+    if (step.head<2>().norm() < kConverged_px) {
       const double variance = std::max(residuals / sum_w, 1.0);
       const Eigen::Matrix<double, 8, 2> of_pixel =
           solver.solve(Eigen::Matrix<double, 8, 2>::Identity());

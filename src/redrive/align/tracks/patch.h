@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where a small patch of one image lies in another, to a fraction of a pixel: position, affine
-// warp, gain and offset of brightness by Gauss-Newton (Lucas, Kanade 1981; Shi, Tomasi, "Good
-// features to track", 1994). Registering each image with the patch of a track's first one keeps
-// errors from adding up from frame to frame.
+// Registers a small patch of one image in another to a fraction of a pixel: position, affine warp,
+// gain and offset of brightness by Gauss-Newton (Lucas, Kanade 1981; Shi, Tomasi, "Good features to
+// track", 1994). Registering each image with the patch of a track's first one keeps errors from
+// accumulating from frame to frame.
 #pragma once
 
 #include <array>
@@ -16,8 +16,8 @@ namespace redrive {
 inline constexpr int kPatchHalf = 7;  // 15 x 15 pixels
 inline constexpr int kPatchSize = 2 * kPatchHalf + 1;
 
-/// An image as patches are registered in it: smoothed by a Gaussian of 0.7 px (so that linear
-/// interpolation is exact to about 0.01 px), and its gradient. Floats, [height, width].
+/// An image smoothed by a Gaussian of 0.7 px, so that linear interpolation is exact to about 0.01
+/// px, and its gradient. Floats, [height, width].
 struct SmoothImage {
   cv::Mat value, dx, dy;
 };
@@ -35,13 +35,12 @@ struct PatchFit {
   Eigen::Vector2d pixel;
   Eigen::Matrix2d warp;    ///< pixels of the image per pixel of the patch
   double correlation = 0;  ///< of the patch and the image in it, -1..1, weighted as the fit is
-  double sigma_px =
-      0;  ///< standard deviation of the pixel that the residual's size makes: large on an edge
+  double sigma_px = 0;     ///< standard deviation of the pixel from the residuals: large on an edge
 };
 
 /// Fits image(pixel + warp offset) = gain patch(offset) + shift from a start within a few pixels.
-/// The warp is held to its start (as if that were known to 0.1). Nothing where the fit leaves the
-/// image, moves by more than max_move_px or does not settle.
+/// The warp has a prior of 0.1 around its start. Nothing where the fit leaves the image, moves by
+/// more than max_move_px or does not converge.
 std::optional<PatchFit> fit_patch(const Patch& patch, const SmoothImage& image,
                                   const Eigen::Vector2d& start, const Eigen::Matrix2d& start_warp,
                                   double max_move_px);

@@ -11,13 +11,12 @@
 namespace redrive {
 namespace {
 
-constexpr int kWidest = 800;  // wider images are looked at smaller, too: noise averages out, and
-                              // blurred points become sharp
+constexpr int kWidest = 800;  // wider images are also tracked at a smaller size: noise averages
+                              // out, and blurred features become sharp
 constexpr double kSame_px =
-    4;  // of the smaller image: tracks that share an image this close are of one point
+    4;  // of the smaller image: tracks this close in one image are of the same point
 
-/// Tracks of the full images, and those of the smaller ones that say something new; in pixels of
-/// the smaller ones.
+/// Tracks of the full images and new ones of the smaller images, in pixels of the smaller ones.
 std::vector<Track> track_at_both_sizes(const RigImages& full, const RigImages& small, int camera,
                                        const TrackOptions& options) {
   std::vector<Track> tracks = track_features(full, camera, options);
@@ -42,13 +41,13 @@ std::vector<Track> track_at_both_sizes(const RigImages& full, const RigImages& s
   return tracks;
 }
 
-bool plenty(const RigImages& images, int camera, const TrackOptions& options,
-            const std::vector<Track>& tracks) {
+bool has_few(const RigImages& images, int camera, const TrackOptions& options,
+             const std::vector<Track>& tracks) {
   std::size_t points = 0;
   for (const Track& track : tracks) points += track.seen.size();
   const auto with_image =
       std::ranges::count_if(images.grey[camera], [](const cv::Mat& grey) { return !grey.empty(); });
-  return points >= static_cast<std::size_t>(options.plenty * with_image);
+  return points < static_cast<std::size_t>(options.few * with_image);
 }
 
 }  // namespace
@@ -60,14 +59,14 @@ RigImages load_track_images(const Recording& recording, ThreadPool& pool,
 
 std::vector<Track> find_tracks(const RigImages& full, ThreadPool& pool,
                                const TrackOptions& options) {
-  cv::setNumThreads(1);  // the cameras are what is done in parallel
+  cv::setNumThreads(1);  // cameras run in parallel
   const RigImages images = downscaled_to_width(full, kWidest, kPatchHalf, pool);
   std::vector<std::vector<Track>> of_camera(images.cameras());
   std::vector<TrackOptions> camera_options(images.cameras(), options);
   pool.run(images.cameras(), [&](int c) {
     of_camera[c] = track_at_both_sizes(full, images, c, camera_options[c]);
-    if (!plenty(images, c, options,
-                of_camera[c])) {  // weak points are better than none; sigma_px says that they are
+    if (has_few(images, c, options,
+                of_camera[c])) {  // weak features are better than none; sigma_px weights them
       camera_options[c].max_sigma_px = options.relaxed_max_sigma_px;
       of_camera[c] = track_at_both_sizes(full, images, c, camera_options[c]);
     }

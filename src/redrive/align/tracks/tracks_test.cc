@@ -7,6 +7,7 @@
 #include <gtest/gtest.h>
 
 #include "redrive/align/textured_drive_testing.h"
+#include "redrive/align/tracks/triangulate.h"
 
 namespace redrive {
 namespace {

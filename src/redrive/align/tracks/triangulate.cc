@@ -4,7 +4,6 @@
 #include <Eigen/Cholesky>
 
 #include "redrive/base/error.h"
-#include "redrive/recording/trajectory.h"
 
 namespace redrive {
 namespace {
@@ -81,14 +80,6 @@ struct Problem {
 };
 
 }  // namespace
-
-Rigid3d world_from_camera_at(const Recording& recording, const Rigid3d& world_from_global,
-                             int camera, int frame) {
-  const CameraCalibration& calibration = recording.cameras[camera].calibration;
-  return world_from_global *
-         pose_at(recording.frames, recording.frames[frame].t_ns + calibration.time_offset_ns) *
-         calibration.body_from_sensor;
-}
 
 std::optional<Eigen::Vector2d> reprojection_residual(const Eigen::Vector3d& in_world,
                                                      const Observation& observation,

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where the point of a track is: the linear start on its rays, then Gauss-Newton on the distance in
-// pixels.
+// Triangulates tracks with known poses: a linear start, then Gauss-Newton on reprojection errors.
 #pragma once
 
 #include <optional>
@@ -13,18 +12,11 @@
 namespace redrive {
 
 struct TriangulateOptions {
-  double min_angle_rad =
-      0.005;              ///< between the two most different rays to the point; below: no depth
-  double outlier_px = 3;  ///< an observation farther from the point than this has no say
+  double min_angle_rad = 0.005;  ///< between the two most different rays; below, there is no depth
+  double outlier_px = 3;         ///< scale of the robust loss
 };
 
-/// Where the camera was when it took the image of `frame`: its pose at the image's own time.
-/// `world_from_global`: any frame near the drive, usually the inverse of the first pose.
-Rigid3d world_from_camera_at(const Recording& recording, const Rigid3d& world_from_global,
-                             int camera, int frame);
-
-/// Distance in pixels from an observation to the image of the point; nothing where the camera does
-/// not see the point.
+/// Projection minus observation, pixels; nothing where the camera does not see the point.
 std::optional<Eigen::Vector2d> reprojection_residual(const Eigen::Vector3d& in_world,
                                                      const Observation& observation,
                                                      const Rigid3d& world_from_camera,
@@ -33,9 +25,9 @@ std::optional<Eigen::Vector2d> reprojection_residual(const Eigen::Vector3d& in_w
 /// The point of `track` in the world, metres. world_from_camera[i] belongs to track.seen[i],
 /// cameras[c] to camera c of the recording. Minimises sum rho(|residual|), rho the Geman-McClure
 /// function with the scale outlier_px, from the best of several starts, so that less than half of
-/// three or more observations may be wrong. Nothing: parallax below min_angle_rad, the point behind
-/// a camera, or fewer than two observations within outlier_px (of two observations both, of more at
-/// least half).
+/// three or more observations may be outliers. Nothing: parallax below min_angle_rad, the point
+/// behind a camera, or fewer than two observations within outlier_px (of two observations both, of
+/// more at least half).
 std::optional<Eigen::Vector3d> triangulate(const Track& track,
                                            std::span<const Rigid3d> world_from_camera,
                                            std::span<const Camera> cameras,

@@ -112,21 +112,5 @@ TEST_F(Triangulate, MinimisesTheDistanceInPixels) {
       EXPECT_GT(cost(*found + step * Eigen::Vector3d::Unit(d)), cost(*found));
 }
 
-TEST(WorldFromCameraAt, IsThePoseAtTheImagesOwnTime) {
-  Recording recording;
-  recording.cameras.resize(1);
-  recording.cameras[0].calibration = pinhole();
-  recording.cameras[0].calibration.body_from_sensor = Eigen::Translation3d(1, 2, 3);
-  recording.cameras[0].calibration.time_offset_ns = 25'000'000;
-  const Rigid3d far(Eigen::Translation3d(4e6, 1e6, 4e6));
-  recording.frames = {{0, 0, far}, {1, 100'000'000, far * Eigen::Translation3d(8, 0, 0)}};
-  const Eigen::Vector3d of_first =
-      world_from_camera_at(recording, far.inverse(), 0, 0).translation();
-  const Eigen::Vector3d of_second =
-      world_from_camera_at(recording, far.inverse(), 0, 1).translation();
-  EXPECT_LT((of_first - Eigen::Vector3d(1 + 2, 2, 3)).norm(), 1e-8);
-  EXPECT_LT((of_second - Eigen::Vector3d(1 + 10, 2, 3)).norm(), 1e-8);  // the motion goes on
-}
-
 }  // namespace
 }  // namespace redrive
