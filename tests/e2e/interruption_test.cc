@@ -23,8 +23,8 @@ void expect_same_end(const fs::path& a, const fs::path& b) {
                    y = load_checkpoint(b / "checkpoint.safetensors");
   EXPECT_EQ(x.step, y.step);
   EXPECT_TRUE(bit_equal(x.model->parameters, y.model->parameters));
-  EXPECT_TRUE(bit_equal(x.first_moment, y.first_moment));
-  EXPECT_TRUE(bit_equal(x.second_moment, y.second_moment));
+  EXPECT_TRUE(bit_equal(x.adam.first_moment, y.adam.first_moment));
+  EXPECT_TRUE(bit_equal(x.adam.second_moment, y.adam.second_moment));
   const std::vector<MetricsRow> p = read_metrics({a}), q = read_metrics({b});
   ASSERT_EQ(p.size(), q.size());
   for (std::size_t i = 0; i < p.size(); ++i) {

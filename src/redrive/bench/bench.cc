@@ -107,37 +107,49 @@ class Runner {
   const std::function<void(const Result&)>& on_result_;
 };
 
+/// A method, and how large its networks and rays are.
+struct Size {
+  const char* method;
+  int width, samples;
+};
+
 /// From pixels to Adam.
 void time_step(Runner& runner, kernels::Backend& backend, const SyntheticDrive& drive,
-               const std::string& name, const TrainOptions& options, double forward_macs) {
+               const std::string& name, const Size& size, double forward_macs) {
   if (!runner.wanted(name)) return;
   const PixelSampler sampler(drive.scene, drive.images, 1);
-  TrainState state = make_initial_state(options, drive.scene);
-  RayBatch batch;
+  const LidarReturns no_lidar;
+  const TrainingSet data{drive.scene, drive.images, no_lidar, sampler};
+  TrainState state =
+      make_initial_state(options_of(size.method, size.width, size.samples), drive.scene);
+  const int rays = dynamic_cast<const RayModel&>(*state.model).batch_rays;
   StepBuffers buffers;
-  const double samples = 1.0 * options.batch_rays * options.samples,
-               numbers = static_cast<double>(state.model->size());
-  // Each parameter is read and its gradient added to, then Adam. Of a grid's nobody knows how many
-  // rows a batch comes near: the gradients that Adam looks at are there for all.
-  const double of_number =
-                   options.method == "grid" ? kNumber : kNumber + kGradientBytes + kAdamBytes,
-               bytes = (kRayBytes + kColourBytes) / options.samples + numbers * of_number / samples;
+  const double samples = 1.0 * rays * size.samples,
+               parameters = static_cast<double>(state.model->size());
+  // Each parameter is read and its gradient added to, then Adam. How many rows of a grid a batch
+  // comes near is not known: of lazy Adam only the gradients that it looks at count.
+  const bool lazy = state.model->adam_groups(0, 1).front().step.lazy;
+  const double of_parameter = lazy ? kNumber : kNumber + kGradientBytes + kAdamBytes,
+               bytes =
+                   (kRayBytes + kColourBytes) / size.samples + parameters * of_parameter / samples;
   runner.time(name, samples, {3 * 2 * forward_macs, bytes}, [&] {
-    gather_batch(backend, sampler, options.batch_rays, 0, &state, &batch, &buffers);
-    train_step(backend, batch, options.learning_rate, &state, &buffers);
+    StepRequest request = next_step(state);
+    request.pixels = rays;
+    train_step(backend, data, request, state.model->learning_rate({}), &state, &buffers);
   });
 }
 
 void time_render(Runner& runner, kernels::Backend& backend, const SyntheticDrive& drive,
-                 const std::string& name, const TrainOptions& options, double forward_macs,
+                 const std::string& name, const Size& size, double forward_macs,
                  const std::string& filter) {
   if (!runner.wanted(name)) return;
-  // The oracle would take hours; a filter that names the image runs it all the same.
+  // The reference backend would take hours; a filter that names the image runs it all the same.
   if (backend.name() == "ref" && filter.empty()) return;
-  const TrainState state = make_initial_state(options, drive.scene);
+  const TrainState state =
+      make_initial_state(options_of(size.method, size.width, size.samples), drive.scene);
   const Camera& camera = drive.scene.rig[0].camera;
-  const double samples = 1.0 * camera.width * camera.height * options.samples,
-               bytes = (kRayBytes + kRenderedRayBytes) / options.samples +
+  const double samples = 1.0 * camera.width * camera.height * size.samples,
+               bytes = (kRayBytes + kRenderedRayBytes) / size.samples +
                        kNumber * static_cast<double>(state.model->size()) / samples;
   runner.time(name, samples, {2 * forward_macs, bytes}, [&] {
     render_image(backend, *state.model, camera,
@@ -180,7 +192,7 @@ void time_kernels(Runner& runner, kernels::Backend& backend, const SyntheticDriv
   runner.time("kernel/adam", static_cast<double>(b.gradients.size()), {kAdamFlops, kAdamBytes},
               [&] {
                 backend.adam(adam_step(5e-4, 1), b.gradients, b.state.model->parameters,
-                             b.state.first_moment, b.state.second_moment);
+                             b.state.adam.first_moment, b.state.adam.second_moment);
               });
 }
 
@@ -240,8 +252,7 @@ Report run(kernels::Backend& backend, const Options& options,
 
   Runner runner(backend, options, &report, on_result);
   const SyntheticDrive drive = make_synthetic_drive();
-  const TrainOptions wide = options_of("nerf", 256, 96), narrow = options_of("nerf", 128, 48),
-                     grid = options_of("grid", 32, 24);
+  constexpr Size wide{"nerf", 256, 96}, narrow{"nerf", 128, 48}, grid{"grid", 32, 24};
   const double wide_macs = nerf_macs_per_sample({wide.width}),
                narrow_macs = nerf_macs_per_sample({narrow.width}),
                grid_macs = grid_macs_per_sample(GridModel{}.field);

@@ -49,9 +49,9 @@ SyntheticDrive make_synthetic_drive() {
 TrainOptions options_of(const std::string& method, int width, int samples) {
   TrainOptions options;
   options.method = method;
-  options.width = width;
-  options.samples = samples;
-  apply_preset(&options, {"width", "samples"});
+  options.set("width", width);
+  options.set("samples", samples);
+  apply_preset(&options, {});
   return options;
 }
 
@@ -83,7 +83,7 @@ KernelBatch::KernelBatch(kernels::Backend& backend, const SyntheticDrive& drive,
   opacity = Buffer<float>(rays.n);
   for (const Buffer<float>* numbers :
        {&t, &dt, &raw, &d_raw, &rgb, &depth, &opacity, &d_rgb, &gradients, &state.model->parameters,
-        &state.first_moment, &state.second_moment})
+        &state.adam.first_moment, &state.adam.second_moment})
     kernels::make_resident(backend, *numbers);
 }
 

@@ -115,7 +115,7 @@ int render_one(const RenderOptions& options) {
       shifted_camera(run.scene.global_from_world, *pose, camera.body_from_sensor, axes, shift_m);
   const auto backend = make_checked_backend(options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
-  check_device_memory(run, *backend, {.tile_rays = max_tile_rays(*run.state.model)});
+  check_device_memory(run, *backend, run.state.model->rendering_work());
   const RenderedImage image =
       render_image(*backend, *run.state.model, camera.camera, world_from_camera,
                    exposure_of(options, run, camera.name, frame));
@@ -155,7 +155,7 @@ int render_poses(const RenderOptions& options) {
 
   const auto backend = make_checked_backend(options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
-  check_device_memory(run, *backend, {.tile_rays = max_tile_rays(*run.state.model)});
+  check_device_memory(run, *backend, run.state.model->rendering_work());
   for (std::size_t i = 0; i < poses.views.size(); ++i) {
     const fs::path file = out / poses.views[i].file;
     const RenderedImage image = render_image(*backend, *run.state.model, cameras[i]->camera,

@@ -22,7 +22,7 @@ struct ResumeArguments {
   std::map<std::string, std::string> given;
 };
 
-const TrainField& field_named(const std::string& name) {
+TrainField field_named(const std::string& name) {
   for (const TrainField& field : train_fields())
     if (field.name == name) return field;
   throw std::logic_error("no training option " + name);
@@ -40,7 +40,7 @@ int run_resume(const ResumeArguments& arguments) {
     ThreadPool pool(team.backends.front()->threads());
     return load_training_data(run, pool);
   }();
-  if (!arguments.given.empty()) write_config(run.paths, run.options);
+  if (!arguments.given.empty()) write_config(run.paths, run.options, run.state.model.get());
   print_summary(run, training, team);
   return train_to_end(&run, training, team, stop);
 }

@@ -18,13 +18,14 @@ namespace redrive {
 namespace {
 
 struct TrainArguments {
-  std::map<std::string, std::string> given;  ///< by field name; a flag has an empty value
+  /// By name of the field; a flag has an empty value, only a field that repeats has several.
+  std::map<std::string, std::vector<std::string>> given;
   std::string out;
 };
 
 std::vector<std::string> given_names(const TrainArguments& arguments) {
   std::vector<std::string> names;
-  for (const auto& [name, value] : arguments.given) names.push_back(name);
+  for (const auto& [name, values] : arguments.given) names.push_back(name);
   return names;
 }
 
@@ -32,7 +33,7 @@ TrainOptions parse_options(const TrainArguments& arguments) {
   TrainOptions options;
   for (const TrainField& field : train_fields())
     if (const auto found = arguments.given.find(field.name); found != arguments.given.end())
-      field.parse(options, found->second);
+      for (const std::string& value : found->second) field.parse(options, value);
   apply_preset(&options, given_names(arguments));
   if (options.recording.empty()) throw UsageError("RECORDING", "", "must name a folder");
   std::error_code error;
@@ -85,6 +86,7 @@ int run_train(const TrainArguments& arguments) {
   resolve_bounds(&run.options, given_names(arguments), run.recording);
   run.scene = make_scene(run.recording, scene_options(run.options));
   run.state = make_initial_state(run.options, run.scene);
+  record_hyperparameters(*run.state.model, &run.options);
   const std::atomic<bool>& stop = stop_on_signal();
   check_run_memory(run, team);
   const TrainingData training = [&] {
@@ -92,12 +94,15 @@ int run_train(const TrainArguments& arguments) {
     return prepare_training_data(run, pool);
   }();
   // Only now, when nothing about the input can be wrong any more, is something written.
-  run.paths = create_run(arguments.out, run.options, [&](const RunPaths& paths) {
-    write_run_masks(paths, training, run.scene);
-    if (poses) write_pose_files(paths.poses(), poses->files);
-    if (poses && poses->alignment)
-      write_align_page(paths.poses(), poses->recording, *poses->alignment);
-  });
+  run.paths = create_run(
+      arguments.out, run.options,
+      [&](const RunPaths& paths) {
+        write_run_masks(paths, training, run.scene);
+        if (poses) write_pose_files(paths.poses(), poses->files);
+        if (poses && poses->alignment)
+          write_align_page(paths.poses(), poses->recording, *poses->alignment);
+      },
+      run.state.model.get());
   const RunLock lock(run.paths.root);
   print_summary(run, training, team);
   return train_to_end(&run, training, team, stop);
@@ -109,9 +114,19 @@ Action configure_train(CLI::App& command) {
   auto arguments = std::make_shared<TrainArguments>();
   for (const TrainField& field : train_fields()) {
     const auto take = [arguments, name = field.name](const std::string& value) {
-      arguments->given[name] = value;
+      arguments->given[name] = {value};
     };
-    if (field.name == "recording")
+    if (field.repeats)
+      command
+          .add_option_function<std::vector<std::string>>(
+              "--" + field.name,
+              [arguments, name = field.name](const std::vector<std::string>& values) {
+                arguments->given[name] = values;
+              },
+              field.help)
+          ->expected(1)
+          ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
+    else if (field.name == "recording")
       command.add_option_function<std::string>("RECORDING", take, field.help)->required();
     else if (field.is_flag)
       command.add_flag_callback(

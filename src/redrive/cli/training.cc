@@ -61,7 +61,8 @@ void print_summary(const Run& run, const TrainingData& training,
                    const kernels::BackendGroup& team) {
   std::printf("%s", kernels::describe(*team.backends.front()).c_str());
   if (team.backends.size() > 1)
-    std::printf(" gpus=%zu, %d rays a step each", team.backends.size(), run.options.batch_rays);
+    std::printf(" gpus=%zu, %s a step each", team.backends.size(),
+                run.state.model->describe_batch().c_str());
   std::printf("\n");
   for (const Finding& finding : run.recording.findings)
     std::printf("note: %s: %s\n", finding.subject.c_str(), finding.what.c_str());

@@ -128,7 +128,7 @@ Score score_image(kernels::Backend& backend, const RenderedImage& rendered, cons
 }
 
 DeviceWork work_of_evaluation(const Run& run) {
-  DeviceWork work{.tile_rays = max_tile_rays(*run.state.model)};
+  DeviceWork work = run.state.model->rendering_work();
   // Novel views are taken to have no larger pictures.
   const auto pixels = [](const RigCamera& rig) {
     return std::int64_t{rig.camera.width} * rig.camera.height;
@@ -137,8 +137,8 @@ DeviceWork work_of_evaluation(const Run& run) {
   work.scored_width = largest.width;
   work.scored_height = largest.height;
   if (run.state.poses.refines() && std::ranges::any_of(run.scene.views, &View::held_out)) {
-    work.step_rays = kMaxAlignedRays;
-    work.refines = true;
+    work.step_pixels = kMaxAlignedRays;
+    work.pose_gradients = true;
   }
   return work;
 }

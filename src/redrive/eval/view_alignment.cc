@@ -47,18 +47,19 @@ ViewAlignment align_views(const Run& run, kernels::Backend& backend,
   std::vector<float> unused(run.state.model->size());  // the field stays
   const int rays =
       static_cast<int>(std::min<std::size_t>(kRaysOfView * views.size(), kMaxAlignedRays));
-  RayBatch batch;
-  Workspace workspace;
-  std::uint64_t drawn = 0;
+  const LidarReturns no_lidar;
+  const TrainingSet data{turned, images, no_lidar, sampler};
+  StepBuffers buffers;
+  StepRequest request;
+  request.seed = run.options.seed;
+  request.pixels = rays;
+  request.pose_gradients = true;
   for (int step = 0; step < kSteps; ++step) {
-    sampler.gather(drawn, rays, &batch);
-    drawn += static_cast<std::uint64_t>(batch.n);
-    batch.refines = true;
-    const StepOutput losses =
-        run.state.model->gradients(backend, batch, run.options.seed, step, unused, &workspace);
-    const std::vector<ViewGradient> of_views = view_gradients(turned, batch, losses);
+    request.step = step;
+    const StepOutput output = run.state.model->step(backend, data, request, unused, &buffers);
+    request.pixels_drawn += static_cast<std::uint64_t>(output.pixels);
     for (const std::size_t v : views) {
-      const Vector6d six = in_body(turned, turned.views[v], of_views[v]);
+      const Vector6d six = in_body(turned, turned.views[v], output.views[v]);
       for (int k = 0; k < 6; ++k) gradient[6 * v + k] = six[k];
     }
     const PoseRates rates = pose_rates(kFirstRate_m * std::pow(kLastRate, step / (kSteps - 1.0)));

@@ -27,7 +27,7 @@ RayBatch batch_of(int n, bool refines) {
 
 /// What the loops take: of the same work, but place by place where a GPU's blocks are cut from one
 /// (kernels/device/arena.h).
-std::size_t taken(const Model& model, const DeviceWork& work, bool tensor_cores) {
+std::size_t taken(const RayModel& model, const DeviceWork& work, bool tensor_cores) {
   kernels::TransferCounts copies;
   const auto backend = kernels::make_loop_backend(&copies, tensor_cores);
   Workspace workspace;
@@ -38,19 +38,19 @@ std::size_t taken(const Model& model, const DeviceWork& work, bool tensor_cores)
     for (auto& moment : moments) moment = backend->make_resident(gradients.span());
   }
   for (int again = 0; again < 2; ++again) {
-    if (work.step_rays > 0)
-      model.gradients(*backend, batch_of(work.step_rays, work.refines), 1, again, gradients,
-                      &workspace);
+    if (work.step_pixels > 0)
+      model.gradients(*backend, batch_of(work.step_pixels, work.pose_gradients), 1, again,
+                      gradients, &workspace);
     if (work.lidar_rays > 0) {
       RayBatch lidar = batch_of(work.lidar_rays, false);
       lidar.range_m.assign(work.lidar_rays, 2.0f);
       model.range_gradients(*backend, lidar, 1, again, gradients, &workspace);
     }
-    if (work.tile_rays > 0) {
-      const std::size_t n = work.tile_rays;
+    if (work.tile_pixels > 0) {
+      const std::size_t n = work.tile_pixels;
       std::vector<float> rgb(3 * n), depth(n), opacity(n);
-      model.render(*backend, batch_of(work.tile_rays, false), {rgb, depth, opacity, {}},
-                   &workspace);
+      model.render_rays(*backend, batch_of(work.tile_pixels, false), {rgb, depth, opacity, {}},
+                        &workspace);
     }
     if (work.scored_width > 0) {
       const std::size_t n = static_cast<std::size_t>(work.scored_width) * work.scored_height;
@@ -62,16 +62,16 @@ std::size_t taken(const Model& model, const DeviceWork& work, bool tensor_cores)
   return copies.peak_bytes;
 }
 
-void expect_what_is_taken(const Model& model) {
+void expect_what_is_taken(const RayModel& model) {
   for (const bool tensor_cores : {true, false})
     for (const DeviceWork& work :
-         {DeviceWork{.step_rays = 200, .trains = true},
-          DeviceWork{.step_rays = 200, .refines = true},
-          DeviceWork{.step_rays = 50, .lidar_rays = 300, .trains = true},
-          DeviceWork{.tile_rays = 400},
-          DeviceWork{.tile_rays = 40, .scored_width = 90, .scored_height = 70}}) {
-      SCOPED_TRACE(std::to_string(work.step_rays) + " rays, " + std::to_string(work.lidar_rays) +
-                   " of LiDAR, " + std::to_string(work.tile_rays) + " of a tile, scored " +
+         {DeviceWork{.step_pixels = 200, .trains = true},
+          DeviceWork{.step_pixels = 200, .pose_gradients = true},
+          DeviceWork{.step_pixels = 50, .lidar_rays = 300, .trains = true},
+          DeviceWork{.tile_pixels = 400},
+          DeviceWork{.tile_pixels = 40, .scored_width = 90, .scored_height = 70}}) {
+      SCOPED_TRACE(std::to_string(work.step_pixels) + " rays, " + std::to_string(work.lidar_rays) +
+                   " of LiDAR, " + std::to_string(work.tile_pixels) + " of a tile, scored " +
                    std::to_string(work.scored_width) + " pixels wide, tensor cores " +
                    std::to_string(tensor_cores));
       const auto backend = kernels::make_loop_backend(nullptr, tensor_cores);
@@ -106,7 +106,7 @@ TEST(DeviceMemory, WhatIsKeptStaysKeptAndAsItWas) {
   kernels::make_resident(*backend, model.parameters);
   const void* const kept = model.parameters.resident.get();
   const float first = model.parameters[0];
-  EXPECT_TRUE(count_device_bytes(*backend, model, {.step_rays = 10, .tile_rays = 10}));
+  EXPECT_TRUE(count_device_bytes(*backend, model, {.step_pixels = 10, .tile_pixels = 10}));
   EXPECT_EQ(model.parameters.resident.get(), kept);
   EXPECT_EQ(model.parameters[0], first);
 }
@@ -114,7 +114,7 @@ TEST(DeviceMemory, WhatIsKeptStaysKeptAndAsItWas) {
 TEST(DeviceMemory, OfTheHostIsNotADevices) {
   GridModel model;
   make_tiny(model);
-  EXPECT_FALSE(count_device_bytes(*kernels::make_ref_backend(), model, {.tile_rays = 10}));
+  EXPECT_FALSE(count_device_bytes(*kernels::make_ref_backend(), model, {.tile_pixels = 10}));
   EXPECT_FALSE(kernels::make_ref_backend()->free_memory());
 }
 

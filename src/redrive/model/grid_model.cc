@@ -10,18 +10,6 @@ namespace redrive {
 
 namespace {
 
-constexpr int kRaysPerTaughtRay = 4;
-
-// A surface may first be found anywhere near a return, in the end within what the range and the
-// time of a point leave uncertain.
-constexpr float kFirstSpread_m = 1, kLastSpread_m = 0.1f, kSpreadHalvesIn = 300;  // m, m, steps
-
-/// A ray on which the proposals see less than this is taken for empty: at most two and a half steps
-/// of 255.
-constexpr float kEmptyOpacity = 0.01f;
-/// Of those in training, so that what grows there is seen.
-constexpr float kEmptyRaysKept = 1 / 16.0f;
-
 /// One ray for each group: the middle of its rays, as wide as they are together.
 RayBatch middles_of_groups(const RayBatch& batch) {
   RayBatch out;
@@ -198,8 +186,8 @@ void GridModel::find_live(kernels::Backend& backend, const Chance* chance, Pass*
   kernels::GridStages& stages = backend.grid();
   const Beams& all = pass->all;
   const Round& round = pass->proposal[1];
-  kernels::RayCompaction how{kEmptyOpacity};
-  if (chance) how = {kEmptyOpacity, kEmptyRaysKept, chance->of_empty};
+  kernels::RayCompaction how{min_active_opacity};
+  if (chance) how = {min_active_opacity, keep_probability, chance->of_empty};
   const auto list = workspace->take<std::uint32_t>(all.rays.n);
   const int n = stages.compact_rays(all.rays.n, round.intervals.per_ray, round.weights, how, list);
   if (n < all.rays.n) pass->live_rays = list.first(n);
@@ -258,8 +246,8 @@ GridModel::Pass GridModel::forward(kernels::Backend& backend, const RayBatch& ba
   return pass;
 }
 
-void GridModel::render(kernels::Backend& backend, const RayBatch& batch,
-                       const kernels::CompositeOut& out, Workspace* workspace) const {
+void GridModel::render_rays(kernels::Backend& backend, const RayBatch& batch,
+                            const kernels::CompositeOut& out, Workspace* workspace) const {
   const std::size_t rays = batch.n;
   workspace->begin(backend);
   const auto rgb = workspace->take(3 * rays), depth = workspace->take(rays),
@@ -271,9 +259,9 @@ void GridModel::render(kernels::Backend& backend, const RayBatch& batch,
   workspace->get(opacity, out.opacity);
 }
 
-StepOutput GridModel::gradients(kernels::Backend& backend, const RayBatch& batch,
-                                std::uint64_t seed, std::int64_t step, std::span<float> gradients,
-                                Workspace* workspace) const {
+RayGradientsOutput GridModel::gradients(kernels::Backend& backend, const RayBatch& batch,
+                                        std::uint64_t seed, std::int64_t step,
+                                        std::span<float> gradients, Workspace* workspace) const {
   kernels::GridStages& stages = backend.grid();
   const std::size_t rays = batch.n;
   workspace->begin(backend);
@@ -284,9 +272,9 @@ StepOutput GridModel::gradients(kernels::Backend& backend, const RayBatch& batch
   const Chance chance(seed, kStreamSamples, step, batch);
   const Pass pass = forward(backend, batch, &chance, out, workspace);
 
-  StepOutput losses;
+  RayGradientsOutput losses;
   losses.active_rays = pass.live.rays.n;
-  LossTerms& sums = workspace->sums();
+  StepSums& sums = workspace->sums();
   backend.mean(opacity, &sums.opacity);
   const auto target = workspace->put(std::span(batch.target).first(3 * rays)),
              weight = workspace->put(batch.weight);
@@ -298,10 +286,10 @@ StepOutput GridModel::gradients(kernels::Backend& backend, const RayBatch& batch
                      target,
                      weight,
                      huber_delta},
-                    d_rgb, squares, part_of(gradients, kAppearance), &sums.colours);
+                    d_rgb, squares, part_of(gradients, kAppearance), &sums.terms[kColourLoss]);
   if (batch.error_map_rays > 0)
     backend.mean(squares.first(rays - batch.error_map_rays), &sums.rgb_mse);
-  losses.squares = squares;
+  losses.squared_errors = squares;
 
   const auto d_raw = workspace->take(pass.raw.size()),
              d_field = workspace->take(batch.refines ? 3 * pass.field.points.n : 0),
@@ -310,13 +298,13 @@ StepOutput GridModel::gradients(kernels::Backend& backend, const RayBatch& batch
   const auto d_seen = pass.of_live(stages, kernels::RayLayout::kColumns, 3, d_rgb, workspace);
   backend.composite_backward(losses.active_rays, pass.samples, pass.raw, pass.background_of_live,
                              {d_seen, {}}, d_raw);
-  if (empty_space >
+  if (sparsity_weight >
       0) {  // of the mean over all rays the live ones' part: the others have nothing to lose
     const std::size_t points = pass.field.points.n;
     const float part =
-        empty_space * static_cast<float>(losses.active_rays) / static_cast<float>(rays);
+        sparsity_weight * static_cast<float>(losses.active_rays) / static_cast<float>(rays);
     stages.sparsity_loss(losses.active_rays, pass.field.intervals, pass.raw.last(points), part,
-                         d_raw.last(points), &sums.empty_space);
+                         d_raw.last(points), &sums.terms[kSparsityLoss]);
   }
   backward_field(backend, pass, d_raw, gradients, d_field, workspace);
   if (batch.refines) backward_rays(backend, pass, d_field, d_origin, d_direction, workspace);
@@ -327,7 +315,8 @@ StepOutput GridModel::gradients(kernels::Backend& backend, const RayBatch& batch
   losses.d_direction.resize(d_direction.size());
   workspace->get(d_origin, losses.d_origin);
   workspace->get(d_direction, losses.d_direction);
-  backward_proposals(backend, pass, weights, gradients, sums.proposals, workspace);
+  backward_proposals(backend, pass, weights, gradients,
+                     std::span(sums.terms).subspan(kProposalLoss, 2), workspace);
   return losses;
 }
 
@@ -346,9 +335,10 @@ void GridModel::range_gradients(kernels::Backend& backend, const RayBatch& batch
              d_weights = workspace->take(count), d_raw = workspace->take(4 * count);
   stages.weights(batch.n, pass.intervals, density, weights);
   const float spread_m = std::max(
-      kLastSpread_m, kFirstSpread_m * std::exp2(-static_cast<float>(step) / kSpreadHalvesIn));
+      last_range_spread_m,
+      first_range_spread_m * std::exp2(-static_cast<float>(step) / range_spread_half_life));
   stages.range_loss(batch.n, pass.intervals, weights, workspace->put(batch.range_m), spread_m,
-                    kRangeWeight, d_weights, &workspace->sums().range);
+                    range_weight, d_weights, &workspace->sums().terms[kLidarLoss]);
   backend.fill(d_raw.first(3 * count), 0);  // nobody asks for the colour
   stages.weights_backward(batch.n, pass.intervals, density, weights, d_weights,
                           d_raw.subspan(3 * count));
@@ -386,7 +376,7 @@ void GridModel::backward_proposals(kernels::Backend& backend, const Pass& pass,
                                    std::span<const float> weights, std::span<float> gradients,
                                    std::span<double> losses, Workspace* workspace) const {
   kernels::GridStages& stages = backend.grid();
-  const int taught = std::max(1, pass.all.rays.n / kRaysPerTaughtRay);
+  const int taught = std::max(1, pass.all.rays.n / rays_per_proposal_ray);
   const auto of_taught = [&](const kernels::Intervals& all) {
     return kernels::Intervals{
         all.per_ray, all.edges.first(static_cast<std::size_t>(taught) * (all.per_ray + 1))};

@@ -11,15 +11,15 @@
 #include "redrive/field/contraction.h"
 #include "redrive/field/grid_field.h"
 #include "redrive/kernels/grid_stages.h"
-#include "redrive/model/model.h"
+#include "redrive/model/method.h"
+#include "redrive/model/ray_model.h"
 #include "redrive/volume/ray_intervals.h"
 
 namespace redrive {
 
-/// The LiDAR's loss against the colours'.
-constexpr float kRangeWeight = 0.03f;
+struct GridModel final : RayModel {
+  GridModel();
 
-struct GridModel final : Model {
   GridFieldConfig field{{8, 4, 16, 4096, 18}, 32, 1};
   HashGridConfig proposal{5, 1, 16, 512, 17};
   HashGridConfig sky{
@@ -35,8 +35,22 @@ struct GridModel final : Model {
   std::array<int, 2> proposal_samples{64, 32};  ///< per ray, first and second round
   int samples = 24;                             ///< per ray, of the field
   float histogram_padding = 0.1f;  ///< volume/ray_intervals.h; chosen by measurement, as that of
-                                   ///< bounded scenes (train/run.cc)
-  float empty_space = 0;  ///< what the loss of optim/sparsity_loss.h counts against the colours'
+                                   ///< bounded scenes (configure_bounded)
+  float sparsity_weight = 0;       ///< optim/sparsity_loss.h
+  float range_weight = 0.03f;      ///< of the LiDAR loss, optim/range_loss.h
+  /// Standard deviation of a return in the LiDAR loss: a surface may first be found anywhere near a
+  /// return, in the end within what its range and time leave uncertain.
+  float first_range_spread_m = 1, last_range_spread_m = 0.1f;
+  float range_spread_half_life = 300;  ///< steps
+  int rays_per_proposal_ray = 4;       ///< one ray of so many trains the proposals
+  /// Rays below this proposal opacity count as empty: at most two and a half steps of 255.
+  float min_active_opacity = 0.01f;
+  float keep_probability =
+      1 / 16.0f;                ///< of an empty ray in training, so that new surfaces are found
+  double max_batch_factor = 2;  ///< rays of a step at most, of batch_rays
+  int warm_up_steps = 100;
+  float beta2 = 0.99f, epsilon = 1e-15f;  ///< of Adam: Mueller et al. 2022, section 4
+  double active_fraction = 1;  ///< smoothed share of a step's rays that the field is evaluated on
   float min_proposal_footprint =
       0;  ///< least_width (kernels/grid_stages.h, contract) of proposals' points; chosen likewise
 
@@ -45,8 +59,12 @@ struct GridModel final : Model {
   int samples_per_ray() const override {
     return proposal_samples[0] + proposal_samples[1] + samples;
   }
-  void visit_numbers(NumberVisitor& visit) override;
-  void check(const std::filesystem::path& file) const override;
+  void visit_hyperparameters(HyperparameterVisitor& visit) override;
+  void visit_state(HyperparameterVisitor& visit) override;
+  void check(const HyperparameterFailure& fail) const override;
+  void configure(const Scene& scene) override;
+  int rays_per_step() const override;
+  int max_rays_per_step() const override { return static_cast<int>(batch_rays * max_batch_factor); }
   std::size_t size() const override { return offset(kParts); }
   std::vector<ModelTensor> tensors() const override;
   void initialize(std::uint64_t seed) override;
@@ -55,20 +73,23 @@ struct GridModel final : Model {
   std::span<const float> sentinels(std::span<const float> gradients) const override {
     return gradients.subspan(offset(kNetwork), part_size(kNetwork));
   }
-  /// Mueller et al. 2022, section 4.
-  AdamStep adam(double learning_rate, std::int64_t step) const override;
-  StepOutput gradients(kernels::Backend& backend, const RayBatch& batch, std::uint64_t seed,
-                       std::int64_t step, std::span<float> gradients,
-                       Workspace* workspace) const override;
+  std::vector<LossTerm> loss_terms(const StepSums& sums) const override;
+  double learning_rate(const Schedule& at) const override;
+  std::string describe_schedule(std::int64_t total_steps) const override;
+  std::vector<AdamGroup> adam_groups(double learning_rate, std::int64_t step) const override;
+  void finish_step(kernels::Backend& backend, const StepOutput& output, std::int64_t step,
+                   AdamState* adam) override;
+  RayGradientsOutput gradients(kernels::Backend& backend, const RayBatch& batch, std::uint64_t seed,
+                               std::int64_t step, std::span<float> gradients,
+                               Workspace* workspace) const override;
   void range_gradients(kernels::Backend& backend, const RayBatch& batch, std::uint64_t seed,
                        std::int64_t step, std::span<float> gradients,
                        Workspace* workspace) const override;
-  double loss(const LossTerms& sums) const override {
-    return sums.colours + sums.empty_space + (sums.proposals[0] + sums.proposals[1]);
-  }
-  void render(kernels::Backend& backend, const RayBatch& batch, const kernels::CompositeOut& out,
-              Workspace* workspace) const override;
+  void render_rays(kernels::Backend& backend, const RayBatch& batch,
+                   const kernels::CompositeOut& out, Workspace* workspace) const override;
 
+  /// In StepSums::terms; the proposals have one for each iteration.
+  enum LossSlot { kColourLoss, kSparsityLoss, kLidarLoss, kProposalLoss };
   enum Part { kFieldGrid, kNetwork, kProposalGrid, kSkyGrid, kAppearance, kParts };
   kernels::HashGrid grid(
       Part which) const;  ///< of `parameters`: kFieldGrid, kProposalGrid or kSkyGrid
@@ -110,6 +131,7 @@ struct GridModel final : Model {
   void backward_proposals(kernels::Backend& backend, const Pass& pass,
                           std::span<const float> weights, std::span<float> gradients,
                           std::span<double> losses, Workspace* workspace) const;
+  void configure_bounded();
   std::size_t part_size(int part) const;
   std::size_t offset(int part) const;  ///< of its first number in `parameters`
   std::span<const float> part(Part part) const {
@@ -121,5 +143,7 @@ struct GridModel final : Model {
   /// At the start one mean free path is e times the near region's half side.
   float density_scale() const { return 0.36787944f / contraction.half_m; }
 };
+
+Method grid_method();
 
 }  // namespace redrive

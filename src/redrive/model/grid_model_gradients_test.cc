@@ -136,14 +136,14 @@ TEST(GridModelGradients, OfRangesAreThoseOfTheirLoss) {
     std::vector<float> gradients(model.size()), ignored(model.size());
     const auto loss = [&](std::span<float> of) {
       model.range_gradients(*backend, batch, kTinySeed, step, of, &workspace);
-      return workspace.sums().range / kRangeWeight;
+      return workspace.sums().terms[GridModel::kLidarLoss] / model.range_weight;
     };
     EXPECT_GT(loss(gradients), 0.1);
     double of_colour = 0;
     for (const ModelTensor& tensor : model.tensors()) {
       if (tensor.name == "grid" || tensor.name.starts_with("density"))
         expect_derivative(
-            model, tensor, gradients, [&] { return loss(ignored); }, 1 / kRangeWeight);
+            model, tensor, gradients, [&] { return loss(ignored); }, 1 / model.range_weight);
       if (tensor.name.starts_with("colour") || tensor.name == "sky" || tensor.name == "appearance")
         for (std::size_t i = 0; i < size_of(tensor); ++i)
           of_colour += std::abs(gradients[tensor.offset + i]);
@@ -158,9 +158,9 @@ TEST(GridModelGradients, OfEmptySpaceAreThoseOfItsLoss) {
   make_tiny(model);
   const RayBatch batch = tiny_batch(8);
   const auto added = [&](const auto& of) {  // by the loss of empty space
-    model.empty_space = 0.5f;
+    model.sparsity_weight = 0.5f;
     const auto with = of();
-    model.empty_space = 0;
+    model.sparsity_weight = 0;
     return std::pair(with, of());
   };
   const auto gradients_now = [&] {

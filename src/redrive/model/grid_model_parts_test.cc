@@ -15,35 +15,6 @@ namespace {
 
 using ::testing::HasSubstr;
 
-/// Numbers by name, read and written.
-class Numbers final : public NumberVisitor {
- public:
-  explicit Numbers(GridModel& model) : model_(model) { model.visit_numbers(*this); }
-  void set(const std::string& name, double value) {
-    ASSERT_TRUE(values.contains(name)) << name;
-    values[name] = value;
-    writing_ = true;
-    model_.visit_numbers(*this);
-  }
-  void operator()(const std::string& name, int& value) override { visit(name, value); }
-  void operator()(const std::string& name, float& value) override { visit(name, value); }
-
-  std::map<std::string, double> values;
-  int visited = 0;
-
- private:
-  template <class T>
-  void visit(const std::string& name, T& value) {
-    ++visited;
-    if (writing_)
-      value = static_cast<T>(values.at(name));
-    else
-      values[name] = value;
-  }
-  GridModel& model_;
-  bool writing_ = false;
-};
-
 TEST(GridModel, TensorsTileTheParametersInOrder) {
   for (const int colour_layers : {1, 2}) {
     GridModel model;
@@ -93,77 +64,104 @@ TEST(GridModel, NumbersAreAllThatItIsMadeOf) {
   model.huber_delta = 0.75f;
   model.histogram_padding = 0.25f;
   model.min_proposal_footprint = 0.75f;
-  model.empty_space = 0.125f;
-  const Numbers numbers(model);
-  EXPECT_EQ(numbers.visited, static_cast<int>(numbers.values.size())) << "two of one name";
+  model.sparsity_weight = 0.125f;
+  std::set<std::string> names;
   GridModel copy;
-  Numbers of_copy(copy);
-  for (const auto& [name, value] : numbers.values) of_copy.set(name, value);
+  for (const HyperparameterValue& value : hyperparameter_values(model)) {
+    EXPECT_TRUE(names.insert(value.what.name).second) << value.what.name << " twice";
+    EXPECT_FALSE(value.what.help.empty()) << value.what.name;
+    if (!value.what.derived) {
+      EXPECT_TRUE(set_hyperparameter(copy, value.what.name, value.text));
+    }
+  }
   EXPECT_EQ(copy.field, model.field);
   EXPECT_EQ(copy.proposal, model.proposal);
   EXPECT_EQ(copy.sky, model.sky);
   EXPECT_EQ(copy.background, model.background);
   EXPECT_EQ(copy.contraction, model.contraction);
-  EXPECT_EQ(copy.spacing.near_m, model.spacing.near_m);
-  EXPECT_EQ(copy.spacing.far_m, model.spacing.far_m);
   EXPECT_EQ(copy.spacing.half_m, model.spacing.half_m);
   EXPECT_EQ(copy.proposal_samples, model.proposal_samples);
   EXPECT_EQ(copy.samples, model.samples);
-  EXPECT_EQ(copy.appearance.size(), 3u * 5 * 20);
+  EXPECT_EQ(copy.appearance.knots, 20);
   EXPECT_EQ(copy.huber_delta, 0.75f);
   EXPECT_EQ(copy.histogram_padding, 0.25f);
   EXPECT_EQ(copy.min_proposal_footprint, 0.75f);
-  EXPECT_EQ(copy.empty_space, 0.125f);
-  EXPECT_EQ(copy.size(), model.size());
+  EXPECT_EQ(copy.sparsity_weight, 0.125f);
   EXPECT_EQ(copy.samples_per_ray(), 40 + 20 + 10);
 }
 
-TEST(GridModel, NumbersOutOfRangeAreRefusedByName) {
-  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
-  const std::pair<const char*, std::vector<double>> table[] = {
-      {"grid.levels", {0, 17, 7}},  // 7 x 4 is no multiple of 16
-      {"grid.features", {1, 3, 16, -4}},  {"grid.base_cells", {0, -16, 2e6}},
-      {"grid.max_cells", {15, 2e6}},      {"grid.log2_rows", {3, 25}},
-      {"width", {0, 24, 144, -16}},       {"colour_layers", {0, 3}},
-      {"proposal.features", {2}},         {"proposal.levels", {0, 17}},
-      {"sky.features", {1, 8}},           {"sky.log2_rows", {3, 25}},
-      {"huber_edge", {0, -1, kNan}},      {"appearance.cameras", {-1, 1025}},
-      {"appearance.knots", {-1, 1e6}},    {"sky.levels", {-1, 17}},
-      {"background", {-0.5, 1.5, kNan}},  {"contraction.half_m", {0, -1, kNan}},
-      {"near_m", {0, -1, kNan}},          {"far_m", {0.5, kNan}},
-      {"spacing.half_m", {0, -1, kNan}},  {"first_proposals", {0, 1025}},
-      {"second_proposals", {0, 1025}},    {"samples", {0, 1025}},
-      {"proposal_padding", {0, kNan}},    {"proposal_width", {-0.5, 11, kNan}},
-      {"empty_space", {-0.5, 1.5, kNan}},
+TEST(GridModel, RefusesHyperparametersOutOfRangeByName) {
+  const std::pair<const char*, std::vector<std::string>> table[] = {
+      {"grid.n_levels", {"0", "17", "7"}},  // 7 x 4 is no multiple of 16
+      {"grid.features_per_level", {"1", "3", "16", "-4"}},
+      {"grid.base_resolution", {"0", "-16", "2000000"}},
+      {"grid.max_resolution", {"15", "2000000"}},
+      {"grid.log2_hashmap_size", {"3", "25"}},
+      {"width", {"0", "24", "144", "-16", "32.5"}},
+      {"colour_layers", {"0", "3"}},
+      {"proposal.features_per_level", {"2"}},
+      {"proposal.n_levels", {"0", "17"}},
+      {"sky.features_per_level", {"1", "8"}},
+      {"sky.log2_hashmap_size", {"3", "25"}},
+      {"sky.n_levels", {"-1", "17"}},
+      {"huber_delta", {"0", "-1", "nan"}},
+      {"appearance.cameras", {"1"}},
+      {"appearance.knots", {"-1", "1000000"}},
+      {"background", {"-0.5", "1.5", "nan"}},
+      {"contraction.half_m", {"0", "-1", "nan", "inf"}},
+      {"near_m", {"1"}},
+      {"spacing.half_m", {"0", "-1", "nan"}},
+      {"proposal_samples_1", {"0", "1025"}},
+      {"proposal_samples_2", {"0", "1025"}},
+      {"samples", {"0", "1025"}},
+      {"histogram_padding", {"0", "nan"}},
+      {"min_proposal_footprint", {"-0.5", "11", "nan"}},
+      {"sparsity_weight", {"-0.5", "1.5", "nan"}},
+      {"range_weight", {"-1", "nan"}},
+      {"rays_per_proposal_ray", {"0"}},
+      {"adam.beta2", {"1"}},
+      {"batch_rays", {"0", "65537"}},
+      {"error_rays", {"-0.1", "0.95"}},
+      {"learning_rate", {"0", "2", "fast"}},
   };
   GridModel tiny;
   make_tiny(tiny);
-  EXPECT_NO_THROW(tiny.check("c"));
-  EXPECT_NO_THROW(GridModel().check("c"));
+  EXPECT_EQ(complaint_about(tiny), "");
+  GridModel usual;
+  EXPECT_EQ(complaint_about(usual), "");
   for (const auto& [name, values] : table)
-    for (const double value : values) {
+    for (const std::string& value : values) {
       GridModel model;
-      Numbers(model).set(name, value);
       try {
-        model.check("run/checkpoint.safetensors");
-        ADD_FAILURE() << name << " = " << value << " was taken";
-      } catch (const InputError& error) {
-        EXPECT_THAT(error.what(), HasSubstr("run/checkpoint.safetensors"));
-        const std::string field =
-            std::string(name).find("proposals") == std::string::npos ? name : "samples";
-        EXPECT_THAT(error.what(), HasSubstr("__metadata__." + field)) << name;
+        EXPECT_TRUE(set_hyperparameter(model, name, value)) << name;
+        EXPECT_THAT(complaint_about(model), HasSubstr(name)) << value;
+      } catch (const UsageError& error) {
+        EXPECT_THAT(error.what(), HasSubstr(value)) << name;
+        EXPECT_THAT(error.what(), testing::AnyOf(HasSubstr("must be"), HasSubstr("cannot be set")));
       }
     }
 }
 
 TEST(GridModel, AdamIsTheOneOfHashGrids) {
-  const AdamStep how = GridModel().adam(0.02, 5);
+  GridModel model;
+  const AdamGroup group = model.adam_groups(0.02, 5).front();
+  EXPECT_EQ(group.size, model.size());
+  const AdamStep& how = group.step;
   EXPECT_EQ(how.learning_rate, 0.02f);
   EXPECT_EQ(how.beta1, 0.9f);
   EXPECT_EQ(how.beta2, 0.99f);
   EXPECT_EQ(how.epsilon, 1e-15f);
   EXPECT_NEAR(how.bias1, 1 / (1 - std::pow(0.9, 5)), 1e-6);
   EXPECT_NEAR(how.bias2, 1 / (1 - std::pow(0.99, 5)), 1e-4);
+}
+
+TEST(GridModel, DrawsMoreRaysWhereFewAreActive) {
+  GridModel model;
+  for (const auto& [fraction, rays] :
+       {std::pair{1.0, 2048}, {0.8, 2560}, {0.5, 4096}, {0.0, 4096}}) {
+    model.active_fraction = fraction;
+    EXPECT_EQ(model.rays_per_step(), rays);
+  }
 }
 
 }  // namespace

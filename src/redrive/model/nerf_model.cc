@@ -1,10 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/model/nerf_model.h"
 
+#include <cstdio>
+
 #include "redrive/base/error.h"
 #include "redrive/base/rng.h"
 
 namespace redrive {
+namespace {
+
+enum LossSlot { kCoarseLoss };  // in StepSums::terms
+
+std::string general(double number) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%g", number);
+  return text;
+}
+
+}  // namespace
 
 std::span<const float> NerfModel::network(int index) const {
   const std::size_t count = nerf_parameter_count(config);
@@ -18,38 +31,107 @@ std::string NerfModel::describe() const {
          (fine_samples > 0 ? " + " + std::to_string(fine_samples) : "") + " samples per ray";
 }
 
-void NerfModel::visit_numbers(NumberVisitor& visit) {
-  visit("width", config.width);
-  visit("position_octaves", config.position_octaves);
-  visit("direction_octaves", config.direction_octaves);
-  visit("samples", samples);
-  visit("fine_samples", fine_samples);
-  visit("near_m", near_m);
-  visit("far_m", far_m);
-  visit("unit_from_world.center_x", unit_from_world.center[0]);
-  visit("unit_from_world.center_y", unit_from_world.center[1]);
-  visit("unit_from_world.center_z", unit_from_world.center[2]);
-  visit("unit_from_world.scale", unit_from_world.scale);
+Method nerf_method() {
+  return {.name = "nerf",
+          .help = "the original NeRF (Mildenhall et al. 2020)",
+          .make = [] { return std::unique_ptr<Model>(std::make_unique<NerfModel>()); },
+          .defaults = {{"near", "1"}, {"far", "10"}, {"epochs", "4"}, {"max-seconds", "0"}},
+          .presets = {{"report-1",
+                       "the report's first setup",
+                       {{"near", "1"}, {"far", "10"}, {"masks", "none"}},
+                       {{"F_MIDLONGRANGECAM_CL"}}},
+                      {"report-2",
+                       "the report's second setup",
+                       {{"near", "1"},
+                        {"far", "10"},
+                        {"masks", "none"},
+                        {"width", "128"},
+                        {"samples", "48"},
+                        {"epochs", "2"}},
+                       {{"F_MIDLONGRANGECAM_CL"}, {"F_MIDRANGECAM_C", "B_MIDRANGECAM_C"}}}}};
 }
 
-void NerfModel::check(const std::filesystem::path& file) const {
-  const auto require = [&](bool holds, const char* field, auto value, const char* rule) {
-    if (!holds)
-      throw InputError(file, std::string("__metadata__.") + field, std::to_string(value), rule);
-  };
-  require(config.width >= 32 && config.width <= 512 && config.width % 32 == 0, "width",
-          config.width, "must be a multiple of 32 in 32..512");
-  require(config.position_octaves >= 1 && config.position_octaves <= 10, "position_octaves",
-          config.position_octaves, "must be in 1..10");
-  require(config.direction_octaves >= 1 && config.direction_octaves <= 4, "direction_octaves",
-          config.direction_octaves, "must be in 1..4");
-  require(samples >= 3 && samples <= 1024, "samples", samples, "must be in 3..1024");
-  require(fine_samples >= 0 && fine_samples <= 1024, "fine_samples", fine_samples,
-          "must be in 0..1024");
-  require(near_m > 0, "near_m", near_m, "must be above 0");
-  require(far_m > near_m, "far_m", far_m, "must be above near_m");
-  require(unit_from_world.scale > 0, "unit_from_world.scale", unit_from_world.scale,
-          "must be above 0");
+void NerfModel::visit_hyperparameters(HyperparameterVisitor& visit) {
+  visit(Hyperparameter{"width", "hidden units of the network", 32, 512}.multiple_of(32).as_option(
+            "width"),
+        config.width);
+  visit({"position_octaves", "frequencies of the positional encoding of a position", 1, 10},
+        config.position_octaves);
+  visit({"direction_octaves", "frequencies of the positional encoding of a direction", 1, 4},
+        config.direction_octaves);
+  visit(Hyperparameter{"samples", "samples of a ray", 3, 1024}.as_option("samples"), samples);
+  visit(Hyperparameter{"fine_samples",
+                       "further samples by a second network, drawn from the first one's weights", 0,
+                       1024}
+            .as_option("fine-samples"),
+        fine_samples);
+  visit_batch(visit);
+  visit(Hyperparameter{"learning_rate", "of Adam, at the start", 0, 1}.exclusive().as_option(
+            "learning-rate"),
+        initial_rate);
+  visit(Hyperparameter{"lr_gamma", "factor of the learning rate at each milestone", 0, 1}
+            .exclusive()
+            .as_option("lr-gamma"),
+        rate_gamma);
+  visit(
+      Hyperparameter{
+          "lr_milestones",
+          "A,B,C: steps at which the learning rate falls; none: 1/2, 3/4 and 7/8 of all steps"}
+          .as_option("lr-milestones"),
+      milestones);
+  visit(Hyperparameter{"near_m", "first sample of a ray, m", 0}.exclusive().from_recording(),
+        near_m);
+  visit(Hyperparameter{"far_m", "last sample of a ray, m", 0}.exclusive().from_recording(), far_m);
+  constexpr const char* kCenter = "centre of the network's unit cube in the world, m";
+  visit({"unit_from_world.center_x", kCenter}, unit_from_world.center[0]);
+  visit({"unit_from_world.center_y", kCenter}, unit_from_world.center[1]);
+  visit({"unit_from_world.center_z", kCenter}, unit_from_world.center[2]);
+  visit(Hyperparameter{"unit_from_world.scale",
+                       "1 / half the side of the unit cube in the world, 1/m", 0}
+            .exclusive(),
+        unit_from_world.scale);
+}
+
+void NerfModel::check(const HyperparameterFailure& fail) const {
+  if (!(far_m > near_m)) fail({"far_m", ""}, std::to_string(far_m), "must be above near_m");
+  check_batch(samples_per_ray(), fail);
+}
+
+void NerfModel::configure(const Scene& scene) {
+  near_m = static_cast<float>(scene.near_m);
+  far_m = static_cast<float>(scene.far_m);
+  unit_from_world = scene.unit_from_world;
+}
+
+std::vector<std::int64_t> NerfModel::milestones_of(std::int64_t total_steps) const {
+  if (!milestones.empty()) return milestones;
+  if (total_steps < 8) return {};  // the fractions would fall together, or on step 0
+  return {total_steps / 2, total_steps * 3 / 4, total_steps * 7 / 8};
+}
+
+double NerfModel::learning_rate(const Schedule& at) const {
+  return multi_step_learning_rate(initial_rate, rate_gamma, milestones_of(at.total_steps), at.step);
+}
+
+std::string NerfModel::describe_schedule(std::int64_t total_steps) const {
+  std::string text = "learning rate " + general(initial_rate);
+  const std::vector<std::int64_t> at = milestones_of(total_steps);
+  if (!at.empty()) text += ", times " + general(rate_gamma) + " at";
+  for (const std::int64_t milestone : at) text += " " + std::to_string(milestone);
+  return text;
+}
+
+std::vector<LossTerm> NerfModel::loss_terms(const StepSums& sums) const {
+  return {{"coarse", sums.terms[kCoarseLoss]}, {"colour", sums.rgb_mse}};
+}
+
+std::uint64_t NerfModel::step_bytes() const {
+  // The chunks of kernels/cpu: gradients of a whole network each, and sixteen floats a neuron and
+  // sample of a tile.
+  constexpr std::uint64_t kChunks = 8, kTileSamples = 192, kTileNeuron = 16 * sizeof(float);
+  return RayModel::step_bytes() +
+         kChunks * (sizeof(float) * size() +
+                    kTileSamples * kTileNeuron * static_cast<std::uint64_t>(config.width));
 }
 
 std::vector<ModelTensor> NerfModel::tensors() const {
@@ -72,9 +154,9 @@ void NerfModel::initialize(std::uint64_t seed) {
                     parameters.span().subspan(count * network, count));
 }
 
-StepOutput NerfModel::gradients(kernels::Backend& backend, const RayBatch& batch,
-                                std::uint64_t seed, std::int64_t step, std::span<float> gradients,
-                                Workspace* workspace) const {
+RayGradientsOutput NerfModel::gradients(kernels::Backend& backend, const RayBatch& batch,
+                                        std::uint64_t seed, std::int64_t step,
+                                        std::span<float> gradients, Workspace* workspace) const {
   kernels::make_resident(backend, parameters);
   const std::size_t n = batch.n, coarse = n * samples, fine = n * (samples + fine_samples);
   workspace->begin(backend);
@@ -93,17 +175,17 @@ StepOutput NerfModel::gradients(kernels::Backend& backend, const RayBatch& batch
   backend.nerf().sample_stratified(
       batch.n, {samples, near_m, far_m, true, key(kStreamSamples, samples)}, t, dt);
   const kernels::Samples coarse_samples{samples, t, dt};
-  StepOutput losses;
+  RayGradientsOutput losses;
   const std::size_t refined = batch.refines ? 3 * n : 0;
   const kernels::RayGradients of_rays{workspace->take(refined),
                                       workspace->take(refined)};  // both networks add to them
   backend.fill(of_rays.d_origin, 0);
   backend.fill(of_rays.d_direction, 0);
-  LossTerms& sums = workspace->sums();
+  StepSums& sums = workspace->sums();
   backend.nerf().train_rays(field(0), rays, coarse_samples, target,
                             {workspace->take(3 * n), depth, opacity, weights},
                             gradients.first(nerf_parameter_count(config)), of_rays,
-                            fine_samples > 0 ? &sums.coarse : &sums.rgb_mse);
+                            fine_samples > 0 ? &sums.terms[kCoarseLoss] : &sums.rgb_mse);
 
   // Section 5.2: further samples where the coarse network found matter, seen by the fine network.
   if (fine_samples > 0) {
@@ -125,8 +207,8 @@ StepOutput NerfModel::gradients(kernels::Backend& backend, const RayBatch& batch
 /// Coarse samples in the middle of their bins; where the model has a fine network, its samples are
 /// the coarse ones and those drawn from the coarse weights (NeRF section 5.2), and only the fine
 /// colours count.
-void NerfModel::render(kernels::Backend& backend, const RayBatch& batch,
-                       const kernels::CompositeOut& out, Workspace* workspace) const {
+void NerfModel::render_rays(kernels::Backend& backend, const RayBatch& batch,
+                            const kernels::CompositeOut& out, Workspace* workspace) const {
   kernels::make_resident(backend, parameters);
   const std::size_t n = batch.n, coarse_size = n * samples,
                     fine_size = n * (samples + fine_samples);

@@ -63,7 +63,7 @@ TEST(NerfModelGradients, OfRaysAreThoseOfTheLoss) {
     batch.refines = true;
     std::vector<float> gradients(model.size()), ignored(gradients);
     Workspace workspace;
-    const StepOutput losses = model.gradients(*backend, batch, 9, 3, gradients, &workspace);
+    const RayGradientsOutput losses = model.gradients(*backend, batch, 9, 3, gradients, &workspace);
     ASSERT_EQ(losses.d_origin.size(), 36u);
     ASSERT_EQ(losses.d_direction.size(), 36u);
     constexpr float h = 0x1p-11f;
@@ -80,7 +80,7 @@ TEST(NerfModelGradients, OfRaysAreThoseOfTheLoss) {
               static_cast<float>((side ? 6 : -6) * h * d[i] / norm);  // of 36 numbers: h each
       const auto loss = [&](const RayBatch& rays) {
         model.gradients(*backend, rays, 9, 3, ignored, &workspace);
-        return model.loss(workspace.sums());
+        return workspace.sums().terms[0] + workspace.sums().rgb_mse;
       };
       const double difference = (loss(moved[1]) - loss(moved[0])) / (2 * 6 * h);
       EXPECT_NEAR(difference, norm, 0.05 * norm) << fine_samples << (turns ? " turned" : " moved");

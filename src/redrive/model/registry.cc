@@ -1,15 +1,35 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/model/model.h"
+#include <algorithm>
 
 #include "redrive/model/grid_model.h"
+#include "redrive/model/method.h"
 #include "redrive/model/nerf_model.h"
 
 namespace redrive {
+namespace {
+
+std::vector<Method>& registry() {
+  static std::vector<Method> all = {
+      grid_method(),
+      nerf_method(),
+  };
+  return all;
+}
+
+}  // namespace
+
+const std::vector<Method>& methods() { return registry(); }
+
+const Method* find_method(std::string_view name) {
+  const auto found = std::ranges::find(registry(), name, &Method::name);
+  return found == registry().end() ? nullptr : &*found;
+}
+
+void register_method(const Method& method) { registry().push_back(method); }
 
 std::unique_ptr<Model> make_model(std::string_view method) {
-  if (method == "nerf") return std::make_unique<NerfModel>();
-  if (method == "grid") return std::make_unique<GridModel>();
-  return nullptr;
+  const Method* found = find_method(method);
+  return found ? found->make() : nullptr;
 }
 
 }  // namespace redrive

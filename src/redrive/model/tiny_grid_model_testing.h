@@ -49,6 +49,21 @@ inline void make_tiny_on_background(GridModel& model) {
   model.parameters = std::move(parameters);
 }
 
+/// The first rule that a model's hyperparameters break, as "name = value: rule"; "" if none.
+inline std::string complaint_about(Model& model) {
+  const auto fail = [](const Hyperparameter& what, const std::string& value,
+                       const std::string& rule) {
+    throw InputError("model", what.name, value, rule);
+  };
+  try {
+    check_ranges([&](HyperparameterVisitor& visit) { model.visit_hyperparameters(visit); }, fail);
+    model.check(fail);
+  } catch (const InputError& error) {
+    return error.what();
+  }
+  return "";
+}
+
 constexpr std::uint64_t kTinySeed = 9;
 constexpr std::int64_t kTinyStep = 3;
 
@@ -74,8 +89,8 @@ inline RayBatch tiny_batch(int n) {
   return batch;
 }
 
-struct TinyLosses : StepOutput, LossTerms {
-  double loss = 0;
+struct TinyLosses : RayGradientsOutput {
+  double opacity = 0, rgb_mse = 0, colours = 0, sparsity = 0, loss = 0;
 };
 /// Adds to the gradients.
 inline TinyLosses losses_of(const GridModel& model, const RayBatch& batch,
@@ -83,9 +98,15 @@ inline TinyLosses losses_of(const GridModel& model, const RayBatch& batch,
                             Workspace* workspace, std::uint64_t seed = kTinySeed,
                             std::int64_t step = kTinyStep) {
   TinyLosses out;
-  static_cast<StepOutput&>(out) = model.gradients(backend, batch, seed, step, gradients, workspace);
-  static_cast<LossTerms&>(out) = workspace->fetch_sums();
-  out.loss = model.loss(out);
+  static_cast<RayGradientsOutput&>(out) =
+      model.gradients(backend, batch, seed, step, gradients, workspace);
+  const StepSums& sums = workspace->fetch_sums();
+  out.opacity = sums.opacity;
+  out.rgb_mse = sums.rgb_mse;
+  out.colours = sums.terms[GridModel::kColourLoss];
+  out.sparsity = sums.terms[GridModel::kSparsityLoss];
+  for (const LossTerm& term : model.loss_terms(sums))
+    if (term.in_loss) out.loss += term.value;
   return out;
 }
 inline TinyLosses losses_of(const GridModel& model, const RayBatch& batch,

@@ -16,17 +16,15 @@
 
 namespace redrive {
 
-/// What the stages of a step say of it, means but for the last. What a method has not is 0.
-struct LossTerms {
-  double opacity = 0;  ///< 0 means a dead field
-  double rgb_mse =
-      0;  ///< squared error of the colours of rays that were drawn evenly: what PSNR is said of
-  double coarse = 0;         ///< nerf: the same of the coarse network, where a fine one follows
-  double colours = 0;        ///< grid: the colours' part of the loss, and the gains'
-  double empty_space = 0;    ///< grid: its part
-  double proposals[2] = {};  ///< grid: of both rounds
-  double range = 0;          ///< the LiDAR's part
-  double not_finite = 0;     ///< gradients (Backend::not_finite)
+constexpr int kMaxLossTerms = 8;
+
+/// Sums that stages leave where they compute; the host fetches all of them once a step. A number
+/// that no stage writes is 0.
+struct StepSums {
+  double opacity = 0;  ///< mean; 0 means a dead field
+  double rgb_mse = 0;  ///< squared error of colours drawn uniformly, mean over channels: for PSNR
+  double not_finite = 0;             ///< gradients (Backend::not_finite)
+  double terms[kMaxLossTerms] = {};  ///< losses; the method says what each is (Model::loss_terms)
 };
 
 class Workspace {
@@ -51,11 +49,11 @@ class Workspace {
 
   /// Beside them, too, for stages to leave their numbers in: the host has these once it has fetched
   /// all, so that it waits but once.
-  LossTerms& sums() {
+  StepSums& sums() {
     kernels::make_resident(*backend_, sums_);
     return sums_[0];
   }
-  const LossTerms& fetch_sums() {
+  const StepSums& fetch_sums() {
     backend_->download(kernels::as_floats(std::as_const(sums_).span()));
     return sums_[0];
   }
@@ -102,7 +100,7 @@ class Workspace {
   kernels::Backend* backend_ = nullptr;
   std::vector<Buffer<float>> places_;
   Buffer<float> aside_;
-  Buffer<LossTerms> sums_{1};
+  Buffer<StepSums> sums_{1};
   std::size_t next_ = 0;
 };
 

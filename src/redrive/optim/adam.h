@@ -49,11 +49,12 @@ inline double multi_step_learning_rate(double initial, double gamma,
 }
 
 /// Returns initial * last_factor^progress, progress 0..1 through the run, with a linear warm-up
-/// over the first kWarmUpSteps, while Adam's moments are averages of few gradients.
-constexpr std::int64_t kWarmUpSteps = 100;
+/// over the first warm_up_steps, while Adam's moments are averages of few gradients.
 inline double exponential_decay_rate(double initial, double last_factor, double progress,
-                                     std::int64_t step) {
-  const double warm = step < kWarmUpSteps ? static_cast<double>(step + 1) / kWarmUpSteps : 1.0;
+                                     std::int64_t step, std::int64_t warm_up_steps) {
+  const double warm = step < warm_up_steps
+                          ? static_cast<double>(step + 1) / static_cast<double>(warm_up_steps)
+                          : 1.0;
   return initial * std::pow(last_factor, progress) * warm;
 }
 

@@ -74,12 +74,13 @@ TEST(Adam, LazyStepKeepsMomentsOfZeroGradients) {
 }
 
 TEST(ExponentialDecayRate, WarmsUpThenDecaysToTheLastFactor) {
-  EXPECT_DOUBLE_EQ(exponential_decay_rate(0.02, 0.1, 0, 0), 0.02 / kWarmUpSteps);
-  EXPECT_DOUBLE_EQ(exponential_decay_rate(0.02, 0.1, 0, kWarmUpSteps / 2 - 1), 0.01);
-  EXPECT_DOUBLE_EQ(exponential_decay_rate(0.02, 0.1, 0, kWarmUpSteps - 1), 0.02);
-  EXPECT_DOUBLE_EQ(exponential_decay_rate(0.02, 0.1, 0, kWarmUpSteps), 0.02);
-  EXPECT_DOUBLE_EQ(exponential_decay_rate(0.02, 0.01, 0.5, 1000000), 0.002);
-  EXPECT_DOUBLE_EQ(exponential_decay_rate(0.02, 0.1, 1, 1000000), 0.002);
+  constexpr std::int64_t kWarmUp = 100;
+  EXPECT_DOUBLE_EQ(exponential_decay_rate(0.02, 0.1, 0, 0, kWarmUp), 0.02 / kWarmUp);
+  EXPECT_DOUBLE_EQ(exponential_decay_rate(0.02, 0.1, 0, kWarmUp / 2 - 1, kWarmUp), 0.01);
+  EXPECT_DOUBLE_EQ(exponential_decay_rate(0.02, 0.1, 0, kWarmUp - 1, kWarmUp), 0.02);
+  EXPECT_DOUBLE_EQ(exponential_decay_rate(0.02, 0.1, 0, kWarmUp, kWarmUp), 0.02);
+  EXPECT_DOUBLE_EQ(exponential_decay_rate(0.02, 0.01, 0.5, 1000000, kWarmUp), 0.002);
+  EXPECT_DOUBLE_EQ(exponential_decay_rate(0.02, 0.1, 1, 1000000, kWarmUp), 0.002);
 }
 
 TEST(MultiStepLearningRate, DecaysAtEachMilestone) {

@@ -70,7 +70,7 @@ RayTable make_ray_table(const Camera& camera, int threads) {
               rows.direction.push_back(static_cast<float>((*direction)[d]));
           }
       });
-  RayTable table{camera.width, camera.height, {}, {}, mean_pixel_angle(camera)};
+  RayTable table{camera.width, camera.height, {}, {}, mean_pixel_angle(camera), camera};
   for (const Rows& rows : parts) {
     table.pixel.insert(table.pixel.end(), rows.pixel.begin(), rows.pixel.end());
     table.direction.insert(table.direction.end(), rows.direction.begin(), rows.direction.end());

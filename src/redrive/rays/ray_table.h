@@ -21,6 +21,7 @@ struct RayTable {
   std::vector<std::uint32_t> pixel;  ///< y * width + x, ascending
   std::vector<float> direction;      ///< [pixel.size(), 3]
   float pixel_angle = 0;  ///< angle of a pixel's side, rad: square root of the mean solid angle
+  Camera camera;          ///< whose pixels these are
 };
 RayTable make_ray_table(const Camera& camera, int threads = 1);
 

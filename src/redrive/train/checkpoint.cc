@@ -6,6 +6,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/model/method.h"
 #include "redrive/train/safetensors.h"
 #include "redrive/train/state.h"
 
@@ -14,15 +15,14 @@ namespace {
 
 constexpr const char* kCellErrors = "cell_errors";
 constexpr const char* kPoses[] = {"poses", "poses.first_moment", "poses.second_moment"};
-constexpr const char* kFormat = "redrive-7";
+constexpr const char* kFormat = "redrive-8";
 
 /// The numbers of a state beside its model's by name, each visited once: the one list that writing
 /// and reading share.
 template <class State, class Visit>
 void visit_numbers(State& state, const Visit& visit) {
   visit("step", state.step);
-  visit("rays_drawn", state.rays_drawn);
-  visit("field_share", state.active_fraction);
+  visit("pixels_drawn", state.pixels_drawn);
   visit("seconds", state.seconds);
   visit("seed", state.seed);
   visit("restarts", state.restarts);
@@ -51,19 +51,29 @@ void visit_numbers(State& state, const Visit& visit) {
 
 /// Shows a model's numbers to a function of (name, number), whatever their type.
 template <class Visit>
-class ModelVisitor final : public NumberVisitor {
+class ModelVisitor final : public HyperparameterVisitor {
  public:
   explicit ModelVisitor(const Visit& visit) : visit_(visit) {}
-  void operator()(const std::string& name, int& value) override { visit_(name, value); }
-  void operator()(const std::string& name, float& value) override { visit_(name, value); }
+  void operator()(const Hyperparameter& what, int& value) override { visit_(what.name, value); }
+  void operator()(const Hyperparameter& what, float& value) override { visit_(what.name, value); }
+  void operator()(const Hyperparameter& what, double& value) override { visit_(what.name, value); }
+  void operator()(const Hyperparameter& what, std::vector<std::int64_t>& steps) override {
+    visit_(what.name, steps);
+  }
 
  private:
   const Visit& visit_;
 };
-template <class Visit>
-void visit_model(Model& model, const Visit& visit) {
+
+/// Visits hyperparameters and state of the model, and the window's sums of its loss terms.
+template <class State, class Visit>
+void visit_model(State& state, const Visit& visit) {
   ModelVisitor<Visit> visitor(visit);
-  model.visit_numbers(visitor);
+  state.model->visit_hyperparameters(visitor);
+  state.model->visit_state(visitor);
+  std::size_t i = 0;
+  for (const LossTerm& term : state.model->loss_terms({}))
+    visit(std::string("window.") + term.name, state.window.terms[i++]);
 }
 
 void check_state(const TrainState& state, const std::filesystem::path& file) {
@@ -73,8 +83,6 @@ void check_state(const TrainState& state, const std::filesystem::path& file) {
   };
   require(state.step >= 0, "step", state.step, "must not be negative");
   require(state.seconds >= 0, "seconds", state.seconds, "must not be negative");
-  require(state.active_fraction >= 0 && state.active_fraction <= 1, "field_share",
-          state.active_fraction, "must be in 0..1");
   require(state.restarts >= 0, "restarts", state.restarts, "must not be negative");
   require(state.rollbacks >= 0, "rollbacks", state.rollbacks, "must not be negative");
   require(state.rate_factor > 0 && state.rate_factor <= 1, "rate_factor", state.rate_factor,
@@ -113,19 +121,24 @@ Safetensors::Tensor& take(Safetensors& parsed, const std::string& name,
 std::string checkpoint_bytes(const TrainState& state) {
   const Model& model = *state.model;
   std::map<std::string, std::string> metadata = {{"format", kFormat}, {"method", model.method()}};
-  const auto note = [&](const std::string& name, const auto& value) {
-    char buffer[64];
-    metadata[name] = std::string(buffer, std::to_chars(buffer, buffer + sizeof buffer, value).ptr);
+  const auto note = [&]<class T>(const std::string& name, const T& value) {
+    if constexpr (std::is_arithmetic_v<T>) {
+      char buffer[64];
+      metadata[name] =
+          std::string(buffer, std::to_chars(buffer, buffer + sizeof buffer, value).ptr);
+    } else {
+      metadata[name] = text_from_steps(value);
+    }
   };
   visit_numbers(state, note);
-  visit_model(*state.model, note);
+  visit_model(state, note);
   std::vector<SafetensorsEntry> entries;
   for (const ModelTensor& tensor : model.tensors())
     entries.push_back({tensor.name, tensor.shape,
                        model.parameters.span().subspan(tensor.offset, product(tensor.shape))});
   const std::vector<std::int64_t> all = {static_cast<std::int64_t>(model.parameters.size())};
-  entries.push_back({"adam.first_moment", all, state.first_moment.span()});
-  entries.push_back({"adam.second_moment", all, state.second_moment.span()});
+  entries.push_back({"adam.first_moment", all, state.adam.first_moment.span()});
+  entries.push_back({"adam.second_moment", all, state.adam.second_moment.span()});
   if (const std::span<const float> errors = state.cell_errors; !errors.empty())
     entries.push_back({kCellErrors, {static_cast<std::int64_t>(errors.size())}, errors});
   if (state.poses.refines()) {
@@ -153,18 +166,30 @@ TrainState parse_checkpoint(std::string_view bytes, const std::filesystem::path&
   state.model = make_model(text_of("method"));
   if (!state.model) throw InputError(file, "__metadata__.method", text_of("method"), "unknown");
   Model& model = *state.model;
-  const auto read = [&](const std::string& name, auto& value) {
+  const auto read = [&]<class T>(const std::string& name, T& value) {
     const std::string text = text_of(name);
-    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-    if (error != std::errc() || end != text.data() + text.size() ||
-        !std::isfinite(static_cast<double>(value)))
+    bool valid = false;
+    if constexpr (std::is_arithmetic_v<T>) {
+      const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+      valid = error == std::errc() && end == text.data() + text.size() &&
+              std::isfinite(static_cast<double>(value));
+    } else {
+      valid = steps_from_text(text, &value);
+    }
+    if (!valid)
       throw InputError(file, "__metadata__." + name, text.substr(0, 80),
                        "must be a finite number in range");
   };
   visit_numbers(state, read);
-  visit_model(model, read);
+  visit_model(state, read);
   check_state(state, file);
-  model.check(file);
+  const auto fail = [&](const Hyperparameter& what, const std::string& value,
+                        const std::string& rule) {
+    throw InputError(file, "__metadata__." + what.name, value, rule);
+  };
+  check_ranges([&](HyperparameterVisitor& visit) { model.visit_hyperparameters(visit); }, fail);
+  check_ranges([&](HyperparameterVisitor& visit) { model.visit_state(visit); }, fail);
+  model.check(fail);
 
   const std::size_t total = model.size();
   const std::vector<std::int64_t> all = {static_cast<std::int64_t>(total)};
@@ -176,15 +201,15 @@ TrainState parse_checkpoint(std::string_view bytes, const std::filesystem::path&
   // back.
   Safetensors::Tensor& first = take(parsed, "adam.first_moment", all, file);
   Safetensors::Tensor& second = take(parsed, "adam.second_moment", all, file);
-  state.first_moment = Buffer<float>(total);
-  hand_over(first, state.first_moment.data());
-  state.second_moment = Buffer<float>(total);
-  hand_over(second, state.second_moment.data());
+  state.adam.first_moment = Buffer<float>(total);
+  hand_over(first, state.adam.first_moment.data());
+  state.adam.second_moment = Buffer<float>(total);
+  hand_over(second, state.adam.second_moment.data());
   model.parameters = Buffer<float>(total);
   for (std::size_t i = 0; i < total; ++i)
-    if (state.second_moment[i] < 0)
+    if (state.adam.second_moment[i] < 0)
       throw InputError(file, "adam.second_moment[" + std::to_string(i) + "]",
-                       std::to_string(state.second_moment[i]), "must not be negative");
+                       std::to_string(state.adam.second_moment[i]), "must not be negative");
   const std::vector<ModelTensor> tensors = model.tensors();
   for (const ModelTensor& tensor : tensors)
     hand_over(take(parsed, tensor.name, tensor.shape, file),

@@ -20,13 +20,12 @@ using ::testing::HasSubstr;
 
 /// Every number of it other than at the start.
 TrainState midway(TrainState state) {
-  for (std::size_t i = 0; i < state.first_moment.size(); ++i) {
-    state.first_moment[i] = random_unit(1, i) - 0.5f;
-    state.second_moment[i] = random_unit(2, i) * 1e-30f;
+  for (std::size_t i = 0; i < state.adam.first_moment.size(); ++i) {
+    state.adam.first_moment[i] = random_unit(1, i) - 0.5f;
+    state.adam.second_moment[i] = random_unit(2, i) * 1e-30f;
   }
   state.step = 123456789012;
-  state.rays_drawn = 9876543210987;
-  state.active_fraction = 0.625;
+  state.pixels_drawn = 9876543210987;
   state.seconds = 0.1 + 0.2;
   state.seed = 18446744073709551615ull;
   state.restarts = 2;
@@ -36,7 +35,7 @@ TrainState midway(TrainState state) {
   state.rollbacks = 3;
   state.rate_factor = 0.125;
   state.loss_watch = {1ull << 60, 99999.5, 0.1, 1.0 / 7, 2};
-  state.window = {7, 7168, 0.7, 0.6, 1e-9};
+  state.window = {7, 7168, 0.7, 0.6, 1e-9, {0.25, 1.0 / 3}};
   return state;
 }
 
@@ -47,9 +46,9 @@ TrainState example_state(int fine_samples = 8) {
   scene.unit_from_world = {{1.5f, -0.1f, 1e-3f}, 0.07f};
   TrainOptions options;
   options.method = "nerf";
-  options.width = 32;
-  options.samples = 16;
-  options.fine_samples = fine_samples;
+  options.set("width", 32);
+  options.set("samples", 16);
+  options.set("fine_samples", fine_samples);
   return midway(make_initial_state(options, scene));
 }
 
@@ -63,7 +62,9 @@ TrainState example_grid_state(int colour_layers = 1) {
   model->spacing = {0.25f, 321, 7};
   model->proposal_samples = {11, 7};
   model->samples = 5;
+  GridModel& grid = *model;
   TrainState state = midway(initial_state(std::move(model), 3));
+  grid.active_fraction = 0.625;
   state.cell_errors = Buffer<float>(3);
   state.cell_errors[0] = kInitialError;
   state.cell_errors[1] = 1.0f / 3;
@@ -87,8 +88,8 @@ TEST(Checkpoint, RoundTripIsBitExact) {
     const TrainState state = example_state(fine_samples);
     const TrainState back = parse_checkpoint(checkpoint_bytes(state), "c");
     expect_equal(back.model->parameters, state.model->parameters);
-    expect_equal(back.first_moment, state.first_moment);
-    expect_equal(back.second_moment, state.second_moment);
+    expect_equal(back.adam.first_moment, state.adam.first_moment);
+    expect_equal(back.adam.second_moment, state.adam.second_moment);
     EXPECT_EQ(nerf(back).config, nerf(state).config);
     EXPECT_EQ(nerf(back).samples, 16);
     EXPECT_EQ(nerf(back).fine_samples, fine_samples);
@@ -97,8 +98,7 @@ TEST(Checkpoint, RoundTripIsBitExact) {
     EXPECT_EQ(nerf(back).unit_from_world.center, nerf(state).unit_from_world.center);
     EXPECT_EQ(nerf(back).unit_from_world.scale, nerf(state).unit_from_world.scale);
     EXPECT_EQ(back.step, state.step);
-    EXPECT_EQ(back.rays_drawn, state.rays_drawn);
-    EXPECT_EQ(back.active_fraction, state.active_fraction);
+    EXPECT_EQ(back.pixels_drawn, state.pixels_drawn);
     EXPECT_EQ(back.seconds, state.seconds);
     EXPECT_EQ(back.seed, state.seed);
     EXPECT_EQ(back.restarts, state.restarts);
@@ -121,8 +121,8 @@ TEST(Checkpoint, GridRoundTripIsBitExact) {
     const auto &a = dynamic_cast<const GridModel&>(*state.model),
                &b = dynamic_cast<const GridModel&>(*back.model);
     expect_equal(b.parameters, a.parameters);
-    expect_equal(back.first_moment, state.first_moment);
-    expect_equal(back.second_moment, state.second_moment);
+    expect_equal(back.adam.first_moment, state.adam.first_moment);
+    expect_equal(back.adam.second_moment, state.adam.second_moment);
     EXPECT_EQ(b.field, a.field);
     EXPECT_EQ(b.proposal, a.proposal);
     EXPECT_EQ(b.sky, a.sky);
@@ -132,6 +132,7 @@ TEST(Checkpoint, GridRoundTripIsBitExact) {
     EXPECT_EQ(b.spacing.half_m, a.spacing.half_m);
     EXPECT_EQ(b.proposal_samples, a.proposal_samples);
     EXPECT_EQ(b.samples, a.samples);
+    EXPECT_EQ(b.active_fraction, 0.625);
     EXPECT_TRUE(std::ranges::equal(back.cell_errors.span(), state.cell_errors.span()));
     EXPECT_EQ(back.poses.corrections.frames, 2);
     EXPECT_EQ(back.poses.corrections.cameras, 1);
@@ -286,14 +287,16 @@ TEST(Checkpoint, DamageToAGridIsRefusedAndNamed) {
       {"unknown method", metadata("method", "splats"), "__metadata__.method"},
       {"method missing", [](Parts& p) { p.header["__metadata__"].erase("method"); },
        "__metadata__.method"},
-      {"number missing", [](Parts& p) { p.header["__metadata__"].erase("sky.levels"); },
-       "__metadata__.sky.levels"},
-      {"levels", metadata("grid.levels", "0"), "__metadata__.grid.levels"},
-      {"levels no multiple", metadata("grid.levels", "3"), "__metadata__.grid.levels"},
-      {"rows beyond all memory", metadata("grid.log2_rows", "63"), "__metadata__.grid.log2_rows"},
-      {"rows that the file does not hold", metadata("grid.log2_rows", "8"),
+      {"number missing", [](Parts& p) { p.header["__metadata__"].erase("sky.n_levels"); },
+       "__metadata__.sky.n_levels"},
+      {"levels", metadata("grid.n_levels", "0"), "__metadata__.grid.n_levels"},
+      {"levels no multiple", metadata("grid.n_levels", "3"), "__metadata__.grid.n_levels"},
+      {"rows beyond all memory", metadata("grid.log2_hashmap_size", "63"),
+       "__metadata__.grid.log2_hashmap_size"},
+      {"rows that the file does not hold", metadata("grid.log2_hashmap_size", "8"),
        "adam.first_moment.shape"},
-      {"features of a sky", metadata("sky.features", "1"), "__metadata__.sky.features"},
+      {"features of a sky", metadata("sky.features_per_level", "1"),
+       "__metadata__.sky.features_per_level"},
       {"width", metadata("width", "17"), "__metadata__.width"},
       {"width of another network", metadata("width", "32"), "adam.first_moment.shape"},
       {"colour layers", metadata("colour_layers", "3"), "__metadata__.colour_layers"},
@@ -303,7 +306,7 @@ TEST(Checkpoint, DamageToAGridIsRefusedAndNamed) {
        "__metadata__.contraction.center_x"},
       {"far before near", metadata("far_m", "0.125"), "__metadata__.far_m"},
       {"no samples", metadata("samples", "0"), "__metadata__.samples"},
-      {"no proposals", metadata("first_proposals", "-1"), "__metadata__.samples"},
+      {"no proposals", metadata("proposal_samples_1", "-1"), "__metadata__.proposal_samples_1"},
       {"tensor renamed",
        [](Parts& p) {
          p.header["x"] = p.header["proposal"];
@@ -356,9 +359,9 @@ TEST(Checkpoint, DamageToAGridIsRefusedAndNamed) {
              &below, 4);
        },
        "cell_errors[2]"},
-      {"rays drawn", metadata("rays_drawn", "-1"), "__metadata__.rays_drawn"},
-      {"field share", metadata("field_share", "1.5"), "__metadata__.field_share"},
-      {"the format before", metadata("format", "redrive-3"), "__metadata__.format"},
+      {"rays drawn", metadata("pixels_drawn", "-1"), "__metadata__.pixels_drawn"},
+      {"active fraction", metadata("active_fraction", "1.5"), "__metadata__.active_fraction"},
+      {"the format before", metadata("format", "redrive-7"), "__metadata__.format"},
   };
   for (const Damage& damage : table) {
     Parts parts(good);

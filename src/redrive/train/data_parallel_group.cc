@@ -4,33 +4,57 @@
 #include "redrive/base/error.h"
 
 namespace redrive {
+namespace {
+
+/// Adds one rank's result to that of all `ranks`.
+void accumulate(const StepResult& one, int ranks, StepResult* all) {
+  all->pixels += one.pixels;
+  all->epoch_pixels += one.epoch_pixels;
+  all->active_rays += one.active_rays;
+  all->opacity += one.opacity / ranks;
+  all->rgb_mse += one.rgb_mse / ranks;
+  all->loss += one.loss / ranks;
+  all->finite &= one.finite;
+  if (all->loss_terms.empty()) {
+    all->loss_terms = one.loss_terms;
+    for (LossTerm& term : all->loss_terms) term.value = 0;
+    all->colour_variance = one.colour_variance;
+    all->views.resize(one.views.size());
+  }
+  for (std::size_t i = 0; i < all->loss_terms.size(); ++i)
+    all->loss_terms[i].value += one.loss_terms[i].value / ranks;
+  for (std::size_t v = 0; v < all->views.size(); ++v) {
+    all->views[v].d_translation += one.views[v].d_translation / ranks;
+    all->views[v].d_rotation += one.views[v].d_rotation / ranks;
+  }
+}
+
+}  // namespace
 
 DataParallelGroup::DataParallelGroup(const std::vector<kernels::Backend*>& backends,
-                                     kernels::AllReduce* reduction, TrainState* state)
-    : pool_(static_cast<int>(backends.size())), reduction_(reduction) {
-  REDRIVE_CHECK(reduction || backends.size() == 1);
+                                     kernels::AllReduce* all_reduce, TrainState* state)
+    : pool_(static_cast<int>(backends.size())), all_reduce_(all_reduce) {
+  REDRIVE_CHECK(all_reduce || backends.size() == 1);
   for (kernels::Backend* backend : backends) {
-    members_.push_back(
-        std::make_unique<Rank>(Rank{*backend, {size(), static_cast<int>(backends.size())}}));
-    Rank& member = *members_.back();
-    member.state = size() == 1 ? state : &member.copy;
+    ranks_.push_back(std::make_unique<Rank>(Rank{*backend, size()}));
+    Rank& rank = *ranks_.back();
+    rank.state = size() == 1 ? state : &rank.copy;
   }
 }
 
 void DataParallelGroup::begin() {
   if (size() == 1) return;
-  for (const auto& member : members_) member->copy = {};  // room for the others
+  for (const auto& rank : ranks_) rank->copy = {};  // frees memory for the new copies
   const std::string all = checkpoint_bytes(*first().state);
-  for (const auto& member : members_)
-    if (member->state == &member->copy)
-      member->copy = parse_checkpoint(all, "copy for another GPU");
+  for (const auto& rank : ranks_)
+    if (rank->state == &rank->copy) rank->copy = parse_checkpoint(all, "copy for another GPU");
 }
 
 void DataParallelGroup::each(const std::function<void(Rank&)>& work) {
   pool_.run(size(), [&](int rank) {
     const std::string which = size() > 1 ? "GPU " + std::to_string(rank) + ": " : "";
     try {
-      work(*members_[rank]);
+      work(*ranks_[rank]);
     } catch (const DeviceError& error) {
       throw DeviceError(which + error.what());
     } catch (const DeviceMemoryError& error) {
@@ -39,57 +63,40 @@ void DataParallelGroup::each(const std::function<void(Rank&)>& work) {
   });
 }
 
-StepResult DataParallelGroup::step(const std::function<void(Rank&)>& gather, double learning_rate) {
+StepResult DataParallelGroup::step(const TrainingSet& data, const StepRequest& request,
+                                   double learning_rate) {
   const bool several = size() > 1;
-  each([&](Rank& member) {
-    gather(member);
-    member.result =
-        step_gradients(member.backend, member.batch, *member.state, &member.buffers, &member.lidar);
-    if (!several || member.batch.cell.empty()) return;
-    kernels::download(member.backend, member.batch.cell);
-    member.backend.download(member.result.squares);
+  each([&](Rank& rank) {
+    StepRequest own = request;
+    own.rank = rank.rank;
+    own.world_size = size();
+    own.error_map = &rank.state->cell_errors;
+    rank.result = step_gradients(rank.backend, data, own, *rank.state, &rank.buffers);
+    if (!several || rank.result.cells.empty()) return;
+    rank.backend.download(kernels::as_floats(rank.result.cells));
+    rank.backend.download(rank.result.squared_errors);
   });
 
   StepResult all;
   cells_.clear();
-  squares_.clear();
+  squared_errors_.clear();
   std::vector<std::span<float>> gradients;
-  for (const auto& member : members_) {
-    const StepResult& one = member->result;
-    all.loss += one.loss / size();
-    all.rgb_mse += one.rgb_mse / size();
-    all.opacity += one.opacity / size();
-    all.range += one.range / size();
-    all.colours += one.colours / size();
-    all.finite &= one.finite;
-    all.active_rays += one.active_rays;
-    all.rays += one.rays;
-    all.error_map_rays += one.error_map_rays;
-    gradients.push_back(member->buffers.gradients);
-    if (!several || member->batch.cell.empty()) continue;
-    cells_.insert(cells_.end(), member->batch.cell.begin(), member->batch.cell.end());
-    squares_.insert(squares_.end(), one.squares.begin(), one.squares.end());
+  for (const auto& rank : ranks_) {
+    const StepResult& one = rank->result;
+    accumulate(one, size(), &all);
+    gradients.push_back(rank->buffers.gradients);
+    if (!several) continue;
+    cells_.insert(cells_.end(), one.cells.begin(), one.cells.end());
+    if (!one.cells.empty())
+      squared_errors_.insert(squared_errors_.end(), one.squared_errors.begin(),
+                             one.squared_errors.end());
   }
-  if (several) reduction_->mean(gradients);
-  all.squares = several ? squares_ : first().result.squares;
-  const std::span<const std::uint32_t> cells = several ? cells_ : first().batch.cell;
-  each([&](Rank& member) {
-    apply_step(member.backend, all, cells, learning_rate, member.state, &member.buffers);
-  });
+  if (several) all_reduce_->mean(gradients);
+  all.cells = several ? cells_ : first().result.cells;
+  all.squared_errors = several ? squared_errors_ : first().result.squared_errors;
+  each(
+      [&](Rank& rank) { apply_step(rank.backend, all, learning_rate, rank.state, &rank.buffers); });
   return all;
-}
-
-std::vector<ViewGradient> DataParallelGroup::view_gradients(const Scene& scene) const {
-  std::vector<ViewGradient> mean(scene.views.size());
-  for (const auto& member : members_) {
-    const std::vector<ViewGradient> one =
-        redrive::view_gradients(scene, member->batch, member->result);
-    for (std::size_t v = 0; v < mean.size(); ++v) {
-      mean[v].d_translation += one[v].d_translation / size();
-      mean[v].d_rotation += one[v].d_rotation / size();
-    }
-  }
-  return mean;
 }
 
 }  // namespace redrive

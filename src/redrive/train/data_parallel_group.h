@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Backends that make every step together: each has a copy of what is trained and a share of the
-// rays, the mean of their gradients goes to all, and each changes its copy alike. So a step of N of
-// them is one backend's with N times the rays. Nobody waits for another but between the parts of a
-// step, so that one that fails ends the step and not the others' patience.
+// Data parallelism: several backends make every step together. Each rank has a copy of what is
+// trained and draws its own part of the step; an all-reduce gives all ranks the mean of the
+// gradients, and each updates its copy alike. A step of N ranks is one backend's with N times the
+// batch. Ranks wait for each other only between the parts of a step, so that one that fails ends
+// the step.
 #pragma once
 
 #include <functional>
@@ -12,53 +13,47 @@
 
 #include "redrive/base/parallel.h"
 #include "redrive/kernels/backend_group.h"
-#include "redrive/train/pose_refiner.h"
 #include "redrive/train/step.h"
 
 namespace redrive {
 
 struct Rank {
   kernels::Backend& backend;
-  Share share;
-  TrainState* state;  ///< the first one's is the run's, the others' `copy`
-  TrainState copy;    ///< of what steps change
-  RayBatch batch, lidar;
-  StepBuffers buffers;
-  StepResult result;  ///< of its own rays in the last step
+  int rank = 0;
+  TrainState* state = nullptr;  ///< rank 0: the run's; others: `copy`
+  TrainState copy = {};         ///< of what steps change
+  StepBuffers buffers = {};
+  StepResult result = {};  ///< of its own part of the last step
 };
 
 class DataParallelGroup {
  public:
-  /// They and `state` outlive it. reduction: may be null of one backend.
-  DataParallelGroup(const std::vector<kernels::Backend*>& backends, kernels::AllReduce* reduction,
+  /// Backends and `state` outlive it. all_reduce: may be null for one backend.
+  DataParallelGroup(const std::vector<kernels::Backend*>& backends, kernels::AllReduce* all_reduce,
                     TrainState* state);
 
-  int size() const { return static_cast<int>(members_.size()); }
-  Rank& first() { return *members_.front(); }
-  const Rank& operator[](int rank) const { return *members_[rank]; }
+  int size() const { return static_cast<int>(ranks_.size()); }
+  Rank& first() { return *ranks_.front(); }
+  const Rank& operator[](int rank) const { return *ranks_[rank]; }
 
-  /// Before the first step, and when the first one's state is another: all go on from that. Nobody
-  /// keeps any of it elsewhere yet.
+  /// Copies the state of rank 0 to the others. Call before the first step, and when that state has
+  /// been replaced. No backend keeps any of it on a device yet.
   void begin();
 
-  /// train_step of the rays that `gather` puts into each member's batches, called by several
-  /// threads. What it returns is of all of them: means (of LossTerms only opacity, rgb_mse, colours
-  /// and range), counts in sum, no derivatives of rays. DeviceError and DeviceMemoryError say which
-  /// member it was.
-  StepResult step(const std::function<void(Rank&)>& gather, double learning_rate);
-
-  /// Of the last step, whose batches refine: pose_refiner.h, of all its rays.
-  std::vector<ViewGradient> view_gradients(const Scene& scene) const;
+  /// One training step of all ranks. `request` for rank 0; the others' follow from it. Returns
+  /// means over the ranks (opacity, errors, loss terms, pose gradients) and sums of counts.
+  /// DeviceError and DeviceMemoryError name the rank that failed.
+  StepResult step(const TrainingSet& data, const StepRequest& request, double learning_rate);
 
  private:
   void each(const std::function<void(Rank&)>& work);
 
   ThreadPool pool_;
-  std::vector<std::unique_ptr<Rank>> members_;
-  kernels::AllReduce* reduction_;
-  // Of all rays of a step, where there are several members:
+  std::vector<std::unique_ptr<Rank>> ranks_;
+  kernels::AllReduce* all_reduce_;
+  // Error map updates of all ranks, where there are several:
   std::vector<std::uint32_t> cells_;
-  std::vector<float> squares_;
+  std::vector<float> squared_errors_;
 };
 
 }  // namespace redrive

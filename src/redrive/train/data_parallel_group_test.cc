@@ -53,13 +53,15 @@ struct Loops {
   }
 };
 
-/// A run and what its batches are gathered from.
-struct TeamRun {
+/// A run and what its steps draw from.
+struct GroupRun {
   redrive::Run run;
   TrainingData data;
   PixelSampler sampler;
+  LidarReturns returns;
+  std::unique_ptr<LidarSampler> lidar;
 
-  TeamRun(redrive::Run from, double cell_error = -1)
+  GroupRun(redrive::Run from, double cell_error = -1)
       : run(std::move(from)),
         data([this] {
           ThreadPool pool(1);
@@ -70,18 +72,35 @@ struct TeamRun {
     run.state.cell_errors = Buffer<float>(sampler.cells().size());
     std::ranges::fill(run.state.cell_errors.span(), static_cast<float>(cell_error));
   }
-  std::function<void(Rank&)> gather(int even, int error_map_rays = 0) {
-    return [=, this](Rank& member) {
-      gather_batch(member.backend, sampler, even, error_map_rays, member.state, &member.batch,
-                   &member.buffers, member.share);
-      member.batch.refines = true;
-    };
+  TrainingSet set() const { return {run.scene, data.images, returns, sampler, lidar.get()}; }
+  /// Rays that each rank draws: uniformly, and by the error map.
+  void draw(int uniform, int error_rays = 0) {
+    auto& model = dynamic_cast<RayModel&>(*run.state.model);
+    model.batch_rays = uniform + error_rays;
+    model.error_rays = (error_rays + 0.5) / model.batch_rays;
+    if (auto* grid = dynamic_cast<GridModel*>(&model)) grid->max_batch_factor = 1;
+  }
+  /// Ranks draw these LiDAR rays besides, of returns 3 m ahead.
+  void draw_lidar(int rays) {
+    returns.n = 100;
+    returns.origin.assign(300, 0);
+    returns.direction.assign(300, 0);
+    std::fill_n(returns.direction.begin(), 100, 1.0f);
+    returns.range_m.assign(100, 3.0f);
+    returns.t_ns.assign(100, 0);
+    lidar = std::make_unique<LidarSampler>(returns, 1);
+    dynamic_cast<RayModel&>(*run.state.model).lidar_rays = rays;
+  }
+  StepRequest next() const {
+    StepRequest request = next_step(run.state);
+    request.pose_gradients = true;
+    return request;
   }
 };
 
-class TeamTest : public TrainingTest {
+class DataParallelTest : public TrainingTest {
  protected:
-  TeamRun team_run(const std::string& name, bool grid = true, double cell_error = -1) {
+  GroupRun group_run(const std::string& name, bool grid = true, double cell_error = -1) {
     const TrainOptions options = tiny_options(1);
     const auto folder = folder_.path / name;
     return {grid ? tiny_grid_run(folder, folder_.path, options)
@@ -94,70 +113,70 @@ class TeamTest : public TrainingTest {
     return tiny_grid_run(folder_.path / name, folder_.path, options);
   }
   TrainEnd train_by(redrive::Run* run, const std::vector<kernels::Backend*>& backends,
-                    kernels::AllReduce* reduction) {
+                    kernels::AllReduce* all_reduce) {
     ThreadPool pool(1);
-    return train(run, load_training_data(*run, pool), backends, reduction, never_);
+    return train(run, load_training_data(*run, pool), backends, all_reduce, never_);
   }
 };
 
 void fetch_state(kernels::Backend& backend, const TrainState& state) {
   const Buffer<float>& parameters = state.model->parameters;
   for (const Buffer<float>* numbers :
-       {&parameters, &state.first_moment, &state.second_moment, &state.cell_errors})
+       {&parameters, &state.adam.first_moment, &state.adam.second_moment, &state.cell_errors})
     backend.download(*numbers);
 }
 
-/// A few LiDAR rays, others for each member.
-void add_lidar(Rank* member) {
-  constexpr int kRays = 5;
-  RayBatch& lidar = member->lidar;
-  lidar.n = kRays;
-  lidar.first_ray = static_cast<std::uint64_t>(kRays) * member->share.rank;
-  lidar.origin.assign(3 * kRays, 0.1f * static_cast<float>(member->share.rank));
-  lidar.direction.assign(3 * kRays, 0);
-  std::fill_n(lidar.direction.begin(), kRays, 1.0f);
-  lidar.pixel_angle.assign(kRays, 0.002f);
-  lidar.range_m.assign(kRays, 3.0f);
+double loss_of(const StepResult& result, std::string_view term) {
+  for (const LossTerm& one : result.loss_terms)
+    if (one.name == term) return one.value;
+  return 0;
 }
 
-TEST_F(TeamTest, HalvesOfABatchMakeTheStepOfTheWhole) {
+TEST_F(DataParallelTest, HalvesOfABatchMakeTheStepOfTheWhole) {
   constexpr int kRays = 64;
   for (const bool grid : {false, true}) {
-    TeamRun whole = team_run(grid ? "whole grid" : "whole", grid),
-            halves = team_run(grid ? "grid" : "halves", grid);
+    GroupRun whole = group_run(grid ? "whole grid" : "whole", grid),
+             halves = group_run(grid ? "grid" : "halves", grid);
+    whole.draw(kRays);
+    halves.draw(kRays / 2);
     const auto backend = kernels::make_loop_backend();
-    RayBatch batch;
     StepBuffers buffers;
-    gather_batch(*backend, whole.sampler, kRays, 0, &whole.run.state, &batch, &buffers);
-    batch.refines = true;
-    const StepResult expected = train_step(*backend, batch, 1e-3, &whole.run.state, &buffers);
+    const StepResult expected =
+        train_step(*backend, whole.set(), whole.next(), 1e-3, &whole.run.state, &buffers);
     fetch_state(*backend, whole.run.state);
 
     const Loops loops(2);
     HostMean mean(loops.all);
-    DataParallelGroup team(loops.all, &mean, &halves.run.state);
-    team.begin();
-    const StepResult result = team.step(halves.gather(kRays / 2), 1e-3);
+    DataParallelGroup group(loops.all, &mean, &halves.run.state);
+    group.begin();
+    const StepResult result = group.step(halves.set(), halves.next(), 1e-3);
     fetch_state(*loops.all[0], halves.run.state);
 
     EXPECT_TRUE(result.finite);
-    EXPECT_EQ(result.rays, expected.rays);
+    EXPECT_EQ(result.pixels, expected.pixels);
     EXPECT_EQ(result.active_rays, expected.active_rays);
-    EXPECT_EQ(halves.run.state.rays_drawn, whole.run.state.rays_drawn);
-    EXPECT_EQ(halves.run.state.active_fraction, whole.run.state.active_fraction);
+    EXPECT_EQ(halves.run.state.pixels_drawn, whole.run.state.pixels_drawn);
+    if (grid) {
+      const auto fraction = [](const GroupRun& of) {
+        return dynamic_cast<const GridModel&>(*of.run.state.model).active_fraction;
+      };
+      EXPECT_EQ(fraction(halves), fraction(whole));
+    }
     // The same terms in another order: sums of so many of them, each rounded.
-    const int samples = kRays * whole.run.state.model->samples_per_ray();
+    const int samples = kRays * ray_model(whole.run.state).samples_per_ray();
     const double rounding = samples * 0x1p-24;
     EXPECT_NEAR(result.rgb_mse, expected.rgb_mse, rounding * expected.rgb_mse);
     EXPECT_NEAR(result.opacity, expected.opacity, rounding);
-    EXPECT_NEAR(result.colours, expected.colours, rounding * expected.colours);
+    const double colour = loss_of(expected, "colour");
+    EXPECT_GT(colour, 0);
+    EXPECT_NEAR(loss_of(result, "colour"), colour, rounding * colour);
     for (const ModelTensor& tensor : whole.run.state.model->tensors()) {
       if (tensor.name == "proposal")
         continue;  // learns from the first quarter of each half, not of the whole
       std::size_t size = 1;
       for (const std::int64_t n : tensor.shape) size *= static_cast<std::size_t>(n);
       const auto of = [&](const TrainState& state) {
-        return state.first_moment.span().subspan(tensor.offset, size);
+        return state.adam.first_moment.span().subspan(tensor.offset, size);
       };
       float most = 0, difference = 0;
       for (std::size_t i = 0; i < size; ++i) {
@@ -168,129 +187,131 @@ TEST_F(TeamTest, HalvesOfABatchMakeTheStepOfTheWhole) {
       EXPECT_LE(difference, rounding * most) << tensor.name;
       EXPECT_TRUE(std::isfinite(most)) << tensor.name;
     }
-    const std::vector<ViewGradient> views = team.view_gradients(whole.run.scene),
-                                    of_whole = view_gradients(whole.run.scene, batch, expected);
     double most = 0;
-    for (const ViewGradient& view : of_whole) most = std::max(most, view.d_translation.norm());
+    for (const ViewGradient& view : expected.views)
+      most = std::max(most, view.d_translation.norm());
     EXPECT_GT(most, 0);
-    for (std::size_t v = 0; v < views.size(); ++v) {
-      EXPECT_LE((views[v].d_translation - of_whole[v].d_translation).norm(), rounding * most);
-      EXPECT_LE((views[v].d_rotation - of_whole[v].d_rotation).norm(), rounding * most);
+    ASSERT_EQ(result.views.size(), expected.views.size());
+    for (std::size_t v = 0; v < result.views.size(); ++v) {
+      const ViewGradient &a = result.views[v], &b = expected.views[v];
+      EXPECT_LE((a.d_translation - b.d_translation).norm(), rounding * most);
+      EXPECT_LE((a.d_rotation - b.d_rotation).norm(), rounding * most);
     }
   }
 }
 
-TEST_F(TeamTest, StaysOneFieldAndTakesInAllRays) {
-  constexpr int kMembers = 3, kSteps = 4;
-  TeamRun of = team_run("run", true, 0.5);
+TEST_F(DataParallelTest, RanksStayEqualAndAllUpdateTheErrorMap) {
+  constexpr int kRanks = 3, kSteps = 4;
+  GroupRun of = group_run("run", true, 0.5);
+  of.draw(16, 8);
+  of.draw_lidar(5);
   const TrainState before = parse_checkpoint(checkpoint_bytes(of.run.state), "");
-  const Loops loops(kMembers);
+  const Loops loops(kRanks);
   HostMean mean(loops.all);
-  DataParallelGroup team(loops.all, &mean, &of.run.state);
-  team.begin();
-  const auto gather = [&](Rank& member) {
-    of.gather(16, 8)(member);
-    add_lidar(&member);
-  };
+  DataParallelGroup group(loops.all, &mean, &of.run.state);
+  group.begin();
   std::vector<float> errors(before.cell_errors.span().begin(), before.cell_errors.span().end());
   for (int step = 0; step < kSteps; ++step) {
-    const StepResult result = team.step(gather, 1e-2);
+    const StepResult result = group.step(of.set(), of.next(), 1e-2);
     EXPECT_TRUE(result.finite);
-    EXPECT_EQ(result.rays, kMembers * 24);
-    EXPECT_GT(result.range, 0);
-    for (int rank = 0; rank < kMembers; ++rank) {
-      const Rank& member = team[rank];
-      fetch_state(member.backend, *member.state);
-      EXPECT_TRUE(same_weights(*member.state, of.run.state)) << rank;
-      EXPECT_EQ(member.state->step, step + 1);
-      EXPECT_EQ(member.state->rays_drawn, (step + 1) * kMembers * 16u);
-      update_error_map(member.batch.cell, member.result.squares, errors);
+    EXPECT_EQ(result.pixels, kRanks * 24);
+    EXPECT_GT(loss_of(result, "lidar"), 0);
+    for (int r = 0; r < kRanks; ++r) {
+      const Rank& rank = group[r];
+      fetch_state(rank.backend, *rank.state);
+      EXPECT_TRUE(same_weights(*rank.state, of.run.state)) << r;
+      EXPECT_EQ(rank.state->step, step + 1);
+      EXPECT_EQ(rank.state->pixels_drawn, (step + 1) * kRanks * 16u);
+      update_error_map(rank.result.cells, rank.result.squared_errors, errors);
     }
     EXPECT_TRUE(bit_equal(of.run.state.cell_errors, errors));
     if (step > 0) continue;
-    // The mean of what each would learn alone: Adam's first moment is a tenth of it.
+    // The mean of what each rank would learn alone: Adam's first moment is a tenth of it.
     std::vector<double> gradient(before.model->size());
-    for (int rank = 0; rank < kMembers; ++rank) {
-      TrainState state = parse_checkpoint(checkpoint_bytes(before), "");
-      Rank member{*loops.all[rank], {rank, kMembers}, &state};
-      gather(member);
-      step_gradients(member.backend, member.batch, state, &member.buffers, &member.lidar);
-      member.backend.download(member.buffers.gradients);
+    for (int r = 0; r < kRanks; ++r) {
+      const TrainState state = parse_checkpoint(checkpoint_bytes(before), "");
+      StepBuffers buffers;
+      StepRequest request = next_step(state);
+      request.rank = r;
+      request.world_size = kRanks;
+      kernels::Backend& backend = *loops.all[r];
+      step_gradients(backend, of.set(), request, state, &buffers);
+      backend.download(buffers.gradients);
       for (std::size_t i = 0; i < gradient.size(); ++i)
-        gradient[i] += member.buffers.gradients[i] / kMembers;
+        gradient[i] += buffers.gradients[i] / kRanks;
     }
-    int moved = 0;
+    int changed = 0;
     for (std::size_t i = 0; i < gradient.size(); ++i) {
-      ASSERT_NEAR(of.run.state.first_moment[i], 0.1 * gradient[i],
+      ASSERT_NEAR(of.run.state.adam.first_moment[i], 0.1 * gradient[i],
                   1e-6 * std::abs(gradient[i]) + 1e-12)
           << i;
-      moved += gradient[i] != 0;
+      changed += gradient[i] != 0;
     }
-    EXPECT_GT(moved, 100);
+    EXPECT_GT(changed, 100);
   }
 }
 
-TEST_F(TeamTest, DrawsEachPixelOnceAnEpoch) {
-  TeamRun of = team_run("run");
+TEST_F(DataParallelTest, DrawsEachPixelOnceAnEpoch) {
+  GroupRun of = group_run("run");
   const auto backend = kernels::make_ref_backend();
   const std::uint64_t pixels = of.sampler.pixels();
-  for (const int members : {1, 2, 3, 5})
+  for (const int ranks : {1, 2, 3, 5})
     for (const std::uint64_t left : {1, 2, 4, 7, 11}) {  // of the epoch
       TrainState& state = of.run.state;
-      state.rays_drawn = pixels - left;
-      while (state.rays_drawn < pixels + 5) {
+      state.pixels_drawn = pixels - left;
+      while (state.pixels_drawn < pixels + 5) {
         std::uint64_t drawn = 0;
-        for (int rank = 0; rank < members; ++rank) {
-          RayBatch batch, expected;
-          StepBuffers buffers;
-          gather_batch(*backend, of.sampler, 3, 0, &state, &batch, &buffers, {rank, members});
+        for (int rank = 0; rank < ranks; ++rank) {
+          RayBatch expected;
+          RayBuffers buffers;
+          StepRequest request = next_step(state);
+          request.rank = rank;
+          request.world_size = ranks;
+          draw_batch(*backend, of.sampler, 3, 0, request, &buffers);
+          const RayBatch& batch = buffers.batch;
           EXPECT_EQ(batch.first_ray, drawn);
           EXPECT_GE(batch.n, 1);
           EXPECT_LE(batch.n, 3);
           for (int i = 0; i < batch.n; ++i, ++drawn) {
-            of.sampler.gather(state.rays_drawn + drawn, 1, &expected);
+            of.sampler.gather(state.pixels_drawn + drawn, 1, &expected);
             EXPECT_EQ(batch.direction[i], expected.direction[0])
-                << members << " " << left << " " << drawn;
+                << ranks << " " << left << " " << drawn;
             EXPECT_EQ(batch.view[i], expected.view[0]);
           }
         }
-        state.rays_drawn += drawn;
+        state.pixels_drawn += drawn;
       }
     }
 }
 
-TEST_F(TeamTest, WhatIsNotFiniteForOneIsAppliedByNone) {
+TEST_F(DataParallelTest, NoRankAppliesAStepThatIsNotFiniteForOne) {
   for (const int bad : {0, 1}) {
-    TeamRun of = team_run("run" + std::to_string(bad), true, 0.5);
+    GroupRun of = group_run("run" + std::to_string(bad), true, 0.5);
+    of.draw(16, 8);
     const TrainState before = parse_checkpoint(checkpoint_bytes(of.run.state), "");
     const Loops loops(2);
-    HostMean mean(loops.all);
-    DataParallelGroup team(loops.all, &mean, &of.run.state);
-    team.begin();
-    const auto gather = of.gather(16, 8);
-    const StepResult result = team.step(
-        [&](Rank& member) {
-          gather(member);
-          if (member.share.rank != bad) return;
-          kernels::download(member.backend, member.batch.target);
-          member.batch.target[5] = std::numeric_limits<float>::quiet_NaN();
-          member.backend.upload(kernels::as_floats(std::span<const float>(member.batch.target)));
-        },
-        1e-2);
-    EXPECT_FALSE(result.finite);
+    Interference interference{.nan_from = 0, .nan_to = 1};
+    InterferingBackend spoilt(*loops.all[bad], &interference);
+    std::vector<kernels::Backend*> backends = loops.all;
+    backends[bad] = &spoilt;
+    HostMean mean(backends);
+    DataParallelGroup group(backends, &mean, &of.run.state);
+    group.begin();
+    EXPECT_FALSE(group.step(of.set(), of.next(), 1e-2).finite);
     for (int rank = 0; rank < 2; ++rank) {
-      fetch_state(team[rank].backend, *team[rank].state);
-      EXPECT_TRUE(same_weights(*team[rank].state, before));
-      EXPECT_EQ(team[rank].state->step, 1);
+      fetch_state(group[rank].backend, *group[rank].state);
+      EXPECT_TRUE(same_weights(*group[rank].state, before));
+      EXPECT_EQ(group[rank].state->step, 1);
     }
-    EXPECT_TRUE(team.step(gather, 1e-2).finite) << "nothing of it is left";
+    EXPECT_TRUE(group.step(of.set(), of.next(), 1e-2).finite) << "nothing of it is left";
   }
 }
 
-TEST_F(TeamTest, ADeviceLostAtAnyPartOfAStepEndsIt) {
-  const TeamRun first = team_run("run", true, 0.5);
+TEST_F(DataParallelTest, ADeviceLostAtAnyPartOfAStepEndsIt) {
+  GroupRun first = group_run("run", true, 0.5);
+  first.draw(8, 4);
   const std::string before = checkpoint_bytes(first.run.state);
-  TeamRun of = team_run("run again", true, 0.5);
+  GroupRun of = group_run("run again", true, 0.5);
   for (const int lost : {0, 1}) {
     int failures = 0;
     for (std::int64_t works = 0;; works += 5) {
@@ -298,10 +319,10 @@ TEST_F(TeamTest, ADeviceLostAtAnyPartOfAStepEndsIt) {
       const Loops loops(2, lost, &faults);
       HostMean mean(loops.all);
       of.run.state = parse_checkpoint(before, "");
-      DataParallelGroup team(loops.all, &mean, &of.run.state);
-      team.begin();
+      DataParallelGroup group(loops.all, &mean, &of.run.state);
+      group.begin();
       try {
-        team.step(of.gather(8, 4), 1e-2);
+        group.step(of.set(), of.next(), 1e-2);
         break;
       } catch (const DeviceError& error) {
         const std::string which =
@@ -316,10 +337,10 @@ TEST_F(TeamTest, ADeviceLostAtAnyPartOfAStepEndsIt) {
     const Loops loops(2, lost, &faults);
     HostMean mean(loops.all);
     of.run.state = parse_checkpoint(before, "");
-    DataParallelGroup team(loops.all, &mean, &of.run.state);
-    team.begin();
+    DataParallelGroup group(loops.all, &mean, &of.run.state);
+    group.begin();
     try {
-      team.step(of.gather(8, 4), 1e-2);
+      group.step(of.set(), of.next(), 1e-2);
       ADD_FAILURE() << "it had room";
     } catch (const DeviceMemoryError& error) {
       EXPECT_THAT(error.what(), HasSubstr("GPU " + std::to_string(lost) +
@@ -328,7 +349,7 @@ TEST_F(TeamTest, ADeviceLostAtAnyPartOfAStepEndsIt) {
   }
 }
 
-TEST_F(TeamTest, TrainsAndResumesWithAnotherNumber) {
+TEST_F(DataParallelTest, TrainsAndResumesWithAnotherNumber) {
   const Loops two(2);
   HostMean mean(two.all);
   redrive::Run whole = grid_run("whole", 10), again = grid_run("again", 10),
@@ -342,16 +363,16 @@ TEST_F(TeamTest, TrainsAndResumesWithAnotherNumber) {
   EXPECT_TRUE(same_weights(load_checkpoint(whole.paths.checkpoint()), whole.state));
 
   EXPECT_EQ(train_by(&fewer, two.all, &mean), TrainEnd::kFinished);
-  const std::uint64_t drawn = fewer.state.rays_drawn;
+  const std::uint64_t drawn = fewer.state.pixels_drawn;
   redrive::Run one = reopened(fewer);
   one.options.max_steps = 10;
   EXPECT_EQ(train_by(&one, {two.all[0]}, nullptr), TrainEnd::kFinished);
   EXPECT_EQ(one.state.step, 10);
-  EXPECT_LT(one.state.rays_drawn - drawn, drawn / 2)
+  EXPECT_LT(one.state.pixels_drawn - drawn, drawn / 2)
       << "two thirds of the steps, half as many rays";
 }
 
-TEST_F(TeamTest, InterruptedAndResumedEndsAsUninterrupted) {
+TEST_F(DataParallelTest, InterruptedAndResumedEndsAsUninterrupted) {
   const Loops two(2);
   HostMean mean(two.all);
   redrive::Run whole = grid_run("whole", 10), parts = grid_run("parts", 10);
@@ -375,7 +396,7 @@ TEST_F(TeamTest, InterruptedAndResumedEndsAsUninterrupted) {
   EXPECT_EQ(curve(parts), curve(whole));
 }
 
-TEST_F(TeamTest, BeginsAgainTogether) {
+TEST_F(DataParallelTest, BeginsAgainTogether) {
   for (const int bad : {0, 1}) {
     const Loops two(2);
     HostMean of_two(two.all);
@@ -419,13 +440,13 @@ TEST(NcclAllReduce, OnGpusIsTheMean) {
   }
 }
 
-TEST_F(TeamTest, OnGpusLearnsAsOneWithTheLargerBatch) {
+TEST_F(DataParallelTest, OnGpusLearnsAsOneWithTheLargerBatch) {
   if (kernels::cuda_gpus() < 2) GTEST_SKIP() << "cuda: fewer than two GPUs";
   if (const auto obstacle = kernels::nccl_obstacle()) GTEST_SKIP() << "nccl: " << *obstacle;
   const kernels::BackendGroup two = kernels::make_backend_group({"cuda", "auto", 2}, 2);
   const std::vector<kernels::Backend*> both = {two.backends[0].get(), two.backends[1].get()};
   redrive::Run team = grid_run("team", 100), one = grid_run("one", 100);
-  one.options.batch_rays *= 2;
+  dynamic_cast<RayModel&>(*one.state.model).batch_rays *= 2;
   EXPECT_EQ(train_by(&team, both, two.reduction.get()), TrainEnd::kFinished);
   EXPECT_EQ(train_by(&one, {both[0]}, nullptr), TrainEnd::kFinished);
   const auto rows = read_metrics(team.paths), expected = read_metrics(one.paths);

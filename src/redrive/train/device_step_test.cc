@@ -47,20 +47,20 @@ void expect_that_keeping_changes_nothing(const std::function<TrainState()>& fres
   for (int step = 0; step < 4; ++step) {
     RayBatch batch = batch_for_device(24, step);
     if (step == 2) batch.target[5] = std::numeric_limits<float>::quiet_NaN();
-    const StepResult a = train_step(*keeping, batch, 1e-2, &kept, &of_kept, &lidar),
-                     b = train_step(copying, batch, 1e-2, &copied, &of_copied, &lidar);
+    const BatchResult a = train_step(*keeping, batch, 1e-2, &kept, &of_kept, &lidar),
+                      b = train_step(copying, batch, 1e-2, &copied, &of_copied, &lidar);
     EXPECT_EQ(a.finite, step != 2);
     EXPECT_EQ(b.finite, step != 2);
-    EXPECT_EQ(a.range, b.range);
+    EXPECT_EQ(a.loss_of("lidar"), b.loss_of("lidar"));
     EXPECT_EQ(a.opacity, b.opacity);
     if (step == 2) continue;
     EXPECT_EQ(a.loss, b.loss) << step;
     EXPECT_TRUE(bit_equal(a.d_origin, b.d_origin));
     EXPECT_TRUE(bit_equal(a.d_direction, b.d_direction));
   }
-  EXPECT_TRUE(std::isnan(kept.first_moment[0])) << "on the host before it was fetched";
+  EXPECT_TRUE(std::isnan(kept.adam.first_moment[0])) << "on the host before it was fetched";
   for (const Buffer<float>* numbers :
-       {&kept.model->parameters, &kept.first_moment, &kept.second_moment})
+       {&kept.model->parameters, &kept.adam.first_moment, &kept.adam.second_moment})
     keeping->download(*numbers);
   EXPECT_TRUE(same_weights(kept, copied));
   EXPECT_FALSE(same_weights(kept, fresh()));
@@ -139,7 +139,7 @@ TEST(TrainStepOnADevice, CopiesTheBatchThereAndAFewNumbersBack) {
       EXPECT_EQ(result.active_rays < 24, empty);
       EXPECT_EQ(copies.to_device, bytes_of_device(batch) + bytes_of_device(lidar));
       const std::size_t of_rays = 24 * (refines ? 3 + 3 : 0) * sizeof(float);
-      EXPECT_EQ(copies.to_host, of_rays + sizeof(LossTerms) + sizeof(std::uint32_t))
+      EXPECT_EQ(copies.to_host, of_rays + sizeof(StepSums) + sizeof(std::uint32_t))
           << "derivatives of places and directions, losses and the like, how many rays are live";
       EXPECT_EQ(copies.waits, 2u + (refines ? 2 : 0));
     }
@@ -156,7 +156,7 @@ TEST(TrainStepOnADevice, CopiesTheBatchOfANerfThereAndAFewNumbersBack) {
     EXPECT_TRUE(train_step(*backend, batch, 0, &state, &buffers).finite);
   }
   EXPECT_EQ(copies.to_device, 3 * 72 * sizeof(float)) << "origins, directions, colours";
-  EXPECT_EQ(copies.to_host, 2 * 72 * sizeof(float) + sizeof(LossTerms))
+  EXPECT_EQ(copies.to_host, 2 * 72 * sizeof(float) + sizeof(StepSums))
       << "derivatives of places and directions, losses and the like";
   EXPECT_EQ(copies.waits, 2u + 1);
 }
@@ -164,11 +164,11 @@ TEST(TrainStepOnADevice, CopiesTheBatchOfANerfThereAndAFewNumbersBack) {
 struct PictureOfDevice {
   std::vector<float> rgb, depth, opacity;
 
-  PictureOfDevice(kernels::Backend& backend, const Model& model, const RayBatch& batch)
+  PictureOfDevice(kernels::Backend& backend, const RayModel& model, const RayBatch& batch)
       : rgb(3 * batch.n), depth(batch.n), opacity(batch.n) {
     Workspace workspace;
     for (int again = 0; again < 2; ++again)
-      model.render(backend, batch, {rgb, depth, opacity, {}}, &workspace);
+      model.render_rays(backend, batch, {rgb, depth, opacity, {}}, &workspace);
   }
 };
 
@@ -182,7 +182,8 @@ TEST(RenderOnADevice, IsTheSameWhereNumbersAreKept) {
       const auto keeping = kernels::make_loop_backend();
       Interference nothing;
       InterferingBackend copying(*keeping, &nothing);
-      const PictureOfDevice a(*keeping, *kept.model, batch), b(copying, *copied.model, batch);
+      const PictureOfDevice a(*keeping, ray_model(kept), batch),
+          b(copying, ray_model(copied), batch);
       EXPECT_TRUE(bit_equal(a.rgb, b.rgb));
       EXPECT_TRUE(bit_equal(a.depth, b.depth));
       EXPECT_TRUE(bit_equal(a.opacity, b.opacity));
@@ -204,7 +205,7 @@ TEST(RenderOnADevice, CopiesRaysThereAndThePictureBack) {
       std::vector<float> rgb(36), depth(12), opacity(12);
       for (int again = 0; again < 2; ++again) {
         copies = {};
-        state.model->render(*backend, batch, {rgb, depth, opacity, {}}, &workspace);
+        ray_model(state).render_rays(*backend, batch, {rgb, depth, opacity, {}}, &workspace);
       }
       const std::size_t picture = (3 + 1 + 1) * 12 * sizeof(float), number = sizeof(float);
       // Of each group its middle's place, direction and angle, of each ray its group.
@@ -264,19 +265,20 @@ LidarReturns returns_for_device(std::size_t n) {
   return returns;
 }
 
-/// What trainings gather from, and batches of it.
-struct Gathered {
+/// A training set on a device, and steps that draw from it.
+struct Drawn {
   redrive::Run run;
   TrainingData data;
   PixelSampler sampler;
   const LidarReturns returns = returns_for_device(40);
   LidarSampler lidar_sampler{returns, 1};
+  TrainingSet set{run.scene, data.images, returns, sampler, &lidar_sampler};
   kernels::TransferCounts copies;
   std::unique_ptr<kernels::Backend> backend = kernels::make_loop_backend(&copies);
-  RayBatch batch, lidar;
+  RayBuffers rays;
   StepBuffers buffers;
 
-  explicit Gathered(const std::filesystem::path& folder)
+  explicit Drawn(const std::filesystem::path& folder)
       : run(tiny_grid_run(folder / "run", folder, tiny_options(1))),
         data([this] {
           ThreadPool pool(1);
@@ -285,6 +287,11 @@ struct Gathered {
         sampler(run.scene, data.images, 1) {
     run.state.cell_errors = Buffer<float>(sampler.cells().size());
     std::ranges::fill(run.state.cell_errors.span(), 0.5f);
+    auto& model = dynamic_cast<GridModel&>(*run.state.model);
+    model.batch_rays = 24;
+    model.error_rays = 0.34;  // 8 of them
+    model.max_batch_factor = 1;
+    model.lidar_rays = 10;
     place_lidar(0);
   }
   void place_lidar(double translation_m) {
@@ -293,73 +300,73 @@ struct Gathered {
       frame.global_from_body.translate(Eigen::Vector3d(translation_m, 0, 0));
     lidar_sampler.update_poses(run.scene.global_from_world, run.recording.frames, frames);
   }
-  void gather(int even) {
+  /// Batches of `uniform` and 8 rays, and of 10 LiDAR rays.
+  void draw(int uniform) {
     copies = {};
-    gather_batch(*backend, sampler, even, 8, &run.state, &batch, &buffers);
-    gather_lidar(*backend, lidar_sampler, run.state.step, 10, &lidar, &buffers);
+    draw_batch(*backend, sampler, uniform, 8, next_step(run.state), &rays);
+    draw_lidar_batch(*backend, lidar_sampler, run.state.step, 10, &rays);
   }
 };
 
 TEST_F(TrainingOnADevice, CopiesNothingThereAndAFewNumbersBack) {
-  Gathered of(folder_.path);
-  of.gather(16);
+  Drawn of(folder_.path);
+  const auto step = [&](bool pose_gradients) {
+    of.copies = {};
+    of.run.state.step = 0;
+    StepRequest request = next_step(of.run.state);
+    request.pose_gradients = pose_gradients;
+    EXPECT_TRUE(train_step(*of.backend, of.set, request, 0, &of.run.state, &of.buffers).finite);
+  };
+  step(false);
   EXPECT_GT(of.copies.to_device,
             of.data.images[0].rgb.size() + 40 * (7 * sizeof(float) + sizeof(std::int64_t)))
       << "what is kept there";
   for (const bool refines : {false, true}) {
-    for (int again = 0; again < 2; ++again) {  // what the first time is kept there stays
-      of.gather(16);
-      EXPECT_EQ(of.copies.to_device, 0u);
-      EXPECT_EQ(of.copies.to_host, 0u);
-      of.batch.refines = refines;
-      of.run.state.step = 0;
-      EXPECT_TRUE(
-          train_step(*of.backend, of.batch, 0, &of.run.state, &of.buffers, &of.lidar).finite);
-    }
+    for (int again = 0; again < 2; ++again) step(refines);  // the first time's copies stay there
     EXPECT_EQ(of.copies.to_device, 0u);
     const std::size_t of_rays = 24 * (refines ? 3 + 3 + 3 + 1 : 0) * sizeof(float);
-    EXPECT_EQ(of.copies.to_host, of_rays + sizeof(LossTerms) + sizeof(std::uint32_t))
-        << "derivatives of places and directions, which directions and views these are of; losses "
-           "and the like, how "
-           "many rays are live";
+    EXPECT_EQ(of.copies.to_host, of_rays + sizeof(StepSums) + sizeof(std::uint32_t))
+        << "derivatives of origins and directions, with the directions and views that these are "
+           "of; losses and the like; the number of active rays";
     EXPECT_EQ(of.copies.waits, 2u + (refines ? 4 : 0));
-    EXPECT_EQ(std::isnan(of.batch.direction[0]), !refines) << "on the host before it was fetched";
+    const auto& rays = static_cast<const RayBuffers&>(*of.buffers.method);
+    EXPECT_EQ(std::isnan(rays.batch.direction[0]), !refines) << "on the host before it is fetched";
   }
 }
 
 TEST_F(TrainingOnADevice, CopiesPosesThereOnceTheyHaveMoved) {
-  Gathered of(folder_.path);
-  of.gather(16);
+  Drawn of(folder_.path);
+  of.draw(16);
   const auto origins = [&] {
-    kernels::download(*of.backend, of.lidar.origin);
-    return of.lidar.origin;
+    kernels::download(*of.backend, of.rays.lidar.origin);
+    return of.rays.lidar.origin;
   };
   const std::vector<float> before = origins();
   of.sampler.update_poses();
   of.place_lidar(0.25);
-  of.gather(16);
+  of.draw(16);
   EXPECT_EQ(of.copies.to_device,
             of.sampler.source().poses.size_bytes() + of.lidar_sampler.source().poses.size_bytes());
   EXPECT_NE(origins(), before);
-  of.gather(16);
+  of.draw(16);
   EXPECT_EQ(of.copies.to_device, 0u);
 }
 
 TEST_F(TrainingOnADevice, GathersBatchesOfAllSizes) {
-  Gathered of(folder_.path);
+  Drawn of(folder_.path);
   for (const int even : {16, 100, 40, 99, 300}) {
-    of.gather(even);
+    of.draw(even);
     RayBatch expected;
     of.sampler.gather(0, even, &expected, {8, std::vector<float>(of.sampler.cells().size(), 0.5f)});
-    ASSERT_EQ(of.batch.n, even + 8);
+    ASSERT_EQ(of.rays.batch.n, even + 8);
     for (const auto numbers :
          {&RayBatch::origin, &RayBatch::direction, &RayBatch::target, &RayBatch::pixel_angle}) {
-      kernels::download(*of.backend, of.batch.*numbers);
-      EXPECT_EQ(of.batch.*numbers, expected.*numbers) << even;
+      kernels::download(*of.backend, of.rays.batch.*numbers);
+      EXPECT_EQ(of.rays.batch.*numbers, expected.*numbers) << even;
     }
     for (const auto numbers : {&RayBatch::view, &RayBatch::cell}) {
-      kernels::download(*of.backend, of.batch.*numbers);
-      EXPECT_EQ(of.batch.*numbers, expected.*numbers) << even;
+      kernels::download(*of.backend, of.rays.batch.*numbers);
+      EXPECT_EQ(of.rays.batch.*numbers, expected.*numbers) << even;
     }
   }
 }

@@ -17,11 +17,6 @@ constexpr std::uint64_t kProgram = std::uint64_t{56} << 20, kThread = std::uint6
 constexpr std::uint64_t kReturn =
     7 * sizeof(float) + sizeof(std::int64_t);  // scene/lidar_returns.h
 constexpr std::uint64_t kSortedRay = 40;
-constexpr std::uint64_t kSample =
-    128;  // of a batch: places, densities, weights, features and their derivatives
-/// The lanes of kernels/cpu/cpu_backend.cc: gradients of a whole network each, and sixteen floats a
-/// neuron and sample of a tile.
-constexpr std::uint64_t kLanes = 8, kTileSamples = 192, kTileNeuron = 16 * sizeof(float);
 
 std::uint64_t pixels(const Camera& camera) { return std::uint64_t(camera.width) * camera.height; }
 
@@ -32,16 +27,9 @@ std::string gib(double bytes) {
   return text;
 }
 
-/// Rays of the largest batch, LiDAR's apart.
-int most_rays(const TrainOptions& options) {
-  return static_cast<int>(options.batch_rays * (options.method == "grid" ? kMaxBatchFactor : 1));
-}
-
 constexpr const char* kOfPictures = "--downscale, --frames or --cameras (pictures and their rays: ";
 constexpr const char* kOfLidar = "--frames or --lidar-rays 0 (LiDAR: ";
-std::string of_batch(const TrainOptions& options) {
-  return "--batch (" + std::to_string(options.batch_rays) + " rays: ";
-}
+std::string step_option(const Model& model) { return "--batch (" + model.describe_batch() + ": "; }
 
 /// Bytes and what they are of, the most first.
 std::string what_to_lower(std::vector<std::pair<std::uint64_t, std::string>> parts) {
@@ -57,7 +45,8 @@ std::string what_to_lower(std::vector<std::pair<std::uint64_t, std::string>> par
 
 MemoryEstimate estimate_memory(const Run& run, int threads) {
   const Scene& scene = run.scene;
-  const std::uint64_t parameters = sizeof(float) * run.state.model->size();
+  const Model& model = *run.state.model;
+  const std::uint64_t parameters = sizeof(float) * model.max_size();
   MemoryEstimate need;
   need.program = kProgram + std::uint64_t(threads) * kThread;
   const auto gpus =
@@ -86,7 +75,7 @@ MemoryEstimate estimate_memory(const Run& run, int threads) {
   for (const RigCamera& rig : scene.rig)
     need.rays += (sizeof(std::uint32_t) + 3 * sizeof(float)) * pixels(rig.camera);
 
-  if (run.options.lidar_rays > 0 && run.recording.body_from_lidar) {
+  if (model.uses_lidar() && run.recording.body_from_lidar) {
     std::uint64_t points = 0;
     for (const FrameFile& file : run.recording.lidar_files)
       if (file.frame_id >= scene.frames.front().id && file.frame_id <= scene.frames.back().id)
@@ -94,7 +83,7 @@ MemoryEstimate estimate_memory(const Run& run, int threads) {
     need.lidar = points * kReturn * 2 / 3;  // of overlapping revolutions a third is there twice
     need.sorting = points * (sizeof(LidarPoint) + kSortedRay * 2 / 3);
   }
-  if (run.options.lidar_rays > 0 && run.recording.lidar_files.empty() &&
+  if (model.uses_lidar() && run.recording.lidar_files.empty() &&
       !run.recording.points_file.empty()) {
     constexpr std::uint64_t kCloudPoint = 64;  // as it is placed, with its cell's nearest
     std::error_code error;
@@ -105,12 +94,8 @@ MemoryEstimate estimate_memory(const Run& run, int threads) {
     need.lidar = used * kReturn;
     need.sorting = bytes + points * sizeof(Eigen::Vector3d) + used * kCloudPoint;
   }
-  const int rays = most_rays(run.options) + run.options.lidar_rays;
-  need.step =
-      gpus * (parameters + std::uint64_t(rays) * run.state.model->samples_per_ray() * kSample);
-  if (run.options.method == "nerf")
-    need.step += kLanes * (parameters + kTileSamples * kTileNeuron *
-                                            static_cast<std::uint64_t>(run.options.width));
+  need.step = gpus * (parameters + model.step_bytes());
+  need.step_option = step_option(model);
   return need;
 }
 
@@ -118,16 +103,17 @@ std::optional<DeviceMemoryEstimate> estimate_device_memory(const Run& run,
                                                            const kernels::Backend& backend,
                                                            const MemoryEstimate& host) {
   const Model& model = *run.state.model;
-  const auto bytes =
-      count_device_bytes(backend, model,
-                         {most_rays(run.options), host.lidar > 0 ? run.options.lidar_rays : 0, 0,
-                          run.state.poses.refines(), true});
+  DeviceWork work = model.training_work();
+  if (host.lidar == 0) work.lidar_rays = 0;
+  work.pose_gradients = run.state.poses.refines();
+  const auto bytes = count_device_bytes(backend, model, work);
   if (!bytes) return std::nullopt;
   DeviceMemoryEstimate need;
   need.state = 4 * sizeof(float) * model.size();
   need.pictures = host.pictures + host.rays;
   need.lidar = host.lidar;
   need.step = *bytes - need.state;
+  need.step_option = step_option(model);
   return need;
 }
 
@@ -142,7 +128,7 @@ void check_memory(const MemoryEstimate& need, std::uint64_t allowed, const Train
                    memory_text(need.total(), allowed) + "; lower " +
                        what_to_lower({{need.pictures + need.rays, kOfPictures},
                                       {need.lidar + need.sorting, kOfLidar},
-                                      {need.step, of_batch(options)}}));
+                                      {need.step, need.step_option}}));
 }
 
 void check_memory(const DeviceMemoryEstimate& need, std::uint64_t allowed,
@@ -152,7 +138,7 @@ void check_memory(const DeviceMemoryEstimate& need, std::uint64_t allowed,
                    memory_text(need.total(), allowed) + " on the GPU; lower " +
                        what_to_lower({{need.pictures, kOfPictures},
                                       {need.lidar, kOfLidar},
-                                      {need.step, of_batch(options)}}));
+                                      {need.step, need.step_option}}));
 }
 
 void check_device_memory(const Run& run, kernels::Backend& backend, const DeviceWork& work) {

@@ -24,6 +24,7 @@ struct MemoryEstimate {
   std::uint64_t sorting = 0;  ///< LiDAR points as recorded, and their rays, before they are returns
   std::uint64_t rays = 0;     ///< directions of all pixels of all cameras
   std::uint64_t step = 0;     ///< gradients and a batch's working memory
+  std::string step_option;    ///< that lowers it: "--batch (2048 rays: "
   std::uint64_t saving = 0;   ///< a checkpoint before it is written
 
   std::uint64_t total() const {  ///< at the peak
@@ -40,6 +41,7 @@ struct DeviceMemoryEstimate {
   std::uint64_t pictures = 0;  ///< of all training views, and the directions of their pixels
   std::uint64_t lidar = 0;     ///< all returns
   std::uint64_t step = 0;      ///< a batch's working memory and that of the networks
+  std::string step_option;     ///< that lowers it: "--batch (2048 rays: "
   std::uint64_t total() const {
     const std::uint64_t sum = state + pictures + lidar + step;
     return sum + sum / 20;

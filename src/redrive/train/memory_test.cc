@@ -66,11 +66,11 @@ TEST_F(MemoryEstimateTest, CountsWhatIsKeptOfEachPixel) {
 TEST_F(MemoryEstimateTest, GrowsWithTheModelAndTheBatch) {
   TrainOptions options = tiny_options(1);
   const MemoryEstimate one = of(options);
-  options.batch_rays *= 2;
+  options.set("batch_rays", 128);
   const std::uint64_t batch = of(options).step - one.step;
-  options.batch_rays *= 2;
+  options.set("batch_rays", 256);
   EXPECT_EQ(of(options).step, one.step + 3 * batch);
-  options.width = 64;
+  options.set("width", 64);
   EXPECT_GT(of(options).state, one.state);
 }
 
@@ -92,6 +92,7 @@ TEST_F(MemoryEstimateTest, MoreThanAllowedIsRefusedWithWhatToLower) {
   MemoryEstimate need;
   need.pictures = 3 * kGiB;
   need.step = kGiB / 4;
+  need.step_option = "--batch (64 rays: ";
   check_memory(need, 4 * kGiB, options);
   EXPECT_EQ(memory_text(need.total(), 4 * kGiB), "needs about 3.4 GiB of 4.0 GiB allowed");
   const auto refused = [&] {
@@ -126,7 +127,7 @@ TEST_F(MemoryEstimateTest, OfAGpuIsTheStateThePicturesAndAStep) {
     const std::uint64_t colours =
         64u * 12 * 4 * sizeof(float);  // and densities of all samples: the least of a batch
     EXPECT_GT(one.step, colours);
-    options.batch_rays *= 4;
+    options.set("batch_rays", 256);
     const DeviceMemoryEstimate more = of_gpu(options);
     EXPECT_GT(more.step, one.step + 3 * colours);
     EXPECT_EQ(more.state, one.state);
@@ -149,6 +150,7 @@ TEST_F(MemoryEstimateTest, MoreThanAGpuMayGiveIsRefusedWithWhatToLower) {
   DeviceMemoryEstimate need;
   need.state = need.pictures = kGiB;
   need.step = 2 * kGiB;
+  need.step_option = "--batch (64 rays: ";
   check_memory(need, 5 * kGiB, options);
   try {
     check_memory(need, 4 * kGiB, options);
@@ -171,7 +173,7 @@ TEST_F(MemoryEstimateTest, MoreThanAGpuMayGiveIsRefusedWithWhatToLower) {
 
 TEST_F(MemoryEstimateTest, RenderingIsRefusedOnAFullGpu) {
   const redrive::Run run = run_of(tiny_options(1));
-  const DeviceWork tile{.tile_rays = 100};
+  const DeviceWork tile{.tile_pixels = 100};
   kernels::InjectedFaults faults;
   const auto backend = kernels::make_loop_backend(nullptr, true, &faults);
   check_device_memory(run, *backend, tile);  // without an end

@@ -68,6 +68,9 @@ void for_lines(const std::filesystem::path& path, std::string_view bytes,
                   field.at("learning_rate").number(),
                   field.at("rays_per_s").number(),
                   static_cast<int>(field.at("epoch").integer())};
+      if (field.has("losses"))
+        for (const std::string& name : field.at("losses").keys())
+          line.row.losses.emplace_back(name, field.at("losses").at(name).number());
     }
     line.place = place;
     take(line);
@@ -84,13 +87,15 @@ std::string bytes_or_nothing(const std::filesystem::path& path) {
 }  // namespace
 
 void append_metrics(const RunPaths& paths, const MetricsRow& row) {
-  append_line(paths.metrics(), {{"step", row.step},
-                                {"epoch", row.epoch},
-                                {"seconds", row.seconds},
-                                {"loss", row.loss},
-                                {"psnr_db", row.psnr_db},
-                                {"learning_rate", row.learning_rate},
-                                {"rays_per_s", row.rays_per_s}});
+  nlohmann::json json = {{"step", row.step},
+                         {"epoch", row.epoch},
+                         {"seconds", row.seconds},
+                         {"loss", row.loss},
+                         {"psnr_db", row.psnr_db},
+                         {"learning_rate", row.learning_rate},
+                         {"rays_per_s", row.rays_per_s}};
+  for (const auto& [name, value] : row.losses) json["losses"][name] = value;
+  append_line(paths.metrics(), json);
 }
 
 void append_restart(const RunPaths& paths, std::int64_t step, int restarts, std::uint64_t seed,

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The one list of training options: name, help, range; default values come from TrainOptions
 // itself.
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <limits>
@@ -130,22 +131,8 @@ TrainField flag(const std::string& name, bool TrainOptions::*member, const std::
   return field;
 }
 
-std::string element_of(const std::string&, const std::string& part, std::string) { return part; }
-std::int64_t element_of(const std::string& flag, const std::string& part, std::int64_t) {
-  return number_of<std::int64_t>(flag, part);
-}
-std::string element_of(const std::string& flag, const nlohmann::json& json, std::string) {
-  if (!json.is_string())
-    throw UsageError(flag, json.dump().substr(0, 80), "must be a list of texts");
-  return json.get<std::string>();
-}
-std::int64_t element_of(const std::string& flag, const nlohmann::json& json, std::int64_t) {
-  return number_of<std::int64_t>(flag, json);
-}
-
-/// A,B,C on the command line, an array in JSON; validate() checks what the elements have to be.
-template <class T>
-TrainField list(const std::string& name, std::vector<T> TrainOptions::*member,
+/// A,B,C on the command line, an array in JSON; validate() checks the elements.
+TrainField list(const std::string& name, std::vector<std::string> TrainOptions::*member,
                 const std::string& help) {
   const std::string flag = "--" + name;
   TrainField field;
@@ -155,7 +142,7 @@ TrainField list(const std::string& name, std::vector<T> TrainOptions::*member,
     (o.*member).clear();
     for (std::size_t begin = 0; begin <= value.size();) {
       const std::size_t end = std::min(value.find(',', begin), value.size());
-      (o.*member).push_back(element_of(flag, value.substr(begin, end - begin), T{}));
+      (o.*member).push_back(value.substr(begin, end - begin));
       begin = end + 1;
     }
   };
@@ -164,8 +151,126 @@ TrainField list(const std::string& name, std::vector<T> TrainOptions::*member,
     if (!json.at(name).is_array())
       throw UsageError(flag, json.at(name).dump().substr(0, 80), "must be a list");
     (o.*member).clear();
-    for (const nlohmann::json& element : json.at(name))
-      (o.*member).push_back(element_of(flag, element, T{}));
+    for (const nlohmann::json& element : json.at(name)) {
+      if (!element.is_string())
+        throw UsageError(flag, element.dump().substr(0, 80), "must be a list of texts");
+      (o.*member).push_back(element.get<std::string>());
+    }
+  };
+  field.check = [](const TrainOptions&) {};
+  return field;
+}
+
+std::vector<std::string> names_of(const std::vector<Method>& all) {
+  std::vector<std::string> names;
+  for (const Method& method : all) names.push_back(method.name);
+  return names;
+}
+
+std::vector<std::string> preset_names() {
+  std::vector<std::string> names = {""};
+  for (const Method& method : methods())
+    for (const Preset& preset : method.presets) names.push_back(preset.name);
+  return names;
+}
+
+std::string preset_help() {
+  std::string text;
+  for (const Method& method : methods())
+    for (const Preset& preset : method.presets)
+      text +=
+          (text.empty() ? " (" : "; ") + preset.name + ": " + preset.help + " of " + method.name;
+  return text + ")";
+}
+
+/// A number; text that is none stays text, which reading refuses.
+nlohmann::json number_json(const std::string& text) {
+  const nlohmann::json json = nlohmann::json::parse(text, nullptr, /*allow_exceptions=*/false);
+  return json.is_number() ? json : nlohmann::json(text);
+}
+
+/// Text of a number, or of a list of whole numbers.
+std::string hyperparameter_text(const std::string& flag, const nlohmann::json& json) {
+  if (json.is_number()) return json.dump();
+  std::vector<std::int64_t> steps;
+  if (!json.is_array()) throw UsageError(flag, json.dump().substr(0, 80), "must be a number");
+  for (const nlohmann::json& step : json) steps.push_back(number_of<std::int64_t>(flag, step));
+  return text_from_steps(steps);
+}
+
+/// Options of the methods' hyperparameters, each once; the help says which methods have it.
+std::vector<TrainField> hyperparameter_fields() {
+  std::vector<TrainField> fields;
+  for (const Method& method : methods()) {
+    const auto model = method.make();
+    for (const HyperparameterValue& value : hyperparameter_values(*model)) {
+      const std::string &name = value.what.name, &option = value.what.option;
+      if (option.empty()) continue;
+      const std::string help = method.name + ": " + value.what.help + " (" +
+                               (value.is_list ? "steps" : value.what.rule()) +
+                               (value.text.empty() ? "" : "; default: " + value.text) + ")";
+      const auto known = std::ranges::find(fields, option, &TrainField::name);
+      if (known != fields.end()) {
+        known->help += "; " + help;
+        continue;
+      }
+      const std::string flag = "--" + option;
+      TrainField field;
+      field.name = option;
+      field.help = help;
+      field.hyperparameter = name;
+      field.parse = [=](TrainOptions& o, const std::string& text) {
+        o.hyperparameters[name] = text;
+      };
+      field.save = [=](const TrainOptions& o, nlohmann::json& json) {
+        const auto given = o.hyperparameters.find(name);
+        if (given != o.hyperparameters.end())
+          json[option] =
+              hyperparameter_json({value.what, given->second, value.whole, value.is_list});
+      };
+      field.load = [=](TrainOptions& o, const nlohmann::json& json) {
+        if (json.contains(option))
+          o.hyperparameters[name] = hyperparameter_text(flag, json.at(option));
+      };
+      field.check = [](const TrainOptions&) {};
+      fields.push_back(field);
+    }
+  }
+  return fields;
+}
+
+/// Names of hyperparameters that have an option of their own.
+bool has_option(const std::string& name) {
+  return std::ranges::any_of(hyperparameter_fields(),
+                             [&](const TrainField& field) { return field.hyperparameter == name; });
+}
+
+/// --set NAME=VALUE; {"NAME": VALUE, ...} in JSON.
+TrainField set_field() {
+  TrainField field;
+  field.name = "set";
+  field.repeats = true;
+  field.help =
+      "NAME=VALUE: sets any number of the method or of pose refinement; their names stand under "
+      "\"hyperparameters\" in the run's config.json, and in the message for an unknown name; may "
+      "be "
+      "given several times";
+  field.parse = [](TrainOptions& o, const std::string& text) {
+    const std::size_t equals = text.find('=');
+    if (equals == std::string::npos || equals == 0)
+      throw UsageError("--set", text, "must be NAME=VALUE");
+    o.hyperparameters[text.substr(0, equals)] = text.substr(equals + 1);
+  };
+  field.save = [](const TrainOptions& o, nlohmann::json& json) {
+    nlohmann::json& set = json["set"] = nlohmann::json::object();
+    for (const auto& [name, text] : o.hyperparameters)
+      if (!has_option(name)) set[name] = number_json(text);
+  };
+  field.load = [](TrainOptions& o, const nlohmann::json& json) {
+    if (!json.at("set").is_object())
+      throw UsageError("--set", json.at("set").dump().substr(0, 80), "must be an object");
+    for (const auto& [name, value] : json.at("set").items())
+      o.hyperparameters[name] = hyperparameter_text("--set " + name, value);
   };
   field.check = [](const TrainOptions&) {};
   return field;
@@ -176,10 +281,8 @@ std::vector<TrainField> make_fields() {
   constexpr double kInfinite = 1e9;  // seconds and metres that no run reaches
   return {
       text("recording", &O::recording, {}, "folder of the recording"),
-      text("method", &O::method, {"nerf", "grid"}, "what is trained"),
-      text("preset", &O::preset, {"", "report-1", "report-2", "fast", "best"},
-           "for what is not given: the report's setups of nerf; 1 and 20 minutes of grid, which "
-           "trains 5 otherwise"),
+      text("method", &O::method, names_of(methods()), "what is trained"),
+      text("preset", &O::preset, preset_names(), "values for what is not given" + preset_help()),
       list("cameras", &O::cameras, "A,B: the cameras to train on (default: all that have images)"),
       text("frames", &O::frames, {},
            "FIRST:LAST[:STEP]: frame ids, both included, either may be empty (default: all)"),
@@ -190,7 +293,8 @@ std::vector<TrainField> make_fields() {
       flag("undistort", &O::undistort,
            "resample the images without distortion first, as the report did (pinhole cameras)"),
       flag("truth-poses", &O::ground_truth_poses,
-           "use the exact poses and calibration that a made recording ships, to tell errors of poses "
+           "use the exact poses and calibration that a made recording ships, to tell errors of "
+           "poses "
            "from errors of the field"),
       text("poses", &O::poses, {},
            "folder that redrive align made: its poses and calibration are used, of which the run "
@@ -223,34 +327,12 @@ std::vector<TrainField> make_fields() {
            "counts instead of "
            "what "
            "is found"),
-      number("width", &O::width, Range<int>{32, 512, false, 32}, "hidden units of the network"),
-      number("samples", &O::samples, Range<int>{3, 1024}, "samples of a ray"),
-      number("fine-samples", &O::fine_samples, Range<int>{0, 1024},
-             "further samples where the first network found matter"),
-      number("batch", &O::batch_rays, Range<int>{1, 65536},
-             "rays of a step, of each GPU; grid takes up to twice as many where part of them meet "
-             "only empty space"),
-      number("error-rays", &O::error_rays, Range<double>{0, 0.9},
-             "share of them that grid draws where the error is, up to 8 times as often as "
-             "elsewhere; the others see every "
-             "pixel once an epoch"),
-      number("lidar-rays", &O::lidar_rays, Range<int>{0, 65536},
-             "LiDAR rays of a step besides, of each GPU, where there are any; 0: none"),
-      number("learning-rate", &O::learning_rate, Range<double>{0, 1, true},
-             "of Adam, at the start"),
-      number("lr-gamma", &O::lr_gamma, Range<double>{0, 1, true},
-             "of the learning rate: nerf: factor at each milestone; grid: what is left at the end"),
-      list("lr-milestones", &O::lr_milestones,
-           "A,B,C: steps (default: 1/2, 3/4 and 7/8 of all steps, which are epochs x steps of an "
-           "epoch, or "
-           "--max-steps)"),
       number("epochs", &O::epochs, Range<int>{1, 10000}, "times that every pixel is seen"),
       number("max-steps", &O::max_steps, Range<std::int64_t>{0, 1'000'000'000'000},
              "stop after so many steps; 0: no limit"),
       number("max-seconds", &O::max_seconds, Range<double>{0, kInfinite},
              "stop after so many seconds of training alone; 0: no limit; the learning rate of grid "
-             "follows, that of "
-             "nerf goes by steps all the same"),
+             "follows, that of nerf goes by steps all the same"),
       number("seed", &O::seed, Range<std::uint64_t>{0, std::numeric_limits<std::uint64_t>::max()},
              "of all random numbers"),
       number("checkpoint-every", &O::checkpoint_every, Range<int>{1, 1'000'000'000},
@@ -277,8 +359,19 @@ std::vector<TrainField> make_fields() {
 
 }  // namespace
 
-const std::vector<TrainField>& train_fields() {
-  static const std::vector<TrainField> fields = make_fields();
+nlohmann::json hyperparameter_json(const HyperparameterValue& value) {
+  if (!value.is_list) return number_json(value.text);
+  nlohmann::json list = nlohmann::json::array();
+  std::vector<std::int64_t> steps;
+  steps_from_text(value.text, &steps);
+  for (const std::int64_t step : steps) list.push_back(step);
+  return list;
+}
+
+std::vector<TrainField> train_fields() {
+  std::vector<TrainField> fields = make_fields();
+  fields.push_back(set_field());
+  for (TrainField& field : hyperparameter_fields()) fields.push_back(std::move(field));
   return fields;
 }
 

@@ -18,15 +18,6 @@
 namespace redrive {
 namespace {
 
-constexpr const char* kFrontCamera = "F_MIDLONGRANGECAM_CL";
-constexpr const char* kSecondCamera = "F_MIDRANGECAM_C";
-constexpr const char* kSecondCameraInstead = "B_MIDRANGECAM_C";
-
-/// Samples of a batch: the step keeps about 60 bytes for each (t, dt, weights, raw outputs and
-/// their derivatives, twice with a fine network), so 2^22 of them stay within a quarter of a
-/// gigabyte.
-constexpr std::int64_t kMaxBatchSamples = std::int64_t{1} << 22;
-
 struct FrameRange {
   std::int64_t first = -1, last = -1;
   int step = 1;
@@ -62,82 +53,140 @@ FrameRange parse_frames(const std::string& text) {
 
 }  // namespace
 
-void apply_preset(TrainOptions* options, const std::vector<std::string>& given) {
-  const auto is_given = [&](const char* name) {
-    return std::find(given.begin(), given.end(), name) != given.end();
-  };
-  const auto set = [&](const char* name, auto& field, auto value) {
-    if (!is_given(name)) field = value;
-  };
-  const std::string& preset = options->preset;
-  const bool report = preset == "report-1" || preset == "report-2",
-             timed = preset == "fast" || preset == "best";
-  if (!preset.empty() && !report && !timed)
-    throw UsageError("--preset", preset, "unknown; known are report-1, report-2, fast and best");
-  if (report) set("method", options->method, "nerf");
-  if (options->method != (report ? "nerf" : timed ? "grid" : options->method))
-    throw UsageError("--preset", preset, "is not one of --method " + options->method);
-  if (options->method == "grid") {
-    if (preset == "fast") set("max-seconds", options->max_seconds, 60.0);
-    if (preset == "best") set("max-seconds", options->max_seconds, 1200.0);
-    if (is_given("epochs") || is_given("max-steps")) set("max-seconds", options->max_seconds, 0.0);
-    return;
+namespace {
+
+bool contains(const std::vector<std::string>& names, const std::string& name) {
+  return std::ranges::find(names, name) != names.end();
+}
+
+/// Null: none is asked for, or it is unknown.
+const Preset* find_preset(const TrainOptions& options) {
+  for (const Method& method : methods())
+    for (const Preset& preset : method.presets)
+      if (preset.name == options.preset) return &preset;
+  return nullptr;
+}
+
+/// Sets what neither `given` names nor --set gives.
+void set_defaults(const OptionValues& values, const std::vector<std::string>& given,
+                  TrainOptions* options) {
+  const std::vector<TrainField> fields = train_fields();
+  for (const auto& [name, text] : values) {
+    const auto field = std::ranges::find(fields, name, &TrainField::name);
+    REDRIVE_CHECK(field != fields.end());
+    if (!contains(given, name) && !options->hyperparameters.contains(field->hyperparameter))
+      field->parse(*options, text);
   }
-  const bool second = preset == "report-2";
-  set("near", options->near_m, 1.0);
-  set("far", options->far_m, 10.0);
-  set("width", options->width, second ? 128 : 256);
-  set("samples", options->samples, second ? 48 : 96);
-  set("batch", options->batch_rays, 1024);
-  set("error-rays", options->error_rays, 0.0);
-  set("lidar-rays", options->lidar_rays, 0);
-  set("learning-rate", options->learning_rate, 5e-4);
-  set("lr-gamma", options->lr_gamma, 0.5);
-  set("epochs", options->epochs, second ? 2 : 4);
-  set("max-seconds", options->max_seconds, 0.0);
-  if (report) set("masks", options->masks, "none");
+}
+
+}  // namespace
+
+void apply_preset(TrainOptions* options, const std::vector<std::string>& given) {
+  const Preset* preset = nullptr;
+  if (!options->preset.empty()) {
+    std::string known;
+    for (const Method& method : methods())
+      for (const Preset& candidate : method.presets) {
+        known += (known.empty() ? "" : ", ") + candidate.name;
+        if (candidate.name != options->preset) continue;
+        preset = &candidate;
+        if (!contains(given, "method")) options->method = method.name;
+        if (options->method != method.name)
+          throw UsageError("--preset", options->preset,
+                           "is not one of --method " + options->method);
+      }
+    if (!preset) throw UsageError("--preset", options->preset, "unknown; known are " + known);
+  }
+  const Method* method = find_method(options->method);
+  if (!method) return;  // for validate() to refuse
+  set_defaults(method->defaults, given, options);
+  if (preset) set_defaults(preset->values, given, options);
+  if ((contains(given, "epochs") || contains(given, "max-steps")) &&
+      !contains(given, "max-seconds"))
+    options->max_seconds = 0;
 }
 
 void resolve_cameras(TrainOptions* options, const Recording& recording) {
-  const bool second = options->preset == "report-2";
-  if (!options->cameras.empty() || (options->preset != "report-1" && !second)) return;
-  options->cameras = {kFrontCamera};
-  if (second)
-    options->cameras.push_back(recording.find_camera(kSecondCamera) ? kSecondCamera
-                                                                    : kSecondCameraInstead);
+  const Preset* preset = find_preset(*options);
+  if (!options->cameras.empty() || !preset) return;
+  for (const std::vector<std::string>& choices : preset->cameras) {
+    const auto found = std::ranges::find_if(
+        choices, [&](const std::string& name) { return recording.find_camera(name); });
+    options->cameras.push_back(found != choices.end() ? *found : choices.back());
+  }
 }
 
 void resolve_bounds(TrainOptions* options, const std::vector<std::string>& given,
                     const Recording& recording) {
-  const auto is_given = [&](const char* name) {
-    return std::find(given.begin(), given.end(), name) != given.end();
+  const Preset* preset = find_preset(*options);
+  const auto is_given = [&](const std::string& name) {
+    return contains(given, name) ||
+           (preset && std::ranges::any_of(preset->values,
+                                          [&](const auto& value) { return value.first == name; }));
   };
-  if (!recording.bounds || options->preset.starts_with("report")) return;
+  if (!recording.bounds || is_given("near") || is_given("far")) return;
   // Of the half side: cameras inside the cube have it all around them; a pixel is the same a
   // hundred cubes away and further.
-  constexpr double kLeast = 0.02, kFurthest = 100;
-  constexpr int kWidth = 64;
+  constexpr double kMinNear = 0.02, kMaxFar = 100;
   const auto& [center, half_side] = *recording.bounds;
   double nearest = std::numeric_limits<double>::infinity(), furthest = 0;
   for (const FramePose& frame : recording.frames) {
-    const Eigen::Vector3d place = (frame.global_from_body.translation() - center).cwiseAbs();
-    nearest = std::min(nearest, (place.array() - half_side).max(0).matrix().norm());
-    furthest = std::max(furthest, (place.array() + half_side).matrix().norm());
+    const Eigen::Vector3d distance = (frame.global_from_body.translation() - center).cwiseAbs();
+    nearest = std::min(nearest, (distance.array() - half_side).max(0).matrix().norm());
+    furthest = std::max(furthest, (distance.array() + half_side).matrix().norm());
   }
-  // The grid contracts what is beyond the cube, where cameras within it see that.
-  const bool grid = options->method == "grid",
-             unbounded = grid && nearest == 0 && options->background.empty();
-  if (grid && !unbounded && !is_given("width")) options->width = kWidth;
-  if (is_given("near") || is_given("far")) return;
-  options->near_m = std::max(nearest, kLeast * half_side);
-  options->far_m = unbounded ? kFurthest * half_side : furthest;
+  const Method* method = find_method(options->method);
+  const bool unbounded =
+      method && method->contracts_space && nearest == 0 && options->background.empty();
+  options->near_m = std::max(nearest, kMinNear * half_side);
+  options->far_m = unbounded ? kMaxFar * half_side : furthest;
+}
+
+void apply_hyperparameters(const TrainOptions& options, Model* model) {
+  PoseRefinement unused;
+  for (const auto& [name, text] : options.hyperparameters) {
+    if (set_hyperparameter(*model, name, text) || set_hyperparameter(unused, name, text)) continue;
+    for (const Method& method : methods())
+      for (const HyperparameterValue& value : hyperparameter_values(*method.make()))
+        if (value.what.name == name)
+          throw UsageError(value.what.flag(), text, "belongs to --method " + method.name);
+    std::string known;
+    for (Configurable* numbers :
+         {static_cast<Configurable*>(model), static_cast<Configurable*>(&unused)})
+      for (const HyperparameterValue& value : hyperparameter_values(*numbers))
+        if (!value.what.derived) known += (known.empty() ? "" : ", ") + value.what.name;
+    throw UsageError("--set", name + "=" + text,
+                     "unknown; --method " + options.method + " has " + known);
+  }
+  model->check([](const Hyperparameter& what, const std::string& value, const std::string& rule) {
+    throw UsageError(what.flag(), value, rule);
+  });
+}
+
+void record_hyperparameters(Model& model, TrainOptions* options) {
+  auto& given = options->hyperparameters;
+  PoseRefinement refinement = pose_refinement(*options);
+  for (Configurable* numbers :
+       {static_cast<Configurable*>(&model), static_cast<Configurable*>(&refinement)})
+    for (const HyperparameterValue& value : hyperparameter_values(*numbers))
+      if (!value.what.option.empty() || given.contains(value.what.name))
+        given[value.what.name] = value.text;
+}
+
+PoseRefinement pose_refinement(const TrainOptions& options) {
+  PoseRefinement refinement;
+  for (const auto& [name, text] : options.hyperparameters)
+    set_hyperparameter(refinement, name, text);
+  return refinement;
 }
 
 bool refines_poses(const TrainOptions& options, const Scene& scene) {
   if (options.refine_poses == "on" && !scene.metric)
     throw UsageError("--refine-poses", "on",
                      "poses are refined of drives alone, which have metres and a clock");
-  const bool by_default = options.method == "grid" && scene.metric && !options.ground_truth_poses;
+  const Method* method = find_method(options.method);
+  const bool by_default =
+      method && method->refines_poses && scene.metric && !options.ground_truth_poses;
   return options.refine_poses == "on" || (options.refine_poses == "auto" && by_default);
 }
 
@@ -157,22 +206,12 @@ void validate(const TrainOptions& options) {
   if (options.far_m <= options.near_m)
     throw UsageError("--far", std::to_string(options.far_m),
                      "must be greater than --near " + std::to_string(options.near_m));
-  if (options.method == "grid") {
-    if (options.fine_samples > 0)
-      throw UsageError("--fine-samples", std::to_string(options.fine_samples),
-                       "belongs to --method nerf");
-    if (options.width > kMaxGridWidth)
-      throw UsageError("--width", std::to_string(options.width),
-                       "must be " + std::to_string(kMaxGridWidth) + " or less with --method grid");
-    if (!options.lr_milestones.empty())
-      throw UsageError("--lr-milestones", "",
-                       "belong to --method nerf; --lr-gamma says what the rate ends at");
-  }
-  if (options.method == "nerf" && options.error_rays > 0)
-    throw UsageError("--error-rays", std::to_string(options.error_rays), "belong to --method grid");
-  if (options.method == "nerf" && options.background == "random")
-    throw UsageError("--background", "random",
-                     "is not for --method nerf, which knows no background; white or black");
+  const Method& method = *find_method(options.method);
+  apply_hyperparameters(options, method.make().get());
+  if (options.background == "random" && !method.random_background)
+    throw UsageError(
+        "--background", "random",
+        "is not for --method " + method.name + ", which knows no background; white or black");
   if (options.ground_truth_poses + options.align + !options.poses.empty() > 1)
     throw UsageError(options.align ? "--align" : "--poses", options.poses,
                      "--truth-poses, --poses and --align exclude each other");
@@ -188,20 +227,6 @@ void validate(const TrainOptions& options) {
   const std::set<std::string> distinct(options.cameras.begin(), options.cameras.end());
   if (distinct.size() != options.cameras.size() || distinct.count(""))
     throw UsageError("--cameras", "", "must be names of cameras, each once, separated by commas");
-  const std::vector<std::int64_t>& steps = options.lr_milestones;
-  if (std::ranges::adjacent_find(steps, std::greater_equal<>()) != steps.end() ||
-      (!steps.empty() && steps.front() < 1)) {
-    std::string list;
-    for (const std::int64_t step : steps)
-      list.append(list.empty() ? "" : ",").append(std::to_string(step));
-    throw UsageError("--lr-milestones", list, "must be steps of 1 or more, ascending");
-  }
-  const std::int64_t samples =
-      std::int64_t{options.batch_rays} * (options.samples + options.fine_samples);
-  if (samples > kMaxBatchSamples)
-    throw UsageError("--batch", std::to_string(options.batch_rays),
-                     "times samples a ray is " + std::to_string(samples) + ", must be " +
-                         std::to_string(kMaxBatchSamples) + " or less (memory)");
 }
 
 Recording open_recording(const TrainOptions& options) {
@@ -237,7 +262,8 @@ SceneOptions scene_options(const TrainOptions& options) {
   if (options.background == "white") scene.background = Background::kWhite;
   if (options.background == "black" || options.background == "random")
     scene.background = Background::kBlack;
-  scene.random_background = options.method == "grid" && scene.background != Background::kNone;
+  scene.random_background =
+      find_method(options.method)->random_background && scene.background != Background::kNone;
   return scene;
 }
 
@@ -276,13 +302,6 @@ std::int64_t total_steps(const TrainOptions& options, std::int64_t steps_per_epo
   return options.max_steps > 0 ? std::min(steps, options.max_steps) : steps;
 }
 
-std::vector<std::int64_t> milestones(const TrainOptions& options, std::int64_t steps_per_epoch) {
-  if (!options.lr_milestones.empty()) return options.lr_milestones;
-  const std::int64_t steps = total_steps(options, steps_per_epoch);
-  if (steps < 8) return {};  // the fractions would fall together, or on step 0
-  return {steps / 2, steps * 3 / 4, steps * 7 / 8};
-}
-
 nlohmann::json options_to_json(const TrainOptions& options) {
   nlohmann::json json = nlohmann::json::object();
   for (const TrainField& field : train_fields()) field.save(options, json);
@@ -292,14 +311,15 @@ nlohmann::json options_to_json(const TrainOptions& options) {
 TrainOptions options_from_json(const nlohmann::json& json, const std::filesystem::path& file) {
   if (!json.is_object())
     throw InputError(file, "", json.type_name(), "must be an object with the options of a run");
-  const std::vector<TrainField>& fields = train_fields();
+  const std::vector<TrainField> fields = train_fields();
   for (const auto& [key, value] : json.items())
-    if (std::none_of(fields.begin(), fields.end(),
-                     [&key = key](const TrainField& field) { return field.name == key; }))
+    if (key != kHyperparametersKey &&
+        std::ranges::find(fields, key, &TrainField::name) == fields.end())
       throw InputError(file, key, value.dump().substr(0, 80), "unknown option");
   TrainOptions options;
   for (const TrainField& field : fields) {
-    if (!json.contains(field.name)) throw InputError(file, field.name, "", "missing");
+    if (!json.contains(field.name) && field.hyperparameter.empty())
+      throw InputError(file, field.name, "", "missing");
     try {
       field.load(options, json);
     } catch (const UsageError& error) {

@@ -4,17 +4,22 @@
 // matters: a preset fills what was not given.
 #pragma once
 
+#include <charconv>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <map>
 #include <string>
 #include <string_view>
+#include <type_traits>
 #include <vector>
 
 #include <nlohmann/json_fwd.hpp>
 
+#include "redrive/model/method.h"
 #include "redrive/recording/pose_files.h"
 #include "redrive/scene/scene.h"
+#include "redrive/train/pose_refinement.h"
 
 namespace redrive {
 
@@ -40,20 +45,14 @@ struct TrainOptions {
   std::string background;  ///< "", "white", "black", "random" (black): behind transparent pixels
   std::string masks = "auto";  ///< what is not the static world: "auto" finds it, "none" trains on
                                ///< it, or a folder of CAM.png
-  // field and sampling
-  int width = 32;        ///< hidden units, a multiple of 32 in 32..512
-  int samples = 24;      ///< per ray, 3..1024
-  int fine_samples = 0;  ///< per ray, 0..1024: hierarchical sampling with a second network
+  /// Numbers of the method and of pose refinement by name, as text, that are given: by options of
+  /// their own, a preset or --set. The others are the model's defaults and what follows from the
+  /// scene (Model::configure).
+  std::map<std::string, std::string> hyperparameters;
   // optimisation
-  int batch_rays = 2048;        ///< 1..65536
-  double error_rays = 0.5;      ///< share of batch_rays, 0..0.9; grid
-  int lidar_rays = 512;         ///< of a step, besides; 0..65536
-  double learning_rate = 2e-2;  ///< (0, 1]
-  double lr_gamma = 0.1;        ///< (0, 1]: nerf: at each milestone; grid: at the end of the run
-  std::vector<std::int64_t> lr_milestones;  ///< steps; empty: as milestones() says
-  int epochs = 10000;                       ///< 1..10000
-  std::int64_t max_steps = 0;               ///< 0: no limit
-  double max_seconds = 300;                 ///< of training alone; 0: no limit
+  int epochs = 10000;          ///< 1..10000
+  std::int64_t max_steps = 0;  ///< 0: no limit
+  double max_seconds = 300;    ///< of training alone; 0: no limit
   std::uint64_t seed = 1;
   int checkpoint_every = 1000;  ///< steps; also at the end and on Ctrl-C
   // how
@@ -61,37 +60,57 @@ struct TrainOptions {
   std::string memory = "70%";      ///< that training may take: bytes, or with GiB or % behind it
   std::string gpu_memory = "90%";  ///< likewise of a GPU's, a share of what is free
   std::string backend = "auto", isa = "auto";
-  int gpus = 1;  ///< 1..64, each with batch_rays and lidar_rays of a step
+  int gpus = 1;  ///< 1..64, each with a batch of its own
+
+  /// Gives a hyperparameter by name.
+  template <class T>
+  void set(const std::string& name, T value) {
+    if constexpr (std::is_arithmetic_v<T>) {
+      char text[64];
+      hyperparameters[name] = {text, std::to_chars(text, text + sizeof text, value).ptr};
+    } else {
+      hyperparameters[name] = value;
+    }
+  }
 };
 
 /// One option: its flag without dashes ("near"), JSON key, help with unit, range and default; parse
 /// throws UsageError.
 struct TrainField {
   std::string name, help;
-  bool is_flag = false;                                            ///< a switch without a value
+  bool is_flag = false;        ///< a switch without a value
+  bool repeats = false;        ///< may be given several times
+  std::string hyperparameter;  ///< the method's that it sets; empty: an option of every method
   std::function<void(TrainOptions&, const std::string&)> parse;    ///< from the command line
   std::function<void(const TrainOptions&, nlohmann::json&)> save;  ///< into json[name]
   std::function<void(TrainOptions&, const nlohmann::json&)>
       load;  ///< from json[name]; UsageError if it is of another type
   std::function<void(const TrainOptions&)> check;  ///< UsageError if out of range
 };
-const std::vector<TrainField>& train_fields();
+/// Those of every method, then hyperparameters that have an option of their own.
+std::vector<TrainField> train_fields();
 
-/// TrainOptions{} are the defaults of grid. Sets those of nerf for it, and what the preset says,
-/// except the fields named in `given`; a run whose epochs or max-steps are given has no other
-/// limit. UsageError for an unknown preset, or one of another method. Recording-dependent parts
-/// (setup 2's second camera) are resolved by resolve_cameras.
+/// Completes options by the defaults of the method and the values of the preset, except those named
+/// in `given`; a run whose epochs or max-steps are given has no limit of time. UsageError for a
+/// preset that is unknown or of another method. What depends on the recording is left to
+/// resolve_cameras and resolve_bounds.
 void apply_preset(TrainOptions* options, const std::vector<std::string>& given);
-/// report-1: F_MIDLONGRANGECAM_CL. report-2: that and F_MIDRANGECAM_C, or B_MIDRANGECAM_C where the
-/// recording lacks it.
+/// The preset's cameras, where none are given.
 void resolve_cameras(TrainOptions* options, const Recording& recording);
 
-/// What a bounded recording asks for and is not `given`, but with a report's preset. near_m and
-/// far_m, where neither is: what holds its cube seen from every frame, and of one that --method
-/// grid sees from within a hundred times its half side. width, of grid where the cube is all there
-/// is: surfaces like an object's take a wider network than a street's (docs/benchmarks.md).
+/// near_m and far_m of a bounded recording, where neither is `given` or the preset's: they hold its
+/// cube seen from every frame. Where the method contracts space and every frame is within the cube,
+/// far_m is a hundred times the half side.
 void resolve_bounds(TrainOptions* options, const std::vector<std::string>& given,
                     const Recording& recording);
+
+/// Sets the given hyperparameters. UsageError for a name that the method has not, which lists those
+/// that it has, or a value out of range.
+void apply_hyperparameters(const TrainOptions& options, Model* model);
+/// Takes the model's values of hyperparameters that have an option of their own, or are given, into
+/// the options, in the form in which config.json has them.
+void record_hyperparameters(Model& model, TrainOptions* options);
+PoseRefinement pose_refinement(const TrainOptions& options);
 
 /// UsageError naming option, value and rule for the first field out of range.
 void validate(const TrainOptions& options);
@@ -117,11 +136,11 @@ std::uint64_t allowed_gpu_memory(const TrainOptions& options, std::uint64_t free
 
 /// Steps of the whole run: epochs, or max_steps if that is less.
 std::int64_t total_steps(const TrainOptions& options, std::int64_t steps_per_epoch);
-/// lr_milestones, or the default: 1/2, 3/4 and 7/8 of all steps, none if those are fewer than 8. A
-/// function of steps alone, so that max_seconds, which no two runs meet at the same step, leaves
-/// the schedule as it is.
-std::vector<std::int64_t> milestones(const TrainOptions& options, std::int64_t steps_per_epoch);
+/// Key of config.json under which write_config shows the resolved hyperparameters.
+constexpr const char* kHyperparametersKey = "hyperparameters";
 
+/// A number, or a list of whole numbers.
+nlohmann::json hyperparameter_json(const HyperparameterValue& value);
 nlohmann::json options_to_json(const TrainOptions& options);
 /// InputError for an unknown or missing key, a value of another type or out of range.
 TrainOptions options_from_json(const nlohmann::json& json, const std::filesystem::path& file);

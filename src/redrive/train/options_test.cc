@@ -11,11 +11,13 @@
 namespace redrive {
 namespace {
 
+using ::testing::AllOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
+using ::testing::Not;
 
-const TrainField& field(const std::string& name) {
+TrainField field(const std::string& name) {
   for (const TrainField& candidate : train_fields())
     if (candidate.name == name) return candidate;
   throw std::logic_error("no field " + name);
@@ -71,8 +73,8 @@ INSTANTIATE_TEST_SUITE_P(
         Case{"error-rays", "0.5"}, Case{"error-rays", "half"}, Case{"learning-rate", "0"},
         Case{"learning-rate", "1.5"}, Case{"learning-rate", "nan"}, Case{"lr-gamma", "0"},
         Case{"lr-gamma", "2"}, Case{"lr-milestones", "0"}, Case{"lr-milestones", "20,10"},
-        Case{"lr-milestones", "x"}, Case{"epochs", "0"}, Case{"epochs", "10001"},
-        Case{"epochs", "99999999999999999999"}, Case{"max-steps", "-5"},
+        Case{"lr-milestones", "x"}, Case{"lidar-rays", "0"}, Case{"epochs", "0"},
+        Case{"epochs", "10001"}, Case{"epochs", "99999999999999999999"}, Case{"max-steps", "-5"},
         Case{"max-seconds", "-0.5"}, Case{"max-seconds", "inf"}, Case{"max-seconds", "nan"},
         Case{"seed", "-1"}, Case{"seed", "18446744073709551616"}, Case{"checkpoint-every", "0"},
         Case{"threads", "-2"}, Case{"threads", "1025"}, Case{"gpus", "0"}, Case{"gpus", "65"},
@@ -125,7 +127,7 @@ TEST(TrainOptions, BackgroundIsTheScenes) {
 
 // A cube from -1 to 1 around (10, 0, 0). From 4 ahead of it: 3 to its face, to its far corners (5,
 // 1, 1); from its inside: all around.
-TEST(TrainOptions, BoundsSetRangeAndWidthUnlessTheyAreGiven) {
+TEST(TrainOptions, BoundsSetNearAndFarUnlessTheyAreGiven) {
   Recording recording;
   recording.frames = {{0, 0, Rigid3d(Eigen::Translation3d(6, 0, 0))}};
   TrainOptions options = nerf_options();
@@ -134,28 +136,22 @@ TEST(TrainOptions, BoundsSetRangeAndWidthUnlessTheyAreGiven) {
   EXPECT_EQ(options.far_m, 10);
   recording.bounds = BoundingCube{{10, 0, 0}, 1};
   for (const char* given : {"near", "far"}) {
-    resolve_bounds(&options, {"width", given}, recording);
+    resolve_bounds(&options, {given}, recording);
     EXPECT_EQ(options.far_m, 10) << given;
   }
-  resolve_bounds(&options, {"width"}, recording);
+  resolve_bounds(&options, {}, recording);
   EXPECT_NEAR(options.near_m, 3, 1e-12);
   EXPECT_NEAR(options.far_m, std::sqrt(27.0), 1e-12);
   recording.frames.push_back({1, 1, Rigid3d(Eigen::Translation3d(10, 0.5, 0))});
   resolve_bounds(&options, {}, recording);
   EXPECT_NEAR(options.near_m, 0.02, 1e-12);
   EXPECT_NEAR(options.far_m, std::sqrt(27.0), 1e-12);
-  EXPECT_EQ(options.width, nerf_options().width);
   options =
       TrainOptions();  // the grid sees beyond the cube from within, unless that is a background
   resolve_bounds(&options, {}, recording);
   EXPECT_NEAR(options.far_m, 100, 1e-12);
-  EXPECT_EQ(options.width, 32);
   options.background = "white";
-  resolve_bounds(&options, {"near", "width"}, recording);
-  EXPECT_EQ(options.width, 32) << "given";
-  EXPECT_NEAR(options.far_m, 100, 1e-12);
-  resolve_bounds(&options, {"far"}, recording);
-  EXPECT_EQ(options.width, 64);
+  resolve_bounds(&options, {"near"}, recording);
   EXPECT_NEAR(options.far_m, 100, 1e-12);
   resolve_bounds(&options, {}, recording);
   EXPECT_NEAR(options.far_m, std::sqrt(27.0), 1e-12);
@@ -165,13 +161,22 @@ TEST(TrainOptions, BoundsSetRangeAndWidthUnlessTheyAreGiven) {
   EXPECT_EQ(options.far_m, 10);
 }
 
-TEST(TrainOptions, PresetFillsOnlyWhatWasNotGiven) {
+/// Value of a hyperparameter that the options result in, without a scene.
+std::string value_of(const TrainOptions& options, const std::string& name) {
+  const auto model = make_model(options.method);
+  apply_hyperparameters(options, model.get());
+  for (const HyperparameterValue& value : hyperparameter_values(*model))
+    if (value.what.name == name) return value.text;
+  return "none";
+}
+
+TEST(TrainOptions, PresetFillsOnlyWhatIsNotGiven) {
   TrainOptions options;
   options.preset = "report-2";
-  options.samples = 64;
+  options.set("samples", 64);
   apply_preset(&options, {"samples"});
-  EXPECT_EQ(options.width, 128);
-  EXPECT_EQ(options.samples, 64);
+  EXPECT_EQ(value_of(options, "width"), "128");
+  EXPECT_EQ(value_of(options, "samples"), "64");
   EXPECT_EQ(options.epochs, 2);
   EXPECT_FALSE(options.undistort);
   EXPECT_EQ(options.masks, "none");
@@ -183,7 +188,8 @@ TEST(TrainOptions, DefaultsAreThoseOfTheMethod) {
   apply_preset(&options, {});
   EXPECT_EQ(options.method, "grid");
   EXPECT_EQ(options.max_seconds, 300);
-  EXPECT_EQ(options.width, 32);
+  EXPECT_EQ(value_of(options, "width"), "32");
+  EXPECT_EQ(value_of(options, "error_rays"), "0.5");
   options = {};
   options.preset = "fast";
   apply_preset(&options, {});
@@ -196,14 +202,85 @@ TEST(TrainOptions, DefaultsAreThoseOfTheMethod) {
   options.preset = "report-1";
   apply_preset(&options, {});
   EXPECT_EQ(options.method, "nerf");
-  EXPECT_EQ(options.lidar_rays, 0);
-  EXPECT_EQ(options.width, 256);
-  EXPECT_EQ(options.samples, 96);
+  EXPECT_EQ(options.near_m, 1);
+  EXPECT_EQ(options.far_m, 10);
+  EXPECT_EQ(value_of(options, "width"), "256");
+  EXPECT_EQ(value_of(options, "samples"), "96");
+  EXPECT_EQ(value_of(options, "batch_rays"), "1024");
+  EXPECT_EQ(value_of(options, "learning_rate"), "5e-04");
+  EXPECT_EQ(options.epochs, 4);
   EXPECT_EQ(options.max_seconds, 0);
   options = {};
   options.method = "grid";
   options.preset = "report-1";
   EXPECT_THROW(apply_preset(&options, {"method"}), UsageError);
+}
+
+/// What validate() says of --set TEXT for a method.
+std::string complaint_about_set(const std::string& text, const std::string& method = "grid") {
+  TrainOptions options;
+  options.recording = "drive";
+  options.method = method;
+  apply_preset(&options, {});
+  try {
+    field("set").parse(options, text);
+    validate(options);
+  } catch (const UsageError& error) {
+    return error.what();
+  }
+  return "";
+}
+
+TEST(Set, SetsEveryNumberOfEveryMethod) {
+  for (const Method& method : methods()) {
+    const auto model = method.make();
+    for (const HyperparameterValue& value : hyperparameter_values(*model)) {
+      const std::string complaint =
+          complaint_about_set(value.what.name + "=" + value.text, method.name);
+      if (value.what.derived)
+        EXPECT_THAT(complaint, HasSubstr("cannot be set")) << value.what.name;
+      else
+        EXPECT_EQ(complaint, "") << value.what.name;
+    }
+  }
+  EXPECT_EQ(complaint_about_set("pose_refinement.first_rate_m=2e-3"), "");
+}
+
+TEST(Set, SaysTheRuleOrTheKnownNames) {
+  EXPECT_THAT(complaint_about_set("histogram_padding=-1"),
+              AllOf(HasSubstr("--set histogram_padding -1"), HasSubstr("must be above 0")));
+  EXPECT_THAT(complaint_about_set("range_weight=much"), HasSubstr("must be a number"));
+  EXPECT_THAT(complaint_about_set("grid.max_resolution=8"), HasSubstr("base_resolution"));
+  EXPECT_THAT(complaint_about_set("pose_refinement.decay=-1"), HasSubstr("must be 0..1000"));
+  EXPECT_THAT(complaint_about_set("matter=1"),
+              AllOf(HasSubstr("--set matter=1: unknown; --method grid has grid.n_levels"),
+                    HasSubstr("range_weight"), HasSubstr("pose_refinement.first_rate_m"),
+                    Not(HasSubstr("appearance.cameras"))));
+  EXPECT_THAT(complaint_about_set("range_weight=1", "nerf"), HasSubstr("belongs to --method grid"));
+  for (const char* text : {"", "range_weight", "=1"})
+    EXPECT_THAT(complaint_about_set(text), HasSubstr("must be NAME=VALUE"));
+}
+
+TEST(Set, ReachesModelAndPoseRefinement) {
+  TrainOptions options;
+  field("set").parse(options, "range_weight=0.25");
+  field("set").parse(options, "width=64");
+  field("set").parse(options, "pose_refinement.steps_per_update=8");
+  EXPECT_EQ(value_of(options, "range_weight"), "0.25");
+  EXPECT_EQ(value_of(options, "width"), "64");
+  EXPECT_EQ(pose_refinement(options).steps_per_update, 8);
+  EXPECT_EQ(pose_refinement(options).decay, PoseRefinement().decay);
+}
+
+TEST(Set, StandsInTheConfigUnderItsOwnOptionOrUnderSet) {
+  TrainOptions options;
+  options.recording = "drive";
+  for (const char* text : {"range_weight=0.25", "width=64"}) field("set").parse(options, text);
+  const nlohmann::json json = options_to_json(options);
+  EXPECT_EQ(json.at("width"), 64);
+  EXPECT_EQ(json.at("set"), nlohmann::json({{"range_weight", 0.25}}));
+  const TrainOptions back = options_from_json(json, "config.json");
+  EXPECT_EQ(back.hyperparameters, options.hyperparameters);
 }
 
 TEST(TrainOptions, SecondSetupTakesTheRearCameraWhereTheMiddleOneIsMissing) {
@@ -226,33 +303,25 @@ TEST(TrainOptions, SecondSetupTakesTheRearCameraWhereTheMiddleOneIsMissing) {
   EXPECT_THAT(options.cameras, ElementsAre("M_FISHEYE_L"));
 }
 
-TEST(TrainOptions, RaysByErrorBelongToTheGrid) {
-  EXPECT_EQ(nerf_options().error_rays, 0);
+TEST(TrainOptions, RefusesHyperparametersOfAnotherMethod) {
+  EXPECT_THAT(complaint("error-rays", "0.25"), HasSubstr("belongs to --method grid"));
   TrainOptions options;
   options.recording = "drive";
-  for (options.error_rays = 0; options.error_rays < 0.95; options.error_rays += 0.3)
+  options.set("fine_samples", 8);
+  EXPECT_THROW(validate(options), UsageError);
+  options.hyperparameters.clear();
+  for (const double share : {0.0, 0.3, 0.9}) {
+    options.set("error_rays", share);
     EXPECT_NO_THROW(validate(options));
-  options.method = "nerf";
-  apply_preset(&options, {"error-rays"});
-  options.error_rays = 0.25;
-  EXPECT_THROW(validate(options), UsageError) << "given by its user";
+  }
 }
 
-TEST(TrainOptions, DefaultMilestonesAreFractionsOfAllSteps) {
+TEST(TrainOptions, TotalStepsAreEpochsOrMaxSteps) {
   TrainOptions options = nerf_options();
   options.epochs = 4;
   EXPECT_EQ(total_steps(options, 1000), 4000);
-  EXPECT_THAT(milestones(options, 1000), ElementsAre(2000, 3000, 3500));
   options.max_steps = 800;
-  EXPECT_THAT(milestones(options, 1000), ElementsAre(400, 600, 700));
-  options.max_seconds = 5;
-  EXPECT_THAT(milestones(options, 1000), ElementsAre(400, 600, 700));
-  options.lr_milestones = {7};
-  EXPECT_THAT(milestones(options, 1000), ElementsAre(7));
-  options.lr_milestones.clear();
-  for (options.max_steps = 1; options.max_steps < 8; ++options.max_steps)
-    EXPECT_THAT(milestones(options, 1000), ElementsAre()) << options.max_steps;
-  EXPECT_THAT(milestones(options, 1000), ElementsAre(4, 6, 7));
+  EXPECT_EQ(total_steps(options, 1000), 800);
 }
 
 TrainOptions unusual() {
@@ -267,10 +336,10 @@ TrainOptions unusual() {
   options.undistort = true;
   options.near_m = 0.1;
   options.far_m = 123.456789012345;
-  options.width = 64;
-  options.fine_samples = 128;
-  options.learning_rate = 1e-3;
-  options.lr_milestones = {10, 20};
+  options.set("width", 64);
+  options.set("fine_samples", 128);
+  options.set("learning_rate", 1e-3);
+  options.set("lr_milestones", std::string("10,20"));
   options.max_steps = 1234567890123 / 10;
   options.seed = 18446744073709551615ull;
   options.backend = "ref";
@@ -298,7 +367,9 @@ TEST(TrainOptions, TextThatIsNotUtf8IsRefusedByName) {
 
 TEST(TrainOptions, JsonRoundTripKeepsEveryField) {
   const nlohmann::json json = options_to_json(unusual());
-  EXPECT_EQ(json.size(), train_fields().size());
+  EXPECT_EQ(json.at("lr-milestones"), nlohmann::json({10, 20}));
+  EXPECT_EQ(json.at("learning-rate"), 1e-3);
+  EXPECT_EQ(json.at("width"), 64);
   const TrainOptions back = options_from_json(nlohmann::json::parse(json.dump()), "config.json");
   EXPECT_EQ(options_to_json(back), json);
   EXPECT_EQ(back.seed, 18446744073709551615ull);
@@ -320,9 +391,11 @@ TEST(TrainOptions, JsonThatDoesNotFitIsRefused) {
   EXPECT_THAT(what(json), HasSubstr("colour"));
   for (const TrainField& candidate : train_fields()) {
     json = options_to_json(unusual());
-    json.erase(candidate.name);
-    EXPECT_THAT(what(json), HasSubstr(candidate.name)) << "missing";
-    json[candidate.name] = nlohmann::json::object();
+    if (candidate.hyperparameter.empty()) {
+      json.erase(candidate.name);
+      EXPECT_THAT(what(json), HasSubstr(candidate.name)) << "missing";
+    }
+    json[candidate.name] = {{"x", nullptr}};
     EXPECT_THAT(what(json), HasSubstr(candidate.name)) << "an object";
     json[candidate.name] = nullptr;
     EXPECT_THAT(what(json), HasSubstr(candidate.name)) << "null";

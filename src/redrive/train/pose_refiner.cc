@@ -11,9 +11,6 @@ namespace {
 
 // An update has some tens of rays a frame: Adam averages about twenty updates.
 constexpr float kBeta1 = 0.95f, kBeta2 = 0.99f;
-/// Weight decay, since small corrections are likelier than large ones: a correction of 1 m decays
-/// by this fraction of the rate.
-constexpr double kDecay = 0.3;
 
 /// Subtracts from all cameras their mean correction in the body's axes, to first order:
 /// translation, rotation and time offset.
@@ -65,26 +62,8 @@ void update_poses(std::span<const double> gradient,
   }
 }
 
-std::vector<ViewGradient> view_gradients(const Scene& scene, const RayBatch& batch,
-                                         const StepOutput& losses) {
-  const std::size_t n = batch.n;
-  std::vector<ViewGradient> views(scene.views.size());
-  for (std::size_t ray = 0; ray < n; ++ray) {
-    Eigen::Vector3d d_origin, direction, d_direction;
-    for (int k = 0; k < 3; ++k) {
-      d_origin[k] = losses.d_origin[k * n + ray];
-      direction[k] = batch.direction[k * n + ray];
-      d_direction[k] = losses.d_direction[k * n + ray];
-    }
-    ViewGradient& view = views[batch.view[ray]];
-    view.d_translation += d_origin;
-    view.d_rotation += direction.cross(d_direction);
-  }
-  return views;
-}
-
 void refine_poses(const Scene& scene, std::span<const ViewGradient> views, const PoseRates& rates,
-                  PoseState* state) {
+                  double decay, PoseState* state) {
   PoseCorrections& corrections = state->corrections;
   const std::vector<double> gradient = gradient_of_corrections(scene, corrections, views);
   if (!std::ranges::all_of(gradient, [](double g) { return std::isfinite(g); })) return;
@@ -97,11 +76,12 @@ void refine_poses(const Scene& scene, std::span<const ViewGradient> views, const
       },
       corrections.values, &state->moments);
   move_common_part_to_frames(scene, &corrections);
+  // Small corrections are likelier than large ones.
   for (std::size_t i = 0; i < corrections.size(); ++i) {
     const float most = bound_of(corrections, i);
-    corrections.values[i] = std::clamp(
-        corrections.values[i] * static_cast<float>(1 - kDecay * rates.translation_rate_m), -most,
-        most);
+    corrections.values[i] =
+        std::clamp(corrections.values[i] * static_cast<float>(1 - decay * rates.translation_rate_m),
+                   -most, most);
   }
   interpolate_held_out(scene, &corrections);
 }

@@ -29,15 +29,11 @@ void update_poses(std::span<const double> gradient,
                   const std::function<double(std::size_t i)>& rate_of, std::span<float> values,
                   AdamMoments* moments);
 
-/// Sums the gradients of a batch's rays by view of the scene.
-std::vector<ViewGradient> view_gradients(const Scene& scene, const RayBatch& batch,
-                                         const StepOutput& losses);
-
-/// One update from a step's view_gradients. `scene`: with the state's corrections applied; the
-/// caller applies the new ones. The mean correction of all cameras is removed, since that is the
-/// frames'. Frames without a training image are interpolated. Does nothing where gradients are not
-/// finite.
+/// One update from a step's StepOutput::views. `scene`: with the state's corrections applied; the
+/// caller applies the new ones. decay: PoseRefinement::decay. The mean correction of all cameras is
+/// removed, since that is the frames'. Frames without a training image are interpolated. Does
+/// nothing where gradients are not finite.
 void refine_poses(const Scene& scene, std::span<const ViewGradient> views, const PoseRates& rates,
-                  PoseState* state);
+                  double decay, PoseState* state);
 
 }  // namespace redrive

@@ -4,9 +4,11 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "redrive/model/ray_model.h"
 #include "redrive/rays/ray_table.h"
 #include "redrive/scene/scene_testing.h"
 #include "redrive/train/pose_changes.h"
+#include "redrive/train/pose_refinement.h"
 
 namespace redrive {
 namespace {
@@ -32,10 +34,10 @@ TEST_F(PoseRefinerTest, RaysOfAViewAddUp) {
   batch.n = 3;
   batch.view = {2, 4, 2};
   batch.direction = {1, 0, 0, 0, 1, 0, 0, 0, 1};  // x, y, z
-  StepOutput losses;
+  RayGradientsOutput losses;
   losses.d_origin = {1, 2, 3, 10, 20, 30, 100, 200, 300};
   losses.d_direction = {0, 5, 0, 4, 0, 0, 0, 6, 7};
-  const auto views = view_gradients(scene_, batch, losses);
+  const auto views = view_gradients(scene_, batch, losses.d_origin, losses.d_direction);
   ASSERT_EQ(views.size(), scene_.views.size());
   EXPECT_EQ(views[2].d_translation, Vector3d(4, 40, 400));
   EXPECT_EQ(views[2].d_rotation, Vector3d(1, 0, 0).cross(Vector3d(0, 4, 0)) +
@@ -45,6 +47,8 @@ TEST_F(PoseRefinerTest, RaysOfAViewAddUp) {
   EXPECT_EQ(views[0].d_translation, Vector3d::Zero());
 }
 
+const double kDecay = PoseRefinement().decay;
+
 /// A loss that is least where every view is where `truth` has it: squared distances of three points
 /// on each camera.
 class Landmarks {
@@ -52,7 +56,7 @@ class Landmarks {
   explicit Landmarks(const Scene& truth) : truth_(truth) {}
 
   /// A batch of three rays a view that says so.
-  double losses(const Scene& now, RayBatch* batch, StepOutput* losses) const {
+  double losses(const Scene& now, RayBatch* batch, RayGradientsOutput* losses) const {
     std::vector<Vector3d> d_origin, direction, d_direction;
     batch->view.clear();
     double sum = 0;
@@ -95,12 +99,13 @@ std::pair<double, double> refine(const Recording& recording, const Scene& scene,
   const Landmarks landmarks(truth);
   Scene now = scene;
   RayBatch batch;
-  StepOutput losses;
+  RayGradientsOutput losses;
   const double before = landmarks.losses(now, &batch, &losses);
   for (int step = 0; step < steps; ++step) {
     landmarks.losses(now, &batch, &losses);
-    refine_poses(now, view_gradients(now, batch, losses),
-                 pose_rates(first_m * std::pow(last_m / first_m, double(step) / steps)), state);
+    refine_poses(now, view_gradients(now, batch, losses.d_origin, losses.d_direction),
+                 pose_rates(first_m * std::pow(last_m / first_m, double(step) / steps)), kDecay,
+                 state);
     apply_corrections(scene, recording.frames, state->corrections, &now);
   }
   return {before, landmarks.losses(now, &batch, &losses)};
@@ -135,10 +140,11 @@ TEST_F(PoseRefinerTest, FindsWhatIsWrongWithFramesCamerasAndTimes) {
 TEST_F(PoseRefinerTest, WhatIsNoNumberChangesNothing) {
   PoseState state(scene_);
   RayBatch batch;
-  StepOutput losses;
+  RayGradientsOutput losses;
   Landmarks(scene_).losses(scene_, &batch, &losses);
   losses.d_origin[5] = NAN;
-  refine_poses(scene_, view_gradients(scene_, batch, losses), pose_rates(1), &state);
+  refine_poses(scene_, view_gradients(scene_, batch, losses.d_origin, losses.d_direction),
+               pose_rates(1), kDecay, &state);
   EXPECT_EQ(state.moments.updates, 0);
   EXPECT_THAT(state.corrections.values, ::testing::Each(0.0f));
 }

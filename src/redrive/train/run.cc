@@ -10,26 +10,47 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
-#include "redrive/model/grid_model.h"
-#include "redrive/model/nerf_model.h"
+#include "redrive/model/method.h"
 #include "redrive/recording/pose_files.h"
 
 namespace redrive {
 namespace {
 
-/// Names and values of a model's numbers.
-class Numbers final : public NumberVisitor {
- public:
-  explicit Numbers(Model& model) { model.visit_numbers(*this); }
-  void operator()(const std::string& name, int& value) override {
-    values.emplace_back(name, value);
-  }
-  void operator()(const std::string& name, float& value) override {
-    values.emplace_back(name, value);
-  }
+/// Whether a number is `text`, but for its last bits: another compiler may round them otherwise;
+/// another trajectory or option differs by far more.
+bool agree(const HyperparameterValue& value, const std::string& text) {
+  if (value.is_list || value.whole) return value.text == text;
+  const double a = std::stod(value.text), b = std::stod(text);
+  return std::abs(a - b) <= 1e-5 * std::max({0.1, std::abs(a), std::abs(b)});
+}
 
-  std::vector<std::pair<std::string, double>> values;
-};
+/// All hyperparameters of a run: the model's and those of pose refinement.
+std::vector<HyperparameterValue> all_hyperparameters(Model& model, const TrainOptions& options) {
+  std::vector<HyperparameterValue> all = hyperparameter_values(model);
+  PoseRefinement refinement = pose_refinement(options);
+  for (HyperparameterValue& value : hyperparameter_values(refinement))
+    all.push_back(std::move(value));
+  return all;
+}
+
+/// InputError if config.json shows other hyperparameters than options and recording result in.
+void check_shown_hyperparameters(const Run& run, const nlohmann::json& config) {
+  if (!config.contains(kHyperparametersKey)) return;
+  const nlohmann::json& shown = config.at(kHyperparametersKey);
+  const auto expected = make_run_model(run.options, run.scene);
+  for (const HyperparameterValue& value : all_hyperparameters(*expected, run.options)) {
+    const std::string& name = value.what.name;
+    const nlohmann::json number =
+        shown.is_object() && shown.contains(name) ? shown.at(name) : nullptr;
+    const bool agrees = value.is_list ? number == hyperparameter_json(value)
+                                      : number.is_number() && agree(value, number.dump());
+    if (!agrees)
+      throw InputError(
+          run.paths.config(), std::string(kHyperparametersKey) + "." + name,
+          number.dump().substr(0, 80),
+          "is " + value.text + " by the options and the recording; options and --set change it");
+  }
+}
 
 /// The checkpoint belongs to these options and this recording, or InputError.
 void check_belongs(const Run& run) {
@@ -48,18 +69,14 @@ void check_belongs(const Run& run) {
         run.recording.root.string() + " has " + std::to_string(run.scene.frames.size()) + " and " +
             std::to_string(run.scene.rig.size()) +
             " of the run: it is no longer the recording that was trained on");
-  const Numbers there(*run.state.model), here(*expected);
-  for (std::size_t i = 0; i < here.values.size(); ++i) {
-    const auto& [name, value] = there.values[i];
-    const double wanted = here.values[i].second;
-    // Another compiler may round the last bit otherwise; another trajectory or option differs by
-    // far more.
-    if (std::abs(value - wanted) > 1e-5 * std::max({0.1, std::abs(value), std::abs(wanted)}))
-      throw InputError(file, name, std::to_string(value),
-                       "is " + std::to_string(wanted) + " now: " + run.recording.root.string() +
+  const auto found = hyperparameter_values(*run.state.model),
+             here = hyperparameter_values(*expected);
+  for (std::size_t i = 0; i < here.size(); ++i)
+    if (!agree(found[i], here[i].text))
+      throw InputError(file, here[i].what.name, found[i].text,
+                       "is " + here[i].text + " now: " + run.recording.root.string() +
                            " is no longer the recording that was trained on, or " +
                            run.paths.config().string() + " of another run");
-  }
 }
 
 }  // namespace
@@ -76,7 +93,7 @@ void check_run_is_new(const std::filesystem::path& root) {
 }
 
 RunPaths create_run(const std::filesystem::path& out, const TrainOptions& options,
-                    const std::function<void(const RunPaths&)>& fill) {
+                    const std::function<void(const RunPaths&)>& fill, Model* model) {
   check_run_is_new(out);
   const std::filesystem::path root = out.has_filename() ? out : out.parent_path();  // "run/" is run
   std::error_code error;
@@ -88,7 +105,7 @@ RunPaths create_run(const std::filesystem::path& out, const TrainOptions& option
   if (error || !std::filesystem::create_directory(temporary, error))
     throw IoError(temporary, error ? error.message() : "exists already");
   try {
-    write_config({temporary}, options);
+    write_config({temporary}, options, model);
     if (fill) fill({temporary});
     std::filesystem::rename(temporary, root, error);
     if (error) throw IoError(root, error.message());
@@ -99,80 +116,18 @@ RunPaths create_run(const std::filesystem::path& out, const TrainOptions& option
   return {root};
 }
 
-void write_config(const RunPaths& paths, const TrainOptions& options) {
-  write_file(paths.config(), options_to_json(options).dump(2) + "\n");
+void write_config(const RunPaths& paths, const TrainOptions& options, Model* model) {
+  nlohmann::json json = options_to_json(options);
+  if (model)
+    for (const HyperparameterValue& value : all_hyperparameters(*model, options))
+      json[kHyperparametersKey][value.what.name] = hyperparameter_json(value);
+  write_file(paths.config(), json.dump(2) + "\n");
 }
-
-namespace {
-
-/// The near region reaches kNearPadding beyond all cameras: what is further than that from every
-/// one of them has its pixels several centimetres wide (a pixel of 1/500 rad), which the
-/// contraction's coarser cells still resolve.
-constexpr double kNearPaddingM = 25;
-
-/// Half of an unbounded ray's first samples lie within so many half sides of the near region, as on
-/// the road.
-constexpr float kHalfSpacing = 3;
-
-std::unique_ptr<Model> grid_model_of(const TrainOptions& options, const Scene& scene) {
-  auto model = std::make_unique<GridModel>();
-  Eigen::AlignedBox3d cameras;
-  for (const View& view : scene.views) cameras.extend(scene.world_from_camera(view).translation());
-  for (int k = 0; k < 3; ++k)
-    model->contraction.center[k] = static_cast<float>(cameras.center()[k]);
-  model->contraction.half_m = static_cast<float>(cameras.sizes().maxCoeff() / 2 + kNearPaddingM);
-  if (scene.half_side) {  // its centre is the world's
-    const auto half = static_cast<float>(*scene.half_side);
-    const bool from_within = std::ranges::any_of(scene.views, [&](const View& view) {
-      return scene.world_from_camera(view).translation().cwiseAbs().maxCoeff() < half;
-    });
-    // Photographs from within see further than their cube, too.
-    const bool unbounded = from_within && scene.background == Background::kNone;
-    model->contraction = {{0, 0, 0}, half, unbounded};
-    model->spacing.half_m = kHalfSpacing * half;
-    if (!unbounded) {
-      model->field.grid.max_resolution =
-          1024;  // from outside a picture's thousand pixels span the cube
-      model->histogram_padding =
-          0.4f;  // surfaces behind surfaces, and no LiDAR to say which one is real
-      // Thin things: a proposal sees them when they are anywhere in its interval, and more of them
-      // see them again.
-      model->min_proposal_footprint =
-          0.3f;  // level with 0.5, better than 1 and none at all (docs/benchmarks.md)
-      model->proposal_samples[1] = 64;
-      model->field.colour_layers = 2;  // what shines, seen from all around
-      model->empty_space = 1e-4f;      // behind and below, which few views look at
-    }
-  }
-  if (scene.background != Background::kNone) {  // nothing to learn of it
-    model->sky.levels = 0;
-    model->background = background_colour(scene.background)[0];
-  }
-  if (!scene.metric)
-    model->huber_delta = 2;  // photographs of what stands still: the mean is asked for
-  if (scene.metric) {
-    const double seconds = scene.exposure(0, scene.frames.back().t_ns).t_s;
-    model->appearance = {static_cast<int>(scene.rig.size()),
-                         static_cast<int>(std::ceil(seconds / kKnotSpacing_s)) + 1};
-  }
-  model->field.width = options.width;
-  model->samples = options.samples;
-  model->spacing.near_m = static_cast<float>(options.near_m);
-  model->spacing.far_m = static_cast<float>(options.far_m);
-  return model;
-}
-
-}  // namespace
 
 std::unique_ptr<Model> make_run_model(const TrainOptions& options, const Scene& scene) {
-  if (options.method == "grid") return grid_model_of(options, scene);
-  auto model = std::make_unique<NerfModel>();
-  model->config.width = options.width;
-  model->samples = options.samples;
-  model->fine_samples = options.fine_samples;
-  model->near_m = static_cast<float>(scene.near_m);
-  model->far_m = static_cast<float>(scene.far_m);
-  model->unit_from_world = scene.unit_from_world;
+  auto model = make_model(options.method);
+  model->configure(scene);
+  apply_hyperparameters(options, model.get());
   return model;
 }
 
@@ -188,7 +143,8 @@ Run open_run(const std::filesystem::path& root, bool to_resume) {
   std::error_code error;
   if (!std::filesystem::is_directory(root, error))
     throw InputError(root, "", "", "no such run folder");
-  run.options = options_from_json(read_json(run.paths.config()), run.paths.config());
+  const nlohmann::json config = read_json(run.paths.config());
+  run.options = options_from_json(config, run.paths.config());
   run.recording = open_recording(run.options);
   if (has_external_poses(run.options))
     use_external_poses(read_pose_files(run.recording, run.paths.poses()), run.paths.poses(),
@@ -200,6 +156,7 @@ Run open_run(const std::filesystem::path& root, bool to_resume) {
   } else {
     run.state = load_checkpoint(run.paths.checkpoint());
     check_belongs(run);
+    check_shown_hyperparameters(run, config);
     if (!to_resume && run.state.poses.refines()) {
       const Scene initial = run.scene;
       run.recording.frames =

@@ -32,8 +32,9 @@ void check_run_is_new(const std::filesystem::path& root);
 /// Makes the folder with config.json and what `fill` puts into it, all or nothing; refuses an
 /// existing one.
 RunPaths create_run(const std::filesystem::path& root, const TrainOptions& options,
-                    const std::function<void(const RunPaths&)>& fill = {});
-void write_config(const RunPaths& paths, const TrainOptions& options);
+                    const std::function<void(const RunPaths&)>& fill = {}, Model* model = nullptr);
+/// `model`: the run's, whose resolved hyperparameters are shown; null: they are not.
+void write_config(const RunPaths& paths, const TrainOptions& options, Model* model = nullptr);
 
 /// A trained run, opened for eval, render, figures or resume: options, recording, scene and state
 /// belong together.
@@ -59,6 +60,7 @@ struct MetricsRow {
   std::int64_t step = 0;
   double seconds = 0, loss = 0, psnr_db = 0, learning_rate = 0, rays_per_s = 0;
   int epoch = 0;
+  std::vector<std::pair<std::string, double>> losses = {};  ///< terms of the loss by name
 };
 /// The rows of the start that is in use: what came before a restart is left out, and what a
 /// roll-back undid. A last line that a kill cut short is ignored; empty if there is no file yet.

@@ -22,8 +22,8 @@ TrainOptions options_of(const std::string& method) {
   options.recording = REDRIVE_SAMPLES "/analytic";
   options.method = method;
   apply_preset(&options, {});
-  options.width = 32;
-  options.samples = 12;
+  options.set("width", 32);
+  options.set("samples", 12);
   return options;
 }
 
@@ -53,10 +53,10 @@ TEST(RunFolder, OpensWithACheckpointOfItsOptions) {
 TEST(RunFolder, IsRefusedWithACheckpointOfOtherOptions) {
   TrainOptions options = options_of("nerf");
   EXPECT_THAT(complaint("grid", options), HasSubstr("method = nerf"));
-  options.width = 64;
+  options.set("width", 64);
   EXPECT_THAT(complaint("nerf", options), HasSubstr("width = 64"));
   options = options_of("nerf");
-  options.samples = 13;
+  options.set("samples", 13);
   EXPECT_THAT(complaint("nerf", options), HasSubstr("samples = 13"));
   options = options_of("nerf");
   options.far_m *= 1.001;
@@ -83,7 +83,7 @@ TEST(RunFolder, OfAGridIsNoOther) {  // its checkpoint is large: all of it in a 
                 [](Model& m) { dynamic_cast<GridModel&>(m).contraction.center[1] += 0.01f; }),
       HasSubstr("contraction.center_y"));
   const auto small = [](Model& m) { dynamic_cast<GridModel&>(m).field.grid.log2_hashmap_size = 4; };
-  EXPECT_THAT(complaint("grid", options, small), HasSubstr("grid.log2_rows = 4"));
+  EXPECT_THAT(complaint("grid", options, small), HasSubstr("grid.log2_hashmap_size = 4"));
   EXPECT_THAT(complaint("nerf", options, small), HasSubstr("method = grid"));
 }
 
@@ -165,7 +165,7 @@ TEST(RunFolder, WithoutACheckpointMayBeginAnew) {
   EXPECT_THROW(open_run(folder.path / "run"), std::runtime_error);
   const redrive::Run run = open_run(folder.path / "run", /*fresh_if_untrained=*/true);
   EXPECT_EQ(run.state.step, 0);
-  EXPECT_EQ(run.state.first_moment.size(), run.state.model->size());
+  EXPECT_EQ(run.state.adam.first_moment.size(), run.state.model->size());
   EXPECT_THROW(open_run(folder.path / "nowhere"), InputError);
 }
 

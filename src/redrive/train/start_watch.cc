@@ -26,25 +26,10 @@ std::string format(const char* text, double a, double b) {
 
 }  // namespace
 
-double colour_variance(const RayBatch& batch) {
-  double sum_of_channels = 0;
-  const int n = batch.n - batch.error_map_rays;
-  for (int k = 0; k < 3; ++k) {
-    double sum = 0, squares = 0;
-    for (int i = 0; i < n; ++i) {
-      const double value = batch.target[static_cast<std::size_t>(k) * batch.n + i];
-      sum += value;
-      squares += value * value;
-    }
-    sum_of_channels += std::max(0.0, squares / n - (sum / n) * (sum / n));
-  }
-  return sum_of_channels / 3;
-}
-
 bool watches_colours(std::int64_t step) { return step >= kLateBegin && step < kLateEnd; }
 
-std::optional<std::string> watch_start(const StepResult& result, const RayBatch& batch,
-                                       std::int64_t step, StartWatch* watch) {
+std::optional<std::string> watch_start(const StepResult& result, std::int64_t step,
+                                       StartWatch* watch) {
   if (step >= kStartSteps) return std::nullopt;
   if (!result.finite) return "diverging: loss or gradients are not finite";
 
@@ -57,7 +42,7 @@ std::optional<std::string> watch_start(const StepResult& result, const RayBatch&
   if (step < kFirstSteps) watch->first_mse += result.rgb_mse;
   if (watches_colours(step)) {
     watch->late_mse += result.rgb_mse;
-    watch->late_variance += colour_variance(batch);
+    watch->late_variance += result.colour_variance;
   }
   if (step == kLateEnd - 1) {
     const double first = watch->first_mse / kFirstSteps,

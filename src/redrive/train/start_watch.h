@@ -14,7 +14,6 @@
 #include <optional>
 #include <string>
 
-#include "redrive/rays/ray_table.h"
 #include "redrive/train/state.h"
 #include "redrive/train/step.h"
 
@@ -25,17 +24,12 @@ constexpr std::int64_t kStartSteps =
 constexpr int kMaxRestarts = 5;
 constexpr double kExplainedMse = 1e-4;  ///< 40 dB: the field explains its pictures
 
-/// Whether step number `step` is one whose colours it looks at: the host has to have the batch's
-/// target.
+/// Whether step number `step` needs StepOutput::colour_variance.
 bool watches_colours(std::int64_t step);
 
-/// Looks at step number `step` (from 0) of this start; the reason to begin anew from another seed,
-/// or nothing.
-std::optional<std::string> watch_start(const StepResult& result, const RayBatch& batch,
-                                       std::int64_t step, StartWatch* watch);
-
-/// Variance of the colours of a batch's even rays about their mean, averaged over the three
-/// channels.
-double colour_variance(const RayBatch& batch);
+/// Looks at step number `step` (from 0) of this start. Returns the reason to begin anew from
+/// another seed, or nothing.
+std::optional<std::string> watch_start(const StepResult& result, std::int64_t step,
+                                       StartWatch* watch);
 
 }  // namespace redrive

@@ -11,25 +11,19 @@ namespace {
 
 using ::testing::HasSubstr;
 
-/// Half of the pixels `low`, half `high`, on all channels: variance ((high - low) / 2)^2.
-RayBatch two_colours(float low, float high) {
-  RayBatch batch;
-  batch.n = 4;
-  batch.target = {low, high, low, high, high, high, low, low, high, low, low, high};
-  return batch;
-}
-
 struct Verdict {
   std::int64_t step = -1;
   std::string reason;
 };
 
-Verdict watch(const RayBatch& batch, const std::function<StepResult(std::int64_t)>& result_of,
+Verdict watch(double variance, const std::function<StepResult(std::int64_t)>& result_of,
               std::int64_t steps = 2000) {
   StartWatch state;
-  for (std::int64_t step = 0; step < steps; ++step)
-    if (const auto reason = watch_start(result_of(step), batch, step, &state))
-      return {step, *reason};
+  for (std::int64_t step = 0; step < steps; ++step) {
+    StepResult result = result_of(step);
+    result.colour_variance = variance;
+    if (const auto reason = watch_start(result, step, &state)) return {step, *reason};
+  }
   return {};
 }
 
@@ -41,30 +35,29 @@ StepResult result(double mse, double opacity = 0.5, bool finite = true) {
   return out;
 }
 
-TEST(StartWatch, VarianceOfTwoColours) {
-  EXPECT_NEAR(colour_variance(two_colours(0.25f, 0.75f)), 0.0625, 1e-12);
-}
+/// Of half the pixels black, half white.
+constexpr double kBlackAndWhite = 0.25;
 
 TEST(StartWatch, DeadFieldIsRecognisedAfterTwentySteps) {
-  const Verdict verdict = watch(two_colours(0, 1), [](auto) { return result(0.5, 0); });
+  const Verdict verdict = watch(kBlackAndWhite, [](auto) { return result(0.5, 0); });
   EXPECT_EQ(verdict.step, 19);
   EXPECT_THAT(verdict.reason, HasSubstr("dead"));
 }
 
 TEST(StartWatch, OpacityThatComesBackIsNotDead) {
-  EXPECT_EQ(watch(two_colours(0, 1),
+  EXPECT_EQ(watch(kBlackAndWhite,
                   [](auto step) { return result(0.1 / (1 + step), step % 20 == 19 ? 1e-3 : 0); })
                 .step,
             -1);
 }
 
 TEST(StartWatch, EmptySpaceInBlackPicturesIsNotDead) {
-  EXPECT_EQ(watch(two_colours(0, 0), [](auto) { return result(0, 0); }).step, -1);
+  EXPECT_EQ(watch(0, [](auto) { return result(0, 0); }).step, -1);
 }
 
 TEST(StartWatch, NotFiniteIsDivergingOnlyInTheStart) {
   const auto bad_at = [](std::int64_t bad) {
-    return watch(two_colours(0, 1),
+    return watch(kBlackAndWhite,
                  [=](auto step) { return result(0.1 / (1 + step), 0.5, step != bad); });
   };
   EXPECT_EQ(bad_at(7).step, 7);
@@ -77,28 +70,22 @@ TEST(StartWatch, LossThatDoesNotFallIsDiverging) {
   // Half black, half white, and the field says one of them everywhere: error 1/2, a constant grey
   // would have 1/4.
   const Verdict verdict =
-      watch(two_colours(0, 1), [](auto step) { return result(step < 20 ? 0.52 : 0.5); });
+      watch(kBlackAndWhite, [](auto step) { return result(step < 20 ? 0.52 : 0.5); });
   EXPECT_EQ(verdict.step, 499);
   EXPECT_THAT(verdict.reason, HasSubstr("diverging"));
 }
 
 TEST(StartWatch, LossThatFallsIsNot) {
-  EXPECT_EQ(watch(two_colours(0, 1), [](auto step) { return result(step < 20 ? 0.5 : 0.44); }).step,
+  EXPECT_EQ(watch(kBlackAndWhite, [](auto step) { return result(step < 20 ? 0.5 : 0.44); }).step,
             -1);
 }
 
 TEST(StartWatch, OneConstantColourIsNot) {  // right from the first step on: nothing to fall
-  EXPECT_EQ(
-      watch(two_colours(0.5f, 0.5f), [](auto step) { return result(step < 20 ? 1e-7 : 2e-6); })
-          .step,
-      -1);
+  EXPECT_EQ(watch(0, [](auto step) { return result(step < 20 ? 1e-7 : 2e-6); }).step, -1);
 }
 
 TEST(StartWatch, NoiseIsNot) {  // the mean colour from the start, and nothing better to be had
-  EXPECT_EQ(watch(two_colours(0.25f, 0.75f),
-                  [](auto step) { return result(step < 20 ? 0.0624 : 0.0626); })
-                .step,
-            -1);
+  EXPECT_EQ(watch(0.0625, [](auto step) { return result(step < 20 ? 0.0624 : 0.0626); }).step, -1);
 }
 
 }  // namespace

@@ -7,8 +7,8 @@ TrainState initial_state(std::unique_ptr<Model> model, std::uint64_t seed) {
   TrainState state;
   state.model = std::move(model);
   state.model->initialize(seed);
-  state.first_moment = Buffer<float>(state.model->size());
-  state.second_moment = Buffer<float>(state.model->size());
+  state.adam.first_moment = Buffer<float>(state.model->size());
+  state.adam.second_moment = Buffer<float>(state.model->size());
   state.seed = seed;
   return state;
 }

@@ -3,6 +3,7 @@
 // checkpoint holds exactly this.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <memory>
@@ -42,6 +43,7 @@ struct LossWindow {
   int steps = 0;  ///< applied ones
   std::int64_t rays = 0;
   double loss = 0, mse = 0, seconds = 0;
+  std::array<double, kMaxLossTerms> terms{};  ///< Model::loss_terms, in their order
 
   bool operator==(const LossWindow&) const = default;
 };
@@ -67,14 +69,13 @@ struct PoseState {
 
 struct TrainState {
   std::unique_ptr<Model> model;
-  Buffer<float> first_moment, second_moment;  ///< as model->parameters
+  AdamState adam;  ///< of model->parameters
   PoseState poses;
-  std::int64_t step = 0;         ///< steps done
-  std::uint64_t rays_drawn = 0;  ///< in the epochs' order; those by error do not count
-  Buffer<float> cell_errors;     ///< of PixelSampler::cells; empty: nothing is drawn by error
-  double active_fraction = 1;    ///< of the last steps' rays, those that the field was asked about
-  double seconds = 0;            ///< spent in training, resumed runs added up
-  std::uint64_t seed = 0;        ///< in use; differs from the option after a restart
+  std::int64_t step = 0;           ///< steps done
+  std::uint64_t pixels_drawn = 0;  ///< in the order of the epochs, without those of the error map
+  Buffer<float> cell_errors;       ///< error map, of PixelSampler::cells; empty: not used
+  double seconds = 0;              ///< spent in training, resumed runs added up
+  std::uint64_t seed = 0;          ///< in use; differs from the option after a restart
   int restarts = 0;
   int rollbacks = 0;               ///< of this start
   double rate_factor = 1;          ///< what they left of the learning rate

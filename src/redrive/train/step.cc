@@ -1,122 +1,77 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/train/step.h"
 
-#include <algorithm>
 #include <cmath>
-#include <span>
 
 namespace redrive {
-namespace {
 
-constexpr double kShareSmoothing = 1.0 / 32;  // per step
-
-/// A sampler's source as one backend keeps it.
-template <class Spans>
-void see(const GatherSource<Spans>& source, GatherSource<Spans>* own) {
-  static_cast<Spans&>(*own) = source;
-  own->pose_version = source.pose_version;
+StepRequest next_step(const TrainState& state) {
+  StepRequest request;
+  request.seed = state.seed;
+  request.step = state.step;
+  request.pixels_drawn = state.pixels_drawn;
+  request.error_map = &state.cell_errors;
+  return request;
 }
 
-}  // namespace
-
-void DeviceBatch::keep(kernels::Backend& backend, RayBatch* batch) {
-  Room* room = rooms_;
-  const auto keep = [&](auto& numbers) {
-    using T = typename std::remove_reference_t<decltype(numbers)>::value_type;
-    Room& kept = *room++;
-    const std::size_t size = numbers.size();
-    if (numbers.data() == kept.numbers && size <= kept.size) return;
-    kept.there.reset();
-    numbers.resize(numbers.capacity());
-    kept = {numbers.data(), numbers.size(),
-            backend.make_resident(kernels::as_floats(std::span<const T>(numbers)))};
-    numbers.resize(size);
-  };
-  for (auto* const floats : {&batch->origin, &batch->direction, &batch->target, &batch->background,
-                             &batch->pixel_angle, &batch->weight, &batch->range_m})
-    keep(*floats);
-  keep(batch->exposure);
-  keep(batch->view);
-  keep(batch->cell);
-}
-
-void gather_batch(kernels::Backend& backend, const PixelSampler& sampler, int even,
-                  int error_map_rays, TrainState* state, RayBatch* batch, StepBuffers* buffers,
-                  const Share& share) {
-  const PixelSource& source = sampler.source();
-  see(source, &buffers->pictures);
-  // At the end of an epoch there are fewer, but one each at least: then the next epoch's first ones
-  // are among them.
-  const std::uint64_t of = share.of, rank = share.rank,
-                      left = source.pixels - state->rays_drawn % source.pixels,
-                      all = std::max(of, std::min(of * static_cast<std::uint64_t>(even), left)),
-                      first = all * rank / of, next = all * (rank + 1) / of;
-  const PixelDraw draw =
-      sampler.draw(state->rays_drawn + first, static_cast<int>(next - first), error_map_rays);
-  const GatheredRays room = sampler.resize_batch(draw, batch);
-  batch->first_ray = first + rank * static_cast<std::uint64_t>(error_map_rays);
-  buffers->batch.keep(backend, batch);
-  kernels::make_resident(backend, state->cell_errors);
-  backend.gather_pixels(buffers->pictures, draw, state->cell_errors, room);
-}
-
-void gather_lidar(kernels::Backend& backend, const LidarSampler& sampler, std::int64_t step, int n,
-                  RayBatch* batch, StepBuffers* buffers) {
-  see(sampler.source(), &buffers->returns);
-  const GatheredReturns room = sampler.resize_batch(n, batch);
-  buffers->lidar.keep(backend, batch);
-  backend.gather_returns(buffers->returns, sampler.draw(step, n), room);
-}
-
-StepResult step_gradients(kernels::Backend& backend, const RayBatch& batch, const TrainState& state,
-                          StepBuffers* buffers, const RayBatch* lidar) {
+StepResult step_gradients(kernels::Backend& backend, const TrainState& state, StepBuffers* buffers,
+                          const DrawStep& draw) {
   const Model& model = *state.model;
   if (buffers->gradients.size() != model.size())
     buffers->gradients = Buffer<float>(model.size());  // zeros
   const std::span<float> gradients = buffers->gradients;
   kernels::make_resident(backend, buffers->gradients);
-  kernels::make_resident(backend, state.first_moment);
-  kernels::make_resident(backend, state.second_moment);
+  kernels::make_resident(backend, state.adam.first_moment);
+  kernels::make_resident(backend, state.adam.second_moment);
   Workspace& workspace = buffers->workspace;
   StepResult result;
-  static_cast<StepOutput&>(result) =
-      model.gradients(backend, batch, state.seed, state.step, gradients, &workspace);
-  const bool ranges = lidar && lidar->n > 0;
-  if (ranges) model.range_gradients(backend, *lidar, state.seed, state.step, gradients, &workspace);
+  static_cast<StepOutput&>(result) = draw(gradients);
   backend.not_finite(model.sentinels(gradients), &workspace.sums().not_finite);
-  static_cast<LossTerms&>(result) = workspace.fetch_sums();
-  if (!ranges) result.range = 0;  // an earlier step's
-  result.loss = model.loss(result);
-  result.finite = std::isfinite(result.loss + result.range) && result.not_finite == 0;
-  if (batch.refines) {
-    kernels::download(backend, batch.direction);
-    kernels::download(backend, batch.view);
+  const StepSums& sums = workspace.fetch_sums();
+  result.opacity = sums.opacity;
+  result.rgb_mse = sums.rgb_mse;
+  result.loss_terms = model.loss_terms(sums);
+  double all = 0;
+  for (const LossTerm& term : result.loss_terms) {
+    all += term.value;
+    if (term.in_loss) result.loss += term.value;
   }
-  result.rays = batch.n;
-  result.error_map_rays = batch.error_map_rays;
+  result.finite = std::isfinite(all) && sums.not_finite == 0;
   return result;
 }
 
-void apply_step(kernels::Backend& backend, const StepResult& result,
-                std::span<const std::uint32_t> cells, double learning_rate, TrainState* state,
-                StepBuffers* buffers) {
-  ++state->step;
-  state->rays_drawn += static_cast<std::uint64_t>(result.rays - result.error_map_rays);
-  if (!result.finite) return backend.fill(buffers->gradients, 0);
-  Model& model = *state->model;
-  backend.adam(model.adam(learning_rate, state->step), buffers->gradients, model.parameters,
-               state->first_moment, state->second_moment);
-  if (!cells.empty()) backend.update_error_map(cells, result.squares, state->cell_errors);
-  if (result.active_rays > 0)
-    state->active_fraction +=
-        kShareSmoothing *
-        (static_cast<double>(result.active_rays) / result.rays - state->active_fraction);
+StepResult step_gradients(kernels::Backend& backend, const TrainingSet& data,
+                          const StepRequest& request, const TrainState& state,
+                          StepBuffers* buffers) {
+  return step_gradients(backend, state, buffers, [&](std::span<float> gradients) {
+    return state.model->step(backend, data, request, gradients, buffers);
+  });
 }
 
-StepResult train_step(kernels::Backend& backend, const RayBatch& batch, double learning_rate,
-                      TrainState* state, StepBuffers* buffers, const RayBatch* lidar) {
-  const StepResult result = step_gradients(backend, batch, *state, buffers, lidar);
-  apply_step(backend, result, batch.cell, learning_rate, state, buffers);
+void apply_step(kernels::Backend& backend, const StepResult& result, double learning_rate,
+                TrainState* state, StepBuffers* buffers) {
+  ++state->step;
+  state->pixels_drawn += static_cast<std::uint64_t>(result.epoch_pixels);
+  if (!result.finite) return backend.fill(buffers->gradients, 0);
+  Model& model = *state->model;
+  AdamState& adam = state->adam;
+  for (const AdamGroup& group : model.adam_groups(learning_rate, state->step)) {
+    const auto part = [&](Buffer<float>& all) {
+      return all.span().subspan(group.offset, group.size);
+    };
+    backend.adam(group.step, part(buffers->gradients), part(model.parameters),
+                 part(adam.first_moment), part(adam.second_moment));
+  }
+  if (!result.cells.empty())
+    backend.update_error_map(result.cells, result.squared_errors, state->cell_errors);
+  model.finish_step(backend, result, state->step, &adam);
+}
+
+StepResult train_step(kernels::Backend& backend, const TrainingSet& data,
+                      const StepRequest& request, double learning_rate, TrainState* state,
+                      StepBuffers* buffers) {
+  const StepResult result = step_gradients(backend, data, request, *state, buffers);
+  apply_step(backend, result, learning_rate, state, buffers);
   return result;
 }
 

@@ -32,8 +32,8 @@ TrainState small_state(int fine_samples) {
   scene.far_m = 5;
   scene.unit_from_world = {{0, 0, 0}, 0.2f};
   TrainOptions options = tiny_options(1);
-  options.samples = 8;
-  options.fine_samples = fine_samples;
+  options.set("samples", 8);
+  options.set("fine_samples", fine_samples);
   options.seed = 5;
   return make_initial_state(options, scene);
 }
@@ -49,7 +49,7 @@ TEST(TrainStep, IsTheCompositionOfThePlainStages) {
     ASSERT_EQ(left, 0);  // the next step adds to them
   std::vector<float> gradients(before.model->size());
   Workspace workspace;
-  before.model->gradients(*backend, batch, before.seed, 0, gradients, &workspace);
+  nerf(before).gradients(*backend, batch, before.seed, 0, gradients, &workspace);
 
   // By hand: sample, render, squared error; then Adam's first step, which moves each weight by lr g
   // / (|g| + eps).
@@ -141,7 +141,7 @@ TEST(TrainStep, OfAGridIsNotAppliedWhicheverPartIsBroken) {
     const std::string before = checkpoint_bytes(state);
     EXPECT_FALSE(train_step(*backend, batch, 1e-2, &state, &buffers).finite) << tensor.name;
     state.step = 0;
-    state.rays_drawn = 0;
+    state.pixels_drawn = 0;
     EXPECT_EQ(checkpoint_bytes(state), before) << tensor.name;
     for (const float left : buffers.gradients.span()) ASSERT_EQ(left, 0) << tensor.name;
   }
@@ -162,13 +162,13 @@ TEST(TrainStep, TakesInWhatItsRaysMissed) {
   std::ranges::fill(state.cell_errors.span(), kInitialError);
   StepBuffers buffers;
   const StepResult result = train_step(*backend, batch, 0, &state, &buffers);
-  EXPECT_EQ(state.rays_drawn, 5u);
-  ASSERT_EQ(result.squares.size(), 8u);
+  EXPECT_EQ(state.pixels_drawn, 5u);
+  ASSERT_EQ(result.squared_errors.size(), 8u);
   double even = 0;
-  for (int i = 0; i < 5; ++i) even += result.squares[i] / 5.0;
+  for (int i = 0; i < 5; ++i) even += result.squared_errors[i] / 5.0;
   EXPECT_NEAR(result.rgb_mse, even, 1e-6 * even);
   std::vector<float> expected(9, kInitialError);
-  update_error_map(batch.cell, result.squares, expected);
+  update_error_map(batch.cell, result.squared_errors, expected);
   EXPECT_TRUE(bit_equal(state.cell_errors, expected));
   EXPECT_LT(expected[6], kInitialError);
   EXPECT_EQ(expected[7], kInitialError);
@@ -176,14 +176,7 @@ TEST(TrainStep, TakesInWhatItsRaysMissed) {
   batch.target[5] = std::numeric_limits<float>::quiet_NaN();
   EXPECT_FALSE(train_step(*backend, batch, 1e-2, &state, &buffers).finite);
   EXPECT_TRUE(bit_equal(state.cell_errors, expected));
-  EXPECT_EQ(state.rays_drawn, 10u);
-}
-
-TEST(RaysOfStep, AreMoreWhereManyAreEmpty) {
-  EXPECT_EQ(rays_per_step(2048, 1), 2048);
-  EXPECT_EQ(rays_per_step(2048, 0.8), 2560);
-  EXPECT_EQ(rays_per_step(2048, 0.5), 4096);
-  EXPECT_EQ(rays_per_step(2048, 0), 4096);
+  EXPECT_EQ(state.pixels_drawn, 10u);
 }
 
 TEST(TrainStep, CountsTheRaysThatTheFieldWasAskedAbout) {
@@ -197,13 +190,14 @@ TEST(TrainStep, CountsTheRaysThatTheFieldWasAskedAbout) {
   TrainState state = initial_state(std::move(model), 3);
   StepBuffers buffers;
   EXPECT_EQ(train_step(*backend, batch, 0, &state, &buffers).active_rays, 64);
-  EXPECT_EQ(state.active_fraction, 1);
+  const auto& grid = dynamic_cast<const GridModel&>(*state.model);
+  EXPECT_EQ(grid.active_fraction, 1);
   for (const ModelTensor& tensor : state.model->tensors())
     if (tensor.name == "proposal")
       std::fill_n(&state.model->parameters[tensor.offset], tensor.shape[0], -30.0f);
   const int asked = train_step(*backend, batch, 0, &state, &buffers).active_rays;  // one in 16
   EXPECT_LT(asked, 16);
-  EXPECT_DOUBLE_EQ(state.active_fraction, 1 + (asked / 64.0 - 1) / 32);
+  EXPECT_DOUBLE_EQ(grid.active_fraction, 1 + (asked / 64.0 - 1) / 32);
 }
 
 TEST(TrainStep, DeadFieldHasNoOpacityAndNoGradient) {

@@ -18,6 +18,7 @@
 #include "redrive/model/nerf_model.h"
 #include "redrive/scene/scene_testing.h"
 #include "redrive/train/run.h"
+#include "redrive/train/step.h"
 #include "redrive/train/trainer.h"
 
 namespace redrive {
@@ -117,14 +118,14 @@ inline TrainOptions tiny_options(std::int64_t max_steps) {
   options.method = "nerf";
   apply_preset(&options, {});
   options.cameras = {"FRONT"};
-  options.width = 32;
-  options.samples = 12;
-  options.batch_rays = 64;
+  options.set("width", 32);
+  options.set("samples", 12);
+  options.set("batch_rays", 64);
   options.epochs = 10000;
   options.max_steps = max_steps;
   options.checkpoint_every = 40;
   options.far_m = 6;
-  options.learning_rate = 2e-3;
+  options.set("learning_rate", 2e-3);
   return options;
 }
 
@@ -138,6 +139,41 @@ inline Run tiny_run(const std::filesystem::path& root, const std::filesystem::pa
   run.state = make_initial_state(options, run.scene);
   run.paths = create_run(root, options);
   return run;
+}
+
+/// A step on a given batch of rays.
+struct BatchResult : StepResult {
+  std::vector<float> d_origin, d_direction;
+  double loss_of(std::string_view term) const {
+    for (const LossTerm& one : loss_terms)
+      if (one.name == term) return one.value;
+    return 0;
+  }
+};
+inline BatchResult train_step(kernels::Backend& backend, const RayBatch& batch,
+                              double learning_rate, TrainState* state, StepBuffers* buffers,
+                              const RayBatch* lidar = nullptr) {
+  const auto& model = dynamic_cast<const RayModel&>(*state->model);
+  BatchResult result;
+  static_cast<StepResult&>(result) =
+      step_gradients(backend, *state, buffers, [&](std::span<float> gradients) {
+        const RayGradientsOutput rays = model.gradients(backend, batch, state->seed, state->step,
+                                                        gradients, &buffers->workspace);
+        if (lidar && lidar->n > 0)
+          model.range_gradients(backend, *lidar, state->seed, state->step, gradients,
+                                &buffers->workspace);
+        result.d_origin = rays.d_origin;
+        result.d_direction = rays.d_direction;
+        StepOutput output;
+        output.pixels = batch.n;
+        output.epoch_pixels = batch.n - batch.error_map_rays;
+        output.active_rays = rays.active_rays;
+        output.cells = batch.cell;
+        output.squared_errors = rays.squared_errors;
+        return output;
+      });
+  apply_step(backend, result, learning_rate, state, buffers);
+  return result;
 }
 
 /// What resume does, the recording being in memory: options and scene as they were, the state from
@@ -157,7 +193,8 @@ inline Run reopened(const Run& run) {
 inline Run tiny_grid_run(const std::filesystem::path& root, const std::filesystem::path& images,
                          TrainOptions options) {
   options.method = "grid";
-  options.error_rays = 0.5;
+  options.set("error_rays", 0.5);
+  options.set("lr_gamma", 0.5);
   Run run = tiny_run(root, images, options);
   auto& model = dynamic_cast<GridModel&>(*run.state.model);
   model.field = {{4, 4, 4, 64, 8}, 16, 1};
@@ -176,13 +213,18 @@ inline const NerfModel& nerf(const TrainState& state) {
   return dynamic_cast<const NerfModel&>(*state.model);
 }
 
+inline const RayModel& ray_model(const TrainState& state) {
+  return dynamic_cast<const RayModel&>(*state.model);
+}
+
 inline bool bit_equal(std::span<const float> a, std::span<const float> b) {
   return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size_bytes()) == 0;
 }
 
 inline bool same_weights(const TrainState& a, const TrainState& b) {
   return bit_equal(a.model->parameters, b.model->parameters) &&
-         bit_equal(a.first_moment, b.first_moment) && bit_equal(a.second_moment, b.second_moment) &&
+         bit_equal(a.adam.first_moment, b.adam.first_moment) &&
+         bit_equal(a.adam.second_moment, b.adam.second_moment) &&
          bit_equal(a.cell_errors, b.cell_errors);
 }
 

@@ -26,32 +26,27 @@ constexpr int kMaxBadSteps = 50;  // non-finite ones on end: it will not heal
 constexpr double kSecondsPerCheckpoint =
     60;  // of training: what a kill costs at most, however slow the machine
 
-// Poses are refined on one step in four, which costs it a third more, once there is something to
-// see. Rates of an update, and of that at the end.
-constexpr std::int64_t kStepsPerRefinement = 4;
-constexpr double kFirstRefinement = 0.02, kFirstPoseRate_m = 1e-3, kLastPoseRate = 0.01;
-
 double decibels(double mse) { return -10 * std::log10(std::max(mse, 1e-10)); }
 
 /// One call of train(): the run, what is constant in it, and what the loop's parts share.
 class Trainer {
  public:
   Trainer(Run* run, const TrainingData& data, const std::vector<kernels::Backend*>& backends,
-          kernels::AllReduce* reduction)
+          kernels::AllReduce* all_reduce)
       : run_(*run),
         state_(run->state),
         options_(run->options),
         scene_(run->scene),
         sampler_(scene_, data.images, run->options.seed),
         lidar_sampler_(data.lidar, run->options.seed),
-        use_lidar_(options_.lidar_rays > 0 && data.lidar.n > 0),
-        team_(backends, reduction, &run->state),
+        data_{scene_, data.images, data.lidar, sampler_,
+              data.lidar.n > 0 && run->state.model->uses_lidar() ? &lidar_sampler_ : nullptr},
+        refinement_(pose_refinement(run->options)),
+        group_(backends, all_reduce, &run->state),
         saved_seconds_(run->state.seconds) {
-    const std::int64_t per_epoch =
-        sampler_.steps_per_epoch(team_.size() * (rays() - n_error_map_rays()));
-    steps_ = total_steps(options_, per_epoch);
-    milestones_ = milestones(options_, per_epoch);
-    steps_per_epoch_ = per_epoch;
+    if (state_.step == 0) begin_from_data();
+    steps_per_epoch_ = state_.model->steps_per_epoch(data_, group_.size());
+    steps_ = total_steps(options_, steps_per_epoch_);
     adapt_state();
   }
 
@@ -72,22 +67,25 @@ class Trainer {
 
  private:
   double learning_rate(std::int64_t step) const {
-    const double rate = state_.rate_factor * options_.learning_rate;
-    if (options_.method == "nerf")
-      return multi_step_learning_rate(rate, options_.lr_gamma, milestones_, step);
-    return exponential_decay_rate(rate, options_.lr_gamma, std::min(progress(), 1.0), step);
+    return state_.rate_factor * state_.model->learning_rate({step, steps_, progress()});
   }
 
-  double pose_rate() const { return kFirstPoseRate_m * std::pow(kLastPoseRate, progress()); }
-  // Of each member of the team:
-  int rays() const { return rays_per_step(options_.batch_rays, state_.active_fraction); }
-  int n_error_map_rays() const { return static_cast<int>(options_.error_rays * rays()); }
+  /// --learning-rate, for messages.
+  std::string initial_rate() const {
+    for (const HyperparameterValue& value : hyperparameter_values(*state_.model))
+      if (value.what.option == "learning-rate") return value.text;
+    return "";
+  }
+
+  double pose_rate() const {
+    return refinement_.first_rate_m * std::pow(refinement_.last_rate, progress());
+  }
 
   /// Of the run, by the limit that is nearest: 1 is its end.
   double progress() const {
     const auto pixels =
         static_cast<double>(options_.epochs) * static_cast<double>(sampler_.pixels());
-    double progress = static_cast<double>(state_.rays_drawn) / pixels;
+    double progress = static_cast<double>(state_.pixels_drawn) / pixels;
     if (options_.max_steps > 0)
       progress = std::max(
           progress, static_cast<double>(state_.step) / static_cast<double>(options_.max_steps));
@@ -96,16 +94,25 @@ class Trainer {
     return progress;
   }
 
-  /// What the state knows of the pixels, where they are others than before, as after masks were
-  /// edited, or it is fresh.
+  /// First parameters that follow from the data, with fresh moments.
+  void begin_from_data() {
+    Model& model = *state_.model;
+    model.initialize_from(data_, state_.seed);
+    if (state_.adam.first_moment.size() == model.size()) return;
+    state_.adam.first_moment = Buffer<float>(model.size());
+    state_.adam.second_moment = Buffer<float>(model.size());
+  }
+
+  /// Adapts the state to the pixels, which differ from before after masks were edited or when it is
+  /// fresh.
   void adapt_state() {
     if (state_.loss_watch.pixels != sampler_.pixels()) state_.loss_watch = {sampler_.pixels()};
-    const std::size_t cells = n_error_map_rays() > 0 ? sampler_.cells().size() : 0;
+    const std::size_t cells = state_.model->uses_error_map() ? sampler_.cells().size() : 0;
     if (state_.cell_errors.size() != cells) {
       state_.cell_errors = Buffer<float>(cells);
       std::ranges::fill(state_.cell_errors.span(), kInitialError);
     }
-    team_.begin();
+    group_.begin();
     place();
   }
 
@@ -120,45 +127,35 @@ class Trainer {
   }
 
   bool refines() const {
-    return state_.poses.refines() && state_.step % kStepsPerRefinement == 0 &&
-           progress() > kFirstRefinement;
-  }
-
-  void gather(Rank* member) const {
-    const auto [rank, of] = member->share;
-    gather_batch(member->backend, sampler_, rays() - n_error_map_rays(), n_error_map_rays(),
-                 member->state, &member->batch, &member->buffers, member->share);
-    member->batch.refines = refines();
-    if (!use_lidar_) return;
-    gather_lidar(member->backend, lidar_sampler_, of * state_.step + rank, options_.lidar_rays,
-                 &member->lidar, &member->buffers);
-    member->lidar.first_ray = static_cast<std::uint64_t>(rank) * options_.lidar_rays;
+    return state_.poses.refines() && state_.step % refinement_.steps_per_update == 0 &&
+           progress() > refinement_.start;
   }
 
   void step() {
     const auto begin = std::chrono::steady_clock::now();
     const std::int64_t number = state_.step;
-    const StepResult result =
-        team_.step([this](Rank& member) { gather(&member); }, learning_rate(number));
-    const Rank& first = team_.first();
-    if (first.batch.refines && result.finite) {
-      refine_poses(scene_, team_.view_gradients(scene_), pose_rates(pose_rate()), &state_.poses);
+    StepRequest request = next_step(state_);
+    request.pose_gradients = refines();
+    request.colour_variance = watches_colours(number);
+    const StepResult result = group_.step(data_, request, learning_rate(number));
+    if (request.pose_gradients && result.finite) {
+      refine_poses(scene_, result.views, pose_rates(pose_rate()), refinement_.decay, &state_.poses);
       place();
     }
     const double seconds =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     state_.seconds += seconds;
 
-    if (watches_colours(number)) kernels::download(first.backend, first.batch.target);
-    if (const auto reason = watch_start(result, first.batch, number, &state_.watch))
-      return restart(*reason);
+    if (const auto reason = watch_start(result, number, &state_.watch)) return restart(*reason);
     if (!result.finite) return skip();
     state_.bad_steps = 0;
     LossWindow& window = state_.window;
     ++window.steps;
-    window.rays += result.rays;
+    window.rays += result.pixels;
     window.loss += result.loss;
     window.mse += result.rgb_mse;
+    for (std::size_t i = 0; i < result.loss_terms.size(); ++i)
+      window.terms[i] += result.loss_terms[i].value;
     window.seconds += seconds;
     if (progress_.due()) show_progress();
     if (state_.step % kStepsPerRow == 0) close_window();
@@ -170,9 +167,9 @@ class Trainer {
 
   void save() {
     sync_metrics(run_.paths);
-    for (const Buffer<float>* numbers : {&state_.model->parameters, &state_.first_moment,
-                                         &state_.second_moment, &state_.cell_errors})
-      team_.first().backend.download(*numbers);
+    for (const Buffer<float>* numbers : {&state_.model->parameters, &state_.adam.first_moment,
+                                         &state_.adam.second_moment, &state_.cell_errors})
+      group_.first().backend.download(*numbers);
     save_checkpoint(run_.paths.checkpoint(), state_);
     saved_seconds_ = state_.seconds;
     save_due_ = false;
@@ -184,7 +181,7 @@ class Trainer {
   void restart(const std::string& reason) {
     progress_.finish();
     if (state_.restarts == kMaxRestarts)
-      throw UsageError("--learning-rate", std::to_string(options_.learning_rate),
+      throw UsageError("--learning-rate", initial_rate(),
                        "no start out of " + std::to_string(kMaxRestarts + 1) + " converged (" +
                            reason + "); try a lower rate");
     const int restarts = state_.restarts + 1;
@@ -198,6 +195,7 @@ class Trainer {
                  static_cast<long long>(state_.step), reason.c_str(), restarts, kMaxRestarts);
     append_restart(run_.paths, state_.step, restarts, fresh.seed, reason);
     state_ = std::move(fresh);
+    begin_from_data();
     adapt_state();
     last_was_high_ = false;
     save();
@@ -226,14 +224,13 @@ class Trainer {
   void roll_back(const std::string& reason) {
     progress_.finish();
     if (state_.rollbacks == kMaxRollbacks)
-      throw UsageError("--learning-rate", std::to_string(options_.learning_rate),
+      throw UsageError("--learning-rate", initial_rate(),
                        reason + ", as " + std::to_string(kMaxRollbacks) +
                            " times before at higher rates than " +
                            std::to_string(state_.rate_factor) + " of it; the last good state is " +
                            run_.paths.checkpoint().string() + "; try a lower rate");
     state_.model->parameters = {};  // room for the other
-    state_.first_moment = {};
-    state_.second_moment = {};
+    state_.adam = {};
     TrainState good = load_checkpoint(run_.paths.checkpoint());
     good.seconds = state_.seconds;
     good.skipped_steps = state_.skipped_steps;
@@ -254,11 +251,20 @@ class Trainer {
 
   void close_window() {
     const LossWindow& window = state_.window;
-    if (window.steps > 0)
-      append_metrics(run_.paths, {state_.step, state_.seconds, window.loss / window.steps,
-                                  decibels(window.mse / window.steps),
-                                  learning_rate(state_.step - 1), rays_per_second(),
-                                  static_cast<int>((state_.rays_drawn - 1) / sampler_.pixels())});
+    if (window.steps > 0) {
+      MetricsRow row;
+      row.step = state_.step;
+      row.seconds = state_.seconds;
+      row.loss = window.loss / window.steps;
+      row.psnr_db = decibels(window.mse / window.steps);
+      row.learning_rate = learning_rate(state_.step - 1);
+      row.rays_per_s = rays_per_second();
+      row.epoch = static_cast<int>((state_.pixels_drawn - 1) / sampler_.pixels());
+      std::size_t i = 0;
+      for (const LossTerm& term : state_.model->loss_terms({}))
+        row.losses.emplace_back(term.name, window.terms[i++] / window.steps);
+      append_metrics(run_.paths, row);
+    }
     last_was_high_ = is_high(window, state_.loss_watch);
     watch_loss(window, &state_.loss_watch);
     state_.window = {};
@@ -269,14 +275,7 @@ class Trainer {
                 static_cast<unsigned long long>(sampler_.pixels()),
                 static_cast<long long>(steps_per_epoch_), static_cast<long long>(steps_));
     if (options_.max_seconds > 0) std::printf(" in %g s", options_.max_seconds);
-    std::printf("; learning rate %g", options_.learning_rate);
-    if (options_.method != "nerf") {
-      std::printf(", in the end times %g", options_.lr_gamma);
-    } else if (!milestones_.empty()) {
-      std::printf(", times %g at", options_.lr_gamma);
-      for (const std::int64_t milestone : milestones_)
-        std::printf(" %lld", static_cast<long long>(milestone));
-    }
+    std::printf("; %s", state_.model->describe_schedule(steps_).c_str());
     if (state_.rate_factor != 1)
       std::printf("; all of it times %g since it diverged", state_.rate_factor);
     std::printf("\n");
@@ -318,12 +317,12 @@ class Trainer {
   Scene scene_;  // the run's with the views where corrections have put them
   PixelSampler sampler_;
   LidarSampler lidar_sampler_;
-  bool use_lidar_;
-  DataParallelGroup team_;
+  TrainingSet data_;
+  PoseRefinement refinement_;
+  DataParallelGroup group_;
   double saved_seconds_;        // state_.seconds at the last checkpoint
   bool save_due_ = false;       // since then
   bool last_was_high_ = false;  // the last whole window; false at every checkpoint
-  std::vector<std::int64_t> milestones_;
   std::int64_t steps_ = 0, steps_per_epoch_ = 0;
   Progress progress_;
 };
@@ -331,14 +330,14 @@ class Trainer {
 }  // namespace
 
 TrainEnd train(Run* run, const TrainingData& data, const std::vector<kernels::Backend*>& backends,
-               kernels::AllReduce* reduction, const std::atomic<bool>& stop) {
+               kernels::AllReduce* all_reduce, const std::atomic<bool>& stop) {
   const auto how_to_go_on = [&](const std::exception& error) {
     return "step " + std::to_string(run->state.step) + ": " + error.what() +
            "; the last checkpoint stands, go on from it with: redrive resume " +
            run->paths.root.string();
   };
   try {
-    return Trainer(run, data, backends, reduction).run(stop);
+    return Trainer(run, data, backends, all_reduce).run(stop);
   } catch (const DeviceError& error) {  // a checkpoint is fetched whole before any of it is written
     throw DeviceError(how_to_go_on(error));
   } catch (const DeviceMemoryError& error) {

@@ -90,7 +90,7 @@ TEST_F(TrainerTest, SameSeedGivesTheSameCurveAndWeightsBitForBit) {
 TEST_F(TrainerTest, InterruptedAndResumedEndsAsUninterrupted) {
   for (const int fine_samples : {0, 6}) {
     TrainOptions options = tiny_options(130);
-    options.fine_samples = fine_samples;
+    options.set("fine_samples", fine_samples);
     const std::string suffix = std::to_string(fine_samples);
     redrive::Run whole = run_named("whole" + suffix, options),
                  parts = run_named("parts" + suffix, options);
@@ -137,7 +137,7 @@ TEST_F(TrainerTest, AGridThatFollowsErrorsAndPosesEndsTheSameOnAnyThreadsAndWhen
   };
   redrive::Run whole = grid_run("whole");
   train(&whole, *backend_, never_);
-  EXPECT_EQ(whole.state.rays_drawn, 130u * 32);
+  EXPECT_EQ(whole.state.pixels_drawn, 130u * 32);
   const auto best = std::ranges::min_element(whole.state.cell_errors.span());
   EXPECT_LT(*best, 0.1f * kInitialError);
   EXPECT_GE(*best, 0);
@@ -148,7 +148,7 @@ TEST_F(TrainerTest, AGridThatFollowsErrorsAndPosesEndsTheSameOnAnyThreadsAndWhen
 TEST_F(TrainerTest, ANerfThatFollowsPosesEndsTheSameOnAnyThreadsAndWhenKilled) {
   TrainOptions options = tiny_options(130);
   options.checkpoint_every = 30;
-  options.fine_samples = 6;
+  options.set("fine_samples", 6);
   EXPECT_FALSE(run_named("not asked to", options).state.poses.refines());
   options.refine_poses = "on";
   const RunNamed nerf_run = [&](const char* name) { return run_named(name, options); };
@@ -171,7 +171,7 @@ TEST_F(TrainerTest, ARestartForgetsTheErrors) {
   fresh.state.poses = PoseState(fresh.scene);
   train(&fresh, *backend_, never_);
   EXPECT_TRUE(same_weights(restarted.state, fresh.state));
-  EXPECT_EQ(restarted.state.rays_drawn, fresh.state.rays_drawn);
+  EXPECT_EQ(restarted.state.pixels_drawn, fresh.state.pixels_drawn);
   EXPECT_EQ(restarted.state.poses.corrections.values, fresh.state.poses.corrections.values);
 }
 
@@ -180,12 +180,12 @@ TEST_F(TrainerTest, EpochsAreTimesThatEveryPixelIsSeen) {
   options.epochs = 3;
   redrive::Run nerf = run_named("nerf", options);
   train(&nerf, *backend_, never_);
-  EXPECT_EQ(nerf.state.rays_drawn, 3u * 768);
+  EXPECT_EQ(nerf.state.pixels_drawn, 3u * 768);
   EXPECT_EQ(nerf.state.step, 3 * 12);
-  options.batch_rays = 100;  // 50 and 50, 18 at the end of an epoch
+  options.set("batch_rays", 100);  // 50 and 50, 18 at the end of an epoch
   redrive::Run grid = tiny_grid_run(folder_.path / "grid", folder_.path, options);
   train(&grid, *backend_, never_);
-  EXPECT_EQ(grid.state.rays_drawn, 3u * 768);
+  EXPECT_EQ(grid.state.pixels_drawn, 3u * 768);
   EXPECT_EQ(grid.state.step, 3 * 16);
 }
 
@@ -234,7 +234,7 @@ TEST_F(TrainerTest, StartThatIsNeverFiniteGivesUpAfterFiveRestarts) {
 
 TEST_F(TrainerTest, LaterStepsThatAreNotFiniteAreSkippedAndCounted) {
   TrainOptions options = tiny_options(1100);
-  options.batch_rays = 16;
+  options.set("batch_rays", 16);
   redrive::Run run = run_named("run", options);
   Interference interference{.nan_from = 1050, .nan_to = 1057};
   InterferingBackend backend(*backend_, &interference);

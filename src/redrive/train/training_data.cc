@@ -37,7 +37,7 @@ TrainingData applied(const Run& run, ThreadPool& pool, Exclusions left_out,
                      std::vector<Image8> images) {
   apply_masks(run.scene, left_out.masks, left_out.moving, pool, &images);
   LidarReturns lidar;
-  if (run.options.lidar_rays > 0)
+  if (run.state.model->uses_lidar())
     lidar = load_lidar_returns(run.recording, run.scene, left_out.moving, pool);
   return {std::move(images), std::move(left_out), std::move(lidar)};
 }

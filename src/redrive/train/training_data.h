@@ -22,7 +22,7 @@ Exclusions read_exclusions(const Run& run);
 struct TrainingData {
   std::vector<Image8> images;  ///< of scene.views, held-out ones empty
   Exclusions left_out;         ///< of them
-  LidarReturns lidar;          ///< none if options.lidar_rays is 0
+  LidarReturns lidar;          ///< none if the model uses none
 };
 
 /// Of an existing run.

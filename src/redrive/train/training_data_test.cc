@@ -20,7 +20,10 @@ class TrainingDataTest : public testing::Test {
     run_.recording = make_test_recording(folder_.path, 4);  // FRONT 24 x 16
     std::filesystem::create_directory(masks_);
   }
-  void prepare() { run_.scene = make_scene(run_.recording, scene_options(run_.options)); }
+  void prepare() {
+    run_.scene = make_scene(run_.recording, scene_options(run_.options));
+    run_.state.model = make_run_model(run_.options, run_.scene);
+  }
   /// All but the pixel (5, 3).
   void write(const std::filesystem::path& folder) {
     Mask mask = full_mask(24, 16);

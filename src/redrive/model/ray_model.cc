@@ -1,0 +1,277 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/model/ray_model.h"
+
+#include <algorithm>
+#include <type_traits>
+
+#include "redrive/base/error.h"
+
+namespace redrive {
+namespace {
+
+/// The step keeps about 60 bytes for each sample of a batch (t, dt, weights, raw outputs and their
+/// derivatives, twice with a fine network), so 2^22 of them stay within a quarter of a gigabyte.
+constexpr std::int64_t kMaxBatchSamples = std::int64_t{1} << 22;
+/// Bytes of the host for a sample: positions, densities, weights, features and their derivatives.
+constexpr std::uint64_t kBytesPerSample = 128;
+
+// Rays of a tile: 8192 keep a backend's threads busy. Long rays get fewer, so that what a method
+// keeps of each sample, up to some 200 bytes, stays below a quarter of a gigabyte (2^20 samples).
+constexpr int kMaxTileRays = 8192;
+constexpr int kMaxTileSamples = 1 << 20;
+
+/// A sampler's source as one backend keeps it.
+template <class Spans>
+void copy_source(const GatherSource<Spans>& source, GatherSource<Spans>* own) {
+  static_cast<Spans&>(*own) = source;
+  own->pose_version = source.pose_version;
+}
+
+/// The batches among `buffers`, made at the first call.
+RayBuffers& ray_buffers(StepBuffers* buffers) {
+  if (!buffers->method) buffers->method = std::make_unique<RayBuffers>();
+  return static_cast<RayBuffers&>(*buffers->method);
+}
+
+}  // namespace
+
+void DeviceBatch::keep(kernels::Backend& backend, RayBatch* batch) {
+  Allocation* next = allocations_;
+  const auto keep = [&](auto& numbers) {
+    using T = typename std::remove_reference_t<decltype(numbers)>::value_type;
+    Allocation& kept = *next++;
+    const std::size_t size = numbers.size();
+    if (numbers.data() == kept.numbers && size <= kept.size) return;
+    kept.handle.reset();
+    numbers.resize(numbers.capacity());
+    kept = {numbers.data(), numbers.size(),
+            backend.make_resident(kernels::as_floats(std::span<const T>(numbers)))};
+    numbers.resize(size);
+  };
+  for (auto* const floats : {&batch->origin, &batch->direction, &batch->target, &batch->background,
+                             &batch->pixel_angle, &batch->weight, &batch->range_m})
+    keep(*floats);
+  keep(batch->exposure);
+  keep(batch->view);
+  keep(batch->cell);
+}
+
+void draw_batch(kernels::Backend& backend, const PixelSampler& sampler, int uniform, int error_rays,
+                const StepRequest& request, RayBuffers* buffers) {
+  const PixelSource& source = sampler.source();
+  copy_source(source, &buffers->images);
+  // At the end of an epoch there are fewer, but one for each rank at least: then the next epoch's
+  // first ones are among them.
+  const std::uint64_t ranks = request.world_size, rank = request.rank,
+                      left = source.pixels - request.pixels_drawn % source.pixels,
+                      all = std::max(ranks,
+                                     std::min(ranks * static_cast<std::uint64_t>(uniform), left)),
+                      first = all * rank / ranks, next = all * (rank + 1) / ranks;
+  const PixelDraw draw =
+      sampler.draw(request.pixels_drawn + first, static_cast<int>(next - first), error_rays);
+  const GatheredRays out = sampler.resize_batch(draw, &buffers->batch);
+  buffers->batch.first_ray = first + rank * static_cast<std::uint64_t>(error_rays);
+  buffers->device_batch.keep(backend, &buffers->batch);
+  std::span<const float> errors;
+  if (request.error_map) {
+    kernels::make_resident(backend, *request.error_map);
+    errors = *request.error_map;
+  }
+  backend.gather_pixels(buffers->images, draw, errors, out);
+}
+
+void draw_lidar_batch(kernels::Backend& backend, const LidarSampler& sampler, std::int64_t number,
+                      int n, RayBuffers* buffers) {
+  copy_source(sampler.source(), &buffers->returns);
+  const GatheredReturns out = sampler.resize_batch(n, &buffers->lidar);
+  buffers->device_lidar.keep(backend, &buffers->lidar);
+  backend.gather_returns(buffers->returns, sampler.draw(number, n), out);
+}
+
+void RayModel::check_batch(int samples_per_ray, const HyperparameterFailure& fail) const {
+  const std::int64_t samples = std::int64_t{batch_rays} * samples_per_ray;
+  if (samples > kMaxBatchSamples)
+    fail(Hyperparameter{"batch_rays", ""}.as_option("batch"), std::to_string(batch_rays),
+         "times samples a ray is " + std::to_string(samples) + ", must be " +
+             std::to_string(kMaxBatchSamples) + " or less (memory)");
+}
+
+void RayModel::visit_batch(HyperparameterVisitor& visit) {
+  visit(Hyperparameter{"batch_rays", "rays of a step, of each GPU", 1, 65536}.as_option("batch"),
+        batch_rays);
+}
+
+std::int64_t RayModel::steps_per_epoch(const TrainingSet& data, int world_size) const {
+  return data.pixels.steps_per_epoch(world_size * (rays_per_step() - n_error_rays()));
+}
+
+StepOutput RayModel::step(kernels::Backend& backend, const TrainingSet& data,
+                          const StepRequest& request, std::span<float> gradients,
+                          StepBuffers* buffers) const {
+  RayBuffers& own = ray_buffers(buffers);
+  RayBatch& batch = own.batch;
+  Workspace& workspace = buffers->workspace;
+  const int error_rays = request.pixels > 0 ? 0 : n_error_rays();
+  draw_batch(backend, data.pixels,
+             request.pixels > 0 ? request.pixels : rays_per_step() - error_rays, error_rays,
+             request, &own);
+  batch.refines = request.pose_gradients;
+  const RayGradientsOutput rays =
+      this->gradients(backend, batch, request.seed, request.step, gradients, &workspace);
+  StepOutput out;
+  if (request.pixels == 0 && data.lidar_rays && lidar_rays > 0) {
+    draw_lidar_batch(backend, *data.lidar_rays, request.world_size * request.step + request.rank,
+                     lidar_rays, &own);
+    own.lidar.first_ray = static_cast<std::uint64_t>(request.rank) * lidar_rays;
+    range_gradients(backend, own.lidar, request.seed, request.step, gradients, &workspace);
+  }
+  out.pixels = batch.n;
+  out.epoch_pixels = batch.n - batch.error_map_rays;
+  out.active_rays = rays.active_rays;
+  out.cells = batch.cell;
+  out.squared_errors = rays.squared_errors;
+  if (request.colour_variance) {
+    kernels::download(backend, batch.target);
+    out.colour_variance = colour_variance(batch);
+  }
+  if (request.pose_gradients) {
+    kernels::download(backend, batch.direction);
+    kernels::download(backend, batch.view);
+    out.views = view_gradients(data.scene, batch, rays.d_origin, rays.d_direction);
+  }
+  return out;
+}
+
+std::vector<ViewGradient> view_gradients(const Scene& scene, const RayBatch& batch,
+                                         std::span<const float> d_origin,
+                                         std::span<const float> d_direction) {
+  const std::size_t n = batch.n;
+  std::vector<ViewGradient> views(scene.views.size());
+  for (std::size_t ray = 0; ray < n; ++ray) {
+    Eigen::Vector3d by_origin, direction, by_direction;
+    for (int k = 0; k < 3; ++k) {
+      by_origin[k] = d_origin[k * n + ray];
+      direction[k] = batch.direction[k * n + ray];
+      by_direction[k] = d_direction[k * n + ray];
+    }
+    ViewGradient& view = views[batch.view[ray]];
+    view.d_translation += by_origin;
+    view.d_rotation += direction.cross(by_direction);
+  }
+  return views;
+}
+
+double colour_variance(const RayBatch& batch) {
+  double sum_of_channels = 0;
+  const int n = batch.n - batch.error_map_rays;
+  for (int k = 0; k < 3; ++k) {
+    double sum = 0, squares = 0;
+    for (int i = 0; i < n; ++i) {
+      const double value = batch.target[static_cast<std::size_t>(k) * batch.n + i];
+      sum += value;
+      squares += value * value;
+    }
+    sum_of_channels += std::max(0.0, squares / n - (sum / n) * (sum / n));
+  }
+  return sum_of_channels / 3;
+}
+
+int max_tile_rays(const RayModel& model) {
+  return std::clamp(kMaxTileSamples / model.samples_per_ray(), 4, kMaxTileRays);
+}
+
+RenderedImage RayModel::render(kernels::Backend& backend, const RayTable& table,
+                               const ShutterPoses& world_from_camera,
+                               const Exposure& exposure) const {
+  RenderedImage image;
+  image.width = table.width;
+  image.height = table.height;
+  const std::size_t pixels = static_cast<std::size_t>(table.width) * table.height;
+  image.rgb.assign(3 * pixels, 0.0f);
+  image.depth.assign(pixels, 0.0f);
+  image.opacity.assign(pixels, 0.0f);
+  image.valid.assign(pixels, 0);
+
+  RayBatch batch;
+  Workspace workspace;
+  std::vector<float> rgb, depth, opacity;
+  const PixelSquares squares = make_pixel_squares(table);
+  const std::size_t most = max_tile_rays(*this);
+  for (std::size_t square = 0; square + 1 < squares.first.size();) {
+    const std::uint32_t first = squares.first[square];
+    batch.group.clear();
+    // A tile is whole squares.
+    for (; square + 1 < squares.first.size() && squares.first[square + 1] <= first + most; ++square)
+      batch.group.push_back(squares.first[square] - first);
+    const std::size_t count = squares.first[square] - first;
+    batch.group.push_back(static_cast<std::uint32_t>(count));
+    const auto entries = std::span(squares.entry).subspan(first, count);
+    view_rays(table, world_from_camera, entries, &batch);
+    batch.exposure.assign(count, exposure);
+    REDRIVE_CHECK_OP(static_cast<std::size_t>(batch.n), ==, count);
+    rgb.resize(3 * count);
+    depth.resize(count);
+    opacity.resize(count);
+    render_rays(backend, batch, {rgb, depth, opacity, {}}, &workspace);
+    for (std::size_t k = 0; k < count; ++k) {
+      const std::size_t pixel = table.pixel[entries[k]];
+      for (std::size_t c = 0; c < 3; ++c) image.rgb[3 * pixel + c] = rgb[c * count + k];
+      image.depth[pixel] = depth[k];
+      image.opacity[pixel] = opacity[k];
+      image.valid[pixel] = 1;
+    }
+  }
+  return image;
+}
+
+std::uint64_t RayModel::step_bytes() const {
+  return std::uint64_t(max_rays_per_step() + lidar_rays) * samples_per_ray() * kBytesPerSample;
+}
+
+DeviceWork RayModel::training_work() const {
+  return {.step_pixels = max_rays_per_step(), .lidar_rays = lidar_rays, .trains = true};
+}
+
+DeviceWork RayModel::rendering_work() const { return {.tile_pixels = max_tile_rays(*this)}; }
+
+namespace {
+
+/// Rays with all that a batch may have, of any value.
+RayBatch make_counting_batch(int n, bool refines) {
+  RayBatch batch;
+  batch.n = n;
+  batch.refines = refines;
+  const std::size_t rays = n;
+  batch.origin.resize(3 * rays);
+  batch.direction.resize(3 * rays);
+  batch.target.resize(3 * rays);
+  batch.pixel_angle.resize(rays);
+  batch.exposure.resize(rays);
+  batch.weight.resize(rays);
+  return batch;
+}
+
+}  // namespace
+
+void RayModel::rehearse(kernels::Backend& counting, const DeviceWork& work,
+                        std::span<float> gradients, Workspace* workspace) const {
+  if (work.step_pixels > 0)
+    this->gradients(counting, make_counting_batch(work.step_pixels, work.pose_gradients), 0, 0,
+                    gradients, workspace);
+  if (work.lidar_rays > 0) {
+    RayBatch lidar = make_counting_batch(work.lidar_rays, false);
+    lidar.range_m.resize(work.lidar_rays);
+    range_gradients(counting, lidar, 0, 0, gradients, workspace);
+  }
+  if (work.tile_pixels > 0) {
+    RayBatch tile = make_counting_batch(work.tile_pixels, false);
+    for (int ray = 0; ray <= work.tile_pixels; ++ray) tile.group.push_back(ray);
+    std::vector<float> image(5 * static_cast<std::size_t>(work.tile_pixels));
+    const std::span<float> all(image);
+    const std::size_t n = work.tile_pixels;
+    render_rays(counting, tile, {all.first(3 * n), all.subspan(3 * n, n), all.last(n), {}},
+                workspace);
+  }
+}
+
+}  // namespace redrive
