@@ -90,7 +90,7 @@ TEST_F(EndToEnd, RendersOneViewWithDepth) {
   EXPECT_EQ(rendered.width, 44);
   EXPECT_EQ(rendered.height, 36);
   const Image16 depth_mm = read_png16(depth);
-  EXPECT_THAT(depth_mm.values, testing::Each(testing::Le(10001)));  // sum w t <= far
+  EXPECT_THAT(depth_mm.values, ::testing::Each(::testing::Le(10001)));  // sum w t <= far
   EXPECT_EQ(depth_mm.width, 44);
 }
 
