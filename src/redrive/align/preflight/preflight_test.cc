@@ -94,7 +94,7 @@ TEST(Preflight, HeadlineSaysWhatCannotBeTold) {
   EXPECT_EQ(result.headline(),
             "No camera could be checked: this check says neither yes nor no to training");
   result.cameras[1].verdict = Verdict::kWrong;
-  EXPECT_EQ(result.headline(), "Training makes no sense before this is put right");
+  EXPECT_EQ(result.headline(), "Training makes no sense before this is corrected");
 }
 
 TEST(Preflight, TheSurerReadingOfAClockCounts) {
