@@ -146,8 +146,8 @@ TEST_P(CpuStagesTest, AdamIsBitEqualToTheScalarFunctionAndLeavesGradientsZero) {
                       .lazy = lazy,
                       .gradients = g.data(),
                       .parameters = p.data(),
-                      .adam.first_moment = m.data(),
-                      .adam.second_moment = v.data(),
+                      .first_moment = m.data(),
+                      .second_moment = v.data(),
                       .n = kSize});
       EXPECT_EQ(p, expected_p);
       EXPECT_EQ(m, expected_m);
