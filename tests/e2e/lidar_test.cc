@@ -71,7 +71,7 @@ TEST_F(EndToEndLidar, ReportsTheSameRefinedPosesEverywhere) {
   ASSERT_EQ(drawn.exit_code, kExitOk) << drawn.err;
   EXPECT_THAT(drawn.out, AllOf(HasSubstr("poses_moved.png"), HasSubstr("poses_turned.png")));
   const std::string html = read_file(folder_ / "run" / "report.html");
-  EXPECT_THAT(html, HasSubstr("<h2>Poses</h2>\n<p>As recorded. While training"));
+  EXPECT_THAT(html, HasSubstr("<h2>Poses</h2>\n<p>As recorded. Training refined"));
   const auto text = [](const char* format, double value) {
     char out[40];
     std::snprintf(out, sizeof out, format, value);
