@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What this processor and operating system allow. Compiled without ISA flags, so it runs anywhere.
+// Instruction sets that this processor and operating system support. Compiled without ISA flags, so
+// that it runs anywhere.
 #pragma once
 
 #include <optional>
@@ -9,7 +10,7 @@
 
 namespace redrive {
 
-/// Instruction sets the cpu backend has kernels for, slowest first.
+/// Instruction sets that the cpu backend has kernels for, slowest first.
 enum class Isa {
   kAvx2,        ///< fp32, 8 lanes, FMA
   kAvx512,      ///< fp32, 16 lanes (F, BW, DQ, VL)
@@ -21,15 +22,15 @@ std::string_view isa_name(Isa isa);  ///< "avx2" "avx512" "avx512-bf16" "amx-bf1
 std::optional<Isa> isa_from_name(std::string_view name);
 const std::vector<Isa>& all_isas();
 
-/// Why `isa` cannot be used on this machine ("the processor lacks avx512f", "the kernel refused AMX
-/// tile data", ...), or nothing if it can. Checks CPUID, XCR0 and, for AMX, asks Linux for the tile
-/// state (arch_prctl ARCH_REQ_XCOMP_PERM), which a program must do before its first tile
+/// Returns why `isa` cannot be used on this machine ("the processor lacks avx512f", "the kernel
+/// refused AMX tile data", ...), nothing if it can. Checks CPUID, XCR0 and, for AMX, requests the
+/// tile state from Linux (arch_prctl ARCH_REQ_XCOMP_PERM), as a program must before its first tile
 /// instruction.
 std::optional<std::string> isa_obstacle(Isa isa);
 
-/// The fastest usable one: amx-bf16, else avx512-bf16 on AMD (on Intel vdpbf16ps is slower than
-/// fp32 FMA), else avx512, else avx2; nothing on a processor without AVX2 (the ref backend still
-/// runs there).
+/// Returns the fastest usable ISA: amx-bf16, else avx512-bf16 on AMD (on Intel vdpbf16ps is slower
+/// than fp32 FMA), else avx512, else avx2; nothing on a processor without AVX2, where the ref
+/// backend runs.
 std::optional<Isa> best_isa();
 
 std::string cpu_model_name();  ///< /proc/cpuinfo's "model name"

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// How redrive says no. Library code throws one of these; cli/main.cc is the only place that catches
-// them and turns each into its exit code (exceptions cross no other boundary). A broken invariant
-// of our own is a REDRIVE_CHECK, not an error.
+// Exceptions and exit codes. Library code throws one of these errors; cli/main.cc alone catches
+// them and maps each to its exit code. A broken invariant of redrive itself is a REDRIVE_CHECK
+// instead.
 #pragma once
 
 #include <filesystem>
@@ -11,29 +11,29 @@
 
 namespace redrive {
 
-/// Process exit codes; documented in README.md.
+/// Process exit codes (docs/cli.md).
 enum ExitCode {
   kExitOk = 0,
   kExitInternal = 1,          ///< a bug in redrive (failed check, unexpected exception)
   kExitUsage = 2,             ///< unknown or out-of-range option, out folder that exists
   kExitBadInput = 3,          ///< a file that cannot be used: missing, malformed, inconsistent
-  kExitIo = 4,                ///< the disk said no while writing
-  kExitInsufficientData = 5,  ///< the input is in order, but does not determine what was asked for
-  kExitPreflightFailed = 6,   ///< inspect --report: something is wrong that training would learn
-  kExitDevice = 7,            ///< a GPU failed at its work; what was saved before stands
+  kExitIo = 4,                ///< a file could not be written
+  kExitInsufficientData = 5,  ///< the input is valid, but does not determine the result
+  kExitPreflightFailed = 6,   ///< inspect --report: errors that training would learn
+  kExitDevice = 7,            ///< a GPU failed; checkpoints saved before are valid
   kExitInterrupted = 130      ///< Ctrl-C; the state was saved
 };
 
-/// A recording, run or poses file that cannot be used. Names file, field and value.
+/// A recording, run or poses file that cannot be used.
 class InputError : public std::runtime_error {
  public:
-  /// `field` is a JSON-like path such as "F_CAM.focal_length_px[0]", empty if the whole file is
-  /// meant; `value` what was found there; `rule` what was expected.
+  /// `field`: a JSON-like path such as "F_CAM.focal_length_px[0]", empty for the whole file;
+  /// `value`: its value; `rule`: the expectation it breaks.
   InputError(const std::filesystem::path& file, std::string_view field, std::string_view value,
              std::string_view rule);
 };
 
-/// An option that cannot be used. Names option, value and rule.
+/// An option that cannot be used.
 class UsageError : public std::runtime_error {
  public:
   UsageError(std::string_view option, std::string_view value, std::string_view rule);
@@ -48,23 +48,21 @@ class IoError : public std::runtime_error {
   IoError(const std::filesystem::path& file, std::string_view what);
 };
 
-/// What was asked for cannot be computed from this recording, though nothing about its files is
-/// wrong. Says why, and by what it was tried.
+/// The recording does not determine the result, though its files are valid. `reason`: why not;
+/// `means`: the data that was used.
 class InsufficientDataError : public std::runtime_error {
  public:
   InsufficientDataError(const std::filesystem::path& recording, std::string_view reason,
                         std::string_view means);
 };
 
-/// A device that failed at its work, whatever it was: what it has in memory is lost. Says it in its
-/// own words.
+/// A device failed; the contents of its memory are lost. The message is the device's own.
 class DeviceError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
 };
 
-/// A device without memory left for what is asked of it, while it works: other options ask for
-/// less.
+/// A device ran out of memory during its work; other options need less.
 class DeviceMemoryError : public UsageError {
  public:
   using UsageError::UsageError;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Files: whole or not at all.
+// Reads and writes files, whole or not at all.
 #pragma once
 
 #include <filesystem>
@@ -12,14 +12,14 @@
 
 namespace redrive {
 
-/// The file's bytes. InputError if it is missing or unreadable.
+/// Returns the file's bytes. InputError if it is missing or unreadable.
 std::string read_file(const std::filesystem::path& path);
 
-/// Writes `path` atomically: a temporary beside it, fsync, rename. IoError (disk full, permissions
-/// ...) leaves what stood there before untouched and no temporary behind.
+/// Writes `path` atomically: a temporary file in its folder, fsync, rename. On IoError (disk full,
+/// permissions, ...) the old file is untouched and no temporary is left.
 void write_file(const std::filesystem::path& path, std::string_view bytes);
 
-/// Whether the name ends in one of these, e.g. ".jpg", in capitals or not.
+/// Whether the name ends in one of these, e.g. ".jpg"; ignores case.
 bool has_extension(const std::filesystem::path& path,
                    std::initializer_list<std::string_view> extensions);
 

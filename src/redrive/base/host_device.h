@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Marks the scalar functions that run on a GPU as well (kernels/cuda), where they are the ones that
-// run here: one formula, one place.
+// Marks scalar functions that run on the host and on a GPU.
 #pragma once
 
 #ifdef __CUDACC__

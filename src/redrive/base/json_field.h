@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A JSON value that knows where it stands, so that every complaint names file, field and value.
+// A JSON value with its file and path, so that every error names file, field and value.
 #pragma once
 
 #include <cstdint>
@@ -26,7 +26,7 @@ class JsonField {
   std::size_t size() const;                  ///< of an array or object
   std::vector<std::string> keys() const;     ///< of an object, in file order as nlohmann keeps it
 
-  double number() const;  ///< finite; an integer counts as one
+  double number() const;  ///< finite; integers are accepted
   std::int64_t integer() const;
   std::string string() const;
   std::vector<double> numbers(std::size_t size) const;  ///< array of exactly `size` finite numbers

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// How much memory there is for this process.
+// The memory available to this process.
 #pragma once
 
 #include <cstdint>
@@ -7,9 +7,9 @@
 
 namespace redrive {
 
-/// Bytes: the machine's (MemTotal of /proc/meminfo), or the least that a control group of this
-/// process (version 1 or 2) or one above it allows. `root`: of the file system, for tests. IoError
-/// without a readable /proc/meminfo.
+/// Returns the machine's memory in bytes (MemTotal of /proc/meminfo) or, where lower, the limit of
+/// this process's control group (version 1 or 2) or one above it. `root`: of the file system, for
+/// tests. IoError without a readable /proc/meminfo.
 std::uint64_t memory_bytes(const std::filesystem::path& root = "/");
 
 }  // namespace redrive

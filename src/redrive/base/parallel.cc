@@ -16,27 +16,27 @@ namespace {
 
 /// One call of ThreadPool::run. The two atomics repeat, in code that ThreadSanitizer sees, the
 /// ordering that oneTBB (not instrumented) guarantees anyway: what the caller wrote before is
-/// visible to every lane, what the lanes wrote is visible to the caller. Lanes are not ordered with
-/// each other: a race stays a race.
+/// visible to every chunk, what the chunks wrote is visible to the caller. Chunks are not ordered
+/// with each other: a race stays a race.
 struct Job {
   const std::function<void(int)>* body;
   std::atomic<bool> started{false};
   std::atomic<int> done{0};
   std::mutex mutex;
-  int failed_lane = std::numeric_limits<int>::max();  ///< the lowest one, so that the error does
-                                                      ///< not depend on timing
+  int failed_chunk = std::numeric_limits<int>::max();  ///< the lowest one, so that the error does
+                                                       ///< not depend on timing
   std::exception_ptr error;
 };
 
-void run_lane(void* context, int lane) {
+void run_chunk(void* context, int chunk) {
   Job& job = *static_cast<Job*>(context);
   (void)job.started.load(std::memory_order_acquire);
   try {
-    (*job.body)(lane);
+    (*job.body)(chunk);
   } catch (...) {
     const std::lock_guard lock(job.mutex);
-    if (lane < job.failed_lane) {
-      job.failed_lane = lane;
+    if (chunk < job.failed_chunk) {
+      job.failed_chunk = chunk;
       job.error = std::current_exception();
     }
   }
@@ -53,7 +53,7 @@ struct ThreadPool::Impl {
 ThreadPool::ThreadPool(int threads) {
   REDRIVE_CHECK_OP(threads, >=, 1);
   // More workers than processors would only take turns (and oneTBB complains); results depend on
-  // lanes, not on this.
+  // chunks, not on this.
   const int concurrency = std::min(threads, hardware_threads());
   impl_ = std::make_unique<Impl>(
       Impl{threads, concurrency > 1 ? make_tbb_arena(concurrency) : nullptr});
@@ -63,15 +63,15 @@ ThreadPool::~ThreadPool() = default;
 
 int ThreadPool::threads() const { return impl_->threads; }
 
-void ThreadPool::run(int lanes, const std::function<void(int lane)>& body) {
+void ThreadPool::run(int chunks, const std::function<void(int chunk)>& body) {
   Job job{&body};
   job.started.store(true, std::memory_order_release);
-  if (!impl_->arena || lanes == 1) {
-    for (int lane = 0; lane < lanes; ++lane) run_lane(&job, lane);
-  } else if (lanes > 1) {
-    tbb_run(*impl_->arena, lanes, run_lane, &job);
+  if (!impl_->arena || chunks == 1) {
+    for (int chunk = 0; chunk < chunks; ++chunk) run_chunk(&job, chunk);
+  } else if (chunks > 1) {
+    tbb_run(*impl_->arena, chunks, run_chunk, &job);
   }
-  REDRIVE_CHECK_OP(job.done.load(std::memory_order_acquire), ==, std::max(lanes, 0));
+  REDRIVE_CHECK_OP(job.done.load(std::memory_order_acquire), ==, std::max(chunks, 0));
   if (job.error) std::rethrow_exception(job.error);
 }
 

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Threads: a pool of a fixed number of workers that takes lanes from a queue. Which worker runs a
-// lane is open, what a lane does is fixed: sums kept per lane and reduced in lane order are
-// bit-equal from run to run.
+// A thread pool that takes chunks of work from a queue. Which thread runs a chunk varies from run
+// to run, the work of a chunk does not: sums kept per chunk and added in chunk order are bit-equal.
 #pragma once
 
 #include <cstddef>
@@ -12,18 +11,18 @@ namespace redrive {
 
 class ThreadPool {
  public:
-  explicit ThreadPool(int threads);  ///< threads >= 1, the caller's included
+  explicit ThreadPool(int threads);  ///< threads >= 1, including the caller's
   ~ThreadPool();
   ThreadPool(const ThreadPool&) = delete;
   ThreadPool& operator=(const ThreadPool&) = delete;
 
   int threads() const;
 
-  /// Runs body(lane) for every lane in [0, lanes) and returns when all are done. An exception of a
-  /// body is rethrown here after the others have ended. Not reentrant.
-  void run(int lanes, const std::function<void(int lane)>& body);
+  /// Runs body(chunk) for every chunk in [0, chunks) and returns when all are done. The
+  /// exception of the lowest chunk that throws is rethrown when all have ended. Not reentrant.
+  void run(int chunks, const std::function<void(int chunk)>& body);
 
-  /// Cuts [0, size) into ranges of `grain` and runs body(begin, end) on each.
+  /// Splits [0, size) into ranges of `grain` and runs body(begin, end) on each.
   void run_ranges(std::size_t size, std::size_t grain,
                   const std::function<void(std::size_t begin, std::size_t end)>& body);
 

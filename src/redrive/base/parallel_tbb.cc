@@ -12,15 +12,15 @@ void TbbArenaDelete::operator()(tbb::task_arena* arena) const { delete arena; }
 
 TbbArena make_tbb_arena(int threads) { return TbbArena(new tbb::task_arena(threads)); }
 
-void tbb_run(tbb::task_arena& arena, int lanes, void (*lane)(void* context, int index),
+void tbb_run(tbb::task_arena& arena, int chunks, void (*chunk)(void* context, int index),
              void* context) {
   arena.execute([=] {
-    // Grain 1: a thread that lost its core to somebody else delays one lane, not its share of all
+    // Grain 1: a thread that lost its core to somebody else delays one chunk, not its share of all
     // of them.
     tbb::parallel_for(
-        tbb::blocked_range<int>(0, lanes, 1),
+        tbb::blocked_range<int>(0, chunks, 1),
         [=](const tbb::blocked_range<int>& range) {
-          for (int i = range.begin(); i < range.end(); ++i) lane(context, i);
+          for (int i = range.begin(); i < range.end(); ++i) chunk(context, i);
         },
         tbb::simple_partitioner());
   });

@@ -18,9 +18,9 @@ using TbbArena = std::unique_ptr<tbb::detail::d1::task_arena, TbbArenaDelete>;
 
 TbbArena make_tbb_arena(int threads);
 
-/// Runs lane(context, i) for i in [0, lanes) on the arena's threads, the caller's included. `lane`
-/// must not throw.
-void tbb_run(tbb::detail::d1::task_arena& arena, int lanes, void (*lane)(void* context, int index),
-             void* context);
+/// Runs chunk(context, i) for i in [0, chunks) on the arena's threads, the caller's included.
+/// `chunk` must not throw.
+void tbb_run(tbb::detail::d1::task_arena& arena, int chunks,
+             void (*chunk)(void* context, int index), void* context);
 
 }  // namespace redrive

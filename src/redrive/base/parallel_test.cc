@@ -11,16 +11,16 @@
 namespace redrive {
 namespace {
 
-TEST(ThreadPool, EveryLaneOnce) {
+TEST(ThreadPool, RunsEveryChunkOnce) {
   for (const int threads : {1, 2, 4}) {
     ThreadPool pool(threads);
     EXPECT_EQ(pool.threads(), threads);
-    for (const int lanes : {0, 1, 2, 7, 1000}) {
-      // Plain ints on purpose: ThreadSanitizer sees whether the caller may read what the lanes
+    for (const int chunks : {0, 1, 2, 7, 1000}) {
+      // Plain ints on purpose: ThreadSanitizer sees whether the caller may read what the chunks
       // wrote.
-      std::vector<int> count(lanes, 0);
-      pool.run(lanes, [&](int lane) { ++count[lane]; });
-      EXPECT_EQ(count, std::vector<int>(lanes, 1));
+      std::vector<int> count(chunks, 0);
+      pool.run(chunks, [&](int chunk) { ++count[chunk]; });
+      EXPECT_EQ(count, std::vector<int>(chunks, 1));
     }
   }
 }
@@ -29,32 +29,32 @@ TEST(ThreadPool, SuccessiveRunsSeeEachOthersWork) {
   ThreadPool pool(2);
   std::vector<long> value(64, 0);
   for (int round = 1; round <= 200; ++round) {
-    pool.run(64, [&](int lane) { value[lane] += round; });
-    // Another mapping of lanes to data: lane i reads and writes what lane 63 - i wrote.
-    pool.run(64, [&](int lane) { value[63 - lane] += round; });
+    pool.run(64, [&](int chunk) { value[chunk] += round; });
+    // Another mapping of chunks to data: chunk i reads and writes what chunk 63 - i wrote.
+    pool.run(64, [&](int chunk) { value[63 - chunk] += round; });
   }
   EXPECT_EQ(value, std::vector<long>(64, 2 * 200 * 201 / 2));
 }
 
-TEST(ThreadPool, OneThreadMeansTheCallersInOrder) {
+TEST(ThreadPool, OneThreadRunsChunksInOrder) {
   ThreadPool pool(1);
   std::vector<int> order;
   const std::thread::id caller = std::this_thread::get_id();
-  pool.run(5, [&](int lane) {
+  pool.run(5, [&](int chunk) {
     EXPECT_EQ(std::this_thread::get_id(), caller);
-    order.push_back(lane);
+    order.push_back(chunk);
   });
   EXPECT_EQ(order, (std::vector<int>{0, 1, 2, 3, 4}));
 }
 
-TEST(ThreadPool, RethrowsTheLowestLanesExceptionAfterAllHaveEnded) {
+TEST(ThreadPool, RethrowsTheLowestChunksExceptionAfterAllHaveEnded) {
   for (const int threads : {1, 2}) {
     ThreadPool pool(threads);
     std::atomic<int> ended = 0;
     try {
-      pool.run(100, [&](int lane) {
+      pool.run(100, [&](int chunk) {
         ++ended;
-        if (lane % 10 == 3) throw std::runtime_error(std::to_string(lane));
+        if (chunk % 10 == 3) throw std::runtime_error(std::to_string(chunk));
       });
       FAIL() << "no exception";
     } catch (const std::runtime_error& error) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Random numbers without state: a value is a function of (seed, stream, counter), so every backend
-// draws the same ones in any order, and a resumed run needs nothing but how far it came. Mixer: the
+// Counter-based random numbers: a value is a function of (seed, stream, counter), so that every
+// backend draws the same ones in any order and a resumed run needs its counters alone. Mixer: the
 // finaliser of SplitMix64 (Steele, Lea, Flood, "Fast splittable pseudorandom number generators",
 // 2014).
 #pragma once
@@ -16,18 +16,18 @@ constexpr std::uint64_t mix64(std::uint64_t x) {
   return x ^ (x >> 31);
 }
 
-/// The key of one stream, e.g. random_key(seed, kStreamJitter, step).
+/// Returns the RNG key of one stream, e.g. random_key(seed, kStreamSamples, step).
 constexpr std::uint64_t random_key(std::uint64_t seed, std::uint64_t stream,
                                    std::uint64_t counter = 0) {
   return mix64(mix64(mix64(seed) ^ stream) ^ counter);
 }
 
-/// The key whose numbers are those of `key` from the `first`-th on.
+/// Returns the key whose numbers are those of `key` from index `first` on.
 constexpr std::uint64_t advance_key(std::uint64_t key, std::uint64_t first) {
   return key + first * 0xD1342543DE82EF95ull;
 }
 
-/// 64 random bits: the `index`-th of the stream.
+/// Returns 64 random bits, number `index` of the stream.
 constexpr std::uint64_t random_bits(std::uint64_t key, std::uint64_t index) {
   return mix64(advance_key(key, index));
 }
@@ -37,24 +37,24 @@ constexpr float random_unit(std::uint64_t key, std::uint64_t index) {
   return static_cast<float>(random_bits(key, index) >> 40) * 0x1p-24f;
 }
 
-/// What a stream is for; one number each, never reused.
+/// Purposes of the streams; numbers are never reused.
 enum RandomStream : std::uint64_t {
   kStreamInit = 1,          ///< network initialisation
   kStreamPixels = 2,        ///< order of training pixels; counter = epoch
   kStreamSamples = 3,       ///< stratified sample jitter; counter = step
   kStreamFineSamples = 4,   ///< hierarchical sampling; counter = step
-  kStreamFigures = 5,       ///< which training image a figure shows
-  kStreamBackground = 6,    ///< behind transparent pixels; counter = pixels drawn before
-  kStreamLidar = 7,         ///< order of LiDAR returns; counter = times that all were seen
-  kStreamLidarSamples = 8,  ///< jitter of samples on their rays; counter = step
+  kStreamFigures = 5,       ///< choice of the training image that a figure shows
+  kStreamBackground = 6,    ///< colour behind transparent pixels; counter = pixels drawn before
+  kStreamLidar = 7,         ///< order of LiDAR returns; counter = epochs over them
+  kStreamLidarSamples = 8,  ///< sample jitter of LiDAR rays; counter = step
   kStreamErrorRays =
-      9,  ///< pixels drawn by their error; counter = pixels drawn by the epochs' order before
+      9,  ///< pixels drawn by the error map; counter = pixels drawn in epoch order before
   kStreamTest = 99
 };
 
-/// The image of `index` in a pseudo-random permutation of [0, size): a 4-round Feistel network on
-/// the enclosing power of four with cycle walking, so that an epoch over 10^8 pixels needs no
-/// table. Requires index < size, size <= 2^62.
+/// Returns the image of `index` under a pseudo-random permutation of [0, size): a 4-round Feistel
+/// network on the enclosing power of four with cycle walking, so that an epoch over 10^8 pixels
+/// needs no table. Requires index < size, size <= 2^62.
 constexpr std::uint64_t permute_index(std::uint64_t key, std::uint64_t index, std::uint64_t size) {
   int half_bits = 1;
   while ((1ull << (2 * half_bits)) < size) ++half_bits;

@@ -38,8 +38,8 @@ struct PoseCorrections {
 /// The motion of a Vector6d (math/so3.h) in single precision.
 Rigid3d rigid_from_vector(const float* six);
 
-/// Frames without a picture that is trained on take what lies between the frames before and after
-/// that have one, by time; at the ends the nearest one's.
+/// Interpolates, by time, the corrections of frames without a training image between the frames
+/// before and after that have one; at the ends the nearest one's.
 void interpolate_held_out(const Scene& scene, PoseCorrections* corrections);
 
 /// Sets the poses of frames, rig and views of `*corrected`, a copy of `initial`, to those of
