@@ -43,7 +43,7 @@ class EndToEndLidar : public EndToEnd {
 TEST_F(EndToEndLidar, LidarTrainsAndResumes) {
   const ProgramResult once = train("once", 6);
   ASSERT_EQ(once.exit_code, kExitOk) << once.err;
-  EXPECT_THAT(once.out, AllOf(HasSubstr("LiDAR returns"), HasSubstr("moving objects left out")));
+  EXPECT_THAT(once.out, AllOf(HasSubstr("LiDAR returns"), HasSubstr("moving objects masked")));
   ASSERT_EQ(train("again", 6).exit_code, kExitOk);
   const auto parameters = [&](const char* name) {
     const TrainState state = load_checkpoint(folder_ / name / "checkpoint.safetensors");

@@ -60,11 +60,12 @@ class Photographs : public EndToEnd {
 TEST_F(Photographs, InspectTrainEvalRender) {
   const ProgramResult table = redrive({"inspect", set_.string()});
   EXPECT_EQ(table.exit_code, kExitOk) << table.err;
-  EXPECT_THAT(table.out,
-              AllOf(HasSubstr("(blender)"),
-                    HasSubstr("6, ids 0 to 5 in file-name order; neither metres nor clock"),
-                    HasSubstr("1.51515 around 0 0 0"),
-                    HasSubstr("2 images by the recording's own split"), HasSubstr("--background")));
+  EXPECT_THAT(
+      table.out,
+      AllOf(HasSubstr("(blender)"),
+            HasSubstr("6, ids 0 to 5 in file-name order; neither metric scale nor timestamps"),
+            HasSubstr("1.51515 around 0 0 0"), HasSubstr("2 images by the recording's own split"),
+            HasSubstr("--background")));
   EXPECT_THAT(table.out, ::testing::Not(HasSubstr("driven")));
   const ProgramResult inspected = redrive({"inspect", set_.string(), "--json"});
   const json report = json::parse(inspected.out);

@@ -18,13 +18,13 @@
 namespace redrive::bench {
 namespace {
 
-/// Of a sample, or what else a Result counts.
+/// Per sample, or per other item that a Result counts.
 struct Cost {
   double flops, bytes;
 };
 
-// Arithmetic of the scalar formulas, per sample (Adam: per parameter), counted from the files
-// named.
+// Arithmetic of the scalar formulas, per sample (Adam: per parameter), counted from the named
+// files.
 constexpr double kStratifiedFlops =
     4;  // volume/hierarchical_sampling.h: two for t, one for u, one for dt
 constexpr double kCompositeFlops = 24;  // volume/composite.h: alpha 3, w 1, three colours of 6, T 2
@@ -32,19 +32,19 @@ constexpr double kCompositeAdjointFlops =
     44;                            // volume/composite.h: T and w 6, three colours of 12, sigma 2
 constexpr double kAdamFlops = 14;  // optim/adam.h: m 3, v 4, parameter 7
 
-// Bytes, likewise: what a stage of the seam has to read and to write at least, each number once,
-// whatever a kernel reads again or keeps between its passes. Those of a ray are shared by its
-// samples, parameters by all of a run.
+// Bytes that a stage of the backend interface reads and writes at least, each number once, however
+// often a kernel reads it. Bytes of a ray are divided among its samples, those of parameters among
+// all samples of a run.
 constexpr double kNumber = sizeof(float);
 constexpr double kRayBytes = 6 * kNumber;          // origin and direction
-constexpr double kColourBytes = 3 * kNumber;       // of a ray: to meet, or its derivative
+constexpr double kColourBytes = 3 * kNumber;       // of a ray: target, or its derivative
 constexpr double kRenderedRayBytes = 5 * kNumber;  // of a ray: colour, depth, opacity
 constexpr double kRawBytes = 4 * kNumber;  // of a sample: colour and density, or their derivatives
 constexpr double kIntervalBytes = 2 * kNumber;  // t and dt
 constexpr double kAdamBytes =
     2 * 4 * kNumber;  // gradient, parameter, two moments: read and written
 constexpr double kGradientBytes = 2 * kNumber;  // added to
-constexpr double kPointBytes = 4 * kNumber;     // of the unit cube: place and footprint
+constexpr double kPointBytes = 4 * kNumber;     // in the unit cube: position and footprint
 
 class Runner {
  public:
@@ -56,7 +56,7 @@ class Runner {
     return name.find(options_.filter) != std::string::npos;
   }
 
-  /// Times `work`, which treats `samples` points at a cost each.
+  /// Times `work`, which processes `samples` samples at a cost each.
   void time(const std::string& name, double samples, const Cost& cost,
             const std::function<void()>& work) {
     if (!wanted(name)) return;
@@ -79,7 +79,7 @@ class Runner {
   }
 
  private:
-  /// Seconds of each repetition, ascending.
+  /// Returns the seconds of each repetition, ascending.
   std::vector<double> measure(const std::function<void()>& work) const {
     constexpr double kLong = 20, kEnough = 3;
     constexpr std::size_t kAtLeast = 5;
@@ -107,13 +107,13 @@ class Runner {
   const std::function<void(const Result&)>& on_result_;
 };
 
-/// A method, and how large its networks and rays are.
+/// A method with its network's width and its samples per ray.
 struct Size {
   const char* method;
   int width, samples;
 };
 
-/// From pixels to Adam.
+/// Times a whole training step, from sampling pixels to Adam.
 void time_step(Runner& runner, kernels::Backend& backend, const SyntheticDrive& drive,
                const std::string& name, const Size& size, double forward_macs) {
   if (!runner.wanted(name)) return;
@@ -126,8 +126,8 @@ void time_step(Runner& runner, kernels::Backend& backend, const SyntheticDrive& 
   StepBuffers buffers;
   const double samples = 1.0 * rays * size.samples,
                parameters = static_cast<double>(state.model->size());
-  // Each parameter is read and its gradient added to, then Adam. How many rows of a grid a batch
-  // comes near is not known: of lazy Adam only the gradients that it looks at count.
+  // Each parameter is read and its gradient added to, then Adam. The number of grid rows that a
+  // batch touches is unknown, so only the gradients that lazy Adam reads count.
   const bool lazy = state.model->adam_groups(0, 1).front().step.lazy;
   const double of_parameter = lazy ? kNumber : kNumber + kGradientBytes + kAdamBytes,
                bytes =
@@ -143,7 +143,7 @@ void time_render(Runner& runner, kernels::Backend& backend, const SyntheticDrive
                  const std::string& name, const Size& size, double forward_macs,
                  const std::string& filter) {
   if (!runner.wanted(name)) return;
-  // The reference backend would take hours; a filter that names the image runs it all the same.
+  // The reference backend would take hours; an explicit filter runs it.
   if (backend.name() == "ref" && filter.empty()) return;
   const TrainState state =
       make_initial_state(options_of(size.method, size.width, size.samples), drive.scene);
@@ -164,7 +164,7 @@ void time_kernels(Runner& runner, kernels::Backend& backend, const SyntheticDriv
                forward_flops = 2 * nerf_macs_per_sample(config);
   const double per_ray = b.model().samples,
                parameters = static_cast<double>(b.gradients.size()) / samples;
-  // The last dt stands for none.
+  // The last sample has no dt.
   const double field_bytes = kRayBytes / per_ray + kNumber + kRawBytes + kNumber * parameters;
   const auto field = b.model().field(0);
   runner.time("kernel/sample_stratified", samples, {kStratifiedFlops, kIntervalBytes},
@@ -172,7 +172,7 @@ void time_kernels(Runner& runner, kernels::Backend& backend, const SyntheticDriv
   runner.time("kernel/nerf_forward-256", samples, {forward_flops, field_bytes}, [&] {
     backend.nerf().network_forward(field, b.ray_spans(), b.sample_spans(), b.raw);
   });
-  // Includes the forward pass that it does over.
+  // Includes recomputing the forward pass.
   runner.time("kernel/nerf_backward-256", samples,
               {3 * forward_flops, field_bytes + kGradientBytes * parameters}, [&] {
                 backend.nerf().network_backward(field, b.ray_spans(), b.sample_spans(), b.d_raw,
@@ -183,7 +183,7 @@ void time_kernels(Runner& runner, kernels::Backend& backend, const SyntheticDriv
                 backend.composite_forward(b.rays.n, b.sample_spans(), b.raw, {},
                                           {b.rgb, b.depth, b.opacity, {}});
               });
-  // Densities and colours are read, their derivatives written.
+  // Reads densities and colours, writes their derivatives.
   runner.time(
       "kernel/composite_backward", samples,
       {kCompositeAdjointFlops, kIntervalBytes + 2 * kRawBytes + kColourBytes / per_ray}, [&] {
@@ -203,10 +203,10 @@ void time_grid_kernels(Runner& runner, kernels::Backend& backend, const Syntheti
   const double samples = static_cast<double>(b.points.n), levels = b.model().field.grid.levels,
                features = b.model().field.grid.features,
                macs = grid_macs_per_sample(b.model().field);
-  // A level: three coordinates of 3, eight weights of 2, eight rows of 2 operations a feature;
-  // twice of that for the adjoint.
+  // Per level: three coordinates of 3, eight weights of 2, eight rows of 2 operations a feature.
+  // The adjoint takes twice as many.
   const double encode_flops = levels * (25 + 16 * features);
-  // Eight rows a level, or all that there are, where these are fewer: samples share them.
+  // Eight rows per level, at most the level's rows per batch, which samples share.
   const double rows_bytes = std::min(levels * 8 * features * kNumber,
                                      kNumber * static_cast<double>(b.d_table.size()) / samples);
   const double features_bytes = levels * features * kNumber;
@@ -223,7 +223,7 @@ void time_grid_kernels(Runner& runner, kernels::Backend& backend, const Syntheti
   runner.time("kernel/grid_network_forward", samples, {2 * macs, network_bytes}, [&] {
     stages.network_forward(b.network(), n, b.per_ray, b.features, b.harmonics, b.raw);
   });
-  // Includes the forward pass that it does over.
+  // Includes recomputing the forward pass.
   runner.time("kernel/grid_network_backward", samples,
               {6 * macs, network_bytes + features_bytes + kGradientBytes * weights}, [&] {
                 stages.network_backward(b.network(), n, b.per_ray, b.features, b.harmonics, b.raw,

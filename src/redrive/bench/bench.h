@@ -16,14 +16,15 @@ namespace redrive::bench {
 
 struct Options {
   std::string filter;   ///< runs names that contain it; empty: all
-  int repetitions = 0;  ///< 0: at least 5 and until 3 s have passed, after one warm-up; one run
-                        ///< alone where it takes over 20 s
+  int repetitions = 0;  ///< 0: at least 5 and until 3 s have passed, after one warm-up; a single
+                        ///< one where it takes over 20 s
 };
 
 struct Result {
   std::string name;
   double median_ms = 0, min_ms = 0;
-  double samples_per_s = 0;  ///< points along rays (kernel/adam: parameters) by the median
+  double samples_per_s =
+      0;  ///< samples along rays (kernel/adam: parameters) per second, by the median
   /// Operations of the formulas as published, by the median; exp, division and square root count as
   /// one, a training step as three forward passes. Kernels may need fewer:
   /// kernels/cpu/folded_colour.h saves a tenth.
@@ -39,7 +40,7 @@ struct Result {
 struct Report {
   std::string cpu, backend, isa;  ///< isa "none" for ref
   int threads = 0;
-  std::string gpu;             ///< empty where none computes
+  std::string gpu;             ///< empty for backends on the processor
   kernels::Ceilings ceilings;  ///< measured in this run: the backend's own, or those of all threads
                                ///< (bench/peak.h)
   std::string commit;          ///< of the build; empty if unknown

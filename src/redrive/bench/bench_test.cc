@@ -16,7 +16,7 @@ namespace {
 
 TEST(Peak, IsMeasuredForEveryUsableIsa) {
   ThreadPool pool(1);
-  // A gigaflop a second is less than one operation a cycle; 100 TFLOP/s is beyond any core.
+  // 1 GFLOP/s is less than one operation per cycle; 100 TFLOP/s is beyond any core.
   const double portable = measure_peak_gflops(std::nullopt, pool);
   EXPECT_GT(portable, 1);
   for (const Isa isa : all_isas()) {
@@ -30,7 +30,7 @@ TEST(Peak, IsMeasuredForEveryUsableIsa) {
   }
 }
 
-TEST(Bench, ReportsWhatWasAskedFor) {
+TEST(Bench, ReportsTheFilteredBenchmarks) {
   const auto backend = kernels::make_ref_backend();
   int seen = 0;
   const Report report = run(*backend, {"kernel/adam", 2}, [&](const Result& result) {
@@ -42,11 +42,11 @@ TEST(Bench, ReportsWhatWasAskedFor) {
   const Result& r = report.results[0];
   EXPECT_GT(r.min_ms, 0);
   EXPECT_GE(r.median_ms, r.min_ms);
-  // The figures belong together: 14 operations a parameter.
+  // The figures are consistent: 14 operations per parameter.
   EXPECT_NEAR(r.gflops, 14e-9 * r.samples_per_s, 1e-12 * r.gflops);
   const double parameters = r.flops / 14,
                ms = 1e3 * 1e-9 * 32 * parameters / report.ceilings.copy_gb_per_s;
-  EXPECT_EQ(r.bytes, 32 * parameters) << "four numbers there and back";
+  EXPECT_EQ(r.bytes, 32 * parameters) << "four numbers read and written";
   EXPECT_TRUE(r.memory_bound);
   EXPECT_NEAR(r.percent_of_roofline, 100 * ms / r.median_ms, 1e-9 * r.percent_of_roofline);
 
@@ -60,7 +60,7 @@ TEST(Bench, ReportsWhatWasAskedFor) {
   EXPECT_EQ(json["machine"]["backend"], "ref");
 }
 
-TEST(Bench, ADeviceHasARooflineOfItsOwn) {
+TEST(Bench, MeasuresTheRooflineOfADevice) {
   for (const bool tensor_cores : {true, false}) {
     const auto backend = kernels::make_loop_backend(nullptr, tensor_cores);
     const Report report = run(*backend, {"kernel/grid_network_forward", 1}, [](const Result&) {});
@@ -70,10 +70,10 @@ TEST(Bench, ADeviceHasARooflineOfItsOwn) {
     EXPECT_GT(report.ceilings.copy_gb_per_s, 0.01);
     EXPECT_LT(report.ceilings.copy_gb_per_s, 1e4);
     const Result& r = report.results[0];
-    EXPECT_FALSE(r.memory_bound) << "a thousand products a sample, and its 36 features";
+    EXPECT_FALSE(r.memory_bound) << "a thousand products per sample of 36 features";
     EXPECT_NEAR(r.percent_of_roofline, 100 * r.gflops / report.ceilings.gflops,
                 1e-9 * r.percent_of_roofline);
-    EXPECT_EQ(report.gpu, "") << "it is none";
+    EXPECT_EQ(report.gpu, "") << "the processor is no GPU";
   }
 }
 
@@ -84,7 +84,7 @@ TEST(Peak, CopiesAreMeasured) {
   EXPECT_LT(gb_s, 1e4);
 }
 
-TEST(Bench, UnknownNameIsRefused) {
+TEST(Bench, RejectsAFilterWithoutMatches) {
   const auto backend = kernels::make_ref_backend();
   EXPECT_THROW(run(*backend, {"no such kernel", 1}, [](const Result&) {}), UsageError);
 }

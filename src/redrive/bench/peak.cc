@@ -25,8 +25,8 @@ Loop loop_of(std::optional<Isa> isa) {
   return sse2_multiply_add;
 }
 
-/// GFLOP/s of the calling thread. Runs are short and many: some of them have the core for
-/// themselves.
+/// Returns the GFLOP/s of the calling thread: the best of many short runs, so that some have the
+/// core for themselves.
 double best_gflops(Loop loop) {
   constexpr double kTargetSeconds = 0.002;
   constexpr int kRuns = 60;
@@ -37,7 +37,7 @@ double best_gflops(Loop loop) {
     const double flops = loop(iterations);
     const double seconds =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-    if (seconds < kTargetSeconds) {  // still finding the length
+    if (seconds < kTargetSeconds) {  // still calibrating the length
       iterations *= 2;
       continue;
     }
@@ -50,7 +50,7 @@ double best_gflops(Loop loop) {
 }  // namespace
 
 double measure_peak_gflops(std::optional<Isa> isa, ThreadPool& pool) {
-  // At the same time on all threads, because they share the clock's power budget.
+  // All threads at the same time, because the clock frequency depends on the shared power budget.
   std::vector<double> gflops(pool.threads());
   pool.run(pool.threads(), [&](int chunk) { gflops[chunk] = best_gflops(loop_of(isa)); });
   return std::accumulate(gflops.begin(), gflops.end(), 0.0);

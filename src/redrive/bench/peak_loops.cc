@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// In assembly, so that nothing is optimised away, spilled or reordered whatever the flags; the
-// assembler knows every ISA. All operands are zero: these instructions take the same time for every
-// value but denormal ones.
+// In assembly, so that nothing is optimised away, spilled or reordered by any flags, and for every
+// ISA. All operands are zero: these instructions take the same time for all but denormal values.
 #include <cstdint>
 
 #include "redrive/bench/peak.h"

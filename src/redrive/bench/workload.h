@@ -16,7 +16,7 @@
 
 namespace redrive::bench {
 
-constexpr int kBatchRays = 1024;  ///< the report's
+constexpr int kBatchRays = 1024;
 
 /// Four views of one 1280 x 704 pinhole, half a metre apart, near 1 m and far 10 m; images of
 /// smooth stripes.
@@ -26,11 +26,11 @@ struct SyntheticDrive {
 };
 SyntheticDrive make_synthetic_drive();
 
-/// What a fresh run of the method would take, at this width and these samples a ray.
+/// Returns the options of a fresh run of the method with this width and samples per ray.
 TrainOptions options_of(const std::string& method, int width, int samples);
 
-/// Everything a kernel of one batch reads or writes, filled with numbers like a real step's and,
-/// but for the rays, kept where the backend computes.
+/// Inputs and outputs of the kernels for one batch of --method nerf, filled with values like those
+/// of a real step. All but the rays are resident on the backend's device.
 struct KernelBatch {
   TrainState state;
   RayBatch rays;
@@ -44,7 +44,7 @@ struct KernelBatch {
   kernels::StratifiedSampling sampling() const;
 };
 
-/// The same for the stages of --method grid: rays of the drive, their samples spread over all
+/// Inputs and outputs of the stages of --method grid: rays of the drive, with samples over all
 /// distances.
 struct GridBatch {
   static constexpr int per_ray = 24;

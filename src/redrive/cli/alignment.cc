@@ -18,7 +18,7 @@ void print_residual(const char* which, const TrajectoryRegistration& registratio
               100 * registration.residual_m, registration.residual_deg);
 }
 
-void print_summary(const AlignResult& result) {
+void print_alignment(const AlignResult& result) {
   const BundleResult& bundle = result.bundle;
   std::printf("%-22s %16s %15s %26s %8s %11s %16s\n", "camera", "observations", "error px",
               "yaw pitch roll deg", "+-", "moved cm", "offset ms");
@@ -70,7 +70,7 @@ AlignResult align_verbose(const Recording& recording, AlignOptions options, Thre
               recording.frames.size(), recording.cameras.size());
   std::fflush(stdout);
   AlignResult result = align(recording, options, pool);
-  print_summary(result);
+  print_alignment(result);
   return result;
 }
 

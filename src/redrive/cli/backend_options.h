@@ -19,7 +19,7 @@ inline void add_backend_options(CLI::App& command, kernels::BackendChoice* choic
                      "0: all that this process may use (0..1024, default: 0)");
 }
 
-/// UsageError for a count that cannot be meant; the rest make_backend checks.
+/// Creates the backend. Throws UsageError for --threads out of range, or as make_backend.
 inline std::unique_ptr<kernels::Backend> make_checked_backend(
     const kernels::BackendChoice& choice) {
   if (choice.threads < 0 || choice.threads > 1024)

@@ -12,6 +12,7 @@
 #include "redrive/cli/command.h"
 #include "redrive/cli/image_progress.h"
 #include "redrive/eval/evaluate.h"
+#include "redrive/train/memory.h"
 
 namespace redrive {
 namespace {
@@ -30,7 +31,7 @@ void print_row(const std::string& name, const Score& score) {
   std::printf("\n");
 }
 
-void print_table(const Evaluation& evaluation) {
+void print_evaluation(const Evaluation& evaluation) {
   std::printf("%s\n",
               evaluation.held_out ? "held-out frames" : "training frames (no frame was held out)");
   std::printf("%-28s %6s %8s %8s %8s %10s\n", "camera", "images", "PSNR dB", "SSIM", "FLIP",
@@ -49,9 +50,8 @@ void print_table(const Evaluation& evaluation) {
   if (evaluation.novel.empty()) return;
   if (const auto& alignment = evaluation.alignment)
     std::printf(
-        "trajectory aligned to the ground truth by %.1f cm and %.3f deg; residual %.1f cm, %.3f "
-        "deg "
-        "RMS\n",
+        "trajectory aligned to the ground truth by %.1f cm and %.3f deg; residual %.1f cm, "
+        "%.3f deg RMS\n",
         100 * alignment->translation_m, alignment->rotation_deg, 100 * alignment->residual_m,
         alignment->residual_deg);
   std::printf("%-28s %6s %8s %8s %8s %10s %14s\n", "novel views", "images", "PSNR dB", "SSIM",
@@ -69,7 +69,7 @@ int run_eval(EvalCommandOptions options) {
   if (options.json)
     std::printf("%s\n", evaluation_to_json(evaluation).dump(2).c_str());
   else
-    print_table(evaluation);
+    print_evaluation(evaluation);
   return kExitOk;
 }
 
@@ -81,14 +81,14 @@ Action configure_eval(CLI::App& command) {
   command.add_flag("--json", options->json, "JSON on standard output instead of the table");
   auto* limit = command
                     .add_option("--max-images", options->eval.max_images,
-                                "number of images per camera and per novel set, evenly "
-                                "spaced (default: every held-out image; " +
+                                "number of images to score per camera and per novel set, "
+                                "evenly spaced (default: every held-out image; " +
                                     std::to_string(kTrainingImagesPerCamera) +
                                     " training images per camera where none is held out)")
                     ->check(CLI::Range(1, 1000000));
   command
       .add_flag("--all", options->eval.all,
-                "every image, also of the training frames where none is held out")
+                "score every image, also of the training frames where none is held out")
       ->excludes(limit);
   add_backend_options(command, &options->backend);
   return [options] { return run_eval(*options); };

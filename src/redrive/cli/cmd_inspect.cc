@@ -55,7 +55,7 @@ double angle_at_column(const Camera& camera, double u) {
   return 0;
 }
 
-/// Adds up the two sides, so that fields of view may exceed 180 degrees.
+/// Sums the angles of the two sides, so fields of view may exceed 180 degrees.
 double horizontal_fov_deg(const Camera& camera) {
   const double left = angle_at_column(camera, -0.5),
                right = angle_at_column(camera, camera.width - 0.5);
@@ -86,7 +86,7 @@ void check_images(const RecordedCamera& camera, CameraReport* report,
       const Image8 image = read_image(path);
       if (image.width != calibration.width || image.height != calibration.height)
         problems->push_back({calibration.name, path.filename().string() + " has " + size(image) +
-                                                   " pixels, the calibration says " +
+                                                   " pixels, the calibration has " +
                                                    size(calibration)});
       return !image.alpha.empty();
     } catch (const InputError& error) {
@@ -325,7 +325,7 @@ void print_preflight(const Preflight& preflight) {
   std::printf("%s\n\n", preflight.headline().c_str());
 }
 
-void print_table(const Inspection& result) {
+void print_inspection(const Inspection& result) {
   const Recording& recording = result.recording;
   std::printf("%s (%s)\n\n", recording.root.c_str(), recording.format.c_str());
   std::printf("%-24s %-14s %11s %8s %8s %9s %6s  %s\n", "camera", "model", "pixels", "fx px",
@@ -352,7 +352,7 @@ void print_table(const Inspection& result) {
                 drive->rate_hz, drive->duration_s, drive->path_length_m, drive->mean_speed_m_per_s,
                 drive->max_speed_m_per_s);
   } else {
-    std::printf(" in file-name order; neither metres nor clock\n");
+    std::printf(" in file-name order; neither metric scale nor timestamps\n");
   }
   if (const auto& bounds = recording.bounds)
     std::printf("bounds         %g around %g %g %g along each axis\n", bounds->half_side,
@@ -390,12 +390,12 @@ int run_inspect(const std::string& root, bool json, const std::string& masks,
   if (!masks.empty() && result.problems.empty()) write_masks(masks, &result);
   if (!report.empty() && result.problems.empty()) write_report(report, &result);
   if (json) {
-    // File names may not be UTF-8, JSON must be.
+    // JSON must be UTF-8; file names need not be.
     std::printf(
         "%s\n",
         to_json(result).dump(2, ' ', false, nlohmann::json::error_handler_t::replace).c_str());
   } else {
-    print_table(result);
+    print_inspection(result);
   }
   if (!result.problems.empty()) return kExitBadInput;
   return !result.preflight || result.preflight->passes() ? kExitOk : kExitPreflightFailed;
@@ -409,7 +409,7 @@ Action configure_inspect(CLI::App& command) {
     bool json = false;
   };
   auto options = std::make_shared<Options>();
-  command.add_option("recording", options->recording, "recording folder")->required();
+  command.add_option("RECORDING", options->recording, "folder of the recording")->required();
   command.add_flag("--json", options->json, "JSON on standard output instead of the table");
   command.add_option(
       "--masks", options->masks,

@@ -33,23 +33,23 @@ int run_resume(const ResumeArguments& arguments) {
   Run run = open_run(arguments.run, /*to_resume=*/true);
   for (const auto& [name, value] : arguments.given) field_named(name).parse(run.options, value);
   validate(run.options);
-  const kernels::BackendGroup team = make_backends(run.options);
+  const kernels::BackendGroup group = make_backends(run.options);
   const std::atomic<bool>& stop = stop_on_signal();
-  check_run_memory(run, team);
+  check_run_memory(run, group);
   const TrainingData training = [&] {
-    ThreadPool pool(team.backends.front()->threads());
+    ThreadPool pool(group.backends.front()->threads());
     return load_training_data(run, pool);
   }();
   if (!arguments.given.empty()) write_config(run.paths, run.options, run.state.model.get());
-  print_summary(run, training, team);
-  return train_to_end(&run, training, team, stop);
+  print_summary(run, training, group);
+  return train_to_end(&run, training, group, stop);
 }
 
 }  // namespace
 
 Action configure_resume(CLI::App& command) {
   auto arguments = std::make_shared<ResumeArguments>();
-  command.add_option("RUN", arguments->run, "folder that train made")->required();
+  command.add_option("RUN", arguments->run, "run folder, as train makes it")->required();
   for (const char* name : kChangeable)
     command.add_option_function<std::string>(
         std::string("--") + name,

@@ -18,7 +18,8 @@ namespace redrive {
 namespace {
 
 struct TrainArguments {
-  /// By name of the field; a flag has an empty value, only a field that repeats has several.
+  /// Values of the options on the command line, by name. A flag has an empty value; only fields
+  /// that repeat have several.
   std::map<std::string, std::vector<std::string>> given;
   std::string out;
 };
@@ -44,14 +45,14 @@ TrainOptions parse_options(const TrainArguments& arguments) {
   return options;
 }
 
-/// Poses that are not the recording's own, for the run to keep.
+/// Poses other than the recording's, of which the run keeps a copy.
 struct ExternalPoses {
   PoseFiles files;
   std::optional<AlignResult> alignment;
-  Recording recording;  ///< as it was aligned
+  Recording recording;  ///< before alignment
 };
 
-/// What --poses and --align name, put into run->recording.
+/// Puts the poses of --poses or --align into run->recording.
 std::optional<ExternalPoses> load_external_poses(Run* run, int threads) {
   if (!has_external_poses(run->options)) return std::nullopt;
   ExternalPoses own;
@@ -68,7 +69,7 @@ std::optional<ExternalPoses> load_external_poses(Run* run, int threads) {
   } else {
     own.files = read_pose_files(run->recording, run->options.poses);
   }
-  // From the text in both cases: a resumed run reads the same bits.
+  // Parses the text in both cases, so that a resumed run has the same bits.
   use_external_poses(own.files, run->options.align ? run->options.recording : run->options.poses,
                      run->options, &run->recording);
   return own;
@@ -78,8 +79,8 @@ int run_train(const TrainArguments& arguments) {
   Run run;
   run.options = parse_options(arguments);
   check_run_is_new(arguments.out);
-  const kernels::BackendGroup team = make_backends(run.options);
-  const int threads = team.backends.front()->threads();
+  const kernels::BackendGroup group = make_backends(run.options);
+  const int threads = group.backends.front()->threads();
   run.recording = open_recording(run.options);
   const std::optional<ExternalPoses> poses = load_external_poses(&run, threads);
   resolve_cameras(&run.options, run.recording);
@@ -88,12 +89,12 @@ int run_train(const TrainArguments& arguments) {
   run.state = make_initial_state(run.options, run.scene);
   record_hyperparameters(*run.state.model, &run.options);
   const std::atomic<bool>& stop = stop_on_signal();
-  check_run_memory(run, team);
+  check_run_memory(run, group);
   const TrainingData training = [&] {
     ThreadPool pool(threads);
     return prepare_training_data(run, pool);
   }();
-  // Only now, when nothing about the input can be wrong any more, is something written.
+  // Nothing is written before the input has been checked.
   run.paths = create_run(
       arguments.out, run.options,
       [&](const RunPaths& paths) {
@@ -104,8 +105,8 @@ int run_train(const TrainArguments& arguments) {
       },
       run.state.model.get());
   const RunLock lock(run.paths.root);
-  print_summary(run, training, team);
-  return train_to_end(&run, training, team, stop);
+  print_summary(run, training, group);
+  return train_to_end(&run, training, group, stop);
 }
 
 }  // namespace

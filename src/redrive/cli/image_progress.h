@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Prints "3/12 images scored" on a terminal; nothing where standard error is piped.
+// Returns a callback that prints "3/12 images scored" on a terminal; an empty one where standard
+// error is not a terminal.
 #pragma once
 
 #include <cstdio>

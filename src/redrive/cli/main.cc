@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The table of commands. Errors become exit codes here and nowhere else.
+// The table of commands. Errors become exit codes here only.
 #include <sys/stat.h>
 #include <unistd.h>
 

@@ -26,7 +26,7 @@ constexpr std::pair<ExitCode, const char*> kExitCodes[] = {
     {kExitInterrupted, "interrupted by Ctrl-C; the state was saved"},
 };
 
-/// Text in roff: hyphens as typed on a command line, no line that begins with a request.
+/// Escapes text for roff: hyphens as typed on a command line, no line that begins with a request.
 std::string roff(const std::string& text) {
   std::string escaped;
   for (const char c : text) {
@@ -47,7 +47,7 @@ std::string italic(const std::string& text) { return "\\fI" + roff(text) + "\\fR
 
 bool takes_value(const CLI::Option& option) { return option.get_items_expected_max() > 0; }
 
-/// "--threads INT" for an option, "RECORDING" for a positional argument.
+/// Returns "--threads INT" for an option, "RECORDING" for a positional argument.
 std::string heading(const CLI::Option& option) {
   if (option.get_positional()) return italic(option.get_name(true));
   std::string text;
@@ -71,7 +71,7 @@ std::vector<const CLI::App*> commands_of(const CLI::App& app) {
   return app.get_subcommands([](const CLI::App*) { return true; });
 }
 
-/// The names of all options, "--a --b".
+/// Returns the names of all options, "--a --b".
 std::string option_words(const CLI::App& command) {
   std::string words;
   for (const CLI::Option* option : command.get_options())
@@ -80,7 +80,7 @@ std::string option_words(const CLI::App& command) {
   return words;
 }
 
-/// The man page (section 1) in roff.
+/// Returns the man page (section 1) in roff.
 std::string man_page(const CLI::App& app, const std::string& version) {
   const std::string name = app.get_name(), summary = app.get_description();
   std::string page = ".TH REDRIVE 1 \"\" \"redrive " + roff(version) + "\" \"User Commands\"\n" +
@@ -123,7 +123,7 @@ void add_generate_option(CLI::App& app, const std::string& version) {
   app.add_option_function<std::string>(
          "--generate",
          [&app, version](const std::string& text) {
-           // CLI11 prints the text of this one and ends with success.
+           // CLI11 prints the text of this exception and exits with success.
            throw CLI::CallForVersion(text == "man" ? man_page(app, version) : bash_completion(app),
                                      kExitOk);
          },

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The man page and the completion for bash, made from the registered commands and options.
+// Generates the man page and the bash completion from the registered commands and options.
 #pragma once
 
 #include <string>
@@ -8,8 +8,8 @@
 
 namespace redrive {
 
-/// Adds `--generate man|bash-completion`, which prints one of them and ends with success. To be
-/// called when all commands are there; `version` stands in the man page's footer.
+/// Adds `--generate man|bash-completion`, which prints one of them and exits with success. Must be
+/// called after all commands were added. `version`: for the man page's footer.
 void add_generate_option(CLI::App& app, const std::string& version);
 
 }  // namespace redrive

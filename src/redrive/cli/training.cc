@@ -25,11 +25,12 @@ const std::atomic<bool>& stop_on_signal() {
   action.sa_flags = SA_RESTART | static_cast<int>(SA_RESETHAND);
   sigaction(SIGINT, &action, nullptr);
   sigaction(SIGTERM, &action, nullptr);
-  action.sa_flags = SA_RESTART;  // a closed terminal sends it twice, by the shell and by the kernel
+  action.sa_flags =
+      SA_RESTART;  // a closing terminal sends SIGHUP twice: by the shell and by the kernel
   struct sigaction before {};
   sigaction(SIGHUP, nullptr, &before);
   if (before.sa_handler != SIG_IGN) sigaction(SIGHUP, &action, nullptr);  // not under nohup
-  // `train | head` is to lose what is printed, not what is trained.
+  // A closed pipe (`train | head`) must not end training.
   signal(SIGPIPE, SIG_IGN);
   return stop_flag;
 }
@@ -38,30 +39,30 @@ kernels::BackendGroup make_backends(const TrainOptions& options) {
   return kernels::make_backend_group({options.backend, options.isa, options.threads}, options.gpus);
 }
 
-void check_run_memory(const Run& run, const kernels::BackendGroup& team) {
-  const kernels::Backend& backend = *team.backends.front();
+void check_run_memory(const Run& run, const kernels::BackendGroup& group) {
+  const kernels::Backend& backend = *group.backends.front();
   const MemoryEstimate need = estimate_memory(run, backend.threads());
   const std::uint64_t allowed = allowed_memory(run.options, memory_bytes());
   std::printf("%s\n", memory_text(need.total(), allowed).c_str());
   std::fflush(stdout);
   check_memory(need, allowed, run.options);
-  std::optional<std::uint64_t> free;  // where it is least
-  for (const auto& gpu : team.backends)
+  std::optional<std::uint64_t> free;  // of the GPU with the least
+  for (const auto& gpu : group.backends)
     if (const auto here = gpu->free_memory()) free = std::min(free.value_or(*here), *here);
   const auto of_gpu = estimate_device_memory(run, backend, need);
   if (!free || !of_gpu) return;
   const std::uint64_t allowed_there = allowed_gpu_memory(run.options, *free);
-  std::printf("%s: %s\n", team.backends.size() > 1 ? "each GPU" : "GPU",
+  std::printf("%s: %s\n", group.backends.size() > 1 ? "each GPU" : "GPU",
               memory_text(of_gpu->total(), allowed_there).c_str());
   std::fflush(stdout);
   check_memory(*of_gpu, allowed_there, run.options);
 }
 
 void print_summary(const Run& run, const TrainingData& training,
-                   const kernels::BackendGroup& team) {
-  std::printf("%s", kernels::describe(*team.backends.front()).c_str());
-  if (team.backends.size() > 1)
-    std::printf(" gpus=%zu, %s a step each", team.backends.size(),
+                   const kernels::BackendGroup& group) {
+  std::printf("%s", kernels::describe(*group.backends.front()).c_str());
+  if (group.backends.size() > 1)
+    std::printf(" gpus=%zu, %s a step each", group.backends.size(),
                 run.state.model->describe_batch().c_str());
   std::printf("\n");
   for (const Finding& finding : run.recording.findings)
@@ -71,7 +72,7 @@ void print_summary(const Run& run, const TrainingData& training,
   for (const View& view : run.scene.views) held_out += view.held_out;
   for (const Image8& image : training.images)
     bytes += image.rgb.size() + image.alpha.size() + image.used.size();
-  constexpr std::size_t kCamerasShown = 8;  // a set of photographs may have one each
+  constexpr std::size_t kCamerasShown = 8;  // photographs may have a camera each
   for (std::size_t c = 0; c < std::min(run.scene.rig.size(), kCamerasShown); ++c) {
     const RigCamera& camera = run.scene.rig[c];
     const Mask& mask = training.left_out.masks[c];
@@ -84,15 +85,14 @@ void print_summary(const Run& run, const TrainingData& training,
     std::printf("\n");
   }
   if (const std::size_t moving = training.left_out.moving.objects(); moving > 0)
-    std::printf("moving objects left out: %zu\n", moving);
+    std::printf("moving objects masked: %zu\n", moving);
   if (const LidarReturns& lidar = training.lidar; lidar.n > 0 && run.recording.lidar_files.empty())
-    std::printf("%zu points of %s; left out: %zu that may be hidden\n", lidar.n,
+    std::printf("%zu points of %s; dropped: %zu that may be occluded\n", lidar.n,
                 run.recording.points_file.c_str(), lidar.hidden);
   else if (lidar.n > 0)
     std::printf(
-        "%zu LiDAR returns; left out: %zu repeated, %zu beyond the trajectory, %zu on the vehicle, "
-        "%zu on moving "
-        "objects\n",
+        "%zu LiDAR returns; dropped: %zu repeated, %zu beyond the trajectory, %zu on the vehicle, "
+        "%zu on moving objects\n",
         lidar.n, lidar.repeated, lidar.beyond_trajectory, lidar.on_ego, lidar.on_moving);
   if (run.scene.rig.size() > kCamerasShown)
     std::printf("%zu cameras in all\n", run.scene.rig.size());
@@ -123,11 +123,11 @@ int report_end(const Run& run, TrainEnd end) {
 
 }  // namespace
 
-int train_to_end(Run* run, const TrainingData& training, const kernels::BackendGroup& team,
+int train_to_end(Run* run, const TrainingData& training, const kernels::BackendGroup& group,
                  const std::atomic<bool>& stop) {
   std::vector<kernels::Backend*> backends;
-  for (const auto& backend : team.backends) backends.push_back(backend.get());
-  return report_end(*run, train(run, training, backends, team.reduction.get(), stop));
+  for (const auto& backend : group.backends) backends.push_back(backend.get());
+  return report_end(*run, train(run, training, backends, group.reduction.get(), stop));
 }
 
 }  // namespace redrive

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What train and resume share: Ctrl-C, what is printed before and after.
+// Code that train and resume share: Ctrl-C, summaries before and after training.
 #pragma once
 
 #include <atomic>
@@ -10,23 +10,23 @@
 
 namespace redrive {
 
-/// Ctrl-C, SIGTERM or SIGHUP sets the flag; a second Ctrl-C or SIGTERM ends the program at once. A
-/// reader of the output that goes away (SIGPIPE) ends nothing.
+/// Returns a flag that Ctrl-C, SIGTERM or SIGHUP sets; a second Ctrl-C or SIGTERM ends the program
+/// at once. A closed pipe (SIGPIPE) does not end training.
 const std::atomic<bool>& stop_on_signal();
 
-/// What the options choose to compute with. UsageError.
+/// Returns the backends that the options choose. Throws UsageError.
 kernels::BackendGroup make_backends(const TrainOptions& options);
 
-/// Says how much memory the run will need of what --memory allows, and on a GPU of what
-/// --gpu-memory does; UsageError if that is too much.
-void check_run_memory(const Run& run, const kernels::BackendGroup& team);
+/// Prints how much memory the run needs of what --memory and --gpu-memory allow. Throws UsageError
+/// if it needs more.
+void check_run_memory(const Run& run, const kernels::BackendGroup& group);
 
-/// Backend, cameras and what is left out of their pictures, frames, pixels, training and held-out
-/// views, steps.
-void print_summary(const Run& run, const TrainingData& training, const kernels::BackendGroup& team);
+/// Prints backend, cameras with their masks, frames, pixels, training and held-out views.
+void print_summary(const Run& run, const TrainingData& training,
+                   const kernels::BackendGroup& group);
 
-/// Trains, says how it ended and how to go on; the exit code.
-int train_to_end(Run* run, const TrainingData& training, const kernels::BackendGroup& team,
+/// Trains, prints how it ended and how to resume, and returns the exit code.
+int train_to_end(Run* run, const TrainingData& training, const kernels::BackendGroup& group,
                  const std::atomic<bool>& stop);
 
 }  // namespace redrive

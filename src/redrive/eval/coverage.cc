@@ -12,7 +12,7 @@ namespace redrive {
 namespace {
 
 constexpr int kSmallWidth =
-    80;  // of the training views' depth: a surface a few pixels wide is still met
+    80;  // of the training views' depth: still resolves a surface a few pixels wide
 constexpr double kRangeTolerance =
     0.1;  // a field's depth is not exact, and a small pixel holds several depths
 
@@ -20,7 +20,7 @@ double range_of(const RenderedImage& image, std::size_t pixel, double far_m) {
   return image.opacity[pixel] < 0.5f ? far_m : image.depth[pixel];
 }
 
-/// The pixel of the full image in the middle of a small one, along either axis.
+/// Returns the coordinate in the full image of the centre of a pixel of the small one.
 std::size_t centre(int small, int factor) {
   return static_cast<std::size_t>(small) * factor + factor / 2;
 }

@@ -14,8 +14,8 @@ namespace {
 
 constexpr int kColumns = 41, kRows = 11;
 
-/// Looks along z; columns -20..20 see x / z from -1 to 1. `finer`: so many pixels for each of these
-/// along either axis.
+/// Looks along z; columns -20..20 see x / z from -1 to 1. `finer`: pixels per column and row of
+/// these.
 Camera front_camera(int finer = 1) {
   CameraCalibration calibration;
   calibration.model = "opencv_pinhole";
@@ -26,7 +26,7 @@ Camera front_camera(int finer = 1) {
   return make_camera(calibration);
 }
 
-/// A wall at z = 10; before it, at z = 5, a board over x in [-1, 1].
+/// A wall at z = 10 and in front of it, at z = 5, a board over x in [-1, 1].
 float range_to_walls(const std::array<float, 3>& origin, const std::array<float, 3>& direction) {
   const float to_board = (5 - origin[2]) / direction[2], to_wall = (10 - origin[2]) / direction[2];
   return std::abs(origin[0] + to_board * direction[0]) <= 1 ? to_board : to_wall;
@@ -48,7 +48,7 @@ class CoverageTest : public testing::Test {
     model.parameters = Buffer<float>(nerf_parameter_count(model.config));
   }
 
-  /// Middle row of what the training view saw, from x_m aside.
+  /// Returns the middle row of the coverage, seen from x_m.
   std::vector<std::uint8_t> seen_from(double x_m) {
     const Rigid3d pose(Eigen::Translation3d(x_m, 0, 0));
     const RenderedImage image = render_image(walls_, *run_.state.model, front_camera(), pose);
@@ -56,7 +56,7 @@ class CoverageTest : public testing::Test {
     return {seen.begin() + 5 * kColumns, seen.begin() + 6 * kColumns};
   }
 
-  /// The run's mask of its camera leaves out the columns below `first`.
+  /// Masks the columns below `first` of the run's camera.
   void mask_below(int first) {
     const RigCamera& rig = run_.scene.rig[0];
     Mask mask = full_mask(rig.camera.width, rig.camera.height);
@@ -73,15 +73,15 @@ class CoverageTest : public testing::Test {
                       range_to_walls};
 };
 
-TEST_F(CoverageTest, AViewSeesItself) {
+TEST_F(CoverageTest, ATrainingViewIsFullyCovered) {
   EXPECT_EQ(seen_from(0), std::vector<std::uint8_t>(kColumns, 1));
 }
 
 // From 2 m to the right, column c (x / z = (c - 20) / 20) meets the board (x in [-1, 1] at 5 m) in
-// columns 8 to 16. The wall is seen at x = 2 + (c - 20) / 2: what the board hides from the origin,
-// x in [-2, 2], is columns 17 to 20 (12 to 16 lie behind the board here, too), and what lies beside
-// the training image, x > 10, columns 37 to 40.
-TEST_F(CoverageTest, HiddenAndOutsideAreNotSeen) {
+// columns 8 to 16. The wall is seen at x = 2 + (c - 20) / 2. The board occludes x in [-2, 2] from
+// the origin, columns 17 to 20 (12 to 16 are occluded here, too). x > 10 lies outside the training
+// image, columns 37 to 40.
+TEST_F(CoverageTest, OccludedAndOutsidePixelsAreNotSeen) {
   const std::vector<std::uint8_t> seen = seen_from(2);
   for (int c = 0; c < kColumns; ++c) {
     if (c == 20 || c == 36) continue;  // on the edge of a pixel
@@ -90,7 +90,7 @@ TEST_F(CoverageTest, HiddenAndOutsideAreNotSeen) {
   }
 }
 
-TEST_F(CoverageTest, WhatTheRunLeavesOutIsNotSeen) {
+TEST_F(CoverageTest, MaskedPixelsAreNotSeen) {
   mask_below(10);
   std::vector<std::uint8_t> right(kColumns, 1);
   std::fill_n(right.begin(), 10, 0);
@@ -101,15 +101,15 @@ TEST_F(CoverageTest, WhatTheRunLeavesOutIsNotSeen) {
 }
 
 // From 5 m to the left the same points of the wall lie ten columns further right.
-TEST_F(CoverageTest, WhatOneViewLeavesOutAnotherMaySee) {
+TEST_F(CoverageTest, AnotherViewSeesMaskedPixels) {
   mask_below(10);
   run_.scene.views.push_back({0, 0, "", false, Rigid3d(Eigen::Translation3d(-5, 0, 0))});
   EXPECT_EQ(seen_from(0), std::vector<std::uint8_t>(kColumns, 1));
 }
 
-// 164 columns, of which depth is rendered at every other one: each of these stands for two columns
-// of the mask.
-TEST_F(CoverageTest, MasksAreOfTheFullPicture) {
+// 164 columns, with depth rendered at every other one: each depth stands for two columns of the
+// mask.
+TEST_F(CoverageTest, MasksHaveTheSizeOfTheFullImage) {
   run_.scene.rig[0].camera = run_.scene.rig[0].recorded = front_camera(4);
   mask_below(40);
   std::vector<std::uint8_t> right(kColumns, 1);

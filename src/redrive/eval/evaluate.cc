@@ -15,7 +15,7 @@
 namespace redrive {
 namespace {
 
-/// Means over images of each measure, images that it says nothing about left out.
+/// Means over images of each metric, without the images where it is undefined.
 class ScoreMean {
  public:
   void add(const Score& score) {
@@ -47,21 +47,21 @@ class ScoreMean {
   std::int64_t left_out_ = 0;
 };
 
-/// Median of |depth - truth| / truth where the mask is set and the truth known; NaN if that is
-/// nowhere.
+/// Returns the median of |depth - ground truth| / ground truth where the mask is set and the ground
+/// truth known; NaN without such pixels.
 double median_depth_error(const RenderedImage& rendered, std::span<const std::uint8_t> mask,
-                          std::span<const float> truth_m) {
+                          std::span<const float> ground_truth_m) {
   std::vector<double> errors;
-  for (std::size_t i = 0; i < truth_m.size(); ++i)
-    if (mask[i] && truth_m[i] > 0)
-      errors.push_back(std::abs(rendered.depth[i] - truth_m[i]) / truth_m[i]);
+  for (std::size_t i = 0; i < ground_truth_m.size(); ++i)
+    if (mask[i] && ground_truth_m[i] > 0)
+      errors.push_back(std::abs(rendered.depth[i] - ground_truth_m[i]) / ground_truth_m[i]);
   if (errors.empty()) return std::numeric_limits<double>::quiet_NaN();
   const auto middle = errors.begin() + static_cast<std::ptrdiff_t>(errors.size() / 2);
   std::nth_element(errors.begin(), middle, errors.end());
   return *middle;
 }
 
-/// Views to score, by camera of the rig.
+/// Returns the views to score, by camera of the rig.
 std::vector<std::vector<std::size_t>> views_to_score(const Scene& scene, bool held_out,
                                                      const EvalOptions& options) {
   std::vector<std::vector<std::size_t>> by_camera(scene.rig.size());
@@ -106,30 +106,30 @@ std::vector<std::size_t> evenly_spaced(std::size_t size, std::size_t limit) {
   const std::size_t count = limit == 0 ? size : std::min(limit, size);
   std::vector<std::size_t> chosen(count);
   for (std::size_t i = 0; i < count; ++i)
-    chosen[i] = (2 * i + 1) * size / (2 * count);  // middles of equal parts
+    chosen[i] = (2 * i + 1) * size / (2 * count);  // middles of equal intervals
   return chosen;
 }
 
-Score score_image(kernels::Backend& backend, const RenderedImage& rendered, const Image8& truth,
-                  std::span<const float> depth_m) {
-  REDRIVE_CHECK_OP(rendered.width, ==, truth.width);
-  REDRIVE_CHECK_OP(rendered.height, ==, truth.height);
+Score score_image(kernels::Backend& backend, const RenderedImage& rendered,
+                  const Image8& ground_truth, std::span<const float> depth_m) {
+  REDRIVE_CHECK_OP(rendered.width, ==, ground_truth.width);
+  REDRIVE_CHECK_OP(rendered.height, ==, ground_truth.height);
   std::vector<std::uint8_t> mask = rendered.valid;
   std::int64_t left_out = 0;
-  for (std::size_t i = 0; i < truth.used.size(); ++i) {
-    if (truth.used[i] != 0 || mask[i] == 0) continue;
+  for (std::size_t i = 0; i < ground_truth.used.size(); ++i) {
+    if (ground_truth.used[i] != 0 || mask[i] == 0) continue;
     mask[i] = 0;
     ++left_out;
   }
   const kernels::ImageScore score =
-      backend.score({rendered.width, rendered.height, rendered.rgb, truth.rgb, mask});
+      backend.score({rendered.width, rendered.height, rendered.rgb, ground_truth.rgb, mask});
   return {std::min(score.psnr_db, kPsnrCapDb),         score.ssim, score.flip,
           median_depth_error(rendered, mask, depth_m), 1,          left_out};
 }
 
 DeviceWork work_of_evaluation(const Run& run) {
   DeviceWork work = run.state.model->rendering_work();
-  // Novel views are taken to have no larger pictures.
+  // Assumes that novel views are no larger.
   const auto pixels = [](const RigCamera& rig) {
     return std::int64_t{rig.camera.width} * rig.camera.height;
   };
@@ -160,13 +160,14 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
     for (const auto& chosen : by_camera) all.insert(all.end(), chosen.begin(), chosen.end());
     evaluation.view_alignment = align_views(run, backend, all, left_out, &scene);
   }
-  const std::vector<NovelGroundTruth> truths = novel_ground_truths(run);
-  const auto chosen_of = [&](const NovelGroundTruth& truth) {
-    return evenly_spaced(truth.size(), options.all ? 0 : options.max_images);
+  const std::vector<NovelGroundTruth> ground_truths = novel_ground_truths(run);
+  const auto chosen_of = [&](const NovelGroundTruth& ground_truth) {
+    return evenly_spaced(ground_truth.size(), options.all ? 0 : options.max_images);
   };
   std::size_t total = 0, done = 0;
   for (const auto& chosen : by_camera) total += chosen.size();
-  for (const NovelGroundTruth& truth : truths) total += chosen_of(truth).size();
+  for (const NovelGroundTruth& ground_truth : ground_truths)
+    total += chosen_of(ground_truth).size();
   const auto tell = [&] {
     ++done;
     if (options.progress) options.progress(static_cast<int>(done), static_cast<int>(total));
@@ -179,12 +180,12 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
     ScoreMean mean;
     for (const std::size_t v : by_camera[c]) {
       const View& view = views[v];
-      Image8 truth = load_view(scene, view);  // first: a broken file must not cost a rendering
-      apply_mask(view_mask(scene, view, left_out.masks[c], left_out.moving), &truth);
+      Image8 ground_truth = load_view(scene, view);  // fails before rendering
+      apply_mask(view_mask(scene, view, left_out.masks[c], left_out.moving), &ground_truth);
       const Score score = score_image(backend,
                                       render_image(backend, *run.state.model, table,
                                                    scene.shutter_poses(view), scene.exposure(view)),
-                                      truth);
+                                      ground_truth);
       mean.add(score);
       overall.add(score);
       tell();
@@ -193,17 +194,17 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
   }
   evaluation.overall = overall.mean();
 
-  for (const NovelGroundTruth& truth : truths) {
+  for (const NovelGroundTruth& ground_truth : ground_truths) {
     ScoreMean mean;
-    for (const std::size_t i : chosen_of(truth)) {
-      const GroundTruthView view = truth.load(i);
+    for (const std::size_t i : chosen_of(ground_truth)) {
+      const GroundTruthView view = ground_truth.load(i);
       mean.add(score_image(backend,
                            render_image(backend, *run.state.model, view.camera,
                                         view.world_from_camera, view.exposure),
-                           view.truth, view.depth_m));
+                           view.image, view.depth_m));
       tell();
     }
-    evaluation.novel[truth.name()] = mean.mean();
+    evaluation.novel[ground_truth.name()] = mean.mean();
   }
   return evaluation;
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a run is worth: renders against images that were not trained on (held-out frames, else the
-// training frames) and against the truth of novel views where the recording ships it.
+// Scores a run: compares renderings with held-out images (with training images where none is held
+// out) and with the ground truth of novel views where the recording has it.
 #pragma once
 
 #include <functional>
@@ -21,61 +21,60 @@
 
 namespace redrive {
 
-/// A PSNR above this counts as this: equal images have an infinite one, which neither a mean nor
-/// JSON can hold.
+/// PSNR is clamped to this: equal images have an infinite one, which neither a mean nor JSON can
+/// hold.
 constexpr double kPsnrCapDb = 100;
 
-/// Training frames that are scored per camera where no frame was held out, unless the options say
-/// otherwise.
+/// Default number of training images to score per camera where no frame is held out.
 constexpr int kTrainingImagesPerCamera = 8;
 
 struct EvalOptions {
   int max_images = 0;  ///< per camera and per novel set, evenly spaced; 0: all held-out ones, or
                        ///< kTrainingImagesPerCamera
-  bool all = false;    ///< every one, also of the training frames
+  bool all = false;    ///< every image, also of the training frames
   std::function<void(int done, int total)> progress;  ///< after each image; may be empty
 };
 
-/// Means over images. NaN where there is nothing to say: ssim of images smaller than its 11 x 11
-/// window, depth_error where no true depth ships.
+/// Means over images. NaN where undefined: ssim of images smaller than its 11 x 11 window,
+/// depth_error without ground-truth depth.
 struct Score {
   double psnr_db = 0, ssim = 0;
   double flip = 0;  ///< optim/flip.h, 0..1, less is better
   double depth_error =
-      0;  ///< median over an image's pixels of |depth - truth| / truth, along the ray
+      0;  ///< median over an image's pixels of |depth - ground truth| / ground truth, along the ray
   int images = 0;
-  std::int64_t left_out =
-      0;  ///< pixels of these images that the camera model reaches and masks leave out of all this
+  std::int64_t left_out = 0;  ///< pixels of these images in the camera model's valid region that
+                              ///< masks exclude from scores
 };
 
 struct Evaluation {
   bool held_out = true;  ///< false: no frame was held out, training frames were scored
   Score overall;
   std::map<std::string, Score> cameras;
-  std::map<std::string, Score> novel;  ///< by novel/<name>; empty where there is no truth
+  std::map<std::string, Score> novel;  ///< by novel/<name>; empty without ground truth
   std::optional<ViewAlignment>
-      view_alignment;  ///< of the held-out pictures, where training refined poses
+      view_alignment;  ///< of the held-out images, where training refined poses
   std::optional<TrajectoryRegistration>
-      alignment;  ///< of the run's trajectory with the true one, where that ships
+      alignment;  ///< of the run's trajectory with the ground truth, where the recording has it
   std::optional<PoseChanges>
-      pose_changes;  ///< what training made of the poses, where it refined them
+      pose_changes;  ///< pose corrections by training, where it refined poses
 };
 
-/// Score of one picture over the pixels that the camera model reaches and the truth's mask uses.
-/// `depth_m`: as in GroundTruthView.
-Score score_image(kernels::Backend& backend, const RenderedImage& rendered, const Image8& truth,
-                  std::span<const float> depth_m = {});
+/// Scores one image over the pixels in the camera model's valid region that the ground truth's mask
+/// uses. `depth_m`: as in GroundTruthView.
+Score score_image(kernels::Backend& backend, const RenderedImage& rendered,
+                  const Image8& ground_truth, std::span<const float> depth_m = {});
 
-/// `limit` of `size` indices, evenly spaced over all of them; all where limit is 0 or at least
-/// size.
+/// Returns `limit` of `size` indices, evenly spaced; all of them where limit is 0 or at least size.
 std::vector<std::size_t> evenly_spaced(std::size_t size, std::size_t limit);
 
+/// Renders and scores the run. Throws InputError as load_view.
 Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions& options = {});
 
-/// The most that it asks of the run's model.
+/// Returns the largest device work of an evaluation of the run's model.
 DeviceWork work_of_evaluation(const Run& run);
 
-/// {"overall": SCORE, "cameras": {CAM: SCORE}, "novel": {NAME: SCORE}, "held_out": bool,
+/// Returns {"overall": SCORE, "cameras": {CAM: SCORE}, "novel": {NAME: SCORE}, "held_out": bool,
 /// "alignment": {"moved_m", "turned_deg", "rest_m", "rest_deg", "frames"} or null,
 /// "view_alignment": {"moved_m", "turned_deg", "views"} or null, "pose_changes": {"frames":
 /// {"moved_m", "turned_deg", "at_bound"}, "cameras": {CAM: {"moved_m": [3],

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Evaluation of a run whose picture is a formula: the scores follow by hand.
+// Evaluation of a run whose rendered image is a formula, so that the scores follow by hand.
 #include "redrive/eval/evaluate.h"
 #include "redrive/image/image_io.h"
 
@@ -19,7 +19,7 @@
 namespace redrive {
 namespace {
 
-TEST(EvenlySpaced, TakesTheMiddlesOfEqualParts) {
+TEST(EvenlySpaced, TakesTheMiddlesOfEqualIntervals) {
   EXPECT_EQ(evenly_spaced(5, 0), (std::vector<std::size_t>{0, 1, 2, 3, 4}));
   EXPECT_EQ(evenly_spaced(5, 9), (std::vector<std::size_t>{0, 1, 2, 3, 4}));
   EXPECT_EQ(evenly_spaced(9, 3), (std::vector<std::size_t>{1, 4, 7}));
@@ -29,8 +29,8 @@ TEST(EvenlySpaced, TakesTheMiddlesOfEqualParts) {
 
 constexpr int kWidth = 24, kHeight = 16;
 
-/// Two pinhole cameras, four frames 1 m apart, images of one grey each: 51 * frame (0.2 steps) in
-/// camera A, 255 in B.
+/// Two pinhole cameras, four frames 1 m apart, images of constant grey: 51 * frame (steps of 0.2)
+/// in camera A, 255 in B.
 class EvaluateTest : public testing::Test {
  protected:
   EvaluateTest() {
@@ -91,7 +91,7 @@ double psnr_of(double error) { return -20 * std::log10(error); }
 // Greys come from bytes as float: 51 / 255 is 0.2 within 1e-8, that is 4e-7 dB of its PSNR.
 constexpr double kTolerance = 1e-6;
 
-TEST_F(EvaluateTest, HeldOutViewsAloneAndMeansOverImages) {
+TEST_F(EvaluateTest, AveragesOverHeldOutViewsOnly) {
   for (View& view : run_.scene.views) view.held_out = view.frame == 1 || view.frame == 3;
   int calls = 0;
   EvalOptions options;
@@ -112,7 +112,7 @@ TEST_F(EvaluateTest, HeldOutViewsAloneAndMeansOverImages) {
   EXPECT_TRUE(result.novel.empty());
 }
 
-TEST_F(EvaluateTest, TrainingViewsWhereNoneIsHeldOut) {
+TEST_F(EvaluateTest, ScoresTrainingViewsWhereNoneIsHeldOut) {
   EvalOptions options;
   options.max_images = 1;  // the middle one: frame 2
   const Evaluation result = evaluate(run_, black_, options);
@@ -127,8 +127,8 @@ TEST_F(EvaluateTest, TrainingViewsWhereNoneIsHeldOut) {
               (kPsnrCapDb + psnr_of(0.2) + psnr_of(0.4) + psnr_of(0.6)) / 4, kTolerance);
 }
 
-// What eval writes of refined poses is what the checkpoint holds.
-TEST_F(EvaluateTest, SaysWhatTrainingMadeOfThePoses) {
+// Eval writes the pose corrections of the checkpoint.
+TEST_F(EvaluateTest, ReportsThePoseCorrections) {
   EXPECT_FALSE(evaluate(run_, black_).pose_changes.has_value());
   run_.state.poses = PoseState(run_.scene);
   PoseCorrections& corrections = run_.state.poses.corrections;
@@ -141,7 +141,7 @@ TEST_F(EvaluateTest, SaysWhatTrainingMadeOfThePoses) {
   EXPECT_EQ(changes->cameras.at(1).time_offset_s, -0.03125);
 }
 
-TEST_F(EvaluateTest, NovelViewsAreScoredAtTheirPoseWhereTruthIs) {
+TEST_F(EvaluateTest, ScoresNovelViewsThatHaveGroundTruthAtTheirPoses) {
   // Frame 102 (x = 2) shifted by 0.5: a backend that paints the origin's x / 5 shows 0.5 there.
   PaintBackend place([](const auto& origin, const auto&) {
     return std::array<float, 3>{origin[0] / 5, origin[0] / 5, origin[0] / 5};
@@ -160,10 +160,10 @@ TEST_F(EvaluateTest, NovelViewsAreScoredAtTheirPoseWhereTruthIs) {
   ASSERT_EQ(result.novel.count("aside"), 1u);
   EXPECT_EQ(result.novel.at("aside").images, 1);
   EXPECT_NEAR(result.novel.at("aside").psnr_db, psnr_of(0.3), kTolerance);
-  EXPECT_EQ(result.overall.images, 2) << "novel views stand apart";
+  EXPECT_EQ(result.overall.images, 2) << "novel views are not part of the overall score";
 }
 
-TEST_F(EvaluateTest, NovelTruthOfAnotherSizeIsRefused) {
+TEST_F(EvaluateTest, RejectsNovelGroundTruthOfAnotherSize) {
   poses(
       R"({"images": [{"file": "a.png", "camera": "A", "frame_id": 102,
           "shift_body_m": [0, 0, 0]}]})");
@@ -171,9 +171,8 @@ TEST_F(EvaluateTest, NovelTruthOfAnotherSizeIsRefused) {
   EXPECT_THROW(evaluate(run_, black_), InputError);
 }
 
-// Camera A at frame 2 is 0.4 grey; its left half is painted black by the backend and left out by
-// the mask.
-TEST_F(EvaluateTest, MaskedPixelsDoNotCount) {
+// Camera A at frame 2 is 0.4 grey; the backend paints its left half black, which the mask excludes.
+TEST_F(EvaluateTest, IgnoresPixelsMaskedInTheImage) {
   Image8 mask{kWidth, kHeight, std::vector<std::uint8_t>(3 * kWidth * kHeight, 0)};
   for (int i = 0; i < kWidth * kHeight; ++i)
     if (i % kWidth >= kWidth / 2) mask.rgb[3 * i] = 255;
@@ -189,9 +188,9 @@ TEST_F(EvaluateTest, MaskedPixelsDoNotCount) {
   EXPECT_NEAR(evaluate(run_, half).overall.psnr_db, psnr_of(0.1), 1e-4);
 }
 
-// The pictures are 0.4 grey, and what the run leaves out of camera A is white: neither PSNR nor a
-// window at its edge sees it.
-TEST_F(EvaluateTest, WhatTheRunLeavesOutDoesNotCount) {
+// The images are 0.4 grey and the masked part of camera A is white: it affects neither PSNR nor
+// windows at its edge.
+TEST_F(EvaluateTest, IgnoresPixelsMaskedByTheRun) {
   run_.paths.root = folder_;
   std::filesystem::create_directory(run_.paths.masks());
   Image8 image{kWidth, kHeight, std::vector<std::uint8_t>(3 * kWidth * kHeight, 102)};
@@ -222,8 +221,8 @@ TEST_F(EvaluateTest, WhatTheRunLeavesOutDoesNotCount) {
   EXPECT_EQ(evaluate(run_, left_part).cameras.at("A").psnr_db, seen.psnr_db);
 }
 
-// A run that undistorts has pinhole cameras alone; a set's calibration may still hold a fisheye.
-TEST_F(EvaluateTest, AFisheyeOfTheSetIsNoMatterForARunThatUndistorts) {
+// A run that undistorts has pinhole cameras only; a set's calibration may still hold a fisheye.
+TEST_F(EvaluateTest, UndistortsAFisheyeOfTheNovelSet) {
   const std::string rest = R"("focal_length_px": [20, 20], "principal_point_px": [11.5, 7.5],
       "image_resolution_px": [24, 16], "distortion_coeffs": [0, 0, 0, 0, 0],
       "RT_body_from_sensor": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]})";
@@ -236,14 +235,14 @@ TEST_F(EvaluateTest, AFisheyeOfTheSetIsNoMatterForARunThatUndistorts) {
   EXPECT_NEAR(evaluate(run_, black_).novel.at("aside").psnr_db, psnr_of(0.2), kTolerance);
 }
 
-TEST_F(EvaluateTest, MissingImageIsRefused) {
+TEST_F(EvaluateTest, RejectsAMissingImage) {
   std::filesystem::remove(folder_ / "A1.png");
   EXPECT_THROW(evaluate(run_, black_), InputError);
 }
 
-// The backend shows everything 2 m away. Of the pixels whose depth is known, two thirds lie at 2.5
-// m: the median error is 0.5 / 2.5. Millimetres 0 and 65535 say nothing.
-TEST_F(EvaluateTest, DepthErrorIsTheMedianWhereTruthIsKnown) {
+// The backend renders depth 2 m everywhere. Two thirds of the known depths are 2.5 m, so the median
+// error is 0.5 / 2.5. Values 0 and 65535 mm mean unknown.
+TEST_F(EvaluateTest, DepthErrorIsTheMedianWhereGroundTruthIsKnown) {
   poses(R"({"images": [{"file": "a.png", "camera": "A", "frame_id": 102, "shift_body_m": [0, 0, 0]},
                        {"file": "b.png", "camera": "A", "frame_id": 102,
                          "shift_body_m": [0, 0, 0]}]})");
@@ -257,22 +256,22 @@ TEST_F(EvaluateTest, DepthErrorIsTheMedianWhereTruthIsKnown) {
   write_png16(folder_ / "novel/aside/a_depth.png", {kWidth, kHeight, depth_mm});
   const Evaluation result = evaluate(run_, black_);
   EXPECT_NEAR(result.novel.at("aside").depth_error, 0.2, 1e-6)
-      << "b.png has no depth: a.png's counts alone";
+      << "b.png has no depth: only a.png counts";
   EXPECT_TRUE(std::isnan(result.overall.depth_error));
   write_png16(folder_ / "novel/aside/b_depth.png", {1, 1, {7}});
   EXPECT_THROW(evaluate(run_, black_), InputError) << "of another size";
 }
 
-// The run's poses are the true ones turned by a quarter about z and moved: a true place is looked
-// up where the run has it.
-TEST_F(EvaluateTest, TruePosesGoThroughTheAlignment) {
+// The run's poses are the ground truth rotated by a quarter turn about z and translated: evaluation
+// transforms ground-truth poses to the run's.
+TEST_F(EvaluateTest, TransformsGroundTruthPosesByTheAlignment) {
   Rigid3d true_from_run = Rigid3d::Identity();
   true_from_run.translation() = Eigen::Vector3d(7, 8, 9);
   true_from_run.linear() << 0, -1, 0, 1, 0, 0, 0, 0, 1;
   for (const FramePose& frame : run_.recording.frames)
     run_.recording.ground_truth_frames.push_back(
         {frame.id, frame.t_ns, true_from_run * frame.global_from_body});
-  // The true place of x = 2.5 in the run: (7, 8 + 2.5, 9), turned.
+  // The ground-truth pose of x = 2.5 in the run: (7, 8 + 2.5, 9), rotated.
   poses(R"({"images": [{"file": "a.png", "camera": "A", "frame_id": 102,
                         "RT_ECEF_body": [[0, -1, 0, 7], [1, 0, 0, 10.5], [0, 0, 1, 9],
                           [0, 0, 0, 1]]}]})");
@@ -287,7 +286,7 @@ TEST_F(EvaluateTest, TruePosesGoThroughTheAlignment) {
   EXPECT_LT(result.alignment->residual_m, 1e-6);
 }
 
-TEST(EvaluationJson, HasTheNamesThatScriptsRead) {
+TEST(EvaluationJson, HasTheDocumentedKeys) {
   Evaluation evaluation;
   evaluation.held_out = false;
   evaluation.overall = {20.5, 0.5, 0.25, std::nan(""), 3};

@@ -15,7 +15,7 @@ NovelGroundTruth::NovelGroundTruth(const Run& run, const NovelSet& set,
       rig_(poses_rig(poses_, run.scene, /*like_run=*/true)),
       ground_truth_global_from_world_(alignment.run_from_ground_truth.inverse(Eigen::Isometry) *
                                       run.scene.global_from_world) {
-  // A run of some of the cameras is no error of the set: views of the others are not its business.
+  // The run may have trained some of the cameras only: skips views of the others.
   for (std::size_t i = 0; i < poses_.views.size(); ++i)
     if (run.scene.camera_index(poses_.views[i].camera) >= 0 &&
         std::filesystem::exists(poses_.path.parent_path() / poses_.views[i].file))
@@ -27,8 +27,7 @@ GroundTruthView NovelGroundTruth::load(std::size_t index) const {
   const RequestedView& view = poses_.views[views_[index]];
   const std::filesystem::path image = poses_.path.parent_path() / view.file;
 
-  // load_view knows how a run sees an image (size check, undistortion, downscaling): a scene of one
-  // picture.
+  // load_view checks the size, undistorts and downscales as the run does: a scene of one image.
   Scene scene;
   const RigCamera& camera = requested_camera(poses_, views_[index], rig_);
   scene.rig = {camera};
@@ -41,15 +40,15 @@ GroundTruthView NovelGroundTruth::load(std::size_t index) const {
            ? ground_truth_global_from_world_.inverse(Eigen::Isometry) * *view.global_from_body
            : requested_world_from_body(poses_, views_[index], camera, run_.recording, run_.scene,
                                        false)}};
-  GroundTruthView truth{view.file,
-                        camera.camera,
-                        scene.world_from_camera(scene.views[0]),
-                        exposure_at(run_.recording, run_.scene, camera.name, view.frame_id),
-                        load_view(scene, scene.views[0]),
-                        {}};
+  GroundTruthView ground_truth{view.file,
+                               camera.camera,
+                               scene.world_from_camera(scene.views[0]),
+                               exposure_at(run_.recording, run_.scene, camera.name, view.frame_id),
+                               load_view(scene, scene.views[0]),
+                               {}};
   const std::filesystem::path depth = image.parent_path() / (image.stem().string() + "_depth.png");
-  if (std::filesystem::exists(depth)) truth.depth_m = load_depth(depth, camera);
-  return truth;
+  if (std::filesystem::exists(depth)) ground_truth.depth_m = load_depth(depth, camera);
+  return ground_truth;
 }
 
 std::optional<TrajectoryRegistration> register_with_ground_truth(const Run& run) {
@@ -63,11 +62,11 @@ std::optional<TrajectoryRegistration> register_with_ground_truth(const Run& run)
 std::vector<NovelGroundTruth> novel_ground_truths(const Run& run) {
   const TrajectoryRegistration alignment =
       register_with_ground_truth(run).value_or(TrajectoryRegistration{});
-  std::vector<NovelGroundTruth> truths;
+  std::vector<NovelGroundTruth> ground_truths;
   for (const NovelSet& set : run.recording.novel)
-    if (NovelGroundTruth truth(run, set, alignment); truth.size() > 0)
-      truths.push_back(std::move(truth));
-  return truths;
+    if (NovelGroundTruth ground_truth(run, set, alignment); ground_truth.size() > 0)
+      ground_truths.push_back(std::move(ground_truth));
+  return ground_truths;
 }
 
 }  // namespace redrive

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Truth of views that were never driven: pictures that a recording ships beside
-// novel/<name>/poses.json, FILE.jpg and, where it is known, FILE_depth.png (scene/load_views.h:
-// load_depth).
+// Ground truth of novel views: images that a recording holds beside novel/<name>/poses.json,
+// FILE.jpg and optionally FILE_depth.png (scene/load_views.h: load_depth).
 #pragma once
 
 #include <optional>
@@ -15,29 +14,29 @@
 
 namespace redrive {
 
-/// A picture to score: truth as a run trains on it (undistorted, downscaled) and where it was taken
-/// from.
+/// Ground truth of one novel view, undistorted and downscaled as the run's training images, with
+/// its camera and pose.
 struct GroundTruthView {
   std::string name;  ///< file of the novel set
   Camera camera;
   Rigid3d world_from_camera;
   Exposure exposure;
-  Image8 truth;
+  Image8 image;
   std::vector<float>
-      depth_m;  ///< [height, width] along the ray, 0 where it is not known; empty if no depth ships
+      depth_m;  ///< [height, width] along the ray, 0 where unknown; empty without FILE_depth.png
 };
 
-/// The views of one novel set whose truth is there, of cameras that the run trained.
+/// The views of one novel set that have ground truth, of cameras that the run trained.
 class NovelGroundTruth {
  public:
-  /// InputError: poses.json cannot be used.
+  /// Throws InputError if poses.json is malformed.
   NovelGroundTruth(const Run& run, const NovelSet& set, const TrajectoryRegistration& alignment);
 
   const std::string& name() const { return name_; }  ///< of the set
   std::size_t size() const { return views_.size(); }
-  /// Places that the set gives in ECEF are the true ones and go through the alignment; those it
-  /// gives as a shift move the run's own pose. InputError: truth that has not the size that its
-  /// calibration says.
+  /// Loads a view. A pose in ECEF is a ground-truth pose and is transformed by the alignment; a
+  /// shift is applied to the run's own pose. Throws InputError if the image's size differs from its
+  /// calibration.
   GroundTruthView load(std::size_t index) const;
 
  private:
@@ -49,11 +48,11 @@ class NovelGroundTruth {
   std::vector<std::size_t> views_;  ///< indices into poses_.views
 };
 
-/// The alignment of a run's poses with the true ones; nothing where the recording ships none.
+/// Registers a run's poses with the ground truth; nothing where the recording has none.
 std::optional<TrajectoryRegistration> register_with_ground_truth(const Run& run);
 
-/// The novel sets of the run's recording that have truth (size() > 0), laid over the run by
-/// register_with_ground_truth.
+/// Returns the novel sets of the run's recording that have ground truth (size() > 0), registered
+/// with the run by register_with_ground_truth.
 std::vector<NovelGroundTruth> novel_ground_truths(const Run& run);
 
 }  // namespace redrive

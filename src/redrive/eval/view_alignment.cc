@@ -10,11 +10,10 @@
 namespace redrive {
 namespace {
 
-// Some hundred rays a picture and step, whose noise the falling rate averages away.
+// A few hundred rays per image and step; the decaying learning rate averages their noise.
 constexpr int kSteps = 80, kRaysOfView = 128;
 constexpr double kFirstRate_m = 1e-2, kLastRate = 0.02;  // a step; of it at the end
 
-/// In the body's axes, whatever row.
 View moved(View view, const Rigid3d& motion, bool held_out) {
   view.world_from_body = view.world_from_body * motion;
   for (Rigid3d& row : view.by_row) row = row * motion;
@@ -28,7 +27,7 @@ ViewAlignment align_views(const Run& run, kernels::Backend& backend,
                           std::span<const std::size_t> views, const Exclusions& left_out,
                           Scene* scene) {
   REDRIVE_CHECK(!views.empty());
-  // To the sampler these are the pictures to train on.
+  // The sampler draws from training views, so these are marked as such.
   Scene turned = *scene;
   for (View& view : turned.views) view.held_out = true;
   std::vector<Image8> images(turned.views.size());
@@ -44,7 +43,7 @@ ViewAlignment align_views(const Run& run, kernels::Backend& backend,
   AdamMoments moments(numbers);
   std::vector<float> motions(numbers);
   std::vector<double> gradient(numbers);
-  std::vector<float> unused(run.state.model->size());  // the field stays
+  std::vector<float> unused(run.state.model->size());  // the field is frozen
   const int rays =
       static_cast<int>(std::min<std::size_t>(kRaysOfView * views.size(), kMaxAlignedRays));
   const LidarReturns no_lidar;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where training refines poses, those of held-out pictures stay what lies between their
-// neighbours': each is laid onto the frozen field before it is scored, or a score would tell of its
-// pose instead of the field. (As Lin et al., "BARF", 2021, section 4.2 do.)
+// Test-time pose optimisation: where training refines poses, those of held-out images are only
+// interpolated, so each is aligned to the frozen field before it is scored. Otherwise the score
+// would measure the pose instead of the field. (Lin et al., "BARF", 2021, section 4.2.)
 #pragma once
 
 #include <span>
@@ -12,17 +12,17 @@
 
 namespace redrive {
 
-/// By how much, RMS over the pictures.
+/// Sizes of the pose corrections, RMS over the images.
 struct ViewAlignment {
   int views = 0;
   double translation_m = 0, rotation_deg = 0;
 };
 
-/// A step of it has so many, at most.
+/// Maximum rays of an optimisation step.
 constexpr int kMaxAlignedRays = 16384;
 
-/// Moves scene->views[i] for each i of `views`, at least one, by the six numbers that make their
-/// pictures most alike. `scene` is the run's. InputError as load_view.
+/// Optimises the poses of scene->views[i] for each i of `views` (at least one), six parameters
+/// each, by the photometric loss. `scene` is the run's. Throws InputError as load_view.
 ViewAlignment align_views(const Run& run, kernels::Backend& backend,
                           std::span<const std::size_t> views, const Exclusions& left_out,
                           Scene* scene);

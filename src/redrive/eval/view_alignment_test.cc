@@ -23,8 +23,8 @@ std::unique_ptr<Model> grid_model(const Scene&) {
   return model;
 }
 
-/// Of strong colours, which are the same from everywhere. One network: two that were never trained
-/// would not show the same.
+/// Has strong colours that do not depend on the view. A single network, because two untrained ones
+/// would render different images.
 std::unique_ptr<Model> nerf_model(const Scene& scene) {
   auto model = std::make_unique<NerfModel>();
   model->config = {32, 4, 1};
@@ -45,8 +45,7 @@ std::unique_ptr<Model> nerf_model(const Scene& scene) {
   return model;
 }
 
-// Pictures of a field are laid onto it again from places a little aside; others stay where they
-// are.
+// Perturbed poses of images rendered from a field converge back to their poses; other views stay.
 void expect_to_be_found(const std::function<std::unique_ptr<Model>(const Scene&)>& model_of_scene) {
   const TemporaryFolder folder;
   redrive::Run run;
@@ -71,7 +70,7 @@ void expect_to_be_found(const std::function<std::unique_ptr<Model>(const Scene&)
   for (const RigCamera& rig : run.scene.rig)
     left_out.masks.push_back(full_mask(rig.camera.width, rig.camera.height));
 
-  const Scene truth = run.scene;
+  const Scene ground_truth = run.scene;
   const float aside[6] = {0.06f, -0.05f, 0.04f, 0.012f, -0.01f, 0.015f};
   for (View& view : run.scene.views)
     view.world_from_body = view.world_from_body * rigid_from_vector(aside);
@@ -79,15 +78,17 @@ void expect_to_be_found(const std::function<std::unique_ptr<Model>(const Scene&)
   const ViewAlignment found = align_views(run, *backend, held_out, left_out, &scene);
   EXPECT_EQ(found.views, 4);
   const auto off = [&](const Scene& of, std::size_t v) {
-    const Rigid3d rest = truth.views[v].world_from_body.inverse() * of.views[v].world_from_body;
-    return rest.translation().norm() + 5 * Eigen::AngleAxisd(rest.linear()).angle();  // at 5 m
+    const Rigid3d residual =
+        ground_truth.views[v].world_from_body.inverse() * of.views[v].world_from_body;
+    return residual.translation().norm() +
+           5 * Eigen::AngleAxisd(residual.linear()).angle();  // at 5 m
   };
   double before = 0, after = 0;
   for (const std::size_t v : held_out) {
     before += off(run.scene, v);
     after += off(scene, v);
   }
-  // Eight bits of three hundred pixels, half of which see next to nothing, say no more.
+  // Limited by 8-bit values of three hundred pixels, half of them nearly empty.
   EXPECT_LT(after, before / 2);
   EXPECT_GT(found.translation_m, 0.02);
   EXPECT_GT(found.rotation_deg, 0.3);
@@ -97,9 +98,9 @@ void expect_to_be_found(const std::function<std::unique_ptr<Model>(const Scene&)
     }
 }
 
-TEST(ViewAlignment, FindsWhereAPictureOfAGridWasTaken) { expect_to_be_found(grid_model); }
+TEST(ViewAlignment, RecoversPosesOfImagesOfAGrid) { expect_to_be_found(grid_model); }
 
-TEST(ViewAlignment, FindsWhereAPictureOfANerfWasTaken) { expect_to_be_found(nerf_model); }
+TEST(ViewAlignment, RecoversPosesOfImagesOfANerf) { expect_to_be_found(nerf_model); }
 
 }  // namespace
 }  // namespace redrive

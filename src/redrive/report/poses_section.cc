@@ -13,7 +13,7 @@ namespace {
 constexpr double kDegreesPerRadian = 180 / std::numbers::pi;
 constexpr int kWidth_px = 1200, kHeight_px = 560, kFont_pt = 14;  // as the training curves
 
-/// A sentence, as HTML.
+/// Returns the source of the poses as a sentence in HTML.
 std::string source_of(const Run& run) {
   const TrainOptions& options = run.options;
   if (options.ground_truth_poses)

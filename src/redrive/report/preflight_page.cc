@@ -26,7 +26,7 @@ std::string row_of(const std::vector<std::string>& figures) {
   return out + "</div>\n";
 }
 
-/// "-8.8 ± 1.2", or "-" for an unobservable time offset.
+/// Returns "-8.8 ± 1.2", or "-" for an unobservable time offset.
 std::string offset_text(const std::optional<TimeOffsetEstimate>& clock) {
   if (!clock) return "-";
   return fixed(clock->offset_ms, 1) +
@@ -52,17 +52,16 @@ std::string verdicts(const Recording& recording, const Preflight& preflight) {
                     "</h1>\n<h2>" + html_escape(preflight.headline()) + "</h2>\n";
   return out + html_table(rows, false) +
          "<p>Error: median distance of tracked points from their epipolar lines, by the "
-         "calibration "
-         "and the poses, between two images a few frames apart. Points are tracked without the "
-         "calibration; points that contradict most of their image are dropped. The error depends "
-         "on "
-         "rotations and directions of motion, hardly on the camera's position (some decimetres). "
+         "calibration and the poses, between two images a few frames apart. Points are tracked "
+         "without the calibration; points that contradict most of their image are dropped. The "
+         "error depends on rotations and directions of motion, hardly on the camera's position "
+         "(some decimetres). "
          "Offset: the time offset, added to the recorded one, with the least error, and, by the "
          "LiDAR, the one where LiDAR intensities (lane markings, signs, posts) correlate best with "
          "the images; +- one standard deviation. A dash: unobservable.</p>\n";
 }
 
-/// The middle one of the camera's frames; -1 if it has none.
+/// Returns the middle one of the camera's frames; -1 if it has none.
 int middle_frame(const RigImages& images, int camera) {
   std::vector<int> with_image;
   for (int f = 0; f < images.frames(); ++f)
@@ -158,7 +157,8 @@ std::string to_scale(Eigen::AlignedBox2d shown, double margin) {
   return out.str();
 }
 
-/// A third of the page's width, drawn twice as large for screens of high resolution.
+/// Axes of a plot that takes a third of the page's width, drawn twice as large for screens of high
+/// resolution.
 PlotAxes axes_of(const std::string& name, const std::string& x_label, const std::string& y_label,
                  int height_px = 560) {
   return {name, x_label, y_label, 1000, height_px, 20};

@@ -93,7 +93,7 @@ std::string alignment_text(const TrajectoryRegistration& alignment) {
          " frames.</p>\n";
 }
 
-/// `other`: of the compared run, which `name_of_other` describes; null: none.
+/// `other`: scores of the compared run `name_of_other`; null: none.
 std::string scores(const Evaluation& evaluation, const Evaluation* other,
                    const std::string& name_of_other) {
   std::string out =
@@ -148,18 +148,18 @@ std::string image_row(const std::filesystem::path& folder, const ImageRow& row,
   return out + "</div>\n";
 }
 
-/// The novel sets with ground truth; empty if there is none.
+/// Returns the section of the novel sets with ground truth; empty if there is none.
 std::string novel_views(const Run& run, kernels::Backend& backend, const Run* compared,
                         const OnFile& on_file) {
-  const std::vector<NovelGroundTruth> truths = novel_ground_truths(run);
-  if (truths.empty()) return "";
+  const std::vector<NovelGroundTruth> ground_truths = novel_ground_truths(run);
+  if (ground_truths.empty()) return "";
   const Coverage coverage(run, backend);
   std::string out =
       "<h2>Novel views</h2>\n<p>Coverage by the run's own depth: a surface counts as seen where a "
       "training image shows it, neither masked nor occluded.</p>\n";
-  for (const NovelGroundTruth& truth : truths)
-    out += image_row(run.paths.figures(), novel_image_row(run, backend, truth, coverage, compared),
-                     on_file);
+  for (const NovelGroundTruth& ground_truth : ground_truths)
+    out += image_row(run.paths.figures(),
+                     novel_image_row(run, backend, ground_truth, coverage, compared), on_file);
   return out;
 }
 

@@ -19,8 +19,7 @@ struct FigureOptions {
 
 /// Writes below figures/:
 /// - loss.png and psnr.png (training history) and, where training refined poses, poses_moved.png
-/// and
-///   poses_turned.png (corrections of the frames over time), each with its gnuplot script;
+///   and poses_turned.png (corrections of the frames over time), each with its gnuplot script;
 /// - per camera CAM, for a training image drawn by the run's seed: CAM_original.png,
 ///   CAM_reproduced.png, CAM_perturbed.png (camera shifted by 0.5 m along x of the body),
 ///   CAM_perturbed_camera_axes.png (along x of the camera), CAM_depth.png;

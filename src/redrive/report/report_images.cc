@@ -18,12 +18,12 @@
 namespace redrive {
 namespace {
 
-/// A caption with the scores of a rendering.
+/// Returns a caption with the scores of a rendering.
 std::string scored_caption(kernels::Backend& backend, const std::string& what,
-                           const RenderedImage& rendered, const Image8& truth,
+                           const RenderedImage& rendered, const Image8& ground_truth,
                            std::span<const float> depth_m = {}) {
   char text[96], depth[48] = "";
-  const Score score = score_image(backend, rendered, truth, depth_m);
+  const Score score = score_image(backend, rendered, ground_truth, depth_m);
   if (!std::isnan(score.depth_error))
     std::snprintf(depth, sizeof depth, ", depth error %.1f %%", 100 * score.depth_error);
   std::snprintf(text, sizeof text, " (PSNR %.1f dB, SSIM %.3f, FLIP %.3f", score.psnr_db,
@@ -31,7 +31,7 @@ std::string scored_caption(kernels::Backend& backend, const std::string& what,
   return what + text + depth + ")";
 }
 
-/// The view of a camera at a frame in another run; null if there is none.
+/// Returns the view of a camera at a frame in another run; null if there is none.
 const View* same_view(const Run& run, const std::string& camera, std::int64_t frame_id) {
   for (const View& view : run.scene.views)
     if (run.scene.rig[view.camera].name == camera && run.scene.frames[view.frame].id == frame_id)
@@ -39,7 +39,7 @@ const View* same_view(const Run& run, const std::string& camera, std::int64_t fr
   return nullptr;
 }
 
-/// "0.5 m", or "0.5" where the recording has no metric scale.
+/// Returns "0.5 m", or "0.5" where the recording has no metric scale.
 std::string length_text(const Run& run, double value) {
   char text[32];
   std::snprintf(text, sizeof text, run.recording.metric ? "%g m" : "%g", value);
@@ -117,10 +117,11 @@ ImageRow camera_image_row(const Run& run, kernels::Backend& backend, int camera,
   return row;
 }
 
-ImageRow novel_image_row(const Run& run, kernels::Backend& backend, const NovelGroundTruth& truth,
-                         const Coverage& coverage, const Run* compared) {
-  REDRIVE_CHECK_OP(truth.size(), >, 0u);
-  const GroundTruthView view = truth.load(evenly_spaced(truth.size(), 1)[0]);
+ImageRow novel_image_row(const Run& run, kernels::Backend& backend,
+                         const NovelGroundTruth& ground_truth, const Coverage& coverage,
+                         const Run* compared) {
+  REDRIVE_CHECK_OP(ground_truth.size(), >, 0u);
+  const GroundTruthView view = ground_truth.load(evenly_spaced(ground_truth.size(), 1)[0]);
   const RenderedImage rendered =
       render_image(backend, *run.state.model, view.camera, view.world_from_camera, view.exposure);
   const Image8 image = to_image8(rendered);
@@ -128,30 +129,31 @@ ImageRow novel_image_row(const Run& run, kernels::Backend& backend, const NovelG
       coverage.seen(view.camera, view.world_from_camera, rendered);
   const auto valid = std::count(rendered.valid.begin(), rendered.valid.end(), 1);
   char share[96];
-  std::snprintf(share, sizeof share, "coverage: %.1f %% seen by a training image; the rest in red",
+  std::snprintf(share, sizeof share,
+                "coverage: %.1f %% seen by a training image; unseen pixels in red",
                 100.0 * static_cast<double>(std::count(seen.begin(), seen.end(), 1)) /
                     static_cast<double>(valid));
-  const std::string& set = truth.name();
+  const std::string& set = ground_truth.name();
   ImageRow row;
   row.title = set + ": " + view.name;
-  row.images.push_back({set + "_truth", "ground truth", view.truth});
+  row.images.push_back({set + "_truth", "ground truth", view.image});
   row.images.push_back({set + "_render",
-                        scored_caption(backend, "rendered", rendered, view.truth, view.depth_m),
+                        scored_caption(backend, "rendered", rendered, view.image, view.depth_m),
                         image});
   if (compared)
     for (const NovelGroundTruth& same : novel_ground_truths(*compared)) {
-      if (same.name() != set || same.size() != truth.size()) continue;
+      if (same.name() != set || same.size() != ground_truth.size()) continue;
       const GroundTruthView there = same.load(evenly_spaced(same.size(), 1)[0]);
       const RenderedImage other = render_image(backend, *compared->state.model, there.camera,
                                                there.world_from_camera, there.exposure);
       row.images.push_back(
           {set + "_beside",
-           scored_caption(backend, method_text(*compared), other, there.truth, there.depth_m),
+           scored_caption(backend, method_text(*compared), other, there.image, there.depth_m),
            to_image8(other)});
     }
   row.images.push_back({set + "_difference",
                         "difference, " + std::to_string(kDifferenceGain) + " times",
-                        difference(image, view.truth)});
+                        difference(image, view.image)});
   row.images.push_back({set + "_coverage", share, coverage_colours(rendered, seen)});
   return row;
 }

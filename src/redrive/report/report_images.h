@@ -40,8 +40,9 @@ ImageRow camera_image_row(const Run& run, kernels::Backend& backend, int camera,
 
 /// Renders the middle view of a novel set, which has at least one: ground truth, rendering (by
 /// `compared`, too, where it has the view), difference and coverage.
-ImageRow novel_image_row(const Run& run, kernels::Backend& backend, const NovelGroundTruth& truth,
-                         const Coverage& coverage, const Run* compared = nullptr);
+ImageRow novel_image_row(const Run& run, kernels::Backend& backend,
+                         const NovelGroundTruth& ground_truth, const Coverage& coverage,
+                         const Run* compared = nullptr);
 
 /// Maps depth to the Turbo colours by its logarithm, near_m to the first and far_m to the last one;
 /// invalid pixels are dark grey.

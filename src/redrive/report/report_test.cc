@@ -109,8 +109,7 @@ class PlotFolder : public testing::Test {
     }
   }
   const TemporaryFolder above;
-  const std::filesystem::path folder =
-      above.path / "plot's folder";  // a name that has to be quoted
+  const std::filesystem::path folder = above.path / "plot's folder";  // a name that needs quotes
   std::vector<MetricsRow> rows;
 };
 
@@ -132,7 +131,7 @@ TEST_F(PlotFolder, DrawsTimeCurvesIntoAPage) {
   EXPECT_EQ(read_image(folder / "figures/it's.png").width, 1200);
   EXPECT_NE(html.find("data:image/png;base64,iVBOR"), std::string::npos);
   EXPECT_NE(html.find("how &lt;far&gt;"), std::string::npos);
-  curves.t_s = {0};  // of one frame there is nothing to draw, which is no error
+  curves.t_s = {0};  // a single frame has no curve, which is no error
   curves.values.assign(1, Eigen::Vector3d::Zero());
   curves.sigmas = curves.values;
   draw_plot(folder, "it's", time_curves_script(curves));
@@ -154,7 +153,7 @@ TEST_F(PlotFolder, AFailingPlotThrowsAndKeepsTheOldImage) {
   EXPECT_FALSE(std::filesystem::exists(folder / "loss.png.part"));
 }
 
-// gnuplot ends well although what it wrote is cut short, as on a disk that filled up under it.
+// gnuplot exits with success although its output is truncated, as on a full disk.
 TEST_F(PlotFolder, ATruncatedPlotThrowsAndKeepsTheOldImage) {
   draw_plot(folder, "loss", loss_script(rows, "x"));
   const std::string before = read_file(folder / "loss.png");
