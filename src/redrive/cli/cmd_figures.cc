@@ -10,6 +10,7 @@
 #include "redrive/cli/command.h"
 #include "redrive/cli/image_progress.h"
 #include "redrive/report/report.h"
+#include "redrive/train/memory.h"
 
 namespace redrive {
 namespace {
