@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// TrainState as a safetensors file and back. Numbers stand in __metadata__ in their shortest exact
-// form (std::to_chars).
+// Writes TrainState as a safetensors file and reads it. Numbers are in __metadata__ in their
+// shortest exact form (std::to_chars).
 #include <charconv>
 #include <cmath>
 
@@ -17,8 +17,8 @@ constexpr const char* kCellErrors = "cell_errors";
 constexpr const char* kPoses[] = {"poses", "poses.first_moment", "poses.second_moment"};
 constexpr const char* kFormat = "redrive-8";
 
-/// The numbers of a state beside its model's by name, each visited once: the one list that writing
-/// and reading share.
+/// Visits the scalars of a state, without its model's, once each by name; writing and reading share
+/// this list.
 template <class State, class Visit>
 void visit_numbers(State& state, const Visit& visit) {
   visit("step", state.step);
@@ -49,7 +49,7 @@ void visit_numbers(State& state, const Visit& visit) {
   visit("poses.updates", state.poses.moments.updates);
 }
 
-/// Shows a model's numbers to a function of (name, number), whatever their type.
+/// Calls a function of (name, number) for a model's numbers of any type.
 template <class Visit>
 class ModelVisitor final : public HyperparameterVisitor {
  public:
@@ -195,10 +195,10 @@ TrainState parse_checkpoint(std::string_view bytes, const std::filesystem::path&
   const std::vector<std::int64_t> all = {static_cast<std::int64_t>(total)};
   const auto hand_over = [](Safetensors::Tensor& from, float* to) {
     std::copy(from.values.begin(), from.values.end(), to);
-    std::vector<float>().swap(from.values);  // so that nothing large is there three times
+    std::vector<float>().swap(
+        from.values);  // frees it, to hold at most two copies of large tensors
   };
-  // The largest tensor is looked at first: nothing is allocated for a size that the file does not
-  // back.
+  // Checks the largest tensor first, so that no more is allocated than the file contains.
   Safetensors::Tensor& first = take(parsed, "adam.first_moment", all, file);
   Safetensors::Tensor& second = take(parsed, "adam.second_moment", all, file);
   state.adam.first_moment = Buffer<float>(total);

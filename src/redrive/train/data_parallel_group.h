@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Data parallelism: several backends make every step together. Each rank has a copy of what is
-// trained and draws its own part of the step; an all-reduce gives all ranks the mean of the
-// gradients, and each updates its copy alike. A step of N ranks is one backend's with N times the
-// batch. Ranks wait for each other only between the parts of a step, so that one that fails ends
-// the step.
+// Data parallelism: several backends compute every step together. Each rank has a replica of the
+// state and draws its own batch; an all-reduce averages the gradients, and each rank applies the
+// same update. A step of N ranks equals one of a single backend with N times the batch. Ranks
+// synchronise only between the phases of a step, so that a failing rank ends the step.
 #pragma once
 
 #include <functional>
@@ -21,14 +20,14 @@ struct Rank {
   kernels::Backend& backend;
   int rank = 0;
   TrainState* state = nullptr;  ///< rank 0: the run's; others: `copy`
-  TrainState copy = {};         ///< of what steps change
+  TrainState copy = {};         ///< replica of the state
   StepBuffers buffers = {};
-  StepResult result = {};  ///< of its own part of the last step
+  StepResult result = {};  ///< of this rank's batch in the last step
 };
 
 class DataParallelGroup {
  public:
-  /// Backends and `state` outlive it. all_reduce: may be null for one backend.
+  /// Backends and `state` must outlive it. all_reduce: may be null for one backend.
   DataParallelGroup(const std::vector<kernels::Backend*>& backends, kernels::AllReduce* all_reduce,
                     TrainState* state);
 
@@ -36,13 +35,13 @@ class DataParallelGroup {
   Rank& first() { return *ranks_.front(); }
   const Rank& operator[](int rank) const { return *ranks_[rank]; }
 
-  /// Copies the state of rank 0 to the others. Call before the first step, and when that state has
-  /// been replaced. No backend keeps any of it on a device yet.
+  /// Copies the state of rank 0 to the others. Call before the first step, and after that state was
+  /// replaced. No backend may hold the state on a device yet.
   void begin();
 
-  /// One training step of all ranks. `request` for rank 0; the others' follow from it. Returns
-  /// means over the ranks (opacity, errors, loss terms, pose gradients) and sums of counts.
-  /// DeviceError and DeviceMemoryError name the rank that failed.
+  /// Runs one training step on all ranks. `request`: of rank 0; the others' are derived from it.
+  /// Returns means over the ranks (opacity, errors, loss terms, pose gradients) and sums of counts.
+  /// Throws DeviceError and DeviceMemoryError, which name the rank that failed.
   StepResult step(const TrainingSet& data, const StepRequest& request, double learning_rate);
 
  private:
@@ -51,7 +50,7 @@ class DataParallelGroup {
   ThreadPool pool_;
   std::vector<std::unique_ptr<Rank>> ranks_;
   kernels::AllReduce* all_reduce_;
-  // Error map updates of all ranks, where there are several:
+  // Concatenated error map updates of several ranks.
   std::vector<std::uint32_t> cells_;
   std::vector<float> squared_errors_;
 };

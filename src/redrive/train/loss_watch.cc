@@ -9,7 +9,7 @@ namespace redrive {
 namespace {
 
 constexpr double kSmoothingRays = 1e4;
-constexpr std::int64_t kRaysOfWindow = 1000;  // known to 10 %
+constexpr std::int64_t kRaysOfWindow = 1000;  // its mean has a standard error of 10 %
 
 bool is_high(double mse, const LossWatch& watch) {
   return watch.best > 0 && mse > std::max(kHighLoss * watch.best, kExplainedMse);
@@ -26,7 +26,7 @@ void watch_loss(const LossWindow& window, LossWatch* watch) {
   if (window.steps == 0) return;
   const auto rays = static_cast<double>(window.rays);
   watch->rays = std::min(watch->rays + rays, kSmoothingRays);
-  // The plain mean until there are enough rays, from then on one that forgets.
+  // Plain mean until there are enough rays, an exponential moving average from then on.
   watch->smoothed +=
       rays / std::max(watch->rays, rays) * (window.mse / window.steps - watch->smoothed);
   if (watch->rays < kSmoothingRays) return;

@@ -12,7 +12,7 @@
 namespace redrive {
 namespace {
 
-// Measured with runs of next to nothing.
+// Measured with minimal runs.
 constexpr std::uint64_t kProgram = std::uint64_t{56} << 20, kThread = std::uint64_t{4} << 20;
 constexpr std::uint64_t kReturn =
     7 * sizeof(float) + sizeof(std::int64_t);  // scene/lidar_returns.h
@@ -31,7 +31,7 @@ constexpr const char* kOfPictures = "--downscale, --frames or --cameras (picture
 constexpr const char* kOfLidar = "--frames or --lidar-rays 0 (LiDAR: ";
 std::string step_option(const Model& model) { return "--batch (" + model.describe_batch() + ": "; }
 
-/// Bytes and what they are of, the most first.
+/// Bytes with a description, largest first.
 std::string what_to_lower(std::vector<std::pair<std::uint64_t, std::string>> parts) {
   std::ranges::sort(parts, std::greater<>());
   std::string lower;
@@ -50,12 +50,12 @@ MemoryEstimate estimate_memory(const Run& run, int threads) {
   MemoryEstimate need;
   need.program = kProgram + std::uint64_t(threads) * kThread;
   const auto gpus =
-      static_cast<std::uint64_t>(run.options.gpus);  // each with a state and a step of its own
+      static_cast<std::uint64_t>(run.options.gpus);  // each with its own state and step
   need.state = gpus * 3 * parameters;
-  need.saving = (gpus > 1 ? 2 : 1) * 3 * parameters;  // or going over to the others
+  need.saving = (gpus > 1 ? 2 : 1) * 3 * parameters;  // or while copied to the other ranks
 
-  // Image8 and lists of what a mask leaves, or of what is and of what is not transparent
-  // (UsedPixels): a bit a pixel and a count every 64.
+  // Image8 and the lists of unmasked, or of opaque and transparent pixels (UsedPixels): a bit per
+  // pixel and a count every 64.
   const bool masked = run.options.masks != "none" && run.recording.metric;
   std::uint64_t largest = 0;
   for (const View& view : scene.views) {
@@ -67,7 +67,7 @@ MemoryEstimate estimate_memory(const Run& run, int threads) {
     const std::uint64_t bytes = 3 + alpha + used, lists = alpha ? 2 : used;
     need.pictures += pixels(rig.camera) * bytes + lists * pixels(rig.camera) * 3 / 16;
   }
-  // A thread's picture as recorded, the same undistorted, and the bytes of its file.
+  // Per thread the recorded image, the undistorted one and the bytes of its file.
   need.decoding = std::uint64_t(threads) * 8 * largest;
   if (scene.undistort)
     for (const RigCamera& rig : scene.rig)
@@ -80,12 +80,14 @@ MemoryEstimate estimate_memory(const Run& run, int threads) {
     for (const FrameFile& file : run.recording.lidar_files)
       if (file.frame_id >= scene.frames.front().id && file.frame_id <= scene.frames.back().id)
         points += run.recording.reader->lidar_point_count(file);
-    need.lidar = points * kReturn * 2 / 3;  // of overlapping revolutions a third is there twice
+    need.lidar =
+        points * kReturn * 2 / 3;  // a third of the points are in two overlapping revolutions
     need.sorting = points * (sizeof(LidarPoint) + kSortedRay * 2 / 3);
   }
   if (model.uses_lidar() && run.recording.lidar_files.empty() &&
       !run.recording.points_file.empty()) {
-    constexpr std::uint64_t kCloudPoint = 64;  // as it is placed, with its cell's nearest
+    constexpr std::uint64_t kCloudPoint =
+        64;  // a point in world coordinates and the nearest of its cell
     std::error_code error;
     const std::uint64_t size = std::filesystem::file_size(run.recording.points_file, error),
                         bytes = error ? 0 : size,

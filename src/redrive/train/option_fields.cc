@@ -48,7 +48,7 @@ T number_of(const std::string& flag, const nlohmann::json& json) {
   throw UsageError(flag, json.dump().substr(0, 80), "must be a number in range");
 }
 
-/// low <= value <= high, or low < value with `above`; whole multiples of `multiple`.
+/// low <= value <= high, or low < value with `above`; integer multiples of `multiple`.
 template <class T>
 struct Range {
   T low, high;
@@ -183,13 +183,13 @@ std::string preset_help() {
   return text + ")";
 }
 
-/// A number; text that is none stays text, which reading refuses.
+/// Returns a number; text that is none stays text, which loading rejects.
 nlohmann::json number_json(const std::string& text) {
   const nlohmann::json json = nlohmann::json::parse(text, nullptr, /*allow_exceptions=*/false);
   return json.is_number() ? json : nlohmann::json(text);
 }
 
-/// Text of a number, or of a list of whole numbers.
+/// Returns the text of a number, or of a list of integers.
 std::string hyperparameter_text(const std::string& flag, const nlohmann::json& json) {
   if (json.is_number()) return json.dump();
   std::vector<std::int64_t> steps;
@@ -251,10 +251,9 @@ TrainField set_field() {
   field.name = "set";
   field.repeats = true;
   field.help =
-      "NAME=VALUE: sets any number of the method or of pose refinement; their names stand under "
-      "\"hyperparameters\" in the run's config.json, and in the message for an unknown name; may "
-      "be "
-      "given several times";
+      "NAME=VALUE: sets any hyperparameter of the method or of pose refinement; names are listed "
+      "under \"hyperparameters\" in the run's config.json, and by the message for an unknown name; "
+      "may be given several times";
   field.parse = [](TrainOptions& o, const std::string& text) {
     const std::size_t equals = text.find('=');
     if (equals == std::string::npos || equals == 0)
@@ -281,8 +280,9 @@ std::vector<TrainField> make_fields() {
   constexpr double kInfinite = 1e9;  // seconds and metres that no run reaches
   return {
       text("recording", &O::recording, {}, "folder of the recording"),
-      text("method", &O::method, names_of(methods()), "what is trained"),
-      text("preset", &O::preset, preset_names(), "values for what is not given" + preset_help()),
+      text("method", &O::method, names_of(methods()), "kind of radiance field to train"),
+      text("preset", &O::preset, preset_names(),
+           "defaults for options that are not given" + preset_help()),
       list("cameras", &O::cameras, "A,B: the cameras to train on (default: all that have images)"),
       text("frames", &O::frames, {},
            "FIRST:LAST[:STEP]: frame ids, both included, either may be empty (default: all)"),
@@ -292,68 +292,59 @@ std::vector<TrainField> make_fields() {
              "keep every n-th frame for eval; 0: none, not 1"),
       flag("undistort", &O::undistort,
            "resample the images without distortion first, as the report did (pinhole cameras)"),
-      flag("truth-poses", &O::ground_truth_poses,
-           "use the exact poses and calibration that a made recording ships, to tell errors of "
-           "poses "
-           "from errors of the field"),
+      flag(
+          "truth-poses", &O::ground_truth_poses,
+          "use the ground-truth poses and calibration of a synthetic recording, to separate errors "
+          "of poses from errors of the field"),
       text("poses", &O::poses, {},
-           "folder that redrive align made: its poses and calibration are used, of which the run "
-           "keeps a copy"),
+           "folder that redrive align wrote: use its poses and calibration, of which the run keeps "
+           "a copy"),
       flag("align", &O::align,
-           "redrive align first; the run keeps what it found in RUN/poses, with its report"),
+           "run redrive align first; the run keeps its result and report in RUN/poses"),
       list("rolling-shutter", &O::rolling_shutter,
-           "MS or CAM:MS,CAM:MS: cameras read their rows one after another within so many ms, the "
-           "time of an image "
-           "being "
-           "its middle row's; below 0: from the lowest row up; estimate or CAM:estimate: --align "
-           "finds it (default: as "
-           "the calibration says, readout_s)"),
+           "MS or CAM:MS,CAM:MS: readout time of the rows in ms, the middle one at the image's "
+           "time; "
+           "negative: from the lowest row up; estimate or CAM:estimate: --align estimates it "
+           "(default: readout_s of the calibration)"),
       text("refine-poses", &O::refine_poses, {"auto", "on", "off"},
-           "put right what the recording says of each frame's pose, each camera's place and time "
-           "while training; auto: "
-           "of a drive by grid, but not with --truth-poses; nerf does it if told to"),
+           "refine each frame's pose and each camera's extrinsics and time offset while training; "
+           "auto: on for drives with grid, off for nerf and with --truth-poses"),
       number("near", &O::near_m, Range<double>{0, kInfinite, true},
              "first sample of a ray, metres"),
       number("far", &O::far_m, Range<double>{0, kInfinite, true}, "last sample of a ray, metres"),
       text("background", &O::background, {"", "white", "black", "random"},
-           "behind transparent pixels, which need one, in rendering and scoring; grid trains on "
-           "random ones; random is "
-           "black"),
+           "background of transparent pixels in rendering and scoring, which they need; random: "
+           "black; grid trains on random backgrounds"),
       text("masks", &O::masks, {},
-           "auto finds what is not the static world (the ego vehicle, broken rows, annotated "
-           "objects that move) and "
-           "leaves "
-           "it out, none leaves nothing out, or a folder with CAM.png as RUN/masks has them, which "
-           "counts instead of "
-           "what "
-           "is found"),
-      number("epochs", &O::epochs, Range<int>{1, 10000}, "times that every pixel is seen"),
+           "auto: mask the ego vehicle, broken rows and annotated moving objects; none: mask "
+           "nothing; "
+           "or a folder with CAM.png as in RUN/masks, in place of computed masks"),
+      number("epochs", &O::epochs, Range<int>{1, 10000}, "passes over all training pixels"),
       number("max-steps", &O::max_steps, Range<std::int64_t>{0, 1'000'000'000'000},
              "stop after so many steps; 0: no limit"),
-      number("max-seconds", &O::max_seconds, Range<double>{0, kInfinite},
-             "stop after so many seconds of training alone; 0: no limit; the learning rate of grid "
-             "follows, that of nerf goes by steps all the same"),
+      number(
+          "max-seconds", &O::max_seconds, Range<double>{0, kInfinite},
+          "stop after so many seconds of training alone; 0: no limit; grid's learning rate decays "
+          "by this time, nerf's by steps only"),
       number("seed", &O::seed, Range<std::uint64_t>{0, std::numeric_limits<std::uint64_t>::max()},
-             "of all random numbers"),
+             "seed of all random numbers"),
       number("checkpoint-every", &O::checkpoint_every, Range<int>{1, 1'000'000'000},
-             "steps between checkpoints; one a minute at least"),
+             "steps between checkpoints; at least one per minute is written"),
       number("threads", &O::threads, Range<int>{0, 1024}, "0: all that this process may use"),
       text("memory", &O::memory, {},
-           "that training may take; more is refused before it begins: bytes, a number of GiB such "
-           "as 6GiB, or a share "
-           "of the "
-           "machine's, which a control group may limit"),
+           "memory that training may use; a run that needs more is rejected before it begins: "
+           "bytes, "
+           "a number of GiB such as 6GiB, or a percentage of the machine's or control group's"),
       text("gpu-memory", &O::gpu_memory, {},
-           "that training and rendering may take of a GPU's memory; more is refused before it "
-           "begins: bytes, a number "
-           "of GiB, or a share of "
-           "what is free there"),
-      text("backend", &O::backend, {"auto", "ref", "cpu", "cuda"}, "what computes"),
+           "GPU memory that training and rendering may use; more is rejected before it begins: "
+           "bytes, a number of GiB, or a percentage of the free GPU memory"),
+      text("backend", &O::backend, {"auto", "ref", "cpu", "cuda"}, "backend that computes"),
       text("isa", &O::isa, {"auto", "avx2", "avx512", "avx512-bf16", "amx-bf16"},
            "instruction set of the cpu backend"),
-      number("gpus", &O::gpus, Range<int>{1, 64},
-             "GPUs of this machine that make each step together, as one would with so many times "
-             "the rays; needs NCCL"),
+      number(
+          "gpus", &O::gpus, Range<int>{1, 64},
+          "GPUs of this machine for data parallelism: a step of N GPUs is one of N times the rays; "
+          "needs NCCL"),
   };
 }
 

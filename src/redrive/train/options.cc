@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Presets and the rules that tie options together; the options themselves stand in
-// option_fields.cc.
+// Presets and rules that involve several options; the list of options is in option_fields.cc.
 #include "redrive/train/options.h"
 
 #include <algorithm>
@@ -59,7 +58,7 @@ bool contains(const std::vector<std::string>& names, const std::string& name) {
   return std::ranges::find(names, name) != names.end();
 }
 
-/// Null: none is asked for, or it is unknown.
+/// Returns null if none is chosen or it is unknown.
 const Preset* find_preset(const TrainOptions& options) {
   for (const Method& method : methods())
     for (const Preset& preset : method.presets)
@@ -67,7 +66,7 @@ const Preset* find_preset(const TrainOptions& options) {
   return nullptr;
 }
 
-/// Sets what neither `given` names nor --set gives.
+/// Sets the options that neither `given` nor --set names.
 void set_defaults(const OptionValues& values, const std::vector<std::string>& given,
                   TrainOptions* options) {
   const std::vector<TrainField> fields = train_fields();
@@ -98,7 +97,7 @@ void apply_preset(TrainOptions* options, const std::vector<std::string>& given) 
     if (!preset) throw UsageError("--preset", options->preset, "unknown; known are " + known);
   }
   const Method* method = find_method(options->method);
-  if (!method) return;  // for validate() to refuse
+  if (!method) return;  // validate() rejects it
   set_defaults(method->defaults, given, options);
   if (preset) set_defaults(preset->values, given, options);
   if ((contains(given, "epochs") || contains(given, "max-steps")) &&
@@ -125,8 +124,8 @@ void resolve_bounds(TrainOptions* options, const std::vector<std::string>& given
                                           [&](const auto& value) { return value.first == name; }));
   };
   if (!recording.bounds || is_given("near") || is_given("far")) return;
-  // Of the half side: cameras inside the cube have it all around them; a pixel is the same a
-  // hundred cubes away and further.
+  // Factor of the half side: cameras inside the cube also see beyond it; beyond a hundred cubes
+  // parallax is negligible.
   constexpr double kMinNear = 0.02, kMaxFar = 100;
   const auto& [center, half_side] = *recording.bounds;
   double nearest = std::numeric_limits<double>::infinity(), furthest = 0;
@@ -183,7 +182,7 @@ PoseRefinement pose_refinement(const TrainOptions& options) {
 bool refines_poses(const TrainOptions& options, const Scene& scene) {
   if (options.refine_poses == "on" && !scene.metric)
     throw UsageError("--refine-poses", "on",
-                     "poses are refined of drives alone, which have metres and a clock");
+                     "only poses of drives can be refined, which have metric scale and timestamps");
   const Method* method = find_method(options.method);
   const bool by_default =
       method && method->refines_poses && scene.metric && !options.ground_truth_poses;
@@ -196,7 +195,7 @@ void validate(const TrainOptions& options) {
     nlohmann::json json;
     field.save(options, json);
     try {
-      json.dump();  // as config.json will need it
+      json.dump();  // throws for text that is not UTF-8
     } catch (const nlohmann::json::type_error&) {
       const std::string flag = std::string("--").append(field.name);
       throw UsageError(field.name == "recording" ? "RECORDING" : flag, "",
@@ -269,7 +268,7 @@ SceneOptions scene_options(const TrainOptions& options) {
 
 namespace {
 
-/// Of `all` bytes, which are `what`.
+/// Parses an amount of memory: bytes, GiB, or a percentage of `all` bytes, which `what` describes.
 std::uint64_t allowed_of(const char* option, const std::string& text, std::uint64_t all,
                          const char* what) {
   constexpr double kGiB = 1024.0 * 1024 * 1024;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Everything a training run depends on. One field list (train_fields) feeds the command line, the
-// help text, the resolved config in the run folder and its reading back. Order of flags never
-// matters: a preset fills what was not given.
+// Options of a training run. One field list (train_fields) feeds the command line, the help text,
+// and writing and reading config.json. The order of flags has no effect: a preset sets only options
+// that were not given.
 #pragma once
 
 #include <charconv>
@@ -33,21 +33,21 @@ struct TrainOptions {
   int downscale = 1;
   int holdout_every = 0;
   bool undistort = false;
-  bool ground_truth_poses = false;  ///< the exact poses and calibration that a made recording ships
+  bool ground_truth_poses = false;  ///< uses the ground-truth poses and calibration
   std::string poses;   ///< folder of other poses and another calibration (recording/pose_files.h);
                        ///< "": the recording's own
-  bool align = false;  ///< those that redrive align finds
+  bool align = false;  ///< runs redrive align first and uses its poses
   std::vector<std::string>
-      rolling_shutter;  ///< recording/readout_options.h: what the calibration does not say
-  std::string refine_poses = "auto";  ///< "auto", "on", "off": while training; auto: of a drive by
-                                      ///< grid, but not with ground_truth_poses
+      rolling_shutter;                ///< recording/readout_options.h; overrides the calibration
+  std::string refine_poses = "auto";  ///< "auto", "on", "off"; auto: on for drives with grid, off
+                                      ///< with ground_truth_poses
   double near_m = 0.5, far_m = 1000;
   std::string background;  ///< "", "white", "black", "random" (black): behind transparent pixels
-  std::string masks = "auto";  ///< what is not the static world: "auto" finds it, "none" trains on
-                               ///< it, or a folder of CAM.png
-  /// Numbers of the method and of pose refinement by name, as text, that are given: by options of
-  /// their own, a preset or --set. The others are the model's defaults and what follows from the
-  /// scene (Model::configure).
+  std::string masks = "auto";  ///< pixels to ignore: "auto" computes the masks, "none" has none, or
+                               ///< a folder of CAM.png
+  /// Hyperparameters of the method and of pose refinement that options, a preset or --set set, as
+  /// text by name. The others have the model's defaults or follow from the scene
+  /// (Model::configure).
   std::map<std::string, std::string> hyperparameters;
   // optimisation
   int epochs = 10000;          ///< 1..10000
@@ -55,14 +55,14 @@ struct TrainOptions {
   double max_seconds = 300;    ///< of training alone; 0: no limit
   std::uint64_t seed = 1;
   int checkpoint_every = 1000;  ///< steps; also at the end and on Ctrl-C
-  // how
+  // resources
   int threads = 0;                 ///< 0: all
-  std::string memory = "70%";      ///< that training may take: bytes, or with GiB or % behind it
-  std::string gpu_memory = "90%";  ///< likewise of a GPU's, a share of what is free
+  std::string memory = "70%";      ///< that training may use: bytes, or a number with GiB or %
+  std::string gpu_memory = "90%";  ///< likewise GPU memory; % of the free memory
   std::string backend = "auto", isa = "auto";
-  int gpus = 1;  ///< 1..64, each with a batch of its own
+  int gpus = 1;  ///< 1..64 ranks, each with its own batch
 
-  /// Gives a hyperparameter by name.
+  /// Sets a hyperparameter by name.
   template <class T>
   void set(const std::string& name, T value) {
     if constexpr (std::is_arithmetic_v<T>) {
@@ -80,69 +80,70 @@ struct TrainField {
   std::string name, help;
   bool is_flag = false;        ///< a switch without a value
   bool repeats = false;        ///< may be given several times
-  std::string hyperparameter;  ///< the method's that it sets; empty: an option of every method
+  std::string hyperparameter;  ///< name of the one that it sets; empty: an option of every method
   std::function<void(TrainOptions&, const std::string&)> parse;    ///< from the command line
   std::function<void(const TrainOptions&, nlohmann::json&)> save;  ///< into json[name]
   std::function<void(TrainOptions&, const nlohmann::json&)>
       load;  ///< from json[name]; UsageError if it is of another type
   std::function<void(const TrainOptions&)> check;  ///< UsageError if out of range
 };
-/// Those of every method, then hyperparameters that have an option of their own.
+/// Returns the options of every method, then those of hyperparameters.
 std::vector<TrainField> train_fields();
 
-/// Completes options by the defaults of the method and the values of the preset, except those named
-/// in `given`; a run whose epochs or max-steps are given has no limit of time. UsageError for a
-/// preset that is unknown or of another method. What depends on the recording is left to
-/// resolve_cameras and resolve_bounds.
+/// Sets the options that are not named in `given` to the method's defaults and the preset's values.
+/// Removes the time limit where epochs or max-steps are given. Throws UsageError for a preset that
+/// is unknown or of another method. resolve_cameras and resolve_bounds set the options that depend
+/// on the recording.
 void apply_preset(TrainOptions* options, const std::vector<std::string>& given);
-/// The preset's cameras, where none are given.
+/// Sets the cameras to the preset's, where none are given.
 void resolve_cameras(TrainOptions* options, const Recording& recording);
 
-/// near_m and far_m of a bounded recording, where neither is `given` or the preset's: they hold its
-/// cube seen from every frame. Where the method contracts space and every frame is within the cube,
-/// far_m is a hundred times the half side.
+/// Sets near_m and far_m of a bounded recording, where neither is `given` or set by the preset, to
+/// enclose its cube as seen from every frame. Where the method contracts space and all frames are
+/// inside the cube, far_m is a hundred times the half side.
 void resolve_bounds(TrainOptions* options, const std::vector<std::string>& given,
                     const Recording& recording);
 
-/// Sets the given hyperparameters. UsageError for a name that the method has not, which lists those
-/// that it has, or a value out of range.
+/// Sets the model's hyperparameters from the options. Throws UsageError for an unknown name,
+/// listing the known ones, or a value out of range.
 void apply_hyperparameters(const TrainOptions& options, Model* model);
-/// Takes the model's values of hyperparameters that have an option of their own, or are given, into
-/// the options, in the form in which config.json has them.
+/// Copies the model's values of hyperparameters that have their own option, or were set, to the
+/// options, as text for config.json.
 void record_hyperparameters(Model& model, TrainOptions* options);
 PoseRefinement pose_refinement(const TrainOptions& options);
 
-/// UsageError naming option, value and rule for the first field out of range.
+/// Throws UsageError naming option, value and rule for the first field out of range.
 void validate(const TrainOptions& options);
 SceneOptions scene_options(const TrainOptions& options);
-/// The recording with its own poses, true ones if the options say so; what --poses and --align name
-/// is put into it by its run (train/run.h). InputError as redrive::open_recording.
+/// Opens the recording with its own poses, or its ground truth with --truth-poses. The run
+/// (train/run.h) replaces them by those of --poses and --align. Throws InputError as
+/// redrive::open_recording.
 Recording open_recording(const TrainOptions& options);
-/// Whether a run keeps poses of its own beside the recording's: --poses or --align.
+/// Whether the poses are not the recording's: --poses or --align.
 bool has_external_poses(const TrainOptions& options);
-/// Those, put into the recording; readouts that --rolling-shutter gives count before theirs.
-/// InputError as apply_pose_files.
+/// Replaces the recording's poses by those of `files`; --rolling-shutter overrides their readout
+/// times. Throws InputError as apply_pose_files.
 void use_external_poses(const PoseFiles& files, const std::filesystem::path& folder,
                         const TrainOptions& options, Recording* recording);
 
-/// Whether poses are refined. UsageError where they cannot be: of photographs.
+/// Whether training refines poses. Throws UsageError for photographs, where it cannot.
 bool refines_poses(const TrainOptions& options, const Scene& scene);
 
-/// What --memory allows on a machine of so many bytes: bytes ("6000000000"), "6GiB", or a share
-/// ("70%"). UsageError.
+/// Returns the bytes that --memory allows on a machine with `machine` bytes: "6000000000", "6GiB"
+/// or "70%". Throws UsageError.
 std::uint64_t allowed_memory(const TrainOptions& options, std::uint64_t machine);
-/// The same of --gpu-memory, on a GPU that has so many bytes free.
+/// Returns the bytes that --gpu-memory allows on a GPU with `free` bytes free. Throws UsageError.
 std::uint64_t allowed_gpu_memory(const TrainOptions& options, std::uint64_t free);
 
-/// Steps of the whole run: epochs, or max_steps if that is less.
+/// Returns the steps of the whole run: epochs, or max_steps if that is less.
 std::int64_t total_steps(const TrainOptions& options, std::int64_t steps_per_epoch);
 /// Key of config.json under which write_config shows the resolved hyperparameters.
 constexpr const char* kHyperparametersKey = "hyperparameters";
 
-/// A number, or a list of whole numbers.
+/// Returns a number, or a list of integers.
 nlohmann::json hyperparameter_json(const HyperparameterValue& value);
 nlohmann::json options_to_json(const TrainOptions& options);
-/// InputError for an unknown or missing key, a value of another type or out of range.
+/// Throws InputError for an unknown or missing key, a value of another type or out of range.
 TrainOptions options_from_json(const nlohmann::json& json, const std::filesystem::path& file);
 
 }  // namespace redrive

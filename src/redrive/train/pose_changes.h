@@ -13,7 +13,7 @@ namespace redrive {
 struct PoseChange {
   Eigen::Vector3d translation_m = Eigen::Vector3d::Zero(),
                   rotation_rad = Eigen::Vector3d::Zero();  ///< axes of the body
-  bool at_bound = false;  ///< one of its numbers is at its bound, of a camera also its time offset
+  bool at_bound = false;  ///< one of its values is at its bound, for cameras also the time offset
 };
 struct CameraChange {
   std::string name;
@@ -28,14 +28,14 @@ struct PoseChanges {
   int frames_at_bound() const;
 };
 
-/// `scene`: with the corrections applied (open_run). A number counts as at its bound
+/// Summarises corrections. `scene`: with them applied (open_run). A value counts as at its bound
 /// (train/pose_refiner.h) within 2 % of it, since noise keeps it from reaching the bound exactly.
 PoseChanges pose_changes(const Scene& scene, const PoseCorrections& corrections);
 
-/// A line for the trajectory and one for each camera, in cm, degrees and ms, with a warning where a
-/// number is at its bound.
+/// Returns a line for the trajectory and one for each camera, in cm, degrees and ms, with a warning
+/// where a value is at its bound.
 std::string describe_changes(const PoseChanges& changes);
-/// Frames and cameras at their bounds, such as "3 of 30 frames, F_CAM"; empty if none are.
+/// Returns the frames and cameras at their bounds: "3 of 30 frames, F_CAM"; empty if none are.
 std::string at_bound(const PoseChanges& changes);
 
 }  // namespace redrive

@@ -9,7 +9,7 @@
 namespace redrive {
 namespace {
 
-// An update has some tens of rays a frame: Adam averages about twenty updates.
+// An update has a few tens of rays per frame; Adam averages about twenty updates.
 constexpr float kBeta1 = 0.95f, kBeta2 = 0.99f;
 
 /// Subtracts from all cameras their mean correction in the body's axes, to first order:
@@ -54,7 +54,7 @@ void update_poses(std::span<const double> gradient,
   how.epsilon = 1e-20f;
   how.bias1 = static_cast<float>(1 / (1 - std::pow(double(kBeta1), updates)));
   how.bias2 = static_cast<float>(1 / (1 - std::pow(double(kBeta2), updates)));
-  how.lazy = true;  // numbers without a gradient keep their values
+  how.lazy = true;  // values without a gradient do not change
   for (std::size_t i = 0; i < values.size(); ++i) {
     how.learning_rate = static_cast<float>(rate_of(i));
     adam_update(how, static_cast<float>(gradient[i]), values[i], moments->first[i],
@@ -76,7 +76,7 @@ void refine_poses(const Scene& scene, std::span<const ViewGradient> views, const
       },
       corrections.values, &state->moments);
   move_common_part_to_frames(scene, &corrections);
-  // Small corrections are likelier than large ones.
+  // Prior: small corrections are likelier than large ones.
   for (std::size_t i = 0; i < corrections.size(); ++i) {
     const float most = bound_of(corrections, i);
     corrections.values[i] =

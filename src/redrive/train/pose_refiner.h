@@ -12,7 +12,7 @@ namespace redrive {
 /// Bounds of the corrections. Larger errors need redrive align, or are mistakes that refinement
 /// must not hide.
 constexpr float kMaxTranslation_m = 0.5f, kMaxRotation_rad = 0.035f, kMaxTimeOffset_s = 0.05f;
-/// The bound of number i.
+/// Returns the bound of value i.
 float bound_of(const PoseCorrections& corrections, std::size_t i);
 
 /// Learning rates of metres, radians and seconds.
@@ -24,14 +24,14 @@ struct PoseRates {
 /// a rotation by x / 10, and a car at 10 m/s travels x in x / 10 s.
 PoseRates pose_rates(double rate_m);
 
-/// One Adam update of `values`; rate_of(i): learning rate of the i-th.
+/// Applies one Adam update to `values`; rate_of(i): learning rate of the i-th.
 void update_poses(std::span<const double> gradient,
                   const std::function<double(std::size_t i)>& rate_of, std::span<float> values,
                   AdamMoments* moments);
 
-/// One update from a step's StepOutput::views. `scene`: with the state's corrections applied; the
-/// caller applies the new ones. decay: PoseRefinement::decay. The mean correction of all cameras is
-/// removed, since that is the frames'. Frames without a training image are interpolated. Does
+/// Applies one update by a step's StepOutput::views. `scene`: with the state's corrections applied;
+/// the caller applies the new ones. decay: PoseRefinement::decay. Removes the mean correction of
+/// all cameras, which the frames represent. Interpolates frames without a training image. Does
 /// nothing where gradients are not finite.
 void refine_poses(const Scene& scene, std::span<const ViewGradient> views, const PoseRates& rates,
                   double decay, PoseState* state);

@@ -16,15 +16,15 @@
 namespace redrive {
 namespace {
 
-/// Whether a number is `text`, but for its last bits: another compiler may round them otherwise;
-/// another trajectory or option differs by far more.
+/// Whether a number equals `text` up to its last bits, which depend on the compiler. Values of
+/// another trajectory or option differ by far more.
 bool agree(const HyperparameterValue& value, const std::string& text) {
   if (value.is_list || value.whole) return value.text == text;
   const double a = std::stod(value.text), b = std::stod(text);
   return std::abs(a - b) <= 1e-5 * std::max({0.1, std::abs(a), std::abs(b)});
 }
 
-/// All hyperparameters of a run: the model's and those of pose refinement.
+/// Returns all hyperparameters of a run: the model's and those of pose refinement.
 std::vector<HyperparameterValue> all_hyperparameters(Model& model, const TrainOptions& options) {
   std::vector<HyperparameterValue> all = hyperparameter_values(model);
   PoseRefinement refinement = pose_refinement(options);
@@ -33,7 +33,8 @@ std::vector<HyperparameterValue> all_hyperparameters(Model& model, const TrainOp
   return all;
 }
 
-/// InputError if config.json shows other hyperparameters than options and recording result in.
+/// Throws InputError if the hyperparameters of config.json differ from those of options and
+/// recording.
 void check_shown_hyperparameters(const Run& run, const nlohmann::json& config) {
   if (!config.contains(kHyperparametersKey)) return;
   const nlohmann::json& shown = config.at(kHyperparametersKey);
@@ -52,7 +53,7 @@ void check_shown_hyperparameters(const Run& run, const nlohmann::json& config) {
   }
 }
 
-/// The checkpoint belongs to these options and this recording, or InputError.
+/// Throws InputError unless the checkpoint belongs to these options and this recording.
 void check_belongs(const Run& run) {
   const std::filesystem::path file = run.paths.checkpoint();
   const std::unique_ptr<Model> expected = make_run_model(run.options, run.scene);
@@ -98,8 +99,8 @@ RunPaths create_run(const std::filesystem::path& out, const TrainOptions& option
   const std::filesystem::path root = out.has_filename() ? out : out.parent_path();  // "run/" is run
   std::error_code error;
   if (root.has_parent_path()) std::filesystem::create_directories(root.parent_path(), error);
-  // Made beside it under another name and then renamed: a kill in between must not leave a folder
-  // that train refuses because it exists and resume because it holds no run.
+  // Creates it under a temporary name and renames it: a kill in between must not leave a folder
+  // that train rejects because it exists and resume because it holds no run.
   std::filesystem::path temporary = root;
   temporary += ".tmp-" + std::to_string(::getpid());
   if (error || !std::filesystem::create_directory(temporary, error))

@@ -1,16 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// One process at a time trains a run: two would write the same checkpoint and metrics.
+// Lock of a run folder: two processes must not write the same checkpoint and metrics.
 #pragma once
 
 #include <filesystem>
 
 namespace redrive {
 
-/// Holds flock(LOCK_EX) on the run's folder itself: no lock file, and nothing is left behind by a
-/// kill.
+/// Holds flock(LOCK_EX) on the run's folder itself, so a kill leaves no lock file behind.
 class RunLock {
  public:
-  /// UsageError if another process trains this run, InputError if there is no such folder.
+  /// Throws UsageError if another process trains this run, InputError if there is no such folder.
   explicit RunLock(const std::filesystem::path& root);
   ~RunLock();
   RunLock(const RunLock&) = delete;

@@ -103,8 +103,8 @@ Safetensors parse_safetensors(std::string_view bytes, const std::filesystem::pat
                        "must be begin and end within the data");
     const std::size_t begin = static_cast<std::size_t>(offsets[0]),
                       end = static_cast<std::size_t>(offsets[1]);
-    std::size_t count = 1;  // each factor is at most the size of the data, so that one check a
-                            // factor rules out overflow
+    std::size_t count = 1;  // one check per factor rules out overflow, since each factor is
+                            // at most the size of the data
     for (const std::int64_t size : tensor.shape) {
       count *= static_cast<std::size_t>(size);
       if (count > data.size()) break;

@@ -21,8 +21,8 @@ struct SafetensorsEntry {
   std::span<const float> values;  ///< row-major
 };
 
-/// `entries` in the order of their data; the header is padded with spaces so that the data is
-/// aligned to 8 bytes.
+/// Returns the bytes of a file with `entries` in the order of their data; pads the header with
+/// spaces to align the data to 8 bytes.
 std::string safetensors_bytes(const std::map<std::string, std::string>& metadata,
                               const std::vector<SafetensorsEntry>& entries);
 
@@ -35,9 +35,9 @@ struct Safetensors {
   std::map<std::string, Tensor> tensors;
 };
 
-/// InputError naming the field: a header that does not fit or is no JSON, a type other than F32, a
-/// shape that does not match its offsets, data that overlaps, has holes or is missing, a value that
-/// is not finite.
+/// Parses a file. Throws InputError naming the field for a header that is too long or no JSON, a
+/// type other than F32, a shape that does not match its offsets, data that overlaps, has holes or
+/// is missing, or a value that is not finite.
 Safetensors parse_safetensors(std::string_view bytes, const std::filesystem::path& file);
 
 }  // namespace redrive

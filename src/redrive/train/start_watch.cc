@@ -10,12 +10,11 @@ namespace {
 constexpr double kDeadOpacity = 1e-4;
 constexpr int kDeadSteps = 20;
 constexpr std::int64_t kFirstSteps = 20, kLateBegin = 400, kLateEnd = 500;
-/// A batch's own variance stands for that of all pixels; over 100 batches of 1024 rays it is known
-/// to about 1 %, and the error of a constant colour scatters about it as much. 1.1 is ten times
-/// that.
+/// The variance over 100 batches of 1024 rays estimates that of all pixels to about 1 %, and the
+/// error of a constant colour scatters as much. 1.1 allows ten times that.
 constexpr double kVarianceMargin = 1.1;
-/// The mean of the first 20 steps may already hold some that diverged; a field that learns is far
-/// below it after 400.
+/// The first 20 steps may include diverged ones; a field that learns is far below their mean after
+/// 400.
 constexpr double kProgress = 0.9;
 
 std::string format(const char* text, double a, double b) {

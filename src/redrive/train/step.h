@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// One training step: the method's losses and gradients, then Adam.
+// A training step: the method's losses and gradients, then Adam.
 #pragma once
 
 #include <functional>
@@ -11,15 +11,15 @@ namespace redrive {
 struct StepResult : StepOutput {
   double opacity = 0, rgb_mse = 0;   ///< StepSums
   std::vector<LossTerm> loss_terms;  ///< Model::loss_terms
-  double loss = 0;                   ///< the sum of those that count in the loss
+  double loss = 0;                   ///< sum of the terms with in_loss
   bool finite = true;                ///< false: the step is not applied
 };
 
-/// The step's request but for rank and world_size: continues from the state.
+/// Returns the next step's request, without rank and world_size.
 StepRequest next_step(const TrainState& state);
 
-/// Computes losses and gradients; adds these to buffers->gradients, which are zeros before. `draw`:
-/// Model::step of the state's model, or a part of it.
+/// Computes losses and gradients; adds the gradients to buffers->gradients, which must be 0.
+/// `draw`: Model::step of the state's model, or a part of it.
 using DrawStep = std::function<StepOutput(std::span<float> gradients)>;
 StepResult step_gradients(kernels::Backend& backend, const TrainState& state, StepBuffers* buffers,
                           const DrawStep& draw);
@@ -27,12 +27,12 @@ StepResult step_gradients(kernels::Backend& backend, const TrainingSet& data,
                           const StepRequest& request, const TrainState& state,
                           StepBuffers* buffers);
 
-/// Applies a step to the state: counts it, updates the parameters and the error map. Leaves
-/// gradients 0. A step that is not finite changes neither parameters nor error map.
+/// Applies a step to the state: counts it, updates the parameters and the error map. Sets the
+/// gradients to 0. A step that is not finite changes neither parameters nor error map.
 void apply_step(kernels::Backend& backend, const StepResult& result, double learning_rate,
                 TrainState* state, StepBuffers* buffers);
 
-/// Both, by one backend.
+/// Computes and applies a step on one backend.
 StepResult train_step(kernels::Backend& backend, const TrainingSet& data,
                       const StepRequest& request, double learning_rate, TrainState* state,
                       StepBuffers* buffers);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// For tests of training: a run on a tiny drive, and a backend that interrupts, kills or spoils a
-// given step.
+// Fixtures for tests of training: a run on a tiny drive, and a backend that interrupts, kills or
+// corrupts a chosen step.
 #pragma once
 
 #include <atomic>
@@ -23,13 +23,12 @@
 
 namespace redrive {
 
-/// What happens to the n-th step (from 0) that a backend computes.
+/// Faults to inject into the n-th step (from 0) of a backend.
 struct Interference {
-  std::int64_t stop_after = -1;  ///< sets `stop`, as Ctrl-C would
-  std::int64_t kill_at =
-      -1;  ///< throws Killed in the middle of it, as nothing would survive kill -9
+  std::int64_t stop_after = -1;             ///< sets `stop`, as Ctrl-C would
+  std::int64_t kill_at = -1;                ///< throws Killed in the middle of it, like kill -9
   std::int64_t nan_from = -1, nan_to = -1;  ///< [from, to): the loss is not a number
-  std::int64_t spoil_at = -1;               ///< its parameters are set to what learns no more
+  std::int64_t spoil_at = -1;               ///< saturates the parameters, so that gradients vanish
   std::atomic<bool> stop{false};
 };
 
@@ -37,8 +36,8 @@ struct Killed : std::runtime_error {
   Killed() : std::runtime_error("killed") {}
 };
 
-/// Hands everything on to `inner`; a step begins with sample_stratified, in --method grid with its
-/// rays' losses.
+/// Forwards all calls to `inner`. A step begins with sample_stratified, for --method grid with the
+/// losses of its rays.
 class InterferingBackend : public kernels::Backend, public kernels::NerfStages {
  public:
   InterferingBackend(kernels::Backend& inner, Interference* what)
@@ -129,7 +128,7 @@ inline TrainOptions tiny_options(std::int64_t max_steps) {
   return options;
 }
 
-/// A fresh run in `root` on the first two frames of a drive whose images stand in `images`.
+/// Returns a fresh run in `root` on the first two frames of a drive with its images in `images`.
 inline Run tiny_run(const std::filesystem::path& root, const std::filesystem::path& images,
                     const TrainOptions& options) {
   Run run;
@@ -141,7 +140,7 @@ inline Run tiny_run(const std::filesystem::path& root, const std::filesystem::pa
   return run;
 }
 
-/// A step on a given batch of rays.
+/// Computes a step on a batch of rays.
 struct BatchResult : StepResult {
   std::vector<float> d_origin, d_direction;
   double loss_of(std::string_view term) const {
@@ -176,8 +175,8 @@ inline BatchResult train_step(kernels::Backend& backend, const RayBatch& batch,
   return result;
 }
 
-/// What resume does, the recording being in memory: options and scene as they were, the state from
-/// the checkpoint.
+/// Resumes a run as the command does, but with the recording in memory: same options and scene, the
+/// state from the checkpoint.
 inline Run reopened(const Run& run) {
   Run again;
   again.paths = run.paths;
@@ -188,8 +187,8 @@ inline Run reopened(const Run& run) {
   return again;
 }
 
-/// A fresh run of --method grid with rays by error on the same drive, its tables made small enough
-/// for tests.
+/// Returns a fresh run of --method grid with importance sampling by the error map on the same
+/// drive, with small tables.
 inline Run tiny_grid_run(const std::filesystem::path& root, const std::filesystem::path& images,
                          TrainOptions options) {
   options.method = "grid";
@@ -207,7 +206,7 @@ inline Run tiny_grid_run(const std::filesystem::path& root, const std::filesyste
   return run;
 }
 
-/// The state's model, which is of --method nerf.
+/// Returns the state's model, which must be of --method nerf.
 inline NerfModel& nerf(TrainState& state) { return dynamic_cast<NerfModel&>(*state.model); }
 inline const NerfModel& nerf(const TrainState& state) {
   return dynamic_cast<const NerfModel&>(*state.model);
@@ -228,12 +227,12 @@ inline bool same_weights(const TrainState& a, const TrainState& b) {
          bit_equal(a.cell_errors, b.cell_errors);
 }
 
-/// The processor's fastest: reruns are the same bit by bit, which a GPU's are not.
+/// Returns the fastest backend of the processor, which is deterministic bit by bit, unlike a GPU.
 inline std::unique_ptr<kernels::Backend> processor_backend(int threads) {
   return best_isa() ? kernels::make_cpu_backend(*best_isa(), threads) : kernels::make_ref_backend();
 }
 
-/// Runs in a folder of their own.
+/// Fixture with a temporary folder for runs.
 class TrainingTest : public ::testing::Test {
  protected:
   redrive::Run run_named(const std::string& name, const TrainOptions& options) {
@@ -244,7 +243,7 @@ class TrainingTest : public ::testing::Test {
     InterferingBackend backend(*backend_, &interference);
     EXPECT_THROW(train(run, backend, never_), Killed);
   }
-  /// Loss, PSNR and learning rate of every row: what has to be equal, the clock apart.
+  /// Returns loss, PSNR and learning rate of every row, which must be equal, unlike times.
   static std::string curve(const redrive::Run& run) {
     std::ostringstream text;
     text.precision(17);
