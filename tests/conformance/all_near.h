@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Arrays against expectations with a tolerance per element; NaN and infinity fail, always.
+// Compares arrays with a tolerance per element; NaN and infinity always fail.
 #pragma once
 
 #include <cmath>
@@ -11,7 +11,8 @@
 
 namespace redrive::kernels::conformance {
 
-/// got[i] within tolerance(i) of expected(i), for every i: the worst element is reported.
+/// Checks that got[i] is within tolerance(i) of expected(i) for every i, and reports the worst
+/// element.
 inline testing::AssertionResult all_near(std::span<const float> got,
                                          const std::function<double(std::size_t)>& expected,
                                          const std::function<double(std::size_t)>& tolerance) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Every backend and instruction set x every stage x sizes, against the oracle. What this machine
-// cannot run is reported as skipped, with the obstacle.
+// Every backend and instruction set x every stage x sizes, against the oracle. Backends that this
+// machine cannot run are skipped with the obstacle.
 #include <cmath>
 #include <limits>
 #include <map>
@@ -32,14 +32,15 @@ std::vector<BatchSize> batch_sizes() {
     for (const int per_ray : {3, 48, 96, 193}) sizes.push_back({n_rays, per_ray});
   return sizes;
 }
-/// The network's: all pairs for the narrow ones, each number at least once for the wide ones.
+/// Sizes for the network: all pairs for narrow networks, each ray count and length at least once
+/// for wide ones.
 std::vector<BatchSize> network_batch_sizes(const NerfConfig& config) {
   if (kSanitized) return {{1, 3}, {7, 48}, {33, 3}, {1, 193}};
   if (config.width <= 64) return batch_sizes();
   return {{1, 3}, {100, 3}, {1, 193}, {7, 48}, {33, 96}, {7, 193}};
 }
 
-/// Cases are made once: their biases take nine sweeps over the points.
+/// Makes all cases once, since choosing their biases takes nine passes over the points.
 const std::vector<NerfCase>& cases() {
   static const std::vector<NerfCase> all = [] {
     std::vector<NerfCase> made;
@@ -51,7 +52,7 @@ const std::vector<NerfCase>& cases() {
   return all;
 }
 
-/// d_raw = factor of the sample x vector of its point, of a training step's magnitude.
+/// d_raw = factor of the sample x vector of its point, as large as in training.
 struct Upstream {
   std::vector<double> factor;
   std::vector<std::array<double, 4>> vector;
@@ -72,14 +73,14 @@ struct Upstream {
   }
 };
 
-/// What rays get of d_position = factor of the sample x that of its point: d_origin or d_direction
-/// [3, n_rays], with standard deviations.
+/// Returns d_origin or (turns) d_direction [3, n_rays] with variances, of d_position = factor of
+/// the sample x derivative of its point.
 Uncertain of_rays(const NerfCase& nerf, const NerfBatch& batch, const Upstream& upstream,
                   const Expected& expected, bool turns) {
   const double scale = nerf.unit_from_world.scale;
   Uncertain out{std::vector<double>(3 * batch.n_rays), std::vector<double>(3 * batch.n_rays)};
   for (int ray = 0; ray < batch.n_rays; ++ray) {
-    std::map<int, double> of_point;  // equal points make equal errors: they add up like the factors
+    std::map<int, double> of_point;  // errors of equal points are equal and add up like the factors
     for (int s = ray * batch.per_ray; s < (ray + 1) * batch.per_ray; ++s)
       of_point[batch.point[s]] += scale * upstream.factor[s] * (turns ? batch.t[s] : 1);
     for (const auto& [point, factor] : of_point)
@@ -92,8 +93,8 @@ Uncertain of_rays(const NerfCase& nerf, const NerfBatch& batch, const Upstream& 
   return out;
 }
 
-/// A batch for compositing: stratified samples, some intervals empty, colours and densities of both
-/// signs, walls too.
+/// A batch for compositing: stratified samples, some empty intervals, colours and densities of both
+/// signs, and some opaque samples.
 struct Volume {
   BatchSize size;
   std::vector<float> t, dt, raw;
@@ -110,9 +111,9 @@ struct Volume {
   Samples samples() const { return {size.per_ray, t, dt}; }
 };
 
-/// Bounds of a composited sum of weights that are at most 1: per sample an exponential (3e-7 = 5 u
-/// relative), alpha, the product and the sum, 8 u in all; and a sigmoid's at the end. Worst case,
-/// linear in the number of samples.
+/// Bound of a composited sum of weights that are at most 1. Per sample: an exponential (3e-7 = 5 u
+/// relative), alpha, the product and the sum, 8 u in all. At the end: a sigmoid. Worst case, linear
+/// in the number of samples.
 double composite_tolerance(int per_ray) { return (8.0 * per_ray + 16) * kFp32Roundoff; }
 
 struct Composited {
@@ -123,7 +124,7 @@ struct Composited {
   CompositeOut without_weights() { return {rgb, depth, opacity, {}}; }
 };
 
-/// Batches of an even number of rays have none.
+/// Returns a background, or none for an even number of rays.
 std::vector<float> background_of(const BatchSize& size) {
   return size.n_rays % 2 == 0 ? std::vector<float>() : random_floats(3 * size.n_rays, 52, 0, 1);
 }
@@ -147,7 +148,7 @@ TEST_P(BackendStages, SamplesStratified) {
           expected_dt(t.size());
       backend->nerf().sample_stratified(size.n_rays, how, t, dt);
       ref->nerf().sample_stratified(size.n_rays, how, expected, expected_dt);
-      // A fused multiply-add may round once where the oracle rounds twice.
+      // A fused multiply-add may round once, where the oracle rounds twice.
       EXPECT_TRUE(all_near(
           t, [&](auto i) { return expected[i]; }, [&](auto i) { return kUlp * expected[i]; }));
       for (std::size_t i = 0; i < t.size(); ++i) {
@@ -158,8 +159,8 @@ TEST_P(BackendStages, SamplesStratified) {
 }
 
 TEST_P(BackendStages, SamplesHierarchical) {
-  // The inverse of the coarse density is steep where it vanishes, so there is no useful tolerance:
-  // the scalar function is the definition, bit by bit.
+  // The inverse of the coarse density is steep where it vanishes, so no tolerance is useful: the
+  // result must equal that of the scalar function bit by bit.
   const auto backend = make(), ref = make_ref_backend();
   for (const BatchSize& size : batch_sizes())
     for (const int extra : {1, 64, 128})
@@ -183,8 +184,8 @@ TEST_P(BackendStages, NerfForward) {
   for (const NerfCase& nerf : cases()) {
     SCOPED_TRACE("width " + std::to_string(nerf.config.width));
     const Expected expected = NerfOracle(nerf, {GetParam().roundoff()}).compute(nullptr, {}, {});
-    // A sample in another one's place would be off by the spread of the points: the tolerance must
-    // be below that.
+    // A sample at another one's position would be off by the spread of the points; the tolerance
+    // must be below that.
     for (int k = 0; k < 4; ++k) {
       double mean = 0, square = 0, deviation = 0;
       for (const auto& raw : expected.raw) mean += raw[k] / NerfCase::kPoints;
@@ -224,7 +225,7 @@ TEST_P(BackendStages, NerfBackward) {
       const Expected expected = NerfOracle(nerf, {GetParam().roundoff()})
                                     .compute(&batch, upstream.factor, upstream.vector);
       ASSERT_GT(expected.smallest_margin, kDeviations / 2)
-          << "a ReLU stands at its kink: choose other points";
+          << "a ReLU is at its kink: choose other points";
       const float before = 0x1p-12f;  // gradients are added to
       std::vector<float> gradients(nerf.parameters.size(), before);
       std::vector<float> d_origin(3 * size.n_rays, before), d_direction(d_origin);
@@ -246,7 +247,7 @@ TEST_P(BackendStages, NerfBackward) {
           variance += rays.variance[i];
         }
         ASSERT_LT(kDeviations * std::sqrt(variance), 0.5 * std::sqrt(square))
-            << "the tolerance hides it";
+            << "the tolerance is too large";
       }
       ASSERT_TRUE(all_near(
           gradients, [&](std::size_t i) { return before + expected.gradient[i]; },
@@ -352,7 +353,7 @@ TEST_P(BackendStages, PhotometricLoss) {
     double loss = NAN, expected_loss = NAN;
     backend->photometric_loss(rgb, target, d_rgb, &loss);
     ref->photometric_loss(rgb, target, expected, &expected_loss);
-    // The error rounds, is squared and scaled in float; the sum is double.
+    // The error is rounded, squared and scaled in float; the sum is double.
     EXPECT_NEAR(loss, expected_loss, 3 * kUlp * loss);
     EXPECT_TRUE(all_near(
         d_rgb, [&](auto i) { return expected[i]; },
@@ -382,8 +383,8 @@ TEST_P(BackendStages, Adam) {
         moved[i] = how.learning_rate * how.bias1 /
                    (std::sqrt(second[i] * how.bias2) + how.epsilon);  // per unit of m
       }
-      // m: two products and a sum of terms that may cancel; v: all terms positive; p: the
-      // quotient's eight roundings.
+      // m: two products and a sum of terms that may cancel. v: all terms positive. p: eight
+      // roundings of the quotient.
       const auto m_tolerance = [&](std::size_t i) {
         return 2 * kUlp * (std::abs(m0[i]) + std::abs(gradients[i]));
       };
@@ -400,9 +401,9 @@ TEST_P(BackendStages, Adam) {
     }
 }
 
-/// Tolerance of a composited colour whose raw values carry the deviations of `expected`: first
-/// order, and linear over the samples of the ray, because equal points err equally. [3, n_rays];
-/// the colours themselves in `rgb`.
+/// Returns the tolerance [3, n_rays] of composited colours whose raw values have the deviations of
+/// `expected`: first order, and linear over the samples of a ray, since errors of equal points are
+/// equal. Writes the colours to `rgb`.
 std::vector<double> colour_tolerance(const NerfBatch& batch, const Expected& expected,
                                      std::vector<double>* rgb) {
   std::vector<double> tolerance(3 * batch.n_rays);
@@ -448,7 +449,7 @@ TEST_P(BackendStages, RendersAndTrainsRays) {
       backend->nerf().render_rays(nerf.field(), batch.rays(), batch.sampling(), rendered.out());
       ASSERT_TRUE(all_near(rendered.rgb, value, allowed));
       std::vector<float> gradients(nerf.parameters.size()), composed_gradients(gradients.size());
-      std::vector<float> d_rays[2], composed_d_rays[2];  // places, directions
+      std::vector<float> d_rays[2], composed_d_rays[2];  // of origins, directions
       for (std::vector<float>* one :
            {&d_rays[0], &d_rays[1], &composed_d_rays[0], &composed_d_rays[1]})
         one->assign(3 * size.n_rays, 0.0f);
@@ -458,8 +459,8 @@ TEST_P(BackendStages, RendersAndTrainsRays) {
                                  &loss);
       ASSERT_TRUE(all_near(trained.rgb, value, allowed));
 
-      // The fused stages against the composition of this backend's own plain stages, which the
-      // tests above hold.
+      // Compares the fused stages with the composition of this backend's own plain stages, which
+      // the tests above check.
       backend->nerf().NerfStages::train_rays(
           nerf.field(), batch.rays(), batch.sampling(), target, composed.out(), composed_gradients,
           {composed_d_rays[0], composed_d_rays[1]}, &composed_loss);
@@ -477,9 +478,9 @@ TEST_P(BackendStages, RendersAndTrainsRays) {
             one->depth, [&](auto i) { return composed.depth[i]; },
             [&](auto) { return 10 * order; }));
       }
-      // What may differ: the order of sums, and operands that an fp32 ulp moves across a rounding
-      // boundary of bf16, which is rare: a quarter of one bf16 rounding over a tensor, or of a
-      // hundred fp32 ones per sum.
+      // Two things may differ: the order of sums, and operands that an fp32 ulp moves across a
+      // rounding boundary of bf16, which is rare. So the tolerance is a quarter of one bf16
+      // rounding over a tensor, or of a hundred fp32 roundings per sum.
       const double relative =
           std::max(0.25 * GetParam().roundoff(), 25 * kUlp * std::sqrt(batch.samples()));
       const auto expect_same = [&](std::span<const float> fused, std::span<const float> of_stages,
@@ -497,15 +498,15 @@ TEST_P(BackendStages, RendersAndTrainsRays) {
         expect_same(std::span(gradients).subspan(tensor.offset, count),
                     std::span(composed_gradients).subspan(tensor.offset, count), tensor.name);
       }
-      expect_same(d_rays[0], composed_d_rays[0], "places of rays");
+      expect_same(d_rays[0], composed_d_rays[0], "origins of rays");
       expect_same(d_rays[1], composed_d_rays[1], "directions of rays");
     }
   }
 }
 
 TEST_P(BackendStages, RendersOpaqueRays) {
-  // Sixteen times as dense: most rays end early, and what stands behind may be left out
-  // (kernels.h).
+  // Densities times sixteen: most rays end early, and render_rays may skip samples behind
+  // (nerf_stages.h).
   constexpr double kLeftOut = 1e-4;
   const auto backend = make();
   const NerfCase& nerf = cases()[1];
@@ -530,7 +531,7 @@ TEST_P(BackendStages, RendersOpaqueRays) {
   }
 }
 
-/// Everything that a backend computes for one batch, end to end.
+/// Returns the results of all stages for one batch, end to end.
 std::map<std::string, std::vector<float>> all_stages(Backend& backend, const NerfCase& nerf,
                                                      const NerfBatch& batch) {
   std::map<std::string, std::vector<float>> out;
@@ -573,7 +574,7 @@ std::map<std::string, std::vector<float>> all_stages(Backend& backend, const Ner
   return out;
 }
 
-TEST_P(BackendStages, IsTheSameBitForBitAgainAndOnOneThread) {
+TEST_P(BackendStages, SameBitsAgainAndOnOneThread) {
   const auto backend = make(2), single = make(1);
   for (const std::size_t which : {1u, 2u}) {
     if (which >= cases().size()) continue;

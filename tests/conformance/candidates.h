@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Whom the conformance tests test, and random numbers for them.
+// Backends under test, and random numbers for the tests.
 #pragma once
 
 #include <algorithm>
@@ -15,7 +15,7 @@
 
 namespace redrive::kernels::conformance {
 
-// Sanitizers slow the oracle's loops down fifteenfold: a few sizes reach every line, and races show
+// Sanitizers slow the oracle's loops down fifteenfold. A few sizes reach every line, and races show
 // at any width.
 #if defined(__SANITIZE_THREAD__) || defined(__SANITIZE_ADDRESS__)
 constexpr bool kSanitized = true;
@@ -24,8 +24,8 @@ constexpr bool kSanitized = false;
 #endif
 
 struct Candidate {
-  /// "ref", an instruction set of the cpu backend, "loop" (functors of kernels/cuda on the host),
-  /// "cuda"; of these two "-fp32", too.
+  /// "ref", an instruction set of the cpu backend, "loop" (functors of kernels/device on the host)
+  /// or "cuda"; the last two also with "-fp32".
   std::string name;
   std::optional<Isa> isa;  ///< of the cpu backend
 
@@ -33,25 +33,25 @@ struct Candidate {
   bool is_gpu() const { return name == "cuda" || name == "cuda-fp32"; }
   bool is_loop() const { return name == "loop" || name == "loop-fp32"; }
   bool is_slow() const { return is_oracle() || is_loop(); }
-  /// A GPU before compute capability 8.0 has none, and is more exact than it must be.
+  /// A GPU before compute capability 8.0 has none and is more accurate than required.
   bool has_tensor_cores() const { return name == "loop" || name == "cuda"; }
 
   double roundoff() const {
     return isa == Isa::kAmxBf16 || isa == Isa::kAvx512Bf16 || has_tensor_cores() ? kBf16Roundoff
                                                                                  : kFp32Roundoff;
   }
-  /// Of the grid's networks, which have no AMX tiles.
+  /// Unit roundoff of the grid's networks, which have no AMX path.
   double grid_roundoff() const {
     return isa == Isa::kAvx512Bf16 || has_tensor_cores() ? kBf16Roundoff : kFp32Roundoff;
   }
-  /// Plain loops take seconds where the others take milliseconds: batches of more multiply-adds are
-  /// left out.
+  /// Most multiply-adds of a batch. Plain loops take seconds where other backends take
+  /// milliseconds.
   double most_macs() const { return is_slow() ? 1e8 : 1e300; }
-  /// Threads of a GPU add to a grid's gradients as they come: sums of the same terms, of which the
-  /// last bits are open.
+  /// Whether gradients of a grid are summed in a fixed order. Threads of a GPU add the same terms
+  /// in any order, which changes the last bits.
   bool adds_in_order() const { return !is_gpu(); }
-  /// By how many units its error function may differ from that of the C library, which the oracle
-  /// has: 4 and 3 (CUDA's and glibc's manuals).
+  /// Largest difference, in ulps, of the error function from that of the C library, which the
+  /// oracle uses: 4 and 3 by CUDA's and glibc's manuals.
   double error_function_ulps() const { return is_gpu() ? 7 : 0; }
 };
 inline void PrintTo(const Candidate& candidate, std::ostream* out) { *out << candidate.name; }
@@ -69,7 +69,7 @@ inline std::string name_of(const testing::TestParamInfo<Candidate>& info) {
   return name;
 }
 
-/// Its tests are of one candidate each, skipped with the obstacle where this machine cannot run it.
+/// Tests of one candidate, skipped with the obstacle where this machine cannot run it.
 class BackendConformance : public testing::TestWithParam<Candidate> {
  protected:
   void SetUp() override {

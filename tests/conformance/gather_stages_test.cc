@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Batches gathered by every backend, from pictures where it keeps them, against those that the host
-// gathers: the same bits, but for what a GPU's sines and arc cosines make of the rows of a rolling
-// shutter, and for the order of a sum in the rays' weights.
+// Batches gathered by every backend, from resident images if it has memory of its own, against
+// those gathered by the host: the same bits, except for a GPU's sines and arc cosines in the poses
+// of a rolling shutter's rows, and for the order of a sum in the rays' weights.
 #include <cmath>
 #include <vector>
 
@@ -27,14 +27,13 @@ Rigid3d some_pose(std::uint64_t i) {
   return pose;
 }
 
-/// All camera models, every other camera with a rolling shutter, at three frames of which one is
-/// held out. Of some pictures a mask leaves parts out; alpha with a background, in some places
-/// none.
-struct Pictures {
+/// All camera models, every other camera with a rolling shutter, at three frames, one of them held
+/// out. Some images have masks. With a background, images have alpha, which is 0 in some pixels.
+struct ExampleScene {
   Scene scene;
   std::vector<Image8> images;
 
-  Pictures(Background background, bool random_background) {
+  ExampleScene(Background background, bool random_background) {
     constexpr int kFrames = 3;
     scene.background = background;
     scene.random_background = random_background;
@@ -45,7 +44,7 @@ struct Pictures {
       scene.rig.push_back({example.name, camera, camera, some_pose(scene.rig.size())});
       for (int f = 0; f < kFrames; ++f) {
         scene.views.push_back({static_cast<int>(scene.rig.size()) - 1, f, "", f == 1});
-        images.push_back(f == 1 ? Image8{} : picture(camera, images.size()));
+        images.push_back(f == 1 ? Image8{} : image(camera, images.size()));
       }
     }
     move(0);
@@ -66,7 +65,7 @@ struct Pictures {
   }
 
  private:
-  Image8 picture(const Camera& camera, std::uint64_t number) const {
+  Image8 image(const Camera& camera, std::uint64_t number) const {
     const std::size_t pixels = static_cast<std::size_t>(camera.width) * camera.height;
     Image8 image{camera.width, camera.height, std::vector<std::uint8_t>(3 * pixels)};
     for (std::size_t i = 0; i < image.rgb.size(); ++i) image.rgb[i] = random_bits(number, i) & 255;
@@ -99,11 +98,11 @@ void expect_same(const RayBatch& got, const RayBatch& expected, bool rolls_exact
   }
   if (rolls_exactly)
     EXPECT_TRUE(bit_equal(got.direction, expected.direction));
-  else  // some units of a double's last place: a float's next neighbour at most
+  else  // some double ulps: one float ulp at most
     EXPECT_TRUE(all_near(
         got.direction, [&](std::size_t i) { return expected.direction[i]; },
         [](std::size_t) { return kFp32Roundoff; }));
-  // Sums of floats in double differ by their last places.
+  // Sums of floats in double differ by some double ulps.
   ASSERT_EQ(got.weight.size(), expected.weight.size());
   for (std::size_t i = 0; i < expected.weight.size(); ++i)
     EXPECT_FLOAT_EQ(got.weight[i], expected.weight[i]) << i;
@@ -114,13 +113,13 @@ TEST_P(GatherStages, PixelsMatchTheHost) {
   for (const auto& [background, random_background] : {std::pair{Background::kNone, false},
                                                       {Background::kWhite, false},
                                                       {Background::kWhite, true}}) {
-    Pictures pictures(background, random_background);
-    PixelSampler sampler(pictures.scene, pictures.images, 5);
+    ExampleScene example(background, random_background);
+    PixelSampler sampler(example.scene, example.images, 5);
     const std::vector<float> errors = random_floats(sampler.cells().size(), 501, 0, 1);
     std::vector<float> before;
     for (const bool moved : {false, true}) {
       if (moved) {
-        pictures.move(1);
+        example.move(1);
         sampler.update_poses();
       }
       for (const std::uint64_t first :
@@ -129,7 +128,7 @@ TEST_P(GatherStages, PixelsMatchTheHost) {
           SCOPED_TRACE(testing::Message()
                        << "background " << static_cast<int>(background) << ", random "
                        << random_background << ", pixels from " << first << ", " << error_map_rays
-                       << " by error, moved " << moved);
+                       << " by the error map, moved " << moved);
           RayBatch got, expected;
           sampler.gather(first, 400, &expected, {error_map_rays, errors});
           const PixelDraw draw = sampler.draw(first, 400, error_map_rays);
@@ -153,8 +152,7 @@ TEST_P(GatherStages, LidarReturnsMatchTheHost) {
   returns.origin = random_floats(3 * kReturns, 505, -100, 100);
   returns.direction = random_floats(3 * kReturns, 506, -1, 1);
   returns.range_m = random_floats(kReturns, 507, 1, 80);
-  for (std::size_t i = 0; i < kReturns;
-       ++i)  // between the frames, beyond them, and at some of their very times
+  for (std::size_t i = 0; i < kReturns; ++i)  // between frames, outside them, and at their times
     returns.t_ns.push_back(static_cast<std::int64_t>(random_bits(508, i) % 800) * 1'000'000 -
                            100'000'000);
   std::vector<FramePose> recorded;
@@ -189,7 +187,7 @@ TEST_P(GatherStages, LidarReturnsMatchTheHost) {
           if (!refines || !GetParam().is_gpu()) {
             EXPECT_TRUE(bit_equal(got.origin, expected.origin));
             EXPECT_TRUE(bit_equal(got.direction, expected.direction));
-          } else {  // sines that differ by a double's last places, at 4e6 m
+          } else {  // sines differ by some double ulps, at 4e6 m
             for (const auto numbers : {&RayBatch::origin, &RayBatch::direction})
               EXPECT_TRUE(all_near(
                   got.*numbers, [&](std::size_t i) { return (expected.*numbers)[i]; },
@@ -205,14 +203,14 @@ TEST_P(GatherStages, LidarReturnsMatchTheHost) {
   }
 }
 
-TEST_P(GatherStages, SmoothErrorsInOrder) {
+TEST_P(GatherStages, UpdatesErrorMapInOrder) {
   const auto backend = make();
   for (const std::uint32_t n : {1u, 100u, 3000u})
     for (const std::uint32_t all : {1u, 50u, 10'000u}) {  // cells with many rays and with few
       SCOPED_TRACE(testing::Message() << n << " rays in " << all << " cells");
       std::vector<std::uint32_t> cells(n);
       for (std::uint32_t i = 0; i < n; ++i) cells[i] = random_bits(502, i) % all;
-      const std::vector<float> squares = random_floats(n, 503, 0, 1.2);  // some beyond what counts
+      const std::vector<float> squares = random_floats(n, 503, 0, 1.2);  // some above kInitialError
       std::vector<float> errors = random_floats(all, 504, 0, 1), expected;
       for (std::size_t cell = 0; cell < all; cell += 3) errors[cell] = kInitialError;
       expected = errors;

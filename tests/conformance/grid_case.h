@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// A batch for the networks of --method grid whose answer, and whose allowed deviation from it, are
-// computed in double; the ideas and the rounding model are nerf_case.h's. Sixteen points: four rays
-// (a direction's harmonics) x four depths (features); every sample is one of them. These networks
-// have no biases to keep ReLUs from their kinks by: a neuron's weights are drawn until it is near
-// none.
+// A batch for the networks of --method grid whose results and tolerances are computed in double,
+// with the method and the rounding model of nerf_case.h. Each sample is one of sixteen points: four
+// rays (a direction's harmonics) x four depths (features). These networks have no biases to keep
+// ReLUs away from their kinks. So a neuron's weights are drawn until none of its pre-activations is
+// near 0.
 #pragma once
 
 #include <array>
@@ -17,7 +17,7 @@
 
 namespace redrive::kernels::conformance {
 
-/// The largest relative error of simd/vector.h's exponential.
+/// Largest relative error of the exponential in simd/vector.h.
 constexpr double kExponentialError = 4e-7;
 
 struct GridCase {
@@ -82,20 +82,20 @@ struct GridBatch {
         d_raw.push_back(static_cast<float>(factor[i] * vector[point[i]][k]));
   }
   std::size_t samples() const { return point.size(); }
-  /// Where number k of sample i's features stands.
+  /// Returns the offset of feature k of sample i.
   std::size_t feature_at(const GridCase& grid, std::size_t i, int k) const {
     const int of_level = grid.config.grid.features;
     return (k / of_level * samples() + i) * of_level + k % of_level;
   }
 };
 
-/// Values and standard deviations: of the points, and of the whole batch's weight gradient.
+/// Values and standard deviations for each point, and for the weight gradient of the whole batch.
 struct GridExpected {
   std::array<double, 4> raw[GridCase::kPoints], raw_deviation[GridCase::kPoints];
   Uncertain d_features[GridCase::kPoints];  ///< for factor 1
   std::vector<double> gradient, gradient_deviation;
-  /// Of the hidden layers' neurons, over all points: the smallest |pre-activation| / its standard
-  /// deviation.
+  /// Smallest |pre-activation| / standard deviation over all points, for each neuron of the hidden
+  /// layers.
   std::map<int, std::vector<double>> margin;
 };
 
@@ -110,10 +110,10 @@ class GridOracle {
   GridExpected compute(const GridBatch& batch) {
     expected_ = GridExpected();
     expected_.gradient.assign(weights_.size(), 0);
-    expected_.gradient_deviation.assign(weights_.size(), 0);  // variances, until the end
+    expected_.gradient_deviation.assign(weights_.size(), 0);  // variances until the end
     for (int p = 0; p < GridCase::kPoints; ++p) {
-      // Equal points make equal errors: they add up like the factors. Sums of N terms round with
-      // their root.
+      // Errors of equal points are equal and add up like the factors. Rounding errors of a sum of N
+      // terms grow with the root of N.
       sum_ = squares_ = 0;
       for (std::size_t i = 0; i < batch.samples(); ++i)
         if (batch.point[i] == p) {
@@ -185,7 +185,7 @@ class GridOracle {
     return z;
   }
 
-  /// ReLU; a closed one passes nothing on, errors neither.
+  /// Applies the ReLU, which sets values and errors to 0 where it is closed.
   Uncertain gate(int layer, Uncertain z) {
     std::vector<double>& margin = expected_.margin[layer];
     margin.resize(z.value.size(), INFINITY);
@@ -195,15 +195,15 @@ class GridOracle {
     }
     return z;
   }
-  /// What comes back through the ReLU that gave `x`.
+  /// Returns the derivative with respect to the input of the ReLU that returned `x`.
   static Uncertain pass(const Uncertain& x, Uncertain d) {
     for (std::size_t i = 0; i < d.value.size(); ++i)
       if (x.value[i] <= 0) d.value[i] = d.variance[i] = 0;
     return d;
   }
 
-  /// Adds to the gradient what the layer's weights get from this point's samples; returns d loss /
-  /// d x.
+  /// Adds the derivatives with respect to the layer's weights at this point to the gradient;
+  /// returns d loss / d x.
   Uncertain adjoint(int layer, const Uncertain& x, const Uncertain& d) {
     const GridLayerShape shape = grid_layer(grid_.config, layer);
     Uncertain d_x{std::vector<double>(shape.inputs), std::vector<double>(shape.inputs)};
@@ -229,8 +229,8 @@ class GridOracle {
   GridExpected expected_;
 };
 
-/// Weights whose ReLUs no rounding of bf16, and so none of fp32, takes over its kink: layer by
-/// layer, neurons that are nearer are drawn anew.
+/// Returns weights for which no rounding of bf16, and so none of fp32, moves a pre-activation
+/// across the kink of its ReLU. Layer by layer, neurons nearer to it are drawn again.
 inline GridCase grid_case(const GridFieldConfig& config) {
   GridCase grid(config, 1);
   std::vector<float> drawn(grid.weights.size());
@@ -239,7 +239,7 @@ inline GridCase grid_case(const GridFieldConfig& config) {
     grid_network_initialize(config, seed, drawn);
     bool near = false;
     for (const auto& [layer, margin] :
-         expected.margin) {  // from the first: what stands behind it changes with it
+         expected.margin) {  // in order: later layers depend on earlier ones
       const GridLayerShape shape = grid_layer(config, layer);
       for (std::size_t o = 0; o < margin.size(); ++o) {
         if (margin[o] > kDeviations) continue;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Every backend and instruction set x every stage of --method grid x sizes, against the oracle.
-// Tolerances count roundings to fp32, u = 2^-24 each: in the stages of one ray or point all of
-// them, in the networks statistically (grid_case.h).
+// Tolerances count roundings to fp32, u = 2^-24 each: all of them in the stages of one ray or
+// point, statistically in the networks (grid_case.h).
 #include <cmath>
 #include <limits>
 #include <map>
@@ -22,7 +22,7 @@ namespace {
 
 constexpr double u = kFp32Roundoff;
 
-/// Ray counts and lengths that no vector width divides, alone and together.
+/// Ray counts and lengths that are no multiples of a vector width, alone and together.
 std::vector<BatchSize> batch_sizes() {
   std::vector<BatchSize> sizes;
   for (const int n_rays : {1, 7, 100})
@@ -36,7 +36,7 @@ INSTANTIATE_TEST_SUITE_P(Backends, GridStagesTest, testing::ValuesIn(candidates(
 
 const RaySpacing kSpacing{0.5f, 500, 20};
 
-/// Intervals of rays, some of no length; all rays are of one.
+/// Intervals of rays, some of length 0; all rays have the same origin and direction.
 struct Rows {
   BatchSize size;
   std::vector<float> edges;
@@ -59,14 +59,14 @@ struct Rows {
   }
 };
 
-TEST_P(GridStagesTest, Spaced) {
-  // The scalar function is the definition, bit by bit.
+TEST_P(GridStagesTest, SampleUniform) {
+  // The result must equal that of the scalar function bit by bit.
   const auto backend = make(), ref = make_ref_backend();
   for (const BatchSize& size : batch_sizes())
     for (const bool jitter : {false, true})
       for (const bool unbounded : {false, true}) {
         SCOPED_TRACE(trace(size));
-        // From outside a cube as well as from within, towards it and not.
+        // Origins outside and inside of the cube, rays towards it and away.
         const std::vector<float> origin = random_floats(3 * size.n_rays, 227, -20, 20),
                                  direction = random_floats(3 * size.n_rays, 228, -1, 1);
         const UniformSampling how{size.per_ray, kSpacing, {{1, 2, 3}, 12, unbounded}, jitter, 77};
@@ -77,8 +77,9 @@ TEST_P(GridStagesTest, Spaced) {
       }
 }
 
-TEST_P(GridStagesTest, Proposed) {
-  // As above; steep where weights vanish, so that there would be no useful tolerance.
+TEST_P(GridStagesTest, SamplePdf) {
+  // Bit by bit as above: the inverse is steep where weights vanish, so no tolerance would be
+  // useful.
   const auto backend = make(), ref = make_ref_backend();
   for (const BatchSize& size : batch_sizes())
     for (const int to : {1, 3, 24, 64}) {
@@ -87,7 +88,7 @@ TEST_P(GridStagesTest, Proposed) {
       std::vector<float> weights =
           random_floats(from.count(), 220, -0.5 / size.per_ray, 1.0 / size.per_ray);
       for (float& w : weights) w = std::max(w, 0.0f);
-      std::fill_n(weights.begin(), size.per_ray, 0.0f);  // the first ray met nothing
+      std::fill_n(weights.begin(), size.per_ray, 0.0f);  // the first ray has no weight
       std::vector<float> edges(size.n_rays * (to + 1), NAN), expected(edges.size());
       backend->grid().sample_pdf(size.n_rays, from.intervals(), weights, {to, 0.05f, true, 78},
                                  edges);
@@ -116,10 +117,9 @@ TEST_P(GridStagesTest, Contract) {
                                footprint);
       ref->grid().contract(contraction, rays, angle, rows.intervals(), least_width, expected,
                            expected_footprint);
-      // u_k = (o - c) / half + t d / half: each of the terms rounds up to four times.  Its error
-      // goes on by d unit / d u, of which no row sums up to more than 1/2 (bounded) or, where m >
-      // 1, 3 / (4 m); the map itself rounds five times, up to 1 (or, outside a bounded scene,
-      // further).
+      // u_k = (o - c) / half + t d / half: each term rounds up to four times. This error is
+      // multiplied by d unit / d u, whose rows sum up to at most 1/2 (bounded) or, where m > 1, 3 /
+      // (4 m). The map itself rounds five times, up to 1 (or more, outside a bounded scene).
       std::vector<double> of_u(n), m(n);
       for (std::size_t i = 0; i < n; ++i) {
         const std::size_t ray = i / size.per_ray;
@@ -138,9 +138,9 @@ TEST_P(GridStagesTest, Contract) {
             const double reach = unbounded ? 0.75 / std::max(1.0, m[i % n]) : 0.5;
             return reach * of_u[i % n] + 5 * u * std::max(1.0, double(std::abs(expected[i])));
           }));
-      // The cube root is good to 1e-5, and a volume below 1e-30 counts as that; the cube roots of
-      // ten more roundings and of what the error of u does to the map's factor, which has no power
-      // of m above 4/3 in it.
+      // The cube root is accurate to 1e-5, and volumes below 1e-30 count as 1e-30. To that add cube
+      // roots of ten more roundings and of the factor's error by that of u; the factor contains
+      // powers of m up to 4/3.
       ASSERT_TRUE(all_near(
           footprint, [&](auto i) { return expected_footprint[i]; },
           [&](std::size_t i) {
@@ -151,7 +151,7 @@ TEST_P(GridStagesTest, Contract) {
 }
 
 TEST_P(GridStagesTest, ContractSamplesOfKnownSize) {
-  // A pixel is 0.02 m wide at 2 m; its intervals are 1 m and 2 m long, and a metre is an eighth of
+  // A pixel is 0.02 m wide at 2 m. The intervals are 1 m and 2 m long, and a metre is an eighth of
   // the cube's side.
   const std::vector<float> origin{0, 0, 0}, direction{1, 0, 0}, angle{0.01f},
       edges{1.5f, 2.5f, 4.5f};
@@ -189,9 +189,9 @@ TEST_P(GridStagesTest, ContractBackward) {
                                         d_direction);
       ref->grid().contract_backward(contraction, rays, rows.intervals(), d_position,
                                     expected_origin, expected_direction);
-      // A sample's part is at most three times the scale times the sum of |d_position|. Its
-      // factors, and the powers of m above -4 in them, round ten times; m itself is off by four
-      // roundings of its terms. Then per_ray parts are added up.
+      // A sample's term is at most three times the scale times the sum of |d_position|. Its
+      // factors, and the powers of m down to -4 in them, round ten times; m itself is off by four
+      // roundings of its terms. Then per_ray terms are added up.
       std::vector<double> of_origin(n_rays), of_direction(n_rays);
       for (std::size_t i = 0; i < n; ++i) {
         const std::size_t ray = i / size.per_ray;
@@ -220,7 +220,7 @@ TEST_P(GridStagesTest, ContractBackward) {
 }
 
 std::vector<HashGridConfig> grids() {
-  // Dense and hashed levels each. No level has more than 2^10 cells times an odd number: see
+  // Dense and hashed levels each. All levels have an odd number of cells times at most 2^10, see
   // Points.
   return {{8, 4, 4, 512, 12}, {4, 8, 5, 300, 11}, {16, 2, 3, 700, 10}, {5, 1, 6, 160, 13}};
 }
@@ -228,10 +228,10 @@ std::string trace(const HashGridConfig& grid) {
   return std::to_string(grid.levels) + " x " + std::to_string(grid.features);
 }
 
-/// Points whose coordinates are odd multiples of 2^-12, so that their place in a cell is exact in
-/// float, and none lies on the border of one: scaled by 2^a odd cells, a <= 10, they are odd
-/// multiples of 2^(a - 12), never half-integers. Runs of 24 are a ray's: neighbours that often
-/// share a cell.
+/// Points whose coordinates are odd multiples of 2^-12, so that their position in a cell is exact
+/// in float, and none is on the border of a cell: times 2^a odd cells, a <= 10, they are odd
+/// multiples of 2^(a - 12), never half-integers. Runs of 24 are a ray's neighbours that often share
+/// a cell.
 struct Points {
   std::vector<float> position, footprint;
 
@@ -261,8 +261,8 @@ std::vector<float> table_of(const HashGridConfig& config) {
   return random_floats(hash_grid_size(config), 245, -1, 1);
 }
 
-/// [n][levels]: what each level's roundings count for at a point: more than the level itself, as
-/// its floor is taken away.
+/// Returns [n][levels]: bound of the magnitudes in each level's rounding errors at a point. It
+/// exceeds the level's weight, since the level's floor is subtracted.
 std::vector<std::vector<double>> level_weights(const HashGridConfig& config, const Points& at) {
   const auto levels = hash_grid_levels(config);
   std::vector<std::vector<double>> out(at.footprint.size());
@@ -283,15 +283,15 @@ TEST_P(GridStagesTest, Encode) {
       std::vector<float> features(n * config.outputs(), NAN), expected(features.size());
       backend->grid().encode({config, table}, at.points(), features);
       ref->grid().encode({config, table}, at.points(), expected);
-      // Numbers up to 1, of weights that add up to the level's: two roundings of that, three of
-      // products, five of sums, and the oracle's own.
+      // Numbers up to 1, with weights that add up to the level's: two roundings of the weight,
+      // three of products, five of sums, and the oracle's own.
       const auto weights = level_weights(config, at);
       ASSERT_TRUE(all_near(
           features, [&](auto i) { return expected[i]; },
           [&](std::size_t i) {
             return 12 * u * weights[i / config.features % n][i / config.features / n];
           }));
-      // The first of more points, in place.
+      // Points with a stride: the first ones of a larger array.
       if (n < 7) continue;
       std::vector<float> of_first(n / 2 * config.outputs(), NAN);
       backend->grid().encode({config, table}, at.points().first(n / 2), of_first);
@@ -302,9 +302,9 @@ TEST_P(GridStagesTest, Encode) {
     }
 }
 
-TEST_P(GridStagesTest, EncodeOfAnyPosition) {
-  // The place in a cell rounds once, up to the number of cells, and moves a mean of numbers in
-  // -1..1 by twice that along each axis.
+TEST_P(GridStagesTest, EncodeAtAnyPosition) {
+  // The position in a cell rounds once, up to the number of cells. This moves an average of numbers
+  // in [-1, 1] by twice as much along each axis.
   const auto backend = make(), ref = make_ref_backend();
   const std::size_t n = 200;
   for (const HashGridConfig& config : grids()) {
@@ -330,7 +330,7 @@ TEST_P(GridStagesTest, EncodeBackward) {
     for (const std::size_t n : point_counts())
       for (const bool with_position : {false, true}) {
         SCOPED_TRACE(trace(config) + ", " + std::to_string(n));
-        // What a point outside has along that axis is not said.
+        // The derivative along an axis is undefined for points outside of the cube.
         const Points at(n, !with_position);
         const std::vector<float> table = table_of(config),
                                  d = random_floats(n * config.outputs(), 247, -1, 1);
@@ -341,10 +341,10 @@ TEST_P(GridStagesTest, EncodeBackward) {
             expected_position(d_position.size()), twice(table.size());
         backend->grid().encode_backward({config, table}, at.points(), d, d_table, d_position);
         ref->grid().encode_backward({config, table}, at.points(), d, expected, expected_position);
-        // Shares are not negative, so this is what the absolute terms add up to.
+        // Corner weights are not negative, so this is the sum of the absolute terms.
         ref->grid().encode_backward({config, table}, at.points(), magnitude, sums, {});
-        // A term rounds six times, and its level's weight by 3 of what that may be; then sums of up
-        // to n of them.
+        // A term rounds six times, and the weight of its level by 3 of its bound; then sums of up
+        // to n terms.
         const double terms = static_cast<double>(n) + 8;
         const auto allowed = [&](std::size_t i) {
           return terms * u * (sums[i] + (sums[i] > 0 ? before : 0)) +
@@ -353,8 +353,9 @@ TEST_P(GridStagesTest, EncodeBackward) {
         ASSERT_TRUE(all_near(
             d_table, [&](auto i) { return double(before) + expected[i]; }, allowed));
         if (!with_position) continue;
-        // Of numbers up to 1, a level adds up to 2 features cells weight along an axis: products
-        // and the sum over features, a few roundings of shares, the sum over corners and levels.
+        // For numbers up to 1, a level adds at most 2 features cells weight along an axis: products
+        // and the sum over features, a few roundings of corner weights, the sum over corners and
+        // levels.
         const auto levels = hash_grid_levels(config);
         const auto weights = level_weights(config, at);
         ASSERT_TRUE(all_near(
@@ -368,14 +369,14 @@ TEST_P(GridStagesTest, EncodeBackward) {
         std::fill(twice.begin(), twice.end(), before);
         backend->grid().encode_backward({config, table}, at.points(), d, twice, {});
         if (GetParam().adds_in_order())
-          ASSERT_TRUE(bit_equal(twice, d_table)) << "the positions' gradient is another matter";
+          ASSERT_TRUE(bit_equal(twice, d_table)) << "d_table must not depend on d_position";
         else
           ASSERT_TRUE(all_near(
               twice, [&](auto i) { return d_table[i]; }, allowed));
       }
 }
 
-/// The networks': every width, both depths, every shape of grid.
+/// Cases of the networks: every width, both depths, every shape of grid.
 const std::vector<GridCase>& cases() {
   static const std::vector<GridCase> all = [] {
     std::vector<GridCase> made;
@@ -393,7 +394,8 @@ std::string trace(const GridCase& grid) {
   return trace(grid.config.grid) + ", width " + std::to_string(grid.config.width) + ", " +
          std::to_string(grid.config.colour_layers) + " colour layers";
 }
-/// A tile is 256 or 384 samples: rays longer than one, tiles of a few rays, more tiles than lanes.
+/// A tile is 256 or 384 samples: rays longer than a tile, tiles of a few rays, more tiles than
+/// chunks.
 std::vector<BatchSize> network_batch_sizes() {
   if (kSanitized) return {{1, 1}, {7, 3}, {33, 24}};
   return {{1, 1}, {1, 24}, {7, 3}, {33, 24}, {3, 64}, {2, 600}, {400, 24}};
@@ -424,8 +426,8 @@ TEST_P(GridStagesTest, NetworkForward) {
             return kDeviations *
                    expected.raw_deviation[batch.point[i % batch.samples()]][i / batch.samples()];
           }));
-      // A sample in another one's place would be off by the spread of the points: the tolerance is
-      // below that, of fp32 far below.
+      // A sample at another one's position would be off by the spread of the points; the tolerance
+      // is below that, for fp32 far below.
       for (int k = 0; k < 4; ++k) {
         double low = INFINITY, high = -INFINITY, deviation = 0;
         for (int p = 0; p < GridCase::kPoints; ++p) {
@@ -467,7 +469,8 @@ TEST_P(GridStagesTest, NetworkBackward) {
               << "sample " << s << ", feature " << k;
         }
       if (size.n_rays < 7) continue;
-      for (int layer = 0; layer < kGridLayers; ++layer) {  // the tolerance must not hide a matrix
+      for (int layer = 0; layer < kGridLayers;
+           ++layer) {  // the tolerance must be below each matrix's gradient
         const GridLayerShape shape = grid_layer(grid.config, layer);
         double square = 0, variance = 0;
         for (std::size_t i = shape.offset;
@@ -493,8 +496,8 @@ TEST_P(GridStagesTest, ProposalDensity) {
       std::vector<float> density(n, NAN), expected(n);
       backend->grid().proposal_density({config, table}, scale, at.points(), density);
       ref->grid().proposal_density({config, table}, scale, at.points(), expected);
-      // The logarithm is a sum of 8 levels numbers whose magnitudes add up to the levels' weights;
-      // five roundings before it. Then an exponential, the scale and the oracle's own.
+      // The logarithm is a sum of 8 levels numbers whose magnitudes add up to the levels' weights,
+      // after five roundings. Then an exponential, the scale and the oracle's own roundings.
       const auto weights = level_weights(config, at);
       ASSERT_TRUE(all_near(
           density, [&](auto i) { return expected[i]; },
@@ -521,7 +524,7 @@ TEST_P(GridStagesTest, ProposalDensity) {
     }
 }
 
-TEST_P(GridStagesTest, ProposalDensityIsBound) {
+TEST_P(GridStagesTest, ProposalDensityStaysFinite) {
   const auto backend = make();
   const HashGridConfig config{5, 1, 6, 160, 13};
   const std::vector<float> footprint(3), position(9, 0.3f);
@@ -534,7 +537,7 @@ TEST_P(GridStagesTest, ProposalDensityIsBound) {
   }
 }
 
-/// Densities from thin to a wall, some 0.
+/// Returns densities from thin to opaque, some 0.
 std::vector<float> densities(const Rows& rows) {
   std::vector<float> density(rows.count());
   for (std::size_t i = 0; i < density.size(); ++i)
@@ -544,8 +547,8 @@ std::vector<float> densities(const Rows& rows) {
   return density;
 }
 
-/// What is left behind interval i of a ray, and how far that may be off, relatively: two
-/// exponentials' errors per interval, and the depths, rounded, in their arguments.
+/// Transmittance behind interval i of a ray, and its relative error bound: the errors of two
+/// exponentials per interval, and the rounded optical depths in their arguments.
 struct Transmittance {
   std::vector<double> after, error;
 
@@ -558,7 +561,7 @@ struct Transmittance {
     }
   }
 };
-/// Exponentials end at e^-87.
+/// Exponentials underflow below e^-87.
 constexpr double kTiny = 2e-38;
 
 TEST_P(GridStagesTest, Weights) {
@@ -574,7 +577,7 @@ TEST_P(GridStagesTest, Weights) {
       const std::size_t first = std::size_t(ray) * size.per_ray;
       const Transmittance left(rows.of(ray), &density[first], size.per_ray);
       for (int i = 0; i < size.per_ray; ++i) {
-        // Not its own depth: 1 - exp(-x) takes no more of x's error than x itself.
+        // Without its own optical depth: the relative error of 1 - exp(-x) is at most that of x.
         const double error = (i > 0 ? left.error[i - 1] : 0) + kExponentialError + 4 * u;
         ASSERT_NEAR(weights[first + i], expected[first + i], error * expected[first + i] + kTiny)
             << "ray " << ray << ", " << i;
@@ -601,7 +604,7 @@ TEST_P(GridStagesTest, WeightsBackward) {
       const std::size_t first = std::size_t(ray) * size.per_ray;
       const float* const edges = rows.of(ray);
       const Transmittance left(edges, &density[first], size.per_ray);
-      double behind = 0;  // of absolute terms: n sums of them round n times
+      double behind = 0;  // sum of absolute terms, which rounds n times
       for (int i = size.per_ray - 1; i >= 0; --i) {
         const double length = double(edges[i + 1]) - edges[i],
                      own = left.after[i] * std::abs(d_weights[first + i]);
@@ -615,7 +618,7 @@ TEST_P(GridStagesTest, WeightsBackward) {
   }
 }
 
-TEST_P(GridStagesTest, Range) {
+TEST_P(GridStagesTest, RangeLoss) {
   const auto backend = make(), ref = make_ref_backend();
   for (const BatchSize& size : batch_sizes()) {
     SCOPED_TRACE(trace(size));
@@ -629,12 +632,12 @@ TEST_P(GridStagesTest, Range) {
                                  &loss);
       ref->grid().range_loss(size.n_rays, rows.intervals(), weights, range_m, spread_m, 5, expected,
                              &expected_loss);
-      // w - g with g from two values of one function in [0, 1] that both sides round alike: one
-      // rounding in the difference, two in the products. Squares of at most 1 summed over a ray, in
-      // double over rays.
+      // w - g, where both sides round the two function values in g, in [0, 1], alike: one rounding
+      // in the difference, two in the products. Squares of at most 1 are summed over a ray in fp32,
+      // over rays in double.
       const double of_g =
-          GetParam().error_function_ulps() * 2 * u;  // two halves of it, each at most 1
-      // ... and of what g itself may be off: twice the sum of |w - g|, at most 1.9 + 1 a ray.
+          GetParam().error_function_ulps() * 2 * u;  // half of two values, each at most 1
+      // ... plus the error of g itself: twice the sum of |w - g|, at most 1.9 + 1 per ray.
       EXPECT_NEAR(loss, expected_loss,
                   2 * size.per_ray * u * expected_loss + 5 * (4 * u + 6 * of_g));
       for (std::size_t i = 0; i < d.size(); ++i)
@@ -645,7 +648,7 @@ TEST_P(GridStagesTest, Range) {
   }
 }
 
-TEST_P(GridStagesTest, EmptySpace) {
+TEST_P(GridStagesTest, SparsityLoss) {
   const auto backend = make(), ref = make_ref_backend();
   for (const BatchSize& size : batch_sizes()) {
     SCOPED_TRACE(trace(size));
@@ -656,8 +659,8 @@ TEST_P(GridStagesTest, EmptySpace) {
     double loss = NAN, expected_loss = NAN;
     backend->grid().sparsity_loss(size.n_rays, rows.intervals(), density, 5, d, &loss);
     ref->grid().sparsity_loss(size.n_rays, rows.intervals(), density, 5, expected, &expected_loss);
-    // 1 + x is off by 3 roundings of itself, so its logarithm by as many u and two of its own; sums
-    // of a ray in fp32.
+    // 1 + x has 3 roundings, so its logarithm as many u and two of its own; sums over a ray are
+    // fp32.
     EXPECT_NEAR(loss, expected_loss,
                 5 * 4 * size.per_ray * u + (size.per_ray + 3) * u * expected_loss);
     for (std::size_t i = 0; i < d.size(); ++i)
@@ -665,7 +668,7 @@ TEST_P(GridStagesTest, EmptySpace) {
   }
 }
 
-TEST_P(GridStagesTest, Proposal) {
+TEST_P(GridStagesTest, ProposalLoss) {
   const auto backend = make(), ref = make_ref_backend();
   int lacking_in_all = 0;
   for (const BatchSize& size : batch_sizes())
@@ -674,7 +677,7 @@ TEST_P(GridStagesTest, Proposal) {
       const Rows rows(size), proposal({size.n_rays, m}, 6);
       const std::vector<float> bounds = random_floats(proposal.count(), 271, 0, 1.0 / m);
       std::vector<float> weights = random_floats(rows.count(), 270, 0, 1.9 / size.per_ray);
-      for (std::size_t i = 0; i < weights.size(); ++i)  // what has no length has no weight
+      for (std::size_t i = 0; i < weights.size(); ++i)  // intervals of length 0 have no weight
         if (const float* edge = &rows.edges[i + i / size.per_ray]; edge[0] == edge[1])
           weights[i] = 0;
       std::vector<float> d(proposal.count(), NAN), expected(proposal.count());
@@ -683,9 +686,9 @@ TEST_P(GridStagesTest, Proposal) {
                                     bounds, d, &loss);
       ref->grid().proposal_loss(size.n_rays, rows.intervals(), weights, proposal.intervals(),
                                 bounds, expected, &expected_loss);
-      // In a bound up to m sums round; what is lacking is off by that, its share by two more
-      // roundings, and their sum over n intervals (the loss's, weighted) n times. Of the opacities
-      // m + n sums round.
+      // Up to m sums of a bound round. The excess weight has that error, its fraction two more
+      // roundings, and the sum over n intervals (weighted, in the loss) n more. The opacities are m
+      // + n sums.
       double loss_error = 0;
       for (int ray = 0; ray < size.n_rays; ++ray) {
         std::vector<double> error(m), sum(m);
@@ -705,7 +708,7 @@ TEST_P(GridStagesTest, Proposal) {
           const double off = u * (w + m * bound), lacking = std::max(0.0, w - bound),
                        share = lacking / (w + 1e-7);
           lacking_in_all += lacking > 0;
-          if (lacking + off < 0 || w - bound < -off) continue;  // zero, however it rounds
+          if (lacking + off < 0 || w - bound < -off) continue;  // zero with any rounding
           for (const int j : over) {
             error[j] += 2 * (off + 2 * u * lacking) / (w + 1e-7);
             sum[j] += 2 * share;
@@ -828,7 +831,7 @@ TEST_P(GridStagesTest, ChecksSizes) {
   EXPECT_THROW(stages.sparsity_loss(3, rows.intervals(), n, 1, few, &loss), std::logic_error);
 }
 
-/// Everything that the stages compute for one batch, end to end.
+/// Returns the results of all stages for one batch, end to end.
 std::map<std::string, std::vector<float>> all_stages(GridStages& stages, const GridCase& network,
                                                      BatchSize size) {
   std::map<std::string, std::vector<float>> out;
@@ -884,8 +887,8 @@ std::map<std::string, std::vector<float>> all_stages(GridStages& stages, const G
                     made("range d_weights", n), &loss);
   out["range loss"] = {static_cast<float>(loss)};
   stages.sparsity_loss(n_rays, intervals, std::span(raw).subspan(3 * n), 2,
-                       made("empty space d_density", n), &loss);
-  out["empty space loss"] = {static_cast<float>(loss)};
+                       made("sparsity d_density", n), &loss);
+  out["sparsity loss"] = {static_cast<float>(loss)};
   auto& d_weights = made("d_weights", weights.size());
   stages.proposal_loss(n_rays, intervals, field_weights, proposal, weights, d_weights, &loss);
   out["loss"] = {static_cast<float>(loss),
@@ -898,7 +901,7 @@ std::map<std::string, std::vector<float>> all_stages(GridStages& stages, const G
   return out;
 }
 
-TEST_P(GridStagesTest, IsTheSameBitForBitAgainAndOnAnyNumberOfThreads) {
+TEST_P(GridStagesTest, SameBitsAgainAndOnAnyNumberOfThreads) {
   const auto backend = make(2), single = make(1), five = make(5);
   const BatchSize size =
       GetParam().is_oracle() || kSanitized ? BatchSize{37, 9} : BatchSize{401, 24};

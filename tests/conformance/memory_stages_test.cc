@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What every backend does to numbers wherever they are: on the host, or kept in memory of its own.
+// Memory and vector stages of every backend, with numbers on the host or resident in the backend's
+// memory.
 #include <cmath>
 #include <limits>
 #include <vector>
@@ -25,10 +26,10 @@ double mean_of(Backend& backend, std::span<const float> numbers) {
 
 TEST_P(MemoryStages, FillSetsEveryValue) {
   const auto backend = make();
-  Buffer<float> kept(1000);
+  Buffer<float> resident(1000);
   std::vector<float> here(1000);
-  make_resident(*backend, kept);
-  for (const std::span<float> numbers : {kept.span(), std::span(here)}) {
+  make_resident(*backend, resident);
+  for (const std::span<float> numbers : {resident.span(), std::span(here)}) {
     backend->fill(numbers.subspan(100, 700), 0.75f);
     backend->fill(numbers.first(0), 3);
     backend->download(numbers);
@@ -40,15 +41,16 @@ TEST_P(MemoryStages, FillSetsEveryValue) {
 TEST_P(MemoryStages, MeanIsSummedInDouble) {
   const auto backend = make();
   for (const std::size_t n : {1u, 63u, 64u, 65u, 4096u, 4097u, 20011u}) {
-    // Whole numbers, whose sum float does not hold, but double does.
-    Buffer<float> kept(n);
+    // Integers whose sum is exact in double but not in float.
+    Buffer<float> resident(n);
     double expected = 0;
-    for (std::size_t i = 0; i < n; ++i) expected += kept[i] = static_cast<float>((1 << 23) + 3 * i);
+    for (std::size_t i = 0; i < n; ++i)
+      expected += resident[i] = static_cast<float>((1 << 23) + 3 * i);
     expected /= n;
-    EXPECT_EQ(mean_of(*backend, kept), expected);
-    make_resident(*backend, kept);
-    EXPECT_EQ(mean_of(*backend, kept), expected);
-    EXPECT_EQ(mean_of(*backend, kept.span().last(1)), kept[n - 1]);
+    EXPECT_EQ(mean_of(*backend, resident), expected);
+    make_resident(*backend, resident);
+    EXPECT_EQ(mean_of(*backend, resident), expected);
+    EXPECT_EQ(mean_of(*backend, resident.span().last(1)), resident[n - 1]);
   }
   EXPECT_THROW(mean_of(*backend, {}), std::logic_error);
   const std::vector<float> numbers = random_floats(5000, 400, -1, 1);
@@ -57,15 +59,15 @@ TEST_P(MemoryStages, MeanIsSummedInDouble) {
 
 TEST_P(MemoryStages, ResultsStayOnTheDevice) {
   const auto backend = make();
-  Buffer<double> kept(3);
-  make_resident(*backend, kept);
+  Buffer<double> resident(3);
+  make_resident(*backend, resident);
   const std::vector<float> numbers = {1, 2, 6}, spoilt = {NAN};
-  backend->mean(numbers, &kept[0]);
-  backend->not_finite(spoilt, &kept[2]);
-  backend->download(as_floats(std::as_const(kept).span()));
-  EXPECT_EQ(kept[0], 3);
-  EXPECT_EQ(kept[1], 0);
-  EXPECT_GT(kept[2], 0);
+  backend->mean(numbers, &resident[0]);
+  backend->not_finite(spoilt, &resident[2]);
+  backend->download(as_floats(std::as_const(resident).span()));
+  EXPECT_EQ(resident[0], 3);
+  EXPECT_EQ(resident[1], 0);
+  EXPECT_GT(resident[2], 0);
 }
 
 TEST_P(MemoryStages, NotFiniteFindsInfinityAndNaN) {

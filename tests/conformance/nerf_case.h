@@ -1,24 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
-// A batch for the network whose answer, and whose allowed deviation from it, are computed in
-// double.
+// A batch for the network whose results and tolerances are computed in double.
 //
-// Sixteen points. All samples of a batch, whatever its size, lie at one of 4 x 4 points (4 rays, 4
-// depths), in an order that differs from ray to ray. So the oracle costs sixteen evaluations, and
-// biases can be chosen so that no ReLU of any point is near its kink (kinks are avoided, tolerances
-// are not loosened): for each neuron, in the middle of the widest gap that its sixteen
-// pre-activations leave among the middle ones. The neuron is then open at some points and closed at
-// others.
+// All samples of a batch of any size are at one of sixteen points: 4 rays x 4 depths, in an order
+// that differs from ray to ray. So the oracle costs sixteen evaluations, and biases can be chosen
+// so that no ReLU is near its kink at any point (kinks are avoided, tolerances are not loosened).
+// Each neuron's bias is in the middle of the widest gap between the central ones of its sixteen
+// pre-activations. The neuron is then open at some points and closed at others.
 //
 // Rounding model (Higham and Mary, "A new approach to probabilistic rounding error analysis", 2019:
 // roundings are independent, of mean zero): a rounding to unit roundoff u has relative standard
 // deviation at most u / sqrt(3). With r = u / sqrt(3) of the operands (bf16: u = 2^-8, fp32: 2^-24)
-// and s = 2^-24 / sqrt(3) of the fp32 sums, a layer z = W x + b with n inputs carries the variance
-//   v_z = sum W^2 v_x   (what came in)   + 2 r^2 sum W^2 x^2   (W and x are rounded)   + s^2 (n +
-//   1) (sum W^2 x^2 + b^2),
-// because each of its n partial sums is about as large as the root of sum W^2 x^2. The adjoint goes
-// through the same recursion with W^T, and a weight's gradient sum_s d x carries sum_s (d^2 v_x +
-// x^2 v_d + 2 r^2 d^2 x^2) + s^2 N sum d^2 x^2. Tolerance: kDeviations standard deviations; each
-// test asserts that this is small against what a misplaced sample would do.
+// and s = 2^-24 / sqrt(3) of the fp32 sums, a layer z = W x + b with n inputs has the variance
+//   v_z = sum W^2 v_x   (error of the input)
+//     + 2 r^2 sum W^2 x^2   (W and x are rounded)
+//     + s^2 (n + 1) (sum W^2 x^2 + b^2),
+// because each of its n partial sums is about as large as the root of sum W^2 x^2. The backward
+// pass follows the same recursion with W^T, and a weight's gradient sum_s d x has the variance
+// sum_s (d^2 v_x + x^2 v_d + 2 r^2 d^2 x^2) + s^2 N sum d^2 x^2. Tolerance: kDeviations standard
+// deviations. Each test asserts that it is far below the error of a misplaced sample.
 #pragma once
 
 #include <algorithm>
@@ -37,7 +36,7 @@ namespace redrive::kernels::conformance {
 
 constexpr double kDeviations = 8;
 constexpr double kFp32Roundoff = 0x1p-24, kBf16Roundoff = 0x1p-8;
-/// Angle doubling over five octaves from sin and cos good to 2e-7: 16 x 2e-7, rounded up.
+/// Doubles angles over five octaves from sin and cos with errors of 2e-7: 16 x 2e-7, rounded up.
 constexpr double kEncodingError = 4e-6;
 
 inline double uniform(std::uint64_t stream, std::uint64_t i) {  // [-1, 1)
@@ -46,10 +45,10 @@ inline double uniform(std::uint64_t stream, std::uint64_t i) {  // [-1, 1)
 
 struct Point {
   double position[3], direction[3];
-  double position_error[3];  ///< standard deviation of the kernel's unit position
+  double position_error[3];  ///< standard deviation of a backend's unit position
 };
 
-/// Of a backend's or network's arithmetic.
+/// Rounding of a backend's or network's arithmetic.
 struct Rounding {
   double operand;  ///< unit roundoff of weights and activations
 };
@@ -60,8 +59,7 @@ class NerfCase {
 
   explicit NerfCase(const NerfConfig& config)
       : config(config), parameters(nerf_parameter_count(config)) {
-    // Lattice of rays and depths whose points fill [-1, 1]^3 of the unit cube, generic so that no
-    // angle is special.
+    // Points of a lattice of rays and depths fill [-1, 1]^3 of the unit cube, at generic angles.
     const float directions[kRayKinds][3] = {
         {0.6f, 0, 0.8f}, {-0.48f, 0.6f, 0.64f}, {0.36f, -0.8f, 0.48f}, {0, -0.28f, 0.96f}};
     for (int kind = 0; kind < kRayKinds; ++kind)
@@ -94,17 +92,17 @@ class NerfCase {
       const double x = o + t * d;
       p.direction[k] = d;
       p.position[k] = (x - c) * s;
-      // float: the product, the sum, the difference and the scaling round, in any grouping of these
-      // terms
+      // in float, the product, the sum, the difference and the scaling round, in any grouping of
+      // these terms
       p.position_error[k] = s * kFp32Roundoff / std::sqrt(3.0) *
                             std::sqrt(t * d * t * d + x * x + 2 * (x - c) * (x - c) + c * c);
     }
     return p;
   }
 
-  /// Weights U(-a, a) with a = 3 / sqrt(inputs): variance 3 / inputs, which keeps the spread of
-  /// centred pre-activations from layer to layer (the variance of a normal variable's ReLU is 0.34
-  /// of its own). Layer by layer, as each one's pre-activations depend on those before it.
+  /// Chooses weights U(-a, a) with a = 3 / sqrt(inputs): variance 3 / inputs, which keeps the
+  /// spread of centred pre-activations from layer to layer (the variance of a normal variable's
+  /// ReLU is 0.34 of its own). Layer by layer, since pre-activations depend on the layers before.
   void choose_parameters() {
     for (int layer = 0; layer < kNerfLayers; ++layer) {
       std::vector<std::vector<double>> inputs;
@@ -116,7 +114,7 @@ class NerfCase {
         inputs.push_back(a.input[layer]);
       }
       const bool gated = ref::nerf_layer_has_relu(layer) ||
-                         layer == kNerfDensity;  // density: its ReLU is in compositing
+                         layer == kNerfDensity;  // the density's ReLU is in compositing
       for (int o = 0; o < nerf_layer(config, layer).outputs; ++o)
         choose_neuron(layer, o, inputs, gated);
     }
@@ -147,7 +145,7 @@ class NerfCase {
   }
 };
 
-/// Which point each sample of a batch is, and the batch itself.
+/// A batch and the point of each of its samples.
 struct NerfBatch {
   int n_rays, per_ray;
   std::vector<float> origin, direction, t, dt;
@@ -168,8 +166,8 @@ struct NerfBatch {
                                    static_cast<int>(NerfCase::kDepths * (s + shift) / per_ray));
         point.push_back(kind[ray] * NerfCase::kDepths + depth);
         t.push_back(nerf.depth_of[depth]);
-        // Four optical metres a ray, independent of t; every other ray ends in an infinite
-        // interval.
+        // An optical length of four metres per ray, independent of t; every other ray ends in an
+        // infinite interval.
         dt.push_back(static_cast<float>((1 + 0.5 * uniform(6, point.size())) * 4 / per_ray));
       }
       if (ray % 2 == 0) dt.back() = INFINITY;
@@ -188,10 +186,10 @@ struct Uncertain {
 /// Values and standard deviations: [4] per point, [n_parameters].
 struct Expected {
   std::vector<std::array<double, 4>> raw, raw_deviation;
-  std::vector<Uncertain> d_position;  ///< per point, [3]: of one sample of factor 1
+  std::vector<Uncertain> d_position;  ///< per point, [3]: one sample of factor 1
   std::vector<double> gradient, gradient_deviation;
   double smallest_margin =
-      INFINITY;  ///< over all ReLUs and points: |pre-activation| / its standard deviation
+      INFINITY;  ///< minimum over ReLUs and points of |pre-activation| / its standard deviation
 };
 
 class NerfOracle {
@@ -202,19 +200,18 @@ class NerfOracle {
         r2_(rounding.operand * rounding.operand / 3),
         s2_(kFp32Roundoff * kFp32Roundoff / 3) {}
 
-  /// The forward pass at every point and, if `d_raw` [4, samples] is given, the gradient that the
-  /// batch adds up to. d_raw of a sample must be its own factor times its point's vector: factor[s]
-  /// * vector[point[s]].
+  /// Runs the forward pass at every point and, unless batch is null, the gradient of the whole
+  /// batch. d_raw of a sample is its factor times its point's vector: factor[s] * vector[point[s]].
   Expected compute(const NerfBatch* batch, const std::vector<double>& factor,
                    const std::vector<std::array<double, 4>>& vector) {
     Expected out;
     out.gradient.assign(parameters_.size(), 0);
-    out.gradient_deviation.assign(parameters_.size(), 0);  // variances, until the end
+    out.gradient_deviation.assign(parameters_.size(), 0);  // variances until the end
     for (std::size_t p = 0; p < nerf_.points.size(); ++p) {
       forward(nerf_.points[p], &out);
       if (!batch) continue;
-      // Equal points make equal errors: they add up like the factors. Sums of N terms round with
-      // their root.
+      // Errors of equal points are equal and add up like the factors. Rounding errors of a sum of N
+      // terms grow with the root of N.
       double sum = 0, squares = 0;
       for (int s = 0; s < batch->samples(); ++s)
         if (batch->point[s] == static_cast<int>(p)) {
@@ -324,8 +321,8 @@ class NerfOracle {
     out->d_position.push_back(encoding_adjoint(d_gamma));
   }
 
-  /// positional_encoding_adjoint; its operands may be rounded, too, and its 2 n terms are added one
-  /// by one.
+  /// positional_encoding_adjoint with variances. Its operands may be rounded, and its 2 n terms are
+  /// added one by one.
   Uncertain encoding_adjoint(const Uncertain& d) const {
     const std::vector<double>&x = a_.input[0], &v_x = input_variance_[0];
     const int octaves = nerf_.config.position_octaves;

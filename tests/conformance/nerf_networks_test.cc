@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The networks of the cpu backend one by one, at the level of tiles and chunks: also the AMX path
-// with emulated tile instructions, which no backend offers.
+// The networks of the cpu backend one by one, at the level of tiles and chunks. Includes the AMX
+// path with emulated tile instructions, which no backend offers.
 #include <cmath>
 #include <memory>
 #include <string>
@@ -41,9 +41,9 @@ INSTANTIATE_TEST_SUITE_P(
                             make_nerf_amx_emulated}),
     [](const auto& info) { return info.param.name; });
 
-/// A case whose points are exact as floats in the unit cube, as tiles hold them: multiples of 2^-20
-/// below 2. (Not by a cast to float and back: g++ 12.2 drops that at -O2 when it vectorises this
-/// loop.)
+/// Returns a case whose points are exact as floats in the unit cube, as in tiles: multiples of
+/// 2^-20 below 2. (A cast to float and back does not work: g++ 12.2 drops it at -O2 when it
+/// vectorises this loop.)
 NerfCase tile_case(const NerfConfig& config) {
   NerfCase nerf(config);
   for (Point& point : nerf.points)
@@ -54,9 +54,9 @@ NerfCase tile_case(const NerfConfig& config) {
   return nerf;
 }
 
-/// The rays [first, first + count) of a batch as a tile, with its share of an upstream gradient.
-/// Rows of `raw` and `d_raw` are longer than the tile, and what stands behind it is NaN: it must
-/// not matter.
+/// The rays [first, first + count) of a batch as a tile, with its part of an upstream gradient.
+/// Rows of `raw` and `d_raw` are longer than the tile and NaN beyond it, which must not change any
+/// result.
 struct TileData {
   std::vector<float> position, direction, raw, d_raw, d_position;
   std::vector<int> point;
@@ -83,7 +83,7 @@ struct TileData {
   }
 };
 
-TEST_P(EveryNetwork, TwoLanesOfTiles) {
+TEST_P(EveryNetwork, TwoChunksOfTiles) {
   for (const NerfConfig& config : {NerfConfig{32, 4, 2}, NerfConfig{64, 10, 4},
                                    NerfConfig{96, 1, 1}, NerfConfig{256, 10, 4}}) {
 #if defined(__SANITIZE_THREAD__)
@@ -108,9 +108,9 @@ TEST_P(EveryNetwork, TwoLanesOfTiles) {
       const Expected expected =
           NerfOracle(nerf, {GetParam().roundoff}).compute(&batch, factor, vector);
       ASSERT_GT(expected.smallest_margin, kDeviations / 2)
-          << "a ReLU stands at its kink: choose other points";
+          << "a ReLU is at its kink: choose other points";
 
-      // Chunk 0 runs the first ray, then one more; chunk 1 the rest.
+      // Chunk 0 runs the first ray, then another one; chunk 1 runs the others.
       std::vector<TileData> tiles;
       tiles.emplace_back(nerf, batch, 0, 1, factor, vector);
       tiles.emplace_back(nerf, batch, 1, 1, factor, vector);
@@ -161,7 +161,7 @@ TEST_P(EveryNetwork, TwoLanesOfTiles) {
                    0x1p-23 * std::abs(expected.gradient[i]);
           }));
 
-      // Without keeping anything for a backward pass: the same.
+      // The same without the activations for a backward pass.
       TileData again = tiles[2];
       again.tile.position = again.position.data();
       again.tile.direction = again.direction.data();

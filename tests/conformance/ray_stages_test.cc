@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The stages of --method grid that treat whole rays, of every backend: against what they are
-// defined to be, and against the oracle, of which they differ by the exponential function alone, as
-// the formulas behind them are one for all.
+// Stages of --method grid on whole rays, of every backend, against their definition and against the
+// oracle. Backends share the formulas and differ only by the exponential function.
 #include <array>
 #include <cmath>
 #include <vector>
@@ -36,7 +35,7 @@ TEST_P(RayStages, CompactRaysFindsTheActiveRays) {
   for (const int n : {1, 7, 64, 1000, 5000})
     for (const float others : {0.0f, 0.25f}) {
       SCOPED_TRACE(n);
-      // Whole eighths: their sum is exact, and three of them are the least that counts.
+      // Multiples of 1/8, whose sum is exact; three of them are min_opacity.
       std::vector<float> weights(kPerRay * n);
       std::vector<std::uint32_t> expected;
       for (int ray = 0; ray < n; ++ray) {
@@ -47,15 +46,16 @@ TEST_P(RayStages, CompactRaysFindsTheActiveRays) {
         if (eighths >= 3 || ray % 50 == 21 || random_unit(kKey, ray) < others)
           expected.push_back(ray);
       }
-      std::vector<std::uint32_t> live(n, 12345);
-      live.resize(backend->grid().compact_rays(n, kPerRay, weights, {0.375f, others, kKey}, live));
+      std::vector<std::uint32_t> active(n, 12345);
+      active.resize(
+          backend->grid().compact_rays(n, kPerRay, weights, {0.375f, others, kKey}, active));
       if (expected.empty()) expected = {0};
-      EXPECT_EQ(live, expected);
-      EXPECT_GE(live.size(), n < 5000 ? 1u : others > 0 ? 3000u : 2800u);
+      EXPECT_EQ(active, expected);
+      EXPECT_GE(active.size(), n < 5000 ? 1u : others > 0 ? 3000u : 2800u);
     }
-  std::vector<std::uint32_t> live(100, 12345);
-  EXPECT_EQ(backend->grid().compact_rays(100, 1, std::vector<float>(100), {0.01f}, live), 1);
-  EXPECT_EQ(live[0], 0u) << "stages are for at least one ray";
+  std::vector<std::uint32_t> active(100, 12345);
+  EXPECT_EQ(backend->grid().compact_rays(100, 1, std::vector<float>(100), {0.01f}, active), 1);
+  EXPECT_EQ(active[0], 0u) << "stages take at least one ray";
 }
 
 TEST_P(RayStages, GatherRaysAndScatterRays) {
@@ -86,14 +86,14 @@ TEST_P(RayStages, GatherRaysAndScatterRays) {
           }
         }
       }
-  // Neighbours that share a row.
+  // Rays that share a row.
   const std::vector<std::uint32_t> group = {0, 0, 0, 1, 2, 2};
   std::vector<float> rows(12);
   backend->grid().gather_rays(group, RayLayout::kRows, std::vector<float>{1, 2, 3, 4, 5, 6}, rows);
   EXPECT_EQ(rows, (std::vector<float>{1, 2, 1, 2, 1, 2, 3, 4, 5, 6, 5, 6}));
 }
 
-/// Ascending edges of rays.
+/// Returns ascending edges of rays.
 std::vector<float> edges_of(int n_rays, int per_ray) {
   std::vector<float> edges;
   for (int ray = 0; ray < n_rays; ++ray)
@@ -127,8 +127,8 @@ TEST_P(RayStages, Harmonics) {
       const double d[3] = {direction[ray], direction[n + ray], direction[2 * n + ray]};
       double expected[kHarmonics];
       spherical_harmonics(d, expected);
-      // Up to two differences of terms whose factors are at most 5 and 3: no more than 12 roundings
-      // of at most 9.
+      // Up to two differences of terms with factors of at most 5 and 3: at most 12 roundings of at
+      // most 9.
       for (int k = 0; k < kHarmonics; ++k)
         ASSERT_NEAR(harmonics[ray * kHarmonics + k], expected[k], 12 * 9 * u);
     }
@@ -147,7 +147,7 @@ struct Sky {
         pixel_angle(random_floats(n, 422, 0, 0.2)) {}
   HashGrid grid() const { return {kConfig, table}; }
   Rays rays() const { return {n, {}, direction}; }
-  /// Where the directions lie in the unit cube, as the header of field/sky.h says it.
+  /// Positions of the directions in the unit cube (field/sky.h).
   std::vector<float> position() const {
     std::vector<float> out;
     for (const float d : direction) out.push_back(0.5f * (d + 1));
@@ -173,8 +173,8 @@ TEST_P(RayStages, SkyForward) {
       for (int k = 0; k < 3; ++k) {
         double sum = 0;
         for (int l = 0; l < Sky::kConfig.levels; ++l) sum += features[(l * n + ray) * 4 + k];
-        // Two sums of up to 4 and 6 round, a quarter of which is left of them; then the
-        // exponential, a sum and a quotient.
+        // Two sums of up to 4 and 6 round, of which the sigmoid's derivative leaves a quarter; then
+        // the exponential, a sum and a quotient.
         ASSERT_NEAR(colour[k * n + ray], 1 / (1 + std::exp(-sum)), (10 / 4.0 + 4) * u)
             << ray << ", " << k;
       }
@@ -195,7 +195,7 @@ TEST_P(RayStages, SkyBackward) {
           d_direction(with_direction ? 3 * n : 0, before);
       backend->grid().sky_backward(sky.grid(), sky.rays(), sky.pixel_angle, colour, opacity, d_rgb,
                                    d_table, d_direction);
-      // The same by the stage of the grid, which has its own test.
+      // Expected gradients by the stage of the grid, which has its own test.
       std::vector<float> d_features(n * Sky::kConfig.outputs()), expected(d_table.size(), before),
           d_position(with_direction ? 3 * n : 0);
       for (int l = 0; l < Sky::kConfig.levels; ++l)
@@ -208,13 +208,12 @@ TEST_P(RayStages, SkyBackward) {
       backend->grid().encode_backward(sky.grid(),
                                       {static_cast<std::size_t>(n), position, footprint},
                                       d_features, expected, d_position);
-      // Up to n terms of at most a quarter, of which each is off by five roundings, and sums of
-      // them.
+      // Up to n terms of at most a quarter, each with five roundings, and their sums.
       const double of_table = n * (5 + n) * 0.25 * u;
       EXPECT_TRUE(all_near(
           d_table, [&](auto i) { return expected[i]; }, [&](auto) { return of_table; }));
-      // Per level up to 2 x 3 cells times that, times numbers up to 2, summed over three features
-      // and three levels.
+      // For each level up to 2 x 3 cells times that, times numbers up to 2, summed over three
+      // features and three levels.
       const double of_direction = 3 * 3 * 6 * 24 * 2 * 0.25 * 20 * u;
       EXPECT_TRUE(all_near(
           d_direction, [&](auto i) { return before + 0.5 * d_position[i]; },
@@ -222,7 +221,7 @@ TEST_P(RayStages, SkyBackward) {
     }
 }
 
-/// Two cameras with three knots each, rays of both, of none, at and between knots and beyond them.
+/// Two cameras with three knots each; rays of both and of none, at, between and outside of knots.
 struct Seen {
   static constexpr AppearanceConfig kConfig{2, 3};
   std::size_t n;
@@ -257,7 +256,7 @@ TEST_P(RayStages, ApplyExposure) {
       for (std::size_t k = 0; k < 3; ++k) {
         const std::size_t at = k * n + ray;
         // The log gain, up to 0.2, rounds four times; the exponential, up to 1.3, twice and once
-        // more with the product.
+        // more in the product.
         ASSERT_NEAR(gains[at], expected[k], 6 * u);
         ASSERT_NEAR(rgb[at], expected[k] * seen.rgb[at], 8 * u);
       }
@@ -322,8 +321,8 @@ TEST_P(RayStages, HuberLossAndItsGradients) {
           d_expected[i] += term.derivative;
           magnitude[i] += std::abs(term.derivative);
         }
-        // An error rounds once, its square twice and once more in the sum; the root halves that,
-        // and its edge and weight round.
+        // An error rounds once, its square twice and once more in the sum. The root halves that;
+        // the Huber threshold and the weight round.
         EXPECT_NEAR(loss, expected_loss, 8 * u * expected_loss);
         EXPECT_TRUE(all_near(
             d_rgb, [&](auto i) { return expected[i]; },
@@ -357,7 +356,7 @@ TEST_P(RayStages, MedianDepth) {
     std::vector<float> weights =
                            random_floats(size.n_rays * size.per_ray, 440, 0.01, 1.0 / size.per_ray),
                        opacity, depth;
-    std::fill_n(weights.begin(), size.per_ray, 0.0f);  // the first ray meets nothing
+    std::fill_n(weights.begin(), size.per_ray, 0.0f);  // the first ray has no weight
     for (int ray = 0; ray < size.n_rays; ++ray) {
       float sum = 0;
       for (int i = 0; i < size.per_ray; ++i) sum += weights[ray * size.per_ray + i];
@@ -367,8 +366,8 @@ TEST_P(RayStages, MedianDepth) {
     backend->grid().median_depth(size.n_rays, {size.per_ray, edges}, weights, opacity, depth);
     EXPECT_EQ(depth[0], edges[size.per_ray]);
     for (int ray = 1; ray < size.n_rays; ++ray) {
-      // What lies before it is half, to the roundings of two sums and of the place within one
-      // interval, of whose length and weight that may be 1.5 and 0.01.
+      // The weight before it is half, up to the rounding of two sums and of the position within one
+      // interval, whose length and weight may be 1.5 and 0.01.
       double before = 0;
       for (int i = 0; i < size.per_ray; ++i) {
         const float* const edge = &edges[ray * (size.per_ray + 1) + i];
@@ -385,10 +384,10 @@ TEST_P(RayStages, ChecksSizes) {
   GridStages& stages = backend->grid();
   const Sky sky(4);
   const Seen seen(4);
-  std::vector<std::uint32_t> live(4), fewer(3);
+  std::vector<std::uint32_t> active(4), fewer(3);
   std::vector<float> n3(3), n4(4), n5(5), n12(12), n18(18), n64(64), d_table(sky.table.size());
   const std::vector<std::uint32_t> none, rays = {0, 2};
-  EXPECT_THROW(stages.compact_rays(4, 3, n4, {}, live), std::logic_error);
+  EXPECT_THROW(stages.compact_rays(4, 3, n4, {}, active), std::logic_error);
   EXPECT_THROW(stages.compact_rays(4, 3, n12, {}, fewer), std::logic_error);
   EXPECT_THROW(stages.gather_rays(rays, RayLayout::kRows, n12, n5), std::logic_error);
   EXPECT_THROW(stages.gather_rays(rays, RayLayout::kRows, n5, n4), std::logic_error);

@@ -7,9 +7,9 @@
 
 namespace redrive::kernels {
 
-/// Adds one ray's derivatives, given those of its samples' positions in the unit cube, x_s =
-/// (origin + t_s direction - center) scale: d_origin += scale sum d_x_s, d_direction += scale sum
-/// t_s d_x_s. Coordinate k of d_x_s is d_position[k * stride + s]. Sums in double, in order.
+/// Adds one ray's derivatives: d_origin += scale sum d_x_s, d_direction += scale sum t_s d_x_s,
+/// from those of its samples' positions in the unit cube x_s = (origin + t_s direction - center)
+/// scale. Coordinate k of d_x_s is d_position[k * stride + s]. Sums in double, in order.
 template <class T>
 REDRIVE_HD void add_ray_gradient(const UnitFromWorld& unit_from_world, int n_rays,
                                  const Samples& samples, int ray, const T* d_position,

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Defaults of the stages that a backend on the host leaves as they are.
+// Defaults of Backend's stages, in loops on the host.
 #include <algorithm>
 #include <bit>
 #include <cstdint>

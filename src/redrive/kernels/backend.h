@@ -39,16 +39,17 @@ struct CompositeOut {
 
 /// Derivatives of the loss with respect to compositing's results: d_rgb [3, n_rays]; d_weights
 /// [n_rays, per_ray] for losses on the weights themselves, or empty.
-struct CompositeAdjoint {
+struct CompositeOutGradient {
   std::span<const float> d_rgb, d_weights;
 };
 
-/// An image and its ground truth: rgb [height, width, 3] in [0, 1]; truth likewise, 8 bits a
-/// channel; mask [height, width], 0 where a pixel does not count, or empty: all count.
+/// An image and its ground truth: rgb [height, width, 3] in [0, 1]; ground_truth in the same
+/// layout, 8 bits a channel; mask [height, width], 0 where a pixel does not count, or empty: all
+/// count.
 struct ImagePair {
   int width = 0, height = 0;
   std::span<const float> rgb;
-  std::span<const std::uint8_t> truth, mask;
+  std::span<const std::uint8_t> ground_truth, mask;
 };
 
 /// Similarity of an image pair; NaN where no pixel counts. Masked pixels are black in both images
@@ -113,15 +114,15 @@ class Backend {
   virtual void not_finite(std::span<const float> numbers, double* count);
 
   // ---- gather/: training rays; the defaults run on the host
-  /// Writes the rays of `draw` (PixelSampler::draw) to `out`, sized as resize_batch says; `errors`
-  /// of the error map's cells, empty if no ray is drawn by them. A backend with memory of its own
-  /// copies the source there on first use, and its poses again when they have changed.
+  /// Writes the rays of `draw` (PixelSampler::draw) to `out`, sized by resize_batch. `errors`: one
+  /// per cell of the error map, or empty if no ray is drawn by it. A backend with memory of its own
+  /// copies the source at the first call, and its poses again after they have changed.
   virtual void gather_pixels(const PixelSource& from, const PixelDraw& draw,
                              std::span<const float> errors, const GatheredRays& out);
   /// Writes the LiDAR rays of `draw` (LidarSampler::draw) to `out`.
   virtual void gather_returns(const LidarSource& from, const LidarDraw& draw,
                               const GatheredReturns& out);
-  /// Takes the squared errors of rays drawn in `cells` [n] into `errors`, one after the other
+  /// Updates `errors` by the squared errors of rays drawn in `cells` [n], in order
   /// (gather/error_map.h).
   virtual void update_error_map(std::span<const std::uint32_t> cells,
                                 std::span<const float> squares, std::span<float> errors);
@@ -133,7 +134,7 @@ class Backend {
                                  std::span<const float> background, const CompositeOut& out) = 0;
   virtual void composite_backward(int n_rays, const Samples& samples, std::span<const float> raw,
                                   std::span<const float> background,
-                                  const CompositeAdjoint& adjoint, std::span<float> d_raw) = 0;
+                                  const CompositeOutGradient& d_out, std::span<float> d_raw) = 0;
 
   // ---- optim/
   /// Mean squared error over n_rays x 3 (optim/photometric_loss.h), summed in double in a fixed

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Backends of several GPUs of one machine, each with its part of every training step
+// Backends of several GPUs of one machine. Each computes its part of every training step
 // (train/data_parallel_group.h).
 #pragma once
 
@@ -21,14 +21,14 @@ class AllReduce {
   virtual void mean(std::span<const std::span<float>> parts) = 0;
 };
 
-/// The first backend also does what a run does once.
+/// The first backend also runs the stages that are needed once per run.
 struct BackendGroup {
   std::vector<std::unique_ptr<Backend>> backends;
   std::unique_ptr<AllReduce> reduction;  ///< null for one backend
 };
 
-/// Returns backends on `gpus` GPUs (--gpus); for 1 that of make_backend. UsageError: there are not
-/// so many usable GPUs, or no NCCL.
+/// Returns backends on `gpus` GPUs (--gpus), for 1 that of make_backend. UsageError: fewer usable
+/// GPUs, or no NCCL.
 BackendGroup make_backend_group(const BackendChoice& choice, int gpus);
 
 }  // namespace redrive::kernels

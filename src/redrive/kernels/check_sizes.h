@@ -73,14 +73,14 @@ inline void check_composite_forward(int n_rays, const Samples& samples, std::siz
 
 inline void check_composite_backward(int n_rays, const Samples& samples, std::size_t raw,
                                      std::span<const float> background,
-                                     const CompositeAdjoint& adjoint, std::size_t d_raw) {
+                                     const CompositeOutGradient& d_out, std::size_t d_raw) {
   check_samples(n_rays, samples);
   check_raw(n_rays, samples, raw);
   check_raw(n_rays, samples, d_raw);
   check_background(n_rays, background);
-  REDRIVE_CHECK_OP(adjoint.d_rgb.size(), ==, 3 * static_cast<std::size_t>(n_rays));
-  if (!adjoint.d_weights.empty())
-    REDRIVE_CHECK_OP(adjoint.d_weights.size(), ==, sample_count(n_rays, samples));
+  REDRIVE_CHECK_OP(d_out.d_rgb.size(), ==, 3 * static_cast<std::size_t>(n_rays));
+  if (!d_out.d_weights.empty())
+    REDRIVE_CHECK_OP(d_out.d_weights.size(), ==, sample_count(n_rays, samples));
 }
 
 /// Returns the number of rays.

@@ -14,9 +14,9 @@
 
 namespace redrive::kernels {
 
-/// Directions alone, for stages that do not read the origins.
+/// Returns rays without origins, for stages that read the directions alone.
 template <class Stage>
-Rays directions_there(Stage& stage, const Rays& rays) {
+Rays directions_input(Stage& stage, const Rays& rays) {
   return {rays.n, {}, stage.in(rays.direction)};
 }
 
@@ -44,7 +44,7 @@ class CommonGridStages : public GridStages {
                       std::span<float> edges) override {
     check_sample_uniform(rays, how.per_ray, edges.size());
     auto stage = executor_.stage();
-    stage.for_each(rays.n, SampleUniform{there(stage, rays), how, stage.out(edges)});
+    stage.for_each(rays.n, SampleUniform{stage_input(stage, rays), how, stage.out(edges)});
     stage.finish();
   }
 
@@ -52,7 +52,8 @@ class CommonGridStages : public GridStages {
                   const PdfSampling& how, std::span<float> edges) override {
     check_sample_pdf(n_rays, from, weights.size(), how.per_ray, edges.size());
     auto stage = executor_.stage();
-    stage.for_each(n_rays, SamplePdf{there(stage, from), stage.in(weights), how, stage.out(edges)});
+    stage.for_each(n_rays,
+                   SamplePdf{stage_input(stage, from), stage.in(weights), how, stage.out(edges)});
     stage.finish();
   }
 
@@ -60,7 +61,8 @@ class CommonGridStages : public GridStages {
                  std::span<float> dt) override {
     check_midpoints(n_rays, intervals, t.size(), dt.size());
     auto stage = executor_.stage();
-    stage.for_each(n_rays, IntervalMidpoints{there(stage, intervals), stage.out(t), stage.out(dt)});
+    stage.for_each(n_rays,
+                   IntervalMidpoints{stage_input(stage, intervals), stage.out(t), stage.out(dt)});
     stage.finish();
   }
 
@@ -70,8 +72,8 @@ class CommonGridStages : public GridStages {
     check_contract(rays, intervals, pixel_angle.size(), position.size(), footprint.size());
     auto stage = executor_.stage();
     stage.for_each(footprint.size(),
-                   ContractSamples{contraction, there(stage, rays), stage.in(pixel_angle),
-                                   there(stage, intervals), least_width, stage.out(position),
+                   ContractSamples{contraction, stage_input(stage, rays), stage.in(pixel_angle),
+                                   stage_input(stage, intervals), least_width, stage.out(position),
                                    stage.out(footprint)});
     stage.finish();
   }
@@ -86,8 +88,8 @@ class CommonGridStages : public GridStages {
                std::span<float> weights) override {
     check_weights(n_rays, intervals, density.size(), weights.size());
     auto stage = executor_.stage();
-    stage.for_each(n_rays,
-                   RayWeights{there(stage, intervals), stage.in(density), stage.out(weights)});
+    stage.for_each(
+        n_rays, RayWeights{stage_input(stage, intervals), stage.in(density), stage.out(weights)});
     stage.finish();
   }
 
@@ -97,9 +99,9 @@ class CommonGridStages : public GridStages {
     check_weights_backward(n_rays, intervals, density.size(), weights.size(), d_weights.size(),
                            d_density.size());
     auto stage = executor_.stage();
-    stage.for_each(n_rays,
-                   RayWeightsBackward{there(stage, intervals), stage.in(density), stage.in(weights),
-                                      stage.in(d_weights), stage.out(d_density)});
+    stage.for_each(
+        n_rays, RayWeightsBackward{stage_input(stage, intervals), stage.in(density),
+                                   stage.in(weights), stage.in(d_weights), stage.out(d_density)});
     stage.finish();
   }
 
@@ -107,7 +109,7 @@ class CommonGridStages : public GridStages {
                     std::span<const float> opacity, std::span<float> depth) override {
     check_median_depth(n_rays, intervals, weights.size(), opacity.size(), depth.size());
     auto stage = executor_.stage();
-    stage.for_each(n_rays, MedianDepths{there(stage, intervals), stage.in(weights),
+    stage.for_each(n_rays, MedianDepths{stage_input(stage, intervals), stage.in(weights),
                                         stage.in(opacity), stage.out(depth)});
     stage.finish();
   }
@@ -115,7 +117,7 @@ class CommonGridStages : public GridStages {
   void harmonics(const Rays& rays, std::span<float> harmonics) override {
     check_harmonics(rays, harmonics.size());
     auto stage = executor_.stage();
-    stage.for_each(rays.n, EncodeDirections{directions_there(stage, rays), stage.out(harmonics)});
+    stage.for_each(rays.n, EncodeDirections{directions_input(stage, rays), stage.out(harmonics)});
     stage.finish();
   }
 
@@ -123,8 +125,9 @@ class CommonGridStages : public GridStages {
                       std::span<float> gains, std::span<float> rgb) override {
     check_apply_exposure(appearance, exposure.size(), gains.size(), rgb.size());
     auto stage = executor_.stage();
-    stage.for_each(exposure.size(), ApplyExposure{there(stage, appearance), stage.in(exposure),
-                                                  stage.out(gains), stage.in_out(rgb)});
+    stage.for_each(exposure.size(),
+                   ApplyExposure{stage_input(stage, appearance), stage.in(exposure),
+                                 stage.out(gains), stage.in_out(rgb)});
     stage.finish();
   }
 
@@ -132,7 +135,7 @@ class CommonGridStages : public GridStages {
                   std::span<float> d_appearance, double* loss) override {
     check_huber_loss(colours, d_rgb.size(), squares.size(), d_appearance.size());
     auto stage = executor_.stage();
-    const ColourLossInput input = there(stage, colours);
+    const ColourLossInput input = stage_input(stage, colours);
     const std::span<float> d = stage.in_out(d_rgb);
     const LossTerm of_colours{stage.reduce(squares.size(), HuberLoss{input, d, stage.out(squares)}),
                               3.0 * static_cast<double>(squares.size())};
@@ -142,7 +145,7 @@ class CommonGridStages : public GridStages {
       add_gain_gradients(stage, input, d, d_parameters);
       stage.for_each(d.size(), ScaleByGains{input.gains, d});
       of_gains.sum =
-          stage.reduce(d_parameters.size(), GainRegularizer{input.appearance, d_parameters});
+          stage.reduce(d_parameters.size(), GainRegulariserLoss{input.appearance, d_parameters});
     }
     stage.put_loss(of_colours, of_gains, loss);
     stage.finish();
@@ -155,8 +158,8 @@ class CommonGridStages : public GridStages {
                    d_proposal.size());
     auto stage = executor_.stage();
     const auto sum =
-        stage.reduce(n_rays, ProposalLoss{n_rays, there(stage, intervals), stage.in(weights),
-                                          there(stage, proposal), stage.in(proposal_weights),
+        stage.reduce(n_rays, ProposalLoss{n_rays, stage_input(stage, intervals), stage.in(weights),
+                                          stage_input(stage, proposal), stage.in(proposal_weights),
                                           stage.out(d_proposal)});
     stage.put_loss({sum, static_cast<double>(n_rays)}, loss);
     stage.finish();
@@ -168,7 +171,7 @@ class CommonGridStages : public GridStages {
     check_range(n_rays, intervals, weights.size(), range_m.size(), spread_m, d_weights.size());
     auto stage = executor_.stage();
     const auto sum =
-        stage.reduce(n_rays, RangeLoss{n_rays, there(stage, intervals), stage.in(weights),
+        stage.reduce(n_rays, RangeLoss{n_rays, stage_input(stage, intervals), stage.in(weights),
                                        stage.in(range_m), spread_m, factor, stage.out(d_weights)});
     stage.put_loss({sum, static_cast<double>(n_rays), factor}, loss);
     stage.finish();
@@ -179,7 +182,7 @@ class CommonGridStages : public GridStages {
     check_sparsity(n_rays, intervals, density.size(), d_density.size());
     auto stage = executor_.stage();
     const auto sum =
-        stage.reduce(n_rays, SparsityLoss{n_rays, there(stage, intervals), stage.in(density),
+        stage.reduce(n_rays, SparsityLoss{n_rays, stage_input(stage, intervals), stage.in(density),
                                           factor, stage.in_out(d_density)});
     stage.put_loss({sum, static_cast<double>(n_rays), factor}, loss);
     stage.finish();
@@ -194,8 +197,8 @@ class CommonGridStages : public GridStages {
     check_contract_backward(rays, intervals, d_position.size(), d_origin.size(),
                             d_direction.size());
     auto stage = executor_.stage();
-    stage.for_each(rays.n, ContractBackward<T>{contraction, there(stage, rays),
-                                               there(stage, intervals), stage.in(d_position),
+    stage.for_each(rays.n, ContractBackward<T>{contraction, stage_input(stage, rays),
+                                               stage_input(stage, intervals), stage.in(d_position),
                                                stage.out(d_origin), stage.out(d_direction)});
     stage.finish();
   }

@@ -34,7 +34,7 @@ struct HashGrid {
 struct UnitPoints {
   std::size_t n = 0;
   std::span<const float> position, footprint;
-  /// Numbers from one coordinate to the next, if these are the first n of more points; 0: n.
+  /// Distance between coordinates, if these are the first n of more points; 0: n.
   std::size_t stride = 0;
 
   REDRIVE_HD float coordinate(int k, std::size_t i) const {
@@ -70,7 +70,7 @@ struct PdfSampling {
   std::uint64_t key = 0;
 };
 
-/// Rays with at least min_opacity are active; of the others each is by random_unit(key, ray) <
+/// Rays of at least min_opacity are active. Each other ray is active if random_unit(key, ray) <
 /// keep_probability.
 struct RayCompaction {
   float min_opacity = 0, keep_probability = 0;
@@ -87,7 +87,7 @@ struct Appearance {
   std::span<const float> parameters;
 };
 
-/// Colours with their exposure and the recorded ones: rgb, gains, target [3, n].
+/// Colours with exposure applied and recorded colours: rgb, gains, target [3, n].
 struct ColourLossInput {
   Appearance appearance;
   std::span<const Exposure> exposure;  ///< [n]; empty: no gains were applied
@@ -102,17 +102,17 @@ class GridStages {
   virtual ~GridStages() = default;
 
   // ---- ray compaction
-  /// Writes the active rays, by their weights [n_rays, per_ray], ascending to the first of `active`
-  /// [n_rays] and returns how many; rays with NaN weights are active. Writes ray 0 if none is
-  /// active, since stages take at least one.
+  /// Finds the active rays by their weights [n_rays, per_ray]. Writes them ascending to the first
+  /// of `active` [n_rays] and returns how many. Rays with NaN weights are active. Writes ray 0 if
+  /// none is active, since stages take at least one.
   virtual int compact_rays(int n_rays, int per_ray, std::span<const float> weights,
                            const RayCompaction& how, std::span<std::uint32_t> active) = 0;
-  /// Copies the numbers of `rays` from an array of all rays, in the order of `rays`; a ray may be
+  /// Copies the numbers of `rays` from an array of all rays, in the order of `rays`. A ray may be
   /// listed several times.
   virtual void gather_rays(std::span<const std::uint32_t> rays, RayLayout layout,
                            std::span<const float> from, std::span<float> to) = 0;
   /// Copies the numbers of `rays`, each listed once, into an array of all rays. The other rays get
-  /// those of `otherwise`, or 0 if that is empty.
+  /// the numbers of `otherwise`, or 0 if that is empty.
   virtual void scatter_rays(std::span<const std::uint32_t> rays, RayLayout layout,
                             std::span<const float> from, std::span<const float> otherwise,
                             std::span<float> to) = 0;
@@ -164,7 +164,7 @@ class GridStages {
   /// level.
   virtual void proposal_density(const HashGrid& grid, float density_scale, const UnitPoints& points,
                                 std::span<float> density) = 0;
-  /// Adds to d_table, given the density as proposal_density wrote it.
+  /// Adds to d_table. density: as proposal_density wrote it.
   virtual void proposal_density_backward(const HashGrid& grid, const UnitPoints& points,
                                          std::span<const float> density,
                                          std::span<const float> d_density,
@@ -176,8 +176,8 @@ class GridStages {
   /// per level; pixel_angle as in contract.
   virtual void sky(const HashGrid& grid, const Rays& rays, std::span<const float> pixel_angle,
                    std::span<float> colour) = 0;
-  /// Adds to d_table and, unless it is empty, to d_direction [3, n], given the sky's colour as
-  /// `sky` wrote it behind rays of opacity [n] and d_rgb [3, n] of the composed colours.
+  /// Adds to d_table and, unless it is empty, to d_direction [3, n]. The sky's colour is that
+  /// written by `sky`; opacity [n] and d_rgb [3, n] are those of the composed colours.
   virtual void sky_backward(const HashGrid& grid, const Rays& rays,
                             std::span<const float> pixel_angle, std::span<const float> colour,
                             std::span<const float> opacity, std::span<const float> d_rgb,
@@ -201,10 +201,10 @@ class GridStages {
 
   // ---- optim/
   /// Turns d_rgb of the squared error (Backend::photometric_loss) into that of the Huber loss,
-  /// weighted by ray, before the exposure was applied. Adds the derivatives with respect to the
-  /// gains' parameters, their regulariser's (gain_regulariser) included, to d_appearance. loss: of
-  /// both, the colours' as a mean over rays and channels; squares [n]: squared error of each ray,
-  /// mean of its channels.
+  /// weighted by ray, with respect to the colours before exposure. Adds the derivatives with
+  /// respect to the gains' parameters to d_appearance, including those of their regulariser
+  /// (gain_regulariser). loss: the Huber loss, a mean over rays and channels, plus the regulariser;
+  /// squares [n]: squared error of each ray, mean over its channels.
   virtual void huber_loss(const ColourLossInput& colours, std::span<float> d_rgb,
                           std::span<float> squares, std::span<float> d_appearance,
                           double* loss) = 0;

@@ -6,8 +6,8 @@
 namespace redrive::kernels {
 namespace {
 
-/// Calls visit(offset of a run of numbers in the gathered array, its offset in the whole one, its
-/// length).
+/// Calls visit(offset in the gathered array, offset in the whole array, length) for each run of
+/// numbers.
 template <class Visit>
 void for_each_run(std::span<const std::uint32_t> rays, RayLayout layout, std::size_t each,
                   std::size_t all, const Visit& visit) {
@@ -22,7 +22,6 @@ void for_each_run(std::span<const std::uint32_t> rays, RayLayout layout, std::si
 
 }  // namespace
 
-/// Adds ray by ray, in order.
 void add_gain_gradients(HostStage& /*stage*/, const ColourLossInput& colours,
                         std::span<const float> d_rgb, std::span<float> d_appearance) {
   for (std::size_t ray = 0; ray < colours.exposure.size(); ++ray)

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The stages of --method grid that the backends on the host share: CommonGridStages in loops, and
-// those that a loop on the host does in another way than a device.
+// the stages that devices implement in another way.
 #pragma once
 
 #include "redrive/base/buffer.h"
@@ -9,8 +9,8 @@
 
 namespace redrive::kernels {
 
-/// Adds the derivatives of all rays with respect to the parameters of the gains (CommonGridStages::
-/// huber_loss).
+/// Adds the derivatives of all rays with respect to the parameters of the gains
+/// (CommonGridStages::huber_loss).
 void add_gain_gradients(HostStage& stage, const ColourLossInput& colours,
                         std::span<const float> d_rgb, std::span<float> d_appearance);
 
@@ -33,11 +33,11 @@ class HostGridStages : public CommonGridStages<HostExecutor> {
                     std::span<float> d_direction) override;
 
  private:
-  /// The first n numbers of a buffer that is kept from call to call.
+  /// Returns the first n numbers of a buffer that is kept from call to call.
   static std::span<float> first(Buffer<float>* buffer, std::size_t n);
   UnitPoints sky_points(const Rays& rays, std::span<const float> pixel_angle);
 
-  Buffer<float> position_, footprint_, features_, d_position_;  // of the sky
+  Buffer<float> position_, footprint_, features_, d_position_;  // sky
 };
 
 }  // namespace redrive::kernels

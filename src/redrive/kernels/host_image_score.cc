@@ -11,7 +11,7 @@
 namespace redrive::kernels {
 namespace {
 
-/// Rows of a plane, by one filter along x and one along y; rows beside them are looked at, too.
+/// Filters some rows of a plane along x and y. Reads neighbouring rows beyond them as well.
 template <std::size_t n>
 cv::Mat filtered(const cv::Mat& rows, const std::array<float, n>& along_x,
                  const std::array<float, n>& along_y) {
@@ -24,7 +24,7 @@ cv::Mat filtered(const cv::Mat& rows, const std::array<float, n>& along_x,
   return out;
 }
 
-/// What is seen of some rows of a picture, whose planes are given.
+/// Returns FLIP's perceived colours and features of some rows of an image, from its planes.
 std::vector<FlipPixel> seen_rows(const FlipFilters& filters, std::span<const cv::Mat> rows) {
   cv::Mat colour[FlipFilters::kTerms];
   for (int t = 0; t < FlipFilters::kTerms; ++t) {
@@ -62,9 +62,9 @@ ImageScore score_on_host(const ImagePair& images, ThreadPool& pool) {
   };
   const auto memory = std::make_unique_for_overwrite<float[]>(2 * kImagePlanes * n);
   const std::span<float> planes(memory.get(), 2 * kImagePlanes * n);
-  const std::span<float> picture[] = {planes.first(planes.size() / 2),
-                                      planes.last(planes.size() / 2)};
-  std::vector<double> terms(n);  // of a sum; 0 where nothing counts
+  const std::span<float> image_planes[] = {planes.first(planes.size() / 2),
+                                           planes.last(planes.size() / 2)};
+  std::vector<double> terms(n);  // 0 where masked
   ScoreSums sums;
 
   for_pixels([&](std::size_t pixel) { fill_planes_of_pixel(images, pixel, planes); });
@@ -90,7 +90,7 @@ ImageScore score_on_host(const ImagePair& images, ThreadPool& pool) {
 
   const FlipFilters filters = flip_filters();
   for_pixels([&](std::size_t pixel) {
-    for (const std::span<float> planes_of_one : picture)
+    for (const std::span<float> planes_of_one : image_planes)
       opponent_colour_of_pixel(planes_of_one, pixel);
   });
   for_rows(height, [&](std::size_t begin, std::size_t end) {
@@ -98,7 +98,7 @@ ImageScore score_on_host(const ImagePair& images, ThreadPool& pool) {
     for (int which = 0; which < 2; ++which) {
       cv::Mat rows[kImagePlanes];
       for (std::size_t k = 0; k < kImagePlanes; ++k)
-        rows[k] = cv::Mat(images.height, images.width, CV_32F, &picture[which][k * n])
+        rows[k] = cv::Mat(images.height, images.width, CV_32F, &image_planes[which][k * n])
                       .rowRange(static_cast<int>(begin), static_cast<int>(end));
       seen[which] = seen_rows(filters, rows);
     }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Runs a stage's functors on the host, with the interface of a device's stage (device/stage.h):
-// arguments are used where they lie.
+// Runs a stage's functors on the host, with the interface of a device's stage (device/stage.h).
+// Spans are used in place.
 #pragma once
 
 #include <cstddef>
@@ -16,7 +16,7 @@ namespace redrive::kernels {
 
 class HostStage {
  public:
-  /// Null: the caller's thread alone. Neither it nor the number of threads changes a bit.
+  /// pool: null for the caller's thread alone. The number of threads changes no bit.
   explicit HostStage(ThreadPool* pool) : pool_(pool) {}
   HostStage(const HostStage&) = delete;
   HostStage& operator=(const HostStage&) = delete;
@@ -41,8 +41,8 @@ class HostStage {
     });
   }
 
-  /// Sum of term(i) over i in [0, n): by ranges of a fixed length, then in their order. Valid until
-  /// the stage ends.
+  /// Returns the sum of term(i) over i in [0, n), by ranges of a fixed length and then over the
+  /// ranges in order. Valid until the stage ends.
   template <class Term>
   std::span<const double> reduce(std::size_t n, const Term& term) {
     std::vector<double> sums((n + kRange - 1) / kRange);
@@ -57,7 +57,7 @@ class HostStage {
   }
   void put_loss(const LossTerm& term, double* loss) { put_loss(term, {}, loss); }
 
-  /// Writes those i in [0, n) that choose(i) accepts, ascending, to `list`; returns how many.
+  /// Writes all i in [0, n) that choose(i) accepts, ascending, to `list`; returns how many.
   template <class Choose>
   std::size_t choose(std::size_t n, const Choose& choose, std::span<std::uint32_t> list) {
     std::size_t count = 0;
@@ -79,10 +79,10 @@ class HostStage {
   }
 
   ThreadPool* const pool_;
-  std::vector<std::vector<double>> reduced_;  // of one number each
+  std::vector<std::vector<double>> reduced_;  // one number each
 };
 
-/// What CommonGridStages (common_grid_stages.h) asks for a stage.
+/// Executor of CommonGridStages (common_grid_stages.h) on the host.
 struct HostExecutor {
   ThreadPool* pool = nullptr;
   HostStage stage() const { return HostStage(pool); }

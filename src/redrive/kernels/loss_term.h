@@ -7,8 +7,8 @@
 
 namespace redrive::kernels {
 
-/// A sum that stands where a stage runs (one number, or none: 0), as a term of a loss: factor * sum
-/// / over.
+/// A term of a loss: factor * sum / over. The sum is one number in the memory of the stage, or none
+/// for 0.
 struct LossTerm {
   std::span<const double> sum;
   double over = 1, factor = 1;

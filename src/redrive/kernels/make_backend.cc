@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The registry: which backend and instruction set a run gets, and why not another.
+// Chooses backend and instruction set of a run, or reports why a choice is impossible.
 #include "redrive/kernels/backend_group.h"
 
 #include "redrive/base/error.h"
@@ -31,7 +31,7 @@ std::string known_isas() {
   return joined(names);
 }
 
-/// The instruction set that was asked for, or the best one; nothing where the processor has none.
+/// Returns the chosen instruction set, or the best one; nothing where the processor has none.
 std::optional<Isa> choose_isa(const std::string& name) {
   if (name == "auto") return best_isa();
   const std::optional<Isa> isa = isa_from_name(name);
@@ -41,7 +41,7 @@ std::optional<Isa> choose_isa(const std::string& name) {
   return isa;
 }
 
-/// Of a choice that there is.
+/// Returns the number of threads after checking the names of the choice.
 int checked_threads(const BackendChoice& choice) {
   if (choice.threads < 0 || choice.threads > kMaxThreads)
     throw UsageError("--threads", std::to_string(choice.threads),
@@ -75,10 +75,10 @@ std::unique_ptr<Backend> make_backend(const BackendChoice& choice) {
 }
 
 BackendGroup make_backend_group(const BackendChoice& choice, int gpus) {
-  BackendGroup team;
+  BackendGroup group;
   if (gpus == 1) {
-    team.backends.push_back(make_backend(choice));
-    return team;
+    group.backends.push_back(make_backend(choice));
+    return group;
   }
   const int threads = checked_threads(choice);
   const auto refuse = [&](const std::string& rule) {
@@ -91,19 +91,19 @@ BackendGroup make_backend_group(const BackendChoice& choice, int gpus) {
            ", which computes on the processor");
   if (const auto obstacle = cuda_obstacle()) refuse("no GPU can be used: " + *obstacle);
   if (gpus > cuda_gpus())
-    refuse("must be " + std::to_string(cuda_gpus()) + " or less: no more GPUs are to be seen here");
+    refuse("must be " + std::to_string(cuda_gpus()) + " or less: no more GPUs are visible");
   if (const auto obstacle = nccl_obstacle())
     refuse("needs NCCL (NVIDIA's package libnccl2), which is not to be had: " + *obstacle);
   for (int gpu = 0; gpu < gpus; ++gpu) {
     const std::string name = "GPU " + std::to_string(gpu) + ": ";
     if (const auto obstacle = cuda_obstacle(gpu)) refuse(name + *obstacle);
-    team.backends.push_back(make_cuda_backend(threads, true, gpu));
+    group.backends.push_back(make_cuda_backend(threads, true, gpu));
     if (!automatic) continue;
-    if (const auto failure = self_test(*team.backends.back()))
+    if (const auto failure = self_test(*group.backends.back()))
       refuse(name + "its self-test failed: " + *failure + "; --backend cuda takes it all the same");
   }
-  team.reduction = make_nccl_all_reduce(team.backends);
-  return team;
+  group.reduction = make_nccl_all_reduce(group.backends);
+  return group;
 }
 
 std::string describe(const Backend& backend) {

@@ -39,14 +39,14 @@ TEST(Registry, RefIsAlwaysAvailable) {
   EXPECT_EQ(describe(*backend), "backend=ref threads=1");
 }
 
-TEST(Registry, CudaIsGivenOrRefusedWithTheObstacle) {
+TEST(Registry, CudaIsMadeOrRejectedWithTheObstacle) {
   if (const auto obstacle = cuda_obstacle())
     EXPECT_EQ(refusal({"cuda"}), "--backend cuda: " + *obstacle);
   else
     EXPECT_EQ(describe(*make_backend({"cuda", "auto", 2})), "backend=cuda threads=2");
 }
 
-TEST(Registry, AutoTakesTheGpuOrTheFastestOfTheProcessor) {
+TEST(Registry, AutoTakesTheGpuOrTheFastestIsa) {
   const auto backend = make_backend({"auto", "auto", 2});
   if (!cuda_obstacle()) {
     EXPECT_EQ(backend->name(), "cuda");
@@ -65,7 +65,7 @@ std::string refusal_of_gpus(const BackendChoice& choice, int gpus) {
   return "accepted";
 }
 
-TEST(Registry, SeveralGpusAreGivenOrRefusedWithTheReason) {
+TEST(Registry, SeveralGpusAreMadeOrRejectedWithTheReason) {
   EXPECT_EQ(refusal_of_gpus({"cpu"}, 2),
             "--gpus 2: must be 1 with --backend cpu, which computes on the processor");
   EXPECT_EQ(refusal_of_gpus({"ref"}, 4),
@@ -96,7 +96,7 @@ TEST(Nccl, IsAvailableOrReturnsTheObstacle) {
 
 class EveryIsa : public testing::TestWithParam<Isa> {};
 
-TEST_P(EveryIsa, IsGivenOrRefusedWithTheObstacle) {
+TEST_P(EveryIsa, IsMadeOrRejectedWithTheObstacle) {
   const std::string name(isa_name(GetParam()));
   const BackendChoice choice{"cpu", name, 2};
   if (const auto obstacle = isa_obstacle(GetParam())) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Batches as the stages of backend.h, nerf_stages.h and grid_stages.h take them: spans and sizes,
-// structure of arrays.
+// Batches for the stages of backend.h, nerf_stages.h and grid_stages.h: spans and sizes, structure
+// of arrays.
 #pragma once
 
 #include <span>

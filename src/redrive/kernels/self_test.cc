@@ -18,15 +18,16 @@ namespace {
 
 using Numbers = std::vector<float>;
 
-// Neither fills the last tile of 16 samples or the last warp.
+// Neither the last tile of 16 samples nor the last warp is full.
 constexpr int kRays = 37, kPerRay = 21, kSamples = kRays * kPerRay;
 
 constexpr double kFp32 = 1e-4;  // some ten roundings, and sums of up to 10^3 in another order
-// bf16 rounds both operands of a product, by 2^-9 at most. So do the layers' outputs differ:
+// bf16 rounds both operands of a product, by 2^-9 at most. The error of a layer's outputs is as
+// large.
 constexpr double after_products(int n) { return n * 2 * 0x1p-9; }
-// On the way back a neuron counts or not by the sign of what came to it: of those a share as large
-// is on the other side of 0 and off by all of its derivative, which is the square root of that in
-// the length of all.
+// Rounding moves a fraction as large of the pre-activations across 0. The derivatives behind their
+// ReLUs are off by all of their size, so that the relative 2-norm of the error is the square root
+// of that fraction.
 inline double behind_relus(int n) { return std::sqrt(after_products(n)); }
 
 Numbers random_numbers(std::size_t size, std::uint64_t stream, double low, double high) {
@@ -37,15 +38,15 @@ Numbers random_numbers(std::size_t size, std::uint64_t stream, double low, doubl
   return out;
 }
 
-/// What the stages are given: rays from one place, samples of ascending distance.
-struct Given {
+/// Input of the stages: rays from one origin, samples of ascending distance.
+struct TestBatch {
   Numbers origin = Numbers(3 * kRays, 0.1f), direction = random_numbers(3 * kRays, 1, -1, 1),
           t = Numbers(kSamples), dt = Numbers(kSamples, 0.1f),
           raw = random_numbers(4 * kSamples, 2, -1, 2),
           d_raw = random_numbers(4 * kSamples, 3, -1, 1),
           d_rgb = random_numbers(3 * kRays, 4, -1, 1);
 
-  Given() {
+  TestBatch() {
     for (int ray = 0; ray < kRays; ++ray) {
       double square = 0;
       for (int k = 0; k < 3; ++k) square += std::pow(direction[k * kRays + ray], 2);
@@ -73,8 +74,8 @@ class SelfTest {
   }
 
  private:
-  /// What `run` gives of both has to agree, each of its arrays within a share of its length
-  /// (2-norm).
+  /// Compares the arrays that `run` returns with both backends: each must agree within a relative
+  /// 2-norm of `tolerance`.
   void compare(const char* stage, double tolerance,
                const std::function<std::vector<Numbers>(Backend&)>& run) {
     if (failure_) return;
@@ -85,14 +86,14 @@ class SelfTest {
         off += std::pow(double(got[a][i]) - expected[a][i], 2);
         length += std::pow(double(expected[a][i]), 2);
       }
-      const double share = std::sqrt(off / length);
-      if (share <= tolerance) continue;  // not so for NaN
+      const double relative = std::sqrt(off / length);
+      if (relative <= tolerance) continue;  // false for NaN
       char text[160];
-      if (std::isnan(share))
-        std::snprintf(text, sizeof text, "%s gives what is not a number", stage);
+      if (std::isnan(relative))
+        std::snprintf(text, sizeof text, "%s returns NaN", stage);
       else
-        std::snprintf(text, sizeof text, "%s is off by %.3g of its length, %.2g is allowed", stage,
-                      share, tolerance);
+        std::snprintf(text, sizeof text, "%s differs by %.3g (relative 2-norm), %.2g is allowed",
+                      stage, relative, tolerance);
       failure_ = text;
       return;
     }
@@ -100,15 +101,16 @@ class SelfTest {
 
   void memory() {
     compare("memory", 0, [](Backend& backend) -> std::vector<Numbers> {
-      Buffer<float> kept(1000);
-      make_resident(backend, kept);
-      backend.fill(kept.span().first(600), 2);
-      kept[700] = 3;
-      backend.upload(kept.span().subspan(700, 1));
+      Buffer<float> resident(1000);
+      make_resident(backend, resident);
+      backend.fill(resident.span().first(600), 2);
+      resident[700] = 3;
+      backend.upload(resident.span().subspan(700, 1));
       double mean = 0;
-      backend.mean(kept, &mean);
-      backend.download(kept);
-      return {Numbers(kept.data(), kept.data() + kept.size()), {static_cast<float>(mean)}};
+      backend.mean(resident, &mean);
+      backend.download(resident);
+      return {Numbers(resident.data(), resident.data() + resident.size()),
+              {static_cast<float>(mean)}};
     });
   }
 
@@ -121,20 +123,20 @@ class SelfTest {
     compare("live_rays", 0, [this](Backend& backend) -> std::vector<Numbers> {
       std::vector<std::uint32_t> live(kRays);
       Numbers list(kRays, -1);
-      const auto weights = std::span(given_.raw).first(kSamples);  // about ten a ray
+      const auto weights = std::span(batch_.raw).first(kSamples);  // they sum up to about ten a ray
       std::copy_n(live.begin(), backend.grid().compact_rays(kRays, kPerRay, weights, {10}, live),
                   list.begin());
       return {list};
     });
     compare("composite", kFp32, [this](Backend& backend) -> std::vector<Numbers> {
       Numbers rgb(3 * kRays), depth(kRays), opacity(kRays), d_raw(4 * kSamples);
-      backend.composite_forward(kRays, given_.samples(), given_.raw, {}, {rgb, depth, opacity, {}});
-      backend.composite_backward(kRays, given_.samples(), given_.raw, {}, {given_.d_rgb, {}},
+      backend.composite_forward(kRays, batch_.samples(), batch_.raw, {}, {rgb, depth, opacity, {}});
+      backend.composite_backward(kRays, batch_.samples(), batch_.raw, {}, {batch_.d_rgb, {}},
                                  d_raw);
       return {rgb, depth, opacity, d_raw};
     });
     compare("adam", kFp32, [this](Backend& backend) -> std::vector<Numbers> {
-      Numbers parameters = given_.raw, gradients = given_.d_raw, first(4 * kSamples),
+      Numbers parameters = batch_.raw, gradients = batch_.d_raw, first(4 * kSamples),
               second(4 * kSamples);
       backend.adam(adam_step(0.1, 1), gradients, parameters, first, second);
       return {parameters, first, second};
@@ -158,7 +160,7 @@ class SelfTest {
 
   void grid_networks() {
     for (const auto& [width, colour_layers] :
-         {std::pair(32, 1), std::pair(64, 2)}) {  // a street's and an object's
+         {std::pair(32, 1), std::pair(64, 2)}) {  // sizes of street scenes and of objects
       GridFieldConfig config{{8, 4, 16, 64, 10}, width, colour_layers};
       Numbers weights(grid_network_size(config));
       grid_network_initialize(config, 3, weights);
@@ -175,7 +177,7 @@ class SelfTest {
               [&](Backend& backend) -> std::vector<Numbers> {
                 Numbers d_weights(weights.size()), d_features(features.size());
                 backend.grid().network_backward(network, kRays, kPerRay, features, harmonics,
-                                                given_.d_raw, d_weights, d_features);
+                                                batch_.d_raw, d_weights, d_features);
                 return {d_weights, d_features};
               });
     }
@@ -189,13 +191,13 @@ class SelfTest {
     compare("nerf network, forward", after_products(10),
             [&](Backend& backend) -> std::vector<Numbers> {
               Numbers raw(4 * kSamples);
-              backend.nerf().network_forward(field, given_.rays(), given_.samples(), raw);
+              backend.nerf().network_forward(field, batch_.rays(), batch_.samples(), raw);
               return {raw};
             });
     compare("nerf network, backward", behind_relus(9),
             [&](Backend& backend) -> std::vector<Numbers> {
               Numbers gradients(parameters.size());
-              backend.nerf().network_backward(field, given_.rays(), given_.samples(), given_.d_raw,
+              backend.nerf().network_backward(field, batch_.rays(), batch_.samples(), batch_.d_raw,
                                               gradients, {});
               return {gradients};
             });
@@ -205,9 +207,9 @@ class SelfTest {
     constexpr int kWidth = 31, kHeight = 26;
     const Numbers rgb = random_numbers(3 * kWidth * kHeight, 11, 0, 1),
                   other = random_numbers(rgb.size(), 12, 0, 255);
-    const std::vector<std::uint8_t> truth(other.begin(), other.end());
+    const std::vector<std::uint8_t> ground_truth(other.begin(), other.end());
     compare("score", kFp32, [&](Backend& backend) -> std::vector<Numbers> {
-      const ImageScore score = backend.score({kWidth, kHeight, rgb, truth, {}});
+      const ImageScore score = backend.score({kWidth, kHeight, rgb, ground_truth, {}});
       return {{static_cast<float>(score.psnr_db)},
               {static_cast<float>(score.ssim)},
               {static_cast<float>(score.flip)}};
@@ -216,7 +218,7 @@ class SelfTest {
 
   Backend& backend_;
   const std::unique_ptr<Backend> ref_ = make_ref_backend();
-  const Given given_;
+  const TestBatch batch_;
   std::optional<std::string> failure_;
 };
 

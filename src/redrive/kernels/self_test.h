@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Compares a few small stages of a backend with `ref` before `--backend auto` takes it, in a few
-// tenths of a second. tests/conformance compares all of them.
+// tenths of a second. tests/conformance compares all stages.
 #pragma once
 
 #include <functional>
@@ -12,12 +12,12 @@
 
 namespace redrive::kernels {
 
-/// Returns the first stage that disagrees, and by how much, or the error that the backend threw;
-/// nothing if all agree.
+/// Returns the first stage that disagrees and its error, or the message of an exception from the
+/// backend; nothing if all agree.
 std::optional<std::string> self_test(Backend& backend);
 
-/// Returns the GPU's backend that `make` returns, or null if its self-test fails, which it reports
-/// on stderr.
+/// Returns the backend that `make` makes, or null if its self-test fails, which is reported on
+/// stderr.
 std::unique_ptr<Backend> make_if_self_test_passes(
     const std::function<std::unique_ptr<Backend>()>& make);
 

@@ -25,20 +25,19 @@ TEST(SelfTest, NamesTheFailingStage) {
   InjectedFaults faults;
   faults.skips_first_warp = true;  // 16 samples of each network
   EXPECT_THAT(self_test(*make_loop_backend(nullptr, true, &faults)).value_or("passed"),
-              HasSubstr("grid network, forward gives what is not a number"));
+              HasSubstr("grid network, forward returns NaN"));
   testing::internal::CaptureStderr();
   EXPECT_EQ(make_if_self_test_passes([&] { return make_loop_backend(nullptr, true, &faults); }),
             nullptr);
-  EXPECT_THAT(
-      testing::internal::GetCapturedStderr(),
-      HasSubstr(
-          "redrive: the GPU is not taken, its self-test failed: grid network, forward gives what"));
+  EXPECT_THAT(testing::internal::GetCapturedStderr(),
+              HasSubstr("redrive: the GPU is not taken, its self-test failed: grid network, "
+                        "forward returns NaN"));
 }
 
 TEST(SelfTest, ReportsTheDeviceError) {
   for (const int works : {0, 1, 7, 20}) {
     InjectedFaults faults;
-    faults.works = works;
+    faults.kernel_launches = works;
     EXPECT_THAT(self_test(*make_loop_backend(nullptr, true, &faults)).value_or("passed"),
                 HasSubstr("the GPU failed"));
   }

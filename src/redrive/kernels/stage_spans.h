@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The arguments of stages with their spans where the stage runs: Stage is device/stage.h's or
-// HostStage, whose in() makes the copy or returns the span itself.
+// stage_input() returns a stage's argument with its spans in the memory where the stage runs. Stage
+// is that of device/stage.h or HostStage; its in() copies a span or returns the span itself.
 #pragma once
 
 #include "redrive/kernels/grid_stages.h"
@@ -9,40 +9,40 @@
 namespace redrive::kernels {
 
 template <class Stage>
-Rays there(Stage& stage, const Rays& rays) {
+Rays stage_input(Stage& stage, const Rays& rays) {
   return {rays.n, stage.in(rays.origin), stage.in(rays.direction)};
 }
 template <class Stage>
-Samples there(Stage& stage, const Samples& samples) {
+Samples stage_input(Stage& stage, const Samples& samples) {
   return {samples.per_ray, stage.in(samples.t), stage.in(samples.dt)};
 }
 template <class Stage>
-NerfField there(Stage& stage, const NerfField& field) {
+NerfField stage_input(Stage& stage, const NerfField& field) {
   return {field.config, field.unit_from_world, stage.in(field.parameters)};
 }
 template <class Stage>
-Intervals there(Stage& stage, const Intervals& intervals) {
+Intervals stage_input(Stage& stage, const Intervals& intervals) {
   return {intervals.per_ray, stage.in(intervals.edges)};
 }
 template <class Stage>
-HashGrid there(Stage& stage, const HashGrid& grid) {
+HashGrid stage_input(Stage& stage, const HashGrid& grid) {
   return {grid.config, stage.in(grid.table)};
 }
 template <class Stage>
-GridNetwork there(Stage& stage, const GridNetwork& network) {
+GridNetwork stage_input(Stage& stage, const GridNetwork& network) {
   return {network.config, network.density_scale, stage.in(network.weights)};
 }
 template <class Stage>
-UnitPoints there(Stage& stage, const UnitPoints& points) {
+UnitPoints stage_input(Stage& stage, const UnitPoints& points) {
   return {points.n, stage.in(points.position), stage.in(points.footprint), points.stride};
 }
 template <class Stage>
-Appearance there(Stage& stage, const Appearance& appearance) {
+Appearance stage_input(Stage& stage, const Appearance& appearance) {
   return {appearance.config, stage.in(appearance.parameters)};
 }
 template <class Stage>
-ColourLossInput there(Stage& stage, const ColourLossInput& colours) {
-  return {there(stage, colours.appearance),
+ColourLossInput stage_input(Stage& stage, const ColourLossInput& colours) {
+  return {stage_input(stage, colours.appearance),
           stage.in(colours.exposure),
           stage.in(colours.rgb),
           stage.in(colours.gains),

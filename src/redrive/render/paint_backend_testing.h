@@ -61,7 +61,7 @@ class PaintBackend : public kernels::Backend, public kernels::NerfStages {
     unexpected();
   }
   void composite_backward(int, const kernels::Samples&, std::span<const float>,
-                          std::span<const float>, const kernels::CompositeAdjoint&,
+                          std::span<const float>, const kernels::CompositeOutGradient&,
                           std::span<float>) override {
     unexpected();
   }

@@ -315,7 +315,7 @@ TEST_F(DataParallelTest, ADeviceLostAtAnyPartOfAStepEndsIt) {
   for (const int lost : {0, 1}) {
     int failures = 0;
     for (std::int64_t works = 0;; works += 5) {
-      kernels::InjectedFaults faults{.works = works};
+      kernels::InjectedFaults faults{.kernel_launches = works};
       const Loops loops(2, lost, &faults);
       HostMean mean(loops.all);
       of.run.state = parse_checkpoint(before, "");
@@ -327,13 +327,13 @@ TEST_F(DataParallelTest, ADeviceLostAtAnyPartOfAStepEndsIt) {
       } catch (const DeviceError& error) {
         const std::string which =
             works < 50 ? "GPU " + std::to_string(lost) + ": " : "";  // not while it is fetched
-        EXPECT_THAT(error.what(), HasSubstr(which + "the GPU failed, computing: it was told to"));
+        EXPECT_THAT(error.what(), HasSubstr(which + "the GPU failed, computing: injected fault"));
         ++failures;
       }
     }
     EXPECT_GT(failures, 10);
 
-    kernels::InjectedFaults faults{.places = 40};
+    kernels::InjectedFaults faults{.allocations = 40};
     const Loops loops(2, lost, &faults);
     HostMean mean(loops.all);
     of.run.state = parse_checkpoint(before, "");
@@ -377,7 +377,7 @@ TEST_F(DataParallelTest, InterruptedAndResumedEndsAsUninterrupted) {
   HostMean mean(two.all);
   redrive::Run whole = grid_run("whole", 10), parts = grid_run("parts", 10);
   EXPECT_EQ(train_by(&whole, two.all, &mean), TrainEnd::kFinished);
-  kernels::InjectedFaults faults{.works = 700};
+  kernels::InjectedFaults faults{.kernel_launches = 700};
   const Loops failing(2, 1, &faults);
   HostMean mean_of_failing(failing.all);
   try {

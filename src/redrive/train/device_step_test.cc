@@ -380,7 +380,7 @@ TEST_F(TrainingOnADevice, ALostDeviceLeavesTheLastCheckpointAndSaysHowToGoOn) {
   // In the first step, somewhere later, while a checkpoint is fetched.
   std::int64_t last_step = -1;
   for (const std::int64_t works : {0, 1, 300, 700}) {
-    kernels::InjectedFaults faults{.works = works};
+    kernels::InjectedFaults faults{.kernel_launches = works};
     const auto failing = kernels::make_loop_backend(nullptr, true, &faults);
     redrive::Run lost =
         tiny_grid_run(folder_.path / ("lost" + std::to_string(works)), folder_.path, options);
@@ -389,7 +389,7 @@ TEST_F(TrainingOnADevice, ALostDeviceLeavesTheLastCheckpointAndSaysHowToGoOn) {
       ADD_FAILURE() << "it did not fail after " << works;
     } catch (const DeviceError& error) {
       EXPECT_EQ(error.what(), "step " + std::to_string(lost.state.step) +
-                                  ": the GPU failed, computing: it was told to; the last "
+                                  ": the GPU failed, computing: injected fault; the last "
                                   "checkpoint stands, go on from it "
                                   "with: redrive resume " +
                                   lost.paths.root.string());
@@ -409,14 +409,14 @@ TEST_F(TrainingOnADevice, AFullDeviceSaysHowToGoOnWithLessOrLater) {
   TrainOptions options = tiny_options(12);
   options.checkpoint_every = 4;
   constexpr std::int64_t kEnough = 1 << 30;
-  kernels::InjectedFaults room{.places = kEnough};
+  kernels::InjectedFaults room{.allocations = kEnough};
   redrive::Run whole = tiny_grid_run(folder_.path / "whole", folder_.path, options);
   EXPECT_EQ(train(&whole, *kernels::make_loop_backend(nullptr, true, &room), never_),
             TrainEnd::kFinished);
   std::int64_t last_step = -1;
   for (const std::int64_t places :
-       {std::int64_t{0}, std::int64_t{3}, (kEnough - room.places) * 3 / 4}) {
-    kernels::InjectedFaults faults{.places = places};
+       {std::int64_t{0}, std::int64_t{3}, (kEnough - room.allocations) * 3 / 4}) {
+    kernels::InjectedFaults faults{.allocations = places};
     const auto full = kernels::make_loop_backend(nullptr, true, &faults);
     redrive::Run run =
         tiny_grid_run(folder_.path / ("full" + std::to_string(places)), folder_.path, options);
@@ -425,7 +425,7 @@ TEST_F(TrainingOnADevice, AFullDeviceSaysHowToGoOnWithLessOrLater) {
       ADD_FAILURE() << "there was room for more than " << places;
     } catch (const DeviceMemoryError& error) {
       EXPECT_EQ(error.what(), "step " + std::to_string(run.state.step) +
-                                  ": --backend loop: the GPU has no memory left: it was told to; "
+                                  ": --backend loop: the GPU has no memory left: injected fault; "
                                   "the last checkpoint stands, go on "
                                   "from it with: redrive resume " +
                                   run.paths.root.string());

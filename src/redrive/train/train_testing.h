@@ -73,7 +73,7 @@ class InterferingBackend : public kernels::Backend, public kernels::NerfStages {
   }
   void composite_backward(int n, const kernels::Samples& s, std::span<const float> raw,
                           std::span<const float> background,
-                          const kernels::CompositeAdjoint& adjoint,
+                          const kernels::CompositeOutGradient& adjoint,
                           std::span<float> d_raw) override {
     inner_.composite_backward(n, s, raw, background, adjoint, d_raw);
   }

@@ -45,9 +45,9 @@ class CpuBackend final : public Backend {
   }
 
   void composite_backward(int n_rays, const Samples& samples, std::span<const float> raw,
-                          std::span<const float> background, const CompositeAdjoint& adjoint,
+                          std::span<const float> background, const CompositeOutGradient& d_out,
                           std::span<float> d_raw) override {
-    check_composite_backward(n_rays, samples, raw.size(), background, adjoint, d_raw.size());
+    check_composite_backward(n_rays, samples, raw.size(), background, d_out, d_raw.size());
     const std::size_t stride = sample_count(n_rays, samples);
     pool_.run_ranges(n_rays, kRaysPerRange, [&](std::size_t begin, std::size_t end) {
       const RayRange range{static_cast<int>(begin), static_cast<int>(end - begin)};
@@ -57,11 +57,11 @@ class CpuBackend final : public Backend {
       set_background(&composite, background, n_rays, begin);
       kernels_.composite_backward(
           composite,
-          {.d_rgb = adjoint.d_rgb.data() + begin,
+          {.d_rgb = d_out.d_rgb.data() + begin,
            .d_rgb_stride = static_cast<std::size_t>(n_rays),
            .d_raw = d_raw.data() + first,
            .d_raw_stride = stride,
-           .d_weights = adjoint.d_weights.empty() ? nullptr : adjoint.d_weights.data() + first},
+           .d_weights = d_out.d_weights.empty() ? nullptr : d_out.d_weights.data() + first},
           scratch.data());
     });
   }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// An arena: memory that is taken piece by piece and freed all at once, since allocating on a GPU
-// waits for all its work. Once every use has been at its largest, one block serves them all.
+// An arena: memory that is taken piece by piece and freed at once, since an allocation on a GPU
+// waits for all its work. Once every use has reached its largest size, one block serves all of
+// them.
 #pragma once
 
 #include <algorithm>
@@ -14,14 +15,14 @@ template <class Source>
 class Arena {
  public:
   static constexpr std::size_t kAlignment =
-      256;  // of cudaMalloc: rows begin where a warp reads whole lines
+      256;  // as cudaMalloc; a warp reads rows as whole cache lines
 
   explicit Arena(Source source = {}) : source_(source) {}
   ~Arena() { release(); }
   Arena(const Arena&) = delete;
   Arena& operator=(const Arena&) = delete;
 
-  /// All that was taken is free again.
+  /// Frees all pieces. Merges the blocks into one.
   void begin() {
     used_ = 0;
     if (blocks_.size() < 2) return;
@@ -37,29 +38,29 @@ class Arena {
       add(bytes);
       used_ = 0;
     }
-    void* const place = static_cast<std::byte*>(blocks_.back().place) + used_;
+    void* const memory = static_cast<std::byte*>(blocks_.back().memory) + used_;
     used_ += bytes;
-    return place;
+    return memory;
   }
 
  private:
   struct Block {
-    void* place;
+    void* memory;
     std::size_t bytes;
   };
 
   void add(std::size_t bytes) {
-    blocks_.reserve(blocks_.size() + 1);  // or what is allocated next would be lost
+    blocks_.reserve(blocks_.size() + 1);  // push_back must not throw after the allocation
     blocks_.push_back({source_.allocate(bytes), bytes});
   }
   void release() {
-    for (const Block& block : blocks_) source_.release(block.place);
+    for (const Block& block : blocks_) source_.release(block.memory);
     blocks_.clear();
   }
 
   Source source_;
   std::vector<Block> blocks_;
-  std::size_t used_ = 0;  // of the last block
+  std::size_t used_ = 0;  // bytes of the last block
 };
 
 }  // namespace redrive::kernels

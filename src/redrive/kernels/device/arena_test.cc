@@ -12,20 +12,20 @@
 namespace redrive::kernels {
 namespace {
 
-/// What was allocated and is not released.
+/// Memory that counts its blocks.
 struct CountedMemory {
   std::map<void*, std::size_t>* blocks;
   int* allocations;
 
   void* allocate(std::size_t bytes) const {
     ++*allocations;
-    void* const place = std::aligned_alloc(256, bytes);
-    (*blocks)[place] = bytes;
-    return place;
+    void* const block = std::aligned_alloc(256, bytes);
+    (*blocks)[block] = bytes;
+    return block;
   }
-  void release(void* place) const {
-    EXPECT_EQ(blocks->erase(place), 1u);
-    std::free(place);
+  void release(void* block) const {
+    EXPECT_EQ(blocks->erase(block), 1u);
+    std::free(block);
   }
 };
 
@@ -35,25 +35,25 @@ class ArenaOfCountedMemory : public testing::Test {
   int allocations_ = 0;
 };
 
-TEST_F(ArenaOfCountedMemory, PlacesAreAlignedAndApart) {
+TEST_F(ArenaOfCountedMemory, BlocksAreAlignedAndDisjoint) {
   Arena<CountedMemory> slab({&blocks_, &allocations_});
   for (int round = 0; round < 3; ++round) {
     slab.begin();
-    std::vector<std::pair<std::byte*, std::size_t>> places;
+    std::vector<std::pair<std::byte*, std::size_t>> blocks;
     for (const std::size_t bytes : {1u, 256u, 0u, 257u, 100000u, 4u}) {
-      auto* const place = static_cast<std::byte*>(slab.take(bytes));
-      EXPECT_EQ(reinterpret_cast<std::uintptr_t>(place) % 256, 0u);
-      std::memset(place, static_cast<int>(places.size()), bytes);
-      places.push_back({place, bytes});
+      auto* const block = static_cast<std::byte*>(slab.take(bytes));
+      EXPECT_EQ(reinterpret_cast<std::uintptr_t>(block) % 256, 0u);
+      std::memset(block, static_cast<int>(blocks.size()), bytes);
+      blocks.push_back({block, bytes});
     }
-    for (std::size_t i = 0; i < places.size(); ++i)
-      for (std::size_t b = 0; b < places[i].second; ++b)
-        ASSERT_EQ(std::to_integer<std::size_t>(places[i].first[b]), i)
+    for (std::size_t i = 0; i < blocks.size(); ++i)
+      for (std::size_t b = 0; b < blocks[i].second; ++b)
+        ASSERT_EQ(std::to_integer<std::size_t>(blocks[i].first[b]), i)
             << "round " << round << ", byte " << b;
   }
 }
 
-TEST_F(ArenaOfCountedMemory, OneBlockServesOnceEveryUseWasAtItsLargest) {
+TEST_F(ArenaOfCountedMemory, KeepsOneBlockForTheLargestUses) {
   Arena<CountedMemory> slab({&blocks_, &allocations_});
   const auto use = [&](std::initializer_list<std::size_t> sizes) {
     slab.begin();
@@ -61,7 +61,7 @@ TEST_F(ArenaOfCountedMemory, OneBlockServesOnceEveryUseWasAtItsLargest) {
   };
   use({1000, 5000, 300});
   EXPECT_EQ(blocks_.size(), 3u);
-  use({1000, 5000, 300});  // begins with one of all three
+  use({1000, 5000, 300});  // begins with one block for all three
   EXPECT_EQ(blocks_.size(), 1u);
   EXPECT_EQ(allocations_, 4);
   for (int again = 0; again < 5; ++again) {
@@ -75,7 +75,7 @@ TEST_F(ArenaOfCountedMemory, OneBlockServesOnceEveryUseWasAtItsLargest) {
   EXPECT_EQ(blocks_.size(), 1u);
 }
 
-TEST_F(ArenaOfCountedMemory, GivesEverythingBack) {
+TEST_F(ArenaOfCountedMemory, ReleasesAllMemory) {
   {
     Arena<CountedMemory> slab({&blocks_, &allocations_});
     slab.take(10);

@@ -10,9 +10,9 @@
 namespace redrive::kernels {
 namespace {
 
-constexpr int kLeastMajor = 7, kLeastMinor = 5;  // of CMakeLists.txt's architectures
+constexpr int kLeastMajor = 7, kLeastMinor = 5;  // the oldest architecture in CMakeLists.txt
 
-std::string cuda_version(int version) {  // 13000: 13.0
+std::string cuda_version(int version) {  // 13000 is 13.0
   return std::to_string(version / 1000) + "." + std::to_string(version % 1000 / 10);
 }
 
@@ -23,7 +23,7 @@ int driver_version() {
 
 cudaDeviceProp properties_of(int gpu) {
   cudaDeviceProp device;
-  check_cuda(cudaGetDeviceProperties(&device, gpu), "asking the GPU");
+  check_cuda(cudaGetDeviceProperties(&device, gpu), "querying the GPU");
   return device;
 }
 
@@ -32,7 +32,7 @@ cudaDeviceProp properties_of(int gpu) {
 int cuda_gpus() {
   int gpus = 0;
   const cudaError_t error = cudaGetDeviceCount(&gpus);
-  cudaGetLastError();  // or the next call would be blamed for it
+  cudaGetLastError();  // clears the error
   return error == cudaSuccess ? gpus : 0;
 }
 
@@ -41,16 +41,16 @@ std::optional<std::string> cuda_obstacle(int gpu) {
   if (driver == 0) return "no NVIDIA driver";
   int devices = 0;
   const cudaError_t error = cudaGetDeviceCount(&devices);
-  cudaGetLastError();  // or the next call would be blamed for it
+  cudaGetLastError();  // clears the error
   if (error == cudaErrorInsufficientDriver)
     return "the NVIDIA driver is for CUDA " + cuda_version(driver) +
            " and older, this build needs " + cuda_version(CUDART_VERSION);
   if (error == cudaErrorNoDevice || (error == cudaSuccess && devices == 0)) return "no NVIDIA GPU";
-  if (error != cudaSuccess) return std::string("CUDA says: ") + cudaGetErrorString(error);
+  if (error != cudaSuccess) return std::string("CUDA reports: ") + cudaGetErrorString(error);
   cudaDeviceProp device;
   if (const cudaError_t asked = cudaGetDeviceProperties(&device, gpu); asked != cudaSuccess) {
     cudaGetLastError();
-    return std::string("CUDA says: ") + cudaGetErrorString(asked);
+    return std::string("CUDA reports: ") + cudaGetErrorString(asked);
   }
   if (device.major < kLeastMajor || (device.major == kLeastMajor && device.minor < kLeastMinor))
     return std::string(device.name) + " has compute capability " + std::to_string(device.major) +

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the rest of the program sees of CUDA; what it computes, tests/conformance compares. Encoding
-// apart, whose error these derive.
+// Interface of the CUDA backend. tests/conformance compares its results, except for the encoding,
+// whose error is bounded here.
 #include "redrive/kernels/device/cuda_backend.h"
 
 #include <cmath>
@@ -19,7 +19,7 @@ namespace {
 TEST(CudaBackend, IsAvailableOrReturnsTheObstacle) {
   if (const auto obstacle = cuda_obstacle()) {
     EXPECT_FALSE(obstacle->empty());
-    EXPECT_EQ(cuda_obstacle(), obstacle) << "asking changes nothing";
+    EXPECT_EQ(cuda_obstacle(), obstacle) << "a second call returns the same";
     return;
   }
   EXPECT_THAT(cuda_description(),
@@ -30,7 +30,7 @@ TEST(CudaBackend, IsAvailableOrReturnsTheObstacle) {
   EXPECT_EQ(backend->device(), cuda_description());
 }
 
-TEST(LoopBackend, FetchesAndPutsKeptNumbers) {
+TEST(LoopBackend, DownloadsAndUploadsResidentNumbers) {
   const auto backend = make_loop_backend();
   Buffer<float> p(8);
   std::vector<float> m(8), v(8), gradients(8, 1.0f);
@@ -50,33 +50,33 @@ TEST(LoopBackend, FetchesAndPutsKeptNumbers) {
   backend->download(p.span());
   EXPECT_EQ(p[3], 7);
   EXPECT_NEAR(p[7], -0.5, 1e-6);
-  Buffer<float> other = std::move(p);  // goes with its numbers
+  Buffer<float> other = std::move(p);  // moving keeps the numbers resident
   backend->adam(adam_step(0, 1), gradients, other, m, v);
   EXPECT_TRUE(std::isnan(other[7]));
   other = {};
   EXPECT_EQ(backend->make_resident({}), nullptr);
 }
 
-TEST(LoopBackend, CountsWhatIsCopied) {
+TEST(LoopBackend, CountsCopiedBytes) {
   TransferCounts copies;
   const auto backend = make_loop_backend(&copies);
-  Buffer<float> kept(100);
+  Buffer<float> resident(100);
   const std::vector<float> other(10, 2.0f);
-  make_resident(*backend, kept);
+  make_resident(*backend, resident);
   EXPECT_EQ(copies.to_device, 400u);
-  backend->fill(kept.span().first(50), 1);
+  backend->fill(resident.span().first(50), 1);
   EXPECT_EQ(copies.to_host, 0u);
   double mean = 0;
-  backend->mean(kept.span(), &mean);
+  backend->mean(resident.span(), &mean);
   EXPECT_EQ(mean, 0.5);
-  EXPECT_EQ(copies.to_host, sizeof(double)) << "the mean alone";
+  EXPECT_EQ(copies.to_host, sizeof(double)) << "only the mean";
   EXPECT_EQ(copies.waits, 1u);
   backend->mean(other, &mean);
   EXPECT_EQ(mean, 2);
   EXPECT_EQ(copies.to_device, 440u);
 }
 
-TEST(EncodePoint, LosesNothingOfFastAngles) {
+TEST(EncodePoint, IsAccurateForLargeAngles) {
   constexpr int kOctaves = 10;
   std::vector<float> got(encoded_size(kOctaves));
   std::vector<double> expected(got.size());
@@ -86,14 +86,14 @@ TEST(EncodePoint, LosesNothingOfFastAngles) {
       point[k] = 2.0 * random_unit(random_key(5, kStreamTest), 3 * i + k) - 1;
     encode_point(point, kOctaves, got.data());
     positional_encoding(point, kOctaves, expected.data());
-    // The angle, at most pi, rounds by 2^-23, its sine and cosine by one unit of 2^-24, the
-    // expected one's angle by 2^-53 of 1600, twice.
+    // The angle, at most pi, rounds by 2^-23; its sine and cosine by one unit of 2^-24. The angle
+    // of the expected value rounds by 2^-53 of 1600, twice.
     for (std::size_t c = 0; c < got.size(); ++c)
       ASSERT_NEAR(got[c], expected[c], 0x1p-23 + 0x1p-24 + 4e-13) << c;
   }
 }
 
-TEST(EncodePoint, OfQuarterTurns) {
+TEST(EncodePoint, AgreesAtQuarterTurns) {
   const double point[3] = {0.5, -0.25, 1};
   float got[9 + 6];
   encode_point(point, 2, got);

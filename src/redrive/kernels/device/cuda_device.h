@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// A GPU by the CUDA runtime, for nvcc alone: memory, copies and the one kernel that all functors
-// run in. Everything is put on its default stream, in which one thing follows the other; copies to
-// the host wait for what comes before them. CUDA asks the GPU that the calling thread uses: what is
-// not sure to come behind begin() says use().
+// A GPU by the CUDA runtime, for nvcc alone: memory, copies and the kernels that run all functors.
+// All work goes to the default stream, in order; copies to the host wait for the work before them.
+// CUDA uses the current GPU of the calling thread, so functions that may run before begin() call
+// use().
 #pragma once
 
 #include <algorithm>
@@ -31,25 +31,25 @@ inline void check_cuda(cudaError_t error, const char* doing) {
 
 struct CudaAllocator {
   void* allocate(std::size_t bytes) const {
-    void* place = nullptr;
-    const cudaError_t error = cudaMalloc(&place, bytes);
+    void* memory = nullptr;
+    const cudaError_t error = cudaMalloc(&memory, bytes);
     if (error == cudaErrorMemoryAllocation) {
-      cudaGetLastError();  // or the next kernel would be blamed for it
+      cudaGetLastError();  // clears the error
       throw DeviceMemoryError(
           "--backend", "cuda",
           "the GPU has no " + std::to_string(bytes >> 20) +
-              " MiB left; lower --batch, take fewer or smaller pictures (--frames, --cameras, "
+              " MiB left; lower --batch, use fewer or smaller images (--frames, --cameras, "
               "--downscale), or see what else runs on it");
     }
     check_cuda(error, "allocating");
-    return place;
+    return memory;
   }
-  void release(void* place) const {
-    cudaFree(place);
-  }  // errors of work before it are the next copy's to tell
+  void release(void* memory) const {
+    cudaFree(memory);
+  }  // the next copy reports errors of earlier work
 };
 
-/// Functor i of each thread, and those a whole grid further.
+/// Runs functor(i) in thread i, in a loop over grids.
 template <class Functor>
 __global__ void run_functor(std::size_t n, const Functor functor) {
   for (std::size_t i = blockIdx.x * std::size_t{blockDim.x} + threadIdx.x; i < n;
@@ -57,8 +57,8 @@ __global__ void run_functor(std::size_t n, const Functor functor) {
     functor(i);
 }
 
-/// Functor i of each warp, and those a whole grid further. All lanes have the same i, and the
-/// compiler is to know it.
+/// Runs functor(i) in warp i, in a loop over grids. All lanes have the same i, which __shfl_sync
+/// shows to the compiler.
 constexpr int kWarpsPerBlock = 4;
 template <class Functor>
 __global__ void __launch_bounds__(32 * kWarpsPerBlock)
@@ -67,44 +67,41 @@ __global__ void __launch_bounds__(32 * kWarpsPerBlock)
   for (std::size_t i = blockIdx.x * std::size_t{kWarpsPerBlock} + warp; i < n;
        i += std::size_t{gridDim.x} * kWarpsPerBlock) {
     functor(i);
-    __syncwarp();  // lanes that had nothing to store go on with the others
+    __syncwarp();  // lanes reconverge after divergent stores
   }
 }
 
-/// To be asked what it was compiled for.
+/// An empty kernel, to query the architecture that the code was compiled for.
 template <class T>
 __global__ void do_nothing(T) {}
 
 class CudaDevice {
  public:
-  /// A network of width 256 keeps 15 KB a sample (tensor_layers.h): 0.5 GB; and a layer of it is
-  /// 4096 warps, three times what an H200 runs at once.
+  /// A network of width 256 keeps 15 KB per sample (tensor_layers.h), 0.5 GB in all. A layer is
+  /// 4096 warps, three times the number that an H200 runs at once.
   static constexpr std::size_t kMaxSamplesPerPass = std::size_t{1} << 15;
-  /// 0.2 GB at width 64, and a step's samples in a launch or two.
+  /// 0.2 GB at width 64; one or two launches for a step's samples.
   static constexpr std::size_t kMaxGridSamplesPerPass = std::size_t{1} << 18;
-  /// Four rounds of all warps that an H100 has room for, and 256 MiB of copies, five times its
-  /// cache (device_ceilings.h).
+  /// Four times the warps that an H100 runs at once. They copy 256 MiB, five times its cache.
   static constexpr std::size_t kBenchmarkWarps = std::size_t{1} << 17;
 
   explicit CudaDevice(int gpu) : gpu_(gpu) {
     use();
     check_cuda(cudaDeviceGetAttribute(&multiprocessors_, cudaDevAttrMultiProcessorCount, gpu),
-               "asking the GPU");
+               "querying the GPU");
     cudaFuncAttributes kernel{};
-    check_cuda(cudaFuncGetAttributes(&kernel, do_nothing<int>), "asking the GPU");
-    has_tensor_cores_ =
-        kernel.ptxVersion >=
-        80;  // of the code that it runs: bf16's are there from compute capability 8.0 on
+    check_cuda(cudaFuncGetAttributes(&kernel, do_nothing<int>), "querying the GPU");
+    has_tensor_cores_ = kernel.ptxVersion >= 80;  // bf16 needs code for compute capability 8.0
   }
   int gpu() const { return gpu_; }
-  /// Next to nothing where the thread uses it already.
+  /// Sets the calling thread's GPU; nearly free if it is set already.
   void use() const { check_cuda(cudaSetDevice(gpu_), "choosing a GPU"); }
   bool has_tensor_cores() const { return has_tensor_cores_; }
   std::optional<std::string> description() const { return cuda_description(gpu_); }
   std::optional<std::uint64_t> free_memory() const {
     use();
     std::size_t free = 0, all = 0;
-    check_cuda(cudaMemGetInfo(&free, &all), "asking how much memory is free");
+    check_cuda(cudaMemGetInfo(&free, &all), "querying free memory");
     return free;
   }
 
@@ -115,7 +112,7 @@ class CudaDevice {
   void* take(std::size_t bytes) { return memory_.take(bytes); }
   std::shared_ptr<void> hold(std::size_t bytes) {
     use();
-    return {CudaAllocator().allocate(bytes), [](void* place) { CudaAllocator().release(place); }};
+    return {CudaAllocator().allocate(bytes), [](void* memory) { CudaAllocator().release(memory); }};
   }
   void spoil(std::span<std::byte>) {}
   void wait() {
@@ -132,7 +129,8 @@ class CudaDevice {
   }
   void exclusive_sum(std::size_t n, const std::uint32_t* numbers, std::uint32_t* sums) {
     std::size_t bytes = 0;
-    check_cuda(cub::DeviceScan::ExclusiveSum(nullptr, bytes, numbers, sums, n), "asking for room");
+    check_cuda(cub::DeviceScan::ExclusiveSum(nullptr, bytes, numbers, sums, n),
+               "querying the size of a scan");
     check_cuda(cub::DeviceScan::ExclusiveSum(take(bytes), bytes, numbers, sums, n), "adding up");
   }
 
@@ -140,7 +138,7 @@ class CudaDevice {
   void for_each(std::size_t n, const Functor& functor) {
     if (n == 0) return;
     constexpr std::size_t kThreads =
-        128;  // a warp where these would leave multiprocessors idle, as a batch's rays do
+        128;  // smaller batches, such as rays, use single warps to occupy all multiprocessors
     const std::size_t threads = n < kThreads * multiprocessors_ ? 32 : kThreads;
     run_functor<<<blocks<Functor>(n, threads), static_cast<unsigned>(threads)>>>(n, functor);
     check_cuda(cudaGetLastError(), "starting a kernel");
@@ -152,15 +150,14 @@ class CudaDevice {
     check_cuda(cudaGetLastError(), "starting a kernel");
   }
 
-  ResidentBuffers kept;
+  ResidentBuffers resident;
 
  private:
   template <class Functor>
   unsigned blocks(std::size_t n, std::size_t each) const {
-    static_assert(std::is_trivially_copyable_v<Functor>, "goes to the GPU byte by byte");
-    static_assert(sizeof(Functor) <= 4000, "arguments of a kernel have 4 KiB");
-    constexpr std::size_t kBlocksEach =
-        64;  // more rounds than these even out what threads differ by
+    static_assert(std::is_trivially_copyable_v<Functor>, "is copied to the GPU by bytes");
+    static_assert(sizeof(Functor) <= 4000, "kernel arguments are limited to 4 KiB");
+    constexpr std::size_t kBlocksEach = 64;  // per multiprocessor: enough to balance the load
     return static_cast<unsigned>(std::min((n + each - 1) / each, kBlocksEach * multiprocessors_));
   }
 

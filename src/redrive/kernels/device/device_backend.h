@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The backend of a Device (stage.h): every stage copies its arguments there, runs functors on them
-// and copies its results back, except for arrays that are resident on the device.
+// The backend of a Device (stage.h). Every stage copies its arguments to the device, runs functors
+// on them and copies its results back, except for arrays that are resident on the device.
 #pragma once
 
 #include <memory>
@@ -24,7 +24,7 @@ namespace redrive::kernels {
 template <class Device>
 class DeviceBackend final : public Backend {
  public:
-  /// threads: the host's, which load images.
+  /// threads: number of threads on the host, which load images.
   template <class... OfDevice>
   DeviceBackend(std::string name, int threads, const OfDevice&... of_device)
       : name_(std::move(name)), threads_(threads), device_(of_device...) {}
@@ -35,23 +35,23 @@ class DeviceBackend final : public Backend {
 
   std::shared_ptr<void> make_resident(std::span<const float> numbers) override {
     if (numbers.empty()) return nullptr;
-    auto there = device_.hold(numbers.size_bytes());
-    device_.to_device(there.get(), numbers.data(), numbers.size_bytes());
-    device_.kept.add(numbers, there);
-    return there;
+    auto memory = device_.hold(numbers.size_bytes());
+    device_.to_device(memory.get(), numbers.data(), numbers.size_bytes());
+    device_.resident.add(numbers, memory);
+    return memory;
   }
   void download(std::span<const float> part) override {
-    if (const void* const there = device_.kept.find(std::as_bytes(part)))
-      device_.to_host(const_cast<float*>(part.data()), there,
-                      part.size_bytes());  // the host's copy is no constant
+    if (const void* const memory = device_.resident.find(std::as_bytes(part)))
+      device_.to_host(const_cast<float*>(part.data()), memory,
+                      part.size_bytes());  // the host's copy is a non-const buffer
   }
   void upload(std::span<const float> part) override {
-    if (void* const there = device_.kept.find(std::as_bytes(part)))
-      device_.to_device(there, part.data(), part.size_bytes());
+    if (void* const memory = device_.resident.find(std::as_bytes(part)))
+      device_.to_device(memory, part.data(), part.size_bytes());
   }
 
   bool is_resident(std::span<const float> numbers) const override {
-    return device_.kept.find(std::as_bytes(numbers)) != nullptr;
+    return device_.resident.find(std::as_bytes(numbers)) != nullptr;
   }
 
   void fill(std::span<float> numbers, float value) override {
@@ -88,7 +88,7 @@ class DeviceBackend final : public Backend {
   void gather_pixels(const PixelSource& from, const PixelDraw& draw, std::span<const float> errors,
                      const GatheredRays& out) override {
     check_gather_pixels(from, draw, errors.size(), out);
-    const PixelSpans& pixels = kernels::there(device_, from);
+    const PixelSpans& pixels = resident_spans(device_, from);
     Stage stage(device_);
     const GatheredRays rays = {
         stage.out(out.origin),     stage.out(out.direction),   stage.out(out.target),
@@ -107,7 +107,7 @@ class DeviceBackend final : public Backend {
   void gather_returns(const LidarSource& from, const LidarDraw& draw,
                       const GatheredReturns& out) override {
     check_gather_returns(from, out);
-    const LidarSpans& returns = kernels::there(device_, from);
+    const LidarSpans& returns = resident_spans(device_, from);
     Stage stage(device_);
     stage.for_each(out.range_m.size(),
                    GatherReturns{returns,
@@ -127,7 +127,7 @@ class DeviceBackend final : public Backend {
                                stage.template scratch<std::uint32_t>(n)};
     stage.for_each(n, ClearRayLists{rays});
     stage.for_each(n, LinkRays{rays});
-    stage.for_each(n, SmoothErrors{rays, stage.in(squares), stage.in_out(errors)});
+    stage.for_each(n, UpdateErrorMap{rays, stage.in(squares), stage.in_out(errors)});
     stage.finish();
   }
 
@@ -136,7 +136,7 @@ class DeviceBackend final : public Backend {
     check_composite_forward(n_rays, samples, raw.size(), background, out);
     Stage stage(device_);
     stage.for_each(n_rays, CompositeRays{static_cast<std::size_t>(n_rays),
-                                         there(stage, samples),
+                                         stage_input(stage, samples),
                                          stage.in(raw),
                                          stage.in(background),
                                          {stage.out(out.rgb), stage.out(out.depth),
@@ -145,17 +145,16 @@ class DeviceBackend final : public Backend {
   }
 
   void composite_backward(int n_rays, const Samples& samples, std::span<const float> raw,
-                          std::span<const float> background, const CompositeAdjoint& adjoint,
+                          std::span<const float> background, const CompositeOutGradient& d_out,
                           std::span<float> d_raw) override {
-    check_composite_backward(n_rays, samples, raw.size(), background, adjoint, d_raw.size());
+    check_composite_backward(n_rays, samples, raw.size(), background, d_out, d_raw.size());
     Stage stage(device_);
-    stage.for_each(n_rays,
-                   CompositeRaysBackward{static_cast<std::size_t>(n_rays),
-                                         there(stage, samples),
-                                         stage.in(raw),
-                                         stage.in(background),
-                                         {stage.in(adjoint.d_rgb), stage.in(adjoint.d_weights)},
-                                         stage.out(d_raw)});
+    stage.for_each(n_rays, CompositeRaysBackward{static_cast<std::size_t>(n_rays),
+                                                 stage_input(stage, samples),
+                                                 stage.in(raw),
+                                                 stage.in(background),
+                                                 {stage.in(d_out.d_rgb), stage.in(d_out.d_weights)},
+                                                 stage.out(d_raw)});
     stage.finish();
   }
 
@@ -182,9 +181,7 @@ class DeviceBackend final : public Backend {
   NerfStages& nerf() override { return nerf_; }
   GridStages& grid() override { return grid_; }
 
-  ImageScore score(const ImagePair& pictures) override {
-    return score_on_device(device_, pictures);
-  }
+  ImageScore score(const ImagePair& images) override { return score_on_device(device_, images); }
 
   Device& raw_device() { return device_; }
 

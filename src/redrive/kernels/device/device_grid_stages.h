@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The stages of --method grid on a device: CommonGridStages in kernels, and those that a device
-// runs in another way than the host. Between stages nothing comes to the host but the number of
-// active rays and the losses.
+// The stages of --method grid on a device: CommonGridStages in kernels, and the stages that the
+// host implements in another way. Between stages only the number of active rays and the losses are
+// copied to the host.
 #pragma once
 
 #include <algorithm>
@@ -21,8 +21,9 @@ struct DeviceExecutor {
   Stage<Device> stage() const { return Stage<Device>(*device); }
 };
 
-/// Adds the derivatives of all rays with respect to the parameters of the gains (CommonGridStages::
-/// huber_loss): each knot sums its rays in kRayParts parts, so that the sums have a fixed order.
+/// Adds the derivatives of all rays with respect to the parameters of the gains
+/// (CommonGridStages::huber_loss). Each knot sums its rays in kRayParts parts, so that the sums
+/// have a fixed order.
 template <class Device>
 void add_gain_gradients(Stage<Device>& stage, const ColourLossInput& colours,
                         std::span<const float> d_rgb, std::span<float> d_appearance) {
@@ -68,7 +69,7 @@ class DeviceGridStages final : public CommonGridStages<DeviceExecutor<Device>> {
     const UnitPoints points = sky_points(stage, rays, pixel_angle);
     const auto features = stage.template scratch<float>(points.n * grid.config.outputs());
     stage.for_each(points.n * grid.config.levels,
-                   EncodePoints{GridLevels(there(stage, grid)), points, features});
+                   EncodePoints{GridLevels(stage_input(stage, grid)), points, features});
     stage.for_each(points.n, SkyColours{grid.config, points.n, features, stage.out(colour)});
     stage.finish();
   }
@@ -89,7 +90,7 @@ class DeviceGridStages final : public CommonGridStages<DeviceExecutor<Device>> {
                        GridLevels({grid.config, {}}), points, d_features, {stage.in_out(d_table)}});
     if (!d_direction.empty()) {
       const auto d_position = stage.template scratch<float>(d_direction.size());
-      stage.for_each(points.n, EncodePositionBackward{GridLevels(there(stage, grid)), points,
+      stage.for_each(points.n, EncodePositionBackward{GridLevels(stage_input(stage, grid)), points,
                                                       d_features, d_position});
       stage.for_each(d_position.size(),
                      SkyDirectionsBackward{d_position, stage.in_out(d_direction)});
@@ -100,9 +101,9 @@ class DeviceGridStages final : public CommonGridStages<DeviceExecutor<Device>> {
   void encode(const HashGrid& grid, const UnitPoints& points, std::span<float> features) override {
     check_encode(grid, points, features.size());
     Stage stage(device_);
-    stage.for_each(
-        points.n * grid.config.levels,
-        EncodePoints{GridLevels(there(stage, grid)), there(stage, points), stage.out(features)});
+    stage.for_each(points.n * grid.config.levels,
+                   EncodePoints{GridLevels(stage_input(stage, grid)), stage_input(stage, points),
+                                stage.out(features)});
     stage.finish();
   }
 
@@ -114,13 +115,13 @@ class DeviceGridStages final : public CommonGridStages<DeviceExecutor<Device>> {
     const HashGrid values{grid.config,
                           d_position.empty() ? std::span<const float>() : stage.in(grid.table)};
     const GridLevels levels(values);
-    const UnitPoints points_there = there(stage, points);
+    const UnitPoints device_points = stage_input(stage, points);
     const std::span<const float> d = stage.in(d_features);
     stage.for_each(points.n * grid.config.levels,
-                   EncodeTableBackward{levels, points_there, d, {stage.in_out(d_table)}});
+                   EncodeTableBackward{levels, device_points, d, {stage.in_out(d_table)}});
     if (!d_position.empty())
       stage.for_each(points.n,
-                     EncodePositionBackward{levels, points_there, d, stage.out(d_position)});
+                     EncodePositionBackward{levels, device_points, d, stage.out(d_position)});
     stage.finish();
   }
 
@@ -131,13 +132,13 @@ class DeviceGridStages final : public CommonGridStages<DeviceExecutor<Device>> {
     const std::size_t n = interval_count(n_rays, per_ray),
                       most = std::min(n, Device::kMaxSamplesPerPass);
     Stage stage(device_);
-    const GridNetwork network_there = there(stage, network);
+    const GridNetwork device_network = stage_input(stage, network);
     const std::span<const float> x = stage.in(features), y = stage.in(harmonics);
     const std::span<float> out = stage.out(raw);
     if (device_.has_tensor_cores() && can_fuse(network.config, {x.data(), y.data()})) {
-      FusedGridNetwork<Device>(stage, network_there, n, per_ray, x, y).forward(out);
+      FusedGridNetwork<Device>(stage, device_network, n, per_ray, x, y).forward(out);
     } else {
-      GridFp32Network<Device> pass(stage, network_there, n, per_ray, most, x, y, {});
+      GridFp32Network<Device> pass(stage, device_network, n, per_ray, most, x, y, {});
       for (std::size_t first = 0; first < n; first += most)
         pass.forward(first, std::min(most, n - first), {&out[first], 1, n});
     }
@@ -154,15 +155,15 @@ class DeviceGridStages final : public CommonGridStages<DeviceExecutor<Device>> {
     const std::size_t n = interval_count(n_rays, per_ray),
                       most = std::min(n, Device::kMaxSamplesPerPass);
     Stage stage(device_);
-    const GridNetwork network_there = there(stage, network);
+    const GridNetwork device_network = stage_input(stage, network);
     const std::span<const float> x = stage.in(features), y = stage.in(harmonics),
                                  d = stage.in(d_raw);
     const std::span<float> gradients = stage.in_out(d_weights), out = stage.out(d_features);
     if (device_.has_tensor_cores() && can_fuse(network.config, {x.data(), y.data(), out.data()})) {
-      FusedGridNetwork<Device>(stage, network_there, n, per_ray, x, y)
+      FusedGridNetwork<Device>(stage, device_network, n, per_ray, x, y)
           .backward(std::min(n, Device::kMaxGridSamplesPerPass), d, gradients, out);
     } else {
-      GridFp32Network<Device> pass(stage, network_there, n, per_ray, most, x, y, gradients);
+      GridFp32Network<Device> pass(stage, device_network, n, per_ray, most, x, y, gradients);
       for (std::size_t first = 0; first < n; first += most) {
         const std::size_t count = std::min(most, n - first);
         pass.forward(first, count, {});
@@ -176,8 +177,8 @@ class DeviceGridStages final : public CommonGridStages<DeviceExecutor<Device>> {
                         std::span<float> density) override {
     check_proposal_density(grid, points, density.size());
     Stage stage(device_);
-    stage.for_each(points.n, ProposalDensity{GridLevels(there(stage, grid)), density_scale,
-                                             there(stage, points), stage.out(density)});
+    stage.for_each(points.n, ProposalDensity{GridLevels(stage_input(stage, grid)), density_scale,
+                                             stage_input(stage, points), stage.out(density)});
     stage.finish();
   }
 
@@ -188,7 +189,7 @@ class DeviceGridStages final : public CommonGridStages<DeviceExecutor<Device>> {
     Stage stage(device_);
     stage.for_each(points.n * grid.config.levels,
                    ProposalDensityBackward{GridLevels({grid.config, {}}),
-                                           there(stage, points),
+                                           stage_input(stage, points),
                                            stage.in(density),
                                            stage.in(d_density),
                                            {stage.in_out(d_table)}});
@@ -196,7 +197,8 @@ class DeviceGridStages final : public CommonGridStages<DeviceExecutor<Device>> {
   }
 
  private:
-  /// Offsets of the numbers of `rays`, `each` a ray, in an array of size `all`.
+  /// Returns the offsets of the numbers of `rays` in an array of size `all`; `each`: size of the
+  /// array of the listed rays.
   static GatherOffset offset_of(Stage<Device>& stage, std::span<const std::uint32_t> rays,
                                 RayLayout layout, std::size_t each, std::size_t all) {
     return {stage.in(rays), layout == RayLayout::kRows, each, all / each};
@@ -207,7 +209,7 @@ class DeviceGridStages final : public CommonGridStages<DeviceExecutor<Device>> {
     const auto position = stage.template scratch<float>(3 * n),
                footprint = stage.template scratch<float>(n);
     stage.for_each(
-        n, SkyPoints{directions_there(stage, rays), stage.in(pixel_angle), position, footprint});
+        n, SkyPoints{directions_input(stage, rays), stage.in(pixel_angle), position, footprint});
     return {n, position, footprint};
   }
 

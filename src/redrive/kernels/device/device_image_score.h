@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Backend::score on a device: a functor for each step of score_work.h, and filters, whose taps go
-// to the kernels as arguments.
+// Backend::score on a device: one functor for each step of image_score.h, and filters whose taps
+// are kernel arguments.
 #pragma once
 
 #include "redrive/kernels/device/stage.h"
@@ -9,22 +9,22 @@
 namespace redrive::kernels {
 
 struct FillPlanes {
-  ImagePair pictures;
+  ImagePair images;
   std::span<float> planes;
 
   REDRIVE_HD void operator()(std::size_t pixel) const {
-    fill_planes_of_pixel(pictures, pixel, planes);
+    fill_planes_of_pixel(images, pixel, planes);
   }
 };
 
-/// i: of the channels' numbers, one channel after the other.
+/// i: index into three channels of all pixels.
 struct SquaredErrors {
   std::span<const float> planes;
 
   REDRIVE_HD double operator()(std::size_t i) const { return squared_error_at(planes, i); }
 };
 
-/// i: of the columns of all windows of a channel, row by row.
+/// i: index of a column of windows in a channel, row by row.
 struct SsimColumns {
   SsimTaps taps;
   std::span<const float> planes;
@@ -36,7 +36,7 @@ struct SsimColumns {
   }
 };
 
-/// i: of all windows of a channel, row by row.
+/// i: index of a window in a channel, row by row.
 struct SsimWindows {
   SsimTaps taps;
   std::span<const SsimMoments> columns;
@@ -50,13 +50,15 @@ struct SsimWindows {
 };
 
 struct OpponentPixels {
-  std::span<float> picture;  ///< its planes
+  std::span<float> image_planes;  ///< planes of one image
 
-  REDRIVE_HD void operator()(std::size_t pixel) const { opponent_colour_of_pixel(picture, pixel); }
+  REDRIVE_HD void operator()(std::size_t pixel) const {
+    opponent_colour_of_pixel(image_planes, pixel);
+  }
 };
 
-/// A filter along a line of numbers that are `stride` apart, about number `at` of `size`; beyond
-/// its ends it goes on with the last one.
+/// Filters a line of `size` numbers that are `stride` apart, at index `at`. Repeats the border
+/// values beyond its ends.
 template <std::size_t n>
 REDRIVE_HD float filtered(const std::array<float, n>& taps, const float* line, int at, int size,
                           std::size_t stride) {
@@ -68,20 +70,20 @@ REDRIVE_HD float filtered(const std::array<float, n>& taps, const float* line, i
   return sum;
 }
 
-/// Filters along x: by the terms of colour, and of the luminance smooth, first and second
-/// derivative. rows [7, n].
+/// Filters along x: the terms of each colour channel, and the luminance smoothed and with first and
+/// second derivative. rows [7, n].
 constexpr std::size_t kFilteredPlanes = FlipFilters::kTerms + 3;
 struct FilterRows {
   FlipFilters filters;
-  std::span<const float> picture;
+  std::span<const float> image_planes;
   int width;
   std::span<float> rows;
 
   REDRIVE_HD void operator()(std::size_t pixel) const {
-    const std::size_t n = picture.size() / kImagePlanes;
+    const std::size_t n = image_planes.size() / kImagePlanes;
     const int x = static_cast<int>(pixel % width);
     const auto put = [&](std::size_t to, std::size_t plane, const auto& taps) {
-      rows[to * n + pixel] = filtered(taps, &picture[plane * n + pixel - x], x, width, 1);
+      rows[to * n + pixel] = filtered(taps, &image_planes[plane * n + pixel - x], x, width, 1);
     };
     for (std::size_t t = 0; t < FlipFilters::kTerms; ++t)
       put(t, filters.colour[t].channel, filters.colour[t].taps);
@@ -91,7 +93,7 @@ struct FilterRows {
   }
 };
 
-/// Along y, and what is seen then.
+/// Filters along y and computes FLIP's perceived colours and features.
 struct FilterColumns {
   FlipFilters filters;
   std::span<const float> rows;
@@ -126,38 +128,38 @@ struct FlipDifferences {
 };
 
 template <class Device>
-ImageScore score_on_device(Device& device, const ImagePair& pictures) {
-  check_image_pair(pictures);
-  const std::size_t n = pixel_count_of(pictures), width = pictures.width;
+ImageScore score_on_device(Device& device, const ImagePair& images) {
+  check_image_pair(images);
+  const std::size_t n = pixel_count_of(images), width = images.width;
   Stage stage(device);
-  const ImagePair there = {pictures.width, pictures.height, stage.in(pictures.rgb),
-                           stage.in(pictures.truth), stage.in(pictures.mask)};
+  const ImagePair on_device = {images.width, images.height, stage.in(images.rgb),
+                               stage.in(images.ground_truth), stage.in(images.mask)};
   const auto planes = stage.template scratch<float>(2 * kImagePlanes * n);
   ScoreSums sums;
-  stage.for_each(n, FillPlanes{there, planes});
+  stage.for_each(n, FillPlanes{on_device, planes});
   sums.squares = stage.sum(3 * n, SquaredErrors{planes});
 
   const SsimTaps taps = ssim_taps();
-  const std::size_t down = window_count(pictures.height),
-                    windows = window_count(pictures.width) * down;
+  const std::size_t down = window_count(images.height), windows = window_count(images.width) * down;
   const auto columns = stage.template scratch<SsimMoments>(down * width);
   for (std::size_t c = 0; c < 3; ++c) {
     stage.for_each(columns.size(), SsimColumns{taps, planes, c * n, width, columns});
-    sums.ssim += stage.sum(windows, SsimWindows{taps, columns, there.mask, width});
+    sums.ssim += stage.sum(windows, SsimWindows{taps, columns, on_device.mask, width});
   }
 
   const FlipFilters filters = flip_filters();
   const auto rows = stage.template scratch<float>(kFilteredPlanes * n);
   std::span<FlipPixel> seen[2];
   for (int which = 0; which < 2; ++which) {
-    const std::span<float> picture = planes.subspan(which * kImagePlanes * n, kImagePlanes * n);
+    const std::span<float> image_planes =
+        planes.subspan(which * kImagePlanes * n, kImagePlanes * n);
     seen[which] = stage.template scratch<FlipPixel>(n);
-    stage.for_each(n, OpponentPixels{picture});
-    stage.for_each(n, FilterRows{filters, picture, pictures.width, rows});
-    stage.for_each(n, FilterColumns{filters, rows, pictures.width, seen[which]});
+    stage.for_each(n, OpponentPixels{image_planes});
+    stage.for_each(n, FilterRows{filters, image_planes, images.width, rows});
+    stage.for_each(n, FilterColumns{filters, rows, images.width, seen[which]});
   }
-  sums.flip = stage.sum(n, FlipDifferences{filters, seen[0], seen[1], there.mask});
-  return score_from_sums(pictures, sums);
+  sums.flip = stage.sum(n, FlipDifferences{filters, seen[0], seen[1], on_device.mask});
+  return score_from_sums(images, sums);
 }
 
 }  // namespace redrive::kernels

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a GPU has instructions for that C++ does not say.
+// GPU instructions that C++ has no expression for, with equivalents on the host.
 #pragma once
 
 #include <cstdint>
@@ -8,8 +8,8 @@
 
 namespace redrive::kernels {
 
-/// a b + c: rounded once on a device, whose other arithmetic is that of the host (no contraction,
-/// CMakeLists.txt).
+/// Returns a b + c, rounded once on a device. Other arithmetic on a device is that of the host (no
+/// contraction, CMakeLists.txt).
 REDRIVE_HD inline float multiply_add(float a, float b, float c) {
 #ifdef __CUDA_ARCH__
   return __fmaf_rn(a, b, c);
@@ -18,7 +18,8 @@ REDRIVE_HD inline float multiply_add(float a, float b, float c) {
 #endif
 }
 
-/// *to += x, whoever else adds to it. The order is open, so the last bits of a sum are.
+/// Adds x to *to atomically. The order of concurrent additions is open, and so are the last bits of
+/// a sum.
 REDRIVE_HD inline void atomic_add(float* to, float x) {
 #ifdef __CUDA_ARCH__
   atomicAdd(to, x);
@@ -27,18 +28,18 @@ REDRIVE_HD inline void atomic_add(float* to, float x) {
 #endif
 }
 
-/// Puts x there and returns what was there, whoever else does.
-REDRIVE_HD inline std::uint32_t atomic_exchange(std::uint32_t* there, std::uint32_t x) {
+/// Stores x at `address` atomically and returns the value before.
+REDRIVE_HD inline std::uint32_t atomic_exchange(std::uint32_t* address, std::uint32_t x) {
 #ifdef __CUDA_ARCH__
-  return atomicExch(there, x);
+  return atomicExch(address, x);
 #else
-  const std::uint32_t before = *there;
-  *there = x;
+  const std::uint32_t before = *address;
+  *address = x;
   return before;
 #endif
 }
 
-/// Two numbers that follow each other, the first at a multiple of 8 bytes: one load, one store.
+/// Two consecutive numbers, the first aligned to 8 bytes: one load, one store.
 struct FloatPair {
   float first, second;
 };

@@ -29,8 +29,8 @@ class DeviceNerfStages final : public NerfStages {
                            std::span<float> dt) override {
     const int n_rays = check_hierarchical(coarse, weights.size(), extra, t.size(), dt.size());
     Stage stage(device_);
-    stage.for_each(n_rays, HierarchicalRays{there(stage, coarse), stage.in(weights), extra, jitter,
-                                            key, stage.out(t), stage.out(dt)});
+    stage.for_each(n_rays, HierarchicalRays{stage_input(stage, coarse), stage.in(weights), extra,
+                                            jitter, key, stage.out(t), stage.out(dt)});
     stage.finish();
   }
 
@@ -64,12 +64,12 @@ class DeviceNerfStages final : public NerfStages {
     const std::size_t n = sample_count(rays.n, samples),
                       most = std::min(n, Device::kMaxSamplesPerPass);
     Stage stage(device_);
-    Pass pass(stage, there(stage, field), most, {}, false);
-    const Rays rays_there = there(stage, rays);
-    const Samples samples_there = there(stage, samples);
+    Pass pass(stage, stage_input(stage, field), most, {}, false);
+    const Rays device_rays = stage_input(stage, rays);
+    const Samples device_samples = stage_input(stage, samples);
     const std::span<float> out = stage.out(raw);
     for (std::size_t first = 0; first < n; first += most)
-      pass.forward(rays_there, samples_there, first, std::min(most, n - first),
+      pass.forward(device_rays, device_samples, first, std::min(most, n - first),
                    {&out[first], 1, n});
     stage.finish();
   }
@@ -81,21 +81,21 @@ class DeviceNerfStages final : public NerfStages {
     const std::size_t n = sample_count(rays.n, samples),
                       most = std::min(n, Device::kMaxSamplesPerPass);
     Stage stage(device_);
-    Pass pass(stage, there(stage, field), most, stage.in_out(gradients), of_rays.wanted());
-    const Rays rays_there = there(stage, rays);
-    const Samples samples_there = there(stage, samples);
+    Pass pass(stage, stage_input(stage, field), most, stage.in_out(gradients), of_rays.wanted());
+    const Rays device_rays = stage_input(stage, rays);
+    const Samples device_samples = stage_input(stage, samples);
     const std::span<const float> d = stage.in(d_raw);
     const std::span<float> d_position = stage.template scratch<float>(of_rays.wanted() ? 3 * n : 0);
     for (std::size_t first = 0; first < n; first += most) {
       const std::size_t count = std::min(most, n - first);
-      pass.forward(rays_there, samples_there, first, count, {});
+      pass.forward(device_rays, device_samples, first, count, {});
       pass.backward(count, {&d[first], 1, n},
                     {d_position.empty() ? nullptr : &d_position[first], 1, n});
     }
     if (of_rays.wanted())
       stage.for_each(rays.n, AddRayGradients{field.unit_from_world,
                                              rays.n,
-                                             samples_there,
+                                             device_samples,
                                              d_position,
                                              {stage.in_out(of_rays.d_origin),
                                               stage.in_out(of_rays.d_direction)}});

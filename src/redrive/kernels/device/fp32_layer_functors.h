@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A linear layer of a network on a batch of samples: y = W x + b, and its adjoint, in fp32. A
-// thread has a tile of kTile x kTile sums, so that a number that it reads is used kTile times. Sums
-// have a fixed order: the same bits each time.
+// A linear layer of a network on a batch of samples, y = W x + b, forward and backward in fp32. A
+// thread computes a tile of kTile x kTile sums, so that each number that it reads is used kTile
+// times. Sums have a fixed order: the same bits each time.
 #pragma once
 
 #include <cstddef>
@@ -12,7 +12,7 @@
 
 namespace redrive::kernels {
 
-/// What a sample has in a matrix: number `c` of sample `s` is data[s * sample + c * number].
+/// A matrix of samples: number `c` of sample `s` is data[s * sample + c * number].
 template <class T>
 struct SampleMatrix {
   T* data = nullptr;
@@ -24,13 +24,12 @@ inline SampleMatrix<const float> read_only(const SampleMatrix<float>& x) {
   return {x.data, x.sample, x.number};
 }
 
-constexpr std::size_t kTile =
-    4;  // 16 sums and the 8 numbers of a step in registers, four products a load
+constexpr std::size_t kTile = 4;  // 16 sums and 8 operands in registers, each for four products
 
 REDRIVE_HD constexpr std::size_t tiles_of(std::size_t n) { return (n + kTile - 1) / kTile; }
 
-/// The numbers of a tile along one side; behind the end the last one again, whose sums are not
-/// kept.
+/// Offsets of a tile along one side. Beyond the end they repeat the last one, and those sums are
+/// not stored.
 struct TileSide {
   std::size_t at[kTile], count;
 
@@ -41,7 +40,7 @@ struct TileSide {
   }
 };
 
-/// y = W x + b, then ReLU where there is one. weight [outputs, inputs], bias [outputs] or null.
+/// y = W x + b, then ReLU if the layer has one. weight [outputs, inputs], bias [outputs] or null.
 struct LayerForward {
   std::size_t samples, outputs, inputs;
   const float *weight, *bias;
@@ -71,9 +70,9 @@ struct LayerForward {
   }
 };
 
-/// d_x = W^T d_y for `columns` of the inputs, those that `weight` begins at (its rows are `inputs`
-/// apart), added to what is there where `adds`; then cut to where the ReLU that x came through was
-/// open, if `opened` (x itself) is given.
+/// d_x = W^T d_y for `columns` of the inputs. `weight` begins at the first of them; its rows are
+/// `inputs` apart. Adds to d_x where `adds`. Then sets it to 0 where the ReLU that returned
+/// `opened` (x itself), unless null, is closed.
 struct LayerInputBackward {
   std::size_t samples, outputs, inputs, columns;
   const float* weight;
@@ -105,15 +104,14 @@ struct LayerInputBackward {
 };
 
 constexpr std::size_t kSamplesPerSlice =
-    512;  // the slices of 2^15 samples keep a device busy with the smallest layer, too
+    512;  // 2^15 samples have slices enough to occupy a device even for the smallest layer
 
 REDRIVE_HD constexpr std::size_t slices_of(std::size_t samples) {
   return (samples + kSamplesPerSlice - 1) / kSamplesPerSlice;
 }
 
-/// Sums over a slice of the samples: partial[slice][size()] = d_y x^T [outputs, inputs] and, where
-/// there is a bias, behind it the sums of d_y [outputs], as they stand in the buffer of all
-/// parameters.
+/// Sums over a slice of the samples: partial[slice][size()] = d_y x^T [outputs, inputs], followed
+/// by the sums of d_y [outputs] if there is a bias, as in the buffer of all parameters.
 struct LayerWeightBackward {
   std::size_t samples, outputs, inputs;
   bool has_bias;
@@ -147,9 +145,9 @@ struct LayerWeightBackward {
   }
 };
 
-constexpr std::size_t kSlicesPerGroup = 32;  ///< sums that one thread adds up, one after the other
+constexpr std::size_t kSlicesPerGroup = 32;  ///< sums that one thread adds up in order
 
-/// The sums of a group of slices, in their order, in the place of its first.
+/// Adds up the sums of a group of slices in order and stores the total in its first slice.
 struct ReduceSliceGroups {
   std::size_t slices, size;
   float* partial;
@@ -164,8 +162,7 @@ struct ReduceSliceGroups {
   }
 };
 
-/// gradients[i] += the slices' sums, in their order; `apart`: slices from one to the next that
-/// counts.
+/// gradients[i] += the slices' sums, in order. `apart`: distance between slices that hold sums.
 struct ReduceSlices {
   std::size_t slices, size;
   const float* partial;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// On small whole numbers, whose products and sums are exact in float: any order, tile and slice
-// gives the same.
+// Uses small integers, whose products and sums are exact in float: any order, tile and slice gives
+// the same result.
 #include "redrive/kernels/device/fp32_layer_functors.h"
 
 #include <vector>
@@ -35,10 +35,10 @@ void run(const Tiles& layer) {
 TEST(LayerFunctors, Forward) {
   for (const auto& [samples, outputs, inputs] : kShapes)
     for (const bool whole : {false, true}) {  // with a bias and a ReLU
-      const std::size_t row = inputs + 3;     // rows of x have more than this layer's
+      const std::size_t row = inputs + 3;     // rows of x have more numbers than the layer's inputs
       const auto x = whole_numbers(samples * row, 1), w = whole_numbers(outputs * inputs, 2),
                  b = whole_numbers(outputs, 3);
-      std::vector<float> y(samples * outputs, NAN);  // as raw: sample by sample in each channel
+      std::vector<float> y(samples * outputs, NAN);  // channels first, as raw
       run(LayerForward{samples,
                        outputs,
                        inputs,
@@ -56,10 +56,9 @@ TEST(LayerFunctors, Forward) {
     }
 }
 
-TEST(LayerFunctors, InputAdjoint) {
+TEST(LayerFunctors, InputBackward) {
   for (const auto& [samples, outputs, inputs] : kShapes)
-    for (const bool whole :
-         {false, true}) {  // added to what is there, cut to where the ReLU was open
+    for (const bool whole : {false, true}) {  // adds to d_x, then applies the ReLU's mask
       const std::size_t columns = whole ? (inputs + 1) / 2 : inputs, row = columns + 1;
       const auto d_y = whole_numbers(samples * outputs, 4), w = whole_numbers(outputs * inputs, 5),
                  x = whole_numbers(samples * inputs, 6), before = whole_numbers(samples * row, 7);
@@ -82,24 +81,24 @@ TEST(LayerFunctors, InputAdjoint) {
               << s << ", " << i;
         }
         EXPECT_EQ(d_x[s * row + columns], before[s * row + columns])
-            << "beside the columns that were asked for";
+            << "outside the requested columns";
       }
     }
 }
 
-TEST(LayerFunctors, WeightAdjointAcrossSlices) {
+TEST(LayerFunctors, WeightBackwardAcrossSlices) {
   for (const std::size_t samples : {std::size_t{1}, kSamplesPerSlice, 2 * kSamplesPerSlice + 37})
     for (const auto& [unused, outputs, inputs] : kShapes)
       for (const bool has_bias : {false, true}) {
         const auto d_y = whole_numbers(samples * outputs, 8),
                    x = whole_numbers(samples * inputs, 9);
-        LayerWeightBackward adjoint{
+        LayerWeightBackward backward{
             samples, outputs, inputs, has_bias, {d_y.data(), outputs}, {x.data(), inputs}};
-        std::vector<float> partial(slices_of(samples) * adjoint.size(), NAN),
-            gradients(adjoint.size(), 2.0f);
-        adjoint.partial = partial.data();
-        run(adjoint);
-        const ReduceSlices add{slices_of(samples), adjoint.size(), partial.data(),
+        std::vector<float> partial(slices_of(samples) * backward.size(), NAN),
+            gradients(backward.size(), 2.0f);
+        backward.partial = partial.data();
+        run(backward);
+        const ReduceSlices add{slices_of(samples), backward.size(), partial.data(),
                                gradients.data()};
         for (std::size_t i = 0; i < gradients.size(); ++i) add(i);
         for (std::size_t o = 0; o < outputs; ++o) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The layers of a network (layer_functors.h) one after the other, on as many samples as its
-// activations are kept for.
+// Layers of a network (fp32_layer_functors.h) in sequence, on as many samples as their activations
+// are kept for.
 #pragma once
 
 #include "redrive/kernels/device/fp32_layer_functors.h"
@@ -8,8 +8,8 @@
 
 namespace redrive::kernels {
 
-/// A layer in the flat buffer of all parameters: weight [outputs, inputs] at `offset`, its bias
-/// [outputs] behind it.
+/// A layer in the flat buffer of all parameters: weight [outputs, inputs] at `offset`, followed by
+/// its bias [outputs].
 struct LayerLayout {
   std::size_t outputs, inputs, offset;
   bool has_bias, has_relu;
@@ -17,9 +17,9 @@ struct LayerLayout {
   std::size_t size() const { return outputs * (inputs + (has_bias ? 1 : 0)); }
 };
 
-/// gradients [size] += partial [slices, size], which is spent, in an order that `slices` alone
-/// decides. Many slices are added up in groups first: a thread that adds hundreds of numbers waits
-/// for memory hundreds of times.
+/// gradients [size] += partial [slices, size], in an order that `slices` alone determines.
+/// Overwrites `partial`. Many slices are added up in groups first, since a thread that adds
+/// hundreds of numbers waits for memory hundreds of times.
 template <class Device>
 void reduce_slices(Stage<Device>& stage, std::size_t slices, std::size_t size, float* partial,
                    float* gradients) {
@@ -31,18 +31,18 @@ void reduce_slices(Stage<Device>& stage, std::size_t slices, std::size_t size, f
                                     slices > kSlicesPerGroup ? kSlicesPerGroup : 1});
 }
 
-/// `parameters` lie on the device; `gradients`, if any, too, and are added to.
+/// `parameters` and `gradients` (may be empty) are on the device; gradients are added to.
 template <class Device>
 class Fp32Layers {
  public:
   Fp32Layers(Stage<Device>& stage, std::span<const float> parameters, std::span<float> gradients)
       : stage_(stage), parameters_(parameters.data()), gradients_(gradients.data()) {}
 
-  /// Room for `columns` numbers of each of so many samples.
+  /// Allocates `columns` numbers for each of `samples` samples.
   SampleMatrix<float> rows(std::size_t samples, std::size_t columns) {
     return {stage_.template scratch<float>(samples * columns).data(), columns};
   }
-  /// For backward_weights of any of these layers and so many samples.
+  /// Allocates the partial sums of backward_weights for any of these layers and this many samples.
   void reserve_slices(std::size_t samples, std::span<const LayerLayout> layers) {
     std::size_t largest = 0;
     for (const LayerLayout& layer : layers) largest = std::max(largest, layer.size());
@@ -62,8 +62,8 @@ class Fp32Layers {
                      .y = y});
   }
 
-  /// Of `columns` of the layer's inputs from `first` on; `opened`: these themselves, where they
-  /// came through a ReLU.
+  /// Computes d_x for `columns` of the layer's inputs from `first` on. `opened`: these inputs
+  /// themselves if they are the output of a ReLU.
   void backward_inputs(const LayerLayout& layer, std::size_t samples, SampleMatrix<const float> d_y,
                        SampleMatrix<float> d_x, std::size_t columns,
                        SampleMatrix<float> opened = {}, bool adds = false, std::size_t first = 0) {
@@ -78,7 +78,7 @@ class Fp32Layers {
                            .d_x = d_x});
   }
 
-  /// d_y is what is behind the layer's ReLU, if it has one: zero where that is closed.
+  /// d_y: derivatives before the layer's ReLU, if it has one; 0 where it is closed.
   void backward_weights(const LayerLayout& layer, std::size_t samples, SampleMatrix<float> x,
                         SampleMatrix<const float> d_y) {
     run(LayerWeightBackward{.samples = samples,

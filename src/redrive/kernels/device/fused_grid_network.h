@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// The networks of field/grid_field.h on tensor cores (mma.h): 16 samples go through all layers in a
-// warp's registers, forward and back, rounded to bf16 between layers; densities are fp32. Of the
-// widths, inputs and depths that registers hold: can_fuse().
+// The networks of field/grid_field.h on tensor cores (mma.h): 16 samples pass through all layers in
+// a warp's registers, forward and backward, rounded to bf16 between layers. Densities are fp32.
+// can_fuse() returns whether the registers hold the activations of a network.
 //
-// Warps are independent: no block, no shared memory. What the derivatives of the weights need of
-// all samples together, the layers' inputs and the derivatives of their outputs, is written in bf16
-// (0.7 KB a sample at width 64) and multiplied by TensorWeightBackward: sums of 10^4 weights have
-// no room in a warp's registers beside its activations. Weights are read tile by tile from the
-// first-level cache, where all of them lie (at most 40 KB): 256 bytes, two of its clocks, a
-// product, so that it and not the tensor cores is what limits.
+// Warps are independent, without blocks or shared memory. The derivatives of the weights need all
+// samples together: the layers' inputs and the derivatives of their outputs are written in bf16
+// (0.7 KB per sample at width 64) and multiplied by TensorWeightBackward, since sums of 10^4
+// weights do not fit into a warp's registers beside its activations. Weights are read tile by tile
+// from the first-level cache, which holds all of them (at most 40 KB). A product reads 256 bytes,
+// two cycles of the cache, which limits the throughput, not the tensor cores.
 #pragma once
 
 #include <array>
@@ -24,8 +24,8 @@ namespace redrive::kernels {
 constexpr int kFusedInputs = 32;
 constexpr int kFusedInputTiles = kFusedInputs / kTensorTile;
 
-/// Whether there is a fused network of this shape. Features of a level are read in pairs, each with
-/// one load.
+/// Whether there is a fused network of this shape. Features of a level are read in pairs, one load
+/// each.
 inline bool can_fuse(const GridFieldConfig& config,
                      std::initializer_list<const float*> read_in_pairs) {
   for (const float* numbers : read_in_pairs)
@@ -34,24 +34,25 @@ inline bool can_fuse(const GridFieldConfig& config,
          (config.width == 32 || config.width == 64);
 }
 
-/// What it reads: as the stage has it, on the device.
+/// Input of the network as the stage has it, on the device.
 struct FusedGridInput {
   std::size_t n;
-  int log2_of_level;  ///< numbers of a level: a power of two
+  int log2_of_level;  ///< log2 of the features per level
   std::uint32_t per_ray;
   float density_scale;
   const float *features, *harmonics;
   const LanePair *forward[kGridLayers],
-      *back[kGridLayers];  ///< each layer's weights (tensor_tiles.h)
+      *back[kGridLayers];  ///< packed weights of each layer (tensor_tiles.h)
 
-  /// FeatureLayout::at, without dividing.
-  REDRIVE_HD std::size_t place(std::size_t sample, int c) const {
+  /// FeatureLayout::at without a division.
+  REDRIVE_HD std::size_t offset(std::size_t sample, int c) const {
     return (((static_cast<std::size_t>(c >> log2_of_level) * n + sample) << log2_of_level)) +
            (c & ((1 << log2_of_level) - 1));
   }
 };
 
-/// Eight columns of W x, from the packed weights of a layer with 16 kTiles inputs; 16 of them.
+/// Returns eight columns of W x from the packed weights of a layer with 16 kTiles inputs;
+/// fused_product returns 16.
 template <int kTiles>
 REDRIVE_HD inline Sums fused_product_8(const OperandA (&x)[kTiles], const LanePair* weights,
                                        int n_tile) {
@@ -74,9 +75,9 @@ struct FusedActivations {
 
   OperandA features[kFusedInputTiles], hidden[kWide], both[2];  ///< both: geometry, harmonics
   OperandA colour[kColourLayers][kWide];
-  float density[kLanesHere][2];  ///< of rows group, group + 8, in the lanes of place 0
+  float density[kLanesHere][2];  ///< of rows group and group + 8, in the lanes of thread 0
 
-  /// Samples first, first + 1, ...; behind the last one it again.
+  /// Computes samples first, first + 1, ..., repeating the last sample beyond the end.
   REDRIVE_HD void forward(const FusedGridInput& in, std::size_t first) {
     const std::size_t last_sample = in.n - 1;
     for (int here = 0; here < kLanesHere; ++here) {
@@ -88,7 +89,7 @@ struct FusedActivations {
         REDRIVE_UNROLL
         for (int tile = 0; tile < kFusedInputTiles; ++tile) {
           const FloatPair pair =
-              load_pair(in.features + in.place(sample, tile * kTensorTile + at.column));
+              load_pair(in.features + in.offset(sample, tile * kTensorTile + at.column));
           features[tile].lane[here].at[w] = bf16_word(pair.first, pair.second);
         }
         const std::uint32_t ray = static_cast<std::uint32_t>(sample) / in.per_ray;
@@ -121,7 +122,7 @@ struct FusedActivations {
   }
 };
 
-/// raw [4, n] of 16 samples.
+/// Writes raw [4, n] of 16 samples.
 template <int kWidth, int kColourLayers>
 struct FusedGridForward {
   FusedGridInput in;
@@ -145,14 +146,14 @@ struct FusedGridForward {
   }
 };
 
-/// Of 16 samples of those in [begin, end): d_features, and what the weights' derivatives need
-/// (columns alone), nothing of samples behind.
+/// Writes d_features of 16 samples in [begin, end) and the operands of the weights' derivatives
+/// (columns only); zeros for samples beyond the end.
 template <int kWidth, int kColourLayers>
 struct FusedGridBackward {
   FusedGridInput in;
   std::size_t begin, end;
   const float* d_raw;  ///< [4, n]
-  float* d_features;   ///< as features
+  float* d_features;   ///< in the layout of features
   TensorActivations features, hidden, both, colour[2], d_hidden, d_geometry, d_colour[2], d_out;
 
   REDRIVE_HD void operator()(std::size_t tile) const {
@@ -220,7 +221,7 @@ struct FusedGridBackward {
             const MatrixPosition at = position_in_sums(lane_of(here), i);
             if (first + at.row >= end) continue;
             store_pair(
-                d_features + in.place(first + at.row, t * kTensorTile + 8 * half + at.column),
+                d_features + in.offset(first + at.row, t * kTensorTile + 8 * half + at.column),
                 of_features.half[half].lane[here][i], of_features.half[half].lane[here][i + 1]);
           }
         }
@@ -244,7 +245,8 @@ struct FusedGridBackward {
 template <class Device>
 class FusedGridNetwork {
  public:
-  /// As GridFp32Network, on all samples, the backward pass on at most `most` at once.
+  /// Allocates for all samples; the backward pass runs on at most `most` at once. Arguments as in
+  /// GridFp32Network.
   FusedGridNetwork(Stage<Device>& stage, const GridNetwork& network, std::size_t n,
                    std::size_t per_ray, std::span<const float> features,
                    std::span<const float> harmonics)
@@ -268,7 +270,7 @@ class FusedGridNetwork {
     });
   }
 
-  /// Adds to gradients, writes d_features; all on the device.
+  /// Adds to gradients and writes d_features; all are on the device.
   void backward(std::size_t most, std::span<const float> d_raw, std::span<float> gradients,
                 std::span<float> d_features) {
     pack(true, in_.back);
@@ -305,16 +307,16 @@ class FusedGridNetwork {
       ConcatenatedFunctors<TensorWeightBackward, kGridLayers> weights;
       const auto add = [&](int l, const TensorActivations& x, const TensorActivations& d_y) {
         const LayerLayout layer = grid_layer_layout(network_.config, l);
-        const TensorWeightBackward adjoint{.samples = count,
-                                           .outputs = layer.outputs,
-                                           .inputs = layer.inputs,
-                                           .has_bias = false,
-                                           .d_y = d_y,
-                                           .first_d_y = 0,
-                                           .x = x,
-                                           .partial = partial.data() + layer.offset,
-                                           .row = gradients.size()};
-        weights.add(adjoint, adjoint.warps());
+        const TensorWeightBackward backward{.samples = count,
+                                            .outputs = layer.outputs,
+                                            .inputs = layer.inputs,
+                                            .has_bias = false,
+                                            .d_y = d_y,
+                                            .first_d_y = 0,
+                                            .x = x,
+                                            .partial = partial.data() + layer.offset,
+                                            .row = gradients.size()};
+        weights.add(backward, backward.warps());
       };
       add(kGridDensity0, features, d_hidden);
       add(kGridDensity1, hidden, d_geometry);
@@ -327,7 +329,8 @@ class FusedGridNetwork {
   }
 
  private:
-  /// Backward of the geometry's part alone of kGridColour0: nothing comes back to harmonics.
+  /// Packs all layers. Backward, kGridColour0 is packed for the geometry's inputs only, since
+  /// harmonics have no derivative.
   void pack(bool back, const LanePair* (&packed)[kGridLayers]) {
     TensorWeightPacker<Device, kGridLayers> all(stage_);
     for (int l = 0; l < kGridLayers; ++l) {
@@ -357,7 +360,7 @@ class FusedGridNetwork {
   }
 
   Stage<Device>& stage_;
-  GridNetwork network_;  // its weights on the device
+  GridNetwork network_;  // with weights on the device
   FusedGridInput in_;
 };
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The stages of kernels.h that draw training rays and take in what they missed: what is done for
-// one ray. Spans lie on the device.
+// Stages of backend.h that draw training rays and update the error map, as functors for one ray.
+// Their spans are on the device.
 #pragma once
 
 #include "redrive/kernels/device/device_math.h"
@@ -14,7 +14,7 @@ struct GatherRays {
   PixelDraw draw;
   std::span<const float> errors;
   GatheredRays out;
-  std::span<CellSample> drawn;  ///< of the rays by error
+  std::span<CellSample> drawn;  ///< of the rays drawn by the error map
 
   REDRIVE_HD void operator()(std::size_t i) const {
     const CellSample error_map_rays = gather_pixel(from, draw, errors, i, out);
@@ -36,7 +36,7 @@ struct DrawnErrorSum {
 struct WeightRays {
   PixelDraw draw;
   std::span<const float> errors;
-  std::span<const double> pixels, error;  ///< sums, a number each
+  std::span<const double> pixels, error;  ///< sums, one number each
   GatheredRays out;
 
   REDRIVE_HD void operator()(std::size_t i) const {
@@ -52,11 +52,11 @@ struct GatherReturns {
   REDRIVE_HD void operator()(std::size_t i) const { gather_return(from, draw, i, out); }
 };
 
-/// Rays of one cell are linked in lists, in whatever order threads come.
+/// Linked lists of the rays of each cell, in the order of the threads.
 constexpr std::uint32_t kNoRay = ~0u;
 struct CellRayLists {
   std::span<const std::uint32_t> cells;
-  std::span<std::uint32_t> first, next;  ///< [all cells], of which those with rays are set; [rays]
+  std::span<std::uint32_t> first, next;  ///< [all cells], set for cells with rays; [rays]
 };
 struct ClearRayLists {
   CellRayLists rays;
@@ -70,9 +70,9 @@ struct LinkRays {
     rays.next[i] = atomic_exchange(&rays.first[rays.cells[i]], static_cast<std::uint32_t>(i));
   }
 };
-/// The ray that heads its cell's list takes in all of that cell, by number: lists are short, and
-/// sums get an order.
-struct SmoothErrors {
+/// The ray at the head of its cell's list updates the cell by all its rays in ascending order.
+/// Lists are short.
+struct UpdateErrorMap {
   CellRayLists rays;
   std::span<const float> squares;
   std::span<float> errors;
@@ -81,7 +81,7 @@ struct SmoothErrors {
     const std::uint32_t cell = rays.cells[i], head = rays.first[cell];
     if (head != i) return;
     float error = errors[cell];
-    for (std::uint32_t done = kNoRay;;) {  // + 1: the first
+    for (std::uint32_t done = kNoRay;;) {  // kNoRay + 1 is 0
       std::uint32_t least = kNoRay;
       for (std::uint32_t ray = head; ray != kNoRay; ray = rays.next[ray])
         if (ray >= done + 1 && ray < least) least = ray;

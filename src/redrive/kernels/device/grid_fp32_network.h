@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The networks of field/grid_field.h on a device, and back.
+// The networks of field/grid_field.h on a device, forward and backward.
 #pragma once
 
 #include <array>
@@ -11,7 +11,7 @@
 
 namespace redrive::kernels {
 
-/// Where a batch's features [levels, n, features] have number `c` of a sample.
+/// Layout of a batch's features [levels, n, features]: offset of number `c` of a sample.
 struct FeatureLayout {
   std::size_t n, of_level;
 
@@ -20,29 +20,29 @@ struct FeatureLayout {
   }
 };
 
-/// Number i of the rows of samples first, first + 1, ...
+/// Copies number i of the rows of samples first, first + 1, ...
 struct GatherFeatures {
-  FeatureLayout places;
+  FeatureLayout layout;
   std::size_t outputs, first;
   std::span<const float> features;
   float* rows;
 
   REDRIVE_HD void operator()(std::size_t i) const {
-    rows[i] = features[places.at(first + i / outputs, i % outputs)];
+    rows[i] = features[layout.at(first + i / outputs, i % outputs)];
   }
 };
 struct ScatterFeatures {
-  FeatureLayout places;
+  FeatureLayout layout;
   std::size_t outputs, first;
   const float* rows;
   std::span<float> features;
 
   REDRIVE_HD void operator()(std::size_t i) const {
-    features[places.at(first + i / outputs, i % outputs)] = rows[i];
+    features[layout.at(first + i / outputs, i % outputs)] = rows[i];
   }
 };
 
-/// Each sample's copy of its ray's.
+/// Copies its ray's harmonics to each sample.
 struct BroadcastHarmonics {
   std::size_t per_ray, first;
   std::span<const float> harmonics;
@@ -88,8 +88,8 @@ inline LayerLayout grid_layer_layout(const GridFieldConfig& config, int layer) {
 template <class Device>
 class GridFp32Network {
  public:
-  /// On at most `most` samples at once of n = n_rays * per_ray; features and harmonics as the stage
-  /// has them, on the device. Empty gradients: forward only.
+  /// Runs on at most `most` samples at once of n = n_rays * per_ray. features, harmonics: as the
+  /// stage has them, on the device. Empty gradients: forward only.
   GridFp32Network(Stage<Device>& stage, const GridNetwork& network, std::size_t n,
                   std::size_t per_ray, std::size_t most, std::span<const float> features,
                   std::span<const float> harmonics, std::span<float> gradients)
@@ -104,7 +104,7 @@ class GridFp32Network {
     for (int l = 0; l < kGridLayers; ++l) {
       place_[l] = grid_layer_layout(network.config, l);
       input_[l] = l == kGridColourOut && last_ == kGridColour0
-                      ? input_[kGridColour1]  // there is no such layer
+                      ? input_[kGridColour1]  // this layer does not exist
                       : layers_.rows(most, place_[l].inputs);
     }
     if (gradients.empty()) return;
@@ -113,7 +113,7 @@ class GridFp32Network {
     layers_.reserve_slices(most, place_);
   }
 
-  /// Leaves all layers' inputs; raw (4 numbers a sample) unless it is nowhere.
+  /// Keeps the inputs of all layers. Writes raw (4 numbers per sample) unless it is empty.
   void forward(std::size_t first, std::size_t count, SampleMatrix<float> raw) {
     const std::size_t outputs = network_.config.grid.outputs();
     const SampleMatrix<float> geometry = input_[kGridColour0];
@@ -132,8 +132,8 @@ class GridFp32Network {
                                              {raw.data + 3 * raw.number, raw.sample, raw.number}});
   }
 
-  /// Of the samples that forward was last run on, `first` the same. Writes their d_features, which
-  /// lie on the device.
+  /// Backward pass of the samples of the last call of forward, with the same `first`. Writes their
+  /// d_features on the device.
   void backward(std::size_t first, std::size_t count, SampleMatrix<const float> d_raw,
                 std::span<float> d_features) {
     const std::size_t width = network_.config.width, outputs = network_.config.grid.outputs();
@@ -154,7 +154,7 @@ class GridFp32Network {
                                d});
     back(kGridDensity1, width, input_[kGridDensity1]);
     layers_.backward_weights(place_[kGridDensity0], count, input_[kGridDensity0], read_only(d));
-    next.sample = outputs;  // closely packed
+    next.sample = outputs;  // without gaps
     layers_.backward_inputs(place_[kGridDensity0], count, read_only(d), next, outputs);
     stage_.for_each(count * outputs,
                     ScatterFeatures{places_, outputs, first, next.data, d_features});
@@ -162,12 +162,12 @@ class GridFp32Network {
 
  private:
   Stage<Device>& stage_;
-  GridNetwork network_;  // its weights on the device
+  GridNetwork network_;  // with weights on the device
   std::size_t per_ray_;
   std::span<const float> features_, harmonics_;
   FeatureLayout places_;
   Fp32Layers<Device> layers_;
-  int last_;  // hidden colour layer
+  int last_;  // last hidden colour layer
   std::array<LayerLayout, kGridLayers> place_;
   std::array<SampleMatrix<float>, kGridLayers> input_;
   SampleMatrix<float> d_[2];

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The hash grid's stages of grid_stages.h on a device, as functors for one point, or one point in
-// one level, in float. Their spans lie on the device.
+// The hash grid's stages of grid_stages.h on a device, as functors in float for one point, or one
+// point in one level. Their spans are on the device.
 #pragma once
 
 #include <cmath>
@@ -10,7 +10,7 @@
 
 namespace redrive::kernels {
 
-/// A hash grid as functors carry it.
+/// A hash grid as a functor's argument.
 struct GridLevels {
   static constexpr int kMost = 16;
   HashGridLevel level[kMost];
@@ -32,7 +32,7 @@ struct PointPosition {
   }
 };
 
-/// Point i % n in level i / n: neighbours look into the same table.
+/// Encodes point i % n in level i / n, so that neighbouring threads read the same table.
 struct EncodePoints {
   GridLevels grid;
   UnitPoints points;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Stands in for a GPU in tests: runs the kernels' functors one after the other, in memory of its
-// own, so that the stages of device_backend.h are tested wherever there is a compiler. Memory that
-// a stage forgets to copy is NaN, results that it forgets to copy back are missing, and the host's
-// copy of resident arrays is NaN until it is downloaded.
+// Stands in for a GPU in tests: runs the functors of the kernels in loops, in memory of its own, so
+// that the stages of device_backend.h are tested on every machine. Memory that a stage does not
+// copy is NaN, results that it does not copy back are missing, and the host's copy of resident
+// arrays is NaN until it is downloaded.
 #pragma once
 
 #include <algorithm>
@@ -25,7 +25,7 @@ namespace redrive::kernels {
 class LoopDevice {
  public:
   static constexpr std::size_t kMaxSamplesPerPass = 300,
-                               kMaxGridSamplesPerPass = 300;  // few: batches of tests have more
+                               kMaxGridSamplesPerPass = 300;  // fewer than in the tests' batches
   static constexpr std::size_t kBenchmarkWarps = 1;
 
   bool has_tensor_cores() const { return true; }  // by loops over a warp's lanes (mma.h)
@@ -42,7 +42,7 @@ class LoopDevice {
     taken_.clear();
     taken_bytes_ = 0;
   }
-  void* take(std::size_t bytes) {  // each of its own size, for AddressSanitizer
+  void* take(std::size_t bytes) {  // separate blocks, for AddressSanitizer
     need_room();
     taken_.push_back(std::make_unique_for_overwrite<std::byte[]>(bytes));
     taken_bytes_ += bytes;
@@ -53,8 +53,8 @@ class LoopDevice {
     need_room();
     *held_bytes_ += bytes;
     note_memory();
-    return {new std::byte[bytes], [bytes, held = held_bytes_](void* place) {
-              delete[] static_cast<std::byte*>(place);
+    return {new std::byte[bytes], [bytes, held = held_bytes_](void* memory) {
+              delete[] static_cast<std::byte*>(memory);
               *held -= bytes;
             }};
   }
@@ -88,21 +88,21 @@ class LoopDevice {
     for (std::size_t i = loses_one; i < n; ++i) functor(i);
   }
 
-  ResidentBuffers kept;
+  ResidentBuffers resident;
 
  private:
   void need_life() const {
-    if (faults_ && faults_->works == 0)
-      throw DeviceError("the GPU failed, computing: it was told to");
+    if (faults_ && faults_->kernel_launches == 0)
+      throw DeviceError("the GPU failed, computing: injected fault");
   }
   void need_room() {
-    if (faults_ && faults_->places == 0)
-      throw DeviceMemoryError("--backend", "loop", "the GPU has no memory left: it was told to");
-    if (faults_ && faults_->places > 0) --faults_->places;
+    if (faults_ && faults_->allocations == 0)
+      throw DeviceMemoryError("--backend", "loop", "the GPU has no memory left: injected fault");
+    if (faults_ && faults_->allocations > 0) --faults_->allocations;
   }
   void work() {
     need_life();
-    if (faults_ && faults_->works > 0) --faults_->works;
+    if (faults_ && faults_->kernel_launches > 0) --faults_->kernel_launches;
   }
   void note_memory() {
     if (copies_) copies_->peak_bytes = std::max(copies_->peak_bytes, *held_bytes_ + taken_bytes_);

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A device's roofline, measured by functors like all others: what it copies within its memory, and
-// what it multiplies in registers.
+// Measures a device's roofline by functors: copies within its memory, and products in registers.
 #pragma once
 
 #include <algorithm>
@@ -23,13 +22,13 @@ struct CopyWords {
   REDRIVE_HD void operator()(std::size_t i) const { to[i] = from[i]; }
 };
 
-/// A warp's products of 16 x 16 by 16 x 8: the latency of one is some thirty cycles, and a sum
-/// waits for the one before.
+/// A warp's products of 16 x 16 by 16 x 8. The latency of one is some thirty cycles, and each sum
+/// waits for the one before, hence several independent sums.
 struct BenchmarkMma {
   static constexpr int kRounds = 64, kSums = 8;
   static constexpr double kFlops = 2.0 * 16 * 16 * 8 * kSums * kRounds;
 
-  float never;  ///< no sum comes to this, but the compiler cannot know
+  float never;  ///< no sum equals this, which the compiler cannot know
   float* nowhere;
 
   REDRIVE_HD void operator()(std::size_t warp) const {
@@ -37,7 +36,7 @@ struct BenchmarkMma {
     OperandB b;
     Sums sums[kSums];
     for (int here = 0; here < kLanesHere; ++here) {
-      // Numbers from 1 to 2: zeros would take less power than real ones.
+      // Numbers from 1 to 2, since zeros take less power.
       const std::uint32_t word =
           0x3F803F80u + (static_cast<std::uint32_t>(warp + 5 * lane_of(here)) & 0x3Fu) * 0x10001u;
       a.lane[here] = {{word, word + 1, word + 2, word + 3}};
@@ -63,7 +62,7 @@ struct BenchmarkMma {
   }
 };
 
-/// A thread's fused multiply-adds in fp32, of four cycles' latency.
+/// A thread's fused multiply-adds in fp32, with a latency of four cycles.
 struct BenchmarkFma {
   static constexpr int kRounds = 64, kSums = 8;
   static constexpr double kFlops = 2.0 * kSums * kRounds;
@@ -85,12 +84,12 @@ struct BenchmarkFma {
   }
 };
 
-/// How often `work` is done in a second, at best: runs of several, so that starting a kernel is
-/// nothing, until they take 2 ms.
+/// Returns how often `work` runs per second, at best. Batches of several calls take at least 2 ms,
+/// so that the time to start a kernel is negligible.
 template <class Device, class Work>
 double best_rate_per_second(Device& device, const Work& work) {
   constexpr double kTargetSeconds = 0.002;
-  constexpr int kRuns = 40;  // a GPU needs some of them to come up to its clock
+  constexpr int kRuns = 40;  // a GPU needs some to reach its full clock rate
   std::size_t times = 1;
   double best = 0;
   for (int run = 0; run < kRuns;) {
@@ -109,15 +108,15 @@ double best_rate_per_second(Device& device, const Work& work) {
   return best;
 }
 
-/// Tensor cores are measured by mma, which the networks are made of; an H100's other instruction,
-/// of four warps at once, does more.
+/// Measures tensor cores by mma, the instruction of the networks. An H100's wgmma, of four warps at
+/// once, reaches more.
 template <class Device>
 Ceilings measure_ceilings(Device& device) {
   constexpr std::size_t kWarps = Device::kBenchmarkWarps, kThreads = kWarps * kLanes;
-  constexpr float kNever = -1;  // all that is added up is positive
+  constexpr float kNever = -1;  // all terms are positive
   Stage stage(device);
   const auto nowhere = stage.template scratch<float>(1);
-  // 256 MiB of a GPU: no cache has them.
+  // 256 MiB on a GPU, more than any cache.
   const auto from = stage.template scratch<LaneWords>(4 * kThreads),
              to = stage.template scratch<LaneWords>(4 * kThreads);
   stage.for_each(

@@ -1,18 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 // Products of small matrices by a warp on tensor cores: operands in bf16, sums in fp32. A warp has
 // 32 lanes, and each holds a fragment of every matrix. The code is written once: on a GPU a thread
-// has the registers of its own lane, on the host those of all 32, so that tests of the layout run
-// wherever there is a compiler. The layout is that of mma.m16n8k16 for bf16 (NVIDIA, "PTX ISA",
-// warp-level matrix instructions), with group = lane / 4 and member = lane % 4:
+// has the registers of its own lane, on the host those of all 32, so that the layout is tested on
+// every machine. It is the layout of mma.m16n8k16 for bf16 (NVIDIA, "PTX ISA", warp-level matrix
+// instructions), with group = lane / 4 and thread = lane % 4 (groupID and threadID_in_group there):
 //
-// - OperandA, 16 x 16: word w has row group + 8 (w % 2), columns 2 member + 8 (w / 2) and the next,
+// - OperandA, 16 x 16: word w has row group + 8 (w % 2), columns 2 thread + 8 (w / 2) and the next,
 //   the first in the lower half.
-// - OperandB, 16 x 8: word w has rows 2 member + 8 w and the next, column group.
-// - Sums, 16 x 8: number i has row group + 8 (i / 2), column 2 member + i % 2.
+// - OperandB, 16 x 8: word w has rows 2 thread + 8 w and the next, column group.
+// - Sums, 16 x 8: number i has row group + 8 (i / 2), column 2 thread + i % 2.
 //
-// Two consequences: two Sums side by side have the layout of an OperandA, so a layer's outputs are
-// the next one's inputs in the registers they are in (operand_of); and an OperandA transposed has
-// its words in the layout of two OperandBs.
+// Two adjacent Sums have the layout of an OperandA, so a layer's outputs are the next layer's
+// inputs in the same registers (operand_of). The words of a transposed OperandA have the layout of
+// two OperandBs.
 #pragma once
 
 #include <bit>
@@ -23,7 +23,7 @@
 #include "redrive/field/activation.h"
 
 #ifdef __CUDA_ARCH__
-#define REDRIVE_UNROLL _Pragma("unroll")  // or registers would be memory
+#define REDRIVE_UNROLL _Pragma("unroll")  // otherwise arrays would be in memory
 #else
 #define REDRIVE_UNROLL
 #endif
@@ -35,17 +35,17 @@ constexpr int kLanes = 32;
 constexpr int kLanesHere = 1;
 __device__ inline int lane_of(int) { return static_cast<int>(threadIdx.x % kLanes); }
 #else
-constexpr int kLanesHere = kLanes;  ///< whose registers a matrix below has here
+constexpr int kLanesHere = kLanes;  ///< lanes whose registers the matrices below hold
 constexpr int lane_of(int here) { return here; }
 #endif
 
-/// The two numbers of bf16 in a word.
+/// Return the lower and the upper bf16 number of a word.
 REDRIVE_HD inline float low_value(std::uint32_t word) { return std::bit_cast<float>(word << 16); }
 REDRIVE_HD inline float high_value(std::uint32_t word) {
   return std::bit_cast<float>(word & 0xFFFF0000u);
 }
 
-/// The nearest number of bf16, of two that are as near the even one; NaN stays NaN.
+/// Rounds to the nearest bf16 number, ties to even; NaN stays NaN.
 REDRIVE_HD inline std::uint32_t bf16_bits(float x) {
   const std::uint32_t bits = std::bit_cast<std::uint32_t>(x);
   if ((bits & 0x7FFFFFFFu) > 0x7F800000u) return bits >> 16 | 0x40u;
@@ -82,13 +82,14 @@ struct Sums {
 struct MatrixPosition {
   int row, column;
 };
-/// Of the lower half of word w, the upper one is beside it; of number i.
+/// Position of the lower half of word w, whose upper half is in the next column or row; or of
+/// number i.
 REDRIVE_HD inline MatrixPosition position_in_a(int lane, int w) {
   return {lane / 4 + 8 * (w % 2), 2 * (lane % 4) + 8 * (w / 2)};
 }
 REDRIVE_HD inline MatrixPosition position_in_b(int lane, int w) {
   return {2 * (lane % 4) + 8 * w, lane / 4};
-}  // upper: below it
+}  // the upper half is one row below
 REDRIVE_HD inline MatrixPosition position_in_sums(int lane, int i) {
   return {lane / 4 + 8 * (i / 2), 2 * (lane % 4) + i % 2};
 }
@@ -105,7 +106,7 @@ REDRIVE_HD inline void multiply_add(Sums& sums, const OperandA& a, const Operand
       : "+f"(c[0]), "+f"(c[1]), "+f"(c[2]), "+f"(c[3])
       : "r"(x[0]), "r"(x[1]), "r"(x[2]), "r"(x[3]), "r"(y[0]), "r"(y[1]));
 #elif defined(__CUDA_ARCH__)
-  __trap();  // Device::has_tensor_cores is asked before
+  __trap();  // callers check Device::has_tensor_cores
 #else
   float left[16][16], right[16][8], c[16][8];
   for (int lane = 0; lane < kLanes; ++lane) {
@@ -135,8 +136,8 @@ REDRIVE_HD inline void multiply_add(Sums& sums, const OperandA& a, const Operand
 #endif
 }
 
-/// The matrix with rows and columns exchanged: four blocks of 8 x 8, each transposed by movmatrix,
-/// those beside the diagonal exchanged.
+/// Transposes a matrix: movmatrix transposes each of the four blocks of 8 x 8, and the off-diagonal
+/// blocks are exchanged.
 REDRIVE_HD inline OperandA transposed(const OperandA& a) {
   OperandA out;
   REDRIVE_UNROLL
@@ -149,19 +150,19 @@ REDRIVE_HD inline OperandA transposed(const OperandA& a) {
 #else
     for (int lane = 0; lane < kLanes; ++lane) {
       const int group = lane / 4,
-                member = lane % 4;  // has (2 member, group) and (2 member + 1, group) of the block
+                thread = lane % 4;  // has (2 thread, group) and (2 thread + 1, group) of the block
       const auto half = [&](int row) {
         return a.lane[4 * row + group / 2].at[from] >> 16 * (group % 2) & 0xFFFFu;
       };
-      out.lane[lane].at[w] = half(2 * member) | half(2 * member + 1) << 16;
+      out.lane[lane].at[w] = half(2 * thread) | half(2 * thread + 1) << 16;
     }
 #endif
   }
   return out;
 }
 
-/// Half of a transposed matrix as the right operand: with x [16 k, 16 columns] in
-/// `of_x_transposed`, columns 8 half and the next seven.
+/// Returns eight columns of a transposed matrix as a right operand: of x [16 k, 16 columns] in
+/// `of_x_transposed`, columns 8 half to 8 half + 7.
 REDRIVE_HD inline OperandB right_operand(const OperandA& of_x_transposed, int half) {
   OperandB b;
   for (int here = 0; here < kLanesHere; ++here)
@@ -183,7 +184,7 @@ REDRIVE_HD inline Sums16 zero_sums() {
   return sums;
 }
 
-/// Rounded to bf16: word w has numbers 0, 1 (w even) or 2, 3 of half w / 2.
+/// Rounds to bf16: word w has numbers 0, 1 (w even) or 2, 3 of half w / 2.
 REDRIVE_HD inline OperandA operand_of(const Sums16& sums) {
   OperandA out;
   for (int here = 0; here < kLanesHere; ++here) {
@@ -203,7 +204,7 @@ REDRIVE_HD inline void rectify(Sums16& sums) {
       for (float& x : lane) x = relu(x);
 }
 
-/// Derivatives become 0 where the ReLU that gave `opened`, in the same places, is closed.
+/// Sets derivatives to 0 where the ReLU that returned `opened`, in the same layout, is closed.
 REDRIVE_HD inline void gate(Sums16& sums, const OperandA& opened) {
   for (int here = 0; here < kLanesHere; ++here) {
     REDRIVE_UNROLL

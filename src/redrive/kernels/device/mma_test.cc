@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a warp on the host does is what a GPU's does if numbers are where NVIDIA says. So the places
-// are written down here a second time, number by number as the PTX ISA has them ("Matrix Fragments
-// for mma.m16n8k16 with floating point type"), and everything is compared with plain matrices.
+// A warp on the host computes the same as a GPU if the fragment layout is right. The layout is
+// written down here a second time, number by number as in the PTX ISA ("Matrix Fragments for
+// mma.m16n8k16 with floating point type"), and all results are compared with plain matrices.
 #include "redrive/kernels/device/mma.h"
 
 #include <array>
@@ -18,8 +18,8 @@ namespace {
 template <int kRows, int kColumns>
 using Matrix = std::array<std::array<float, kColumns>, kRows>;
 
-/// Number i = 0..7 of matrix A, 0..3 of B and C: two of A's and B's are a register, the first in
-/// its lower half.
+/// Position of number i = 0..7 of matrix A, or 0..3 of B and C. Two numbers of A and B share a
+/// register, the first in the lower half.
 MatrixPosition ptx_a(int lane, int i) {
   const int group = lane >> 2, in_group = lane % 4;
   return {(0 <= i && i < 2) || (4 <= i && i < 6) ? group : group + 8,
@@ -34,7 +34,8 @@ MatrixPosition ptx_c(int lane, int i) {
   return {i < 2 ? group : group + 8, in_group * 2 + (i & 1)};
 }
 
-/// Whole numbers of bf16, so that products and sums are exact; `stream` and place decide.
+/// Integers that bf16 represents, so that products and sums are exact; they depend on `stream` and
+/// position.
 template <int kRows, int kColumns>
 Matrix<kRows, kColumns> whole_matrix(std::uint64_t stream) {
   Matrix<kRows, kColumns> m;
@@ -49,7 +50,7 @@ Matrix<kRows, kColumns> whole_matrix(std::uint64_t stream) {
 
 std::uint32_t exact_bits(float x) {
   const std::uint32_t bits = std::bit_cast<std::uint32_t>(x);
-  EXPECT_EQ(bits & 0xFFFFu, 0u) << x << " is no number of bf16";
+  EXPECT_EQ(bits & 0xFFFFu, 0u) << x << " is not a bf16 number";
   return bits >> 16;
 }
 OperandA a_of(const Matrix<16, 16>& m) {
@@ -86,7 +87,7 @@ void expect_same(const OperandA& a, const OperandA& b) {
 }
 
 TEST(Mma, FragmentLayoutMatchesThePtxFigures) {
-  // Corners of the PTX ISA's figures: of A, B and C who has what.
+  // Corners of the PTX ISA's figures: positions of the fragments of A, B and C.
   const auto expect = [](MatrixPosition at, int row, int column) {
     EXPECT_EQ(at.row, row);
     EXPECT_EQ(at.column, column);
@@ -180,11 +181,11 @@ TEST(Mma, SumsAreTheNextLeftOperand) {
 TEST(Mma, RoundsToTheNearestNumberOfBf16) {
   const auto rounded = [](float x) { return low_value(bf16_bits(x)); };
   EXPECT_EQ(rounded(1), 1);
-  EXPECT_EQ(rounded(1 + 0x1p-8f), 1) << "half way: to the even one";
-  EXPECT_EQ(rounded(1 + 3 * 0x1p-8f), 1 + 0x1p-6f) << "half way: to the even one";
+  EXPECT_EQ(rounded(1 + 0x1p-8f), 1) << "ties to even";
+  EXPECT_EQ(rounded(1 + 3 * 0x1p-8f), 1 + 0x1p-6f) << "ties to even";
   EXPECT_EQ(rounded(1 + 0x1.02p-8f), 1 + 0x1p-7f);
   EXPECT_EQ(rounded(-1 - 0x1.02p-8f), -1 - 0x1p-7f);
-  EXPECT_EQ(rounded(0x1.FFp127f), INFINITY) << "half way to what would be the next number";
+  EXPECT_EQ(rounded(0x1.FFp127f), INFINITY) << "half way to the number after the largest";
   EXPECT_EQ(rounded(-INFINITY), -INFINITY);
   EXPECT_EQ(bf16_bits(-0.0f), 0x8000u);
   for (const std::uint32_t bits : {0x7F800001u, 0x7FFFFFFFu, 0xFF800001u})
@@ -198,7 +199,7 @@ TEST(Mma, PropagatesNaN) {
   Sums16 sums = zero_sums();
   sums.half[1].lane[7][2] = std::numeric_limits<float>::quiet_NaN();
   rectify(sums);
-  gate(sums, operand_of(sums));  // closed but where it is not a number
+  gate(sums, operand_of(sums));  // closed except at the NaN
   EXPECT_TRUE(std::isnan(sums.half[1].lane[7][2]));
   EXPECT_EQ(sums.half[0].lane[7][2], 0);
 }

@@ -15,7 +15,7 @@ std::string version_text(int version) {
          std::to_string(version % 100);
 }
 
-/// Loaded once, and never let go of.
+/// Loaded once and never unloaded.
 struct NcclLibrary {
   Nccl functions;
   std::optional<std::string> obstacle;

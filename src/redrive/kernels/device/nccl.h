@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// NCCL, which adds up the numbers of several GPUs: looked for where it is needed, so that neither
-// builds nor runs on one GPU ask for it.
+// NCCL, the library that reduces arrays over several GPUs. It is loaded at run time where it is
+// needed, so that builds and runs on one GPU do not depend on it.
 #pragma once
 
 #include <cstddef>
@@ -9,17 +9,17 @@
 
 namespace redrive::kernels {
 
-/// What is used of it, as its manual declares it (2.10 and later), with pointers for its
-/// communicators and CUDA's streams.
+/// The functions in use, as NCCL's manual declares them (2.10 and later), with void pointers for
+/// communicators and CUDA streams.
 struct Nccl {
   static constexpr int kSuccess = 0, kInProgress = 7;  // ncclResult_t
   static constexpr int kFloat32 = 7, kAvg = 4;         // ncclDataType_t, ncclRedOp_t
 
-  int version = 0;  ///< 22803: 2.28.3
+  int version = 0;  ///< 22803 is 2.28.3
   int (*ncclGetVersion)(int* version) = nullptr;
   const char* (*ncclGetErrorString)(int result) = nullptr;
   int (*ncclCommInitAll)(void** comms, int devices, const int* list) = nullptr;
-  int (*ncclCommAbort)(void* comm) = nullptr;  ///< lets go of it, waiting for nobody
+  int (*ncclCommAbort)(void* comm) = nullptr;  ///< frees it without waiting for other ranks
   int (*ncclCommGetAsyncError)(void* comm, int* result) = nullptr;
   int (*ncclGroupStart)() = nullptr;
   int (*ncclGroupEnd)() = nullptr;
@@ -27,10 +27,10 @@ struct Nccl {
                        void* comm, void* stream) = nullptr;
 };
 
-/// Why it cannot be used here: not found, too old. Nothing if it can.
+/// Returns why NCCL cannot be used (not found, too old), or nothing if it can.
 std::optional<std::string> nccl_obstacle();
-/// There must be no obstacle.
+/// Returns the loaded library. There must be no obstacle.
 const Nccl& nccl();
-std::string nccl_version();  ///< "2.28.3", likewise
+std::string nccl_version();  ///< "2.28.3"; there must be no obstacle
 
 }  // namespace redrive::kernels

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Means over GPUs by NCCL, for nvcc alone. One thread asks all of them, and waits for all together:
-// one that fails must not leave the others waiting for it.
+// Means over GPUs by NCCL, for nvcc alone. One thread starts the operation on all GPUs and waits
+// for all of them together, so that none waits for a GPU that failed.
 #pragma once
 
 #include <string>
@@ -14,7 +14,7 @@ namespace redrive::kernels {
 
 class NcclAllReduce final : public AllReduce {
  public:
-  /// One of each GPU, which outlive it.
+  /// devices: one per GPU; they must outlive this object.
   explicit NcclAllReduce(std::vector<CudaDevice*> devices)
       : devices_(std::move(devices)), comms_(devices_.size()), streams_(devices_.size()) {
     std::vector<int> gpus;
@@ -24,7 +24,7 @@ class NcclAllReduce final : public AllReduce {
       throw DeviceError(words(result));
     for (std::size_t r = 0; r < devices_.size(); ++r) {
       devices_[r]->use();
-      // One that waits for the default stream, as that for it.
+      // These streams synchronise with the default stream.
       check_cuda(cudaStreamCreate(&streams_[r]), "making a stream");
     }
   }
@@ -38,22 +38,22 @@ class NcclAllReduce final : public AllReduce {
 
   void mean(std::span<const std::span<float>> parts) override {
     REDRIVE_CHECK_OP(parts.size(), ==, devices_.size());
-    std::vector<void*> places;
+    std::vector<void*> arrays;
     for (std::size_t r = 0; r < parts.size(); ++r) {
       REDRIVE_CHECK_OP(parts[r].size(), ==, parts[0].size());
-      places.push_back(devices_[r]->kept.find(std::as_bytes(parts[r])));
-      REDRIVE_CHECK(places.back() != nullptr);
+      arrays.push_back(devices_[r]->resident.find(std::as_bytes(parts[r])));
+      REDRIVE_CHECK(arrays.back() != nullptr);
     }
     int result = nccl().ncclGroupStart();
     for (std::size_t r = 0; r < parts.size() && result == Nccl::kSuccess; ++r)
-      result = nccl().ncclAllReduce(places[r], places[r], parts[r].size(), Nccl::kFloat32,
+      result = nccl().ncclAllReduce(arrays[r], arrays[r], parts[r].size(), Nccl::kFloat32,
                                     Nccl::kAvg, comms_[r], streams_[r]);
     const int ended = nccl().ncclGroupEnd();
     if (result == Nccl::kSuccess) result = ended;
     if (result != Nccl::kSuccess) fail(words(result));
-    while (!all_there()) {
+    while (!all_done()) {
     }
-    cudaGetLastError();  // "not ready" is none, but the next call would be blamed for it
+    cudaGetLastError();  // cudaErrorNotReady is no failure; clears it
   }
 
  private:
@@ -61,7 +61,7 @@ class NcclAllReduce final : public AllReduce {
     return std::string("NCCL failed, adding up gradients: ") + nccl().ncclGetErrorString(result);
   }
 
-  bool all_there() {
+  bool all_done() {
     bool all = true;
     for (std::size_t r = 0; r < devices_.size(); ++r) {
       devices_[r]->use();
@@ -82,7 +82,7 @@ class NcclAllReduce final : public AllReduce {
     abort();
     throw DeviceError(what);
   }
-  /// Ends what still waits for others.
+  /// Ends operations that still wait for other ranks.
   void abort() {
     for (void*& comm : comms_)
       if (comm) nccl().ncclCommAbort(std::exchange(comm, nullptr));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The network of field/nerf_field.h on a device: encoded samples through its layers, and back.
+// The network of field/nerf_field.h on a device: encoding and layers, forward and backward.
 #pragma once
 
 #include <array>
@@ -12,8 +12,8 @@
 
 namespace redrive::kernels {
 
-/// gamma (field/positional_encoding.h) of a point, in float: whole turns are taken off the angles
-/// in double, so that none of them rounds by more than pi 2^-24.
+/// Positional encoding gamma (field/positional_encoding.h) of a point in float. Whole turns are
+/// subtracted from the angles in double, so that none rounds by more than pi 2^-24.
 REDRIVE_HD inline void encode_point(const double point[3], int octaves, float* out) {
   for (int d = 0; d < 3; ++d) {
     out[d] = static_cast<float>(point[d]);
@@ -26,8 +26,8 @@ REDRIVE_HD inline void encode_point(const double point[3], int octaves, float* o
   }
 }
 
-/// Samples first, first + 1, ... of a batch, encoded: the position for the first layer and, if that
-/// is asked for, again for the skip's, the direction.
+/// Encodes samples first, first + 1, ... of a batch: the position for the first layer, a second
+/// copy for the skip unless empty, and the direction.
 struct EncodeSamples {
   NerfConfig config;
   UnitFromWorld unit_from_world;
@@ -54,7 +54,7 @@ struct EncodeSamples {
   }
 };
 
-/// From gamma of a sample's position and its derivative.
+/// Computes a position's derivative from gamma of the position and its derivative.
 struct EncodeSamplesBackward {
   int octaves;
   SampleMatrix<float> gamma, d_gamma, d_position;
@@ -75,8 +75,8 @@ inline LayerLayout nerf_layer_layout(const NerfConfig& config, int layer) {
 template <class Device>
 class NerfFp32Network {
  public:
-  /// On at most `most` samples at once. Empty gradients: forward only. of_positions: backward gives
-  /// those, too.
+  /// Runs on at most `most` samples at once. Empty gradients: forward only. of_positions: whether
+  /// backward writes the positions' derivatives.
   NerfFp32Network(Stage<Device>& stage, const NerfField& field, std::size_t most,
                   std::span<float> gradients, bool of_positions)
       : stage_(stage), field_(field), layers_(stage, field.parameters, gradients) {
@@ -91,7 +91,7 @@ class NerfFp32Network {
     if (of_positions) d_gamma_ = layers_.rows(most, encoded_size(field.config.position_octaves));
   }
 
-  /// Leaves all layers' inputs; raw (4 numbers a sample) unless it is nowhere.
+  /// Keeps the inputs of all layers. Writes raw (4 numbers per sample) unless it is empty.
   void forward(const Rays& rays, const Samples& samples, std::size_t first, std::size_t count,
                SampleMatrix<float> raw) {
     const std::size_t width = field_.config.width;
@@ -107,8 +107,8 @@ class NerfFp32Network {
     layers_.forward(place_[kNerfRgb], count, input_[kNerfRgb], raw);
   }
 
-  /// Of the samples that forward was last run on. d_position (3 numbers a sample): written, where
-  /// these are wanted.
+  /// Backward pass of the samples of the last call of forward. Writes d_position (3 numbers per
+  /// sample) if of_positions.
   void backward(std::size_t count, SampleMatrix<const float> d_raw,
                 SampleMatrix<float> d_position) {
     const std::size_t gamma = encoded_size(field_.config.position_octaves);
@@ -150,7 +150,7 @@ class NerfFp32Network {
   }
 
   Stage<Device>& stage_;
-  NerfField field_;  // its parameters on the device
+  NerfField field_;  // with parameters on the device
   Fp32Layers<Device> layers_;
   std::array<LayerLayout, kNerfLayers> place_;
   std::array<SampleMatrix<float>, kNerfLayers> input_;

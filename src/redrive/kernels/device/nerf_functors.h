@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The stages of nerf_stages.h except for the network, as functors for one ray, in float, by the
-// scalar functions. Their spans lie on the device.
+// Stages of nerf_stages.h except the network, as functors for one ray in float that call the scalar
+// functions. Their spans are on the device.
 #pragma once
 
 #include "redrive/base/host_device.h"
@@ -36,7 +36,7 @@ struct HierarchicalRays {
   }
 };
 
-/// From d_position [3, n] of a ray's samples.
+/// Adds a ray's derivatives from d_position [3, n] of its samples.
 struct AddRayGradients {
   UnitFromWorld unit_from_world;
   int n_rays;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The network of field/nerf_field.h on tensor cores: layer by layer, as NerfFp32Network, with
-// activations and derivatives in bf16 between them.
+// The network of field/nerf_field.h on tensor cores: layer by layer as NerfFp32Network, with
+// activations and derivatives in bf16.
 #pragma once
 
 #include <array>
@@ -15,7 +15,7 @@ namespace redrive::kernels {
 template <class Device>
 class NerfTensorNetwork {
  public:
-  /// As NerfFp32Network.
+  /// Arguments as in NerfFp32Network.
   NerfTensorNetwork(Stage<Device>& stage, const NerfField& field, std::size_t most,
                     std::span<float> gradients, bool of_positions)
       : stage_(stage), field_(field), layers_(stage, gradients), trains_(!gradients.empty()) {
@@ -48,7 +48,7 @@ class NerfTensorNetwork {
     layers_.reserve_slices(most, place_);
   }
 
-  /// Leaves all layers' inputs; raw (4 numbers a sample) unless it is nowhere.
+  /// Keeps the inputs of all layers. Writes raw (4 numbers per sample) unless it is empty.
   void forward(const Rays& rays, const Samples& samples, std::size_t first, std::size_t count,
                SampleMatrix<float> raw) {
     const std::size_t behind = tensor_tiles(field_.config.width);
@@ -68,8 +68,8 @@ class NerfTensorNetwork {
     layer(kNerfRgb, count, {}, raw);
   }
 
-  /// Of the samples that forward was last run on. d_position (3 numbers a sample): written, where
-  /// these are wanted.
+  /// Backward pass of the samples of the last call of forward. Writes d_position (3 numbers per
+  /// sample) if requested.
   void backward(std::size_t count, SampleMatrix<const float> d_raw,
                 SampleMatrix<float> d_position) {
     const std::size_t width = field_.config.width, heads = tensor_tiles(width),
@@ -100,7 +100,7 @@ class NerfTensorNetwork {
   }
 
  private:
-  /// In both forms, or as rows alone where nothing comes back.
+  /// Allocates both forms, or rows only where there is no backward pass.
   TensorActivations activations(std::size_t samples, std::size_t columns) {
     return tensor_activations(stage_, samples, columns, true, trains_);
   }
@@ -108,7 +108,7 @@ class NerfTensorNetwork {
     return {stage_.template scratch<float>(samples * columns).data(), columns};
   }
 
-  /// Inputs [first, first + inputs) of a layer.
+  /// Packs inputs [first, first + inputs) of a layer.
   PackTensorWeights weights(int l, bool back, std::size_t first, std::size_t inputs) const {
     return {.weight = field_.parameters.data() + place_[l].offset + first,
             .outputs = place_[l].outputs,
@@ -117,7 +117,7 @@ class NerfTensorNetwork {
             .back = back};
   }
   /// Feature and density have the same inputs, whose derivatives are one sum over the outputs of
-  /// both.
+  /// both layers.
   template <class Packer>
   void add_heads(Packer* pack) {
     PackTensorWeights feature = weights(kNerfFeature, true, 0, place_[kNerfFeature].inputs),
@@ -157,21 +157,21 @@ class NerfTensorNetwork {
   }
   void back(int l, std::size_t count, std::size_t columns, const TensorActivations& d_y,
             const TensorActivations& d_x, const TensorActivations& opened) {
-    TensorProduct adjoint = product(count, columns, d_y, back_[l], {});
-    adjoint.opened = opened;
-    adjoint.y = d_x;
-    run(adjoint);
+    TensorProduct backward = product(count, columns, d_y, back_[l], {});
+    backward.opened = opened;
+    backward.y = d_x;
+    run(backward);
   }
 
   Stage<Device>& stage_;
-  NerfField field_;  // its parameters on the device
+  NerfField field_;  // with parameters on the device
   TensorLayers<Device> layers_;
   bool trains_;
   std::array<LayerLayout, kNerfLayers> place_;
   std::array<TensorActivations, kNerfLayers> input_;
   std::array<const LanePair*, kNerfLayers> forward_{},
-      back_{};                           // back_[kNerfFeature]: with density behind it
-  const LanePair* back_skip_ = nullptr;  // to gamma(x) at the skip
+      back_{};                           // back_[kNerfFeature]: followed by density
+  const LanePair* back_skip_ = nullptr;  // for gamma(x) at the skip
   TensorActivations d_rgb_, d_colour_, d_heads_, d_[2];
   SampleMatrix<float> gamma_, direction_, d_gamma_;
 };

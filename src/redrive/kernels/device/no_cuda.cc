@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// In place of cuda_backend.cu where there was no nvcc.
+// Replaces cuda_backend.cu in builds without nvcc.
 #include "redrive/base/error.h"
 #include "redrive/kernels/device/cuda_backend.h"
 

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// Stages of grid_stages.h that a device runs in another way than the host, which has threads for
-// few loops instead of one for each number: gathering and scattering rays, gradients of exposure.
+// Stages of grid_stages.h that a device runs with one thread per number, and the host in loops of
+// its own: gather_rays, scatter_rays and the gradients of exposure.
 #pragma once
 
 #include "redrive/kernels/functors/colour_functors.h"
 
 namespace redrive::kernels {
 
-/// Offset of number i of the gathered rays among the numbers of all n rays.
+/// Offset of number i of the listed rays among the numbers of all n rays.
 struct GatherOffset {
   std::span<const std::uint32_t> rays;
   bool in_rows;
@@ -27,7 +27,7 @@ struct GatherRayValues {
 };
 
 struct CopyOrZero {
-  std::span<const float> from;  ///< empty: zeros
+  std::span<const float> from;  ///< empty for zeros
   std::span<float> to;
 
   REDRIVE_HD void operator()(std::size_t i) const { to[i] = from.empty() ? 0.0f : from[i]; }
@@ -41,19 +41,17 @@ struct ScatterRayValues {
   REDRIVE_HD void operator()(std::size_t i) const { to[offset(i)] = from[i]; }
 };
 
-constexpr std::size_t kRayParts =
-    64;  // with some hundred knots and more, threads enough for a device
+constexpr std::size_t kRayParts = 64;  // occupies a device from some hundred knots on
 
-/// Sums of the derivatives of rays part, part + kRayParts, ... with respect to one knot of one
-/// camera: partial [parts, parameters]. Each knot searches its rays, so that the sums have a fixed
-/// order.
+/// Sums the derivatives of rays part, part + kRayParts, ... with respect to one knot of one camera:
+/// partial [parts, parameters]. Each knot searches its rays, so that the sums have a fixed order.
 struct ExposureKnotBackward {
   ColourLossInput colours;
   std::span<const float> d_rgb;
   std::span<float> partial;
 
   struct AddToKnot {
-    std::size_t first;  ///< of its three numbers
+    std::size_t first;  ///< offset of its three numbers
     float* sum;
 
     REDRIVE_HD void operator()(std::size_t at, float derivative) const {

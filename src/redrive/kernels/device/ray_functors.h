@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The stages of kernels.h but for the network: what is done for one ray or one number, in float, by
-// the scalar functions. Spans lie on the device.
+// Stages of backend.h except the networks, as functors for one ray or one number, in float, that
+// call the scalar functions. Their spans are on the device.
 #pragma once
 
 #include <cmath>
@@ -20,14 +20,14 @@ struct Fill {
   REDRIVE_HD void operator()(std::size_t i) const { numbers[i] = value; }
 };
 
-/// Returns 1 for what is infinite or not a number.
+/// Returns 1 for infinity and NaN, else 0.
 struct IsNotFinite {
   std::span<const float> numbers;
 
   REDRIVE_HD double operator()(std::size_t i) const { return std::isfinite(numbers[i]) ? 0 : 1; }
 };
 
-/// A ray's three channels of [3, n_rays].
+/// The three channels of a ray in [3, n_rays].
 struct ColourOfRay {
   float value[3];
 
@@ -59,20 +59,20 @@ struct CompositeRaysBackward {
   std::size_t n_rays;
   Samples samples;
   std::span<const float> raw, background;
-  CompositeAdjoint adjoint;
+  CompositeOutGradient d_out;
   std::span<float> d_raw;
 
   REDRIVE_HD void operator()(std::size_t ray) const {
     const std::size_t first = ray * samples.per_ray, n = n_rays * samples.per_ray;
-    const ColourOfRay d_rgb(adjoint.d_rgb, n_rays, ray), behind(background, n_rays, ray);
+    const ColourOfRay d_rgb(d_out.d_rgb, n_rays, ray), behind(background, n_rays, ray);
     composite_ray_adjoint(&raw[first], n, &samples.dt[first], samples.per_ray, d_rgb.value,
                           &d_raw[first],
-                          adjoint.d_weights.empty() ? nullptr : &adjoint.d_weights[first],
+                          d_out.d_weights.empty() ? nullptr : &d_out.d_weights[first],
                           background.empty() ? nullptr : behind.value);
   }
 };
 
-/// Returns a channel's share of the loss.
+/// Returns one channel's part of the loss.
 struct PhotometricLoss {
   std::span<const float> rgb, target;
   int n_rays;

@@ -1,20 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
-// One call of a stage on a device: copies its arguments there and its results back, and runs its
-// functors. A Device (cuda_device.h, loop_device.h, counting_device.h) has
+// One call of a stage on a device: copies its arguments to the device and its results back, and
+// runs its functors. A Device (cuda_device.h, loop_device.h, counting_device.h) has
 //
 // - begin(): frees the memory that the last stage took.
 // - take(bytes): returns device memory, uninitialised, aligned for any number.
 // - hold(bytes): returns a handle on memory that stays as long as the handle lives.
-// - kept: the host arrays that are resident in such memory (resident_buffers.h).
-// - spoil(host): learns that the host's copy of a resident array is out of date.
+// - resident: the host arrays that are resident in such memory (resident_buffers.h).
+// - spoil(host): is called when the host's copy of a resident array is out of date.
 // - to_device, to_host: copies; to_host waits for the result. wait(): waits for everything.
-// - for_each(n, functor): runs functor(i) for i in [0, n), in any order and concurrently. What the
-//   functor reads lies in it or on the device.
+// - for_each(n, functor): runs functor(i) for i in [0, n), in any order and concurrently. The
+//   functor's data is in it or on the device.
 // - has_tensor_cores(), for_each_warp(n, functor): functor(i) by one warp each (mma.h).
 // - exclusive_sum(n, x, sums): sums[i] = x[0] + ... + x[i - 1], integers on the device.
 // - description(), free_memory(): the device in words and its free bytes, where it has them.
-// - kMaxSamplesPerPass, kMaxGridSamplesPerPass: samples whose activations are kept at once by a
-//   network layer by layer, and by a fused one (fused_grid_network.h).
+// - kMaxSamplesPerPass, kMaxGridSamplesPerPass: number of samples whose activations a
+//   layer-by-layer network and a fused one (fused_grid_network.h) keep at once.
 // - kBenchmarkWarps: warps that keep the device busy while measure_ceilings.h measures it.
 #pragma once
 
@@ -42,7 +42,7 @@ struct PartialSum {
   }
 };
 
-/// A number as a term of a sum.
+/// Returns a number as a term of a sum.
 template <class T>
 struct ValueTerm {
   std::span<const T> numbers;
@@ -57,7 +57,7 @@ struct AddLossTerms {
   REDRIVE_HD void operator()(std::size_t i) const { loss[i] = a.value() + b.value(); }
 };
 
-/// Marks 1 for what is chosen, 0 for the rest and past the end.
+/// Marks chosen indices by 1, others and those past the end by 0.
 template <class Choose>
 struct MarkSelected {
   Choose choose;
@@ -67,7 +67,7 @@ struct MarkSelected {
   REDRIVE_HD void operator()(std::size_t i) const { marks[i] = i < n && choose(i) ? 1 : 0; }
 };
 
-/// Writes each marked index to the position that the number of marks before it gives.
+/// Writes each marked index at the position given by the number of marks before it.
 struct ListSelected {
   std::span<const std::uint32_t> marks, before;
   std::span<std::uint32_t> list;
@@ -77,7 +77,7 @@ struct ListSelected {
   }
 };
 
-/// Behaves as a GPU before compute capability 8.0, whose networks are fp32.
+/// A device without tensor cores, whose networks are fp32.
 template <class Device>
 class WithoutTensorCores : public Device {
  public:
@@ -92,12 +92,12 @@ class Stage {
   Stage(const Stage&) = delete;
   Stage& operator=(const Stage&) = delete;
 
-  /// Returns the resident copy of `host` or else makes one for this stage. Empty spans take no
+  /// Returns the resident copy of `host`, or else a copy for this stage. Empty spans take no
   /// memory.
   template <class T>
   std::span<const T> in(std::span<T> host) {
-    if (const void* const kept = device_.kept.find(std::as_bytes(host)))
-      return {static_cast<const T*>(kept), host.size()};
+    if (const void* const resident = device_.resident.find(std::as_bytes(host)))
+      return {static_cast<const T*>(resident), host.size()};
     return copy(std::span<const T>(host));
   }
   std::span<const float> in(std::span<const float> host) { return in<const float>(host); }
@@ -105,14 +105,14 @@ class Stage {
   /// Returns the resident copy of `host`, or else memory that finish() copies to it.
   template <class T>
   std::span<T> out(std::span<T> host) {
-    if (const auto kept = change_kept(host); !kept.empty()) return kept;
+    if (const auto resident = change_resident(host); !resident.empty()) return resident;
     return result(host, scratch<T>(host.size()));
   }
   std::span<float> out(std::span<float> host) { return out<float>(host); }
 
-  /// Like out, with the values of `host` to begin with.
+  /// Like out(), initialised with the values of `host`.
   std::span<float> in_out(std::span<float> host) {
-    if (const auto kept = change_kept(host); !kept.empty()) return kept;
+    if (const auto resident = change_resident(host); !resident.empty()) return resident;
     return result(host, copy(std::span<const float>(host)));
   }
   template <class T>
@@ -134,7 +134,7 @@ class Stage {
   /// Returns one number on the device, none for n = 0.
   template <class Term>
   std::span<const double> reduce(std::size_t n, const Term& term) {
-    constexpr std::size_t kParts = 4096, kFewParts = 64;  // threads enough for a device, then few
+    constexpr std::size_t kParts = 4096, kFewParts = 64;  // first occupies a device, then few
     auto parts = scratch<double>(std::min(n, kParts));
     for_each(parts.size(), PartialSum<Term>{term, n, parts});
     while (parts.size() > 1) {
@@ -144,20 +144,20 @@ class Stage {
     }
     return parts;
   }
-  /// Returns the sum to the host, which waits for it.
+  /// Returns the sum on the host, which waits for it.
   template <class Term>
   double sum(std::size_t n, const Term& term) {
-    const auto there = reduce(n, term);
-    return there.empty() ? 0 : on_host(there[0]);
+    const auto on_device = reduce(n, term);
+    return on_device.empty() ? 0 : on_host(on_device[0]);
   }
-  /// Writes the loss to the host, or to the resident copy of it.
+  /// Writes the loss to the host or to its resident copy.
   void put_loss(const LossTerm& a, const LossTerm& b, double* loss) {
     for_each(1, AddLossTerms{a, b, out(std::span(loss, 1))});
   }
   void put_loss(const LossTerm& part, double* loss) { put_loss(part, {}, loss); }
 
-  /// Writes those i in [0, n) that choose(i) accepts, ascending, to `list` on the device; returns
-  /// how many.
+  /// Writes all i in [0, n) that choose(i) accepts, ascending, to `list` on the device; returns how
+  /// many.
   template <class Choose>
   std::size_t choose(std::size_t n, const Choose& choose, std::span<std::uint32_t> list) {
     const auto marks = scratch<std::uint32_t>(n + 1), before = scratch<std::uint32_t>(n + 1);
@@ -167,42 +167,42 @@ class Stage {
     return on_host(before[n]);
   }
 
-  /// Copies the results to the host: the last call of a stage.
+  /// Copies the results to the host. The last call of a stage.
   void finish() {
     for (const Result& result : results_)
-      device_.to_host(result.host.data(), result.there.data(), result.host.size_bytes());
+      device_.to_host(result.host.data(), result.on_device.data(), result.host.size_bytes());
     results_.clear();
   }
 
  private:
   struct Result {
-    std::span<std::byte> host, there;
+    std::span<std::byte> host, on_device;
   };
 
   template <class T>
-  std::span<T> change_kept(std::span<T> host) {
-    void* const kept = device_.kept.find(std::as_bytes(host));
-    if (!kept) return {};
+  std::span<T> change_resident(std::span<T> host) {
+    void* const resident = device_.resident.find(std::as_bytes(host));
+    if (!resident) return {};
     device_.spoil(std::as_writable_bytes(host));
-    return {static_cast<T*>(kept), host.size()};
+    return {static_cast<T*>(resident), host.size()};
   }
   template <class T>
-  std::span<T> result(std::span<T> host, std::span<T> there) {
+  std::span<T> result(std::span<T> host, std::span<T> on_device) {
     if (!host.empty())
-      results_.push_back({std::as_writable_bytes(host), std::as_writable_bytes(there)});
-    return there;
+      results_.push_back({std::as_writable_bytes(host), std::as_writable_bytes(on_device)});
+    return on_device;
   }
   template <class T>
   std::span<T> copy(std::span<const T> host) {
-    const auto there = scratch<T>(host.size());
-    if (!host.empty()) device_.to_device(there.data(), host.data(), host.size_bytes());
-    return there;
+    const auto on_device = scratch<T>(host.size());
+    if (!host.empty()) device_.to_device(on_device.data(), host.data(), host.size_bytes());
+    return on_device;
   }
-  /// A number on the device.
+  /// Copies a number from the device.
   template <class T>
-  T on_host(const T& there) {
+  T on_host(const T& on_device) {
     T here;
-    device_.to_host(&here, &there, sizeof here);
+    device_.to_host(&here, &on_device, sizeof here);
     return here;
   }
 

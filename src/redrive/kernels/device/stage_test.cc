@@ -18,23 +18,23 @@ struct Twice {
   void operator()(std::size_t i) const { y[i] = 2 * x[i]; }
 };
 
-TEST(Stage, WorksOnCopiesAndBringsResultsHome) {
+TEST(Stage, CopiesArgumentsAndResults) {
   LoopDevice device;
   Stage stage(device);
   const std::vector<float> x = {1, 2, 3};
-  std::vector<float> y(3, 7), kept(3, 7);
-  const auto x_there = stage.in(x);
-  const auto y_there = stage.out(y);
-  EXPECT_NE(x_there.data(), x.data());
-  EXPECT_NE(y_there.data(), y.data());
-  EXPECT_TRUE(std::isnan(y_there[1])) << "what is only written is not copied there";
-  stage.for_each(3, Twice{x_there, y_there});
-  EXPECT_EQ(y, kept) << "not before finish";
+  std::vector<float> y(3, 7), unchanged(3, 7);
+  const auto device_x = stage.in(x);
+  const auto device_y = stage.out(y);
+  EXPECT_NE(device_x.data(), x.data());
+  EXPECT_NE(device_y.data(), y.data());
+  EXPECT_TRUE(std::isnan(device_y[1])) << "out() does not copy to the device";
+  stage.for_each(3, Twice{device_x, device_y});
+  EXPECT_EQ(y, unchanged) << "copied by finish() only";
   stage.finish();
   EXPECT_EQ(y, (std::vector<float>{2, 4, 6}));
 }
 
-TEST(Stage, AddsToWhatWasThere) {
+TEST(Stage, InOutKeepsTheValues) {
   struct Increment {
     std::span<float> x;
     void operator()(std::size_t i) const { x[i] += 1; }
@@ -47,17 +47,17 @@ TEST(Stage, AddsToWhatWasThere) {
   EXPECT_EQ(x, (std::vector<float>{2, 3, 4}));
 }
 
-TEST(Stage, WorksOnKeptNumbersWhereTheyAre) {
+TEST(Stage, UsesResidentArraysInPlace) {
   struct Increment {
     std::span<float> x;
     void operator()(std::size_t i) const { x[i] += 1; }
   };
   LoopDevice device;
   std::vector<float> x = {1, 2, 3, 4}, y(2, 7);
-  auto there = device.hold(x.size() * sizeof(float));
-  device.to_device(there.get(), x.data(), x.size() * sizeof(float));
-  device.kept.add(x, there);
-  auto* const numbers = static_cast<float*>(there.get());
+  auto memory = device.hold(x.size() * sizeof(float));
+  device.to_device(memory.get(), x.data(), x.size() * sizeof(float));
+  device.resident.add(x, memory);
+  auto* const numbers = static_cast<float*>(memory.get());
   {
     Stage stage(device);
     EXPECT_EQ(stage.in(x).data(), numbers);
@@ -68,18 +68,18 @@ TEST(Stage, WorksOnKeptNumbersWhereTheyAre) {
     stage.finish();
   }
   EXPECT_EQ(y, (std::vector<float>{8, 10}));
-  EXPECT_EQ(x[1], 2) << "nothing has changed it";
+  EXPECT_EQ(x[1], 2) << "unchanged";
   EXPECT_TRUE(std::isnan(x[2])) << "out of date";
   EXPECT_EQ(numbers[2], 4);
-  there.reset();
+  memory.reset();
   x = {1, 2, 3, 4};
   Stage stage(device);
   stage.for_each(4, Increment{stage.in_out(x)});
   stage.finish();
-  EXPECT_EQ(x, (std::vector<float>{2, 3, 4, 5})) << "as all others once it is not kept any more";
+  EXPECT_EQ(x, (std::vector<float>{2, 3, 4, 5})) << "copied as others when no longer resident";
 }
 
-TEST(Stage, CarriesNumbersOfAnyType) {
+TEST(Stage, CopiesNumbersOfAnyType) {
   struct Pair {
     std::int32_t first;
     float second;
@@ -93,22 +93,22 @@ TEST(Stage, CarriesNumbersOfAnyType) {
   };
   const std::vector<Pair> pairs = {{1, 2}, {3, 4}};
   std::vector<std::uint32_t> copied(2);
-  std::vector<float> kept(3, 7);  // room for whole numbers, too, as a workspace has it
+  std::vector<float> resident(3, 7);  // also holds integers, as in a workspace
   LoopDevice device;
-  auto there = device.hold(3 * sizeof(float));
-  device.kept.add(kept, there);
-  const std::span<std::uint32_t> whole{reinterpret_cast<std::uint32_t*>(&kept[1]), 2};
+  auto memory = device.hold(3 * sizeof(float));
+  device.resident.add(resident, memory);
+  const std::span<std::uint32_t> whole{reinterpret_cast<std::uint32_t*>(&resident[1]), 2};
   Stage stage(device);
   stage.for_each(2, Sum{stage.in(std::span(pairs)), stage.out(std::span(copied))});
   stage.for_each(2, Sum{stage.in(std::span(pairs)), stage.out(whole)});
   stage.finish();
   EXPECT_EQ(copied, (std::vector<std::uint32_t>{3, 7}));
-  EXPECT_EQ(kept[0], 7);
-  EXPECT_TRUE(std::isnan(kept[1])) << "out of date";
-  EXPECT_EQ(static_cast<std::uint32_t*>(there.get())[2], 7u);
+  EXPECT_EQ(resident[0], 7);
+  EXPECT_TRUE(std::isnan(resident[1])) << "out of date";
+  EXPECT_EQ(static_cast<std::uint32_t*>(memory.get())[2], 7u);
 }
 
-TEST(Stage, ListsWhatIsChosenInOrder) {
+TEST(Stage, ListsChosenIndicesInOrder) {
   struct OfThree {
     std::size_t rest;
     bool operator()(std::size_t i) const { return i % 3 == rest; }
@@ -127,7 +127,7 @@ TEST(Stage, ListsWhatIsChosenInOrder) {
     }
 }
 
-TEST(Stage, NothingIsNothing) {
+TEST(Stage, AcceptsEmptySpans) {
   LoopDevice device;
   Stage stage(device);
   EXPECT_TRUE(stage.in({}).empty());
@@ -147,14 +147,14 @@ TEST(Stage, SumsEachTermOnce) {
     Stage stage(device);
     double sum = 7;
     stage.put_loss({stage.reduce(n, Index{})}, &sum);
-    EXPECT_EQ(sum, 7) << "not before finish";
+    EXPECT_EQ(sum, 7) << "copied by finish() only";
     stage.finish();
     EXPECT_EQ(sum, 0.5 * static_cast<double>(n) * static_cast<double>(n - 1))
-        << n;  // exact: whole numbers
+        << n;  // exact: integers
   }
 }
 
-TEST(Stage, LossesHaveParts) {
+TEST(Stage, AddsLossTerms) {
   LoopDevice device;
   Stage stage(device);
   const std::vector<float> numbers = {1, 2, 5};

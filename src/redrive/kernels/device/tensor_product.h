@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // Layers of any width on tensor cores: a product of activations with packed weights
-// (tensor_tiles.h), and what is done with its sums before they leave the registers.
+// (tensor_tiles.h) and the operations on its sums in registers.
 //
-// A warp has 32 samples x 64 columns of sums. Of each 16 of k it loads 1 KiB of activations and 2
-// KiB of weights, 24 clocks of the first-level cache, for 16 products, 32 clocks of an A100's
-// tensor cores and 16 of an H100's, which the loads hold up; the block's four warps have the same
-// samples where there are 256 columns. Tiles come straight from memory: nothing is staged in shared
-// memory, since they lie as they are read, and nothing hides their latency but the other warps.
+// A warp computes 32 samples x 64 columns of sums. For each 16 of k it loads 1 KiB of activations
+// and 2 KiB of weights, 24 cycles of the first-level cache, for 16 products: 32 cycles of an A100's
+// tensor cores and 16 of an H100's, which the loads limit. With 256 columns, the four warps of a
+// block share their samples. Tiles are read directly from memory, since they are stored in the
+// layout of the registers; only other warps hide the latency.
 #pragma once
 
 #include "redrive/kernels/device/tensor_tiles.h"
@@ -23,10 +23,10 @@ struct TensorProduct {
   const float* bias = nullptr;  ///< [columns]
   bool has_relu = false;
   TensorActivations opened =
-      {};  ///< if it has rows: y is cut to where these, which come from a ReLU, are greater than 0
-  TensorActivations y = {};          ///< in the forms it has room for
-  SampleMatrix<float> numbers = {};  ///< in fp32, if there is room
-  bool adds = false;                 ///< to the numbers that are there
+      {};                    ///< if it has rows: y becomes 0 where these outputs of a ReLU are 0
+  TensorActivations y = {};  ///< written in the forms that are allocated
+  SampleMatrix<float> numbers = {};  ///< y in fp32, if allocated
+  bool adds = false;                 ///< to the present `numbers`
 
   std::size_t warps() const {
     return (tensor_tiles(samples) + kSampleTiles - 1) / kSampleTiles * groups_of(columns);
@@ -45,7 +45,7 @@ struct TensorProduct {
     for (std::size_t k = 0; k < tiles_of_k; ++k) {
       OperandA left[kSampleTiles];
       REDRIVE_UNROLL
-      for (int s = 0; s < kSampleTiles; ++s)  // behind the last one it again
+      for (int s = 0; s < kSampleTiles; ++s)  // repeats the last sample beyond the end
         left[s] = load_a(x.row_tile(first_s + s < last_s ? first_s + s : last_s, k));
       REDRIVE_UNROLL
       for (int c = 0; c < kColumnTiles; ++c) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// On small whole numbers, whose products and sums are exact.
+// Uses small integers, whose products and sums are exact.
 #include "redrive/kernels/device/tensor_product.h"
 
 #include <cmath>
@@ -28,27 +28,25 @@ std::vector<LanePair> packed_weights(PackTensorWeights pack) {
 
 TEST(TensorProduct, Forward) {
   for (const auto& [samples, outputs, inputs] : kProducts)
-    for (const bool whole :
-         {false,
-          true}) {  // with a bias and a ReLU, to tiles; else to numbers, added to what is there
+    for (const bool whole : {false, true}) {  // bias and ReLU, to tiles; else adds to numbers
       const auto x = small_numbers(samples * inputs, 1), w = small_numbers(outputs * inputs, 2),
                  b = small_numbers(outputs, 3);
       const auto packed = packed_weights(
           {.weight = w.data(), .outputs = outputs, .inputs = inputs, .row = inputs, .back = false});
-      TestActivations x_there(samples, inputs), y(samples, outputs);
-      x_there.put(x, samples, inputs);
+      TestActivations device_x(samples, inputs), y(samples, outputs);
+      device_x.put(x, samples, inputs);
       std::vector<float> numbers(samples * outputs, 0.5f);
       TensorProduct product{.samples = samples,
                             .columns = outputs,
                             .tiles_of_k = tensor_tiles(inputs),
-                            .x = x_there.there,
+                            .x = device_x.activations,
                             .weights = packed.data()};
       if (whole) {
         product.bias = b.data();
         product.has_relu = true;
-        product.y = y.there;
+        product.y = y.activations;
       } else {
-        product.numbers = {numbers.data(), 1, samples};  // sample by sample in each channel
+        product.numbers = {numbers.data(), 1, samples};  // channels first
         product.adds = true;
       }
       run_warps(product);
@@ -68,22 +66,23 @@ TEST(TensorProduct, Forward) {
     }
 }
 
-TEST(TensorProduct, InputAdjoint) {
+TEST(TensorProduct, InputBackward) {
   for (const auto& [samples, outputs, inputs] : kProducts) {
     const auto d_y = small_numbers(samples * outputs, 4), w = small_numbers(outputs * inputs, 5),
                opened = small_numbers(samples * inputs, 6);
     const auto packed = packed_weights(
         {.weight = w.data(), .outputs = outputs, .inputs = inputs, .row = inputs, .back = true});
-    TestActivations d_there(samples, outputs), opened_there(samples, inputs), d_x(samples, inputs);
-    d_there.put(d_y, samples, outputs);
-    opened_there.put(opened, samples, inputs);
+    TestActivations device_d(samples, outputs), device_opened(samples, inputs),
+        d_x(samples, inputs);
+    device_d.put(d_y, samples, outputs);
+    device_opened.put(opened, samples, inputs);
     run_warps(TensorProduct{.samples = samples,
                             .columns = inputs,
                             .tiles_of_k = tensor_tiles(outputs),
-                            .x = d_there.there,
+                            .x = device_d.activations,
                             .weights = packed.data(),
-                            .opened = opened_there.there,
-                            .y = d_x.there});
+                            .opened = device_opened.activations,
+                            .y = d_x.activations});
     for (std::size_t s = 0; s < tensor_tiles(samples) * 16; ++s)
       for (std::size_t i = 0; i < inputs; ++i) {
         float expected = 0;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// For the tests: activations in tiles, from plain matrices and back.
+// Activations in tiles from plain matrices and back, for tests.
 #pragma once
 
 #include <cmath>
@@ -11,7 +11,7 @@
 
 namespace redrive::kernels {
 
-/// -3 .. 3
+/// Returns integers in [-3, 3].
 inline std::vector<float> small_numbers(std::size_t n, std::uint64_t stream) {
   std::vector<float> out(n);
   for (std::size_t i = 0; i < n; ++i)
@@ -29,24 +29,24 @@ inline constexpr LaneWords kNanWords{{~0u, ~0u, ~0u, ~0u}};
 
 struct TestActivations {
   std::vector<LaneWords> rows, columns;
-  TensorActivations there;
+  TensorActivations activations;
 
   TestActivations(std::size_t samples, std::size_t numbers)
       : rows(tensor_tiles(samples) * tensor_tiles(numbers) * kLanes, kNanWords),
         columns(rows),
-        there{rows.data(), columns.data(), tensor_tiles(samples), tensor_tiles(numbers)} {}
+        activations{rows.data(), columns.data(), tensor_tiles(samples), tensor_tiles(numbers)} {}
 
-  /// From tile first_to on, numbers of each sample in [samples, count].
+  /// Writes `count` numbers of each sample, [samples, count], to the tiles from first_to on.
   void put(const std::vector<float>& from, std::size_t samples, std::size_t count,
            std::size_t first_to = 0) {
-    run_warps(PackTensorActivations{samples, count, {from.data(), count}, there, first_to});
+    run_warps(PackTensorActivations{samples, count, {from.data(), count}, activations, first_to});
   }
   float at(std::size_t sample, std::size_t column) const {
-    const OperandA a = load_a(there.row_tile(sample / 16, column / 16));
+    const OperandA a = load_a(activations.row_tile(sample / 16, column / 16));
     return number(a, sample % 16, column % 16);
   }
   float at_in_columns(std::size_t sample, std::size_t column) const {
-    const OperandA a = load_a(there.column_tile(sample / 16, column / 16));
+    const OperandA a = load_a(activations.column_tile(sample / 16, column / 16));
     return number(a, column % 16, sample % 16);
   }
   static float number(const OperandA& a, int row, int column) {

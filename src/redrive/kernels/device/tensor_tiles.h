@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Matrices in memory as the warps of mma.h read them: in tiles of 16 x 16, lane by lane, so that a
-// warp's load of a tile is 512 bytes in a row and nothing is rearranged on the way. Activations are
-// tiles of 16 samples; behind the last sample and the last column they are zeros.
+// Matrices in memory in the layout in which the warps of mma.h read them: tiles of 16 x 16, lane by
+// lane, so that a warp loads a tile as 512 consecutive bytes without rearrangement. Activations are
+// tiles of 16 samples, padded with zeros.
 #pragma once
 
 #include <span>
@@ -31,7 +31,8 @@ REDRIVE_HD inline void store(const OperandA& a, LaneWords* tile) {
   for (int here = 0; here < kLanesHere; ++here) tile[lane_of(here)] = a.lane[here];
 }
 
-/// Several functors of a kind as one: i of [0, n) is the first's, what follows the next one's.
+/// Several functors of a type as one: the first runs for i in [0, n), the next for the following
+/// indices.
 template <class Functor, int kMost>
 struct ConcatenatedFunctors {
   Functor each[kMost];
@@ -52,9 +53,9 @@ struct ConcatenatedFunctors {
 };
 
 /// Numbers of samples [samples, columns] in two forms. `rows`: tile (s, c) is an OperandA of 16
-/// samples x 16 columns, left operand of a product with weights; a sample's tiles lie together.
-/// `columns`: the same tile transposed, whose product over samples is a weight's derivative; a
-/// column's tiles lie together. Either may be nowhere.
+/// samples x 16 columns, the left operand of a product with weights; a sample's tiles are
+/// consecutive. `columns`: the transposed tile, whose product over samples is a weight's
+/// derivative; a column's tiles are consecutive. Either may be null.
 struct TensorActivations {
   LaneWords *rows = nullptr, *columns = nullptr;
   std::size_t sample_tiles = 0, column_tiles = 0;
@@ -71,7 +72,7 @@ struct TensorActivations {
   }
 };
 
-/// Rounds numbers of samples to bf16, into tiles of columns from first_to on.
+/// Rounds numbers of samples to bf16 and writes them to tiles of columns from first_to on.
 struct PackTensorActivations {
   std::size_t samples, columns;
   SampleMatrix<const float> from;
@@ -100,9 +101,8 @@ struct PackTensorActivations {
 
 /// A layer's weights as right operands: tile (n, k) of 8 columns x 16 rows of B, [tiles of n][tiles
 /// of k]. Forward B = W^T (k: inputs, n: outputs), backward B = W (k: outputs, n: inputs). weight
-/// [outputs, inputs] begins at the first input that counts, its rows are `row` numbers apart. Of
-/// all tiles of k those from first_k on are this layer's: layers that are added up stand one behind
-/// the other.
+/// [outputs, inputs] begins at the first input in use; its rows are `row` apart. The layer's tiles
+/// of k begin at first_k, so that layers whose products are added up follow each other.
 struct PackTensorWeights {
   const float* weight;
   std::size_t outputs, inputs, row;
@@ -129,10 +129,10 @@ struct PackTensorWeights {
   }
 };
 
-/// Sums over a slice of the samples, 32 x 64 of them a warp, as LayerWeightBackward: partial[slice
-/// * row] = d_y^T x [outputs, inputs], behind it the sums of d_y [outputs] where there is a bias.
-/// For 16 samples a warp loads 3 KiB, which takes the first-level cache 24 clocks, and multiplies
-/// 16 times, 32 clocks of an A100's tensor cores and 16 of an H100's, which the loads hold up.
+/// Sums over a slice of the samples, 32 x 64 of them per warp, as LayerWeightBackward:
+/// partial[slice * row] = d_y^T x [outputs, inputs], followed by the sums of d_y [outputs] if there
+/// is a bias. For 16 samples a warp loads 3 KiB, 24 cycles of the first-level cache, for 16
+/// products: 32 cycles of an A100's tensor cores and 16 of an H100's, which the loads limit.
 struct TensorWeightBackward {
   static constexpr int kOutputTiles = 2, kInputTiles = 4;
   static constexpr std::size_t kTilesPerSlice = kSamplesPerSlice / kTensorTile;
@@ -140,10 +140,10 @@ struct TensorWeightBackward {
   std::size_t samples, outputs, inputs;
   bool has_bias;
   TensorActivations d_y;
-  std::size_t first_d_y;  ///< its tile of columns that is the layer's first output
+  std::size_t first_d_y;  ///< tile of columns of the layer's first output
   TensorActivations x;
   float* partial;
-  std::size_t row;  ///< from one slice's sums to the next one's
+  std::size_t row;  ///< distance between the sums of two slices
 
   REDRIVE_HD std::size_t groups_of_inputs() const {
     return (tensor_tiles(inputs) + kInputTiles - 1) / kInputTiles;

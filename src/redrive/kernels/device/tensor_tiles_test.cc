@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// As layer_functors_test.cc on small whole numbers, exact in bf16 and their sums in float. Memory
-// begins as NaN: what a functor leaves out shows.
+// Uses small integers, exact in bf16 and with exact sums in float. Memory is initialised with NaN,
+// which shows numbers that a functor does not write.
 #include "redrive/kernels/device/tensor_tiles.h"
 
 #include <cmath>
@@ -13,7 +13,7 @@
 namespace redrive::kernels {
 namespace {
 
-TEST(TensorTiles, OfNumbersInBothForms) {
+TEST(TensorTiles, HoldNumbersInBothForms) {
   for (const auto& [samples, columns] :
        {std::pair<std::size_t, std::size_t>{1, 1}, {16, 16}, {37, 63}, {300, 3}}) {
     TestActivations tiles(samples, 16 + columns);
@@ -25,11 +25,11 @@ TEST(TensorTiles, OfNumbersInBothForms) {
         ASSERT_EQ(tiles.at(s, 16 + c), expected) << s << ", " << c;
         ASSERT_EQ(tiles.at_in_columns(s, 16 + c), expected) << s << ", " << c;
       }
-    EXPECT_TRUE(std::isnan(tiles.at(0, 0))) << "beside the tiles that were asked for";
+    EXPECT_TRUE(std::isnan(tiles.at(0, 0))) << "outside the requested tiles";
   }
 }
 
-TEST(TensorTiles, PackedWeights) {
+TEST(TensorTiles, PackWeights) {
   const std::size_t outputs = 19, inputs = 21, row = 30;
   const auto weights = small_numbers(outputs * row, 2);
   for (const bool back : {false, true}) {
@@ -57,7 +57,7 @@ TEST(TensorTiles, PackedWeights) {
             got = k % 2 == 0 ? low_value(tile.lane[lane].at[w]) : high_value(tile.lane[lane].at[w]);
           }
         if (k < 16 || k >= 48) {
-          EXPECT_TRUE(std::isnan(got)) << "another layer's";
+          EXPECT_TRUE(std::isnan(got)) << "belongs to another layer";
           continue;
         }
         const std::size_t o = back ? k - 16 : n, i = back ? n : k - 16;
@@ -66,7 +66,7 @@ TEST(TensorTiles, PackedWeights) {
   }
 }
 
-TEST(TensorTiles, FunctorsInTurn) {
+TEST(TensorTiles, RunFunctorsInTurn) {
   struct Write {
     int* to;
     void operator()(std::size_t i) const { to[i] += 1 + static_cast<int>(i); }
@@ -84,23 +84,29 @@ TEST(TensorTiles, FunctorsInTurn) {
     for (int i = 0; i < 4; ++i) EXPECT_EQ(to[f][i], expected[f][i]);
 }
 
-TEST(TensorTiles, WeightAdjointAcrossSlices) {
+TEST(TensorTiles, WeightBackwardAcrossSlices) {
   for (const std::size_t samples : {std::size_t{1}, kSamplesPerSlice, 2 * kSamplesPerSlice + 37})
     for (const auto& [outputs, inputs] :
          {std::pair<std::size_t, std::size_t>{1, 1}, {3, 64}, {40, 70}, {64, 32}})
       for (const bool has_bias : {false, true}) {
         const auto d_y = small_numbers(samples * outputs, 3),
                    x = small_numbers(samples * inputs, 4);
-        TestActivations d_there(samples, 16 + outputs), x_there(samples, inputs);
-        d_there.put(d_y, samples, outputs, 1);
-        x_there.put(x, samples, inputs);
+        TestActivations device_d(samples, 16 + outputs), device_x(samples, inputs);
+        device_d.put(d_y, samples, outputs, 1);
+        device_x.put(x, samples, inputs);
         const std::size_t size = outputs * (inputs + has_bias),
-                          row = size + 3;  // another layer's stand behind
+                          row = size + 3;  // followed by another layer's
         std::vector<float> partial(slices_of(samples) * row, 0.25f);
-        TensorWeightBackward adjoint{samples,       outputs,        inputs,
-                                     has_bias,      d_there.there,  1,
-                                     x_there.there, partial.data(), row};
-        run_warps(adjoint);
+        TensorWeightBackward backward{samples,
+                                      outputs,
+                                      inputs,
+                                      has_bias,
+                                      device_d.activations,
+                                      1,
+                                      device_x.activations,
+                                      partial.data(),
+                                      row};
+        run_warps(backward);
         std::vector<float> gradients(row), expected(row);
         ReduceSlices add{slices_of(samples), row, partial.data(), gradients.data()};
         for (std::size_t i = 0; i < row; ++i) add(i);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Stages of grid_stages.h on the colours of rays (directions, sky, exposure, Huber loss), as
-// functors for one ray or one number (functors/interval_functors.h).
+// Stages of grid_stages.h on the colours of rays (directions, sky, exposure, Huber loss) as
+// functors for one ray or one number; see functors/interval_functors.h.
 #pragma once
 
 #include <array>
@@ -65,7 +65,7 @@ struct SkyColoursBackward {
   }
 };
 
-/// One coordinate of a direction.
+/// Writes one coordinate of a direction's derivative.
 struct SkyDirectionsBackward {
   std::span<const float> d_position;
   std::span<float> d_direction;
@@ -111,8 +111,8 @@ struct HuberLoss {
   }
 };
 
-/// Derivatives of one ray's loss with respect to the parameters of its camera's gains, with d_rgb
-/// as HuberLoss left it: calls add(offset in the parameters, derivative).
+/// Calls add(offset in the parameters, derivative) for the derivatives of one ray's loss with
+/// respect to its camera's gains. d_rgb: as HuberLoss wrote it.
 template <class Add>
 REDRIVE_HD void gains_of_ray_backward(const ColourLossInput& colours, std::size_t ray,
                                       std::span<const float> d_rgb, const Add& add) {
@@ -125,7 +125,7 @@ REDRIVE_HD void gains_of_ray_backward(const ColourLossInput& colours, std::size_
   colour_gains_adjoint(colours.appearance.config, colours.exposure[ray], gains, d_gains, add);
 }
 
-/// One number of a colour: its derivative before the exposure was applied.
+/// Turns one number of d_rgb into the derivative before exposure.
 struct ScaleByGains {
   std::span<const float> gains;
   std::span<float> d_rgb;
@@ -133,8 +133,8 @@ struct ScaleByGains {
   REDRIVE_HD void operator()(std::size_t at) const { d_rgb[at] *= gains[at]; }
 };
 
-/// One parameter of the gains: returns its regulariser and adds the derivative.
-struct GainRegularizer {
+/// Returns the regulariser of one parameter of the gains and adds its derivative.
+struct GainRegulariserLoss {
   Appearance appearance;
   std::span<float> d_appearance;
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Stages of grid_stages.h on the intervals of rays, as functors for one ray or one sample. The host
-// runs them in loops (host_stage.h), a device in kernels (device/stage.h); their spans lie where
-// they run. In float unless they say otherwise.
+// Stages of grid_stages.h on the intervals of rays as functors for one ray or one sample, in float
+// unless noted. The host runs them in loops (host_stage.h), a device in kernels (device/stage.h).
+// Their spans are in the memory where they run.
 #pragma once
 
 #include <cmath>
@@ -28,7 +28,7 @@ struct IsActiveRay {
   }
 };
 
-/// The list where no ray is active: stages take at least one.
+/// Writes the list for a batch without active rays: ray 0, since stages take at least one.
 struct SetToRayZero {
   std::span<std::uint32_t> rays;
 
@@ -77,7 +77,7 @@ struct IntervalMidpoints {
   }
 };
 
-/// One sample of a ray, in double.
+/// Computes one sample in double.
 struct ContractSamples {
   Contraction contraction;
   Rays rays;
@@ -101,7 +101,7 @@ struct ContractSamples {
   }
 };
 
-/// One ray, in T.
+/// Computes one ray with sums in T.
 template <class T>
 struct ContractBackward {
   Contraction contraction;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The losses of grid_stages.h on rays, as functors that return one ray's loss, in float, and write
-// or add its derivatives (functors/interval_functors.h).
+// Losses of grid_stages.h as functors that return one ray's loss in float and write or add its
+// derivatives; see functors/interval_functors.h.
 #pragma once
 
 #include "redrive/kernels/grid_stages.h"

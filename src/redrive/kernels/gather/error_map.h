@@ -16,9 +16,9 @@
 
 namespace redrive {
 
-/// Of this many uniformly drawn candidates one is kept, with a probability proportional to its
-/// weight. So no table has to be maintained, and no cell is drawn more than this many times as
-/// often as uniformly, however large its error: noise and moving objects never lose theirs.
+/// Number of uniformly drawn candidates. One is kept with a probability proportional to its weight
+/// (sampling weight times error). No table has to be maintained. No cell is drawn more than this
+/// many times as often as uniformly, so noise and moving objects cannot take all rays.
 constexpr int kCellCandidates = 8;
 
 /// Squared error (mean over channels, smoothed over rays) of a cell without a ray yet: the maximum,
@@ -56,14 +56,14 @@ REDRIVE_HD inline CellRect rect_of_cell(std::span<const ErrorMapImage> images, s
           std::min(p.side, p.height - y)};
 }
 
-/// A sampled cell, and sums over its candidates: of sampling weights, and of errors times sampling
+/// A sampled cell with two sums over its candidates: sampling weights, and errors times sampling
 /// weights.
 struct CellSample {
   std::uint32_t cell = 0;
   float pixels = 0, error = 0;
 };
-/// Samples a cell. pixels [cells]: sum of the sampling weights of its pixels, not all 0; errors
-/// [cells]: their smoothed squared errors. A function of key.
+/// Samples a cell by `key`. pixels [cells]: sum of the sampling weights of its pixels, not all 0;
+/// errors [cells]: smoothed squared errors.
 REDRIVE_HD inline CellSample sample_cell(std::span<const float> pixels,
                                          std::span<const float> errors, std::uint64_t key) {
   CellSample drawn;
@@ -94,13 +94,13 @@ REDRIVE_HD inline float balance_heuristic_weight(float error, float mean_error, 
 /// Returns a cell's error after a ray with squared error `square`: exponential smoothing, squares
 /// capped at kInitialError.
 REDRIVE_HD inline float updated_error(float error, float square) {
-  constexpr float kSmoothing = 0.2f;  // weight of the newest ray: about the last ten count
+  constexpr float kSmoothing = 0.2f;  // weight of the newest ray
   const float seen = square > kInitialError ? kInitialError : square;
   return error == kInitialError ? seen : error + kSmoothing * (seen - error);
 }
 
-/// Updates the errors of cells by the squared errors of rays drawn in them, cells [n] and squares
-/// [n], in order.
+/// Updates the errors of cells in order by the squared errors of rays drawn in them, cells [n] and
+/// squares [n].
 inline void update_error_map(std::span<const std::uint32_t> cells, std::span<const float> squares,
                              std::span<float> errors) {
   REDRIVE_CHECK_OP(cells.size(), ==, squares.size());

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Draws the pixels of a training step and makes them rays, one ray at a time and from plain
-// numbers, so that a device that holds the images gathers by the same functions. PixelSampler
-// (rays/ray_table.h) decides what is drawn and owns the source.
+// Draws the pixels of a training step and writes their rays, one ray at a time from plain numbers,
+// so that devices and the host run the same functions. PixelSampler (rays/ray_table.h) decides
+// which pixels are drawn and owns the source.
 #pragma once
 
 #include <algorithm>
@@ -38,7 +38,7 @@ struct TrainingImage {
   std::span<const std::uint8_t> rgb, alpha, used;  ///< Image8
 };
 
-/// Pixels of an image: all of its table, or those of UsedPixels; one in `every` of them is drawn
+/// Pixels of an image: all of its table, or those of UsedPixels. One in `every` of them is drawn
 /// each epoch.
 struct PixelPool {
   std::uint32_t image = 0, every = 1;
@@ -46,11 +46,11 @@ struct PixelPool {
   std::span<const std::uint32_t> before;
 };
 
-/// Everything that a gather reads except the errors of the cells.
+/// Input of gather_pixels except the errors of the cells.
 struct PixelSpans {
   std::uint64_t pixels = 0;               ///< pixels of an epoch
-  float background = 0;                   ///< grey that images were composited on
-  bool random_background = false;         ///< replaced by a random colour for each ray
+  float background = 0;                   ///< grey level behind transparent images
+  bool random_background = false;         ///< a random colour for each ray instead
   std::span<const RayTableSpans> tables;  ///< by camera of the rig
   std::span<const TrainingImage> images;
   std::span<const PixelPool> pools;
@@ -83,8 +83,8 @@ struct GatheredRays {
   std::span<std::uint32_t> view, cell;
 };
 
-/// Sampling weight of a pixel by its mask and alpha: 0 (masked), 1 / kEpochsPerTransparentPixel,
-/// or 1.
+/// Returns the sampling weight of a pixel by its mask and alpha: 0 (masked), 1 /
+/// kEpochsPerTransparentPixel, or 1.
 REDRIVE_HD inline float pixel_sampling_weight(std::span<const std::uint8_t> alpha,
                                               std::span<const std::uint8_t> used,
                                               std::size_t pixel) {
@@ -107,7 +107,7 @@ struct DrawnPixel {
   std::size_t entry = 0;  ///< in its camera's ray table
 };
 
-/// Returns the k-th pixel of an epoch, by a random permutation of all of them.
+/// Returns the k-th pixel of an epoch, by a random permutation of all pixels.
 REDRIVE_HD inline DrawnPixel pixel_of_epoch(const PixelSpans& from, const PixelDraw& draw,
                                             std::uint64_t k) {
   const std::uint64_t drawn = permute_index(draw.epoch_key, k, from.pixels);
@@ -124,7 +124,7 @@ REDRIVE_HD inline DrawnPixel pixel_of_epoch(const PixelSpans& from, const PixelD
 }
 
 /// Samples a cell by the error map, then a pixel in it by rejection with its sampling weight.
-/// Rejection is slow in cells with few usable pixels, which are drawn as rarely.
+/// Rejection is slow in cells with few usable pixels, but these cells are rarely drawn.
 REDRIVE_HD inline DrawnPixel pixel_from_error_map(const PixelSpans& from,
                                                   std::span<const float> errors, std::uint64_t key,
                                                   CellSample* cell) {
@@ -169,8 +169,8 @@ REDRIVE_HD inline void write_ray(const RayTableSpans& table, std::size_t k, cons
   out.pixel_angle[i] = table.pixel_angle;
 }
 
-/// Writes ray i of the batch except its weight. Returns its cell sample if it is drawn by the error
-/// map.
+/// Writes ray i of the batch except its weight. Returns its cell sample if the ray is drawn by the
+/// error map.
 REDRIVE_HD inline CellSample gather_pixel(const PixelSpans& from, const PixelDraw& draw,
                                           std::span<const float> errors, std::size_t i,
                                           const GatheredRays& out) {
@@ -202,8 +202,8 @@ REDRIVE_HD inline CellSample gather_pixel(const PixelSpans& from, const PixelDra
   return cell;
 }
 
-/// Writes the weight of ray i from the sums of CellSample over all rays of the batch drawn by the
-/// error map.
+/// Writes the weight of ray i. pixels, error: sums of CellSample over all rays of the batch drawn
+/// by the error map.
 REDRIVE_HD inline void write_ray_weight(const PixelDraw& draw, std::span<const float> errors,
                                         double pixels, double error, std::size_t i,
                                         const GatheredRays& out) {

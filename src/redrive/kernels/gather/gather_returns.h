@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Draws the LiDAR returns of a training step and makes them rays, as kernels/gather/gather_pixels.h
-// does with pixels. LidarSampler (rays/lidar_sampler.h) decides what is drawn and owns the source.
+// Draws the LiDAR returns of a training step and writes their rays, as gather_pixels.h does for
+// pixels. LidarSampler (rays/lidar_sampler.h) decides which returns are drawn and owns the source.
 #pragma once
 
 #include <cstddef>
@@ -13,17 +13,16 @@
 
 namespace redrive {
 
-/// Divergence of a LiDAR beam, rad: data sheets of common sensors say 0.1 to 0.2 degrees.
+/// Divergence of a LiDAR beam in rad; data sheets of common sensors give 0.1 to 0.2 degrees.
 constexpr float kLidarBeamAngle_rad = 0.002f;
 
-/// Everything that a gather of returns reads.
+/// Input of gather_returns.
 struct LidarSpans {
   std::span<const float> origin, direction, range_m;  ///< LidarReturns
   std::span<const std::int64_t> t_ns;
   PlainTransform global_from_world;
-  std::span<const PlainFrame>
-      recorded;                       ///< recorded frames, by whose poses the returns were placed
-  std::span<const PlainFrame> poses;  ///< their present poses; empty: unchanged
+  std::span<const PlainFrame> recorded;  ///< frames whose poses placed the returns in the world
+  std::span<const PlainFrame> poses;     ///< current poses of the frames; empty: unchanged
 };
 using LidarSource = GatherSource<LidarSpans>;
 
@@ -38,7 +37,8 @@ struct GatheredReturns {
   std::span<float> origin, direction, pixel_angle, range_m;
 };
 
-/// Returns the transform from the recorded world at a time to the world by the present poses.
+/// Returns the transform at a time from the world of the recorded poses to that of the current
+/// poses.
 REDRIVE_HD inline PlainTransform world_from_recorded(const LidarSpans& from, std::int64_t t_ns) {
   const PlainTransform world_from_body =
                            product(inverse(from.global_from_world), pose_at(from.poses, t_ns)),

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The network of field/nerf_field.h on one sample, forward and adjoint, on any scalar type: plain
-// loops, the oracle of every NerfNetwork. Tests run it on dual numbers, RefBackend in double.
+// The network of field/nerf_field.h on one sample, forward and backward, for any scalar type, as
+// plain loops: the oracle of every NerfNetwork. Tests run it on dual numbers, RefBackend in double.
 #pragma once
 
 #include <array>
@@ -12,8 +12,8 @@
 
 namespace redrive::kernels::ref {
 
-/// What the forward pass leaves for the adjoint: each layer's input and output (after its ReLU, if
-/// it has one).
+/// Activations of the forward pass that the backward pass reads: each layer's input and output
+/// (after its ReLU, if it has one).
 template <class T>
 struct NerfActivations {
   std::array<std::vector<T>, kNerfLayers> input, output;
@@ -40,7 +40,7 @@ void nerf_layer_forward(const NerfConfig& config, int layer, const T* parameters
 }
 
 /// Adds dL/dW = d_output input^T and dL/db = d_output to `gradients` and returns dL/d input = W^T
-/// d_output, where d_output is first cut to where the ReLU was open.
+/// d_output. Sets d_output to 0 first where the ReLU is closed.
 template <class T>
 std::vector<T> nerf_layer_adjoint(const NerfConfig& config, int layer, const T* parameters,
                                   const NerfActivations<T>& a, std::vector<T> d_output,
@@ -89,16 +89,16 @@ void nerf_sample_forward(const NerfConfig& config, const T* parameters, const T 
   raw[3] = a->output[kNerfDensity][0];
 }
 
-/// Adds d loss / d parameters of this sample to `gradients`, given d_raw = d loss / d raw and the
-/// activations of its forward pass. d_position [3], unless null: d loss / d position, written. What
-/// the colour changes with the direction is left out.
+/// Adds d loss / d parameters of this sample to `gradients`. d_raw: d loss / d raw; activations:
+/// those of its forward pass. Writes d_position [3], d loss / d position, unless null. The colour's
+/// dependence on the direction is ignored.
 template <class T>
 void nerf_sample_adjoint(const NerfConfig& config, const T* parameters, const NerfActivations<T>& a,
                          const T d_raw[4], T* gradients, T* d_position = nullptr) {
   std::vector<T> d = nerf_layer_adjoint(config, kNerfRgb, parameters, a,
                                         {d_raw[0], d_raw[1], d_raw[2]}, gradients);
   d = nerf_layer_adjoint(config, kNerfColour, parameters, a, std::move(d),
-                         gradients);  // of [feature, gamma(d)]
+                         gradients);  // gradient of [feature, gamma(d)]
   d = nerf_layer_adjoint(config, kNerfFeature, parameters, a, std::move(d), gradients);
   const std::vector<T> of_density =
       nerf_layer_adjoint(config, kNerfDensity, parameters, a, {d_raw[3]}, gradients);
@@ -106,8 +106,8 @@ void nerf_sample_adjoint(const NerfConfig& config, const T* parameters, const Ne
   std::vector<T> d_gamma(encoded_size(config.position_octaves), T(0));
   for (int layer = kNerfHidden - 1; layer >= 0; --layer) {
     d = nerf_layer_adjoint(config, layer, parameters, a, std::move(d), gradients);
-    // At the skip the first `width` entries of d belong to h, the rest to gamma(x), whose first
-    // layer 0 has.
+    // At the skip, the first `width` entries of d belong to h and the rest to gamma(x), which is
+    // layer 0's input.
     if (layer == kNerfSkip || layer == 0)
       for (std::size_t i = 0; i < d_gamma.size(); ++i)
         d_gamma[i] += d[d.size() - d_gamma.size() + i];

@@ -20,7 +20,7 @@ double uniform(std::uint64_t stream, std::uint64_t i) {
   return 2.0 * random_unit(random_key(11, kStreamTest, stream), i) - 1;
 }
 
-/// Glorot weights and biases that are not 0.
+/// Returns Glorot weights and non-zero biases.
 std::vector<double> random_parameters(std::uint64_t seed) {
   std::vector<float> initial(nerf_parameter_count(kConfig));
   nerf_initialize(kConfig, seed, initial);
@@ -67,10 +67,10 @@ TEST(NerfReference, ZeroWeightsGiveTheBiases) {
   EXPECT_EQ(raw[3], -7);
 }
 
-TEST(NerfReference, SkipAndDirectionArriveWhereTheLayoutSays) {
-  // Wired by hand: layer 5 copies gamma(x)[j] from behind h into neuron 0, layers 6 and 7 pass it
-  // on; the colour layer copies gamma(d)[j] from behind the feature. So density = relu(gamma(x)[j])
-  // and r = relu(gamma(d)[j]).
+TEST(NerfReference, SkipAndDirectionFollowTheLayout) {
+  // Weights set by hand: layer 5 copies gamma(x)[j] from behind h into neuron 0, and layers 6 and 7
+  // pass it on. The colour layer copies gamma(d)[j] from behind the feature. So density =
+  // relu(gamma(x)[j]) and r = relu(gamma(d)[j]).
   std::vector<double> gamma_x(encoded_size(3)), gamma_d(encoded_size(2));
   positional_encoding(kPosition, 3, gamma_x.data());
   positional_encoding(kDirection, 2, gamma_d.data());
@@ -96,7 +96,7 @@ TEST(NerfReference, GradientAgreesWithDualNumbersInEveryTensor) {
     const std::vector<double> parameters = random_parameters(seed),
                               gradients = gradient(parameters);
     for (const NerfTensor& tensor : nerf_tensors(kConfig)) {
-      // The derivative along a random direction inside this tensor, without a step.
+      // Directional derivative along a random direction inside this tensor, by dual numbers.
       std::vector<D> dual(parameters.begin(), parameters.end());
       double expected = 0, scale = 0;
       for (std::size_t i = tensor.offset;
@@ -114,13 +114,13 @@ TEST(NerfReference, GradientAgreesWithDualNumbersInEveryTensor) {
   }
 }
 
-TEST(NerfReference, DerivativeByThePositionAgreesWithDualNumbers) {
+TEST(NerfReference, PositionGradientAgreesWithDualNumbers) {
   using D = Dual<double, 3>;
   for (std::uint64_t seed = 1; seed <= 3; ++seed) {
     const std::vector<double> parameters = random_parameters(seed);
     double d_position[3];
     EXPECT_EQ(gradient(parameters, d_position), gradient(parameters))
-        << "of the parameters it changes nothing";
+        << "the parameters' gradients must not change";
     const D position[3] = {D::variable(kPosition[0], 0), D::variable(kPosition[1], 1),
                            D::variable(kPosition[2], 2)};
     NerfActivations<D> activations;
@@ -128,14 +128,14 @@ TEST(NerfReference, DerivativeByThePositionAgreesWithDualNumbers) {
     double scale = 0;
     for (const double d : expected.d) scale = std::max(scale, std::abs(d));
     EXPECT_GT(scale, 0.01) << "nothing tested";
-    // Twelve layers of sums over at most 59 inputs, 8e-14 where nothing cancels, and here no more
-    // than a tenth is left.
+    // Twelve layers of sums over at most 59 inputs: 8e-14 without cancellation, of which at least a
+    // tenth remains.
     for (int k = 0; k < 3; ++k)
       EXPECT_NEAR(d_position[k], expected.d[k], 10 * 12 * 59 * 0x1p-53 * scale) << k;
   }
 }
 
-/// Which ReLUs are open.
+/// Returns which ReLUs are open.
 std::vector<bool> open(const NerfActivations<double>& a) {
   std::vector<bool> pattern;
   for (int layer = 0; layer < kNerfLayers; ++layer)
@@ -145,9 +145,9 @@ std::vector<bool> open(const NerfActivations<double>& a) {
 }
 
 TEST(NerfReference, GradientAgreesWithDifferencesAwayFromKinks) {
-  // Central differences: with all ReLUs fixed, L is a polynomial of degree one in any single
-  // parameter, so only rounding is left: |L| eps / h. Steps that open or close a ReLU are left out,
-  // and must be rare.
+  // Central differences. With all ReLUs fixed, L is a polynomial of degree one in any single
+  // parameter, so the only error is rounding, |L| eps / h. Steps that open or close a ReLU are
+  // skipped and must be rare.
   const double h = 1e-5;
   const std::vector<double> parameters = random_parameters(4), gradients = gradient(parameters);
   NerfActivations<double> activations;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The oracle: every stage as plain loops over the scalar functions, one thread. Spans hold float as
-// everywhere, what happens between them is double, so that its own rounding stays far below that of
-// the kernels it judges.
+// The oracle: every stage as plain loops over the scalar functions, on one thread. Spans hold
+// float, everything between them is double, so that its rounding is far below that of the other
+// backends.
 #include <vector>
 
 #include "redrive/kernels/check_sizes.h"
@@ -13,7 +13,7 @@
 namespace redrive::kernels {
 namespace {
 
-/// The four channels of one ray as double, [4, per_ray].
+/// Returns the four channels of one ray as double, [4, per_ray].
 std::vector<double> raw_of_ray(std::span<const float> raw, std::size_t n_samples, int ray,
                                int per_ray) {
   std::vector<double> out;
@@ -27,13 +27,13 @@ std::vector<double> raw_of_ray(std::span<const float> raw, std::size_t n_samples
 /// A ray's three channels of [3, n_rays]; null for an empty span.
 class Colour {
  public:
-  Colour(std::span<const float> rgb, int n_rays, int ray) : given_(!rgb.empty()) {
-    for (int k = 0; given_ && k < 3; ++k) value_[k] = rgb[k * n_rays + ray];
+  Colour(std::span<const float> rgb, int n_rays, int ray) : present_(!rgb.empty()) {
+    for (int k = 0; present_ && k < 3; ++k) value_[k] = rgb[k * n_rays + ray];
   }
-  const double* data() const { return given_ ? value_ : nullptr; }
+  const double* data() const { return present_ ? value_ : nullptr; }
 
  private:
-  bool given_;
+  bool present_;
   double value_[3]{};
 };
 
@@ -64,9 +64,9 @@ class RefBackend final : public Backend {
   }
 
   void composite_backward(int n_rays, const Samples& samples, std::span<const float> raw,
-                          std::span<const float> background, const CompositeAdjoint& adjoint,
+                          std::span<const float> background, const CompositeOutGradient& d_out,
                           std::span<float> d_raw) override {
-    check_composite_backward(n_rays, samples, raw.size(), background, adjoint, d_raw.size());
+    check_composite_backward(n_rays, samples, raw.size(), background, d_out, d_raw.size());
     const int per_ray = samples.per_ray;
     const std::size_t n_samples = sample_count(n_rays, samples);
     std::vector<double> d_of_ray(4 * static_cast<std::size_t>(per_ray));
@@ -74,10 +74,10 @@ class RefBackend final : public Backend {
       const std::size_t first = static_cast<std::size_t>(ray) * per_ray;
       const std::vector<double> of_ray = raw_of_ray(raw, n_samples, ray, per_ray);
       std::vector<double> d_weights;
-      if (!adjoint.d_weights.empty())
-        d_weights.assign(&adjoint.d_weights[first], &adjoint.d_weights[first] + per_ray);
+      if (!d_out.d_weights.empty())
+        d_weights.assign(&d_out.d_weights[first], &d_out.d_weights[first] + per_ray);
       composite_ray_adjoint(of_ray.data(), per_ray, &samples.dt[first], per_ray,
-                            Colour(adjoint.d_rgb, n_rays, ray).data(), d_of_ray.data(),
+                            Colour(d_out.d_rgb, n_rays, ray).data(), d_of_ray.data(),
                             d_weights.empty() ? nullptr : d_weights.data(),
                             Colour(background, n_rays, ray).data());
       for (int k = 0; k < 4; ++k)

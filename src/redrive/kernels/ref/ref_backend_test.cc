@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The composed step of the oracle against dual numbers and differences of the same loss written in
-// one piece.
+// Tests the composed step of the oracle against dual numbers and differences of the same loss,
+// written as one function.
 #include <cmath>
 #include <vector>
 
@@ -21,7 +21,7 @@ double uniform(std::uint64_t stream, std::uint64_t i) {
   return 2.0 * random_unit(random_key(21, kStreamTest, stream), i) - 1;
 }
 
-/// A small batch with everything that a stage takes.
+/// A small batch with the input of all stages.
 struct Batch {
   static constexpr int kRays = 3, kPerRay = 5;
   NerfConfig config{32, 3, 2};
@@ -39,7 +39,7 @@ struct Batch {
     nerf_initialize(config, 5, parameters);
     for (std::size_t i = 0; i < parameters.size(); ++i)
       if (parameters[i] == 0) parameters[i] = static_cast<float>(0.3 * uniform(3, i));
-    parameters[nerf_layer(config, kNerfDensity).bias] = 0.4f;  // a field that is not dead
+    parameters[nerf_layer(config, kNerfDensity).bias] = 0.4f;  // so that densities are positive
     make_ref_backend()->nerf().sample_stratified(kRays, {kPerRay, 1, 6, true, 77}, t, dt);
   }
 
@@ -47,7 +47,7 @@ struct Batch {
   Samples samples() const { return {kPerRay, t, dt}; }
   NerfField field() const { return {config, unit_from_world, parameters}; }
 
-  /// Loss and gradients of the backend.
+  /// Returns the backend's loss and writes its gradients.
   double train(std::vector<float>* gradients, std::vector<float>* rgb_out = nullptr,
                const RayGradients& of_rays = {}) const {
     std::vector<float> rgb(3 * kRays), depth(kRays), opacity(kRays);
@@ -58,14 +58,15 @@ struct Batch {
     return loss;
   }
 
-  /// The same loss on any scalar type, in one piece. `open` receives which ReLUs are open.
+  /// Returns the same loss as one function for any scalar type. `open` receives which ReLUs are
+  /// open.
   template <class T>
   T loss(const std::vector<T>& p, std::vector<bool>* open = nullptr) const {
     return loss(p, std::vector<T>(origin.begin(), origin.end()),
                 std::vector<T>(direction.begin(), direction.end()), open);
   }
-  /// The same of rays from and along others; what they show is seen from where the batch's own
-  /// look.
+  /// Returns the loss for other origins and directions of the rays. Colours still depend on the
+  /// batch's own directions.
   template <class T>
   T loss(const std::vector<T>& p, const std::vector<T>& from, const std::vector<T>& towards,
          std::vector<bool>* open = nullptr) const {
@@ -98,8 +99,8 @@ struct Batch {
   }
 };
 
-// The backend's stages hand on raw, rgb, d_rgb and d_raw as float: four roundings of 2^-24, each
-// amplified by less than the number of samples and layers it passes.
+// The backend's stages pass raw, rgb, d_rgb and d_raw as float: four roundings of 2^-24, each
+// amplified by less than the number of samples and layers behind it.
 constexpr double kStageRounding = 4 * (Batch::kPerRay + 12) * 0x1p-24;
 
 TEST(RefBackend, GradientOfTheComposedStepAgreesWithDualNumbersInEveryTensor) {
@@ -123,7 +124,7 @@ TEST(RefBackend, GradientOfTheComposedStepAgreesWithDualNumbersInEveryTensor) {
   }
 }
 
-TEST(RefBackend, DerivativesByRaysAgreeWithDualNumbers) {
+TEST(RefBackend, RayGradientsAgreeWithDualNumbers) {
   constexpr int kNumbers = 3 * Batch::kRays;
   using D = Dual<double, 2 * kNumbers>;
   const Batch batch;
@@ -131,7 +132,7 @@ TEST(RefBackend, DerivativesByRaysAgreeWithDualNumbers) {
       d_direction(kNumbers);
   const double loss = batch.train(&gradients, nullptr, {d_origin, d_direction});
   EXPECT_EQ(loss, batch.train(&plain));
-  EXPECT_EQ(gradients, plain) << "of the parameters it changes nothing";
+  EXPECT_EQ(gradients, plain) << "the parameters' gradients must not change";
   std::vector<D> origin, direction;
   for (int i = 0; i < kNumbers; ++i) {
     origin.push_back(D::variable(batch.origin[i], i));
@@ -151,7 +152,7 @@ TEST(RefBackend, DerivativesByRaysAgreeWithDualNumbers) {
   batch.train(&gradients, nullptr, {d_origin, d_direction});
   for (int i = 0; i < kNumbers; ++i)
     EXPECT_NEAR(d_origin[i], 2 * expected.d[i], 8 * largest[0] * kStageRounding)
-        << "added to what is there";
+        << "adds to the values";
 }
 
 TEST(RefBackend, GradientOfTheComposedStepAgreesWithDifferences) {
@@ -178,10 +179,10 @@ TEST(RefBackend, GradientOfTheComposedStepAgreesWithDifferences) {
     }
     ++tested;
     // Rounding of the loss over the step, its third derivative times h^2 (both below 1e-8 here),
-    // and the stages' floats.
+    // and the roundings of the stages.
     EXPECT_NEAR(gradients[i], (above - below) / (2 * h), 1e-8 + largest * kStageRounding) << i;
   }
-  EXPECT_GT(largest, 1e-3);  // else the bound above would hold for zeros
+  EXPECT_GT(largest, 1e-3);  // otherwise zeros would pass
   EXPECT_GT(tested, 300);
   EXPECT_LT(left_out, tested / 100 + 1);
 }
@@ -195,7 +196,7 @@ TEST(RefBackend, AddsToTheGradients) {
     EXPECT_NEAR(on_top[i], 1.0 + once[i], 2 * 0x1p-24 * (1 + std::abs(once[i])));
 }
 
-TEST(RefBackend, RenderingShowsWhatTrainingSaw) {
+TEST(RefBackend, RenderingMatchesTheForwardPassOfTraining) {
   const Batch batch;
   std::vector<float> gradients(batch.parameters.size()), trained;
   batch.train(&gradients, &trained);
@@ -240,7 +241,7 @@ TEST(RefBackend, ChecksSizes) {
                std::logic_error);
 }
 
-TEST(RefBackend, PhotometricLossOfABatch) {
+TEST(RefBackend, PhotometricLossMatchesTheScalarFunction) {
   const std::vector<float> rgb = {1, 0.25f, 0.5f, 1, 0, 0.75f},
                            target = {0, 0.25f, 0.5f, 0.5f, 0.5f, 0.75f};
   std::vector<float> d_rgb(6);

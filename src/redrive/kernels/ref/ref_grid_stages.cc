@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// As ref_backend.cc: plain loops over the scalar functions, double between the spans.
+// Plain loops over the scalar functions, in double between the spans (ref_backend.cc).
 #include "redrive/kernels/ref/ref_grid_stages.h"
 
 #include <array>
@@ -26,7 +26,7 @@ std::array<double, 3> position_of(const UnitPoints& points, std::size_t i) {
   return {points.coordinate(0, i), points.coordinate(1, i), points.coordinate(2, i)};
 }
 
-/// Features of point `i` in [levels, n, features] and its place among them.
+/// Features of point `i` in [levels, n, features], and their offsets.
 class FeaturesOf {
  public:
   FeaturesOf(const HashGridConfig& config, std::size_t n, std::size_t i)

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The oracle's stages of --method grid.
+// The stages of --method grid of the reference backend.
 #pragma once
 
 #include <memory>

@@ -76,7 +76,7 @@ class RefNerfStages final : public NerfStages {
     REDRIVE_CHECK_OP(gradients.size(), ==, field.parameters.size());
     const std::vector<double> parameters(field.parameters.begin(), field.parameters.end());
     const std::size_t n_samples = sample_count(rays.n, samples), per_ray = samples.per_ray;
-    std::vector<double> sums(gradients.size()), d_position(3 * per_ray);  // the latter of one ray
+    std::vector<double> sums(gradients.size()), d_position(3 * per_ray);  // d_position: of one ray
     ref::NerfActivations<double> activations;
     for (std::size_t i = 0; i < n_samples; ++i) {
       const int ray = static_cast<int>(i / per_ray);
