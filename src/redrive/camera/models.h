@@ -5,8 +5,8 @@
 // 1. camera/<model>.h: a plain struct on normalised coordinates (pixel = f x + c), like
 // camera/mei.h:
 //    - kName: its name in calibration files.
-//    - kDistortion: coefficients in the order of "distortion_coeffs"; kOther: further parameters,
-//      each a field of its own ("xi").
+//    - kDistortion: coefficients in the order of "distortion_coeffs", may be none; kOther: further
+//      parameters, each a field of its own ("xi"). Ranges are inclusive.
 //    - kTransformsNames: values of "camera_model" in transforms.json that mean it; may be empty.
 //    - kPerspective: straight lines stay straight once undistorted, so --undistort is possible.
 //    - kImageCircle: images are black beyond a circle, which masks look for.

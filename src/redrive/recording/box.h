@@ -13,11 +13,13 @@ struct Box {
   std::int64_t object_id = 0;  ///< the same object in every frame; at most once per frame
   std::string type;            ///< "CAR", "TRUCK", ...
   std::string actor_name;
-  std::int64_t t_ns = 0;   ///< host clock: time of validity
-  Rigid3d body_from_box;   ///< box axes: x along the object's length, forward; y left; z up; the
-                           ///< origin is the centre
-  Eigen::Vector3d size_m;  ///< full lengths along the box's axes
-  Eigen::Vector3d velocity_in_body_m_per_s;  ///< the object's minus the ego vehicle's, body axes
+  std::int64_t t_ns = 0;  ///< host clock: time of validity
+  Rigid3d body_from_box;  ///< box axes: x along the object's length, forward; y left; z up; the
+                          ///< origin is the centre
+  Eigen::Vector3d size_m = Eigen::Vector3d::Zero();  ///< full lengths along the box's axes
+  /// The object's velocity minus the ego vehicle's, in body axes: of a parked object minus the ego
+  /// vehicle's. Formats that annotate none take differences of positions.
+  Eigen::Vector3d velocity_in_body_m_per_s = Eigen::Vector3d::Zero();
 };
 
 }  // namespace redrive

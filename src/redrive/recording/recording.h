@@ -18,10 +18,11 @@ namespace redrive {
 
 class RecordingReader;  // recording/recording_reader.h
 
-/// The body's pose at one frame.
+/// Pose of the body at one frame. Body axes: x forward, y left, z up; the origin is on the ground
+/// under the middle of the rear axle (scene/ego_outline.h).
 struct FramePose {
   std::int64_t id = 0;
-  std::int64_t t_ns = 0;     ///< host clock
+  std::int64_t t_ns = 0;     ///< of any epoch; images follow it by a constant per camera
   Rigid3d global_from_body;  ///< Recording::global_frame; of ECEF magnitude (6.4e6 m) in drives
 };
 
@@ -72,7 +73,7 @@ struct NovelSet {
   std::filesystem::path poses_file;  ///< recording/view_requests.h
 };
 
-/// RecordingReader of formats without LiDAR and boxes.
+/// The base class of RecordingReader.
 std::shared_ptr<const RecordingReader> basic_reader();
 
 struct Recording {
@@ -82,7 +83,8 @@ struct Recording {
   std::vector<RecordedCamera> cameras;                             ///< by name; only with images
   std::vector<FramePose> frames;                                   ///< by id
   std::vector<std::string> other_sensors;
-  std::optional<Rigid3d> body_from_lidar;      ///< of the sensor that lidar_files come from
+  std::optional<Rigid3d> body_from_lidar;      ///< its origin is that of LiDAR rays;
+                                               ///< without it lidar_files are not used
   std::vector<NovelSet> novel;                 ///< by name
   std::vector<FramePose> ground_truth_frames;  ///< exact poses by id, where a made recording ships
                                                ///< them; `frames` may carry errors

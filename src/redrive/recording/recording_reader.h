@@ -26,22 +26,24 @@ struct CalibratedPoses {
   std::filesystem::path frames_file, cameras_file;
 };
 
-/// The base class serves formats without LiDAR and boxes; its pose files are egomotion.json
-/// (recording/egomotion_json.h) and calibration.json (recording/calibration_json.h).
+/// The base class serves formats without LiDAR and boxes as it is. Its pose files, which serve
+/// every format, are egomotion.json (recording/egomotion_json.h) and calibration.json
+/// (recording/calibration_json.h). A reader keeps what its files need beyond themselves, such as
+/// extrinsics and the times of scans; it is called from several threads.
 class RecordingReader {
  public:
   virtual ~RecordingReader() = default;
 
   /// Points of one of Recording::lidar_files. InputError for a damaged file.
   virtual std::vector<LidarPoint> read_lidar(const FrameFile& file) const;
-  /// Number of points that read_lidar returns, from the file's header; 0 if that is damaged.
+  /// Number of points that read_lidar returns, without reading them; 0 if the file is damaged.
   virtual std::uint64_t lidar_point_count(const FrameFile& file) const;
   /// Boxes of one of Recording::box_files, each object once. InputError for a damaged file.
   virtual std::vector<Box> read_boxes(const FrameFile& file) const;
 
   /// Names of the files that make_pose_files returns.
   virtual std::vector<std::filesystem::path> pose_file_names() const;
-  /// `frames` and `cameras` in the format of `recording`.
+  /// Returns `frames` and `cameras` in the format of `recording`; times come back to 1 ms.
   virtual PoseFiles make_pose_files(const Recording& recording,
                                     const std::vector<FramePose>& frames,
                                     const std::vector<CameraCalibration>& cameras) const;
