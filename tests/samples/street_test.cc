@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// The street recordings as the readers see them: complete, wrong by what tools/street/README.md
-// says and by no more, and LiDAR, boxes, poses, cameras and depth of one and the same world.
+// The street recordings are complete and have the errors that tools/street/README.md states and no
+// others. LiDAR, boxes, poses, cameras and depth agree with each other.
 #include <algorithm>
 #include <cmath>
 #include <map>
-#include <numbers>
 #include <set>
 #include <vector>
 
 #include <gtest/gtest.h>
 
 #include "redrive/eval/novel_ground_truth.h"
+#include "redrive/math/angles.h"
 #include "redrive/recording/recording_reader.h"
 #include "redrive/recording/trajectory.h"
 #include "redrive/scene/lidar_returns.h"
@@ -24,7 +24,6 @@ namespace {
 const std::filesystem::path kStreet = REDRIVE_SAMPLES "/street",
                             kTraffic = REDRIVE_SAMPLES "/street_traffic",
                             kRolling = REDRIVE_SAMPLES "/street_rolling";
-constexpr double kDegrees = 180 / std::numbers::pi;
 
 TEST(Street, IsComplete) {
   const Recording street = open_recording(kStreet);
@@ -43,28 +42,30 @@ TEST(Street, IsComplete) {
   EXPECT_NEAR(street.frames[1].t_ns - street.frames[0].t_ns, 1e9 / 15, 1000);
 }
 
-// The noise is scaled to its RMS over all frames: 1e-6 is for ECEF in double (1e-9 m) and a turn's
-// logarithm.
-TEST(Street, WhatAProgramIsGivenIsWrongAsStated) {
-  const Recording given = open_recording(kStreet),
-                  truth = open_recording(kStreet, PoseSource::kGroundTruth);
-  ASSERT_EQ(given.frames.size(), truth.frames.size());
+// The noise is scaled to its RMS over all frames. The tolerance of
+// 1e-6 covers rounding of ECEF in double (1e-9 m) and of
+// a rotation's logarithm.
+TEST(Street, HasTheStatedErrors) {
+  const Recording recording = open_recording(kStreet),
+                  ground_truth = open_recording(kStreet, PoseSource::kGroundTruth);
+  ASSERT_EQ(recording.frames.size(), ground_truth.frames.size());
   Eigen::Array3d squares_m = Eigen::Array3d::Zero(), squares_deg = Eigen::Array3d::Zero();
-  for (std::size_t i = 0; i < given.frames.size(); ++i) {
-    const Rigid3d error = truth.frames[i].global_from_body.inverse(Eigen::Isometry) *
-                          given.frames[i].global_from_body;
+  for (std::size_t i = 0; i < recording.frames.size(); ++i) {
+    const Rigid3d error = ground_truth.frames[i].global_from_body.inverse(Eigen::Isometry) *
+                          recording.frames[i].global_from_body;
     const Eigen::AngleAxisd turn(error.linear());
     squares_m += error.translation().array().square();
-    squares_deg += (turn.axis().array() * turn.angle() * kDegrees).square();
+    squares_deg += (turn.axis().array() * turn.angle() * kDegreesPerRadian).square();
   }
-  const double frames = static_cast<double>(given.frames.size());
+  const double frames = static_cast<double>(recording.frames.size());
   EXPECT_TRUE((squares_m / frames).sqrt().isApprox(Eigen::Array3d(0.06, 0.06, 0.03), 1e-6));
   EXPECT_TRUE((squares_deg / frames).sqrt().isApprox(Eigen::Array3d::Constant(0.12), 1e-6));
-  for (std::size_t c = 0; c < given.cameras.size(); ++c) {
-    const CameraCalibration &a = given.cameras[c].calibration, &b = truth.cameras[c].calibration;
+  for (std::size_t c = 0; c < recording.cameras.size(); ++c) {
+    const CameraCalibration &a = recording.cameras[c].calibration,
+                            &b = ground_truth.cameras[c].calibration;
     const Eigen::Matrix3d turn =
         a.body_from_sensor.linear() * b.body_from_sensor.linear().transpose();
-    const double yaw_deg = Eigen::AngleAxisd(turn).angle() * kDegrees;
+    const double yaw_deg = Eigen::AngleAxisd(turn).angle() * kDegreesPerRadian;
     EXPECT_NEAR(yaw_deg, a.name == "F_MIDRANGECAM_C" ? 0.15 : 0, 1e-6) << a.name;
     EXPECT_EQ(a.time_offset_ns, 0);
     EXPECT_EQ(b.time_offset_ns, a.name == "M_FISHEYE_L" ? -12'000'000 : 0);
@@ -72,8 +73,8 @@ TEST(Street, WhatAProgramIsGivenIsWrongAsStated) {
   }
 }
 
-/// A run of the street that has not been trained: its scene is what the ground truth of new views
-/// is read with.
+/// An untrained run of the street: its scene is needed to read the ground ground_truth of novel
+/// views.
 Run true_run(const std::filesystem::path& root) {
   Run run;
   run.recording = open_recording(root, PoseSource::kGroundTruth);
@@ -81,7 +82,7 @@ Run true_run(const std::filesystem::path& root) {
   return run;
 }
 
-TEST(Street, ShiftsOfTheTruePosesAreWhereTheirPosesSay) {
+TEST(Street, PosesOfNovelViewsAgreeWithTheirShifts) {
   const redrive::Run run = true_run(kStreet);
   for (const NovelSet& set : run.recording.novel) {
     const ViewRequests poses = read_view_requests(set.poses_file);
@@ -92,31 +93,31 @@ TEST(Street, ShiftsOfTheTruePosesAreWhereTheirPosesSay) {
       const auto frame = std::find_if(run.recording.frames.begin(), run.recording.frames.end(),
                                       [&](const FramePose& f) { return f.id == view.frame_id; });
       ASSERT_NE(frame, run.recording.frames.end());
-      const Rigid3d moved =
+      const Rigid3d motion =
           frame->global_from_body.inverse(Eigen::Isometry) * *view.global_from_body;
-      const double rotation_deg = Eigen::AngleAxisd(moved.linear()).angle() * kDegrees;
+      const double rotation_deg = Eigen::AngleAxisd(motion.linear()).angle() * kDegreesPerRadian;
       EXPECT_NEAR(rotation_deg, set.name == "yaw_15" ? 15 : 0, 1e-5) << set.name;
       if (view.shift_body_m) {
-        EXPECT_LT((moved.translation() - *view.shift_body_m).norm(), 1e-6) << set.name;
+        EXPECT_LT((motion.translation() - *view.shift_body_m).norm(), 1e-6) << set.name;
       }
     }
   }
 }
 
-// A LiDAR point at its own time, in an image from half a metre aside: the image's depth there is
-// the point's distance, but for edges, what one of the two does not see, 2 cm of noise and half a
-// pixel. The latter is most on the road, where a pixel spans distance / (camera height * focal
-// length) of the distance: 10 m / (1.25 m * 375) = 2 %, half of it to either side.
-TEST(Street, LidarAndDepthAreOfOneWorld) {
+// Projects LiDAR points at their own time into images from half a metre aside. The depth there is
+// the point's distance except at edges, at points hidden from one of the two, and within 2 cm of
+// noise and half a pixel. The latter is largest on the road, where a pixel spans distance / (camera
+// height * focal length) of the distance: 10 m / (1.25 m * 375) = 2 %, half of it to either side.
+TEST(Street, LidarAgreesWithDepth) {
   const redrive::Run run = true_run(kStreet);
   const auto set = std::find_if(run.recording.novel.begin(), run.recording.novel.end(),
                                 [](const NovelSet& s) { return s.name == "left_0.5"; });
   ASSERT_NE(set, run.recording.novel.end());
-  const NovelGroundTruth truth(run, *set, {});
+  const NovelGroundTruth ground_truth(run, *set, {});
   const ViewRequests poses = read_view_requests(set->poses_file);
   const Rigid3d world_from_global = run.scene.global_from_world.inverse(Eigen::Isometry);
-  for (std::size_t i = 0; i < truth.size(); ++i) {
-    const GroundTruthView view = truth.load(i);
+  for (std::size_t i = 0; i < ground_truth.size(); ++i) {
+    const GroundTruthView view = ground_truth.load(i);
     const Rigid3d camera_from_world = view.world_from_camera.inverse(Eigen::Isometry);
     const auto file =
         std::find_if(run.recording.lidar_files.begin(), run.recording.lidar_files.end(),
@@ -134,14 +135,14 @@ TEST(Street, LidarAndDepthAreOfOneWorld) {
       const float depth_m = view.depth_m[static_cast<std::size_t>(y) * view.camera.width + x];
       if (depth_m > 0) errors.push_back(std::abs(in_camera.norm() - depth_m) / depth_m);
     }
-    // 20 packets in view, of each the 10 beams that meet the road at the latest
+    // 20 packets in view, the 10 channels of each that hit the road
     ASSERT_GE(errors.size(), 200u) << view.name;
     std::nth_element(errors.begin(), errors.begin() + errors.size() / 2, errors.end());
     EXPECT_LT(errors[errors.size() / 2], 0.01) << view.name;
   }
 }
 
-// 120 packets in 0.1 s, files 1/15 s apart. Every packet has points: its lowest beams meet the
+// 120 packets in 0.1 s, files 1/15 s apart. Every packet has points: its lowest channels hit the
 // road.
 LidarReturns returns_of(const redrive::Run& run) {
   ThreadPool pool(2);
@@ -153,9 +154,9 @@ Eigen::Vector3d column(const std::vector<float>& values, std::size_t n, std::siz
   return {values[i], values[n + i], values[2 * n + i]};
 }
 
-// Returns of all revolutions in images of single frames: static points are where the image has
-// them, or hidden behind something, or (an edge, noise) a little nearer.
-TEST(Street, ReturnsOfAllRevolutionsStayPut) {
+// Projects returns of all revolutions into images of single frames: static points agree with the
+// image's depth, or are hidden, or (at an edge, by noise) are a little nearer.
+TEST(Street, ReturnsOfAllRevolutionsAreFixedInTheWorld) {
   const redrive::Run run = true_run(kStreet);
   const LidarReturns returns = returns_of(run);
   EXPECT_GT(returns.n, 48u * 500);
@@ -165,10 +166,10 @@ TEST(Street, ReturnsOfAllRevolutionsStayPut) {
   EXPECT_EQ(returns.on_moving, 0u);
   const auto set = std::find_if(run.recording.novel.begin(), run.recording.novel.end(),
                                 [](const NovelSet& s) { return s.name == "right_1"; });
-  const NovelGroundTruth truth(run, *set, {});
+  const NovelGroundTruth ground_truth(run, *set, {});
   int agree = 0, hidden = 0, nearer = 0;
-  for (std::size_t i = 0; i < truth.size(); ++i) {
-    const GroundTruthView view = truth.load(i);
+  for (std::size_t i = 0; i < ground_truth.size(); ++i) {
+    const GroundTruthView view = ground_truth.load(i);
     const Rigid3d camera_from_world = view.world_from_camera.inverse(Eigen::Isometry);
     for (std::size_t k = 0; k < returns.n; ++k) {
       const Eigen::Vector3d in_camera =
@@ -202,7 +203,7 @@ TEST(Street, RevolutionsOverlapByAThird) {
   }
 }
 
-TEST(StreetRolling, IsTheFirstHalfOfTheStreetFromTheFrontCameras) {
+TEST(StreetRolling, HasTheFrontCamerasOfTheFirstHalfOfTheStreet) {
   const Recording rolling = open_recording(kRolling, PoseSource::kGroundTruth),
                   street = open_recording(kStreet, PoseSource::kGroundTruth);
   EXPECT_TRUE(rolling.findings.empty());
@@ -215,11 +216,11 @@ TEST(StreetRolling, IsTheFirstHalfOfTheStreetFromTheFrontCameras) {
         << i;
 }
 
-// One of the three stands still, seen from a car that moves: its relative velocity is the ego
-// vehicle's, reversed; that of poses 1/15 s apart differs from the one at the first of them by at
-// most half of 2.1 m/s^2 / 15 (tools/street/trajectory.py). The LiDAR meets every vehicle (5 cm:
-// its range noise, 2.5 sigma), and nothing in the air above it.
-TEST(StreetTraffic, BoxesHoldTheirVehicles) {
+// One of the three is parked: its relative velocity is the ego vehicle's, reversed. The velocity
+// between poses 1/15 s apart differs from that at the first of them by at most half of 2.1 m/s^2 /
+// 15 (tools/street/trajectory.py). The LiDAR hits every vehicle (5 cm: its range noise, 2.5 sigma),
+// and nothing in the air above it.
+TEST(StreetTraffic, BoxesContainTheirVehicles) {
   const Recording traffic = open_recording(kTraffic, PoseSource::kGroundTruth);
   EXPECT_EQ(traffic.cameras.size(), 2u);
   EXPECT_EQ(traffic.frames.size(), 24u);
@@ -258,9 +259,9 @@ TEST(StreetTraffic, BoxesHoldTheirVehicles) {
   EXPECT_EQ(parked, 24);
 }
 
-// samples/street is the same drive without the three vehicles: a ray of the same packet that ends
-// earlier here ends on one of them. What is left of those is on the parked one.
-TEST(StreetTraffic, ReturnsOfMovingVehiclesAreGone) {
+// samples/street is the same drive without the three vehicles: a ray of the same packet that is
+// shorter here hits one of them. The remaining returns of such rays are on the parked one.
+TEST(StreetTraffic, DropsReturnsOfMovingVehicles) {
   const redrive::Run run = true_run(kTraffic), empty = true_run(kStreet);
   const LidarReturns with = returns_of(run), without = returns_of(empty);
   EXPECT_GT(with.on_moving, 100u);
@@ -277,8 +278,8 @@ TEST(StreetTraffic, ReturnsOfMovingVehiclesAreGone) {
     const auto [begin, end] = by_time.equal_range(with.t_ns[i]);
     const Eigen::Vector3d direction = column(with.direction, with.n, i);
     for (auto it = begin; it != end; ++it) {
-      // Half of what lies between two beams or packets; millimetres of the files turn a near ray a
-      // little.
+      // Half of the angle between two channels or packets, and the rotation of near rays by the
+      // files' rounding to millimetres.
       if ((column(without.direction, without.n, it->second) - direction).norm() > 2e-3) continue;
       if (std::abs(with.range_m[i] - without.range_m[it->second]) < 0.3) {
         ++same;
@@ -302,9 +303,9 @@ double share_left_out(const Mask& mask, int first_row, int last_row) {
   return static_cast<double>(std::count(begin, end, 0)) / static_cast<double>(end - begin);
 }
 
-// The bonnet is in the images of one camera, below row 203 of 256; it is 11.5 % of them, as
-// counted in the images by hand.
-TEST(Street, MasksHideTheBonnetAndNothingElse) {
+// The bonnet is in the images of one camera, below row 203 of 256, and covers 11.5 % of them
+// (counted by hand).
+TEST(Street, MasksCoverOnlyTheBonnet) {
   for (const std::filesystem::path& root : {kStreet, kTraffic, kRolling}) {
     SCOPED_TRACE(root);
     const Recording recording = open_recording(root);
@@ -322,7 +323,7 @@ TEST(Street, MasksHideTheBonnetAndNothingElse) {
       } else if (scene.rig[c].name.starts_with("F_")) {
         EXPECT_EQ(mask.left_out(), 0u);
       } else {
-        // The lens does not reach the corners: 12.1 % of an image (redrive inspect).
+        // The corners outside the image circle are 12.1 % of an image (redrive inspect).
         EXPECT_NEAR(share_left_out(mask, 0, mask.height), 0.12, 0.01);
         EXPECT_EQ(mask.used[std::size_t(mask.height / 2) * mask.width + mask.width / 2], 1);
       }

@@ -11,6 +11,7 @@
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
 #include "redrive/image/image_io.h"
+#include "redrive/math/wgs84.h"
 
 namespace redrive::analytic {
 namespace {
@@ -162,8 +163,9 @@ Rigid3d world_from_body(int index) {
 Rigid3d global_from_world() {
   const double latitude = radians(47.5), longitude = radians(19.0), height_m = 150,
                heading = radians(35);
-  const double a = 6378137.0, e2 = 6.69437999014e-3;  // WGS84
-  const double normal_radius = a / std::sqrt(1 - e2 * std::sin(latitude) * std::sin(latitude));
+  constexpr double e2 = kWgs84EccentricitySquared;
+  const double normal_radius =
+      kWgs84SemiMajor_m / std::sqrt(1 - e2 * std::sin(latitude) * std::sin(latitude));
   const Vector3d east(-std::sin(longitude), std::cos(longitude), 0);
   const Vector3d up(std::cos(latitude) * std::cos(longitude),
                     std::cos(latitude) * std::sin(longitude), std::sin(latitude));

@@ -7,12 +7,12 @@
 #include <cstdarg>
 #include <cstdio>
 #include <limits>
-#include <numbers>
 
 #include <Eigen/Dense>
 
 #include "redrive/align/bundle/unobservable_time_offsets.h"
 #include "redrive/base/error.h"
+#include "redrive/math/angles.h"
 #include "redrive/math/so3.h"
 #include "redrive/recording/summary.h"
 #include "redrive/scene/moving_objects.h"
@@ -20,20 +20,19 @@
 namespace redrive {
 namespace {
 
-constexpr double kDegrees = 180 / std::numbers::pi;
-
 // Limits of a usable result. Poses less certain than this make rendered images worse, not better.
-constexpr double kMaxSigma_m = 0.08, kMaxSigma_rad = 0.2 / kDegrees;
+constexpr double kMaxSigma_m = 0.08, kMaxSigma_rad = 0.2 / kDegreesPerRadian;
 constexpr double kMaxLastChange_m = 0.015,
-                 kMaxLastChange_rad = 0.04 / kDegrees;  // change in the last round
-constexpr double kMinUsed = 0.4;                        // share of inliers among the observations
-constexpr double kMaxNoise_px = 2.5;                    // of a camera's observations
+                 kMaxLastChange_rad = 0.04 / kDegreesPerRadian;  // change in the last round
+constexpr double kMinUsed = 0.4;      // share of inliers among the observations
+constexpr double kMaxNoise_px = 2.5;  // of a camera's observations
 constexpr double kMaxPose_m = 5,
-                 kMaxPose_rad = 6 / kDegrees;  // larger than any error of an egomotion
+                 kMaxPose_rad = 6 / kDegreesPerRadian;  // larger than any error of an egomotion
 constexpr double kMaxExtrinsics_m = 0.3,
-                 kMaxExtrinsics_rad = 3 / kDegrees;  // larger than any error of a calibration
-constexpr double kMaxOffset_s = 0.1;                 // beyond, the image belongs to another frame
-constexpr double kMaxReadoutSigma_s = 0.004;         // rows usually take 15 to 35 ms
+                 kMaxExtrinsics_rad =
+                     3 / kDegreesPerRadian;   // larger than any error of a calibration
+constexpr double kMaxOffset_s = 0.1;          // beyond, the image belongs to another frame
+constexpr double kMaxReadoutSigma_s = 0.004;  // rows usually take 15 to 35 ms
 constexpr double kMinReach_m = 1;
 constexpr std::size_t kMaxPlaneSamples = 800'000;
 constexpr int kMinTracks = 30, kMinLidarPoints = 1000;
@@ -215,7 +214,8 @@ std::string obstacle(const Recording& recording, const AlignResult& result, bool
         "the poses still change by %.1f cm and %.3f degrees a round after %d rounds: the "
         "observations "
         "do not agree with one motion",
-        100 * bundle.last_translation_m, bundle.last_rotation_rad * kDegrees, bundle.rounds);
+        100 * bundle.last_translation_m, bundle.last_rotation_rad * kDegreesPerRadian,
+        bundle.rounds);
   int all = 0, used = 0;
   for (std::size_t c = 0; c < bundle.cameras.size(); ++c) {
     const CameraFit& fit = bundle.cameras[c];
@@ -242,7 +242,8 @@ std::string obstacle(const Recording& recording, const AlignResult& result, bool
           "frame %lld would need a correction of %.2f m and %.2f degrees; an egomotion with errors "
           "above %.0f m or %.0f degrees is no usable initial value",
           static_cast<long long>(result.frames[f].id), c.value.head<3>().norm(),
-          c.value.tail<3>().norm() * kDegrees, kMaxPose_m, kMaxPose_rad * kDegrees);
+          c.value.tail<3>().norm() * kDegreesPerRadian, kMaxPose_m,
+          kMaxPose_rad * kDegreesPerRadian);
   }
   if (!(worst_m <= kMaxSigma_m))
     return text(
@@ -254,8 +255,8 @@ std::string obstacle(const Recording& recording, const AlignResult& result, bool
     return text(
         "the rotation of frame %lld is not determined: %.2f degrees (1 sigma) after the alignment, "
         "%.2f are needed",
-        static_cast<long long>(recording.frames[at_rad].id), worst_rad * kDegrees,
-        kMaxSigma_rad * kDegrees);
+        static_cast<long long>(recording.frames[at_rad].id), worst_rad * kDegreesPerRadian,
+        kMaxSigma_rad * kDegreesPerRadian);
   for (const CameraCorrection& camera : result.camera_corrections) {
     const double translation_m = camera.extrinsics.value.head<3>().norm(),
                  rotation_rad = camera.extrinsics.value.tail<3>().norm();
@@ -265,7 +266,8 @@ std::string obstacle(const Recording& recording, const AlignResult& result, bool
           "%s would need a correction of %.2f m and %.2f degrees and a time offset of %.1f ms; "
           "that is "
           "another calibration, not an error of this one",
-          camera.name.c_str(), translation_m, rotation_rad * kDegrees, 1e3 * camera.offset_s);
+          camera.name.c_str(), translation_m, rotation_rad * kDegreesPerRadian,
+          1e3 * camera.offset_s);
   }
   return "";
 }

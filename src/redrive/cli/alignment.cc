@@ -3,15 +3,13 @@
 
 #include <algorithm>
 #include <cstdio>
-#include <numbers>
 
+#include "redrive/math/angles.h"
 #include "redrive/recording/pose_files.h"
 #include "redrive/report/align_page.h"
 
 namespace redrive {
 namespace {
-
-constexpr double kInDegrees = 180 / std::numbers::pi;
 
 void print_residual(const char* which, const TrajectoryRegistration& registration) {
   std::printf("%s trajectory against ground truth: %.2f cm, %.4f degrees RMS\n", which,
@@ -28,8 +26,9 @@ void print_alignment(const AlignResult& result) {
     std::printf(
         "%-22s %7d of %6d %6.2f -> %5.2f    %+7.3f %+7.3f %+7.3f %8.3f %4.1f +- %3.1f %+7.2f ",
         k.name.c_str(), fit.used, fit.observations, fit.initial_px, fit.aligned_px,
-        k.rotation_in_body.z() * kInDegrees, k.rotation_in_body.y() * kInDegrees,
-        k.rotation_in_body.x() * kInDegrees, k.extrinsics.sigma.tail<3>().maxCoeff() * kInDegrees,
+        k.rotation_in_body.z() * kDegreesPerRadian, k.rotation_in_body.y() * kDegreesPerRadian,
+        k.rotation_in_body.x() * kDegreesPerRadian,
+        k.extrinsics.sigma.tail<3>().maxCoeff() * kDegreesPerRadian,
         100 * k.extrinsics.value.head<3>().norm(), 100 * k.extrinsics.sigma.head<3>().maxCoeff(),
         1e3 * k.offset_s);
     if (k.offset_sigma_s)
@@ -54,7 +53,7 @@ void print_alignment(const AlignResult& result) {
   }
   std::printf(
       "the trajectory's shape is known to %.2f cm and %.4f degrees (1 sigma, worst frame)\n",
-      100 * sigma_m, sigma_rad * kInDegrees);
+      100 * sigma_m, sigma_rad * kDegreesPerRadian);
   for (const std::string& remark : result.remarks) std::printf("note: %s\n", remark.c_str());
   if (result.initial_vs_ground_truth) print_residual("initial", *result.initial_vs_ground_truth);
   if (result.aligned_vs_ground_truth) print_residual("aligned", *result.aligned_vs_ground_truth);

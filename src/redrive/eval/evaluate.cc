@@ -4,11 +4,11 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numbers>
 
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
+#include "redrive/math/angles.h"
 #include "redrive/scene/load_views.h"
 #include "redrive/train/training_data.h"
 
@@ -85,17 +85,16 @@ nlohmann::json score_to_json(const Score& score) {
 }
 
 nlohmann::json changes_to_json(const PoseChanges& changes) {
-  constexpr double kInDegrees = 180 / std::numbers::pi;
   const auto three = [](const Eigen::Vector3d& v) { return nlohmann::json{v.x(), v.y(), v.z()}; };
   nlohmann::json cameras = nlohmann::json::object();
   for (const CameraChange& camera : changes.cameras)
     cameras[camera.name] = {{"moved_m", three(camera.pose.translation_m)},
-                            {"turned_deg", three(kInDegrees * camera.pose.rotation_rad)},
+                            {"turned_deg", three(kDegreesPerRadian * camera.pose.rotation_rad)},
                             {"late_s", camera.time_offset_s},
                             {"at_bound", camera.pose.at_bound}};
   return {{"frames",
            {{"moved_m", changes.translation_m},
-            {"turned_deg", kInDegrees * changes.rotation_rad},
+            {"turned_deg", kDegreesPerRadian * changes.rotation_rad},
             {"at_bound", changes.frames_at_bound()}}},
           {"cameras", cameras}};
 }

@@ -10,6 +10,7 @@
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
 #include "redrive/camera/models.h"
+#include "redrive/math/angles.h"
 #include "redrive/recording/calibration_fields.h"
 #include "redrive/recording/rigid_json.h"
 #include "redrive/recording/transforms.h"
@@ -104,7 +105,7 @@ std::optional<double> focal_length(const JsonField& object, const std::string& a
   const bool degrees = object.has(axis + "_fov");
   if (!degrees && !object.has("camera_angle_" + axis)) return std::nullopt;
   const JsonField field = object.at(degrees ? axis + "_fov" : "camera_angle_" + axis);
-  const double angle_rad = field.number() * (degrees ? std::numbers::pi / 180 : 1);
+  const double angle_rad = field.number() * (degrees ? kRadiansPerDegree : 1);
   if (!(angle_rad > 1e-3 && angle_rad < std::numbers::pi - 1e-3))
     field.fail(degrees ? "expected degrees between 0.06 and 179.94"
                        : "expected radians between 0.001 and 3.14");

@@ -5,13 +5,11 @@
 #include <string>
 
 #include "redrive/base/error.h"
+#include "redrive/math/wgs84.h"
 #include "redrive/recording/trajectory.h"
 
 namespace redrive {
 namespace {
-
-constexpr double kWgs84SemiMajor_m = 6378137.0;       // defining constant a of WGS84
-constexpr double kWgs84SemiMinor_m = 6356752.314245;  // b = a (1 - f), f = 1 / 298.257223563
 
 std::string view_field(std::size_t index, const char* key) {
   return "images[" + std::to_string(index) + "]." + key;
@@ -54,12 +52,12 @@ std::optional<Rigid3d> world_from_body(const Recording& recording, const Scene& 
 std::optional<Eigen::Matrix3d> world_from_local_axes(const Rigid3d& global_from_world,
                                                      const Rigid3d& world_from_body) {
   const Rigid3d global_from_body = global_from_world * world_from_body;
-  const Eigen::Vector3d place = global_from_body.translation();
-  if (place.norm() < 6.2e6 || place.norm() > 6.6e6) return std::nullopt;
+  const Eigen::Vector3d position = global_from_body.translation();
+  if (position.norm() < 6.2e6 || position.norm() > 6.6e6) return std::nullopt;
   constexpr double a2 = kWgs84SemiMajor_m * kWgs84SemiMajor_m,
                    b2 = kWgs84SemiMinor_m * kWgs84SemiMinor_m;
   const Eigen::Vector3d up =
-      Eigen::Vector3d(place.x() / a2, place.y() / a2, place.z() / b2).normalized();
+      Eigen::Vector3d(position.x() / a2, position.y() / a2, position.z() / b2).normalized();
   const Eigen::Vector3d heading = global_from_body.linear().col(0);
   const Eigen::Vector3d level = heading - heading.dot(up) * up;
   if (level.norm() < 1e-6) return std::nullopt;

@@ -7,17 +7,16 @@
 #include <cstdarg>
 #include <cstdio>
 #include <functional>
-#include <numbers>
 #include <sstream>
 
 #include "redrive/base/files.h"
+#include "redrive/math/angles.h"
 #include "redrive/report/html.h"
 #include "redrive/report/plot.h"
 
 namespace redrive {
 namespace {
 
-constexpr double kDegrees = 180 / std::numbers::pi;
 constexpr std::size_t kPointsShown = 4000;  // of a camera's residuals
 
 std::string number(const char* format, ...) __attribute__((format(printf, 1, 2)));
@@ -143,10 +142,10 @@ std::vector<std::vector<std::string>> camera_rows(const AlignResult& result) {
     const CameraCorrection& k = result.camera_corrections[c];
     rows.push_back({k.name, number("%d of %d", fit.used, fit.observations),
                     number("%.2f", fit.initial_px), number("%.2f", fit.aligned_px),
-                    number("%+.3f", k.rotation_in_body.x() * kDegrees),
-                    number("%+.3f", k.rotation_in_body.y() * kDegrees),
-                    number("%+.3f", k.rotation_in_body.z() * kDegrees),
-                    number("%.3f", k.extrinsics.sigma.tail<3>().maxCoeff() * kDegrees),
+                    number("%+.3f", k.rotation_in_body.x() * kDegreesPerRadian),
+                    number("%+.3f", k.rotation_in_body.y() * kDegreesPerRadian),
+                    number("%+.3f", k.rotation_in_body.z() * kDegreesPerRadian),
+                    number("%.3f", k.extrinsics.sigma.tail<3>().maxCoeff() * kDegreesPerRadian),
                     number("%.1f", 100 * k.extrinsics.value.head<3>().norm()),
                     number("%.1f", 100 * k.extrinsics.sigma.head<3>().maxCoeff()),
                     number("%+.2f", 1e3 * k.offset_s),
@@ -249,7 +248,7 @@ void write_align_page(const std::filesystem::path& folder, const Recording& reco
                 "deviations of the trajectory's shape") +
           drawn("rotation",
                 corrections_script(recording, result, {"rotation", "time (s)", "rotation (deg)"}, 3,
-                                   kDegrees, {"roll", "pitch", "yaw"}),
+                                   kDegreesPerRadian, {"roll", "pitch", "yaw"}),
                 "Correction of each frame's rotation") +
           drawn("trajectory", trajectory_script(recording, result, "trajectory"), "From above");
   if (!bundle.residuals.empty()) {

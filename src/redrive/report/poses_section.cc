@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/report/poses_section.h"
 
-#include <numbers>
-
+#include "redrive/math/angles.h"
 #include "redrive/report/html.h"
 #include "redrive/report/plot.h"
 #include "redrive/train/pose_refiner.h"
@@ -10,7 +9,6 @@
 namespace redrive {
 namespace {
 
-constexpr double kDegreesPerRadian = 180 / std::numbers::pi;
 constexpr int kWidth_px = 1200, kHeight_px = 560, kFont_pt = 14;  // as the training curves
 
 /// Returns the source of the poses as a sentence in HTML.

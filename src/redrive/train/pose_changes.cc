@@ -4,15 +4,14 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <numbers>
 
 #include "redrive/base/error.h"
+#include "redrive/math/angles.h"
 #include "redrive/train/pose_refiner.h"
 
 namespace redrive {
 namespace {
 
-constexpr double kInDegrees = 180 / std::numbers::pi;
 constexpr float kNearBound = 0.98f;
 
 }  // namespace
@@ -61,7 +60,7 @@ PoseChanges pose_changes(const Scene& scene, const PoseCorrections& corrections)
 std::string describe_changes(const PoseChanges& changes) {
   char line[200];
   std::snprintf(line, sizeof line, "poses refined: frames moved %.1f cm, turned %.3f degrees RMS",
-                100 * changes.translation_m, kInDegrees * changes.rotation_rad);
+                100 * changes.translation_m, kDegreesPerRadian * changes.rotation_rad);
   std::string out = line;
   if (const int frames = changes.frames_at_bound(); frames > 0)
     out += "; WARNING: " + std::to_string(frames) + " of " + std::to_string(changes.frames.size()) +
@@ -70,7 +69,7 @@ std::string describe_changes(const PoseChanges& changes) {
   for (const CameraChange& camera : changes.cameras) {
     const PoseChange& pose = camera.pose;
     std::snprintf(line, sizeof line, ": moved %.1f cm, turned %.3f degrees, %+.1f ms%s\n",
-                  100 * pose.translation_m.norm(), kInDegrees * pose.rotation_rad.norm(),
+                  100 * pose.translation_m.norm(), kDegreesPerRadian * pose.rotation_rad.norm(),
                   1e3 * camera.time_offset_s,
                   pose.at_bound ? "; WARNING: at its bound, see redrive align" : "");
     out += camera.name + line;

@@ -13,6 +13,7 @@
 #include "redrive/align/bundle/reduced_covariance.h"
 #include "redrive/align/bundle/unobservable_time_offsets.h"
 #include "redrive/base/error.h"
+#include "redrive/math/angles.h"
 #include "redrive/recording/register_trajectories.h"
 
 namespace redrive {
@@ -507,7 +508,8 @@ BundleResult adjust_bundle(RigModel* model, const std::vector<Track>& tracks,
           "%d "
           "steps, %.1f s\n",
           distances.size(), patches.size(), 100 * rms(distances), 100 * translation_m,
-          rotation_rad * 57.29578, summary.num_successful_steps, summary.total_time_in_seconds);
+          rotation_rad * kDegreesPerRadian, summary.num_successful_steps,
+          summary.total_time_in_seconds);
       for (std::size_t c = 0; c < model->cameras.size(); ++c)
         if (options.estimates_readout(c))
           std::printf("  readout of %s: %.2f ms\n", model->cameras[c].initial.name.c_str(),

@@ -1,19 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 // The bundle adjustment on a synthetic drive (synthetic_rig.h), and what align does where nothing
-// can be recovered. The truth is only looked at after a rigid motion of the whole, which no
-// measurement holds.
+// can be recovered. Results are registered with the ground truth first, since no measurement fixes
+// the gauge.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "redrive/align/align.h"
 #include "redrive/align/bundle/synthetic_rig_testing.h"
 #include "redrive/base/error.h"
+#include "redrive/math/angles.h"
 
 namespace redrive {
 namespace {
 
 using ::testing::HasSubstr;
-using testing::kDegree;
 using testing::make_synthetic_rig;
 using testing::SyntheticOptions;
 using testing::SyntheticRig;
@@ -43,7 +43,7 @@ std::string reason_why_not(const SyntheticRig& rig) {
   return "";
 }
 
-/// RMS of the sigmas that the result states for its poses: what the rest should be, up to chance.
+/// RMS of the sigmas of the result's poses: the expected RMS of the residuals.
 struct Stated {
   double m = 0, deg = 0;
 };
@@ -54,14 +54,14 @@ Stated stated(const AlignResult& result) {
     sum.deg += c.sigma.tail<3>().squaredNorm();
   }
   const double n = static_cast<double>(result.corrections.size());
-  return {std::sqrt(sum.m / n), std::sqrt(sum.deg / n) / kDegree};
+  return {std::sqrt(sum.m / n), std::sqrt(sum.deg / n) / kRadiansPerDegree};
 }
 
-/// Yaw of a camera off the truth, degrees, body axes.
+/// Error of a camera's yaw in degrees, in body axes.
 double yaw_off_deg(const SyntheticRig& rig, const AlignResult& result, int camera) {
   const Eigen::Matrix3d rest = result.cameras[camera].body_from_sensor.linear() *
                                rig.true_cameras[camera].body_from_sensor.linear().transpose();
-  return so3_log(rest).z() / kDegree;
+  return so3_log(rest).z() / kRadiansPerDegree;
 }
 double offset_off_ms(const SyntheticRig& rig, const AlignResult& result, int camera) {
   return 1e-6 * static_cast<double>(result.cameras[camera].time_offset_ns -
@@ -70,7 +70,7 @@ double offset_off_ms(const SyntheticRig& rig, const AlignResult& result, int cam
 
 // Without noise only the priors (1 cm, 0.03 degrees, 2 ms) pull, against thousands of pixels of
 // 0.05 px: 1 % of the errors and less.
-TEST(Bundle, WithoutNoiseTheTruthIsFound) {
+TEST(Bundle, RecoversGroundTruthWithoutNoise) {
   SyntheticOptions options = short_drive();
   options.noise_px = options.noise_m = 0;
   const SyntheticRig rig = make_synthetic_rig(options);
@@ -84,9 +84,9 @@ TEST(Bundle, WithoutNoiseTheTruthIsFound) {
   EXPECT_GT(result.bundle.cameras[0].initial_px, 0.5);
 }
 
-// With noise the errors have to be as large as the result says: three times are left for chance and
-// for what the model of noise simplifies.
-TEST(Bundle, ErrorsAreAsLargeAsStated) {
+// With noise the errors have to be as large as the stated sigmas. A factor of three allows for the
+// sample and for the simplified model of noise.
+TEST(Bundle, ErrorsAgreeWithStatedSigmas) {
   const SyntheticRig rig = make_synthetic_rig(short_drive());
   const AlignResult result = aligned(rig);
   const Stated sigma = stated(result);
@@ -97,7 +97,7 @@ TEST(Bundle, ErrorsAreAsLargeAsStated) {
   for (int c = 0; c < 3; ++c) {
     const CameraCorrection& camera = result.camera_corrections[c];
     EXPECT_LT(std::abs(yaw_off_deg(rig, result, c)),
-              4 * camera.extrinsics.sigma.tail<3>().maxCoeff() / kDegree)
+              4 * camera.extrinsics.sigma.tail<3>().maxCoeff() / kRadiansPerDegree)
         << c;
     ASSERT_TRUE(camera.offset_sigma_s) << c;
     EXPECT_LT(std::abs(offset_off_ms(rig, result, c)), 4e3 * *camera.offset_sigma_s) << c;
@@ -108,10 +108,10 @@ TEST(Bundle, ErrorsAreAsLargeAsStated) {
   EXPECT_TRUE(result.remarks.empty());
 }
 
-TEST(Bundle, PosesOffByHalfAMetreAndADegree) {
+TEST(Bundle, RecoversFromPoseErrorsOfHalfAMetreAndADegree) {
   SyntheticOptions options = short_drive();
   options.pose_noise_m = 0.5;
-  options.pose_noise_rad = kDegree;
+  options.pose_noise_rad = kRadiansPerDegree;
   const SyntheticRig rig = make_synthetic_rig(options);
   const AlignResult result = aligned(rig);
   EXPECT_GT(result.initial_vs_ground_truth->residual_m, 0.3);
@@ -119,20 +119,20 @@ TEST(Bundle, PosesOffByHalfAMetreAndADegree) {
   EXPECT_LT(result.aligned_vs_ground_truth->residual_deg, 0.02);
 }
 
-TEST(Bundle, LidarAlone) {
+TEST(Bundle, RefinesPosesFromLidarAlone) {
   SyntheticOptions options = short_drive();
   options.points = 0;
   options.lidar_points = 20'000;
   const AlignResult result = aligned(make_synthetic_rig(options));
   EXPECT_LT(result.aligned_vs_ground_truth->residual_m, 0.015);
   EXPECT_LT(result.aligned_vs_ground_truth->residual_deg, 0.05);
-  EXPECT_EQ(result.remarks.size(), 3u);  // of each camera: no image point
+  EXPECT_EQ(result.remarks.size(), 3u);  // one of each camera: no image points
   EXPECT_EQ(result.cameras[1].time_offset_ns, 0);
 }
 
-// As WithoutNoiseTheTruthIsFound, with rows that are read within 25 ms, once as the calibration
-// says and once sought.
-TEST(Bundle, RollingShuttersWithoutNoise) {
+// As RecoversGroundTruthWithoutNoise with a readout time of 25 ms, once from the calibration and
+// once estimated.
+TEST(Bundle, RecoversRollingShuttersWithoutNoise) {
   SyntheticOptions options = short_drive();
   options.noise_px = options.noise_m = 0;
   options.readout_s = 0.025;
@@ -155,9 +155,9 @@ TEST(Bundle, RollingShuttersWithoutNoise) {
   }
 }
 
-TEST(Bundle, ReadoutsAreAsFarOffAsStated) {
+TEST(Bundle, ErrorsOfReadoutsAgreeWithStatedSigmas) {
   SyntheticOptions options = short_drive();
-  options.readout_s = -0.02;  // from the lowest row up
+  options.readout_s = -0.02;  // the lowest row first
   SyntheticRig rig = make_synthetic_rig(options);
   rig.recording.cameras[2].calibration.readout_ns = -20'000'000;
   AlignOptions sought = seeking_readouts();
@@ -174,7 +174,7 @@ TEST(Bundle, ReadoutsAreAsFarOffAsStated) {
   EXPECT_FALSE(result.camera_corrections[2].readout_sigma_s);
 }
 
-// All rows of a camera that stays where it is see the same, whenever they do.
+// The rows of a camera at rest see the same at any time.
 TEST(Bundle, UnobservableReadoutsKeepTheirInitialValue) {
   SyntheticOptions options = short_drive();
   options.frames = 12;
@@ -187,15 +187,15 @@ TEST(Bundle, UnobservableReadoutsKeepTheirInitialValue) {
   const AlignResult result = aligned(rig, seeking_readouts());
   EXPECT_EQ(result.cameras[0].readout_ns, 10'000'000);
   EXPECT_EQ(result.cameras[1].readout_ns, 0);
-  ASSERT_GE(result.remarks.size(), 3u);  // and of some clocks
+  ASSERT_GE(result.remarks.size(), 3u);  // and of some time offsets
   EXPECT_THAT(result.remarks[0], HasSubstr("A_FRONT: the readout is unobservable"));
   EXPECT_THAT(result.remarks[0], HasSubstr("keeps its initial value of 10.00 ms"));
   EXPECT_FALSE(result.camera_corrections[0].readout_sigma_s);
 }
 
-// The scale stays that of the egomotion: 6 cm RMS over 12 m with a correlation of a second leave 1
+// The scale is that of the egomotion: 6 cm RMS over 12 m with a correlation of a second leave 1
 // %, 3 cm RMS of position.
-TEST(Bundle, OneCameraAndNoLidar) {
+TEST(Bundle, RefinesPosesFromOneCameraWithoutLidar) {
   SyntheticOptions options = short_drive();
   options.lidar_points = 0;
   options.cameras = {0};
@@ -208,8 +208,8 @@ TEST(Bundle, OneCameraAndNoLidar) {
   EXPECT_THAT(result.remarks[0], HasSubstr("no LiDAR"));
 }
 
-// Each camera's points fit whenever it exposes, and the calibration's word counts, though the left
-// one is 12 ms late.
+// At constant velocity each camera's points fit at any time of exposure. The calibrated offsets are
+// kept, though the left camera is 12 ms late.
 TEST(Bundle, TimeOffsetsAreUnobservableAtConstantVelocity) {
   SyntheticOptions options = short_drive();
   options.straight = true;
@@ -229,7 +229,7 @@ TEST(Bundle, TimeOffsetsAreUnobservableAtConstantVelocity) {
   EXPECT_LT(result.aligned_vs_ground_truth->residual_deg, 0.02);
 }
 
-// Points that cameras share hold the one against the other, and at 20 m/s 12 ms are 24 cm.
+// Points seen by several cameras constrain their offsets: at 20 m/s 12 ms are 24 cm.
 TEST(Bundle, SharedPointsMakeTimeOffsetsObservable) {
   SyntheticOptions options = short_drive();
   options.straight = true;
@@ -237,10 +237,10 @@ TEST(Bundle, SharedPointsMakeTimeOffsetsObservable) {
   const SyntheticRig rig = make_synthetic_rig(options);
   const AlignResult result = aligned(rig);
   EXPECT_TRUE(result.remarks.empty()) << result.remarks[0];
-  EXPECT_NEAR(offset_off_ms(rig, result, 1), 0, 1.5) << "1 cm of each camera's place is 0.5 ms";
+  EXPECT_NEAR(offset_off_ms(rig, result, 1), 0, 1.5) << "1 cm of each camera's position is 0.5 ms";
 }
 
-TEST(Bundle, TheSameBitsAgain) {
+TEST(Bundle, IsDeterministic) {
   SyntheticOptions options = short_drive();
   options.frames = 10;
   const SyntheticRig rig = make_synthetic_rig(options);
@@ -249,21 +249,21 @@ TEST(Bundle, TheSameBitsAgain) {
     EXPECT_EQ(a.frames[f].global_from_body.matrix(), b.frames[f].global_from_body.matrix());
 }
 
-TEST(Cannot, StandingStillWithoutLidar) {
+TEST(InsufficientData, WithoutMotionAndLidar) {
   SyntheticOptions options = short_drive();
   options.speed_m_per_s = 0;
   options.lidar_points = 0;
   EXPECT_THAT(reason_why_not(make_synthetic_rig(options)), HasSubstr("stands still"));
 }
 
-TEST(Cannot, NothingSeen) {
+TEST(InsufficientData, WithoutObservations) {
   SyntheticOptions options = short_drive();
   options.points = options.lidar_points = 0;
   EXPECT_THAT(reason_why_not(make_synthetic_rig(options)), HasSubstr("too few observations"));
 }
 
-// Nobody saw the last third of the drive.
-TEST(Cannot, FramesThatNothingHolds) {
+// The last third of the drive has no observations.
+TEST(InsufficientData, WithUnconstrainedFrames) {
   SyntheticOptions options = short_drive();
   options.frames = 40;
   SyntheticRig rig = make_synthetic_rig(options);
@@ -274,8 +274,8 @@ TEST(Cannot, FramesThatNothingHolds) {
   EXPECT_THAT(reason_why_not(rig), HasSubstr("is not determined"));
 }
 
-// Points that move as nothing static does.
-TEST(Cannot, WhatIsSeenDoesNotAgree) {
+// Points that move as no static point does.
+TEST(InsufficientData, WithContradictoryObservations) {
   SyntheticOptions options = short_drive();
   options.lidar_points = 0;
   SyntheticRig rig = make_synthetic_rig(options);

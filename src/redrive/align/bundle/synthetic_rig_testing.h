@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A drive through a street of points and walls, without images: the tests know the truth. Between
-// the frames the true motion is that of a RigModel through the true poses, so that the model can be
-// exact.
+// A drive through a street of points and walls, without images, with known ground truth. Between
+// frames the true motion is that of a RigModel through the true poses, so that the model is exact.
 #pragma once
 
 #include <cmath>
@@ -13,15 +12,14 @@
 #include "redrive/align/tracks/tracks.h"
 #include "redrive/base/rng.h"
 #include "redrive/camera/camera.h"
+#include "redrive/math/angles.h"
 #include "redrive/math/so3.h"
 #include "redrive/recording/recording.h"
 
 namespace redrive::testing {
 
-constexpr double kDegree = std::numbers::pi / 180;
-
 struct SyntheticRig {
-  Recording recording;  ///< `frames` as given, ground_truth_frames; no files
+  Recording recording;  ///< initial `frames` and ground_truth_frames; no files
   std::vector<CameraCalibration> true_cameras;
   std::vector<Track> tracks;
   std::vector<LidarSample> lidar;
@@ -32,13 +30,13 @@ struct SyntheticOptions {
   double speed_m_per_s = 8;
   int points = 500;
   int lidar_points = 20'000;
-  double pose_noise_m = 0.06, pose_noise_rad = 0.12 * kDegree;  ///< RMS about each axis
+  double pose_noise_m = 0.06, pose_noise_rad = 0.12 * kRadiansPerDegree;  ///< RMS about each axis
   double noise_px = 0.2, noise_m = 0.02;
-  double yaw_rad = 0.15 * kDegree;  ///< error of the first camera's calibration
-  double offset_s = 0.012;          ///< of the second camera, which the calibration does not say
-  double readout_s = 0;             ///< of all cameras, which it does not say either
-  bool straight = false;            ///< on at one speed, without turns, bumps and sway
-  bool joined = true;  ///< a point is one track in all cameras that see it, or one in each
+  double yaw_rad = 0.15 * kRadiansPerDegree;  ///< error of the first camera's calibration
+  double offset_s = 0.012;                    ///< of the second camera; not in its calibration
+  double readout_s = 0;                       ///< of all cameras; not in their calibration
+  bool straight = false;                      ///< at constant velocity, without bumps and sway
+  bool joined = true;  ///< a point is one track of all cameras that see it, else one per camera
   std::vector<int> cameras{0, 1, 2};  ///< of front pinhole, left fisheye, right fisheye
 };
 
@@ -131,15 +129,15 @@ inline SyntheticRig make_synthetic_rig(const SyntheticOptions& options = {}) {
     camera.readout_ns = std::llround(options.readout_s * 1e9);
     rig.true_cameras.push_back(camera);
   }
-  Recording truth;
-  truth.frames = rig.recording.ground_truth_frames;
-  const RigModel true_motion = make_rig_model(truth);
+  Recording ground_truth;
+  ground_truth.frames = rig.recording.ground_truth_frames;
+  const RigModel true_motion = make_rig_model(ground_truth);
   const Rigid3d street_from_world =
       ecef_from_street.inverse(Eigen::Isometry) * true_motion.global_from_world;
   const auto street_from_body = [&](std::int64_t t_ns) {
     return street_from_world * true_motion.motion_at(t_ns).world_from_body;
   };
-  /// At the image's time, or what a row before or after its middle has more.
+  /// At the image's time plus that of the row relative to the middle one.
   const auto camera_from_street_at = [&](const CameraCalibration& camera, int f,
                                          std::int64_t later_ns) {
     const std::int64_t t_ns =
@@ -163,8 +161,8 @@ inline SyntheticRig make_synthetic_rig(const SyntheticOptions& options = {}) {
       const Camera camera = make_camera(rig.true_cameras[c]);
       for (int f = 0; f < options.frames; ++f) {
         auto pixel = camera.project(camera_from_street[c][f] * point);
-        // The row says when, and that which row: each round leaves at most readout x pixels per
-        // second / height of the error, 0.1 and less.
+        // The time of exposure depends on the row, which depends on the time: each iteration leaves
+        // at most readout x pixels per second / height of the error, 0.1 and less.
         for (int round = 0; round < 8 && options.readout_s != 0 && pixel; ++round)
           pixel = camera.project(
               camera_from_street_at(rig.true_cameras[c], f,
