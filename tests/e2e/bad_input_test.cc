@@ -332,7 +332,7 @@ TEST_F(EndToEnd, RefusesInvalidRuns) {
   edit_json(tiny_egomotion(drive_), [](json& e) {
     e["103"]["RT_ECEF_body"][0][3] = e["103"]["RT_ECEF_body"][0][3].get<double>() + 3;
   });
-  refused("another recording in its place", "no longer the recording");
+  refused("replaced by another recording", "no longer the recording");
   for (const char* command : {"resume", "eval", "figures"})
     EXPECT_EQ(redrive({command, (folder_ / "no-run").string()}).exit_code, kExitBadInput)
         << command;

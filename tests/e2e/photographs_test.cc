@@ -137,7 +137,7 @@ TEST_F(Photographs, TransparencyNeedsABackground) {
   EXPECT_FALSE(fs::exists(folder_ / "run"));
 }
 
-TEST_F(Photographs, RefusesWhatDoesNotFit) {
+TEST_F(Photographs, RefusesInvalidOptionsAndMasks) {
   ProgramResult ended = train({"--background", "white", "--holdout-every", "2"});
   EXPECT_EQ(ended.exit_code, kExitUsage);
   EXPECT_THAT(ended.err, HasSubstr("--holdout-every 2"));
@@ -151,7 +151,7 @@ TEST_F(Photographs, RefusesWhatDoesNotFit) {
   EXPECT_EQ(ended.exit_code, kExitBadInput);
   EXPECT_THAT(ended.err, AllOf(HasSubstr("mask.png"), HasSubstr("20 x 21"), HasSubstr("20 x 20")));
   const ProgramResult inspected = redrive({"inspect", set_.string()});
-  EXPECT_EQ(inspected.exit_code, kExitOk) << "it looks at the first and the last image alone";
+  EXPECT_EQ(inspected.exit_code, kExitOk) << "reads only the first and the last image";
   edit_json(set_ / "transforms_train.json", [](json& file) {
     file["frames"][3].erase("mask_path");
     file["frames"][0]["mask_path"] = "mask.png";

@@ -109,7 +109,7 @@ TEST(Sample, ShippedImageEqualsTheGenerated) {
   EXPECT_LT(std::sqrt(squared / shipped.rgb.size()), 6.0);
 }
 
-TEST(Globe, PlaceIsOnTheEllipsoid) {
+TEST(Globe, PositionIsOnTheEllipsoid) {
   const Vector3d p = global_from_world().translation();
   const double a = 6378137.0 + 150, b = 6356752.3142 + 150;
   EXPECT_NEAR((p.x() * p.x() + p.y() * p.y()) / (a * a) + p.z() * p.z() / (b * b), 1, 1e-6);

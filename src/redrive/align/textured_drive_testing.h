@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// For tests: a drive down a street of textured planes, ray-cast, so that where each pixel's point
-// is in any other image follows from a formula.
+// For tests: a drive down a street of textured planes, ray-cast, so that the position of each
+// pixel's point in any other image has a closed form.
 #pragma once
 
 #include <cmath>
@@ -15,8 +15,8 @@
 
 namespace redrive {
 
-/// Ground z = 0, walls y = 6 and y = -5, and one across at x = 40; where a ray from within meets
-/// the first of them.
+/// Returns the first intersection of a ray from within the street: ground z = 0, walls y = 6 and y
+/// = -5, and one across at x = 40.
 inline Eigen::Vector3d hit_street(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) {
   double nearest = std::numeric_limits<double>::infinity();
   const auto plane = [&](int axis, double at) {
@@ -30,8 +30,7 @@ inline Eigen::Vector3d hit_street(const Eigen::Vector3d& origin, const Eigen::Ve
   return origin + std::min(nearest, 200.0) * direction;
 }
 
-/// Smooth noise, 0..1, in cells of 0.6 m, 0.3 m and 0.15 m: what is finer than a pixel averages
-/// out.
+/// Smooth noise, 0..1, in cells of 0.6 m, 0.3 m and 0.15 m; octaves finer than a pixel average out.
 inline double street_texture(const Eigen::Vector3d& point) {
   double value = 0;
   for (const double cell_m : {0.6, 0.3, 0.15}) {
@@ -63,8 +62,8 @@ inline Rigid3d world_from_camera_at(const Recording& recording, const Rigid3d& w
 }
 
 /// FISHEYE (mei) half left and FRONT (barrel pinhole), 200 x 140 both, in a vehicle that drives 0.4
-/// m a frame and turns a little; frames 0.1 s apart. FISHEYE is exposed 20 ms late. Its own world
-/// is the street's.
+/// m a frame and turns a little; frames 0.1 s apart. FISHEYE is exposed 20 ms late. Its world is
+/// the street's.
 inline Recording make_test_drive(const std::filesystem::path& folder, int frames,
                                  bool textured = true) {
   Recording recording;
@@ -112,8 +111,8 @@ inline Recording make_test_drive(const std::filesystem::path& folder, int frames
   return recording;
 }
 
-/// What its LiDAR, 1 m ahead and 1.8 m up, has seen of the same walls on the way: intensities as
-/// bright as their texture.
+/// Returns of its LiDAR, 1 m ahead and 1.8 m up, from the same walls; intensities are the texture's
+/// brightness.
 inline std::vector<LidarSample> make_test_returns(const Recording& drive, int count) {
   const RigModel model = make_rig_model(drive);
   const std::int64_t first_ns = drive.frames.front().t_ns, last_ns = drive.frames.back().t_ns;

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The ray of a pixel, E_P,0^-1 E_P,n E_C applied to ((u - cx)/fx, (v - cy)/fy, 1), against values
-// worked out from a real car's calibration and egomotion files apart from this program, with 50
-// digits.
+// computed independently from a real car's calibration and egomotion files, with 50 digits.
 #include <algorithm>
 
 #include <gtest/gtest.h>

@@ -36,7 +36,7 @@ TEST(ErrorMapLayout, TilesTheImagesInOrder) {
     EXPECT_EQ(pixels[cell], cells.rect(cell).width * cells.rect(cell).height) << cell;
 }
 
-/// How often cell 7 of `draws` is drawn.
+/// Returns the rate of cell 7 among `draws` samples.
 double rate(const ErrorMapLayout& cells, const std::vector<float>& errors, int draws) {
   int drawn = 0;
   double pixels = 0, error = 0;
@@ -52,9 +52,9 @@ double rate(const ErrorMapLayout& cells, const std::vector<float>& errors, int d
   return static_cast<double>(drawn) / draws;
 }
 
-/// Expected rate of one of n cells that weighs w times as much as each other one: k of the
-/// candidates are it with the binomial's probability, and it is then kept with probability k w / (k
-/// w + rest).
+/// Returns the expected rate of one of n cells whose weight is w times that of each other one: k of
+/// the candidates are this cell with binomial probability, and it is then chosen with probability k
+/// w / (k w + the weight of the others).
 double expected_rate(double w, double n) {
   if (w == 0) return 0;
   double rate = 0;
@@ -98,7 +98,7 @@ TEST(ErrorMapLayout, SamplesCellsInProportionToTheirPixels) {
   }
 }
 
-// The candidates are empty again and again, out of 512 cells.
+// Most candidates, out of 512 cells, have no pixel.
 TEST(ErrorMapLayout, FindsTheOnlyCellWithAPixel) {
   std::vector<float> shares(64 * 32);
   shares[15] = 0.25f;
@@ -117,10 +117,10 @@ TEST(ErrorMapLayout, BalanceHeuristicKeepsTheMean) {
   constexpr float kHigh = 3, kShare = 0.5f;
   constexpr double kCells = 512,
                    kHighCells =
-                       8;  // few, so that the other candidates are as good as all of the mean error
+                       8;  // few, so that the other candidates nearly all have the mean error
   const double mean = (kHighCells * kHigh + kCells - kHighCells) / kCells;
   const double often = expected_rate(kHigh, kCells) * kCells;
-  const double density = 1 - kShare + kShare * often;  // over the even one
+  const double density = 1 - kShare + kShare * often;  // relative to uniform sampling
   EXPECT_NEAR(balance_heuristic_weight(kHigh, static_cast<float>(mean), kShare) * density, 1, 0.05);
   EXPECT_EQ(balance_heuristic_weight(0.5f, 0.5f + 1e-5f, kShare), 1);
   EXPECT_NEAR(balance_heuristic_weight(1, 1e-9f, 0.75f), 1 / (0.25 + 0.75 * kCellCandidates), 1e-6);
@@ -131,7 +131,7 @@ TEST(ErrorMapLayout, ErrorsStartWithTheFirstRayAndAreSmoothed) {
   std::vector<float> errors(3, kInitialError);
   update_error_map(std::vector<std::uint32_t>{2, 0, 2}, std::vector<float>{0.5f, 7.0f, 0.25f},
                    errors);
-  EXPECT_EQ(errors[0], 1) << "as bad as can be";
+  EXPECT_EQ(errors[0], 1) << "the largest error";
   EXPECT_EQ(errors[1], kInitialError);
   EXPECT_NEAR(errors[2], 0.5 - 0.2 * 0.25, 1e-7);
   for (int i = 0; i < 200; ++i)

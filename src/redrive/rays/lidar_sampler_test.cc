@@ -26,7 +26,7 @@ TEST(LidarSampler, VisitsEachReturnOncePerEpoch) {
   RayBatch batch;
   std::map<float, int> drawn;
   bool in_order = true;
-  for (int step = 0; step < 8; ++step) {  // 8 x 15: all of them twice
+  for (int step = 0; step < 8; ++step) {  // 8 x 15: each return twice
     sampler.gather(step, 15, &batch);
     ASSERT_EQ(batch.n, 15);
     for (int i = 0; i < 15; ++i) {
@@ -58,8 +58,8 @@ TEST(LidarSampler, IsAFunctionOfSeedAndStep) {
   EXPECT_NE(a.range_m, c.range_m);
 }
 
-// Frame 1 has moved, so returns between it and frame 0 have by a part, and those at frame 0 not at
-// all.
+// The pose of frame 1 is changed, so returns between it and frame 0 move by a fraction, and those
+// at frame 0 do not.
 TEST(LidarSampler, ReturnsMoveWithTheirFrames) {
   LidarReturns r = returns(60);
   for (std::size_t i = 0; i < r.n; ++i) r.t_ns.push_back(static_cast<std::int64_t>(i));

@@ -55,7 +55,7 @@ TEST_F(RaysTest, TableHoldsEveryPixelOfTheValidRegion) {
       }
     EXPECT_EQ(k, table.pixel.size());
     const std::size_t all = std::size_t(table.width) * table.height;
-    EXPECT_EQ(k < all, rig.name == "FISHEYE");  // whose corners lie beyond its fold
+    EXPECT_EQ(k < all, rig.name == "FISHEYE");  // its corners lie beyond its fold
   }
 }
 
@@ -170,7 +170,7 @@ Ray ray_of(const RayBatch& batch, int i) {
   return ray;
 }
 
-/// Of some epochs in batches of 100, the first of them 37 and 63 alone.
+/// Rays of several epochs in batches of 100; the first batch is split into 37 and 63.
 std::map<Ray, int> count_rays(const PixelSampler& sampler, std::uint64_t first_epoch,
                               std::uint64_t epochs) {
   std::map<Ray, int> counts;
@@ -234,7 +234,7 @@ TEST(UsedPixels, FindsTheKthPixelInUse) {
   EXPECT_EQ(UsedPixels(table, std::vector<std::uint8_t>(350, 0)).size(), 0u);
 }
 
-// Two training views have masks, one of them leaves nothing.
+// Two training views have masks; one mask covers everything.
 TEST_F(SamplerTest, MaskedPixelsAreNotDrawn) {
   const PixelSampler whole(scene_, images_, 5);
   std::size_t expected = whole.pixels();
@@ -342,7 +342,7 @@ TEST_F(SamplerTest, BackgroundsOfABatch) {
   sampler.gather(4 * 64, 64, &batch);
   EXPECT_NE(batch.background, before);
   sampler.gather(3 * 64, 64, &batch);
-  EXPECT_EQ(batch.background, before) << "a function of seed and place";
+  EXPECT_EQ(batch.background, before) << "a function of the seed and the index";
 }
 
 TEST_F(SamplerTest, TheLastBatchOfAnEpochIsSmaller) {
@@ -370,8 +370,8 @@ TEST_F(SamplerTest, ABatchIsAFunctionOfSeedAndPosition) {
   EXPECT_NE(one.direction, two.direction);
 }
 
-// Masks leave out half of an image, another is transparent in one half, cameras do not reach every
-// pixel, frames are held out.
+// Half of an image is masked, half of another is transparent, cameras have invalid pixels, and
+// frames are held out.
 TEST_F(SamplerTest, ErrorMapRaysFollowSamplingWeightsAndErrors) {
   std::vector<std::size_t> training;
   for (std::size_t v = 0; v < scene_.views.size(); ++v)
@@ -401,7 +401,7 @@ TEST_F(SamplerTest, ErrorMapRaysFollowSamplingWeightsAndErrors) {
     }
     return counts;
   };
-  const auto chances = [&](const std::map<Ray, int>& counts, const auto& wanted) {
+  const auto rate = [&](const std::map<Ray, int>& counts, const auto& wanted) {
     double sum = 0;
     for (const auto& [ray, count] : counts) {
       EXPECT_TRUE(allowed.contains(ray));
@@ -416,8 +416,8 @@ TEST_F(SamplerTest, ErrorMapRaysFollowSamplingWeightsAndErrors) {
       return ray[0] == origin.x() && ray[1] == origin.y() && ray[2] == origin.z();
     };
   };
-  // Images of at most 32 pixels across have one cell per pixel. Where all have the same error, a
-  // pixel is drawn by its share.
+  // Images of at most 32 pixels across have one cell per pixel. With equal errors a pixel is drawn
+  // in proportion to its weight.
   std::vector<float> errors(sampler.cells().size(), 0.01f);
   const auto even = draw(errors);
   double shares = 0;  // in quarters
@@ -427,11 +427,11 @@ TEST_F(SamplerTest, ErrorMapRaysFollowSamplingWeightsAndErrors) {
     for (const auto& [ray, count] : allowed)
       if (at(v)(ray)) of_view += count;
     const double expected = of_view / shares;
-    EXPECT_NEAR(chances(even, at(v)), expected,
+    EXPECT_NEAR(rate(even, at(v)), expected,
                 5 * std::sqrt(expected / (kBatches * kByError)) + 2 / shares)
         << v;
   }
-  // An image whose error is nine times the others' is drawn more often, and so rarely are they.
+  // An image whose error is nine times the others' is drawn more often.
   const int image = 3;
   std::size_t cells = 0;
   for (std::size_t cell = 0; cell < errors.size(); ++cell)
@@ -440,8 +440,8 @@ TEST_F(SamplerTest, ErrorMapRaysFollowSamplingWeightsAndErrors) {
       ++cells;
     }
   ASSERT_GT(cells, 0u);
-  const double before = chances(even, at(training[image])),
-               after = chances(draw(errors), at(training[image]));
+  const double before = rate(even, at(training[image])),
+               after = rate(draw(errors), at(training[image]));
   EXPECT_GT(after / before, 3);
   EXPECT_LT(after / before, kCellCandidates);
 }
@@ -483,8 +483,8 @@ TEST_F(SamplerTest, ErrorMapRaysFollowTheUniformOnesWithTheirCells) {
   EXPECT_EQ(batch.n, 5 + 32) << "the end of an epoch";
 }
 
-// A batch is drawn from everywhere: of all pixels of both cameras and all training frames a batch
-// of 400 gets its share.
+// A batch of 400 contains pixels of both cameras and all training frames in proportion to their
+// numbers.
 TEST_F(SamplerTest, BatchesMixViews) {
   const PixelSampler sampler(scene_, images_, 5);
   RayBatch batch;

@@ -11,7 +11,7 @@
 
 namespace redrive {
 
-/// As the camera of the run shows it that `exposure` names.
+/// With the exposure gains of the run's camera that `exposure` names.
 RenderedImage render_image(kernels::Backend& backend, const Model& model, const Camera& camera,
                            const ShutterPoses& world_from_camera, const Exposure& exposure = {});
 RenderedImage render_image(kernels::Backend& backend, const Model& model, const RayTable& table,

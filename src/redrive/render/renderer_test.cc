@@ -76,7 +76,7 @@ std::unique_ptr<NerfModel> nerf_model(int fine_samples) {
   return made;
 }
 
-/// Every pixel but those of column 7 has a direction of its own.
+/// Every pixel has its own direction except those of column 7, which have none.
 RayTable make_table(int width, int height) {
   RayTable table;
   table.width = width;
@@ -100,7 +100,7 @@ Rigid3d tilted() {
   return world_from_camera;
 }
 
-// A float direction turned in double or float and mapped to [0, 1]: three products and two sums of
+// A float direction rotated in double or float and mapped to [0, 1]: three products and two sums of
 // values below 1, each within half an ulp of 1 (6e-8).
 constexpr float kColourTolerance = 6 * 6e-8f;
 
@@ -125,7 +125,7 @@ void expect_directions(const RenderedImage& image, const RayTable& table,
   EXPECT_EQ(k, table.pixel.size());
 }
 
-TEST(Renderer, PutsEachRayAtItsPixelAcrossTiles) {
+TEST(Renderer, WritesEachRayToItsPixelAcrossTiles) {
   const RayTable table = make_table(180, 100);  // 17,900 rays: two tiles of 8192 and a rest
   DirectionBackend backend;
   const RenderedImage image = render_image(backend, *nerf_model(0), table, tilted());
@@ -136,7 +136,7 @@ TEST(Renderer, PutsEachRayAtItsPixelAcrossTiles) {
   EXPECT_EQ(backend.hierarchical, 0);
 }
 
-TEST(Renderer, TileThatFitsExactlyLeavesNoEmptyOne) {
+TEST(Renderer, RendersNoEmptyTile) {
   const RayTable table = make_table(129, 64);  // 128 * 64 = 8192 rays
   DirectionBackend backend;
   expect_directions(render_image(backend, *nerf_model(0), table, tilted()), table, tilted(),
@@ -144,7 +144,7 @@ TEST(Renderer, TileThatFitsExactlyLeavesNoEmptyOne) {
   EXPECT_EQ(backend.tiles, std::vector<int>{8192});
 }
 
-TEST(Renderer, FineNetworkPaintsWhereThereIsOne) {
+TEST(Renderer, UsesTheFineNetworkIfThereIsOne) {
   const RayTable table = make_table(30, 20);
   DirectionBackend backend;
   expect_directions(render_image(backend, *nerf_model(kFineSamples), table, tilted()), table,
@@ -152,7 +152,7 @@ TEST(Renderer, FineNetworkPaintsWhereThereIsOne) {
   EXPECT_EQ(backend.hierarchical, 1);
 }
 
-TEST(Renderer, NoReachablePixelIsABlackImage) {
+TEST(Renderer, IsBlackWithoutValidPixels) {
   RayTable table;
   table.width = 4;
   table.height = 3;
@@ -163,7 +163,7 @@ TEST(Renderer, NoReachablePixelIsABlackImage) {
   EXPECT_TRUE(backend.tiles.empty());
 }
 
-TEST(Renderer, EightBitsAndMillimetresRoundAndClamp) {
+TEST(Renderer, RoundsAndClampsToEightBitsAndMillimetres) {
   RenderedImage image;
   image.width = 2;
   image.height = 1;

@@ -17,13 +17,13 @@ namespace redrive {
 enum class ShiftAxes {
   kBody,    ///< of the body: x forward, y left, z up
   kCamera,  ///< of the camera: x right, y down, z forward
-  kLocal    ///< level at the car's place: z up (normal of the WGS84 ellipsoid), x the heading's
-            ///< horizontal part, y left
+  kLocal    ///< level: z up (normal of the WGS84 ellipsoid at the car), x the heading's horizontal
+            ///< part, y left
 };
 std::optional<ShiftAxes> shift_axes_from_name(
     std::string_view name);  ///< "body", "camera", "local"
 
-/// world_from_body when `camera` exposes its image of a frame of the recording
+/// Returns world_from_body when `camera` exposes its image of a frame of the recording
 /// (RigCamera::time_offset_ns after the frame's time), also of a frame that the run left out;
 /// nothing if there is no such pose.
 std::optional<Rigid3d> world_from_body(const Recording& recording, const Scene& scene,
@@ -34,14 +34,14 @@ std::optional<Rigid3d> world_from_body(const Recording& recording, const Scene& 
 Exposure exposure_at(const Recording& recording, const Scene& scene, const std::string& camera,
                      std::int64_t frame_id);
 
-/// The level axes at the body's place, in the world: columns x, y, z as ShiftAxes::kLocal says.
-/// Nothing where the pose is not on the Earth (6.2e6 to 6.6e6 m from its centre) or the heading is
-/// vertical. The normal is taken as that of the ellipsoid through the point, within 1e-6 rad of the
-/// geodetic one for heights up to 1 km.
+/// Returns the level axes at the body's position, in the world: columns x, y, z of
+/// ShiftAxes::kLocal. Nothing where the pose is not on the Earth (6.2e6 to 6.6e6 m from its centre)
+/// or the heading is vertical. The normal is taken as that of the ellipsoid through the point,
+/// within 1e-6 rad of the geodetic one for heights up to 1 km.
 std::optional<Eigen::Matrix3d> world_from_local_axes(const Rigid3d& global_from_world,
                                                      const Rigid3d& world_from_body);
 
-/// world_from_camera of a camera on the body, moved by shift_m along `axes`; its orientation stays.
+/// Returns world_from_camera of a camera on the body, translated by shift_m along `axes`. Throws
 /// UsageError where the local axes do not exist.
 Rigid3d shifted_camera(const Rigid3d& global_from_world, const Rigid3d& world_from_body,
                        const Rigid3d& body_from_sensor, ShiftAxes axes,
@@ -51,14 +51,14 @@ Rigid3d shifted_camera(const Rigid3d& global_from_world, const Rigid3d& world_fr
 /// fisheyes) and downscaled as the run's; the run's where the file has none.
 std::vector<RigCamera> poses_rig(const ViewRequests& poses, const Scene& scene, bool like_run);
 
-/// Returns the camera of view `index` among `rig`. InputError, with the known names: no such
-/// camera.
+/// Returns the camera of view `index` among `rig`. Throws InputError with the known names if there
+/// is no such camera.
 const RigCamera& requested_camera(const ViewRequests& poses, std::size_t index,
                                   const std::vector<RigCamera>& rig);
 
-/// world_from_body of view `index` of a poses file, taken by `camera`: absolute where it says
-/// RT_ECEF_body (unless `prefer_shift` and it says shift_body_m too), else the pose of the camera's
-/// exposure of frame_id, shifted in body axes. InputError: no such frame.
+/// Returns world_from_body of view `index` of a poses file, seen by `camera`: absolute where it has
+/// RT_ECEF_body (unless `prefer_shift` and it has shift_body_m, too), else the pose of the camera's
+/// exposure of frame_id, shifted in body axes. Throws InputError if there is no such frame.
 Rigid3d requested_world_from_body(const ViewRequests& poses, std::size_t index,
                                   const RigCamera& camera, const Recording& recording,
                                   const Scene& scene, bool prefer_shift);

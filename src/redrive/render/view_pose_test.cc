@@ -34,8 +34,8 @@ Rigid3d front_camera() {
   return body_from_sensor;
 }
 
-Eigen::Vector3d moved(const Rigid3d& global_from_world, const Rigid3d& world_from_body,
-                      ShiftAxes axes, const Eigen::Vector3d& shift) {
+Eigen::Vector3d shift_in_world(const Rigid3d& global_from_world, const Rigid3d& world_from_body,
+                               ShiftAxes axes, const Eigen::Vector3d& shift) {
   const Rigid3d from = world_from_body * front_camera();
   const Rigid3d to =
       shifted_camera(global_from_world, world_from_body, front_camera(), axes, shift);
@@ -49,30 +49,33 @@ TEST(ViewPose, ShiftsAlongNamedAxes) {
   const Rigid3d level = heading_east(0),
                 identity = Rigid3d::Identity();  // world = body of the first frame
   const Eigen::Vector3d shift(0.5, 0.25, -1);
-  EXPECT_NEAR((moved(level, identity, ShiftAxes::kBody, shift) - shift).norm(), 0, kTolerance_m);
+  EXPECT_NEAR((shift_in_world(level, identity, ShiftAxes::kBody, shift) - shift).norm(), 0,
+              kTolerance_m);
   // camera x right, y down, z forward, in body axes:
-  EXPECT_NEAR(
-      (moved(level, identity, ShiftAxes::kCamera, shift) - Eigen::Vector3d(-1, -0.5, -0.25)).norm(),
-      0, kTolerance_m);
-  EXPECT_NEAR((moved(level, identity, ShiftAxes::kLocal, shift) - shift).norm(), 0, kTolerance_m);
+  EXPECT_NEAR((shift_in_world(level, identity, ShiftAxes::kCamera, shift) -
+               Eigen::Vector3d(-1, -0.5, -0.25))
+                  .norm(),
+              0, kTolerance_m);
+  EXPECT_NEAR((shift_in_world(level, identity, ShiftAxes::kLocal, shift) - shift).norm(), 0,
+              kTolerance_m);
 }
 
-TEST(ViewPose, LocalAxesAreLevelWhereTheCarIsNot) {
+TEST(ViewPose, LocalAxesAreLevelOnASlope) {
   const double pitch = 0.1;  // a turn about y (left) by +0.1 rad lowers the nose
   const Rigid3d global_from_world = heading_east(pitch);
-  const Eigen::Vector3d up =
-      moved(global_from_world, Rigid3d::Identity(), ShiftAxes::kLocal, Eigen::Vector3d::UnitZ());
+  const Eigen::Vector3d up = shift_in_world(global_from_world, Rigid3d::Identity(),
+                                            ShiftAxes::kLocal, Eigen::Vector3d::UnitZ());
   EXPECT_NEAR((up - Eigen::Vector3d(-std::sin(pitch), 0, std::cos(pitch))).norm(), 0, kTolerance_m);
-  const Eigen::Vector3d ahead =
-      moved(global_from_world, Rigid3d::Identity(), ShiftAxes::kLocal, Eigen::Vector3d::UnitX());
+  const Eigen::Vector3d ahead = shift_in_world(global_from_world, Rigid3d::Identity(),
+                                               ShiftAxes::kLocal, Eigen::Vector3d::UnitX());
   EXPECT_NEAR((ahead - Eigen::Vector3d(std::cos(pitch), 0, std::sin(pitch))).norm(), 0,
               kTolerance_m);
-  const Eigen::Vector3d left =
-      moved(global_from_world, Rigid3d::Identity(), ShiftAxes::kLocal, Eigen::Vector3d::UnitY());
+  const Eigen::Vector3d left = shift_in_world(global_from_world, Rigid3d::Identity(),
+                                              ShiftAxes::kLocal, Eigen::Vector3d::UnitY());
   EXPECT_NEAR((left - Eigen::Vector3d::UnitY()).norm(), 0, kTolerance_m);
 }
 
-TEST(ViewPose, UpIsTheEllipsoidsNormalNotTheRadius) {
+TEST(ViewPose, UpIsTheNormalOfTheEllipsoid) {
   // Geodetic latitude phi, longitude 0, height 0: the normal is (cos phi, 0, sin phi), the point
   // N (cos phi, 0, (1 - e^2) sin phi) with N = a / sqrt(1 - e^2 sin^2 phi) (WGS84).
   const double a = 6378137.0, f = 1 / 298.257223563, e2 = f * (2 - f), phi = 0.8;
@@ -107,7 +110,7 @@ class Requested : public testing::Test {
     scene.rig = {{"CAM", {}, {}, Rigid3d::Identity()}};
     recording.frames = {{10, 0, scene.global_from_world}, {11, 100, second}};
   }
-  Eigen::Vector3d place(RequestedView view, bool prefer_shift = false) {
+  Eigen::Vector3d position(RequestedView view, bool prefer_shift = false) {
     ViewRequests poses;
     poses.path = "poses.json";
     poses.cameras = cameras;
@@ -122,33 +125,33 @@ class Requested : public testing::Test {
   std::vector<CameraCalibration> cameras;  // of the poses file
 };
 
-TEST_F(Requested, AbsoluteOrShiftedAndPreferenceDecidesBetweenThem) {
+TEST_F(Requested, PrefersAbsolutePosesUnlessAskedForShifts) {
   RequestedView shift{"a.png", "CAM", 11, std::nullopt, Eigen::Vector3d(0, 1, 0)};
-  EXPECT_NEAR((place(shift) - Eigen::Vector3d(3, 1, 0)).norm(), 0, kTolerance_m);
+  EXPECT_NEAR((position(shift) - Eigen::Vector3d(3, 1, 0)).norm(), 0, kTolerance_m);
   RequestedView both = shift;
   both.global_from_body = scene.global_from_world * Eigen::Translation3d(7, 0, 0);
-  EXPECT_NEAR((place(both) - Eigen::Vector3d(7, 0, 0)).norm(), 0, kTolerance_m);
-  EXPECT_NEAR((place(both, true) - Eigen::Vector3d(3, 1, 0)).norm(), 0, kTolerance_m);
+  EXPECT_NEAR((position(both) - Eigen::Vector3d(7, 0, 0)).norm(), 0, kTolerance_m);
+  EXPECT_NEAR((position(both, true) - Eigen::Vector3d(3, 1, 0)).norm(), 0, kTolerance_m);
   RequestedView absolute = both;
   absolute.shift_body_m.reset();
-  EXPECT_NEAR((place(absolute, true) - Eigen::Vector3d(7, 0, 0)).norm(), 0, kTolerance_m);
+  EXPECT_NEAR((position(absolute, true) - Eigen::Vector3d(7, 0, 0)).norm(), 0, kTolerance_m);
   absolute.frame_id = 99;  // an absolute pose needs no frame
-  EXPECT_NEAR((place(absolute) - Eigen::Vector3d(7, 0, 0)).norm(), 0, kTolerance_m);
+  EXPECT_NEAR((position(absolute) - Eigen::Vector3d(7, 0, 0)).norm(), 0, kTolerance_m);
 }
 
-// A camera of the run that exposes a quarter of a frame late sees from there; an absolute place
-// stays.
-TEST_F(Requested, AShiftMovesThePoseOfTheCamerasOwnExposure) {
+// A camera of the run that exposes a quarter of a frame late has the pose of that time; an absolute
+// pose is kept.
+TEST_F(Requested, ShiftsThePoseOfTheCamerasOwnExposure) {
   scene.rig[0].time_offset_ns = 25;
   RequestedView view{"a.png", "CAM", 10, std::nullopt, Eigen::Vector3d(0, 1, 0)};
-  EXPECT_NEAR((place(view) - Eigen::Vector3d(0.75, 1, 0)).norm(), 0, kTolerance_m);
+  EXPECT_NEAR((position(view) - Eigen::Vector3d(0.75, 1, 0)).norm(), 0, kTolerance_m);
   view.global_from_body = scene.global_from_world;
-  EXPECT_NEAR(place(view).norm(), 0, kTolerance_m);
+  EXPECT_NEAR(position(view).norm(), 0, kTolerance_m);
 }
 
-// The file's calibration takes the place of the run's whole: its offset counts, not that of the
-// run's camera of this name.
-TEST_F(Requested, ACameraOfThePosesFileHasItsOwnOffset) {
+// The file's calibration replaces the run's entirely: its offset counts, not that of the run's
+// camera of this name.
+TEST_F(Requested, UsesTheTimeOffsetOfThePosesFilesCamera) {
   scene.rig[0].time_offset_ns = 25;
   cameras.emplace_back();
   cameras[0].name = "CAM";
@@ -157,14 +160,15 @@ TEST_F(Requested, ACameraOfThePosesFileHasItsOwnOffset) {
   cameras[0].width = cameras[0].height = 8;
   cameras[0].body_from_sensor = Rigid3d::Identity();
   const RequestedView view{"a.png", "CAM", 10, std::nullopt, Eigen::Vector3d(0, 1, 0)};
-  EXPECT_NEAR((place(view) - Eigen::Vector3d(0, 1, 0)).norm(), 0, kTolerance_m) << "it says none";
+  EXPECT_NEAR((position(view) - Eigen::Vector3d(0, 1, 0)).norm(), 0, kTolerance_m)
+      << "without an offset";
   cameras[0].time_offset_ns = 50;
-  EXPECT_NEAR((place(view) - Eigen::Vector3d(1.5, 1, 0)).norm(), 0, kTolerance_m);
+  EXPECT_NEAR((position(view) - Eigen::Vector3d(1.5, 1, 0)).norm(), 0, kTolerance_m);
 }
 
 TEST_F(Requested, ErrorsNameFileFieldAndValue) {
   try {
-    place({"a.png", "CAM", 12, std::nullopt, Eigen::Vector3d::Zero()});
+    position({"a.png", "CAM", 12, std::nullopt, Eigen::Vector3d::Zero()});
     FAIL() << "an unknown frame was taken";
   } catch (const InputError& error) {
     EXPECT_NE(std::string(error.what()).find("poses.json: images[0].frame_id = 12"),

@@ -14,9 +14,9 @@ double noise(std::int64_t a, std::int64_t b) {
                      static_cast<std::uint64_t>(b));
 }
 
-/// A drive along x over a plane of grey squares of 0.4 m under an even sky, with lane lines along
-/// the way, seen by a camera 1.3 m up that looks ahead. Where `bonnet` says so (first row by
-/// column), the vehicle: even paint, with a crease every 40 columns.
+/// A drive along x over a plane of grey squares of 0.4 m under a uniform sky, with lane lines, seen
+/// by a camera 1.3 m up that looks ahead. From row `bonnet`[column] on, the vehicle: uniform paint
+/// with a crease every 40 columns.
 class EgoOutline : public ::testing::Test {
  protected:
   EgoOutline() {
@@ -30,7 +30,7 @@ class EgoOutline : public ::testing::Test {
     body_from_camera_.translation() = Eigen::Vector3d(1.5, 0, 1.3);
   }
 
-  /// `road` is the contrast of the squares; `translation_m` the way per frame.
+  /// `road`: contrast of the squares. `translation_m`: distance driven per frame.
   std::vector<GreyView> drive(const std::vector<int>& bonnet, double road = 40,
                               double translation_m = 0.7, int frames = 30) {
     std::vector<GreyView> views;
@@ -53,7 +53,7 @@ class EgoOutline : public ::testing::Test {
               (world_from_body * body_from_camera_).translation() - 1.3 / ray.z() * ray;
           value += static_cast<float>(
               road * (noise(std::llround(p.x() / 0.4), std::llround(p.y() / 0.4)) - 1));
-          // A lens leaves no steps along a line: at least a pixel and a half wide.
+          // Antialiased as by a lens: at least a pixel and a half wide.
           const double width_m = std::max(0.1, 1.5 * (1.3 / -ray.z()) / 110);
           value +=
               static_cast<float>(90 * std::exp(-std::pow((std::abs(p.y()) - 1.8) / width_m, 2)));
@@ -81,8 +81,8 @@ TEST_F(EgoOutline, FindsABonnetByDay) {
   EXPECT_GT(both, 0.9 * either);
 }
 
-// Dark, no squares, lane lines that stay in place: only the edge of the bonnet and its creases
-// tell.
+// Dark, without squares, with static lane lines: the only evidence is the edge of the bonnet and
+// its creases.
 TEST_F(EgoOutline, FindsABonnetOnAUniformRoad) {
   const std::vector<int> bonnet(160, 80);
   const std::vector<int> found = find_ego_outline(camera_, body_from_camera_, drive(bonnet, 0));
@@ -100,8 +100,8 @@ TEST_F(EgoOutline, FindsNothingWithoutDriving) {
   EXPECT_EQ(find_ego_outline(camera_, body_from_camera_, drive(bonnet, 40, 2, 7)), none());
 }
 
-// What does not move above the horizon (dirt on the lens, a cloud) or hangs ahead of the car is
-// none of it.
+// Static structure above the horizon (dirt on the lens, a cloud) or ahead of the car is not taken
+// for it.
 TEST_F(EgoOutline, SearchesTheVolumeOfACarOnly) {
   std::vector<GreyView> views = drive(none());
   for (GreyView& view : views) view.grey(cv::Rect(60, 20, 30, 20)).setTo(20);

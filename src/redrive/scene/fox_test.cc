@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A real set of photographs, where it is at hand. What is expected stands in its SOURCE.md.
+// A real set of photographs; skipped where it is missing. The expected values are those of its
+// SOURCE.md.
 #include <numbers>
 
 #include <gtest/gtest.h>
@@ -27,7 +28,7 @@ TEST(Fox, OpensWithEveryEighthImageHeldOut) {
   EXPECT_TRUE(scene.views[0].held_out);
   EXPECT_EQ(scene.views[0].image.filename(), "0001.jpg");
 
-  // Somebody walks around the fox, which is in the middle, and holds the camera upright.
+  // The photographer walks around the fox in the middle with the camera upright.
   const Camera& camera = scene.rig[0].camera;
   for (const View& view : scene.views) {
     const Rigid3d world_from_camera = scene.world_from_camera(view);

@@ -13,7 +13,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kMillimetre_m = 1e-3;  // what the files are rounded to
+constexpr double kMillimetre_m = 1e-3;  // rounding of the files
 
 class LidarReturnsTest : public ::testing::Test {
  protected:
@@ -23,7 +23,7 @@ class LidarReturnsTest : public ::testing::Test {
     recording_.body_from_lidar->rotate(Eigen::AngleAxisd(1.5, Vector3d::UnitZ()));
   }
 
-  /// A return from `in_world` at t_ns, as the recording's files have it.
+  /// A return from `in_world` at t_ns in the axes of the recording's files.
   LasRecord seen(const Vector3d& in_world, std::int64_t t_ns) {
     const Vector3d in_body = world_from_body(t_ns).inverse() * in_world;
     LasRecord record;
@@ -58,8 +58,8 @@ class LidarReturnsTest : public ::testing::Test {
       make_test_recording(folder_.path);  // frames 10..15, 1/15 s apart from 1 s on
 };
 
-// A wall is seen from six places between the frames: one place in the world, and rays that come
-// from where the sensor was.
+// A wall is measured from six positions between the frames: its points are fixed in the world, and
+// each ray starts at the sensor.
 TEST_F(LidarReturnsTest, StaticPointsAreFixedInTheWorld) {
   const Vector3d wall(20, -4, 2);
   std::vector<std::int64_t> times;
@@ -119,7 +119,8 @@ TEST_F(LidarReturnsTest, DropsPointsOnTheEgoVehicle) {
   EXPECT_EQ(returns.n, 4u);
 }
 
-// Two cars side by side, one parked; the points on both are measured 40 ms after the boxes hold.
+// Two cars side by side, one parked; the points on both are measured 40 ms after the time of the
+// boxes.
 TEST_F(LidarReturnsTest, DropsPointsOnMovingObjectsOnly) {
   const FramePose& frame = recording_.frames[2];
   const Rigid3d here = world_from_body(frame.t_ns);
@@ -156,7 +157,8 @@ TEST_F(LidarReturnsTest, UsesRevolutionsOfAllFramesOfTheScene) {
   EXPECT_EQ(load(options).n, 4u);
 }
 
-// In the first frame's body axes, which are the world's, also where the scene begins later.
+// In the body axes of the recording's first frame, which are the world's, also if the scene begins
+// later.
 TEST_F(LidarReturnsTest, UsesAPointCloudWithoutRevolutions) {
   folder_.write("points.ply",
                 "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float "

@@ -105,7 +105,7 @@ TEST_F(OneView, CompositesOverTheBackground) {
   EXPECT_EQ(image.alpha, image_.alpha);
 }
 
-// Means of what is seen: a transparent pixel's own colour does not count.
+// Means of composited colours: a transparent pixel's own colour has no weight.
 TEST_F(OneView, DownscalesCompositedColoursAndAlpha) {
   image_.alpha = {255, 0, 51, 102, 255, 0, 51, 102};
   for (const int i : {1, 5}) image_.rgb[3 * i] = 10;
@@ -120,7 +120,7 @@ TEST_F(OneView, DownscalesCompositedColoursAndAlpha) {
 
 TEST_F(OneView, TransparencyNeedsABackgroundAndViceVersa) {
   image_.alpha.assign(8, 255);
-  EXPECT_TRUE(load().alpha.empty()) << "opaque: alpha says nothing";
+  EXPECT_TRUE(load().alpha.empty()) << "an opaque alpha channel is dropped";
   image_.alpha[5] = 254;
   EXPECT_THAT(complaint<UsageError>(),
               testing::AllOf(HasSubstr("--background"), HasSubstr("image.png")));
@@ -187,14 +187,14 @@ TEST_F(LoadViewTest, UndistortsAsOpenCvDoes) {
   cv::Mat theirs;
   cv::undistort(distorted, theirs, cv::Matx33d(22, 0, 11.5, 0, 20, 7.5, 0, 0, 1),
                 cv::Vec<double, 5>(-0.3, 0.08, 0.002, 0.0006, 0));
-  int moved = 0;
+  int changed = 0;
   for (std::size_t i = 0; i < ours.rgb.size(); ++i) {
     // Maps in 1/32 pixel on both sides, rounded once more here: neighbours differ by at most 7
     // levels, so one level.
     ASSERT_NEAR(ours.rgb[i], theirs.data[i], 1) << i;
-    moved += ours.rgb[i] != recorded.rgb[i];
+    changed += ours.rgb[i] != recorded.rgb[i];
   }
-  EXPECT_GT(moved, 100);
+  EXPECT_GT(changed, 100);
 }
 
 }  // namespace

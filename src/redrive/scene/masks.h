@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Masks of the pixels that show the static world. Two kinds of pixels are masked: those that are
-// the same in all images of a camera (the ego vehicle, broken rows, the black around a fisheye's
-// image circle), kept as one editable PNG per camera, and annotated moving objects, elsewhere in
-// each image.
+// Masks of the pixels that show the static world. Two kinds of pixels are masked: constant pixels
+// of a camera (the ego vehicle, broken rows, the black around a fisheye's image circle), stored as
+// one editable PNG per camera, and annotated moving objects, per image.
 #pragma once
 
 #include <cstdint>
@@ -57,8 +56,8 @@ void write_masks(const std::filesystem::path& folder, const std::vector<Mask>& m
 /// InputError as read_mask.
 std::vector<Mask> read_masks(const std::filesystem::path& folder, const Scene& scene);
 
-/// Returns the camera's mask with the pixels masked, too, whose rays intersect an annotated moving
-/// object when `view` was exposed.
+/// Returns the camera's mask and masks the pixels whose rays intersect an annotated moving object
+/// when `view` was exposed.
 Mask view_mask(const Scene& scene, const View& view, const Mask& of_camera,
                const MovingObjects& moving);
 

@@ -20,7 +20,7 @@ class MasksTest : public ::testing::Test {
     scene_ = make_scene(recording_, options_);
     images_ = load_views(scene_, pool_);
   }
-  /// The same in all images of a camera.
+  /// Sets a pixel in all images of a camera.
   void paint(int camera, int x0, int y0, int width, int height, std::uint8_t value) {
     for (std::size_t i = 0; i < images_.size(); ++i) {
       if (scene_.views[i].camera != camera) continue;
@@ -105,7 +105,7 @@ TEST_F(MasksTest, MasksBrokenRowsAndAMargin) {
   EXPECT_EQ(find_static_mask(scene_, 1, images_, false).left_out(), 0u);
 }
 
-// A car that stands, or an image of even colour: all rows are the same, none is broken.
+// A car at rest or a uniform image: all rows are alike, none is broken.
 TEST_F(MasksTest, ConstantImagesHaveNoBrokenRows) {
   load();
   paint(1, 0, 0, 24, 16, 200);
@@ -116,7 +116,7 @@ TEST_F(MasksTest, MasksBlackCornersOfFisheyesOnly) {
   load();
   for (const int camera : {0, 1}) {
     paint(camera, 0, 0, 4, 3, 5);
-    paint(camera, 9, 6, 2, 2, 5);  // black, too, but in the middle
+    paint(camera, 9, 6, 2, 2, 5);  // also black, but in the middle
   }
   const Mask fisheye = find_static_mask(scene_, 0, images_, true);
   EXPECT_EQ(fisheye.left_out(), 5u * 4u);  // and a pixel around it
@@ -137,7 +137,7 @@ TEST_F(MasksTest, MasksMovingObjectsAtEachImagesTime) {
     box.body_from_box = Rigid3d(Eigen::Translation3d(7, 3.5, 0.8));
     box.size_m = Eigen::Vector3d(4, 2, 1.6);
     box.velocity_in_body_m_per_s =
-        Eigen::Vector3d(0.5, 0, 0);  // so it turns and drives as the ego vehicle does
+        Eigen::Vector3d(0.5, 0, 0);  // so that it moves with the ego vehicle
     boxes.push_back(box);
   }
   const MovingObjects moving(boxes, recording_.frames, scene_.global_from_world);
@@ -164,7 +164,8 @@ TEST_F(MasksTest, MasksMovingObjectsAtEachImagesTime) {
                   .cwiseProduct(box.half_size_m);
           const auto at =
               rig.camera.project(camera_from_world * (box.box_from_world.inverse() * p));
-          // A pixel is left out if its centre is in the box: only points next to one say so.
+          // A pixel is masked if its centre is in the box, so only points next to a centre are
+          // compared.
           if (!at || (*at - at->array().round().matrix()).norm() > 0.1) continue;
           const int x = static_cast<int>(std::lround(at->x())),
                     y = static_cast<int>(std::lround(at->y()));
@@ -173,7 +174,7 @@ TEST_F(MasksTest, MasksMovingObjectsAtEachImagesTime) {
         }
     EXPECT_GT(mask.left_out(), 3u) << i;
     EXPECT_LT(mask.left_out(), mask.used.size() * 3 / 4) << i;
-    // Points near a centre may lie just outside the outline; everything else has to agree.
+    // Points near a centre may lie just outside the outline; all others have to agree.
     std::size_t differ = 0;
     for (std::size_t k = 0; k < expected.used.size(); ++k)
       differ += expected.used[k] != mask.used[k];

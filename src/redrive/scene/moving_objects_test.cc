@@ -20,8 +20,8 @@ std::vector<FramePose> turning_drive() {
   return frames;
 }
 
-/// Boxes of one object that is at `start_m` at 1 s and moves at `velocity_m_per_s`, both in the
-/// world.
+/// Returns the boxes of an object that is at `start_m` at 1 s and moves at `velocity_m_per_s`, both
+/// in the world.
 std::vector<Box> sightings(const std::vector<FramePose>& frames, std::int64_t id,
                            const Vector3d& start_m, const Vector3d& velocity_m_per_s) {
   std::vector<Box> boxes;
@@ -52,7 +52,7 @@ TEST(MovingBox, IntersectsRaysThatHaveAPointInside) {
     const Vector3d origin(0.01 * i, 1, 0);
     const Vector3d direction = Vector3d(1, 0.5 - 0.002 * i, 0.3 * std::sin(0.1 * i)).normalized();
     bool inside = false;
-    double closest = 1e9;  // how far outside the nearest face, so that grazing rays do not count
+    double closest = 1e9;  // distance to the nearest face, to exclude grazing rays
     for (double t = 0; t < 20; t += 0.002) {
       const Vector3d p = box.box_from_world * (origin + t * direction);
       closest = std::min(closest, (p.cwiseAbs() - box.half_size_m).maxCoeff());
@@ -92,7 +92,7 @@ TEST(MovingObjects, ExtrapolatesBoxesByTheirVelocity) {
   EXPECT_TRUE(objects.at(frames.back().t_ns + 50'000'000).empty());  // 0.15 s after its last box
 }
 
-// It waits, then drives off: where it waited is empty later on.
+// It waits, then drives off, and leaves its first position empty.
 TEST(MovingObjects, AnObjectThatMovesLaterIsMovingInAllFrames) {
   const auto frames = turning_drive();
   std::vector<Box> boxes = sightings(frames, 7, {30, 8, 0.8}, Vector3d::Zero());

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// LiDAR, boxes and masks of a real recording, where it is at hand. What is expected stands in its
-// SOURCE.md.
+// LiDAR, boxes and masks of a real recording; skipped where it is missing. The expected values are
+// those of its SOURCE.md.
 #include <gtest/gtest.h>
 
 #include "redrive/scene/lidar_returns.h"
@@ -21,7 +21,7 @@ class RealNight : public ::testing::Test {
   ThreadPool pool_{2};
 };
 
-TEST_F(RealNight, LidarReturns) {
+TEST_F(RealNight, CountsLidarReturns) {
   const Scene scene = make_scene(recording_, {});
   const MovingObjects moving = read_moving_objects(recording_, scene);
   EXPECT_EQ(moving.objects(), 8u);
@@ -39,11 +39,11 @@ TEST_F(RealNight, LidarReturns) {
   EXPECT_LT(returns.on_moving, 500'000u);
   for (std::size_t i = 0; i < returns.n; i += 1000) {
     EXPECT_GT(returns.range_m[i], 1) << i;
-    EXPECT_LT(returns.range_m[i], 230) << i;  // what a Pandar64 reaches
+    EXPECT_LT(returns.range_m[i], 230) << i;  // the range of a Pandar64
   }
 }
 
-/// The first row of the vehicle at column x, along the outline; nothing beyond its ends.
+/// Returns the first row of the vehicle at column x along the outline; nothing beyond its ends.
 double outline_row(const std::vector<Eigen::Vector2d>& outline, double x) {
   for (std::size_t i = 1; i < outline.size(); ++i) {
     const Eigen::Vector2d &a = outline[i - 1], &b = outline[i];
@@ -52,13 +52,13 @@ double outline_row(const std::vector<Eigen::Vector2d>& outline, double x) {
   return std::nan("");
 }
 
-// Rough outlines, so that 0.95 is as good as it gets. At half the size, every 8th frame held out,
-// as a run would.
-TEST_F(RealNight, EgoVehicle) {
+// The outlines are rough, so 0.95 is the best possible overlap. Half the size and every 8th frame
+// held out, as in a run.
+TEST_F(RealNight, FindsTheEgoVehicle) {
   struct Known {
     const char* camera;
     std::vector<Eigen::Vector2d> outline;
-    int x0, x1, y0, broken;  ///< a box that stands out above it, the first broken row
+    int x0, x1, y0, broken;  ///< a box that protrudes above it, the first broken row
   };
   const std::vector<Known> all = {
       {"B_MIDRANGECAM_C",

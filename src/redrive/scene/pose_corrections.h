@@ -15,8 +15,8 @@ namespace redrive {
 struct PoseCorrections {
   int frames = 0, cameras = 0;  ///< of the scene
   /// [frames, 6] in the body's axes, [cameras, 6] in the camera's, each a translation (m) and a
-  /// rotation vector (rad), then [cameras] seconds by which images are exposed later. None: nothing
-  /// is corrected.
+  /// rotation vector (rad), then [cameras] seconds by which images are exposed later. Empty: no
+  /// corrections.
   std::vector<float> values;
 
   PoseCorrections() = default;
@@ -38,8 +38,8 @@ struct PoseCorrections {
 /// The motion of a Vector6d (math/so3.h) in single precision.
 Rigid3d rigid_from_vector(const float* six);
 
-/// Interpolates, by time, the corrections of frames without a training image between the frames
-/// before and after that have one; at the ends the nearest one's.
+/// Interpolates the corrections of frames without a training image by time between the frames
+/// before and after that have one; beyond the ends the nearest one's.
 void interpolate_held_out(const Scene& scene, PoseCorrections* corrections);
 
 /// Sets the poses of frames, rig and views of `*corrected`, a copy of `initial`, to those of
@@ -50,15 +50,15 @@ std::vector<FramePose> apply_corrections(const Scene& initial,
                                          const std::vector<FramePose>& trajectory,
                                          const PoseCorrections& corrections, Scene* corrected);
 
-/// What one view's rays say of its pose, in the world: with its camera's place moved by v and
-/// turned by w (rad) the loss grows by d_translation v + d_rotation w.
+/// Gradient of the loss by one view's pose, in the world: translating its camera by v and rotating
+/// it by w (rad) raises the loss by d_translation v + d_rotation w.
 struct ViewGradient {
   Eigen::Vector3d d_translation = Eigen::Vector3d::Zero(), d_rotation = Eigen::Vector3d::Zero();
 };
-/// The same of the rigid_from_vector six numbers of the body that carries the camera.
+/// Gradient by the six numbers (rigid_from_vector) of the body that carries the camera.
 Vector6d in_body(const Scene& scene, const View& view, const ViewGradient& gradient);
-/// By view of the scene -> by number of corrections, which stand at 0 or at what `scene` was placed
-/// by. A view between two frames, as a time offset puts it, moves by both.
+/// Converts gradients by view of the scene to gradients by correction, at 0 or at the corrections
+/// of `scene`. A view between two frames (by a time offset) depends on both.
 std::vector<double> gradient_of_corrections(const Scene& scene, const PoseCorrections& corrections,
                                             std::span<const ViewGradient> views);
 

@@ -60,7 +60,7 @@ TEST_F(PoseCorrectionsTest, CorrectFramesExtrinsicsAndTimeOffsetsInTheirOwnAxes)
     if (view.camera == 1)
       expect_same(placed.world_from_camera(placed.views[v]),
                   body * scene.rig[1].body_from_sensor * rigid_from_vector(camera), 1e-7);
-    else if (view.frame == 3)  // no correction near, half way to the next frame
+    else if (view.frame == 3)  // interpolated half way to the next frame
       EXPECT_NEAR(
           (placed.views[v].world_from_body.translation() - view.world_from_body.translation())
               .norm(),
@@ -79,7 +79,7 @@ TEST_F(PoseCorrectionsTest, HeldOutFramesAreInterpolated) {
   EXPECT_EQ(corrections.values[corrections.frame_slot(4)], 4);
 }
 
-// A view's place and turn against differences, for each number.
+// Gradients of a view's position and rotation against differences, for each parameter.
 TEST_F(PoseCorrectionsTest, GradientAgreesWithDifferencesOfViewPoses) {
   const Scene scene = scene_of();
   const PoseCorrections none(scene);
@@ -106,8 +106,8 @@ TEST_F(PoseCorrectionsTest, GradientAgreesWithDifferencesOfViewPoses) {
   ASSERT_EQ(gradient.size(), none.size());
   for (std::size_t i = 0; i < gradient.size(); ++i) {
     // ECEF metres round to 1e-9, angles of such differences to 1e-8. Between frames poses are
-    // chords of arcs of 0.1 rad, along which corrections are spread by time alone: a few per cent
-    // of the motions' own turn.
+    // chords of arcs of 0.1 rad, along which corrections are interpolated by time alone: a few per
+    // cent of the motions' own rotation.
     constexpr float h = 1e-3f;
     PoseCorrections more = none, less = none;
     more.values[i] += h;

@@ -33,7 +33,7 @@ void check_ranges(const SceneOptions& options) {
           "must lie beyond --near");
 }
 
-/// Whether the recording itself holds images out.
+/// Whether the recording has its own split.
 bool has_split(const Recording& recording) {
   return std::any_of(recording.cameras.begin(), recording.cameras.end(),
                      [](const RecordedCamera& camera) {
@@ -42,7 +42,7 @@ bool has_split(const Recording& recording) {
                      });
 }
 
-/// The chosen cameras, in the order of the option; all of them by name where it is empty.
+/// Returns the selected cameras in the order of the option; all by name if it is empty.
 std::vector<const RecordedCamera*> choose_cameras(const Recording& recording,
                                                   const SceneOptions& options) {
   std::vector<const RecordedCamera*> chosen;
@@ -101,7 +101,8 @@ RigCamera make_rig_camera(const CameraCalibration& calibration, const SceneOptio
   return camera;
 }
 
-/// The cube around all camera centres, far_m wider on every side. 1e-6: room for rounding to float.
+/// Returns the cube around all camera centres, grown by far_m on every side. 1e-6: room for
+/// rounding to float.
 UnitFromWorld enclosing_cube(const Scene& scene) {
   Eigen::AlignedBox3d box;
   for (const View& view : scene.views) box.extend(scene.world_from_camera(view).translation());

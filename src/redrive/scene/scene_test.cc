@@ -12,7 +12,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-// ECEF coordinates of 4.7e6 step by 9e-10 in double; a few roundings of those.
+// A few roundings of ECEF coordinates of 4.7e6, whose ulp in double is 9e-10.
 constexpr double kGlobalRounding_m = 1e-8;
 
 class SceneTest : public ::testing::Test {
@@ -20,7 +20,7 @@ class SceneTest : public ::testing::Test {
   TemporaryFolder folder_;
   Recording recording_ = make_test_recording(folder_.path);
 
-  /// The message of the UsageError that `options` meet.
+  /// Returns the message of the UsageError that `options` cause.
   std::string refusal(const SceneOptions& options) {
     try {
       make_scene(recording_, options);
@@ -51,8 +51,8 @@ TEST_F(SceneTest, TakesEverythingByDefault) {
   EXPECT_EQ(scene.frames[2].t_ns, 1133333334);
 }
 
-// Frame n of the drive stands where n steps of "1 m ahead, then 0.1 rad to the left" lead, in the
-// body axes of frame 0.
+// Frame n of the drive is reached by n steps of "1 m ahead, then 0.1 rad to the left" from frame 0,
+// in its body axes.
 TEST_F(SceneTest, TheWorldIsTheBodyOfTheFirstFrame) {
   const Scene scene = make_scene(recording_, {});
   Vector3d position(0, 0, 0);
@@ -67,8 +67,8 @@ TEST_F(SceneTest, TheWorldIsTheBodyOfTheFirstFrame) {
     EXPECT_LT((pose.linear() * Vector3d::UnitZ() - Vector3d::UnitZ()).norm(), 1e-14) << n;
     position += Vector3d(std::cos(0.1 * n), std::sin(0.1 * n), 0);
   }
-  // Equation (2) of the front camera at frame 1, turned by 0.1 rad at (1, 0, 0): centre (1, 0, 0) +
-  // R (2, 0.1, 1.2), looking along R (1, 0, 0), its x axis to the right, R (0, -1, 0).
+  // Equation (2) of the front camera at frame 1, rotated by 0.1 rad at (1, 0, 0): centre (1, 0, 0)
+  // + R (2, 0.1, 1.2), looking along R (1, 0, 0), its x axis to the right, R (0, -1, 0).
   const double c = std::cos(0.1), s = std::sin(0.1);
   const Rigid3d camera = scene.world_from_camera(scene.views[7]);
   EXPECT_LT((camera.translation() - Vector3d(1 + 2 * c - 0.1 * s, 2 * s + 0.1 * c, 1.2)).norm(),
@@ -161,7 +161,7 @@ TEST_F(SceneTest, ABoundedWorldIsCentredOnItsCube) {
   EXPECT_LT((pose.translation() - Vector3d(775.25, 467.5, 608.75)).norm(), kGlobalRounding_m);
 }
 
-TEST_F(SceneTest, MissingImagesAreNoViews) {
+TEST_F(SceneTest, SkipsMissingImages) {
   recording_.cameras[0].images.erase(recording_.cameras[0].images.begin() + 1);
   const Scene scene = make_scene(recording_, {});
   ASSERT_EQ(scene.views.size(), 11u);
@@ -194,7 +194,7 @@ TEST_F(SceneTest, UnitCubeContainsAllPointsWithinFar) {
         furthest = std::max<double>(furthest, std::abs(u));
       }
   }
-  EXPECT_GT(furthest, 1 - 1e-5);  // and no larger than that
+  EXPECT_GT(furthest, 1 - 1e-5);  // the tightest such cube
 }
 
 TEST_F(SceneTest, RejectsUnknownCamerasAndFrames) {

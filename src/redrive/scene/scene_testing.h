@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// For tests: a small drive with image files in a folder of its own, which goes away again.
+// For tests: a small drive with image files in a temporary folder.
 #pragma once
 
 #include <cmath>
@@ -11,8 +11,8 @@
 
 namespace redrive {
 
-/// The colour of pixel (x, y) in camera `camera` (0 FISHEYE, 1 FRONT) at frame `frame`: says whence
-/// it comes.
+/// The colour of pixel (x, y) in camera `camera` (0 FISHEYE, 1 FRONT) at frame `frame`; identifies
+/// its origin.
 inline std::array<std::uint8_t, 3> test_colour(int camera, int frame, int x, int y) {
   return {static_cast<std::uint8_t>(5 * x), static_cast<std::uint8_t>(7 * y),
           static_cast<std::uint8_t>(128 * camera + 10 * frame)};

@@ -20,7 +20,7 @@ class ShutterPoses {
   const std::vector<PlainPose>& keys() const { return keys_; }
   /// `row`: 0 at the upper edge, 1 at the lower one (pose_at_row).
   Rigid3d at(double row) const { return rigid(pose_at_row(keys_.data(), keys_.size(), row)); }
-  /// The pose in the middle of row y.
+  /// Returns the pose at the middle of row y.
   Rigid3d at_row(int y, int height) const { return at(row_fraction(y, height)); }
 
  private:

@@ -22,7 +22,7 @@ TEST(ShutterPoses, EachRowHasItsOwnTime) {
   recording.cameras[1].calibration.readout_ns = kReadout_ns;
   recording.cameras[1].calibration.time_offset_ns = kOffset_ns;
   Scene scene = make_scene(recording, {});
-  for (const bool again : {false, true}) {  // as corrections place them
+  for (const bool again : {false, true}) {  // as corrections set them
     if (again) {
       const Scene initial = scene;
       apply_corrections(initial, recording.frames, PoseCorrections(initial), &scene);
@@ -40,7 +40,7 @@ TEST(ShutterPoses, EachRowHasItsOwnTime) {
         const Rigid3d expected = scene.global_from_world.inverse() *
                                  pose_at(recording.frames, t_ns) *
                                  recording.cameras[1].calibration.body_from_sensor;
-        // Between keys 5 ms apart the path is straight but where it has its corners, at the frames:
+        // Between keys 5 ms apart the path is straight except at its corners, the frames:
         // 0.1 rad in 67 ms.
         EXPECT_LT(apart(poses.at_row(y, height), expected), 5e-3) << view.frame << ", row " << y;
       }

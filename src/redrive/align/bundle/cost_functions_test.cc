@@ -63,7 +63,7 @@ LocalMotion some_instant() {
   return motion;
 }
 
-TEST(Terms, ReprojectionOfEveryModel) {
+TEST(CostFunctions, ReprojectionJacobiansOfEveryCameraModel) {
   SyntheticNoise noise(3);
   const LocalMotion motion = some_instant();
   for (const ExampleCamera& example : example_cameras()) {
@@ -96,7 +96,7 @@ TEST(Terms, ReprojectionOfEveryModel) {
   }
 }
 
-TEST(Terms, ReprojectionIsThatOfTheModel) {
+TEST(CostFunctions, ReprojectionAgreesWithTheRigModel) {
   testing::SyntheticRig rig = testing::make_synthetic_rig({.points = 0, .lidar_points = 0});
   RigModel model = make_rig_model(rig.recording);
   SyntheticNoise noise(4);
@@ -108,13 +108,13 @@ TEST(Terms, ReprojectionIsThatOfTheModel) {
   const RigModelCamera before = camera;
   const auto held = reprojection_cost(before, with_initial_values, {0, 0}, 0.5, {});
   constexpr double kLater_s = 0.013;
-  camera.offset_s = kLater_s;  // on the way to frame 8, as the given motion goes on
+  camera.offset_s = kLater_s;  // between frames 7 and 8 of the initial motion
   camera.intrinsics = {0.01, 1.5, -2};
   LocalMotion later = with_initial_values;
-  Rigid3d moved = Rigid3d::Identity();
-  moved.linear() = so3_exp(with_initial_values.angular_velocity * kLater_s);
-  moved.translation() = with_initial_values.velocity * kLater_s;
-  later.world_from_body = with_initial_values.world_from_body * moved;
+  Rigid3d motion = Rigid3d::Identity();
+  motion.linear() = so3_exp(with_initial_values.angular_velocity * kLater_s);
+  motion.translation() = with_initial_values.velocity * kLater_s;
+  later.world_from_body = with_initial_values.world_from_body * motion;
   later.weight += kLater_s / later.duration_s;
   const Eigen::Vector3d in_world =
       model.corrected_pose(later) * model.body_from_sensor(1) * Eigen::Vector3d(0.4, -0.3, 5);
@@ -134,7 +134,7 @@ TEST(Terms, ReprojectionIsThatOfTheModel) {
   EXPECT_LT((0.5 * residual - *pixel).norm(),
             1e-7);  // metres near 0, pixels in hundreds: 1e-9 and less
 
-  // The upper edge of the image comes half a readout before its middle.
+  // The upper edge of the image is read half a readout before its middle.
   constexpr double kReadout_s = 0.014;
   camera.offset_s = kLater_s + kReadout_s / 2;
   camera.readout_s = kReadout_s;
@@ -143,7 +143,7 @@ TEST(Terms, ReprojectionIsThatOfTheModel) {
   EXPECT_LT((0.5 * residual - *pixel - Eigen::Vector2d(0, 0.5)).norm(), 1e-7);
 }
 
-TEST(Terms, RowsHaveTimesOfTheirOwn) {
+TEST(CostFunctions, RowsHaveTheirOwnTimes) {
   const testing::SyntheticRig rig = testing::make_synthetic_rig({.points = 0, .lidar_points = 0});
   RigModel model = make_rig_model(rig.recording);
   RigModelCamera& camera = model.cameras[1];
@@ -154,7 +154,8 @@ TEST(Terms, RowsHaveTimesOfTheirOwn) {
     return (a.world_from_body.matrix() - b.world_from_body.matrix()).norm() +
            std::abs(a.weight - b.weight);
   };
-  EXPECT_EQ(apart(model.row_motion(1, 7, 12), model.image_motion(1, 7)), 0);  // one time for all
+  EXPECT_EQ(apart(model.row_motion(1, 7, 12), model.image_motion(1, 7)),
+            0);  // all rows at one time
   camera.readout_s = 0.03;
   EXPECT_LT(apart(model.row_motion(1, 7, (height - 1) / 2), model.image_motion(1, 7)), 1e-9);
   EXPECT_LT(apart(model.row_motion(1, 7, -0.5), model.motion_at(t_ns + 4'000'000 - 15'000'000)),
@@ -166,7 +167,7 @@ TEST(Terms, RowsHaveTimesOfTheirOwn) {
   EXPECT_EQ(model.corrected_calibration(1).readout_ns, 30'000'000);
 }
 
-TEST(Terms, UnseenHasNoSlope) {
+TEST(CostFunctions, PointsOutOfViewHaveZeroJacobians) {
   const LocalMotion motion = some_instant();
   RigModelCamera camera;
   camera.initial = testing::synthetic_camera(0);
@@ -188,7 +189,7 @@ TEST(Terms, UnseenHasNoSlope) {
   for (const double s : slope) EXPECT_EQ(s, 0);
 }
 
-TEST(Terms, PlaneAndPriors) {
+TEST(CostFunctions, PlaneAndPriorJacobians) {
   SyntheticNoise noise(5);
   PlaneParameters plane;
   plane.centre = {12, 3, 1};

@@ -43,9 +43,9 @@ Eigen::VectorXd random_vector(testing::SyntheticNoise* noise, int size) {
   return v;
 }
 
-// Two blocks of the rig, four free ones: the block of the inverse of the normal matrix of all 17
-// parameters.
-TEST(ReducedCovariance, IsThatOfTheWholeProblem) {
+// Two blocks of the rig and four free ones: compares with the block of the inverse of the normal
+// matrix of all 17 parameters.
+TEST(ReducedCovariance, EqualsTheBlockOfTheFullInverse) {
   testing::SyntheticNoise noise(21);
   std::array<double, 2> first{};
   std::array<double, 3> second{};
@@ -71,16 +71,16 @@ TEST(ReducedCovariance, IsThatOfTheWholeProblem) {
   EXPECT_TRUE((covariance.variance.array() >= covariance.matrix.diagonal().array()).all());
 }
 
-// One number measured 40 times, five times each with the same error and then with errors of their
-// own: of a mean of 8 the variance is an 8th of theirs, and of one of 40 a 40th. What is known
-// before, so well as one of the 40, counts as it is.
-TEST(ReducedCovariance, ResidualsOfOnePointAgree) {
+// One number is measured 40 times, first with 8 errors of five measurements each, then with
+// independent errors: the variance of the mean is an 8th, then a 40th, of a measurement's. A prior
+// with the sigma of one measurement counts once.
+TEST(ReducedCovariance, AccountsForCorrelatedResidualsOfAPoint) {
   constexpr int kPoints = 8, kEach = 5;
   for (const bool known_before : {false, true}) {
     testing::SyntheticNoise noise(22);
     double value = 0, squares = 0;
     Eigen::VectorXd errors = random_vector(&noise, kPoints);
-    errors.array() -= errors.mean();  // so that 0 is the best value
+    errors.array() -= errors.mean();  // the optimum is 0
     std::array<std::array<double, 3>, kPoints> points{};
     std::vector<double*> free;
     ceres::Problem problem;
@@ -103,10 +103,10 @@ TEST(ReducedCovariance, ResidualsOfOnePointAgree) {
   }
 }
 
-// A number measured at 60 points, four times each with the same error of one sigma, by a Cauchy
-// loss of two: what is stated is what repetitions show. (With weights for curvature it would be
-// three quarters of that.)
-TEST(ReducedCovariance, RobustLossesStateWhatRepetitionsShow) {
+// A number is measured at 60 points, four times each with the same error of one sigma, under a
+// Cauchy loss of scale two. The stated covariance is that of repetitions. (With the loss's weights
+// as curvature it would be three quarters of that.)
+TEST(ReducedCovariance, AgreesWithRepetitionsUnderRobustLosses) {
   constexpr int kRepetitions = 400, kPoints = 60, kEach = 4;
   testing::SyntheticNoise noise(23);
   ceres::CauchyLoss loss(2);
@@ -141,9 +141,9 @@ TEST(ReducedCovariance, RobustLossesStateWhatRepetitionsShow) {
   EXPECT_NEAR(std::sqrt(stated / squares), 1, 0.12) << "400 repetitions tell a deviation to 3.5 %";
 }
 
-// Residuals that agree too well, as those of a few points do, make nothing surer; what nothing
-// measures stays open.
-TEST(ReducedCovariance, IsNotLessThanIndependentResidualsAllow) {
+// Residuals that happen to agree, as those of a few points do, do not lower the variance.
+// Unmeasured parameters have an infinite one.
+TEST(ReducedCovariance, IsNoLessThanThatOfIndependentResiduals) {
   std::array<double, 2> value{};
   std::array<double, 3> point{};
   ceres::Problem problem;

@@ -8,17 +8,17 @@ namespace {
 
 constexpr double kPrior_s = 2e-3;
 
-/// Clocks that moved by so much, in a covariance that begins with them.
-struct Clocks {
+/// A model whose time offsets were corrected by the given seconds, with their covariance.
+struct TimeOffsets {
   RigModel model;
   BundleResult result;
   std::vector<int> used;
 
-  Clocks(const std::vector<double>& moved_s, const Eigen::MatrixXd& covariance) {
-    for (std::size_t c = 0; c < moved_s.size(); ++c) {
+  TimeOffsets(const std::vector<double>& corrections_s, const Eigen::MatrixXd& covariance) {
+    for (std::size_t c = 0; c < corrections_s.size(); ++c) {
       RigModelCamera camera;
       camera.initial.time_offset_ns = 5'000'000;
-      camera.offset_s = 5e-3 + moved_s[c];
+      camera.offset_s = 5e-3 + corrections_s[c];
       model.cameras.push_back(camera);
       result.offset_index.push_back(static_cast<int>(c));
       used.push_back(100);
@@ -28,9 +28,9 @@ struct Clocks {
   }
   std::vector<int> unobservable(bool lidar = true) const {
     std::vector<int> cameras;
-    for (const UnobservableTimeOffset& clock :
+    for (const UnobservableTimeOffset& offset :
          unobservable_time_offsets(model, result, used, kPrior_s, lidar))
-      cameras.push_back(clock.camera);
+      cameras.push_back(offset.camera);
     return cameras;
   }
 };
@@ -43,47 +43,48 @@ Eigen::MatrixXd independent(const std::vector<double>& sigmas_s) {
       .asDiagonal();
 }
 
-// 0.99 ms are less than half of 2; 1.01 are not, unless the clock has moved by three times that.
-TEST(UntoldClocks, AreThoseKnownHardlyBetterThanBefore) {
-  const Clocks clocks({0, 0, 3.0e-3, 3.1e-3, -3.1e-3},
-                      independent({0.99e-3, 1.01e-3, 1.01e-3, 1.01e-3, 1.01e-3}));
-  EXPECT_EQ(clocks.unobservable(), (std::vector<int>{1, 2}));
+// A sigma of 0.99 ms is less than half of the prior's 2 ms. One of 1.01 ms is not: the offset is
+// observable only if its correction is three times that.
+TEST(UnobservableTimeOffsets, HaveNearlyThePriorsSigma) {
+  const TimeOffsets offsets({0, 0, 3.0e-3, 3.1e-3, -3.1e-3},
+                            independent({0.99e-3, 1.01e-3, 1.01e-3, 1.01e-3, 1.01e-3}));
+  EXPECT_EQ(offsets.unobservable(), (std::vector<int>{1, 2}));
   const std::vector<UnobservableTimeOffset> found =
-      unobservable_time_offsets(clocks.model, clocks.result, clocks.used, kPrior_s, true);
+      unobservable_time_offsets(offsets.model, offsets.result, offsets.used, kPrior_s, true);
   EXPECT_NEAR(found[1].offset_s, 8e-3, 1e-12);
   EXPECT_NEAR(found[1].sigma_s, 1.01e-3, 1e-12);
 }
 
-TEST(UntoldClocks, LeaveOutWhatTheLidarTellsAndWhatWasNotSought) {
-  Clocks clocks({0, 0, 0}, independent({2e-3, 2e-3, 2e-3}));
-  EXPECT_EQ(clocks.unobservable().size(), 3u);
-  clocks.result.contrast.resize(3);
-  clocks.result.contrast[0].observable = true;
-  clocks.used[1] = 0;
-  EXPECT_EQ(clocks.unobservable(), (std::vector<int>{2}));
-  clocks.result.offset_index[2].reset();
-  EXPECT_TRUE(clocks.unobservable().empty());
+TEST(UnobservableTimeOffsets, LeaveOutOffsetsThatTheLidarObservesOrThatAreFixed) {
+  TimeOffsets offsets({0, 0, 0}, independent({2e-3, 2e-3, 2e-3}));
+  EXPECT_EQ(offsets.unobservable().size(), 3u);
+  offsets.result.contrast.resize(3);
+  offsets.result.contrast[0].observable = true;
+  offsets.used[1] = 0;
+  EXPECT_EQ(offsets.unobservable(), (std::vector<int>{2}));
+  offsets.result.offset_index[2].reset();
+  EXPECT_TRUE(offsets.unobservable().empty());
 }
 
-// All are off by the same unknown 10 ms, and the third by some of its own. The first two are known,
-// against the mean of the others, to half of that.
-TEST(UntoldClocks, AreToldAgainstTheOthers) {
+// All offsets share an unknown error of 10 ms, and the third has one of its own. Relative to the
+// mean of the others the first two have half of the latter's sigma.
+TEST(UnobservableTimeOffsets, AreMeasuredRelativeToTheOthers) {
   const Eigen::MatrixXd common = Eigen::MatrixXd::Constant(3, 3, 100e-6);
   for (const bool lidar : {false, true}) {
-    EXPECT_TRUE(Clocks({-7e-3, -7e-3, -7e-3}, common + independent({0.1e-3, 0.1e-3, 0.8e-3}))
+    EXPECT_TRUE(TimeOffsets({-7e-3, -7e-3, -7e-3}, common + independent({0.1e-3, 0.1e-3, 0.8e-3}))
                     .unobservable(lidar)
                     .empty());
-    EXPECT_EQ(Clocks({-7e-3, -7e-3, -7e-3}, common + independent({0.1e-3, 0.1e-3, 1.2e-3}))
+    EXPECT_EQ(TimeOffsets({-7e-3, -7e-3, -7e-3}, common + independent({0.1e-3, 0.1e-3, 1.2e-3}))
                   .unobservable(lidar),
               (std::vector<int>{2}));
-    EXPECT_TRUE(Clocks({-7e-3, -7e-3, -2e-3}, common + independent({0.1e-3, 0.1e-3, 1.2e-3}))
+    EXPECT_TRUE(TimeOffsets({-7e-3, -7e-3, -2e-3}, common + independent({0.1e-3, 0.1e-3, 1.2e-3}))
                     .unobservable(lidar)
                     .empty());
   }
 }
 
-TEST(UntoldClocks, OneAloneIsToldByTheLidarOrByDefinition) {
-  const Clocks alone({-7e-3}, Eigen::MatrixXd::Constant(1, 1, 100e-6));
+TEST(UnobservableTimeOffsets, ASingleOffsetIsRelativeToTheLidarOrZeroByDefinition) {
+  const TimeOffsets alone({-7e-3}, Eigen::MatrixXd::Constant(1, 1, 100e-6));
   EXPECT_EQ(alone.unobservable(true), (std::vector<int>{0}));
   EXPECT_TRUE(alone.unobservable(false).empty());
 }

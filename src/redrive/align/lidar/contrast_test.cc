@@ -14,7 +14,7 @@ namespace {
 
 constexpr int kFrames = 8, kReturns = 400'000;
 
-/// One drive for all tests, and what its LiDAR has seen.
+/// One drive and its LiDAR returns for all tests.
 class ContrastOfLidar : public ::testing::Test {
  protected:
   static const Recording& drive() {
@@ -41,8 +41,8 @@ class ContrastOfLidar : public ::testing::Test {
   ThreadPool pool_{2};
 };
 
-// FISHEYE is exposed 20 ms late, and looks aside; FRONT sees things come.
-TEST_F(ContrastOfLidar, FindsClocks) {
+// FISHEYE is exposed 20 ms late and looks sideways; FRONT looks ahead.
+TEST_F(ContrastOfLidar, FindsTimeOffsets) {
   for (const int said_ms : {20, 0, 45}) {
     Recording recording = drive();
     recording.cameras[0].calibration.time_offset_ns = std::int64_t{1'000'000} * said_ms;
@@ -55,8 +55,8 @@ TEST_F(ContrastOfLidar, FindsClocks) {
   }
 }
 
-// Rows of a rolling shutter have their own times, whatever size the images are looked at.
-TEST_F(ContrastOfLidar, AveragedImagesSayTheSame) {
+// Rows of a rolling shutter have their own times at every image size.
+TEST_F(ContrastOfLidar, DownscaledImagesGiveTheSameOffset) {
   Recording recording = drive();
   recording.cameras[0].calibration.readout_ns = 80'000'000;
   const RigModel model = make_rig_model(recording);
@@ -70,16 +70,16 @@ TEST_F(ContrastOfLidar, AveragedImagesSayTheSame) {
       << "taken for rows of the whole image they would be 20 ms early";
 }
 
-TEST_F(ContrastOfLidar, ComparesPictures) {
+TEST_F(ContrastOfLidar, IsLowerWithWrongExtrinsics) {
   Recording recording = drive();
   const ContrastFit right = fit(recording, 1, returns());
   EXPECT_GT(right.now(), 0.25);
-  Rigid3d& given = recording.cameras[1].calibration.body_from_sensor;
-  given.linear() = given.linear() * so3_exp({0, 0.03, 0});  // 4 pixels
+  Rigid3d& extrinsics = recording.cameras[1].calibration.body_from_sensor;
+  extrinsics.linear() = extrinsics.linear() * so3_exp({0, 0.03, 0});  // 4 pixels
   EXPECT_LT(fit(recording, 1, returns()).now(), 0.5 * right.now());
 }
 
-TEST_F(ContrastOfLidar, SaysNothingWhereNothingIsInCommon) {
+TEST_F(ContrastOfLidar, IsUnobservableWithoutCorrelation) {
   std::vector<LidarSample> grey = returns();
   for (LidarSample& sample : grey) sample.intensity = 100;
   EXPECT_FALSE(fit(drive(), 0, grey).observable) << "all alike";
@@ -92,7 +92,7 @@ TEST_F(ContrastOfLidar, SaysNothingWhereNothingIsInCommon) {
   EXPECT_LT(std::abs(random.now()), 0.05);
 }
 
-TEST_F(ContrastOfLidar, SaysNothingWithoutReturns) {
+TEST_F(ContrastOfLidar, IsUnobservableWithoutReturns) {
   const ContrastFit nothing = fit(drive(), 0, {});
   EXPECT_FALSE(nothing.observable);
   EXPECT_EQ(nothing.cells, 0);

@@ -35,8 +35,8 @@ class StreetPreflight : public ::testing::Test {
     }();
     return all;
   }
-  /// With images as they are and what `fault` does to the rest; `with_lidar`: asked for the clocks,
-  /// too, which takes its time.
+  /// Checks the recording after `fault` has changed its metadata. `with_lidar`: measures time
+  /// offsets with the LiDAR, too, which is slow.
   static Preflight check(const std::function<void(Recording*)>& fault, bool with_lidar = false) {
     Recording recording = street();
     fault(&recording);
@@ -47,7 +47,7 @@ class StreetPreflight : public ::testing::Test {
     if (with_lidar) lidar = load_lidar_samples(recording, seen.scene, seen.moving, pool);
     return check_recording(recording, seen, lidar, pool, {.pairs = 10});
   }
-  /// All but those named are fine.
+  /// Expects a good verdict for all cameras but `named`.
   static void expect_others_fine(const Preflight& result, const std::vector<int>& wrong) {
     for (int c = 0; c < static_cast<int>(result.cameras.size()); ++c) {
       const CameraCheck& camera = result.cameras[c];
@@ -59,12 +59,12 @@ class StreetPreflight : public ::testing::Test {
     }
     EXPECT_EQ(result.passes(), wrong.empty());
   }
-  static Rigid3d& mounting(Recording* r, int camera) {
+  static Rigid3d& extrinsics(Recording* r, int camera) {
     return r->cameras[camera].calibration.body_from_sensor;
   }
 };
 
-TEST(Preflight, NamesWhatFitsNearlyAsWell) {
+TEST(Preflight, NamesAlternativesThatFitNearlyAsWell) {
   std::vector<Hypothesis> tried = {{Fault::kNone, "as recorded", 8},
                                    {Fault::kInvertedExtrinsic, "inverted", 0.4},
                                    {Fault::kAxesConvention, "OpenGL", 0.44},
@@ -80,7 +80,7 @@ TEST(Preflight, NamesWhatFitsNearlyAsWell) {
             "inverted: then half of the points agree to 0.40 px, as recorded to 8.00 px");
 }
 
-TEST(Preflight, HeadlineSaysWhatCannotBeTold) {
+TEST(Preflight, HeadlineNamesUncheckedCameras) {
   Preflight result;
   result.clock.verdict = Verdict::kCannotTell;
   for (const char* name : {"A", "B", "C"}) {
@@ -97,7 +97,7 @@ TEST(Preflight, HeadlineSaysWhatCannotBeTold) {
   EXPECT_EQ(result.headline(), "Training makes no sense before this is corrected");
 }
 
-TEST(Preflight, TheSurerReadingOfAClockCounts) {
+TEST(Preflight, TheTimeOffsetWithTheLowerSigmaCounts) {
   CameraCheck check;
   check.offset_ms = -10;
   check.offset_sigma_ms = 4;
@@ -112,9 +112,9 @@ TEST(Preflight, TheSurerReadingOfAClockCounts) {
   EXPECT_TRUE(check.time_offset()->by_lidar);
 }
 
-// The test drive's fisheye exposes 20 ms late, and is said not to. It drives nearly straight on:
-// the images alone do not tell.
-TEST(Preflight, ClocksByTheLidar) {
+// The fisheye of the test drive exposes 20 ms later than calibrated. The drive is nearly straight,
+// so the offset is unobservable from images alone.
+TEST(Preflight, LidarMeasuresTimeOffsets) {
   const TemporaryFolder folder;
   Recording recording = make_test_drive(folder.path, 8);
   recording.cameras[0].calibration.time_offset_ns = 0;
@@ -133,7 +133,7 @@ TEST(Preflight, ClocksByTheLidar) {
   EXPECT_FALSE(by_images.by_lidar);
 }
 
-TEST_F(StreetPreflight, AsRecordedNothingIsWrong) {
+TEST_F(StreetPreflight, FindsNoFaultAsRecorded) {
   const Preflight result = check([](Recording*) {}, true);
   expect_others_fine(result, {});
   EXPECT_EQ(result.clock.verdict, Verdict::kGood);
@@ -142,7 +142,7 @@ TEST_F(StreetPreflight, AsRecordedNothingIsWrong) {
     EXPECT_LT(std::abs(camera.offset_ms), 15);
     EXPECT_EQ(camera.tried[0].what, "as recorded");
   }
-  // 12 ms early; the poses' noise has its say.
+  // 12 ms early; noise of the poses changes the estimate.
   const CameraCheck& left = result.cameras[kLeft];
   EXPECT_LT(left.offset_ms, -5);
   EXPECT_EQ(left.verdict, Verdict::kUsable) << left.why << " +- " << left.offset_sigma_ms;
@@ -161,9 +161,8 @@ TEST_F(StreetPreflight, AsRecordedNothingIsWrong) {
   EXPECT_EQ(result.headline(), "Nothing speaks against training");
 }
 
-// With exact poses a clock's 12 ms are sure, as are 8 of them, and nothing is said of clocks that
-// are right.
-TEST_F(StreetPreflight, SaysHowFarAClockIsOff) {
+// With exact poses offsets of 12 ms and of 8 ms are certain, and correct offsets are not reported.
+TEST_F(StreetPreflight, MeasuresTimeOffsets) {
   const Recording truth = open_recording(REDRIVE_SAMPLES "/street", PoseSource::kGroundTruth);
   for (const std::int64_t left_ns : {0, 4'000'000}) {
     const Preflight result = check([&](Recording* r) {
@@ -193,14 +192,15 @@ TEST_F(StreetPreflight, SaysHowFarAClockIsOff) {
   }
 }
 
-TEST_F(StreetPreflight, NamesWrongMountings) {
+TEST_F(StreetPreflight, NamesWrongExtrinsics) {
   for (const int c : {kFrontLong, kFront, kLeft, kRight}) {
     const Preflight inverted =
-        check([&](Recording* r) { mounting(r, c) = mounting(r, c).inverse(); });
+        check([&](Recording* r) { extrinsics(r, c) = extrinsics(r, c).inverse(); });
     expect_others_fine(inverted, {c});
     EXPECT_EQ(inverted.cameras[c].fault, Fault::kInvertedExtrinsic) << inverted.cameras[c].why;
-    const Preflight opengl = check(
-        [&](Recording* r) { mounting(r, c).linear() *= Eigen::Vector3d(1, -1, -1).asDiagonal(); });
+    const Preflight opengl = check([&](Recording* r) {
+      extrinsics(r, c).linear() *= Eigen::Vector3d(1, -1, -1).asDiagonal();
+    });
     expect_others_fine(opengl, {c});
     EXPECT_EQ(opengl.cameras[c].fault, Fault::kAxesConvention) << opengl.cameras[c].why;
     EXPECT_NE(opengl.cameras[c].why.find("OpenGL"), std::string::npos) << opengl.cameras[c].why;
@@ -209,7 +209,7 @@ TEST_F(StreetPreflight, NamesWrongMountings) {
 
 TEST_F(StreetPreflight, NamesSwappedCameras) {
   const Preflight sides =
-      check([](Recording* r) { std::swap(mounting(r, kLeft), mounting(r, kRight)); });
+      check([](Recording* r) { std::swap(extrinsics(r, kLeft), extrinsics(r, kRight)); });
   expect_others_fine(sides, {kLeft, kRight});
   for (const int c : {kLeft, kRight}) {
     EXPECT_EQ(sides.cameras[c].fault, Fault::kSwappedCameras) << sides.cameras[c].why;
@@ -217,9 +217,9 @@ TEST_F(StreetPreflight, NamesSwappedCameras) {
         sides.cameras[c].why.find(street().cameras[c == kLeft ? kRight : kLeft].calibration.name),
         std::string::npos);
   }
-  // Two that look ahead, 2 degrees apart: both have to say so.
+  // Both cameras look ahead, 2 degrees apart; both have to be reported.
   const Preflight front =
-      check([](Recording* r) { std::swap(mounting(r, kFrontLong), mounting(r, kFront)); });
+      check([](Recording* r) { std::swap(extrinsics(r, kFrontLong), extrinsics(r, kFront)); });
   expect_others_fine(front, {kFrontLong, kFront});
   for (const int c : {kFrontLong, kFront})
     EXPECT_EQ(front.cameras[c].fault, Fault::kSwappedCameras) << front.cameras[c].why;
@@ -251,7 +251,7 @@ TEST_F(StreetPreflight, NamesImagesOfAnotherRate) {
   RigImages seen = images();
   for (const int c : {kFront, kLeft}) {
     const auto all = seen.grey[c];
-    // Images come half as fast as frames, and are numbered as if they came as fast.
+    // Images have half the rate of frames, but are numbered as if they had the same.
     for (int f = 0; f < kStreetFrames; ++f)
       seen.grey[c][f] = 2 * f < kStreetFrames ? all[2 * f] : cv::Mat();
   }
@@ -264,7 +264,7 @@ TEST_F(StreetPreflight, NamesImagesOfAnotherRate) {
   }
 }
 
-TEST_F(StreetPreflight, SaysWhatItCannotTell) {
+TEST_F(StreetPreflight, NamesCamerasThatCannotBeChecked) {
   const Preflight standing = check([](Recording* r) { r->metric = false; });
   for (const CameraCheck& camera : standing.cameras)
     EXPECT_EQ(camera.verdict, Verdict::kCannotTell);

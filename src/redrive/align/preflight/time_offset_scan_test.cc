@@ -11,8 +11,8 @@
 namespace redrive {
 namespace {
 
-/// Errors whose squares grow with the square of the distance from each pair's own best offset, at
-/// -20, -15, ..., 20 ms.
+/// Errors at offsets of -20, -15, ..., 20 ms. Their squares grow quadratically from each pair's own
+/// best offset.
 OffsetErrors parabolas(const std::vector<double>& best_ms, int points_per_pair) {
   OffsetErrors errors;
   for (double offset_ms = -20; offset_ms <= 20; offset_ms += 5) {
@@ -22,7 +22,8 @@ OffsetErrors parabolas(const std::vector<double>& best_ms, int points_per_pair) 
   for (std::size_t pair = 0; pair < best_ms.size(); ++pair)
     for (int p = 0; p < points_per_pair; ++p) {
       errors.pair.push_back(static_cast<int>(pair));
-      const double off_px = 0.5 + p / static_cast<double>(points_per_pair);  // 0.5..1.5 anyway
+      const double off_px =
+          0.5 + p / static_cast<double>(points_per_pair);  // 0.5..1.5 at the best offset
       for (std::size_t i = 0; i < errors.px.size(); ++i)
         errors.px[i].push_back(
             std::sqrt(off_px + 0.01 * std::pow(errors.offsets_ms[i] - best_ms[pair], 2)));
@@ -41,7 +42,7 @@ TEST(OffsetScan, FindsTheMinimumOfAParabola) {
   EXPECT_EQ(scan_minimum({{-5, 1}, {0, 2}, {5, 3}}).offset_ms, -5) << "an end has no parabola";
 }
 
-TEST(OffsetScan, LeavesOutWhatHasNoPose) {
+TEST(OffsetScan, LeavesOutOffsetsWithoutPoses) {
   OffsetErrors errors = parabolas(std::vector<double>(4, 3), 40);
   for (std::size_t p = 0; p < 80; ++p)
     errors.px.front()[p] = std::nan("");  // 80 of 160 are too few
@@ -55,8 +56,9 @@ TEST(OffsetScan, LeavesOutWhatHasNoPose) {
             std::numeric_limits<double>::infinity());
 }
 
-// Pairs whose own offsets scatter by 3 ms: the stated deviation is that of repetitions, on average.
-TEST(OffsetScan, SigmaIsWhatRepetitionsShow) {
+// Pairs whose own offsets scatter by 3 ms: the mean of the stated sigmas is the standard deviation
+// of repetitions.
+TEST(OffsetScan, SigmaAgreesWithRepetitions) {
   constexpr int kRepetitions = 100, kPairs = 16;
   double sum = 0, squares = 0, stated = 0;
   for (int r = 0; r < kRepetitions; ++r) {

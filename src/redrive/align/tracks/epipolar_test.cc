@@ -8,7 +8,7 @@
 namespace redrive {
 namespace {
 
-/// Two cameras of different models half a metre apart that see the same points, before them.
+/// Two cameras of different models, half a metre apart, with common points in view.
 class Epipolar : public ::testing::Test {
  protected:
   Camera a_ = make_camera(
@@ -31,7 +31,7 @@ class Epipolar : public ::testing::Test {
   }
 };
 
-TEST_F(Epipolar, ErrorIsZeroOfTheSamePointAndDepthItsDistance) {
+TEST_F(Epipolar, TheSamePointHasZeroErrorAndItsDepth) {
   for (int i = 0; i < 50; ++i) {
     const auto rays = pair(point(i));
     ASSERT_TRUE(rays);
@@ -57,10 +57,10 @@ TEST_F(Epipolar, ErrorIsInStandardDeviationsOfPixels) {
     squares += std::pow(sampson_error_px(*rays, b_from_a_), 2);
   }
   EXPECT_NEAR(std::sqrt(squares / kPoints), 1,
-              0.1);  // 0.01 by chance; pixels are not square and distorted
+              0.1);  // 0.01 of sampling; pixels are distorted and not square
 }
 
-TEST_F(Epipolar, ErrorDoesNotDependOnTheLengthOfTheWay) {
+TEST_F(Epipolar, ErrorDoesNotDependOnTheBaseline) {
   const auto rays = pair(point(0), {1, -2});
   Rigid3d twice = b_from_a_;
   twice.translation() *= 2;
@@ -69,7 +69,7 @@ TEST_F(Epipolar, ErrorDoesNotDependOnTheLengthOfTheWay) {
   EXPECT_EQ(sampson_error_px(*rays, twice), 0);
 }
 
-TEST_F(Epipolar, DepthOfParallelRaysAndOfRaysThatPartIsNone) {
+TEST_F(Epipolar, ParallelAndDivergingRaysHaveNoDepth) {
   EXPECT_FALSE(ray_depth({0, 0, 1}, {0, 0, 1}, Rigid3d(Eigen::Translation3d(1, 0, 0))));
   EXPECT_FALSE(ray_depth({0, 0, 1}, Eigen::Vector3d(1, 0, 1).normalized(),
                          Rigid3d(Eigen::Translation3d(-1, 0, 0))));
@@ -78,7 +78,7 @@ TEST_F(Epipolar, DepthOfParallelRaysAndOfRaysThatPartIsNone) {
               1, 1e-12);
 }
 
-TEST_F(Epipolar, PoseIsFoundFromAWrongStart) {
+TEST_F(Epipolar, RefinesAWrongInitialPose) {
   std::vector<RayPair> pairs;
   for (int i = 0; i < 120; ++i) pairs.push_back(*pair(point(i)));
   Rigid3d start = b_from_a_;

@@ -19,7 +19,7 @@ std::vector<Track> tracks_in(const Recording& recording, ThreadPool& pool,
   return find_tracks(load_track_images(recording, pool, options), pool, options);
 }
 
-/// One drive for all tests: ray casting takes its time.
+/// One drive for all tests, since ray casting is slow.
 class Tracks : public ::testing::Test {
  protected:
   static const Recording& drive() {
@@ -36,8 +36,8 @@ class Tracks : public ::testing::Test {
     return tracks;
   }
 
-  /// Distances in pixels of all observations in `camera` from where the point is that the track's
-  /// first one shows.
+  /// Distances in pixels of all observations in `camera` from the true projection of the point that
+  /// the track's first observation shows.
   static std::vector<double> errors(const std::vector<Track>& tracks, int camera,
                                     bool of_other_cameras) {
     std::vector<double> all;
@@ -71,7 +71,7 @@ class Tracks : public ::testing::Test {
   ThreadPool pool_{2};
 };
 
-TEST_F(Tracks, FollowPointsToATenthOfAPixel) {
+TEST_F(Tracks, FollowPointsWithinATenthOfAPixel) {
   const std::vector<Track>& tracks = tracks_of_drive();
   for (const int camera : {0, 1}) {
     const std::vector<double> e = errors(tracks, camera, false);
@@ -82,12 +82,12 @@ TEST_F(Tracks, FollowPointsToATenthOfAPixel) {
   for (const Track& track : tracks) {
     std::set<std::pair<int, int>> images;
     for (const Observation& o : track.seen) images.insert({o.camera, o.frame});
-    EXPECT_EQ(images.size(), track.seen.size());  // an image has a point once
+    EXPECT_EQ(images.size(), track.seen.size());  // at most one observation per image
     EXPECT_GE(track.seen.size(), 3u);
   }
 }
 
-TEST_F(Tracks, FindPointsOfOneCameraInTheOther) {
+TEST_F(Tracks, MatchPointsAcrossCameras) {
   const std::vector<Track>& tracks = tracks_of_drive();
   EXPECT_GT(joined(tracks), 100);
   const std::vector<double> e =
@@ -97,7 +97,7 @@ TEST_F(Tracks, FindPointsOfOneCameraInTheOther) {
   EXPECT_LT(e[e.size() * 9 / 10], 0.6);
 }
 
-TEST_F(Tracks, OnlyAreGuidedByPosesAndCalibration) {
+TEST_F(Tracks, AreInsensitiveToErrorsOfPosesAndCalibration) {
   Recording wrong = drive();
   Rigid3d& extrinsics = wrong.cameras[0].calibration.body_from_sensor;
   extrinsics.rotate(Eigen::AngleAxisd(0.0175, Eigen::Vector3d(1, 2, -1).normalized()));
@@ -116,7 +116,7 @@ TEST_F(Tracks, OnlyAreGuidedByPosesAndCalibration) {
   }
 }
 
-TEST_F(Tracks, DoNotDependOnTheThreads) {
+TEST_F(Tracks, DoNotDependOnTheNumberOfThreads) {
   ThreadPool one(1);
   const std::vector<Track>& a = tracks_of_drive();
   const std::vector<Track> b = tracks_in(drive(), one);
@@ -128,7 +128,7 @@ TEST_F(Tracks, DoNotDependOnTheThreads) {
   }
 }
 
-TEST_F(Tracks, AreNowhereUnderAMask) {
+TEST_F(Tracks, AvoidMaskedPixels) {
   const TemporaryFolder masks;
   Image8 mask{200, 140, std::vector<std::uint8_t>(3 * 200 * 140, 255)};
   for (int y = 0; y < 140; ++y) std::fill_n(&mask.rgb[3 * 200 * y], 3 * 100, 0);  // the left half
@@ -144,7 +144,7 @@ TEST_F(Tracks, AreNowhereUnderAMask) {
   EXPECT_GT(right, 100);
 }
 
-TEST_F(Tracks, NeedLooks) {
+TEST_F(Tracks, NeedTexture) {
   const TemporaryFolder folder;
   EXPECT_TRUE(tracks_in(make_test_drive(folder.path, 3, false), pool_).empty());
 }
@@ -157,13 +157,13 @@ TEST_F(Tracks, NeedTwoImages) {
   EXPECT_TRUE(tracks_in(one, pool_).empty());
 }
 
-TEST(StreetTracks, AgreeWithTheTruth) {
-  Recording given = open_recording(REDRIVE_SAMPLES "/street");
+TEST(StreetTracks, AgreeWithGroundTruth) {
+  Recording recording = open_recording(REDRIVE_SAMPLES "/street");
   const Recording truth = open_recording(REDRIVE_SAMPLES "/street", PoseSource::kGroundTruth);
-  given.frames.resize(6);
-  for (RecordedCamera& camera : given.cameras) camera.images.resize(6);
+  recording.frames.resize(6);
+  for (RecordedCamera& camera : recording.cameras) camera.images.resize(6);
   ThreadPool pool(2);
-  const std::vector<Track> tracks = tracks_in(given, pool);
+  const std::vector<Track> tracks = tracks_in(recording, pool);
   std::vector<Camera> cameras;
   for (const RecordedCamera& c : truth.cameras) cameras.push_back(make_camera(c.calibration));
   std::vector<std::vector<double>> errors(cameras.size());

@@ -45,17 +45,17 @@ TEST_F(Triangulate, IsExactForExactPixelsOfBothModels) {
   EXPECT_LT((*three - point).norm(), 1e-5);
 }
 
-TEST_F(Triangulate, SaysNothingWithoutParallax) {
+TEST_F(Triangulate, ReturnsNothingWithoutParallax) {
   const Eigen::Vector3d point(0.7, -0.4, 5);
   see(point, 0, at(0, 0));
   EXPECT_FALSE(triangulate(track_, poses_, cameras_));  // one ray
   see(point, 0, at(0, 0));
-  EXPECT_FALSE(triangulate(track_, poses_, cameras_));  // the same one twice
+  EXPECT_FALSE(triangulate(track_, poses_, cameras_));  // the same ray twice
   see(point, 1, at(0, 0));
   EXPECT_FALSE(triangulate(track_, poses_, cameras_));
 }
 
-TEST_F(Triangulate, TakesParallaxFromTheAngleOn) {
+TEST_F(Triangulate, AcceptsParallaxFromTheMinimumAngle) {
   const Eigen::Vector3d point(0, 0, 10);
   see(point, 0, at(-0.1, 0));
   see(point, 0, at(0.1, 0));  // 0.02 rad
@@ -63,10 +63,10 @@ TEST_F(Triangulate, TakesParallaxFromTheAngleOn) {
   EXPECT_FALSE(triangulate(track_, poses_, cameras_, {.min_angle_rad = 0.021}));
 }
 
-TEST_F(Triangulate, SaysNothingOfRaysThatMeetBehind) {
+TEST_F(Triangulate, ReturnsNothingForRaysThatMeetBehindTheCamera) {
   see({1, 0, 5}, 0, at(0, 0));
   see({-1, 0, 5}, 0, at(0, 0));
-  poses_[0] = at(0.5, 0);  // the rays part from here on
+  poses_[0] = at(0.5, 0);  // the rays diverge
   poses_[1] = at(-0.5, 0);
   EXPECT_FALSE(triangulate(track_, poses_, cameras_));
 }
@@ -81,7 +81,7 @@ TEST_F(Triangulate, OutvotesOutliers) {
   EXPECT_LT((*found - point).norm(), 0.02);  // Geman-McClure at 25 px of 3: a weight of 2e-4
 }
 
-TEST_F(Triangulate, TwoThatDisagreeAreNoPoint) {
+TEST_F(Triangulate, ReturnsNothingForTwoContradictoryRays) {
   const Eigen::Vector3d point(0.7, -0.4, 5);
   see(point, 0, at(0, 0));
   see(point, 0, at(1, 0));

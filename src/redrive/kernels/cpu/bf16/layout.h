@@ -1,37 +1,37 @@
 // SPDX-License-Identifier: Apache-2.0
-// How matrices lie in memory for bf16 products with fp32 sums. Everything is cut into blocks of 32
-// x 32, because an AMX tile is 16 rows x 64 bytes, there are eight of them, and 2 x 2 accumulators
-// + 2 + 2 operands use them all: 4 tile products per 4 tile loads, twice as good as 1 x 1.
-// vdpbf16ps reads the same layouts.
+// Memory layouts of matrices for bf16 products with fp32 sums. Everything is cut into blocks of 32
+// x 32: an AMX tile is 16 rows x 64 bytes, there are eight of them, and 2 x 2 accumulators + 2 + 2
+// operands use them all: 4 tile products per 4 tile loads, twice as good as 1 x 1. vdpbf16ps reads
+// the same layouts.
 //
 // A block of 32 x 32 bf16 is two tiles of 16 x 32 (1 KiB each, 2 KiB a block), in one of two forms:
 //
-//   row form        tile t, row r, column c = M[16 t + r][c]            t = 0: | rows  0..15, all
-//   32 columns | (left operand   offset 512 t + 32 r + c                             t = 1: |
-//   rows 16..31, all 32 columns |
-//    A, k = columns)
+// clang-format off
+//   row form        (left operand A, k = columns)
+//     tile t, row r, column c = M[16 t + r][c] at 512 t + 32 r + c
+//     t = 0: rows 0..15, t = 1: rows 16..31, all 32 columns
 //
-//   pair form       tile t, row p, pair c   = M[2 p][16 t + c],         t = 0: | columns  0..15 |
-//   of rows (0, 1), (right operand  offset 512 t + 32 p +     M[2 p + 1][16 t + c]      t = 1: |
-//   columns 16..31 | (2, 3), ...
-//    B, k = rows)   2 c + (row & 1)         side by side
+//   pair form       (right operand B, k = rows)
+//     tile t, row p, pair c = M[2 p][16 t + c], M[2 p + 1][16 t + c] at 512 t + 32 p + 2 c
+//     t = 0: columns 0..15, t = 1: columns 16..31; rows (0, 1), (2, 3), ... side by side
 //
-//   fp32 block C    tile (i, j), row r, column c = C[16 i + r][16 j + c], offset 512 i + 256 j + 16
-//   r + c
+//   fp32 block C
+//     tile (i, j), row r, column c = C[16 i + r][16 j + c] at 512 i + 256 j + 16 r + c
 //
-// Nothing is ever transposed but the bits of the ReLU masks:
-//   forward  C = W X     rows = neurons, columns = samples. W in row form; X in pair form (k =
-//   inputs).
-//                        A finished C is packed into pair form (X of the next layer: "next") by
-//                        joining neighbouring rows, and into row form (neurons x samples: "keep",
-//                        left operand of dW) by joining neighbouring column tiles.
-//   backward C = D W     rows = samples, columns = the layer's inputs. D in row form (k = outputs),
-//   W in pair form.
-//                        A finished C is packed into row form ("next") and pair form (k = samples:
-//                        "keep").
-//   weights  dW^T += X D rows = inputs, columns = outputs, k = samples: the two "keep"s.
+// Only the bits of the ReLU masks are ever transposed:
+//   forward  C = W X      rows = neurons, columns = samples; W in row form; X in pair form
+//                         (k = inputs). A finished C is packed into pair form (X of the next layer:
+//                         "next") by joining neighbouring rows, and into row form (neurons x
+//                         samples: "keep", left operand of dW) by joining neighbouring column
+//                         tiles.
+//   backward C = D W      rows = samples, columns = the layer's inputs; D in row form
+//                         (k = outputs), W in pair form. A finished C is packed into row form ("next") and pair
+//                         form (k = samples: "keep").
+//   weights  dW^T += X D  rows = inputs, columns = outputs, k = samples: "keep" of the forward pass
+//                         times "keep" of the backward pass.
+// clang-format on
 //
-// Arrays of blocks: next [n][blocks], keep [blocks][n], n = 32 samples each: contiguous along k for
+// Arrays of blocks: next [n][blocks], keep [blocks][n], n = 32 samples each, contiguous along k for
 // their reader.
 #pragma once
 
