@@ -42,9 +42,8 @@ TEST(Street, IsComplete) {
   EXPECT_NEAR(street.frames[1].t_ns - street.frames[0].t_ns, 1e9 / 15, 1000);
 }
 
-// The noise is scaled to its RMS over all frames. The tolerance of
-// 1e-6 covers rounding of ECEF in double (1e-9 m) and of
-// a rotation's logarithm.
+// The noise is scaled to its RMS over all frames. The tolerance of 1e-6 covers rounding of ECEF in
+// double (1e-9 m) and of a rotation's logarithm.
 TEST(Street, HasTheStatedErrors) {
   const Recording recording = open_recording(kStreet),
                   ground_truth = open_recording(kStreet, PoseSource::kGroundTruth);

@@ -15,8 +15,7 @@ TEST(CpuFeatures, NamesRoundTrip) {
   EXPECT_EQ(isa_from_name("neon"), std::nullopt);
 }
 
-// Linux lists in /proc/cpuinfo what the processor has and it enabled itself: an independent
-// witness.
+// /proc/cpuinfo independently lists the features that the processor has and Linux has enabled.
 TEST(CpuFeatures, AgreesWithTheKernel) {
   std::ifstream file("/proc/cpuinfo");
   std::stringstream text;

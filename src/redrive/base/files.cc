@@ -68,7 +68,7 @@ std::string read_file(const std::filesystem::path& path) {
 
 void write_file(const std::filesystem::path& path, std::string_view bytes) {
   // A fixed name, so that the next write replaces the leftover of a killed process; hidden and with
-  // our name in it, so that it is no user's file.
+  // the program's name, so that it is no user's file.
   const std::filesystem::path temporary =
       path.parent_path() / std::string(".").append(path.filename().string()).append(".redrive-tmp");
   const auto fail = [&](const char* what) {

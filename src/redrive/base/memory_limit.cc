@@ -14,7 +14,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// The number that a file begins with; nothing where it is missing or says "max".
+/// Returns the number at the start of a file; nothing if the file is missing or contains "max".
 std::optional<std::uint64_t> number_in(const fs::path& file) {
   std::ifstream in(file);
   std::uint64_t value = 0;
@@ -30,7 +30,7 @@ std::uint64_t installed(const fs::path& file) {
     if (name == "MemTotal:" && in >> kib) return 1024 * kib;
     std::getline(in, name);
   }
-  throw IoError(file, "says no MemTotal");
+  throw IoError(file, "has no MemTotal");
 }
 
 }  // namespace

@@ -15,9 +15,9 @@ namespace redrive {
 namespace {
 
 /// One call of ThreadPool::run. The two atomics repeat, in code that ThreadSanitizer sees, the
-/// ordering that oneTBB (not instrumented) guarantees anyway: what the caller wrote before is
-/// visible to every chunk, what the chunks wrote is visible to the caller. Chunks are not ordered
-/// with each other: a race stays a race.
+/// ordering that oneTBB (not instrumented) guarantees: earlier writes of the caller are visible to
+/// every chunk, and writes of the chunks to the caller. Chunks are not ordered with each other, so
+/// their races are still found.
 struct Job {
   const std::function<void(int)>* body;
   std::atomic<bool> started{false};

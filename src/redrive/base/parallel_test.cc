@@ -16,8 +16,7 @@ TEST(ThreadPool, RunsEveryChunkOnce) {
     ThreadPool pool(threads);
     EXPECT_EQ(pool.threads(), threads);
     for (const int chunks : {0, 1, 2, 7, 1000}) {
-      // Plain ints on purpose: ThreadSanitizer sees whether the caller may read what the chunks
-      // wrote.
+      // Plain ints, so that ThreadSanitizer checks whether the caller may read the chunks' writes.
       std::vector<int> count(chunks, 0);
       pool.run(chunks, [&](int chunk) { ++count[chunk]; });
       EXPECT_EQ(count, std::vector<int>(chunks, 1));

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A camera: projection and unprojection, both exact, for every pixel of the recorded image.
-// camera/models.h tells how to add a model.
+// camera/models.h describes how to add a model.
 #pragma once
 
 #include <optional>

@@ -9,8 +9,8 @@
 //      parameters, each a field of its own ("xi"). Ranges are inclusive.
 //    - kTransformsNames: values of "camera_model" in transforms.json that mean it; may be empty.
 //    - kPerspective: straight lines stay straight once undistorted, so --undistort is possible.
-//    - kImageCircle: images are black beyond a circle, which masks look for.
-//    - kTypical: parameters of a common lens, which every test of camera_test.cc then walks.
+//    - kImageCircle: images are black beyond a circle, which is masked.
+//    - kTypical: parameters of a common lens, used by every test of camera_test.cc.
 //    - a constructor from std::span<const double>: kDistortion, then kOther.
 //    - covered_radius(): Camera::covered_radius.
 //    - `template <class T> std::optional<std::array<T, 2>> project(const std::array<T, 3>& point)
@@ -18,7 +18,7 @@
 //      unproject(const Eigen::Vector2d&) const`. Both return nothing outside the region where the
 //      model is one-to-one.
 // 2. Its type in CameraModel below.
-// 3. camera/<model>_test.cc: what only this model promises.
+// 3. camera/<model>_test.cc: properties of this model alone.
 #pragma once
 
 #include <span>

@@ -245,8 +245,8 @@ Recording open(const fs::path& root, PoseSource source) {
   if (!recording.lidar_files.empty() && !recording.body_from_lidar)
     recording.findings.push_back(
         {"lidar",
-         "not used: calibration.json says of no sensor, or of several, that it is a lidar and "
-         "where it stands (RT_body_from_sensor)"});
+         "not used: calibration.json has no sensor, or several, of type lidar with "
+         "extrinsics (RT_body_from_sensor)"});
   for (const fs::path& folder : list_folder(root / "novel")) {
     if (!is_folder(folder)) continue;
     const std::string name = folder.filename().string();

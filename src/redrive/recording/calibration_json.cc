@@ -59,7 +59,7 @@ Rigid3d extrinsics_from_json(const JsonField& sensor) {
 }
 
 // InputError if the extrinsics are inverted (sensor from body). RT_sensor_from_body and pos_meter
-// decide if they are given. Otherwise a camera's y axis points down within 60 degrees: extrinsics
+// decide if present. Otherwise a camera's y axis points down within 60 degrees: extrinsics
 // for which only the inverse's does are inverted.
 void check_direction(const JsonField& sensor, const Rigid3d& body_from_sensor) {
   const JsonField field = sensor.at("RT_body_from_sensor");

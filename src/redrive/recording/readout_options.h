@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// --rolling-shutter of train and align: readout times of cameras, in place of the calibration's.
+// --rolling-shutter of train and align: readout times of cameras, which replace the calibration's.
 #pragma once
 
 #include <string>

@@ -29,7 +29,7 @@ struct FramePose {
 /// The frame that poses are given in.
 enum class GlobalFrame {
   kEcef,      ///< Earth-centred, Earth-fixed; metres
-  kArbitrary  ///< of the recording's own; metres only where Recording::metric says so
+  kArbitrary  ///< the recording's own; in metres only if Recording::metric
 };
 
 /// A file that a sensor recorded of one frame.

@@ -46,12 +46,12 @@ void refuse_unsupported(const JsonField& object) {
        {"rolling_shutter", "ftheta_p0", "latlong", "equirectangular", "fisheye_crop_radius",
         "white_transparent", "black_transparent", "transform_matrix_start", "normal_mts_args"}) {
     if (!object.has(key)) continue;
-    const auto says_nothing = [](const nlohmann::json& value) {
+    const auto is_empty = [](const nlohmann::json& value) {
       return value.is_null() || value == false || value == 0;
     };
     const nlohmann::json& value = object.at(key).json();
-    const bool nothing = value.is_array() ? std::all_of(value.begin(), value.end(), says_nothing)
-                                          : says_nothing(value);
+    const bool nothing =
+        value.is_array() ? std::all_of(value.begin(), value.end(), is_empty) : is_empty(value);
     if (!nothing) object.at(key).fail("is not supported");
   }
 }
@@ -227,7 +227,7 @@ TransformsFile parse(std::string_view text, const std::filesystem::path& file,
     entry.global_from_body = global_from_body_from_matrix(frame.at("transform_matrix"));
     const auto width = intrinsics.find("w"), height = intrinsics.find("h");
     if (width.has_value() != height.has_value())
-      (width ? *width : *height).fail("w and h are given together or not at all");
+      (width ? *width : *height).fail("w and h must both be present or both be absent");
     CameraCalibration size;
     if (width) image_size_from_json(*width, *height, &size);
     const std::optional<ImageSize> known =

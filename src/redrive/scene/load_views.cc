@@ -31,7 +31,7 @@ void check_recorded_size(const std::filesystem::path& path, int width, int heigh
                          const RigCamera& rig) {
   if (width != rig.recorded.width || height != rig.recorded.height)
     throw InputError(path, "size", size_text(width, height),
-                     "the calibration of " + rig.name + " says " +
+                     "the calibration of " + rig.name + " has " +
                          size_text(rig.recorded.width, rig.recorded.height));
 }
 

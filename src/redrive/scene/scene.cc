@@ -187,7 +187,7 @@ Scene make_scene(const Recording& recording, const SceneOptions& options) {
   const bool own_split = has_split(recording);
   if (own_split && options.holdout_every > 0)
     throw UsageError("--holdout-every", std::to_string(options.holdout_every),
-                     "this recording says itself which images are held out; leave the option out");
+                     "this recording has its own split of held-out images; omit the option");
   const Rigid3d world_from_global = scene.global_from_world.inverse();
   for (const FramePose& frame : choose_frames(recording, options))
     scene.frames.push_back({frame.id, frame.t_ns, world_from_global * frame.global_from_body});

@@ -17,7 +17,7 @@ constexpr double kMargin_s = 0.2;  // images this close to the ends are not used
 constexpr double kClosest_m = 1, kFarthest_m = 50;
 constexpr int kCell_px = 2;
 // A return is visible where no other is nearer by 15 % within its block of pixels or the
-// neighbouring ones, since beams are further apart than pixels.
+// neighbouring ones, since LiDAR channels are further apart than pixels.
 constexpr int kBlock_px = 6;
 constexpr float kHidden = 1.15f;
 constexpr double kAround_px =
@@ -32,8 +32,8 @@ constexpr int kPeak = 4;            // steps to each side that a peak is fitted 
 // by kMinAlong_m however many agree.
 constexpr double kMaxSigma_s = 0.01, kMaxSigma_m = 0.15, kMinAlong_m = 0.03;
 constexpr double kMinSpeed_m_per_s = 1;
-// By how many jackknife sigmas the peak has to exceed everything further away: rails and dashes
-// repeat.
+// Number of jackknife sigmas by which the peak has to exceed everything further away: rails and
+// dashes are periodic.
 constexpr double kSignificant = 3;
 constexpr int kFurther = 8;                 // steps
 constexpr double kMinLidarContrast = 0.02;  // RMS of log intensity: less is rounding
@@ -72,7 +72,7 @@ struct Hit {
   float distance_m = 0;
 };
 
-/// The returns that the camera sees and nothing nearer occludes.
+/// The returns in view of the camera that no nearer one occludes.
 std::vector<Hit> visible(const Camera& camera, const Rigid3d& camera_from_world,
                          const cv::Mat& usable, const std::vector<Eigen::Vector3f>& in_world) {
   const int across = usable.cols / kBlock_px + 1, down = usable.rows / kBlock_px + 1;
@@ -193,7 +193,7 @@ std::vector<int> frames_of(const RigModel& model, const RigImages& images, int c
   return chosen;
 }
 
-/// LiDAR intensities as a camera sees them, in cells of kCell_px.
+/// LiDAR intensities projected into a camera, in cells of kCell_px.
 struct LidarImage {
   cv::Mat_<int> sample;  ///< index of the first sample in the cell, -1 where there is none
   cv::Mat_<float>
@@ -230,8 +230,8 @@ LidarImage rasterize(const std::vector<Hit>& hits, const std::vector<LidarSample
 }
 
 /// Contrast of the LiDAR at `cell` relative to its mean along the path over the image: features
-/// that are constant along the road, such as guard rails, say nothing about time. Nothing where too
-/// few cells of the path have returns.
+/// that are constant along the road, such as guard rails, carry no information on time. Returns
+/// nothing where too few cells of the path have returns.
 std::optional<double> against_path(const LidarImage& lidar, const cv::Point& cell,
                                    const Path& path) {
   double sum = 0;
@@ -286,7 +286,7 @@ Sums compare(const RigModel& model, const ContrastData& source,
   return sums;
 }
 
-/// By how much the peak exceeds all values further away.
+/// Returns the margin by which the peak exceeds all values further away.
 double prominence(const std::vector<double>& correlation) {
   const auto best = std::ranges::max_element(correlation);
   double other = 0;

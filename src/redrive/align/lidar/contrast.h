@@ -17,7 +17,7 @@ namespace redrive {
 /// Input of fit_time_offsets.
 struct ContrastData {
   const RigImages& images;                  ///< of any size; larger ones give a finer estimate
-  const std::vector<LidarSample>& samples;  ///< all that there are
+  const std::vector<LidarSample>& samples;  ///< all of the drive
 };
 
 /// Correlation of one camera's images with the LiDAR.
@@ -32,8 +32,8 @@ struct ContrastFit {
 };
 constexpr double kContrastStep_s = 2e-3;
 
-/// Estimates by camera, each from at most 16 of its images. Poses and cameras of `model` may be off
-/// by some pixels; only time offsets are estimated.
+/// Estimates by camera, each from at most 16 of its images. Errors of `model` of a few pixels are
+/// tolerated; only time offsets are estimated.
 std::vector<ContrastFit> fit_time_offsets(const RigModel& model, const ContrastData& source,
                                           ThreadPool& pool);
 

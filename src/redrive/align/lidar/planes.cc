@@ -119,7 +119,7 @@ void keep_evenly(std::vector<T>* values, std::size_t max_values) {
 
 /// Reduces patches to max_samples in all. A third of them goes to patches that face along each axis
 /// of the world: on a motorway nearly all patches are road, and the few that constrain the motion
-/// along it have to stay.
+/// along it must not be dropped.
 void subsample_patches(std::vector<PlanarPatch>* patches, int max_samples) {
   std::size_t all = 0;
   for (const PlanarPatch& patch : *patches) all += patch.samples.size();

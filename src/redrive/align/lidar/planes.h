@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Planar patches in the LiDAR points of all revolutions, each point transformed by the pose at its
 // own time. Their planes become unknowns of the bundle adjustment as image points do: the poses are
-// corrected until all revolutions agree on one plane. So sparse revolutions contribute, too, none
-// of which alone would determine a normal.
+// corrected until all revolutions agree on one plane. Thus revolutions too sparse to determine a
+// normal alone contribute, too.
 #pragma once
 
 #include <array>

@@ -16,7 +16,7 @@ constexpr double kGood_px = 1;  // median error; pose noise of 6 cm and 0.12 deg
 constexpr double kUsable_px = 2;  // correctable by redrive align
 constexpr double kFactor = 2.5;   // by which a hypothesis has to lower the error
 constexpr double kMutualFactor =
-    1.3;  // the same where each of two cameras fits the other's extrinsics
+    1.3;  // the same if each of two cameras fits the other's extrinsics
 constexpr double kSynchronous_ms = 5, kAlignable_ms = 30;
 constexpr double kObservableFactor = 1.4;  // ratio of the scan's ends to its minimum
 constexpr double kScanFactor = 0.8;        // by which the scan's minimum has to be lower,
@@ -196,7 +196,7 @@ class Checker {
       if (other.calibration.name != check_.name)
         try_extrinsic(Fault::kSwappedCameras, extrinsics_of(other.calibration.name),
                       other.calibration.body_from_sensor);
-    // Columns: the axes that the file may use, in those that it should use.
+    // Columns: possible axes of the file in the documented ones.
     const auto axes = [](std::initializer_list<double> rows) {
       Eigen::Matrix3d m;
       std::copy(rows.begin(), rows.end(), m.data());
@@ -213,8 +213,8 @@ class Checker {
         {"the camera's axes are x forward, y right, z down", axes({0, 1, 0, 0, 0, 1, 1, 0, 0})},
         {"the camera's axes are x left, y up, z forward (upside down)",
          axes({-1, 0, 0, 0, -1, 0, 0, 0, 1})},
-        {"the image is turned by 90 degrees", axes({0, -1, 0, 1, 0, 0, 0, 0, 1})},
-        {"the image is turned by -90 degrees", axes({0, 1, 0, -1, 0, 0, 0, 0, 1})},
+        {"the image is rotated by 90 degrees", axes({0, -1, 0, 1, 0, 0, 0, 0, 1})},
+        {"the image is rotated by -90 degrees", axes({0, 1, 0, -1, 0, 0, 0, 0, 1})},
         {"the camera's axes are x left, y down, z back", axes({-1, 0, 0, 0, 1, 0, 0, 0, -1})}};
     for (const Axes& a : of_camera) {
       Rigid3d fixed = extrinsics;
@@ -362,7 +362,8 @@ std::string Preflight::headline() const {
     else
       unchecked += (unchecked.empty() ? "" : ", ") + camera.name;
   }
-  if (all) return "No camera could be checked: this check says neither yes nor no to training";
+  if (all)
+    return "No camera could be checked: this check can neither recommend nor refuse training";
   return "Nothing speaks against training" +
          (unchecked.empty() ? "" : "; could not be checked: " + unchecked);
 }

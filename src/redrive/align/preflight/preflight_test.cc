@@ -92,7 +92,7 @@ TEST(Preflight, HeadlineNamesUncheckedCameras) {
   EXPECT_EQ(result.headline(), "Nothing speaks against training; could not be checked: A, C");
   result.cameras[1].verdict = Verdict::kCannotTell;
   EXPECT_EQ(result.headline(),
-            "No camera could be checked: this check says neither yes nor no to training");
+            "No camera could be checked: this check can neither recommend nor refuse training");
   result.cameras[1].verdict = Verdict::kWrong;
   EXPECT_EQ(result.headline(), "Training makes no sense before this is corrected");
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// How the cpu backend cuts a batch, and ranges of rays as the compositing kernels (cpu_kernels.h)
-// take them.
+// Division of a batch by the cpu backend, and ranges of rays for the compositing kernels
+// (cpu_kernels.h).
 #pragma once
 
 #include "redrive/kernels/backend.h"
@@ -8,12 +8,12 @@
 
 namespace redrive::kernels {
 
-/// Rays that one entry of the thread pool's queue takes: some thousand samples, well above the cost
+/// Rays per entry of the thread pool's queue: some thousand samples, well above the cost
 /// of an entry.
 constexpr std::size_t kRaysPerRange = 64;
 
-/// Chunks of a batch, each with its own gradient sums: enough for two to eight threads to end
-/// together, few enough for their gradients (2.4 MB each at width 256) to be added up quickly.
+/// Chunks of a batch, each with its own gradient sums: enough to balance two to eight threads, few
+/// enough to sum their gradients (2.4 MB each at width 256) quickly.
 constexpr int kChunksPerBatch = 8;
 
 /// Rays [first, first + n) of a batch.

@@ -117,7 +117,8 @@ TEST_P(CpuBackendTest, FusedStagesAreTheCompositionOfThePlainOnes) {
   }
 }
 
-// Opaque rays skip the rest: colours change by at most 1e-4, and not at all for other rays.
+// Samples behind an opaque surface are skipped: colours of such rays change by at most 1e-4, others
+// not at all.
 TEST_P(CpuBackendTest, RenderingSkipsOccludedSamples) {
   const auto backend = make_cpu_backend(GetParam(), 2);
   for (const int per_ray : {40, 300}) {

@@ -13,7 +13,7 @@
 namespace redrive::kernels {
 namespace {
 
-/// A float and the sum of the magnitudes of the terms it was added up from.
+/// A sum and the sum of the magnitudes of its terms.
 struct Sum {
   double value = 0, magnitude = 0;
   void add(double term) {
@@ -52,7 +52,8 @@ TEST_P(FoldedColourTest, IsTheProductOfTheLayers) {
   const NerfLayerShape shape = folded.shape();
   ASSERT_EQ(shape.outputs, colour.outputs);
   ASSERT_EQ(shape.inputs, colour.inputs);
-  for (int time = 0; time < 2; ++time) folded.fold(p, pool);  // nothing is left of the time before
+  for (int time = 0; time < 2; ++time)
+    folded.fold(p, pool);  // the second call is independent of the first
   for (int o = 0; o < shape.outputs; ++o) {
     const float* row = &p[colour.weight + static_cast<std::size_t>(o) * colour.inputs];
     const float* got =

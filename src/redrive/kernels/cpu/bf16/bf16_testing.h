@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// For the tests: the engines by name, bf16 as numbers, and the block forms of layout.h read the
-// slow way.
+// For the tests: the engines by name, conversions of bf16, and plain accessors of the block forms
+// of layout.h.
 #pragma once
 
 #include <bit>
@@ -21,7 +21,8 @@ namespace redrive::kernels::bf16 {
 enum class SumOrder {
   kPairs,  ///< VDPBF16PS: per pair of k a fused multiply-add of the odd member, then of the even
            ///< one
-  kTiles   ///< TDPBF16PS: per 32 k the even and the odd members by themselves, then their sum added
+  kTiles   ///< TDPBF16PS: per 32 k separate sums of the even and the odd members, then their sum
+           ///< added
 };
 
 struct EngineCase {
@@ -40,12 +41,12 @@ inline std::vector<EngineCase> engine_cases() {
           {"amx", Isa::kAmxBf16, SumOrder::kTiles, amx_stages, make_nerf_amx_bf16}};
 }
 
-/// A test of an engine starts with this.
+/// Skips a test of an engine that this processor cannot run.
 #define SKIP_WITHOUT(isa) \
   if (const auto obstacle = isa_obstacle(isa)) GTEST_SKIP() << *obstacle
 
 inline float from_bf16(Bf16 x) { return std::bit_cast<float>(std::uint32_t{x} << 16); }
-/// Round to nearest even; finite x.
+/// Rounds a finite x to the nearest bf16, ties to even.
 inline Bf16 to_bf16(float x) {
   const auto bits = std::bit_cast<std::uint32_t>(x);
   return static_cast<Bf16>((bits + 0x7fff + (bits >> 16 & 1)) >> 16);

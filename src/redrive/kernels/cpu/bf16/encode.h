@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// gamma(x) and gamma(d) (field/positional_encoding.h) of a tile, in the layouts the first products
-// read.
+// Computes gamma(x) and gamma(d) (field/positional_encoding.h) of a tile in the layouts of the
+// first products' operands.
 //
 // sin(2^l pi p), cos(2^l pi p) by doubling the angle, sin 2a = 2 sin a cos a, cos 2a = 1 - 2 sin^2
-// a, from l = 0 and again from l = 5: four doublings multiply the 1e-7 of the start by at most 2^4
-// (measured 4e-6; a bf16 near 1 is 2e-3 off). 32 p is exact.
+// a, from l = 0 and again from l = 5: four doublings multiply the initial error of 1e-7 by at most
+// 2^4 (measured 4e-6; bf16 near 1 rounds by 2e-3). 32 p is exact.
 #pragma once
 
 #include "redrive/kernels/cpu/bf16/plan.h"
@@ -100,9 +100,9 @@ inline void encode_positions(const Plan& plan, const ChunkMemory& memory, const 
   }
 }
 
-/// The adjoint of gamma(x) (field/positional_encoding.h positional_encoding_adjoint), its sines and
-/// cosines as the network saw them (memory.position_keep), of the sum of memory.d_gamma. d_position
-/// [3, samples].
+/// Writes d_position [3, samples], the adjoint of gamma(x) (positional_encoding_adjoint in
+/// field/positional_encoding.h) of the sum of memory.d_gamma. Sines and cosines are the network's
+/// rounded inputs (memory.position_keep).
 inline void encode_positions_backward(const Plan& plan, const ChunkMemory& memory, int samples,
                                       float* d_position) {
   constexpr int kMaxRows = 64;
@@ -143,8 +143,8 @@ inline void encode_positions_backward(const Plan& plan, const ChunkMemory& memor
   }
 }
 
-/// gamma(d), once per ray, then spread over its samples: memory.ray_code holds a row of 32 bf16 per
-/// ray.
+/// gamma(d), computed once per ray, then copied to its samples: memory.ray_code holds a row of 32
+/// bf16 per ray.
 inline void encode_directions(const Plan& plan, const ChunkMemory& memory, const TileInput& tile,
                               bool keep) {
   alignas(64) float code[kBlock * 16];

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The encodings that the kernels feed to the network, in both forms, against
-// field/positional_encoding.h in double.
+// Compares the network's encoded inputs, in both forms, with field/positional_encoding.h in double.
 #include <cmath>
 
 #include <gtest/gtest.h>

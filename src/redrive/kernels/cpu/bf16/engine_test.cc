@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Block products against a double loop. The entries are small whole numbers, so every sum is exact
-// in fp32 whatever its order: |sum| <= 320 * 15 * 15 < 2^24.
+// Compares block products with a double loop. The entries are small integers, so every sum is exact
+// in fp32 in any order: |sum| <= 320 * 15 * 15 < 2^24.
 #include <gtest/gtest.h>
 
 #include "redrive/base/buffer.h"

@@ -19,8 +19,7 @@ enum class Epilogue {
   kHead             ///< forward, fp32 outputs: rgb and density
 };
 
-/// Where a pass over blocks (output block ob, sample block n) leaves them. Unused pointers are
-/// null.
+/// Outputs of a pass over blocks (output block ob, sample block n). Unused pointers are null.
 struct PassOutput {
   Bf16* next = nullptr;  ///< [n_blocks][next_stride]
   int next_stride = 0;
@@ -50,7 +49,7 @@ class Pending {
 
   bool exists() const { return exists_; }
 
-  /// The lines the next block's epilogue will write and its predecessor has not touched.
+  /// The cache lines that the next block's epilogue writes first.
   REDRIVE_INLINE const Bf16* keep_of(int ob, int n) const {
     return kKeeps ? output_.keep + (std::ptrdiff_t(ob) * n_blocks_ + n) * kBlockSize : nullptr;
   }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The backward pass starts here: fp32 gradients of a few outputs become one block of 32 columns,
-// the rest of them zero.
+// First step of the backward pass: packs fp32 gradients of a few outputs into one block of 32
+// columns, zero beyond them.
 #pragma once
 
 #include <cstring>
@@ -21,8 +21,8 @@ struct HeadGradient {
   float* d_bias = nullptr;  ///< [32], the sums are added
 };
 
-/// D in row form (sample s: outputs in columns 0..3) to `next`, in pair form (samples 2 p, 2 p + 1)
-/// to `keep`.
+/// Writes D in row form (sample s: outputs in columns 0..3) to `next` and in pair form (samples 2
+/// p, 2 p + 1) to `keep`.
 inline void write_head_gradient(const HeadGradient& g) {
   constexpr int kMaxOutputs = 4;
   alignas(64) Bf16 rounded[kMaxOutputs][kBlock] = {};

@@ -25,8 +25,8 @@
 //                         samples: "keep", left operand of dW) by joining neighbouring column
 //                         tiles.
 //   backward C = D W      rows = samples, columns = the layer's inputs; D in row form
-//                         (k = outputs), W in pair form. A finished C is packed into row form ("next") and pair
-//                         form (k = samples: "keep").
+//                         (k = outputs), W in pair form. A finished C is packed into row form
+//                         ("next") and pair form (k = samples: "keep").
 //   weights  dW^T += X D  rows = inputs, columns = outputs, k = samples: "keep" of the forward pass
 //                         times "keep" of the backward pass.
 // clang-format on
@@ -51,8 +51,7 @@ constexpr int kBiasTile =
     2 * kTileFloats;  ///< floats of 32 biases, each over 16 columns: the left half of a C block
 
 /// Samples summed in one visit of a dW block: 8 blocks of k = 256. A visit moves the block's 4 KiB
-/// of fp32 in and out and reads 2 x 16 KiB of operands; longer panels would no longer stand in a 48
-/// KiB L1 together.
+/// of fp32 in and out and reads 2 x 16 KiB of operands; longer panels would exceed an L1 of 48 KiB.
 constexpr int kWeightGradientBlocks = 8;
 
 }  // namespace redrive::kernels::bf16

@@ -13,7 +13,7 @@ namespace {
 
 int blocks_of(int size) { return (size + kBlock - 1) / kBlock; }
 
-/// Hands out parts of one allocation, each on its own page.
+/// Divides one allocation into parts, each on its own page.
 class Carver {
  public:
   template <class T>
@@ -57,7 +57,7 @@ ChunkMemory carve(const Plan& plan, int n, Carver& carver) {
   memory.d_rgb_keep = carver.take<Bf16>(block);
   for (float*& d_gamma : memory.d_gamma) d_gamma = carver.take<float>(block * plan.position_blocks);
   memory.d_weight = carver.take<float>(
-      plan.d_weight_size + kBlockSize);  // so that prefetching "the next block" stays inside
+      plan.d_weight_size + kBlockSize);  // so that the prefetch of a next block stays inside
   memory.d_bias = carver.take<float>(plan.d_bias_size);
   return memory;
 }

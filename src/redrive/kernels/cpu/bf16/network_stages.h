@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The NeRF network (field/nerf_field.h) on a tile of samples, forward then backward, for any
-// engine. How data lies: layout.h.
+// engine. Layouts: layout.h.
 #pragma once
 
 #include "redrive/kernels/cpu/bf16/encode.h"
@@ -45,8 +45,7 @@ struct NetworkStages {
                            memory.d_rgb_keep,
                            d_bias + layers[kRgb].d_bias};
     write_head_gradient(rgb);
-    // The colour's gradient is written to d_next[0] by the rgb layer below; density's stands behind
-    // it.
+    // The rgb layer below writes the colour's gradient to d_next[0]; density's follows it.
     Bf16* density_next = memory.d_next[0] + std::ptrdiff_t(colour) * kBlockSize;
     Bf16* density_keep = memory.d_keep[0] + std::ptrdiff_t(colour) * n * kBlockSize;
     const HeadGradient density{d_raw + 3 * std::ptrdiff_t(stride),

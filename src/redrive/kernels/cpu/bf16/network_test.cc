@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The network against plain loops (reference_network.h): outputs bit for bit, gradients up to their
-// sums in fp32.
+// Compares the network with plain loops (reference_network_testing.h): outputs bit for bit,
+// gradients up to their sums in fp32.
 #include <cmath>
 #include <cstring>
 
@@ -20,7 +20,7 @@ namespace {
 /// sign; ten times that.
 double sum_tolerance(int n) { return 4 * std::sqrt(n) * 0x1p-24; }
 
-/// Real AMX may order its sums otherwise than the manual: then some roundings fall the other way,
+/// Real AMX may order its sums unlike the manual: then some values round to the other side,
 /// and differences grow to bf16's own noise, 2^-8 per layer over 10 layers forward and 10 back,
 /// sqrt(20) 2^-8 = 0.02, plus switched ReLUs.
 constexpr double kNoise = 0.1;
@@ -69,10 +69,10 @@ double relative_error(std::span<const double> expected, std::span<const float> g
     norm += expected[i] * expected[i];
   }
   EXPECT_GT(norm, 0);
-  return std::sqrt(error / norm);  // NaN fails every comparison below
+  return std::sqrt(error / norm);  // NaN fails the comparisons below
 }
 
-/// The reference's raw outputs [4, samples], from the very encodings the engine used; adds its
+/// Returns the reference's raw outputs [4, samples] from the engine's own encodings; adds its
 /// gradients and writes d_position [3, samples].
 std::vector<float> run_reference(const ReferenceNetwork& reference, const NerfConfig& config,
                                  const ChunkMemory& memory, const Tile& tile,
@@ -126,7 +126,7 @@ TEST_P(NetworkTest, ForwardAndBackwardAgreeWithPlainLoops) {
   network.pack(parameters, pool);
 
   // Chunk 0 runs two tiles (the second smaller), chunk 1 one, chunk 2 none; the gradients are added
-  // to what stands there.
+  // to the previous values.
   const Tile tiles[] = {random_tile(n_rays, per_ray, 10), random_tile(1, per_ray, 11),
                         random_tile(1, 33, 12)};
   std::vector<std::unique_ptr<NerfChunk>> chunks;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Between the flat fp32 parameters (field/nerf_field.h) and the packed blocks, 32 outputs of a
-// layer at a time.
+// Converts between the flat fp32 parameters (field/nerf_field.h) and the packed blocks, 32 outputs
+// of a layer at a time.
 #pragma once
 
 #include "redrive/kernels/cpu/bf16/plan.h"
@@ -11,7 +11,7 @@ namespace {
 
 /// Rows in row form for the forward pass, in pair form (pairs of outputs) for the backward pass,
 /// and the bias tile. Outputs past row.rows and inputs past row.columns are zero, so padded neurons
-/// are 0 and stay without gradient.
+/// are 0 and get no gradient.
 inline void pack_row(const BlockRow& row, const float* parameters, const Weights& weights) {
   for (int o = 0; o < kBlock; o += 2) {
     const float* even = parameters + row.weight + std::ptrdiff_t(o) * row.columns;
@@ -42,7 +42,7 @@ inline void pack_row(const BlockRow& row, const float* parameters, const Weights
 }
 
 /// gradients += ((chunk 0 + chunk 1) + chunk 2) + ...; the C blocks (inputs x outputs) are
-/// transposed 16 x 16 on the way.
+/// transposed 16 x 16 in the process.
 inline void reduce_row(const BlockRow& row, const ChunkMemory* const* chunks, int n_chunks,
                        float* gradients) {
   for (int quarter = 0; quarter < row.k_blocks * 4; ++quarter) {

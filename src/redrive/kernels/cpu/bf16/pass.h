@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Loops of block products over a layer. Every pass keeps the weights of one block of outputs in L1
-// (k = 256: 16 KiB) and sends the tile's samples past them.
+// (k = 256: 16 KiB) and streams the tile's samples.
 #pragma once
 
 #include "redrive/kernels/cpu/bf16/epilogue.h"

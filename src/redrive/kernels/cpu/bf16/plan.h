@@ -17,9 +17,9 @@ namespace redrive::kernels::bf16 {
 enum PlanLayer { kTrunkLayers = 8, kColour = 8, kRgb = 9, kPlanLayers = 10 };
 
 struct Layer {
-  int in_blocks = 0;  ///< inputs that come from the layer before (layer 0: from gamma(x))
+  int in_blocks = 0;  ///< inputs from the previous layer (layer 0: from gamma(x))
   int extra_blocks =
-      0;  ///< behind them: the encoding that is concatenated (skip: gamma(x), colour: gamma(d))
+      0;  ///< the concatenated encoding that follows them (skip: gamma(x), colour: gamma(d))
   int k_blocks = 0;  ///< in_blocks + extra_blocks
   int out_blocks = 0;
   std::size_t forward = 0;  ///< in Weights::packed: [out_blocks][k_blocks] blocks in row form
@@ -40,8 +40,8 @@ struct Plan {
 };
 
 /// Up to 32 outputs of a layer: the unit of packing and of reduction. In the flat parameters: row o
-/// at weight + o * columns, bias at bias + o, or so in FoldedColour's if `folded`. The rest as in
-/// Layer, for this block of outputs.
+/// at weight + o * columns, bias at bias + o, or the same in FoldedColour's if `folded`. The other
+/// members as in Layer, for this block of outputs.
 struct BlockRow {
   bool folded = false;
   std::size_t weight = 0, bias = 0;
@@ -69,10 +69,10 @@ struct ChunkMemory {
                            ///< blocks, rows = samples
   float* d_weight = nullptr;
   float* d_bias = nullptr;
-  bool fresh = true;  ///< d_weight holds nothing yet: the first chunk overwrites instead of adding
+  bool fresh = true;  ///< d_weight is uninitialised: the first visit overwrites instead of adding
 };
 
-/// NerfTile (nerf_tile.h) as plain numbers.
+/// NerfTile (nerf_tile.h) as a plain struct.
 struct TileInput {
   int n_rays = 0, per_ray = 0;
   const float* position = nullptr;

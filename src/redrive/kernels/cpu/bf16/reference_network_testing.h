@@ -4,10 +4,10 @@
 // gradients between layers. Biases and their gradients are not. Feature and colour are one layer
 // (folded_colour.h), whose weights are rounded as a whole.
 //
-// The sums that decide about a rounding are done in the order the instructions document, so that
-// the results are equal bit for bit. With another order a few activations would round the other
-// way, and from there differences grow to the rounding noise itself; no tight tolerance could
-// stand. Gradients of parameters feed nothing: double.
+// Sums that are rounded to bf16 follow the documented order of the instructions, so that the
+// results are equal bit for bit. In another order a few activations would round to the other side,
+// and differences would grow to the rounding noise itself, which allows no tight tolerance.
+// Gradients of parameters are not rounded further: double.
 #pragma once
 
 #include <algorithm>
@@ -28,7 +28,7 @@ class ReferenceNetwork {
     for (const float p : exact_) rounded_.push_back(round_bf16(p));
   }
 
-  /// Of the arrays that backward and unfold take: the network's parameters, behind them the folded
+  /// Size of the arrays that backward and unfold take: the network's parameters, then the folded
   /// layer's.
   std::size_t gradient_size() const { return exact_.size(); }
 
@@ -72,8 +72,8 @@ class ReferenceNetwork {
     return d_gamma;
   }
 
-  /// Adds to the gradients of feature and colour what the folded layer's, behind the parameters',
-  /// mean.
+  /// Adds to the gradients of feature and colour those implied by the folded layer's, which follow
+  /// the parameters'.
   void unfold(std::span<double> gradients) const {
     const NerfLayerShape feature = nerf_layer(config_, kNerfFeature),
                          colour = nerf_layer(config_, kNerfColour);
@@ -169,14 +169,14 @@ class ReferenceNetwork {
 
   static std::vector<float> masked(std::vector<float> d, const Trace& trace, int layer) {
     d.resize(trace.output[layer]
-                 .size());  // behind the skip stands the encoding's part: it goes to no layer
+                 .size());  // the encoding's part follows the skip's input and goes to no layer
     for (std::size_t i = 0; i < d.size(); ++i) d[i] = trace.output[layer][i] > 0 ? d[i] : 0;
     return d;
   }
 
-  /// d: gradients of the outputs of `layers`, one behind the other; all layers begin with the same
-  /// inputs, the first has the most. Adds the gradients of their weights and biases; returns that
-  /// of the inputs that all have.
+  /// d: concatenated gradients of the outputs of `layers`; all layers begin with the same inputs,
+  /// the first has the most. Adds the gradients of their weights and biases; returns that of the
+  /// common inputs.
   std::vector<float> adjoint(const Trace& trace, const std::vector<int>& layers,
                              const std::vector<float>& d, std::span<double> gradients) const {
     std::vector<float> d_rounded;  // of whole blocks of outputs, as kTiles sums them

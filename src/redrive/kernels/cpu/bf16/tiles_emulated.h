@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// AMX tile instructions as plain loops, so that everything around them can be tested where there is
-// no AMX. TDPBF16PS as Intel's manual describes it: per element two sums over k, of the even and of
-// the odd members of the pairs, by fused multiply-adds that round to nearest even, take denormals
-// as zero and flush them; then even + odd, then + C.
+// AMX tile instructions as plain loops, to test the AMX layouts on processors without AMX.
+// TDPBF16PS as Intel's manual describes it: per element two sums over k, of the even and of the odd
+// members of the pairs, by fused multiply-adds that round to nearest even, take denormals as zero
+// and flush them; then even + odd, then + C.
 #pragma once
 
 #include <cstring>
@@ -47,7 +47,7 @@ struct EmulatedTiles {
   }
 
  private:
-  /// The processor raises an invalid-opcode fault then.
+  /// The processor raises an invalid-opcode fault in this case.
   static void require_configured() {
     if (!t_tiles.configured) __builtin_trap();
   }

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // AMX tile instructions as inline assembly. GCC 12's intrinsics are unsound: _tile_loadconfig names
 // 8 of the 64 bytes it reads and _tile_loadd no memory at all, so stores may be moved behind them
-// (SIGILL, stale data). Here every instruction names the very bytes it reads or writes. No -mamx
-// flag is needed. The order among tile instructions is kept by volatile.
+// (SIGILL, stale data). Here every instruction names exactly the bytes it reads or writes. No -mamx
+// flag is needed. volatile keeps the order among tile instructions.
 #pragma once
 
 #include "redrive/kernels/cpu/bf16/vector.h"

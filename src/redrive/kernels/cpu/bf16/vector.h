@@ -38,7 +38,7 @@ REDRIVE_INLINE void store(Bf16* p, __m512i v) { _mm512_store_si512(p, v); }
 
 /// Indices for transposing 32 x 32 bits held as 32 dwords. Bytes are gathered into 8 x 8 bit
 /// matrices (four row groups x four byte columns, rows reversed because gf2p8affineqb counts them
-/// from the top), GFNI turns each, and the bytes are put back as rows of the result.
+/// from the top), GFNI transposes each, and the bytes are stored as rows of the result.
 struct BitTransposeIndex {
   alignas(64) std::uint8_t gather[64];
   alignas(64) std::uint8_t scatter[128];

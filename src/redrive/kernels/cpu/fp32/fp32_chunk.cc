@@ -47,7 +47,8 @@ void Fp32Chunk::encode(const NerfTile& tile) {
   const NerfConfig& config = network_.config_;
   kernels_.encode(tile.position, count_, count_, config.position_octaves, network_.position_rows_,
                   samples_, position_.data());
-  // gamma(d) once a ray, then to all its samples (the padding repeats the last ray's).
+  // Computes gamma(d) once per ray, then copies it to all its samples (the padding repeats the last
+  // ray's).
   const int lanes = kernels_.lanes, rows = network_.direction_rows_;
   const int rays = (tile.n_rays + lanes - 1) / lanes * lanes;
   kernels_.encode(tile.direction, tile.n_rays, tile.n_rays, config.direction_octaves, rows, rays,
@@ -98,7 +99,7 @@ void Fp32Chunk::forward(const NerfTile& tile, bool keep, float* raw, int stride)
   if (keep && hidden_[2].size() == 0)
     for (int l = 2; l < kNerfHidden; ++l) hidden_[l] = Buffer<float>(hidden_[0].size());
   encode(tile);
-  // Two buffers in turn are enough, and stay in the cache, where no backward pass follows.
+  // Two alternating buffers are enough, and stay in the cache, where no backward pass follows.
   const auto hidden = [&](int l) { return hidden_[keep ? l : l % 2].data(); };
   for (int l = 0; l < kNerfHidden; ++l)
     dense(l, l == 0 ? position_.data() : hidden(l - 1), l == kNerfSkip ? position_.data() : nullptr,
@@ -184,7 +185,7 @@ void Fp32Chunk::backward(const float* d_raw, int stride, float* d_position) {
     for (Buffer<float>& d_gamma : d_gamma_) d_gamma = Buffer<float>(position_.size());
   REDRIVE_CHECK(gradients_.size() > 0 && hidden_[2].size() > 0);
 
-  // Rows beyond the outputs and samples beyond the tile get 0, so that they add nothing.
+  // Rows beyond the outputs and samples beyond the tile are 0 and add nothing.
   std::fill_n(d_density_.data(), samples_ * rows, 0.0f);
   std::fill_n(d_rgb_.data(), samples_ * rows, 0.0f);
   for_each_panel(samples_, kernels_.lanes, [&](int first, int panel) {

@@ -18,7 +18,7 @@ class Fp32Chunk final : public NerfChunk {
   void forward(const NerfTile& tile, bool keep, float* raw, int stride) override;
   void backward(const float* d_raw, int stride, float* d_position) override;
 
-  std::span<float> gradients() { return gradients_; }  ///< as PackedLayer's offsets say
+  std::span<float> gradients() { return gradients_; }  ///< at PackedLayer's offsets
 
  private:
   void encode(const NerfTile& tile);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Inner loops of the fp32 NeRF network as a table of functions, compiled once per instruction set.
-// fp32_network.cc decides what is called and owns the memory.
+// fp32_network.cc calls them and owns the memory.
 //
 // Panels: the samples of a tile are stored in vectors of `lanes` floats. A row of vectors is cut
 // into panels of three; the last ones have two where one would be left over (panel_vectors). A
@@ -13,8 +13,7 @@
 
 namespace redrive::kernels {
 
-/// Vectors of the next panel where `left` are left: 3, or 2 for a rest of 2 or 4, or 1 for a rest
-/// of 1.
+/// Vectors of the next panel where `left` are left: 3, but 2 of 2 or 4 and 1 of 1.
 static constexpr int panel_vectors(int left) { return left == 4 ? 2 : left < 3 ? left : 3; }
 
 /// out[o] = sum_k weights[o][k] in[k] + bias[o] for each sample; `in` is the first k1 rows from
@@ -53,8 +52,8 @@ struct Fp32Kernels {
   void (*bias_gradient)(const float* d_out, int outputs, int samples, float* gradient);
   /// gamma of `count` points, point[d * stride + n], into rows 0 .. 3+6 octaves of out [out_rows,
   /// samples] in panels; the other rows, and the points from `count` on, are 0 (gamma of the
-  /// origin, for the latter). sin and cos of octave l+1 come from those of l (angle doubling), anew
-  /// from the point at octave 5, where the error has grown to 4e-6.
+  /// origin, for the latter). sin and cos of octave l+1 are computed from those of l (angle
+  /// doubling), restarting from the point at octave 5, where the error has grown to 4e-6.
   void (*encode)(const float* point, std::size_t stride, int count, int octaves, int out_rows,
                  int samples, float* out);
   /// positional_encoding_adjoint (field/positional_encoding.h) of gamma as `encode` left it, rows

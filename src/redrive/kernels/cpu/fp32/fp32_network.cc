@@ -75,7 +75,7 @@ void Fp32Network::pack(std::span<const float> parameters, ThreadPool& pool) {
     PackedLayer& layer = layers_[l];
     const NerfLayerShape shape = shape_of(l);
     const float* p = l == kFp32Colour ? folded_.parameters().data() : parameters.data();
-    // The padding stands behind the last inputs and outputs and stays 0 from the construction.
+    // The padding follows the last inputs and outputs and is 0 from construction on.
     for (int o = 0; o < shape.outputs; ++o) {
       std::copy_n(p + shape.weight + static_cast<std::size_t>(o) * shape.inputs, shape.inputs,
                   layer.plain.data() + static_cast<std::size_t>(o) * (layer.k1 + layer.k2));
@@ -88,7 +88,7 @@ void Fp32Network::pack(std::span<const float> parameters, ThreadPool& pool) {
     const float* plain = layer.plain.data();
     pack_rows(layer.outputs, inputs, rows, layer.forward.data(),
               [&](int o, int k) { return plain[static_cast<std::size_t>(o) * inputs + k]; });
-    if (l == 0 || l == kNerfSkip)  // whose inputs end with gamma(x)
+    if (l == 0 || l == kNerfSkip)  // their inputs end with gamma(x)
       pack_rows(position_rows_, width, rows, position_backward_[l == 0].data(), [&](int k, int o) {
         return plain[static_cast<std::size_t>(o + 1) * inputs - position_rows_ + k];
       });
@@ -110,7 +110,7 @@ void Fp32Network::reduce(std::span<const std::unique_ptr<NerfChunk>> chunks,
                          std::span<float> gradients, ThreadPool& pool) {
   REDRIVE_CHECK_OP(gradients.size(), ==, nerf_parameter_count(config_));
   const int vector = kernels_.lanes;
-  // All chunks into the first, in their order; its buffer is then the batch's.
+  // Sums all chunks into the first, in their order.
   float* total = static_cast<Fp32Chunk&>(*chunks.front()).gradients().data();
   pool.run_ranges(gradient_size_, 1 << 14, [&](std::size_t begin, std::size_t end) {
     for (std::size_t chunk = 1; chunk < chunks.size(); ++chunk) {

@@ -49,10 +49,10 @@ class Fp32Network final : public NerfNetwork {
   int position_rows_, direction_rows_;  ///< of the encodings, padded
   std::array<PackedLayer, kFp32Layers> layers_;
   /// The transposes for d_in = W^T d_out, packed for DenseLayer: of trunk 1..7 (index as layers_;
-  /// the skip layer's part for h only), of [colour; density] towards h (kFp32Colour) and of rgb
-  /// (kFp32Rgb).
+  /// the skip layer's part for h only), of [colour; density] with respect to h (kFp32Colour) and of
+  /// rgb (kFp32Rgb).
   std::array<Buffer<float>, kFp32Layers> backward_;
-  /// The same towards gamma(x), of the skip layer and of the first.
+  /// Transposes with respect to gamma(x), of the skip layer and of the first.
   std::array<Buffer<float>, 2> position_backward_;
   std::size_t gradient_size_ = 0;  ///< floats of a chunk's buffer
   FoldedColour folded_;

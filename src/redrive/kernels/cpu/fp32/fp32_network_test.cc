@@ -89,8 +89,8 @@ double relative_error(const float* a, const double* b, std::size_t size) {
 }
 
 // The encoding is wrong by up to 4e-6, each of 11 products by sqrt(K) 2^-24 of its norm (K <= 576,
-// random signs): 1.6e-5; together, and with a factor of 4 for what the following layers make of it:
-// 8e-5.
+// random signs): 1.6e-5; together, and with a factor of 4 for amplification by the following
+// layers: 8e-5.
 constexpr double kTolerance = 8e-5;
 
 using Maker = std::unique_ptr<NerfNetwork> (*)(const NerfConfig&);
@@ -115,7 +115,7 @@ TEST_P(Fp32NetworkTest, MatchesTheOracle) {
     const Problem problem(c);
     const auto network = GetParam().second(c.config);
     network->pack(problem.parameters, pool);
-    network->pack(problem.parameters, pool);  // leaves nothing behind
+    network->pack(problem.parameters, pool);  // independent of the previous parameters
     std::vector<std::unique_ptr<NerfChunk>> chunks;
     for (int i = 0; i < 2; ++i) chunks.push_back(network->make_chunk(problem.samples));
     for (auto& chunk : chunks) chunk->clear_gradients();
@@ -126,8 +126,8 @@ TEST_P(Fp32NetworkTest, MatchesTheOracle) {
     chunks[0]->forward(all.tile, false, raw.data(), problem.samples);
     EXPECT_LT(relative_error(raw.data(), problem.raw.data(), raw.size()), kTolerance);
 
-    // The same in two tiles of unequal size on two chunks, and the larger one first on the chunk
-    // that then takes the smaller.
+    // Repeats it in two tiles of unequal size on two chunks, and with the larger one before the
+    // smaller on one chunk.
     const int cut = c.n_rays > 1 ? c.n_rays - 1 : 1;
     for (int first = 0; first < c.n_rays; first += cut) {
       const Problem::Part part = problem.part(first, std::min(cut, c.n_rays - first));
@@ -177,7 +177,7 @@ TEST_P(Fp32NetworkTest, GradientsAreAddedAndCleared) {
     network->reduce(chunks, *gradients, pool);
   }
   for (std::size_t i = 0; i < once.size(); ++i) {
-    // Up to 128 additions in another order, each rounding what is no larger than 1 + |g| by 2^-24.
+    // Up to 128 additions in another order, each rounding a number of at most 1 + |g| by 2^-24.
     ASSERT_NEAR(again[i], 1.0f + once[i], 128 * 0x1p-24 * (1 + std::abs(once[i]))) << i;
   }
 }

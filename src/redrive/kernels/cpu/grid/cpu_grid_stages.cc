@@ -16,7 +16,7 @@
 namespace redrive::kernels {
 namespace {
 
-constexpr std::size_t kPointsPerRange = 8192;  // a level's table is walked once for so many points
+constexpr std::size_t kPointsPerRange = 8192;  // a level's table is read once per range
 constexpr int kTileSamples = 256;  // a network's activations stay in the second-level cache
 constexpr int kBf16TileSamples =
     384;  // as above, in half the memory; 16 rays of 24 are whole strips
@@ -181,8 +181,8 @@ class CpuGridStages final : public HostGridStages {
   }
 
  private:
-  /// visit(level, first feature, points) for all points, the coarsest level first: one table at a
-  /// time is in the caches.
+  /// visit(level, first feature, points) for all points, the coarsest level first: so that one
+  /// table at a time is in the caches.
   template <class Visit>
   void for_each_level_range(const HashGrid& grid, const UnitPoints& points, const Visit& visit) {
     const auto levels = levels_of(grid);
@@ -194,7 +194,7 @@ class CpuGridStages final : public HostGridStages {
     });
   }
 
-  /// Level l takes d[l * step ...], [n, features]. The finest, which has the most to do, begins.
+  /// Level l takes d[l * step ...], [n, features]. Starts with the finest, which takes longest.
   void backward_of_levels(const HashGrid& grid, const UnitPoints& points, const float* d,
                           std::size_t step, std::span<float> d_table) {
     const auto levels = levels_of(grid);

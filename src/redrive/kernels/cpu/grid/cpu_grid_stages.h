@@ -10,7 +10,7 @@
 
 namespace redrive::kernels {
 
-/// `pool` must live as long.
+/// `pool` must outlive the stages.
 std::unique_ptr<GridStages> make_cpu_grid_stages(Isa isa, ThreadPool* pool);
 
 }  // namespace redrive::kernels

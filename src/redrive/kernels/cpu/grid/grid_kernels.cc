@@ -190,7 +190,7 @@ void run_forward(const GridNetworkWeights& w, const GridNetworkTile& tile, const
     store(a.density + i, splat(w.density_scale) *
                              exponential(minimum(splat(kMaxLogDensity), load(log_density))).value);
   }
-  // The direction's part is the same for all samples of a ray.
+  // All samples of a ray share the direction's part.
   product<Start::kZero, Finish::kPlain>({tile.n_rays, width, kHarmonics,
                                          rows_of(tile.harmonics, kHarmonics), w.harmonics_in, row,
                                          a.of_ray, row});

@@ -132,7 +132,7 @@ REDRIVE_INLINE void add_pair(float* rows, std::uint32_t mask, std::uint32_t row,
   }
 }
 
-/// The part of Cells that loops over single points read.
+/// The part of Cells for loops over single points.
 struct StoredCells {
   alignas(64) std::uint32_t row[4][kLanes];
   alignas(64) float weight[4][kLanes];  ///< of a pair: interpolation weights along y and z times
@@ -203,7 +203,7 @@ REDRIVE_INLINE unsigned in_same_cell(const Cells& cells, Vi before[3], bool* cou
   return lane_bits(same) & counted_before;
 }
 
-/// Sums consecutive points in one cell before adding to its rows: along a ray there are many.
+/// Sums consecutive points in one cell, which are common along a ray, before adding to its rows.
 template <int kFeatures>
 void encode_rows_backward(const GridLevel& level, const GridPoints& points, const float* d_out,
                           float* d_rows) {

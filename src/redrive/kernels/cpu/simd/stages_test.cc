@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The stages of each vector width against the scalar functions they stand for.
+// Compares the stages of each vector width with their scalar functions.
 #include <cmath>
 #include <limits>
 #include <vector>
