@@ -6,7 +6,7 @@
 namespace redrive {
 namespace {
 
-/// Hides the parameters' copy in the memory of a backend, until it goes out of scope.
+/// Hides the parameters' resident copy until it goes out of scope.
 class WithoutDeviceCopy {
  public:
   explicit WithoutDeviceCopy(const Buffer<float>& numbers)

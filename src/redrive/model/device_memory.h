@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Memory of a device that a model takes, counted before anything is computed there.
+// Counts the device memory that a model takes, before computing on the device.
 #pragma once
 
 #include <cstdint>
@@ -9,8 +9,8 @@
 
 namespace redrive {
 
-/// Returns the bytes at the peak of `work`, counted by a rehearsal without computing
-/// (kernels::Backend::counting); nothing where the backend works in the host's memory.
+/// Returns the bytes at the peak of `work`, counted by a dry run
+/// (kernels::Backend::counting); nothing where the backend uses host memory.
 std::optional<std::uint64_t> count_device_bytes(const kernels::Backend& backend, const Model& model,
                                                 const DeviceWork& work);
 

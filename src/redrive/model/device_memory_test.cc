@@ -10,7 +10,7 @@
 namespace redrive {
 namespace {
 
-/// Rays that look ahead.
+/// Returns rays that look ahead.
 RayBatch batch_of(int n, bool refines) {
   RayBatch batch;
   batch.n = n;
@@ -25,8 +25,8 @@ RayBatch batch_of(int n, bool refines) {
   return batch;
 }
 
-/// What the loops take: of the same work, but place by place where a GPU's blocks are cut from one
-/// (kernels/device/arena.h).
+/// Measures the bytes that the emulated device takes for the same work. It allocates every buffer
+/// singly, a GPU suballocates them (kernels/device/arena.h).
 std::size_t taken(const RayModel& model, const DeviceWork& work, bool tensor_cores) {
   kernels::TransferCounts copies;
   const auto backend = kernels::make_loop_backend(&copies, tensor_cores);
@@ -78,19 +78,19 @@ void expect_what_is_taken(const RayModel& model) {
       const auto bytes = count_device_bytes(*backend, model, work);
       const std::size_t real = taken(model, work, tensor_cores);
       ASSERT_TRUE(bytes);
-      EXPECT_GE(*bytes, real) << "batches are counted at their worst";
-      EXPECT_LE(*bytes, 2 * real) << "blocks that were too small are there beside the next one";
+      EXPECT_GE(*bytes, real) << "batches are counted at their largest";
+      EXPECT_LE(*bytes, 2 * real) << "outgrown blocks are kept beside larger ones";
       EXPECT_EQ(model.parameters.resident, nullptr);
     }
 }
 
-TEST(DeviceMemory, OfAGridIsWhatItTakes) {
+TEST(DeviceMemory, CountsTheBytesOfAGrid) {
   GridModel model;
   make_tiny(model);
   expect_what_is_taken(model);
 }
 
-TEST(DeviceMemory, OfANerfIsWhatItTakes) {
+TEST(DeviceMemory, CountsTheBytesOfANerf) {
   NerfModel model;
   model.config = {32, 4, 2};
   model.samples = 5;
@@ -99,7 +99,7 @@ TEST(DeviceMemory, OfANerfIsWhatItTakes) {
   expect_what_is_taken(model);
 }
 
-TEST(DeviceMemory, WhatIsKeptStaysKeptAndAsItWas) {
+TEST(DeviceMemory, CountingKeepsResidentBuffersUnchanged) {
   GridModel model;
   make_tiny(model);
   const auto backend = kernels::make_loop_backend();
@@ -111,7 +111,7 @@ TEST(DeviceMemory, WhatIsKeptStaysKeptAndAsItWas) {
   EXPECT_EQ(model.parameters[0], first);
 }
 
-TEST(DeviceMemory, OfTheHostIsNotADevices) {
+TEST(DeviceMemory, CountsNothingOnTheHost) {
   GridModel model;
   make_tiny(model);
   EXPECT_FALSE(count_device_bytes(*kernels::make_ref_backend(), model, {.tile_pixels = 10}));

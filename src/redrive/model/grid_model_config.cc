@@ -207,13 +207,12 @@ void GridModel::finish_step(kernels::Backend&, const StepOutput& output, std::in
 
 namespace {
 
-/// The near region reaches this far beyond all cameras: pixels of what is further than that from
-/// every camera are several centimetres wide (a pixel of 1/500 rad), which the contraction's
-/// coarser cells still resolve.
+/// Margin of the near region around all cameras. Pixels (1/500 rad) of surfaces further from every
+/// camera are several centimetres wide, which the contraction's coarser cells still resolve.
 constexpr double kNearPadding_m = 25;
 
-/// Half of an unbounded ray's first samples lie within so many half sides of the near region, as on
-/// the road.
+/// Half of an unbounded ray's first samples lie within this many half sides of the near region, as
+/// for drives.
 constexpr float kHalfSpacing = 3;
 
 }  // namespace
@@ -228,7 +227,7 @@ void GridModel::configure(const Scene& scene) {
     const bool from_within = std::ranges::any_of(scene.views, [&](const View& view) {
       return scene.world_from_camera(view).translation().cwiseAbs().maxCoeff() < half;
     });
-    // Photographs from within the cube show what lies beyond it.
+    // Photographs from inside the cube also show the space beyond it.
     const bool unbounded = from_within && scene.background == Background::kNone;
     contraction = {{0, 0, 0}, half, unbounded};
     spacing.half_m = kHalfSpacing * half;
@@ -238,7 +237,7 @@ void GridModel::configure(const Scene& scene) {
     sky.levels = 0;
     background = background_colour(scene.background)[0];
   }
-  if (!scene.metric) huber_delta = 2;  // photographs of a static scene: the mean is wanted
+  if (!scene.metric) huber_delta = 2;  // photographs of a static scene: least squares
   if (scene.metric) {
     const double seconds = scene.exposure(0, scene.frames.back().t_ns).t_s;
     appearance = {static_cast<int>(scene.rig.size()),
@@ -248,16 +247,16 @@ void GridModel::configure(const Scene& scene) {
   spacing.far_m = static_cast<float>(scene.far_m);
 }
 
-/// Values chosen by measurement (docs/experiments.md) where the cube is all there is.
+/// Sets values for scenes inside a cube, chosen by measurement (docs/experiments.md).
 void GridModel::configure_bounded() {
   field.width = 64;
-  field.grid.max_resolution = 1024;  // from outside an image's thousand pixels span the cube
-  field.colour_layers = 2;           // specular surfaces, seen from all around
-  histogram_padding = 0.4f;  // surfaces behind surfaces, and no LiDAR to say which one is real
-  // Thin structures: a proposal sample sees them wherever they are in its interval.
+  field.grid.max_resolution = 1024;  // seen from outside, a thousand pixels span the cube
+  field.colour_layers = 2;           // specular surfaces, seen from all sides
+  histogram_padding = 0.4f;          // several surfaces along a ray, without LiDAR
+  // Thin structures: a proposal sample covers its whole interval.
   min_proposal_footprint = 0.3f;
   proposal_samples[1] = 64;
-  sparsity_weight = 1e-4f;  // behind and below, which few views look at
+  sparsity_weight = 1e-4f;  // regions behind and below that few views see
 }
 
 }  // namespace redrive

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The gradients of the whole model: against differences of its losses, and the same on every
-// backend.
+// Gradients of the whole model, compared to finite differences of its losses and between backends.
 #include <cmath>
 #include <functional>
 
@@ -13,8 +12,8 @@
 namespace redrive {
 namespace {
 
-/// (loss(parameters + h direction) - loss(parameters - h direction)) / 2h, the direction in one
-/// tensor.
+/// Returns (loss(parameters + h direction) - loss(parameters - h direction)) / 2h, with a direction
+/// in one tensor.
 double difference(GridModel& model, const ModelTensor& tensor, const std::vector<float>& direction,
                   float h, const std::function<double()>& loss) {
   float* const parameters = &model.parameters[tensor.offset];
@@ -29,9 +28,9 @@ double difference(GridModel& model, const ModelTensor& tensor, const std::vector
   return (at[1] - at[0]) / (2.0 * h);
 }
 
-/// The gradient of one tensor against differences of the loss along its own signs and along random
-/// ones. A kink of a ReLU that h crosses costs its share, so h is small where there are any. The
-/// loss is good to half an ulp of its colours: 2^-25 / h.
+/// Compares the gradient of one tensor to differences of the loss along its own signs and along
+/// random ones. Crossing a ReLU's kink adds an error, so h is small where there are ReLUs. Rounding
+/// of the loss adds half an ulp of its colours: 2^-25 / h.
 void expect_derivative(GridModel& model, const ModelTensor& tensor,
                        const std::vector<float>& gradients, const std::function<double()>& loss,
                        double factor = 1) {
@@ -56,7 +55,7 @@ void expect_derivative(GridModel& model, const ModelTensor& tensor,
       << tensor.name;
 }
 
-TEST(GridModelGradients, OfFieldAndSkyAreThoseOfTheColours) {
+TEST(GridModelGradients, OfFieldAndSkyMatchTheColourLoss) {
   const auto backend = kernels::make_ref_backend();
   for (const auto& [colour_layers, weighted] : {std::pair{1, false}, {2, false}, {1, true}}) {
     GridModel model;
@@ -74,9 +73,9 @@ TEST(GridModelGradients, OfFieldAndSkyAreThoseOfTheColours) {
   }
 }
 
-/// The rays' own derivatives, where nothing but their samples' places moves with them: proposals
-/// see the same everywhere, so that distances stay, and colours do not change with the direction.
-TEST(GridModelGradients, OfRaysAreThoseOfTheColours) {
+/// Derivatives of rays where only the positions of samples move with them: proposals are constant,
+/// so that distances stay, and colours do not depend on the direction.
+TEST(GridModelGradients, OfRaysMatchTheColourLoss) {
   const auto backend = kernels::make_ref_backend();
   GridModel model;
   make_tiny(model);
@@ -120,7 +119,7 @@ TEST(GridModelGradients, OfRaysAreThoseOfTheColours) {
   EXPECT_TRUE(losses_of(model, batch, &gradients, *backend).d_origin.empty());
 }
 
-TEST(GridModelGradients, OfRangesAreThoseOfTheirLoss) {
+TEST(GridModelGradients, OfRangesMatchTheLidarLoss) {
   const auto backend = kernels::make_ref_backend();
   GridModel model;
   make_tiny(model);
@@ -131,7 +130,7 @@ TEST(GridModelGradients, OfRangesAreThoseOfTheirLoss) {
   batch.target.clear();
   batch.exposure.clear();
   Workspace workspace;
-  constexpr std::int64_t kLate = 10'000;  // the last spread
+  constexpr std::int64_t kLate = 10'000;  // at the final spread
   for (const std::int64_t step : {std::int64_t{0}, kLate}) {
     std::vector<float> gradients(model.size()), ignored(model.size());
     const auto loss = [&](std::span<float> of) {
@@ -152,12 +151,12 @@ TEST(GridModelGradients, OfRangesAreThoseOfTheirLoss) {
   }
 }
 
-TEST(GridModelGradients, OfEmptySpaceAreThoseOfItsLoss) {
+TEST(GridModelGradients, OfTheSparsityLossMatchIt) {
   const auto backend = kernels::make_ref_backend();
   GridModel model;
   make_tiny(model);
   const RayBatch batch = tiny_batch(8);
-  const auto added = [&](const auto& of) {  // by the loss of empty space
+  const auto added = [&](const auto& of) {  // by the sparsity loss
     model.sparsity_weight = 0.5f;
     const auto with = of();
     model.sparsity_weight = 0;
@@ -187,7 +186,7 @@ TEST(GridModelGradients, OfEmptySpaceAreThoseOfItsLoss) {
   EXPECT_EQ(of_others, 0);
 }
 
-TEST(GridModelGradients, OnABackgroundAreThoseOfTheColours) {
+TEST(GridModelGradients, OnABackgroundMatchTheColourLoss) {
   const auto backend = kernels::make_ref_backend();
   GridModel model;
   make_tiny_on_background(model);
@@ -202,9 +201,9 @@ TEST(GridModelGradients, OnABackgroundAreThoseOfTheColours) {
                         [&] { return losses_of(model, batch, &ignored, *backend).colours; });
 }
 
-TEST(GridModelGradients, OfTheProposalsAreThoseOfTheirLoss) {
-  // One interval in the second round: where the field is sampled does not depend on what the
-  // proposals found.
+TEST(GridModelGradients, OfProposalsMatchTheProposalLoss) {
+  // One interval in the second iteration, so that the field's samples do not depend on the
+  // proposals.
   const auto backend = kernels::make_ref_backend();
   GridModel model;
   make_tiny(model);
@@ -219,7 +218,7 @@ TEST(GridModelGradients, OfTheProposalsAreThoseOfTheirLoss) {
                         [&] { return losses_of(model, batch, &ignored, *backend).loss; });
 }
 
-TEST(GridModelGradients, WithEmptyRaysAreThoseOfTheColours) {
+TEST(GridModelGradients, WithEmptyRaysMatchTheColourLoss) {
   const auto backend = kernels::make_ref_backend();
   GridModel model;
   const RayBatch batch = make_half_empty(model, 256);
@@ -232,9 +231,9 @@ TEST(GridModelGradients, WithEmptyRaysAreThoseOfTheColours) {
 }
 
 TEST(GridModelGradients, AreTheSameOnEveryBackend) {
-  // The stages differ by roundings, a few hundred of 2^-24 one after the other; a sample or ray out
-  // of place is of order 1. Where the networks round to bf16, a dozen of 2^-8, two a product, count
-  // alone.
+  // Stages differ by a few hundred consecutive roundings of 2^-24; a misplaced sample or ray
+  // differs by order 1. Where networks round to bf16, a dozen roundings of 2^-8, two per product,
+  // dominate.
   GridModel model;
   make_tiny(model);
   const RayBatch batch = tiny_batch(50);

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a grid model is made of: its numbers, tensors and first values. What it does with them is in
-// grid_model.cc.
+// Tensors of the grid model, their sizes and initial values. grid_model.cc computes with them.
 #include <cmath>
 
 #include "redrive/base/error.h"
@@ -63,7 +62,7 @@ std::vector<AdamGroup> GridModel::adam_groups(double learning_rate, std::int64_t
   AdamStep how = adam_step(learning_rate, step);
   how.beta2 = beta2;
   how.epsilon = epsilon;
-  how.lazy = true;  // rows of a table that no sample came near
+  how.lazy = true;  // skips table rows that no sample touched
   how.bias2 = static_cast<float>(1 / (1 - std::pow(double(beta2), static_cast<double>(step))));
   return {{0, size(), how}};
 }

@@ -34,7 +34,7 @@ TEST(GridModel, TensorsTileTheParametersInOrder) {
   }
 }
 
-TEST(GridModel, StartFollowsTheSeedWithAnEmptyProposalAndAGreySky) {
+TEST(GridModel, InitialValuesDependOnTheSeedWithAnEmptyProposalAndAGreySky) {
   GridModel a, b, c;
   for (GridModel* model : {&a, &b, &c}) make_tiny(*model);
   a.initialize(1);
@@ -50,7 +50,7 @@ TEST(GridModel, StartFollowsTheSeedWithAnEmptyProposalAndAGreySky) {
             100);
 }
 
-TEST(GridModel, NumbersAreAllThatItIsMadeOf) {
+TEST(GridModel, HyperparametersDetermineTheModel) {
   GridModel model;
   model.field = {{4, 8, 5, 900, 13}, 48, 2};
   model.proposal = {3, 1, 7, 300, 12};
@@ -90,7 +90,7 @@ TEST(GridModel, NumbersAreAllThatItIsMadeOf) {
   EXPECT_EQ(copy.samples_per_ray(), 40 + 20 + 10);
 }
 
-TEST(GridModel, RefusesHyperparametersOutOfRangeByName) {
+TEST(GridModel, RejectsHyperparametersOutOfRangeByName) {
   const std::pair<const char*, std::vector<std::string>> table[] = {
       {"grid.n_levels", {"0", "17", "7"}},  // 7 x 4 is no multiple of 16
       {"grid.features_per_level", {"1", "3", "16", "-4"}},
@@ -142,7 +142,7 @@ TEST(GridModel, RefusesHyperparametersOutOfRangeByName) {
     }
 }
 
-TEST(GridModel, AdamIsTheOneOfHashGrids) {
+TEST(GridModel, AdamHasTheSettingsOfHashGrids) {
   GridModel model;
   const AdamGroup group = model.adam_groups(0.02, 5).front();
   EXPECT_EQ(group.size, model.size());

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The stages are tested one by one elsewhere: here, that they are put together rightly.
+// The composition of the stages, which have their own tests.
 #include "redrive/model/grid_model.h"
 
 #include <algorithm>
@@ -17,7 +17,7 @@
 namespace redrive {
 namespace {
 
-/// Ray `which` of a batch alone.
+/// Returns a batch of ray `which` only.
 RayBatch ray_of(const RayBatch& batch, int which) {
   RayBatch one;
   one.n = 1;
@@ -41,7 +41,7 @@ struct Picture {
   }
 };
 
-TEST(GridModel, RenderingNeedsNoChance) {
+TEST(GridModel, RendersWithoutRandomNumbers) {
   GridModel model;
   make_tiny(model);
   const RayBatch batch = tiny_batch(7);
@@ -51,7 +51,7 @@ TEST(GridModel, RenderingNeedsNoChance) {
   EXPECT_EQ(once.opacity, again.opacity);
   double spread = 0;
   for (int ray = 0; ray < batch.n; ++ray) {
-    // Whatever is rendered beside it.
+    // Independent of the other rays of a batch.
     const Picture alone(model, ray_of(batch, ray));
     EXPECT_EQ(alone.depth[0], once.depth[ray]);
     EXPECT_EQ(alone.opacity[0], once.opacity[ray]);
@@ -62,15 +62,14 @@ TEST(GridModel, RenderingNeedsNoChance) {
     EXPECT_LE(once.opacity[ray], 1);
     spread = std::max(spread, std::abs(double(once.rgb[ray]) - once.rgb[0]));
   }
-  EXPECT_GT(spread, 0.01) << "all rays alike: nothing tested";
+  EXPECT_GT(spread, 0.01) << "all rays equal: nothing tested";
 }
 
-TEST(GridModel, NeighboursShareTheirFirstRound) {
+TEST(GridModel, NeighboursShareTheirFirstProposalIteration) {
   GridModel model;
   make_tiny(model);
   RayBatch batch = tiny_batch(8);
-  // Two groups of rays 1e-3 rad apart, one ray by itself, and two more: each group about its first
-  // ray.
+  // Two groups of rays 1e-3 rad apart, a single ray, and two more; each group around its first ray.
   batch.group = {0, 4, 5, 8};
   for (const auto& [first, last] : {std::pair(0, 4), std::pair(5, 8)})
     for (int ray = first + 1; ray < last; ++ray)
@@ -84,12 +83,12 @@ TEST(GridModel, NeighboursShareTheirFirstRound) {
   const Picture together(model, batch), apart(model, each);
   double most = 0;
   for (std::size_t i = 0; i < together.rgb.size(); ++i) {
-    // The same field at samples that lie elsewhere within proposals of the same place.
+    // The same field at other samples within the same proposal intervals.
     EXPECT_NEAR(together.rgb[i], apart.rgb[i], 0.02) << i;
     most = std::max(most, std::abs(double(together.rgb[i]) - apart.rgb[i]));
   }
   EXPECT_GT(most, 0) << "groups change nothing: nothing tested";
-  for (int k = 0; k < 3; ++k)  // alone in its group, up to the rounding of its middle's direction
+  for (int k = 0; k < 3; ++k)  // single in its group, up to the rounding of the group's direction
     EXPECT_NEAR(together.rgb[k * batch.n + 4], apart.rgb[k * batch.n + 4], 1e-4);
 }
 
@@ -104,17 +103,17 @@ TEST(GridModel, HomogeneousMediumInFrontOfAGreySky) {
   const Picture picture(model, batch);
   const double density = std::exp(-1) / 3, opacity = -std::expm1(-density * 19.5);
   for (int ray = 0; ray < batch.n; ++ray) {
-    // The far end of the ray is good to 20 / 4 of its s's roundings: 2e-6 of its length; the sums
-    // round 48 times.
+    // The far end of the ray has 20 / 4 times the rounding error of its s, 2e-6 of its length; the
+    // sums round 48 times.
     EXPECT_NEAR(picture.opacity[ray], opacity, 1e-5);
     for (int k = 0; k < 3; ++k) EXPECT_NEAR(picture.rgb[k * batch.n + ray], 0.5, 1e-5);
-    // Half of it lies before -ln(1 - opacity / 2) / density; intervals hold 1/48 of it each, in
-    // which it counts as even.
+    // The median depth is -ln(1 - opacity / 2) / density. Each interval has 1/48 of the weight,
+    // spread uniformly.
     EXPECT_NEAR(picture.depth[ray], 0.5 - std::log1p(-opacity / 2) / density, 0.01);
   }
 }
 
-/// A field that is empty, whatever it stands before.
+/// Makes the field empty.
 void make_empty(GridModel& model) {
   std::ranges::fill(model.parameters.span(), 0.0f);
   const auto at = [&](const char* name) {
@@ -123,20 +122,19 @@ void make_empty(GridModel& model) {
     ADD_FAILURE() << name;
     return model.parameters.data();
   };
-  // Features that are positive everywhere, and a weight that makes log densities of -1000 and less
-  // of them.
+  // Positive features and a weight that turns them into log densities of at most -1000.
   std::fill_n(at("grid"), hash_grid_size(model.field.grid), 1.0f);
   at("density.0.weight")[0] = 1;
   at("density.1.weight")[0] = -1e5f;
 }
 
-TEST(GridModel, SkyIsWhatStandsBehindAnEmptyField) {
+TEST(GridModel, AnEmptyFieldShowsTheSky) {
   GridModel model;
   make_tiny(model);
   make_empty(model);
   float* const sky =
       &model.parameters[model.size() - hash_grid_size(model.sky) - model.appearance.size()];
-  const float colour[4] = {0.5f, -1, 2, 1000};  // a level's; the fourth is no colour
+  const float colour[4] = {0.5f, -1, 2, 1000};  // of a level; the fourth feature is unused
   for (std::size_t i = 0; i < hash_grid_size(model.sky); ++i) sky[i] = colour[i % 4];
   const RayBatch batch = tiny_batch(5);
   const Picture picture(model, batch);
@@ -147,7 +145,7 @@ TEST(GridModel, SkyIsWhatStandsBehindAnEmptyField) {
   }
 }
 
-TEST(GridModel, BackgroundStandsBehindAnEmptyFieldInsteadOfASky) {
+TEST(GridModel, AnEmptyFieldShowsTheBackgroundWithoutASky) {
   GridModel model;
   make_tiny_on_background(model);
   EXPECT_EQ(model.tensors().back().name, "proposal");
@@ -163,7 +161,7 @@ TEST(GridModel, BackgroundStandsBehindAnEmptyFieldInsteadOfASky) {
   }
 }
 
-TEST(GridModel, BackgroundShowsAsFarAsTheFieldLetsIt) {
+TEST(GridModel, BackgroundIsWeightedByTheTransmittance) {
   GridModel model;
   make_tiny_on_background(model);
   RayBatch batch = tiny_batch(6);
@@ -207,7 +205,7 @@ TEST(GridModel, RaysThatMissTheCubeShowTheirBackground) {
   for (const float g : gradients) ASSERT_TRUE(std::isfinite(g));
 }
 
-TEST(GridModel, GradientsAreAddedToWhatIsThere) {
+TEST(GridModel, AddsToTheGradients) {
   GridModel model;
   make_tiny(model);
   const RayBatch batch = tiny_batch(8);
@@ -220,7 +218,7 @@ TEST(GridModel, GradientsAreAddedToWhatIsThere) {
     ASSERT_NEAR(on_top[i], 1.0 + once[i], 4 * 0x1p-24 * (1 + std::abs(once[i]))) << i;
 }
 
-TEST(GridModel, LossOfATargetThatIsNoNumberIsNone) {
+TEST(GridModel, LossOfANaNTargetIsNaN) {
   GridModel model;
   make_tiny(model);
   RayBatch batch = tiny_batch(8);
@@ -229,7 +227,7 @@ TEST(GridModel, LossOfATargetThatIsNoNumberIsNone) {
   EXPECT_TRUE(std::isnan(losses_of(model, batch, &gradients, *kernels::make_ref_backend()).loss));
 }
 
-TEST(GridModel, RaysAreWeightedAndTheirErrorsHandedOut) {
+TEST(GridModel, WeightsRaysAndReturnsTheirErrors) {
   GridModel model;
   make_tiny(model);
   RayBatch batch = tiny_batch(8);
@@ -243,8 +241,8 @@ TEST(GridModel, RaysAreWeightedAndTheirErrorsHandedOut) {
   for (const float square : squares) mean += square / 8.0;
   EXPECT_NEAR(plain.rgb_mse, mean, 1e-6 * mean);
   batch.weight.assign(8, 0);
-  const double gains =
-      losses_of(model, batch, &ignored, *backend).colours;  // what keeps them near 1
+  const double gains = losses_of(model, batch, &ignored, *backend)
+                           .colours;  // without the part that keeps gains near 1
   double sum = 0;
   for (int ray = 0; ray < 8; ++ray) {
     batch.weight[ray] = 2;
@@ -258,7 +256,7 @@ TEST(GridModel, RaysAreWeightedAndTheirErrorsHandedOut) {
   batch.error_map_rays = 5;
   EXPECT_NEAR(losses_of(model, batch, &ignored, *backend).rgb_mse,
               (squares[0] + squares[1] + squares[2]) / 3, 1e-6)
-      << "of the even ones";
+      << "of the uniformly drawn rays";
 }
 
 TEST(GridModel, SamplesFollowSeedAndStep) {
@@ -275,14 +273,14 @@ TEST(GridModel, SamplesFollowSeedAndStep) {
   EXPECT_EQ(losses.size(), 3u);
 }
 
-TEST(GridModel, EmptyRaysCostTheFieldNothing) {
+TEST(GridModel, SkipsTheFieldOnEmptyRays) {
   const auto backend = kernels::make_ref_backend();
   constexpr int kRays = 256;
   GridModel model;
   const RayBatch batch = make_half_empty(model, kRays);
   std::vector<float> gradients(model.size());
   const TinyLosses losses = losses_of(model, batch, &gradients, *backend);
-  // Of 128 empty rays one in 16 is looked at all the same: 8 with a standard deviation of 2.7.
+  // One in 16 of 128 empty rays is evaluated: 8 with a standard deviation of 2.7.
   EXPECT_GT(losses.active_rays, kRays / 2);
   EXPECT_LT(losses.active_rays, kRays / 2 + 8 + 5 * 3);
 

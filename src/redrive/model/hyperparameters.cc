@@ -19,7 +19,7 @@ std::string text_of(T value) {
   return {buffer, std::to_chars(buffer, buffer + sizeof buffer, value).ptr};
 }
 
-/// Whether all of `text` is a T.
+/// Parses all of `text` as a T; returns whether it is one.
 template <class T>
 bool parse(std::string_view text, T* value) {
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), *value);

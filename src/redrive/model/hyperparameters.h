@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Numbers that a method is made of, by name. One list per struct (visit_hyperparameters) feeds the
+// Hyperparameters of a method by name. One list per struct (visit_hyperparameters) feeds the
 // command line, --set NAME=VALUE, config.json and the metadata of checkpoints.
 #pragma once
 
@@ -12,13 +12,13 @@
 
 namespace redrive {
 
-/// Name, meaning and range of a number.
+/// Name, meaning and range of a hyperparameter.
 struct Hyperparameter {
   std::string name;  ///< in --set, config.json and checkpoints, such as "grid.n_levels"
   std::string help;  ///< meaning and unit
   double low = std::numeric_limits<double>::lowest(), high = std::numeric_limits<double>::max();
   bool above_low = false;  ///< low itself is out of range
-  int multiple = 1;        ///< whole multiples of this only
+  int multiple = 1;        ///< integer multiples of this only
   std::string option =
       {};  ///< name of a command-line option of its own, without dashes; empty: --set only
   bool derived = false;  ///< follows from the recording or --near and --far; cannot be set
@@ -33,7 +33,7 @@ struct Hyperparameter {
   bool contains(double value) const;  ///< false for NaN
 };
 
-/// Is shown each number; may read or write it.
+/// Visits hyperparameters by reference, so it may read or write them.
 class HyperparameterVisitor {
  public:
   virtual ~HyperparameterVisitor() = default;
@@ -44,15 +44,15 @@ class HyperparameterVisitor {
   virtual void operator()(const Hyperparameter& what, std::vector<std::int64_t>& values) = 0;
 };
 
-/// Has numbers that can be listed, read and set by name.
+/// Base of structs whose hyperparameters can be listed, read and set by name.
 class Configurable {
  public:
   virtual ~Configurable() = default;
-  /// Visits every number once, always in the same order.
+  /// Visits every hyperparameter once, always in the same order.
   virtual void visit_hyperparameters(HyperparameterVisitor& visit) = 0;
 };
 
-/// A number as text, in the shortest form that reads back to the same bits; a list as "10,20".
+/// A hyperparameter as text, in the shortest form that parses to the same bits; a list as "10,20".
 struct HyperparameterValue {
   Hyperparameter what;
   std::string text;
@@ -61,18 +61,18 @@ struct HyperparameterValue {
 };
 std::vector<HyperparameterValue> hyperparameter_values(Configurable& numbers);
 
-/// Sets the number `name` from text. False if there is none of that name. UsageError naming the
-/// option, the value and the rule if the text is no number or out of range.
+/// Sets hyperparameter `name` from text. Returns false for an unknown name. Throws UsageError
+/// naming option, value and rule if the text is no number or out of range.
 bool set_hyperparameter(Configurable& numbers, std::string_view name, const std::string& text);
 
-/// Reports a number that breaks a rule: throws.
+/// Throws an error about a hyperparameter that violates a rule.
 using HyperparameterFailure = std::function<void(
     const Hyperparameter& what, const std::string& value, const std::string& rule)>;
-/// Calls `fail` for the first number out of its range. visit: shows numbers to a visitor.
+/// Calls `fail` for the first hyperparameter out of range. visit: passes them to a visitor.
 void check_ranges(const std::function<void(HyperparameterVisitor&)>& visit,
                   const HyperparameterFailure& fail);
 
-/// "10,20" of a list, and back; false if `text` is no such list.
+/// Convert a list to "10,20" and back. steps_from_text returns false if `text` is no such list.
 std::string text_from_steps(const std::vector<std::int64_t>& steps);
 bool steps_from_text(std::string_view text, std::vector<std::int64_t>* steps);
 

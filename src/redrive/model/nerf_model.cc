@@ -105,7 +105,7 @@ void NerfModel::configure(const Scene& scene) {
 
 std::vector<std::int64_t> NerfModel::milestones_of(std::int64_t total_steps) const {
   if (!milestones.empty()) return milestones;
-  if (total_steps < 8) return {};  // the fractions would fall together, or on step 0
+  if (total_steps < 8) return {};  // the fractions would coincide, or be step 0
   return {total_steps / 2, total_steps * 3 / 4, total_steps * 7 / 8};
 }
 
@@ -126,7 +126,7 @@ std::vector<LossTerm> NerfModel::loss_terms(const StepSums& sums) const {
 }
 
 std::uint64_t NerfModel::step_bytes() const {
-  // The chunks of kernels/cpu: gradients of a whole network each, and sixteen floats a neuron and
+  // Each chunk of kernels/cpu has gradients of a whole network, and sixteen floats per neuron and
   // sample of a tile.
   constexpr std::uint64_t kChunks = 8, kTileSamples = 192, kTileNeuron = 16 * sizeof(float);
   return RayModel::step_bytes() +
@@ -165,10 +165,10 @@ RayGradientsOutput NerfModel::gradients(kernels::Backend& backend, const RayBatc
   const auto opacity = workspace->take(n), depth = workspace->take(n);
 
   // Section 4: stratified samples, the field at each, the colour of the ray (eq. 3), its squared
-  // error, and back.
+  // error, and the backward pass.
   const auto t = workspace->take(coarse), dt = workspace->take(coarse),
              weights = workspace->take(fine_samples > 0 ? coarse : 0);
-  // Random numbers of this step: `each` a ray.
+  // Random numbers of this step: `each` per ray.
   const auto key = [&](std::uint64_t stream, int each) {
     return advance_key(random_key(seed, stream, step), batch.first_ray * each);
   };
@@ -177,8 +177,8 @@ RayGradientsOutput NerfModel::gradients(kernels::Backend& backend, const RayBatc
   const kernels::Samples coarse_samples{samples, t, dt};
   RayGradientsOutput losses;
   const std::size_t refined = batch.refines ? 3 * n : 0;
-  const kernels::RayGradients of_rays{workspace->take(refined),
-                                      workspace->take(refined)};  // both networks add to them
+  const kernels::RayGradients of_rays{
+      workspace->take(refined), workspace->take(refined)};  // both networks add to these gradients
   backend.fill(of_rays.d_origin, 0);
   backend.fill(of_rays.d_direction, 0);
   StepSums& sums = workspace->sums();
@@ -187,7 +187,7 @@ RayGradientsOutput NerfModel::gradients(kernels::Backend& backend, const RayBatc
                             gradients.first(nerf_parameter_count(config)), of_rays,
                             fine_samples > 0 ? &sums.terms[kCoarseLoss] : &sums.rgb_mse);
 
-  // Section 5.2: further samples where the coarse network found matter, seen by the fine network.
+  // Section 5.2: further samples by the coarse network's weights, evaluated by the fine network.
   if (fine_samples > 0) {
     const auto fine_t = workspace->take(fine), fine_dt = workspace->take(fine);
     backend.nerf().sample_hierarchical(coarse_samples, weights, fine_samples, true,
@@ -204,9 +204,8 @@ RayGradientsOutput NerfModel::gradients(kernels::Backend& backend, const RayBatc
   return losses;
 }
 
-/// Coarse samples in the middle of their bins; where the model has a fine network, its samples are
-/// the coarse ones and those drawn from the coarse weights (NeRF section 5.2), and only the fine
-/// colours count.
+/// Renders with coarse samples at the middle of their bins. A fine network is evaluated at these
+/// and at samples drawn from the coarse weights (NeRF section 5.2); then only its colours are used.
 void NerfModel::render_rays(kernels::Backend& backend, const RayBatch& batch,
                             const kernels::CompositeOut& out, Workspace* workspace) const {
   kernels::make_resident(backend, parameters);

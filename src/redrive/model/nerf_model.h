@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// --method nerf: the original (Mildenhall et al. 2020), with hierarchical sampling by a second
-// network if wanted.
+// --method nerf: NeRF (Mildenhall et al. 2020), optionally with hierarchical sampling by a second
+// network.
 #pragma once
 
 #include "redrive/field/nerf_field.h"
@@ -46,9 +46,8 @@ struct NerfModel final : RayModel {
                    const kernels::CompositeOut& out, Workspace* workspace) const override;
 
  private:
-  /// `milestones`, or the default: 1/2, 3/4 and 7/8 of all steps, none if those are fewer than 8. A
-  /// function of steps alone: --max-seconds, which no two runs meet at the same step, leaves the
-  /// schedule as it is.
+  /// Returns `milestones`, or the default: 1/2, 3/4 and 7/8 of all steps, none for fewer than 8
+  /// steps. The schedule does not depend on --max-seconds, which ends each run at another step.
   std::vector<std::int64_t> milestones_of(std::int64_t total_steps) const;
 };
 

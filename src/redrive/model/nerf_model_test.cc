@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The stages are tested one by one elsewhere: here, that they are put together rightly. (Both
-// losses and networks: train/step_test.cc.)
+// The composition of the stages, which have their own tests. (Both losses and networks:
+// train/step_test.cc.)
 #include "redrive/model/nerf_model.h"
 
 #include <algorithm>
@@ -14,7 +14,7 @@
 namespace redrive {
 namespace {
 
-/// Rays through the cube, most of which show something.
+/// Rays through the cube, most of which hit something.
 RayBatch rays_through_cube(int n) {
   RayBatch batch;
   batch.n = n;
@@ -31,8 +31,8 @@ RayBatch rays_through_cube(int n) {
   return batch;
 }
 
-/// Densities of about 0.3 and colours that do not change with the direction. The coarse densities
-/// are the same everywhere, so that the fine samples stay where they are when a ray moves.
+/// Densities of about 0.3 and colours that do not depend on the direction. Coarse densities are
+/// constant, so that the fine samples do not move relative to a ray.
 void make_tiny_nerf(NerfModel& model, int fine_samples) {
   model.config = {32, 3, 2};
   model.samples = 6;
@@ -54,7 +54,7 @@ void make_tiny_nerf(NerfModel& model, int fine_samples) {
   }
 }
 
-TEST(NerfModelGradients, OfRaysAreThoseOfTheLoss) {
+TEST(NerfModelGradients, OfRaysMatchTheLoss) {
   const auto backend = kernels::make_ref_backend();
   for (const int fine_samples : {0, 5}) {
     NerfModel model;
@@ -69,7 +69,8 @@ TEST(NerfModelGradients, OfRaysAreThoseOfTheLoss) {
     constexpr float h = 0x1p-11f;
     for (const bool turns : {false, true}) {
       const std::vector<float>& d = turns ? losses.d_direction : losses.d_origin;
-      // Along the derivative itself: what a few ReLUs that open on the way add is small against it.
+      // Differences along the derivative itself, which is large against the effect of a few ReLU
+      // kinks.
       double squares = 0;
       for (const float each : d) squares += double(each) * each;
       const double norm = std::sqrt(squares);
@@ -77,20 +78,19 @@ TEST(NerfModelGradients, OfRaysAreThoseOfTheLoss) {
       for (std::size_t i = 0; i < d.size(); ++i)
         for (const int side : {0, 1})
           (turns ? moved[side].direction : moved[side].origin)[i] +=
-              static_cast<float>((side ? 6 : -6) * h * d[i] / norm);  // of 36 numbers: h each
+              static_cast<float>((side ? 6 : -6) * h * d[i] / norm);  // 36 numbers: about h each
       const auto loss = [&](const RayBatch& rays) {
         model.gradients(*backend, rays, 9, 3, ignored, &workspace);
         return workspace.sums().terms[0] + workspace.sums().rgb_mse;
       };
       const double difference = (loss(moved[1]) - loss(moved[0])) / (2 * 6 * h);
       EXPECT_NEAR(difference, norm, 0.05 * norm) << fine_samples << (turns ? " turned" : " moved");
-      EXPECT_GT(norm, 100 * 0x1p-25 / (6 * h))
-          << "nothing tested: loss is good to a float's last bits";
+      EXPECT_GT(norm, 100 * 0x1p-25 / (6 * h)) << "below the rounding of the loss";
     }
     batch.refines = false;
     std::vector<float> of_field(model.size());
     EXPECT_TRUE(model.gradients(*backend, batch, 9, 3, of_field, &workspace).d_origin.empty());
-    EXPECT_EQ(of_field, gradients) << "the rays' own change nothing of the field's";
+    EXPECT_EQ(of_field, gradients) << "ray derivatives do not change those of the field";
   }
 }
 

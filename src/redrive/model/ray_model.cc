@@ -12,22 +12,22 @@ namespace {
 /// The step keeps about 60 bytes for each sample of a batch (t, dt, weights, raw outputs and their
 /// derivatives, twice with a fine network), so 2^22 of them stay within a quarter of a gigabyte.
 constexpr std::int64_t kMaxBatchSamples = std::int64_t{1} << 22;
-/// Bytes of the host for a sample: positions, densities, weights, features and their derivatives.
+/// Host bytes per sample: positions, densities, weights, features and their derivatives.
 constexpr std::uint64_t kBytesPerSample = 128;
 
-// Rays of a tile: 8192 keep a backend's threads busy. Long rays get fewer, so that what a method
-// keeps of each sample, up to some 200 bytes, stays below a quarter of a gigabyte (2^20 samples).
+// Rays of a tile: 8192 keep a backend's threads busy. Rays with many samples get smaller
+// tiles, so that the up to 200 bytes per sample stay below a quarter of a gigabyte (2^20 samples).
 constexpr int kMaxTileRays = 8192;
 constexpr int kMaxTileSamples = 1 << 20;
 
-/// A sampler's source as one backend keeps it.
+/// Returns a sampler's source made resident on a backend.
 template <class Spans>
 void copy_source(const GatherSource<Spans>& source, GatherSource<Spans>* own) {
   static_cast<Spans&>(*own) = source;
   own->pose_version = source.pose_version;
 }
 
-/// The batches among `buffers`, made at the first call.
+/// Returns the batches of `buffers`, created by the first call.
 RayBuffers& ray_buffers(StepBuffers* buffers) {
   if (!buffers->method) buffers->method = std::make_unique<RayBuffers>();
   return static_cast<RayBuffers&>(*buffers->method);
@@ -60,8 +60,8 @@ void draw_batch(kernels::Backend& backend, const PixelSampler& sampler, int unif
                 const StepRequest& request, RayBuffers* buffers) {
   const PixelSource& source = sampler.source();
   copy_source(source, &buffers->images);
-  // At the end of an epoch there are fewer, but one for each rank at least: then the next epoch's
-  // first ones are among them.
+  // The end of an epoch has fewer pixels, but at least one per rank, which may include the first
+  // ones of the next epoch.
   const std::uint64_t ranks = request.world_size, rank = request.rank,
                       left = source.pixels - request.pixels_drawn % source.pixels,
                       all = std::max(ranks,
@@ -200,7 +200,7 @@ RenderedImage RayModel::render(kernels::Backend& backend, const RayTable& table,
   for (std::size_t square = 0; square + 1 < squares.first.size();) {
     const std::uint32_t first = squares.first[square];
     batch.group.clear();
-    // A tile is whole squares.
+    // A tile consists of whole squares.
     for (; square + 1 < squares.first.size() && squares.first[square + 1] <= first + most; ++square)
       batch.group.push_back(squares.first[square] - first);
     const std::size_t count = squares.first[square] - first;
@@ -236,7 +236,7 @@ DeviceWork RayModel::rendering_work() const { return {.tile_pixels = max_tile_ra
 
 namespace {
 
-/// Rays with all that a batch may have, of any value.
+/// Returns rays with all optional arrays of a batch, of arbitrary values.
 RayBatch make_counting_batch(int n, bool refines) {
   RayBatch batch;
   batch.n = n;

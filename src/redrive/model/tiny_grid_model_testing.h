@@ -15,12 +15,13 @@
 
 namespace redrive {
 
-/// -1..1.
+/// Returns a random number in -1..1.
 inline double uniform(std::uint64_t stream, std::uint64_t i) {
   return 2.0 * random_unit(random_key(61, kStreamTest, stream), i) - 1;
 }
 
-/// Dense and hashed levels, a near region that the rays leave, and parameters of order 1.
+/// Returns a model with dense and hashed levels, a near region that the rays leave, and parameters
+/// of order 1.
 inline void make_tiny(GridModel& model, int colour_layers = 1) {
   model.field = {{2, 8, 3, 9, 8}, 16, colour_layers};
   model.proposal = {2, 1, 3, 8, 7};
@@ -31,14 +32,14 @@ inline void make_tiny(GridModel& model, int colour_layers = 1) {
   model.samples = 5;
   model.appearance = {2, 3};
   model.initialize(4);
-  // The networks' weights stay as they begin; tables would be far too small to matter.
+  // Keeps the networks' initial weights. Initial tables are too small to have an effect.
   for (const ModelTensor& tensor : model.tensors())
     if (tensor.shape.size() != 2)
       for (std::int64_t i = 0; i < tensor.shape[0]; ++i)
         model.parameters[tensor.offset + i] = static_cast<float>(uniform(1, tensor.offset + i));
 }
 
-/// Without a sky, on grey.
+/// Returns a model without a sky, on a grey background.
 inline void make_tiny_on_background(GridModel& model) {
   make_tiny(model);
   model.sky.levels = 0;
@@ -49,7 +50,7 @@ inline void make_tiny_on_background(GridModel& model) {
   model.parameters = std::move(parameters);
 }
 
-/// The first rule that a model's hyperparameters break, as "name = value: rule"; "" if none.
+/// Returns the first rule that a model's hyperparameters violate, "name = value: rule"; "" if none.
 inline std::string complaint_about(Model& model) {
   const auto fail = [](const Hyperparameter& what, const std::string& value,
                        const std::string& rule) {
@@ -92,7 +93,6 @@ inline RayBatch tiny_batch(int n) {
 struct TinyLosses : RayGradientsOutput {
   double opacity = 0, rgb_mse = 0, colours = 0, sparsity = 0, loss = 0;
 };
-/// Adds to the gradients.
 inline TinyLosses losses_of(const GridModel& model, const RayBatch& batch,
                             std::span<float> gradients, kernels::Backend& backend,
                             Workspace* workspace, std::uint64_t seed = kTinySeed,
@@ -121,7 +121,7 @@ inline std::size_t size_of(const ModelTensor& tensor) {
   return size;
 }
 
-/// What lies beyond x = 0.5 of the cube is empty to the proposals: rays into +x start there.
+/// Makes the proposals empty beyond x = 0.5 of the cube, where rays into +x start.
 inline void empty_proposals_ahead(GridModel& model) {
   const auto levels = hash_grid_levels(model.proposal);
   for (const ModelTensor& tensor : model.tensors())
@@ -138,8 +138,8 @@ inline void empty_proposals_ahead(GridModel& model) {
   }
 }
 
-/// On a background, its tables drawn anew, with rays every other one of which meets nothing but
-/// what is empty to the proposals.
+/// A model on a background with new random tables, and a batch in which every other ray passes only
+/// through space that is empty to the proposals.
 inline RayBatch make_half_empty(GridModel& model, int n) {
   make_tiny_on_background(model);
   model.proposal = {2, 1, 3, 4, 9};
@@ -149,7 +149,7 @@ inline RayBatch make_half_empty(GridModel& model, int n) {
   empty_proposals_ahead(model);
   RayBatch batch = tiny_batch(n);
   batch.exposure.clear();
-  for (int ray = 0; ray < n; ++ray) {  // every other one backwards, into what the proposals see
+  for (int ray = 0; ray < n; ++ray) {  // every other one backwards, into occupied space
     batch.origin[ray] = 1.5f;
     const float sign = ray % 2 ? -1.0f : 1.0f;
     for (const int k : {0, 1, 2}) batch.direction[k * n + ray] = k == 0 ? sign : 0.0f;

@@ -18,7 +18,7 @@ namespace {
 
 using ::testing::HasSubstr;
 
-/// Every number of it other than at the start.
+/// A state in which every value differs from its initial one.
 TrainState midway(TrainState state) {
   for (std::size_t i = 0; i < state.adam.first_moment.size(); ++i) {
     state.adam.first_moment[i] = random_unit(1, i) - 0.5f;
@@ -52,7 +52,7 @@ TrainState example_state(int fine_samples = 8) {
   return midway(make_initial_state(options, scene));
 }
 
-/// The smallest tables there are.
+/// A model with the smallest possible tables.
 TrainState example_grid_state(int colour_layers = 1) {
   auto model = std::make_unique<GridModel>();
   model->field = {{2, 8, 2, 8, 4}, 16, colour_layers};
@@ -146,7 +146,7 @@ TEST(Checkpoint, GridRoundTripIsBitExact) {
   }
 }
 
-/// A file taken apart: header as JSON, and the data.
+/// A parsed file: header as JSON, and the data.
 struct Parts {
   nlohmann::json header;
   std::string data;
@@ -165,7 +165,7 @@ struct Parts {
   }
 };
 
-TEST(Checkpoint, LaysTensorsOutAsSafetensorsSays) {
+TEST(Checkpoint, LaysTensorsOutAsSafetensors) {
   const TrainState state = example_state();
   const std::string bytes = checkpoint_bytes(state);
   const Parts parts(bytes);
@@ -192,14 +192,13 @@ std::string complaint(const std::string& bytes) {
 struct Damage {
   const char* name;
   std::function<void(Parts&)> apply;
-  const char* message;  ///< part of the complaint
+  const char* message;  ///< part of the message
 };
 
-TEST(Checkpoint, DamageIsRefusedAndNamed) {
+TEST(Checkpoint, RejectsDamageByName) {
   const std::string good = checkpoint_bytes(example_state());
   ASSERT_EQ(complaint(good), "");
-  ASSERT_EQ(complaint(Parts(good).bytes()), "")
-      << "taking apart and putting together must not be what is refused";
+  ASSERT_EQ(complaint(Parts(good).bytes()), "") << "parsing and writing alone must not be rejected";
   const auto metadata = [](const char* key, const char* value) {
     return [=](Parts& p) { p.header["__metadata__"][key] = value; };
   };
@@ -276,7 +275,7 @@ TEST(Checkpoint, DamageIsRefusedAndNamed) {
   }
 }
 
-TEST(Checkpoint, DamageToAGridIsRefusedAndNamed) {
+TEST(Checkpoint, RejectsDamageToAGridByName) {
   const std::string good = checkpoint_bytes(example_grid_state());
   ASSERT_EQ(complaint(good), "");
   const auto metadata = [](const char* key, const char* value) {
@@ -372,7 +371,7 @@ TEST(Checkpoint, DamageToAGridIsRefusedAndNamed) {
   }
 }
 
-TEST(Checkpoint, NonFiniteAndNegativeValuesAreRefused) {
+TEST(Checkpoint, RejectsNonFiniteAndNegativeValues) {
   const std::string good = checkpoint_bytes(example_state());
   for (const char* tensor :
        {"coarse.trunk.5.weight", "fine.density.bias", "adam.first_moment", "adam.second_moment"})
@@ -391,7 +390,7 @@ TEST(Checkpoint, NonFiniteAndNegativeValuesAreRefused) {
   EXPECT_THAT(complaint(parts.bytes()), HasSubstr("adam.second_moment[2]"));
 }
 
-TEST(Checkpoint, EveryTruncationIsRefused) {
+TEST(Checkpoint, RejectsEveryTruncation) {
   const std::string good = checkpoint_bytes(example_state(0));
   const std::size_t header = good.size() - Parts(good).data.size();
   for (std::size_t size = 0; size < header + 64; ++size)
@@ -401,7 +400,7 @@ TEST(Checkpoint, EveryTruncationIsRefused) {
   EXPECT_NE(complaint(good.substr(0, good.size() - 1)), "");
 }
 
-TEST(Checkpoint, AHeaderLengthThatCannotBeIsRefused) {
+TEST(Checkpoint, RejectsAnImpossibleHeaderLength) {
   const std::string good = checkpoint_bytes(example_state(0));
   for (const std::uint64_t length :
        {std::uint64_t{0}, std::uint64_t{1}, std::uint64_t{good.size()},

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Steps by several devices, loops on the host, whose gradients are brought together there. The same
-// team trains on GPUs, by NCCL, where there are two.
+// Data-parallel steps on several emulated devices with an all-reduce on the host, and on GPUs by
+// NCCL where there are two.
 #include "redrive/train/data_parallel_group.h"
 
 #include <algorithm>
@@ -21,7 +21,7 @@ namespace {
 
 using ::testing::HasSubstr;
 
-/// In the order of the backends.
+/// Sums in the order of the backends.
 class HostMean final : public kernels::AllReduce {
  public:
   explicit HostMean(const std::vector<kernels::Backend*>& backends) : backends_(backends) {}
@@ -40,7 +40,7 @@ class HostMean final : public kernels::AllReduce {
   const std::vector<kernels::Backend*>& backends_;
 };
 
-/// Loops, of which `troubled` has what is to go wrong.
+/// Emulated devices, of which `troubled` injects faults.
 struct Loops {
   std::vector<std::unique_ptr<kernels::Backend>> owned;
   std::vector<kernels::Backend*> all;
@@ -53,7 +53,7 @@ struct Loops {
   }
 };
 
-/// A run and what its steps draw from.
+/// A run and its training set.
 struct GroupRun {
   redrive::Run run;
   TrainingData data;
@@ -73,14 +73,14 @@ struct GroupRun {
     std::ranges::fill(run.state.cell_errors.span(), static_cast<float>(cell_error));
   }
   TrainingSet set() const { return {run.scene, data.images, returns, sampler, lidar.get()}; }
-  /// Rays that each rank draws: uniformly, and by the error map.
+  /// Rays that each rank draws uniformly and by the error map.
   void draw(int uniform, int error_rays = 0) {
     auto& model = dynamic_cast<RayModel&>(*run.state.model);
     model.batch_rays = uniform + error_rays;
     model.error_rays = (error_rays + 0.5) / model.batch_rays;
     if (auto* grid = dynamic_cast<GridModel*>(&model)) grid->max_batch_factor = 1;
   }
-  /// Ranks draw these LiDAR rays besides, of returns 3 m ahead.
+  /// Adds LiDAR rays to each rank's batch, of returns 3 m ahead.
   void draw_lidar(int rays) {
     returns.n = 100;
     returns.origin.assign(300, 0);
@@ -132,7 +132,7 @@ double loss_of(const StepResult& result, std::string_view term) {
   return 0;
 }
 
-TEST_F(DataParallelTest, HalvesOfABatchMakeTheStepOfTheWhole) {
+TEST_F(DataParallelTest, TwoHalvesOfABatchEqualTheWholeBatch) {
   constexpr int kRays = 64;
   for (const bool grid : {false, true}) {
     GroupRun whole = group_run(grid ? "whole grid" : "whole", grid),
@@ -162,7 +162,7 @@ TEST_F(DataParallelTest, HalvesOfABatchMakeTheStepOfTheWhole) {
       };
       EXPECT_EQ(fraction(halves), fraction(whole));
     }
-    // The same terms in another order: sums of so many of them, each rounded.
+    // Bounds the rounding of sums of the same terms in another order.
     const int samples = kRays * ray_model(whole.run.state).samples_per_ray();
     const double rounding = samples * 0x1p-24;
     EXPECT_NEAR(result.rgb_mse, expected.rgb_mse, rounding * expected.rgb_mse);
@@ -172,7 +172,7 @@ TEST_F(DataParallelTest, HalvesOfABatchMakeTheStepOfTheWhole) {
     EXPECT_NEAR(loss_of(result, "colour"), colour, rounding * colour);
     for (const ModelTensor& tensor : whole.run.state.model->tensors()) {
       if (tensor.name == "proposal")
-        continue;  // learns from the first quarter of each half, not of the whole
+        continue;  // trained on the first quarter of each half, not of the whole
       std::size_t size = 1;
       for (const std::int64_t n : tensor.shape) size *= static_cast<std::size_t>(n);
       const auto of = [&](const TrainState& state) {
@@ -226,7 +226,7 @@ TEST_F(DataParallelTest, RanksStayEqualAndAllUpdateTheErrorMap) {
     }
     EXPECT_TRUE(bit_equal(of.run.state.cell_errors, errors));
     if (step > 0) continue;
-    // The mean of what each rank would learn alone: Adam's first moment is a tenth of it.
+    // The mean of the ranks' own gradients; Adam's first moment is a tenth of it.
     std::vector<double> gradient(before.model->size());
     for (int r = 0; r < kRanks; ++r) {
       const TrainState state = parse_checkpoint(checkpoint_bytes(before), "");
@@ -303,11 +303,11 @@ TEST_F(DataParallelTest, NoRankAppliesAStepThatIsNotFiniteForOne) {
       EXPECT_TRUE(same_weights(*group[rank].state, before));
       EXPECT_EQ(group[rank].state->step, 1);
     }
-    EXPECT_TRUE(group.step(of.set(), of.next(), 1e-2).finite) << "nothing of it is left";
+    EXPECT_TRUE(group.step(of.set(), of.next(), 1e-2).finite) << "the next step is unaffected";
   }
 }
 
-TEST_F(DataParallelTest, ADeviceLostAtAnyPartOfAStepEndsIt) {
+TEST_F(DataParallelTest, ADeviceLostAtAnyPhaseEndsTheStep) {
   GroupRun first = group_run("run", true, 0.5);
   first.draw(8, 4);
   const std::string before = checkpoint_bytes(first.run.state);
@@ -326,7 +326,7 @@ TEST_F(DataParallelTest, ADeviceLostAtAnyPartOfAStepEndsIt) {
         break;
       } catch (const DeviceError& error) {
         const std::string which =
-            works < 50 ? "GPU " + std::to_string(lost) + ": " : "";  // not while it is fetched
+            works < 50 ? "GPU " + std::to_string(lost) + ": " : "";  // not while downloading
         EXPECT_THAT(error.what(), HasSubstr(which + "the GPU failed, computing: injected fault"));
         ++failures;
       }
@@ -341,7 +341,7 @@ TEST_F(DataParallelTest, ADeviceLostAtAnyPartOfAStepEndsIt) {
     group.begin();
     try {
       group.step(of.set(), of.next(), 1e-2);
-      ADD_FAILURE() << "it had room";
+      ADD_FAILURE() << "did not run out of memory";
     } catch (const DeviceMemoryError& error) {
       EXPECT_THAT(error.what(), HasSubstr("GPU " + std::to_string(lost) +
                                           ": --backend loop: the GPU has no memory"));
@@ -349,7 +349,7 @@ TEST_F(DataParallelTest, ADeviceLostAtAnyPartOfAStepEndsIt) {
   }
 }
 
-TEST_F(DataParallelTest, TrainsAndResumesWithAnotherNumber) {
+TEST_F(DataParallelTest, TrainsAndResumesWithAnotherNumberOfRanks) {
   const Loops two(2);
   HostMean mean(two.all);
   redrive::Run whole = grid_run("whole", 10), again = grid_run("again", 10),
@@ -382,7 +382,7 @@ TEST_F(DataParallelTest, InterruptedAndResumedEndsAsUninterrupted) {
   HostMean mean_of_failing(failing.all);
   try {
     train_by(&parts, failing.all, &mean_of_failing);
-    ADD_FAILURE() << "it did not fail";
+    ADD_FAILURE() << "did not fail";
   } catch (const DeviceError& error) {
     EXPECT_THAT(error.what(),
                 HasSubstr("the last checkpoint stands, go on from it with: redrive resume "));
@@ -396,7 +396,7 @@ TEST_F(DataParallelTest, InterruptedAndResumedEndsAsUninterrupted) {
   EXPECT_EQ(curve(parts), curve(whole));
 }
 
-TEST_F(DataParallelTest, BeginsAgainTogether) {
+TEST_F(DataParallelTest, AllRanksRestartTogether) {
   for (const int bad : {0, 1}) {
     const Loops two(2);
     HostMean of_two(two.all);
@@ -412,12 +412,12 @@ TEST_F(DataParallelTest, BeginsAgainTogether) {
     fresh.state = initial_state(std::move(fresh.state.model), restarted.state.seed);
     fresh.state.poses = PoseState(fresh.scene);
     EXPECT_EQ(train_by(&fresh, two.all, &of_two), TrainEnd::kFinished);
-    EXPECT_TRUE(same_weights(restarted.state, fresh.state)) << "nobody goes on from what it had";
+    EXPECT_TRUE(same_weights(restarted.state, fresh.state)) << "no rank keeps its old state";
   }
 }
 
-/// NCCL among as many GPUs as there are; a mean of one is what it was.
-TEST(NcclAllReduce, OnGpusIsTheMean) {
+/// NCCL on all GPUs; the mean over one GPU is its own value.
+TEST(NcclAllReduce, ComputesTheMeanOnGpus) {
   if (const auto obstacle = kernels::cuda_obstacle()) GTEST_SKIP() << "cuda: " << *obstacle;
   if (const auto obstacle = kernels::nccl_obstacle()) GTEST_SKIP() << "nccl: " << *obstacle;
   std::vector<std::unique_ptr<kernels::Backend>> backends;
@@ -440,7 +440,7 @@ TEST(NcclAllReduce, OnGpusIsTheMean) {
   }
 }
 
-TEST_F(DataParallelTest, OnGpusLearnsAsOneWithTheLargerBatch) {
+TEST_F(DataParallelTest, OnGpusTrainsAsOneWithTheLargerBatch) {
   if (kernels::cuda_gpus() < 2) GTEST_SKIP() << "cuda: fewer than two GPUs";
   if (const auto obstacle = kernels::nccl_obstacle()) GTEST_SKIP() << "nccl: " << *obstacle;
   const kernels::BackendGroup two = kernels::make_backend_group({"cuda", "auto", 2}, 2);

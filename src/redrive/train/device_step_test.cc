@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Training and rendering where the backend keeps parameters, moments, gradients and the workspace
-// in memory of its own: the host's copy of what a stage wrote is not a number until it is fetched
-// (kernels/device/loop_device.h), so that what is read without that, or changed and not put back,
-// shows.
+// Training and rendering on a device that holds parameters, moments, gradients and the workspace in
+// its own memory. The host's copy of a stage's output is NaN until it is downloaded
+// (kernels/device/loop_device.h), so that a missing download or upload shows.
 #include <cmath>
 #include <functional>
 
@@ -18,7 +17,7 @@
 namespace redrive {
 namespace {
 
-/// With exposures, and as pose refinement asks for it.
+/// A batch with exposures and pose gradients.
 RayBatch batch_for_device(int n, std::uint64_t step) {
   RayBatch batch;
   batch.n = n;
@@ -34,12 +33,12 @@ RayBatch batch_for_device(int n, std::uint64_t step) {
   return batch;
 }
 
-/// Steps of a backend that keeps numbers against the same one's that is given everything each time.
-/// The third step is not finite.
+/// Compares steps with resident buffers to steps that upload everything each time. The third step
+/// is not finite.
 void expect_that_keeping_changes_nothing(const std::function<TrainState()>& fresh) {
   const auto keeping = kernels::make_loop_backend();
   Interference nothing;
-  InterferingBackend copying(*keeping, &nothing);  // hands on the stages alone
+  InterferingBackend copying(*keeping, &nothing);  // forwards the stages only
   TrainState kept = fresh(), copied = fresh();
   StepBuffers of_kept, of_copied;
   RayBatch lidar = batch_for_device(5, 9);
@@ -58,7 +57,7 @@ void expect_that_keeping_changes_nothing(const std::function<TrainState()>& fres
     EXPECT_TRUE(bit_equal(a.d_origin, b.d_origin));
     EXPECT_TRUE(bit_equal(a.d_direction, b.d_direction));
   }
-  EXPECT_TRUE(std::isnan(kept.adam.first_moment[0])) << "on the host before it was fetched";
+  EXPECT_TRUE(std::isnan(kept.adam.first_moment[0])) << "on the host before the download";
   for (const Buffer<float>* numbers :
        {&kept.model->parameters, &kept.adam.first_moment, &kept.adam.second_moment})
     keeping->download(*numbers);
@@ -72,7 +71,7 @@ TrainState grid_for_device() {
   return initial_state(std::move(model), 3);
 }
 
-/// Of which most rays are empty: the field is asked about a few.
+/// A batch with mostly empty rays: the field is evaluated on a few.
 TrainState empty_grid_for_device() {
   TrainState state = grid_for_device();
   for (const ModelTensor& tensor : state.model->tensors())
@@ -106,7 +105,7 @@ TrainState nerf_for_device() {
 
 TEST(TrainStepOnADevice, OfANerf) { expect_that_keeping_changes_nothing(nerf_for_device); }
 
-/// Bytes of a batch as the stages of --method grid read it.
+/// Returns the bytes of a batch as the stages of --method grid read it.
 std::size_t bytes_of_device(const RayBatch& batch) {
   std::size_t floats = 0;
   for (const std::vector<float>* numbers :
@@ -116,7 +115,7 @@ std::size_t bytes_of_device(const RayBatch& batch) {
   return floats * sizeof(float) + batch.exposure.size() * sizeof(Exposure);
 }
 
-TEST(TrainStepOnADevice, CopiesTheBatchThereAndAFewNumbersBack) {
+TEST(TrainStepOnADevice, UploadsTheBatchAndDownloadsAFewNumbers) {
   for (const bool empty : {false, true})
     for (const bool refines : {false, true}) {
       kernels::TransferCounts copies;
@@ -130,7 +129,7 @@ TEST(TrainStepOnADevice, CopiesTheBatchThereAndAFewNumbersBack) {
       lidar.exposure.clear();
       lidar.range_m.assign(5, 3.0f);
       StepResult result;
-      for (int again = 0; again < 2; ++again) {  // what the first time is kept there stays
+      for (int again = 0; again < 2; ++again) {  // the first one's uploads stay resident
         copies = {};
         state.step = 0;
         result = train_step(*backend, batch, 0, &state, &buffers, &lidar);
@@ -140,12 +139,12 @@ TEST(TrainStepOnADevice, CopiesTheBatchThereAndAFewNumbersBack) {
       EXPECT_EQ(copies.to_device, bytes_of_device(batch) + bytes_of_device(lidar));
       const std::size_t of_rays = 24 * (refines ? 3 + 3 : 0) * sizeof(float);
       EXPECT_EQ(copies.to_host, of_rays + sizeof(StepSums) + sizeof(std::uint32_t))
-          << "derivatives of places and directions, losses and the like, how many rays are live";
+          << "derivatives of origins and directions, losses, the number of active rays";
       EXPECT_EQ(copies.waits, 2u + (refines ? 2 : 0));
     }
 }
 
-TEST(TrainStepOnADevice, CopiesTheBatchOfANerfThereAndAFewNumbersBack) {
+TEST(TrainStepOnADevice, UploadsTheBatchOfANerfAndDownloadsAFewNumbers) {
   kernels::TransferCounts copies;
   const auto backend = kernels::make_loop_backend(&copies);
   TrainState state = nerf_for_device();
@@ -157,7 +156,7 @@ TEST(TrainStepOnADevice, CopiesTheBatchOfANerfThereAndAFewNumbersBack) {
   }
   EXPECT_EQ(copies.to_device, 3 * 72 * sizeof(float)) << "origins, directions, colours";
   EXPECT_EQ(copies.to_host, 2 * 72 * sizeof(float) + sizeof(StepSums))
-      << "derivatives of places and directions, losses and the like";
+      << "derivatives of origins and directions, losses";
   EXPECT_EQ(copies.waits, 2u + 1);
 }
 
@@ -172,7 +171,7 @@ struct PictureOfDevice {
   }
 };
 
-TEST(RenderOnADevice, IsTheSameWhereNumbersAreKept) {
+TEST(RenderOnADevice, IsTheSameWithResidentBuffers) {
   for (const bool empty : {false, true})
     for (const bool grouped : {false, true}) {
       const TrainState kept = empty ? empty_grid_for_device() : grid_for_device(),
@@ -192,7 +191,7 @@ TEST(RenderOnADevice, IsTheSameWhereNumbersAreKept) {
     }
 }
 
-TEST(RenderOnADevice, CopiesRaysThereAndThePictureBack) {
+TEST(RenderOnADevice, UploadsRaysAndDownloadsTheImage) {
   for (const bool grid : {false, true})
     for (const bool grouped : {false, true}) {
       kernels::TransferCounts copies;
@@ -208,21 +207,20 @@ TEST(RenderOnADevice, CopiesRaysThereAndThePictureBack) {
         ray_model(state).render_rays(*backend, batch, {rgb, depth, opacity, {}}, &workspace);
       }
       const std::size_t picture = (3 + 1 + 1) * 12 * sizeof(float), number = sizeof(float);
-      // Of each group its middle's place, direction and angle, of each ray its group.
+      // Each group's origin, direction and angle, each ray's group.
       const std::size_t of_groups = grouped ? (3 * (3 + 3 + 1) + 12) * number : 0;
       EXPECT_EQ(copies.to_device, grid ? bytes_of_device(batch) + of_groups : 72 * number);
-      EXPECT_EQ(copies.to_host, picture + (grid ? number : 0)) << "and how many rays are live";
+      EXPECT_EQ(copies.to_host, picture + (grid ? number : 0)) << "and the number of active rays";
     }
 }
 
 class TrainingOnADevice : public TrainingTest {};
 
-// Steps 4 and 8 move the poses that the next ones' rays are gathered by; the sizes of batches
-// change.
-TEST_F(TrainingOnADevice, SavesWhatTheDeviceHas) {
+// Steps 4 and 8 update the poses of the next batches' rays; the sizes of batches change.
+TEST_F(TrainingOnADevice, SavesTheStateOfTheDevice) {
   const auto keeping = kernels::make_loop_backend();
   Interference nothing;
-  InterferingBackend copying(*keeping, &nothing);  // which gathers on the host
+  InterferingBackend copying(*keeping, &nothing);  // gathers on the host
   redrive::Run kept = tiny_grid_run(folder_.path / "kept", folder_.path, tiny_options(10)),
                copied = tiny_grid_run(folder_.path / "copied", folder_.path, tiny_options(10));
   EXPECT_EQ(train(&kept, *keeping, never_), TrainEnd::kFinished);
@@ -265,7 +263,7 @@ LidarReturns returns_for_device(std::size_t n) {
   return returns;
 }
 
-/// A training set on a device, and steps that draw from it.
+/// A training set on a device, with steps on it.
 struct Drawn {
   redrive::Run run;
   TrainingData data;
@@ -300,7 +298,7 @@ struct Drawn {
       frame.global_from_body.translate(Eigen::Vector3d(translation_m, 0, 0));
     lidar_sampler.update_poses(run.scene.global_from_world, run.recording.frames, frames);
   }
-  /// Batches of `uniform` and 8 rays, and of 10 LiDAR rays.
+  /// Draws batches of `uniform` + 8 rays and of 10 LiDAR rays.
   void draw(int uniform) {
     copies = {};
     draw_batch(*backend, sampler, uniform, 8, next_step(run.state), &rays);
@@ -308,7 +306,7 @@ struct Drawn {
   }
 };
 
-TEST_F(TrainingOnADevice, CopiesNothingThereAndAFewNumbersBack) {
+TEST_F(TrainingOnADevice, UploadsNothingAndDownloadsAFewNumbers) {
   Drawn of(folder_.path);
   const auto step = [&](bool pose_gradients) {
     of.copies = {};
@@ -320,9 +318,9 @@ TEST_F(TrainingOnADevice, CopiesNothingThereAndAFewNumbersBack) {
   step(false);
   EXPECT_GT(of.copies.to_device,
             of.data.images[0].rgb.size() + 40 * (7 * sizeof(float) + sizeof(std::int64_t)))
-      << "what is kept there";
+      << "resident buffers";
   for (const bool refines : {false, true}) {
-    for (int again = 0; again < 2; ++again) step(refines);  // the first time's copies stay there
+    for (int again = 0; again < 2; ++again) step(refines);  // the first one's uploads stay resident
     EXPECT_EQ(of.copies.to_device, 0u);
     const std::size_t of_rays = 24 * (refines ? 3 + 3 + 3 + 1 : 0) * sizeof(float);
     EXPECT_EQ(of.copies.to_host, of_rays + sizeof(StepSums) + sizeof(std::uint32_t))
@@ -330,11 +328,11 @@ TEST_F(TrainingOnADevice, CopiesNothingThereAndAFewNumbersBack) {
            "of; losses and the like; the number of active rays";
     EXPECT_EQ(of.copies.waits, 2u + (refines ? 4 : 0));
     const auto& rays = static_cast<const RayBuffers&>(*of.buffers.method);
-    EXPECT_EQ(std::isnan(rays.batch.direction[0]), !refines) << "on the host before it is fetched";
+    EXPECT_EQ(std::isnan(rays.batch.direction[0]), !refines) << "on the host before the download";
   }
 }
 
-TEST_F(TrainingOnADevice, CopiesPosesThereOnceTheyHaveMoved) {
+TEST_F(TrainingOnADevice, UploadsPosesAfterTheyChanged) {
   Drawn of(folder_.path);
   of.draw(16);
   const auto origins = [&] {
@@ -371,13 +369,13 @@ TEST_F(TrainingOnADevice, GathersBatchesOfAllSizes) {
   }
 }
 
-TEST_F(TrainingOnADevice, ALostDeviceLeavesTheLastCheckpointAndSaysHowToGoOn) {
+TEST_F(TrainingOnADevice, ALostDeviceLeavesTheLastCheckpointAndReportsHowToResume) {
   TrainOptions options = tiny_options(12);
   options.checkpoint_every = 4;
   const auto backend = kernels::make_loop_backend();
   redrive::Run whole = tiny_grid_run(folder_.path / "whole", folder_.path, options);
   EXPECT_EQ(train(&whole, *backend, never_), TrainEnd::kFinished);
-  // In the first step, somewhere later, while a checkpoint is fetched.
+  // In the first step, later, while downloading a checkpoint.
   std::int64_t last_step = -1;
   for (const std::int64_t works : {0, 1, 300, 700}) {
     kernels::InjectedFaults faults{.kernel_launches = works};
@@ -386,7 +384,7 @@ TEST_F(TrainingOnADevice, ALostDeviceLeavesTheLastCheckpointAndSaysHowToGoOn) {
         tiny_grid_run(folder_.path / ("lost" + std::to_string(works)), folder_.path, options);
     try {
       train(&lost, *failing, never_);
-      ADD_FAILURE() << "it did not fail after " << works;
+      ADD_FAILURE() << "did not fail after " << works;
     } catch (const DeviceError& error) {
       EXPECT_EQ(error.what(), "step " + std::to_string(lost.state.step) +
                                   ": the GPU failed, computing: injected fault; the last "
@@ -402,10 +400,10 @@ TEST_F(TrainingOnADevice, ALostDeviceLeavesTheLastCheckpointAndSaysHowToGoOn) {
     EXPECT_TRUE(same_weights(resumed.state, whole.state)) << works;
     EXPECT_EQ(curve(resumed), curve(whole)) << works;
   }
-  EXPECT_GT(last_step, 0) << "a checkpoint beyond the first was gone back to";
+  EXPECT_GT(last_step, 0) << "resumed from a checkpoint after the first";
 }
 
-TEST_F(TrainingOnADevice, AFullDeviceSaysHowToGoOnWithLessOrLater) {
+TEST_F(TrainingOnADevice, AFullDeviceReportsHowToResumeWithLessOrLater) {
   TrainOptions options = tiny_options(12);
   options.checkpoint_every = 4;
   constexpr std::int64_t kEnough = 1 << 30;
@@ -422,7 +420,7 @@ TEST_F(TrainingOnADevice, AFullDeviceSaysHowToGoOnWithLessOrLater) {
         tiny_grid_run(folder_.path / ("full" + std::to_string(places)), folder_.path, options);
     try {
       train(&run, *full, never_);
-      ADD_FAILURE() << "there was room for more than " << places;
+      ADD_FAILURE() << "did not run out of memory with " << places;
     } catch (const DeviceMemoryError& error) {
       EXPECT_EQ(error.what(), "step " + std::to_string(run.state.step) +
                                   ": --backend loop: the GPU has no memory left: injected fault; "
@@ -435,10 +433,10 @@ TEST_F(TrainingOnADevice, AFullDeviceSaysHowToGoOnWithLessOrLater) {
     EXPECT_EQ(train(&resumed, *kernels::make_loop_backend(), never_), TrainEnd::kFinished);
     EXPECT_TRUE(same_weights(resumed.state, whole.state)) << places;
   }
-  EXPECT_GT(last_step, 0) << "none was full in the middle";
+  EXPECT_GT(last_step, 0) << "none ran out of memory during training";
 }
 
-TEST_F(TrainingOnADevice, OnAGpuLearnsAsOnTheProcessor) {
+TEST_F(TrainingOnADevice, TrainsOnAGpuAsOnTheProcessor) {
   if (const auto obstacle = kernels::cuda_obstacle()) GTEST_SKIP() << "cuda: " << *obstacle;
   const auto gpu = kernels::make_cuda_backend(2);
   redrive::Run run = tiny_grid_run(folder_.path / "gpu", folder_.path, tiny_options(100)),
@@ -448,7 +446,7 @@ TEST_F(TrainingOnADevice, OnAGpuLearnsAsOnTheProcessor) {
   const auto rows = read_metrics(run.paths), expected = read_metrics(same.paths);
   ASSERT_EQ(rows.size(), expected.size());
   EXPECT_GT(rows.back().psnr_db, rows.front().psnr_db);
-  // The same numbers but for roundings, which grow from step to step.
+  // Equal up to rounding, which grows from step to step.
   EXPECT_NEAR(rows.front().psnr_db, expected.front().psnr_db, 0.1);
   EXPECT_NEAR(rows.back().psnr_db, expected.back().psnr_db, 1);
   EXPECT_EQ(load_checkpoint(run.paths.checkpoint()).step, 100);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Trainer, run folder, checkpoint, eval and rendering hold a method that is no ray marcher: a step
-// takes a whole image, and the number of its parameters grows while it trains. This one, registered
-// here alone, paints vertical strips of one colour each on every image.
+// Trainer, run folder, checkpoint, eval and rendering support a method that does not march along
+// rays: a step takes a whole image, and the number of parameters grows during training. The method,
+// registered in this test only, paints vertical strips of one colour each on every image.
 #include <algorithm>
 #include <cmath>
 
@@ -25,7 +25,7 @@ struct StripModel final : Model {
   int first_strips = 2, steps_per_split = 20;
   double initial_rate = 0.05;
   int strips = 0;  ///< state: doubles every steps_per_split steps, to 16
-  // What befalls a step of a test: Ctrl-C, or a kill in the middle.
+  // Faults to inject: Ctrl-C, or a kill in the middle of a step.
   static inline std::int64_t stop_at = -1, kill_at = -1;
   static inline std::atomic<bool> stop{false};
 
@@ -50,7 +50,7 @@ struct StripModel final : Model {
     strips = 0;
     parameters = Buffer<float>(0);
   }
-  /// Each channel begins at its mean over the first image.
+  /// Initialises each channel with its mean over the first image.
   void initialize_from(const TrainingSet& data, std::uint64_t) override {
     strips = first_strips;
     parameters = Buffer<float>(size());
@@ -104,7 +104,7 @@ struct StripModel final : Model {
     return initial_rate * (1 - 0.9 * std::min(at.progress, 1.0));
   }
   std::string describe_schedule(std::int64_t) const override { return "a falling learning rate"; }
-  /// Red learns half as fast as the other channels.
+  /// Red has half the learning rate of the other channels.
   std::vector<AdamGroup> adam_groups(double rate, std::int64_t step) const override {
     const auto n = static_cast<std::size_t>(strips);
     return {{0, n, adam_step(rate / 2, step)}, {n, 2 * n, adam_step(rate, step)}};
@@ -200,7 +200,7 @@ TEST_F(ImageMethodTest, TrainsWhileItsParametersGrow) {
 
 TEST_F(ImageMethodTest, KilledInterruptedAndResumedEndsBitEqual) {
   redrive::Run whole = strip_run("whole", 60), parts = strip_run("parts", 60);
-  EXPECT_TRUE(parts.state.model->parameters.span().empty()) << "first parameters need the data";
+  EXPECT_TRUE(parts.state.model->parameters.span().empty()) << "initial parameters need the data";
   train(&whole, *backend_, never_);
   for (const std::int64_t at : {7, 11, 30}) {  // before the first split, at one, between two
     StripModel::stop = false;
@@ -220,7 +220,7 @@ TEST_F(ImageMethodTest, KilledInterruptedAndResumedEndsBitEqual) {
   EXPECT_EQ(curve(parts), curve(whole));
 }
 
-TEST_F(ImageMethodTest, IsRefinedRestartedAndHeldInTheRunFolderAsAnyOther) {
+TEST_F(ImageMethodTest, SupportsPoseRefinementRestartsAndTheRunFolder) {
   TrainOptions options;
   options.recording = REDRIVE_SAMPLES "/analytic";
   options.method = "strips";
@@ -255,14 +255,14 @@ TEST_F(ImageMethodTest, IsRefinedRestartedAndHeldInTheRunFolderAsAnyOther) {
   EXPECT_EQ(image.rgb.size(), 3u * image.width * image.height);
 }
 
-TEST_F(ImageMethodTest, RefusesHyperparametersOfRayMarchers) {
+TEST_F(ImageMethodTest, RejectsHyperparametersOfRayMarchers) {
   TrainOptions options;
   options.recording = "drive";
   options.method = "strips";
   options.set("samples", 8);
   try {
     validate(options);
-    ADD_FAILURE() << "taken";
+    ADD_FAILURE() << "not rejected";
   } catch (const UsageError& error) {
     EXPECT_THAT(error.what(), HasSubstr("--samples 8: belongs to --method"));
   }

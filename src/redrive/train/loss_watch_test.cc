@@ -12,8 +12,8 @@ namespace {
 
 constexpr int kSteps = 25;
 
-/// Windows of one loss, `rays` a step; the first after which it is said to have diverged, -1 if
-/// none.
+/// Feeds windows of one loss with `rays` per step; returns the first one after which the watch
+/// reports divergence, -1 if none.
 int windows_until_diverged(double mse, int windows, int rays, LossWatch* watch) {
   for (int i = 0; i < windows; ++i) {
     LossWindow window;
@@ -26,22 +26,22 @@ int windows_until_diverged(double mse, int windows, int rays, LossWatch* watch) 
   return -1;
 }
 
-TEST(LossWatch, SaysSoAfterTenHighWindows) {
+TEST(LossWatch, ReportsDivergenceAfterTenHighWindows) {
   LossWatch watch;
   EXPECT_EQ(windows_until_diverged(0.01, 50, 4096, &watch),
-            -1);  // a window is 10^5 rays: no memory
+            -1);  // a window is 10^5 rays, so nothing is smoothed
   EXPECT_FALSE(is_high({}, watch));
   EXPECT_EQ(windows_until_diverged(0.021, 50, 4096, &watch), kHighWindows - 1);
 }
 
-TEST(LossWatch, LessThanTwiceIsNothing) {
+TEST(LossWatch, IgnoresLessThanTwiceTheBestLoss) {
   LossWatch watch;
   windows_until_diverged(0.01, 50, 4096, &watch);
   EXPECT_EQ(windows_until_diverged(0.0199, 500, 4096, &watch), -1);
   EXPECT_FALSE(is_high({}, watch));
 }
 
-TEST(LossWatch, APeakThatPassesIsNothing) {
+TEST(LossWatch, IgnoresAShortPeak) {
   LossWatch watch;
   for (int peak = 0; peak < 5; ++peak) {
     windows_until_diverged(0.01, 10, 4096, &watch);
@@ -51,7 +51,8 @@ TEST(LossWatch, APeakThatPassesIsNothing) {
   }
 }
 
-// Before the smoothed loss follows, so that no checkpoint is of a state that has just gone astray.
+// A single window can be high before the smoothed loss is, so that no checkpoint has a state that
+// just diverged.
 TEST(LossWatch, AWindowMayBeHighBeforeTheOthers) {
   LossWatch watch;
   windows_until_diverged(0.01, 100, 128, &watch);
@@ -64,12 +65,12 @@ TEST(LossWatch, AWindowMayBeHighBeforeTheOthers) {
   };
   EXPECT_TRUE(high(8, 128, 0.021));
   EXPECT_FALSE(high(8, 128, 0.019));
-  EXPECT_FALSE(high(7, 128, 1)) << "too few rays to say so";
+  EXPECT_FALSE(high(7, 128, 1)) << "too few rays to judge";
 }
 
-// What a grid did at ten times its learning rate with 256 rays: learn for 150 steps, then lose most
-// of it. Two windows are 10^4 rays.
-TEST(LossWatch, SeesWhatAFewHundredStepsLostAgain) {
+// A grid with ten times its learning rate and 256 rays learns for 150 steps, then loses most of it.
+// Two windows are 10^4 rays.
+TEST(LossWatch, DetectsALossAfterAFewHundredSteps) {
   LossWatch watch;
   for (const double mse :
        {0.047, 0.020, 0.015, 0.0148, 0.0137, 0.0127, 0.0128, 0.0141, 0.0141, 0.0161, 0.0242})
@@ -81,16 +82,16 @@ TEST(LossWatch, SeesWhatAFewHundredStepsLostAgain) {
   EXPECT_EQ(windows_until_diverged(0.036, 50, 256, &watch), kHighWindows - 2);
 }
 
-TEST(LossWatch, AFieldThatExplainsItsPicturesMayWaver) {
+TEST(LossWatch, IgnoresFluctuationsOfAConvergedField) {
   LossWatch watch;
   windows_until_diverged(1e-6, 10, 4096, &watch);
   EXPECT_EQ(windows_until_diverged(9e-5, 100, 4096, &watch), -1);
 }
 
-// Squared errors of single rays whose standard deviation is three times their mean, as of few edges
-// before an even wall: one in ten is 10, the others nothing. The smaller a batch, the more windows
-// are smoothed.
-TEST(LossWatch, NoiseOfSmallBatchesIsNone) {
+// Squared errors of single rays have a standard deviation of three times their mean, as with a few
+// edges before a plain wall: one in ten is 10, the others 0. Smaller batches are smoothed over more
+// windows.
+TEST(LossWatch, IgnoresTheNoiseOfSmallBatches) {
   for (const int rays : {1, 16, 1024}) {
     LossWatch watch;
     std::uint64_t ray = 0;

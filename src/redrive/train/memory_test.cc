@@ -49,7 +49,7 @@ class MemoryEstimateTest : public testing::Test {
   Recording recording_ = make_test_recording(folder_.path, 6);  // FRONT 24 x 16
 };
 
-TEST_F(MemoryEstimateTest, CountsWhatIsKeptOfEachPixel) {
+TEST_F(MemoryEstimateTest, CountsTheBytesOfEachPixel) {
   TrainOptions options = tiny_options(1);
   options.masks = "none";
   EXPECT_EQ(of(options).pictures, 6u * 24 * 16 * 3);
@@ -60,7 +60,8 @@ TEST_F(MemoryEstimateTest, CountsWhatIsKeptOfEachPixel) {
   EXPECT_EQ(of(options).pictures, 4u * 24 * 16 * 4 + 4 * 24 * 16 * 3 / 16);
   options.downscale = 2;
   EXPECT_EQ(of(options).rays, 12u * 8 * 16);
-  EXPECT_EQ(of(options).decoding, of(tiny_options(1)).decoding) << "they are decoded as recorded";
+  EXPECT_EQ(of(options).decoding, of(tiny_options(1)).decoding)
+      << "images are decoded at their recorded size";
 }
 
 TEST_F(MemoryEstimateTest, GrowsWithTheModelAndTheBatch) {
@@ -87,7 +88,7 @@ TEST_F(MemoryEstimateTest, CountsAStateAndAStepForEachGpu) {
   EXPECT_EQ(three.pictures, one.pictures);
 }
 
-TEST_F(MemoryEstimateTest, MoreThanAllowedIsRefusedWithWhatToLower) {
+TEST_F(MemoryEstimateTest, RejectsMoreThanAllowedNamingTheOptionToLower) {
   TrainOptions options = tiny_options(1);
   MemoryEstimate need;
   need.pictures = 3 * kGiB;
@@ -112,7 +113,7 @@ TEST_F(MemoryEstimateTest, MoreThanAllowedIsRefusedWithWhatToLower) {
   EXPECT_THAT(refused(), HasSubstr("lower --frames or --lidar-rays 0 (LiDAR: 9.0 GiB), --batch"));
 }
 
-TEST_F(MemoryEstimateTest, OfAGpuIsTheStateThePicturesAndAStep) {
+TEST_F(MemoryEstimateTest, OfAGpuIsTheStateTheImagesAndAStep) {
   const auto of_gpu = [&](const TrainOptions& options) {
     const redrive::Run run = run_of(options);
     return *estimate_device_memory(run, *kernels::make_loop_backend(), estimate_memory(run, 2));
@@ -122,10 +123,10 @@ TEST_F(MemoryEstimateTest, OfAGpuIsTheStateThePicturesAndAStep) {
     options.method = method;
     const DeviceMemoryEstimate one = of_gpu(options);
     const redrive::Run run = run_of(options);
-    EXPECT_EQ(one.state, 16 * run.state.model->size()) << "four numbers a parameter";
+    EXPECT_EQ(one.state, 16 * run.state.model->size()) << "four floats per parameter";
     EXPECT_EQ(one.pictures, estimate_memory(run, 2).pictures + estimate_memory(run, 2).rays);
     const std::uint64_t colours =
-        64u * 12 * 4 * sizeof(float);  // and densities of all samples: the least of a batch
+        64u * 12 * 4 * sizeof(float);  // and densities of all samples: a lower bound for a batch
     EXPECT_GT(one.step, colours);
     options.set("batch_rays", 256);
     const DeviceMemoryEstimate more = of_gpu(options);
@@ -139,7 +140,7 @@ TEST_F(MemoryEstimateTest, OfAGpuIsTheStateThePicturesAndAStep) {
   EXPECT_FALSE(estimate_device_memory(run, *kernels::make_ref_backend(), estimate_memory(run, 2)));
 }
 
-TEST_F(MemoryEstimateTest, MoreThanAGpuMayGiveIsRefusedWithWhatToLower) {
+TEST_F(MemoryEstimateTest, RejectsMoreThanAGpuAllowsNamingTheOptionToLower) {
   TrainOptions options = tiny_options(1);
   EXPECT_EQ(allowed_gpu_memory(options, 10 * kGiB), 9 * kGiB);
   options.gpu_memory = "2GiB";
@@ -171,15 +172,15 @@ TEST_F(MemoryEstimateTest, MoreThanAGpuMayGiveIsRefusedWithWhatToLower) {
   }
 }
 
-TEST_F(MemoryEstimateTest, RenderingIsRefusedOnAFullGpu) {
+TEST_F(MemoryEstimateTest, RejectsRenderingOnAFullGpu) {
   const redrive::Run run = run_of(tiny_options(1));
   const DeviceWork tile{.tile_pixels = 100};
   kernels::InjectedFaults faults;
   const auto backend = kernels::make_loop_backend(nullptr, true, &faults);
-  check_device_memory(run, *backend, tile);  // without an end
+  check_device_memory(run, *backend, tile);  // unlimited memory
   faults.free_memory = kGiB;
   check_device_memory(run, *backend, tile);
-  faults.free_memory = 4 * run.state.model->size();  // the parameters alone
+  faults.free_memory = 4 * run.state.model->size();  // the parameters only
   try {
     check_device_memory(run, *backend, tile);
     ADD_FAILURE() << "not refused";

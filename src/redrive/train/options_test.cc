@@ -49,12 +49,12 @@ void PrintTo(const Case& c, std::ostream* out) { *out << "--" << c.option << " "
 
 class OutOfRange : public ::testing::TestWithParam<Case> {};
 
-TEST_P(OutOfRange, IsRefusedNamingOptionAndValue) {
+TEST_P(OutOfRange, IsRejectedNamingOptionAndValue) {
   const auto [option, value] = GetParam();
   const std::string what = complaint(option, value);
   EXPECT_THAT(what, HasSubstr(std::string("--") + option)) << value;
   EXPECT_THAT(what, HasSubstr(std::string(value).substr(
-                        0, 3)));  // shown as the number that it is, so not every digit
+                        0, 3)));  // the message shows the parsed number, without all digits
 }
 
 INSTANTIATE_TEST_SUITE_P(
@@ -81,12 +81,12 @@ INSTANTIATE_TEST_SUITE_P(
         Case{"backend", "tpu"}, Case{"isa", "sse2"}, Case{"preset", "report-3"},
         Case{"background", "grey"}, Case{"background", "random"}));
 
-TEST(TrainOptions, RefusesCamerasThatAreNamedTwiceOrNot) {
+TEST(TrainOptions, RejectsCamerasThatAreRepeatedOrEmpty) {
   EXPECT_THAT(complaint("cameras", "A,A"), HasSubstr("--cameras"));
   EXPECT_THAT(complaint("cameras", "A,"), HasSubstr("--cameras"));
 }
 
-TEST(TrainOptions, TakesWhatIsAtTheEdgeOfTheRange) {
+TEST(TrainOptions, AcceptsTheEndsOfTheRange) {
   for (const auto& [option, value] :
        {Case{"downscale", "64"}, Case{"width", "32"}, Case{"width", "512"}, Case{"samples", "3"},
         Case{"fine-samples", "1024"}, Case{"learning-rate", "1"}, Case{"frames", ":"},
@@ -94,7 +94,7 @@ TEST(TrainOptions, TakesWhatIsAtTheEdgeOfTheRange) {
     EXPECT_THAT(complaint(option, value), IsEmpty()) << option << " " << value;
 }
 
-TEST(TrainOptions, EveryHelpSaysItsDefaultOrIsATextOrSwitch) {
+TEST(TrainOptions, EveryOptionHasAHelpWithItsDefault) {
   for (const TrainField& candidate : train_fields())
     EXPECT_FALSE(candidate.help.empty()) << candidate.name;
   EXPECT_THAT(field("near").help, HasSubstr("default: 0.5"));
@@ -110,7 +110,7 @@ TEST(TrainOptions, FramesBecomeARangeOfTheScene) {
   EXPECT_EQ(scene.frame_step, 2);
 }
 
-TEST(TrainOptions, BackgroundIsTheScenes) {
+TEST(TrainOptions, PassesTheBackgroundToTheScene) {
   TrainOptions options;
   EXPECT_EQ(scene_options(options).background, Background::kNone);
   EXPECT_FALSE(scene_options(options).random_background);
@@ -122,11 +122,11 @@ TEST(TrainOptions, BackgroundIsTheScenes) {
     EXPECT_TRUE(scene_options(options).random_background);
   }
   options.method = "nerf";
-  EXPECT_FALSE(scene_options(options).random_background) << "its network is told of no background";
+  EXPECT_FALSE(scene_options(options).random_background) << "nerf has no random backgrounds";
 }
 
-// A cube from -1 to 1 around (10, 0, 0). From 4 ahead of it: 3 to its face, to its far corners (5,
-// 1, 1); from its inside: all around.
+// A cube of half side 1 around (10, 0, 0). From 4 in front of it: 3 to its face, its far corners at
+// (5, 1, 1). From inside, it is all around.
 TEST(TrainOptions, BoundsSetNearAndFarUnlessTheyAreGiven) {
   Recording recording;
   recording.frames = {{0, 0, Rigid3d(Eigen::Translation3d(6, 0, 0))}};
@@ -147,7 +147,7 @@ TEST(TrainOptions, BoundsSetNearAndFarUnlessTheyAreGiven) {
   EXPECT_NEAR(options.near_m, 0.02, 1e-12);
   EXPECT_NEAR(options.far_m, std::sqrt(27.0), 1e-12);
   options =
-      TrainOptions();  // the grid sees beyond the cube from within, unless that is a background
+      TrainOptions();  // from inside, the grid sees beyond the cube unless there is a background
   resolve_bounds(&options, {}, recording);
   EXPECT_NEAR(options.far_m, 100, 1e-12);
   options.background = "white";
@@ -161,7 +161,7 @@ TEST(TrainOptions, BoundsSetNearAndFarUnlessTheyAreGiven) {
   EXPECT_EQ(options.far_m, 10);
 }
 
-/// Value of a hyperparameter that the options result in, without a scene.
+/// Returns the value of a hyperparameter that the options result in, without a scene.
 std::string value_of(const TrainOptions& options, const std::string& name) {
   const auto model = make_model(options.method);
   apply_hyperparameters(options, model.get());
@@ -216,7 +216,7 @@ TEST(TrainOptions, DefaultsAreThoseOfTheMethod) {
   EXPECT_THROW(apply_preset(&options, {"method"}), UsageError);
 }
 
-/// What validate() says of --set TEXT for a method.
+/// Returns the message of validate() for --set TEXT with a method.
 std::string complaint_about_set(const std::string& text, const std::string& method = "grid") {
   TrainOptions options;
   options.recording = "drive";
@@ -246,7 +246,7 @@ TEST(Set, SetsEveryNumberOfEveryMethod) {
   EXPECT_EQ(complaint_about_set("pose_refinement.first_rate_m=2e-3"), "");
 }
 
-TEST(Set, SaysTheRuleOrTheKnownNames) {
+TEST(Set, ReportsTheRuleOrTheKnownNames) {
   EXPECT_THAT(complaint_about_set("histogram_padding=-1"),
               AllOf(HasSubstr("--set histogram_padding -1"), HasSubstr("must be above 0")));
   EXPECT_THAT(complaint_about_set("range_weight=much"), HasSubstr("must be a number"));
@@ -272,7 +272,7 @@ TEST(Set, ReachesModelAndPoseRefinement) {
   EXPECT_EQ(pose_refinement(options).decay, PoseRefinement().decay);
 }
 
-TEST(Set, StandsInTheConfigUnderItsOwnOptionOrUnderSet) {
+TEST(Set, IsInTheConfigUnderItsOptionOrUnderSet) {
   TrainOptions options;
   options.recording = "drive";
   for (const char* text : {"range_weight=0.25", "width=64"}) field("set").parse(options, text);
@@ -303,7 +303,7 @@ TEST(TrainOptions, SecondSetupTakesTheRearCameraWhereTheMiddleOneIsMissing) {
   EXPECT_THAT(options.cameras, ElementsAre("M_FISHEYE_L"));
 }
 
-TEST(TrainOptions, RefusesHyperparametersOfAnotherMethod) {
+TEST(TrainOptions, RejectsHyperparametersOfAnotherMethod) {
   EXPECT_THAT(complaint("error-rays", "0.25"), HasSubstr("belongs to --method grid"));
   TrainOptions options;
   options.recording = "drive";
@@ -346,7 +346,7 @@ TrainOptions unusual() {
   return options;
 }
 
-TEST(TrainOptions, TextThatIsNotUtf8IsRefusedByName) {
+TEST(TrainOptions, RejectsTextThatIsNotUtf8ByName) {
   const auto what = [](const TrainOptions& options) -> std::string {
     try {
       validate(options);
@@ -377,7 +377,7 @@ TEST(TrainOptions, JsonRoundTripKeepsEveryField) {
   EXPECT_THAT(back.cameras, ElementsAre("A", "B"));
 }
 
-TEST(TrainOptions, JsonThatDoesNotFitIsRefused) {
+TEST(TrainOptions, RejectsMalformedJson) {
   const auto what = [](const nlohmann::json& json) -> std::string {
     try {
       options_from_json(json, "config.json");
@@ -401,14 +401,14 @@ TEST(TrainOptions, JsonThatDoesNotFitIsRefused) {
     EXPECT_THAT(what(json), HasSubstr(candidate.name)) << "null";
   }
   json = options_to_json(unusual());
-  json["width"] = 3'000'000'000ull;  // does not fit an int, and must not be cut to one that does
+  json["width"] = 3'000'000'000ull;  // exceeds an int, and must not be truncated
   EXPECT_THAT(what(json), HasSubstr("width"));
   json["width"] = 100;
   EXPECT_THAT(what(json), HasSubstr("--width 100"));
   EXPECT_THAT(what(nlohmann::json::array()), HasSubstr("config.json"));
 }
 
-TEST(Options, PosesAreRefinedOfDrivesByTheGridUnlessSaidOtherwise) {
+TEST(Options, RefinesPosesOfDrivesWithGridByDefault) {
   Scene drive, photographs;
   photographs.metric = false;
   TrainOptions options;
@@ -430,7 +430,7 @@ TEST(Options, PosesAreRefinedOfDrivesByTheGridUnlessSaidOtherwise) {
   }
 }
 
-TEST(Options, RollingShutterIsOfAllCamerasOrOfEach) {
+TEST(Options, RollingShutterIsForAllCamerasOrForEach) {
   TrainOptions options;
   options.recording = REDRIVE_SAMPLES "/analytic";
   const auto readouts = [&](std::vector<std::string> given) {
@@ -462,7 +462,7 @@ TEST(Options, RollingShutterIsEstimatedByAlign) {
   ASSERT_GT(n, 1u);
   EXPECT_EQ(apply_readout_options({"estimate"}, &recording), std::vector<bool>(n, true));
   EXPECT_EQ(recording.cameras[0].calibration.readout_ns, 20'000'000)
-      << "as the calibration says, to start from";
+      << "the calibration's initial value";
   std::vector<bool> but_last(n, true);
   but_last.back() = false;
   EXPECT_EQ(apply_readout_options({"estimate", last + ":7"}, &recording), but_last);
@@ -481,8 +481,8 @@ TEST(Options, RollingShutterIsEstimatedByAlign) {
   validate(options);
 }
 
-// What align estimated counts, but not before a readout that is given.
-TEST(Options, ReadoutsOfOwnPoses) {
+// A readout time of --rolling-shutter overrides the one that align estimated.
+TEST(Options, ReadoutsOfExternalPoses) {
   TrainOptions options;
   options.recording = REDRIVE_SAMPLES "/analytic";
   options.align = true;

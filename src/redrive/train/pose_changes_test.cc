@@ -18,7 +18,7 @@ class PoseChangesTest : public ::testing::Test {
   void set(std::size_t at, const std::vector<float>& values) {
     std::ranges::copy(values, &corrections_.values[at]);
   }
-  /// Of the scene as the corrections place it.
+  /// Returns the changes of the scene with the corrections applied.
   PoseChanges changes() const {
     Scene placed = scene_;
     apply_corrections(scene_, recording_.frames, corrections_, &placed);
@@ -30,7 +30,7 @@ class PoseChangesTest : public ::testing::Test {
   PoseCorrections corrections_{scene_};
 };
 
-TEST_F(PoseChangesTest, CamerasAreSaidInTheBodysAxes) {
+TEST_F(PoseChangesTest, ReportsCamerasInTheBodysAxes) {
   // FRONT's z looks along the body's x, its x to the right, its y down.
   set(corrections_.camera_slot(1), {0.1f, 0.2f, 0.4f, 0.01f, 0.02f, 0.03f});
   set(corrections_.time_slot(1), {0.004f});
@@ -41,7 +41,7 @@ TEST_F(PoseChangesTest, CamerasAreSaidInTheBodysAxes) {
   EXPECT_LT((front.pose.rotation_rad - Eigen::Vector3d(0.03, -0.01, -0.02)).norm(), 1e-8);
   EXPECT_NEAR(front.time_offset_s, 0.004, 1e-9);
   EXPECT_FALSE(front.pose.at_bound);
-  // That is by how much it has moved and turned on the car.
+  // Equals the change of the extrinsics.
   Scene after = scene_;
   apply_corrections(scene_, recording_.frames, corrections_, &after);
   const Rigid3d &was = scene_.rig[1].body_from_sensor, &is = after.rig[1].body_from_sensor;
@@ -50,7 +50,7 @@ TEST_F(PoseChangesTest, CamerasAreSaidInTheBodysAxes) {
   EXPECT_LT((turn.angle() * turn.axis() - front.pose.rotation_rad).norm(), 1e-7);
 }
 
-TEST_F(PoseChangesTest, FramesAreSaidAsTheyStand) {
+TEST_F(PoseChangesTest, ReportsFramesInTheirOwnAxes) {
   set(corrections_.frame_slot(2), {0.03f, 0, 0.04f, 0, 0.012f, 0});
   set(corrections_.frame_slot(4), {0, -0.05f, 0, 0.005f, 0, 0});
   const PoseChanges changes = this->changes();
@@ -64,7 +64,7 @@ TEST_F(PoseChangesTest, FramesAreSaidAsTheyStand) {
   EXPECT_THAT(describe_changes(changes), Not(HasSubstr("WARNING")));
 }
 
-TEST_F(PoseChangesTest, SaysWhatIsAtItsBound) {
+TEST_F(PoseChangesTest, ReportsCorrectionsAtTheirBounds) {
   set(corrections_.frame_slot(1), {0, -kMaxTranslation_m});
   set(corrections_.frame_slot(3) + 5, {0.99f * kMaxRotation_rad});
   set(corrections_.frame_slot(4), {0.9f * kMaxTranslation_m});

@@ -27,9 +27,9 @@ class PoseRefinerTest : public ::testing::Test {
   Scene scene_ = make_scene(recording_, holdout());
 };
 
-// Two rays of one view and one of another: what moves the camera is added up, what turns it is a
-// ray's direction times its derivative.
-TEST_F(PoseRefinerTest, RaysOfAViewAddUp) {
+// Two rays of one view and one of another: derivatives of translations are sums, those of rotations
+// are sums of each ray's direction x its derivative.
+TEST_F(PoseRefinerTest, SumsTheDerivativesOfAViewsRays) {
   RayBatch batch;
   batch.n = 3;
   batch.view = {2, 4, 2};
@@ -49,13 +49,13 @@ TEST_F(PoseRefinerTest, RaysOfAViewAddUp) {
 
 const double kDecay = PoseRefinement().decay;
 
-/// A loss that is least where every view is where `truth` has it: squared distances of three points
-/// on each camera.
+/// A loss with its minimum at the poses of `ground_truth`: squared distances of three points on
+/// each camera.
 class Landmarks {
  public:
-  explicit Landmarks(const Scene& truth) : truth_(truth) {}
+  explicit Landmarks(const Scene& ground_truth) : ground_truth_(ground_truth) {}
 
-  /// A batch of three rays a view that says so.
+  /// Returns the gradients by a batch of three rays per view.
   double losses(const Scene& now, RayBatch* batch, RayGradientsOutput* losses) const {
     std::vector<Vector3d> d_origin, direction, d_direction;
     batch->view.clear();
@@ -63,9 +63,9 @@ class Landmarks {
     for (std::size_t v = 0; v < now.views.size(); ++v) {
       if (now.views[v].held_out) continue;
       const Rigid3d here = now.world_from_camera(now.views[v]),
-                    there = truth_.world_from_camera(truth_.views[v]);
+                    there = ground_truth_.world_from_camera(ground_truth_.views[v]);
       for (int k = 0; k < 3; ++k) {
-        // |o - o'|^2 + 100 |d - d'|^2: directions to what is 10 m away.
+        // |o - o'|^2 + 100 |d - d'|^2: directions to points 10 m away.
         const Vector3d d = here.linear().col(k), off = d - there.linear().col(k),
                        moved = here.translation() - there.translation();
         batch->view.push_back(static_cast<std::uint32_t>(v));
@@ -89,14 +89,15 @@ class Landmarks {
   }
 
  private:
-  const Scene& truth_;
+  const Scene& ground_truth_;
 };
 
-/// Refines from nothing towards landmarks; rates of the first update and of the last. Returns the
-/// loss before and after.
-std::pair<double, double> refine(const Recording& recording, const Scene& scene, const Scene& truth,
-                                 int steps, double first_m, double last_m, PoseState* state) {
-  const Landmarks landmarks(truth);
+/// Refines zero corrections towards landmarks, with rates of the first and the last update. Returns
+/// the loss before and after.
+std::pair<double, double> refine(const Recording& recording, const Scene& scene,
+                                 const Scene& ground_truth, int steps, double first_m,
+                                 double last_m, PoseState* state) {
+  const Landmarks landmarks(ground_truth);
   Scene now = scene;
   RayBatch batch;
   RayGradientsOutput losses;
@@ -111,7 +112,7 @@ std::pair<double, double> refine(const Recording& recording, const Scene& scene,
   return {before, landmarks.losses(now, &batch, &losses)};
 }
 
-TEST_F(PoseRefinerTest, FindsWhatIsWrongWithFramesCamerasAndTimes) {
+TEST_F(PoseRefinerTest, RecoversErrorsOfFramesCamerasAndTimes) {
   PoseCorrections wrong(scene_);
   for (int f = 0; f < wrong.frames; ++f)
     for (int k = 0; k < 6; ++k)
@@ -119,13 +120,13 @@ TEST_F(PoseRefinerTest, FindsWhatIsWrongWithFramesCamerasAndTimes) {
   wrong.values[wrong.camera_slot(1) + 4] = 0.01f;
   wrong.values[wrong.camera_slot(0) + 4] = 0.0f;
   wrong.values[wrong.time_slot(0)] = 0.005f;
-  Scene truth = scene_;
-  apply_corrections(scene_, recording_.frames, wrong, &truth);
+  Scene ground_truth = scene_;
+  apply_corrections(scene_, recording_.frames, wrong, &ground_truth);
   PoseState state(scene_);
-  const auto [before, after] = refine(recording_, scene_, truth, 600, 3e-3, 3e-5, &state);
+  const auto [before, after] = refine(recording_, scene_, ground_truth, 600, 3e-3, 3e-5, &state);
   EXPECT_GT(before, 1e-3);
   EXPECT_LT(after, before / 100);
-  // What cameras have in common is the frames'.
+  // The mean correction of the cameras belongs to the frames.
   Vector3d turn = Vector3d::Zero();
   for (int c = 0; c < 2; ++c)
     for (int k = 0; k < 3; ++k)
@@ -137,7 +138,7 @@ TEST_F(PoseRefinerTest, FindsWhatIsWrongWithFramesCamerasAndTimes) {
               0, 1e-7);
 }
 
-TEST_F(PoseRefinerTest, WhatIsNoNumberChangesNothing) {
+TEST_F(PoseRefinerTest, IgnoresNonFiniteGradients) {
   PoseState state(scene_);
   RayBatch batch;
   RayGradientsOutput losses;
@@ -149,13 +150,13 @@ TEST_F(PoseRefinerTest, WhatIsNoNumberChangesNothing) {
   EXPECT_THAT(state.corrections.values, ::testing::Each(0.0f));
 }
 
-TEST_F(PoseRefinerTest, CorrectionsEndAtTheirBoundsAloud) {
+TEST_F(PoseRefinerTest, ClampsCorrectionsToTheirBoundsAndReportsIt) {
   PoseCorrections wrong(scene_);
   for (int f = 0; f < wrong.frames; ++f) wrong.values[wrong.frame_slot(f) + 1] = 2;  // metres
-  Scene truth = scene_;
-  apply_corrections(scene_, recording_.frames, wrong, &truth);
+  Scene ground_truth = scene_;
+  apply_corrections(scene_, recording_.frames, wrong, &ground_truth);
   PoseState state(scene_);
-  refine(recording_, scene_, truth, 100, 0.02, 0.02, &state);
+  refine(recording_, scene_, ground_truth, 100, 0.02, 0.02, &state);
   for (int f = 0; f < wrong.frames; ++f)
     EXPECT_EQ(state.corrections.values[state.corrections.frame_slot(f) + 1], kMaxTranslation_m)
         << f;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What training does when it diverges. Apart from trainer_test.cc, whose tests run under
-// ThreadSanitizer, too: these take thousands of steps.
+// Roll-backs when training diverges. Separate from trainer_test.cc, whose tests also run under
+// ThreadSanitizer: these take thousands of steps.
 #include "redrive/train/loss_watch.h"
 
 #include <gmock/gmock.h>
@@ -18,7 +18,7 @@ using ::testing::HasSubstr;
 
 using RollbackTest = TrainingTest;
 
-TEST_F(RollbackTest, FiftyOnEndGoBackToTheLastCheckpointAtHalfTheRate) {
+TEST_F(RollbackTest, FiftyBadStepsRollBackToTheLastCheckpointAtHalfTheRate) {
   TrainOptions options = tiny_options(1200);
   options.set("batch_rays", 16);
   redrive::Run run = run_named("run", options);
@@ -34,7 +34,7 @@ TEST_F(RollbackTest, FiftyOnEndGoBackToTheLastCheckpointAtHalfTheRate) {
                     HasSubstr("50 steps on end were not finite")));
   std::int64_t before = 0;
   for (const MetricsRow& row : read_metrics(run.paths)) {
-    EXPECT_GT(row.step, before) << "what was undone is not read";
+    EXPECT_GT(row.step, before) << "rows that a roll-back undid are not read";
     before = row.step;
     EXPECT_DOUBLE_EQ(row.learning_rate,
                      2e-3 * (row.step > 1040 ? 0.5 : 1) *
@@ -43,7 +43,7 @@ TEST_F(RollbackTest, FiftyOnEndGoBackToTheLastCheckpointAtHalfTheRate) {
   EXPECT_EQ(before, 1200);
 }
 
-TEST_F(RollbackTest, FourRollBacksAreEnough) {
+TEST_F(RollbackTest, GivesUpAfterFourRollBacks) {
   TrainOptions options = tiny_options(2000);
   options.set("batch_rays", 16);
   redrive::Run run = run_named("run", options);
@@ -64,8 +64,8 @@ TEST_F(RollbackTest, FourRollBacksAreEnough) {
   EXPECT_EQ(left.rate_factor, 1 / 16.0);
 }
 
-/// 512 rays: a window of 25 steps is more than 10^4 rays, so it is judged alone. Tiny networks
-/// learn the two pictures in a few.
+/// 512 rays: a window of 25 steps has more than 10^4 rays, so it is not smoothed. Tiny networks
+/// learn the two images in a few windows.
 TrainOptions watched_options(std::int64_t max_steps) {
   TrainOptions options = tiny_options(max_steps);
   options.set("batch_rays", 512);
@@ -73,9 +73,9 @@ TrainOptions watched_options(std::int64_t max_steps) {
   return options;
 }
 
-// Parameters are spoilt in the middle of a run that went well: the error rises tenfold and stays
-// there, as nothing is left that learns. It happens within what train/start_watch.h looks at, but
-// is none of what that looks for.
+// Parameters are corrupted in the middle of a healthy run: the error rises tenfold and stays there,
+// because all gradients vanish. It happens within the steps that train/start_watch.h watches, but
+// meets none of its criteria.
 TEST_F(RollbackTest, ADivergenceIsUndoneAndAResumedRunUndoesTheSame) {
   redrive::Run whole = run_named("whole", watched_options(700));
   Interference interference{.spoil_at = 210};
@@ -98,7 +98,7 @@ TEST_F(RollbackTest, ADivergenceIsUndoneAndAResumedRunUndoesTheSame) {
     EXPECT_THROW(train(&parts, killer, never_), Killed);
   }
   parts = reopened(parts);
-  ASSERT_EQ(parts.state.step, 200) << "no checkpoint of a loss that is high";
+  ASSERT_EQ(parts.state.step, 200) << "no checkpoint while the loss is high";
   interference.spoil_at = 10;
   InterferingBackend again(*backend_, &interference);
   EXPECT_EQ(train(&parts, again, never_), TrainEnd::kFinished);
@@ -107,7 +107,7 @@ TEST_F(RollbackTest, ADivergenceIsUndoneAndAResumedRunUndoesTheSame) {
   EXPECT_TRUE(same_weights(parts.state, whole.state));
 }
 
-// What was high at the end, or when Ctrl-C came, is not what is kept.
+// A high loss at the end, or at Ctrl-C, is rolled back before the final checkpoint.
 TEST_F(RollbackTest, ARunDoesNotEndWithALossThatRose) {
   for (const bool ctrl_c : {false, true}) {
     redrive::Run run =

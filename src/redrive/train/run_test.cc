@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A run folder opens only where its checkpoint is of its options and its recording.
+// A run folder opens only if its checkpoint belongs to its options and its recording.
 #include "redrive/train/run.h"
 
 #include <functional>
@@ -27,8 +27,8 @@ TrainOptions options_of(const std::string& method) {
   return options;
 }
 
-/// A run folder of `method` whose checkpoint is the one that a run of `options` starts with,
-/// changed by `change`; what opening it complains about, "" if nothing.
+/// Opens a run folder of `method` with the initial checkpoint of a run of `options`, modified by
+/// `change`; returns the error message, "" if none.
 std::string complaint(const std::string& method, const TrainOptions& options,
                       const std::function<void(Model&)>& change = {}) {
   const TemporaryFolder folder;
@@ -50,7 +50,7 @@ TEST(RunFolder, OpensWithACheckpointOfItsOptions) {
   EXPECT_EQ(complaint("nerf", options_of("nerf")), "");
 }
 
-TEST(RunFolder, IsRefusedWithACheckpointOfOtherOptions) {
+TEST(RunFolder, RejectsACheckpointOfOtherOptions) {
   TrainOptions options = options_of("nerf");
   EXPECT_THAT(complaint("grid", options), HasSubstr("method = nerf"));
   options.set("width", 64);
@@ -63,7 +63,7 @@ TEST(RunFolder, IsRefusedWithACheckpointOfOtherOptions) {
   EXPECT_THAT(complaint("nerf", options), HasSubstr("far_m"));
 }
 
-TEST(RunFolder, IsRefusedWithACheckpointOfAnotherTrajectory) {
+TEST(RunFolder, RejectsACheckpointOfAnotherTrajectory) {
   const auto moved_by = [](float metres) {
     return
         [=](Model& model) { dynamic_cast<NerfModel&>(model).unit_from_world.center[1] += metres; };
@@ -73,7 +73,7 @@ TEST(RunFolder, IsRefusedWithACheckpointOfAnotherTrajectory) {
       << "another compiler's rounding";
 }
 
-TEST(RunFolder, OfAGridIsNoOther) {  // its checkpoint is large: all of it in a few
+TEST(RunFolder, ChecksTheOptionsOfAGrid) {  // few cases, because its checkpoint is large
   TrainOptions options = options_of("grid");
   EXPECT_EQ(complaint("grid", options,
                       [](Model& m) { dynamic_cast<GridModel&>(m).contraction.center[1] += 1e-7f; }),
@@ -87,7 +87,7 @@ TEST(RunFolder, OfAGridIsNoOther) {  // its checkpoint is large: all of it in a 
   EXPECT_THAT(complaint("nerf", options, small), HasSubstr("method = grid"));
 }
 
-// To look at with the poses that training came to, to go on with those it began with.
+// Opens with the refined poses for rendering, with the initial ones to resume.
 TEST(RunFolder, OpensWithItsRefinedPoses) {
   const TemporaryFolder folder;
   const TrainOptions options = options_of("grid");
@@ -95,7 +95,7 @@ TEST(RunFolder, OpensWithItsRefinedPoses) {
   const Recording recording = open_recording(options);
   const Scene scene = make_scene(recording, scene_options(options));
   TrainState state = make_initial_state(options, scene);
-  ASSERT_TRUE(state.poses.refines()) << "a drive";
+  ASSERT_TRUE(state.poses.refines()) << "drives are refined";
   PoseCorrections& corrections = state.poses.corrections;
   corrections.values[corrections.frame_slot(1)] = 0.25f;
   corrections.values[corrections.camera_slot(0) + 2] = -0.125f;
@@ -135,7 +135,7 @@ TEST(RunFolder, OpensWithItsRefinedPoses) {
   }
 }
 
-TEST(ModelOf, ACubeIsAllThereIsSeenFromOutsideOrOnABackground) {
+TEST(ModelOf, IsBoundedByTheCubeSeenFromOutsideOrOnABackground) {
   const TrainOptions options = options_of("grid");
   Scene scene;
   scene.metric = false;
@@ -159,7 +159,7 @@ TEST(ModelOf, ACubeIsAllThereIsSeenFromOutsideOrOnABackground) {
   EXPECT_EQ(grid(1), std::tuple(false, false, 2));
 }
 
-TEST(RunFolder, WithoutACheckpointMayBeginAnew) {
+TEST(RunFolder, ResumesFromTheStartWithoutACheckpoint) {
   const TemporaryFolder folder;
   create_run(folder.path / "run", options_of("nerf"));
   EXPECT_THROW(open_run(folder.path / "run"), std::runtime_error);

@@ -35,23 +35,23 @@ StepResult result(double mse, double opacity = 0.5, bool finite = true) {
   return out;
 }
 
-/// Of half the pixels black, half white.
+/// Colour variance of half black and half white pixels.
 constexpr double kBlackAndWhite = 0.25;
 
-TEST(StartWatch, DeadFieldIsRecognisedAfterTwentySteps) {
+TEST(StartWatch, DetectsADeadFieldAfterTwentySteps) {
   const Verdict verdict = watch(kBlackAndWhite, [](auto) { return result(0.5, 0); });
   EXPECT_EQ(verdict.step, 19);
   EXPECT_THAT(verdict.reason, HasSubstr("dead"));
 }
 
-TEST(StartWatch, OpacityThatComesBackIsNotDead) {
+TEST(StartWatch, ARecoveringOpacityIsNotDead) {
   EXPECT_EQ(watch(kBlackAndWhite,
                   [](auto step) { return result(0.1 / (1 + step), step % 20 == 19 ? 1e-3 : 0); })
                 .step,
             -1);
 }
 
-TEST(StartWatch, EmptySpaceInBlackPicturesIsNotDead) {
+TEST(StartWatch, EmptySpaceInBlackImagesIsNotDead) {
   EXPECT_EQ(watch(0, [](auto) { return result(0, 0); }).step, -1);
 }
 
@@ -67,8 +67,8 @@ TEST(StartWatch, NotFiniteIsDivergingOnlyInTheStart) {
 }
 
 TEST(StartWatch, LossThatDoesNotFallIsDiverging) {
-  // Half black, half white, and the field says one of them everywhere: error 1/2, a constant grey
-  // would have 1/4.
+  // Half the pixels are black, half white, and the field is one of them everywhere: error 1/2. A
+  // constant grey has 1/4.
   const Verdict verdict =
       watch(kBlackAndWhite, [](auto step) { return result(step < 20 ? 0.52 : 0.5); });
   EXPECT_EQ(verdict.step, 499);
@@ -80,11 +80,11 @@ TEST(StartWatch, LossThatFallsIsNot) {
             -1);
 }
 
-TEST(StartWatch, OneConstantColourIsNot) {  // right from the first step on: nothing to fall
+TEST(StartWatch, OneConstantColourIsNot) {  // correct from the first step: the loss cannot fall
   EXPECT_EQ(watch(0, [](auto step) { return result(step < 20 ? 1e-7 : 2e-6); }).step, -1);
 }
 
-TEST(StartWatch, NoiseIsNot) {  // the mean colour from the start, and nothing better to be had
+TEST(StartWatch, NoiseIsNot) {  // the mean colour from the start is optimal
   EXPECT_EQ(watch(0.0625, [](auto step) { return result(step < 20 ? 0.0624 : 0.0626); }).step, -1);
 }
 

@@ -46,13 +46,13 @@ TEST(TrainStep, IsTheCompositionOfThePlainStages) {
   StepBuffers buffers;
   const StepResult result = train_step(*backend, batch, 1e-3, &state, &buffers);
   for (const float left : buffers.gradients.span())
-    ASSERT_EQ(left, 0);  // the next step adds to them
+    ASSERT_EQ(left, 0);  // the next step adds to the gradients
   std::vector<float> gradients(before.model->size());
   Workspace workspace;
   nerf(before).gradients(*backend, batch, before.seed, 0, gradients, &workspace);
 
-  // By hand: sample, render, squared error; then Adam's first step, which moves each weight by lr g
-  // / (|g| + eps).
+  // Reference: sample, render, squared error; then Adam's first step, which changes each weight by
+  // lr g / (|g| + eps).
   std::vector<float> t(16 * 8), dt(16 * 8), rgb(48), depth(16), opacity(16);
   backend->nerf().sample_stratified(16, {8, 1, 5, true, random_key(5, kStreamSamples, 0)}, t, dt);
   backend->nerf().render_rays(nerf(before).field(0), {16, batch.origin, batch.direction},
@@ -69,7 +69,7 @@ TEST(TrainStep, IsTheCompositionOfThePlainStages) {
   for (std::size_t i = 0; i < state.model->parameters.size(); ++i) {
     const double gradient = gradients[i],
                  step = state.model->parameters[i] - before.model->parameters[i];
-    // One rounding of the parameter (|p| < 1) and a few of the quotient.
+    // Bounds one rounding of the parameter (|p| < 1) and a few of the quotient.
     EXPECT_NEAR(step, -1e-3 * gradient / (std::abs(gradient) + 1e-8), 1.2e-7 + 1e-3 * 1e-4) << i;
     moved += step != 0;
   }
@@ -88,7 +88,7 @@ TEST(TrainStep, HierarchicalAddsTheLossesAndTrainsBothNetworks) {
   const StepResult coarse = train_step(*backend, batch, 1e-3, &coarse_only, &other);
   EXPECT_NEAR(result.loss, coarse.loss + result.rgb_mse, 1e-6 * result.loss);
   EXPECT_TRUE(bit_equal(nerf(state).network(0), nerf(coarse_only).network(0)))
-      << "the fine samples carry no gradient back";
+      << "no gradient flows through the fine samples";
   EXPECT_FALSE(bit_equal(nerf(state).network(1), nerf(before).network(1)));
 }
 
@@ -105,7 +105,7 @@ TEST(TrainStep, BatchesOfAnySizeShareTheBuffers) {  // the last batch of an epoc
   EXPECT_TRUE(same_weights(shared, fresh));
 }
 
-TEST(TrainStep, WhatIsNotFiniteIsNotApplied) {
+TEST(TrainStep, SkipsANonFiniteStep) {
   const auto backend = kernels::make_ref_backend();
   RayBatch batch = example_batch(4);
   batch.target[5] = std::numeric_limits<float>::quiet_NaN();
@@ -117,7 +117,7 @@ TEST(TrainStep, WhatIsNotFiniteIsNotApplied) {
   EXPECT_EQ(state.step, 1);
 }
 
-TEST(TrainStep, OfAGridIsNotAppliedWhicheverPartIsBroken) {
+TEST(TrainStep, SkipsANonFiniteStepOfEveryPartOfAGrid) {
   const auto backend = kernels::make_ref_backend();
   RayBatch batch = example_batch(8);
   batch.pixel_angle.assign(8, 0.01f);
@@ -147,7 +147,7 @@ TEST(TrainStep, OfAGridIsNotAppliedWhicheverPartIsBroken) {
   }
 }
 
-TEST(TrainStep, TakesInWhatItsRaysMissed) {
+TEST(TrainStep, UpdatesTheErrorMapByItsRays) {
   const auto backend = kernels::make_ref_backend();
   RayBatch batch = example_batch(8);
   batch.pixel_angle.assign(8, 0.01f);
@@ -179,7 +179,7 @@ TEST(TrainStep, TakesInWhatItsRaysMissed) {
   EXPECT_EQ(state.pixels_drawn, 10u);
 }
 
-TEST(TrainStep, CountsTheRaysThatTheFieldWasAskedAbout) {
+TEST(TrainStep, CountsTheActiveRays) {
   const auto backend = kernels::make_ref_backend();
   RayBatch batch = example_batch(64);
   batch.pixel_angle.assign(64, 0.01f);
@@ -195,9 +195,9 @@ TEST(TrainStep, CountsTheRaysThatTheFieldWasAskedAbout) {
   for (const ModelTensor& tensor : state.model->tensors())
     if (tensor.name == "proposal")
       std::fill_n(&state.model->parameters[tensor.offset], tensor.shape[0], -30.0f);
-  const int asked = train_step(*backend, batch, 0, &state, &buffers).active_rays;  // one in 16
-  EXPECT_LT(asked, 16);
-  EXPECT_DOUBLE_EQ(grid.active_fraction, 1 + (asked / 64.0 - 1) / 32);
+  const int active = train_step(*backend, batch, 0, &state, &buffers).active_rays;  // one in 16
+  EXPECT_LT(active, 16);
+  EXPECT_DOUBLE_EQ(grid.active_fraction, 1 + (active / 64.0 - 1) / 32);
 }
 
 TEST(TrainStep, DeadFieldHasNoOpacityAndNoGradient) {

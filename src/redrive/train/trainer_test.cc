@@ -19,7 +19,7 @@ namespace {
 using ::testing::HasSubstr;
 using ::testing::Not;
 
-/// Every density far below the ReLU's kink: the start that never moves.
+/// Sets every density far below the ReLU's kink, so that all gradients are 0.
 void kill_density(Run* run) {
   run->state.model->parameters[nerf_layer(nerf(run->state).config, kNerfDensity).bias] = -1e3f;
 }
@@ -28,8 +28,8 @@ class TrainerTest : public TrainingTest {
  protected:
   using RunNamed = std::function<redrive::Run(const char* name)>;
 
-  /// A run with checkpoints every 30 of 130 steps, which `trained` is, ends the same on one thread,
-  /// and killed and interrupted on its way.
+  /// Expects that the run `trained`, with checkpoints every 30 of 130 steps, ends the same on one
+  /// thread, and when killed and interrupted.
   void expect_same_end(const redrive::Run& trained, const RunNamed& run_named) {
     redrive::Run single = run_named("single"), parts = run_named("parts");
     const auto expect_same = [&](const redrive::Run& other) {
@@ -67,7 +67,7 @@ TEST_F(TrainerTest, LossFallsAndTheRunFolderIsComplete) {
   EXPECT_LT(rows.back().loss, rows.front().loss / 10);
   EXPECT_NEAR(rows.back().psnr_db, -10 * std::log10(rows.back().loss), 1e-9);
   EXPECT_EQ(rows.front().learning_rate, 2e-3);
-  EXPECT_EQ(rows.back().learning_rate, 2e-3 / 8);  // behind the milestones 300, 450 and 525
+  EXPECT_EQ(rows.back().learning_rate, 2e-3 / 8);  // after the milestones 300, 450 and 525
   EXPECT_TRUE(same_weights(load_checkpoint(run.paths.checkpoint()), run.state));
   EXPECT_EQ(run.state.restarts, 0);
 }
@@ -118,7 +118,7 @@ TEST_F(TrainerTest, KilledAndResumedEndsAsUninterrupted) {
        {30, 77, 20}) {  // the last checkpoints are at 0, 40 (77 + 0 -> 40) and 40
     train_until_killed(&parts, at);
     std::ofstream(parts.paths.metrics(), std::ios::app)
-        << "{\"step\": 9";  // a line that the kill cut short
+        << "{\"step\": 9";  // a line truncated by the kill
     parts = reopened(parts);
   }
   EXPECT_EQ(parts.state.step, 40);
@@ -127,9 +127,9 @@ TEST_F(TrainerTest, KilledAndResumedEndsAsUninterrupted) {
   EXPECT_TRUE(same_weights(parts.state, whole.state));
 }
 
-// Rays by error follow what the rays before missed, poses what they said of them: neither threads
-// nor interruptions may change any.
-TEST_F(TrainerTest, AGridThatFollowsErrorsAndPosesEndsTheSameOnAnyThreadsAndWhenKilled) {
+// The error map and refined poses depend on earlier steps: neither the number of threads nor
+// interruptions may change them.
+TEST_F(TrainerTest, AGridWithErrorMapAndPosesEndsTheSameOnAnyThreadsAndWhenKilled) {
   TrainOptions options = tiny_options(130);
   options.checkpoint_every = 30;
   const RunNamed grid_run = [&](const char* name) {
@@ -145,7 +145,7 @@ TEST_F(TrainerTest, AGridThatFollowsErrorsAndPosesEndsTheSameOnAnyThreadsAndWhen
   expect_same_end(whole, grid_run);
 }
 
-TEST_F(TrainerTest, ANerfThatFollowsPosesEndsTheSameOnAnyThreadsAndWhenKilled) {
+TEST_F(TrainerTest, ANerfWithPosesEndsTheSameOnAnyThreadsAndWhenKilled) {
   TrainOptions options = tiny_options(130);
   options.checkpoint_every = 30;
   options.set("fine_samples", 6);
@@ -158,7 +158,7 @@ TEST_F(TrainerTest, ANerfThatFollowsPosesEndsTheSameOnAnyThreadsAndWhenKilled) {
   expect_same_end(whole, nerf_run);
 }
 
-TEST_F(TrainerTest, ARestartForgetsTheErrors) {
+TEST_F(TrainerTest, ARestartResetsTheErrorMap) {
   const TrainOptions options = tiny_options(40);
   redrive::Run restarted = tiny_grid_run(folder_.path / "restarted", folder_.path, options);
   Interference interference{.nan_from = 20, .nan_to = 21};
@@ -175,8 +175,8 @@ TEST_F(TrainerTest, ARestartForgetsTheErrors) {
   EXPECT_EQ(restarted.state.poses.corrections.values, fresh.state.poses.corrections.values);
 }
 
-TEST_F(TrainerTest, EpochsAreTimesThatEveryPixelIsSeen) {
-  TrainOptions options = tiny_options(0);  // two pictures of 24 x 16
+TEST_F(TrainerTest, AnEpochDrawsEveryPixelOnce) {
+  TrainOptions options = tiny_options(0);  // two images of 24 x 16
   options.epochs = 3;
   redrive::Run nerf = run_named("nerf", options);
   train(&nerf, *backend_, never_);
@@ -199,7 +199,7 @@ TEST_F(TrainerTest, DeadStartIsRestartedFromAnotherSeed) {
   const std::string metrics = read_file(run.paths.metrics());
   EXPECT_THAT(metrics, HasSubstr("\"event\":\"restart\""));
   EXPECT_THAT(metrics, HasSubstr("dead"));
-  ASSERT_EQ(read_metrics(run.paths).size(), 3u);  // steps 25, 50 and 60 of the second start alone
+  ASSERT_EQ(read_metrics(run.paths).size(), 3u);  // steps 25, 50 and 60 of the second start only
   EXPECT_EQ(read_metrics(run.paths).front().step, 25);
 }
 
@@ -209,7 +209,7 @@ TEST_F(TrainerTest, KilledAroundARestartEndsAsUninterrupted) {
   kill_density(&whole);
   kill_density(&parts);
   train(&whole, *backend_, never_);
-  for (const std::int64_t at : {10, 30}) {  // before the restart after step 20, and behind it
+  for (const std::int64_t at : {10, 30}) {  // before and after the restart at step 20
     train_until_killed(&parts, at);
     parts = reopened(parts);
   }
@@ -245,7 +245,7 @@ TEST_F(TrainerTest, LaterStepsThatAreNotFiniteAreSkippedAndCounted) {
   EXPECT_EQ(run.state.restarts, 0);
 }
 
-TEST_F(TrainerTest, MaxSecondsCountsOnOverResumedRuns) {
+TEST_F(TrainerTest, MaxSecondsIncludesTheTimeBeforeResuming) {
   TrainOptions options = tiny_options(0);
   options.max_seconds = 0.05;
   redrive::Run run = run_named("run", options);
@@ -254,10 +254,10 @@ TEST_F(TrainerTest, MaxSecondsCountsOnOverResumedRuns) {
   EXPECT_GT(run.state.step, 0);
   redrive::Run again = reopened(run);
   train(&again, *backend_, never_);
-  EXPECT_EQ(again.state.step, run.state.step) << "its time was up already";
+  EXPECT_EQ(again.state.step, run.state.step) << "its time was used up";
 }
 
-TEST(Metrics, ALineThatIsNoneIsRefusedByNumber) {
+TEST(Metrics, RejectsAMalformedLineByNumber) {
   TemporaryFolder folder;
   const RunPaths paths{folder.path};
   append_metrics(paths, {25, 1, 0.5, 3, 5e-4, 100, 0});
@@ -270,7 +270,7 @@ TEST(Metrics, ALineThatIsNoneIsRefusedByNumber) {
   }
 }
 
-TEST(Metrics, WhatARollBackUndidIsNeitherReadNorKept) {
+TEST(Metrics, RowsThatARollBackUndidAreNeitherReadNorKept) {
   TemporaryFolder folder;
   const RunPaths paths{folder.path};
   const auto row = [&](std::int64_t step) {
@@ -296,7 +296,7 @@ TEST(Metrics, WhatARollBackUndidIsNeitherReadNorKept) {
   EXPECT_TRUE(steps().empty());
 }
 
-TEST(Metrics, CutEndsAtTheFirstLineThatCannotBeRead) {
+TEST(Metrics, TruncatesAtTheFirstUnreadableLine) {
   TemporaryFolder folder;
   const RunPaths paths{folder.path};
   for (const int step : {25, 50, 75}) append_metrics(paths, {step, 1, 0.5, 3, 5e-4, 100, 0});
@@ -313,7 +313,7 @@ TEST(Metrics, CutEndsAtTheFirstLineThatCannotBeRead) {
   }
 }
 
-TEST(Run, OneProcessAtATime) {
+TEST(Run, IsLockedByOneProcess) {
   TemporaryFolder folder;
   {
     const RunLock lock(folder.path);
@@ -329,16 +329,16 @@ TEST(Run, OneProcessAtATime) {
   EXPECT_THROW(RunLock(folder.path / "none"), InputError);
 }
 
-TEST(Run, IsMadeWholeUnderItsNameWithoutASlash) {
+TEST(Run, IsCreatedAtomicallyWithoutATrailingSlash) {
   TemporaryFolder folder;
   const RunPaths paths = create_run(folder.path / "below" / "run" / "", tiny_options(1));
   EXPECT_EQ(paths.root, folder.path / "below" / "run");
   EXPECT_TRUE(std::filesystem::exists(paths.config()));
   const std::filesystem::directory_iterator entries(folder.path / "below");
-  EXPECT_EQ(std::distance(begin(entries), end(entries)), 1) << "no temporary is left";
+  EXPECT_EQ(std::distance(begin(entries), end(entries)), 1) << "no temporary folder is left";
 }
 
-TEST(Run, AFolderThatExistsIsRefusedAndLeftAlone) {
+TEST(Run, RejectsAnExistingFolderUnchanged) {
   TemporaryFolder folder;
   TrainOptions options = tiny_options(1);
   EXPECT_THROW(create_run(folder.path, options), UsageError);

@@ -24,7 +24,7 @@ class TrainingDataTest : public testing::Test {
     run_.scene = make_scene(run_.recording, scene_options(run_.options));
     run_.state.model = make_run_model(run_.options, run_.scene);
   }
-  /// All but the pixel (5, 3).
+  /// A mask of all but the pixel (5, 3).
   void write(const std::filesystem::path& folder) {
     Mask mask = full_mask(24, 16);
     mask.used[3 * 24 + 5] = 0;
@@ -45,8 +45,8 @@ class TrainingDataTest : public testing::Test {
   ThreadPool pool_{2};
 };
 
-// A run has to see the same pixels whenever it is resumed.
-TEST_F(TrainingDataTest, WhatIsFoundIsWhatTheRunKeeps) {
+// A resumed run must train on the same pixels.
+TEST_F(TrainingDataTest, RunKeepsTheComputedMasks) {
   run_.options.downscale = 3;
   run_.options.masks = masks_;
   run_.options.holdout_every = 3;
@@ -70,7 +70,7 @@ TEST_F(TrainingDataTest, WhatIsFoundIsWhatTheRunKeeps) {
   }
 }
 
-TEST_F(TrainingDataTest, AMaskThatIsTakenAwayLeavesNothingOut) {
+TEST_F(TrainingDataTest, ARemovedMaskMasksNothing) {
   run_.options.masks = masks_;
   prepare();
   write(masks_);
@@ -82,7 +82,7 @@ TEST_F(TrainingDataTest, AMaskThatIsTakenAwayLeavesNothingOut) {
   EXPECT_TRUE(load_training_data(run_, pool_).images[0].used.empty());
 }
 
-TEST_F(TrainingDataTest, NoneLooksForNothing) {
+TEST_F(TrainingDataTest, NoneComputesNoMasks) {
   run_.options.masks = "none";
   prepare();
   run_.paths.root = folder_.path;
@@ -93,7 +93,7 @@ TEST_F(TrainingDataTest, NoneLooksForNothing) {
   EXPECT_TRUE(prepare_training_data(run_, pool_).images[0].used.empty());
 }
 
-TEST_F(TrainingDataTest, AFolderWithoutAMaskIsAMistake) {
+TEST_F(TrainingDataTest, RejectsAFolderWithoutMasks) {
   prepare();
   run_.options.masks = masks_;
   EXPECT_THAT(refused(),
