@@ -133,8 +133,8 @@ TEST_P(GatherStages, PixelsMatchTheHost) {
           sampler.gather(first, 400, &expected, {error_map_rays, errors});
           const PixelDraw draw = sampler.draw(first, 400, error_map_rays);
           EXPECT_EQ(draw.epoch_rays, first == sampler.pixels() - 100 ? 100 : 400);
-          const GatheredRays room = sampler.resize_batch(draw, &got);
-          backend->gather_pixels(sampler.source(), draw, errors, room);
+          const GatheredRays spans = sampler.resize_batch(draw, &got);
+          backend->gather_pixels(sampler.source(), draw, errors, spans);
           expect_same(got, expected, !GetParam().is_gpu());
           if (first > 0 || error_map_rays > 0) continue;
           EXPECT_NE(got.origin, before);
@@ -179,8 +179,8 @@ TEST_P(GatherStages, LidarReturnsMatchTheHost) {
                                           << refines << ", " << moved);
           RayBatch got, expected;
           sampler.gather(step, n, &expected);
-          const GatheredReturns room = sampler.resize_batch(n, &got);
-          backend->gather_returns(sampler.source(), sampler.draw(step, n), room);
+          const GatheredReturns spans = sampler.resize_batch(n, &got);
+          backend->gather_returns(sampler.source(), sampler.draw(step, n), spans);
           EXPECT_EQ(got.n, n);
           EXPECT_TRUE(bit_equal(got.range_m, expected.range_m));
           EXPECT_TRUE(bit_equal(got.pixel_angle, expected.pixel_angle));

@@ -575,10 +575,10 @@ TEST_P(GridStagesTest, Weights) {
     ref->grid().weights(size.n_rays, rows.intervals(), density, expected);
     for (int ray = 0; ray < size.n_rays; ++ray) {
       const std::size_t first = std::size_t(ray) * size.per_ray;
-      const Transmittance left(rows.of(ray), &density[first], size.per_ray);
+      const Transmittance transmittance(rows.of(ray), &density[first], size.per_ray);
       for (int i = 0; i < size.per_ray; ++i) {
         // Without its own optical depth: the relative error of 1 - exp(-x) is at most that of x.
-        const double error = (i > 0 ? left.error[i - 1] : 0) + kExponentialError + 4 * u;
+        const double error = (i > 0 ? transmittance.error[i - 1] : 0) + kExponentialError + 4 * u;
         ASSERT_NEAR(weights[first + i], expected[first + i], error * expected[first + i] + kTiny)
             << "ray " << ray << ", " << i;
       }
@@ -603,13 +603,13 @@ TEST_P(GridStagesTest, WeightsBackward) {
     for (int ray = 0; ray < size.n_rays; ++ray) {
       const std::size_t first = std::size_t(ray) * size.per_ray;
       const float* const edges = rows.of(ray);
-      const Transmittance left(edges, &density[first], size.per_ray);
+      const Transmittance transmittance(edges, &density[first], size.per_ray);
       double behind = 0;  // sum of absolute terms, which rounds n times
       for (int i = size.per_ray - 1; i >= 0; --i) {
         const double length = double(edges[i + 1]) - edges[i],
-                     own = left.after[i] * std::abs(d_weights[first + i]);
+                     own = transmittance.after[i] * std::abs(d_weights[first + i]);
         const double error =
-            (left.error[i] + 3 * u) * own + (size.per_ray + 3) * u * behind + 2 * kTiny;
+            (transmittance.error[i] + 3 * u) * own + (size.per_ray + 3) * u * behind + 2 * kTiny;
         ASSERT_NEAR(d_density[first + i], expected[first + i], length * error)
             << "ray " << ray << ", " << i;
         behind += std::abs(double(weights[first + i]) * d_weights[first + i]);

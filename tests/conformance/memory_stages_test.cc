@@ -61,9 +61,9 @@ TEST_P(MemoryStages, ResultsStayOnTheDevice) {
   const auto backend = make();
   Buffer<double> resident(3);
   make_resident(*backend, resident);
-  const std::vector<float> numbers = {1, 2, 6}, spoilt = {NAN};
+  const std::vector<float> numbers = {1, 2, 6}, corrupted = {NAN};
   backend->mean(numbers, &resident[0]);
-  backend->not_finite(spoilt, &resident[2]);
+  backend->not_finite(corrupted, &resident[2]);
   backend->download(as_floats(std::as_const(resident).span()));
   EXPECT_EQ(resident[0], 3);
   EXPECT_EQ(resident[1], 0);
@@ -83,9 +83,9 @@ TEST_P(MemoryStages, NotFiniteFindsInfinityAndNaN) {
     EXPECT_TRUE(finite(numbers));
     for (const float bad : {INFINITY, -INFINITY, NAN})
       for (const std::size_t at : {std::size_t{0}, n / 2, n - 1}) {
-        std::vector<float> spoilt = numbers;
-        spoilt[at] = bad;
-        EXPECT_FALSE(finite(spoilt)) << bad << " at " << at << " of " << n;
+        std::vector<float> corrupted = numbers;
+        corrupted[at] = bad;
+        EXPECT_FALSE(finite(corrupted)) << bad << " at " << at << " of " << n;
       }
   }
 }

@@ -222,13 +222,13 @@ TEST_P(RayStages, SkyBackward) {
 }
 
 /// Two cameras with three knots each; rays of both and of none, at, between and outside of knots.
-struct Seen {
+struct ExposedRays {
   static constexpr AppearanceConfig kConfig{2, 3};
   std::size_t n;
   std::vector<float> parameters, rgb, target, weight;
   std::vector<Exposure> exposure;
 
-  explicit Seen(std::size_t n)
+  explicit ExposedRays(std::size_t n)
       : n(n),
         parameters(random_floats(kConfig.size(), 430, -4, 4)),
         rgb(random_floats(3 * n, 431, 0, 1)),
@@ -248,17 +248,17 @@ struct Seen {
 TEST_P(RayStages, ApplyExposure) {
   const auto backend = make();
   for (const std::size_t n : {1u, 50u, 700u}) {
-    const Seen seen(n);
-    std::vector<float> gains(3 * n, NAN), rgb = seen.rgb;
-    backend->grid().apply_exposure(seen.appearance(), seen.exposure, gains, rgb);
+    const ExposedRays example(n);
+    std::vector<float> gains(3 * n, NAN), rgb = example.rgb;
+    backend->grid().apply_exposure(example.appearance(), example.exposure, gains, rgb);
     for (std::size_t ray = 0; ray < n; ++ray) {
-      const auto expected = seen.gains(ray);
+      const auto expected = example.gains(ray);
       for (std::size_t k = 0; k < 3; ++k) {
         const std::size_t at = k * n + ray;
         // The log gain, up to 0.2, rounds four times; the exponential, up to 1.3, twice and once
         // more in the product.
         ASSERT_NEAR(gains[at], expected[k], 6 * u);
-        ASSERT_NEAR(rgb[at], expected[k] * seen.rgb[at], 8 * u);
+        ASSERT_NEAR(rgb[at], expected[k] * example.rgb[at], 8 * u);
       }
     }
   }
@@ -270,17 +270,18 @@ TEST_P(RayStages, HuberLossAndItsGradients) {
     for (const bool weighted : {false, true})
       for (const bool exposed : {false, true}) {
         SCOPED_TRACE(n);
-        const Seen seen(n);
+        const ExposedRays example(n);
         const float edge = 0.5f, before = 0x1p-6f;
         std::vector<float> gains(exposed ? 3 * n : 0), d_rgb(3 * n), squares(n, NAN),
             d_parameters(6 * 3, before);
         for (std::size_t at = 0; at < gains.size(); ++at)
-          gains[at] = static_cast<float>(seen.gains(at % n)[at / n]);
-        ColourLossInput colours{seen.appearance(), {}, seen.rgb, gains, seen.target, {}, edge};
-        if (exposed) colours.exposure = seen.exposure;
-        if (weighted) colours.weight = seen.weight;
+          gains[at] = static_cast<float>(example.gains(at % n)[at / n]);
+        ColourLossInput colours{example.appearance(), {}, example.rgb, gains,
+                                example.target,       {}, edge};
+        if (exposed) colours.exposure = example.exposure;
+        if (weighted) colours.weight = example.weight;
         double loss = NAN;
-        backend->photometric_loss(seen.rgb, seen.target, d_rgb, &loss);
+        backend->photometric_loss(example.rgb, example.target, d_rgb, &loss);
         backend->grid().huber_loss(colours, d_rgb, squares, d_parameters, &loss);
 
         double expected_loss = 0;
@@ -289,23 +290,23 @@ TEST_P(RayStages, HuberLossAndItsGradients) {
         for (std::size_t ray = 0; ray < n; ++ray) {
           double square = 0;
           for (std::size_t k = 0; k < 3; ++k)
-            square += std::pow(double(seen.rgb[k * n + ray]) - seen.target[k * n + ray], 2);
+            square += std::pow(double(example.rgb[k * n + ray]) - example.target[k * n + ray], 2);
           const auto huber = huber_term(square, double(edge));
           beyond += huber.factor != 1;
-          const double weight = weighted ? seen.weight[ray] : 1;
+          const double weight = weighted ? example.weight[ray] : 1;
           expected_loss += weight * huber.value / (3.0 * double(n));
           ASSERT_NEAR(squares[ray], square / 3, 8 * u * square);
           std::array<double, 3> of_ray{1, 1, 1}, d_gains;
           for (std::size_t k = 0; k < 3; ++k) {
             const std::size_t at = k * n + ray;
-            const double d = 2 * (double(seen.rgb[at]) - seen.target[at]) / (3.0 * double(n)) *
-                             weight * huber.factor;
+            const double d = 2 * (double(example.rgb[at]) - example.target[at]) /
+                             (3.0 * double(n)) * weight * huber.factor;
             if (exposed) of_ray[k] = gains[at];
-            d_gains[k] = d * seen.rgb[at] / of_ray[k];
+            d_gains[k] = d * example.rgb[at] / of_ray[k];
             expected[at] = d * of_ray[k];
           }
           if (exposed)
-            colour_gains_adjoint(Seen::kConfig, seen.exposure[ray], of_ray, d_gains,
+            colour_gains_adjoint(ExposedRays::kConfig, example.exposure[ray], of_ray, d_gains,
                                  [&](std::size_t i, double d) {
                                    d_expected[i] += d;
                                    magnitude[i] += std::abs(d);
@@ -316,7 +317,7 @@ TEST_P(RayStages, HuberLossAndItsGradients) {
           EXPECT_LT(beyond, static_cast<int>(n) - 5);
         }
         for (std::size_t i = 0; exposed && i < d_expected.size(); ++i) {
-          const auto term = gain_regulariser(Seen::kConfig, double(seen.parameters[i]));
+          const auto term = gain_regulariser(ExposedRays::kConfig, double(example.parameters[i]));
           expected_loss += term.value;
           d_expected[i] += term.derivative;
           magnitude[i] += std::abs(term.derivative);
@@ -336,14 +337,14 @@ TEST_P(RayStages, HuberLossAndItsGradients) {
 
 TEST_P(RayStages, HuberLossPropagatesNaN) {
   const auto backend = make();
-  Seen seen(8);
-  seen.target[9] = NAN;
+  ExposedRays example(8);
+  example.target[9] = NAN;
   std::vector<float> d_rgb(24, 1.0f), squares(8), d_parameters(18);
   const std::vector<float> gains(24, 1.0f);
   double loss = 0;
   backend->grid().huber_loss(
-      {seen.appearance(), seen.exposure, seen.rgb, gains, seen.target, {}, 0.5f}, d_rgb, squares,
-      d_parameters, &loss);
+      {example.appearance(), example.exposure, example.rgb, gains, example.target, {}, 0.5f}, d_rgb,
+      squares, d_parameters, &loss);
   EXPECT_TRUE(std::isnan(loss));
   EXPECT_TRUE(std::isnan(squares[1]));
 }
@@ -383,7 +384,7 @@ TEST_P(RayStages, ChecksSizes) {
   const auto backend = make();
   GridStages& stages = backend->grid();
   const Sky sky(4);
-  const Seen seen(4);
+  const ExposedRays example(4);
   std::vector<std::uint32_t> active(4), fewer(3);
   std::vector<float> n3(3), n4(4), n5(5), n12(12), n18(18), n64(64), d_table(sky.table.size());
   const std::vector<std::uint32_t> none, rays = {0, 2};
@@ -409,13 +410,14 @@ TEST_P(RayStages, ChecksSizes) {
   EXPECT_THROW(
       stages.sky_backward(sky.grid(), sky.rays(), sky.pixel_angle, n12, n5, n12, d_table, {}),
       std::logic_error);
-  EXPECT_THROW(stages.apply_exposure(seen.appearance(), seen.exposure, n12, n5), std::logic_error);
-  EXPECT_THROW(stages.apply_exposure({Seen::kConfig, n5}, seen.exposure, n12, n12),
+  EXPECT_THROW(stages.apply_exposure(example.appearance(), example.exposure, n12, n5),
+               std::logic_error);
+  EXPECT_THROW(stages.apply_exposure({ExposedRays::kConfig, n5}, example.exposure, n12, n12),
                std::logic_error);
   EXPECT_THROW(stages.median_depth(4, {2, n12}, n5, n4, n4), std::logic_error);
   const std::vector<float> gains(12, 1.0f);
   const ColourLossInput colours{
-      seen.appearance(), seen.exposure, seen.rgb, gains, seen.target, {}, 1};
+      example.appearance(), example.exposure, example.rgb, gains, example.target, {}, 1};
   double loss = 0;
   EXPECT_THROW(stages.huber_loss(colours, n5, n4, n18, &loss), std::logic_error);
   EXPECT_THROW(stages.huber_loss(colours, n12, n5, n18, &loss), std::logic_error);

@@ -147,7 +147,7 @@ class CommonGridStages : public GridStages {
       of_gains.sum =
           stage.reduce(d_parameters.size(), GainRegulariserLoss{input.appearance, d_parameters});
     }
-    stage.put_loss(of_colours, of_gains, loss);
+    stage.write_loss(of_colours, of_gains, loss);
     stage.finish();
   }
 
@@ -161,7 +161,7 @@ class CommonGridStages : public GridStages {
         stage.reduce(n_rays, ProposalLoss{n_rays, stage_input(stage, intervals), stage.in(weights),
                                           stage_input(stage, proposal), stage.in(proposal_weights),
                                           stage.out(d_proposal)});
-    stage.put_loss({sum, static_cast<double>(n_rays)}, loss);
+    stage.write_loss({sum, static_cast<double>(n_rays)}, loss);
     stage.finish();
   }
 
@@ -173,7 +173,7 @@ class CommonGridStages : public GridStages {
     const auto sum =
         stage.reduce(n_rays, RangeLoss{n_rays, stage_input(stage, intervals), stage.in(weights),
                                        stage.in(range_m), spread_m, factor, stage.out(d_weights)});
-    stage.put_loss({sum, static_cast<double>(n_rays), factor}, loss);
+    stage.write_loss({sum, static_cast<double>(n_rays), factor}, loss);
     stage.finish();
   }
 
@@ -184,7 +184,7 @@ class CommonGridStages : public GridStages {
     const auto sum =
         stage.reduce(n_rays, SparsityLoss{n_rays, stage_input(stage, intervals), stage.in(density),
                                           factor, stage.in_out(d_density)});
-    stage.put_loss({sum, static_cast<double>(n_rays), factor}, loss);
+    stage.write_loss({sum, static_cast<double>(n_rays), factor}, loss);
     stage.finish();
   }
 

@@ -25,7 +25,7 @@ cv::Mat filtered(const cv::Mat& rows, const std::array<float, n>& along_x,
 }
 
 /// Returns FLIP's perceived colours and features of some rows of an image, from its planes.
-std::vector<FlipPixel> seen_rows(const FlipFilters& filters, std::span<const cv::Mat> rows) {
+std::vector<FlipPixel> perceived_rows(const FlipFilters& filters, std::span<const cv::Mat> rows) {
   cv::Mat colour[FlipFilters::kTerms];
   for (int t = 0; t < FlipFilters::kTerms; ++t) {
     const FlipFilters::Term& term = filters.colour[t];
@@ -35,15 +35,15 @@ std::vector<FlipPixel> seen_rows(const FlipFilters& filters, std::span<const cv:
              first_y = filtered(luminance, filters.smooth, filters.first),
              second_x = filtered(luminance, filters.second, filters.smooth),
              second_y = filtered(luminance, filters.smooth, filters.second);
-  std::vector<FlipPixel> seen(luminance.total());
-  for (std::size_t i = 0; i < seen.size(); ++i) {
+  std::vector<FlipPixel> perceived(luminance.total());
+  for (std::size_t i = 0; i < perceived.size(); ++i) {
     std::array<float, FlipFilters::kTerms> of_pixel;
     for (int t = 0; t < FlipFilters::kTerms; ++t) of_pixel[t] = colour[t].ptr<float>()[i];
-    seen[i] = {flip_lab(filters, of_pixel),
-               flip_magnitude(first_x.ptr<float>()[i], first_y.ptr<float>()[i]),
-               flip_magnitude(second_x.ptr<float>()[i], second_y.ptr<float>()[i])};
+    perceived[i] = {flip_lab(filters, of_pixel),
+                    flip_magnitude(first_x.ptr<float>()[i], first_y.ptr<float>()[i]),
+                    flip_magnitude(second_x.ptr<float>()[i], second_y.ptr<float>()[i])};
   }
-  return seen;
+  return perceived;
 }
 
 }  // namespace
@@ -94,17 +94,18 @@ ImageScore score_on_host(const ImagePair& images, ThreadPool& pool) {
       opponent_colour_of_pixel(planes_of_one, pixel);
   });
   for_rows(height, [&](std::size_t begin, std::size_t end) {
-    std::vector<FlipPixel> seen[2];
+    std::vector<FlipPixel> perceived[2];
     for (int which = 0; which < 2; ++which) {
       cv::Mat rows[kImagePlanes];
       for (std::size_t k = 0; k < kImagePlanes; ++k)
         rows[k] = cv::Mat(images.height, images.width, CV_32F, &image_planes[which][k * n])
                       .rowRange(static_cast<int>(begin), static_cast<int>(end));
-      seen[which] = seen_rows(filters, rows);
+      perceived[which] = perceived_rows(filters, rows);
     }
-    for (std::size_t i = 0, pixel = begin * width; i < seen[0].size(); ++i, ++pixel)
-      terms[pixel] =
-          counts(images.mask, pixel) ? flip_difference(filters, seen[0][i], seen[1][i]) : 0;
+    for (std::size_t i = 0, pixel = begin * width; i < perceived[0].size(); ++i, ++pixel)
+      terms[pixel] = counts(images.mask, pixel)
+                         ? flip_difference(filters, perceived[0][i], perceived[1][i])
+                         : 0;
   });
   for (const double term : terms) sums.flip += term;
   return score_from_sums(images, sums);

@@ -52,10 +52,10 @@ class HostStage {
     reduced_.push_back({std::accumulate(sums.begin(), sums.end(), 0.0)});
     return reduced_.back();
   }
-  void put_loss(const LossTerm& a, const LossTerm& b, double* loss) {
+  void write_loss(const LossTerm& a, const LossTerm& b, double* loss) {
     *loss = a.value() + b.value();
   }
-  void put_loss(const LossTerm& term, double* loss) { put_loss(term, {}, loss); }
+  void write_loss(const LossTerm& term, double* loss) { write_loss(term, {}, loss); }
 
   /// Writes all i in [0, n) that choose(i) accepts, ascending, to `list`; returns how many.
   template <class Choose>

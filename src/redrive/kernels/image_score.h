@@ -42,11 +42,11 @@ REDRIVE_HD inline bool counts(std::span<const std::uint8_t> mask, std::size_t pi
 REDRIVE_HD inline void fill_planes_of_pixel(const ImagePair& images, std::size_t pixel,
                                             std::span<float> planes) {
   const std::size_t n = planes.size() / (2 * kImagePlanes);
-  const bool seen = counts(images.mask, pixel);
+  const bool used = counts(images.mask, pixel);
   for (std::size_t c = 0; c < 3; ++c) {
-    planes[c * n + pixel] = seen ? images.rgb[3 * pixel + c] : 0.0f;
+    planes[c * n + pixel] = used ? images.rgb[3 * pixel + c] : 0.0f;
     planes[(kImagePlanes + c) * n + pixel] =
-        seen ? static_cast<float>(images.ground_truth[3 * pixel + c]) / 255.0f : 0.0f;
+        used ? static_cast<float>(images.ground_truth[3 * pixel + c]) / 255.0f : 0.0f;
   }
 }
 

@@ -50,9 +50,9 @@ int checked_threads(const BackendChoice& choice) {
       choice.name != "cuda")
     throw UsageError("--backend", choice.name, "must be one of auto, ref, cpu, cuda");
   if ((choice.name == "ref" || choice.name == "cuda") && choice.isa != "auto")
-    throw UsageError("--isa", choice.isa,
-                     "the " + choice.name +
-                         " backend has no instruction sets; leave it out or take --backend cpu");
+    throw UsageError(
+        "--isa", choice.isa,
+        "the " + choice.name + " backend has no instruction sets; omit it or use --backend cpu");
   return choice.threads > 0 ? choice.threads : hardware_threads();
 }
 
@@ -93,14 +93,14 @@ BackendGroup make_backend_group(const BackendChoice& choice, int gpus) {
   if (gpus > cuda_gpus())
     refuse("must be " + std::to_string(cuda_gpus()) + " or less: no more GPUs are visible");
   if (const auto obstacle = nccl_obstacle())
-    refuse("needs NCCL (NVIDIA's package libnccl2), which is not to be had: " + *obstacle);
+    refuse("needs NCCL (NVIDIA's package libnccl2), which is unavailable: " + *obstacle);
   for (int gpu = 0; gpu < gpus; ++gpu) {
     const std::string name = "GPU " + std::to_string(gpu) + ": ";
     if (const auto obstacle = cuda_obstacle(gpu)) refuse(name + *obstacle);
     group.backends.push_back(make_cuda_backend(threads, true, gpu));
     if (!automatic) continue;
     if (const auto failure = self_test(*group.backends.back()))
-      refuse(name + "its self-test failed: " + *failure + "; --backend cuda takes it all the same");
+      refuse(name + "its self-test failed: " + *failure + "; --backend cuda uses it anyway");
   }
   group.reduction = make_nccl_all_reduce(group.backends);
   return group;

@@ -243,8 +243,7 @@ std::unique_ptr<Backend> make_if_self_test_passes(
   } catch (const DeviceError& error) {
     failure = error.what();
   }
-  std::fprintf(stderr, "redrive: the GPU is not taken, its self-test failed: %s\n",
-               failure.c_str());
+  std::fprintf(stderr, "redrive: the GPU is not used, its self-test failed: %s\n", failure.c_str());
   return nullptr;
 }
 

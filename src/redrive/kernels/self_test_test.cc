@@ -30,7 +30,7 @@ TEST(SelfTest, NamesTheFailingStage) {
   EXPECT_EQ(make_if_self_test_passes([&] { return make_loop_backend(nullptr, true, &faults); }),
             nullptr);
   EXPECT_THAT(testing::internal::GetCapturedStderr(),
-              HasSubstr("redrive: the GPU is not taken, its self-test failed: grid network, "
+              HasSubstr("redrive: the GPU is not used, its self-test failed: grid network, "
                         "forward returns NaN"));
 }
 

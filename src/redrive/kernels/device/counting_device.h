@@ -66,7 +66,7 @@ class CountingDevice {
     return {allocations_->allocate(bytes),
             [allocations = allocations_](void* address) { allocations->release(address); }};
   }
-  void spoil(std::span<std::byte>) {}
+  void invalidate(std::span<std::byte>) {}
   void wait() {}
   void to_device(void*, const void*, std::size_t) {}
   void to_host(void* host, const void* device, std::size_t bytes) {

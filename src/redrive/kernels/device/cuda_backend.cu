@@ -10,7 +10,7 @@
 namespace redrive::kernels {
 namespace {
 
-constexpr int kLeastMajor = 7, kLeastMinor = 5;  // the oldest architecture in CMakeLists.txt
+constexpr int kMinMajor = 7, kMinMinor = 5;  // the oldest architecture in CMakeLists.txt
 
 std::string cuda_version(int version) {  // 13000 is 13.0
   return std::to_string(version / 1000) + "." + std::to_string(version % 1000 / 10);
@@ -44,7 +44,7 @@ std::optional<std::string> cuda_obstacle(int gpu) {
   cudaGetLastError();  // clears the error
   if (error == cudaErrorInsufficientDriver)
     return "the NVIDIA driver is for CUDA " + cuda_version(driver) +
-           " and older, this build needs " + cuda_version(CUDART_VERSION);
+           " and older; this build needs " + cuda_version(CUDART_VERSION);
   if (error == cudaErrorNoDevice || (error == cudaSuccess && devices == 0)) return "no NVIDIA GPU";
   if (error != cudaSuccess) return std::string("CUDA reports: ") + cudaGetErrorString(error);
   cudaDeviceProp device;
@@ -52,9 +52,9 @@ std::optional<std::string> cuda_obstacle(int gpu) {
     cudaGetLastError();
     return std::string("CUDA reports: ") + cudaGetErrorString(asked);
   }
-  if (device.major < kLeastMajor || (device.major == kLeastMajor && device.minor < kLeastMinor))
+  if (device.major < kMinMajor || (device.major == kMinMajor && device.minor < kMinMinor))
     return std::string(device.name) + " has compute capability " + std::to_string(device.major) +
-           "." + std::to_string(device.minor) + ", 7.5 is the least";
+           "." + std::to_string(device.minor) + ", at least 7.5 is required";
   return std::nullopt;
 }
 

@@ -39,7 +39,7 @@ struct CudaAllocator {
           "--backend", "cuda",
           "the GPU has no " + std::to_string(bytes >> 20) +
               " MiB left; lower --batch, use fewer or smaller images (--frames, --cameras, "
-              "--downscale), or see what else runs on it");
+              "--downscale), or end other programs that use it");
     }
     check_cuda(error, "allocating");
     return memory;
@@ -95,7 +95,7 @@ class CudaDevice {
   }
   int gpu() const { return gpu_; }
   /// Sets the calling thread's GPU; nearly free if it is set already.
-  void use() const { check_cuda(cudaSetDevice(gpu_), "choosing a GPU"); }
+  void use() const { check_cuda(cudaSetDevice(gpu_), "selecting a GPU"); }
   bool has_tensor_cores() const { return has_tensor_cores_; }
   std::optional<std::string> description() const { return cuda_description(gpu_); }
   std::optional<std::uint64_t> free_memory() const {
@@ -114,7 +114,7 @@ class CudaDevice {
     use();
     return {CudaAllocator().allocate(bytes), [](void* memory) { CudaAllocator().release(memory); }};
   }
-  void spoil(std::span<std::byte>) {}
+  void invalidate(std::span<std::byte>) {}
   void wait() {
     use();
     check_cuda(cudaDeviceSynchronize(), "computing");
@@ -131,7 +131,8 @@ class CudaDevice {
     std::size_t bytes = 0;
     check_cuda(cub::DeviceScan::ExclusiveSum(nullptr, bytes, numbers, sums, n),
                "querying the size of a scan");
-    check_cuda(cub::DeviceScan::ExclusiveSum(take(bytes), bytes, numbers, sums, n), "adding up");
+    check_cuda(cub::DeviceScan::ExclusiveSum(take(bytes), bytes, numbers, sums, n),
+               "computing a prefix sum");
   }
 
   template <class Functor>

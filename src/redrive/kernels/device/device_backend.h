@@ -63,12 +63,12 @@ class DeviceBackend final : public Backend {
     REDRIVE_CHECK_OP(numbers.size(), >, 0u);
     Stage stage(device_);
     const auto sum = stage.reduce(numbers.size(), ValueTerm<float>{stage.in(numbers)});
-    stage.put_loss({sum, static_cast<double>(numbers.size())}, mean);
+    stage.write_loss({sum, static_cast<double>(numbers.size())}, mean);
     stage.finish();
   }
   void not_finite(std::span<const float> numbers, double* count) override {
     Stage stage(device_);
-    stage.put_loss({stage.reduce(numbers.size(), IsNotFinite{stage.in(numbers)})}, count);
+    stage.write_loss({stage.reduce(numbers.size(), IsNotFinite{stage.in(numbers)})}, count);
     stage.finish();
   }
   void wait() override { device_.wait(); }
@@ -162,9 +162,9 @@ class DeviceBackend final : public Backend {
                         std::span<float> d_rgb, double* loss) override {
     const int n_rays = check_photometric(rgb.size(), target.size(), d_rgb.size());
     Stage stage(device_);
-    stage.put_loss({stage.reduce(rgb.size(), PhotometricLoss{stage.in(rgb), stage.in(target),
-                                                             n_rays, stage.out(d_rgb)})},
-                   loss);
+    stage.write_loss({stage.reduce(rgb.size(), PhotometricLoss{stage.in(rgb), stage.in(target),
+                                                               n_rays, stage.out(d_rgb)})},
+                     loss);
     stage.finish();
   }
 

@@ -98,10 +98,10 @@ struct FilterColumns {
   FlipFilters filters;
   std::span<const float> rows;
   int width;
-  std::span<FlipPixel> seen;
+  std::span<FlipPixel> perceived;
 
   REDRIVE_HD void operator()(std::size_t pixel) const {
-    const std::size_t n = seen.size();
+    const std::size_t n = perceived.size();
     const int y = static_cast<int>(pixel / width), height = static_cast<int>(n / width);
     const auto get = [&](std::size_t plane, const auto& taps) {
       return filtered(taps, &rows[plane * n + pixel % width], y, height, width);
@@ -111,9 +111,9 @@ struct FilterColumns {
       colour[t] = get(t, filters.colour[t].taps);
     constexpr std::size_t kSmooth = FlipFilters::kTerms, kFirst = kSmooth + 1,
                           kSecond = kSmooth + 2;
-    seen[pixel] = {flip_lab(filters, colour),
-                   flip_magnitude(get(kFirst, filters.smooth), get(kSmooth, filters.first)),
-                   flip_magnitude(get(kSecond, filters.smooth), get(kSmooth, filters.second))};
+    perceived[pixel] = {flip_lab(filters, colour),
+                        flip_magnitude(get(kFirst, filters.smooth), get(kSmooth, filters.first)),
+                        flip_magnitude(get(kSecond, filters.smooth), get(kSmooth, filters.second))};
   }
 };
 
@@ -149,16 +149,16 @@ ImageScore score_on_device(Device& device, const ImagePair& images) {
 
   const FlipFilters filters = flip_filters();
   const auto rows = stage.template scratch<float>(kFilteredPlanes * n);
-  std::span<FlipPixel> seen[2];
+  std::span<FlipPixel> perceived[2];
   for (int which = 0; which < 2; ++which) {
     const std::span<float> image_planes =
         planes.subspan(which * kImagePlanes * n, kImagePlanes * n);
-    seen[which] = stage.template scratch<FlipPixel>(n);
+    perceived[which] = stage.template scratch<FlipPixel>(n);
     stage.for_each(n, OpponentPixels{image_planes});
     stage.for_each(n, FilterRows{filters, image_planes, images.width, rows});
-    stage.for_each(n, FilterColumns{filters, rows, images.width, seen[which]});
+    stage.for_each(n, FilterColumns{filters, rows, images.width, perceived[which]});
   }
-  sums.flip = stage.sum(n, FlipDifferences{filters, seen[0], seen[1], on_device.mask});
+  sums.flip = stage.sum(n, FlipDifferences{filters, perceived[0], perceived[1], on_device.mask});
   return score_from_sums(images, sums);
 }
 

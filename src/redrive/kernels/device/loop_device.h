@@ -43,29 +43,31 @@ class LoopDevice {
     taken_bytes_ = 0;
   }
   void* take(std::size_t bytes) {  // separate blocks, for AddressSanitizer
-    need_room();
+    check_memory();
     taken_.push_back(std::make_unique_for_overwrite<std::byte[]>(bytes));
     taken_bytes_ += bytes;
-    note_memory();
+    update_peak();
     return std::memset(taken_.back().get(), 0xFF, bytes);  // NaN
   }
   std::shared_ptr<void> hold(std::size_t bytes) {
-    need_room();
+    check_memory();
     *held_bytes_ += bytes;
-    note_memory();
+    update_peak();
     return {new std::byte[bytes], [bytes, held = held_bytes_](void* memory) {
               delete[] static_cast<std::byte*>(memory);
               *held -= bytes;
             }};
   }
-  void spoil(std::span<std::byte> host) { std::memset(host.data(), 0xFF, host.size()); }  // NaN
+  void invalidate(std::span<std::byte> host) {
+    std::memset(host.data(), 0xFF, host.size());
+  }  // NaN
   void wait() {}
   void to_device(void* device, const void* host, std::size_t bytes) {
     std::memcpy(device, host, bytes);
     if (copies_) copies_->to_device += bytes;
   }
   void to_host(void* host, const void* device, std::size_t bytes) {
-    need_life();
+    check_failure();
     std::memcpy(host, device, bytes);
     if (!copies_) return;
     copies_->to_host += bytes;
@@ -77,34 +79,34 @@ class LoopDevice {
 
   template <class Functor>
   void for_each(std::size_t n, const Functor& functor) {
-    work();
+    count_launch();
     for (std::size_t i = 0; i < n; ++i) functor(i);
   }
 
   template <class Functor>
   void for_each_warp(std::size_t n, const Functor& functor) {
-    work();
-    const bool loses_one = faults_ && faults_->skips_first_warp;
-    for (std::size_t i = loses_one; i < n; ++i) functor(i);
+    count_launch();
+    const bool skip_first = faults_ && faults_->skips_first_warp;
+    for (std::size_t i = skip_first; i < n; ++i) functor(i);
   }
 
   ResidentBuffers resident;
 
  private:
-  void need_life() const {
+  void check_failure() const {
     if (faults_ && faults_->kernel_launches == 0)
       throw DeviceError("the GPU failed, computing: injected fault");
   }
-  void need_room() {
+  void check_memory() {
     if (faults_ && faults_->allocations == 0)
       throw DeviceMemoryError("--backend", "loop", "the GPU has no memory left: injected fault");
     if (faults_ && faults_->allocations > 0) --faults_->allocations;
   }
-  void work() {
-    need_life();
+  void count_launch() {
+    check_failure();
     if (faults_ && faults_->kernel_launches > 0) --faults_->kernel_launches;
   }
-  void note_memory() {
+  void update_peak() {
     if (copies_) copies_->peak_bytes = std::max(copies_->peak_bytes, *held_bytes_ + taken_bytes_);
   }
 

@@ -8,7 +8,7 @@
 namespace redrive::kernels {
 namespace {
 
-constexpr int kLeastVersion = 21000;  // the first with ncclAvg
+constexpr int kMinVersion = 21000;  // the first with ncclAvg
 
 std::string version_text(int version) {
   return std::to_string(version / 10000) + "." + std::to_string(version / 100 % 100) + "." +
@@ -40,9 +40,10 @@ struct NcclLibrary {
     find("ncclAllReduce", &functions.ncclAllReduce);
     if (obstacle) return;
     if (functions.ncclGetVersion(&functions.version) != Nccl::kSuccess)
-      obstacle = "libnccl.so.2 does not say its version";
-    else if (functions.version < kLeastVersion)
-      obstacle = "libnccl.so.2 is " + version_text(functions.version) + ", 2.10 is the least";
+      obstacle = "libnccl.so.2 does not report its version";
+    else if (functions.version < kMinVersion)
+      obstacle =
+          "libnccl.so.2 is " + version_text(functions.version) + ", at least 2.10 is required";
   }
 };
 

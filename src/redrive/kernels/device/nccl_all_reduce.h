@@ -25,7 +25,7 @@ class NcclAllReduce final : public AllReduce {
     for (std::size_t r = 0; r < devices_.size(); ++r) {
       devices_[r]->use();
       // These streams synchronise with the default stream.
-      check_cuda(cudaStreamCreate(&streams_[r]), "making a stream");
+      check_cuda(cudaStreamCreate(&streams_[r]), "creating a stream");
     }
   }
   ~NcclAllReduce() override {
@@ -58,7 +58,7 @@ class NcclAllReduce final : public AllReduce {
 
  private:
   static std::string words(int result) {
-    return std::string("NCCL failed, adding up gradients: ") + nccl().ncclGetErrorString(result);
+    return std::string("NCCL failed, averaging gradients: ") + nccl().ncclGetErrorString(result);
   }
 
   bool all_done() {
@@ -68,7 +68,7 @@ class NcclAllReduce final : public AllReduce {
       const cudaError_t state = cudaStreamQuery(streams_[r]);
       if (state != cudaSuccess && state != cudaErrorNotReady)
         fail("GPU " + std::to_string(r) +
-             ": the GPU failed, adding up gradients: " + cudaGetErrorString(state));
+             ": the GPU failed, averaging gradients: " + cudaGetErrorString(state));
       int result = Nccl::kSuccess;
       const int asked = nccl().ncclCommGetAsyncError(comms_[r], &result);
       for (const int failure : {asked, result})

@@ -6,7 +6,7 @@
 // - take(bytes): returns device memory, uninitialised, aligned for any number.
 // - hold(bytes): returns a handle on memory that stays as long as the handle lives.
 // - resident: the host arrays that are resident in such memory (resident_buffers.h).
-// - spoil(host): is called when the host's copy of a resident array is out of date.
+// - invalidate(host): is called when the host's copy of a resident array is out of date.
 // - to_device, to_host: copies; to_host waits for the result. wait(): waits for everything.
 // - for_each(n, functor): runs functor(i) for i in [0, n), in any order and concurrently. The
 //   functor's data is in it or on the device.
@@ -151,10 +151,10 @@ class Stage {
     return on_device.empty() ? 0 : on_host(on_device[0]);
   }
   /// Writes the loss to the host or to its resident copy.
-  void put_loss(const LossTerm& a, const LossTerm& b, double* loss) {
+  void write_loss(const LossTerm& a, const LossTerm& b, double* loss) {
     for_each(1, AddLossTerms{a, b, out(std::span(loss, 1))});
   }
-  void put_loss(const LossTerm& part, double* loss) { put_loss(part, {}, loss); }
+  void write_loss(const LossTerm& part, double* loss) { write_loss(part, {}, loss); }
 
   /// Writes all i in [0, n) that choose(i) accepts, ascending, to `list` on the device; returns how
   /// many.
@@ -183,7 +183,7 @@ class Stage {
   std::span<T> change_resident(std::span<T> host) {
     void* const resident = device_.resident.find(std::as_bytes(host));
     if (!resident) return {};
-    device_.spoil(std::as_writable_bytes(host));
+    device_.invalidate(std::as_writable_bytes(host));
     return {static_cast<T*>(resident), host.size()};
   }
   template <class T>

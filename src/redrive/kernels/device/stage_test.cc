@@ -146,7 +146,7 @@ TEST(Stage, SumsEachTermOnce) {
   for (const std::size_t n : {1u, 4095u, 4096u, 4097u, 100000u}) {
     Stage stage(device);
     double sum = 7;
-    stage.put_loss({stage.reduce(n, Index{})}, &sum);
+    stage.write_loss({stage.reduce(n, Index{})}, &sum);
     EXPECT_EQ(sum, 7) << "copied by finish() only";
     stage.finish();
     EXPECT_EQ(sum, 0.5 * static_cast<double>(n) * static_cast<double>(n - 1))
@@ -160,8 +160,8 @@ TEST(Stage, AddsLossTerms) {
   const std::vector<float> numbers = {1, 2, 5};
   const auto sum = stage.reduce(3, ValueTerm<float>{stage.in(numbers)});
   double both = 0, none = 7;
-  stage.put_loss({sum, 4}, {sum, 2, 3}, &both);
-  stage.put_loss({}, &none);
+  stage.write_loss({sum, 4}, {sum, 2, 3}, &both);
+  stage.write_loss({}, &none);
   stage.finish();
   EXPECT_EQ(both, 2 + 12);
   EXPECT_EQ(none, 0);
