@@ -10,8 +10,8 @@ namespace redrive {
 
 namespace {
 
-/// One ray for each group: the middle of its rays, as wide as they are together.
-RayBatch middles_of_groups(const RayBatch& batch) {
+/// Returns one ray for each group: the mean of its rays, as wide as they are together.
+RayBatch mean_rays_of_groups(const RayBatch& batch) {
   RayBatch out;
   out.n = static_cast<int>(batch.group.size()) - 1;
   const std::size_t groups = out.n, rays = batch.n;
@@ -33,7 +33,7 @@ RayBatch middles_of_groups(const RayBatch& batch) {
   return out;
 }
 
-/// For each ray the number of its group.
+/// Returns the index of each ray's group.
 std::vector<std::uint32_t> groups_of_rays(std::span<const std::uint32_t> group) {
   std::vector<std::uint32_t> out(group.back());
   for (std::uint32_t g = 0; g + 1 < group.size(); ++g)
@@ -43,86 +43,91 @@ std::vector<std::uint32_t> groups_of_rays(std::span<const std::uint32_t> group) 
 
 }  // namespace
 
-/// Of a step: of the three rounds of sampling, and of which empty rays are looked at all the same.
-struct GridModel::Chance {
-  std::array<std::uint64_t, 3> of_round;
-  std::uint64_t of_empty;
+/// RNG keys of a step: of the three iterations of sampling, and of the inactive rays that are kept.
+struct GridModel::StepKeys {
+  std::array<std::uint64_t, 3> of_iteration;
+  std::uint64_t of_compaction;
 
-  Chance(std::uint64_t seed, std::uint64_t stream, std::int64_t step, const RayBatch& batch) {
+  StepKeys(std::uint64_t seed, std::uint64_t stream, std::int64_t step, const RayBatch& batch) {
     const auto first = 4 * static_cast<std::uint64_t>(step);
     const auto key = [&](int k) {
       return advance_key(random_key(seed, stream, first + k), batch.first_ray);
     };
-    for (int round = 0; round < 3; ++round) of_round[round] = key(round);
-    of_empty = key(3);
+    for (int round = 0; round < 3; ++round) of_iteration[round] = key(round);
+    of_compaction = key(3);
   }
 };
 
-/// Rays where the backend reads them.
-struct GridModel::Beams {
+/// Rays in the memory of the backend.
+struct GridModel::RayBundle {
   kernels::Rays rays;
   std::span<const float> pixel_angle;
 
-  Beams() = default;
-  Beams(const RayBatch& batch, Workspace* workspace)
+  RayBundle() = default;
+  RayBundle(const RayBatch& batch, Workspace* workspace)
       : rays(upload_rays(batch, workspace)),
         pixel_angle(workspace->put(std::span(batch.pixel_angle).first(batch.n))) {}
 };
 
-/// Intervals of one round with their points.
-struct GridModel::Round {
+/// Intervals of one iteration of sampling, with their positions in the unit cube.
+struct GridModel::IntervalSamples {
   kernels::Intervals intervals;
   kernels::UnitPoints points;
   std::span<float> density, weights;
 };
 
-/// Of all rays, but for what the field is asked for: of the live ones, those that are not empty.
-struct GridModel::Pass {
-  Beams all;
-  Round proposal[2];
+/// Data of a forward pass: of all rays, and of the active ones, on which the field is evaluated.
+struct GridModel::ForwardPass {
+  RayBundle all;
+  IntervalSamples proposal[2];
   kernels::Intervals intervals;  ///< the field's
   std::span<const float> background, gains;
   std::span<const Exposure> exposure;  ///< empty: no gains
 
-  Beams live;
-  std::span<const std::uint32_t> live_rays;  ///< of all, ascending; empty: they all are
-  Round field;
+  RayBundle active;
+  std::span<const std::uint32_t>
+      active_rays;  ///< indices among all rays, ascending; empty: all are active
+  IntervalSamples field;
   kernels::Samples samples;
-  std::span<const float> background_of_live;
+  std::span<const float> active_background;
   std::span<float> features, harmonics, raw;
 
-  /// What live rays have of `from`, `each` numbers of all rays.
-  std::span<const float> of_live(kernels::GridStages& stages, kernels::RayLayout layout, int each,
-                                 std::span<const float> from, Workspace* workspace) const {
-    if (live_rays.empty()) return from;
-    const auto out = workspace->take(live_rays.size() * each);
-    stages.gather_rays(live_rays, layout, from, out);
+  /// Gathers the active rays' part of `from`, which has `each` numbers a ray.
+  std::span<const float> gather_active(kernels::GridStages& stages, kernels::RayLayout layout,
+                                       int each, std::span<const float> from,
+                                       Workspace* workspace) const {
+    if (active_rays.empty()) return from;
+    const auto out = workspace->take(active_rays.size() * each);
+    stages.gather_rays(active_rays, layout, from, out);
     return out;
   }
-  /// Room for the numbers of live rays that to_all() brings to `all`.
-  std::span<float> room_of_live(std::span<float> all, int each, Workspace* workspace) const {
-    return live_rays.empty() ? all : workspace->take(live_rays.size() * each);
+  /// Returns a buffer for numbers of active rays that scatter_to_all() writes to `all`.
+  std::span<float> active_buffer(std::span<float> all, int each, Workspace* workspace) const {
+    return active_rays.empty() ? all : workspace->take(active_rays.size() * each);
   }
-  void to_all(kernels::GridStages& stages, kernels::RayLayout layout, std::span<const float> from,
-              std::span<const float> elsewhere, std::span<float> all) const {
-    if (!live_rays.empty()) stages.scatter_rays(live_rays, layout, from, elsewhere, all);
+  void scatter_to_all(kernels::GridStages& stages, kernels::RayLayout layout,
+                      std::span<const float> from, std::span<const float> elsewhere,
+                      std::span<float> all) const {
+    if (!active_rays.empty()) stages.scatter_rays(active_rays, layout, from, elsewhere, all);
   }
 };
 
-GridModel::Round GridModel::place(kernels::Backend& backend, const Beams& beams, int per_ray,
-                                  std::span<const float> edges, float least_width,
-                                  Workspace* workspace) const {
-  const std::size_t count = static_cast<std::size_t>(beams.rays.n) * per_ray;
+GridModel::IntervalSamples GridModel::contract_intervals(kernels::Backend& backend,
+                                                         const RayBundle& bundle, int per_ray,
+                                                         std::span<const float> edges,
+                                                         float min_footprint,
+                                                         Workspace* workspace) const {
+  const std::size_t count = static_cast<std::size_t>(bundle.rays.n) * per_ray;
   const auto position = workspace->take(3 * count), footprint = workspace->take(count);
-  Round round;
+  IntervalSamples round;
   round.intervals = {per_ray, edges};
-  backend.grid().contract(contraction, beams.rays, beams.pixel_angle, round.intervals, least_width,
-                          position, footprint);
+  backend.grid().contract(contraction, bundle.rays, bundle.pixel_angle, round.intervals,
+                          min_footprint, position, footprint);
   round.points = {count, position, footprint};
   return round;
 }
 
-void GridModel::evaluate_sky(kernels::Backend& backend, const RayBatch& batch, Pass* pass,
+void GridModel::evaluate_sky(kernels::Backend& backend, const RayBatch& batch, ForwardPass* pass,
                              Workspace* workspace) const {
   if (sky.levels == 0 && !batch.background.empty()) {
     pass->background = workspace->put(batch.background);
@@ -136,107 +141,112 @@ void GridModel::evaluate_sky(kernels::Backend& backend, const RayBatch& batch, P
     backend.grid().sky(grid(kSkyGrid), pass->all.rays, pass->all.pixel_angle, colour);
 }
 
-GridModel::Pass GridModel::propose(kernels::Backend& backend, const RayBatch& batch,
-                                   const Chance* chance, Workspace* workspace) const {
+GridModel::ForwardPass GridModel::sample_proposals(kernels::Backend& backend, const RayBatch& batch,
+                                                   const StepKeys* keys,
+                                                   Workspace* workspace) const {
   kernels::make_resident(backend, parameters);
   kernels::GridStages& stages = backend.grid();
-  const bool jitter = chance != nullptr;
-  const auto key = [&](int round) { return chance ? chance->of_round[round] : 0; };
+  const bool jitter = keys != nullptr;
+  const auto key = [&](int round) { return keys ? keys->of_iteration[round] : 0; };
   const auto edges_for = [&](int n, int per_ray) {
     return workspace->take(static_cast<std::size_t>(n) * (per_ray + 1));
   };
-  const auto draw = [&](int n, const Round& from, int per_ray, int round) {
+  const auto draw_edges = [&](int n, const IntervalSamples& from, int per_ray, int round) {
     const auto edges = edges_for(n, per_ray);
     stages.sample_pdf(n, from.intervals, from.weights,
                       {per_ray, histogram_padding, jitter, key(round)}, edges);
     return edges;
   };
-  const auto look = [&](const Beams& beams, int per_ray, std::span<const float> edges) {
-    Round round = place(backend, beams, per_ray, edges, min_proposal_footprint, workspace);
+  const auto evaluate_proposal = [&](const RayBundle& bundle, int per_ray,
+                                     std::span<const float> edges) {
+    IntervalSamples round =
+        contract_intervals(backend, bundle, per_ray, edges, min_proposal_footprint, workspace);
     round.density = workspace->take(round.points.n);
     round.weights = workspace->take(round.points.n);
     stages.proposal_density(grid(kProposalGrid), density_scale(), round.points, round.density);
-    stages.weights(beams.rays.n, round.intervals, round.density, round.weights);
+    stages.weights(bundle.rays.n, round.intervals, round.density, round.weights);
     return round;
   };
   const auto [coarse, fine] = proposal_samples;
-  Pass pass;
-  pass.all = Beams(batch, workspace);
+  ForwardPass pass;
+  pass.all = RayBundle(batch, workspace);
   const bool grouped = !batch.group.empty();
-  const RayBatch middles = grouped ? middles_of_groups(batch) : RayBatch();
-  const Beams first = grouped ? Beams(middles, workspace) : pass.all;
-  const auto spaced = edges_for(first.rays.n, coarse);
-  stages.sample_uniform(first.rays, {coarse, spacing, contraction, jitter, key(0)}, spaced);
-  pass.proposal[0] = look(first, coarse, spaced);
-  auto edges = draw(first.rays.n, pass.proposal[0], fine, 1);
+  const RayBatch mean_rays = grouped ? mean_rays_of_groups(batch) : RayBatch();
+  const RayBundle first = grouped ? RayBundle(mean_rays, workspace) : pass.all;
+  const auto uniform = edges_for(first.rays.n, coarse);
+  stages.sample_uniform(first.rays, {coarse, spacing, contraction, jitter, key(0)}, uniform);
+  pass.proposal[0] = evaluate_proposal(first, coarse, uniform);
+  auto edges = draw_edges(first.rays.n, pass.proposal[0], fine, 1);
   if (grouped) {
     const std::vector<std::uint32_t> group = groups_of_rays(batch.group);
-    const auto of_groups = edges;
+    const auto group_edges = edges;
     edges = edges_for(batch.n, fine);
-    stages.gather_rays(workspace->put(group), kernels::RayLayout::kRows, of_groups, edges);
+    stages.gather_rays(workspace->put(group), kernels::RayLayout::kRows, group_edges, edges);
   }
-  pass.proposal[1] = look(pass.all, fine, edges);
-  pass.intervals = {samples, draw(batch.n, pass.proposal[1], samples, 2)};
+  pass.proposal[1] = evaluate_proposal(pass.all, fine, edges);
+  pass.intervals = {samples, draw_edges(batch.n, pass.proposal[1], samples, 2)};
   return pass;
 }
 
-void GridModel::find_live(kernels::Backend& backend, const Chance* chance, Pass* pass,
-                          Workspace* workspace) const {
+void GridModel::compact_batch(kernels::Backend& backend, const StepKeys* keys, ForwardPass* pass,
+                              Workspace* workspace) const {
   using kernels::RayLayout;
   kernels::GridStages& stages = backend.grid();
-  const Beams& all = pass->all;
-  const Round& round = pass->proposal[1];
+  const RayBundle& all = pass->all;
+  const IntervalSamples& round = pass->proposal[1];
   kernels::RayCompaction how{min_active_opacity};
-  if (chance) how = {min_active_opacity, keep_probability, chance->of_empty};
+  if (keys) how = {min_active_opacity, keep_probability, keys->of_compaction};
   const auto list = workspace->take<std::uint32_t>(all.rays.n);
   const int n = stages.compact_rays(all.rays.n, round.intervals.per_ray, round.weights, how, list);
-  if (n < all.rays.n) pass->live_rays = list.first(n);
-  const auto of_live = [&](RayLayout layout, int each, std::span<const float> from) {
-    return pass->of_live(stages, layout, each, from, workspace);
+  if (n < all.rays.n) pass->active_rays = list.first(n);
+  const auto gather_active = [&](RayLayout layout, int each, std::span<const float> from) {
+    return pass->gather_active(stages, layout, each, from, workspace);
   };
-  pass->live.rays = {n, of_live(RayLayout::kColumns, 3, all.rays.origin),
-                     of_live(RayLayout::kColumns, 3, all.rays.direction)};
-  pass->live.pixel_angle = of_live(RayLayout::kRows, 1, all.pixel_angle);
-  pass->field.intervals = {samples, of_live(RayLayout::kRows, samples + 1, pass->intervals.edges)};
-  pass->background_of_live = of_live(RayLayout::kColumns, 3, pass->background);
+  pass->active.rays = {n, gather_active(RayLayout::kColumns, 3, all.rays.origin),
+                       gather_active(RayLayout::kColumns, 3, all.rays.direction)};
+  pass->active.pixel_angle = gather_active(RayLayout::kRows, 1, all.pixel_angle);
+  pass->field.intervals = {samples,
+                           gather_active(RayLayout::kRows, samples + 1, pass->intervals.edges)};
+  pass->active_background = gather_active(RayLayout::kColumns, 3, pass->background);
 }
 
-void GridModel::sample(kernels::Backend& backend, Pass* pass, Workspace* workspace) const {
+void GridModel::sample(kernels::Backend& backend, ForwardPass* pass, Workspace* workspace) const {
   kernels::GridStages& stages = backend.grid();
-  const int live = pass->live.rays.n;
-  const std::size_t count = static_cast<std::size_t>(live) * samples;
-  pass->field = place(backend, pass->live, samples, pass->field.intervals.edges, 0, workspace);
+  const int active = pass->active.rays.n;
+  const std::size_t count = static_cast<std::size_t>(active) * samples;
+  pass->field =
+      contract_intervals(backend, pass->active, samples, pass->field.intervals.edges, 0, workspace);
   pass->features = workspace->take(count * field.grid.outputs());
-  pass->harmonics = workspace->take(static_cast<std::size_t>(live) * kHarmonics);
+  pass->harmonics = workspace->take(static_cast<std::size_t>(active) * kHarmonics);
   pass->raw = workspace->take(4 * count);
   stages.encode(grid(kFieldGrid), pass->field.points, pass->features);
-  stages.harmonics(pass->live.rays, pass->harmonics);
-  stages.network_forward(network(), live, samples, pass->features, pass->harmonics, pass->raw);
+  stages.harmonics(pass->active.rays, pass->harmonics);
+  stages.network_forward(network(), active, samples, pass->features, pass->harmonics, pass->raw);
 }
 
-GridModel::Pass GridModel::forward(kernels::Backend& backend, const RayBatch& batch,
-                                   const Chance* chance, const kernels::CompositeOut& out,
-                                   Workspace* workspace) const {
+GridModel::ForwardPass GridModel::forward(kernels::Backend& backend, const RayBatch& batch,
+                                          const StepKeys* keys, const kernels::CompositeOut& out,
+                                          Workspace* workspace) const {
   using kernels::RayLayout;
   kernels::GridStages& stages = backend.grid();
-  Pass pass = propose(backend, batch, chance, workspace);
+  ForwardPass pass = sample_proposals(backend, batch, keys, workspace);
   evaluate_sky(backend, batch, &pass, workspace);
-  find_live(backend, chance, &pass, workspace);
+  compact_batch(backend, keys, &pass, workspace);
   sample(backend, &pass, workspace);
-  const int live = pass.live.rays.n;
-  const std::size_t count = static_cast<std::size_t>(live) * samples;
+  const int active = pass.active.rays.n;
+  const std::size_t count = static_cast<std::size_t>(active) * samples;
   const auto t = workspace->take(count), dt = workspace->take(count);
-  stages.midpoints(live, pass.field.intervals, t, dt);
+  stages.midpoints(active, pass.field.intervals, t, dt);
   pass.samples = {samples, t, dt};
-  const kernels::CompositeOut seen = {pass.room_of_live(out.rgb, 3, workspace),
-                                      pass.room_of_live(out.depth, 1, workspace),
-                                      pass.room_of_live(out.opacity, 1, workspace),
-                                      pass.room_of_live(out.weights, samples, workspace)};
-  backend.composite_forward(live, pass.samples, pass.raw, pass.background_of_live, seen);
-  pass.to_all(stages, RayLayout::kColumns, seen.rgb, pass.background, out.rgb);
-  pass.to_all(stages, RayLayout::kRows, seen.depth, {}, out.depth);
-  pass.to_all(stages, RayLayout::kRows, seen.opacity, {}, out.opacity);
-  pass.to_all(stages, RayLayout::kRows, seen.weights, {}, out.weights);
+  const kernels::CompositeOut active_out = {pass.active_buffer(out.rgb, 3, workspace),
+                                            pass.active_buffer(out.depth, 1, workspace),
+                                            pass.active_buffer(out.opacity, 1, workspace),
+                                            pass.active_buffer(out.weights, samples, workspace)};
+  backend.composite_forward(active, pass.samples, pass.raw, pass.active_background, active_out);
+  pass.scatter_to_all(stages, RayLayout::kColumns, active_out.rgb, pass.background, out.rgb);
+  pass.scatter_to_all(stages, RayLayout::kRows, active_out.depth, {}, out.depth);
+  pass.scatter_to_all(stages, RayLayout::kRows, active_out.opacity, {}, out.opacity);
+  pass.scatter_to_all(stages, RayLayout::kRows, active_out.weights, {}, out.weights);
   if (appearance.size() > 0 && !batch.exposure.empty()) {
     pass.exposure = workspace->put(batch.exposure);
     const auto gains = workspace->take(out.rgb.size());
@@ -252,7 +262,8 @@ void GridModel::render_rays(kernels::Backend& backend, const RayBatch& batch,
   workspace->begin(backend);
   const auto rgb = workspace->take(3 * rays), depth = workspace->take(rays),
              opacity = workspace->take(rays), weights = workspace->take(rays * samples);
-  const Pass pass = forward(backend, batch, nullptr, {rgb, depth, opacity, weights}, workspace);
+  const ForwardPass pass =
+      forward(backend, batch, nullptr, {rgb, depth, opacity, weights}, workspace);
   backend.grid().median_depth(batch.n, pass.intervals, weights, opacity, depth);
   workspace->get(rgb, out.rgb);
   workspace->get(depth, out.depth);
@@ -269,11 +280,11 @@ RayGradientsOutput GridModel::gradients(kernels::Backend& backend, const RayBatc
              opacity = workspace->take(rays), weights = workspace->take(rays * samples),
              d_rgb = workspace->take(3 * rays), squares = workspace->set_aside(rays);
   const kernels::CompositeOut out{rgb, depth, opacity, weights};
-  const Chance chance(seed, kStreamSamples, step, batch);
-  const Pass pass = forward(backend, batch, &chance, out, workspace);
+  const StepKeys keys(seed, kStreamSamples, step, batch);
+  const ForwardPass pass = forward(backend, batch, &keys, out, workspace);
 
   RayGradientsOutput losses;
-  losses.active_rays = pass.live.rays.n;
+  losses.active_rays = pass.active.rays.n;
   StepSums& sums = workspace->sums();
   backend.mean(opacity, &sums.opacity);
   const auto target = workspace->put(std::span(batch.target).first(3 * rays)),
@@ -295,11 +306,11 @@ RayGradientsOutput GridModel::gradients(kernels::Backend& backend, const RayBatc
              d_field = workspace->take(batch.refines ? 3 * pass.field.points.n : 0),
              d_origin = workspace->take(batch.refines ? 3 * rays : 0),
              d_direction = workspace->take(batch.refines ? 3 * rays : 0);
-  const auto d_seen = pass.of_live(stages, kernels::RayLayout::kColumns, 3, d_rgb, workspace);
-  backend.composite_backward(losses.active_rays, pass.samples, pass.raw, pass.background_of_live,
-                             {d_seen, {}}, d_raw);
-  if (sparsity_weight >
-      0) {  // of the mean over all rays the live ones' part: the others have nothing to lose
+  const auto d_active_rgb =
+      pass.gather_active(stages, kernels::RayLayout::kColumns, 3, d_rgb, workspace);
+  backend.composite_backward(losses.active_rays, pass.samples, pass.raw, pass.active_background,
+                             {d_active_rgb, {}}, d_raw);
+  if (sparsity_weight > 0) {  // the active rays' part of the mean over all rays
     const std::size_t points = pass.field.points.n;
     const float part =
         sparsity_weight * static_cast<float>(losses.active_rays) / static_cast<float>(rays);
@@ -326,9 +337,9 @@ void GridModel::range_gradients(kernels::Backend& backend, const RayBatch& batch
   kernels::GridStages& stages = backend.grid();
   const std::size_t rays = batch.n, count = rays * samples;
   workspace->begin(backend);
-  const Chance chance(seed, kStreamLidarSamples, step, batch);
-  Pass pass = propose(backend, batch, &chance, workspace);
-  pass.live = pass.all;  // none is empty: each has met something
+  const StepKeys keys(seed, kStreamLidarSamples, step, batch);
+  ForwardPass pass = sample_proposals(backend, batch, &keys, workspace);
+  pass.active = pass.all;  // every LiDAR ray has hit a surface
   pass.field.intervals = pass.intervals;
   sample(backend, &pass, workspace);
   const auto density = pass.raw.subspan(3 * count), weights = workspace->take(count),
@@ -339,58 +350,57 @@ void GridModel::range_gradients(kernels::Backend& backend, const RayBatch& batch
       first_range_spread_m * std::exp2(-static_cast<float>(step) / range_spread_half_life));
   stages.range_loss(batch.n, pass.intervals, weights, workspace->put(batch.range_m), spread_m,
                     range_weight, d_weights, &workspace->sums().terms[kLidarLoss]);
-  backend.fill(d_raw.first(3 * count), 0);  // nobody asks for the colour
+  backend.fill(d_raw.first(3 * count), 0);  // the loss does not depend on colours
   stages.weights_backward(batch.n, pass.intervals, density, weights, d_weights,
                           d_raw.subspan(3 * count));
   backward_field(backend, pass, d_raw, gradients, {}, workspace);
   backward_proposals(backend, pass, weights, gradients, workspace->take<double>(2), workspace);
 }
 
-void GridModel::backward_field(kernels::Backend& backend, const Pass& pass,
+void GridModel::backward_field(kernels::Backend& backend, const ForwardPass& pass,
                                std::span<const float> d_raw, std::span<float> gradients,
                                std::span<float> d_position, Workspace* workspace) const {
   kernels::GridStages& stages = backend.grid();
   const auto d_features = workspace->take(pass.features.size());
-  stages.network_backward(network(), pass.live.rays.n, samples, pass.features, pass.harmonics,
+  stages.network_backward(network(), pass.active.rays.n, samples, pass.features, pass.harmonics,
                           d_raw, part_of(gradients, kNetwork), d_features);
   stages.encode_backward(grid(kFieldGrid), pass.field.points, d_features,
                          part_of(gradients, kFieldGrid), d_position);
 }
 
-void GridModel::backward_rays(kernels::Backend& backend, const Pass& pass,
+void GridModel::backward_rays(kernels::Backend& backend, const ForwardPass& pass,
                               std::span<const float> d_position, std::span<float> d_origin,
                               std::span<float> d_direction, Workspace* workspace) const {
   kernels::GridStages& stages = backend.grid();
-  const auto d_live_origin = pass.room_of_live(d_origin, 3, workspace),
-             d_live_direction = pass.room_of_live(d_direction, 3, workspace);
-  stages.contract_backward(contraction, pass.live.rays, pass.field.intervals, d_position,
-                           d_live_origin, d_live_direction);
-  pass.to_all(stages, kernels::RayLayout::kColumns, d_live_origin, {}, d_origin);
-  pass.to_all(stages, kernels::RayLayout::kColumns, d_live_direction, {}, d_direction);
+  const auto d_active_origin = pass.active_buffer(d_origin, 3, workspace),
+             d_active_direction = pass.active_buffer(d_direction, 3, workspace);
+  stages.contract_backward(contraction, pass.active.rays, pass.field.intervals, d_position,
+                           d_active_origin, d_active_direction);
+  pass.scatter_to_all(stages, kernels::RayLayout::kColumns, d_active_origin, {}, d_origin);
+  pass.scatter_to_all(stages, kernels::RayLayout::kColumns, d_active_direction, {}, d_direction);
 }
 
-/// The proposals learn from the first part of the rays, which stand for all as long as a quarter
-/// and more of a batch is drawn evenly: they are fewer numbers than the field and need not see each
-/// ray.
-void GridModel::backward_proposals(kernels::Backend& backend, const Pass& pass,
+/// The proposals train on the first part of the batch, which is drawn uniformly where a quarter and
+/// more is: they have fewer parameters than the field.
+void GridModel::backward_proposals(kernels::Backend& backend, const ForwardPass& pass,
                                    std::span<const float> weights, std::span<float> gradients,
                                    std::span<double> losses, Workspace* workspace) const {
   kernels::GridStages& stages = backend.grid();
-  const int taught = std::max(1, pass.all.rays.n / rays_per_proposal_ray);
-  const auto of_taught = [&](const kernels::Intervals& all) {
+  const int trained = std::max(1, pass.all.rays.n / rays_per_proposal_ray);
+  const auto of_trained = [&](const kernels::Intervals& all) {
     return kernels::Intervals{
-        all.per_ray, all.edges.first(static_cast<std::size_t>(taught) * (all.per_ray + 1))};
+        all.per_ray, all.edges.first(static_cast<std::size_t>(trained) * (all.per_ray + 1))};
   };
   for (std::size_t i = 0; i < losses.size(); ++i) {
-    const Round& round = pass.proposal[i];
-    const std::size_t count = static_cast<std::size_t>(taught) * round.intervals.per_ray;
-    const kernels::Intervals intervals = of_taught(round.intervals);
+    const IntervalSamples& round = pass.proposal[i];
+    const std::size_t count = static_cast<std::size_t>(trained) * round.intervals.per_ray;
+    const kernels::Intervals intervals = of_trained(round.intervals);
     const auto density = round.density.first(count), found = round.weights.first(count),
                d_found = workspace->take(count), d_density = workspace->take(count);
-    stages.proposal_loss(taught, of_taught(pass.intervals),
-                         weights.first(static_cast<std::size_t>(taught) * samples), intervals,
+    stages.proposal_loss(trained, of_trained(pass.intervals),
+                         weights.first(static_cast<std::size_t>(trained) * samples), intervals,
                          found, d_found, &losses[i]);
-    stages.weights_backward(taught, intervals, density, found, d_found, d_density);
+    stages.weights_backward(trained, intervals, density, found, d_found, d_density);
     stages.proposal_density_backward(grid(kProposalGrid), round.points.first(count), density,
                                      d_density, part_of(gradients, kProposalGrid));
   }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// --method grid: a hash-grid field for unbounded scenes, sampled where a proposal field found
-// something, before a sky that depends on direction alone. Pictures with a background of their own
-// have no sky. What it is made of: grid_model_parts.cc.
+// --method grid: a hash-grid field for unbounded scenes with proposal sampling, in front of a sky
+// that depends on direction alone. Images with a constant background have no sky.
+// Hyperparameters: grid_model_config.cc; parameters: grid_model_parts.cc.
 #pragma once
 
 #include <array>
@@ -22,22 +22,19 @@ struct GridModel final : RayModel {
 
   GridFieldConfig field{{8, 4, 16, 4096, 18}, 32, 1};
   HashGridConfig proposal{5, 1, 16, 512, 17};
-  HashGridConfig sky{
-      4, 4, 8, 256,
-      15};  ///< over directions; three features are colours, the sum of the levels counts
-  float huber_delta = 0.2f;  ///< of colours in [0, 1], optim/photometric_loss.h; 2 and more: none,
-                             ///< no two differ by more
-  AppearanceConfig appearance;  ///< of no camera unless somebody says how many there are
-  float background =
-      0;  ///< where sky.levels is 0: grey behind rays whose batch names no colour, as in rendering
+  HashGridConfig sky{4, 4, 8, 256,
+                     15};  ///< over directions; three features are colours, summed over the levels
+  float huber_delta = 0.2f;  ///< of colours in [0, 1], optim/photometric_loss.h; 2 and more:
+                             ///< squared error
+  AppearanceConfig appearance;  ///< exposure of each camera over time
+  float background = 0;  ///< grey behind rays where sky.levels is 0 and the batch has no background
   Contraction contraction;
   RaySpacing spacing{0.5f, 1000.0f, 20.0f};
-  std::array<int, 2> proposal_samples{64, 32};  ///< per ray, first and second round
-  int samples = 24;                             ///< per ray, of the field
-  float histogram_padding = 0.1f;  ///< volume/ray_intervals.h; chosen by measurement, as that of
-                                   ///< bounded scenes (configure_bounded)
-  float sparsity_weight = 0;       ///< optim/sparsity_loss.h
-  float range_weight = 0.03f;      ///< of the LiDAR loss, optim/range_loss.h
+  std::array<int, 2> proposal_samples{64, 32};  ///< per ray, first and second iteration
+  int samples = 24;                             ///< per ray, at which the field is evaluated
+  float histogram_padding = 0.1f;               ///< volume/ray_intervals.h
+  float sparsity_weight = 0;                    ///< optim/sparsity_loss.h
+  float range_weight = 0.03f;                   ///< of the LiDAR loss, optim/range_loss.h
   /// Standard deviation of a return in the LiDAR loss: a surface may first be found anywhere near a
   /// return, in the end within what its range and time leave uncertain.
   float first_range_spread_m = 1, last_range_spread_m = 0.1f;
@@ -52,7 +49,7 @@ struct GridModel final : RayModel {
   float beta2 = 0.99f, epsilon = 1e-15f;  ///< of Adam: Mueller et al. 2022, section 4
   double active_fraction = 1;  ///< smoothed share of a step's rays that the field is evaluated on
   float min_proposal_footprint =
-      0;  ///< least_width (kernels/grid_stages.h, contract) of proposals' points; chosen likewise
+      0;  ///< of a proposal sample's volume, in lengths of its interval (GridStages::contract)
 
   const char* method() const override { return "grid"; }
   std::string describe() const override;
@@ -96,39 +93,40 @@ struct GridModel final : RayModel {
   kernels::GridNetwork network() const { return {field, density_scale(), part(kNetwork)}; }
 
  private:
-  struct Chance;
-  struct Beams;
-  struct Round;
-  struct Pass;
+  struct StepKeys;
+  struct RayBundle;
+  struct IntervalSamples;
+  struct ForwardPass;
 
-  /// Intervals of rays with their points in the unit cube.
-  Round place(kernels::Backend& backend, const Beams& beams, int per_ray,
-              std::span<const float> edges, float least_width, Workspace* workspace) const;
-  /// What stands behind everything.
-  void evaluate_sky(kernels::Backend& backend, const RayBatch& batch, Pass* pass,
+  /// Returns the intervals of rays with their positions in the unit cube.
+  IntervalSamples contract_intervals(kernels::Backend& backend, const RayBundle& bundle,
+                                     int per_ray, std::span<const float> edges, float min_footprint,
+                                     Workspace* workspace) const;
+  /// Evaluates the background of all rays: the sky, or the batch's colours.
+  void evaluate_sky(kernels::Backend& backend, const RayBatch& batch, ForwardPass* pass,
                     Workspace* workspace) const;
-  /// Two rounds of proposals and the edges of the field's intervals where the second one found
-  /// something. Null: without any chance.
-  Pass propose(kernels::Backend& backend, const RayBatch& batch, const Chance* chance,
-               Workspace* workspace) const;
-  /// Those of the batch's rays that the proposals see something on, with what the field is to know
-  /// of them.
-  void find_live(kernels::Backend& backend, const Chance* chance, Pass* pass,
-                 Workspace* workspace) const;
-  /// The field at the samples of live rays.
-  void sample(kernels::Backend& backend, Pass* pass, Workspace* workspace) const;
-  Pass forward(kernels::Backend& backend, const RayBatch& batch, const Chance* chance,
-               const kernels::CompositeOut& out, Workspace* workspace) const;
-  /// From d_raw of the live rays. d_position [3, their samples] in the unit cube, or empty.
-  void backward_field(kernels::Backend& backend, const Pass& pass, std::span<const float> d_raw,
-                      std::span<float> gradients, std::span<float> d_position,
-                      Workspace* workspace) const;
-  /// d_origin and d_direction [3, all rays] from the points' d_position.
-  void backward_rays(kernels::Backend& backend, const Pass& pass, std::span<const float> d_position,
-                     std::span<float> d_origin, std::span<float> d_direction,
+  /// Runs both proposal iterations and draws the field's intervals from the second one's weights.
+  /// keys null: without random numbers.
+  ForwardPass sample_proposals(kernels::Backend& backend, const RayBatch& batch,
+                               const StepKeys* keys, Workspace* workspace) const;
+  /// Compacts the batch to the active rays, those on which the proposals have opacity.
+  void compact_batch(kernels::Backend& backend, const StepKeys* keys, ForwardPass* pass,
                      Workspace* workspace) const;
-  /// losses [2]: of the rounds.
-  void backward_proposals(kernels::Backend& backend, const Pass& pass,
+  /// Evaluates the field at the samples of active rays.
+  void sample(kernels::Backend& backend, ForwardPass* pass, Workspace* workspace) const;
+  ForwardPass forward(kernels::Backend& backend, const RayBatch& batch, const StepKeys* keys,
+                      const kernels::CompositeOut& out, Workspace* workspace) const;
+  /// Backward pass of the field from d_raw of the active rays. d_position [3, their samples] in the
+  /// unit cube, or empty: not wanted.
+  void backward_field(kernels::Backend& backend, const ForwardPass& pass,
+                      std::span<const float> d_raw, std::span<float> gradients,
+                      std::span<float> d_position, Workspace* workspace) const;
+  /// Computes d_origin and d_direction [3, all rays] from the samples' d_position.
+  void backward_rays(kernels::Backend& backend, const ForwardPass& pass,
+                     std::span<const float> d_position, std::span<float> d_origin,
+                     std::span<float> d_direction, Workspace* workspace) const;
+  /// losses [2]: one for each iteration.
+  void backward_proposals(kernels::Backend& backend, const ForwardPass& pass,
                           std::span<const float> weights, std::span<float> gradients,
                           std::span<double> losses, Workspace* workspace) const;
   void configure_bounded();
@@ -140,7 +138,7 @@ struct GridModel final : RayModel {
   std::span<float> part_of(std::span<float> all, Part part) const {
     return all.subspan(offset(part), part_size(part));
   }
-  /// At the start one mean free path is e times the near region's half side.
+  /// Makes a mean free path at the start e times the near region's half side.
   float density_scale() const { return 0.36787944f / contraction.half_m; }
 };
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Working memory that is used in the same order again and again: nothing is allocated once every
-// place has been at its largest.
+// Working memory that is taken in the same order in each step: nothing is allocated once every slot
+// has had its largest size.
 #pragma once
 
 #include <algorithm>
@@ -29,26 +29,24 @@ struct StepSums {
 
 class Workspace {
  public:
-  /// From here on the places are handed out from the first on again, kept by the backend that
-  /// computes with them: the host fetches what it reads of what stages wrote, and puts what they
-  /// are to read.
+  /// Starts a pass: slots are taken from the first one on again, resident in the memory of
+  /// `backend`. The host downloads what stages wrote and uploads what they read.
   void begin(kernels::Backend& backend) {
     backend_ = &backend;
     next_ = 0;
   }
 
-  /// The next place, n numbers, whatever they are; valid until the next begin().
+  /// Returns the next slot: n numbers of any value, valid until the next begin().
   template <class T = float>
   std::span<T> take(std::size_t n) {
     return {reinterpret_cast<T*>(next<T>(n).data()), n};
   }
 
-  /// A place beside them, which begin() leaves as it is: for what outlives a pass. There is one,
-  /// until the next call.
+  /// Returns the one buffer that outlives begin(), valid until the next call.
   std::span<float> set_aside(std::size_t n) { return room_in(&aside_, n).span().first(n); }
 
-  /// Beside them, too, for stages to leave their numbers in: the host has these once it has fetched
-  /// all, so that it waits but once.
+  /// Returns the sums for stages to write; the host has them after fetch_sums(), so that it waits
+  /// for the device once a step.
   StepSums& sums() {
     kernels::make_resident(*backend_, sums_);
     return sums_[0];
@@ -58,9 +56,8 @@ class Workspace {
     return sums_[0];
   }
 
-  /// Numbers of the host where the backend reads them without copying them anew for each stage: a
-  /// place with a copy, or where they are if it keeps nothing, or these. Valid until the next
-  /// begin(), and as long as `numbers` are.
+  /// Returns numbers of the host where the backend reads them: uploaded once into a slot on a
+  /// device, or `numbers` itself. Valid until the next begin(), and as long as `numbers` are.
   template <class T>
   std::span<const T> put(std::span<const T> numbers) {
     if (backend_->is_resident(kernels::as_floats(numbers))) return numbers;
@@ -74,7 +71,7 @@ class Workspace {
   std::span<const T> put(const std::vector<T>& numbers) {
     return put(std::span<const T>(numbers));
   }
-  /// The other way: what stages wrote, for the host.
+  /// Downloads what stages wrote.
   void get(std::span<const float> numbers, std::span<float> out) const {
     backend_->download(numbers);
     std::ranges::copy(numbers, out.begin());

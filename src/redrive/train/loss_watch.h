@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A loss that rises and stays high is a divergence, at whatever step (what failed from the first
-// step on, train/start_watch.h sees).
+// Detects divergence: a loss that rises and stays high, at any step. (train/start_watch.h detects
+// starts that fail.)
 //
 // Windows of metrics.jsonl are smoothed, mean squared errors weighted by their rays over the last
 // 10^4. The loss is high while that is more than twice the best it has been, and above 1e-4 (40
@@ -17,16 +17,16 @@
 namespace redrive {
 
 constexpr double kHighLoss = 2;        ///< times the best smoothed one
-constexpr int kHighWindows = 10;       ///< on end: diverged
-constexpr double kRollbackRate = 0.5;  ///< what a roll-back multiplies the learning rate by
+constexpr int kHighWindows = 10;       ///< consecutive ones: diverged
+constexpr double kRollbackRate = 0.5;  ///< factor of the learning rate at a roll-back
 constexpr int kMaxRollbacks = 4;
 
-/// Takes in a window.
+/// Updates the check with a window.
 void watch_loss(const LossWindow& window, LossWatch* watch);
 
 inline bool has_diverged(const LossWatch& watch) { return watch.high >= kHighWindows; }
-/// The mean of a window, whole or not, of at least 1000 rays is itself high, or the last ones' was:
-/// maybe noise, maybe the beginning of the end, and no state to go back to.
+/// Whether the mean of a window of at least 1000 rays, or that of the windows before, is high. It
+/// may be noise or the onset of divergence: no checkpoint is written then.
 bool is_high(const LossWindow& window, const LossWatch& watch);
 
 }  // namespace redrive

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// How much memory training will take, before any picture is loaded; of a GPU also what rendering
-// takes, before any picture is made.
+// Estimates of the memory of training, before any image is loaded, and of a GPU's memory for
+// rendering.
 #pragma once
 
 #include <algorithm>
@@ -17,10 +17,10 @@ namespace redrive {
 struct MemoryEstimate {
   std::uint64_t program = 0;   ///< code, libraries, threads
   std::uint64_t state = 0;     ///< parameters and moments
-  std::uint64_t pictures = 0;  ///< of all training views with what is masked of them
+  std::uint64_t pictures = 0;  ///< images of all training views with masks
   std::uint64_t lidar = 0;     ///< all returns
-  // First there is more of what is read, then what training works with.
-  std::uint64_t decoding = 0;  ///< pictures as recorded
+  // The peak is in loading or in training:
+  std::uint64_t decoding = 0;  ///< images as recorded
   std::uint64_t sorting = 0;  ///< LiDAR points as recorded, and their rays, before they are returns
   std::uint64_t rays = 0;     ///< directions of all pixels of all cameras
   std::uint64_t step = 0;     ///< gradients and a batch's working memory
@@ -35,7 +35,7 @@ struct MemoryEstimate {
 };
 MemoryEstimate estimate_memory(const Run& run, int threads);
 
-/// The same of a GPU's memory. What batches are gathered from lies there as on the host.
+/// The same for a GPU, which has the data that batches are gathered from, too.
 struct DeviceMemoryEstimate {
   std::uint64_t state = 0;     ///< parameters, gradients and moments
   std::uint64_t pictures = 0;  ///< of all training views, and the directions of their pixels
@@ -47,19 +47,19 @@ struct DeviceMemoryEstimate {
     return sum + sum / 20;
   }
 };
-/// Nothing where the backend works in the host's. `host`: of the same run.
+/// Returns nothing where the backend works in the host's memory. `host`: of the same run.
 std::optional<DeviceMemoryEstimate> estimate_device_memory(const Run& run,
                                                            const kernels::Backend& backend,
                                                            const MemoryEstimate& host);
 
 /// "needs about 1.3 GiB of 16.8 GiB allowed", of bytes.
 std::string memory_text(std::uint64_t needed, std::uint64_t allowed);
-/// UsageError saying what is lowered best, if more is needed than allowed.
+/// Throws UsageError naming the options to lower if more is needed than allowed.
 void check_memory(const MemoryEstimate& need, std::uint64_t allowed, const TrainOptions& options);
 void check_memory(const DeviceMemoryEstimate& need, std::uint64_t allowed,
                   const TrainOptions& options);
-/// UsageError if the largest of `work` on a finished run's model takes more of the backend's own
-/// memory than the run's options allow.
+/// Throws UsageError if `work` on a finished run's model needs more memory of the device than the
+/// run's options allow.
 void check_device_memory(const Run& run, kernels::Backend& backend, const DeviceWork& work);
 
 }  // namespace redrive

@@ -31,7 +31,7 @@ void append_line(const std::filesystem::path& path, const nlohmann::json& json) 
 
 struct Line {
   std::string_view text;
-  Place place;
+  MetricsPosition position;
   bool is_event = false;
   std::int64_t undone_to = std::numeric_limits<std::int64_t>::max();  ///< of a roll-back
   MetricsRow row;
@@ -40,7 +40,7 @@ struct Line {
 /// Calls `take` for each whole line.
 void for_lines(const std::filesystem::path& path, std::string_view bytes,
                const std::function<void(const Line&)>& take) {
-  Place place;
+  MetricsPosition position;
   std::int64_t number = 0;
   for (std::size_t begin = 0, end; (end = bytes.find('\n', begin)) != std::string_view::npos;
        begin = end + 1) {
@@ -49,19 +49,19 @@ void for_lines(const std::filesystem::path& path, std::string_view bytes,
     const std::filesystem::path where = path.string() + ":" + std::to_string(++number);
     const nlohmann::json json = parse_json(line.text, where);
     const JsonField field(json, where);
-    place.step = field.at("step").integer();
+    position.step = field.at("step").integer();
     if (field.has("event")) {
       line.is_event = true;
       const std::string event = field.at("event").string();
       if (event == "restart") {
-        place.restarts = static_cast<int>(field.at("restarts").integer());
-        place.rollbacks = 0;
+        position.restarts = static_cast<int>(field.at("restarts").integer());
+        position.rollbacks = 0;
       } else if (event == "rollback") {
-        place.rollbacks = static_cast<int>(field.at("rollbacks").integer());
+        position.rollbacks = static_cast<int>(field.at("rollbacks").integer());
         line.undone_to = field.at("to_step").integer();
       }
     } else {
-      line.row = {place.step,
+      line.row = {position.step,
                   field.at("seconds").number(),
                   field.at("loss").number(),
                   field.at("psnr_db").number(),
@@ -72,7 +72,7 @@ void for_lines(const std::filesystem::path& path, std::string_view bytes,
         for (const std::string& name : field.at("losses").keys())
           line.row.losses.emplace_back(name, field.at("losses").at(name).number());
     }
-    line.place = place;
+    line.position = position;
     take(line);
   }
 }
@@ -124,21 +124,21 @@ std::vector<MetricsRow> read_metrics(const RunPaths& paths) {
 std::vector<MetricsRow> parse_metrics(std::string_view bytes, const std::filesystem::path& file) {
   std::vector<MetricsRow> rows;
   for_lines(file, bytes, [&, current = 0](const Line& line) mutable {
-    if (line.place.restarts != current) rows.clear();
-    current = line.place.restarts;
+    if (line.position.restarts != current) rows.clear();
+    current = line.position.restarts;
     std::erase_if(rows, [&](const MetricsRow& row) { return row.step > line.undone_to; });
     if (!line.is_event) rows.push_back(line.row);
   });
   return rows;
 }
 
-std::string truncated_metrics(std::string_view bytes, const Place& place) {
+std::string truncated_metrics(std::string_view bytes, const MetricsPosition& position) {
   std::string kept;
   try {
     for_lines("metrics.jsonl", bytes, [&](const Line& line) {
-      const auto here = std::tie(line.place.restarts, line.place.rollbacks),
-                 there = std::tie(place.restarts, place.rollbacks);
-      if (here < there || (here == there && (line.is_event || line.place.step <= place.step)))
+      const auto here = std::tie(line.position.restarts, line.position.rollbacks),
+                 there = std::tie(position.restarts, position.rollbacks);
+      if (here < there || (here == there && (line.is_event || line.position.step <= position.step)))
         kept += line.text;
     });
   } catch (const InputError&) {
@@ -148,9 +148,9 @@ std::string truncated_metrics(std::string_view bytes, const Place& place) {
   return kept;
 }
 
-void truncate_metrics(const RunPaths& paths, const Place& place) {
+void truncate_metrics(const RunPaths& paths, const MetricsPosition& position) {
   const std::string bytes = bytes_or_nothing(paths.metrics()),
-                    kept = truncated_metrics(bytes, place);
+                    kept = truncated_metrics(bytes, position);
   if (kept != bytes) write_file(paths.metrics(), kept);
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the user sees of training: one live line on a terminal, a plain line every few seconds where
-// the output is piped.
+// Progress of training: one line on a terminal that is updated, a plain line every few seconds
+// where the output is piped.
 #pragma once
 
 #include <chrono>
@@ -23,7 +23,7 @@ class Progress {
   ~Progress() { finish(); }
 
   bool due() const;  ///< it is time for the next line (0.2 s on a terminal, 5 s elsewhere)
-  void show(const ProgressState& state);  ///< now
+  void show(const ProgressState& state);  ///< prints the line now
   void finish();  ///< ends the live line, so that other output begins on its own
 
  private:

@@ -27,10 +27,10 @@ struct RunPaths {
   std::filesystem::path report() const { return root / "report.html"; }
 };
 
-/// UsageError if `root` is empty or exists, whatever is in it.
+/// Throws UsageError if `root` is empty or exists.
 void check_run_is_new(const std::filesystem::path& root);
-/// Makes the folder with config.json and what `fill` puts into it, all or nothing; refuses an
-/// existing one.
+/// Makes the folder with config.json and the files that `fill` writes, all or nothing. Throws
+/// UsageError if it exists.
 RunPaths create_run(const std::filesystem::path& root, const TrainOptions& options,
                     const std::function<void(const RunPaths&)>& fill = {}, Model* model = nullptr);
 /// `model`: the run's, whose resolved hyperparameters are shown; null: they are not.
@@ -45,14 +45,13 @@ struct Run {
   Scene scene;
   TrainState state;
 };
-/// InputError if a file is missing or they do not belong together. The recording's frames and the
-/// scene have the poses that training refined; `to_resume`: those it began with, and a run that was
-/// killed before its first checkpoint opens with the state it would have started from, which is an
-/// error otherwise.
+/// Opens a run with refined poses in the recording's frames and the scene. to_resume: with initial
+/// poses; a run that was killed before its first checkpoint then opens with the initial state.
+/// Throws InputError if a file is missing or the files do not belong together.
 Run open_run(const std::filesystem::path& root, bool to_resume = false);
-/// The model that options and scene ask for, without parameters.
+/// Returns the model of options and scene, without parameters.
 std::unique_ptr<Model> make_run_model(const TrainOptions& options, const Scene& scene);
-/// The state a run starts from.
+/// Returns the state that a run starts from.
 TrainState make_initial_state(const TrainOptions& options, const Scene& scene);
 
 /// One line of metrics.jsonl.
@@ -62,34 +61,33 @@ struct MetricsRow {
   int epoch = 0;
   std::vector<std::pair<std::string, double>> losses = {};  ///< terms of the loss by name
 };
-/// The rows of the start that is in use: what came before a restart is left out, and what a
-/// roll-back undid. A last line that a kill cut short is ignored; empty if there is no file yet.
-/// InputError names the line that cannot be read.
+/// Returns the rows of the start that is in use, without those before a restart and those that a
+/// roll-back undid; empty if there is no file yet. Ignores a truncated last line. Throws InputError
+/// naming the line that cannot be read.
 std::vector<MetricsRow> read_metrics(const RunPaths& paths);
 /// The same from the bytes of `file`.
 std::vector<MetricsRow> parse_metrics(std::string_view bytes, const std::filesystem::path& file);
 
 void append_metrics(const RunPaths& paths, const MetricsRow& row);
-/// {"event": "restart", ...}: from here on the rows are of start number `restarts`.
+/// Appends {"event": "restart", ...}: later rows belong to start number `restarts`.
 void append_restart(const RunPaths& paths, std::int64_t step, int restarts, std::uint64_t seed,
                     const std::string& reason);
-/// {"event": "rollback", ...}: from here on the rows go on from `to_step`, after `rollbacks` of
+/// Appends {"event": "rollback", ...}: later rows continue from `to_step`, after `rollbacks` of
 /// them in this start.
 void append_rollback(const RunPaths& paths, std::int64_t step, std::int64_t to_step, int rollbacks,
                      double rate_factor, const std::string& reason);
-/// Where in a run a state stands: its rows come behind those of earlier starts, and of a start
-/// behind those before a roll-back.
-struct Place {
+/// Position of a state among the rows: ordered by start, roll-back and step.
+struct MetricsPosition {
   int restarts = 0, rollbacks = 0;
   std::int64_t step = 0;
 };
-/// Drops what was written after the checkpoint that is resumed from, and everything from the first
-/// line on that cannot be read: a power cut may leave zeros or half a line at the end.
-void truncate_metrics(const RunPaths& paths, const Place& place);
-/// What truncate_metrics leaves of `bytes`.
-std::string truncated_metrics(std::string_view bytes, const Place& place);
-/// Puts the rows on disk. Before each checkpoint, so that none is ahead of its rows after a power
-/// cut.
+/// Removes the rows after the checkpoint that is resumed from, and everything from the first
+/// unreadable line on: a power cut may leave zeros or half a line at the end.
+void truncate_metrics(const RunPaths& paths, const MetricsPosition& position);
+/// Returns the part of `bytes` that truncate_metrics keeps.
+std::string truncated_metrics(std::string_view bytes, const MetricsPosition& position);
+/// Flushes the rows to disk. Call before each checkpoint, so that after a power cut no checkpoint
+/// is newer than its rows.
 void sync_metrics(const RunPaths& paths);
 
 }  // namespace redrive

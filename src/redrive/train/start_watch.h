@@ -1,14 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// The report watched the loss early in the first epoch "to ensure convergence"; this does it. A
-// start has failed when it is
+// Detects starts that fail. A start has failed when it is
 //   not finite:  a step within the first 1000 gives no finite loss or gradients;
-//   dead:        mean opacity below 1e-4 in 20 steps on end within the first 1000: every density is
-//   at or below its ReLU's
-//                kink, all gradients are zero, nothing will ever move again;
+//   dead:        mean opacity below 1e-4 in 20 consecutive steps within the first 1000: every
+//                density is at or below the kink of its ReLU, and all gradients are zero;
 //   diverging:   the mean squared error over steps 400..499 is not 10 % below that of steps 0..19.
-// None of the three is said of a field that explains its pictures: not dead or diverging below an
-// error of 1e-4 (40 dB: black pictures, one constant colour), and not diverging while it is no
-// worse than the best constant colour (noise).
+// A field that explains its images has not failed: none is dead or diverging below an error of 1e-4
+// (40 dB: black images, one constant colour), nor diverging while it is no worse than the best
+// constant colour (noise).
 #pragma once
 
 #include <optional>
@@ -19,10 +17,9 @@
 
 namespace redrive {
 
-constexpr std::int64_t kStartSteps =
-    1000;  ///< what counts as the start; later the watch looks on no more
+constexpr std::int64_t kStartSteps = 1000;  ///< of a start that are checked
 constexpr int kMaxRestarts = 5;
-constexpr double kExplainedMse = 1e-4;  ///< 40 dB: the field explains its pictures
+constexpr double kExplainedMse = 1e-4;  ///< 40 dB: the field explains its images
 
 /// Whether step number `step` needs StepOutput::colour_variance.
 bool watches_colours(std::int64_t step);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What training changes: a model's parameters, their Adam moments, and how far it came. A
-// checkpoint holds exactly this.
+// Everything that training changes: parameters, Adam's moments, progress. The content of a
+// checkpoint.
 #pragma once
 
 #include <array>
@@ -16,7 +16,7 @@
 
 namespace redrive {
 
-/// What the watch over the start of training has seen (train/start_watch.h).
+/// State of the check of a start (train/start_watch.h).
 struct StartWatch {
   int dead_steps = 0;    ///< in a row
   double first_mse = 0;  ///< sum over the first steps
@@ -27,13 +27,13 @@ struct StartWatch {
   bool operator==(const StartWatch&) const = default;
 };
 
-/// What the watch for a loss that rises has seen (train/loss_watch.h).
+/// State of the check for divergence (train/loss_watch.h).
 struct LossWatch {
-  std::uint64_t pixels = 0;  ///< of an epoch: with others, as of edited masks, the loss is another
-  double rays = 0;           ///< that `smoothed` speaks of
+  std::uint64_t pixels = 0;  ///< of an epoch; with edited masks, losses are not comparable
+  double rays = 0;           ///< over which `smoothed` averages
   double smoothed = 0;       ///< mean squared error of the last windows
-  double best = 0;           ///< the least that was; 0 until there are enough rays
-  int high = 0;              ///< windows on end that were far above it
+  double best = 0;           ///< least smoothed error so far; 0 until there are enough rays
+  int high = 0;              ///< consecutive windows that were far above it
 
   bool operator==(const LossWatch&) const = default;
 };
@@ -74,32 +74,32 @@ struct TrainState {
   std::int64_t step = 0;           ///< steps done
   std::uint64_t pixels_drawn = 0;  ///< in the order of the epochs, without those of the error map
   Buffer<float> cell_errors;       ///< error map, of PixelSampler::cells; empty: not used
-  double seconds = 0;              ///< spent in training, resumed runs added up
+  double seconds = 0;              ///< of training, including resumed runs
   std::uint64_t seed = 0;          ///< in use; differs from the option after a restart
   int restarts = 0;
   int rollbacks = 0;               ///< of this start
-  double rate_factor = 1;          ///< what they left of the learning rate
-  int bad_steps = 0;               ///< non-finite ones in a row
-  std::int64_t skipped_steps = 0;  ///< non-finite ones in all
+  double rate_factor = 1;          ///< product of the roll-backs' factors of the learning rate
+  int bad_steps = 0;               ///< consecutive non-finite steps
+  std::int64_t skipped_steps = 0;  ///< non-finite steps in all
   StartWatch watch;
   LossWatch loss_watch;
   LossWindow window;
 };
 
-/// safetensors (so that Python reads it): the model's tensors by name, "adam.first_moment",
+/// Writes safetensors, which Python reads: the model's tensors by name, "adam.first_moment",
 /// "adam.second_moment" and, if any, "cell_errors" and "poses" with "poses.first_moment" and
 /// "poses.second_moment"; method, step, seconds, seed and the model's numbers in __metadata__
 /// (strings). Written atomically (base/files.h).
 void save_checkpoint(const std::filesystem::path& file, const TrainState& state);
-/// InputError names file and field: truncated, wrong header, shape that disagrees with its config,
-/// non-finite values.
+/// Throws InputError naming file and field: truncated, wrong header, shape that disagrees with the
+/// hyperparameters, non-finite values.
 TrainState load_checkpoint(const std::filesystem::path& file);
 
 /// The same on bytes; `file` is for messages.
 std::string checkpoint_bytes(const TrainState& state);
 TrainState parse_checkpoint(std::string_view bytes, const std::filesystem::path& file);
 
-/// A fresh start of a model whose numbers are set.
+/// Returns a fresh start of a model whose hyperparameters are set.
 TrainState initial_state(std::unique_ptr<Model> model, std::uint64_t seed);
 
 }  // namespace redrive

@@ -22,7 +22,7 @@ namespace {
 
 constexpr int kStepsPerRow =
     25;  // a row of metrics.jsonl: 1024 rays x 25 average the noise of a batch away
-constexpr int kMaxBadSteps = 50;  // non-finite ones on end: it will not heal
+constexpr int kMaxBadSteps = 50;  // consecutive non-finite steps before a roll-back
 constexpr double kSecondsPerCheckpoint =
     60;  // of training: what a kill costs at most, however slow the machine
 
@@ -81,7 +81,7 @@ class Trainer {
     return refinement_.first_rate_m * std::pow(refinement_.last_rate, progress());
   }
 
-  /// Of the run, by the limit that is nearest: 1 is its end.
+  /// Progress of the run by the limit that is nearest; 1 is its end.
   double progress() const {
     const auto pixels =
         static_cast<double>(options_.epochs) * static_cast<double>(sampler_.pixels());
@@ -94,7 +94,7 @@ class Trainer {
     return progress;
   }
 
-  /// First parameters that follow from the data, with fresh moments.
+  /// Initialises parameters from the data, with fresh moments.
   void begin_from_data() {
     Model& model = *state_.model;
     model.initialize_from(data_, state_.seed);
@@ -113,11 +113,11 @@ class Trainer {
       std::ranges::fill(state_.cell_errors.span(), kInitialError);
     }
     group_.begin();
-    place();
+    update_poses();
   }
 
-  /// Everything where the corrections put it.
-  void place() {
+  /// Applies the pose corrections to views and samplers.
+  void update_poses() {
     if (!state_.poses.refines()) return;
     const std::vector<FramePose>& recorded = run_.recording.frames;
     const std::vector<FramePose> trajectory =
@@ -140,7 +140,7 @@ class Trainer {
     const StepResult result = group_.step(data_, request, learning_rate(number));
     if (request.pose_gradients && result.finite) {
       refine_poses(scene_, result.views, pose_rates(pose_rate()), refinement_.decay, &state_.poses);
-      place();
+      update_poses();
     }
     const double seconds =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
@@ -162,7 +162,7 @@ class Trainer {
     if (has_diverged(state_.loss_watch)) return roll_back(high_loss());
     save_due_ |= state_.step % options_.checkpoint_every == 0 ||
                  state_.seconds - saved_seconds_ >= kSecondsPerCheckpoint;
-    if (save_due_ && !loss_rose()) save();  // the checkpoint has to stay one to go back to
+    if (save_due_ && !loss_rose()) save();  // a checkpoint must be a state to roll back to
   }
 
   void save() {
@@ -177,7 +177,7 @@ class Trainer {
 
   bool loss_rose() const { return last_was_high_ || is_high(state_.window, state_.loss_watch); }
 
-  /// A start that failed: the same run once more from another seed.
+  /// Begins the run anew from another seed after a start that failed.
   void restart(const std::string& reason) {
     progress_.finish();
     if (state_.restarts == kMaxRestarts)
@@ -201,7 +201,7 @@ class Trainer {
     save();
   }
 
-  /// A later step that was not finite: the parameters stayed as they were.
+  /// Counts a non-finite step after the start; the parameters are unchanged.
   void skip() {
     ++state_.skipped_steps;
     ++state_.bad_steps;
@@ -220,7 +220,7 @@ class Trainer {
     return text;
   }
 
-  /// Back to the last checkpoint, at a lower rate.
+  /// Goes back to the last checkpoint, at a lower learning rate.
   void roll_back(const std::string& reason) {
     progress_.finish();
     if (state_.rollbacks == kMaxRollbacks)
@@ -229,7 +229,7 @@ class Trainer {
                            " times before at higher rates than " +
                            std::to_string(state_.rate_factor) + " of it; the last good state is " +
                            run_.paths.checkpoint().string() + "; try a lower rate");
-    state_.model->parameters = {};  // room for the other
+    state_.model->parameters = {};  // frees memory for the loaded state
     state_.adam = {};
     TrainState good = load_checkpoint(run_.paths.checkpoint());
     good.seconds = state_.seconds;
@@ -314,7 +314,7 @@ class Trainer {
   Run& run_;
   TrainState& state_;
   const TrainOptions& options_;
-  Scene scene_;  // the run's with the views where corrections have put them
+  Scene scene_;  // the run's scene with the pose corrections applied
   PixelSampler sampler_;
   LidarSampler lidar_sampler_;
   TrainingSet data_;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The loop: batches, schedule, watch for dead or diverging starts and for divergence after them,
-// progress, metrics, checkpoints, Ctrl-C.
+// The training loop: steps, schedule, restarts, roll-backs, pose refinement, progress, metrics,
+// checkpoints, Ctrl-C.
 #pragma once
 
 #include <atomic>
@@ -13,14 +13,12 @@ namespace redrive {
 
 enum class TrainEnd { kFinished, kInterrupted };
 
-/// Trains `run->state` on to its end (or until *stop). Starts from state.step, so that it also
-/// resumes: a resumed run ends with the same weights as an uninterrupted one (max_seconds apart),
-/// metrics.jsonl is cut back to the checkpoint first. A divergence goes back to the last
-/// checkpoint, and when that was written may depend on the clock and on Ctrl-C, too.
+/// Trains from run->state.step to the end of the run, or until `stop`. A resumed run ends with the
+/// same weights as an uninterrupted one, except with max_seconds and after a divergence, which
+/// rolls back to the last checkpoint.
 TrainEnd train(Run* run, kernels::Backend& backend, const std::atomic<bool>& stop);
-/// The same with the pictures of run->scene.views already loaded (train/training_data.h), by
-/// backends that make each step together (train/data_parallel_group.h); one needs no reduction.
+/// The same with loaded data, data-parallel on `backends`; all_reduce may be null for one.
 TrainEnd train(Run* run, const TrainingData& data, const std::vector<kernels::Backend*>& backends,
-               kernels::AllReduce* reduction, const std::atomic<bool>& stop);
+               kernels::AllReduce* all_reduce, const std::atomic<bool>& stop);
 
 }  // namespace redrive

@@ -9,7 +9,7 @@
 namespace redrive {
 namespace {
 
-/// `masks`, with what the recording knows to move; nothing at all with --masks none.
+/// `masks` and the recording's moving objects; nothing with --masks none.
 Exclusions with_moving(const Run& run, const std::function<std::vector<Mask>()>& masks) {
   if (run.options.masks != "none") return {masks(), read_moving_objects(run.recording, run.scene)};
   std::vector<Mask> full;
@@ -54,7 +54,7 @@ TrainingData load_training_data(const Run& run, ThreadPool& pool) {
 
 TrainingData prepare_training_data(const Run& run, ThreadPool& pool) {
   const std::filesystem::path folder =
-      mask_folder(run);  // first: it is said at once if it is wrong
+      mask_folder(run);  // first, so that a wrong folder is reported at once
   std::vector<Image8> images = load_views(run.scene, pool);
   Exclusions left_out = with_moving(
       run, [&] { return static_masks(run.scene, images, folder, pool, run.recording.metric); });

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a run trains on and is scored on: its pictures without what options.masks leaves out of
-// them, and its LiDAR returns.
+// Data of a run: images with masks applied, and LiDAR returns.
 #pragma once
 
 #include "redrive/scene/lidar_returns.h"
@@ -9,14 +8,14 @@
 
 namespace redrive {
 
-/// What is left out of a run's pictures.
+/// Pixels that training and scores exclude.
 struct Exclusions {
   std::vector<Mask> masks;  ///< by camera of the rig
   MovingObjects moving;
 };
 
-/// Of a run whose folder is there: its masks/ and the recording's annotated objects; nothing with
-/// --masks none. InputError as read_mask, read_boxes.
+/// Reads masks/ of an existing run and the recording's annotated objects; nothing with --masks
+/// none. Throws InputError as the readers of masks and boxes do.
 Exclusions read_exclusions(const Run& run);
 
 struct TrainingData {
@@ -25,12 +24,12 @@ struct TrainingData {
   LidarReturns lidar;          ///< none if the model uses none
 };
 
-/// Of an existing run.
+/// Loads the data of an existing run.
 TrainingData load_training_data(const Run& run, ThreadPool& pool);
-/// Those of a run to be, whose masks are found, or read from the folder that options.masks names.
-/// UsageError if no camera has a mask there.
+/// Loads the data of a new run. Masks are detected, or read from the folder that options.masks
+/// names; throws UsageError if that has no mask of any camera.
 TrainingData prepare_training_data(const Run& run, ThreadPool& pool);
-/// Makes paths.masks() with what prepare_training_data found: for create_run.
+/// Writes the masks of prepare_training_data into paths.masks(), for create_run.
 void write_run_masks(const RunPaths& paths, const TrainingData& training, const Scene& scene);
 
 }  // namespace redrive
