@@ -36,7 +36,7 @@ INSTANTIATE_TEST_SUITE_P(Backends, GridStagesTest, testing::ValuesIn(candidates(
 
 const RaySpacing kSpacing{0.5f, 500, 20};
 
-/// Intervals of rays, some of length 0; all rays have the same origin and direction.
+/// Intervals of rays, some of length 0.
 struct Rows {
   BatchSize size;
   std::vector<float> edges;

@@ -22,12 +22,12 @@ using Numbers = std::vector<float>;
 constexpr int kRays = 37, kPerRay = 21, kSamples = kRays * kPerRay;
 
 constexpr double kFp32 = 1e-4;  // some ten roundings, and sums of up to 10^3 in another order
-// bf16 rounds both operands of a product, by 2^-9 at most. The error of a layer's outputs is as
-// large.
+// bf16 rounds both operands of a product, by at most 2^-9 each. The relative error of a
+// layer's outputs is the sum.
 constexpr double after_products(int n) { return n * 2 * 0x1p-9; }
-// Rounding moves a fraction as large of the pre-activations across 0. The derivatives behind their
-// ReLUs are off by all of their size, so that the relative 2-norm of the error is the square root
-// of that fraction.
+// Rounding changes the sign of an equal fraction of the pre-activations. Their ReLUs then pass no
+// derivative instead of all of it, or vice versa, so the relative 2-norm of the error is the square
+// root of the fraction.
 inline double behind_relus(int n) { return std::sqrt(after_products(n)); }
 
 Numbers random_numbers(std::size_t size, std::uint64_t stream, double low, double high) {

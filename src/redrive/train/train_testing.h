@@ -73,9 +73,9 @@ class InterferingBackend : public kernels::Backend, public kernels::NerfStages {
   }
   void composite_backward(int n, const kernels::Samples& s, std::span<const float> raw,
                           std::span<const float> background,
-                          const kernels::CompositeOutGradient& adjoint,
+                          const kernels::CompositeOutGradient& d_out,
                           std::span<float> d_raw) override {
-    inner_.composite_backward(n, s, raw, background, adjoint, d_raw);
+    inner_.composite_backward(n, s, raw, background, d_out, d_raw);
   }
   kernels::NerfStages& nerf() override { return *this; }
   kernels::GridStages& grid() override { return inner_.grid(); }
