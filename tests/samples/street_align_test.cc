@@ -25,10 +25,10 @@ TEST(Street, IsAligned) {
     const CameraCalibration &found = result.cameras[c],
                             &exact = ground_truth.cameras[c].calibration;
     SCOPED_TRACE(found.name);
-    const Eigen::Matrix3d rest =
+    const Eigen::Matrix3d error =
         found.body_from_sensor.linear() * exact.body_from_sensor.linear().transpose();
     if (found.name == "F_MIDRANGECAM_C") {
-      EXPECT_LT(std::abs(so3_log(rest).z()) * kDegreesPerRadian, 0.02);
+      EXPECT_LT(std::abs(so3_log(error).z()) * kDegreesPerRadian, 0.02);
     }
     EXPECT_LT(std::abs(static_cast<double>(found.time_offset_ns - exact.time_offset_ns)), 1e6);
     EXPECT_LT(result.bundle.cameras[c].aligned_px, 0.5 * result.bundle.cameras[c].initial_px);

@@ -66,7 +66,7 @@ TEST(CaptureImage, DepthOfEveryPixelFollowsTheFormula) {
   }
 }
 
-// A crate's corner is where the camera model says: the image changes object across it.
+// A crate's corner is at the pixel of the camera model's projection: the image changes across it.
 TEST(CaptureImage, KnownPointLandsWithinAThirdOfAPixel) {
   const Courtyard scene = [] {
     Courtyard s;

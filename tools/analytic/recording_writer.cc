@@ -94,8 +94,8 @@ void write_novel(const std::filesystem::path& folder, const NovelShift& novel,
     if (std::find(kNovelCameras.begin(), kNovelCameras.end(), calibration.name) ==
         kNovelCameras.end())
       continue;
-    for (int place = 0; place < kNovelFrames; ++place) {
-      const int index = (2 * place + 1) * options.frames / (2 * kNovelFrames);
+    for (int k = 0; k < kNovelFrames; ++k) {
+      const int index = (2 * k + 1) * options.frames / (2 * kNovelFrames);
       const std::int64_t id = options.first_id + index;
       Rigid3d shifted = world_from_body(index);
       shifted.translate(novel.shift_body_m);

@@ -28,7 +28,7 @@ std::vector<CameraCalibration> rig_calibration();
 /// World as analytic_scene.h.
 Rigid3d world_from_body(int index);
 
-/// The invented place on the globe: 47.5 N, 19.0 E, 150 m (WGS84), world x towards heading 35
+/// The invented location: 47.5 N, 19.0 E, 150 m (WGS84), world x towards heading 35
 /// degrees.
 Rigid3d global_from_world();
 

@@ -42,8 +42,8 @@ class Parts:
         self.soup = {name: ([], [], []) for name in PLASTIC}  # vertices, faces, smooth
         self.at = Matrix.Identity(4)
 
-    def moved(self, matrix):
-        return _Moved(self, matrix)
+    def transformed(self, matrix):
+        return _Transformed(self, matrix)
 
     def add(self, material, points, faces, smooth=False):
         vertices, all_faces, all_smooth = self.soup[material]
@@ -178,7 +178,7 @@ class Parts:
             bpy.context.scene.collection.objects.link(bpy.data.objects.new(name, mesh))
 
 
-class _Moved:
+class _Transformed:
     def __init__(self, parts, matrix):
         self.parts, self.matrix = parts, matrix
 
@@ -269,7 +269,7 @@ def ground(parts):
     for i in range(19):
         for j in range(15):
             parts.stud("sand", -0.9 + i * pitch, -0.7 + j * pitch, -0.6, pitch)
-    with parts.moved(move(-0.95, -0.75, -0.6)):
+    with parts.transformed(move(-0.95, -0.75, -0.6)):
         colours = ["red", "blue", "green", "white", "orange"]
         for i in range(0, 19, 2):
             n = 2 if i < 18 else 1
@@ -279,7 +279,7 @@ def ground(parts):
             i, j = rng.choice([0, 1, 16, 17]), rng.randrange(1, 12)
             parts.brick(rng.choice(colours), i, j, 0.0, 1, rng.choice([1, 2]), pitch, 0.045)
     for k in range(9):  # a chain across the front
-        with parts.moved(move(0.72, -0.55 + 0.05 * k, -0.565) @ turn("X", 90 * (k % 2)) @ turn("Y", 12)):
+        with parts.transformed(move(0.72, -0.55 + 0.05 * k, -0.565) @ turn("X", 90 * (k % 2)) @ turn("Y", 12)):
             parts.ring("chrome", (0, 0, 0), (0, 0, 1), 0.032, 0.007, 24, 8)
 
 
@@ -300,13 +300,13 @@ def track(parts, y):
         else:
             w = (s - 4 * half - math.pi * radius) / radius
             p, angle = (-half - radius * math.sin(w), -radius * math.cos(w)), -math.pi - w
-        with parts.moved(move(p[0], y, p[1] - 0.41) @ Matrix.Rotation(-angle, 4, "Y")):
+        with parts.transformed(move(p[0], y, p[1] - 0.41) @ Matrix.Rotation(-angle, 4, "Y")):
             parts.box("dark", (-0.022, -0.1, -0.006), (0.022, 0.1, 0.01), 0.003)
             parts.box("dark", (-0.006, -0.1, 0.01), (0.006, 0.1, 0.026), 0.002)
             for v in (-0.06, 0.06):
                 parts.cylinder("grey", (-0.024, v, 0.002), (0.024, v, 0.002), 0.009, 10)
     for x in (-half, half):
-        with parts.moved(move(x, y, -0.41) @ turn("X", 90)):
+        with parts.transformed(move(x, y, -0.41) @ turn("X", 90)):
             parts.gear("grey", 0.135, 18, 0.12)
     for k in range(5):
         x = (k - 2) * 0.11
@@ -321,11 +321,11 @@ def deck(parts):
     parts.cylinder("grey", (0, 0, -0.3), (0, 0, -0.25), 0.24, 48)
     for k in range(36):
         w = 2 * math.pi * k / 36
-        with parts.moved(turn("Z", 10 * k)):
+        with parts.transformed(turn("Z", 10 * k)):
             parts.box("grey", (0.235, -0.009, -0.295), (0.256, 0.009, -0.26), 0.002)
     parts.box("yellow", (-0.6, -0.36, -0.25), (0.36, 0.36, -0.19), 0.006)
     pitch = 0.08
-    with parts.moved(move(-0.56, -0.32, -0.19)):
+    with parts.transformed(move(-0.56, -0.32, -0.19)):
         rows = ["yellow", "yellow", "orange", "yellow"]
         for layer, colour in enumerate(rows):
             top = layer == len(rows) - 1
@@ -339,15 +339,15 @@ def deck(parts):
     for k in range(13):  # grille on both sides
         for side in (-1, 1):
             x = -0.52 + 0.033 * k
-            with parts.moved(move(x, side * 0.325, -0.06) @ turn("Z", side * 20)):
+            with parts.transformed(move(x, side * 0.325, -0.06) @ turn("Z", side * 20)):
                 parts.box("dark", (-0.012, -0.006, -0.1), (0.012, 0.006, 0.1), 0.002)
-    with parts.moved(move(-0.64, 0, -0.06)):  # counterweight
+    with parts.transformed(move(-0.64, 0, -0.06)):  # counterweight
         outline = [(-0.13 + 0.13 * (1 - math.cos(w)), 0.36 * math.sin(w) / math.sin(1.2)) for w in [1.2 - 0.1 * k for k in range(25)]]
         outline = [(x, y) for x, y in outline][::-1] + [(0.06, -0.36), (0.06, 0.36)]
         area = sum(a[0] * b[1] - b[0] * a[1] for a, b in zip(outline, outline[1:] + outline[:1]))
         parts.prism("grey", outline if area > 0 else outline[::-1], -0.16, 0.14)
         for k in range(9):
-            with parts.moved(turn("Z", 0)):
+            with parts.transformed(turn("Z", 0)):
                 y = -0.3 + 0.075 * k
                 parts.box("yellow" if k % 2 else "dark", (-0.165, y, -0.03), (-0.05, y + 0.04, 0.0), 0.002)
     for x, y, h in ((-0.42, 0.2, 0.2), (-0.42, 0.12, 0.16)):  # exhausts
@@ -458,7 +458,7 @@ def arm(parts):
         for a, b in zip(points, points[1:]):
             parts.cylinder("dark", a, b, 0.008, 8)
     # The bucket: a bent plate between two cheeks, with teeth.
-    with parts.moved(move(1.02, y, 0.0)):
+    with parts.transformed(move(1.02, y, 0.0)):
         arc = [(0.17 * math.cos(w) - 0.08, -0.17 + 0.16 * math.sin(w)) for w in [0.5 - 0.22 * k for k in range(19)]]
         inner = [(0.93 * x - 0.005, 0.93 * z - 0.012) for x, z in arc]
         for (a, b), (c, d) in zip(zip(arc, arc[1:]), zip(inner, inner[1:])):
@@ -471,21 +471,21 @@ def arm(parts):
         x, z = arc[-1]
         for k in range(6):
             v = -0.125 + 0.05 * k
-            with parts.moved(move(x, v, z) @ turn("Y", -35)):
+            with parts.transformed(move(x, v, z) @ turn("Y", -35)):
                 parts.box("chrome", (-0.06, -0.012, -0.008), (0.03, 0.012, 0.008), 0.003)
 
 
 def gears(parts):
     """Three meshing gears on a wall of bricks behind the kerb, brass, red and blue."""
-    with parts.moved(move(-0.2, -0.56, -0.42) @ turn("X", 90)):
-        with parts.moved(move(-0.3, 0, 0)):
+    with parts.transformed(move(-0.2, -0.56, -0.42) @ turn("X", 90)):
+        with parts.transformed(move(-0.3, 0, 0)):
             parts.gear("red", 0.15, 20, 0.05)
-        with parts.moved(move(0.02, 0.04, 0) @ turn("Z", 4)):
+        with parts.transformed(move(0.02, 0.04, 0) @ turn("Z", 4)):
             parts.gear("brass", 0.16, 22, 0.05)
-        with parts.moved(move(0.29, -0.05, 0) @ turn("Z", 9)):
+        with parts.transformed(move(0.29, -0.05, 0) @ turn("Z", 9)):
             parts.gear("blue", 0.105, 14, 0.05)
     pitch = 0.08
-    with parts.moved(move(-0.64, -0.53, -0.6)):
+    with parts.transformed(move(-0.64, -0.53, -0.6)):
         rng = random.Random(5)
         for layer in range(5):
             i = 0
@@ -498,12 +498,12 @@ def gears(parts):
 def make_scene():
     bpy.ops.wm.read_factory_settings(use_empty=True)
     parts = Parts()
-    with parts.moved(move(-0.08, 0, 0.08)):
+    with parts.transformed(move(-0.08, 0, 0.08)):
         ground(parts)
         for y in (-0.36, 0.36):
-            with parts.moved(move(-0.02, 0.0, 0.0)):
+            with parts.transformed(move(-0.02, 0.0, 0.0)):
                 track(parts, 0.9 * y)
-        with parts.moved(turn("Z", 0)):
+        with parts.transformed(turn("Z", 0)):
             deck(parts)
             cabin(parts)
             arm(parts)

@@ -51,7 +51,7 @@ class Lens:
         bpy.context.scene.collection.objects.link(self.item)
         bpy.context.scene.camera = self.item
 
-    def mount(self, camera, plan):
+    def set_camera(self, camera, plan):
         render = bpy.context.scene.render
         render.resolution_x, render.resolution_y = plan.size_px
         d = self.data
@@ -64,13 +64,13 @@ class Lens:
             setattr(d.cycles, f"fisheye_polynomial_k{k + 1}", -c * px_of_mm ** (k + 1))
         self.body_from_lens = camera.body_from_camera() @ OPENGL_FROM_OPENCV
 
-    def place(self, world_from_body):
+    def set_pose(self, world_from_body):
         self.item.matrix_world = to_matrix(world_from_body @ self.body_from_lens)
 
     def still(self, world_from_body):
         self.item.animation_data_clear()
         bpy.context.scene.render.use_motion_blur = False
-        self.place(world_from_body)
+        self.set_pose(world_from_body)
 
     def roll(self, camera, plan, world_from_body_at, exposure_s, readout_s):
         """Cycles exposes row j of n (from the top) at (j + 1) / n of the shutter. The poses there are those of the time
@@ -87,7 +87,7 @@ class Lens:
             shutter = k / (ROLLING_KEYS - 1)
             render_row = shutter * rows - 1
             row = camera.center_px[1] + (render_row + 0.5 - rows / 2) * camera.focal_px[1] / plan.scale
-            self.place(world_from_body_at(exposure_s + ((row + 0.5) / height - 0.5) * readout_s))
+            self.set_pose(world_from_body_at(exposure_s + ((row + 0.5) / height - 0.5) * readout_s))
             if last is not None and self.item.rotation_quaternion.dot(last) < 0:
                 self.item.rotation_quaternion.negate()
             last = self.item.rotation_quaternion.copy()
@@ -123,7 +123,7 @@ def expose(target, seed_text):
 def render_job(job, settings, lens, rig, target, seed_of=""):
     camera = rig[job.camera]
     plan = cameras.render_plan(camera)
-    lens.mount(camera, plan)
+    lens.set_camera(camera, plan)
     _dress(job)
     if job.readout_s:
         lens.roll(camera, plan, job.world_from_body, job.exposure_s, job.readout_s)

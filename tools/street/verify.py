@@ -97,7 +97,7 @@ def render_markers(settings):
             item = bpy.data.objects.new("marker", ball)
             scene.collection.objects.link(item)
             item.location, item.scale = tuple(point), (distance * radius,) * 3
-        lens.mount(camera, plan)
+        lens.set_camera(camera, plan)
         if readout_s:
             lens.roll(camera, plan, pose_at, t, readout_s)
         else:

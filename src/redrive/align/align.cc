@@ -47,7 +47,7 @@ std::string text(const char* format, ...) {
   return buffer;
 }
 
-/// The amount of input data, for every message.
+/// Describes the amount of input data for messages.
 std::string describe_input(const Recording& recording, std::size_t tracks, std::size_t lidar) {
   const double path_length_m =
       recording.frames.empty() ? 0 : summarize_drive(recording.frames).path_length_m;
@@ -147,14 +147,14 @@ std::vector<std::string> fix_unobservable_readouts(const BundleResult& bundle,
   return remarks;
 }
 
-std::string unobservable_text(const CameraCorrection& camera, const UnobservableTimeOffset& clock,
+std::string unobservable_text(const CameraCorrection& camera, const UnobservableTimeOffset& offset,
                               const BundlePriors& priors) {
   return text(
       "%s: the time offset is unobservable (%+.1f +- %.1f ms fits best, and +- %.1f is needed: at "
       "constant velocity a late exposure looks like a camera further forward): it keeps its "
       "initial "
       "value of %.2f ms",
-      camera.name.c_str(), 1e3 * clock.offset_s, 1e3 * clock.sigma_s,
+      camera.name.c_str(), 1e3 * offset.offset_s, 1e3 * offset.sigma_s,
       1e3 * max_observable_sigma_s(priors.offset_s), 1e3 * camera.offset_s);
 }
 
@@ -300,9 +300,9 @@ AlignResult align_with(const Recording& recording, const std::vector<Track>& tra
   }
   AlignResult result = describe(model, std::move(bundle), lidar.empty());
   result.remarks = std::move(remarks);
-  for (const UnobservableTimeOffset& clock : result.bundle.unobservable)
+  for (const UnobservableTimeOffset& offset : result.bundle.unobservable)
     result.remarks.push_back(
-        unobservable_text(result.camera_corrections[clock.camera], clock, options.bundle.priors));
+        unobservable_text(result.camera_corrections[offset.camera], offset, options.bundle.priors));
   if (const std::string why = obstacle(recording, result, !tracks.empty()); !why.empty())
     throw InsufficientDataError(recording.root, why, input);
   if (lidar.empty())

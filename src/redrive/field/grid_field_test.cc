@@ -162,7 +162,7 @@ TEST(GridField, AdjointAgreesWithDualNumbers) {
     std::vector<D> weights(net.weights.begin(), net.weights.end()),
         features(net.features.begin(), net.features.end());
     const std::vector<D> harmonics(net.harmonics.begin(), net.harmonics.end());
-    int moved = 0;
+    int changed = 0;
     const auto expect_derivative = [&](D* variable, double got, const std::string& which) {
       variable->d[0] = 1;
       GridActivations<D> activations;
@@ -174,11 +174,11 @@ TEST(GridField, AdjointAgreesWithDualNumbers) {
       for (int k = 0; k < 4; ++k) expected += d_raw[k] * raw[k].d[0];
       // Four layers of sums of at most 32 terms of order 1.
       EXPECT_NEAR(got, expected, 4 * 32 * 8 * 0x1p-53) << which;
-      moved += expected != before;
+      changed += expected != before;
     };
     for (std::size_t i = 0; i < weights.size(); ++i)
       expect_derivative(&weights[i], net.d_weights[i], "weight " + std::to_string(i));
-    EXPECT_GT(moved, static_cast<int>(weights.size() / 4));
+    EXPECT_GT(changed, static_cast<int>(weights.size() / 4));
     for (std::size_t i = 0; i < features.size(); ++i)
       expect_derivative(&features[i], net.d_features[i], "feature " + std::to_string(i));
   }

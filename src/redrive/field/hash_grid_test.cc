@@ -35,8 +35,8 @@ std::vector<double> encode(const HashGridConfig& config, const std::vector<doubl
   return features;
 }
 
-/// Where a vertex lies: exact, and of fraction 0, where the number of cells is a power of two.
-std::array<double, 3> place(const HashGridLevel& level, const Vertex& v) {
+/// Returns the position of a vertex; exact if the number of cells is a power of two.
+std::array<double, 3> position_of(const HashGridLevel& level, const Vertex& v) {
   const auto& [x, y, z] = v;
   return {(x - 0.5) / level.cells, (y - 0.5) / level.cells, (z - 0.5) / level.cells};
 }
@@ -123,8 +123,9 @@ TEST(HashGridRow, UsesAllRowsOfAHashedLevel) {
       }
       EXPECT_EQ(line.size(), 64u);  // x is not multiplied: neighbours along it never meet
     }
-  // 2^18 vertices on 2^12 rows, 64 each. 4096 lines of 64 rows, each row in 64 of them: were their
-  // beginnings random, its count would have a deviation of 8; seven of them over the 4096 rows.
+  // 2^18 vertices on 2^12 rows, 64 each. 4096 lines of 64 rows, each row in 64 of them: if the
+  // lines began at random rows, its count would have a standard deviation of 8; seven of these for
+  // 4096 rows.
   for (const int n : count) EXPECT_NEAR(n, 64, 7 * 8);
 }
 
@@ -157,7 +158,7 @@ TEST(HashGrid, EncodesALinearFunctionExactly) {
         for (std::uint32_t x = 0; x < side; ++x)
           for (int f = 0; f < 4; ++f)
             table[level.offset + hash_grid_row(level, x, y, z) * 4 + f] =
-                linear(f, place(level, {x, y, z}).data());
+                linear(f, position_of(level, {x, y, z}).data());
   }
   for (int i = 0; i < 200; ++i) {
     double p[3] = {uniform(2, 3 * i), uniform(2, 3 * i + 1), uniform(2, 3 * i + 2)};
@@ -228,10 +229,10 @@ TEST(HashGrid, CollidingVerticesShareARow) {
   table[2 * row + 1] = -7;
   const double d_features[2] = {1, 10};
   for (const Vertex& v : {a, b}) {
-    const std::vector<double> features = encode(config, table, place(levels[0], v).data());
+    const std::vector<double> features = encode(config, table, position_of(levels[0], v).data());
     EXPECT_EQ(features[0], 3);
     EXPECT_EQ(features[1], -7);
-    hash_grid_adjoint<double>(config, levels, table.data(), place(levels[0], v).data(), 0.0,
+    hash_grid_adjoint<double>(config, levels, table.data(), position_of(levels[0], v).data(), 0.0,
                               d_features, d_table.data(), nullptr);
   }
   EXPECT_EQ(d_table[2 * row], 2);

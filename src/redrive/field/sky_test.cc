@@ -14,13 +14,14 @@ TEST(Sky, DirectionsLieInTheUnitCube) {
   EXPECT_EQ(sky_coordinate(-1.0f), 0);
   EXPECT_EQ(sky_coordinate(0.0f), 0.5f);
   EXPECT_EQ(sky_coordinate(1.0f), 1);
-  // A pixel of 0.01 rad is 0.005 wide on a sphere of half the unit sphere's size; its half is what
-  // counts.
+  // A pixel of 0.01 rad is 0.005 wide on a sphere of half the unit sphere's size; the footprint is
+  // half of that.
   EXPECT_FLOAT_EQ(sky_footprint(0.01f), 0.0025f);
 }
 
 TEST(Sky, ColourIsTheSigmoidOfTheSumOverLevels) {
-  const double features[] = {0.5, 9, -2, 9, 0.25, 9};  // every other one is another colour's
+  // Every second value belongs to another colour.
+  const double features[] = {0.5, 9, -2, 9, 0.25, 9};
   EXPECT_DOUBLE_EQ(sky_colour(features, 3, 2), 1 / (1 + std::exp(1.25)));
   EXPECT_DOUBLE_EQ(sky_colour(features, 1, 2), 1 / (1 + std::exp(-0.5)));
   EXPECT_DOUBLE_EQ(sky_colour(features + 1, 3, 2), 1 / (1 + std::exp(-27)));

@@ -106,10 +106,10 @@ class PngReader {
 
  private:
   static void read(png_structp png, png_bytep to, std::size_t size) {
-    auto* const rest = static_cast<std::string_view*>(png_get_io_ptr(png));
-    if (size > rest->size()) png_error(png, "the file ends too early");
-    std::memcpy(to, rest->data(), size);
-    rest->remove_prefix(size);
+    auto* const remaining = static_cast<std::string_view*>(png_get_io_ptr(png));
+    if (size > remaining->size()) png_error(png, "the file ends too early");
+    std::memcpy(to, remaining->data(), size);
+    remaining->remove_prefix(size);
   }
   void update() {
     png_set_interlace_handling(codec_.png);

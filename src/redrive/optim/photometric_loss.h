@@ -37,8 +37,8 @@ inline double photometric_batch(std::span<const float> rgb, std::span<const floa
 }
 
 /// Huber loss (Huber 1964) of a ray's colour, delta in units of colour: the squared error e^2 up to
-/// e = delta, 2 delta e - delta^2 beyond it. Outliers, such as what moved through a few images,
-/// pull with a bounded gradient.
+/// e = delta, 2 delta e - delta^2 beyond it. The gradient of outliers, such as objects that move
+/// through a few images, is bounded.
 template <class T>
 struct HuberTerm {
   T value;   ///< replaces the squared error, the sum over the channels

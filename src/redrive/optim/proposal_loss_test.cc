@@ -17,8 +17,8 @@ double uniform(std::uint64_t stream, std::uint64_t i) {
   return random_unit(random_key(5, kStreamTest, stream), i);
 }
 
-/// A histogram over [1, 9], its inner edges multiples of 1/16, so that those of two histograms meet
-/// now and then.
+/// A histogram over [1, 9], its inner edges multiples of 1/16, so that two histograms sometimes
+/// share edges.
 struct Histogram {
   std::vector<float> edges = {1, 9};
   std::vector<double> weights;
@@ -42,8 +42,8 @@ double loss_of(const Histogram& field, const Histogram& proposal,
 TEST(InterlevelLoss, IsZeroForAnUpperEnvelope) {
   const Histogram field(24, 0.9, 1);
   std::vector<double> d(24, 0.5);
-  // The same histogram; and one interval with all of the weight, or a little more than that for the
-  // rounding of the sum.
+  // The same histogram; and one interval with all of the weight, or slightly more for the rounding
+  // of the sum.
   EXPECT_EQ(loss_of(field, field, field.weights, 1.0, &d), 0);
   EXPECT_EQ(d, std::vector<double>(24, 0.5));
   Histogram coarse(1, 0, 2);

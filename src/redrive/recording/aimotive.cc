@@ -187,9 +187,10 @@ Recording open(const fs::path& root, PoseSource source) {
   Recording recording;
   recording.root = root;
   recording.reader = make_reader();
-  const bool truth = source == PoseSource::kGroundTruth;
-  const fs::path calibration_file =
-      truth ? root / "sensor/calibration/calibration_true.json" : root / kCalibrationFile;
+  const bool use_ground_truth = source == PoseSource::kGroundTruth;
+  const fs::path calibration_file = use_ground_truth
+                                        ? root / "sensor/calibration/calibration_true.json"
+                                        : root / kCalibrationFile;
   const fs::path image_root = root / "sensor/camera",
                  true_poses_file = root / "sensor/gnssins/egomotion2_true.json";
   OtherSensors others;
@@ -197,9 +198,9 @@ Recording open(const fs::path& root, PoseSource source) {
       parse_calibration(read_file(calibration_file), calibration_file, &others);
   recording.other_sensors = others.names;
   recording.body_from_lidar = others.body_from_lidar;
-  if (truth || is_there(true_poses_file))
+  if (use_ground_truth || is_there(true_poses_file))
     recording.ground_truth_frames = parse_egomotion(read_file(true_poses_file), true_poses_file);
-  if (truth) {
+  if (use_ground_truth) {
     recording.frames = recording.ground_truth_frames;
   } else {
     const fs::path poses_file = egomotion_file(root);

@@ -110,7 +110,7 @@ TEST(Aimotive, RejectsTwoRevolutionsOfOneFrame) {
               AllOf(HasSubstr("frame_0000009.laz"), HasSubstr("frame_0000009.las")));
 }
 
-// Recorded poses carry errors; ground truth is read where a recording ships it, and used on
+// Recorded poses carry errors; ground ground_truth is read where a recording ships it, and used on
 // request.
 TEST(Aimotive, ReadsGroundTruthPosesAndCalibration) {
   TemporaryFolder folder;
@@ -123,14 +123,14 @@ TEST(Aimotive, ReadsGroundTruthPosesAndCalibration) {
   cameras["F_CAM"]["time_offset_s"] = 0.01;
   folder.write("sensor/gnssins/egomotion2_true.json", poses.dump());
   folder.write("sensor/calibration/calibration_true.json", cameras.dump());
-  const Recording given = open_recording(folder.path),
-                  truth = open_recording(folder.path, PoseSource::kGroundTruth);
-  EXPECT_EQ(given.frames[0].global_from_body.translation().x(), 4e6);
-  EXPECT_EQ(given.ground_truth_frames[0].global_from_body.translation().x(), 4e6 + 0.06);
-  EXPECT_EQ(truth.frames[0].global_from_body.translation().x(), 4e6 + 0.06);
-  EXPECT_EQ(given.cameras[0].calibration.time_offset_ns, 0);
-  EXPECT_EQ(truth.cameras[0].calibration.time_offset_ns, 10'000'000);
-  EXPECT_EQ(given.findings.size(), truth.findings.size());
+  const Recording recording = open_recording(folder.path),
+                  ground_truth = open_recording(folder.path, PoseSource::kGroundTruth);
+  EXPECT_EQ(recording.frames[0].global_from_body.translation().x(), 4e6);
+  EXPECT_EQ(recording.ground_truth_frames[0].global_from_body.translation().x(), 4e6 + 0.06);
+  EXPECT_EQ(ground_truth.frames[0].global_from_body.translation().x(), 4e6 + 0.06);
+  EXPECT_EQ(recording.cameras[0].calibration.time_offset_ns, 0);
+  EXPECT_EQ(ground_truth.cameras[0].calibration.time_offset_ns, 10'000'000);
+  EXPECT_EQ(recording.findings.size(), ground_truth.findings.size());
 }
 
 TEST(Aimotive, RejectsEmptyRecordings) {

@@ -17,7 +17,7 @@ namespace {
 
 constexpr std::size_t kHeaderBytes = 227, kVariableHeaderBytes = 54, kPointCountOffset = 107;
 constexpr std::uint32_t kMaxLasPoints =
-    4'000'000;  // a revolution of 128 beams at 0.1 degrees has 0.46 million
+    4'000'000;  // a revolution of 128 channels at 0.1 degrees has 0.46 million
 constexpr double kMaxLasCoordinate_m = 1e4;
 constexpr double kMaxTime_ns = 9e18;  // int64 ends at 9.22e18
 

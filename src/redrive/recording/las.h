@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // LiDAR points from LAS 1.2 (ASPRS, "LAS Specification Version 1.2", 2008), point format 1, plain
 // (.las) or compressed by LASzip (.laz: chunked pointwise compressor, items POINT10 and GPSTIME11,
-// each version 2). The header tells them apart; the name of the file does not matter.
+// each version 2). The header distinguishes them, not the file's name.
 #pragma once
 
 #include <cstdint>

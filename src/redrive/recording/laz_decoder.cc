@@ -110,8 +110,9 @@ std::vector<LasRecord> decode_laz(std::string_view bytes, const LazLayout& layou
                        "the compressed data are damaged or truncated");
     // The encoder writes exactly the bytes that the decoder reads. No other check detects damage in
     // the middle of a chunk.
-    if (const std::size_t rest = code.size() - kLasRecordBytes - decoder.bytes_read(); rest != 0)
-      throw InputError(file, where, std::to_string(rest) + " bytes",
+    if (const std::size_t unread = code.size() - kLasRecordBytes - decoder.bytes_read();
+        unread != 0)
+      throw InputError(file, where, std::to_string(unread) + " bytes",
                        "are left after its last point: the compressed data are damaged");
   }
   return records;

@@ -127,18 +127,18 @@ TEST_F(RealLidar, PointsLieInTheBoxes) {
 TEST_F(RealLidar, BoxesPointAlongTheirMotion) {
   // Object 0 changes lanes while the ego vehicle drives straight ahead at 30 m/s: its x axis
   // follows its path.
-  int turned = 0;
+  int boxes = 0;
   for (const FrameFile& file : recording_.box_files) {
     for (const Box& box : aimotive::read_boxes(file.path)) {
       if (box.object_id != 0 || box.velocity_in_body_m_per_s.y() < 0.5) continue;
-      const Eigen::Vector3d way = box.velocity_in_body_m_per_s + Eigen::Vector3d(30, 0, 0);
+      const Eigen::Vector3d motion = box.velocity_in_body_m_per_s + Eigen::Vector3d(30, 0, 0);
       const Eigen::Vector3d axis = box.body_from_box.linear().col(0);
       EXPECT_GT(axis.y(), 0.015);
-      EXPECT_NEAR(std::atan2(axis.y(), axis.x()), std::atan2(way.y(), way.x()), 0.01);
-      ++turned;
+      EXPECT_NEAR(std::atan2(axis.y(), axis.x()), std::atan2(motion.y(), motion.x()), 0.01);
+      ++boxes;
     }
   }
-  EXPECT_GT(turned, 5);
+  EXPECT_GT(boxes, 5);
 }
 
 TEST_F(RealLidar, VelocityIsTheMotionInBodyCoordinates) {

@@ -34,10 +34,10 @@ Readout parse_readout(const std::string& text) {
 
 }  // namespace
 
-std::vector<bool> apply_readout_options(const std::vector<std::string>& given,
+std::vector<bool> apply_readout_options(const std::vector<std::string>& options,
                                         Recording* recording) {
   std::vector<std::optional<Readout>> of_camera(recording->cameras.size());
-  for (const std::string& text : given) {
+  for (const std::string& text : options) {
     const Readout readout = parse_readout(text);
     bool found = false;
     for (std::size_t c = 0; c < of_camera.size(); ++c)
@@ -59,8 +59,8 @@ std::vector<bool> apply_readout_options(const std::vector<std::string>& given,
   return estimated;
 }
 
-bool estimates_readouts(const std::vector<std::string>& given) {
-  return std::ranges::any_of(given,
+bool estimates_readouts(const std::vector<std::string>& options) {
+  return std::ranges::any_of(options,
                              [](const std::string& text) { return parse_readout(text).estimated; });
 }
 

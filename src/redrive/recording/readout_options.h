@@ -10,13 +10,13 @@
 namespace redrive {
 
 /// Sets CameraCalibration::readout_ns: "MS" for all cameras, "CAM:MS" for one. "estimate" and
-/// "CAM:estimate" keep the calibration's as the initial value of align. The last option that names
-/// a camera counts. Returns by camera whether to estimate its readout. UsageError: not a number,
-/// beyond kMaxReadout_s, unknown camera.
-std::vector<bool> apply_readout_options(const std::vector<std::string>& given,
+/// "CAM:estimate" keep the calibration's value as the initial one of align. The last option that
+/// names a camera counts. Returns by camera whether to estimate its readout. UsageError: not a
+/// number, beyond kMaxReadout_s, unknown camera.
+std::vector<bool> apply_readout_options(const std::vector<std::string>& options,
                                         Recording* recording);
 
 /// Whether to estimate the readout of any camera.
-bool estimates_readouts(const std::vector<std::string>& given);
+bool estimates_readouts(const std::vector<std::string>& options);
 
 }  // namespace redrive

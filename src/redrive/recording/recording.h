@@ -26,7 +26,7 @@ struct FramePose {
   Rigid3d global_from_body;  ///< Recording::global_frame; of ECEF magnitude (6.4e6 m) in drives
 };
 
-/// The frame that poses are given in.
+/// The reference frame of poses.
 enum class GlobalFrame {
   kEcef,      ///< Earth-centred, Earth-fixed; metres
   kArbitrary  ///< the recording's own; in metres only if Recording::metric
@@ -93,12 +93,12 @@ struct Recording {
   std::filesystem::path points_file;           ///< static point cloud instead of lidar_files
                                                ///< (recording/ply.h); empty: none
   GlobalFrame global_frame = GlobalFrame::kEcef;
-  /// True: a drive, in metres, with a clock. False: photographs in a unit of their own, which takes
-  /// the place of the metre everywhere; the body's axes are those of a camera that looks along body
-  /// x, and t_ns counts frames, 1 s each.
+  /// True: a drive, in metres and seconds. False: photographs in an arbitrary unit, which replaces
+  /// the metre everywhere; the body's axes are those of a camera that looks along body x, and t_ns
+  /// counts frames, 1 s each.
   bool metric = true;
   std::optional<BoundingCube> bounds;  ///< in the global frame; nothing: unbounded
-  std::vector<Finding> findings;       ///< frames dropped for want of a pose, images missing, ...
+  std::vector<Finding> findings;       ///< frames dropped without a pose, missing images, ...
 
   const RecordedCamera* find_camera(const std::string& name) const;
 };

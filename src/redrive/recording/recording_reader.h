@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the format of a recording supplies beyond the metadata in Recording: how its LiDAR and boxes
-// are read, and how poses and calibration are written back. The function that opens a recording
-// sets Recording::reader; nothing else knows the folders of a data set.
+// Interface of a recording format beyond the metadata in Recording: reads LiDAR and boxes, and
+// writes poses and calibration. The function that opens a recording sets Recording::reader; nothing
+// else knows the folders of a data set.
 #pragma once
 
 #include <cstdint>

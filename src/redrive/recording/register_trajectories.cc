@@ -54,10 +54,10 @@ TrajectoryRegistration register_trajectories(std::span<const FramePose> run,
   alignment.rotation_deg = Eigen::AngleAxisd(motion.linear()).angle() * kDegreesPerRadian;
   double squares_m = 0, squares_rad = 0;
   for (const auto& [of_run, true_pose] : pairs) {
-    const Rigid3d rest =
+    const Rigid3d residual =
         (alignment.run_from_ground_truth * true_pose).inverse(Eigen::Isometry) * of_run;
-    squares_m += rest.translation().squaredNorm();
-    const double angle = Eigen::AngleAxisd(rest.linear()).angle();
+    squares_m += residual.translation().squaredNorm();
+    const double angle = Eigen::AngleAxisd(residual.linear()).angle();
     squares_rad += angle * angle;
   }
   alignment.residual_m = std::sqrt(squares_m / static_cast<double>(pairs.size()));

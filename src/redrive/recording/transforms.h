@@ -8,8 +8,8 @@
 //    "frames": [{"file_path", "transform_matrix", "mask_path", and any of the first line, which
 //    takes precedence}]}
 // - transform_matrix: camera to world, OpenGL camera axes (x right, y up, z backward).
-// - cx, cy are relative to the image's corner, where pixel centres are at + 0.5; the rest of the
-//   program counts from the first pixel's centre. The default is the middle of the image.
+// - cx, cy are relative to the image's corner, where pixel centres are at + 0.5; everywhere else
+// coordinates start at the first pixel's centre. The default is the middle of the image.
 // - Each image that exists is a frame of the recording. Ids count in file-name order, numbers in
 //   names as numbers. The body is at the camera, its x axis along the camera's z.
 #pragma once
@@ -43,8 +43,8 @@ struct FrameEntry {
 
 struct TransformsFile {
   std::vector<FrameEntry> entries;                           ///< as listed
-  std::optional<BoundingCube> bounds;                        ///< if aabb_scale or aabb is given
-  std::optional<std::vector<std::string>> train, val, test;  ///< lists of names, if given
+  std::optional<BoundingCube> bounds;                        ///< if aabb_scale or aabb is present
+  std::optional<std::vector<std::string>> train, val, test;  ///< lists of names, if present
 };
 
 struct ImageSize {

@@ -50,9 +50,9 @@ void refuse_unsupported(const JsonField& object) {
       return value.is_null() || value == false || value == 0;
     };
     const nlohmann::json& value = object.at(key).json();
-    const bool nothing =
+    const bool empty =
         value.is_array() ? std::all_of(value.begin(), value.end(), is_empty) : is_empty(value);
-    if (!nothing) object.at(key).fail("is not supported");
+    if (!empty) object.at(key).fail("is not supported");
   }
 }
 

@@ -126,7 +126,7 @@ void expect_directions(const RenderedImage& image, const RayTable& table,
 }
 
 TEST(Renderer, WritesEachRayToItsPixelAcrossTiles) {
-  const RayTable table = make_table(180, 100);  // 17,900 rays: two tiles of 8192 and a rest
+  const RayTable table = make_table(180, 100);  // 17,900 rays: two tiles of 8192 and a smaller one
   DirectionBackend backend;
   const RenderedImage image = render_image(backend, *nerf_model(0), table, tilted());
   EXPECT_EQ(image.width, 180);

@@ -46,8 +46,8 @@ PixelGeometry pixel_geometry(const Camera& camera, const Rigid3d& body_from_sens
     for (int x = 0; x < size.width; ++x) {
       const auto direction = camera.unproject({x, y});
       if (!direction) continue;
-      if (const auto moved = camera.project(*direction - 1e-3 * forward_in_camera)) {
-        const Eigen::Vector2d flow = *moved - Eigen::Vector2d(x, y);
+      if (const auto shifted = camera.project(*direction - 1e-3 * forward_in_camera)) {
+        const Eigen::Vector2d flow = *shifted - Eigen::Vector2d(x, y);
         if (flow.norm() > 1e-6) {
           geometry.flow_x.at<float>(y, x) = static_cast<float>(flow.x() / flow.norm());
           geometry.flow_y.at<float>(y, x) = static_cast<float>(flow.y() / flow.norm());
@@ -133,7 +133,7 @@ GroundEvidence ground_evidence(const Camera& camera, const Rigid3d& body_from_se
   }
   cv::Mat products = cv::Mat::zeros(size, CV_32F), squares_here = products.clone(),
           squares_there = products.clone(), changes = products.clone(),
-          changes_moved = products.clone(), pairs = products.clone();
+          changes_warped = products.clone(), pairs = products.clone();
   const Rigid3d sensor_from_body = body_from_sensor.inverse();
   cv::Mat u(size, CV_32F), v(size, CV_32F), there;
   for (std::size_t i = 0; i < views.size(); ++i)
@@ -163,10 +163,10 @@ GroundEvidence ground_evidence(const Camera& camera, const Rigid3d& body_from_se
       squares_here += here.mul(here);
       squares_there += there.mul(there);
       changes += staying.mul(seen);
-      changes_moved += cv::abs(here - there);
+      changes_warped += cv::abs(here - there);
       pairs += seen;
     }
-  for (cv::Mat* sum : {&products, &squares_here, &squares_there, &changes, &changes_moved})
+  for (cv::Mat* sum : {&products, &squares_here, &squares_there, &changes, &changes_warped})
     cv::boxFilter(*sum, *sum, -1, {5, 5});
   GroundEvidence evidence{cv::Mat::zeros(size, CV_32F), cv::Mat::zeros(size, CV_32F)};
   int candidates = 0, seen_moving = 0;
@@ -178,7 +178,7 @@ GroundEvidence ground_evidence(const Camera& camera, const Rigid3d& body_from_se
           products.at<float>(y, x) /
           std::sqrt(double(squares_here.at<float>(y, x)) * squares_there.at<float>(y, x) + 1e-3);
       const double gain =
-          std::log((changes.at<float>(y, x) + 0.1) / (changes_moved.at<float>(y, x) + 0.1));
+          std::log((changes.at<float>(y, x) + 0.1) / (changes_warped.at<float>(y, x) + 0.1));
       seen_moving += gain > 0.3;
       // Reflections of the road correlate in places, but no motion predicts them better by far.
       if (gain > -0.7)

@@ -4,7 +4,7 @@
 //
 // Two measurements per pixel. (1) Static structure: the temporal median of the brightness gradient
 // along the optical flow of driving, over its standard error. Lane lines, kerbs and guard rails
-// stay in place, too, but they are parallel to the flow and have no gradient along it. (2) Moving
+// are static, too, but they are parallel to the flow and have no gradient along it. (2) Moving
 // ground: the neighbouring image is warped by the egomotion of the plane z = 0 of the body; where
 // deviations from the temporal mean correlate between the two, the pixel shows road. By day, where
 // most of the road is recognised this way, the remaining pixels are vehicle. The outline is the

@@ -85,7 +85,7 @@ struct Scene {
   bool undistort = false;  ///< likewise
   Background background = Background::kNone;
   bool random_background = false;  ///< SceneOptions::random_background
-  bool metric = true;              ///< Recording::metric: metres and a clock
+  bool metric = true;              ///< Recording::metric: metres and seconds
 
   int camera_index(const std::string& name) const;  ///< -1 if there is none
   int frame_index(std::int64_t id) const;           ///< -1 if there is none

@@ -7,9 +7,9 @@
 namespace redrive {
 
 /// Returns the distance in metres at which the accumulated weight reaches half of the opacity,
-/// linear within the interval. Unlike the mean it does not depend on how far behind the rest lies.
-/// Returns the far edge if all weights are 0. edges [n + 1] in metres, weights [n], opacity their
-/// sum.
+/// linear within the interval. Unlike the mean it does not depend on the distance of weights behind
+/// it. Returns the far edge if all weights are 0. edges [n + 1] in metres, weights [n], opacity
+/// their sum.
 REDRIVE_HD inline float median_distance(const float* edges, const float* weights, int n,
                                         float opacity) {
   float before = 0;

@@ -13,8 +13,8 @@ namespace {
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 constexpr double kRoundoff = 0x1p-24;
 
-std::vector<float> spaced(const RaySpacing& spacing, int n, bool jitter = false,
-                          std::uint64_t ray = 0) {
+std::vector<float> uniform_edges_of(const RaySpacing& spacing, int n, bool jitter = false,
+                                    std::uint64_t ray = 0) {
   std::vector<float> edges(n + 1);
   uniform_edges(spacing, n, jitter, random_key(7, kStreamTest), ray, edges.data());
   return edges;
@@ -34,7 +34,7 @@ TEST(UniformEdges, AreEvenlySpacedInS) {
   for (const RaySpacing& spacing :
        {RaySpacing{0.5f, 1000, 20}, RaySpacing{2, 50, 5}, RaySpacing{0.125f, 8, 1000}})
     for (const int n : {1, 2, 7, 64}) {
-      const std::vector<float> edges = spaced(spacing, n);
+      const std::vector<float> edges = uniform_edges_of(spacing, n);
       const auto s = [&](double t) { return t / (t + spacing.half_m); };
       const double first = s(spacing.near_m), last = s(spacing.far_m);
       for (int i = 0; i <= n; ++i) {
@@ -46,14 +46,14 @@ TEST(UniformEdges, AreEvenlySpacedInS) {
 }
 
 TEST(UniformEdges, HalfOfThemLieWithinHalfM) {
-  const std::vector<float> edges = spaced({0, 1e6f, 20}, 64);
+  const std::vector<float> edges = uniform_edges_of({0, 1e6f, 20}, 64);
   EXPECT_EQ(edges[0], 0);
   EXPECT_NEAR(edges[32], 20, 20 * 4.1e-5);  // s(1e6) is 2e-5 short of 1, and dt/ds is 80 at s = 1/2
   EXPECT_GT(edges[64], 9e5);
 }
 
 TEST(UniformEdges, InfiniteHalfMIsUniformInDistance) {
-  const std::vector<float> edges = spaced({2, 10, kInfinity}, 4);
+  const std::vector<float> edges = uniform_edges_of({2, 10, kInfinity}, 4);
   EXPECT_EQ(edges, (std::vector<float>{2, 4, 6, 8, 10}));
 }
 
@@ -63,7 +63,7 @@ TEST(UniformEdges, JitterShiftsAllInnerEdgesByOneFraction) {
   constexpr int kRays = 100000;
   double sum = 0, squares = 0;
   for (int ray = 0; ray < kRays; ++ray) {
-    const std::vector<float> edges = spaced({0, 4, kInfinity}, 4, true, ray);
+    const std::vector<float> edges = uniform_edges_of({0, 4, kInfinity}, 4, true, ray);
     ASSERT_EQ(edges[0], 0);
     ASSERT_EQ(edges[4], 4);
     const double shift = edges[1] - 1.0;
@@ -81,10 +81,10 @@ TEST(UniformEdges, JitterShiftsAllInnerEdgesByOneFraction) {
 TEST(UniformEdges, AscendForAnyJitter) {
   for (const int n : {1, 2, 3, 64})
     for (std::uint64_t ray = 0; ray < 1000; ++ray) {
-      const std::vector<float> edges = spaced({0.5f, 1000, 20}, n, true, ray);
+      const std::vector<float> edges = uniform_edges_of({0.5f, 1000, 20}, n, true, ray);
       ASSERT_TRUE(std::is_sorted(edges.begin(), edges.end()));
-      EXPECT_EQ(edges.front(), spaced({0.5f, 1000, 20}, n).front());
-      EXPECT_EQ(edges.back(), spaced({0.5f, 1000, 20}, n).back());
+      EXPECT_EQ(edges.front(), uniform_edges_of({0.5f, 1000, 20}, n).front());
+      EXPECT_EQ(edges.back(), uniform_edges_of({0.5f, 1000, 20}, n).back());
     }
 }
 

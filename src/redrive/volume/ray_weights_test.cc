@@ -111,8 +111,8 @@ TEST(RayWeightsAdjoint, IsAccurateForAThinMediumInFloat) {
   }
   ray_weights_adjoint(edges.data(), density.data(), n, weights.data(), d_weights.data(),
                       d_density.data());
-  // All of it but what the medium takes, 4e-7 of numbers up to 3, and what it takes from those
-  // behind.
+  // Exact except for the medium's absorption, 4e-7 of numbers up to 3, before and behind each
+  // interval.
   for (int i = 0; i < n; ++i) EXPECT_NEAR(d_density[i], d_weights[i], 2e-6);
 }
 

@@ -263,7 +263,7 @@ class AdjustmentProblem {
   }
 
  private:
-  /// A copy of `target` that is solved in its place. Ceres orders the blocks of a group by their
+  /// A copy of `target` that is solved instead. Ceres orders the blocks of a group by their
   /// addresses: contiguous copies have the same order, and so the same sums, in every run.
   double* landmark(std::array<double, 3>* target) {
     REDRIVE_CHECK_OP(landmarks_.size(), <, landmarks_.capacity());
@@ -349,13 +349,13 @@ double initial_plane_rms_m(const RigModel& model, const std::vector<LidarSample>
       a.row(i) << x.x(), x.y(), 1;
       b[i] = x.z();
     }
-    const Eigen::VectorXd rest = b - a * a.colPivHouseholderQr().solve(b);
-    distances.insert(distances.end(), rest.data(), rest.data() + rest.size());
+    const Eigen::VectorXd residuals = b - a * a.colPivHouseholderQr().solve(b);
+    distances.insert(distances.end(), residuals.data(), residuals.data() + residuals.size());
   }
   return rms(distances);
 }
 
-/// The model with initial values in place of corrections.
+/// Returns the model with initial values and without corrections.
 RigModel with_initial_values(RigModel model) {
   for (Vector6d& correction : model.corrections) correction.setZero();
   for (RigModelCamera& camera : model.cameras) {

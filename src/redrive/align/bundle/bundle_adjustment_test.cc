@@ -34,7 +34,7 @@ AlignOptions seeking_readouts() {
 std::string reason_why_not(const SyntheticRig& rig) {
   try {
     const AlignResult result = aligned(rig);
-    ADD_FAILURE() << "no CannotError; the trajectory's rest is "
+    ADD_FAILURE() << "no InsufficientDataError; the trajectory's residual is "
                   << result.aligned_vs_ground_truth->residual_m << " m, "
                   << result.aligned_vs_ground_truth->residual_deg << " degrees";
   } catch (const InsufficientDataError& error) {
@@ -59,9 +59,9 @@ Stated stated(const AlignResult& result) {
 
 /// Error of a camera's yaw in degrees, in body axes.
 double yaw_off_deg(const SyntheticRig& rig, const AlignResult& result, int camera) {
-  const Eigen::Matrix3d rest = result.cameras[camera].body_from_sensor.linear() *
-                               rig.true_cameras[camera].body_from_sensor.linear().transpose();
-  return so3_log(rest).z() / kRadiansPerDegree;
+  const Eigen::Matrix3d error = result.cameras[camera].body_from_sensor.linear() *
+                                rig.true_cameras[camera].body_from_sensor.linear().transpose();
+  return so3_log(error).z() / kRadiansPerDegree;
 }
 double offset_off_ms(const SyntheticRig& rig, const AlignResult& result, int camera) {
   return 1e-6 * static_cast<double>(result.cameras[camera].time_offset_ns -

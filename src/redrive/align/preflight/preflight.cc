@@ -97,8 +97,8 @@ class Checker {
                    " points could be followed: dark, without structure, or too few images";
       return check_;
     }
-    std::vector<double> moved = flow();
-    check_.flow_px = median_of(&moved);
+    std::vector<double> flow_px = flow();
+    check_.flow_px = median_of(&flow_px);
     try_setup(Fault::kNone, "as recorded", recorded_);
     if (check_.flow_px < kMinFlow_px) {
       check_.why = "the vehicle hardly moves: directions and times are unobservable";

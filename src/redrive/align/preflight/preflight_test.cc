@@ -163,13 +163,14 @@ TEST_F(StreetPreflight, FindsNoFaultAsRecorded) {
 
 // With exact poses offsets of 12 ms and of 8 ms are certain, and correct offsets are not reported.
 TEST_F(StreetPreflight, MeasuresTimeOffsets) {
-  const Recording truth = open_recording(REDRIVE_SAMPLES "/street", PoseSource::kGroundTruth);
+  const Recording ground_truth =
+      open_recording(REDRIVE_SAMPLES "/street", PoseSource::kGroundTruth);
   for (const std::int64_t left_ns : {0, 4'000'000}) {
     const Preflight result = check([&](Recording* r) {
       for (std::size_t f = 0; f < r->frames.size(); ++f)
-        r->frames[f].global_from_body = truth.frames[f].global_from_body;
+        r->frames[f].global_from_body = ground_truth.frames[f].global_from_body;
       for (std::size_t c = 0; c < r->cameras.size(); ++c)
-        r->cameras[c].calibration = truth.cameras[c].calibration;
+        r->cameras[c].calibration = ground_truth.cameras[c].calibration;
       ASSERT_EQ(r->cameras[kLeft].calibration.time_offset_ns, -12'000'000);
       r->cameras[kLeft].calibration.time_offset_ns = -left_ns;
     });

@@ -105,7 +105,8 @@ RigImages downscaled_to_width(const RigImages& full, int max_width, int margin_p
     for (int f = 0; f < rig.frames(); ++f)
       if (!full.grey[c][f].empty()) {
         rig.grey[c][f] = averaged(full.grey[c][f], factor);
-        // Usable pixels already are margin_px full-size pixels from masked ones: adds the rest.
+        // Usable pixels already are margin_px full-size pixels from masked ones: adds the remaining
+        // distance.
         rig.usable[c][f] =
             with_margin(averaged(full.usable[c][f], factor) == 255, margin_px - margin_px / factor);
       }

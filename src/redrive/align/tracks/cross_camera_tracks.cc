@@ -103,11 +103,11 @@ class CrossCameraMatcher {
 
   /// By pair; every step-th frame.
   std::vector<std::vector<Match>> match_all(const std::vector<CameraPair>& pairs, int step) {
-    const int lanes = (images_.frames() + step - 1) / step;
+    const int chunks = (images_.frames() + step - 1) / step;
     std::vector<std::vector<std::vector<Match>>> of_frame(
-        lanes, std::vector<std::vector<Match>>(pairs.size()));
-    pool_.run(lanes, [&](int lane) {
-      const int frame = lane * step;
+        chunks, std::vector<std::vector<Match>>(pairs.size()));
+    pool_.run(chunks, [&](int chunk) {
+      const int frame = chunk * step;
       std::vector<SmoothImage> smooth(images_.cameras());
       for (int c = 0; c < images_.cameras(); ++c)
         if (!images_.grey[c][frame].empty()) smooth[c] = smooth_image(images_.grey[c][frame]);
@@ -119,7 +119,7 @@ class CrossCameraMatcher {
           if (auto match = find(pair, source, smooth[pair.a], smooth[pair.b]))
             if (images_.may_be_static(pair.b, frame, match->fit.pixel, moving)) {
               match->frame = frame;
-              of_frame[lane][p].push_back(*match);
+              of_frame[chunk][p].push_back(*match);
             }
       }
     });
@@ -208,17 +208,17 @@ class CrossCameraMatcher {
       cv::Mat correlation;
       cv::matchTemplate(b.value(searched), wanted, correlation, cv::TM_CCOEFF_NORMED);
       double highest = 0;
-      cv::Point place;
-      cv::minMaxLoc(correlation, nullptr, &highest, nullptr, &place);
+      cv::Point peak;
+      cv::minMaxLoc(correlation, nullptr, &highest, nullptr, &peak);
       if (!(highest > best)) continue;
       if (!pair.corrected) {
-        cv::circle(correlation, place, 4, cv::Scalar(-1), cv::FILLED);
+        cv::circle(correlation, peak, 4, cv::Scalar(-1), cv::FILLED);
         double second = 0;
         cv::minMaxLoc(correlation, nullptr, &second);
         if (second > highest - kAmbiguous) continue;
       }
       best = highest;
-      at = Eigen::Vector2d(searched.x + place.x + kPatchHalf, searched.y + place.y + kPatchHalf);
+      at = Eigen::Vector2d(searched.x + peak.x + kPatchHalf, searched.y + peak.y + kPatchHalf);
       patch = *looks;
     }
     if (!patch) return std::nullopt;

@@ -159,20 +159,22 @@ TEST_F(Tracks, NeedTwoImages) {
 
 TEST(StreetTracks, AgreeWithGroundTruth) {
   Recording recording = open_recording(REDRIVE_SAMPLES "/street");
-  const Recording truth = open_recording(REDRIVE_SAMPLES "/street", PoseSource::kGroundTruth);
+  const Recording ground_truth =
+      open_recording(REDRIVE_SAMPLES "/street", PoseSource::kGroundTruth);
   recording.frames.resize(6);
   for (RecordedCamera& camera : recording.cameras) camera.images.resize(6);
   ThreadPool pool(2);
   const std::vector<Track> tracks = tracks_in(recording, pool);
   std::vector<Camera> cameras;
-  for (const RecordedCamera& c : truth.cameras) cameras.push_back(make_camera(c.calibration));
+  for (const RecordedCamera& c : ground_truth.cameras)
+    cameras.push_back(make_camera(c.calibration));
   std::vector<std::vector<double>> errors(cameras.size());
   int joined = 0;
   for (const Track& track : tracks) {
     std::vector<Rigid3d> poses;
     for (const Observation& o : track.seen)
-      poses.push_back(world_from_camera_at(truth, truth.frames[0].global_from_body.inverse(),
-                                           o.camera, o.frame));
+      poses.push_back(world_from_camera_at(
+          ground_truth, ground_truth.frames[0].global_from_body.inverse(), o.camera, o.frame));
     joined += track.seen.front().camera != track.seen.back().camera;
     if (const auto point = triangulate(track, poses, cameras))
       for (std::size_t i = 0; i < poses.size(); ++i) {

@@ -77,9 +77,9 @@ const float* FrontToBack::run(NerfChunk& chunk, const NerfField& field, const Ra
             samples.dt.data() + static_cast<std::size_t>(block.first + ray) * per_ray_ + from;
         optical_depth_[ray] += optical_depth(raw + 3 * raw_stride(), dt, count);
         if (optical_depth_[ray] > opaque_depth) {
-          const int rest = per_ray_ - from - count;
+          const int skipped = per_ray_ - from - count;
           for (int k = 0; k < 4; ++k)
-            std::fill_n(raw + k * raw_stride() + count, rest, k < 3 ? 0.0f : -1.0f);
+            std::fill_n(raw + k * raw_stride() + count, skipped, k < 3 ? 0.0f : -1.0f);
         } else {
           open_[still_open++] = ray;
         }
