@@ -13,7 +13,7 @@
 namespace redrive {
 namespace {
 
-TEST(Error, MessagesNameEverything) {
+TEST(Error, MessagesNameFileFieldAndRule) {
   EXPECT_STREQ(InputError("a.json", "CAM.fx", "-1", "must be positive").what(),
                "a.json: CAM.fx = -1: must be positive");
   EXPECT_STREQ(InputError("a.json", "", "", "missing").what(), "a.json: missing");
@@ -72,7 +72,7 @@ TEST(Random, StreamsDiffer) {
   EXPECT_EQ(keys.size(), 500u);
 }
 
-TEST(Random, PermutationVisitsEverythingOnceAndInAnotherOrder) {
+TEST(Random, PermutationVisitsEachIndexOnceInAnotherOrder) {
   for (const std::uint64_t size : {1u, 2u, 3u, 4u, 5u, 64u, 1000u, 4097u}) {
     std::set<std::uint64_t> seen;
     std::uint64_t fixed = 0;

@@ -40,7 +40,7 @@ TEST(CpuFeatures, AgreesWithTheKernel) {
   }
 }
 
-TEST(CpuFeatures, TheChoiceIsUsable) {
+TEST(CpuFeatures, TheFastestIsaIsUsable) {
   const auto best = best_isa();
   EXPECT_EQ(best.has_value(), !isa_obstacle(Isa::kAvx2));
   if (best) {
@@ -48,7 +48,7 @@ TEST(CpuFeatures, TheChoiceIsUsable) {
   }
 }
 
-TEST(CpuFeatures, Machine) {
+TEST(CpuFeatures, DescribesTheMachine) {
   EXPECT_GE(hardware_threads(), 1);
   EXPECT_FALSE(cpu_model_name().empty());
 }

@@ -82,19 +82,19 @@ TEST_F(Files, AFullDiskKeepsTheOldFileAndNoTemporary) {
   EXPECT_EQ(entries(), 1u);
 }
 
-TEST_F(Files, CannotWrite) {
+TEST_F(Files, ReportsWriteErrors) {
   EXPECT_THROW(write_file(folder_ / "missing" / "a", "x"), IoError);
   fs::create_directory(folder_ / "d");
   EXPECT_THROW(write_file(folder_ / "d", "x"), IoError);
   EXPECT_EQ(entries(), 1u);
 }
 
-TEST_F(Files, CannotRead) {
+TEST_F(Files, ReportsReadErrors) {
   EXPECT_THROW(read_file(folder_ / "missing"), InputError);
   EXPECT_THROW(read_file(folder_), InputError);
 }
 
-TEST_F(Files, JsonErrorsNameFileAndPlace) {
+TEST_F(Files, JsonErrorsNameFileAndPosition) {
   write_file(folder_ / "a.json", "{\"a\":\n  nan}");
   try {
     read_json(folder_ / "a.json");
@@ -114,7 +114,7 @@ TEST(ParseJson, NestingIsLimited) {
     return std::string(depth, '[') + std::string(depth, ']');
   };
   EXPECT_EQ(parse_json(nested(64), "a.json").dump(),
-            nested(64));  // the limit spares what is within it
+            nested(64));  // nesting up to the limit is accepted
   for (const std::size_t depth : {std::size_t{66}, std::size_t{1000000}}) {
     try {
       parse_json(nested(depth), "a.json");

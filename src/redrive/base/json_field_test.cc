@@ -32,7 +32,7 @@ class JsonFieldTest : public ::testing::Test {
   const JsonField cam_ = root_.at("CAM");
 };
 
-TEST_F(JsonFieldTest, Reads) {
+TEST_F(JsonFieldTest, ReadsValues) {
   EXPECT_TRUE(root_.has("CAM"));
   EXPECT_FALSE(root_.has("X"));
   EXPECT_FALSE(cam_.at("n").has("X"));

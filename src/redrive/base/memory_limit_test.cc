@@ -11,7 +11,7 @@ namespace {
 
 constexpr const char* kMeminfo = "MemTotal:       2048 kB\nMemFree:        1024 kB\n";
 
-TEST(MemoryLimit, OfTheMachine) {
+TEST(MemoryLimit, IsTheMachinesMemory) {
   TemporaryFolder root;
   root.write("proc/meminfo", kMeminfo);
   EXPECT_EQ(memory_bytes(root.path), 2048u * 1024);
@@ -20,7 +20,7 @@ TEST(MemoryLimit, OfTheMachine) {
   EXPECT_GT(memory_bytes(), 1u << 26) << "this one";
 }
 
-TEST(MemoryLimit, OfTheControlGroupAndThoseAboveIt) {
+TEST(MemoryLimit, IsTheLowestOfTheControlGroupAndItsParents) {
   TemporaryFolder root;
   root.write("proc/meminfo", kMeminfo);
   root.write("proc/self/cgroup", "0::/user/job\n");
@@ -34,7 +34,7 @@ TEST(MemoryLimit, OfTheControlGroupAndThoseAboveIt) {
   EXPECT_EQ(memory_bytes(root.path), 900000u);
 }
 
-TEST(MemoryLimit, OfVersionOne) {
+TEST(MemoryLimit, ReadsControlGroupsOfVersionOne) {
   TemporaryFolder root;
   root.write("proc/meminfo", kMeminfo);
   root.write("proc/self/cgroup", "11:cpu,cpuacct:/other\n4:memory:/docker/abc\n0::/\n");

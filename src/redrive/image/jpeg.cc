@@ -44,7 +44,7 @@ Image8 decode_jpeg(std::string_view bytes, const std::filesystem::path& path) {
                      "the JPEG is truncated or damaged: its " + std::to_string(bytes.size()) +
                          " bytes cannot hold so many pixels");
   Image8 image{width, height, std::vector<std::uint8_t>(3 * static_cast<std::size_t>(pixels))};
-  // Without STOPONWARNING, libjpeg fills what a truncated file lacks with grey.
+  // Without STOPONWARNING, libjpeg fills the missing part of a truncated file with grey.
   if (tjDecompress2(codec.get(), data, bytes.size(), image.rgb.data(), width, 0, height, TJPF_RGB,
                     TJFLAG_STOPONWARNING | TJFLAG_LIMITSCANS) != 0)
     fail("the JPEG is truncated or damaged");

@@ -64,7 +64,7 @@ TEST(Jpeg, RejectsCmyk) {
               AllOf(HasSubstr("file.jpg"), HasSubstr("CMYK")));
 }
 
-TEST(Jpeg, DoesNotTurnImagesByTheirExifOrientation) {
+TEST(Jpeg, IgnoresExifOrientation) {
   Image8 image = grey_image();
   image.height = kSize / 2;
   image.rgb.resize(image.rgb.size() / 2);

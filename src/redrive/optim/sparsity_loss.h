@@ -12,7 +12,7 @@ namespace redrive {
 /// after the sparsity loss of Hedman et al., "Baking Neural Radiance Fields for Real-Time View
 /// Synthesis", ICCV 2021 (eq. 6), with the optical depth x_i instead of the squared density, so
 /// that L does not depend on the unit of length. It removes density that no colour supports (behind
-/// a lattice, below a car), which would otherwise stay where early steps put it. The logarithm
+/// a lattice, below a car), which would otherwise remain from early steps. The logarithm
 /// keeps it from making surfaces thin. edges [n + 1] ascending; density [n] >= 0. Adds scale * dL/d
 /// density to d_density [n]; returns L (0 for no density; NaN stays NaN).
 template <class T>

@@ -32,7 +32,7 @@ const KnownRay kKnown[] = {
      {-0.674878421889, -0.645676955879, -0.357267944707}},
 };
 
-TEST(Equation2, RaysOfARealRecording) {
+TEST(Equation2, HoldsForRaysOfARealRecording) {
   const std::filesystem::path root = REDRIVE_SHARED "/data/aimotive_night";
   if (!std::filesystem::exists(root)) GTEST_SKIP() << root << " is not here";
   SceneOptions options;

@@ -27,8 +27,8 @@ class LidarSampler {
   /// Gathers batch `step` (from 0): n rays with range_m, without colours. There must be returns.
   void gather(std::int64_t step, int n, RayBatch* batch) const;
 
-  /// The parts of gather(), for backends that gather on a device: what is drawn, the resized batch,
-  /// the source.
+  /// The parts of gather(), for backends that gather on a device: the draw, the resized batch, the
+  /// source.
   LidarDraw draw(std::int64_t step, int n) const;
   static GatheredReturns resize_batch(int n, RayBatch* batch);
   const LidarSource& source() const { return source_; }

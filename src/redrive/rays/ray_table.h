@@ -112,8 +112,8 @@ class PixelSampler {
   void gather(std::uint64_t first, int epoch_rays, RayBatch* batch,
               const ErrorMapRays& more = {}) const;
 
-  /// The parts of gather(), for backends that gather on a device: what is drawn, the resized batch,
-  /// the source.
+  /// The parts of gather(), for backends that gather on a device: the draw, the resized batch, the
+  /// source.
   PixelDraw draw(std::uint64_t first, int epoch_rays, int error_map_rays) const;
   GatheredRays resize_batch(const PixelDraw& draw, RayBatch* batch) const;
   const PixelSource& source() const { return source_; }

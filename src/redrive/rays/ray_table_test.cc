@@ -93,7 +93,7 @@ TEST(PixelSquares, HoldEachPixelOnceNextToItsNeighbours) {
   EXPECT_EQ(squares.first.size() - 1, expected.size());
 }
 
-TEST(PixelSquares, OfAnEmptyTableAreNone) {
+TEST(PixelSquares, AreEmptyForAnEmptyTable) {
   RayTable table;
   table.width = 5;
   table.height = 3;
@@ -311,7 +311,7 @@ TEST_F(SamplerTest, TransparentPixelsAreDrawnEveryFourthEpoch) {
   EXPECT_NEAR(often, solid, training.size()) << "and the last empty one of an image";
 }
 
-TEST_F(SamplerTest, BackgroundsOfABatch) {
+TEST_F(SamplerTest, BatchesCarryTheirBackground) {
   RayBatch plain, batch;
   PixelSampler(scene_, images_, 5).gather(3 * 64, 64, &plain);
   EXPECT_TRUE(plain.background.empty());
@@ -319,7 +319,7 @@ TEST_F(SamplerTest, BackgroundsOfABatch) {
     scene_.background = background;
     PixelSampler(scene_, images_, 5).gather(3 * 64, 64, &batch);
     EXPECT_EQ(batch.background, std::vector<float>(3 * 64, value));
-    EXPECT_EQ(batch.target, plain.target) << "laid over it when it was loaded";
+    EXPECT_EQ(batch.target, plain.target) << "composited when it was loaded";
   };
   expect_all(Background::kWhite, 1);
   expect_all(Background::kBlack, 0);

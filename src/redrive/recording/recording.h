@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A recording, whatever its format: cameras with their calibration, the body's pose per frame,
-// image files, and findings about what is missing or odd. Only metadata is decoded here. A set of
+// image files, and findings about missing or unusual data. Only metadata is decoded here. A set of
 // photographs is a recording, too: its body is the camera.
 #pragma once
 
@@ -38,7 +38,7 @@ struct FrameFile {
   std::filesystem::path path;
 };
 
-/// An image of the same size that masks pixels of another.
+/// A mask image of the size of the image.
 struct MaskFile {
   std::filesystem::path path;   ///< empty: no mask
   bool black_is_masked = true;  ///< false: everything but black is masked
@@ -59,7 +59,7 @@ struct BoundingCube {
 /// A remark for the user that does not stop the work.
 struct Finding {
   std::string subject;  ///< camera, sensor or file
-  std::string what;     ///< what is missing or odd, and what is done about it
+  std::string what;     ///< what is missing or unusual, and its consequence
 };
 
 struct RecordedCamera {

@@ -58,7 +58,7 @@ MaskFile find_mask(const fs::path& file, const FrameEntry& entry, const fs::path
     throw InputError(
         file, "mask_path", entry.mask,
         "there is " + dynamic.string() +
-            ", too; the one leaves out what is black, the other what is white: remove one of them");
+            ", too; mask_path masks black pixels, dynamic_mask white ones: remove one of them");
   const fs::path mask = file.parent_path() / entry.mask;
   if (!is_there(mask))
     throw InputError(mask, "", "", "missing; " + file.string() + " has it as mask_path");

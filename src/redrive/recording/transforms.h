@@ -35,7 +35,7 @@ Recording open_blender(const std::filesystem::path& root, PoseSource source);
 /// An entry of "frames".
 struct FrameEntry {
   std::string file;  ///< file_path, normal, with / for \, relative to the folder of the JSON file
-  std::string mask;  ///< mask_path likewise, empty if there is none: black is masked
+  std::string mask;  ///< mask_path, relative as the image's; empty: none; black is masked
   Rigid3d global_from_body;  ///< GlobalFrame::kArbitrary: the file's world
   std::optional<CameraCalibration>
       camera;  ///< without a name; nothing if `size_of` returned nothing

@@ -141,7 +141,7 @@ TEST_F(OneView, ReadsMasksOfEitherPolarity) {
   EXPECT_EQ(load().used, (std::vector<std::uint8_t>{255, 0, 255, 255, 0, 255, 255, 255}));
   halve();
   EXPECT_EQ(load().used, (std::vector<std::uint8_t>{0, 255}))
-      << "what is left out in part is left out";
+      << "a pixel that is masked in part is masked";
 }
 
 TEST_F(OneView, RejectsMasksOfAnotherSize) {

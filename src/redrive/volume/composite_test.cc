@@ -97,7 +97,7 @@ TEST(Composite, WeightsSumToTheOpacityAndGiveTheDepth) {
   EXPECT_NEAR(opacity, 1 - std::exp(-optical_depth), 8 * n * 0x1p-53);
 }
 
-TEST(Composite, OneSphere) {
+TEST(Composite, OpacityOfASphereFollowsItsChord) {
   // A sphere of radius r and density sigma at distance 5: opacity 1 - exp(-sigma chord), chord = 2
   // sqrt(r^2 - b^2).
   const double radius = 2, density = 0.8;
