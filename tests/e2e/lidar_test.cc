@@ -81,7 +81,7 @@ TEST_F(EndToEndLidar, ReportsTheSameRefinedPosesEverywhere) {
     const nlohmann::json& change = changes.at("cameras").at(camera);
     const auto m = change.at("moved_m").get<std::array<double, 3>>();
     const double moved_cm = 100 * std::hypot(m[0], m[1], m[2]);
-    EXPECT_GT(moved_cm, 0.005) << "or nothing is compared";
+    EXPECT_GT(moved_cm, 0.005) << "too small to compare";
     EXPECT_THAT(trained.out, HasSubstr(camera + text(": moved %.1f cm", moved_cm)));
     EXPECT_THAT(html, HasSubstr("<td>" + text("%.2f", moved_cm) + "</td><td>"));
   }

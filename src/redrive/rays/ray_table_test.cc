@@ -303,12 +303,12 @@ TEST_F(SamplerTest, TransparentPixelsAreDrawnEveryFourthEpoch) {
   const PixelSampler sampler(scene_, images_, 5);
   ASSERT_EQ(sampler.pixels(), solid + empty_an_epoch);
   EXPECT_EQ(count_rays(sampler, 0, 1).size(), sampler.pixels())
-      << "each once, another fourth of the empty ones";
+      << "each once, and another fourth of the transparent ones";
   const auto four_epochs = count_rays(sampler, 0, 4);
   EXPECT_EQ(four_epochs.size(), solid + empty);
   std::size_t often = 0;
   for (const auto& [ray, count] : four_epochs) often += count == 4;
-  EXPECT_NEAR(often, solid, training.size()) << "and the last empty one of an image";
+  EXPECT_NEAR(often, solid, training.size()) << "and an image's last transparent one";
 }
 
 TEST_F(SamplerTest, BatchesCarryTheirBackground) {

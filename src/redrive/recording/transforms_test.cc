@@ -102,9 +102,9 @@ TEST(Transforms, FrameIntrinsicsTakePrecedence) {
   EXPECT_EQ(entries[0].camera->fx(), 100.5);
   const CameraCalibration& own = *entries[1].camera;
   EXPECT_EQ(own.fx(), 200);
-  EXPECT_EQ(own.fy(), 200) << "its own along both axes";
+  EXPECT_EQ(own.fy(), 200) << "the frame's own along both axes";
   EXPECT_EQ(own.cx(), 10);
-  EXPECT_EQ(own.cy(), 39) << "that of all frames";
+  EXPECT_EQ(own.cy(), 39) << "the file's";
   EXPECT_EQ(own.width, 50);
   EXPECT_EQ(distortion(own)[0], 0);
   EXPECT_EQ(distortion(own)[1], -0.02);
@@ -113,7 +113,7 @@ TEST(Transforms, FrameIntrinsicsTakePrecedence) {
 TEST(Transforms, ReadsFocalLengthsFromTheAngleOfView) {
   json text = {{"camera_angle_x", 0.6911112070083618}, {"frames", {frame("./train/r_0")}}};
   const CameraCalibration camera = first_camera(text);
-  EXPECT_EQ(camera.width, 800) << "asked for, as the file does not say";
+  EXPECT_EQ(camera.width, 800) << "from the image, as the file has no size";
   EXPECT_NEAR(camera.fx(), 1111.1110311937682,
               1e-9);  // 400 / tan(angle / 2), as in the published sets
   EXPECT_EQ(camera.fy(), camera.fx());
@@ -369,7 +369,7 @@ TEST(Transforms, OpensBlenderSets) {
   json again = {{"camera_angle_x", 0.7}, {"frames", {frame("train/r_1")}}};
   folder.write("transforms_test.json", again.dump());
   EXPECT_THAT(input_error([&] { open_recording(folder.path); }), HasSubstr("a second frame"))
-      << "would be trained on";
+      << "would be a training image";
 }
 
 }  // namespace

@@ -35,7 +35,7 @@ TEST(CloudReturns, HidesOccludedPoints) {
   EXPECT_EQ(returns.hidden, 2u);
   EXPECT_FLOAT_EQ(returns.range_m[0], 4);
   EXPECT_NEAR(returns.range_m[1], 4.1, 1e-4);
-  EXPECT_FLOAT_EQ(returns.range_m[2], 8) << "on the other side nothing is in the way";
+  EXPECT_FLOAT_EQ(returns.range_m[2], 8) << "unoccluded on the other side";
 }
 
 TEST(CloudReturns, KeepsPointsADegreeApart) {

@@ -175,9 +175,9 @@ TEST_F(LidarReturnsTest, UsesAPointCloudWithoutRevolutions) {
     EXPECT_LT((point - (i == 0 ? Vector3d(20, -4, 2) : Vector3d(-15, 3, 1))).norm(), 1e-5) << i;
   }
   EXPECT_EQ(returns.t_ns[1], recording_.frames[2].t_ns)
-      << "behind: the first of the scene's frames is the nearest";
+      << "behind the drive: the scene's first frame is the nearest";
   add_file(12, {seen({20, 1, 1}, recording_.frames[2].t_ns)});
-  EXPECT_EQ(load(options).n, 1u) << "revolutions are there";
+  EXPECT_EQ(load(options).n, 1u) << "revolutions take precedence";
 }
 
 TEST_F(LidarReturnsTest, IsEmptyWithoutExtrinsics) {

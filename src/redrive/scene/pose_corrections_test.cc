@@ -52,7 +52,7 @@ TEST_F(PoseCorrectionsTest, CorrectFramesExtrinsicsAndTimeOffsetsInTheirOwnAxes)
   corrections.values[corrections.time_slot(0)] = 1 / 30.0f;  // half a frame
   Scene placed = scene;
   apply_corrections(scene, recording_.frames, corrections, &placed);
-  EXPECT_EQ(placed.rig[0].time_offset_ns, 33'333'335) << "a float's seconds";
+  EXPECT_EQ(placed.rig[0].time_offset_ns, 33'333'335) << "rounded to float seconds";
   for (std::size_t v = 0; v < scene.views.size(); ++v) {
     const View& view = scene.views[v];
     const Rigid3d body =

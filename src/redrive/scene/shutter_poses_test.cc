@@ -32,7 +32,7 @@ TEST(ShutterPoses, EachRowHasItsOwnTime) {
       EXPECT_EQ(poses.is_rolling(), view.camera == 1);
       const int height = scene.rig[view.camera].camera.height;
       EXPECT_LT(apart(poses.at(0.5), scene.world_from_camera(view)), 1e-4)
-          << "a corner of the path lies within";
+          << "the readout contains a corner of the path";
       if (view.camera == 0) continue;
       for (int y = 0; y < height; ++y) {
         const std::int64_t t_ns = scene.frames[view.frame].t_ns + kOffset_ns +
@@ -45,7 +45,7 @@ TEST(ShutterPoses, EachRowHasItsOwnTime) {
         EXPECT_LT(apart(poses.at_row(y, height), expected), 5e-3) << view.frame << ", row " << y;
       }
       EXPECT_GT(apart(poses.at_row(0, height), poses.at_row(height - 1, height)), 0.3)
-          << "nothing tested";
+          << "the camera hardly moves during the readout";
     }
   }
 }

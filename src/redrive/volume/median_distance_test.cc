@@ -15,11 +15,10 @@ float median(const float (&weights)[4]) {
 }
 
 TEST(MedianDistance, IsWhereHalfTheOpacityIsReached) {
-  EXPECT_EQ(median({0, 0.5f, 0, 0}), 3)
-      << "the middle of the only interval that there is anything in";
+  EXPECT_EQ(median({0, 0.5f, 0, 0}), 3) << "the middle of the only interval with weight";
   EXPECT_EQ(median({0.25f, 0.125f, 0.125f, 0}), 2) << "the end of the first";
   EXPECT_EQ(median({0.125f, 0, 0.375f, 0}), 4 + 4 / 3.0f) << "0.125 of 0.375 further";
-  EXPECT_EQ(median({0.25f, 0, 0, 0.25f}), 2) << "and not somewhere between the two";
+  EXPECT_EQ(median({0.25f, 0, 0, 0.25f}), 2) << "not between the two surfaces";
 }
 
 TEST(MedianDistance, IsTheFarEdgeOfAnEmptyRay) {

@@ -226,7 +226,7 @@ TEST(ClipToScene, ClipsToTheCube) {
   const auto expect = [](const RaySpacing& spacing, float enter, float leave) {
     EXPECT_FLOAT_EQ(spacing.near_m, enter);
     EXPECT_FLOAT_EQ(spacing.far_m, leave);
-    EXPECT_TRUE(std::isinf(spacing.half_m)) << "evenly";
+    EXPECT_TRUE(std::isinf(spacing.half_m)) << "uniform in distance";
   };
   expect(spacing_in_room({-25, 0, 0}, {1, 0, 0}), 20, 36);
   expect(spacing_in_room({3, -1, 40.5f}, {0, 0, -1}), 32, 48);

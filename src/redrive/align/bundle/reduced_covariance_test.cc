@@ -99,7 +99,7 @@ TEST(ReducedCovariance, AccountsForCorrelatedResidualsOfAPoint) {
     EXPECT_NEAR(covariance.matrix(0, 0), 1 / n, 1e-12);
     EXPECT_NEAR(covariance.variance[0],
                 std::max(1 / n, (kEach * kEach * squares + known_before) / (n * n)), 1e-12);
-    EXPECT_GT(covariance.variance[0], 1.2 / n) << "nothing tested";
+    EXPECT_GT(covariance.variance[0], 1.2 / n) << "the correlation has no effect";
   }
 }
 
@@ -138,7 +138,8 @@ TEST(ReducedCovariance, AgreesWithRepetitionsUnderRobustLosses) {
     stated += reduced_covariance(problem, {&value}, free).variance[0] / kRepetitions;
     squares += value * value / kRepetitions;
   }
-  EXPECT_NEAR(std::sqrt(stated / squares), 1, 0.12) << "400 repetitions tell a deviation to 3.5 %";
+  EXPECT_NEAR(std::sqrt(stated / squares), 1, 0.12)
+      << "400 repetitions measure a standard deviation to 3.5 %";
 }
 
 // Residuals that happen to agree, as those of a few points do, do not lower the variance.

@@ -67,7 +67,7 @@ TEST_F(ContrastOfLidar, DownscaledImagesGiveTheSameOffset) {
   ASSERT_TRUE(of_all.observable);
   ASSERT_TRUE(of_half.observable);
   EXPECT_NEAR(of_half.offset_s, of_all.offset_s, 0.008)
-      << "taken for rows of the whole image they would be 20 ms early";
+      << "as rows of the full-size image they would be 20 ms early";
 }
 
 TEST_F(ContrastOfLidar, IsLowerWithWrongExtrinsics) {
@@ -82,7 +82,7 @@ TEST_F(ContrastOfLidar, IsLowerWithWrongExtrinsics) {
 TEST_F(ContrastOfLidar, IsUnobservableWithoutCorrelation) {
   std::vector<LidarSample> grey = returns();
   for (LidarSample& sample : grey) sample.intensity = 100;
-  EXPECT_FALSE(fit(drive(), 0, grey).observable) << "all alike";
+  EXPECT_FALSE(fit(drive(), 0, grey).observable) << "equal intensities";
   testing::SyntheticNoise noise(12);
   for (LidarSample& sample : grey)
     sample.intensity = static_cast<std::uint16_t>(noise.uniform(0, 250));

@@ -39,7 +39,7 @@ TEST(OffsetScan, FindsTheMinimumOfAParabola) {
   // The lower of the two middle points of 0.5 + k / 40, and 0.01 times the square of 1.75 ms.
   EXPECT_NEAR(scan_minimum(scan).error_px, std::sqrt(0.5 + 19.0 / 40 + 0.01 * 1.75 * 1.75), 1e-12);
   EXPECT_NEAR(scan_minimum_sigma_ms(errors), 0, 1e-9);
-  EXPECT_EQ(scan_minimum({{-5, 1}, {0, 2}, {5, 3}}).offset_ms, -5) << "an end has no parabola";
+  EXPECT_EQ(scan_minimum({{-5, 1}, {0, 2}, {5, 3}}).offset_ms, -5) << "no parabola at an end";
 }
 
 TEST(OffsetScan, LeavesOutOffsetsWithoutPoses) {
@@ -64,7 +64,7 @@ TEST(OffsetScan, SigmaAgreesWithRepetitions) {
   for (int r = 0; r < kRepetitions; ++r) {
     std::vector<double> best_ms;
     for (int pair = 0; pair < kPairs; ++pair) {
-      double twelve = -6;  // twelve uniform numbers: deviation 1
+      double twelve = -6;  // twelve uniform numbers: standard deviation 1
       for (int k = 0; k < 12; ++k)
         twelve +=
             random_unit(random_key(kStreamTest, static_cast<std::uint64_t>(r * kPairs + pair)), k);
@@ -77,7 +77,8 @@ TEST(OffsetScan, SigmaAgreesWithRepetitions) {
     stated += scan_minimum_sigma_ms(errors) / kRepetitions;
   }
   const double mean = sum / kRepetitions, shown = std::sqrt(squares / kRepetitions - mean * mean);
-  // The mean of 16 such offsets would scatter by 3 / 4 ms; 100 repetitions tell a deviation to 7 %.
+  // The mean of 16 such offsets would scatter by 3 / 4 ms; 100 repetitions measure a standard
+  // deviation to 7 %.
   EXPECT_NEAR(mean, 2, 0.4);
   EXPECT_GT(shown, 0.5);
   EXPECT_LT(shown, 1.5);

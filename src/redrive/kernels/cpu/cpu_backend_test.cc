@@ -109,7 +109,7 @@ TEST_P(CpuBackendTest, FusedStagesAreTheCompositionOfThePlainOnes) {
     EXPECT_EQ(fused.gradients, plain.gradients);
     EXPECT_EQ(fused.d_origin, plain.d_origin);
     EXPECT_EQ(fused.d_direction, plain.d_direction);
-    EXPECT_EQ(fused.gradients, of_field.gradients) << "rays' derivatives change nothing of it";
+    EXPECT_EQ(fused.gradients, of_field.gradients) << "independent of the rays' derivatives";
     backend->nerf().render_rays(batch.field(), batch.rays(), batch.samples(), rendered.out());
     EXPECT_EQ(rendered.rgb, plain.rgb);
     EXPECT_EQ(rendered.depth, plain.depth);
