@@ -143,7 +143,7 @@ TEST(ReducedCovariance, AgreesWithRepetitionsUnderRobustLosses) {
 }
 
 // Residuals that happen to agree, as those of a few points do, do not lower the variance.
-// Unmeasured parameters have an infinite one.
+// Unmeasured parameters have one of 1e12.
 TEST(ReducedCovariance, IsNoLessThanThatOfIndependentResiduals) {
   std::array<double, 2> value{};
   std::array<double, 3> point{};
