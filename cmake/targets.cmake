@@ -66,6 +66,15 @@ if(REDRIVE_TESTS)
   add_custom_target(tests)
 endif()
 
+# ceres::Jet is a header; tests that differentiate with it need not link Ceres.
+if(REDRIVE_TESTS)
+  add_library(redrive_jet INTERFACE)
+  target_include_directories(redrive_jet SYSTEM INTERFACE
+    $<TARGET_PROPERTY:Ceres::ceres,INTERFACE_INCLUDE_DIRECTORIES>)
+  target_link_libraries(redrive_jet INTERFACE Eigen3::Eigen)
+  add_library(redrive::jet ALIAS redrive_jet)
+endif()
+
 # Unit tests sit beside the source:
 #   redrive_test(camera SOURCES mei_test.cc DEPENDS redrive::camera
 #     [SANITIZE address|thread|none...] [GPU pattern] [TOGETHER])

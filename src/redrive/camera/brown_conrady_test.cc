@@ -4,9 +4,8 @@
 #include <cmath>
 #include <numbers>
 
+#include <ceres/jet.h>
 #include <gtest/gtest.h>
-
-#include "redrive/math/dual.h"
 
 namespace redrive {
 namespace {
@@ -33,11 +32,10 @@ TEST(BrownConrady, TangentialTermsShrinkTheValidRegion) {
   const auto smallest_determinant = [&](double r) {
     double smallest = 1e300;
     for (int i = 0; i < 3600; ++i) {
-      using D = Dual<double, 2>;
+      using Jet = ceres::Jet<double, 2>;
       const double angle = i * std::numbers::pi / 1800;
-      const auto d = lens.distort<D>(
-          {D::variable(r * std::cos(angle), 0), D::variable(r * std::sin(angle), 1)});
-      smallest = std::min(smallest, d[0].d[0] * d[1].d[1] - d[0].d[1] * d[1].d[0]);
+      const auto d = lens.distort<Jet>({Jet(r * std::cos(angle), 0), Jet(r * std::sin(angle), 1)});
+      smallest = std::min(smallest, d[0].v[0] * d[1].v[1] - d[0].v[1] * d[1].v[0]);
     }
     return smallest;
   };

@@ -3,11 +3,11 @@
 
 #include <cmath>
 
+#include <ceres/jet.h>
 #include <gtest/gtest.h>
 
 #include "redrive/base/error.h"
 #include "redrive/camera/example_cameras_testing.h"
-#include "redrive/math/dual.h"
 
 namespace redrive {
 namespace {
@@ -98,8 +98,8 @@ TEST(Camera, RejectsPointsBeyondTheFold) {
   EXPECT_NEAR(direction->x() / direction->z(), 0.8, 1e-12);
 }
 
-TEST(Camera, DualNumbersAgreeWithFiniteDifferences) {
-  using D = Dual<double, 3>;
+TEST(Camera, JetsAgreeWithFiniteDifferences) {
+  using Jet = ceres::Jet<double, 3>;
   // Central differences of a function of order 1 on points of length 1: step^2 f'''/6 (f''' <= 1e3
   // this far from the edge) and 2e-16 / step of rounding.
   const double step = 1e-6, tolerance = 1e-8;
@@ -114,9 +114,8 @@ TEST(Camera, DualNumbersAgreeWithFiniteDifferences) {
                                  {1.1 * direction.x(), 1.1 * direction.y(), direction.z()}))
               continue;
             ++tested;
-            const auto gradient = model.template project<D>({D::variable(direction.x(), 0),
-                                                             D::variable(direction.y(), 1),
-                                                             D::variable(direction.z(), 2)});
+            const auto gradient = model.template project<Jet>(
+                {Jet(direction.x(), 0), Jet(direction.y(), 1), Jet(direction.z(), 2)});
             ASSERT_TRUE(gradient);
             for (int k = 0; k < 3; ++k) {
               std::array<double, 3> ahead{direction.x(), direction.y(), direction.z()},
@@ -127,7 +126,7 @@ TEST(Camera, DualNumbersAgreeWithFiniteDifferences) {
                          b = model.template project<double>(behind);
               ASSERT_TRUE(a && b);
               for (int i = 0; i < 2; ++i)
-                ASSERT_NEAR((*gradient)[i].d[k], ((*a)[i] - (*b)[i]) / (2 * step), tolerance)
+                ASSERT_NEAR((*gradient)[i].v[k], ((*a)[i] - (*b)[i]) / (2 * step), tolerance)
                     << direction.transpose();
             }
           }

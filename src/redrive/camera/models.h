@@ -14,9 +14,9 @@
 //    - a constructor from std::span<const double>: kDistortion, then kOther.
 //    - covered_radius(): Camera::covered_radius.
 //    - `template <class T> std::optional<std::array<T, 2>> project(const std::array<T, 3>& point)
-//      const`, which also takes dual numbers (math/dual.h), and `std::optional<Eigen::Vector3d>
-//      unproject(const Eigen::Vector2d&) const`. Both return nothing outside the region where the
-//      model is one-to-one.
+//      const`, which also takes numbers that carry derivatives (ceres::Jet), and
+//      `std::optional<Eigen::Vector3d> unproject(const Eigen::Vector2d&) const`. Both return
+//      nothing outside the region where the model is one-to-one.
 // 2. Its type in CameraModel below.
 // 3. camera/<model>_test.cc: properties of this model alone.
 #pragma once

@@ -4,10 +4,10 @@
 #include <cmath>
 #include <vector>
 
+#include <ceres/jet.h>
 #include <gtest/gtest.h>
 
 #include "redrive/base/rng.h"
-#include "redrive/math/dual.h"
 
 namespace redrive {
 namespace {
@@ -46,34 +46,34 @@ TEST(Appearance, LogGainsAreLinearBetweenKnotsAndConstantBeyond) {
     }
 }
 
-TEST(Appearance, AdjointAgreesWithDualNumbers) {
-  using D = Dual<double, kSize>;
+TEST(Appearance, AdjointAgreesWithJets) {
+  using Jet = ceres::Jet<double, kSize>;
   const std::vector<double> p = parameters();
-  std::vector<D> dual(kSize);
-  for (int i = 0; i < kSize; ++i) dual[i] = D::variable(p[i], i);
+  std::vector<Jet> jets(kSize);
+  for (int i = 0; i < kSize; ++i) jets[i] = Jet(p[i], i);
   const std::array<double, 3> d_gains = {1, -2, 0.5};
   for (const Exposure exposure : {Exposure{0, 0.1f}, {1, 0.9f}, {1, 5}, {-1, 0.5f}}) {
     std::vector<double> d(kSize, 7);
     const auto gains = colour_gains(kConfig, p.data(), exposure);
     colour_gains_adjoint(kConfig, exposure, gains, d_gains,
                          [&](std::size_t at, double x) { d[at] += x; });
-    const auto of_dual = colour_gains(kConfig, dual.data(), exposure);
+    const auto of_jets = colour_gains(kConfig, jets.data(), exposure);
     for (int i = 0; i < kSize; ++i) {
       double expected = 7;
-      for (int k = 0; k < 3; ++k) expected += d_gains[k] * of_dual[k].d[i];
+      for (int k = 0; k < 3; ++k) expected += d_gains[k] * of_jets[k].v[i];
       EXPECT_NEAR(d[i], expected, 1e-14) << i;
     }
   }
 }
 
 TEST(Appearance, RegulariserIsTheMeanSquareOfLogGains) {
-  using D = Dual<double, 1>;
+  using Jet = ceres::Jet<double, 1>;
   const std::vector<double> p = parameters();
   double loss = 0, square = 0;
   for (const double parameter : p) {
-    const auto term = gain_regulariser(kConfig, D::variable(parameter, 0));
-    EXPECT_NEAR(term.derivative.value, term.value.d[0], 4 * 0x1p-53 * std::abs(term.value.d[0]));
-    loss += term.value.value;
+    const auto term = gain_regulariser(kConfig, Jet(parameter, 0));
+    EXPECT_NEAR(term.derivative.a, term.value.v[0], 4 * 0x1p-53 * std::abs(term.value.v[0]));
+    loss += term.value.a;
     square += kLogGainScale * parameter * kLogGainScale * parameter / kSize;
   }
   EXPECT_NEAR(loss, kGainRegulariserWeight * square, 1e-6 * loss) << "the factor is a float";

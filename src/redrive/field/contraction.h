@@ -13,6 +13,7 @@
 #include <cmath>
 
 #include "redrive/base/host_device.h"
+#include "redrive/base/value_of.h"
 
 namespace redrive {
 
@@ -26,7 +27,7 @@ struct Contraction {
 
 /// Writes the position in the unit cube and returns the cube root of the map's volume factor
 /// |det d unit / d world|, in 1/m: it turns the standard deviation of a sample's volume in metres
-/// into that in the unit cube. T may be a dual number; the factor is then a constant. In a bounded
+/// into that in the unit cube. T may be a ceres::Jet; the factor is then a constant. In a bounded
 /// scene points outside the near region map outside [0, 1]^3.
 template <class T>
 REDRIVE_HD T contract(const Contraction& contraction, const T world[3], T unit[3]) {
@@ -47,12 +48,7 @@ REDRIVE_HD T contract(const Contraction& contraction, const T world[3], T unit[3
   // Eigenvalues of dy/du: 1/m^2 along the radius, `shrink` across it, twice.
   double factor = 1;
   if (beyond) {
-    double along = 0;
-    if constexpr (requires { m.value; })
-      along = m.value;
-    else
-      along = m;
-    const double across = (2 - 1 / along) / along;
+    const double along = value_of(m), across = (2 - 1 / along) / along;
     factor = std::cbrt(across * across / (along * along));
   }
   return T(0.25 / contraction.half_m * factor);

@@ -3,10 +3,10 @@
 
 #include <vector>
 
+#include <ceres/jet.h>
 #include <gtest/gtest.h>
 
 #include "redrive/base/rng.h"
-#include "redrive/math/dual.h"
 
 namespace redrive {
 namespace {
@@ -31,13 +31,13 @@ struct Jacobian {
   double unit[3], of[3][3], factor;
 
   Jacobian(const Contraction& contraction, const std::array<double, 3>& world) {
-    using D = Dual<double, 3>;
-    const D x[3] = {D::variable(world[0], 0), D::variable(world[1], 1), D::variable(world[2], 2)};
-    D y[3];
-    factor = contract(contraction, x, y).value;
+    using Jet = ceres::Jet<double, 3>;
+    const Jet x[3] = {Jet(world[0], 0), Jet(world[1], 1), Jet(world[2], 2)};
+    Jet y[3];
+    factor = contract(contraction, x, y).a;
     for (int r = 0; r < 3; ++r) {
-      unit[r] = y[r].value;
-      for (int c = 0; c < 3; ++c) of[r][c] = y[r].d[c];
+      unit[r] = y[r].a;
+      for (int c = 0; c < 3; ++c) of[r][c] = y[r].v[c];
     }
   }
   double determinant() const {

@@ -3,10 +3,10 @@
 
 #include <set>
 
+#include <ceres/jet.h>
 #include <gtest/gtest.h>
 
 #include "redrive/base/rng.h"
-#include "redrive/math/dual.h"
 
 namespace redrive {
 namespace {
@@ -144,8 +144,8 @@ TEST(GridField, HandComputedSample) {
   }
 }
 
-TEST(GridField, AdjointAgreesWithDualNumbers) {
-  using D = Dual<double, 1>;
+TEST(GridField, AdjointAgreesWithJets) {
+  using Jet = ceres::Jet<double, 1>;
   for (const int colour_layers : {1, 2}) {
     const GridFieldConfig config{{2, 2, 8, 16, 10}, 16, colour_layers};
     ByHand net(config);
@@ -159,19 +159,19 @@ TEST(GridField, AdjointAgreesWithDualNumbers) {
     net.forward(scale);
     net.adjoint(d_raw);
 
-    std::vector<D> weights(net.weights.begin(), net.weights.end()),
+    std::vector<Jet> weights(net.weights.begin(), net.weights.end()),
         features(net.features.begin(), net.features.end());
-    const std::vector<D> harmonics(net.harmonics.begin(), net.harmonics.end());
+    const std::vector<Jet> harmonics(net.harmonics.begin(), net.harmonics.end());
     int changed = 0;
-    const auto expect_derivative = [&](D* variable, double got, const std::string& which) {
-      variable->d[0] = 1;
-      GridActivations<D> activations;
-      D raw[4];
-      grid_network_forward(config, weights.data(), features.data(), harmonics.data(), D(scale),
+    const auto expect_derivative = [&](Jet* variable, double got, const std::string& which) {
+      variable->v[0] = 1;
+      GridActivations<Jet> activations;
+      Jet raw[4];
+      grid_network_forward(config, weights.data(), features.data(), harmonics.data(), Jet(scale),
                            &activations, raw);
-      variable->d[0] = 0;
+      variable->v[0] = 0;
       double expected = before;
-      for (int k = 0; k < 4; ++k) expected += d_raw[k] * raw[k].d[0];
+      for (int k = 0; k < 4; ++k) expected += d_raw[k] * raw[k].v[0];
       // Four layers of sums of at most 32 terms of order 1.
       EXPECT_NEAR(got, expected, 4 * 32 * 8 * 0x1p-53) << which;
       changed += expected != before;

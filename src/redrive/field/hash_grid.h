@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "redrive/base/host_device.h"
+#include "redrive/base/value_of.h"
 #include "redrive/field/constants.h"
 
 namespace redrive {
@@ -79,11 +80,7 @@ struct HashGridCell {
     for (int k = 0; k < 3; ++k) {
       const T inside = position[k] > T(0) ? (position[k] < T(1) ? position[k] : T(1)) : T(0);
       const T scaled = inside * T(level.cells) + T(0.5);
-      std::uint32_t below = 0;
-      if constexpr (requires { scaled.value; })
-        below = static_cast<std::uint32_t>(scaled.value);
-      else
-        below = static_cast<std::uint32_t>(scaled);
+      const auto below = static_cast<std::uint32_t>(value_of(scaled));
       corner[k] = below;
       fraction[k] = scaled - T(below);
     }

@@ -6,10 +6,10 @@
 #include <set>
 #include <tuple>
 
+#include <ceres/jet.h>
 #include <gtest/gtest.h>
 
 #include "redrive/base/rng.h"
-#include "redrive/math/dual.h"
 
 namespace redrive {
 namespace {
@@ -275,23 +275,22 @@ TEST(HashGrid, VerticesStayInsideTheLevel) {
   }
 }
 
-TEST(HashGridAdjoint, AgreesWithDualNumbers) {
+TEST(HashGridAdjoint, AgreesWithJets) {
   const HashGridConfig config{2, 2, 2, 5, 6};  // 4^3 rows, dense, and as many for 7^3 vertices
   const Levels levels = hash_grid_levels(config);
   ASSERT_TRUE(levels[0].dense);
   ASSERT_FALSE(levels[1].dense);
   constexpr int kTable = 256;
   ASSERT_EQ(hash_grid_size(config), std::size_t(kTable));
-  using D = Dual<double, kTable + 3>;
+  using Jet = ceres::Jet<double, kTable + 3>;
   const std::vector<double> table = random_table(config);
   for (int i = 0; i < 40; ++i) {
     const double p[3] = {uniform(4, 3 * i), uniform(4, 3 * i + 1), uniform(4, 3 * i + 2)};
     const double footprint = i % 3 == 0 ? 0 : 0.3 * uniform(5, i);
-    std::vector<D> x(kTable), features(config.outputs());
-    for (int k = 0; k < kTable; ++k) x[k] = D::variable(table[k], k);
-    const D at[3] = {D::variable(p[0], kTable), D::variable(p[1], kTable + 1),
-                     D::variable(p[2], kTable + 2)};
-    hash_grid_encode(config, levels, x.data(), at, D(footprint), features.data());
+    std::vector<Jet> x(kTable), features(config.outputs());
+    for (int k = 0; k < kTable; ++k) x[k] = Jet(table[k], k);
+    const Jet at[3] = {Jet(p[0], kTable), Jet(p[1], kTable + 1), Jet(p[2], kTable + 2)};
+    hash_grid_encode(config, levels, x.data(), at, Jet(footprint), features.data());
 
     std::vector<double> d_features(config.outputs()), d_table(kTable, 0.25), without(kTable, 0.25);
     for (int o = 0; o < config.outputs(); ++o) d_features[o] = 2 * uniform(6, 10 * i + o) - 1;
@@ -303,7 +302,7 @@ TEST(HashGridAdjoint, AgreesWithDualNumbers) {
     EXPECT_EQ(without, d_table);
     for (int k = 0; k < kTable + 3; ++k) {
       double expected = 0.25;  // adjoints are added to it
-      for (int o = 0; o < config.outputs(); ++o) expected += d_features[o] * features[o].d[k];
+      for (int o = 0; o < config.outputs(); ++o) expected += d_features[o] * features[o].v[k];
       // Sums of up to 2 x 8 x 2 terms of at most five times a share, six roundings each.
       EXPECT_NEAR(k < kTable ? d_table[k] : d_position[k - kTable], expected, 32 * 6 * 5 * 0x1p-53)
           << k;

@@ -4,10 +4,10 @@
 #include <numbers>
 #include <vector>
 
+#include <ceres/jet.h>
 #include <gtest/gtest.h>
 
 #include "redrive/field/nerf_field.h"
-#include "redrive/math/dual.h"
 
 namespace redrive {
 namespace {
@@ -59,40 +59,40 @@ TEST(PositionalEncoding, HasPeriodTwo) {
 }
 
 TEST(PositionalEncoding, DerivativeSwapsSineAndCosineTimesTheFrequency) {
-  using D = Dual<double, 3>;
+  using Jet = ceres::Jet<double, 3>;
   constexpr int kOctaves = 4;
-  const D p[3] = {D::variable(0.21, 0), D::variable(-0.83, 1), D::variable(0.5, 2)};
-  std::vector<D> e(encoded_size(kOctaves));
+  const Jet p[3] = {Jet(0.21, 0), Jet(-0.83, 1), Jet(0.5, 2)};
+  std::vector<Jet> e(encoded_size(kOctaves));
   positional_encoding(p, kOctaves, e.data());
   for (int d = 0; d < 3; ++d)
     for (int l = 0; l < kOctaves; ++l)
       for (int i = 0; i < 3; ++i) {
-        const D s = e[sine(d, l, kOctaves)], c = e[sine(d, l, kOctaves) + 1];
+        const Jet s = e[sine(d, l, kOctaves)], c = e[sine(d, l, kOctaves) + 1];
         const double frequency = i == d ? kPi * (1 << l) : 0;
-        EXPECT_NEAR(s.d[i], frequency * c.value, 1e-13);
-        EXPECT_NEAR(c.d[i], -frequency * s.value, 1e-13);
+        EXPECT_NEAR(s.v[i], frequency * c.a, 1e-13);
+        EXPECT_NEAR(c.v[i], -frequency * s.a, 1e-13);
       }
 }
 
-TEST(PositionalEncoding, AdjointAgreesWithDualNumbers) {
-  using D = Dual<double, 3>;
+TEST(PositionalEncoding, AdjointAgreesWithJets) {
+  using Jet = ceres::Jet<double, 3>;
   constexpr int kOctaves = 10;
   const double p[3] = {0.21, -0.83, 0.5};
-  const D dual[3] = {D::variable(p[0], 0), D::variable(p[1], 1), D::variable(p[2], 2)};
+  const Jet jets[3] = {Jet(p[0], 0), Jet(p[1], 1), Jet(p[2], 2)};
   std::vector<double> e(encoded_size(kOctaves)), d_e(e.size());
-  std::vector<D> dual_e(e.size());
+  std::vector<Jet> jet_e(e.size());
   positional_encoding(p, kOctaves, e.data());
-  positional_encoding(dual, kOctaves, dual_e.data());
-  D sum(0);  // weights that fall with the frequency, so that every term counts about the same
+  positional_encoding(jets, kOctaves, jet_e.data());
+  Jet sum(0);  // weights that fall with the frequency, so that every term counts about the same
   for (std::size_t i = 0; i < e.size(); ++i) {
     const int octave = i < 3 ? 0 : static_cast<int>(i - 3) / 2 % kOctaves;
     d_e[i] = (0.5 + 0.03 * static_cast<double>(i % 31)) / (1 << octave);
-    sum += D(d_e[i]) * dual_e[i];
+    sum += Jet(d_e[i]) * jet_e[i];
   }
   double d_point[3];
   positional_encoding_adjoint(e.data(), kOctaves, d_e.data(), d_point);
   for (int d = 0; d < 3; ++d)
-    EXPECT_NEAR(d_point[d], sum.d[d], 2 * kOctaves * 2 * kPi * 0x1p-50) << d;
+    EXPECT_NEAR(d_point[d], sum.v[d], 2 * kOctaves * 2 * kPi * 0x1p-50) << d;
 }
 
 }  // namespace

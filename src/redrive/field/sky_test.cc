@@ -3,9 +3,8 @@
 
 #include <cmath>
 
+#include <ceres/jet.h>
 #include <gtest/gtest.h>
-
-#include "redrive/math/dual.h"
 
 namespace redrive {
 namespace {
@@ -27,16 +26,16 @@ TEST(Sky, ColourIsTheSigmoidOfTheSumOverLevels) {
   EXPECT_DOUBLE_EQ(sky_colour(features + 1, 3, 2), 1 / (1 + std::exp(-27)));
 }
 
-TEST(SkyAdjoint, AgreesWithDualNumbers) {
-  using D = Dual<double, 3>;
+TEST(SkyAdjoint, AgreesWithJets) {
+  using Jet = ceres::Jet<double, 3>;
   const double features[] = {0.5, -2, 0.25};
-  D dual[3];
-  for (int l = 0; l < 3; ++l) dual[l] = D::variable(features[l], l);
+  Jet jets[3];
+  for (int l = 0; l < 3; ++l) jets[l] = Jet(features[l], l);
   const double got = sky_colour_adjoint(sky_colour(features, 3, 1), -0.75);
-  const D expected = sky_colour(dual, 3, 1);
-  for (const double slope : expected.d) EXPECT_NEAR(got, -0.75 * slope, 4 * 0x1p-53);
-  using One = Dual<double, 1>;
-  EXPECT_EQ(sky_coordinate_adjoint(3.0), 3 * sky_coordinate(One::variable(0.3, 0)).d[0]);
+  const Jet expected = sky_colour(jets, 3, 1);
+  for (const double slope : expected.v) EXPECT_NEAR(got, -0.75 * slope, 4 * 0x1p-53);
+  using Jet1 = ceres::Jet<double, 1>;
+  EXPECT_EQ(sky_coordinate_adjoint(3.0), 3 * sky_coordinate(Jet1(0.3, 0)).v[0]);
 }
 
 }  // namespace

@@ -4,9 +4,8 @@
 #include <cmath>
 #include <numbers>
 
+#include <ceres/jet.h>
 #include <gtest/gtest.h>
-
-#include "redrive/math/dual.h"
 
 namespace redrive {
 namespace {
@@ -62,17 +61,17 @@ TEST(SphericalHarmonics, AreOrthonormalOverTheSphere) {
 
 TEST(SphericalHarmonics, RotationAboutZMixesOrdersPlusAndMinusM) {
   // The derivative of order m along the azimuth is -m times order -m.
-  using D = Dual<double, 1>;
+  using Jet = ceres::Jet<double, 1>;
   const Direction at{1.0, 0.7};
   double plain[kHarmonics];
   spherical_harmonics(at.xyz, plain);
-  D turning[3] = {at.xyz[0], at.xyz[1], at.xyz[2]}, y[kHarmonics];
-  turning[0].d[0] = -at.xyz[1];
-  turning[1].d[0] = at.xyz[0];
+  Jet turning[3] = {Jet(at.xyz[0]), Jet(at.xyz[1]), Jet(at.xyz[2])}, y[kHarmonics];
+  turning[0].v[0] = -at.xyz[1];
+  turning[1].v[0] = at.xyz[0];
   spherical_harmonics(turning, y);
   for (int l = 0, i = 0; l <= 3; ++l)
     for (int m = -l; m <= l; ++m, ++i)
-      EXPECT_NEAR(y[i].d[0], -m * plain[i - 2 * m], 1e-14) << l << " " << m;
+      EXPECT_NEAR(y[i].v[0], -m * plain[i - 2 * m], 1e-14) << l << " " << m;
 }
 
 }  // namespace

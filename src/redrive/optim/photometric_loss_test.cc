@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/optim/photometric_loss.h"
 
+#include <ceres/jet.h>
 #include <gtest/gtest.h>
-
-#include "redrive/math/dual.h"
 
 namespace redrive {
 namespace {
@@ -25,12 +24,12 @@ TEST(Photometric, BatchLossIsTheSumOfItsTerms) {
     EXPECT_FLOAT_EQ(d_rgb[i], photometric_term(rendered[i], target[i], 2).derivative);
 }
 
-TEST(Photometric, DerivativeAgreesWithDualNumbers) {
-  using D = Dual<double, 1>;
+TEST(Photometric, DerivativeAgreesWithJets) {
+  using Jet = ceres::Jet<double, 1>;
   for (const double rendered : {-0.2, 0.0, 0.4, 1.0})
     for (const double target : {0.0, 0.4, 1.0}) {
-      const auto term = photometric_term(D::variable(rendered, 0), D(target), 7);
-      EXPECT_NEAR(term.derivative.value, term.value.d[0], 4 * 0x1p-53);
+      const auto term = photometric_term(Jet(rendered, 0), Jet(target), 7);
+      EXPECT_NEAR(term.derivative.a, term.value.v[0], 4 * 0x1p-53);
     }
 }
 
@@ -43,10 +42,10 @@ TEST(Huber, IsQuadraticUpToDeltaAndLinearBeyond) {
 }
 
 TEST(Huber, FactorIsTheDerivativeByTheSquaredError) {
-  using D = Dual<double, 1>;
+  using Jet = ceres::Jet<double, 1>;
   for (const double square : {0.01, 0.2, 0.3, 2.0}) {
-    const auto term = huber_term(D::variable(square, 0), D(0.5));
-    EXPECT_NEAR(term.factor.value, term.value.d[0], 4 * 0x1p-53);
+    const auto term = huber_term(Jet(square, 0), Jet(0.5));
+    EXPECT_NEAR(term.factor.a, term.value.v[0], 4 * 0x1p-53);
   }
 }
 

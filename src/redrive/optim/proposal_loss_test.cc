@@ -5,10 +5,10 @@
 #include <cmath>
 #include <vector>
 
+#include <ceres/jet.h>
 #include <gtest/gtest.h>
 
 #include "redrive/base/rng.h"
-#include "redrive/math/dual.h"
 
 namespace redrive {
 namespace {
@@ -111,25 +111,25 @@ TEST(ProposalLoss, LowersTheProposalWhereTheFieldIsEmpty) {
   for (const double of_weight : d) EXPECT_NEAR(of_weight, 2 * kOpacityLossWeight * sum, 1e-15);
 }
 
-TEST(ProposalLoss, DerivativeAgreesWithDualNumbers) {
+TEST(ProposalLoss, DerivativeAgreesWithJets) {
   constexpr int kProposal = 16;
-  using D = Dual<double, kProposal>;
+  using Jet = ceres::Jet<double, kProposal>;
   for (std::uint64_t seed = 0; seed < 10; ++seed) {
     const Histogram field(24, 0.9, 400 + seed), proposal(kProposal, 0.6, 600 + seed);
     const double scale = 3;
     std::vector<double> d(kProposal, 0.25);
     proposal_loss(field.edges.data(), field.weights.data(), field.n(), proposal.edges.data(),
                   proposal.weights.data(), kProposal, scale, d.data());
-    std::vector<D> weights(kProposal), ignored(kProposal);
-    for (int j = 0; j < kProposal; ++j) weights[j] = D::variable(proposal.weights[j], j);
-    const std::vector<D> of_field(field.weights.begin(), field.weights.end());
-    const D loss =
+    std::vector<Jet> weights(kProposal), ignored(kProposal);
+    for (int j = 0; j < kProposal; ++j) weights[j] = Jet(proposal.weights[j], j);
+    const std::vector<Jet> of_field(field.weights.begin(), field.weights.end());
+    const Jet loss =
         proposal_loss(field.edges.data(), of_field.data(), field.n(), proposal.edges.data(),
-                      weights.data(), kProposal, D(1), ignored.data());
-    EXPECT_GT(loss.value, 1e-3);
+                      weights.data(), kProposal, Jet(1), ignored.data());
+    EXPECT_GT(loss.a, 1e-3);
     // At most 25 terms of at most 2 scale.
     for (int j = 0; j < kProposal; ++j)
-      EXPECT_NEAR(d[j], 0.25 + scale * loss.d[j], 25 * 8 * 2 * scale * 0x1p-53) << j;
+      EXPECT_NEAR(d[j], 0.25 + scale * loss.v[j], 25 * 8 * 2 * scale * 0x1p-53) << j;
   }
 }
 

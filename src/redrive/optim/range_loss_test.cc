@@ -4,10 +4,10 @@
 #include <cmath>
 #include <vector>
 
+#include <ceres/jet.h>
 #include <gtest/gtest.h>
 
 #include "redrive/base/rng.h"
-#include "redrive/math/dual.h"
 
 namespace redrive {
 namespace {
@@ -44,19 +44,19 @@ TEST(RangeLoss, SurfaceIsANormalDistribution) {
   EXPECT_NEAR(-d[0] / 2, (1 - std::erf(std::sqrt(0.5))) / 2, 1e-6);
 }
 
-TEST(RangeLoss, DerivativeAgreesWithDualNumbers) {
-  using D = Dual<double, kIntervals>;
+TEST(RangeLoss, DerivativeAgreesWithJets) {
+  using Jet = ceres::Jet<double, kIntervals>;
   std::vector<double> weights(kIntervals), d(kIntervals);
-  std::vector<D> dual(kIntervals), ignored(kIntervals);
+  std::vector<Jet> jets(kIntervals), ignored(kIntervals);
   for (int i = 0; i < kIntervals; ++i) {
     weights[i] = 0.2 * random_unit(random_key(5, kStreamTest, 77), i);
-    dual[i] = D::variable(weights[i], i);
+    jets[i] = Jet(weights[i], i);
   }
   range_loss(kEdges.data(), weights.data(), kIntervals, 4.3f, 0.5f, 3.0, d.data());
-  const D loss =
-      range_loss(kEdges.data(), dual.data(), kIntervals, 4.3f, 0.5f, D(1), ignored.data());
-  EXPECT_GT(loss.value, 1e-3);
-  for (int i = 0; i < kIntervals; ++i) EXPECT_NEAR(d[i], 3 * loss.d[i], 1e-14) << i;
+  const Jet loss =
+      range_loss(kEdges.data(), jets.data(), kIntervals, 4.3f, 0.5f, Jet(1), ignored.data());
+  EXPECT_GT(loss.a, 1e-3);
+  for (int i = 0; i < kIntervals; ++i) EXPECT_NEAR(d[i], 3 * loss.v[i], 1e-14) << i;
 }
 
 }  // namespace

@@ -4,9 +4,8 @@
 #include <cmath>
 #include <vector>
 
+#include <ceres/jet.h>
 #include <gtest/gtest.h>
-
-#include "redrive/math/dual.h"
 
 namespace redrive {
 namespace {
@@ -24,16 +23,16 @@ TEST(SparsityLoss, HandComputed) {
   for (int i = 0; i < kParts; ++i) EXPECT_NEAR(d[i], expected[i], 1e-9) << i;
 }
 
-TEST(SparsityLoss, DerivativeAgreesWithDualNumbers) {
-  using D = Dual<double, kParts>;
+TEST(SparsityLoss, DerivativeAgreesWithJets) {
+  using Jet = ceres::Jet<double, kParts>;
   const std::vector<double> density = {0.3, 20, 1, 0.01};
   std::vector<double> d(kParts);
-  std::vector<D> dual(kParts), ignored(kParts);
-  for (int i = 0; i < kParts; ++i) dual[i] = D::variable(density[i], i);
+  std::vector<Jet> jets(kParts), ignored(kParts);
+  for (int i = 0; i < kParts; ++i) jets[i] = Jet(density[i], i);
   sparsity_loss(kEdgesOfSpace.data(), density.data(), kParts, 3.0, d.data());
-  const D loss = sparsity_loss(kEdgesOfSpace.data(), dual.data(), kParts, D(1), ignored.data());
-  EXPECT_GT(loss.value, 1);
-  for (int i = 0; i < kParts; ++i) EXPECT_NEAR(d[i], 3 * loss.d[i], 1e-12) << i;
+  const Jet loss = sparsity_loss(kEdgesOfSpace.data(), jets.data(), kParts, Jet(1), ignored.data());
+  EXPECT_GT(loss.a, 1);
+  for (int i = 0; i < kParts; ++i) EXPECT_NEAR(d[i], 3 * loss.v[i], 1e-12) << i;
 }
 
 TEST(SparsityLoss, IsIndependentOfTheUnitOfLength) {

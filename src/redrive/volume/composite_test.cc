@@ -6,10 +6,10 @@
 #include <limits>
 #include <vector>
 
+#include <ceres/jet.h>
 #include <gtest/gtest.h>
 
 #include "redrive/base/rng.h"
-#include "redrive/math/dual.h"
 
 namespace redrive {
 namespace {
@@ -170,26 +170,26 @@ TEST(Composite, PropagatesNaN) {
   }
 }
 
-/// d_raw of d_rgb . rgb + d_weights . weights by dual numbers, [4 n].
+/// d_raw of d_rgb . rgb + d_weights . weights by Jets, [4 n].
 template <int kSamples>
-std::vector<double> gradient_by_duals(const Ray& ray, const std::vector<double>& raw,
-                                      const double d_rgb[3], const std::vector<double>& d_weights,
-                                      const double background[3]) {
-  using D = Dual<double, 4 * kSamples>;
-  std::vector<D> x(raw.size()), weights(kSamples);
-  for (std::size_t i = 0; i < raw.size(); ++i) x[i] = D::variable(raw[i], i);
-  const D behind[3] = {background[0], background[1], background[2]};
-  const auto sum = composite_ray<D>(x.data(), kSamples, ray.t.data(), ray.dt.data(), kSamples,
-                                    weights.data(), behind);
+std::vector<double> gradient_by_jets(const Ray& ray, const std::vector<double>& raw,
+                                     const double d_rgb[3], const std::vector<double>& d_weights,
+                                     const double background[3]) {
+  using Jet = ceres::Jet<double, 4 * kSamples>;
+  std::vector<Jet> x(raw.size()), weights(kSamples);
+  for (std::size_t i = 0; i < raw.size(); ++i) x[i] = Jet(raw[i], i);
+  const Jet behind[3] = {Jet(background[0]), Jet(background[1]), Jet(background[2])};
+  const auto sum = composite_ray<Jet>(x.data(), kSamples, ray.t.data(), ray.dt.data(), kSamples,
+                                      weights.data(), behind);
   std::vector<double> gradient(raw.size());
   for (std::size_t i = 0; i < raw.size(); ++i) {
-    for (int k = 0; k < 3; ++k) gradient[i] += d_rgb[k] * sum.rgb[k].d[i];
-    for (int s = 0; s < kSamples; ++s) gradient[i] += d_weights[s] * weights[s].d[i];
+    for (int k = 0; k < 3; ++k) gradient[i] += d_rgb[k] * sum.rgb[k].v[i];
+    for (int s = 0; s < kSamples; ++s) gradient[i] += d_weights[s] * weights[s].v[i];
   }
   return gradient;
 }
 
-TEST(CompositeAdjoint, AgreesWithDualNumbers) {
+TEST(CompositeAdjoint, AgreesWithJets) {
   constexpr int kSamples = 12;
   for (const bool last_infinite : {false, true})
     for (const double density_scale : {1e-6, 0.3, 3.0, 60.0})
@@ -206,7 +206,7 @@ TEST(CompositeAdjoint, AgreesWithDualNumbers) {
         const double background[3] = {0.2, 0.9, 0.5};
         composite_ray_adjoint(raw.data(), kSamples, ray.dt.data(), kSamples, d_rgb, d_raw.data(),
                               d_weights.data(), background);
-        const auto expected = gradient_by_duals<kSamples>(ray, raw, d_rgb, d_weights, background);
+        const auto expected = gradient_by_jets<kSamples>(ray, raw, d_rgb, d_weights, background);
         // Sums of 3 x kSamples terms, each at most dt (|d_rgb| + 1); every term a product of at
         // most kSamples + 4 factors.
         const double scale = 9 * 3.2;

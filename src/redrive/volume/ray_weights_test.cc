@@ -4,10 +4,10 @@
 #include <numeric>
 #include <vector>
 
+#include <ceres/jet.h>
 #include <gtest/gtest.h>
 
 #include "redrive/base/rng.h"
-#include "redrive/math/dual.h"
 #include "redrive/volume/composite.h"
 
 namespace redrive {
@@ -71,19 +71,19 @@ TEST(RayWeights, OpaqueWallsAndEmptySpace) {
   EXPECT_EQ(d_density, (std::vector<double>{1 - 3, 0, 0, 0}));
 }
 
-TEST(RayWeightsAdjoint, AgreesWithDualNumbers) {
+TEST(RayWeightsAdjoint, AgreesWithJets) {
   constexpr int kIntervals = 12;
-  using D = Dual<double, kIntervals>;
+  using Jet = ceres::Jet<double, kIntervals>;
   for (const double scale : {1e-6, 0.3, 3.0, 60.0})
     for (std::uint64_t seed = 0; seed < 5; ++seed) {
       const std::vector<float> edges = random_edges(kIntervals, 200 + seed);
       std::vector<double> density(kIntervals), weights(kIntervals), d_weights(kIntervals),
           d_density(kIntervals, NAN);
-      std::vector<D> x(kIntervals), w(kIntervals);
+      std::vector<Jet> x(kIntervals), w(kIntervals);
       for (int i = 0; i < kIntervals; ++i) {
         density[i] = i == 4 ? 0 : scale * uniform(300 + seed, i);
         d_weights[i] = 2 * uniform(400 + seed, i) - 1;
-        x[i] = D::variable(density[i], i);
+        x[i] = Jet(density[i], i);
       }
       ray_weights(edges.data(), x.data(), kIntervals, w.data());
       ray_weights(edges.data(), density.data(), kIntervals, weights.data());
@@ -91,7 +91,7 @@ TEST(RayWeightsAdjoint, AgreesWithDualNumbers) {
                           d_weights.data(), d_density.data());
       for (int i = 0; i < kIntervals; ++i) {
         double expected = 0;
-        for (int j = 0; j < kIntervals; ++j) expected += d_weights[j] * w[j].d[i];
+        for (int j = 0; j < kIntervals; ++j) expected += d_weights[j] * w[j].v[i];
         // Sums of at most 12 terms below 1, each of at most 12 factors, one of them an exponential
         // of an argument up to 60 x 12.
         EXPECT_NEAR(d_density[i], expected, 12 * (2 * 12 + 2 * scale * 12) * 0x1p-53) << i;

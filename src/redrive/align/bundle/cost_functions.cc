@@ -5,7 +5,7 @@
 
 #include <ceres/sized_cost_function.h>
 
-#include "redrive/math/dual.h"
+#include "redrive/align/bundle/dual.h"
 #include "redrive/math/so3.h"
 
 namespace redrive {
@@ -43,11 +43,9 @@ InterpolatedCorrection interpolate(const double* a, const double* b, const Local
 /// Normalised projection and its Jacobian; false outside the valid region of the camera model.
 bool project(const CameraModel& model, const Vector3d& point, Eigen::Vector2d* projected,
              Eigen::Matrix<double, 2, 3>* jacobian) {
-  using D = Dual<double, 3>;
-  const std::array<D, 3> p{D::variable(point.x(), 0), D::variable(point.y(), 1),
-                           D::variable(point.z(), 2)};
+  const std::array<Dual, 3> p{Dual(point.x(), 0), Dual(point.y(), 1), Dual(point.z(), 2)};
   const auto m =
-      std::visit([&](const auto& camera) { return camera.template project<D>(p); }, model);
+      std::visit([&](const auto& camera) { return camera.template project<Dual>(p); }, model);
   if (!m) return false;
   for (int i = 0; i < 2; ++i) {
     (*projected)[i] = (*m)[i].value;

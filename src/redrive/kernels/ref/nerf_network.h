@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The network of field/nerf_field.h on one sample, forward and backward, for any scalar type, as
-// plain loops: the oracle of every NerfNetwork. Tests run it on dual numbers, RefBackend in double.
+// plain loops: the oracle of every NerfNetwork. Tests run it on Jets (Ceres' dual numbers),
+// RefBackend in double.
 #pragma once
 
 #include <array>

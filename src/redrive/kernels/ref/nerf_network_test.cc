@@ -4,10 +4,10 @@
 #include <algorithm>
 #include <cmath>
 
+#include <ceres/jet.h>
 #include <gtest/gtest.h>
 
 #include "redrive/base/rng.h"
-#include "redrive/math/dual.h"
 
 namespace redrive::kernels::ref {
 namespace {
@@ -32,7 +32,7 @@ std::vector<double> random_parameters(std::uint64_t seed) {
 
 template <class T>
 T loss(const std::vector<T>& parameters, NerfActivations<T>* activations, const T position[3]) {
-  const T direction[3] = {kDirection[0], kDirection[1], kDirection[2]};
+  const T direction[3] = {T(kDirection[0]), T(kDirection[1]), T(kDirection[2])};
   T raw[4];
   nerf_sample_forward(kConfig, parameters.data(), position, direction, activations, raw);
   T sum(0);
@@ -41,7 +41,7 @@ T loss(const std::vector<T>& parameters, NerfActivations<T>* activations, const 
 }
 template <class T>
 T loss(const std::vector<T>& parameters, NerfActivations<T>* activations) {
-  const T position[3] = {kPosition[0], kPosition[1], kPosition[2]};
+  const T position[3] = {T(kPosition[0]), T(kPosition[1]), T(kPosition[2])};
   return loss(parameters, activations, position);
 }
 
@@ -90,48 +90,47 @@ TEST(NerfReference, SkipAndDirectionFollowTheLayout) {
   }
 }
 
-TEST(NerfReference, GradientAgreesWithDualNumbersInEveryTensor) {
-  using D = Dual<double, 1>;
+TEST(NerfReference, GradientAgreesWithJetsInEveryTensor) {
+  using Jet = ceres::Jet<double, 1>;
   for (std::uint64_t seed = 1; seed <= 3; ++seed) {
     const std::vector<double> parameters = random_parameters(seed),
                               gradients = gradient(parameters);
     for (const NerfTensor& tensor : nerf_tensors(kConfig)) {
-      // Directional derivative along a random direction inside this tensor, by dual numbers.
-      std::vector<D> dual(parameters.begin(), parameters.end());
+      // Directional derivative along a random direction inside this tensor, by Jets.
+      std::vector<Jet> jets(parameters.begin(), parameters.end());
       double expected = 0, scale = 0;
       for (std::size_t i = tensor.offset;
            i < tensor.offset + std::size_t(tensor.rows) * tensor.columns; ++i) {
-        dual[i].d[0] = uniform(100 + seed, i);
-        expected += gradients[i] * dual[i].d[0];
-        scale += std::abs(gradients[i] * dual[i].d[0]);
+        jets[i].v[0] = uniform(100 + seed, i);
+        expected += gradients[i] * jets[i].v[0];
+        scale += std::abs(gradients[i] * jets[i].v[0]);
       }
-      NerfActivations<D> activations;
+      NerfActivations<Jet> activations;
       EXPECT_GT(scale, 0) << tensor.name << ": nothing tested";
       // Twelve layers of sums over at most 59 inputs, then the sum over the tensor.
-      EXPECT_NEAR(loss(dual, &activations).d[0], expected, scale * (12 * 59 + 32 * 59) * 0x1p-53)
+      EXPECT_NEAR(loss(jets, &activations).v[0], expected, scale * (12 * 59 + 32 * 59) * 0x1p-53)
           << tensor.name;
     }
   }
 }
 
-TEST(NerfReference, PositionGradientAgreesWithDualNumbers) {
-  using D = Dual<double, 3>;
+TEST(NerfReference, PositionGradientAgreesWithJets) {
+  using Jet = ceres::Jet<double, 3>;
   for (std::uint64_t seed = 1; seed <= 3; ++seed) {
     const std::vector<double> parameters = random_parameters(seed);
     double d_position[3];
     EXPECT_EQ(gradient(parameters, d_position), gradient(parameters))
         << "the parameters' gradients must not change";
-    const D position[3] = {D::variable(kPosition[0], 0), D::variable(kPosition[1], 1),
-                           D::variable(kPosition[2], 2)};
-    NerfActivations<D> activations;
-    const D expected = loss({parameters.begin(), parameters.end()}, &activations, position);
+    const Jet position[3] = {Jet(kPosition[0], 0), Jet(kPosition[1], 1), Jet(kPosition[2], 2)};
+    NerfActivations<Jet> activations;
+    const Jet expected = loss({parameters.begin(), parameters.end()}, &activations, position);
     double scale = 0;
-    for (const double d : expected.d) scale = std::max(scale, std::abs(d));
+    for (const double d : expected.v) scale = std::max(scale, std::abs(d));
     EXPECT_GT(scale, 0.01) << "nothing tested";
     // Twelve layers of sums over at most 59 inputs: 8e-14 without cancellation, of which at least a
     // tenth remains.
     for (int k = 0; k < 3; ++k)
-      EXPECT_NEAR(d_position[k], expected.d[k], 10 * 12 * 59 * 0x1p-53 * scale) << k;
+      EXPECT_NEAR(d_position[k], expected.v[k], 10 * 12 * 59 * 0x1p-53 * scale) << k;
   }
 }
 

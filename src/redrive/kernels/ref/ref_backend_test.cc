@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tests the composed step of the oracle against dual numbers and differences of the same loss,
-// written as one function.
+// Tests the composed step of the oracle against Jets (Ceres' dual numbers) and differences of the
+// same loss, written as one function.
 #include <cmath>
 #include <vector>
 
+#include <ceres/jet.h>
 #include <gtest/gtest.h>
 
 #include "redrive/base/rng.h"
 #include "redrive/kernels/backend.h"
 #include "redrive/kernels/nerf_stages.h"
 #include "redrive/kernels/ref/nerf_network.h"
-#include "redrive/math/dual.h"
 #include "redrive/optim/photometric_loss.h"
 #include "redrive/volume/composite.h"
 
@@ -78,7 +78,7 @@ struct Batch {
         T x[3], d[3], out[4];
         for (int k = 0; k < 3; ++k) {
           const std::size_t at = k * kRays + ray;
-          d[k] = direction[at];
+          d[k] = T(direction[at]);
           x[k] = (from[at] + T(t[ray * kPerRay + s]) * towards[at] - T(unit_from_world.center[k])) *
                  T(unit_from_world.scale);
         }
@@ -93,7 +93,7 @@ struct Batch {
       const RayComposite<T> colour = composite_ray<T>(raw.data(), kPerRay, &t[ray * kPerRay],
                                                       &dt[ray * kPerRay], kPerRay, nullptr);
       for (int k = 0; k < 3; ++k)
-        sum += photometric_term<T>(colour.rgb[k], target[k * kRays + ray], kRays).value;
+        sum += photometric_term<T>(colour.rgb[k], T(target[k * kRays + ray]), kRays).value;
     }
     return sum;
   }
@@ -103,55 +103,55 @@ struct Batch {
 // amplified by less than the number of samples and layers behind it.
 constexpr double kStageRounding = 4 * (Batch::kPerRay + 12) * 0x1p-24;
 
-TEST(RefBackend, GradientOfTheComposedStepAgreesWithDualNumbersInEveryTensor) {
-  using D = Dual<double, 1>;
+TEST(RefBackend, GradientOfTheComposedStepAgreesWithJetsInEveryTensor) {
+  using Jet = ceres::Jet<double, 1>;
   const Batch batch;
   std::vector<float> gradients(batch.parameters.size());
   const double loss = batch.train(&gradients);
   std::vector<double> plain(batch.parameters.begin(), batch.parameters.end());
   EXPECT_NEAR(loss, batch.loss(plain), loss * kStageRounding);
   for (const NerfTensor& tensor : nerf_tensors(batch.config)) {
-    std::vector<D> dual(batch.parameters.begin(), batch.parameters.end());
+    std::vector<Jet> jets(batch.parameters.begin(), batch.parameters.end());
     double expected = 0, scale = 0;
     for (std::size_t i = tensor.offset;
          i < tensor.offset + std::size_t(tensor.rows) * tensor.columns; ++i) {
-      dual[i].d[0] = uniform(10, i);
-      expected += gradients[i] * dual[i].d[0];
-      scale += std::abs(gradients[i] * dual[i].d[0]);
+      jets[i].v[0] = uniform(10, i);
+      expected += gradients[i] * jets[i].v[0];
+      scale += std::abs(gradients[i] * jets[i].v[0]);
     }
     EXPECT_GT(scale, 0) << tensor.name << ": nothing tested";
-    EXPECT_NEAR(batch.loss(dual).d[0], expected, scale * kStageRounding) << tensor.name;
+    EXPECT_NEAR(batch.loss(jets).v[0], expected, scale * kStageRounding) << tensor.name;
   }
 }
 
-TEST(RefBackend, RayGradientsAgreeWithDualNumbers) {
+TEST(RefBackend, RayGradientsAgreeWithJets) {
   constexpr int kNumbers = 3 * Batch::kRays;
-  using D = Dual<double, 2 * kNumbers>;
+  using Jet = ceres::Jet<double, 2 * kNumbers>;
   const Batch batch;
   std::vector<float> gradients(batch.parameters.size()), plain(gradients), d_origin(kNumbers),
       d_direction(kNumbers);
   const double loss = batch.train(&gradients, nullptr, {d_origin, d_direction});
   EXPECT_EQ(loss, batch.train(&plain));
   EXPECT_EQ(gradients, plain) << "the parameters' gradients must not change";
-  std::vector<D> origin, direction;
+  std::vector<Jet> origin, direction;
   for (int i = 0; i < kNumbers; ++i) {
-    origin.push_back(D::variable(batch.origin[i], i));
-    direction.push_back(D::variable(batch.direction[i], kNumbers + i));
+    origin.push_back(Jet(batch.origin[i], i));
+    direction.push_back(Jet(batch.direction[i], kNumbers + i));
   }
-  const D expected = batch.loss(std::vector<D>(batch.parameters.begin(), batch.parameters.end()),
-                                origin, direction);
+  const Jet expected = batch.loss(
+      std::vector<Jet>(batch.parameters.begin(), batch.parameters.end()), origin, direction);
   double largest[2] = {0, 0};
   for (int i = 0; i < 2 * kNumbers; ++i)
-    largest[i / kNumbers] = std::max(largest[i / kNumbers], std::abs(expected.d[i]));
+    largest[i / kNumbers] = std::max(largest[i / kNumbers], std::abs(expected.v[i]));
   EXPECT_GT(largest[0], 1e-4) << "nothing tested";
   EXPECT_GT(largest[1], 1e-4) << "nothing tested";
   for (int i = 0; i < kNumbers; ++i) {
-    EXPECT_NEAR(d_origin[i], expected.d[i], 4 * largest[0] * kStageRounding) << i;
-    EXPECT_NEAR(d_direction[i], expected.d[kNumbers + i], 4 * largest[1] * kStageRounding) << i;
+    EXPECT_NEAR(d_origin[i], expected.v[i], 4 * largest[0] * kStageRounding) << i;
+    EXPECT_NEAR(d_direction[i], expected.v[kNumbers + i], 4 * largest[1] * kStageRounding) << i;
   }
   batch.train(&gradients, nullptr, {d_origin, d_direction});
   for (int i = 0; i < kNumbers; ++i)
-    EXPECT_NEAR(d_origin[i], 2 * expected.d[i], 8 * largest[0] * kStageRounding)
+    EXPECT_NEAR(d_origin[i], 2 * expected.v[i], 8 * largest[0] * kStageRounding)
         << "adds to the values";
 }
 
