@@ -24,8 +24,8 @@ struct GridModel final : RayModel {
   HashGridConfig proposal{5, 1, 16, 512, 17};
   HashGridConfig sky{4, 4, 8, 256,
                      15};  ///< over directions; three features are colours, summed over the levels
-  float huber_delta = 0.2f;  ///< of colours in [0, 1], optim/photometric_loss.h; 2 and more:
-                             ///< squared error
+  float huber_delta = 0.2f;     ///< of colours in [0, 1], optim/photometric_loss.h; 2 and more:
+                                ///< squared error
   AppearanceConfig appearance;  ///< exposure of each camera over time
   float background = 0;  ///< grey behind rays where sky.levels is 0 and the batch has no background
   Contraction contraction;
