@@ -161,7 +161,7 @@ TEST_P(EveryNetwork, TwoChunksOfTiles) {
                    0x1p-23 * std::abs(expected.gradient[i]);
           }));
 
-      // The same without the activations for a backward pass.
+      // Runs again without keeping activations for a backward pass.
       TileData again = tiles[2];
       again.tile.position = again.position.data();
       again.tile.direction = again.direction.data();

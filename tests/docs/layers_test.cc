@@ -73,7 +73,7 @@ struct Include {
   fs::path from, file;  ///< the folder that includes, and what
 };
 
-/// Of all sources but tests and their helpers.
+/// Returns the includes of all sources but tests and their helpers.
 std::vector<Include> all_includes() {
   const std::regex include(R"rx(^\s*#\s*include "(redrive/[^"]+)")rx");
   std::vector<Include> all;

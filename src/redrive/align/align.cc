@@ -25,7 +25,7 @@ constexpr double kMaxSigma_m = 0.08, kMaxSigma_rad = 0.2 / kDegreesPerRadian;
 constexpr double kMaxLastChange_m = 0.015,
                  kMaxLastChange_rad = 0.04 / kDegreesPerRadian;  // change in the last round
 constexpr double kMinUsed = 0.4;      // share of inliers among the observations
-constexpr double kMaxNoise_px = 2.5;  // of a camera's observations
+constexpr double kMaxNoise_px = 2.5;  // largest accepted noise of a camera's observations
 constexpr double kMaxPose_m = 5,
                  kMaxPose_rad = 6 / kDegreesPerRadian;  // larger than any error of an egomotion
 constexpr double kMaxExtrinsics_m = 0.3,

@@ -61,7 +61,7 @@ struct AlignResult {
 /// larger than the errors of an egomotion. InputError as find_tracks and load_lidar_returns.
 AlignResult align(const Recording& recording, const AlignOptions& options, ThreadPool& pool);
 
-/// The same from tracks and LiDAR samples. `contrast`: nullptr where images are not available.
+/// Aligns from tracks and LiDAR samples. `contrast`: nullptr where images are not available.
 AlignResult align_with(const Recording& recording, const std::vector<Track>& tracks,
                        const std::vector<LidarSample>& lidar, const AlignOptions& options,
                        ThreadPool& pool, const ContrastData* contrast = nullptr);

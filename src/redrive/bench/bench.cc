@@ -28,7 +28,7 @@ struct Cost {
 constexpr double kStratifiedFlops =
     4;  // volume/hierarchical_sampling.h: two for t, one for u, one for dt
 constexpr double kCompositeFlops = 24;  // volume/composite.h: alpha 3, w 1, three colours of 6, T 2
-constexpr double kCompositeAdjointFlops =
+constexpr double kCompositeBackwardFlops =
     44;                            // volume/composite.h: T and w 6, three colours of 12, sigma 2
 constexpr double kAdamFlops = 14;  // optim/adam.h: m 3, v 4, parameter 7
 
@@ -186,7 +186,7 @@ void time_kernels(Runner& runner, kernels::Backend& backend, const SyntheticDriv
   // Reads densities and colours, writes their derivatives.
   runner.time(
       "kernel/composite_backward", samples,
-      {kCompositeAdjointFlops, kIntervalBytes + 2 * kRawBytes + kColourBytes / per_ray}, [&] {
+      {kCompositeBackwardFlops, kIntervalBytes + 2 * kRawBytes + kColourBytes / per_ray}, [&] {
         backend.composite_backward(b.rays.n, b.sample_spans(), b.raw, {}, {b.d_rgb, {}}, b.d_raw);
       });
   runner.time("kernel/adam", static_cast<double>(b.gradients.size()), {kAdamFlops, kAdamBytes},

@@ -18,13 +18,13 @@ void print_residual(const char* which, const TrajectoryRegistration& registratio
 
 void print_alignment(const AlignResult& result) {
   const BundleResult& bundle = result.bundle;
-  std::printf("%-22s %16s %15s %26s %8s %11s %16s\n", "camera", "observations", "error px",
-              "yaw pitch roll deg", "+-", "moved cm", "offset ms");
+  std::printf("%-22s %16s %15s %26s %8s %14s %16s\n", "camera", "observations", "error px",
+              "yaw pitch roll deg", "+-", "translation cm", "offset ms");
   for (std::size_t c = 0; c < result.cameras.size(); ++c) {
     const CameraCorrection& k = result.camera_corrections[c];
     const CameraFit& fit = bundle.cameras[c];
     std::printf(
-        "%-22s %7d of %6d %6.2f -> %5.2f    %+7.3f %+7.3f %+7.3f %8.3f %4.1f +- %3.1f %+7.2f ",
+        "%-22s %7d of %6d %6.2f -> %5.2f    %+7.3f %+7.3f %+7.3f %8.3f %7.1f +- %3.1f %+7.2f ",
         k.name.c_str(), fit.used, fit.observations, fit.initial_px, fit.aligned_px,
         k.rotation_in_body.z() * kDegreesPerRadian, k.rotation_in_body.y() * kDegreesPerRadian,
         k.rotation_in_body.x() * kDegreesPerRadian,

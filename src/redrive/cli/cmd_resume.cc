@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// redrive resume RUN: goes on where the last checkpoint stands. Further epochs, steps or seconds
-// may be asked for; they go into the run's config.json. (More steps move the default milestones of
-// the learning rate, which are fractions of all steps.)
+// redrive resume RUN: continues from the last checkpoint. Options may raise the limits on epochs,
+// steps or seconds, and are written to the run's config.json. (More steps move the default
+// milestones of the learning rate, which are fractions of all steps.)
 #include <map>
 #include <memory>
 

@@ -7,6 +7,7 @@
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
 #include "redrive/base/temporary_folder_testing.h"
+#include "redrive/image/image_testing.h"
 
 namespace redrive {
 namespace {
@@ -15,15 +16,6 @@ using testing::HasSubstr;
 
 class ImageFiles : public ::testing::Test {
  protected:
-  /// Smooth, so that JPEG keeps it.
-  static Image8 gradient(int width, int height) {
-    Image8 image{width, height, {}};
-    for (int y = 0; y < height; ++y)
-      for (int x = 0; x < width; ++x)
-        for (const int value : {200 * x / width, 200 * y / height, 80})
-          image.rgb.push_back(static_cast<std::uint8_t>(value));
-    return image;
-  }
   std::string read_error(const std::filesystem::path& path) {
     try {
       read_image(path);
@@ -40,7 +32,7 @@ class ImageFiles : public ::testing::Test {
 };
 
 TEST_F(ImageFiles, PngKeepsColoursAndAlpha) {
-  Image8 image = gradient(37, 21);
+  Image8 image = smooth_image(37, 21);
   write_image(root_ / "rgb.png", image);
   Image8 back = read_image(root_ / "rgb.png");
   EXPECT_EQ(back.width, 37);
@@ -65,15 +57,15 @@ TEST_F(ImageFiles, Png16KeepsValues) {
 }
 
 TEST_F(ImageFiles, Png16RejectsOtherImages) {
-  write_image(root_ / "a.png", gradient(4, 3));
+  write_image(root_ / "a.png", smooth_image(4, 3));
   EXPECT_THROW(read_png16(root_ / "a.png"), InputError);
-  write_image(root_ / "a.jpg", gradient(4, 3));
+  write_image(root_ / "a.jpg", smooth_image(4, 3));
   EXPECT_THROW(read_png16(root_ / "a.jpg"), InputError);
   EXPECT_THROW(write_png16(root_ / "d.jpg", {1, 1, {7}}), UsageError);
 }
 
 TEST_F(ImageFiles, JpegKeepsColoursNearly) {
-  const Image8 image = gradient(64, 48);
+  const Image8 image = smooth_image(64, 48);
   write_image(root_ / "a.jpg", image);
   const Image8 back = read_image(root_ / "a.jpg");
   ASSERT_EQ(back.rgb.size(), image.rgb.size());
@@ -84,7 +76,7 @@ TEST_F(ImageFiles, JpegKeepsColoursNearly) {
 
 TEST_F(ImageFiles, RejectsFilesTruncatedAnywhere) {
   for (const char* name : {"whole.jpg", "whole.png"}) {
-    write_image(root_ / name, gradient(64, 48));
+    write_image(root_ / name, smooth_image(64, 48));
     const std::string bytes = read_file(root_ / name);
     const auto cut =
         root_ / (std::string("cut") + std::filesystem::path(name).extension().string());
@@ -103,8 +95,8 @@ TEST_F(ImageFiles, RejectsOtherFiles) {
   EXPECT_THAT(read_error(root_ / "text.jpg"), HasSubstr("neither"));
   write_file(root_ / "empty.png", "");
   EXPECT_THAT(read_error(root_ / "empty.png"), HasSubstr("empty"));
-  EXPECT_THROW(write_image(root_ / "a.bmp", gradient(4, 4)), UsageError);
-  EXPECT_THROW(write_image(root_ / "no/such/folder/a.png", gradient(4, 4)), IoError);
+  EXPECT_THROW(write_image(root_ / "a.bmp", smooth_image(4, 4)), UsageError);
+  EXPECT_THROW(write_image(root_ / "no/such/folder/a.png", smooth_image(4, 4)), IoError);
 }
 
 }  // namespace

@@ -113,7 +113,7 @@ TEST(Png, ReadsAlphaOfEveryKind) {
 }
 
 TEST(Png, ReadsInterlacedImages) {
-  // Of 2 x 2 pixels, Adam7 has the first in pass 1, its right neighbour in pass 6, row 1 in pass 7.
+  // Adam7 has the first of 2 x 2 pixels in pass 1, its right neighbour in pass 6, row 1 in pass 7.
   const std::string raw = bytes_of({0, 1, 0, 2, 0, 3, 4});
   EXPECT_THAT(decode_png(png_file({2, 2, 8, kGrey, true}, raw), "").rgb,
               ElementsAre(1, 1, 1, 2, 2, 2, 3, 3, 3, 4, 4, 4));

@@ -82,7 +82,7 @@ class HostStage {
   std::vector<std::vector<double>> reduced_;  // one number each
 };
 
-/// Executor of CommonGridStages (common_grid_stages.h) on the host.
+/// Executor of CommonGridStages and CommonNerfStages on the host; pool as in HostStage.
 struct HostExecutor {
   ThreadPool* pool = nullptr;
   HostStage stage() const { return HostStage(pool); }

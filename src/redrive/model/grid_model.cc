@@ -10,7 +10,7 @@ namespace redrive {
 
 namespace {
 
-/// Returns one ray for each group: the mean of its rays, as wide as they are together.
+/// Returns one ray for each group: the mean of its rays, wide enough to cover all of them.
 RayBatch mean_rays_of_groups(const RayBatch& batch) {
   RayBatch out;
   out.n = static_cast<int>(batch.group.size()) - 1;
@@ -380,8 +380,8 @@ void GridModel::backward_rays(kernels::Backend& backend, const ForwardPass& pass
   pass.scatter_to_all(stages, kernels::RayLayout::kColumns, d_active_direction, {}, d_direction);
 }
 
-/// The proposals train on the first part of the batch, which is drawn uniformly where a quarter and
-/// more is: they have fewer parameters than the field.
+/// Trains the proposals on the first part of the batch, which is drawn uniformly if at least a
+/// quarter of it is. They need fewer rays, since they have fewer parameters than the field.
 void GridModel::backward_proposals(kernels::Backend& backend, const ForwardPass& pass,
                                    std::span<const float> weights, std::span<float> gradients,
                                    std::span<double> losses, Workspace* workspace) const {

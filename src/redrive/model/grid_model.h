@@ -35,19 +35,19 @@ struct GridModel final : RayModel {
   float histogram_padding = 0.1f;               ///< volume/ray_intervals.h
   float sparsity_weight = 0;                    ///< optim/sparsity_loss.h
   float range_weight = 0.03f;                   ///< of the LiDAR loss, optim/range_loss.h
-  /// Standard deviation of a return in the LiDAR loss: a surface may first be found anywhere near a
-  /// return, in the end within what its range and time leave uncertain.
+  /// Standard deviation of a return in the LiDAR loss: at first wide enough to find surfaces, at
+  /// the end the uncertainty of a return's range and time.
   float first_range_spread_m = 1, last_range_spread_m = 0.1f;
   float range_spread_half_life = 300;  ///< steps
-  int rays_per_proposal_ray = 4;       ///< one ray of so many trains the proposals
+  int rays_per_proposal_ray = 4;       ///< the proposals train on one ray of this many
   /// Rays below this proposal opacity count as empty: at most two and a half steps of 255.
   float min_active_opacity = 0.01f;
   float keep_probability =
-      1 / 16.0f;                ///< of an empty ray in training, so that new surfaces are found
-  double max_batch_factor = 2;  ///< rays of a step at most, of batch_rays
+      1 / 16.0f;                ///< of an empty ray in training, so that new surfaces can appear
+  double max_batch_factor = 2;  ///< maximum rays of a step, as a multiple of batch_rays
   int warm_up_steps = 100;
   float beta2 = 0.99f, epsilon = 1e-15f;  ///< of Adam: Mueller et al. 2022, section 4
-  double active_fraction = 1;  ///< smoothed share of a step's rays that the field is evaluated on
+  double active_fraction = 1;             ///< moving average of the fraction of active rays
   float min_proposal_footprint =
       0;  ///< of a proposal sample's volume, in lengths of its interval (GridStages::contract)
 
@@ -65,8 +65,8 @@ struct GridModel final : RayModel {
   std::size_t size() const override { return offset(kParts); }
   std::vector<ModelTensor> tensors() const override;
   void initialize(std::uint64_t seed) override;
-  /// The networks': whatever reaches the field's grid comes through them, the other grids' adjoints
-  /// have no overflow.
+  /// Returns the gradients of the networks: those of the field's grid are computed through them,
+  /// and those of the other grids cannot overflow.
   std::span<const float> sentinels(std::span<const float> gradients) const override {
     return gradients.subspan(offset(kNetwork), part_size(kNetwork));
   }
@@ -85,7 +85,7 @@ struct GridModel final : RayModel {
   void render_rays(kernels::Backend& backend, const RayBatch& batch,
                    const kernels::CompositeOut& out, Workspace* workspace) const override;
 
-  /// In StepSums::terms; the proposals have one for each iteration.
+  /// Index in StepSums::terms; the proposals have one for each iteration.
   enum LossSlot { kColourLoss, kSparsityLoss, kLidarLoss, kProposalLoss };
   enum Part { kFieldGrid, kNetwork, kProposalGrid, kSkyGrid, kAppearance, kParts };
   kernels::HashGrid grid(
@@ -131,14 +131,14 @@ struct GridModel final : RayModel {
                           std::span<double> losses, Workspace* workspace) const;
   void configure_bounded();
   std::size_t part_size(int part) const;
-  std::size_t offset(int part) const;  ///< of its first number in `parameters`
+  std::size_t offset(int part) const;  ///< of the part in `parameters`
   std::span<const float> part(Part part) const {
     return parameters.span().subspan(offset(part), part_size(part));
   }
   std::span<float> part_of(std::span<float> all, Part part) const {
     return all.subspan(offset(part), part_size(part));
   }
-  /// Makes a mean free path at the start e times the near region's half side.
+  /// Scales densities so that the initial mean free path is e times the near region's half side.
   float density_scale() const { return 0.36787944f / contraction.half_m; }
 };
 

@@ -126,15 +126,15 @@ TEST(GridModel, RejectsHyperparametersOutOfRangeByName) {
   };
   GridModel tiny;
   make_tiny(tiny);
-  EXPECT_EQ(complaint_about(tiny), "");
+  EXPECT_EQ(error_message_of(tiny), "");
   GridModel usual;
-  EXPECT_EQ(complaint_about(usual), "");
+  EXPECT_EQ(error_message_of(usual), "");
   for (const auto& [name, values] : table)
     for (const std::string& value : values) {
       GridModel model;
       try {
         EXPECT_TRUE(set_hyperparameter(model, name, value)) << name;
-        EXPECT_THAT(complaint_about(model), HasSubstr(name)) << value;
+        EXPECT_THAT(error_message_of(model), HasSubstr(name)) << value;
       } catch (const UsageError& error) {
         EXPECT_THAT(error.what(), HasSubstr(value)) << name;
         EXPECT_THAT(error.what(), testing::AnyOf(HasSubstr("must be"), HasSubstr("cannot be set")));

@@ -31,10 +31,10 @@ RayBatch ray_of(const RayBatch& batch, int which) {
   return one;
 }
 
-struct Picture {
+struct Rendering {
   std::vector<float> rgb, depth, opacity;
 
-  Picture(const GridModel& model, const RayBatch& batch)
+  Rendering(const GridModel& model, const RayBatch& batch)
       : rgb(3 * batch.n), depth(batch.n), opacity(batch.n) {
     Workspace workspace;
     model.render_rays(*kernels::make_ref_backend(), batch, {rgb, depth, opacity, {}}, &workspace);
@@ -45,14 +45,14 @@ TEST(GridModel, RendersWithoutRandomNumbers) {
   GridModel model;
   make_tiny(model);
   const RayBatch batch = tiny_batch(7);
-  const Picture once(model, batch), again(model, batch);
+  const Rendering once(model, batch), again(model, batch);
   EXPECT_EQ(once.rgb, again.rgb);
   EXPECT_EQ(once.depth, again.depth);
   EXPECT_EQ(once.opacity, again.opacity);
   double spread = 0;
   for (int ray = 0; ray < batch.n; ++ray) {
     // Independent of the other rays of a batch.
-    const Picture alone(model, ray_of(batch, ray));
+    const Rendering alone(model, ray_of(batch, ray));
     EXPECT_EQ(alone.depth[0], once.depth[ray]);
     EXPECT_EQ(alone.opacity[0], once.opacity[ray]);
     for (int k = 0; k < 3; ++k) EXPECT_EQ(alone.rgb[k], once.rgb[k * batch.n + ray]);
@@ -80,7 +80,7 @@ TEST(GridModel, NeighboursShareTheirFirstProposalIteration) {
       }
   RayBatch each = batch;
   each.group.clear();
-  const Picture together(model, batch), apart(model, each);
+  const Rendering together(model, batch), apart(model, each);
   double most = 0;
   for (std::size_t i = 0; i < together.rgb.size(); ++i) {
     // The same field at other samples within the same proposal intervals.
@@ -100,16 +100,16 @@ TEST(GridModel, HomogeneousMediumInFrontOfAGreySky) {
   model.proposal_samples = {64, 48};
   model.samples = 48;
   const RayBatch batch = tiny_batch(5);
-  const Picture picture(model, batch);
+  const Rendering rendered(model, batch);
   const double density = std::exp(-1) / 3, opacity = -std::expm1(-density * 19.5);
   for (int ray = 0; ray < batch.n; ++ray) {
     // The far end of the ray has 20 / 4 times the rounding error of its s, 2e-6 of its length; the
     // sums round 48 times.
-    EXPECT_NEAR(picture.opacity[ray], opacity, 1e-5);
-    for (int k = 0; k < 3; ++k) EXPECT_NEAR(picture.rgb[k * batch.n + ray], 0.5, 1e-5);
+    EXPECT_NEAR(rendered.opacity[ray], opacity, 1e-5);
+    for (int k = 0; k < 3; ++k) EXPECT_NEAR(rendered.rgb[k * batch.n + ray], 0.5, 1e-5);
     // The median depth is -ln(1 - opacity / 2) / density. Each interval has 1/48 of the weight,
     // spread uniformly.
-    EXPECT_NEAR(picture.depth[ray], 0.5 - std::log1p(-opacity / 2) / density, 0.01);
+    EXPECT_NEAR(rendered.depth[ray], 0.5 - std::log1p(-opacity / 2) / density, 0.01);
   }
 }
 
@@ -137,11 +137,11 @@ TEST(GridModel, AnEmptyFieldShowsTheSky) {
   const float colour[4] = {0.5f, -1, 2, 1000};  // of a level; the fourth feature is unused
   for (std::size_t i = 0; i < hash_grid_size(model.sky); ++i) sky[i] = colour[i % 4];
   const RayBatch batch = tiny_batch(5);
-  const Picture picture(model, batch);
+  const Rendering rendered(model, batch);
   for (int ray = 0; ray < batch.n; ++ray) {
-    EXPECT_EQ(picture.opacity[ray], 0);
+    EXPECT_EQ(rendered.opacity[ray], 0);
     for (int k = 0; k < 3; ++k)
-      EXPECT_NEAR(picture.rgb[k * batch.n + ray], sigmoid(2.0 * colour[k]), 1e-6);
+      EXPECT_NEAR(rendered.rgb[k * batch.n + ray], sigmoid(2.0 * colour[k]), 1e-6);
   }
 }
 
@@ -149,12 +149,12 @@ TEST(GridModel, AnEmptyFieldShowsTheBackgroundWithoutASky) {
   GridModel model;
   make_tiny_on_background(model);
   EXPECT_EQ(model.tensors().back().name, "proposal");
-  EXPECT_EQ(complaint_about(model), "");
+  EXPECT_EQ(error_message_of(model), "");
   make_empty(model);
   RayBatch batch = tiny_batch(5);
-  const Picture rendered(model, batch);
+  const Rendering rendered(model, batch);
   batch.background = tiny_batch(5).target;
-  const Picture of_batch(model, batch);
+  const Rendering of_batch(model, batch);
   for (int i = 0; i < 15; ++i) {
     EXPECT_EQ(rendered.rgb[i], 0.75f);
     EXPECT_EQ(of_batch.rgb[i], batch.background[i]);
@@ -166,9 +166,9 @@ TEST(GridModel, BackgroundIsWeightedByTheTransmittance) {
   make_tiny_on_background(model);
   RayBatch batch = tiny_batch(6);
   batch.background.assign(18, 0.0f);
-  const Picture black(model, batch);
+  const Rendering black(model, batch);
   batch.background = tiny_batch(6).target;
-  const Picture coloured(model, batch);
+  const Rendering coloured(model, batch);
   for (int i = 0; i < 18; ++i) {
     EXPECT_NEAR(coloured.rgb[i] - black.rgb[i], (1 - black.opacity[i % 6]) * batch.background[i],
                 1e-6);
@@ -182,7 +182,7 @@ TEST(GridModel, RaysThatMissTheCubeShowTheirBackground) {
   make_tiny_on_background(model);
   model.contraction = {{1.5f, 0, 0}, 0.8f, false};
   const RayBatch batch = tiny_batch(40);
-  const Picture picture(model, batch);
+  const Rendering rendered(model, batch);
   int missed = 0;
   for (int ray = 0; ray < batch.n; ++ray) {
     float origin[3], direction[3];
@@ -193,9 +193,9 @@ TEST(GridModel, RaysThatMissTheCubeShowTheirBackground) {
     const RaySpacing within = clip_to_scene(model.spacing, model.contraction, origin, direction);
     const bool misses = within.near_m == within.far_m;
     missed += misses;
-    EXPECT_EQ(picture.opacity[ray] == 0, misses);
-    EXPECT_TRUE(std::isfinite(picture.depth[ray]));
-    for (int k = 0; misses && k < 3; ++k) EXPECT_EQ(picture.rgb[k * batch.n + ray], 0.75f);
+    EXPECT_EQ(rendered.opacity[ray] == 0, misses);
+    EXPECT_TRUE(std::isfinite(rendered.depth[ray]));
+    for (int k = 0; misses && k < 3; ++k) EXPECT_EQ(rendered.rgb[k * batch.n + ray], 0.75f);
   }
   EXPECT_GT(missed, 5);
   EXPECT_LT(missed, 38);
@@ -284,19 +284,19 @@ TEST(GridModel, SkipsTheFieldOnEmptyRays) {
   EXPECT_GT(losses.active_rays, kRays / 2);
   EXPECT_LT(losses.active_rays, kRays / 2 + 8 + 5 * 3);
 
-  const Picture picture(model, batch);
+  const Rendering rendered(model, batch);
   for (int ray = 0; ray < kRays; ++ray) {
-    const Picture alone(model, ray_of(batch, ray));  // a batch of one ray is never empty
+    const Rendering alone(model, ray_of(batch, ray));  // a batch of one ray is never empty
     if (ray % 2) {
-      EXPECT_GT(picture.opacity[ray], 0) << ray;
-      EXPECT_EQ(picture.opacity[ray], alone.opacity[0]) << ray;
-      EXPECT_EQ(picture.depth[ray], alone.depth[0]) << ray;
-      for (int k = 0; k < 3; ++k) EXPECT_EQ(picture.rgb[k * kRays + ray], alone.rgb[k]) << ray;
+      EXPECT_GT(rendered.opacity[ray], 0) << ray;
+      EXPECT_EQ(rendered.opacity[ray], alone.opacity[0]) << ray;
+      EXPECT_EQ(rendered.depth[ray], alone.depth[0]) << ray;
+      for (int k = 0; k < 3; ++k) EXPECT_EQ(rendered.rgb[k * kRays + ray], alone.rgb[k]) << ray;
     } else {
-      EXPECT_EQ(picture.opacity[ray], 0) << ray;
+      EXPECT_EQ(rendered.opacity[ray], 0) << ray;
       EXPECT_GT(alone.opacity[0], 0) << ray;
-      EXPECT_FLOAT_EQ(picture.depth[ray], model.spacing.far_m) << ray;
-      for (int k = 0; k < 3; ++k) EXPECT_EQ(picture.rgb[k * kRays + ray], model.background) << ray;
+      EXPECT_FLOAT_EQ(rendered.depth[ray], model.spacing.far_m) << ray;
+      for (int k = 0; k < 3; ++k) EXPECT_EQ(rendered.rgb[k * kRays + ray], model.background) << ray;
     }
   }
 }

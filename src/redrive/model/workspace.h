@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Working memory that is taken in the same order in each step: nothing is allocated once every slot
-// has had its largest size.
+// Working memory, taken in the same order in each step, so that nothing is allocated once every
+// slot has reached its largest size.
 #pragma once
 
 #include <algorithm>
@@ -18,13 +18,13 @@ namespace redrive {
 
 constexpr int kMaxLossTerms = 8;
 
-/// Sums that stages leave where they compute; the host fetches all of them once a step. A number
-/// that no stage writes is 0.
+/// Sums that stages write on the device; the host downloads all of them once a step. Sums that no
+/// stage writes are 0.
 struct StepSums {
   double opacity = 0;  ///< mean; 0 means a dead field
   double rgb_mse = 0;  ///< squared error of colours drawn uniformly, mean over channels: for PSNR
   double not_finite = 0;             ///< gradients (Backend::not_finite)
-  double terms[kMaxLossTerms] = {};  ///< losses; the method says what each is (Model::loss_terms)
+  double terms[kMaxLossTerms] = {};  ///< losses, which Model::loss_terms names
 };
 
 class Workspace {

@@ -274,8 +274,8 @@ TEST_F(SamplerTest, MaskedPixelsAreNotDrawn) {
 }
 
 TEST_F(SamplerTest, TransparentPixelsAreDrawnEveryFourthEpoch) {
-  // Of every image but the first the left ten columns are transparent; in the second one a mask
-  // leaves half of each part.
+  // The left ten columns are transparent in every image but the first. A mask leaves half of each
+  // part of the second image.
   const PixelSampler whole(scene_, images_, 5);
   std::vector<std::size_t> training;
   for (std::size_t v = 0; v < scene_.views.size(); ++v)

@@ -229,8 +229,7 @@ TEST(Calibration, RejectsContradictoryExtrinsics) {
   EXPECT_THAT(calibration_message("/RT_body_from_sensor/0/3", 2000), HasSubstr("metres"));
 }
 
-// Of a camera on its side that looks right, the y axis of the inverse points down. pos_meter
-// decides.
+// A camera on its side that looks right has an inverse whose y axis points down. pos_meter decides.
 TEST(Calibration, AcceptsUnusualExtrinsicsWhenThePositionAgrees) {
   json document = calibration();
   document["F_CAM"]["RT_body_from_sensor"] = {

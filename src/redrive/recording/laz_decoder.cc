@@ -57,7 +57,7 @@ Table read_table(std::string_view bytes, const LazLayout& layout,
     size = static_cast<std::uint32_t>(sizes.decode(decoder, size, 1));
     if (decoder.broken())
       fail("chunk table", chunk,
-           "the size of this chunk is not to be had: the table is damaged or truncated");
+           "the size of this chunk cannot be read: the table is damaged or truncated");
     if (size < kMinChunkBytes || size > room)
       fail("chunk " + std::to_string(chunk) + " size", size,
            "bytes: must be at least " + std::to_string(kMinChunkBytes) + " and fit in the " +

@@ -85,7 +85,7 @@ TEST(PoseFiles, OmitReadoutsThatAreZero) {
 TEST(PoseFiles, RejectsFilesOfAnotherRecording) {
   Fixture f;
   const PoseFiles files = read_pose_files(f.recording, f.folder.path);
-  const auto complaint = [&](const char* name, const nlohmann::json& document) {
+  const auto error_message = [&](const char* name, const nlohmann::json& document) {
     Recording recording = f.recording;
     PoseFiles changed = files;
     changed[name] = document.dump();
@@ -93,17 +93,18 @@ TEST(PoseFiles, RejectsFilesOfAnotherRecording) {
   };
   nlohmann::json poses = testing::egomotion();
   poses.erase("10");
-  EXPECT_THAT(complaint(kEgomotion, poses), AllOf(HasSubstr("egomotion2.json"), HasSubstr("10")));
+  EXPECT_THAT(error_message(kEgomotion, poses),
+              AllOf(HasSubstr("egomotion2.json"), HasSubstr("10")));
   poses = testing::egomotion();
   poses["10"]["time_host"] = 50.15;
-  EXPECT_THAT(complaint(kEgomotion, poses),
+  EXPECT_THAT(error_message(kEgomotion, poses),
               AllOf(HasSubstr("10.time"), HasSubstr("another drive")));
   nlohmann::json sensors = testing::calibration();
   sensors.erase("L_FISH");
-  EXPECT_THAT(complaint(kCalibration, sensors),
+  EXPECT_THAT(error_message(kCalibration, sensors),
               AllOf(HasSubstr("calibration.json"), HasSubstr("L_FISH")));
   f.recording.metric = false;
-  EXPECT_THAT(complaint(kEgomotion, testing::egomotion()), HasSubstr("photographs"));
+  EXPECT_THAT(error_message(kEgomotion, testing::egomotion()), HasSubstr("photographs"));
   EXPECT_THAT(
       testing::input_error([&] { read_pose_files(f.recording, f.folder.path / "nothing"); }),
       HasSubstr("egomotion2.json"));

@@ -47,7 +47,7 @@ CameraCalibration first_camera(const json& text) {
 }
 
 /// Returns the message for a document with `value` at a JSON pointer.
-std::string complaint(const std::string& pointer, const json& value) {
+std::string error_message(const std::string& pointer, const json& value) {
   json text = document();
   text[json::json_pointer(pointer)] = value;
   const std::string message = input_error([&] { parsed_transforms(text); });
@@ -208,7 +208,7 @@ TEST(Transforms, RejectsUnsupportedFields) {
       {"/test_filenames", "all", "test_filenames"},
   };
   for (const auto& [pointer, value, part] : cases)
-    EXPECT_THAT(complaint(pointer, value), HasSubstr(part)) << pointer;
+    EXPECT_THAT(error_message(pointer, value), HasSubstr(part)) << pointer;
   EXPECT_EQ(parsed_transforms([] {
               json text = document();
               text["rolling_shutter"] = {0, 0, 0, 0};

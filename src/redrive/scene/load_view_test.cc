@@ -9,6 +9,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/image/image_testing.h"
 #include "redrive/scene/scene_testing.h"
 
 namespace redrive {
@@ -20,31 +21,11 @@ class LoadViewTest : public ::testing::Test {
  protected:
   TemporaryFolder folder_;
   const std::filesystem::path& root_ = folder_.path;
-
-  /// Smooth, so that JPEG keeps it.
-  static Image8 gradient(int width, int height) {
-    Image8 image{width, height, {}};
-    for (int y = 0; y < height; ++y)
-      for (int x = 0; x < width; ++x)
-        for (const int value : {200 * x / width, 200 * y / height, 80})
-          image.rgb.push_back(static_cast<std::uint8_t>(value));
-    return image;
-  }
-  std::string complaint(const std::filesystem::path& path) {
-    try {
-      read_image(path);
-    } catch (const InputError& error) {
-      EXPECT_THAT(error.what(), HasSubstr(path.filename().string()));
-      return error.what();
-    }
-    ADD_FAILURE() << path << " was read";
-    return "";
-  }
 };
 
 TEST_F(LoadViewTest, SizeMustAgreeWithTheCalibration) {
   const Recording recording = make_test_recording(root_, 1);
-  write_image(recording.cameras[1].images[0].path, gradient(23, 16));
+  write_image(recording.cameras[1].images[0].path, smooth_image(23, 16));
   const Scene scene = make_scene(recording, {});
   try {
     load_view(scene, scene.views[1]);
@@ -70,7 +51,7 @@ class OneView : public LoadViewTest {
     return load_view(scene_, scene_.views[0]);
   }
   template <class Error>
-  std::string complaint() {
+  std::string error_message() {
     try {
       load();
     } catch (const Error& error) {
@@ -122,11 +103,11 @@ TEST_F(OneView, TransparencyNeedsABackgroundAndViceVersa) {
   image_.alpha.assign(8, 255);
   EXPECT_TRUE(load().alpha.empty()) << "an opaque alpha channel is dropped";
   image_.alpha[5] = 254;
-  EXPECT_THAT(complaint<UsageError>(),
+  EXPECT_THAT(error_message<UsageError>(),
               testing::AllOf(HasSubstr("--background"), HasSubstr("image.png")));
   image_.alpha.clear();
   scene_.background = Background::kBlack;
-  EXPECT_THAT(complaint<UsageError>(),
+  EXPECT_THAT(error_message<UsageError>(),
               testing::AllOf(HasSubstr("--background"), HasSubstr("alpha")));
 }
 
@@ -147,7 +128,7 @@ TEST_F(OneView, ReadsMasksOfEitherPolarity) {
 TEST_F(OneView, RejectsMasksOfAnotherSize) {
   write_image(root_ / "mask.png", Image8{4, 3, std::vector<std::uint8_t>(36, 255)});
   scene_.views[0].mask = {root_ / "mask.png", true};
-  EXPECT_THAT(complaint<InputError>(),
+  EXPECT_THAT(error_message<InputError>(),
               testing::AllOf(HasSubstr("mask.png"), HasSubstr("4 x 3"), HasSubstr("4 x 2")));
 }
 

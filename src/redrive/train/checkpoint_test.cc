@@ -180,7 +180,7 @@ TEST(Checkpoint, LaysTensorsOutAsSafetensors) {
   EXPECT_EQ(parts.header.at("__metadata__").at("step"), "123456789012");
 }
 
-std::string complaint(const std::string& bytes) {
+std::string error_message(const std::string& bytes) {
   try {
     parse_checkpoint(bytes, "run/checkpoint.safetensors");
   } catch (const InputError& error) {
@@ -197,8 +197,9 @@ struct Damage {
 
 TEST(Checkpoint, RejectsDamageByName) {
   const std::string good = checkpoint_bytes(example_state());
-  ASSERT_EQ(complaint(good), "");
-  ASSERT_EQ(complaint(Parts(good).bytes()), "") << "parsing and writing alone must not be rejected";
+  ASSERT_EQ(error_message(good), "");
+  ASSERT_EQ(error_message(Parts(good).bytes()), "")
+      << "parsing and writing alone must not be rejected";
   const auto metadata = [](const char* key, const char* value) {
     return [=](Parts& p) { p.header["__metadata__"][key] = value; };
   };
@@ -269,7 +270,7 @@ TEST(Checkpoint, RejectsDamageByName) {
   for (const Damage& damage : table) {
     Parts parts(good);
     damage.apply(parts);
-    const std::string what = complaint(parts.bytes());
+    const std::string what = error_message(parts.bytes());
     EXPECT_THAT(what, HasSubstr("run/checkpoint.safetensors")) << damage.name;
     EXPECT_THAT(what, HasSubstr(damage.message)) << damage.name;
   }
@@ -277,7 +278,7 @@ TEST(Checkpoint, RejectsDamageByName) {
 
 TEST(Checkpoint, RejectsDamageToAGridByName) {
   const std::string good = checkpoint_bytes(example_grid_state());
-  ASSERT_EQ(complaint(good), "");
+  ASSERT_EQ(error_message(good), "");
   const auto metadata = [](const char* key, const char* value) {
     return [=](Parts& p) { p.header["__metadata__"][key] = value; };
   };
@@ -365,7 +366,7 @@ TEST(Checkpoint, RejectsDamageToAGridByName) {
   for (const Damage& damage : table) {
     Parts parts(good);
     damage.apply(parts);
-    const std::string what = complaint(parts.bytes());
+    const std::string what = error_message(parts.bytes());
     EXPECT_THAT(what, HasSubstr("run/checkpoint.safetensors")) << damage.name;
     EXPECT_THAT(what, HasSubstr(damage.message)) << damage.name;
   }
@@ -380,24 +381,24 @@ TEST(Checkpoint, RejectsNonFiniteAndNegativeValues) {
       Parts parts(good);
       std::memcpy(parts.data.data() + parts.header[tensor]["data_offsets"][0].get<std::size_t>(),
                   &value, 4);
-      EXPECT_THAT(complaint(parts.bytes()), HasSubstr(std::string(tensor) + "[0]"));
+      EXPECT_THAT(error_message(parts.bytes()), HasSubstr(std::string(tensor) + "[0]"));
     }
   Parts parts(good);
   const float negative = -1e-20f;
   std::memcpy(parts.data.data() +
                   parts.header["adam.second_moment"]["data_offsets"][0].get<std::size_t>() + 8,
               &negative, 4);
-  EXPECT_THAT(complaint(parts.bytes()), HasSubstr("adam.second_moment[2]"));
+  EXPECT_THAT(error_message(parts.bytes()), HasSubstr("adam.second_moment[2]"));
 }
 
 TEST(Checkpoint, RejectsEveryTruncation) {
   const std::string good = checkpoint_bytes(example_state(0));
   const std::size_t header = good.size() - Parts(good).data.size();
   for (std::size_t size = 0; size < header + 64; ++size)
-    EXPECT_NE(complaint(good.substr(0, size)), "") << size;
+    EXPECT_NE(error_message(good.substr(0, size)), "") << size;
   for (std::size_t size = header; size < good.size(); size += 4093)
-    EXPECT_NE(complaint(good.substr(0, size)), "") << size;
-  EXPECT_NE(complaint(good.substr(0, good.size() - 1)), "");
+    EXPECT_NE(error_message(good.substr(0, size)), "") << size;
+  EXPECT_NE(error_message(good.substr(0, good.size() - 1)), "");
 }
 
 TEST(Checkpoint, RejectsAnImpossibleHeaderLength) {
@@ -407,7 +408,7 @@ TEST(Checkpoint, RejectsAnImpossibleHeaderLength) {
         std::numeric_limits<std::uint64_t>::max(), std::numeric_limits<std::uint64_t>::max() - 7}) {
     std::string bytes = good;
     std::memcpy(bytes.data(), &length, 8);
-    EXPECT_THAT(complaint(bytes), HasSubstr("header length")) << length;
+    EXPECT_THAT(error_message(bytes), HasSubstr("header length")) << length;
   }
 }
 

@@ -314,8 +314,8 @@ TEST_F(DataParallelTest, ADeviceLostAtAnyPhaseEndsTheStep) {
   GroupRun of = group_run("run again", true, 0.5);
   for (const int lost : {0, 1}) {
     int failures = 0;
-    for (std::int64_t works = 0;; works += 5) {
-      kernels::InjectedFaults faults{.kernel_launches = works};
+    for (std::int64_t launches = 0;; launches += 5) {
+      kernels::InjectedFaults faults{.kernel_launches = launches};
       const Loops loops(2, lost, &faults);
       HostMean mean(loops.all);
       of.run.state = parse_checkpoint(before, "");
@@ -326,7 +326,7 @@ TEST_F(DataParallelTest, ADeviceLostAtAnyPhaseEndsTheStep) {
         break;
       } catch (const DeviceError& error) {
         const std::string which =
-            works < 50 ? "GPU " + std::to_string(lost) + ": " : "";  // not while downloading
+            launches < 50 ? "GPU " + std::to_string(lost) + ": " : "";  // not while downloading
         EXPECT_THAT(error.what(), HasSubstr(which + "the GPU failed, computing: injected fault"));
         ++failures;
       }
@@ -445,11 +445,11 @@ TEST_F(DataParallelTest, OnGpusTrainsAsOneWithTheLargerBatch) {
   if (const auto obstacle = kernels::nccl_obstacle()) GTEST_SKIP() << "nccl: " << *obstacle;
   const kernels::BackendGroup two = kernels::make_backend_group({"cuda", "auto", 2}, 2);
   const std::vector<kernels::Backend*> both = {two.backends[0].get(), two.backends[1].get()};
-  redrive::Run team = grid_run("team", 100), one = grid_run("one", 100);
+  redrive::Run parallel = grid_run("parallel", 100), one = grid_run("one", 100);
   dynamic_cast<RayModel&>(*one.state.model).batch_rays *= 2;
-  EXPECT_EQ(train_by(&team, both, two.reduction.get()), TrainEnd::kFinished);
+  EXPECT_EQ(train_by(&parallel, both, two.reduction.get()), TrainEnd::kFinished);
   EXPECT_EQ(train_by(&one, {both[0]}, nullptr), TrainEnd::kFinished);
-  const auto rows = read_metrics(team.paths), expected = read_metrics(one.paths);
+  const auto rows = read_metrics(parallel.paths), expected = read_metrics(one.paths);
   ASSERT_EQ(rows.size(), expected.size());
   EXPECT_GT(rows.back().psnr_db, rows.front().psnr_db);
   EXPECT_NEAR(rows.back().psnr_db, expected.back().psnr_db, 1);

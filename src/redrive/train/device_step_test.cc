@@ -206,11 +206,11 @@ TEST(RenderOnADevice, UploadsRaysAndDownloadsTheImage) {
         copies = {};
         ray_model(state).render_rays(*backend, batch, {rgb, depth, opacity, {}}, &workspace);
       }
-      const std::size_t picture = (3 + 1 + 1) * 12 * sizeof(float), number = sizeof(float);
+      const std::size_t image = (3 + 1 + 1) * 12 * sizeof(float), number = sizeof(float);
       // Each group's origin, direction and angle, each ray's group.
       const std::size_t of_groups = grouped ? (3 * (3 + 3 + 1) + 12) * number : 0;
       EXPECT_EQ(copies.to_device, grid ? bytes_of_device(batch) + of_groups : 72 * number);
-      EXPECT_EQ(copies.to_host, picture + (grid ? number : 0)) << "and the number of active rays";
+      EXPECT_EQ(copies.to_host, image + (grid ? number : 0)) << "and the number of active rays";
     }
 }
 
@@ -377,14 +377,14 @@ TEST_F(TrainingOnADevice, ALostDeviceLeavesTheLastCheckpointAndReportsHowToResum
   EXPECT_EQ(train(&whole, *backend, never_), TrainEnd::kFinished);
   // In the first step, later, while downloading a checkpoint.
   std::int64_t last_step = -1;
-  for (const std::int64_t works : {0, 1, 300, 700}) {
-    kernels::InjectedFaults faults{.kernel_launches = works};
+  for (const std::int64_t launches : {0, 1, 300, 700}) {
+    kernels::InjectedFaults faults{.kernel_launches = launches};
     const auto failing = kernels::make_loop_backend(nullptr, true, &faults);
     redrive::Run lost =
-        tiny_grid_run(folder_.path / ("lost" + std::to_string(works)), folder_.path, options);
+        tiny_grid_run(folder_.path / ("lost" + std::to_string(launches)), folder_.path, options);
     try {
       train(&lost, *failing, never_);
-      ADD_FAILURE() << "did not fail after " << works;
+      ADD_FAILURE() << "did not fail after " << launches;
     } catch (const DeviceError& error) {
       EXPECT_EQ(error.what(), "step " + std::to_string(lost.state.step) +
                                   ": the GPU failed, computing: injected fault; the last "
@@ -397,8 +397,8 @@ TEST_F(TrainingOnADevice, ALostDeviceLeavesTheLastCheckpointAndReportsHowToResum
     EXPECT_LE(resumed.state.step, lost.state.step);
     last_step = resumed.state.step;
     EXPECT_EQ(train(&resumed, *backend, never_), TrainEnd::kFinished);
-    EXPECT_TRUE(same_weights(resumed.state, whole.state)) << works;
-    EXPECT_EQ(curve(resumed), curve(whole)) << works;
+    EXPECT_TRUE(same_weights(resumed.state, whole.state)) << launches;
+    EXPECT_EQ(curve(resumed), curve(whole)) << launches;
   }
   EXPECT_GT(last_step, 0) << "resumed from a checkpoint after the first";
 }
@@ -412,15 +412,15 @@ TEST_F(TrainingOnADevice, AFullDeviceReportsHowToResumeWithLessOrLater) {
   EXPECT_EQ(train(&whole, *kernels::make_loop_backend(nullptr, true, &room), never_),
             TrainEnd::kFinished);
   std::int64_t last_step = -1;
-  for (const std::int64_t places :
+  for (const std::int64_t allocations :
        {std::int64_t{0}, std::int64_t{3}, (kEnough - room.allocations) * 3 / 4}) {
-    kernels::InjectedFaults faults{.allocations = places};
+    kernels::InjectedFaults faults{.allocations = allocations};
     const auto full = kernels::make_loop_backend(nullptr, true, &faults);
     redrive::Run run =
-        tiny_grid_run(folder_.path / ("full" + std::to_string(places)), folder_.path, options);
+        tiny_grid_run(folder_.path / ("full" + std::to_string(allocations)), folder_.path, options);
     try {
       train(&run, *full, never_);
-      ADD_FAILURE() << "did not run out of memory with " << places;
+      ADD_FAILURE() << "did not run out of memory with " << allocations;
     } catch (const DeviceMemoryError& error) {
       EXPECT_EQ(error.what(), "step " + std::to_string(run.state.step) +
                                   ": --backend loop: the GPU has no memory left: injected fault; "

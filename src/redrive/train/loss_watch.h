@@ -2,14 +2,14 @@
 // Detects divergence: a loss that rises and stays high, at any step. (train/start_watch.h detects
 // starts that fail.)
 //
-// Windows of metrics.jsonl are smoothed, mean squared errors weighted by their rays over the last
-// 10^4. The loss is high while that is more than twice the best it has been, and above 1e-4 (40
-// dB), where a field explains its pictures; it has diverged when ten windows on end (250 steps)
-// are. Twice is far from noise: of a batch's squared errors the standard deviation is two or three
-// times their mean, so over 10^4 rays the mean is known to 3 %, and healthy runs of either method
-// stay within 20 % of their best. Ten times as many rays would be known better, but small batches
-// would need 400 steps for them: a rate far too high lets a grid learn for 150 steps and then lose
-// it, which must not be averaged away.
+// The mean squared errors of windows of metrics.jsonl are averaged over the last 10^4 rays. The
+// loss is high while that average is more than twice its minimum so far and above 1e-4 (40 dB),
+// where a field explains its images. It has diverged after ten consecutive high windows (250
+// steps). Twice is far above noise: the standard deviation of squared errors is two or three times
+// their mean, so the mean over 10^4 rays has an error of 3 %, and healthy runs of either method
+// stay within 20 % of their minimum. Ten times as many rays would take 400 steps of small batches
+// and average away a divergence: with a much too high learning rate, a grid learns for 150 steps
+// only.
 #pragma once
 
 #include "redrive/train/state.h"

@@ -27,7 +27,7 @@ std::string gib(double bytes) {
   return text;
 }
 
-constexpr const char* kOfPictures = "--downscale, --frames or --cameras (pictures and their rays: ";
+constexpr const char* kOfImages = "--downscale, --frames or --cameras (images and their rays: ";
 constexpr const char* kOfLidar = "--frames or --lidar-rays 0 (LiDAR: ";
 std::string step_option(const Model& model) { return "--batch (" + model.describe_batch() + ": "; }
 
@@ -65,7 +65,7 @@ MemoryEstimate estimate_memory(const Run& run, int threads) {
     const bool used = masked || !view.mask.path.empty(),
                alpha = scene.background != Background::kNone;
     const std::uint64_t bytes = 3 + alpha + used, lists = alpha ? 2 : used;
-    need.pictures += pixels(rig.camera) * bytes + lists * pixels(rig.camera) * 3 / 16;
+    need.images += pixels(rig.camera) * bytes + lists * pixels(rig.camera) * 3 / 16;
   }
   // Per thread the recorded image, the undistorted one and the bytes of its file.
   need.decoding = std::uint64_t(threads) * 8 * largest;
@@ -112,7 +112,7 @@ std::optional<DeviceMemoryEstimate> estimate_device_memory(const Run& run,
   if (!bytes) return std::nullopt;
   DeviceMemoryEstimate need;
   need.state = 4 * sizeof(float) * model.size();
-  need.pictures = host.pictures + host.rays;
+  need.images = host.images + host.rays;
   need.lidar = host.lidar;
   need.step = *bytes - need.state;
   need.step_option = step_option(model);
@@ -128,7 +128,7 @@ void check_memory(const MemoryEstimate& need, std::uint64_t allowed, const Train
   if (need.total() <= allowed) return;
   throw UsageError("--memory", options.memory,
                    memory_text(need.total(), allowed) + "; lower " +
-                       what_to_lower({{need.pictures + need.rays, kOfPictures},
+                       what_to_lower({{need.images + need.rays, kOfImages},
                                       {need.lidar + need.sorting, kOfLidar},
                                       {need.step, need.step_option}}));
 }
@@ -136,11 +136,11 @@ void check_memory(const MemoryEstimate& need, std::uint64_t allowed, const Train
 void check_memory(const DeviceMemoryEstimate& need, std::uint64_t allowed,
                   const TrainOptions& options) {
   if (need.total() <= allowed) return;
-  throw UsageError("--gpu-memory", options.gpu_memory,
-                   memory_text(need.total(), allowed) + " on the GPU; lower " +
-                       what_to_lower({{need.pictures, kOfPictures},
-                                      {need.lidar, kOfLidar},
-                                      {need.step, need.step_option}}));
+  throw UsageError(
+      "--gpu-memory", options.gpu_memory,
+      memory_text(need.total(), allowed) + " on the GPU; lower " +
+          what_to_lower(
+              {{need.images, kOfImages}, {need.lidar, kOfLidar}, {need.step, need.step_option}}));
 }
 
 void check_device_memory(const Run& run, kernels::Backend& backend, const DeviceWork& work) {
@@ -154,7 +154,7 @@ void check_device_memory(const Run& run, kernels::Backend& backend, const Device
     throw UsageError("--backend", backend.name(),
                      memory_text(need.total(), allowed) + " on the GPU (the run's --gpu-memory " +
                          run.options.gpu_memory +
-                         "); see what else runs on it, or take --backend cpu");
+                         "); other programs may use it; --backend cpu needs none");
 }
 
 }  // namespace redrive

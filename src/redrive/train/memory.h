@@ -15,10 +15,10 @@ namespace redrive {
 
 /// Bytes, from the sizes of what is allocated.
 struct MemoryEstimate {
-  std::uint64_t program = 0;   ///< code, libraries, threads
-  std::uint64_t state = 0;     ///< parameters and moments
-  std::uint64_t pictures = 0;  ///< images of all training views with masks
-  std::uint64_t lidar = 0;     ///< all returns
+  std::uint64_t program = 0;  ///< code, libraries, threads
+  std::uint64_t state = 0;    ///< parameters and moments
+  std::uint64_t images = 0;   ///< of all training views, with masks
+  std::uint64_t lidar = 0;    ///< all returns
   // The peak is in loading or in training:
   std::uint64_t decoding = 0;  ///< images as recorded
   std::uint64_t sorting = 0;  ///< LiDAR points as recorded, and their rays, before they are returns
@@ -28,22 +28,22 @@ struct MemoryEstimate {
   std::uint64_t saving = 0;   ///< a checkpoint before it is written
 
   std::uint64_t total() const {  ///< at the peak
-    const std::uint64_t sum = program + state + pictures +
+    const std::uint64_t sum = program + state + images +
                               std::max({decoding, lidar + sorting, lidar + rays + step + saving});
-    return sum + sum / 20;  // what is too small to count, and gaps between blocks
+    return sum + sum / 20;  // small buffers, and gaps between blocks
   }
 };
 MemoryEstimate estimate_memory(const Run& run, int threads);
 
-/// The same for a GPU, which has the data that batches are gathered from, too.
+/// Bytes that a run takes of a GPU, which also has the data that batches are gathered from.
 struct DeviceMemoryEstimate {
-  std::uint64_t state = 0;     ///< parameters, gradients and moments
-  std::uint64_t pictures = 0;  ///< of all training views, and the directions of their pixels
-  std::uint64_t lidar = 0;     ///< all returns
-  std::uint64_t step = 0;      ///< a batch's working memory and that of the networks
-  std::string step_option;     ///< that lowers it: "--batch (2048 rays: "
+  std::uint64_t state = 0;   ///< parameters, gradients and moments
+  std::uint64_t images = 0;  ///< of all training views, and the directions of their pixels
+  std::uint64_t lidar = 0;   ///< all returns
+  std::uint64_t step = 0;    ///< a batch's working memory and that of the networks
+  std::string step_option;   ///< that lowers it: "--batch (2048 rays: "
   std::uint64_t total() const {
-    const std::uint64_t sum = state + pictures + lidar + step;
+    const std::uint64_t sum = state + images + lidar + step;
     return sum + sum / 20;
   }
 };

@@ -52,12 +52,12 @@ class MemoryEstimateTest : public testing::Test {
 TEST_F(MemoryEstimateTest, CountsTheBytesOfEachPixel) {
   TrainOptions options = tiny_options(1);
   options.masks = "none";
-  EXPECT_EQ(of(options).pictures, 6u * 24 * 16 * 3);
+  EXPECT_EQ(of(options).images, 6u * 24 * 16 * 3);
   EXPECT_EQ(of(options).rays, 24u * 16 * 16);
   options.holdout_every = 3;
-  EXPECT_EQ(of(options).pictures, 4u * 24 * 16 * 3);
+  EXPECT_EQ(of(options).images, 4u * 24 * 16 * 3);
   options.masks = "auto";
-  EXPECT_EQ(of(options).pictures, 4u * 24 * 16 * 4 + 4 * 24 * 16 * 3 / 16);
+  EXPECT_EQ(of(options).images, 4u * 24 * 16 * 4 + 4 * 24 * 16 * 3 / 16);
   options.downscale = 2;
   EXPECT_EQ(of(options).rays, 12u * 8 * 16);
   EXPECT_EQ(of(options).decoding, of(tiny_options(1)).decoding)
@@ -85,32 +85,32 @@ TEST_F(MemoryEstimateTest, CountsAStateAndAStepForEachGpu) {
   const MemoryEstimate three = of(options);
   EXPECT_EQ(three.state, 3 * one.state);
   EXPECT_EQ(three.step, one.step + 2 * step);
-  EXPECT_EQ(three.pictures, one.pictures);
+  EXPECT_EQ(three.images, one.images);
 }
 
 TEST_F(MemoryEstimateTest, RejectsMoreThanAllowedNamingTheOptionToLower) {
   TrainOptions options = tiny_options(1);
   MemoryEstimate need;
-  need.pictures = 3 * kGiB;
+  need.images = 3 * kGiB;
   need.step = kGiB / 4;
   need.step_option = "--batch (64 rays: ";
   check_memory(need, 4 * kGiB, options);
   EXPECT_EQ(memory_text(need.total(), 4 * kGiB), "needs about 3.4 GiB of 4.0 GiB allowed");
-  const auto refused = [&] {
+  const auto rejection = [&] {
     try {
       check_memory(need, 3 * kGiB, options);
     } catch (const UsageError& error) {
       return std::string(error.what());
     }
-    return std::string("not refused");
+    return std::string("not rejected");
   };
-  EXPECT_THAT(refused(),
+  EXPECT_THAT(rejection(),
               AllOf(HasSubstr("--memory"), HasSubstr("70%"),
                     HasSubstr("3.4 GiB of 3.0 GiB allowed"), HasSubstr("lower --downscale")));
   need.step = 8 * kGiB;
-  EXPECT_THAT(refused(), HasSubstr("lower --batch (64 rays: 8.0 GiB), --downscale"));
+  EXPECT_THAT(rejection(), HasSubstr("lower --batch (64 rays: 8.0 GiB), --downscale"));
   need.sorting = 9 * kGiB;
-  EXPECT_THAT(refused(), HasSubstr("lower --frames or --lidar-rays 0 (LiDAR: 9.0 GiB), --batch"));
+  EXPECT_THAT(rejection(), HasSubstr("lower --frames or --lidar-rays 0 (LiDAR: 9.0 GiB), --batch"));
 }
 
 TEST_F(MemoryEstimateTest, OfAGpuIsTheStateTheImagesAndAStep) {
@@ -124,7 +124,7 @@ TEST_F(MemoryEstimateTest, OfAGpuIsTheStateTheImagesAndAStep) {
     const DeviceMemoryEstimate one = of_gpu(options);
     const redrive::Run run = run_of(options);
     EXPECT_EQ(one.state, 16 * run.state.model->size()) << "four floats per parameter";
-    EXPECT_EQ(one.pictures, estimate_memory(run, 2).pictures + estimate_memory(run, 2).rays);
+    EXPECT_EQ(one.images, estimate_memory(run, 2).images + estimate_memory(run, 2).rays);
     const std::uint64_t colours =
         64u * 12 * 4 * sizeof(float);  // and densities of all samples: a lower bound for a batch
     EXPECT_GT(one.step, colours);
@@ -149,13 +149,13 @@ TEST_F(MemoryEstimateTest, RejectsMoreThanAGpuAllowsNamingTheOptionToLower) {
   EXPECT_THROW(validate(options), UsageError);
   options.gpu_memory = "90%";
   DeviceMemoryEstimate need;
-  need.state = need.pictures = kGiB;
+  need.state = need.images = kGiB;
   need.step = 2 * kGiB;
   need.step_option = "--batch (64 rays: ";
   check_memory(need, 5 * kGiB, options);
   try {
     check_memory(need, 4 * kGiB, options);
-    ADD_FAILURE() << "not refused";
+    ADD_FAILURE() << "not rejected";
   } catch (const UsageError& error) {
     EXPECT_THAT(
         error.what(),
@@ -165,7 +165,7 @@ TEST_F(MemoryEstimateTest, RejectsMoreThanAGpuAllowsNamingTheOptionToLower) {
   need.lidar = 3 * kGiB;
   try {
     check_memory(need, 4 * kGiB, options);
-    ADD_FAILURE() << "not refused";
+    ADD_FAILURE() << "not rejected";
   } catch (const UsageError& error) {
     EXPECT_THAT(error.what(),
                 HasSubstr("lower --frames or --lidar-rays 0 (LiDAR: 3.0 GiB), --batch"));
@@ -183,7 +183,7 @@ TEST_F(MemoryEstimateTest, RejectsRenderingOnAFullGpu) {
   faults.free_memory = 4 * run.state.model->size();  // the parameters only
   try {
     check_device_memory(run, *backend, tile);
-    ADD_FAILURE() << "not refused";
+    ADD_FAILURE() << "not rejected";
   } catch (const UsageError& error) {
     EXPECT_THAT(error.what(),
                 AllOf(HasSubstr("--backend loop: needs about"), HasSubstr("--gpu-memory 90%")));

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// metrics.jsonl: one object a line, appended with one write each, so that a kill cuts at most the
-// last line short.
+// metrics.jsonl: one object per line, appended by one write each, so that a kill truncates at most
+// the last line.
 #include <fcntl.h>
 #include <unistd.h>
 
@@ -22,7 +22,7 @@ void append_line(const std::filesystem::path& path, const nlohmann::json& json) 
   const std::string line = json.dump() + "\n";
   const int file = ::open(path.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0644);
   if (file < 0) throw IoError(path, std::strerror(errno));
-  errno = ENOSPC;  // what a write that stops halfway means
+  errno = ENOSPC;  // the cause of a partial write
   const bool written = ::write(file, line.data(), line.size()) == static_cast<ssize_t>(line.size());
   const int why = errno;
   ::close(file);
@@ -37,7 +37,7 @@ struct Line {
   MetricsRow row;
 };
 
-/// Calls `take` for each whole line.
+/// Calls `take` for each complete line.
 void for_lines(const std::filesystem::path& path, std::string_view bytes,
                const std::function<void(const Line&)>& take) {
   MetricsPosition position;
@@ -142,8 +142,8 @@ std::string truncated_metrics(std::string_view bytes, const MetricsPosition& pos
         kept += line.text;
     });
   } catch (const InputError&) {
-    // The end of what a power cut spared; the steps behind the checkpoint are computed and written
-    // again anyway.
+    // The end of the data that survived a power cut; the steps after the checkpoint are computed
+    // and written again anyway.
   }
   return kept;
 }

@@ -11,7 +11,6 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
-#include "redrive/field/grid_field.h"
 #include "redrive/recording/readout_options.h"
 
 namespace redrive {
@@ -49,10 +48,6 @@ FrameRange parse_frames(const std::string& text) {
     fail("LAST must not be before FIRST");
   return range;
 }
-
-}  // namespace
-
-namespace {
 
 bool contains(const std::vector<std::string>& names, const std::string& name) {
   return std::ranges::find(names, name) != names.end();

@@ -30,7 +30,7 @@ TrainOptions nerf_options() {
   return options;
 }
 
-std::string complaint(const std::string& name, const std::string& value) {
+std::string error_message(const std::string& name, const std::string& value) {
   try {
     TrainOptions options = nerf_options();
     options.recording = "drive";
@@ -51,7 +51,7 @@ class OutOfRange : public ::testing::TestWithParam<Case> {};
 
 TEST_P(OutOfRange, IsRejectedNamingOptionAndValue) {
   const auto [option, value] = GetParam();
-  const std::string what = complaint(option, value);
+  const std::string what = error_message(option, value);
   EXPECT_THAT(what, HasSubstr(std::string("--") + option)) << value;
   EXPECT_THAT(what, HasSubstr(std::string(value).substr(
                         0, 3)));  // the message shows the parsed number, without all digits
@@ -82,8 +82,8 @@ INSTANTIATE_TEST_SUITE_P(
         Case{"background", "grey"}, Case{"background", "random"}));
 
 TEST(TrainOptions, RejectsCamerasThatAreRepeatedOrEmpty) {
-  EXPECT_THAT(complaint("cameras", "A,A"), HasSubstr("--cameras"));
-  EXPECT_THAT(complaint("cameras", "A,"), HasSubstr("--cameras"));
+  EXPECT_THAT(error_message("cameras", "A,A"), HasSubstr("--cameras"));
+  EXPECT_THAT(error_message("cameras", "A,"), HasSubstr("--cameras"));
 }
 
 TEST(TrainOptions, AcceptsTheEndsOfTheRange) {
@@ -91,7 +91,7 @@ TEST(TrainOptions, AcceptsTheEndsOfTheRange) {
        {Case{"downscale", "64"}, Case{"width", "32"}, Case{"width", "512"}, Case{"samples", "3"},
         Case{"fine-samples", "1024"}, Case{"learning-rate", "1"}, Case{"frames", ":"},
         Case{"frames", "5:"}, Case{"frames", "5:5:9"}, Case{"seed", "18446744073709551615"}})
-    EXPECT_THAT(complaint(option, value), IsEmpty()) << option << " " << value;
+    EXPECT_THAT(error_message(option, value), IsEmpty()) << option << " " << value;
 }
 
 TEST(TrainOptions, EveryOptionHasAHelpWithItsDefault) {
@@ -217,7 +217,7 @@ TEST(TrainOptions, DefaultsAreThoseOfTheMethod) {
 }
 
 /// Returns the message of validate() for --set TEXT with a method.
-std::string complaint_about_set(const std::string& text, const std::string& method = "grid") {
+std::string set_error_message(const std::string& text, const std::string& method = "grid") {
   TrainOptions options;
   options.recording = "drive";
   options.method = method;
@@ -235,30 +235,30 @@ TEST(Set, SetsEveryNumberOfEveryMethod) {
   for (const Method& method : methods()) {
     const auto model = method.make();
     for (const HyperparameterValue& value : hyperparameter_values(*model)) {
-      const std::string complaint =
-          complaint_about_set(value.what.name + "=" + value.text, method.name);
+      const std::string error_message =
+          set_error_message(value.what.name + "=" + value.text, method.name);
       if (value.what.derived)
-        EXPECT_THAT(complaint, HasSubstr("cannot be set")) << value.what.name;
+        EXPECT_THAT(error_message, HasSubstr("cannot be set")) << value.what.name;
       else
-        EXPECT_EQ(complaint, "") << value.what.name;
+        EXPECT_EQ(error_message, "") << value.what.name;
     }
   }
-  EXPECT_EQ(complaint_about_set("pose_refinement.first_rate_m=2e-3"), "");
+  EXPECT_EQ(set_error_message("pose_refinement.first_rate_m=2e-3"), "");
 }
 
 TEST(Set, ReportsTheRuleOrTheKnownNames) {
-  EXPECT_THAT(complaint_about_set("histogram_padding=-1"),
+  EXPECT_THAT(set_error_message("histogram_padding=-1"),
               AllOf(HasSubstr("--set histogram_padding -1"), HasSubstr("must be above 0")));
-  EXPECT_THAT(complaint_about_set("range_weight=much"), HasSubstr("must be a number"));
-  EXPECT_THAT(complaint_about_set("grid.max_resolution=8"), HasSubstr("base_resolution"));
-  EXPECT_THAT(complaint_about_set("pose_refinement.decay=-1"), HasSubstr("must be 0..1000"));
-  EXPECT_THAT(complaint_about_set("matter=1"),
+  EXPECT_THAT(set_error_message("range_weight=much"), HasSubstr("must be a number"));
+  EXPECT_THAT(set_error_message("grid.max_resolution=8"), HasSubstr("base_resolution"));
+  EXPECT_THAT(set_error_message("pose_refinement.decay=-1"), HasSubstr("must be 0..1000"));
+  EXPECT_THAT(set_error_message("matter=1"),
               AllOf(HasSubstr("--set matter=1: unknown; --method grid has grid.n_levels"),
                     HasSubstr("range_weight"), HasSubstr("pose_refinement.first_rate_m"),
                     Not(HasSubstr("appearance.cameras"))));
-  EXPECT_THAT(complaint_about_set("range_weight=1", "nerf"), HasSubstr("belongs to --method grid"));
+  EXPECT_THAT(set_error_message("range_weight=1", "nerf"), HasSubstr("belongs to --method grid"));
   for (const char* text : {"", "range_weight", "=1"})
-    EXPECT_THAT(complaint_about_set(text), HasSubstr("must be NAME=VALUE"));
+    EXPECT_THAT(set_error_message(text), HasSubstr("must be NAME=VALUE"));
 }
 
 TEST(Set, ReachesModelAndPoseRefinement) {
@@ -304,7 +304,7 @@ TEST(TrainOptions, SecondSetupTakesTheRearCameraWhereTheMiddleOneIsMissing) {
 }
 
 TEST(TrainOptions, RejectsHyperparametersOfAnotherMethod) {
-  EXPECT_THAT(complaint("error-rays", "0.25"), HasSubstr("belongs to --method grid"));
+  EXPECT_THAT(error_message("error-rays", "0.25"), HasSubstr("belongs to --method grid"));
   TrainOptions options;
   options.recording = "drive";
   options.set("fine_samples", 8);

@@ -59,7 +59,7 @@ PoseChanges pose_changes(const Scene& scene, const PoseCorrections& corrections)
 
 std::string describe_changes(const PoseChanges& changes) {
   char line[200];
-  std::snprintf(line, sizeof line, "poses refined: frames moved %.1f cm, turned %.3f degrees RMS",
+  std::snprintf(line, sizeof line, "poses refined: frames by %.1f cm and %.3f degrees RMS",
                 100 * changes.translation_m, kDegreesPerRadian * changes.rotation_rad);
   std::string out = line;
   if (const int frames = changes.frames_at_bound(); frames > 0)
@@ -68,7 +68,7 @@ std::string describe_changes(const PoseChanges& changes) {
   out += '\n';
   for (const CameraChange& camera : changes.cameras) {
     const PoseChange& pose = camera.pose;
-    std::snprintf(line, sizeof line, ": moved %.1f cm, turned %.3f degrees, %+.1f ms%s\n",
+    std::snprintf(line, sizeof line, ": by %.1f cm, %.3f degrees, %+.1f ms%s\n",
                   100 * pose.translation_m.norm(), kDegreesPerRadian * pose.rotation_rad.norm(),
                   1e3 * camera.time_offset_s,
                   pose.at_bound ? "; WARNING: at its bound, see redrive align" : "");

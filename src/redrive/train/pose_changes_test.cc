@@ -59,8 +59,7 @@ TEST_F(PoseChangesTest, ReportsFramesInTheirOwnAxes) {
   EXPECT_NEAR(changes.translation_m, std::sqrt((0.05 * 0.05 + 0.05 * 0.05) / 6), 1e-8);
   EXPECT_NEAR(changes.rotation_rad, 0.013 / std::sqrt(6.0), 1e-8);
   EXPECT_EQ(at_bound(changes), "");
-  EXPECT_THAT(describe_changes(changes),
-              HasSubstr("frames moved 2.9 cm, turned 0.304 degrees RMS\n"));
+  EXPECT_THAT(describe_changes(changes), HasSubstr("frames by 2.9 cm and 0.304 degrees RMS\n"));
   EXPECT_THAT(describe_changes(changes), Not(HasSubstr("WARNING")));
 }
 
@@ -77,10 +76,9 @@ TEST_F(PoseChangesTest, ReportsCorrectionsAtTheirBounds) {
   EXPECT_EQ(at_bound(changes), "2 of 6 frames, FISHEYE");
   const std::string text = describe_changes(changes);
   EXPECT_THAT(text, HasSubstr("WARNING: 2 of 6 at their bounds"));
-  EXPECT_THAT(
-      text,
-      HasSubstr("FISHEYE: moved 0.0 cm, turned 0.000 degrees, +50.0 ms; WARNING: at its bound"));
-  EXPECT_THAT(text, HasSubstr("FRONT: moved 0.0 cm, turned 0.000 degrees, +0.0 ms\n"));
+  EXPECT_THAT(text,
+              HasSubstr("FISHEYE: by 0.0 cm, 0.000 degrees, +50.0 ms; WARNING: at its bound"));
+  EXPECT_THAT(text, HasSubstr("FRONT: by 0.0 cm, 0.000 degrees, +0.0 ms\n"));
 }
 
 }  // namespace

@@ -10,11 +10,11 @@
 namespace redrive {
 
 struct ProgressState {
-  std::int64_t step = 0, steps = 0;  ///< steps: of the whole run; 0: time ends it
+  std::int64_t step = 0, steps = 0;  ///< steps: of the whole run; 0: limited by time
   double loss = 0, psnr_db = 0, rays_per_s = 0, seconds_left = 0;
 };
 
-/// "step 1200/5000  loss 0.0123  21.2 dB  35400 rays/s  ETA 1:02:03".
+/// Returns "step 1200/5000  loss 0.0123  21.2 dB  35400 rays/s  ETA 1:02:03".
 std::string progress_line(const ProgressState& state);
 
 class Progress {
@@ -22,7 +22,7 @@ class Progress {
   Progress();
   ~Progress() { finish(); }
 
-  bool due() const;  ///< it is time for the next line (0.2 s on a terminal, 5 s elsewhere)
+  bool due() const;  ///< whether to print the next line (every 0.2 s on a terminal, 5 s elsewhere)
   void show(const ProgressState& state);  ///< prints the line now
   void finish();  ///< ends the live line, so that other output begins on its own
 

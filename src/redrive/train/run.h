@@ -33,7 +33,7 @@ void check_run_is_new(const std::filesystem::path& root);
 /// UsageError if it exists.
 RunPaths create_run(const std::filesystem::path& root, const TrainOptions& options,
                     const std::function<void(const RunPaths&)>& fill = {}, Model* model = nullptr);
-/// `model`: the run's, whose resolved hyperparameters are shown; null: they are not.
+/// Writes config.json, with the resolved hyperparameters of `model` unless it is null.
 void write_config(const RunPaths& paths, const TrainOptions& options, Model* model = nullptr);
 
 /// A trained run, opened for eval, render, figures or resume: options, recording, scene and state
@@ -65,7 +65,7 @@ struct MetricsRow {
 /// roll-back undid; empty if there is no file yet. Ignores a truncated last line. Throws InputError
 /// naming the line that cannot be read.
 std::vector<MetricsRow> read_metrics(const RunPaths& paths);
-/// The same from the bytes of `file`.
+/// Parses the rows from the bytes of `file`.
 std::vector<MetricsRow> parse_metrics(std::string_view bytes, const std::filesystem::path& file);
 
 void append_metrics(const RunPaths& paths, const MetricsRow& row);

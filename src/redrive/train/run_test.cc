@@ -29,8 +29,8 @@ TrainOptions options_of(const std::string& method) {
 
 /// Opens a run folder of `method` with the initial checkpoint of a run of `options`, modified by
 /// `change`; returns the error message, "" if none.
-std::string complaint(const std::string& method, const TrainOptions& options,
-                      const std::function<void(Model&)>& change = {}) {
+std::string error_message(const std::string& method, const TrainOptions& options,
+                          const std::function<void(Model&)>& change = {}) {
   const TemporaryFolder folder;
   const RunPaths paths = create_run(folder.path / "run", options_of(method));
   const Scene scene = make_scene(open_recording(options), scene_options(options));
@@ -47,20 +47,20 @@ std::string complaint(const std::string& method, const TrainOptions& options,
 }
 
 TEST(RunFolder, OpensWithACheckpointOfItsOptions) {
-  EXPECT_EQ(complaint("nerf", options_of("nerf")), "");
+  EXPECT_EQ(error_message("nerf", options_of("nerf")), "");
 }
 
 TEST(RunFolder, RejectsACheckpointOfOtherOptions) {
   TrainOptions options = options_of("nerf");
-  EXPECT_THAT(complaint("grid", options), HasSubstr("method = nerf"));
+  EXPECT_THAT(error_message("grid", options), HasSubstr("method = nerf"));
   options.set("width", 64);
-  EXPECT_THAT(complaint("nerf", options), HasSubstr("width = 64"));
+  EXPECT_THAT(error_message("nerf", options), HasSubstr("width = 64"));
   options = options_of("nerf");
   options.set("samples", 13);
-  EXPECT_THAT(complaint("nerf", options), HasSubstr("samples = 13"));
+  EXPECT_THAT(error_message("nerf", options), HasSubstr("samples = 13"));
   options = options_of("nerf");
   options.far_m *= 1.001;
-  EXPECT_THAT(complaint("nerf", options), HasSubstr("far_m"));
+  EXPECT_THAT(error_message("nerf", options), HasSubstr("far_m"));
 }
 
 TEST(RunFolder, RejectsACheckpointOfAnotherTrajectory) {
@@ -68,23 +68,24 @@ TEST(RunFolder, RejectsACheckpointOfAnotherTrajectory) {
     return
         [=](Model& model) { dynamic_cast<NerfModel&>(model).unit_from_world.center[1] += metres; };
   };
-  EXPECT_THAT(complaint("nerf", options_of("nerf"), moved_by(0.01f)), HasSubstr("center_y"));
-  EXPECT_EQ(complaint("nerf", options_of("nerf"), moved_by(1e-7f)), "")
+  EXPECT_THAT(error_message("nerf", options_of("nerf"), moved_by(0.01f)), HasSubstr("center_y"));
+  EXPECT_EQ(error_message("nerf", options_of("nerf"), moved_by(1e-7f)), "")
       << "another compiler's rounding";
 }
 
 TEST(RunFolder, ChecksTheOptionsOfAGrid) {  // few cases, because its checkpoint is large
   TrainOptions options = options_of("grid");
-  EXPECT_EQ(complaint("grid", options,
-                      [](Model& m) { dynamic_cast<GridModel&>(m).contraction.center[1] += 1e-7f; }),
-            "");
+  EXPECT_EQ(
+      error_message("grid", options,
+                    [](Model& m) { dynamic_cast<GridModel&>(m).contraction.center[1] += 1e-7f; }),
+      "");
   EXPECT_THAT(
-      complaint("grid", options,
-                [](Model& m) { dynamic_cast<GridModel&>(m).contraction.center[1] += 0.01f; }),
+      error_message("grid", options,
+                    [](Model& m) { dynamic_cast<GridModel&>(m).contraction.center[1] += 0.01f; }),
       HasSubstr("contraction.center_y"));
   const auto small = [](Model& m) { dynamic_cast<GridModel&>(m).field.grid.log2_hashmap_size = 4; };
-  EXPECT_THAT(complaint("grid", options, small), HasSubstr("grid.log2_hashmap_size = 4"));
-  EXPECT_THAT(complaint("nerf", options, small), HasSubstr("method = grid"));
+  EXPECT_THAT(error_message("grid", options, small), HasSubstr("grid.log2_hashmap_size = 4"));
+  EXPECT_THAT(error_message("nerf", options, small), HasSubstr("method = grid"));
 }
 
 // Opens with the refined poses for rendering, with the initial ones to resume.

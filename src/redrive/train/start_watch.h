@@ -24,8 +24,8 @@ constexpr double kExplainedMse = 1e-4;  ///< 40 dB: the field explains its image
 /// Whether step number `step` needs StepOutput::colour_variance.
 bool watches_colours(std::int64_t step);
 
-/// Looks at step number `step` (from 0) of this start. Returns the reason to begin anew from
-/// another seed, or nothing.
+/// Checks step number `step` (from 0) of this start. Returns the reason to restart from another
+/// seed, or nothing.
 std::optional<std::string> watch_start(const StepResult& result, std::int64_t step,
                                        StartWatch* watch);
 

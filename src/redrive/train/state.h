@@ -18,11 +18,10 @@ namespace redrive {
 
 /// State of the check of a start (train/start_watch.h).
 struct StartWatch {
-  int dead_steps = 0;    ///< in a row
-  double first_mse = 0;  ///< sum over the first steps
-  double late_mse = 0;   ///< sum over the steps that are compared with them
-  double late_variance =
-      0;  ///< of the colours of those steps: what a constant colour would be worth
+  int dead_steps = 0;        ///< in a row
+  double first_mse = 0;      ///< sum over the first steps
+  double late_mse = 0;       ///< sum over the steps that are compared with them
+  double late_variance = 0;  ///< of the colours of those steps: the error of a constant colour
 
   bool operator==(const StartWatch&) const = default;
 };
@@ -95,7 +94,7 @@ void save_checkpoint(const std::filesystem::path& file, const TrainState& state)
 /// hyperparameters, non-finite values.
 TrainState load_checkpoint(const std::filesystem::path& file);
 
-/// The same on bytes; `file` is for messages.
+/// Convert to and from the bytes of a file; `file` is for messages.
 std::string checkpoint_bytes(const TrainState& state);
 TrainState parse_checkpoint(std::string_view bytes, const std::filesystem::path& file);
 

@@ -21,14 +21,14 @@ namespace redrive {
 namespace {
 
 constexpr int kStepsPerRow =
-    25;  // a row of metrics.jsonl: 1024 rays x 25 average the noise of a batch away
+    25;  // per row of metrics.jsonl: 25 x 1024 rays average out the noise of a batch
 constexpr int kMaxBadSteps = 50;  // consecutive non-finite steps before a roll-back
 constexpr double kSecondsPerCheckpoint =
-    60;  // of training: what a kill costs at most, however slow the machine
+    60;  // of training: bounds the loss by a kill on slow machines
 
 double decibels(double mse) { return -10 * std::log10(std::max(mse, 1e-10)); }
 
-/// One call of train(): the run, what is constant in it, and what the loop's parts share.
+/// State of one call of train().
 class Trainer {
  public:
   Trainer(Run* run, const TrainingData& data, const std::vector<kernels::Backend*>& backends,
@@ -81,7 +81,7 @@ class Trainer {
     return refinement_.first_rate_m * std::pow(refinement_.last_rate, progress());
   }
 
-  /// Progress of the run by the limit that is nearest; 1 is its end.
+  /// Returns the progress of the run, by the limit that will end it; 1 at its end.
   double progress() const {
     const auto pixels =
         static_cast<double>(options_.epochs) * static_cast<double>(sampler_.pixels());
@@ -177,7 +177,7 @@ class Trainer {
 
   bool loss_rose() const { return last_was_high_ || is_high(state_.window, state_.loss_watch); }
 
-  /// Begins the run anew from another seed after a start that failed.
+  /// Restarts the run from another seed after a start that failed.
   void restart(const std::string& reason) {
     progress_.finish();
     if (state_.restarts == kMaxRestarts)
@@ -338,7 +338,8 @@ TrainEnd train(Run* run, const TrainingData& data, const std::vector<kernels::Ba
   };
   try {
     return Trainer(run, data, backends, all_reduce).run(stop);
-  } catch (const DeviceError& error) {  // a checkpoint is fetched whole before any of it is written
+  } catch (
+      const DeviceError& error) {  // a checkpoint is downloaded completely before it is written
     throw DeviceError(how_to_go_on(error));
   } catch (const DeviceMemoryError& error) {
     throw DeviceMemoryError(how_to_go_on(error));

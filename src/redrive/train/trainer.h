@@ -17,7 +17,7 @@ enum class TrainEnd { kFinished, kInterrupted };
 /// same weights as an uninterrupted one, except with max_seconds and after a divergence, which
 /// rolls back to the last checkpoint.
 TrainEnd train(Run* run, kernels::Backend& backend, const std::atomic<bool>& stop);
-/// The same with loaded data, data-parallel on `backends`; all_reduce may be null for one.
+/// Trains likewise with loaded data, data-parallel on `backends`; all_reduce may be null for one.
 TrainEnd train(Run* run, const TrainingData& data, const std::vector<kernels::Backend*>& backends,
                kernels::AllReduce* all_reduce, const std::atomic<bool>& stop);
 

@@ -30,13 +30,13 @@ class TrainingDataTest : public testing::Test {
     mask.used[3 * 24 + 5] = 0;
     write_mask(mask_file(folder, run_.scene.rig[0]), mask, run_.scene.rig[0], 1);
   }
-  std::string refused() {
+  std::string rejection() {
     try {
       prepare_training_data(run_, pool_);
     } catch (const UsageError& error) {
       return error.what();
     }
-    return "not refused";
+    return "not rejected";
   }
 
   TemporaryFolder folder_;
@@ -96,11 +96,11 @@ TEST_F(TrainingDataTest, NoneComputesNoMasks) {
 TEST_F(TrainingDataTest, RejectsAFolderWithoutMasks) {
   prepare();
   run_.options.masks = masks_;
-  EXPECT_THAT(refused(),
+  EXPECT_THAT(rejection(),
               AllOf(HasSubstr("--masks"), HasSubstr("FRONT.png"), HasSubstr(masks_.string())));
   run_.options.masks = "nowhere";
-  EXPECT_THAT(refused(), AllOf(HasSubstr("--masks"), HasSubstr("nowhere"),
-                               HasSubstr("auto, none or a folder")));
+  EXPECT_THAT(rejection(), AllOf(HasSubstr("--masks"), HasSubstr("nowhere"),
+                                 HasSubstr("auto, none or a folder")));
 }
 
 }  // namespace

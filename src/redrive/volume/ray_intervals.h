@@ -53,7 +53,7 @@ REDRIVE_HD inline void pdf_edges(const float* edges, const float* weights, int f
                                  float* out) {
   float total = 0;
   for (int i = 0; i < from; ++i) total += weights[i];
-  // Of a ray through empty space the padding is all there is.
+  // A ray through empty space has the padding alone.
   const float each = (total > 0 ? total : 1.0f) * padding / static_cast<float>(from);
   const float sum = total + each * static_cast<float>(from);
   const float shift = jitter ? random_unit(key, ray) - 0.5f : 0.0f;

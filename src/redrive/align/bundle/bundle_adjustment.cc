@@ -19,7 +19,7 @@
 namespace redrive {
 namespace {
 
-constexpr double kStartSigma_px = 4;      // of the first round; later the median of the residuals
+constexpr double kStartSigma_px = 4;      // in the first round; later the residuals' median
 constexpr double kTypicalSigma_px = 0.1;  // Observation::sigma_px of a well-localised point
 constexpr double kMinSigma_px = 0.05;     // lower bound of the noise of an image
 constexpr double kMinPose_m = 0.01,

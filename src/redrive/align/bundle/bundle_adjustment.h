@@ -17,16 +17,16 @@ namespace redrive {
 
 /// Standard deviations of the priors.
 struct BundlePriors {
-  /// Of the egomotion, at most: from the third round on it is 1.5 times the RMS of the corrections
-  /// so far. Errors of the egomotion are about constant over correlation_s, so that poses within
-  /// that time count as one.
+  /// Egomotion: an upper bound. From the third round on 1.5 times the RMS of the corrections so far
+  /// takes its place if it is less. Errors of the egomotion are about constant over correlation_s,
+  /// so that poses within that time count as one.
   Vector6d pose = (Vector6d() << 0.5, 0.5, 0.5, 0.0175, 0.0175, 0.0175).finished();
   double correlation_s = 0.7;
-  /// Of a camera's position. Of its angles and its time offset they are scales of a Cauchy
+  /// Extrinsics of a camera. For its angles and its time offset these are scales of a Cauchy
   /// distribution: most cameras are as calibrated, one may be far off.
   Vector6d extrinsics = (Vector6d() << 0.01, 0.01, 0.01, 0.0005, 0.0005, 0.0005).finished();
   double offset_s = 0.002;
-  double readout_s = 0.03;  ///< of an estimated readout: weak
+  double readout_s = 0.03;  ///< weak; for estimated readouts only
   Eigen::Vector3d intrinsics{0.003, 2, 2};
 };
 
@@ -75,7 +75,7 @@ struct BundleResult {
   double last_translation_m = 0,
          last_rotation_rad = 0;  ///< RMS change of the trajectory's shape in the last round
   std::vector<UnobservableTimeOffset> unobservable;
-  /// Of pose corrections (6 a frame), extrinsics (6 a camera), and then each camera's other
+  /// Covers pose corrections (6 a frame), extrinsics (6 a camera), and then each camera's other
   /// estimated numbers.
   Eigen::MatrixXd covariance;
   Eigen::VectorXd variance;  ///< ReducedCovariance::variance, in the same order

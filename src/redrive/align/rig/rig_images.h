@@ -52,8 +52,8 @@ struct RigImages {
 RigImages load_rig_images(const Recording& recording, const std::filesystem::path& mask_folder,
                           int margin_px, ThreadPool& pool);
 
-/// The same with images wider than `max_width` downscaled by whole factors: less noise, and more
-/// context in a patch.
+/// Returns `full` with images wider than `max_width` downscaled by whole factors: less noise, and
+/// more context in a patch.
 RigImages downscaled_to_width(const RigImages& full, int max_width, int margin_px,
                               ThreadPool& pool);
 

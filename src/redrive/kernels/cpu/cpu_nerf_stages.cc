@@ -11,13 +11,13 @@
 
 #include "redrive/base/buffer.h"
 #include "redrive/kernels/add_ray_gradient.h"
-#include "redrive/kernels/check_nerf_sizes.h"
+#include "redrive/kernels/common_nerf_stages.h"
 #include "redrive/kernels/cpu/composite_range.h"
 #include "redrive/kernels/cpu/front_to_back.h"
 #include "redrive/kernels/cpu/nerf_tile.h"
 #include "redrive/kernels/cpu/ray_points.h"
+#include "redrive/kernels/host_stage.h"
 #include "redrive/optim/photometric_loss.h"
-#include "redrive/volume/hierarchical_sampling.h"
 
 namespace redrive::kernels {
 namespace {
@@ -56,35 +56,10 @@ struct Engine {
   std::vector<std::unique_ptr<FrontToBack>> front_to_back;  ///< by chunk; made when first rendering
 };
 
-class CpuNerfStages final : public NerfStages {
+class CpuNerfStages final : public CommonNerfStages<HostExecutor> {
  public:
   CpuNerfStages(Backend& backend, Isa isa, const CpuKernels& kernels, ThreadPool* pool)
-      : NerfStages(backend), isa_(isa), kernels_(kernels), pool_(*pool) {}
-
-  void sample_stratified(int n_rays, const StratifiedSampling& how, std::span<float> t,
-                         std::span<float> dt) override {
-    check_stratified(n_rays, how, t.size(), dt.size());
-    pool_.run_ranges(n_rays, kRaysPerRange, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t ray = begin; ray < end; ++ray) {
-        const std::size_t first = ray * how.per_ray;
-        stratified_ray(how.per_ray, how.near_m, how.far_m, how.jitter, how.key, first, &t[first],
-                       &dt[first]);
-      }
-    });
-  }
-
-  void sample_hierarchical(const Samples& coarse, std::span<const float> weights, int extra,
-                           bool jitter, std::uint64_t key, std::span<float> t,
-                           std::span<float> dt) override {
-    const int n_rays = check_hierarchical(coarse, weights.size(), extra, t.size(), dt.size());
-    pool_.run_ranges(n_rays, kRaysPerRange, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t ray = begin; ray < end; ++ray) {
-        const std::size_t from = ray * coarse.per_ray, to = ray * (coarse.per_ray + extra);
-        hierarchical_ray(&coarse.t[from], &weights[from], coarse.per_ray, extra, jitter, key,
-                         ray * extra, &t[to], &dt[to]);
-      }
-    });
-  }
+      : CommonNerfStages(backend, {pool}), isa_(isa), kernels_(kernels), pool_(*pool) {}
 
   void network_forward(const NerfField& field, const Rays& rays, const Samples& samples,
                        std::span<float> raw) override {

@@ -15,12 +15,6 @@
 
 namespace redrive::kernels {
 
-template <class Device>
-struct DeviceExecutor {
-  Device* device = nullptr;
-  Stage<Device> stage() const { return Stage<Device>(*device); }
-};
-
 /// Adds the derivatives of all rays with respect to the parameters of the gains
 /// (CommonGridStages::huber_loss). Each knot sums its rays in kRayParts parts, so that the sums
 /// have a fixed order.

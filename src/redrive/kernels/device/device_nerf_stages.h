@@ -1,38 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
-// The stages of --method nerf on a device.
+// The stages of --method nerf on a device: CommonNerfStages in kernels, and the network.
 #pragma once
 
 #include <algorithm>
 
-#include "redrive/kernels/check_nerf_sizes.h"
+#include "redrive/kernels/common_nerf_stages.h"
 #include "redrive/kernels/device/nerf_functors.h"
 #include "redrive/kernels/device/nerf_tensor_network.h"
-#include "redrive/kernels/stage_spans.h"
+#include "redrive/kernels/device/stage.h"
 
 namespace redrive::kernels {
 
 template <class Device>
-class DeviceNerfStages final : public NerfStages {
+class DeviceNerfStages final : public CommonNerfStages<DeviceExecutor<Device>> {
  public:
-  DeviceNerfStages(Backend& backend, Device& device) : NerfStages(backend), device_(device) {}
-
-  void sample_stratified(int n_rays, const StratifiedSampling& how, std::span<float> t,
-                         std::span<float> dt) override {
-    check_stratified(n_rays, how, t.size(), dt.size());
-    Stage stage(device_);
-    stage.for_each(n_rays, StratifiedRays{how, stage.out(t), stage.out(dt)});
-    stage.finish();
-  }
-
-  void sample_hierarchical(const Samples& coarse, std::span<const float> weights, int extra,
-                           bool jitter, std::uint64_t key, std::span<float> t,
-                           std::span<float> dt) override {
-    const int n_rays = check_hierarchical(coarse, weights.size(), extra, t.size(), dt.size());
-    Stage stage(device_);
-    stage.for_each(n_rays, HierarchicalRays{stage_input(stage, coarse), stage.in(weights), extra,
-                                            jitter, key, stage.out(t), stage.out(dt)});
-    stage.finish();
-  }
+  DeviceNerfStages(Backend& backend, Device& device)
+      : CommonNerfStages<DeviceExecutor<Device>>(backend, {&device}), device_(device) {}
 
   void network_forward(const NerfField& field, const Rays& rays, const Samples& samples,
                        std::span<float> raw) override {

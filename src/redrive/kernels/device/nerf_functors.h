@@ -1,40 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// Stages of nerf_stages.h except the network, as functors for one ray in float that call the scalar
-// functions. Their spans are on the device.
+// Gradients of rays (NerfStages::network_backward) as a functor for one ray. Its spans are on the
+// device.
 #pragma once
 
 #include "redrive/base/host_device.h"
 #include "redrive/kernels/add_ray_gradient.h"
 #include "redrive/kernels/nerf_stages.h"
-#include "redrive/volume/hierarchical_sampling.h"
 
 namespace redrive::kernels {
-
-struct StratifiedRays {
-  StratifiedSampling how;
-  std::span<float> t, dt;
-
-  REDRIVE_HD void operator()(std::size_t ray) const {
-    const std::size_t first = ray * how.per_ray;
-    stratified_ray(how.per_ray, how.near_m, how.far_m, how.jitter, how.key, first, &t[first],
-                   &dt[first]);
-  }
-};
-
-struct HierarchicalRays {
-  Samples coarse;
-  std::span<const float> weights;
-  int extra;
-  bool jitter;
-  std::uint64_t key;
-  std::span<float> t, dt;
-
-  REDRIVE_HD void operator()(std::size_t ray) const {
-    const std::size_t from = ray * coarse.per_ray, to = ray * (coarse.per_ray + extra);
-    hierarchical_ray(&coarse.t[from], &weights[from], coarse.per_ray, extra, jitter, key,
-                     ray * extra, &t[to], &dt[to]);
-  }
-};
 
 /// Adds a ray's derivatives from d_position [3, n] of its samples.
 struct AddRayGradients {

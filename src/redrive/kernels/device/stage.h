@@ -210,4 +210,11 @@ class Stage {
   std::vector<Result> results_;
 };
 
+/// Executor of CommonGridStages and CommonNerfStages on a device.
+template <class Device>
+struct DeviceExecutor {
+  Device* device = nullptr;
+  Stage<Device> stage() const { return Stage<Device>(*device); }
+};
+
 }  // namespace redrive::kernels

@@ -5,9 +5,9 @@
 #include <vector>
 
 #include "redrive/kernels/add_ray_gradient.h"
-#include "redrive/kernels/check_nerf_sizes.h"
+#include "redrive/kernels/common_nerf_stages.h"
+#include "redrive/kernels/host_stage.h"
 #include "redrive/kernels/ref/nerf_network.h"
-#include "redrive/volume/hierarchical_sampling.h"
 
 namespace redrive::kernels {
 namespace {
@@ -25,30 +25,9 @@ struct FieldPoint {
   }
 };
 
-class RefNerfStages final : public NerfStages {
+class RefNerfStages final : public CommonNerfStages<HostExecutor> {
  public:
-  using NerfStages::NerfStages;
-
-  void sample_stratified(int n_rays, const StratifiedSampling& how, std::span<float> t,
-                         std::span<float> dt) override {
-    check_stratified(n_rays, how, t.size(), dt.size());
-    for (int ray = 0; ray < n_rays; ++ray) {
-      const std::size_t first = static_cast<std::size_t>(ray) * how.per_ray;
-      stratified_ray(how.per_ray, how.near_m, how.far_m, how.jitter, how.key, first, &t[first],
-                     &dt[first]);
-    }
-  }
-
-  void sample_hierarchical(const Samples& coarse, std::span<const float> weights, int extra,
-                           bool jitter, std::uint64_t key, std::span<float> t,
-                           std::span<float> dt) override {
-    const int n_rays = check_hierarchical(coarse, weights.size(), extra, t.size(), dt.size());
-    for (std::size_t ray = 0; ray < static_cast<std::size_t>(n_rays); ++ray) {
-      const std::size_t from = ray * coarse.per_ray, to = ray * (coarse.per_ray + extra);
-      hierarchical_ray(&coarse.t[from], &weights[from], coarse.per_ray, extra, jitter, key,
-                       ray * extra, &t[to], &dt[to]);
-    }
-  }
+  explicit RefNerfStages(Backend& backend) : CommonNerfStages(backend, {}) {}
 
   void network_forward(const NerfField& field, const Rays& rays, const Samples& samples,
                        std::span<float> raw) override {
