@@ -108,7 +108,10 @@ class RangeChecker final : public HyperparameterVisitor {
 
 std::string text_from_steps(const std::vector<std::int64_t>& steps) {
   std::string text;
-  for (const std::int64_t step : steps) text += (text.empty() ? "" : ",") + text_of(step);
+  for (const std::int64_t step : steps) {
+    if (!text.empty()) text += ',';
+    text += text_of(step);
+  }
   return text;
 }
 

@@ -117,7 +117,10 @@ std::string NerfModel::describe_schedule(std::int64_t total_steps) const {
   std::string text = "learning rate " + general(initial_rate);
   const std::vector<std::int64_t> at = milestones_of(total_steps);
   if (!at.empty()) text += ", times " + general(rate_gamma) + " at";
-  for (const std::int64_t milestone : at) text += " " + std::to_string(milestone);
+  for (const std::int64_t milestone : at) {
+    text += ' ';
+    text += std::to_string(milestone);
+  }
   return text;
 }
 

@@ -431,7 +431,7 @@ TEST_F(TrainingOnADevice, AFullDeviceReportsHowToResumeWithLessOrLater) {
     redrive::Run resumed = reopened(run);
     last_step = resumed.state.step;
     EXPECT_EQ(train(&resumed, *kernels::make_loop_backend(), never_), TrainEnd::kFinished);
-    EXPECT_TRUE(same_weights(resumed.state, whole.state)) << places;
+    EXPECT_TRUE(same_weights(resumed.state, whole.state)) << allocations;
   }
   EXPECT_GT(last_step, 0) << "none ran out of memory during training";
 }
