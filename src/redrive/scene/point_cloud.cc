@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/scene/point_cloud.h"
+
+#include <cmath>
+
+namespace redrive {
+
+PointCloud make_point_cloud(const std::vector<std::vector<ColouredPoint>>& parts) {
+  PointCloud cloud;
+  for (const auto& part : parts) cloud.n += part.size();
+  cloud.position.resize(3 * cloud.n);
+  cloud.rgb.resize(3 * cloud.n);
+  std::size_t i = 0;
+  for (const auto& part : parts)
+    for (const ColouredPoint& point : part) {
+      for (int d = 0; d < 3; ++d) {
+        cloud.position[d * cloud.n + i] = point.in_world_m[d];
+        cloud.rgb[d * cloud.n + i] = static_cast<float>(point.rgb[d]) / 255;
+      }
+      ++i;
+    }
+  return cloud;
+}
+
+std::optional<std::size_t> visible_pixel(const Image8& image, const Eigen::Vector2d& pixel) {
+  const double x = std::floor(pixel.x() + 0.5), y = std::floor(pixel.y() + 0.5);
+  if (!(x >= 0 && y >= 0 && x < image.width && y < image.height)) return std::nullopt;
+  const std::size_t i = static_cast<std::size_t>(y) * image.width + static_cast<std::size_t>(x);
+  if (!image.used.empty() && image.used[i] == 0) return std::nullopt;
+  if (!image.alpha.empty() && image.alpha[i] != 255) return std::nullopt;
+  return i;
+}
+
+}  // namespace redrive

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+// Coloured points of the static world, from which a method may start.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "redrive/image/image.h"
+
+namespace redrive {
+
+/// Structure of arrays, as LidarReturns.
+struct PointCloud {
+  std::size_t n = 0;
+  std::vector<float> position;  ///< [3, n] in the world, metres
+  std::vector<float> rgb;       ///< [3, n] in [0, 1]
+};
+
+struct ColouredPoint {
+  Eigen::Vector3f in_world_m;
+  std::array<std::uint8_t, 3> rgb;
+};
+
+/// Returns the points of all parts, one part after the other.
+PointCloud make_point_cloud(const std::vector<std::vector<ColouredPoint>>& parts);
+
+/// Returns the index of the pixel whose area holds `pixel` (integer coordinates are centres), or
+/// nothing where that is outside the image, masked or not opaque.
+std::optional<std::size_t> visible_pixel(const Image8& image, const Eigen::Vector2d& pixel);
+
+/// Returns the colour of pixel `index`.
+inline std::array<std::uint8_t, 3> colour_at(const Image8& image, std::size_t index) {
+  return {image.rgb[3 * index], image.rgb[3 * index + 1], image.rgb[3 * index + 2]};
+}
+
+}  // namespace redrive
