@@ -11,7 +11,8 @@ namespace redrive {
 namespace {
 
 constexpr std::size_t kReturnsPerRange = 16384;
-constexpr std::size_t kNearestViews = 32;  // of a cloud's origin; further ones hardly see its points
+constexpr std::size_t kNearestViews =
+    32;  // of a cloud's origin; further ones hardly see its points
 
 /// A training view that may see a return.
 struct ColourView {
@@ -73,9 +74,8 @@ class Colouring {
   std::vector<int> nearest_in_space(const Eigen::Vector3d& in_world) const {
     std::vector<int> views(views_.size());
     for (std::size_t v = 0; v < views.size(); ++v) views[v] = static_cast<int>(v);
-    std::ranges::stable_sort(views, {}, [&](int v) {
-      return (views_[v].position_in_world_m - in_world).squaredNorm();
-    });
+    std::ranges::stable_sort(
+        views, {}, [&](int v) { return (views_[v].position_in_world_m - in_world).squaredNorm(); });
     views.resize(std::min(views.size(), kNearestViews));
     return views;
   }
@@ -118,9 +118,9 @@ PointCloud lidar_points(const Scene& scene, const std::vector<Image8>& images,
         in_time.clear();
         colouring.nearest_in_time(t_ns, &in_time);
       }
-      const Eigen::Vector3d in_world = vector_at(returns.origin, returns.n, i) +
-                                       double(returns.range_m[i]) *
-                                           vector_at(returns.direction, returns.n, i);
+      const Eigen::Vector3d in_world =
+          vector_at(returns.origin, returns.n, i) +
+          double(returns.range_m[i]) * vector_at(returns.direction, returns.n, i);
       if (const auto point =
               colouring.colour(in_world, scene.metric ? in_time : of_origin.at(t_ns)))
         parts[begin / kReturnsPerRange].push_back(*point);
