@@ -84,8 +84,8 @@ struct GridBatch {
   std::size_t samples() const { return point.size(); }
   /// Returns the offset of feature k of sample i.
   std::size_t feature_at(const GridCase& grid, std::size_t i, int k) const {
-    const int of_level = grid.config.grid.features;
-    return (k / of_level * samples() + i) * of_level + k % of_level;
+    const int features_per_level = grid.config.grid.features_per_level;
+    return (k / features_per_level * samples() + i) * features_per_level + k % features_per_level;
   }
 };
 

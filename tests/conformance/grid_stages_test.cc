@@ -225,7 +225,7 @@ std::vector<HashGridConfig> grids() {
   return {{8, 4, 4, 512, 12}, {4, 8, 5, 300, 11}, {16, 2, 3, 700, 10}, {5, 1, 6, 160, 13}};
 }
 std::string trace(const HashGridConfig& grid) {
-  return std::to_string(grid.levels) + " x " + std::to_string(grid.features);
+  return std::to_string(grid.n_levels) + " x " + std::to_string(grid.features_per_level);
 }
 
 /// Points whose coordinates are odd multiples of 2^-12, so that their position in a cell is exact
@@ -289,16 +289,18 @@ TEST_P(GridStagesTest, Encode) {
       ASSERT_TRUE(all_near(
           features, [&](auto i) { return expected[i]; },
           [&](std::size_t i) {
-            return 12 * u * weights[i / config.features % n][i / config.features / n];
+            return 12 * u *
+                   weights[i / config.features_per_level % n][i / config.features_per_level / n];
           }));
       // Points with a stride: the first ones of a larger array.
       if (n < 7) continue;
       std::vector<float> of_first(n / 2 * config.outputs(), NAN);
       backend->grid().encode({config, table}, at.points().first(n / 2), of_first);
-      for (std::size_t l = 0; l < std::size_t(config.levels); ++l)
-        ASSERT_TRUE(bit_equal(
-            std::span(of_first).subspan(l * (n / 2) * config.features, n / 2 * config.features),
-            std::span(features).subspan(l * n * config.features, n / 2 * config.features)));
+      for (std::size_t l = 0; l < std::size_t(config.n_levels); ++l)
+        ASSERT_TRUE(bit_equal(std::span(of_first).subspan(l * (n / 2) * config.features_per_level,
+                                                          n / 2 * config.features_per_level),
+                              std::span(features).subspan(l * n * config.features_per_level,
+                                                          n / 2 * config.features_per_level)));
     }
 }
 
@@ -318,7 +320,7 @@ TEST_P(GridStagesTest, EncodeAtAnyPosition) {
     ASSERT_TRUE(all_near(
         features, [&](auto i) { return expected[i]; },
         [&](std::size_t i) {
-          return (12 + 3 * 2 * (levels[i / config.features / n].cells + 1)) * u;
+          return (12 + 3 * 2 * (levels[i / config.features_per_level / n].resolution + 1)) * u;
         }));
   }
 }
@@ -363,8 +365,8 @@ TEST_P(GridStagesTest, EncodeBackward) {
             [&](std::size_t i) {
               double sum = 0;
               for (std::size_t l = 0; l < levels.size(); ++l)
-                sum += 2 * config.features * levels[l].cells * weights[i % n][l];
-              return u * (config.features + 6 + 8 * config.levels) * sum;
+                sum += 2 * config.features_per_level * levels[l].resolution * weights[i % n][l];
+              return u * (config.features_per_level + 6 + 8 * config.n_levels) * sum;
             }));
         std::fill(twice.begin(), twice.end(), before);
         backend->grid().encode_backward({config, table}, at.points(), d, twice, {});
@@ -503,7 +505,7 @@ TEST_P(GridStagesTest, ProposalDensity) {
           density, [&](auto i) { return expected[i]; },
           [&](std::size_t i) {
             const double sum = std::accumulate(weights[i].begin(), weights[i].end(), 0.0);
-            return ((8 * config.levels + 5) * u * sum + kExponentialError + 2 * u) * expected[i];
+            return ((8 * config.n_levels + 5) * u * sum + kExponentialError + 2 * u) * expected[i];
           }));
 
       const std::vector<float> d = random_floats(n, 251, -1, 1);

@@ -172,7 +172,7 @@ TEST_P(RayStages, SkyForward) {
     for (int ray = 0; ray < n; ++ray)
       for (int k = 0; k < 3; ++k) {
         double sum = 0;
-        for (int l = 0; l < Sky::kConfig.levels; ++l) sum += features[(l * n + ray) * 4 + k];
+        for (int l = 0; l < Sky::kConfig.n_levels; ++l) sum += features[(l * n + ray) * 4 + k];
         // Two sums of up to 4 and 6 round, of which the sigmoid's derivative leaves a quarter; then
         // the exponential, a sum and a quotient.
         ASSERT_NEAR(colour[k * n + ray], 1 / (1 + std::exp(-sum)), (10 / 4.0 + 4) * u)
@@ -198,7 +198,7 @@ TEST_P(RayStages, SkyBackward) {
       // Expected gradients by the stage of the grid, which has its own test.
       std::vector<float> d_features(n * Sky::kConfig.outputs()), expected(d_table.size(), before),
           d_position(with_direction ? 3 * n : 0);
-      for (int l = 0; l < Sky::kConfig.levels; ++l)
+      for (int l = 0; l < Sky::kConfig.n_levels; ++l)
         for (int ray = 0; ray < n; ++ray)
           for (int k = 0; k < 3; ++k) {
             const double c = colour[k * n + ray];

@@ -200,8 +200,8 @@ void time_grid_kernels(Runner& runner, kernels::Backend& backend, const Syntheti
   GridBatch b(backend, drive);
   kernels::GridStages& stages = backend.grid();
   const int n = b.rays.n;
-  const double samples = static_cast<double>(b.points.n), levels = b.model().field.grid.levels,
-               features = b.model().field.grid.features,
+  const double samples = static_cast<double>(b.points.n), levels = b.model().field.grid.n_levels,
+               features = b.model().field.grid.features_per_level,
                macs = grid_macs_per_sample(b.model().field);
   // Per level: three coordinates of 3, eight weights of 2, eight rows of 2 operations a feature.
   // The adjoint takes twice as many.

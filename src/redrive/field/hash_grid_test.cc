@@ -38,7 +38,7 @@ std::vector<double> encode(const HashGridConfig& config, const std::vector<doubl
 /// Returns the position of a vertex; exact if the number of cells is a power of two.
 std::array<double, 3> position_of(const HashGridLevel& level, const Vertex& v) {
   const auto& [x, y, z] = v;
-  return {(x - 0.5) / level.cells, (y - 0.5) / level.cells, (z - 0.5) / level.cells};
+  return {(x - 0.5) / level.resolution, (y - 0.5) / level.resolution, (z - 0.5) / level.resolution};
 }
 
 TEST(HashGridLevels, GrowGeometrically) {
@@ -46,21 +46,21 @@ TEST(HashGridLevels, GrowGeometrically) {
   const Levels levels = hash_grid_levels(config);
   ASSERT_EQ(levels.size(), 8u);
   // 2048 / 16 = 2^7 in seven steps: each level doubles.
-  for (int l = 0; l < 8; ++l) EXPECT_EQ(levels[l].cells, 16 << l);
-  EXPECT_EQ(hash_grid_levels({1, 1, 5, 900, 17})[0].cells, 5);
+  for (int l = 0; l < 8; ++l) EXPECT_EQ(levels[l].resolution, 16 << l);
+  EXPECT_EQ(hash_grid_levels({1, 1, 5, 900, 17})[0].resolution, 5);
   const Levels uneven = hash_grid_levels({16, 2, 16, 524288, 19});
-  EXPECT_EQ(uneven.front().cells, 16);
-  EXPECT_EQ(uneven.back().cells, 524288);
-  for (int l = 0; l < 16; ++l) EXPECT_NEAR(uneven[l].cells, 16 * std::exp2(l), 0.5);
+  EXPECT_EQ(uneven.front().resolution, 16);
+  EXPECT_EQ(uneven.back().resolution, 524288);
+  for (int l = 0; l < 16; ++l) EXPECT_NEAR(uneven[l].resolution, 16 * std::exp2(l), 0.5);
 }
 
 TEST(HashGridLevels, HaveOneRowPerVertexUpToTheHashmapSize) {
   // (14 + 2)^3 = 2^12 vertices: dense with 2^12 rows, and one cell more is not.
-  for (const auto& [cells, dense, rows] :
+  for (const auto& [resolution, dense, rows] :
        {std::tuple{14, true, 4096u}, {15, false, 4096u}, {4, true, 216u}}) {
-    const HashGridLevel level = hash_grid_levels({1, 2, cells, cells, 12})[0];
-    EXPECT_EQ(level.dense, dense) << cells;
-    EXPECT_EQ(level.rows, rows) << cells;
+    const HashGridLevel level = hash_grid_levels({1, 2, resolution, resolution, 12})[0];
+    EXPECT_EQ(level.dense, dense) << resolution;
+    EXPECT_EQ(level.rows, rows) << resolution;
   }
   // 128 + 2 cubed is above 2^21, and doubles may not round that away: 2^21 = 128^3.
   EXPECT_TRUE(hash_grid_levels({1, 1, 126, 126, 21})[0].dense);
@@ -76,7 +76,7 @@ TEST(HashGridLevels, AreConsecutiveAndAlignedToCacheLines) {
       EXPECT_EQ(level.offset % 16, 0u);
       EXPECT_GE(level.offset, end);
       EXPECT_LT(level.offset, end + 16);
-      end = level.offset + std::size_t(level.rows) * config.features;
+      end = level.offset + std::size_t(level.rows) * config.features_per_level;
     }
     EXPECT_GE(hash_grid_size(config), end);
     EXPECT_LT(hash_grid_size(config), end + 16);
@@ -94,11 +94,11 @@ TEST(HashGridLevels, RejectConfigsOutOfRange) {
 }
 
 TEST(HashGridRow, IsUniqueInDenseLevels) {
-  for (const int cells : {1, 2, 13, 14}) {
-    const HashGridLevel level = hash_grid_levels({1, 1, cells, cells, 12})[0];
+  for (const int resolution : {1, 2, 13, 14}) {
+    const HashGridLevel level = hash_grid_levels({1, 1, resolution, resolution, 12})[0];
     ASSERT_TRUE(level.dense);
     std::set<std::uint32_t> rows;
-    const std::uint32_t side = cells + 2;
+    const std::uint32_t side = resolution + 2;
     for (std::uint32_t z = 0; z < side; ++z)
       for (std::uint32_t y = 0; y < side; ++y)
         for (std::uint32_t x = 0; x < side; ++x) rows.insert(hash_grid_row(level, x, y, z));
@@ -130,9 +130,9 @@ TEST(HashGridRow, UsesAllRowsOfAHashedLevel) {
 }
 
 TEST(HashGridRow, NeighboursAlongXAreConsecutive) {
-  for (const int cells : {14, 62}) {  // dense and hashed
-    const HashGridLevel level = hash_grid_levels({1, 1, cells, cells, 12})[0];
-    ASSERT_EQ(level.dense, cells == 14);
+  for (const int resolution : {14, 62}) {  // dense and hashed
+    const HashGridLevel level = hash_grid_levels({1, 1, resolution, resolution, 12})[0];
+    ASSERT_EQ(level.dense, resolution == 14);
     for (std::uint32_t z = 0; z < 16; ++z)
       for (std::uint32_t y = 0; y < 16; ++y)
         for (std::uint32_t x = 0; x < 15; ++x)
@@ -152,7 +152,7 @@ TEST(HashGrid, EncodesALinearFunctionExactly) {
   };
   for (const HashGridLevel& level : levels) {
     ASSERT_TRUE(level.dense);
-    const std::uint32_t side = level.cells + 2;
+    const std::uint32_t side = level.resolution + 2;
     for (std::uint32_t z = 0; z < side; ++z)
       for (std::uint32_t y = 0; y < side; ++y)
         for (std::uint32_t x = 0; x < side; ++x)
@@ -189,7 +189,7 @@ TEST(HashGrid, VertexWeightsSumToOne) {
 
 TEST(HashGrid, LevelsFinerThanTheFootprintWeighLess) {
   HashGridLevel level;
-  level.cells = 64;
+  level.resolution = 64;
   EXPECT_EQ(hash_grid_level_weight(level, 0.0), 1);
   EXPECT_EQ(hash_grid_level_weight(level, 1.0 / 128), 1);
   EXPECT_NEAR(hash_grid_level_weight(level, (1 + 1e-12) / 128), 1, 2e-12);
@@ -259,15 +259,15 @@ template <class T>
 void expect_vertices_inside(const HashGridLevel& level, T x) {
   const T p[3] = {x, x, x};
   const HashGridCell<T> cell(level, p);
-  EXPECT_LE(cell.corner[0] + 1, static_cast<std::uint32_t>(level.cells) + 1) << x;
+  EXPECT_LE(cell.corner[0] + 1, static_cast<std::uint32_t>(level.resolution) + 1) << x;
   EXPECT_GE(cell.fraction[0], 0) << x;
   EXPECT_LE(cell.fraction[0], 1) << x;
 }
 
 TEST(HashGrid, VerticesStayInsideTheLevel) {
-  for (const int cells : {1, 2, 3, 1000, 4096, 1 << 20}) {
+  for (const int resolution : {1, 2, 3, 1000, 4096, 1 << 20}) {
     HashGridLevel level;
-    level.cells = cells;
+    level.resolution = resolution;
     for (const float x : {0.0f, 0x1p-149f, 0.5f, 1 - 0x1p-24f, 1.0f}) {
       expect_vertices_inside(level, x);
       expect_vertices_inside(level, static_cast<double>(x));

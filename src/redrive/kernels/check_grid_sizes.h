@@ -78,7 +78,7 @@ inline void check_encode_backward(const HashGrid& grid, const UnitPoints& points
 inline void check_network(const GridNetwork& network, int n_rays, int per_ray, std::size_t features,
                           std::size_t harmonics, std::size_t raw) {
   const std::size_t n = interval_count(n_rays, per_ray);
-  REDRIVE_CHECK_OP(network.config.grid.features, >=, 2);
+  REDRIVE_CHECK_OP(network.config.grid.features_per_level, >=, 2);
   REDRIVE_CHECK_OP(network.weights.size(), ==, grid_network_size(network.config));
   REDRIVE_CHECK_OP(features, ==, n * static_cast<std::size_t>(network.config.grid.outputs()));
   REDRIVE_CHECK_OP(harmonics, ==, static_cast<std::size_t>(n_rays) * kHarmonics);
@@ -87,7 +87,7 @@ inline void check_network(const GridNetwork& network, int n_rays, int per_ray, s
 
 inline void check_proposal_density(const HashGrid& grid, const UnitPoints& points,
                                    std::size_t density) {
-  REDRIVE_CHECK_OP(grid.config.features, ==, 1);
+  REDRIVE_CHECK_OP(grid.config.features_per_level, ==, 1);
   check_points(points);
   REDRIVE_CHECK_OP(grid.table.size(), ==, hash_grid_size(grid.config));
   REDRIVE_CHECK_OP(density, ==, points.n);

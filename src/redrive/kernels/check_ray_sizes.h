@@ -48,7 +48,7 @@ inline void check_harmonics(const Rays& rays, std::size_t harmonics) {
 inline void check_sky(const HashGrid& grid, const Rays& rays, std::size_t pixel_angle,
                       std::size_t colour) {
   check_directions(rays);
-  REDRIVE_CHECK_OP(grid.config.features, >=, 3);
+  REDRIVE_CHECK_OP(grid.config.features_per_level, >=, 3);
   REDRIVE_CHECK_OP(grid.table.size(), ==, hash_grid_size(grid.config));
   REDRIVE_CHECK_OP(pixel_angle, ==, static_cast<std::size_t>(rays.n));
   REDRIVE_CHECK_OP(colour, ==, rays.direction.size());

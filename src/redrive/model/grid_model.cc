@@ -129,13 +129,13 @@ GridModel::IntervalSamples GridModel::contract_intervals(kernels::Backend& backe
 
 void GridModel::evaluate_sky(kernels::Backend& backend, const RayBatch& batch, ForwardPass* pass,
                              Workspace* workspace) const {
-  if (sky.levels == 0 && !batch.background.empty()) {
+  if (sky.n_levels == 0 && !batch.background.empty()) {
     pass->background = workspace->put(batch.background);
     return;
   }
   const auto colour = workspace->take(3 * static_cast<std::size_t>(batch.n));
   pass->background = colour;
-  if (sky.levels == 0)
+  if (sky.n_levels == 0)
     backend.fill(colour, background);
   else
     backend.grid().sky(grid(kSkyGrid), pass->all.rays, pass->all.pixel_angle, colour);
@@ -319,7 +319,7 @@ RayGradientsOutput GridModel::gradients(kernels::Backend& backend, const RayBatc
   }
   backward_field(backend, pass, d_raw, gradients, d_field, workspace);
   if (batch.refines) backward_rays(backend, pass, d_field, d_origin, d_direction, workspace);
-  if (sky.levels > 0)
+  if (sky.n_levels > 0)
     stages.sky_backward(grid(kSkyGrid), pass.all.rays, pass.all.pixel_angle, pass.background,
                         opacity, d_rgb, part_of(gradients, kSkyGrid), d_direction);
   losses.d_origin.resize(d_origin.size());

@@ -27,7 +27,8 @@ struct GridModel final : RayModel {
   float huber_delta = 0.2f;     ///< of colours in [0, 1], optim/photometric_loss.h; 2 and more:
                                 ///< squared error
   AppearanceConfig appearance;  ///< exposure of each camera over time
-  float background = 0;  ///< grey behind rays where sky.levels is 0 and the batch has no background
+  float background =
+      0;  ///< grey behind rays where sky.n_levels is 0 and the batch has no background
   Contraction contraction;
   RaySpacing spacing{0.5f, 1000.0f, 20.0f};
   std::array<int, 2> proposal_samples{64, 32};  ///< per ray, first and second iteration

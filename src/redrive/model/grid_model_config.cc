@@ -32,9 +32,9 @@ Method grid_method() {
 void GridModel::visit_hyperparameters(HyperparameterVisitor& visit) {
   const auto visit_grid = [&](const std::string& name, HashGridConfig& grid, int least_levels,
                               double features_low, double features_high) {
-    visit({name + ".n_levels", "levels of the hash grid", double(least_levels), 16}, grid.levels);
+    visit({name + ".n_levels", "levels of the hash grid", double(least_levels), 16}, grid.n_levels);
     visit({name + ".features_per_level", "numbers of a row", features_low, features_high},
-          grid.features);
+          grid.features_per_level);
     visit({name + ".base_resolution", "cells a side of the coarsest level", 1, 1 << 20},
           grid.base_resolution);
     visit({name + ".max_resolution", "cells a side of the finest level", 1, 1 << 20},
@@ -161,12 +161,12 @@ void GridModel::check(const HyperparameterFailure& fail) const {
   };
   check_grid("grid", field.grid);
   check_grid("proposal", proposal);
-  if (sky.levels > 0) check_grid("sky", sky);
-  const int features = field.grid.features;
+  if (sky.n_levels > 0) check_grid("sky", sky);
+  const int features = field.grid.features_per_level;
   if (features != 2 && features != 4 && features != 8)
     fail({"grid.features_per_level", ""}, std::to_string(features), "must be 2, 4 or 8");
   if (field.grid.outputs() % 16 != 0)
-    fail({"grid.n_levels", ""}, std::to_string(field.grid.levels),
+    fail({"grid.n_levels", ""}, std::to_string(field.grid.n_levels),
          "times features_per_level must be a multiple of 16");
   if (!(spacing.far_m > spacing.near_m))
     fail({"far_m", ""}, std::to_string(spacing.far_m), "must be above near_m");
@@ -234,7 +234,7 @@ void GridModel::configure(const Scene& scene) {
     if (!unbounded) configure_bounded();
   }
   if (scene.background != Background::kNone) {
-    sky.levels = 0;
+    sky.n_levels = 0;
     background = background_colour(scene.background)[0];
   }
   if (!scene.metric) huber_delta = 2;  // photographs of a static scene: least squares

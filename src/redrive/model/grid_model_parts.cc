@@ -12,7 +12,7 @@ std::size_t GridModel::part_size(int part) const {
     case kFieldGrid: return hash_grid_size(field.grid);
     case kNetwork: return grid_network_size(field);
     case kProposalGrid: return hash_grid_size(proposal);
-    case kSkyGrid: return sky.levels > 0 ? hash_grid_size(sky) : 0;
+    case kSkyGrid: return sky.n_levels > 0 ? hash_grid_size(sky) : 0;
     default: return appearance.size();
   }
 }
@@ -28,8 +28,9 @@ kernels::HashGrid GridModel::grid(Part which) const {
 }
 
 std::string GridModel::describe() const {
-  return std::to_string(field.grid.levels) + " levels x " + std::to_string(field.grid.features) +
-         " of 2^" + std::to_string(field.grid.log2_hashmap_size) + " rows, width " +
+  return std::to_string(field.grid.n_levels) + " levels x " +
+         std::to_string(field.grid.features_per_level) + " of 2^" +
+         std::to_string(field.grid.log2_hashmap_size) + " rows, width " +
          std::to_string(field.width) + ", " + std::to_string(proposal_samples[0]) + " + " +
          std::to_string(proposal_samples[1]) + " + " + std::to_string(samples) + " samples per ray";
 }
@@ -45,7 +46,7 @@ std::vector<ModelTensor> GridModel::tensors() const {
       out.push_back({shape.name, {shape.outputs, shape.inputs}, offset(kNetwork) + shape.offset});
   }
   out.push_back({"proposal", numbers(kProposalGrid), offset(kProposalGrid)});
-  if (sky.levels > 0) out.push_back({"sky", numbers(kSkyGrid), offset(kSkyGrid)});
+  if (sky.n_levels > 0) out.push_back({"sky", numbers(kSkyGrid), offset(kSkyGrid)});
   if (appearance.size() > 0)
     out.push_back({"appearance", {appearance.cameras, appearance.knots, 3}, offset(kAppearance)});
   return out;

@@ -42,7 +42,7 @@ inline void make_tiny(GridModel& model, int colour_layers = 1) {
 /// Returns a model without a sky, on a grey background.
 inline void make_tiny_on_background(GridModel& model) {
   make_tiny(model);
-  model.sky.levels = 0;
+  model.sky.n_levels = 0;
   model.appearance = {};
   model.background = 0.75f;
   Buffer<float> parameters(model.size());
@@ -129,7 +129,7 @@ inline void empty_proposals_ahead(GridModel& model) {
       for (std::size_t i = 0; i < size_of(tensor); ++i) model.parameters[tensor.offset + i] = -20;
   for (const HashGridLevel& level : levels) {
     REDRIVE_CHECK(level.dense);
-    const auto side = static_cast<std::uint32_t>(level.cells) + 2;
+    const auto side = static_cast<std::uint32_t>(level.resolution) + 2;
     for (std::uint32_t z = 0; z < side; ++z)
       for (std::uint32_t y = 0; y < side; ++y)
         for (std::uint32_t x = 0; x < side / 2; ++x)

@@ -89,7 +89,7 @@ TEST(TrainStepOnADevice, OfAGridWithEmptyRays) {
 TEST(TrainStepOnADevice, OfAGridOnABackground) {
   expect_that_keeping_changes_nothing([] {
     TrainState state = grid_for_device();
-    dynamic_cast<GridModel&>(*state.model).sky.levels = 0;
+    dynamic_cast<GridModel&>(*state.model).sky.n_levels = 0;
     return initial_state(std::move(state.model), 3);
   });
 }

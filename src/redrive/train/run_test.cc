@@ -151,7 +151,7 @@ TEST(ModelOf, IsBoundedByTheCubeSeenFromOutsideOrOnABackground) {
     const auto model = make_run_model(options, scene);
     const auto& grid = dynamic_cast<const GridModel&>(*model);
     EXPECT_EQ(grid.contraction.half_m, 2);
-    return std::tuple(grid.contraction.unbounded, grid.sky.levels > 0, grid.field.colour_layers);
+    return std::tuple(grid.contraction.unbounded, grid.sky.n_levels > 0, grid.field.colour_layers);
   };
   EXPECT_EQ(grid(5), std::tuple(false, true, 2));
   EXPECT_EQ(grid(1), std::tuple(true, true, 1));

@@ -62,7 +62,7 @@ class DeviceGridStages final : public CommonGridStages<DeviceExecutor<Device>> {
     Stage stage(device_);
     const UnitPoints points = sky_points(stage, rays, pixel_angle);
     const auto features = stage.template scratch<float>(points.n * grid.config.outputs());
-    stage.for_each(points.n * grid.config.levels,
+    stage.for_each(points.n * grid.config.n_levels,
                    EncodePoints{GridLevels(stage_input(stage, grid)), points, features});
     stage.for_each(points.n, SkyColours{grid.config, points.n, features, stage.out(colour)});
     stage.finish();
@@ -79,7 +79,7 @@ class DeviceGridStages final : public CommonGridStages<DeviceExecutor<Device>> {
     const auto d_features = stage.template scratch<float>(points.n * grid.config.outputs());
     stage.for_each(points.n, SkyColoursBackward{grid.config, points.n, stage.in(colour),
                                                 stage.in(opacity), stage.in(d_rgb), d_features});
-    stage.for_each(points.n * grid.config.levels,
+    stage.for_each(points.n * grid.config.n_levels,
                    EncodeTableBackward{
                        GridLevels({grid.config, {}}), points, d_features, {stage.in_out(d_table)}});
     if (!d_direction.empty()) {
@@ -95,7 +95,7 @@ class DeviceGridStages final : public CommonGridStages<DeviceExecutor<Device>> {
   void encode(const HashGrid& grid, const UnitPoints& points, std::span<float> features) override {
     check_encode(grid, points, features.size());
     Stage stage(device_);
-    stage.for_each(points.n * grid.config.levels,
+    stage.for_each(points.n * grid.config.n_levels,
                    EncodePoints{GridLevels(stage_input(stage, grid)), stage_input(stage, points),
                                 stage.out(features)});
     stage.finish();
@@ -111,7 +111,7 @@ class DeviceGridStages final : public CommonGridStages<DeviceExecutor<Device>> {
     const GridLevels levels(values);
     const UnitPoints device_points = stage_input(stage, points);
     const std::span<const float> d = stage.in(d_features);
-    stage.for_each(points.n * grid.config.levels,
+    stage.for_each(points.n * grid.config.n_levels,
                    EncodeTableBackward{levels, device_points, d, {stage.in_out(d_table)}});
     if (!d_position.empty())
       stage.for_each(points.n,
@@ -181,7 +181,7 @@ class DeviceGridStages final : public CommonGridStages<DeviceExecutor<Device>> {
                                  std::span<float> d_table) override {
     check_proposal_density_backward(grid, points, density.size(), d_density.size(), d_table.size());
     Stage stage(device_);
-    stage.for_each(points.n * grid.config.levels,
+    stage.for_each(points.n * grid.config.n_levels,
                    ProposalDensityBackward{GridLevels({grid.config, {}}),
                                            stage_input(stage, points),
                                            stage.in(density),

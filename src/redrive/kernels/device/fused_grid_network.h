@@ -30,14 +30,14 @@ inline bool can_fuse(const GridFieldConfig& config,
                      std::initializer_list<const float*> read_in_pairs) {
   for (const float* numbers : read_in_pairs)
     if (reinterpret_cast<std::uintptr_t>(numbers) % (2 * sizeof(float)) != 0) return false;
-  return config.grid.outputs() == kFusedInputs && config.grid.features % 2 == 0 &&
+  return config.grid.outputs() == kFusedInputs && config.grid.features_per_level % 2 == 0 &&
          (config.width == 32 || config.width == 64);
 }
 
 /// Input of the network as the stage has it, on the device.
 struct FusedGridInput {
   std::size_t n;
-  int log2_of_level;  ///< log2 of the features per level
+  int log2_features;  ///< log2 of the features per level
   std::uint32_t per_ray;
   float density_scale;
   const float *features, *harmonics;
@@ -46,8 +46,8 @@ struct FusedGridInput {
 
   /// FeatureLayout::at without a division.
   REDRIVE_HD std::size_t offset(std::size_t sample, int c) const {
-    return (((static_cast<std::size_t>(c >> log2_of_level) * n + sample) << log2_of_level)) +
-           (c & ((1 << log2_of_level) - 1));
+    return (((static_cast<std::size_t>(c >> log2_features) * n + sample) << log2_features)) +
+           (c & ((1 << log2_features) - 1));
   }
 };
 
@@ -253,7 +253,8 @@ class FusedGridNetwork {
       : stage_(stage), network_(network) {
     REDRIVE_CHECK_OP(n, <, std::size_t{1} << 32);
     in_ = {.n = n,
-           .log2_of_level = std::countr_zero(static_cast<unsigned>(network.config.grid.features)),
+           .log2_features =
+               std::countr_zero(static_cast<unsigned>(network.config.grid.features_per_level)),
            .per_ray = static_cast<std::uint32_t>(per_ray),
            .density_scale = network.density_scale,
            .features = features.data(),

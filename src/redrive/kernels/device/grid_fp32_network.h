@@ -13,10 +13,10 @@ namespace redrive::kernels {
 
 /// Layout of a batch's features [levels, n, features]: offset of number `c` of a sample.
 struct FeatureLayout {
-  std::size_t n, of_level;
+  std::size_t n, features_per_level;
 
   REDRIVE_HD std::size_t at(std::size_t sample, std::size_t c) const {
-    return (c / of_level * n + sample) * of_level + c % of_level;
+    return (c / features_per_level * n + sample) * features_per_level + c % features_per_level;
   }
 };
 
@@ -98,7 +98,7 @@ class GridFp32Network {
         per_ray_(per_ray),
         features_(features),
         harmonics_(harmonics),
-        places_{n, static_cast<std::size_t>(network.config.grid.features)},
+        places_{n, static_cast<std::size_t>(network.config.grid.features_per_level)},
         layers_(stage, network.weights, gradients),
         last_(network.config.colour_layers == 2 ? kGridColour1 : kGridColour0) {
     for (int l = 0; l < kGridLayers; ++l) {

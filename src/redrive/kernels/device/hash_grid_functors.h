@@ -14,11 +14,13 @@ namespace redrive::kernels {
 struct GridLevels {
   static constexpr int kMost = 16;
   HashGridLevel level[kMost];
-  int levels, features;
+  int n_levels, features_per_level;
   std::span<const float> table;
 
   explicit GridLevels(const HashGrid& grid)
-      : levels(grid.config.levels), features(grid.config.features), table(grid.table) {
+      : n_levels(grid.config.n_levels),
+        features_per_level(grid.config.features_per_level),
+        table(grid.table) {
     const auto all = hash_grid_levels(grid.config);
     std::copy(all.begin(), all.end(), level);
   }
@@ -40,9 +42,9 @@ struct EncodePoints {
 
   REDRIVE_HD void operator()(std::size_t i) const {
     const std::size_t point = i % points.n;
-    hash_grid_encode_level(grid.level[i / points.n], grid.features, grid.table.data(),
+    hash_grid_encode_level(grid.level[i / points.n], grid.features_per_level, grid.table.data(),
                            PointPosition(points, point).at, points.footprint[point],
-                           &features[i * grid.features]);
+                           &features[i * grid.features_per_level]);
   }
 };
 
@@ -62,9 +64,9 @@ struct EncodeTableBackward {
 
   REDRIVE_HD void operator()(std::size_t i) const {
     const std::size_t point = i % points.n;
-    hash_grid_adjoint_level(grid.level[i / points.n], grid.features,
+    hash_grid_adjoint_level(grid.level[i / points.n], grid.features_per_level,
                             PointPosition(points, point).at, points.footprint[point],
-                            &d_features[i * grid.features], add);
+                            &d_features[i * grid.features_per_level], add);
   }
 };
 
@@ -77,10 +79,11 @@ struct EncodePositionBackward {
   REDRIVE_HD void operator()(std::size_t point) const {
     const PointPosition position(points, point);
     float d[3]{};
-    for (int l = 0; l < grid.levels; ++l)
-      hash_grid_position_adjoint_level(grid.level[l], grid.features, grid.table.data(), position.at,
-                                       points.footprint[point],
-                                       &d_features[(l * points.n + point) * grid.features], d);
+    for (int l = 0; l < grid.n_levels; ++l)
+      hash_grid_position_adjoint_level(
+          grid.level[l], grid.features_per_level, grid.table.data(), position.at,
+          points.footprint[point], &d_features[(l * points.n + point) * grid.features_per_level],
+          d);
     for (int k = 0; k < 3; ++k) d_position[k * points.n + point] = d[k];
   }
 };
@@ -95,7 +98,7 @@ struct ProposalDensity {
     const PointPosition position(points, point);
     const float most = kMaxLogDensity;
     float sum = 0;
-    for (int l = 0; l < grid.levels; ++l) {
+    for (int l = 0; l < grid.n_levels; ++l) {
       float feature;
       hash_grid_encode_level(grid.level[l], 1, grid.table.data(), position.at,
                              points.footprint[point], &feature);

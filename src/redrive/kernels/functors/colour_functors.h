@@ -45,8 +45,8 @@ struct SkyColours {
 
   REDRIVE_HD void operator()(std::size_t ray) const {
     for (int k = 0; k < 3; ++k)
-      colour[k * n + ray] =
-          sky_colour(&features[ray * config.features + k], config.levels, n * config.features);
+      colour[k * n + ray] = sky_colour(&features[ray * config.features_per_level + k],
+                                       config.n_levels, n * config.features_per_level);
   }
 };
 
@@ -57,10 +57,11 @@ struct SkyColoursBackward {
   std::span<float> d_features;
 
   REDRIVE_HD void operator()(std::size_t ray) const {
-    for (int k = 0; k < config.features; ++k) {
+    for (int k = 0; k < config.features_per_level; ++k) {
       const std::size_t at = k * n + ray;
       const float d = k < 3 ? sky_colour_adjoint(colour[at], (1 - opacity[ray]) * d_rgb[at]) : 0.0f;
-      for (int l = 0; l < config.levels; ++l) d_features[(l * n + ray) * config.features + k] = d;
+      for (int l = 0; l < config.n_levels; ++l)
+        d_features[(l * n + ray) * config.features_per_level + k] = d;
     }
   }
 };

@@ -43,7 +43,8 @@ class FeaturesOf {
 
  private:
   std::size_t at(std::size_t k) const {
-    return (k / config_.features * n_ + i_) * config_.features + k % config_.features;
+    return (k / config_.features_per_level * n_ + i_) * config_.features_per_level +
+           k % config_.features_per_level;
   }
   const HashGridConfig& config_;
   std::size_t n_, i_;

@@ -243,23 +243,23 @@ REDRIVE_INLINE void store_masked(float* to, int numbers, __m512 x) {
   _mm512_mask_storeu_ps(to, first_lanes(numbers), x);
 }
 
-/// Loads the features of up to 32 samples, `count` of them valid; kOfLevel features of a level are
+/// Loads the features of up to 32 samples, `count` of them valid; kFeatures features of a level are
 /// adjacent.
-template <int kOfLevel, bool kKeep>
+template <int kFeatures, bool kKeep>
 REDRIVE_INLINE void load_features(const GridNetworkTile& tile, int first, int count,
                                   const Layer& to) {
-  constexpr int kPairs = kOfLevel / 2;
-  for (int l = 0; l < tile.levels; ++l) {
+  constexpr int kPairs = kFeatures / 2;
+  for (int l = 0; l < tile.n_levels; ++l) {
     const float* const from =
-        tile.features + l * tile.level_stride + static_cast<std::size_t>(first) * kOfLevel;
+        tile.features + l * tile.level_stride + static_cast<std::size_t>(first) * kFeatures;
     __m512i pair[kPairs][2];
 #pragma GCC unroll 2
     for (int v = 0; v < 2; ++v) {
-      const int numbers = (count - v * 16) * kOfLevel;
+      const int numbers = (count - v * 16) * kFeatures;
       __m512i of_samples[kPairs];
 #pragma GCC unroll 4
       for (int j = 0; j < kPairs; ++j) {
-        const float* const here = from + v * 16 * kOfLevel + j * 32;
+        const float* const here = from + v * 16 * kFeatures + j * 32;
         of_samples[j] = to_bf16(load_masked(here, numbers - 32 * j),
                                 load_masked(here + 16, numbers - 32 * j - 16));
       }
@@ -286,7 +286,7 @@ REDRIVE_INLINE void load_features(const GridNetworkTile& tile, int first, int co
       _mm512_store_si512(pairs, pair[j][0]);
       _mm512_store_si512(pairs + 16, pair[j][1]);
       if constexpr (kKeep) {
-        Bf16* const rows = to.rows + (l * kOfLevel + 2 * j) * kStrip;
+        Bf16* const rows = to.rows + (l * kFeatures + 2 * j) * kStrip;
         const __m512i even = _mm512_load_si512(kEveryOther.even_words),
                       odd = _mm512_load_si512(kEveryOther.odd_words);
         _mm512_store_si512(rows, _mm512_permutex2var_epi16(pair[j][0], even, pair[j][1]));
@@ -297,45 +297,45 @@ REDRIVE_INLINE void load_features(const GridNetworkTile& tile, int first, int co
 }
 
 /// The inverse: stores a block of rows, its first one that of a level, by samples.
-template <int kOfLevel>
+template <int kFeatures>
 REDRIVE_INLINE void store_features(const Sums<kBlock>& sums, float* to, std::size_t level_stride,
                                    int count) {
 #pragma GCC unroll 4
-  for (int l = 0; l < kBlock / kOfLevel; ++l)
+  for (int l = 0; l < kBlock / kFeatures; ++l)
 #pragma GCC unroll 2
     for (int v = 0; v < 2; ++v) {
-      __m512i x[kOfLevel], y[kOfLevel];
+      __m512i x[kFeatures], y[kFeatures];
 #pragma GCC unroll 8
-      for (int r = 0; r < kOfLevel; ++r) x[r] = _mm512_castps_si512(sums.at[l * kOfLevel + r][v]);
+      for (int r = 0; r < kFeatures; ++r) x[r] = _mm512_castps_si512(sums.at[l * kFeatures + r][v]);
       const auto join = [&](const auto& index, int unit) REDRIVE_LAMBDA {
 #pragma GCC unroll 8
-        for (int g = 0; g < kOfLevel; g += 2 * unit)
+        for (int g = 0; g < kFeatures; g += 2 * unit)
 #pragma GCC unroll 4
           for (int q = 0; q < unit; ++q) {
             y[g + 2 * q] = joined(index.low, x[g + q], x[g + unit + q]);
             y[g + 2 * q + 1] = joined(index.high, x[g + q], x[g + unit + q]);
           }
 #pragma GCC unroll 8
-        for (int r = 0; r < kOfLevel; ++r) x[r] = y[r];
+        for (int r = 0; r < kFeatures; ++r) x[r] = y[r];
       };
       join(kInTurn<1>, 1);
-      if constexpr (kOfLevel >= 4) join(kInTurn<2>, 2);
-      if constexpr (kOfLevel >= 8) join(kInTurn<4>, 4);
-      const int numbers = (count - v * 16) * kOfLevel;
-      float* const here = to + l * level_stride + v * 16 * kOfLevel;
+      if constexpr (kFeatures >= 4) join(kInTurn<2>, 2);
+      if constexpr (kFeatures >= 8) join(kInTurn<4>, 4);
+      const int numbers = (count - v * 16) * kFeatures;
+      float* const here = to + l * level_stride + v * 16 * kFeatures;
 #pragma GCC unroll 8
-      for (int r = 0; r < kOfLevel; ++r)
+      for (int r = 0; r < kFeatures; ++r)
         store_masked(here + 16 * r, numbers - 16 * r, _mm512_castsi512_ps(x[r]));
     }
 }
 
 /// Computes the layers up to the last hidden one for samples [first, first + count) of the tile.
-template <int kOfLevel, bool kKeep>
+template <int kFeatures, bool kKeep>
 REDRIVE_INLINE void strip_forward(const GridBf16Weights& w, const GridNetworkTile& tile,
                                   const Activations& a, int first, int count) {
   const Layer features = a.features.at(first), hidden = a.hidden.at(first),
               geometry = a.geometry.at(first);
-  load_features<kOfLevel, kKeep>(tile, first, count, features);
+  load_features<kFeatures, kKeep>(tile, first, count, features);
   const auto rectified = [](const Layer& to) REDRIVE_LAMBDA {
     return [to](int row, Sums<kBlock>& sums) REDRIVE_LAMBDA {
       rectify(sums);
@@ -380,13 +380,13 @@ REDRIVE_INLINE void for_each_strip(int samples, const Visit& visit) {
     visit(first, samples - first < kStrip ? samples - first : kStrip);
 }
 
-template <int kOfLevel>
+template <int kFeatures>
 void forward(const GridBf16Weights& w, const GridNetworkTile& tile, float* raw, float* scratch) {
   const int samples = tile.n_rays * tile.per_ray;
   const Activations a = activations_in(scratch, w, samples, false);
   encode_ray_directions<false>(w, tile, a);
   for_each_strip(samples, [&](int first, int count) REDRIVE_LAMBDA {
-    strip_forward<kOfLevel, false>(w, tile, a, first, count);
+    strip_forward<kFeatures, false>(w, tile, a, first, count);
     product<4>(4, w.width / 2, w.colour_out, a.colour[w.colour_layers - 1].pairs, FromZero(),
                [&](int, Sums<4>& sums) REDRIVE_LAMBDA {
                  for (int v = 0; v < 2; ++v) {
@@ -450,7 +450,7 @@ static __attribute__((noinline)) void add_gradient(int outputs, const Layer& d, 
     }
 }
 
-template <int kOfLevel>
+template <int kFeatures>
 void backward(const GridBf16Weights& w, const GridNetworkTile& tile, const float* d_raw,
               const GridNetworkGradients& gradients, float* d_features, float* scratch) {
   const int samples = tile.n_rays * tile.per_ray, last = w.colour_layers - 1, width = w.width;
@@ -458,7 +458,7 @@ void backward(const GridBf16Weights& w, const GridNetworkTile& tile, const float
   encode_ray_directions<true>(w, tile, a);
   const Layer& d_last = last == 1 ? a.d_wider : a.d_wide;
   for_each_strip(samples, [&](int first, int count) REDRIVE_LAMBDA {
-    strip_forward<kOfLevel, true>(w, tile, a, first, count);
+    strip_forward<kFeatures, true>(w, tile, a, first, count);
     __m512 d[4][2];
 #pragma GCC unroll 4
     for (int k = 0; k < 4; ++k)
@@ -499,10 +499,10 @@ void backward(const GridBf16Weights& w, const GridNetworkTile& tile, const float
                     gated(a.d_hidden, a.hidden));
     product<kBlock>(w.inputs, width / 2, w.density0_back, a.d_hidden.pairs, FromZero(),
                     [&](int row, Sums<kBlock>& sums) REDRIVE_LAMBDA {
-                      store_features<kOfLevel>(sums,
-                                               d_features + row / kOfLevel * tile.level_stride +
-                                                   static_cast<std::size_t>(first) * kOfLevel,
-                                               tile.level_stride, count);
+                      store_features<kFeatures>(sums,
+                                                d_features + row / kFeatures * tile.level_stride +
+                                                    static_cast<std::size_t>(first) * kFeatures,
+                                                tile.level_stride, count);
                     });
   });
   const int n = a.samples;
@@ -515,7 +515,7 @@ void backward(const GridBf16Weights& w, const GridNetworkTile& tile, const float
 
 void network_forward(const GridBf16Weights& w, const GridNetworkTile& tile, float* raw,
                      float* scratch) {
-  switch (tile.of_level) {
+  switch (tile.features_per_level) {
     case 2: return forward<2>(w, tile, raw, scratch);
     case 4: return forward<4>(w, tile, raw, scratch);
     default: return forward<8>(w, tile, raw, scratch);
@@ -524,7 +524,7 @@ void network_forward(const GridBf16Weights& w, const GridNetworkTile& tile, floa
 
 void network_backward(const GridBf16Weights& w, const GridNetworkTile& tile, const float* d_raw,
                       const GridNetworkGradients& gradients, float* d_features, float* scratch) {
-  switch (tile.of_level) {
+  switch (tile.features_per_level) {
     case 2: return backward<2>(w, tile, d_raw, gradients, d_features, scratch);
     case 4: return backward<4>(w, tile, d_raw, gradients, d_features, scratch);
     default: return backward<8>(w, tile, d_raw, gradients, d_features, scratch);

@@ -24,7 +24,8 @@ constexpr int kBf16TileSamples =
 std::vector<GridLevel> levels_of(const HashGrid& grid) {
   std::vector<GridLevel> levels;
   for (const HashGridLevel& level : hash_grid_levels(grid.config))
-    levels.push_back({level.cells, level.rows - 1, level.dense, grid.table.data() + level.offset});
+    levels.push_back(
+        {level.resolution, level.rows - 1, level.dense, grid.table.data() + level.offset});
   return levels;
 }
 
@@ -71,7 +72,8 @@ class CpuGridStages final : public HostGridStages {
     for_each_level_range(
         grid, points,
         [&](const GridLevel& level, std::size_t first_feature, const GridPoints& range) {
-          kernels_.encode(grid.config.features, level, range, features.data() + first_feature);
+          kernels_.encode(grid.config.features_per_level, level, range,
+                          features.data() + first_feature);
         });
   }
 
@@ -79,15 +81,17 @@ class CpuGridStages final : public HostGridStages {
                        std::span<const float> d_features, std::span<float> d_table,
                        std::span<float> d_position) override {
     check_encode_backward(grid, points, d_features.size(), d_table.size(), d_position.size());
-    backward_of_levels(grid, points, d_features.data(), points.n * grid.config.features, d_table);
+    backward_of_levels(grid, points, d_features.data(), points.n * grid.config.features_per_level,
+                       d_table);
     if (d_position.empty()) return;
     std::ranges::fill(d_position, 0.0f);
     const auto levels = levels_of(grid);
     pool_.run_ranges(points.n, kPointsPerRange, [&](std::size_t begin, std::size_t end) {
       for (std::size_t l = 0; l < levels.size(); ++l)
-        kernels_.encode_backward(grid.config.features, levels[l], range_of(points, begin, end),
-                                 d_features.data() + (l * points.n + begin) * grid.config.features,
-                                 nullptr, d_position.data() + begin);
+        kernels_.encode_backward(
+            grid.config.features_per_level, levels[l], range_of(points, begin, end),
+            d_features.data() + (l * points.n + begin) * grid.config.features_per_level, nullptr,
+            d_position.data() + begin);
     });
   }
 
@@ -125,7 +129,7 @@ class CpuGridStages final : public HostGridStages {
             d_raw.data() + sample,
             {at(kGridDensity0), at(kGridDensity1), at(kGridColour0), at(kGridColour1),
              at(kGridColourOut)},
-            d_features.data() + sample * network.config.grid.features, scratch);
+            d_features.data() + sample * network.config.grid.features_per_level, scratch);
       });
     });
     for (const Buffer<float>& sum : sums)
@@ -189,7 +193,7 @@ class CpuGridStages final : public HostGridStages {
     const std::size_t ranges = (points.n + kPointsPerRange - 1) / kPointsPerRange;
     pool_.run(static_cast<int>(levels.size() * ranges), [&](int task) {
       const std::size_t l = task / ranges, begin = task % ranges * kPointsPerRange;
-      visit(levels[l], (l * points.n + begin) * grid.config.features,
+      visit(levels[l], (l * points.n + begin) * grid.config.features_per_level,
             range_of(points, begin, std::min(points.n, begin + kPointsPerRange)));
     });
   }
@@ -200,9 +204,9 @@ class CpuGridStages final : public HostGridStages {
     const auto levels = levels_of(grid);
     pool_.run(static_cast<int>(levels.size()), [&](int task) {
       const std::size_t l = levels.size() - 1 - task;
-      kernels_.encode_backward(grid.config.features, levels[l], range_of(points, 0, points.n),
-                               d + l * step, d_table.data() + (levels[l].rows - grid.table.data()),
-                               nullptr);
+      kernels_.encode_backward(grid.config.features_per_level, levels[l],
+                               range_of(points, 0, points.n), d + l * step,
+                               d_table.data() + (levels[l].rows - grid.table.data()), nullptr);
     });
   }
 
@@ -212,11 +216,12 @@ class CpuGridStages final : public HostGridStages {
     return {
         .n_rays = count,
         .per_ray = per_ray,
-        .features = features.data() + interval_count(first, per_ray) * network.config.grid.features,
+        .features = features.data() +
+                    interval_count(first, per_ray) * network.config.grid.features_per_level,
         .harmonics = harmonics.data() + static_cast<std::size_t>(first) * kHarmonics,
-        .levels = network.config.grid.levels,
-        .of_level = network.config.grid.features,
-        .level_stride = interval_count(n_rays, per_ray) * network.config.grid.features,
+        .n_levels = network.config.grid.n_levels,
+        .features_per_level = network.config.grid.features_per_level,
+        .level_stride = interval_count(n_rays, per_ray) * network.config.grid.features_per_level,
         .raw_stride = interval_count(n_rays, per_ray)};
   }
 

@@ -103,28 +103,28 @@ void weights_backward(int n_rays, int per_ray, const float* edges, const float* 
   }
 }
 
-/// Transposes the features of a tile from [levels, all samples, kOfLevel] to [samples, inputs], or
+/// Transposes the features of a tile from [levels, all samples, kFeatures] to [samples, inputs], or
 /// back.
-template <int kOfLevel, bool kBack>
+template <int kFeatures, bool kBack>
 REDRIVE_INLINE void regroup(const GridNetworkTile& tile, const float* from, float* to) {
-  const int samples = tile.n_rays * tile.per_ray, levels = tile.levels;
-  const std::size_t inputs = static_cast<std::size_t>(levels) * kOfLevel;
-  for (int l = 0; l < levels; ++l) {
+  const int samples = tile.n_rays * tile.per_ray, n_levels = tile.n_levels;
+  const std::size_t inputs = static_cast<std::size_t>(n_levels) * kFeatures;
+  for (int l = 0; l < n_levels; ++l) {
     const std::size_t by_level = l * tile.level_stride,
-                      by_sample = static_cast<std::size_t>(l) * kOfLevel;
+                      by_sample = static_cast<std::size_t>(l) * kFeatures;
     const float* source = from + (kBack ? by_sample : by_level);
     float* target = to + (kBack ? by_level : by_sample);
     for (int i = 0; i < samples; ++i) {
-      if (!kBack) __builtin_prefetch(source + samples * kOfLevel);  // of the next tile
-      std::memcpy(target, source, kOfLevel * sizeof(float));
-      source += kBack ? inputs : kOfLevel;
-      target += kBack ? kOfLevel : inputs;
+      if (!kBack) __builtin_prefetch(source + samples * kFeatures);  // of the next tile
+      std::memcpy(target, source, kFeatures * sizeof(float));
+      source += kBack ? inputs : kFeatures;
+      target += kBack ? kFeatures : inputs;
     }
   }
 }
 template <bool kBack>
 void regroup(const GridNetworkTile& tile, const float* from, float* to) {
-  switch (tile.of_level) {
+  switch (tile.features_per_level) {
     case 2: return regroup<2, kBack>(tile, from, to);
     case 4: return regroup<4, kBack>(tile, from, to);
     default: return regroup<8, kBack>(tile, from, to);

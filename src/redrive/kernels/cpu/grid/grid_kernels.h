@@ -11,7 +11,7 @@ namespace redrive::kernels {
 
 /// A level of a hash grid; `rows` points at its first feature.
 struct GridLevel {
-  int cells = 0;
+  int resolution = 0;
   std::uint32_t mask = 0;  ///< rows - 1, for a hashed level
   bool dense = true;
   const float* rows = nullptr;
@@ -44,11 +44,12 @@ struct GridNetworkGradients {
 };
 
 /// Whole rays of one network pass: feature f of level l of sample i at features[l * level_stride +
-/// i * of_level + f], harmonics [n_rays, 16], channel k of sample i at raw[k * raw_stride + i].
+/// i * features_per_level + f], harmonics [n_rays, 16], channel k of sample i at raw[k * raw_stride
+/// + i].
 struct GridNetworkTile {
   int n_rays = 0, per_ray = 0;
   const float *features = nullptr, *harmonics = nullptr;
-  int levels = 0, of_level = 0;
+  int n_levels = 0, features_per_level = 0;
   std::size_t level_stride = 0, raw_stride = 0;
 };
 

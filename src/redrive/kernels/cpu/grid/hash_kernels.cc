@@ -20,22 +20,23 @@ struct Cells {
 
 REDRIVE_INLINE Cells find_cells(const GridLevel& level, const GridPoints& points, std::size_t i) {
   const int count = points.n - i < kLanes ? static_cast<int>(points.n - i) : kLanes;
-  const Vf one = splat(1.0f), cells = splat(static_cast<float>(level.cells));
+  const Vf one = splat(1.0f), resolution = splat(static_cast<float>(level.resolution));
   Cells out;
   for (int k = 0; k < 3; ++k) {
     Vf x = load_first(points.position + k * points.stride + i, count);
     x = x > Vf{} ? minimum(x, one) : Vf{};
-    const Vf scaled = x * cells + splat(0.5f);
+    const Vf scaled = x * resolution + splat(0.5f);
     out.corner[k] = __builtin_convertvector(scaled, Vi);
     out.fraction[k] = scaled - __builtin_convertvector(out.corner[k], Vf);
   }
   const Vf weight =
-               one / maximum(splat(2.0f) * cells * load_first(points.footprint + i, count), one),
+               one /
+               maximum(splat(2.0f) * resolution * load_first(points.footprint + i, count), one),
            above = maximum(weight - splat(kMinLevelWeight), Vf{});
   out.level_weight = weight < one ? above / splat(1 - kMinLevelWeight) : one;
   out.counts = lane_bits(out.level_weight > Vf{});
   // Unsigned: a hash may overflow.
-  const std::uint32_t side = static_cast<std::uint32_t>(level.cells) + 2;
+  const std::uint32_t side = static_cast<std::uint32_t>(level.resolution) + 2;
   const Vu step_y = splat_unsigned(level.dense ? side : kHashPrimeY),
            step_z = splat_unsigned(level.dense ? side * side : kHashPrimeZ);
   const Vu x = reinterpret_cast<Vu>(out.corner[0]),
@@ -251,7 +252,7 @@ void encode_position_backward(const GridLevel& level, const GridPoints& points, 
     store_cells(cells, &stored);
     store(y, cells.fraction[1]);
     store(z, cells.fraction[2]);
-    store(scale, cells.level_weight * splat(static_cast<float>(level.cells)));
+    store(scale, cells.level_weight * splat(static_cast<float>(level.resolution)));
     const int count = points.n - i < kLanes ? static_cast<int>(points.n - i) : kLanes;
     for (int j = 0; j < count; ++j) {
       if (!(cells.counts >> j & 1)) continue;
