@@ -222,7 +222,8 @@ TEST_P(GridStagesTest, ContractBackward) {
 std::vector<HashGridConfig> grids() {
   // Dense and hashed levels each. All levels have an odd number of cells times at most 2^10, see
   // Points.
-  return {{8, 4, 4, 512, 12}, {4, 8, 5, 300, 11}, {16, 2, 3, 700, 10}, {5, 1, 6, 160, 13}};
+  return {
+      {8, 4, 4, 512, 12, 0.25f}, {4, 8, 5, 300, 11, 0}, {16, 2, 3, 700, 10}, {5, 1, 6, 160, 13}};
 }
 std::string trace(const HashGridConfig& grid) {
   return std::to_string(grid.n_levels) + " x " + std::to_string(grid.features_per_level);
@@ -269,7 +270,7 @@ std::vector<std::vector<double>> level_weights(const HashGridConfig& config, con
   for (std::size_t i = 0; i < out.size(); ++i)
     for (const HashGridLevel& level : levels)
       out[i].push_back(hash_grid_level_weight<double>(level, at.footprint[i]) +
-                       kMinLevelWeight / (1 - kMinLevelWeight));
+                       level.min_weight / (1 - level.min_weight));
   return out;
 }
 
@@ -490,7 +491,7 @@ TEST_P(GridStagesTest, ProposalDensity) {
   const auto backend = make(), ref = make_ref_backend();
   const float scale = 0.25f;
   for (const HashGridConfig& config :
-       {HashGridConfig{5, 1, 6, 160, 13}, {3, 1, 4, 512, 9}, {1, 1, 7, 7, 12}})
+       {HashGridConfig{5, 1, 6, 160, 13}, {3, 1, 4, 512, 9, 0.4f}, {1, 1, 7, 7, 12}})
     for (const std::size_t n : point_counts()) {
       SCOPED_TRACE(trace(config) + ", " + std::to_string(n));
       const Points at(n, true);
@@ -671,6 +672,7 @@ TEST_P(GridStagesTest, SparsityLoss) {
 }
 
 TEST_P(GridStagesTest, ProposalLoss) {
+  constexpr double kOpacityWeight = 0.25;
   const auto backend = make(), ref = make_ref_backend();
   int lacking_in_all = 0;
   for (const BatchSize& size : batch_sizes())
@@ -685,9 +687,9 @@ TEST_P(GridStagesTest, ProposalLoss) {
       std::vector<float> d(proposal.count(), NAN), expected(proposal.count());
       double loss = NAN, expected_loss = NAN;
       backend->grid().proposal_loss(size.n_rays, rows.intervals(), weights, proposal.intervals(),
-                                    bounds, d, &loss);
+                                    bounds, kOpacityWeight, d, &loss);
       ref->grid().proposal_loss(size.n_rays, rows.intervals(), weights, proposal.intervals(),
-                                bounds, expected, &expected_loss);
+                                bounds, kOpacityWeight, expected, &expected_loss);
       // Up to m sums of a bound round. The excess weight has that error, its fraction two more
       // roundings, and the sum over n intervals (weighted, in the loss) n more. The opacities are m
       // + n sums.
@@ -719,12 +721,12 @@ TEST_P(GridStagesTest, ProposalLoss) {
               2 * share * off + off * off / (w + 1e-7) + (size.per_ray + 3) * u * lacking * share;
         }
         const double off_more = (m + size.per_ray + 4) * u * all,
-                     of_opacity = 2 * kOpacityLossWeight * more;
-        loss_error += kOpacityLossWeight * (2 * std::abs(more) * off_more + off_more * off_more);
+                     of_opacity = 2 * kOpacityWeight * more;
+        loss_error += kOpacityWeight * (2 * std::abs(more) * off_more + off_more * off_more);
         for (int j = 0; j < m; ++j) {
           const std::size_t at = std::size_t(ray) * m + j;
           const double off = error[j] + (size.per_ray + 4) * u * (sum[j] + std::abs(of_opacity)) +
-                             2 * kOpacityLossWeight * off_more;
+                             2 * kOpacityWeight * off_more;
           ASSERT_NEAR(d[at], expected[at], off / size.n_rays) << "ray " << ray << ", " << j;
           ASSERT_NEAR(d[at], (of_opacity - sum[j]) / size.n_rays, off / size.n_rays);
         }
@@ -822,7 +824,7 @@ TEST_P(GridStagesTest, ChecksSizes) {
   EXPECT_THROW(stages.weights(3, rows.intervals(), few, n), std::logic_error);
   EXPECT_THROW(stages.weights_backward(3, rows.intervals(), n, n, n, few), std::logic_error);
   double loss = 0;
-  EXPECT_THROW(stages.proposal_loss(3, rows.intervals(), n, rows.intervals(), n, few, &loss),
+  EXPECT_THROW(stages.proposal_loss(3, rows.intervals(), n, rows.intervals(), n, 0.1, few, &loss),
                std::logic_error);
   EXPECT_THROW(stages.range_loss(3, rows.intervals(), n, few, 0.1f, 1, n, &loss), std::logic_error);
   EXPECT_THROW(
@@ -892,7 +894,7 @@ std::map<std::string, std::vector<float>> all_stages(GridStages& stages, const G
                        made("sparsity d_density", n), &loss);
   out["sparsity loss"] = {static_cast<float>(loss)};
   auto& d_weights = made("d_weights", weights.size());
-  stages.proposal_loss(n_rays, intervals, field_weights, proposal, weights, d_weights, &loss);
+  stages.proposal_loss(n_rays, intervals, field_weights, proposal, weights, 0.1, d_weights, &loss);
   out["loss"] = {static_cast<float>(loss),
                  static_cast<float>(loss * 0x1p30 - std::floor(loss * 0x1p30))};
   auto& d_density = made("d_density", density.size());

@@ -223,7 +223,7 @@ TEST_P(RayStages, SkyBackward) {
 
 /// Two cameras with three knots each; rays of both and of none, at, between and outside of knots.
 struct ExposedRays {
-  static constexpr AppearanceConfig kConfig{2, 3};
+  static constexpr AppearanceConfig kConfig{2, 3, 0x1p-6f};
   std::size_t n;
   std::vector<float> parameters, rgb, target, weight;
   std::vector<Exposure> exposure;

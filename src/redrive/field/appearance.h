@@ -21,12 +21,12 @@ namespace redrive {
 constexpr float kKnotSpacing_s = 0.5f;
 /// A log gain is this times its parameter, which lowers its learning rate against the field's.
 constexpr float kLogGainScale = 0.05f;
-/// Weight of the mean square of all log gains against the colour loss: a hundredth of the gradient
-/// that one camera's images give.
-constexpr float kGainRegulariserWeight = 5e-4f;
 
 struct AppearanceConfig {
   int cameras = 0, knots = 0;  ///< 0: no gains
+  /// Of the mean square of all log gains against the colour loss: a hundredth of the gradient that
+  /// one camera's images give.
+  float regulariser_weight = 5e-4f;
 
   REDRIVE_HD std::size_t size() const { return 3 * static_cast<std::size_t>(cameras) * knots; }
 };
@@ -73,7 +73,7 @@ REDRIVE_HD void colour_gains_adjoint(const AppearanceConfig& config, const Expos
   }
 }
 
-/// One parameter's term of the regulariser kGainRegulariserWeight * mean over all parameters of
+/// One parameter's term of the regulariser regulariser_weight * mean over all parameters of
 /// (log gain)^2, which keeps gains near 1.
 template <class T>
 struct GainRegulariser {
@@ -81,7 +81,7 @@ struct GainRegulariser {
 };
 template <class T>
 REDRIVE_HD GainRegulariser<T> gain_regulariser(const AppearanceConfig& config, T parameter) {
-  const T factor(kGainRegulariserWeight * kLogGainScale * kLogGainScale /
+  const T factor(config.regulariser_weight * kLogGainScale * kLogGainScale /
                  static_cast<float>(config.size()));
   return {factor * parameter * parameter, T(2) * factor * parameter};
 }

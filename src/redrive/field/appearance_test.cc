@@ -76,7 +76,7 @@ TEST(Appearance, RegulariserIsTheMeanSquareOfLogGains) {
     loss += term.value.a;
     square += kLogGainScale * parameter * kLogGainScale * parameter / kSize;
   }
-  EXPECT_NEAR(loss, kGainRegulariserWeight * square, 1e-6 * loss) << "the factor is a float";
+  EXPECT_NEAR(loss, kConfig.regulariser_weight * square, 1e-6 * loss) << "the factor is a float";
 }
 
 }  // namespace

@@ -16,8 +16,4 @@ constexpr float kMaxLogDensity = 15;
 /// Primes of the hash of grid vertices (Mueller et al. 2022, eq. 4).
 constexpr std::uint32_t kHashPrimeY = 2654435761u, kHashPrimeZ = 805459861u;
 
-/// Levels with a smaller weight are skipped; the weights above are rescaled to 0..1. Chosen by
-/// measurement among 0, 0.1, 0.2 and 0.3 (docs/experiments.md).
-constexpr float kMinLevelWeight = 0.2f;
-
 }  // namespace redrive

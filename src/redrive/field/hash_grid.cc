@@ -15,6 +15,7 @@ std::vector<HashGridLevel> hash_grid_levels(const HashGridConfig& config) {
   REDRIVE_CHECK(config.log2_hashmap_size >= 4 && config.log2_hashmap_size <= 24);
   REDRIVE_CHECK(config.base_resolution >= 1 && config.base_resolution <= config.max_resolution &&
                 config.max_resolution <= 1 << 20);
+  REDRIVE_CHECK(config.min_level_weight >= 0 && config.min_level_weight < 1);
   const double growth = config.n_levels > 1
                             ? std::pow(double(config.max_resolution) / config.base_resolution,
                                        1.0 / (config.n_levels - 1))
@@ -29,6 +30,7 @@ std::vector<HashGridLevel> hash_grid_levels(const HashGridConfig& config) {
     level.rows =
         level.dense ? static_cast<std::uint32_t>(vertices) : 1u << config.log2_hashmap_size;
     level.offset = offset;
+    level.min_weight = config.min_level_weight;
     offset += std::size_t(level.rows) * config.features_per_level;
     offset = (offset + 15) / 16 * 16;  // levels begin at a cache line
     levels.push_back(level);

@@ -22,11 +22,12 @@
 namespace redrive {
 
 struct HashGridConfig {
-  int n_levels = 8;            ///< 1..16
-  int features_per_level = 4;  ///< 1, 2, 4 or 8
-  int base_resolution = 16;    ///< cells along a side of the coarsest level, >= 1
-  int max_resolution = 2048;   ///< cells along a side of the finest level, base_resolution..2^20
-  int log2_hashmap_size = 17;  ///< log2 of the most rows of a level, 4..24
+  int n_levels = 8;               ///< 1..16
+  int features_per_level = 4;     ///< 1, 2, 4 or 8
+  int base_resolution = 16;       ///< cells along a side of the coarsest level, >= 1
+  int max_resolution = 2048;      ///< cells along a side of the finest level, base_resolution..2^20
+  int log2_hashmap_size = 17;     ///< log2 of the most rows of a level, 4..24
+  float min_level_weight = 0.2f;  ///< levels of a smaller weight are skipped; in [0, 1)
 
   int outputs() const { return n_levels * features_per_level; }
   bool operator==(const HashGridConfig&) const = default;
@@ -37,6 +38,7 @@ struct HashGridLevel {
   std::uint32_t rows = 0;  ///< a power of two where hashed
   bool dense = true;       ///< one row for each vertex, no hash
   std::size_t offset = 0;  ///< index of its first row's first feature in the table
+  float min_weight = 0;    ///< HashGridConfig::min_level_weight
 };
 
 /// Returns the levels, coarsest first. Throws std::logic_error for a config out of range.
@@ -57,15 +59,15 @@ REDRIVE_HD inline std::uint32_t hash_grid_row(const HashGridLevel& level, std::u
 }
 
 /// Returns the weight of a level in 0..1 by the size of the sample (Tonderski et al., "NeuRAD",
-/// 2024, section 3.1): w = 1 / max(1, 2 resolution footprint), then max(0, w - kMinLevelWeight) /
-/// (1 - kMinLevelWeight) where w < 1. `footprint`: standard deviation of the sample's volume in the
-/// unit cube; 0 gives weight 1, infinity 0, NaN 1.
+/// 2024, section 3.1): w = 1 / max(1, 2 resolution footprint), then max(0, w - level.min_weight) /
+/// (1 - level.min_weight) where w < 1. `footprint`: standard deviation of the sample's volume in
+/// the unit cube; 0 gives weight 1, infinity 0, NaN 1.
 template <class T>
 REDRIVE_HD T hash_grid_level_weight(const HashGridLevel& level, T footprint) {
   const T widths = T(2.0 * level.resolution) * footprint;
   if (!(widths > T(1))) return T(1);
-  const T above = T(1) / widths - T(kMinLevelWeight);
-  return above > T(0) ? above / (T(1) - T(kMinLevelWeight)) : T(0);
+  const T above = T(1) / widths - T(level.min_weight);
+  return above > T(0) ? above / (T(1) - T(level.min_weight)) : T(0);
 }
 
 /// The cell that holds a point: coordinates of its first vertex, and the position within it in [0,

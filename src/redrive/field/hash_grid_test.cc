@@ -89,7 +89,8 @@ TEST(HashGridLevels, RejectConfigsOutOfRange) {
         HashGridConfig{8, 3, 16, 2048, 17}, HashGridConfig{8, 16, 16, 2048, 17},
         HashGridConfig{8, 4, 0, 2048, 17}, HashGridConfig{8, 4, 16, 15, 17},
         HashGridConfig{8, 4, 16, (1 << 20) + 1, 17}, HashGridConfig{8, 4, 16, 2048, 3},
-        HashGridConfig{8, 4, 16, 2048, 25}})
+        HashGridConfig{8, 4, 16, 2048, 25}, HashGridConfig{8, 4, 16, 2048, 17, -0.1f},
+        HashGridConfig{8, 4, 16, 2048, 17, 1}})
     EXPECT_THROW(hash_grid_levels(bad), std::logic_error);
 }
 
@@ -190,6 +191,7 @@ TEST(HashGrid, VertexWeightsSumToOne) {
 TEST(HashGrid, LevelsFinerThanTheFootprintWeighLess) {
   HashGridLevel level;
   level.resolution = 64;
+  level.min_weight = 0.2f;
   EXPECT_EQ(hash_grid_level_weight(level, 0.0), 1);
   EXPECT_EQ(hash_grid_level_weight(level, 1.0 / 128), 1);
   EXPECT_NEAR(hash_grid_level_weight(level, (1 + 1e-12) / 128), 1, 2e-12);

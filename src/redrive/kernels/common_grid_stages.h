@@ -153,14 +153,14 @@ class CommonGridStages : public GridStages {
 
   void proposal_loss(int n_rays, const Intervals& intervals, std::span<const float> weights,
                      const Intervals& proposal, std::span<const float> proposal_weights,
-                     std::span<float> d_proposal, double* loss) override {
+                     double opacity_weight, std::span<float> d_proposal, double* loss) override {
     check_proposal(n_rays, intervals, weights.size(), proposal, proposal_weights.size(),
                    d_proposal.size());
     auto stage = executor_.stage();
     const auto sum =
         stage.reduce(n_rays, ProposalLoss{n_rays, stage_input(stage, intervals), stage.in(weights),
                                           stage_input(stage, proposal), stage.in(proposal_weights),
-                                          stage.out(d_proposal)});
+                                          opacity_weight, stage.out(d_proposal)});
     stage.write_loss({sum, static_cast<double>(n_rays)}, loss);
     stage.finish();
   }

@@ -212,7 +212,7 @@ class GridStages {
   /// proposal.per_ray].
   virtual void proposal_loss(int n_rays, const Intervals& intervals, std::span<const float> weights,
                              const Intervals& proposal, std::span<const float> proposal_weights,
-                             std::span<float> d_proposal, double* loss) = 0;
+                             double opacity_weight, std::span<float> d_proposal, double* loss) = 0;
   /// `factor` times the mean over rays of the range loss (optim/range_loss.h) for LiDAR returns at
   /// range_m [n_rays]; writes d_weights [n_rays, per_ray].
   virtual void range_loss(int n_rays, const Intervals& intervals, std::span<const float> weights,

@@ -399,7 +399,7 @@ void GridModel::backward_proposals(kernels::Backend& backend, const ForwardPass&
                d_found = workspace->take(count), d_density = workspace->take(count);
     stages.proposal_loss(trained, of_trained(pass.intervals),
                          weights.first(static_cast<std::size_t>(trained) * samples), intervals,
-                         found, d_found, &losses[i]);
+                         found, proposal_opacity_weight, d_found, &losses[i]);
     stages.weights_backward(trained, intervals, density, found, d_found, d_density);
     stages.proposal_density_backward(grid(kProposalGrid), round.points.first(count), density,
                                      d_density, part_of(gradients, kProposalGrid));

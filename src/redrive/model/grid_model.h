@@ -35,6 +35,7 @@ struct GridModel final : RayModel {
   int samples = 24;                             ///< per ray, at which the field is evaluated
   float histogram_padding = 0.1f;               ///< volume/ray_intervals.h
   float sparsity_weight = 0;                    ///< optim/sparsity_loss.h
+  double proposal_opacity_weight = 0.1;         ///< optim/proposal_loss.h
   float range_weight = 0.03f;                   ///< of the LiDAR loss, optim/range_loss.h
   /// Standard deviation of a return in the LiDAR loss: at first wide enough to find surfaces, at
   /// the end the uncertainty of a return's range and time.
@@ -46,6 +47,7 @@ struct GridModel final : RayModel {
   float keep_probability =
       1 / 16.0f;                ///< of an empty ray in training, so that new surfaces can appear
   double max_batch_factor = 2;  ///< maximum rays of a step, as a multiple of batch_rays
+  float initial_density = 0.36787944f;  ///< 1 / contraction.half_m: a mean free path of e half_m
   int warm_up_steps = 100;
   float beta2 = 0.99f, epsilon = 1e-15f;  ///< of Adam: Mueller et al. 2022, section 4
   double active_fraction = 1;             ///< moving average of the fraction of active rays
@@ -139,8 +141,8 @@ struct GridModel final : RayModel {
   std::span<float> part_of(std::span<float> all, Part part) const {
     return all.subspan(offset(part), part_size(part));
   }
-  /// Scales densities so that the initial mean free path is e times the near region's half side.
-  float density_scale() const { return 0.36787944f / contraction.half_m; }
+  /// Returns the density, 1/m, where the log density is 0, as it is at first.
+  float density_scale() const { return initial_density / contraction.half_m; }
 };
 
 Method grid_method();

@@ -41,6 +41,9 @@ void GridModel::visit_hyperparameters(HyperparameterVisitor& visit) {
           grid.max_resolution);
     visit({name + ".log2_hashmap_size", "log2 of the rows of a level, at most", 4, 24},
           grid.log2_hashmap_size);
+    visit({name + ".min_level_weight",
+           "levels of a smaller weight, by the sample's footprint, are skipped", 0, 0.99},
+          grid.min_level_weight);
   };
   const auto option = [](const char* option_name, const Hyperparameter& what) {
     return what.as_option(option_name);
@@ -54,6 +57,9 @@ void GridModel::visit_hyperparameters(HyperparameterVisitor& visit) {
                  .multiple_of(16)),
       field.width);
   visit({"colour_layers", "hidden layers of the colour network", 1, 2}, field.colour_layers);
+  visit(Hyperparameter{"initial_density", "density at first, in units of 1 / contraction.half_m", 0}
+            .exclusive(),
+        initial_density);
   visit_grid("proposal", proposal, 1, 1, 1);
   visit_grid("sky", sky, 0, 4, 4);  // 0 levels: no sky
   visit({"background", "grey behind rays where there is no sky", 0, 1}, background);
@@ -66,6 +72,8 @@ void GridModel::visit_hyperparameters(HyperparameterVisitor& visit) {
   visit(
       {"appearance.knots", "knots of each camera's exposure over time; 0: no exposure", 0, 100'000},
       appearance.knots);
+  visit({"appearance.regulariser_weight", "of the mean square of the exposures' log gains", 0, 1},
+        appearance.regulariser_weight);
   constexpr const char* kCenter = "centre of the near region, m";
   visit({"contraction.center_x", kCenter}, contraction.center[0]);
   visit({"contraction.center_y", kCenter}, contraction.center[1]);
@@ -106,6 +114,8 @@ void GridModel::visit_hyperparameters(HyperparameterVisitor& visit) {
          0, 1},
         keep_probability);
   visit({"sparsity_weight", "of the sparsity regulariser", 0, 1}, sparsity_weight);
+  visit({"proposal_opacity_weight", "of the opacity term of the proposals' loss", 0, 1000},
+        proposal_opacity_weight);
   visit({"range_weight", "of the LiDAR loss", 0, 1000}, range_weight);
   visit(Hyperparameter{"range_spread.first_m",
                        "standard deviation of a return in the LiDAR loss at step 0, m", 0}
@@ -240,8 +250,8 @@ void GridModel::configure(const Scene& scene) {
   if (!scene.metric) huber_delta = 2;  // photographs of a static scene: least squares
   if (scene.metric) {
     const double seconds = scene.exposure(0, scene.frames.back().t_ns).t_s;
-    appearance = {static_cast<int>(scene.rig.size()),
-                  static_cast<int>(std::ceil(seconds / kKnotSpacing_s)) + 1};
+    appearance.cameras = static_cast<int>(scene.rig.size());
+    appearance.knots = static_cast<int>(std::ceil(seconds / kKnotSpacing_s)) + 1;
   }
   spacing.near_m = static_cast<float>(scene.near_m);
   spacing.far_m = static_cast<float>(scene.far_m);

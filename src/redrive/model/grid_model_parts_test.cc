@@ -52,7 +52,7 @@ TEST(GridModel, InitialValuesDependOnTheSeedWithAnEmptyProposalAndAGreySky) {
 
 TEST(GridModel, HyperparametersDetermineTheModel) {
   GridModel model;
-  model.field = {{4, 8, 5, 900, 13}, 48, 2};
+  model.field = {{4, 8, 5, 900, 13, 0.125f}, 48, 2};
   model.proposal = {3, 1, 7, 300, 12};
   model.sky = {2, 4, 9, 100, 11};
   model.background = 0.75f;
@@ -60,7 +60,9 @@ TEST(GridModel, HyperparametersDetermineTheModel) {
   model.spacing = {0.75f, 500, 8};
   model.proposal_samples = {40, 20};
   model.samples = 10;
-  model.appearance = {5, 20};
+  model.appearance = {5, 20, 0.25f};
+  model.initial_density = 0.5f;
+  model.proposal_opacity_weight = 0.3;
   model.huber_delta = 0.75f;
   model.histogram_padding = 0.25f;
   model.min_proposal_footprint = 0.75f;
@@ -83,6 +85,9 @@ TEST(GridModel, HyperparametersDetermineTheModel) {
   EXPECT_EQ(copy.proposal_samples, model.proposal_samples);
   EXPECT_EQ(copy.samples, model.samples);
   EXPECT_EQ(copy.appearance.knots, 20);
+  EXPECT_EQ(copy.appearance.regulariser_weight, 0.25f);
+  EXPECT_EQ(copy.initial_density, 0.5f);
+  EXPECT_EQ(copy.proposal_opacity_weight, 0.3);
   EXPECT_EQ(copy.huber_delta, 0.75f);
   EXPECT_EQ(copy.histogram_padding, 0.25f);
   EXPECT_EQ(copy.min_proposal_footprint, 0.75f);
@@ -97,6 +102,7 @@ TEST(GridModel, RejectsHyperparametersOutOfRangeByName) {
       {"grid.base_resolution", {"0", "-16", "2000000"}},
       {"grid.max_resolution", {"15", "2000000"}},
       {"grid.log2_hashmap_size", {"3", "25"}},
+      {"grid.min_level_weight", {"-0.1", "1", "nan"}},
       {"width", {"0", "24", "144", "-16", "32.5"}},
       {"colour_layers", {"0", "3"}},
       {"proposal.features_per_level", {"2"}},
@@ -107,6 +113,8 @@ TEST(GridModel, RejectsHyperparametersOutOfRangeByName) {
       {"huber_delta", {"0", "-1", "nan"}},
       {"appearance.cameras", {"1"}},
       {"appearance.knots", {"-1", "1000000"}},
+      {"appearance.regulariser_weight", {"-1", "nan"}},
+      {"initial_density", {"0", "-1", "nan"}},
       {"background", {"-0.5", "1.5", "nan"}},
       {"contraction.half_m", {"0", "-1", "nan", "inf"}},
       {"near_m", {"1"}},
@@ -117,6 +125,7 @@ TEST(GridModel, RejectsHyperparametersOutOfRangeByName) {
       {"histogram_padding", {"0", "nan"}},
       {"min_proposal_footprint", {"-0.5", "11", "nan"}},
       {"sparsity_weight", {"-0.5", "1.5", "nan"}},
+      {"proposal_opacity_weight", {"-1", "nan"}},
       {"range_weight", {"-1", "nan"}},
       {"rays_per_proposal_ray", {"0"}},
       {"adam.beta2", {"1"}},

@@ -45,17 +45,14 @@ REDRIVE_HD T opacity_loss(const T* weights, int n, const T* proposal, int m, T s
   return more * more;
 }
 
-/// Weight of the opacity loss against the interlevel loss. Chosen by measurement among 0, 0.1
-/// and 1.
-constexpr double kOpacityLossWeight = 0.1;
-
-/// Returns interlevel_loss + kOpacityLossWeight * opacity_loss; arguments as interlevel_loss.
+/// Returns interlevel_loss + opacity_weight * opacity_loss; arguments as interlevel_loss.
 template <class T>
 REDRIVE_HD T proposal_loss(const float* edges, const T* weights, int n, const float* proposal_edges,
-                           const T* proposal, int m, T scale, T* d_proposal) {
+                           const T* proposal, int m, double opacity_weight, T scale,
+                           T* d_proposal) {
   return interlevel_loss(edges, weights, n, proposal_edges, proposal, m, scale, d_proposal) +
-         T(kOpacityLossWeight) *
-             opacity_loss(weights, n, proposal, m, T(kOpacityLossWeight) * scale, d_proposal);
+         T(opacity_weight) *
+             opacity_loss(weights, n, proposal, m, T(opacity_weight) * scale, d_proposal);
 }
 
 }  // namespace redrive

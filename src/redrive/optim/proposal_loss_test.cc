@@ -13,6 +13,8 @@
 namespace redrive {
 namespace {
 
+constexpr double kOpacityWeight = 0.1;
+
 double uniform(std::uint64_t stream, std::uint64_t i) {
   return random_unit(random_key(5, kStreamTest, stream), i);
 }
@@ -105,10 +107,10 @@ TEST(ProposalLoss, LowersTheProposalWhereTheFieldIsEmpty) {
   std::vector<double> d(16);
   const double loss =
       proposal_loss(field.edges.data(), field.weights.data(), 24, proposal.edges.data(),
-                    proposal.weights.data(), 16, 1.0, d.data());
+                    proposal.weights.data(), 16, kOpacityWeight, 1.0, d.data());
   EXPECT_GT(loss, 1e-3);
-  EXPECT_NEAR(loss, kOpacityLossWeight * sum * sum, 1e-15);
-  for (const double of_weight : d) EXPECT_NEAR(of_weight, 2 * kOpacityLossWeight * sum, 1e-15);
+  EXPECT_NEAR(loss, kOpacityWeight * sum * sum, 1e-15);
+  for (const double of_weight : d) EXPECT_NEAR(of_weight, 2 * kOpacityWeight * sum, 1e-15);
 }
 
 TEST(ProposalLoss, DerivativeAgreesWithJets) {
@@ -119,13 +121,13 @@ TEST(ProposalLoss, DerivativeAgreesWithJets) {
     const double scale = 3;
     std::vector<double> d(kProposal, 0.25);
     proposal_loss(field.edges.data(), field.weights.data(), field.n(), proposal.edges.data(),
-                  proposal.weights.data(), kProposal, scale, d.data());
+                  proposal.weights.data(), kProposal, kOpacityWeight, scale, d.data());
     std::vector<Jet> weights(kProposal), ignored(kProposal);
     for (int j = 0; j < kProposal; ++j) weights[j] = Jet(proposal.weights[j], j);
     const std::vector<Jet> of_field(field.weights.begin(), field.weights.end());
     const Jet loss =
         proposal_loss(field.edges.data(), of_field.data(), field.n(), proposal.edges.data(),
-                      weights.data(), kProposal, Jet(1), ignored.data());
+                      weights.data(), kProposal, kOpacityWeight, Jet(1), ignored.data());
     EXPECT_GT(loss.a, 1e-3);
     // At most 25 terms of at most 2 scale.
     for (int j = 0; j < kProposal; ++j)

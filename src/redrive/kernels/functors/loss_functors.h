@@ -16,6 +16,7 @@ struct ProposalLoss {
   std::span<const float> weights;
   Intervals proposal;
   std::span<const float> proposal_weights;
+  double opacity_weight;
   std::span<float> d_proposal;
 
   REDRIVE_HD double operator()(std::size_t ray) const {
@@ -23,7 +24,7 @@ struct ProposalLoss {
     for (int j = 0; j < proposal.per_ray; ++j) d_proposal[p + j] = 0;
     return proposal_loss(&intervals.edges[first + ray], &weights[first], intervals.per_ray,
                          &proposal.edges[p + ray], &proposal_weights[p], proposal.per_ray,
-                         1.0f / static_cast<float>(n_rays), &d_proposal[p]);
+                         opacity_weight, 1.0f / static_cast<float>(n_rays), &d_proposal[p]);
   }
 };
 

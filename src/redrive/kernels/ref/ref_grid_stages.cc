@@ -189,7 +189,7 @@ class RefGridStages final : public HostGridStages {
 
   void proposal_loss(int n_rays, const Intervals& intervals, std::span<const float> weights,
                      const Intervals& proposal, std::span<const float> proposal_weights,
-                     std::span<float> d_proposal, double* loss) override {
+                     double opacity_weight, std::span<float> d_proposal, double* loss) override {
     check_proposal(n_rays, intervals, weights.size(), proposal, proposal_weights.size(),
                    d_proposal.size());
     double sum = 0;
@@ -201,7 +201,7 @@ class RefGridStages final : public HostGridStages {
           &intervals.edges[first + ray],
           as_double(weights.subspan(first, intervals.per_ray)).data(), intervals.per_ray,
           &proposal.edges[p + ray], as_double(proposal_weights.subspan(p, proposal.per_ray)).data(),
-          proposal.per_ray, 1.0 / n_rays, d.data());
+          proposal.per_ray, opacity_weight, 1.0 / n_rays, d.data());
       std::copy(d.begin(), d.end(), &d_proposal[p]);
     }
     *loss = sum / n_rays;

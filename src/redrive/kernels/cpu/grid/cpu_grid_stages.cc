@@ -24,8 +24,8 @@ constexpr int kBf16TileSamples =
 std::vector<GridLevel> levels_of(const HashGrid& grid) {
   std::vector<GridLevel> levels;
   for (const HashGridLevel& level : hash_grid_levels(grid.config))
-    levels.push_back(
-        {level.resolution, level.rows - 1, level.dense, grid.table.data() + level.offset});
+    levels.push_back({level.resolution, level.rows - 1, level.dense,
+                      grid.table.data() + level.offset, level.min_weight});
   return levels;
 }
 

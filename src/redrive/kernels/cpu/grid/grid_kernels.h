@@ -15,6 +15,7 @@ struct GridLevel {
   std::uint32_t mask = 0;  ///< rows - 1, for a hashed level
   bool dense = true;
   const float* rows = nullptr;
+  float min_weight = 0;  ///< HashGridLevel::min_weight
 };
 
 /// n points: coordinate k of point i at position[k * stride + i].

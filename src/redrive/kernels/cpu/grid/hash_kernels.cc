@@ -32,8 +32,8 @@ REDRIVE_INLINE Cells find_cells(const GridLevel& level, const GridPoints& points
   const Vf weight =
                one /
                maximum(splat(2.0f) * resolution * load_first(points.footprint + i, count), one),
-           above = maximum(weight - splat(kMinLevelWeight), Vf{});
-  out.level_weight = weight < one ? above / splat(1 - kMinLevelWeight) : one;
+           above = maximum(weight - splat(level.min_weight), Vf{});
+  out.level_weight = weight < one ? above / splat(1 - level.min_weight) : one;
   out.counts = lane_bits(out.level_weight > Vf{});
   // Unsigned: a hash may overflow.
   const std::uint32_t side = static_cast<std::uint32_t>(level.resolution) + 2;
