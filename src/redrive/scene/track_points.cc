@@ -1,0 +1,275 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/scene/track_points.h"
+
+#include <cmath>
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <opencv2/imgproc.hpp>
+#include <opencv2/video/tracking.hpp>
+
+#include "redrive/base/error.h"
+
+namespace redrive {
+namespace {
+
+constexpr int kLength = 7;           // images of a track
+constexpr int kMinObservations = 4;  // three would not show an outlier along the epipolar line
+constexpr int kStartEvery = 2;       // images; more where there are more than kMaxStarts
+constexpr int kMaxStarts = 400;      // about 10 s on two cores
+// A larger window takes the depth of what is in front of or beside its centre.
+constexpr int kWindow_px = 7, kBlock_px = 5, kMargin_px = 4;
+constexpr int kMinCell_px = 5, kMaxCells = 20'000;  // one corner a cell
+constexpr double kCornerLevels =
+    0.57;  // least gradient in a corner's weaker direction, grey levels per pixel
+constexpr float kForwardBackward_px = 0.5f, kEdge_px = 2;
+constexpr double kMaxResidual_px = 1.2, kTracking_px = 0.35;  // error of an observation
+constexpr double kMaxRelativeSigma = 0.06;                    // of the distance
+
+/// Distances from the first camera between which points are kept.
+struct DistanceRange {
+  double nearest, furthest;
+};
+
+DistanceRange distance_range(const Scene& scene) {
+  if (scene.metric) return {0.8, 150};
+  Eigen::AlignedBox3d box;
+  for (const View& view : scene.views)
+    if (!view.held_out) box.extend(scene.world_from_camera(view).translation());
+  const double extent = box.diagonal().norm();
+  return {0.02 * extent, 20 * extent};
+}
+
+/// A training image prepared for tracking.
+struct TrackImage {
+  const Image8* image;
+  ShutterPoses world_from_camera;
+  std::vector<cv::Mat> pyramid;
+};
+
+cv::Mat grey_of(const Image8& image) {
+  const cv::Mat rgb(image.height, image.width, CV_8UC3,
+                    const_cast<std::uint8_t*>(image.rgb.data()));
+  cv::Mat grey;
+  cv::cvtColor(rgb, grey, cv::COLOR_RGB2GRAY);
+  return grey;
+}
+
+/// 255 where no pixel within kMargin_px is masked or transparent.
+cv::Mat usable_pixels(const Image8& image) {
+  cv::Mat usable(image.height, image.width, CV_8U, cv::Scalar(255));
+  for (std::size_t i = 0; i < usable.total(); ++i)
+    if ((!image.used.empty() && image.used[i] == 0) ||
+        (!image.alpha.empty() && image.alpha[i] != 255))
+      usable.data[i] = 0;
+  constexpr int kSize = 2 * kMargin_px + 1;
+  if (!image.used.empty() || !image.alpha.empty())
+    cv::erode(usable, usable, cv::Mat::ones(kSize, kSize, CV_8U));
+  return usable;
+}
+
+/// Returns the best corner of each cell that has one.
+std::vector<cv::Point2f> find_corners(const Image8& image, const cv::Mat& grey) {
+  const int cell = std::max(
+      kMinCell_px, static_cast<int>(std::ceil(std::sqrt(double(grey.total()) / kMaxCells))));
+  // Of 8-bit images OpenCV averages (2 gradient / 255)^2.
+  const auto least = static_cast<float>(4 * kCornerLevels * kCornerLevels / (255 * 255));
+  const cv::Mat usable = usable_pixels(image);
+  cv::Mat strength;
+  cv::cornerMinEigenVal(grey, strength, kBlock_px);
+  constexpr int kBorder = kWindow_px / 2;
+  std::vector<cv::Point2f> corners;
+  for (int top = kBorder; top < grey.rows - kBorder; top += cell)
+    for (int left = kBorder; left < grey.cols - kBorder; left += cell) {
+      float best = least;
+      cv::Point at(-1, -1);
+      for (int y = top; y < std::min(top + cell, grey.rows - kBorder); ++y)
+        for (int x = left; x < std::min(left + cell, grey.cols - kBorder); ++x)
+          if (strength.at<float>(y, x) > best && usable.at<std::uint8_t>(y, x) != 0) {
+            best = strength.at<float>(y, x);
+            at = {x, y};
+          }
+      if (at.x >= 0) corners.emplace_back(at);
+    }
+  return corners;
+}
+
+/// The rays of one track, in the world.
+struct TrackRays {
+  int n = 0;
+  std::array<Eigen::Vector3d, kLength> origin, direction;
+};
+
+/// Returns the point with the least sum of squared distances to the rays; nothing if that
+/// contradicts a ray, is not within the range or has an uncertain distance. rad_per_px: angle of a
+/// pixel.
+std::optional<Eigen::Vector3d> triangulate_rays(const TrackRays& rays, double rad_per_px,
+                                                const DistanceRange& range) {
+  if (rays.n < kMinObservations) return std::nullopt;
+  Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
+  Eigen::Vector3d right = Eigen::Vector3d::Zero();
+  for (int i = 0; i < rays.n; ++i) {
+    const Eigen::Matrix3d across =
+        Eigen::Matrix3d::Identity() - rays.direction[i] * rays.direction[i].transpose();
+    normal += across;
+    right += across * (rays.origin[i] - rays.origin[0]);
+  }
+  // A point at distance r is known across the least certain direction to (r times the error of a
+  // ray) / sqrt(least eigenvalue); relative to r that is:
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(normal);
+  const double least = solver.eigenvalues()[0];
+  if (!(least > 0) || kTracking_px * rad_per_px > kMaxRelativeSigma * std::sqrt(least))
+    return std::nullopt;
+  const Eigen::Vector3d from_first =
+      solver.eigenvectors() *
+      (solver.eigenvectors().transpose() * right).cwiseQuotient(solver.eigenvalues());
+  const double distance = from_first.norm();
+  if (!(distance > range.nearest && distance < range.furthest)) return std::nullopt;
+  const Eigen::Vector3d point = rays.origin[0] + from_first;
+  const double max_sine = std::sin(kMaxResidual_px * rad_per_px);
+  for (int i = 0; i < rays.n; ++i) {
+    const Eigen::Vector3d to_point = point - rays.origin[i];
+    if (!(to_point.dot(rays.direction[i]) > 0) ||
+        to_point.cross(rays.direction[i]).norm() > max_sine * to_point.norm())
+      return std::nullopt;
+  }
+  return point;
+}
+
+/// The training images of one camera.
+class CameraTracker {
+ public:
+  CameraTracker(const Scene& scene, int camera, const std::vector<Image8>& images, ThreadPool& pool)
+      : camera_(scene.rig[camera].camera), range_(distance_range(scene)) {
+    for (std::size_t i = 0; i < scene.views.size(); ++i)
+      if (scene.views[i].camera == camera && !scene.views[i].held_out)
+        images_.push_back({&images[i], scene.shutter_poses(scene.views[i]), {}});
+    // Until the smaller side has a few windows: motions of a tenth of the image are found.
+    for (int side = std::min(camera_.width, camera_.height) / 2; side >= 4 * kWindow_px; side /= 2)
+      ++levels_;
+    if (this->images() < kMinObservations) return;
+    pool.run(this->images(), [&](int i) {
+      cv::buildOpticalFlowPyramid(grey_of(*images_[i].image), images_[i].pyramid,
+                                  {kWindow_px, kWindow_px}, levels_, /*withDerivatives=*/false);
+    });
+  }
+
+  int images() const { return static_cast<int>(images_.size()); }
+
+  /// Tracks from image `start` on, step 1 or -1, and triangulates.
+  std::vector<ColouredPoint> points_from(int start, int step) const {
+    const Image8& first = *images_[start].image;
+    const std::vector<cv::Point2f> corners = find_corners(first, images_[start].pyramid[0]);
+    std::vector<TrackRays> tracks(corners.size());
+    std::vector<int> active;  // indices of tracks that go on
+    std::vector<cv::Point2f> at;
+    for (std::size_t t = 0; t < corners.size(); ++t)
+      if (add_ray(images_[start], corners[t], &tracks[t])) {
+        active.push_back(static_cast<int>(t));
+        at.push_back(corners[t]);
+      }
+    for (int k = 1; k < kLength; ++k) {
+      const int from = start + (k - 1) * step, to = from + step;
+      if (to < 0 || to >= images() || active.empty()) break;
+      advance(images_[from], images_[to], &active, &at, &tracks);
+    }
+    std::vector<ColouredPoint> points;
+    for (std::size_t t = 0; t < tracks.size(); ++t) {
+      const Eigen::Vector2d pixel(corners[t].x, corners[t].y);
+      if (const auto point = triangulate_rays(tracks[t], rad_per_px(pixel), range_))
+        points.push_back(
+            {point->cast<float>(), colour_at(first, visible_pixel(first, pixel).value())});
+    }
+    return points;
+  }
+
+ private:
+  /// Adds the ray of an observation to the track; false where the pixel must not be used.
+  bool add_ray(const TrackImage& image, const cv::Point2f& at, TrackRays* track) const {
+    const Eigen::Vector2d pixel(at.x, at.y);
+    if (!visible_pixel(*image.image, pixel)) return false;
+    const auto direction = camera_.unproject(pixel);
+    if (!direction) return false;
+    const Rigid3d pose = image.world_from_camera.at(row_fraction(pixel.y(), camera_.height));
+    track->origin[track->n] = pose.translation();
+    track->direction[track->n++] = pose.linear() * *direction;
+    return true;
+  }
+
+  /// Continues the active tracks into the next image, and keeps those that were found again.
+  void advance(const TrackImage& from, const TrackImage& to, std::vector<int>* active,
+               std::vector<cv::Point2f>* at, std::vector<TrackRays>* tracks) const {
+    const auto flow = [&](const TrackImage& a, const TrackImage& b,
+                          const std::vector<cv::Point2f>& points, std::vector<cv::Point2f>* found,
+                          std::vector<std::uint8_t>* good) {
+      std::vector<float> error;
+      cv::calcOpticalFlowPyrLK(a.pyramid, b.pyramid, points, *found, *good, error,
+                               {kWindow_px, kWindow_px}, levels_,
+                               {cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 20, 0.02});
+    };
+    std::vector<cv::Point2f> next, returned;
+    std::vector<std::uint8_t> there, back;
+    flow(from, to, *at, &next, &there);
+    flow(to, from, next, &returned, &back);
+    std::size_t kept = 0;
+    for (std::size_t i = 0; i < active->size(); ++i) {
+      const cv::Point2f error = returned[i] - (*at)[i];
+      if (!there[i] || !back[i] ||
+          !(std::max(std::abs(error.x), std::abs(error.y)) < kForwardBackward_px) ||
+          next[i].x < kEdge_px || next[i].y < kEdge_px ||
+          next[i].x > static_cast<float>(camera_.width - 1) - kEdge_px ||
+          next[i].y > static_cast<float>(camera_.height - 1) - kEdge_px ||
+          !add_ray(to, next[i], &(*tracks)[(*active)[i]]))
+        continue;
+      (*active)[kept] = (*active)[i];
+      (*at)[kept++] = next[i];
+    }
+    active->resize(kept);
+    at->resize(kept);
+  }
+
+  /// The angle of a pixel's side, rad: square root of its solid angle.
+  double rad_per_px(const Eigen::Vector2d& pixel) const {
+    const auto here = camera_.unproject(pixel);
+    const auto right = camera_.unproject(pixel + Eigen::Vector2d(1, 0)),
+               below = camera_.unproject(pixel + Eigen::Vector2d(0, 1));
+    if (!here || !right || !below) return 0;
+    return std::sqrt((*right - *here).cross(*below - *here).norm());
+  }
+
+  const Camera& camera_;
+  DistanceRange range_;
+  std::vector<TrackImage> images_;
+  int levels_ = 0;
+};
+
+}  // namespace
+
+PointCloud track_points(const Scene& scene, const std::vector<Image8>& images, ThreadPool& pool) {
+  REDRIVE_CHECK_OP(images.size(), ==, scene.views.size());
+  cv::setNumThreads(1);  // parallel over images instead
+  const auto trained = std::ranges::count(scene.views, false, &View::held_out);
+  // Every start is tracked forward and backward.
+  const int every = std::max<int>(kStartEvery, (2 * trained + kMaxStarts - 1) / kMaxStarts);
+  std::vector<std::vector<ColouredPoint>> parts;
+  for (int camera = 0; camera < static_cast<int>(scene.rig.size()); ++camera) {
+    const CameraTracker tracker(scene, camera, images, pool);
+    struct Start {
+      int image, step;
+    };
+    std::vector<Start> starts;
+    const int last = tracker.images() - 1;
+    for (int i = 0; i + kMinObservations - 1 <= last; i += every) {
+      starts.push_back({i, 1});
+      starts.push_back({last - i, -1});
+    }
+    const std::size_t done = parts.size();
+    parts.resize(done + starts.size());
+    pool.run(static_cast<int>(starts.size()), [&](int s) {
+      parts[done + s] = tracker.points_from(starts[s].image, starts[s].step);
+    });
+  }
+  return make_point_cloud(parts);
+}
+
+}  // namespace redrive
