@@ -113,8 +113,9 @@ int report_end(const Run& run, TrainEnd end) {
     return kExitInterrupted;
   }
   if (run.state.poses.refines())
-    std::printf("%s",
-                describe_changes(pose_changes(run.scene, run.state.poses.corrections)).c_str());
+    std::printf("%s", describe_changes(pose_changes(run.scene, run.state.poses.corrections,
+                                                    pose_refinement(run.options).bounds))
+                          .c_str());
   std::printf("finished: step %lld after %.1f s of training; %s\n",
               static_cast<long long>(run.state.step), run.state.seconds,
               run.paths.checkpoint().c_str());

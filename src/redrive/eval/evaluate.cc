@@ -152,7 +152,8 @@ Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions
   const Exclusions left_out = read_exclusions(run);
   evaluation.alignment = register_with_ground_truth(run);
   if (run.state.poses.refines())
-    evaluation.pose_changes = pose_changes(run.scene, run.state.poses.corrections);
+    evaluation.pose_changes =
+        pose_changes(run.scene, run.state.poses.corrections, pose_refinement(run.options).bounds);
   const auto by_camera = views_to_score(scene, evaluation.held_out, options);
   if (evaluation.held_out && run.state.poses.refines()) {
     std::vector<std::size_t> all;

@@ -4,7 +4,6 @@
 #include "redrive/math/angles.h"
 #include "redrive/report/html.h"
 #include "redrive/report/plot.h"
-#include "redrive/train/pose_refiner.h"
 
 namespace redrive {
 namespace {
@@ -70,7 +69,7 @@ std::string frame_translations_script(const Scene& scene, const PoseChanges& cha
        {},
        {},
        {},
-       100.0 * kMaxTranslation_m});
+       100.0 * changes.bounds.translation_m});
 }
 
 std::string frame_rotations_script(const Scene& scene, const PoseChanges& changes) {
@@ -81,17 +80,18 @@ std::string frame_rotations_script(const Scene& scene, const PoseChanges& change
        {},
        {},
        {},
-       kDegreesPerRadian * kMaxRotation_rad});
+       kDegreesPerRadian * changes.bounds.rotation_rad});
 }
 
 std::string poses_section(const Run& run, const std::filesystem::path& figures) {
   std::string out = "<h2>Poses</h2>\n<p>" + source_of(run);
   if (!run.state.poses.refines()) return out + " Not refined by training.</p>\n";
-  const PoseChanges changes = pose_changes(run.scene, run.state.poses.corrections);
-  const std::string bounds = fixed(100 * kMaxTranslation_m, 0) + " cm and " +
-                             fixed(kDegreesPerRadian * kMaxRotation_rad, 1) +
+  const PoseChanges changes =
+      pose_changes(run.scene, run.state.poses.corrections, pose_refinement(run.options).bounds);
+  const std::string bounds = fixed(100 * changes.bounds.translation_m, 0) + " cm and " +
+                             fixed(kDegreesPerRadian * changes.bounds.rotation_rad, 1) +
                              " degrees along each axis, cameras also at " +
-                             fixed(1e3 * kMaxTimeOffset_s, 0) + " ms";
+                             fixed(1e3 * changes.bounds.time_offset_s, 0) + " ms";
   out +=
       " Training refined the pose of each frame and the extrinsics and time offset of each camera "
       "(<code>--refine-poses</code>).</p>\n";

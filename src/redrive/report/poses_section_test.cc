@@ -7,7 +7,7 @@
 
 #include "redrive/base/files.h"
 #include "redrive/scene/scene_testing.h"
-#include "redrive/train/pose_refiner.h"
+#include "redrive/train/pose_refinement.h"
 
 namespace redrive {
 namespace {
@@ -67,7 +67,7 @@ TEST_F(PosesSection, ShowsTheCheckpointsCorrections) {
   EXPECT_THAT(html, Not(HasSubstr("class=\"warning\"")));
   for (const char* plot : {"figures/poses_moved.png", "figures/poses_turned.png"})
     EXPECT_EQ(read_image(folder_.path / plot).width, 1200);
-  const PoseChanges changes = pose_changes(run_.scene, run_.state.poses.corrections);
+  const PoseChanges changes = pose_changes(run_.scene, run_.state.poses.corrections, PoseBounds());
   // Frame 2 at 2 x 0.066667 s: cm.
   EXPECT_THAT(frame_translations_script(run_.scene, changes),
               HasSubstr("\n0.133333 0 0 0 6 6 6 0 0 0\n"));
@@ -76,15 +76,15 @@ TEST_F(PosesSection, ShowsTheCheckpointsCorrections) {
 
 TEST_F(PosesSection, WarnsWhereACorrectionIsAtItsBound) {
   const PoseCorrections at(run_.scene);
-  refine(at.frame_slot(4) + 5, -kMaxRotation_rad);
-  refine(at.time_slot(0), kMaxTimeOffset_s);
+  refine(at.frame_slot(4) + 5, -PoseBounds().rotation_rad);
+  refine(at.time_slot(0), PoseBounds().time_offset_s);
   const std::string html = section();
   EXPECT_THAT(html, HasSubstr("<p class=\"warning\">Warning: Corrections are at their bounds "
                               "(50 cm and 2.0 degrees "
                               "along each axis, cameras also at 50 ms): 1 of 6 frames, FISHEYE."));
   EXPECT_THAT(html, HasSubstr("<td>50.00</td><td>at its bound</td>"));
   EXPECT_THAT(html, HasSubstr("<td>1 at their bounds</td>"));
-  const PoseChanges changes = pose_changes(run_.scene, run_.state.poses.corrections);
+  const PoseChanges changes = pose_changes(run_.scene, run_.state.poses.corrections, PoseBounds());
   EXPECT_THAT(frame_rotations_script(run_.scene, changes), HasSubstr("title 'bound'"));
   EXPECT_THAT(frame_translations_script(run_.scene, changes), Not(HasSubstr("bound")));
 }

@@ -20,10 +20,11 @@ int PoseChanges::frames_at_bound() const {
   return static_cast<int>(std::ranges::count(frames, true, &PoseChange::at_bound));
 }
 
-PoseChanges pose_changes(const Scene& scene, const PoseCorrections& corrections) {
+PoseChanges pose_changes(const Scene& scene, const PoseCorrections& corrections,
+                         const PoseBounds& bounds) {
   REDRIVE_CHECK_OP(scene.rig.size(), ==, static_cast<std::size_t>(corrections.cameras));
   const auto near_bound = [&](std::size_t i) {
-    return std::abs(corrections.values[i]) >= kNearBound * bound_of(corrections, i);
+    return std::abs(corrections.values[i]) >= kNearBound * bound_of(bounds, corrections, i);
   };
   const auto change_at = [&](std::size_t at) {
     const auto three = [&](std::size_t i) {
@@ -35,6 +36,7 @@ PoseChanges pose_changes(const Scene& scene, const PoseCorrections& corrections)
     return change;
   };
   PoseChanges changes;
+  changes.bounds = bounds;
   for (int f = 0; f < corrections.frames; ++f) {
     changes.frames.push_back(change_at(corrections.frame_slot(f)));
     changes.translation_m += changes.frames.back().translation_m.squaredNorm() / corrections.frames;

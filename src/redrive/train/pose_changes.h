@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "redrive/scene/pose_corrections.h"
+#include "redrive/train/pose_refinement.h"
 
 namespace redrive {
 
@@ -25,12 +26,15 @@ struct PoseChanges {
   std::vector<PoseChange> frames;              ///< as Scene::frames
   std::vector<CameraChange> cameras;           ///< as Scene::rig
   double translation_m = 0, rotation_rad = 0;  ///< RMS over frames
+  PoseBounds bounds;
   int frames_at_bound() const;
 };
 
-/// Summarises corrections. `scene`: with them applied (open_run). A value counts as at its bound
-/// (train/pose_refiner.h) within 2 % of it, since noise keeps it from reaching the bound exactly.
-PoseChanges pose_changes(const Scene& scene, const PoseCorrections& corrections);
+/// Summarises corrections and says which are at their bounds. `scene`: with them applied
+/// (open_run). A value counts as at its bound within 2 % of it, since noise keeps it from reaching
+/// the bound exactly.
+PoseChanges pose_changes(const Scene& scene, const PoseCorrections& corrections,
+                         const PoseBounds& bounds);
 
 /// Returns a line for the trajectory and one for each camera, in cm, degrees and ms, with a warning
 /// where a value is at its bound.

@@ -5,13 +5,15 @@
 #include <gtest/gtest.h>
 
 #include "redrive/scene/scene_testing.h"
-#include "redrive/train/pose_refiner.h"
+#include "redrive/train/pose_refinement.h"
 
 namespace redrive {
 namespace {
 
 using ::testing::HasSubstr;
 using ::testing::Not;
+
+const PoseBounds kBounds{0.45f, 0.04f, 0.05f};
 
 class PoseChangesTest : public ::testing::Test {
  protected:
@@ -22,7 +24,7 @@ class PoseChangesTest : public ::testing::Test {
   PoseChanges changes() const {
     Scene placed = scene_;
     apply_corrections(scene_, recording_.frames, corrections_, &placed);
-    return pose_changes(placed, corrections_);
+    return pose_changes(placed, corrections_, kBounds);
   }
   TemporaryFolder folder_;
   Recording recording_ = make_test_recording(folder_.path);
@@ -64,10 +66,10 @@ TEST_F(PoseChangesTest, ReportsFramesInTheirOwnAxes) {
 }
 
 TEST_F(PoseChangesTest, ReportsCorrectionsAtTheirBounds) {
-  set(corrections_.frame_slot(1), {0, -kMaxTranslation_m});
-  set(corrections_.frame_slot(3) + 5, {0.99f * kMaxRotation_rad});
-  set(corrections_.frame_slot(4), {0.9f * kMaxTranslation_m});
-  set(corrections_.time_slot(0), {kMaxTimeOffset_s});
+  set(corrections_.frame_slot(1), {0, -kBounds.translation_m});
+  set(corrections_.frame_slot(3) + 5, {0.99f * kBounds.rotation_rad});
+  set(corrections_.frame_slot(4), {0.9f * kBounds.translation_m});
+  set(corrections_.time_slot(0), {kBounds.time_offset_s});
   const PoseChanges changes = this->changes();
   EXPECT_EQ(changes.frames_at_bound(), 2);
   EXPECT_TRUE(changes.frames[1].at_bound && changes.frames[3].at_bound);

@@ -37,9 +37,9 @@ void move_common_part_to_frames(const Scene& scene, PoseCorrections* corrections
 
 }  // namespace
 
-float bound_of(const PoseCorrections& corrections, std::size_t i) {
-  if (i >= corrections.time_slot(0)) return kMaxTimeOffset_s;
-  return i % 6 < 3 ? kMaxTranslation_m : kMaxRotation_rad;
+float bound_of(const PoseBounds& bounds, const PoseCorrections& corrections, std::size_t i) {
+  if (i >= corrections.time_slot(0)) return bounds.time_offset_s;
+  return i % 6 < 3 ? bounds.translation_m : bounds.rotation_rad;
 }
 
 PoseRates pose_rates(double rate_m) { return {rate_m, rate_m / 10, rate_m / 10}; }
@@ -63,7 +63,7 @@ void update_poses(std::span<const double> gradient,
 }
 
 void refine_poses(const Scene& scene, std::span<const ViewGradient> views, const PoseRates& rates,
-                  double decay, PoseState* state) {
+                  const PoseRefinement& refinement, PoseState* state) {
   PoseCorrections& corrections = state->corrections;
   const std::vector<double> gradient = gradient_of_corrections(scene, corrections, views);
   if (!std::ranges::all_of(gradient, [](double g) { return std::isfinite(g); })) return;
@@ -78,10 +78,10 @@ void refine_poses(const Scene& scene, std::span<const ViewGradient> views, const
   move_common_part_to_frames(scene, &corrections);
   // Prior: small corrections are likelier than large ones.
   for (std::size_t i = 0; i < corrections.size(); ++i) {
-    const float most = bound_of(corrections, i);
-    corrections.values[i] =
-        std::clamp(corrections.values[i] * static_cast<float>(1 - decay * rates.translation_rate_m),
-                   -most, most);
+    const float most = bound_of(refinement.bounds, corrections, i);
+    corrections.values[i] = std::clamp(
+        corrections.values[i] * static_cast<float>(1 - refinement.decay * rates.translation_rate_m),
+        -most, most);
   }
   interpolate_held_out(scene, &corrections);
 }

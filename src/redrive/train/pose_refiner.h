@@ -5,15 +5,13 @@
 
 #include <functional>
 
+#include "redrive/train/pose_refinement.h"
 #include "redrive/train/state.h"
 
 namespace redrive {
 
-/// Bounds of the corrections. Larger errors need redrive align, or are mistakes that refinement
-/// must not hide.
-constexpr float kMaxTranslation_m = 0.5f, kMaxRotation_rad = 0.035f, kMaxTimeOffset_s = 0.05f;
 /// Returns the bound of value i.
-float bound_of(const PoseCorrections& corrections, std::size_t i);
+float bound_of(const PoseBounds& bounds, const PoseCorrections& corrections, std::size_t i);
 
 /// Learning rates of metres, radians and seconds.
 struct PoseRates {
@@ -30,10 +28,10 @@ void update_poses(std::span<const double> gradient,
                   AdamMoments* moments);
 
 /// Applies one update by a step's StepOutput::views. `scene`: with the state's corrections applied;
-/// the caller applies the new ones. decay: PoseRefinement::decay. Removes the mean correction of
+/// the caller applies the new ones. Removes the mean correction of
 /// all cameras, which the frames represent. Interpolates frames without a training image. Does
 /// nothing where gradients are not finite.
 void refine_poses(const Scene& scene, std::span<const ViewGradient> views, const PoseRates& rates,
-                  double decay, PoseState* state);
+                  const PoseRefinement& refinement, PoseState* state);
 
 }  // namespace redrive

@@ -47,7 +47,7 @@ TEST_F(PoseRefinerTest, SumsTheDerivativesOfAViewsRays) {
   EXPECT_EQ(views[0].d_translation, Vector3d::Zero());
 }
 
-const double kDecay = PoseRefinement().decay;
+const PoseRefinement kRefinement;
 
 /// A loss with its minimum at the poses of `ground_truth`: squared distances of three points on
 /// each camera.
@@ -105,8 +105,8 @@ std::pair<double, double> refine(const Recording& recording, const Scene& scene,
   for (int step = 0; step < steps; ++step) {
     landmarks.losses(now, &batch, &losses);
     refine_poses(now, view_gradients(now, batch, losses.d_origin, losses.d_direction),
-                 pose_rates(first_m * std::pow(last_m / first_m, double(step) / steps)), kDecay,
-                 state);
+                 pose_rates(first_m * std::pow(last_m / first_m, double(step) / steps)),
+                 kRefinement, state);
     apply_corrections(scene, recording.frames, state->corrections, &now);
   }
   return {before, landmarks.losses(now, &batch, &losses)};
@@ -145,7 +145,7 @@ TEST_F(PoseRefinerTest, IgnoresNonFiniteGradients) {
   Landmarks(scene_).losses(scene_, &batch, &losses);
   losses.d_origin[5] = NAN;
   refine_poses(scene_, view_gradients(scene_, batch, losses.d_origin, losses.d_direction),
-               pose_rates(1), kDecay, &state);
+               pose_rates(1), kRefinement, &state);
   EXPECT_EQ(state.moments.updates, 0);
   EXPECT_THAT(state.corrections.values, ::testing::Each(0.0f));
 }
@@ -158,9 +158,10 @@ TEST_F(PoseRefinerTest, ClampsCorrectionsToTheirBoundsAndReportsIt) {
   PoseState state(scene_);
   refine(recording_, scene_, ground_truth, 100, 0.02, 0.02, &state);
   for (int f = 0; f < wrong.frames; ++f)
-    EXPECT_EQ(state.corrections.values[state.corrections.frame_slot(f) + 1], kMaxTranslation_m)
+    EXPECT_EQ(state.corrections.values[state.corrections.frame_slot(f) + 1],
+              kRefinement.bounds.translation_m)
         << f;
-  EXPECT_EQ(at_bound(pose_changes(scene_, state.corrections)), "6 of 6 frames");
+  EXPECT_EQ(at_bound(pose_changes(scene_, state.corrections, kRefinement.bounds)), "6 of 6 frames");
 }
 
 }  // namespace

@@ -139,7 +139,7 @@ class Trainer {
     request.colour_variance = watches_colours(number);
     const StepResult result = group_.step(data_, request, learning_rate(number));
     if (request.pose_gradients && result.finite) {
-      refine_poses(scene_, result.views, pose_rates(pose_rate()), refinement_.decay, &state_.poses);
+      refine_poses(scene_, result.views, pose_rates(pose_rate()), refinement_, &state_.poses);
       update_poses();
     }
     const double seconds =
