@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/scene/track_points.h"
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 
-#include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 #include <opencv2/imgproc.hpp>
 #include <opencv2/video/tracking.hpp>
@@ -22,6 +23,10 @@ constexpr int kWindow_px = 7, kBlock_px = 5, kMargin_px = 4;
 constexpr int kMinCell_px = 5, kMaxCells = 20'000;  // one corner a cell
 constexpr double kCornerLevels =
     0.57;  // least gradient in a corner's weaker direction, grey levels per pixel
+constexpr int kMaxPixels = 1'000'000;  // larger images are reduced: they are seldom as sharp
+// Where a track starts, the next image is searched from the positions of points so far away that
+// the baseline spans these angles (rad). Lucas-Kanade finds what lies some 30 pixels around.
+constexpr std::array<double, 3> kParallaxes{0, 0.07, 0.18};
 constexpr float kForwardBackward_px = 0.5f, kEdge_px = 2;
 constexpr double kMaxResidual_px = 1.2, kTracking_px = 0.35;  // error of an observation
 constexpr double kMaxRelativeSigma = 0.06;                    // of the distance
@@ -44,8 +49,16 @@ DistanceRange distance_range(const Scene& scene) {
 struct TrackImage {
   const Image8* image;
   ShutterPoses world_from_camera;
-  std::vector<cv::Mat> pyramid;
+  std::vector<cv::Mat> pyramid;  ///< of the reduced image
 };
+
+/// Area-averages by a whole factor; the remainder is cropped, as Camera::downscaled does.
+cv::Mat reduced(const cv::Mat& image, int factor) {
+  cv::Mat small;
+  const cv::Size size(image.cols / factor, image.rows / factor);
+  cv::resize(image(cv::Rect({0, 0}, size * factor)), small, size, 0, 0, cv::INTER_AREA);
+  return small;
+}
 
 cv::Mat grey_of(const Image8& image) {
   const cv::Mat rgb(image.height, image.width, CV_8UC3,
@@ -56,25 +69,24 @@ cv::Mat grey_of(const Image8& image) {
 }
 
 /// 255 where no pixel within kMargin_px is masked or transparent.
-cv::Mat usable_pixels(const Image8& image) {
+cv::Mat usable_pixels(const Image8& image, int factor) {
   cv::Mat usable(image.height, image.width, CV_8U, cv::Scalar(255));
   for (std::size_t i = 0; i < usable.total(); ++i)
     if ((!image.used.empty() && image.used[i] == 0) ||
         (!image.alpha.empty() && image.alpha[i] != 255))
       usable.data[i] = 0;
-  constexpr int kSize = 2 * kMargin_px + 1;
+  const int size = 2 * kMargin_px * factor + 1;
   if (!image.used.empty() || !image.alpha.empty())
-    cv::erode(usable, usable, cv::Mat::ones(kSize, kSize, CV_8U));
-  return usable;
+    cv::erode(usable, usable, cv::Mat::ones(size, size, CV_8U));
+  return reduced(usable, factor) == 255;
 }
 
 /// Returns the best corner of each cell that has one.
-std::vector<cv::Point2f> find_corners(const Image8& image, const cv::Mat& grey) {
+std::vector<cv::Point2f> find_corners(const cv::Mat& grey, const cv::Mat& usable) {
   const int cell = std::max(
       kMinCell_px, static_cast<int>(std::ceil(std::sqrt(double(grey.total()) / kMaxCells))));
   // Of 8-bit images OpenCV averages (2 gradient / 255)^2.
   const auto least = static_cast<float>(4 * kCornerLevels * kCornerLevels / (255 * 255));
-  const cv::Mat usable = usable_pixels(image);
   cv::Mat strength;
   cv::cornerMinEigenVal(grey, strength, kBlock_px);
   constexpr int kBorder = kWindow_px / 2;
@@ -100,12 +112,13 @@ struct TrackRays {
   std::array<Eigen::Vector3d, kLength> origin, direction;
 };
 
-/// Returns the point with the least sum of squared distances to the rays; nothing if that
-/// contradicts a ray, is not within the range or has an uncertain distance. rad_per_px: angle of a
-/// pixel.
-std::optional<Eigen::Vector3d> triangulate_rays(const TrackRays& rays, double rad_per_px,
-                                                const DistanceRange& range) {
-  if (rays.n < kMinObservations) return std::nullopt;
+/// The point with the least sum of squared distances to the rays.
+struct NearestToRays {
+  Eigen::Vector3d from_first;   ///< from the first ray's origin, not finite for parallel rays
+  double least_eigenvalue = 0;  ///< of the normal equations
+};
+
+NearestToRays nearest_to_rays(const TrackRays& rays) {
   Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
   Eigen::Vector3d right = Eigen::Vector3d::Zero();
   for (int i = 0; i < rays.n; ++i) {
@@ -114,18 +127,26 @@ std::optional<Eigen::Vector3d> triangulate_rays(const TrackRays& rays, double ra
     normal += across;
     right += across * (rays.origin[i] - rays.origin[0]);
   }
-  // A point at distance r is known across the least certain direction to (r times the error of a
-  // ray) / sqrt(least eigenvalue); relative to r that is:
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(normal);
-  const double least = solver.eigenvalues()[0];
-  if (!(least > 0) || kTracking_px * rad_per_px > kMaxRelativeSigma * std::sqrt(least))
+  const Eigen::Vector3d along = solver.eigenvectors().transpose() * right;
+  return {solver.eigenvectors() * along.cwiseQuotient(solver.eigenvalues()),
+          solver.eigenvalues()[0]};
+}
+
+/// Returns the nearest_to_rays; nothing if it contradicts a ray, is not within the range or has an
+/// uncertain distance. rad_per_px: angle of a pixel.
+std::optional<Eigen::Vector3d> triangulate_rays(const TrackRays& rays, double rad_per_px,
+                                                const DistanceRange& range) {
+  if (rays.n < kMinObservations) return std::nullopt;
+  const NearestToRays nearest = nearest_to_rays(rays);
+  // In its least certain direction a point at distance r is known to
+  // r (error of a ray) / sqrt(least eigenvalue).
+  if (!(nearest.least_eigenvalue > 0) ||
+      kTracking_px * rad_per_px > kMaxRelativeSigma * std::sqrt(nearest.least_eigenvalue))
     return std::nullopt;
-  const Eigen::Vector3d from_first =
-      solver.eigenvectors() *
-      (solver.eigenvectors().transpose() * right).cwiseQuotient(solver.eigenvalues());
-  const double distance = from_first.norm();
+  const double distance = nearest.from_first.norm();
   if (!(distance > range.nearest && distance < range.furthest)) return std::nullopt;
-  const Eigen::Vector3d point = rays.origin[0] + from_first;
+  const Eigen::Vector3d point = rays.origin[0] + nearest.from_first;
   const double max_sine = std::sin(kMaxResidual_px * rad_per_px);
   for (int i = 0; i < rays.n; ++i) {
     const Eigen::Vector3d to_point = point - rays.origin[i];
@@ -136,7 +157,13 @@ std::optional<Eigen::Vector3d> triangulate_rays(const TrackRays& rays, double ra
   return point;
 }
 
-/// The training images of one camera.
+/// A track that goes on, and where it is in the reduced image.
+struct ActiveTrack {
+  TrackRays* rays;
+  cv::Point2f at;
+};
+
+/// The training images of one camera. Points in images are those of the reduced ones.
 class CameraTracker {
  public:
   CameraTracker(const Scene& scene, int camera, const std::vector<Image8>& images, ThreadPool& pool)
@@ -144,12 +171,15 @@ class CameraTracker {
     for (std::size_t i = 0; i < scene.views.size(); ++i)
       if (scene.views[i].camera == camera && !scene.views[i].held_out)
         images_.push_back({&images[i], scene.shutter_poses(scene.views[i]), {}});
+    factor_ =
+        static_cast<int>(std::ceil(std::sqrt(double(camera_.width) * camera_.height / kMaxPixels)));
     // Until the smaller side has a few windows: motions of a tenth of the image are found.
-    for (int side = std::min(camera_.width, camera_.height) / 2; side >= 4 * kWindow_px; side /= 2)
+    for (int side = std::min(camera_.width, camera_.height) / factor_ / 2; side >= 4 * kWindow_px;
+         side /= 2)
       ++levels_;
     if (this->images() < kMinObservations) return;
     pool.run(this->images(), [&](int i) {
-      cv::buildOpticalFlowPyramid(grey_of(*images_[i].image), images_[i].pyramid,
+      cv::buildOpticalFlowPyramid(reduced(grey_of(*images_[i].image), factor_), images_[i].pyramid,
                                   {kWindow_px, kWindow_px}, levels_, /*withDerivatives=*/false);
     });
   }
@@ -159,24 +189,22 @@ class CameraTracker {
   /// Tracks from image `start` on, step 1 or -1, and triangulates.
   std::vector<ColouredPoint> points_from(int start, int step) const {
     const Image8& first = *images_[start].image;
-    const std::vector<cv::Point2f> corners = find_corners(first, images_[start].pyramid[0]);
+    const std::vector<cv::Point2f> corners =
+        find_corners(images_[start].pyramid[0], usable_pixels(first, factor_));
     std::vector<TrackRays> tracks(corners.size());
-    std::vector<int> active;  // indices of tracks that go on
-    std::vector<cv::Point2f> at;
+    std::vector<ActiveTrack> active;
     for (std::size_t t = 0; t < corners.size(); ++t)
-      if (add_ray(images_[start], corners[t], &tracks[t])) {
-        active.push_back(static_cast<int>(t));
-        at.push_back(corners[t]);
-      }
+      if (add_ray(images_[start], corners[t], &tracks[t]))
+        active.push_back({&tracks[t], corners[t]});
     for (int k = 1; k < kLength; ++k) {
       const int from = start + (k - 1) * step, to = from + step;
-      if (to < 0 || to >= images() || active.empty()) break;
-      advance(images_[from], images_[to], &active, &at, &tracks);
+      if (to < 0 || to >= images()) break;
+      advance(images_[from], images_[to], &active);
     }
     std::vector<ColouredPoint> points;
     for (std::size_t t = 0; t < tracks.size(); ++t) {
-      const Eigen::Vector2d pixel(corners[t].x, corners[t].y);
-      if (const auto point = triangulate_rays(tracks[t], rad_per_px(pixel), range_))
+      const Eigen::Vector2d pixel = full_pixel(corners[t]);
+      if (const auto point = triangulate_rays(tracks[t], factor_ * rad_per_px(pixel), range_))
         points.push_back(
             {point->cast<float>(), colour_at(first, visible_pixel(first, pixel).value())});
     }
@@ -184,9 +212,17 @@ class CameraTracker {
   }
 
  private:
+  Eigen::Vector2d full_pixel(const cv::Point2f& at) const {
+    return {factor_ * (at.x + 0.5) - 0.5, factor_ * (at.y + 0.5) - 0.5};
+  }
+  cv::Point2f reduced_pixel(const Eigen::Vector2d& full) const {
+    return {static_cast<float>((full.x() + 0.5) / factor_ - 0.5),
+            static_cast<float>((full.y() + 0.5) / factor_ - 0.5)};
+  }
+
   /// Adds the ray of an observation to the track; false where the pixel must not be used.
   bool add_ray(const TrackImage& image, const cv::Point2f& at, TrackRays* track) const {
-    const Eigen::Vector2d pixel(at.x, at.y);
+    const Eigen::Vector2d pixel = full_pixel(at);
     if (!visible_pixel(*image.image, pixel)) return false;
     const auto direction = camera_.unproject(pixel);
     if (!direction) return false;
@@ -196,36 +232,82 @@ class CameraTracker {
     return true;
   }
 
-  /// Continues the active tracks into the next image, and keeps those that were found again.
-  void advance(const TrackImage& from, const TrackImage& to, std::vector<int>* active,
-               std::vector<cv::Point2f>* at, std::vector<TrackRays>* tracks) const {
-    const auto flow = [&](const TrackImage& a, const TrackImage& b,
-                          const std::vector<cv::Point2f>& points, std::vector<cv::Point2f>* found,
-                          std::vector<std::uint8_t>* good) {
-      std::vector<float> error;
-      cv::calcOpticalFlowPyrLK(a.pyramid, b.pyramid, points, *found, *good, error,
-                               {kWindow_px, kWindow_px}, levels_,
-                               {cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 20, 0.02});
-    };
-    std::vector<cv::Point2f> next, returned;
-    std::vector<std::uint8_t> there, back;
-    flow(from, to, *at, &next, &there);
-    flow(to, from, next, &returned, &back);
-    std::size_t kept = 0;
-    for (std::size_t i = 0; i < active->size(); ++i) {
-      const cv::Point2f error = returned[i] - (*at)[i];
-      if (!there[i] || !back[i] ||
-          !(std::max(std::abs(error.x), std::abs(error.y)) < kForwardBackward_px) ||
-          next[i].x < kEdge_px || next[i].y < kEdge_px ||
-          next[i].x > static_cast<float>(camera_.width - 1) - kEdge_px ||
-          next[i].y > static_cast<float>(camera_.height - 1) - kEdge_px ||
-          !add_ray(to, next[i], &(*tracks)[(*active)[i]]))
-        continue;
-      (*active)[kept] = (*active)[i];
-      (*at)[kept++] = next[i];
+  /// Continues the active tracks into the next image and drops those that end.
+  void advance(const TrackImage& from, const TrackImage& to,
+               std::vector<ActiveTrack>* active) const {
+    const Rigid3d camera_from_world = to.world_from_camera.at(0.5).inverse(Eigen::Isometry);
+    std::vector<std::optional<cv::Point2f>> found(active->size());
+    for (const double parallax : kParallaxes) {
+      std::vector<std::size_t> searched;  // indices of tracks
+      std::vector<cv::Point2f> at, guesses;
+      for (std::size_t i = 0; i < active->size(); ++i) {
+        const ActiveTrack& track = (*active)[i];
+        if (found[i] || (parallax > 0 && track.rays->n > 1)) continue;
+        const auto pixel = camera_.project(predicted(*track.rays, camera_from_world, parallax));
+        searched.push_back(i);
+        at.push_back(track.at);
+        guesses.push_back(pixel ? reduced_pixel(*pixel) : track.at);
+      }
+      const std::vector<std::optional<cv::Point2f>> next = search(from, to, at, guesses);
+      for (std::size_t k = 0; k < searched.size(); ++k) found[searched[k]] = next[k];
     }
+    std::size_t kept = 0;
+    for (std::size_t i = 0; i < active->size(); ++i)
+      if (found[i] && add_ray(to, *found[i], (*active)[i].rays))
+        (*active)[kept++] = {(*active)[i].rays, *found[i]};
     active->resize(kept);
-    at->resize(kept);
+  }
+
+  /// Returns a point, or a direction, in camera axes where a track is expected: its own point, or,
+  /// before it has one, that on its ray from which the way to the camera spans `parallax`.
+  static Eigen::Vector3d predicted(const TrackRays& rays, const Rigid3d& camera_from_world,
+                                   double parallax) {
+    const Eigen::Vector3d &origin = rays.origin[rays.n - 1],
+                          &direction = rays.direction[rays.n - 1];
+    if (rays.n > 1) {
+      const NearestToRays nearest = nearest_to_rays(rays);
+      const Eigen::Vector3d point = rays.origin[0] + nearest.from_first;
+      if (nearest.least_eigenvalue > 0 && (point - origin).dot(direction) > 0)
+        return camera_from_world * point;
+    } else if (parallax > 0) {
+      const double baseline = (camera_from_world * origin).norm();
+      return camera_from_world * Eigen::Vector3d(origin + baseline / parallax * direction);
+    }
+    return camera_from_world.linear() * direction;
+  }
+
+  /// Returns where Lucas-Kanade finds the points `at` again, from the guesses on: nothing where it
+  /// does not come back to them.
+  std::vector<std::optional<cv::Point2f>> search(const TrackImage& from, const TrackImage& to,
+                                                 const std::vector<cv::Point2f>& at,
+                                                 const std::vector<cv::Point2f>& guesses) const {
+    std::vector<std::optional<cv::Point2f>> result(at.size());
+    if (at.empty()) return result;
+    const auto flow = [&](const TrackImage& a, const TrackImage& b,
+                          const std::vector<cv::Point2f>& points, std::vector<cv::Point2f>* found) {
+      std::vector<std::uint8_t> good;
+      std::vector<float> error;
+      cv::calcOpticalFlowPyrLK(a.pyramid, b.pyramid, points, *found, good, error,
+                               {kWindow_px, kWindow_px}, levels_,
+                               {cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 20, 0.02},
+                               cv::OPTFLOW_USE_INITIAL_FLOW);
+      return good;
+    };
+    std::vector<cv::Point2f> found = guesses, returned(at.size());
+    const std::vector<std::uint8_t> there = flow(from, to, at, &found);
+    // Back with the guessed motion, not with the found one, which would confirm itself.
+    for (std::size_t i = 0; i < at.size(); ++i) returned[i] = found[i] - (guesses[i] - at[i]);
+    const std::vector<std::uint8_t> back = flow(to, from, found, &returned);
+    const cv::Size size = to.pyramid[0].size();
+    for (std::size_t i = 0; i < at.size(); ++i) {
+      const cv::Point2f error = returned[i] - at[i], &p = found[i];
+      if (there[i] && back[i] &&
+          std::max(std::abs(error.x), std::abs(error.y)) < kForwardBackward_px && p.x >= kEdge_px &&
+          p.y >= kEdge_px && p.x <= static_cast<float>(size.width - 1) - kEdge_px &&
+          p.y <= static_cast<float>(size.height - 1) - kEdge_px)
+        result[i] = p;
+    }
+    return result;
   }
 
   /// The angle of a pixel's side, rad: square root of its solid angle.
@@ -240,6 +322,7 @@ class CameraTracker {
   const Camera& camera_;
   DistanceRange range_;
   std::vector<TrackImage> images_;
+  int factor_ = 1;  ///< by which images are reduced
   int levels_ = 0;
 };
 

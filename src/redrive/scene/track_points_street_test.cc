@@ -66,7 +66,7 @@ TEST(TrackPointsStreet, AgreeWithTheGroundTruthDepth) {
   apply_masks(scene, static_masks(scene, images, {}, pool, true),
               read_moving_objects(recording, scene), pool, &images);
   const PointCloud cloud = track_points(scene, images, pool);
-  EXPECT_GT(cloud.n, 200'000u);
+  EXPECT_GT(cloud.n, 220'000u);
   const std::vector<DepthView> views = depth_views(recording, scene, "left_0.5");
   ASSERT_EQ(views.size(), 6u);
   std::vector<double> errors;
@@ -94,10 +94,9 @@ TEST(TrackPointsFox, SurroundTheFox) {
   ThreadPool pool(2);
   SceneOptions options;
   options.holdout_every = 8;
-  options.downscale = 2;
   const Scene scene = make_scene(open_recording(root), options);
   const PointCloud cloud = track_points(scene, load_views(scene, pool), pool);
-  EXPECT_GT(cloud.n, 10'000u);
+  EXPECT_GT(cloud.n, 40'000u);
   std::size_t inside = 0;
   for (std::size_t i = 0; i < cloud.n; ++i)
     inside += std::abs(cloud.position[i]) < *scene.half_side &&
