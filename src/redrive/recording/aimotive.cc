@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/recording/aimotive.h"
 
-#include <algorithm>
-#include <cctype>
-#include <charconv>
 #include <set>
 
 #include "redrive/base/error.h"
@@ -11,125 +8,13 @@
 #include "redrive/recording/aimotive_boxes.h"
 #include "redrive/recording/calibration_json.h"
 #include "redrive/recording/egomotion_json.h"
+#include "redrive/recording/frame_files.h"
 #include "redrive/recording/las.h"
-#include "redrive/recording/wording.h"
 
 namespace redrive::aimotive {
 namespace {
 
 namespace fs = std::filesystem;
-
-// Overloads without error_code would report a folder without permission as an internal error.
-bool is_there(const fs::path& path) {
-  std::error_code error;
-  return fs::exists(path, error);
-}
-bool is_folder(const fs::path& path) {
-  std::error_code error;
-  return fs::is_directory(path, error);
-}
-
-/// Returns the entries of a folder by name, without hidden ones; none if there is no such folder.
-std::vector<fs::path> list_folder(const fs::path& folder) {
-  std::vector<fs::path> entries;
-  std::error_code error;
-  if (!fs::exists(folder, error) && !error) return entries;
-  fs::directory_iterator it(folder, error);
-  for (const fs::directory_iterator end; !error && it != end; it.increment(error)) {
-    if (it->path().filename().string().front() != '.') entries.push_back(it->path());
-  }
-  if (error) throw InputError(folder, "", error.message(), "the folder cannot be listed");
-  std::sort(entries.begin(), entries.end());
-  return entries;
-}
-
-/// Returns the id of <prefix><id><extension>, or -1.
-std::int64_t frame_id_from_name(const fs::path& path, const std::string& prefix,
-                                std::initializer_list<std::string_view> extensions) {
-  const std::string stem = path.stem().string();
-  if (!has_extension(path, extensions) || !stem.starts_with(prefix)) return -1;
-  const char *const begin = stem.data() + prefix.size(), *const end = stem.data() + stem.size();
-  if (begin == end || !std::all_of(begin, end, [](unsigned char c) { return std::isdigit(c); }))
-    return -1;
-  std::int64_t id = -1;
-  const auto [last, error] = std::from_chars(begin, end, id);
-  return error == std::errc() && last == end ? id : -1;
-}
-
-/// Returns the files <prefix><id><extension> of a folder by id, one per frame. A finding about
-/// `subject` lists files of other names.
-std::vector<FrameFile> list_frame_files(const fs::path& folder, const std::string& prefix,
-                                        std::initializer_list<std::string_view> extensions,
-                                        const std::string& subject,
-                                        std::vector<Finding>* findings) {
-  std::vector<FrameFile> files;
-  std::vector<std::string> unexpected;
-  for (const fs::path& path : list_folder(folder)) {
-    const std::int64_t id = frame_id_from_name(path, prefix, extensions);
-    if (id < 0) {
-      unexpected.push_back(path.filename().string());
-    } else {
-      files.push_back({id, path});
-    }
-  }
-  std::sort(files.begin(), files.end(),
-            [](const auto& a, const auto& b) { return a.frame_id < b.frame_id; });
-  for (std::size_t i = 1; i < files.size(); ++i) {
-    if (files[i].frame_id == files[i - 1].frame_id) {
-      throw InputError(
-          files[i].path, "frame id", std::to_string(files[i].frame_id),
-          "a second file of this frame, beside " + files[i - 1].path.filename().string());
-    }
-  }
-  if (!unexpected.empty()) {
-    std::string expected = prefix + "<id>";
-    for (const std::string_view& extension : extensions) {
-      if (&extension != extensions.begin())
-        expected += &extension + 1 == extensions.end() ? " or " : ", ";
-      expected += extension;
-    }
-    findings->push_back({subject, counted(unexpected.size(), "file") + " not named " + expected +
-                                      " ignored: " + first_few(unexpected)});
-  }
-  return files;
-}
-
-/// Returns the camera's images of frames with a pose. `findings` lists images that are dropped or
-/// missing.
-std::vector<ImageFile> collect_images(const fs::path& folder, const std::string& camera,
-                                      const std::vector<FramePose>& frames,
-                                      std::vector<Finding>* findings) {
-  std::vector<FrameFile> images =
-      list_frame_files(folder, camera + "_", {".jpg", ".jpeg", ".png"}, camera, findings);
-  if (images.empty()) return {};
-
-  std::set<std::int64_t> posed, seen;
-  for (const FramePose& frame : frames) posed.insert(frame.id);
-  std::vector<std::int64_t> without_pose, without_image;
-  std::vector<ImageFile> kept;
-  for (FrameFile& image : images) {
-    seen.insert(image.frame_id);
-    if (posed.contains(image.frame_id)) {
-      kept.push_back({std::move(image)});
-    } else {
-      without_pose.push_back(image.frame_id);
-    }
-  }
-  for (const FramePose& frame : frames) {
-    if (!seen.contains(frame.id)) without_image.push_back(frame.id);
-  }
-  if (!without_pose.empty()) {
-    findings->push_back({camera, counted(without_pose.size(), "image") +
-                                     " dropped, the egomotion has no pose for frame " +
-                                     first_few(without_pose)});
-  }
-  if (!without_image.empty()) {
-    findings->push_back({camera, "no image for " + counted(without_image.size(), "frame") +
-                                     " that " + (without_image.size() == 1 ? "has" : "have") +
-                                     " a pose: " + first_few(without_image)});
-  }
-  return kept;
-}
 
 const fs::path kCalibrationFile = "sensor/calibration/calibration.json",
                kEgomotionFile = "sensor/gnssins/egomotion2.json";
@@ -211,8 +96,10 @@ Recording open(const fs::path& root, PoseSource source) {
   for (const CameraCalibration& calibration : calibrations) {
     calibrated.insert(calibration.name);
     const fs::path folder = image_root / calibration.name;
-    std::vector<ImageFile> images =
-        collect_images(folder, calibration.name, recording.frames, &recording.findings);
+    std::vector<ImageFile> images = images_with_poses(
+        list_frame_files(folder, calibration.name + "_", {".jpg", ".jpeg", ".png"},
+                         calibration.name, &recording.findings),
+        calibration.name, recording.frames, &recording.findings);
     if (!images.empty()) {
       recording.cameras.push_back({calibration, std::move(images)});
     } else {

@@ -110,7 +110,7 @@ TEST(Aimotive, RejectsTwoRevolutionsOfOneFrame) {
               AllOf(HasSubstr("frame_0000009.laz"), HasSubstr("frame_0000009.las")));
 }
 
-// Recorded poses carry errors; ground ground_truth is read where a recording ships it, and used on
+// Recorded poses carry errors; ground truth is read where a recording ships it, and used on
 // request.
 TEST(Aimotive, ReadsGroundTruthPosesAndCalibration) {
   TemporaryFolder folder;

@@ -9,13 +9,13 @@
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
 #include "redrive/recording/rigid_json.h"
+#include "redrive/recording/trajectory.h"
 
 namespace redrive {
 namespace {
 
 constexpr double kMaxRadius_m = 1e7;  // the Earth's surface is at 6.4e6
 constexpr double kMaxTime_s = 9e9;    // int64 nanoseconds end at 9.22e9 s
-constexpr double kMaxSpeed_m_per_s = 150;
 
 std::int64_t frame_id_from_key(const JsonField& entry, const std::string& key) {
   std::int64_t id = -1;
@@ -41,27 +41,6 @@ std::int64_t t_ns_from_json(const JsonField& time) {
   const double t_s = time.number();
   if (!(t_s >= 0 && t_s <= kMaxTime_s)) time.fail("expected a time in seconds from 0 to 9e9");
   return std::llround(t_s * 1e9);
-}
-
-void check_step(const FramePose& a, const FramePose& b, const std::filesystem::path& file) {
-  const std::string id = std::to_string(b.id), before = std::to_string(a.id);
-  const double dt_s = static_cast<double>(b.t_ns - a.t_ns) * 1e-9;
-  if (b.t_ns <= a.t_ns) {
-    char value[64];
-    std::snprintf(value, sizeof value, "%.9f s", static_cast<double>(b.t_ns) * 1e-9);
-    throw InputError(
-        file, id + ".time", value,
-        "times have to increase with the frame id, but this is not after frame " + before);
-  }
-  const double step_m =
-      (b.global_from_body.translation() - a.global_from_body.translation()).norm();
-  if (step_m > kMaxSpeed_m_per_s * dt_s) {
-    char value[96];
-    std::snprintf(value, sizeof value, "%.2f m away from frame %s, %.3f s later", step_m,
-                  before.c_str(), dt_s);
-    throw InputError(file, id + ".RT_ECEF_body", value,
-                     "no car moves so: at most 150 m/s are accepted");
-  }
 }
 
 }  // namespace
@@ -98,7 +77,7 @@ std::vector<FramePose> parse_egomotion(std::string_view text, const std::filesys
   }
   if (frames.empty()) throw InputError(file, "", "", "holds no pose");
   std::sort(frames.begin(), frames.end(), [](const auto& a, const auto& b) { return a.id < b.id; });
-  for (std::size_t i = 1; i < frames.size(); ++i) check_step(frames[i - 1], frames[i], file);
+  check_trajectory(frames, file, {"time", "RT_ECEF_body"});
   return frames;
 }
 

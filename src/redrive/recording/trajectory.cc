@@ -1,14 +1,49 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/recording/trajectory.h"
 
+#include <cstdio>
+
 #include "redrive/base/error.h"
 #include "redrive/math/plain_trajectory.h"
 
 namespace redrive {
+namespace {
+
+constexpr double kMaxSpeed_m_per_s = 150;
+
+void check_step(const FramePose& a, const FramePose& b, const std::filesystem::path& file,
+                const PoseFields& fields) {
+  const std::string id = std::to_string(b.id), before = std::to_string(a.id);
+  const double dt_s = static_cast<double>(b.t_ns - a.t_ns) * 1e-9;
+  if (b.t_ns <= a.t_ns) {
+    char value[64];
+    std::snprintf(value, sizeof value, "%.9f s", static_cast<double>(b.t_ns) * 1e-9);
+    throw InputError(
+        file, id + "." + fields.time, value,
+        "times have to increase with the frame id, but this is not after frame " + before);
+  }
+  const double step_m =
+      (b.global_from_body.translation() - a.global_from_body.translation()).norm();
+  if (step_m > kMaxSpeed_m_per_s * dt_s) {
+    char value[96];
+    std::snprintf(value, sizeof value, "%.2f m away from frame %s, %.3f s later", step_m,
+                  before.c_str(), dt_s);
+    throw InputError(file, id + "." + fields.pose, value,
+                     "no car moves so: at most 150 m/s are accepted");
+  }
+}
+
+}  // namespace
 
 Rigid3d pose_at(const std::vector<FramePose>& frames, std::int64_t t_ns) {
   REDRIVE_CHECK(!frames.empty());
   return pose_at(std::span(frames), t_ns);
+}
+
+void check_trajectory(const std::vector<FramePose>& frames, const std::filesystem::path& file,
+                      const PoseFields& fields) {
+  for (std::size_t i = 1; i < frames.size(); ++i)
+    check_step(frames[i - 1], frames[i], file, fields);
 }
 
 }  // namespace redrive

@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// The body's pose between the frames, for cameras and LiDAR points with times of their own.
+// The body's trajectory: its pose between the frames, for cameras and LiDAR points with times of
+// their own, and the check of a file's poses.
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
+#include <string>
 #include <vector>
 
 #include "redrive/recording/recording.h"
@@ -14,5 +17,15 @@ namespace redrive {
 /// frames there goes on. `frames`: at least one, times increasing; a single one stands still. At a
 /// frame's own time its own pose, bit for bit.
 Rigid3d pose_at(const std::vector<FramePose>& frames, std::int64_t t_ns);
+
+/// Names of a frame's time and pose in a file, for messages.
+struct PoseFields {
+  std::string time, pose;
+};
+
+/// Throws InputError naming file, frame and field unless the times of a drive's frames, sorted by
+/// id, increase and none moves from the one before at more than 150 m/s. `frames`: in metres.
+void check_trajectory(const std::vector<FramePose>& frames, const std::filesystem::path& file,
+                      const PoseFields& fields);
 
 }  // namespace redrive

@@ -1,10 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/recording/trajectory.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
+
+#include "redrive/recording/recording_testing.h"
 
 namespace redrive {
 namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
 
 constexpr double kTurn_rad = 0.3, kRadius_m = 6.4e6;
 
@@ -38,6 +44,19 @@ TEST(Trajectory, IsConstantForASingleFrame) {
   const std::vector<FramePose> frames = {turning(1000, 0.5)};
   for (const std::int64_t t_ns : {0, 1000, 5000})
     EXPECT_EQ(pose_at(frames, t_ns).matrix(), frames[0].global_from_body.matrix());
+}
+
+TEST(CheckTrajectory, NamesFileFrameAndField) {
+  std::vector<FramePose> frames = {turning(0, 0), turning(1'000'000'000, 1)};
+  frames[1].id = 7;
+  const auto message = [&] {
+    return input_error([&] { check_trajectory(frames, "poses.csv", {"t", "T_wb"}); });
+  };
+  EXPECT_NO_THROW(check_trajectory(frames, "poses.csv", {"t", "T_wb"}));
+  frames[1].global_from_body.translation().y() += 151;
+  EXPECT_THAT(message(), AllOf(HasSubstr("poses.csv"), HasSubstr("7.T_wb"), HasSubstr("frame 0")));
+  frames[1].t_ns = 0;
+  EXPECT_THAT(message(), AllOf(HasSubstr("7.t"), HasSubstr("have to increase")));
 }
 
 }  // namespace
