@@ -85,6 +85,14 @@ inline void check_network(const GridNetwork& network, int n_rays, int per_ray, s
   REDRIVE_CHECK_OP(raw, ==, 4 * n);
 }
 
+inline void check_network_backward(const GridNetwork& network, int n_rays, int per_ray,
+                                   std::size_t features, std::size_t harmonics, std::size_t d_raw,
+                                   std::size_t d_weights, std::size_t d_features) {
+  check_network(network, n_rays, per_ray, features, harmonics, d_raw);
+  REDRIVE_CHECK_OP(d_weights, ==, network.weights.size());
+  REDRIVE_CHECK_OP(d_features, ==, features);
+}
+
 inline void check_proposal_density(const HashGrid& grid, const UnitPoints& points,
                                    std::size_t density) {
   REDRIVE_CHECK_OP(grid.config.features_per_level, ==, 1);

@@ -29,6 +29,15 @@ inline void check_ray_gradients(int n_rays, const RayGradients& of_rays) {
     REDRIVE_CHECK_OP(of_rays.d_origin.size(), ==, 3 * static_cast<std::size_t>(n_rays));
 }
 
+inline void check_field_backward(const NerfField& field, const Rays& rays, const Samples& samples,
+                                 std::size_t d_raw, std::size_t gradients,
+                                 const RayGradients& of_rays) {
+  check_field(field, rays, samples);
+  check_raw(rays.n, samples, d_raw);
+  check_ray_gradients(rays.n, of_rays);
+  REDRIVE_CHECK_OP(gradients, ==, field.parameters.size());
+}
+
 /// Returns the number of rays.
 inline int check_hierarchical(const Samples& coarse, std::size_t weights_size, int extra,
                               std::size_t t_size, std::size_t dt_size) {

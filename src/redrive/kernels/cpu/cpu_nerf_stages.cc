@@ -76,10 +76,7 @@ class CpuNerfStages final : public CommonNerfStages<HostExecutor> {
   void network_backward(const NerfField& field, const Rays& rays, const Samples& samples,
                         std::span<const float> d_raw, std::span<float> gradients,
                         const RayGradients& of_rays) override {
-    check_field(field, rays, samples);
-    check_raw(rays.n, samples, d_raw.size());
-    check_ray_gradients(rays.n, of_rays);
-    REDRIVE_CHECK_OP(gradients.size(), ==, field.parameters.size());
+    check_field_backward(field, rays, samples, d_raw.size(), gradients.size(), of_rays);
     Engine& engine = prepare(field, samples.per_ray);
     const int stride = static_cast<int>(sample_count(rays.n, samples));
     pool_.run(kChunksPerBatch, [&](int chunk) { engine.chunks[chunk]->clear_gradients(); });

@@ -143,9 +143,8 @@ class DeviceGridStages final : public CommonGridStages<DeviceExecutor<Device>> {
                         std::span<const float> features, std::span<const float> harmonics,
                         std::span<const float> d_raw, std::span<float> d_weights,
                         std::span<float> d_features) override {
-    check_network(network, n_rays, per_ray, features.size(), harmonics.size(), d_raw.size());
-    REDRIVE_CHECK_OP(d_weights.size(), ==, network.weights.size());
-    REDRIVE_CHECK_OP(d_features.size(), ==, features.size());
+    check_network_backward(network, n_rays, per_ray, features.size(), harmonics.size(),
+                           d_raw.size(), d_weights.size(), d_features.size());
     const std::size_t n = interval_count(n_rays, per_ray),
                       most = std::min(n, Device::kMaxSamplesPerPass);
     Stage stage(device_);

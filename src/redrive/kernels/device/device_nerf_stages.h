@@ -30,10 +30,7 @@ class DeviceNerfStages final : public CommonNerfStages<DeviceExecutor<Device>> {
   void network_backward(const NerfField& field, const Rays& rays, const Samples& samples,
                         std::span<const float> d_raw, std::span<float> gradients,
                         const RayGradients& of_rays) override {
-    check_field(field, rays, samples);
-    check_raw(rays.n, samples, d_raw.size());
-    check_ray_gradients(rays.n, of_rays);
-    REDRIVE_CHECK_OP(gradients.size(), ==, field.parameters.size());
+    check_field_backward(field, rays, samples, d_raw.size(), gradients.size(), of_rays);
     if (device_.has_tensor_cores())
       backward_by<NerfTensorNetwork<Device>>(field, rays, samples, d_raw, gradients, of_rays);
     else

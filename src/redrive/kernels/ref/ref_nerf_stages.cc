@@ -49,10 +49,7 @@ class RefNerfStages final : public CommonNerfStages<HostExecutor> {
   void network_backward(const NerfField& field, const Rays& rays, const Samples& samples,
                         std::span<const float> d_raw, std::span<float> gradients,
                         const RayGradients& of_rays) override {
-    check_field(field, rays, samples);
-    check_raw(rays.n, samples, d_raw.size());
-    check_ray_gradients(rays.n, of_rays);
-    REDRIVE_CHECK_OP(gradients.size(), ==, field.parameters.size());
+    check_field_backward(field, rays, samples, d_raw.size(), gradients.size(), of_rays);
     const std::vector<double> parameters(field.parameters.begin(), field.parameters.end());
     const std::size_t n_samples = sample_count(rays.n, samples), per_ray = samples.per_ray;
     std::vector<double> sums(gradients.size()), d_position(3 * per_ray);  // d_position: of one ray
