@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <numeric>
 
+#include "redrive/base/error.h"
 #include "redrive/kernels/backend.h"
 #include "redrive/kernels/check_sizes.h"
 #include "redrive/kernels/host_image_score.h"
@@ -42,6 +43,10 @@ void Backend::gather_returns(const LidarSource& from, const LidarDraw& draw,
 void Backend::update_error_map(std::span<const std::uint32_t> cells, std::span<const float> squares,
                                std::span<float> errors) {
   redrive::update_error_map(cells, squares, errors);
+}
+
+GaussianStages& Backend::gaussians() {
+  throw UsageError("--backend", name(), "does not rasterise Gaussians; use --backend cpu");
 }
 
 ImageScore Backend::score(const ImagePair& images) {

@@ -30,6 +30,7 @@ namespace redrive::kernels {
 
 class NerfStages;
 class GridStages;
+class GaussianStages;
 
 /// Results of compositing. Per ray: rgb [3, n_rays], depth [n_rays] (metres, sum of w t), opacity
 /// [n_rays]; per sample: weights [n_rays, per_ray], empty if not wanted.
@@ -152,6 +153,8 @@ class Backend {
   // ---- stages of one method
   virtual NerfStages& nerf() = 0;
   virtual GridStages& grid() = 0;
+  /// UsageError: this backend does not rasterise; the default.
+  virtual GaussianStages& gaussians();
 };
 
 /// Numbers of any type as the memory functions take them.

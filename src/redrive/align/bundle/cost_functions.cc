@@ -5,7 +5,7 @@
 
 #include <ceres/sized_cost_function.h>
 
-#include "redrive/align/bundle/dual.h"
+#include "redrive/math/dual.h"
 #include "redrive/math/so3.h"
 
 namespace redrive {

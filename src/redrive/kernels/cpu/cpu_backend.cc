@@ -6,6 +6,7 @@
 #include "redrive/kernels/cpu/composite_range.h"
 #include "redrive/kernels/cpu/cpu_kernels.h"
 #include "redrive/kernels/cpu/cpu_nerf_stages.h"
+#include "redrive/kernels/cpu/gaussian/cpu_gaussian_stages.h"
 #include "redrive/kernels/cpu/grid/cpu_grid_stages.h"
 #include "redrive/kernels/host_image_score.h"
 #include "redrive/optim/photometric_loss.h"
@@ -93,6 +94,7 @@ class CpuBackend final : public Backend {
 
   NerfStages& nerf() override { return *nerf_; }
   GridStages& grid() override { return *grid_; }
+  GaussianStages& gaussians() override { return *gaussians_; }
 
   ImageScore score(const ImagePair& images) override { return score_on_host(images, pool_); }
 
@@ -102,6 +104,7 @@ class CpuBackend final : public Backend {
   ThreadPool pool_;
   std::unique_ptr<NerfStages> nerf_ = make_cpu_nerf_stages(*this, isa_, kernels_, &pool_);
   std::unique_ptr<GridStages> grid_ = make_cpu_grid_stages(isa_, &pool_);
+  std::unique_ptr<GaussianStages> gaussians_ = make_cpu_gaussian_stages(isa_, &pool_);
 };
 
 }  // namespace

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "redrive/kernels/check_sizes.h"
+#include "redrive/kernels/ref/ref_gaussian_stages.h"
 #include "redrive/kernels/ref/ref_grid_stages.h"
 #include "redrive/kernels/ref/ref_nerf_stages.h"
 #include "redrive/optim/photometric_loss.h"
@@ -107,10 +108,12 @@ class RefBackend final : public Backend {
 
   NerfStages& nerf() override { return *nerf_; }
   GridStages& grid() override { return *grid_; }
+  GaussianStages& gaussians() override { return *gaussians_; }
 
  private:
   std::unique_ptr<NerfStages> nerf_ = make_ref_nerf_stages(*this);
   std::unique_ptr<GridStages> grid_ = make_ref_grid_stages();
+  std::unique_ptr<GaussianStages> gaussians_ = make_ref_gaussian_stages();
 };
 
 }  // namespace

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "redrive/align/bundle/dual.h"
+#include "redrive/math/dual.h"
 
 #include <cmath>
 

@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: Apache-2.0
+// Size checks of the stages of rasterising Gaussians.
+#pragma once
+
+#include "redrive/base/error.h"
+#include "redrive/kernels/gaussian_stages.h"
+
+namespace redrive::kernels {
+
+inline void check_rasterise(const GaussianCamera& camera, const Gaussians& gaussians,
+                            const RasterOptions& options) {
+  const RasterSize size = raster_size(camera.camera.width, camera.camera.height);
+  REDRIVE_CHECK(size.width > 0 && size.height > 0);
+  REDRIVE_CHECK(!camera.world_from_camera.empty());
+  REDRIVE_CHECK_OP(gaussians.numbers.size(), ==, gaussian_blocks(gaussians.n) * kBlockSize);
+  REDRIVE_CHECK(options.tiles.empty() ||
+                options.tiles.size() == size.plane() / (kTileSide * kTileSide));
+  REDRIVE_CHECK(options.log_range.empty() || options.log_range.size() == size.plane());
+}
+
+inline void check_rasterise_backward(const GaussianCamera& camera, const Gaussians& gaussians,
+                                     const RasterOptions& options, const RasterImage& image,
+                                     const RasterGradient& gradient, std::size_t gradients) {
+  check_rasterise(camera, gaussians, options);
+  const std::size_t plane = image.size.plane();
+  REDRIVE_CHECK_OP(gradient.d_rgb.size(), ==, 3 * plane);
+  REDRIVE_CHECK_OP(gradient.error.size(), ==, plane);
+  REDRIVE_CHECK_OP(gradient.d_range.size(), ==, options.log_range.empty() ? 0 : plane);
+  REDRIVE_CHECK_OP(gradients, ==, gaussians.numbers.size());
+}
+
+inline void check_image_loss(const ImageLossInput& input, std::size_t d_rgb, std::size_t error) {
+  const std::size_t plane = input.size.plane();
+  REDRIVE_CHECK_OP(input.rgb.size(), ==, 3 * plane);
+  REDRIVE_CHECK_OP(input.target.size(), ==, 3 * plane);
+  REDRIVE_CHECK_OP(input.mask.size(), ==, plane);
+  REDRIVE_CHECK_OP(d_rgb, ==, 3 * plane);
+  REDRIVE_CHECK_OP(error, ==, plane);
+}
+
+inline void check_update_gaussians(std::size_t n, std::size_t gradients, std::size_t numbers,
+                                   std::size_t first_moment, std::size_t second_moment) {
+  const std::size_t size = gaussian_blocks(n) * kBlockSize;
+  REDRIVE_CHECK(gradients == size && numbers == size && first_moment == size &&
+                second_moment == size);
+}
+
+}  // namespace redrive::kernels

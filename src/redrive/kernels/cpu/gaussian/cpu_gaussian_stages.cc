@@ -1,0 +1,372 @@
+// SPDX-License-Identifier: Apache-2.0
+// Cuts images and Gaussians into ranges for an instruction set's kernels. A range's results go to
+// a place of its own, so that the number of threads changes no bit.
+#include "redrive/kernels/cpu/gaussian/cpu_gaussian_stages.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <utility>
+#include <vector>
+
+#include "redrive/kernels/check_gaussian_sizes.h"
+#include "redrive/kernels/cpu/gaussian/gaussian_kernels.h"
+#include "redrive/optim/ssim.h"
+
+namespace redrive::kernels {
+namespace {
+
+constexpr std::size_t kBlocksPerRange = 256;   // 4096 Gaussians
+constexpr std::size_t kPairRanges = 16;        // of the visible Gaussians
+constexpr std::size_t kTilesPerRange = 4;
+constexpr int kKeyBits = 11;                   // of a pass of the radix sort
+constexpr std::size_t kBuckets = std::size_t{1} << kKeyBits;
+
+/// Returns `buffer` with at least n numbers of any value.
+template <class T>
+T* grown(Buffer<T>* buffer, std::size_t n) {
+  if (buffer->size() < n) *buffer = Buffer<T>(n + n / 2);
+  return buffer->data();
+}
+
+/// Working memory of a tile, one for each thread.
+float* tile_memory(std::size_t floats) {
+  thread_local Buffer<float> memory;
+  return grown(&memory, floats);
+}
+
+struct CpuRasterWorkspace final : RasterWorkspace {
+  Buffer<RasterRecord> records;        ///< by Gaussian
+  Buffer<std::uint16_t> visible;       ///< by block
+  Buffer<std::uint64_t> keys, sorted;  ///< by Gaussian, of the visible ones
+  Buffer<TilePair> unordered, pairs;
+  Buffer<float> sums;                  ///< [pairs, kRecordFloats]
+  std::vector<std::uint32_t> first;    ///< [tiles + 1]: first pair of each tile
+  std::size_t n_visible = 0;
+  std::vector<float> shutter;
+};
+
+/// Sorts keys by their upper half, ascending and stable, by the bits that positive floats up to
+/// 2^-14 of their value differ in.
+void sort_by_distance(Buffer<std::uint64_t>* keys, Buffer<std::uint64_t>* memory, std::size_t n) {
+  grown(memory, n);
+  for (const int shift : {32 + 9, 32 + 9 + kKeyBits}) {
+    std::array<std::uint32_t, kBuckets> next{};
+    const std::uint64_t* const from = keys->data();
+    std::uint64_t* const to = memory->data();
+    for (std::size_t i = 0; i < n; ++i) ++next[from[i] >> shift & (kBuckets - 1)];
+    std::uint32_t before = 0;
+    for (std::uint32_t& count : next) before += std::exchange(count, before);
+    for (std::size_t i = 0; i < n; ++i) to[next[from[i] >> shift & (kBuckets - 1)]++] = from[i];
+    std::swap(*keys, *memory);
+  }
+}
+
+class CpuGaussianStages final : public GaussianStages {
+ public:
+  CpuGaussianStages(Isa isa, ThreadPool* pool)
+      : kernels_(isa == Isa::kAvx2 ? avx2::kGaussianKernels : avx512::kGaussianKernels),
+        pool_(*pool) {
+    const SsimTaps taps = ssim_taps();
+    std::ranges::copy(taps, taps_.begin());
+  }
+
+  std::unique_ptr<RasterWorkspace> make_workspace() const override {
+    return std::make_unique<CpuRasterWorkspace>();
+  }
+
+  RasterCounts rasterise(const GaussianCamera& camera, const Gaussians& gaussians,
+                         const RasterOptions& options, RasterWorkspace* workspace,
+                         RasterImage* image) override {
+    check_rasterise(camera, gaussians, options);
+    auto& w = static_cast<CpuRasterWorkspace&>(*workspace);
+    const RasterSize size = raster_size(camera.camera.width, camera.camera.height);
+    project(camera, gaussians, &w);
+    sort_by_distance(&w.keys, &w.sorted, w.n_visible);
+    bin(size, options, &w);
+    image->size = size;
+    grown(&image->rgb, 3 * size.plane());
+    grown(&image->transmittance, size.plane());
+    if (options.depth) grown(&image->depth, size.plane());
+    if (!options.log_range.empty()) grown(&image->range_error, size.plane());
+    for_tiles(size, options, w, [&](TileJob* job) {
+      job->rgb = image->rgb.data();
+      job->transmittance = image->transmittance.data();
+      job->depth = options.depth ? image->depth.data() : nullptr;
+      job->range_error = image->range_error.data();
+      kernels_.tile_forward(*job);
+    });
+    return {w.n_visible, w.first.back()};
+  }
+
+  void rasterise_backward(const GaussianCamera& camera, const Gaussians& gaussians,
+                          const RasterOptions& options, const RasterImage& image,
+                          const RasterGradient& gradient, RasterWorkspace* workspace,
+                          std::span<float> gradients,
+                          GaussianPoseGradient<NumberMath<double>>* d_pose) override {
+    check_rasterise_backward(camera, gaussians, options, image, gradient, gradients.size());
+    auto& w = static_cast<CpuRasterWorkspace&>(*workspace);
+    float* const sums = grown(&w.sums, w.first.back() * std::size_t{kRecordFloats});
+    for_tiles(image.size, options, w, [&](TileJob* job) {
+      job->rgb = const_cast<float*>(image.rgb.data());  // only read
+      job->range_error = const_cast<float*>(image.range_error.data());
+      job->d_rgb = gradient.d_rgb.data();
+      job->error = gradient.error.data();
+      job->d_range = gradient.d_range.data();
+      job->sums = sums;
+      kernels_.tile_backward(*job);
+    });
+    ProjectionBackwardJob job;
+    static_cast<ProjectionJob&>(job) = projection_job(camera, gaussians, &w);
+    job.records = w.records.data();
+    job.visible = w.visible.data();
+    job.sums = sums;
+    job.gradients = gradients.data();
+    const std::size_t blocks = gaussian_blocks(gaussians.n);
+    std::vector<std::array<double, 6>> d_poses(blocks / kBlocksPerRange + 1);
+    pool_.run_ranges(blocks, kBlocksPerRange, [&](std::size_t begin, std::size_t end) {
+      ProjectionBackwardJob range = job;
+      if (d_pose) range.d_pose = d_poses[begin / kBlocksPerRange].data();
+      kernels_.project_backward(range, begin, end);
+    });
+    if (!d_pose) return;
+    *d_pose = {};
+    for (const std::array<double, 6>& part : d_poses)
+      for (int k = 0; k < 3; ++k) {
+        d_pose->translation[k] += part[k];
+        d_pose->rotation[k] += part[3 + k];
+      }
+  }
+
+  ImageLossOutput image_loss(const ImageLossInput& input, std::span<float> d_rgb,
+                             std::span<float> error) override {
+    check_image_loss(input, d_rgb.size(), error.size());
+    const std::size_t plane = input.size.plane(), rows = input.size.height;
+    const double count = 3 * masked_pixels(input);
+    LossJob job;
+    job.width = input.size.width;
+    job.height = input.size.height;
+    job.stride = input.size.stride;
+    job.plane = plane;
+    job.rgb = input.rgb.data();
+    job.target = input.target.data();
+    job.mask = input.mask.data();
+    std::ranges::copy(input.gains, job.gains);
+    job.l1_scale = static_cast<float>(input.l1_weight / std::max(count, 1.0));
+    job.ssim_scale = static_cast<float>(input.ssim_weight / std::max(count, 1.0));
+    job.taps = taps_.data();
+    job.masked = grown(&masked_, 6 * plane);
+    job.moments = grown(&moments_, 15 * plane);
+    job.slopes = grown(&slopes_, 9 * plane);
+    job.d_rgb = d_rgb.data();
+    job.error = error.data();
+    std::vector<LossSums> sums(rows);
+    const std::size_t rows_at_once = 8;
+    for (int pass = 0; pass < kLossPasses; ++pass) {
+      if (input.ssim_weight == 0 && pass > 0 && pass + 1 < kLossPasses) continue;
+      pool_.run_ranges(rows, rows_at_once, [&](std::size_t begin, std::size_t end) {
+        float* const scratch = tile_memory(loss_scratch(job.stride));
+        for (std::size_t y = begin; y < end; ++y)
+          kernels_.loss_row(job, pass, static_cast<int>(y), scratch, &sums[y]);
+      });
+    }
+    ImageLossOutput out;
+    double squares = 0;
+    for (const LossSums& row : sums) {
+      out.l1 += row.l1;
+      out.dssim += row.ssim;
+      squares += row.squares;
+      for (int c = 0; c < 3; ++c) out.d_gains[c] += row.d_gains[c];
+    }
+    out.mse = squares / std::max(count, 1.0);
+    return out;
+  }
+
+  void update_gaussians(const GaussianUpdate& update, std::size_t n, std::span<float> gradients,
+                        std::span<float> numbers, std::span<float> first_moment,
+                        std::span<float> second_moment) override {
+    check_update_gaussians(n, gradients.size(), numbers.size(), first_moment.size(),
+                           second_moment.size());
+    const UpdateJob job{.rates = update.rates,
+                        .beta1 = update.step.beta1,
+                        .beta2 = update.step.beta2,
+                        .bias1 = update.step.bias1,
+                        .bias2 = update.step.bias2,
+                        .epsilon = update.step.epsilon,
+                        .min_log_scale = update.min_log_scale,
+                        .gradients = gradients.data(),
+                        .numbers = numbers.data(),
+                        .first_moment = first_moment.data(),
+                        .second_moment = second_moment.data()};
+    pool_.run_ranges(
+        gaussian_blocks(n), kBlocksPerRange,
+        [&](std::size_t begin, std::size_t end) { kernels_.update(job, begin, end); });
+  }
+
+ private:
+  static ProjectionJob projection_job(const GaussianCamera& camera, const Gaussians& gaussians,
+                                      CpuRasterWorkspace* w) {
+    ProjectionJob job;
+    job.camera = camera.camera;
+    job.gaussians = gaussians.numbers.data();
+    const std::size_t n = camera.world_from_camera.size();
+    w->shutter.clear();
+    for (const PlainPose& pose : camera.world_from_camera) {
+      // The inverse of a rotation is the conjugate of its quaternion x, y, z, w.
+      float key[7] = {static_cast<float>(pose.quaternion[3]), static_cast<float>(-pose.quaternion[0]),
+                      static_cast<float>(-pose.quaternion[1]),
+                      static_cast<float>(-pose.quaternion[2])};
+      if (!w->shutter.empty()) {
+        const float* const before = &w->shutter[w->shutter.size() - 7];
+        float dot = 0;
+        for (int k = 0; k < 4; ++k) dot += before[k] * key[k];
+        for (int k = 0; dot < 0 && k < 4; ++k) key[k] = -key[k];
+      }
+      for (int k = 0; k < 3; ++k) key[4 + k] = static_cast<float>(pose.translation[k]);
+      w->shutter.insert(w->shutter.end(), key, key + 7);
+    }
+    job.shutter.n = static_cast<int>(n);
+    job.shutter.keys = w->shutter.data();
+    for (int k = 0; k < 9; ++k)
+      job.shutter.rotation[k] =
+          static_cast<float>(camera.world_from_camera[0].rotation[3 * (k % 3) + k / 3]);
+    job.shutter.row_scale = static_cast<float>(n - 1) / camera.image_rows;
+    job.shutter.row_offset = (camera.first_row + 0.5f) * job.shutter.row_scale;
+    return job;
+  }
+
+  /// Sets records, visible, keys and n_visible.
+  void project(const GaussianCamera& camera, const Gaussians& gaussians, CpuRasterWorkspace* w) {
+    const std::size_t blocks = gaussian_blocks(gaussians.n);
+    grown(&w->records, blocks * kGaussianBlock);
+    grown(&w->visible, blocks);
+    grown(&w->keys, blocks * kGaussianBlock);
+    const ProjectionJob job = projection_job(camera, gaussians, w);
+    std::vector<std::size_t> drawn(blocks / kBlocksPerRange + 1);
+    pool_.run_ranges(blocks, kBlocksPerRange, [&](std::size_t begin, std::size_t end) {
+      drawn[begin / kBlocksPerRange] =
+          kernels_.project(job, begin, end, w->records.data(), w->visible.data(),
+                           w->keys.data() + begin * kGaussianBlock);
+    });
+    w->n_visible = 0;
+    for (std::size_t range = 0; range < drawn.size(); ++range) {
+      const std::uint64_t* const from =
+          w->keys.data() + range * kBlocksPerRange * kGaussianBlock;
+      std::copy(from, from + drawn[range], w->keys.data() + w->n_visible);
+      w->n_visible += drawn[range];
+    }
+  }
+
+  /// Sets pairs, by tile and in each by distance, and `first`.
+  void bin(const RasterSize& size, const RasterOptions& options, CpuRasterWorkspace* w) {
+    const int tiles_x = size.stride / kTileSide, tiles_y = size.rows / kTileSide;
+    const std::size_t tiles = static_cast<std::size_t>(tiles_x) * tiles_y, n = w->n_visible;
+    struct Range {
+      std::size_t begin, end, place, made = 0;
+      std::uint32_t slot = 0;
+      std::vector<std::uint32_t> next;  ///< by tile: counts, then places
+    };
+    std::vector<Range> ranges(kPairRanges);
+    pool_.run(static_cast<int>(kPairRanges), [&](int r) {  // upper bounds of the pairs
+      Range& range = ranges[r];
+      range.begin = n * r / kPairRanges;
+      range.end = n * (r + 1) / kPairRanges;
+      range.place = 0;
+      for (std::size_t i = range.begin; i < range.end; ++i) {
+        const TileRange t =
+            tiles_of(w->records[static_cast<std::uint32_t>(w->keys[i])], tiles_x, tiles_y);
+        range.place += static_cast<std::size_t>(t.x1 - t.x0 + 1) * (t.y1 - t.y0 + 1);
+      }
+    });
+    std::size_t most = 0;
+    for (Range& range : ranges) most += std::exchange(range.place, most);
+    grown(&w->unordered, most);
+    pool_.run(static_cast<int>(kPairRanges), [&](int r) {
+      Range& range = ranges[r];
+      TilePair* const pairs = w->unordered.data() + range.place;
+      range.made = kernels_.bin(w->records.data(), w->keys.data() + range.begin,
+                                range.end - range.begin, tiles_x, tiles_y,
+                                options.tiles.empty() ? nullptr : options.tiles.data(), pairs);
+      range.next.assign(tiles, 0);
+      for (std::size_t i = 0; i < range.made; ++i) ++range.next[pairs[i].tile];
+    });
+    w->first.resize(tiles + 1);
+    std::uint32_t before = 0;
+    for (std::size_t tile = 0; tile < tiles; ++tile) {
+      w->first[tile] = before;
+      for (Range& range : ranges) before += std::exchange(range.next[tile], before);
+    }
+    w->first[tiles] = before;
+    std::uint32_t slot = 0;
+    for (Range& range : ranges) {
+      range.slot = slot;
+      slot += static_cast<std::uint32_t>(range.made);
+    }
+    grown(&w->pairs, before);
+    pool_.run(static_cast<int>(kPairRanges), [&](int r) {
+      Range& range = ranges[r];
+      std::uint32_t next_slot = range.slot;
+      for (std::size_t i = range.begin; i < range.end; ++i) {
+        RasterRecord& record = w->records[static_cast<std::uint32_t>(w->keys[i])];
+        record.first_pair = next_slot;
+        next_slot += record.pairs;
+      }
+      const TilePair* const made = w->unordered.data() + range.place;
+      for (std::size_t i = 0; i < range.made; ++i) {
+        TilePair pair = made[i];
+        pair.slot = range.slot + static_cast<std::uint32_t>(i);
+        w->pairs[range.next[pair.tile]++] = pair;
+      }
+    });
+  }
+
+  /// Runs body on a job for each wanted tile.
+  template <class Body>
+  void for_tiles(const RasterSize& size, const RasterOptions& options, const CpuRasterWorkspace& w,
+                 const Body& body) {
+    const int tiles_x = size.stride / kTileSide;
+    const std::size_t tiles = w.first.size() - 1;
+    pool_.run_ranges(tiles, kTilesPerRange, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t tile = begin; tile < end; ++tile) {
+        if (!options.tiles.empty() && !options.tiles[tile]) continue;
+        TileJob job;
+        job.tile_x = static_cast<int>(tile) % tiles_x;
+        job.tile_y = static_cast<int>(tile) / tiles_x;
+        job.records = w.records.data();
+        job.pairs = w.pairs.data() + w.first[tile];
+        job.n = w.first[tile + 1] - w.first[tile];
+        job.stride = size.stride;
+        job.plane = size.plane();
+        job.log_range = options.log_range.empty() ? nullptr : options.log_range.data();
+        std::ranges::copy(options.background, job.background);
+        job.scratch = tile_memory(tile_scratch(job.n));
+        body(&job);
+      }
+    });
+  }
+
+  static double masked_pixels(const ImageLossInput& input) {
+    double n = 0;
+    for (int y = 0; y < input.size.height; ++y) {
+      const std::span<const float> row = input.mask.subspan(
+          static_cast<std::size_t>(y) * input.size.stride, input.size.stride);
+      float of_row = 0;  // exact up to 2^24
+      for (const float m : row) of_row += m;
+      n += static_cast<double>(of_row);
+    }
+    return n;
+  }
+
+  const GaussianKernels& kernels_;
+  ThreadPool& pool_;
+  std::array<float, kSsimTaps> taps_;
+  Buffer<float> masked_, moments_, slopes_;
+};
+
+}  // namespace
+
+std::unique_ptr<GaussianStages> make_cpu_gaussian_stages(Isa isa, ThreadPool* pool) {
+  return std::make_unique<CpuGaussianStages>(isa, pool);
+}
+
+}  // namespace redrive::kernels

@@ -1,0 +1,156 @@
+// SPDX-License-Identifier: Apache-2.0
+// Inner loops of rasterising Gaussians as a table of functions, compiled once per vector width.
+// cpu_gaussian_stages.cc cuts the work and owns the memory.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+#include "redrive/math/plain_camera.h"
+
+namespace redrive::kernels {
+
+/// A drawn Gaussian, one cache line.
+struct alignas(64) RasterRecord {
+  float x, y;             ///< mean, pixels
+  float xx, xy, yy;       ///< log2 of the falloff at (dx, dy): xx dx^2 + xy dx dy + yy dy^2
+  float log2_alpha;       ///< at the mean
+  float rgb[3];
+  float distance;         ///< of the mean from the camera, metres
+  float log_distance;
+  float radius[2];        ///< half sides of the rectangle beyond which alpha is below kMinAlpha
+  std::uint32_t first_pair, pairs;  ///< its tiles' pairs, in the order of their making
+  float unused;
+};
+static_assert(sizeof(RasterRecord) == 64);
+constexpr int kRecordFloats = 16;
+
+/// A Gaussian in a tile. Bit b of `blocks`: block b of the tile's pixels, which has as many pixels
+/// as a vector has lanes, 4 a row; blocks go row by row.
+struct TilePair {
+  std::uint32_t gaussian, tile, blocks, slot;
+};
+
+/// Keys of a rolling shutter: quaternion w x y z of camera_from_world, then the centre in the world.
+struct ShutterKeys {
+  int n = 1;
+  const float* keys = nullptr;  ///< [n, 7], neighbours on the same half of the sphere
+  float rotation[9];            ///< camera_from_world of the only key
+  float row_scale = 0, row_offset = 0;  ///< position among the keys: row_scale v + row_offset
+};
+
+struct ProjectionJob {
+  PlainCamera camera;
+  ShutterKeys shutter;
+  const float* gaussians = nullptr;  ///< blocks
+};
+
+struct TileJob {
+  int tile_x = 0, tile_y = 0;
+  const RasterRecord* records = nullptr;
+  const TilePair* pairs = nullptr;
+  std::size_t n = 0;
+  // Planes; `stride` floats a row.
+  std::size_t stride = 0, plane = 0;
+  float *rgb = nullptr, *transmittance = nullptr;
+  float* depth = nullptr;            ///< may be null
+  const float* log_range = nullptr;  ///< may be null
+  float* range_error = nullptr;
+  float background[3] = {0, 0, 0};
+  // Backward pass:
+  const float *d_rgb = nullptr, *error = nullptr, *d_range = nullptr;
+  float* sums = nullptr;  ///< [all pairs, kRecordFloats]: PairSum, by TilePair::slot
+  // Scratch of tile_scratch(n) floats, 64-byte aligned:
+  float* scratch = nullptr;
+};
+static constexpr std::size_t tile_scratch(std::size_t n) {
+  return 2 * kRecordFloats * n + 32 * (n + 16);
+}
+
+/// Sums over the pixels of a tile, all of the derivative by log alpha times what the name says.
+enum PairSum {
+  kSumAlpha, kSumX, kSumY, kSumXX, kSumXY, kSumYY,
+  kSumRgb,         ///< 3: derivatives by the colour
+  kSumError = 9,
+  kSumLogDistance  ///< derivative by the logarithm of the distance
+};
+
+struct ProjectionBackwardJob : ProjectionJob {
+  const RasterRecord* records = nullptr;
+  const std::uint16_t* visible = nullptr;  ///< a bit for each Gaussian of a block
+  const float* sums = nullptr;
+  float* gradients = nullptr;  ///< blocks, added to
+  double* d_pose = nullptr;    ///< [6]: translation, rotation; added to; may be null
+};
+
+struct UpdateJob {
+  const float* rates = nullptr;  ///< by row
+  float beta1, beta2, bias1, bias2, epsilon, min_log_scale;
+  float *gradients = nullptr, *numbers = nullptr, *first_moment = nullptr,
+        *second_moment = nullptr;
+};
+
+/// Rows of the loss of an image. The window filter goes along rows, then along columns; planes of
+/// moments have the size of the image.
+struct LossJob {
+  int width = 0, height = 0;
+  std::size_t stride = 0, plane = 0;
+  const float *rgb = nullptr, *target = nullptr, *mask = nullptr;
+  float gains[3];
+  float l1_scale, ssim_scale;  ///< weights over the number of masked numbers
+  const float* taps = nullptr;  ///< of the window
+  float* masked = nullptr;      ///< 6 planes: 3 of the image with its gains, 3 of its target; 0 masked
+  float* moments = nullptr;     ///< 15 planes
+  float* slopes = nullptr;      ///< 9 planes
+  float *d_rgb = nullptr, *error = nullptr;
+};
+/// Sums of one row.
+struct LossSums {
+  double l1, squares, ssim, d_gains[3];
+};
+constexpr int kLossPasses = 5;
+/// Floats of scratch memory of a row.
+static constexpr std::size_t loss_scratch(std::size_t stride) { return 2 * (stride + 32); }
+
+/// Tiles that a Gaussian's rectangle overlaps, inclusive.
+struct TileRange {
+  int x0, x1, y0, y1;
+};
+static inline __attribute__((always_inline)) TileRange tiles_of(const RasterRecord& r, int tiles_x,
+                                                                int tiles_y) {
+  // Tile k has the pixel centres 16 k .. 16 k + 15. Bounded before the conversion.
+  const auto tile = [](float at, int last) __attribute__((always_inline)) {
+    const float t = (at + 0.5f) * (1.0f / 16);
+    return t <= 0 ? 0 : t >= static_cast<float>(last) ? last : static_cast<int>(t);
+  };
+  return {tile(r.x - r.radius[0], tiles_x - 1), tile(r.x + r.radius[0], tiles_x - 1),
+          tile(r.y - r.radius[1], tiles_y - 1), tile(r.y + r.radius[1], tiles_y - 1)};
+}
+
+struct GaussianKernels {
+  int blocks_per_tile;
+  /// Projects blocks [begin, end): writes records, `visible` and keys (distance in the upper half,
+  /// index in the lower) of those drawn; returns their number.
+  std::size_t (*project)(const ProjectionJob& job, std::size_t begin, std::size_t end,
+                         RasterRecord* records, std::uint16_t* visible, std::uint64_t* keys);
+  /// Writes the pairs of the Gaussians of keys [n] with tiles, at most `most`; sets
+  /// RasterRecord::pairs. Returns their number. wanted: by tile, or null.
+  std::size_t (*bin)(RasterRecord* records, const std::uint64_t* keys, std::size_t n, int tiles_x,
+                     int tiles_y, const std::uint8_t* wanted, TilePair* pairs);
+  void (*tile_forward)(const TileJob& job);
+  void (*tile_backward)(const TileJob& job);
+  void (*project_backward)(const ProjectionBackwardJob& job, std::size_t begin, std::size_t end);
+  void (*update)(const UpdateJob& job, std::size_t begin, std::size_t end);  ///< of blocks
+  /// Row y in pass 0..kLossPasses-1; a pass needs all rows of the pass before. Passes 0, 2 and 4
+  /// write parts of sums; without SSIM 1 to 3 are left out. scratch: loss_scratch floats.
+  void (*loss_row)(const LossJob& job, int pass, int y, float* scratch, LossSums* sums);
+};
+
+namespace avx2 {
+extern const GaussianKernels kGaussianKernels;
+}
+namespace avx512 {
+extern const GaussianKernels kGaussianKernels;
+}
+
+}  // namespace redrive::kernels

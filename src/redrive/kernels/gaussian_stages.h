@@ -1,0 +1,138 @@
+// SPDX-License-Identifier: Apache-2.0
+// The stages of rasterising 3D Gaussians (Backend::gaussians): projection, depth order and blending
+// of an image, its backward pass, the loss of an image, and the update of the Gaussians. Formulas:
+// field/gaussian.h, volume/blend_gaussians.h, optim/ssim.h, optim/adam.h. Conventions as in
+// backend.h. Sums have a fixed order: the number of threads changes no bit.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <span>
+
+#include "redrive/base/buffer.h"
+#include "redrive/field/gaussian.h"
+#include "redrive/math/plain_pose.h"
+#include "redrive/optim/adam.h"
+
+namespace redrive::kernels {
+
+/// Gaussians in blocks of 16 (field/gaussian.h): numbers [gaussian_blocks(n), kGaussianRows, 16].
+/// Lanes of the last block beyond n are never drawn.
+struct Gaussians {
+  std::size_t n = 0;
+  std::span<const float> numbers;
+};
+
+/// The camera of an image, or of a window of it: `camera` then has the window's size and principal
+/// point.
+struct GaussianCamera {
+  PlainCamera camera;
+  /// world_from_camera at even times from the upper edge of the whole image to its lower one; at
+  /// least one. A Gaussian is seen from the pose of the row that its mean falls on.
+  std::span<const PlainPose> world_from_camera;
+  float first_row = 0;   ///< of the window in the whole image
+  float image_rows = 1;  ///< height of the whole image
+};
+
+/// Planes of an image: pixel (x, y) of plane k is planes[(k * rows + y) * stride + x]. Width and
+/// height are padded to multiples of 16; the padding has any finite values.
+struct RasterSize {
+  int width = 0, height = 0, stride = 0, rows = 0;
+
+  std::size_t plane() const { return static_cast<std::size_t>(stride) * rows; }
+};
+constexpr int kTileSide = 16;
+inline RasterSize raster_size(int width, int height) {
+  const auto padded = [](int n) { return (n + kTileSide - 1) / kTileSide * kTileSide; };
+  return {width, height, padded(width), padded(height)};
+}
+
+struct RasterImage {
+  RasterSize size;
+  Buffer<float> rgb;            ///< 3 planes, over the background
+  Buffer<float> transmittance;  ///< what of the background is seen, 0..1
+  Buffer<float> depth;          ///< metres along the ray, sum of w t; where requested
+  Buffer<float> range_error;    ///< sum of w min(|log(t / range)|, kMaxRangeError)
+};
+
+struct RasterOptions {
+  float background[3] = {0, 0, 0};
+  bool depth = false;
+  /// Tiles of 16 x 16 pixels, row by row, that are wanted; empty: all. The others keep what they
+  /// had.
+  std::span<const std::uint8_t> tiles;
+  /// Plane of logarithms of measured ranges (log metres); kNoRange where there is none. Empty: no
+  /// ranges.
+  std::span<const float> log_range;
+};
+constexpr float kNoRange = -1e3f;
+
+/// Derivatives of the loss with respect to the pixels, and what is summed over them.
+struct RasterGradient {
+  std::span<const float> d_rgb;      ///< 3 planes
+  std::span<const float> error;      ///< plane: blended into the row kDistanceRow of the gradients
+  std::span<const float> d_range;    ///< plane: by range_error; empty without log_range
+};
+
+/// What a forward pass leaves for its backward pass; of any size.
+struct RasterWorkspace {
+  virtual ~RasterWorkspace() = default;
+};
+
+struct RasterCounts {
+  std::size_t visible = 0;  ///< Gaussians drawn
+  std::size_t pairs = 0;    ///< of a Gaussian and a tile
+};
+
+/// A rendered image and its ground truth. planes: all of the same size; target 3 planes in [0, 1];
+/// mask plane: 0 or 1, 0 in the padding.
+struct ImageLossInput {
+  RasterSize size;
+  std::span<const float> rgb, target, mask;
+  float gains[3] = {1, 1, 1};  ///< factors of rgb: exposure
+  float l1_weight = 0.8f, ssim_weight = 0.2f;
+};
+/// Means over the pixels of the mask and the channels.
+struct ImageLossOutput {
+  double l1 = 0;          ///< weighted
+  double dssim = 0;       ///< weighted (1 - SSIM) / 2; SSIM with zeros beyond the mask
+  double mse = 0;
+  double d_gains[3] = {0, 0, 0};
+};
+
+/// Learning rates of an update by row of a Gaussian. kPositionRow is times the Gaussian's distance.
+struct GaussianUpdate {
+  AdamStep step;  ///< learning_rate is not used
+  float rates[kGaussianRows] = {};
+  float min_log_scale = -20;  ///< plus the logarithm of the distance: least of the two larger axes
+};
+
+class GaussianStages {
+ public:
+  virtual ~GaussianStages() = default;
+
+  virtual std::unique_ptr<RasterWorkspace> make_workspace() const = 0;
+  /// Draws the Gaussians in the order of the distance of their means. Resizes `image`.
+  virtual RasterCounts rasterise(const GaussianCamera& camera, const Gaussians& gaussians,
+                                 const RasterOptions& options, RasterWorkspace* workspace,
+                                 RasterImage* image) = 0;
+  /// Adds the derivatives to `gradients`, laid out as the Gaussians, after rasterise() with the same
+  /// arguments. d_pose: by the pose of the whole image, or null.
+  virtual void rasterise_backward(const GaussianCamera& camera, const Gaussians& gaussians,
+                                  const RasterOptions& options, const RasterImage& image,
+                                  const RasterGradient& gradient, RasterWorkspace* workspace,
+                                  std::span<float> gradients,
+                                  GaussianPoseGradient<NumberMath<double>>* d_pose) = 0;
+  /// Writes d_rgb, 3 planes, and the mean absolute error of the channels of each pixel, 1 plane.
+  virtual ImageLossOutput image_loss(const ImageLossInput& input, std::span<float> d_rgb,
+                                     std::span<float> error) = 0;
+  /// Adam on the Gaussians whose opacity has a gradient, that is, which the step drew; the others
+  /// keep their moments. Adds the row kDistanceRow of the gradients to that of first_moment. Sets the
+  /// gradients to 0.
+  virtual void update_gaussians(const GaussianUpdate& update, std::size_t n,
+                                std::span<float> gradients, std::span<float> numbers,
+                                std::span<float> first_moment,
+                                std::span<float> second_moment) = 0;
+};
+
+}  // namespace redrive::kernels

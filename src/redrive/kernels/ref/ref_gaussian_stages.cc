@@ -1,0 +1,263 @@
+// SPDX-License-Identifier: Apache-2.0
+// Rasterising Gaussians in double, without tiles: every pixel blends every visible Gaussian.
+#include "redrive/kernels/ref/ref_gaussian_stages.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <vector>
+
+#include "redrive/kernels/check_gaussian_sizes.h"
+#include "redrive/math/shutter_row.h"
+#include "redrive/optim/ssim.h"
+#include "redrive/optim/ssim_gradient.h"
+#include "redrive/volume/blend_gaussians.h"
+
+namespace redrive::kernels {
+namespace {
+
+using Math = NumberMath<double>;
+using Projected = ProjectedGaussian<Math>;
+
+/// A drawn Gaussian.
+struct Drawn {
+  std::size_t id;
+  GaussianPose<Math> pose;
+  Projected at;
+  std::array<double, kDistanceRow> rows;
+};
+
+struct RefRasterWorkspace final : RasterWorkspace {
+  std::vector<Drawn> drawn;  ///< by distance
+  std::vector<Splat2d<double>> splats;
+};
+
+GaussianPose<Math> pose_at(const GaussianCamera& camera, double v) {
+  const double row = (v + 0.5 + static_cast<double>(camera.first_row)) /
+                     static_cast<double>(camera.image_rows);
+  const PlainPose pose =
+      pose_at_row(camera.world_from_camera.data(), camera.world_from_camera.size(), row);
+  GaussianPose<Math> out;
+  for (int k = 0; k < 9; ++k) out.rotation[k] = pose.rotation[3 * (k % 3) + k / 3];
+  for (int k = 0; k < 3; ++k) out.centre[k] = pose.translation[k];
+  return out;
+}
+
+/// Whether the ellipse in which alpha exceeds kMinAlpha meets the image's rectangle of pixels.
+bool meets_image(const PlainCamera& camera, const Projected& at) {
+  const double reach = 2 * std::log(at.alpha / double(kMinAlpha));
+  const double rx = std::sqrt(reach * at.variance[0]), ry = std::sqrt(reach * at.variance[1]);
+  return at.mean[0] + rx > -0.5 && at.mean[0] - rx < camera.width - 0.5 &&
+         at.mean[1] + ry > -0.5 && at.mean[1] - ry < camera.height - 0.5;
+}
+
+class RefGaussianStages final : public GaussianStages {
+ public:
+  std::unique_ptr<RasterWorkspace> make_workspace() const override {
+    return std::make_unique<RefRasterWorkspace>();
+  }
+
+  RasterCounts rasterise(const GaussianCamera& camera, const Gaussians& gaussians,
+                         const RasterOptions& options, RasterWorkspace* workspace,
+                         RasterImage* image) override {
+    check_rasterise(camera, gaussians, options);
+    auto& w = static_cast<RefRasterWorkspace&>(*workspace);
+    w.drawn.clear();
+    for (std::size_t id = 0; id < gaussians.n; ++id) {
+      Drawn d{.id = id};
+      for (int row = 0; row < kDistanceRow; ++row)
+        d.rows[row] = static_cast<double>(gaussians.numbers[gaussian_slot(id, row)]);
+      d.at.mean[1] = camera.camera.height / 2.0;
+      const int iterations = camera.world_from_camera.size() > 1 ? 3 : 1;
+      for (int i = 0; i < iterations; ++i) {
+        d.pose = pose_at(camera, d.at.mean[1]);
+        project_mean<Math>(camera.camera, d.pose, d.rows.data() + kPositionRow, &d.at);
+      }
+      if (!d.at.visible) continue;
+      project_gaussian<Math>(camera.camera, d.pose, d.rows.data(), &d.at);
+      if (!(d.at.alpha > double(kMinAlpha)) || !meets_image(camera.camera, d.at)) continue;
+      w.drawn.push_back(d);
+    }
+    std::ranges::stable_sort(w.drawn, {}, [](const Drawn& d) { return d.at.length; });
+    w.splats.clear();
+    for (const Drawn& d : w.drawn) {
+      Splat2d<double> splat{{d.at.mean[0], d.at.mean[1]},
+                            {d.at.conic[0], d.at.conic[1], d.at.conic[2]},
+                            d.at.alpha,
+                            {},
+                            d.at.length};
+      for (int c = 0; c < 3; ++c) splat.rgb[c] = std::max(d.at.colour[c], 0.0);
+      w.splats.push_back(splat);
+    }
+    const RasterSize size = raster_size(camera.camera.width, camera.camera.height);
+    image->size = size;
+    for (Buffer<float>* plane : {&image->transmittance, &image->depth, &image->range_error})
+      if (plane->size() < size.plane()) *plane = Buffer<float>(size.plane());
+    if (image->rgb.size() < 3 * size.plane()) image->rgb = Buffer<float>(3 * size.plane());
+    for_pixels(size, options, [&](int x, int y, std::size_t i) {
+      const BlendedPixel<double> pixel =
+          blend_gaussians(w.splats, x, y, options.background, log_range(options, i));
+      for (int c = 0; c < 3; ++c)
+        image->rgb[c * size.plane() + i] = static_cast<float>(pixel.rgb[c]);
+      image->transmittance[i] = static_cast<float>(pixel.transmittance);
+      image->depth[i] = static_cast<float>(pixel.depth);
+      image->range_error[i] = static_cast<float>(pixel.range_error);
+    });
+    return {w.drawn.size(), w.drawn.size()};
+  }
+
+  void rasterise_backward(const GaussianCamera& camera, const Gaussians& gaussians,
+                          const RasterOptions& options, const RasterImage& image,
+                          const RasterGradient& gradient, RasterWorkspace* workspace,
+                          std::span<float> gradients,
+                          GaussianPoseGradient<Math>* d_pose) override {
+    check_rasterise_backward(camera, gaussians, options, image, gradient, gradients.size());
+    auto& w = static_cast<RefRasterWorkspace&>(*workspace);
+    std::vector<Splat2dGradient> sums(w.splats.size());
+    const std::size_t plane = image.size.plane();
+    for_pixels(image.size, options, [&](int x, int y, std::size_t i) {
+      double d_rgb[3];
+      for (int c = 0; c < 3; ++c) d_rgb[c] = static_cast<double>(gradient.d_rgb[c * plane + i]);
+      blend_gaussians_adjoint(
+          w.splats, x, y, options.background, log_range(options, i), d_rgb,
+          gradient.d_range.empty() ? 0 : static_cast<double>(gradient.d_range[i]),
+          static_cast<double>(gradient.error[i]), &sums);
+    });
+    if (d_pose) *d_pose = {};
+    for (std::size_t i = 0; i < sums.size(); ++i) {
+      const Drawn& d = w.drawn[i];
+      const Splat2dGradient& sum = sums[i];
+      const ProjectedGradient<Math> projected{
+          {sum.mean[0], sum.mean[1]},
+          {sum.conic[0], sum.conic[1], sum.conic[2]},
+          sum.log_alpha,
+          {sum.rgb[0], sum.rgb[1], sum.rgb[2]},
+          sum.distance};
+      double d_rows[kGaussianRows];
+      GaussianPoseGradient<Math> of_pose;
+      project_gaussian_adjoint<Math>(camera.camera, d.pose, d.rows.data(), d.at, projected, d_rows,
+                                     &of_pose);
+      d_rows[kDistanceRow] = sum.error;
+      for (int row = 0; row < kGaussianRows; ++row)
+        gradients[gaussian_slot(d.id, row)] += static_cast<float>(d_rows[row]);
+      for (int k = 0; d_pose && k < 3; ++k) {
+        d_pose->translation[k] += of_pose.translation[k];
+        d_pose->rotation[k] += of_pose.rotation[k];
+      }
+    }
+  }
+
+  ImageLossOutput image_loss(const ImageLossInput& input, std::span<float> d_rgb,
+                             std::span<float> error) override {
+    check_image_loss(input, d_rgb.size(), error.size());
+    const SsimTaps taps = ssim_taps();
+    const int width = input.size.width, height = input.size.height, stride = input.size.stride;
+    const std::size_t plane = input.size.plane();
+    const auto at = [&](int x, int y) {
+      return static_cast<std::size_t>(y) * stride + static_cast<std::size_t>(x);
+    };
+    double count = 0;
+    for (int y = 0; y < height; ++y)
+      for (int x = 0; x < width; ++x) count += static_cast<double>(input.mask[at(x, y)]);
+    count = std::max(3 * count, 1.0);
+    ImageLossOutput out;
+    std::vector<double> d(3 * plane), image(3 * plane), target(3 * plane);
+    for (int y = 0; y < height; ++y)
+      for (int x = 0; x < width; ++x) {
+        const std::size_t i = at(x, y);
+        const double mask = static_cast<double>(input.mask[i]);
+        double of_pixel = 0;
+        for (int c = 0; c < 3; ++c) {
+          const std::size_t k = c * plane + i;
+          image[k] = mask * static_cast<double>(input.gains[c]) *
+                     static_cast<double>(input.rgb[k]);
+          target[k] = mask * static_cast<double>(input.target[k]);
+          const double off = image[k] - target[k];
+          d[k] = static_cast<double>(input.l1_weight) / count * mask * ((off > 0) - (off < 0));
+          out.l1 += static_cast<double>(input.l1_weight) / count * std::fabs(off);
+          out.mse += off * off / count;
+          of_pixel += std::fabs(off) / 3;
+        }
+        error[i] = static_cast<float>(of_pixel);
+      }
+    const double per_window = static_cast<double>(input.ssim_weight) / count / 2;
+    for (int c = 0; per_window > 0 && c < 3; ++c)
+      for (int y = 0; y < height; ++y)
+        for (int x = 0; x < width; ++x) {
+          const double mask = static_cast<double>(input.mask[at(x, y)]);
+          const auto for_window = [&](const auto& body) {
+            for (int j = -kSsimRadius; j <= kSsimRadius; ++j)
+              for (int i = -kSsimRadius; i <= kSsimRadius; ++i)
+                if (x + i >= 0 && x + i < width && y + j >= 0 && y + j < height)
+                  body(taps[i + kSsimRadius] * taps[j + kSsimRadius],
+                       c * plane + at(x + i, y + j));
+          };
+          SsimMoments mean;
+          for_window([&](double tap, std::size_t k) { mean.add(tap, image[k], target[k]); });
+          const SsimGradient<Math> s =
+              ssim_gradient<Math>(mean.x, mean.y, mean.xx, mean.yy, mean.xy);
+          out.dssim += mask * per_window * (1 - s.ssim);
+          for_window([&](double tap, std::size_t k) {
+            const double inside = static_cast<double>(input.mask[k % plane]);
+            d[k] -= inside * mask * per_window * tap *
+                    (s.by_x + 2 * image[k] * s.by_xx + target[k] * s.by_xy);
+          });
+        }
+    for (int c = 0; c < 3; ++c)
+      for (std::size_t i = 0; i < plane; ++i) {
+        const std::size_t k = c * plane + i;
+        out.d_gains[c] += d[k] * static_cast<double>(input.rgb[k]);
+        d_rgb[k] = static_cast<float>(d[k] * static_cast<double>(input.gains[c]));
+      }
+    return out;
+  }
+
+  void update_gaussians(const GaussianUpdate& update, std::size_t n, std::span<float> gradients,
+                        std::span<float> numbers, std::span<float> first_moment,
+                        std::span<float> second_moment) override {
+    check_update_gaussians(n, gradients.size(), numbers.size(), first_moment.size(),
+                           second_moment.size());
+    for (std::size_t i = 0; i < n; ++i) {
+      if (gradients[gaussian_slot(i, kOpacityRow)] == 0) continue;
+      const float distance = numbers[gaussian_slot(i, kDistanceRow)];
+      for (int row = 0; row < kDistanceRow; ++row) {
+        const std::size_t slot = gaussian_slot(i, row);
+        AdamStep step = update.step;
+        step.learning_rate = update.rates[row] * (row < kLogScaleRow ? distance : 1);
+        adam_update(step, gradients[slot], numbers[slot], first_moment[slot], second_moment[slot]);
+        gradients[slot] = 0;
+      }
+      const std::size_t error = gaussian_slot(i, kDistanceRow);
+      first_moment[error] += gradients[error];
+      gradients[error] = 0;
+      const float least = update.min_log_scale + std::log(std::max(distance, 1e-6f));
+      const auto scale = [&](int k) -> float& { return numbers[gaussian_slot(i, kLogScaleRow + k)]; };
+      const float smallest = std::min({scale(0), scale(1), scale(2)});
+      for (int k = 0; k < 3; ++k)
+        if (scale(k) > smallest) scale(k) = std::max(scale(k), least);
+    }
+  }
+
+ private:
+  static double log_range(const RasterOptions& options, std::size_t pixel) {
+    return options.log_range.empty() ? static_cast<double>(kNoRange)
+                                     : static_cast<double>(options.log_range[pixel]);
+  }
+  template <class Body>
+  static void for_pixels(const RasterSize& size, const RasterOptions& options, const Body& body) {
+    for (int y = 0; y < size.rows; ++y)
+      for (int x = 0; x < size.stride; ++x) {
+        const int tile = y / kTileSide * (size.stride / kTileSide) + x / kTileSide;
+        if (!options.tiles.empty() && !options.tiles[tile]) continue;
+        body(x, y, static_cast<std::size_t>(y) * size.stride + static_cast<std::size_t>(x));
+      }
+  }
+};
+
+}  // namespace
+
+std::unique_ptr<GaussianStages> make_ref_gaussian_stages() {
+  return std::make_unique<RefGaussianStages>();
+}
+
+}  // namespace redrive::kernels

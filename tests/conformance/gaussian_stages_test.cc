@@ -1,0 +1,296 @@
+// SPDX-License-Identifier: Apache-2.0
+// Backends that rasterise Gaussians against the oracle, which blends every Gaussian in every pixel.
+// Tolerances: colours of 1 with early ending below kMinTransmittance, and pixels where alpha is
+// kMinAlpha but for rounding; sums of derivatives relative
+// to the largest of their row.
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "candidates.h"
+#include "redrive/kernels/gaussian_stages.h"
+#include "redrive/math/rigid3.h"
+#include "redrive/math/so3.h"
+
+namespace redrive::kernels::conformance {
+namespace {
+
+/// Candidates that rasterise: not the devices.
+std::vector<Candidate> rasterisers() {
+  std::vector<Candidate> out = candidates();
+  std::erase_if(out, [](const Candidate& c) { return c.is_loop() || c.is_gpu(); });
+  return out;
+}
+
+class GaussianStagesTest : public BackendConformance {};
+INSTANTIATE_TEST_SUITE_P(Backends, GaussianStagesTest, testing::ValuesIn(rasterisers()), name_of);
+
+struct GaussianCase {
+  std::size_t n = 203;  // no multiple of a block
+  std::vector<float> numbers;
+  PlainCamera camera;
+  std::vector<PlainPose> poses;
+  RasterSize size;
+  std::vector<float> log_range, d_rgb, error, d_range;
+  std::vector<std::uint8_t> tiles;
+
+  explicit GaussianCase(bool mei, bool rolling, bool ranges, bool masked = false) {
+    camera.fx = 60;
+    camera.fy = 58;
+    camera.cx = 33;
+    camera.cy = 20;
+    camera.k1 = -0.1f;
+    camera.k2 = 0.02f;
+    camera.p1 = 0.002f;
+    camera.width = 70;
+    camera.height = 43;
+    camera.max_radius2 = 1.5f;
+    if (mei) {
+      camera.kind = PlainCamera::Kind::kMei;
+      camera.xi = 0.9f;
+      camera.min_cosine = -0.9f;
+      camera.fx *= 1.5f;
+      camera.fy *= 1.5f;
+    }
+    size = raster_size(camera.width, camera.height);
+    for (int key = 0; key < (rolling ? 3 : 1); ++key) {
+      Rigid3d pose = Rigid3d::Identity();
+      pose.linear() = so3_exp(Eigen::Vector3d(0.02 * key, 0.1, -0.03 * key));
+      pose.translation() = Eigen::Vector3d(0.1 * key, 0.05, 0.02 * key);
+      poses.push_back(plain(pose));
+    }
+    numbers.resize(gaussian_blocks(n) * kBlockSize);
+    const std::vector<float> random = random_floats(n * kGaussianRows, 31, -1, 1);
+    for (std::size_t i = 0; i < n; ++i) {
+      for (int row = 0; row < kGaussianRows; ++row)
+        numbers[gaussian_slot(i, row)] = random[i * kGaussianRows + row];
+      const float depth = 3 + 3 * random[i * kGaussianRows + 2];  // some behind the camera
+      numbers[gaussian_slot(i, kPositionRow)] *= 0.9f * depth;
+      numbers[gaussian_slot(i, kPositionRow + 1)] *= 0.6f * depth;
+      numbers[gaussian_slot(i, kPositionRow + 2)] = depth;
+      for (int k = 0; k < 3; ++k) {
+        numbers[gaussian_slot(i, kLogScaleRow + k)] -= 2;
+        numbers[gaussian_slot(i, kColourRow + k)] += 0.8f;
+      }
+      numbers[gaussian_slot(i, kOpacityRow)] *= 3;
+    }
+    d_rgb = random_floats(3 * size.plane(), 32, -1, 1);
+    error = random_floats(size.plane(), 33, 0, 1);
+    if (ranges) {
+      log_range = random_floats(size.plane(), 34, 0.5f, 1.8f);
+      for (std::size_t i = 0; i < log_range.size(); i += 3) log_range[i] = kNoRange;
+      d_range = random_floats(size.plane(), 35, 0, 1);
+    }
+    if (masked) {
+      tiles.assign(size.plane() / 256, 1);
+      tiles[1] = tiles[4] = 0;
+    }
+  }
+  GaussianCamera view() const { return {camera, poses, 0, float(camera.height)}; }
+  Gaussians gaussians() const { return {n, numbers}; }
+  RasterOptions options() const {
+    return {.background = {0.2f, 0.4f, 0.6f}, .depth = true, .tiles = tiles, .log_range = log_range};
+  }
+};
+
+struct Result {
+  RasterCounts counts;
+  RasterImage image;
+  std::vector<float> gradients;
+  GaussianPoseGradient<NumberMath<double>> pose;
+};
+
+Result run(Backend& backend, const GaussianCase& c) {
+  GaussianStages& stages = backend.gaussians();
+  const auto workspace = stages.make_workspace();
+  Result out;
+  out.counts = stages.rasterise(c.view(), c.gaussians(), c.options(), workspace.get(), &out.image);
+  out.gradients.assign(c.numbers.size(), 0);
+  stages.rasterise_backward(c.view(), c.gaussians(), c.options(), out.image,
+                            {c.d_rgb, c.error, c.d_range}, workspace.get(), out.gradients,
+                            &out.pose);
+  return out;
+}
+
+void expect_same(const GaussianCase& c, const Result& a, const Result& b) {
+  EXPECT_EQ(a.counts.visible, b.counts.visible);
+  EXPECT_GT(b.counts.visible, c.n / 4);
+  const std::size_t plane = c.size.plane();
+  for (int y = 0; y < c.camera.height; ++y)
+    for (int x = 0; x < c.camera.width; ++x) {
+      if (!c.tiles.empty() && !c.tiles[y / 16 * (c.size.stride / 16) + x / 16]) continue;
+      const std::size_t i = static_cast<std::size_t>(y) * c.size.stride + x;
+      for (int k = 0; k < 3; ++k)
+        ASSERT_NEAR(a.image.rgb[k * plane + i], b.image.rgb[k * plane + i], 2e-3) << x << " " << y;
+      ASSERT_NEAR(a.image.transmittance[i], b.image.transmittance[i], 1.1e-3);
+      ASSERT_NEAR(a.image.depth[i], b.image.depth[i], 1e-2);
+      if (!c.log_range.empty()) {
+        ASSERT_NEAR(a.image.range_error[i], b.image.range_error[i], 2e-3);
+      }
+    }
+  for (int row = 0; row < kGaussianRows; ++row) {
+    double most = 0;
+    for (std::size_t i = 0; i < c.n; ++i)
+      most = std::max(most, std::fabs(double(b.gradients[gaussian_slot(i, row)])));
+    EXPECT_GT(most, 0) << "row " << row;
+    for (std::size_t i = 0; i < c.n; ++i)
+      ASSERT_NEAR(a.gradients[gaussian_slot(i, row)], b.gradients[gaussian_slot(i, row)],
+                  6e-3 * most)
+          << "row " << row << " of " << i;
+  }
+  for (int k = 0; k < 3; ++k) {
+    EXPECT_NEAR(a.pose.translation[k], b.pose.translation[k],
+                6e-3 * std::fabs(b.pose.translation[k]) + 0.05);
+    EXPECT_NEAR(a.pose.rotation[k], b.pose.rotation[k], 6e-3 * std::fabs(b.pose.rotation[k]) + 0.1);
+  }
+}
+
+TEST_P(GaussianStagesTest, ImagesAndGradientsAgreeWithTheOracle) {
+  const auto backend = make(), ref = make_ref_backend();
+  for (const bool mei : {false, true})
+    for (const bool rolling : {false, true}) {
+      SCOPED_TRACE(mei ? "mei" : "pinhole");
+      SCOPED_TRACE(rolling ? "rolling" : "global");
+      const GaussianCase c(mei, rolling, /*ranges=*/mei != rolling, /*masked=*/mei);
+      expect_same(c, run(*backend, c), run(*ref, c));
+    }
+}
+
+TEST_P(GaussianStagesTest, AWindowIsAPartOfTheImage) {
+  const auto backend = make();
+  const GaussianCase c(true, true, false);
+  GaussianStages& stages = backend->gaussians();
+  const auto workspace = stages.make_workspace();
+  RasterImage whole, part;
+  stages.rasterise(c.view(), c.gaussians(), c.options(), workspace.get(), &whole);
+  GaussianCamera window = c.view();
+  window.camera.cx -= 32;
+  window.camera.cy -= 16;
+  window.camera.width = 33;
+  window.camera.height = 20;
+  window.first_row = 16;
+  stages.rasterise(window, c.gaussians(), c.options(), workspace.get(), &part);
+  for (int y = 0; y < 20; ++y)
+    for (int x = 0; x < 33; ++x)
+      ASSERT_NEAR(part.rgb[y * part.size.stride + x], whole.rgb[(y + 16) * c.size.stride + x + 32],
+                  1e-3)
+          << x << " " << y;
+}
+
+TEST_P(GaussianStagesTest, LossOfAnImageAgreesWithTheOracle) {
+  const auto backend = make(), ref = make_ref_backend();
+  const RasterSize size = raster_size(37, 29);
+  std::vector<float> rgb = random_floats(3 * size.plane(), 36, 0, 1),
+                     target = random_floats(3 * size.plane(), 37, 0, 1),
+                     mask(size.plane());
+  for (int y = 0; y < size.height; ++y)
+    for (int x = 0; x < size.width; ++x)
+      mask[y * size.stride + x] = (x - 20) * (x - 20) + (y - 5) * (y - 5) > 30;
+  for (const float ssim_weight : {0.0f, 0.2f}) {
+    const ImageLossInput input{size, rgb, target, mask, {0.9f, 1.1f, 1.2f}, 0.8f, ssim_weight};
+    std::vector<float> d_rgb(rgb.size()), error(mask.size()), d_expected(rgb.size()),
+        error_expected(mask.size());
+    const ImageLossOutput found = backend->gaussians().image_loss(input, d_rgb, error),
+                          expected = ref->gaussians().image_loss(input, d_expected, error_expected);
+    EXPECT_NEAR(found.l1, expected.l1, 1e-5);
+    EXPECT_NEAR(found.dssim, expected.dssim, 1e-5);
+    EXPECT_NEAR(found.mse, expected.mse, 1e-5);
+    for (int c = 0; c < 3; ++c) EXPECT_NEAR(found.d_gains[c], expected.d_gains[c], 1e-4);
+    for (int y = 0; y < size.height; ++y)
+      for (int x = 0; x < size.width; ++x) {
+        const std::size_t i = y * size.stride + x;
+        ASSERT_NEAR(error[i], error_expected[i], 1e-5);
+        for (int c = 0; c < 3; ++c)
+          ASSERT_NEAR(d_rgb[c * size.plane() + i], d_expected[c * size.plane() + i], 1e-7);
+      }
+  }
+}
+
+/// The oracle's derivative of the loss against differences.
+TEST_P(GaussianStagesTest, LossAgreesWithItsDerivative) {
+  const auto backend = make();
+  const RasterSize size = raster_size(16, 16);
+  std::vector<float> rgb = random_floats(3 * size.plane(), 38, 0.2f, 0.8f),
+                     target = random_floats(3 * size.plane(), 39, 0.2f, 0.8f),
+                     mask(size.plane(), 1), d_rgb(rgb.size()), error(mask.size());
+  const auto loss = [&] {
+    const ImageLossOutput out = backend->gaussians().image_loss(
+        {size, rgb, target, mask, {1, 1, 1}, 0.3f, 0.7f}, d_rgb, error);
+    return out.l1 + out.dssim;
+  };
+  for (const std::size_t i : {0, 77, 300, 700}) {
+    loss();
+    const double derivative = d_rgb[i];
+    const float before = rgb[i];
+    rgb[i] = before + 1e-2f;
+    const double above = loss();
+    rgb[i] = before - 1e-2f;
+    const double below = loss();
+    rgb[i] = before;
+    EXPECT_NEAR(derivative, (above - below) / 2e-2, 0.02 * std::fabs(derivative) + 2e-6);
+  }
+}
+
+TEST_P(GaussianStagesTest, UpdateAgreesWithTheOracle) {
+  const auto backend = make(), ref = make_ref_backend();
+  const std::size_t n = 37, size = gaussian_blocks(n) * kBlockSize;
+  GaussianUpdate update;
+  update.step = adam_step(0, 3);
+  update.step.epsilon = 1e-15f;
+  update.min_log_scale = -0.5f;
+  for (int row = 0; row < kDistanceRow; ++row) update.rates[row] = 0.01f * float(row + 1);
+  const auto run_on = [&](Backend& b) {
+    std::vector<float> g = random_floats(size, 41, -1, 1), p = random_floats(size, 42, 0.1f, 1),
+                       m = random_floats(size, 43, -1, 1), v = random_floats(size, 44, 0, 1);
+    for (std::size_t i = 0; i < n; i += 3) g[gaussian_slot(i, kOpacityRow)] = 0;  // not drawn
+    for (std::size_t i = n; i < gaussian_blocks(n) * kGaussianBlock; ++i)
+      for (int row = 0; row < kGaussianRows; ++row) g[gaussian_slot(i, row)] = 0;
+    for (std::size_t i = 0; i < n; i += 3)
+      for (int row = 0; row < kGaussianRows; ++row) g[gaussian_slot(i, row)] = 0;
+    b.gaussians().update_gaussians(update, n, g, p, m, v);
+    EXPECT_TRUE(std::ranges::all_of(g, [](float x) { return x == 0; }));
+    p.insert(p.end(), m.begin(), m.end());
+    p.insert(p.end(), v.begin(), v.end());
+    return p;
+  };
+  const std::vector<float> found = run_on(*backend), expected = run_on(*ref);
+  for (std::size_t i = 0; i < found.size(); ++i) ASSERT_NEAR(found[i], expected[i], 2e-6) << i;
+}
+
+TEST_P(GaussianStagesTest, ThreadsChangeNoBit) {
+  if (make()->name() != "cpu") GTEST_SKIP() << "one thread";
+  const GaussianCase c(true, false, true);
+  const Isa isa = *make()->isa();
+  const auto one = make_cpu_backend(isa, 1), four = make_cpu_backend(isa, 4);
+  const Result a = run(*one, c), b = run(*four, c);
+  EXPECT_EQ(a.gradients, b.gradients);
+  for (int k = 0; k < 3; ++k) EXPECT_EQ(a.pose.rotation[k], b.pose.rotation[k]);
+}
+
+/// What a user may steer a camera into: inside a Gaussian, at the fold, needles, huge Gaussians.
+TEST_P(GaussianStagesTest, ExtremeGaussiansGiveFiniteImagesAndGradients) {
+  const auto backend = make();
+  for (const bool mei : {false, true}) {
+    GaussianCase c(mei, false, false);
+    for (std::size_t i = 0; i < c.n; ++i) {
+      for (int k = 0; k < 3; ++k)
+        c.numbers[gaussian_slot(i, kLogScaleRow + k)] =
+            (i + k) % 4 == 0 ? 6.0f : (i + k) % 4 == 1 ? -18.0f : -1.0f;
+      if (i % 5 == 0)
+        for (int k = 0; k < 3; ++k)
+          c.numbers[gaussian_slot(i, kPositionRow + k)] = k == 2 ? 0.21f : 0.0f;
+      if (i % 7 == 0) c.numbers[gaussian_slot(i, kOpacityRow)] = 60;
+      if (i % 11 == 0)
+        for (int k = 0; k < 4; ++k) c.numbers[gaussian_slot(i, kQuaternionRow + k)] *= 1e-6f;
+    }
+    const Result result = run(*backend, c);
+    for (const float g : result.gradients) ASSERT_TRUE(std::isfinite(g));
+    for (std::size_t i = 0; i < 3 * c.size.plane(); ++i)
+      ASSERT_TRUE(std::isfinite(result.image.rgb[i]));
+  }
+}
+
+}  // namespace
+}  // namespace redrive::kernels::conformance
