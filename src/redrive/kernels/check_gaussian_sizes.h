@@ -32,8 +32,12 @@ inline void check_rasterise_backward(const GaussianCamera& camera, const Gaussia
 inline void check_image_loss(const ImageLossInput& input, std::size_t d_rgb, std::size_t error) {
   const std::size_t plane = input.size.plane();
   REDRIVE_CHECK_OP(input.rgb.size(), ==, 3 * plane);
-  REDRIVE_CHECK_OP(input.target.size(), ==, 3 * plane);
-  REDRIVE_CHECK_OP(input.mask.size(), ==, plane);
+  const TargetWindow& target = input.target;
+  const std::size_t pixels = target.rgb.size() / 3;
+  REDRIVE_CHECK(target.x >= 0 && target.y >= 0 && target.x + input.size.width <= target.width);
+  REDRIVE_CHECK(static_cast<std::size_t>(target.y + input.size.height) * target.width <= pixels);
+  REDRIVE_CHECK(target.alpha.empty() || target.alpha.size() == pixels);
+  REDRIVE_CHECK(target.used.empty() || target.used.size() == pixels);
   REDRIVE_CHECK_OP(d_rgb, ==, 3 * plane);
   REDRIVE_CHECK_OP(error, ==, plane);
 }

@@ -74,31 +74,43 @@ struct RasterGradient {
   std::span<const float> d_range;    ///< plane: by range_error; empty without log_range
 };
 
-/// What a forward pass leaves for its backward pass; of any size.
-struct RasterWorkspace {
-  virtual ~RasterWorkspace() = default;
-};
-
 struct RasterCounts {
   std::size_t visible = 0;  ///< Gaussians drawn
   std::size_t pairs = 0;    ///< of a Gaussian and a tile
 };
 
-/// A rendered image and its ground truth. planes: all of the same size; target 3 planes in [0, 1];
-/// mask plane: 0 or 1, 0 in the padding.
+/// A window of a ground-truth image, from (x, y) on: rgb [height, width, 3] with 8 bits a channel;
+/// alpha [height, width], empty: opaque; used [height, width], 0: masked, empty: no pixel is.
+struct TargetWindow {
+  int width = 0, x = 0, y = 0;  ///< width: of the whole image
+  std::span<const std::uint8_t> rgb, alpha, used;
+  /// Colour that transparent pixels are rendered over, less the one that they have been blended
+  /// with.
+  float background_change[3] = {0, 0, 0};
+};
+
+/// A rendered image (3 planes) and its ground truth.
 struct ImageLossInput {
   RasterSize size;
-  std::span<const float> rgb, target, mask;
+  std::span<const float> rgb;
+  TargetWindow target;
   float gains[3] = {1, 1, 1};  ///< factors of rgb: exposure
   float l1_weight = 0.8f, ssim_weight = 0.2f;
 };
-/// Means over the pixels of the mask and the channels.
+/// Means over the pixels that are not masked, and their channels.
 struct ImageLossOutput {
-  double l1 = 0;          ///< weighted
-  double dssim = 0;       ///< weighted (1 - SSIM) / 2; SSIM with zeros beyond the mask
+  double l1 = 0;     ///< weighted
+  double dssim = 0;  ///< weighted (1 - SSIM) / 2; SSIM with zeros beyond the mask
   double mse = 0;
   double d_gains[3] = {0, 0, 0};
+  /// By channel: the factor by which rgb with its gain comes closest to the target (least squares)
+  /// where that is not saturated; 1 where all is black.
+  double best_factor[3] = {1, 1, 1};
+  double pixels = 0;           ///< not masked
+  double colour_variance = 0;  ///< of the target about its mean, averaged over the channels
 };
+/// Brighter targets do not count in best_factor.
+constexpr float kSaturated = 0.97f;
 
 /// Learning rates of an update by row of a Gaussian. kPositionRow is times the Gaussian's distance.
 struct GaussianUpdate {
@@ -111,17 +123,14 @@ class GaussianStages {
  public:
   virtual ~GaussianStages() = default;
 
-  virtual std::unique_ptr<RasterWorkspace> make_workspace() const = 0;
   /// Draws the Gaussians in the order of the distance of their means. Resizes `image`.
   virtual RasterCounts rasterise(const GaussianCamera& camera, const Gaussians& gaussians,
-                                 const RasterOptions& options, RasterWorkspace* workspace,
-                                 RasterImage* image) = 0;
-  /// Adds the derivatives to `gradients`, laid out as the Gaussians, after rasterise() with the same
-  /// arguments. d_pose: by the pose of the whole image, or null.
+                                 const RasterOptions& options, RasterImage* image) = 0;
+  /// Adds the derivatives to `gradients`, laid out as the Gaussians. The last rasterise() of these
+  /// stages must have had the same arguments. d_pose: by the pose of the whole image, or null.
   virtual void rasterise_backward(const GaussianCamera& camera, const Gaussians& gaussians,
                                   const RasterOptions& options, const RasterImage& image,
-                                  const RasterGradient& gradient, RasterWorkspace* workspace,
-                                  std::span<float> gradients,
+                                  const RasterGradient& gradient, std::span<float> gradients,
                                   GaussianPoseGradient<NumberMath<double>>* d_pose) = 0;
   /// Writes d_rgb, 3 planes, and the mean absolute error of the channels of each pixel, 1 plane.
   virtual ImageLossOutput image_loss(const ImageLossInput& input, std::span<float> d_rgb,

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "redrive/kernels/check_gaussian_sizes.h"
+#include "redrive/kernels/target_window.h"
 #include "redrive/math/shutter_row.h"
 #include "redrive/optim/ssim.h"
 #include "redrive/optim/ssim_gradient.h"
@@ -27,7 +28,8 @@ struct Drawn {
   std::array<double, kDistanceRow> rows;
 };
 
-struct RefRasterWorkspace final : RasterWorkspace {
+/// What a forward pass leaves for its backward pass.
+struct RasterMemory {
   std::vector<Drawn> drawn;  ///< by distance
   std::vector<Splat2d<double>> splats;
 };
@@ -53,15 +55,10 @@ bool meets_image(const PlainCamera& camera, const Projected& at) {
 
 class RefGaussianStages final : public GaussianStages {
  public:
-  std::unique_ptr<RasterWorkspace> make_workspace() const override {
-    return std::make_unique<RefRasterWorkspace>();
-  }
-
   RasterCounts rasterise(const GaussianCamera& camera, const Gaussians& gaussians,
-                         const RasterOptions& options, RasterWorkspace* workspace,
-                         RasterImage* image) override {
+                         const RasterOptions& options, RasterImage* image) override {
     check_rasterise(camera, gaussians, options);
-    auto& w = static_cast<RefRasterWorkspace&>(*workspace);
+    RasterMemory& w = memory_;
     w.drawn.clear();
     for (std::size_t id = 0; id < gaussians.n; ++id) {
       Drawn d{.id = id};
@@ -108,11 +105,10 @@ class RefGaussianStages final : public GaussianStages {
 
   void rasterise_backward(const GaussianCamera& camera, const Gaussians& gaussians,
                           const RasterOptions& options, const RasterImage& image,
-                          const RasterGradient& gradient, RasterWorkspace* workspace,
-                          std::span<float> gradients,
+                          const RasterGradient& gradient, std::span<float> gradients,
                           GaussianPoseGradient<Math>* d_pose) override {
     check_rasterise_backward(camera, gaussians, options, image, gradient, gradients.size());
-    auto& w = static_cast<RefRasterWorkspace&>(*workspace);
+    RasterMemory& w = memory_;
     std::vector<Splat2dGradient> sums(w.splats.size());
     const std::size_t plane = image.size.plane();
     for_pixels(image.size, options, [&](int x, int y, std::size_t i) {
@@ -156,22 +152,23 @@ class RefGaussianStages final : public GaussianStages {
     const auto at = [&](int x, int y) {
       return static_cast<std::size_t>(y) * stride + static_cast<std::size_t>(x);
     };
-    double count = 0;
+    std::vector<float> targets(3 * plane), masks(plane);
+    TargetSums all;
     for (int y = 0; y < height; ++y)
-      for (int x = 0; x < width; ++x) count += static_cast<double>(input.mask[at(x, y)]);
-    count = std::max(3 * count, 1.0);
+      all.add(convert_target_row(input, y, targets.data(), masks.data()));
+    const double count = std::max(3 * all.pixels, 1.0);
     ImageLossOutput out;
     std::vector<double> d(3 * plane), image(3 * plane), target(3 * plane);
     for (int y = 0; y < height; ++y)
       for (int x = 0; x < width; ++x) {
         const std::size_t i = at(x, y);
-        const double mask = static_cast<double>(input.mask[i]);
+        const double mask = static_cast<double>(masks[i]);
         double of_pixel = 0;
         for (int c = 0; c < 3; ++c) {
           const std::size_t k = c * plane + i;
           image[k] = mask * static_cast<double>(input.gains[c]) *
                      static_cast<double>(input.rgb[k]);
-          target[k] = mask * static_cast<double>(input.target[k]);
+          target[k] = mask * static_cast<double>(targets[k]);
           const double off = image[k] - target[k];
           d[k] = static_cast<double>(input.l1_weight) / count * mask * ((off > 0) - (off < 0));
           out.l1 += static_cast<double>(input.l1_weight) / count * std::fabs(off);
@@ -184,7 +181,7 @@ class RefGaussianStages final : public GaussianStages {
     for (int c = 0; per_window > 0 && c < 3; ++c)
       for (int y = 0; y < height; ++y)
         for (int x = 0; x < width; ++x) {
-          const double mask = static_cast<double>(input.mask[at(x, y)]);
+          const double mask = static_cast<double>(masks[at(x, y)]);
           const auto for_window = [&](const auto& body) {
             for (int j = -kSsimRadius; j <= kSsimRadius; ++j)
               for (int i = -kSsimRadius; i <= kSsimRadius; ++i)
@@ -198,7 +195,7 @@ class RefGaussianStages final : public GaussianStages {
               ssim_gradient<Math>(mean.x, mean.y, mean.xx, mean.yy, mean.xy);
           out.dssim += mask * per_window * (1 - s.ssim);
           for_window([&](double tap, std::size_t k) {
-            const double inside = static_cast<double>(input.mask[k % plane]);
+            const double inside = static_cast<double>(masks[k % plane]);
             d[k] -= inside * mask * per_window * tap *
                     (s.by_x + 2 * image[k] * s.by_xx + target[k] * s.by_xy);
           });
@@ -209,6 +206,7 @@ class RefGaussianStages final : public GaussianStages {
         out.d_gains[c] += d[k] * static_cast<double>(input.rgb[k]);
         d_rgb[k] = static_cast<float>(d[k] * static_cast<double>(input.gains[c]));
       }
+    all.finish(input, &out);
     return out;
   }
 
@@ -239,6 +237,8 @@ class RefGaussianStages final : public GaussianStages {
   }
 
  private:
+  RasterMemory memory_;
+
   static double log_range(const RasterOptions& options, std::size_t pixel) {
     return options.log_range.empty() ? static_cast<double>(kNoRange)
                                      : static_cast<double>(options.log_range[pixel]);

@@ -11,6 +11,7 @@
 
 #include "redrive/kernels/check_gaussian_sizes.h"
 #include "redrive/kernels/cpu/gaussian/gaussian_kernels.h"
+#include "redrive/kernels/target_window.h"
 #include "redrive/optim/ssim.h"
 
 namespace redrive::kernels {
@@ -35,7 +36,8 @@ float* tile_memory(std::size_t floats) {
   return grown(&memory, floats);
 }
 
-struct CpuRasterWorkspace final : RasterWorkspace {
+/// What a forward pass leaves for its backward pass.
+struct RasterMemory {
   Buffer<RasterRecord> records;        ///< by Gaussian
   Buffer<std::uint16_t> visible;       ///< by block
   Buffer<std::uint64_t> keys, sorted;  ///< by Gaussian, of the visible ones
@@ -71,15 +73,10 @@ class CpuGaussianStages final : public GaussianStages {
     std::ranges::copy(taps, taps_.begin());
   }
 
-  std::unique_ptr<RasterWorkspace> make_workspace() const override {
-    return std::make_unique<CpuRasterWorkspace>();
-  }
-
   RasterCounts rasterise(const GaussianCamera& camera, const Gaussians& gaussians,
-                         const RasterOptions& options, RasterWorkspace* workspace,
-                         RasterImage* image) override {
+                         const RasterOptions& options, RasterImage* image) override {
     check_rasterise(camera, gaussians, options);
-    auto& w = static_cast<CpuRasterWorkspace&>(*workspace);
+    RasterMemory& w = memory_;
     const RasterSize size = raster_size(camera.camera.width, camera.camera.height);
     project(camera, gaussians, &w);
     sort_by_distance(&w.keys, &w.sorted, w.n_visible);
@@ -101,11 +98,10 @@ class CpuGaussianStages final : public GaussianStages {
 
   void rasterise_backward(const GaussianCamera& camera, const Gaussians& gaussians,
                           const RasterOptions& options, const RasterImage& image,
-                          const RasterGradient& gradient, RasterWorkspace* workspace,
-                          std::span<float> gradients,
+                          const RasterGradient& gradient, std::span<float> gradients,
                           GaussianPoseGradient<NumberMath<double>>* d_pose) override {
     check_rasterise_backward(camera, gaussians, options, image, gradient, gradients.size());
-    auto& w = static_cast<CpuRasterWorkspace&>(*workspace);
+    RasterMemory& w = memory_;
     float* const sums = grown(&w.sums, w.first.back() * std::size_t{kRecordFloats});
     for_tiles(image.size, options, w, [&](TileJob* job) {
       job->rgb = const_cast<float*>(image.rgb.data());  // only read
@@ -141,16 +137,26 @@ class CpuGaussianStages final : public GaussianStages {
   ImageLossOutput image_loss(const ImageLossInput& input, std::span<float> d_rgb,
                              std::span<float> error) override {
     check_image_loss(input, d_rgb.size(), error.size());
-    const std::size_t plane = input.size.plane(), rows = input.size.height;
-    const double count = 3 * masked_pixels(input);
+    const std::size_t plane = input.size.plane(), rows = input.size.height,
+                      rows_at_once = 8;
+    float* const target = grown(&target_, 3 * plane);
+    float* const mask = grown(&mask_, plane);
+    std::vector<TargetSums> targets(rows);
+    pool_.run_ranges(rows, rows_at_once, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t y = begin; y < end; ++y)
+        targets[y] = convert_target_row(input, static_cast<int>(y), target, mask);
+    });
+    TargetSums all;
+    for (const TargetSums& row : targets) all.add(row);
+    const double count = 3 * all.pixels;
     LossJob job;
     job.width = input.size.width;
     job.height = input.size.height;
     job.stride = input.size.stride;
     job.plane = plane;
     job.rgb = input.rgb.data();
-    job.target = input.target.data();
-    job.mask = input.mask.data();
+    job.target = target;
+    job.mask = mask;
     std::ranges::copy(input.gains, job.gains);
     job.l1_scale = static_cast<float>(input.l1_weight / std::max(count, 1.0));
     job.ssim_scale = static_cast<float>(input.ssim_weight / std::max(count, 1.0));
@@ -161,7 +167,6 @@ class CpuGaussianStages final : public GaussianStages {
     job.d_rgb = d_rgb.data();
     job.error = error.data();
     std::vector<LossSums> sums(rows);
-    const std::size_t rows_at_once = 8;
     for (int pass = 0; pass < kLossPasses; ++pass) {
       if (input.ssim_weight == 0 && pass > 0 && pass + 1 < kLossPasses) continue;
       pool_.run_ranges(rows, rows_at_once, [&](std::size_t begin, std::size_t end) {
@@ -179,6 +184,7 @@ class CpuGaussianStages final : public GaussianStages {
       for (int c = 0; c < 3; ++c) out.d_gains[c] += row.d_gains[c];
     }
     out.mse = squares / std::max(count, 1.0);
+    all.finish(input, &out);
     return out;
   }
 
@@ -205,7 +211,7 @@ class CpuGaussianStages final : public GaussianStages {
 
  private:
   static ProjectionJob projection_job(const GaussianCamera& camera, const Gaussians& gaussians,
-                                      CpuRasterWorkspace* w) {
+                                      RasterMemory* w) {
     ProjectionJob job;
     job.camera = camera.camera;
     job.gaussians = gaussians.numbers.data();
@@ -236,7 +242,7 @@ class CpuGaussianStages final : public GaussianStages {
   }
 
   /// Sets records, visible, keys and n_visible.
-  void project(const GaussianCamera& camera, const Gaussians& gaussians, CpuRasterWorkspace* w) {
+  void project(const GaussianCamera& camera, const Gaussians& gaussians, RasterMemory* w) {
     const std::size_t blocks = gaussian_blocks(gaussians.n);
     grown(&w->records, blocks * kGaussianBlock);
     grown(&w->visible, blocks);
@@ -258,7 +264,7 @@ class CpuGaussianStages final : public GaussianStages {
   }
 
   /// Sets pairs, by tile and in each by distance, and `first`.
-  void bin(const RasterSize& size, const RasterOptions& options, CpuRasterWorkspace* w) {
+  void bin(const RasterSize& size, const RasterOptions& options, RasterMemory* w) {
     const int tiles_x = size.stride / kTileSide, tiles_y = size.rows / kTileSide;
     const std::size_t tiles = static_cast<std::size_t>(tiles_x) * tiles_y, n = w->n_visible;
     struct Range {
@@ -322,7 +328,7 @@ class CpuGaussianStages final : public GaussianStages {
 
   /// Runs body on a job for each wanted tile.
   template <class Body>
-  void for_tiles(const RasterSize& size, const RasterOptions& options, const CpuRasterWorkspace& w,
+  void for_tiles(const RasterSize& size, const RasterOptions& options, const RasterMemory& w,
                  const Body& body) {
     const int tiles_x = size.stride / kTileSide;
     const std::size_t tiles = w.first.size() - 1;
@@ -345,22 +351,11 @@ class CpuGaussianStages final : public GaussianStages {
     });
   }
 
-  static double masked_pixels(const ImageLossInput& input) {
-    double n = 0;
-    for (int y = 0; y < input.size.height; ++y) {
-      const std::span<const float> row = input.mask.subspan(
-          static_cast<std::size_t>(y) * input.size.stride, input.size.stride);
-      float of_row = 0;  // exact up to 2^24
-      for (const float m : row) of_row += m;
-      n += static_cast<double>(of_row);
-    }
-    return n;
-  }
-
   const GaussianKernels& kernels_;
   ThreadPool& pool_;
+  RasterMemory memory_;
   std::array<float, kSsimTaps> taps_;
-  Buffer<float> masked_, moments_, slopes_;
+  Buffer<float> target_, mask_, masked_, moments_, slopes_;
 };
 
 }  // namespace
