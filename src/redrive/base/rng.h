@@ -49,6 +49,7 @@ enum RandomStream : std::uint64_t {
   kStreamLidarSamples = 8,  ///< sample jitter of LiDAR rays; counter = step
   kStreamErrorRays =
       9,  ///< pixels drawn by the error map; counter = pixels drawn in epoch order before
+  kStreamDensify = 10,  ///< which Gaussians are split; counter = step
   kStreamTest = 99
 };
 

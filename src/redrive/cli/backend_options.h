@@ -6,6 +6,7 @@
 
 #include "redrive/base/error.h"
 #include "redrive/kernels/backend.h"
+#include "redrive/train/run.h"
 
 namespace redrive {
 
@@ -25,6 +26,13 @@ inline std::unique_ptr<kernels::Backend> make_checked_backend(
   if (choice.threads < 0 || choice.threads > 1024)
     throw UsageError("--threads", std::to_string(choice.threads), "must be in 0..1024");
   return kernels::make_backend(choice);
+}
+
+/// Creates a backend that renders the run's model.
+inline std::unique_ptr<kernels::Backend> make_backend_of(const Run& run,
+                                                         kernels::BackendChoice choice) {
+  choice.rasterises = find_method(run.options.method)->rasterises;
+  return make_checked_backend(choice);
 }
 
 }  // namespace redrive

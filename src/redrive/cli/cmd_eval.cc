@@ -61,7 +61,7 @@ void print_evaluation(const Evaluation& evaluation) {
 
 int run_eval(EvalCommandOptions options) {
   const Run run = open_run(options.run);
-  const auto backend = make_checked_backend(options.backend);
+  const auto backend = make_backend_of(run, options.backend);
   if (!options.json) std::printf("%s\n", kernels::describe(*backend).c_str());
   check_device_memory(run, *backend, work_of_evaluation(run));
   options.eval.progress = image_progress();

@@ -32,7 +32,7 @@ int run_figures(FiguresCommandOptions options) {
                            run.recording.root.string());
     options.figures.compared = &*compared;
   }
-  const auto backend = make_checked_backend(options.backend);
+  const auto backend = make_backend_of(run, options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
   check_device_memory(run, *backend, work_of_evaluation(run));
   options.figures.eval.progress = image_progress();

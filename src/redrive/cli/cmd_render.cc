@@ -113,7 +113,7 @@ int render_one(const RenderOptions& options) {
                      "needs a recording whose poses are in ECEF; use body or camera");
   const Rigid3d world_from_camera =
       shifted_camera(run.scene.global_from_world, *pose, camera.body_from_sensor, axes, shift_m);
-  const auto backend = make_checked_backend(options.backend);
+  const auto backend = make_backend_of(run, options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
   check_device_memory(run, *backend, run.state.model->rendering_work());
   const RenderedImage image =
@@ -153,7 +153,7 @@ int render_poses(const RenderOptions& options) {
     exposures.push_back(exposure_of(options, run, camera.name, poses.views[i].frame_id));
   }
 
-  const auto backend = make_checked_backend(options.backend);
+  const auto backend = make_backend_of(run, options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
   check_device_memory(run, *backend, run.state.model->rendering_work());
   for (std::size_t i = 0; i < poses.views.size(); ++i) {

@@ -36,7 +36,9 @@ const std::atomic<bool>& stop_on_signal() {
 }
 
 kernels::BackendGroup make_backends(const TrainOptions& options) {
-  return kernels::make_backend_group({options.backend, options.isa, options.threads}, options.gpus);
+  return kernels::make_backend_group(
+      {options.backend, options.isa, options.threads, find_method(options.method)->rasterises},
+      options.gpus);
 }
 
 void check_run_memory(const Run& run, const kernels::BackendGroup& group) {

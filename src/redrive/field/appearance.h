@@ -27,6 +27,7 @@ struct AppearanceConfig {
   /// Of the mean square of all log gains against the colour loss: a hundredth of the gradient that
   /// one camera's images give.
   float regulariser_weight = 5e-4f;
+  float knot_spacing_s = kKnotSpacing_s;
 
   REDRIVE_HD std::size_t size() const { return 3 * static_cast<std::size_t>(cameras) * knots; }
 };
@@ -38,7 +39,7 @@ struct KnotWeights {
 };
 REDRIVE_HD inline KnotWeights knots_at(const AppearanceConfig& config, const Exposure& exposure) {
   const float at =
-      std::clamp(exposure.t_s / kKnotSpacing_s, 0.0f, static_cast<float>(config.knots - 1));
+      std::clamp(exposure.t_s / config.knot_spacing_s, 0.0f, static_cast<float>(config.knots - 1));
   const int first = static_cast<int>(at), second = std::min(first + 1, config.knots - 1);
   const std::size_t row = static_cast<std::size_t>(exposure.camera) * config.knots;
   return {3 * (row + first), 3 * (row + second), at - static_cast<float>(first)};

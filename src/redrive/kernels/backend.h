@@ -181,6 +181,7 @@ struct BackendChoice {
   std::string name = "auto";  ///< auto, ref, cpu, cuda
   std::string isa = "auto";   ///< auto, avx2, avx512, avx512-bf16, amx-bf16
   int threads = 0;            ///< 0: all that the process may use
+  bool rasterises = false;    ///< chooses a backend that does (Backend::gaussians)
 };
 /// UsageError: the choice is impossible, and why.
 std::unique_ptr<Backend> make_backend(const BackendChoice& choice);

@@ -116,7 +116,9 @@ constexpr float kSaturated = 0.97f;
 struct GaussianUpdate {
   AdamStep step;  ///< learning_rate is not used
   float rates[kGaussianRows] = {};
-  float min_log_scale = -20;  ///< plus the logarithm of the distance: least of the two larger axes
+  /// Bounds of the log scales, plus the logarithm of the distance: the lower one of the two larger
+  /// axes alone.
+  float min_log_scale = -20, max_log_scale = 20;
 };
 
 class GaussianStages {
@@ -135,8 +137,8 @@ class GaussianStages {
   /// Writes d_rgb, 3 planes, and the mean absolute error of the channels of each pixel, 1 plane.
   virtual ImageLossOutput image_loss(const ImageLossInput& input, std::span<float> d_rgb,
                                      std::span<float> error) = 0;
-  /// Adam on the Gaussians whose opacity has a gradient, that is, which the step drew; the others
-  /// keep their moments. Adds the row kDistanceRow of the gradients to that of first_moment. Sets the
+  /// Adam on the Gaussians whose opacity has a gradient, that is, which the step drew, unless a
+  /// gradient of theirs is not finite; the others keep their moments. Adds the row kDistanceRow of the gradients to that of first_moment. Sets the
   /// gradients to 0.
   virtual void update_gaussians(const GaussianUpdate& update, std::size_t n,
                                 std::span<float> gradients, std::span<float> numbers,

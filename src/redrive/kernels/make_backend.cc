@@ -61,11 +61,14 @@ int checked_threads(const BackendChoice& choice) {
 std::unique_ptr<Backend> make_backend(const BackendChoice& choice) {
   const int threads = checked_threads(choice);
   if (choice.name == "cuda") {
+    if (choice.rasterises)
+      throw UsageError("--backend", choice.name,
+                       "does not rasterise Gaussians yet; use --backend cpu or auto");
     if (const auto obstacle = cuda_obstacle())
       throw UsageError("--backend", choice.name, *obstacle);
     return make_cuda_backend(threads);
   }
-  if (choice.name == "auto" && choice.isa == "auto" && !cuda_obstacle())
+  if (choice.name == "auto" && choice.isa == "auto" && !choice.rasterises && !cuda_obstacle())
     if (auto gpu = make_if_self_test_passes([&] { return make_cuda_backend(threads); })) return gpu;
   const std::optional<Isa> isa = choice.name == "ref" ? std::nullopt : choose_isa(choice.isa);
   if (choice.name == "cpu" && !isa)
@@ -84,6 +87,7 @@ BackendGroup make_backend_group(const BackendChoice& choice, int gpus) {
   const auto refuse = [&](const std::string& rule) {
     throw UsageError("--gpus", std::to_string(gpus), rule);
   };
+  if (choice.rasterises) refuse("must be 1: GPUs do not rasterise Gaussians yet");
   const bool automatic = choice.name == "auto" && choice.isa == "auto";
   if (!automatic && choice.name != "cuda")
     refuse("must be 1 with --backend " + choice.name +

@@ -208,7 +208,8 @@ int GridModel::rays_per_step() const {
   return static_cast<int>(batch_rays * factor);
 }
 
-void GridModel::finish_step(kernels::Backend&, const StepOutput& output, std::int64_t, AdamState*) {
+void GridModel::finish_step(kernels::Backend&, const StepRequest&, const StepOutput& output,
+                            std::int64_t, AdamState*) {
   constexpr double kSmoothing = 1.0 / 32;  // per step
   if (output.active_rays > 0)
     active_fraction +=

@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "redrive/base/buffer.h"
+#include "redrive/base/parallel.h"
 #include "redrive/kernels/backend.h"
 #include "redrive/model/hyperparameters.h"
 #include "redrive/model/rendered_image.h"
@@ -38,6 +39,7 @@ struct TrainingSet {
 struct StepRequest {
   std::uint64_t seed = 0;          ///< of the start in use
   std::int64_t step = 0;           ///< from 0
+  double progress = 0;             ///< of the run, 0..1
   std::uint64_t pixels_drawn = 0;  ///< in the order of the epochs, by earlier steps
   const Buffer<float>* error_map =
       nullptr;  ///< of the cells of TrainingSet::pixels; where the model uses it
@@ -136,7 +138,7 @@ class Model : public Configurable {
       std::uint64_t seed) = 0;  ///< allocates and fills `parameters`; deterministic in seed
   /// Initialises parameters from the data, such as LiDAR points. Called after initialize(), before
   /// step 0 of every start. Must be deterministic; may change the shapes of tensors.
-  virtual void initialize_from(const TrainingSet&, std::uint64_t /*seed*/) {}
+  virtual void initialize_from(const TrainingSet&, std::uint64_t /*seed*/, ThreadPool&) {}
 
   // ---- Training
   virtual bool uses_lidar() const { return false; }
@@ -157,13 +159,19 @@ class Model : public Configurable {
   }
   virtual double learning_rate(const Schedule& at) const = 0;
   virtual std::string describe_schedule(std::int64_t total_steps) const = 0;
-  /// Returns groups that tile `parameters`. step: from 1.
-  virtual std::vector<AdamGroup> adam_groups(double learning_rate, std::int64_t step) const = 0;
+  /// Returns groups that tile `parameters`, for update(). step: from 1.
+  virtual std::vector<AdamGroup> adam_groups(double /*learning_rate*/,
+                                             std::int64_t /*step*/) const {
+    return {};
+  }
+  /// Applies the gradients [size()] and sets them to 0. The default is Adam on every group.
+  virtual void update(kernels::Backend& backend, double learning_rate, std::int64_t step,
+                      std::span<float> gradients, AdamState* adam);
   /// Called after each applied step with the outputs of all ranks. May change the shapes of
   /// tensors, with `parameters` and the moments (densify, prune), after downloading them. Must be
-  /// deterministic.
-  virtual void finish_step(kernels::Backend&, const StepOutput&, std::int64_t /*step*/,
-                           AdamState*) {}
+  /// deterministic. step: from 1.
+  virtual void finish_step(kernels::Backend&, const StepRequest&, const StepOutput&,
+                           std::int64_t /*step*/, AdamState*) {}
 
   // ---- Rendering
   /// Renders the image of `rays.camera`: colour, depth in metres along the ray and opacity.

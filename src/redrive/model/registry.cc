@@ -4,6 +4,7 @@
 #include "redrive/model/grid_model.h"
 #include "redrive/model/method.h"
 #include "redrive/model/nerf_model.h"
+#include "redrive/model/splat_model.h"
 
 namespace redrive {
 namespace {
@@ -12,6 +13,7 @@ std::vector<Method>& registry() {
   static std::vector<Method> all = {
       grid_method(),
       nerf_method(),
+      splat_method(),
   };
   return all;
 }

@@ -95,7 +95,9 @@ StepResult DataParallelGroup::step(const TrainingSet& data, const StepRequest& r
   all.cells = several ? cells_ : first().result.cells;
   all.squared_errors = several ? squared_errors_ : first().result.squared_errors;
   each(
-      [&](Rank& rank) { apply_step(rank.backend, all, learning_rate, rank.state, &rank.buffers); });
+      [&](Rank& rank) {
+    apply_step(rank.backend, request, all, learning_rate, rank.state, &rank.buffers);
+  });
   return all;
 }
 

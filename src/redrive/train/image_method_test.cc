@@ -51,7 +51,7 @@ struct StripModel final : Model {
     parameters = Buffer<float>(0);
   }
   /// Initialises each channel with its mean over the first image.
-  void initialize_from(const TrainingSet& data, std::uint64_t) override {
+  void initialize_from(const TrainingSet& data, std::uint64_t, ThreadPool&) override {
     strips = first_strips;
     parameters = Buffer<float>(size());
     const Image8& image = data.images[training_views(data).front()];
@@ -109,7 +109,7 @@ struct StripModel final : Model {
     const auto n = static_cast<std::size_t>(strips);
     return {{0, n, adam_step(rate / 2, step)}, {n, 2 * n, adam_step(rate, step)}};
   }
-  void finish_step(kernels::Backend& backend, const StepOutput&, std::int64_t step,
+  void finish_step(kernels::Backend& backend, const StepRequest&, const StepOutput&, std::int64_t step,
                    AdamState* adam) override {
     if (step % steps_per_split != 0 || strips >= 16) return;
     for (Buffer<float>* numbers : {&parameters, &adam->first_moment, &adam->second_moment}) {

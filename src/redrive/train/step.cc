@@ -48,30 +48,23 @@ StepResult step_gradients(kernels::Backend& backend, const TrainingSet& data,
   });
 }
 
-void apply_step(kernels::Backend& backend, const StepResult& result, double learning_rate,
-                TrainState* state, StepBuffers* buffers) {
+void apply_step(kernels::Backend& backend, const StepRequest& request, const StepResult& result,
+                double learning_rate, TrainState* state, StepBuffers* buffers) {
   ++state->step;
   state->pixels_drawn += static_cast<std::uint64_t>(result.epoch_pixels);
   if (!result.finite) return backend.fill(buffers->gradients, 0);
   Model& model = *state->model;
-  AdamState& adam = state->adam;
-  for (const AdamGroup& group : model.adam_groups(learning_rate, state->step)) {
-    const auto part = [&](Buffer<float>& all) {
-      return all.span().subspan(group.offset, group.size);
-    };
-    backend.adam(group.step, part(buffers->gradients), part(model.parameters),
-                 part(adam.first_moment), part(adam.second_moment));
-  }
+  model.update(backend, learning_rate, state->step, buffers->gradients, &state->adam);
   if (!result.cells.empty())
     backend.update_error_map(result.cells, result.squared_errors, state->cell_errors);
-  model.finish_step(backend, result, state->step, &adam);
+  model.finish_step(backend, request, result, state->step, &state->adam);
 }
 
 StepResult train_step(kernels::Backend& backend, const TrainingSet& data,
                       const StepRequest& request, double learning_rate, TrainState* state,
                       StepBuffers* buffers) {
   const StepResult result = step_gradients(backend, data, request, *state, buffers);
-  apply_step(backend, result, learning_rate, state, buffers);
+  apply_step(backend, request, result, learning_rate, state, buffers);
   return result;
 }
 

@@ -29,8 +29,8 @@ StepResult step_gradients(kernels::Backend& backend, const TrainingSet& data,
 
 /// Applies a step to the state: counts it, updates the parameters and the error map. Sets the
 /// gradients to 0. A step that is not finite changes neither parameters nor error map.
-void apply_step(kernels::Backend& backend, const StepResult& result, double learning_rate,
-                TrainState* state, StepBuffers* buffers);
+void apply_step(kernels::Backend& backend, const StepRequest& request, const StepResult& result,
+                double learning_rate, TrainState* state, StepBuffers* buffers);
 
 /// Computes and applies a step on one backend.
 StepResult train_step(kernels::Backend& backend, const TrainingSet& data,

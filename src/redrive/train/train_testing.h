@@ -171,7 +171,7 @@ inline BatchResult train_step(kernels::Backend& backend, const RayBatch& batch,
         output.squared_errors = rays.squared_errors;
         return output;
       });
-  apply_step(backend, result, learning_rate, state, buffers);
+  apply_step(backend, {}, result, learning_rate, state, buffers);
   return result;
 }
 

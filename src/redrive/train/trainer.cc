@@ -26,6 +26,10 @@ constexpr int kMaxBadSteps = 50;  // consecutive non-finite steps before a roll-
 constexpr double kSecondsPerCheckpoint =
     60;  // of training: bounds the loss by a kill on slow machines
 
+double seconds_since(std::chrono::steady_clock::time_point begin) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+}
+
 double decibels(double mse) { return -10 * std::log10(std::max(mse, 1e-10)); }
 
 /// State of one call of train().
@@ -97,7 +101,10 @@ class Trainer {
   /// Initialises parameters from the data, with fresh moments.
   void begin_from_data() {
     Model& model = *state_.model;
-    model.initialize_from(data_, state_.seed);
+    const auto begin = std::chrono::steady_clock::now();
+    ThreadPool pool(group_.first().backend.threads());
+    model.initialize_from(data_, state_.seed, pool);
+    state_.seconds += seconds_since(begin);
     if (state_.adam.first_moment.size() == model.size()) return;
     state_.adam.first_moment = Buffer<float>(model.size());
     state_.adam.second_moment = Buffer<float>(model.size());
@@ -135,6 +142,7 @@ class Trainer {
     const auto begin = std::chrono::steady_clock::now();
     const std::int64_t number = state_.step;
     StepRequest request = next_step(state_);
+    request.progress = progress();
     request.pose_gradients = refines();
     request.colour_variance = watches_colours(number);
     const StepResult result = group_.step(data_, request, learning_rate(number));
@@ -142,8 +150,7 @@ class Trainer {
       refine_poses(scene_, result.views, pose_rates(pose_rate()), refinement_, &state_.poses);
       update_poses();
     }
-    const double seconds =
-        std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+    const double seconds = seconds_since(begin);
     state_.seconds += seconds;
 
     if (const auto reason = watch_start(result, number, &state_.watch)) return restart(*reason);

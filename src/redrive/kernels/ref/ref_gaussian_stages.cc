@@ -218,6 +218,13 @@ class RefGaussianStages final : public GaussianStages {
     for (std::size_t i = 0; i < n; ++i) {
       if (gradients[gaussian_slot(i, kOpacityRow)] == 0) continue;
       const float distance = numbers[gaussian_slot(i, kDistanceRow)];
+      bool finite = true;
+      for (int row = 0; row < kDistanceRow; ++row)
+        finite &= std::isfinite(gradients[gaussian_slot(i, row)]);
+      if (!finite) {
+        for (int row = 0; row < kGaussianRows; ++row) gradients[gaussian_slot(i, row)] = 0;
+        continue;
+      }
       for (int row = 0; row < kDistanceRow; ++row) {
         const std::size_t slot = gaussian_slot(i, row);
         AdamStep step = update.step;
@@ -228,11 +235,13 @@ class RefGaussianStages final : public GaussianStages {
       const std::size_t error = gaussian_slot(i, kDistanceRow);
       first_moment[error] += gradients[error];
       gradients[error] = 0;
-      const float least = update.min_log_scale + std::log(std::max(distance, 1e-6f));
+      const float log_distance = std::log(std::max(distance, 1e-6f)),
+                  least = update.min_log_scale + log_distance,
+                  most = update.max_log_scale + log_distance;
       const auto scale = [&](int k) -> float& { return numbers[gaussian_slot(i, kLogScaleRow + k)]; };
       const float smallest = std::min({scale(0), scale(1), scale(2)});
       for (int k = 0; k < 3; ++k)
-        if (scale(k) > smallest) scale(k) = std::max(scale(k), least);
+        scale(k) = std::min(scale(k) > smallest ? std::max(scale(k), least) : scale(k), most);
     }
   }
 

@@ -200,6 +200,7 @@ class CpuGaussianStages final : public GaussianStages {
                         .bias2 = update.step.bias2,
                         .epsilon = update.step.epsilon,
                         .min_log_scale = update.min_log_scale,
+                        .max_log_scale = update.max_log_scale,
                         .gradients = gradients.data(),
                         .numbers = numbers.data(),
                         .first_moment = first_moment.data(),

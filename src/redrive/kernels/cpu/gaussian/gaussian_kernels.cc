@@ -187,8 +187,13 @@ void update(const UpdateJob& job, std::size_t begin, std::size_t end) {
       const std::size_t at = block * kBlockSize + static_cast<std::size_t>(vector) * kLanes;
       float *const g = job.gradients + at, *const p = job.numbers + at,
                    *const m = job.first_moment + at, *const v = job.second_moment + at;
-      const Vi drawn = load(g + kOpacityRow * kGaussianBlock) != Vf{};
-      if (lane_bits(drawn) == 0) continue;
+      const Vi changed = load(g + kOpacityRow * kGaussianBlock) != Vf{};
+      if (lane_bits(changed) == 0) continue;
+      Vi drawn = changed;
+      for (int row = 0; row < kDistanceRow; ++row) {
+        const Vf gradient = load(g + row * kGaussianBlock);
+        drawn &= gradient - gradient == Vf{};  // false for NaN and infinity
+      }
       const Vf distance = load(p + kDistanceRow * kGaussianBlock);
       for (int row = 0; row < kDistanceRow; ++row) {
         const std::size_t o = static_cast<std::size_t>(row) * kGaussianBlock;
@@ -205,17 +210,20 @@ void update(const UpdateJob& job, std::size_t begin, std::size_t end) {
         store(g + o, Vf{});
       }
       const std::size_t error = static_cast<std::size_t>(kDistanceRow) * kGaussianBlock;
-      store(m + error, load(m + error) + load(g + error));
+      store(m + error, load(m + error) + (drawn ? load(g + error) : Vf{}));
       store(g + error, Vf{});
-      // The two larger axes stay above the least scale.
+      // The two larger axes stay above the least scale, all below the largest.
       Vf s[3];
       for (int k = 0; k < 3; ++k) s[k] = load(p + (kLogScaleRow + k) * kGaussianBlock);
-      const Vf least = splat(job.min_log_scale) +
-                       splat(0.69314718f) * logarithm_of_two(maximum(distance, splat(1e-6f)));
-      const Vf smallest = minimum(s[0], minimum(s[1], s[2]));
-      for (int k = 0; k < 3; ++k)
-        store(p + (kLogScaleRow + k) * kGaussianBlock,
-              (s[k] > smallest) & (s[k] < least) & drawn ? least : s[k]);
+      const Vf log_distance =
+          splat(0.69314718f) * logarithm_of_two(maximum(distance, splat(1e-6f)));
+      const Vf least = splat(job.min_log_scale) + log_distance,
+               most = splat(job.max_log_scale) + log_distance,
+               smallest = minimum(s[0], minimum(s[1], s[2]));
+      for (int k = 0; k < 3; ++k) {
+        const Vf bounded = minimum((s[k] > smallest) & (s[k] < least) ? least : s[k], most);
+        store(p + (kLogScaleRow + k) * kGaussianBlock, drawn ? bounded : s[k]);
+      }
     }
   }
 }

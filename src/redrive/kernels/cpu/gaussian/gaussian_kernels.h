@@ -85,7 +85,7 @@ struct ProjectionBackwardJob : ProjectionJob {
 
 struct UpdateJob {
   const float* rates = nullptr;  ///< by row
-  float beta1, beta2, bias1, bias2, epsilon, min_log_scale;
+  float beta1, beta2, bias1, bias2, epsilon, min_log_scale, max_log_scale;
   float *gradients = nullptr, *numbers = nullptr, *first_moment = nullptr,
         *second_moment = nullptr;
 };

@@ -1,0 +1,310 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/model/initial_gaussians.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numeric>
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
+#include <nanoflann.hpp>
+
+#include "redrive/base/rng.h"
+#include "redrive/scene/lidar_points.h"
+#include "redrive/scene/track_points.h"
+
+namespace redrive {
+namespace {
+
+constexpr std::size_t kPointsPerRange = 4096;
+constexpr int kNeighbours = 9;
+/// Least scale of a disc along its normal, of its smaller axis.
+constexpr float kFlattest = 0.15f;
+/// Extruded are returns this high above the lowest camera, by up to kExtrusion_m.
+constexpr float kExtrudedFrom_m = 0.5f, kExtrusion_m = 9;
+constexpr float kFar = 6;         ///< radius of the sky, in distances of the scene's points
+constexpr float kSkyBelow = 0.03f;  ///< the sky of a drive ends this far below the horizon (sine)
+constexpr float kPointOpacity = 0.5f, kExtrudedOpacity = 0.1f, kRandomOpacity = 0.1f;
+
+struct Point {
+  Eigen::Vector3f position, rgb;
+};
+using Points = std::vector<Point>;
+
+float logit(float p) { return std::log(p / (1 - p)); }
+
+Points points_of(const PointCloud& cloud) {
+  Points points(cloud.n);
+  for (std::size_t i = 0; i < cloud.n; ++i)
+    for (int k = 0; k < 3; ++k) {
+      points[i].position[k] = cloud.position[k * cloud.n + i];
+      points[i].rgb[k] = cloud.rgb[k * cloud.n + i];
+    }
+  return points;
+}
+
+/// Returns the mean point of each voxel. The side follows the distance to the nearest camera in
+/// steps of sqrt(2).
+Points one_per_voxel(const Points& points, const NearestCamera& cameras, float voxel,
+                     ThreadPool& pool) {
+  std::vector<std::pair<std::uint64_t, std::uint32_t>> keys(points.size());
+  pool.run_ranges(points.size(), kPointsPerRange, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      const float side = std::max(voxel * cameras.distance(points[i].position.data()), 1e-6f);
+      const int level = static_cast<int>(std::floor(2 * std::log2(side)));
+      const float step = std::exp2(0.5f * static_cast<float>(level));
+      std::uint64_t key = mix64(static_cast<std::uint64_t>(level + 1000));
+      for (int k = 0; k < 3; ++k)
+        key = mix64(key ^ static_cast<std::uint64_t>(
+                              static_cast<std::int64_t>(std::floor(points[i].position[k] / step))));
+      keys[i] = {key, static_cast<std::uint32_t>(i)};
+    }
+  });
+  std::ranges::sort(keys);
+  Points out;
+  for (std::size_t i = 0; i < keys.size();) {
+    Point sum{Eigen::Vector3f::Zero(), Eigen::Vector3f::Zero()};
+    std::size_t end = i;
+    for (; end < keys.size() && keys[end].first == keys[i].first; ++end) {
+      sum.position += points[keys[end].second].position;
+      sum.rgb += points[keys[end].second].rgb;
+    }
+    const auto n = static_cast<float>(end - i);
+    out.push_back({sum.position / n, sum.rgb / n});
+    i = end;
+  }
+  return out;
+}
+
+/// Points for nanoflann.
+struct PointSet {
+  const Points& points;
+  std::size_t kdtree_get_point_count() const { return points.size(); }
+  float kdtree_get_pt(std::size_t i, std::size_t k) const {
+    return points[i].position[static_cast<Eigen::Index>(k)];
+  }
+  template <class Box>
+  bool kdtree_get_bbox(Box&) const {
+    return false;
+  }
+};
+
+/// Writes a Gaussian without harmonics.
+void put(const Point& point, const Eigen::Vector3f& scale, const Eigen::Quaternionf& rotation,
+         float opacity, float distance, float* rows) {
+  std::fill_n(rows, kGaussianRows, 0.0f);
+  for (int k = 0; k < 3; ++k) {
+    rows[kPositionRow + k] = point.position[k];
+    rows[kLogScaleRow + k] = std::log(scale[k]);
+    rows[kColourRow + k] = point.rgb[k];
+  }
+  rows[kQuaternionRow] = rotation.w();
+  rows[kQuaternionRow + 1] = rotation.x();
+  rows[kQuaternionRow + 2] = rotation.y();
+  rows[kQuaternionRow + 3] = rotation.z();
+  rows[kOpacityRow] = logit(opacity);
+  rows[kDistanceRow] = distance;
+}
+
+/// Appends a Gaussian for each point, as large as `size` times the distance of its neighbours, and
+/// flat where these lie in a plane.
+void append_discs(const Points& points, const NearestCamera& cameras, float size, float opacity,
+                  ThreadPool& pool, GaussianList* list) {
+  if (points.size() <= kNeighbours) return;
+  const PointSet set{points};
+  using Tree =
+      nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<float, PointSet>, PointSet,
+                                          3, std::uint32_t>;
+  Tree tree(3, set, nanoflann::KDTreeSingleIndexAdaptorParams(16));
+  tree.buildIndex();
+  const std::size_t first = list->size();
+  list->rows.resize((first + points.size()) * kGaussianRows);
+  pool.run_ranges(points.size(), kPointsPerRange, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      std::array<std::uint32_t, kNeighbours> near;
+      std::array<float, kNeighbours> squares;
+      tree.knnSearch(points[i].position.data(), kNeighbours, near.data(), squares.data());
+      Eigen::Vector3f mean = Eigen::Vector3f::Zero();
+      for (const std::uint32_t j : near) mean += points[j].position / kNeighbours;
+      Eigen::Matrix3f covariance = Eigen::Matrix3f::Zero();
+      for (const std::uint32_t j : near)
+        covariance += (points[j].position - mean) * (points[j].position - mean).transpose();
+      const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3f> axes(covariance);
+      Eigen::Matrix3f rotation;
+      rotation.col(0) = axes.eigenvectors().col(2);
+      rotation.col(1) = axes.eigenvectors().col(1);
+      rotation.col(2) = rotation.col(0).cross(rotation.col(1));
+      const float distance = cameras.distance(points[i].position.data());
+      const float side = (std::sqrt(squares[1]) + std::sqrt(squares[2]) + std::sqrt(squares[3])) / 3;
+      const float scale = std::clamp(size * side, 5e-4f * distance, 0.02f * distance);
+      const float flat =
+          std::clamp(2 * std::sqrt(std::max(axes.eigenvalues()[0], 0.0f) /
+                                   std::max(axes.eigenvalues()[1], 1e-20f)),
+                     kFlattest, 1.0f);
+      put(points[i], {scale, scale, flat * scale}, Eigen::Quaternionf(rotation), opacity, distance,
+          &list->rows[(first + i) * kGaussianRows]);
+    }
+  });
+}
+
+/// Returns some of the points high above the cameras once more, further up: facades and trees reach
+/// above what LiDAR sees of them.
+Points extruded(const Points& points, const Scene& scene, float fraction, std::uint64_t key) {
+  Points out;
+  float lowest = std::numeric_limits<float>::max();
+  for (const View& view : scene.views)
+    lowest = std::min(lowest, static_cast<float>(scene.world_from_camera(view).translation().z()));
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    if (points[i].position.z() < lowest + kExtrudedFrom_m) continue;
+    if (random_unit(key, 2 * i) >= fraction) continue;
+    out.push_back(points[i]);
+    out.back().position.z() += kExtrusion_m * random_unit(key, 2 * i + 1);
+  }
+  return out;
+}
+
+/// Returns the colour of the first training view that sees a point, or nothing.
+std::optional<Eigen::Vector3f> colour_of(const TrainingSet& data, const Eigen::Vector3f& position,
+                                         std::size_t first_view) {
+  const std::size_t n = data.scene.views.size();
+  for (std::size_t i = 0; i < n; ++i) {
+    const std::size_t v = (first_view + i) % n;
+    const View& view = data.scene.views[v];
+    if (view.held_out) continue;
+    const auto pixel = data.scene.rig[view.camera].camera.project(
+        data.scene.world_from_camera(view).inverse() * position.cast<double>());
+    if (!pixel) continue;
+    const auto index = visible_pixel(data.images[v], *pixel);
+    if (!index) continue;
+    const auto rgb = colour_at(data.images[v], *index);
+    return Eigen::Vector3f(rgb[0], rgb[1], rgb[2]) / 255;
+  }
+  return std::nullopt;
+}
+
+/// Appends Gaussians on a sphere around the scene: Fibonacci's lattice.
+void append_sky(const TrainingSet& data, const Eigen::Vector3f& centre, float radius, int n,
+                bool whole, ThreadPool& pool, GaussianList* list) {
+  const float lowest = whole ? -1 : -kSkyBelow;
+  const float side = radius * std::sqrt(2 * float(M_PI) * (1 - lowest) / static_cast<float>(n));
+  std::vector<std::optional<Point>> points(n);
+  pool.run_ranges(n, 256, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      const double z = double(lowest) + (1 - double(lowest)) * (double(i) + 0.5) / n,
+                   r = std::sqrt(std::max(0.0, 1 - z * z)),
+                   turn = M_PI * (3 - std::sqrt(5.0)) * double(i);
+      const Eigen::Vector3f at =
+          centre + radius * Eigen::Vector3d(r * std::cos(turn), r * std::sin(turn), z).cast<float>();
+      if (const auto rgb = colour_of(data, at, 7 * i)) points[i] = Point{at, *rgb};
+    }
+  });
+  for (const std::optional<Point>& point : points) {
+    if (!point) continue;  // nobody sees it
+    list->rows.resize(list->rows.size() + kGaussianRows);
+    put(*point, Eigen::Vector3f::Constant(0.6f * side), Eigen::Quaternionf::Identity(),
+        kPointOpacity, radius / 4, &*(list->rows.end() - kGaussianRows));
+  }
+}
+
+/// Appends Gaussians at random places of a cube around the origin.
+void append_random(const NearestCamera& cameras, float half_side, int n, std::uint64_t key,
+                   GaussianList* list) {
+  const float side = 2 * half_side / std::cbrt(static_cast<float>(n));
+  for (int i = 0; i < n; ++i) {
+    Point point;
+    for (int k = 0; k < 3; ++k) {
+      point.position[k] = half_side * (2 * random_unit(key, 6 * i + k) - 1);
+      point.rgb[k] = random_unit(key, 6 * i + 3 + k);
+    }
+    list->rows.resize(list->rows.size() + kGaussianRows);
+    put(point, Eigen::Vector3f::Constant(0.5f * side), Eigen::Quaternionf::Identity(),
+        kRandomOpacity, cameras.distance(point.position.data()),
+        &*(list->rows.end() - kGaussianRows));
+  }
+}
+
+/// Keeps `n` of the Gaussians, chosen and ordered at random.
+void shuffle(std::size_t n, std::uint64_t key, GaussianList* list) {
+  std::vector<std::pair<std::uint64_t, std::uint32_t>> order(list->size());
+  for (std::size_t i = 0; i < order.size(); ++i)
+    order[i] = {random_bits(key, i), static_cast<std::uint32_t>(i)};
+  std::ranges::sort(order);
+  order.resize(std::min(n, order.size()));
+  GaussianList kept;
+  kept.rows.reserve(order.size() * kGaussianRows);
+  for (const auto& [unused, i] : order)
+    kept.rows.insert(kept.rows.end(), &list->rows[i * std::size_t{kGaussianRows}],
+                     &list->rows[i * std::size_t{kGaussianRows}] + kGaussianRows);
+  *list = std::move(kept);
+}
+
+}  // namespace
+
+NearestCamera::NearestCamera(const Scene& scene) {
+  // Neighbouring frames are centimetres to metres apart: so many cameras stand for all.
+  constexpr std::size_t kMost = 64;
+  const std::size_t n = scene.views.size(), every = (n + kMost - 1) / kMost;
+  for (std::size_t i = 0; i < n; i += every) {
+    const Eigen::Vector3d centre = scene.world_from_camera(scene.views[i]).translation();
+    for (int k = 0; k < 3; ++k) centres_.push_back(static_cast<float>(centre[k]));
+  }
+}
+
+float NearestCamera::distance(const float* position) const {
+  float least = std::numeric_limits<float>::max();
+  for (std::size_t i = 0; i < centres_.size(); i += 3) {
+    const float x = position[0] - centres_[i], y = position[1] - centres_[i + 1],
+                z = position[2] - centres_[i + 2];
+    least = std::min(least, x * x + y * y + z * z);
+  }
+  return std::sqrt(least);
+}
+
+GaussianList initial_gaussians(const TrainingSet& data, const InitialGaussianOptions& options,
+                               std::uint64_t seed, ThreadPool& pool) {
+  const Scene& scene = data.scene;
+  const NearestCamera cameras(scene);
+  GaussianList list;
+  std::vector<float> distances;
+  const auto add = [&](const Points& points, float voxel, float size, float opacity) {
+    const Points kept = one_per_voxel(points, cameras, voxel, pool);
+    append_discs(kept, cameras, size, opacity, pool, &list);
+    for (const Point& point : kept) distances.push_back(cameras.distance(point.position.data()));
+  };
+  if (data.lidar.n > 0) {
+    const Points points = points_of(lidar_points(scene, data.images, data.lidar, pool));
+    add(points, options.voxel, 0.5f, kPointOpacity);
+    if (scene.metric && options.extruded > 0) {
+      Points up = extruded(points, scene, options.extruded, random_key(seed, kStreamInit, 1));
+      pool.run_ranges(up.size(), kPointsPerRange, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i)
+          if (const auto rgb = colour_of(data, up[i].position, i)) up[i].rgb = *rgb;
+      });
+      add(up, 3 * options.voxel, 0.4f, kExtrudedOpacity);
+    }
+  }
+  if (options.tracks)
+    add(points_of(track_points(scene, data.images, pool)), options.voxel, 0.5f, kPointOpacity);
+  float reach = scene.half_side ? static_cast<float>(*scene.half_side) : 100.0f;
+  if (distances.size() > 100) {
+    const auto far = distances.begin() + static_cast<std::ptrdiff_t>(distances.size() * 49 / 50);
+    std::ranges::nth_element(distances, far);
+    reach = std::max(reach, *far);
+  }
+  if (list.size() < 1000 && scene.half_side)
+    append_random(cameras, static_cast<float>(*scene.half_side), options.random,
+                  random_key(seed, kStreamInit, 2), &list);
+  const std::size_t sky = scene.background == Background::kNone ? options.sky : 0;
+  shuffle(options.max_gaussians - std::min<std::size_t>(sky, options.max_gaussians / 2),
+          random_key(seed, kStreamInit, 3), &list);
+  if (sky > 0) {
+    Eigen::Vector3d centre = Eigen::Vector3d::Zero();
+    for (const View& view : scene.views)
+      centre += scene.world_from_camera(view).translation() / double(scene.views.size());
+    append_sky(data, centre.cast<float>(), kFar * reach, options.sky, !scene.metric, pool, &list);
+  }
+  return list;
+}
+
+}  // namespace redrive

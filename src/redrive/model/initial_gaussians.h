@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+// First Gaussians of a scene, from all points that there are: LiDAR returns and points of
+// reconstructions, coloured by the images, and points triangulated from image tracks.
+#pragma once
+
+#include <vector>
+
+#include "redrive/base/parallel.h"
+#include "redrive/field/gaussian.h"
+#include "redrive/model/model.h"
+#include "redrive/scene/point_cloud.h"
+
+namespace redrive {
+
+struct InitialGaussianOptions {
+  float voxel = 0.014f;        ///< side of a voxel that keeps one point, of its distance
+  int max_gaussians = 400000;  ///< a random choice of more is kept
+  int sky = 6000;              ///< on a sphere around the scene
+  int random = 100000;         ///< in the cube of a bounded scene without points
+  float extruded = 0.08f;      ///< of the LiDAR returns high above the road, one more above
+  bool tracks = true;          ///< uses points of image tracks
+};
+
+/// Gaussians one after the other: [n][kGaussianRows].
+struct GaussianList {
+  std::vector<float> rows;
+  std::size_t size() const { return rows.size() / kGaussianRows; }
+};
+
+/// Returns the first Gaussians, in random order. Deterministic in seed; the number of threads
+/// changes nothing.
+GaussianList initial_gaussians(const TrainingSet& data, const InitialGaussianOptions& options,
+                               std::uint64_t seed, ThreadPool& pool);
+
+/// Returns the distance of each position [n][3] to the nearest of the views' cameras, metres.
+class NearestCamera {
+ public:
+  explicit NearestCamera(const Scene& scene);
+  float distance(const float* position) const;
+
+ private:
+  std::vector<float> centres_;  ///< [n][3]
+};
+
+}  // namespace redrive

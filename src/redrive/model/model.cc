@@ -1,0 +1,15 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/model/model.h"
+
+namespace redrive {
+
+void Model::update(kernels::Backend& backend, double learning_rate, std::int64_t step,
+                   std::span<float> gradients, AdamState* adam) {
+  for (const AdamGroup& group : adam_groups(learning_rate, step)) {
+    const auto part = [&](std::span<float> all) { return all.subspan(group.offset, group.size); };
+    backend.adam(group.step, part(gradients), part(parameters), part(adam->first_moment),
+                 part(adam->second_moment));
+  }
+}
+
+}  // namespace redrive

@@ -1,0 +1,316 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/model/splat_model.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "redrive/base/rng.h"
+#include "redrive/camera/plain_camera.h"
+#include "redrive/model/densify_gaussians.h"
+
+namespace redrive {
+namespace {
+
+enum LossSlot { kL1Loss, kSsimLoss };  // in StepSums::terms
+constexpr float kExposuresFrom = 0.05f;  // progress
+
+/// A part of a view's image.
+struct Window {
+  int view, x, y, width, height;
+};
+
+/// Images of one size with their windows.
+struct ImageLevel {
+  std::vector<Camera> cameras;  ///< of the rig
+  std::vector<Window> windows;  ///< of the training views
+};
+
+/// Working memory of a run's steps.
+struct SplatBuffers final : MethodBuffers {
+  ImageLevel full, half;
+  std::vector<Image8> half_images;  ///< by view, made when first needed
+  kernels::RasterImage image;
+  std::vector<float> d_rgb, error;
+  std::vector<std::uint8_t> tiles;
+};
+
+/// Cuts the training views' images into equal windows of at most `pixels`, but for rounding to
+/// whole tiles.
+void cut(const TrainingSet& data, int pixels, ImageLevel* level) {
+  for (std::size_t v = 0; v < data.scene.views.size(); ++v) {
+    const View& view = data.scene.views[v];
+    if (view.held_out) continue;
+    const Camera& camera = level->cameras[view.camera];
+    const double parts =
+        std::ceil(static_cast<double>(camera.width) * camera.height / pixels);
+    const int down = std::max(1, static_cast<int>(std::lround(
+                                     std::sqrt(parts * camera.height / camera.width)))),
+              across = static_cast<int>(std::ceil(parts / down));
+    const auto side = [](int length, int n) {
+      return (length + n * kernels::kTileSide - 1) / (n * kernels::kTileSide) * kernels::kTileSide;
+    };
+    const int width = side(camera.width, across), height = side(camera.height, down);
+    for (int y = 0; y < camera.height; y += height)
+      for (int x = 0; x < camera.width; x += width)
+        level->windows.push_back({static_cast<int>(v), x, y, std::min(width, camera.width - x),
+                                  std::min(height, camera.height - y)});
+  }
+}
+
+/// Halves an image by area averaging. A pixel that is masked in part is masked.
+Image8 halved(const Image8& image) {
+  Image8 half;
+  half.width = image.width / 2;
+  half.height = image.height / 2;
+  const std::size_t n = static_cast<std::size_t>(half.width) * half.height;
+  half.rgb.resize(3 * n);
+  if (!image.alpha.empty()) half.alpha.resize(n);
+  if (!image.used.empty()) half.used.resize(n);
+  for (int y = 0; y < half.height; ++y)
+    for (int x = 0; x < half.width; ++x) {
+      const std::size_t to = static_cast<std::size_t>(y) * half.width + x;
+      const std::size_t at = static_cast<std::size_t>(2 * y) * image.width + 2 * x;
+      const std::size_t from[4] = {at, at + 1, at + image.width, at + image.width + 1};
+      const auto mean = [&](const std::vector<std::uint8_t>& channel, int stride, int offset) {
+        int sum = 2;
+        for (const std::size_t i : from) sum += channel[stride * i + offset];
+        return static_cast<std::uint8_t>(sum / 4);
+      };
+      for (int c = 0; c < 3; ++c) half.rgb[3 * to + c] = mean(image.rgb, 3, c);
+      if (!half.alpha.empty()) half.alpha[to] = mean(image.alpha, 1, 0);
+      if (!half.used.empty())
+        half.used[to] = std::ranges::all_of(from, [&](std::size_t i) { return image.used[i] != 0; });
+    }
+  return half;
+}
+
+SplatBuffers& splat_buffers(const TrainingSet& data, int window_pixels, StepBuffers* buffers) {
+  if (!buffers->method) {
+    auto made = std::make_unique<SplatBuffers>();
+    for (const RigCamera& rig : data.scene.rig) {
+      made->full.cameras.push_back(rig.camera);
+      made->half.cameras.push_back(rig.camera.downscaled(2));
+    }
+    cut(data, window_pixels, &made->full);
+    cut(data, window_pixels, &made->half);
+    made->half_images.resize(data.images.size());
+    buffers->method = std::move(made);
+  }
+  return static_cast<SplatBuffers&>(*buffers->method);
+}
+
+/// Which tiles of a window have pixels that are not masked; empty: all.
+void find_tiles(const Image8& image, const Window& window, std::vector<std::uint8_t>* tiles) {
+  tiles->clear();
+  if (image.used.empty()) return;
+  const kernels::RasterSize size = kernels::raster_size(window.width, window.height);
+  const int across = size.stride / kernels::kTileSide;
+  tiles->assign(static_cast<std::size_t>(across) * (size.rows / kernels::kTileSide), 0);
+  for (int y = 0; y < window.height; ++y)
+    for (int x = 0; x < window.width; ++x)
+      (*tiles)[y / kernels::kTileSide * across + x / kernels::kTileSide] |=
+          image.used[static_cast<std::size_t>(window.y + y) * image.width + window.x + x];
+}
+
+kernels::GaussianCamera camera_of(const PlainCamera& whole, const Window& window,
+                                  const ShutterPoses& poses) {
+  return {window_of(whole, window.x, window.y, window.width, window.height), poses.keys(),
+          static_cast<float>(window.y), static_cast<float>(whole.height)};
+}
+
+}  // namespace
+
+std::array<float, 3> SplatModel::gains(const Exposure& exposure) const {
+  return colour_gains(appearance, parameters.data() + blocks_size(), exposure);
+}
+
+void SplatModel::initialize(std::uint64_t) {
+  gaussians = first_gaussians = 0;
+  parameters = Buffer<float>(size());
+}
+
+void SplatModel::initialize_from(const TrainingSet& data, std::uint64_t seed, ThreadPool& pool) {
+  InitialGaussianOptions options = initial;
+  options.max_gaussians = max_gaussians;
+  const GaussianList list = initial_gaussians(data, options, seed, pool);
+  gaussians = first_gaussians = static_cast<int>(list.size());
+  parameters = Buffer<float>(size());
+  write_blocks(list, &parameters);
+}
+
+std::int64_t SplatModel::steps_per_epoch(const TrainingSet& data, int world_size) const {
+  ImageLevel full;
+  for (const RigCamera& rig : data.scene.rig) full.cameras.push_back(rig.camera);
+  cut(data, window_pixels, &full);
+  return (static_cast<std::int64_t>(full.windows.size()) + world_size - 1) / world_size;
+}
+
+StepOutput SplatModel::step(kernels::Backend& backend, const TrainingSet& data,
+                            const StepRequest& request, std::span<float> gradients,
+                            StepBuffers* buffers) const {
+  SplatBuffers& own = splat_buffers(data, window_pixels, buffers);
+  kernels::GaussianStages& stages = backend.gaussians();
+  const bool coarse = request.progress < double(coarse_progress) &&
+                      own.full.windows.size() > own.half.windows.size();
+  const ImageLevel& level = coarse ? own.half : own.full;
+  const std::uint64_t drawn = request.world_size * request.step + request.rank,
+                      n = level.windows.size(),
+                      key = random_key(request.seed, kStreamPixels, drawn / n);
+  const Window& window = level.windows[permute_index(key, drawn % n, n)];
+  const View& view = data.scene.views[window.view];
+  if (coarse && own.half_images[window.view].rgb.empty())
+    own.half_images[window.view] = halved(data.images[window.view]);
+  const Image8& image = coarse ? own.half_images[window.view] : data.images[window.view];
+
+  const PlainCamera whole = make_plain_camera(level.cameras[view.camera]);
+  const ShutterPoses poses = data.scene.shutter_poses(view);
+  const kernels::GaussianCamera camera = camera_of(whole, window, poses);
+  find_tiles(image, window, &own.tiles);
+  kernels::RasterOptions options;
+  options.tiles = own.tiles;
+  kernels::ImageLossInput input;
+  const std::array<float, 3> of_scene = background_colour(data.scene.background);
+  const std::uint64_t colour = random_key(request.seed, kStreamBackground, drawn);
+  for (int c = 0; c < 3; ++c) {
+    options.background[c] =
+        data.scene.random_background ? random_unit(colour, c) : background[c];
+    if (!image.alpha.empty())
+      input.target.background_change[c] = options.background[c] - of_scene[c];
+  }
+  stages.rasterise(camera, this->view(), options, &own.image);
+
+  const kernels::RasterSize size = own.image.size;
+  own.d_rgb.resize(3 * size.plane());
+  own.error.resize(size.plane());
+  input.size = size;
+  input.rgb = own.image.rgb.span().first(3 * size.plane());
+  input.target.width = image.width;
+  input.target.x = window.x;
+  input.target.y = window.y;
+  input.target.rgb = image.rgb;
+  input.target.alpha = image.alpha;
+  input.target.used = image.used;
+  input.l1_weight = l1_weight;
+  input.ssim_weight = ssim_weight;
+  const Exposure exposure = data.scene.exposure(view);
+  std::ranges::copy(gains(exposure), input.gains);
+  const kernels::ImageLossOutput loss = stages.image_loss(input, own.d_rgb, own.error);
+
+  GaussianPoseGradient<NumberMath<double>> d_pose;
+  stages.rasterise_backward(camera, this->view(), options, own.image, {own.d_rgb, own.error, {}},
+                            gradients.first(blocks_size()),
+                            request.pose_gradients ? &d_pose : nullptr);
+  // The exposure has no gradient: its best value is known. update() moves it there.
+  if (appearance.size() > 0 && request.progress > double(kExposuresFrom)) {
+    const std::span<float> to = gradients.subspan(blocks_size());
+    const KnotWeights at = knots_at(appearance, exposure);
+    for (int c = 0; c < 3; ++c) {
+      const auto off = static_cast<float>(std::log(std::clamp(loss.best_factor[c], 0.5, 2.0)));
+      to[at.first + c] += (1 - at.second_weight) * off / kLogGainScale;
+      to[at.second + c] += at.second_weight * off / kLogGainScale;
+    }
+  }
+
+  buffers->workspace.begin(backend);
+  StepSums& sums = buffers->workspace.sums();
+  double through = 0;
+  const std::span<const float> transmittance =
+      own.image.transmittance.span().first(size.plane());
+  backend.mean(transmittance, &through);
+  sums.opacity = 1 - through;
+  sums.rgb_mse = loss.mse;
+  sums.terms[kL1Loss] = loss.l1;
+  sums.terms[kSsimLoss] = loss.dssim;
+  StepOutput out;
+  out.pixels = out.epoch_pixels = static_cast<int>(loss.pixels);
+  out.colour_variance = loss.colour_variance;
+  if (request.pose_gradients) {
+    out.views.resize(data.scene.views.size());
+    for (int k = 0; k < 3; ++k) {
+      out.views[window.view].d_translation[k] = d_pose.translation[k];
+      out.views[window.view].d_rotation[k] = d_pose.rotation[k];
+    }
+  }
+  return out;
+}
+
+void SplatModel::update(kernels::Backend& backend, double learning_rate, std::int64_t step,
+                        std::span<float> gradients, AdamState* adam) {
+  const std::size_t blocks = blocks_size();
+  kernels::GaussianUpdate update;
+  update.step = adam_step(learning_rate, step);
+  update.step.beta2 = beta2;
+  update.step.bias2 =
+      static_cast<float>(1 / (1 - std::pow(double(beta2), static_cast<double>(step))));
+  update.step.epsilon = epsilon;
+  const auto set = [&](int first, int end, float factor) {
+    std::fill(update.rates + first, update.rates + end,
+              static_cast<float>(learning_rate) * factor);
+  };
+  set(kPositionRow, kLogScaleRow, position_rate);
+  set(kLogScaleRow, kQuaternionRow, scale_rate);
+  set(kQuaternionRow, kOpacityRow, rotation_rate);
+  set(kOpacityRow, kColourRow, 1);
+  set(kColourRow, kHarmonicsRow, colour_rate);
+  set(kHarmonicsRow, kDistanceRow, harmonics_rate);
+  update.min_log_scale = std::log(min_scale);
+  update.max_log_scale = std::log(max_scale);
+  backend.gaussians().update_gaussians(
+      update, static_cast<std::size_t>(gaussians), gradients.first(blocks),
+      parameters.span().first(blocks), adam->first_moment.span().first(blocks),
+      adam->second_moment.span().first(blocks));
+  for (std::size_t i = blocks; i < gradients.size(); ++i) {
+    if (gradients[i] == 0) continue;
+    parameters[i] = (1 - exposure_decay) * (parameters[i] + exposure_rate * gradients[i]);
+    gradients[i] = 0;
+  }
+}
+
+void SplatModel::finish_step(kernels::Backend&, const StepRequest& request, const StepOutput&,
+                             std::int64_t step, AdamState* adam) {
+  if (step % densify_every != 0 || request.progress >= double(densified_until)) return;
+  const double grown = std::min(1.0, request.progress / double(grown_by));
+  DensifyOptions options;
+  options.target = static_cast<std::size_t>(
+      first_gaussians + grown * std::max(0, max_gaussians - first_gaussians));
+  options.min_opacity = min_opacity;
+  gaussians = static_cast<int>(densify(
+      options,
+      random_key(request.seed, kStreamDensify, static_cast<std::uint64_t>(step)),
+      static_cast<std::size_t>(gaussians), appearance.size(), &parameters, adam));
+}
+
+RenderedImage SplatModel::render(kernels::Backend& backend, const RayTable& rays,
+                                 const ShutterPoses& world_from_camera,
+                                 const Exposure& exposure) const {
+  const PlainCamera camera = make_plain_camera(rays.camera);
+  kernels::RasterOptions options;
+  options.depth = true;
+  std::ranges::copy(background, options.background);
+  backend.gaussians().rasterise(
+      camera_of(camera, {0, 0, 0, rays.width, rays.height}, world_from_camera), view(), options,
+      &rendered_);
+  RenderedImage image;
+  image.width = rays.width;
+  image.height = rays.height;
+  const std::size_t pixels = static_cast<std::size_t>(rays.width) * rays.height,
+                    plane = rendered_.size.plane();
+  image.rgb.assign(3 * pixels, 0);
+  image.depth.assign(pixels, 0);
+  image.opacity.assign(pixels, 0);
+  image.valid.assign(pixels, 0);
+  const std::array<float, 3> gain = gains(exposure);
+  for (const std::uint32_t pixel : rays.pixel) {
+    const std::size_t from = static_cast<std::size_t>(pixel / rays.width) * rendered_.size.stride +
+                             pixel % rays.width;
+    for (int c = 0; c < 3; ++c)
+      image.rgb[3 * std::size_t{pixel} + c] =
+          std::clamp(gain[c] * rendered_.rgb[c * plane + from], 0.0f, 1.0f);
+    image.depth[pixel] = rendered_.depth[from];
+    image.opacity[pixel] = 1 - rendered_.transmittance[from];
+    image.valid[pixel] = 1;
+  }
+  return image;
+}
+
+}  // namespace redrive

@@ -1,0 +1,87 @@
+// SPDX-License-Identifier: Apache-2.0
+// --method splat: 3D Gaussians, rasterised (Kerbl et al. 2023), through the exact camera of every
+// image (field/gaussian.h). A step takes one image, or a window of a large one.
+// Hyperparameters: splat_model_config.cc; first Gaussians: initial_gaussians.h; their number:
+// densify_gaussians.h.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "redrive/field/appearance.h"
+#include "redrive/kernels/gaussian_stages.h"
+#include "redrive/model/initial_gaussians.h"
+#include "redrive/model/method.h"
+
+namespace redrive {
+
+struct SplatModel final : Model {
+  InitialGaussianOptions initial;
+  int max_gaussians = 400000;
+  int window_pixels = 260000;   ///< of a step; larger images are cut into windows
+  float coarse_progress = 0.6f; ///< part of the run at half size, for images that are cut
+  double initial_rate = 0.1, last_rate = 0.03;
+  /// Learning rates as multiples of the opacity's.
+  float position_rate = 0.008f, scale_rate = 0.4f, rotation_rate = 0.16f, colour_rate = 0.3f,
+        harmonics_rate = 0.01f;
+  float l1_weight = 0.8f, ssim_weight = 0.2f;
+  float min_scale = 2e-4f, max_scale = 1;  ///< of the two larger axes, of the distance
+  float min_opacity = 0.01f;               ///< of Gaussians that are kept
+  int densify_every = 100;                 ///< steps
+  float grown_by = 0.6f, densified_until = 0.85f;  ///< progress
+  int warm_up_steps = 50;
+  float beta2 = 0.99f, epsilon = 1e-15f;  ///< of Adam
+  AppearanceConfig appearance;            ///< exposure of each camera at each frame
+  float exposure_rate = 0.3f, exposure_decay = 0.02f;
+  float background[3] = {0.5f, 0.5f, 0.5f};  ///< where no Gaussian is
+  // State:
+  int gaussians = 0, first_gaussians = 0;
+
+  const char* method() const override { return "splat"; }
+  std::string describe() const override;
+  void visit_hyperparameters(HyperparameterVisitor& visit) override;
+  void visit_state(HyperparameterVisitor& visit) override;
+  void check(const HyperparameterFailure& fail) const override;
+  void configure(const Scene& scene) override;
+  std::size_t size() const override { return blocks_size() + appearance.size(); }
+  std::size_t max_size() const override;
+  std::vector<ModelTensor> tensors() const override;
+  void initialize(std::uint64_t seed) override;
+  void initialize_from(const TrainingSet& data, std::uint64_t seed, ThreadPool& pool) override;
+  bool uses_lidar() const override { return true; }
+  std::string describe_batch() const override { return "1 image"; }
+  std::int64_t steps_per_epoch(const TrainingSet& data, int world_size) const override;
+  StepOutput step(kernels::Backend& backend, const TrainingSet& data, const StepRequest& request,
+                  std::span<float> gradients, StepBuffers* buffers) const override;
+  std::vector<LossTerm> loss_terms(const StepSums& sums) const override;
+  std::span<const float> sentinels(std::span<const float> gradients) const override {
+    return gradients.subspan(blocks_size());
+  }
+  double learning_rate(const Schedule& at) const override;
+  std::string describe_schedule(std::int64_t total_steps) const override;
+  void update(kernels::Backend& backend, double learning_rate, std::int64_t step,
+              std::span<float> gradients, AdamState* adam) override;
+  void finish_step(kernels::Backend& backend, const StepRequest& request,
+                   const StepOutput& output, std::int64_t step, AdamState* adam) override;
+  RenderedImage render(kernels::Backend& backend, const RayTable& rays,
+                       const ShutterPoses& world_from_camera,
+                       const Exposure& exposure) const override;
+  std::uint64_t step_bytes() const override;
+  DeviceWork training_work() const override { return {.step_pixels = window_pixels, .trains = true}; }
+  DeviceWork rendering_work() const override { return {.tile_pixels = window_pixels}; }
+  void rehearse(kernels::Backend&, const DeviceWork&, std::span<float>, Workspace*) const override {}
+
+  kernels::Gaussians view() const {
+    return {static_cast<std::size_t>(gaussians), parameters.span().first(blocks_size())};
+  }
+
+ private:
+  std::size_t blocks_size() const { return gaussian_blocks(gaussians) * kBlockSize; }
+  std::array<float, 3> gains(const Exposure& exposure) const;
+
+  mutable kernels::RasterImage rendered_;  ///< kept from image to image
+};
+
+Method splat_method();
+
+}  // namespace redrive

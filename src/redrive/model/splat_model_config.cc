@@ -1,0 +1,169 @@
+// SPDX-License-Identifier: Apache-2.0
+// Hyperparameters of the splat model: names and ranges, values that follow from the scene,
+// schedule, memory.
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <vector>
+
+#include "redrive/model/splat_model.h"
+
+namespace redrive {
+namespace {
+
+constexpr int kMostGaussians = 20'000'000;
+
+}  // namespace
+
+Method splat_method() {
+  return {.name = "splat",
+          .help = "3D Gaussians, rasterised",
+          .make = [] { return std::unique_ptr<Model>(std::make_unique<SplatModel>()); },
+          .defaults = {{"max-seconds", "120"}},
+          .presets = {{"fast", "30 seconds", {{"max-seconds", "30"}, {"max-gaussians", "300000"}}},
+                      {"best",
+                       "10 minutes",
+                       {{"max-seconds", "600"}, {"max-gaussians", "700000"}}}},
+          .refines_poses = true,
+          .random_background = true,
+          .contracts_space = true,
+          .rasterises = true};
+}
+
+std::string SplatModel::describe() const {
+  return "at most " + std::to_string(max_gaussians) + " Gaussians";
+}
+
+void SplatModel::visit_hyperparameters(HyperparameterVisitor& visit) {
+  visit(Hyperparameter{"max_gaussians", "number of Gaussians, at most", 1000, kMostGaussians}
+            .as_option("max-gaussians"),
+        max_gaussians);
+  visit(Hyperparameter{"initial.voxel",
+                       "side of a voxel that keeps one first point, of its distance", 0, 1}
+            .exclusive(),
+        initial.voxel);
+  visit({"initial.sky", "first Gaussians on a sphere around the scene", 0, 1'000'000}, initial.sky);
+  visit({"initial.random", "first Gaussians of a bounded scene without points", 0, 10'000'000},
+        initial.random);
+  visit({"initial.extruded", "share of the LiDAR returns above the cameras that are put once more, "
+         "up to 9 m higher",
+         0, 1},
+        initial.extruded);
+  int tracks = initial.tracks;
+  visit({"initial.tracks", "1: points of image tracks are first Gaussians, too", 0, 1}, tracks);
+  initial.tracks = tracks != 0;
+  visit({"window_pixels", "pixels of a step; larger images are cut into windows", 4096, 1 << 28},
+        window_pixels);
+  visit({"coarse_progress", "part of the run in which images that are cut are halved first", 0, 1},
+        coarse_progress);
+  visit(Hyperparameter{"learning_rate", "of the opacities, at the start", 0, 1}
+            .exclusive()
+            .as_option("learning-rate"),
+        initial_rate);
+  visit(Hyperparameter{"lr_gamma", "factor of the learning rates at the end of the run", 0, 1}
+            .exclusive()
+            .as_option("lr-gamma"),
+        last_rate);
+  visit({"position_rate", "learning rate of positions over distance, of that of opacities", 0, 100},
+        position_rate);
+  visit({"scale_rate", "learning rate of log scales, of that of opacities", 0, 100}, scale_rate);
+  visit({"rotation_rate", "learning rate of quaternions, of that of opacities", 0, 100},
+        rotation_rate);
+  visit({"colour_rate", "learning rate of colours, of that of opacities", 0, 100}, colour_rate);
+  visit({"harmonics_rate", "learning rate of harmonics of degree 1, of that of opacities", 0, 100},
+        harmonics_rate);
+  visit({"l1_weight", "of the mean absolute error", 0, 100}, l1_weight);
+  visit({"ssim_weight", "of (1 - SSIM) / 2", 0, 100}, ssim_weight);
+  visit(Hyperparameter{"min_scale", "of the two larger axes, of the distance", 0, 1}.exclusive(),
+        min_scale);
+  visit(Hyperparameter{"max_scale", "of an axis, of the distance", 0, 1000}.exclusive(), max_scale);
+  visit(Hyperparameter{"min_opacity", "of Gaussians that are kept", 0, 0.5}.exclusive(),
+        min_opacity);
+  visit({"densify_every", "steps after which Gaussians are split and removed", 1, 1e9},
+        densify_every);
+  visit(Hyperparameter{"grown_by", "progress at which max_gaussians is reached", 0, 1}.exclusive(),
+        grown_by);
+  visit({"densified_until", "progress after which the number of Gaussians stays", 0, 1},
+        densified_until);
+  visit({"warm_up_steps", "steps in which the learning rates rise linearly", 0, 1e9},
+        warm_up_steps);
+  visit({"adam.beta2", "decay of Adam's second moment", 0, 0.999999}, beta2);
+  visit(Hyperparameter{"adam.epsilon", "of Adam", 0, 1}.exclusive(), epsilon);
+  visit(Hyperparameter{"appearance.cameras", "cameras with an exposure", 0, 1024}.from_recording(),
+        appearance.cameras);
+  visit({"appearance.knots", "knots of each camera's exposure over time; 0: no exposure", 0,
+         100'000},
+        appearance.knots);
+  visit(Hyperparameter{"appearance.knot_spacing_s", "time between two knots, s", 0, 1e6}.exclusive(),
+        appearance.knot_spacing_s);
+  visit({"exposure_rate", "of the way to an image's best exposure, in a step", 0, 1},
+        exposure_rate);
+  visit({"exposure_decay", "of log gains, in a step of their image", 0, 1}, exposure_decay);
+  visit({"background.r", "colour where no Gaussian is", 0, 1}, background[0]);
+  visit({"background.g", "colour where no Gaussian is", 0, 1}, background[1]);
+  visit({"background.b", "colour where no Gaussian is", 0, 1}, background[2]);
+}
+
+void SplatModel::visit_state(HyperparameterVisitor& visit) {
+  visit({"gaussians", "number of Gaussians", 0, kMostGaussians}, gaussians);
+  visit({"first_gaussians", "number of Gaussians at the start", 0, kMostGaussians},
+        first_gaussians);
+}
+
+void SplatModel::check(const HyperparameterFailure& fail) const {
+  if (!(max_scale > min_scale))
+    fail({"max_scale", ""}, std::to_string(max_scale), "must be above min_scale");
+}
+
+void SplatModel::configure(const Scene& scene) {
+  if (scene.background != Background::kNone)
+    std::ranges::copy(background_colour(scene.background), background);
+  if (scene.metric && scene.frames.size() > 1) {
+    // A knot for each frame: exposures change from image to image.
+    const double seconds = scene.exposure(0, scene.frames.back().t_ns).t_s;
+    appearance.knot_spacing_s =
+        static_cast<float>(seconds / static_cast<double>(scene.frames.size() - 1));
+    appearance.cameras = static_cast<int>(scene.rig.size());
+    appearance.knots = static_cast<int>(scene.frames.size());
+  }
+}
+
+std::size_t SplatModel::max_size() const {
+  return gaussian_blocks(static_cast<std::size_t>(std::max(max_gaussians, gaussians))) *
+             kBlockSize +
+         appearance.size();
+}
+
+std::vector<ModelTensor> SplatModel::tensors() const {
+  const auto blocks = static_cast<std::int64_t>(gaussian_blocks(gaussians));
+  std::vector<ModelTensor> out;
+  if (blocks > 0) out.push_back({"gaussians", {blocks, kGaussianRows, kGaussianBlock}, 0});
+  if (appearance.size() > 0)
+    out.push_back({"appearance", {appearance.cameras, appearance.knots, 3}, blocks_size()});
+  return out;
+}
+
+std::vector<LossTerm> SplatModel::loss_terms(const StepSums& sums) const {
+  return {{"l1", sums.terms[0]}, {"dssim", sums.terms[1]}};
+}
+
+double SplatModel::learning_rate(const Schedule& at) const {
+  return exponential_decay_rate(initial_rate, last_rate, std::min(at.progress, 1.0), at.step,
+                                warm_up_steps);
+}
+
+std::string SplatModel::describe_schedule(std::int64_t) const {
+  char text[120];
+  std::snprintf(text, sizeof text, "%d to %d Gaussians, learning rate %g, in the end times %g",
+                first_gaussians, max_gaussians, initial_rate, last_rate);
+  return text;
+}
+
+std::uint64_t SplatModel::step_bytes() const {
+  constexpr std::uint64_t kBytesPerGaussian = 64 + 16 + 2 * 128;  // records, keys, pairs and sums
+  constexpr std::uint64_t kBytesPerPixel = 48 * sizeof(float);
+  return kBytesPerGaussian * static_cast<std::uint64_t>(max_gaussians) +
+         kBytesPerPixel * static_cast<std::uint64_t>(window_pixels);
+}
+
+}  // namespace redrive
