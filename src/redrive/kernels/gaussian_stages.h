@@ -51,7 +51,7 @@ struct RasterImage {
   RasterSize size;
   Buffer<float> rgb;            ///< 3 planes, over the background
   Buffer<float> transmittance;  ///< what of the background is seen, 0..1
-  Buffer<float> depth;          ///< metres along the ray, sum of w t; where requested
+  Buffer<float> depth;          ///< metres along the ray, median; where requested
   Buffer<float> range_error;    ///< sum of w min(|log(t / range)|, kMaxRangeError)
 };
 

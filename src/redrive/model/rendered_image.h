@@ -11,7 +11,7 @@ namespace redrive {
 struct RenderedImage {
   int width = 0, height = 0;
   std::vector<float> rgb;           ///< [height, width, 3] in [0, 1]
-  std::vector<float> depth;         ///< [height, width], metres along the ray: sum of w t
+  std::vector<float> depth;         ///< [height, width], metres along the ray, median
   std::vector<float> opacity;       ///< [height, width]
   std::vector<std::uint8_t> valid;  ///< [height, width]
 };

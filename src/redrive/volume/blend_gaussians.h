@@ -31,6 +31,8 @@ T falloff_at(const Splat2d<T>& splat, double x, double y) {
                                       splat.conic[2] * dy * dy));
 }
 
+/// depth: distance of the Gaussian at which the transmittance falls to 1/2, or of the last one: the
+/// median, which does not depend on what lies far behind.
 template <class T>
 struct BlendedPixel {
   std::array<T, 3> rgb{T(0), T(0), T(0)};
@@ -49,7 +51,7 @@ BlendedPixel<T> blend_gaussians(const std::vector<Splat2d<T>>& splats, double x,
     const T w =
         out.transmittance * (value_of(alpha) < double(kMaxAlpha) ? alpha : T(double(kMaxAlpha)));
     for (int c = 0; c < 3; ++c) out.rgb[c] = out.rgb[c] + w * splat.rgb[c];
-    out.depth = out.depth + w * splat.distance;
+    if (value_of(out.transmittance) > 0.5) out.depth = splat.distance;
     const T off = abs(log(splat.distance) - T(log_range));
     out.range_error =
         out.range_error +

@@ -110,7 +110,8 @@ REDRIVE_INLINE void forward(const TileJob& job) {
       const Vf alpha = minimum(power_of_two(maximum(f.log2_alpha, splat(-20.0f))), most);
       const Vf w = kept(greater(f.log2_alpha, least), alpha * t);
       for (int k = 0; k < 3; ++k) rgb[k] += w * splat(record[6 + k]);
-      if constexpr (kDepth) depth += w * splat(record[9]);
+      if constexpr (kDepth)
+        depth = (w > Vf{}) & (t > splat(0.5f)) ? splat(record[9]) : depth;
       if constexpr (kRange) error += w * range_error(record, log_range);
       t -= w;
       if ((i & 3) == 3 && !any(greater(t, opaque))) break;
