@@ -91,7 +91,8 @@ struct GaussianCase {
   GaussianCamera view() const { return {camera, poses, 0, float(camera.height)}; }
   Gaussians gaussians() const { return {n, numbers}; }
   RasterOptions options() const {
-    return {.background = {0.2f, 0.4f, 0.6f}, .depth = true, .tiles = tiles, .log_range = log_range};
+    return {
+        .background = {0.2f, 0.4f, 0.6f}, .depth = true, .tiles = tiles, .log_range = log_range};
   }
 };
 
@@ -108,8 +109,7 @@ Result run(Backend& backend, const GaussianCase& c) {
   out.counts = stages.rasterise(c.view(), c.gaussians(), c.options(), &out.image);
   out.gradients.assign(c.numbers.size(), 0);
   stages.rasterise_backward(c.view(), c.gaussians(), c.options(), out.image,
-                            {c.d_rgb, c.error, c.d_range}, out.gradients,
-                            &out.pose);
+                            {c.d_rgb, c.error, c.d_range}, out.gradients, &out.pose);
   return out;
 }
 
@@ -145,8 +145,7 @@ void expect_same(const GaussianCase& c, const Result& a, const Result& b) {
   for (int k = 0; k < 3; ++k) {
     EXPECT_NEAR(a.pose.translation[k], b.pose.translation[k],
                 5e-3 * std::fabs(b.pose.translation[k]) + 0.3);
-    EXPECT_NEAR(a.pose.rotation[k], b.pose.rotation[k],
-                5e-3 * std::fabs(b.pose.rotation[k]) + 0.3);
+    EXPECT_NEAR(a.pose.rotation[k], b.pose.rotation[k], 5e-3 * std::fabs(b.pose.rotation[k]) + 0.3);
   }
 }
 
@@ -192,8 +191,7 @@ struct LossCase {
     target.assign(random.begin(), random.begin() + 3 * 50 * 40);
     alpha.assign(random.end() - 50 * 40, random.end());
     for (int y = 0; y < 40; ++y)
-      for (int x = 0; x < 50; ++x)
-        used.push_back((x - 30) * (x - 30) + (y - 15) * (y - 15) > 30);
+      for (int x = 0; x < 50; ++x) used.push_back((x - 30) * (x - 30) + (y - 15) * (y - 15) > 30);
   }
   ImageLossInput input(float l1_weight, float ssim_weight) const {
     return {size,
@@ -271,8 +269,7 @@ TEST_P(GaussianStagesTest, BestFactorIsThatOfTheExposure) {
         c.rgb[k * c.size.plane() + y * c.size.stride + x] =
             c.target[3 * ((y + 8) * 50 + x + 10) + k] / 255.0f / 1.3f;
   const ImageLossOutput out = backend->gaussians().image_loss(input, d_rgb, error);
-  for (int k = 0; k < 3; ++k)
-    EXPECT_NEAR(out.best_factor[k] * double(input.gains[k]), 1.3, 1e-5);
+  for (int k = 0; k < 3; ++k) EXPECT_NEAR(out.best_factor[k] * double(input.gains[k]), 1.3, 1e-5);
 }
 
 TEST_P(GaussianStagesTest, UpdateAgreesWithTheOracle) {
@@ -318,8 +315,9 @@ TEST_P(GaussianStagesTest, ExtremeGaussiansGiveFiniteImagesAndGradients) {
     GaussianCase c(mei, false, false);
     for (std::size_t i = 0; i < c.n; ++i) {
       for (int k = 0; k < 3; ++k)
-        c.numbers[gaussian_slot(i, kLogScaleRow + k)] =
-            (i + k) % 4 == 0 ? 6.0f : (i + k) % 4 == 1 ? -18.0f : -1.0f;
+        c.numbers[gaussian_slot(i, kLogScaleRow + k)] = (i + k) % 4 == 0   ? 6.0f
+                                                        : (i + k) % 4 == 1 ? -18.0f
+                                                                           : -1.0f;
       if (i % 5 == 0)
         for (int k = 0; k < 3; ++k)
           c.numbers[gaussian_slot(i, kPositionRow + k)] = k == 2 ? 0.21f : 0.0f;

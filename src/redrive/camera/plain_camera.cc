@@ -65,7 +65,8 @@ PlainCamera make_plain_camera(const Camera& camera) {
   double corner = 0;
   for (const double u : {-0.5, camera.width - 0.5})
     for (const double v : {-0.5, camera.height - 0.5})
-      corner = std::max(corner, std::hypot((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy));
+      corner =
+          std::max(corner, std::hypot((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy));
   if (const auto* pinhole = std::get_if<OpenCvPinhole>(&camera.model)) {
     set_distortion(pinhole->distortion, corner, &out);
   } else if (const auto* mei = std::get_if<Mei>(&camera.model)) {

@@ -21,11 +21,11 @@ namespace redrive {
 
 /// Numbers of a Gaussian.
 enum GaussianRow {
-  kPositionRow,       ///< 3, world metres
-  kLogScaleRow = 3,   ///< 3, logarithm of the standard deviations along its axes, metres
-  kQuaternionRow = 6, ///< 4: w x y z, any length > 0
-  kOpacityRow = 10,   ///< logit
-  kColourRow = 11,    ///< 3: r g b in [0, 1], seen along a direction across kHarmonicsRow
+  kPositionRow,        ///< 3, world metres
+  kLogScaleRow = 3,    ///< 3, logarithm of the standard deviations along its axes, metres
+  kQuaternionRow = 6,  ///< 4: w x y z, any length > 0
+  kOpacityRow = 10,    ///< logit
+  kColourRow = 11,     ///< 3: r g b in [0, 1], seen along a direction across kHarmonicsRow
   /// 9: change of r, g, b by the x of the viewing direction in the world, then by y, then by z:
   /// spherical harmonics of degree 1.
   kHarmonicsRow = 14,
@@ -48,15 +48,15 @@ constexpr std::size_t gaussian_slot(std::size_t i, int row) {
          i % kGaussianBlock;
 }
 
-constexpr float kScreenVariance = 0.15f;       ///< pixels^2
-constexpr float kMinAlpha = 1.0f / 255;        ///< less is not blended
+constexpr float kScreenVariance = 0.15f;  ///< pixels^2
+constexpr float kMinAlpha = 1.0f / 255;   ///< less is not blended
 constexpr float kMaxAlpha = 0.99f;
-constexpr float kMinTransmittance = 1e-3f;     ///< blending ends below
-constexpr float kNearPlane_m = 0.2f;           ///< nearer means are not drawn
-constexpr float kSigmaSpread = 1.7320508f;     ///< k: exact for the third moments of a Gaussian
-constexpr float kMaxSpread = 0.3f;             ///< of a sigma point from the mean, of its distance
-constexpr float kMaxRangeError = 0.5f;         ///< errors of log(t / range) beyond count as this
-constexpr float kMinCompensation2 = 1e-4f;     ///< least det / filtered det
+constexpr float kMinTransmittance = 1e-3f;  ///< blending ends below
+constexpr float kNearPlane_m = 0.2f;        ///< nearer means are not drawn
+constexpr float kSigmaSpread = 1.7320508f;  ///< k: exact for the third moments of a Gaussian
+constexpr float kMaxSpread = 0.3f;          ///< of a sigma point from the mean, of its distance
+constexpr float kMaxRangeError = 0.5f;      ///< errors of log(t / range) beyond count as this
+constexpr float kMinCompensation2 = 1e-4f;  ///< least det / filtered det
 
 /// Pose of a camera for one Gaussian or one vector of them.
 template <class M>
@@ -76,15 +76,15 @@ struct ProjectedGaussian {
   Real scale[3], spread[3];
   typename M::Mask bounded[3];  ///< spread is below kSigmaSpread
   Real d[3][2];
-  Real mean[2];           ///< pixels
-  Real conic[3];          ///< inverse of the filtered covariance: xx, xy, yy
-  Real variance[2];       ///< filtered, along x and y: pixels^2
-  Real covariance;        ///< filtered, xy
+  Real mean[2];      ///< pixels
+  Real conic[3];     ///< inverse of the filtered covariance: xx, xy, yy
+  Real variance[2];  ///< filtered, along x and y: pixels^2
+  Real covariance;   ///< filtered, xy
   Real det, filtered_det;
-  Real opacity;           ///< sigmoid of the logit
-  Real alpha;             ///< opacity at the mean: times the filter's compensation
-  Real direction[3];      ///< of the mean from the camera, world, unit
-  Real colour[3];         ///< before the clamp at 0
+  Real opacity;       ///< sigmoid of the logit
+  Real alpha;         ///< opacity at the mean: times the filter's compensation
+  Real direction[3];  ///< of the mean from the camera, world, unit
+  Real colour[3];     ///< before the clamp at 0
 };
 
 /// Derivatives of a loss with respect to a projected Gaussian.
@@ -140,12 +140,10 @@ REDRIVE_LANES void project_mean(const PlainCamera& camera, const GaussianPose<M>
   rotated_by<M>(pose.rotation, from_centre, out->point);
   out->length = M::sqrt(out->point[0] * out->point[0] + out->point[1] * out->point[1] +
                         out->point[2] * out->point[2]);
-  const PlainPixel<M> pixel =
-      project<M>(camera, out->point[0], out->point[1], out->point[2]);
+  const PlainPixel<M> pixel = project<M>(camera, out->point[0], out->point[1], out->point[2]);
   out->mean[0] = pixel.u;
   out->mean[1] = pixel.v;
-  const Real depth =
-      camera.kind == PlainCamera::Kind::kPinhole ? out->point[2] : out->length;
+  const Real depth = camera.kind == PlainCamera::Kind::kPinhole ? out->point[2] : out->length;
   out->visible = M::both(pixel.valid, depth > M::constant(kNearPlane_m));
 }
 
@@ -163,8 +161,8 @@ REDRIVE_LANES void project_gaussian(const PlainCamera& camera, const GaussianPos
   for (int k = 0; k < 4; ++k) out->q[k] = rows[kQuaternionRow + k] * out->inverse_norm;
   Real q[3][3];
   rotation_from_quaternion<M>(out->q, q);
-  const Real depth = M::stopped(
-      camera.kind == PlainCamera::Kind::kPinhole ? out->point[2] : out->length);
+  const Real depth =
+      M::stopped(camera.kind == PlainCamera::Kind::kPinhole ? out->point[2] : out->length);
   Real xx = M::constant(0), xy = M::constant(0), yy = M::constant(0);
   for (int j = 0; j < 3; ++j) {
     const Real column[3] = {q[0][j], q[1][j], q[2][j]};
@@ -172,8 +170,7 @@ REDRIVE_LANES void project_gaussian(const PlainCamera& camera, const GaussianPos
     out->scale[j] = M::exp(rows[kLogScaleRow + j]);
     const Real most = M::constant(kMaxSpread) * depth;
     out->bounded[j] = most < M::constant(kSigmaSpread) * out->scale[j];
-    out->spread[j] =
-        M::select(out->bounded[j], most / out->scale[j], M::constant(kSigmaSpread));
+    out->spread[j] = M::select(out->bounded[j], most / out->scale[j], M::constant(kSigmaSpread));
     const Real step = M::select(out->bounded[j], most, out->spread[j] * out->scale[j]);
     const Real* const e = out->axis[j];
     const Real* const p = out->point;
@@ -204,8 +201,7 @@ REDRIVE_LANES void project_gaussian(const PlainCamera& camera, const GaussianPos
   out->conic[0] = out->variance[1] * inverse;
   out->conic[1] = -xy * inverse;
   out->conic[2] = out->variance[0] * inverse;
-  out->alpha = out->opacity *
-               M::sqrt(M::max(out->det * inverse, M::constant(kMinCompensation2)));
+  out->alpha = out->opacity * M::sqrt(M::max(out->det * inverse, M::constant(kMinCompensation2)));
   const Real inverse_length = one / out->length;
   for (int k = 0; k < 3; ++k)
     out->direction[k] = (rows[kPositionRow + k] - pose.centre[k]) * inverse_length;
@@ -215,12 +211,11 @@ REDRIVE_LANES void project_gaussian(const PlainCamera& camera, const GaussianPos
                      rows[kHarmonicsRow + 6 + c] * out->direction[2];
 }
 
-/// Writes the derivatives with respect to the rows 0..kDistanceRow-1 and, if `d_pose` is not null, to
-/// the pose. The spread's bound by the distance and the row of a rolling shutter count as
+/// Writes the derivatives with respect to the rows 0..kDistanceRow-1 and, if `d_pose` is not null,
+/// to the pose. The spread's bound by the distance and the row of a rolling shutter count as
 /// constants.
 template <class M>
-REDRIVE_LANES void project_gaussian_adjoint(const PlainCamera& camera,
-                                            const GaussianPose<M>& pose,
+REDRIVE_LANES void project_gaussian_adjoint(const PlainCamera& camera, const GaussianPose<M>& pose,
                                             const typename M::Real* rows,
                                             const ProjectedGaussian<M>& at,
                                             const ProjectedGradient<M>& gradient,
@@ -231,13 +226,13 @@ REDRIVE_LANES void project_gaussian_adjoint(const PlainCamera& camera,
              half = M::constant(0.5), filter = M::constant(kScreenVariance);
   // Opacity, compensation and conic.
   const Real inverse = one / at.filtered_det;
-  const Real compensated = M::select(at.det * inverse > M::constant(kMinCompensation2),
-                                     half * gradient.log_alpha, zero);
+  const Real compensated =
+      M::select(at.det * inverse > M::constant(kMinCompensation2), half * gradient.log_alpha, zero);
   Real d_det = compensated / M::max(at.det, M::constant(1e-30));
-  const Real d_filtered = -compensated * inverse - (gradient.conic[0] * at.conic[0] +
-                                                    gradient.conic[1] * at.conic[1] +
-                                                    gradient.conic[2] * at.conic[2]) *
-                                                       inverse;
+  const Real d_filtered =
+      -compensated * inverse - (gradient.conic[0] * at.conic[0] + gradient.conic[1] * at.conic[1] +
+                                gradient.conic[2] * at.conic[2]) *
+                                   inverse;
   const Real d_xx = gradient.conic[2] * inverse + filter * d_filtered,
              d_yy = gradient.conic[0] * inverse + filter * d_filtered,
              d_xy = -gradient.conic[1] * inverse;
@@ -250,8 +245,7 @@ REDRIVE_LANES void project_gaussian_adjoint(const PlainCamera& camera,
   }
   for (int j = 0; j < 3; ++j) {
     const int k = (j + 1) % 3;
-    const Real d_cross =
-        two * d_det * (at.d[j][0] * at.d[k][1] - at.d[j][1] * at.d[k][0]);
+    const Real d_cross = two * d_det * (at.d[j][0] * at.d[k][1] - at.d[j][1] * at.d[k][0]);
     d_d[j][0] = d_d[j][0] + d_cross * at.d[k][1];
     d_d[j][1] = d_d[j][1] - d_cross * at.d[k][0];
     d_d[k][0] = d_d[k][0] - d_cross * at.d[j][1];
@@ -280,8 +274,8 @@ REDRIVE_LANES void project_gaussian_adjoint(const PlainCamera& camera,
       along = along + d_axis[k] * e[k];
     }
     // With a bounded spread the step is constant and d is proportional to the scale.
-    d_rows[kLogScaleRow + j] = M::select(
-        at.bounded[j], d_d[j][0] * at.d[j][0] + d_d[j][1] * at.d[j][1], along);
+    d_rows[kLogScaleRow + j] =
+        M::select(at.bounded[j], d_d[j][0] * at.d[j][0] + d_d[j][1] * at.d[j][1], along);
     Real in_world[3];
     rotated_back<M>(pose.rotation, d_axis, in_world);
     for (int k = 0; k < 3; ++k) d_q[k][j] = in_world[k];
@@ -320,18 +314,16 @@ REDRIVE_LANES void project_gaussian_adjoint(const PlainCamera& camera,
   }
   // Rotation matrix to quaternion, and its normalisation.
   const Real &w = at.q[0], &x = at.q[1], &y = at.q[2], &z = at.q[3];
-  const Real d[4] = {
-      two * (z * (d_q[1][0] - d_q[0][1]) + y * (d_q[0][2] - d_q[2][0]) +
-             x * (d_q[2][1] - d_q[1][2])),
-      two * (y * (d_q[0][1] + d_q[1][0]) + z * (d_q[0][2] + d_q[2][0]) +
-             w * (d_q[2][1] - d_q[1][2]) - two * x * (d_q[1][1] + d_q[2][2])),
-      two * (x * (d_q[0][1] + d_q[1][0]) + z * (d_q[1][2] + d_q[2][1]) +
-             w * (d_q[0][2] - d_q[2][0]) - two * y * (d_q[0][0] + d_q[2][2])),
-      two * (x * (d_q[0][2] + d_q[2][0]) + y * (d_q[1][2] + d_q[2][1]) +
-             w * (d_q[1][0] - d_q[0][1]) - two * z * (d_q[0][0] + d_q[1][1]))};
+  const Real d[4] = {two * (z * (d_q[1][0] - d_q[0][1]) + y * (d_q[0][2] - d_q[2][0]) +
+                            x * (d_q[2][1] - d_q[1][2])),
+                     two * (y * (d_q[0][1] + d_q[1][0]) + z * (d_q[0][2] + d_q[2][0]) +
+                            w * (d_q[2][1] - d_q[1][2]) - two * x * (d_q[1][1] + d_q[2][2])),
+                     two * (x * (d_q[0][1] + d_q[1][0]) + z * (d_q[1][2] + d_q[2][1]) +
+                            w * (d_q[0][2] - d_q[2][0]) - two * y * (d_q[0][0] + d_q[2][2])),
+                     two * (x * (d_q[0][2] + d_q[2][0]) + y * (d_q[1][2] + d_q[2][1]) +
+                            w * (d_q[1][0] - d_q[0][1]) - two * z * (d_q[0][0] + d_q[1][1]))};
   const Real dot = w * d[0] + x * d[1] + y * d[2] + z * d[3];
-  for (int k = 0; k < 4; ++k)
-    d_rows[kQuaternionRow + k] = (d[k] - at.q[k] * dot) * at.inverse_norm;
+  for (int k = 0; k < 4; ++k) d_rows[kQuaternionRow + k] = (d[k] - at.q[k] * dot) * at.inverse_norm;
 }
 
 }  // namespace redrive

@@ -69,9 +69,9 @@ constexpr float kNoRange = -1e3f;
 
 /// Derivatives of the loss with respect to the pixels, and what is summed over them.
 struct RasterGradient {
-  std::span<const float> d_rgb;      ///< 3 planes
-  std::span<const float> error;      ///< plane: blended into the row kDistanceRow of the gradients
-  std::span<const float> d_range;    ///< plane: by range_error; empty without log_range
+  std::span<const float> d_rgb;    ///< 3 planes
+  std::span<const float> error;    ///< plane: blended into the row kDistanceRow of the gradients
+  std::span<const float> d_range;  ///< plane: by range_error; empty without log_range
 };
 
 struct RasterCounts {
@@ -138,12 +138,11 @@ class GaussianStages {
   virtual ImageLossOutput image_loss(const ImageLossInput& input, std::span<float> d_rgb,
                                      std::span<float> error) = 0;
   /// Adam on the Gaussians whose opacity has a gradient, that is, which the step drew, unless a
-  /// gradient of theirs is not finite; the others keep their moments. Adds the row kDistanceRow of the gradients to that of first_moment. Sets the
-  /// gradients to 0.
+  /// gradient of theirs is not finite; the others keep their moments. Adds the row kDistanceRow of
+  /// the gradients to that of first_moment. Sets the gradients to 0.
   virtual void update_gaussians(const GaussianUpdate& update, std::size_t n,
                                 std::span<float> gradients, std::span<float> numbers,
-                                std::span<float> first_moment,
-                                std::span<float> second_moment) = 0;
+                                std::span<float> first_moment, std::span<float> second_moment) = 0;
 };
 
 }  // namespace redrive::kernels

@@ -27,9 +27,9 @@ struct TargetSums {
     const double n = std::max(pixels, 1.0);
     for (int c = 0; c < 3; ++c) {
       const double gain = static_cast<double>(input.gains[c]);
-      out->colour_variance +=
-          std::max(0.0, squares[c] / n - sum[c] / n * (sum[c] / n)) / 3;
-      if (rendered[c] > 0 && product[c] > 0) out->best_factor[c] = product[c] / (gain * rendered[c]);
+      out->colour_variance += std::max(0.0, squares[c] / n - sum[c] / n * (sum[c] / n)) / 3;
+      if (rendered[c] > 0 && product[c] > 0)
+        out->best_factor[c] = product[c] / (gain * rendered[c]);
     }
   }
 };
@@ -50,9 +50,9 @@ inline TargetSums convert_target_row(const ImageLossInput& input, int y, float* 
     const float through =
         !inside || from.alpha.empty() ? 0.0f : 1.0f - from.alpha[pixel] * (1.0f / 255);
     for (int c = 0; c < 3; ++c)
-      target[c * plane + to] = !inside ? 0.0f
-                                       : from.rgb[3 * pixel + c] * (1.0f / 255) +
-                                             through * from.background_change[c];
+      target[c * plane + to] =
+          !inside ? 0.0f
+                  : from.rgb[3 * pixel + c] * (1.0f / 255) + through * from.background_change[c];
   }
   for (int c = 0; c < 3; ++c) {
     float sum = 0, squares = 0, product = 0, rendered = 0;

@@ -11,7 +11,7 @@ struct PlainCamera {
   /// Models with a projection of their own below; the others go through `project_point`.
   enum class Kind { kPinhole, kMei, kOther };
   Kind kind = Kind::kPinhole;
-  float fx = 1, fy = 1, cx = 0, cy = 0;  ///< pixel = f x + c; integers are pixel centres
+  float fx = 1, fy = 1, cx = 0, cy = 0;          ///< pixel = f x + c; integers are pixel centres
   float k1 = 0, k2 = 0, p1 = 0, p2 = 0, k3 = 0;  ///< camera/brown_conrady.h
   float xi = 0;                                  ///< camera/mei.h
   /// Square of the undistorted radius up to which points count; the radial polynomial is constant
@@ -72,13 +72,12 @@ REDRIVE_LANES void radial_factor(const PlainCamera& camera, typename M::Real rad
                                  typename M::Real* g, typename M::Real* derivative) {
   using Real = typename M::Real;
   const Real limit = M::constant(camera.max_radius2), s = M::min(radius2, limit);
-  *g = M::constant(1) + s * (M::constant(camera.k1) +
-                             s * (M::constant(camera.k2) + s * M::constant(camera.k3)));
-  *derivative =
-      M::select(radius2 < limit,
-                M::constant(camera.k1) + s * (M::constant(2 * camera.k2) +
-                                              s * M::constant(3 * camera.k3)),
-                M::constant(0));
+  *g = M::constant(1) +
+       s * (M::constant(camera.k1) + s * (M::constant(camera.k2) + s * M::constant(camera.k3)));
+  *derivative = M::select(
+      radius2 < limit,
+      M::constant(camera.k1) + s * (M::constant(2 * camera.k2) + s * M::constant(3 * camera.k3)),
+      M::constant(0));
 }
 
 }  // namespace plain_camera_detail
@@ -153,8 +152,7 @@ REDRIVE_LANES void project_adjoint(const PlainCamera& camera, typename M::Real x
       d_w * M::select(n.clamped_w, M::constant(kMinMeiDepth), M::constant(camera.xi)) / n.length;
   d_point[0] = d_point[0] + by_length * x;
   d_point[1] = d_point[1] + by_length * y;
-  d_point[2] =
-      d_point[2] + by_length * z + M::select(n.clamped_w, M::constant(0), d_w);
+  d_point[2] = d_point[2] + by_length * z + M::select(n.clamped_w, M::constant(0), d_w);
 }
 
 }  // namespace redrive

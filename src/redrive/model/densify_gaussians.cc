@@ -86,8 +86,8 @@ void write_blocks(const GaussianList& list, Buffer<float>* numbers) {
   clear_unused(order.size(), numbers->data());
 }
 
-std::size_t densify(const DensifyOptions& options, std::uint64_t key,
-                    std::size_t n, std::size_t tail, Buffer<float>* numbers, AdamState* adam) {
+std::size_t densify(const DensifyOptions& options, std::uint64_t key, std::size_t n,
+                    std::size_t tail, Buffer<float>* numbers, AdamState* adam) {
   const float* const p = numbers->data();
   const float least = std::log(options.min_opacity / (1 - options.min_opacity));
   std::vector<std::uint32_t> alive;

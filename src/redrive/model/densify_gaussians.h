@@ -12,9 +12,9 @@
 namespace redrive {
 
 struct DensifyOptions {
-  std::size_t target = 0;      ///< number of Gaussians afterwards, at most
-  float min_opacity = 0.01f;   ///< less is removed
-  float min_scale = 6e-4f;     ///< of the largest axis, of the distance: smaller ones are not split
+  std::size_t target = 0;     ///< number of Gaussians afterwards, at most
+  float min_opacity = 0.01f;  ///< less is removed
+  float min_scale = 6e-4f;    ///< of the largest axis, of the distance: smaller ones are not split
 };
 
 /// Writes Gaussians in Morton order into blocks; unused lanes are transparent.
@@ -25,7 +25,7 @@ void write_blocks(const GaussianList& list, Buffer<float>* numbers);
 /// transparent ones. Sets the summed errors to 0. Parents keep their second moments, children start
 /// without first moments. `tail`: numbers behind the Gaussians' blocks in each buffer, which stay.
 /// Deterministic in key. Returns the number of Gaussians.
-std::size_t densify(const DensifyOptions& options, std::uint64_t key,
-                    std::size_t n, std::size_t tail, Buffer<float>* numbers, AdamState* adam);
+std::size_t densify(const DensifyOptions& options, std::uint64_t key, std::size_t n,
+                    std::size_t tail, Buffer<float>* numbers, AdamState* adam);
 
 }  // namespace redrive

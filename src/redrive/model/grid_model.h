@@ -77,8 +77,8 @@ struct GridModel final : RayModel {
   double learning_rate(const Schedule& at) const override;
   std::string describe_schedule(std::int64_t total_steps) const override;
   std::vector<AdamGroup> adam_groups(double learning_rate, std::int64_t step) const override;
-  void finish_step(kernels::Backend& backend, const StepRequest& request,
-                   const StepOutput& output, std::int64_t step, AdamState* adam) override;
+  void finish_step(kernels::Backend& backend, const StepRequest& request, const StepOutput& output,
+                   std::int64_t step, AdamState* adam) override;
   RayGradientsOutput gradients(kernels::Backend& backend, const RayBatch& batch, std::uint64_t seed,
                                std::int64_t step, std::span<float> gradients,
                                Workspace* workspace) const override;

@@ -23,7 +23,7 @@ constexpr int kNeighbours = 9;
 constexpr float kFlattest = 0.15f;
 /// Extruded are returns this high above the lowest camera, by up to kExtrusion_m.
 constexpr float kExtrudedFrom_m = 0.5f, kExtrusion_m = 9;
-constexpr float kFar = 6;         ///< radius of the sky, in distances of the scene's points
+constexpr float kFar = 6;           ///< radius of the sky, in distances of the scene's points
 constexpr float kSkyBelow = 0.03f;  ///< the sky of a drive ends this far below the horizon (sine)
 constexpr float kPointOpacity = 0.5f, kExtrudedOpacity = 0.1f, kRandomOpacity = 0.1f;
 
@@ -113,9 +113,8 @@ void append_discs(const Points& points, const NearestCamera& cameras, float size
                   ThreadPool& pool, GaussianList* list) {
   if (points.size() <= kNeighbours) return;
   const PointSet set{points};
-  using Tree =
-      nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<float, PointSet>, PointSet,
-                                          3, std::uint32_t>;
+  using Tree = nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<float, PointSet>,
+                                                   PointSet, 3, std::uint32_t>;
   Tree tree(3, set, nanoflann::KDTreeSingleIndexAdaptorParams(16));
   tree.buildIndex();
   const std::size_t first = list->size();
@@ -136,12 +135,12 @@ void append_discs(const Points& points, const NearestCamera& cameras, float size
       rotation.col(1) = axes.eigenvectors().col(1);
       rotation.col(2) = rotation.col(0).cross(rotation.col(1));
       const float distance = cameras.distance(points[i].position.data());
-      const float side = (std::sqrt(squares[1]) + std::sqrt(squares[2]) + std::sqrt(squares[3])) / 3;
+      const float side =
+          (std::sqrt(squares[1]) + std::sqrt(squares[2]) + std::sqrt(squares[3])) / 3;
       const float scale = std::clamp(size * side, 5e-4f * distance, 0.02f * distance);
-      const float flat =
-          std::clamp(2 * std::sqrt(std::max(axes.eigenvalues()[0], 0.0f) /
-                                   std::max(axes.eigenvalues()[1], 1e-20f)),
-                     kFlattest, 1.0f);
+      const float flat = std::clamp(2 * std::sqrt(std::max(axes.eigenvalues()[0], 0.0f) /
+                                                  std::max(axes.eigenvalues()[1], 1e-20f)),
+                                    kFlattest, 1.0f);
       put(points[i], {scale, scale, flat * scale}, Eigen::Quaternionf(rotation), opacity, distance,
           &list->rows[(first + i) * kGaussianRows]);
     }
@@ -195,7 +194,8 @@ void append_sky(const TrainingSet& data, const Eigen::Vector3f& centre, float ra
                    r = std::sqrt(std::max(0.0, 1 - z * z)),
                    turn = M_PI * (3 - std::sqrt(5.0)) * double(i);
       const Eigen::Vector3f at =
-          centre + radius * Eigen::Vector3d(r * std::cos(turn), r * std::sin(turn), z).cast<float>();
+          centre +
+          radius * Eigen::Vector3d(r * std::cos(turn), r * std::sin(turn), z).cast<float>();
       if (const auto rgb = colour_of(data, at, 7 * i)) points[i] = Point{at, *rgb};
     }
   });

@@ -11,7 +11,7 @@
 namespace redrive {
 namespace {
 
-enum LossSlot { kL1Loss, kSsimLoss };  // in StepSums::terms
+enum LossSlot { kL1Loss, kSsimLoss };    // in StepSums::terms
 constexpr float kExposuresFrom = 0.05f;  // progress
 
 /// A part of a view's image.
@@ -41,10 +41,9 @@ void cut(const TrainingSet& data, int pixels, ImageLevel* level) {
     const View& view = data.scene.views[v];
     if (view.held_out) continue;
     const Camera& camera = level->cameras[view.camera];
-    const double parts =
-        std::ceil(static_cast<double>(camera.width) * camera.height / pixels);
-    const int down = std::max(1, static_cast<int>(std::lround(
-                                     std::sqrt(parts * camera.height / camera.width)))),
+    const double parts = std::ceil(static_cast<double>(camera.width) * camera.height / pixels);
+    const int down = std::max(1, static_cast<int>(
+                                     std::lround(std::sqrt(parts * camera.height / camera.width)))),
               across = static_cast<int>(std::ceil(parts / down));
     const auto side = [](int length, int n) {
       return (length + n * kernels::kTileSide - 1) / (n * kernels::kTileSide) * kernels::kTileSide;
@@ -79,7 +78,8 @@ Image8 halved(const Image8& image) {
       for (int c = 0; c < 3; ++c) half.rgb[3 * to + c] = mean(image.rgb, 3, c);
       if (!half.alpha.empty()) half.alpha[to] = mean(image.alpha, 1, 0);
       if (!half.used.empty())
-        half.used[to] = std::ranges::all_of(from, [&](std::size_t i) { return image.used[i] != 0; });
+        half.used[to] =
+            std::ranges::all_of(from, [&](std::size_t i) { return image.used[i] != 0; });
     }
   return half;
 }
@@ -172,8 +172,7 @@ StepOutput SplatModel::step(kernels::Backend& backend, const TrainingSet& data,
   const std::array<float, 3> of_scene = background_colour(data.scene.background);
   const std::uint64_t colour = random_key(request.seed, kStreamBackground, drawn);
   for (int c = 0; c < 3; ++c) {
-    options.background[c] =
-        data.scene.random_background ? random_unit(colour, c) : background[c];
+    options.background[c] = data.scene.random_background ? random_unit(colour, c) : background[c];
     if (!image.alpha.empty())
       input.target.background_change[c] = options.background[c] - of_scene[c];
   }
@@ -214,8 +213,7 @@ StepOutput SplatModel::step(kernels::Backend& backend, const TrainingSet& data,
   buffers->workspace.begin(backend);
   StepSums& sums = buffers->workspace.sums();
   double through = 0;
-  const std::span<const float> transmittance =
-      own.image.transmittance.span().first(size.plane());
+  const std::span<const float> transmittance = own.image.transmittance.span().first(size.plane());
   backend.mean(transmittance, &through);
   sums.opacity = 1 - through;
   sums.rgb_mse = loss.mse;
@@ -244,8 +242,7 @@ void SplatModel::update(kernels::Backend& backend, double learning_rate, std::in
       static_cast<float>(1 / (1 - std::pow(double(beta2), static_cast<double>(step))));
   update.step.epsilon = epsilon;
   const auto set = [&](int first, int end, float factor) {
-    std::fill(update.rates + first, update.rates + end,
-              static_cast<float>(learning_rate) * factor);
+    std::fill(update.rates + first, update.rates + end, static_cast<float>(learning_rate) * factor);
   };
   set(kPositionRow, kLogScaleRow, position_rate);
   set(kLogScaleRow, kQuaternionRow, scale_rate);
@@ -255,10 +252,10 @@ void SplatModel::update(kernels::Backend& backend, double learning_rate, std::in
   set(kHarmonicsRow, kDistanceRow, harmonics_rate);
   update.min_log_scale = std::log(min_scale);
   update.max_log_scale = std::log(max_scale);
-  backend.gaussians().update_gaussians(
-      update, static_cast<std::size_t>(gaussians), gradients.first(blocks),
-      parameters.span().first(blocks), adam->first_moment.span().first(blocks),
-      adam->second_moment.span().first(blocks));
+  backend.gaussians().update_gaussians(update, static_cast<std::size_t>(gaussians),
+                                       gradients.first(blocks), parameters.span().first(blocks),
+                                       adam->first_moment.span().first(blocks),
+                                       adam->second_moment.span().first(blocks));
   for (std::size_t i = blocks; i < gradients.size(); ++i) {
     if (gradients[i] == 0) continue;
     parameters[i] = (1 - exposure_decay) * (parameters[i] + exposure_rate * gradients[i]);
@@ -271,13 +268,12 @@ void SplatModel::finish_step(kernels::Backend&, const StepRequest& request, cons
   if (step % densify_every != 0 || request.progress >= double(densified_until)) return;
   const double grown = std::min(1.0, request.progress / double(grown_by));
   DensifyOptions options;
-  options.target = static_cast<std::size_t>(
-      first_gaussians + grown * std::max(0, max_gaussians - first_gaussians));
+  options.target = static_cast<std::size_t>(first_gaussians +
+                                            grown * std::max(0, max_gaussians - first_gaussians));
   options.min_opacity = min_opacity;
-  gaussians = static_cast<int>(densify(
-      options,
-      random_key(request.seed, kStreamDensify, static_cast<std::uint64_t>(step)),
-      static_cast<std::size_t>(gaussians), appearance.size(), &parameters, adam));
+  gaussians = static_cast<int>(
+      densify(options, random_key(request.seed, kStreamDensify, static_cast<std::uint64_t>(step)),
+              static_cast<std::size_t>(gaussians), appearance.size(), &parameters, adam));
 }
 
 RenderedImage SplatModel::render(kernels::Backend& backend, const RayTable& rays,
@@ -301,8 +297,8 @@ RenderedImage SplatModel::render(kernels::Backend& backend, const RayTable& rays
   image.valid.assign(pixels, 0);
   const std::array<float, 3> gain = gains(exposure);
   for (const std::uint32_t pixel : rays.pixel) {
-    const std::size_t from = static_cast<std::size_t>(pixel / rays.width) * rendered_.size.stride +
-                             pixel % rays.width;
+    const std::size_t from =
+        static_cast<std::size_t>(pixel / rays.width) * rendered_.size.stride + pixel % rays.width;
     for (int c = 0; c < 3; ++c)
       image.rgb[3 * std::size_t{pixel} + c] =
           std::clamp(gain[c] * rendered_.rgb[c * plane + from], 0.0f, 1.0f);

@@ -18,16 +18,16 @@ namespace redrive {
 struct SplatModel final : Model {
   InitialGaussianOptions initial;
   int max_gaussians = 400000;
-  int window_pixels = 260000;   ///< of a step; larger images are cut into windows
-  float coarse_progress = 0.6f; ///< part of the run at half size, for images that are cut
+  int window_pixels = 260000;    ///< of a step; larger images are cut into windows
+  float coarse_progress = 0.6f;  ///< part of the run at half size, for images that are cut
   double initial_rate = 0.1, last_rate = 0.03;
   /// Learning rates as multiples of the opacity's.
   float position_rate = 0.008f, scale_rate = 0.4f, rotation_rate = 0.16f, colour_rate = 0.3f,
         harmonics_rate = 0.01f;
   float l1_weight = 0.8f, ssim_weight = 0.2f;
-  float min_scale = 2e-4f, max_scale = 1;  ///< of the two larger axes, of the distance
-  float min_opacity = 0.01f;               ///< of Gaussians that are kept
-  int densify_every = 100;                 ///< steps
+  float min_scale = 2e-4f, max_scale = 1;          ///< of the two larger axes, of the distance
+  float min_opacity = 0.01f;                       ///< of Gaussians that are kept
+  int densify_every = 100;                         ///< steps
   float grown_by = 0.6f, densified_until = 0.85f;  ///< progress
   int warm_up_steps = 50;
   float beta2 = 0.99f, epsilon = 1e-15f;  ///< of Adam
@@ -61,15 +61,18 @@ struct SplatModel final : Model {
   std::string describe_schedule(std::int64_t total_steps) const override;
   void update(kernels::Backend& backend, double learning_rate, std::int64_t step,
               std::span<float> gradients, AdamState* adam) override;
-  void finish_step(kernels::Backend& backend, const StepRequest& request,
-                   const StepOutput& output, std::int64_t step, AdamState* adam) override;
+  void finish_step(kernels::Backend& backend, const StepRequest& request, const StepOutput& output,
+                   std::int64_t step, AdamState* adam) override;
   RenderedImage render(kernels::Backend& backend, const RayTable& rays,
                        const ShutterPoses& world_from_camera,
                        const Exposure& exposure) const override;
   std::uint64_t step_bytes() const override;
-  DeviceWork training_work() const override { return {.step_pixels = window_pixels, .trains = true}; }
+  DeviceWork training_work() const override {
+    return {.step_pixels = window_pixels, .trains = true};
+  }
   DeviceWork rendering_work() const override { return {.tile_pixels = window_pixels}; }
-  void rehearse(kernels::Backend&, const DeviceWork&, std::span<float>, Workspace*) const override {}
+  void rehearse(kernels::Backend&, const DeviceWork&, std::span<float>, Workspace*) const override {
+  }
 
   kernels::Gaussians view() const {
     return {static_cast<std::size_t>(gaussians), parameters.span().first(blocks_size())};

@@ -16,18 +16,17 @@ constexpr int kMostGaussians = 20'000'000;
 }  // namespace
 
 Method splat_method() {
-  return {.name = "splat",
-          .help = "3D Gaussians, rasterised",
-          .make = [] { return std::unique_ptr<Model>(std::make_unique<SplatModel>()); },
-          .defaults = {{"max-seconds", "120"}},
-          .presets = {{"fast", "30 seconds", {{"max-seconds", "30"}, {"max-gaussians", "300000"}}},
-                      {"best",
-                       "10 minutes",
-                       {{"max-seconds", "600"}, {"max-gaussians", "700000"}}}},
-          .refines_poses = true,
-          .random_background = true,
-          .contracts_space = true,
-          .rasterises = true};
+  return {
+      .name = "splat",
+      .help = "3D Gaussians, rasterised",
+      .make = [] { return std::unique_ptr<Model>(std::make_unique<SplatModel>()); },
+      .defaults = {{"max-seconds", "120"}},
+      .presets = {{"fast", "30 seconds", {{"max-seconds", "30"}, {"max-gaussians", "300000"}}},
+                  {"best", "10 minutes", {{"max-seconds", "600"}, {"max-gaussians", "700000"}}}},
+      .refines_poses = true,
+      .random_background = true,
+      .contracts_space = true,
+      .rasterises = true};
 }
 
 std::string SplatModel::describe() const {
@@ -45,7 +44,8 @@ void SplatModel::visit_hyperparameters(HyperparameterVisitor& visit) {
   visit({"initial.sky", "first Gaussians on a sphere around the scene", 0, 1'000'000}, initial.sky);
   visit({"initial.random", "first Gaussians of a bounded scene without points", 0, 10'000'000},
         initial.random);
-  visit({"initial.extruded", "share of the LiDAR returns above the cameras that are put once more, "
+  visit({"initial.extruded",
+         "share of the LiDAR returns above the cameras that are put once more, "
          "up to 9 m higher",
          0, 1},
         initial.extruded);
@@ -56,10 +56,10 @@ void SplatModel::visit_hyperparameters(HyperparameterVisitor& visit) {
         window_pixels);
   visit({"coarse_progress", "part of the run in which images that are cut are halved first", 0, 1},
         coarse_progress);
-  visit(Hyperparameter{"learning_rate", "of the opacities, at the start", 0, 1}
-            .exclusive()
-            .as_option("learning-rate"),
-        initial_rate);
+  visit(
+      Hyperparameter{"learning_rate", "of the opacities, at the start", 0, 1}.exclusive().as_option(
+          "learning-rate"),
+      initial_rate);
   visit(Hyperparameter{"lr_gamma", "factor of the learning rates at the end of the run", 0, 1}
             .exclusive()
             .as_option("lr-gamma"),
@@ -91,11 +91,12 @@ void SplatModel::visit_hyperparameters(HyperparameterVisitor& visit) {
   visit(Hyperparameter{"adam.epsilon", "of Adam", 0, 1}.exclusive(), epsilon);
   visit(Hyperparameter{"appearance.cameras", "cameras with an exposure", 0, 1024}.from_recording(),
         appearance.cameras);
-  visit({"appearance.knots", "knots of each camera's exposure over time; 0: no exposure", 0,
-         100'000},
-        appearance.knots);
-  visit(Hyperparameter{"appearance.knot_spacing_s", "time between two knots, s", 0, 1e6}.exclusive(),
-        appearance.knot_spacing_s);
+  visit(
+      {"appearance.knots", "knots of each camera's exposure over time; 0: no exposure", 0, 100'000},
+      appearance.knots);
+  visit(
+      Hyperparameter{"appearance.knot_spacing_s", "time between two knots, s", 0, 1e6}.exclusive(),
+      appearance.knot_spacing_s);
   visit({"exposure_rate", "of the way to an image's best exposure, in a step", 0, 1},
         exposure_rate);
   visit({"exposure_decay", "of log gains, in a step of their image", 0, 1}, exposure_decay);

@@ -94,8 +94,7 @@ StepResult DataParallelGroup::step(const TrainingSet& data, const StepRequest& r
   if (several) all_reduce_->mean(gradients);
   all.cells = several ? cells_ : first().result.cells;
   all.squared_errors = several ? squared_errors_ : first().result.squared_errors;
-  each(
-      [&](Rank& rank) {
+  each([&](Rank& rank) {
     apply_step(rank.backend, request, all, learning_rate, rank.state, &rank.buffers);
   });
   return all;

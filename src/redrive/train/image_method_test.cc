@@ -109,8 +109,8 @@ struct StripModel final : Model {
     const auto n = static_cast<std::size_t>(strips);
     return {{0, n, adam_step(rate / 2, step)}, {n, 2 * n, adam_step(rate, step)}};
   }
-  void finish_step(kernels::Backend& backend, const StepRequest&, const StepOutput&, std::int64_t step,
-                   AdamState* adam) override {
+  void finish_step(kernels::Backend& backend, const StepRequest&, const StepOutput&,
+                   std::int64_t step, AdamState* adam) override {
     if (step % steps_per_split != 0 || strips >= 16) return;
     for (Buffer<float>* numbers : {&parameters, &adam->first_moment, &adam->second_moment}) {
       backend.download(*numbers);

@@ -71,8 +71,8 @@ struct Splat2dGradient {
 
 /// Adds the derivatives of d_rgb . rgb + d_range range_error of a pixel to `gradients`, by splat.
 inline void blend_gaussians_adjoint(const std::vector<Splat2d<double>>& splats, double x, double y,
-                                    const float* background, double log_range,
-                                    const double* d_rgb, double d_range, double error,
+                                    const float* background, double log_range, const double* d_rgb,
+                                    double d_range, double error,
                                     std::vector<Splat2dGradient>* gradients) {
   const BlendedPixel<double> all = blend_gaussians(splats, x, y, background, log_range);
   double t = 1, behind = d_range * all.range_error;

@@ -51,11 +51,10 @@ TEST(BlendGaussiansTest, AdjointAgreesWithAutomaticDifferentiation) {
   std::vector<Splat2dGradient> d(kSplats);
   blend_gaussians_adjoint(all, kX, kY, kBackground, kLogRange, kRgbWeights, kRangeWeight, 0.5, &d);
   for (int i = 0; i < kSplats; ++i) {
-    const double found[kNumbers] = {d[i].mean[0],  d[i].mean[1],
-                                    d[i].conic[0], d[i].conic[1],
-                                    d[i].conic[2], d[i].log_alpha / all[i].alpha,
-                                    d[i].rgb[0],   d[i].rgb[1],
-                                    d[i].rgb[2],   d[i].distance};
+    const double found[kNumbers] = {d[i].mean[0],  d[i].mean[1],  d[i].conic[0],
+                                    d[i].conic[1], d[i].conic[2], d[i].log_alpha / all[i].alpha,
+                                    d[i].rgb[0],   d[i].rgb[1],   d[i].rgb[2],
+                                    d[i].distance};
     for (int k = 0; k < kNumbers; ++k)
       EXPECT_NEAR(found[k], loss.v[kNumbers * i + k], 1e-9) << i << ", " << k;
   }

@@ -35,8 +35,8 @@ struct RasterMemory {
 };
 
 GaussianPose<Math> pose_at(const GaussianCamera& camera, double v) {
-  const double row = (v + 0.5 + static_cast<double>(camera.first_row)) /
-                     static_cast<double>(camera.image_rows);
+  const double row =
+      (v + 0.5 + static_cast<double>(camera.first_row)) / static_cast<double>(camera.image_rows);
   const PlainPose pose =
       pose_at_row(camera.world_from_camera.data(), camera.world_from_camera.size(), row);
   GaussianPose<Math> out;
@@ -49,8 +49,8 @@ GaussianPose<Math> pose_at(const GaussianCamera& camera, double v) {
 bool meets_image(const PlainCamera& camera, const Projected& at) {
   const double reach = 2 * std::log(at.alpha / double(kMinAlpha));
   const double rx = std::sqrt(reach * at.variance[0]), ry = std::sqrt(reach * at.variance[1]);
-  return at.mean[0] + rx > -0.5 && at.mean[0] - rx < camera.width - 0.5 &&
-         at.mean[1] + ry > -0.5 && at.mean[1] - ry < camera.height - 0.5;
+  return at.mean[0] + rx > -0.5 && at.mean[0] - rx < camera.width - 0.5 && at.mean[1] + ry > -0.5 &&
+         at.mean[1] - ry < camera.height - 0.5;
 }
 
 class RefGaussianStages final : public GaussianStages {
@@ -123,12 +123,11 @@ class RefGaussianStages final : public GaussianStages {
     for (std::size_t i = 0; i < sums.size(); ++i) {
       const Drawn& d = w.drawn[i];
       const Splat2dGradient& sum = sums[i];
-      const ProjectedGradient<Math> projected{
-          {sum.mean[0], sum.mean[1]},
-          {sum.conic[0], sum.conic[1], sum.conic[2]},
-          sum.log_alpha,
-          {sum.rgb[0], sum.rgb[1], sum.rgb[2]},
-          sum.distance};
+      const ProjectedGradient<Math> projected{{sum.mean[0], sum.mean[1]},
+                                              {sum.conic[0], sum.conic[1], sum.conic[2]},
+                                              sum.log_alpha,
+                                              {sum.rgb[0], sum.rgb[1], sum.rgb[2]},
+                                              sum.distance};
       double d_rows[kGaussianRows];
       GaussianPoseGradient<Math> of_pose;
       project_gaussian_adjoint<Math>(camera.camera, d.pose, d.rows.data(), d.at, projected, d_rows,
@@ -166,8 +165,7 @@ class RefGaussianStages final : public GaussianStages {
         double of_pixel = 0;
         for (int c = 0; c < 3; ++c) {
           const std::size_t k = c * plane + i;
-          image[k] = mask * static_cast<double>(input.gains[c]) *
-                     static_cast<double>(input.rgb[k]);
+          image[k] = mask * static_cast<double>(input.gains[c]) * static_cast<double>(input.rgb[k]);
           target[k] = mask * static_cast<double>(targets[k]);
           const double off = image[k] - target[k];
           d[k] = static_cast<double>(input.l1_weight) / count * mask * ((off > 0) - (off < 0));
@@ -186,8 +184,7 @@ class RefGaussianStages final : public GaussianStages {
             for (int j = -kSsimRadius; j <= kSsimRadius; ++j)
               for (int i = -kSsimRadius; i <= kSsimRadius; ++i)
                 if (x + i >= 0 && x + i < width && y + j >= 0 && y + j < height)
-                  body(taps[i + kSsimRadius] * taps[j + kSsimRadius],
-                       c * plane + at(x + i, y + j));
+                  body(taps[i + kSsimRadius] * taps[j + kSsimRadius], c * plane + at(x + i, y + j));
           };
           SsimMoments mean;
           for_window([&](double tap, std::size_t k) { mean.add(tap, image[k], target[k]); });
@@ -238,7 +235,9 @@ class RefGaussianStages final : public GaussianStages {
       const float log_distance = std::log(std::max(distance, 1e-6f)),
                   least = update.min_log_scale + log_distance,
                   most = update.max_log_scale + log_distance;
-      const auto scale = [&](int k) -> float& { return numbers[gaussian_slot(i, kLogScaleRow + k)]; };
+      const auto scale = [&](int k) -> float& {
+        return numbers[gaussian_slot(i, kLogScaleRow + k)];
+      };
       const float smallest = std::min({scale(0), scale(1), scale(2)});
       for (int k = 0; k < 3; ++k)
         scale(k) = std::min(scale(k) > smallest ? std::max(scale(k), least) : scale(k), most);

@@ -17,10 +17,10 @@
 namespace redrive::kernels {
 namespace {
 
-constexpr std::size_t kBlocksPerRange = 256;   // 4096 Gaussians
-constexpr std::size_t kPairRanges = 16;        // of the visible Gaussians
+constexpr std::size_t kBlocksPerRange = 256;  // 4096 Gaussians
+constexpr std::size_t kPairRanges = 16;       // of the visible Gaussians
 constexpr std::size_t kTilesPerRange = 4;
-constexpr int kKeyBits = 11;                   // of a pass of the radix sort
+constexpr int kKeyBits = 11;  // of a pass of the radix sort
 constexpr std::size_t kBuckets = std::size_t{1} << kKeyBits;
 
 /// Returns `buffer` with at least n numbers of any value.
@@ -42,8 +42,8 @@ struct RasterMemory {
   Buffer<std::uint16_t> visible;       ///< by block
   Buffer<std::uint64_t> keys, sorted;  ///< by Gaussian, of the visible ones
   Buffer<TilePair> unordered, pairs;
-  Buffer<float> sums;                  ///< [pairs, kRecordFloats]
-  std::vector<std::uint32_t> first;    ///< [tiles + 1]: first pair of each tile
+  Buffer<float> sums;                ///< [pairs, kRecordFloats]
+  std::vector<std::uint32_t> first;  ///< [tiles + 1]: first pair of each tile
   std::size_t n_visible = 0;
   std::vector<float> shutter;
 };
@@ -137,8 +137,7 @@ class CpuGaussianStages final : public GaussianStages {
   ImageLossOutput image_loss(const ImageLossInput& input, std::span<float> d_rgb,
                              std::span<float> error) override {
     check_image_loss(input, d_rgb.size(), error.size());
-    const std::size_t plane = input.size.plane(), rows = input.size.height,
-                      rows_at_once = 8;
+    const std::size_t plane = input.size.plane(), rows = input.size.height, rows_at_once = 8;
     float* const target = grown(&target_, 3 * plane);
     float* const mask = grown(&mask_, plane);
     std::vector<TargetSums> targets(rows);
@@ -205,9 +204,8 @@ class CpuGaussianStages final : public GaussianStages {
                         .numbers = numbers.data(),
                         .first_moment = first_moment.data(),
                         .second_moment = second_moment.data()};
-    pool_.run_ranges(
-        gaussian_blocks(n), kBlocksPerRange,
-        [&](std::size_t begin, std::size_t end) { kernels_.update(job, begin, end); });
+    pool_.run_ranges(gaussian_blocks(n), kBlocksPerRange,
+                     [&](std::size_t begin, std::size_t end) { kernels_.update(job, begin, end); });
   }
 
  private:
@@ -220,9 +218,9 @@ class CpuGaussianStages final : public GaussianStages {
     w->shutter.clear();
     for (const PlainPose& pose : camera.world_from_camera) {
       // The inverse of a rotation is the conjugate of its quaternion x, y, z, w.
-      float key[7] = {static_cast<float>(pose.quaternion[3]), static_cast<float>(-pose.quaternion[0]),
-                      static_cast<float>(-pose.quaternion[1]),
-                      static_cast<float>(-pose.quaternion[2])};
+      float key[7] = {
+          static_cast<float>(pose.quaternion[3]), static_cast<float>(-pose.quaternion[0]),
+          static_cast<float>(-pose.quaternion[1]), static_cast<float>(-pose.quaternion[2])};
       if (!w->shutter.empty()) {
         const float* const before = &w->shutter[w->shutter.size() - 7];
         float dot = 0;
@@ -257,8 +255,7 @@ class CpuGaussianStages final : public GaussianStages {
     });
     w->n_visible = 0;
     for (std::size_t range = 0; range < drawn.size(); ++range) {
-      const std::uint64_t* const from =
-          w->keys.data() + range * kBlocksPerRange * kGaussianBlock;
+      const std::uint64_t* const from = w->keys.data() + range * kBlocksPerRange * kGaussianBlock;
       std::copy(from, from + drawn[range], w->keys.data() + w->n_visible);
       w->n_visible += drawn[range];
     }

@@ -67,7 +67,8 @@ std::size_t project(const ProjectionJob& job, std::size_t begin, std::size_t end
       Vf rows[kDistanceRow];
       const float* const numbers = job.gaussians + block * kBlockSize;
       for (int k = 0; k < 3; ++k)
-        rows[kPositionRow + k] = load(numbers + (kPositionRow + k) * kGaussianBlock + vector * kLanes);
+        rows[kPositionRow + k] =
+            load(numbers + (kPositionRow + k) * kGaussianBlock + vector * kLanes);
       Pose pose;
       Projected at;
       project_means(job, rows, &pose, &at);
@@ -126,8 +127,7 @@ void project_backward(const ProjectionBackwardJob& job, std::size_t begin, std::
       alignas(64) float of_lane[kLanes][kRecordFloats] = {}, by_sum[kRecordFloats][kLanes];
       for (unsigned left = bits; left != 0; left &= left - 1) {
         const int lane = __builtin_ctz(left);
-        const RasterRecord& record =
-            job.records[block * kGaussianBlock + vector * kLanes + lane];
+        const RasterRecord& record = job.records[block * kGaussianBlock + vector * kLanes + lane];
         const float* pair = job.sums + std::size_t{record.first_pair} * kRecordFloats;
         for (std::uint32_t i = 0; i < record.pairs; ++i, pair += kRecordFloats)
           for (int k = 0; k < kRecordFloats; k += kLanes)

@@ -12,13 +12,13 @@ namespace redrive::kernels {
 
 /// A drawn Gaussian, one cache line.
 struct alignas(64) RasterRecord {
-  float x, y;             ///< mean, pixels
-  float xx, xy, yy;       ///< log2 of the falloff at (dx, dy): xx dx^2 + xy dx dy + yy dy^2
-  float log2_alpha;       ///< at the mean
+  float x, y;        ///< mean, pixels
+  float xx, xy, yy;  ///< log2 of the falloff at (dx, dy): xx dx^2 + xy dx dy + yy dy^2
+  float log2_alpha;  ///< at the mean
   float rgb[3];
-  float distance;         ///< of the mean from the camera, metres
+  float distance;  ///< of the mean from the camera, metres
   float log_distance;
-  float radius[2];        ///< half sides of the rectangle beyond which alpha is below kMinAlpha
+  float radius[2];  ///< half sides of the rectangle beyond which alpha is below kMinAlpha
   std::uint32_t first_pair, pairs;  ///< its tiles' pairs, in the order of their making
   float unused;
 };
@@ -31,11 +31,12 @@ struct TilePair {
   std::uint32_t gaussian, tile, blocks, slot;
 };
 
-/// Keys of a rolling shutter: quaternion w x y z of camera_from_world, then the centre in the world.
+/// Keys of a rolling shutter: quaternion w x y z of camera_from_world, then the centre in the
+/// world.
 struct ShutterKeys {
   int n = 1;
-  const float* keys = nullptr;  ///< [n, 7], neighbours on the same half of the sphere
-  float rotation[9];            ///< camera_from_world of the only key
+  const float* keys = nullptr;          ///< [n, 7], neighbours on the same half of the sphere
+  float rotation[9];                    ///< camera_from_world of the only key
   float row_scale = 0, row_offset = 0;  ///< position among the keys: row_scale v + row_offset
 };
 
@@ -69,8 +70,13 @@ static constexpr std::size_t tile_scratch(std::size_t n) {
 
 /// Sums over the pixels of a tile, all of the derivative by log alpha times what the name says.
 enum PairSum {
-  kSumAlpha, kSumX, kSumY, kSumXX, kSumXY, kSumYY,
-  kSumRgb,         ///< 3: derivatives by the colour
+  kSumAlpha,
+  kSumX,
+  kSumY,
+  kSumXX,
+  kSumXY,
+  kSumYY,
+  kSumRgb,  ///< 3: derivatives by the colour
   kSumError = 9,
   kSumLogDistance  ///< derivative by the logarithm of the distance
 };
@@ -86,8 +92,7 @@ struct ProjectionBackwardJob : ProjectionJob {
 struct UpdateJob {
   const float* rates = nullptr;  ///< by row
   float beta1, beta2, bias1, bias2, epsilon, min_log_scale, max_log_scale;
-  float *gradients = nullptr, *numbers = nullptr, *first_moment = nullptr,
-        *second_moment = nullptr;
+  float *gradients = nullptr, *numbers = nullptr, *first_moment = nullptr, *second_moment = nullptr;
 };
 
 /// Rows of the loss of an image. The window filter goes along rows, then along columns; planes of
@@ -97,11 +102,11 @@ struct LossJob {
   std::size_t stride = 0, plane = 0;
   const float *rgb = nullptr, *target = nullptr, *mask = nullptr;
   float gains[3];
-  float l1_scale, ssim_scale;  ///< weights over the number of masked numbers
+  float l1_scale, ssim_scale;   ///< weights over the number of masked numbers
   const float* taps = nullptr;  ///< of the window
-  float* masked = nullptr;      ///< 6 planes: 3 of the image with its gains, 3 of its target; 0 masked
-  float* moments = nullptr;     ///< 15 planes
-  float* slopes = nullptr;      ///< 9 planes
+  float* masked = nullptr;   ///< 6 planes: 3 of the image with its gains, 3 of its target; 0 masked
+  float* moments = nullptr;  ///< 15 planes
+  float* slopes = nullptr;   ///< 9 planes
   float *d_rgb = nullptr, *error = nullptr;
 };
 /// Sums of one row.

@@ -79,13 +79,12 @@ REDRIVE_INLINE void slopes_of_row(const LossJob& job, int y, std::size_t row, Lo
     for (std::size_t i = row; i < row + job.stride; i += kLanes) {
       Vf m[5] = {};
       for (int j = window.first; j < window.end; ++j) {
-        const float* const in = job.moments + 5 * c * job.plane + i +
-                                static_cast<std::ptrdiff_t>(j - kRadius) *
-                                    static_cast<std::ptrdiff_t>(job.stride);
+        const float* const in =
+            job.moments + 5 * c * job.plane + i +
+            static_cast<std::ptrdiff_t>(j - kRadius) * static_cast<std::ptrdiff_t>(job.stride);
         for (int k = 0; k < 5; ++k) m[k] += splat(job.taps[j]) * load(in + k * job.plane);
       }
-      const SsimGradient<LaneMath> s =
-          ssim_gradient<LaneMath>(m[0], m[1], m[2], m[3], m[4]);
+      const SsimGradient<LaneMath> s = ssim_gradient<LaneMath>(m[0], m[1], m[2], m[3], m[4]);
       const Vf mask = load(job.mask + i), scale = mask * splat(-0.5f * job.ssim_scale);
       total += mask * (splat(1.0f) - s.ssim);
       float* const out = job.slopes + 3 * c * job.plane + i;
@@ -120,9 +119,9 @@ REDRIVE_INLINE void finish_row(const LossJob& job, int y, std::size_t row, LossS
       if (job.ssim_scale > 0) {
         Vf m[3] = {};
         for (int j = window.first; j < window.end; ++j) {
-          const float* const in = job.moments + 3 * c * job.plane + i +
-                                  static_cast<std::ptrdiff_t>(j - kRadius) *
-                                      static_cast<std::ptrdiff_t>(job.stride);
+          const float* const in =
+              job.moments + 3 * c * job.plane + i +
+              static_cast<std::ptrdiff_t>(j - kRadius) * static_cast<std::ptrdiff_t>(job.stride);
           for (int k = 0; k < 3; ++k) m[k] += splat(job.taps[j]) * load(in + k * job.plane);
         }
         const Vf x = load(job.masked + at), y_ = load(job.masked + 3 * job.plane + at);

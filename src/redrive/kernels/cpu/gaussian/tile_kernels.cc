@@ -110,8 +110,7 @@ REDRIVE_INLINE void forward(const TileJob& job) {
       const Vf alpha = minimum(power_of_two(maximum(f.log2_alpha, splat(-20.0f))), most);
       const Vf w = kept(greater(f.log2_alpha, least), alpha * t);
       for (int k = 0; k < 3; ++k) rgb[k] += w * splat(record[6 + k]);
-      if constexpr (kDepth)
-        depth = (w > Vf{}) & (t > splat(0.5f)) ? splat(record[9]) : depth;
+      if constexpr (kDepth) depth = (w > Vf{}) & (t > splat(0.5f)) ? splat(record[9]) : depth;
       if constexpr (kRange) error += w * range_error(record, log_range);
       t -= w;
       if ((i & 3) == 3 && !any(greater(t, opaque))) break;
@@ -159,8 +158,8 @@ REDRIVE_INLINE void backward(const TileJob& job) {
       if (any(blended)) {
         const Vf full = power_of_two(maximum(f.log2_alpha, splat(-20.0f))),
                  alpha = minimum(full, most), w = kept(blended, alpha * t);
-        Vf d_w = d_rgb[0] * splat(record[6]) + d_rgb[1] * splat(record[7]) +
-                 d_rgb[2] * splat(record[8]);
+        Vf d_w =
+            d_rgb[0] * splat(record[6]) + d_rgb[1] * splat(record[7]) + d_rgb[2] * splat(record[8]);
         Vf sum[kSumLogDistance + 1];
         if constexpr (kRange) {
           const Vf off = splat(record[10]) - log_range, size = magnitude_of(off);
@@ -227,7 +226,8 @@ std::size_t bin(RasterRecord* records, const std::uint64_t* keys, std::size_t n,
         if (wanted && !wanted[tile]) continue;
         std::uint32_t blocks = 0;
         for (int v = 0; v < kVectors; ++v) {
-          const Vf x0 = left[v] + splat(static_cast<float>(tx * kTilePixels) - r.x), x1 = x0 + across,
+          const Vf x0 = left[v] + splat(static_cast<float>(tx * kTilePixels) - r.x),
+                   x1 = x0 + across,
                    y0 = top[v] + splat(static_cast<float>(ty * kTilePixels) - r.y), y1 = y0 + down;
           // The falloff is greatest on the sides nearest to the mean.
           const Vf side_x = minimum(maximum(zero, x0), x1), side_y = minimum(maximum(zero, y0), y1);

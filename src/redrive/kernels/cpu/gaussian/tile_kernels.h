@@ -8,8 +8,8 @@
 
 namespace redrive::kernels::REDRIVE_ISA {
 
-constexpr int kTilePixels = 16;              ///< a side
-constexpr int kBlockColumns = 4;             ///< pixels of a vector: 4 columns
+constexpr int kTilePixels = 16;   ///< a side
+constexpr int kBlockColumns = 4;  ///< pixels of a vector: 4 columns
 constexpr int kBlockRows = kLanes / kBlockColumns;
 constexpr int kBlocksPerTile = kTilePixels * kTilePixels / kLanes;
 constexpr float kLog2InverseMinAlpha = 7.9943534f;  ///< log2(255)
