@@ -204,7 +204,7 @@ TEST_F(EndToEnd, RefusesInvalidTrainingOptions) {
       {"--gpus", "0"},
       {"--gpus", "64"},
       {"--isa", "sse"},
-      {"--method", "splat"},
+      {"--method", "splats"},
       {"--preset", "report-9"},
       {"--undistort"},
       {"--refine-poses", "maybe"},
