@@ -11,6 +11,7 @@
 #include "redrive/base/files.h"
 #include "redrive/cli/backend_options.h"
 #include "redrive/cli/command.h"
+#include "redrive/cli/output_file.h"
 #include "redrive/image/image_io.h"
 #include "redrive/render/renderer.h"
 #include "redrive/render/view_pose.h"
@@ -53,16 +54,13 @@ Eigen::Vector3d parse_translation(const std::string& text) {
   return shift_m;
 }
 
-/// Checks, before anything is rendered, that the extension is an image format, the folder exists
-/// and nothing is overwritten.
-void check_output(const char* option, const fs::path& file, bool force, bool jpeg_too) {
+/// Checks, before anything is rendered, that the extension is an image format and that the file can
+/// be written.
+void check_image_output(const char* option, const fs::path& file, bool force, bool jpeg_too) {
   if (!has_extension(file, {".png"}) && !(jpeg_too && has_extension(file, {".jpg", ".jpeg"})))
     throw UsageError(option, file.string(),
                      jpeg_too ? "must end in .png, .jpg or .jpeg" : "must end in .png");
-  if (const fs::path folder = file.parent_path(); !folder.empty() && !fs::is_directory(folder))
-    throw UsageError(option, file.string(), "its folder does not exist");
-  if (fs::exists(file) && !force)
-    throw UsageError(option, file.string(), "exists; --force overwrites it");
+  check_output_file(option, file, force);
 }
 
 const RigCamera& find_camera(const Scene& scene, const std::string& name) {
@@ -93,8 +91,8 @@ Exposure exposure_of(const RenderOptions& options, const Run& run, const std::st
 int render_one(const RenderOptions& options) {
   const std::int64_t frame = parse_frame("--frame", options.frame);
   const Eigen::Vector3d shift_m = parse_translation(options.translate);
-  check_output("--out", options.out, options.force, true);
-  if (!options.depth.empty()) check_output("--depth", options.depth, options.force, false);
+  check_image_output("--out", options.out, options.force, true);
+  if (!options.depth.empty()) check_image_output("--depth", options.depth, options.force, false);
   if (!options.depth.empty() && fs::weakly_canonical(fs::absolute(options.depth)) ==
                                     fs::weakly_canonical(fs::absolute(options.out)))
     throw UsageError("--depth", options.depth, "must differ from --out");

@@ -24,6 +24,7 @@ Action configure_train(CLI::App& command);
 Action configure_resume(CLI::App& command);
 Action configure_eval(CLI::App& command);
 Action configure_render(CLI::App& command);
+Action configure_export(CLI::App& command);
 Action configure_figures(CLI::App& command);
 Action configure_bench(CLI::App& command);
 Action configure_doctor(CLI::App& command);

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
@@ -117,6 +118,17 @@ struct DeviceWork {
   int scored_width = 0, scored_height = 0;  ///< of the largest scored image
 };
 
+struct ExportOptions {
+  int sh_degree = 1;  ///< of the colours' spherical harmonics, at most: 0 or 1
+};
+
+/// A file format of other programs that a trained model can be written in.
+struct ExportFormat {
+  std::string name;                                         ///< value of --to
+  std::string help;                                         ///< one line
+  std::function<std::string(const ExportOptions&)> encode;  ///< returns the bytes of the file
+};
+
 class Model : public Configurable {
  public:
   // ---- Description and hyperparameters
@@ -178,6 +190,11 @@ class Model : public Configurable {
   virtual RenderedImage render(kernels::Backend& backend, const RayTable& rays,
                                const ShutterPoses& world_from_camera,
                                const Exposure& exposure) const = 0;
+
+  // ---- Export
+  /// Returns the formats that this model can be exported to, none by default. They refer to the
+  /// model.
+  virtual std::vector<ExportFormat> export_formats() const { return {}; }
 
   // ---- Memory
   virtual std::uint64_t step_bytes()

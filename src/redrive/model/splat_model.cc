@@ -7,6 +7,7 @@
 #include "redrive/base/rng.h"
 #include "redrive/camera/plain_camera.h"
 #include "redrive/model/densify_gaussians.h"
+#include "redrive/model/gaussian_ply.h"
 
 namespace redrive {
 namespace {
@@ -307,6 +308,12 @@ RenderedImage SplatModel::render(kernels::Backend& backend, const RayTable& rays
     image.valid[pixel] = 1;
   }
   return image;
+}
+
+std::vector<ExportFormat> SplatModel::export_formats() const {
+  return {
+      {"splat-ply", "PLY of 3D Gaussians, as viewers of 3D Gaussian Splatting read it",
+       [this](const ExportOptions& options) { return gaussian_ply(view(), options.sh_degree); }}};
 }
 
 }  // namespace redrive

@@ -66,6 +66,7 @@ struct SplatModel final : Model {
   RenderedImage render(kernels::Backend& backend, const RayTable& rays,
                        const ShutterPoses& world_from_camera,
                        const Exposure& exposure) const override;
+  std::vector<ExportFormat> export_formats() const override;
   std::uint64_t step_bytes() const override;
   DeviceWork training_work() const override {
     return {.step_pixels = window_pixels, .trains = true};

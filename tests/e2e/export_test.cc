@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: Apache-2.0
+// redrive export on small runs.
+#include "redrive/model/splat_model.h"
+#include "redrive/recording/ply.h"
+#include "redrive/train/state.h"
+#include "tests/e2e/end_to_end.h"
+
+namespace redrive::testing {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+
+class Export : public EndToEnd {
+ protected:
+  ProgramResult exported(const fs::path& run, const std::vector<std::string>& more = {}) const {
+    std::vector<std::string> arguments = {"export", run.string(), "--to", "splat-ply",
+                                          file_.string()};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return redrive(arguments);
+  }
+
+  const fs::path file_ = folder_ / "street.ply";
+};
+
+TEST_F(Export, WritesTheGaussiansOfARun) {
+  const fs::path run = folder_ / "run";
+  const ProgramResult trained =
+      redrive({"train", drive_.string(), "--out", run.string(), "--method", "splat", "--max-steps",
+               "20", "--max-gaussians", "2000", "--set", "initial.sky=500", "--threads", "2"});
+  ASSERT_EQ(trained.exit_code, kExitOk) << trained.out << trained.err;
+  const ProgramResult ended = exported(run);
+  ASSERT_EQ(ended.exit_code, kExitOk) << ended.err;
+  EXPECT_THAT(ended.out, HasSubstr(file_.string()));
+
+  const TrainState state = load_checkpoint(run / "checkpoint.safetensors");
+  const kernels::Gaussians gaussians = dynamic_cast<const SplatModel&>(*state.model).view();
+  const std::vector<Eigen::Vector3d> points = read_ply(file_);
+  ASSERT_GT(gaussians.n, 100u);
+  ASSERT_EQ(points.size(), gaussians.n);
+  for (std::size_t i = 0; i < points.size(); ++i)
+    for (int k = 0; k < 3; ++k)
+      ASSERT_EQ(points[i][k], gaussians.numbers[gaussian_slot(i, kPositionRow + k)]);
+
+  const auto before = contents(folder_);
+  const ProgramResult again = exported(run, {"--sh-degree", "0"});
+  EXPECT_EQ(again.exit_code, kExitUsage);
+  EXPECT_THAT(again.err, AllOf(HasSubstr("street.ply"), HasSubstr("exists; --force")));
+  EXPECT_EQ(exported(run, {"--force", "--sh-degree", "2"}).exit_code, kExitUsage);
+  const ProgramResult full =
+      redrive({"export", run.string(), "--to", "splat-ply", "--force", file_.string()},
+              /*file_limit_bytes=*/10000);
+  EXPECT_EQ(full.exit_code, kExitIo) << full.out << full.err;
+  EXPECT_EQ(contents(folder_), before) << "nothing half-written";
+
+  ASSERT_EQ(exported(run, {"--force", "--sh-degree", "0"}).exit_code, kExitOk);
+  EXPECT_EQ(before.at(file_.string()).size() - fs::file_size(file_),
+            gaussians.n * 9 * sizeof(float) + 9 * std::string("property float f_rest_0\n").size());
+  EXPECT_EQ(read_ply(file_).size(), gaussians.n);
+}
+
+TEST_F(Export, RefusesWhatTheMethodDoesNotHave) {
+  const fs::path run = trained("run", 2);
+  const auto before = contents(folder_);
+  const ProgramResult ended = exported(run);
+  EXPECT_EQ(ended.exit_code, kExitUsage);
+  EXPECT_THAT(ended.err, AllOf(HasSubstr("--to"), HasSubstr("splat-ply"), HasSubstr("nerf")));
+  EXPECT_EQ(redrive({"export", run.string(), file_.string()}).exit_code, kExitUsage)
+      << "--to is missing";
+  EXPECT_EQ(exported(folder_ / "no_run").exit_code, kExitBadInput);
+  EXPECT_EQ(
+      redrive({"export", run.string(), "--to", "splat-ply", folder_ / "no" / "a.ply"}).exit_code,
+      kExitUsage);
+  EXPECT_EQ(contents(folder_), before);
+}
+
+}  // namespace
+}  // namespace redrive::testing
