@@ -72,7 +72,9 @@ PlainCamera make_plain_camera(const Camera& camera) {
   } else if (const auto* mei = std::get_if<Mei>(&camera.model)) {
     out.kind = PlainCamera::Kind::kMei;
     out.xi = static_cast<float>(mei->xi);
-    out.min_cosine = static_cast<float>(mei->xi > 1 ? -1 / mei->xi : -mei->xi);
+    // Points with a clamped w (math/plain_camera.h) have another pixel than the camera's.
+    out.min_cosine = static_cast<float>(std::max(mei->xi > 1 ? -1 / mei->xi : -mei->xi,
+                                                 static_cast<double>(kMinMeiDepth) - mei->xi));
     set_distortion(mei->distortion, corner, &out);
   } else {
     out.kind = PlainCamera::Kind::kOther;

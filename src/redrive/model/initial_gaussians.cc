@@ -295,14 +295,15 @@ GaussianList initial_gaussians(const TrainingSet& data, const InitialGaussianOpt
   if (list.size() < 1000 && scene.half_side)
     append_random(cameras, static_cast<float>(*scene.half_side), options.random,
                   random_key(seed, kStreamInit, 2), &list);
-  const std::size_t sky = scene.background == Background::kNone ? options.sky : 0;
-  shuffle(options.max_gaussians - std::min<std::size_t>(sky, options.max_gaussians / 2),
-          random_key(seed, kStreamInit, 3), &list);
+  const int sky =
+      scene.background == Background::kNone ? std::min(options.sky, options.max_gaussians / 2) : 0;
+  shuffle(static_cast<std::size_t>(options.max_gaussians - sky), random_key(seed, kStreamInit, 3),
+          &list);
   if (sky > 0) {
     Eigen::Vector3d centre = Eigen::Vector3d::Zero();
     for (const View& view : scene.views)
       centre += scene.world_from_camera(view).translation() / double(scene.views.size());
-    append_sky(data, centre.cast<float>(), kFar * reach, options.sky, !scene.metric, pool, &list);
+    append_sky(data, centre.cast<float>(), kFar * reach, sky, !scene.metric, pool, &list);
   }
   return list;
 }

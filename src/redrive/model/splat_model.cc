@@ -113,6 +113,24 @@ void find_tiles(const Image8& image, const Window& window, std::vector<std::uint
           image.used[static_cast<std::size_t>(window.y + y) * image.width + window.x + x];
 }
 
+/// Returns the mean over the pixels that are not masked; the others' tiles are not drawn.
+double mean_opacity(const kernels::RasterImage& drawn, const Image8& image, const Window& window) {
+  double sum = 0;
+  std::size_t n = 0;
+  for (int y = 0; y < window.height; ++y) {
+    const float* const through =
+        drawn.transmittance.data() + static_cast<std::size_t>(y) * drawn.size.stride;
+    const std::size_t first =
+        static_cast<std::size_t>(window.y + y) * image.width + static_cast<std::size_t>(window.x);
+    for (int x = 0; x < window.width; ++x)
+      if (image.used.empty() || image.used[first + x]) {
+        sum += static_cast<double>(through[x]);
+        ++n;
+      }
+  }
+  return n > 0 ? 1 - sum / static_cast<double>(n) : 1;
+}
+
 kernels::GaussianCamera camera_of(const PlainCamera& whole, const Window& window,
                                   const ShutterPoses& poses) {
   return {window_of(whole, window.x, window.y, window.width, window.height), poses.keys(),
@@ -213,10 +231,7 @@ StepOutput SplatModel::step(kernels::Backend& backend, const TrainingSet& data,
 
   buffers->workspace.begin(backend);
   StepSums& sums = buffers->workspace.sums();
-  double through = 0;
-  const std::span<const float> transmittance = own.image.transmittance.span().first(size.plane());
-  backend.mean(transmittance, &through);
-  sums.opacity = 1 - through;
+  sums.opacity = mean_opacity(own.image, image, window);
   sums.rgb_mse = loss.mse;
   sums.terms[kL1Loss] = loss.l1;
   sums.terms[kSsimLoss] = loss.dssim;

@@ -170,7 +170,8 @@ std::vector<std::string> names_of(const std::vector<Method>& all) {
 std::vector<std::string> preset_names() {
   std::vector<std::string> names = {""};
   for (const Method& method : methods())
-    for (const Preset& preset : method.presets) names.push_back(preset.name);
+    for (const Preset& preset : method.presets)
+      if (std::ranges::find(names, preset.name) == names.end()) names.push_back(preset.name);
   return names;
 }
 

@@ -53,12 +53,16 @@ bool contains(const std::vector<std::string>& names, const std::string& name) {
   return std::ranges::find(names, name) != names.end();
 }
 
+/// Returns the method's preset of that name, or null.
+const Preset* find_preset(const Method& method, const std::string& name) {
+  const auto found = std::ranges::find(method.presets, name, &Preset::name);
+  return found == method.presets.end() ? nullptr : &*found;
+}
+
 /// Returns null if none is chosen or it is unknown.
 const Preset* find_preset(const TrainOptions& options) {
-  for (const Method& method : methods())
-    for (const Preset& preset : method.presets)
-      if (preset.name == options.preset) return &preset;
-  return nullptr;
+  const Method* method = find_method(options.method);
+  return method ? find_preset(*method, options.preset) : nullptr;
 }
 
 /// Sets the options that neither `given` nor --set names.
@@ -76,20 +80,23 @@ void set_defaults(const OptionValues& values, const std::vector<std::string>& gi
 }  // namespace
 
 void apply_preset(TrainOptions* options, const std::vector<std::string>& given) {
-  const Preset* preset = nullptr;
-  if (!options->preset.empty()) {
-    std::string known;
-    for (const Method& method : methods())
-      for (const Preset& candidate : method.presets) {
-        known += (known.empty() ? "" : ", ") + candidate.name;
-        if (candidate.name != options->preset) continue;
-        preset = &candidate;
-        if (!contains(given, "method")) options->method = method.name;
-        if (options->method != method.name)
-          throw UsageError("--preset", options->preset,
-                           "is not one of --method " + options->method);
-      }
-    if (!preset) throw UsageError("--preset", options->preset, "unknown; known are " + known);
+  const Preset* preset = find_preset(*options);
+  if (!options->preset.empty() && !preset) {
+    // Of several methods that have it the first one; the chosen or default method comes before.
+    const auto has_it = [&](const Method& method) { return find_preset(method, options->preset); };
+    const auto first = std::ranges::find_if(methods(), has_it);
+    if (first == methods().end()) {
+      std::string known;
+      for (const Method& method : methods())
+        for (const Preset& one : method.presets)
+          if (known.find(one.name) == std::string::npos)
+            known += (known.empty() ? "" : ", ") + one.name;
+      throw UsageError("--preset", options->preset, "unknown; known are " + known);
+    }
+    if (contains(given, "method"))
+      throw UsageError("--preset", options->preset, "is not one of --method " + options->method);
+    options->method = first->name;
+    preset = find_preset(*options);
   }
   const Method* method = find_method(options->method);
   if (!method) return;  // validate() rejects it

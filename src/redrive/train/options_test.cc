@@ -193,7 +193,15 @@ TEST(TrainOptions, DefaultsAreThoseOfTheMethod) {
   options = {};
   options.preset = "fast";
   apply_preset(&options, {});
+  EXPECT_EQ(options.method, "grid");
   EXPECT_EQ(options.max_seconds, 60);
+  options = {};
+  options.method = "splat";  // a preset of the same name
+  options.preset = "fast";
+  apply_preset(&options, {"method"});
+  EXPECT_EQ(options.method, "splat");
+  EXPECT_EQ(options.max_seconds, 30);
+  EXPECT_EQ(value_of(options, "max_gaussians"), "300000");
   options = {};
   options.max_steps = 7;
   apply_preset(&options, {"max-steps"});
@@ -289,6 +297,7 @@ TEST(TrainOptions, SecondSetupTakesTheRearCameraWhereTheMiddleOneIsMissing) {
   recording.cameras[0].calibration.name = "B_MIDRANGECAM_C";
   recording.cameras[1].calibration.name = "F_MIDLONGRANGECAM_CL";
   TrainOptions options;
+  options.method = "nerf";
   options.preset = "report-2";
   resolve_cameras(&options, recording);
   EXPECT_THAT(options.cameras, ElementsAre("F_MIDLONGRANGECAM_CL", "B_MIDRANGECAM_C"));

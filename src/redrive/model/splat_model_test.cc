@@ -1,0 +1,504 @@
+// SPDX-License-Identifier: Apache-2.0
+// Steps of method splat on images of known Gaussians.
+#include "redrive/model/splat_model.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+#include <gtest/gtest.h>
+
+#include "redrive/base/rng.h"
+#include "redrive/math/so3.h"
+#include "redrive/model/densify_gaussians.h"
+#include "redrive/model/splat_scene_testing.h"
+
+namespace redrive {
+namespace {
+
+float uniform(std::uint64_t key, std::uint64_t i) { return 2 * random_unit(key, i) - 1; }
+
+std::unique_ptr<kernels::Backend> fast_backend(int threads = 2) {
+  return best_isa() ? kernels::make_cpu_backend(*best_isa(), threads) : kernels::make_ref_backend();
+}
+
+/// Gaussians of 0.1 to 0.25 m within (+-2, +-1.3, 3..6) m.
+GaussianList known_gaussians(int n) {
+  GaussianList list;
+  list.rows.resize(static_cast<std::size_t>(n) * kGaussianRows);
+  for (int i = 0; i < n; ++i) {
+    float* const rows = &list.rows[static_cast<std::size_t>(i) * kGaussianRows];
+    const auto random = [&](int row) { return uniform(11, 100 * i + row); };
+    rows[kPositionRow] = 2 * random(0);
+    rows[kPositionRow + 1] = 1.3f * random(1);
+    rows[kPositionRow + 2] = 4.5f + 1.5f * random(2);
+    for (int k = 0; k < 3; ++k) {
+      rows[kLogScaleRow + k] = std::log(0.16f) + 0.45f * random(3 + k);
+      rows[kColourRow + k] = 0.35f + 0.25f * random(6 + k);
+    }
+    for (int k = 0; k < 4; ++k) rows[kQuaternionRow + k] = random(9 + k);
+    rows[kOpacityRow] = 1.5f + random(13);
+    rows[kDistanceRow] = 4.5f;
+  }
+  return list;
+}
+
+/// The same less well known: moved by up to `off` metres, grey, half transparent.
+GaussianList disturbed(GaussianList list, float off) {
+  for (std::size_t i = 0; i < list.size(); ++i) {
+    float* const rows = &list.rows[i * kGaussianRows];
+    for (int k = 0; k < 3; ++k) {
+      rows[kPositionRow + k] += off * uniform(12, 3 * i + k);
+      rows[kColourRow + k] = 0.4f;
+      rows[kLogScaleRow + k] += 0.3f * uniform(13, 3 * i + k);
+    }
+    rows[kOpacityRow] = 0;
+  }
+  return list;
+}
+
+void set_gaussians(const GaussianList& list, SplatModel* model) {
+  model->gaussians = model->first_gaussians = static_cast<int>(list.size());
+  model->parameters = Buffer<float>(model->size());
+  write_blocks(list, &model->parameters);
+}
+
+/// A model, its moments and what a trainer keeps.
+struct Training {
+  SplatModel model;
+  AdamState adam;
+  StepBuffers buffers;
+  std::int64_t step = 0, steps = 100;
+
+  void begin(const GaussianList& list) {
+    set_gaussians(list, &model);
+    model.max_gaussians = model.gaussians;
+    adam.first_moment = Buffer<float>(model.size());
+    adam.second_moment = Buffer<float>(model.size());
+    buffers.gradients = Buffer<float>(model.size());
+  }
+  StepRequest request() const {
+    StepRequest request;
+    request.seed = 5;
+    request.step = step;
+    request.progress = static_cast<double>(step) / static_cast<double>(steps);
+    return request;
+  }
+  /// Computes a step's gradients without applying them.
+  StepOutput gradients(kernels::Backend& backend, const TrainingSet& data,
+                       const StepRequest& request) {
+    if (buffers.gradients.size() != model.size()) buffers.gradients = Buffer<float>(model.size());
+    std::ranges::fill(buffers.gradients.span(), 0.0f);
+    return model.step(backend, data, request, buffers.gradients, &buffers);
+  }
+  double loss() {
+    double sum = 0;
+    for (const LossTerm& term : model.loss_terms(buffers.workspace.sums())) sum += term.value;
+    return sum;
+  }
+  void run(kernels::Backend& backend, const TrainingSet& data) {
+    for (; step < steps; ++step) {
+      const StepRequest request = this->request();
+      const StepOutput out = gradients(backend, data, request);
+      model.update(backend, model.learning_rate({step, steps, request.progress}), step + 1,
+                   buffers.gradients, &adam);
+      model.finish_step(backend, request, out, step + 1, &adam);
+    }
+  }
+};
+
+Rigid3d pose(const Eigen::Vector3d& centre, const Eigen::Vector3d& turn) {
+  Rigid3d pose = Rigid3d::Identity();
+  pose.linear() = so3_exp(turn);
+  pose.translation() = centre;
+  return pose;
+}
+
+/// Images of known Gaussians by a pinhole, two fisheyes and a rolling shutter.
+struct KnownScene : SplatScene {
+  SplatModel truth;
+  std::vector<Image8> held_out;  ///< by view
+
+  explicit KnownScene(int n = 120, double size = 1) {
+    const int w = static_cast<int>(64 * size), h = static_cast<int>(48 * size);
+    const double f = size;
+    add_camera("PINHOLE", "opencv_pinhole",
+               {50 * f, 50 * f, w / 2 - 0.5, h / 2 - 0.5, -0.1, 0.02, 0.001, 0, 0}, w, h);
+    add_camera("MEI", "mei", {80 * f, 80 * f, w / 2 - 0.5, h / 2 - 0.5, 0.02, -0.03, 0, 0, 0, 1.02},
+               w, h);
+    add_camera("FISHEYE", "opencv_fisheye",
+               {45 * f, 45 * f, w / 2 - 0.5, h / 2 - 0.5, 0.03, 0.005, 0, 0}, w, h);
+    add_camera("ROLLING", "opencv_pinhole",
+               {50 * f, 50 * f, w / 2 - 0.5, h / 2 - 0.5, 0, 0, 0, 0, 0}, w, h);
+    for (int i = 0; i < 12; ++i) {
+      const double at = i / 11.0 - 0.5;
+      const Rigid3d here =
+          pose({1.6 * at, i % 3 * 0.3 - 0.3, 0.2 * (i % 2)}, {0, -0.3 * at, 0.05 * at});
+      add_view(i % 4, here, i == 4 || i == 7);
+      if (i % 4 == 3)
+        for (int key = 0; key < 3; ++key)
+          scene.views.back().by_row.push_back(
+              here * pose({0.03 * (key - 1), 0, 0}, {0, 0.02 * (key - 1), 0}));
+    }
+    scene.metric = false;  // no exposures
+    finish();
+    set_gaussians(known_gaussians(n), &truth);
+    const auto backend = fast_backend();
+    for (std::size_t v = 0; v < scene.views.size(); ++v) {
+      const Image8 image = drawn(*backend, truth, v);
+      if (scene.views[v].held_out)
+        held_out.push_back(image);
+      else
+        images[v].rgb = image.rgb;
+    }
+  }
+  RenderedImage render(kernels::Backend& backend, const SplatModel& model, std::size_t view) const {
+    const View& of = scene.views[view];
+    return model.render(backend, make_ray_table(scene.rig[of.camera].camera),
+                        scene.shutter_poses(of), {});
+  }
+  Image8 drawn(kernels::Backend& backend, const SplatModel& model, std::size_t view) const {
+    const RenderedImage rendered = render(backend, model, view);
+    Image8 image;
+    image.width = rendered.width;
+    image.height = rendered.height;
+    for (const float x : rendered.rgb)
+      image.rgb.push_back(static_cast<std::uint8_t>(std::lround(255 * x)));
+    return image;
+  }
+  /// Of the held-out images.
+  double psnr_db(kernels::Backend& backend, const SplatModel& model) const {
+    double squares = 0, n = 0;
+    std::size_t next = 0;
+    for (std::size_t v = 0; v < scene.views.size(); ++v) {
+      if (!scene.views[v].held_out) continue;
+      const RenderedImage rendered = render(backend, model, v);
+      const Image8& image = held_out[next++];
+      for (std::size_t i = 0; i < image.rgb.size(); ++i) {
+        const double off = static_cast<double>(rendered.rgb[i]) - image.rgb[i] / 255.0;
+        squares += off * off;
+        ++n;
+      }
+    }
+    return -10 * std::log10(squares / n);
+  }
+};
+
+TEST(SplatModel, FindsAKnownSceneAgainInAllCameras) {
+  const KnownScene known;
+  const auto backend = fast_backend();
+  Training training;
+  training.steps = 300;
+  training.begin(disturbed(known_gaussians(120), 0.06f));
+  const double before = known.psnr_db(*backend, training.model);
+  training.run(*backend, known.data());
+  const double after = known.psnr_db(*backend, training.model);
+  EXPECT_LT(before, 24);
+  EXPECT_GT(after, 40) << "from " << before;
+  EXPECT_EQ(training.model.gaussians, 120);
+}
+
+TEST(SplatModel, TheReferenceTakesTheSameSteps) {
+  const KnownScene known(40);
+  const auto fast = fast_backend(), ref = kernels::make_ref_backend();
+  Training a, b;
+  a.steps = b.steps = 4;
+  a.begin(disturbed(known_gaussians(40), 0.05f));
+  b.begin(disturbed(known_gaussians(40), 0.05f));
+  for (std::int64_t step = 0; step < 4; ++step) {  // a camera of each kind
+    StepRequest request = a.request();
+    request.step = step;
+    a.gradients(*fast, known.data(), request);
+    b.gradients(*ref, known.data(), request);
+    EXPECT_NEAR(a.loss(), b.loss(), 1e-4 * b.loss());
+    EXPECT_NEAR(a.buffers.workspace.sums().opacity, b.buffers.workspace.sums().opacity, 2e-3);
+    for (int row = 0; row < kGaussianRows; ++row) {
+      double most = 0;
+      for (std::size_t i = 0; i < 40; ++i)
+        most = std::max(most, std::fabs(double(b.buffers.gradients[gaussian_slot(i, row)])));
+      EXPECT_GT(most, 0);
+      for (std::size_t i = 0; i < 40; ++i)
+        EXPECT_NEAR(a.buffers.gradients[gaussian_slot(i, row)],
+                    b.buffers.gradients[gaussian_slot(i, row)], 0.01 * most)
+            << "row " << row << " of " << i << " in step " << step;
+    }
+  }
+}
+
+TEST(SplatModel, DensifiesToItsLimitWhileItTrains) {
+  const KnownScene known;
+  const auto backend = fast_backend();
+  Training training;
+  training.steps = 300;
+  training.begin(disturbed(known_gaussians(40), 0.05f));
+  training.model.max_gaussians = 100;
+  training.model.densify_every = 20;
+  training.run(*backend, known.data());
+  EXPECT_GT(training.model.gaussians, 80);
+  EXPECT_LE(training.model.gaussians, 100);
+  EXPECT_EQ(training.model.parameters.size(), training.model.size());
+  EXPECT_EQ(training.adam.first_moment.size(), training.model.size());
+  EXPECT_GT(known.psnr_db(*backend, training.model), 20);
+}
+
+TEST(SplatModel, FindsTheExposuresOfImages) {
+  KnownScene known;
+  known.scene.metric = true;
+  // One camera takes all images, each with gains of its own.
+  std::vector<double> gains;
+  for (std::size_t v = 0; v < known.images.size(); ++v)
+    gains.push_back(std::exp(0.25 * uniform(14, v)));
+  for (std::size_t v = 0; v < known.images.size(); ++v)
+    for (std::uint8_t& value : known.images[v].rgb)
+      value = static_cast<std::uint8_t>(std::lround(gains[v] * value));
+  const auto backend = fast_backend();
+  Training training;
+  training.steps = 400;
+  training.model.configure(known.scene);
+  ASSERT_EQ(training.model.appearance.cameras, 4);
+  ASSERT_EQ(training.model.appearance.knots, 12);
+  // Exact Gaussians: what differs is the exposure.
+  training.begin(known_gaussians(120));
+  training.model.initial_rate = 0.01;
+  training.run(*backend, known.data());
+  double found = 0, given = 0, n = 0;  // means: a common factor is in the colours
+  std::vector<double> off;
+  for (std::size_t v = 0; v < known.images.size(); ++v) {
+    if (known.scene.views[v].held_out) continue;
+    const std::array<float, 3> gain = colour_gains(
+        training.model.appearance,
+        training.model.parameters.data() + gaussian_blocks(training.model.gaussians) * kBlockSize,
+        known.scene.exposure(known.scene.views[v]));
+    for (const float g : gain) {
+      found += std::log(g);
+      given += std::log(gains[v]);
+      off.push_back(std::log(g) - std::log(gains[v]));
+      ++n;
+    }
+  }
+  for (const double one : off) EXPECT_NEAR(one - (found - given) / n, 0, 0.04);
+}
+
+TEST(SplatModel, MaskedPixelsHaveNoEffect) {
+  KnownScene a, b;
+  for (std::size_t v = 0; v < a.images.size(); ++v) {
+    if (a.scene.views[v].held_out) continue;
+    for (KnownScene* known : {&a, &b}) {  // a corner with a whole tile, and a strip
+      known->images[v].used.assign(64 * 48, 1);
+      for (int y = 0; y < 48; ++y)
+        for (int x = 0; x < 64; ++x)
+          if ((y < 20 && x < 24) || x > 57) known->images[v].used[64 * y + x] = 0;
+    }
+    for (int i = 0; i < 64 * 48; ++i)
+      if (!b.images[v].used[i])
+        for (int c = 0; c < 3; ++c)
+          b.images[v].rgb[3 * i + c] = static_cast<std::uint8_t>(7 * i + c);
+  }
+  const auto backend = fast_backend();
+  const GaussianList start = disturbed(known_gaussians(120), 0.05f);
+  Training clean, dirty, used;
+  for (Training* training : {&clean, &dirty, &used}) training->begin(start);
+  // Another step before must leave nothing in the masked tiles either.
+  StepRequest before;
+  before.step = 3;
+  used.gradients(*backend, KnownScene(30, 2).data(), before);
+  used.buffers.method.reset();
+  for (const std::int64_t step : {0, 1, 2}) {
+    StepRequest request;
+    request.step = step;
+    const StepOutput out = clean.gradients(*backend, a.data(), request);
+    dirty.gradients(*backend, b.data(), request);
+    EXPECT_EQ(out.pixels, 64 * 48 - 20 * 24 - 48 * 6);
+    EXPECT_EQ(clean.loss(), dirty.loss());
+    EXPECT_TRUE(std::ranges::equal(clean.buffers.gradients.span(), dirty.buffers.gradients.span()));
+    EXPECT_GT(clean.loss(), 0);
+  }
+}
+
+TEST(SplatModel, AStepDependsOnItsRequestAlone) {
+  KnownScene known;
+  for (std::size_t v = 0; v < known.images.size(); ++v)
+    if (!known.scene.views[v].held_out) {  // a tile of each image is not drawn
+      known.images[v].used.assign(64 * 48, 1);
+      for (int y = 0; y < 16; ++y)
+        std::fill_n(&known.images[v].used[64 * y + (v % 2 ? 0 : 16)], 16, 0);
+    }
+  const auto backend = fast_backend();
+  const GaussianList start = disturbed(known_gaussians(120), 0.05f);
+  Training fresh, used;
+  fresh.begin(start);
+  used.begin(start);
+  for (std::int64_t step = 0; step < 6; ++step) {
+    StepRequest request;
+    request.step = step;
+    used.gradients(*backend, known.data(), request);
+    fresh.buffers = {};
+    fresh.gradients(*backend, known.data(), request);
+    EXPECT_EQ(fresh.loss(), used.loss());
+    EXPECT_EQ(fresh.buffers.workspace.sums().opacity, used.buffers.workspace.sums().opacity);
+    EXPECT_TRUE(std::ranges::equal(fresh.buffers.gradients.span(), used.buffers.gradients.span()));
+  }
+}
+
+TEST(SplatModel, LargeImagesAreCutIntoWindowsThatCoverThem) {
+  const KnownScene known(120, 2);  // 128 x 96
+  const auto backend = fast_backend();
+  Training training;
+  training.begin(disturbed(known_gaussians(120), 0.06f));
+  training.model.window_pixels = 2048;
+  const std::int64_t windows = training.model.steps_per_epoch(known.data(), 1);
+  EXPECT_GE(windows, 10 * 6);
+  EXPECT_LE(windows, 10 * 9);
+  EXPECT_EQ(training.model.steps_per_epoch(known.data(), 3), (windows + 2) / 3);
+  std::int64_t pixels = 0;
+  for (std::int64_t step = 0; step < windows; ++step) {
+    StepRequest request;
+    request.step = step;
+    request.progress = 0.9;
+    pixels += training.gradients(*backend, known.data(), request).epoch_pixels;
+  }
+  EXPECT_EQ(pixels, 10 * 128 * 96) << "each once";
+  StepRequest coarse;
+  coarse.progress = 0.1;
+  const int of_step = training.gradients(*backend, known.data(), coarse).pixels;
+  EXPECT_LE(of_step, 2048);
+
+  training.model.densify_every = 1000;
+  training.steps = 600;
+  training.run(*backend, known.data());
+  EXPECT_GT(known.psnr_db(*backend, training.model), 30);
+}
+
+// Without Gaussians an image is its background.
+TEST(SplatModel, TransparentPixelsMatchAnyBackground) {
+  for (const Background background : {Background::kWhite, Background::kBlack})
+    for (const bool random : {false, true})
+      for (const int window : {260000, 1024}) {
+        SCOPED_TRACE(testing::Message() << int(background) << random << window);
+        KnownScene known(8);
+        known.scene.background = background;
+        known.scene.random_background = random;
+        known.scene.metric = false;
+        for (std::size_t v = 0; v < known.images.size(); ++v)
+          if (!known.scene.views[v].held_out) {
+            std::ranges::fill(known.images[v].rgb, background == Background::kWhite ? 255 : 0);
+            known.images[v].alpha.assign(64 * 48, 0);
+          }
+        const auto backend = fast_backend();
+        Training training;
+        training.model.configure(known.scene);
+        training.model.window_pixels = window;
+        training.begin({});
+        StepRequest request;
+        training.gradients(*backend, known.data(), request);
+        EXPECT_LT(training.loss(), 1e-5);
+        EXPECT_NEAR(training.buffers.workspace.sums().opacity, 0, 1e-6);
+        const RenderedImage image = known.render(*backend, training.model, 0);
+        for (const float x : image.rgb)
+          EXPECT_EQ(x, background == Background::kWhite ? 1.0f : 0.0f);
+
+        for (Image8& opaque : known.images) opaque.alpha.clear();
+        training.buffers.method.reset();
+        training.gradients(*backend, known.data(), request);
+        EXPECT_EQ(training.loss() > 1e-3, random) << "opaque white is not background";
+      }
+}
+
+TEST(SplatModel, PoseGradientsAreThoseOfTheLoss) {
+  KnownScene known(25);
+  const auto backend = kernels::make_ref_backend();
+  Training training;
+  training.begin(disturbed(known_gaussians(25), 0.05f));
+  std::vector<bool> tested(4);
+  for (std::int64_t step = 0; step < 10; ++step) {
+    StepRequest request;
+    request.step = step;
+    request.pose_gradients = true;
+    const StepOutput out = training.gradients(*backend, known.data(), request);
+    ASSERT_EQ(out.views.size(), 12u);
+    int drawn = -1;
+    for (int v = 0; v < 12; ++v)
+      if (out.views[v].d_translation.norm() + out.views[v].d_rotation.norm() > 0) {
+        EXPECT_EQ(drawn, -1) << "one view a step";
+        drawn = v;
+      }
+    ASSERT_GE(drawn, 0);
+    View& view = known.scene.views[drawn];
+    EXPECT_FALSE(view.held_out);
+    if (tested[view.camera]) continue;
+    tested[view.camera] = true;
+    SCOPED_TRACE(known.scene.rig[view.camera].name);
+    request.pose_gradients = false;
+    const View before = view;
+    constexpr double kStep = 2e-3;
+    for (int k = 0; k < 6; ++k) {
+      double loss[2];
+      for (const int side : {0, 1}) {
+        const Eigen::Vector3d by = (side ? kStep : -kStep) * Eigen::Vector3d::Unit(k % 3);
+        const auto moved = [&](Rigid3d world_from_body) {
+          if (k < 3)
+            world_from_body.translation() += by;
+          else
+            world_from_body.linear() = so3_exp(by) * world_from_body.linear();
+          return world_from_body;
+        };
+        view.world_from_body = moved(before.world_from_body);
+        for (std::size_t key = 0; key < view.by_row.size(); ++key)
+          view.by_row[key] = moved(before.by_row[key]);
+        training.gradients(*backend, known.data(), request);
+        loss[side] = training.loss();
+      }
+      view = before;
+      const Eigen::Vector3d& d =
+          k < 3 ? out.views[drawn].d_translation : out.views[drawn].d_rotation;
+      // Pixels at kMinAlpha come and go, and absolute errors have kinks.
+      EXPECT_NEAR(d[k % 3], (loss[1] - loss[0]) / (2 * kStep), 0.05 * d.norm()) << k;
+    }
+  }
+  EXPECT_EQ(std::ranges::count(tested, true), 4) << "cameras";
+}
+
+TEST(SplatModel, RenderingScalesColoursByTheExposureAndGivesRanges) {
+  KnownScene known;
+  known.scene.metric = true;
+  const auto backend = fast_backend();
+  SplatModel model;
+  model.configure(known.scene);
+  set_gaussians(known_gaussians(120), &model);
+  float* const knots = model.parameters.data() + gaussian_blocks(120) * kBlockSize;
+  for (int c = 0; c < 3; ++c) knots[c] = std::log(0.5f + 0.1f * c) / kLogGainScale;
+  const View& view = known.scene.views[0];
+  const RayTable rays = make_ray_table(known.scene.rig[0].camera);
+  const RenderedImage plain = model.render(*backend, rays, known.scene.shutter_poses(view), {}),
+                      exposed = model.render(*backend, rays, known.scene.shutter_poses(view),
+                                             known.scene.exposure(view));
+  int near = 0;
+  for (std::size_t i = 0; i < plain.depth.size(); ++i) {
+    for (int c = 0; c < 3; ++c)
+      EXPECT_NEAR(exposed.rgb[3 * i + c], (0.5f + 0.1f * c) * plain.rgb[3 * i + c], 1e-5);
+    if (plain.opacity[i] < 0.9f) continue;
+    ++near;
+    EXPECT_GT(plain.depth[i], 2);
+    EXPECT_LT(plain.depth[i], 8);
+  }
+  EXPECT_GT(near, 100);
+}
+
+TEST(SplatModel, ThreadsChangeNoBit) {
+  const KnownScene known;
+  Training one, four;
+  for (Training* training : {&one, &four}) {
+    training->steps = 60;
+    training->begin(disturbed(known_gaussians(120), 0.05f));
+    training->model.max_gaussians = 150;
+    training->model.densify_every = 20;
+    training->run(*fast_backend(training == &one ? 1 : 4), known.data());
+  }
+  ASSERT_EQ(one.model.gaussians, four.model.gaussians);
+  EXPECT_EQ(std::memcmp(one.model.parameters.data(), four.model.parameters.data(),
+                        one.model.parameters.size() * sizeof(float)),
+            0);
+}
+
+}  // namespace
+}  // namespace redrive
