@@ -10,6 +10,7 @@
 #include "redrive/base/error.h"
 #include "redrive/base/rng.h"
 #include "redrive/model/grid_model.h"
+#include "redrive/model/splat_model.h"
 #include "redrive/train/safetensors.h"
 #include "redrive/train/train_testing.h"
 
@@ -76,6 +77,22 @@ TrainState example_grid_state(int colour_layers = 1) {
       values->push_back(1e-3f / static_cast<float>(i + 3));
   state.poses.moments.updates = 41;
   return state;
+}
+
+/// A model with two blocks of Gaussians, the second of which has one.
+TrainState example_splat_state() {
+  auto model = std::make_unique<SplatModel>();
+  model->gaussians = 17;
+  model->first_gaussians = 5;
+  model->max_gaussians = 2000;
+  model->appearance = {1, 3};
+  model->parameters = Buffer<float>(model->size());
+  for (std::size_t i = 0; i < model->size(); ++i) model->parameters[i] = random_unit(3, i) - 0.5f;
+  TrainState state;
+  state.adam.first_moment = Buffer<float>(model->size());
+  state.adam.second_moment = Buffer<float>(model->size());
+  state.model = std::move(model);
+  return midway(std::move(state));
 }
 
 void expect_equal(std::span<const float> a, std::span<const float> b) {
@@ -362,6 +379,69 @@ TEST(Checkpoint, RejectsDamageToAGridByName) {
       {"rays drawn", metadata("pixels_drawn", "-1"), "__metadata__.pixels_drawn"},
       {"active fraction", metadata("active_fraction", "1.5"), "__metadata__.active_fraction"},
       {"the format before", metadata("format", "redrive-7"), "__metadata__.format"},
+  };
+  for (const Damage& damage : table) {
+    Parts parts(good);
+    damage.apply(parts);
+    const std::string what = error_message(parts.bytes());
+    EXPECT_THAT(what, HasSubstr("run/checkpoint.safetensors")) << damage.name;
+    EXPECT_THAT(what, HasSubstr(damage.message)) << damage.name;
+  }
+}
+
+TEST(Checkpoint, SplatRoundTripIsBitExact) {
+  const TrainState state = example_splat_state(),
+                   back = parse_checkpoint(checkpoint_bytes(state), "c");
+  ASSERT_STREQ(back.model->method(), "splat");
+  expect_equal(back.model->parameters, state.model->parameters);
+  expect_equal(back.adam.first_moment, state.adam.first_moment);
+  expect_equal(back.adam.second_moment, state.adam.second_moment);
+  const auto& model = dynamic_cast<const SplatModel&>(*back.model);
+  EXPECT_EQ(model.gaussians, 17);
+  EXPECT_EQ(model.first_gaussians, 5);
+  EXPECT_EQ(model.max_gaussians, 2000);
+  EXPECT_EQ(model.appearance.knots, 3);
+  EXPECT_EQ(checkpoint_bytes(back), checkpoint_bytes(state));
+}
+
+TEST(Checkpoint, RejectsDamageToGaussiansByName) {
+  const std::string good = checkpoint_bytes(example_splat_state());
+  ASSERT_EQ(error_message(good), "");
+  const auto metadata = [](const char* key, const char* value) {
+    return [=](Parts& p) { p.header["__metadata__"][key] = value; };
+  };
+  const auto number = [](const char* tensor, int index, float value) {
+    return [=](Parts& p) {
+      const auto begin = p.header[tensor]["data_offsets"][0].get<std::size_t>();
+      std::memcpy(p.data.data() + begin + 4 * index, &value, 4);
+    };
+  };
+  const float nan = std::numeric_limits<float>::quiet_NaN();
+  const Damage table[] = {
+      {"fewer Gaussians", metadata("gaussians", "16"), "adam.first_moment.shape"},
+      {"more Gaussians", metadata("gaussians", "33"), "adam.first_moment.shape"},
+      {"no Gaussians", metadata("gaussians", "0"), "adam.first_moment.shape"},
+      {"a negative number", metadata("gaussians", "-1"), "__metadata__.gaussians"},
+      {"a negative first number", metadata("first_gaussians", "-17"),
+       "__metadata__.first_gaussians"},
+      {"beyond all memory", metadata("gaussians", "1000000000"), "__metadata__.gaussians"},
+      {"beyond int", metadata("gaussians", "4294967313"), "__metadata__.gaussians"},
+      {"half a Gaussian", metadata("gaussians", "17.5"), "__metadata__.gaussians"},
+      {"the most that is allowed", metadata("gaussians", "20000000"), "adam.first_moment.shape"},
+      {"number missing", [](Parts& p) { p.header["__metadata__"].erase("gaussians"); },
+       "__metadata__.gaussians"},
+      {"knots", metadata("appearance.knots", "4"), "adam.first_moment.shape"},
+      {"knots below 0", metadata("appearance.knots", "-3"), "__metadata__.appearance.knots"},
+      {"blocks of another length",
+       [](Parts& p) {
+         p.header["gaussians"]["shape"] = {2, 12, 32};
+       },
+       "gaussians.shape"},
+      {"a NaN", number("gaussians", 100, nan), "gaussians[100]"},
+      {"a NaN among the exposures", number("appearance", 4, nan), "appearance[4]"},
+      {"a negative square", number("adam.second_moment", 700, -1), "adam.second_moment[700]"},
+      {"scales", metadata("max_scale", "0.0001"), "__metadata__.max_scale"},
+      {"another method's numbers", metadata("method", "grid"), "__metadata__"},
   };
   for (const Damage& damage : table) {
     Parts parts(good);

@@ -1,0 +1,156 @@
+// SPDX-License-Identifier: Apache-2.0
+// The trainer with method splat, whose parameters grow while it trains.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "redrive/kernels/gaussian_stages.h"
+#include "redrive/model/splat_model.h"
+#include "redrive/train/memory.h"
+#include "redrive/train/train_testing.h"
+#include "redrive/train/training_data.h"
+
+namespace redrive {
+namespace {
+
+/// InterferingBackend with steps of Gaussians, which begin with rasterise().
+class InterferingRasteriser final : public InterferingBackend, public kernels::GaussianStages {
+ public:
+  InterferingRasteriser(kernels::Backend& inner, Interference* what)
+      : InterferingBackend(inner, what), inner_(inner.gaussians()), what_(*what) {}
+
+  kernels::GaussianStages& gaussians() override { return *this; }
+  kernels::RasterCounts rasterise(const kernels::GaussianCamera& camera,
+                                  const kernels::Gaussians& gaussians,
+                                  const kernels::RasterOptions& options,
+                                  kernels::RasterImage* image) override {
+    if (++step_ == what_.stop_after) what_.stop = true;
+    return inner_.rasterise(camera, gaussians, options, image);
+  }
+  void rasterise_backward(const kernels::GaussianCamera& camera,
+                          const kernels::Gaussians& gaussians,
+                          const kernels::RasterOptions& options, const kernels::RasterImage& image,
+                          const kernels::RasterGradient& gradient, std::span<float> gradients,
+                          GaussianPoseGradient<NumberMath<double>>* d_pose) override {
+    inner_.rasterise_backward(camera, gaussians, options, image, gradient, gradients, d_pose);
+    if (step_ == what_.kill_at) throw Killed();
+  }
+  kernels::ImageLossOutput image_loss(const kernels::ImageLossInput& input, std::span<float> d_rgb,
+                                      std::span<float> error) override {
+    return inner_.image_loss(input, d_rgb, error);
+  }
+  void update_gaussians(const kernels::GaussianUpdate& update, std::size_t n,
+                        std::span<float> gradients, std::span<float> numbers,
+                        std::span<float> first_moment, std::span<float> second_moment) override {
+    inner_.update_gaussians(update, n, gradients, numbers, first_moment, second_moment);
+  }
+
+ private:
+  kernels::GaussianStages& inner_;
+  Interference& what_;
+  std::int64_t step_ = -1;
+};
+
+class SplatTrainingTest : public TrainingTest {
+ protected:
+  /// A run on images of the sky alone: there is no LiDAR.
+  redrive::Run splat_run(const std::string& name, std::int64_t max_steps) {
+    TrainOptions options;
+    options.recording = "in memory";
+    options.method = "splat";
+    options.max_steps = max_steps;
+    options.max_seconds = 0;
+    options.checkpoint_every = 15;
+    options.refine_poses = "on";
+    options.set("initial.sky", 800);
+    options.set("max_gaussians", 1700);
+    options.set("densify_every", 8);
+    return tiny_run(folder_.path / name, folder_.path, options);
+  }
+  static const SplatModel& splat(const redrive::Run& run) {
+    return dynamic_cast<const SplatModel&>(*run.state.model);
+  }
+};
+
+TEST_F(SplatTrainingTest, TrainsWhileItsGaussiansBecomeMore) {
+  redrive::Run run = splat_run("run", 120);
+  EXPECT_EQ(train(&run, *backend_, never_), TrainEnd::kFinished);
+  const SplatModel& model = splat(run);
+  EXPECT_GT(model.first_gaussians, 50);
+  EXPECT_GT(model.gaussians, model.first_gaussians + 50);
+  EXPECT_EQ(model.parameters.size(), model.size());
+  const std::vector<MetricsRow> rows = read_metrics(run.paths);
+  EXPECT_LT(rows.back().loss, 0.7 * rows.front().loss);
+  EXPECT_THAT(rows.back().losses, testing::UnorderedElementsAre(testing::Key("l1"),
+                                                                testing::Key("dssim")));
+  EXPECT_TRUE(same_weights(load_checkpoint(run.paths.checkpoint()), run.state));
+}
+
+TEST_F(SplatTrainingTest, KilledInterruptedAndResumedEndsBitEqual) {
+  redrive::Run whole = splat_run("whole", 60), parts = splat_run("parts", 60);
+  train(&whole, *backend_, never_);
+  // Steps of each part: before the first change of their number, right after one, then later.
+  for (const std::int64_t stop_after : {5, 9, 7}) {
+    Interference interference{.stop_after = stop_after};
+    InterferingRasteriser backend(*backend_, &interference);
+    EXPECT_EQ(train(&parts, backend, interference.stop), TrainEnd::kInterrupted);
+    parts = reopened(parts);
+  }
+  EXPECT_EQ(parts.state.step, 6 + 10 + 8);
+  Interference interference{.kill_at = 13};  // step 37; the last checkpoint is of step 30
+  InterferingRasteriser backend(*backend_, &interference);
+  EXPECT_THROW(train(&parts, backend, never_), Killed);
+  parts = reopened(parts);
+  EXPECT_EQ(parts.state.step, 30);
+  train(&parts, *backend_, never_);
+  EXPECT_GT(splat(whole).gaussians, splat(whole).first_gaussians);
+  EXPECT_TRUE(same_weights(parts.state, whole.state));
+  EXPECT_EQ(parts.state.poses.corrections.values, whole.state.poses.corrections.values);
+  EXPECT_EQ(curve(parts), curve(whole));
+}
+
+TEST_F(SplatTrainingTest, ThreadsChangeNoBit) {
+  redrive::Run one = splat_run("one", 50), four = splat_run("four", 50);
+  train(&one, *processor_backend(1), never_);
+  train(&four, *processor_backend(4), never_);
+  EXPECT_GT(splat(one).gaussians, splat(one).first_gaussians);
+  EXPECT_TRUE(same_weights(one.state, four.state));
+  EXPECT_EQ(one.state.poses.corrections.values, four.state.poses.corrections.values);
+  EXPECT_EQ(curve(one), curve(four));
+}
+
+TEST_F(SplatTrainingTest, TheRunFolderIsComplete) {
+  TrainOptions options;
+  options.recording = REDRIVE_SAMPLES "/analytic";
+  options.method = "splat";
+  options.downscale = 4;
+  options.max_steps = 40;
+  options.set("max_gaussians", 3000);
+  options.set("densify_every", 15);
+  validate(options);
+  redrive::Run run;
+  run.options = options;
+  run.recording = open_recording(options);
+  run.scene = make_scene(run.recording, scene_options(options));
+  run.state = make_initial_state(options, run.scene);
+  record_hyperparameters(*run.state.model, &run.options);
+  run.paths = create_run(folder_.path / "run", run.options, {}, run.state.model.get());
+  EXPECT_GT(estimate_memory(run, 2).total(), 0u);
+  ThreadPool pool(2);
+  train(&run, prepare_training_data(run, pool), {backend_.get()}, nullptr, never_);
+
+  const redrive::Run opened = open_run(run.paths.root);
+  EXPECT_TRUE(same_weights(opened.state, run.state));
+  EXPECT_GT(splat(opened).gaussians, 1000);
+  EXPECT_LE(splat(opened).gaussians, 3000);
+  EXPECT_EQ(splat(opened).max_gaussians, 3000);
+  for (const std::size_t v : {std::size_t{0}, opened.scene.views.size() - 1}) {
+    const View& view = opened.scene.views[v];
+    const RenderedImage image = opened.state.model->render(
+        *backend_, make_ray_table(opened.scene.rig[view.camera].camera),
+        opened.scene.shutter_poses(view), opened.scene.exposure(view));
+    EXPECT_EQ(image.rgb.size(), 3u * image.width * image.height);
+  }
+}
+
+}  // namespace
+}  // namespace redrive
