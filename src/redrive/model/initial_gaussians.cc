@@ -28,7 +28,7 @@ constexpr float kSkyBelow = 0.03f;  ///< the sky of a drive ends this far below 
 constexpr float kPointOpacity = 0.5f, kExtrudedOpacity = 0.1f, kRandomOpacity = 0.1f;
 
 struct Point {
-  Eigen::Vector3f position, rgb;
+  Eigen::Vector3f position, rgb, seen_from;
 };
 using Points = std::vector<Point>;
 
@@ -40,6 +40,7 @@ Points points_of(const PointCloud& cloud) {
     for (int k = 0; k < 3; ++k) {
       points[i].position[k] = cloud.position[k * cloud.n + i];
       points[i].rgb[k] = cloud.rgb[k * cloud.n + i];
+      points[i].seen_from[k] = cloud.seen_from[k * cloud.n + i];
     }
   return points;
 }
@@ -64,14 +65,14 @@ Points one_per_voxel(const Points& points, const NearestCamera& cameras, float v
   std::ranges::sort(keys);
   Points out;
   for (std::size_t i = 0; i < keys.size();) {
-    Point sum{Eigen::Vector3f::Zero(), Eigen::Vector3f::Zero()};
+    Point sum{Eigen::Vector3f::Zero(), Eigen::Vector3f::Zero(), Eigen::Vector3f::Zero()};
     std::size_t end = i;
     for (; end < keys.size() && keys[end].first == keys[i].first; ++end) {
       sum.position += points[keys[end].second].position;
       sum.rgb += points[keys[end].second].rgb;
     }
     const auto n = static_cast<float>(end - i);
-    out.push_back({sum.position / n, sum.rgb / n});
+    out.push_back({sum.position / n, sum.rgb / n, points[keys[i].second].seen_from});
     i = end;
   }
   return out;
@@ -89,6 +90,46 @@ struct PointSet {
     return false;
   }
 };
+
+using Tree =
+    nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<float, PointSet>, PointSet, 3,
+                                        std::uint32_t>;
+
+/// Moves points of tracks along their rays onto the planes of LiDAR returns around them: returns
+/// are more exact, tracks more dense. Points without returns nearby, or far from their plane, stay.
+void move_onto_planes(const Points& returns, const NearestCamera& cameras, ThreadPool& pool,
+                      Points* points) {
+  constexpr std::size_t kPlaneReturns = 8;
+  constexpr float kNear = 0.05f;      // of the distance: the returns lie around the point
+  constexpr float kMoved = 0.05f;     // of the distance: at most, along the ray
+  constexpr float kThickness = 0.1f;  // of a plane, of its smaller extent
+  if (returns.size() < kPlaneReturns) return;
+  const PointSet set{returns};
+  Tree tree(3, set, nanoflann::KDTreeSingleIndexAdaptorParams(16));
+  tree.buildIndex();
+  pool.run_ranges(points->size(), kPointsPerRange, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      Point& point = (*points)[i];
+      const float distance = cameras.distance(point.position.data());
+      std::array<std::uint32_t, kPlaneReturns> near;
+      std::array<float, kPlaneReturns> squares;
+      tree.knnSearch(point.position.data(), kPlaneReturns, near.data(), squares.data());
+      if (squares.back() > std::pow(std::max(kNear * distance, 0.3f), 2)) continue;
+      Eigen::Vector3f mean = Eigen::Vector3f::Zero();
+      for (const std::uint32_t j : near) mean += returns[j].position / kPlaneReturns;
+      Eigen::Matrix3f covariance = Eigen::Matrix3f::Zero();
+      for (const std::uint32_t j : near)
+        covariance += (returns[j].position - mean) * (returns[j].position - mean).transpose();
+      const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3f> axes(covariance);
+      if (axes.eigenvalues()[0] > kThickness * kThickness * axes.eigenvalues()[1]) continue;
+      const Eigen::Vector3f normal = axes.eigenvectors().col(0), ray = point.position - point.seen_from;
+      const float along = normal.dot(ray);
+      if (std::fabs(along) < 1e-3f * ray.norm()) continue;
+      const float change = normal.dot(mean - point.position) / along;  // of the ray's length
+      if (std::fabs(change) < kMoved) point.position += change * ray;
+    }
+  });
+}
 
 /// Writes a Gaussian without harmonics.
 void put(const Point& point, const Eigen::Vector3f& scale, const Eigen::Quaternionf& rotation,
@@ -113,8 +154,6 @@ void append_discs(const Points& points, const NearestCamera& cameras, float size
                   ThreadPool& pool, GaussianList* list) {
   if (points.size() <= kNeighbours) return;
   const PointSet set{points};
-  using Tree = nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<float, PointSet>,
-                                                   PointSet, 3, std::uint32_t>;
   Tree tree(3, set, nanoflann::KDTreeSingleIndexAdaptorParams(16));
   tree.buildIndex();
   const std::size_t first = list->size();
@@ -194,9 +233,8 @@ void append_sky(const TrainingSet& data, const Eigen::Vector3f& centre, float ra
                    r = std::sqrt(std::max(0.0, 1 - z * z)),
                    turn = M_PI * (3 - std::sqrt(5.0)) * double(i);
       const Eigen::Vector3f at =
-          centre +
-          radius * Eigen::Vector3d(r * std::cos(turn), r * std::sin(turn), z).cast<float>();
-      if (const auto rgb = colour_of(data, at, 7 * i)) points[i] = Point{at, *rgb};
+          centre + radius * Eigen::Vector3d(r * std::cos(turn), r * std::sin(turn), z).cast<float>();
+      if (const auto rgb = colour_of(data, at, 7 * i)) points[i] = Point{at, *rgb, centre};
     }
   });
   for (const std::optional<Point>& point : points) {
@@ -272,8 +310,9 @@ GaussianList initial_gaussians(const TrainingSet& data, const InitialGaussianOpt
     append_discs(kept, cameras, size, opacity, pool, &list);
     for (const Point& point : kept) distances.push_back(cameras.distance(point.position.data()));
   };
+  Points points;
   if (data.lidar.n > 0) {
-    const Points points = points_of(lidar_points(scene, data.images, data.lidar, pool));
+    points = points_of(lidar_points(scene, data.images, data.lidar, pool));
     add(points, options.voxel, 0.5f, kPointOpacity);
     if (scene.metric && options.extruded > 0) {
       Points up = extruded(points, scene, options.extruded, random_key(seed, kStreamInit, 1));
@@ -284,8 +323,11 @@ GaussianList initial_gaussians(const TrainingSet& data, const InitialGaussianOpt
       add(up, 3 * options.voxel, 0.4f, kExtrudedOpacity);
     }
   }
-  if (options.tracks)
-    add(points_of(track_points(scene, data.images, pool)), options.voxel, 0.5f, kPointOpacity);
+  if (options.tracks) {
+    Points tracks = points_of(track_points(scene, data.images, pool));
+    move_onto_planes(points, cameras, pool, &tracks);
+    add(tracks, options.voxel, 0.5f, kPointOpacity);
+  }
   float reach = scene.half_side ? static_cast<float>(*scene.half_side) : 100.0f;
   if (distances.size() > 100) {
     const auto far = distances.begin() + static_cast<std::ptrdiff_t>(distances.size() * 49 / 50);

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 #include "redrive/base/rng.h"
 #include "redrive/camera/plain_camera.h"
@@ -12,7 +13,7 @@
 namespace redrive {
 namespace {
 
-enum LossSlot { kL1Loss, kSsimLoss };    // in StepSums::terms
+enum LossSlot { kL1Loss, kSsimLoss, kRangeLoss };  // in StepSums::terms
 constexpr float kExposuresFrom = 0.05f;  // progress
 
 /// A part of a view's image.
@@ -26,12 +27,19 @@ struct ImageLevel {
   std::vector<Window> windows;  ///< of the training views
 };
 
+/// A LiDAR return in an image of full size.
+struct RangePixel {
+  int x, y;
+  float log_range;  ///< logarithm of its distance from the camera, metres
+};
+
 /// Working memory of a run's steps.
 struct SplatBuffers final : MethodBuffers {
   ImageLevel full, half;
   std::vector<Image8> half_images;  ///< by view, made when first needed
+  std::vector<std::optional<std::vector<RangePixel>>> ranges;  ///< likewise
   kernels::RasterImage image;
-  std::vector<float> d_rgb, error;
+  std::vector<float> d_rgb, error, log_range, d_range;
   std::vector<std::uint8_t> tiles;
 };
 
@@ -95,6 +103,7 @@ SplatBuffers& splat_buffers(const TrainingSet& data, int window_pixels, StepBuff
     cut(data, window_pixels, &made->full);
     cut(data, window_pixels, &made->half);
     made->half_images.resize(data.images.size());
+    made->ranges.resize(data.images.size());
     buffers->method = std::move(made);
   }
   return static_cast<SplatBuffers&>(*buffers->method);
@@ -113,22 +122,54 @@ void find_tiles(const Image8& image, const Window& window, std::vector<std::uint
           image.used[static_cast<std::size_t>(window.y + y) * image.width + window.x + x];
 }
 
-/// Returns the mean over the pixels that are not masked; the others' tiles are not drawn.
-double mean_opacity(const kernels::RasterImage& drawn, const Image8& image, const Window& window) {
-  double sum = 0;
-  std::size_t n = 0;
-  for (int y = 0; y < window.height; ++y) {
-    const float* const through =
-        drawn.transmittance.data() + static_cast<std::size_t>(y) * drawn.size.stride;
-    const std::size_t first =
-        static_cast<std::size_t>(window.y + y) * image.width + static_cast<std::size_t>(window.x);
-    for (int x = 0; x < window.width; ++x)
-      if (image.used.empty() || image.used[first + x]) {
-        sum += static_cast<double>(through[x]);
-        ++n;
-      }
+/// Returns the LiDAR returns that a view's image shows: those of about the time of its exposure, so
+/// that what moves is where it was, and not behind nearer ones.
+std::vector<RangePixel> find_ranges(const TrainingSet& data, const View& view) {
+  constexpr std::int64_t kApart_ns = 150'000'000;
+  constexpr int kCell = 8;            // pixels
+  constexpr float kBehind = 0.14f;    // of the distance: farther is hidden, as a logarithm
+  const RigCamera& rig = data.scene.rig[view.camera];
+  const std::int64_t t_ns = data.scene.frames[view.frame].t_ns + rig.time_offset_ns;
+  const ShutterPoses poses = data.scene.shutter_poses(view);
+  const Rigid3d middle = poses.at(0.5), camera_from_world = middle.inverse(Eigen::Isometry);
+  const LidarReturns& lidar = data.lidar;
+  std::vector<RangePixel> all;
+  for (std::size_t i = 0; i < lidar.n; ++i) {
+    if (data.scene.metric && std::abs(lidar.t_ns[i] - t_ns) > kApart_ns) continue;
+    Eigen::Vector3d at;
+    for (int k = 0; k < 3; ++k)
+      at[k] = double(lidar.origin[k * lidar.n + i]) +
+              double(lidar.range_m[i]) * double(lidar.direction[k * lidar.n + i]);
+    Eigen::Vector3d in_camera = camera_from_world * at;
+    auto pixel = rig.camera.project(in_camera);
+    if (pixel && poses.is_rolling()) {
+      const double row = row_fraction(pixel->y(), rig.camera.height);
+      in_camera = poses.at(row).inverse(Eigen::Isometry) * at;
+      pixel = rig.camera.project(in_camera);
+    }
+    if (!pixel) continue;
+    const int x = static_cast<int>(std::floor(pixel->x() + 0.5)),
+              y = static_cast<int>(std::floor(pixel->y() + 0.5));
+    if (x < 0 || y < 0 || x >= rig.camera.width || y >= rig.camera.height) continue;
+    all.push_back({x, y, static_cast<float>(std::log(in_camera.norm()))});
   }
-  return n > 0 ? 1 - sum / static_cast<double>(n) : 1;
+  const int across = rig.camera.width / kCell + 1, down = rig.camera.height / kCell + 1;
+  std::vector<float> nearest(static_cast<std::size_t>(across) * down, 1e9f);
+  for (const RangePixel& p : all) {
+    float& least = nearest[static_cast<std::size_t>(p.y / kCell) * across + p.x / kCell];
+    least = std::min(least, p.log_range);
+  }
+  std::erase_if(all, [&](const RangePixel& p) {
+    for (int dy = -1; dy <= 1; ++dy)
+      for (int dx = -1; dx <= 1; ++dx) {
+        const int cx = p.x / kCell + dx, cy = p.y / kCell + dy;
+        if (cx < 0 || cy < 0 || cx >= across || cy >= down) continue;
+        if (nearest[static_cast<std::size_t>(cy) * across + cx] < p.log_range - kBehind)
+          return true;
+      }
+    return false;
+  });
+  return all;
 }
 
 kernels::GaussianCamera camera_of(const PlainCamera& whole, const Window& window,
@@ -164,50 +205,110 @@ std::int64_t SplatModel::steps_per_epoch(const TrainingSet& data, int world_size
   return (static_cast<std::int64_t>(full.windows.size()) + world_size - 1) / world_size;
 }
 
+/// One window of a step.
+struct SplatModel::WindowStep {
+  int factor;                ///< by which the image is smaller than the view's
+  const PlainCamera& whole;  ///< camera of the window's image
+  const Image8& image;
+  const Window& window;
+  float colour[3];  ///< of the background
+};
+
 StepOutput SplatModel::step(kernels::Backend& backend, const TrainingSet& data,
                             const StepRequest& request, std::span<float> gradients,
                             StepBuffers* buffers) const {
   SplatBuffers& own = splat_buffers(data, window_pixels, buffers);
-  kernels::GaussianStages& stages = backend.gaussians();
-  const bool coarse = request.progress < double(coarse_progress) &&
-                      own.full.windows.size() > own.half.windows.size();
+  // Other batches than training's are of all views at once, at half size.
+  const bool all = request.pixels > 0;
+  const bool coarse = all || (request.progress < double(coarse_progress) &&
+                              own.full.windows.size() > own.half.windows.size());
   const ImageLevel& level = coarse ? own.half : own.full;
   const std::uint64_t drawn = request.world_size * request.step + request.rank,
                       n = level.windows.size(),
                       key = random_key(request.seed, kStreamPixels, drawn / n);
-  const Window& window = level.windows[permute_index(key, drawn % n, n)];
-  const View& view = data.scene.views[window.view];
-  if (coarse && own.half_images[window.view].rgb.empty())
-    own.half_images[window.view] = halved(data.images[window.view]);
-  const Image8& image = coarse ? own.half_images[window.view] : data.images[window.view];
+  const std::size_t first = all ? 0 : permute_index(key, drawn % n, n), end = all ? n : first + 1;
 
-  const PlainCamera whole = make_plain_camera(level.cameras[view.camera]);
+  buffers->workspace.begin(backend);
+  StepSums& sums = buffers->workspace.sums();
+  sums = {};
+  StepOutput out;
+  if (request.pose_gradients) out.views.resize(data.scene.views.size());
+  for (std::size_t w = first; w < end; ++w) {
+    const Window& window = level.windows[w];
+    const View& view = data.scene.views[window.view];
+    if (coarse && own.half_images[window.view].rgb.empty())
+      own.half_images[window.view] = halved(data.images[window.view]);
+    const PlainCamera whole = make_plain_camera(level.cameras[view.camera]);
+    WindowStep step{coarse ? 2 : 1, whole, coarse ? own.half_images[window.view] : data.images[window.view], window,
+                    {background[0], background[1], background[2]}};
+    const std::uint64_t colour = random_key(request.seed, kStreamBackground, drawn);
+    for (int c = 0; data.scene.random_background && c < 3; ++c)
+      step.colour[c] = random_unit(colour, static_cast<std::uint64_t>(c));
+    step_window(backend, data, request, step, gradients, &own, 1.0 / double(end - first), &sums,
+                &out);
+  }
+  return out;
+}
+
+int SplatModel::set_ranges(const TrainingSet& data, const WindowStep& step,
+                           MethodBuffers* buffers) const {
+  if (range_weight == 0 || data.lidar.n == 0 || lidar_rays == 0) return 0;
+  SplatBuffers& own = static_cast<SplatBuffers&>(*buffers);
+  auto& ranges = own.ranges[step.window.view];
+  if (!ranges) ranges = find_ranges(data, data.scene.views[step.window.view]);
+  const kernels::RasterSize size =
+      kernels::raster_size(step.window.width, step.window.height);
+  own.log_range.assign(size.plane(), kernels::kNoRange);
+  own.d_range.assign(size.plane(), 0);
+  int n = 0;
+  for (const RangePixel& p : *ranges) {
+    const int x = p.x / step.factor - step.window.x, y = p.y / step.factor - step.window.y;
+    if (x < 0 || y < 0 || x >= step.window.width || y >= step.window.height) continue;
+    const std::size_t i = static_cast<std::size_t>(y) * size.stride + static_cast<std::size_t>(x);
+    if (own.log_range[i] != kernels::kNoRange) continue;  // one of a pixel
+    own.log_range[i] = p.log_range;
+    ++n;
+  }
+  for (std::size_t i = 0; i < own.d_range.size(); ++i)
+    if (own.log_range[i] != kernels::kNoRange)
+      own.d_range[i] = range_weight / static_cast<float>(n);
+  return n;
+}
+
+void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
+                             const StepRequest& request, const WindowStep& step,
+                             std::span<float> gradients, MethodBuffers* buffers, double weight,
+                             StepSums* sums, StepOutput* out) const {
+  SplatBuffers& own = static_cast<SplatBuffers&>(*buffers);
+  kernels::GaussianStages& stages = backend.gaussians();
+  const Window& window = step.window;
+  const View& view = data.scene.views[window.view];
+  const Image8& image = step.image;
   const ShutterPoses poses = data.scene.shutter_poses(view);
-  const kernels::GaussianCamera camera = camera_of(whole, window, poses);
+  const kernels::GaussianCamera camera = camera_of(step.whole, window, poses);
   find_tiles(image, window, &own.tiles);
   kernels::RasterOptions options;
   options.tiles = own.tiles;
-  kernels::ImageLossInput input;
-  const std::array<float, 3> of_scene = background_colour(data.scene.background);
-  const std::uint64_t colour = random_key(request.seed, kStreamBackground, drawn);
-  for (int c = 0; c < 3; ++c) {
-    options.background[c] = data.scene.random_background ? random_unit(colour, c) : background[c];
-    if (!image.alpha.empty())
-      input.target.background_change[c] = options.background[c] - of_scene[c];
-  }
+  std::ranges::copy(step.colour, options.background);
+  const int returns = set_ranges(data, step, &own);
+  if (returns > 0) options.log_range = own.log_range;
   stages.rasterise(camera, this->view(), options, &own.image);
 
   const kernels::RasterSize size = own.image.size;
   own.d_rgb.resize(3 * size.plane());
   own.error.resize(size.plane());
+  kernels::ImageLossInput input;
   input.size = size;
   input.rgb = own.image.rgb.span().first(3 * size.plane());
-  input.target.width = image.width;
-  input.target.x = window.x;
-  input.target.y = window.y;
-  input.target.rgb = image.rgb;
-  input.target.alpha = image.alpha;
-  input.target.used = image.used;
+  input.target = {.width = image.width,
+                  .x = window.x,
+                  .y = window.y,
+                  .rgb = image.rgb,
+                  .alpha = image.alpha,
+                  .used = image.used};
+  const std::array<float, 3> of_scene = background_colour(data.scene.background);
+  for (int c = 0; !image.alpha.empty() && c < 3; ++c)
+    input.target.background_change[c] = step.colour[c] - of_scene[c];
   input.l1_weight = l1_weight;
   input.ssim_weight = ssim_weight;
   const Exposure exposure = data.scene.exposure(view);
@@ -215,9 +316,14 @@ StepOutput SplatModel::step(kernels::Backend& backend, const TrainingSet& data,
   const kernels::ImageLossOutput loss = stages.image_loss(input, own.d_rgb, own.error);
 
   GaussianPoseGradient<NumberMath<double>> d_pose;
-  stages.rasterise_backward(camera, this->view(), options, own.image, {own.d_rgb, own.error, {}},
-                            gradients.first(blocks_size()),
-                            request.pose_gradients ? &d_pose : nullptr);
+  double range_loss = 0;
+  for (std::size_t i = 0; returns > 0 && i < size.plane(); ++i)
+    if (own.d_range[i] > 0)
+      range_loss += double(own.d_range[i]) * double(own.image.range_error[i]);
+  stages.rasterise_backward(
+      camera, this->view(), options, own.image,
+      {own.d_rgb, own.error, returns > 0 ? std::span<const float>(own.d_range) : std::span<const float>()},
+      gradients.first(blocks_size()), request.pose_gradients ? &d_pose : nullptr);
   // The exposure has no gradient: its best value is known. update() moves it there.
   if (appearance.size() > 0 && request.progress > double(kExposuresFrom)) {
     const std::span<float> to = gradients.subspan(blocks_size());
@@ -229,23 +335,21 @@ StepOutput SplatModel::step(kernels::Backend& backend, const TrainingSet& data,
     }
   }
 
-  buffers->workspace.begin(backend);
-  StepSums& sums = buffers->workspace.sums();
-  sums.opacity = mean_opacity(own.image, image, window);
-  sums.rgb_mse = loss.mse;
-  sums.terms[kL1Loss] = loss.l1;
-  sums.terms[kSsimLoss] = loss.dssim;
-  StepOutput out;
-  out.pixels = out.epoch_pixels = static_cast<int>(loss.pixels);
-  out.colour_variance = loss.colour_variance;
-  if (request.pose_gradients) {
-    out.views.resize(data.scene.views.size());
-    for (int k = 0; k < 3; ++k) {
-      out.views[window.view].d_translation[k] = d_pose.translation[k];
-      out.views[window.view].d_rotation[k] = d_pose.rotation[k];
-    }
+  double through = 0;
+  backend.mean(own.image.transmittance.span().first(size.plane()), &through);
+  sums->opacity += weight * (1 - through);
+  sums->rgb_mse += weight * loss.mse;
+  sums->terms[kL1Loss] += weight * loss.l1;
+  sums->terms[kSsimLoss] += weight * loss.dssim;
+  sums->terms[kRangeLoss] += weight * range_loss;
+  out->pixels += static_cast<int>(loss.pixels);
+  out->epoch_pixels = out->pixels;
+  out->colour_variance += weight * loss.colour_variance;
+  if (!request.pose_gradients) return;
+  for (int k = 0; k < 3; ++k) {
+    out->views[window.view].d_translation[k] += d_pose.translation[k];
+    out->views[window.view].d_rotation[k] += d_pose.rotation[k];
   }
-  return out;
 }
 
 void SplatModel::update(kernels::Backend& backend, double learning_rate, std::int64_t step,

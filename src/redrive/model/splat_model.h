@@ -25,9 +25,11 @@ struct SplatModel final : Model {
   float position_rate = 0.008f, scale_rate = 0.4f, rotation_rate = 0.16f, colour_rate = 0.3f,
         harmonics_rate = 0.01f;
   float l1_weight = 0.8f, ssim_weight = 0.2f;
-  float min_scale = 2e-4f, max_scale = 1;          ///< of the two larger axes, of the distance
-  float min_opacity = 0.01f;                       ///< of Gaussians that are kept
-  int densify_every = 100;                         ///< steps
+  float range_weight = 0.1f;  ///< of LiDAR returns
+  int lidar_rays = 1;         ///< 0: LiDAR is not used
+  float min_scale = 2e-4f, max_scale = 1;  ///< of the two larger axes, of the distance
+  float min_opacity = 0.01f;               ///< of Gaussians that are kept
+  int densify_every = 100;                 ///< steps
   float grown_by = 0.6f, densified_until = 0.85f;  ///< progress
   int warm_up_steps = 50;
   float beta2 = 0.99f, epsilon = 1e-15f;  ///< of Adam
@@ -48,7 +50,7 @@ struct SplatModel final : Model {
   std::vector<ModelTensor> tensors() const override;
   void initialize(std::uint64_t seed) override;
   void initialize_from(const TrainingSet& data, std::uint64_t seed, ThreadPool& pool) override;
-  bool uses_lidar() const override { return true; }
+  bool uses_lidar() const override { return lidar_rays > 0; }
   std::string describe_batch() const override { return "1 image"; }
   std::int64_t steps_per_epoch(const TrainingSet& data, int world_size) const override;
   StepOutput step(kernels::Backend& backend, const TrainingSet& data, const StepRequest& request,
@@ -80,6 +82,13 @@ struct SplatModel final : Model {
   }
 
  private:
+  struct WindowStep;
+  /// Sets the planes of ranges of a window; returns their number.
+  int set_ranges(const TrainingSet& data, const WindowStep& step, MethodBuffers* buffers) const;
+  /// Adds a window's losses, times `weight`, and gradients.
+  void step_window(kernels::Backend& backend, const TrainingSet& data, const StepRequest& request,
+                   const WindowStep& step, std::span<float> gradients, MethodBuffers* buffers,
+                   double weight, StepSums* sums, StepOutput* out) const;
   std::size_t blocks_size() const { return gaussian_blocks(gaussians) * kBlockSize; }
   std::array<float, 3> gains(const Exposure& exposure) const;
 

@@ -84,7 +84,8 @@ class Colouring {
                                       const std::vector<int>& nearest) const {
     for (const int v : nearest)
       if (const auto pixel = views_[v].pixel_of(in_world))
-        return ColouredPoint{in_world.cast<float>(), colour_at(*views_[v].image, *pixel)};
+        return ColouredPoint{in_world.cast<float>(), colour_at(*views_[v].image, *pixel),
+                             views_[v].position_in_world_m.cast<float>()};
     return std::nullopt;
   }
 

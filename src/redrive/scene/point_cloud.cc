@@ -10,11 +10,13 @@ PointCloud make_point_cloud(const std::vector<std::vector<ColouredPoint>>& parts
   for (const auto& part : parts) cloud.n += part.size();
   cloud.position.resize(3 * cloud.n);
   cloud.rgb.resize(3 * cloud.n);
+  cloud.seen_from.resize(3 * cloud.n);
   std::size_t i = 0;
   for (const auto& part : parts)
     for (const ColouredPoint& point : part) {
       for (int d = 0; d < 3; ++d) {
         cloud.position[d * cloud.n + i] = point.in_world_m[d];
+        cloud.seen_from[d * cloud.n + i] = point.seen_from_m[d];
         cloud.rgb[d * cloud.n + i] = static_cast<float>(point.rgb[d]) / 255;
       }
       ++i;

@@ -19,11 +19,13 @@ struct PointCloud {
   std::size_t n = 0;
   std::vector<float> position;  ///< [3, n] in the world, metres
   std::vector<float> rgb;       ///< [3, n] in [0, 1]
+  std::vector<float> seen_from;  ///< [3, n] camera of the image that gives the colour, world metres
 };
 
 struct ColouredPoint {
   Eigen::Vector3f in_world_m;
   std::array<std::uint8_t, 3> rgb;
+  Eigen::Vector3f seen_from_m;
 };
 
 /// Returns the points of all parts, one part after the other.

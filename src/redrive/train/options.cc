@@ -53,12 +53,10 @@ bool contains(const std::vector<std::string>& names, const std::string& name) {
   return std::ranges::find(names, name) != names.end();
 }
 
-/// Returns the method's preset of that name, or null.
 const Preset* find_preset(const Method& method, const std::string& name) {
   const auto found = std::ranges::find(method.presets, name, &Preset::name);
   return found == method.presets.end() ? nullptr : &*found;
 }
-
 /// Returns null if none is chosen or it is unknown.
 const Preset* find_preset(const TrainOptions& options) {
   const Method* method = find_method(options.method);
@@ -80,28 +78,25 @@ void set_defaults(const OptionValues& values, const std::vector<std::string>& gi
 }  // namespace
 
 void apply_preset(TrainOptions* options, const std::vector<std::string>& given) {
-  const Preset* preset = find_preset(*options);
-  if (!options->preset.empty() && !preset) {
-    // Of several methods that have it the first one; the chosen or default method comes before.
-    const auto has_it = [&](const Method& method) { return find_preset(method, options->preset); };
-    const auto first = std::ranges::find_if(methods(), has_it);
-    if (first == methods().end()) {
-      std::string known;
-      for (const Method& method : methods())
-        for (const Preset& one : method.presets)
-          if (known.find(one.name) == std::string::npos)
-            known += (known.empty() ? "" : ", ") + one.name;
-      throw UsageError("--preset", options->preset, "unknown; known are " + known);
+  if (!options->preset.empty() && !find_preset(*options)) {
+    // Without --method the preset's own method is meant.
+    std::string known;
+    const Method* of_preset = nullptr;
+    for (const Method& method : methods()) {
+      for (const Preset& preset : method.presets)
+        if (known.find(preset.name) == std::string::npos)
+          known += (known.empty() ? "" : ", ") + preset.name;
+      if (!of_preset && find_preset(method, options->preset)) of_preset = &method;
     }
+    if (!of_preset) throw UsageError("--preset", options->preset, "unknown; known are " + known);
     if (contains(given, "method"))
       throw UsageError("--preset", options->preset, "is not one of --method " + options->method);
-    options->method = first->name;
-    preset = find_preset(*options);
+    options->method = of_preset->name;
   }
   const Method* method = find_method(options->method);
   if (!method) return;  // validate() rejects it
   set_defaults(method->defaults, given, options);
-  if (preset) set_defaults(preset->values, given, options);
+  if (const Preset* preset = find_preset(*options)) set_defaults(preset->values, given, options);
   if ((contains(given, "epochs") || contains(given, "max-steps")) &&
       !contains(given, "max-seconds"))
     options->max_seconds = 0;
