@@ -91,9 +91,8 @@ struct PointSet {
   }
 };
 
-using Tree =
-    nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<float, PointSet>, PointSet, 3,
-                                        std::uint32_t>;
+using Tree = nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<float, PointSet>,
+                                                 PointSet, 3, std::uint32_t>;
 
 /// Moves points of tracks along their rays onto the planes of LiDAR returns around them: returns
 /// are more exact, tracks more dense. Points without returns nearby, or far from their plane, stay.
@@ -122,7 +121,8 @@ void move_onto_planes(const Points& returns, const NearestCamera& cameras, Threa
         covariance += (returns[j].position - mean) * (returns[j].position - mean).transpose();
       const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3f> axes(covariance);
       if (axes.eigenvalues()[0] > kThickness * kThickness * axes.eigenvalues()[1]) continue;
-      const Eigen::Vector3f normal = axes.eigenvectors().col(0), ray = point.position - point.seen_from;
+      const Eigen::Vector3f normal = axes.eigenvectors().col(0),
+                            ray = point.position - point.seen_from;
       const float along = normal.dot(ray);
       if (std::fabs(along) < 1e-3f * ray.norm()) continue;
       const float change = normal.dot(mean - point.position) / along;  // of the ray's length
@@ -233,7 +233,8 @@ void append_sky(const TrainingSet& data, const Eigen::Vector3f& centre, float ra
                    r = std::sqrt(std::max(0.0, 1 - z * z)),
                    turn = M_PI * (3 - std::sqrt(5.0)) * double(i);
       const Eigen::Vector3f at =
-          centre + radius * Eigen::Vector3d(r * std::cos(turn), r * std::sin(turn), z).cast<float>();
+          centre +
+          radius * Eigen::Vector3d(r * std::cos(turn), r * std::sin(turn), z).cast<float>();
       if (const auto rgb = colour_of(data, at, 7 * i)) points[i] = Point{at, *rgb, centre};
     }
   });

@@ -14,7 +14,7 @@ namespace redrive {
 namespace {
 
 enum LossSlot { kL1Loss, kSsimLoss, kRangeLoss };  // in StepSums::terms
-constexpr float kExposuresFrom = 0.05f;  // progress
+constexpr float kExposuresFrom = 0.05f;            // progress
 
 /// A part of a view's image.
 struct Window {
@@ -36,7 +36,7 @@ struct RangePixel {
 /// Working memory of a run's steps.
 struct SplatBuffers final : MethodBuffers {
   ImageLevel full, half;
-  std::vector<Image8> half_images;  ///< by view, made when first needed
+  std::vector<Image8> half_images;                             ///< by view, made when first needed
   std::vector<std::optional<std::vector<RangePixel>>> ranges;  ///< likewise
   kernels::RasterImage image;
   std::vector<float> d_rgb, error, log_range, d_range;
@@ -126,8 +126,8 @@ void find_tiles(const Image8& image, const Window& window, std::vector<std::uint
 /// that what moves is where it was, and not behind nearer ones.
 std::vector<RangePixel> find_ranges(const TrainingSet& data, const View& view) {
   constexpr std::int64_t kApart_ns = 150'000'000;
-  constexpr int kCell = 8;            // pixels
-  constexpr float kBehind = 0.14f;    // of the distance: farther is hidden, as a logarithm
+  constexpr int kCell = 8;          // pixels
+  constexpr float kBehind = 0.14f;  // of the distance: farther is hidden, as a logarithm
   const RigCamera& rig = data.scene.rig[view.camera];
   const std::int64_t t_ns = data.scene.frames[view.frame].t_ns + rig.time_offset_ns;
   const ShutterPoses poses = data.scene.shutter_poses(view);
@@ -239,7 +239,10 @@ StepOutput SplatModel::step(kernels::Backend& backend, const TrainingSet& data,
     if (coarse && own.half_images[window.view].rgb.empty())
       own.half_images[window.view] = halved(data.images[window.view]);
     const PlainCamera whole = make_plain_camera(level.cameras[view.camera]);
-    WindowStep step{coarse ? 2 : 1, whole, coarse ? own.half_images[window.view] : data.images[window.view], window,
+    WindowStep step{coarse ? 2 : 1,
+                    whole,
+                    coarse ? own.half_images[window.view] : data.images[window.view],
+                    window,
                     {background[0], background[1], background[2]}};
     const std::uint64_t colour = random_key(request.seed, kStreamBackground, drawn);
     for (int c = 0; data.scene.random_background && c < 3; ++c)
@@ -256,8 +259,7 @@ int SplatModel::set_ranges(const TrainingSet& data, const WindowStep& step,
   SplatBuffers& own = static_cast<SplatBuffers&>(*buffers);
   auto& ranges = own.ranges[step.window.view];
   if (!ranges) ranges = find_ranges(data, data.scene.views[step.window.view]);
-  const kernels::RasterSize size =
-      kernels::raster_size(step.window.width, step.window.height);
+  const kernels::RasterSize size = kernels::raster_size(step.window.width, step.window.height);
   own.log_range.assign(size.plane(), kernels::kNoRange);
   own.d_range.assign(size.plane(), 0);
   int n = 0;
@@ -318,11 +320,11 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
   GaussianPoseGradient<NumberMath<double>> d_pose;
   double range_loss = 0;
   for (std::size_t i = 0; returns > 0 && i < size.plane(); ++i)
-    if (own.d_range[i] > 0)
-      range_loss += double(own.d_range[i]) * double(own.image.range_error[i]);
+    if (own.d_range[i] > 0) range_loss += double(own.d_range[i]) * double(own.image.range_error[i]);
   stages.rasterise_backward(
       camera, this->view(), options, own.image,
-      {own.d_rgb, own.error, returns > 0 ? std::span<const float>(own.d_range) : std::span<const float>()},
+      {own.d_rgb, own.error,
+       returns > 0 ? std::span<const float>(own.d_range) : std::span<const float>()},
       gradients.first(blocks_size()), request.pose_gradients ? &d_pose : nullptr);
   // The exposure has no gradient: its best value is known. update() moves it there.
   if (appearance.size() > 0 && request.progress > double(kExposuresFrom)) {

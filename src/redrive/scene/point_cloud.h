@@ -17,8 +17,8 @@ namespace redrive {
 /// Structure of arrays, as LidarReturns.
 struct PointCloud {
   std::size_t n = 0;
-  std::vector<float> position;  ///< [3, n] in the world, metres
-  std::vector<float> rgb;       ///< [3, n] in [0, 1]
+  std::vector<float> position;   ///< [3, n] in the world, metres
+  std::vector<float> rgb;        ///< [3, n] in [0, 1]
   std::vector<float> seen_from;  ///< [3, n] camera of the image that gives the colour, world metres
 };
 

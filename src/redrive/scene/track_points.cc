@@ -205,9 +205,9 @@ class CameraTracker {
     for (std::size_t t = 0; t < tracks.size(); ++t) {
       const Eigen::Vector2d pixel = full_pixel(corners[t]);
       if (const auto point = triangulate_rays(tracks[t], factor_ * rad_per_px(pixel), range_))
-        points.push_back(
-            {point->cast<float>(), colour_at(first, visible_pixel(first, pixel).value()),
-             tracks[t].origin[0].cast<float>()});
+        points.push_back({point->cast<float>(),
+                          colour_at(first, visible_pixel(first, pixel).value()),
+                          tracks[t].origin[0].cast<float>()});
     }
     return points;
   }
