@@ -308,6 +308,21 @@ TEST_P(GaussianStagesTest, ThreadsChangeNoBit) {
   for (int k = 0; k < 3; ++k) EXPECT_EQ(a.pose.rotation[k], b.pose.rotation[k]);
 }
 
+// Sigmoid is 1 in floats: nothing may stop an opaque Gaussian from being trained.
+TEST_P(GaussianStagesTest, OpaqueGaussiansHaveGradients) {
+  const auto backend = make();
+  GaussianCase c(false, false, false);
+  for (std::size_t i = 0; i < c.n; ++i) c.numbers[gaussian_slot(i, kOpacityRow)] = 25;
+  const Result result = run(*backend, c);
+  int seen = 0, trained = 0;
+  for (std::size_t i = 0; i < c.n; ++i) {
+    seen += result.gradients[gaussian_slot(i, kColourRow)] != 0;
+    trained += result.gradients[gaussian_slot(i, kOpacityRow)] != 0;
+  }
+  EXPECT_GT(seen, 50);
+  EXPECT_GE(trained, 9 * seen / 10);
+}
+
 /// What a user may steer a camera into: inside a Gaussian, at the fold, needles, huge Gaussians.
 TEST_P(GaussianStagesTest, ExtremeGaussiansGiveFiniteImagesAndGradients) {
   const auto backend = make();

@@ -12,7 +12,7 @@ namespace {
 constexpr double kMargin = 1.15;  // of the radius of the image's corners
 
 /// Returns the undistorted radius where the distorted one reaches `radius`, or the model's edge.
-double undistorted_radius(const BrownConrady& lens, double radius) {
+double valid_radius(const BrownConrady& lens, double radius) {
   constexpr double kStep = 1e-3, kMost = 10;
   double r = 0;
   while (r < kMost && r + kStep < lens.max_radius) {
@@ -29,7 +29,7 @@ void set_distortion(const BrownConrady& lens, double corner, PlainCamera* out) {
   out->p1 = static_cast<float>(lens.p1);
   out->p2 = static_cast<float>(lens.p2);
   out->k3 = static_cast<float>(lens.k3);
-  const double radius = undistorted_radius(lens, kMargin * corner);
+  const double radius = valid_radius(lens, kMargin * corner);
   out->max_radius2 = static_cast<float>(radius * radius);
 }
 

@@ -82,6 +82,7 @@ struct ProjectedGaussian {
   Real covariance;   ///< filtered, xy
   Real det, filtered_det;
   Real opacity;       ///< sigmoid of the logit
+  Real transparency;  ///< 1 - opacity, without its rounding
   Real alpha;         ///< opacity at the mean: times the filter's compensation
   Real direction[3];  ///< of the mean from the camera, world, unit
   Real colour[3];     ///< before the clamp at 0
@@ -154,7 +155,10 @@ REDRIVE_LANES void project_gaussian(const PlainCamera& camera, const GaussianPos
                                     const typename M::Real* rows, ProjectedGaussian<M>* out) {
   using Real = typename M::Real;
   const Real one = M::constant(1), filter = M::constant(kScreenVariance);
-  out->opacity = one / (one + M::exp(-rows[kOpacityRow]));
+  const Real odds = M::exp(-rows[kOpacityRow]);
+  out->opacity = one / (one + odds);
+  // An opaque Gaussian goes on being trained: 1 - opacity would be 0 from a logit of 17 on.
+  out->transparency = odds * out->opacity;
   Real norm2 = M::constant(0);
   for (int k = 0; k < 4; ++k) norm2 = norm2 + rows[kQuaternionRow + k] * rows[kQuaternionRow + k];
   out->inverse_norm = one / M::sqrt(norm2);
@@ -237,7 +241,7 @@ REDRIVE_LANES void project_gaussian_adjoint(const PlainCamera& camera, const Gau
              d_yy = gradient.conic[0] * inverse + filter * d_filtered,
              d_xy = -gradient.conic[1] * inverse;
   d_det = d_det + d_filtered;
-  d_rows[kOpacityRow] = gradient.log_alpha * (one - at.opacity);
+  d_rows[kOpacityRow] = gradient.log_alpha * at.transparency;
   Real d_d[3][2];
   for (int j = 0; j < 3; ++j) {
     d_d[j][0] = two * d_xx * at.d[j][0] + d_xy * at.d[j][1];

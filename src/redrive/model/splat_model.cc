@@ -13,8 +13,8 @@
 namespace redrive {
 namespace {
 
-enum LossSlot { kL1Loss, kSsimLoss, kRangeLoss };  // in StepSums::terms
-constexpr float kExposuresFrom = 0.05f;            // progress
+enum SplatLossSlot { kL1Loss, kSsimLoss, kRangeLoss };  // in StepSums::terms
+constexpr float kExposuresFrom = 0.05f;                 // progress
 
 /// A part of a view's image.
 struct Window {
@@ -172,6 +172,24 @@ std::vector<RangePixel> find_ranges(const TrainingSet& data, const View& view) {
   return all;
 }
 
+/// Returns the mean over the pixels that are not masked; the others' tiles are not drawn.
+double mean_opacity(const kernels::RasterImage& drawn, const Image8& image, const Window& window) {
+  double sum = 0;
+  std::size_t n = 0;
+  for (int y = 0; y < window.height; ++y) {
+    const float* const through =
+        drawn.transmittance.data() + static_cast<std::size_t>(y) * drawn.size.stride;
+    const std::size_t first =
+        static_cast<std::size_t>(window.y + y) * image.width + static_cast<std::size_t>(window.x);
+    for (int x = 0; x < window.width; ++x)
+      if (image.used.empty() || image.used[first + x]) {
+        sum += static_cast<double>(through[x]);
+        ++n;
+      }
+  }
+  return n > 0 ? 1 - sum / static_cast<double>(n) : 1;
+}
+
 kernels::GaussianCamera camera_of(const PlainCamera& whole, const Window& window,
                                   const ShutterPoses& poses) {
   return {window_of(whole, window.x, window.y, window.width, window.height), poses.keys(),
@@ -266,6 +284,11 @@ int SplatModel::set_ranges(const TrainingSet& data, const WindowStep& step,
   for (const RangePixel& p : *ranges) {
     const int x = p.x / step.factor - step.window.x, y = p.y / step.factor - step.window.y;
     if (x < 0 || y < 0 || x >= step.window.width || y >= step.window.height) continue;
+    // Tiles of masked pixels alone are not drawn.
+    const Image8& image = step.image;
+    if (!image.used.empty() &&
+        !image.used[static_cast<std::size_t>(step.window.y + y) * image.width + step.window.x + x])
+      continue;
     const std::size_t i = static_cast<std::size_t>(y) * size.stride + static_cast<std::size_t>(x);
     if (own.log_range[i] != kernels::kNoRange) continue;  // one of a pixel
     own.log_range[i] = p.log_range;
@@ -332,14 +355,14 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
     const KnotWeights at = knots_at(appearance, exposure);
     for (int c = 0; c < 3; ++c) {
       const auto off = static_cast<float>(std::log(std::clamp(loss.best_factor[c], 0.5, 2.0)));
-      to[at.first + c] += (1 - at.second_weight) * off / kLogGainScale;
-      to[at.second + c] += at.second_weight * off / kLogGainScale;
+      const float by =
+          (exposure_rate * off - exposure_decay * std::log(input.gains[c])) / kLogGainScale;
+      to[at.first + c] += (1 - at.second_weight) * by;
+      to[at.second + c] += at.second_weight * by;
     }
   }
 
-  double through = 0;
-  backend.mean(own.image.transmittance.span().first(size.plane()), &through);
-  sums->opacity += weight * (1 - through);
+  sums->opacity += weight * mean_opacity(own.image, image, window);
   sums->rgb_mse += weight * loss.mse;
   sums->terms[kL1Loss] += weight * loss.l1;
   sums->terms[kSsimLoss] += weight * loss.dssim;
@@ -379,8 +402,7 @@ void SplatModel::update(kernels::Backend& backend, double learning_rate, std::in
                                        adam->first_moment.span().first(blocks),
                                        adam->second_moment.span().first(blocks));
   for (std::size_t i = blocks; i < gradients.size(); ++i) {
-    if (gradients[i] == 0) continue;
-    parameters[i] = (1 - exposure_decay) * (parameters[i] + exposure_rate * gradients[i]);
+    parameters[i] += gradients[i];
     gradients[i] = 0;
   }
 }

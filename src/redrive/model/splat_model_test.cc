@@ -279,6 +279,37 @@ TEST(SplatModel, FindsTheExposuresOfImages) {
   for (const double one : off) EXPECT_NEAR(one - (found - given) / n, 0, 0.04);
 }
 
+TEST(SplatModel, AnImageMovesTheKnotsAroundItByTheirWeights) {
+  KnownScene known;
+  known.scene.metric = true;
+  const auto backend = fast_backend();
+  Training training;
+  training.model.configure(known.scene);
+  training.model.appearance.knot_spacing_s = 0.1f / 1.01f;  // hundredths between knots
+  training.begin(known_gaussians(120));
+  const std::size_t first = gaussian_blocks(120) * kBlockSize;
+  const std::span<float> knots = training.model.parameters.span().subspan(first);
+  for (const std::int64_t step : {0, 1, 2, 3}) {
+    std::ranges::fill(knots, 2.0f);
+    StepRequest request;
+    request.step = step;
+    request.progress = 0.5;
+    training.gradients(*backend, known.data(), request);
+    training.model.update(*backend, 0, 1, training.buffers.gradients, &training.adam);
+    std::vector<std::size_t> moved;
+    for (std::size_t i = 0; i < knots.size(); i += 3)
+      if (knots[i] != 2) moved.push_back(i);
+    ASSERT_FALSE(moved.empty());
+    const float by = knots[moved[0]] - 2;
+    EXPECT_LT(by, -0.1f) << "the images have gains of 1";
+    const auto frame = static_cast<float>(moved[0] / 3 % 12);
+    if (frame == 0 || frame == 11) continue;
+    ASSERT_EQ(moved.size(), 2u);
+    EXPECT_EQ(moved[1], moved[0] + 3);
+    EXPECT_NEAR((knots[moved[1]] - 2) / by, 0.01f * frame / (1 - 0.01f * frame), 1e-4f);
+  }
+}
+
 TEST(SplatModel, MaskedPixelsHaveNoEffect) {
   KnownScene a, b;
   for (std::size_t v = 0; v < a.images.size(); ++v) {
@@ -323,6 +354,17 @@ TEST(SplatModel, AStepDependsOnItsRequestAlone) {
       for (int y = 0; y < 16; ++y)
         std::fill_n(&known.images[v].used[64 * y + (v % 2 ? 0 : 16)], 16, 0);
     }
+  const GaussianList ends = known_gaussians(120);
+  known.lidar.n = ends.size();
+  known.lidar.origin.assign(3 * ends.size(), 0);
+  known.lidar.direction.resize(3 * ends.size());
+  known.lidar.t_ns.assign(ends.size(), 0);
+  for (std::size_t i = 0; i < ends.size(); ++i) {
+    const float* const at = &ends.rows[i * kGaussianRows];
+    known.lidar.range_m.push_back(std::hypot(at[0], at[1], at[2]));
+    for (int k = 0; k < 3; ++k)
+      known.lidar.direction[k * ends.size() + i] = at[k] / known.lidar.range_m[i];
+  }
   const auto backend = fast_backend();
   const GaussianList start = disturbed(known_gaussians(120), 0.05f);
   Training fresh, used;
@@ -335,6 +377,7 @@ TEST(SplatModel, AStepDependsOnItsRequestAlone) {
     fresh.buffers = {};
     fresh.gradients(*backend, known.data(), request);
     EXPECT_EQ(fresh.loss(), used.loss());
+    EXPECT_GT(fresh.model.loss_terms(fresh.buffers.workspace.sums()).back().value, 0) << "lidar";
     EXPECT_EQ(fresh.buffers.workspace.sums().opacity, used.buffers.workspace.sums().opacity);
     EXPECT_TRUE(std::ranges::equal(fresh.buffers.gradients.span(), used.buffers.gradients.span()));
   }

@@ -491,6 +491,5 @@ TEST(Checkpoint, RejectsAnImpossibleHeaderLength) {
     EXPECT_THAT(error_message(bytes), HasSubstr("header length")) << length;
   }
 }
-
 }  // namespace
 }  // namespace redrive

@@ -80,8 +80,9 @@ TEST_F(SplatTrainingTest, TrainsWhileItsGaussiansBecomeMore) {
   EXPECT_EQ(model.parameters.size(), model.size());
   const std::vector<MetricsRow> rows = read_metrics(run.paths);
   EXPECT_LT(rows.back().loss, 0.7 * rows.front().loss);
-  EXPECT_THAT(rows.back().losses, testing::UnorderedElementsAre(testing::Key("l1"),
-                                                                testing::Key("dssim")));
+  EXPECT_THAT(rows.back().losses,
+              testing::UnorderedElementsAre(testing::Key("l1"), testing::Key("dssim"),
+                                            testing::Key("lidar")));
   EXPECT_TRUE(same_weights(load_checkpoint(run.paths.checkpoint()), run.state));
 }
 
@@ -145,9 +146,9 @@ TEST_F(SplatTrainingTest, TheRunFolderIsComplete) {
   EXPECT_EQ(splat(opened).max_gaussians, 3000);
   for (const std::size_t v : {std::size_t{0}, opened.scene.views.size() - 1}) {
     const View& view = opened.scene.views[v];
-    const RenderedImage image = opened.state.model->render(
-        *backend_, make_ray_table(opened.scene.rig[view.camera].camera),
-        opened.scene.shutter_poses(view), opened.scene.exposure(view));
+    const RenderedImage image =
+        opened.state.model->render(*backend_, make_ray_table(opened.scene.rig[view.camera].camera),
+                                   opened.scene.shutter_poses(view), opened.scene.exposure(view));
     EXPECT_EQ(image.rgb.size(), 3u * image.width * image.height);
   }
 }
