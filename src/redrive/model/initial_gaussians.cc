@@ -202,6 +202,63 @@ Points extruded(const Points& points, const Scene& scene, float fraction, std::u
   return out;
 }
 
+/// Returns points where an image shows none of `points`: in each empty cell one at the distance of
+/// the nearest cell that has points. Walls without texture have no tracks.
+Points points_between(const TrainingSet& data, const Points& points, ThreadPool& pool) {
+  constexpr int kCell = 16;             // pixels
+  constexpr std::size_t kMostViews = 48;
+  const std::size_t n = data.scene.views.size(), every = (n + kMostViews - 1) / kMostViews;
+  std::vector<Points> of_view((n + every - 1) / every);
+  pool.run(static_cast<int>(of_view.size()), [&](int chunk) {
+    const std::size_t v = chunk * every;
+    const View& view = data.scene.views[v];
+    if (view.held_out) return;
+    const Camera& camera = data.scene.rig[view.camera].camera;
+    const Rigid3d world_from_camera = data.scene.world_from_camera(view),
+                  camera_from_world = world_from_camera.inverse(Eigen::Isometry);
+    const int across = (camera.width + kCell - 1) / kCell,
+              down = (camera.height + kCell - 1) / kCell;
+    std::vector<float> distance(static_cast<std::size_t>(across) * down);  // 0: empty
+    for (const Point& point : points) {
+      const Eigen::Vector3d at = camera_from_world * point.position.cast<double>();
+      const auto pixel = camera.project(at);
+      if (!pixel || !visible_pixel(data.images[v], *pixel)) continue;
+      float& nearest = distance[static_cast<int>(pixel->y() + 0.5) / kCell * across +
+                                static_cast<int>(pixel->x() + 0.5) / kCell];
+      const auto here = static_cast<float>(at.norm());
+      if (nearest == 0 || here < nearest) nearest = here;
+    }
+    // Breadth first from the cells with points.
+    std::vector<int> queue;
+    for (int i = 0; i < across * down; ++i)
+      if (distance[i] > 0) queue.push_back(i);
+    for (std::size_t head = 0, seeds = queue.size(); head < queue.size(); ++head) {
+      const int i = queue[head], x = i % across, y = i / across;
+      const int next[4] = {x > 0 ? i - 1 : i, x + 1 < across ? i + 1 : i, y > 0 ? i - across : i,
+                           y + 1 < down ? i + across : i};
+      for (const int j : next)
+        if (distance[j] == 0) {
+          distance[j] = distance[i];
+          queue.push_back(j);
+        }
+      if (head < seeds) continue;
+      const Eigen::Vector2d pixel(std::min(x * kCell + kCell / 2, camera.width - 1),
+                                  std::min(y * kCell + kCell / 2, camera.height - 1));
+      const auto index = visible_pixel(data.images[v], pixel);
+      const auto direction = camera.unproject(pixel);
+      if (!index || !direction) continue;
+      const auto rgb = colour_at(data.images[v], *index);
+      of_view[chunk].push_back(
+          {(world_from_camera * (double(distance[i]) * *direction)).cast<float>(),
+           Eigen::Vector3f(rgb[0], rgb[1], rgb[2]) / 255,
+           world_from_camera.translation().cast<float>()});
+    }
+  });
+  Points all;
+  for (const Points& part : of_view) all.insert(all.end(), part.begin(), part.end());
+  return all;
+}
+
 /// Returns the colour of the first training view that sees a point, or nothing.
 std::optional<Eigen::Vector3f> colour_of(const TrainingSet& data, const Eigen::Vector3f& position,
                                          std::size_t first_view) {
@@ -328,6 +385,8 @@ GaussianList initial_gaussians(const TrainingSet& data, const InitialGaussianOpt
     Points tracks = points_of(track_points(scene, data.images, pool));
     move_onto_planes(points, cameras, pool, &tracks);
     add(tracks, options.voxel, 0.5f, kPointOpacity);
+    if (!scene.metric && scene.background == Background::kNone && tracks.size() > 1000)
+      add(points_between(data, tracks, pool), options.voxel, 0.5f, kExtrudedOpacity);
   }
   float reach = scene.half_side ? static_cast<float>(*scene.half_side) : 100.0f;
   if (distances.size() > 100) {

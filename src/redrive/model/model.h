@@ -162,6 +162,8 @@ class Model : public Configurable {
   virtual StepOutput step(kernels::Backend& backend, const TrainingSet& data,
                           const StepRequest& request, std::span<float> gradients,
                           StepBuffers* buffers) const = 0;
+  /// Number of independent samples of the mean squared error in `pixels` pixels of a step.
+  virtual std::int64_t independent_pixels(std::int64_t pixels) const { return pixels; }
   /// Returns the loss terms, always the same names in the same order.
   virtual std::vector<LossTerm> loss_terms(const StepSums& sums) const = 0;
   /// Returns a part of gradients [size()] to check for overflow: it is not finite whenever the loss

@@ -55,6 +55,8 @@ struct SplatModel final : Model {
   std::int64_t steps_per_epoch(const TrainingSet& data, int world_size) const override;
   StepOutput step(kernels::Backend& backend, const TrainingSet& data, const StepRequest& request,
                   std::span<float> gradients, StepBuffers* buffers) const override;
+  /// Pixels of one image are alike, and images differ: some ten thousand count as 32.
+  std::int64_t independent_pixels(std::int64_t pixels) const override { return pixels / 8192; }
   std::vector<LossTerm> loss_terms(const StepSums& sums) const override;
   std::span<const float> sentinels(std::span<const float> gradients) const override {
     return gradients.subspan(blocks_size());

@@ -182,7 +182,14 @@ class Trainer {
     save_due_ = false;
   }
 
-  bool loss_rose() const { return last_was_high_ || is_high(state_.window, state_.loss_watch); }
+  bool loss_rose() const { return last_was_high_ || is_high(watched(), state_.loss_watch); }
+
+  /// Returns the window with the independent ones of its rays.
+  LossWindow watched() const {
+    LossWindow window = state_.window;
+    window.rays = state_.model->independent_pixels(window.rays);
+    return window;
+  }
 
   /// Restarts the run from another seed after a start that failed.
   void restart(const std::string& reason) {
@@ -272,8 +279,8 @@ class Trainer {
         row.losses.emplace_back(term.name, window.terms[i++] / window.steps);
       append_metrics(run_.paths, row);
     }
-    last_was_high_ = is_high(window, state_.loss_watch);
-    watch_loss(window, &state_.loss_watch);
+    last_was_high_ = is_high(watched(), state_.loss_watch);
+    watch_loss(watched(), &state_.loss_watch);
     state_.window = {};
   }
 
