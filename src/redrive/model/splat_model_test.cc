@@ -205,7 +205,7 @@ TEST(SplatModel, TheReferenceTakesTheSameSteps) {
   a.steps = b.steps = 4;
   a.begin(disturbed(known_gaussians(40), 0.05f));
   b.begin(disturbed(known_gaussians(40), 0.05f));
-  for (std::int64_t step = 0; step < 4; ++step) {  // a camera of each kind
+  for (std::int64_t step = 0; step < 10; ++step) {  // all images, so a camera of each kind
     StepRequest request = a.request();
     request.step = step;
     a.gradients(*fast, known.data(), request);
@@ -410,6 +410,38 @@ TEST(SplatModel, LargeImagesAreCutIntoWindowsThatCoverThem) {
   training.steps = 600;
   training.run(*backend, known.data());
   EXPECT_GT(known.psnr_db(*backend, training.model), 30);
+}
+
+TEST(SplatModel, SizesThatTilesDoNotDivideAreCovered) {
+  KnownScene known(60, 2.03);  // 129 x 97
+  const int width = 129, height = 97;
+  for (std::size_t v = 0; v < known.images.size(); ++v)
+    if (!known.scene.views[v].held_out) {
+      known.images[v].used.assign(width * height, 1);
+      known.images[v].used.back() = 0;
+    }
+  const auto backend = fast_backend();
+  Training training;
+  training.begin(disturbed(known_gaussians(60), 0.06f));
+  for (const int window : {400, 2048, 5000, 20000}) {
+    training.model.window_pixels = window;
+    training.buffers.method.reset();
+    const std::int64_t windows = training.model.steps_per_epoch(known.data(), 1);
+    for (const double progress : {0.1, 0.9}) {
+      std::int64_t pixels = 0;
+      StepRequest request;
+      request.progress = progress;
+      for (request.step = 0; request.step < windows; ++request.step) {
+        pixels += training.gradients(*backend, known.data(), request).pixels;
+        ASSERT_TRUE(std::isfinite(training.loss()));
+        ASSERT_TRUE(std::ranges::all_of(training.buffers.gradients.span(),
+                                        [](float x) { return std::isfinite(x); }));
+      }
+      if (progress > 0.5 || windows == 10) {
+        EXPECT_EQ(pixels, 10 * (width * height - 1)) << window;
+      }
+    }
+  }
 }
 
 // Without Gaussians an image is its background.

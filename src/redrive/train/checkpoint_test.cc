@@ -491,5 +491,6 @@ TEST(Checkpoint, RejectsAnImpossibleHeaderLength) {
     EXPECT_THAT(error_message(bytes), HasSubstr("header length")) << length;
   }
 }
+
 }  // namespace
 }  // namespace redrive
