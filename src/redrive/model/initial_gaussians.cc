@@ -205,7 +205,7 @@ Points extruded(const Points& points, const Scene& scene, float fraction, std::u
 /// Returns points where an image shows none of `points`: in each empty cell one at the distance of
 /// the nearest cell that has points. Walls without texture have no tracks.
 Points points_between(const TrainingSet& data, const Points& points, ThreadPool& pool) {
-  constexpr int kCell = 16;             // pixels
+  constexpr int kCell = 16;  // pixels
   constexpr std::size_t kMostViews = 48;
   const std::size_t n = data.scene.views.size(), every = (n + kMostViews - 1) / kMostViews;
   std::vector<Points> of_view((n + every - 1) / every);
