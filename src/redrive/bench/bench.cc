@@ -157,6 +157,34 @@ void time_render(Runner& runner, kernels::Backend& backend, const SyntheticDrive
   });
 }
 
+/// Times a step on one window and a whole image of --method splat. A sample is a Gaussian.
+void time_splats(Runner& runner, kernels::Backend& backend, const SyntheticDrive& drive) {
+  constexpr int kGaussians = 400'000;
+  const std::string step = "step/splat-400k-640x352", render = "render/splat-400k-1280x704";
+  if (!runner.wanted(step) && !runner.wanted(render)) return;
+  if (backend.name() != "cpu") return;  // ref would take hours, and a GPU does not rasterise
+  TrainState state = make_splat_state(drive, kGaussians);
+  constexpr double kRead = kGaussianRows * sizeof(float);  // bytes of a Gaussian
+  if (runner.wanted(render)) {
+    const Camera& camera = drive.scene.rig[0].camera;
+    const RayTable rays = make_ray_table(camera);
+    runner.time(render, kGaussians, {0, kRead}, [&] {
+      state.model->render(backend, rays, drive.scene.world_from_camera(drive.scene.views[0]), {});
+    });
+  }
+  if (!runner.wanted(step)) return;
+  const PixelSampler sampler(drive.scene, drive.images, 1);
+  const LidarReturns no_lidar;
+  const TrainingSet data{drive.scene, drive.images, no_lidar, sampler};
+  StepBuffers buffers;
+  runner.time(step, kGaussians, {0, kRead}, [&] {
+    StepRequest request = next_step(state);
+    request.progress = 0.9;  // full size
+    // A rate of nearly 0: the scene stays that of every repetition.
+    train_step(backend, data, request, 1e-12, &state, &buffers);
+  });
+}
+
 void time_kernels(Runner& runner, kernels::Backend& backend, const SyntheticDrive& drive) {
   const NerfConfig config;
   KernelBatch b(backend, drive, config, 96);
@@ -259,6 +287,7 @@ Report run(kernels::Backend& backend, const Options& options,
   time_step(runner, backend, drive, "step/nerf-256x96", wide, wide_macs);
   time_step(runner, backend, drive, "step/nerf-128x48", narrow, narrow_macs);
   time_step(runner, backend, drive, "step/grid-32x24", grid, grid_macs);
+  time_splats(runner, backend, drive);
   time_kernels(runner, backend, drive);
   time_grid_kernels(runner, backend, drive);
   time_render(runner, backend, drive, "render/nerf-256x96-1280x704", wide, wide_macs,

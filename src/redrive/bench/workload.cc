@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "redrive/base/rng.h"
+#include "redrive/model/initial_gaussians.h"
 #include "redrive/train/run.h"
 #include "redrive/volume/hierarchical_sampling.h"
 
@@ -119,6 +120,41 @@ GridBatch::GridBatch(kernels::Backend& backend, const SyntheticDrive& drive)
                   position, footprint);
   points = {n, position, footprint};
   stages.encode(grid(), points, features);
+}
+
+TrainState make_splat_state(const SyntheticDrive& drive, int n) {
+  TrainOptions options;
+  options.method = "splat";
+  TrainState state = make_initial_state(options, drive.scene);
+  auto& model = static_cast<SplatModel&>(*state.model);
+  const Rigid3d world_from_camera = drive.scene.world_from_camera(drive.scene.views[0]);
+  const std::uint64_t key = random_key(1, kStreamTest);
+  GaussianList list;
+  list.rows.resize(static_cast<std::size_t>(n) * kGaussianRows);
+  for (int i = 0; i < n; ++i) {
+    const auto unit = [&](int k) { return double(random_unit(key, 8 * std::uint64_t(i) + k)); };
+    float* const rows = &list.rows[static_cast<std::size_t>(i) * kGaussianRows];
+    // Distances as LiDAR and images have them: even in their logarithm, 3 to 100 m.
+    const double z = 3 * std::pow(100.0 / 3, unit(0)), side = 2 * unit(1) - 1;
+    const int surface = static_cast<int>(3 * unit(2));  // road, left, right
+    const Eigen::Vector3d at = surface == 0   ? Eigen::Vector3d(8 * side, 1.5, z)
+                               : surface == 1 ? Eigen::Vector3d(-8, 1.5 - 10 * unit(1), z)
+                                              : Eigen::Vector3d(8, 1.5 - 10 * unit(1), z);
+    const Eigen::Vector3d in_world = world_from_camera * at;
+    const double size = 0.5 * z * std::sqrt(3 * 16 * std::log(100.0 / 3) / (z * n));
+    for (int k = 0; k < 3; ++k) {
+      rows[kPositionRow + k] = static_cast<float>(in_world[k]);
+      rows[kLogScaleRow + k] = static_cast<float>(std::log(size * (0.3 + unit(3 + k))));
+      rows[kColourRow + k] = static_cast<float>(unit(5 + k));
+    }
+    rows[kQuaternionRow] = 1;
+    rows[kOpacityRow] = static_cast<float>(3 * unit(6));
+    rows[kDistanceRow] = static_cast<float>(at.norm());
+  }
+  model.set_gaussians(list);
+  state.adam.first_moment = Buffer<float>(model.size());
+  state.adam.second_moment = Buffer<float>(model.size());
+  return state;
 }
 
 }  // namespace redrive::bench

@@ -10,6 +10,7 @@
 #include "redrive/kernels/nerf_stages.h"
 #include "redrive/model/grid_model.h"
 #include "redrive/model/nerf_model.h"
+#include "redrive/model/splat_model.h"
 #include "redrive/rays/ray_table.h"
 #include "redrive/scene/scene.h"
 #include "redrive/train/run.h"
@@ -59,5 +60,9 @@ struct GridBatch {
   kernels::HashGrid grid() const { return model().grid(GridModel::kFieldGrid); }
   kernels::GridNetwork network() const { return model().network(); }
 };
+
+/// A run of --method splat with `n` Gaussians along a street before the drive's cameras: flat on a
+/// road and two facades, as large as half the distance of their neighbours.
+TrainState make_splat_state(const SyntheticDrive& drive, int n);
 
 }  // namespace redrive::bench

@@ -210,7 +210,10 @@ void SplatModel::initialize(std::uint64_t) {
 void SplatModel::initialize_from(const TrainingSet& data, std::uint64_t seed, ThreadPool& pool) {
   InitialGaussianOptions options = initial;
   options.max_gaussians = max_gaussians;
-  const GaussianList list = initial_gaussians(data, options, seed, pool);
+  set_gaussians(initial_gaussians(data, options, seed, pool));
+}
+
+void SplatModel::set_gaussians(const GaussianList& list) {
   gaussians = first_gaussians = static_cast<int>(list.size());
   parameters = Buffer<float>(size());
   write_blocks(list, &parameters);
@@ -440,16 +443,20 @@ RenderedImage SplatModel::render(kernels::Backend& backend, const RayTable& rays
   image.opacity.assign(pixels, 0);
   image.valid.assign(pixels, 0);
   const std::array<float, 3> gain = gains(exposure);
-  for (const std::uint32_t pixel : rays.pixel) {
-    const std::size_t from =
-        static_cast<std::size_t>(pixel / rays.width) * rendered_.size.stride + pixel % rays.width;
-    for (int c = 0; c < 3; ++c)
-      image.rgb[3 * std::size_t{pixel} + c] =
-          std::clamp(gain[c] * rendered_.rgb[c * plane + from], 0.0f, 1.0f);
-    image.depth[pixel] = rendered_.depth[from];
-    image.opacity[pixel] = 1 - rendered_.transmittance[from];
-    image.valid[pixel] = 1;
-  }
+  auto valid = rays.pixel.begin();
+  for (int y = 0; y < rays.height; ++y)
+    for (int x = 0; x < rays.width; ++x) {
+      const std::size_t pixel = static_cast<std::size_t>(y) * rays.width + x;
+      if (valid == rays.pixel.end()) break;
+      if (*valid != pixel) continue;
+      ++valid;
+      const std::size_t from = static_cast<std::size_t>(y) * rendered_.size.stride + x;
+      for (int c = 0; c < 3; ++c)
+        image.rgb[3 * pixel + c] = std::clamp(gain[c] * rendered_.rgb[c * plane + from], 0.0f, 1.0f);
+      image.depth[pixel] = rendered_.depth[from];
+      image.opacity[pixel] = 1 - rendered_.transmittance[from];
+      image.valid[pixel] = 1;
+    }
   return image;
 }
 

@@ -79,6 +79,8 @@ struct SplatModel final : Model {
   void rehearse(kernels::Backend&, const DeviceWork&, std::span<float>, Workspace*) const override {
   }
 
+  /// Replaces the Gaussians.
+  void set_gaussians(const GaussianList& list);
   kernels::Gaussians view() const {
     return {static_cast<std::size_t>(gaussians), parameters.span().first(blocks_size())};
   }
