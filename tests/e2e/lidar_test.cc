@@ -26,6 +26,7 @@ class EndToEndLidar : public EndToEnd {
                                           "--out",       (folder_ / name).string(),
                                           "--downscale", "8",
                                           "--frames",    "1000:1003",
+                                          "--method",    "grid",
                                           "--batch",     "64",
                                           "--max-steps", std::to_string(steps),
                                           "--threads",   "2"};

@@ -31,13 +31,9 @@ std::vector<std::string> given_names(const TrainArguments& arguments) {
 }
 
 /// Returns the method where none is given: splats for drives, a grid for photographs, by
-/// measurement (docs/benchmarks.md). What is wrong with the recording is reported when it is used.
+/// measurement (docs/benchmarks.md).
 std::string default_method(const TrainOptions& options) {
-  try {
-    return open_recording(options).metric ? "splat" : "grid";
-  } catch (const std::exception&) {
-    return "splat";
-  }
+  return open_recording(options).metric ? "splat" : "grid";
 }
 
 TrainOptions parse_options(const TrainArguments& arguments) {
@@ -45,7 +41,8 @@ TrainOptions parse_options(const TrainArguments& arguments) {
   for (const TrainField& field : train_fields())
     if (const auto found = arguments.given.find(field.name); found != arguments.given.end())
       for (const std::string& value : found->second) field.parse(options, value);
-  if (!arguments.given.contains("method")) options.method = default_method(options);
+  if (!arguments.given.contains("method") && !options.recording.empty())
+    options.method = default_method(options);
   apply_preset(&options, given_names(arguments));
   if (options.recording.empty()) throw UsageError("RECORDING", "", "must name a folder");
   std::error_code error;

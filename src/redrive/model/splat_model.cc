@@ -357,11 +357,14 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
     const std::span<float> to = gradients.subspan(blocks_size());
     const KnotWeights at = knots_at(appearance, exposure);
     for (int c = 0; c < 3; ++c) {
-      const auto off = static_cast<float>(std::log(std::clamp(loss.best_factor[c], 0.5, 2.0)));
+      const auto off = static_cast<float>(std::log(std::clamp(loss.best_factor[c], 0.1, 10.0)));
       const float by =
           (exposure_rate * off - exposure_decay * std::log(input.gains[c])) / kLogGainScale;
-      to[at.first + c] += (1 - at.second_weight) * by;
-      to[at.second + c] += at.second_weight * by;
+      for (int knot = 0; knot < appearance.knots; ++knot)
+        to[3 * (static_cast<std::size_t>(exposure.camera) * appearance.knots + knot) + c] +=
+            exposure_share * by;
+      to[at.first + c] += (1 - exposure_share) * (1 - at.second_weight) * by;
+      to[at.second + c] += (1 - exposure_share) * at.second_weight * by;
     }
   }
 

@@ -103,6 +103,7 @@ void SplatModel::visit_hyperparameters(HyperparameterVisitor& visit) {
       appearance.knot_spacing_s);
   visit({"exposure_rate", "of the way to an image's best exposure, in a step", 0, 1},
         exposure_rate);
+  visit({"exposure_share", "part of it that all images of the camera take", 0, 1}, exposure_share);
   visit({"exposure_decay", "of log gains, in a step of their image", 0, 1}, exposure_decay);
   visit({"background.r", "colour where no Gaussian is", 0, 1}, background[0]);
   visit({"background.g", "colour where no Gaussian is", 0, 1}, background[1]);
