@@ -455,7 +455,8 @@ RenderedImage SplatModel::render(kernels::Backend& backend, const RayTable& rays
       ++valid;
       const std::size_t from = static_cast<std::size_t>(y) * rendered_.size.stride + x;
       for (int c = 0; c < 3; ++c)
-        image.rgb[3 * pixel + c] = std::clamp(gain[c] * rendered_.rgb[c * plane + from], 0.0f, 1.0f);
+        image.rgb[3 * pixel + c] =
+            std::clamp(gain[c] * rendered_.rgb[c * plane + from], 0.0f, 1.0f);
       image.depth[pixel] = rendered_.depth[from];
       image.opacity[pixel] = 1 - rendered_.transmittance[from];
       image.valid[pixel] = 1;

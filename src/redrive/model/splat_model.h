@@ -35,7 +35,7 @@ struct SplatModel final : Model {
   float beta2 = 0.99f, epsilon = 1e-15f;  ///< of Adam
   AppearanceConfig appearance;            ///< exposure of each camera at each frame
   float exposure_rate = 0.3f, exposure_decay = 0.02f;
-  float exposure_share = 0.2f;  ///< of a change that all images of the camera take
+  float exposure_share = 0.2f;               ///< of a change that all images of the camera take
   float background[3] = {0.5f, 0.5f, 0.5f};  ///< where no Gaussian is
   // State:
   int gaussians = 0, first_gaussians = 0;
