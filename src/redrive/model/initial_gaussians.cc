@@ -23,8 +23,9 @@ constexpr int kNeighbours = 9;
 constexpr float kFlattest = 0.15f;
 /// Extruded are returns this high above the lowest camera, by up to kExtrusion_m.
 constexpr float kExtrudedFrom_m = 0.5f, kExtrusion_m = 9;
-constexpr float kFar = 6;           ///< radius of the sky, in distances of the scene's points
-constexpr float kSkyBelow = 0.03f;  ///< the sky of a drive ends this far below the horizon (sine)
+constexpr float kFar = 6;             ///< radius of the sky, in distances of the scene's points
+constexpr float kSkyBelow = 0.03f;    ///< the sky of a drive ends this far below the horizon (sine)
+constexpr double kShareOfMost = 0.6;  // of max_gaussians, for one kind of points
 constexpr float kPointOpacity = 0.5f, kExtrudedOpacity = 0.1f, kRandomOpacity = 0.1f;
 
 struct Point {
@@ -364,7 +365,13 @@ GaussianList initial_gaussians(const TrainingSet& data, const InitialGaussianOpt
   GaussianList list;
   std::vector<float> distances;
   const auto add = [&](const Points& points, float voxel, float size, float opacity) {
-    const Points kept = one_per_voxel(points, cameras, voxel, pool);
+    Points kept = one_per_voxel(points, cameras, voxel, pool);
+    // Fewer and larger ones, not some of the small ones with holes between them.
+    const double most = kShareOfMost * options.max_gaussians;
+    while (static_cast<double>(kept.size()) > most) {
+      voxel *= static_cast<float>(1.05 * std::sqrt(static_cast<double>(kept.size()) / most));
+      kept = one_per_voxel(points, cameras, voxel, pool);
+    }
     append_discs(kept, cameras, size, opacity, pool, &list);
     for (const Point& point : kept) distances.push_back(cameras.distance(point.position.data()));
   };

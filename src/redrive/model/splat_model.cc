@@ -211,6 +211,19 @@ void SplatModel::initialize_from(const TrainingSet& data, std::uint64_t seed, Th
   InitialGaussianOptions options = initial;
   options.max_gaussians = max_gaussians;
   set_gaussians(initial_gaussians(data, options, seed, pool));
+  if (data.scene.background == Background::kNone) set_background(data);
+}
+
+void SplatModel::set_background(const TrainingSet& data) {
+  constexpr std::size_t kEvery = 101;  // pixels
+  double sum[3] = {0, 0, 0}, n = 0;
+  for (const Image8& image : data.images)
+    for (std::size_t i = 0; 3 * i < image.rgb.size(); i += kEvery) {
+      if (!image.used.empty() && image.used[i] == 0) continue;
+      for (int c = 0; c < 3; ++c) sum[c] += image.rgb[3 * i + c] / 255.0;
+      ++n;
+    }
+  for (int c = 0; c < 3; ++c) background[c] = static_cast<float>(sum[c] / std::max(n, 1.0));
 }
 
 void SplatModel::set_gaussians(const GaussianList& list) {

@@ -35,10 +35,10 @@ struct SplatModel final : Model {
   float beta2 = 0.99f, epsilon = 1e-15f;  ///< of Adam
   AppearanceConfig appearance;            ///< exposure of each camera at each frame
   float exposure_rate = 0.3f, exposure_decay = 0.02f;
-  float exposure_share = 0.2f;               ///< of a change that all images of the camera take
-  float background[3] = {0.5f, 0.5f, 0.5f};  ///< where no Gaussian is
+  float exposure_share = 0.2f;  ///< of a change that all images of the camera take
   // State:
   int gaussians = 0, first_gaussians = 0;
+  float background[3] = {0.5f, 0.5f, 0.5f};  ///< where no Gaussian is: the images' mean colour
 
   const char* method() const override { return "splat"; }
   std::string describe() const override;
@@ -87,6 +87,8 @@ struct SplatModel final : Model {
   }
 
  private:
+  /// Sets the background to the mean colour of the images.
+  void set_background(const TrainingSet& data);
   struct WindowStep;
   /// Sets the planes of ranges of a window; returns their number.
   int set_ranges(const TrainingSet& data, const WindowStep& step, MethodBuffers* buffers) const;

@@ -105,15 +105,15 @@ void SplatModel::visit_hyperparameters(HyperparameterVisitor& visit) {
         exposure_rate);
   visit({"exposure_share", "part of it that all images of the camera take", 0, 1}, exposure_share);
   visit({"exposure_decay", "of log gains, in a step of their image", 0, 1}, exposure_decay);
-  visit({"background.r", "colour where no Gaussian is", 0, 1}, background[0]);
-  visit({"background.g", "colour where no Gaussian is", 0, 1}, background[1]);
-  visit({"background.b", "colour where no Gaussian is", 0, 1}, background[2]);
 }
 
 void SplatModel::visit_state(HyperparameterVisitor& visit) {
   visit({"gaussians", "number of Gaussians", 0, kMostGaussians}, gaussians);
   visit({"first_gaussians", "number of Gaussians at the start", 0, kMostGaussians},
         first_gaussians);
+  visit({"background.r", "colour where no Gaussian is", 0, 1}, background[0]);
+  visit({"background.g", "colour where no Gaussian is", 0, 1}, background[1]);
+  visit({"background.b", "colour where no Gaussian is", 0, 1}, background[2]);
 }
 
 void SplatModel::check(const HyperparameterFailure& fail) const {
