@@ -41,6 +41,7 @@ TrainOptions parse_options(const TrainArguments& arguments) {
   for (const TrainField& field : train_fields())
     if (const auto found = arguments.given.find(field.name); found != arguments.given.end())
       for (const std::string& value : found->second) field.parse(options, value);
+  validate_fields(options);
   if (!arguments.given.contains("method") && !options.recording.empty())
     options.method = default_method(options);
   apply_preset(&options, given_names(arguments));

@@ -186,7 +186,7 @@ bool refines_poses(const TrainOptions& options, const Scene& scene) {
   return options.refine_poses == "on" || (options.refine_poses == "auto" && by_default);
 }
 
-void validate(const TrainOptions& options) {
+void validate_fields(const TrainOptions& options) {
   for (const TrainField& field : train_fields()) {
     field.check(options);
     nlohmann::json json;
@@ -199,6 +199,10 @@ void validate(const TrainOptions& options) {
                        "must be UTF-8 text, as config.json is");
     }
   }
+}
+
+void validate(const TrainOptions& options) {
+  validate_fields(options);
   if (options.far_m <= options.near_m)
     throw UsageError("--far", std::to_string(options.far_m),
                      "must be greater than --near " + std::to_string(options.near_m));

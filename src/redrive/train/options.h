@@ -114,6 +114,8 @@ PoseRefinement pose_refinement(const TrainOptions& options);
 
 /// Throws UsageError naming option, value and rule for the first field out of range.
 void validate(const TrainOptions& options);
+/// The part of validate() that does not depend on the method.
+void validate_fields(const TrainOptions& options);
 SceneOptions scene_options(const TrainOptions& options);
 /// Opens the recording with its own poses, or its ground truth with --truth-poses. The run
 /// (train/run.h) replaces them by those of --poses and --align. Throws InputError as
