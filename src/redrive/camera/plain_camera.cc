@@ -9,7 +9,7 @@
 namespace redrive {
 namespace {
 
-constexpr double kMargin = 1.15;  // of the radius of the image's corners
+constexpr double kMargin = 1.15;  // times the radius of the image's corners
 
 /// Returns the undistorted radius where the distorted one reaches `radius`, or the model's edge.
 double valid_radius(const BrownConrady& lens, double radius) {

@@ -131,6 +131,16 @@ REDRIVE_LANES void rotated_back(const typename M::Real* rotation, const typename
     out[k] = rotation[k] * in[0] + rotation[3 + k] * in[1] + rotation[6 + k] * in[2];
 }
 
+/// Adds the cross product of a and b to out.
+template <class M>
+REDRIVE_LANES void add_cross(const typename M::Real* a, const typename M::Real* b,
+                             typename M::Real* out) {
+  for (int k = 0; k < 3; ++k) {
+    const int next = (k + 1) % 3, last = (k + 2) % 3;
+    out[k] = out[k] + a[next] * b[last] - a[last] * b[next];
+  }
+}
+
 /// Projects the mean alone: sets point, length, mean and visible.
 template <class M>
 REDRIVE_LANES void project_mean(const PlainCamera& camera, const GaussianPose<M>& pose,
@@ -284,17 +294,13 @@ REDRIVE_LANES void project_gaussian_adjoint(const PlainCamera& camera, const Gau
     rotated_back<M>(pose.rotation, d_axis, in_world);
     for (int k = 0; k < 3; ++k) d_q[k][j] = in_world[k];
     if (d_pose) {
-      turn[0] = turn[0] + e[1] * d_axis[2] - e[2] * d_axis[1];
-      turn[1] = turn[1] + e[2] * d_axis[0] - e[0] * d_axis[2];
-      turn[2] = turn[2] + e[0] * d_axis[1] - e[1] * d_axis[0];
+      add_cross<M>(e, d_axis, turn);
     }
   }
   Real d_position[3];
   rotated_back<M>(pose.rotation, d_point, d_position);
   if (d_pose) {
-    turn[0] = turn[0] + p[1] * d_point[2] - p[2] * d_point[1];
-    turn[1] = turn[1] + p[2] * d_point[0] - p[0] * d_point[2];
-    turn[2] = turn[2] + p[0] * d_point[1] - p[1] * d_point[0];
+    add_cross<M>(p, d_point, turn);
     Real in_world[3];
     rotated_back<M>(pose.rotation, turn, in_world);
     for (int k = 0; k < 3; ++k) d_pose->rotation[k] = -in_world[k];

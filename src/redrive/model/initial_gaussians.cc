@@ -18,15 +18,21 @@ namespace redrive {
 namespace {
 
 constexpr std::size_t kPointsPerRange = 4096;
-constexpr int kNeighbours = 9;
+constexpr std::size_t kNeighbours = 9;
 /// Least scale of a disc along its normal, of its smaller axis.
 constexpr float kFlattest = 0.15f;
 /// Extruded are returns this high above the lowest camera, by up to kExtrusion_m.
 constexpr float kExtrudedFrom_m = 0.5f, kExtrusion_m = 9;
 constexpr float kFar = 6;             ///< radius of the sky, in distances of the scene's points
 constexpr float kSkyBelow = 0.03f;    ///< the sky of a drive ends this far below the horizon (sine)
-constexpr double kShareOfMost = 0.6;  // of max_gaussians, for one kind of points
+constexpr double kShareOfMost = 0.6;  ///< one kind of points has at most this of max_gaussians
 constexpr float kPointOpacity = 0.5f, kExtrudedOpacity = 0.1f, kRandomOpacity = 0.1f;
+
+/// Returns the colour of pixel `index`, in [0, 1].
+Eigen::Vector3f colour_in(const Image8& image, std::size_t index) {
+  const auto rgb = colour_at(image, index);
+  return Eigen::Vector3f(rgb[0], rgb[1], rgb[2]) / 255;
+}
 
 struct Point {
   Eigen::Vector3f position, rgb, seen_from;
@@ -95,6 +101,22 @@ struct PointSet {
 using Tree = nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<float, PointSet>,
                                                  PointSet, 3, std::uint32_t>;
 
+/// Mean of some points and the principal axes about it, of the smallest variance first.
+struct Neighbourhood {
+  Eigen::Vector3f mean = Eigen::Vector3f::Zero();
+  Eigen::SelfAdjointEigenSolver<Eigen::Matrix3f> axes;
+};
+template <std::size_t n>
+Neighbourhood neighbourhood_of(const Points& points, const std::array<std::uint32_t, n>& near) {
+  Neighbourhood out;
+  for (const std::uint32_t j : near) out.mean += points[j].position / n;
+  Eigen::Matrix3f covariance = Eigen::Matrix3f::Zero();
+  for (const std::uint32_t j : near)
+    covariance += (points[j].position - out.mean) * (points[j].position - out.mean).transpose();
+  out.axes.compute(covariance);
+  return out;
+}
+
 /// Moves points of tracks along their rays onto the planes of LiDAR returns around them: returns
 /// are more exact, tracks more dense. Points without returns nearby, or far from their plane, stay.
 void move_onto_planes(const Points& returns, const NearestCamera& cameras, ThreadPool& pool,
@@ -115,12 +137,7 @@ void move_onto_planes(const Points& returns, const NearestCamera& cameras, Threa
       std::array<float, kPlaneReturns> squares;
       tree.knnSearch(point.position.data(), kPlaneReturns, near.data(), squares.data());
       if (squares.back() > std::pow(std::max(kNear * distance, 0.3f), 2)) continue;
-      Eigen::Vector3f mean = Eigen::Vector3f::Zero();
-      for (const std::uint32_t j : near) mean += returns[j].position / kPlaneReturns;
-      Eigen::Matrix3f covariance = Eigen::Matrix3f::Zero();
-      for (const std::uint32_t j : near)
-        covariance += (returns[j].position - mean) * (returns[j].position - mean).transpose();
-      const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3f> axes(covariance);
+      const auto [mean, axes] = neighbourhood_of(returns, near);
       if (axes.eigenvalues()[0] > kThickness * kThickness * axes.eigenvalues()[1]) continue;
       const Eigen::Vector3f normal = axes.eigenvectors().col(0),
                             ray = point.position - point.seen_from;
@@ -164,12 +181,7 @@ void append_discs(const Points& points, const NearestCamera& cameras, float size
       std::array<std::uint32_t, kNeighbours> near;
       std::array<float, kNeighbours> squares;
       tree.knnSearch(points[i].position.data(), kNeighbours, near.data(), squares.data());
-      Eigen::Vector3f mean = Eigen::Vector3f::Zero();
-      for (const std::uint32_t j : near) mean += points[j].position / kNeighbours;
-      Eigen::Matrix3f covariance = Eigen::Matrix3f::Zero();
-      for (const std::uint32_t j : near)
-        covariance += (points[j].position - mean) * (points[j].position - mean).transpose();
-      const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3f> axes(covariance);
+      const auto axes = neighbourhood_of(points, near).axes;
       Eigen::Matrix3f rotation;
       rotation.col(0) = axes.eigenvectors().col(2);
       rotation.col(1) = axes.eigenvectors().col(1);
@@ -248,11 +260,9 @@ Points points_between(const TrainingSet& data, const Points& points, ThreadPool&
       const auto index = visible_pixel(data.images[v], pixel);
       const auto direction = camera.unproject(pixel);
       if (!index || !direction) continue;
-      const auto rgb = colour_at(data.images[v], *index);
       of_view[chunk].push_back(
           {(world_from_camera * (double(distance[i]) * *direction)).cast<float>(),
-           Eigen::Vector3f(rgb[0], rgb[1], rgb[2]) / 255,
-           world_from_camera.translation().cast<float>()});
+           colour_in(data.images[v], *index), world_from_camera.translation().cast<float>()});
     }
   });
   Points all;
@@ -273,8 +283,7 @@ std::optional<Eigen::Vector3f> colour_of(const TrainingSet& data, const Eigen::V
     if (!pixel) continue;
     const auto index = visible_pixel(data.images[v], *pixel);
     if (!index) continue;
-    const auto rgb = colour_at(data.images[v], *index);
-    return Eigen::Vector3f(rgb[0], rgb[1], rgb[2]) / 255;
+    return colour_in(data.images[v], *index);
   }
   return std::nullopt;
 }

@@ -32,7 +32,7 @@ struct GaussianList {
 GaussianList initial_gaussians(const TrainingSet& data, const InitialGaussianOptions& options,
                                std::uint64_t seed, ThreadPool& pool);
 
-/// Returns the distance of each position [n][3] to the nearest of the views' cameras, metres.
+/// Measures distances to the nearest of the views' cameras, metres.
 class NearestCamera {
  public:
   explicit NearestCamera(const Scene& scene);

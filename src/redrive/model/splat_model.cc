@@ -289,7 +289,7 @@ StepOutput SplatModel::step(kernels::Backend& backend, const TrainingSet& data,
 
 int SplatModel::set_ranges(const TrainingSet& data, const WindowStep& step,
                            MethodBuffers* buffers) const {
-  if (range_weight == 0 || data.lidar.n == 0 || lidar_rays == 0) return 0;
+  if (range_weight == 0 || data.lidar.n == 0) return 0;
   SplatBuffers& own = static_cast<SplatBuffers&>(*buffers);
   auto& ranges = own.ranges[step.window.view];
   if (!ranges) ranges = find_ranges(data, data.scene.views[step.window.view]);

@@ -28,7 +28,7 @@ struct Drawn {
   std::array<double, kDistanceRow> rows;
 };
 
-/// What a forward pass leaves for its backward pass.
+/// Results of a forward pass that its backward pass reads.
 struct RasterMemory {
   std::vector<Drawn> drawn;  ///< by distance
   std::vector<Splat2d<double>> splats;

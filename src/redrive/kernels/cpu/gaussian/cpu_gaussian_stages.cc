@@ -18,9 +18,9 @@ namespace redrive::kernels {
 namespace {
 
 constexpr std::size_t kBlocksPerRange = 256;  // 4096 Gaussians
-constexpr std::size_t kPairRanges = 16;       // of the visible Gaussians
+constexpr std::size_t kPairRanges = 16;       // visible Gaussians are cut into so many
 constexpr std::size_t kTilesPerRange = 4;
-constexpr int kKeyBits = 11;  // of a pass of the radix sort
+constexpr int kKeyBits = 11;  // a pass of the radix sort handles so many
 constexpr std::size_t kBuckets = std::size_t{1} << kKeyBits;
 
 /// Returns `buffer` with at least n numbers of any value.
@@ -36,7 +36,7 @@ float* tile_memory(std::size_t floats) {
   return grown(&memory, floats);
 }
 
-/// What a forward pass leaves for its backward pass.
+/// Results of a forward pass that its backward pass reads.
 struct RasterMemory {
   Buffer<RasterRecord> records;        ///< by Gaussian
   Buffer<std::uint16_t> visible;       ///< by block

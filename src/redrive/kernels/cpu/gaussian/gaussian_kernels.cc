@@ -10,7 +10,7 @@
 namespace redrive::kernels::REDRIVE_ISA {
 namespace {
 
-constexpr int kVectors = kGaussianBlock / kLanes;  // of a block
+constexpr int kVectors = kGaussianBlock / kLanes;  // a block has so many
 constexpr float kHalfLog2E = 0.72134752f;
 
 using Pose = GaussianPose<LaneMath>;
@@ -230,7 +230,7 @@ void update(const UpdateJob& job, std::size_t begin, std::size_t end) {
 
 }  // namespace
 
-const GaussianKernels kGaussianKernels = {kBlocksPerTile, project,          bin,    tile_forward,
-                                          tile_backward,  project_backward, update, loss_row};
+const GaussianKernels kGaussianKernels = {project,          bin,    tile_forward, tile_backward,
+                                          project_backward, update, loss_row};
 
 }  // namespace redrive::kernels::REDRIVE_ISA

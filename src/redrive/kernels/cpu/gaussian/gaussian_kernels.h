@@ -68,7 +68,8 @@ static constexpr std::size_t tile_scratch(std::size_t n) {
   return 2 * kRecordFloats * n + 32 * (n + 16);
 }
 
-/// Sums over the pixels of a tile, all of the derivative by log alpha times what the name says.
+/// Sums over the pixels of a tile. The first six are of the derivative by log alpha, times offsets
+/// from the mean.
 enum PairSum {
   kSumAlpha,
   kSumX,
@@ -133,13 +134,12 @@ static inline __attribute__((always_inline)) TileRange tiles_of(const RasterReco
 }
 
 struct GaussianKernels {
-  int blocks_per_tile;
   /// Projects blocks [begin, end): writes records, `visible` and keys (distance in the upper half,
   /// index in the lower) of those drawn; returns their number.
   std::size_t (*project)(const ProjectionJob& job, std::size_t begin, std::size_t end,
                          RasterRecord* records, std::uint16_t* visible, std::uint64_t* keys);
-  /// Writes the pairs of the Gaussians of keys [n] with tiles, at most `most`; sets
-  /// RasterRecord::pairs. Returns their number. wanted: by tile, or null.
+  /// Writes the pairs of the Gaussians of keys [n] with tiles; sets RasterRecord::pairs. Returns
+  /// their number. wanted: by tile, or null.
   std::size_t (*bin)(RasterRecord* records, const std::uint64_t* keys, std::size_t n, int tiles_x,
                      int tiles_y, const std::uint8_t* wanted, TilePair* pairs);
   void (*tile_forward)(const TileJob& job);

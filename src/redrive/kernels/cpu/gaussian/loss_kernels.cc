@@ -72,18 +72,26 @@ REDRIVE_INLINE WindowRows window_rows(const LossJob& job, int y) {
           y + kRadius >= job.height ? job.height - y + kRadius : kTaps};
 }
 
-REDRIVE_INLINE void slopes_of_row(const LossJob& job, int y, std::size_t row, LossSums* sums) {
+/// Filters kPlanes planes along their columns, at i of row y of the first one.
+template <int kPlanes>
+REDRIVE_INLINE void filter_along_columns(const LossJob& job, int y, const float* first,
+                                         std::size_t i, Vf* out) {
   const WindowRows window = window_rows(job, y);
+  for (int k = 0; k < kPlanes; ++k) out[k] = Vf{};
+  for (int j = window.first; j < window.end; ++j) {
+    const float* const in =
+        first + i +
+        static_cast<std::ptrdiff_t>(j - kRadius) * static_cast<std::ptrdiff_t>(job.stride);
+    for (int k = 0; k < kPlanes; ++k) out[k] += splat(job.taps[j]) * load(in + k * job.plane);
+  }
+}
+
+REDRIVE_INLINE void slopes_of_row(const LossJob& job, int y, std::size_t row, LossSums* sums) {
   Vf total{};
   for (int c = 0; c < 3; ++c)
     for (std::size_t i = row; i < row + job.stride; i += kLanes) {
-      Vf m[5] = {};
-      for (int j = window.first; j < window.end; ++j) {
-        const float* const in =
-            job.moments + 5 * c * job.plane + i +
-            static_cast<std::ptrdiff_t>(j - kRadius) * static_cast<std::ptrdiff_t>(job.stride);
-        for (int k = 0; k < 5; ++k) m[k] += splat(job.taps[j]) * load(in + k * job.plane);
-      }
+      Vf m[5];
+      filter_along_columns<5>(job, y, job.moments + 5 * c * job.plane, i, m);
       const SsimGradient<LaneMath> s = ssim_gradient<LaneMath>(m[0], m[1], m[2], m[3], m[4]);
       const Vf mask = load(job.mask + i), scale = mask * splat(-0.5f * job.ssim_scale);
       total += mask * (splat(1.0f) - s.ssim);
@@ -108,7 +116,6 @@ REDRIVE_INLINE void filter_slopes_along_row(const LossJob& job, std::size_t row,
 }
 
 REDRIVE_INLINE void finish_row(const LossJob& job, int y, std::size_t row, LossSums* sums) {
-  const WindowRows window = window_rows(job, y);
   for (int c = 0; c < 3; ++c) {
     Vf by_gain{};
     const Vf gain = splat(job.gains[c]);
@@ -117,13 +124,8 @@ REDRIVE_INLINE void finish_row(const LossJob& job, int y, std::size_t row, LossS
       const Vf mask = load(job.mask + i);
       Vf d = load(job.d_rgb + at);
       if (job.ssim_scale > 0) {
-        Vf m[3] = {};
-        for (int j = window.first; j < window.end; ++j) {
-          const float* const in =
-              job.moments + 3 * c * job.plane + i +
-              static_cast<std::ptrdiff_t>(j - kRadius) * static_cast<std::ptrdiff_t>(job.stride);
-          for (int k = 0; k < 3; ++k) m[k] += splat(job.taps[j]) * load(in + k * job.plane);
-        }
+        Vf m[3];
+        filter_along_columns<3>(job, y, job.moments + 3 * c * job.plane, i, m);
         const Vf x = load(job.masked + at), y_ = load(job.masked + 3 * job.plane + at);
         d += (m[0] + splat(2.0f) * x * m[1] + y_ * m[2]) * mask;
       }

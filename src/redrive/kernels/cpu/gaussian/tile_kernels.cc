@@ -201,7 +201,7 @@ REDRIVE_INLINE void backward(const TileJob& job) {
 
 std::size_t bin(RasterRecord* records, const std::uint64_t* keys, std::size_t n, int tiles_x,
                 int tiles_y, const std::uint8_t* wanted, TilePair* pairs) {
-  constexpr int kVectors = kBlocksPerTile / kLanes;  // of blocks
+  constexpr int kVectors = kBlocksPerTile / kLanes;  // a tile has so many vectors of blocks
   Vf left[kVectors], top[kVectors];
   for (int v = 0; v < kVectors; ++v)
     for (int i = 0; i < kLanes; ++i) {

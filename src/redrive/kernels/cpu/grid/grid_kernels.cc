@@ -115,7 +115,7 @@ REDRIVE_INLINE void regroup(const GridNetworkTile& tile, const float* from, floa
     const float* source = from + (kBack ? by_sample : by_level);
     float* target = to + (kBack ? by_level : by_sample);
     for (int i = 0; i < samples; ++i) {
-      if (!kBack) __builtin_prefetch(source + samples * kFeatures);  // of the next tile
+      if (!kBack) __builtin_prefetch(source + samples * kFeatures);  // the next tile
       std::memcpy(target, source, kFeatures * sizeof(float));
       source += kBack ? inputs : kFeatures;
       target += kBack ? kFeatures : inputs;
