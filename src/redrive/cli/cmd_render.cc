@@ -211,7 +211,8 @@ Action configure_render(CLI::App& command) {
     option->excludes(poses);
   command
       .add_option("--exposure", options->exposure,
-                  "exposure and white balance of the image: own (those of the view's camera at its "
+                  "exposure, white balance and shading of the image: own (those of the view's "
+                  "camera at its "
                   "frame), none (the field's colours unchanged) or those of CAMERA:FRAME")
       ->capture_default_str();
   command.add_option("--out", options->out, "image to write, .png or .jpg; with --poses a folder")

@@ -32,6 +32,7 @@ inline void check_rasterise_backward(const GaussianCamera& camera, const Gaussia
 inline void check_image_loss(const ImageLossInput& input, std::size_t d_rgb, std::size_t error) {
   const std::size_t plane = input.size.plane();
   REDRIVE_CHECK_OP(input.rgb.size(), ==, 3 * plane);
+  REDRIVE_CHECK_OP(input.gains.size(), ==, 3 * plane);
   const TargetWindow& target = input.target;
   const std::size_t pixels = target.rgb.size() / 3;
   REDRIVE_CHECK(target.x >= 0 && target.y >= 0 && target.x + input.size.width <= target.width);

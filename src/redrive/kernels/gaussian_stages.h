@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <memory>
 #include <span>
+#include <vector>
 
 #include "redrive/base/buffer.h"
 #include "redrive/field/gaussian.h"
@@ -94,23 +95,26 @@ struct ImageLossInput {
   RasterSize size;
   std::span<const float> rgb;
   TargetWindow target;
-  float gains[3] = {1, 1, 1};  ///< factors of rgb: exposure
+  std::span<const float> gains;  ///< 3 planes, factors of rgb: exposure and shading
   float l1_weight = 0.8f, ssim_weight = 0.2f;
 };
+/// Sums over a tile's pixels that are neither masked nor, in the channel, saturated in the target.
+struct TileBrightness {
+  float pixels[3] = {0, 0, 0}, target[3] = {0, 0, 0};
+  float rendered[3] = {0, 0, 0};  ///< with the gains
+};
+/// From here on a target is saturated, of 1.
+constexpr float kSaturated = 0.97f;
+
 /// Means over the pixels that are not masked, and their channels.
 struct ImageLossOutput {
   double l1 = 0;     ///< weighted
   double dssim = 0;  ///< weighted (1 - SSIM) / 2; SSIM with zeros beyond the mask
   double mse = 0;
-  double d_gains[3] = {0, 0, 0};
-  /// By channel: the factor by which rgb with its gain comes closest to the target (least squares)
-  /// where that is not saturated; 1 where all is black.
-  double best_factor[3] = {1, 1, 1};
-  double pixels = 0;           ///< not masked
-  double colour_variance = 0;  ///< of the target about its mean, averaged over the channels
+  double pixels = 0;                  ///< not masked
+  double colour_variance = 0;         ///< of the target about its mean, averaged over the channels
+  std::vector<TileBrightness> tiles;  ///< row by row
 };
-/// Brighter targets do not count in best_factor.
-constexpr float kSaturated = 0.97f;
 
 /// Learning rates of an update by row of a Gaussian. kPositionRow is times the Gaussian's distance.
 struct GaussianUpdate {

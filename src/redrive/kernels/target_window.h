@@ -11,32 +11,26 @@ namespace redrive::kernels {
 /// Sums over the pixels of a target that are not masked.
 struct TargetSums {
   double pixels = 0, sum[3] = {0, 0, 0}, squares[3] = {0, 0, 0};
-  double product[3] = {0, 0, 0}, rendered[3] = {0, 0, 0};  ///< of rgb and target, of rgb squared
 
   void add(const TargetSums& row) {
     pixels += row.pixels;
     for (int c = 0; c < 3; ++c) {
       sum[c] += row.sum[c];
       squares[c] += row.squares[c];
-      product[c] += row.product[c];
-      rendered[c] += row.rendered[c];
     }
   }
-  void finish(const ImageLossInput& input, ImageLossOutput* out) const {
+  void finish(ImageLossOutput* out) const {
     out->pixels = pixels;
     const double n = std::max(pixels, 1.0);
-    for (int c = 0; c < 3; ++c) {
-      const double gain = static_cast<double>(input.gains[c]);
+    for (int c = 0; c < 3; ++c)
       out->colour_variance += std::max(0.0, squares[c] / n - sum[c] / n * (sum[c] / n)) / 3;
-      if (rendered[c] > 0 && product[c] > 0)
-        out->best_factor[c] = product[c] / (gain * rendered[c]);
-    }
   }
 };
 
-/// Writes row y of the target's three planes and of its mask, 0 in the padding.
-inline TargetSums convert_target_row(const ImageLossInput& input, int y, float* target,
-                                     float* mask) {
+/// Writes row y of the target's three planes and of its mask, 0 in the padding. Adds to the row's
+/// tiles.
+inline TargetSums convert_target_row(const ImageLossInput& input, int y, float* target, float* mask,
+                                     TileBrightness* tiles) {
   const TargetWindow& from = input.target;
   const std::size_t plane = input.size.plane(),
                     row = static_cast<std::size_t>(y) * input.size.stride,
@@ -55,20 +49,25 @@ inline TargetSums convert_target_row(const ImageLossInput& input, int y, float* 
                   : from.rgb[3 * pixel + c] * (1.0f / 255) + through * from.background_change[c];
   }
   for (int c = 0; c < 3; ++c) {
-    float sum = 0, squares = 0, product = 0, rendered = 0;
-    for (int x = 0; x < input.size.width; ++x) {
-      const float m = mask[row + x], t = target[c * plane + row + x] * m,
-                  r = input.rgb[c * plane + row + x];
-      const float counts = t < kSaturated ? m : 0.0f;
-      sum += t;
-      squares += t * t;
-      product += counts * t * r;
-      rendered += counts * r * r;
+    const std::size_t at = c * plane + row;
+    float sum = 0, squares = 0;
+    for (int first_x = 0; first_x < input.size.stride; first_x += kTileSide) {
+      float pixels = 0, bright = 0, rendered = 0;
+      for (int x = first_x; x < first_x + kTileSide; ++x) {
+        const float m = mask[row + x], t = target[at + x] * m, counts = t < kSaturated ? m : 0.0f;
+        sum += t;
+        squares += t * t;
+        pixels += counts;
+        bright += counts * t;
+        rendered += counts * input.gains[at + x] * input.rgb[at + x];
+      }
+      TileBrightness& tile = tiles[first_x / kTileSide];
+      tile.pixels[c] += pixels;
+      tile.target[c] += bright;
+      tile.rendered[c] += rendered;
     }
     sums.sum[c] = static_cast<double>(sum);
     sums.squares[c] = static_cast<double>(squares);
-    sums.product[c] = static_cast<double>(product);
-    sums.rendered[c] = static_cast<double>(rendered);
   }
   for (int x = 0; x < input.size.width; ++x) sums.pixels += static_cast<double>(mask[row + x]);
   return sums;

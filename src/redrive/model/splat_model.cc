@@ -14,7 +14,7 @@ namespace redrive {
 namespace {
 
 enum SplatLossSlot { kL1Loss, kSsimLoss, kRangeLoss };  // in StepSums::terms
-constexpr float kExposuresFrom = 0.05f;                 // progress
+constexpr float kGainsFrom = 0.05f;                     // progress
 
 /// A part of a view's image.
 struct Window {
@@ -39,7 +39,7 @@ struct SplatBuffers final : MethodBuffers {
   std::vector<Image8> half_images;                             ///< by view, made when first needed
   std::vector<std::optional<std::vector<RangePixel>>> ranges;  ///< likewise
   kernels::RasterImage image;
-  std::vector<float> d_rgb, error, log_range, d_range;
+  std::vector<float> gains, d_rgb, error, log_range, d_range;
   std::vector<std::uint8_t> tiles;
 };
 
@@ -198,10 +198,6 @@ kernels::GaussianCamera camera_of(const PlainCamera& whole, const Window& window
 
 }  // namespace
 
-std::array<float, 3> SplatModel::gains(const Exposure& exposure) const {
-  return colour_gains(appearance, parameters.data() + blocks_size(), exposure);
-}
-
 void SplatModel::initialize(std::uint64_t) {
   gaussians = first_gaussians = 0;
   parameters = Buffer<float>(size());
@@ -353,7 +349,10 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
   input.l1_weight = l1_weight;
   input.ssim_weight = ssim_weight;
   const Exposure exposure = data.scene.exposure(view);
-  std::ranges::copy(gains(exposure), input.gains);
+  const ImagePart part{window.x, window.y, step.whole.width, step.whole.height};
+  own.gains.resize(3 * size.plane());
+  gains.write_planes(gain_parameters(), exposure, size, part, own.gains);
+  input.gains = own.gains;
   const kernels::ImageLossOutput loss = stages.image_loss(input, own.d_rgb, own.error);
 
   GaussianPoseGradient<NumberMath<double>> d_pose;
@@ -365,21 +364,10 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
       {own.d_rgb, own.error,
        returns > 0 ? std::span<const float>(own.d_range) : std::span<const float>()},
       gradients.first(blocks_size()), request.pose_gradients ? &d_pose : nullptr);
-  // The exposure has no gradient: its best value is known. update() moves it there.
-  if (appearance.size() > 0 && request.progress > double(kExposuresFrom)) {
-    const std::span<float> to = gradients.subspan(blocks_size());
-    const KnotWeights at = knots_at(appearance, exposure);
-    for (int c = 0; c < 3; ++c) {
-      const auto off = static_cast<float>(std::log(std::clamp(loss.best_factor[c], 0.1, 10.0)));
-      const float by =
-          (exposure_rate * off - exposure_decay * std::log(input.gains[c])) / kLogGainScale;
-      for (int knot = 0; knot < appearance.knots; ++knot)
-        to[3 * (static_cast<std::size_t>(exposure.camera) * appearance.knots + knot) + c] +=
-            exposure_share * by;
-      to[at.first + c] += (1 - exposure_share) * (1 - at.second_weight) * by;
-      to[at.second + c] += (1 - exposure_share) * at.second_weight * by;
-    }
-  }
+  if (request.progress > double(kGainsFrom))
+    gains.add_changes(gain_parameters(), exposure, size, part, loss.tiles,
+                      static_cast<float>(std::pow(last_rate, std::min(request.progress, 1.0))),
+                      gradients.subspan(blocks_size()));
 
   sums->opacity += weight * mean_opacity(own.image, image, window);
   sums->rgb_mse += weight * loss.mse;
@@ -436,7 +424,7 @@ void SplatModel::finish_step(kernels::Backend&, const StepRequest& request, cons
   options.min_opacity = min_opacity;
   gaussians = static_cast<int>(
       densify(options, random_key(request.seed, kStreamDensify, static_cast<std::uint64_t>(step)),
-              static_cast<std::size_t>(gaussians), appearance.size(), &parameters, adam));
+              static_cast<std::size_t>(gaussians), gains.size(), &parameters, adam));
 }
 
 RenderedImage SplatModel::render(kernels::Backend& backend, const RayTable& rays,
@@ -458,7 +446,9 @@ RenderedImage SplatModel::render(kernels::Backend& backend, const RayTable& rays
   image.depth.assign(pixels, 0);
   image.opacity.assign(pixels, 0);
   image.valid.assign(pixels, 0);
-  const std::array<float, 3> gain = gains(exposure);
+  rendered_gains_.resize(3 * plane);
+  gains.write_planes(gain_parameters(), exposure, rendered_.size, {0, 0, rays.width, rays.height},
+                     rendered_gains_);
   auto valid = rays.pixel.begin();
   for (int y = 0; y < rays.height; ++y)
     for (int x = 0; x < rays.width; ++x) {
@@ -468,8 +458,8 @@ RenderedImage SplatModel::render(kernels::Backend& backend, const RayTable& rays
       ++valid;
       const std::size_t from = static_cast<std::size_t>(y) * rendered_.size.stride + x;
       for (int c = 0; c < 3; ++c)
-        image.rgb[3 * pixel + c] =
-            std::clamp(gain[c] * rendered_.rgb[c * plane + from], 0.0f, 1.0f);
+        image.rgb[3 * pixel + c] = std::clamp(
+            rendered_gains_[c * plane + from] * rendered_.rgb[c * plane + from], 0.0f, 1.0f);
       image.depth[pixel] = rendered_.depth[from];
       image.opacity[pixel] = 1 - rendered_.transmittance[from];
       image.valid[pixel] = 1;

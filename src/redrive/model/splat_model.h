@@ -8,8 +8,8 @@
 #include <string>
 #include <vector>
 
-#include "redrive/field/appearance.h"
 #include "redrive/kernels/gaussian_stages.h"
+#include "redrive/model/image_gains.h"
 #include "redrive/model/initial_gaussians.h"
 #include "redrive/model/method.h"
 
@@ -33,9 +33,7 @@ struct SplatModel final : Model {
   float grown_by = 0.6f, densified_until = 0.85f;  ///< progress
   int warm_up_steps = 50;
   float beta2 = 0.99f, epsilon = 1e-15f;  ///< of Adam
-  AppearanceConfig appearance;            ///< exposure of each camera at each frame
-  float exposure_rate = 0.3f, exposure_decay = 0.02f;
-  float exposure_share = 0.2f;  ///< of a change that all images of the camera take
+  ImageGains gains;
   // State:
   int gaussians = 0, first_gaussians = 0;
   float background[3] = {0.5f, 0.5f, 0.5f};  ///< where no Gaussian is: the images' mean colour
@@ -46,7 +44,7 @@ struct SplatModel final : Model {
   void visit_state(HyperparameterVisitor& visit) override;
   void check(const HyperparameterFailure& fail) const override;
   void configure(const Scene& scene) override;
-  std::size_t size() const override { return blocks_size() + appearance.size(); }
+  std::size_t size() const override { return blocks_size() + gains.size(); }
   std::size_t max_size() const override;
   std::vector<ModelTensor> tensors() const override;
   void initialize(std::uint64_t seed) override;
@@ -97,9 +95,12 @@ struct SplatModel final : Model {
                    const WindowStep& step, std::span<float> gradients, MethodBuffers* buffers,
                    double weight, StepSums* sums, StepOutput* out) const;
   std::size_t blocks_size() const { return gaussian_blocks(gaussians) * kBlockSize; }
-  std::array<float, 3> gains(const Exposure& exposure) const;
+  std::span<const float> gain_parameters() const {
+    return parameters.span().subspan(blocks_size());
+  }
 
   mutable kernels::RasterImage rendered_;  ///< kept from image to image
+  mutable std::vector<float> rendered_gains_;
 };
 
 Method splat_method();

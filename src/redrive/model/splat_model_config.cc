@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <tuple>
 #include <vector>
 
 #include "redrive/model/splat_model.h"
@@ -94,17 +95,28 @@ void SplatModel::visit_hyperparameters(HyperparameterVisitor& visit) {
   visit({"adam.beta2", "decay of Adam's second moment", 0, 0.999999}, beta2);
   visit(Hyperparameter{"adam.epsilon", "of Adam", 0, 1}.exclusive(), epsilon);
   visit(Hyperparameter{"appearance.cameras", "cameras with an exposure", 0, 1024}.from_recording(),
-        appearance.cameras);
+        gains.appearance.cameras);
   visit(
       {"appearance.knots", "knots of each camera's exposure over time; 0: no exposure", 0, 100'000},
-      appearance.knots);
+      gains.appearance.knots);
   visit(
       Hyperparameter{"appearance.knot_spacing_s", "time between two knots, s", 0, 1e6}.exclusive(),
-      appearance.knot_spacing_s);
+      gains.appearance.knot_spacing_s);
   visit({"exposure_rate", "of the way to an image's best exposure, in a step", 0, 1},
-        exposure_rate);
-  visit({"exposure_share", "part of it that all images of the camera take", 0, 1}, exposure_share);
-  visit({"exposure_decay", "of log gains, in a step of their image", 0, 1}, exposure_decay);
+        gains.exposure_rate);
+  visit({"exposure_share", "part of it that all images of the camera take", 0, 1},
+        gains.exposure_share);
+  visit({"exposure_decay", "of log gains, in a step of their image", 0, 1}, gains.exposure_decay);
+  visit({"shading.columns", "cells of a camera's shading along its rows", 1, 1024},
+        gains.shading.columns);
+  visit({"shading.rows", "cells of a camera's shading along its columns", 1, 1024},
+        gains.shading.rows);
+  visit(Hyperparameter{"shading.cameras", "cameras with a shading", 0, 1024}.from_recording(),
+        gains.shading.cameras);
+  visit({"shading_rate", "of the way to a cell's best gain, in a step", 0, 1}, gains.shading_rate);
+  visit({"shading_threshold", "differences of brightness (logarithm) that are not the shading's", 0,
+         1},
+        gains.shading_threshold);
 }
 
 void SplatModel::visit_state(HyperparameterVisitor& visit) {
@@ -127,25 +139,30 @@ void SplatModel::configure(const Scene& scene) {
   if (scene.metric && scene.frames.size() > 1) {
     // A knot for each frame: exposures change from image to image.
     const double seconds = scene.exposure(0, scene.frames.back().t_ns).t_s;
-    appearance.knot_spacing_s =
+    gains.appearance.knot_spacing_s =
         static_cast<float>(seconds / static_cast<double>(scene.frames.size() - 1));
-    appearance.cameras = static_cast<int>(scene.rig.size());
-    appearance.knots = static_cast<int>(scene.frames.size());
+    gains.shading.cameras = gains.appearance.cameras = static_cast<int>(scene.rig.size());
+    gains.appearance.knots = static_cast<int>(scene.frames.size());
   }
 }
 
 std::size_t SplatModel::max_size() const {
   return gaussian_blocks(static_cast<std::size_t>(std::max(max_gaussians, gaussians))) *
              kBlockSize +
-         appearance.size();
+         gains.size();
 }
 
 std::vector<ModelTensor> SplatModel::tensors() const {
   const auto blocks = static_cast<std::int64_t>(gaussian_blocks(gaussians));
   std::vector<ModelTensor> out;
   if (blocks > 0) out.push_back({"gaussians", {blocks, kGaussianRows, kGaussianBlock}, 0});
+  const auto& [appearance, shading] = std::tie(gains.appearance, gains.shading);
   if (appearance.size() > 0)
     out.push_back({"appearance", {appearance.cameras, appearance.knots, 3}, blocks_size()});
+  if (shading.size() > 0)
+    out.push_back({"shading",
+                   {shading.cameras, 3, shading.rows, shading.columns},
+                   blocks_size() + appearance.size()});
   return out;
 }
 

@@ -255,8 +255,8 @@ TEST(SplatModel, FindsTheExposuresOfImages) {
   Training training;
   training.steps = 400;
   training.model.configure(known.scene);
-  ASSERT_EQ(training.model.appearance.cameras, 4);
-  ASSERT_EQ(training.model.appearance.knots, 12);
+  ASSERT_EQ(training.model.gains.appearance.cameras, 4);
+  ASSERT_EQ(training.model.gains.appearance.knots, 12);
   // Exact Gaussians: what differs is the exposure.
   training.begin(known_gaussians(120));
   training.model.initial_rate = 0.01;
@@ -266,7 +266,7 @@ TEST(SplatModel, FindsTheExposuresOfImages) {
   for (std::size_t v = 0; v < known.images.size(); ++v) {
     if (known.scene.views[v].held_out) continue;
     const std::array<float, 3> gain = colour_gains(
-        training.model.appearance,
+        training.model.gains.appearance,
         training.model.parameters.data() + gaussian_blocks(training.model.gaussians) * kBlockSize,
         known.scene.exposure(known.scene.views[v]));
     for (const float g : gain) {
@@ -277,37 +277,6 @@ TEST(SplatModel, FindsTheExposuresOfImages) {
     }
   }
   for (const double one : off) EXPECT_NEAR(one - (found - given) / n, 0, 0.04);
-}
-
-TEST(SplatModel, AnImageMovesTheKnotsAroundItByTheirWeights) {
-  KnownScene known;
-  known.scene.metric = true;
-  const auto backend = fast_backend();
-  Training training;
-  training.model.configure(known.scene);
-  training.model.appearance.knot_spacing_s = 0.1f / 1.01f;  // hundredths between knots
-  training.begin(known_gaussians(120));
-  const std::size_t first = gaussian_blocks(120) * kBlockSize;
-  const std::span<float> knots = training.model.parameters.span().subspan(first);
-  for (const std::int64_t step : {0, 1, 2, 3}) {
-    std::ranges::fill(knots, 2.0f);
-    StepRequest request;
-    request.step = step;
-    request.progress = 0.5;
-    training.gradients(*backend, known.data(), request);
-    training.model.update(*backend, 0, 1, training.buffers.gradients, &training.adam);
-    std::vector<std::size_t> moved;
-    for (std::size_t i = 0; i < knots.size(); i += 3)
-      if (knots[i] != 2) moved.push_back(i);
-    ASSERT_FALSE(moved.empty());
-    const float by = knots[moved[0]] - 2;
-    EXPECT_LT(by, -0.1f) << "the images have gains of 1";
-    const auto frame = static_cast<float>(moved[0] / 3 % 12);
-    if (frame == 0 || frame == 11) continue;
-    ASSERT_EQ(moved.size(), 2u);
-    EXPECT_EQ(moved[1], moved[0] + 3);
-    EXPECT_NEAR((knots[moved[1]] - 2) / by, 0.01f * frame / (1 - 0.01f * frame), 1e-4f);
-  }
 }
 
 TEST(SplatModel, MaskedPixelsHaveNoEffect) {

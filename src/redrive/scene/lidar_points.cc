@@ -13,6 +13,9 @@ namespace {
 constexpr std::size_t kReturnsPerRange = 16384;
 constexpr std::size_t kNearestViews =
     32;  // of a cloud's origin; further ones hardly see its points
+// Views of each camera nearest in time that may see a return, and then further ones: what a camera
+// passes it saw ahead of it before.
+constexpr int kViewsInTime = 2, kMoreViewsInTime = 24;
 
 /// A training view that may see a return.
 struct ColourView {
@@ -51,14 +54,15 @@ class Colouring {
       std::ranges::stable_sort(views, {}, [&](int v) { return views_[v].t_ns; });
   }
 
-  /// Appends the two views of each camera nearest in time to t_ns, the nearest first.
-  void nearest_in_time(std::int64_t t_ns, std::vector<int>* views) const {
+  /// Sets the `most` views of each camera nearest in time to t_ns, the nearest first.
+  void nearest_in_time(std::int64_t t_ns, int most, std::vector<int>* views) const {
+    views->clear();
     const auto apart_ns = [&](int v) { return std::abs(views_[v].t_ns - t_ns); };
     for (const auto& of_camera : of_camera_) {
       const auto after =
           std::ranges::lower_bound(of_camera, t_ns, {}, [&](int v) { return views_[v].t_ns; });
       auto begin = after, end = after;
-      for (int k = 0; k < 2; ++k) {
+      for (int k = 0; k < most; ++k) {
         const bool earlier = begin != of_camera.begin(), later = end != of_camera.end();
         if (earlier && (!later || apart_ns(begin[-1]) <= apart_ns(*end)))
           --begin;
@@ -112,19 +116,22 @@ PointCloud lidar_points(const Scene& scene, const std::vector<Image8>& images,
   std::vector<std::vector<ColouredPoint>> parts((returns.n + kReturnsPerRange - 1) /
                                                 kReturnsPerRange);
   pool.run_ranges(returns.n, kReturnsPerRange, [&](std::size_t begin, std::size_t end) {
-    std::vector<int> in_time;
+    std::vector<int> in_time, in_more_time;
     for (std::size_t i = begin; i < end; ++i) {
       const std::int64_t t_ns = returns.t_ns[i];
       if (scene.metric && (i == begin || t_ns != returns.t_ns[i - 1])) {
-        in_time.clear();
-        colouring.nearest_in_time(t_ns, &in_time);
+        colouring.nearest_in_time(t_ns, kViewsInTime, &in_time);
+        in_more_time.clear();
       }
       const Eigen::Vector3d in_world =
           vector_at(returns.origin, returns.n, i) +
           double(returns.range_m[i]) * vector_at(returns.direction, returns.n, i);
-      if (const auto point =
-              colouring.colour(in_world, scene.metric ? in_time : of_origin.at(t_ns)))
-        parts[begin / kReturnsPerRange].push_back(*point);
+      auto point = colouring.colour(in_world, scene.metric ? in_time : of_origin.at(t_ns));
+      if (!point && scene.metric) {
+        if (in_more_time.empty()) colouring.nearest_in_time(t_ns, kMoreViewsInTime, &in_more_time);
+        point = colouring.colour(in_world, in_more_time);
+      }
+      if (point) parts[begin / kReturnsPerRange].push_back(*point);
     }
   });
   return make_point_cloud(parts);

@@ -11,8 +11,8 @@
 namespace redrive {
 
 /// Returns the end of each return that a training image sees, in the order of the returns. In a
-/// drive the colour is that of the view exposed nearest to the return's time, of the two views of
-/// each camera nearest to it that see the point; of photographs (Scene::metric false), whose
+/// drive the colour is that of the view exposed nearest to the return's time, of some views of each
+/// camera nearest to it, that sees the point; of photographs (Scene::metric false), whose
 /// returns are cloud_returns, that of the view nearest to the return's origin. A view sees a point
 /// that projects to an opaque pixel that is not masked; occlusion is not examined. images[i]
 /// belongs to scene.views[i]; those of held-out views are not used.

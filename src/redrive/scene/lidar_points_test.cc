@@ -133,6 +133,8 @@ TEST_F(LidarPointsTest, SkipsHeldOutMaskedAndTransparentPixels) {
   images_[4].used.assign(24 * 16, 0);
   EXPECT_EQ(colours().at(0)[2], 128 + 20);
   images_[2].alpha.assign(24 * 16, 254);
+  EXPECT_EQ(colours().at(0)[2], 128 + 50) << "a view further away in time sees it, too";
+  for (Image8& image : images_) image.used.assign(24 * 16, 0);
   EXPECT_EQ(points().n, 0u);
 }
 

@@ -27,6 +27,7 @@ constexpr int kMaxPixels = 1'000'000;  // larger images are reduced: they are se
 // Where a track starts, the next image is searched from the positions of points so far away that
 // the baseline spans these angles (rad). Lucas-Kanade finds what lies some 30 pixels around.
 constexpr std::array<double, 3> kParallaxes{0, 0.07, 0.18};
+constexpr int kLevelsWithPoint = 1;  // of the pyramid
 constexpr float kForwardBackward_px = 0.5f, kEdge_px = 2;
 constexpr double kMaxResidual_px = 1.2, kTracking_px = 0.35;  // error of an observation
 constexpr double kMaxRelativeSigma = 0.06;                    // of the distance
@@ -238,6 +239,9 @@ class CameraTracker {
                std::vector<ActiveTrack>* active) const {
     const Rigid3d camera_from_world = to.world_from_camera.at(0.5).inverse(Eigen::Isometry);
     std::vector<std::optional<cv::Point2f>> found(active->size());
+    // Tracks with a point, all or none of them, are searched near it.
+    const bool predicted_well = !active->empty() && active->front().rays->n > 1;
+    const int levels = predicted_well ? std::min(levels_, kLevelsWithPoint) : levels_;
     for (const double parallax : kParallaxes) {
       std::vector<std::size_t> searched;  // indices of tracks
       std::vector<cv::Point2f> at, guesses;
@@ -249,7 +253,7 @@ class CameraTracker {
         at.push_back(track.at);
         guesses.push_back(pixel ? reduced_pixel(*pixel) : track.at);
       }
-      const std::vector<std::optional<cv::Point2f>> next = search(from, to, at, guesses);
+      const std::vector<std::optional<cv::Point2f>> next = search(from, to, at, guesses, levels);
       for (std::size_t k = 0; k < searched.size(); ++k) found[searched[k]] = next[k];
     }
     std::size_t kept = 0;
@@ -281,7 +285,8 @@ class CameraTracker {
   /// does not come back to them.
   std::vector<std::optional<cv::Point2f>> search(const TrackImage& from, const TrackImage& to,
                                                  const std::vector<cv::Point2f>& at,
-                                                 const std::vector<cv::Point2f>& guesses) const {
+                                                 const std::vector<cv::Point2f>& guesses,
+                                                 int levels) const {
     std::vector<std::optional<cv::Point2f>> result(at.size());
     if (at.empty()) return result;
     const auto flow = [&](const TrackImage& a, const TrackImage& b,
@@ -289,7 +294,7 @@ class CameraTracker {
       std::vector<std::uint8_t> good;
       std::vector<float> error;
       cv::calcOpticalFlowPyrLK(a.pyramid, b.pyramid, points, *found, good, error,
-                               {kWindow_px, kWindow_px}, levels_,
+                               {kWindow_px, kWindow_px}, levels,
                                {cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 20, 0.02},
                                cv::OPTFLOW_USE_INITIAL_FLOW);
       return good;

@@ -85,7 +85,8 @@ TrainState example_splat_state() {
   model->gaussians = 17;
   model->first_gaussians = 5;
   model->max_gaussians = 2000;
-  model->appearance = {1, 3};
+  model->gains.appearance = {1, 3};
+  model->gains.shading = {1, 4, 2};
   model->parameters = Buffer<float>(model->size());
   for (std::size_t i = 0; i < model->size(); ++i) model->parameters[i] = random_unit(3, i) - 0.5f;
   TrainState state;
@@ -400,7 +401,8 @@ TEST(Checkpoint, SplatRoundTripIsBitExact) {
   EXPECT_EQ(model.gaussians, 17);
   EXPECT_EQ(model.first_gaussians, 5);
   EXPECT_EQ(model.max_gaussians, 2000);
-  EXPECT_EQ(model.appearance.knots, 3);
+  EXPECT_EQ(model.gains.appearance.knots, 3);
+  EXPECT_EQ(model.gains.shading.columns, 4);
   EXPECT_EQ(checkpoint_bytes(back), checkpoint_bytes(state));
 }
 

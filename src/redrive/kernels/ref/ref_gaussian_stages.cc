@@ -152,11 +152,13 @@ class RefGaussianStages final : public GaussianStages {
       return static_cast<std::size_t>(y) * stride + static_cast<std::size_t>(x);
     };
     std::vector<float> targets(3 * plane), masks(plane);
+    ImageLossOutput out;
+    out.tiles.resize(plane / (kTileSide * kTileSide));
     TargetSums all;
     for (int y = 0; y < height; ++y)
-      all.add(convert_target_row(input, y, targets.data(), masks.data()));
+      all.add(convert_target_row(input, y, targets.data(), masks.data(),
+                                 &out.tiles[y / kTileSide * (stride / kTileSide)]));
     const double count = std::max(3 * all.pixels, 1.0);
-    ImageLossOutput out;
     std::vector<double> d(3 * plane), image(3 * plane), target(3 * plane);
     for (int y = 0; y < height; ++y)
       for (int x = 0; x < width; ++x) {
@@ -165,7 +167,7 @@ class RefGaussianStages final : public GaussianStages {
         double of_pixel = 0;
         for (int c = 0; c < 3; ++c) {
           const std::size_t k = c * plane + i;
-          image[k] = mask * static_cast<double>(input.gains[c]) * static_cast<double>(input.rgb[k]);
+          image[k] = mask * static_cast<double>(input.gains[k]) * static_cast<double>(input.rgb[k]);
           target[k] = mask * static_cast<double>(targets[k]);
           const double off = image[k] - target[k];
           d[k] = static_cast<double>(input.l1_weight) / count * mask * ((off > 0) - (off < 0));
@@ -200,10 +202,9 @@ class RefGaussianStages final : public GaussianStages {
     for (int c = 0; c < 3; ++c)
       for (std::size_t i = 0; i < plane; ++i) {
         const std::size_t k = c * plane + i;
-        out.d_gains[c] += d[k] * static_cast<double>(input.rgb[k]);
-        d_rgb[k] = static_cast<float>(d[k] * static_cast<double>(input.gains[c]));
+        d_rgb[k] = static_cast<float>(d[k] * static_cast<double>(input.gains[k]));
       }
-    all.finish(input, &out);
+    all.finish(&out);
     return out;
   }
 

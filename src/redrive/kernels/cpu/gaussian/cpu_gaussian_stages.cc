@@ -137,13 +137,17 @@ class CpuGaussianStages final : public GaussianStages {
   ImageLossOutput image_loss(const ImageLossInput& input, std::span<float> d_rgb,
                              std::span<float> error) override {
     check_image_loss(input, d_rgb.size(), error.size());
-    const std::size_t plane = input.size.plane(), rows = input.size.height, rows_at_once = 8;
+    const std::size_t plane = input.size.plane(), rows = input.size.height,
+                      across = input.size.stride / kTileSide;
     float* const target = grown(&target_, 3 * plane);
     float* const mask = grown(&mask_, plane);
     std::vector<TargetSums> targets(rows);
-    pool_.run_ranges(rows, rows_at_once, [&](std::size_t begin, std::size_t end) {
+    ImageLossOutput out;
+    out.tiles.resize(plane / (kTileSide * kTileSide));
+    pool_.run_ranges(rows, kTileSide, [&](std::size_t begin, std::size_t end) {
       for (std::size_t y = begin; y < end; ++y)
-        targets[y] = convert_target_row(input, static_cast<int>(y), target, mask);
+        targets[y] = convert_target_row(input, static_cast<int>(y), target, mask,
+                                        &out.tiles[begin / kTileSide * across]);
     });
     TargetSums all;
     for (const TargetSums& row : targets) all.add(row);
@@ -156,7 +160,7 @@ class CpuGaussianStages final : public GaussianStages {
     job.rgb = input.rgb.data();
     job.target = target;
     job.mask = mask;
-    std::ranges::copy(input.gains, job.gains);
+    job.gains = input.gains.data();
     job.l1_scale = static_cast<float>(input.l1_weight / std::max(count, 1.0));
     job.ssim_scale = static_cast<float>(input.ssim_weight / std::max(count, 1.0));
     job.taps = taps_.data();
@@ -168,22 +172,20 @@ class CpuGaussianStages final : public GaussianStages {
     std::vector<LossSums> sums(rows);
     for (int pass = 0; pass < kLossPasses; ++pass) {
       if (input.ssim_weight == 0 && pass > 0 && pass + 1 < kLossPasses) continue;
-      pool_.run_ranges(rows, rows_at_once, [&](std::size_t begin, std::size_t end) {
+      pool_.run_ranges(rows, kTileSide, [&](std::size_t begin, std::size_t end) {
         float* const scratch = tile_memory(loss_scratch(job.stride));
         for (std::size_t y = begin; y < end; ++y)
           kernels_.loss_row(job, pass, static_cast<int>(y), scratch, &sums[y]);
       });
     }
-    ImageLossOutput out;
     double squares = 0;
     for (const LossSums& row : sums) {
       out.l1 += row.l1;
       out.dssim += row.ssim;
       squares += row.squares;
-      for (int c = 0; c < 3; ++c) out.d_gains[c] += row.d_gains[c];
     }
     out.mse = squares / std::max(count, 1.0);
-    all.finish(input, &out);
+    all.finish(&out);
     return out;
   }
 

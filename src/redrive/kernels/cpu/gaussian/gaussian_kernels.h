@@ -101,8 +101,7 @@ struct UpdateJob {
 struct LossJob {
   int width = 0, height = 0;
   std::size_t stride = 0, plane = 0;
-  const float *rgb = nullptr, *target = nullptr, *mask = nullptr;
-  float gains[3];
+  const float *rgb = nullptr, *gains = nullptr, *target = nullptr, *mask = nullptr;
   float l1_scale, ssim_scale;   ///< weights over the number of masked numbers
   const float* taps = nullptr;  ///< of the window
   float* masked = nullptr;   ///< 6 planes: 3 of the image with its gains, 3 of its target; 0 masked
@@ -112,7 +111,7 @@ struct LossJob {
 };
 /// Sums of one row.
 struct LossSums {
-  double l1, squares, ssim, d_gains[3];
+  double l1, squares, ssim;
 };
 constexpr int kLossPasses = 5;
 /// Floats of scratch memory of a row.
@@ -146,7 +145,7 @@ struct GaussianKernels {
   void (*tile_backward)(const TileJob& job);
   void (*project_backward)(const ProjectionBackwardJob& job, std::size_t begin, std::size_t end);
   void (*update)(const UpdateJob& job, std::size_t begin, std::size_t end);  ///< of blocks
-  /// Row y in pass 0..kLossPasses-1; a pass needs all rows of the pass before. Passes 0, 2 and 4
+  /// Row y in pass 0..kLossPasses-1; a pass needs all rows of the pass before. Passes 0 and 2
   /// write parts of sums; without SSIM 1 to 3 are left out. scratch: loss_scratch floats.
   void (*loss_row)(const LossJob& job, int pass, int y, float* scratch, LossSums* sums);
 };

@@ -19,7 +19,7 @@ REDRIVE_INLINE void mask_row(const LossJob& job, std::size_t row, LossSums* sums
     Vf error{};
     for (int c = 0; c < 3; ++c) {
       const std::size_t at = c * job.plane + i;
-      const Vf x = load(job.rgb + at) * splat(job.gains[c]) * mask,
+      const Vf x = load(job.rgb + at) * load(job.gains + at) * mask,
                y = load(job.target + at) * mask, off = x - y, size = magnitude_of(off);
       store(job.masked + at, x);
       store(job.masked + 3 * job.plane + at, y);
@@ -115,10 +115,8 @@ REDRIVE_INLINE void filter_slopes_along_row(const LossJob& job, std::size_t row,
   }
 }
 
-REDRIVE_INLINE void finish_row(const LossJob& job, int y, std::size_t row, LossSums* sums) {
-  for (int c = 0; c < 3; ++c) {
-    Vf by_gain{};
-    const Vf gain = splat(job.gains[c]);
+REDRIVE_INLINE void finish_row(const LossJob& job, int y, std::size_t row) {
+  for (int c = 0; c < 3; ++c)
     for (std::size_t i = row; i < row + job.stride; i += kLanes) {
       const std::size_t at = c * job.plane + i;
       const Vf mask = load(job.mask + i);
@@ -129,11 +127,8 @@ REDRIVE_INLINE void finish_row(const LossJob& job, int y, std::size_t row, LossS
         const Vf x = load(job.masked + at), y_ = load(job.masked + 3 * job.plane + at);
         d += (m[0] + splat(2.0f) * x * m[1] + y_ * m[2]) * mask;
       }
-      by_gain += d * load(job.rgb + at);
-      store(job.d_rgb + at, d * gain);
+      store(job.d_rgb + at, d * load(job.gains + at));
     }
-    sums->d_gains[c] = static_cast<double>(sum(by_gain));
-  }
 }
 
 }  // namespace
@@ -145,7 +140,7 @@ void loss_row(const LossJob& job, int pass, int y, float* scratch, LossSums* sum
     case 1: return moments_along_row(job, row, scratch);
     case 2: return slopes_of_row(job, y, row, sums);
     case 3: return filter_slopes_along_row(job, row, scratch);
-    default: return finish_row(job, y, row, sums);
+    default: return finish_row(job, y, row);
   }
 }
 

@@ -1,0 +1,117 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/model/image_gains.h"
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "redrive/base/error.h"
+
+namespace redrive {
+namespace {
+
+/// Brightness that ground truth and rendering are both taken to have besides their own: a ratio of
+/// black pixels tells nothing.
+constexpr double kDark = 0.01;
+
+double log_ratio(double target, double rendered, double pixels) {
+  if (pixels == 0) return 0;
+  return std::clamp(std::log((target + kDark * pixels) / (rendered + kDark * pixels)), -2.3, 2.3);
+}
+
+/// Sums over a cell of the shading.
+struct CellSums {
+  double pixels = 0, target = 0, rendered = 0;
+};
+
+}  // namespace
+
+void ImageGains::write_planes(std::span<const float> parameters, const Exposure& exposure,
+                              const kernels::RasterSize& size, const ImagePart& part,
+                              std::span<float> planes) const {
+  REDRIVE_CHECK_OP(parameters.size(), ==, this->size());
+  REDRIVE_CHECK_OP(planes.size(), ==, 3 * size.plane());
+  const std::array<float, 3> of_image = colour_gains(appearance, parameters.data(), exposure);
+  const std::span<const float> cells = parameters.subspan(appearance.size());
+  const auto stride = static_cast<std::size_t>(size.stride);
+  const float step = 1.0f / static_cast<float>(part.image_width);
+  for (int c = 0; c < 3; ++c)
+    for (int y = 0; y < size.rows; ++y) {
+      const std::span<float> row =
+          planes.subspan(c * size.plane() + static_cast<std::size_t>(y) * stride, stride);
+      std::ranges::fill(row, of_image[c]);
+      apply_shading(shading, cells, exposure.camera, c,
+                    {(static_cast<float>(part.y + y) + 0.5f) / static_cast<float>(part.image_height),
+                     (static_cast<float>(part.x) + 0.5f) * step, step},
+                    row);
+    }
+}
+
+void ImageGains::add_changes(std::span<const float> parameters, const Exposure& exposure,
+                             const kernels::RasterSize& size, const ImagePart& part,
+                             std::span<const kernels::TileBrightness> tiles, float decay,
+                             std::span<float> changes) const {
+  REDRIVE_CHECK_OP(parameters.size(), ==, this->size());
+  REDRIVE_CHECK_OP(changes.size(), ==, this->size());
+  if (exposure.camera < 0 || appearance.size() == 0) return;
+  const KnotWeights at = knots_at(appearance, exposure);
+  const std::array<float, 3> gain = colour_gains(appearance, parameters.data(), exposure);
+  const int across = size.stride / kernels::kTileSide;
+  const float cell_pixels = static_cast<float>(part.image_width) *
+                            static_cast<float>(part.image_height) /
+                            static_cast<float>(std::max<std::size_t>(shading.cells(), 1));
+  for (int c = 0; c < 3; ++c) {
+    CellSums all;
+    for (const kernels::TileBrightness& tile : tiles) {
+      all.pixels += static_cast<double>(tile.pixels[c]);
+      all.target += static_cast<double>(tile.target[c]);
+      all.rendered += static_cast<double>(tile.rendered[c]);
+    }
+    const auto of_all = static_cast<float>(log_ratio(all.target, all.rendered, all.pixels));
+    const float by = (exposure_rate * of_all - exposure_decay * std::log(gain[c])) / kLogGainScale;
+    for (int knot = 0; knot < appearance.knots; ++knot)
+      changes[3 * (static_cast<std::size_t>(exposure.camera) * appearance.knots + knot) + c] +=
+          exposure_share * by;
+    changes[at.first + c] += (1 - exposure_share) * (1 - at.second_weight) * by;
+    changes[at.second + c] += (1 - exposure_share) * at.second_weight * by;
+    if (shading.size() == 0) continue;
+
+    std::vector<CellSums> cells(shading.cells());
+    for (std::size_t i = 0; i < tiles.size(); ++i) {
+      const kernels::TileBrightness& tile = tiles[i];
+      const auto centre = [](std::size_t index) {
+        return (static_cast<float>(index) + 0.5f) * kernels::kTileSide;
+      };
+      const CellWeights x =
+          cells_at(shading.columns, (static_cast<float>(part.x) + centre(i % across)) /
+                                        static_cast<float>(part.image_width));
+      const CellWeights y = cells_at(shading.rows, (static_cast<float>(part.y) + centre(i / across)) /
+                                                       static_cast<float>(part.image_height));
+      const auto add = [&](int row, int column, float weight) {
+        CellSums& cell = cells[static_cast<std::size_t>(row) * shading.columns + column];
+        cell.pixels += static_cast<double>(weight * tile.pixels[c]);
+        cell.target += static_cast<double>(weight * tile.target[c]);
+        cell.rendered += static_cast<double>(weight * tile.rendered[c]);
+      };
+      add(y.first, x.first, (1 - y.second_weight) * (1 - x.second_weight));
+      add(y.first, x.second, (1 - y.second_weight) * x.second_weight);
+      add(y.second, x.first, y.second_weight * (1 - x.second_weight));
+      add(y.second, x.second, y.second_weight * x.second_weight);
+    }
+    const std::size_t first = appearance.size() +
+                              (3 * static_cast<std::size_t>(exposure.camera) + c) * shading.cells();
+    for (std::size_t k = 0; k < cells.size(); ++k) {
+      const CellSums& cell = cells[k];
+      const float seen = std::min(1.0f, static_cast<float>(cell.pixels) / cell_pixels);
+      const auto off = static_cast<float>(log_ratio(cell.target, cell.rendered, cell.pixels));
+      const float rate = decay * seen * shading_rate, before = parameters[first + k],
+                  moved = before + rate * off;
+      // Soft thresholding: what the field can explain as well stays the field's.
+      const float after =
+          std::copysign(std::max(std::fabs(moved) - rate * shading_threshold, 0.0f), moved);
+      changes[first + k] += after - before;
+    }
+  }
+}
+
+}  // namespace redrive

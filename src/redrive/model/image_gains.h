@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+// Gains of images that are rasterised whole: exposure and white balance (field/appearance.h) times
+// the camera's shading (field/shading.h). Parameters: the exposures', then the shading's.
+// They have no gradient: a step measures how much brighter its image's ground truth is than what
+// was rendered, tile by tile, and moves the gains a part of the way there.
+#pragma once
+
+#include <span>
+
+#include "redrive/field/appearance.h"
+#include "redrive/field/shading.h"
+#include "redrive/kernels/gaussian_stages.h"
+
+namespace redrive {
+
+/// Where a window of an image lies: its first pixel and the size of the whole image.
+struct ImagePart {
+  int x = 0, y = 0, image_width = 1, image_height = 1;
+};
+
+struct ImageGains {
+  AppearanceConfig appearance;  ///< exposure of each camera at each frame
+  ShadingConfig shading;
+  float exposure_rate = 0.3f, exposure_decay = 0.02f;
+  float exposure_share = 0.2f;  ///< of a change that all images of the camera take
+  float shading_rate = 0.2f;
+  float shading_threshold = 0.02f;  ///< smaller differences of brightness (logarithm) are not its
+
+  std::size_t size() const { return appearance.size() + shading.size(); }
+
+  /// Writes the gains of each pixel, 3 planes of `size`. The padding has finite values.
+  void write_planes(std::span<const float> parameters, const Exposure& exposure,
+                    const kernels::RasterSize& size, const ImagePart& part,
+                    std::span<float> planes) const;
+
+  /// Adds what an image changes, laid out as the parameters.
+  /// tiles: of the loss of that window with the gains of `parameters`; decay: 0..1, of the shading's
+  /// rates, so that it settles.
+  void add_changes(std::span<const float> parameters, const Exposure& exposure,
+                   const kernels::RasterSize& size, const ImagePart& part,
+                   std::span<const kernels::TileBrightness> tiles, float decay,
+                   std::span<float> changes) const;
+};
+
+}  // namespace redrive
