@@ -22,11 +22,10 @@ void apply_shading(const ShadingConfig& config, std::span<const float> parameter
     const float left = gains[std::max(k - 1, 0)], right = gains[std::min(k, config.columns - 1)],
                 centre = (static_cast<float>(k) + 0.5f) * cell - row.first_x / row.step_x,
                 slope = (right - left) / cell;
-    const std::size_t end =
-        k == config.columns
-            ? pixels.size()
-            : static_cast<std::size_t>(
-                  std::clamp(std::ceil(centre), 0.0f, static_cast<float>(pixels.size())));
+    const std::size_t end = k == config.columns
+                                ? pixels.size()
+                                : static_cast<std::size_t>(std::clamp(
+                                      std::ceil(centre), 0.0f, static_cast<float>(pixels.size())));
     for (; i < end; ++i) pixels[i] *= right + slope * (static_cast<float>(i) - centre);
   }
 }

@@ -24,8 +24,8 @@ std::vector<float> parameters() {
 std::vector<float> gains(const std::vector<float>& p, int camera, int c, int width, int height,
                          int y, int first, int n) {
   std::vector<float> row(n, 1.0f);
-  apply_shading(kConfig, p, camera, c,
-                {(y + 0.5f) / height, (first + 0.5f) / width, 1.0f / width}, row);
+  apply_shading(kConfig, p, camera, c, {(y + 0.5f) / height, (first + 0.5f) / width, 1.0f / width},
+                row);
   return row;
 }
 

@@ -40,10 +40,11 @@ void ImageGains::write_planes(std::span<const float> parameters, const Exposure&
       const std::span<float> row =
           planes.subspan(c * size.plane() + static_cast<std::size_t>(y) * stride, stride);
       std::ranges::fill(row, of_image[c]);
-      apply_shading(shading, cells, exposure.camera, c,
-                    {(static_cast<float>(part.y + y) + 0.5f) / static_cast<float>(part.image_height),
-                     (static_cast<float>(part.x) + 0.5f) * step, step},
-                    row);
+      apply_shading(
+          shading, cells, exposure.camera, c,
+          {(static_cast<float>(part.y + y) + 0.5f) / static_cast<float>(part.image_height),
+           (static_cast<float>(part.x) + 0.5f) * step, step},
+          row);
     }
 }
 
@@ -85,8 +86,9 @@ void ImageGains::add_changes(std::span<const float> parameters, const Exposure& 
       const CellWeights x =
           cells_at(shading.columns, (static_cast<float>(part.x) + centre(i % across)) /
                                         static_cast<float>(part.image_width));
-      const CellWeights y = cells_at(shading.rows, (static_cast<float>(part.y) + centre(i / across)) /
-                                                       static_cast<float>(part.image_height));
+      const CellWeights y =
+          cells_at(shading.rows, (static_cast<float>(part.y) + centre(i / across)) /
+                                     static_cast<float>(part.image_height));
       const auto add = [&](int row, int column, float weight) {
         CellSums& cell = cells[static_cast<std::size_t>(row) * shading.columns + column];
         cell.pixels += static_cast<double>(weight * tile.pixels[c]);
@@ -98,8 +100,8 @@ void ImageGains::add_changes(std::span<const float> parameters, const Exposure& 
       add(y.second, x.first, y.second_weight * (1 - x.second_weight));
       add(y.second, x.second, y.second_weight * x.second_weight);
     }
-    const std::size_t first = appearance.size() +
-                              (3 * static_cast<std::size_t>(exposure.camera) + c) * shading.cells();
+    const std::size_t first =
+        appearance.size() + (3 * static_cast<std::size_t>(exposure.camera) + c) * shading.cells();
     for (std::size_t k = 0; k < cells.size(); ++k) {
       const CellSums& cell = cells[k];
       const float seen = std::min(1.0f, static_cast<float>(cell.pixels) / cell_pixels);

@@ -34,8 +34,8 @@ struct ImageGains {
                     std::span<float> planes) const;
 
   /// Adds what an image changes, laid out as the parameters.
-  /// tiles: of the loss of that window with the gains of `parameters`; decay: 0..1, of the shading's
-  /// rates, so that it settles.
+  /// tiles: of the loss of that window with the gains of `parameters`; decay: 0..1, of the
+  /// shading's rates, so that it settles.
   void add_changes(std::span<const float> parameters, const Exposure& exposure,
                    const kernels::RasterSize& size, const ImagePart& part,
                    std::span<const kernels::TileBrightness> tiles, float decay,

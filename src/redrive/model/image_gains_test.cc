@@ -55,8 +55,8 @@ TEST(ImageGains, FindTheLightThatMovesWithTheCamera) {
     const Exposure exposure{1, 0.1f * static_cast<float>(step / 2 % 4)};
     gains.write_planes(parameters, exposure, size, part, planes);
     std::vector<float> changes(parameters.size());
-    gains.add_changes(parameters, exposure, size, part,
-                      brightness(planes, size, part, 0.4f, truth), 1, changes);
+    gains.add_changes(parameters, exposure, size, part, brightness(planes, size, part, 0.4f, truth),
+                      1, changes);
     for (std::size_t i = 0; i < changes.size(); ++i) parameters[i] += changes[i];
   }
   const ImagePart part{0, 0, kWidth, kHeight};
@@ -117,8 +117,7 @@ TEST(ImageGains, AnImageMovesTheKnotsAroundItByTheirWeights) {
   EXPECT_LT(all, 0);
   EXPECT_EQ(changes[21], all);
   EXPECT_NEAR((changes[15] - all) / (changes[18] - all), 1.0 / 3, 1e-4);
-  EXPECT_NEAR(all / (changes[15] + changes[18] - all),
-              gains.exposure_share, 1e-4);
+  EXPECT_NEAR(all / (changes[15] + changes[18] - all), gains.exposure_share, 1e-4);
   for (int i = 0; i < 12; ++i) EXPECT_EQ(changes[i], 0) << "the other camera";
 }
 

@@ -379,15 +379,16 @@ GaussianList initial_gaussians(const TrainingSet& data, const InitialGaussianOpt
     const double most = kShareOfMost * options.max_gaussians;
     while (static_cast<double>(kept.size()) > most) {
       voxel *= static_cast<float>(1.05 * std::sqrt(static_cast<double>(kept.size()) / most));
-      kept = one_per_voxel(points, cameras, voxel, pool);
+      kept = one_per_voxel(kept, cameras, voxel, pool);
     }
     append_discs(kept, cameras, size, opacity, pool, &list);
     for (const Point& point : kept) distances.push_back(cameras.distance(point.position.data()));
+    return kept;
   };
-  Points points;
+  Points returns;  // thinned
   if (data.lidar.n > 0) {
-    points = points_of(lidar_points(scene, data.images, data.lidar, pool));
-    add(points, options.voxel, 0.5f, kPointOpacity);
+    const Points points = points_of(lidar_points(scene, data.images, data.lidar, pool));
+    returns = add(points, options.voxel, 0.5f, kPointOpacity);
     if (scene.metric && options.extruded > 0) {
       Points up = extruded(points, scene, options.extruded, random_key(seed, kStreamInit, 1));
       pool.run_ranges(up.size(), kPointsPerRange, [&](std::size_t begin, std::size_t end) {
@@ -399,7 +400,7 @@ GaussianList initial_gaussians(const TrainingSet& data, const InitialGaussianOpt
   }
   if (options.tracks) {
     Points tracks = points_of(track_points(scene, data.images, pool));
-    move_onto_planes(points, cameras, pool, &tracks);
+    move_onto_planes(returns, cameras, pool, &tracks);
     add(tracks, options.voxel, 0.5f, kPointOpacity);
     if (!scene.metric && scene.background == Background::kNone && tracks.size() > 1000)
       add(points_between(data, tracks, pool), options.voxel, 0.5f, kExtrudedOpacity);

@@ -32,6 +32,9 @@ struct Method {
   OptionValues defaults =
       {};  ///< options other than hyperparameters that differ from TrainOptions{}
   std::vector<Preset> presets = {};
+  /// Returns defaults that follow --max-seconds, where it ends the run; may be null. Presets go
+  /// before them.
+  OptionValues (*defaults_of_time)(double seconds) = nullptr;
   bool refines_poses = false;      ///< default of --refine-poses for drives
   bool random_background = false;  ///< trains transparent images on random backgrounds
   bool contracts_space = false;    ///< represents space beyond the cube of a bounded recording

@@ -23,6 +23,7 @@ constexpr int kWindow_px = 7, kBlock_px = 5, kMargin_px = 4;
 constexpr int kMinCell_px = 5, kMaxCells = 20'000;  // one corner a cell
 constexpr double kCornerLevels =
     0.57;  // least gradient in a corner's weaker direction, grey levels per pixel
+constexpr double kCornerNoises = 1.5;  // the same in standard deviations of the image's noise
 constexpr int kMaxPixels = 1'000'000;  // larger images are reduced: they are seldom as sharp
 // Where a track starts, the next image is searched from the positions of points so far away that
 // the baseline spans these angles (rad). Lucas-Kanade finds what lies some 30 pixels around.
@@ -82,12 +83,30 @@ cv::Mat usable_pixels(const Image8& image, int factor) {
   return reduced(usable, factor) == 255;
 }
 
+/// Returns the standard deviation of the noise of the usable pixels, grey levels: the median of a
+/// Laplacian that ramps and most edges do not reach (Immerkaer, CVIU 1996).
+double noise_of(const cv::Mat& grey, const cv::Mat& usable) {
+  const cv::Mat laplacian = (cv::Mat_<float>(3, 3) << 1, -2, 1, -2, 4, -2, 1, -2, 1);
+  cv::Mat filtered;
+  cv::filter2D(grey, filtered, CV_32F, laplacian);
+  std::vector<float> sizes;
+  for (int y = 0; y < grey.rows; ++y)
+    for (int x = 0; x < grey.cols; ++x)
+      if (usable.at<std::uint8_t>(y, x) != 0) sizes.push_back(std::fabs(filtered.at<float>(y, x)));
+  if (sizes.empty()) return 0;
+  const auto middle = sizes.begin() + static_cast<std::ptrdiff_t>(sizes.size() / 2);
+  std::ranges::nth_element(sizes, middle);
+  constexpr double kNormOfTaps = 6, kMedianOfNormal = 0.6745;
+  return static_cast<double>(*middle) / (kNormOfTaps * kMedianOfNormal);
+}
+
 /// Returns the best corner of each cell that has one.
 std::vector<cv::Point2f> find_corners(const cv::Mat& grey, const cv::Mat& usable) {
   const int cell = std::max(
       kMinCell_px, static_cast<int>(std::ceil(std::sqrt(double(grey.total()) / kMaxCells))));
   // Of 8-bit images OpenCV averages (2 gradient / 255)^2.
-  const auto least = static_cast<float>(4 * kCornerLevels * kCornerLevels / (255 * 255));
+  const double levels = std::max(kCornerLevels, kCornerNoises * noise_of(grey, usable));
+  const auto least = static_cast<float>(4 * levels * levels / (255 * 255));
   cv::Mat strength;
   cv::cornerMinEigenVal(grey, strength, kBlock_px);
   constexpr int kBorder = kWindow_px / 2;

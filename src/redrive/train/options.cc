@@ -96,10 +96,18 @@ void apply_preset(TrainOptions* options, const std::vector<std::string>& given) 
   const Method* method = find_method(options->method);
   if (!method) return;  // validate() rejects it
   set_defaults(method->defaults, given, options);
-  if (const Preset* preset = find_preset(*options)) set_defaults(preset->values, given, options);
+  const Preset* preset = find_preset(*options);
+  const auto set_preset = [&] {
+    if (preset) set_defaults(preset->values, given, options);
+  };
+  set_preset();
   if ((contains(given, "epochs") || contains(given, "max-steps")) &&
       !contains(given, "max-seconds"))
     options->max_seconds = 0;
+  if (method->defaults_of_time && options->max_seconds > 0) {
+    set_defaults(method->defaults_of_time(options->max_seconds), given, options);
+    set_preset();
+  }
 }
 
 void resolve_cameras(TrainOptions* options, const Recording& recording) {

@@ -201,7 +201,12 @@ TEST(TrainOptions, DefaultsAreThoseOfTheMethod) {
   apply_preset(&options, {"method"});
   EXPECT_EQ(options.method, "splat");
   EXPECT_EQ(options.max_seconds, 30);
-  EXPECT_EQ(value_of(options, "max_gaussians"), "300000");
+  EXPECT_EQ(value_of(options, "max_gaussians"), "246000") << "400,000 (30 s / 120 s)^0.35";
+  options = {};
+  options.method = "splat";
+  options.max_seconds = 600;
+  apply_preset(&options, {"method", "max-seconds"});
+  EXPECT_EQ(value_of(options, "max_gaussians"), "703000");
   options = {};
   options.max_steps = 7;
   apply_preset(&options, {"max-steps"});
