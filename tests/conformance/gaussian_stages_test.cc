@@ -214,12 +214,12 @@ TEST_P(GaussianStagesTest, LossOfAnImageAgreesWithTheOracle) {
     EXPECT_NEAR(found.mse, expected.mse, 1e-5);
     EXPECT_EQ(found.pixels, expected.pixels);
     EXPECT_LT(found.pixels, 37 * 29);
-    ASSERT_EQ(found.tiles.size(), expected.tiles.size());
-    for (std::size_t t = 0; t < found.tiles.size(); ++t)
+    ASSERT_EQ(found.patches.size(), expected.patches.size());
+    for (std::size_t t = 0; t < found.patches.size(); ++t)
       for (int k = 0; k < 3; ++k) {
-        EXPECT_EQ(found.tiles[t].pixels[k], expected.tiles[t].pixels[k]);
-        EXPECT_NEAR(found.tiles[t].target[k], expected.tiles[t].target[k], 1e-4);
-        EXPECT_NEAR(found.tiles[t].rendered[k], expected.tiles[t].rendered[k], 1e-4);
+        EXPECT_EQ(found.patches[t].pixels[k], expected.patches[t].pixels[k]);
+        EXPECT_NEAR(found.patches[t].target[k], expected.patches[t].target[k], 1e-4);
+        EXPECT_NEAR(found.patches[t].rendered[k], expected.patches[t].rendered[k], 1e-4);
       }
     for (int y = 0; y < c.size.height; ++y)
       for (int x = 0; x < c.size.width; ++x) {
@@ -256,13 +256,13 @@ TEST_P(GaussianStagesTest, LossAgreesWithItsDerivative) {
   }
 }
 
-TEST_P(GaussianStagesTest, BrightnessOfTilesIsOfWhatIsNeitherMaskedNorSaturated) {
+TEST_P(GaussianStagesTest, BrightnessOfPatchesIsOfWhatIsNeitherMaskedNorSaturated) {
   const auto backend = make();
   LossCase c;
   c.alpha.clear();
   std::vector<float> d_rgb(c.rgb.size()), error(c.size.plane());
   const ImageLossInput input = c.input(0.8f, 0);
-  std::vector<TileBrightness> expected(c.size.plane() / (kTileSide * kTileSide));
+  std::vector<PatchBrightness> expected(c.size.plane() / (kPatchSide * kPatchSide));
   int saturated = 0;
   for (int y = 0; y < c.size.height; ++y)
     for (int x = 0; x < c.size.width; ++x)
@@ -275,20 +275,20 @@ TEST_P(GaussianStagesTest, BrightnessOfTilesIsOfWhatIsNeitherMaskedNorSaturated)
           ++saturated;
           continue;
         }
-        TileBrightness& tile =
-            expected[y / kTileSide * (c.size.stride / kTileSide) + x / kTileSide];
-        tile.pixels[k] += 1;
-        tile.target[k] += target;
-        tile.rendered[k] += c.rgb[at] * c.gains[at];
+        PatchBrightness& patch =
+            expected[y / kPatchSide * (c.size.stride / kPatchSide) + x / kPatchSide];
+        patch.pixels[k] += 1;
+        patch.target[k] += target;
+        patch.rendered[k] += c.rgb[at] * c.gains[at];
       }
   EXPECT_GT(saturated, 10);
   const ImageLossOutput out = backend->gaussians().image_loss(input, d_rgb, error);
-  ASSERT_EQ(out.tiles.size(), expected.size());
+  ASSERT_EQ(out.patches.size(), expected.size());
   for (std::size_t t = 0; t < expected.size(); ++t)
     for (int k = 0; k < 3; ++k) {
-      EXPECT_EQ(out.tiles[t].pixels[k], expected[t].pixels[k]) << t;
-      EXPECT_NEAR(out.tiles[t].target[k], expected[t].target[k], 1e-3) << t;
-      EXPECT_NEAR(out.tiles[t].rendered[k], expected[t].rendered[k], 1e-3) << t;
+      EXPECT_EQ(out.patches[t].pixels[k], expected[t].pixels[k]) << t;
+      EXPECT_NEAR(out.patches[t].target[k], expected[t].target[k], 1e-3) << t;
+      EXPECT_NEAR(out.patches[t].rendered[k], expected[t].rendered[k], 1e-3) << t;
     }
 }
 

@@ -98,22 +98,23 @@ struct ImageLossInput {
   std::span<const float> gains;  ///< 3 planes, factors of rgb: exposure and shading
   float l1_weight = 0.8f, ssim_weight = 0.2f;
 };
-/// Sums over a tile's pixels that are neither masked nor, in the channel, saturated in the target.
-struct TileBrightness {
+/// Sums over a patch's pixels that are neither masked nor, in the channel, saturated in the target.
+struct PatchBrightness {
   float pixels[3] = {0, 0, 0}, target[3] = {0, 0, 0};
   float rendered[3] = {0, 0, 0};  ///< with the gains
 };
 /// From here on a target is saturated, of 1.
 constexpr float kSaturated = 0.97f;
+constexpr int kPatchSide = 8;
 
 /// Means over the pixels that are not masked, and their channels.
 struct ImageLossOutput {
   double l1 = 0;     ///< weighted
   double dssim = 0;  ///< weighted (1 - SSIM) / 2; SSIM with zeros beyond the mask
   double mse = 0;
-  double pixels = 0;                  ///< not masked
-  double colour_variance = 0;         ///< of the target about its mean, averaged over the channels
-  std::vector<TileBrightness> tiles;  ///< row by row
+  double pixels = 0;           ///< not masked
+  double colour_variance = 0;  ///< of the target about its mean, averaged over the channels
+  std::vector<PatchBrightness> patches;  ///< of kPatchSide squared pixels, row by row
 };
 
 /// Learning rates of an update by row of a Gaussian. kPositionRow is times the Gaussian's distance.

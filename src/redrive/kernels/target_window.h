@@ -28,9 +28,9 @@ struct TargetSums {
 };
 
 /// Writes row y of the target's three planes and of its mask, 0 in the padding. Adds to the row's
-/// tiles.
+/// patches.
 inline TargetSums convert_target_row(const ImageLossInput& input, int y, float* target, float* mask,
-                                     TileBrightness* tiles) {
+                                     PatchBrightness* patches) {
   const TargetWindow& from = input.target;
   const std::size_t plane = input.size.plane(),
                     row = static_cast<std::size_t>(y) * input.size.stride,
@@ -51,9 +51,9 @@ inline TargetSums convert_target_row(const ImageLossInput& input, int y, float* 
   for (int c = 0; c < 3; ++c) {
     const std::size_t at = c * plane + row;
     float sum = 0, squares = 0;
-    for (int first_x = 0; first_x < input.size.stride; first_x += kTileSide) {
+    for (int first_x = 0; first_x < input.size.stride; first_x += kPatchSide) {
       float pixels = 0, bright = 0, rendered = 0;
-      for (int x = first_x; x < first_x + kTileSide; ++x) {
+      for (int x = first_x; x < first_x + kPatchSide; ++x) {
         const float m = mask[row + x], t = target[at + x] * m, counts = t < kSaturated ? m : 0.0f;
         sum += t;
         squares += t * t;
@@ -61,10 +61,10 @@ inline TargetSums convert_target_row(const ImageLossInput& input, int y, float* 
         bright += counts * t;
         rendered += counts * input.gains[at + x] * input.rgb[at + x];
       }
-      TileBrightness& tile = tiles[first_x / kTileSide];
-      tile.pixels[c] += pixels;
-      tile.target[c] += bright;
-      tile.rendered[c] += rendered;
+      PatchBrightness& patch = patches[first_x / kPatchSide];
+      patch.pixels[c] += pixels;
+      patch.target[c] += bright;
+      patch.rendered[c] += rendered;
     }
     sums.sum[c] = static_cast<double>(sum);
     sums.squares[c] = static_cast<double>(squares);

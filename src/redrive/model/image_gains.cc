@@ -14,6 +14,9 @@ namespace {
 /// black pixels tells nothing.
 constexpr double kDark = 0.01;
 
+/// Beyond, a cell would hide what the field has there, and the field need not agree with anything.
+constexpr float kMostLogShading = 1.5f;
+
 double log_ratio(double target, double rendered, double pixels) {
   if (pixels == 0) return 0;
   return std::clamp(std::log((target + kDark * pixels) / (rendered + kDark * pixels)), -2.3, 2.3);
@@ -50,23 +53,23 @@ void ImageGains::write_planes(std::span<const float> parameters, const Exposure&
 
 void ImageGains::add_changes(std::span<const float> parameters, const Exposure& exposure,
                              const kernels::RasterSize& size, const ImagePart& part,
-                             std::span<const kernels::TileBrightness> tiles, float decay,
+                             std::span<const kernels::PatchBrightness> patches, float decay,
                              std::span<float> changes) const {
   REDRIVE_CHECK_OP(parameters.size(), ==, this->size());
   REDRIVE_CHECK_OP(changes.size(), ==, this->size());
   if (exposure.camera < 0 || appearance.size() == 0) return;
   const KnotWeights at = knots_at(appearance, exposure);
   const std::array<float, 3> gain = colour_gains(appearance, parameters.data(), exposure);
-  const int across = size.stride / kernels::kTileSide;
+  const int across = size.stride / kernels::kPatchSide;
   const float cell_pixels = static_cast<float>(part.image_width) *
                             static_cast<float>(part.image_height) /
                             static_cast<float>(std::max<std::size_t>(shading.cells(), 1));
   for (int c = 0; c < 3; ++c) {
     CellSums all;
-    for (const kernels::TileBrightness& tile : tiles) {
-      all.pixels += static_cast<double>(tile.pixels[c]);
-      all.target += static_cast<double>(tile.target[c]);
-      all.rendered += static_cast<double>(tile.rendered[c]);
+    for (const kernels::PatchBrightness& patch : patches) {
+      all.pixels += static_cast<double>(patch.pixels[c]);
+      all.target += static_cast<double>(patch.target[c]);
+      all.rendered += static_cast<double>(patch.rendered[c]);
     }
     const auto of_all = static_cast<float>(log_ratio(all.target, all.rendered, all.pixels));
     const float by = (exposure_rate * of_all - exposure_decay * std::log(gain[c])) / kLogGainScale;
@@ -78,10 +81,10 @@ void ImageGains::add_changes(std::span<const float> parameters, const Exposure& 
     if (shading.size() == 0) continue;
 
     std::vector<CellSums> cells(shading.cells());
-    for (std::size_t i = 0; i < tiles.size(); ++i) {
-      const kernels::TileBrightness& tile = tiles[i];
+    for (std::size_t i = 0; i < patches.size(); ++i) {
+      const kernels::PatchBrightness& patch = patches[i];
       const auto centre = [](std::size_t index) {
-        return (static_cast<float>(index) + 0.5f) * kernels::kTileSide;
+        return (static_cast<float>(index) + 0.5f) * kernels::kPatchSide;
       };
       const CellWeights x =
           cells_at(shading.columns, (static_cast<float>(part.x) + centre(i % across)) /
@@ -91,9 +94,9 @@ void ImageGains::add_changes(std::span<const float> parameters, const Exposure& 
                                      static_cast<float>(part.image_height));
       const auto add = [&](int row, int column, float weight) {
         CellSums& cell = cells[static_cast<std::size_t>(row) * shading.columns + column];
-        cell.pixels += static_cast<double>(weight * tile.pixels[c]);
-        cell.target += static_cast<double>(weight * tile.target[c]);
-        cell.rendered += static_cast<double>(weight * tile.rendered[c]);
+        cell.pixels += static_cast<double>(weight * patch.pixels[c]);
+        cell.target += static_cast<double>(weight * patch.target[c]);
+        cell.rendered += static_cast<double>(weight * patch.rendered[c]);
       };
       add(y.first, x.first, (1 - y.second_weight) * (1 - x.second_weight));
       add(y.first, x.second, (1 - y.second_weight) * x.second_weight);
@@ -109,8 +112,8 @@ void ImageGains::add_changes(std::span<const float> parameters, const Exposure& 
       const float rate = decay * seen * shading_rate, before = parameters[first + k],
                   moved = before + rate * off;
       // Soft thresholding: what the field can explain as well stays the field's.
-      const float after =
-          std::copysign(std::max(std::fabs(moved) - rate * shading_threshold, 0.0f), moved);
+      const float after = std::copysign(
+          std::clamp(std::fabs(moved) - rate * shading_threshold, 0.0f, kMostLogShading), moved);
       changes[first + k] += after - before;
     }
   }

@@ -2,7 +2,7 @@
 // Gains of images that are rasterised whole: exposure and white balance (field/appearance.h) times
 // the camera's shading (field/shading.h). Parameters: the exposures', then the shading's.
 // They have no gradient: a step measures how much brighter its image's ground truth is than what
-// was rendered, tile by tile, and moves the gains a part of the way there.
+// was rendered, patch by patch, and moves the gains a part of the way there.
 #pragma once
 
 #include <span>
@@ -34,11 +34,11 @@ struct ImageGains {
                     std::span<float> planes) const;
 
   /// Adds what an image changes, laid out as the parameters.
-  /// tiles: of the loss of that window with the gains of `parameters`; decay: 0..1, of the
+  /// patches: of the loss of that window with the gains of `parameters`; decay: 0..1, of the
   /// shading's rates, so that it settles.
   void add_changes(std::span<const float> parameters, const Exposure& exposure,
                    const kernels::RasterSize& size, const ImagePart& part,
-                   std::span<const kernels::TileBrightness> tiles, float decay,
+                   std::span<const kernels::PatchBrightness> patches, float decay,
                    std::span<float> changes) const;
 };
 

@@ -6,6 +6,8 @@
 
 #include <gtest/gtest.h>
 
+#include "redrive/base/rng.h"
+
 namespace redrive {
 namespace {
 
@@ -21,24 +23,24 @@ ImageGains two_cameras() {
   return gains;
 }
 
-/// Brightness of the tiles of an image that is rendered with `rendered` before gains, and of ground
-/// truth that has the gains truth(tile's centre as parts of the image) instead.
+/// Brightness of the patches of an image that is rendered with `rendered` before gains, and of
+/// ground truth that has the gains truth(patch's centre as parts of the image) instead.
 template <class Truth>
-std::vector<kernels::TileBrightness> brightness(const std::vector<float>& planes,
-                                                const kernels::RasterSize& size,
-                                                const ImagePart& part, float rendered,
-                                                const Truth& truth) {
-  std::vector<kernels::TileBrightness> tiles(size.plane() / 256);
+std::vector<kernels::PatchBrightness> brightness(const std::vector<float>& planes,
+                                                 const kernels::RasterSize& size,
+                                                 const ImagePart& part, float rendered,
+                                                 const Truth& truth) {
+  std::vector<kernels::PatchBrightness> patches(size.plane() / 64);
   for (int c = 0; c < 3; ++c)
     for (int y = 0; y < size.height; ++y)
       for (int x = 0; x < size.width; ++x) {
-        kernels::TileBrightness& tile = tiles[y / 16 * (size.stride / 16) + x / 16];
-        tile.pixels[c] += 1;
-        tile.target[c] += rendered * truth((part.x + x + 0.5f) / part.image_width,
-                                           (part.y + y + 0.5f) / part.image_height, c);
-        tile.rendered[c] += rendered * planes[c * size.plane() + y * size.stride + x];
+        kernels::PatchBrightness& patch = patches[y / 8 * (size.stride / 8) + x / 8];
+        patch.pixels[c] += 1;
+        patch.target[c] += rendered * truth((part.x + x + 0.5f) / part.image_width,
+                                            (part.y + y + 0.5f) / part.image_height, c);
+        patch.rendered[c] += rendered * planes[c * size.plane() + y * size.stride + x];
       }
-  return tiles;
+  return patches;
 }
 
 TEST(ImageGains, FindTheLightThatMovesWithTheCamera) {
@@ -91,12 +93,43 @@ TEST(ImageGains, OfAnImageThatAgreesDecay) {
     EXPECT_EQ(changes[of_exposure + cells + i], 0) << "the other camera";
 }
 
+// A fisheye's image circle cuts cells of two patches; smaller cells ran away there.
+TEST(ImageGains, NoCellAtTheImageCircleRunsAway) {
+  ImageGains gains = two_cameras();
+  gains.shading.columns = 6;
+  gains.shading.rows = 4;
+  constexpr int kW = 96, kH = 64;
+  std::vector<float> parameters(gains.size());
+  const ImagePart part{0, 0, kW, kH};
+  const kernels::RasterSize size = kernels::raster_size(kW, kH);
+  std::vector<float> planes(3 * size.plane());
+  for (std::uint64_t step = 0; step < 2000; ++step) {
+    gains.write_planes(parameters, {0, 0}, size, part, planes);
+    std::vector<kernels::PatchBrightness> patches(size.plane() / 64);
+    for (int c = 0; c < 3; ++c)
+      for (int y = 0; y < kH; ++y)
+        for (int x = 0; x < kW; ++x) {
+          if ((x - 48) * (x - 48) + (y - 32) * (y - 32) > 40 * 40) continue;
+          const std::size_t at = y / 8 * (size.stride / 8) + x / 8;
+          const float noise = 0.4f * random_unit(random_key(3, kStreamTest, step), at) - 0.2f;
+          patches[at].pixels[c] += 1;
+          patches[at].target[c] += 0.4f * (1 + noise);
+          patches[at].rendered[c] += 0.4f * planes[c * size.plane() + y * size.stride + x];
+        }
+    std::vector<float> changes(parameters.size());
+    gains.add_changes(parameters, {0, 0}, size, part, patches, 1, changes);
+    for (std::size_t i = 0; i < changes.size(); ++i) parameters[i] += changes[i];
+  }
+  for (std::size_t i = gains.appearance.size(); i < parameters.size(); ++i)
+    EXPECT_NEAR(parameters[i], 0, 0.3f) << i;
+}
+
 TEST(ImageGains, WhatIsMaskedStays) {
   const ImageGains gains = two_cameras();
   std::vector<float> parameters(gains.size()), changes(gains.size());
   const kernels::RasterSize size = kernels::raster_size(kWidth, kHeight);
-  std::vector<kernels::TileBrightness> tiles(size.plane() / 256);
-  gains.add_changes(parameters, {0, 0}, size, {0, 0, kWidth, kHeight}, tiles, 1, changes);
+  std::vector<kernels::PatchBrightness> patches(size.plane() / 64);
+  gains.add_changes(parameters, {0, 0}, size, {0, 0, kWidth, kHeight}, patches, 1, changes);
   for (const float change : changes) EXPECT_EQ(change, 0);
 }
 
@@ -104,14 +137,14 @@ TEST(ImageGains, AnImageMovesTheKnotsAroundItByTheirWeights) {
   const ImageGains gains = two_cameras();
   std::vector<float> parameters(gains.size()), changes(gains.size());
   const kernels::RasterSize size = kernels::raster_size(kWidth, kHeight);
-  std::vector<kernels::TileBrightness> tiles(size.plane() / 256);
-  for (kernels::TileBrightness& tile : tiles)
+  std::vector<kernels::PatchBrightness> patches(size.plane() / 64);
+  for (kernels::PatchBrightness& patch : patches)
     for (int c = 0; c < 3; ++c) {
-      tile.pixels[c] = 256;
-      tile.target[c] = 60;
-      tile.rendered[c] = 120;
+      patch.pixels[c] = 64;
+      patch.target[c] = 15;
+      patch.rendered[c] = 30;
     }
-  gains.add_changes(parameters, {1, 0.175f}, size, {0, 0, kWidth, kHeight}, tiles, 1, changes);
+  gains.add_changes(parameters, {1, 0.175f}, size, {0, 0, kWidth, kHeight}, patches, 1, changes);
   // Knots of camera 1, of 0, 0.1, 0.2, 0.3 s.
   const float all = changes[12];
   EXPECT_LT(all, 0);

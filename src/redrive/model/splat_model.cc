@@ -365,7 +365,7 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
        returns > 0 ? std::span<const float>(own.d_range) : std::span<const float>()},
       gradients.first(blocks_size()), request.pose_gradients ? &d_pose : nullptr);
   if (request.progress > double(kGainsFrom))
-    gains.add_changes(gain_parameters(), exposure, size, part, loss.tiles,
+    gains.add_changes(gain_parameters(), exposure, size, part, loss.patches,
                       static_cast<float>(std::pow(last_rate, std::min(request.progress, 1.0))),
                       gradients.subspan(blocks_size()));
 

@@ -150,6 +150,15 @@ void SplatModel::configure(const Scene& scene) {
         static_cast<float>(seconds / static_cast<double>(scene.frames.size() - 1));
     gains.shading.cameras = gains.appearance.cameras = static_cast<int>(scene.rig.size());
     gains.appearance.knots = static_cast<int>(scene.frames.size());
+    // Cells of two patches and more, also in images that are halved: smaller ones are not told
+    // apart and run away.
+    for (const RigCamera& rig : scene.rig) {
+      const Camera& camera = rig.camera;
+      const bool cut = std::int64_t{camera.width} * camera.height > window_pixels;
+      const int cell = 2 * kernels::kPatchSide * (cut ? 2 : 1);
+      gains.shading.columns = std::clamp(camera.width / cell, 1, gains.shading.columns);
+      gains.shading.rows = std::clamp(camera.height / cell, 1, gains.shading.rows);
+    }
   }
 }
 

@@ -153,11 +153,11 @@ class RefGaussianStages final : public GaussianStages {
     };
     std::vector<float> targets(3 * plane), masks(plane);
     ImageLossOutput out;
-    out.tiles.resize(plane / (kTileSide * kTileSide));
+    out.patches.resize(plane / (kPatchSide * kPatchSide));
     TargetSums all;
     for (int y = 0; y < height; ++y)
       all.add(convert_target_row(input, y, targets.data(), masks.data(),
-                                 &out.tiles[y / kTileSide * (stride / kTileSide)]));
+                                 &out.patches[y / kPatchSide * (stride / kPatchSide)]));
     const double count = std::max(3 * all.pixels, 1.0);
     std::vector<double> d(3 * plane), image(3 * plane), target(3 * plane);
     for (int y = 0; y < height; ++y)

@@ -138,16 +138,16 @@ class CpuGaussianStages final : public GaussianStages {
                              std::span<float> error) override {
     check_image_loss(input, d_rgb.size(), error.size());
     const std::size_t plane = input.size.plane(), rows = input.size.height,
-                      across = input.size.stride / kTileSide;
+                      across = input.size.stride / kPatchSide;
     float* const target = grown(&target_, 3 * plane);
     float* const mask = grown(&mask_, plane);
     std::vector<TargetSums> targets(rows);
     ImageLossOutput out;
-    out.tiles.resize(plane / (kTileSide * kTileSide));
-    pool_.run_ranges(rows, kTileSide, [&](std::size_t begin, std::size_t end) {
+    out.patches.resize(plane / (kPatchSide * kPatchSide));
+    pool_.run_ranges(rows, kPatchSide, [&](std::size_t begin, std::size_t end) {
       for (std::size_t y = begin; y < end; ++y)
         targets[y] = convert_target_row(input, static_cast<int>(y), target, mask,
-                                        &out.tiles[begin / kTileSide * across]);
+                                        &out.patches[begin / kPatchSide * across]);
     });
     TargetSums all;
     for (const TargetSums& row : targets) all.add(row);
@@ -172,7 +172,7 @@ class CpuGaussianStages final : public GaussianStages {
     std::vector<LossSums> sums(rows);
     for (int pass = 0; pass < kLossPasses; ++pass) {
       if (input.ssim_weight == 0 && pass > 0 && pass + 1 < kLossPasses) continue;
-      pool_.run_ranges(rows, kTileSide, [&](std::size_t begin, std::size_t end) {
+      pool_.run_ranges(rows, kPatchSide, [&](std::size_t begin, std::size_t end) {
         float* const scratch = tile_memory(loss_scratch(job.stride));
         for (std::size_t y = begin; y < end; ++y)
           kernels_.loss_row(job, pass, static_cast<int>(y), scratch, &sums[y]);
