@@ -257,6 +257,8 @@ TEST(SplatModel, FindsTheExposuresOfImages) {
   training.model.configure(known.scene);
   ASSERT_EQ(training.model.gains.appearance.cameras, 4);
   ASSERT_EQ(training.model.gains.appearance.knots, 12);
+  EXPECT_EQ(training.model.gains.shading.columns, 4) << "cells of 16 pixels of 64 x 48";
+  EXPECT_EQ(training.model.gains.shading.rows, 3);
   // Exact Gaussians: what differs is the exposure.
   training.begin(known_gaussians(120));
   training.model.initial_rate = 0.01;
