@@ -212,8 +212,8 @@ Action configure_render(CLI::App& command) {
   command
       .add_option("--exposure", options->exposure,
                   "exposure, white balance and shading of the image: own (those of the view's "
-                  "camera at its "
-                  "frame), none (the field's colours unchanged) or those of CAMERA:FRAME")
+                  "camera at its frame), none (the field's colours unchanged) or those of "
+                  "CAMERA:FRAME")
       ->capture_default_str();
   command.add_option("--out", options->out, "image to write, .png or .jpg; with --poses a folder")
       ->required();

@@ -24,8 +24,8 @@ constexpr float kLogGainScale = 0.05f;
 
 struct AppearanceConfig {
   int cameras = 0, knots = 0;  ///< 0: no gains
-  /// Weights the mean square of all log gains against the colour loss: a hundredth of the gradient
-  /// that one camera's images give.
+  /// Weights the mean square of all log gains against the colour loss. Its gradient is about a
+  /// hundredth of the colour loss's from the images of one camera.
   float regulariser_weight = 5e-4f;
   float knot_spacing_s = kKnotSpacing_s;
 

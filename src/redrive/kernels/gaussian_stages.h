@@ -103,7 +103,7 @@ struct PatchBrightness {
   float pixels[3] = {0, 0, 0}, target[3] = {0, 0, 0};
   float rendered[3] = {0, 0, 0};  ///< with the gains
 };
-/// From here on a target is saturated, of 1.
+/// Least value of a saturated target, 0..1.
 constexpr float kSaturated = 0.97f;
 constexpr int kPatchSide = 8;
 

@@ -10,21 +10,27 @@
 namespace redrive {
 namespace {
 
-/// Brightness that ground truth and rendering are both taken to have besides their own: a ratio of
-/// black pixels tells nothing.
+/// Brightness added to ground truth and rendering: a ratio of black pixels tells nothing.
 constexpr double kDark = 0.01;
 
-/// Beyond, a cell would hide what the field has there, and the field need not agree with anything.
+/// Bound of a cell's log gain, to either side: a darker cell hides the field, which then agrees
+/// with nothing.
 constexpr float kMostLogShading = 1.5f;
 
-double log_ratio(double target, double rendered, double pixels) {
-  if (pixels == 0) return 0;
-  return std::clamp(std::log((target + kDark * pixels) / (rendered + kDark * pixels)), -2.3, 2.3);
-}
-
-/// Sums over a cell of the shading.
-struct CellSums {
+/// Weighted sums over patches, of one channel.
+struct BrightnessSums {
   double pixels = 0, target = 0, rendered = 0;
+
+  void add(const kernels::PatchBrightness& patch, int c, float weight) {
+    pixels += static_cast<double>(weight * patch.pixels[c]);
+    target += static_cast<double>(weight * patch.target[c]);
+    rendered += static_cast<double>(weight * patch.rendered[c]);
+  }
+  /// Returns the logarithm of the gain that is missing.
+  double log_ratio() const {
+    if (pixels == 0) return 0;
+    return std::clamp(std::log((target + kDark * pixels) / (rendered + kDark * pixels)), -2.3, 2.3);
+  }
 };
 
 }  // namespace
@@ -65,13 +71,9 @@ void ImageGains::add_changes(std::span<const float> parameters, const Exposure& 
                             static_cast<float>(part.image_height) /
                             static_cast<float>(std::max<std::size_t>(shading.cells(), 1));
   for (int c = 0; c < 3; ++c) {
-    CellSums all;
-    for (const kernels::PatchBrightness& patch : patches) {
-      all.pixels += static_cast<double>(patch.pixels[c]);
-      all.target += static_cast<double>(patch.target[c]);
-      all.rendered += static_cast<double>(patch.rendered[c]);
-    }
-    const auto of_all = static_cast<float>(log_ratio(all.target, all.rendered, all.pixels));
+    BrightnessSums all;
+    for (const kernels::PatchBrightness& patch : patches) all.add(patch, c, 1);
+    const auto of_all = static_cast<float>(all.log_ratio());
     const float by = (exposure_rate * of_all - exposure_decay * std::log(gain[c])) / kLogGainScale;
     for (int knot = 0; knot < appearance.knots; ++knot)
       changes[3 * (static_cast<std::size_t>(exposure.camera) * appearance.knots + knot) + c] +=
@@ -80,7 +82,7 @@ void ImageGains::add_changes(std::span<const float> parameters, const Exposure& 
     changes[at.second + c] += (1 - exposure_share) * at.second_weight * by;
     if (shading.size() == 0) continue;
 
-    std::vector<CellSums> cells(shading.cells());
+    std::vector<BrightnessSums> cells(shading.cells());
     for (std::size_t i = 0; i < patches.size(); ++i) {
       const kernels::PatchBrightness& patch = patches[i];
       const auto centre = [](std::size_t index) {
@@ -93,10 +95,7 @@ void ImageGains::add_changes(std::span<const float> parameters, const Exposure& 
           cells_at(shading.rows, (static_cast<float>(part.y) + centre(i / across)) /
                                      static_cast<float>(part.image_height));
       const auto add = [&](int row, int column, float weight) {
-        CellSums& cell = cells[static_cast<std::size_t>(row) * shading.columns + column];
-        cell.pixels += static_cast<double>(weight * patch.pixels[c]);
-        cell.target += static_cast<double>(weight * patch.target[c]);
-        cell.rendered += static_cast<double>(weight * patch.rendered[c]);
+        cells[static_cast<std::size_t>(row) * shading.columns + column].add(patch, c, weight);
       };
       add(y.first, x.first, (1 - y.second_weight) * (1 - x.second_weight));
       add(y.first, x.second, (1 - y.second_weight) * x.second_weight);
@@ -106,9 +105,8 @@ void ImageGains::add_changes(std::span<const float> parameters, const Exposure& 
     const std::size_t first =
         appearance.size() + (3 * static_cast<std::size_t>(exposure.camera) + c) * shading.cells();
     for (std::size_t k = 0; k < cells.size(); ++k) {
-      const CellSums& cell = cells[k];
-      const float seen = std::min(1.0f, static_cast<float>(cell.pixels) / cell_pixels);
-      const auto off = static_cast<float>(log_ratio(cell.target, cell.rendered, cell.pixels));
+      const float seen = std::min(1.0f, static_cast<float>(cells[k].pixels) / cell_pixels);
+      const auto off = static_cast<float>(cells[k].log_ratio());
       const float rate = decay * seen * shading_rate, before = parameters[first + k],
                   moved = before + rate * off;
       // Soft thresholding: what the field can explain as well stays the field's.

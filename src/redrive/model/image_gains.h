@@ -24,7 +24,7 @@ struct ImageGains {
   float exposure_rate = 0.3f, exposure_decay = 0.02f;
   float exposure_share = 0.2f;  ///< of a change that all images of the camera take
   float shading_rate = 0.2f;
-  float shading_threshold = 0.02f;  ///< smaller differences of brightness (logarithm) are not its
+  float shading_threshold = 0.02f;  ///< of soft thresholding: of log gains
 
   std::size_t size() const { return appearance.size() + shading.size(); }
 

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <tuple>
 #include <vector>
 
 #include "redrive/model/splat_model.h"
@@ -172,7 +171,8 @@ std::vector<ModelTensor> SplatModel::tensors() const {
   const auto blocks = static_cast<std::int64_t>(gaussian_blocks(gaussians));
   std::vector<ModelTensor> out;
   if (blocks > 0) out.push_back({"gaussians", {blocks, kGaussianRows, kGaussianBlock}, 0});
-  const auto& [appearance, shading] = std::tie(gains.appearance, gains.shading);
+  const AppearanceConfig& appearance = gains.appearance;
+  const ShadingConfig& shading = gains.shading;
   if (appearance.size() > 0)
     out.push_back({"appearance", {appearance.cameras, appearance.knots, 3}, blocks_size()});
   if (shading.size() > 0)

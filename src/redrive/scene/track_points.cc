@@ -23,12 +23,12 @@ constexpr int kWindow_px = 7, kBlock_px = 5, kMargin_px = 4;
 constexpr int kMinCell_px = 5, kMaxCells = 20'000;  // one corner a cell
 constexpr double kCornerLevels =
     0.57;  // least gradient in a corner's weaker direction, grey levels per pixel
-constexpr double kCornerNoises = 1.5;  // the same in standard deviations of the image's noise
+constexpr double kCornerNoises = 1.5;  // least gradient in standard deviations of the noise
 constexpr int kMaxPixels = 1'000'000;  // larger images are reduced: they are seldom as sharp
 // Where a track starts, the next image is searched from the positions of points so far away that
 // the baseline spans these angles (rad). Lucas-Kanade finds what lies some 30 pixels around.
 constexpr std::array<double, 3> kParallaxes{0, 0.07, 0.18};
-constexpr int kLevelsWithPoint = 1;  // of the pyramid
+constexpr int kLevelsWithPoint = 1;  // pyramid levels searched for a track that has a point
 constexpr float kForwardBackward_px = 0.5f, kEdge_px = 2;
 constexpr double kMaxResidual_px = 1.2, kTracking_px = 0.35;  // error of an observation
 constexpr double kMaxRelativeSigma = 0.06;                    // of the distance
