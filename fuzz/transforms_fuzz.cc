@@ -9,10 +9,9 @@
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const std::string_view text(reinterpret_cast<const char*>(data), size);
-  const auto size_of =
-      [](const std::string& file) -> std::optional<redrive::transforms::ImageSize> {
+  const auto size_of = [](const std::string& file) -> std::optional<redrive::ImageSize> {
     if (file.size() % 2 == 0) return std::nullopt;
-    return redrive::transforms::ImageSize{800, 600};
+    return redrive::ImageSize{800, 600};
   };
   try {
     const auto transforms = redrive::transforms::parse(text, "transforms.json", size_of);

@@ -3,14 +3,13 @@
 
 #include <algorithm>
 #include <array>
-#include <cstring>
-#include <fstream>
 #include <map>
 #include <set>
 #include <tuple>
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
+#include "redrive/recording/png_size.h"
 #include "redrive/recording/wording.h"
 
 namespace redrive::transforms {
@@ -31,22 +30,13 @@ fs::path find_image(const fs::path& folder, const std::string& file_path) {
   return {};
 }
 
-/// Returns the size of a PNG from its first chunk.
-ImageSize png_size(const fs::path& path) {
-  unsigned char head[24] = {};
-  std::ifstream(path, std::ios::binary).read(reinterpret_cast<char*>(head), sizeof head);
-  const auto big_endian = [&](int at) {
-    return head[at] << 24 | head[at + 1] << 16 | head[at + 2] << 8 | head[at + 3];
-  };
-  const ImageSize size{big_endian(16), big_endian(20)};
-  if (std::memcmp(head, "\x89PNG\r\n\x1a\n", 8) != 0)
+/// The size where the JSON file has none.
+ImageSize size_of_png(const fs::path& path) {
+  const std::optional<ImageSize> size = png_size(path);
+  if (!size)
     throw InputError(path, "", "",
                      "no PNG image, and w and h are missing where the focal length stands");
-  constexpr int kMaxSide = 65536;
-  if (size.width < 1 || size.height < 1 || size.width > kMaxSide || size.height > kMaxSide)
-    throw InputError(path, "size", std::to_string(size.width) + " x " + std::to_string(size.height),
-                     "expected 1 to 65536 pixels a side");
-  return size;
+  return *size;
 }
 
 /// Returns nerfstudio's mask of the entry, or instant-ngp's beside the image. Their colours have
@@ -69,7 +59,7 @@ TransformsFile read(const fs::path& file) {
   const auto size_of = [&](const std::string& file_path) -> std::optional<ImageSize> {
     const fs::path image = find_image(file.parent_path(), file_path);
     if (image.empty()) return std::nullopt;
-    return png_size(image);
+    return size_of_png(image);
   };
   return parse(read_file(file), file, size_of);
 }

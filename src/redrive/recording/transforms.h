@@ -21,6 +21,7 @@
 #include <string_view>
 #include <vector>
 
+#include "redrive/recording/png_size.h"
 #include "redrive/recording/recording.h"
 
 namespace redrive::transforms {
@@ -45,10 +46,6 @@ struct TransformsFile {
   std::vector<FrameEntry> entries;                           ///< as listed
   std::optional<BoundingCube> bounds;                        ///< if aabb_scale or aabb is present
   std::optional<std::vector<std::string>> train, val, test;  ///< lists of names, if present
-};
-
-struct ImageSize {
-  int width = 0, height = 0;
 };
 
 /// `size_of` returns the size of an image for which neither its entry nor the file has w and h, or

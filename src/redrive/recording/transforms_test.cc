@@ -38,7 +38,7 @@ json document() {
 
 transforms::TransformsFile parsed_transforms(const json& text) {
   return transforms::parse(text.dump(), "dir/transforms.json", [](const std::string&) {
-    return transforms::ImageSize{800, 600};
+    return ImageSize{800, 600};
   });
 }
 
