@@ -20,6 +20,7 @@ struct Box {
   /// The object's velocity minus the ego vehicle's, in body axes: of a parked object minus the ego
   /// vehicle's. Formats that annotate none take differences of positions.
   Eigen::Vector3d velocity_in_body_m_per_s = Eigen::Vector3d::Zero();
+  bool deforms = false;  ///< a person, who counts as moving at any speed
 };
 
 }  // namespace redrive

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <map>
+#include <set>
 
 #include "redrive/recording/trajectory.h"
 
@@ -37,17 +38,20 @@ MovingObjects::MovingObjects(const std::vector<Box>& boxes, const std::vector<Fr
     return world_from_global * pose_at(frames, t_ns);
   };
   std::map<std::int64_t, std::vector<BoxAtTime>> by_id;
+  std::set<std::int64_t> deforming;
   for (const Box& box : boxes) {
     const Rigid3d here = world_from_body(box.t_ns);
     const Eigen::Vector3d ego_m_per_s =
         (world_from_body(box.t_ns + kVelocityOver_ns).translation() -
          world_from_body(box.t_ns - kVelocityOver_ns).translation()) /
         (2e-9 * static_cast<double>(kVelocityOver_ns));
+    if (box.deforms) deforming.insert(box.object_id);
     by_id[box.object_id].push_back({box.t_ns, here * box.body_from_box, box.size_m,
                                     here.linear() * box.velocity_in_body_m_per_s + ego_m_per_s});
   }
   for (auto& [id, boxes_of_object] : by_id) {
-    if (std::none_of(boxes_of_object.begin(), boxes_of_object.end(), [](const BoxAtTime& s) {
+    if (!deforming.contains(id) &&
+        std::none_of(boxes_of_object.begin(), boxes_of_object.end(), [](const BoxAtTime& s) {
           return s.velocity_in_world_m_per_s.norm() > kMovingSpeed_m_per_s;
         })) {
       ++parked_;

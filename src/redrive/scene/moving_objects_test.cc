@@ -77,6 +77,16 @@ TEST(MovingObjects, AParkedCarBesideATurningEgoVehicleIsParked) {
   EXPECT_TRUE(objects.at(frames[5].t_ns).empty());
 }
 
+TEST(MovingObjects, WhatDeformsMovesAtAnySpeed) {
+  const auto frames = turning_drive();
+  std::vector<Box> boxes = sightings(frames, 7, {30, 8, 0.8}, Vector3d::Zero());
+  boxes[3].deforms = true;
+  const MovingObjects objects(boxes, frames, Rigid3d::Identity());
+  EXPECT_EQ(objects.objects(), 1u);
+  EXPECT_EQ(objects.parked(), 0u);
+  EXPECT_EQ(objects.at(frames[5].t_ns).size(), 1u);
+}
+
 TEST(MovingObjects, ExtrapolatesBoxesByTheirVelocity) {
   const auto frames = turning_drive();
   const Vector3d start(30, 8, 0.8), velocity(-3, 1, 0);
