@@ -78,7 +78,7 @@ std::shared_ptr<const RecordingReader> basic_reader();
 
 struct Recording {
   std::filesystem::path root;
-  std::string format;  ///< "aimotive", "blender", "transforms": for messages
+  std::string format;  ///< "aimotive", "kitti", "transforms", ...: for messages
   std::shared_ptr<const RecordingReader> reader = basic_reader();  ///< never null
   std::vector<RecordedCamera> cameras;                             ///< by name; only with images
   std::vector<FramePose> frames;                                   ///< by id

@@ -2,6 +2,7 @@
 // The registry of recording formats.
 #include "redrive/base/error.h"
 #include "redrive/recording/aimotive.h"
+#include "redrive/recording/kitti.h"
 #include "redrive/recording/recording.h"
 #include "redrive/recording/transforms.h"
 
@@ -22,6 +23,10 @@ struct Format {
 constexpr Format kFormats[] = {
     {"aimotive", "sensor/calibration, sensor/camera or sensor/gnssins", aimotive::looks_like,
      aimotive::open},
+    {"kitti", "oxts, velodyne_points or image_00/data to image_03/data", kitti::looks_like,
+     kitti::open},
+    {"kitti-odometry", "calib.txt or times.txt with velodyne or image_0 to image_3",
+     kitti::looks_like_odometry, kitti::open_odometry},
     {"blender", "transforms_train.json", transforms::looks_like_blender, transforms::open_blender},
     {"transforms", "transforms.json", transforms::looks_like, transforms::open},
 };

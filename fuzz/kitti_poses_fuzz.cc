@@ -1,0 +1,18 @@
+// SPDX-License-Identifier: Apache-2.0
+// Poses of the odometry benchmark of KITTI: parses any bytes or throws an InputError.
+#include <cstddef>
+#include <cstdint>
+#include <string_view>
+
+#include "redrive/base/error.h"
+#include "redrive/recording/kitti_poses.h"
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  const std::string_view text(reinterpret_cast<const char*>(data), size);
+  try {
+    for (const redrive::Rigid3d& pose : redrive::kitti::parse_poses(text, "00.txt"))
+      if (!redrive::rigid_obstacle(pose.matrix()).empty()) __builtin_trap();
+  } catch (const redrive::InputError&) {
+  }
+  return 0;
+}

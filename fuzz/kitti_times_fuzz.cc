@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: Apache-2.0
+// Times of KITTI: parses any bytes or throws an InputError.
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <string_view>
+
+#include "redrive/base/error.h"
+#include "redrive/recording/kitti_poses.h"
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  const std::string_view text(reinterpret_cast<const char*>(data), size);
+  try {
+    std::optional<std::int64_t> before;
+    for (const auto& t_ns : redrive::kitti::parse_timestamps(text, "timestamps.txt")) {
+      if (t_ns && before && *t_ns <= *before) __builtin_trap();
+      if (t_ns) before = t_ns;
+    }
+  } catch (const redrive::InputError&) {
+  }
+  try {
+    redrive::kitti::parse_times(text, "times.txt");
+  } catch (const redrive::InputError&) {
+  }
+  return 0;
+}

@@ -1,0 +1,289 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/recording/kitti.h"
+
+#include <algorithm>
+#include <cstdio>
+#include <cstdlib>
+#include <optional>
+
+#include "redrive/base/error.h"
+#include "redrive/base/files.h"
+#include "redrive/recording/frame_files.h"
+#include "redrive/recording/kitti_boxes.h"
+#include "redrive/recording/kitti_calibration.h"
+#include "redrive/recording/kitti_poses.h"
+#include "redrive/recording/kitti_reader.h"
+#include "redrive/recording/trajectory.h"
+#include "redrive/recording/wording.h"
+
+namespace redrive::kitti {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* kImageFolders[] = {"image_00", "image_01", "image_02", "image_03"};
+constexpr std::int64_t kSameFrame_ns = 200'000'000;  // sensors of a frame; frames are 0.1 s apart
+constexpr std::int64_t kMaxRevolution_ns = 500'000'000;  // 2 Hz; the scanner turns at 10 Hz
+constexpr std::int64_t kOffsetJitter_ns = 5'000'000;
+
+/// Times of a sensor by frame.
+struct Timestamps {
+  fs::path file;
+  std::vector<std::optional<std::int64_t>> by_line;
+
+  explicit Timestamps(const fs::path& path)
+      : file(path), by_line(parse_timestamps(read_file(path), path)) {}
+
+  /// Nothing for an empty line; InputError if there is no line for the frame.
+  std::optional<std::int64_t> of(std::int64_t frame_id) const {
+    if (frame_id >= static_cast<std::int64_t>(by_line.size()))
+      throw InputError(file, "number of lines", std::to_string(by_line.size()),
+                       "has none for frame " + std::to_string(frame_id) +
+                           ": line n is of frame n - 1, also where files of other frames are "
+                           "missing");
+    return by_line[static_cast<std::size_t>(frame_id)];
+  }
+
+  [[noreturn]] void fail(std::int64_t frame_id, double off_s, const std::string& rule) const {
+    char value[64];
+    std::snprintf(value, sizeof value, "%.3f s", off_s);
+    throw InputError(file, "line " + std::to_string(frame_id + 1), value, rule);
+  }
+
+  /// InputError if a time is not that of the frame by another sensor.
+  void require_same(std::int64_t frame_id, std::int64_t t_ns, std::int64_t other_ns,
+                    const std::string& other) const {
+    if (std::abs(t_ns - other_ns) > kSameFrame_ns)
+      fail(frame_id, 1e-9 * static_cast<double>(t_ns - other_ns),
+           "after " + other +
+               " of the same frame; in synchronised drives they are 0.2 s apart at "
+               "most");
+  }
+};
+
+/// The folder that holds the drive, also for "." and for names that end in a slash.
+fs::path day_of_drive(const fs::path& root) {
+  const fs::path absolute = fs::absolute(root).lexically_normal();
+  return (absolute.has_filename() ? absolute : absolute.parent_path()).parent_path();
+}
+
+fs::path required(const fs::path& file) {
+  if (!is_there(file))
+    throw InputError(file, "", "",
+                     "missing: the calibration stands in the folder of the day, above the drive's");
+  return file;
+}
+
+template <class Parse>
+auto parse_calibration_file(const fs::path& file, Parse parse) {
+  return parse(read_file(required(file)), file);
+}
+
+/// Poses of the body at the times of the GPS and IMU.
+std::vector<FramePose> read_oxts_poses(const fs::path& root, std::vector<Finding>* findings) {
+  const std::vector<FrameFile> files =
+      list_frame_files(root / "oxts/data", "", {".txt"}, "oxts/data", findings);
+  if (files.empty()) throw InputError(root / "oxts/data", "", "", "holds no pose");
+  const Timestamps times(root / "oxts/timestamps.txt");
+  std::vector<FramePose> poses;
+  std::vector<std::int64_t> without_time;
+  for (const FrameFile& file : files) {
+    const std::optional<std::int64_t> t_ns = times.of(file.frame_id);
+    if (!t_ns) {
+      without_time.push_back(file.frame_id);
+      continue;
+    }
+    poses.push_back(
+        {file.frame_id, *t_ns, parse_oxts(read_file(file.path), file.path) * imu_from_body()});
+  }
+  if (!without_time.empty())
+    findings->push_back({"oxts", "no time, and so no pose, for frame " + first_few(without_time)});
+  if (poses.empty()) throw InputError(times.file, "", "", "has a time of no pose");
+  check_trajectory(poses, root / "oxts/data", {"time", "latitude, longitude, altitude"});
+  return poses;
+}
+
+struct CameraFolder {
+  std::string name;
+  std::vector<FrameFile> images;
+  Timestamps times;
+};
+
+std::vector<CameraFolder> list_cameras(const fs::path& root, std::vector<Finding>* findings) {
+  std::vector<CameraFolder> folders;
+  for (const char* name : kImageFolders) {
+    if (!is_folder(root / name)) continue;
+    std::vector<FrameFile> images =
+        list_frame_files(root / name / "data", "", {".png", ".jpg", ".jpeg"}, name, findings);
+    if (images.empty()) {
+      findings->push_back({name, "no image in its folder data; left out"});
+    } else {
+      folders.push_back({name, std::move(images), Timestamps(root / name / "timestamps.txt")});
+    }
+  }
+  return folders;
+}
+
+/// Frames of the first camera's times, at which poses are interpolated.
+std::vector<FramePose> frames_at_images(const std::vector<FramePose>& poses,
+                                        const CameraFolder& camera, const fs::path& oxts,
+                                        std::vector<Finding>* findings) {
+  std::vector<FramePose> frames;
+  std::vector<std::int64_t> without_time;
+  for (const FramePose& pose : poses) {
+    const std::optional<std::int64_t> t_ns = camera.times.of(pose.id);
+    if (!t_ns) {
+      without_time.push_back(pose.id);
+      continue;
+    }
+    camera.times.require_same(pose.id, *t_ns, pose.t_ns, oxts.string());
+    frames.push_back({pose.id, *t_ns, pose_at(poses, *t_ns)});
+  }
+  if (!without_time.empty())
+    findings->push_back(
+        {camera.name, "no time for frame " + first_few(without_time) + "; they are left out"});
+  return frames;
+}
+
+/// Median of the camera's times minus those of the frames.
+std::int64_t time_offset_ns(const CameraFolder& camera, const std::vector<ImageFile>& images,
+                            const std::vector<FramePose>& frames, std::vector<Finding>* findings) {
+  std::vector<std::int64_t> offsets;
+  for (const ImageFile& image : images) {
+    const auto frame = std::ranges::lower_bound(frames, image.frame_id, {}, &FramePose::id);
+    const std::optional<std::int64_t> t_ns = camera.times.of(image.frame_id);
+    if (!t_ns) continue;
+    camera.times.require_same(image.frame_id, *t_ns, frame->t_ns, "the first camera");
+    offsets.push_back(*t_ns - frame->t_ns);
+  }
+  if (offsets.empty()) return 0;
+  std::ranges::sort(offsets);
+  const std::int64_t median = offsets[offsets.size() / 2];
+  const auto off = std::ranges::count_if(
+      offsets, [&](std::int64_t offset) { return std::abs(offset - median) > kOffsetJitter_ns; });
+  if (off > 0)
+    findings->push_back({camera.name, "the time of " + counted(std::size_t(off), "image") +
+                                          " is more than 5 ms off a constant offset from the "
+                                          "first camera's, which is used"});
+  return median;
+}
+
+/// Lists the revolutions and their times.
+std::vector<FrameFile> list_scans(const fs::path& root, const std::vector<FramePose>& frames,
+                                  Reader* reader, std::vector<Finding>* findings) {
+  const fs::path folder = root / "velodyne_points";
+  std::vector<FrameFile> files =
+      list_frame_files(folder / "data", "", {".bin"}, "velodyne_points/data", findings);
+  if (files.empty()) return files;
+  const Timestamps start(folder / "timestamps_start.txt"), end(folder / "timestamps_end.txt");
+  std::vector<std::int64_t> without_time;
+  std::erase_if(files, [&](const FrameFile& file) {
+    const auto start_ns = start.of(file.frame_id), end_ns = end.of(file.frame_id);
+    if (!start_ns || !end_ns) {
+      without_time.push_back(file.frame_id);
+      return true;
+    }
+    if (*end_ns <= *start_ns || *end_ns - *start_ns > kMaxRevolution_ns)
+      end.fail(file.frame_id, 1e-9 * static_cast<double>(*end_ns - *start_ns),
+               "after the start of the revolution, which takes up to 0.5 s");
+    const auto frame = std::ranges::lower_bound(frames, file.frame_id, {}, &FramePose::id);
+    if (frame != frames.end() && frame->id == file.frame_id)
+      start.require_same(file.frame_id, (*start_ns + *end_ns) / 2, frame->t_ns, "the image");
+    reader->scans[file.frame_id] = {*start_ns, *end_ns};
+    return false;
+  });
+  if (!without_time.empty())
+    findings->push_back({"velodyne_points", "no time for the scan of frame " +
+                                                first_few(without_time) + "; they are not used"});
+  return files;
+}
+
+/// The file of the boxes, or an empty path.
+fs::path find_labels(const fs::path& root, std::vector<Finding>* findings) {
+  std::vector<fs::path> labels;
+  for (const fs::path& file : list_folder(root / "label_02"))
+    if (has_extension(file, {".txt"})) labels.push_back(file);
+  if (labels.size() > 1)
+    throw InputError(labels[1], "", "",
+                     "a second file of labels, beside " + labels[0].filename().string() +
+                         ": only the one of this drive belongs here");
+  const fs::path tracklets = root / "tracklet_labels.xml";
+  if (labels.empty()) return is_there(tracklets) ? tracklets : fs::path();
+  if (is_there(tracklets))
+    findings->push_back({"tracklet_labels.xml", "not used: label_02 has the boxes of this drive"});
+  return labels[0];
+}
+
+}  // namespace
+
+Rigid3d imu_from_body() { return Rigid3d(Eigen::Translation3d(0.05, -0.32, -0.93)); }
+
+Rigid3d rectified_from_body() {
+  Rigid3d rectified_from_body = Rigid3d::Identity();
+  rectified_from_body.linear() << 0, -1, 0, 0, 0, -1, 1, 0, 0;
+  rectified_from_body.translation() << 0, 1.65, -1.03;
+  return rectified_from_body;
+}
+
+bool looks_like(const fs::path& root) {
+  return is_folder(root / "oxts") || is_folder(root / "velodyne_points") ||
+         std::ranges::any_of(kImageFolders,
+                             [&](const char* name) { return is_folder(root / name / "data"); });
+}
+
+Recording open(const fs::path& root, PoseSource source) {
+  refuse_ground_truth(root, source);
+  const fs::path day = day_of_drive(root);
+  const fs::path cameras_file = day / "calib_cam_to_cam.txt";
+  const CamToCam cam_to_cam = parse_calibration_file(cameras_file, parse_cam_to_cam);
+  const Rigid3d camera_from_velodyne =
+      parse_calibration_file(day / "calib_velo_to_cam.txt", parse_rigid);
+  const Rigid3d velodyne_from_imu =
+      parse_calibration_file(day / "calib_imu_to_velo.txt", parse_rigid);
+  const Rigid3d velodyne_from_body = velodyne_from_imu * imu_from_body();
+  const Rigid3d rectified_from_body =
+      cam_to_cam.rectified_from_camera * camera_from_velodyne * velodyne_from_body;
+
+  Recording recording;
+  recording.root = root;
+  std::vector<Finding>& findings = recording.findings;
+  const auto reader = std::make_shared<Reader>();
+  reader->body_from_velodyne = velodyne_from_body.inverse(Eigen::Isometry);
+
+  const std::vector<FramePose> poses = read_oxts_poses(root, &findings);
+  const std::vector<CameraFolder> cameras = list_cameras(root, &findings);
+  if (!cameras.empty())
+    recording.frames = frames_at_images(poses, cameras[0], root / "oxts/timestamps.txt", &findings);
+  for (const CameraFolder& camera : cameras) {
+    const auto found = cam_to_cam.cameras.find(camera.name.back() - '0');
+    if (found == cam_to_cam.cameras.end())
+      throw InputError(cameras_file, "P_rect_" + camera.name.substr(6), "",
+                       "missing; the drive has images of this camera");
+    std::vector<ImageFile> images =
+        images_with_poses(camera.images, camera.name, recording.frames, &findings);
+    if (images.empty()) continue;
+    CameraCalibration calibration =
+        calibration_of(found->second, *found->second.size, camera.name, rectified_from_body);
+    calibration.time_offset_ns = time_offset_ns(camera, images, recording.frames, &findings);
+    recording.cameras.push_back({calibration, std::move(images)});
+  }
+  require_cameras(recording);
+
+  recording.lidar_files = list_scans(root, recording.frames, reader.get(), &findings);
+  if (!recording.lidar_files.empty()) recording.body_from_lidar = reader->body_from_velodyne;
+  if (const fs::path file = find_labels(root, &findings); !file.empty()) {
+    const bool tracklets = has_extension(file, {".xml"});
+    const std::string text = read_file(file);
+    reader->boxes = place_boxes(
+        tracklets ? parse_tracklets(text, file) : parse_labels(text, file),
+        {tracklets ? reader->body_from_velodyne : rectified_from_body.inverse(Eigen::Isometry),
+         reader->body_from_velodyne, reader->scans},
+        recording.frames);
+    for (const auto& [frame_id, boxes] : reader->boxes)
+      recording.box_files.push_back({frame_id, file});
+  }
+  recording.reader = reader;
+  return recording;
+}
+
+}  // namespace redrive::kitti

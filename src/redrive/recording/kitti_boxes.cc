@@ -1,0 +1,238 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/recording/kitti_boxes.h"
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cmath>
+#include <set>
+
+#include <pugixml.hpp>
+
+#include "redrive/base/error.h"
+#include "redrive/recording/text_lines.h"
+#include "redrive/recording/trajectory.h"
+
+namespace redrive::kitti {
+namespace {
+
+constexpr double kMinSize_m = 0.01, kMaxSize_m = 100;
+constexpr double kMaxLabelDistance_m = 1000;
+constexpr double kMaxAngle_rad = 10;  // some files have turns beyond pi
+constexpr std::int64_t kMaxId = 1'000'000'000;
+constexpr std::size_t kMaxPoses = 1'000'000;
+constexpr double kVelocityOver_s = 0.5;  // to either side, to average errors of annotators
+constexpr std::int64_t kEgoOver_ns = 100'000'000;  // as scene/moving_objects.cc
+
+constexpr std::array kTypes = {"Car",    "Van",     "Truck", "Pedestrian", "Person_sitting",
+                               "Person", "Cyclist", "Tram",  "Misc",       "Person (sitting)"};
+
+bool known_type(std::string_view type) { return std::ranges::find(kTypes, type) != kTypes.end(); }
+
+constexpr const char* kTypeRule =
+    "unknown; known are Car, Van, Truck, Pedestrian, Person_sitting, Person, Cyclist, Tram, Misc "
+    "and DontCare";
+
+/// People move parts of themselves, also where they stand.
+bool deforms(std::string_view type) {
+  return type == "Pedestrian" || type == "Cyclist" || type.starts_with("Person");
+}
+
+/// InputError if an object has two labels in a frame.
+class SeenOnce {
+ public:
+  bool insert(const Label& label) { return seen_.emplace(label.frame_id, label.object_id).second; }
+
+ private:
+  std::set<std::pair<std::int64_t, std::int64_t>> seen_;
+};
+
+/// An element of the XML file, with its place for messages.
+class Element {
+ public:
+  Element(pugi::xml_node node, const std::filesystem::path& file, std::string name)
+      : node_(node), file_(&file), name_(std::move(name)) {}
+
+  Element child(const char* name) const {
+    const pugi::xml_node found = node_.child(name);
+    if (!found) throw InputError(*file_, name_ + "." + name, "", "missing");
+    return {found, *file_, name_ + "." + name};
+  }
+  std::vector<Element> items() const {
+    std::vector<Element> items;
+    for (const pugi::xml_node& item : node_.children("item"))
+      items.emplace_back(item, *file_, name_ + "[" + std::to_string(items.size()) + "]");
+    return items;
+  }
+  std::string text() const { return node_.text().get(); }
+  double number(double least, double most) const { return line().number(0, name_, least, most); }
+  std::int64_t integer(std::int64_t least, std::int64_t most) const {
+    return line().integer(0, name_, least, most);
+  }
+  [[noreturn]] void fail(const std::string& rule) const {
+    throw InputError(*file_, name_, text().substr(0, 80), rule);
+  }
+
+ private:
+  TextLine line() const {
+    TextLine words(node_.text().get(), *file_, 0);
+    if (words.size() != 1) fail("a number was expected");
+    return words;
+  }
+  pugi::xml_node node_;
+  const std::filesystem::path* file_;
+  std::string name_;
+};
+
+struct BoxAt {
+  std::int64_t frame_id = 0;
+  double t_s = 0;  ///< after the first frame
+  Eigen::Vector3d in_global;
+  Box box;
+};
+
+/// Slope of the positions near boxes[i], least squares; zero for a single one.
+Eigen::Vector3d velocity_of(const std::vector<BoxAt>& boxes, std::size_t i) {
+  double times = 0, n = 0;
+  Eigen::Vector3d positions = Eigen::Vector3d::Zero();
+  const auto near = [&](const BoxAt& b) {
+    return std::abs(b.t_s - boxes[i].t_s) <= kVelocityOver_s;
+  };
+  std::size_t begin = i, end = i + 1;
+  while (begin > 0 && near(boxes[begin - 1])) --begin;
+  while (end < boxes.size() && near(boxes[end])) ++end;
+  // Relative to boxes[i]: ECEF coordinates would cost digits.
+  for (std::size_t k = begin; k < end; ++k) {
+    times += boxes[k].t_s - boxes[i].t_s;
+    positions += boxes[k].in_global - boxes[i].in_global;
+    n += 1;
+  }
+  double squares = 0;
+  Eigen::Vector3d products = Eigen::Vector3d::Zero();
+  for (std::size_t k = begin; k < end; ++k) {
+    const double t = boxes[k].t_s - boxes[i].t_s - times / n;
+    squares += t * t;
+    products += t * (boxes[k].in_global - boxes[i].in_global - positions / n);
+  }
+  return squares > 0 ? Eigen::Vector3d(products / squares) : Eigen::Vector3d::Zero();
+}
+
+}  // namespace
+
+std::vector<Label> parse_labels(std::string_view text, const std::filesystem::path& file) {
+  // Axes of a box whose rotation_y is 0: forward, left and up are x, z and -y of the camera.
+  const Eigen::Matrix3d camera_from_level =
+      (Eigen::Matrix3d() << 1, 0, 0, 0, 0, -1, 0, 1, 0).finished();
+  std::vector<Label> labels;
+  SeenOnce seen;
+  for (const TextLine& line : text_lines(text, file)) {
+    if (line.size() == 0) continue;
+    if (line.size() != 18)
+      line.expect_size(17,
+                       "frame, track, type, truncated, occluded, alpha, 4 of the box in the "
+                       "image, 3 sizes, 3 positions, rotation_y");
+    Label label;
+    label.frame_id = line.integer(0, "frame", 0, kMaxId);
+    label.type = line.word(2);
+    if (label.type == "DontCare") continue;
+    if (!known_type(label.type)) line.fail(2, "type", kTypeRule);
+    label.object_id = line.integer(1, "track", 0, kMaxId);
+    label.size_m.z() = line.number(10, "height", kMinSize_m, kMaxSize_m);
+    label.size_m.y() = line.number(11, "width", kMinSize_m, kMaxSize_m);
+    label.size_m.x() = line.number(12, "length", kMinSize_m, kMaxSize_m);
+    Eigen::Vector3d bottom;
+    for (int axis = 0; axis < 3; ++axis)
+      bottom[axis] = line.number(13 + static_cast<std::size_t>(axis), std::string(1, "xyz"[axis]),
+                                 -kMaxLabelDistance_m, kMaxLabelDistance_m);
+    const double angle_rad = line.number(16, "rotation_y", -kMaxAngle_rad, kMaxAngle_rad);
+    label.sensor_from_box = Rigid3d::Identity();
+    label.sensor_from_box.linear() =
+        Eigen::AngleAxisd(angle_rad, Eigen::Vector3d::UnitY()) * camera_from_level;
+    label.sensor_from_box.translation() = bottom - Eigen::Vector3d(0, label.size_m.z() / 2, 0);
+    if (!seen.insert(label)) line.fail(1, "track", "a second label of this object in its frame");
+    labels.push_back(std::move(label));
+  }
+  return labels;
+}
+
+std::vector<Label> parse_tracklets(std::string_view text, const std::filesystem::path& file) {
+  pugi::xml_document document;
+  if (const pugi::xml_parse_result result = document.load_buffer(text.data(), text.size()); !result)
+    throw InputError(file, "byte " + std::to_string(result.offset), "",
+                     std::string("no XML: ") + result.description());
+  const Element root(document.child("boost_serialization"), file, "boost_serialization");
+  std::vector<Label> labels;
+  std::int64_t object_id = 0;
+  for (const Element& tracklet : root.child("tracklets").items()) {
+    Label label;
+    label.object_id = object_id++;
+    label.type = tracklet.child("objectType").text();
+    if (!known_type(label.type)) tracklet.child("objectType").fail(kTypeRule);
+    label.size_m = {tracklet.child("l").number(kMinSize_m, kMaxSize_m),
+                    tracklet.child("w").number(kMinSize_m, kMaxSize_m),
+                    tracklet.child("h").number(kMinSize_m, kMaxSize_m)};
+    label.frame_id = tracklet.child("first_frame").integer(0, kMaxId);
+    for (const Element& pose : tracklet.child("poses").items()) {
+      const auto number = [&](const char* name, double most) {
+        return pose.child(name).number(-most, most);
+      };
+      label.sensor_from_box =
+          Eigen::Translation3d(number("tx", kMaxLabelDistance_m), number("ty", kMaxLabelDistance_m),
+                               number("tz", kMaxLabelDistance_m)) *
+          Eigen::AngleAxisd(number("rz", kMaxAngle_rad), Eigen::Vector3d::UnitZ()) *
+          Eigen::AngleAxisd(number("ry", kMaxAngle_rad), Eigen::Vector3d::UnitY()) *
+          Eigen::AngleAxisd(number("rx", kMaxAngle_rad), Eigen::Vector3d::UnitX()) *
+          Eigen::Translation3d(0, 0, label.size_m.z() / 2);
+      if (labels.size() >= kMaxPoses)
+        throw InputError(file, "tracklets", "", "hold more than a million poses");
+      labels.push_back(label);
+      ++label.frame_id;
+    }
+  }
+  return labels;
+}
+
+std::map<std::int64_t, std::vector<Box>> place_boxes(const std::vector<Label>& labels,
+                                                     const LabelPlacement& placement,
+                                                     const std::vector<FramePose>& frames) {
+  const Rigid3d velodyne_from_sensor =
+      placement.body_from_velodyne.inverse(Eigen::Isometry) * placement.body_from_sensor;
+  std::map<std::int64_t, std::vector<BoxAt>> by_object;
+  for (const Label& label : labels) {
+    const auto frame = std::ranges::lower_bound(frames, label.frame_id, {}, &FramePose::id);
+    if (frame == frames.end() || frame->id != label.frame_id) continue;
+    BoxAt at;
+    at.frame_id = label.frame_id;
+    Box& box = at.box;
+    box.object_id = label.object_id;
+    box.type = label.type;
+    box.actor_name = label.type + " " + std::to_string(label.object_id);
+    box.size_m = label.size_m;
+    box.deforms = deforms(label.type);
+    box.body_from_box = placement.body_from_sensor * label.sensor_from_box;
+    const auto scan = placement.scans.find(label.frame_id);
+    box.t_ns = scan == placement.scans.end()
+                   ? frame->t_ns
+                   : time_of_direction(scan->second,
+                                       velodyne_from_sensor * label.sensor_from_box.translation());
+    at.t_s = 1e-9 * static_cast<double>(box.t_ns - frames.front().t_ns);
+    at.in_global = pose_at(frames, box.t_ns) * box.body_from_box.translation();
+    by_object[label.object_id].push_back(std::move(at));
+  }
+  std::map<std::int64_t, std::vector<Box>> by_frame;
+  for (auto& [id, boxes] : by_object) {
+    std::ranges::sort(boxes, {}, &BoxAt::t_s);
+    for (std::size_t i = 0; i < boxes.size(); ++i) {
+      Box box = boxes[i].box;
+      const Eigen::Vector3d ego_m_per_s = (pose_at(frames, box.t_ns + kEgoOver_ns).translation() -
+                                           pose_at(frames, box.t_ns - kEgoOver_ns).translation()) /
+                                          (2e-9 * static_cast<double>(kEgoOver_ns));
+      box.velocity_in_body_m_per_s =
+          pose_at(frames, box.t_ns).linear().transpose() * (velocity_of(boxes, i) - ego_m_per_s);
+      by_frame[boxes[i].frame_id].push_back(std::move(box));
+    }
+  }
+  return by_frame;
+}
+
+}  // namespace redrive::kitti

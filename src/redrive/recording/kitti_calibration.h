@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+// Calibration files of KITTI: lines "KEY: numbers". Raw drives have calib_cam_to_cam.txt,
+// calib_velo_to_cam.txt and calib_imu_to_velo.txt beside the drives of a day; sequences of the
+// odometry benchmark have calib.txt with P0..P3 and Tr.
+//
+// Images are rectified. A point x in the axes of the rectified camera 0 projects to
+// P (x, 1) = K (x + t): a pinhole of K whose axes are those of camera 0, t away from it.
+#pragma once
+
+#include <filesystem>
+#include <map>
+#include <optional>
+#include <string>
+#include <string_view>
+
+#include "redrive/math/rigid3.h"
+#include "redrive/recording/png_size.h"
+
+namespace redrive::kitti {
+
+/// A 3 x 4 projection matrix.
+struct RectifiedCamera {
+  double fx = 0, fy = 0, cx = 0, cy = 0;  ///< pixels
+  Rigid3d camera_from_rectified = Rigid3d::Identity();
+  std::optional<ImageSize> size;  ///< S_rect; calib.txt has none
+};
+using RectifiedCameras = std::map<int, RectifiedCamera>;  ///< by number, 0 to 3
+
+struct CamToCam {
+  Rigid3d rectified_from_camera;  ///< R_rect_00
+  RectifiedCameras cameras;       ///< those with a P_rect_0X
+};
+
+struct OdometryCalibration {
+  RectifiedCameras cameras;                        ///< those with a PX
+  std::optional<Rigid3d> rectified_from_velodyne;  ///< Tr
+};
+
+/// InputError: lines without a key, a key twice, missing keys, wrong numbers of values, values that
+/// are no finite numbers, sizes and focal lengths out of range, matrices that are no projection of
+/// a rectified image, rotations that are none, sensors more than 50 m apart.
+CamToCam parse_cam_to_cam(std::string_view text, const std::filesystem::path& file);
+OdometryCalibration parse_odometry_calibration(std::string_view text,
+                                               const std::filesystem::path& file);
+/// R and T of calib_velo_to_cam.txt (camera 0 from Velodyne) or calib_imu_to_velo.txt (Velodyne
+/// from IMU).
+Rigid3d parse_rigid(std::string_view text, const std::filesystem::path& file);
+
+}  // namespace redrive::kitti

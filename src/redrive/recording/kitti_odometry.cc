@@ -1,0 +1,101 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+
+#include "redrive/base/error.h"
+#include "redrive/base/files.h"
+#include "redrive/recording/frame_files.h"
+#include "redrive/recording/kitti.h"
+#include "redrive/recording/kitti_calibration.h"
+#include "redrive/recording/kitti_poses.h"
+#include "redrive/recording/kitti_reader.h"
+#include "redrive/recording/trajectory.h"
+
+namespace redrive::kitti {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* kSequenceFolders[] = {"image_0", "image_1", "image_2", "image_3"};
+
+/// poses/NN.txt of sequences/NN.
+fs::path poses_file_of(const fs::path& root) {
+  fs::path sequence = fs::absolute(root).lexically_normal();
+  if (!sequence.has_filename()) sequence = sequence.parent_path();
+  const fs::path file =
+      sequence.parent_path().parent_path() / "poses" / (sequence.filename().string() + ".txt");
+  if (!is_there(file))
+    throw InputError(file, "", "", "missing: KITTI has poses of sequences 00 to 10");
+  return file;
+}
+
+std::vector<FramePose> read_frames(const fs::path& root) {
+  const fs::path times_file = root / "times.txt", poses_file = poses_file_of(root);
+  const std::vector<std::int64_t> times = parse_times(read_file(times_file), times_file);
+  const std::vector<Rigid3d> poses = parse_poses(read_file(poses_file), poses_file);
+  if (poses.size() != times.size())
+    throw InputError(poses_file, "number of lines", std::to_string(poses.size()),
+                     times_file.string() + " has " + std::to_string(times.size()));
+  std::vector<FramePose> frames;
+  for (std::size_t i = 0; i < poses.size(); ++i)
+    frames.push_back({static_cast<std::int64_t>(i), times[i], poses[i] * rectified_from_body()});
+  check_trajectory(frames, poses_file, {"time", "pose"});
+  return frames;
+}
+
+}  // namespace
+
+bool looks_like_odometry(const fs::path& root) {
+  return (is_there(root / "calib.txt") || is_there(root / "times.txt")) &&
+         (is_folder(root / "velodyne") ||
+          std::ranges::any_of(kSequenceFolders,
+                              [&](const char* name) { return is_folder(root / name); }));
+}
+
+Recording open_odometry(const fs::path& root, PoseSource source) {
+  refuse_ground_truth(root, source);
+  const fs::path calibration_file = root / "calib.txt";
+  const OdometryCalibration calibration =
+      parse_odometry_calibration(read_file(calibration_file), calibration_file);
+  Recording recording;
+  recording.root = root;
+  recording.global_frame = GlobalFrame::kArbitrary;
+  recording.frames = read_frames(root);
+  std::vector<Finding>& findings = recording.findings;
+  for (const std::string name : kSequenceFolders) {
+    std::vector<ImageFile> images =
+        images_with_poses(list_frame_files(root / name, "", {".png"}, name, &findings), name,
+                          recording.frames, &findings);
+    if (images.empty()) continue;
+    const auto found = calibration.cameras.find(name.back() - '0');
+    if (found == calibration.cameras.end())
+      throw InputError(calibration_file, "P" + name.substr(6), "",
+                       "missing; the sequence has images of this camera");
+    const std::optional<ImageSize> size = png_size(images[0].path);
+    if (!size) throw InputError(images[0].path, "", "", "is no PNG image");
+    recording.cameras.push_back(
+        {calibration_of(found->second, *size, name, rectified_from_body()), std::move(images)});
+  }
+  require_cameras(recording);
+
+  recording.lidar_files = list_frame_files(root / "velodyne", "", {".bin"}, "velodyne", &findings);
+  if (!recording.lidar_files.empty()) {
+    if (!calibration.rectified_from_velodyne)
+      throw InputError(calibration_file, "Tr", "", "missing; the sequence has velodyne scans");
+    const auto reader = std::make_shared<Reader>();
+    reader->body_from_velodyne =
+        rectified_from_body().inverse(Eigen::Isometry) * *calibration.rectified_from_velodyne;
+    recording.body_from_lidar = reader->body_from_velodyne;
+    // The benchmark's scans are motion compensated to the time of their frame.
+    std::erase_if(recording.lidar_files, [&](const FrameFile& file) {
+      return file.frame_id >= static_cast<std::int64_t>(recording.frames.size());
+    });
+    for (const FrameFile& file : recording.lidar_files) {
+      const std::int64_t t_ns = recording.frames[static_cast<std::size_t>(file.frame_id)].t_ns;
+      reader->scans[file.frame_id] = {t_ns, t_ns};
+    }
+    recording.reader = reader;
+  }
+  return recording;
+}
+
+}  // namespace redrive::kitti

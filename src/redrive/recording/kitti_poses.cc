@@ -1,0 +1,158 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/recording/kitti_poses.h"
+
+#include <algorithm>
+#include <charconv>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <numbers>
+
+#include "redrive/base/error.h"
+#include "redrive/math/wgs84.h"
+#include "redrive/recording/rigid_json.h"
+#include "redrive/recording/text_lines.h"
+
+namespace redrive::kitti {
+namespace {
+
+constexpr double kMaxRadius_m = 1e7;
+constexpr double kMaxTime_s = 9e9;  // int64 nanoseconds end at 9.22e9 s
+constexpr double kAnyNumber =
+    1e12;  // status words and accuracies of the packet, which are not used
+
+/// The digits of a field of fixed width, or -1.
+int digits(std::string_view text, std::size_t begin, std::size_t count) {
+  int value = 0;
+  for (std::size_t i = begin; i < begin + count; ++i) {
+    if (i >= text.size() || text[i] < '0' || text[i] > '9') return -1;
+    value = 10 * value + (text[i] - '0');
+  }
+  return value;
+}
+
+std::optional<std::chrono::sys_days> day_of(std::string_view date) {
+  if (date.size() != 10 || date[4] != '-' || date[7] != '-') return std::nullopt;
+  const int year = digits(date, 0, 4), month = digits(date, 5, 2), day = digits(date, 8, 2);
+  if (year < 1970 || year > 2200 || month < 0 || day < 0) return std::nullopt;
+  const std::chrono::year_month_day ymd{std::chrono::year(year),
+                                        std::chrono::month(static_cast<unsigned>(month)),
+                                        std::chrono::day(static_cast<unsigned>(day))};
+  if (!ymd.ok()) return std::nullopt;
+  return std::chrono::sys_days(ymd);
+}
+
+/// Nanoseconds since midnight of "13:10:51.175862102"; 1 to 9 decimals, or none.
+std::optional<std::int64_t> time_of_day_ns(std::string_view time) {
+  if (time.size() < 8 || time[2] != ':' || time[5] != ':') return std::nullopt;
+  const int hour = digits(time, 0, 2), minute = digits(time, 3, 2), second = digits(time, 6, 2);
+  if (hour < 0 || hour > 23 || minute < 0 || minute > 59 || second < 0 || second > 60)
+    return std::nullopt;
+  std::int64_t fraction_ns = 0;
+  if (time.size() > 8) {
+    const std::size_t decimals = time.size() - 9;
+    if (time[8] != '.' || decimals < 1 || decimals > 9) return std::nullopt;
+    const int value = digits(time, 9, decimals);
+    if (value < 0) return std::nullopt;
+    fraction_ns = value;
+    for (std::size_t i = decimals; i < 9; ++i) fraction_ns *= 10;
+  }
+  return ((hour * 60 + minute) * 60 + second) * 1'000'000'000ll + fraction_ns;
+}
+
+std::vector<TextLine> lines_of_file(std::string_view text, const std::filesystem::path& file) {
+  std::vector<TextLine> lines = text_lines(text, file);
+  if (lines.empty()) throw InputError(file, "", "", "is empty: a line for each frame is expected");
+  return lines;
+}
+
+}  // namespace
+
+std::vector<std::optional<std::int64_t>> parse_timestamps(std::string_view text,
+                                                          const std::filesystem::path& file) {
+  std::vector<std::optional<std::int64_t>> times;
+  std::optional<std::int64_t> before;
+  for (const TextLine& line : lines_of_file(text, file)) {
+    if (line.size() == 0) {
+      times.emplace_back();
+      continue;
+    }
+    line.expect_size(2, "a date and a time, as 2011-09-26 13:10:51.175862102");
+    const auto day = day_of(line.word(0));
+    if (!day) line.fail(0, "date", "expected a date as 2011-09-26");
+    const auto time_ns = time_of_day_ns(line.word(1));
+    if (!time_ns) line.fail(1, "time", "expected a time as 13:10:51.175862102");
+    const std::int64_t t_ns = std::chrono::nanoseconds(day->time_since_epoch()).count() + *time_ns;
+    if (before && t_ns <= *before) line.fail(1, "time", "is not after that of the line before");
+    times.emplace_back(t_ns);
+    before = t_ns;
+  }
+  return times;
+}
+
+Rigid3d parse_oxts(std::string_view text, const std::filesystem::path& file) {
+  const std::vector<TextLine> lines = lines_of_file(text, file);
+  if (lines.size() != 1)
+    throw InputError(file, "number of lines", std::to_string(lines.size()),
+                     "expected one, with a packet of 30 numbers");
+  const std::size_t end = std::min(text.find('\n'), text.size());
+  const TextLine line(text.substr(0, end), file, 0);
+  line.expect_size(30, "latitude, longitude, altitude, roll, pitch, yaw, ...");
+  constexpr double kTurn_rad = 2 * std::numbers::pi + 1e-6;
+  const double latitude_rad = line.number(0, "latitude", -90, 90) * std::numbers::pi / 180,
+               longitude_rad = line.number(1, "longitude", -360, 360) * std::numbers::pi / 180,
+               altitude_m = line.number(2, "altitude", -1000, 20000),
+               roll_rad = line.number(3, "roll", -kTurn_rad, kTurn_rad),
+               pitch_rad = line.number(4, "pitch", -kTurn_rad, kTurn_rad),
+               yaw_rad = line.number(5, "yaw", -kTurn_rad, kTurn_rad);
+  for (std::size_t i = 6; i < line.size(); ++i)
+    line.number(i, "value " + std::to_string(i + 1), -kAnyNumber, kAnyNumber);
+
+  const Eigen::Vector3d up(std::cos(latitude_rad) * std::cos(longitude_rad),
+                           std::cos(latitude_rad) * std::sin(longitude_rad),
+                           std::sin(latitude_rad));
+  const Eigen::Vector3d east(-std::sin(longitude_rad), std::cos(longitude_rad), 0);
+  const double normal_m =  // radius of curvature of the prime vertical
+      kWgs84SemiMajor_m / std::sqrt(1 - kWgs84EccentricitySquared * up.z() * up.z());
+  Eigen::Matrix3d ecef_from_enu;
+  ecef_from_enu << east, up.cross(east), up;
+  Rigid3d ecef_from_imu = Rigid3d::Identity();
+  ecef_from_imu.translation() = (normal_m + altitude_m) * up;
+  ecef_from_imu.translation().z() -= kWgs84EccentricitySquared * normal_m * up.z();
+  ecef_from_imu.linear() = ecef_from_enu * (Eigen::AngleAxisd(yaw_rad, Eigen::Vector3d::UnitZ()) *
+                                            Eigen::AngleAxisd(pitch_rad, Eigen::Vector3d::UnitY()) *
+                                            Eigen::AngleAxisd(roll_rad, Eigen::Vector3d::UnitX()))
+                                               .toRotationMatrix();
+  return ecef_from_imu;
+}
+
+std::vector<std::int64_t> parse_times(std::string_view text, const std::filesystem::path& file) {
+  std::vector<std::int64_t> times;
+  for (const TextLine& line : lines_of_file(text, file)) {
+    line.expect_size(1, "the time of a frame in seconds");
+    const std::int64_t t_ns = std::llround(1e9 * line.number(0, "time", 0, kMaxTime_s));
+    if (!times.empty() && t_ns <= times.back())
+      line.fail(0, "time", "is not after that of the line before");
+    times.push_back(t_ns);
+  }
+  return times;
+}
+
+std::vector<Rigid3d> parse_poses(std::string_view text, const std::filesystem::path& file) {
+  std::vector<Rigid3d> poses;
+  for (const TextLine& line : lines_of_file(text, file)) {
+    line.expect_size(12, "the rows of a 3 x 4 matrix");
+    nlohmann::json rows = nlohmann::json::array();
+    for (std::size_t i = 0; i < 12; ++i) {
+      if (i % 4 == 0) rows.push_back(nlohmann::json::array());
+      rows.back().push_back(
+          line.number(i, "value " + std::to_string(i + 1), -kMaxRadius_m, kMaxRadius_m));
+    }
+    rows.push_back({0, 0, 0, 1});
+    const nlohmann::json document = {{line.name(), rows}};
+    poses.push_back(rigid_from_json(JsonField(document, file).at(line.name())));
+  }
+  return poses;
+}
+
+}  // namespace redrive::kitti

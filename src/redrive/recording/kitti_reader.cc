@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/recording/kitti_reader.h"
+
+#include "redrive/base/error.h"
+#include "redrive/base/files.h"
+
+namespace redrive::kitti {
+
+std::vector<LidarPoint> Reader::read_lidar(const FrameFile& file) const {
+  return parse_scan(read_file(file.path), file.path, body_from_velodyne, scans.at(file.frame_id));
+}
+
+std::uint64_t Reader::lidar_point_count(const FrameFile& file) const {
+  std::error_code error;
+  const std::uintmax_t bytes = std::filesystem::file_size(file.path, error);
+  return error || bytes % kScanRecordBytes != 0 ? 0 : bytes / kScanRecordBytes;
+}
+
+std::vector<Box> Reader::read_boxes(const FrameFile& file) const { return boxes.at(file.frame_id); }
+
+CameraCalibration calibration_of(const RectifiedCamera& camera, ImageSize size,
+                                 const std::string& name, const Rigid3d& rectified_from_body) {
+  CameraCalibration calibration;
+  calibration.name = name;
+  calibration.model = "opencv_pinhole";
+  calibration.parameters = {camera.fx, camera.fy, camera.cx, camera.cy, 0, 0, 0, 0, 0};
+  calibration.width = size.width;
+  calibration.height = size.height;
+  calibration.body_from_sensor =
+      (camera.camera_from_rectified * rectified_from_body).inverse(Eigen::Isometry);
+  return calibration;
+}
+
+void refuse_ground_truth(const std::filesystem::path& root, PoseSource source) {
+  if (source == PoseSource::kGroundTruth)
+    throw InputError(root, "", "", "this format ships no other, exact poses");
+}
+
+void require_cameras(const Recording& recording) {
+  if (!recording.cameras.empty()) return;
+  std::string why;
+  for (const Finding& finding : recording.findings)
+    why += "; " + finding.subject + ": " + finding.what;
+  throw InputError(recording.root, "", "",
+                   "empty recording: no image of a frame with a pose" + why);
+}
+
+}  // namespace redrive::kitti

@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/recording/kitti_scan.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <string>
+
+#include "redrive/base/error.h"
+#include "redrive/recording/little_endian.h"
+
+namespace redrive::kitti {
+namespace {
+
+constexpr std::size_t kMaxScanPoints = 4'000'000;
+constexpr float kMaxScanCoordinate_m = 1000;
+constexpr double kColumns = 2048;  // of a revolution; the HDL-64E has about 2080 at 10 Hz
+
+/// 0 at the start of the revolution to 1 at its end.
+double fraction_of_revolution(double x, double y) {
+  return 0.5 - std::atan2(y, x) / (2 * std::numbers::pi);
+}
+
+std::int64_t time_at(const ScanTime& time, double fraction) {
+  return time.start_ns + std::llround(fraction * static_cast<double>(time.end_ns - time.start_ns));
+}
+
+}  // namespace
+
+std::int64_t time_of_direction(const ScanTime& time, const Eigen::Vector3d& in_velodyne) {
+  return time_at(time, fraction_of_revolution(in_velodyne.x(), in_velodyne.y()));
+}
+
+std::vector<LidarPoint> parse_scan(std::string_view bytes, const std::filesystem::path& file,
+                                   const Rigid3d& body_from_velodyne, const ScanTime& time) {
+  if (bytes.size() % kScanRecordBytes != 0)
+    throw InputError(file, "size", std::to_string(bytes.size()) + " bytes",
+                     "must be a multiple of 16: four floats for each point (truncated?)");
+  const std::size_t n = bytes.size() / kScanRecordBytes;
+  if (n > kMaxScanPoints)
+    throw InputError(file, "number of points", std::to_string(n),
+                     "at most 4 million are accepted: a revolution has fewer");
+  std::vector<LidarPoint> points(n);
+  for (std::size_t i = 0; i < n; ++i) {
+    float values[4];
+    for (std::size_t k = 0; k < 4; ++k) {
+      values[k] = little_endian<float>(bytes, kScanRecordBytes * i + 4 * k);
+      if (k < 3 ? !(std::abs(values[k]) <= kMaxScanCoordinate_m)
+                : !(values[k] >= 0 && values[k] <= 1))
+        throw InputError(file,
+                         "point " + std::to_string(i) + " " +
+                             std::string(k < 3 ? std::string(1, "xyz"[k]) : "reflectance"),
+                         std::to_string(values[k]),
+                         k < 3 ? "the sensor does not see further than 1000 m; metres are expected"
+                               : "must be between 0 and 1");
+    }
+    const double column =
+        std::min(std::floor(kColumns * fraction_of_revolution(values[0], values[1])), kColumns - 1);
+    points[i] = {
+        .in_body_m =
+            (body_from_velodyne * Eigen::Vector3d(values[0], values[1], values[2])).cast<float>(),
+        .intensity = static_cast<std::uint16_t>(std::lround(255 * values[3])),
+        .t_ns = time_at(time, (column + 0.5) / kColumns)};
+  }
+  std::stable_sort(points.begin(), points.end(),
+                   [](const LidarPoint& a, const LidarPoint& b) { return a.t_ns < b.t_ns; });
+  return points;
+}
+
+}  // namespace redrive::kitti

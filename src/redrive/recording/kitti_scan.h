@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: Apache-2.0
+// Revolutions of the Velodyne HDL-64E of KITTI: records of four floats, little-endian: x, y, z in
+// metres (x forward, y left, z up) and reflectance, 0..1.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <string_view>
+#include <vector>
+
+#include "redrive/math/rigid3.h"
+#include "redrive/recording/lidar_point.h"
+
+namespace redrive::kitti {
+
+constexpr std::size_t kScanRecordBytes = 16;
+
+/// When the revolution begins and ends, both behind the car. Equal: its points are motion
+/// compensated to that time.
+struct ScanTime {
+  std::int64_t start_ns = 0, end_ns = 0;
+};
+
+/// Time at which the laser points along a direction. It turns clockwise seen from above and looks
+/// ahead in the middle of the revolution.
+std::int64_t time_of_direction(const ScanTime& time, const Eigen::Vector3d& in_velodyne);
+
+/// Returns the points in the body frame by time. A point's time is that of its azimuth to 1/2048 of
+/// the revolution, 0.05 ms, as columns of the sensor are. InputError: a size that is no multiple of
+/// 16 bytes, more than 4 million points, coordinates that are not finite or beyond 1000 m,
+/// reflectances outside 0..1.
+std::vector<LidarPoint> parse_scan(std::string_view bytes, const std::filesystem::path& file,
+                                   const Rigid3d& body_from_velodyne, const ScanTime& time);
+
+}  // namespace redrive::kitti
