@@ -13,6 +13,7 @@
 #include "redrive/cli/command.h"
 #include "redrive/cli/output_file.h"
 #include "redrive/image/image_io.h"
+#include "redrive/math/angles.h"
 #include "redrive/render/renderer.h"
 #include "redrive/render/view_pose.h"
 #include "redrive/train/memory.h"
@@ -26,6 +27,7 @@ namespace fs = std::filesystem;
 struct RenderOptions {
   std::string run, camera, frame, translate = "0,0,0", axes = "body", exposure = "own", out, depth,
                                   poses;
+  double yaw_deg = 0, pitch_deg = 0;
   bool relative = false, force = false;
   kernels::BackendChoice backend;
 };
@@ -110,7 +112,10 @@ int render_one(const RenderOptions& options) {
     throw UsageError("--axes", options.axes,
                      "needs a recording whose poses are in ECEF; use body or camera");
   const Rigid3d world_from_camera =
-      shifted_camera(run.scene.global_from_world, *pose, camera.body_from_sensor, axes, shift_m);
+      shifted_camera(run.scene.global_from_world, *pose,
+                     turned_sensor(camera.body_from_sensor, kRadiansPerDegree * options.yaw_deg,
+                                   kRadiansPerDegree * options.pitch_deg),
+                     axes, shift_m);
   const auto backend = make_backend_of(run, options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
   check_device_memory(run, *backend, run.state.model->rendering_work());
@@ -205,6 +210,14 @@ Action configure_render(CLI::App& command) {
                         "left)")
             ->check(CLI::IsMember({"body", "camera", "local"}))
             ->capture_default_str(),
+        command
+            .add_option("--yaw", options->yaw_deg,
+                        "turns the camera about z of the body, degrees, to the left")
+            ->check(CLI::Range(-360.0, 360.0)),
+        command
+            .add_option("--pitch", options->pitch_deg,
+                        "then turns it about x of the camera, degrees, upwards")
+            ->check(CLI::Range(-360.0, 360.0)),
         command.add_option("--depth", options->depth,
                            "16-bit PNG to write depth along the ray to, in mm; 65535: 65.535 m and "
                            "more")})

@@ -34,6 +34,10 @@ class NovelGroundTruth {
 
   const std::string& name() const { return name_; }  ///< of the set
   std::size_t size() const { return views_.size(); }
+  const std::filesystem::path& poses_file() const { return poses_.path; }
+  const RequestedView& request(std::size_t index) const {
+    return poses_.views.at(views_.at(index));
+  }
   /// Loads a view. A pose in ECEF is a ground-truth pose and is transformed by the alignment; a
   /// shift is applied to the run's own pose. Throws InputError if the image's size differs from its
   /// calibration.

@@ -89,6 +89,14 @@ Rigid3d shifted_camera(const Rigid3d& global_from_world, const Rigid3d& world_fr
   return world_from_camera;
 }
 
+Rigid3d turned_sensor(const Rigid3d& body_from_sensor, double yaw_rad, double pitch_rad) {
+  Rigid3d turned = body_from_sensor;
+  turned.linear() = Eigen::AngleAxisd(yaw_rad, Eigen::Vector3d::UnitZ()).toRotationMatrix() *
+                    body_from_sensor.linear() *
+                    Eigen::AngleAxisd(pitch_rad, Eigen::Vector3d::UnitX()).toRotationMatrix();
+  return turned;
+}
+
 std::vector<RigCamera> poses_rig(const ViewRequests& poses, const Scene& scene, bool like_run) {
   if (poses.cameras.empty()) return scene.rig;
   std::vector<RigCamera> rig;

@@ -47,6 +47,10 @@ Rigid3d shifted_camera(const Rigid3d& global_from_world, const Rigid3d& world_fr
                        const Rigid3d& body_from_sensor, ShiftAxes axes,
                        const Eigen::Vector3d& shift_m);
 
+/// Returns body_from_sensor turned about the camera's centre: by yaw about the body's z axis,
+/// positive to the left, then by pitch about the camera's x axis, positive upwards.
+Rigid3d turned_sensor(const Rigid3d& body_from_sensor, double yaw_rad, double pitch_rad);
+
 /// Returns the cameras of a poses file: its own as recorded, or with `like_run` undistorted (except
 /// fisheyes) and downscaled as the run's; the run's where the file has none.
 std::vector<RigCamera> poses_rig(const ViewRequests& poses, const Scene& scene, bool like_run);

@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: Apache-2.0
+// redrive view: shows a run in a browser.
+#include <fcntl.h>
+#include <spawn.h>
+#include <unistd.h>
+
+#include <array>
+#include <cstdio>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "redrive/base/error.h"
+#include "redrive/cli/backend_options.h"
+#include "redrive/cli/command.h"
+#include "redrive/cli/training.h"
+#include "redrive/train/memory.h"
+#include "redrive/view/access.h"
+#include "redrive/view/page.h"
+#include "redrive/view/viewer.h"
+
+namespace redrive {
+namespace {
+
+struct ViewOptions {
+  std::string run, listen = "127.0.0.1";
+  int port = -1;
+  bool open = false;
+  kernels::BackendChoice backend;
+};
+
+constexpr int kUsualPort = 7007;
+
+/// Opens the address in the user's browser, if there is xdg-open.
+void open_browser(const std::string& address) {
+  std::string program = "xdg-open", argument = address;
+  const std::array<char*, 3> arguments = {program.data(), argument.data(), nullptr};
+  posix_spawn_file_actions_t quiet;
+  posix_spawn_file_actions_init(&quiet);
+  for (const int output : {STDOUT_FILENO, STDERR_FILENO})
+    posix_spawn_file_actions_addopen(&quiet, output, "/dev/null", O_WRONLY, 0);
+  pid_t child = 0;
+  if (posix_spawnp(&child, program.c_str(), &quiet, nullptr, arguments.data(), environ) != 0)
+    std::fprintf(stderr, "redrive: --open: there is no xdg-open; open the address yourself\n");
+  posix_spawn_file_actions_destroy(&quiet);
+}
+
+/// Listens on --port; without one on the usual port, or another one if that is taken.
+std::unique_ptr<view::Server> listen(const ViewOptions& options, view::Viewer* viewer) {
+  view::ServerOptions server;
+  server.listen = options.listen;
+  server.token = view::random_token();
+  server.page = view::page_files();
+  server.max_message_bytes = view::kMaxMessageBytes;
+  if (options.port < 0) {
+    try {
+      server.port = kUsualPort;
+      return std::make_unique<view::Server>(server, viewer);
+    } catch (const UsageError&) {
+      server.port = 0;
+    }
+  } else {
+    server.port = options.port;
+  }
+  return std::make_unique<view::Server>(server, viewer);
+}
+
+int run_view(const ViewOptions& options) {
+  if (view::page_files().empty())
+    throw UsageError("view", options.run,
+                     "this build has no page: node and npm were missing, or npm could not install; "
+                     "scripts/setup and another build bring it");
+  const Run run = open_run(options.run);
+  const auto backend = make_backend_of(run, options.backend);
+  std::printf("%s\n", kernels::describe(*backend).c_str());
+  check_device_memory(run, *backend, run.state.model->rendering_work());
+  const std::atomic<bool>& stop = stop_on_signal();
+  view::Viewer viewer(run, *backend);
+  const auto server = listen(options, &viewer);
+  std::printf("%s\nWhoever has this address sees the run. Ctrl-C ends.\n",
+              server->address().c_str());
+  std::fflush(stdout);
+  if (options.open) open_browser(server->address());
+  viewer.serve(*server, stop);
+  return kExitOk;
+}
+
+}  // namespace
+
+Action configure_view(CLI::App& command) {
+  auto options = std::make_shared<ViewOptions>();
+  command.add_option("RUN", options->run, "run folder, as train makes it")->required();
+  command
+      .add_option("--port", options->port,
+                  "port to listen on, 0: any that is free (default: " + std::to_string(kUsualPort) +
+                      ", or any if that is taken)")
+      ->check(CLI::Range(0, 65535));
+  command
+      .add_option("--listen", options->listen,
+                  "IP address to listen on; 0.0.0.0 lets other machines in, without encryption")
+      ->capture_default_str();
+  command.add_flag("--open", options->open, "opens the address in a browser");
+  add_backend_options(command, &options->backend);
+  return [options] { return run_view(*options); };
+}
+
+}  // namespace redrive

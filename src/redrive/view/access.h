@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+// Who may see the page: whoever knows the token in its address, from a page of this server.
+#pragma once
+
+#include <string>
+#include <string_view>
+
+namespace redrive::view {
+
+/// Returns 128 random bits of the system as 32 hexadecimal digits.
+std::string random_token();
+
+/// Compares in a time that depends on the sizes alone.
+bool equal_in_constant_time(std::string_view a, std::string_view b);
+
+/// Whether a request's Host names this server: `localhost`, an IP address, or `listen`, each with
+/// any port (ssh forwards others). Another name may be DNS rebinding: a foreign page whose name
+/// was made to point here.
+bool is_own_host(std::string_view host, std::string_view listen);
+
+/// Whether the Origin of a request is the page that `host` served.
+bool is_own_origin(std::string_view origin, std::string_view host);
+
+/// What a request's target asks for: the token, and what stands after it ("" for the page itself).
+/// Nothing for a target of another form.
+struct Target {
+  std::string_view token, file;
+  bool valid = false;
+};
+Target parse_target(std::string_view target);
+
+}  // namespace redrive::view

@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/view/messages.h"
+
+#include <cmath>
+
+#include "redrive/base/error.h"
+#include "redrive/base/files.h"
+#include "redrive/base/json_field.h"
+
+namespace redrive::view {
+namespace {
+
+constexpr std::size_t kMaxName = 256;  ///< characters of a camera, a novel set or an exposure
+constexpr double kMaxShift_m = 1e4;    ///< as recording/view_requests.h
+constexpr const char* kFile = "message";
+
+std::string name_of(const JsonField& field) {
+  std::string name = field.string();
+  if (name.size() > kMaxName) field.fail("must have at most 256 characters");
+  return name;
+}
+
+std::uint64_t count_of(const JsonField& field) {
+  const std::int64_t value = field.integer();
+  if (value < 0) field.fail("must be 0 or more");
+  return static_cast<std::uint64_t>(value);
+}
+
+double bounded(const JsonField& field, double least, double most) {
+  const double value = field.number();
+  if (!(value >= least && value <= most)) field.fail("is out of range");
+  return value;
+}
+
+Layer layer_of(const JsonField& field) {
+  const std::string name = field.string();
+  if (name == "image") return Layer::kImage;
+  if (name == "depth") return Layer::kDepth;
+  if (name == "opacity") return Layer::kOpacity;
+  if (name == "coverage") return Layer::kCoverage;
+  field.fail("must be image, depth, opacity or coverage");
+}
+
+Overlays overlays_of(const JsonField& field) {
+  if (!field.json().is_array() || field.size() > 8) field.fail("must be a list of names");
+  Overlays overlays;
+  for (std::size_t i = 0; i < field.size(); ++i) {
+    const std::string name = field.at(i).string();
+    if (name == "trajectory")
+      overlays.trajectory = true;
+    else if (name == "frusta")
+      overlays.frusta = true;
+    else if (name == "lidar")
+      overlays.lidar = true;
+    else if (name == "boxes")
+      overlays.boxes = true;
+    else
+      field.at(i).fail("must be trajectory, frusta, lidar or boxes");
+  }
+  return overlays;
+}
+
+ViewRequest view_of(const JsonField& message) {
+  ViewRequest view;
+  view.id = count_of(message.at("id"));
+  view.camera = name_of(message.at("camera"));
+  view.frame = message.at("frame").integer();
+  const JsonField shift = message.at("shift_m");
+  if (!shift.json().is_array() || shift.size() != 3) shift.fail("must be three numbers");
+  for (std::size_t k = 0; k < 3; ++k)
+    view.shift_m[k] = bounded(shift.at(k), -kMaxShift_m, kMaxShift_m);
+  view.yaw_deg = bounded(message.at("yaw_deg"), -360, 360);
+  view.pitch_deg = bounded(message.at("pitch_deg"), -360, 360);
+  view.layer = layer_of(message.at("layer"));
+  view.exposure = name_of(message.at("exposure"));
+  view.overlays = overlays_of(message.at("overlays"));
+  const JsonField reference = message.at("reference");
+  if (!reference.json().is_boolean()) reference.fail("must be true or false");
+  view.reference = reference.json().get<bool>();
+  if (message.has("novel") && !message.at("novel").json().is_null()) {
+    const JsonField novel = message.at("novel");
+    view.novel = {name_of(novel.at("set")), count_of(novel.at("index"))};
+  }
+  return view;
+}
+
+Pick pick_of(const JsonField& message) {
+  const JsonField at = message.at("at");
+  if (!at.json().is_array() || at.size() != 2) at.fail("must be two numbers");
+  return {count_of(message.at("id")), bounded(at.at(0), 0, 1), bounded(at.at(1), 0, 1)};
+}
+
+}  // namespace
+
+ClientMessage parse_client_message(std::string_view text) {
+  if (text.size() > kMaxMessageBytes)
+    throw InputError(kFile, "", "", "must have at most 4096 bytes");
+  const nlohmann::json json = parse_json(text, kFile);
+  const JsonField message(json, kFile);
+  const std::string type = message.at("type").string();
+  if (type == "view") return view_of(message);
+  if (type == "shown") return Shown{count_of(message.at("sequence"))};
+  if (type == "pick") return pick_of(message);
+  message.at("type").fail("must be view, shown or pick");
+}
+
+}  // namespace redrive::view

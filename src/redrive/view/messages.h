@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the page sends: JSON texts over the WebSocket, parsed and bounded here and nowhere else.
+//   {"type": "view", "id", "camera", "frame", "shift_m": [forward, left, up], "yaw_deg",
+//    "pitch_deg", "layer", "exposure", "overlays": [NAME, ..], "reference": bool,
+//    "novel": null or {"set": NAME, "index"}}
+//   {"type": "shown", "sequence"}
+//   {"type": "pick", "id", "at": [u, v]}
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <variant>
+
+namespace redrive::view {
+
+/// The longest message that is read.
+constexpr std::size_t kMaxMessageBytes = 4096;
+
+/// What the colours of an image show.
+enum class Layer { kImage, kDepth, kOpacity, kCoverage };
+
+/// What is drawn over an image.
+struct Overlays {
+  bool trajectory = false;  ///< the body's path, on the ground
+  bool frusta = false;      ///< of the rig's cameras at the frame
+  bool lidar = false;       ///< the frame's revolution
+  bool boxes = false;       ///< the frame's annotated objects
+};
+
+/// A view with ground truth: the index-th of a novel set.
+struct NovelView {
+  std::string set;
+  std::size_t index = 0;
+  bool operator==(const NovelView&) const = default;
+};
+
+/// The view that a page wants to see.
+struct ViewRequest {
+  std::uint64_t id = 0;  ///< of the page; comes back with the image
+  std::string camera;
+  std::int64_t frame = 0;
+  std::array<double, 3> shift_m{};    ///< in body axes: forward, left, up; |shift| <= kMaxShift_m
+  double yaw_deg = 0, pitch_deg = 0;  ///< turn_sensor; left and up positive
+  Layer layer = Layer::kImage;
+  std::string exposure = "own";  ///< as render --exposure
+  Overlays overlays;
+  bool reference = false;          ///< also the recorded image
+  std::optional<NovelView> novel;  ///< takes the place of camera, frame, shift and angles
+
+  bool is_driven() const {
+    return !novel && shift_m == std::array<double, 3>{} && yaw_deg == 0 && pitch_deg == 0;
+  }
+};
+
+/// The page has drawn the image with this number.
+struct Shown {
+  std::uint64_t sequence = 0;
+};
+
+/// Asks for the surface in the image that was sent last.
+struct Pick {
+  std::uint64_t id = 0;  ///< comes back with the answer
+  double u = 0, v = 0;   ///< 0..1: from the left and upper edge of the image to the others
+};
+
+using ClientMessage = std::variant<ViewRequest, Shown, Pick>;
+
+/// Throws InputError for everything that is not one of the messages above, with numbers in range.
+ClientMessage parse_client_message(std::string_view text);
+
+}  // namespace redrive::view

@@ -1,0 +1,88 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/view/messages.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+
+#include "redrive/base/error.h"
+
+namespace redrive::view {
+namespace {
+
+nlohmann::json view_message() {
+  return {{"type", "view"},          {"id", 7},
+          {"camera", "F"},           {"frame", 1028},
+          {"shift_m", {0.5, -1, 2}}, {"yaw_deg", -15},
+          {"pitch_deg", 3.5},        {"layer", "depth"},
+          {"exposure", "none"},      {"overlays", {"lidar", "boxes"}},
+          {"reference", true},       {"novel", nullptr}};
+}
+
+TEST(Messages, ReadsAView) {
+  const auto view = std::get<ViewRequest>(parse_client_message(view_message().dump()));
+  EXPECT_EQ(view.id, 7u);
+  EXPECT_EQ(view.camera, "F");
+  EXPECT_EQ(view.frame, 1028);
+  EXPECT_EQ(view.shift_m, (std::array<double, 3>{0.5, -1, 2}));
+  EXPECT_EQ(view.yaw_deg, -15);
+  EXPECT_EQ(view.pitch_deg, 3.5);
+  EXPECT_EQ(view.layer, Layer::kDepth);
+  EXPECT_EQ(view.exposure, "none");
+  EXPECT_TRUE(view.overlays.lidar && view.overlays.boxes && view.reference);
+  EXPECT_FALSE(view.overlays.trajectory || view.overlays.frusta || view.novel.has_value());
+  EXPECT_FALSE(view.is_driven());
+}
+
+TEST(Messages, ReadsANovelView) {
+  nlohmann::json json = view_message();
+  json["novel"] = {{"set", "left_1"}, {"index", 3}};
+  const auto view = std::get<ViewRequest>(parse_client_message(json.dump()));
+  EXPECT_EQ(view.novel, (NovelView{"left_1", 3}));
+}
+
+TEST(Messages, ReadsShownAndPick) {
+  EXPECT_EQ(std::get<Shown>(parse_client_message(R"({"type": "shown", "sequence": 9})")).sequence,
+            9u);
+  const auto pick =
+      std::get<Pick>(parse_client_message(R"({"type": "pick", "id": 2, "at": [0.25, 1]})"));
+  EXPECT_EQ(pick.id, 2u);
+  EXPECT_EQ(pick.u, 0.25);
+  EXPECT_EQ(pick.v, 1);
+}
+
+TEST(Messages, RefusesEverythingElse) {
+  for (const char* text :
+       {"", "{", "[]", "null", "7", R"({"type": 1})", R"({"type": "run"})", R"({"type": "shown"})",
+        R"({"type": "shown", "sequence": -1})", R"({"type": "pick", "id": 1, "at": [0.5]})",
+        R"({"type": "pick", "id": 1, "at": [0.5, 1.5]})",
+        R"({"type": "pick", "id": 1, "at": [1e999, 0]})"})
+    EXPECT_THROW(parse_client_message(text), InputError) << text;
+  const auto refuses = [](const char* key, const nlohmann::json& value) {
+    nlohmann::json json = view_message();
+    json[key] = value;
+    EXPECT_THROW(parse_client_message(json.dump()), InputError) << json;
+    json.erase(key);
+    if (key != std::string_view("novel")) {
+      EXPECT_THROW(parse_client_message(json.dump()), InputError) << "without " << key;
+    }
+  };
+  refuses("id", -1);
+  refuses("camera", 5);
+  refuses("camera", std::string(300, 'x'));
+  refuses("frame", "1");
+  refuses("shift_m", {0, 0});
+  refuses("shift_m", {0, 0, 1e6});
+  refuses("yaw_deg", 1000);
+  refuses("pitch_deg", "up");
+  refuses("layer", "normals");
+  refuses("exposure", 1);
+  refuses("overlays", {"all"});
+  refuses("overlays", nlohmann::json(std::vector<std::string>(20, "lidar")));
+  refuses("reference", 1);
+  refuses("novel", {{"set", "left_1"}});
+  EXPECT_THROW(parse_client_message(std::string(kMaxMessageBytes + 1, ' ')), InputError);
+}
+
+}  // namespace
+}  // namespace redrive::view

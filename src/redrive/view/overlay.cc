@@ -1,0 +1,199 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/view/overlay.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <optional>
+
+#include "redrive/recording/recording_reader.h"
+#include "redrive/recording/trajectory.h"
+
+namespace redrive::view {
+namespace {
+
+constexpr int kStepsOfSegment = 16;  // a straight line is curved in a fisheye's image
+constexpr double kFrustumDepth_m = 0.6;
+constexpr double kOwnFrustum_m = 0.05;               // nearer to the viewer it is the camera's own
+constexpr double kNearest_m = 1, kFarthest_m = 100;  // of the LiDAR points' colours
+constexpr std::size_t kKeptRevolutions = 4;
+
+/// Projects into an image and collects lines.
+class LinePen {
+ public:
+  LinePen(const Placement& placement, std::vector<OverlayLine>* lines)
+      : camera_(placement.camera),
+        camera_from_world_(placement.world_from_camera.inverse(Eigen::Isometry)),
+        lines_(*lines) {}
+
+  void begin(const char* kind, std::string label = "") {
+    kind_ = kind;
+    label_ = std::move(label);
+    open_ = false;
+    last_.reset();
+  }
+
+  /// Draws a straight line in the world from the last point to this one.
+  void to(const Eigen::Vector3d& in_world) {
+    if (!last_) {
+      add(in_world);
+    } else {
+      for (int i = 1; i <= kStepsOfSegment; ++i)
+        add(*last_ + (in_world - *last_) * (static_cast<double>(i) / kStepsOfSegment));
+    }
+    last_ = in_world;
+  }
+
+ private:
+  void add(const Eigen::Vector3d& in_world) {
+    const Eigen::Vector3d in_camera = camera_from_world_ * in_world;
+    const auto pixel = in_camera.norm() > 1e-3 ? camera_.project(in_camera) : std::nullopt;
+    if (pixel) {
+      const Eigen::Vector2d at((pixel->x() + 0.5) / camera_.width,
+                               (pixel->y() + 0.5) / camera_.height);
+      if (at.minCoeff() > -0.5 && at.maxCoeff() < 1.5) {
+        if (!open_) lines_.push_back({kind_, std::move(label_), {}}), label_.clear();
+        open_ = true;
+        lines_.back().points.push_back(at);
+        return;
+      }
+    }
+    open_ = false;
+  }
+
+  const Camera& camera_;
+  Rigid3d camera_from_world_;
+  std::vector<OverlayLine>& lines_;
+  const char* kind_ = "";
+  std::string label_;
+  bool open_ = false;
+  std::optional<Eigen::Vector3d> last_;
+};
+
+/// Returns the direction of a pixel, or of the nearest one towards the principal point that has
+/// one.
+std::optional<Eigen::Vector3d> direction_near(const Camera& camera, const Eigen::Vector2d& pixel) {
+  const Eigen::Vector2d middle(camera.cx, camera.cy);
+  for (double share = 1; share > 0; share -= 0.05)
+    if (const auto direction = camera.unproject(middle + share * (pixel - middle)))
+      return direction;
+  return std::nullopt;
+}
+
+void draw_frustum(const Camera& camera, const Rigid3d& world_from_camera, const std::string& name,
+                  LinePen* pen) {
+  const double right = camera.width - 0.5, lower = camera.height - 0.5;
+  const std::array<Eigen::Vector2d, 4> corners = {
+      Eigen::Vector2d(-0.5, -0.5), {right, -0.5}, {right, lower}, {-0.5, lower}};
+  const Eigen::Vector3d centre = world_from_camera.translation();
+  const auto at = [&](const Eigen::Vector2d& pixel) -> std::optional<Eigen::Vector3d> {
+    const auto direction = direction_near(camera, pixel);
+    if (!direction) return std::nullopt;
+    return world_from_camera * (kFrustumDepth_m * *direction);
+  };
+  for (std::size_t i = 0; i < 4; ++i) {
+    pen->begin("frustum", i == 0 ? name : "");
+    pen->to(centre);
+    for (int step = 0; step <= 4; ++step)
+      if (const auto point = at(corners[i] + 0.25 * step * (corners[(i + 1) % 4] - corners[i])))
+        pen->to(*point);
+  }
+}
+
+void draw_box(const Box& box, const Rigid3d& world_from_box, LinePen* pen) {
+  const auto corner = [&](int i) -> Eigen::Vector3d {
+    return world_from_box * (0.5 * Eigen::Vector3d((i & 1 ? 1 : -1) * box.size_m.x(),
+                                                   (i & 2 ? 1 : -1) * box.size_m.y(),
+                                                   (i & 4 ? 1 : -1) * box.size_m.z()));
+  };
+  pen->begin("box", box.type + " " + std::to_string(box.object_id));
+  for (const int i : {4, 5, 7, 6, 4, 0, 1, 3, 2, 0}) pen->to(corner(i));
+  for (const int i : {1, 2, 3}) {
+    pen->begin("box");
+    pen->to(corner(i));
+    pen->to(corner(i + 4));
+  }
+}
+
+}  // namespace
+
+std::vector<OverlayLine> Overlay::lines(const Placement& placement, const Overlays& which) const {
+  std::vector<OverlayLine> lines;
+  LinePen pen(placement, &lines);
+  const Rigid3d world_from_global = run_.scene.global_from_world.inverse(Eigen::Isometry);
+  if (which.trajectory) {
+    pen.begin("trajectory");
+    for (const Frame& frame : run_.scene.frames) pen.to(frame.world_from_body.translation());
+  }
+  if (which.frusta)
+    for (const RigCamera& camera : run_.scene.rig) {
+      const Rigid3d world_from_camera = placement.world_from_body * camera.body_from_sensor;
+      if ((world_from_camera.translation() - placement.world_from_camera.translation()).norm() >
+          kOwnFrustum_m)
+        draw_frustum(camera.camera, world_from_camera, camera.name, &pen);
+    }
+  if (which.boxes)
+    for (const FrameFile& file : run_.recording.box_files)
+      if (file.frame_id == placement.frame)
+        for (const Box& box : run_.recording.reader->read_boxes(file))
+          draw_box(box,
+                   world_from_global * pose_at(run_.recording.frames, box.t_ns) * box.body_from_box,
+                   &pen);
+  return lines;
+}
+
+std::shared_ptr<const Overlay::Points> Overlay::revolution(std::int64_t frame) {
+  for (auto known = revolutions_.begin(); known != revolutions_.end(); ++known)
+    if (known->first == frame) {
+      revolutions_.splice(revolutions_.begin(), revolutions_, known);
+      return revolutions_.front().second;
+    }
+  auto points = std::make_shared<Points>();
+  const Rigid3d world_from_global = run_.scene.global_from_world.inverse(Eigen::Isometry);
+  if (run_.recording.body_from_lidar)
+    for (const FrameFile& file : run_.recording.lidar_files)
+      if (file.frame_id == frame)
+        for (const LidarPoint& point : run_.recording.reader->read_lidar(file))
+          points->push_back((world_from_global * pose_at(run_.recording.frames, point.t_ns) *
+                             point.in_body_m.cast<double>())
+                                .cast<float>());
+  revolutions_.emplace_front(frame, std::move(points));
+  if (revolutions_.size() > kKeptRevolutions) revolutions_.pop_back();
+  return revolutions_.front().second;
+}
+
+std::string Overlay::points(const RenderJob& job) {
+  const Placement& placement = job.placement();
+  const RenderedImage& image = job.image();
+  const Rigid3d camera_from_world = placement.world_from_camera.inverse(Eigen::Isometry);
+  const auto revolution_points = revolution(placement.frame);
+  std::string bytes;
+  for (const Eigen::Vector3f& in_world : *revolution_points) {
+    const Eigen::Vector3d in_camera = camera_from_world * in_world.cast<double>();
+    const double range_m = in_camera.norm();
+    if (range_m < 0.1) continue;
+    const auto pixel = placement.camera.project(in_camera);
+    if (!pixel) continue;
+    const double u = (pixel->x() + 0.5) / placement.camera.width,
+                 v = (pixel->y() + 0.5) / placement.camera.height;
+    if (!(u >= 0 && u < 1 && v >= 0 && v < 1)) continue;
+    const std::size_t at = static_cast<std::size_t>(v * image.height) * image.width +
+                           static_cast<std::size_t>(u * image.width);
+    // Behind a surface: by more than the depth of a thin splat and of the surface's slope.
+    if (image.opacity[at] > 0.5f && range_m > 1.05 * image.depth[at] + 0.3) continue;
+    const double unit = std::log(std::clamp(range_m, kNearest_m, kFarthest_m) / kNearest_m) /
+                        std::log(kFarthest_m / kNearest_m);
+    const auto put = [&](double share) {
+      const auto value = static_cast<std::uint16_t>(65535 * share);
+      bytes += static_cast<char>(value & 255);
+      bytes += static_cast<char>(value >> 8);
+    };
+    put(u);
+    put(v);
+    bytes += static_cast<char>(static_cast<unsigned char>(std::lround(255 * unit)));
+    bytes += '\0';
+  }
+  return bytes;
+}
+
+}  // namespace redrive::view

@@ -1,0 +1,136 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the page and `redrive view` say to each other (../messages.h, ../viewer.h).
+
+export interface CameraInfo {
+  name: string;
+  model: string;
+  width: number;
+  height: number;
+  body_from_sensor: number[]; // 3 x 4, row by row
+}
+
+export interface NovelSet {
+  set: string;
+  poses: string; // its poses.json
+  views: {file: string; camera: string; frame: number}[];
+}
+
+export interface Hello {
+  kind: "hello";
+  run: string;
+  method: string;
+  step: number;
+  metric: boolean;
+  ecef: boolean;
+  lidar: boolean;
+  boxes: boolean;
+  cameras: CameraInfo[];
+  frames: {id: number; t_s: number}[];
+  held_out: number[];
+  novel: NovelSet[];
+}
+
+export interface Picked {
+  kind: "picked";
+  id: number;
+  surface: boolean;
+  pixel?: [number, number];
+  opacity?: number;
+  camera?: string;
+  frame?: number;
+  depth_m?: number;
+  world_m?: number[];
+  body_m?: number[];
+  ecef_m?: number[];
+  wgs84?: {latitude_deg: number; longitude_deg: number; height_m: number};
+}
+
+export interface Line {
+  kind: "trajectory" | "frustum" | "box";
+  label: string;
+  points: number[]; // u, v, u, v, ...: 0..1 over the image
+}
+
+export interface ImageHeader {
+  kind: "image";
+  sequence: number;
+  id: number;
+  camera: string;
+  frame: number;
+  width: number;
+  height: number;
+  full_width: number;
+  full_height: number;
+  factor: number;
+  render_ms: number;
+  total_ms: number;
+  lines: Line[];
+  jpeg: number;
+  points: number;
+}
+
+export interface ReferenceHeader {
+  kind: "reference";
+  key: string;
+  width: number;
+  height: number;
+  jpeg: number;
+  points: number;
+}
+
+export type Text =
+  | Hello
+  | Picked
+  | {kind: "score"; id: number; psnr_db: number}
+  | {kind: "no_reference"; key: string; text: string}
+  | {kind: "error"; id: number; text: string};
+
+export interface Picture<Header> {
+  header: Header;
+  bitmap: ImageBitmap;
+  points: Uint8Array;
+}
+
+/** Splits a binary message into its header, its JPEG and its points. */
+export async function decode(
+  bytes: ArrayBuffer,
+): Promise<Picture<ImageHeader> | Picture<ReferenceHeader>> {
+  const size = new DataView(bytes).getUint32(0, true);
+  const header = JSON.parse(new TextDecoder().decode(new Uint8Array(bytes, 4, size)));
+  const jpeg = new Uint8Array(bytes, 4 + size, header.jpeg);
+  const points = new Uint8Array(bytes, 4 + size + header.jpeg, header.points);
+  const bitmap = await createImageBitmap(new Blob([jpeg], {type: "image/jpeg"}));
+  return {header, bitmap, points};
+}
+
+/** A connection that is made again when it ends. */
+export class Connection {
+  onText: (message: Text) => void = () => {};
+  onPicture: (bytes: ArrayBuffer) => void = () => {};
+  onState: (connected: boolean) => void = () => {};
+  private socket: WebSocket | null = null;
+
+  connect(): void {
+    const address = new URL("socket", location.href.replace(/[?#].*$/, ""));
+    address.protocol = "ws:";
+    const socket = new WebSocket(address);
+    socket.binaryType = "arraybuffer";
+    socket.onopen = () => {
+      this.socket = socket;
+      this.onState(true);
+    };
+    socket.onmessage = (event: MessageEvent<string | ArrayBuffer>) => {
+      if (typeof event.data === "string") this.onText(JSON.parse(event.data) as Text);
+      else this.onPicture(event.data);
+    };
+    socket.onclose = () => {
+      this.socket = null;
+      this.onState(false);
+      setTimeout(() => this.connect(), 2000);
+    };
+  }
+
+  send(message: object): void {
+    this.socket?.send(JSON.stringify(message));
+  }
+}

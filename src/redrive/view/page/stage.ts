@@ -1,0 +1,156 @@
+// SPDX-License-Identifier: Apache-2.0
+// Draws the rendering, the recorded image and what lies over them on one canvas.
+import type {ImageHeader, Picture, ReferenceHeader} from "./protocol";
+import type {State} from "./state";
+
+interface Rect {
+  x: number;
+  y: number;
+  width: number;
+  height: number;
+}
+
+export interface Mark {
+  u: number;
+  v: number;
+}
+
+const colours = {trajectory: "#ffd23f", frustum: "#4fd1ff", box: "#ff6ad5"};
+
+/** Colours of the LiDAR points: red near, blue far. */
+const levels = Array.from({length: 256}, (_, i) => `hsl(${(i * 240) / 255} 100% 55%)`);
+
+export class Stage {
+  image: Picture<ImageHeader> | null = null;
+  reference: Picture<ReferenceHeader> | null = null; // of the state that is shown
+  marks: Mark[] = [];
+  private rendering: Rect = {x: 0, y: 0, width: 1, height: 1}; // in pixels of the canvas
+
+  constructor(private readonly canvas: HTMLCanvasElement) {}
+
+  /** Returns where in the rendering a position of the pointer lies, if it does. */
+  at(clientX: number, clientY: number): Mark | null {
+    const box = this.canvas.getBoundingClientRect();
+    const scale = this.canvas.width / box.width;
+    const {x, y, width, height} = this.rendering;
+    const u = ((clientX - box.left) * scale - x) / width;
+    const v = ((clientY - box.top) * scale - y) / height;
+    return u >= 0 && u < 1 && v >= 0 && v < 1 ? {u, v} : null;
+  }
+
+  draw(state: State): void {
+    const picture = this.image;
+    if (!picture) return;
+    const context = this.canvas.getContext("2d");
+    if (!context) return;
+    const {full_width, full_height} = picture.header;
+    const beside = state.compare === "beside";
+    // Beside each other on a wide page, one above the other on a narrow one.
+    const wide = beside && this.canvas.clientWidth >= 600;
+    const columns = wide ? 2 : 1;
+    const rows = beside && !wide ? 2 : 1;
+    const width = Math.round(this.canvas.clientWidth * devicePixelRatio);
+    const height = Math.round((width * rows * full_height) / (columns * full_width));
+    if (this.canvas.width !== width || this.canvas.height !== height) {
+      this.canvas.width = width;
+      this.canvas.height = height;
+    }
+    const part = {width: width / columns, height: height / rows};
+    this.rendering = {x: 0, y: 0, ...part};
+    const other = wide ? {x: part.width, y: 0, ...part} : {x: 0, y: beside ? part.height : 0, ...part};
+    context.globalAlpha = 1;
+    context.globalCompositeOperation = "source-over";
+    context.fillStyle = "#000";
+    context.fillRect(0, 0, width, height);
+    const put = (bitmap: ImageBitmap, to: Rect) =>
+      context.drawImage(bitmap, to.x, to.y, to.width, to.height);
+    put(picture.bitmap, this.rendering);
+    if (this.reference && state.compare !== "off")
+      this.drawReference(context, this.reference.bitmap, state, other, put);
+    this.drawOverlays(context, picture, this.rendering);
+    if (beside && this.reference) this.drawOverlays(context, picture, other);
+    this.drawMarks(context);
+  }
+
+  private drawReference(
+    context: CanvasRenderingContext2D, bitmap: ImageBitmap, state: State, to: Rect,
+    put: (bitmap: ImageBitmap, to: Rect) => void,
+  ): void {
+    if (state.compare === "beside") put(bitmap, to);
+    if (state.compare === "blend") {
+      context.globalAlpha = state.share;
+      put(bitmap, to);
+      context.globalAlpha = 1;
+    }
+    if (state.compare === "wipe") {
+      const edge = to.x + to.width * (1 - state.share);
+      context.save();
+      context.beginPath();
+      context.rect(edge, to.y, to.width, to.height);
+      context.clip();
+      put(bitmap, to);
+      context.restore();
+      context.fillStyle = "#fff";
+      context.fillRect(edge - devicePixelRatio, to.y, 2 * devicePixelRatio, to.height);
+    }
+    if (state.compare === "difference") {
+      context.globalCompositeOperation = "difference";
+      put(bitmap, to);
+      context.globalCompositeOperation = "lighter"; // twice the canvas onto itself: x 4
+      context.drawImage(this.canvas, 0, 0);
+      context.drawImage(this.canvas, 0, 0);
+      context.globalCompositeOperation = "source-over";
+    }
+  }
+
+  private drawOverlays(
+    context: CanvasRenderingContext2D, picture: Picture<ImageHeader>, to: Rect,
+  ): void {
+    context.save();
+    context.beginPath();
+    context.rect(to.x, to.y, to.width, to.height);
+    context.clip();
+    const {points} = picture;
+    const size = Math.max(2, Math.round(to.width / 500));
+    for (let i = 0; i + 5 < points.length; i += 6) {
+      const u = (points[i] + 256 * points[i + 1]) / 65535;
+      const v = (points[i + 2] + 256 * points[i + 3]) / 65535;
+      context.fillStyle = levels[points[i + 4]];
+      context.fillRect(to.x + u * to.width - size / 2, to.y + v * to.height - size / 2, size, size);
+    }
+    context.lineWidth = 1.5 * devicePixelRatio;
+    context.font = `${12 * devicePixelRatio}px system-ui, sans-serif`;
+    for (const line of picture.header.lines) {
+      context.strokeStyle = context.fillStyle = colours[line.kind];
+      context.beginPath();
+      for (let i = 0; i + 1 < line.points.length; i += 2)
+        context.lineTo(to.x + line.points[i] * to.width, to.y + line.points[i + 1] * to.height);
+      context.stroke();
+      if (line.label)
+        context.fillText(
+          line.label,
+          to.x + line.points[0] * to.width + 3 * devicePixelRatio,
+          to.y + line.points[1] * to.height - 3 * devicePixelRatio,
+        );
+    }
+    context.restore();
+  }
+
+  private drawMarks(context: CanvasRenderingContext2D): void {
+    const {x, y, width, height} = this.rendering;
+    const r = 6 * devicePixelRatio;
+    for (const mark of this.marks) {
+      const [u, v] = [x + mark.u * width, y + mark.v * height];
+      for (const [style, thickness] of [["#000", 4], ["#fff", 2]] as const) {
+        context.strokeStyle = style;
+        context.lineWidth = thickness * devicePixelRatio;
+        context.beginPath();
+        context.moveTo(u - r, v);
+        context.lineTo(u + r, v);
+        context.moveTo(u, v - r);
+        context.lineTo(u, v + r);
+        context.stroke();
+      }
+    }
+  }
+}

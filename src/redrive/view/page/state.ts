@@ -1,0 +1,155 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the page shows. It lives in the address, so that a view can be sent to a colleague.
+import type {Hello} from "./protocol";
+
+export const compares = ["off", "beside", "wipe", "blend", "difference"] as const;
+export const layers = ["image", "depth", "opacity", "coverage"] as const;
+export const overlays = ["trajectory", "frusta", "lidar", "boxes"] as const;
+export const moves = ["left", "forward", "up", "yaw", "pitch"] as const;
+
+export type Compare = (typeof compares)[number];
+export type Layer = (typeof layers)[number];
+export type OverlayName = (typeof overlays)[number];
+export type Move = (typeof moves)[number];
+
+export interface State {
+  camera: string;
+  frame: number; // id
+  left: number; // metres along the body's axes, from where the camera is mounted
+  forward: number;
+  up: number;
+  yaw: number; // degrees, to the left
+  pitch: number; // degrees, upwards
+  novel: {set: string; index: number} | null; // takes the place of all above
+  compare: Compare;
+  share: number; // of the recorded image in wipe and blend
+  layer: Layer;
+  overlays: Set<OverlayName>;
+  exposure: string; // own, none, CAMERA:FRAME
+}
+
+export function initialState(hello: Hello): State {
+  return {
+    camera: hello.cameras[0].name,
+    frame: hello.frames[Math.floor(hello.frames.length / 2)].id,
+    left: 0,
+    forward: 0,
+    up: 0,
+    yaw: 0,
+    pitch: 0,
+    novel: null,
+    compare: "off",
+    share: 0.5,
+    layer: "image",
+    overlays: new Set(),
+    exposure: "own",
+  };
+}
+
+/** Rounds to what a command shows: millimetres and hundredths of a degree. Angles stay in -180..180. */
+export function setMove(state: State, move: Move, value: number): void {
+  if (!Number.isFinite(value)) return;
+  if (move === "yaw") value = ((((value + 180) % 360) + 360) % 360) - 180;
+  if (move === "pitch") value = Math.min(89, Math.max(-89, value));
+  const step = move === "yaw" || move === "pitch" ? 100 : 1000;
+  const bound = 1e4;
+  state[move] = Math.round(Math.min(bound, Math.max(-bound, value)) * step) / step || 0;
+}
+
+export function isDriven(state: State): boolean {
+  return state.novel !== null || moves.every((move) => state[move] === 0);
+}
+
+/** Names the recorded image of the state, as the server does. */
+export function referenceKey(state: State): string {
+  if (state.novel) return `${state.novel.set}/${state.novel.index}`;
+  return `${state.camera}:${state.frame}`;
+}
+
+export function toHash(state: State, hello: Hello): string {
+  const initial = initialState(hello);
+  const values = new URLSearchParams();
+  if (state.novel) {
+    values.set("truth", referenceKey(state));
+  } else {
+    values.set("camera", state.camera);
+    values.set("frame", String(state.frame));
+    for (const move of moves) if (state[move] !== 0) values.set(move, String(state[move]));
+  }
+  for (const key of ["compare", "layer", "exposure", "share"] as const)
+    if (state[key] !== initial[key]) values.set(key, String(state[key]));
+  if (state.overlays.size > 0) values.set("over", [...state.overlays].join(","));
+  return values.toString();
+}
+
+/** Reads an address; what does not fit the run is left as it is initially. */
+export function fromHash(hash: string, hello: Hello): State {
+  const values = new URLSearchParams(hash.replace(/^#/, ""));
+  const state = initialState(hello);
+  const camera = values.get("camera");
+  if (camera && hello.cameras.some(({name}) => name === camera)) state.camera = camera;
+  const frame = Number(values.get("frame") ?? NaN);
+  if (hello.frames.some(({id}) => id === frame)) state.frame = frame;
+  for (const move of moves) if (values.has(move)) setMove(state, move, Number(values.get(move)));
+  const truth = /^(.*)\/(\d+)$/.exec(values.get("truth") ?? "");
+  const set = truth && hello.novel.find((novel) => novel.set === truth[1]);
+  if (set && Number(truth[2]) < set.views.length) {
+    state.novel = {set: set.set, index: Number(truth[2])};
+    const view = set.views[state.novel.index];
+    state.camera = view.camera;
+    if (hello.frames.some(({id}) => id === view.frame)) state.frame = view.frame;
+  }
+  const compare = compares.find((name) => name === values.get("compare"));
+  if (compare) state.compare = compare;
+  const layer = layers.find((name) => name === values.get("layer"));
+  if (layer) state.layer = layer;
+  for (const name of (values.get("over") ?? "").split(","))
+    for (const known of overlays) if (name === known) state.overlays.add(known);
+  const share = Number(values.get("share") ?? NaN);
+  if (share >= 0 && share <= 1) state.share = share;
+  const exposure = values.get("exposure");
+  if (exposure && (exposure === "none" || /^.{1,200}:\d+$/.test(exposure)))
+    state.exposure = exposure;
+  return state;
+}
+
+/** The message that asks for the state's image. */
+export function toRequest(state: State, id: number): object {
+  return {
+    type: "view",
+    id,
+    camera: state.camera,
+    frame: state.frame,
+    shift_m: [state.forward, state.left, state.up],
+    yaw_deg: state.yaw,
+    pitch_deg: state.pitch,
+    layer: state.layer,
+    exposure: state.exposure,
+    overlays: [...state.overlays],
+    reference: state.compare !== "off",
+    novel: state.novel,
+  };
+}
+
+function quoted(word: string): string {
+  return /^[\w@%+=:,./-]+$/.test(word) ? word : `'${word.replace(/'/g, `'\\''`)}'`;
+}
+
+/** The command that renders the state's image. */
+export function toCommand(state: State, hello: Hello): string {
+  const words = ["redrive", "render", hello.run];
+  const set = state.novel && hello.novel.find((novel) => novel.set === state.novel?.set);
+  if (set) {
+    words.push("--poses", set.poses, "--out", set.set);
+  } else {
+    words.push("--camera", state.camera, "--frame", String(state.frame));
+    if (state.forward || state.left || state.up)
+      words.push(`--translate=${state.forward},${state.left},${state.up}`);
+    if (state.yaw) words.push(`--yaw=${state.yaw}`);
+    if (state.pitch) words.push(`--pitch=${state.pitch}`);
+    if (state.layer === "depth") words.push("--depth", "depth.png");
+    words.push("--out", "view.png");
+  }
+  if (state.exposure !== "own") words.push("--exposure", state.exposure);
+  return words.map(quoted).join(" ");
+}

@@ -1,0 +1,358 @@
+// SPDX-License-Identifier: Apache-2.0
+// The page of `redrive view`: asks for the image of its state, draws what comes, and turns pointer
+// and keys into changes of the state.
+import {Controls, element} from "./controls";
+import {fly, turn} from "./motion";
+import {
+  Connection, decode, type Hello, type ImageHeader, type Picked, type Picture,
+  type ReferenceHeader, type Text,
+} from "./protocol";
+import {Stage} from "./stage";
+import {fromHash, isDriven, referenceKey, toHash, toRequest, type State} from "./state";
+
+const degreesPerPixel = 0.15;
+const speed = 3; // metres a second; shift: four times
+const turnSpeed = 45; // degrees a second
+
+class Viewer {
+  private readonly connection = new Connection();
+  readonly stage = new Stage(element<HTMLCanvasElement>("canvas"));
+  private hello!: Hello;
+  state!: State;
+  private controls!: Controls;
+  private id = 0; // of the last request
+  private asks = false; // the state has changed since it was asked for
+  private playing = false;
+  private playedUntil = 0;
+  private readonly held = new Set<string>(); // keys of flight
+  private last = 0; // time of the last tick
+  private orbiting = false;
+  private target: number[] | null = null; // of the orbit, in the body
+  private picked: Picked | null = null;
+  private pickMark: {u: number; v: number} | null = null;
+  private score: number | null = null;
+  private noReference = "";
+  private references = new Map<string, Picture<ReferenceHeader>>(); // the last one, by its key
+  private asked = ""; // the last request, without its number
+  private shownAt: number[] = []; // times of the last images
+
+  start(): void {
+    this.connection.onText = (message) => this.receive(message);
+    this.connection.onPicture = (bytes) => void this.show(bytes);
+    this.connection.onState = (connected) => {
+      this.notice(connected ? "" : "No connection to redrive view; trying again.");
+      this.asked = "";
+    };
+    this.connection.connect();
+    new ResizeObserver(() => this.draw()).observe(element("stage"));
+    requestAnimationFrame((now) => this.tick(now));
+  }
+
+  private receive(message: Text): void {
+    if (message.kind === "hello") this.begin(message);
+    if (message.kind === "picked") this.showPicked(message);
+    if (message.kind === "score" && message.id === this.id) this.score = message.psnr_db;
+    if (message.kind === "no_reference") {
+      this.noReference = message.text;
+      this.stage.reference = null;
+    }
+    if (message.kind === "error" && message.id === this.id) this.notice(message.text);
+    this.caption();
+    this.draw();
+  }
+
+  private begin(hello: Hello): void {
+    if (!this.hello) {
+      this.hello = hello;
+      this.state = fromHash(location.hash, hello);
+      this.controls = new Controls(hello, this.state, () => this.changed());
+      this.listen();
+      document.title = `${hello.run} · redrive view`;
+    }
+    this.changed();
+  }
+
+  /** Asks for the state's image at the next tick. */
+  private changed(): void {
+    this.asks = true;
+    this.controls.update();
+  }
+
+  private ask(): void {
+    this.asks = false;
+    history.replaceState(null, "", `#${toHash(this.state, this.hello)}`);
+    const request = JSON.stringify(toRequest(this.state, 0));
+    if (request === this.asked) return this.draw(); // the share of a wipe, say
+    this.asked = request;
+    this.score = null;
+    this.stage.marks = [];
+    this.pickMark = null;
+    if (this.stage.reference?.header.key !== referenceKey(this.state)) this.noReference = "";
+    this.connection.send(toRequest(this.state, ++this.id));
+    this.caption();
+    this.draw();
+  }
+
+  private async show(bytes: ArrayBuffer): Promise<void> {
+    const picture = await decode(bytes);
+    const {header} = picture;
+    if (header.kind === "reference") {
+      this.references.clear();
+      this.references.set(header.key, picture as Picture<ReferenceHeader>);
+    } else {
+      this.connection.send({type: "shown", sequence: header.sequence});
+      const before = this.stage.image?.header;
+      if (before && before.id > header.id) return;
+      this.stage.image = picture as Picture<ImageHeader>;
+      this.notice("");
+      this.shownAt = [...this.shownAt.filter((t) => t > performance.now() - 1000),
+        performance.now()];
+    }
+    this.caption();
+    this.draw();
+  }
+
+  private draw(): void {
+    if (!this.hello) return;
+    this.stage.reference = this.references.get(referenceKey(this.state)) ?? null;
+    this.stage.draw(this.state);
+    const header = this.stage.image?.header;
+    if (header)
+      element("timing").textContent =
+        `${header.width} x ${header.height} · ${header.render_ms.toFixed(0)} ms` +
+        (this.shownAt.length > 2 ? ` · ${this.shownAt.length} /s` : "");
+  }
+
+  private caption(): void {
+    if (!this.hello) return;
+    const {state} = this;
+    const words: string[] = [];
+    if (state.novel) words.push(`${state.novel.set}, frame ${state.frame}`);
+    else if (this.hello.held_out.includes(state.frame)) words.push("held out from training");
+    if (state.compare !== "off" && this.noReference) words.push(this.noReference);
+    else if (state.compare !== "off" && !isDriven(state))
+      words.push("the recorded image is that of the frame's own pose");
+    if (this.score !== null && state.compare !== "off")
+      words.push(`PSNR ${this.score.toFixed(2)} dB`);
+    element("caption").textContent = words.join(" · ");
+  }
+
+  private notice(text: string): void {
+    const place = element("notice");
+    place.textContent = text;
+    place.hidden = text === "";
+  }
+
+  // ---- Points
+
+  private pick(mark: {u: number; v: number}): void {
+    this.pickMark = mark;
+    this.connection.send({type: "pick", id: this.id, at: [mark.u, mark.v]});
+  }
+
+  private showPicked(picked: Picked): void {
+    this.controls.showPoint(picked, this.picked);
+    if (picked.surface) this.picked = picked;
+    if (picked.id === this.id && this.pickMark)
+      this.stage.marks = [...this.stage.marks.slice(-1), this.pickMark];
+    if (this.orbiting && picked.body_m && !this.target) this.target = picked.body_m;
+  }
+
+  // ---- Time
+
+  private tick(now: number): void {
+    const seconds = Math.min(0.1, (now - this.last) / 1000);
+    this.last = now;
+    if (this.hello) {
+      if (this.playing) this.advance(now);
+      if (this.held.size > 0) this.flyOn(seconds);
+      if (this.asks) this.ask();
+    }
+    requestAnimationFrame((next) => this.tick(next));
+  }
+
+  private play(on: boolean): void {
+    this.playing = on;
+    this.playedUntil = performance.now();
+    const button = element("play");
+    button.textContent = on ? "❚❚" : "▶";
+    button.ariaLabel = on ? "Pause" : "Play";
+  }
+
+  /** Goes to the frame whose time has come; after the last one the first follows. */
+  private advance(now: number): void {
+    const {frames} = this.hello;
+    let index = frames.findIndex(({id}) => id === this.state.frame);
+    const before = index;
+    for (let steps = 0; steps < frames.length; ++steps) {
+      const next = (index + 1) % frames.length;
+      const wait = next === 0 ? 0.5 : Math.max(0.01, frames[next].t_s - frames[index].t_s);
+      if (this.playedUntil + 1000 * wait > now) break;
+      this.playedUntil += 1000 * wait;
+      index = next;
+    }
+    if (index === before) return;
+    this.controls.selectFrame(frames[index].id);
+    this.changed();
+  }
+
+  private stepFrame(by: number): void {
+    const {frames} = this.hello;
+    const index = frames.findIndex(({id}) => id === this.state.frame) + by;
+    this.controls.selectFrame(frames[Math.min(frames.length - 1, Math.max(0, index))].id);
+    this.changed();
+  }
+
+  // ---- Flight
+
+  private camera() {
+    const {cameras} = this.hello;
+    return cameras.find(({name}) => name === this.state.camera) ?? cameras[0];
+  }
+
+  private flyOn(seconds: number): void {
+    const has = (key: string) => Number(this.held.has(key));
+    const way = seconds * speed * (this.held.has("shift") ? 4 : 1);
+    const right = way * (has("d") - has("a"));
+    const ahead = way * (has("w") - has("s"));
+    const up = way * (has("r") - has("f"));
+    const yaw = seconds * turnSpeed * (has("j") - has("l"));
+    const pitch = seconds * turnSpeed * (has("i") - has("k"));
+    if (!right && !ahead && !up && !yaw && !pitch) return;
+    this.controls.leaveTruth();
+    this.target = right || up ? null : this.target;
+    fly(this.camera(), this.state, right, ahead, up);
+    turn(this.camera(), this.state, yaw, pitch, this.orbitTarget());
+    this.changed();
+  }
+
+  private orbitTarget(): number[] | undefined {
+    return this.orbiting && this.target ? this.target : undefined;
+  }
+
+  private orbit(on: boolean): void {
+    this.orbiting = on;
+    this.target = null;
+    element("orbit").setAttribute("aria-pressed", String(on));
+    if (on) this.pick({u: 0.5, v: 0.5});
+  }
+
+  private home(): void {
+    this.controls.home();
+    this.target = null;
+    this.changed();
+  }
+
+  // ---- Pointer and keys
+
+  private listen(): void {
+    element("play").addEventListener("click", () => this.play(!this.playing));
+    element("previous").addEventListener("click", () => this.stepFrame(-1));
+    element("next").addEventListener("click", () => this.stepFrame(1));
+    element("home").addEventListener("click", () => this.home());
+    element("orbit").addEventListener("click", () => this.orbit(!this.orbiting));
+    this.listenToPointer(element("stage"));
+    addEventListener("keydown", (event) => this.keyDown(event));
+    addEventListener("keyup", (event) => this.held.delete(event.key.toLowerCase()));
+    addEventListener("blur", () => this.held.clear());
+    addEventListener("hashchange", () => {
+      const {overlays, ...rest} = fromHash(location.hash, this.hello);
+      Object.assign(this.state, rest, {overlays: this.state.overlays});
+      this.state.overlays.clear();
+      overlays.forEach((name) => this.state.overlays.add(name));
+      this.changed();
+    });
+  }
+
+  private listenToPointer(stage: HTMLElement): void {
+    let from: {x: number; y: number; moved: boolean; wipes: boolean} | null = null;
+    stage.addEventListener("pointerdown", (event) => {
+      if (event.button !== 0) return;
+      stage.setPointerCapture(event.pointerId);
+      const mark = this.stage.at(event.clientX, event.clientY);
+      const wipes = this.state.compare === "wipe" && mark !== null &&
+        Math.abs(mark.u - (1 - this.state.share)) < 0.02;
+      from = {x: event.clientX, y: event.clientY, moved: false, wipes};
+    });
+    stage.addEventListener("pointermove", (event) => {
+      if (!from) return;
+      const [dx, dy] = [event.clientX - from.x, event.clientY - from.y];
+      if (!from.moved && Math.hypot(dx, dy) < 4) return;
+      Object.assign(from, {x: event.clientX, y: event.clientY, moved: true});
+      if (from.wipes) {
+        const box = stage.getBoundingClientRect();
+        const u = Math.min(1, Math.max(0, (event.clientX - box.left) / box.width));
+        this.state.share = Math.round(100 * (1 - u)) / 100;
+      } else {
+        this.controls.leaveTruth();
+        const scale = degreesPerPixel * (this.orbitTarget() ? -2 : 1);
+        turn(this.camera(), this.state, scale * dx, scale * dy, this.orbitTarget());
+      }
+      this.changed();
+    });
+    const end = (event: PointerEvent, clicks: boolean) => {
+      const mark = this.stage.at(event.clientX, event.clientY);
+      if (from && !from.moved && clicks && mark) this.pick(mark);
+      from = null;
+    };
+    stage.addEventListener("pointerup", (event) => end(event, true));
+    stage.addEventListener("pointercancel", (event) => end(event, false));
+    stage.addEventListener("wheel", (event) => {
+      event.preventDefault();
+      this.controls.leaveTruth();
+      fly(this.camera(), this.state, 0, -0.005 * event.deltaY, 0);
+      this.changed();
+    }, {passive: false});
+  }
+
+  private keyDown(event: KeyboardEvent): void {
+    if (event.ctrlKey || event.altKey || event.metaKey) return;
+    const target = event.target as HTMLElement;
+    const key = event.key.toLowerCase();
+    // Fields keep their keys; buttons keep space and enter.
+    if (target instanceof HTMLInputElement || target instanceof HTMLSelectElement) return;
+    const isButton = target instanceof HTMLButtonElement || target.tagName === "SUMMARY";
+    if (isButton && (key === " " || key === "enter")) return;
+    if ("wasdrfijkl".includes(key) && key.length === 1) {
+      this.held.add(key);
+      if (event.shiftKey) this.held.add("shift");
+      else this.held.delete("shift");
+      return;
+    }
+    const actions: Record<string, () => void> = {
+      " ": () => this.play(!this.playing),
+      arrowleft: () => this.stepFrame(-1),
+      arrowright: () => this.stepFrame(1),
+      home: () => this.stepFrame(-1e9),
+      end: () => this.stepFrame(1e9),
+      b: () => this.home(),
+      o: () => this.orbit(!this.orbiting),
+      p: () => this.pick({u: 0.5, v: 0.5}),
+      c: () => (this.controls.nextCompare(), this.changed()),
+      v: () => (this.controls.nextLayer(), this.changed()),
+      ",": () => this.shareBy(-0.05),
+      ".": () => this.shareBy(0.05),
+      "?": () => {
+        const help = element<HTMLDetailsElement>("help");
+        help.open = !help.open;
+        help.scrollIntoView({block: "nearest"});
+      },
+    };
+    const number = Number(event.key);
+    const camera = number >= 1 ? this.hello.cameras[number - 1] : undefined;
+    const action = camera
+      ? () => (this.controls.selectCamera(camera.name), this.changed()) : actions[key];
+    if (!action) return;
+    event.preventDefault();
+    action();
+  }
+
+  private shareBy(by: number): void {
+    this.state.share = Math.round(100 * Math.min(1, Math.max(0, this.state.share + by))) / 100;
+    this.changed();
+  }
+}
+
+const viewer = new Viewer();
+viewer.start();
+Object.assign(window, {redriveView: viewer}); // for tests and the console

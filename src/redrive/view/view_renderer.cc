@@ -1,0 +1,320 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/view/view_renderer.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+
+#include <nlohmann/json.hpp>
+
+#include "redrive/base/error.h"
+#include "redrive/eval/evaluate.h"
+#include "redrive/math/angles.h"
+#include "redrive/math/wgs84.h"
+#include "redrive/model/method.h"
+#include "redrive/render/view_pose.h"
+#include "redrive/report/report_images.h"
+#include "redrive/scene/load_views.h"
+#include "redrive/scene/masks.h"
+
+namespace redrive::view {
+namespace {
+
+constexpr std::size_t kKeptTables = 12, kKeptImages = 8;
+
+/// Returns the entry of `key`, made by `make` where it is not among the last `most`.
+template <class Key, class Value, class Make>
+Value cached(std::list<std::pair<Key, Value>>* entries, const Key& key, std::size_t most,
+             const Make& make) {
+  for (auto entry = entries->begin(); entry != entries->end(); ++entry)
+    if (entry->first == key) {
+      entries->splice(entries->begin(), *entries, entry);
+      return entries->front().second;
+    }
+  entries->emplace_front(key, make());
+  if (entries->size() > most) entries->pop_back();
+  return entries->front().second;
+}
+
+[[noreturn]] void refuse(const char* field, const std::string& value, const char* rule) {
+  throw InputError("message", field, value, rule);
+}
+
+nlohmann::json three(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
+
+/// Returns the upper three rows, row by row.
+nlohmann::json matrix_rows(const Rigid3d& pose) {
+  nlohmann::json rows = nlohmann::json::array();
+  for (int row = 0; row < 3; ++row)
+    for (int column = 0; column < 4; ++column) rows.push_back(pose(row, column));
+  return rows;
+}
+
+/// Copies the valid pixels of `strip`, which has the size of `image`.
+void add_strip(const RenderedImage& strip, const RayTable& table, RenderedImage* image) {
+  for (const std::uint32_t pixel : table.pixel) {
+    for (int c = 0; c < 3; ++c) image->rgb[3 * pixel + c] = strip.rgb[3 * pixel + c];
+    image->depth[pixel] = strip.depth[pixel];
+    image->opacity[pixel] = strip.opacity[pixel];
+    image->valid[pixel] = strip.valid[pixel];
+  }
+}
+
+/// Cuts a table into `count` strips of whole rows; rows come in pairs, as ray marchers' squares.
+std::vector<std::shared_ptr<const RayTable>> cut(const std::shared_ptr<const RayTable>& whole,
+                                                 int count) {
+  if (count <= 1) return {whole};
+  std::vector<std::shared_ptr<const RayTable>> strips;
+  const int rows = 2 * std::max(1, (whole->height + 2 * count - 1) / (2 * count));
+  for (int row = 0; row < whole->height; row += rows) {
+    const auto at = [&](int y) {
+      return std::lower_bound(whole->pixel.begin(), whole->pixel.end(),
+                              static_cast<std::uint32_t>(y) * whole->width);
+    };
+    const auto first = at(row), last = at(std::min(row + rows, whole->height));
+    if (first == last) continue;
+    auto strip = std::make_shared<RayTable>();
+    strip->width = whole->width;
+    strip->height = whole->height;
+    strip->camera = whole->camera;
+    strip->pixel_angle = whole->pixel_angle;
+    strip->pixel.assign(first, last);
+    strip->direction.assign(whole->direction.begin() + 3 * (first - whole->pixel.begin()),
+                            whole->direction.begin() + 3 * (last - whole->pixel.begin()));
+    strips.push_back(std::move(strip));
+  }
+  return strips.empty() ? std::vector{whole} : strips;
+}
+
+}  // namespace
+
+bool RenderJob::step() {
+  const auto start = std::chrono::steady_clock::now();
+  const RayTable& table = *strips_[next_];
+  RenderedImage strip =
+      render_image(*backend_, *model_, table, placement_.world_from_camera, placement_.exposure);
+  if (next_ == 0)
+    image_ = std::move(strip);
+  else
+    add_strip(strip, table, &image_);
+  ++next_;
+  seconds_ += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  return next_ == strips_.size();
+}
+
+ViewRenderer::ViewRenderer(const Run& run, kernels::Backend& backend)
+    : run_(run),
+      backend_(backend),
+      marches_rays_(!find_method(run.options.method)->rasterises),
+      novel_(novel_ground_truths(run)) {}
+
+nlohmann::json ViewRenderer::describe() const {
+  const Scene& scene = run_.scene;
+  nlohmann::json cameras = nlohmann::json::array(), frames = nlohmann::json::array(),
+                 held_out = nlohmann::json::array(), novel = nlohmann::json::array();
+  for (const RigCamera& camera : scene.rig)
+    cameras.push_back({{"name", camera.name},
+                       {"model", camera.camera.info().name},
+                       {"width", camera.camera.width},
+                       {"height", camera.camera.height},
+                       {"body_from_sensor", matrix_rows(camera.body_from_sensor)}});
+  for (const Frame& frame : scene.frames)
+    frames.push_back(
+        {{"id", frame.id}, {"t_s", 1e-9 * static_cast<double>(frame.t_ns - scene.frames[0].t_ns)}});
+  for (std::size_t f = 0; f < scene.frames.size(); ++f)
+    if (std::ranges::any_of(scene.views, [&](const View& view) {
+          return view.held_out && view.frame == static_cast<int>(f);
+        }))
+      held_out.push_back(scene.frames[f].id);
+  for (const NovelGroundTruth& set : novel_) {
+    nlohmann::json views = nlohmann::json::array();
+    for (std::size_t i = 0; i < set.size(); ++i)
+      views.push_back({{"file", set.request(i).file},
+                       {"camera", set.request(i).camera},
+                       {"frame", set.request(i).frame_id}});
+    novel.push_back({{"set", set.name()}, {"poses", set.poses_file().string()}, {"views", views}});
+  }
+  return {{"kind", "hello"},
+          {"run", run_.paths.root.string()},
+          {"method", run_.options.method},
+          {"step", run_.state.step},
+          {"metric", scene.metric},
+          {"ecef", run_.recording.global_frame == GlobalFrame::kEcef},
+          {"lidar", !run_.recording.lidar_files.empty() && run_.recording.body_from_lidar},
+          {"boxes", !run_.recording.box_files.empty()},
+          {"cameras", cameras},
+          {"frames", frames},
+          {"held_out", held_out},
+          {"novel", novel}};
+}
+
+std::shared_ptr<const GroundTruthView> ViewRenderer::ground_truth(const NovelView& novel) {
+  const auto set = std::ranges::find(novel_, novel.set, &NovelGroundTruth::name);
+  if (set == novel_.end()) refuse("novel.set", novel.set, "the recording has no such novel set");
+  if (novel.index >= set->size())
+    refuse("novel.index", std::to_string(novel.index), "the set has fewer views");
+  return cached(&ground_truths_, novel, kKeptImages, [&] {
+    return std::shared_ptr<const GroundTruthView>(
+        std::make_shared<GroundTruthView>(set->load(novel.index)));
+  });
+}
+
+Exposure ViewRenderer::exposure_of(const ViewRequest& request, const std::string& camera) const {
+  if (request.exposure == "none") return {};
+  if (request.exposure == "own")
+    return exposure_at(run_.recording, run_.scene, camera, request.frame);
+  const std::size_t colon = request.exposure.rfind(':');
+  const std::string frame = colon == std::string::npos ? "" : request.exposure.substr(colon + 1);
+  if (frame.empty() || frame.size() > 18 ||
+      frame.find_first_not_of("0123456789") != std::string::npos)
+    refuse("exposure", request.exposure, "must be own, none or CAMERA:FRAME");
+  const Exposure exposure =
+      exposure_at(run_.recording, run_.scene, request.exposure.substr(0, colon), std::stoll(frame));
+  if (exposure.camera < 0)
+    refuse("exposure", request.exposure, "the run has no such camera or frame");
+  return exposure;
+}
+
+Placement ViewRenderer::place(const ViewRequest& request) {
+  if (request.novel) {
+    const auto view = ground_truth(*request.novel);
+    const auto set = std::ranges::find(novel_, request.novel->set, &NovelGroundTruth::name);
+    const RequestedView& named = set->request(request.novel->index);
+    const RigCamera& of_run = run_.scene.rig[run_.scene.camera_index(named.camera)];
+    Placement placement{named.camera, named.frame_id, view->camera, view->world_from_camera,
+                        {},           view->exposure};
+    placement.world_from_body =
+        view->world_from_camera * of_run.body_from_sensor.inverse(Eigen::Isometry);
+    if (request.exposure != "own") placement.exposure = exposure_of(request, named.camera);
+    return placement;
+  }
+  const int index = run_.scene.camera_index(request.camera);
+  if (index < 0) refuse("camera", request.camera, "the run has no such camera");
+  const RigCamera& camera = run_.scene.rig[index];
+  const auto body = world_from_body(run_.recording, run_.scene, request.frame, camera);
+  if (!body) refuse("frame", std::to_string(request.frame), "the recording has no such frame");
+  const Rigid3d body_from_sensor =
+      turned_sensor(camera.body_from_sensor, kRadiansPerDegree * request.yaw_deg,
+                    kRadiansPerDegree * request.pitch_deg);
+  return {camera.name,
+          request.frame,
+          camera.camera,
+          shifted_camera(run_.scene.global_from_world, *body, body_from_sensor, ShiftAxes::kBody,
+                         Eigen::Vector3d(request.shift_m.data())),
+          *body,
+          exposure_of(request, camera.name)};
+}
+
+std::shared_ptr<const RayTable> ViewRenderer::table(const Camera& camera, const std::string& name,
+                                                    int factor) {
+  return cached(&tables_, {name, factor}, kKeptTables, [&] {
+    return std::shared_ptr<const RayTable>(std::make_shared<RayTable>(
+        make_ray_table(factor == 1 ? camera : camera.downscaled(factor), backend_.threads())));
+  });
+}
+
+RenderJob ViewRenderer::begin(const Placement& placement, int factor, double expected_s,
+                              double strip_s) {
+  factor = std::clamp(factor, 1, std::min(placement.camera.width, placement.camera.height));
+  RenderJob job;
+  job.model_ = run_.state.model.get();
+  job.backend_ = &backend_;
+  job.placement_ = placement;
+  job.factor_ = factor;
+  // Cameras of novel sets may have the name of the run's and another lens: tables by both.
+  const Camera& of = placement.camera;
+  const std::string key = placement.camera_name + "/" + std::to_string(of.fx) + "/" +
+                          std::to_string(of.cx) + "/" + std::to_string(of.cy);
+  const int strips =
+      marches_rays_ ? static_cast<int>(std::clamp(std::ceil(expected_s / strip_s), 1.0, 256.0)) : 1;
+  job.strips_ = cut(table(placement.camera, key, factor), strips);
+  return job;
+}
+
+Image8 ViewRenderer::colours(const RenderJob& job, Layer layer) {
+  const RenderedImage& image = job.image();
+  switch (layer) {
+    case Layer::kImage: return to_image8(image);
+    case Layer::kDepth:
+      return depth_colours(image, run_.scene.near_m, std::min(run_.scene.far_m, 100.0));
+    case Layer::kOpacity: {
+      Image8 out{image.width, image.height, std::vector<std::uint8_t>(image.rgb.size())};
+      for (std::size_t i = 0; i < out.rgb.size(); ++i)
+        out.rgb[i] = static_cast<std::uint8_t>(
+            std::lround(255 * std::clamp(image.opacity[i / 3], 0.0f, 1.0f)));
+      return out;
+    }
+    case Layer::kCoverage:
+      if (!coverage_) coverage_ = std::make_unique<Coverage>(run_, backend_);
+      return coverage_colours(image, coverage_->seen(job.strips_.front()->camera,
+                                                     job.placement().world_from_camera, image));
+  }
+  return {};
+}
+
+const View* ViewRenderer::find_view(const std::string& camera, std::int64_t frame) const {
+  const int c = run_.scene.camera_index(camera), f = run_.scene.frame_index(frame);
+  const auto view = std::ranges::find_if(
+      run_.scene.views, [&](const View& view) { return view.camera == c && view.frame == f; });
+  return view == run_.scene.views.end() ? nullptr : &*view;
+}
+
+std::shared_ptr<const Image8> ViewRenderer::reference(const ViewRequest& request) {
+  if (request.novel) {
+    const auto view = ground_truth(*request.novel);
+    return {view, &view->image};
+  }
+  const View* const view = find_view(request.camera, request.frame);
+  if (!view) return nullptr;
+  return cached(&references_, {request.camera, request.frame}, kKeptImages, [&] {
+    return std::shared_ptr<const Image8>(std::make_shared<Image8>(load_view(run_.scene, *view)));
+  });
+}
+
+std::optional<double> ViewRenderer::psnr_db(const ViewRequest& request, const RenderJob& job) {
+  const auto recorded = reference(request);
+  if (!recorded || recorded->width != job.image().width || recorded->height != job.image().height)
+    return std::nullopt;
+  if (request.novel) return score_image(backend_, job.image(), *recorded).psnr_db;
+  const View& view = *find_view(request.camera, request.frame);
+  if (!exclusions_) exclusions_ = read_exclusions(run_);
+  Image8 masked = *recorded;
+  apply_mask(view_mask(run_.scene, view, exclusions_->masks[view.camera], exclusions_->moving),
+             &masked);
+  return score_image(backend_, job.image(), masked).psnr_db;
+}
+
+nlohmann::json ViewRenderer::pick(const RenderJob& job, double u, double v) const {
+  const RenderedImage& image = job.image();
+  const int x = std::clamp(static_cast<int>(u * image.width), 0, image.width - 1),
+            y = std::clamp(static_cast<int>(v * image.height), 0, image.height - 1);
+  const std::size_t at = static_cast<std::size_t>(y) * image.width + x;
+  nlohmann::json answer = {{"pixel", {x, y}},
+                           {"opacity", image.opacity[at]},
+                           {"camera", job.placement().camera_name},
+                           {"frame", job.placement().frame},
+                           {"surface", false}};
+  const auto direction = job.strips_.front()->camera.unproject(Eigen::Vector2d(x, y));
+  const double depth_m = image.depth[at];
+  // As in eval/coverage.h: below 1/2 a ray hits nothing.
+  if (!direction || !image.valid[at] || image.opacity[at] < 0.5f || !std::isfinite(depth_m) ||
+      depth_m <= 0)
+    return answer;
+  const Placement& placement = job.placement();
+  const Eigen::Vector3d in_world = placement.world_from_camera * (depth_m * *direction);
+  answer["surface"] = true;
+  answer["depth_m"] = depth_m;
+  answer["world_m"] = three(in_world);
+  answer["body_m"] = three(placement.world_from_body.inverse(Eigen::Isometry) * in_world);
+  if (run_.recording.global_frame == GlobalFrame::kEcef) {
+    const Eigen::Vector3d in_ecef = run_.scene.global_from_world * in_world;
+    const Geodetic place = geodetic_from_ecef(in_ecef.x(), in_ecef.y(), in_ecef.z());
+    answer["ecef_m"] = three(in_ecef);
+    answer["wgs84"] = {{"latitude_deg", kDegreesPerRadian * place.latitude_rad},
+                       {"longitude_deg", kDegreesPerRadian * place.longitude_rad},
+                       {"height_m", place.height_m}};
+  }
+  return answer;
+}
+
+}  // namespace redrive::view

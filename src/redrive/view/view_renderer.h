@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: Apache-2.0
+// Makes what the viewer shows of a run: images, recorded images beside them, scores, points.
+#pragma once
+
+#include <list>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <nlohmann/json_fwd.hpp>
+
+#include "redrive/eval/coverage.h"
+#include "redrive/eval/novel_ground_truth.h"
+#include "redrive/render/renderer.h"
+#include "redrive/train/run.h"
+#include "redrive/train/training_data.h"
+#include "redrive/view/messages.h"
+
+namespace redrive::view {
+
+/// A camera at a pose, with what belongs to it.
+struct Placement {
+  std::string camera_name;
+  std::int64_t frame = 0;
+  Camera camera;  ///< at full size
+  Rigid3d world_from_camera, world_from_body;
+  Exposure exposure;
+};
+
+/// An image that is rendered strip by strip, so that the viewer can leave it for a newer one.
+class RenderJob {
+ public:
+  /// Renders the next strip. Returns whether the image is complete.
+  bool step();
+  const RenderedImage& image() const { return image_; }
+  const Placement& placement() const { return placement_; }
+  int factor() const { return factor_; }
+  double seconds() const { return seconds_; }  ///< spent in step()
+
+ private:
+  friend class ViewRenderer;
+  const Model* model_ = nullptr;
+  kernels::Backend* backend_ = nullptr;
+  Placement placement_;
+  int factor_ = 1;
+  std::vector<std::shared_ptr<const RayTable>> strips_;
+  std::size_t next_ = 0;
+  RenderedImage image_;
+  double seconds_ = 0;
+};
+
+/// Not thread-safe: images are made one at a time.
+class ViewRenderer {
+ public:
+  /// Run and backend must outlive it. InputError where a poses.json of a novel set is malformed.
+  ViewRenderer(const Run& run, kernels::Backend& backend);
+
+  /// Returns {"cameras", "frames", "held_out", "novel", ...}: what a page needs to know.
+  nlohmann::json describe() const;
+
+  /// Throws InputError where the run has no such camera, frame or novel view.
+  Placement place(const ViewRequest& request);
+
+  /// `strip_s`: the time to spend in one step, for methods that march rays; those that rasterise
+  /// have one step. `expected_s`: of the whole image.
+  RenderJob begin(const Placement& placement, int factor, double expected_s, double strip_s);
+
+  /// Returns the colours of a layer.
+  Image8 colours(const RenderJob& job, Layer layer);
+
+  /// Returns the recorded image, or the ground truth of a novel view, at the size of training;
+  /// nothing where there is none. InputError where the file cannot be read.
+  std::shared_ptr<const Image8> reference(const ViewRequest& request);
+
+  /// Returns the PSNR in dB as `redrive eval`, but with the pose of `placement`; nothing without a
+  /// reference.
+  std::optional<double> psnr_db(const ViewRequest& request, const RenderJob& job);
+
+  /// Returns {"pixel", "opacity", "surface", "depth_m", "world_m", "body_m", "ecef_m", "wgs84"} of
+  /// the surface at (u, v), 0..1 over the image.
+  nlohmann::json pick(const RenderJob& job, double u, double v) const;
+
+  const Run& run() const { return run_; }
+
+ private:
+  std::shared_ptr<const GroundTruthView> ground_truth(const NovelView& novel);
+  std::shared_ptr<const RayTable> table(const Camera& camera, const std::string& name, int factor);
+  const View* find_view(const std::string& camera, std::int64_t frame) const;
+  Exposure exposure_of(const ViewRequest& request, const std::string& camera) const;
+
+  const Run& run_;
+  kernels::Backend& backend_;
+  bool marches_rays_;
+  std::vector<NovelGroundTruth> novel_;
+  // The last ones that were used, latest first:
+  std::list<std::pair<NovelView, std::shared_ptr<const GroundTruthView>>> ground_truths_;
+  std::list<std::pair<std::pair<std::string, int>, std::shared_ptr<const RayTable>>> tables_;
+  std::list<std::pair<std::pair<std::string, std::int64_t>, std::shared_ptr<const Image8>>>
+      references_;
+  std::optional<Exclusions> exclusions_;  ///< read for the first score
+  std::unique_ptr<Coverage> coverage_;    ///< made for the first coverage
+};
+
+}  // namespace redrive::view

@@ -1,0 +1,321 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/view/viewer.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include <nlohmann/json.hpp>
+
+#include "redrive/base/error.h"
+#include "redrive/image/jpeg.h"
+
+namespace redrive::view {
+namespace {
+
+// 15 images a second leave 66 ms for rendering, JPEG (10 ms for 1280 x 704) and overlays.
+constexpr double kMovingBudget_s = 0.05;
+constexpr double kStrip_s = 0.1;   ///< the longest wait for a newer request
+constexpr double kAtOnce_s = 0.3;  ///< a full image that takes longer is reached in steps
+constexpr std::chrono::milliseconds kRest{150};  ///< without a request: the camera rests
+constexpr std::chrono::seconds kBusy{1};         ///< a client counts as busy after a request
+constexpr std::uint64_t kMostUnshown = 2;        ///< images on their way to a page
+constexpr int kQuality = 92;
+
+std::string bytes_message(const nlohmann::json& header, const std::string& jpeg,
+                          const std::string& points = "") {
+  const std::string text = header.dump();
+  std::string message;
+  message.reserve(4 + text.size() + jpeg.size() + points.size());
+  for (int shift = 0; shift < 32; shift += 8)
+    message += static_cast<char>((text.size() >> shift) & 255);
+  return message += text + jpeg + points;
+}
+
+double rounded(double value, double step) { return std::round(value / step) * step; }
+
+double seconds_between(std::chrono::steady_clock::time_point from,
+                       std::chrono::steady_clock::time_point to) {
+  return std::chrono::duration<double>(to - from).count();
+}
+
+/// Names the recorded image that belongs to a view.
+std::string reference_key(const ViewRequest& view) {
+  if (view.novel) return view.novel->set + "/" + std::to_string(view.novel->index);
+  return view.camera + ":" + std::to_string(view.frame);
+}
+
+nlohmann::json lines_to_json(const std::vector<OverlayLine>& lines) {
+  nlohmann::json all = nlohmann::json::array();
+  for (const OverlayLine& line : lines) {
+    nlohmann::json points = nlohmann::json::array();
+    for (const Eigen::Vector2d& point : line.points) {
+      points.push_back(rounded(point.x(), 1e-4));
+      points.push_back(rounded(point.y(), 1e-4));
+    }
+    all.push_back({{"kind", line.kind}, {"label", line.label}, {"points", std::move(points)}});
+  }
+  return all;
+}
+
+}  // namespace
+
+/// What came from a page since it was looked at; guarded by mutex_.
+struct Viewer::Inbox {
+  std::optional<ViewRequest> view;
+  Clock::time_point arrived{};
+  std::optional<Pick> pick;
+  std::uint64_t shown = 0;  ///< number of the last image that the page drew
+};
+
+/// A page. All but the inbox is serve()'s alone.
+struct Viewer::Client {
+  Inbox inbox;
+
+  bool greeted = false;
+  std::optional<ViewRequest> view;  ///< the latest
+  Clock::time_point arrived{};
+  bool failed = false;    ///< `view` cannot be shown; the page knows why
+  bool scored = false;    ///< the score of `view` was sent
+  int sent_factor = 0;    ///< of the last image of `view`; 0: none yet
+  std::string reference;  ///< key of the recorded image that was sent last
+  std::uint64_t sent = 0, shown = 0;
+  std::optional<Pick> pick;
+
+  std::optional<RenderJob> job;
+  ViewRequest job_view;
+  Clock::time_point job_arrived{};
+  bool job_refines = false;       ///< an image of the same view was sent before
+  std::optional<RenderJob> last;  ///< the image that was sent last
+
+  void take_news() {
+    if (inbox.view) {
+      view = std::exchange(inbox.view, std::nullopt);
+      arrived = inbox.arrived;
+      failed = scored = false;
+      sent_factor = 0;
+      if (job_refines) job.reset();
+    }
+    if (inbox.pick) pick = std::exchange(inbox.pick, std::nullopt);
+    shown = std::min(inbox.shown, sent);
+  }
+};
+
+Viewer::Viewer(const Run& run, kernels::Backend& backend)
+    : renderer_(run, backend), overlay_(run), hello_(renderer_.describe().dump()) {}
+Viewer::~Viewer() = default;
+
+void Viewer::opened(ClientId id) {
+  const std::lock_guard lock(mutex_);
+  clients_[id] = std::make_shared<Client>();
+  has_news_ = true;
+  wake_.notify_one();
+}
+
+void Viewer::received(ClientId id, std::string_view text) {
+  std::optional<ClientMessage> message;
+  try {
+    message = parse_client_message(text);
+  } catch (const InputError& error) {
+    const std::lock_guard lock(mutex_);
+    if (server_) server_->close(id, error.what());
+    return;
+  }
+  const std::lock_guard lock(mutex_);
+  const auto found = clients_.find(id);
+  if (found == clients_.end()) return;
+  Inbox& inbox = found->second->inbox;
+  if (auto* const view = std::get_if<ViewRequest>(&*message)) {
+    inbox.view = std::move(*view);
+    inbox.arrived = Clock::now();
+  } else if (const auto* const pick = std::get_if<Pick>(&*message)) {
+    inbox.pick = *pick;
+  } else {
+    inbox.shown = std::max(inbox.shown, std::get<Shown>(*message).sequence);
+  }
+  has_news_ = true;
+  wake_.notify_one();
+}
+
+void Viewer::closed(ClientId id) {
+  const std::lock_guard lock(mutex_);
+  clients_.erase(id);
+}
+
+void Viewer::serve(Server& server, const std::atomic<bool>& stop) {
+  {
+    const std::lock_guard lock(mutex_);
+    server_ = &server;
+  }
+  ClientId last_served = 0;
+  while (!stop) {
+    std::vector<std::pair<ClientId, std::shared_ptr<Client>>> turn;
+    {
+      const std::lock_guard lock(mutex_);
+      has_news_ = false;
+      for (const auto& [id, client] : clients_) {
+        client->take_news();
+        turn.emplace_back(id, client);
+      }
+    }
+    // The clients after the one that was served last come first.
+    std::ranges::rotate(turn, std::ranges::find_if(turn, [&](const auto& entry) {
+                          return entry.first > last_served;
+                        }));
+    Clock::time_point wake_at = Clock::now() + std::chrono::milliseconds(100);
+    bool worked = false;
+    for (auto& [id, client] : turn) {
+      worked = work(id, *client, &wake_at);
+      if (!worked) continue;
+      last_served = id;
+      break;
+    }
+    if (worked) continue;
+    std::unique_lock lock(mutex_);
+    wake_.wait_until(lock, wake_at, [this] { return has_news_; });
+  }
+}
+
+/// Does the client's next piece of work. Returns false where there is none before *wake_at, which
+/// is lowered to the time from which on there is.
+bool Viewer::work(ClientId id, Client& client, Clock::time_point* wake_at) {
+  if (!client.greeted) {
+    client.greeted = true;
+    server_->send_text(id, hello_);
+    return true;
+  }
+  if (client.pick) {
+    answer_pick(id, client, *std::exchange(client.pick, std::nullopt));
+    return true;
+  }
+  if (!client.view || client.failed) return false;
+  try {
+    if (!client.job) {
+      if (client.sent - client.shown >= kMostUnshown) return false;
+      const Clock::time_point rests_at = client.arrived + kRest;
+      const bool complete = client.sent_factor == 1;
+      if (complete && (!client.view->reference || client.scored)) return false;
+      if (client.sent_factor != 0 && Clock::now() < rests_at) {
+        *wake_at = std::min(*wake_at, rests_at);
+        return false;
+      }
+      if (complete) {
+        send_score(id, client);
+        return true;
+      }
+      begin(client);
+    }
+    if (client.job->step()) finish(id, client);
+  } catch (const std::exception& error) {
+    client.failed = true;
+    client.job.reset();
+    server_->send_text(
+        id, nlohmann::json{{"kind", "error"}, {"id", client.view->id}, {"text", error.what()}}.dump(
+                -1, ' ', false, nlohmann::json::error_handler_t::replace));
+  }
+  return true;
+}
+
+void Viewer::answer_pick(ClientId id, const Client& client, const Pick& pick) {
+  nlohmann::json answer = client.last ? renderer_.pick(*client.last, pick.u, pick.v)
+                                      : nlohmann::json{{"surface", false}};
+  answer["kind"] = "picked";
+  answer["id"] = pick.id;
+  server_->send_text(id, answer.dump());
+}
+
+void Viewer::begin(Client& client) {
+  const Placement placement = renderer_.place(*client.view);
+  Pace& pace = paces_[placement.camera_name];
+  int factor = 1;
+  if (client.sent_factor == 0)
+    factor = pace.factor_within(kMovingBudget_s / std::max(1, busy_clients()));
+  else if (pace.seconds(1).value_or(0) > kAtOnce_s)
+    factor = std::max(1, client.sent_factor / 2);
+  client.job_view = *client.view;
+  client.job_arrived = client.arrived;
+  client.job_refines = client.sent_factor != 0;
+  client.job = renderer_.begin(placement, factor, pace.seconds(factor).value_or(0), kStrip_s);
+}
+
+void Viewer::finish(ClientId id, Client& client) {
+  const RenderJob& job = *client.job;
+  const ViewRequest& view = client.job_view;
+  const Placement& placement = job.placement();
+  paces_[placement.camera_name].measured(job.factor(), job.seconds());
+  const Image8 image = renderer_.colours(job, view.layer);
+  const std::string jpeg = encode_jpeg(image, kQuality),
+                    points = view.overlays.lidar ? overlay_.points(job) : "";
+  const nlohmann::json lines = lines_to_json(overlay_.lines(placement, view.overlays));
+  ++client.sent;
+  server_->send_binary(
+      id, bytes_message(
+              {{"kind", "image"},
+               {"sequence", client.sent},
+               {"id", view.id},
+               {"camera", placement.camera_name},
+               {"frame", placement.frame},
+               {"width", image.width},
+               {"height", image.height},
+               {"full_width", placement.camera.width},
+               {"full_height", placement.camera.height},
+               {"factor", job.factor()},
+               {"render_ms", rounded(1e3 * job.seconds(), 0.1)},
+               {"total_ms", rounded(1e3 * seconds_between(client.job_arrived, Clock::now()), 0.1)},
+               {"lines", lines},
+               {"jpeg", jpeg.size()},
+               {"points", points.size()}},
+              jpeg, points));
+  if (client.view->id == view.id) client.sent_factor = job.factor();
+  client.last = std::exchange(client.job, std::nullopt);
+  if (view.reference) send_reference(id, client, view);
+}
+
+void Viewer::send_reference(ClientId id, Client& client, const ViewRequest& view) {
+  const std::string key = reference_key(view);
+  if (client.reference == key) return;
+  client.reference = key;
+  std::string why = "there is no recorded image of this camera and frame";
+  try {
+    if (const auto image = renderer_.reference(view)) {
+      const std::string jpeg = encode_jpeg(*image, kQuality);
+      server_->send_binary(id, bytes_message({{"kind", "reference"},
+                                              {"key", key},
+                                              {"width", image->width},
+                                              {"height", image->height},
+                                              {"jpeg", jpeg.size()},
+                                              {"points", 0}},
+                                             jpeg));
+      return;
+    }
+  } catch (const std::exception& error) {  // the recording has moved away, say
+    why = error.what();
+  }
+  server_->send_text(id, nlohmann::json{{"kind", "no_reference"}, {"key", key}, {"text", why}}.dump(
+                             -1, ' ', false, nlohmann::json::error_handler_t::replace));
+}
+
+void Viewer::send_score(ClientId id, Client& client) {
+  client.scored = true;
+  if (!client.last || !(client.view->is_driven() || client.view->novel)) return;
+  std::optional<double> psnr_db;
+  try {
+    psnr_db = renderer_.psnr_db(*client.view, *client.last);
+  } catch (const InputError&) {  // the page was told with the reference
+  }
+  if (psnr_db)
+    server_->send_text(id, nlohmann::json{{"kind", "score"},
+                                          {"id", client.view->id},
+                                          {"psnr_db", rounded(*psnr_db, 0.01)}}
+                               .dump());
+}
+
+/// Returns the number of clients that asked for something within the last second.
+int Viewer::busy_clients() const {
+  const std::lock_guard lock(mutex_);
+  const Clock::time_point now = Clock::now();
+  return static_cast<int>(std::ranges::count_if(
+      clients_, [&](const auto& entry) { return now - entry.second->arrived < kBusy; }));
+}
+
+}  // namespace redrive::view

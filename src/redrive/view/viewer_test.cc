@@ -1,0 +1,260 @@
+// SPDX-License-Identifier: Apache-2.0
+// The viewer over loopback, on a run whose images are a formula of the ray.
+#include "redrive/view/viewer.h"
+
+#include <cmath>
+#include <set>
+#include <thread>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+
+#include "redrive/base/error.h"
+#include "redrive/image/jpeg.h"
+#include "redrive/model/nerf_model.h"
+#include "redrive/render/paint_backend_testing.h"
+#include "redrive/render/view_pose.h"
+#include "redrive/scene/scene_testing.h"
+#include "redrive/view/loopback_client_testing.h"
+
+namespace redrive::view {
+namespace {
+
+using ::testing::HasSubstr;
+
+struct Received {
+  nlohmann::json header;
+  Image8 image;  ///< of binary messages
+};
+
+class ViewerTest : public testing::Test {
+ protected:
+  ViewerTest() {
+    run_.recording = make_test_recording(folder_.path, 3);
+    run_.scene = make_scene(run_.recording, {.holdout_every = 2});
+    run_.options.method = "nerf";
+    auto model = std::make_unique<NerfModel>();
+    model->config.width = 32;
+    model->samples = 4;
+    model->near_m = 1;
+    model->far_m = 10;
+    model->parameters = Buffer<float>(nerf_parameter_count(model->config));
+    run_.state.model = std::move(model);
+    viewer_ = std::make_unique<Viewer>(run_, backend_);
+    ServerOptions options;
+    options.token = "t";
+    server_ = std::make_unique<Server>(options, viewer_.get());
+    thread_ = std::thread([this] { viewer_->serve(*server_, stop_); });
+  }
+  ~ViewerTest() override {
+    stop_ = true;
+    thread_.join();
+  }
+
+  std::unique_ptr<LoopbackClient> connect() {
+    auto client = std::make_unique<LoopbackClient>(server_->port());
+    const std::string host = "127.0.0.1:" + std::to_string(server_->port());
+    EXPECT_THAT(client->upgrade("/t/socket", host, "http://" + host), HasSubstr("101"));
+    return client;
+  }
+
+  static nlohmann::json view(int id, const char* camera = "FRONT", int frame = 11) {
+    return {{"type", "view"},       {"id", id},
+            {"camera", camera},     {"frame", frame},
+            {"shift_m", {0, 0, 0}}, {"yaw_deg", 0},
+            {"pitch_deg", 0},       {"layer", "image"},
+            {"exposure", "own"},    {"overlays", nlohmann::json::array()},
+            {"reference", false},   {"novel", nullptr}};
+  }
+
+  static Received next(LoopbackClient& client) {
+    const auto message = client.receive_message();
+    if (!message || message->opcode == 8) return {{{"kind", "closed"}}, {}};
+    if (message->opcode == 1) return {nlohmann::json::parse(message->payload), {}};
+    std::size_t size = 0;
+    for (int i = 0; i < 4; ++i)
+      size |= static_cast<std::size_t>(static_cast<unsigned char>(message->payload[i])) << 8 * i;
+    Received received{nlohmann::json::parse(message->payload.substr(4, size)), {}};
+    received.image = decode_jpeg(
+        message->payload.substr(4 + size, received.header["jpeg"].get<std::size_t>()), "jpeg");
+    return received;
+  }
+  /// Acknowledges images until a message of `kind` comes for which `wanted` holds.
+  static Received wait_for(LoopbackClient& client, const std::string& kind,
+                           const std::function<bool(const nlohmann::json&)>& wanted = {}) {
+    for (;;) {
+      Received received = next(client);
+      const std::string got = received.header["kind"];
+      if (got == "image")
+        client.send_message(
+            nlohmann::json{{"type", "shown"}, {"sequence", received.header["sequence"]}}.dump());
+      if (got == "closed" || (got == kind && (!wanted || wanted(received.header)))) return received;
+    }
+  }
+  static Received full_image(LoopbackClient& client, int id) {
+    return wait_for(client, "image", [id](const nlohmann::json& header) {
+      return header["id"] == id && header["factor"] == 1;
+    });
+  }
+
+  TemporaryFolder folder_;
+  redrive::Run run_;
+  // Colours vary slowly with the direction; everything is 2 m away.
+  PaintBackend backend_{[](const std::array<float, 3>&, const std::array<float, 3>& d) {
+    return std::array<float, 3>{0.5f + 0.4f * d[0], 0.5f + 0.4f * d[1], 0.5f + 0.4f * d[2]};
+  }};
+  std::atomic<bool> stop_{false};
+  std::unique_ptr<Viewer> viewer_;
+  std::unique_ptr<Server> server_;
+  std::thread thread_;
+};
+
+TEST_F(ViewerTest, DescribesTheRun) {
+  const auto client = connect();
+  const nlohmann::json hello = next(*client).header;
+  EXPECT_EQ(hello["kind"], "hello");
+  ASSERT_EQ(hello["cameras"].size(), 2u);
+  EXPECT_EQ(hello["cameras"][0]["name"], "FISHEYE");
+  EXPECT_EQ(hello["cameras"][1]["width"], 24);
+  EXPECT_EQ(hello["cameras"][1]["body_from_sensor"][3], 2);
+  ASSERT_EQ(hello["frames"].size(), 3u);
+  EXPECT_EQ(hello["frames"][1]["id"], 11);
+  EXPECT_NEAR(hello["frames"][1]["t_s"].get<double>(), 1 / 15.0, 1e-6);
+  EXPECT_EQ(hello["held_out"], (nlohmann::json{10, 12}));
+  EXPECT_EQ(hello["lidar"], false);
+}
+
+TEST_F(ViewerTest, SendsTheImageThatRenderWrites) {
+  const auto client = connect();
+  nlohmann::json request = view(1);
+  request["shift_m"] = {0.5, -1, 0.25};
+  request["yaw_deg"] = 20;
+  request["pitch_deg"] = -10;
+  client->send_message(request.dump());
+  const Received received = full_image(*client, 1);
+  EXPECT_EQ(received.header["camera"], "FRONT");
+  const RigCamera& camera = run_.scene.rig[run_.scene.camera_index("FRONT")];
+  const Rigid3d world_from_camera = shifted_camera(
+      run_.scene.global_from_world, *world_from_body(run_.recording, run_.scene, 11, camera),
+      turned_sensor(camera.body_from_sensor, 20 * M_PI / 180, -10 * M_PI / 180), ShiftAxes::kBody,
+      {0.5, -1, 0.25});
+  const Image8 expected =
+      to_image8(render_image(backend_, *run_.state.model, camera.camera, world_from_camera));
+  ASSERT_EQ(received.image.rgb.size(), expected.rgb.size());
+  double sum = 0;
+  for (std::size_t i = 0; i < expected.rgb.size(); ++i)
+    sum += std::pow(double(received.image.rgb[i]) - expected.rgb[i], 2);
+  EXPECT_LT(std::sqrt(sum / static_cast<double>(expected.rgb.size())), 3);  // JPEG
+}
+
+TEST_F(ViewerTest, SendsTheRecordedImageAndTheScore) {
+  const auto client = connect();
+  nlohmann::json request = view(1, "FISHEYE", 10);
+  request["reference"] = true;
+  client->send_message(request.dump());
+  const Received reference = wait_for(*client, "reference");
+  EXPECT_EQ(reference.header["key"], "FISHEYE:10");
+  EXPECT_EQ(reference.image.width, 20);
+  const nlohmann::json score = wait_for(*client, "score").header;
+  EXPECT_EQ(score["id"], 1);
+  EXPECT_GT(score["psnr_db"].get<double>(), 0);
+  std::filesystem::remove(folder_.path / "FISHEYE_11.png");  // the recording moves away
+  request = view(2, "FISHEYE", 11);
+  request["reference"] = true;
+  client->send_message(request.dump());
+  EXPECT_THAT(wait_for(*client, "no_reference").header["text"].get<std::string>(),
+              HasSubstr("FISHEYE_11.png"));
+  client->send_message(view(3).dump());
+  EXPECT_EQ(full_image(*client, 3).header["frame"], 11);
+}
+
+TEST_F(ViewerTest, FindsThePointOfAPixel) {
+  const auto client = connect();
+  client->send_message(view(1).dump());
+  full_image(*client, 1);
+  client->send_message(R"({"type": "pick", "id": 5, "at": [0.5, 0.5]})");
+  const nlohmann::json picked = wait_for(*client, "picked").header;
+  EXPECT_EQ(picked["id"], 5);
+  EXPECT_EQ(picked["surface"], true);
+  EXPECT_EQ(picked["pixel"], (nlohmann::json{12, 8}));
+  EXPECT_EQ(picked["depth_m"], 2);
+  const RigCamera& camera = run_.scene.rig[run_.scene.camera_index("FRONT")];
+  const Eigen::Vector3d in_body = camera.body_from_sensor * (2 * *camera.camera.unproject({12, 8}));
+  const Eigen::Vector3d in_ecef = run_.recording.frames[1].global_from_body * in_body;
+  for (int k = 0; k < 3; ++k) {
+    EXPECT_NEAR(picked["body_m"][k].get<double>(), in_body[k], 1e-6);
+    EXPECT_NEAR(picked["ecef_m"][k].get<double>(), in_ecef[k], 1e-6);
+  }
+  EXPECT_NEAR(picked["wgs84"]["latitude_deg"].get<double>(), 47.5, 0.3);  // Budapest
+  EXPECT_NEAR(picked["wgs84"]["longitude_deg"].get<double>(), 19.0, 0.3);
+}
+
+TEST_F(ViewerTest, DropsWhatIsOvertakenAndWaitsForThePage) {
+  const auto client = connect();
+  for (int id = 1; id <= 300; ++id) client->send_message(view(id).dump());
+  // Nothing is acknowledged: no more than two images come.
+  std::this_thread::sleep_for(std::chrono::milliseconds(400));
+  client->send_message(R"({"type": "pick", "id": 1, "at": [0, 0]})");
+  int images = 0;
+  for (std::string kind; kind != "picked" && kind != "closed";) {
+    kind = next(*client).header["kind"];
+    images += kind == "image";
+  }
+  EXPECT_GE(images, 1);
+  EXPECT_LE(images, 2);
+  client->send_message(R"({"type": "shown", "sequence": 2})");
+  client->send_message(view(301).dump());
+  EXPECT_EQ(full_image(*client, 301).header["id"], 301);
+}
+
+TEST_F(ViewerTest, ServesClientsInTurn) {
+  const auto one = connect(), two = connect();
+  for (int id = 1; id <= 20; ++id) {
+    one->send_message(view(id).dump());
+    two->send_message(view(id, "FISHEYE", 12).dump());
+    EXPECT_EQ(full_image(*one, id).header["camera"], "FRONT");
+    EXPECT_EQ(full_image(*two, id).header["camera"], "FISHEYE");
+  }
+}
+
+TEST_F(ViewerTest, SaysWhatItCannotShow) {
+  const auto client = connect();
+  client->send_message(view(1, "REAR").dump());
+  EXPECT_THAT(wait_for(*client, "error").header["text"].get<std::string>(), HasSubstr("REAR"));
+  client->send_message(view(2, "FRONT", 99).dump());
+  EXPECT_EQ(wait_for(*client, "error").header["id"], 2);
+  nlohmann::json request = view(3);
+  request["exposure"] = "FRONT:99";
+  client->send_message(request.dump());
+  EXPECT_EQ(wait_for(*client, "error").header["id"], 3);
+  request = view(4);
+  request["novel"] = {{"set", "left_1"}, {"index", 0}};
+  client->send_message(request.dump());
+  EXPECT_THAT(wait_for(*client, "error").header["text"].get<std::string>(), HasSubstr("left_1"));
+  client->send_message(view(5).dump());
+  EXPECT_EQ(full_image(*client, 5).header["frame"], 11);
+  client->send_message("nonsense");
+  EXPECT_EQ(wait_for(*client, "nothing").header["kind"], "closed");
+}
+
+TEST_F(ViewerTest, DrawsTheTrajectoryAndTheFrusta) {
+  const auto client = connect();
+  nlohmann::json request = view(1, "FRONT", 10);
+  request["shift_m"] = {-3, 0, 1};
+  request["overlays"] = {"trajectory", "frusta", "lidar", "boxes"};
+  client->send_message(request.dump());
+  const nlohmann::json header = full_image(*client, 1).header;
+  EXPECT_EQ(header["points"], 0);
+  std::set<std::string> kinds, labels;
+  for (const nlohmann::json& line : header["lines"]) {
+    kinds.insert(line["kind"]);
+    labels.insert(line["label"]);
+    EXPECT_EQ(line["points"].size() % 2, 0u);
+  }
+  EXPECT_EQ(kinds, (std::set<std::string>{"trajectory", "frustum"}));
+  EXPECT_TRUE(labels.contains("FRONT"));
+}
+
+}  // namespace
+}  // namespace redrive::view

@@ -1,0 +1,315 @@
+// SPDX-License-Identifier: Apache-2.0
+// `redrive view` in a real browser: node viewer_test.mjs REDRIVE SAMPLES NODE_MODULES [SHOTS]
+// Trains a small run of the sample street, opens its page in a headless chromium and uses it.
+// SHOTS: a folder for screenshots. Exit code 77: skipped, there is no chromium.
+import assert from "node:assert/strict";
+import {execFileSync, spawn} from "node:child_process";
+import fs from "node:fs";
+import {createRequire} from "node:module";
+import http from "node:http";
+import os from "node:os";
+import path from "node:path";
+
+const [redrive, samples, modules, shots] = process.argv.slice(2);
+const chromium = ["/usr/bin/chromium", "/usr/bin/chromium-browser", "/usr/bin/google-chrome"]
+  .find((file) => fs.existsSync(file));
+if (!chromium) {
+  console.log("skipped: there is no chromium (scripts/setup installs it)");
+  process.exit(77);
+}
+if (!fs.existsSync(path.join(modules, "puppeteer-core"))) {
+  console.log("skipped: npm could not install puppeteer-core when this was built");
+  process.exit(77);
+}
+const puppeteer = createRequire(path.join(modules, "x.js"))("puppeteer-core");
+const street = path.join(samples, "street");
+const camera = "F_MIDLONGRANGECAM_CL";
+const folder = fs.mkdtempSync(path.join(os.tmpdir(), "redrive-browser-"));
+const run = path.join(folder, "run");
+
+function train() {
+  execFileSync(redrive, ["train", street, "--out", run, "--truth-poses", "--method", "splat",
+    "--cameras", camera, "--frames", "1016:1040", "--holdout-every", "4", "--max-steps", "120",
+    "--max-gaussians", "60000", "--threads", "2"], {stdio: "pipe"});
+}
+
+/** Starts the program and returns it with the address that it prints. */
+async function serve() {
+  const program = spawn(redrive, ["view", run, "--port", "0"], {stdio: ["ignore", "pipe", "pipe"]});
+  let printed = "";
+  const address = await new Promise((resolve, reject) => {
+    program.stdout.on("data", (bytes) => {
+      printed += bytes;
+      const found = /http:\/\/\S+/.exec(printed);
+      if (found) resolve(found[0]);
+    });
+    program.stderr.on("data", (bytes) => (printed += bytes));
+    program.on("exit", (code) => reject(new Error(`redrive view ended with ${code}: ${printed}`)));
+  });
+  return {program, address};
+}
+
+function status(address, headers = {}) {
+  return new Promise((resolve, reject) => {
+    http.get(address, {headers}, (response) => {
+      response.resume();
+      resolve(response.statusCode);
+    }).on("error", reject);
+  });
+}
+
+/** Waits until the page shows the full image of its state. */
+async function settled(page) {
+  await page.waitForFunction(() => {
+    const {stage, id, asks, state} = window.redriveView;
+    const header = stage.image?.header;
+    return !asks && header?.id === id && header.factor === 1 &&
+      (state.compare === "off" || stage.reference);
+  }, {timeout: 20000});
+}
+
+/** Sets a field as a user does. */
+async function set(page, id, value) {
+  await page.$eval(`#${id}`, (field, text) => {
+    field.value = text;
+    field.dispatchEvent(new Event("input", {bubbles: true}));
+    field.dispatchEvent(new Event("change", {bubbles: true}));
+  }, String(value));
+  // The next tick asks for the image.
+  await page.waitForFunction(() => !window.redriveView.asks);
+  await settled(page);
+}
+
+/** PSNR of the page's image and a PNG, in dB. */
+function psnr(page, file) {
+  return page.evaluate(async (base64) => {
+    const bytes = Uint8Array.from(atob(base64), (c) => c.charCodeAt(0));
+    const expected = await createImageBitmap(new Blob([bytes], {type: "image/png"}));
+    const {bitmap} = window.redriveView.stage.image;
+    const pixels = [bitmap, expected].map((image) => {
+      const canvas = new OffscreenCanvas(image.width, image.height);
+      const context = canvas.getContext("2d");
+      context.drawImage(image, 0, 0);
+      return context.getImageData(0, 0, image.width, image.height).data;
+    });
+    if (pixels[0].length !== pixels[1].length) return 0;
+    let sum = 0;
+    for (let i = 0; i < pixels[0].length; ++i)
+      if (i % 4 !== 3) sum += (pixels[0][i] - pixels[1][i]) ** 2;
+    return 10 * Math.log10(255 ** 2 / (sum / (0.75 * pixels[0].length)));
+  }, fs.readFileSync(file).toString("base64"));
+}
+
+const text = (page, id) => page.$eval(`#${id}`, (element) => element.textContent);
+
+/** Renders by the command that the page gives, into `file`. */
+function renderAsThePageSays(command, file) {
+  const words = command.split(" ").slice(1);
+  words[words.indexOf("--out") + 1] = file;
+  execFileSync(redrive, words, {stdio: "pipe"});
+}
+
+const tests = {
+  async "opens with an image"(page) {
+    await settled(page);
+    assert.match(await text(page, "run"), /splat, step 120/);
+    assert.match(await text(page, "timing"), /480 x 264/);
+  },
+
+  async "shows what render writes"(page) {
+    await set(page, "left-number", 1);
+    await set(page, "yaw-number", -12.5);
+    await set(page, "pitch-number", 3);
+    const file = path.join(folder, "view.png");
+    const command = await text(page, "command");
+    assert.match(command, /--translate=0,1,0 --yaw=-12.5 --pitch=3/);
+    renderAsThePageSays(command, file);
+    const db = await psnr(page, file);
+    assert.ok(db >= 35, `PSNR of the page's image and render's: ${db} dB`);
+  },
+
+  async "scrubs, slides and goes back to the car"(page) {
+    await set(page, "frame", 20);
+    assert.equal(await page.evaluate(() => window.redriveView.state.frame), 1036);
+    assert.match(page.url(), /frame=1036/);
+    await set(page, "left-range", -2);
+    assert.match(page.url(), /left=-2/);
+    await page.click("#home");
+    await settled(page);
+    assert.doesNotMatch(page.url(), /left=/);
+    await page.focus("#stage");
+    await page.keyboard.press("ArrowLeft");
+    await page.waitForFunction(() => window.redriveView.state.frame === 1035);
+    await page.keyboard.press("Space");
+    await page.waitForFunction(() => window.redriveView.state.frame !== 1035);
+    await page.keyboard.press("Space");
+    await page.keyboard.press("Home");
+    await page.waitForFunction(() => window.redriveView.state.frame === 1016);
+    await settled(page);
+  },
+
+  async "flies and orbits"(page) {
+    await page.focus("#stage");
+    await page.keyboard.down("w");
+    await page.waitForFunction(() => window.redriveView.state.forward > 0.5);
+    await page.keyboard.up("w");
+    await settled(page);
+    await page.click("#orbit");
+    await page.waitForFunction(() => window.redriveView.target !== null);
+    const before = await page.evaluate(() => [...window.redriveView.target]);
+    const box = await (await page.$("#canvas")).boundingBox();
+    const middle = {x: box.x + box.width / 2, y: box.y + box.height / 2};
+    await page.mouse.move(middle.x, middle.y);
+    await page.mouse.down();
+    await page.mouse.move(middle.x + 40, middle.y, {steps: 4});
+    await page.mouse.up();
+    await settled(page);
+    const moved = await page.evaluate(() => window.redriveView.state);
+    assert.ok(Math.abs(moved.yaw) > 5 && Math.abs(moved.left) > 0.1);
+    // The point stays in the middle: the surface there is still the one that was turned about.
+    await page.click("#orbit");
+    await page.keyboard.press("b");
+    await settled(page);
+    assert.equal(before.length, 3);
+  },
+
+  async "compares with the recorded image"(page) {
+    await set(page, "truth", "held-out/1032");
+    assert.equal(await page.$eval("#compare", (field) => field.value), "beside");
+    await page.waitForFunction(
+      () => /PSNR \d+\.\d\d dB/.test(document.getElementById("caption").textContent));
+    const shown = Number(/PSNR ([\d.]+)/.exec(await text(page, "caption"))[1]);
+    assert.ok(shown > 15 && shown < 40, `PSNR of a held-out frame: ${shown} dB`);
+    const pixel = () => page.evaluate(() => {
+      const {width, height} = document.getElementById("canvas");
+      const context = document.getElementById("canvas").getContext("2d");
+      return [...context.getImageData(0.8 * width, 0.8 * height, 1, 1).data];
+    });
+    await set(page, "compare", "wipe");
+    await set(page, "share", 1); // the recorded image alone
+    const recorded = await pixel();
+    await set(page, "share", 0);
+    const rendered = await pixel();
+    await set(page, "compare", "difference");
+    const difference = await pixel();
+    for (let c = 0; c < 3; ++c) {
+      const expected = Math.min(255, 4 * Math.abs(recorded[c] - rendered[c]));
+      assert.ok(Math.abs(difference[c] - expected) <= 8, `${recorded} ${rendered} ${difference}`);
+    }
+    await set(page, "truth", "novel/2/left_0.5");
+    await page.waitForFunction(() => /PSNR/.test(document.getElementById("caption").textContent));
+    await set(page, "compare", "off");
+    await page.click("#home");
+    await settled(page);
+  },
+
+  async "finds a point and a distance"(page) {
+    const {u, v, depth_m} = parkedCar();
+    await set(page, "truth", "novel/3/forward_0.5");
+    await set(page, "compare", "off");
+    const box = await (await page.$("#canvas")).boundingBox();
+    await page.mouse.click(box.x + u * box.width, box.y + v * box.height);
+    await page.waitForFunction(() => window.redriveView.stage.marks.length > 0);
+    const picked = await page.evaluate(() => window.redriveView.picked);
+    assert.ok(Math.abs(picked.depth_m - depth_m) < 0.05,
+      `depth ${picked.depth_m} m, ground truth ${depth_m} m`);
+    const point = await text(page, "point");
+    for (const name of ["depth", "body", "world", "ECEF", "WGS 84"])
+      assert.ok(point.includes(name), point);
+    await page.mouse.click(box.x + (u + 0.1) * box.width, box.y + v * box.height);
+    await page.waitForFunction(
+      () => /to the point before/.test(document.getElementById("point").textContent));
+    await page.click("#home");
+    await settled(page);
+  },
+
+  async "shows layers and overlays"(page) {
+    for (const layer of ["depth", "opacity", "coverage", "image"]) await set(page, "layer", layer);
+    for (const overlay of ["trajectory", "frusta", "lidar"]) // the street has no boxes
+      await page.click(`#overlays input[value="${overlay}"]`);
+    await page.waitForFunction(() => window.redriveView.stage.image.points.length > 600);
+    const kinds = await page.evaluate(
+      () => [...new Set(window.redriveView.stage.image.header.lines.map(({kind}) => kind))]);
+    assert.ok(kinds.includes("trajectory"), `${kinds}`);
+    assert.match(page.url(), /over=trajectory%2Cfrusta%2Clidar/);
+  },
+
+  async "comes back from its address"(page) {
+    const address = page.url();
+    await page.reload();
+    await page.waitForFunction(() => window.redriveView?.state?.overlays.size === 3);
+    await settled(page);
+    assert.equal(page.url(), address);
+  },
+
+  async "fits a narrow page"(page) {
+    await page.setViewport({width: 360, height: 740});
+    await settled(page);
+    const width = await page.evaluate(() => document.documentElement.scrollWidth);
+    assert.ok(width <= 360, `the page is ${width} px wide`);
+    await page.setViewport({width: 1280, height: 900});
+  },
+
+  async "refuses strangers"(_page, address) {
+    assert.equal(await status(address), 200);
+    const {origin, host} = new URL(address);
+    assert.equal(await status(`${origin}/00000000000000000000000000000000/`), 404);
+    assert.equal(await status(address, {Origin: "http://example.org"}), 403);
+    assert.equal(await status(address, {Host: "example.org"}), 403);
+    assert.ok(host);
+  },
+};
+
+/** Pixel (335, 160), a parked car, in the ground truth of novel/forward_0.5 at frame 1028: 9504 in
+ * its image of depth. */
+function parkedCar() {
+  return {u: 335.5 / 480, v: 160.5 / 264, depth_m: 9.504};
+}
+
+async function shoot(browser, address) {
+  for (const [width, height] of [[1280, 900], [360, 740]])
+    for (const scheme of ["light", "dark"]) {
+      const page = await browser.newPage();
+      await page.setViewport({width, height});
+      await page.emulateMediaFeatures([{name: "prefers-color-scheme", value: scheme}]);
+      await page.goto(`${address}#camera=${camera}&frame=1032&left=1&compare=beside`);
+      await page.waitForFunction(() => window.redriveView?.state);
+      await settled(page);
+      await page.screenshot({path: path.join(shots, `${width}-${scheme}.png`), fullPage: true});
+      await page.close();
+    }
+}
+
+let program = null, browser = null, failed = 0;
+try {
+  train();
+  const served = await serve();
+  program = served.program;
+  browser = await puppeteer.launch({
+    executablePath: chromium, headless: true,
+    args: ["--no-sandbox", "--disable-dev-shm-usage", "--disable-gpu"]});
+  const page = await browser.newPage();
+  const errors = [];
+  page.on("pageerror", (error) => errors.push(String(error)));
+  page.on("console", (message) => message.type() === "error" && errors.push(message.text()));
+  await page.setViewport({width: 1280, height: 900});
+  await page.goto(served.address);
+  await page.waitForFunction(() => window.redriveView?.state);
+  for (const [name, test] of Object.entries(tests)) {
+    const start = Date.now();
+    try {
+      await test(page, served.address);
+      assert.deepEqual(errors.splice(0), []);
+      console.log(`ok: ${name} (${Date.now() - start} ms)`);
+    } catch (error) {
+      ++failed;
+      console.log(`FAILED: ${name}: ${error.stack}`);
+    }
+  }
+  if (shots) await shoot(browser, served.address);
+} finally {
+  await browser?.close();
+  program?.kill("SIGINT");
+  fs.rmSync(folder, {recursive: true, force: true});
+}
+process.exit(failed ? 1 : 0);
