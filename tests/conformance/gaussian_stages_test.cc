@@ -33,7 +33,7 @@ struct GaussianCase {
   PlainCamera camera;
   std::vector<PlainPose> poses;
   RasterSize size;
-  std::vector<float> log_range, d_rgb, error, d_range;
+  std::vector<float> log_range, d_rgb, d_transmittance, error, d_range;
   std::vector<std::uint8_t> tiles;
 
   explicit GaussianCase(bool mei, bool rolling, bool ranges, bool masked = false) {
@@ -77,6 +77,7 @@ struct GaussianCase {
       numbers[gaussian_slot(i, kOpacityRow)] *= 3;
     }
     d_rgb = random_floats(3 * size.plane(), 32, -1, 1);
+    d_transmittance = random_floats(size.plane(), 39, 0, 1);
     error = random_floats(size.plane(), 33, 0, 1);
     if (ranges) {
       log_range = random_floats(size.plane(), 34, 0.5f, 1.8f);
@@ -109,7 +110,8 @@ Result run(Backend& backend, const GaussianCase& c) {
   out.counts = stages.rasterise(c.view(), c.gaussians(), c.options(), &out.image);
   out.gradients.assign(c.numbers.size(), 0);
   stages.rasterise_backward(c.view(), c.gaussians(), c.options(), out.image,
-                            {c.d_rgb, c.error, c.d_range}, out.gradients, &out.pose);
+                            {c.d_rgb, c.d_transmittance, c.error, c.d_range}, out.gradients,
+                            &out.pose);
   return out;
 }
 
@@ -292,6 +294,30 @@ TEST_P(GaussianStagesTest, BrightnessOfPatchesIsOfWhatIsNeitherMaskedNorSaturate
     }
 }
 
+// A camera clips what is brighter than white, so a rendering may be brighter, too.
+TEST_P(GaussianStagesTest, ClippedPixelsAskForNoLessBrightness) {
+  const auto backend = make();
+  LossCase c;
+  c.alpha.clear();
+  c.used.clear();
+  std::ranges::fill(c.target, 255);
+  std::vector<float> d_rgb(c.rgb.size()), error(c.size.plane());
+  for (const float brightness : {0.9f, 1.1f, 3.0f}) {
+    std::ranges::fill(c.rgb, brightness);
+    std::ranges::fill(c.gains, 1.0f);
+    const ImageLossOutput out = backend->gaussians().image_loss(c.input(0.8f, 0), d_rgb, error);
+    const float off = std::max(0.0f, 1 - brightness);
+    EXPECT_NEAR(out.l1, 0.8 * off, 1e-5);
+    EXPECT_NEAR(out.mse, off * off, 1e-5);
+    for (int y = 0; y < c.size.height; ++y)
+      for (int x = 0; x < c.size.width; ++x)
+        EXPECT_EQ(d_rgb[y * c.size.stride + x]<0, off> 0) << x << " " << y;
+  }
+  // Transparent pixels are not clipped: their colours are over a known background.
+  c.alpha.assign(50 * 40, 255);
+  EXPECT_GT(backend->gaussians().image_loss(c.input(0.8f, 0), d_rgb, error).l1, 1);
+}
+
 TEST_P(GaussianStagesTest, UpdateAgreesWithTheOracle) {
   const auto backend = make(), ref = make_ref_backend();
   const std::size_t n = 37, size = gaussian_blocks(n) * kBlockSize;
@@ -341,6 +367,66 @@ TEST_P(GaussianStagesTest, OpaqueGaussiansHaveGradients) {
   }
   EXPECT_GT(seen, 50);
   EXPECT_GE(trained, 9 * seen / 10);
+}
+
+/// A disc that lies in a plane has that plane's depth in every pixel, not its centre's.
+TEST_P(GaussianStagesTest, DepthOfADiscIsThatOfItsPlane) {
+  const auto backend = make();
+  for (const bool mei : {false, true}) {
+    GaussianCase c(mei, false, false);
+    c.n = 1;
+    c.numbers.assign(kBlockSize, 0);
+    const Eigen::Vector3d centre(0.5, 0.3, 6),
+        normal = Eigen::Vector3d(0.2, -0.8, -0.5).normalized();
+    const Eigen::Quaterniond rotation =
+        Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitZ(), normal);
+    const auto set = [&](int row, double value) {
+      c.numbers[gaussian_slot(0, row)] = static_cast<float>(value);
+    };
+    for (int k = 0; k < 3; ++k) {
+      set(kPositionRow + k, centre[k]);
+      set(kLogScaleRow + k, std::log(k < 2 ? 0.4 : 1e-3));
+      set(kColourRow + k, 0.5);
+    }
+    set(kQuaternionRow, rotation.w());
+    for (int k = 0; k < 3; ++k) set(kQuaternionRow + 1 + k, rotation.vec()[k]);
+    set(kOpacityRow, 6);
+    c.poses = {plain(Rigid3d::Identity())};
+    RasterImage image;
+    backend->gaussians().rasterise(c.view(), c.gaussians(), c.options(), &image);
+    int found = 0;
+    double least = 1e9, most = 0;
+    for (int y = 0; y < c.camera.height; ++y)
+      for (int x = 0; x < c.camera.width; ++x) {
+        const std::size_t i = static_cast<std::size_t>(y) * c.size.stride + x;
+        if (image.transmittance[i] > 0.9f) continue;
+        // The plane's point in this pixel, by Newton's method along the disc.
+        Eigen::Vector2d on_disc(0, 0);
+        const Eigen::Matrix3d axes = rotation.toRotationMatrix();
+        const auto pixel_of = [&](const Eigen::Vector2d& at) {
+          const Eigen::Vector3d p = centre + axes.leftCols<2>() * at;
+          const auto pixel = project<NumberMath<double>>(c.camera, p.x(), p.y(), p.z());
+          return Eigen::Vector2d(pixel.u - x, pixel.v - y);
+        };
+        for (int step = 0; step < 20; ++step) {
+          constexpr double kStep = 1e-5;
+          Eigen::Matrix2d slope;
+          for (int k = 0; k < 2; ++k)
+            slope.col(k) = (pixel_of(on_disc + kStep * Eigen::Vector2d::Unit(k)) -
+                            pixel_of(on_disc - kStep * Eigen::Vector2d::Unit(k))) /
+                           (2 * kStep);
+          on_disc -= slope.inverse() * pixel_of(on_disc);
+        }
+        const double expected = (centre + axes.leftCols<2>() * on_disc).norm();
+        // The pixel is linear on the disc but for the square of its extent over the distance.
+        EXPECT_NEAR(double(image.depth[i]) / expected, 1, 0.02) << x << " " << y;
+        least = std::min(least, double(image.depth[i]));
+        most = std::max(most, double(image.depth[i]));
+        ++found;
+      }
+    EXPECT_GT(found, 20);
+    EXPECT_GT(most / least, 1.15) << "the disc is tilted";
+  }
 }
 
 /// What a user may steer a camera into: inside a Gaussian, at the fold, needles, huge Gaussians.

@@ -80,11 +80,13 @@ TEST_F(EndToEnd, EvalScoresALongerRunHigher) {
   }
 }
 
-TEST_F(EndToEnd, RendersOneViewWithDepth) {
-  const fs::path run = trained("run", 20), image = folder_ / "a.png", depth = folder_ / "d.png";
+TEST_F(EndToEnd, RendersOneViewWithDepthOpacityAndNormals) {
+  const fs::path run = trained("run", 20), image = folder_ / "a.png", depth = folder_ / "d.png",
+                 opacity = folder_ / "o.png", normals = folder_ / "n.png";
   const ProgramResult ended =
       redrive({"render", run.string(), "--camera", kTinyLeft, "--frame", "101", "--translate",
-               "0,-0.5,0", "--axes", "local", "--out", image.string(), "--depth", depth.string()});
+               "0,-0.5,0", "--axes", "local", "--out", image.string(), "--depth", depth.string(),
+               "--opacity", opacity.string(), "--normals", normals.string()});
   ASSERT_EQ(ended.exit_code, kExitOk) << ended.err;
   const Image8 rendered = read_image(image);
   EXPECT_EQ(rendered.width, 44);
@@ -92,6 +94,12 @@ TEST_F(EndToEnd, RendersOneViewWithDepth) {
   const Image16 depth_mm = read_png16(depth);
   EXPECT_THAT(depth_mm.values, ::testing::Each(::testing::Le(10001)));  // sum w t <= far
   EXPECT_EQ(depth_mm.width, 44);
+  for (const fs::path& file : {opacity, normals}) {
+    const Image8 more = read_image(file);
+    EXPECT_EQ(more.width, 44);
+    EXPECT_EQ(more.height, 36);
+    EXPECT_NE(std::ranges::max(more.rgb), 0) << file;
+  }
 }
 
 TEST_F(EndToEnd, RendersTheImagesOfAPosesFile) {

@@ -14,6 +14,7 @@
 #include "redrive/cli/output_file.h"
 #include "redrive/image/image_io.h"
 #include "redrive/math/angles.h"
+#include "redrive/render/normals.h"
 #include "redrive/render/renderer.h"
 #include "redrive/render/view_pose.h"
 #include "redrive/train/memory.h"
@@ -26,7 +27,7 @@ namespace fs = std::filesystem;
 
 struct RenderOptions {
   std::string run, camera, frame, translate = "0,0,0", axes = "body", exposure = "own", out, depth,
-                                  poses;
+                                  opacity, normals, poses;
   double yaw_deg = 0, pitch_deg = 0;
   bool relative = false, force = false;
   kernels::BackendChoice backend;
@@ -94,10 +95,17 @@ int render_one(const RenderOptions& options) {
   const std::int64_t frame = parse_frame("--frame", options.frame);
   const Eigen::Vector3d shift_m = parse_translation(options.translate);
   check_image_output("--out", options.out, options.force, true);
-  if (!options.depth.empty()) check_image_output("--depth", options.depth, options.force, false);
-  if (!options.depth.empty() && fs::weakly_canonical(fs::absolute(options.depth)) ==
-                                    fs::weakly_canonical(fs::absolute(options.out)))
-    throw UsageError("--depth", options.depth, "must differ from --out");
+  std::vector<fs::path> outputs{fs::weakly_canonical(fs::absolute(options.out))};
+  for (const auto& [option, file] :
+       {std::pair("--depth", options.depth), std::pair("--opacity", options.opacity),
+        std::pair("--normals", options.normals)}) {
+    if (file.empty()) continue;
+    check_image_output(option, file, options.force, false);
+    const fs::path path = fs::weakly_canonical(fs::absolute(file));
+    if (std::ranges::find(outputs, path) != outputs.end())
+      throw UsageError(option, file, "must differ from the other images");
+    outputs.push_back(path);
+  }
 
   const Run run = open_run(options.run);
   const RigCamera& camera = find_camera(run.scene, options.camera);
@@ -119,15 +127,24 @@ int render_one(const RenderOptions& options) {
   const auto backend = make_backend_of(run, options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
   check_device_memory(run, *backend, run.state.model->rendering_work());
-  const RenderedImage image =
-      render_image(*backend, *run.state.model, camera.camera, world_from_camera,
-                   exposure_of(options, run, camera.name, frame));
+  const RayTable rays = make_ray_table(camera.camera, backend->threads());
+  const RenderedImage image = render_image(*backend, *run.state.model, rays, world_from_camera,
+                                           exposure_of(options, run, camera.name, frame));
   write_image(options.out, to_image8(image));
   std::printf("%s: %d x %d\n", options.out.c_str(), image.width, image.height);
   if (!options.depth.empty()) {
     write_png16(options.depth, {image.width, image.height, depth_mm(image)});
     std::printf("%s: depth along the ray in mm, 16 bit, 65535: 65.535 m and more\n",
                 options.depth.c_str());
+  }
+  if (!options.opacity.empty()) {
+    write_image(options.opacity, opacity_image(image));
+    std::printf("%s: opacity, 255: opaque\n", options.opacity.c_str());
+  }
+  if (!options.normals.empty()) {
+    write_image(options.normals, normals_image(image, rays));
+    std::printf("%s: normals, (1 + n) / 2: x right, y up, z to the camera\n",
+                options.normals.c_str());
   }
   return kExitOk;
 }
@@ -220,7 +237,13 @@ Action configure_render(CLI::App& command) {
             ->check(CLI::Range(-360.0, 360.0)),
         command.add_option("--depth", options->depth,
                            "16-bit PNG to write depth along the ray to, in mm; 65535: 65.535 m and "
-                           "more")})
+                           "more"),
+        command.add_option("--opacity", options->opacity,
+                           "PNG to write opacity to, as grey; white: opaque"),
+        command.add_option(
+            "--normals", options->normals,
+            "PNG to write surface normals to, from depth, as (1 + n) / 2: x right, y "
+            "up, z to the camera; black where nothing is seen")})
     option->excludes(poses);
   command
       .add_option("--exposure", options->exposure,

@@ -55,6 +55,7 @@ constexpr float kMinTransmittance = 1e-3f;  ///< blending ends below
 constexpr float kNearPlane_m = 0.2f;        ///< nearer means are not drawn
 constexpr float kSigmaSpread = 1.7320508f;  ///< k: exact for the third moments of a Gaussian
 constexpr float kMaxSpread = 0.3f;          ///< of a sigma point from the mean, of its distance
+constexpr float kMaxLogDistance = 0.5f;     ///< of a Gaussian at a pixel, from that of its mean
 constexpr float kMaxRangeError = 0.5f;      ///< errors of log(t / range) beyond count as this
 constexpr float kMinCompensation2 = 1e-4f;  ///< least det / filtered det
 
@@ -80,6 +81,9 @@ struct ProjectedGaussian {
   Real conic[3];     ///< inverse of the filtered covariance: xx, xy, yy
   Real variance[2];  ///< filtered, along x and y: pixels^2
   Real covariance;   ///< filtered, xy
+  /// Change of the logarithm of the distance per pixel: of the point of highest density on the
+  /// pixel's ray, which is the conditional mean of the Gaussian in (u, v, log distance).
+  Real slope[2];
   Real det, filtered_det;
   Real opacity;       ///< sigmoid of the logit
   Real transparency;  ///< 1 - opacity, without its rounding
@@ -178,6 +182,7 @@ REDRIVE_LANES void project_gaussian(const PlainCamera& camera, const GaussianPos
   const Real depth =
       M::stopped(camera.kind == PlainCamera::Kind::kPinhole ? out->point[2] : out->length);
   Real xx = M::constant(0), xy = M::constant(0), yy = M::constant(0);
+  Real with_distance[2] = {xx, xx};  // covariance of the pixel and the logarithm of the distance
   for (int j = 0; j < 3; ++j) {
     const Real column[3] = {q[0][j], q[1][j], q[2][j]};
     rotated_by<M>(pose.rotation, column, out->axis[j]);
@@ -198,6 +203,9 @@ REDRIVE_LANES void project_gaussian(const PlainCamera& camera, const GaussianPos
     xx = xx + out->d[j][0] * out->d[j][0];
     xy = xy + out->d[j][0] * out->d[j][1];
     yy = yy + out->d[j][1] * out->d[j][1];
+    const Real away =
+        out->scale[j] * (e[0] * p[0] + e[1] * p[1] + e[2] * p[2]) / (out->length * out->length);
+    for (int k = 0; k < 2; ++k) with_distance[k] = with_distance[k] + away * out->d[j][k];
   }
   // det(sum of d d^T) is the sum of the squared cross products (Cauchy-Binet): flat Gaussians seen
   // from their side lose no digits.
@@ -215,6 +223,8 @@ REDRIVE_LANES void project_gaussian(const PlainCamera& camera, const GaussianPos
   out->conic[0] = out->variance[1] * inverse;
   out->conic[1] = -xy * inverse;
   out->conic[2] = out->variance[0] * inverse;
+  out->slope[0] = out->conic[0] * with_distance[0] + out->conic[1] * with_distance[1];
+  out->slope[1] = out->conic[1] * with_distance[0] + out->conic[2] * with_distance[1];
   out->alpha = out->opacity * M::sqrt(M::max(out->det * inverse, M::constant(kMinCompensation2)));
   const Real inverse_length = one / out->length;
   for (int k = 0; k < 3; ++k)
@@ -226,8 +236,8 @@ REDRIVE_LANES void project_gaussian(const PlainCamera& camera, const GaussianPos
 }
 
 /// Writes the derivatives with respect to the rows 0..kDistanceRow-1 and, if `d_pose` is not null,
-/// to the pose. The spread's bound by the distance and the row of a rolling shutter count as
-/// constants.
+/// to the pose. The spread's bound by the distance, the slope and the row of a rolling shutter
+/// count as constants.
 template <class M>
 REDRIVE_LANES void project_gaussian_adjoint(const PlainCamera& camera, const GaussianPose<M>& pose,
                                             const typename M::Real* rows,

@@ -24,6 +24,7 @@ inline void check_rasterise_backward(const GaussianCamera& camera, const Gaussia
   check_rasterise(camera, gaussians, options);
   const std::size_t plane = image.size.plane();
   REDRIVE_CHECK_OP(gradient.d_rgb.size(), ==, 3 * plane);
+  REDRIVE_CHECK_OP(gradient.d_transmittance.size(), ==, plane);
   REDRIVE_CHECK_OP(gradient.error.size(), ==, plane);
   REDRIVE_CHECK_OP(gradient.d_range.size(), ==, options.log_range.empty() ? 0 : plane);
   REDRIVE_CHECK_OP(gradients, ==, gaussians.numbers.size());

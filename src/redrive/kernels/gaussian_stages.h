@@ -70,7 +70,8 @@ constexpr float kNoRange = -1e3f;
 
 /// Derivatives of the loss with respect to the pixels, and what is summed over them.
 struct RasterGradient {
-  std::span<const float> d_rgb;    ///< 3 planes
+  std::span<const float> d_rgb;            ///< 3 planes
+  std::span<const float> d_transmittance;  ///< plane
   std::span<const float> error;    ///< plane: blended into the row kDistanceRow of the gradients
   std::span<const float> d_range;  ///< plane: by range_error; empty without log_range
 };
@@ -105,6 +106,8 @@ struct PatchBrightness {
 };
 /// Least value of a saturated target, 0..1.
 constexpr float kSaturated = 0.97f;
+/// Least value of a clipped target: a brighter rendering agrees with it.
+constexpr float kClipped = 0.99f;
 constexpr int kPatchSide = 8;
 
 /// Means over the pixels that are not masked, and their channels.

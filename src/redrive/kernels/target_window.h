@@ -59,7 +59,10 @@ inline TargetSums convert_target_row(const ImageLossInput& input, int y, float* 
         squares += t * t;
         pixels += counts;
         bright += counts * t;
-        rendered += counts * input.gains[at + x] * input.rgb[at + x];
+        const float drawn = input.gains[at + x] * input.rgb[at + x];
+        rendered += counts * drawn;
+        // A clipped pixel was at least as bright.
+        if (from.alpha.empty() && t >= kClipped) target[at + x] = std::max(t, drawn);
       }
       PatchBrightness& patch = patches[first_x / kPatchSide];
       patch.pixels[c] += pixels;

@@ -13,8 +13,8 @@
 namespace redrive {
 namespace {
 
-enum SplatLossSlot { kL1Loss, kSsimLoss, kRangeLoss };  // in StepSums::terms
-constexpr float kGainsFrom = 0.05f;                     // progress
+enum SplatLossSlot { kL1Loss, kSsimLoss, kRangeLoss, kOpacityLoss };  // in StepSums::terms
+constexpr float kGainsFrom = 0.05f;                                   // progress
 
 /// A part of a view's image.
 struct Window {
@@ -39,7 +39,7 @@ struct SplatBuffers final : MethodBuffers {
   std::vector<Image8> half_images;                             ///< by view, made when first needed
   std::vector<std::optional<std::vector<RangePixel>>> ranges;  ///< likewise
   kernels::RasterImage image;
-  std::vector<float> gains, d_rgb, error, log_range, d_range;
+  std::vector<float> gains, d_rgb, d_transmittance, error, log_range, d_range;
   std::vector<std::uint8_t> tiles;
 };
 
@@ -172,22 +172,25 @@ std::vector<RangePixel> find_ranges(const TrainingSet& data, const View& view) {
   return all;
 }
 
-/// Returns the mean over the pixels that are not masked; the others' tiles are not drawn.
-double mean_opacity(const kernels::RasterImage& drawn, const Image8& image, const Window& window) {
+/// Returns the mean transmittance of the pixels that are not masked; the others' tiles are not
+/// drawn. Writes its derivatives times `weight`.
+double mean_transmittance(const kernels::RasterImage& drawn, const Image8& image,
+                          const Window& window, double pixels, float weight,
+                          std::vector<float>* derivatives) {
+  derivatives->assign(drawn.size.plane(), 0);
+  const float each = weight / static_cast<float>(std::max(pixels, 1.0));
   double sum = 0;
-  std::size_t n = 0;
   for (int y = 0; y < window.height; ++y) {
-    const float* const through =
-        drawn.transmittance.data() + static_cast<std::size_t>(y) * drawn.size.stride;
+    const std::size_t row = static_cast<std::size_t>(y) * drawn.size.stride;
     const std::size_t first =
         static_cast<std::size_t>(window.y + y) * image.width + static_cast<std::size_t>(window.x);
     for (int x = 0; x < window.width; ++x)
       if (image.used.empty() || image.used[first + x]) {
-        sum += static_cast<double>(through[x]);
-        ++n;
+        sum += static_cast<double>(drawn.transmittance[row + x]);
+        (*derivatives)[row + x] = each;
       }
   }
-  return n > 0 ? 1 - sum / static_cast<double>(n) : 1;
+  return sum / std::max(pixels, 1.0);
 }
 
 kernels::GaussianCamera camera_of(const PlainCamera& whole, const Window& window,
@@ -355,13 +358,16 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
   input.gains = own.gains;
   const kernels::ImageLossOutput loss = stages.image_loss(input, own.d_rgb, own.error);
 
+  const float opaque = data.scene.background == Background::kNone ? opacity_weight : 0.0f;
+  const double transmittance =
+      mean_transmittance(own.image, image, window, loss.pixels, opaque, &own.d_transmittance);
   GaussianPoseGradient<NumberMath<double>> d_pose;
   double range_loss = 0;
   for (std::size_t i = 0; returns > 0 && i < size.plane(); ++i)
     if (own.d_range[i] > 0) range_loss += double(own.d_range[i]) * double(own.image.range_error[i]);
   stages.rasterise_backward(
       camera, this->view(), options, own.image,
-      {own.d_rgb, own.error,
+      {own.d_rgb, own.d_transmittance, own.error,
        returns > 0 ? std::span<const float>(own.d_range) : std::span<const float>()},
       gradients.first(blocks_size()), request.pose_gradients ? &d_pose : nullptr);
   if (request.progress > double(kGainsFrom))
@@ -369,11 +375,12 @@ void SplatModel::step_window(kernels::Backend& backend, const TrainingSet& data,
                       static_cast<float>(std::pow(last_rate, std::min(request.progress, 1.0))),
                       gradients.subspan(blocks_size()));
 
-  sums->opacity += weight * mean_opacity(own.image, image, window);
+  sums->opacity += weight * (1 - transmittance);
   sums->rgb_mse += weight * loss.mse;
   sums->terms[kL1Loss] += weight * loss.l1;
   sums->terms[kSsimLoss] += weight * loss.dssim;
   sums->terms[kRangeLoss] += weight * range_loss;
+  sums->terms[kOpacityLoss] += weight * double(opaque) * transmittance;
   out->pixels += static_cast<int>(loss.pixels);
   out->epoch_pixels = out->pixels;
   out->colour_variance += weight * loss.colour_variance;

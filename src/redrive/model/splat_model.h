@@ -25,11 +25,12 @@ struct SplatModel final : Model {
   float position_rate = 0.008f, scale_rate = 0.4f, rotation_rate = 0.16f, colour_rate = 0.3f,
         harmonics_rate = 0.01f;
   float l1_weight = 0.8f, ssim_weight = 0.2f;
-  float range_weight = 0.1f;                       ///< of LiDAR returns
-  int lidar_rays = 1;                              ///< 0: LiDAR is not used
-  float min_scale = 2e-4f, max_scale = 1;          ///< of the two larger axes, of the distance
-  float min_opacity = 0.01f;                       ///< of Gaussians that are kept
-  int densify_every = 100;                         ///< steps
+  float range_weight = 0.1f;               ///< of LiDAR returns
+  float opacity_weight = 0.02f;            ///< of transmittance, unless a background is given
+  int lidar_rays = 1;                      ///< 0: LiDAR is not used
+  float min_scale = 2e-4f, max_scale = 1;  ///< of the two larger axes, of the distance
+  float min_opacity = 0.01f;               ///< of Gaussians that are kept
+  int densify_every = 100;                 ///< steps
   float grown_by = 0.6f, densified_until = 0.85f;  ///< progress
   int warm_up_steps = 50;
   float beta2 = 0.99f, epsilon = 1e-15f;  ///< of Adam

@@ -83,6 +83,8 @@ void SplatModel::visit_hyperparameters(HyperparameterVisitor& visit) {
   visit({"ssim_weight", "of (1 - SSIM) / 2", 0, 100}, ssim_weight);
   visit({"range_weight", "of the error of the logarithm of LiDAR returns' distances", 0, 1000},
         range_weight);
+  visit({"opacity_weight", "of the mean transmittance, unless a background is given", 0, 100},
+        opacity_weight);
   visit(Hyperparameter{"lidar_rays", "0: LiDAR is not used", 0, 65536}.as_option("lidar-rays"),
         lidar_rays);
   visit(Hyperparameter{"min_scale", "of the two larger axes, of the distance", 0, 1}.exclusive(),
@@ -183,7 +185,10 @@ std::vector<ModelTensor> SplatModel::tensors() const {
 }
 
 std::vector<LossTerm> SplatModel::loss_terms(const StepSums& sums) const {
-  return {{"l1", sums.terms[0]}, {"dssim", sums.terms[1]}, {"lidar", sums.terms[2]}};
+  return {{"l1", sums.terms[0]},
+          {"dssim", sums.terms[1]},
+          {"lidar", sums.terms[2]},
+          {"opacity", sums.terms[3]}};
 }
 
 double SplatModel::learning_rate(const Schedule& at) const {

@@ -189,6 +189,7 @@ TEST(SplatModel, FindsAKnownSceneAgainInAllCameras) {
   const auto backend = fast_backend();
   Training training;
   training.steps = 300;
+  training.model.opacity_weight = 0;  // the background is seen between the Gaussians
   training.begin(disturbed(known_gaussians(120), 0.06f));
   const double before = known.psnr_db(*backend, training.model);
   training.run(*backend, known.data());
@@ -448,6 +449,40 @@ TEST(SplatModel, TransparentPixelsMatchAnyBackground) {
         training.gradients(*backend, known.data(), request);
         EXPECT_EQ(training.loss() > 1e-3, random) << "opaque white is not background";
       }
+}
+
+// Grey images over a grey background do not tell how opaque the Gaussians are.
+TEST(SplatModel, GaussiansBecomeOpaqueWhereTheBackgroundHasTheirColour) {
+  const auto opacity = [](float weight) {
+    KnownScene known(8);
+    for (Image8& image : known.images) std::ranges::fill(image.rgb, 128);
+    GaussianList list;  // a wall that fills the images, seen through
+    const GaussianList like = known_gaussians(1);
+    for (int y = -20; y <= 20; ++y)
+      for (int x = -20; x <= 20; ++x) {
+        const std::size_t first = list.rows.size();
+        list.rows.insert(list.rows.end(), like.rows.begin(), like.rows.end());
+        float* const rows = &list.rows[first];
+        rows[kPositionRow] = 0.8f * static_cast<float>(x);
+        rows[kPositionRow + 1] = 0.8f * static_cast<float>(y);
+        rows[kPositionRow + 2] = 8;
+        std::fill_n(rows + kLogScaleRow, 3, std::log(0.6f));
+        std::fill_n(rows + kColourRow, kGaussianRows - kColourRow, 0.0f);
+        std::fill_n(rows + kColourRow, 3, 128 / 255.0f);
+        rows[kOpacityRow] = -2;
+        rows[kDistanceRow] = 8;
+      }
+    const auto backend = fast_backend();
+    Training training;
+    training.model.opacity_weight = weight;
+    training.steps = 200;
+    training.begin(list);
+    training.run(*backend, known.data());
+    return training.buffers.workspace.sums().opacity;
+  };
+  const double without = opacity(0), with = opacity(0.05f);
+  EXPECT_LT(without, 0.8);
+  EXPECT_GT(with, 0.95);
 }
 
 TEST(SplatModel, PoseGradientsAreThoseOfTheLoss) {

@@ -16,11 +16,23 @@ RenderedImage render_image(kernels::Backend& backend, const Model& model, const 
   return model.render(backend, table, world_from_camera, exposure);
 }
 
+namespace {
+
+std::uint8_t to_byte(float x) {
+  return static_cast<std::uint8_t>(std::lround(255.0f * std::clamp(x, 0.0f, 1.0f)));
+}
+
+}  // namespace
+
 Image8 to_image8(const RenderedImage& image) {
   Image8 out{image.width, image.height, std::vector<std::uint8_t>(image.rgb.size())};
-  std::transform(image.rgb.begin(), image.rgb.end(), out.rgb.begin(), [](float x) {
-    return static_cast<std::uint8_t>(std::lround(255.0f * std::clamp(x, 0.0f, 1.0f)));
-  });
+  std::ranges::transform(image.rgb, out.rgb.begin(), to_byte);
+  return out;
+}
+
+Image8 opacity_image(const RenderedImage& image) {
+  Image8 out{image.width, image.height, std::vector<std::uint8_t>(3 * image.opacity.size())};
+  for (std::size_t i = 0; i < out.rgb.size(); ++i) out.rgb[i] = to_byte(image.opacity[i / 3]);
   return out;
 }
 

@@ -18,6 +18,7 @@ RenderedImage render_image(kernels::Backend& backend, const Model& model, const 
                            const ShutterPoses& world_from_camera, const Exposure& exposure = {});
 
 Image8 to_image8(const RenderedImage& image);                     ///< round(255 x), clamped
+Image8 opacity_image(const RenderedImage& image);                 ///< grey, likewise
 std::vector<std::uint16_t> depth_mm(const RenderedImage& image);  ///< 65535: 65.535 m and more
 
 }  // namespace redrive

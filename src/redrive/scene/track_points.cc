@@ -14,7 +14,7 @@
 namespace redrive {
 namespace {
 
-constexpr int kLength = 7;           // images of a track
+constexpr int kLength = 14;          // images of a track
 constexpr int kMinObservations = 4;  // three would not show an outlier along the epipolar line
 constexpr int kStartEvery = 2;       // images; more where there are more than kMaxStarts
 constexpr int kMaxStarts = 400;      // about 10 s on two cores

@@ -20,7 +20,16 @@ struct Splat2d {
   T mean[2], conic[3], alpha;
   std::array<T, 3> rgb;
   T distance;
+  double slope[2] = {0, 0};  ///< change of log distance per pixel; counts as constant
 };
+
+/// Logarithm of the distance of a Gaussian on a pixel's ray, less that of its mean.
+template <class T>
+double log_distance_at(const Splat2d<T>& splat, double x, double y) {
+  const double off = splat.slope[0] * (x - value_of(splat.mean[0])) +
+                     splat.slope[1] * (y - value_of(splat.mean[1]));
+  return std::fmin(std::fmax(off, -double(kMaxLogDistance)), double(kMaxLogDistance));
+}
 
 /// Alpha of a Gaussian at a pixel before its bounds.
 template <class T>
@@ -31,8 +40,8 @@ T falloff_at(const Splat2d<T>& splat, double x, double y) {
                                       splat.conic[2] * dy * dy));
 }
 
-/// depth: distance of the Gaussian at which the transmittance falls to 1/2, or of the last one: the
-/// median, which does not depend on what lies far behind.
+/// depth: distance on the ray of the Gaussian at which the transmittance falls to 1/2, or of the
+/// last one: the median, which does not depend on what lies far behind.
 template <class T>
 struct BlendedPixel {
   std::array<T, 3> rgb{T(0), T(0), T(0)};
@@ -43,7 +52,7 @@ struct BlendedPixel {
 template <class T>
 BlendedPixel<T> blend_gaussians(const std::vector<Splat2d<T>>& splats, double x, double y,
                                 const float* background, double log_range) {
-  using std::abs, std::log;
+  using std::abs, std::exp, std::log;
   BlendedPixel<T> out;
   for (const Splat2d<T>& splat : splats) {
     const T alpha = falloff_at(splat, x, y);
@@ -51,8 +60,9 @@ BlendedPixel<T> blend_gaussians(const std::vector<Splat2d<T>>& splats, double x,
     const T w =
         out.transmittance * (value_of(alpha) < double(kMaxAlpha) ? alpha : T(double(kMaxAlpha)));
     for (int c = 0; c < 3; ++c) out.rgb[c] = out.rgb[c] + w * splat.rgb[c];
-    if (value_of(out.transmittance) > 0.5) out.depth = splat.distance;
-    const T off = abs(log(splat.distance) - T(log_range));
+    const T log_distance = log(splat.distance) + T(log_distance_at(splat, x, y));
+    if (value_of(out.transmittance) > 0.5) out.depth = exp(log_distance);
+    const T off = abs(log_distance - T(log_range));
     out.range_error =
         out.range_error +
         w * (value_of(off) < double(kMaxRangeError) ? off : T(double(kMaxRangeError)));
@@ -60,6 +70,8 @@ BlendedPixel<T> blend_gaussians(const std::vector<Splat2d<T>>& splats, double x,
   }
   for (int c = 0; c < 3; ++c)
     out.rgb[c] = out.rgb[c] + out.transmittance * T(double(background[c]));
+  // The background is infinitely far.
+  out.range_error = out.range_error + out.transmittance * T(double(kMaxRangeError));
   return out;
 }
 
@@ -69,13 +81,23 @@ struct Splat2dGradient {
          error = 0;  ///< error: sum of w times the pixel's error
 };
 
-/// Adds the derivatives of d_rgb . rgb + d_range range_error of a pixel to `gradients`, by splat.
+/// Derivatives of a loss by what a pixel shows. A transmittance below kMinTransmittance counts as
+/// 0.
+struct BlendedPixelGradient {
+  const double* rgb;  ///< [3]
+  double range_error, transmittance;
+};
+
+/// Adds the derivatives of the loss to `gradients`, by splat. error: the pixel's.
 inline void blend_gaussians_adjoint(const std::vector<Splat2d<double>>& splats, double x, double y,
-                                    const float* background, double log_range, const double* d_rgb,
-                                    double d_range, double error,
+                                    const float* background, double log_range,
+                                    const BlendedPixelGradient& d_pixel, double error,
                                     std::vector<Splat2dGradient>* gradients) {
   const BlendedPixel<double> all = blend_gaussians(splats, x, y, background, log_range);
+  const double *const d_rgb = d_pixel.rgb, d_range = d_pixel.range_error;
   double t = 1, behind = d_range * all.range_error;
+  if (all.transmittance > double(kMinTransmittance))
+    behind += d_pixel.transmittance * all.transmittance;
   for (int c = 0; c < 3; ++c) behind += d_rgb[c] * all.rgb[c];
   for (std::size_t i = 0; i < splats.size(); ++i) {
     const Splat2d<double>& splat = splats[i];
@@ -83,7 +105,7 @@ inline void blend_gaussians_adjoint(const std::vector<Splat2d<double>>& splats, 
     const double full = falloff_at(splat, x, y);
     if (!(full > double(kMinAlpha))) continue;
     const double alpha = std::fmin(full, double(kMaxAlpha)), w = t * alpha,
-                 off = std::log(splat.distance) - log_range;
+                 off = std::log(splat.distance) + log_distance_at(splat, x, y) - log_range;
     double d_w = d_range * std::fmin(std::fabs(off), double(kMaxRangeError));
     for (int c = 0; c < 3; ++c) {
       d_w += d_rgb[c] * splat.rgb[c];

@@ -45,11 +45,13 @@ TEST(BlendGaussiansTest, AdjointAgreesWithAutomaticDifferentiation) {
     jets[i].distance = jet(all[i].distance);
   }
   const BlendedPixel<Jet> pixel = blend_gaussians(jets, kX, kY, kBackground, kLogRange);
-  Jet loss = kRangeWeight * pixel.range_error;
+  constexpr double kTransmittanceWeight = 0.7;
+  Jet loss = kRangeWeight * pixel.range_error + kTransmittanceWeight * pixel.transmittance;
   for (int c = 0; c < 3; ++c) loss += kRgbWeights[c] * pixel.rgb[c];
 
   std::vector<Splat2dGradient> d(kSplats);
-  blend_gaussians_adjoint(all, kX, kY, kBackground, kLogRange, kRgbWeights, kRangeWeight, 0.5, &d);
+  blend_gaussians_adjoint(all, kX, kY, kBackground, kLogRange,
+                          {kRgbWeights, kRangeWeight, kTransmittanceWeight}, 0.5, &d);
   for (int i = 0; i < kSplats; ++i) {
     const double found[kNumbers] = {d[i].mean[0],  d[i].mean[1],  d[i].conic[0],
                                     d[i].conic[1], d[i].conic[2], d[i].log_alpha / all[i].alpha,

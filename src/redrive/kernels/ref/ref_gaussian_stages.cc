@@ -82,7 +82,8 @@ class RefGaussianStages final : public GaussianStages {
                             {d.at.conic[0], d.at.conic[1], d.at.conic[2]},
                             d.at.alpha,
                             {},
-                            d.at.length};
+                            d.at.length,
+                            {d.at.slope[0], d.at.slope[1]}};
       for (int c = 0; c < 3; ++c) splat.rgb[c] = std::max(d.at.colour[c], 0.0);
       w.splats.push_back(splat);
     }
@@ -115,8 +116,9 @@ class RefGaussianStages final : public GaussianStages {
       double d_rgb[3];
       for (int c = 0; c < 3; ++c) d_rgb[c] = static_cast<double>(gradient.d_rgb[c * plane + i]);
       blend_gaussians_adjoint(
-          w.splats, x, y, options.background, log_range(options, i), d_rgb,
-          gradient.d_range.empty() ? 0 : static_cast<double>(gradient.d_range[i]),
+          w.splats, x, y, options.background, log_range(options, i),
+          {d_rgb, gradient.d_range.empty() ? 0 : static_cast<double>(gradient.d_range[i]),
+           static_cast<double>(gradient.d_transmittance[i])},
           static_cast<double>(gradient.error[i]), &sums);
     });
     if (d_pose) *d_pose = {};

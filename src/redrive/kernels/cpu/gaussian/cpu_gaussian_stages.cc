@@ -105,9 +105,11 @@ class CpuGaussianStages final : public GaussianStages {
     float* const sums = grown(&w.sums, w.first.back() * std::size_t{kRecordFloats});
     for_tiles(image.size, options, w, [&](TileJob* job) {
       job->rgb = const_cast<float*>(image.rgb.data());  // only read
+      job->transmittance = const_cast<float*>(image.transmittance.data());
       job->range_error = const_cast<float*>(image.range_error.data());
       job->d_rgb = gradient.d_rgb.data();
       job->error = gradient.error.data();
+      job->d_transmittance = gradient.d_transmittance.data();
       job->d_range = gradient.d_range.data();
       job->sums = sums;
       kernels_.tile_backward(*job);

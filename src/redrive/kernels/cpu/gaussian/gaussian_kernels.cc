@@ -90,7 +90,7 @@ std::size_t project(const ProjectionJob& job, std::size_t begin, std::size_t end
       if (bits == 0) continue;
       in_block |= bits << (vector * kLanes);
       const Vf half = splat(-kHalfLog2E);
-      alignas(64) float fields[13][kLanes];
+      alignas(64) float fields[13][kLanes], slope_y[kLanes], distance[kLanes];
       store(fields[0], at.mean[0]);
       store(fields[1], at.mean[1]);
       store(fields[2], half * at.conic[0]);
@@ -98,17 +98,20 @@ std::size_t project(const ProjectionJob& job, std::size_t begin, std::size_t end
       store(fields[4], half * at.conic[2]);
       store(fields[5], log2_alpha);
       for (int k = 0; k < 3; ++k) store(fields[6 + k], maximum(at.colour[k], Vf{}));
-      store(fields[9], at.length);
+      store(fields[9], at.slope[0]);
       store(fields[10], logarithm_of_two(at.length) * splat(0.69314718f));
       store(fields[11], radius_x);
       store(fields[12], radius_y);
+      store(slope_y, at.slope[1]);
+      store(distance, at.length);
       for (unsigned left = bits; left != 0; left &= left - 1) {
         const int lane = __builtin_ctz(left);
         const std::size_t id = block * kGaussianBlock + vector * kLanes + lane;
         float* const record = reinterpret_cast<float*>(&records[id]);
         for (int k = 0; k < 13; ++k) record[k] = fields[k][lane];
         std::uint32_t key;
-        std::memcpy(&key, &fields[9][lane], sizeof key);
+        records[id].slope_y = slope_y[lane];
+        std::memcpy(&key, &distance[lane], sizeof key);
         keys[drawn++] = std::uint64_t{key} << 32 | id;
       }
     }

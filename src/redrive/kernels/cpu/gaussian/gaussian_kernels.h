@@ -16,11 +16,11 @@ struct alignas(64) RasterRecord {
   float xx, xy, yy;  ///< log2 of the falloff at (dx, dy): xx dx^2 + xy dx dy + yy dy^2
   float log2_alpha;  ///< at the mean
   float rgb[3];
-  float distance;  ///< of the mean from the camera, metres
-  float log_distance;
-  float radius[2];  ///< half sides of the rectangle beyond which alpha is below kMinAlpha
+  float slope_x;       ///< change of the logarithm of the distance per pixel
+  float log_distance;  ///< of the mean from the camera, log metres
+  float radius[2];     ///< half sides of the rectangle beyond which alpha is below kMinAlpha
   std::uint32_t first_pair, pairs;  ///< its tiles' pairs, in the order of their making
-  float unused;
+  float slope_y;
 };
 static_assert(sizeof(RasterRecord) == 64);
 constexpr int kRecordFloats = 16;
@@ -59,7 +59,7 @@ struct TileJob {
   float* range_error = nullptr;
   float background[3] = {0, 0, 0};
   // Backward pass:
-  const float *d_rgb = nullptr, *error = nullptr, *d_range = nullptr;
+  const float *d_rgb = nullptr, *d_transmittance = nullptr, *error = nullptr, *d_range = nullptr;
   float* sums = nullptr;  ///< [all pairs, kRecordFloats]: PairSum, by TilePair::slot
   // Scratch of tile_scratch(n) floats, 64-byte aligned:
   float* scratch = nullptr;

@@ -10,6 +10,7 @@ namespace redrive::kernels::REDRIVE_ISA {
 namespace {
 
 constexpr int kBlocksAcross = kTilePixels / kBlockColumns;
+constexpr float kNothing = -80;  ///< log distance where nothing is
 
 REDRIVE_INLINE int clamped(int x, int low, int high) { return x < low ? low : x > high ? high : x; }
 
@@ -83,9 +84,10 @@ REDRIVE_INLINE Falloff falloff(const float* record, Vf x, Vf y) {
   f.log2_alpha = along * f.dx + (splat(record[4]) * f.dy * f.dy + splat(record[5]));
   return f;
 }
-REDRIVE_INLINE Vf range_error(const float* record, Vf log_range) {
-  const Vf off = magnitude_of(splat(record[10]) - log_range), most = splat(kMaxRangeError);
-  return minimum(off, most);
+/// Logarithm of the distance at a block's pixels.
+REDRIVE_INLINE Vf log_distance(const float* record, const Falloff& f) {
+  const Vf off = splat(record[9]) * f.dx + splat(record[15]) * f.dy, most = splat(kMaxLogDistance);
+  return splat(record[10]) + minimum(maximum(off, -most), most);
 }
 
 template <bool kDepth, bool kRange>
@@ -101,7 +103,7 @@ REDRIVE_INLINE void forward(const TileJob& job) {
     const std::size_t at = static_cast<std::size_t>(y) * job.stride + static_cast<std::size_t>(x);
     const Vf px = pixels.x + splat(static_cast<float>(x)),
              py = pixels.y + splat(static_cast<float>(y));
-    Vf t = splat(1.0f), rgb[3] = {}, depth{}, error{}, log_range{};
+    Vf t = splat(1.0f), rgb[3] = {}, median = splat(kNothing), error{}, log_range{};
     if constexpr (kRange) log_range = load_block(job.log_range + at, job.stride);
     const std::uint32_t *const list = tile.lists[b], n = tile.counts[b];
     for (std::uint32_t i = 0; i < n; ++i) {
@@ -110,16 +112,23 @@ REDRIVE_INLINE void forward(const TileJob& job) {
       const Vf alpha = minimum(power_of_two(maximum(f.log2_alpha, splat(-20.0f))), most);
       const Vf w = kept(greater(f.log2_alpha, least), alpha * t);
       for (int k = 0; k < 3; ++k) rgb[k] += w * splat(record[6 + k]);
-      if constexpr (kDepth) depth = (w > Vf{}) & (t > splat(0.5f)) ? splat(record[9]) : depth;
-      if constexpr (kRange) error += w * range_error(record, log_range);
+      if constexpr (kDepth || kRange) {
+        const Vf here = log_distance(record, f);
+        if constexpr (kDepth) median = (w > Vf{}) & (t > splat(0.5f)) ? here : median;
+        if constexpr (kRange)
+          error += w * minimum(magnitude_of(here - log_range), splat(kMaxRangeError));
+      }
       t -= w;
       if ((i & 3) == 3 && !any(greater(t, opaque))) break;
     }
     for (int k = 0; k < 3; ++k)
       store_block(job.rgb + k * job.plane + at, job.stride, rgb[k] + t * splat(job.background[k]));
     store_block(job.transmittance + at, job.stride, t);
-    if constexpr (kDepth) store_block(job.depth + at, job.stride, depth);
-    if constexpr (kRange) store_block(job.range_error + at, job.stride, error);
+    if constexpr (kDepth)
+      store_block(job.depth + at, job.stride,
+                  median > splat(kNothing) ? power_of_two(median * splat(1.44269504f)) : Vf{});
+    if constexpr (kRange)
+      store_block(job.range_error + at, job.stride, error + t * splat(kMaxRangeError));
   }
 }
 
@@ -140,7 +149,10 @@ REDRIVE_INLINE void backward(const TileJob& job) {
     const std::size_t at = static_cast<std::size_t>(y) * job.stride + static_cast<std::size_t>(x);
     const Vf px = pixels.x + splat(static_cast<float>(x)),
              py = pixels.y + splat(static_cast<float>(y));
-    Vf t = one, d_rgb[3], behind{}, log_range{}, d_range{};
+    const Vf through = load_block(job.transmittance + at, job.stride);
+    Vf t = one, d_rgb[3], log_range{}, d_range{},
+       behind = kept(greater(through, opaque),
+                     through * load_block(job.d_transmittance + at, job.stride));
     for (int k = 0; k < 3; ++k) {
       d_rgb[k] = load_block(job.d_rgb + k * job.plane + at, job.stride);
       behind += d_rgb[k] * load_block(job.rgb + k * job.plane + at, job.stride);
@@ -162,7 +174,7 @@ REDRIVE_INLINE void backward(const TileJob& job) {
             d_rgb[0] * splat(record[6]) + d_rgb[1] * splat(record[7]) + d_rgb[2] * splat(record[8]);
         Vf sum[kSumLogDistance + 1];
         if constexpr (kRange) {
-          const Vf off = splat(record[10]) - log_range, size = magnitude_of(off);
+          const Vf off = log_distance(record, f) - log_range, size = magnitude_of(off);
           d_w += d_range * minimum(size, splat(kMaxRangeError));
           const Vf slope = kept(greater(splat(kMaxRangeError), size), w * d_range);
           sum[kSumLogDistance] = off < Vf{} ? -slope : slope;

@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: Apache-2.0
+// Surface normals of a rendered image, from its depth: any method has depth.
+#pragma once
+
+#include <vector>
+
+#include "redrive/model/rendered_image.h"
+#include "redrive/rays/ray_table.h"
+
+namespace redrive {
+
+/// Returns the unit normal of the surface at each pixel, [height, width, 3] in camera axes (x
+/// right, y down, z forward), turned to the camera; 0 where opacity is below 0.5 or the pixels
+/// around it tell no plane. The plane is the best fit to the pixels of a window of 7 x 7 whose
+/// distance is within 5 % of the pixel's, so that an edge does not bend it.
+std::vector<float> surface_normals(const RenderedImage& image, const RayTable& table);
+
+/// Colours of normals as is usual: (1 + n) / 2 with x right, y up and z to the camera; 0 is black.
+Image8 normals_image(const RenderedImage& image, const RayTable& table);
+
+}  // namespace redrive
