@@ -58,6 +58,19 @@ TEST_F(EndToEnd, OrderOfFlagsDoesNotMatter) {
   EXPECT_EQ(config.at("width"), 32);
 }
 
+TEST_F(EndToEnd, EvalScoresACameraThatWasNotTrainedOn) {
+  const std::string run = trained("front", 5, {"--cameras", kTinyFront}).string();
+  const ProgramResult ended = redrive({"eval", run, "--cameras", kTinyRear});
+  ASSERT_EQ(ended.exit_code, kExitOk) << ended.err;
+  EXPECT_THAT(ended.out, HasSubstr("camera not trained on"));
+  EXPECT_THAT(ended.out, HasSubstr(std::string(kTinyRear) + ": after gains of"));
+  const ProgramResult json = redrive({"eval", run, "--cameras", kTinyRear, "--all", "--json"});
+  EXPECT_EQ(nlohmann::json::parse(json.out)["other_cameras"][kTinyRear]["images"], 4);
+  const ProgramResult refused = redrive({"eval", run, "--cameras", kTinyFront});
+  EXPECT_EQ(refused.exit_code, kExitUsage);
+  EXPECT_THAT(refused.err, HasSubstr("was trained on"));
+}
+
 TEST_F(EndToEnd, EvalScoresALongerRunHigher) {
   const auto scores = [&](const fs::path& run) {
     const ProgramResult ended = redrive({"eval", run.string(), "--json"});

@@ -2,8 +2,10 @@
 // redrive eval: prints PSNR, SSIM, FLIP and depth error of a run.
 #include <cmath>
 #include <cstdio>
+#include <map>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include <nlohmann/json.hpp>
 
@@ -12,6 +14,7 @@
 #include "redrive/cli/command.h"
 #include "redrive/cli/image_progress.h"
 #include "redrive/eval/evaluate.h"
+#include "redrive/eval/other_cameras.h"
 #include "redrive/train/memory.h"
 
 namespace redrive {
@@ -20,6 +23,7 @@ namespace {
 struct EvalCommandOptions {
   std::string run;
   bool json = false;
+  std::vector<std::string> cameras;  ///< that were not trained on
   EvalOptions eval;
   kernels::BackendChoice backend;
 };
@@ -59,12 +63,34 @@ void print_evaluation(const Evaluation& evaluation) {
   for (const auto& [name, score] : evaluation.novel) print_row(name, score);
 }
 
+void print_other_cameras(const std::map<std::string, OtherCameraScore>& scores) {
+  std::printf("%-28s %6s %8s %8s %8s %10s\n", "camera not trained on", "images", "PSNR dB", "SSIM",
+              "FLIP", "px masked");
+  for (const auto& [name, other] : scores) print_row(name, other.score);
+  for (const auto& [name, other] : scores) {
+    std::printf("%s: after gains of %.3f %.3f %.3f (red, green, blue)", name.c_str(),
+                other.gains[0], other.gains[1], other.gains[2]);
+    if (const auto& aligned = other.view_alignment)
+      std::printf("; poses refined against the trained model: %.1f cm, %.3f deg RMS",
+                  100 * aligned->translation_m, aligned->rotation_deg);
+    std::printf("\n");
+  }
+}
+
 int run_eval(EvalCommandOptions options) {
   const Run run = open_run(options.run);
   const auto backend = make_backend_of(run, options.backend);
   if (!options.json) std::printf("%s\n", kernels::describe(*backend).c_str());
-  check_device_memory(run, *backend, work_of_evaluation(run));
+  check_device_memory(run, *backend, work_of_evaluation(run, !options.cameras.empty()));
   options.eval.progress = image_progress();
+  if (!options.cameras.empty()) {
+    const auto scores = score_other_cameras(run, *backend, options.cameras, options.eval);
+    if (options.json)
+      std::printf("%s\n", other_cameras_to_json(scores).dump(2).c_str());
+    else
+      print_other_cameras(scores);
+    return kExitOk;
+  }
   const Evaluation evaluation = evaluate(run, *backend, options.eval);
   if (options.json)
     std::printf("%s\n", evaluation_to_json(evaluation).dump(2).c_str());
@@ -79,6 +105,11 @@ Action configure_eval(CLI::App& command) {
   auto options = std::make_shared<EvalCommandOptions>();
   command.add_option("RUN", options->run, "run folder, as train makes it")->required();
   command.add_flag("--json", options->json, "JSON on standard output instead of the table");
+  command
+      .add_option("--cameras", options->cameras,
+                  "cameras of the recording that were not trained on, to score instead: each image "
+                  "after gains for red, green and blue that fit the camera's images best")
+      ->delimiter(',');
   auto* limit = command
                     .add_option("--max-images", options->eval.max_images,
                                 "number of images to score per camera and per novel set, "

@@ -8,44 +8,13 @@
 #include <nlohmann/json.hpp>
 
 #include "redrive/base/error.h"
+#include "redrive/eval/score_mean.h"
 #include "redrive/math/angles.h"
 #include "redrive/scene/load_views.h"
 #include "redrive/train/training_data.h"
 
 namespace redrive {
 namespace {
-
-/// Means over images of each metric, without the images where it is undefined.
-class ScoreMean {
- public:
-  void add(const Score& score) {
-    psnr_db_.add(score.psnr_db);
-    ssim_.add(score.ssim);
-    flip_.add(score.flip);
-    depth_error_.add(score.depth_error);
-    ++images_;
-    left_out_ += score.left_out;
-  }
-  Score mean() const {
-    if (images_ == 0) return {};
-    return {psnr_db_.mean(), ssim_.mean(), flip_.mean(), depth_error_.mean(), images_, left_out_};
-  }
-
- private:
-  struct Mean {
-    double sum = 0;
-    int count = 0;
-    void add(double value) {
-      if (!std::isnan(value)) sum += value, ++count;
-    }
-    double mean() const {
-      return count > 0 ? sum / count : std::numeric_limits<double>::quiet_NaN();
-    }
-  };
-  Mean psnr_db_, ssim_, flip_, depth_error_;
-  int images_ = 0;
-  std::int64_t left_out_ = 0;
-};
 
 /// Returns the median of |depth - ground truth| / ground truth where the mask is set and the ground
 /// truth known; NaN without such pixels.
@@ -78,12 +47,6 @@ std::vector<std::vector<std::size_t>> views_to_score(const Scene& scene, bool he
   return by_camera;
 }
 
-nlohmann::json score_to_json(const Score& score) {
-  return {{"psnr_db", score.psnr_db}, {"ssim", score.ssim},
-          {"flip", score.flip},       {"depth_error", score.depth_error},
-          {"images", score.images},   {"left_out_pixels", score.left_out}};
-}
-
 nlohmann::json changes_to_json(const PoseChanges& changes) {
   const auto three = [](const Eigen::Vector3d& v) { return nlohmann::json{v.x(), v.y(), v.z()}; };
   nlohmann::json cameras = nlohmann::json::object();
@@ -100,6 +63,18 @@ nlohmann::json changes_to_json(const PoseChanges& changes) {
 }
 
 }  // namespace
+
+nlohmann::json score_to_json(const Score& score) {
+  return {{"psnr_db", score.psnr_db}, {"ssim", score.ssim},
+          {"flip", score.flip},       {"depth_error", score.depth_error},
+          {"images", score.images},   {"left_out_pixels", score.left_out}};
+}
+
+nlohmann::json view_alignment_to_json(const ViewAlignment& alignment) {
+  return {{"moved_m", alignment.translation_m},
+          {"turned_deg", alignment.rotation_deg},
+          {"views", alignment.views}};
+}
 
 std::vector<std::size_t> evenly_spaced(std::size_t size, std::size_t limit) {
   const std::size_t count = limit == 0 ? size : std::min(limit, size);
@@ -126,16 +101,17 @@ Score score_image(kernels::Backend& backend, const RenderedImage& rendered,
           median_depth_error(rendered, mask, depth_m), 1,          left_out};
 }
 
-DeviceWork work_of_evaluation(const Run& run) {
+DeviceWork work_of_evaluation(const Run& run, bool other_cameras) {
   DeviceWork work = run.state.model->rendering_work();
-  // Assumes that novel views are no larger.
+  // Assumes that novel views and other cameras are no larger.
   const auto pixels = [](const RigCamera& rig) {
     return std::int64_t{rig.camera.width} * rig.camera.height;
   };
   const Camera& largest = std::ranges::max_element(run.scene.rig, {}, pixels)->camera;
   work.scored_width = largest.width;
   work.scored_height = largest.height;
-  if (run.state.poses.refines() && std::ranges::any_of(run.scene.views, &View::held_out)) {
+  if (run.state.poses.refines() &&
+      (other_cameras || std::ranges::any_of(run.scene.views, &View::held_out))) {
     work.step_pixels = kMaxAlignedRays;
     work.pose_gradients = true;
   }
@@ -219,9 +195,7 @@ nlohmann::json evaluation_to_json(const Evaluation& evaluation) {
                          {"pose_changes", nullptr}};
   if (evaluation.pose_changes) json["pose_changes"] = changes_to_json(*evaluation.pose_changes);
   if (const auto& aligned = evaluation.view_alignment)
-    json["view_alignment"] = {{"moved_m", aligned->translation_m},
-                              {"turned_deg", aligned->rotation_deg},
-                              {"views", aligned->views}};
+    json["view_alignment"] = view_alignment_to_json(*aligned);
   if (const auto& alignment = evaluation.alignment)
     json["alignment"] = {{"moved_m", alignment->translation_m},
                          {"turned_deg", alignment->rotation_deg},

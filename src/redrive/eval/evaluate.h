@@ -71,8 +71,8 @@ std::vector<std::size_t> evenly_spaced(std::size_t size, std::size_t limit);
 /// Renders and scores the run. Throws InputError as load_view.
 Evaluation evaluate(const Run& run, kernels::Backend& backend, const EvalOptions& options = {});
 
-/// Returns the largest device work of an evaluation of the run's model.
-DeviceWork work_of_evaluation(const Run& run);
+/// Returns the largest device work of an evaluation of the run's model, or of score_other_cameras.
+DeviceWork work_of_evaluation(const Run& run, bool other_cameras = false);
 
 /// Returns {"overall": SCORE, "cameras": {CAM: SCORE}, "novel": {NAME: SCORE}, "held_out": bool,
 /// "alignment": {"moved_m", "turned_deg", "rest_m", "rest_deg", "frames"} or null,

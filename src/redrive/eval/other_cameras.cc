@@ -1,0 +1,167 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/eval/other_cameras.h"
+
+#include <algorithm>
+#include <limits>
+
+#include <nlohmann/json.hpp>
+
+#include "redrive/base/error.h"
+#include "redrive/base/parallel.h"
+#include "redrive/eval/score_mean.h"
+#include "redrive/scene/load_views.h"
+#include "redrive/train/training_data.h"
+
+namespace redrive {
+namespace {
+
+/// The run's scene with the camera in place of the nearest one, and its views alone.
+struct OtherScene {
+  Scene scene;
+  int camera = 0;  ///< in the scene's rig
+};
+
+/// Index of the camera of the run that is nearest to a position in the body.
+int nearest_camera(const Scene& scene, const Eigen::Vector3d& in_body) {
+  const auto distance = [&](const RigCamera& camera) {
+    return (camera.body_from_sensor.translation() - in_body).norm();
+  };
+  return static_cast<int>(std::ranges::min_element(scene.rig, {}, distance) - scene.rig.begin());
+}
+
+OtherScene scene_of(const Run& run, const std::string& name, const EvalOptions& options) {
+  if (run.scene.camera_index(name) >= 0)
+    throw UsageError("--cameras", name, "was trained on; eval without the option scores it");
+  SceneOptions own = scene_options(run.options);
+  own.cameras = {name};
+  own.holdout_every = 0;
+  const Scene made = make_scene(run.recording, own);
+  OtherScene other{run.scene,
+                   nearest_camera(run.scene, made.rig[0].body_from_sensor.translation())};
+  Scene& scene = other.scene;
+  RigCamera& camera = scene.rig[static_cast<std::size_t>(other.camera)];
+  const CameraCalibration& recorded = run.recording.find_camera(camera.name)->calibration;
+  const Rigid3d correction =
+      camera.body_from_sensor * recorded.body_from_sensor.inverse(Eigen::Isometry);
+  const std::int64_t later_ns = camera.time_offset_ns - recorded.time_offset_ns;
+  camera = made.rig[0];
+  camera.body_from_sensor = correction * camera.body_from_sensor;
+  camera.time_offset_ns += later_ns;
+  const std::size_t limit = options.all              ? 0
+                            : options.max_images > 0 ? options.max_images
+                                                     : kTrainingImagesPerCamera;
+  scene.views.clear();
+  for (const std::size_t v : evenly_spaced(made.views.size(), limit)) {
+    View view = made.views[v];
+    view.camera = other.camera;
+    view.held_out = false;
+    update_view_pose(run.recording.frames, scene, &view);
+    scene.views.push_back(std::move(view));
+  }
+  return other;
+}
+
+/// Masks of the camera as of those of the run; the other cameras of the rig have no view.
+Exclusions exclusions_of(const Run& run, const OtherScene& other, int threads) {
+  std::vector<Mask> masks;
+  for (const RigCamera& rig : other.scene.rig)
+    masks.push_back(full_mask(rig.camera.width, rig.camera.height));
+  if (run.options.masks == "none")
+    return {masks, MovingObjects({}, run.recording.frames, run.scene.global_from_world)};
+  Scene alone = other.scene;
+  alone.rig = {other.scene.rig[static_cast<std::size_t>(other.camera)]};
+  for (View& view : alone.views) view.camera = 0;
+  ThreadPool pool(threads);
+  const std::vector<Image8> images = load_views(alone, pool);
+  masks[static_cast<std::size_t>(other.camera)] =
+      static_masks(alone, images, run.options.masks == "auto" ? "" : run.options.masks, pool,
+                   run.recording.metric)[0];
+  return {masks, read_moving_objects(run.recording, run.scene)};
+}
+
+struct Comparison {
+  RenderedImage rendered;
+  Image8 ground_truth;
+};
+
+/// Minimises the sum over pixels of (gain rendered - ground truth)^2 for each channel.
+std::array<double, 3> least_squares_gains(const std::vector<Comparison>& images) {
+  std::array<double, 3> products{}, squares{}, gains{1, 1, 1};
+  for (const Comparison& image : images)
+    for (std::size_t i = 0; i < image.rendered.valid.size(); ++i) {
+      if (!image.rendered.valid[i] ||
+          (!image.ground_truth.used.empty() && !image.ground_truth.used[i]))
+        continue;
+      for (std::size_t c = 0; c < 3; ++c) {
+        const double rendered = image.rendered.rgb[3 * i + c];
+        products[c] += rendered * image.ground_truth.rgb[3 * i + c] / 255;
+        squares[c] += rendered * rendered;
+      }
+    }
+  for (std::size_t c = 0; c < 3; ++c)
+    if (squares[c] > 0) gains[c] = products[c] / squares[c];
+  return gains;
+}
+
+}  // namespace
+
+std::map<std::string, OtherCameraScore> score_other_cameras(const Run& run,
+                                                            kernels::Backend& backend,
+                                                            const std::vector<std::string>& names,
+                                                            const EvalOptions& options) {
+  std::vector<OtherScene> scenes;  // wrong names are reported at once
+  std::size_t total = 0, done = 0;
+  for (const std::string& name : names) {
+    scenes.push_back(scene_of(run, name, options));
+    total += scenes.back().scene.views.size();
+  }
+  std::map<std::string, OtherCameraScore> scores;
+  for (OtherScene& other : scenes) {
+    Scene& scene = other.scene;
+    const RigCamera& camera = scene.rig[static_cast<std::size_t>(other.camera)];
+    const Exclusions left_out = exclusions_of(run, other, backend.threads());
+    OtherCameraScore result;
+    if (run.state.poses.refines()) {
+      std::vector<std::size_t> all(scene.views.size());
+      for (std::size_t v = 0; v < all.size(); ++v) all[v] = v;
+      result.view_alignment = align_views(run, backend, all, left_out, &scene);
+    }
+    const RayTable table = make_ray_table(camera.camera, backend.threads());
+    std::vector<Comparison> images;
+    for (const View& view : scene.views) {
+      Image8 ground_truth = load_view(scene, view);
+      apply_mask(view_mask(scene, view, left_out.masks[static_cast<std::size_t>(other.camera)],
+                           left_out.moving),
+                 &ground_truth);
+      images.push_back({render_image(backend, *run.state.model, table, scene.shutter_poses(view),
+                                     scene.exposure(view)),
+                        std::move(ground_truth)});
+      ++done;
+      if (options.progress) options.progress(static_cast<int>(done), static_cast<int>(total));
+    }
+    result.gains = least_squares_gains(images);
+    ScoreMean mean;
+    for (Comparison& image : images) {
+      for (std::size_t i = 0; i < image.rendered.rgb.size(); ++i)
+        image.rendered.rgb[i] =
+            static_cast<float>(std::clamp(result.gains[i % 3] * image.rendered.rgb[i], 0.0, 1.0));
+      mean.add(score_image(backend, image.rendered, image.ground_truth));
+    }
+    result.score = mean.mean();
+    scores[camera.name] = result;
+  }
+  return scores;
+}
+
+nlohmann::json other_cameras_to_json(const std::map<std::string, OtherCameraScore>& scores) {
+  nlohmann::json cameras = nlohmann::json::object();
+  for (const auto& [name, other] : scores) {
+    cameras[name] = score_to_json(other.score);
+    cameras[name]["gains"] = other.gains;
+    cameras[name]["view_alignment"] =
+        other.view_alignment ? view_alignment_to_json(*other.view_alignment) : nullptr;
+  }
+  return {{"other_cameras", cameras}};
+}
+
+}  // namespace redrive
