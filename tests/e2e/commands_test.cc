@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Every command on a small run, and the files that it writes.
+#include <csignal>
+
 #include <nlohmann/json.hpp>
 
 #include "redrive/image/image_io.h"
@@ -113,6 +115,24 @@ TEST_F(EndToEnd, RendersOneViewWithDepthOpacityAndNormals) {
     EXPECT_EQ(more.height, 36);
     EXPECT_NE(std::ranges::max(more.rgb), 0) << file;
   }
+}
+
+TEST_F(EndToEnd, ViewServesARunUntilCtrlC) {
+  const fs::path run = trained("run", 2);
+  EXPECT_EQ(redrive({"view", (folder_ / "no_run").string()}).exit_code, kExitBadInput);
+  EXPECT_EQ(redrive({"view", run.string(), "--port", "70000"}).exit_code, kExitUsage);
+  const auto before = contents(run);
+  const ProgramResult refused = redrive({"view", run.string(), "--listen", "nowhere"});
+  if (refused.err.find("this build has no page") != std::string::npos)
+    GTEST_SKIP() << "the build had no node or npm";
+  EXPECT_EQ(refused.exit_code, kExitUsage) << refused.err;
+  Program program(REDRIVE_BINARY, {"view", run.string(), "--port", "0", "--threads", "1"});
+  ASSERT_TRUE(program.wait_for_output("Ctrl-C ends"));
+  program.send(SIGINT);
+  const ProgramResult ended = program.wait();
+  EXPECT_EQ(ended.exit_code, kExitOk) << ended.err;
+  EXPECT_THAT(ended.out, HasSubstr("http://127.0.0.1:"));
+  EXPECT_EQ(contents(run), before) << "nothing is written";
 }
 
 TEST_F(EndToEnd, RendersTheImagesOfAPosesFile) {

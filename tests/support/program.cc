@@ -54,6 +54,16 @@ Program::~Program() {
   std::filesystem::remove_all(folder_);
 }
 
+bool Program::wait_for_output(const std::string& text) const {
+  for (int i = 0; i < 3000; ++i) {
+    if (std::filesystem::exists(folder_ / "out") &&
+        read_file(folder_ / "out").find(text) != std::string::npos)
+      return true;
+    usleep(20000);
+  }
+  return false;
+}
+
 void Program::send(int signal) { kill(pid_, signal); }
 
 ProgramResult Program::wait() {

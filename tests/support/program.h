@@ -27,6 +27,9 @@ class Program {
   Program(const Program&) = delete;
   Program& operator=(const Program&) = delete;
 
+  /// Waits until the program has written `text` to its standard output, a minute at most. Returns
+  /// whether it has.
+  bool wait_for_output(const std::string& text) const;
   void send(int signal);
   ProgramResult wait();
 

@@ -166,6 +166,21 @@ TEST_F(Requested, UsesTheTimeOffsetOfThePosesFilesCamera) {
   EXPECT_NEAR((position(view) - Eigen::Vector3d(1.5, 1, 0)).norm(), 0, kTolerance_m);
 }
 
+TEST(TurnedSensor, TurnsToTheLeftAndUp) {
+  Rigid3d front = Rigid3d::Identity();  // looks along body x: right is -y, down is -z
+  front.linear() << 0, 0, 1, -1, 0, 0, 0, -1, 0;
+  front.translation() = Eigen::Vector3d(2, 0.1, 1.2);
+  const double angle_rad = 0.3, c = std::cos(angle_rad), s = std::sin(angle_rad);
+  const Rigid3d left = turned_sensor(front, angle_rad, 0), up = turned_sensor(front, 0, angle_rad),
+                both = turned_sensor(front, M_PI / 2, angle_rad);
+  EXPECT_NEAR((left.linear().col(2) - Eigen::Vector3d(c, s, 0)).norm(), 0, 1e-15);
+  EXPECT_NEAR((up.linear().col(2) - Eigen::Vector3d(c, 0, s)).norm(), 0, 1e-15);
+  EXPECT_NEAR((both.linear().col(2) - Eigen::Vector3d(0, c, s)).norm(), 0, 1e-15);
+  for (const Rigid3d& turned : {left, up, both})
+    EXPECT_EQ(turned.translation(), front.translation());
+  EXPECT_EQ(turned_sensor(front, 0, 0).matrix(), front.matrix());
+}
+
 TEST_F(Requested, ErrorsNameFileFieldAndValue) {
   try {
     position({"a.png", "CAM", 12, std::nullopt, Eigen::Vector3d::Zero()});

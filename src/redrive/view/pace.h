@@ -11,12 +11,16 @@ namespace redrive::view {
 /// Measured rendering times of one camera by downscale factor, and what follows from them.
 class Pace {
  public:
-  static constexpr int kLargestFactor = 16;
   static constexpr int kFirstFactor = 4;  ///< before anything was measured
 
+  /// Takes the time of an image. What has changed for this factor, as when other programs take
+  /// the processor, has changed for all.
   void measured(int factor, double seconds) {
-    double& known = seconds_.try_emplace(factor, seconds).first->second;
-    known += 0.5 * (seconds - known);  // follows the scene, smooths single delays
+    const auto [known, is_new] = seconds_.try_emplace(factor, std::max(seconds, 1e-6));
+    if (is_new) return;
+    const double smoothed = std::max(0.5 * (known->second + seconds), 1e-6);
+    const double change = smoothed / known->second;
+    for (auto& [other, time] : seconds_) time *= change;
   }
 
   /// Returns the time of an image at `factor`: measured, or that of the nearest measured factor
@@ -33,12 +37,12 @@ class Pace {
     return best;
   }
 
-  /// Returns the smallest factor whose image takes at most `budget_s`.
-  int factor_within(double budget_s) const {
-    if (seconds_.empty()) return kFirstFactor;
-    for (int factor = 1; factor < kLargestFactor; ++factor)
+  /// Returns the smallest factor, at most `most`, whose image takes at most `budget_s`.
+  int factor_within(double budget_s, int most) const {
+    if (seconds_.empty()) return std::min(kFirstFactor, most);
+    for (int factor = 1; factor < most; ++factor)
       if (*seconds(factor) <= budget_s) return factor;
-    return kLargestFactor;
+    return most;
   }
 
  private:

@@ -8,7 +8,8 @@ namespace {
 
 TEST(Pace, BeginsSmall) {
   const Pace pace;
-  EXPECT_EQ(pace.factor_within(0.05), Pace::kFirstFactor);
+  EXPECT_EQ(pace.factor_within(0.05, 16), Pace::kFirstFactor);
+  EXPECT_EQ(pace.factor_within(0.05, 2), 2);
   EXPECT_FALSE(pace.seconds(1).has_value());
 }
 
@@ -18,10 +19,10 @@ TEST(Pace, ScalesByPixelsUntilItHasMeasured) {
   EXPECT_DOUBLE_EQ(*pace.seconds(2), 0.04);
   EXPECT_DOUBLE_EQ(*pace.seconds(1), 0.16);
   EXPECT_DOUBLE_EQ(*pace.seconds(8), 0.01);  // part of it may not shrink
-  EXPECT_EQ(pace.factor_within(0.05), 2);
-  EXPECT_EQ(pace.factor_within(0.2), 1);
+  EXPECT_EQ(pace.factor_within(0.05, 16), 2);
+  EXPECT_EQ(pace.factor_within(0.2, 16), 1);
   pace.measured(1, 0.03);  // most of the work was that of the scene
-  EXPECT_EQ(pace.factor_within(0.05), 1);
+  EXPECT_EQ(pace.factor_within(0.05, 16), 1);
 }
 
 TEST(Pace, FollowsTheScene) {
@@ -29,13 +30,23 @@ TEST(Pace, FollowsTheScene) {
   pace.measured(1, 0.02);
   for (int i = 0; i < 20; ++i) pace.measured(1, 0.2);
   EXPECT_NEAR(*pace.seconds(1), 0.2, 1e-3);
-  EXPECT_GT(pace.factor_within(0.05), 1);
+  EXPECT_GT(pace.factor_within(0.05, 16), 1);
 }
 
-TEST(Pace, NeverGoesBeyondItsLargestFactor) {
+TEST(Pace, TakesAChangeOfOneFactorForAll) {
+  Pace pace;
+  pace.measured(1, 0.2);  // others took the processor
+  pace.measured(2, 0.05);
+  EXPECT_EQ(pace.factor_within(0.06, 16), 2);
+  for (int i = 0; i < 20; ++i) pace.measured(2, 0.01);  // now they do not
+  EXPECT_NEAR(*pace.seconds(1), 0.04, 1e-4);
+  EXPECT_EQ(pace.factor_within(0.06, 16), 1);
+}
+
+TEST(Pace, NeverGoesBeyondTheLargestFactor) {
   Pace pace;
   pace.measured(4, 100);
-  EXPECT_EQ(pace.factor_within(0.05), Pace::kLargestFactor);
+  EXPECT_EQ(pace.factor_within(0.05, 16), 16);
 }
 
 }  // namespace

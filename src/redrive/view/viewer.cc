@@ -20,6 +20,7 @@ constexpr double kAtOnce_s = 0.3;  ///< a full image that takes longer is reache
 constexpr std::chrono::milliseconds kRest{150};  ///< without a request: the camera rests
 constexpr std::chrono::seconds kBusy{1};         ///< a client counts as busy after a request
 constexpr std::uint64_t kMostUnshown = 2;        ///< images on their way to a page
+constexpr int kSmallestSide = 64;                ///< pixels of the smallest image
 constexpr int kQuality = 92;
 
 std::string bytes_message(const nlohmann::json& header, const std::string& jpeg,
@@ -30,6 +31,11 @@ std::string bytes_message(const nlohmann::json& header, const std::string& jpeg,
   for (int shift = 0; shift < 32; shift += 8)
     message += static_cast<char>((text.size() >> shift) & 255);
   return message += text + jpeg + points;
+}
+
+/// Returns the factor beyond which an image shows nothing.
+int largest_factor(const Camera& camera) {
+  return std::clamp(std::min(camera.width, camera.height) / kSmallestSide, 1, 16);
 }
 
 double rounded(double value, double step) { return std::round(value / step) * step; }
@@ -229,7 +235,8 @@ void Viewer::begin(Client& client) {
   Pace& pace = paces_[placement.camera_name];
   int factor = 1;
   if (client.sent_factor == 0)
-    factor = pace.factor_within(kMovingBudget_s / std::max(1, busy_clients()));
+    factor = pace.factor_within(kMovingBudget_s / std::max(1, busy_clients()),
+                                largest_factor(placement.camera));
   else if (pace.seconds(1).value_or(0) > kAtOnce_s)
     factor = std::max(1, client.sent_factor / 2);
   client.job_view = *client.view;
