@@ -133,6 +133,10 @@ TEST_F(EndToEnd, ViewServesARunUntilCtrlC) {
   EXPECT_EQ(ended.exit_code, kExitOk) << ended.err;
   EXPECT_THAT(ended.out, HasSubstr("http://127.0.0.1:"));
   EXPECT_EQ(contents(run), before) << "nothing is written";
+  Program recording(REDRIVE_BINARY, {"view", drive_.string(), "--port", "0"});
+  ASSERT_TRUE(recording.wait_for_output("Ctrl-C ends"));
+  recording.send(SIGTERM);
+  EXPECT_EQ(recording.wait().exit_code, kExitOk);
 }
 
 TEST_F(EndToEnd, RendersTheImagesOfAPosesFile) {

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// redrive view: shows a run in a browser.
+// redrive view: shows a run or a recording in a browser.
 #include <fcntl.h>
 #include <spawn.h>
 #include <unistd.h>
 
 #include <array>
 #include <cstdio>
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
@@ -14,6 +15,7 @@
 #include "redrive/cli/backend_options.h"
 #include "redrive/cli/command.h"
 #include "redrive/cli/training.h"
+#include "redrive/scene/load_views.h"
 #include "redrive/train/memory.h"
 #include "redrive/view/access.h"
 #include "redrive/view/page.h"
@@ -65,15 +67,32 @@ std::unique_ptr<view::Server> listen(const ViewOptions& options, view::Viewer* v
   return std::make_unique<view::Server>(server, viewer);
 }
 
+/// Returns a recording as a run without a model.
+Run open_without_model(const std::string& folder) {
+  Run run;
+  run.recording = open_recording(folder);
+  SceneOptions options;
+  run.scene = make_scene(run.recording, options);
+  try {
+    load_view(run.scene, run.scene.views.front());
+  } catch (const UsageError&) {  // transparent images
+    options.background = Background::kWhite;
+    run.scene = make_scene(run.recording, options);
+  }
+  return run;
+}
+
 int run_view(const ViewOptions& options) {
   if (view::page_files().empty())
     throw UsageError("view", options.run,
                      "this build has no page: node and npm were missing, or npm could not install; "
                      "scripts/setup and another build bring it");
-  const Run run = open_run(options.run);
-  const auto backend = make_backend_of(run, options.backend);
+  const bool is_run = std::filesystem::exists(RunPaths{options.run}.config());
+  const Run run = is_run ? open_run(options.run) : open_without_model(options.run);
+  const auto backend =
+      is_run ? make_backend_of(run, options.backend) : make_checked_backend(options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
-  check_device_memory(run, *backend, run.state.model->rendering_work());
+  if (is_run) check_device_memory(run, *backend, run.state.model->rendering_work());
   const std::atomic<bool>& stop = stop_on_signal();
   view::Viewer viewer(run, *backend);
   const auto server = listen(options, &viewer);
@@ -89,7 +108,8 @@ int run_view(const ViewOptions& options) {
 
 Action configure_view(CLI::App& command) {
   auto options = std::make_shared<ViewOptions>();
-  command.add_option("RUN", options->run, "run folder, as train makes it")->required();
+  command.add_option("RUN", options->run, "run folder, as train makes it, or a recording")
+      ->required();
   command
       .add_option("--port", options->port,
                   "port to listen on, 0: any that is free (default: " + std::to_string(kUsualPort) +

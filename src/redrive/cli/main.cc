@@ -31,7 +31,7 @@ constexpr redrive::Command kCommands[] = {
     {"eval", "score a run: PSNR, SSIM, FLIP, and depth error where there is ground truth",
      redrive::configure_eval},
     {"render", "render images of novel views", redrive::configure_render},
-    {"view", "look around in a run with a browser", redrive::configure_view},
+    {"view", "look around in a run or a recording with a browser", redrive::configure_view},
     {"export", "write a run's model in a file format of other programs", redrive::configure_export},
     {"figures", "write a run's figures as PNG and one report.html", redrive::configure_figures},
     {"bench", "time kernels and whole training steps on this machine", redrive::configure_bench},

@@ -89,6 +89,16 @@ std::vector<std::shared_ptr<const RayTable>> cut(const std::shared_ptr<const Ray
 }  // namespace
 
 bool RenderJob::step() {
+  if (!model_) {
+    image_.width = placement_.camera.width;
+    image_.height = placement_.camera.height;
+    const std::size_t pixels = static_cast<std::size_t>(image_.width) * image_.height;
+    image_.rgb.assign(3 * pixels, 0);
+    image_.depth.assign(pixels, 0);
+    image_.opacity.assign(pixels, 0);
+    image_.valid.assign(pixels, 0);
+    return true;
+  }
   const auto start = std::chrono::steady_clock::now();
   const RayTable& table = *strips_[next_];
   RenderedImage strip =
@@ -105,7 +115,7 @@ bool RenderJob::step() {
 ViewRenderer::ViewRenderer(const Run& run, kernels::Backend& backend)
     : run_(run),
       backend_(backend),
-      marches_rays_(!find_method(run.options.method)->rasterises),
+      marches_rays_(has_model() && !find_method(run.options.method)->rasterises),
       novel_(novel_ground_truths(run)) {}
 
 nlohmann::json ViewRenderer::describe() const {
@@ -135,8 +145,8 @@ nlohmann::json ViewRenderer::describe() const {
     novel.push_back({{"set", set.name()}, {"poses", set.poses_file().string()}, {"views", views}});
   }
   return {{"kind", "hello"},
-          {"run", run_.paths.root.string()},
-          {"method", run_.options.method},
+          {"run", has_model() ? run_.paths.root.string() : run_.recording.root.string()},
+          {"method", has_model() ? run_.options.method : ""},
           {"step", run_.state.step},
           {"metric", scene.metric},
           {"ecef", run_.recording.global_frame == GlobalFrame::kEcef},
@@ -213,14 +223,18 @@ std::shared_ptr<const RayTable> ViewRenderer::table(const Camera& camera, const 
   });
 }
 
-RenderJob ViewRenderer::begin(const Placement& placement, int factor, double expected_s,
-                              double strip_s) {
+RenderJob ViewRenderer::begin(const ViewRequest& request, const Placement& placement, int factor,
+                              double expected_s, double strip_s) {
   factor = std::clamp(factor, 1, std::min(placement.camera.width, placement.camera.height));
   RenderJob job;
   job.model_ = run_.state.model.get();
   job.backend_ = &backend_;
   job.placement_ = placement;
-  job.factor_ = factor;
+  job.factor_ = has_model() ? factor : 1;
+  if (!has_model()) {
+    if (request.is_driven() || request.novel) job.recorded_ = reference(request);
+    return job;
+  }
   // Cameras of novel sets may have the name of the run's and another lens: tables by both.
   const Camera& of = placement.camera;
   const std::string key = placement.camera_name + "/" + std::to_string(of.fx) + "/" +
@@ -233,6 +247,7 @@ RenderJob ViewRenderer::begin(const Placement& placement, int factor, double exp
 
 Image8 ViewRenderer::colours(const RenderJob& job, Layer layer) {
   const RenderedImage& image = job.image();
+  if (job.recorded_) return *job.recorded_;
   switch (layer) {
     case Layer::kImage: return to_image8(image);
     case Layer::kDepth:
@@ -245,6 +260,7 @@ Image8 ViewRenderer::colours(const RenderJob& job, Layer layer) {
       return out;
     }
     case Layer::kCoverage:
+      if (!has_model()) return to_image8(image);
       if (!coverage_) coverage_ = std::make_unique<Coverage>(run_, backend_);
       return coverage_colours(image, coverage_->seen(job.strips_.front()->camera,
                                                      job.placement().world_from_camera, image));
@@ -273,7 +289,8 @@ std::shared_ptr<const Image8> ViewRenderer::reference(const ViewRequest& request
 
 std::optional<double> ViewRenderer::psnr_db(const ViewRequest& request, const RenderJob& job) {
   const auto recorded = reference(request);
-  if (!recorded || recorded->width != job.image().width || recorded->height != job.image().height)
+  if (!has_model() || !recorded || recorded->width != job.image().width ||
+      recorded->height != job.image().height)
     return std::nullopt;
   if (request.novel) return score_image(backend_, job.image(), *recorded).psnr_db;
   const View& view = *find_view(request.camera, request.frame);
@@ -294,6 +311,7 @@ nlohmann::json ViewRenderer::pick(const RenderJob& job, double u, double v) cons
                            {"camera", job.placement().camera_name},
                            {"frame", job.placement().frame},
                            {"surface", false}};
+  if (!has_model()) return answer;
   const auto direction = job.strips_.front()->camera.unproject(Eigen::Vector2d(x, y));
   const double depth_m = image.depth[at];
   // As in eval/coverage.h: below 1/2 a ray hits nothing.

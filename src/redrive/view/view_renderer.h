@@ -42,12 +42,13 @@ class RenderJob {
 
  private:
   friend class ViewRenderer;
-  const Model* model_ = nullptr;
+  const Model* model_ = nullptr;  ///< null: there is none, the image is empty
   kernels::Backend* backend_ = nullptr;
   Placement placement_;
   int factor_ = 1;
   std::vector<std::shared_ptr<const RayTable>> strips_;
   std::size_t next_ = 0;
+  std::shared_ptr<const Image8> recorded_;  ///< shown where there is no model
   RenderedImage image_;
   double seconds_ = 0;
 };
@@ -55,7 +56,9 @@ class RenderJob {
 /// Not thread-safe: images are made one at a time.
 class ViewRenderer {
  public:
-  /// Run and backend must outlive it. InputError where a poses.json of a novel set is malformed.
+  /// Run and backend must outlive it. A run without a model shows the recording alone: its images
+  /// at the poses where they were taken, nothing elsewhere. InputError where a poses.json of a
+  /// novel set is malformed.
   ViewRenderer(const Run& run, kernels::Backend& backend);
 
   /// Returns {"cameras", "frames", "held_out", "novel", ...}: what a page needs to know.
@@ -66,10 +69,12 @@ class ViewRenderer {
 
   /// `strip_s`: the time to spend in one step, for methods that march rays; those that rasterise
   /// have one step. `expected_s`: of the whole image.
-  RenderJob begin(const Placement& placement, int factor, double expected_s, double strip_s);
+  RenderJob begin(const ViewRequest& request, const Placement& placement, int factor,
+                  double expected_s, double strip_s);
 
   /// Returns the colours of a layer.
   Image8 colours(const RenderJob& job, Layer layer);
+  bool has_model() const { return run_.state.model != nullptr; }
 
   /// Returns the recorded image, or the ground truth of a novel view, at the size of training;
   /// nothing where there is none. InputError where the file cannot be read.

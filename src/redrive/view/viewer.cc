@@ -242,7 +242,8 @@ void Viewer::begin(Client& client) {
   client.job_view = *client.view;
   client.job_arrived = client.arrived;
   client.job_refines = client.sent_factor != 0;
-  client.job = renderer_.begin(placement, factor, pace.seconds(factor).value_or(0), kStrip_s);
+  client.job =
+      renderer_.begin(*client.view, placement, factor, pace.seconds(factor).value_or(0), kStrip_s);
 }
 
 void Viewer::finish(ClientId id, Client& client) {

@@ -2,6 +2,7 @@
 // The viewer over loopback, on a run whose images are a formula of the ray.
 #include "redrive/view/viewer.h"
 
+#include <algorithm>
 #include <cmath>
 #include <set>
 #include <thread>
@@ -30,7 +31,7 @@ struct Received {
 
 class ViewerTest : public testing::Test {
  protected:
-  ViewerTest() {
+  explicit ViewerTest(bool with_model = true) {
     run_.recording = make_test_recording(folder_.path, 3);
     run_.scene = make_scene(run_.recording, {.holdout_every = 2});
     run_.options.method = "nerf";
@@ -40,7 +41,7 @@ class ViewerTest : public testing::Test {
     model->near_m = 1;
     model->far_m = 10;
     model->parameters = Buffer<float>(nerf_parameter_count(model->config));
-    run_.state.model = std::move(model);
+    if (with_model) run_.state.model = std::move(model);
     viewer_ = std::make_unique<Viewer>(run_, backend_);
     ServerOptions options;
     options.token = "t";
@@ -236,6 +237,31 @@ TEST_F(ViewerTest, SaysWhatItCannotShow) {
   EXPECT_EQ(full_image(*client, 5).header["frame"], 11);
   client->send_message("nonsense");
   EXPECT_EQ(wait_for(*client, "nothing").header["kind"], "closed");
+}
+
+/// A recording without a run.
+class RecordingViewerTest : public ViewerTest {
+ protected:
+  RecordingViewerTest() : ViewerTest(/*with_model=*/false) {}
+};
+
+TEST_F(RecordingViewerTest, ShowsImagesWhereTheyWereTaken) {
+  const auto client = connect();
+  EXPECT_EQ(next(*client).header["method"], "");
+  client->send_message(view(1, "FISHEYE", 12).dump());
+  const Image8 recorded = read_image(folder_.path / "FISHEYE_12.png");
+  const Received driven = full_image(*client, 1);
+  ASSERT_EQ(driven.image.rgb.size(), recorded.rgb.size());
+  EXPECT_NEAR(driven.image.rgb[3 * 150], recorded.rgb[3 * 150], 12);  // JPEG
+  nlohmann::json request = view(2, "FISHEYE", 12);
+  request["shift_m"] = {0, 1, 0};
+  request["layer"] = "coverage";
+  request["overlays"] = {"trajectory"};
+  client->send_message(request.dump());
+  const Received beside = full_image(*client, 2);
+  EXPECT_EQ(*std::ranges::max_element(beside.image.rgb), 0);
+  client->send_message(R"({"type": "pick", "id": 3, "at": [0.5, 0.5]})");
+  EXPECT_EQ(wait_for(*client, "picked").header["surface"], false);
 }
 
 TEST_F(ViewerTest, DrawsTheTrajectoryAndTheFrusta) {

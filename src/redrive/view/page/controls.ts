@@ -37,7 +37,11 @@ export class Controls {
     private readonly state: State,
     private readonly changed: () => void,
   ) {
-    element("run").textContent = `${hello.run} · ${hello.method}, step ${hello.step}`;
+    element("run").textContent = hello.method
+      ? `${hello.run} · ${hello.method}, step ${hello.step}` : `${hello.run} · recording`;
+    if (!hello.method)
+      for (const id of ["compare", "layer", "exposure", "orbit", "copy"])
+        element<HTMLInputElement>(id).disabled = true;
     element<HTMLSelectElement>("camera").replaceChildren(
       ...hello.cameras.map(({name, model}) => {
         const made = option(name, name);
@@ -107,11 +111,13 @@ export class Controls {
   }
 
   nextCompare(): void {
+    if (!this.hello.method) return;
     const at = compares.indexOf(this.state.compare);
     this.state.compare = compares[(at + 1) % compares.length];
   }
 
   nextLayer(): void {
+    if (!this.hello.method) return;
     this.state.layer = layers[(layers.indexOf(this.state.layer) + 1) % layers.length];
   }
 
@@ -142,7 +148,7 @@ export class Controls {
       if (this.ranges[move].value !== value) this.ranges[move].value = value;
       if (document.activeElement !== this.numbers[move]) this.numbers[move].value = value;
     }
-    element("command").textContent = toCommand(state, hello);
+    element("command").textContent = hello.method ? toCommand(state, hello) : "";
   }
 
   /** Shows the surface that was clicked and its distance to the one before. */
@@ -227,7 +233,7 @@ export class Controls {
       state.camera = view.camera;
       if (this.hello.frames.some(({id}) => id === view.frame)) state.frame = view.frame;
     }
-    if (state.compare === "off") state.compare = "beside";
+    if (state.compare === "off" && this.hello.method) state.compare = "beside";
   }
 
   private makeSliders(): void {

@@ -18,7 +18,7 @@ export interface NovelSet {
 export interface Hello {
   kind: "hello";
   run: string;
-  method: string;
+  method: string; // empty: a recording, without a model
   step: number;
   metric: boolean;
   ecef: boolean;

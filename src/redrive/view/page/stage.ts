@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Draws the rendering, the recorded image and what lies over them on one canvas.
 import type {ImageHeader, Picture, ReferenceHeader} from "./protocol";
-import type {State} from "./state";
+import {isDriven, type State} from "./state";
 
 interface Rect {
   x: number;
@@ -68,7 +68,8 @@ export class Stage {
     if (this.reference && state.compare !== "off")
       this.drawReference(context, this.reference.bitmap, state, other, put);
     this.drawOverlays(context, picture, this.rendering);
-    if (beside && this.reference) this.drawOverlays(context, picture, other);
+    // What is projected for another pose would lie wrong over the recorded image.
+    if (beside && this.reference && isDriven(state)) this.drawOverlays(context, picture, other);
     this.drawMarks(context);
   }
 

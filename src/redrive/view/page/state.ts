@@ -100,9 +100,9 @@ export function fromHash(hash: string, hello: Hello): State {
     if (hello.frames.some(({id}) => id === view.frame)) state.frame = view.frame;
   }
   const compare = compares.find((name) => name === values.get("compare"));
-  if (compare) state.compare = compare;
+  if (compare && hello.method) state.compare = compare;
   const layer = layers.find((name) => name === values.get("layer"));
-  if (layer) state.layer = layer;
+  if (layer && hello.method) state.layer = layer;
   for (const name of (values.get("over") ?? "").split(","))
     for (const known of overlays) if (name === known) state.overlays.add(known);
   const share = Number(values.get("share") ?? NaN);

@@ -127,6 +127,8 @@ class Viewer {
     if (!this.hello) return;
     const {state} = this;
     const words: string[] = [];
+    if (!this.hello.method && !isDriven(state))
+      words.push("a recording has images where they were taken only; train a run to see more");
     if (state.novel) words.push(`${state.novel.set}, frame ${state.frame}`);
     else if (this.hello.held_out.includes(state.frame)) words.push("held out from training");
     if (state.compare !== "off" && this.noReference) words.push(this.noReference);
@@ -231,6 +233,7 @@ class Viewer {
   }
 
   private orbit(on: boolean): void {
+    if (!this.hello.method) return;
     this.orbiting = on;
     this.target = null;
     element("orbit").setAttribute("aria-pressed", String(on));
