@@ -67,6 +67,10 @@ std::string read_file(const std::filesystem::path& path) {
 }
 
 void write_file(const std::filesystem::path& path, std::string_view bytes) {
+  write_file(path, std::span(&bytes, 1));
+}
+
+void write_file(const std::filesystem::path& path, std::span<const std::string_view> parts) {
   // A fixed name, so that the next write replaces the leftover of a killed process; hidden and with
   // the program's name, so that it is no user's file.
   const std::filesystem::path temporary =
@@ -78,7 +82,8 @@ void write_file(const std::filesystem::path& path, std::string_view bytes) {
   };
   Descriptor file(temporary, O_WRONLY | O_CREAT | O_TRUNC);
   if (!file.ok()) fail("create");
-  if (!write_all(file.get(), bytes)) fail("write");
+  for (const std::string_view bytes : parts)
+    if (!write_all(file.get(), bytes)) fail("write");
   if (::fsync(file.get()) != 0) fail("write to disk");
   if (!file.close()) fail("close");
   if (::rename(temporary.c_str(), path.c_str()) != 0) fail("replace");

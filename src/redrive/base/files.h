@@ -18,6 +18,7 @@ std::string read_file(const std::filesystem::path& path);
 /// Writes `path` atomically: a temporary file in its folder, fsync, rename. On IoError (disk full,
 /// permissions, ...) the old file is untouched and no temporary is left.
 void write_file(const std::filesystem::path& path, std::string_view bytes);
+void write_file(const std::filesystem::path& path, std::span<const std::string_view> parts);
 
 /// Whether the name ends in one of these, e.g. ".jpg"; ignores case.
 bool has_extension(const std::filesystem::path& path,

@@ -125,17 +125,19 @@ std::size_t densify(const DensifyOptions& options, std::uint64_t key, std::size_
 
   const std::size_t count = sources.size(), old_size = gaussian_blocks(n) * kBlockSize,
                     size = gaussian_blocks(count) * kBlockSize;
-  Buffer<float> moved[3];
-  Buffer<float>* const buffers[3] = {numbers, &adam->first_moment, &adam->second_moment};
-  for (int b = 0; b < 3; ++b) {
-    moved[b] = Buffer<float>(size + tail);
-    const float* const from = buffers[b]->data();
+  const auto moved = [&](const Buffer<float>& before) {
+    Buffer<float> to(size + tail);
     for (std::size_t i = 0; i < count; ++i)
       for (int row = 0; row < kGaussianRows; ++row)
-        moved[b][gaussian_slot(i, row)] = from[gaussian_slot(sources[i].from, row)];
-    std::copy_n(from + old_size, tail, moved[b].data() + size);
-  }
-  float *const to = moved[0].data(), *const first = moved[1].data();
+        to[gaussian_slot(i, row)] = before[gaussian_slot(sources[i].from, row)];
+    std::copy_n(before.data() + old_size, tail, to.data() + size);
+    return to;
+  };
+  // One by one, so that no more than one of them is there twice.
+  adam->second_moment = moved(adam->second_moment);
+  adam->first_moment = moved(adam->first_moment);
+  Buffer<float>& first = adam->first_moment;
+  Buffer<float> to = moved(*numbers);
   for (std::size_t i = 0; i < count; ++i) {
     first[gaussian_slot(i, kDistanceRow)] = 0;
     if (sources[i].half != 0) {
@@ -151,8 +153,8 @@ std::size_t densify(const DensifyOptions& options, std::uint64_t key, std::size_
         for (int row = 0; row < kDistanceRow; ++row) first[gaussian_slot(i, row)] = 0;
     }
   }
-  clear_unused(count, to);
-  for (int b = 0; b < 3; ++b) *buffers[b] = std::move(moved[b]);
+  clear_unused(count, to.data());
+  *numbers = std::move(to);
   return count;
 }
 

@@ -116,9 +116,7 @@ Safetensors::Tensor& take(Safetensors& parsed, const std::string& name,
   return found->second;
 }
 
-}  // namespace
-
-std::string checkpoint_bytes(const TrainState& state) {
+SafetensorsFile checkpoint_file(const TrainState& state) {
   const Model& model = *state.model;
   std::map<std::string, std::string> metadata = {{"format", kFormat}, {"method", model.method()}};
   const auto note = [&]<class T>(const std::string& name, const T& value) {
@@ -148,7 +146,16 @@ std::string checkpoint_bytes(const TrainState& state) {
     entries.push_back({kPoses[1], of_poses, state.poses.moments.first});
     entries.push_back({kPoses[2], of_poses, state.poses.moments.second});
   }
-  return safetensors_bytes(metadata, entries);
+  return make_safetensors(metadata, std::move(entries));
+}
+
+}  // namespace
+
+std::string checkpoint_bytes(const TrainState& state) {
+  const SafetensorsFile file = checkpoint_file(state);
+  std::string bytes;
+  for (const std::string_view part : file.parts()) bytes += part;
+  return bytes;
 }
 
 TrainState parse_checkpoint(std::string_view bytes, const std::filesystem::path& file) {
@@ -243,7 +250,7 @@ TrainState parse_checkpoint(std::string_view bytes, const std::filesystem::path&
 }
 
 void save_checkpoint(const std::filesystem::path& file, const TrainState& state) {
-  write_file(file, checkpoint_bytes(state));
+  write_file(file, checkpoint_file(state).parts());
 }
 
 TrainState load_checkpoint(const std::filesystem::path& file) {

@@ -30,8 +30,16 @@ struct Extent {
 
 }  // namespace
 
-std::string safetensors_bytes(const std::map<std::string, std::string>& metadata,
-                              const std::vector<SafetensorsEntry>& entries) {
+std::vector<std::string_view> SafetensorsFile::parts() const {
+  std::vector<std::string_view> parts{header};
+  for (const SafetensorsEntry& entry : entries)
+    parts.emplace_back(reinterpret_cast<const char*>(entry.values.data()),
+                       entry.values.size_bytes());
+  return parts;
+}
+
+SafetensorsFile make_safetensors(const std::map<std::string, std::string>& metadata,
+                                 std::vector<SafetensorsEntry> entries) {
   nlohmann::json header = nlohmann::json::object();
   header["__metadata__"] = metadata;
   std::size_t offset = 0;
@@ -43,14 +51,9 @@ std::string safetensors_bytes(const std::map<std::string, std::string>& metadata
   }
   std::string text = header.dump();
   text.resize((text.size() + 7) / 8 * 8, ' ');
-  std::string bytes;
-  bytes.reserve(8 + text.size() + offset);
   const std::uint64_t length = text.size();
-  bytes.append(reinterpret_cast<const char*>(&length), sizeof length);
-  bytes += text;
-  for (const SafetensorsEntry& entry : entries)
-    bytes.append(reinterpret_cast<const char*>(entry.values.data()), entry.values.size_bytes());
-  return bytes;
+  std::string with_length(reinterpret_cast<const char*>(&length), sizeof length);
+  return {with_length + text, std::move(entries)};
 }
 
 Safetensors parse_safetensors(std::string_view bytes, const std::filesystem::path& file) {

@@ -21,10 +21,16 @@ struct SafetensorsEntry {
   std::span<const float> values;  ///< row-major
 };
 
-/// Returns the bytes of a file with `entries` in the order of their data; pads the header with
-/// spaces to align the data to 8 bytes.
-std::string safetensors_bytes(const std::map<std::string, std::string>& metadata,
-                              const std::vector<SafetensorsEntry>& entries);
+/// A file with `entries` in the order of their data. Its values are not copied.
+struct SafetensorsFile {
+  std::string header;  ///< with its length; padded with spaces to align the data to 8 bytes
+  std::vector<SafetensorsEntry> entries;
+
+  /// Header and data, as long as the file and its values live.
+  std::vector<std::string_view> parts() const;
+};
+SafetensorsFile make_safetensors(const std::map<std::string, std::string>& metadata,
+                                 std::vector<SafetensorsEntry> entries);
 
 struct Safetensors {
   struct Tensor {

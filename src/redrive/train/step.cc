@@ -17,8 +17,10 @@ StepRequest next_step(const TrainState& state) {
 StepResult step_gradients(kernels::Backend& backend, const TrainState& state, StepBuffers* buffers,
                           const DrawStep& draw) {
   const Model& model = *state.model;
-  if (buffers->gradients.size() != model.size())
+  if (buffers->gradients.size() != model.size()) {
+    buffers->gradients = {};                           // not both at once
     buffers->gradients = Buffer<float>(model.size());  // zeros
+  }
   const std::span<float> gradients = buffers->gradients;
   kernels::make_resident(backend, buffers->gradients);
   kernels::make_resident(backend, state.adam.first_moment);
