@@ -312,9 +312,13 @@ class Viewer {
     if (event.ctrlKey || event.altKey || event.metaKey) return;
     const target = event.target as HTMLElement;
     const key = event.key.toLowerCase();
-    // Fields keep their keys; buttons keep space and enter.
-    if (target instanceof HTMLInputElement || target instanceof HTMLSelectElement) return;
-    const isButton = target instanceof HTMLButtonElement || target.tagName === "SUMMARY";
+    // Fields keep their keys, sliders those that move them, buttons and boxes space and enter.
+    const type = target instanceof HTMLInputElement ? target.type : "";
+    const isField = type !== "" && type !== "range" && type !== "checkbox";
+    if (isField || target instanceof HTMLSelectElement) return;
+    if (type === "range" && /^(arrow|home|end|page)/.test(key)) return;
+    const isButton = target instanceof HTMLButtonElement || target.tagName === "SUMMARY" ||
+      type === "checkbox";
     if (isButton && (key === " " || key === "enter")) return;
     if ("wasdrfijkl".includes(key) && key.length === 1) {
       this.held.add(key);
