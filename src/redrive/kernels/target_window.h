@@ -52,7 +52,7 @@ inline TargetSums convert_target_row(const ImageLossInput& input, int y, float* 
     const std::size_t at = c * plane + row;
     float sum = 0, squares = 0;
     for (int first_x = 0; first_x < input.size.stride; first_x += kPatchSide) {
-      float pixels = 0, bright = 0, rendered = 0;
+      float pixels = 0, bright = 0, rendered = 0, too_dark = 0;
       for (int x = first_x; x < first_x + kPatchSide; ++x) {
         const float m = mask[row + x], t = target[at + x] * m, counts = t < kSaturated ? m : 0.0f;
         sum += t;
@@ -61,6 +61,7 @@ inline TargetSums convert_target_row(const ImageLossInput& input, int y, float* 
         bright += counts * t;
         const float drawn = input.gains[at + x] * input.rgb[at + x];
         rendered += counts * drawn;
+        too_dark += counts * (t > drawn ? drawn : t < drawn ? -drawn : 0.0f);
         // A clipped pixel was at least as bright.
         if (from.alpha.empty() && t >= kClipped) target[at + x] = std::max(t, drawn);
       }
@@ -68,6 +69,7 @@ inline TargetSums convert_target_row(const ImageLossInput& input, int y, float* 
       patch.pixels[c] += pixels;
       patch.target[c] += bright;
       patch.rendered[c] += rendered;
+      patch.too_dark[c] += too_dark;
     }
     sums.sum[c] = static_cast<double>(sum);
     sums.squares[c] = static_cast<double>(squares);
