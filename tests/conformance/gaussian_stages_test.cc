@@ -298,30 +298,6 @@ TEST_P(GaussianStagesTest, BrightnessOfPatchesIsOfWhatIsNeitherMaskedNorSaturate
     }
 }
 
-// A camera clips what is brighter than white, so a rendering may be brighter, too.
-TEST_P(GaussianStagesTest, ClippedPixelsAskForNoLessBrightness) {
-  const auto backend = make();
-  LossCase c;
-  c.alpha.clear();
-  c.used.clear();
-  std::ranges::fill(c.target, 255);
-  std::vector<float> d_rgb(c.rgb.size()), error(c.size.plane());
-  for (const float brightness : {0.9f, 1.1f, 3.0f}) {
-    std::ranges::fill(c.rgb, brightness);
-    std::ranges::fill(c.gains, 1.0f);
-    const ImageLossOutput out = backend->gaussians().image_loss(c.input(0.8f, 0), d_rgb, error);
-    const float off = std::max(0.0f, 1 - brightness);
-    EXPECT_NEAR(out.l1, 0.8 * off, 1e-5);
-    EXPECT_NEAR(out.mse, off * off, 1e-5);
-    for (int y = 0; y < c.size.height; ++y)
-      for (int x = 0; x < c.size.width; ++x)
-        EXPECT_EQ(d_rgb[y * c.size.stride + x]<0, off> 0) << x << " " << y;
-  }
-  // Transparent pixels are not clipped: their colours are over a known background.
-  c.alpha.assign(50 * 40, 255);
-  EXPECT_GT(backend->gaussians().image_loss(c.input(0.8f, 0), d_rgb, error).l1, 1);
-}
-
 TEST_P(GaussianStagesTest, UpdateAgreesWithTheOracle) {
   const auto backend = make(), ref = make_ref_backend();
   const std::size_t n = 37, size = gaussian_blocks(n) * kBlockSize;

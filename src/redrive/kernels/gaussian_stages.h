@@ -109,8 +109,6 @@ struct PatchBrightness {
 };
 /// Least value of a saturated target, 0..1.
 constexpr float kSaturated = 0.97f;
-/// Least value of a clipped target: a brighter rendering agrees with it.
-constexpr float kClipped = 0.99f;
 constexpr int kPatchSide = 8;
 
 /// Means over the pixels that are not masked, and their channels.

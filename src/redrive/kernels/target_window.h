@@ -62,8 +62,6 @@ inline TargetSums convert_target_row(const ImageLossInput& input, int y, float* 
         const float drawn = input.gains[at + x] * input.rgb[at + x];
         rendered += counts * drawn;
         too_dark += counts * (t > drawn ? drawn : t < drawn ? -drawn : 0.0f);
-        // A clipped pixel was at least as bright.
-        if (from.alpha.empty() && t >= kClipped) target[at + x] = std::max(t, drawn);
       }
       PatchBrightness& patch = patches[first_x / kPatchSide];
       patch.pixels[c] += pixels;
