@@ -103,9 +103,6 @@ struct ImageLossInput {
 struct PatchBrightness {
   float pixels[3] = {0, 0, 0}, target[3] = {0, 0, 0};
   float rendered[3] = {0, 0, 0};  ///< with the gains
-  /// Of `rendered`, where the target is brighter, less that where it is darker: minus the
-  /// derivative of the absolute error by a log gain.
-  float too_dark[3] = {0, 0, 0};
 };
 /// Least value of a saturated target, 0..1.
 constexpr float kSaturated = 0.97f;

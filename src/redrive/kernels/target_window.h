@@ -52,22 +52,19 @@ inline TargetSums convert_target_row(const ImageLossInput& input, int y, float* 
     const std::size_t at = c * plane + row;
     float sum = 0, squares = 0;
     for (int first_x = 0; first_x < input.size.stride; first_x += kPatchSide) {
-      float pixels = 0, bright = 0, rendered = 0, too_dark = 0;
+      float pixels = 0, bright = 0, rendered = 0;
       for (int x = first_x; x < first_x + kPatchSide; ++x) {
         const float m = mask[row + x], t = target[at + x] * m, counts = t < kSaturated ? m : 0.0f;
         sum += t;
         squares += t * t;
         pixels += counts;
         bright += counts * t;
-        const float drawn = input.gains[at + x] * input.rgb[at + x];
-        rendered += counts * drawn;
-        too_dark += counts * (t > drawn ? drawn : t < drawn ? -drawn : 0.0f);
+        rendered += counts * input.gains[at + x] * input.rgb[at + x];
       }
       PatchBrightness& patch = patches[first_x / kPatchSide];
       patch.pixels[c] += pixels;
       patch.target[c] += bright;
       patch.rendered[c] += rendered;
-      patch.too_dark[c] += too_dark;
     }
     sums.sum[c] = static_cast<double>(sum);
     sums.squares[c] = static_cast<double>(squares);

@@ -19,26 +19,17 @@ constexpr float kMostLogShading = 1.5f;
 
 /// Weighted sums over patches, of one channel.
 struct BrightnessSums {
-  double pixels = 0, target = 0, rendered = 0, too_dark = 0;
+  double pixels = 0, target = 0, rendered = 0;
 
   void add(const kernels::PatchBrightness& patch, int c, float weight) {
     pixels += static_cast<double>(weight * patch.pixels[c]);
     target += static_cast<double>(weight * patch.target[c]);
     rendered += static_cast<double>(weight * patch.rendered[c]);
-    too_dark += static_cast<double>(weight * patch.too_dark[c]);
   }
   /// Returns the logarithm of the gain that is missing.
   double log_ratio() const {
     if (pixels == 0) return 0;
     return std::clamp(std::log((target + kDark * pixels) / (rendered + kDark * pixels)), -2.3, 2.3);
-  }
-  /// Returns the logarithm of a gain that lowers the absolute error, which the field lowers, too:
-  /// in the direction of its derivative, as far as the ratio of the means. Where one camera alone
-  /// sees something, the field follows the pixels' median; a gain that followed their mean would
-  /// drift away together with it.
-  double log_step() const {
-    const double all = rendered + kDark * pixels, side = all > 0 ? too_dark / all : 0;
-    return std::copysign(std::min(std::fabs(side), std::fabs(log_ratio())), side);
   }
 };
 
@@ -115,9 +106,9 @@ void ImageGains::add_changes(std::span<const float> parameters, const Exposure& 
         appearance.size() + (3 * static_cast<std::size_t>(exposure.camera) + c) * shading.cells();
     for (std::size_t k = 0; k < cells.size(); ++k) {
       const float seen = std::min(1.0f, static_cast<float>(cells[k].pixels) / cell_pixels);
-      const auto off = static_cast<float>(cells[k].log_step());
-      const float rate = decay * seen * shading_rate, before = parameters[first + k],
-                  moved = before + rate * off;
+      const auto off = static_cast<float>(cells[k].log_ratio());
+      const float part = decay * seen, rate = part * shading_rate, before = parameters[first + k],
+                  moved = before + rate * off - part * shading_decay * before;
       // Soft thresholding: what the field can explain as well stays the field's.
       const float after = std::copysign(
           std::clamp(std::fabs(moved) - rate * shading_threshold, 0.0f, kMostLogShading), moved);

@@ -37,19 +37,14 @@ std::vector<kernels::PatchBrightness> brightness(const std::vector<float>& plane
         patch.pixels[c] += 1;
         patch.target[c] += rendered * truth((part.x + x + 0.5f) / part.image_width,
                                             (part.y + y + 0.5f) / part.image_height, c);
-        const float drawn = rendered * planes[c * size.plane() + y * size.stride + x],
-                    off = rendered * truth((part.x + x + 0.5f) / part.image_width,
-                                           (part.y + y + 0.5f) / part.image_height, c) -
-                          drawn;
-        patch.rendered[c] += drawn;
-        patch.too_dark[c] += off > 0 ? drawn : off < 0 ? -drawn : 0;
+        patch.rendered[c] += rendered * planes[c * size.plane() + y * size.stride + x];
       }
   return patches;
 }
 
 TEST(ImageGains, FindTheLightThatMovesWithTheCamera) {
   ImageGains gains = two_cameras();
-  gains.shading_threshold = gains.exposure_decay = 0;
+  gains.shading_threshold = gains.shading_decay = gains.exposure_decay = 0;
   std::vector<float> parameters(gains.size());
   const auto truth = [](float x, float y, int c) {
     return (0.5f + 0.1f * c) * std::exp(-2 * ((x - 0.5f) * (x - 0.5f) + (y - 0.6f) * (y - 0.6f)));
@@ -92,7 +87,8 @@ TEST(ImageGains, OfAnImageThatAgreesDecay) {
                     1, changes);
   const std::size_t of_exposure = gains.appearance.size(), cells = 3 * gains.shading.cells();
   EXPECT_LT(changes[0], 0);
-  EXPECT_NEAR(changes[of_exposure], -gains.shading_rate * gains.shading_threshold, 1e-6);
+  EXPECT_NEAR(changes[of_exposure],
+              -gains.shading_rate * gains.shading_threshold - gains.shading_decay * 0.5f, 1e-6);
   for (std::size_t i = 0; i < cells; ++i)
     EXPECT_EQ(changes[of_exposure + cells + i], 0) << "the other camera";
 }
@@ -107,20 +103,16 @@ TEST(ImageGains, ShadingDoesNotDriftWhereTheFieldHasAnotherMean) {
   for (int step = 0; step < 2000; ++step) {
     gains.write_planes(parameters, {0, 0}, size, part, planes);
     std::vector<float> changes(parameters.size());
-    // Whatever the gain, the rendering is 5 % darker than the target in the mean, but not in the
-    // median.
+    // Whatever the gain, the rendering is 5 % darker than the target.
     std::vector<kernels::PatchBrightness> patches =
         brightness(planes, size, part, 0.9f, [](float, float, int) { return 1.0f; });
     for (kernels::PatchBrightness& patch : patches)
-      for (int c = 0; c < 3; ++c) {
-        patch.rendered[c] = 0.95f * patch.target[c];
-        patch.too_dark[c] = (step % 2 == 0 ? 0.1f : -0.1f) * patch.rendered[c];
-      }
+      for (int c = 0; c < 3; ++c) patch.rendered[c] = 0.95f * patch.target[c];
     gains.add_changes(parameters, {0, 0}, size, part, patches, 1, changes);
     for (std::size_t i = 0; i < changes.size(); ++i) parameters[i] += changes[i];
   }
   for (std::size_t i = 0; i < 3 * gains.shading.cells(); ++i)
-    EXPECT_LT(std::fabs(parameters[gains.appearance.size() + i]), 0.02f);
+    EXPECT_LT(parameters[gains.appearance.size() + i], 0.65f);
 }
 
 TEST(ImageGains, ShadingIsBounded) {
