@@ -93,8 +93,8 @@ TEST(ImageGains, OfAnImageThatAgreesDecay) {
     EXPECT_EQ(changes[of_exposure + cells + i], 0) << "the other camera";
 }
 
-// The field of what one camera alone sees follows the median of its pixels and answers every gain.
-TEST(ImageGains, ShadingDoesNotDriftWhereTheFieldHasAnotherMean) {
+// The field of what one camera alone sees answers every gain.
+TEST(ImageGains, ShadingSettlesWhereTheFieldAnswersIt) {
   const ImageGains gains = two_cameras();
   std::vector<float> parameters(gains.size());
   const ImagePart part{0, 0, kWidth, kHeight};
