@@ -13,7 +13,7 @@
 namespace redrive {
 namespace {
 
-enum SplatLossSlot { kL1Loss, kSsimLoss, kRangeLoss, kOpacityLoss };  // in StepSums::terms
+enum SplatLossSlot { kL1Loss, kSsimLoss, kOpacityLoss, kRangeLoss };  // in StepSums::terms
 constexpr float kGainsFrom = 0.05f;                                   // progress
 
 /// A part of a view's image.

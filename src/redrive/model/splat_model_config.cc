@@ -189,8 +189,8 @@ std::vector<ModelTensor> SplatModel::tensors() const {
 std::vector<LossTerm> SplatModel::loss_terms(const StepSums& sums) const {
   return {{"l1", sums.terms[0]},
           {"dssim", sums.terms[1]},
-          {"lidar", sums.terms[2]},
-          {"opacity", sums.terms[3]}};
+          {"opacity", sums.terms[2]},
+          {"lidar", sums.terms[3]}};
 }
 
 double SplatModel::learning_rate(const Schedule& at) const {

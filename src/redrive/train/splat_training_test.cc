@@ -82,7 +82,7 @@ TEST_F(SplatTrainingTest, TrainsWhileItsGaussiansBecomeMore) {
   EXPECT_LT(rows.back().loss, 0.7 * rows.front().loss);
   EXPECT_THAT(rows.back().losses,
               testing::UnorderedElementsAre(testing::Key("l1"), testing::Key("dssim"),
-                                            testing::Key("lidar")));
+                                            testing::Key("opacity"), testing::Key("lidar")));
   EXPECT_TRUE(same_weights(load_checkpoint(run.paths.checkpoint()), run.state));
 }
 
