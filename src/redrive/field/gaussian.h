@@ -315,13 +315,16 @@ REDRIVE_LANES void project_gaussian_adjoint(const PlainCamera& camera, const Gau
     rotated_back<M>(pose.rotation, turn, in_world);
     for (int k = 0; k < 3; ++k) d_pose->rotation[k] = -in_world[k];
   }
-  // Colour.
+  // Colour. One below 0 may rise, though it changes no pixel yet: with the derivative of the clamp
+  // an opaque Gaussian that once became black would remain black.
   Real d_direction[3] = {zero, zero, zero}, radial = zero;
   for (int c = 0; c < 3; ++c) {
-    const Real d = M::select(at.colour[c] > zero, gradient.colour[c], zero);
-    d_rows[kColourRow + c] = d;
+    const auto positive = at.colour[c] > zero;
+    const Real d = M::select(positive, gradient.colour[c], zero),
+               d_colour = M::select(positive, d, -M::max(-gradient.colour[c], zero));
+    d_rows[kColourRow + c] = d_colour;
     for (int k = 0; k < 3; ++k) {
-      d_rows[kHarmonicsRow + 3 * k + c] = d * at.direction[k];
+      d_rows[kHarmonicsRow + 3 * k + c] = d_colour * at.direction[k];
       d_direction[k] = d_direction[k] + d * rows[kHarmonicsRow + 3 * k + c];
     }
   }

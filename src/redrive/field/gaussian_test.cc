@@ -125,6 +125,28 @@ TEST(GaussianTest, AdjointOfAPinhole) { expect_adjoint(pinhole(), -2, 1); }
 TEST(GaussianTest, AdjointOfAFisheye) { expect_adjoint(fisheye(), -2, 2); }
 TEST(GaussianTest, AdjointOfLargeGaussians) { expect_adjoint(fisheye(), 1.2, 3); }
 
+TEST(GaussianTest, AColourBelowZeroMayRiseButNotFall) {
+  std::mt19937 random(7);
+  std::array<double, kDistanceRow> rows = random_rows(&random, -2);
+  for (int k = 0; k < 3; ++k) rows[kColourRow + k] = -5;
+  const GaussianPose<Numbers> pose = some_pose();
+  ProjectedGaussian<Numbers> at;
+  project_mean<Numbers>(pinhole(), pose, rows.data(), &at);
+  ASSERT_TRUE(at.visible);
+  project_gaussian<Numbers>(pinhole(), pose, rows.data(), &at);
+  ProjectedGradient<Numbers> gradient{{0, 0}, {0, 0, 0}, 0, {-0.5, 0.25, 0}, 0};
+  double d_rows[kGaussianRows];
+  GaussianPoseGradient<Numbers> d_pose;
+  project_gaussian_adjoint<Numbers>(pinhole(), pose, rows.data(), at, gradient, d_rows, &d_pose);
+  for (int k = 0; k < 3; ++k) {
+    EXPECT_EQ(d_rows[kColourRow + k], k == 0 ? -0.5 : 0);
+    for (int c = 0; c < 3; ++c)
+      EXPECT_EQ(d_rows[kHarmonicsRow + 3 * k + c], c == 0 ? -0.5 * at.direction[k] : 0);
+    EXPECT_EQ(d_rows[kPositionRow + k], 0);  // what moves changes no pixel
+    EXPECT_EQ(d_pose.translation[k], 0);
+  }
+}
+
 /// Mean and covariance of the image of a Gaussian, from a grid of its density.
 TEST(GaussianTest, CovarianceAgreesWithIntegrationThroughTheCamera) {
   for (const PlainCamera& camera : {pinhole(), fisheye()}) {
