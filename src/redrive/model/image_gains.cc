@@ -107,8 +107,8 @@ void ImageGains::add_changes(std::span<const float> parameters, const Exposure& 
     for (std::size_t k = 0; k < cells.size(); ++k) {
       const float seen = std::min(1.0f, static_cast<float>(cells[k].pixels) / cell_pixels);
       const auto off = static_cast<float>(cells[k].log_ratio());
-      const float part = decay * seen, rate = part * shading_rate, before = parameters[first + k],
-                  moved = before + rate * off - part * shading_decay * before;
+      const float rate = decay * seen * shading_rate, before = parameters[first + k],
+                  moved = before + rate * off;
       // Soft thresholding: what the field can explain as well stays the field's.
       const float after = std::copysign(
           std::clamp(std::fabs(moved) - rate * shading_threshold, 0.0f, kMostLogShading), moved);

@@ -25,9 +25,6 @@ struct ImageGains {
   float exposure_share = 0.2f;  ///< of a change that all images of the camera take
   float shading_rate = 0.2f;
   float shading_threshold = 0.02f;  ///< of soft thresholding: of log gains
-  /// Of a cell's log gain. What one camera alone sees, the sky above all, tells only the product of
-  /// field and shading: without decay they can drift apart.
-  float shading_decay = 0.01f;
 
   std::size_t size() const { return appearance.size() + shading.size(); }
 

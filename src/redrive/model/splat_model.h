@@ -26,7 +26,7 @@ struct SplatModel final : Model {
         harmonics_rate = 0.01f;
   float l1_weight = 0.8f, ssim_weight = 0.2f;
   float range_weight = 0.1f;               ///< of LiDAR returns
-  float opacity_weight = 0;                ///< of transmittance, unless a background is given
+  float opacity_weight = 0.02f;            ///< of transmittance, unless a background is given
   int lidar_rays = 1;                      ///< 0: LiDAR is not used
   float min_scale = 2e-4f, max_scale = 1;  ///< of the two larger axes, of the distance
   float min_opacity = 0.01f;               ///< of Gaussians that are kept

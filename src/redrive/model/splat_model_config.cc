@@ -125,8 +125,6 @@ void SplatModel::visit_hyperparameters(HyperparameterVisitor& visit) {
   visit({"shading_threshold", "differences of brightness (logarithm) that are not the shading's", 0,
          1},
         gains.shading_threshold);
-  visit({"shading_decay", "of a cell's log gain, in a step of its image", 0, 1},
-        gains.shading_decay);
 }
 
 void SplatModel::visit_state(HyperparameterVisitor& visit) {
