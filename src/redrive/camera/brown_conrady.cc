@@ -5,8 +5,7 @@
 #include <cmath>
 #include <vector>
 
-#include <Eigen/LU>
-
+#include "redrive/camera/invert_on_disc.h"
 #include "redrive/camera/roots.h"
 
 namespace redrive {
@@ -58,38 +57,22 @@ std::optional<Eigen::Vector2d> BrownConrady::undistort(const Eigen::Vector2d& di
     if (distorted_radius > reach) return std::nullopt;
   }
 
-  const auto residual = [&](const Eigen::Vector2d& x) -> Eigen::Vector2d {
-    const std::array<double, 2> d = distort<double>({x.x(), x.y()});
-    return Eigen::Vector2d(d[0], d[1]) - distorted;
-  };
-  Eigen::Vector2d x = distorted * (undistorted_radius(*this, distorted_radius) / distorted_radius);
-  Eigen::Vector2d error = residual(x);
-  for (int iteration = 0; iteration < 60 && error.norm() > 1e-14 * (1 + distorted_radius);
-       ++iteration) {
+  const auto jacobian = [&](const Eigen::Vector2d& x) {
     const double s = x.squaredNorm(), a = x.x(), b = x.y();
     const double g = 1 + s * (k1 + s * (k2 + s * k3)), dg = k1 + s * (2 * k2 + s * 3 * k3);
-    Eigen::Matrix2d jacobian;
-    jacobian(0, 0) = g + 2 * a * a * dg + 2 * p1 * b + 6 * p2 * a;
-    jacobian(1, 1) = g + 2 * b * b * dg + 6 * p1 * b + 2 * p2 * a;
-    jacobian(0, 1) = jacobian(1, 0) = 2 * a * b * dg + 2 * p1 * a + 2 * p2 * b;
-    // The root minimises a convex function on the disc: halve steps that leave it or do not lower
-    // the residual.
-    Eigen::Vector2d step = jacobian.inverse() * error, next = x - step;
-    Eigen::Vector2d next_error = residual(next);
-    int halvings = 0;
-    while ((!(next.norm() <= max_radius) || !(next_error.norm() < error.norm())) && halvings < 30) {
-      step *= 0.5;
-      next = x - step;
-      next_error = residual(next);
-      ++halvings;
-    }
-    if (halvings == 30) break;  // rounding error, or the edge of the disc
-    x = next;
-    error = next_error;
-  }
-  if (!(error.norm() <= 1e-12 * (1 + distorted_radius)) || !(x.norm() <= max_radius))
-    return std::nullopt;
-  return x;
+    Eigen::Matrix2d j;
+    j(0, 0) = g + 2 * a * a * dg + 2 * p1 * b + 6 * p2 * a;
+    j(1, 1) = g + 2 * b * b * dg + 6 * p1 * b + 2 * p2 * a;
+    j(0, 1) = j(1, 0) = 2 * a * b * dg + 2 * p1 * a + 2 * p2 * b;
+    return j;
+  };
+  return invert_on_disc(
+      [&](const Eigen::Vector2d& x) {
+        const std::array<double, 2> d = distort<double>({x.x(), x.y()});
+        return Eigen::Vector2d(d[0], d[1]);
+      },
+      jacobian, distorted,
+      distorted * (undistorted_radius(*this, distorted_radius) / distorted_radius), max_radius);
 }
 
 }  // namespace redrive

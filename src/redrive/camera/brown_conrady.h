@@ -17,6 +17,16 @@
 
 namespace redrive {
 
+/// Returns the point times its radial factor g, with the tangential terms of p1 and p2.
+template <class T>
+std::array<T, 2> with_tangential(const std::array<T, 2>& point, const T& g, double p1, double p2) {
+  const T& x = point[0];
+  const T& y = point[1];
+  const T xx = x * x, yy = y * y, xy = x * y, s = xx + yy;
+  return {x * g + T(2 * p1) * xy + T(p2) * (s + T(2) * xx),
+          y * g + T(p1) * (s + T(2) * yy) + T(2 * p2) * xy};
+}
+
 struct BrownConrady {
   static constexpr std::array<CameraParameter, 5> kParameters{
       {{"k1"}, {"k2"}, {"p1"}, {"p2"}, {"k3"}}};
@@ -41,12 +51,8 @@ struct BrownConrady {
 
   template <class T>
   std::array<T, 2> distort(const std::array<T, 2>& point) const {
-    const T& x = point[0];
-    const T& y = point[1];
-    const T xx = x * x, yy = y * y, xy = x * y, s = xx + yy;
-    const T g = T(1) + s * (T(k1) + s * (T(k2) + s * T(k3)));
-    return {x * g + T(2 * p1) * xy + T(p2) * (s + T(2) * xx),
-            y * g + T(p1) * (s + T(2) * yy) + T(2 * p2) * xy};
+    const T s = point[0] * point[0] + point[1] * point[1];
+    return with_tangential(point, T(1) + s * (T(k1) + s * (T(k2) + s * T(k3))), p1, p2);
   }
 
   /// Returns the point of the disc whose image is `distorted`, by Newton's method to

@@ -37,6 +37,17 @@ inline std::vector<ExampleCamera> example_cameras() {
   add("equidistant", "opencv_fisheye", {0, 0, 0, 0}, 100, 100);
   add("Kannala-Brandt", "opencv_fisheye", {0.03, 0.005, 0.0007, -0.0001}, 110, 112);
   add("Kannala-Brandt fold in the image", "opencv_fisheye", {-0.1, 0, 0, 0}, 90, 90);
+  add("rational", "opencv_rational", {0.2, -0.1, 0.001, -0.0005, 0.01, 0.5, -0.08, 0.02}, 290, 280);
+  add("rational as barrel", "opencv_rational", {-0.3, 0.08, 0.002, 0.0006, 0, 0, 0, 0}, 293, 250);
+  add("rational that folds in the image", "opencv_rational", {-0.4, 0, 0, 0, 0, 0.1, 0, 0}, 180,
+      190);
+  add("field of view", "fov", {0.9}, 300, 260);
+  add("field of view of a pinhole", "fov", {0}, 300, 260);
+  add("wide field of view, sphere's edge in the image", "fov", {2.2}, 150, 150);
+  add("thin prism", "thin_prism_fisheye",
+      {0.03, 0.005, 0.0002, -0.0003, 0.0007, -0.0001, 0.0004, -0.0002}, 110, 112);
+  add("thin prism fold in the image", "thin_prism_fisheye", {-0.1, 0, 0.001, 0, 0, 0, 0.002, 0}, 90,
+      90);
   for (const CameraModelInfo& model : camera_models())
     add("typical " + std::string(model.name), model.name,
         {model.typical.begin(), model.typical.end()}, 250, 240);

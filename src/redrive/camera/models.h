@@ -29,13 +29,17 @@
 #include <vector>
 
 #include "redrive/camera/calibration.h"
+#include "redrive/camera/fov.h"
 #include "redrive/camera/mei.h"
 #include "redrive/camera/opencv_fisheye.h"
 #include "redrive/camera/opencv_pinhole.h"
+#include "redrive/camera/opencv_rational.h"
+#include "redrive/camera/thin_prism_fisheye.h"
 
 namespace redrive {
 
-using CameraModel = std::variant<OpenCvPinhole, Mei, OpenCvFisheye>;
+using CameraModel =
+    std::variant<OpenCvPinhole, Mei, OpenCvFisheye, OpenCvRational, Fov, ThinPrismFisheye>;
 
 /// A model's description, for readers and writers of calibrations.
 struct CameraModelInfo {

@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "redrive/camera/opencv_rational.h"
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "redrive/camera/invert_on_disc.h"
+#include "redrive/camera/roots.h"
+
+namespace redrive {
+namespace {
+
+/// Radii above this are less than 1e-6 rad from 90 degrees, beyond any image.
+constexpr double kFarthest = 1e6;
+
+std::vector<double> product(const std::vector<double>& a, const std::vector<double>& b) {
+  std::vector<double> out(a.size() + b.size() - 1);
+  for (std::size_t i = 0; i < a.size(); ++i)
+    for (std::size_t j = 0; j < b.size(); ++j) out[i + j] += a[i] * b[j];
+  return out;
+}
+
+/// r times the derivative: sum of i c_i r^i.
+std::vector<double> times_derivative(std::vector<double> polynomial) {
+  for (std::size_t i = 0; i < polynomial.size(); ++i) polynomial[i] *= static_cast<double>(i);
+  return polynomial;
+}
+
+}  // namespace
+
+// With g = n / d, the derivative of r g is (n d + r n' d - r n d') / d^2. The bound of
+// camera/brown_conrady.h on it, times d^2, is a polynomial.
+OpenCvRational::OpenCvRational(std::span<const double> c)
+    : k1(c[0]), k2(c[1]), p1(c[2]), p2(c[3]), k3(c[4]), k4(c[5]), k5(c[6]), k6(c[7]) {
+  const std::vector<double> n = {1, 0, k1, 0, k2, 0, k3}, d = {1, 0, k4, 0, k5, 0, k6};
+  const std::vector<double> nd = product(n, d), n_slope = product(times_derivative(n), d),
+                            d_slope = product(n, times_derivative(d)),
+                            tangential = product({0, 20.0 / 3 * std::hypot(p1, p2)}, product(d, d));
+  std::vector<double> bound(tangential.size());
+  for (std::size_t i = 0; i < bound.size(); ++i)
+    bound[i] = (i < nd.size() ? nd[i] + n_slope[i] - d_slope[i] : 0) - tangential[i];
+  for (const std::vector<double>& polynomial : {bound, d})
+    if (const std::vector<double> edges = sign_changes(polynomial, kFarthest); !edges.empty())
+      max_radius = std::min(max_radius, (1 - 1e-9) * edges.front());
+}
+
+double OpenCvRational::covered_radius() const {
+  if (!std::isfinite(max_radius)) return max_radius;
+  const double s = max_radius * max_radius;
+  return max_radius * radial_factor(s) - 6 * std::hypot(p1, p2) * s;
+}
+
+std::optional<Eigen::Vector3d> OpenCvRational::unproject(const Eigen::Vector2d& distorted) const {
+  const double length = distorted.norm();
+  if (!std::isfinite(length)) return std::nullopt;
+  if (length == 0) return Eigen::Vector3d(0, 0, 1);
+  const auto radius = [&](double r) { return r * radial_factor(r * r); };
+  const auto slope = [&](double r) {
+    const double s = r * r, n = 1 + s * (k1 + s * (k2 + s * k3)),
+                 d = 1 + s * (k4 + s * (k5 + s * k6));
+    const double n_slope = 2 * s * (k1 + s * (2 * k2 + s * 3 * k3)),
+                 d_slope = 2 * s * (k4 + s * (2 * k5 + s * 3 * k6));
+    return (n * d + n_slope * d - n * d_slope) / (d * d);
+  };
+  const double start =
+      increasing_root(radius, slope, length, length, std::min(max_radius, kFarthest));
+  const auto m = invert_on_disc(*this, distorted, distorted * (start / length), max_radius);
+  if (!m) return std::nullopt;
+  return Eigen::Vector3d(m->x(), m->y(), 1);
+}
+
+}  // namespace redrive
