@@ -15,6 +15,13 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     if (const auto* const view = std::get_if<redrive::view::ViewRequest>(&message))
       for (const double shift_m : view->shift_m)
         if (!(std::abs(shift_m) <= 1e4) || !(std::abs(view->yaw_deg) <= 360)) __builtin_trap();
+    if (const auto* const view = std::get_if<redrive::view::ViewRequest>(&message);
+        view && view->mount) {
+      const redrive::Lens& lens = view->mount->lens;
+      if (lens.camera.empty() &&
+          (lens.width > 4096 || lens.height > 4096 || !(lens.pinhole().fx > 0)))
+        __builtin_trap();
+    }
     if (const auto* const pick = std::get_if<redrive::view::Pick>(&message))
       if (!(pick->u >= 0 && pick->u <= 1 && pick->v >= 0 && pick->v <= 1)) __builtin_trap();
   } catch (const redrive::InputError&) {

@@ -230,15 +230,68 @@ const tests = {
     const point = await text(page, "point");
     for (const name of ["depth", "body", "world", "ECEF", "WGS 84"])
       assert.ok(point.includes(name), point);
+    await page.waitForFunction(
+      () => /^[1-9]\d* of 18 training images/.test(document.getElementById("seen").textContent));
     await page.mouse.click(box.x + (u + 0.1) * box.width, box.y + v * box.height);
     await page.waitForFunction(
       () => /to the point before/.test(document.getElementById("point").textContent));
+    await page.waitForSelector("#seen button");
+    const named = await page.$eval("#seen button", (button) => button.textContent);
+    await page.click("#seen button");
+    await settled(page);
+    const {camera: there, frame} = await page.evaluate(() => window.redriveView.state);
+    assert.ok(named.startsWith(`${there} ${frame}, `), `${named}: ${there} ${frame}`);
+    assert.equal(await page.evaluate(() => window.redriveView.state.novel), null);
+  },
+
+  async "shows the view of a mount of one's own"(page) {
+    await set(page, "left-number", 0.5);
+    await set(page, "yaw-number", 10);
+    const before = await page.evaluate(() => window.redriveView.stage.image.header.full_width);
+    await page.focus("#stage");
+    await page.keyboard.press("m");
+    await page.waitForFunction(() => window.redriveView.state.mount !== null);
+    await settled(page);
+    // The mount stands where the view was, with a lens of its own.
+    const {mount, left} = await page.evaluate(() => window.redriveView.state);
+    assert.equal(left, 0);
+    assert.equal(mount.lens, "pinhole:90:1280x704");
+    assert.ok(Math.abs(mount.yaw - 10) < 3, `yaw ${mount.yaw}`);
+    assert.notEqual(await page.evaluate(
+      () => window.redriveView.stage.image.header.full_width), before);
+    await set(page, "mount-width", 640);
+    await set(page, "mount-height", 352);
+    await set(page, "mount-fov", 70);
+    await set(page, "mount-roll", 15);
+    await set(page, "mount-yaw", -5.5);
+    await set(page, "up-number", 0.25);
+    const command = await text(page, "command");
+    assert.match(command, /--mount=[-\d.,]+,-5.5,[-\d.]+,15 --lens pinhole:70:640x352 --frame/);
+    const file = path.join(folder, "mount.png");
+    renderAsThePageSays(command, file);
+    const db = await psnr(page, file);
+    assert.ok(db >= 35, `PSNR of the page's image and render's: ${db} dB`);
+    // Keys of a number field: one step up.
+    await page.focus("#mount-x");
+    const x = await page.$eval("#mount-x", (field) => Number(field.value));
+    await page.keyboard.press("ArrowUp");
+    await page.waitForFunction((least) => window.redriveView.state.mount.x > least, {}, x);
+    const address = page.url();
+    await page.reload();
+    await page.waitForFunction(() => window.redriveView?.state?.mount);
+    await settled(page);
+    assert.equal(page.url(), address);
+    await set(page, "mount-lens", camera);
+    assert.match(await text(page, "timing"), /480 x 264/);
+    assert.equal(await page.$eval("#mount-fov", (field) => field.offsetParent), null);
+    await set(page, "camera", camera);
+    assert.equal(await page.evaluate(() => window.redriveView.state.mount), null);
     await page.click("#home");
     await settled(page);
   },
 
   async "shows layers and overlays"(page) {
-    for (const layer of ["depth", "opacity", "coverage", "image"]) await set(page, "layer", layer);
+    for (const layer of ["depth", "normals", "opacity", "coverage", "image"]) await set(page, "layer", layer);
     for (const overlay of ["trajectory", "frusta", "lidar"]) // the street has no boxes
       await page.click(`#overlays input[value="${overlay}"]`);
     await page.waitForFunction(() => window.redriveView.stage.image.points.length > 600);
@@ -246,6 +299,19 @@ const tests = {
       () => [...new Set(window.redriveView.stage.image.header.lines.map(({kind}) => kind))]);
     assert.ok(kinds.includes("trajectory"), `${kinds}`);
     assert.match(page.url(), /over=trajectory%2Cfrusta%2Clidar/);
+    await page.click('#overlays input[value="cloud"]');
+    await page.waitForFunction(() => { // points of the cloud come as they are read
+      const {points} = window.redriveView.stage.image;
+      let cloud = 0;
+      for (let i = 5; i < points.length; i += 6) cloud += points[i] === 0;
+      return cloud > 5000;
+    });
+    await page.click('#overlays input[value="cloud"]');
+    await page.click('#overlays input[value="masks"]');
+    await page.waitForFunction(
+      () => /\d % masked/.test(document.getElementById("caption").textContent));
+    await page.click('#overlays input[value="masks"]');
+    await settled(page);
   },
 
   async "comes back from its address"(page) {
@@ -262,6 +328,29 @@ const tests = {
     const width = await page.evaluate(() => document.documentElement.scrollWidth);
     assert.ok(width <= 360, `the page is ${width} px wide`);
     await page.setViewport({width: 1280, height: 900});
+  },
+
+  async "follows the run"(page) {
+    const checkpoint = path.join(run, "checkpoint.safetensors");
+    const moved = path.join(folder, "moved");
+    fs.renameSync(run, moved);
+    const noticed = (pattern) => page.waitForFunction(
+      (source) => new RegExp(source).test(document.getElementById("notice").textContent), {},
+      pattern);
+    await noticed("run is gone");
+    await set(page, "frame", 3); // what was loaded is still there
+    fs.renameSync(moved, run);
+    await noticed("^$");
+    const {size} = fs.statSync(checkpoint);
+    fs.copyFileSync(checkpoint, `${checkpoint}.whole`);
+    fs.truncateSync(checkpoint, size / 2);
+    await noticed("cannot be shown");
+    fs.renameSync(`${checkpoint}.whole`, checkpoint);
+    await noticed("^$");
+    execFileSync(redrive, ["resume", run, "--max-steps", "140"], {stdio: "pipe"});
+    await page.waitForFunction(
+      () => /step 140, loaded \d/.test(document.getElementById("run").textContent));
+    await settled(page);
   },
 
   async "refuses strangers"(_page, address) {

@@ -360,6 +360,14 @@ TEST_F(EndToEnd, RefusesInvalidRenderRequests) {
                     (folder_ / "." / fs::path(out).filename()).string()}),
             kExitUsage)
       << "the same file by another name";
+  const std::string mount = "0,0,1,0,0,0", lens = "pinhole:90:64x48";
+  EXPECT_EQ(render({"--mount", mount, "--frame", "100", "--out", out}), kExitUsage);
+  EXPECT_EQ(render({"--mount", "0,0,1", "--lens", lens, "--frame", "100", "--out", out}),
+            kExitUsage);
+  EXPECT_EQ(render({"--mount", mount, "--lens", "NO", "--frame", "100", "--out", out}), kExitUsage);
+  EXPECT_EQ(
+      render({"--camera", front, "--mount", mount, "--lens", lens, "--frame", "100", "--out", out}),
+      kExitUsage);
   EXPECT_EQ(render({"--camera", front, "--frame", "100", "--axes", "up", "--out", out}),
             kExitUsage);
   EXPECT_EQ(render({"--camera", front, "--frame", "100", "--out", (folder_ / "out.gif").string()}),

@@ -95,6 +95,18 @@ TEST_F(EndToEnd, EvalScoresALongerRunHigher) {
   }
 }
 
+TEST_F(EndToEnd, RendersAMountOfOnesOwn) {
+  const fs::path run = trained("run", 3);
+  for (const auto& [lens, width] : {std::pair("pinhole:90:64x48", 64), std::pair(kTinyLeft, 44)}) {
+    const fs::path image = folder_ / (std::to_string(width) + ".png");
+    const ProgramResult ended =
+        redrive({"render", run.string(), "--mount=-1,0,1.5,180,-5,0", "--lens", lens, "--frame",
+                 "101", "--translate", "0,0.5,0", "--out", image.string()});
+    ASSERT_EQ(ended.exit_code, kExitOk) << ended.err;
+    EXPECT_EQ(read_image(image).width, width);
+  }
+}
+
 TEST_F(EndToEnd, RendersOneViewWithDepthOpacityAndNormals) {
   const fs::path run = trained("run", 20), image = folder_ / "a.png", depth = folder_ / "d.png",
                  opacity = folder_ / "o.png", normals = folder_ / "n.png";

@@ -26,8 +26,8 @@ namespace {
 namespace fs = std::filesystem;
 
 struct RenderOptions {
-  std::string run, camera, frame, translate = "0,0,0", axes = "body", exposure = "own", out, depth,
-                                  opacity, normals, poses;
+  std::string run, camera, mount, lens, frame, translate = "0,0,0", axes = "body", exposure = "own",
+                                               out, depth, opacity, normals, poses;
   double yaw_deg = 0, pitch_deg = 0;
   bool relative = false, force = false;
   kernels::BackendChoice backend;
@@ -74,6 +74,17 @@ const RigCamera& find_camera(const Scene& scene, const std::string& name) {
   throw UsageError("--camera", name, "the run has no such camera; it has: " + known);
 }
 
+/// Returns the camera of --camera, or that of --mount and --lens.
+RigCamera chosen_camera(const RenderOptions& options, const Scene& scene) {
+  if (options.mount.empty()) return find_camera(scene, options.camera);
+  const std::optional<Mount> mount = parse_mount(options.mount);
+  if (!mount) throw UsageError("--mount", options.mount, kMountRule);
+  const std::optional<Lens> lens = parse_lens(options.lens);
+  const auto camera = lens ? mounted_camera(*mount, *lens, scene) : std::nullopt;
+  if (!camera) throw UsageError("--lens", options.lens, kLensRule);
+  return *camera;
+}
+
 /// Resolves --exposure for a view of `camera` at `frame`.
 Exposure exposure_of(const RenderOptions& options, const Run& run, const std::string& camera,
                      std::int64_t frame) {
@@ -108,7 +119,7 @@ int render_one(const RenderOptions& options) {
   }
 
   const Run run = open_run(options.run);
-  const RigCamera& camera = find_camera(run.scene, options.camera);
+  const RigCamera camera = chosen_camera(options, run.scene);
   const auto pose = world_from_body(run.recording, run.scene, frame, camera);
   if (!pose)
     throw UsageError("--frame", options.frame,
@@ -193,8 +204,9 @@ int render_poses(const RenderOptions& options) {
 
 int render(const RenderOptions& options) {
   if (!options.poses.empty()) return render_poses(options);
-  if (options.camera.empty() || options.frame.empty())
-    throw UsageError("render", "", "needs --camera and --frame, or --poses");
+  const bool has_camera = !options.camera.empty() || !options.mount.empty();
+  if (!has_camera || options.frame.empty())
+    throw UsageError("render", "", "needs --camera or --mount, and --frame; or --poses");
   return render_one(options);
 }
 
@@ -212,8 +224,20 @@ Action configure_render(CLI::App& command) {
       .add_flag("--relative", options->relative,
                 "with --poses: uses shift_body_m where a view has both")
       ->needs(poses);
+  CLI::Option* camera = command.add_option("--camera", options->camera, "camera of the run");
+  CLI::Option* mount = command.add_option("--mount", options->mount,
+                                          "X,Y,Z,YAW,PITCH,ROLL: a camera of your own instead of "
+                                          "--camera, metres along the body's axes "
+                                          "(x forward, y left, z up) and degrees (to the left, "
+                                          "upwards, clockwise); zeros look forward");
+  CLI::Option* lens = command.add_option("--lens", options->lens,
+                                         "lens of --mount: pinhole:FOV:WIDTHxHEIGHT with the "
+                                         "horizontal field of view in degrees, or a "
+                                         "camera of the run");
+  mount->needs(lens)->excludes(camera);
+  lens->needs(mount);
   for (CLI::Option* option :
-       {command.add_option("--camera", options->camera, "camera of the run"),
+       {camera, mount,
         command.add_option("--frame", options->frame,
                            "frame id of the recording, whose pose the body has"),
         command

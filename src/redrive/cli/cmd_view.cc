@@ -10,6 +10,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 
 #include "redrive/base/error.h"
 #include "redrive/cli/backend_options.h"
@@ -19,6 +20,7 @@
 #include "redrive/train/memory.h"
 #include "redrive/view/access.h"
 #include "redrive/view/page.h"
+#include "redrive/view/run_watch.h"
 #include "redrive/view/viewer.h"
 
 namespace redrive {
@@ -88,13 +90,17 @@ int run_view(const ViewOptions& options) {
                      "this build has no page: node and npm were missing, or npm could not install; "
                      "scripts/setup and another build bring it");
   const bool is_run = std::filesystem::exists(RunPaths{options.run}.config());
-  const Run run = is_run ? open_run(options.run) : open_without_model(options.run);
+  std::optional<view::RunWatch> watch;
+  if (is_run) watch.emplace(options.run);
+  auto run = is_run ? watch->run() : std::make_shared<const Run>(open_without_model(options.run));
   const auto backend =
-      is_run ? make_backend_of(run, options.backend) : make_checked_backend(options.backend);
+      is_run ? make_backend_of(*run, options.backend) : make_checked_backend(options.backend);
   std::printf("%s\n", kernels::describe(*backend).c_str());
-  if (is_run) check_device_memory(run, *backend, run.state.model->rendering_work());
+  if (is_run) check_device_memory(*run, *backend, run->state.model->rendering_work());
   const std::atomic<bool>& stop = stop_on_signal();
-  view::Viewer viewer(run, *backend);
+  view::Viewer::Look look;
+  if (watch) look = [&watch] { return watch->look(); };
+  view::Viewer viewer(std::move(run), *backend, look);
   const auto server = listen(options, &viewer);
   std::printf("%s\nWhoever has this address sees the run. Ctrl-C ends.\n",
               server->address().c_str());

@@ -6,7 +6,6 @@
 
 #include "redrive/base/error.h"
 #include "redrive/eval/evaluate.h"
-#include "redrive/train/training_data.h"
 
 namespace redrive {
 namespace {
@@ -25,7 +24,45 @@ std::size_t centre(int small, int factor) {
   return static_cast<std::size_t>(small) * factor + factor / 2;
 }
 
+int small_factor(const Camera& full) {
+  return std::clamp(full.width / kSmallWidth, 1, full.height);
+}
+
+/// `table`: of the small image.
+TrainingDepth render_depth(const Run& run, kernels::Backend& backend, const View& of,
+                           const Exclusions& left_out, const RayTable& table) {
+  const Camera& full = run.scene.rig[of.camera].camera;
+  const Camera& small = table.camera;
+  const int factor = small_factor(full);
+  const Rigid3d world_from_camera = run.scene.world_from_camera(of);
+  const RenderedImage image = render_image(backend, *run.state.model, table, world_from_camera);
+  const Mask mask = view_mask(run.scene, of, left_out.masks[of.camera], left_out.moving);
+  TrainingDepth depth{small, world_from_camera.inverse(Eigen::Isometry),
+                      std::vector<float>(image.depth.size())};
+  for (int y = 0; y < small.height; ++y)
+    for (int x = 0; x < small.width; ++x) {
+      const std::size_t k = static_cast<std::size_t>(y) * small.width + x;
+      if (image.valid[k] && mask.used[centre(y, factor) * full.width + centre(x, factor)])
+        depth.range_m[k] = static_cast<float>(range_of(image, k, run.scene.far_m));
+    }
+  return depth;
+}
+
+RayTable small_table(const Camera& full) {
+  return make_ray_table(full.downscaled(small_factor(full)));
+}
+
 }  // namespace
+
+bool TrainingDepth::sees(const Eigen::Vector3d& point_in_world) const {
+  const Eigen::Vector3d in_camera = camera_from_world * point_in_world;
+  const auto at = camera.project(in_camera);
+  if (!at) return false;
+  const long x = std::lround(at->x()), y = std::lround(at->y());
+  if (x < 0 || y < 0 || x >= camera.width || y >= camera.height) return false;
+  const double surface_m = range_m[static_cast<std::size_t>(y) * camera.width + x];
+  return surface_m > 0 && in_camera.norm() <= (1 + kRangeTolerance) * surface_m;
+}
 
 Coverage::Coverage(const Run& run, kernels::Backend& backend) : far_m_(run.scene.far_m) {
   const Scene& scene = run.scene;
@@ -34,25 +71,10 @@ Coverage::Coverage(const Run& run, kernels::Backend& backend) : far_m_(run.scene
     std::vector<const View*> training;
     for (const View& view : scene.views)
       if (view.camera == c && !view.held_out) training.push_back(&view);
-    const Camera& full = scene.rig[c].camera;
-    const int factor = std::clamp(full.width / kSmallWidth, 1, full.height);
-    const Camera small = full.downscaled(factor);
-    const RayTable table = make_ray_table(small);
+    const RayTable table = small_table(scene.rig[c].camera);
     for (const std::size_t i :
-         evenly_spaced(training.size(), std::max<std::size_t>(1, kMaxViews / scene.rig.size()))) {
-      const Rigid3d world_from_camera = scene.world_from_camera(*training[i]);
-      const RenderedImage image = render_image(backend, *run.state.model, table, world_from_camera);
-      const Mask mask = view_mask(scene, *training[i], left_out.masks[c], left_out.moving);
-      TrainingView view{small, world_from_camera.inverse(Eigen::Isometry),
-                        std::vector<float>(image.depth.size())};
-      for (int y = 0; y < small.height; ++y)
-        for (int x = 0; x < small.width; ++x) {
-          const std::size_t k = static_cast<std::size_t>(y) * small.width + x;
-          if (image.valid[k] && mask.used[centre(y, factor) * full.width + centre(x, factor)])
-            view.range_m[k] = static_cast<float>(range_of(image, k, far_m_));
-        }
-      views_.push_back(std::move(view));
-    }
+         evenly_spaced(training.size(), std::max<std::size_t>(1, kMaxViews / scene.rig.size())))
+      views_.push_back(render_depth(run, backend, *training[i], left_out, table));
   }
 }
 
@@ -69,17 +91,50 @@ std::vector<std::uint8_t> Coverage::seen(const Camera& camera, const Rigid3d& wo
     if (!direction) continue;
     const Eigen::Vector3d point =
         world_from_camera * Eigen::Vector3d(range_of(rendered, i, far_m_) * *direction);
-    seen[i] = std::any_of(views_.begin(), views_.end(), [&](const TrainingView& view) {
-      const Eigen::Vector3d in_camera = view.camera_from_world * point;
-      const auto at = view.camera.project(in_camera);
-      if (!at) return false;
-      const long x = std::lround(at->x()), y = std::lround(at->y());
-      if (x < 0 || y < 0 || x >= view.camera.width || y >= view.camera.height) return false;
-      const double range_m = view.range_m[static_cast<std::size_t>(y) * view.camera.width + x];
-      return range_m > 0 && in_camera.norm() <= (1 + kRangeTolerance) * range_m;
-    });
+    seen[i] =
+        std::ranges::any_of(views_, [&](const TrainingDepth& view) { return view.sees(point); });
   }
   return seen;
+}
+
+PointObservers::PointObservers(const Run& run, kernels::Backend& backend)
+    : run_(run), backend_(backend), exclusions_(read_exclusions(run)) {
+  for (const RigCamera& camera : run.scene.rig) tables_.push_back(small_table(camera.camera));
+}
+
+std::size_t PointObservers::training_views() const {
+  return std::ranges::count(run_.scene.views, false, &View::held_out);
+}
+
+PointSearch PointObservers::begin(const Eigen::Vector3d& point_in_world) const {
+  PointSearch search{point_in_world, {}, 0, {}};
+  std::vector<std::pair<double, const View*>> near;  // by distance
+  for (const View& view : run_.scene.views) {
+    if (view.held_out) continue;
+    const Camera& camera = run_.scene.rig[view.camera].camera;
+    const Eigen::Vector3d in_camera =
+        run_.scene.world_from_camera(view).inverse(Eigen::Isometry) * point_in_world;
+    const auto at = camera.project(in_camera);
+    if (at && at->x() >= -0.5 && at->y() >= -0.5 && at->x() < camera.width - 0.5 &&
+        at->y() < camera.height - 0.5)
+      near.emplace_back(in_camera.norm(), &view);
+  }
+  std::ranges::sort(near);
+  for (const auto& [distance_m, view] : near) search.candidates.push_back(view);
+  return search;
+}
+
+bool PointObservers::step(PointSearch* search) {
+  if (search->tested == search->candidates.size()) return false;
+  const View* const view = search->candidates[search->tested++];
+  auto known = depths_.find(view);
+  if (known == depths_.end())
+    known =
+        depths_
+            .emplace(view, render_depth(run_, backend_, *view, exclusions_, tables_[view->camera]))
+            .first;
+  if (known->second.sees(search->point_in_world)) search->seen_by.push_back(view);
+  return search->tested < search->candidates.size();
 }
 
 }  // namespace redrive

@@ -1,42 +1,75 @@
 // SPDX-License-Identifier: Apache-2.0
 // Coverage of a novel view: the pixels whose surface some training image saw. Elsewhere the field
-// is extrapolated.
+// is extrapolated. Likewise the training images that saw a point.
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <vector>
 
 #include "redrive/render/renderer.h"
 #include "redrive/train/run.h"
+#include "redrive/train/training_data.h"
 
 namespace redrive {
 
-/// Finds occlusions by small depth maps of the training views, rendered from the run's own field.
-/// It needs no ground truth, so it works on every recording; where the field's geometry is wrong,
-/// so is the coverage.
+/// The depth of a training view, rendered small from the run's own field. It finds occlusions
+/// without ground truth, so on every recording; where the field's geometry is wrong, so are they.
+struct TrainingDepth {
+  Camera camera;  ///< of the small image
+  Rigid3d camera_from_world;
+  std::vector<float> range_m;  ///< [height, width]; 0 outside the camera model's valid region
+                               ///< and where the run masks the image (train/training_data.h)
+
+  /// Whether a point lies in the image, is not masked there and is not occluded.
+  bool sees(const Eigen::Vector3d& point_in_world) const;
+};
+
+/// Finds what the training images saw.
 class Coverage {
  public:
-  /// Renders at most kMaxViews training views, evenly spaced over each camera. Pixels that the run
-  /// masks (train/training_data.h) count as not seen. Throws InputError as read_exclusions.
+  /// Renders the depth of at most kMaxViews training views, evenly spaced over each camera. Throws
+  /// InputError as read_exclusions.
   Coverage(const Run& run, kernels::Backend& backend);
 
-  /// Returns [height, width]: 1 where the surface in `rendered` projects into a training image, is
-  /// not masked there and is not occluded, else 0. A ray that hits no surface (opacity below 1/2)
-  /// ends at the far limit.
+  /// Returns [height, width]: 1 where some training image saw the surface in `rendered`, else 0. A
+  /// ray that hits no surface (opacity below 1/2) ends at the far limit.
   std::vector<std::uint8_t> seen(const Camera& camera, const Rigid3d& world_from_camera,
                                  const RenderedImage& rendered) const;
 
   static constexpr int kMaxViews = 64;
 
  private:
-  struct TrainingView {
-    Camera camera;  ///< of the small image
-    Rigid3d camera_from_world;
-    std::vector<float> range_m;  ///< [height, width]; 0 outside the camera model's valid region
-                                 ///< and where masked
-  };
-  std::vector<TrainingView> views_;
+  std::vector<TrainingDepth> views_;
   double far_m_ = 0;
+};
+
+/// A search for the training images that saw a point.
+struct PointSearch {
+  Eigen::Vector3d point_in_world;
+  std::vector<const View*> candidates;  ///< with the point in the image, the nearest one first
+  std::size_t tested = 0;               ///< of the candidates
+  std::vector<const View*> seen_by;     ///< of those that were tested
+};
+
+/// Searches all training views one by one and keeps their depths for the next search.
+class PointObservers {
+ public:
+  /// Run and backend must outlive it. Throws InputError as read_exclusions.
+  PointObservers(const Run& run, kernels::Backend& backend);
+
+  PointSearch begin(const Eigen::Vector3d& point_in_world) const;
+  /// Tests the next candidate. Returns whether there are more.
+  bool step(PointSearch* search);
+
+  std::size_t training_views() const;
+
+ private:
+  const Run& run_;
+  kernels::Backend& backend_;
+  Exclusions exclusions_;
+  std::vector<RayTable> tables_;  ///< of the small images, by camera
+  std::map<const View*, TrainingDepth> depths_;
 };
 
 }  // namespace redrive

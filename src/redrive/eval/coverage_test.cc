@@ -117,5 +117,25 @@ TEST_F(CoverageTest, MasksHaveTheSizeOfTheFullImage) {
   EXPECT_EQ(seen_from(0), right);
 }
 
+// The board hides the middle of the wall from the origin, not from 5 m to the left.
+TEST_F(CoverageTest, FindsTheTrainingImagesThatSawAPoint) {
+  run_.scene.views.push_back({0, 0, "", false, Rigid3d(Eigen::Translation3d(-5, 0, 0))});
+  run_.scene.views.push_back({0, 0, "", true, Rigid3d(Eigen::Translation3d(-5, 0, 0))});
+  PointObservers observers(run_, walls_);
+  EXPECT_EQ(observers.training_views(), 2u);
+  const auto seen_by = [&](double x_m, double z_m) {
+    PointSearch search = observers.begin({x_m, 0, z_m});
+    while (observers.step(&search)) {
+    }
+    return search.seen_by;
+  };
+  const View *origin = &run_.scene.views[0], *left = &run_.scene.views[1];
+  EXPECT_EQ(seen_by(0, 10), std::vector<const View*>{left});
+  EXPECT_EQ(seen_by(0, 5), (std::vector<const View*>{origin, left}));  // the board: nearest first
+  EXPECT_EQ(seen_by(-3, 10), (std::vector<const View*>{left, origin}));
+  EXPECT_EQ(seen_by(8, 10), std::vector<const View*>{origin});  // outside the other image
+  EXPECT_EQ(seen_by(0, -10), std::vector<const View*>{});
+}
+
 }  // namespace
 }  // namespace redrive

@@ -97,6 +97,21 @@ Rigid3d turned_sensor(const Rigid3d& body_from_sensor, double yaw_rad, double pi
   return turned;
 }
 
+std::optional<RigCamera> mounted_camera(const Mount& mount, const Lens& lens, const Scene& scene) {
+  RigCamera mounted;
+  mounted.name = "mount:" + lens.camera;
+  mounted.body_from_sensor = mount.body_from_sensor();
+  if (lens.camera.empty()) {
+    mounted.camera = mounted.recorded = lens.pinhole();
+    return mounted;
+  }
+  const int index = scene.camera_index(lens.camera);
+  if (index < 0) return std::nullopt;
+  mounted.camera = scene.rig[index].camera;
+  mounted.recorded = scene.rig[index].recorded;
+  return mounted;
+}
+
 std::vector<RigCamera> poses_rig(const ViewRequests& poses, const Scene& scene, bool like_run) {
   if (poses.cameras.empty()) return scene.rig;
   std::vector<RigCamera> rig;

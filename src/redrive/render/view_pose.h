@@ -8,6 +8,7 @@
 #include <string_view>
 #include <vector>
 
+#include "redrive/camera/mount.h"
 #include "redrive/recording/view_requests.h"
 #include "redrive/scene/scene.h"
 
@@ -50,6 +51,10 @@ Rigid3d shifted_camera(const Rigid3d& global_from_world, const Rigid3d& world_fr
 /// Returns body_from_sensor turned about the camera's centre: by yaw about the body's z axis,
 /// positive to the left, then by pitch about the camera's x axis, positive upwards.
 Rigid3d turned_sensor(const Rigid3d& body_from_sensor, double yaw_rad, double pitch_rad);
+
+/// Returns a camera of one's own, which exposes at the time of the frame and whose name is that of
+/// no camera of the run; nothing where the run has no camera of the lens's name.
+std::optional<RigCamera> mounted_camera(const Mount& mount, const Lens& lens, const Scene& scene);
 
 /// Returns the cameras of a poses file: its own as recorded, or with `like_run` undistorted (except
 /// fisheyes) and downscaled as the run's; the run's where the file has none.

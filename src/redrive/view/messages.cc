@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "redrive/view/messages.h"
 
+#include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "redrive/base/error.h"
 #include "redrive/base/files.h"
@@ -36,26 +38,26 @@ Layer layer_of(const JsonField& field) {
   const std::string name = field.string();
   if (name == "image") return Layer::kImage;
   if (name == "depth") return Layer::kDepth;
+  if (name == "normals") return Layer::kNormals;
   if (name == "opacity") return Layer::kOpacity;
   if (name == "coverage") return Layer::kCoverage;
-  field.fail("must be image, depth, opacity or coverage");
+  field.fail("must be image, depth, normals, opacity or coverage");
 }
 
 Overlays overlays_of(const JsonField& field) {
   if (!field.json().is_array() || field.size() > 8) field.fail("must be a list of names");
+  constexpr std::pair<const char*, bool Overlays::*> kNames[] = {
+      {"trajectory", &Overlays::trajectory}, {"frusta", &Overlays::frusta},
+      {"lidar", &Overlays::lidar},           {"cloud", &Overlays::cloud},
+      {"boxes", &Overlays::boxes},           {"masks", &Overlays::masks}};
   Overlays overlays;
   for (std::size_t i = 0; i < field.size(); ++i) {
     const std::string name = field.at(i).string();
-    if (name == "trajectory")
-      overlays.trajectory = true;
-    else if (name == "frusta")
-      overlays.frusta = true;
-    else if (name == "lidar")
-      overlays.lidar = true;
-    else if (name == "boxes")
-      overlays.boxes = true;
-    else
-      field.at(i).fail("must be trajectory, frusta, lidar or boxes");
+    const auto* const known =
+        std::ranges::find(kNames, name, &std::pair<const char*, bool Overlays::*>::first);
+    if (known == std::end(kNames))
+      field.at(i).fail("must be trajectory, frusta, lidar, cloud, boxes or masks");
+    overlays.*known->second = true;
   }
   return overlays;
 }
@@ -80,6 +82,14 @@ ViewRequest view_of(const JsonField& message) {
   if (message.has("novel") && !message.at("novel").json().is_null()) {
     const JsonField novel = message.at("novel");
     view.novel = {name_of(novel.at("set")), count_of(novel.at("index"))};
+  }
+  if (message.has("mount") && !message.at("mount").json().is_null()) {
+    const JsonField at = message.at("mount").at("at"), lens_text = message.at("mount").at("lens");
+    const auto mount = parse_mount(name_of(at));
+    if (!mount) at.fail(kMountRule);
+    const auto lens = parse_lens(name_of(lens_text));
+    if (!lens) lens_text.fail(kLensRule);
+    view.mount = {*mount, *lens};
   }
   return view;
 }

@@ -2,7 +2,8 @@
 // What the page sends: JSON texts over the WebSocket, parsed and bounded here and nowhere else.
 //   {"type": "view", "id", "camera", "frame", "shift_m": [forward, left, up], "yaw_deg",
 //    "pitch_deg", "layer", "exposure", "overlays": [NAME, ..], "reference": bool,
-//    "novel": null or {"set": NAME, "index"}}
+//    "novel": null or {"set": NAME, "index"},
+//    "mount": null or {"at": "X,Y,Z,YAW,PITCH,ROLL", "lens": TEXT}}, as of `redrive render`
 //   {"type": "shown", "sequence"}
 //   {"type": "pick", "id", "at": [u, v]}
 #pragma once
@@ -15,20 +16,24 @@
 #include <string_view>
 #include <variant>
 
+#include "redrive/camera/mount.h"
+
 namespace redrive::view {
 
 /// The longest message that is read.
 constexpr std::size_t kMaxMessageBytes = 4096;
 
 /// What the colours of an image show.
-enum class Layer { kImage, kDepth, kOpacity, kCoverage };
+enum class Layer { kImage, kDepth, kNormals, kOpacity, kCoverage };
 
 /// What is drawn over an image.
 struct Overlays {
   bool trajectory = false;  ///< the body's path, on the ground
   bool frusta = false;      ///< of the rig's cameras at the frame
   bool lidar = false;       ///< the frame's revolution
+  bool cloud = false;       ///< the revolutions of all frames, thinned
   bool boxes = false;       ///< the frame's annotated objects
+  bool masks = false;       ///< the pixels of the recorded image that training excludes
 };
 
 /// A view with ground truth: the index-th of a novel set.
@@ -36,6 +41,12 @@ struct NovelView {
   std::string set;
   std::size_t index = 0;
   bool operator==(const NovelView&) const = default;
+};
+
+/// A camera of one's own.
+struct OwnMount {
+  Mount mount;
+  Lens lens;
 };
 
 /// The view that a page wants to see.
@@ -50,9 +61,10 @@ struct ViewRequest {
   Overlays overlays;
   bool reference = false;          ///< also the recorded image
   std::optional<NovelView> novel;  ///< takes the place of camera, frame, shift and angles
+  std::optional<OwnMount> mount;   ///< takes the place of the camera
 
   bool is_driven() const {
-    return !novel && shift_m == std::array<double, 3>{} && yaw_deg == 0 && pitch_deg == 0;
+    return !novel && !mount && shift_m == std::array<double, 3>{} && yaw_deg == 0 && pitch_deg == 0;
   }
 };
 

@@ -41,6 +41,26 @@ TEST(Messages, ReadsANovelView) {
   EXPECT_EQ(view.novel, (NovelView{"left_1", 3}));
 }
 
+TEST(Messages, ReadsAMount) {
+  nlohmann::json json = view_message();
+  json["mount"] = {{"at", "1.5,0,1.6,0,-5,0"}, {"lens", "pinhole:90:1280x704"}};
+  const auto view = std::get<ViewRequest>(parse_client_message(json.dump()));
+  ASSERT_TRUE(view.mount);
+  EXPECT_EQ(view.mount->mount.position_m.z(), 1.6);
+  EXPECT_EQ(view.mount->lens.width, 1280);
+  EXPECT_FALSE(view.is_driven());
+}
+
+TEST(Messages, ReadsLayersAndOverlays) {
+  nlohmann::json json = view_message();
+  json["layer"] = "normals";
+  json["overlays"] = {"cloud", "masks"};
+  const auto view = std::get<ViewRequest>(parse_client_message(json.dump()));
+  EXPECT_EQ(view.layer, Layer::kNormals);
+  EXPECT_TRUE(view.overlays.cloud && view.overlays.masks);
+  EXPECT_FALSE(view.overlays.lidar || view.overlays.boxes);
+}
+
 TEST(Messages, ReadsShownAndPick) {
   EXPECT_EQ(std::get<Shown>(parse_client_message(R"({"type": "shown", "sequence": 9})")).sequence,
             9u);
@@ -63,7 +83,7 @@ TEST(Messages, RefusesEverythingElse) {
     json[key] = value;
     EXPECT_THROW(parse_client_message(json.dump()), InputError) << json;
     json.erase(key);
-    if (key != std::string_view("novel")) {
+    if (key != std::string_view("novel") && key != std::string_view("mount")) {
       EXPECT_THROW(parse_client_message(json.dump()), InputError) << "without " << key;
     }
   };
@@ -75,10 +95,12 @@ TEST(Messages, RefusesEverythingElse) {
   refuses("shift_m", {0, 0, 1e6});
   refuses("yaw_deg", 1000);
   refuses("pitch_deg", "up");
-  refuses("layer", "normals");
+  refuses("layer", "colours");
   refuses("exposure", 1);
   refuses("overlays", {"all"});
   refuses("overlays", nlohmann::json(std::vector<std::string>(20, "lidar")));
+  refuses("mount", {{"at", "0,0,0"}, {"lens", "F"}});
+  refuses("mount", {{"at", "0,0,0,0,0,0"}, {"lens", "pinhole:180:64x64"}});
   refuses("reference", 1);
   refuses("novel", {{"set", "left_1"}});
   EXPECT_THROW(parse_client_message(std::string(kMaxMessageBytes + 1, ' ')), InputError);

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <iterator>
 #include <optional>
 
 #include "redrive/recording/recording_reader.h"
@@ -142,6 +143,31 @@ std::vector<OverlayLine> Overlay::lines(const Placement& placement, const Overla
   return lines;
 }
 
+Overlay::Overlay(const Run& run) : run_(run) {
+  if (run.recording.body_from_lidar)
+    for (const FrameFile& file : run.recording.lidar_files)
+      if (run.scene.frame_index(file.frame_id) >= 0) cloud_files_.push_back(&file);
+}
+
+Overlay::Points Overlay::read(const FrameFile& file) const {
+  const Rigid3d world_from_global = run_.scene.global_from_world.inverse(Eigen::Isometry);
+  Points points;
+  for (const LidarPoint& point : run_.recording.reader->read_lidar(file))
+    points.push_back((world_from_global * pose_at(run_.recording.frames, point.t_ns) *
+                      point.in_body_m.cast<double>())
+                         .cast<float>());
+  return points;
+}
+
+bool Overlay::read_cloud() {
+  if (cloud_read_ == cloud_files_.size()) return false;
+  const Points points = read(*cloud_files_[cloud_read_++]);
+  const std::size_t most = std::max<std::size_t>(1, kCloudPoints / cloud_files_.size());
+  const std::size_t step = (points.size() + most - 1) / most;
+  for (std::size_t i = 0; i < points.size(); i += step) cloud_.push_back(points[i]);
+  return true;
+}
+
 std::shared_ptr<const Overlay::Points> Overlay::revolution(std::int64_t frame) {
   for (auto known = revolutions_.begin(); known != revolutions_.end(); ++known)
     if (known->first == frame) {
@@ -149,38 +175,32 @@ std::shared_ptr<const Overlay::Points> Overlay::revolution(std::int64_t frame) {
       return revolutions_.front().second;
     }
   auto points = std::make_shared<Points>();
-  const Rigid3d world_from_global = run_.scene.global_from_world.inverse(Eigen::Isometry);
   if (run_.recording.body_from_lidar)
     for (const FrameFile& file : run_.recording.lidar_files)
-      if (file.frame_id == frame)
-        for (const LidarPoint& point : run_.recording.reader->read_lidar(file))
-          points->push_back((world_from_global * pose_at(run_.recording.frames, point.t_ns) *
-                             point.in_body_m.cast<double>())
-                                .cast<float>());
+      if (file.frame_id == frame) std::ranges::copy(read(file), std::back_inserter(*points));
   revolutions_.emplace_front(frame, std::move(points));
   if (revolutions_.size() > kKeptRevolutions) revolutions_.pop_back();
   return revolutions_.front().second;
 }
 
-std::string Overlay::points(const RenderJob& job) {
+std::string Overlay::points(const RenderJob& job, const Overlays& which) {
   const Placement& placement = job.placement();
   const RenderedImage& image = job.image();
   const Rigid3d camera_from_world = placement.world_from_camera.inverse(Eigen::Isometry);
-  const auto revolution_points = revolution(placement.frame);
   std::string bytes;
-  for (const Eigen::Vector3f& in_world : *revolution_points) {
+  const auto add = [&](const Eigen::Vector3f& in_world, char is_of_frame) {
     const Eigen::Vector3d in_camera = camera_from_world * in_world.cast<double>();
     const double range_m = in_camera.norm();
-    if (range_m < 0.1) continue;
+    if (range_m < 0.1) return;
     const auto pixel = placement.camera.project(in_camera);
-    if (!pixel) continue;
+    if (!pixel) return;
     const double u = (pixel->x() + 0.5) / placement.camera.width,
                  v = (pixel->y() + 0.5) / placement.camera.height;
-    if (!(u >= 0 && u < 1 && v >= 0 && v < 1)) continue;
+    if (!(u >= 0 && u < 1 && v >= 0 && v < 1)) return;
     const std::size_t at = static_cast<std::size_t>(v * image.height) * image.width +
                            static_cast<std::size_t>(u * image.width);
     // Behind a surface: by more than the depth of a thin splat and of the surface's slope.
-    if (image.opacity[at] > 0.5f && range_m > 1.05 * image.depth[at] + 0.3) continue;
+    if (image.opacity[at] > 0.5f && range_m > 1.05 * image.depth[at] + 0.3) return;
     const double unit = std::log(std::clamp(range_m, kNearest_m, kFarthest_m) / kNearest_m) /
                         std::log(kFarthest_m / kNearest_m);
     const auto put = [&](double share) {
@@ -191,8 +211,40 @@ std::string Overlay::points(const RenderJob& job) {
     put(u);
     put(v);
     bytes += static_cast<char>(static_cast<unsigned char>(std::lround(255 * unit)));
-    bytes += '\0';
+    bytes += is_of_frame;
+  };
+  // All over the cloud, so that those that come first are evenly spread: a step without a common
+  // factor with the number of points, since it is a larger prime.
+  constexpr std::size_t kPrime = 1000003;
+  static_assert(kPrime > 2 * kCloudPoints);
+  if (which.cloud)
+    for (std::size_t i = 0; i < cloud_.size() && bytes.size() < 6 * kCloudPointsOfImage; ++i)
+      add(cloud_[i * kPrime % cloud_.size()], 0);
+  if (which.lidar)
+    for (const auto of_frame = revolution(placement.frame);
+         const Eigen::Vector3f& point : *of_frame)
+      add(point, 1);
+  return bytes;
+}
+
+std::string mask_runs(const Mask& mask) {
+  std::string bytes;
+  const auto put = [&](std::size_t length) {
+    for (; length > 127; length >>= 7) bytes += static_cast<char>(128 | (length & 127));
+    bytes += static_cast<char>(length);
+  };
+  bool used = true;
+  std::size_t length = 0;
+  for (const std::uint8_t pixel : mask.used) {
+    if ((pixel != 0) == used) {
+      ++length;
+    } else {
+      put(length);
+      used = !used;
+      length = 1;
+    }
   }
+  put(length);
   return bytes;
 }
 

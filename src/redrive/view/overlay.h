@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is drawn over an image: lines and LiDAR points, projected through the camera's real lens.
+// What is drawn over an image: lines and LiDAR points, projected through the camera's real lens,
+// and masked pixels.
 #pragma once
 
 #include <list>
@@ -8,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "redrive/scene/masks.h"
 #include "redrive/view/view_renderer.h"
 
 namespace redrive::view {
@@ -21,22 +23,39 @@ struct OverlayLine {
 
 class Overlay {
  public:
-  explicit Overlay(const Run& run) : run_(run) {}  ///< `run` must outlive it
+  explicit Overlay(const Run& run);  ///< `run` must outlive it
 
   /// Lines are broken where the lens sees nothing. InputError for a damaged box file.
   std::vector<OverlayLine> lines(const Placement& placement, const Overlays& which) const;
 
-  /// Returns the points of the frame's revolution that are not behind a surface of the image, 6
-  /// bytes each: u and v in 1/65535 of the image (16 bits, little-endian), colour (0 near, 255
-  /// far, by the logarithm of the range), 0. InputError for a damaged LiDAR file.
-  std::string points(const RenderJob& job);
+  /// Returns the LiDAR points that are not behind a surface of the image, 6 bytes each: u and v in
+  /// 1/65535 of the image (16 bits, little-endian), colour (0 near, 255 far, by the logarithm of
+  /// the range), 1 of the frame's revolution or 0 of the cloud. Of the cloud at most
+  /// kCloudPointsOfImage. InputError for a damaged LiDAR file.
+  std::string points(const RenderJob& job, const Overlays& which);
+
+  /// Reads the next revolution of the run's frames into the cloud. Returns whether there was one.
+  /// InputError for a damaged file, which the next call leaves out.
+  bool read_cloud();
+  /// Number of revolutions that read_cloud has read.
+  std::size_t cloud_revolutions() const { return cloud_read_; }
+
+  static constexpr std::size_t kCloudPoints = 200000, kCloudPointsOfImage = 40000;
 
  private:
   using Points = std::vector<Eigen::Vector3f>;
+  Points read(const FrameFile& file) const;
   std::shared_ptr<const Points> revolution(std::int64_t frame);
 
   const Run& run_;
+  std::vector<const FrameFile*> cloud_files_;
+  std::size_t cloud_read_ = 0;
+  Points cloud_;
   std::list<std::pair<std::int64_t, std::shared_ptr<const Points>>> revolutions_;  ///< latest first
 };
+
+/// Returns the lengths of the runs of used and masked pixels in turn, row by row, the first one of
+/// used pixels: 7 bits a byte, low ones first, the eighth bit set where more follow.
+std::string mask_runs(const Mask& mask);
 
 }  // namespace redrive::view

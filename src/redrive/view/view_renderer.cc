@@ -12,6 +12,7 @@
 #include "redrive/math/angles.h"
 #include "redrive/math/wgs84.h"
 #include "redrive/model/method.h"
+#include "redrive/render/normals.h"
 #include "redrive/render/view_pose.h"
 #include "redrive/report/report_images.h"
 #include "redrive/scene/load_views.h"
@@ -21,6 +22,7 @@ namespace redrive::view {
 namespace {
 
 constexpr std::size_t kKeptTables = 12, kKeptImages = 8;
+constexpr std::size_t kNamedObservers = 6;  ///< training images that a click names
 
 /// Returns the entry of `key`, made by `make` where it is not among the last `most`.
 template <class Key, class Value, class Make>
@@ -185,6 +187,17 @@ Exposure ViewRenderer::exposure_of(const ViewRequest& request, const std::string
   return exposure;
 }
 
+RigCamera ViewRenderer::requested_camera(const ViewRequest& request) const {
+  if (request.mount) {
+    const auto mounted = mounted_camera(request.mount->mount, request.mount->lens, run_.scene);
+    if (!mounted) refuse("mount.lens", request.mount->lens.camera, "the run has no such camera");
+    return *mounted;
+  }
+  const int index = run_.scene.camera_index(request.camera);
+  if (index < 0) refuse("camera", request.camera, "the run has no such camera");
+  return run_.scene.rig[index];
+}
+
 Placement ViewRenderer::place(const ViewRequest& request) {
   if (request.novel) {
     const auto view = ground_truth(*request.novel);
@@ -198,9 +211,7 @@ Placement ViewRenderer::place(const ViewRequest& request) {
     if (request.exposure != "own") placement.exposure = exposure_of(request, named.camera);
     return placement;
   }
-  const int index = run_.scene.camera_index(request.camera);
-  if (index < 0) refuse("camera", request.camera, "the run has no such camera");
-  const RigCamera& camera = run_.scene.rig[index];
+  const RigCamera camera = requested_camera(request);
   const auto body = world_from_body(run_.recording, run_.scene, request.frame, camera);
   if (!body) refuse("frame", std::to_string(request.frame), "the recording has no such frame");
   const Rigid3d body_from_sensor =
@@ -241,7 +252,8 @@ RenderJob ViewRenderer::begin(const ViewRequest& request, const Placement& place
                           std::to_string(of.cx) + "/" + std::to_string(of.cy);
   const int strips =
       marches_rays_ ? static_cast<int>(std::clamp(std::ceil(expected_s / strip_s), 1.0, 256.0)) : 1;
-  job.strips_ = cut(table(placement.camera, key, factor), strips);
+  job.table_ = table(placement.camera, key, factor);
+  job.strips_ = cut(job.table_, strips);
   return job;
 }
 
@@ -252,13 +264,8 @@ Image8 ViewRenderer::colours(const RenderJob& job, Layer layer) {
     case Layer::kImage: return to_image8(image);
     case Layer::kDepth:
       return depth_colours(image, run_.scene.near_m, std::min(run_.scene.far_m, 100.0));
-    case Layer::kOpacity: {
-      Image8 out{image.width, image.height, std::vector<std::uint8_t>(image.rgb.size())};
-      for (std::size_t i = 0; i < out.rgb.size(); ++i)
-        out.rgb[i] = static_cast<std::uint8_t>(
-            std::lround(255 * std::clamp(image.opacity[i / 3], 0.0f, 1.0f)));
-      return out;
-    }
+    case Layer::kNormals: return has_model() ? normals_image(image, *job.table_) : to_image8(image);
+    case Layer::kOpacity: return opacity_image(image);
     case Layer::kCoverage:
       if (!has_model()) return to_image8(image);
       if (!coverage_) coverage_ = std::make_unique<Coverage>(run_, backend_);
@@ -280,11 +287,19 @@ std::shared_ptr<const Image8> ViewRenderer::reference(const ViewRequest& request
     const auto view = ground_truth(*request.novel);
     return {view, &view->image};
   }
-  const View* const view = find_view(request.camera, request.frame);
+  const View* const view = request.mount ? nullptr : find_view(request.camera, request.frame);
   if (!view) return nullptr;
   return cached(&references_, {request.camera, request.frame}, kKeptImages, [&] {
     return std::shared_ptr<const Image8>(std::make_shared<Image8>(load_view(run_.scene, *view)));
   });
+}
+
+std::optional<Mask> ViewRenderer::mask(const ViewRequest& request) {
+  const View* const view =
+      has_model() && !request.novel ? find_view(request.camera, request.frame) : nullptr;
+  if (!view) return std::nullopt;
+  if (!exclusions_) exclusions_ = read_exclusions(run_);
+  return view_mask(run_.scene, *view, exclusions_->masks[view->camera], exclusions_->moving);
 }
 
 std::optional<double> ViewRenderer::psnr_db(const ViewRequest& request, const RenderJob& job) {
@@ -293,11 +308,8 @@ std::optional<double> ViewRenderer::psnr_db(const ViewRequest& request, const Re
       recorded->height != job.image().height)
     return std::nullopt;
   if (request.novel) return score_image(backend_, job.image(), *recorded).psnr_db;
-  const View& view = *find_view(request.camera, request.frame);
-  if (!exclusions_) exclusions_ = read_exclusions(run_);
   Image8 masked = *recorded;
-  apply_mask(view_mask(run_.scene, view, exclusions_->masks[view.camera], exclusions_->moving),
-             &masked);
+  apply_mask(*mask(request), &masked);
   return score_image(backend_, job.image(), masked).psnr_db;
 }
 
@@ -333,6 +345,27 @@ nlohmann::json ViewRenderer::pick(const RenderJob& job, double u, double v) cons
                        {"height_m", place.height_m}};
   }
   return answer;
+}
+
+PointSearch ViewRenderer::begin_search(const Eigen::Vector3d& point_in_world) {
+  if (!observers_) observers_ = std::make_unique<PointObservers>(run_, backend_);
+  return observers_->begin(point_in_world);
+}
+
+bool ViewRenderer::step(PointSearch* search) { return observers_->step(search); }
+
+nlohmann::json ViewRenderer::found(const PointSearch& search) const {
+  nlohmann::json nearest = nlohmann::json::array();
+  for (std::size_t i = 0; i < std::min(search.seen_by.size(), kNamedObservers); ++i) {
+    const View& view = *search.seen_by[i];
+    const Eigen::Vector3d eye = run_.scene.world_from_camera(view).translation();
+    nearest.push_back({{"camera", run_.scene.rig[view.camera].name},
+                       {"frame", run_.scene.frames[view.frame].id},
+                       {"distance_m", (eye - search.point_in_world).norm()}});
+  }
+  return {{"seen", search.seen_by.size()},
+          {"of", observers_->training_views()},
+          {"nearest", std::move(nearest)}};
 }
 
 }  // namespace redrive::view

@@ -46,6 +46,7 @@ class RenderJob {
   kernels::Backend* backend_ = nullptr;
   Placement placement_;
   int factor_ = 1;
+  std::shared_ptr<const RayTable> table_;  ///< of the whole image
   std::vector<std::shared_ptr<const RayTable>> strips_;
   std::size_t next_ = 0;
   std::shared_ptr<const Image8> recorded_;  ///< shown where there is no model
@@ -80,6 +81,10 @@ class ViewRenderer {
   /// nothing where there is none. InputError where the file cannot be read.
   std::shared_ptr<const Image8> reference(const ViewRequest& request);
 
+  /// Returns which pixels of the recorded image training and scores use; nothing where the run has
+  /// no such image. InputError where a mask or a box file cannot be read.
+  std::optional<Mask> mask(const ViewRequest& request);
+
   /// Returns the PSNR in dB as `redrive eval`, but with the pose of `placement`; nothing without a
   /// reference.
   std::optional<double> psnr_db(const ViewRequest& request, const RenderJob& job);
@@ -88,12 +93,20 @@ class ViewRenderer {
   /// the surface at (u, v), 0..1 over the image.
   nlohmann::json pick(const RenderJob& job, double u, double v) const;
 
+  /// Searches the training images that saw a point. InputError as read_exclusions.
+  PointSearch begin_search(const Eigen::Vector3d& point_in_world);
+  bool step(PointSearch* search);  ///< returns whether there is more to do
+  /// Returns {"seen", "of", "nearest": [{"camera", "frame", "distance_m"}, ..]}: numbers of images
+  /// that saw the point and of all training images, and the nearest ones of those that saw it.
+  nlohmann::json found(const PointSearch& search) const;
+
   const Run& run() const { return run_; }
 
  private:
   std::shared_ptr<const GroundTruthView> ground_truth(const NovelView& novel);
   std::shared_ptr<const RayTable> table(const Camera& camera, const std::string& name, int factor);
   const View* find_view(const std::string& camera, std::int64_t frame) const;
+  RigCamera requested_camera(const ViewRequest& request) const;
   Exposure exposure_of(const ViewRequest& request, const std::string& camera) const;
 
   const Run& run_;
@@ -105,8 +118,9 @@ class ViewRenderer {
   std::list<std::pair<std::pair<std::string, int>, std::shared_ptr<const RayTable>>> tables_;
   std::list<std::pair<std::pair<std::string, std::int64_t>, std::shared_ptr<const Image8>>>
       references_;
-  std::optional<Exclusions> exclusions_;  ///< read for the first score
-  std::unique_ptr<Coverage> coverage_;    ///< made for the first coverage
+  std::optional<Exclusions> exclusions_;       ///< read for the first mask or score
+  std::unique_ptr<Coverage> coverage_;         ///< made for the first coverage
+  std::unique_ptr<PointObservers> observers_;  ///< made for the first search
 };
 
 }  // namespace redrive::view

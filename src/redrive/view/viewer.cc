@@ -15,22 +15,25 @@ namespace {
 
 // 15 images a second leave 66 ms for rendering, JPEG (10 ms for 1280 x 704) and overlays.
 constexpr double kMovingBudget_s = 0.05;
-constexpr double kStrip_s = 0.1;   ///< the longest wait for a newer request
-constexpr double kAtOnce_s = 0.3;  ///< a full image that takes longer is reached in steps
+constexpr double kStrip_s = 0.1;    ///< the longest wait for a newer request
+constexpr double kSearch_s = 0.05;  ///< of observers, between two looks at the requests
+constexpr double kAtOnce_s = 0.3;   ///< a full image that takes longer is reached in steps
 constexpr std::chrono::milliseconds kRest{150};  ///< without a request: the camera rests
+constexpr std::chrono::seconds kLook{2};         ///< between two looks at the run's folder
 constexpr std::chrono::seconds kBusy{1};         ///< a client counts as busy after a request
 constexpr std::uint64_t kMostUnshown = 2;        ///< images on their way to a page
+constexpr std::size_t kRevolutionsAtOnce = 20;   ///< the cloud grows by so many in the page
 constexpr int kSmallestSide = 64;                ///< pixels of the smallest image
 constexpr int kQuality = 92;
 
 std::string bytes_message(const nlohmann::json& header, const std::string& jpeg,
-                          const std::string& points = "") {
-  const std::string text = header.dump();
+                          const std::string& points = "", const std::string& mask = "") {
+  const std::string text = header.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
   std::string message;
-  message.reserve(4 + text.size() + jpeg.size() + points.size());
+  message.reserve(4 + text.size() + jpeg.size() + points.size() + mask.size());
   for (int shift = 0; shift < 32; shift += 8)
     message += static_cast<char>((text.size() >> shift) & 255);
-  return message += text + jpeg + points;
+  return message += text + jpeg + points + mask;
 }
 
 /// Returns the factor beyond which an image shows nothing.
@@ -48,6 +51,7 @@ double seconds_between(std::chrono::steady_clock::time_point from,
 /// Names the recorded image that belongs to a view.
 std::string reference_key(const ViewRequest& view) {
   if (view.novel) return view.novel->set + "/" + std::to_string(view.novel->index);
+  if (view.mount) return "mount";
   return view.camera + ":" + std::to_string(view.frame);
 }
 
@@ -81,18 +85,34 @@ struct Viewer::Client {
   bool greeted = false;
   std::optional<ViewRequest> view;  ///< the latest
   Clock::time_point arrived{};
-  bool failed = false;    ///< `view` cannot be shown; the page knows why
-  bool scored = false;    ///< the score of `view` was sent
-  int sent_factor = 0;    ///< of the last image of `view`; 0: none yet
-  std::string reference;  ///< key of the recorded image that was sent last
+  std::string problem;               ///< of the run, as the page knows it
+  bool failed = false;               ///< `view` cannot be shown; the page knows why
+  bool scored = false;               ///< the score of `view` was sent
+  int sent_factor = 0;               ///< of the last image of `view`; 0: none yet
+  std::string reference;             ///< key of the recorded image that was sent last
+  std::size_t sent_revolutions = 0;  ///< of the cloud, with the last image
   std::uint64_t sent = 0, shown = 0;
   std::optional<Pick> pick;
+
+  std::optional<std::uint64_t> searched;  ///< id of the pick whose observers are searched
+  std::optional<PointSearch> search;      ///< nothing: not begun
+  Eigen::Vector3d search_at = Eigen::Vector3d::Zero();
 
   std::optional<RenderJob> job;
   ViewRequest job_view;
   Clock::time_point job_arrived{};
   bool job_refines = false;       ///< an image of the same view was sent before
   std::optional<RenderJob> last;  ///< the image that was sent last
+
+  /// Forgets what was made of another state of the run.
+  void begin_again() {
+    greeted = failed = scored = false;
+    sent_factor = 0;
+    sent_revolutions = 0;
+    searched = std::nullopt;
+    search = std::nullopt;
+    job = last = std::nullopt;
+  }
 
   void take_news() {
     if (inbox.view) {
@@ -107,8 +127,10 @@ struct Viewer::Client {
   }
 };
 
-Viewer::Viewer(const Run& run, kernels::Backend& backend)
-    : renderer_(run, backend), overlay_(run), hello_(renderer_.describe().dump()) {}
+Viewer::Viewer(std::shared_ptr<const Run> run, kernels::Backend& backend, Look look)
+    : backend_(backend), look_(std::move(look)), look_at_(Clock::now() + kLook) {
+  show(std::move(run));
+}
 Viewer::~Viewer() = default;
 
 void Viewer::opened(ClientId id) {
@@ -148,6 +170,29 @@ void Viewer::closed(ClientId id) {
   clients_.erase(id);
 }
 
+void Viewer::show(std::shared_ptr<const Run> run) {
+  ViewRenderer renderer(*run, backend_);  // throws before anything changes
+  renderer_.emplace(std::move(renderer));
+  overlay_.emplace(*run);
+  hello_ = renderer_->describe().dump();
+  const std::lock_guard lock(mutex_);
+  for (const auto& [id, client] : clients_) client->begin_again();
+  run_ = std::move(run);
+}
+
+/// Shows a newer checkpoint to all pages, or says why there is none.
+void Viewer::look_at_run() {
+  if (!look_ || Clock::now() < look_at_) return;
+  RunNews news = look_();
+  try {
+    if (news.run) show(std::move(news.run));
+  } catch (const std::exception& error) {
+    news = {nullptr, error.what()};
+  }
+  look_at_ = Clock::now() + kLook;
+  problem_ = std::move(news.problem);
+}
+
 void Viewer::serve(Server& server, const std::atomic<bool>& stop) {
   {
     const std::lock_guard lock(mutex_);
@@ -155,6 +200,7 @@ void Viewer::serve(Server& server, const std::atomic<bool>& stop) {
   }
   ClientId last_served = 0;
   while (!stop) {
+    look_at_run();
     std::vector<std::pair<ClientId, std::shared_ptr<Client>>> turn;
     {
       const std::lock_guard lock(mutex_);
@@ -190,21 +236,37 @@ bool Viewer::work(ClientId id, Client& client, Clock::time_point* wake_at) {
     server_->send_text(id, hello_);
     return true;
   }
+  if (client.problem != problem_) {
+    client.problem = problem_;
+    send(id, {{"kind", "problem"}, {"text", problem_}});
+    return true;
+  }
   if (client.pick) {
     answer_pick(id, client, *std::exchange(client.pick, std::nullopt));
     return true;
   }
+  return work_on_image(id, client, wake_at) || search_on(id, client);
+}
+
+/// Sends JSON; file names in it need not be UTF-8.
+void Viewer::send(ClientId id, const nlohmann::json& text) {
+  server_->send_text(id, text.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+}
+
+bool Viewer::work_on_image(ClientId id, Client& client, Clock::time_point* wake_at) {
   if (!client.view || client.failed) return false;
   try {
     if (!client.job) {
       if (client.sent - client.shown >= kMostUnshown) return false;
       const Clock::time_point rests_at = client.arrived + kRest;
       const bool complete = client.sent_factor == 1;
-      if (complete && (!client.view->reference || client.scored)) return false;
+      const bool scores = client.view->reference && !client.scored;
+      if (complete && !scores && !client.view->overlays.cloud) return false;
       if (client.sent_factor != 0 && Clock::now() < rests_at) {
         *wake_at = std::min(*wake_at, rests_at);
         return false;
       }
+      if (complete && !scores) return more_of_the_cloud(id, client);
       if (complete) {
         send_score(id, client);
         return true;
@@ -215,24 +277,49 @@ bool Viewer::work(ClientId id, Client& client, Clock::time_point* wake_at) {
   } catch (const std::exception& error) {
     client.failed = true;
     client.job.reset();
-    server_->send_text(
-        id, nlohmann::json{{"kind", "error"}, {"id", client.view->id}, {"text", error.what()}}.dump(
-                -1, ' ', false, nlohmann::json::error_handler_t::replace));
+    send(id, {{"kind", "error"}, {"id", client.view->id}, {"text", error.what()}});
   }
   return true;
 }
 
-void Viewer::answer_pick(ClientId id, const Client& client, const Pick& pick) {
-  nlohmann::json answer = client.last ? renderer_.pick(*client.last, pick.u, pick.v)
+void Viewer::answer_pick(ClientId id, Client& client, const Pick& pick) {
+  nlohmann::json answer = client.last ? renderer_->pick(*client.last, pick.u, pick.v)
                                       : nlohmann::json{{"surface", false}};
   answer["kind"] = "picked";
   answer["id"] = pick.id;
-  server_->send_text(id, answer.dump());
+  send(id, answer);
+  client.searched = std::nullopt;
+  if (answer["surface"]) {
+    const std::vector<double> at = answer["world_m"];
+    client.searched = pick.id;
+    client.search = std::nullopt;
+    client.search_at = Eigen::Vector3d(at.data());
+  }
+}
+
+/// Searches for some time the training images that saw the point that was picked last. Returns
+/// false where there is nothing to search.
+bool Viewer::search_on(ClientId id, Client& client) {
+  if (!client.searched) return false;
+  const Clock::time_point start = Clock::now();
+  nlohmann::json answer;
+  try {
+    if (!client.search) client.search = renderer_->begin_search(client.search_at);
+    while (renderer_->step(&*client.search))
+      if (seconds_between(start, Clock::now()) > kSearch_s) return true;
+    answer = renderer_->found(*client.search);
+  } catch (const std::exception& error) {  // masks or boxes cannot be read any more
+    answer["text"] = error.what();
+  }
+  answer["kind"] = "seen_by";
+  answer["id"] = *std::exchange(client.searched, std::nullopt);
+  send(id, answer);
+  return true;
 }
 
 void Viewer::begin(Client& client) {
-  const Placement placement = renderer_.place(*client.view);
-  Pace& pace = paces_[placement.camera_name];
+  const Placement placement = renderer_->place(*client.view);
+  Pace& pace = paces_[{placement.camera_name, client.view->layer}];
   int factor = 1;
   if (client.sent_factor == 0)
     factor = pace.factor_within(kMovingBudget_s / std::max(1, busy_clients()),
@@ -243,18 +330,47 @@ void Viewer::begin(Client& client) {
   client.job_arrived = client.arrived;
   client.job_refines = client.sent_factor != 0;
   client.job =
-      renderer_.begin(*client.view, placement, factor, pace.seconds(factor).value_or(0), kStrip_s);
+      renderer_->begin(*client.view, placement, factor, pace.seconds(factor).value_or(0), kStrip_s);
+}
+
+/// Reads a revolution of the cloud, or sends the image again with what was read since. Returns
+/// false where both are done.
+bool Viewer::more_of_the_cloud(ClientId id, Client& client) {
+  bool read = true;
+  try {
+    read = overlay_->read_cloud();
+  } catch (const InputError&) {  // a damaged file is left out
+  }
+  const std::size_t unseen = overlay_->cloud_revolutions() - client.sent_revolutions;
+  if (client.last && unseen >= (read ? kRevolutionsAtOnce : 1)) {
+    client.job = std::exchange(client.last, std::nullopt);
+    client.job_view = *client.view;
+    finish(id, client);
+    return true;
+  }
+  return read;
 }
 
 void Viewer::finish(ClientId id, Client& client) {
   const RenderJob& job = *client.job;
   const ViewRequest& view = client.job_view;
   const Placement& placement = job.placement();
-  paces_[placement.camera_name].measured(job.factor(), job.seconds());
-  const Image8 image = renderer_.colours(job, view.layer);
-  const std::string jpeg = encode_jpeg(image, kQuality),
-                    points = view.overlays.lidar ? overlay_.points(job) : "";
-  const nlohmann::json lines = lines_to_json(overlay_.lines(placement, view.overlays));
+  const Clock::time_point rendered = Clock::now();
+  const Image8 image = renderer_->colours(job, view.layer);
+  paces_[{placement.camera_name, view.layer}].measured(
+      job.factor(), job.seconds() + seconds_between(rendered, Clock::now()));
+  const std::string jpeg = encode_jpeg(image, kQuality);
+  std::string points, masked, trouble;
+  nlohmann::json lines = nlohmann::json::array();
+  try {
+    points = overlay_->points(job, view.overlays);
+    lines = lines_to_json(overlay_->lines(placement, view.overlays));
+    std::optional<Mask> mask;
+    if (view.overlays.masks && view.is_driven()) mask = renderer_->mask(view);
+    if (mask) masked = mask_runs(*mask);
+  } catch (const std::exception& error) {  // the recording has moved away, say
+    trouble = error.what();
+  }
   ++client.sent;
   server_->send_binary(
       id, bytes_message(
@@ -271,9 +387,12 @@ void Viewer::finish(ClientId id, Client& client) {
                {"render_ms", rounded(1e3 * job.seconds(), 0.1)},
                {"total_ms", rounded(1e3 * seconds_between(client.job_arrived, Clock::now()), 0.1)},
                {"lines", lines},
+               {"trouble", trouble},
                {"jpeg", jpeg.size()},
-               {"points", points.size()}},
-              jpeg, points));
+               {"points", points.size()},
+               {"mask", masked.size()}},
+              jpeg, points, masked));
+  client.sent_revolutions = overlay_->cloud_revolutions();
   if (client.view->id == view.id) client.sent_factor = job.factor();
   client.last = std::exchange(client.job, std::nullopt);
   if (view.reference) send_reference(id, client, view);
@@ -285,22 +404,22 @@ void Viewer::send_reference(ClientId id, Client& client, const ViewRequest& view
   client.reference = key;
   std::string why = "there is no recorded image of this camera and frame";
   try {
-    if (const auto image = renderer_.reference(view)) {
+    if (const auto image = renderer_->reference(view)) {
       const std::string jpeg = encode_jpeg(*image, kQuality);
       server_->send_binary(id, bytes_message({{"kind", "reference"},
                                               {"key", key},
                                               {"width", image->width},
                                               {"height", image->height},
                                               {"jpeg", jpeg.size()},
-                                              {"points", 0}},
+                                              {"points", 0},
+                                              {"mask", 0}},
                                              jpeg));
       return;
     }
   } catch (const std::exception& error) {  // the recording has moved away, say
     why = error.what();
   }
-  server_->send_text(id, nlohmann::json{{"kind", "no_reference"}, {"key", key}, {"text", why}}.dump(
-                             -1, ' ', false, nlohmann::json::error_handler_t::replace));
+  send(id, {{"kind", "no_reference"}, {"key", key}, {"text", why}});
 }
 
 void Viewer::send_score(ClientId id, Client& client) {
@@ -308,14 +427,11 @@ void Viewer::send_score(ClientId id, Client& client) {
   if (!client.last || !(client.view->is_driven() || client.view->novel)) return;
   std::optional<double> psnr_db;
   try {
-    psnr_db = renderer_.psnr_db(*client.view, *client.last);
+    psnr_db = renderer_->psnr_db(*client.view, *client.last);
   } catch (const InputError&) {  // the page was told with the reference
   }
   if (psnr_db)
-    server_->send_text(id, nlohmann::json{{"kind", "score"},
-                                          {"id", client.view->id},
-                                          {"psnr_db", rounded(*psnr_db, 0.01)}}
-                               .dump());
+    send(id, {{"kind", "score"}, {"id", client.view->id}, {"psnr_db", rounded(*psnr_db, 0.01)}});
 }
 
 /// Returns the number of clients that asked for something within the last second.

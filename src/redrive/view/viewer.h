@@ -8,27 +8,34 @@
 #include <chrono>
 #include <condition_variable>
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <memory>
 #include <mutex>
 #include <optional>
 #include <string>
+#include <utility>
+
+#include <nlohmann/json_fwd.hpp>
 
 #include "redrive/view/messages.h"
 #include "redrive/view/overlay.h"
 #include "redrive/view/pace.h"
+#include "redrive/view/run_watch.h"
 #include "redrive/view/server.h"
 #include "redrive/view/view_renderer.h"
 
 namespace redrive::view {
 
 /// Sends to a page, all little-endian: texts are JSON with a "kind"; images are bytes: the size of
-/// a JSON header (32 bits), the header ({"kind": "image" or "reference", ..., "jpeg", "points"}),
-/// that many bytes of JPEG, that many of points (overlay.h).
+/// a JSON header (32 bits), the header ({"kind": "image" or "reference", ..., "jpeg", "points",
+/// "mask"}), that many bytes of JPEG, of points and of the mask (overlay.h).
 class Viewer : public ServerEvents {
  public:
-  /// Run and backend must outlive it.
-  Viewer(const Run& run, kernels::Backend& backend);
+  using Look = std::function<RunNews()>;
+  /// The backend must outlive it. `look` is called every few seconds between two images, on the
+  /// thread of serve().
+  Viewer(std::shared_ptr<const Run> run, kernels::Backend& backend, Look look = {});
   ~Viewer() override;
 
   /// Makes images until `stop`; looks at it 10 times a second.
@@ -43,19 +50,30 @@ class Viewer : public ServerEvents {
   struct Inbox;
   struct Client;
 
+  void send(ClientId id, const nlohmann::json& text);
+  void show(std::shared_ptr<const Run> run);
+  void look_at_run();
   bool work(ClientId id, Client& client, Clock::time_point* wake_at);
-  void answer_pick(ClientId id, const Client& client, const Pick& pick);
+  bool work_on_image(ClientId id, Client& client, Clock::time_point* wake_at);
+  bool search_on(ClientId id, Client& client);
+  void answer_pick(ClientId id, Client& client, const Pick& pick);
   void begin(Client& client);
+  bool more_of_the_cloud(ClientId id, Client& client);
   void finish(ClientId id, Client& client);
   void send_reference(ClientId id, Client& client, const ViewRequest& view);
   void send_score(ClientId id, Client& client);
   int busy_clients() const;
 
-  ViewRenderer renderer_;
-  Overlay overlay_;
+  kernels::Backend& backend_;
+  std::shared_ptr<const Run> run_;
+  std::optional<ViewRenderer> renderer_;  ///< of run_, as are the next two
+  std::optional<Overlay> overlay_;
   std::string hello_;
+  Look look_;
+  Clock::time_point look_at_;
+  std::string problem_;  ///< of the run, as the pages know it
   Server* server_ = nullptr;
-  std::map<std::string, Pace> paces_;  ///< by camera
+  std::map<std::pair<std::string, Layer>, Pace> paces_;  ///< by camera and layer
 
   mutable std::mutex mutex_;  ///< of the clients' list and their inboxes
   std::condition_variable wake_;

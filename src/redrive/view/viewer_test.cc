@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <mutex>
 #include <set>
 #include <thread>
 
@@ -29,20 +30,25 @@ struct Received {
   Image8 image;  ///< of binary messages
 };
 
+std::unique_ptr<Model> make_model() {
+  auto model = std::make_unique<NerfModel>();
+  model->config.width = 32;
+  model->samples = 4;
+  model->near_m = 1;
+  model->far_m = 10;
+  model->parameters = Buffer<float>(nerf_parameter_count(model->config));
+  return model;
+}
+
 class ViewerTest : public testing::Test {
  protected:
   explicit ViewerTest(bool with_model = true) {
     run_.recording = make_test_recording(folder_.path, 3);
     run_.scene = make_scene(run_.recording, {.holdout_every = 2});
     run_.options.method = "nerf";
-    auto model = std::make_unique<NerfModel>();
-    model->config.width = 32;
-    model->samples = 4;
-    model->near_m = 1;
-    model->far_m = 10;
-    model->parameters = Buffer<float>(nerf_parameter_count(model->config));
-    if (with_model) run_.state.model = std::move(model);
-    viewer_ = std::make_unique<Viewer>(run_, backend_);
+    if (with_model) run_.state.model = make_model();
+    viewer_ = std::make_unique<Viewer>(std::shared_ptr<const redrive::Run>(&run_, [](auto*) {}),
+                                       backend_, [this] { return look(); });
     ServerOptions options;
     options.token = "t";
     server_ = std::make_unique<Server>(options, viewer_.get());
@@ -51,6 +57,15 @@ class ViewerTest : public testing::Test {
   ~ViewerTest() override {
     stop_ = true;
     thread_.join();
+  }
+
+  RunNews look() {
+    const std::lock_guard lock(news_mutex_);
+    return std::exchange(news_, {nullptr, news_.problem});
+  }
+  void happens(RunNews news) {
+    const std::lock_guard lock(news_mutex_);
+    news_ = std::move(news);
   }
 
   std::unique_ptr<LoopbackClient> connect() {
@@ -106,6 +121,8 @@ class ViewerTest : public testing::Test {
     return std::array<float, 3>{0.5f + 0.4f * d[0], 0.5f + 0.4f * d[1], 0.5f + 0.4f * d[2]};
   }};
   std::atomic<bool> stop_{false};
+  std::mutex news_mutex_;
+  RunNews news_;
   std::unique_ptr<Viewer> viewer_;
   std::unique_ptr<Server> server_;
   std::thread thread_;
@@ -147,6 +164,35 @@ TEST_F(ViewerTest, SendsTheImageThatRenderWrites) {
   for (std::size_t i = 0; i < expected.rgb.size(); ++i)
     sum += std::pow(double(received.image.rgb[i]) - expected.rgb[i], 2);
   EXPECT_LT(std::sqrt(sum / static_cast<double>(expected.rgb.size())), 3);  // JPEG
+}
+
+TEST_F(ViewerTest, SendsTheImageOfAMount) {
+  const auto client = connect();
+  nlohmann::json request = view(1);
+  request["mount"] = {{"at", "1,0.5,2,30,-10,5"}, {"lens", "pinhole:80:32x20"}};
+  request["reference"] = true;
+  client->send_message(request.dump());
+  const Received received = full_image(*client, 1);
+  const RigCamera camera = *mounted_camera(*parse_mount("1,0.5,2,30,-10,5"),
+                                           *parse_lens("pinhole:80:32x20"), run_.scene);
+  const Image8 expected = to_image8(render_image(
+      backend_, *run_.state.model, camera.camera,
+      *world_from_body(run_.recording, run_.scene, 11, camera) * camera.body_from_sensor));
+  EXPECT_EQ(received.image.width, 32);
+  ASSERT_EQ(received.image.rgb.size(), expected.rgb.size());
+  double sum = 0;
+  for (std::size_t i = 0; i < expected.rgb.size(); ++i)
+    sum += std::pow(double(received.image.rgb[i]) - expected.rgb[i], 2);
+  EXPECT_LT(std::sqrt(sum / static_cast<double>(expected.rgb.size())), 3);  // JPEG
+  EXPECT_EQ(wait_for(*client, "no_reference").header["key"], "mount");
+  request["id"] = 2;
+  request["mount"]["lens"] = "FISHEYE";
+  client->send_message(request.dump());
+  EXPECT_EQ(full_image(*client, 2).image.width, 20);
+  request["id"] = 3;
+  request["mount"]["lens"] = "REAR";
+  client->send_message(request.dump());
+  EXPECT_THAT(wait_for(*client, "error").header["text"].get<std::string>(), HasSubstr("REAR"));
 }
 
 TEST_F(ViewerTest, SendsTheRecordedImageAndTheScore) {
@@ -191,6 +237,33 @@ TEST_F(ViewerTest, FindsThePointOfAPixel) {
   EXPECT_NEAR(picked["wgs84"]["longitude_deg"].get<double>(), 19.0, 0.3);
 }
 
+TEST_F(ViewerTest, NamesTheTrainingImagesThatSawAPoint) {
+  const auto client = connect();
+  client->send_message(view(1).dump());
+  full_image(*client, 1);
+  client->send_message(R"({"type": "pick", "id": 5, "at": [0.5, 0.5]})");
+  const nlohmann::json seen = wait_for(*client, "seen_by").header;
+  EXPECT_EQ(seen["id"], 5);
+  EXPECT_EQ(seen["of"], 2);    // of frame 11: 10 and 12 are held out
+  EXPECT_EQ(seen["seen"], 1);  // FISHEYE looks to the left
+  EXPECT_EQ(seen["nearest"][0]["camera"], "FRONT");
+  EXPECT_EQ(seen["nearest"][0]["frame"], 11);
+  EXPECT_NEAR(seen["nearest"][0]["distance_m"].get<double>(), 2, 1e-6);
+}
+
+TEST_F(ViewerTest, SendsMasksWithDrivenImages) {
+  const auto client = connect();
+  nlohmann::json request = view(1);
+  request["overlays"] = {"masks"};
+  client->send_message(request.dump());
+  EXPECT_GT(full_image(*client, 1).header["mask"], 0);
+  request["id"] = 2;
+  request["layer"] = "normals";
+  request["shift_m"] = {0, 1, 0};
+  client->send_message(request.dump());
+  EXPECT_EQ(full_image(*client, 2).header["mask"], 0);
+}
+
 TEST_F(ViewerTest, DropsWhatIsOvertakenAndWaitsForThePage) {
   const auto client = connect();
   for (int id = 1; id <= 300; ++id) client->send_message(view(id).dump());
@@ -207,6 +280,30 @@ TEST_F(ViewerTest, DropsWhatIsOvertakenAndWaitsForThePage) {
   client->send_message(R"({"type": "shown", "sequence": 2})");
   client->send_message(view(301).dump());
   EXPECT_EQ(full_image(*client, 301).header["id"], 301);
+}
+
+TEST_F(ViewerTest, ShowsANewerRunToItsPages) {
+  const auto client = connect();
+  EXPECT_EQ(next(*client).header["step"], 0);
+  client->send_message(view(1).dump());
+  EXPECT_EQ(full_image(*client, 1).image.width, 24);
+  auto newer = std::make_shared<redrive::Run>();
+  newer->recording = run_.recording;
+  newer->options = run_.options;
+  newer->scene = make_scene(run_.recording, {.downscale = 2});
+  newer->state.model = make_model();
+  newer->state.step = 500;
+  happens({newer, ""});
+  EXPECT_EQ(wait_for(*client, "hello").header["step"], 500);
+  EXPECT_EQ(full_image(*client, 1).image.width, 12);
+  happens({nullptr, "the run is gone"});
+  EXPECT_EQ(wait_for(*client, "problem").header["text"], "the run is gone");
+  client->send_message(view(2).dump());
+  EXPECT_EQ(full_image(*client, 2).image.width, 12);
+  const auto later = connect();
+  EXPECT_EQ(wait_for(*later, "problem").header["text"], "the run is gone");
+  happens({nullptr, ""});
+  EXPECT_EQ(wait_for(*later, "problem").header["text"], "");
 }
 
 TEST_F(ViewerTest, ServesClientsInTurn) {

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The panel: shows the state and changes it.
-import type {Hello, Picked} from "./protocol";
+import {poseOf} from "./motion";
+import {cameraOf, mountAt, MountPanel, usualLens} from "./mount";
+import type {Hello, Picked, SeenBy} from "./protocol";
 import {
   compares, isDriven, layers, moves, overlays, setMove, toCommand, type Compare, type Layer,
   type Move, type State,
@@ -20,6 +22,8 @@ const sliders: Record<Move, {label: string; range: number; step: number}> = {
   pitch: {label: "pitch, °", range: 89, step: 0.5},
 };
 
+const ownMount = "/mount"; // among the names of the cameras
+
 function option(value: string, text: string): HTMLOptionElement {
   const made = document.createElement("option");
   made.value = value;
@@ -27,7 +31,19 @@ function option(value: string, text: string): HTMLOptionElement {
   return made;
 }
 
+function addRow(table: HTMLTableElement, name: string, value: string): HTMLTableCellElement {
+  const row = table.insertRow();
+  const head = document.createElement("th");
+  head.scope = "row";
+  head.textContent = name;
+  row.append(head);
+  const cell = row.insertCell();
+  cell.textContent = value;
+  return cell;
+}
+
 export class Controls {
+  private readonly mount: MountPanel;
   private readonly ranges = {} as Record<Move, HTMLInputElement>;
   private readonly numbers = {} as Record<Move, HTMLInputElement>;
 
@@ -37,8 +53,7 @@ export class Controls {
     private readonly state: State,
     private readonly changed: () => void,
   ) {
-    element("run").textContent = hello.method
-      ? `${hello.run} · ${hello.method}, step ${hello.step}` : `${hello.run} · recording`;
+    this.showStep();
     if (!hello.method)
       for (const id of ["compare", "layer", "exposure", "orbit", "copy"])
         element<HTMLInputElement>(id).disabled = true;
@@ -47,7 +62,15 @@ export class Controls {
         const made = option(name, name);
         made.title = model;
         return made;
-      }));
+      }), ...(hello.method ? [option(ownMount, "own mount")] : []));
+    this.mount = new MountPanel(element("mount-fields"), hello, (mount) => {
+      state.mount = mount;
+      this.changed();
+    });
+    element("mount-here").addEventListener("click", () => {
+      this.takeMount();
+      this.changed();
+    });
     this.listTruth();
     this.makeSliders();
     const on = (id: string, event: string, change: (input: HTMLInputElement) => void) =>
@@ -75,12 +98,14 @@ export class Controls {
         else state.overlays.delete(name);
         this.changed();
       });
-      const missing = (name === "lidar" && !hello.lidar) || (name === "boxes" && !hello.boxes);
+      const missing = ((name === "lidar" || name === "cloud") && !hello.lidar) ||
+        (name === "boxes" && !hello.boxes) || (name === "masks" && !hello.method);
       box.disabled = missing;
       if (missing) {
         state.overlays.delete(name);
         box.parentElement?.classList.add("missing");
-        if (box.parentElement) box.parentElement.title = "The recording has none";
+        if (box.parentElement) box.parentElement.title =
+          name === "masks" ? "Masks are those of a run" : "The recording has none";
       }
     }
     element("panel").addEventListener("submit", (event) => event.preventDefault());
@@ -90,9 +115,27 @@ export class Controls {
     copy("copy-address", () => location.href);
   }
 
+  /** Shows the run and its step, which was loaded at some time. */
+  showStep(loaded?: Date): void {
+    const {run, method, step} = this.hello;
+    const when = loaded ? `, loaded ${loaded.toLocaleTimeString()}` : "";
+    element("run").textContent = method ? `${run} · ${method}, step ${step}${when}` : `${run} · recording`;
+  }
+
   selectCamera(name: string): void {
     this.leaveTruth();
+    if (name === ownMount) return this.takeMount();
+    this.state.mount = null;
     this.state.camera = name;
+  }
+
+  /** Puts a camera of one's own where the view is. */
+  takeMount(): void {
+    if (!this.hello.method) return;
+    const {state, hello} = this;
+    const pose = poseOf(cameraOf(state, hello), state);
+    this.home();
+    state.mount = mountAt(pose, state.mount?.lens ?? usualLens);
   }
 
   selectFrame(id: number): void {
@@ -129,7 +172,9 @@ export class Controls {
       const input = element<HTMLInputElement | HTMLSelectElement>(id);
       if (input.value !== value) input.value = value;
     };
-    set("camera", state.camera);
+    set("camera", state.mount ? ownMount : state.camera);
+    element("mount").hidden = !state.mount;
+    if (state.mount) this.mount.show(state.mount);
     set("frame", String(index));
     element("frame-label").textContent =
       `${state.frame} · ${hello.metric ? `${hello.frames[index].t_s.toFixed(2)} s` : index + 1}`;
@@ -177,15 +222,35 @@ export class Controls {
       rows.push(["distance", `${distance.toFixed(3)}${unit} to the point before`]);
     }
     const table = document.createElement("table");
-    for (const [name, value] of rows) {
-      const row = table.insertRow();
-      const head = document.createElement("th");
-      head.scope = "row";
-      head.textContent = name;
-      row.append(head);
-      row.insertCell().textContent = value;
-    }
+    for (const [name, value] of rows) addRow(table, name, value);
+    const seen = addRow(table, "seen by", "…");
+    seen.id = "seen";
     place.replaceChildren(table);
+  }
+
+  /** Shows which training images saw the point; a click on one goes there. */
+  showSeen({text, seen, of, nearest}: SeenBy): void {
+    const cell = document.getElementById("seen");
+    if (!cell) return;
+    cell.textContent = text ?? `${seen} of ${of} training images`;
+    if (!nearest?.length) return;
+    const list = document.createElement("ul");
+    for (const {camera, frame, distance_m} of nearest) {
+      const button = document.createElement("button");
+      button.type = "button";
+      const distance = `${distance_m.toFixed(1)}${this.hello.metric ? " m" : ""}`;
+      button.textContent = `${camera} ${frame}, ${distance}`;
+      button.title = "Go to this image";
+      button.addEventListener("click", () => {
+        this.home();
+        Object.assign(this.state, {camera, frame, mount: null});
+        this.changed();
+      });
+      const item = document.createElement("li");
+      item.append(button);
+      list.append(item);
+    }
+    cell.append(list);
   }
 
   private overlayBox(name: string): HTMLInputElement {
@@ -221,6 +286,7 @@ export class Controls {
     const {state} = this;
     const [kind, number, ...rest] = value.split("/");
     if (kind === "") return this.home();
+    state.mount = null;
     if (kind === "held-out") {
       this.home();
       state.frame = Number(number);

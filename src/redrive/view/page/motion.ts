@@ -45,6 +45,12 @@ function position(camera: CameraInfo, state: State): Vector {
   return [m[3] + state.forward, m[7] + state.left, m[11] + state.up];
 }
 
+/** body_from_sensor of the state, 3 x 4 row by row. */
+export function poseOf(camera: CameraInfo, state: State): number[] {
+  const at = position(camera, state);
+  return rotation(camera, state.yaw, state.pitch).flatMap((row, k) => [...row, at[k]]);
+}
+
 function setPosition(camera: CameraInfo, state: State, at: Vector): void {
   const m = camera.body_from_sensor;
   setMove(state, "forward", at[0] - m[3]);

@@ -45,6 +45,15 @@ export interface Picked {
   wgs84?: {latitude_deg: number; longitude_deg: number; height_m: number};
 }
 
+export interface SeenBy {
+  kind: "seen_by";
+  id: number;
+  text?: string; // why it is not known
+  seen?: number;
+  of?: number; // training images
+  nearest?: {camera: string; frame: number; distance_m: number}[];
+}
+
 export interface Line {
   kind: "trajectory" | "frustum" | "box";
   label: string;
@@ -65,8 +74,10 @@ export interface ImageHeader {
   render_ms: number;
   total_ms: number;
   lines: Line[];
+  trouble: string; // what of the overlays could not be read
   jpeg: number;
   points: number;
+  mask: number;
 }
 
 export interface ReferenceHeader {
@@ -76,22 +87,26 @@ export interface ReferenceHeader {
   height: number;
   jpeg: number;
   points: number;
+  mask: number;
 }
 
 export type Text =
   | Hello
   | Picked
+  | SeenBy
   | {kind: "score"; id: number; psnr_db: number}
   | {kind: "no_reference"; key: string; text: string}
+  | {kind: "problem"; text: string} // of the run; empty: none
   | {kind: "error"; id: number; text: string};
 
 export interface Picture<Header> {
   header: Header;
   bitmap: ImageBitmap;
-  points: Uint8Array;
+  points: Uint8Array; // ../overlay.h
+  mask: Uint8Array;
 }
 
-/** Splits a binary message into its header, its JPEG and its points. */
+/** Splits a binary message into its header, its JPEG, its points and its mask. */
 export async function decode(
   bytes: ArrayBuffer,
 ): Promise<Picture<ImageHeader> | Picture<ReferenceHeader>> {
@@ -100,7 +115,9 @@ export async function decode(
   const jpeg = new Uint8Array(bytes, 4 + size, header.jpeg);
   const points = new Uint8Array(bytes, 4 + size + header.jpeg, header.points);
   const bitmap = await createImageBitmap(new Blob([jpeg], {type: "image/jpeg"}));
-  return {header, bitmap, points};
+  const mask = new Uint8Array(
+    bytes, 4 + size + header.jpeg + header.points, header.mask);
+  return {header, bitmap, points, mask};
 }
 
 /** A connection that is made again when it ends. */

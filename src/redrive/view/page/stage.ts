@@ -24,6 +24,8 @@ export class Stage {
   image: Picture<ImageHeader> | null = null;
   reference: Picture<ReferenceHeader> | null = null; // of the state that is shown
   marks: Mark[] = [];
+  maskedShare = 0; // of the pixels of the image that is shown
+  private masked: {of: Picture<ImageHeader>; shape: OffscreenCanvas | null} | null = null;
   private rendering: Rect = {x: 0, y: 0, width: 1, height: 1}; // in pixels of the canvas
 
   constructor(private readonly canvas: HTMLCanvasElement) {}
@@ -111,12 +113,15 @@ export class Stage {
     context.beginPath();
     context.rect(to.x, to.y, to.width, to.height);
     context.clip();
+    const shape = this.maskOf(picture);
+    if (shape) context.drawImage(shape, to.x, to.y, to.width, to.height);
     const {points} = picture;
-    const size = Math.max(2, Math.round(to.width / 500));
+    const large = Math.max(3, Math.round(to.width / 400));
     for (let i = 0; i + 5 < points.length; i += 6) {
       const u = (points[i] + 256 * points[i + 1]) / 65535;
       const v = (points[i + 2] + 256 * points[i + 3]) / 65535;
       context.fillStyle = levels[points[i + 4]];
+      const size = points[i + 5] ? large : large - 1; // of the frame's revolution, or of the cloud
       context.fillRect(to.x + u * to.width - size / 2, to.y + v * to.height - size / 2, size, size);
     }
     context.lineWidth = 1.5 * devicePixelRatio;
@@ -135,6 +140,32 @@ export class Stage {
         );
     }
     context.restore();
+  }
+
+  /** The masked pixels in half transparent red, made once for an image. */
+  private maskOf(picture: Picture<ImageHeader>): OffscreenCanvas | null {
+    if (this.masked?.of === picture) return this.masked.shape;
+    this.masked = {of: picture, shape: null};
+    this.maskedShare = 0;
+    if (picture.mask.length === 0) return null;
+    const {full_width, full_height} = picture.header;
+    const image = new ImageData(full_width, full_height);
+    const pixels = new Uint32Array(image.data.buffer);
+    let [at, used, length, shift, masked] = [0, true, 0, 0, 0];
+    for (const byte of picture.mask) {
+      length += (byte & 127) * 2 ** shift;
+      shift += 7;
+      if (byte & 128) continue;
+      if (!used) pixels.fill(0x803030ff, at, at + length), (masked += length); // alpha, b, g, r
+      at += length;
+      used = !used;
+      length = shift = 0;
+    }
+    const shape = new OffscreenCanvas(full_width, full_height);
+    shape.getContext("2d")?.putImageData(image, 0, 0);
+    this.masked.shape = shape;
+    this.maskedShare = masked / pixels.length;
+    return shape;
   }
 
   private drawMarks(context: CanvasRenderingContext2D): void {

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the page shows. It lives in the address, so that a view can be sent to a colleague.
+import {mountFrom, mountText, type Mount} from "./mount";
 import type {Hello} from "./protocol";
 
 export const compares = ["off", "beside", "wipe", "blend", "difference"] as const;
-export const layers = ["image", "depth", "opacity", "coverage"] as const;
-export const overlays = ["trajectory", "frusta", "lidar", "boxes"] as const;
+export const layers = ["image", "depth", "normals", "opacity", "coverage"] as const;
+export const overlays = ["trajectory", "frusta", "lidar", "cloud", "boxes", "masks"] as const;
 export const moves = ["left", "forward", "up", "yaw", "pitch"] as const;
 
 export type Compare = (typeof compares)[number];
@@ -15,6 +16,7 @@ export type Move = (typeof moves)[number];
 export interface State {
   camera: string;
   frame: number; // id
+  mount: Mount | null; // takes the place of the camera
   left: number; // metres along the body's axes, from where the camera is mounted
   forward: number;
   up: number;
@@ -32,6 +34,7 @@ export function initialState(hello: Hello): State {
   return {
     camera: hello.cameras[0].name,
     frame: hello.frames[Math.floor(hello.frames.length / 2)].id,
+    mount: null,
     left: 0,
     forward: 0,
     up: 0,
@@ -57,13 +60,14 @@ export function setMove(state: State, move: Move, value: number): void {
 }
 
 export function isDriven(state: State): boolean {
-  return state.novel !== null || moves.every((move) => state[move] === 0);
+  return state.novel !== null ||
+    (state.mount === null && moves.every((move) => state[move] === 0));
 }
 
 /** Names the recorded image of the state, as the server does. */
 export function referenceKey(state: State): string {
   if (state.novel) return `${state.novel.set}/${state.novel.index}`;
-  return `${state.camera}:${state.frame}`;
+  return state.mount ? "mount" : `${state.camera}:${state.frame}`;
 }
 
 export function toHash(state: State, hello: Hello): string {
@@ -74,6 +78,10 @@ export function toHash(state: State, hello: Hello): string {
   } else {
     values.set("camera", state.camera);
     values.set("frame", String(state.frame));
+    if (state.mount) {
+      values.set("mount", mountText(state.mount));
+      values.set("lens", state.mount.lens);
+    }
     for (const move of moves) if (state[move] !== 0) values.set(move, String(state[move]));
   }
   for (const key of ["compare", "layer", "exposure", "share"] as const)
@@ -90,11 +98,13 @@ export function fromHash(hash: string, hello: Hello): State {
   if (camera && hello.cameras.some(({name}) => name === camera)) state.camera = camera;
   const frame = Number(values.get("frame") ?? NaN);
   if (hello.frames.some(({id}) => id === frame)) state.frame = frame;
+  state.mount = mountFrom(values.get("mount"), values.get("lens"), hello);
   for (const move of moves) if (values.has(move)) setMove(state, move, Number(values.get(move)));
   const truth = /^(.*)\/(\d+)$/.exec(values.get("truth") ?? "");
   const set = truth && hello.novel.find((novel) => novel.set === truth[1]);
   if (set && Number(truth[2]) < set.views.length) {
     state.novel = {set: set.set, index: Number(truth[2])};
+    state.mount = null;
     const view = set.views[state.novel.index];
     state.camera = view.camera;
     if (hello.frames.some(({id}) => id === view.frame)) state.frame = view.frame;
@@ -128,6 +138,7 @@ export function toRequest(state: State, id: number): object {
     overlays: [...state.overlays],
     reference: state.compare !== "off",
     novel: state.novel,
+    mount: state.mount && {at: mountText(state.mount), lens: state.mount.lens},
   };
 }
 
@@ -142,12 +153,15 @@ export function toCommand(state: State, hello: Hello): string {
   if (set) {
     words.push("--poses", set.poses, "--out", set.set);
   } else {
-    words.push("--camera", state.camera, "--frame", String(state.frame));
+    if (state.mount) words.push(`--mount=${mountText(state.mount)}`, "--lens", state.mount.lens);
+    else words.push("--camera", state.camera);
+    words.push("--frame", String(state.frame));
     if (state.forward || state.left || state.up)
       words.push(`--translate=${state.forward},${state.left},${state.up}`);
     if (state.yaw) words.push(`--yaw=${state.yaw}`);
     if (state.pitch) words.push(`--pitch=${state.pitch}`);
-    if (state.layer === "depth") words.push("--depth", "depth.png");
+    const file = (["depth", "normals", "opacity"] as const).find((name) => name === state.layer);
+    if (file) words.push(`--${file}`, `${file}.png`);
     words.push("--out", "view.png");
   }
   if (state.exposure !== "own") words.push("--exposure", state.exposure);

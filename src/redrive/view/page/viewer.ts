@@ -3,6 +3,7 @@
 // and keys into changes of the state.
 import {Controls, element} from "./controls";
 import {fly, turn} from "./motion";
+import {cameraOf} from "./mount";
 import {
   Connection, decode, type Hello, type ImageHeader, type Picked, type Picture,
   type ReferenceHeader, type Text,
@@ -13,6 +14,13 @@ import {fromHash, isDriven, referenceKey, toHash, toRequest, type State} from ".
 const degreesPerPixel = 0.15;
 const speed = 3; // metres a second; shift: four times
 const turnSpeed = 45; // degrees a second
+
+/** Whether the state of a page still fits. */
+function sameRun(a: Hello, b: Hello): boolean {
+  const what = ({run, method, cameras, frames, held_out, novel}: Hello) => JSON.stringify(
+    [run, method, cameras.map(({name}) => name), frames, held_out, novel]);
+  return what(a) === what(b);
+}
 
 class Viewer {
   private readonly connection = new Connection();
@@ -32,6 +40,8 @@ class Viewer {
   private pickMark: {u: number; v: number} | null = null;
   private score: number | null = null;
   private noReference = "";
+  private problem = ""; // of the run
+  private noticed = "";
   private references = new Map<string, Picture<ReferenceHeader>>(); // the last one, by its key
   private asked = ""; // the last request, without its number
   private shownAt: number[] = []; // times of the last images
@@ -51,10 +61,15 @@ class Viewer {
   private receive(message: Text): void {
     if (message.kind === "hello") this.begin(message);
     if (message.kind === "picked") this.showPicked(message);
+    if (message.kind === "seen_by") this.controls.showSeen(message);
     if (message.kind === "score" && message.id === this.id) this.score = message.psnr_db;
     if (message.kind === "no_reference") {
       this.noReference = message.text;
       this.stage.reference = null;
+    }
+    if (message.kind === "problem") {
+      this.problem = message.text;
+      this.notice(this.noticed);
     }
     if (message.kind === "error" && message.id === this.id) this.notice(message.text);
     this.caption();
@@ -68,7 +83,14 @@ class Viewer {
       this.controls = new Controls(hello, this.state, () => this.changed());
       this.listen();
       document.title = `${hello.run} · redrive view`;
+    } else if (!sameRun(this.hello, hello)) {
+      return location.reload();
+    } else {
+      const isNewer = this.hello.step !== hello.step;
+      Object.assign(this.hello, hello); // refined extrinsics, too
+      if (isNewer) this.controls.showStep(new Date());
     }
+    this.asked = "";
     this.changed();
   }
 
@@ -108,8 +130,8 @@ class Viewer {
       this.shownAt = [...this.shownAt.filter((t) => t > performance.now() - 1000),
         performance.now()];
     }
-    this.caption();
     this.draw();
+    this.caption();
   }
 
   private draw(): void {
@@ -134,15 +156,21 @@ class Viewer {
     if (state.compare !== "off" && this.noReference) words.push(this.noReference);
     else if (state.compare !== "off" && !isDriven(state))
       words.push("the recorded image is that of the frame's own pose");
+    if (state.overlays.has("masks"))
+      words.push(isDriven(state) && !state.novel
+        ? `${(100 * this.stage.maskedShare).toFixed(1)} % masked`
+        : "masks are those of the recorded image, from the frame's own pose");
+    if (this.stage.image?.header.trouble) words.push(this.stage.image.header.trouble);
     if (this.score !== null && state.compare !== "off")
       words.push(`PSNR ${this.score.toFixed(2)} dB`);
     element("caption").textContent = words.join(" · ");
   }
 
   private notice(text: string): void {
+    this.noticed = text;
     const place = element("notice");
-    place.textContent = text;
-    place.hidden = text === "";
+    place.textContent = [this.problem, text].filter((part) => part !== "").join(" · ");
+    place.hidden = place.textContent === "";
   }
 
   // ---- Points
@@ -208,8 +236,7 @@ class Viewer {
   // ---- Flight
 
   private camera() {
-    const {cameras} = this.hello;
-    return cameras.find(({name}) => name === this.state.camera) ?? cameras[0];
+    return cameraOf(this.state, this.hello);
   }
 
   private flyOn(seconds: number): void {
@@ -333,6 +360,7 @@ class Viewer {
       home: () => this.stepFrame(-1e9),
       end: () => this.stepFrame(1e9),
       b: () => this.home(),
+      m: () => (this.controls.takeMount(), this.changed()),
       o: () => this.orbit(!this.orbiting),
       p: () => this.pick({u: 0.5, v: 0.5}),
       c: () => (this.controls.nextCompare(), this.changed()),
